@@ -1,0 +1,2 @@
+//! The program gs.
+fn main() {}

@@ -1,0 +1,177 @@
+//! The optimiser's settings: Adam (Kingma & Ba 2015) with rates of its own for every group of parameters.
+
+use serde::{Deserialize, Serialize};
+
+use crate::constants::MIN_SCALE_PX;
+
+/// In which coordinates the optimiser moves a Gaussian.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Chart {
+    /// Mean in px, ln-scale, angle (or quaternion): as the paper and 3DGS do.
+    #[default]
+    ScaleRotation,
+    /// The Gaussian's own whitened frame, Σ = L Lᵀ: μ ← μ + L ξ, L ← L (I + η + η²/2) with η symmetric. A step means the same
+    /// fraction of its extent for every Gaussian, however small or thin.
+    LocalFrame,
+}
+
+/// How a learning rate changes over a run, as a factor of its first value.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Schedule {
+    /// 1.
+    #[default]
+    Constant,
+    /// From 1 to `to` along half a cosine.
+    Cosine {
+        /// Last factor.
+        to: f32,
+    },
+    /// From 1 to `to` geometrically (3DGS's decay of the position's rate).
+    Exponential {
+        /// Last factor, positive.
+        to: f32,
+    },
+}
+
+impl Schedule {
+    /// The factor at `progress` in 0..=1 of the run.
+    pub fn factor(self, progress: f32) -> f32 {
+        let p = progress.clamp(0.0, 1.0);
+        match self {
+            Self::Constant => 1.0,
+            Self::Cosine { to } => to + (1.0 - to) * 0.5 * (1.0 + (std::f32::consts::PI * p).cos()),
+            Self::Exponential { to } => to.powf(p),
+        }
+    }
+}
+
+/// Adam's numbers for one group of parameters.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default, rename_all = "kebab-case")]
+pub struct Group {
+    /// Step size, in the parameter's own unit (in [`Chart::LocalFrame`]: in standard deviations).
+    pub learning_rate: f32,
+    /// Decay of the first moment, 0..1.
+    pub beta1: f32,
+    /// Decay of the second moment, 0..1.
+    pub beta2: f32,
+    /// How the rate changes over the run.
+    pub schedule: Schedule,
+}
+
+impl Default for Group {
+    fn default() -> Self {
+        Self { learning_rate: 1e-2, beta1: 0.9, beta2: 0.999, schedule: Schedule::Constant }
+    }
+}
+
+impl Group {
+    /// A constant rate with the usual betas (0.9, 0.999).
+    pub fn constant(learning_rate: f32) -> Self {
+        Self { learning_rate, ..Self::default() }
+    }
+}
+
+/// Adam's settings. Bias correction counts each Gaussian's own steps, so that one born late starts as the first did.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default, rename_all = "kebab-case")]
+pub struct Adam {
+    /// Mean: px, or ξ in the local frame.
+    pub mean: Group,
+    /// ln-scale, or η in the local frame.
+    pub scale: Group,
+    /// Rotation, rad; unused in the local frame, where η turns the axes.
+    pub rotation: Group,
+    /// Opacity logit.
+    pub opacity: Group,
+    /// Colour (SH coefficients).
+    pub color: Group,
+    /// Added to √v̂, against division by zero.
+    pub epsilon: f32,
+    /// No scale shrinks below this, px (spatial scenes: world units).
+    pub min_scale: f32,
+}
+
+impl Default for Adam {
+    fn default() -> Self {
+        Self {
+            mean: Group::constant(0.2),
+            scale: Group::constant(0.02),
+            rotation: Group::constant(0.02),
+            opacity: Group::constant(0.05),
+            color: Group::constant(0.01),
+            epsilon: 1e-15,
+            min_scale: MIN_SCALE_PX,
+        }
+    }
+}
+
+/// One group's numbers at one step.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Rate {
+    /// Step size now.
+    pub learning_rate: f32,
+    /// Decay of the first moment.
+    pub beta1: f32,
+    /// Decay of the second moment.
+    pub beta2: f32,
+}
+
+/// Adam's numbers at one step: [`Adam`] with its schedules evaluated.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct AdamRates {
+    /// Mean.
+    pub mean: Rate,
+    /// ln-scale.
+    pub scale: Rate,
+    /// Rotation.
+    pub rotation: Rate,
+    /// Opacity logit.
+    pub opacity: Rate,
+    /// Colour.
+    pub color: Rate,
+    /// Added to √v̂.
+    pub epsilon: f32,
+    /// Floor of every scale.
+    pub min_scale: f32,
+}
+
+impl Adam {
+    /// The numbers at `progress` in 0..=1 of the run.
+    pub fn at(&self, progress: f32) -> AdamRates {
+        let rate = |g: &Group| Rate {
+            learning_rate: g.learning_rate * g.schedule.factor(progress),
+            beta1: g.beta1,
+            beta2: g.beta2,
+        };
+        AdamRates {
+            mean: rate(&self.mean),
+            scale: rate(&self.scale),
+            rotation: rate(&self.rotation),
+            opacity: rate(&self.opacity),
+            color: rate(&self.color),
+            epsilon: self.epsilon,
+            min_scale: self.min_scale,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn schedules_start_at_one_and_end_where_they_say() {
+        for (schedule, end) in [
+            (Schedule::Constant, 1.0),
+            (Schedule::Cosine { to: 0.05 }, 0.05),
+            (Schedule::Exponential { to: 0.01 }, 0.01),
+        ] {
+            assert!((schedule.factor(0.0) - 1.0).abs() < 1e-6);
+            assert!((schedule.factor(1.0) - end).abs() < 1e-6);
+            assert!(schedule.factor(0.25) >= schedule.factor(0.75));
+        }
+    }
+}

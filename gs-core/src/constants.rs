@@ -1,0 +1,83 @@
+//! Every number that two crates must agree on, each with its unit, its source, and what breaks when it moves.
+//!
+//! Shaders print their prelude from here (`{:?}` of an `f32` parses back bit for bit in WGSL), so there is no second copy.
+
+/// α below this adds nothing. Unit: none.
+///
+/// *Source:* 3DGS. One display step of 8 bits. The image is discontinuous here: finite differences need
+/// [`Cut::Smooth`](crate::settings::Cut). Smaller values widen every Gaussian (radius `√(2 ln(1/cut))` σ: 3.33 σ here) and with it the time.
+pub const ALPHA_CUT: f32 = 1.0 / 255.0;
+
+/// α never exceeds this under [`Blend::Over`](crate::effects::Blend). Unit: none.
+///
+/// *Source:* gsplat (3DGS itself has 0.99). The gradient of a clamped α is zero, so forward and backward must use the
+/// same value. At 1 the transmittance would reach 0 and the backward pass would divide by it.
+pub const ALPHA_MAX: f32 = 0.999;
+
+/// A pixel is full, and nothing further back counts, when its transmittance would fall below this. Unit: none.
+///
+/// *Source:* 3DGS. The Gaussian that would cross it does not count, forward and backward alike.
+pub const TRANSMITTANCE_MIN: f32 = 1e-4;
+
+/// What [`Antialias::Dilate`](crate::effects::Antialias) adds to the diagonal of Σ′. Unit: px².
+///
+/// *Source:* 3DGS. Smaller lets sub-pixel Gaussians fall between pixel centres and flicker.
+pub const DILATION_PX2: f32 = 0.3;
+
+/// What [`Antialias::Mip`](crate::effects::Antialias) adds to the diagonal of Σ′ before its opacity compensation. Unit: px².
+///
+/// *Source:* Mip-Splatting.
+pub const MIP_DILATION_PX2: f32 = 0.1;
+
+/// A Gaussian whose det Σ′ is not at least this is culled and counted as degenerate. Unit: px⁴.
+///
+/// Needles: `a·c − b²` goes negative by cancellation or FMA contraction. The smallest scale training allows
+/// ([`MIN_SCALE_PX`]) has det 4e-3 px⁴, so nothing that training makes is culled.
+pub const MIN_DETERMINANT_PX4: f32 = 1e-6;
+
+/// A quaternion whose squared norm is not at least this is culled and counted as degenerate. Unit: none.
+pub const MIN_QUATERNION_NORM2: f32 = 1e-6;
+
+/// The near plane of a [`Camera`](crate::view::Camera). Unit: world units. *Source:* gsplat (3DGS: 0.2).
+pub const NEAR_WORLD: f32 = 0.01;
+
+/// Smallest scale that training lets a Gaussian shrink to. Unit: px.
+///
+/// The paper clamps at 1.0 (§3.4.2), which forbids sharp edges; below 0.25 a Gaussian falls between pixel centres
+/// and receives no gradient.
+pub const MIN_SCALE_PX: f32 = 0.25;
+
+/// The split's shrinking factor φ. Unit: none. *Source:* paper §2.2.2, 3DGS.
+pub const SPLIT_PHI: f32 = 1.6;
+
+/// The absolute growth threshold τ_pos on the positional gradient, in normalised device units.
+///
+/// *Source:* 3DGS, paper §5.2, which shows that it is not universal.
+pub const TAU_POSITION: f32 = 2e-4;
+
+/// Gaussians whose opacity is below this are pruned (ε_α). Unit: none. *Source:* 3DGS, paper §2.2.3.
+pub const PRUNE_OPACITY: f32 = 5e-3;
+
+/// Steps between opacity resets. *Source:* 3DGS, paper §2.2.3.
+pub const OPACITY_RESET_EVERY: u32 = 3000;
+
+/// What an opacity reset lowers every opacity to, at most. Unit: none. *Source:* 3DGS.
+pub const OPACITY_RESET_TO: f32 = 0.01;
+
+/// λ of the loss (1 − λ) L1 + λ D-SSIM. *Source:* paper eq. 6, 3DGS.
+pub const DSSIM_LAMBDA: f32 = 0.2;
+
+/// Side of SSIM's Gaussian window. Unit: px. *Source:* Wang et al. 2004.
+pub const SSIM_WINDOW: usize = 11;
+
+/// Standard deviation of SSIM's Gaussian window. Unit: px. *Source:* Wang et al. 2004.
+pub const SSIM_SIGMA: f32 = 1.5;
+
+/// SSIM's C1 = (0.01 · range)² with range 1. *Source:* Wang et al. 2004.
+pub const SSIM_C1: f32 = 1e-4;
+
+/// SSIM's C2 = (0.03 · range)² with range 1. *Source:* Wang et al. 2004.
+pub const SSIM_C2: f32 = 9e-4;
+
+/// Largest side of a canvas. Unit: px. Row numbers stay exact in `f32` with room for fractions, and a header bomb is refused.
+pub const MAX_SIDE_PX: u32 = 16_384;

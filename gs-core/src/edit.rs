@@ -1,0 +1,315 @@
+//! A plan of edits to a set of Gaussians, and the one rule by which parameters, moments and statistics follow it.
+
+use std::fmt::Debug;
+
+use serde::{Deserialize, Serialize};
+
+use crate::error::Error;
+
+/// Why a Gaussian was removed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum PruneCause {
+    /// Opacity below ε_α (paper §2.2.3).
+    Transparent,
+    /// Larger than the policy allows.
+    TooLarge,
+    /// A parameter is NaN or infinite.
+    NotFinite,
+    /// Contributes least: makes room for one that contributes more.
+    Unimportant,
+}
+
+/// How a Gaussian came to be.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Origin {
+    /// A copy of its parent (paper §2.2.2, under-reconstruction).
+    Clone,
+    /// One of the smaller ones that replace its parent (paper §2.2.2, over-reconstruction).
+    Split,
+    /// Put where the residual is, with no parent.
+    Seed,
+}
+
+/// What becomes of a Gaussian's Adam moments and step count.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Moments {
+    /// Start at zero, step count included (what 3DGS does for every new Gaussian).
+    #[default]
+    Fresh,
+    /// Those of the parent (of itself, for a change in place).
+    Inherit,
+}
+
+/// A Gaussian to remove.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Removal {
+    /// Its index before the edit.
+    pub index: u32,
+    /// Why.
+    pub cause: PruneCause,
+}
+
+/// A Gaussian to replace where it stands.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Change<G> {
+    /// Its index before the edit.
+    pub index: u32,
+    /// What it becomes.
+    pub gaussian: G,
+    /// What becomes of its moments.
+    pub moments: Moments,
+}
+
+/// A Gaussian to add.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Birth<G> {
+    /// All its parameters.
+    pub gaussian: G,
+    /// Index, before the edit, of the Gaussian it comes from; its statistics and, if they are inherited, its moments come from there.
+    pub parent: Option<u32>,
+    /// What its moments start from; without a parent always [`Moments::Fresh`].
+    pub moments: Moments,
+    /// How it came to be.
+    pub origin: Origin,
+}
+
+/// What becomes of the statistics of all Gaussians.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum AfterEdit {
+    /// They start at zero, for survivors too (what 3DGS does).
+    #[default]
+    Restart,
+    /// They stay with their Gaussians; the new ones have their parent's, or zero.
+    Keep,
+}
+
+/// What a density policy wants done. After it, the survivors stand first, in their order, then the added, in theirs.
+#[derive(Debug, Clone, PartialEq)]
+pub struct EditPlan<G> {
+    /// Which Gaussians go.
+    pub removed: Vec<Removal>,
+    /// Which change in place. A removed Gaussian may not.
+    pub changed: Vec<Change<G>>,
+    /// Which come. Their parents may be removed in the same plan.
+    pub added: Vec<Birth<G>>,
+    /// Lowers every opacity to at most this, and zeroes the opacity's moments (paper §2.2.3), after all else.
+    pub opacity_ceiling: Option<f32>,
+    /// What becomes of the statistics.
+    pub statistics: AfterEdit,
+}
+
+impl<G> Default for EditPlan<G> {
+    fn default() -> Self {
+        Self {
+            removed: Vec::new(),
+            changed: Vec::new(),
+            added: Vec::new(),
+            opacity_ceiling: None,
+            statistics: AfterEdit::Restart,
+        }
+    }
+}
+
+/// Where slot `k` of the edited arrays comes from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Source {
+    /// The Gaussian at this index before the edit, untouched.
+    Kept(u32),
+    /// The Gaussian at index `before`, replaced by `plan.changed[change]`.
+    Changed {
+        /// Index before the edit.
+        before: u32,
+        /// Index into `plan.changed`.
+        change: u32,
+    },
+    /// `plan.added[k]`.
+    Added(u32),
+}
+
+/// What a plan does, in numbers.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub struct EditCounts {
+    /// Copies added.
+    pub cloned: u32,
+    /// Gaussians added by splitting, beyond the ones they replace.
+    pub split: u32,
+    /// Gaussians put where the residual is.
+    pub seeded: u32,
+    /// Removed as transparent.
+    pub pruned_transparent: u32,
+    /// Removed as too large.
+    pub pruned_too_large: u32,
+    /// Removed as not finite.
+    pub pruned_not_finite: u32,
+    /// Removed as contributing least.
+    pub pruned_unimportant: u32,
+}
+
+impl EditCounts {
+    /// All that were removed.
+    pub fn pruned(&self) -> u32 {
+        self.pruned_transparent + self.pruned_too_large + self.pruned_not_finite + self.pruned_unimportant
+    }
+
+    /// All that were added.
+    pub fn added(&self) -> u32 {
+        self.cloned + self.split + self.seeded
+    }
+
+    /// Adds the counts of another plan.
+    pub fn accumulate(&mut self, other: &Self) {
+        self.cloned += other.cloned;
+        self.split += other.split;
+        self.seeded += other.seeded;
+        self.pruned_transparent += other.pruned_transparent;
+        self.pruned_too_large += other.pruned_too_large;
+        self.pruned_not_finite += other.pruned_not_finite;
+        self.pruned_unimportant += other.pruned_unimportant;
+    }
+}
+
+impl<G> EditPlan<G> {
+    /// Whether the plan changes nothing but, perhaps, statistics.
+    pub fn is_empty(&self) -> bool {
+        self.removed.is_empty() && self.changed.is_empty() && self.added.is_empty() && self.opacity_ceiling.is_none()
+    }
+
+    /// Number of Gaussians after the edit of `len`.
+    pub fn len_after(&self, len: usize) -> usize {
+        len - self.removed.len() + self.added.len()
+    }
+
+    /// What the plan does, in numbers.
+    pub fn counts(&self) -> EditCounts {
+        let mut counts = EditCounts::default();
+        for birth in &self.added {
+            match birth.origin {
+                Origin::Clone => counts.cloned += 1,
+                Origin::Split => counts.split += 1,
+                Origin::Seed => counts.seeded += 1,
+            }
+        }
+        for removal in &self.removed {
+            match removal.cause {
+                PruneCause::Transparent => counts.pruned_transparent += 1,
+                PruneCause::TooLarge => counts.pruned_too_large += 1,
+                PruneCause::NotFinite => counts.pruned_not_finite += 1,
+                PruneCause::Unimportant => counts.pruned_unimportant += 1,
+            }
+        }
+        counts
+    }
+
+    /// Where each slot after the edit of `len` Gaussians comes from, `[len_after]`: the rule by which every array of a cloud
+    /// (parameters, moments, statistics) is rebuilt.
+    ///
+    /// # Errors
+    /// [`Error::Plan`] where an index is out of range or a Gaussian is named twice among `removed` and `changed`.
+    pub fn sources(&self, len: usize) -> Result<Vec<Source>, Error> {
+        let mut slots: Vec<Option<Source>> = (0..len as u32).map(|i| Some(Source::Kept(i))).collect();
+        for (change, c) in self.changed.iter().enumerate() {
+            let slot = slot_of(&mut slots, c.index)?;
+            if *slot != Some(Source::Kept(c.index)) {
+                return Err(Error::Plan(format!("Gaussian {} is changed twice", c.index)));
+            }
+            *slot = Some(Source::Changed { before: c.index, change: change as u32 });
+        }
+        for r in &self.removed {
+            let slot = slot_of(&mut slots, r.index)?;
+            if *slot != Some(Source::Kept(r.index)) {
+                return Err(Error::Plan(format!("Gaussian {} is removed twice, or changed and removed", r.index)));
+            }
+            *slot = None;
+        }
+        if let Some(parent) = self.added.iter().filter_map(|b| b.parent).find(|&p| p as usize >= len) {
+            return Err(Error::Plan(format!("parent {parent} of an added Gaussian is not among the {len}")));
+        }
+        Ok(slots.into_iter().flatten().chain((0..self.added.len() as u32).map(Source::Added)).collect())
+    }
+
+    /// Rebuilds one array of a cloud: `fresh(gaussian)` is the value of a replaced or added Gaussian.
+    pub fn gather<T: Clone>(&self, sources: &[Source], before: &[T], fresh: impl Fn(&G) -> T) -> Vec<T> {
+        sources
+            .iter()
+            .map(|source| match *source {
+                Source::Kept(i) => before[i as usize].clone(),
+                Source::Changed { change, .. } => fresh(&self.changed[change as usize].gaussian),
+                Source::Added(k) => fresh(&self.added[k as usize].gaussian),
+            })
+            .collect()
+    }
+
+    /// Rebuilds one array of Adam moments or step counts; those that start afresh are `T::default()`.
+    pub fn gather_moments<T: Clone + Default>(&self, sources: &[Source], before: &[T]) -> Vec<T> {
+        let inherit = |moments, from: Option<u32>| match (moments, from) {
+            (Moments::Inherit, Some(i)) => before[i as usize].clone(),
+            _ => T::default(),
+        };
+        sources
+            .iter()
+            .map(|source| match *source {
+                Source::Kept(i) => before[i as usize].clone(),
+                Source::Changed { before: i, change } => inherit(self.changed[change as usize].moments, Some(i)),
+                Source::Added(k) => inherit(self.added[k as usize].moments, self.added[k as usize].parent),
+            })
+            .collect()
+    }
+
+    /// Rebuilds one array of statistics.
+    pub fn gather_statistics<T: Clone + Default>(&self, sources: &[Source], before: &[T]) -> Vec<T> {
+        if self.statistics == AfterEdit::Restart {
+            return vec![T::default(); sources.len()];
+        }
+        let of = |i: u32| before[i as usize].clone();
+        sources
+            .iter()
+            .map(|source| match *source {
+                Source::Kept(i) | Source::Changed { before: i, .. } => of(i),
+                Source::Added(k) => self.added[k as usize].parent.map_or_else(T::default, of),
+            })
+            .collect()
+    }
+}
+
+fn slot_of(slots: &mut [Option<Source>], index: u32) -> Result<&mut Option<Source>, Error> {
+    let len = slots.len();
+    slots.get_mut(index as usize).ok_or_else(|| Error::Plan(format!("Gaussian {index} is not among the {len}")))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn birth(gaussian: char, parent: Option<u32>, moments: Moments) -> Birth<char> {
+        Birth { gaussian, parent, moments, origin: Origin::Clone }
+    }
+
+    #[test]
+    fn everything_follows_its_gaussian() {
+        let plan = EditPlan {
+            removed: vec![Removal { index: 1, cause: PruneCause::Transparent }],
+            changed: vec![Change { index: 2, gaussian: 'C', moments: Moments::Inherit }],
+            added: vec![birth('x', Some(1), Moments::Inherit), birth('y', None, Moments::Inherit)],
+            opacity_ceiling: None,
+            statistics: AfterEdit::Keep,
+        };
+        let sources = plan.sources(4).unwrap();
+        assert_eq!(plan.gather(&sources, &['a', 'b', 'c', 'd'], |&g| g), ['a', 'C', 'd', 'x', 'y']);
+        assert_eq!(plan.gather_moments(&sources, &[1, 2, 3, 4]), [1, 3, 4, 2, 0]);
+        assert_eq!(plan.gather_statistics(&sources, &[1, 2, 3, 4]), [1, 3, 4, 2, 0]);
+        assert_eq!(plan.len_after(4), 5);
+    }
+
+    #[test]
+    fn contradictions_are_refused() {
+        let removal = Removal { index: 1, cause: PruneCause::NotFinite };
+        let twice = EditPlan::<char> { removed: vec![removal, removal], ..Default::default() };
+        assert!(twice.sources(3).is_err());
+        assert!(twice.sources(1).is_err());
+        let orphan = EditPlan { added: vec![birth('x', Some(9), Moments::Fresh)], ..Default::default() };
+        assert!(orphan.sources(3).is_err());
+    }
+}

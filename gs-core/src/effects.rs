@@ -1,0 +1,123 @@
+//! Which effects a rendering simulates. An effect that is off costs nothing: backends turn an [`Effects`] value into a
+//! type or a pipeline, never into a branch per pixel.
+
+use serde::{Deserialize, Serialize};
+
+/// In which order Gaussians are blended at a pixel. Matters under [`Blend::Over`] only.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Order {
+    /// By their index in the scene, the first in front: all that a planar scene can need.
+    #[default]
+    Index,
+    /// By one depth per Gaussian, that of its mean (3DGS, paper §2.3.1); ties by index. Spatial scenes.
+    TileDepth,
+    /// By their depth along each pixel's ray: no popping (paper §5.4). Spatial scenes.
+    PixelDepth,
+}
+
+/// How the Gaussians at a pixel become its colour.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Blend {
+    /// C = Σ wᵢ cᵢ: order-free, no opacity (*source:* GaussianImage, ECCV 2024). Colours may be negative.
+    Sum,
+    /// C = Σ cᵢ αᵢ Π_{j<i} (1 − αⱼ), front to back (*source:* paper eq. 2).
+    #[default]
+    Over,
+}
+
+/// What is done about Gaussians narrower than a pixel.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Antialias {
+    /// Nothing.
+    #[default]
+    None,
+    /// Σ′ + 0.3 px² · I (3DGS).
+    Dilate,
+    /// Σ′ + 0.1 px² · I with the opacity scaled by √(det Σ′ / det(Σ′ + 0.1 I)) (Mip-Splatting).
+    Mip,
+}
+
+/// What is behind the last Gaussian.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Background {
+    /// Black.
+    #[default]
+    None,
+    /// [`RenderSettings::background`](crate::settings::RenderSettings::background), seen through what transmittance is left.
+    /// Under [`Blend::Sum`], which has no transmittance, it is added to every pixel.
+    Solid,
+}
+
+/// What a frame yields besides colour.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Outputs {
+    /// Colour only.
+    #[default]
+    Color,
+    /// Colour and alpha = 1 − the transmittance left.
+    ColorAlpha,
+    /// Colour, alpha and expected depth. Spatial scenes.
+    ColorAlphaDepth,
+}
+
+/// Correction of a view's exposure, while training.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Exposure {
+    /// None.
+    #[default]
+    None,
+    /// An affine map of the colour per view.
+    AffinePerView,
+}
+
+/// How rays bend. Spatial scenes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Lens {
+    /// They don't.
+    #[default]
+    Pinhole,
+    /// By the coefficients of the data set's camera.
+    Distorted,
+}
+
+/// What a training step collects per Gaussian for the density policy.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Statistics {
+    /// Nothing.
+    #[default]
+    None,
+    /// ‖∂L/∂μ′‖ in normalised device units (3DGS; paper §2.2.2).
+    MeanGradient,
+}
+
+/// The effects of a rendering, together.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
+#[serde(default, rename_all = "kebab-case")]
+pub struct Effects {
+    /// Order of blending.
+    pub order: Order,
+    /// Kind of blending.
+    pub blend: Blend,
+    /// Highest degree of spherical harmonics that is evaluated, 0 to 3. Spatial scenes.
+    pub sh_degree: u8,
+    /// Treatment of sub-pixel Gaussians.
+    pub antialias: Antialias,
+    /// What is behind.
+    pub background: Background,
+    /// What a frame yields.
+    pub outputs: Outputs,
+    /// Exposure correction.
+    pub exposure: Exposure,
+    /// Lens model.
+    pub lens: Lens,
+    /// Statistics collected in training.
+    pub statistics: Statistics,
+}

@@ -1,0 +1,90 @@
+//! What can go wrong that a caller of gs-core, or of a backend, cannot foresee.
+
+use thiserror::Error;
+
+/// An error of the engine: scenes, views, settings and backends. File formats have their own, in gs-io.
+#[derive(Debug, Clone, PartialEq, Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// Two arrays that describe the same Gaussians, or an image and its size, differ in length.
+    #[error("{what}: expected {expected} values, found {found}")]
+    Length {
+        /// The array.
+        what: &'static str,
+        /// Its length by the rest of the scene.
+        expected: usize,
+        /// Its length as found.
+        found: usize,
+    },
+    /// A value that must be finite is NaN or infinite.
+    #[error("{what} of Gaussian {index} is not finite ({value}); `EditPlan` or a repaired file must remove it")]
+    NotFinite {
+        /// The parameter.
+        what: &'static str,
+        /// The Gaussian.
+        index: usize,
+        /// The value found.
+        value: f32,
+    },
+    /// A setting outside its range.
+    #[error("{what} is {value}, but must be {allowed}")]
+    Setting {
+        /// The setting.
+        what: &'static str,
+        /// Its value, printed.
+        value: String,
+        /// The range in words.
+        allowed: &'static str,
+    },
+    /// An image or canvas of an impossible size.
+    #[error("a size of {width}x{height} px is not possible: each side must be 1 to {limit} px")]
+    Size {
+        /// Columns.
+        width: u32,
+        /// Rows.
+        height: u32,
+        /// The longest side.
+        limit: u32,
+    },
+    /// Two images or an image and a canvas that should be of one size are not.
+    #[error("sizes differ: {left_width}x{left_height} px against {right_width}x{right_height} px")]
+    SizesDiffer {
+        /// Columns of the first.
+        left_width: u32,
+        /// Rows of the first.
+        left_height: u32,
+        /// Columns of the second.
+        right_width: u32,
+        /// Rows of the second.
+        right_height: u32,
+    },
+    /// An edit plan that does not fit its cloud.
+    #[error("edit plan: {0}")]
+    Plan(String),
+    /// The backend does not offer an effect.
+    #[error("backend {backend} does not offer {effect}")]
+    Unsupported {
+        /// The backend.
+        backend: &'static str,
+        /// The effect and its value.
+        effect: String,
+    },
+    /// A checkpoint or state that does not belong to this kind of cloud.
+    #[error("state: {0}")]
+    State(String),
+    /// The backend failed: the device was lost, memory ran out.
+    #[error("backend {backend}: {message}")]
+    Backend {
+        /// The backend.
+        backend: &'static str,
+        /// What happened, and what may mend it.
+        message: String,
+    },
+}
+
+impl Error {
+    /// A setting that is out of its range; `allowed` completes "must be …".
+    pub fn setting(what: &'static str, value: impl ToString, allowed: &'static str) -> Self {
+        Self::Setting { what, value: value.to_string(), allowed }
+    }
+}

@@ -1,0 +1,39 @@
+//! The core of a Gaussian-splatting engine: scenes and views, the mathematics of one Gaussian at one pixel, effects and settings,
+//! the [`Rasterizer`] trait that backends implement, and the metrics by which results are judged.
+//!
+//! Nothing here knows a backend, a thread, a GPU or a file. Start at [`Rasterizer`]; scenes are in [`scene`], what one Gaussian does
+//! at one pixel is in [`splat`], and every number that backends must agree on is in [`constants`].
+
+// Guards are phrased so that NaN fails them: `!(x > 0.0)` is not `x <= 0.0`.
+#![allow(clippy::neg_cmp_op_on_partial_ord)]
+
+pub mod adam;
+pub mod constants;
+pub mod edit;
+pub mod effects;
+pub mod error;
+pub mod image;
+pub mod loss;
+pub mod metrics;
+pub mod rasterizer;
+pub mod scene;
+pub mod settings;
+pub mod splat;
+pub mod state;
+pub mod statistics;
+pub mod view;
+
+pub use crate::{
+    adam::{Adam, AdamRates, Chart},
+    edit::EditPlan,
+    effects::{Blend, Effects},
+    error::Error,
+    image::Image,
+    loss::Loss,
+    rasterizer::{Binning, Rasterizer, TrainStep},
+    scene::{PlanarGaussian, PlanarScene, Scene, SpatialGaussian, SpatialScene},
+    settings::{Accuracy, RenderSettings},
+    state::CloudState,
+    statistics::DensityStatistics,
+    view::{Camera, Canvas},
+};

@@ -1,0 +1,40 @@
+//! What training minimises.
+
+use serde::{Deserialize, Serialize};
+
+use crate::{constants::DSSIM_LAMBDA, error::Error};
+
+/// A loss between the rendered image C and the target Y, both `[H, W, 3]`, not clamped. All are means over pixels and channels,
+/// so that gradients do not depend on the unit an image is cut into.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Loss {
+    /// mean (C − Y)². *Source:* GaussianImage.
+    L2,
+    /// mean |C − Y|; its gradient where C = Y is 0.
+    L1,
+    /// (1 − λ) L1 + λ (1 − SSIM(C, Y)) (*source:* paper eq. 6, 3DGS), SSIM with an 11×11 Gaussian window of σ 1.5, borders
+    /// padded with zeros as in 3DGS.
+    L1Dssim {
+        /// λ in 0..=1; [`DSSIM_LAMBDA`] in the paper.
+        lambda: f32,
+    },
+}
+
+impl Loss {
+    /// The paper's: λ = 0.2.
+    pub const PAPER: Self = Self::L1Dssim { lambda: DSSIM_LAMBDA };
+
+    /// Fails where λ is outside 0..=1.
+    ///
+    /// # Errors
+    /// [`Error::Setting`].
+    pub fn validate(&self) -> Result<(), Error> {
+        match *self {
+            Self::L1Dssim { lambda } if !(0.0..=1.0).contains(&lambda) => {
+                Err(Error::setting("loss lambda", lambda, "0 to 1"))
+            }
+            _ => Ok(()),
+        }
+    }
+}

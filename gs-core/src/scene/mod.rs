@@ -1,0 +1,68 @@
+//! Scenes on the host: plain, serialisable sets of Gaussians. A backend's copy of one is its `Cloud`.
+
+mod planar;
+mod spatial;
+
+use std::fmt::Debug;
+
+pub use planar::{PlanarGaussian, PlanarScene};
+pub use spatial::{SpatialGaussian, SpatialScene};
+
+use crate::error::Error;
+
+/// A kind of scene: what one Gaussian is, and what it is looked at through.
+pub trait Scene: Clone + Debug + Default + PartialEq + Send + Sync {
+    /// What the scene is looked at through: [`Canvas`](crate::view::Canvas) or [`Camera`](crate::view::Camera).
+    type View: Clone + Debug + Send + Sync;
+    /// One Gaussian, all its parameters.
+    type Gaussian: Clone + Debug + PartialEq + Send + Sync;
+
+    /// Number of Gaussians, N.
+    fn len(&self) -> usize;
+
+    /// Whether N = 0.
+    fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Gaussian `index`.
+    ///
+    /// # Panics
+    /// When `index >= len()`.
+    fn gaussian(&self, index: usize) -> Self::Gaussian;
+
+    /// Appends one Gaussian.
+    fn push(&mut self, gaussian: Self::Gaussian);
+
+    /// Fails unless all arrays describe the same number of Gaussians and all values are finite (opacity logits may be ±∞:
+    /// they render as opaque and as vanishing).
+    ///
+    /// # Errors
+    /// [`Error::Length`] or [`Error::NotFinite`], naming the first offender.
+    fn validate(&self) -> Result<(), Error>;
+}
+
+/// The opacity of a logit: 1 / (1 + exp(−x)).
+pub fn sigmoid(logit: f32) -> f32 {
+    1.0 / (1.0 + (-logit).exp())
+}
+
+/// The logit of an opacity in 0..=1: ln(p / (1 − p)), ±∞ at the ends.
+pub fn logit(opacity: f32) -> f32 {
+    (opacity / (1.0 - opacity)).ln()
+}
+
+fn check_len(what: &'static str, expected: usize, found: usize) -> Result<(), Error> {
+    if found == expected { Ok(()) } else { Err(Error::Length { what, expected, found }) }
+}
+
+fn check_finite(what: &'static str, index: usize, values: &[f32]) -> Result<(), Error> {
+    match values.iter().find(|v| !v.is_finite()) {
+        None => Ok(()),
+        Some(&value) => Err(Error::NotFinite { what, index, value }),
+    }
+}
+
+fn check_logit(index: usize, value: f32) -> Result<(), Error> {
+    if value.is_nan() { Err(Error::NotFinite { what: "opacity logit", index, value }) } else { Ok(()) }
+}

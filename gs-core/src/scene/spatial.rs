@@ -1,0 +1,150 @@
+//! Gaussians in space (paper §2.1).
+
+use glam::{Mat3, Quat, Vec3, Vec4};
+use serde::{Deserialize, Serialize};
+
+use super::{Scene, check_finite, check_len, check_logit};
+use crate::{constants::MIN_QUATERNION_NORM2, error::Error, view::Camera};
+
+/// N spatial Gaussians.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct SpatialScene {
+    /// Means μ, `[N, 3]`, world units.
+    pub means: Vec<Vec3>,
+    /// ln of the scales along the three axes, `[N, 3]`, ln(world units).
+    pub log_scales: Vec<Vec3>,
+    /// Rotations as quaternions (w, x, y, z), `[N, 4]`, of any length but 0.
+    pub rotations: Vec<[f32; 4]>,
+    /// Opacity logits, `[N]`; ±∞ is legitimate.
+    pub opacity_logits: Vec<f32>,
+    /// Degree d of the spherical harmonics, 0 to 3.
+    pub sh_degree: u8,
+    /// Coefficients, `[N, K, 3]` with K = (d + 1)²; colour = ½ + SH(direction), clamped at 0.
+    pub sh: Vec<Vec3>,
+}
+
+/// One spatial Gaussian; units as in [`SpatialScene`].
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct SpatialGaussian {
+    /// Mean, world units.
+    pub mean: Vec3,
+    /// ln(world units) along the three axes.
+    pub log_scale: Vec3,
+    /// (w, x, y, z), any length but 0.
+    pub rotation: [f32; 4],
+    /// Logit; +∞ is opaque.
+    pub opacity_logit: f32,
+    /// `[K, 3]`.
+    pub sh: Vec<Vec3>,
+}
+
+impl SpatialGaussian {
+    /// A square root of Σ: M = R(q) S, so that Σ = M Mᵀ (paper eq. 5). `None` where q is too short to have a direction
+    /// ([`MIN_QUATERNION_NORM2`]).
+    pub fn frame(&self) -> Option<Mat3> {
+        let [w, x, y, z] = self.rotation;
+        let q = Vec4::new(x, y, z, w);
+        if !(q.length_squared() >= MIN_QUATERNION_NORM2) {
+            return None;
+        }
+        Some(Mat3::from_quat(Quat::from_vec4(q).normalize()) * Mat3::from_diagonal(self.log_scale.map(f32::exp)))
+    }
+
+    /// Σ = R S Sᵀ Rᵀ (paper eq. 5), world units²; `None` as for [`Self::frame`].
+    pub fn covariance(&self) -> Option<Mat3> {
+        self.frame().map(|m| m * m.transpose())
+    }
+}
+
+impl SpatialScene {
+    /// Coefficients per Gaussian and channel, K = (d + 1)².
+    pub fn sh_len(&self) -> usize {
+        (self.sh_degree as usize + 1).pow(2)
+    }
+}
+
+impl Scene for SpatialScene {
+    type View = Camera;
+    type Gaussian = SpatialGaussian;
+
+    fn len(&self) -> usize {
+        self.means.len()
+    }
+
+    fn gaussian(&self, index: usize) -> SpatialGaussian {
+        let k = self.sh_len();
+        SpatialGaussian {
+            mean: self.means[index],
+            log_scale: self.log_scales[index],
+            rotation: self.rotations[index],
+            opacity_logit: self.opacity_logits[index],
+            sh: self.sh[index * k..][..k].to_vec(),
+        }
+    }
+
+    /// Appends one Gaussian; its coefficients are cut or filled with 0 to the scene's degree.
+    fn push(&mut self, g: SpatialGaussian) {
+        let end = self.sh.len() + self.sh_len();
+        self.sh.extend(g.sh.into_iter().take(self.sh_len()));
+        self.sh.resize(end, Vec3::ZERO);
+        self.means.push(g.mean);
+        self.log_scales.push(g.log_scale);
+        self.rotations.push(g.rotation);
+        self.opacity_logits.push(g.opacity_logit);
+    }
+
+    fn validate(&self) -> Result<(), Error> {
+        let n = self.len();
+        if self.sh_degree > 3 {
+            return Err(Error::setting("sh_degree", self.sh_degree, "0 to 3"));
+        }
+        check_len("log_scales", n, self.log_scales.len())?;
+        check_len("rotations", n, self.rotations.len())?;
+        check_len("opacity_logits", n, self.opacity_logits.len())?;
+        check_len("sh", n * self.sh_len(), self.sh.len())?;
+        for i in 0..n {
+            check_finite("mean", i, &self.means[i].to_array())?;
+            check_finite("log-scale", i, &self.log_scales[i].to_array())?;
+            check_finite("rotation", i, &self.rotations[i])?;
+            check_logit(i, self.opacity_logits[i])?;
+        }
+        for (i, c) in self.sh.iter().enumerate() {
+            check_finite("SH coefficient", i / self.sh_len(), &c.to_array())?;
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn covariance_follows_the_rotation_of_any_length() {
+        let quarter_turn_about_z = [2.0, 0.0, 0.0, 2.0];
+        let g = SpatialGaussian {
+            mean: Vec3::ZERO,
+            log_scale: Vec3::new(2f32.ln(), 0.0, 0.0),
+            rotation: quarter_turn_about_z,
+            opacity_logit: 0.0,
+            sh: vec![Vec3::ZERO],
+        };
+        let expected = Mat3::from_diagonal(Vec3::new(1.0, 4.0, 1.0));
+        assert!(g.covariance().unwrap().abs_diff_eq(expected, 1e-5));
+        assert_eq!(SpatialGaussian { rotation: [0.0; 4], ..g }.covariance(), None);
+    }
+
+    #[test]
+    fn push_fits_coefficients_to_the_degree() {
+        let mut scene = SpatialScene { sh_degree: 1, ..Default::default() };
+        scene.push(SpatialGaussian {
+            mean: Vec3::ZERO,
+            log_scale: Vec3::ZERO,
+            rotation: [1.0, 0.0, 0.0, 0.0],
+            opacity_logit: f32::INFINITY,
+            sh: vec![Vec3::ONE],
+        });
+        scene.validate().unwrap();
+        assert_eq!(scene.gaussian(0).sh, [Vec3::ONE, Vec3::ZERO, Vec3::ZERO, Vec3::ZERO]);
+    }
+}

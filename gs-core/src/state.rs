@@ -1,0 +1,112 @@
+//! The whole state of a cloud as named tensors: what a checkpoint holds, and what one backend can hand to another.
+
+use std::collections::BTreeMap;
+
+use crate::{adam::Chart, error::Error};
+
+/// The numbers of a tensor, row-major.
+#[derive(Debug, Clone, PartialEq)]
+pub enum TensorData {
+    /// 32-bit floats.
+    F32(Vec<f32>),
+    /// 32-bit unsigned integers.
+    U32(Vec<u32>),
+}
+
+/// A named array's shape and numbers.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Tensor {
+    /// Its shape; the product is the length of `data`.
+    pub shape: Vec<usize>,
+    /// Its numbers.
+    pub data: TensorData,
+}
+
+/// A cloud's parameters, Adam moments, step counts and statistics, bit for bit as the backend holds them.
+///
+/// Names and shapes are part of the contract between backends. For planar clouds: `mean [N,2]`, `frame [N,4]` (columns of L;
+/// [`Chart::LocalFrame`]) or `log_scale [N,2]` and `rotation [N]`; `color [N,3]`, `opacity_logit [N]` (absent where all are
+/// opaque); `moment1`, `moment2 [N,9]` in the order mean 2, shape 3, colour 3, opacity 1; `steps [N]` (u32);
+/// `gradient_sum [N]`, `visible [N]` (u32).
+#[derive(Debug, Clone, PartialEq)]
+pub struct CloudState {
+    /// The coordinates in which the optimiser moves, which decide how the shape is held.
+    pub chart: Chart,
+    /// The tensors by name.
+    pub tensors: BTreeMap<String, Tensor>,
+}
+
+impl CloudState {
+    /// A state without tensors.
+    pub fn new(chart: Chart) -> Self {
+        Self { chart, tensors: BTreeMap::new() }
+    }
+
+    /// Adds `[N, COLUMNS]` floats.
+    pub fn insert<const COLUMNS: usize>(&mut self, name: &str, rows: impl IntoIterator<Item = [f32; COLUMNS]>) {
+        let data: Vec<f32> = rows.into_iter().flatten().collect();
+        let shape = vec![data.len() / COLUMNS, COLUMNS];
+        self.tensors.insert(name.to_owned(), Tensor { shape, data: TensorData::F32(data) });
+    }
+
+    /// Adds `[N]` integers.
+    pub fn insert_u32(&mut self, name: &str, values: Vec<u32>) {
+        self.tensors.insert(name.to_owned(), Tensor { shape: vec![values.len()], data: TensorData::U32(values) });
+    }
+
+    /// The rows of `[N, COLUMNS]` floats.
+    ///
+    /// # Errors
+    /// [`Error::State`] where the tensor is missing, of another shape or of another type.
+    pub fn rows<const COLUMNS: usize>(&self, name: &str) -> Result<Vec<[f32; COLUMNS]>, Error> {
+        match self.get(name)? {
+            Tensor { shape, data: TensorData::F32(data) } if shape.last() == Some(&COLUMNS) || COLUMNS == 1 => {
+                let (rows, rest) = data.as_chunks::<COLUMNS>();
+                if rest.is_empty() {
+                    return Ok(rows.to_vec());
+                }
+                Err(Error::State(format!("tensor `{name}` has {} values, not rows of {COLUMNS}", data.len())))
+            }
+            other => {
+                Err(Error::State(format!("tensor `{name}` is {:?}, not floats in rows of {COLUMNS}", other.shape)))
+            }
+        }
+    }
+
+    /// `[N]` integers.
+    ///
+    /// # Errors
+    /// [`Error::State`] where the tensor is missing or of another type.
+    pub fn integers(&self, name: &str) -> Result<Vec<u32>, Error> {
+        match &self.get(name)?.data {
+            TensorData::U32(values) => Ok(values.clone()),
+            TensorData::F32(_) => Err(Error::State(format!("tensor `{name}` holds floats, not integers"))),
+        }
+    }
+
+    /// Whether a tensor of this name is there.
+    pub fn contains(&self, name: &str) -> bool {
+        self.tensors.contains_key(name)
+    }
+
+    fn get(&self, name: &str) -> Result<&Tensor, Error> {
+        self.tensors.get(name).ok_or_else(|| Error::State(format!("tensor `{name}` is missing")))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rows_come_back_and_misuse_is_an_error() {
+        let mut state = CloudState::new(Chart::ScaleRotation);
+        state.insert("mean", [[1.0, 2.0], [3.0, 4.0]]);
+        state.insert_u32("steps", vec![7]);
+        assert_eq!(state.rows::<2>("mean").unwrap(), [[1.0, 2.0], [3.0, 4.0]]);
+        assert!(state.rows::<3>("mean").is_err());
+        assert!(state.rows::<2>("absent").is_err());
+        assert!(state.integers("mean").is_err());
+        assert_eq!(state.integers("steps").unwrap(), [7]);
+    }
+}

@@ -1,0 +1,90 @@
+//! The view of a spatial scene: a posed pinhole camera.
+
+use glam::{Mat3, Vec2, Vec3};
+use serde::{Deserialize, Serialize};
+
+use crate::{constants::NEAR_WORLD, error::Error, image::check_size};
+
+/// A posed pinhole camera; its axes are right, down, forward (OpenCV, COLMAP).
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Camera {
+    /// World-to-camera rotation W (paper eq. 4).
+    pub rotation: Mat3,
+    /// World-to-camera translation: x_camera = W x_world + t, world units.
+    pub translation: Vec3,
+    /// Focal lengths (fx, fy), px.
+    pub focal: Vec2,
+    /// Principal point (cx, cy), px from the top-left corner.
+    pub center: Vec2,
+    /// Columns.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// Nothing nearer than this is drawn, world units.
+    pub near: f32,
+}
+
+impl Camera {
+    /// A camera at the origin that looks along +z, with its principal point in the middle and a horizontal field of view of `fov_x` rad.
+    pub fn looking_forward(width: u32, height: u32, fov_x: f32) -> Self {
+        let focal = 0.5 * width as f32 / (0.5 * fov_x).tan();
+        Self {
+            rotation: Mat3::IDENTITY,
+            translation: Vec3::ZERO,
+            focal: Vec2::splat(focal),
+            center: Vec2::new(width as f32, height as f32) * 0.5,
+            width,
+            height,
+            near: NEAR_WORLD,
+        }
+    }
+
+    /// A world point in camera coordinates.
+    pub fn to_camera(&self, world: Vec3) -> Vec3 {
+        self.rotation * world + self.translation
+    }
+
+    /// The camera's place in the world, −Wᵀ t.
+    pub fn position(&self) -> Vec3 {
+        -(self.rotation.transpose() * self.translation)
+    }
+
+    /// Where a world point falls on the image, px (u = fx·x/z + cx, compared with pixel centres at j + ½), and its depth z;
+    /// `None` nearer than the near plane.
+    pub fn project(&self, world: Vec3) -> Option<(Vec2, f32)> {
+        let p = self.to_camera(world);
+        (p.z >= self.near).then(|| (self.focal * p.truncate() / p.z + self.center, p.z))
+    }
+
+    /// Fails unless the size is possible, the pose finite, the rotation orthonormal, focal lengths and near plane positive.
+    ///
+    /// # Errors
+    /// [`Error::Size`] or [`Error::Setting`].
+    pub fn validate(&self) -> Result<(), Error> {
+        check_size(self.width, self.height)?;
+        let gram = self.rotation * self.rotation.transpose();
+        if !gram.abs_diff_eq(Mat3::IDENTITY, 1e-3) || !self.translation.is_finite() {
+            return Err(Error::setting("camera pose", self.rotation, "a rotation and a finite translation"));
+        }
+        if !(self.focal.min_element() > 0.0) || !self.focal.is_finite() || !self.center.is_finite() {
+            return Err(Error::setting("camera intrinsics", self.focal, "finite, with positive focal lengths"));
+        }
+        if !(self.near > 0.0) {
+            return Err(Error::setting("near plane", self.near, "positive"));
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_point_ahead_falls_on_the_principal_point() {
+        let camera = Camera::looking_forward(64, 48, 1.0);
+        camera.validate().unwrap();
+        assert_eq!(camera.project(Vec3::new(0.0, 0.0, 3.0)), Some((Vec2::new(32.0, 24.0), 3.0)));
+        assert_eq!(camera.project(Vec3::new(0.0, 0.0, -3.0)), None);
+    }
+}

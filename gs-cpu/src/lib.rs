@@ -1,0 +1,1 @@
+//! The Rasterizer on the CPU.

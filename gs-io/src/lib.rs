@@ -1,0 +1,1 @@
+//! Images, scene files and checkpoints, read and written.

@@ -1,0 +1,1 @@
+//! The training loop: initialisers, schedules, density control, observers and checkpoints.
