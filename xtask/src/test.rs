@@ -1,0 +1,75 @@
+//! `cargo xtask test`: all the tests, and what they need.
+
+use std::{
+    env,
+    ffi::OsString,
+    path::{Path, PathBuf},
+    process::{Command, Stdio},
+};
+
+/// How much is run.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Scope {
+    /// Every test but those marked `#[ignore]`.
+    Ordinary,
+    /// The ordinary ones, then the ignored ones in the release profile.
+    AlsoSlow,
+}
+
+/// Runs all the tests; the first group that fails ends the run.
+pub(crate) fn run(scope: Scope) -> Result<(), String> {
+    prepare();
+    if has_nextest() {
+        // nextest runs the test programs side by side, but no documentation tests.
+        cargo(&["nextest", "run", "--workspace"])?;
+        cargo(&["test", "--workspace", "--doc"])?;
+    } else {
+        cargo(&["test", "--workspace"])?;
+    }
+    if scope == Scope::AlsoSlow {
+        cargo(&["test", "--workspace", "--release", "--lib", "--bins", "--tests", "--", "--ignored"])?;
+    }
+    Ok(())
+}
+
+/// Everything the tests need beyond cargo is installed or reported here, before the first of them runs.
+///
+/// Nothing has to be installed today: every test computes on the CPU. What a later backend needs (a software Vulkan driver
+/// where no adapter is found, say) belongs here, so that a fresh machine stays one command away from a full run. Tests on
+/// real photographs use a folder that may be absent; whether they have it is said, so that no one takes a skipped test for
+/// a passed one.
+fn prepare() {
+    let data = env::var_os("GS_DATA").map_or_else(|| workspace().join("../shared/data"), PathBuf::from);
+    if data.is_dir() {
+        eprintln!("real test data: {}", data.display());
+    } else {
+        eprintln!("real test data: none at {}; set GS_DATA to a folder that has some", data.display());
+    }
+}
+
+fn has_nextest() -> bool {
+    let mut version = Command::new(cargo_program());
+    version.args(["nextest", "--version"]).stdout(Stdio::null()).stderr(Stdio::null());
+    version.status().is_ok_and(|status| status.success())
+}
+
+fn cargo(arguments: &[&str]) -> Result<(), String> {
+    let line = format!("cargo {}", arguments.join(" "));
+    eprintln!("== {line}");
+    let status = Command::new(cargo_program())
+        .args(arguments)
+        .current_dir(workspace())
+        .status()
+        .map_err(|source| format!("{line}: could not be started: {source}"))?;
+    if status.success() { Ok(()) } else { Err(format!("{line}: {status}")) }
+}
+
+/// The cargo that runs this program, so that both use one toolchain.
+fn cargo_program() -> OsString {
+    env::var_os("CARGO").unwrap_or_else(|| "cargo".into())
+}
+
+fn workspace() -> PathBuf {
+    let manifest = env::var_os("CARGO_MANIFEST_DIR").map_or_else(|| env!("CARGO_MANIFEST_DIR").into(), PathBuf::from);
+    manifest.parent().map_or_else(|| ".".into(), Path::to_path_buf)
+}
