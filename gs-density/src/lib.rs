@@ -7,5 +7,8 @@
 #![allow(clippy::neg_cmp_op_on_partial_ord)]
 
 mod observation;
+mod residual;
+pub mod seed;
 
 pub use observation::{DensityPolicy, Observation, Residual, Rng};
+pub use residual::ResidualGrowth;

@@ -1,0 +1,296 @@
+//! Growth by residual: the Gaussians that matter least go, new ones come where the picture is most wrong.
+
+use glam::Vec3;
+use gs_core::{
+    EditPlan, Error, PlanarGaussian, PlanarScene, Scene,
+    edit::{AfterEdit, Birth, Moments, Origin, PruneCause, Removal},
+    effects::Statistics,
+    scene::{logit, sigmoid},
+};
+use serde::{Deserialize, Serialize};
+
+use crate::{
+    observation::{DensityPolicy, Observation, Residual, Rng},
+    seed::{DensityMap, HilbertOrder, Plane, SeedShape, Structure, mean_around, seed_gaussians},
+};
+
+/// Prunes the least important Gaussians and seeds as many, or more, where the residual is large.
+///
+/// The number of Gaussians rises linearly from `start_fraction` of the budget to all of it over the first `growth_fraction` of the
+/// rounds, and each of these rounds replaces some Gaussians besides; the rounds after only relocate. The budget is met exactly. A
+/// scene that is larger than the line never shrinks, except to the budget. Where the residual is 0 everywhere seeds are spread evenly.
+///
+/// Importance is |c|²·det L, the energy that a Gaussian adds to the image, in scenes without opacities ([`Blend::Sum`]); with them
+/// ([`Blend::Over`]) it is o²·det L·(|c − ½|² + ¼), the energy it is expected to change when what lies behind may be any colour.
+///
+/// New Gaussians stand last in the scene: under `Over` that is behind all others.
+///
+/// [`Blend::Sum`]: gs_core::Blend::Sum
+/// [`Blend::Over`]: gs_core::Blend::Over
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default, rename_all = "kebab-case", deny_unknown_fields)]
+pub struct ResidualGrowth {
+    /// Seeds are spread as |r|^exponent, r the residual's three channels together; 0.5..=8. 2 favours MS-SSIM, 3.5 PSNR.
+    pub exponent: f32,
+    /// Passes of the (1, 2, 1)/4 kernel over |r|^exponent, at most 64: σ = √(passes/2) px.
+    pub smoothing_passes: u32,
+    /// What share of the budget the line of growth starts from, 0..=1: the share that the scene was initialised with.
+    pub start_fraction: f32,
+    /// The share of the rounds in which the number grows, 0..=1.
+    pub growth_fraction: f32,
+    /// The share of the Gaussians that a growing round replaces, 0..=1.
+    pub prune_growing: f32,
+    /// The share of the Gaussians that a relocating round replaces, 0..=1.
+    pub prune_relocating: f32,
+    /// Most seeds that a round puts on one pixel, on average; positive.
+    pub max_per_pixel: f32,
+    /// σ of a seed in units of the distance between the seeds of a round: σ = `sigma_factor` / √density. Positive.
+    pub sigma_factor: f32,
+    /// Smallest σ of a seed, px; positive.
+    pub min_sigma_px: f32,
+    /// Largest σ of a seed, px; not below the smallest.
+    pub max_sigma_px: f32,
+    /// How many times longer than broad a seed on an edge may be, at least 1.
+    pub max_aspect: f32,
+    /// The share of the residual around it that a seed takes as its colour, where there are no opacities. With opacities a seed
+    /// takes the target's colour.
+    pub color_share: f32,
+    /// Opacity of a seed where there are opacities, above 0 and below 1.
+    pub opacity: f32,
+}
+
+impl Default for ResidualGrowth {
+    fn default() -> Self {
+        Self {
+            exponent: 3.5,
+            smoothing_passes: 2,
+            start_fraction: 0.08,
+            growth_fraction: 0.4,
+            prune_growing: 0.2,
+            prune_relocating: 0.1,
+            max_per_pixel: 0.3,
+            sigma_factor: 0.15,
+            min_sigma_px: 0.7,
+            max_sigma_px: 12.0,
+            max_aspect: 3.0,
+            color_share: 0.5,
+            opacity: 0.7,
+        }
+    }
+}
+
+impl DensityPolicy for ResidualGrowth {
+    fn plan(&self, observation: &Observation<'_>, rng: &mut Rng) -> Result<EditPlan<PlanarGaussian>, Error> {
+        self.validate()?;
+        let scene = observation.scene;
+        let found = observation.statistics.gradient_sum.len();
+        if found != scene.len() {
+            return Err(Error::Length { what: "density statistics", expected: scene.len(), found });
+        }
+        let Some(residual) = observation.residual else {
+            return Err(Error::State("growth by residual was shown no residual".into()));
+        };
+        residual.target.same_size(&residual.rendered)?;
+
+        let (removed, added) = self.census(observation, not_finite(scene).count());
+        let added = self.seeds(residual, scene.has_opacity(), added, rng);
+        Ok(EditPlan {
+            removed: least_important(scene, removed),
+            added: added
+                .into_iter()
+                .map(|gaussian| Birth { gaussian, parent: None, moments: Moments::Fresh, origin: Origin::Seed })
+                .collect(),
+            statistics: AfterEdit::Restart,
+            ..EditPlan::default()
+        })
+    }
+
+    fn statistics(&self) -> Statistics {
+        Statistics::None
+    }
+
+    fn needs_residual(&self) -> bool {
+        true
+    }
+}
+
+impl ResidualGrowth {
+    /// Fails where a setting is outside its range.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] naming the first offender.
+    pub fn validate(&self) -> Result<(), Error> {
+        let positive = |what, value: f32| {
+            let fine = value > 0.0 && value.is_finite();
+            if fine { Ok(()) } else { Err(Error::setting(what, value, "positive and finite")) }
+        };
+        for (what, share) in [
+            ("start-fraction", self.start_fraction),
+            ("growth-fraction", self.growth_fraction),
+            ("prune-growing", self.prune_growing),
+            ("prune-relocating", self.prune_relocating),
+        ] {
+            if !(0.0..=1.0).contains(&share) {
+                return Err(Error::setting(what, share, "0 to 1"));
+            }
+        }
+        if !(0.5..=8.0).contains(&self.exponent) {
+            return Err(Error::setting("exponent", self.exponent, "0.5 to 8"));
+        }
+        if self.smoothing_passes > 64 {
+            return Err(Error::setting("smoothing-passes", self.smoothing_passes, "0 to 64"));
+        }
+        positive("max-per-pixel", self.max_per_pixel)?;
+        positive("sigma-factor", self.sigma_factor)?;
+        positive("min-sigma-px", self.min_sigma_px)?;
+        if !(self.max_sigma_px >= self.min_sigma_px && self.max_sigma_px.is_finite()) {
+            return Err(Error::setting("max-sigma-px", self.max_sigma_px, "finite and at least min-sigma-px"));
+        }
+        if !(self.max_aspect >= 1.0 && self.max_aspect.is_finite()) {
+            return Err(Error::setting("max-aspect", self.max_aspect, "finite and at least 1"));
+        }
+        if !self.color_share.is_finite() {
+            return Err(Error::setting("color-share", self.color_share, "finite"));
+        }
+        if !(self.opacity > 0.0 && self.opacity < 1.0) {
+            return Err(Error::setting("opacity", self.opacity, "above 0 and below 1"));
+        }
+        Ok(())
+    }
+
+    /// How many Gaussians a round removes, and how many it adds.
+    fn census(&self, observation: &Observation<'_>, not_finite: usize) -> (usize, usize) {
+        let (len, budget) = (observation.scene.len(), observation.budget);
+        let grown = observation.progress / self.growth_fraction; // NaN for 0/0: all has grown
+        let grown = if grown < 1.0 { f64::from(grown.max(0.0)) } else { 1.0 };
+        let start = f64::from(self.start_fraction);
+        let line = (budget as f64 * (start + (1.0 - start) * grown)).round() as usize;
+        let count = line.max(len).min(budget);
+        let share = if count > len { self.prune_growing } else { self.prune_relocating };
+        let replaced = (f64::from(share) * len as f64).round() as usize;
+        let removed = replaced.max(not_finite).max(len.saturating_sub(budget)).min(len);
+        (removed, count - (len - removed))
+    }
+
+    /// `count` new Gaussians.
+    fn seeds(&self, residual: &Residual, has_opacity: bool, count: usize, rng: &mut Rng) -> Vec<PlanarGaussian> {
+        if count == 0 {
+            return Vec::new();
+        }
+        let Residual { target, rendered } = residual;
+        let (width, height) = target.size();
+        let mut weights = self.weights(residual);
+        weights.smooth(self.smoothing_passes);
+        let density = DensityMap::from_weights(weights, count, self.max_per_pixel);
+        let positions = density.stratified(&HilbertOrder::shared(width, height), rng);
+        let shape = SeedShape {
+            sigma_factor: self.sigma_factor,
+            sigma_range_px: [self.min_sigma_px, self.max_sigma_px],
+            max_aspect: self.max_aspect,
+            opacity_logit: if has_opacity { logit(self.opacity) } else { f32::INFINITY },
+        };
+        let structure = Structure::new(target);
+        let of_target = |pixel: usize| Vec3::from_array(target.pixels()[pixel]);
+        let missing = |pixel: usize| {
+            let r = (of_target(pixel) - Vec3::from_array(rendered.pixels()[pixel])) * self.color_share;
+            if r.is_finite() { r } else { Vec3::ZERO }
+        };
+        seed_gaussians(&positions, &density, &structure, &shape, |mean, sigma| {
+            if has_opacity {
+                mean_around((width, height), mean, sigma, of_target)
+            } else {
+                mean_around((width, height), mean, sigma, missing)
+            }
+        })
+    }
+
+    /// |r|^exponent of every pixel.
+    fn weights(&self, Residual { target, rendered }: &Residual) -> Plane {
+        let (width, height) = target.size();
+        let power = Power::of_square_root(self.exponent);
+        Plane::from_rows(width, height, |y, row| {
+            let pixels = y * width as usize..(y + 1) * width as usize;
+            for ((out, t), c) in row.iter_mut().zip(&target.pixels()[pixels.clone()]).zip(&rendered.pixels()[pixels]) {
+                let r = [t[0] - c[0], t[1] - c[1], t[2] - c[2]];
+                *out = r[0] * r[0] + r[1] * r[1] + r[2] * r[2];
+            }
+            power.apply(row);
+        })
+    }
+}
+
+/// x ↦ x^(exponent/2), for x = |r|².
+#[derive(Debug, Clone, Copy)]
+enum Power {
+    /// (x^¼)^n by squaring: exact enough, and twenty times faster than `powf`.
+    Quarters(u32),
+    /// Any other.
+    Real(f32),
+}
+
+impl Power {
+    fn of_square_root(exponent: f32) -> Self {
+        let quarters = 2.0 * exponent;
+        if quarters.fract() == 0.0 { Self::Quarters(quarters as u32) } else { Self::Real(0.5 * exponent) }
+    }
+
+    fn apply(self, values: &mut [f32]) {
+        match self {
+            Self::Quarters(4) => {}
+            Self::Quarters(7) => values.iter_mut().for_each(|v| *v = *v * v.sqrt() * v.sqrt().sqrt()),
+            Self::Quarters(n) => values.iter_mut().for_each(|v| *v = v.sqrt().sqrt().powi(n as i32)),
+            Self::Real(e) => values.iter_mut().for_each(|v| *v = v.powf(e)),
+        }
+    }
+}
+
+/// Indices of the Gaussians with a NaN or infinite parameter (an infinite opacity logit is legitimate).
+fn not_finite(scene: &PlanarScene) -> impl Iterator<Item = usize> + '_ {
+    let finite = |i: usize| {
+        scene.means[i].is_finite()
+            && scene.log_scales[i].is_finite()
+            && scene.rotations[i].is_finite()
+            && scene.colors[i].is_finite()
+            && !(scene.has_opacity() && scene.opacity_logits[i].is_nan())
+    };
+    (0..scene.len()).filter(move |&i| !finite(i))
+}
+
+/// The `count` Gaussians to remove, by index: those that are not finite first, then the least important; among equals the first.
+fn least_important(scene: &PlanarScene, count: usize) -> Vec<Removal> {
+    // Importance and index in one number: the bits of a positive `f32` are ordered as its values.
+    let mut keys: Vec<u64> = (0..scene.len())
+        .map(|i| u64::from(importance(scene, i).max(f32::MIN_POSITIVE).to_bits()) << 32 | i as u64)
+        .collect();
+    for i in not_finite(scene) {
+        keys[i] = i as u64;
+    }
+    if count < keys.len() {
+        keys.select_nth_unstable(count);
+        keys.truncate(count);
+    }
+    let mut removed: Vec<Removal> = keys
+        .into_iter()
+        .map(|key| {
+            let cause = if key >> 32 == 0 { PruneCause::NotFinite } else { PruneCause::Unimportant };
+            Removal { index: key as u32, cause }
+        })
+        .collect();
+    removed.sort_unstable_by_key(|r| r.index);
+    removed
+}
+
+/// As described at [`ResidualGrowth`]; may be NaN or infinite where parameters are not finite or huge.
+fn importance(scene: &PlanarScene, index: usize) -> f32 {
+    let determinant = scene.log_scales[index].element_sum().exp();
+    let color = scene.colors[index];
+    if scene.has_opacity() {
+        let opacity = sigmoid(scene.opacity_logits[index]);
+        opacity * opacity * determinant * ((color - Vec3::splat(0.5)).length_squared() + 0.25)
+    } else {
+        color.length_squared() * determinant
+    }
+}
+
+#[cfg(test)]
+mod tests;

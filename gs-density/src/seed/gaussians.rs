@@ -1,0 +1,117 @@
+//! From positions to Gaussians: how large, how long, which way, and of what colour.
+
+use glam::{Vec2, Vec3};
+use gs_core::{Image, PlanarGaussian};
+
+use super::{DensityMap, Structure};
+
+/// Radius of the largest square of pixels that a seed's colour is the mean of, px.
+const MAX_COLOR_RADIUS_PX: f32 = 4.0;
+
+/// What seeds look like, whatever their place.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SeedShape {
+    /// σ = `sigma_factor` / √density: in units of the distance between seeds. Positive.
+    pub sigma_factor: f32,
+    /// Smallest and largest σ (the geometric mean of both axes'), px.
+    pub sigma_range_px: [f32; 2],
+    /// How many times longer than broad a seed may be, at least 1; 1 makes all round.
+    pub max_aspect: f32,
+    /// Opacity logit; +∞ for scenes without opacities.
+    pub opacity_logit: f32,
+}
+
+/// One Gaussian at each position. σ follows the density; the longer axis lies along the edge, longer by [`Orientation::aspect`] and
+/// the shorter one shorter, so that the area is that of a round one.
+///
+/// `color(mean, σ)` is the Gaussian's colour: under `Sum` what it adds at its mean, under `Over` what it paints.
+///
+/// [`Orientation::aspect`]: super::Orientation::aspect
+pub fn seed_gaussians(
+    positions: &[Vec2],
+    density: &DensityMap,
+    structure: &Structure,
+    shape: &SeedShape,
+    mut color: impl FnMut(Vec2, f32) -> Vec3,
+) -> Vec<PlanarGaussian> {
+    let [smallest, largest] = shape.sigma_range_px;
+    positions
+        .iter()
+        .map(|&mean| {
+            // A density of 0 gives +∞ and the largest σ.
+            let sigma = (shape.sigma_factor / density.at(mean).sqrt()).min(largest).max(smallest);
+            let orientation = structure.at(mean);
+            let half_log_aspect = 0.5 * orientation.aspect.min(shape.max_aspect).max(1.0).ln();
+            PlanarGaussian {
+                mean,
+                log_scale: Vec2::new(half_log_aspect, -half_log_aspect) + sigma.ln(),
+                rotation: orientation.angle,
+                opacity_logit: shape.opacity_logit,
+                color: color(mean, sigma),
+            }
+        })
+        .collect()
+}
+
+/// The mean colour of the pixels of `image` within about σ of `mean` (at most 4 px), both px; of the nearest pixel for small σ.
+pub fn mean_color(image: &Image, mean: Vec2, sigma: f32) -> Vec3 {
+    mean_around(image.size(), mean, sigma, |pixel| Vec3::from_array(image.pixels()[pixel]))
+}
+
+/// The mean of `value(row-major index)` over the pixels that [`mean_color`] takes.
+pub(crate) fn mean_around((width, height): (u32, u32), mean: Vec2, sigma: f32, value: impl Fn(usize) -> Vec3) -> Vec3 {
+    let radius = sigma.min(MAX_COLOR_RADIUS_PX) as usize; // NaN becomes 0
+    let (x, y) = ((mean.x as usize).min(width as usize - 1), (mean.y as usize).min(height as usize - 1));
+    let (left, right) = (x.saturating_sub(radius), (x + radius).min(width as usize - 1));
+    let (top, bottom) = (y.saturating_sub(radius), (y + radius).min(height as usize - 1));
+    let mut sum = Vec3::ZERO;
+    for y in top..=bottom {
+        for x in left..=right {
+            sum += value(y * width as usize + x);
+        }
+    }
+    sum / ((right + 1 - left) * (bottom + 1 - top)) as f32
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::seed::Plane;
+
+    const SHAPE: SeedShape =
+        SeedShape { sigma_factor: 0.5, sigma_range_px: [0.7, 12.0], max_aspect: 3.0, opacity_logit: f32::INFINITY };
+
+    fn uniform(count: usize) -> DensityMap {
+        DensityMap::from_weights(Plane::from_rows(40, 40, |_, row| row.fill(1.0)), count, 1.0)
+    }
+
+    #[test]
+    fn seeds_are_stretched_along_an_edge_and_keep_their_area() {
+        let image = Image::from_fn(40, 40, |x, _| [if x < 20 { 0.1 } else { 0.8 }; 3]).unwrap();
+        let structure = Structure::new(&image);
+        let places = [Vec2::new(20.0, 20.0), Vec2::new(5.0, 5.0)];
+        let seeds = seed_gaussians(&places, &uniform(100), &structure, &SHAPE, |p, s| mean_color(&image, p, s));
+        let [on_edge, on_flat] = [seeds[0], seeds[1]];
+        let vertical = std::f32::consts::FRAC_PI_2;
+        assert!((on_edge.rotation.abs() - vertical).abs() < 1e-3);
+        assert!(((on_edge.log_scale.x - on_edge.log_scale.y).exp() - 3.0).abs() < 1e-3);
+        assert_eq!(on_flat.log_scale.x, on_flat.log_scale.y);
+        let sigma = 0.5 / (100.0f32 / 1600.0).sqrt();
+        for seed in seeds {
+            assert!((seed.log_scale.element_sum() * 0.5 - sigma.ln()).abs() < 1e-4);
+        }
+        assert!((on_flat.color - Vec3::splat(0.1)).abs().max_element() < 1e-6);
+        assert!(on_edge.color.x > 0.2 && on_edge.color.x < 0.7);
+    }
+
+    #[test]
+    fn sigma_stays_in_its_range() {
+        let structure = Structure::new(&Image::filled(40, 40, [0.5; 3]).unwrap());
+        let sigma = |count| {
+            let seeds = seed_gaussians(&[Vec2::ONE], &uniform(count), &structure, &SHAPE, |_, _| Vec3::ZERO);
+            seeds[0].log_scale.x.exp()
+        };
+        assert!((sigma(1) - 12.0).abs() < 1e-4);
+        assert!((sigma(1600) - 0.7).abs() < 1e-4);
+    }
+}

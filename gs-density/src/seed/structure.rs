@@ -1,0 +1,175 @@
+//! Which way an image's edges run, and how strongly: the structure tensor, evaluated where it is asked for.
+
+use glam::Vec2;
+use gs_core::Image;
+
+use super::Plane;
+
+/// Half the side of the window that gradients are gathered in, px.
+const WINDOW_RADIUS: usize = 3;
+const WINDOW: usize = 2 * WINDOW_RADIUS + 1;
+/// One pixel more, for the central differences at the window's rim.
+const BORDER: usize = WINDOW_RADIUS + 1;
+
+/// exp(−x²/2σ²) for σ = 1.5 px, one axis of the window.
+const WINDOW_WEIGHTS: [f32; WINDOW] = [0.135_335, 0.411_112, 0.800_737, 1.0, 0.800_737, 0.411_112, 0.135_335];
+
+/// Variance of the gradient that counts as no edge: 1/255 per px, the step of an 8-bit image.
+const NOISE: f32 = 1.0 / (255.0 * 255.0);
+
+/// Luminance of an image, ready for structure tensors anywhere in it.
+///
+/// A tensor costs some 50 pixels' work. Seeds are far fewer than pixels, so tensors are made for seeds, not for pixels.
+#[derive(Debug, Clone)]
+pub struct Structure {
+    /// With a border of [`BORDER`] repeated pixels all around.
+    luminance: Vec<f32>,
+    stride: usize,
+    width: usize,
+    height: usize,
+}
+
+/// Which way the edge through a place runs.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Orientation {
+    /// Direction along the edge, rad, from +x towards +y, in (−π/2, π/2].
+    pub angle: f32,
+    /// How much longer than broad a Gaussian should be there, at least 1: the fourth root of the quotient of the tensor's
+    /// eigenvalues.
+    ///
+    /// The eigenvalues are squared gradients; curvatures across and along the edge stand as the gradients do, and a piecewise
+    /// approximation errs least where its elements' extents stand as one over the square root of the curvatures.
+    pub aspect: f32,
+}
+
+impl Structure {
+    /// The luminance (R + 2 G + B)/4 of an image.
+    pub fn new(image: &Image) -> Self {
+        let (width, height) = (image.width() as usize, image.height() as usize);
+        let stride = width + 2 * BORDER;
+        let mut luminance = vec![0.0; stride * (height + 2 * BORDER)];
+        for (y, pixels) in image.pixels().chunks_exact(width).enumerate() {
+            let row = &mut luminance[(y + BORDER) * stride..][..stride];
+            for (out, [r, g, b]) in row[BORDER..].iter_mut().zip(pixels) {
+                *out = 0.25 * (r + b) + 0.5 * g;
+            }
+            let (first, last) = (row[BORDER], row[BORDER + width - 1]);
+            row[..BORDER].fill(first);
+            row[BORDER + width..].fill(last);
+        }
+        let rows = height + 2 * BORDER;
+        for y in (0..BORDER).chain(rows - BORDER..rows) {
+            let from = y.clamp(BORDER, BORDER + height - 1) * stride;
+            luminance.copy_within(from..from + stride, y * stride);
+        }
+        Self { luminance, stride, width, height }
+    }
+
+    /// Orientation at a place of the image, px; outside it, at the nearest pixel.
+    pub fn at(&self, place: Vec2) -> Orientation {
+        let [xx, xy, yy] = self.tensor(place);
+        let (mean, half_difference) = (0.5 * (xx + yy), 0.5 * (xx - yy));
+        let spread = half_difference.hypot(xy);
+        let ratio = (mean + spread + NOISE) / ((mean - spread).max(0.0) + NOISE);
+        // The gradient's direction is ½ atan2(2 xy, xx − yy); the edge is perpendicular to it.
+        let angle = 0.5 * (-xy).atan2(-half_difference);
+        Orientation { angle, aspect: if ratio > 1.0 { ratio.sqrt().sqrt() } else { 1.0 } }
+    }
+
+    /// Weighted mean of ∇Y ∇Yᵀ around a place: (xx, xy, yy), px⁻².
+    fn tensor(&self, place: Vec2) -> [f32; 3] {
+        // `as` takes negative numbers and NaN to 0.
+        let (x, y) = ((place.x as usize).min(self.width - 1), (place.y as usize).min(self.height - 1));
+        let [mut xx, mut xy, mut yy] = [0.0f32; 3];
+        for j in 0..WINDOW {
+            // The pixel (x, y) stands at (x + BORDER, y + BORDER), the window starts one right of and one below its border.
+            let start = (y + j + 1) * self.stride + x;
+            let here = &self.luminance[start..][..WINDOW + 2];
+            let above = &self.luminance[start - self.stride + 1..][..WINDOW];
+            let below = &self.luminance[start + self.stride + 1..][..WINDOW];
+            let [mut row_xx, mut row_xy, mut row_yy] = [0.0f32; 3];
+            for i in 0..WINDOW {
+                let gx = 0.5 * (here[i + 2] - here[i]);
+                let gy = 0.5 * (below[i] - above[i]);
+                row_xx += WINDOW_WEIGHTS[i] * gx * gx;
+                row_xy += WINDOW_WEIGHTS[i] * gx * gy;
+                row_yy += WINDOW_WEIGHTS[i] * gy * gy;
+            }
+            xx += WINDOW_WEIGHTS[j] * row_xx;
+            xy += WINDOW_WEIGHTS[j] * row_xy;
+            yy += WINDOW_WEIGHTS[j] * row_yy;
+        }
+        let total: f32 = WINDOW_WEIGHTS.iter().sum();
+        [xx, xy, yy].map(|v| v / (total * total))
+    }
+
+    /// ‖∇Y‖ of every pixel, px⁻¹.
+    pub fn gradient_magnitude(&self) -> Plane {
+        Plane::from_rows(self.width as u32, self.height as u32, |y, row| {
+            let start = (y + BORDER) * self.stride + BORDER;
+            let here = &self.luminance[start - 1..][..self.width + 2];
+            let above = &self.luminance[start - self.stride..][..self.width];
+            let below = &self.luminance[start + self.stride..][..self.width];
+            for (((out, here), above), below) in row.iter_mut().zip(here.windows(3)).zip(above).zip(below) {
+                let (gx, gy) = (0.5 * (here[2] - here[0]), 0.5 * (below - above));
+                *out = (gx * gx + gy * gy).sqrt();
+            }
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::f32::consts::{FRAC_PI_2, PI};
+
+    use super::*;
+
+    /// A soft edge through the middle whose normal points to `angle`.
+    fn edge(angle: f32) -> Structure {
+        let (sin, cos) = angle.sin_cos();
+        let image = Image::from_fn(33, 33, |x, y| {
+            let across = (x as f32 - 16.0) * cos + (y as f32 - 16.0) * sin;
+            [1.0 / (1.0 + (-across).exp()); 3]
+        });
+        Structure::new(&image.unwrap())
+    }
+
+    #[test]
+    fn orientation_runs_along_an_edge() {
+        for normal in [0.0f32, 0.4, 0.8, 1.3, -0.6, FRAC_PI_2] {
+            let found = edge(normal).at(Vec2::splat(16.5));
+            let off = (found.angle - (normal + FRAC_PI_2)).rem_euclid(PI);
+            assert!(off.min(PI - off) < 0.03, "normal {normal}: found {}", found.angle);
+            assert!(found.aspect > 3.0, "normal {normal}: aspect {}", found.aspect);
+        }
+    }
+
+    #[test]
+    fn flat_and_round_places_have_no_orientation() {
+        let flat = Structure::new(&Image::filled(5, 4, [0.3, 0.9, 0.1]).unwrap());
+        assert_eq!(flat.at(Vec2::new(2.0, 2.0)).aspect, 1.0);
+        let blob = Image::from_fn(33, 33, |x, y| {
+            [(-(((x as f32 - 16.0).powi(2) + (y as f32 - 16.0).powi(2)) / 8.0)).exp(); 3]
+        });
+        assert!(Structure::new(&blob.unwrap()).at(Vec2::splat(16.5)).aspect < 1.1);
+    }
+
+    #[test]
+    fn every_place_of_any_image_can_be_asked() {
+        for (w, h) in [(1, 1), (1, 9), (8, 2)] {
+            let structure = Structure::new(&Image::from_fn(w, h, |x, y| [x as f32, y as f32, 0.5]).unwrap());
+            assert_eq!(structure.gradient_magnitude().size(), (w, h));
+            for place in [Vec2::ZERO, Vec2::new(w as f32, h as f32), Vec2::splat(-9.0), Vec2::splat(1e9), Vec2::NAN] {
+                let found = structure.at(place);
+                assert!(found.angle.is_finite() && found.aspect.is_finite(), "{w}x{h} at {place}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_gradient_is_that_of_a_ramp() {
+        let image = Image::from_fn(9, 7, |x, y| [0.03 * x as f32 + 0.04 * y as f32; 3]).unwrap();
+        let gradient = Structure::new(&image).gradient_magnitude();
+        assert!((gradient.values()[3 * 9 + 4] - 0.05).abs() < 1e-6);
+    }
+}
