@@ -1,0 +1,182 @@
+//! Stage `bin`: which Gaussian touches which rows of which tile. Parallel over Gaussians, then over groups of tiles.
+//!
+//! Bounds are tight: an entry stands for the rows in which the ellipse of the α cut meets the tile's columns, so no tile is
+//! listed that a Gaussian cannot touch above the cut. Entries of a tile stand in the order of places, whatever the number of
+//! threads.
+
+use gs_core::statistics::Culled;
+use rayon::prelude::*;
+
+use crate::{
+    lanes::LANES,
+    layout::Grid,
+    project::{CHUNK, Splat},
+};
+
+/// One Gaussian in one tile.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct Entry {
+    /// Its place among the splats.
+    pub(crate) place: u32,
+    /// First image row, and the one after the last.
+    pub(crate) rows: [u16; 2],
+}
+
+/// An entry before it is put into its tile's list.
+#[derive(Debug, Clone, Copy)]
+struct Found {
+    entry: Entry,
+    tile: u32,
+}
+
+/// The entries of one chunk of places, and where they went.
+#[derive(Debug, Default)]
+struct Chunk {
+    found: Vec<Found>,
+    /// Where each of `found` stands in [`Bins::entries`].
+    slots: Vec<u32>,
+    /// First of `found` of each place of the chunk, and the end: `[places + 1]`.
+    starts: Vec<u32>,
+    /// Per tile: first how many, then where the next goes.
+    cursors: Vec<u32>,
+    outside: u32,
+}
+
+/// All tiles' lists of entries.
+#[derive(Debug, Default)]
+pub(crate) struct Bins {
+    /// Tile-major.
+    pub(crate) entries: Vec<Entry>,
+    /// First entry of each tile, `[tiles + 1]`.
+    pub(crate) tile_start: Vec<u32>,
+    chunks: Vec<Chunk>,
+}
+
+impl Bins {
+    /// The positions in [`Self::entries`] of the entries of `place`.
+    pub(crate) fn slots_of(&self, place: usize) -> &[u32] {
+        let chunk = &self.chunks[place / CHUNK];
+        let within = place % CHUNK;
+        &chunk.slots[chunk.starts[within] as usize..chunk.starts[within + 1] as usize]
+    }
+
+    /// Pixel–Gaussian pairs that the blend kernels visit: 16 per row of every entry.
+    pub(crate) fn pairs(&self) -> u64 {
+        self.entries.iter().map(|e| u64::from(e.rows[1] - e.rows[0]) * LANES as u64).sum()
+    }
+
+    /// Lists anew; adds to `culled` the Gaussians that touch no pixel.
+    pub(crate) fn fill(&mut self, splats: &[Splat], grid: &Grid, culled: &mut Culled) {
+        let tiles = grid.tiles();
+        self.chunks.resize_with(splats.len().div_ceil(CHUNK), Chunk::default);
+        self.chunks.par_iter_mut().zip(splats.par_chunks(CHUNK)).enumerate().for_each(|(i, (chunk, splats))| {
+            chunk.find(splats, (i * CHUNK) as u32, grid);
+        });
+        culled.outside += self.chunks.iter().map(|c| c.outside).sum::<u32>();
+
+        self.tile_start.clear();
+        let mut total = 0;
+        for tile in 0..tiles {
+            self.tile_start.push(total);
+            for chunk in &mut self.chunks {
+                total += std::mem::replace(&mut chunk.cursors[tile], total);
+            }
+        }
+        self.tile_start.push(total);
+
+        self.chunks.par_iter_mut().for_each(Chunk::assign_slots);
+        self.entries.resize(total as usize, Entry::default());
+        scatter(0..tiles, &self.tile_start, &self.chunks, &mut self.entries, rayon::current_num_threads());
+    }
+}
+
+impl Chunk {
+    fn find(&mut self, splats: &[Splat], first_place: u32, grid: &Grid) {
+        self.found.clear();
+        self.starts.clear();
+        self.starts.push(0);
+        self.cursors.clear();
+        self.cursors.resize(grid.tiles(), 0);
+        self.outside = 0;
+        for (i, splat) in splats.iter().enumerate() {
+            let before = self.found.len();
+            if !splat.is_culled() {
+                self.find_one(splat, first_place + i as u32, grid);
+                self.outside += u32::from(self.found.len() == before);
+            }
+            self.starts.push(self.found.len() as u32);
+        }
+    }
+
+    fn find_one(&mut self, splat: &Splat, place: u32, grid: &Grid) {
+        let bands = grid.bands();
+        let Some((first_column, end_column)) = pixels(splat.mean[0], splat.half[0], splat.half[0], grid.width) else {
+            return;
+        };
+        for strip in first_column / LANES..=(end_column - 1) / LANES {
+            let left = (strip * LANES).max(first_column) as f32 + 0.5 - splat.mean[0];
+            let right = ((strip + 1) * LANES).min(end_column) as f32 - 0.5 - splat.mean[0];
+            let (top, bottom) = vertical_extent(splat, left, right);
+            let Some((first_row, end_row)) = pixels(splat.mean[1], -top, bottom, grid.height) else {
+                continue;
+            };
+            for band in first_row / grid.band_rows..=(end_row - 1) / grid.band_rows {
+                let tile = strip * bands + band;
+                let rows = [first_row.max(band * grid.band_rows), end_row.min((band + 1) * grid.band_rows)];
+                let entry = Entry { place, rows: rows.map(|r| r as u16) };
+                self.found.push(Found { entry, tile: tile as u32 });
+                self.cursors[tile] += 1;
+            }
+        }
+    }
+
+    fn assign_slots(&mut self) {
+        self.slots.clear();
+        for found in &self.found {
+            let cursor = &mut self.cursors[found.tile as usize];
+            self.slots.push(*cursor);
+            *cursor += 1;
+        }
+    }
+}
+
+/// The pixels whose centres lie within [mean − before, mean + after], as first and end; `None` where there are none.
+fn pixels(mean: f32, before: f32, after: f32, side: usize) -> Option<(usize, usize)> {
+    // A thousandth of a pixel more, so that rounding never loses a pixel; the kernels decide exactly.
+    const SLACK: f32 = 1e-3;
+    let first = (mean - before - 0.5 - SLACK).ceil().clamp(0.0, side as f32);
+    let end = ((mean + after - 0.5 + SLACK).floor() + 1.0).clamp(0.0, side as f32);
+    (first < end).then_some((first as usize, end as usize))
+}
+
+/// Lowest and highest dy of the cut's ellipse over dx in [left, right], which it meets.
+fn vertical_extent(splat: &Splat, left: f32, right: f32) -> (f32, f32) {
+    let offset_at = |dx: f32| ((splat.reach - dx * dx * splat.inverse_xx).max(0.0) / splat.c).sqrt();
+    let bottom_dx = splat.lowest_dx.clamp(left, right);
+    let top_dx = (-splat.lowest_dx).clamp(left, right);
+    (splat.slope * top_dx - offset_at(top_dx), splat.slope * bottom_dx + offset_at(bottom_dx))
+}
+
+/// Puts the entries of `tiles` into their lists; each of `tasks` tasks reads all chunks and keeps what is its own.
+fn scatter(tiles: std::ops::Range<usize>, tile_start: &[u32], chunks: &[Chunk], entries: &mut [Entry], tasks: usize) {
+    let base = tile_start[tiles.start] as usize;
+    if tasks > 1 && tiles.len() > 1 {
+        // Cut where half of the entries are on either side.
+        let half = (base + entries.len() / 2) as u32;
+        let middle = tile_start[..tiles.end].partition_point(|&s| s < half).clamp(tiles.start + 1, tiles.end - 1);
+        let (left, right) = entries.split_at_mut(tile_start[middle] as usize - base);
+        rayon::join(
+            || scatter(tiles.start..middle, tile_start, chunks, left, tasks / 2),
+            || scatter(middle..tiles.end, tile_start, chunks, right, tasks - tasks / 2),
+        );
+        return;
+    }
+    let (first, end) = (tiles.start as u32, tiles.end as u32);
+    for chunk in chunks {
+        for (found, &slot) in chunk.found.iter().zip(&chunk.slots) {
+            if (first..end).contains(&found.tile) {
+                entries[slot as usize - base] = found.entry;
+            }
+        }
+    }
+}

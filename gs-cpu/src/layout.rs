@@ -1,0 +1,183 @@
+//! How an image lies in memory here: strips of 16 columns, so that a row of a strip is one vector per channel; and tiles, which are
+//! bands of a strip's rows.
+//!
+//! Buffers are strip-major: strip s holds all its rows, top to bottom, then strip s + 1. A tile's rows are therefore one slice.
+
+use std::ops::Range;
+
+use gs_core::Image;
+
+use crate::lanes::LANES;
+
+/// One row of a strip: 16 reds, 16 greens, 16 blues. Aligned to a cache line, which unaligned 64-byte loads would straddle.
+#[derive(Debug, Clone, Copy)]
+#[repr(C, align(64))]
+pub(crate) struct Row(pub(crate) [[f32; LANES]; 3]);
+
+/// One number per pixel of a strip's row.
+#[derive(Debug, Clone, Copy)]
+#[repr(C, align(64))]
+pub(crate) struct ScalarRow(pub(crate) [f32; LANES]);
+
+impl Row {
+    pub(crate) const ZERO: Self = Self([[0.0; LANES]; 3]);
+}
+
+/// An image's size, cut into strips and bands.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(crate) struct Grid {
+    pub(crate) width: usize,
+    pub(crate) height: usize,
+    /// Rows of a tile, but for the last of a strip.
+    pub(crate) band_rows: usize,
+}
+
+impl Grid {
+    pub(crate) fn new((width, height): (u32, u32), band_rows: usize) -> Self {
+        Self { width: width as usize, height: height as usize, band_rows }
+    }
+
+    pub(crate) fn strips(&self) -> usize {
+        self.width.div_ceil(LANES)
+    }
+
+    pub(crate) fn bands(&self) -> usize {
+        self.height.div_ceil(self.band_rows)
+    }
+
+    pub(crate) fn tiles(&self) -> usize {
+        self.strips() * self.bands()
+    }
+
+    /// Rows in a strip-major buffer.
+    pub(crate) fn rows(&self) -> usize {
+        self.strips() * self.height
+    }
+
+    /// Where in a strip-major buffer tile `tile` begins; for `tile == tiles()` the buffer's end.
+    pub(crate) fn first_row(&self, tile: usize) -> usize {
+        let (strip, band) = (tile / self.bands(), tile % self.bands());
+        strip * self.height + band * self.band_rows
+    }
+
+    /// The image column of a tile's first lane, and the image rows it covers.
+    pub(crate) fn place(&self, tile: usize) -> (usize, Range<usize>) {
+        let (strip, band) = (tile / self.bands(), tile % self.bands());
+        let first = band * self.band_rows;
+        (strip * LANES, first..(first + self.band_rows).min(self.height))
+    }
+
+    /// How many of a tile's lanes are columns of the image.
+    pub(crate) fn lanes_inside(&self, tile: usize) -> usize {
+        (self.width - (tile / self.bands()) * LANES).min(LANES)
+    }
+
+    /// An image's pixels as strips; lanes beyond the last column are 0.
+    pub(crate) fn strips_of(&self, image: &Image) -> Vec<Row> {
+        let mut rows = vec![Row::ZERO; self.rows()];
+        for (y, line) in image.pixels().chunks_exact(self.width).enumerate() {
+            for (x, pixel) in line.iter().enumerate() {
+                let row = &mut rows[(x / LANES) * self.height + y];
+                for k in 0..3 {
+                    row.0[k][x % LANES] = pixel[k];
+                }
+            }
+        }
+        rows
+    }
+
+    /// Strips as an image.
+    pub(crate) fn image_of(&self, rows: &[Row]) -> Image {
+        let mut pixels = vec![[0.0; 3]; self.width * self.height];
+        for (y, line) in pixels.chunks_exact_mut(self.width).enumerate() {
+            for (x, pixel) in line.iter_mut().enumerate() {
+                let row = &rows[(x / LANES) * self.height + y].0;
+                *pixel = [0, 1, 2].map(|k| row[k][x % LANES]);
+            }
+        }
+        Image::from_pixels(self.width as u32, self.height as u32, pixels).expect("a grid has the size of an image")
+    }
+}
+
+/// The buffers that tiles write to, each cut at tile borders; one that a stage does not use is empty.
+#[derive(Debug)]
+pub(crate) struct TileBuffers<'a> {
+    pub(crate) rows: &'a mut [Row],
+    pub(crate) transmittance: &'a mut [ScalarRow],
+    /// `stride` numbers per entry.
+    pub(crate) slots: &'a mut [f32],
+    /// One per tile.
+    pub(crate) sums: &'a mut [f64],
+}
+
+/// Where to cut the buffers.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Cuts<'a> {
+    pub(crate) grid: &'a Grid,
+    /// First entry of each tile, `[tiles + 1]`.
+    pub(crate) tile_start: &'a [u32],
+    /// Numbers per entry in `slots`.
+    pub(crate) stride: usize,
+}
+
+/// Runs `work(tile, its buffers)` for every tile of `tiles`, in parallel, without allocating.
+pub(crate) fn for_each_tile<F>(tiles: Range<usize>, buffers: TileBuffers<'_>, cuts: Cuts<'_>, work: &F)
+where
+    F: Fn(usize, TileBuffers<'_>) + Sync,
+{
+    match tiles.len() {
+        0 => {}
+        1 => work(tiles.start, buffers),
+        n => {
+            let middle = tiles.start + n / 2;
+            let rows = cuts.grid.first_row(middle) - cuts.grid.first_row(tiles.start);
+            let entries = (cuts.tile_start[middle] - cuts.tile_start[tiles.start]) as usize;
+            let (rows_l, rows_r) = cut(buffers.rows, rows);
+            let (transmittance_l, transmittance_r) = cut(buffers.transmittance, rows);
+            let (slots_l, slots_r) = cut(buffers.slots, entries * cuts.stride);
+            let (sums_l, sums_r) = cut(buffers.sums, n / 2);
+            let left = TileBuffers { rows: rows_l, transmittance: transmittance_l, slots: slots_l, sums: sums_l };
+            let right = TileBuffers { rows: rows_r, transmittance: transmittance_r, slots: slots_r, sums: sums_r };
+            rayon::join(
+                || for_each_tile(tiles.start..middle, left, cuts, work),
+                || for_each_tile(middle..tiles.end, right, cuts, work),
+            );
+        }
+    }
+}
+
+fn cut<T>(buffer: &mut [T], at: usize) -> (&mut [T], &mut [T]) {
+    let at = if buffer.is_empty() { 0 } else { at };
+    buffer.split_at_mut(at)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn strips_and_back() {
+        for size in [(1, 1), (16, 3), (17, 5), (40, 9)] {
+            let image = Image::from_fn(size.0, size.1, |x, y| [x as f32, y as f32, 0.5]).unwrap();
+            let grid = Grid::new(size, 4);
+            assert_eq!(grid.image_of(&grid.strips_of(&image)), image);
+        }
+    }
+
+    #[test]
+    fn tiles_cover_every_row_once() {
+        let grid = Grid::new((40, 9), 4);
+        let mut rows = vec![Row::ZERO; grid.rows()];
+        let starts = vec![0; grid.tiles() + 1];
+        let mut sums = vec![0.0; grid.tiles()];
+        let buffers = TileBuffers { rows: &mut rows, transmittance: &mut [], slots: &mut [], sums: &mut sums };
+        let cuts = Cuts { grid: &grid, tile_start: &starts, stride: 0 };
+        for_each_tile(0..grid.tiles(), buffers, cuts, &|tile, buffers| {
+            assert_eq!(buffers.rows.len(), grid.place(tile).1.len());
+            buffers.rows.iter_mut().for_each(|row| row.0[0][0] += 1.0);
+            buffers.sums[0] = tile as f64;
+        });
+        assert!(rows.iter().all(|row| row.0[0][0] == 1.0));
+        assert!(sums.iter().enumerate().all(|(tile, &s)| s == tile as f64));
+    }
+}

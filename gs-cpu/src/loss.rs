@@ -1,0 +1,112 @@
+//! Stage `loss`: the loss of an image, and its gradient, which replaces nothing and is written beside it. Parallel over tiles.
+
+use std::sync::OnceLock;
+
+use fearless_simd::{Level, dispatch};
+use gs_core::{Error, Image, Loss};
+
+use crate::{
+    dssim::{self, BlurredTarget},
+    lanes::LANES,
+    layout::{Cuts, Grid, Row, TileBuffers, for_each_tile},
+    workspace::Workspace,
+};
+
+/// An image to compare with, as strips.
+#[derive(Debug)]
+pub struct PlanarTarget {
+    pub(crate) width: u32,
+    pub(crate) height: u32,
+    pub(crate) rows: Vec<Row>,
+    /// What D-SSIM needs of the target alone, made when first needed.
+    pub(crate) blurred: OnceLock<BlurredTarget>,
+}
+
+impl PlanarTarget {
+    pub(crate) fn new(image: &Image) -> Self {
+        let (width, height) = image.size();
+        let rows = Grid::new((width, height), 1).strips_of(image);
+        Self { width, height, rows, blurred: OnceLock::new() }
+    }
+
+    /// Fails unless the target has this size.
+    pub(crate) fn check_size(&self, width: u32, height: u32) -> Result<(), Error> {
+        if (self.width, self.height) == (width, height) {
+            return Ok(());
+        }
+        Err(Error::SizesDiffer {
+            left_width: width,
+            left_height: height,
+            right_width: self.width,
+            right_height: self.height,
+        })
+    }
+}
+
+/// The loss of `workspace.rows`, its gradient into `workspace.v_rows` (0 in lanes beyond the image).
+pub(crate) fn loss(workspace: &mut Workspace, target: &PlanarTarget, loss: &Loss, level: Level) -> f64 {
+    let count = 3.0 * f64::from(target.width) * f64::from(target.height);
+    match *loss {
+        Loss::L2 => pointwise(workspace, target, level, Pointwise::Square { scale: (2.0 / count) as f32 }) / count,
+        Loss::L1 => pointwise(workspace, target, level, Pointwise::Absolute { scale: (1.0 / count) as f32 }) / count,
+        Loss::L1Dssim { lambda } => {
+            let scale = ((1.0 - f64::from(lambda)) / count) as f32;
+            let l1 = pointwise(workspace, target, level, Pointwise::Absolute { scale }) / count;
+            let dssim = dssim::add(workspace, target, level, lambda);
+            (1.0 - f64::from(lambda)) * l1 + f64::from(lambda) * dssim
+        }
+    }
+}
+
+/// A loss that is a sum over pixels and channels; its gradient is scaled by `scale`.
+#[derive(Debug, Clone, Copy)]
+enum Pointwise {
+    Square { scale: f32 },
+    Absolute { scale: f32 },
+}
+
+/// The sum of a pointwise loss, unscaled; its scaled gradient into `v_rows`.
+fn pointwise(workspace: &mut Workspace, target: &PlanarTarget, level: Level, kind: Pointwise) -> f64 {
+    let grid = workspace.grid;
+    workspace.v_rows.resize(grid.rows(), Row::ZERO);
+    let (image, bins) = (&workspace.rows, &workspace.bins);
+    let cuts = Cuts { grid: &grid, tile_start: &bins.tile_start, stride: 0 };
+    let buffers =
+        TileBuffers { rows: &mut workspace.v_rows, transmittance: &mut [], slots: &mut [], sums: &mut workspace.sums };
+    for_each_tile(0..grid.tiles(), buffers, cuts, &|tile, buffers| {
+        let first = grid.first_row(tile);
+        let image = &image[first..first + buffers.rows.len()];
+        let target = &target.rows[first..first + buffers.rows.len()];
+        let inside = grid.lanes_inside(tile);
+        buffers.sums[0] = dispatch!(level, _simd => match kind {
+            Pointwise::Square { scale } => {
+                each(image, target, buffers.rows, inside, |d| (d * d, d * scale))
+            }
+            Pointwise::Absolute { scale } => {
+                each(image, target, buffers.rows, inside, |d| {
+                    (d.abs(), if d > 0.0 { scale } else if d < 0.0 { -scale } else { 0.0 })
+                })
+            }
+        });
+    });
+    workspace.sums.iter().sum()
+}
+
+/// Applies `(loss, gradient) = f(C − Y)` to a tile; returns the sum of the losses.
+#[inline(always)]
+fn each(image: &[Row], target: &[Row], v_rows: &mut [Row], inside: usize, f: impl Fn(f32) -> (f32, f32) + Copy) -> f64 {
+    let mut total = 0.0;
+    for ((Row(c), Row(y)), Row(v)) in image.iter().zip(target).zip(v_rows) {
+        let mut sum = [0.0f32; LANES];
+        for k in 0..3 {
+            for i in 0..LANES {
+                let (loss, gradient) = f(c[k][i] - y[k][i]);
+                sum[i] += loss;
+                v[k][i] = gradient;
+            }
+            v[k][inside..].fill(0.0);
+        }
+        total += f64::from(sum[..inside].iter().sum::<f32>());
+    }
+    total
+}

@@ -1,0 +1,145 @@
+//! Stage `project_bwd`: what the entries of a Gaussian received becomes the gradient of its parameters.
+//!
+//! Everything goes through the whitened frame: with z = L′⁻¹ d, a step μ += L ξ, L ← L exp(η) changes σ by −zᵀξ − zᵀηz, so that
+//! v_ξ = Σ t z and v_η = Σ t z zᵀ; no covariance is inverted. The kernels' sums over (dx, u) are whitened by the lower-triangular
+//! root of Σ′ (a scaling per axis), and a rotation leads from there to the frame of L′.
+
+use glam::{Mat2, Vec2};
+use gs_core::{Blend, Error, PlanarScene, effects::Statistics};
+
+use crate::{
+    cloud::{PlanarCloud, Shapes},
+    project::on_canvas,
+    workspace::Workspace,
+};
+
+/// ∂L/∂(one Gaussian's parameters), in its whitened frame.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(crate) struct Gradient {
+    pub(crate) color: [f32; 3],
+    /// v_ξ.
+    pub(crate) xi: Vec2,
+    /// v_η: (η₀₀, η₀₁ = η₁₀ each, η₁₁).
+    pub(crate) eta: [f32; 3],
+    /// ∂L/∂(opacity logit).
+    pub(crate) opacity_logit: f32,
+    /// ‖∂L/∂μ′‖ in normalised device units.
+    pub(crate) device_norm: f32,
+    /// Whether any tile listed it.
+    pub(crate) visible: bool,
+}
+
+/// The gradients of one backward pass on the CPU, `[N]`.
+#[derive(Debug, Default)]
+pub struct PlanarGradients {
+    pub(crate) gradients: Vec<Gradient>,
+    /// What the frame's effects ask to be collected.
+    pub(crate) statistics: Statistics,
+}
+
+impl PlanarGradients {
+    /// Fails unless the gradients are of as many Gaussians as the cloud has.
+    pub(crate) fn check_len(&self, cloud: &PlanarCloud) -> Result<(), Error> {
+        if self.gradients.len() == cloud.len() {
+            return Ok(());
+        }
+        let (found, expected) = (self.gradients.len(), cloud.len());
+        Err(Error::State(format!("gradients of {found} Gaussians do not fit a cloud of {expected}")))
+    }
+}
+
+/// Sums what the entries of Gaussian `index` received, in the order of its tiles; `scale` multiplies everything.
+#[inline(always)]
+pub(crate) fn gradient(workspace: &Workspace, cloud: &PlanarCloud, index: usize, scale: f32) -> Gradient {
+    let place = workspace.place_of[index] as usize;
+    let slots = workspace.bins.slots_of(place);
+    let splat = &workspace.splats[place];
+    if slots.is_empty() || splat.is_culled() {
+        return Gradient::default();
+    }
+    let stride = workspace.stride;
+    let mut sum = [0.0f32; 9];
+    for &slot in slots {
+        let slot = &workspace.slots[slot as usize * stride..][..stride];
+        for (total, value) in sum.iter_mut().zip(slot) {
+            *total += value;
+        }
+    }
+    let [r, g, b, x, u, xx, xu, uu, t] = sum.map(|v| v * scale);
+    let (_, l) = on_canvas(&workspace.canvas, cloud.means[index], cloud.frame(index));
+    let (root_x, root_u) = (splat.inverse_xx.sqrt(), splat.c.sqrt());
+    let e = Vec2::new(x * root_x, u * root_u);
+    let (e_00, e_01, e_11) = (xx * splat.inverse_xx, xu * root_x * root_u, uu * splat.c);
+    let q = rotation_from_triangular(l);
+    let xi = q * e;
+    let moment = q * Mat2::from_cols_array(&[e_00, e_01, e_01, e_11]) * q.transpose();
+    let v_mean_px = solve_transposed(l, xi);
+    let half_size = Vec2::new(workspace.canvas.width as f32, workspace.canvas.height as f32) * 0.5;
+    let opacity_logit = match workspace.settings.effects.blend {
+        Blend::Sum => 0.0,
+        Blend::Over => t * (1.0 - splat.opacity),
+    };
+    Gradient {
+        color: [r, g, b],
+        xi,
+        eta: [moment.x_axis.x, moment.x_axis.y, moment.y_axis.y],
+        opacity_logit,
+        device_norm: (v_mean_px * half_size).length(),
+        visible: true,
+    }
+}
+
+/// Q with L⁻¹ = Q K⁻¹, where K is the lower-triangular root of L Lᵀ: orthogonal.
+fn rotation_from_triangular(l: Mat2) -> Mat2 {
+    // The first row of L is √Σxx times the first row of Qᵀ.
+    let first = Vec2::new(l.x_axis.x, l.y_axis.x).normalize_or(Vec2::X);
+    let second = if l.determinant() >= 0.0 { first.perp() } else { -first.perp() };
+    Mat2::from_cols(first, second)
+}
+
+/// L⁻ᵀ v.
+fn solve_transposed(l: Mat2, v: Vec2) -> Vec2 {
+    let inverse = 1.0 / l.determinant();
+    Vec2::new(l.y_axis.y * v.x - l.x_axis.y * v.y, l.x_axis.x * v.y - l.y_axis.x * v.x) * inverse
+}
+
+/// (∂L/∂mean, ∂L/∂log-scale, ∂L/∂rotation) in plane units from the whitened frame, for Σ = L Lᵀ with L = R(θ) S.
+pub(crate) fn scale_rotation(l: Mat2, gradient: &Gradient) -> (Vec2, [f32; 3]) {
+    let [e_00, e_01, e_11] = gradient.eta;
+    let ratio = l.x_axis.length() / l.y_axis.length();
+    (solve_transposed(l, gradient.xi), [e_00, e_11, e_01 * (ratio - 1.0 / ratio)])
+}
+
+/// The gradients as a scene of derivatives: with respect to mean (px⁻¹), log-scale, rotation (rad⁻¹), opacity logit and colour.
+pub(crate) fn as_scene(cloud: &PlanarCloud, gradients: &PlanarGradients) -> PlanarScene {
+    let mut scene = PlanarScene::default();
+    for (index, gradient) in gradients.gradients.iter().enumerate() {
+        let (l, gradient) = match &cloud.shapes {
+            Shapes::ScaleRotation(_) => (cloud.frame(index), *gradient),
+            Shapes::LocalFrame(frames) => in_axes(frames[index], gradient),
+        };
+        let (mean, [x, y, angle]) =
+            if gradient.visible { scale_rotation(l, &gradient) } else { (Vec2::ZERO, [0.0; 3]) };
+        scene.means.push(mean);
+        scene.log_scales.push(Vec2::new(x, y));
+        scene.rotations.push(angle);
+        scene.colors.push(gradient.color.into());
+        if !cloud.opacity_logits.is_empty() {
+            scene.opacity_logits.push(gradient.opacity_logit);
+        }
+    }
+    scene
+}
+
+/// The frame R(θ) S of the same Σ, as [`PlanarCloud::scene`] downloads it, and the gradient in that frame.
+fn in_axes(l: Mat2, gradient: &Gradient) -> (Mat2, Gradient) {
+    let (log_scale, angle) = gs_core::PlanarGaussian::shape_of_frame(l);
+    let (sin, cos) = angle.sin_cos();
+    let axes = Mat2::from_cols(Vec2::new(cos, sin) * log_scale.x.exp(), Vec2::new(-sin, cos) * log_scale.y.exp());
+    // z_axes = axes⁻¹ L z, a rotation (or reflection) of z.
+    let q = axes.inverse() * l;
+    let [e_00, e_01, e_11] = gradient.eta;
+    let moment = q * Mat2::from_cols_array(&[e_00, e_01, e_01, e_11]) * q.transpose();
+    let eta = [moment.x_axis.x, moment.x_axis.y, moment.y_axis.y];
+    (axes, Gradient { xi: q * gradient.xi, eta, ..*gradient })
+}

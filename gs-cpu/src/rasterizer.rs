@@ -1,0 +1,261 @@
+//! The trait's implementation: checks what comes in, and runs the stages inside the rasterizer's own threads.
+
+use std::{
+    fmt,
+    sync::{Arc, Mutex, PoisonError},
+};
+
+use fearless_simd::Level;
+use gs_core::{
+    AdamRates, Binning, Blend, Canvas, Chart, CloudState, DensityStatistics, EditPlan, Error, Image, Loss,
+    PlanarGaussian, PlanarScene, Rasterizer, RenderSettings, TrainStep,
+    effects::{Antialias, Order, Outputs, Statistics},
+    settings::Cut,
+    statistics::Culled,
+};
+
+use crate::{
+    PlanarCloud, PlanarFrame, PlanarGradients, PlanarTarget, SimdLevel,
+    adam::{self, BiasTable},
+    loss, project_bwd, solve_colors,
+    workspace::Pool,
+};
+
+const BACKEND: &str = "cpu";
+
+/// How a [`CpuRasterizer`] runs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct CpuSettings {
+    /// Threads; `None`: as many as the machine offers.
+    pub threads: Option<usize>,
+    /// Instruction set; `None`: the fastest this machine has.
+    pub level: Option<SimdLevel>,
+}
+
+/// The CPU backend: owns its threads, and the buffers that its frames use in turn.
+pub struct CpuRasterizer {
+    threads: rayon::ThreadPool,
+    simd: SimdLevel,
+    level: Level,
+    pool: Arc<Pool>,
+    bias: Mutex<BiasTable>,
+}
+
+impl CpuRasterizer {
+    /// A rasterizer with threads of its own.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] for 0 threads or a SIMD level that this machine lacks, [`Error::Backend`] where threads cannot be
+    /// started.
+    pub fn new(settings: CpuSettings) -> Result<Self, Error> {
+        if settings.threads == Some(0) {
+            return Err(Error::setting("threads", 0, "at least 1"));
+        }
+        let simd = settings.level.unwrap_or_else(SimdLevel::best);
+        let Some(level) = simd.token() else {
+            return Err(Error::setting("SIMD level", simd, "one that this machine has; see `SimdLevel::available`"));
+        };
+        let threads = rayon::ThreadPoolBuilder::new()
+            .num_threads(settings.threads.unwrap_or(0))
+            .thread_name(|i| format!("gs-cpu-{i}"))
+            .build()
+            .map_err(|e| Error::Backend { backend: BACKEND, message: format!("threads cannot be started: {e}") })?;
+        Ok(Self { threads, simd, level, pool: Arc::default(), bias: Mutex::default() })
+    }
+
+    /// Threads in use.
+    pub fn threads(&self) -> usize {
+        self.threads.current_num_threads()
+    }
+
+    /// Instruction set in use.
+    pub fn simd_level(&self) -> SimdLevel {
+        self.simd
+    }
+}
+
+impl fmt::Debug for CpuRasterizer {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("CpuRasterizer").field("threads", &self.threads()).field("simd", &self.simd).finish()
+    }
+}
+
+fn check(view: &Canvas, settings: &RenderSettings) -> Result<(), Error> {
+    view.validate()?;
+    settings.validate()?;
+    let effects = &settings.effects;
+    let unsupported = |effect: String| Err(Error::Unsupported { backend: BACKEND, effect });
+    if effects.order != Order::Index {
+        return unsupported(format!("order {:?} of a planar scene, which has no depth", effects.order));
+    }
+    if effects.antialias != Antialias::None {
+        return unsupported(format!("antialias {:?} of a planar scene", effects.antialias));
+    }
+    if effects.outputs != Outputs::Color {
+        return unsupported(format!("outputs {:?} of a planar scene", effects.outputs));
+    }
+    if settings.accuracy.cut != Cut::Hard {
+        return unsupported("a smooth cut, which would touch every pixel".to_owned());
+    }
+    Ok(())
+}
+
+impl Rasterizer<PlanarScene> for CpuRasterizer {
+    type Cloud = PlanarCloud;
+    type Frame = PlanarFrame;
+    type Gradients = PlanarGradients;
+    type Target = PlanarTarget;
+
+    fn describe(&self) -> String {
+        let threads = self.threads();
+        format!("cpu ({}, {threads} {})", self.simd, if threads == 1 { "thread" } else { "threads" })
+    }
+
+    fn upload(&self, scene: &PlanarScene, chart: Chart) -> Result<PlanarCloud, Error> {
+        PlanarCloud::new(scene, chart)
+    }
+
+    fn download(&self, cloud: &PlanarCloud) -> Result<PlanarScene, Error> {
+        Ok(cloud.scene())
+    }
+
+    fn len(&self, cloud: &PlanarCloud) -> usize {
+        cloud.len()
+    }
+
+    fn upload_target(&self, image: &Image) -> Result<PlanarTarget, Error> {
+        Ok(PlanarTarget::new(image))
+    }
+
+    fn save(&self, cloud: &PlanarCloud) -> Result<CloudState, Error> {
+        Ok(cloud.save())
+    }
+
+    fn restore(&self, state: &CloudState) -> Result<PlanarCloud, Error> {
+        PlanarCloud::restore(state)
+    }
+
+    fn forward(&self, cloud: &PlanarCloud, view: &Canvas, settings: &RenderSettings) -> Result<PlanarFrame, Error> {
+        check(view, settings)?;
+        let mut workspace = self.pool.take();
+        self.threads.install(|| {
+            workspace.prepare(cloud, view, settings, Binning::Fresh);
+            workspace.blend(self.level);
+        });
+        Ok(PlanarFrame { workspace: Some(workspace), pool: Arc::clone(&self.pool) })
+    }
+
+    fn image(&self, frame: &PlanarFrame) -> Result<Image, Error> {
+        Ok(frame.image())
+    }
+
+    fn culled(&self, frame: &PlanarFrame) -> Result<Culled, Error> {
+        Ok(frame.workspace().culled)
+    }
+
+    fn backward(
+        &self,
+        cloud: &PlanarCloud,
+        mut frame: PlanarFrame,
+        target: &PlanarTarget,
+        loss: &Loss,
+    ) -> Result<(f32, PlanarGradients), Error> {
+        loss.validate()?;
+        let workspace = frame.workspace.as_mut().expect("a frame has its workspace until it is dropped");
+        target.check_size(workspace.canvas.width, workspace.canvas.height)?;
+        if workspace.order.len() != cloud.len() {
+            return Err(Error::State("the frame is of another cloud, or of this one before an edit".to_owned()));
+        }
+        let value = self.threads.install(|| {
+            let value = loss::loss(workspace, target, loss, self.level);
+            workspace.blend_bwd(self.level);
+            workspace.project_bwd(cloud, 1.0);
+            value
+        });
+        let gradients = PlanarGradients {
+            gradients: workspace.gradients.clone(),
+            statistics: workspace.settings.effects.statistics,
+        };
+        Ok((value as f32, gradients))
+    }
+
+    fn download_gradients(&self, cloud: &PlanarCloud, gradients: &PlanarGradients) -> Result<PlanarScene, Error> {
+        gradients.check_len(cloud)?;
+        Ok(project_bwd::as_scene(cloud, gradients))
+    }
+
+    fn step(&self, cloud: &mut PlanarCloud, gradients: &PlanarGradients, rates: &AdamRates) -> Result<(), Error> {
+        gradients.check_len(cloud)?;
+        let collect = gradients.statistics != Statistics::None;
+        let mut bias = self.bias.lock().unwrap_or_else(PoisonError::into_inner);
+        let bias = &mut *bias;
+        self.threads.install(|| adam::step(cloud, bias, rates, self.level, collect, &gradients.gradients));
+        Ok(())
+    }
+
+    fn train_step(
+        &self,
+        cloud: &mut PlanarCloud,
+        view: &Canvas,
+        target: &PlanarTarget,
+        step: &TrainStep<'_>,
+    ) -> Result<f32, Error> {
+        check(view, step.settings)?;
+        step.loss.validate()?;
+        target.check_size(view.width, view.height)?;
+        let mut workspace = cloud.workspace.take().unwrap_or_else(|| self.pool.take());
+        let collect = step.settings.effects.statistics != Statistics::None;
+        let mut bias = self.bias.lock().unwrap_or_else(PoisonError::into_inner);
+        let bias = &mut *bias;
+        let value = self.threads.install(|| {
+            workspace.prepare(cloud, view, step.settings, step.binning);
+            let (value, scale) = if step.loss == Loss::L2 && step.settings.effects.blend == Blend::Sum {
+                let count = 3.0 * f64::from(view.width) * f64::from(view.height);
+                (workspace.blend_l2_fused(self.level, &target.rows) / count, (2.0 / count) as f32)
+            } else {
+                workspace.blend(self.level);
+                let value = loss::loss(&mut workspace, target, &step.loss, self.level);
+                workspace.blend_bwd(self.level);
+                (value, 1.0)
+            };
+            workspace.project_bwd(cloud, scale);
+            adam::step(cloud, bias, step.rates, self.level, collect, &workspace.gradients);
+            value
+        });
+        cloud.workspace = Some(workspace);
+        Ok(value as f32)
+    }
+
+    fn solve_colors(
+        &self,
+        cloud: &mut PlanarCloud,
+        view: &Canvas,
+        target: &PlanarTarget,
+        settings: &RenderSettings,
+        iterations: u32,
+    ) -> Result<(), Error> {
+        check(view, settings)?;
+        target.check_size(view.width, view.height)?;
+        if settings.effects.blend != Blend::Sum {
+            return Err(Error::Unsupported {
+                backend: BACKEND,
+                effect: "solving for colours under `over`, where the image is not linear in them".to_owned(),
+            });
+        }
+        let mut workspace = self.pool.take();
+        self.threads.install(|| {
+            workspace.prepare(cloud, view, settings, Binning::Fresh);
+            solve_colors::solve(&mut workspace, cloud, target, self.level, iterations);
+        });
+        self.pool.give(workspace);
+        Ok(())
+    }
+
+    fn statistics(&self, cloud: &PlanarCloud) -> Result<DensityStatistics, Error> {
+        Ok(cloud.statistics.clone())
+    }
+
+    fn edit(&self, cloud: &mut PlanarCloud, plan: &EditPlan<PlanarGaussian>) -> Result<(), Error> {
+        cloud.edit(plan)
+    }
+}

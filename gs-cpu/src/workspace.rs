@@ -1,0 +1,311 @@
+//! The buffers of one pass through the stages, and the passes themselves. Buffers are pooled, so that a warm iteration allocates
+//! nothing.
+
+use std::{
+    fmt,
+    sync::{Arc, Mutex, PoisonError},
+};
+
+use fearless_simd::{Level, dispatch};
+use gs_core::{Binning, Blend, Canvas, Image, RenderSettings, statistics::Culled};
+use rayon::prelude::*;
+
+use crate::{
+    bin::Bins,
+    blend_over, blend_sum,
+    cloud::PlanarCloud,
+    dssim,
+    layout::{Cuts, Grid, Row, ScalarRow, TileBuffers, for_each_tile},
+    project::{CHUNK, Splat, project_all},
+    project_bwd::{Gradient, gradient},
+};
+
+/// Rows of a tile under `Sum`: strips are kept whole as long as they fit into the second-level cache.
+const SUM_BAND_ROWS: usize = 1024;
+
+/// Rows of a tile under `Over`, where entries come in an order that jumps about the tile: it should stay in the first-level cache.
+const OVER_BAND_ROWS: usize = 64;
+
+/// One pass's inputs and results.
+#[derive(Debug)]
+pub(crate) struct Workspace {
+    pub(crate) canvas: Canvas,
+    pub(crate) settings: RenderSettings,
+    pub(crate) grid: Grid,
+    /// place → Gaussian: in which order tiles see them.
+    pub(crate) order: Vec<u32>,
+    /// Gaussian → place.
+    pub(crate) place_of: Vec<u32>,
+    pub(crate) splats: Vec<Splat>,
+    pub(crate) bins: Bins,
+    /// The image; under fused steps the residual.
+    pub(crate) rows: Vec<Row>,
+    pub(crate) transmittance: Vec<ScalarRow>,
+    /// ∂L/∂image.
+    pub(crate) v_rows: Vec<Row>,
+    /// What each entry's Gaussian receives.
+    pub(crate) slots: Vec<f32>,
+    /// Numbers per entry in `slots`.
+    pub(crate) stride: usize,
+    /// One partial sum per tile, of whatever a pass sums.
+    pub(crate) sums: Vec<f64>,
+    pub(crate) culled: Culled,
+    pub(crate) dssim: dssim::Scratch,
+    /// Every Gaussian's gradient, between stages.
+    pub(crate) gradients: Vec<Gradient>,
+    /// The cloud's edition that `order` and `bins` were made for.
+    edition: Option<u64>,
+}
+
+impl Default for Workspace {
+    fn default() -> Self {
+        Self {
+            canvas: Canvas::new(1, 1),
+            settings: RenderSettings::default(),
+            grid: Grid::default(),
+            order: Vec::new(),
+            place_of: Vec::new(),
+            splats: Vec::new(),
+            bins: Bins::default(),
+            rows: Vec::new(),
+            transmittance: Vec::new(),
+            v_rows: Vec::new(),
+            slots: Vec::new(),
+            stride: 0,
+            sums: Vec::new(),
+            culled: Culled::default(),
+            dssim: dssim::Scratch::default(),
+            gradients: Vec::new(),
+            edition: None,
+        }
+    }
+}
+
+impl Workspace {
+    /// Stages `project` and, unless the lists may be used again and can be, `bin`.
+    pub(crate) fn prepare(
+        &mut self,
+        cloud: &PlanarCloud,
+        canvas: &Canvas,
+        settings: &RenderSettings,
+        binning: Binning,
+    ) {
+        let band_rows = match settings.effects.blend {
+            Blend::Sum => SUM_BAND_ROWS,
+            Blend::Over => OVER_BAND_ROWS,
+        };
+        let same = self.canvas == *canvas && self.settings == *settings && self.edition == Some(cloud.edition);
+        let reuse = binning == Binning::Reuse && same;
+        if !same {
+            self.canvas = *canvas;
+            self.settings = *settings;
+            self.grid = Grid::new((canvas.width, canvas.height), band_rows);
+            self.arrange(cloud, settings.effects.blend);
+            self.edition = Some(cloud.edition);
+        }
+        let culled = project_all(cloud, canvas, settings, &self.order, &mut self.splats);
+        let outside = self.culled.outside;
+        self.culled = culled;
+        if reuse {
+            self.culled.outside = outside;
+        } else {
+            self.bins.fill(&self.splats, &self.grid, &mut self.culled);
+        }
+        self.stride = match settings.effects.blend {
+            Blend::Sum => blend_sum::STRIDE,
+            Blend::Over => blend_over::STRIDE,
+        };
+        self.rows.resize(self.grid.rows(), Row::ZERO);
+        self.sums.resize(self.grid.tiles(), 0.0);
+    }
+
+    /// Decides in which order tiles see the Gaussians: by index where that matters, else by row, so that neighbours in a tile's
+    /// list are neighbours in the cache.
+    fn arrange(&mut self, cloud: &PlanarCloud, blend: Blend) {
+        self.order.clear();
+        self.order.extend(0..cloud.len() as u32);
+        if blend == Blend::Sum {
+            let height = self.grid.height as f32;
+            // NaN casts to row 0.
+            self.order.sort_by_cached_key(|&i| cloud.means[i as usize].y.clamp(0.0, height) as u32);
+        }
+        self.place_of.resize(cloud.len(), 0);
+        for (place, &index) in self.order.iter().enumerate() {
+            self.place_of[index as usize] = place as u32;
+        }
+    }
+
+    /// Stage `blend`: the image, into `rows`.
+    pub(crate) fn blend(&mut self, level: Level) {
+        let settings = self.settings;
+        let backdrop = settings.backdrop();
+        let over = settings.effects.blend == Blend::Over;
+        if over {
+            self.transmittance.resize(self.grid.rows(), ScalarRow([1.0; 16]));
+        } else {
+            self.transmittance.clear();
+        }
+        let (splats, bins, grid) = (&self.splats, &self.bins, &self.grid);
+        let cuts = Cuts { grid, tile_start: &bins.tile_start, stride: 0 };
+        let buffers =
+            TileBuffers { rows: &mut self.rows, transmittance: &mut self.transmittance, slots: &mut [], sums: &mut [] };
+        for_each_tile(0..grid.tiles(), buffers, cuts, &|tile, buffers| {
+            let entries = &bins.entries[bins.tile_start[tile] as usize..bins.tile_start[tile + 1] as usize];
+            let (column, rows) = grid.place(tile);
+            if over {
+                buffers.rows.fill(Row::ZERO);
+                buffers.transmittance.fill(ScalarRow([1.0; 16]));
+                dispatch!(level, simd => blend_over::forward(
+                    simd, entries, splats, &settings.accuracy, column, rows.start,
+                    buffers.rows, buffers.transmittance, backdrop,
+                ));
+            } else {
+                buffers.rows.fill(Row(backdrop.map(|c| [c; 16])));
+                dispatch!(level, simd => blend_sum::forward(simd, entries, splats, column, rows.start, buffers.rows));
+            }
+        });
+    }
+
+    /// Stage `blend_bwd`: from `v_rows` (and, under `Over`, the image, which is used up) into `slots`.
+    pub(crate) fn blend_bwd(&mut self, level: Level) {
+        let settings = self.settings;
+        let (splats, bins, grid, v_rows) = (&self.splats, &self.bins, &self.grid, &self.v_rows);
+        self.slots.resize(bins.entries.len() * self.stride, 0.0);
+        let cuts = Cuts { grid, tile_start: &bins.tile_start, stride: self.stride };
+        let buffers =
+            TileBuffers { rows: &mut self.rows, transmittance: &mut [], slots: &mut self.slots, sums: &mut [] };
+        for_each_tile(0..grid.tiles(), buffers, cuts, &|tile, buffers| {
+            let entries = &bins.entries[bins.tile_start[tile] as usize..bins.tile_start[tile + 1] as usize];
+            let (column, rows) = grid.place(tile);
+            let v_rows = &v_rows[grid.first_row(tile)..][..rows.len()];
+            match settings.effects.blend {
+                Blend::Sum => dispatch!(level, simd => blend_sum::backward(
+                    simd, entries, splats, column, rows.start, v_rows, buffers.slots,
+                )),
+                Blend::Over => dispatch!(level, simd => blend_over::backward(
+                    simd, entries, splats, &settings.accuracy, column, rows.start, buffers.rows, v_rows, buffers.slots,
+                )),
+            }
+        });
+    }
+
+    /// Stages `blend`, `loss` (L2) and `blend_bwd` in one pass over the tiles, which stay in the cache; `Sum` only. Returns
+    /// Σ (C − Y)²; `slots` receive the gradients of half of that.
+    pub(crate) fn blend_l2_fused(&mut self, level: Level, target: &[Row]) -> f64 {
+        let backdrop = self.settings.backdrop();
+        let (splats, bins, grid) = (&self.splats, &self.bins, &self.grid);
+        self.slots.resize(bins.entries.len() * self.stride, 0.0);
+        let cuts = Cuts { grid, tile_start: &bins.tile_start, stride: self.stride };
+        let buffers =
+            TileBuffers { rows: &mut self.rows, transmittance: &mut [], slots: &mut self.slots, sums: &mut self.sums };
+        for_each_tile(0..grid.tiles(), buffers, cuts, &|tile, buffers| {
+            let entries = &bins.entries[bins.tile_start[tile] as usize..bins.tile_start[tile + 1] as usize];
+            let (column, rows) = grid.place(tile);
+            let target = &target[grid.first_row(tile)..][..rows.len()];
+            for (Row(pixels), Row(target)) in buffers.rows.iter_mut().zip(target) {
+                for k in 0..3 {
+                    pixels[k] = target[k].map(|y| backdrop[k] - y);
+                }
+            }
+            let inside = grid.lanes_inside(tile);
+            dispatch!(level, simd => {
+                blend_sum::forward(simd, entries, splats, column, rows.start, buffers.rows);
+                buffers.sums[0] = square_sum(buffers.rows, inside);
+                blend_sum::backward(simd, entries, splats, column, rows.start, buffers.rows, buffers.slots);
+            });
+        });
+        self.sums.iter().sum()
+    }
+}
+
+impl Workspace {
+    /// Stage `project_bwd`: every Gaussian's gradient, times `scale`, into `gradients`.
+    pub(crate) fn project_bwd(&mut self, cloud: &PlanarCloud, scale: f32) {
+        let mut gradients = std::mem::take(&mut self.gradients);
+        gradients.resize(cloud.len(), Gradient::default());
+        let workspace = &*self;
+        gradients.par_chunks_mut(CHUNK).enumerate().for_each(|(chunk, gradients)| {
+            for (i, out) in gradients.iter_mut().enumerate() {
+                *out = gradient(workspace, cloud, chunk * CHUNK + i, scale);
+            }
+        });
+        self.gradients = gradients;
+    }
+}
+
+/// Σ of the squares of a tile's values; lanes beyond the image become 0.
+#[inline(always)]
+fn square_sum(rows: &mut [Row], inside: usize) -> f64 {
+    let mut lanes = [0.0f32; 16];
+    let mut sum = 0.0;
+    for chunk in rows.chunks_mut(64) {
+        for Row(pixels) in chunk {
+            for channel in pixels {
+                channel[inside..].fill(0.0);
+                for i in 0..16 {
+                    lanes[i] += channel[i] * channel[i];
+                }
+            }
+        }
+        sum += lanes.iter().map(|&v| f64::from(v)).sum::<f64>();
+        lanes = [0.0; 16];
+    }
+    sum
+}
+
+/// Workspaces that are not in use.
+#[derive(Debug, Default)]
+pub(crate) struct Pool(Mutex<Vec<Box<Workspace>>>);
+
+impl Pool {
+    pub(crate) fn take(&self) -> Box<Workspace> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).pop().unwrap_or_default()
+    }
+
+    pub(crate) fn give(&self, workspace: Box<Workspace>) {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).push(workspace);
+    }
+}
+
+/// One forward pass on the CPU: the image, and what its backward pass needs.
+pub struct PlanarFrame {
+    /// `Some` until dropped.
+    pub(crate) workspace: Option<Box<Workspace>>,
+    pub(crate) pool: Arc<Pool>,
+}
+
+impl PlanarFrame {
+    pub(crate) fn workspace(&self) -> &Workspace {
+        self.workspace.as_deref().expect("a frame has its workspace until it is dropped")
+    }
+
+    pub(crate) fn image(&self) -> Image {
+        let workspace = self.workspace();
+        workspace.grid.image_of(&workspace.rows)
+    }
+
+    /// Pixel–Gaussian pairs that this frame's blending visited, those that a vector covers beyond an ellipse included.
+    pub fn pairs(&self) -> u64 {
+        self.workspace().bins.pairs()
+    }
+
+    /// Entries of all tiles' lists.
+    pub fn entries(&self) -> usize {
+        self.workspace().bins.entries.len()
+    }
+}
+
+impl Drop for PlanarFrame {
+    fn drop(&mut self) {
+        if let Some(workspace) = self.workspace.take() {
+            self.pool.give(workspace);
+        }
+    }
+}
+
+impl fmt::Debug for PlanarFrame {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let workspace = self.workspace();
+        f.debug_struct("PlanarFrame").field("canvas", &workspace.canvas).field("culled", &workspace.culled).finish()
+    }
+}
