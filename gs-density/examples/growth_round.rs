@@ -24,7 +24,7 @@ fn main() -> Result<(), gs_core::Error> {
     })?;
     let rendered = Image::from_fn(WIDTH, HEIGHT, |x, y| {
         let t = target.pixel(x, y);
-        let error = 0.05 * ((x as f32 * 0.37).sin() * (y as f32 * 0.23).sin()).powi(3);
+        let error = 0.05 * (x as f32 * 0.37).sin() * (y as f32 * 0.23).sin();
         t.map(|v| v + error)
     })?;
     let residual = Residual { target, rendered };

@@ -13,6 +13,9 @@ const MAX_CAP_PASSES: usize = 24;
 /// What every pixel's weight is raised by, as a share of the mean weight: so that what no capped pixel may hold has somewhere to go.
 const FLOOR_SHARE: f32 = 1e-6;
 
+/// Pixels along the curve that are summed at once: where no draw lies among them they need not be looked at again.
+const CHUNK: usize = 64;
+
 /// The expected number of Gaussians in each pixel, `[H, W]`, px⁻².
 #[derive(Debug, Clone, PartialEq)]
 pub struct DensityMap {
@@ -32,30 +35,30 @@ impl DensityMap {
             weights.values.fill((wanted / pixels.max(1) as f64) as f32);
             return Self { per_pixel: weights, count };
         }
-        let largest = sanitise(&mut weights.values);
-        if largest > 0.0 {
-            // A largest weight of 1 keeps sums and products finite whatever the unit of the weights.
+        let (mut sum, largest) = sanitise(&mut weights.values);
+        if largest > 0.0 && !(1e-12..1e12).contains(&largest) {
+            // Sums and products stay finite whatever the unit of the weights.
             weights.values.iter_mut().for_each(|w| *w /= largest);
+            sum /= f64::from(largest);
         }
-        let mean = (sum_below(&weights.values, f32::INFINITY).0 / pixels as f64) as f32;
-        let floor = if mean > 0.0 { mean * FLOOR_SHARE } else { 1.0 };
-        weights.values.iter_mut().for_each(|w| *w += floor);
+        let floor = if sum > 0.0 { (sum / pixels as f64) as f32 * FLOOR_SHARE } else { 1.0 };
 
-        // Newton's method for Σ min(scale · w, cap) = count: the sum is concave and piecewise linear in the scale, so the scale grows
-        // monotonically, and stops at the solution once no further pixel saturates.
-        let mut scale = 0.0f32;
-        let mut saturated = 0;
-        for pass in 0..MAX_CAP_PASSES {
-            let limit = if pass == 0 { f32::INFINITY } else { cap / scale };
-            let (open_sum, open) = sum_below(&weights.values, limit);
-            let now_saturated = pixels - open;
-            if open == 0 || (pass > 0 && now_saturated == saturated) {
+        // Newton's method for Σ min(scale · (w + floor), cap) = count: the sum is concave and piecewise linear in the scale, so the
+        // scale grows monotonically, and stops at the solution once no further pixel saturates.
+        let scale_for = |open_sum: f64, open: usize| {
+            ((wanted - f64::from(cap) * (pixels - open) as f64) / (open_sum + f64::from(floor) * open as f64)) as f32
+        };
+        let mut scale = scale_for(sum, pixels);
+        let mut open_before = pixels;
+        for _ in 0..MAX_CAP_PASSES {
+            let (open_sum, open) = sum_below(&weights.values, cap / scale - floor);
+            if open == open_before || open == 0 {
                 break;
             }
-            saturated = now_saturated;
-            scale = ((wanted - f64::from(cap) * saturated as f64) / open_sum) as f32;
+            open_before = open;
+            scale = scale_for(open_sum, open);
         }
-        weights.values.iter_mut().for_each(|w| *w = (*w * scale).min(cap));
+        weights.values.iter_mut().for_each(|w| *w = ((*w + floor) * scale).min(cap));
         Self { per_pixel: weights, count }
     }
 
@@ -94,33 +97,51 @@ impl DensityMap {
         if self.per_pixel.values.is_empty() || self.count == 0 {
             return positions;
         }
+        let values = &self.per_pixel.values;
         let width = self.per_pixel.width as u32;
-        let stratum = self.total() / self.count as f64;
+        let chunks: Vec<f32> = order.pixels().chunks(CHUNK).map(|chunk| mass_along(values, chunk)).collect();
+        let stratum = chunks.iter().map(|&mass| f64::from(mass)).sum::<f64>() / self.count as f64;
+
         let mut draw = Draw::new(rng);
         let mut reached = 0.0f64;
         let mut next = draw.stratum * stratum;
-        let mut last = 0;
-        for &pixel in order.pixels() {
-            reached += f64::from(self.per_pixel.values[pixel as usize]);
-            while reached > next && positions.len() < self.count {
-                last = pixel;
-                positions.push(draw.place(pixel, width));
-                draw = Draw::new(rng);
-                next = (positions.len() as f64 + draw.stratum) * stratum;
+        for (pixels, &mass) in order.pixels().chunks(CHUNK).zip(&chunks) {
+            let end = reached + f64::from(mass);
+            if end > next {
+                // In a chunk where a stratum's draw lies, pixel by pixel; its last pixel takes what rounding leaves.
+                let last = pixels.len() - 1;
+                for (i, &pixel) in pixels.iter().enumerate() {
+                    reached = if i == last { end } else { reached + f64::from(values[pixel as usize]) };
+                    while reached > next && positions.len() < self.count {
+                        positions.push(draw.place(pixel, width));
+                        draw = Draw::new(rng);
+                        next = (positions.len() as f64 + draw.stratum) * stratum;
+                    }
+                }
             }
+            reached = end;
         }
-        // Rounding can leave the end of the last stratum beyond the last pixel.
+        // The last draw can lie beyond the last pixel by rounding.
+        let last = order.pixels()[values.len() - 1];
         while positions.len() < self.count {
             positions.push(draw.place(last, width));
             draw = Draw::new(rng);
         }
         positions
     }
+}
 
-    /// The sum in the order that [`Self::stratified`] meets it differs by rounding only.
-    fn total(&self) -> f64 {
-        sum_below(&self.per_pixel.values, f32::INFINITY).0
+/// Mass of up to [`CHUNK`] pixels, in four sums that do not wait for each other.
+fn mass_along(values: &[f32], pixels: &[u32]) -> f32 {
+    let mut sums = [0.0f32; 4];
+    let (quads, rest) = pixels.as_chunks::<4>();
+    for quad in quads {
+        for k in 0..4 {
+            sums[k] += values[quad[k] as usize];
+        }
     }
+    rest.iter().for_each(|&pixel| sums[0] += values[pixel as usize]);
+    (sums[0] + sums[1]) + (sums[2] + sums[3])
 }
 
 /// Three uniform numbers in 0..1, from one of 64 bits.
@@ -143,23 +164,28 @@ impl Draw {
     }
 }
 
-/// Replaces what is negative or not finite by 0; returns the largest value.
-fn sanitise(values: &mut [f32]) -> f32 {
+/// Replaces what is negative or not finite by 0; returns the sum and the largest of what remains.
+fn sanitise(values: &mut [f32]) -> (f64, f32) {
+    let mut sum = 0.0f64;
     let mut largest = [0.0f32; 16];
-    let (chunks, rest) = values.as_chunks_mut::<16>();
-    let clean = |v: &mut f32, largest: &mut f32| {
-        *v = if *v > 0.0 && *v < f32::INFINITY { *v } else { 0.0 };
-        *largest = if *v > *largest { *v } else { *largest };
-    };
-    for chunk in chunks {
-        for (v, largest) in chunk.iter_mut().zip(&mut largest) {
-            clean(v, largest);
+    for block in values.chunks_mut(512) {
+        let mut sums = [0.0f32; 16];
+        let (chunks, rest) = block.as_chunks_mut::<16>();
+        for chunk in chunks {
+            for k in 0..16 {
+                chunk[k] = if chunk[k] > 0.0 && chunk[k] < f32::INFINITY { chunk[k] } else { 0.0 };
+                sums[k] += chunk[k];
+                largest[k] = if chunk[k] > largest[k] { chunk[k] } else { largest[k] };
+            }
         }
+        for v in rest {
+            *v = if *v > 0.0 && *v < f32::INFINITY { *v } else { 0.0 };
+            sums[0] += *v;
+            largest[0] = largest[0].max(*v);
+        }
+        sum += sums.iter().map(|&v| f64::from(v)).sum::<f64>();
     }
-    for v in rest {
-        clean(v, &mut largest[0]);
-    }
-    largest.into_iter().fold(0.0, f32::max)
+    (sum, largest.into_iter().fold(0.0, f32::max))
 }
 
 /// Sum and number of the values below `limit`, in lanes that the compiler can vectorise; 512 values at a time in `f32`, beyond in `f64`.

@@ -2,6 +2,7 @@
 
 use glam::{Vec2, Vec3};
 use gs_core::{Image, PlanarGaussian};
+use rayon::prelude::*;
 
 use super::{DensityMap, Structure};
 
@@ -32,11 +33,12 @@ pub fn seed_gaussians(
     density: &DensityMap,
     structure: &Structure,
     shape: &SeedShape,
-    mut color: impl FnMut(Vec2, f32) -> Vec3,
+    color: impl Fn(Vec2, f32) -> Vec3 + Sync,
 ) -> Vec<PlanarGaussian> {
     let [smallest, largest] = shape.sigma_range_px;
     positions
-        .iter()
+        .par_iter()
+        .with_min_len(256)
         .map(|&mean| {
             // A density of 0 gives +∞ and the largest σ.
             let sigma = (shape.sigma_factor / density.at(mean).sqrt()).min(largest).max(smallest);

@@ -1,6 +1,7 @@
 //! Lloyd's relaxation: moves positions so that they lie evenly in their density.
 
 use glam::Vec2;
+use rayon::prelude::*;
 
 use super::DensityMap;
 
@@ -27,9 +28,11 @@ impl DensityMap {
         let blocks = self.blocks(positions.len());
         for _ in 0..steps {
             let nearest = NearestPosition::new(self.size(), positions);
+            let owners: Vec<usize> =
+                blocks.par_iter().with_min_len(1024).map(|block| nearest.to(block.centroid)).collect();
             let mut sums = vec![(Vec2::ZERO, 0.0f32); positions.len()];
-            for block in &blocks {
-                let (moment, mass) = &mut sums[nearest.to(block.centroid)];
+            for (block, &owner) in blocks.iter().zip(&owners) {
+                let (moment, mass) = &mut sums[owner];
                 *moment += block.centroid * block.mass;
                 *mass += block.mass;
             }

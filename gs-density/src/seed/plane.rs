@@ -1,5 +1,10 @@
 //! One number per pixel, and the smoothing of it.
 
+use rayon::prelude::*;
+
+/// Fewest rows that are worth a task of their own.
+const ROWS_PER_TASK: usize = 16;
+
 /// One number per pixel, row-major, `[H, W]`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Plane {
@@ -9,13 +14,12 @@ pub struct Plane {
 }
 
 impl Plane {
-    /// The plane whose row `y` is written by `row(y, values)`.
-    pub fn from_rows(width: u32, height: u32, mut row: impl FnMut(usize, &mut [f32])) -> Self {
+    /// The plane whose row `y` is written by `row(y, values)`, rows at the same time.
+    pub fn from_rows(width: u32, height: u32, row: impl Fn(usize, &mut [f32]) + Sync) -> Self {
         let (width, height) = (width as usize, height as usize);
         let mut values = vec![0.0; width * height];
-        for (y, values) in values.chunks_exact_mut(width.max(1)).enumerate() {
-            row(y, values);
-        }
+        let rows = values.par_chunks_exact_mut(width.max(1)).with_min_len(ROWS_PER_TASK);
+        rows.enumerate().for_each(|(y, values)| row(y, values));
         Self { width, height, values }
     }
 
@@ -27,6 +31,13 @@ impl Plane {
     /// (columns, rows).
     pub fn size(&self) -> (u32, u32) {
         (self.width as u32, self.height as u32)
+    }
+
+    /// Makes `fraction` (0..=1) of the sum uniform and keeps the rest as it is, scaled. A plane of zeros stays one.
+    pub fn mix_uniform(&mut self, fraction: f32) {
+        let sum: f64 = self.values.chunks(512).map(|block| f64::from(block.iter().sum::<f32>())).sum();
+        let uniform = (sum / self.values.len().max(1) as f64) as f32 * fraction;
+        self.values.iter_mut().for_each(|v| *v = *v * (1.0 - fraction) + uniform);
     }
 
     /// Smooths with the binomial kernel (1, 2, 1)/4 along both axes, `passes` times: close to a Gaussian of σ = √(passes/2) px. Outside
@@ -85,6 +96,13 @@ mod tests {
         assert_eq!([at(&plane, 4, 3), at(&plane, 5, 3), at(&plane, 4, 2), at(&plane, 3, 4)], [4.0, 2.0, 2.0, 1.0]);
         plane.smooth(2);
         assert!((plane.values().iter().sum::<f32>() - 16.0).abs() < 1e-4);
+    }
+
+    #[test]
+    fn mixing_keeps_the_sum() {
+        let mut plane = Plane::from_rows(4, 2, |y, row| row[0] = y as f32 * 8.0);
+        plane.mix_uniform(0.5);
+        assert_eq!(plane.values(), [0.5, 0.5, 0.5, 0.5, 4.5, 0.5, 0.5, 0.5]);
     }
 
     #[test]

@@ -1,0 +1,117 @@
+//! Where the first Gaussians are put, how large they are, and of what colour.
+
+mod guided;
+mod scattered;
+
+use glam::Vec3;
+use gs_core::{Blend, Error, Image, PlanarGaussian, PlanarScene, scene::logit};
+use gs_density::Rng;
+use serde::{Deserialize, Serialize};
+
+pub use guided::Guided;
+pub use scattered::{Colors, Grid, Periphery, Random};
+
+/// Opacity of the first Gaussians under [`Blend::Over`]: high enough that each counts, low enough that the logit's gradient
+/// o (1 − o) is near its largest and those behind are seen. The paper gives none.
+pub const INITIAL_OPACITY: f32 = 0.7;
+
+/// A way of placing the first Gaussians. `opacity` in each counts under [`Blend::Over`] only; scenes for [`Blend::Sum`] have none.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "kind", rename_all = "kebab-case")]
+pub enum Init {
+    /// Anywhere, large: the paper's experiment (§3.4).
+    Random(Random),
+    /// Small, along the border of the image: the paper's cold start (Fig. 9).
+    Periphery(Periphery),
+    /// On a regular grid.
+    Grid(Grid),
+    /// Where luminance changes: density by the magnitude of its gradient.
+    Gradient(Guided),
+    /// Where the image differs from its mean colour: density by the squared difference.
+    Error(Guided),
+}
+
+impl Default for Init {
+    fn default() -> Self {
+        Self::Gradient(Guided::default())
+    }
+}
+
+impl Init {
+    /// A scene of `count` Gaussians for `target`. Equal random numbers give an equal scene, on any number of threads.
+    ///
+    /// Under [`Blend::Sum`] the scene has no opacities, and colours that follow the target are divided by how many times over the
+    /// Gaussians cover the plane, so that their sum is near the target. Under [`Blend::Over`] colours are the target's; where
+    /// sizes differ ([`Init::Gradient`], [`Init::Error`]), the smallest Gaussians stand first, in front.
+    pub fn scene(&self, target: &Image, count: usize, blend: Blend, rng: &mut Rng) -> PlanarScene {
+        let mut gaussians = match self {
+            Self::Random(random) => random.gaussians(target, count, blend, rng),
+            Self::Periphery(periphery) => periphery.gaussians(target, count, blend, rng),
+            Self::Grid(grid) => grid.gaussians(target, count, blend),
+            Self::Gradient(guided) => guided.by_gradient(target, count, blend, rng),
+            Self::Error(guided) => guided.by_error(target, count, blend, rng),
+        };
+        if blend == Blend::Over {
+            gaussians.sort_by(|a, b| a.log_scale.element_sum().total_cmp(&b.log_scale.element_sum()));
+        }
+        gaussians.into_iter().collect()
+    }
+
+    /// Fails where a setting is outside its range.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] naming the first offender.
+    pub fn validate(&self) -> Result<(), Error> {
+        let opacity = match self {
+            Self::Random(random) => {
+                positive("the initial scale", random.scale_px)?;
+                random.opacity
+            }
+            Self::Periphery(periphery) => {
+                positive("the initial scale", periphery.scale_px)?;
+                periphery.opacity
+            }
+            Self::Grid(grid) => {
+                positive("the initial sigma-factor", grid.sigma_factor)?;
+                grid.opacity
+            }
+            Self::Gradient(guided) | Self::Error(guided) => {
+                guided.validate()?;
+                guided.opacity
+            }
+        };
+        if !(opacity > 0.0 && opacity < 1.0) {
+            return Err(Error::setting("the initial opacity", opacity, "above 0 and below 1"));
+        }
+        Ok(())
+    }
+}
+
+fn positive(what: &'static str, value: f32) -> Result<(), Error> {
+    if value > 0.0 && value.is_finite() { Ok(()) } else { Err(Error::setting(what, value, "positive and finite")) }
+}
+
+/// The opacity logit of a scene for this blending: of `opacity`, or none (+∞).
+fn opacity_logit(blend: Blend, opacity: f32) -> f32 {
+    match blend {
+        Blend::Sum => f32::INFINITY,
+        Blend::Over => logit(opacity),
+    }
+}
+
+/// The target's colour as a Gaussian must have it whose like, at `per_px2` Gaussians a square pixel, cover the plane
+/// 2πσ² · `per_px2` times.
+fn shared_color(color: Vec3, blend: Blend, sigma: f32, per_px2: f32) -> Vec3 {
+    match blend {
+        Blend::Sum => color / (std::f32::consts::TAU * sigma * sigma * per_px2).max(1.0),
+        Blend::Over => color,
+    }
+}
+
+/// A round Gaussian.
+fn round(mean: glam::Vec2, sigma: f32, opacity_logit: f32, color: Vec3) -> PlanarGaussian {
+    PlanarGaussian { mean, log_scale: glam::Vec2::splat(sigma.ln()), rotation: 0.0, opacity_logit, color }
+}
+
+#[cfg(test)]
+mod tests;
