@@ -1,0 +1,185 @@
+//! All tolerances, in one table, each with the worst case measured; and the comparators that use them.
+//!
+//! The oracle analyses, number by number, what one rounding of `f32` in every operation may change ([`Rendering::rounding`],
+//! [`Gradients::rounding`]); the table says how many such roundings are allowed. So a needle, whose σ is a small difference of large
+//! numbers, is allowed more than a disc, and no tolerance is loose everywhere. Only numbers within rounding of a discontinuity are
+//! excused beyond that, by no more than the discontinuity's height, and only so many of them.
+
+use gs_core::{Image, PlanarScene};
+
+use crate::{
+    failure::Failure,
+    oracle::{Gradients, PARAMETER_NAMES, Rendering, rows_of_gradients},
+};
+
+/// Most roundings that an image, a loss or a gradient may be off.
+pub const ROUNDINGS: f64 = 64.0;
+
+/// A decision is near when its value is within this, relative, of its threshold (or within [`ROUNDINGS`], where that is more).
+pub const NEAR_CUT: f64 = 1e-3;
+
+/// Largest share of values that may need the allowance for discontinuities, where one always may.
+pub const FLIP_SHARE: f64 = 2e-3;
+
+/// Largest share of an expected gradient's norm that its tolerances' norm may be: beyond it the comparison would say nothing.
+pub const MEANINGFUL_SHARE: f64 = 0.1;
+
+/// Largest relative difference of a parameter, as a share of what Adam moved it, from Adam in `f64`; beside one rounding of the
+/// parameter itself a step.
+pub const ADAM_SHARE: f64 = 1e-4;
+
+/// Largest relative difference of the losses and of the parameters' movements between a fused training step and its three stages.
+pub const FUSED_SHARE: f64 = 2e-3;
+
+/// How near to the least-squares residual `solve_colors` must come, relative to it and, where it is nearly 0, to the mean square of
+/// the target.
+pub const LEAST_SQUARES: [f64; 2] = [1e-3, 1e-7];
+
+/// How well two numbers sets agree.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Agreement {
+    /// The largest difference among numbers that are not near a discontinuity, in roundings.
+    pub worst_roundings: f64,
+    /// How many numbers needed the allowance for discontinuities.
+    pub flips: usize,
+    /// How many numbers were compared.
+    pub compared: usize,
+}
+
+impl Agreement {
+    /// The worse of two.
+    #[must_use]
+    pub fn and(self, other: Self) -> Self {
+        Self {
+            worst_roundings: self.worst_roundings.max(other.worst_roundings),
+            flips: self.flips + other.flips,
+            compared: self.compared + other.compared,
+        }
+    }
+}
+
+/// One number of a comparison.
+struct Pair {
+    expected: f64,
+    found: f64,
+    rounding: f64,
+    flip: f64,
+}
+
+/// Holds an image against the oracle's.
+///
+/// # Errors
+/// [`Failure::Nothing`] where the oracle's image shows no Gaussian or the sizes differ; [`Failure::Differs`] naming the worst value;
+/// [`Failure::TooManyFlips`].
+pub fn compare_images(expected: &Rendering, found: &Image) -> Result<Agreement, Failure> {
+    if found.size() != (expected.width, expected.height) {
+        let sizes = (found.size(), (expected.width, expected.height));
+        return Err(Failure::Nothing(format!("images of sizes {:?} and {:?}", sizes.0, sizes.1)));
+    }
+    if !expected.drawn.contains(&true) {
+        return Err(Failure::Nothing("the expected image shows no Gaussian".to_owned()));
+    }
+    let pairs = found.pixels().iter().enumerate().flat_map(|(p, pixel)| {
+        [0, 1, 2].map(|k| Pair {
+            expected: expected.pixels[p][k],
+            found: f64::from(pixel[k]),
+            rounding: expected.rounding[p][k],
+            flip: expected.flip[p][k],
+        })
+    });
+    let width = expected.width as usize;
+    compare(pairs, "image values", |i| format!("pixel ({}, {}), channel {}", i / 3 % width, i / 3 / width, i % 3))
+}
+
+/// Holds a backend's downloaded gradients against the oracle's.
+///
+/// # Errors
+/// [`Failure::Nothing`] where the oracle's gradients are all zero, not of as many Gaussians, or too uncertain to be compared;
+/// [`Failure::Differs`] naming the worst; [`Failure::TooManyFlips`].
+pub fn compare_gradients(expected: &Gradients, found: &PlanarScene) -> Result<Agreement, Failure> {
+    let found = rows_of_gradients(found);
+    if found.len() != expected.values.len() {
+        let counts = (found.len(), expected.values.len());
+        return Err(Failure::Nothing(format!("gradients of {} and of {} Gaussians", counts.0, counts.1)));
+    }
+    let norm = |rows: &[[f64; 9]]| rows.as_flattened().iter().map(|v| v * v).sum::<f64>().sqrt();
+    let size = norm(&expected.values);
+    if !(size > 0.0) {
+        return Err(Failure::Nothing("the expected gradients are all zero".to_owned()));
+    }
+    let (rounding, flip) = (ROUNDINGS * norm(&expected.rounding), norm(&expected.flip));
+    if !(rounding + flip <= MEANINGFUL_SHARE * size) {
+        let text =
+            format!("gradients of norm {size:e} with tolerances of {rounding:e} for rounding, {flip:e} for flips");
+        return Err(Failure::Nothing(text));
+    }
+    let pairs = (0..found.len() * 9).map(|i| (i / 9, i % 9)).map(|(g, i)| Pair {
+        expected: expected.values[g][i],
+        found: found[g][i],
+        rounding: expected.rounding[g][i],
+        flip: expected.flip[g][i],
+    });
+    compare(pairs, "gradients", |i| format!("gradient of Gaussian {}, {}", i / 9, PARAMETER_NAMES[i % 9]))
+}
+
+/// Holds a backend's loss against the oracle's.
+///
+/// # Errors
+/// [`Failure::Nothing`] where the oracle's loss is 0; [`Failure::Differs`].
+pub fn compare_loss(expected: &Gradients, found: f32) -> Result<Agreement, Failure> {
+    if !(expected.loss > 0.0) {
+        return Err(Failure::Nothing(format!("a loss of {}", expected.loss)));
+    }
+    let pair = Pair {
+        expected: expected.loss,
+        found: f64::from(found),
+        // A mean over all pixels, added up in `f32`.
+        rounding: expected.loss_rounding + expected.loss * f64::from(f32::EPSILON),
+        flip: expected.loss_flip,
+    };
+    compare([pair].into_iter(), "losses", |_| "loss".to_owned())
+}
+
+/// Smallest rounding that is believed: numbers that are not normal in `f32` may be flushed to 0.
+const FLUSHED: f64 = 1e-37;
+
+fn compare(
+    pairs: impl Iterator<Item = Pair>,
+    what: &'static str,
+    name: impl Fn(usize) -> String,
+) -> Result<Agreement, Failure> {
+    let mut agreement = Agreement::default();
+    let mut worst: Option<(f64, Failure)> = None;
+    let mut differing = 0;
+    for (i, pair) in pairs.enumerate() {
+        agreement.compared += 1;
+        let off = (pair.found - pair.expected).abs();
+        let rounding = pair.rounding + FLUSHED;
+        if pair.flip == 0.0 {
+            agreement.worst_roundings = agreement.worst_roundings.max(off / rounding);
+        }
+        if off <= ROUNDINGS * rounding {
+            continue;
+        }
+        let tolerance = ROUNDINGS * rounding + pair.flip;
+        if off <= tolerance {
+            agreement.flips += 1;
+            continue;
+        }
+        differing += 1;
+        let excess = if off.is_nan() { f64::INFINITY } else { off / tolerance };
+        if worst.as_ref().is_none_or(|(worst, _)| excess > *worst) {
+            let (expected, found) = (pair.expected, pair.found);
+            worst = Some((excess, Failure::Differs { what: name(i), expected, found, tolerance, others: 0 }));
+        }
+    }
+    if let Some((_, Failure::Differs { what, expected, found, tolerance, .. })) = worst {
+        return Err(Failure::Differs { what, expected, found, tolerance, others: differing - 1 });
+    }
+    let allowed = ((agreement.compared as f64 * FLIP_SHARE) as usize).max(3);
+    if agreement.flips > allowed {
+        let (found, count) = (agreement.flips, agreement.compared);
+        return Err(Failure::TooManyFlips { what, found, count, allowed });
+    }
+    Ok(agreement)
+}
