@@ -61,4 +61,18 @@ fn main() {
             );
         }
     }
+    for loss in [Loss::L2, Loss::PAPER] {
+        let profile = cpu.profile(&mut cloud, &canvas, &target, &settings, loss, 30).unwrap();
+        for stage in &profile.stages {
+            let mut t = stage.seconds.clone();
+            t.sort_by(f64::total_cmp);
+            println!(
+                "{:12} min {:.3} median {:.3} ms {:.3} ns/pair",
+                stage.stage,
+                t[0] * 1e3,
+                t[15] * 1e3,
+                t[0] * 1e9 / profile.pairs as f64
+            );
+        }
+    }
 }

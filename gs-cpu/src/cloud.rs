@@ -38,7 +38,7 @@ pub struct PlanarCloud {
     pub(crate) steps: Vec<u32>,
     pub(crate) statistics: DensityStatistics,
     /// Buffers of fused training steps, with the lists that [`Binning::Reuse`](gs_core::Binning::Reuse) may use again.
-    pub(crate) workspace: Option<Box<Workspace>>,
+    pub(crate) workspace: Option<Workspace>,
     /// Another number for every cloud and after every edit, by which lists made for another state are recognised.
     pub(crate) edition: u64,
 }

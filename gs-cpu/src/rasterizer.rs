@@ -34,10 +34,10 @@ pub struct CpuSettings {
 
 /// The CPU backend: owns its threads, and the buffers that its frames use in turn.
 pub struct CpuRasterizer {
-    threads: rayon::ThreadPool,
+    pub(crate) threads: rayon::ThreadPool,
     simd: SimdLevel,
-    level: Level,
-    pool: Arc<Pool>,
+    pub(crate) level: Level,
+    pub(crate) pool: Arc<Pool>,
     bias: Mutex<BiasTable>,
 }
 

@@ -103,13 +103,9 @@ impl Workspace {
             self.arrange(cloud, settings.effects.blend);
             self.edition = Some(cloud.edition);
         }
-        let culled = project_all(cloud, canvas, settings, &self.order, &mut self.splats);
-        let outside = self.culled.outside;
-        self.culled = culled;
-        if reuse {
-            self.culled.outside = outside;
-        } else {
-            self.bins.fill(&self.splats, &self.grid, &mut self.culled);
+        self.project(cloud);
+        if !reuse {
+            self.bin();
         }
         self.stride = match settings.effects.blend {
             Blend::Sum => blend_sum::STRIDE,
@@ -117,6 +113,19 @@ impl Workspace {
         };
         self.rows.resize(self.grid.rows(), Row::ZERO);
         self.sums.resize(self.grid.tiles(), 0.0);
+    }
+
+    /// Stage `project`.
+    pub(crate) fn project(&mut self, cloud: &PlanarCloud) {
+        let outside = self.culled.outside;
+        self.culled = project_all(cloud, &self.canvas, &self.settings, &self.order, &mut self.splats);
+        self.culled.outside = outside;
+    }
+
+    /// Stage `bin`.
+    pub(crate) fn bin(&mut self) {
+        self.culled.outside = 0;
+        self.bins.fill(&self.splats, &self.grid, &mut self.culled);
     }
 
     /// Decides in which order tiles see the Gaussians: by index where that matters, else by row, so that neighbours in a tile's
@@ -255,14 +264,14 @@ fn square_sum(rows: &mut [Row], inside: usize) -> f64 {
 
 /// Workspaces that are not in use.
 #[derive(Debug, Default)]
-pub(crate) struct Pool(Mutex<Vec<Box<Workspace>>>);
+pub(crate) struct Pool(Mutex<Vec<Workspace>>);
 
 impl Pool {
-    pub(crate) fn take(&self) -> Box<Workspace> {
+    pub(crate) fn take(&self) -> Workspace {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).pop().unwrap_or_default()
     }
 
-    pub(crate) fn give(&self, workspace: Box<Workspace>) {
+    pub(crate) fn give(&self, workspace: Workspace) {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).push(workspace);
     }
 }
@@ -270,13 +279,13 @@ impl Pool {
 /// One forward pass on the CPU: the image, and what its backward pass needs.
 pub struct PlanarFrame {
     /// `Some` until dropped.
-    pub(crate) workspace: Option<Box<Workspace>>,
+    pub(crate) workspace: Option<Workspace>,
     pub(crate) pool: Arc<Pool>,
 }
 
 impl PlanarFrame {
     pub(crate) fn workspace(&self) -> &Workspace {
-        self.workspace.as_deref().expect("a frame has its workspace until it is dropped")
+        self.workspace.as_ref().expect("a frame has its workspace until it is dropped")
     }
 
     pub(crate) fn image(&self) -> Image {
