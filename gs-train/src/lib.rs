@@ -1,1 +1,36 @@
 //! The training loop: initialisers, schedules, density control, observers and checkpoints.
+//!
+//! [`fit()`] fits an image in one call. [`Trainer`] is the loop itself, for who wants to stop, store and resume it. What a fit does
+//! is in its [`FitSettings`]; [`Preset`] names the good ones. [`Observer`] is how a caller watches and stops it. All of it is
+//! generic over the backend: any [`Rasterizer`](gs_core::Rasterizer) of planar scenes.
+
+// Guards are phrased so that NaN fails them: `!(x > 0.0)` is not `x <= 0.0`.
+#![allow(clippy::neg_cmp_op_on_partial_ord)]
+
+mod checkpoint;
+mod error;
+mod fit;
+pub mod init;
+mod metrics_log;
+mod observer;
+pub mod presets;
+mod quality;
+mod rounds;
+mod settings;
+mod summary;
+mod targets;
+mod trainer;
+
+pub use crate::{
+    error::{Error, Suspect},
+    fit::{Fit, fit},
+    init::Init,
+    metrics_log::{MetricsLog, MetricsRow},
+    observer::{Control, Observer, Progress, Quality},
+    presets::Preset,
+    rounds::Rounds,
+    settings::{ColorSolve, FitSettings, InitialCount},
+    summary::FitSummary,
+    targets::{PAPER_SIDE_PX, paper_target},
+    trainer::{Outcome, Trainer},
+};

@@ -1,0 +1,154 @@
+//! What a checkpoint of a fit says besides the cloud's state: settings, step, time, counts and which target it was for.
+
+use std::{collections::BTreeMap, fmt::Display, str::FromStr};
+
+use gs_core::{Image, edit::EditCounts};
+use serde::de::DeserializeOwned;
+
+use crate::{error::Error, settings::FitSettings};
+
+/// What the key `format` holds, so that a checkpoint of another kind of training is refused.
+const FORMAT: &str = "planar-fit-1";
+
+/// All of a [`Trainer`](crate::Trainer)'s state that is not in its cloud.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct FitRecord {
+    pub(crate) settings: FitSettings,
+    /// Steps done.
+    pub(crate) step: u32,
+    pub(crate) seconds: f64,
+    pub(crate) edits: EditCounts,
+    /// [`fingerprint`] of the target.
+    pub(crate) target: String,
+}
+
+impl FitRecord {
+    pub(crate) fn to_metadata(&self) -> Result<BTreeMap<String, String>, Error> {
+        let unwritable = |e: toml::ser::Error| Error::Checkpoint(format!("its settings cannot be written: {e}"));
+        Ok([
+            ("format", FORMAT.to_owned()),
+            ("settings", toml::to_string(&self.settings).map_err(unwritable)?),
+            ("step", self.step.to_string()),
+            ("seconds", format!("{:?}", self.seconds)),
+            ("edits", toml::to_string(&self.edits).map_err(unwritable)?),
+            ("target", self.target.clone()),
+        ]
+        .map(|(key, value)| (key.to_owned(), value))
+        .into())
+    }
+
+    pub(crate) fn from_metadata(metadata: &BTreeMap<String, String>) -> Result<Self, Error> {
+        let format = value(metadata, "format")?;
+        if format != FORMAT {
+            return Err(Error::Checkpoint(format!("its format is `{format}`, not `{FORMAT}`")));
+        }
+        let record = Self {
+            settings: table(metadata, "settings")?,
+            step: parsed(metadata, "step")?,
+            seconds: parsed(metadata, "seconds")?,
+            edits: table(metadata, "edits")?,
+            target: value(metadata, "target")?.to_owned(),
+        };
+        record.settings.validate()?;
+        if record.step > record.settings.iterations {
+            let iterations = record.settings.iterations;
+            return Err(Error::Checkpoint(format!("it stands at step {} of {iterations}", record.step)));
+        }
+        if !(record.seconds >= 0.0 && record.seconds.is_finite()) {
+            return Err(Error::Checkpoint(format!("its time is {} s", record.seconds)));
+        }
+        Ok(record)
+    }
+}
+
+fn value<'a>(metadata: &'a BTreeMap<String, String>, key: &str) -> Result<&'a str, Error> {
+    let missing = || Error::Checkpoint(format!("its metadata lack `{key}`"));
+    metadata.get(key).map(String::as_str).ok_or_else(missing)
+}
+
+fn parsed<T: FromStr<Err: Display>>(metadata: &BTreeMap<String, String>, key: &str) -> Result<T, Error> {
+    let text = value(metadata, key)?;
+    text.parse().map_err(|e| Error::Checkpoint(format!("its `{key}` is `{text}`: {e}")))
+}
+
+fn table<T: DeserializeOwned>(metadata: &BTreeMap<String, String>, key: &str) -> Result<T, Error> {
+    toml::from_str(value(metadata, key)?).map_err(|e| Error::Checkpoint(format!("its `{key}`: {}", e.message())))
+}
+
+/// Size and content of an image in a few characters: two images that differ in a single bit have, but for a chance of 2⁻⁶⁴,
+/// different ones. *Source:* FNV-1a, 64 bits, over the bit patterns of all values.
+pub(crate) fn fingerprint(image: &Image) -> String {
+    let mut hash = 0xcbf2_9ce4_8422_2325_u64;
+    for value in image.pixels().as_flattened() {
+        for byte in value.to_le_bytes() {
+            hash = (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3);
+        }
+    }
+    format!("{}x{} px, {hash:016x}", image.width(), image.height())
+}
+
+#[cfg(test)]
+mod tests {
+    use gs_density::{AbsoluteThreshold, Policy};
+
+    use super::*;
+
+    fn record() -> FitRecord {
+        FitRecord {
+            settings: FitSettings::paper(),
+            step: 300,
+            seconds: 0.1 + 0.2,
+            edits: EditCounts { seeded: 7, pruned_unimportant: 2, ..EditCounts::default() },
+            target: "1x1 px, 0".to_owned(),
+        }
+    }
+
+    #[test]
+    fn a_record_comes_back_from_its_metadata() {
+        assert_eq!(FitRecord::from_metadata(&record().to_metadata().unwrap()).unwrap(), record());
+    }
+
+    #[test]
+    fn damaged_metadata_are_an_error() {
+        let good = record().to_metadata().unwrap();
+        for (key, bad) in [
+            ("format", "spatial-fit-1"),
+            ("settings", "="),
+            ("settings", "gaussians = 0"),
+            ("step", "-1"),
+            ("step", "2501"),
+            ("seconds", "NaN"),
+            ("edits", "cloned = -1"),
+        ] {
+            let mut metadata = good.clone();
+            metadata.insert(key.to_owned(), bad.to_owned());
+            assert!(FitRecord::from_metadata(&metadata).is_err(), "{key} = {bad}");
+            metadata.remove(key);
+            assert!(FitRecord::from_metadata(&metadata).is_err(), "no {key}");
+        }
+    }
+
+    #[test]
+    fn every_float_comes_back_bit_for_bit() {
+        let mut record = record();
+        for odd in [1, 12_345, 0x0012_3457].map(|ulps| f32::from_bits(0.1f32.to_bits() + ulps)) {
+            for threshold in [odd, f32::INFINITY] {
+                record.settings.adam.mean.learning_rate = odd;
+                record.settings.policy = Policy::Absolute(AbsoluteThreshold { threshold, ..Default::default() });
+                record.seconds = f64::from(odd) / 3.0;
+                let metadata = record.to_metadata().unwrap();
+                assert_eq!(FitRecord::from_metadata(&metadata).unwrap(), record, "{metadata:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_fingerprint_tells_images_apart() {
+        let grey = Image::filled(4, 3, [0.5; 3]).unwrap();
+        let mut other = grey.clone();
+        other.pixels_mut()[11][2] = f32::from_bits(0.5f32.to_bits() + 1);
+        assert_ne!(fingerprint(&grey), fingerprint(&other));
+        assert_ne!(fingerprint(&grey), fingerprint(&Image::filled(3, 4, [0.5; 3]).unwrap()));
+        assert_eq!(fingerprint(&grey), fingerprint(&grey.clone()));
+    }
+}

@@ -1,0 +1,85 @@
+//! What can go wrong in a fit, beyond what the engine and the files report themselves.
+
+use std::fmt;
+
+use gs_core::PlanarGaussian;
+use thiserror::Error;
+
+/// An error of training.
+#[derive(Debug, Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// A setting, a size, a plan or the backend: see [`gs_core::Error`].
+    #[error(transparent)]
+    Core(#[from] gs_core::Error),
+    /// A file: see [`gs_io::Error`].
+    #[error(transparent)]
+    Io(#[from] gs_io::Error),
+    /// The loss stopped being finite.
+    #[error(
+        "the fit diverged: the loss is {loss} at step {step}{}; lower the learning rates",
+        suspect.as_ref().map_or_else(String::new, |s| format!(", probably by {s}"))
+    )]
+    Diverged {
+        /// The step, counted from 1, whose loss it was.
+        step: u32,
+        /// NaN or infinite.
+        loss: f32,
+        /// The Gaussian that most probably did it.
+        suspect: Option<Box<Suspect>>,
+    },
+    /// A checkpoint was made for another target than the one given.
+    #[error("the checkpoint belongs to another target: it was made for {expected}, but this image is {found}")]
+    WrongTarget {
+        /// Size and fingerprint of the checkpoint's target.
+        expected: String,
+        /// Size and fingerprint of the image given.
+        found: String,
+    },
+    /// A checkpoint whose metadata are not those of a planar fit.
+    #[error("the checkpoint cannot be resumed: {0}")]
+    Checkpoint(String),
+    /// A checkpoint was asked for between two of the steps at which a resumed run can go on bit for bit.
+    #[error("no checkpoint can be taken at step {step}; the next step at which one can is {next}")]
+    BetweenCheckpoints {
+        /// Steps done.
+        step: u32,
+        /// The next possible one.
+        next: u32,
+    },
+    /// All steps have been done.
+    #[error("the fit has finished: all {iterations} steps are done")]
+    Finished {
+        /// How many.
+        iterations: u32,
+    },
+    /// An observer could not do its work.
+    #[error("observer: {0}")]
+    Observer(String),
+}
+
+/// A Gaussian suspected of a divergence: the first whose parameters are not finite, or else the one with the largest.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Suspect {
+    /// Its index in the scene.
+    pub index: usize,
+    /// Its parameters after the step.
+    pub gaussian: PlanarGaussian,
+    /// How many Gaussians of the scene have parameters that are not finite.
+    pub not_finite: usize,
+}
+
+impl fmt::Display for Suspect {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let g = &self.gaussian;
+        write!(
+            f,
+            "Gaussian {} (mean {} px, ln-scale {}, rotation {}, opacity logit {}, colour {})",
+            self.index, g.mean, g.log_scale, g.rotation, g.opacity_logit, g.color
+        )?;
+        if self.not_finite > 1 {
+            write!(f, " or another of the {} that are not finite", self.not_finite)?;
+        }
+        Ok(())
+    }
+}

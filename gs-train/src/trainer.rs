@@ -1,0 +1,383 @@
+//! The training loop: steps of the optimiser, rounds of density control between them, and checkpoints from which a run goes on
+//! bit for bit.
+
+use std::{fmt, time::Instant};
+
+use gs_core::{
+    Binning, Blend, Canvas, DensityStatistics, Image, Loss, PlanarGaussian, PlanarScene, Rasterizer, Scene, TrainStep,
+    edit::EditCounts, effects::Statistics, statistics::Culled,
+};
+use gs_density::{DensityPolicy, Observation, Residual, Rng};
+use gs_io::Checkpoint;
+use rand::SeedableRng;
+
+use crate::{
+    checkpoint::{FitRecord, fingerprint},
+    error::{Error, Suspect},
+    observer::{Control, Observer, Progress, Quality},
+    quality::l1_and_psnr,
+    settings::FitSettings,
+    summary::FitSummary,
+};
+
+/// How a run ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Outcome {
+    /// All steps are done.
+    Finished,
+    /// An observer asked to stop; the run can be resumed from a checkpoint taken now.
+    Stopped,
+}
+
+/// A fit of planar Gaussians to an image, in progress.
+///
+/// A run is a function of settings, target and backend. What it depends on at a step from which it can be resumed is in the
+/// cloud's state, the settings and the step: random numbers are drawn afresh from (seed, step) in each round, and lists of which
+/// Gaussian touches which pixels are never carried over such a step.
+pub struct Trainer<'a, R: Rasterizer<PlanarScene>> {
+    rasterizer: &'a R,
+    record: FitRecord,
+    canvas: Canvas,
+    cloud: R::Cloud,
+    target: R::Target,
+    /// The target on the host, beside the rendering that the policy last asked for (before that, a single pixel).
+    residual: Residual,
+    /// What the next step does about its lists.
+    binning: Binning,
+    /// The loss before the last step of this run.
+    loss: Option<f32>,
+}
+
+impl<R: Rasterizer<PlanarScene>> fmt::Debug for Trainer<'_, R> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Trainer")
+            .field("backend", &self.rasterizer.describe())
+            .field("record", &self.record)
+            .field("canvas", &self.canvas)
+            .field("count", &self.count())
+            .finish_non_exhaustive()
+    }
+}
+
+impl<'a, R: Rasterizer<PlanarScene>> Trainer<'a, R> {
+    /// Begins a fit with the scene that [`FitSettings::init`] makes for the target.
+    ///
+    /// # Errors
+    /// [`gs_core::Error::Setting`] where a setting is not possible or the target is not finite, and those of the backend.
+    pub fn new(rasterizer: &'a R, target: &Image, settings: FitSettings) -> Result<Self, Error> {
+        settings.validate()?;
+        let started = Instant::now();
+        let count = settings.initial.resolve(settings.gaussians) as usize;
+        let blend = settings.render.effects.blend;
+        let scene = settings.init.scene(target, count, blend, &mut random(settings.seed, 0));
+        let initialised = started.elapsed().as_secs_f64();
+        let mut trainer = Self::from_scene(rasterizer, target, &scene, settings)?;
+        trainer.record.seconds += initialised;
+        Ok(trainer)
+    }
+
+    /// Begins a fit with a given scene instead, whatever [`FitSettings::init`] and [`FitSettings::initial`] say.
+    ///
+    /// # Errors
+    /// Those of [`Trainer::new`]; also where the scene has more Gaussians than [`FitSettings::gaussians`] allows.
+    pub fn from_scene(
+        rasterizer: &'a R,
+        target: &Image,
+        scene: &PlanarScene,
+        settings: FitSettings,
+    ) -> Result<Self, Error> {
+        settings.validate()?;
+        validate_target(target)?;
+        scene.validate()?;
+        if scene.len() > settings.gaussians as usize {
+            let allowed = "at most the number of Gaussians allowed";
+            return Err(gs_core::Error::setting("the number of Gaussians at the start", scene.len(), allowed).into());
+        }
+        let started = Instant::now();
+        let cloud = rasterizer.upload(scene, settings.chart)?;
+        let record =
+            FitRecord { settings, step: 0, seconds: 0.0, edits: EditCounts::default(), target: fingerprint(target) };
+        let mut trainer = Self::assemble(rasterizer, target, record, cloud)?;
+        trainer.solve_colors(trainer.record.settings.color_solve.at_start)?;
+        trainer.record.seconds = started.elapsed().as_secs_f64();
+        Ok(trainer)
+    }
+
+    /// Goes on with a fit where a checkpoint left it; on the same backend it ends bit for bit as if it had never stopped.
+    ///
+    /// # Errors
+    /// [`Error::WrongTarget`] for an image of another size or content, [`Error::Checkpoint`] for metadata that are not those of
+    /// a fit, and those of the backend.
+    pub fn resume(rasterizer: &'a R, target: &Image, checkpoint: Checkpoint) -> Result<Self, Error> {
+        let record = FitRecord::from_metadata(&checkpoint.metadata)?;
+        validate_target(target)?;
+        let found = fingerprint(target);
+        if record.target != found {
+            return Err(Error::WrongTarget { expected: record.target, found });
+        }
+        let cloud = rasterizer.restore(&checkpoint.state)?;
+        Self::assemble(rasterizer, target, record, cloud)
+    }
+
+    fn assemble(rasterizer: &'a R, target: &Image, record: FitRecord, cloud: R::Cloud) -> Result<Self, Error> {
+        let canvas = Canvas::new(target.width(), target.height());
+        let residual = Residual { target: target.clone(), rendered: Image::filled(1, 1, [0.0; 3])? };
+        let target = rasterizer.upload_target(target)?;
+        Ok(Self { rasterizer, record, canvas, cloud, target, residual, binning: Binning::Fresh, loss: None })
+    }
+
+    /// Steps until the last, or until an observer stops it.
+    ///
+    /// # Errors
+    /// [`Error::Diverged`], those of the backend, and what an observer returns.
+    pub fn run(&mut self, observer: &mut dyn Observer) -> Result<Outcome, Error> {
+        let (mut stop, mut checkpoint) = (false, false);
+        while !self.is_finished() {
+            let mut progress = self.step_once()?;
+            if let Some(counts) = &progress.edits {
+                observer.on_edit(&progress, counts);
+            }
+            if observer.wants_quality(&progress) {
+                progress.quality = Some(self.quality()?);
+            }
+            stop |= observer.on_step(&progress) == Control::Stop;
+            checkpoint |= observer.wants_checkpoint(&progress);
+            if checkpoint && self.can_checkpoint() {
+                observer.on_checkpoint(&self.checkpoint()?)?;
+                checkpoint = false;
+            }
+            if stop && self.can_checkpoint() && !self.is_finished() {
+                return Ok(Outcome::Stopped);
+            }
+        }
+        Ok(Outcome::Finished)
+    }
+
+    /// One step of the optimiser, and the round of density control that follows it, if one is due.
+    ///
+    /// # Errors
+    /// [`Error::Diverged`] where the loss is not finite, [`Error::Finished`] after the last step, and those of the backend.
+    pub fn step_once(&mut self) -> Result<Progress, Error> {
+        let iterations = self.record.settings.iterations;
+        if self.is_finished() {
+            return Err(Error::Finished { iterations });
+        }
+        let started = Instant::now();
+        let loss = self.optimise()?;
+        self.record.step += 1;
+        if !loss.is_finite() {
+            return Err(Error::Diverged { step: self.record.step, loss, suspect: self.suspect() });
+        }
+        self.loss = Some(loss);
+        let fresh = self.record.step.is_multiple_of(self.record.settings.rebin_every);
+        self.binning = if fresh { Binning::Fresh } else { Binning::Reuse };
+        let due = self.record.settings.rounds.progress(self.record.step, iterations);
+        let edits = due.map(|progress| self.control_density(progress)).transpose()?;
+        self.record.seconds += started.elapsed().as_secs_f64();
+        Ok(Progress {
+            step: self.record.step,
+            iterations,
+            seconds: self.record.seconds,
+            count: self.count(),
+            loss,
+            edits,
+            psnr_estimate: (self.record.settings.loss == Loss::L2).then(|| -10.0 * loss.log10()),
+            quality: None,
+        })
+    }
+
+    /// Forward, backward and Adam; returns the loss before.
+    fn optimise(&mut self) -> Result<f32, Error> {
+        let FitRecord { settings, step, .. } = &self.record;
+        let mut render = settings.render;
+        // Statistics that no round will look at are not collected.
+        render.effects.statistics = match *step < settings.rounds.last(settings.iterations) {
+            true => settings.policy.statistics(),
+            false => Statistics::None,
+        };
+        let rates = settings.adam.at(*step as f32 / settings.iterations as f32);
+        let step = TrainStep { settings: &render, loss: settings.loss, rates: &rates, binning: self.binning };
+        Ok(self.rasterizer.train_step(&mut self.cloud, &self.canvas, &self.target, &step)?)
+    }
+
+    /// Shows the scene to the policy and does what it says; `progress` as in [`Observation`].
+    fn control_density(&mut self, progress: f32) -> Result<EditCounts, Error> {
+        let FitRecord { settings, step, .. } = &self.record;
+        let scene = self.rasterizer.download(&self.cloud)?;
+        let statistics = match settings.policy.statistics() {
+            Statistics::None => DensityStatistics::zeros(scene.len()),
+            _ => self.rasterizer.statistics(&self.cloud)?,
+        };
+        let needs_residual = settings.policy.needs_residual();
+        if needs_residual {
+            self.residual.rendered = self.rendered()?;
+        }
+        let observation = Observation {
+            scene: &scene,
+            statistics: &statistics,
+            residual: needs_residual.then_some(&self.residual),
+            size: self.residual.target.size(),
+            step: step - 1,
+            progress,
+            budget: settings.gaussians as usize,
+        };
+        let plan = settings.policy.plan(&observation, &mut random(settings.seed, *step))?;
+        let counts = plan.counts();
+        self.rasterizer.edit(&mut self.cloud, &plan)?;
+        self.record.edits.accumulate(&counts);
+        self.binning = Binning::Fresh;
+        self.solve_colors(self.record.settings.color_solve.after_edit)?;
+        tracing::debug!(step = self.record.step, count = self.count(), ?counts, "density control");
+        Ok(counts)
+    }
+
+    fn solve_colors(&mut self, iterations: u32) -> Result<(), Error> {
+        let render = self.record.settings.render;
+        if iterations > 0 && render.effects.blend == Blend::Sum && self.count() > 0 {
+            self.rasterizer.solve_colors(&mut self.cloud, &self.canvas, &self.target, &render, iterations)?;
+        }
+        Ok(())
+    }
+
+    /// The Gaussian to name when the loss is not finite: the first whose parameters are not, or else the one with the largest.
+    fn suspect(&self) -> Option<Box<Suspect>> {
+        let scene = self.scene().ok()?;
+        let worst = |g: &PlanarGaussian| {
+            let values = [g.mean.to_array(), g.log_scale.to_array(), [g.rotation, 0.0]];
+            let largest = values
+                .as_flattened()
+                .iter()
+                .chain(&g.color.to_array())
+                .fold(0.0f32, |m, v| if v.is_finite() { m.max(v.abs()) } else { f32::INFINITY });
+            if g.opacity_logit.is_nan() { f32::INFINITY } else { largest }
+        };
+        let not_finite = scene.iter().filter(|g| worst(g) == f32::INFINITY).count();
+        // The first of several equals.
+        let found = scene.iter().enumerate().reduce(|a, b| if worst(&b.1) > worst(&a.1) { b } else { a });
+        found.map(|(index, gaussian)| Box::new(Suspect { index, gaussian, not_finite }))
+    }
+
+    /// L1, PSNR and what was left out, from a rendering made for it.
+    ///
+    /// # Errors
+    /// Those of the backend.
+    pub fn quality(&self) -> Result<Quality, Error> {
+        let (image, culled) = self.render()?;
+        let (l1, psnr) = l1_and_psnr(&image, &self.residual.target);
+        Ok(Quality { l1, psnr, culled })
+    }
+
+    /// The scene as rendered now at the target's size, not clamped.
+    ///
+    /// # Errors
+    /// Those of the backend.
+    pub fn rendered(&self) -> Result<Image, Error> {
+        Ok(self.render()?.0)
+    }
+
+    /// The fit as it stands, in numbers.
+    ///
+    /// # Errors
+    /// Those of the backend.
+    pub fn summary(&self) -> Result<FitSummary, Error> {
+        let (image, culled) = self.render()?;
+        FitSummary::new(self, &image, culled)
+    }
+
+    /// The scene as rendered now, and what was left out.
+    pub(crate) fn render(&self) -> Result<(Image, Culled), Error> {
+        let mut render = self.record.settings.render;
+        render.effects.statistics = Statistics::None;
+        let frame = self.rasterizer.forward(&self.cloud, &self.canvas, &render)?;
+        Ok((self.rasterizer.image(&frame)?, self.rasterizer.culled(&frame)?))
+    }
+
+    /// The scene as it is now.
+    ///
+    /// # Errors
+    /// Those of the backend.
+    pub fn scene(&self) -> Result<PlanarScene, Error> {
+        Ok(self.rasterizer.download(&self.cloud)?)
+    }
+
+    /// Whether the next step makes its lists anew, so that nothing but the cloud, the settings and the step matters to it; or
+    /// whether there is no next step.
+    pub fn can_checkpoint(&self) -> bool {
+        self.binning == Binning::Fresh || self.is_finished()
+    }
+
+    /// All that is needed to go on later, with [`Trainer::resume`].
+    ///
+    /// # Errors
+    /// [`Error::BetweenCheckpoints`] where [`Trainer::can_checkpoint`] is false, [`Error::Checkpoint`] for settings that cannot
+    /// be stored, and those of the backend.
+    pub fn checkpoint(&self) -> Result<Checkpoint, Error> {
+        let FitRecord { settings, step, .. } = &self.record;
+        if !self.can_checkpoint() {
+            let next = step.next_multiple_of(settings.rebin_every).min(settings.iterations);
+            return Err(Error::BetweenCheckpoints { step: *step, next });
+        }
+        Ok(Checkpoint { state: self.rasterizer.save(&self.cloud)?, metadata: self.record.to_metadata()? })
+    }
+
+    /// Steps done.
+    pub fn step(&self) -> u32 {
+        self.record.step
+    }
+
+    /// Whether all steps are done.
+    pub fn is_finished(&self) -> bool {
+        self.record.step >= self.record.settings.iterations
+    }
+
+    /// Gaussians now.
+    pub fn count(&self) -> u32 {
+        self.rasterizer.len(&self.cloud) as u32
+    }
+
+    /// The settings of this fit.
+    pub fn settings(&self) -> &FitSettings {
+        &self.record.settings
+    }
+
+    /// The target, as given.
+    pub fn target(&self) -> &Image {
+        &self.residual.target
+    }
+
+    /// The backend's name and what it runs on.
+    pub fn backend(&self) -> String {
+        self.rasterizer.describe()
+    }
+
+    /// What density control has done so far, all rounds together.
+    pub fn edits(&self) -> &EditCounts {
+        &self.record.edits
+    }
+
+    /// The loss before the last step; nothing where this run, resumed or not, has made no step yet.
+    pub fn loss(&self) -> Option<f32> {
+        self.loss
+    }
+
+    /// Time spent fitting so far, s; see [`Progress::seconds`].
+    pub fn seconds(&self) -> f64 {
+        self.record.seconds
+    }
+}
+
+/// The random numbers of the initialiser (step 0) or of the round after a step (counted from 1).
+fn random(seed: u32, step: u32) -> Rng {
+    Rng::seed_from_u64(u64::from(seed) << 32 | u64::from(step))
+}
+
+fn validate_target(target: &Image) -> Result<(), gs_core::Error> {
+    match target.pixels().iter().position(|p| !p.iter().all(|v| v.is_finite())) {
+        None => Ok(()),
+        Some(index) => {
+            let width = target.width() as usize;
+            let value = format!("{:?} at ({}, {})", target.pixels()[index], index % width, index / width);
+            Err(gs_core::Error::setting("a pixel of the target", value, "finite"))
+        }
+    }
+}

@@ -1,0 +1,178 @@
+//! Whole fits: repeatable, within their budget, steerable, and honest when they fail.
+
+mod scenes;
+
+use gs_core::{Blend, Image, Loss, Rasterizer, Scene};
+use gs_density::{Policy, RelativePercentile};
+use gs_train::{
+    Control, Error, FitSettings, Init, InitialCount, MetricsLog, Observer, Outcome, Preset, Progress, Rounds, Trainer,
+    fit, init::Periphery, paper_target,
+};
+use scenes::{rasterizer, small_fit, small_target};
+
+#[test]
+fn equal_seeds_give_equal_scenes_and_watching_changes_nothing() {
+    let (rasterizer, target) = (rasterizer(), small_target());
+    for blend in [Blend::Sum, Blend::Over] {
+        let run = |seed, observer: &mut dyn Observer| {
+            fit(&rasterizer, &target, FitSettings { seed, ..small_fit(blend) }, observer).unwrap().scene
+        };
+        let scene = run(1, &mut ());
+        assert_eq!(scene, run(1, &mut ()));
+        assert_eq!(scene, run(1, &mut MetricsLog::new(1)));
+        assert_ne!(scene, run(2, &mut ()));
+    }
+}
+
+#[test]
+fn growth_by_residual_meets_the_budget_exactly() {
+    let (rasterizer, target) = (rasterizer(), small_target());
+    for (gaussians, iterations) in [(1, 10), (7, 50), (61, 5), (200, 150)] {
+        let settings = FitSettings::for_image(gaussians, target.size(), iterations);
+        let fit = fit(&rasterizer, &target, settings, &mut ()).unwrap();
+        assert_eq!(fit.scene.len(), gaussians as usize, "{iterations} iterations");
+        assert_eq!(fit.summary.gaussians, gaussians);
+        fit.scene.validate().unwrap();
+    }
+}
+
+#[test]
+fn no_steps_leave_the_initial_scene() {
+    let (rasterizer, target) = (rasterizer(), small_target());
+    let settings = FitSettings { iterations: 0, ..small_fit(Blend::Sum) };
+    let fit = fit(&rasterizer, &target, settings, &mut ()).unwrap();
+    assert_eq!((fit.outcome, fit.scene.len(), fit.summary.loss), (Outcome::Finished, 20, None));
+}
+
+#[test]
+fn an_image_of_one_pixel_can_be_fitted() {
+    let target = Image::filled(1, 1, [0.25, 0.5, 0.75]).unwrap();
+    for preset in Preset::ALL {
+        let settings = FitSettings { iterations: 60, ..preset.settings(3, target.size()) };
+        let settings = FitSettings { initial: InitialCount::Fixed(1), ..settings };
+        let fit = fit(&rasterizer(), &target, settings, &mut ()).unwrap();
+        assert!(fit.summary.psnr > 20.0, "{preset}: {} dB", fit.summary.psnr);
+        assert_eq!(fit.summary.ms_ssim, None);
+    }
+}
+
+#[test]
+fn the_log_tells_every_edit_and_where_the_fit_ends() {
+    let (rasterizer, target) = (rasterizer(), small_target());
+    let mut log = MetricsLog::new(7);
+    let fit = fit(&rasterizer, &target, small_fit(Blend::Sum), &mut log).unwrap();
+    let steps: Vec<u32> = log.rows().iter().map(|r| r.step).collect();
+    assert_eq!(steps, [1, 7, 10, 14, 20, 21, 28, 30, 35, 42]);
+    let mut edits = gs_core::edit::EditCounts::default();
+    log.rows().iter().for_each(|r| edits.accumulate(&r.edits));
+    assert_eq!(edits, fit.summary.edits);
+    assert_eq!(20 + edits.added() - edits.pruned(), 60);
+    let last = log.rows().last().unwrap();
+    assert_eq!((last.count, last.step), (fit.summary.gaussians, fit.summary.iterations));
+    assert!((last.psnr - fit.summary.psnr).abs() < 1e-3, "{} {}", last.psnr, fit.summary.psnr);
+    assert!((last.l1 - fit.summary.l1).abs() < 1e-6);
+    assert!(last.psnr > log.rows()[0].psnr + 3.0);
+    let csv = log.to_csv();
+    assert_eq!(csv.lines().count(), 11);
+    let columns: Vec<usize> = csv.lines().map(|l| l.split(',').count()).collect();
+    assert!(columns.iter().all(|&c| c == columns[0]), "{csv}");
+}
+
+#[test]
+fn an_observer_stops_a_run_and_sees_the_checkpoints_it_wants() {
+    #[derive(Default)]
+    struct Watch {
+        checkpoints: Vec<String>,
+        edits: u32,
+    }
+    impl Observer for Watch {
+        fn on_edit(&mut self, _: &Progress, counts: &gs_core::edit::EditCounts) {
+            self.edits += counts.added();
+        }
+        fn wants_checkpoint(&mut self, progress: &Progress) -> bool {
+            progress.step == 5
+        }
+        fn on_checkpoint(&mut self, checkpoint: &gs_io::Checkpoint) -> Result<(), Error> {
+            self.checkpoints.push(checkpoint.metadata["step"].clone());
+            Ok(())
+        }
+        fn on_step(&mut self, progress: &Progress) -> Control {
+            if progress.step >= 13 { Control::Stop } else { Control::Continue }
+        }
+    }
+    let mut watch = Watch::default();
+    let fit = fit(&rasterizer(), &small_target(), small_fit(Blend::Sum), &mut watch).unwrap();
+    assert_eq!((fit.outcome, fit.summary.iterations), (Outcome::Stopped, 16));
+    assert_eq!(watch.checkpoints, ["8"]);
+    assert!(watch.edits > 0 && watch.edits == fit.summary.edits.added());
+}
+
+#[test]
+fn a_loss_that_is_not_finite_ends_the_run_and_names_a_suspect() {
+    let mut settings = FitSettings { rounds: Rounds::NEVER, ..small_fit(Blend::Sum) };
+    settings.adam.color.learning_rate = 1e38;
+    let Err(Error::Diverged { step, loss, suspect }) = fit(&rasterizer(), &small_target(), settings, &mut ()).map(drop)
+    else {
+        panic!("the run did not diverge");
+    };
+    assert!(!loss.is_finite() && (1..=42).contains(&step));
+    let suspect = suspect.expect("there are Gaussians");
+    assert!(!(suspect.gaussian.color.abs().max_element() < 1e30), "{suspect}");
+}
+
+#[test]
+fn a_target_that_is_not_finite_is_refused() {
+    let mut target = small_target();
+    target.pixels_mut()[49][2] = f32::NAN;
+    let error = Trainer::new(&rasterizer(), &target, small_fit(Blend::Sum)).unwrap_err().to_string();
+    assert!(error.contains("(1, 1)"), "{error}");
+}
+
+#[test]
+fn gaussians_that_reach_nothing_do_not_move() {
+    // The paper's cold start (§3.4.1): Gaussians of the background's colour on the periphery, and what is to be found is out of
+    // their reach.
+    let (rasterizer, target) = (rasterizer(), paper_target());
+    let init = Init::Periphery(Periphery { scale_px: 1.0, ..Periphery::default() });
+    let mut settings = FitSettings {
+        init,
+        initial: InitialCount::Fixed(40),
+        iterations: 50,
+        rounds: Rounds::until(10, 40),
+        policy: Policy::Percentile(RelativePercentile::default()),
+        loss: Loss::L2,
+        ..FitSettings::paper()
+    };
+    settings.rebin_every = 4;
+    let mut rng = <gs_density::Rng as rand::SeedableRng>::seed_from_u64(1);
+    let mut scene = init.scene(&target, 40, Blend::Over, &mut rng);
+    // Flush with what is behind: exactly white on exactly white, where the disc's soft edge has faded to nothing.
+    scene.colors.fill([1.0; 3].into());
+    let mut flat = target.clone();
+    let edge = |i: usize| i < 10 || i >= 118;
+    for (i, pixel) in flat.pixels_mut().iter_mut().enumerate() {
+        if edge(i % 128) || edge(i / 128) {
+            *pixel = [1.0; 3];
+        }
+    }
+    let mut trainer = Trainer::from_scene(&rasterizer, &flat, &scene, settings).unwrap();
+    let mut losses = Vec::new();
+    while !trainer.is_finished() {
+        losses.push(trainer.step_once().unwrap().loss);
+    }
+    assert!(losses.iter().all(|&l| l == losses[0] && l > 0.0), "{losses:?}");
+    assert_eq!(trainer.scene().unwrap().means, scene.means);
+    assert_eq!((trainer.count(), trainer.edits().added()), (40, 0));
+}
+
+#[test]
+fn the_papers_experiment_reaches_its_count() {
+    let rasterizer = rasterizer();
+    let settings = FitSettings::paper();
+    let render = settings.render;
+    let fit = fit(&rasterizer, &paper_target(), settings, &mut ()).unwrap();
+    assert!((560..=600).contains(&fit.summary.gaussians), "{} Gaussians", fit.summary.gaussians);
+    assert!(fit.summary.psnr >= 30.0, "{} dB", fit.summary.psnr);
+    let again = rasterizer.render(&fit.scene, &gs_core::Canvas::new(128, 128), &render).unwrap();
+    assert_eq!(again, fit.image);
+}

@@ -1,0 +1,112 @@
+//! A run that was stopped and resumed ends bit for bit as one that never was.
+
+mod scenes;
+
+use gs_core::{Blend, Chart, CloudState, Image};
+use gs_density::Policy;
+use gs_train::{Control, Error, FitSettings, Observer, Outcome, Progress, Rounds, Trainer};
+use scenes::{rasterizer, small_fit, small_target};
+
+/// Stops at given steps, or at the first possible one after.
+struct StopAt(Vec<u32>);
+
+impl Observer for StopAt {
+    fn on_step(&mut self, progress: &Progress) -> Control {
+        if self.0.contains(&progress.step) { Control::Stop } else { Control::Continue }
+    }
+}
+
+fn end_state(settings: FitSettings, target: &Image) -> CloudState {
+    let rasterizer = rasterizer();
+    let mut trainer = Trainer::new(&rasterizer, target, settings).unwrap();
+    assert_eq!(trainer.run(&mut ()).unwrap(), Outcome::Finished);
+    trainer.checkpoint().unwrap().state
+}
+
+/// Stops and resumes, through a file each time and on a rasterizer of its own, until the end.
+fn end_state_in_pieces(settings: FitSettings, target: &Image, stops: &[u32]) -> CloudState {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("checkpoint.safetensors");
+    let mut observer = StopAt(stops.to_vec());
+    let first = rasterizer();
+    let mut trainer = Trainer::new(&first, target, settings).unwrap();
+    let mut outcome = trainer.run(&mut observer).unwrap();
+    let mut checkpoint = trainer.checkpoint().unwrap();
+    let mut pieces = 1;
+    while outcome == Outcome::Stopped {
+        gs_io::write_checkpoint(&file, &checkpoint).unwrap();
+        let rasterizer = rasterizer();
+        let mut trainer = Trainer::resume(&rasterizer, target, gs_io::read_checkpoint(&file).unwrap()).unwrap();
+        outcome = trainer.run(&mut observer).unwrap();
+        checkpoint = trainer.checkpoint().unwrap();
+        pieces += 1;
+    }
+    assert_eq!(pieces, stops.len() + 1);
+    checkpoint.state
+}
+
+/// The bits of every tensor, so that −0 is not 0.
+fn bits(state: &CloudState) -> Vec<(String, Vec<u32>)> {
+    let bits = |data: &gs_core::state::TensorData| match data {
+        gs_core::state::TensorData::F32(values) => values.iter().map(|v| v.to_bits()).collect(),
+        gs_core::state::TensorData::U32(values) => values.clone(),
+    };
+    state.tensors.iter().map(|(name, tensor)| (name.clone(), bits(&tensor.data))).collect()
+}
+
+#[test]
+fn a_resumed_run_ends_bit_identical_in_both_charts_and_blends() {
+    let target = small_target();
+    for blend in [Blend::Sum, Blend::Over] {
+        for chart in [Chart::ScaleRotation, Chart::LocalFrame] {
+            for policy in ["residual", "paper"] {
+                let policy = Policy::from_name(policy).unwrap();
+                let settings = FitSettings { chart, policy, seed: 3, ..small_fit(blend) };
+                let whole = end_state(settings.clone(), &target);
+                // Within, on and right after rounds (every 10 steps), on and off the steps that bin afresh (every 4).
+                let pieces = end_state_in_pieces(settings, &target, &[1, 10, 23, 37]);
+                assert_eq!(bits(&whole), bits(&pieces), "{blend:?} {chart:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn stopping_waits_for_a_step_that_bins_afresh() {
+    let rasterizer = rasterizer();
+    let settings = FitSettings { rounds: Rounds::NEVER, ..small_fit(Blend::Sum) };
+    let mut trainer = Trainer::new(&rasterizer, &small_target(), settings).unwrap();
+    assert_eq!(trainer.run(&mut StopAt(vec![5])).unwrap(), Outcome::Stopped);
+    assert_eq!(trainer.step(), 8);
+    trainer.step_once().unwrap();
+    assert!(matches!(trainer.checkpoint(), Err(Error::BetweenCheckpoints { step: 9, next: 12 })));
+}
+
+#[test]
+fn another_target_is_refused() {
+    let rasterizer = rasterizer();
+    let target = small_target();
+    let trainer = Trainer::new(&rasterizer, &target, small_fit(Blend::Sum)).unwrap();
+    let checkpoint = trainer.checkpoint().unwrap();
+    let mut other = target.clone();
+    other.pixels_mut()[7][1] += 0.25;
+    let wider = Image::filled(target.width() + 1, target.height(), [0.5; 3]).unwrap();
+    for wrong in [other, wider] {
+        let error = Trainer::resume(&rasterizer, &wrong, checkpoint.clone()).unwrap_err();
+        assert!(matches!(error, Error::WrongTarget { .. }), "{error}");
+    }
+    Trainer::resume(&rasterizer, &target, checkpoint).unwrap();
+}
+
+#[test]
+fn a_checkpoint_of_something_else_is_refused() {
+    let rasterizer = rasterizer();
+    let target = small_target();
+    let checkpoint = Trainer::new(&rasterizer, &target, small_fit(Blend::Sum)).unwrap().checkpoint().unwrap();
+    let mut foreign = checkpoint.clone();
+    foreign.metadata.clear();
+    assert!(matches!(Trainer::resume(&rasterizer, &target, foreign), Err(Error::Checkpoint(_))));
+    let mut hollow = checkpoint;
+    hollow.state.tensors.clear();
+    assert!(matches!(Trainer::resume(&rasterizer, &target, hollow), Err(Error::Core(gs_core::Error::State(_)))));
+}
