@@ -2,13 +2,101 @@
 //!
 //! A policy ([`DensityPolicy`]) is a struct of thresholds without hidden state: it looks at an [`Observation`] and returns an
 //! [`EditPlan`](gs_core::EditPlan), which a backend applies. It knows no rasterizer.
+//!
+//! - Who grows, by rank or threshold: [`AbsoluteThreshold`], [`RelativePercentile`], their product [`Hybrid`], their union [`Paper`].
+//! - What is done then, the same for all of them ([`Actions`]): [`Densify`] clones and splits, [`Prune`] removes, [`OpacityReset`]
+//!   resets. The budget is met exactly where enough Gaussians qualify; those that call for growth the most go first.
+//! - Growth without parents: [`ResidualGrowth`] seeds where the residual is large.
+//! - [`Policy`] is any of them, for settings files and command lines.
+//!
+//! # A policy of your own
+//!
+//! A [`Round`] prunes, keeps the budget and edits; who grows is all that is left to say. Here it is the Gaussians that move much and
+//! are large, as they have most to win:
+//!
+//! ```
+//! use gs_core::{EditPlan, Error, PlanarGaussian, effects::Statistics};
+//! use gs_density::{Actions, DensityPolicy, Observation, Rng, Round, WhenFlat};
+//!
+//! #[derive(Default)]
+//! struct MovingMass {
+//!     actions: Actions,
+//! }
+//!
+//! impl DensityPolicy for MovingMass {
+//!     fn plan(&self, observation: &Observation<'_>, rng: &mut Rng) -> Result<EditPlan<PlanarGaussian>, Error> {
+//!         let round = Round::open(&self.actions, observation)?;
+//!         let area_px2 = |i: usize| observation.scene.log_scales[i].element_sum().exp();
+//!         let score = |i: usize| observation.statistics.mean_gradient(i) * area_px2(i);
+//!         let ranking = round.rank_by(score, WhenFlat::Nothing);
+//!         Ok(round.grow(ranking.top_percent(20.0), rng))
+//!     }
+//!
+//!     fn statistics(&self) -> Statistics {
+//!         Statistics::MeanGradient
+//!     }
+//!
+//!     fn needs_residual(&self) -> bool {
+//!         false
+//!     }
+//! }
+//!
+//! # use glam::{Vec2, Vec3};
+//! # use gs_core::{DensityStatistics, PlanarScene};
+//! # let gaussian = PlanarGaussian {
+//! #     mean: Vec2::splat(16.0),
+//! #     log_scale: Vec2::ONE,
+//! #     rotation: 0.0,
+//! #     opacity_logit: f32::INFINITY,
+//! #     color: Vec3::ONE,
+//! # };
+//! # let scene: PlanarScene = [gaussian; 10].into_iter().collect();
+//! # let statistics = DensityStatistics { gradient_sum: vec![1e-3; 10], visible: vec![100; 10] };
+//! // What the training loop does, every few hundred steps:
+//! let observation = Observation {
+//!     scene: &scene,           // 10 Gaussians
+//!     statistics: &statistics, // [10]
+//!     residual: None,
+//!     size: (32, 32),
+//!     step: 99,
+//!     progress: 0.1,
+//!     budget: 100,
+//! };
+//! let plan = MovingMass::default().plan(&observation, &mut Rng::new(0, 0))?;
+//! assert_eq!(plan.len_after(10), 12);
+//! # Ok::<(), Error>(())
+//! ```
 
 // Guards are phrased so that NaN fails them: `!(x > 0.0)` is not `x <= 0.0`.
 #![allow(clippy::neg_cmp_op_on_partial_ord)]
 
+mod absolute;
+mod correction;
+mod densify;
+mod hybrid;
 mod observation;
+mod paper;
+mod percentile;
+mod policy;
+mod prune;
+mod ranking;
+mod reset;
 mod residual;
+mod round;
 pub mod seed;
+mod size;
 
+pub use absolute::AbsoluteThreshold;
+pub use correction::OpacityCorrection;
+pub use densify::{ClonePlacement, Densify, MomentHeir, SplitPlacement};
+pub use hybrid::Hybrid;
 pub use observation::{DensityPolicy, Observation, Residual, Rng};
+pub use paper::Paper;
+pub use percentile::{FORCED_GROWTH_PERCENT, RelativePercentile};
+pub use policy::Policy;
+pub use prune::Prune;
+pub use ranking::{Ranking, WhenFlat};
+pub use reset::OpacityReset;
 pub use residual::ResidualGrowth;
+pub use round::{Actions, Round};
+pub use size::SizeThreshold;

@@ -34,13 +34,38 @@ pub struct Observation<'a> {
     pub budget: usize,
 }
 
+impl Observation<'_> {
+    /// Fails unless the scene's arrays and the statistics describe the same number of Gaussians. Their values may be anything, NaN too.
+    ///
+    /// # Errors
+    /// [`Error::Length`] naming the first that does not.
+    pub fn check_lengths(&self) -> Result<(), Error> {
+        let Self { scene, statistics, .. } = self;
+        let expected = scene.means.len();
+        let opacity_logits = if scene.has_opacity() { scene.opacity_logits.len() } else { expected };
+        let lengths = [
+            ("log_scales", scene.log_scales.len()),
+            ("rotations", scene.rotations.len()),
+            ("opacity_logits", opacity_logits),
+            ("colors", scene.colors.len()),
+            ("gradient_sum", statistics.gradient_sum.len()),
+            ("visible", statistics.visible.len()),
+        ];
+        match lengths.into_iter().find(|&(_, found)| found != expected) {
+            Some((what, found)) => Err(Error::Length { what, expected, found }),
+            None => Ok(()),
+        }
+    }
+}
+
 /// A rule of density control.
 pub trait DensityPolicy {
     /// The edits that the policy wants, never more than `budget` Gaussians after them. The same observation and the same random
     /// numbers give the same plan.
     ///
     /// # Errors
-    /// [`Error::Length`] where scene and statistics differ in length, [`Error::State`] where a residual is needed and missing.
+    /// [`Error::Setting`] where a number of the policy is outside its range, [`Error::Length`] where scene and statistics differ in
+    /// length, [`Error::State`] where a residual is needed and missing.
     fn plan(&self, observation: &Observation<'_>, rng: &mut Rng) -> Result<EditPlan<PlanarGaussian>, Error>;
 
     /// The statistics that training must collect for this policy.

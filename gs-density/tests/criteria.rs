@@ -1,0 +1,279 @@
+//! Who grows and who goes: counts, budgets, and indifference to the order of the Gaussians, for every policy that ranks.
+
+use std::collections::BTreeSet;
+
+use glam::{Vec2, Vec3};
+use gs_core::{DensityStatistics, EditPlan, Error, PlanarGaussian, PlanarScene, constants::TAU_POSITION, scene::logit};
+use gs_density::{
+    AbsoluteThreshold, Actions, DensityPolicy, Hybrid, Observation, OpacityReset, Paper, Policy, Prune,
+    RelativePercentile, Rng, WhenFlat,
+};
+use proptest::prelude::*;
+
+const SIZE: (u32, u32) = (128, 96);
+
+fn observation<'a>(scene: &'a PlanarScene, statistics: &'a DensityStatistics, budget: usize) -> Observation<'a> {
+    Observation { scene, statistics, residual: None, size: SIZE, step: 99, progress: 0.5, budget }
+}
+
+fn gaussian() -> PlanarGaussian {
+    PlanarGaussian {
+        mean: Vec2::new(50.0, 40.0),
+        log_scale: Vec2::new(1.0, 0.2),
+        rotation: 0.4,
+        opacity_logit: 0.5,
+        color: Vec3::new(0.2, 0.5, 0.9),
+    }
+}
+
+/// Statistics after 10 visible steps.
+fn with_gradients(gradients: &[f32]) -> DensityStatistics {
+    DensityStatistics { gradient_sum: gradients.iter().map(|g| 10.0 * g).collect(), visible: vec![10; gradients.len()] }
+}
+
+fn plan(policy: &impl DensityPolicy, observation: &Observation<'_>) -> EditPlan<PlanarGaussian> {
+    let plan = policy.plan(observation, &mut Rng::new(7, 11)).unwrap();
+    plan.sources(observation.scene.means.len()).unwrap();
+    plan
+}
+
+fn growing(plan: &EditPlan<PlanarGaussian>) -> BTreeSet<u32> {
+    plan.added.iter().map(|birth| birth.parent.unwrap()).collect()
+}
+
+fn removed(plan: &EditPlan<PlanarGaussian>) -> BTreeSet<u32> {
+    plan.removed.iter().map(|removal| removal.index).collect()
+}
+
+fn ranking_policies() -> [Policy; 4] {
+    ["absolute", "percentile", "hybrid", "paper"].map(|name| Policy::from_name(name).unwrap())
+}
+
+#[test]
+fn each_criterion_picks_its_own() {
+    // 30 Gaussians: 8 above τ, then falling far below it, the last without a gradient.
+    let gradients: Vec<f32> = (0..30).map(|i| if i == 29 { 0.0 } else { 1e-3 * 0.8f32.powi(i) }).collect();
+    let above = gradients.iter().filter(|&&g| g >= TAU_POSITION).count();
+    assert_eq!(above, 8);
+    let scene: PlanarScene = [gaussian(); 30].into_iter().collect();
+    let statistics = with_gradients(&gradients);
+    let seen = observation(&scene, &statistics, 1000);
+    let first = |n: u32| (0..n).collect::<BTreeSet<u32>>();
+
+    assert_eq!(growing(&plan(&AbsoluteThreshold::default(), &seen)), first(8));
+    assert_eq!(growing(&plan(&AbsoluteThreshold { threshold: 0.0, ..Default::default() }, &seen)), first(29));
+    assert_eq!(growing(&plan(&RelativePercentile::default(), &seen)), first(3));
+    assert_eq!(growing(&plan(&RelativePercentile { percent: 100.0, ..Default::default() }, &seen)), first(29));
+    let forced = RelativePercentile { percent: 100.0, when_flat: WhenFlat::Forced, ..Default::default() };
+    assert_eq!(growing(&plan(&forced, &seen)), first(30));
+
+    let hybrid = |percent| Hybrid { percent, floor: TAU_POSITION, ..Default::default() };
+    assert_eq!(growing(&plan(&hybrid(10.0), &seen)), first(3));
+    assert_eq!(growing(&plan(&hybrid(50.0), &seen)), first(8));
+    let paper = |percent| Paper { percent, ..Default::default() };
+    assert_eq!(growing(&plan(&paper(10.0), &seen)), first(8));
+    assert_eq!(growing(&plan(&paper(50.0), &seen)), first(15));
+    let without_share = Paper { threshold: 0.0, percent: 0.0, when_flat: WhenFlat::Forced, ..Default::default() };
+    assert_eq!(growing(&plan(&without_share, &seen)), first(29));
+}
+
+#[test]
+fn without_gradients_nothing_grows_unless_forced() {
+    let scene: PlanarScene = [gaussian(); 25].into_iter().collect();
+    let never_drawn = DensityStatistics::zeros(25);
+    let seen = observation(&scene, &never_drawn, 1000);
+    for policy in ranking_policies() {
+        assert!(plan(&policy, &seen).is_empty(), "{policy:?}");
+    }
+    let forced = RelativePercentile { when_flat: WhenFlat::Forced, ..Default::default() };
+    assert_eq!(growing(&plan(&forced, &seen)), BTreeSet::from([0, 1, 2]));
+    let forced = Paper { when_flat: WhenFlat::Forced, ..Default::default() };
+    assert_eq!(growing(&plan(&forced, &seen)), BTreeSet::from([0, 1, 2]));
+}
+
+#[test]
+fn the_papers_twenty_become_six_hundred() {
+    let rounds = |policy: &dyn DensityPolicy, gradient: f32, rounds: usize| {
+        let mut scene: PlanarScene = [gaussian(); 20].into_iter().collect();
+        for round in 0..rounds {
+            let statistics = with_gradients(&vec![gradient; scene.means.len()]);
+            let plan = policy.plan(&observation(&scene, &statistics, 600), &mut Rng::new(round as u128, 0)).unwrap();
+            let sources = plan.sources(scene.means.len()).unwrap();
+            let before: Vec<_> = scene.iter().collect();
+            scene = plan.gather(&sources, &before, |&g| g).into_iter().collect();
+        }
+        scene.means.len()
+    };
+    assert_eq!(rounds(&RelativePercentile::default(), 1e-3, 24), 234);
+    assert_eq!(rounds(&Paper::default(), 1e-5, 24), 234);
+    assert_eq!(rounds(&Paper::default(), 1e-3, 4), 320);
+    assert_eq!(rounds(&Paper::default(), 1e-3, 6), 600);
+    assert_eq!(rounds(&AbsoluteThreshold::default(), 1e-5, 24), 20);
+}
+
+#[test]
+fn opacities_are_reset_on_time_and_only_where_there_are_some() {
+    let translucent: PlanarScene = [gaussian(); 3].into_iter().collect();
+    let opaque: PlanarScene = [PlanarGaussian { opacity_logit: f32::INFINITY, ..gaussian() }; 3].into_iter().collect();
+    let statistics = DensityStatistics::zeros(3);
+    let ceiling = |policy: &Policy, scene, step, progress| {
+        plan(policy, &Observation { step, progress, ..observation(scene, &statistics, 9) }).opacity_ceiling
+    };
+    for policy in ranking_policies() {
+        assert_eq!(ceiling(&policy, &translucent, 2999, 0.3), Some(0.01));
+        assert_eq!(ceiling(&policy, &translucent, 5999, 0.6), Some(0.01));
+        assert_eq!(ceiling(&policy, &translucent, 2899, 0.3), None);
+        assert_eq!(ceiling(&policy, &translucent, 0, 0.01), None);
+        assert_eq!(ceiling(&policy, &translucent, 8999, 1.0), None);
+        assert_eq!(ceiling(&policy, &opaque, 2999, 0.3), None);
+    }
+    let never = Paper { actions: Actions { reset: OpacityReset::NEVER, ..Default::default() }, ..Default::default() };
+    assert_eq!(ceiling(&Policy::Paper(never), &translucent, 2999, 0.3), None);
+    assert_eq!(ceiling(&Policy::None, &translucent, 2999, 0.3), None);
+}
+
+#[test]
+fn arrays_that_do_not_fit_are_refused() {
+    let scene: PlanarScene = [gaussian(); 3].into_iter().collect();
+    let short = DensityStatistics { gradient_sum: vec![1.0; 3], visible: vec![1; 2] };
+    let mut torn = scene.clone();
+    torn.colors.pop();
+    let whole = DensityStatistics::zeros(3);
+    for policy in ranking_policies().into_iter().chain([Policy::None]) {
+        let result = policy.plan(&observation(&scene, &short, 9), &mut Rng::new(0, 0));
+        assert_eq!(result, Err(Error::Length { what: "visible", expected: 3, found: 2 }));
+        let result = policy.plan(&observation(&torn, &whole, 9), &mut Rng::new(0, 0));
+        assert_eq!(result, Err(Error::Length { what: "colors", expected: 3, found: 2 }));
+    }
+}
+
+/// A scene of 0 to 60 Gaussians, a tenth of them broken, and its mean gradients: distinct, from far below τ to far above it.
+fn any_scene() -> impl Strategy<Value = (Vec<PlanarGaussian>, Vec<f32>)> {
+    let any_gaussian = (
+        (0f32..128.0, 0f32..96.0),
+        (-1f32..3.0, -1f32..3.0),
+        -1.5f32..1.5,
+        0.001f32..0.999,
+        (0u32..40).prop_map(|n| if n < 4 { Some(n) } else { None }),
+    )
+        .prop_map(|((x, y), (sx, sy), rotation, opacity, broken)| {
+            let mut g = PlanarGaussian {
+                mean: Vec2::new(x, y),
+                log_scale: Vec2::new(sx, sy),
+                rotation,
+                opacity_logit: logit(opacity),
+                color: Vec3::new(x / 128.0, y / 96.0, 0.5),
+            };
+            match broken {
+                Some(0) => g.mean.x = f32::NAN,
+                Some(1) => g.log_scale.y = f32::INFINITY,
+                Some(2) => g.color.z = f32::NAN,
+                Some(_) => g.opacity_logit = f32::NAN,
+                None => {}
+            }
+            g
+        });
+    proptest::collection::vec(any_gaussian, 0..60).prop_flat_map(|gaussians| {
+        let gradients: Vec<f32> = (0..gaussians.len()).map(|i| 1e-6 * 1.2f32.powi(i as i32)).collect();
+        (Just(gaussians), Just(gradients).prop_shuffle())
+    })
+}
+
+fn any_policy() -> impl Strategy<Value = Policy> {
+    let actions = || {
+        let prune = (0f32..0.3).prop_map(|opacity| Prune { opacity, ..Default::default() });
+        prune.prop_map(|prune| Actions { prune, ..Default::default() })
+    };
+    let threshold = || (-15f32..0.0).prop_map(f32::exp);
+    prop_oneof![
+        (threshold(), actions())
+            .prop_map(|(threshold, actions)| Policy::Absolute(AbsoluteThreshold { threshold, actions })),
+        (0f32..=100.0, actions()).prop_map(|(percent, actions)| {
+            Policy::Percentile(RelativePercentile { percent, actions, ..Default::default() })
+        }),
+        (0f32..=100.0, threshold(), actions()).prop_map(|(percent, floor, actions)| Policy::Hybrid(Hybrid {
+            percent,
+            floor,
+            actions
+        })),
+        (0f32..=100.0, threshold(), actions()).prop_map(|(percent, threshold, actions)| {
+            Policy::Paper(Paper { percent, threshold, actions, ..Default::default() })
+        }),
+        Just(Policy::None),
+    ]
+}
+
+proptest! {
+    #[test]
+    fn permuting_the_gaussians_permutes_the_plan(
+        ((gaussians, gradients), order) in any_scene().prop_flat_map(|pair| {
+            let order: Vec<usize> = (0..pair.0.len()).collect();
+            (Just(pair), Just(order).prop_shuffle())
+        }),
+        policy in any_policy(),
+        budget in 0usize..120,
+    ) {
+        let scene: PlanarScene = gaussians.iter().copied().collect();
+        let statistics = with_gradients(&gradients);
+        let original = plan(&policy, &observation(&scene, &statistics, budget));
+
+        // order[slot] is the old index of the Gaussian that now stands in that slot.
+        let scene: PlanarScene = order.iter().map(|&old| gaussians[old]).collect();
+        let statistics = with_gradients(&order.iter().map(|&old| gradients[old]).collect::<Vec<_>>());
+        let permuted = plan(&policy, &observation(&scene, &statistics, budget));
+
+        let back = |indices: BTreeSet<u32>| indices.into_iter().map(|i| order[i as usize] as u32).collect::<BTreeSet<_>>();
+        prop_assert_eq!(growing(&original), back(growing(&permuted)));
+        prop_assert_eq!(removed(&original), back(removed(&permuted)));
+        prop_assert_eq!(original.counts(), permuted.counts());
+    }
+
+    #[test]
+    fn the_budget_is_kept_and_met_where_enough_qualify(
+        (gaussians, gradients) in any_scene(), policy in any_policy(), budget in 0usize..120,
+    ) {
+        let scene: PlanarScene = gaussians.iter().copied().collect();
+        let statistics = with_gradients(&gradients);
+        let unlimited = plan(&policy, &observation(&scene, &statistics, usize::MAX));
+        let limited = plan(&policy, &observation(&scene, &statistics, budget));
+
+        prop_assert_eq!(&limited.removed, &unlimited.removed);
+        let survivors = gaussians.len() - limited.removed.len();
+        let wanted = unlimited.len_after(gaussians.len());
+        prop_assert_eq!(limited.len_after(gaussians.len()), wanted.min(budget.max(survivors)));
+        prop_assert_eq!(limited.counts().added() as usize, limited.added.len());
+        prop_assert_eq!(growing(&limited).len(), limited.added.len());
+
+        // Those that had to stand back have smaller gradients than those that grow.
+        let least = growing(&limited).into_iter().map(|i| gradients[i as usize]).fold(f32::INFINITY, f32::min);
+        for i in growing(&unlimited).difference(&growing(&limited)) {
+            prop_assert!(gradients[*i as usize] < least);
+        }
+    }
+
+    #[test]
+    fn what_is_not_finite_goes_and_does_not_spread(
+        (gaussians, mut gradients) in any_scene(), policy in any_policy(), spoilt in proptest::collection::vec(0usize..60, 0..5),
+    ) {
+        for index in &spoilt {
+            if let Some(gradient) = gradients.get_mut(*index) {
+                *gradient = f32::NAN;
+            }
+        }
+        let scene: PlanarScene = gaussians.iter().copied().collect();
+        let statistics = with_gradients(&gradients);
+        let plan = plan(&policy, &observation(&scene, &statistics, 1000));
+        prop_assert!(growing(&plan).iter().all(|&i| gradients[i as usize].is_finite()));
+
+        let sources = plan.sources(gaussians.len()).unwrap();
+        let after: Vec<_> = plan.gather(&sources, &gaussians, |&g| g);
+        for g in &after {
+            prop_assert!(g.mean.is_finite() && g.log_scale.is_finite() && g.color.is_finite(), "{:?}", g);
+            prop_assert!(!g.opacity_logit.is_nan());
+        }
+        let broken = gaussians.iter().filter(|g| {
+            !(g.mean.is_finite() && g.log_scale.is_finite() && g.color.is_finite()) || g.opacity_logit.is_nan()
+        });
+        prop_assert_eq!(broken.count(), plan.counts().pruned_not_finite as usize);
+    }
+}
