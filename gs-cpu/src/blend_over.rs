@@ -12,7 +12,7 @@ use gs_core::Accuracy;
 use crate::{
     bin::Entry,
     blend_sum::{Weights, u_in_row},
-    lanes::{Lanes, splat, sums},
+    lanes::{Lanes, load3, splat, splat3, sums},
     layout::{Row, ScalarRow},
     project::Splat,
 };
@@ -41,7 +41,7 @@ pub(crate) fn forward<S: Simd>(
         let s = &splats[entry.place as usize];
         let mut weights = Weights::new(simd, s, first_column);
         let (cut, opacity) = (splat(simd, s.cut), splat(simd, s.opacity));
-        let color = s.color.map(|c| splat(simd, c));
+        let color = splat3(simd, s.color);
         let [mut row, end] = entry.rows.map(usize::from);
         while row < end {
             let stop = end.min(row + s.restart_rows as usize);
@@ -97,8 +97,8 @@ pub(crate) fn backward<S: Simd>(
     let minimum = splat(simd, accuracy.transmittance_min);
     for (Row(pixels), Row(v)) in rows.iter_mut().zip(v_rows) {
         // From here on, channel 0 is T and channel 1 the rest.
-        let [r, g, b] = [0, 1, 2].map(|k| Lanes::load_array_ref(simd, &pixels[k]));
-        let [v_r, v_g, v_b] = [0, 1, 2].map(|k| Lanes::load_array_ref(simd, &v[k]));
+        let [r, g, b] = load3(simd, pixels);
+        let [v_r, v_g, v_b] = load3(simd, v);
         one.store_array(&mut pixels[0]);
         b.mul_add(v_b, g.mul_add(v_g, r * v_r)).store_array(&mut pixels[1]);
     }
@@ -106,7 +106,7 @@ pub(crate) fn backward<S: Simd>(
         let s = &splats[entry.place as usize];
         let mut weights = Weights::new(simd, s, first_column);
         let (cut, opacity) = (splat(simd, s.cut), splat(simd, s.opacity));
-        let color = s.color.map(|c| splat(simd, c));
+        let color = splat3(simd, s.color);
         let (mut v_color, mut s_0, mut s_u, mut s_uu) = ([zero; 3], zero, zero, zero);
         let [mut row, end] = entry.rows.map(usize::from);
         while row < end {
@@ -127,7 +127,7 @@ pub(crate) fn backward<S: Simd>(
                 let counted = touches & counts;
                 let share = counted.select(share, zero);
 
-                let v = [0, 1, 2].map(|k| Lanes::load_array_ref(simd, &v[k]));
+                let v = load3(simd, v);
                 for k in 0..3 {
                     v_color[k] = share.mul_add(v[k], v_color[k]);
                 }

@@ -9,7 +9,7 @@ use fearless_simd::{Simd, prelude::*};
 
 use crate::{
     bin::Entry,
-    lanes::{Lanes, exp, iota, splat, sums},
+    lanes::{Lanes, exp, iota, load3, splat, splat3, sums},
     layout::Row,
     project::Splat,
 };
@@ -82,7 +82,7 @@ pub(crate) fn forward<S: Simd>(
         let s = &splats[entry.place as usize];
         let mut weights = Weights::new(simd, s, first_column);
         let cut = splat(simd, s.cut);
-        let color = s.color.map(|c| splat(simd, c));
+        let color = splat3(simd, s.color);
         let [mut row, end] = entry.rows.map(usize::from);
         while row < end {
             let stop = end.min(row + s.restart_rows as usize);
@@ -116,7 +116,7 @@ pub(crate) fn backward<S: Simd>(
         let s = &splats[entry.place as usize];
         let mut weights = Weights::new(simd, s, first_column);
         let cut = splat(simd, s.cut);
-        let color = s.color.map(|c| splat(simd, c));
+        let color = splat3(simd, s.color);
         let (mut v_color, mut s_u, mut s_uu) = ([zero; 3], zero, zero);
         let [mut row, end] = entry.rows.map(usize::from);
         while row < end {
@@ -125,7 +125,7 @@ pub(crate) fn backward<S: Simd>(
             weights.start(simd, u);
             for Row(v) in &rows[row - first_row..stop - first_row] {
                 let w = weights.w.simd_ge(cut).select(weights.w, zero);
-                let v = [0, 1, 2].map(|k| Lanes::load_array_ref(simd, &v[k]));
+                let v = load3(simd, v);
                 for k in 0..3 {
                     v_color[k] = w.mul_add(v[k], v_color[k]);
                 }

@@ -4,12 +4,12 @@
 //! Gaussian window and borders padded with zeros (3DGS). With b(·) the blur by the window, which is its own adjoint, and x the
 //! image, S depends on x through b(x), b(x²) and b(x y); so v_x = b(∂S/∂b(x)) + 2x·b(∂S/∂b(x²)) + y·b(∂S/∂b(xy)).
 
-use fearless_simd::{Level, Simd, dispatch};
+use fearless_simd::{Level, Simd, dispatch, prelude::*};
 use gs_core::constants::{SSIM_C1, SSIM_C2, SSIM_SIGMA, SSIM_WINDOW};
 use rayon::prelude::*;
 
 use crate::{
-    lanes::LANES,
+    lanes::{LANES, Lanes, iota, splat},
     layout::{Cuts, Grid, Row, TileBuffers, for_each_tile},
     loss::PlanarTarget,
     workspace::Workspace,
@@ -17,11 +17,10 @@ use crate::{
 
 const RADIUS: usize = SSIM_WINDOW / 2;
 
-/// Columns that the vertical blur handles at once, in registers and on the stack.
-const BLOCK: usize = 64;
+type Window = [f32; SSIM_WINDOW];
 
-/// Three channels, row by row, one after the other: row y of channel k is row 3y + k. Each row has [`RADIUS`] zeros before and
-/// after it.
+/// Three channels, row by row, one after the other: row y of channel k is line 3y + k. A line holds whole strips, 0 beyond the
+/// image, with [`RADIUS`] zeros before and after them.
 #[derive(Debug, Default)]
 struct Plane {
     pitch: usize,
@@ -30,7 +29,7 @@ struct Plane {
 
 impl Plane {
     fn resize(&mut self, grid: &Grid) {
-        let pitch = grid.width + 2 * RADIUS;
+        let pitch = grid.strips() * LANES + 2 * RADIUS;
         let len = pitch * 3 * grid.height;
         if self.pitch != pitch || self.values.len() != len {
             self.pitch = pitch;
@@ -73,7 +72,7 @@ pub(crate) struct Scratch {
     row_sums: Vec<f64>,
 }
 
-fn window() -> [f32; SSIM_WINDOW] {
+fn window() -> Window {
     let raw: [f64; SSIM_WINDOW] = std::array::from_fn(|i| {
         let d = i as f64 - RADIUS as f64;
         (-d * d / (2.0 * f64::from(SSIM_SIGMA).powi(2))).exp()
@@ -82,114 +81,125 @@ fn window() -> [f32; SSIM_WINDOW] {
     raw.map(|v| (v / sum) as f32)
 }
 
-/// Blurs along rows: `out[c] = f(window sums of the products of inputs)`.
+/// The sixteen values from `at` on.
 #[inline(always)]
-fn blur_row<const N: usize>(inputs: [&[f32]; N], outputs: [&mut [f32]; N], width: usize, kernel: &[f32; SSIM_WINDOW]) {
+fn load<S: Simd>(simd: S, line: &[f32], at: usize) -> Lanes<S> {
+    Lanes::from_slice(simd, &line[at..at + LANES])
+}
+
+/// Blurs three lines, each along itself.
+#[inline(always)]
+fn blur_lines<S: Simd>(simd: S, inputs: [&[f32]; 3], outputs: [&mut [f32]; 3], window: &Window) {
     for (input, output) in inputs.into_iter().zip(outputs) {
-        let (input, output) = (&input[..width + 2 * RADIUS], &mut output[RADIUS..RADIUS + width]);
-        for (x, out) in output.iter_mut().enumerate() {
-            let taps = &input[x..x + SSIM_WINDOW];
-            let mut sum = 0.0;
+        for x in (0..input.len() - 2 * RADIUS).step_by(LANES) {
+            let mut sum = splat(simd, 0.0);
             for j in 0..SSIM_WINDOW {
-                sum += kernel[j] * taps[j];
+                sum = load(simd, input, x + j).mul_add(splat(simd, window[j]), sum);
             }
-            *out = sum;
+            sum.store_slice(&mut output[RADIUS + x..][..LANES]);
         }
     }
 }
 
-/// Blurs x, x² and x·y along a row.
+/// Blurs x, x² and x·y along a line.
 #[inline(always)]
-fn blur_products(x: &[f32], y: &[f32], out: [&mut [f32]; 3], width: usize, kernel: &[f32; SSIM_WINDOW]) {
-    let (x, y) = (&x[..width + 2 * RADIUS], &y[..width + 2 * RADIUS]);
-    let [mean, square, product] = out.map(|o| &mut o[RADIUS..RADIUS + width]);
-    for i in 0..width {
-        let (xs, ys) = (&x[i..i + SSIM_WINDOW], &y[i..i + SSIM_WINDOW]);
-        let mut sums = [0.0f32; 3];
+fn blur_products<S: Simd>(simd: S, x: &[f32], y: &[f32], outputs: [&mut [f32]; 3], window: &Window) {
+    let [mean, square, product] = outputs;
+    for i in (0..x.len() - 2 * RADIUS).step_by(LANES) {
+        let mut sums = [splat(simd, 0.0); 3];
         for j in 0..SSIM_WINDOW {
-            let kx = kernel[j] * xs[j];
-            sums[0] += kx;
-            sums[1] += kx * xs[j];
-            sums[2] += kx * ys[j];
+            let (x, y) = (load(simd, x, i + j), load(simd, y, i + j));
+            let weighted = x * window[j];
+            sums[0] += weighted;
+            sums[1] = weighted.mul_add(x, sums[1]);
+            sums[2] = weighted.mul_add(y, sums[2]);
         }
-        (mean[i], square[i], product[i]) = (sums[0], sums[1], sums[2]);
+        let at = RADIUS + i..RADIUS + i + LANES;
+        sums[0].store_slice(&mut mean[at.clone()]);
+        sums[1].store_slice(&mut square[at.clone()]);
+        sums[2].store_slice(&mut product[at]);
     }
 }
 
-/// The vertical blur of `plane` at row `y`, channel `k`, columns `x..x + n` (without padding).
+/// The vertical blurs of three planes.
 #[inline(always)]
-fn blur_column(
+fn blur_columns<S: Simd>(
+    simd: S,
+    [a, b, c]: &[Plane; 3],
+    place: (usize, usize),
+    height: usize,
+    x: usize,
+    window: &Window,
+) -> [Lanes<S>; 3] {
+    [
+        blur_column(simd, a, place, height, x, window),
+        blur_column(simd, b, place, height, x, window),
+        blur_column(simd, c, place, height, x, window),
+    ]
+}
+
+/// The vertical blur of `plane` at row `y`, channel `k`, and the sixteen columns from `x` on.
+#[inline(always)]
+fn blur_column<S: Simd>(
+    simd: S,
     plane: &Plane,
     (y, k): (usize, usize),
     height: usize,
     x: usize,
-    n: usize,
-    kernel: &[f32; SSIM_WINDOW],
-) -> [f32; BLOCK] {
-    let mut out = [0.0; BLOCK];
-    for j in 0..SSIM_WINDOW {
-        let Some(row) = (y + j).checked_sub(RADIUS).filter(|&row| row < height) else { continue };
-        let line = &plane.values[(3 * row + k) * plane.pitch + RADIUS + x..][..n];
-        for (out, &value) in out.iter_mut().zip(line) {
-            *out += kernel[j] * value;
-        }
+    window: &Window,
+) -> Lanes<S> {
+    let mut sum = splat(simd, 0.0);
+    let first = y.saturating_sub(RADIUS);
+    for row in first..(y + RADIUS + 1).min(height) {
+        let at = (3 * row + k) * plane.pitch + RADIUS + x;
+        sum = load(simd, &plane.values, at).mul_add(splat(simd, window[row + RADIUS - y]), sum);
     }
-    out
+    sum
 }
 
 fn blur_target(grid: &Grid, target: &PlanarTarget, level: Level) -> BlurredTarget {
-    let kernel = window();
+    let window = window();
     let mut blurred = BlurredTarget { y: Plane::default(), mean: Plane::default(), square: Plane::default() };
     blurred.y.fill_from(grid, &target.rows);
     let mut across = [Plane::default(), Plane::default(), Plane::default()];
-    horizontal_products(grid, &blurred.y, &blurred.y, &mut across, level, &kernel);
+    horizontal_products(grid, &blurred.y, &blurred.y, &mut across, level, &window);
     for (out, across) in [(&mut blurred.mean, &across[0]), (&mut blurred.square, &across[1])] {
         out.resize(grid);
         let pitch = out.pitch;
-        out.values.par_chunks_mut(3 * pitch).enumerate().for_each(|(y, lines)| {
-            for (k, line) in lines.chunks_mut(pitch).enumerate() {
-                for x in (0..grid.width).step_by(BLOCK) {
-                    let n = BLOCK.min(grid.width - x);
-                    let block = blur_column(across, (y, k), grid.height, x, n, &kernel);
-                    line[RADIUS + x..][..n].copy_from_slice(&block[..n]);
-                }
-            }
+        out.values.par_chunks_mut(pitch).enumerate().for_each(|(line, out)| {
+            dispatch!(level, simd => for x in (0..pitch - 2 * RADIUS).step_by(LANES) {
+                let sum = blur_column(simd, across, (line / 3, line % 3), grid.height, x, &window);
+                sum.store_slice(&mut out[RADIUS + x..][..LANES]);
+            });
         });
     }
     blurred
 }
 
-fn horizontal_products(
-    grid: &Grid,
-    x: &Plane,
-    y: &Plane,
-    out: &mut [Plane; 3],
-    level: Level,
-    kernel: &[f32; SSIM_WINDOW],
-) {
+fn horizontal_products(grid: &Grid, x: &Plane, y: &Plane, out: &mut [Plane; 3], level: Level, window: &Window) {
     out.iter_mut().for_each(|plane| plane.resize(grid));
     let pitch = x.pitch;
     let [a, b, c] = out.each_mut().map(|plane| plane.values.par_chunks_mut(pitch));
     a.zip(b).zip(c).with_min_len(8).enumerate().for_each(|(line, ((a, b), c))| {
         let (x, y) = (&x.values[line * pitch..][..pitch], &y.values[line * pitch..][..pitch]);
-        dispatch!(level, _simd => blur_products(x, y, [a, b, c], grid.width, kernel));
+        dispatch!(level, simd => blur_products(simd, x, y, [a, b, c], window));
     });
 }
 
 /// Adds λ·∂(1 − SSIM)/∂C to `workspace.v_rows`; returns 1 − SSIM.
 pub(crate) fn add(workspace: &mut Workspace, target: &PlanarTarget, level: Level, lambda: f32) -> f64 {
-    let kernel = window();
+    let window = window();
     let grid = workspace.grid;
     let count = (3 * grid.width * grid.height) as f64;
     let blurred = target.blurred.get_or_init(|| blur_target(&grid, target, level));
     let mut scratch = std::mem::take(&mut workspace.dssim);
     scratch.x.fill_from(&grid, &workspace.rows);
-    horizontal_products(&grid, &scratch.x, &blurred.y, &mut scratch.across, level, &kernel);
-    let ssim = derivatives(&grid, blurred, &mut scratch, level, &kernel) / count;
+    horizontal_products(&grid, &scratch.x, &blurred.y, &mut scratch.across, level, &window);
+    let ssim = derivatives(&grid, blurred, &mut scratch, level, &window) / count;
 
-    horizontal(&grid, &scratch.by, &mut scratch.across, level, &kernel);
+    horizontal(&grid, &scratch.by, &mut scratch.across, level, &window);
     let scale = (-f64::from(lambda) / count) as f32;
-    gradient(&grid, blurred, &mut scratch, level, scale, &kernel);
+    gradient(&grid, blurred, &mut scratch, level, scale, &window);
 
     let v = &scratch.v;
     let cuts = Cuts { grid: &grid, tile_start: &workspace.bins.tile_start, stride: 0 };
@@ -211,102 +221,82 @@ pub(crate) fn add(workspace: &mut Workspace, target: &PlanarTarget, level: Level
 }
 
 /// Blurs vertically, and writes ∂SSIM/∂b(x), ∂b(x²), ∂b(xy) of every pixel; returns Σ SSIM.
-fn derivatives(
-    grid: &Grid,
-    blurred: &BlurredTarget,
-    scratch: &mut Scratch,
-    level: Level,
-    kernel: &[f32; SSIM_WINDOW],
-) -> f64 {
+fn derivatives(grid: &Grid, blurred: &BlurredTarget, scratch: &mut Scratch, level: Level, window: &Window) -> f64 {
     let Scratch { across, by, row_sums, .. } = scratch;
     by.iter_mut().for_each(|plane| plane.resize(grid));
     row_sums.resize(grid.height, 0.0);
     let pitch = blurred.mean.pitch;
     let [a, b, c] = by.each_mut().map(|plane| plane.values.par_chunks_mut(3 * pitch));
     a.zip(b).zip(c).zip(row_sums.par_iter_mut()).enumerate().for_each(|(y, (((a, b), c), sum))| {
-        *sum = dispatch!(level, simd => {
-            derivative_lines(simd, grid, blurred, across, y, [a, b, c], kernel)
-        });
+        *sum = dispatch!(level, simd => derivative_lines(simd, grid, blurred, across, y, [a, b, c], window));
     });
     row_sums.iter().sum()
 }
 
 #[inline(always)]
 fn derivative_lines<S: Simd>(
-    _simd: S,
+    simd: S,
     grid: &Grid,
     blurred: &BlurredTarget,
     across: &[Plane; 3],
     y: usize,
     out: [&mut [f32]; 3],
-    kernel: &[f32; SSIM_WINDOW],
+    window: &Window,
 ) -> f64 {
     let pitch = blurred.mean.pitch;
+    let (zero, one) = (splat(simd, 0.0), splat(simd, 1.0));
     let mut total = 0.0;
     for k in 0..3 {
         let line = (3 * y + k) * pitch + RADIUS;
-        for x in (0..grid.width).step_by(BLOCK) {
-            let n = BLOCK.min(grid.width - x);
-            let [mean, square, product] = [0, 1, 2].map(|i| blur_column(&across[i], (y, k), grid.height, x, n, kernel));
-            let mean_y = &blurred.mean.values[line + x..][..n];
-            let square_y = &blurred.square.values[line + x..][..n];
-            let at = k * pitch + RADIUS + x;
-            let mut sum = 0.0f32;
-            for i in 0..n {
-                let (mx, my) = (mean[i], mean_y[i]);
-                let a1 = 2.0 * mx * my + SSIM_C1;
-                let a2 = 2.0 * (product[i] - mx * my) + SSIM_C2;
-                let b1 = mx * mx + my * my + SSIM_C1;
-                let b2 = square[i] - mx * mx + square_y[i] - my * my + SSIM_C2;
-                let inverse = 1.0 / (b1 * b2);
-                let s = a1 * a2 * inverse;
-                sum += s;
-                out[0][at + i] = 2.0 * my * (a2 - a1) * inverse - 2.0 * mx * s * (1.0 / b1 - 1.0 / b2);
-                out[1][at + i] = -s / b2;
-                out[2][at + i] = 2.0 * a1 * inverse;
-            }
-            total += f64::from(sum);
+        let mut sum = zero;
+        for x in (0..grid.width).step_by(LANES) {
+            let [mx, square, product] = blur_columns(simd, across, (y, k), grid.height, x, window);
+            let my = load(simd, &blurred.mean.values, line + x);
+            let square_y = load(simd, &blurred.square.values, line + x);
+            let (xx, yy, xy) = (mx * mx, my * my, mx * my);
+            let a1 = xy * 2.0 + SSIM_C1;
+            let a2 = (product - xy) * 2.0 + SSIM_C2;
+            let b1 = xx + yy + SSIM_C1;
+            let b2 = square - xx + square_y - yy + SSIM_C2;
+            // Lanes beyond the image: 0.
+            let beyond = iota(simd).simd_ge(splat(simd, (grid.width - x) as f32));
+            let inverse = beyond.select(zero, one / (b1 * b2));
+            let s = a1 * a2 * inverse;
+            sum += s;
+            let by_mean = my * 2.0 * (a2 - a1) * inverse - mx * 2.0 * s * (one / b1 - one / b2);
+            let at = k * pitch + RADIUS + x..k * pitch + RADIUS + x + LANES;
+            by_mean.store_slice(&mut out[0][at.clone()]);
+            (-s / b2).store_slice(&mut out[1][at.clone()]);
+            (a1 * 2.0 * inverse).store_slice(&mut out[2][at]);
         }
+        total += f64::from(sum.reduce_sum());
     }
     total
 }
 
-fn horizontal(grid: &Grid, input: &[Plane; 3], out: &mut [Plane; 3], level: Level, kernel: &[f32; SSIM_WINDOW]) {
+fn horizontal(grid: &Grid, input: &[Plane; 3], out: &mut [Plane; 3], level: Level, window: &Window) {
     let pitch = input[0].pitch;
+    out.iter_mut().for_each(|plane| plane.resize(grid));
     let [a, b, c] = out.each_mut().map(|plane| plane.values.par_chunks_mut(pitch));
     a.zip(b).zip(c).with_min_len(8).enumerate().for_each(|(line, ((a, b), c))| {
         let input = input.each_ref().map(|plane| &plane.values[line * pitch..][..pitch]);
-        dispatch!(level, _simd => blur_row(input, [a, b, c], grid.width, kernel));
+        dispatch!(level, simd => blur_lines(simd, input, [a, b, c], window));
     });
 }
 
 /// scale · (b(∂b(x)) + 2x b(∂b(x²)) + y b(∂b(xy))), into `scratch.v`.
-fn gradient(
-    grid: &Grid,
-    blurred: &BlurredTarget,
-    scratch: &mut Scratch,
-    level: Level,
-    scale: f32,
-    kernel: &[f32; SSIM_WINDOW],
-) {
+fn gradient(grid: &Grid, blurred: &BlurredTarget, scratch: &mut Scratch, level: Level, scale: f32, window: &Window) {
     let Scratch { across, x: image, v, .. } = scratch;
     v.resize(grid);
     let pitch = v.pitch;
-    v.values.par_chunks_mut(3 * pitch).enumerate().for_each(|(y, lines)| {
-        dispatch!(level, _simd => {
-            for k in 0..3 {
-                let line = (3 * y + k) * pitch + RADIUS;
-                for x in (0..grid.width).step_by(BLOCK) {
-                    let n = BLOCK.min(grid.width - x);
-                    let [a, b, c] = [0, 1, 2].map(|i| blur_column(&across[i], (y, k), grid.height, x, n, kernel));
-                    let xs = &image.values[line + x..][..n];
-                    let ys = &blurred.y.values[line + x..][..n];
-                    let out = &mut lines[k * pitch + RADIUS + x..][..n];
-                    for i in 0..n {
-                        out[i] = scale * (a[i] + 2.0 * xs[i] * b[i] + ys[i] * c[i]);
-                    }
-                }
-            }
+    v.values.par_chunks_mut(pitch).enumerate().for_each(|(line, out)| {
+        dispatch!(level, simd => for x in (0..grid.width).step_by(LANES) {
+            let [a, b, c] =
+                blur_columns(simd, across, (line / 3, line % 3), grid.height, x, window);
+            let at = line * pitch + RADIUS + x;
+            let (xs, ys) = (load(simd, &image.values, at), load(simd, &blurred.y.values, at));
+            let v = (a + xs * 2.0 * b + ys * c) * scale;
+            v.store_slice(&mut out[RADIUS + x..][..LANES]);
         });
     });
 }

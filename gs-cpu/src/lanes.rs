@@ -14,10 +14,23 @@ pub(crate) fn splat<S: Simd>(simd: S, value: f32) -> Lanes<S> {
     Lanes::splat(simd, value)
 }
 
+/// Three numbers, each in every lane. (A closure given to `map` would not be compiled for the SIMD level.)
+#[inline(always)]
+pub(crate) fn splat3<S: Simd>(simd: S, [a, b, c]: [f32; 3]) -> [Lanes<S>; 3] {
+    [splat(simd, a), splat(simd, b), splat(simd, c)]
+}
+
+/// The three channels of a row.
+#[inline(always)]
+pub(crate) fn load3<S: Simd>(simd: S, [a, b, c]: &[[f32; LANES]; 3]) -> [Lanes<S>; 3] {
+    [Lanes::load_array_ref(simd, a), Lanes::load_array_ref(simd, b), Lanes::load_array_ref(simd, c)]
+}
+
 /// 0, 1, …, 15.
 #[inline(always)]
 pub(crate) fn iota<S: Simd>(simd: S) -> Lanes<S> {
-    Lanes::from_fn(simd, |i| i as f32)
+    const COUNT: [f32; LANES] = [0., 1., 2., 3., 4., 5., 6., 7., 8., 9., 10., 11., 12., 13., 14., 15.];
+    Lanes::load_array(simd, COUNT)
 }
 
 /// eˣ for −87.3 ≤ x ≤ 88, relative error below 2 ulp; 0 below that range, e⁸⁸ above it.
