@@ -1,2 +1,44 @@
-//! The program gs.
-fn main() {}
+//! The program gs: fits Gaussians to an image, renders them at any size, and compares and inspects the results.
+//!
+//! Standard output carries what was asked for, and nothing else; progress and errors go to standard error. Exit status: 0 done,
+//! 1 failed, 2 bad usage, 130 stopped by Ctrl-C; a reader that closes our output early is no failure.
+
+mod backend;
+mod command_line;
+mod commands;
+mod failure;
+mod fit;
+mod interrupt;
+mod output;
+mod report;
+mod values;
+
+use std::process::ExitCode;
+
+use crate::{
+    command_line::{Command, Parsed},
+    failure::Failure,
+};
+
+fn main() -> ExitCode {
+    match command_line::parse().and_then(run) {
+        Ok(status) => status,
+        Err(failure) => {
+            if let Some(line) = failure.line() {
+                output::note(line);
+            }
+            failure.status()
+        }
+    }
+}
+
+fn run(parsed: Parsed) -> Result<ExitCode, Failure> {
+    match parsed {
+        Parsed::Answered(status) => return Ok(status),
+        Parsed::Command(Command::Fit(args)) => fit::run(&args),
+        Parsed::Command(Command::Render(args)) => commands::render::run(&args),
+        Parsed::Command(Command::Eval(args)) => commands::eval::run(&args),
+        Parsed::Command(Command::Info(args)) => commands::info::run(&args),
+    }?;
+    Ok(ExitCode::SUCCESS)
+}

@@ -1,0 +1,107 @@
+//! The command line: what the program understands, and one line for what it does not.
+
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand, error::ErrorKind};
+
+use crate::{
+    commands::{eval::EvalArgs, info::InfoArgs, render::RenderArgs},
+    failure::Failure,
+    fit::arguments::FitArgs,
+};
+
+const EXAMPLES: &str = "\
+Examples:
+  gs fit                                        the circle and square that need no file, into gs-out/
+  gs fit photo.png -o out --gaussians 9000      a photograph
+  gs fit photo.png -o out --quality best        the same, slower and better
+  gs render out/scene.gs2d.safetensors -o big.png --size 3072x2048
+  gs eval photo.png out/reconstruction.png      PSNR, SSIM, MS-SSIM
+  gs info out/scene.gs2d.safetensors            what is in a scene
+
+Exit status: 0 done, 1 failed, 2 bad usage, 130 stopped by Ctrl-C.";
+
+/// Fits Gaussians to images, renders them at any size, compares and inspects the results.
+#[derive(Debug, Parser)]
+#[command(name = "gs", version, about, after_help = EXAMPLES, arg_required_else_help = true)]
+struct CommandLine {
+    #[command(subcommand)]
+    command: Command,
+}
+
+/// What to do.
+#[derive(Debug, Subcommand)]
+pub(crate) enum Command {
+    /// Turn an image into Gaussians
+    Fit(Box<FitArgs>),
+    /// Draw a scene as a PNG of any size, or a part of it
+    Render(RenderArgs),
+    /// Compare two images: PSNR, SSIM, MS-SSIM, L1
+    Eval(EvalArgs),
+    /// Tell what is in a scene or a checkpoint
+    Info(InfoArgs),
+}
+
+/// What became of the command line.
+pub(crate) enum Parsed {
+    /// A command to carry out.
+    Command(Command),
+    /// Help or the version was asked for and has been printed.
+    Answered(ExitCode),
+}
+
+/// Reads the program's command line.
+///
+/// # Errors
+/// Bad usage, in one line.
+pub(crate) fn parse() -> Result<Parsed, Failure> {
+    let error = match CommandLine::try_parse() {
+        Ok(line) => return Ok(Parsed::Command(line.command)),
+        Err(error) => error,
+    };
+    match error.kind() {
+        ErrorKind::DisplayHelp | ErrorKind::DisplayVersion => {
+            error.print().map_err(Failure::output)?;
+            Ok(Parsed::Answered(ExitCode::SUCCESS))
+        }
+        ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand => {
+            error.print().map_err(Failure::output)?;
+            Ok(Parsed::Answered(ExitCode::from(2)))
+        }
+        _ => {
+            let command = std::env::args().nth(1).filter(|word| COMMANDS.contains(&word.as_str()));
+            let help = command.map_or_else(|| "gs --help".to_owned(), |command| format!("gs {command} --help"));
+            Err(Failure::usage(essence(&error.to_string())).mend(format_args!("see {help}")))
+        }
+    }
+}
+
+const COMMANDS: [&str; 4] = ["fit", "render", "eval", "info"];
+
+/// The parser's message without its usage, its pointer to the help and its own "error:".
+fn essence(message: &str) -> String {
+    let paragraphs = message.split("\n\n").map(str::trim);
+    let kept =
+        paragraphs.filter(|p| !p.is_empty() && !p.starts_with("Usage:") && !p.starts_with("For more information"));
+    let text = kept.collect::<Vec<_>>().join(": ");
+    text.strip_prefix("error: ").unwrap_or(&text).to_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::CommandFactory;
+
+    #[test]
+    fn the_command_line_is_consistent() {
+        CommandLine::command().debug_assert();
+        let known: Vec<_> = CommandLine::command().get_subcommands().map(|c| c.get_name().to_owned()).collect();
+        assert_eq!(known, COMMANDS);
+    }
+
+    #[test]
+    fn of_the_parsers_message_the_essence_stays() {
+        let message = "error: invalid value 'x' for '--policy <P>'\n  [possible values: a, b]\n\n  tip: try a\n\nUsage: gs fit\n\nFor more information, try '--help'.\n";
+        assert_eq!(essence(message), "invalid value 'x' for '--policy <P>'\n  [possible values: a, b]: tip: try a");
+    }
+}

@@ -1,0 +1,205 @@
+//! `gs info`: what is in a scene or a checkpoint.
+
+use std::{collections::BTreeMap, fmt::Write, path::PathBuf};
+
+use clap::Args;
+use gs_core::{PlanarScene, Rasterizer, RenderSettings, Scene, scene::sigmoid, state::CloudState};
+use serde::Serialize;
+
+use crate::{
+    backend::{Backend, BackendArgs, Task},
+    failure::Failure,
+    output,
+};
+
+/// The flags of `gs info`.
+#[derive(Debug, Clone, Args)]
+pub(crate) struct InfoArgs {
+    /// A scene or a checkpoint
+    file: PathBuf,
+    /// Print JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// What `gs info --json` prints.
+#[derive(Debug, Serialize)]
+struct Info {
+    kind: Kind,
+    /// Size of the file.
+    bytes: u64,
+    bytes_per_gaussian: Option<f64>,
+    gaussians: usize,
+    /// Of the image that the scene was made for, px; `null` in a checkpoint, whose metadata tell it.
+    width: Option<u32>,
+    height: Option<u32>,
+    /// How it is rendered; `null` in a checkpoint.
+    render: Option<RenderSettings>,
+    /// Ranges over all values that are finite, by parameter.
+    ranges: BTreeMap<&'static str, Range>,
+    /// How many Gaussians have a parameter that is NaN or infinite (an opacity of exactly 0 or 1 is neither).
+    not_finite: usize,
+    /// What a checkpoint says of itself.
+    metadata: BTreeMap<String, String>,
+}
+
+#[derive(Debug, Clone, Copy, Serialize)]
+#[serde(rename_all = "lowercase")]
+enum Kind {
+    Scene,
+    Checkpoint,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+struct Range {
+    min: f32,
+    median: f32,
+    max: f32,
+}
+
+/// Tells what is in a file.
+///
+/// # Errors
+/// Where it is neither a scene nor a checkpoint.
+pub(crate) fn run(args: &InfoArgs) -> Result<(), Failure> {
+    let info = read(args)?;
+    if args.json {
+        return output::json(&info);
+    }
+    output::result(text(&info))
+}
+
+fn read(args: &InfoArgs) -> Result<Info, Failure> {
+    let path = &args.file;
+    let bytes = std::fs::metadata(path).map_or(0, |file| file.len());
+    let not_a_scene = match gs_io::read_scene(path) {
+        Ok(file) => {
+            let about = Info::of(Kind::Scene, bytes, &file.scene);
+            let (width, height) = (Some(file.width), Some(file.height));
+            return Ok(Info { width, height, render: Some(file.settings), ..about });
+        }
+        Err(error) => error,
+    };
+    let Ok(checkpoint) = gs_io::read_checkpoint(path) else {
+        return Err(not_a_scene.into());
+    };
+    let backend = Backend::start(&BackendArgs::default())?;
+    let scene = backend.run(Restore(&checkpoint.state)).map_err(|error| Failure::failed(error).at(path.display()))?;
+    Ok(Info { metadata: checkpoint.metadata, ..Info::of(Kind::Checkpoint, bytes, &scene) })
+}
+
+/// The scene that a backend's state holds.
+struct Restore<'a>(&'a CloudState);
+
+impl Task for Restore<'_> {
+    type Output = Result<PlanarScene, gs_core::Error>;
+
+    fn run<R: Rasterizer<PlanarScene>>(self, rasterizer: &R) -> Self::Output {
+        rasterizer.download(&rasterizer.restore(self.0)?)
+    }
+}
+
+impl Info {
+    fn of(kind: Kind, bytes: u64, scene: &PlanarScene) -> Self {
+        let gaussians = scene.len();
+        let mut ranges = BTreeMap::new();
+        let mut add = |name, values: Vec<f32>| {
+            if let Some(range) = Range::of(values) {
+                ranges.insert(name, range);
+            }
+        };
+        add("x (px)", scene.means.iter().map(|m| m.x).collect());
+        add("y (px)", scene.means.iter().map(|m| m.y).collect());
+        add("larger scale (px)", scene.log_scales.iter().map(|s| s.max_element().exp()).collect());
+        add("smaller scale (px)", scene.log_scales.iter().map(|s| s.min_element().exp()).collect());
+        add("opacity", scene.opacity_logits.iter().map(|&logit| sigmoid(logit)).collect());
+        add("red", scene.colors.iter().map(|c| c.x).collect());
+        add("green", scene.colors.iter().map(|c| c.y).collect());
+        add("blue", scene.colors.iter().map(|c| c.z).collect());
+        let finite = scene.iter().filter(|g| {
+            let shape = g.mean.is_finite() && g.log_scale.is_finite() && g.rotation.is_finite();
+            shape && g.color.is_finite() && !g.opacity_logit.is_nan()
+        });
+        Self {
+            kind,
+            bytes,
+            bytes_per_gaussian: (gaussians > 0).then(|| bytes as f64 / gaussians as f64),
+            gaussians,
+            width: None,
+            height: None,
+            render: None,
+            ranges,
+            not_finite: gaussians - finite.count(),
+            metadata: BTreeMap::new(),
+        }
+    }
+}
+
+impl Range {
+    fn of(mut values: Vec<f32>) -> Option<Self> {
+        values.retain(|v| v.is_finite());
+        values.sort_by(f32::total_cmp);
+        Some(Self { min: *values.first()?, median: values[values.len() / 2], max: *values.last()? })
+    }
+}
+
+fn text(info: &Info) -> String {
+    let kind = match info.kind {
+        Kind::Scene => "planar scene",
+        Kind::Checkpoint => "checkpoint of a planar fit",
+    };
+    let mut rows = vec![("kind", kind.to_owned()), ("Gaussians", info.gaussians.to_string())];
+    if let (Some(width), Some(height)) = (info.width, info.height) {
+        rows.push(("canvas", format!("{width}x{height} px")));
+    }
+    let each = info.bytes_per_gaussian.map_or_else(String::new, |each| format!(", {each:.1} a Gaussian"));
+    rows.push(("size", format!("{} bytes{each}", info.bytes)));
+    if let Some(render) = &info.render {
+        rows.push(("blend", format!("{:?}", render.effects.blend).to_lowercase()));
+        rows.push(("background", format!("{:?}", render.backdrop())));
+    }
+    rows.push(("not finite", info.not_finite.to_string()));
+    let mut text = String::new();
+    for (name, value) in &rows {
+        let _ = writeln!(text, "{name:<20}{value}");
+    }
+    for (name, Range { min, median, max }) in &info.ranges {
+        let _ = writeln!(text, "{name:<20}{min:.4} to {max:.4}, median {median:.4}");
+    }
+    for (name, value) in &info.metadata {
+        let _ = writeln!(text, "{name:<20}{value}");
+    }
+    text.truncate(text.trim_end().len());
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::{Vec2, Vec3};
+    use gs_core::PlanarGaussian;
+
+    #[test]
+    fn what_is_not_finite_is_counted_and_left_out_of_the_ranges() {
+        let gaussian = |x, red| PlanarGaussian {
+            mean: Vec2::new(x, 1.0),
+            log_scale: Vec2::ZERO,
+            rotation: 0.0,
+            opacity_logit: f32::INFINITY,
+            color: Vec3::new(red, 0.5, 0.5),
+        };
+        let scene = [gaussian(3.0, 0.1), gaussian(f32::NAN, 0.2), gaussian(5.0, f32::INFINITY)].into_iter().collect();
+        let info = Info::of(Kind::Scene, 300, &scene);
+        assert_eq!((info.gaussians, info.not_finite, info.bytes_per_gaussian), (3, 2, Some(100.0)));
+        assert_eq!(info.ranges["x (px)"], Range { min: 3.0, median: 5.0, max: 5.0 });
+        assert_eq!(info.ranges["red"], Range { min: 0.1, median: 0.2, max: 0.2 });
+        assert!(!info.ranges.contains_key("opacity"), "every Gaussian is opaque");
+    }
+
+    #[test]
+    fn an_empty_scene_has_no_ranges() {
+        let info = Info::of(Kind::Scene, 100, &PlanarScene::default());
+        assert!(info.ranges.is_empty() && info.bytes_per_gaussian.is_none());
+        assert!(text(&info).contains("Gaussians           0"));
+    }
+}

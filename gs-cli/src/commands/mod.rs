@@ -1,0 +1,5 @@
+//! The commands that answer at once; `fit` has a folder of its own.
+
+pub(crate) mod eval;
+pub(crate) mod info;
+pub(crate) mod render;

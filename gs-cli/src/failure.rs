@@ -1,0 +1,136 @@
+//! How a command fails: one line that says what, where and how to mend it, and the exit status that goes with it.
+
+use std::{fmt::Display, io, process::ExitCode};
+
+/// Exit status of a command that was stopped by Ctrl-C: 128 + SIGINT, as shells have it.
+const INTERRUPTED: u8 = 130;
+
+/// What kind of failure, which decides the exit status.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Kind {
+    /// The command line asks for what cannot be: status 2.
+    Usage,
+    /// The command could not do what it was asked: status 1.
+    Failed,
+    /// Ctrl-C: status 130.
+    Interrupted,
+    /// Whoever read our output has read enough: status 0, and no message.
+    BrokenPipe,
+}
+
+/// Why a command did not do what it was asked.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct Failure {
+    kind: Kind,
+    message: String,
+}
+
+impl Failure {
+    /// The command could not do what it was asked; `message` in the order what: where: how to mend.
+    pub(crate) fn failed(message: impl Display) -> Self {
+        Self { kind: Kind::Failed, message: one_line(message) }
+    }
+
+    /// The command line asks for what cannot be.
+    pub(crate) fn usage(message: impl Display) -> Self {
+        Self { kind: Kind::Usage, message: one_line(message) }
+    }
+
+    /// The command was stopped by Ctrl-C, and what it had was saved.
+    pub(crate) fn interrupted(message: impl Display) -> Self {
+        Self { kind: Kind::Interrupted, message: one_line(message) }
+    }
+
+    /// Standard output could not be written.
+    pub(crate) fn output(source: io::Error) -> Self {
+        match source.kind() {
+            io::ErrorKind::BrokenPipe => Self { kind: Kind::BrokenPipe, message: String::new() },
+            _ => Self::failed(format!("standard output: {source}")),
+        }
+    }
+
+    /// Adds how to mend it.
+    pub(crate) fn mend(mut self, how: impl Display) -> Self {
+        self.message = format!("{}: {}", self.message, one_line(how));
+        self
+    }
+
+    /// Puts the place in front: a file, a flag.
+    pub(crate) fn at(mut self, place: impl Display) -> Self {
+        self.message = format!("{}: {}", one_line(place), self.message);
+        self
+    }
+
+    /// The line for standard error, without its line break; `None` where nothing needs saying.
+    pub(crate) fn line(&self) -> Option<String> {
+        match self.kind {
+            Kind::Usage | Kind::Failed => Some(format!("error: {}", self.message)),
+            Kind::Interrupted => Some(self.message.clone()),
+            Kind::BrokenPipe => None,
+        }
+    }
+
+    /// The program's exit status.
+    pub(crate) fn status(&self) -> ExitCode {
+        match self.kind {
+            Kind::Usage => ExitCode::from(2),
+            Kind::Failed => ExitCode::FAILURE,
+            Kind::Interrupted => ExitCode::from(INTERRUPTED),
+            Kind::BrokenPipe => ExitCode::SUCCESS,
+        }
+    }
+}
+
+impl From<gs_core::Error> for Failure {
+    fn from(error: gs_core::Error) -> Self {
+        match error {
+            gs_core::Error::Setting { .. } => Self::usage(error),
+            _ => Self::failed(error),
+        }
+    }
+}
+
+impl From<gs_io::Error> for Failure {
+    fn from(error: gs_io::Error) -> Self {
+        Self::failed(error)
+    }
+}
+
+impl From<gs_train::Error> for Failure {
+    fn from(error: gs_train::Error) -> Self {
+        match error {
+            gs_train::Error::Core(error) => error.into(),
+            _ => Self::failed(error),
+        }
+    }
+}
+
+/// Quits at once, as a second Ctrl-C asks; results are written under temporary names, so none is left in half.
+pub(crate) fn quit_now() -> ! {
+    std::process::exit(i32::from(INTERRUPTED))
+}
+
+/// Messages of parsers come in several lines; ours are one.
+fn one_line(message: impl Display) -> String {
+    let text = message.to_string();
+    text.split_whitespace().collect::<Vec<_>>().join(" ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_failure_is_one_line_in_the_order_where_what_how() {
+        let failure = Failure::failed("is a\n folder").at("/tmp/x").mend("name a file");
+        assert_eq!(failure.line().as_deref(), Some("error: /tmp/x: is a folder: name a file"));
+    }
+
+    #[test]
+    fn a_broken_pipe_is_no_failure() {
+        let pipe = Failure::output(io::Error::from(io::ErrorKind::BrokenPipe));
+        assert_eq!(pipe.line(), None);
+        assert_eq!(pipe.status(), ExitCode::SUCCESS);
+        assert!(Failure::output(io::Error::from(io::ErrorKind::StorageFull)).line().is_some());
+    }
+}

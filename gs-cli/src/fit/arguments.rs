@@ -1,0 +1,193 @@
+//! The flags of `gs fit`.
+
+use std::path::PathBuf;
+
+use clap::{Args, ValueEnum};
+
+use crate::{backend::BackendArgs, output::Format, values::Color};
+
+const AFTER_HELP: &str = "\
+DIR then holds:
+  reconstruction.png      the Gaussians rendered at the image's size
+  scene.gs2d.safetensors  the Gaussians themselves, for gs render and gs info
+  scene.ply               the same as a flat scene for any viewer of 3D Gaussian splats
+  ellipses.png            the Gaussians drawn as ellipses over the reconstruction
+  metrics.csv             count, edits, loss, L1 and PSNR over the steps
+  curve.png               count and loss over the steps
+  settings.toml           all settings, to repeat the fit with --settings
+  summary.json            what --json prints
+
+Ctrl-C stops the fit, saves a checkpoint, and writes what there is so far.";
+
+/// The flags of `gs fit`.
+#[derive(Debug, Clone, Args)]
+#[command(after_help = AFTER_HELP)]
+pub(crate) struct FitArgs {
+    /// The image: PNG, JPEG, BMP, TIFF, WebP or PNM [default: the paper's circle and square, 128x128]
+    pub(crate) image: Option<PathBuf>,
+    /// Folder for the results; made if it is not there
+    #[arg(short, long, value_name = "DIR", default_value = "gs-out")]
+    pub(crate) output: PathBuf,
+    /// Print the summary as JSON on standard output, and nothing else there
+    #[arg(long)]
+    json: bool,
+    /// Leave out the two pictures that only explain: ellipses.png and curve.png
+    #[arg(long)]
+    no_report: bool,
+    #[command(flatten)]
+    pub(crate) settings: SettingsArgs,
+    #[command(flatten)]
+    pub(crate) checkpoints: CheckpointArgs,
+    #[command(flatten)]
+    pub(crate) backend: BackendArgs,
+}
+
+impl FitArgs {
+    /// How the summary is printed.
+    pub(crate) fn format(&self) -> Format {
+        if self.json { Format::Json } else { Format::Text }
+    }
+
+    /// Which pictures are made.
+    pub(crate) fn pictures(&self) -> Pictures {
+        if self.no_report { Pictures::Reconstruction } else { Pictures::All }
+    }
+}
+
+/// Which pictures a fit leaves behind.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Pictures {
+    /// The reconstruction, the ellipses and the curve.
+    All,
+    /// The reconstruction only.
+    Reconstruction,
+}
+
+/// What is fitted and how: a preset or a file of settings, and what is to differ from it.
+#[derive(Debug, Clone, Default, Args)]
+#[command(next_help_heading = "Settings")]
+#[group(id = "settings-of-a-fit", multiple = true)]
+pub(crate) struct SettingsArgs {
+    /// Where to start from [default: standard, or paper without an image]
+    #[arg(long, visible_alias = "quality", value_enum, value_name = "PRESET")]
+    pub(crate) preset: Option<PresetName>,
+    /// Take all settings from a file, such as a settings.toml that a fit has written; flags override it
+    #[arg(long, value_name = "FILE.toml", conflicts_with = "preset")]
+    pub(crate) settings: Option<PathBuf>,
+    /// The most Gaussians there may be
+    #[arg(short = 'n', long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    pub(crate) gaussians: Option<u32>,
+    /// Steps of the optimiser; 0 leaves the first Gaussians as they are
+    #[arg(short, long, value_name = "K")]
+    pub(crate) iterations: Option<u32>,
+    /// Which Gaussians grow and which go
+    #[arg(long, value_enum, value_name = "POLICY")]
+    pub(crate) policy: Option<PolicyName>,
+    /// Where the first Gaussians are put
+    #[arg(long, value_enum, value_name = "INIT")]
+    pub(crate) init: Option<InitName>,
+    /// What is minimised
+    #[arg(long, value_enum, value_name = "LOSS")]
+    pub(crate) loss: Option<LossName>,
+    /// How the Gaussians at a pixel become its colour
+    #[arg(long, value_enum, value_name = "BLEND")]
+    pub(crate) blend: Option<BlendName>,
+    /// In which coordinates the optimiser moves
+    #[arg(long, value_enum, value_name = "CHART")]
+    pub(crate) chart: Option<ChartName>,
+    /// The colour behind, each part from 0 to 1, such as 1,1,1 for white
+    #[arg(long, value_name = "R,G,B")]
+    pub(crate) background: Option<Color>,
+    /// Where all random numbers come from; equal seeds give equal results
+    #[arg(long, value_name = "S")]
+    pub(crate) seed: Option<u32>,
+}
+
+/// When the state of the fit is stored, and from where it goes on.
+#[derive(Debug, Clone, Args)]
+#[command(next_help_heading = "Checkpoints")]
+pub(crate) struct CheckpointArgs {
+    /// Where checkpoints go [default: DIR/checkpoint.safetensors, on Ctrl-C only]
+    #[arg(long, value_name = "FILE")]
+    pub(crate) checkpoint: Option<PathBuf>,
+    /// Save one about every so many steps [default: a tenth of all, if --checkpoint is given]
+    #[arg(long, value_name = "STEPS", value_parser = clap::value_parser!(u32).range(1..))]
+    pub(crate) checkpoint_every: Option<u32>,
+    /// Go on with a fit from its checkpoint, given the same image; it ends as if it had never stopped
+    #[arg(long, value_name = "FILE", conflicts_with = "settings-of-a-fit")]
+    pub(crate) resume: Option<PathBuf>,
+}
+
+/// Settings that belong together.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum PresetName {
+    /// The paper's own experiment: 20 Gaussians that grow, front-to-back blending
+    Paper,
+    /// For a first look: a fraction of the time
+    Quick,
+    /// For images: the best that a second or so can do
+    Standard,
+    /// More steps, a little better
+    Best,
+}
+
+/// A way of controlling density.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum PolicyName {
+    /// Grow where the positional gradient exceeds a fixed threshold (3DGS)
+    Absolute,
+    /// Grow the top percents by positional gradient (the paper's forced growth)
+    Percentile,
+    /// Grow by rank, above a floor and within a budget
+    Hybrid,
+    /// The paper's experiment: the top percents together with the fixed threshold
+    Paper,
+    /// Drop those that contribute least, add where the residual is large
+    Residual,
+    /// The first Gaussians stay as many as they are
+    None,
+}
+
+/// A way of placing the first Gaussians.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum InitName {
+    /// Anywhere, large
+    Random,
+    /// Along the border of the image
+    Periphery,
+    /// On a grid
+    Grid,
+    /// Where the image has edges
+    Gradient,
+    /// Where a coarse picture of the image is most wrong
+    Error,
+}
+
+/// What is minimised.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum LossName {
+    /// Mean squared difference: the best PSNR
+    L2,
+    /// Mean absolute difference
+    L1,
+    /// 0.8 L1 + 0.2 (1 - SSIM), as the paper has it
+    L1Dssim,
+}
+
+/// How Gaussians are blended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum BlendName {
+    /// Added up: no order, no opacity; fastest
+    Sum,
+    /// Front to back with opacities, as splat viewers do
+    Over,
+}
+
+/// In which coordinates the optimiser moves a Gaussian.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum ChartName {
+    /// Pixels, ln-scale and angle (3DGS)
+    ScaleRotation,
+    /// The Gaussian's own frame: a step is the same fraction of every Gaussian
+    LocalFrame,
+}

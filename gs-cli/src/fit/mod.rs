@@ -1,0 +1,143 @@
+//! `gs fit`: an image becomes Gaussians.
+//!
+//! Whatever can be refused is refused before the output folder is touched, and the folder before the first step is made.
+
+pub(crate) mod arguments;
+mod folder;
+mod observers;
+mod progress;
+mod results;
+mod settings;
+mod target;
+
+use std::{path::PathBuf, time::Instant};
+
+use gs_core::{PlanarScene, Rasterizer};
+use gs_io::{Checkpoint, read_checkpoint, write_checkpoint};
+use gs_train::{FitSettings, MetricsLog, Outcome, Trainer};
+
+use crate::{
+    backend::{Backend, Task},
+    failure::Failure,
+    fit::{
+        arguments::{CheckpointArgs, FitArgs},
+        folder::OutputFolder,
+        observers::{Checkpoints, Curve, StopOnInterrupt},
+        progress::Display,
+        results::{History, Results},
+        target::Target,
+    },
+    interrupt::Interrupt,
+    output::{self, Format},
+};
+
+/// Fits Gaussians to an image and writes the results.
+///
+/// # Errors
+/// Where input, flags or the output folder are not possible, where the fit diverges, or where Ctrl-C stopped it.
+pub(crate) fn run(args: &FitArgs) -> Result<(), Failure> {
+    let started = Instant::now();
+    let target = Target::load(args.image.as_deref(), args.settings.background)?;
+    let start = match &args.checkpoints.resume {
+        Some(file) => Start::Resumed(read_checkpoint(file)?, file.clone()),
+        None => Start::Fresh(Box::new(settings::resolve(&args.settings, &target.image, target.preset())?)),
+    };
+    let backend = Backend::start(&args.backend)?;
+    backend.run(Fit { args, target: &target, start, backend: &backend, started })
+}
+
+/// Where a fit begins.
+enum Start {
+    Fresh(Box<FitSettings>),
+    /// A checkpoint, and the file it is from.
+    Resumed(Checkpoint, PathBuf),
+}
+
+struct Fit<'a> {
+    args: &'a FitArgs,
+    target: &'a Target,
+    start: Start,
+    backend: &'a Backend,
+    started: Instant,
+}
+
+impl Task for Fit<'_> {
+    type Output = Result<(), Failure>;
+
+    fn run<R: Rasterizer<PlanarScene>>(self, rasterizer: &R) -> Result<(), Failure> {
+        let Self { args, target, start, backend, started } = self;
+        let resumed = matches!(start, Start::Resumed(..));
+        let mut trainer = match start {
+            Start::Fresh(settings) => Trainer::new(rasterizer, &target.image, *settings)?,
+            Start::Resumed(checkpoint, file) => Trainer::resume(rasterizer, &target.image, checkpoint)
+                .map_err(|error| Failure::failed(error).at(file.display()).mend("give the same image"))?,
+        };
+        let folder = OutputFolder::prepare(&args.output)?;
+        let mut checkpoints = checkpoints(args, &folder, trainer.settings().iterations)?;
+        announce(args, target, backend, &trainer);
+
+        let history = match resumed {
+            true => History::read(&folder, trainer.step()),
+            false => History::default(),
+        };
+        let interrupt = Interrupt::listen();
+        let mut display = Display::new(trainer.step(), trainer.settings().iterations);
+        let mut log = MetricsLog::for_settings(trainer.settings());
+        let mut curve = Curve(history.points());
+        let stop = StopOnInterrupt(&interrupt);
+        let outcome = trainer.run(&mut ((&mut display, &mut log), (&mut curve, (&mut checkpoints, stop))));
+        display.clear();
+        let outcome = outcome?;
+        if outcome == Outcome::Stopped {
+            write_checkpoint(&checkpoints.file, &trainer.checkpoint()?)?;
+        }
+
+        let results = Results { folder: &folder, target, backend, pictures: args.pictures(), started };
+        let summary = results.write(rasterizer, &trainer, &history.with(&log), &curve.0)?;
+        match args.format() {
+            Format::Json => output::json(&summary)?,
+            Format::Text => output::note(summary.text(folder.path())),
+        }
+        match outcome {
+            Outcome::Finished => Ok(()),
+            Outcome::Stopped => Err(stopped(args, target, &checkpoints, trainer.step())),
+        }
+    }
+}
+
+/// Where checkpoints go and how often, in a folder that is known to take them.
+fn checkpoints(args: &FitArgs, folder: &OutputFolder, iterations: u32) -> Result<Checkpoints, Failure> {
+    let CheckpointArgs { checkpoint, checkpoint_every, .. } = &args.checkpoints;
+    let file = checkpoint.clone().unwrap_or_else(|| folder.file("checkpoint.safetensors"));
+    if let Some(parent) = file.parent().filter(|parent| !parent.as_os_str().is_empty()) {
+        OutputFolder::prepare(parent)?;
+    }
+    let tenth = checkpoint.as_ref().map(|_| (iterations / 10).max(1));
+    Ok(Checkpoints { file, every: checkpoint_every.or(tenth) })
+}
+
+fn announce<R: Rasterizer<PlanarScene>>(args: &FitArgs, target: &Target, backend: &Backend, trainer: &Trainer<'_, R>) {
+    output::note(&backend.reason);
+    if let Some(remark) = &target.remark {
+        output::note(remark);
+    }
+    let settings = trainer.settings();
+    output::note(format_args!(
+        "fitting {} ({}x{} px) with at most {} Gaussians in {} steps, into {}",
+        target.name(),
+        target.image.width(),
+        target.image.height(),
+        settings.gaussians,
+        settings.iterations - trainer.step(),
+        args.output.display()
+    ));
+}
+
+fn stopped(args: &FitArgs, target: &Target, checkpoints: &Checkpoints, step: u32) -> Failure {
+    let image = target.file.as_ref().map_or_else(String::new, |file| format!(" {}", file.display()));
+    Failure::interrupted(format_args!(
+        "stopped after step {step}; to go on: gs fit{image} -o {} --resume {}",
+        args.output.display(),
+        checkpoints.file.display()
+    ))
+}

@@ -1,0 +1,46 @@
+//! The observers of a fit besides its display: one for each thing that happens while it runs.
+
+use std::path::PathBuf;
+
+use gs_io::{Checkpoint, write_checkpoint};
+use gs_train::{Control, Error, Observer, Progress};
+
+use crate::{interrupt::Interrupt, report::curve::Point};
+
+/// Stops the fit on Ctrl-C.
+pub(crate) struct StopOnInterrupt<'a>(pub(crate) &'a Interrupt);
+
+impl Observer for StopOnInterrupt<'_> {
+    fn on_step(&mut self, _: &Progress) -> Control {
+        if self.0.requested() { Control::Stop } else { Control::Continue }
+    }
+}
+
+/// Stores checkpoints as the fit goes on, each in place of the one before.
+pub(crate) struct Checkpoints {
+    /// Where.
+    pub(crate) file: PathBuf,
+    /// Every so many steps; never where there is none.
+    pub(crate) every: Option<u32>,
+}
+
+impl Observer for Checkpoints {
+    fn wants_checkpoint(&mut self, progress: &Progress) -> bool {
+        self.every.is_some_and(|every| progress.step.is_multiple_of(every))
+    }
+
+    fn on_checkpoint(&mut self, checkpoint: &Checkpoint) -> Result<(), Error> {
+        Ok(write_checkpoint(&self.file, checkpoint)?)
+    }
+}
+
+/// Collects the points of the curve: count and loss come with every step and cost nothing.
+#[derive(Debug, Default)]
+pub(crate) struct Curve(pub(crate) Vec<Point>);
+
+impl Observer for Curve {
+    fn on_step(&mut self, progress: &Progress) -> Control {
+        self.0.push(Point { step: progress.step, count: progress.count, loss: progress.loss });
+        Control::Continue
+    }
+}

@@ -1,0 +1,300 @@
+//! From flags to the settings of a fit: a preset or a file is the start, flags replace parts of it, and what depends on a
+//! replaced part follows.
+
+use std::{fs, path::Path};
+
+use gs_core::{Adam, Blend, Chart, Image, Loss, RenderSettings, adam::Group};
+use gs_density::{AbsoluteThreshold, Hybrid, Paper, Policy, RelativePercentile, ResidualGrowth};
+use gs_train::{
+    FitSettings, Init, InitialCount, Preset,
+    init::{Colors, Grid, Guided, Periphery, Random},
+};
+
+use crate::{
+    failure::Failure,
+    fit::arguments::{BlendName, ChartName, InitName, LossName, PolicyName, PresetName, SettingsArgs},
+};
+
+/// Step size of opacity logits where a preset without opacities is blended front to back.
+const OPACITY_RATE: f32 = 0.05;
+/// Step size in standard deviations where a preset for pixels is moved to the local frame.
+const LOCAL_FRAME_RATE: f32 = 0.15;
+
+/// The settings that the flags ask for, for this target; `preset` is the default of [`SettingsArgs::preset`].
+///
+/// # Errors
+/// Where a file of settings cannot be read, or the settings are not possible.
+pub(crate) fn resolve(args: &SettingsArgs, target: &Image, preset: Preset) -> Result<FitSettings, Failure> {
+    let mut settings = match &args.settings {
+        Some(file) => {
+            let settings = read(file)?;
+            let gaussians = args.gaussians.unwrap_or(settings.gaussians);
+            let iterations = args.iterations.unwrap_or(settings.iterations);
+            FitSettings { gaussians, ..settings }.with_iterations(iterations)
+        }
+        None => from_preset(args, target, args.preset.map_or(preset, Preset::from)),
+    };
+    if let InitialCount::Fixed(count) = &mut settings.initial {
+        *count = (*count).min(settings.gaussians);
+    }
+    if let Some(loss) = args.loss {
+        settings.loss = loss.into();
+    }
+    if let Some(chart) = args.chart {
+        move_to_chart(&mut settings, chart.into());
+    }
+    if let Some(blend) = args.blend {
+        blend_by(&mut settings, blend.into(), target);
+    }
+    if let Some(color) = args.background {
+        settings.render = settings.render.on(color.0);
+    }
+    if let Some(policy) = args.policy {
+        control_by(&mut settings, policy);
+    }
+    if let Some(init) = args.init {
+        settings.init = initialiser(init, &settings);
+    }
+    settings.seed = args.seed.unwrap_or(settings.seed);
+    settings.validate()?;
+    Ok(settings)
+}
+
+/// The settings as TOML, for [`SettingsArgs::settings`] to read. Numbers have as many digits as tell them apart as `f32`.
+///
+/// # Errors
+/// Where they cannot be written as TOML.
+pub(crate) fn to_toml(settings: &FitSettings) -> Result<String, Failure> {
+    let failed = |error| Failure::failed(error).at("settings");
+    let mut value = toml::Value::try_from(settings).map_err(failed)?;
+    shorten(&mut value);
+    toml::to_string(&value).map_err(failed)
+}
+
+/// Every number of the settings is an `f32`, which a wider type shows with digits that mean nothing.
+fn shorten(value: &mut toml::Value) {
+    match value {
+        toml::Value::Float(number) => *number = (*number as f32).to_string().parse().unwrap_or(*number),
+        toml::Value::Array(values) => values.iter_mut().for_each(shorten),
+        toml::Value::Table(table) => table.iter_mut().for_each(|(_, value)| shorten(value)),
+        _ => {}
+    }
+}
+
+fn read(file: &Path) -> Result<FitSettings, Failure> {
+    let at = |failure: Failure| failure.at(file.display());
+    let text = fs::read_to_string(file).map_err(|error| {
+        at(Failure::failed(format_args!("cannot be read: {error}")).mend("name a file of settings"))
+    })?;
+    let mend = "compare it with the settings.toml that a fit writes";
+    let settings: FitSettings = toml::from_str(&text).map_err(|error| {
+        let line = error.span().map_or(1, |span| 1 + text[..span.start.min(text.len())].matches('\n').count());
+        at(Failure::usage(format_args!("line {line}: {}", error.message())).mend(mend))
+    })?;
+    settings.validate().map_err(|error| at(Failure::usage(error)))?;
+    Ok(settings)
+}
+
+fn from_preset(args: &SettingsArgs, target: &Image, preset: Preset) -> FitSettings {
+    let size = target.size();
+    let settings = match preset {
+        Preset::Paper => FitSettings::paper(),
+        _ => preset.settings(gaussians_for(size), size),
+    };
+    let gaussians = args.gaussians.unwrap_or(settings.gaussians);
+    match (preset, args.iterations) {
+        (Preset::Paper, iterations) => {
+            FitSettings { gaussians, ..settings }.with_iterations(iterations.unwrap_or(FitSettings::paper().iterations))
+        }
+        (_, Some(iterations)) => FitSettings::for_image(gaussians, size, iterations),
+        (_, None) => preset.settings(gaussians, size),
+    }
+}
+
+/// How many Gaussians an image has by default: 9,000 for each 768x512 px, the size of the Kodak test set.
+fn gaussians_for((width, height): (u32, u32)) -> u32 {
+    let pixels = u64::from(width) * u64::from(height);
+    u32::try_from(pixels * 9_000 / (768 * 512)).unwrap_or(u32::MAX).max(1)
+}
+
+/// Step sizes have other units in the other chart.
+fn move_to_chart(settings: &mut FitSettings, chart: Chart) {
+    if settings.chart == chart {
+        return;
+    }
+    settings.chart = chart;
+    let adam = &mut settings.adam;
+    let usual = Adam::default();
+    let rates = match chart {
+        Chart::ScaleRotation => [usual.mean, usual.scale, usual.rotation].map(|group: Group| group.learning_rate),
+        Chart::LocalFrame => [LOCAL_FRAME_RATE; 3],
+    };
+    for (group, rate) in [&mut adam.mean, &mut adam.scale, &mut adam.rotation].into_iter().zip(rates) {
+        group.learning_rate = rate;
+    }
+}
+
+/// Front to back, something must be behind, and opacities must move.
+fn blend_by(settings: &mut FitSettings, blend: Blend, target: &Image) {
+    if settings.render.effects.blend == blend {
+        return;
+    }
+    match blend {
+        Blend::Sum => settings.render.effects.blend = blend,
+        Blend::Over => {
+            let accuracy = settings.render.accuracy;
+            settings.render = RenderSettings { accuracy, ..RenderSettings::blended(blend) }.on(mean_color(target));
+            settings.adam.opacity.learning_rate = OPACITY_RATE;
+        }
+    }
+}
+
+fn mean_color(image: &Image) -> [f32; 3] {
+    let count = image.pixels().len() as f64;
+    let sum = image
+        .pixels()
+        .iter()
+        .fold([0.0; 3], |sum: [f64; 3], pixel| std::array::from_fn(|channel| sum[channel] + f64::from(pixel[channel])));
+    sum.map(|channel| (channel / count) as f32)
+}
+
+fn control_by(settings: &mut FitSettings, policy: PolicyName) {
+    settings.policy = match policy {
+        PolicyName::Absolute => Policy::Absolute(AbsoluteThreshold::default()),
+        PolicyName::Percentile => Policy::Percentile(RelativePercentile::default()),
+        PolicyName::Hybrid => Policy::Hybrid(Hybrid::default()),
+        PolicyName::Paper => Policy::Paper(Paper::default()),
+        PolicyName::Residual => {
+            let first = settings.initial.resolve(settings.gaussians) as f32;
+            let start_fraction = first / settings.gaussians as f32;
+            Policy::Residual(ResidualGrowth { start_fraction, ..ResidualGrowth::default() })
+        }
+        PolicyName::None => {
+            // What cannot grow must be there from the start.
+            settings.initial = InitialCount::Fraction(1.0);
+            Policy::None
+        }
+    };
+}
+
+fn initialiser(name: InitName, settings: &FitSettings) -> Init {
+    // Added up, colours that know nothing of the image would have to be unlearnt first.
+    let colors = match settings.render.effects.blend {
+        Blend::Sum => Colors::Target,
+        Blend::Over => Colors::Random,
+    };
+    match name {
+        InitName::Random => Init::Random(Random { colors, ..Random::default() }),
+        InitName::Periphery => Init::Periphery(Periphery { colors, ..Periphery::default() }),
+        InitName::Grid => Init::Grid(Grid::default()),
+        InitName::Gradient => Init::Gradient(Guided::default()),
+        InitName::Error => Init::Error(Guided::default()),
+    }
+}
+
+impl From<PresetName> for Preset {
+    fn from(name: PresetName) -> Self {
+        match name {
+            PresetName::Paper => Self::Paper,
+            PresetName::Quick => Self::Quick,
+            PresetName::Standard => Self::Standard,
+            PresetName::Best => Self::Best,
+        }
+    }
+}
+
+impl From<LossName> for Loss {
+    fn from(name: LossName) -> Self {
+        match name {
+            LossName::L2 => Self::L2,
+            LossName::L1 => Self::L1,
+            LossName::L1Dssim => Self::PAPER,
+        }
+    }
+}
+
+impl From<BlendName> for Blend {
+    fn from(name: BlendName) -> Self {
+        match name {
+            BlendName::Sum => Self::Sum,
+            BlendName::Over => Self::Over,
+        }
+    }
+}
+
+impl From<ChartName> for Chart {
+    fn from(name: ChartName) -> Self {
+        match name {
+            ChartName::ScaleRotation => Self::ScaleRotation,
+            ChartName::LocalFrame => Self::LocalFrame,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::ValueEnum;
+    use gs_core::effects::Background;
+
+    fn target() -> Image {
+        Image::from_fn(64, 48, |x, _| [x as f32 / 63.0, 0.5, 0.25]).unwrap()
+    }
+
+    fn resolved(args: &SettingsArgs) -> FitSettings {
+        resolve(args, &target(), Preset::Standard).unwrap()
+    }
+
+    #[test]
+    fn every_preset_and_every_override_comes_back_from_its_toml() {
+        for &preset in PresetName::value_variants() {
+            for &policy in PolicyName::value_variants() {
+                for &init in InitName::value_variants() {
+                    let (preset, policy, init) = (Some(preset), Some(policy), Some(init));
+                    let settings = resolved(&SettingsArgs { preset, policy, init, ..SettingsArgs::default() });
+                    let text = to_toml(&settings).unwrap();
+                    assert_eq!(toml::from_str::<FitSettings>(&text).unwrap(), settings, "{text}");
+                    assert!(!text.contains("000000"), "{text}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn the_number_of_gaussians_follows_the_image_unless_it_is_given() {
+        assert_eq!(gaussians_for((768, 512)), 9_000);
+        assert_eq!(gaussians_for((1, 1)), 1);
+        assert_eq!(gaussians_for((16_384, 16_384)), 6_144_000);
+        let few = resolved(&SettingsArgs {
+            preset: Some(PresetName::Paper),
+            gaussians: Some(7),
+            iterations: Some(250),
+            ..SettingsArgs::default()
+        });
+        assert_eq!((few.gaussians, few.initial.resolve(7), few.iterations), (7, 7, 250));
+        assert!(few.rounds.last(250) <= 250);
+    }
+
+    #[test]
+    fn front_to_back_has_a_background_and_moving_opacities() {
+        let over = resolved(&SettingsArgs { blend: Some(BlendName::Over), ..SettingsArgs::default() });
+        assert_eq!(over.render.effects.blend, Blend::Over);
+        assert_eq!(over.render.effects.background, Background::Solid);
+        assert!((over.render.background[0] - 0.5).abs() < 1e-3 && (over.render.background[2] - 0.25).abs() < 1e-6);
+        assert_eq!(over.adam.opacity.learning_rate, OPACITY_RATE);
+    }
+
+    #[test]
+    fn step_sizes_follow_the_chart() {
+        let pixels = resolved(&SettingsArgs { chart: Some(ChartName::ScaleRotation), ..SettingsArgs::default() });
+        assert_eq!(pixels.adam.mean.learning_rate, Adam::default().mean.learning_rate);
+        let same = resolved(&SettingsArgs { chart: Some(ChartName::LocalFrame), ..SettingsArgs::default() });
+        assert_eq!(same, resolved(&SettingsArgs::default()));
+    }
+
+    #[test]
+    fn what_cannot_grow_is_there_from_the_start() {
+        let fixed = resolved(&SettingsArgs { policy: Some(PolicyName::None), ..SettingsArgs::default() });
+        assert_eq!(fixed.initial.resolve(fixed.gaussians), fixed.gaussians);
+    }
+}

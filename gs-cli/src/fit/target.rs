@@ -1,0 +1,47 @@
+//! What a fit is to look like: an image file, or the paper's target.
+
+use std::path::{Path, PathBuf};
+
+use gs_core::Image;
+use gs_io::{AlphaMode, Transparency, read_image_with};
+use gs_train::{Preset, paper_target};
+
+use crate::{failure::Failure, values::Color};
+
+/// The target and where it is from.
+#[derive(Debug)]
+pub(crate) struct Target {
+    /// Its pixels.
+    pub(crate) image: Image,
+    /// Its file; none is the paper's circle and square.
+    pub(crate) file: Option<PathBuf>,
+    /// What is worth telling about the file.
+    pub(crate) remark: Option<String>,
+}
+
+impl Target {
+    /// Reads the image, with transparent pixels before `background` (white where there is none); or makes the paper's target.
+    ///
+    /// # Errors
+    /// Where the file is no image that can be read.
+    pub(crate) fn load(file: Option<&Path>, background: Option<Color>) -> Result<Self, Failure> {
+        let Some(path) = file else {
+            return Ok(Self { image: paper_target(), file: None, remark: None });
+        };
+        let behind = background.unwrap_or(Color([1.0; 3]));
+        let loaded = read_image_with(path, AlphaMode::Composite(behind.0))?;
+        let remark = (loaded.transparency != Transparency::None)
+            .then(|| format!("note: transparent pixels are fitted as they look on {behind} (--background R,G,B)"));
+        Ok(Self { image: loaded.image, file: Some(path.to_owned()), remark })
+    }
+
+    /// The preset that suits it.
+    pub(crate) fn preset(&self) -> Preset {
+        if self.file.is_some() { Preset::Standard } else { Preset::Paper }
+    }
+
+    /// Its name for people.
+    pub(crate) fn name(&self) -> String {
+        self.file.as_ref().map_or_else(|| "circle and square".to_owned(), |file| file.display().to_string())
+    }
+}

@@ -1,0 +1,148 @@
+//! The curve of a fit: the number of Gaussians and the loss over the steps, on two axes (paper Fig. 8).
+//!
+//! The lettering is a font embedded in the program (Hack, MIT licence), so that the picture is the same on a machine that has none.
+
+use std::sync::Once;
+
+use gs_core::Image;
+use plotters::{
+    prelude::*,
+    style::{FontStyle, register_font},
+};
+
+/// Size of the picture, px.
+const SIZE: (u32, u32) = (960, 600);
+const FONT: &str = "sans-serif";
+const COUNT_COLOR: RGBColor = RGBColor(31, 94, 168);
+const LOSS_COLOR: RGBColor = RGBColor(196, 62, 28);
+
+/// One point of the curve.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Point {
+    /// Steps done.
+    pub(crate) step: u32,
+    /// Number of Gaussians.
+    pub(crate) count: u32,
+    /// Loss; points that are not positive and finite are left out of the loss's curve, which is logarithmic.
+    pub(crate) loss: f32,
+}
+
+/// Draws the curve; `title` stands above it. Any number of points, none included.
+///
+/// # Errors
+/// What the drawing library reports, in words.
+pub(crate) fn draw(points: &[Point], title: &str) -> Result<Image, String> {
+    let mut bytes = vec![255; 3 * (SIZE.0 * SIZE.1) as usize];
+    plot(points, title, &mut bytes).map_err(|error| error.to_string())?;
+    let pixels = bytes.as_chunks::<3>().0.iter().map(|rgb| rgb.map(|v| f32::from(v) / 255.0)).collect();
+    Image::from_pixels(SIZE.0, SIZE.1, pixels).map_err(|error| error.to_string())
+}
+
+fn plot(points: &[Point], title: &str, bytes: &mut [u8]) -> Result<(), Box<dyn std::error::Error>> {
+    embed_font();
+    let area = BitMapBackend::with_buffer(bytes, SIZE).into_drawing_area();
+    area.fill(&WHITE)?;
+
+    let losses: Vec<(f64, f64)> = points
+        .iter()
+        .filter(|p| p.loss.is_finite() && p.loss > 0.0)
+        .map(|p| (f64::from(p.step), f64::from(p.loss)))
+        .collect();
+    let counts = points.iter().map(|p| (f64::from(p.step), f64::from(p.count)));
+    let last_step = points.last().map_or(1, |p| p.step.max(1));
+    let most = points.iter().map(|p| p.count).max().unwrap_or(1).max(1);
+    let (lowest, highest) =
+        losses.iter().fold((f64::MAX, f64::MIN_POSITIVE), |(lo, hi), &(_, l)| (lo.min(l), hi.max(l)));
+    let lowest = if losses.is_empty() { highest } else { lowest };
+
+    let steps = 0.0..f64::from(last_step);
+    let mut chart = ChartBuilder::on(&area)
+        .caption(title, (FONT, 22))
+        .margin(16)
+        .x_label_area_size(48)
+        .y_label_area_size(76)
+        .right_y_label_area_size(88)
+        .build_cartesian_2d(steps.clone(), 0.0..1.08 * f64::from(most))?
+        .set_secondary_coord(steps, (lowest * 0.8..highest * 1.25).log_scale());
+    chart
+        .configure_mesh()
+        .light_line_style(TRANSPARENT)
+        .bold_line_style(BLACK.mix(0.12))
+        .x_desc("step")
+        .y_desc("Gaussians")
+        .x_label_formatter(&|step| format!("{step:.0}"))
+        .y_label_formatter(&|count| format!("{count:.0}"))
+        .axis_desc_style((FONT, 18))
+        .label_style((FONT, 15))
+        .draw()?;
+    chart
+        .configure_secondary_axes()
+        .y_desc("loss (logarithmic)")
+        .y_label_formatter(&|loss| format!("{loss:.1e}"))
+        .axis_desc_style((FONT, 18))
+        .label_style((FONT, 15))
+        .draw()?;
+
+    let sample = |color: RGBColor| move |(x, y)| PathElement::new([(x, y), (x + 24, y)], color.stroke_width(2));
+    chart
+        .draw_series(LineSeries::new(counts, COUNT_COLOR.stroke_width(2)))?
+        .label("Gaussians")
+        .legend(sample(COUNT_COLOR));
+    chart
+        .draw_secondary_series(LineSeries::new(losses, LOSS_COLOR.stroke_width(2)))?
+        .label("loss")
+        .legend(sample(LOSS_COLOR));
+    chart
+        .configure_series_labels()
+        .position(SeriesLabelPosition::MiddleRight)
+        .background_style(WHITE.mix(0.85))
+        .border_style(BLACK.mix(0.3))
+        .label_font((FONT, 16))
+        .draw()?;
+    area.present()?;
+    Ok(())
+}
+
+fn embed_font() {
+    static ONCE: Once = Once::new();
+    // A font that cannot be read shows up as an error of the first text that is drawn.
+    ONCE.call_once(|| drop(register_font(FONT, FontStyle::Normal, epaint_default_fonts::HACK_REGULAR)));
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// How many pixels are close to a colour.
+    fn count_of(image: &Image, RGBColor(r, g, b): RGBColor) -> usize {
+        let wanted = [r, g, b].map(|v| f32::from(v) / 255.0);
+        image.pixels().iter().filter(|p| p.iter().zip(wanted).all(|(v, w)| (v - w).abs() < 0.02)).count()
+    }
+
+    #[test]
+    fn both_curves_and_the_lettering_are_there() {
+        let points: Vec<Point> =
+            (0..200).map(|step| Point { step, count: 20 + 3 * step, loss: 0.2 / (1.0 + step as f32) }).collect();
+        let drawn = draw(&points, "count and loss").unwrap();
+        assert!(count_of(&drawn, COUNT_COLOR) > 500);
+        assert!(count_of(&drawn, LOSS_COLOR) > 500);
+        let title_rows = &drawn.pixels()[..(40 * SIZE.0) as usize];
+        assert!(title_rows.iter().filter(|p| p[0] < 0.4).count() > 200, "the title is written");
+    }
+
+    #[test]
+    fn any_points_make_a_picture() {
+        let at = |step, count, loss| Point { step, count, loss };
+        let cases: [&[Point]; 5] = [
+            &[],
+            &[at(0, 1, 0.5)],
+            &[at(1, 0, 0.0), at(2, 0, f32::NAN)],
+            &[at(1, 5, 0.1), at(2, 5, 0.1)],
+            &[at(1, 5, f32::INFINITY), at(4_000_000_000, 4_000_000_000, 1e-30)],
+        ];
+        for points in cases {
+            let drawn = draw(points, "").unwrap_or_else(|error| panic!("{points:?}: {error}"));
+            assert_eq!(drawn.size(), SIZE);
+        }
+    }
+}

@@ -1,0 +1,4 @@
+//! The pictures and tables that a fit leaves behind.
+
+pub(crate) mod curve;
+pub(crate) mod ellipses;

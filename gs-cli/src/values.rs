@@ -1,0 +1,101 @@
+//! The flags' values that are more than a number or a name: sizes, rectangles, colours.
+
+use std::{fmt, str::FromStr};
+
+use glam::Vec2;
+
+/// A size in pixels, written WxH.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Size {
+    /// Columns, at least 1.
+    pub(crate) width: u32,
+    /// Rows, at least 1.
+    pub(crate) height: u32,
+}
+
+impl FromStr for Size {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let parsed = text.split_once(['x', 'X', '×']).and_then(|(w, h)| Some((w.parse().ok()?, h.parse().ok()?)));
+        match parsed {
+            Some((width, height)) if width > 0 && height > 0 => Ok(Self { width, height }),
+            _ => Err("write it as WIDTHxHEIGHT in whole pixels, such as 1536x1024".into()),
+        }
+    }
+}
+
+/// A rectangle of the plane, written X,Y,W,H.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Region {
+    /// Top-left corner, px of the original image.
+    pub(crate) origin: Vec2,
+    /// Width and height, px of the original image; both positive.
+    pub(crate) extent: Vec2,
+}
+
+impl FromStr for Region {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        match numbers::<4>(text) {
+            Some([x, y, width, height]) if width > 0.0 && height > 0.0 => {
+                Ok(Self { origin: Vec2::new(x, y), extent: Vec2::new(width, height) })
+            }
+            _ => Err("write it as X,Y,WIDTH,HEIGHT in pixels of the original image, such as 100,50,64,48".into()),
+        }
+    }
+}
+
+/// A colour, written R,G,B.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Color(pub(crate) [f32; 3]);
+
+impl FromStr for Color {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        match numbers::<3>(text) {
+            Some(rgb) if rgb.iter().all(|v| (0.0..=1.0).contains(v)) => Ok(Self(rgb)),
+            _ => Err("write it as R,G,B, each from 0 to 1, such as 1,1,1 for white".into()),
+        }
+    }
+}
+
+impl fmt::Display for Color {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let [r, g, b] = self.0;
+        write!(f, "{r},{g},{b}")
+    }
+}
+
+/// Exactly `N` finite numbers between commas.
+fn numbers<const N: usize>(text: &str) -> Option<[f32; N]> {
+    let values: Option<Vec<f32>> = text.split(',').map(|part| part.trim().parse().ok()).collect();
+    values?.try_into().ok().filter(|values: &[f32; N]| values.iter().all(|v| v.is_finite()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_written_right_is_read() {
+        assert_eq!("1536x1024".parse(), Ok(Size { width: 1536, height: 1024 }));
+        assert_eq!("0, -1.5,2,3".parse(), Ok(Region { origin: Vec2::new(0.0, -1.5), extent: Vec2::new(2.0, 3.0) }));
+        assert_eq!("1,0.5,0".parse(), Ok(Color([1.0, 0.5, 0.0])));
+    }
+
+    #[test]
+    fn what_is_not_is_refused() {
+        for size in ["", "64", "0x4", "4x0", "-1x4", "4x4x4", "99999999999x1"] {
+            assert!(size.parse::<Size>().is_err(), "{size}");
+        }
+        for region in ["", "1,2,3", "0,0,0,4", "0,0,4,-1", "0,0,nan,4", "0,0,inf,4", "1,2,3,4,5"] {
+            assert!(region.parse::<Region>().is_err(), "{region}");
+        }
+        for color in ["", "1,1", "2,0,0", "NaN,0,0", "#fff"] {
+            assert!(color.parse::<Color>().is_err(), "{color}");
+        }
+    }
+}

@@ -1,0 +1,151 @@
+//! Whatever is wrong with files or flags: one line that says so, status 1 or 2, and nothing left behind.
+
+use std::{fs, path::Path};
+
+use crate::process::{command, folder, gs, names_in, picture};
+
+/// A PNG's first chunk alone, with a right checksum: enough to say how large the image is, too little to be one.
+fn png_header(width: u32, height: u32) -> Vec<u8> {
+    let mut chunk = b"IHDR".to_vec();
+    chunk.extend(width.to_be_bytes());
+    chunk.extend(height.to_be_bytes());
+    chunk.extend([8, 2, 0, 0, 0]); // 8 bits, RGB, the only methods there are, not interlaced
+    let mut png = b"\x89PNG\r\n\x1a\n".to_vec();
+    png.extend(13u32.to_be_bytes());
+    png.extend(&chunk);
+    png.extend(crc32(&chunk).to_be_bytes());
+    png
+}
+
+/// The checksum of PNG (ISO 3309).
+fn crc32(bytes: &[u8]) -> u32 {
+    let step = |crc: u32, _| if crc & 1 == 1 { 0xedb8_8320 ^ (crc >> 1) } else { crc >> 1 };
+    !bytes.iter().fold(!0, |crc, &byte| (0..8).fold(crc ^ u32::from(byte), step))
+}
+
+/// Runs a fit that must be refused with a line that holds `expected`, and must leave no folder behind.
+#[track_caller]
+fn refuse_fit(image: &Path, expected: &str) {
+    let place = folder();
+    let output = place.path().join("out");
+    let run = gs([Path::new("fit"), image, Path::new("-o"), &output]);
+    let line = run.refusal();
+    assert!(line.contains(expected) && line.contains(image.to_str().unwrap()), "{line}");
+    assert!(!output.exists(), "{:?}", names_in(&output));
+}
+
+#[test]
+fn images_that_are_none() {
+    let place = folder();
+    let path = |name: &str| place.path().join(name);
+    let good = fs::read(picture(place.path(), 32, 32)).unwrap();
+    fs::write(path("text.png"), "This is not a picture.\n").unwrap();
+    fs::write(path("empty.png"), "").unwrap();
+    fs::write(path("short.png"), &good[..good.len() / 2]).unwrap();
+    fs::write(path("none.png"), png_header(0, 0)).unwrap();
+    fs::write(path("bomb.png"), png_header(20_000, 20_000)).unwrap();
+
+    refuse_fit(&path("absent.png"), "no such file");
+    refuse_fit(place.path(), "is a folder");
+    refuse_fit(&path("text.png"), "found text");
+    refuse_fit(&path("empty.png"), "an empty file");
+    refuse_fit(&path("short.png"), "damaged");
+    refuse_fit(&path("none.png"), "");
+    refuse_fit(&path("bomb.png"), "20000x20000");
+}
+
+#[test]
+fn flags_that_ask_for_what_cannot_be() {
+    let place = folder();
+    let image = picture(place.path(), 16, 16);
+    let output = place.path().join("out");
+    let cases: [(&[&str], &str); 16] = [
+        (&["--gaussians", "0"], "--gaussians"),
+        (&["--gaussians", "-3"], "-3"),
+        (&["--gaussians", "1e9"], "1e9"),
+        (&["--policy", "frobnicate"], "possible values: absolute"),
+        (&["--init", "nowhere"], "possible values: random"),
+        (&["--loss", "l3"], "possible values: l2"),
+        (&["--blend", "under"], "possible values: sum"),
+        (&["--preset", "worst"], "possible values: paper"),
+        (&["--threads", "0"], "--threads"),
+        (&["--threads", "4000000000"], "--threads"),
+        (&["--simd", "mmx"], "mmx"),
+        (&["--background", "1,2,3"], "from 0 to 1"),
+        (&["--seed", "minus one"], "minus one"),
+        (&["--frobnicate"], "--frobnicate"),
+        (&["--settings", "/no/such/file.toml"], "/no/such/file.toml"),
+        (&["--resume", "/no/such/checkpoint"], "/no/such/checkpoint"),
+    ];
+    for (flags, expected) in cases {
+        let arguments = ["fit", image.to_str().unwrap(), "-o", output.to_str().unwrap()];
+        let run = gs(arguments.iter().chain(flags));
+        assert!(run.refusal().contains(expected), "{flags:?}: {run:?}");
+        assert!(!output.exists(), "{flags:?}");
+    }
+    let contradiction = gs(["fit", "--resume", "a", "--seed", "1"]);
+    assert_eq!(contradiction.status, Some(2));
+    assert!(contradiction.refusal().contains("--resume"));
+}
+
+#[test]
+fn settings_files_that_cannot_be() {
+    let place = folder();
+    let image = picture(place.path(), 16, 16);
+    let output = place.path().join("out");
+    let file = place.path().join("settings.toml");
+    for (text, expected) in [
+        ("iterations = \"many\"", "line 1"),
+        ("iteration = 3", "iteration"),
+        ("gaussians = 0", "Gaussians"),
+        ("iterations = [", "line 1"),
+        ("rebin-every = 0", "rebin-every"),
+    ] {
+        fs::write(&file, text).unwrap();
+        let run = gs([Path::new("fit"), &image, "-o".as_ref(), &output, "--settings".as_ref(), &file]);
+        let line = run.refusal();
+        assert!(line.contains(expected) && line.contains("settings.toml"), "{text}: {line}");
+        assert!(!output.exists());
+    }
+}
+
+#[test]
+fn a_folder_that_takes_no_files_is_refused_before_the_fit() {
+    let place = folder();
+    let image = picture(place.path(), 16, 16);
+    let file = place.path().join("file");
+    fs::write(&file, "").unwrap();
+    // Below a regular file nobody can write, not even root.
+    for output in [file.join("out"), file.clone()] {
+        let run = gs([Path::new("fit"), &image, "-o".as_ref(), &output]);
+        assert_eq!(run.status, Some(1));
+        let line = run.refusal();
+        assert!(line.contains(output.to_str().unwrap()) && line.contains("--output"), "{line}");
+    }
+    assert_eq!(fs::read(&file).unwrap(), b"");
+}
+
+#[test]
+fn a_reader_that_has_read_enough_is_no_failure() {
+    let mut child = command()
+        .args(["fit", "--help"])
+        .stdout(std::process::Stdio::piped())
+        .stderr(std::process::Stdio::piped())
+        .spawn()
+        .unwrap();
+    drop(child.stdout.take());
+    let output = child.wait_with_output().unwrap();
+    assert_eq!(output.status.code(), Some(0), "{output:?}");
+    assert!(output.stderr.is_empty(), "{output:?}");
+}
+
+#[test]
+fn help_and_version_are_results_and_nothing_is_bad_usage() {
+    assert!(gs(["--help"]).done().stdout.contains("Examples:"));
+    assert!(gs(["fit", "--help"]).done().stdout.contains("reconstruction.png"));
+    assert!(gs(["--version"]).done().stdout.starts_with("gs "));
+    let nothing = gs::<&str>([]);
+    assert_eq!((nothing.status, nothing.stdout.as_str()), (Some(2), ""));
+    assert!(nothing.stderr.contains("Usage"));
+    assert!(gs(["frobnicate"]).refusal().contains("frobnicate"));
+}

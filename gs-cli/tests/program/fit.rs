@@ -1,0 +1,203 @@
+//! `gs fit` from end to end: what it writes, what it says, and how it goes on.
+
+use std::{
+    fs,
+    io::{BufRead, BufReader},
+    path::Path,
+    process::{Command, Stdio},
+};
+
+use serde_json::Value;
+
+use crate::process::{command, folder, gs, names_in, picture};
+
+const RESULTS: [&str; 8] = [
+    "curve.png",
+    "ellipses.png",
+    "metrics.csv",
+    "reconstruction.png",
+    "scene.gs2d.safetensors",
+    "scene.ply",
+    "settings.toml",
+    "summary.json",
+];
+
+/// The arguments of a small fit of `image` into `output`.
+fn small<'a>(image: &'a Path, output: &'a Path) -> Vec<&'a str> {
+    let (image, output) = (image.to_str().unwrap(), output.to_str().unwrap());
+    vec!["fit", image, "-o", output, "-n", "60", "--iterations", "20", "--seed", "7"]
+}
+
+#[test]
+fn an_image_becomes_results_and_a_summary() {
+    let place = folder();
+    let image = picture(place.path(), 32, 24);
+    let output = place.path().join("made/on/demand");
+    let run = gs(small(&image, &output).into_iter().chain(["--json", "--threads", "1"]));
+    assert!(run.stderr.starts_with("cpu ("), "the first line tells the backend: {}", run.stderr);
+    let summary = run.json();
+    for (key, expected) in
+        [("width", 32), ("height", 24), ("gaussians", 60), ("iterations", 20), ("threads", 1), ("seed", 7)]
+    {
+        assert_eq!(summary[key], expected, "{key} of {summary}");
+    }
+    assert_eq!(summary["backend"], "cpu");
+    for key in ["seconds", "total_seconds", "l1", "psnr", "ssim"] {
+        assert!(summary[key].as_f64().is_some_and(|value| value > 0.0), "{key} of {summary}");
+    }
+    assert_eq!(summary["ms_ssim"], Value::Null, "too small for it");
+    assert!(summary["psnr"].as_f64().unwrap() > 20.0, "{summary}");
+
+    assert_eq!(names_in(&output), RESULTS);
+    let stored: Value = serde_json::from_slice(&fs::read(output.join("summary.json")).unwrap()).unwrap();
+    assert_eq!(stored, summary);
+    let metrics = fs::read_to_string(output.join("metrics.csv")).unwrap();
+    let mut rows = metrics.lines();
+    assert_eq!(
+        rows.next().unwrap(),
+        "step,seconds,count,cloned,split,seeded,pruned_transparent,pruned_too_large,pruned_not_finite,\
+         pruned_unimportant,loss,l1,psnr"
+    );
+    assert!(rows.next_back().unwrap().starts_with("20,"), "{metrics}");
+    assert_eq!(gs_io::read_image(output.join("reconstruction.png")).unwrap().image.size(), (32, 24));
+    assert_eq!(gs_io::read_image(output.join("ellipses.png")).unwrap().image.size(), (256, 192));
+    assert!(fs::read(output.join("scene.ply")).unwrap().starts_with(b"ply\n"));
+}
+
+#[test]
+fn the_paper_needs_no_file() {
+    let place = folder();
+    let arguments = ["fit", "-o", place.path().to_str().unwrap(), "--iterations", "30", "--json", "--no-report"];
+    let summary = gs(arguments).json();
+    assert_eq!((&summary["width"], &summary["height"]), (&128.into(), &128.into()));
+    assert_eq!(summary["settings"]["loss"], serde_json::json!({ "l1-dssim": { "lambda": 0.2f32 } }));
+    let names = names_in(place.path());
+    assert!(
+        !names.contains(&"ellipses.png".to_owned()) && names.contains(&"reconstruction.png".to_owned()),
+        "{names:?}"
+    );
+}
+
+#[test]
+fn a_single_pixel_is_an_image() {
+    let place = folder();
+    let image = picture(place.path(), 1, 1);
+    let output = place.path().join("out");
+    let run = gs(["fit", image.to_str().unwrap(), "-o", output.to_str().unwrap(), "--iterations", "20", "--json"]);
+    let summary = run.json();
+    assert_eq!((&summary["width"], &summary["gaussians"]), (&1.into(), &1.into()));
+    assert_eq!(names_in(&output), RESULTS);
+}
+
+#[test]
+fn equal_settings_give_equal_bytes_whatever_the_threads() {
+    let place = folder();
+    let image = picture(place.path(), 32, 32);
+    let (first, again) = (place.path().join("first"), place.path().join("again"));
+    gs(small(&image, &first).into_iter().chain(["--threads", "1"])).done();
+    let settings = first.join("settings.toml");
+    let arguments = ["fit", image.to_str().unwrap(), "-o", again.to_str().unwrap(), "--threads", "3", "--settings"];
+    gs(arguments.into_iter().chain([settings.to_str().unwrap()])).done();
+    for name in ["scene.gs2d.safetensors", "reconstruction.png", "settings.toml"] {
+        assert!(fs::read(first.join(name)).unwrap() == fs::read(again.join(name)).unwrap(), "{name} differs");
+    }
+    let other = place.path().join("other");
+    gs(small(&image, &other).into_iter().chain(["--loss", "l1"])).done();
+    let scene = |folder: &Path| fs::read(folder.join("scene.gs2d.safetensors")).unwrap();
+    assert!(scene(&first) != scene(&other), "another loss gives another scene");
+}
+
+#[test]
+fn a_resumed_fit_ends_as_if_it_had_never_stopped() {
+    let place = folder();
+    let image = picture(place.path(), 32, 32);
+    let (whole, resumed) = (place.path().join("whole"), place.path().join("resumed"));
+    let checkpoint = place.path().join("state");
+    let flags = ["--checkpoint", checkpoint.to_str().unwrap(), "--checkpoint-every", "8"];
+    gs(small(&image, &whole).into_iter().chain(flags)).done();
+    let info = gs(["info", checkpoint.to_str().unwrap(), "--json"]).json();
+    assert_eq!((&info["kind"], &info["metadata"]["step"]), (&"checkpoint".into(), &"16".into()));
+
+    // Where the first run's table is, the second continues it.
+    fs::create_dir(&resumed).unwrap();
+    fs::copy(whole.join("metrics.csv"), resumed.join("metrics.csv")).unwrap();
+    let arguments = ["fit", image.to_str().unwrap(), "-o", resumed.to_str().unwrap(), "--resume"];
+    gs(arguments.into_iter().chain([checkpoint.to_str().unwrap()])).done();
+    for name in ["scene.gs2d.safetensors", "reconstruction.png", "settings.toml"] {
+        assert!(fs::read(whole.join(name)).unwrap() == fs::read(resumed.join(name)).unwrap(), "{name} differs");
+    }
+    // All but the times.
+    let rows = |folder: &Path| {
+        let text = fs::read_to_string(folder.join("metrics.csv")).unwrap();
+        let rows = text
+            .lines()
+            .map(|row| row.split(',').enumerate().filter(|(k, _)| *k != 1).map(|(_, v)| v.to_owned()).collect());
+        rows.collect::<Vec<Vec<String>>>()
+    };
+    assert_eq!(rows(&whole), rows(&resumed));
+
+    let other = picture(place.path(), 32, 31);
+    let output = place.path().join("nothing");
+    let wrong =
+        gs(["fit", other.to_str().unwrap(), "-o", output.to_str().unwrap(), "--resume", checkpoint.to_str().unwrap()]);
+    assert!(wrong.refusal().contains("32x31"), "{wrong:?}");
+    assert!(!output.exists());
+}
+
+#[test]
+fn every_override_fits() {
+    let place = folder();
+    let image = picture(place.path(), 24, 24);
+    let cases: [&[&str]; 12] = [
+        &["--policy", "absolute"],
+        &["--policy", "percentile"],
+        &["--policy", "hybrid", "--blend", "over"],
+        &["--policy", "paper"],
+        &["--policy", "residual", "--preset", "paper"],
+        &["--policy", "none"],
+        &["--init", "random", "--blend", "over", "--background", "0,0,0"],
+        &["--init", "periphery", "--chart", "scale-rotation"],
+        &["--init", "grid", "--loss", "l1-dssim"],
+        &["--init", "error", "--quality", "best"],
+        &["--simd", "scalar", "--quality", "quick"],
+        &["--iterations", "0"],
+    ];
+    for flags in cases {
+        let output = place.path().join("out");
+        let output = output.to_str().unwrap();
+        let mut arguments = vec!["fit", image.to_str().unwrap(), "-o", output, "-n", "40", "--no-report", "--json"];
+        if !flags.contains(&"--iterations") {
+            arguments.extend(["--iterations", "12"]);
+        }
+        let summary = gs(arguments.iter().chain(flags)).json();
+        let count = summary["gaussians"].as_u64().unwrap();
+        assert!((1..=40).contains(&count), "{flags:?}: {summary}");
+        assert!(summary["psnr"].as_f64().is_some_and(|psnr| psnr > 5.0), "{flags:?}: {summary}");
+    }
+}
+
+/// Starts a fit that would take for ever, interrupts it once it runs, and lets it come to its end.
+#[cfg(unix)]
+#[test]
+fn ctrl_c_saves_a_checkpoint_and_what_there_is() {
+    let place = folder();
+    let image = picture(place.path(), 24, 24);
+    let output = place.path().join("out");
+    let arguments = ["fit", image.to_str().unwrap(), "-o", output.to_str().unwrap(), "-n", "30", "-i", "4000000"];
+    let mut child = command().args(arguments).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    let mut lines = BufReader::new(child.stderr.take().unwrap()).lines().map(Result::unwrap);
+    assert!(lines.any(|line| line.starts_with("fitting ")));
+    std::thread::sleep(std::time::Duration::from_millis(300)); // the handler is set right after that line
+    let sent = Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
+    assert!(sent.success());
+    let said: Vec<String> = lines.collect();
+    assert_eq!(child.wait().unwrap().code(), Some(130), "{said:?}");
+
+    let checkpoint = output.join("checkpoint.safetensors");
+    let way_on = format!("--resume {}", checkpoint.display());
+    assert!(said.last().unwrap().contains(&way_on), "{said:?}");
+    let info = gs(["info", checkpoint.to_str().unwrap(), "--json"]).json();
+    assert!(info["metadata"]["step"].as_str().unwrap().parse::<u32>().unwrap() > 0, "{info}");
+    let names = names_in(&output);
+    assert!(RESULTS.iter().all(|name| names.contains(&(*name).to_owned())), "{names:?}");
+}

@@ -1,0 +1,87 @@
+//! Runs the program and holds what came of it.
+
+use std::{
+    ffi::OsStr,
+    fs,
+    path::{Path, PathBuf},
+    process::{Command, Stdio},
+};
+
+use gs_core::Image;
+
+/// What a run of the program came to.
+#[derive(Debug)]
+pub(crate) struct Run {
+    pub(crate) status: Option<i32>,
+    pub(crate) stdout: String,
+    pub(crate) stderr: String,
+}
+
+/// Runs `gs` with these arguments.
+pub(crate) fn gs<A: AsRef<OsStr>>(arguments: impl IntoIterator<Item = A>) -> Run {
+    let output = command().args(arguments).output().expect("the program starts");
+    Run {
+        status: output.status.code(),
+        stdout: String::from_utf8(output.stdout).expect("standard output is UTF-8"),
+        stderr: String::from_utf8(output.stderr).expect("standard error is UTF-8"),
+    }
+}
+
+/// The program, to be run in other ways.
+pub(crate) fn command() -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_gs"));
+    command.stdin(Stdio::null());
+    command
+}
+
+impl Run {
+    /// The run, which must have succeeded.
+    #[track_caller]
+    pub(crate) fn done(self) -> Self {
+        assert_eq!(self.status, Some(0), "{self:?}");
+        self
+    }
+
+    /// The JSON object on standard output of a run that must have succeeded.
+    #[track_caller]
+    pub(crate) fn json(self) -> serde_json::Value {
+        let run = self.done();
+        serde_json::from_str(&run.stdout).unwrap_or_else(|error| panic!("{error}: {run:?}"))
+    }
+
+    /// The one line of a run that must have been refused: nothing on standard output, status 1 or 2.
+    #[track_caller]
+    pub(crate) fn refusal(&self) -> &str {
+        assert!(matches!(self.status, Some(1 | 2)), "{self:?}");
+        assert_eq!(self.stdout, "", "{self:?}");
+        let lines: Vec<&str> = self.stderr.lines().collect();
+        assert_eq!(lines.len(), 1, "{self:?}");
+        assert!(lines[0].starts_with("error: ") && lines[0].len() > 20, "{self:?}");
+        lines[0]
+    }
+}
+
+/// A folder for one test, gone with it.
+pub(crate) fn folder() -> tempfile::TempDir {
+    tempfile::tempdir().expect("a temporary folder")
+}
+
+/// The names in a folder, sorted.
+pub(crate) fn names_in(folder: &Path) -> Vec<String> {
+    let mut names: Vec<String> =
+        fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
+    names.sort();
+    names
+}
+
+/// Writes a picture with an edge, a slope and a spot, and returns its path.
+pub(crate) fn picture(folder: &Path, width: u32, height: u32) -> PathBuf {
+    let color = |x: u32, y: u32| {
+        let (u, v) = ((x as f32 + 0.5) / width as f32, (y as f32 + 0.5) / height as f32);
+        let spot = (-40.0 * ((u - 0.3).powi(2) + (v - 0.6).powi(2))).exp();
+        [if u > 0.5 { 0.9 } else { 0.2 }, v, spot]
+    };
+    let path = folder.join(format!("picture-{width}x{height}.png"));
+    gs_io::write_png(&path, &Image::from_fn(width, height, color).unwrap()).unwrap();
+    path
+}
