@@ -1,1 +1,29 @@
-//! Images, scene files and checkpoints, read and written.
+//! Files of the engine: images, planar scenes, checkpoints, and the PLY that splat viewers read.
+//!
+//! | what | read | written |
+//! |---|---|---|
+//! | images (PNG, JPEG, BMP, TIFF, WebP, PNM) | [`read_image`] | [`write_png`] |
+//! | planar scenes, `.gs2d.safetensors`, lossless | [`read_scene`] | [`write_scene`] |
+//! | checkpoints of a training run, lossless | [`read_checkpoint`] | [`write_checkpoint`] |
+//! | 3DGS PLY, for viewers | – | [`write_ply`] |
+//!
+//! Whatever a file holds, reading it ends in a value or in an [`Error`] that names the path, what was expected, what was
+//! found, and how to mend it; never in a panic. Whatever is written appears under its name complete or not at all
+//! ([`write_atomically`]).
+
+mod atomic;
+mod checkpoint;
+mod container;
+mod error;
+mod image;
+mod ply;
+mod scene_file;
+
+pub use crate::{
+    atomic::write_atomically,
+    checkpoint::{Checkpoint, read_checkpoint, write_checkpoint},
+    error::Error,
+    image::{AlphaMode, LoadedImage, Transparency, read_image, read_image_with, write_png},
+    ply::{PlyColors, write_ply},
+    scene_file::{PlanarFile, SCENE_EXTENSION, read_scene, write_scene},
+};

@@ -1,0 +1,79 @@
+//! Checkpoints of a training run on disk: a cloud's whole state, bit for bit, NaN included, so that a resumed run ends as one
+//! never stopped.
+//!
+//! The same container as scene files. The state's tensors are called `state.` and their name, F32 or U32; the metadata entry
+//! `gs` is `{"format": "gs-checkpoint", "version": 1, "program": …, "content": {"chart": …, "metadata": {…}}}`.
+
+use std::{collections::BTreeMap, path::Path};
+
+use gs_core::{
+    Chart, CloudState,
+    state::{Tensor, TensorData},
+};
+use safetensors::Dtype;
+use serde::{Deserialize, Serialize};
+
+use crate::{
+    container::{self, Kind, TensorBytes},
+    error::Error,
+};
+
+const KIND: Kind = Kind { format: "gs-checkpoint", version: 1, what: "a checkpoint" };
+const PREFIX: &str = "state.";
+
+/// What a training run needs to go on.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Checkpoint {
+    /// The cloud.
+    pub state: CloudState,
+    /// All else, by name, as its owner writes it: the step, settings, the random generator.
+    pub metadata: BTreeMap<String, String>,
+}
+
+#[derive(Serialize, Deserialize)]
+struct Content {
+    chart: Chart,
+    metadata: BTreeMap<String, String>,
+}
+
+/// Writes a checkpoint losslessly and atomically: a crash halfway leaves the previous one. The same checkpoint gives the same
+/// bytes.
+///
+/// # Errors
+/// [`Error::Content`] where a tensor's shape is not that of its numbers; those of [`write_atomically`](crate::write_atomically).
+pub fn write_checkpoint(path: impl AsRef<Path>, checkpoint: &Checkpoint) -> Result<(), Error> {
+    let Checkpoint { state, metadata } = checkpoint;
+    let tensors = state.tensors.iter().map(|(name, Tensor { shape, data })| {
+        let tensor = match data {
+            TensorData::F32(values) => TensorBytes::f32(shape, values.iter().copied()),
+            TensorData::U32(values) => TensorBytes::u32(shape, values.iter().copied()),
+        };
+        (format!("{PREFIX}{name}"), tensor)
+    });
+    let content = Content { chart: state.chart, metadata: metadata.clone() };
+    container::write(path.as_ref(), &KIND, &content, tensors.collect())
+}
+
+/// Reads what [`write_checkpoint`] wrote: the same state, bit for bit. Whether it is that of a cloud, the backend that restores
+/// it decides.
+///
+/// # Errors
+/// [`Error::Missing`], [`Error::NotAFile`] or [`Error::Read`]; [`Error::Damaged`] for a file that is cut short or something else,
+/// [`Error::TooNew`] for one of a later version, [`Error::Tensor`] for a tensor that is no part of a state.
+pub fn read_checkpoint(path: impl AsRef<Path>) -> Result<Checkpoint, Error> {
+    let file = container::read::<Content>(path.as_ref(), &KIND)?;
+    let mut state = CloudState::new(file.content.chart);
+    for full_name in file.names() {
+        let Some(name) = full_name.strip_prefix(PREFIX) else {
+            return Err(file.tensor_error(&full_name, format!("a name that starts with `{PREFIX}`")));
+        };
+        let shape = file.shape(&full_name).unwrap_or_default().to_vec();
+        let data = match file.dtype(&full_name) {
+            Some(Dtype::U32) => TensorData::U32(file.u32(&full_name, &shape)?),
+            Some(Dtype::F32) => TensorData::F32(file.f32(&full_name, &shape)?),
+            _ => return Err(file.tensor_error(&full_name, "F32 or U32".to_owned())),
+        };
+        state.tensors.insert(name.to_owned(), Tensor { shape, data });
+    }
+    Ok(Checkpoint { state, metadata: file.content.metadata })
+}

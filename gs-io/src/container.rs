@@ -1,0 +1,239 @@
+//! The container of scene files and checkpoints: a safetensors file whose metadata holds one entry, `gs`, a JSON object of
+//! format, version, program and content.
+//!
+//! One entry, because safetensors writes several in random order, and the same scene shall give the same bytes. Reading takes
+//! memory only after the header has been held against the file's length: never more than the file is long.
+
+use std::{
+    collections::HashMap,
+    fs::File,
+    io::{self, Read},
+    path::{Path, PathBuf},
+};
+
+use safetensors::{
+    Dtype, View,
+    tensor::{Metadata, TensorInfo},
+};
+use serde::{Deserialize, Serialize, de::DeserializeOwned};
+
+use crate::{
+    atomic::{open, write_atomically},
+    error::Error,
+};
+
+/// The longest header that is read or written, bytes: a hundred thousand tensors' worth.
+const MAX_HEADER_BYTES: u64 = 16 << 20;
+
+/// Bytes of the header's length, a little-endian u64, at the start of the file.
+const LENGTH_BYTES: u64 = 8;
+
+/// The metadata entry that holds [`Head`].
+const HEAD_KEY: &str = "gs";
+
+/// A kind of file in this container.
+#[derive(Debug)]
+pub(crate) struct Kind {
+    /// Its name in the head, which tells it from other kinds.
+    pub(crate) format: &'static str,
+    /// The version that is written, and the newest that is read.
+    pub(crate) version: u32,
+    /// The kind in words, for messages: "a scene file".
+    pub(crate) what: &'static str,
+}
+
+#[derive(Serialize, Deserialize)]
+struct Head<C> {
+    format: String,
+    version: u32,
+    program: String,
+    content: C,
+}
+
+/// A tensor to write.
+pub(crate) struct TensorBytes {
+    dtype: Dtype,
+    shape: Vec<usize>,
+    bytes: Vec<u8>,
+}
+
+impl TensorBytes {
+    pub(crate) fn f32(shape: &[usize], values: impl IntoIterator<Item = f32>) -> Self {
+        let bytes = values.into_iter().flat_map(f32::to_le_bytes).collect();
+        Self { dtype: Dtype::F32, shape: shape.to_vec(), bytes }
+    }
+
+    pub(crate) fn u32(shape: &[usize], values: impl IntoIterator<Item = u32>) -> Self {
+        let bytes = values.into_iter().flat_map(u32::to_le_bytes).collect();
+        Self { dtype: Dtype::U32, shape: shape.to_vec(), bytes }
+    }
+}
+
+impl View for TensorBytes {
+    fn dtype(&self) -> Dtype {
+        self.dtype
+    }
+
+    fn shape(&self) -> &[usize] {
+        &self.shape
+    }
+
+    fn data(&self) -> std::borrow::Cow<'_, [u8]> {
+        self.bytes.as_slice().into()
+    }
+
+    fn data_len(&self) -> usize {
+        self.bytes.len()
+    }
+}
+
+/// Writes a file of this kind, atomically.
+pub(crate) fn write<C: Serialize>(
+    path: &Path,
+    kind: &'static Kind,
+    content: &C,
+    tensors: Vec<(String, TensorBytes)>,
+) -> Result<(), Error> {
+    let impossible = |message: String| Error::Content { path: path.to_owned(), source: gs_core::Error::State(message) };
+    let program = concat!(env!("CARGO_PKG_NAME"), " ", env!("CARGO_PKG_VERSION")).to_owned();
+    let head = Head { format: kind.format.to_owned(), version: kind.version, program, content };
+    let head = serde_json::to_string(&head).map_err(|e| impossible(e.to_string()))?;
+    let metadata = HashMap::from([(HEAD_KEY.to_owned(), head)]);
+    let bytes = safetensors::serialize(tensors, Some(metadata)).map_err(|e| impossible(e.to_string()))?;
+    let header_bytes = bytes.first_chunk().map_or(0, |length| u64::from_le_bytes(*length));
+    if header_bytes > MAX_HEADER_BYTES {
+        return Err(impossible(format!(
+            "its metadata and tensor names take {header_bytes} bytes, more than {MAX_HEADER_BYTES}"
+        )));
+    }
+    write_atomically(path, |file| file.write_all(&bytes))
+}
+
+/// A file of this container, read.
+#[derive(Debug)]
+pub(crate) struct Container<C> {
+    /// What its head holds.
+    pub(crate) content: C,
+    path: PathBuf,
+    kind: &'static Kind,
+    header: Metadata,
+    data: Vec<u8>,
+}
+
+/// Reads a file of this kind.
+pub(crate) fn read<C: DeserializeOwned>(path: &Path, kind: &'static Kind) -> Result<Container<C>, Error> {
+    let (mut file, metadata) = open(path, kind.what)?;
+    let file_bytes = metadata.len();
+    let damaged = |byte: u64, expected: String, found: String| Error::Damaged {
+        path: path.to_owned(),
+        what: kind.what,
+        byte,
+        expected,
+        found,
+    };
+    let cut_short = |expected: u64| damaged(file_bytes, format!("{expected} bytes"), "the end of the file".to_owned());
+    let read = |file: &mut File, bytes| read_exactly(file, bytes).map_err(|source| Error::read(path, source));
+
+    if file_bytes < LENGTH_BYTES {
+        return Err(cut_short(LENGTH_BYTES));
+    }
+    let header_bytes = read(&mut file, LENGTH_BYTES)?.first_chunk().map_or(0, |length| u64::from_le_bytes(*length));
+    if header_bytes > MAX_HEADER_BYTES {
+        return Err(damaged(0, format!("a header of at most {MAX_HEADER_BYTES} bytes"), format!("{header_bytes}")));
+    }
+    let data_start = LENGTH_BYTES + header_bytes;
+    if file_bytes < data_start {
+        return Err(cut_short(data_start));
+    }
+    let in_header = |expected: &str, e: serde_json::Error| {
+        let column = if e.line() == 1 { e.column().saturating_sub(1) as u64 } else { 0 };
+        damaged(LENGTH_BYTES + column, expected.to_owned(), e.to_string())
+    };
+    // Not `SafeTensors::deserialize`: it adds the lengths that a header claims without a check for overflow.
+    let header: Metadata = serde_json::from_slice(&read(&mut file, header_bytes)?)
+        .map_err(|e| in_header("the JSON header of a safetensors file", e))?;
+
+    let head = header.metadata().as_ref().and_then(|entries| entries.get(HEAD_KEY));
+    let Some(head) = head else {
+        return Err(damaged(LENGTH_BYTES, format!("metadata `{HEAD_KEY}`"), "none".to_owned()));
+    };
+    let expected_head = format!("metadata `{HEAD_KEY}` of format {}", kind.format);
+    let head: Head<serde_json::Value> =
+        serde_json::from_str(head).map_err(|e| damaged(LENGTH_BYTES, expected_head.clone(), e.to_string()))?;
+    if head.format != kind.format {
+        return Err(damaged(LENGTH_BYTES, expected_head, format!("format {:?}", head.format)));
+    }
+    if head.version > kind.version {
+        let (path, what) = (path.to_owned(), kind.what);
+        return Err(Error::TooNew { path, what, supported: kind.version, found: head.version });
+    }
+    let content =
+        serde_json::from_value(head.content).map_err(|e| damaged(LENGTH_BYTES, expected_head, e.to_string()))?;
+
+    let data_bytes = header.data_len() as u64;
+    match data_start.checked_add(data_bytes) {
+        Some(end) if end == file_bytes => {}
+        Some(end) if end < file_bytes => {
+            return Err(damaged(end, "the end of the file".to_owned(), format!("{} more bytes", file_bytes - end)));
+        }
+        _ => return Err(cut_short(data_start.saturating_add(data_bytes))),
+    }
+    let data = read(&mut file, data_bytes)?;
+    Ok(Container { content, path: path.to_owned(), kind, header, data })
+}
+
+fn read_exactly(file: &mut File, bytes: u64) -> io::Result<Vec<u8>> {
+    let mut content = Vec::new();
+    let len = usize::try_from(bytes).map_err(|_| io::ErrorKind::OutOfMemory)?;
+    content.try_reserve_exact(len).map_err(|_| io::ErrorKind::OutOfMemory)?;
+    file.take(bytes).read_to_end(&mut content)?;
+    if content.len() < len {
+        return Err(io::ErrorKind::UnexpectedEof.into()); // it shrank since its length was asked for
+    }
+    Ok(content)
+}
+
+impl<C> Container<C> {
+    /// The names of all tensors.
+    pub(crate) fn names(&self) -> Vec<String> {
+        self.header.offset_keys()
+    }
+
+    /// The shape of a tensor, if it is there.
+    pub(crate) fn shape(&self, name: &str) -> Option<&[usize]> {
+        self.header.info(name).map(|info| info.shape.as_slice())
+    }
+
+    /// The type of a tensor, if it is there.
+    pub(crate) fn dtype(&self, name: &str) -> Option<Dtype> {
+        self.header.info(name).map(|info| info.dtype)
+    }
+
+    /// The values of an F32 tensor of this shape.
+    pub(crate) fn f32(&self, name: &str, shape: &[usize]) -> Result<Vec<f32>, Error> {
+        Ok(self.words(name, Dtype::F32, shape)?.iter().map(|&word| f32::from_le_bytes(word)).collect())
+    }
+
+    /// The values of a U32 tensor of this shape.
+    pub(crate) fn u32(&self, name: &str, shape: &[usize]) -> Result<Vec<u32>, Error> {
+        Ok(self.words(name, Dtype::U32, shape)?.iter().map(|&word| u32::from_le_bytes(word)).collect())
+    }
+
+    /// A complaint about a tensor; `expected` is its type and shape in words.
+    pub(crate) fn tensor_error(&self, name: &str, expected: String) -> Error {
+        let found = match self.header.info(name) {
+            Some(TensorInfo { dtype, shape, .. }) => format!("{dtype:?} {shape:?}"),
+            None => "none".to_owned(),
+        };
+        Error::Tensor { path: self.path.clone(), what: self.kind.what, tensor: name.to_owned(), expected, found }
+    }
+
+    fn words(&self, name: &str, dtype: Dtype, shape: &[usize]) -> Result<&[[u8; 4]], Error> {
+        self.header
+            .info(name)
+            .filter(|info| info.dtype == dtype && info.shape == shape)
+            .and_then(|info| self.data.get(info.data_offsets.0..info.data_offsets.1))
+            .map(|bytes| bytes.as_chunks::<4>().0)
+            .ok_or_else(|| self.tensor_error(name, format!("{dtype:?} {shape:?}")))
+    }
+}

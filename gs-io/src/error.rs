@@ -1,0 +1,165 @@
+//! What can be wrong with a file: where, what was expected, what was found, and how to mend it, in one line each.
+
+use std::{
+    io,
+    path::{Path, PathBuf},
+};
+
+use thiserror::Error;
+
+/// An error of reading or writing a file. Its text is one line, made to be shown to the user as it is.
+#[derive(Debug, Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// There is nothing at this path.
+    #[error("{}: no such file; check the path", path.display())]
+    Missing {
+        /// The file.
+        path: PathBuf,
+    },
+    /// A folder, a pipe or a device stands where a file was expected.
+    #[error("{}: is {found}, but must be a file; name {wanted}", path.display())]
+    NotAFile {
+        /// The path.
+        path: PathBuf,
+        /// "a folder" or the like.
+        found: &'static str,
+        /// What kind of file is meant: "an image file".
+        wanted: &'static str,
+    },
+    /// The operating system refused to read.
+    #[error("{}: cannot be read: {source}; check the file's permissions and its disk", path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+    /// The folder to write into is not there.
+    #[error("{}: cannot be written: there is no folder {}; create it first", path.display(), folder.display())]
+    NoFolder {
+        /// The file.
+        path: PathBuf,
+        /// Its folder.
+        folder: PathBuf,
+    },
+    /// The operating system refused to write. Nothing of the file is left behind, and what stood there before is untouched.
+    #[error("{}: cannot be written: {source}; check the folder's permissions and the space left", path.display())]
+    Write {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+    /// Not an image, or not one of a kind that can be read.
+    #[error("{}: expected an image (PNG, JPEG, BMP, TIFF, WebP or PNM), found {found}; convert it to PNG", path.display())]
+    NotAnImage {
+        /// The file.
+        path: PathBuf,
+        /// What its first bytes say.
+        found: String,
+    },
+    /// An image of a known kind that is cut short or damaged.
+    #[error("{}: damaged {format} image: {message}; fetch or export it again", path.display())]
+    DamagedImage {
+        /// The file.
+        path: PathBuf,
+        /// "PNG" or the like.
+        format: &'static str,
+        /// What the decoder says.
+        message: String,
+    },
+    /// An image of no size, or larger than a canvas can be; refused before memory is allocated for it.
+    #[error("{}: the image is {width}x{height} px, but each side must be 1 to {limit} px; scale it first", path.display())]
+    ImageSize {
+        /// The file.
+        path: PathBuf,
+        /// Columns.
+        width: u32,
+        /// Rows.
+        height: u32,
+        /// The longest side.
+        limit: u32,
+    },
+    /// A floating-point image with a value that is NaN or infinite.
+    #[error("{}: pixel ({x}, {y}) is {value}, not a finite number; repair it in an image editor", path.display())]
+    ImageNotFinite {
+        /// The file.
+        path: PathBuf,
+        /// Column.
+        x: u32,
+        /// Row.
+        y: u32,
+        /// What stands there.
+        value: f32,
+    },
+    /// A scene file or checkpoint whose bytes are not what its kind prescribes.
+    #[error("{}: byte {byte}: expected {expected}, found {found}; it is damaged or not {what}: write or fetch it again", path.display())]
+    Damaged {
+        /// The file.
+        path: PathBuf,
+        /// "a scene file" or the like.
+        what: &'static str,
+        /// Where, counted from the start of the file.
+        byte: u64,
+        /// What should stand there.
+        expected: String,
+        /// What does.
+        found: String,
+    },
+    /// A file of the right kind, written by a later version of this program.
+    #[error("{}: expected {what} of version {supported} or older, found version {found}; update this program", path.display())]
+    TooNew {
+        /// The file.
+        path: PathBuf,
+        /// "a scene file" or the like.
+        what: &'static str,
+        /// The newest version that can be read.
+        supported: u32,
+        /// The file's.
+        found: u32,
+    },
+    /// A tensor of a scene file or checkpoint is missing, superfluous, or of another shape or type.
+    #[error("{}: tensor `{tensor}`: expected {expected}, found {found}; write {what} again", path.display())]
+    Tensor {
+        /// The file.
+        path: PathBuf,
+        /// "the scene file" or the like.
+        what: &'static str,
+        /// The tensor.
+        tensor: String,
+        /// Type and shape that it should have.
+        expected: String,
+        /// What it is.
+        found: String,
+    },
+    /// A file whose form is right but whose content is not possible, such as a NaN among the means; or such a content that was
+    /// to be written.
+    #[error("{}: {source}", path.display())]
+    Content {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        source: gs_core::Error,
+    },
+}
+
+impl Error {
+    /// An error of the operating system while reading.
+    pub(crate) fn read(path: &Path, source: io::Error) -> Self {
+        match source.kind() {
+            io::ErrorKind::NotFound | io::ErrorKind::NotADirectory => Self::Missing { path: path.to_owned() },
+            _ => Self::Read { path: path.to_owned(), source },
+        }
+    }
+
+    /// An error of the operating system while writing.
+    pub(crate) fn write(path: &Path, source: io::Error) -> Self {
+        Self::Write { path: path.to_owned(), source }
+    }
+
+    /// Content that the core refuses.
+    pub(crate) fn content(path: &Path) -> impl Fn(gs_core::Error) -> Self {
+        move |source| Self::Content { path: path.to_owned(), source }
+    }
+}

@@ -1,0 +1,117 @@
+//! Planar scenes on disk, bit for bit: a safetensors file, which any tensor library opens.
+//!
+//! | tensor | type, shape | unit |
+//! |---|---|---|
+//! | `mean` | F32 `[N, 2]` | px |
+//! | `log_scale` | F32 `[N, 2]` | ln(px) |
+//! | `rotation` | F32 `[N]` | rad, from +x towards +y |
+//! | `opacity_logit` | F32 `[N]`, absent where every Gaussian is opaque | logit, ±∞ allowed |
+//! | `color` | F32 `[N, 3]` | RGB as in the image file |
+//!
+//! The metadata entry `gs` is JSON: `{"format": "gs-planar-scene", "version": 1, "program": …, "content": {"width": …,
+//! "height": …, "settings": …}}`, with the canvas size in px and the render settings as gs-core serialises them.
+
+use std::path::Path;
+
+use glam::{Vec2, Vec3};
+use gs_core::{PlanarScene, RenderSettings, Scene, image::check_size};
+use serde::{Deserialize, Serialize};
+
+use crate::{
+    container::{self, Kind, TensorBytes},
+    error::Error,
+};
+
+/// The extension of scene files: `kodim04.gs2d.safetensors`. Readers do not insist on it.
+pub const SCENE_EXTENSION: &str = "gs2d.safetensors";
+
+const KIND: Kind = Kind { format: "gs-planar-scene", version: 1, what: "a scene file" };
+const TENSORS: [&str; 5] = ["mean", "log_scale", "rotation", "opacity_logit", "color"];
+
+/// A planar scene with what is needed to show it as it was made.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct PlanarFile {
+    /// The Gaussians.
+    pub scene: PlanarScene,
+    /// Columns of the image that the scene was made for.
+    pub width: u32,
+    /// Rows of it.
+    pub height: u32,
+    /// How it was rendered.
+    pub settings: RenderSettings,
+}
+
+impl PlanarFile {
+    /// Fails unless the scene, the size and the settings are all possible; what [`write_scene`] and [`read_scene`] check.
+    ///
+    /// # Errors
+    /// Those of [`PlanarScene::validate`](Scene::validate), [`check_size`] and [`RenderSettings::validate`].
+    pub fn validate(&self) -> Result<(), gs_core::Error> {
+        check_size(self.width, self.height)?;
+        self.settings.validate()?;
+        self.scene.validate()
+    }
+}
+
+#[derive(Serialize, Deserialize)]
+struct Content {
+    width: u32,
+    height: u32,
+    settings: RenderSettings,
+}
+
+/// Writes a scene losslessly and atomically. The same scene gives the same bytes.
+///
+/// # Errors
+/// [`Error::Content`] where [`PlanarFile::validate`] fails; those of [`write_atomically`](crate::write_atomically).
+pub fn write_scene(path: impl AsRef<Path>, file: &PlanarFile) -> Result<(), Error> {
+    let path = path.as_ref();
+    file.validate().map_err(Error::content(path))?;
+    let PlanarFile { scene, width, height, settings } = file;
+    let n = scene.len();
+    let mut tensors = vec![
+        TensorBytes::f32(&[n, 2], scene.means.iter().flat_map(|v| v.to_array())),
+        TensorBytes::f32(&[n, 2], scene.log_scales.iter().flat_map(|v| v.to_array())),
+        TensorBytes::f32(&[n], scene.rotations.iter().copied()),
+        TensorBytes::f32(&[n], scene.opacity_logits.iter().copied()),
+        TensorBytes::f32(&[n, 3], scene.colors.iter().flat_map(|v| v.to_array())),
+    ];
+    let mut names = TENSORS.map(str::to_owned).to_vec();
+    if !scene.has_opacity() {
+        (_, _) = (names.remove(3), tensors.remove(3));
+    }
+    let content = Content { width: *width, height: *height, settings: *settings };
+    container::write(path, &KIND, &content, names.into_iter().zip(tensors).collect())
+}
+
+/// Reads what [`write_scene`] wrote: the same scene, bit for bit. A scene without Gaussians is allowed.
+///
+/// # Errors
+/// [`Error::Missing`], [`Error::NotAFile`] or [`Error::Read`]; [`Error::Damaged`] for a file that is cut short or something else,
+/// [`Error::TooNew`] for one of a later version, [`Error::Tensor`] for a tensor of the wrong type or shape, [`Error::Content`]
+/// for values that are not possible (NaN).
+pub fn read_scene(path: impl AsRef<Path>) -> Result<PlanarFile, Error> {
+    let path = path.as_ref();
+    let file = container::read::<Content>(path, &KIND)?;
+    let Some(&[n, 2]) = file.shape("mean") else {
+        return Err(file.tensor_error("mean", "F32 [N, 2]".to_owned()));
+    };
+    if let Some(unknown) = file.names().into_iter().find(|name| !TENSORS.contains(&name.as_str())) {
+        return Err(file.tensor_error(&unknown, "none of this name".to_owned()));
+    }
+    let pairs = |name| Ok(file.f32(name, &[n, 2])?.as_chunks::<2>().0.iter().map(|&v| Vec2::from_array(v)).collect());
+    let scene = PlanarScene {
+        means: pairs("mean")?,
+        log_scales: pairs("log_scale")?,
+        rotations: file.f32("rotation", &[n])?,
+        opacity_logits: match file.shape("opacity_logit") {
+            Some(_) => file.f32("opacity_logit", &[n])?,
+            None => Vec::new(),
+        },
+        colors: file.f32("color", &[n, 3])?.as_chunks::<3>().0.iter().map(|&v| Vec3::from_array(v)).collect(),
+    };
+    let Content { width, height, settings } = file.content;
+    let file = PlanarFile { scene, width, height, settings };
+    file.validate().map_err(Error::content(path))?;
+    Ok(file)
+}
