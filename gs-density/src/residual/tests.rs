@@ -54,7 +54,7 @@ fn removed(plan: &EditPlan<PlanarGaussian>) -> Vec<u32> {
 
 #[test]
 fn the_count_follows_the_line_and_ends_at_the_budget() {
-    let policy = ResidualGrowth::default();
+    let policy = ResidualGrowth { growth_fraction: 0.4, ..ResidualGrowth::default() };
     let mut len = 16;
     for (round, expected) in [(1, 62), (2, 108), (3, 154), (4, 200), (5, 200), (10, 200)] {
         let plan = plan_at(&policy, &scene(len), &residual(), round as f32 / 10.0);
@@ -155,6 +155,32 @@ fn permuting_the_gaussians_permutes_the_plan() {
 fn equal_random_numbers_give_equal_plans() {
     let policy = ResidualGrowth::default();
     assert_eq!(plan_at(&policy, &scene(50), &residual(), 0.3), plan_at(&policy, &scene(50), &residual(), 0.3));
+}
+
+#[test]
+fn plans_are_equal_on_any_number_of_threads() {
+    // Large enough for several tasks: rows, and more than one group of seeds.
+    let target = Image::from_fn(200, 150, |x, y| [(0.3 * x as f32).sin(), (0.2 * y as f32).cos(), 0.5]).unwrap();
+    let residual = Residual { rendered: Image::filled(200, 150, [0.1; 3]).unwrap(), target };
+    let statistics = DensityStatistics::zeros(0);
+    let scene = PlanarScene::default();
+    let observation = Observation {
+        scene: &scene,
+        statistics: &statistics,
+        residual: Some(&residual),
+        size: (200, 150),
+        step: 0,
+        progress: 1.0,
+        budget: 3000,
+    };
+    let plan = |threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| ResidualGrowth::default().plan(&observation, &mut Rng::seed_from_u64(3))).unwrap()
+    };
+    let one = plan(1);
+    assert_eq!(one.added.len(), 3000);
+    assert_eq!(one, plan(2));
+    assert_eq!(one, plan(7));
 }
 
 #[test]

@@ -45,7 +45,7 @@ impl Default for Guided {
             lloyd_steps: 2,
             max_per_pixel: 0.3,
             sigma_factor: 0.5,
-            max_aspect: 3.0,
+            max_aspect: 6.0,
             opacity: INITIAL_OPACITY,
         }
     }
