@@ -2,7 +2,7 @@
 
 mod scenes;
 
-use gs_core::{Blend, Image, Loss, Rasterizer, Scene};
+use gs_core::{Blend, Image, Loss, Rasterizer, RenderSettings, Scene};
 use gs_density::{Policy, RelativePercentile};
 use gs_train::{
     Control, Error, FitSettings, Init, InitialCount, MetricsLog, Observer, Outcome, Preset, Progress, Rounds, Trainer,
@@ -18,9 +18,9 @@ fn equal_seeds_give_equal_scenes_and_watching_changes_nothing() {
             fit(&rasterizer, &target, FitSettings { seed, ..small_fit(blend) }, observer).unwrap().scene
         };
         let scene = run(1, &mut ());
-        assert_eq!(scene, run(1, &mut ()));
-        assert_eq!(scene, run(1, &mut MetricsLog::new(1)));
-        assert_ne!(scene, run(2, &mut ()));
+        assert!(scene == run(1, &mut ()), "{blend:?}: not repeatable");
+        assert!(scene == run(1, &mut MetricsLog::new(1)), "{blend:?}: watching changes the fit");
+        assert!(scene != run(2, &mut ()), "{blend:?}: the seed makes no difference");
     }
 }
 
@@ -117,7 +117,8 @@ fn a_loss_that_is_not_finite_ends_the_run_and_names_a_suspect() {
     };
     assert!(!loss.is_finite() && (1..=42).contains(&step));
     let suspect = suspect.expect("there are Gaussians");
-    assert!(!(suspect.gaussian.color.abs().max_element() < 1e30), "{suspect}");
+    let color = suspect.gaussian.color;
+    assert!(!color.is_finite() || color.abs().max_element() > 1e30, "{suspect}");
 }
 
 #[test]
@@ -130,9 +131,9 @@ fn a_target_that_is_not_finite_is_refused() {
 
 #[test]
 fn gaussians_that_reach_nothing_do_not_move() {
-    // The paper's cold start (§3.4.1): Gaussians of the background's colour on the periphery, and what is to be found is out of
-    // their reach.
-    let (rasterizer, target) = (rasterizer(), paper_target());
+    // The paper's cold start (§3.4.1): Gaussians on the periphery, of the colour that is there, and what is to be found is out of
+    // their reach. On black, so that what is rendered there is what is wanted there to the last bit.
+    let rasterizer = rasterizer();
     let init = Init::Periphery(Periphery { scale_px: 1.0, ..Periphery::default() });
     let mut settings = FitSettings {
         init,
@@ -143,19 +144,17 @@ fn gaussians_that_reach_nothing_do_not_move() {
         loss: Loss::L2,
         ..FitSettings::paper()
     };
-    settings.rebin_every = 4;
+    settings.render = RenderSettings::blended(Blend::Over);
     let mut rng = <gs_density::Rng as rand::SeedableRng>::seed_from_u64(1);
-    let mut scene = init.scene(&target, 40, Blend::Over, &mut rng);
-    // Flush with what is behind: exactly white on exactly white, where the disc's soft edge has faded to nothing.
-    scene.colors.fill([1.0; 3].into());
-    let mut flat = target.clone();
-    let edge = |i: usize| i < 10 || i >= 118;
-    for (i, pixel) in flat.pixels_mut().iter_mut().enumerate() {
-        if edge(i % 128) || edge(i / 128) {
-            *pixel = [1.0; 3];
-        }
+    let mut target = paper_target();
+    let within = 10..118;
+    for (i, pixel) in target.pixels_mut().iter_mut().enumerate() {
+        let is_seen = within.contains(&(i % 128)) && within.contains(&(i / 128));
+        *pixel = pixel.map(|v| if is_seen { 1.0 - v } else { 0.0 });
     }
-    let mut trainer = Trainer::from_scene(&rasterizer, &flat, &scene, settings).unwrap();
+    let mut scene = settings.init.scene(&target, 40, Blend::Over, &mut rng);
+    scene.colors.fill([0.0; 3].into());
+    let mut trainer = Trainer::from_scene(&rasterizer, &target, &scene, settings).unwrap();
     let mut losses = Vec::new();
     while !trainer.is_finished() {
         losses.push(trainer.step_once().unwrap().loss);
@@ -171,8 +170,8 @@ fn the_papers_experiment_reaches_its_count() {
     let settings = FitSettings::paper();
     let render = settings.render;
     let fit = fit(&rasterizer, &paper_target(), settings, &mut ()).unwrap();
-    assert!((560..=600).contains(&fit.summary.gaussians), "{} Gaussians", fit.summary.gaussians);
-    assert!(fit.summary.psnr >= 30.0, "{} dB", fit.summary.psnr);
+    assert!((500..=600).contains(&fit.summary.gaussians), "{} Gaussians", fit.summary.gaussians);
+    assert!(fit.summary.psnr >= 40.0, "{} dB", fit.summary.psnr);
     let again = rasterizer.render(&fit.scene, &gs_core::Canvas::new(128, 128), &render).unwrap();
     assert_eq!(again, fit.image);
 }
