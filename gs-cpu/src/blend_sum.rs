@@ -1,4 +1,5 @@
-//! Stages `blend` and `blend_bwd` under `Sum`: C = Σ w c. One task per tile, one vector per row of 16 pixels.
+//! Stages `blend` and `blend_bwd` under `Sum`: C = Σ w c. One task per tile; a vector is a row of 16 pixels, or a part of it
+//! where the level's registers are narrower, and then parts that the Gaussian does not touch are passed over.
 //!
 //! Down a column, w = exp(e₀ − ½ c u²) with u = dy − slope·dx grows by a factor that itself shrinks by the constant factor
 //! exp(−c): two multiplications a row instead of an exponential. The recurrence starts afresh every `restart_rows` rows.
@@ -9,7 +10,7 @@ use fearless_simd::{Simd, prelude::*};
 
 use crate::{
     bin::Entry,
-    lanes::{Lanes, exp, iota, load3, splat, splat3, sums},
+    lanes::{Floats, LANES, Whole, each_part, exp, fma, iota, load, load3, splat, splat3, store, sums},
     layout::Row,
     project::Splat,
 };
@@ -20,41 +21,50 @@ pub(crate) const STRIDE: usize = 8;
 /// Numbers per entry that [`backward_colors`] yields: v_colour 3, and one that is 0.
 pub(crate) const COLOR_STRIDE: usize = 4;
 
-/// The weights of an entry, row by row.
-pub(crate) struct Weights<S: Simd> {
+/// The weights of an entry, row by row, in the lanes from `lane` on.
+pub(crate) struct Weights<V> {
     /// dx of the lanes.
-    pub(crate) dx: Lanes<S>,
+    pub(crate) dx: V,
     /// −½ dx²/Σxx.
-    across: Lanes<S>,
+    across: V,
     c: f32,
-    ratio: Lanes<S>,
+    ratio: V,
     /// w of the current row, and what it is multiplied by for the next.
-    pub(crate) w: Lanes<S>,
-    growth: Lanes<S>,
+    pub(crate) w: V,
+    growth: V,
 }
 
-impl<S: Simd> Weights<S> {
+impl<V> Weights<V> {
     #[inline(always)]
-    pub(crate) fn new(simd: S, splat_: &Splat, first_column: usize) -> Self {
-        let dx = iota(simd) + (first_column as f32 + 0.5 - splat_.mean[0]);
-        let zero = splat(simd, 0.0);
+    pub(crate) fn new<S: Simd>(simd: S, splat_: &Splat, first_column: usize, lane: usize) -> Self
+    where
+        V: Floats<S>,
+    {
+        let dx = iota::<S, V>(simd, lane) + (first_column as f32 + 0.5 - splat_.mean[0]);
+        let zero: V = splat(simd, 0.0);
         let across = dx * dx * (-0.5 * splat_.inverse_xx);
         Self { dx, across, c: splat_.c, ratio: splat(simd, splat_.ratio), w: zero, growth: zero }
     }
 
     /// Starts at the row in which u is `u`.
     #[inline(always)]
-    pub(crate) fn start(&mut self, simd: S, u: Lanes<S>) {
+    pub(crate) fn start<S: Simd>(&mut self, simd: S, u: V)
+    where
+        V: Floats<S>,
+    {
         let cu = u * self.c;
-        self.w = exp(simd, (cu * u).mul_add(splat(simd, -0.5), self.across));
+        self.w = exp(simd, fma(cu * u, splat(simd, -0.5), self.across));
         // Lanes that the clamp touches do not come above the cut before the next start.
-        let growth = (cu + 0.5 * self.c).max(splat(simd, -80.0));
+        let growth = (cu + 0.5 * self.c).max(splat::<S, V>(simd, -80.0));
         self.growth = exp(simd, -growth);
     }
 
     /// Goes to the next row.
     #[inline(always)]
-    pub(crate) fn advance(&mut self) {
+    pub(crate) fn advance<S: Simd>(&mut self)
+    where
+        V: Floats<S>,
+    {
         self.w *= self.growth;
         self.growth *= self.ratio;
     }
@@ -62,9 +72,33 @@ impl<S: Simd> Weights<S> {
 
 /// u in row `row`.
 #[inline(always)]
-pub(crate) fn u_in_row<S: Simd>(simd: S, splat_: &Splat, dx: Lanes<S>, row: usize) -> Lanes<S> {
+pub(crate) fn u_in_row<S: Simd, V: Floats<S>>(simd: S, splat_: &Splat, dx: V, row: usize) -> V {
     let dy = row as f32 + 0.5 - splat_.mean[1];
-    dx.mul_add(splat(simd, -splat_.slope), splat(simd, dy))
+    fma(dx, splat(simd, -splat_.slope), splat(simd, dy))
+}
+
+/// Whether the lanes of a vector from `lane` on are all outside the columns that a Gaussian touches. Never where a vector is a
+/// whole row: then the entry would not be there.
+#[inline(always)]
+pub(crate) fn passes_by<S: Simd, V: Floats<S>>(splat_: &Splat, first_column: usize, lane: usize) -> bool {
+    if V::LEN == LANES {
+        return false;
+    }
+    let middle = (first_column + lane) as f32 + 0.5 * V::LEN as f32;
+    (middle - splat_.mean[0]).abs() > splat_.half[0] + 0.5 * V::LEN as f32
+}
+
+/// Backdrop less target: what [`forward`] starts from where the residual is wanted.
+#[inline(always)]
+pub(crate) fn start<S: Simd>(simd: S, backdrop: [f32; 3], target: &[Row], rows: &mut [Row]) {
+    let backdrop: [S::f32s; 3] = splat3(simd, backdrop);
+    for (Row(pixels), Row(target)) in rows.iter_mut().zip(target) {
+        for k in 0..3 {
+            for lane in (0..LANES).step_by(S::f32s::LEN) {
+                store(backdrop[k] - load::<S, S::f32s>(simd, &target[k], lane), &mut pixels[k], lane);
+            }
+        }
+    }
 }
 
 /// Adds the entries' Gaussians to `rows`, whose first is image row `first_row`.
@@ -77,25 +111,29 @@ pub(crate) fn forward<S: Simd>(
     first_row: usize,
     rows: &mut [Row],
 ) {
-    let zero = splat(simd, 0.0);
     for entry in entries {
         let s = &splats[entry.place as usize];
-        let mut weights = Weights::new(simd, s, first_column);
-        let cut = splat(simd, s.cut);
-        let color = splat3(simd, s.color);
-        let [mut row, end] = entry.rows.map(usize::from);
-        while row < end {
-            let stop = end.min(row + s.restart_rows as usize);
-            weights.start(simd, u_in_row(simd, s, weights.dx, row));
-            for Row(pixels) in &mut rows[row - first_row..stop - first_row] {
-                let w = weights.w.simd_ge(cut).select(weights.w, zero);
-                for k in 0..3 {
-                    let sum = w.mul_add(color[k], Lanes::load_array_ref(simd, &pixels[k]));
-                    sum.store_array(&mut pixels[k]);
-                }
-                weights.advance();
+        let [row, end] = entry.rows.map(|row| usize::from(row) - first_row);
+        // The recurrence waits for its own results; two registers wait for them at once.
+        forward_part::<S, Whole<S>>(simd, s, first_column, usize::from(entry.rows[0]), &mut rows[row..end]);
+    }
+}
+
+/// [`forward`] of one entry.
+#[inline(always)]
+fn forward_part<S: Simd, V: Floats<S>>(simd: S, s: &Splat, first_column: usize, mut row: usize, rows: &mut [Row]) {
+    let (zero, cut): (V, V) = (splat(simd, 0.0), splat(simd, s.cut));
+    let color = splat3(simd, s.color);
+    let mut weights = Weights::<V>::new(simd, s, first_column, 0);
+    for rows in rows.chunks_mut(s.restart_rows as usize) {
+        weights.start(simd, u_in_row(simd, s, weights.dx, row));
+        row += rows.len();
+        for Row(pixels) in rows {
+            let w = weights.w.simd_ge(cut).select(weights.w, zero);
+            for k in 0..3 {
+                store(fma(w, color[k], load(simd, &pixels[k], 0)), &mut pixels[k], 0);
             }
-            row = stop;
+            weights.advance::<S>();
         }
     }
 }
@@ -111,36 +149,59 @@ pub(crate) fn backward<S: Simd>(
     rows: &[Row],
     slots: &mut [f32],
 ) {
-    let zero = splat(simd, 0.0);
     for (entry, slot) in entries.iter().zip(slots.as_chunks_mut::<STRIDE>().0) {
         let s = &splats[entry.place as usize];
-        let mut weights = Weights::new(simd, s, first_column);
-        let cut = splat(simd, s.cut);
-        let color = splat3(simd, s.color);
-        let (mut v_color, mut s_u, mut s_uu) = ([zero; 3], zero, zero);
-        let [mut row, end] = entry.rows.map(usize::from);
-        while row < end {
-            let stop = end.min(row + s.restart_rows as usize);
-            let mut u = u_in_row(simd, s, weights.dx, row);
-            weights.start(simd, u);
-            for Row(v) in &rows[row - first_row..stop - first_row] {
-                let w = weights.w.simd_ge(cut).select(weights.w, zero);
-                let v = load3(simd, v);
-                for k in 0..3 {
-                    v_color[k] = w.mul_add(v[k], v_color[k]);
-                }
-                let v_w = v[2].mul_add(color[2], v[1].mul_add(color[1], v[0] * color[0]));
-                let tu = w * v_w * u;
-                s_u += tu;
-                s_uu = tu.mul_add(u, s_uu);
-                u += 1.0;
-                weights.advance();
+        let [row, end] = entry.rows.map(|row| usize::from(row) - first_row);
+        *slot = [0.0; STRIDE];
+        each_part!(S, backward_part(simd, s, first_column, usize::from(entry.rows[0]), &rows[row..end], slot));
+    }
+}
+
+/// [`backward`] of one entry, in the lanes of one vector.
+#[inline(always)]
+fn backward_part<S: Simd, V: Floats<S>, const LANE: usize>(
+    simd: S,
+    s: &Splat,
+    first_column: usize,
+    mut row: usize,
+    rows: &[Row],
+    slot: &mut [f32; STRIDE],
+) {
+    if passes_by::<S, V>(s, first_column, LANE) {
+        return;
+    }
+    let (zero, cut): (V, V) = (splat(simd, 0.0), splat(simd, s.cut));
+    let color = splat3(simd, s.color);
+    let mut weights = Weights::<V>::new(simd, s, first_column, LANE);
+    let (mut v_color, mut s_u, mut s_uu) = ([zero; 3], zero, zero);
+    for rows in rows.chunks(s.restart_rows as usize) {
+        let mut u = u_in_row(simd, s, weights.dx, row);
+        weights.start(simd, u);
+        row += rows.len();
+        for Row(v) in rows {
+            let w = weights.w.simd_ge(cut).select(weights.w, zero);
+            let v = load3(simd, v, LANE);
+            for k in 0..3 {
+                v_color[k] = fma(w, v[k], v_color[k]);
             }
-            row = stop;
+            let v_w = fma(v[2], color[2], fma(v[1], color[1], v[0] * color[0]));
+            let tu = w * v_w * u;
+            s_u += tu;
+            s_uu = fma(tu, u, s_uu);
+            u += 1.0;
+            weights.advance::<S>();
         }
-        let t = v_color[2].mul_add(color[2], v_color[1].mul_add(color[1], v_color[0] * color[0]));
-        let tx = t * weights.dx;
-        *slot = sums([v_color[0], v_color[1], v_color[2], tx, s_u, tx * weights.dx, s_u * weights.dx, s_uu]);
+    }
+    let t = fma(v_color[2], color[2], fma(v_color[1], color[1], v_color[0] * color[0]));
+    let tx = t * weights.dx;
+    add(slot, &sums([v_color[0], v_color[1], v_color[2], tx, s_u, tx * weights.dx, s_u * weights.dx, s_uu]));
+}
+
+/// Adds the sums of a part of a row's lanes to those of the others.
+#[inline(always)]
+pub(crate) fn add(slot: &mut [f32], part: &[f32; 8]) {
+    for (total, value) in slot.iter_mut().zip(part) {
+        *total += value;
     }
 }
 
@@ -155,26 +216,40 @@ pub(crate) fn backward_colors<S: Simd>(
     rows: &[Row],
     slots: &mut [f32],
 ) {
-    let zero = splat(simd, 0.0);
     for (entry, slot) in entries.iter().zip(slots.as_chunks_mut::<COLOR_STRIDE>().0) {
         let s = &splats[entry.place as usize];
-        let mut weights = Weights::new(simd, s, first_column);
-        let cut = splat(simd, s.cut);
-        let mut v_color = [zero; 3];
-        let [mut row, end] = entry.rows.map(usize::from);
-        while row < end {
-            let stop = end.min(row + s.restart_rows as usize);
-            weights.start(simd, u_in_row(simd, s, weights.dx, row));
-            for Row(v) in &rows[row - first_row..stop - first_row] {
-                let w = weights.w.simd_ge(cut).select(weights.w, zero);
-                for k in 0..3 {
-                    v_color[k] = w.mul_add(Lanes::load_array_ref(simd, &v[k]), v_color[k]);
-                }
-                weights.advance();
-            }
-            row = stop;
-        }
-        let [r, g, b, ..] = sums([v_color[0], v_color[1], v_color[2], zero, zero, zero, zero, zero]);
-        *slot = [r, g, b, 0.0];
+        let [row, end] = entry.rows.map(|row| usize::from(row) - first_row);
+        *slot = [0.0; COLOR_STRIDE];
+        each_part!(S, colors_part(simd, s, first_column, usize::from(entry.rows[0]), &rows[row..end], slot));
     }
+}
+
+/// [`backward_colors`] of one entry, in the lanes of one vector.
+#[inline(always)]
+fn colors_part<S: Simd, V: Floats<S>, const LANE: usize>(
+    simd: S,
+    s: &Splat,
+    first_column: usize,
+    mut row: usize,
+    rows: &[Row],
+    slot: &mut [f32; COLOR_STRIDE],
+) {
+    if passes_by::<S, V>(s, first_column, LANE) {
+        return;
+    }
+    let (zero, cut): (V, V) = (splat(simd, 0.0), splat(simd, s.cut));
+    let mut weights = Weights::<V>::new(simd, s, first_column, LANE);
+    let mut v_color = [zero; 3];
+    for rows in rows.chunks(s.restart_rows as usize) {
+        weights.start(simd, u_in_row(simd, s, weights.dx, row));
+        row += rows.len();
+        for Row(v) in rows {
+            let w = weights.w.simd_ge(cut).select(weights.w, zero);
+            for k in 0..3 {
+                v_color[k] = fma(w, load(simd, &v[k], LANE), v_color[k]);
+            }
+            weights.advance::<S>();
+        }
+    }
+    add(&mut slot[..3], &sums([v_color[0], v_color[1], v_color[2], zero, zero, zero, zero, zero]));
 }

@@ -9,7 +9,7 @@ use gs_core::constants::{SSIM_C1, SSIM_C2, SSIM_SIGMA, SSIM_WINDOW};
 use rayon::prelude::*;
 
 use crate::{
-    lanes::{LANES, Lanes, iota, splat},
+    lanes::{LANES, fma, iota, load, splat, store},
     layout::{Cuts, Grid, Row, TileBuffers, for_each_tile},
     loss::PlanarTarget,
     workspace::Workspace,
@@ -81,22 +81,16 @@ fn window() -> Window {
     raw.map(|v| (v / sum) as f32)
 }
 
-/// The sixteen values from `at` on.
-#[inline(always)]
-fn load<S: Simd>(simd: S, line: &[f32], at: usize) -> Lanes<S> {
-    Lanes::from_slice(simd, &line[at..at + LANES])
-}
-
 /// Blurs three lines, each along itself.
 #[inline(always)]
 fn blur_lines<S: Simd>(simd: S, inputs: [&[f32]; 3], outputs: [&mut [f32]; 3], window: &Window) {
     for (input, output) in inputs.into_iter().zip(outputs) {
-        for x in (0..input.len() - 2 * RADIUS).step_by(LANES) {
-            let mut sum = splat(simd, 0.0);
+        for x in (0..input.len() - 2 * RADIUS).step_by(S::f32s::LEN) {
+            let mut sum: S::f32s = splat(simd, 0.0);
             for j in 0..SSIM_WINDOW {
-                sum = load(simd, input, x + j).mul_add(splat(simd, window[j]), sum);
+                sum = fma(load(simd, input, x + j), splat(simd, window[j]), sum);
             }
-            sum.store_slice(&mut output[RADIUS + x..][..LANES]);
+            store(sum, output, RADIUS + x);
         }
     }
 }
@@ -105,19 +99,18 @@ fn blur_lines<S: Simd>(simd: S, inputs: [&[f32]; 3], outputs: [&mut [f32]; 3], w
 #[inline(always)]
 fn blur_products<S: Simd>(simd: S, x: &[f32], y: &[f32], outputs: [&mut [f32]; 3], window: &Window) {
     let [mean, square, product] = outputs;
-    for i in (0..x.len() - 2 * RADIUS).step_by(LANES) {
-        let mut sums = [splat(simd, 0.0); 3];
+    for i in (0..x.len() - 2 * RADIUS).step_by(S::f32s::LEN) {
+        let mut sums: [S::f32s; 3] = [splat(simd, 0.0); 3];
         for j in 0..SSIM_WINDOW {
-            let (x, y) = (load(simd, x, i + j), load(simd, y, i + j));
+            let (x, y): (S::f32s, S::f32s) = (load(simd, x, i + j), load(simd, y, i + j));
             let weighted = x * window[j];
             sums[0] += weighted;
-            sums[1] = weighted.mul_add(x, sums[1]);
-            sums[2] = weighted.mul_add(y, sums[2]);
+            sums[1] = fma(weighted, x, sums[1]);
+            sums[2] = fma(weighted, y, sums[2]);
         }
-        let at = RADIUS + i..RADIUS + i + LANES;
-        sums[0].store_slice(&mut mean[at.clone()]);
-        sums[1].store_slice(&mut square[at.clone()]);
-        sums[2].store_slice(&mut product[at]);
+        store(sums[0], mean, RADIUS + i);
+        store(sums[1], square, RADIUS + i);
+        store(sums[2], product, RADIUS + i);
     }
 }
 
@@ -130,7 +123,7 @@ fn blur_columns<S: Simd>(
     height: usize,
     x: usize,
     window: &Window,
-) -> [Lanes<S>; 3] {
+) -> [S::f32s; 3] {
     [
         blur_column(simd, a, place, height, x, window),
         blur_column(simd, b, place, height, x, window),
@@ -147,14 +140,22 @@ fn blur_column<S: Simd>(
     height: usize,
     x: usize,
     window: &Window,
-) -> Lanes<S> {
-    let mut sum = splat(simd, 0.0);
+) -> S::f32s {
+    let mut sum: S::f32s = splat(simd, 0.0);
     let first = y.saturating_sub(RADIUS);
     for row in first..(y + RADIUS + 1).min(height) {
         let at = (3 * row + k) * plane.pitch + RADIUS + x;
-        sum = load(simd, &plane.values, at).mul_add(splat(simd, window[row + RADIUS - y]), sum);
+        sum = fma(load(simd, &plane.values, at), splat(simd, window[row + RADIUS - y]), sum);
     }
     sum
+}
+
+/// The vertical blur of a whole line of a plane.
+#[inline(always)]
+fn blur_down<S: Simd>(simd: S, grid: &Grid, plane: &Plane, line: usize, out: &mut [f32], window: &Window) {
+    for x in (0..plane.pitch - 2 * RADIUS).step_by(S::f32s::LEN) {
+        store(blur_column(simd, plane, (line / 3, line % 3), grid.height, x, window), out, RADIUS + x);
+    }
 }
 
 fn blur_target(grid: &Grid, target: &PlanarTarget, level: Level) -> BlurredTarget {
@@ -167,10 +168,7 @@ fn blur_target(grid: &Grid, target: &PlanarTarget, level: Level) -> BlurredTarge
         out.resize(grid);
         let pitch = out.pitch;
         out.values.par_chunks_mut(pitch).enumerate().for_each(|(line, out)| {
-            dispatch!(level, simd => for x in (0..pitch - 2 * RADIUS).step_by(LANES) {
-                let sum = blur_column(simd, across, (line / 3, line % 3), grid.height, x, &window);
-                sum.store_slice(&mut out[RADIUS + x..][..LANES]);
-            });
+            dispatch!(level, simd => blur_down(simd, grid, across, line, out, &window));
         });
     }
     blurred
@@ -244,30 +242,30 @@ fn derivative_lines<S: Simd>(
     window: &Window,
 ) -> f64 {
     let pitch = blurred.mean.pitch;
-    let (zero, one) = (splat(simd, 0.0), splat(simd, 1.0));
+    let (zero, one): (S::f32s, S::f32s) = (splat(simd, 0.0), splat(simd, 1.0));
     let mut total = 0.0;
     for k in 0..3 {
         let line = (3 * y + k) * pitch + RADIUS;
         let mut sum = zero;
-        for x in (0..grid.width).step_by(LANES) {
+        for x in (0..grid.width).step_by(S::f32s::LEN) {
             let [mx, square, product] = blur_columns(simd, across, (y, k), grid.height, x, window);
-            let my = load(simd, &blurred.mean.values, line + x);
-            let square_y = load(simd, &blurred.square.values, line + x);
+            let my: S::f32s = load(simd, &blurred.mean.values, line + x);
+            let square_y: S::f32s = load(simd, &blurred.square.values, line + x);
             let (xx, yy, xy) = (mx * mx, my * my, mx * my);
             let a1 = xy * 2.0 + SSIM_C1;
             let a2 = (product - xy) * 2.0 + SSIM_C2;
             let b1 = xx + yy + SSIM_C1;
             let b2 = square - xx + square_y - yy + SSIM_C2;
             // Lanes beyond the image: 0.
-            let beyond = iota(simd).simd_ge(splat(simd, (grid.width - x) as f32));
+            let beyond = iota::<S, S::f32s>(simd, 0).simd_ge(splat::<S, S::f32s>(simd, (grid.width - x) as f32));
             let inverse = beyond.select(zero, one / (b1 * b2));
             let s = a1 * a2 * inverse;
             sum += s;
             let by_mean = my * 2.0 * (a2 - a1) * inverse - mx * 2.0 * s * (one / b1 - one / b2);
-            let at = k * pitch + RADIUS + x..k * pitch + RADIUS + x + LANES;
-            by_mean.store_slice(&mut out[0][at.clone()]);
-            (-s / b2).store_slice(&mut out[1][at.clone()]);
-            (a1 * 2.0 * inverse).store_slice(&mut out[2][at]);
+            let at = k * pitch + RADIUS + x;
+            store(by_mean, out[0], at);
+            store(-s / b2, out[1], at);
+            store(a1 * 2.0 * inverse, out[2], at);
         }
         total += f64::from(sum.reduce_sum());
     }
@@ -290,13 +288,27 @@ fn gradient(grid: &Grid, blurred: &BlurredTarget, scratch: &mut Scratch, level: 
     v.resize(grid);
     let pitch = v.pitch;
     v.values.par_chunks_mut(pitch).enumerate().for_each(|(line, out)| {
-        dispatch!(level, simd => for x in (0..grid.width).step_by(LANES) {
-            let [a, b, c] =
-                blur_columns(simd, across, (line / 3, line % 3), grid.height, x, window);
-            let at = line * pitch + RADIUS + x;
-            let (xs, ys) = (load(simd, &image.values, at), load(simd, &blurred.y.values, at));
-            let v = (a + xs * 2.0 * b + ys * c) * scale;
-            v.store_slice(&mut out[RADIUS + x..][..LANES]);
-        });
+        dispatch!(level, simd => gradient_line(simd, grid, [image, &blurred.y], across, line, scale, out, window));
     });
+}
+
+/// One line of [`gradient`].
+#[expect(clippy::too_many_arguments, reason = "a kernel's inputs are slices of different owners")]
+#[inline(always)]
+fn gradient_line<S: Simd>(
+    simd: S,
+    grid: &Grid,
+    [image, target]: [&Plane; 2],
+    across: &[Plane; 3],
+    line: usize,
+    scale: f32,
+    out: &mut [f32],
+    window: &Window,
+) {
+    for x in (0..grid.width).step_by(S::f32s::LEN) {
+        let [a, b, c] = blur_columns(simd, across, (line / 3, line % 3), grid.height, x, window);
+        let at = line * image.pitch + RADIUS + x;
+        let (xs, ys): (S::f32s, S::f32s) = (load(simd, &image.values, at), load(simd, &target.values, at));
+        store((a + xs * 2.0 * b + ys * c) * scale, out, RADIUS + x);
+    }
 }

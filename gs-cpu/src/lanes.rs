@@ -1,36 +1,88 @@
-//! Arithmetic on sixteen lanes that the SIMD library does not bring: exp, and eight sums at once.
+//! Arithmetic on vectors of pixels that the SIMD library does not bring: exp, and eight sums at once.
+//!
+//! Kernels work on the widest vector of their level ([`Simd::f32s`]), of which one or several make a row of a strip: wider ones,
+//! put together from narrow registers, would not leave enough of them.
 
-use fearless_simd::{Simd, f32x16, i32x16, prelude::*};
+use std::ops::Shl;
 
-/// Pixels in a vector, and columns in a strip.
+use fearless_simd::{Select, Simd, f32x16, prelude::*};
+
+/// Columns in a strip, and the most pixels in a vector.
 pub(crate) const LANES: usize = 16;
 
-/// Sixteen pixels side by side.
-pub(crate) type Lanes<S> = f32x16<S>;
+/// Calls `$part::<S, S::f32s, LANE>($args)` for the first lane of every vector that makes up a row: constants, so that nothing has to be
+/// checked where a part of a row is loaded.
+macro_rules! each_part {
+    ($simd:ty, $part:ident($($arg:expr),* $(,)?)) => {{
+        $part::<$simd, <$simd as fearless_simd::Simd>::f32s, 0>($($arg),*);
+        if <$simd as fearless_simd::Simd>::f32s::LEN == 4 {
+            $part::<$simd, <$simd as fearless_simd::Simd>::f32s, 4>($($arg),*);
+        }
+        if <$simd as fearless_simd::Simd>::f32s::LEN <= 8 {
+            $part::<$simd, <$simd as fearless_simd::Simd>::f32s, 8>($($arg),*);
+        }
+        if <$simd as fearless_simd::Simd>::f32s::LEN == 4 {
+            $part::<$simd, <$simd as fearless_simd::Simd>::f32s, 12>($($arg),*);
+        }
+    }};
+}
+pub(crate) use each_part;
+
+/// A vector of `f32` of whatever width.
+pub(crate) trait Floats<S: Simd>:
+    SimdFloat<S, Element = f32, Mask: Select<Self> + Copy, Bits: Shl<u32> + Copy> + Copy
+{
+}
+
+impl<S: Simd, V> Floats<S> for V where
+    V: SimdFloat<S, Element = f32, Mask: Select<Self> + Copy, Bits: Shl<u32> + Copy> + Copy
+{
+}
+
+/// A whole row of a strip: one register, or several together.
+pub(crate) type Whole<S> = f32x16<S>;
 
 /// The same number in every lane.
 #[inline(always)]
-pub(crate) fn splat<S: Simd>(simd: S, value: f32) -> Lanes<S> {
-    Lanes::splat(simd, value)
+pub(crate) fn splat<S: Simd, V: Floats<S>>(simd: S, value: f32) -> V {
+    V::splat(simd, value)
+}
+
+/// a·b + c, rounded once where the level can.
+#[inline(always)]
+pub(crate) fn fma<S: Simd, V: Floats<S>>(a: V, b: V, c: V) -> V {
+    a.mul_add(b, c)
 }
 
 /// Three numbers, each in every lane. (A closure given to `map` would not be compiled for the SIMD level.)
 #[inline(always)]
-pub(crate) fn splat3<S: Simd>(simd: S, [a, b, c]: [f32; 3]) -> [Lanes<S>; 3] {
+pub(crate) fn splat3<S: Simd, V: Floats<S>>(simd: S, [a, b, c]: [f32; 3]) -> [V; 3] {
     [splat(simd, a), splat(simd, b), splat(simd, c)]
 }
 
-/// The three channels of a row.
+/// The vector that begins at lane `lane` of a row's values.
 #[inline(always)]
-pub(crate) fn load3<S: Simd>(simd: S, [a, b, c]: &[[f32; LANES]; 3]) -> [Lanes<S>; 3] {
-    [Lanes::load_array_ref(simd, a), Lanes::load_array_ref(simd, b), Lanes::load_array_ref(simd, c)]
+pub(crate) fn load<S: Simd, V: Floats<S>>(simd: S, values: &[f32], lane: usize) -> V {
+    V::from_slice(simd, &values[lane..lane + V::LEN])
 }
 
-/// 0, 1, …, 15.
+/// The vectors that begin at lane `lane` of the three channels of a row.
 #[inline(always)]
-pub(crate) fn iota<S: Simd>(simd: S) -> Lanes<S> {
+pub(crate) fn load3<S: Simd, V: Floats<S>>(simd: S, [a, b, c]: &[[f32; LANES]; 3], lane: usize) -> [V; 3] {
+    [load(simd, a, lane), load(simd, b, lane), load(simd, c, lane)]
+}
+
+/// Puts a vector where [`load`] takes it from.
+#[inline(always)]
+pub(crate) fn store<S: Simd, V: Floats<S>>(vector: V, values: &mut [f32], lane: usize) {
+    vector.store_slice(&mut values[lane..lane + V::LEN]);
+}
+
+/// `first`, `first` + 1, … up to 15.
+#[inline(always)]
+pub(crate) fn iota<S: Simd, V: Floats<S>>(simd: S, first: usize) -> V {
     const COUNT: [f32; LANES] = [0., 1., 2., 3., 4., 5., 6., 7., 8., 9., 10., 11., 12., 13., 14., 15.];
-    Lanes::load_array(simd, COUNT)
+    load(simd, &COUNT, first)
 }
 
 /// eˣ for −87.3 ≤ x ≤ 88, relative error below 2 ulp; 0 below that range, e⁸⁸ above it.
@@ -38,44 +90,50 @@ pub(crate) fn iota<S: Simd>(simd: S) -> Lanes<S> {
 /// Range reduction x = n ln 2 + r, |r| ≤ ½ ln 2, with ln 2 in two parts; eʳ by a minimax polynomial of degree 5 (Cephes' `expf`);
 /// 2ⁿ by adding n to the exponent bits.
 #[inline(always)]
-pub(crate) fn exp<S: Simd>(simd: S, x: Lanes<S>) -> Lanes<S> {
+pub(crate) fn exp<S: Simd, V: Floats<S>>(simd: S, x: V) -> V {
     // Adding 1.5·2²³ rounds to an integer and leaves it in the low bits.
     const ROUND: f32 = 12_582_912.0;
-    let lowest = splat(simd, -87.3);
-    let clamped = x.max(lowest).min(splat(simd, 88.0));
-    let shifted = clamped.mul_add(splat(simd, std::f32::consts::LOG2_E), splat(simd, ROUND));
+    let constant = |value: f32| V::splat(simd, value);
+    let lowest = constant(-87.3);
+    let clamped = x.max(lowest).min(constant(88.0));
+    let shifted = clamped.mul_add(constant(std::f32::consts::LOG2_E), constant(ROUND));
     let n = shifted - ROUND;
-    let r = n.mul_add(splat(simd, -0.693_359_4), clamped);
-    let r = n.mul_add(splat(simd, 2.121_944_4e-4), r);
-    let p = splat(simd, 1.987_569_1e-4);
-    let p = p.mul_add(r, splat(simd, 1.398_199_9e-3));
-    let p = p.mul_add(r, splat(simd, 8.333_452e-3));
-    let p = p.mul_add(r, splat(simd, 4.166_579_6e-2));
-    let p = p.mul_add(r, splat(simd, 1.666_666_5e-1));
-    let p = p.mul_add(r, splat(simd, 0.5));
+    let r = n.mul_add(constant(-0.693_359_4), clamped);
+    let r = n.mul_add(constant(2.121_944_4e-4), r);
+    let p = constant(1.987_569_1e-4);
+    let p = p.mul_add(r, constant(1.398_199_9e-3));
+    let p = p.mul_add(r, constant(8.333_452e-3));
+    let p = p.mul_add(r, constant(4.166_579_6e-2));
+    let p = p.mul_add(r, constant(1.666_666_5e-1));
+    let p = p.mul_add(r, constant(0.5));
     let e = p.mul_add(r * r, r + 1.0);
-    let bits: i32x16<S> = e.bitcast();
-    let n_bits: i32x16<S> = shifted.bitcast();
-    let scaled: Lanes<S> = (bits + (n_bits << 23)).bitcast();
-    x.simd_ge(lowest).select(scaled, splat(simd, 0.0))
+    let scaled = V::from_bits(e.to_bits() + (shifted.to_bits() << 23));
+    x.simd_ge(lowest).select(scaled, constant(0.0))
 }
 
 /// The sums over lanes of eight vectors, by a tree in which every addition works on full registers.
 #[inline(always)]
-pub(crate) fn sums<S: Simd>(v: [Lanes<S>; 8]) -> [f32; 8] {
+pub(crate) fn sums<S: Simd, V: Floats<S>>([a, b, c, d, e, f, g, h]: [V; 8]) -> [f32; 8] {
     #[inline(always)]
-    fn pairs<S: Simd>(a: Lanes<S>, b: Lanes<S>) -> Lanes<S> {
+    fn pairs<S: Simd, V: Floats<S>>(a: V, b: V) -> V {
         a.unzip_low(b) + a.unzip_high(b)
     }
-    let [a, b, c, d, e, f, g, h] = v;
-    let quads = pairs(pairs(a, b), pairs(c, d));
-    let more = pairs(pairs(e, f), pairs(g, h));
-    // Lanes 2i and 2i + 1 hold the halves of sum i.
-    let halves = pairs(quads, more);
-    let all = pairs(halves, halves);
-    let array: [f32; 16] = all.into();
-    let [a, b, c, d, e, f, g, h, ..] = array;
-    [a, b, c, d, e, f, g, h]
+    let (ab, cd, ef, gh) = (pairs(a, b), pairs(c, d), pairs(e, f), pairs(g, h));
+    let (abcd, efgh) = (pairs(ab, cd), pairs(ef, gh));
+    let mut out = [0.0; 8];
+    match V::LEN {
+        4 => {
+            out[..4].copy_from_slice(&abcd.as_slice()[..4]);
+            out[4..].copy_from_slice(&efgh.as_slice()[..4]);
+        }
+        8 => out.copy_from_slice(&pairs(abcd, efgh).as_slice()[..8]),
+        _ => {
+            // Lanes 2i and 2i + 1 hold the halves of sum i.
+            let halves = pairs(abcd, efgh);
+            out.copy_from_slice(&pairs(halves, halves).as_slice()[..8]);
+        }
+    }
+    out
 }
 
 #[cfg(test)]
@@ -92,9 +150,9 @@ mod tests {
             for i in 0..20_000 {
                 let x = -87.2 + i as f32 * (175.0 / 20_000.0);
                 let token = level.token().unwrap();
-                let got: [f32; 16] = dispatch!(token, simd => exp(simd, splat(simd, x)).into());
+                let got = dispatch!(token, simd => exp(simd, Whole::splat(simd, x)).as_slice()[3]);
                 let exact = f64::from(x).exp();
-                worst = worst.max(((f64::from(got[3]) - exact) / exact).abs());
+                worst = worst.max(((f64::from(got) - exact) / exact).abs());
             }
             assert!(worst < 2.4e-7, "{level}: {worst:e}");
         }
@@ -104,10 +162,7 @@ mod tests {
     fn exp_vanishes_below_its_range_and_stays_finite_above() {
         let token = SimdLevel::best().token().unwrap();
         let values = [f32::NEG_INFINITY, -1e30, -88.0, 0.0, 89.0, 1e30];
-        let got = values.map(|x| {
-            let lanes: [f32; 16] = dispatch!(token, simd => exp(simd, splat(simd, x)).into());
-            lanes[0]
-        });
+        let got = values.map(|x| dispatch!(token, simd => exp(simd, Whole::splat(simd, x)).as_slice()[0]));
         assert_eq!(&got[..4], &[0.0, 0.0, 0.0, 1.0]);
         assert!(got[4].is_finite() && got[5].is_finite());
     }
@@ -116,10 +171,15 @@ mod tests {
     fn eight_sums_at_once() {
         for level in SimdLevel::available() {
             let token = level.token().unwrap();
-            let got = dispatch!(token, simd => sums(std::array::from_fn(|k| {
-                Lanes::from_fn(simd, |i| (100 * k + i) as f32)
-            })));
-            assert_eq!(got, std::array::from_fn(|k| (1600 * k + 120) as f32), "{level}");
+            let (got, lanes) = dispatch!(token, simd => sums_of_tens(simd));
+            assert_eq!(got, std::array::from_fn(|k| (lanes * (100 * k) + lanes * (lanes - 1) / 2) as f32), "{level}");
         }
+    }
+
+    /// The sums of 100 k, 100 k + 1, …, and how many lanes there are.
+    #[inline(always)]
+    fn sums_of_tens<S: Simd>(simd: S) -> ([f32; 8], usize) {
+        let vector = |k: usize| iota::<S, S::f32s>(simd, 0) + (100 * k) as f32;
+        (sums(std::array::from_fn(vector)), S::f32s::LEN)
     }
 }

@@ -89,19 +89,13 @@ fn normal_product(workspace: &mut Workspace, level: Level, target: Option<(&[Row
     for_each_tile(0..grid.tiles(), buffers, cuts, &|tile, buffers| {
         let entries = &bins.entries[bins.tile_start[tile] as usize..bins.tile_start[tile + 1] as usize];
         let (column, rows) = grid.place(tile);
-        match target {
-            None => buffers.rows.fill(Row::ZERO),
-            Some((target, backdrop)) => {
-                let target = &target[grid.first_row(tile)..][..rows.len()];
-                for (Row(pixels), Row(target)) in buffers.rows.iter_mut().zip(target) {
-                    for k in 0..3 {
-                        pixels[k] = target[k].map(|y| backdrop[k] - y);
-                    }
-                }
-            }
-        }
+        let target = target.map(|(target, backdrop)| (&target[grid.first_row(tile)..][..rows.len()], backdrop));
         let inside = grid.lanes_inside(tile);
         dispatch!(level, simd => {
+            match target {
+                None => buffers.rows.fill(Row::ZERO),
+                Some((target, backdrop)) => blend_sum::start(simd, backdrop, target, buffers.rows),
+            }
             blend_sum::forward(simd, entries, splats, column, rows.start, buffers.rows);
             if inside < 16 {
                 for Row(pixels) in buffers.rows.iter_mut() {

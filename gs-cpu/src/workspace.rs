@@ -211,13 +211,9 @@ impl Workspace {
             let entries = &bins.entries[bins.tile_start[tile] as usize..bins.tile_start[tile + 1] as usize];
             let (column, rows) = grid.place(tile);
             let target = &target[grid.first_row(tile)..][..rows.len()];
-            for (Row(pixels), Row(target)) in buffers.rows.iter_mut().zip(target) {
-                for k in 0..3 {
-                    pixels[k] = target[k].map(|y| backdrop[k] - y);
-                }
-            }
             let inside = grid.lanes_inside(tile);
             dispatch!(level, simd => {
+                blend_sum::start(simd, backdrop, target, buffers.rows);
                 blend_sum::forward(simd, entries, splats, column, rows.start, buffers.rows);
                 buffers.sums[0] = square_sum(buffers.rows, inside);
                 blend_sum::backward(simd, entries, splats, column, rows.start, buffers.rows, buffers.slots);
