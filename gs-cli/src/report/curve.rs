@@ -48,12 +48,13 @@ fn plot(points: &[Point], title: &str, bytes: &mut [u8]) -> Result<(), Box<dyn s
         .filter(|p| p.loss.is_finite() && p.loss > 0.0)
         .map(|p| (f64::from(p.step), f64::from(p.loss)))
         .collect();
-    let counts = points.iter().map(|p| (f64::from(p.step), f64::from(p.count)));
+    let counts: Vec<(f64, f64)> = points.iter().map(|p| (f64::from(p.step), f64::from(p.count))).collect();
     let last_step = points.last().map_or(1, |p| p.step.max(1));
     let most = points.iter().map(|p| p.count).max().unwrap_or(1).max(1);
     let (lowest, highest) =
         losses.iter().fold((f64::MAX, f64::MIN_POSITIVE), |(lo, hi), &(_, l)| (lo.min(l), hi.max(l)));
     let lowest = if losses.is_empty() { highest } else { lowest };
+    let (counts, losses) = (thinned(&counts), thinned(&losses));
 
     let steps = 0.0..f64::from(last_step);
     let mut chart = ChartBuilder::on(&area)
@@ -84,14 +85,13 @@ fn plot(points: &[Point], title: &str, bytes: &mut [u8]) -> Result<(), Box<dyn s
         .draw()?;
 
     let sample = |color: RGBColor| move |(x, y)| PathElement::new([(x, y), (x + 24, y)], color.stroke_width(2));
-    chart
-        .draw_series(LineSeries::new(counts, COUNT_COLOR.stroke_width(2)))?
-        .label("Gaussians")
-        .legend(sample(COUNT_COLOR));
-    chart
-        .draw_secondary_series(LineSeries::new(losses, LOSS_COLOR.stroke_width(2)))?
-        .label("loss")
-        .legend(sample(LOSS_COLOR));
+    // Segment by segment: where a noisy line is drawn in one piece, its pointed corners shoot far beyond it.
+    let segments = |line: &[(f64, f64)], color: RGBColor| {
+        let segment = |ends: &[(f64, f64)]| PathElement::new(ends.to_vec(), color.stroke_width(2));
+        line.windows(2).map(segment).collect::<Vec<_>>()
+    };
+    chart.draw_series(segments(&counts, COUNT_COLOR))?.label("Gaussians").legend(sample(COUNT_COLOR));
+    chart.draw_secondary_series(segments(&losses, LOSS_COLOR))?.label("loss").legend(sample(LOSS_COLOR));
     chart
         .configure_series_labels()
         .position(SeriesLabelPosition::MiddleRight)
@@ -101,6 +101,26 @@ fn plot(points: &[Point], title: &str, bytes: &mut [u8]) -> Result<(), Box<dyn s
         .draw()?;
     area.present()?;
     Ok(())
+}
+
+/// A line of no more points than the picture can show: of many, the lowest and the highest of each of `BUCKETS` stretches.
+fn thinned(line: &[(f64, f64)]) -> Vec<(f64, f64)> {
+    const BUCKETS: usize = 400;
+    if line.len() <= 2 * BUCKETS {
+        return line.to_vec();
+    }
+    let (first, last) = (line.first().copied(), line.last().copied());
+    let extremes = line.chunks(line.len().div_ceil(BUCKETS)).flat_map(|stretch| {
+        let by_height = |a: &&(f64, f64), b: &&(f64, f64)| a.1.total_cmp(&b.1);
+        let mut ends: Vec<(f64, f64)> = [stretch.iter().min_by(by_height), stretch.iter().max_by(by_height)]
+            .into_iter()
+            .flatten()
+            .copied()
+            .collect();
+        ends.sort_by(|a, b| a.0.total_cmp(&b.0));
+        ends
+    });
+    first.into_iter().chain(extremes).chain(last).collect()
 }
 
 fn embed_font() {
@@ -128,6 +148,17 @@ mod tests {
         assert!(count_of(&drawn, LOSS_COLOR) > 500);
         let title_rows = &drawn.pixels()[..(40 * SIZE.0) as usize];
         assert!(title_rows.iter().filter(|p| p[0] < 0.4).count() > 200, "the title is written");
+    }
+
+    #[test]
+    fn thinning_keeps_ends_and_extremes() {
+        let mut line: Vec<(f64, f64)> = (0..10_000).map(|x| (f64::from(x), 1.0 + f64::from(x % 7))).collect();
+        (line[1234].1, line[8765].1) = (100.0, -100.0);
+        let few = thinned(&line);
+        assert!(few.len() <= 802 && few.is_sorted_by(|a, b| a.0 <= b.0));
+        assert!(few.contains(&(1234.0, 100.0)) && few.contains(&(8765.0, -100.0)));
+        assert_eq!((few.first(), few.last()), (line.first(), line.last()));
+        assert_eq!(thinned(&line[..800]), line[..800]);
     }
 
     #[test]

@@ -4,17 +4,20 @@ use std::{fs, path::Path};
 
 use crate::process::{command, folder, gs, names_in, picture};
 
-/// A PNG's first chunk alone, with a right checksum: enough to say how large the image is, too little to be one.
-fn png_header(width: u32, height: u32) -> Vec<u8> {
-    let mut chunk = b"IHDR".to_vec();
-    chunk.extend(width.to_be_bytes());
-    chunk.extend(height.to_be_bytes());
-    chunk.extend([8, 2, 0, 0, 0]); // 8 bits, RGB, the only methods there are, not interlaced
-    let mut png = b"\x89PNG\r\n\x1a\n".to_vec();
-    png.extend(13u32.to_be_bytes());
-    png.extend(&chunk);
-    png.extend(crc32(&chunk).to_be_bytes());
-    png
+/// A PNG of this size by its header, with right checksums but hardly any pixels: what a decoder believes before it looks.
+fn png_without_pixels(width: u32, height: u32) -> Vec<u8> {
+    let mut header = Vec::new();
+    header.extend(width.to_be_bytes());
+    header.extend(height.to_be_bytes());
+    header.extend([8, 2, 0, 0, 0]); // 8 bits, RGB, the only methods there are, not interlaced
+    let nothing_deflated = [0x78, 0x9c, 0x03, 0x00, 0x00, 0x00, 0x00, 0x01];
+    let chunks = [chunk(b"IHDR", &header), chunk(b"IDAT", &nothing_deflated), chunk(b"IEND", &[])];
+    [b"\x89PNG\r\n\x1a\n".as_slice(), &chunks.concat()].concat()
+}
+
+fn chunk(name: &[u8; 4], data: &[u8]) -> Vec<u8> {
+    let named = [name, data].concat();
+    [&(data.len() as u32).to_be_bytes(), named.as_slice(), &crc32(&named).to_be_bytes()].concat()
 }
 
 /// The checksum of PNG (ISO 3309).
@@ -42,15 +45,15 @@ fn images_that_are_none() {
     fs::write(path("text.png"), "This is not a picture.\n").unwrap();
     fs::write(path("empty.png"), "").unwrap();
     fs::write(path("short.png"), &good[..good.len() / 2]).unwrap();
-    fs::write(path("none.png"), png_header(0, 0)).unwrap();
-    fs::write(path("bomb.png"), png_header(20_000, 20_000)).unwrap();
+    fs::write(path("none.png"), png_without_pixels(0, 0)).unwrap();
+    fs::write(path("bomb.png"), png_without_pixels(20_000, 20_000)).unwrap();
 
     refuse_fit(&path("absent.png"), "no such file");
     refuse_fit(place.path(), "is a folder");
     refuse_fit(&path("text.png"), "found text");
     refuse_fit(&path("empty.png"), "an empty file");
     refuse_fit(&path("short.png"), "damaged");
-    refuse_fit(&path("none.png"), "");
+    refuse_fit(&path("none.png"), "PNG");
     refuse_fit(&path("bomb.png"), "20000x20000");
 }
 

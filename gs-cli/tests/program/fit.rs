@@ -70,7 +70,7 @@ fn the_paper_needs_no_file() {
     let arguments = ["fit", "-o", place.path().to_str().unwrap(), "--iterations", "30", "--json", "--no-report"];
     let summary = gs(arguments).json();
     assert_eq!((&summary["width"], &summary["height"]), (&128.into(), &128.into()));
-    assert_eq!(summary["settings"]["loss"], serde_json::json!({ "l1-dssim": { "lambda": 0.2f32 } }));
+    assert_eq!(summary["settings"]["loss"], serde_json::json!({ "l1-dssim": { "lambda": 0.2 } }));
     let names = names_in(place.path());
     assert!(
         !names.contains(&"ellipses.png".to_owned()) && names.contains(&"reconstruction.png".to_owned()),
