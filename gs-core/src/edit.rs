@@ -43,6 +43,20 @@ pub enum Moments {
     Inherit,
 }
 
+/// Where a new Gaussian stands among the others. Under [`Blend::Over`](crate::effects::Blend::Over) with
+/// [`Order::Index`](crate::effects::Order::Index) that is its depth; elsewhere it changes nothing but indices.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Place {
+    /// Right behind its parent (or where that stood, if it is removed), as copies in space are; without a parent: last.
+    #[default]
+    BehindParent,
+    /// Behind all others.
+    Last,
+    /// In front of all others.
+    First,
+}
+
 /// A Gaussian to remove.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Removal {
@@ -74,6 +88,8 @@ pub struct Birth<G> {
     pub moments: Moments,
     /// How it came to be.
     pub origin: Origin,
+    /// Where it stands.
+    pub place: Place,
 }
 
 /// What becomes of the statistics of all Gaussians.
@@ -86,7 +102,7 @@ pub enum AfterEdit {
     Keep,
 }
 
-/// What a density policy wants done. After it, the survivors stand first, in their order, then the added, in theirs.
+/// What a density policy wants done. Survivors keep their order; where the added stand, [`Place`] says, in their own order at each place.
 #[derive(Debug, Clone, PartialEq)]
 pub struct EditPlan<G> {
     /// Which Gaussians go.
@@ -227,7 +243,32 @@ impl<G> EditPlan<G> {
         if let Some(parent) = self.added.iter().filter_map(|b| b.parent).find(|&p| p as usize >= len) {
             return Err(Error::Plan(format!("parent {parent} of an added Gaussian is not among the {len}")));
         }
-        Ok(slots.into_iter().flatten().chain((0..self.added.len() as u32).map(Source::Added)).collect())
+        Ok(self.arranged(slots))
+    }
+
+    /// The survivors with the added between them.
+    fn arranged(&self, slots: Vec<Option<Source>>) -> Vec<Source> {
+        let place =
+            |b: &Birth<G>| if b.parent.is_none() && b.place == Place::BehindParent { Place::Last } else { b.place };
+        let all_at = |wanted: Place| {
+            let births = self.added.iter().enumerate().filter(move |(_, b)| place(b) == wanted);
+            births.map(|(k, _)| Source::Added(k as u32))
+        };
+        let mut behind: Vec<(u32, u32)> = (self.added.iter().enumerate())
+            .filter(|(_, b)| b.place == Place::BehindParent)
+            .filter_map(|(k, b)| Some((b.parent?, k as u32)))
+            .collect();
+        behind.sort_unstable();
+        let mut behind = behind.into_iter().peekable();
+        let mut sources: Vec<Source> = all_at(Place::First).collect();
+        for (index, slot) in slots.into_iter().enumerate() {
+            sources.extend(slot);
+            while let Some((_, k)) = behind.next_if(|&(parent, _)| parent as usize == index) {
+                sources.push(Source::Added(k));
+            }
+        }
+        sources.extend(all_at(Place::Last));
+        sources
     }
 
     /// Rebuilds one array of a cloud: `fresh(gaussian)` is the value of a replaced or added Gaussian.
@@ -284,7 +325,7 @@ mod tests {
     use super::*;
 
     fn birth(gaussian: char, parent: Option<u32>, moments: Moments) -> Birth<char> {
-        Birth { gaussian, parent, moments, origin: Origin::Clone }
+        Birth { gaussian, parent, moments, origin: Origin::Clone, place: Place::Last }
     }
 
     #[test]
@@ -301,6 +342,26 @@ mod tests {
         assert_eq!(plan.gather_moments(&sources, &[1, 2, 3, 4]), [1, 3, 4, 2, 0]);
         assert_eq!(plan.gather_statistics(&sources, &[1, 2, 3, 4]), [1, 3, 4, 2, 0]);
         assert_eq!(plan.len_after(4), 5);
+    }
+
+    #[test]
+    fn the_added_stand_where_they_are_put() {
+        let mut added = vec![
+            birth('y', Some(0), Moments::Fresh),
+            birth('b', Some(1), Moments::Fresh),
+            birth('a', Some(0), Moments::Fresh),
+            birth('z', None, Moments::Fresh),
+            birth('f', Some(1), Moments::Fresh),
+        ];
+        for k in [1, 2, 3] {
+            added[k].place = Place::BehindParent;
+        }
+        added[4].place = Place::First;
+        let removed = vec![Removal { index: 1, cause: PruneCause::Transparent }];
+        let plan = EditPlan { removed, added, ..Default::default() };
+        let sources = plan.sources(3).unwrap();
+        let after = plan.gather(&sources, &['0', '1', '2'], |&g| g);
+        assert_eq!(after, ['f', '0', 'a', 'b', '2', 'y', 'z']);
     }
 
     #[test]

@@ -1,13 +1,13 @@
 //! What is done to a Gaussian that grows: cloned where it is small, split where it is large.
 //!
 //! One becomes two either way. The *original* keeps its slot in the scene, and so its place in the order of blending; the *copy*
-//! is added behind all others. Ancestors differ in what they do to the two, mostly by accident; here each such point is a setting.
+//! is added right behind it. Ancestors differ in what they do to the two, mostly by accident; here each such point is a setting.
 
 use glam::Vec2;
 use gs_core::{
     Error, PlanarGaussian, Scene,
     constants::SPLIT_PHI,
-    edit::{Birth, Change, Moments, Origin},
+    edit::{Birth, Change, Moments, Origin, Place},
 };
 use rand_distr::{Distribution, StandardNormal};
 use serde::{Deserialize, Serialize};
@@ -87,6 +87,9 @@ pub struct Densify {
     pub split_moments: MomentHeir,
     /// Which of original and clone keeps the moments. Default the original.
     pub clone_moments: MomentHeir,
+    /// Where the copy stands in the order of blending. Default behind its parent, where a copy in space would be; what an engine
+    /// does that appends to its arrays is last, behind the large Gaussians that were there before it.
+    pub copy_place: Place,
 }
 
 impl Default for Densify {
@@ -99,6 +102,7 @@ impl Default for Densify {
             opacity_correction: OpacityCorrection::None,
             split_moments: MomentHeir::Neither,
             clone_moments: MomentHeir::Original,
+            copy_place: Place::BehindParent,
         }
     }
 }
@@ -128,7 +132,7 @@ impl Densify {
         let (original_moments, copy_moments) = heir.moments();
         let is_touched = original != parent || original_moments == Moments::Fresh;
         let change = is_touched.then_some(Change { index, gaussian: original, moments: original_moments });
-        (change, Birth { gaussian: copy, parent: Some(index), moments: copy_moments, origin })
+        (change, Birth { gaussian: copy, parent: Some(index), moments: copy_moments, origin, place: self.copy_place })
     }
 
     /// Fails where a number is outside its range.

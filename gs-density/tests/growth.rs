@@ -3,7 +3,7 @@
 use glam::{Mat2, Vec2, Vec3};
 use gs_core::{
     DensityStatistics, PlanarGaussian, PlanarScene,
-    edit::{Birth, Change, Moments, Origin},
+    edit::{Birth, Change, Moments, Origin, Place},
     scene::sigmoid,
 };
 use gs_density::{
@@ -48,7 +48,16 @@ fn small() -> Densify {
 fn a_small_one_is_cloned_and_left_alone() {
     let (change, birth) = grow(&small(), parent(), &mut Rng::new(1, 2));
     assert_eq!(change, None);
-    assert_eq!(birth, Birth { gaussian: parent(), parent: Some(1), moments: Moments::Fresh, origin: Origin::Clone });
+    assert_eq!(
+        birth,
+        Birth {
+            gaussian: parent(),
+            parent: Some(1),
+            moments: Moments::Fresh,
+            origin: Origin::Clone,
+            place: Place::BehindParent
+        }
+    );
 
     let drawn = Densify { clone_placement: ClonePlacement::Drawn, ..small() };
     let (change, birth) = grow(&drawn, parent(), &mut Rng::new(1, 2));
