@@ -1,8 +1,12 @@
 //! The 64-bit oracle and the conformance suite that any [`Rasterizer`](gs_core::Rasterizer) of planar scenes can be put through.
+//!
+//! A new backend's tests call [`conformance::conformance`]. What it compares with is [`oracle::Oracle`]; how near the two must come is
+//! in [`tolerance`]; what is drawn is in [`scenes`].
 
 // Guards are phrased so that NaN fails them: `!(x > 0.0)` is not `x <= 0.0`.
 #![allow(clippy::neg_cmp_op_on_partial_ord)]
 
+pub mod conformance;
 pub mod failure;
 pub mod oracle;
 pub mod scenes;

@@ -17,7 +17,7 @@ pub enum Kind {
     Large,
     /// Scales 0.25 to 0.6 px: many fall between pixel centres.
     Tiny,
-    /// One scale 0.3 to 0.6 px, the other 20 to 60 times that.
+    /// One scale 0.3 to 0.6 px, the other 10 to 30 times that.
     Needles,
     /// Typical, but most means lie outside the image.
     OffCanvas,
@@ -59,7 +59,7 @@ pub fn scene(kind: Kind, blend: Blend, count: usize, size: Vec2, seed: u64) -> P
             let log_scale = match kind {
                 Kind::Needles => {
                     let short = within(kind.scales()).ln();
-                    let long = short + within(20.0..60.0).ln();
+                    let long = short + within(10.0..30.0).ln();
                     if i % 2 == 0 { Vec2::new(long, short) } else { Vec2::new(short, long) }
                 }
                 _ => Vec2::new(within(kind.scales()).ln(), within(kind.scales()).ln()),

@@ -13,13 +13,21 @@ use crate::{
 };
 
 /// Most roundings that an image, a loss or a gradient may be off.
-pub const ROUNDINGS: f64 = 64.0;
+///
+/// Worst measured, gs-cpu at four SIMD levels, 30 scenes of each kind and blend (24 Gaussians on 35×26 px): images 6.2; gradients
+/// 14.2 (`Opaque` under `Over`, L1), 9.1 (the same, L2), 7.0 (all else), of which the gradients' own share is most.
+pub const ROUNDINGS: f64 = 24.0;
 
 /// A decision is near when its value is within this, relative, of its threshold (or within [`ROUNDINGS`], where that is more).
 pub const NEAR_CUT: f64 = 1e-3;
 
-/// Largest share of values that may need the allowance for discontinuities, where one always may.
-pub const FLIP_SHARE: f64 = 2e-3;
+/// Largest share of an image's values that may need the allowance for discontinuities; one pixel's three always may. Worst
+/// measured: one pixel.
+pub const IMAGE_FLIP_SHARE: f64 = 2e-3;
+
+/// The same of a scene's gradients: one pixel that flips moves the gradients of all Gaussians there. Worst measured:
+/// 5 of 216.
+pub const GRADIENT_FLIP_SHARE: f64 = 0.1;
 
 /// Largest share of an expected gradient's norm that its tolerances' norm may be: beyond it the comparison would say nothing.
 pub const MEANINGFUL_SHARE: f64 = 0.1;
@@ -35,7 +43,10 @@ pub const FUSED_SHARE: f64 = 2e-3;
 /// the target.
 pub const LEAST_SQUARES: [f64; 2] = [1e-3, 1e-7];
 
-/// How well two numbers sets agree.
+/// Largest relative difference of a statistic from the sum of downloaded gradients; they may stem from a fused step.
+pub const STATISTICS_SHARE: f64 = 1e-3;
+
+/// How well two sets of numbers agree.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Agreement {
     /// The largest difference among numbers that are not near a discontinuity, in roundings.
@@ -88,7 +99,9 @@ pub fn compare_images(expected: &Rendering, found: &Image) -> Result<Agreement, 
         })
     });
     let width = expected.width as usize;
-    compare(pairs, "image values", |i| format!("pixel ({}, {}), channel {}", i / 3 % width, i / 3 / width, i % 3))
+    compare(pairs, "image values", IMAGE_FLIP_SHARE, |i| {
+        format!("pixel ({}, {}), channel {}", i / 3 % width, i / 3 / width, i % 3)
+    })
 }
 
 /// Holds a backend's downloaded gradients against the oracle's.
@@ -119,7 +132,9 @@ pub fn compare_gradients(expected: &Gradients, found: &PlanarScene) -> Result<Ag
         rounding: expected.rounding[g][i],
         flip: expected.flip[g][i],
     });
-    compare(pairs, "gradients", |i| format!("gradient of Gaussian {}, {}", i / 9, PARAMETER_NAMES[i % 9]))
+    compare(pairs, "gradients", GRADIENT_FLIP_SHARE, |i| {
+        format!("gradient of Gaussian {}, {}", i / 9, PARAMETER_NAMES[i % 9])
+    })
 }
 
 /// Holds a backend's loss against the oracle's.
@@ -137,7 +152,7 @@ pub fn compare_loss(expected: &Gradients, found: f32) -> Result<Agreement, Failu
         rounding: expected.loss_rounding + expected.loss * f64::from(f32::EPSILON),
         flip: expected.loss_flip,
     };
-    compare([pair].into_iter(), "losses", |_| "loss".to_owned())
+    compare([pair].into_iter(), "losses", IMAGE_FLIP_SHARE, |_| "loss".to_owned())
 }
 
 /// Smallest rounding that is believed: numbers that are not normal in `f32` may be flushed to 0.
@@ -146,6 +161,7 @@ const FLUSHED: f64 = 1e-37;
 fn compare(
     pairs: impl Iterator<Item = Pair>,
     what: &'static str,
+    flip_share: f64,
     name: impl Fn(usize) -> String,
 ) -> Result<Agreement, Failure> {
     let mut agreement = Agreement::default();
@@ -155,7 +171,7 @@ fn compare(
         agreement.compared += 1;
         let off = (pair.found - pair.expected).abs();
         let rounding = pair.rounding + FLUSHED;
-        if pair.flip == 0.0 {
+        if pair.flip <= rounding {
             agreement.worst_roundings = agreement.worst_roundings.max(off / rounding);
         }
         if off <= ROUNDINGS * rounding {
@@ -176,7 +192,7 @@ fn compare(
     if let Some((_, Failure::Differs { what, expected, found, tolerance, .. })) = worst {
         return Err(Failure::Differs { what, expected, found, tolerance, others: differing - 1 });
     }
-    let allowed = ((agreement.compared as f64 * FLIP_SHARE) as usize).max(3);
+    let allowed = ((agreement.compared as f64 * flip_share) as usize).max(3);
     if agreement.flips > allowed {
         let (found, count) = (agreement.flips, agreement.compared);
         return Err(Failure::TooManyFlips { what, found, count, allowed });

@@ -21,6 +21,14 @@ impl AdamReference {
         Self { scene, first: vec![[0.0; 9]; count], second: vec![[0.0; 9]; count], steps: vec![0; count] }
     }
 
+    /// Appends a Gaussian with zero moments.
+    pub fn push(&mut self, gaussian: Parameters) {
+        self.scene.gaussians.push(gaussian);
+        self.first.push([0.0; 9]);
+        self.second.push([0.0; 9]);
+        self.steps.push(0);
+    }
+
     /// One step of all Gaussians.
     pub fn step(&mut self, gradients: &[Parameters], rates: &AdamRates) {
         let all: Vec<usize> = (0..self.steps.len()).collect();

@@ -19,6 +19,7 @@ use gs_core::{
     statistics::Culled,
 };
 
+pub(crate) use self::adam::rate_of;
 pub use self::{
     adam::AdamReference,
     least_squares::best_colors,

@@ -265,8 +265,10 @@ impl Pixel {
                 let mut share = [0.0; 9];
                 if !touch.clamped {
                     let uncertain = v_alpha * relative + v_alpha_rounding;
-                    for (entry, magnitude) in share.iter_mut().zip(touch.exponent.magnitudes) {
-                        *entry = uncertain * touch.value * magnitude;
+                    let Exponent { derivatives, magnitudes, .. } = touch.exponent;
+                    for (i, entry) in share[..5].iter_mut().enumerate() {
+                        let own = v_alpha * OPERATIONS * F32_ROUNDING * magnitudes[i];
+                        *entry = touch.value * (uncertain * derivatives[i].abs() + own);
                     }
                     share[OPACITY] = uncertain * touch.value * (1.0 - touch.opacity);
                 }

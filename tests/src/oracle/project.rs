@@ -49,7 +49,7 @@ pub(crate) struct Exponent {
     pub(crate) rounding: f64,
     /// ∂σ/∂(mean x, mean y, ln-scale 1, ln-scale 2, rotation).
     pub(crate) derivatives: [f64; 5],
-    /// The same with every product taken by magnitude: what their `f32` rounding is proportional to.
+    /// The same with every term of every sum taken by magnitude: what their own `f32` rounding is proportional to.
     pub(crate) magnitudes: [f64; 5],
 }
 
@@ -105,9 +105,14 @@ impl Projected {
         let q_magnitude = [a * d[0].abs() + b.abs() * d[1].abs(), b.abs() * d[0].abs() + c * d[1].abs()];
         let sigma_magnitude = 0.5 * (q_magnitude[0] * d[0].abs() + q_magnitude[1] * d[1].abs());
         let moved = (0..2).map(|i| q[i].abs() * (self.center_rounding[i] + F32_ROUNDING * p[i].abs())).sum::<f64>();
-        let [plane, plane_magnitude] = [q, q_magnitude].map(|q| [q[0] * self.zoom[0], q[1] * self.zoom[1]]);
-        let along = self.axes.map(|r| r[0] * plane[0] + r[1] * plane[1]);
-        let along_magnitude = self.axes.map(|r| r[0].abs() * plane_magnitude[0] + r[1].abs() * plane_magnitude[1]);
+        let plane = [q[0] * self.zoom[0], q[1] * self.zoom[1]];
+        let plane_magnitude = [q_magnitude[0] * self.zoom[0], q_magnitude[1] * self.zoom[1]];
+        // The axes are eigenvectors: rₖ · Σ⁻¹ = rₖ / sₖ².
+        let along = [0, 1].map(|k| self.axes[k][0] * plane[0] + self.axes[k][1] * plane[1]);
+        let along_magnitude = [0, 1].map(|k| {
+            let [x, y] = [0, 1].map(|i| (self.axes[k][i] * d[i] / self.zoom[i]).abs());
+            (x + y) / self.variances[k]
+        });
         let [v1, v2] = self.variances;
         Exponent {
             sigma: 0.5 * (q[0] * d[0] + q[1] * d[1]),

@@ -4,6 +4,9 @@ use gs_core::constants::{SSIM_C1, SSIM_C2, SSIM_SIGMA, SSIM_WINDOW};
 
 use super::project::F32_ROUNDING;
 
+/// Roundings of one convolution.
+const OPERATIONS: f64 = 4.0;
+
 const RADIUS: isize = (SSIM_WINDOW / 2) as isize;
 
 /// One channel of two images, row-major.
@@ -23,10 +26,19 @@ pub(crate) struct Channel<'a> {
 #[derive(Debug, Clone)]
 pub(crate) struct Map {
     pub(crate) ssim: Vec<f64>,
-    /// ∂SSIM/∂(E[x], E[x²], E[xy]) at every pixel.
-    by_moment: Vec<[f64; 3]>,
-    /// What rounding may change those by.
-    by_moment_rounding: Vec<[f64; 3]>,
+    slopes: Vec<Slopes>,
+}
+
+/// How SSIM under one window depends on each pixel x that the window sees with weight w:
+/// ∂SSIM/∂x = w (luminance + own (x − μx) + other (y − μy)).
+#[derive(Debug, Clone, Copy)]
+struct Slopes {
+    means: [f64; 2],
+    luminance: f64,
+    own: f64,
+    other: f64,
+    /// Relative rounding of the three: variances come of a difference of moments, which is small where the image is flat.
+    rounding: f64,
 }
 
 /// The window: exp(−r²/2σ²), 11×11, of sum 1.
@@ -63,14 +75,9 @@ impl Channel<'_> {
         let window = window();
         let (c1, c2) = (f64::from(SSIM_C1), f64::from(SSIM_C2));
         let count = self.rendered.len();
-        let mut map = Map {
-            ssim: Vec::with_capacity(count),
-            by_moment: Vec::with_capacity(count),
-            by_moment_rounding: Vec::with_capacity(count),
-        };
+        let mut map = Map { ssim: Vec::with_capacity(count), slopes: Vec::with_capacity(count) };
         for index in 0..count {
             let [mut ex, mut ey, mut exx, mut eyy, mut exy] = [0.0; 5];
-            let (mut ex_rounding, mut exx_rounding) = (0.0, 0.0);
             for (i, w) in self.under(&window, index) {
                 let (x, y) = (self.rendered[i], self.target[i]);
                 ex += w * x;
@@ -78,24 +85,27 @@ impl Channel<'_> {
                 exx += w * x * x;
                 eyy += w * y * y;
                 exy += w * x * y;
-                ex_rounding += w * self.rounding[i];
-                exx_rounding += w * self.rounding[i] * (x.abs() + y.abs());
+            }
+            // Where x is off by δ, μx is by E[δ], σx² by 2 E[(x − μx) δ] and σxy by E[(y − μy) δ].
+            let (mut mean_rounding, mut variance_rounding) = (0.0, 0.0);
+            for (i, w) in self.under(&window, index) {
+                mean_rounding += w * self.rounding[i];
+                let spread = (self.rendered[i] - ex).abs() + (self.target[i] - ey).abs();
+                variance_rounding += 2.0 * w * self.rounding[i] * spread;
             }
             let (a1, a2) = (2.0 * ex * ey + c1, 2.0 * (exy - ex * ey) + c2);
             let (b1, b2) = (ex * ex + ey * ey + c1, exx - ex * ex + eyy - ey * ey + c2);
             let s = a1 * a2 / (b1 * b2);
-            // σxy = E[xy] − μx μy and σx² = E[x²] − μx² depend on μx, too.
-            let by_mean =
-                [2.0 * ey * a2 / (b1 * b2), -2.0 * ey * a1 / (b1 * b2), -s * 2.0 * ex / b1, s * 2.0 * ex / b2];
-            let terms = [by_mean.iter().sum(), -s / b2, 2.0 * a1 / (b1 * b2)];
             map.ssim.push(s);
-            map.by_moment.push(terms);
-            // Variances come of a difference of moments, which rounding is large against where the image is flat.
-            let relative = 8.0 * F32_ROUNDING * (1.0 + (exx + eyy) / b2)
-                + 2.0 * exx_rounding / b2
-                + 2.0 * ex_rounding * (ex.abs() + ey.abs()) / b1;
-            let sizes = [by_mean.iter().map(|v| v.abs()).sum::<f64>(), (s.abs() + 1e-3) / b2, terms[2].abs()];
-            map.by_moment_rounding.push(sizes.map(|size| relative * size));
+            map.slopes.push(Slopes {
+                means: [ex, ey],
+                luminance: 2.0 * ey * a2 / (b1 * b2) - 2.0 * ex * s / b1,
+                own: -2.0 * s / b2,
+                other: 2.0 * a1 / (b1 * b2),
+                rounding: OPERATIONS * F32_ROUNDING * (1.0 + (exx + eyy) / b2)
+                    + variance_rounding / b2
+                    + 2.0 * mean_rounding * (ex.abs() + ey.abs()) / b1,
+            });
         }
         map
     }
@@ -109,9 +119,15 @@ impl Channel<'_> {
                 let (mut value, mut rounding) = (0.0, 0.0);
                 // The window is even, so those that see p are those that p's window sees.
                 for (q, w) in self.under(&window, p) {
-                    let ([m, mm, my], [rm, rmm, rmy]) = (map.by_moment[q], map.by_moment_rounding[q]);
-                    value += w * (m + 2.0 * x * mm + y * my);
-                    rounding += w * (rm + 2.0 * x.abs() * rmm + y.abs() * rmy + 2.0 * self.rounding[p] * mm.abs());
+                    let Slopes { means: [mx, my], luminance, own, other, rounding: relative } = map.slopes[q];
+                    let terms = [luminance, own * (x - mx), other * (y - my)];
+                    value += w * terms.iter().sum::<f64>();
+                    // Moments that are not centred round as their sums before the means are taken off.
+                    let raw = own.abs() * (x.abs() + mx.abs()) + other.abs() * (y.abs() + my.abs());
+                    rounding += w
+                        * (relative * terms.iter().map(|v| v.abs()).sum::<f64>()
+                            + OPERATIONS * F32_ROUNDING * raw
+                            + own.abs() * self.rounding[p]);
                 }
                 (value, rounding)
             })

@@ -1,0 +1,57 @@
+//! Measures how many roundings gs-cpu is off the oracle, for the table in `tolerance.rs`:
+//! `cargo run -p gs-conformance --example worst_cases`.
+
+#![allow(clippy::print_stdout)]
+
+use gs_conformance::{
+    Failure,
+    conformance::{check_gradients, check_image},
+    scenes::{Draw, Kind},
+    tolerance::Agreement,
+};
+use gs_core::{Chart, Loss, effects::Blend};
+use gs_cpu::{CpuRasterizer, CpuSettings, SimdLevel};
+
+/// Worst agreement so far, and how many scenes had nothing to compare.
+#[derive(Default)]
+struct Worst {
+    roundings: f64,
+    flips: usize,
+    uncompared: usize,
+}
+
+impl Worst {
+    fn add(&mut self, result: Result<Agreement, Failure>) -> Result<(), Failure> {
+        match result {
+            Ok(agreement) => {
+                self.roundings = self.roundings.max(agreement.worst_roundings);
+                self.flips = self.flips.max(agreement.flips);
+            }
+            Err(Failure::Nothing(_)) => self.uncompared += 1,
+            Err(failure) => return Err(failure),
+        }
+        Ok(())
+    }
+}
+
+fn main() -> Result<(), Failure> {
+    println!("worst roundings (most flips, scenes without a comparison) of 30 scenes: image, L2, L1, L1 + D-SSIM");
+    for level in SimdLevel::available() {
+        let rasterizer = CpuRasterizer::new(CpuSettings { threads: None, level: Some(level) })?;
+        for kind in Kind::ALL {
+            for blend in [Blend::Sum, Blend::Over] {
+                let mut worst: [Worst; 4] = Default::default();
+                for seed in 0..30 {
+                    let draw = Draw::new(kind, blend, 24, (35, 26), seed).on([0.3, 0.6, 0.2]);
+                    worst[0].add(check_image(&rasterizer, &draw))?;
+                    for (worst, loss) in worst[1..].iter_mut().zip([Loss::L2, Loss::L1, Loss::PAPER]) {
+                        worst.add(check_gradients(&rasterizer, &draw, &loss, Chart::ScaleRotation))?;
+                    }
+                }
+                let columns = worst.map(|w| format!("{:5.2} ({}, {})", w.roundings, w.flips, w.uncompared));
+                println!("{level:7} {kind:11?} {blend:4?}  {}", columns.join("  "));
+            }
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,142 @@
+//! Cases: what a caller can do wrong is answered with the error that says so.
+
+use glam::Vec2;
+use gs_core::{
+    Accuracy, Adam, Binning, Canvas, Chart, CloudState, Error, Image, Loss, PlanarScene, Rasterizer, RenderSettings,
+    TrainStep, effects::Blend,
+};
+
+use crate::{
+    failure::Failure,
+    scenes::{Draw, Kind},
+};
+
+fn refused<T>(what: &str, result: Result<T, Error>, right: impl Fn(&Error) -> bool) -> Result<(), Failure> {
+    match result {
+        Ok(_) => Err(Failure::Broken(format!("{what} is accepted"))),
+        Err(error) if right(&error) => Ok(()),
+        Err(error) => Err(Failure::Broken(format!("{what} is refused as something else: {error}"))),
+    }
+}
+
+/// Scenes with values that are not finite, or arrays of different lengths, are not uploaded.
+///
+/// # Errors
+/// [`Failure`] where the backend does not do so.
+pub fn scenes_that_are_not_finite_are_refused<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Result<(), Failure> {
+    let scene = Draw::new(Kind::Typical, Blend::Over, 6, (10, 10), 1900).scene;
+    let mut wrong = vec![scene; 6];
+    wrong[0].means[3].x = f32::NAN;
+    wrong[1].log_scales[5].y = f32::INFINITY;
+    wrong[2].rotations[0] = f32::NEG_INFINITY;
+    wrong[3].opacity_logits[2] = f32::NAN;
+    wrong[4].colors[1].z = f32::NAN;
+    wrong[5].colors.pop();
+    for chart in [Chart::ScaleRotation, Chart::LocalFrame] {
+        for (i, scene) in wrong.iter().enumerate() {
+            refused(&format!("broken scene {i}"), rasterizer.upload(scene, chart), |error| match error {
+                Error::NotFinite { .. } => i < 5,
+                Error::Length { .. } => i == 5,
+                _ => false,
+            })?;
+        }
+    }
+    Ok(())
+}
+
+/// Impossible canvases, settings and losses are errors, in a forward pass and in a training step, which then does nothing.
+///
+/// # Errors
+/// [`Failure`] where the backend does not do so.
+pub fn bad_views_and_settings_are_errors<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Result<(), Failure> {
+    let draw = Draw::new(Kind::Typical, Blend::Over, 6, (10, 10), 1900);
+    let good = RenderSettings::blended(Blend::Over);
+    let accuracy = |accuracy| RenderSettings { accuracy, ..good };
+    let usual = Accuracy::default();
+    let setting: fn(&Error) -> bool = |error| matches!(error, Error::Setting { .. });
+    let size: fn(&Error) -> bool = |error| matches!(error, Error::Size { .. });
+    let view = draw.view;
+    let mut cases = vec![
+        ("a canvas of no columns", Canvas { width: 0, ..view }, good, size),
+        ("a canvas of 20000 rows", Canvas { height: 20_000, ..view }, good, size),
+        ("a canvas of no extent", view.showing(Vec2::ZERO, Vec2::new(0.0, 1.0)), good, setting),
+        ("a canvas of NaN extent", view.showing(Vec2::ZERO, Vec2::NAN), good, setting),
+        ("a canvas at infinity", view.showing(Vec2::INFINITY, Vec2::ONE), good, setting),
+        ("a NaN background", view, good.on([0.0, f32::NAN, 0.0]), setting),
+    ];
+    for alpha_cut in [0.0, 0.9, f32::NAN] {
+        cases.push(("an impossible cut", view, accuracy(Accuracy { alpha_cut, ..usual }), setting));
+    }
+    for alpha_max in [0.0, 1.0, f32::NAN] {
+        cases.push(("an impossible clamp", view, accuracy(Accuracy { alpha_max, ..usual }), setting));
+    }
+    for transmittance_min in [-0.1, 0.9, f32::NAN] {
+        cases.push(("an impossible minimum", view, accuracy(Accuracy { transmittance_min, ..usual }), setting));
+    }
+    let target = rasterizer.upload_target(&draw.target()?)?;
+    let rates = Adam::default().at(0.0);
+    let mut cloud = rasterizer.upload(&draw.scene, Chart::ScaleRotation)?;
+    let before = rasterizer.save(&cloud)?;
+    for (what, view, settings, right) in cases {
+        refused(what, rasterizer.forward(&cloud, &view, &settings), right)?;
+        let step = TrainStep { settings: &settings, loss: Loss::L2, rates: &rates, binning: Binning::Fresh };
+        refused(what, rasterizer.train_step(&mut cloud, &view, &target, &step), right)?;
+    }
+    for lambda in [-0.5, 1.5, f32::NAN] {
+        let loss = Loss::L1Dssim { lambda };
+        let frame = rasterizer.forward(&cloud, &draw.view, &good)?;
+        refused("an impossible λ", rasterizer.backward(&cloud, frame, &target, &loss), setting)?;
+        let step = TrainStep { settings: &good, loss, rates: &rates, binning: Binning::Fresh };
+        refused("an impossible λ", rasterizer.train_step(&mut cloud, &draw.view, &target, &step), setting)?;
+    }
+    Failure::unless(rasterizer.save(&cloud)? == before, || "a refused training step changed the cloud".to_owned())
+}
+
+/// Targets of another size, gradients of another cloud, states of no cloud, colours solved for under `Over`.
+///
+/// # Errors
+/// [`Failure`] where the backend does not do so.
+pub fn mismatches_are_errors<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Result<(), Failure> {
+    let draw = Draw::new(Kind::Typical, Blend::Over, 6, (10, 10), 1900);
+    let mut cloud = rasterizer.upload(&draw.scene, Chart::ScaleRotation)?;
+    let before = rasterizer.save(&cloud)?;
+    let rates = Adam::default().at(0.0);
+    let sizes_differ = |error: &Error| matches!(error, Error::SizesDiffer { .. });
+    for (width, height) in [(11, 10), (10, 9), (5, 20), (1, 100)] {
+        let target = rasterizer.upload_target(&Image::filled(width, height, [0.5; 3])?)?;
+        let what = format!("a target of {width}x{height} px for a canvas of 10x10 px");
+        let frame = rasterizer.forward(&cloud, &draw.view, &draw.settings)?;
+        refused(&what, rasterizer.backward(&cloud, frame, &target, &Loss::L2), sizes_differ)?;
+        let step = TrainStep { settings: &draw.settings, loss: Loss::L2, rates: &rates, binning: Binning::Fresh };
+        refused(&what, rasterizer.train_step(&mut cloud, &draw.view, &target, &step), sizes_differ)?;
+        let settings = RenderSettings::blended(Blend::Sum);
+        refused(&what, rasterizer.solve_colors(&mut cloud, &draw.view, &target, &settings, 2), sizes_differ)?;
+    }
+
+    let target = rasterizer.upload_target(&draw.target()?)?;
+    let unsupported = |error: &Error| matches!(error, Error::Unsupported { .. });
+    let solved = rasterizer.solve_colors(&mut cloud, &draw.view, &target, &draw.settings, 2);
+    refused("solving for colours under `Over`", solved, unsupported)?;
+
+    let smaller: PlanarScene = draw.scene.iter().take(5).collect();
+    let mut smaller = rasterizer.upload(&smaller, Chart::ScaleRotation)?;
+    let frame = rasterizer.forward(&cloud, &draw.view, &draw.settings)?;
+    let (_, gradients) = rasterizer.backward(&cloud, frame, &target, &Loss::L2)?;
+    let is_state = |error: &Error| matches!(error, Error::State(_));
+    refused("gradients of another cloud", rasterizer.step(&mut smaller, &gradients, &rates), is_state)?;
+
+    // A missing or short tensor may be reported as either.
+    let of_state = |error: &Error| matches!(error, Error::State(_) | Error::Length { .. });
+    refused("an empty state", rasterizer.restore(&CloudState::new(Chart::ScaleRotation)), of_state)?;
+    let mut short = before.clone();
+    short.insert("color", [[0.0; 3]; 5]);
+    refused("a state with a colour missing", rasterizer.restore(&short), of_state)?;
+    for name in before.tensors.keys().filter(|name| *name != "opacity_logit") {
+        let mut lacking = before.clone();
+        lacking.tensors.remove(name);
+        refused(&format!("a state without `{name}`"), rasterizer.restore(&lacking), of_state)?;
+    }
+    let other = CloudState { chart: Chart::LocalFrame, ..before.clone() };
+    refused("a state of the other chart", rasterizer.restore(&other), of_state)?;
+    Failure::unless(rasterizer.save(&cloud)? == before, || "what was refused changed the cloud".to_owned())
+}

@@ -1,0 +1,67 @@
+//! Cases: losses and gradients against the oracle.
+
+use glam::Vec2;
+use gs_core::{Canvas, Chart, Loss, PlanarScene, Rasterizer, effects::Blend};
+
+use super::{LOSSES, check_gradients};
+use crate::{
+    failure::Failure,
+    scenes::{Draw, Kind},
+};
+
+const BLENDS: [Blend; 2] = [Blend::Sum, Blend::Over];
+
+/// Every kind of scene, both blends, every loss.
+///
+/// # Errors
+/// [`Failure`] where the backend does not do so.
+pub fn gradients_match<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Result<(), Failure> {
+    for blend in BLENDS {
+        for loss in LOSSES {
+            for (seed, kind) in (500..).zip(Kind::ALL) {
+                let draw = Draw::new(kind, blend, 24, (35, 26), seed).on([0.3, 0.6, 0.2]);
+                check_gradients(rasterizer, &draw, &loss, Chart::ScaleRotation)?;
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Gradients through canvases of odd sizes and of another scale than the plane's.
+///
+/// # Errors
+/// [`Failure`] where the backend does not do so.
+pub fn gradients_match_through_canvases<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Result<(), Failure> {
+    let views = [
+        Canvas::new(1, 1),
+        Canvas::new(1, 17),
+        Canvas::new(16, 16),
+        Canvas::new(33, 3),
+        Canvas::new(20, 15).resized(45, 40),
+        Canvas::new(20, 15).showing(Vec2::new(5.0, 2.5), Vec2::new(8.0, 11.0)),
+    ];
+    for blend in BLENDS {
+        for loss in LOSSES {
+            for (seed, view) in (600..).zip(views) {
+                let plane = (view.extent.x as u32, view.extent.y as u32);
+                let draw = Draw::new(Kind::Overlapping, blend, 6, plane, seed).through(view);
+                check_gradients(rasterizer, &draw, &loss, Chart::ScaleRotation)?;
+            }
+        }
+    }
+    Ok(())
+}
+
+/// The gradients are those of the scene's parameters in the chart of local frames, too.
+///
+/// # Errors
+/// [`Failure`] where the backend does not do so.
+pub fn gradients_match_in_local_frames<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Result<(), Failure> {
+    for blend in BLENDS {
+        for (seed, kind) in (700..).zip([Kind::Typical, Kind::OffCanvas, Kind::Opaque]) {
+            let draw = Draw::new(kind, blend, 20, (30, 30), seed);
+            check_gradients(rasterizer, &draw, &Loss::L2, Chart::LocalFrame)?;
+        }
+    }
+    Ok(())
+}

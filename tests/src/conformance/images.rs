@@ -1,0 +1,148 @@
+//! Cases: images, and what a frame left out, against the oracle.
+
+use glam::{Vec2, Vec3};
+use gs_core::{
+    Accuracy, Canvas, Chart, Image, PlanarGaussian, PlanarScene, Rasterizer, RenderSettings, effects::Blend,
+    statistics::Culled,
+};
+
+use super::check_image;
+use crate::{
+    failure::Failure,
+    scenes::{Draw, Kind},
+};
+
+const BLENDS: [Blend; 2] = [Blend::Sum, Blend::Over];
+
+/// Every kind of scene, both blends, with and without background.
+///
+/// # Errors
+/// [`Failure`] where the backend does not do so.
+pub fn images_match<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Result<(), Failure> {
+    for blend in BLENDS {
+        for (seed, kind) in (100..).zip(Kind::ALL) {
+            let draw = Draw::new(kind, blend, 40, (48, 37), seed);
+            check_image(rasterizer, &draw)?;
+            check_image(rasterizer, &draw.on([0.9, 0.2, 0.5]))?;
+        }
+    }
+    Ok(())
+}
+
+/// Images of one pixel, of one column, and on either side of a tile's edge.
+///
+/// # Errors
+/// [`Failure`] where the backend does not do so.
+pub fn sizes_match<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Result<(), Failure> {
+    let sizes = [(1, 1), (1, 17), (17, 1), (15, 15), (16, 16), (17, 17), (257, 3), (3, 257), (64, 32), (31, 33)];
+    for blend in BLENDS {
+        for (seed, size) in (200..).zip(sizes) {
+            check_image(rasterizer, &Draw::new(Kind::Overlapping, blend, 12, size, seed).on([0.1, 0.2, 0.3]))?;
+            check_image(rasterizer, &Draw::new(Kind::Typical, blend, 30, size, seed))?;
+        }
+    }
+    Ok(())
+}
+
+/// Canvases that enlarge, shrink, stretch, and show another part of the plane.
+///
+/// # Errors
+/// [`Failure`] where the backend does not do so.
+pub fn canvases_match<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Result<(), Failure> {
+    let own = Canvas::new(40, 30);
+    let views = [
+        own.resized(97, 71),
+        own.resized(20, 15),
+        own.resized(61, 17),
+        own.showing(Vec2::new(10.0, 5.0), Vec2::new(20.0, 15.0)),
+        own.showing(Vec2::new(-20.5, -8.25), Vec2::new(80.0, 60.0)),
+        own.showing(Vec2::new(31.0, 22.0), Vec2::new(33.3, 9.1)),
+    ];
+    for blend in BLENDS {
+        for (seed, view) in (300..).zip(views) {
+            let draw = Draw::new(Kind::Typical, blend, 30, (40, 30), seed);
+            check_image(rasterizer, &draw.on([0.4, 0.1, 0.7]).through(view))?;
+        }
+    }
+    Ok(())
+}
+
+/// Other cuts, clamps and minima of transmittance than the defaults.
+///
+/// # Errors
+/// [`Failure`] where the backend does not do so.
+pub fn other_accuracies_match<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Result<(), Failure> {
+    let usual = Accuracy::default();
+    let accuracies = [
+        Accuracy { alpha_cut: 1e-6, ..usual },
+        Accuracy { alpha_cut: 0.2, ..usual },
+        Accuracy { alpha_max: 0.6, ..usual },
+        Accuracy { transmittance_min: 0.0, ..usual },
+        Accuracy { transmittance_min: 0.3, ..usual },
+    ];
+    for blend in BLENDS {
+        for (seed, accuracy) in (400..).zip(accuracies) {
+            for kind in [Kind::Typical, Kind::Opaque] {
+                let mut draw = Draw::new(kind, blend, 30, (40, 30), seed);
+                draw.settings.accuracy = accuracy;
+                check_image(rasterizer, &draw).map_err(|failure| failure.at(format!("{accuracy:?}")))?;
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Without Gaussians, the background and nothing else.
+///
+/// # Errors
+/// [`Failure`] where the backend does not do so.
+pub fn empty_scenes_show_the_background<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Result<(), Failure> {
+    for blend in BLENDS {
+        let settings = RenderSettings::blended(blend);
+        for (settings, color) in [(settings, [0.0; 3]), (settings.on([0.25, 2.0, -1.0]), [0.25, 2.0, -1.0])] {
+            let image = rasterizer.render(&PlanarScene::default(), &Canvas::new(19, 18), &settings)?;
+            Failure::unless(image == Image::filled(19, 18, color)?, || format!("an empty scene is not all {color:?}"))?;
+        }
+    }
+    Ok(())
+}
+
+/// Gaussians left out are counted by cause, and leave the image alone.
+///
+/// # Errors
+/// [`Failure`] where the backend does not do so.
+pub fn culled_are_counted<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Result<(), Failure> {
+    let good = PlanarGaussian {
+        mean: Vec2::new(12.0, 9.0),
+        log_scale: Vec2::new(0.8, 0.3),
+        rotation: 0.4,
+        opacity_logit: 0.5,
+        color: Vec3::new(0.2, 0.6, 0.9),
+    };
+    let left_out = [
+        PlanarGaussian { log_scale: Vec2::splat(-5.0), ..good },
+        PlanarGaussian { log_scale: Vec2::new(0.5, -9.0), ..good },
+        PlanarGaussian { mean: Vec2::new(4000.0, 9.0), ..good },
+        PlanarGaussian { mean: Vec2::new(12.0, -700.0), ..good },
+        PlanarGaussian { mean: Vec2::new(-60.0, -60.0), ..good },
+        PlanarGaussian { log_scale: Vec2::splat(70.0), ..good },
+    ];
+    let transparent = [-8.0, f32::NEG_INFINITY].map(|opacity_logit| PlanarGaussian { opacity_logit, ..good });
+    let expected = Culled { not_finite: 1, degenerate: 2, transparent: 0, outside: 3 };
+    let view = Canvas::new(24, 18);
+    for (blend, transparent, expected) in [
+        (Blend::Sum, &transparent[..0], expected),
+        (Blend::Over, &transparent[..], Culled { transparent: 2, ..expected }),
+    ] {
+        let settings = RenderSettings::blended(blend);
+        let scene: PlanarScene = left_out.iter().chain(transparent).chain([&good]).copied().collect();
+        let cloud = rasterizer.upload(&scene, Chart::ScaleRotation)?;
+        let frame = rasterizer.forward(&cloud, &view, &settings)?;
+        let found = rasterizer.culled(&frame)?;
+        Failure::unless(found == expected, || format!("{blend:?}: expected {expected:?}, found {found:?}"))?;
+        let alone = rasterizer.render(&[good].into_iter().collect(), &view, &settings)?;
+        let image = rasterizer.image(&frame)?;
+        Failure::unless(image == alone, || format!("{blend:?}: Gaussians that are left out change the image"))?;
+    }
+    Ok(())
+}

@@ -1,0 +1,101 @@
+//! Cases: changes to a scene or a view that must not change what is seen.
+
+use glam::{Vec2, Vec3};
+use gs_core::{Canvas, Image, PlanarGaussian, PlanarScene, Rasterizer, Scene, effects::Blend, scene::logit};
+
+use crate::{
+    failure::Failure,
+    oracle::{Oracle, OracleScene, Rendering},
+    scenes::{Draw, Kind},
+    tolerance::compare_images,
+};
+
+/// The oracle's error analysis around another image: two images by a backend may each be off.
+fn around(image: &Image, analysis: &Rendering) -> Rendering {
+    Rendering {
+        pixels: image.pixels().iter().map(|p| p.map(f64::from)).collect(),
+        rounding: analysis.rounding.iter().map(|p| p.map(|v| 2.0 * v)).collect(),
+        ..analysis.clone()
+    }
+}
+
+fn analysis(draw: &Draw) -> Result<Rendering, Failure> {
+    Ok(Oracle::new(draw.view, draw.settings)?.render(&OracleScene::from(&draw.scene)))
+}
+
+/// Under `Sum`, Gaussians in another order make the same image.
+///
+/// # Errors
+/// [`Failure`] where the backend does not do so.
+pub fn order_does_not_matter_under_sum<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Result<(), Failure> {
+    for (seed, kind) in (800..).zip([Kind::Typical, Kind::Overlapping, Kind::Tiny]) {
+        let draw = Draw::new(kind, Blend::Sum, 50, (40, 30), seed);
+        let image = rasterizer.render(&draw.scene, &draw.view, &draw.settings)?;
+        // 17 and 50 have no common divisor: every Gaussian comes exactly once, none in its place's parity.
+        let permuted: PlanarScene = (0..50).map(|i| draw.scene.gaussian((i * 17 + 1) % 50)).collect();
+        let again = rasterizer.render(&permuted, &draw.view, &draw.settings)?;
+        compare_images(&around(&image, &analysis(&draw)?), &again).map_err(|failure| failure.at("permuted"))?;
+    }
+    Ok(())
+}
+
+/// Two Gaussians where one was, each with half its colour (`Sum`) or opacity 1 − √(1 − o) (`Over`), make the same image.
+///
+/// Under `Over` that is so only where the weight is 1, so the Gaussian that is halved is far larger than the image.
+///
+/// # Errors
+/// [`Failure`] where the backend does not do so.
+pub fn halves_make_the_whole<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Result<(), Failure> {
+    for blend in [Blend::Sum, Blend::Over] {
+        let mut draw = Draw::new(Kind::Typical, blend, 20, (40, 30), 850);
+        let opacity = 0.75;
+        let whole = PlanarGaussian {
+            mean: Vec2::new(20.0, 15.0),
+            log_scale: if blend == Blend::Sum { Vec2::new(1.5, 0.7) } else { Vec2::splat(1e6f32.ln()) },
+            rotation: 0.6,
+            opacity_logit: if blend == Blend::Sum { f32::INFINITY } else { logit(opacity) },
+            color: Vec3::new(0.8, 0.4, 0.6),
+        };
+        let half = match blend {
+            Blend::Sum => PlanarGaussian { color: whole.color * 0.5, ..whole },
+            Blend::Over => PlanarGaussian { opacity_logit: logit(1.0 - (1.0 - opacity).sqrt()), ..whole },
+        };
+        let with = |parts: &[PlanarGaussian]| -> PlanarScene {
+            let (front, back) = (draw.scene.iter().take(10), draw.scene.iter().skip(10));
+            front.chain(parts.iter().copied()).chain(back).collect()
+        };
+        let (one, two) = (with(&[whole]), with(&[half, half]));
+        let image = rasterizer.render(&one, &draw.view, &draw.settings)?;
+        let again = rasterizer.render(&two, &draw.view, &draw.settings)?;
+        draw.scene = one;
+        compare_images(&around(&image, &analysis(&draw)?), &again)
+            .map_err(|failure| failure.at(format!("halved under {blend:?}")))?;
+    }
+    Ok(())
+}
+
+/// A canvas that shows a part of the plane, pixel by pixel, shows that part of the whole image.
+///
+/// # Errors
+/// [`Failure`] where the backend does not do so.
+pub fn crops_are_parts_of_the_image<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Result<(), Failure> {
+    for blend in [Blend::Sum, Blend::Over] {
+        for (seed, kind) in (900..).zip([Kind::Typical, Kind::Opaque, Kind::Large]) {
+            let draw = Draw::new(kind, blend, 40, (60, 45), seed).on([0.2, 0.3, 0.4]);
+            let image = rasterizer.render(&draw.scene, &draw.view, &draw.settings)?;
+            for (x, y, width, height) in [(0, 0, 16, 16), (7, 5, 33, 21), (59, 44, 1, 1), (13, 31, 47, 9)] {
+                let view = Canvas::new(width, height)
+                    .showing(Vec2::new(x as f32, y as f32), Vec2::new(width as f32, height as f32));
+                let part = Image::from_fn(width, height, |i, j| image.pixel(x + i, y + j))?;
+                let draw = draw.clone().through(view);
+                let crop = rasterizer.render(&draw.scene, &view, &draw.settings)?;
+                let analysis = analysis(&draw)?;
+                if analysis.drawn.contains(&true) {
+                    compare_images(&around(&part, &analysis), &crop)
+                        .map_err(|failure| failure.at(format!("{kind:?}, {blend:?}, crop at ({x}, {y})")))?;
+                }
+            }
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,158 @@
+//! Cases: stage `adam` against `f64` references, fed with the gradients that the backend itself downloads.
+
+use glam::{DMat2, DVec2};
+use gs_core::{
+    Adam, AdamRates, Chart, EditPlan, Loss, PlanarScene, Rasterizer,
+    adam::Group,
+    edit::{AfterEdit, Birth, Moments, Origin, Place},
+    effects::Blend,
+};
+
+use crate::{
+    failure::Failure,
+    oracle::{AdamReference, OracleScene, PARAMETER_NAMES, Parameters, rate_of, rows_of_gradients},
+    scenes::{Draw, Kind},
+    tolerance::ADAM_SHARE,
+};
+
+/// Rates and betas that differ between all groups, and an ε as large as √v̂, so that a wrong one of any shows.
+fn distinct(epsilon: f32) -> AdamRates {
+    let group = |learning_rate, beta1, beta2| Group { beta1, beta2, ..Group::constant(learning_rate) };
+    Adam {
+        mean: group(0.11, 0.9, 0.99),
+        scale: group(0.023, 0.8, 0.95),
+        rotation: group(0.017, 0.85, 0.9),
+        opacity: group(0.05, 0.7, 0.999),
+        color: group(0.013, 0.6, 0.97),
+        epsilon,
+        ..Adam::default()
+    }
+    .at(0.0)
+}
+
+/// One step of forward, backward and Adam; returns the gradients it used.
+fn step<R: Rasterizer<PlanarScene>>(
+    rasterizer: &R,
+    cloud: &mut R::Cloud,
+    draw: &Draw,
+    target: &R::Target,
+    rates: &AdamRates,
+) -> Result<Vec<Parameters>, Failure> {
+    let frame = rasterizer.forward(cloud, &draw.view, &draw.settings)?;
+    let (_, gradients) = rasterizer.backward(cloud, frame, target, &Loss::L2)?;
+    let rows = rows_of_gradients(&rasterizer.download_gradients(cloud, &gradients)?);
+    rasterizer.step(cloud, &gradients, rates)?;
+    Ok(rows)
+}
+
+/// Six steps in the chart of ln-scale and rotation, with a Gaussian born after the third, equal Adam in `f64`: rates and betas of
+/// each group, bias corrected by each Gaussian's own count, ε added to √v̂.
+///
+/// # Errors
+/// [`Failure`] where the backend does not do so.
+pub fn adam_matches<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Result<(), Failure> {
+    for blend in [Blend::Sum, Blend::Over] {
+        for epsilon in [1e-3, 1e-8] {
+            let draw = Draw::new(Kind::Overlapping, blend, 12, (24, 20), 1200);
+            let newborn = Draw::new(Kind::Overlapping, blend, 1, (24, 20), 1201).scene;
+            let target = rasterizer.upload_target(&draw.target()?)?;
+            let rates = distinct(epsilon);
+            let mut cloud = rasterizer.upload(&draw.scene, Chart::ScaleRotation)?;
+            let mut reference = AdamReference::new(OracleScene::from(&draw.scene));
+            for steps in 1..=6 {
+                if steps == 4 {
+                    let birth = |gaussian| Birth {
+                        gaussian,
+                        parent: None,
+                        moments: Moments::Fresh,
+                        origin: Origin::Seed,
+                        place: Place::Last,
+                    };
+                    let added = newborn.iter().map(birth).collect();
+                    let plan = EditPlan { added, statistics: AfterEdit::Keep, ..EditPlan::default() };
+                    rasterizer.edit(&mut cloud, &plan)?;
+                    reference.push(OracleScene::from(&newborn).gaussians[0]);
+                }
+                let gradients = step(rasterizer, &mut cloud, &draw, &target, &rates)?;
+                reference.step(&gradients, &rates);
+                let found = OracleScene::from(&rasterizer.download(&cloud)?);
+                compare_parameters(&reference.scene, &found, &rates, steps)
+                    .map_err(|failure| failure.at(format!("{blend:?}, epsilon {epsilon}, step {steps}")))?;
+            }
+        }
+    }
+    Ok(())
+}
+
+fn compare_parameters(
+    expected: &OracleScene,
+    found: &OracleScene,
+    rates: &AdamRates,
+    steps: i32,
+) -> Result<(), Failure> {
+    let counts = (expected.gaussians.len(), found.gaussians.len());
+    Failure::unless(counts.0 == counts.1, || format!("{} Gaussians, not {}", counts.1, counts.0))?;
+    for (g, (a, b)) in expected.gaussians.iter().zip(&found.gaussians).enumerate() {
+        for i in (0..9).filter(|&i| a[i].is_finite()) {
+            let moved = f64::from(rate_of(i, rates).learning_rate);
+            let tolerance = f64::from(steps) * (ADAM_SHARE * moved + f64::from(f32::EPSILON) * a[i].abs());
+            if !((a[i] - b[i]).abs() <= tolerance) {
+                let what = format!("Gaussian {g}, {}", PARAMETER_NAMES[i]);
+                return Err(Failure::Differs { what, expected: a[i], found: b[i], tolerance, others: 0 });
+            }
+        }
+    }
+    Ok(())
+}
+
+/// The first step in the chart of local frames moves by the rate against the sign of each gradient in the Gaussian's own frame:
+/// μ + L ξ and L (I + η + η²/2), η symmetric.
+///
+/// # Errors
+/// [`Failure`] where the backend does not do so.
+pub fn local_frame_steps_match<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Result<(), Failure> {
+    for blend in [Blend::Sum, Blend::Over] {
+        let draw = Draw::new(Kind::Typical, blend, 40, (40, 30), 1300);
+        let target = rasterizer.upload_target(&draw.target()?)?;
+        let adam =
+            Adam { mean: Group::constant(0.12), scale: Group::constant(0.07), epsilon: 1e-15, ..Adam::default() };
+        let rates = adam.at(0.0);
+        let mut cloud = rasterizer.upload(&draw.scene, Chart::LocalFrame)?;
+        let before = rasterizer.download(&cloud)?;
+        let gradients = step(rasterizer, &mut cloud, &draw, &target, &rates)?;
+        let after = rasterizer.download(&cloud)?;
+        let mut compared = 0;
+        for (i, (old, new)) in before.iter().zip(after.iter()).enumerate() {
+            let frame = old.frame().as_dmat2();
+            let (g, s) = (&gradients[i], old.log_scale.to_array().map(|v| f64::from(v).exp()));
+            let toward = frame.transpose() * DVec2::new(g[0], g[1]);
+            // ∂L/∂η₁₂ moves Σ along L (e₁e₂ᵀ + e₂e₁ᵀ) Lᵀ, twice over; θ does by (s₁² − s₂²)/(s₁ s₂) of that.
+            let across = 2.0 * s[0] * s[1] / (s[0] * s[0] - s[1] * s[1]) * g[4];
+            let slopes = [toward.x, toward.y, g[2], g[3], across];
+            let largest = slopes.iter().fold(0.0f64, |m, v| m.max(v.abs()));
+            if !slopes.iter().all(|v| v.abs() > 0.02 * largest && v.is_finite()) || old.log_scale.min_element() < -0.1 {
+                continue; // Rounding may decide a sign, or the smallest scale stop the step.
+            }
+            compared += 1;
+            let [xi_x, xi_y] = [slopes[0], slopes[1]].map(|v| -0.12 * v.signum());
+            let moved = frame.inverse() * (new.mean - old.mean).as_dvec2();
+            let eta = [slopes[2], slopes[3], slopes[4]].map(|v| -0.07 * v.signum());
+            let eta = DMat2::from_cols(DVec2::new(eta[0], eta[2]), DVec2::new(eta[2], eta[1]));
+            let factor = DMat2::IDENTITY + eta + eta * eta * 0.5;
+            let whitened = frame.inverse() * new.frame().as_dmat2();
+            let shape = whitened * whitened.transpose();
+            let right =
+                moved.abs_diff_eq(DVec2::new(xi_x, xi_y), 1e-3) && shape.abs_diff_eq(factor * factor.transpose(), 1e-3);
+            Failure::unless(right, || {
+                format!(
+                    "{blend:?}, Gaussian {i}: whitened move {moved} and covariance {shape} instead of ({xi_x}, {xi_y}) and {}",
+                    factor * factor.transpose()
+                )
+            })?;
+        }
+        if compared < 8 {
+            return Err(Failure::Nothing(format!("only {compared} of 40 Gaussians had gradients clear enough")));
+        }
+    }
+    Ok(())
+}

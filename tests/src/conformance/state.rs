@@ -1,0 +1,95 @@
+//! Cases: what goes to the backend comes back, scenes and whole states.
+
+use gs_core::{
+    Adam, Binning, Chart, CloudState, PlanarGaussian, PlanarScene, Rasterizer, Scene, TrainStep,
+    effects::{Blend, Statistics},
+};
+
+use super::LOSSES;
+use crate::{
+    failure::Failure,
+    scenes::{Draw, Kind},
+};
+
+/// A scene that is uploaded and downloaded is the same: bit for bit where the chart has its parameters, in covariance where not.
+///
+/// # Errors
+/// [`Failure`] where the backend does not do so.
+pub fn scenes_come_back<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Result<(), Failure> {
+    for (blend, kind) in [(Blend::Sum, Kind::Typical), (Blend::Over, Kind::Opaque), (Blend::Over, Kind::Needles)] {
+        let scene = Draw::new(kind, blend, 37, (40, 30), 1000).scene;
+        let cloud = rasterizer.upload(&scene, Chart::ScaleRotation)?;
+        Failure::unless(rasterizer.len(&cloud) == 37, || format!("{} of 37 Gaussians", rasterizer.len(&cloud)))?;
+        let back = rasterizer.download(&cloud)?;
+        Failure::unless(back == scene, || format!("{kind:?}: the scene that comes back is another"))?;
+
+        let back = rasterizer.download(&rasterizer.upload(&scene, Chart::LocalFrame)?)?;
+        Failure::unless(back.len() == 37, || format!("{} of 37 Gaussians in local frames", back.len()))?;
+        for (i, (a, b)) in scene.iter().zip(back.iter()).enumerate() {
+            let same = (a.mean, a.color, a.opacity_logit) == (b.mean, b.color, b.opacity_logit);
+            Failure::unless(same && same_shape(&a, &b), || {
+                format!("{kind:?}: Gaussian {i} was {a:?}, came back as {b:?}")
+            })?;
+        }
+    }
+    let empty = rasterizer.upload(&PlanarScene::default(), Chart::ScaleRotation)?;
+    Failure::unless(rasterizer.download(&empty)?.is_empty(), || "an empty scene comes back with Gaussians".to_owned())
+}
+
+/// Whether two covariances are the same, seen from the frame of the first.
+fn same_shape(a: &PlanarGaussian, b: &PlanarGaussian) -> bool {
+    let frame = a.frame().as_dmat2();
+    let whitened = frame.inverse() * b.frame().as_dmat2();
+    (whitened * whitened.transpose()).abs_diff_eq(glam::DMat2::IDENTITY, 1e-4)
+}
+
+/// A saved state, restored, is the same state, and trains on bit for bit as if it had never been saved.
+///
+/// # Errors
+/// [`Failure`] where the backend does not do so.
+pub fn restored_clouds_continue_bit_for_bit<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Result<(), Failure> {
+    for chart in [Chart::ScaleRotation, Chart::LocalFrame] {
+        for blend in [Blend::Sum, Blend::Over] {
+            for loss in LOSSES {
+                let mut draw = Draw::new(Kind::Typical, blend, 25, (34, 20), 1100);
+                draw.settings.effects.statistics = Statistics::MeanGradient;
+                let target = rasterizer.upload_target(&draw.target()?)?;
+                let rates = Adam::default().at(0.0);
+                let step = TrainStep { settings: &draw.settings, loss, rates: &rates, binning: Binning::Fresh };
+                let mut cloud = rasterizer.upload(&draw.scene, chart)?;
+                for _ in 0..3 {
+                    rasterizer.train_step(&mut cloud, &draw.view, &target, &step)?;
+                }
+                let state = rasterizer.save(&cloud)?;
+                check_moments(&state)?;
+                let mut twin = rasterizer.restore(&state)?;
+                let place = || format!("{chart:?}, {blend:?}, {loss:?}");
+                Failure::unless(rasterizer.save(&twin)? == state, || {
+                    format!("{}: restored is another state", place())
+                })?;
+                for _ in 0..3 {
+                    let a = rasterizer.train_step(&mut cloud, &draw.view, &target, &step)?;
+                    let b = rasterizer.train_step(&mut twin, &draw.view, &target, &step)?;
+                    Failure::unless(a.to_bits() == b.to_bits(), || format!("{}: losses {a} and {b}", place()))?;
+                }
+                let (state, twin) = (rasterizer.save(&cloud)?, rasterizer.save(&twin)?);
+                let different = state.tensors.iter().find(|(name, tensor)| twin.tensors.get(*name) != Some(tensor));
+                Failure::unless(different.is_none(), || {
+                    let names = different.iter().map(|(name, _)| name.as_str()).collect::<String>();
+                    format!("{}: three steps after it was restored, the cloud's `{names}` is another", place())
+                })?;
+            }
+        }
+    }
+    Ok(())
+}
+
+/// A state that says that nothing has been learned would make the comparison of two of them meaningless.
+fn check_moments(state: &CloudState) -> Result<(), Failure> {
+    for name in ["moment1", "moment2"] {
+        let any = state.rows::<9>(name)?.as_flattened().iter().any(|&v| v != 0.0);
+        Failure::unless(any, || format!("after three steps `{name}` is all zero"))?;
+    }
+    let steps = state.integers("steps")?;
+    Failure::unless(steps.iter().all(|&s| s == 3), || format!("after three steps the counts are {steps:?}"))
+}

@@ -1,0 +1,194 @@
+//! Cases: what whole training steps do to the loss and to the statistics, and the solver of colours.
+
+use glam::Vec2;
+use gs_core::{
+    Adam, Binning, Canvas, Chart, Loss, PlanarScene, Rasterizer, Scene, TrainStep,
+    adam::Group,
+    effects::{Blend, Statistics},
+};
+
+use super::LOSSES;
+use crate::{
+    failure::Failure,
+    oracle::{Oracle, OracleScene, best_colors, rate_of, rows_of_gradients},
+    scenes::{Draw, Kind},
+    tolerance::{FUSED_SHARE, LEAST_SQUARES, STATISTICS_SHARE},
+};
+
+const CHARTS: [Chart; 2] = [Chart::ScaleRotation, Chart::LocalFrame];
+
+/// Ten small steps each decrease the loss, by the oracle's reckoning; `train_step` returns the loss before it.
+///
+/// # Errors
+/// [`Failure`] where the backend does not do so.
+pub fn steps_decrease_the_loss<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Result<(), Failure> {
+    let group = Group::constant(3e-3);
+    let adam = Adam { mean: group, scale: group, rotation: group, opacity: group, color: group, ..Adam::default() };
+    let rates = adam.at(0.0);
+    for chart in CHARTS {
+        for blend in [Blend::Sum, Blend::Over] {
+            for loss in LOSSES {
+                let draw = Draw::new(Kind::Overlapping, blend, 12, (26, 22), 1400);
+                let image = draw.target()?;
+                let oracle = Oracle::new(draw.view, draw.settings)?;
+                let target = rasterizer.upload_target(&image)?;
+                let mut cloud = rasterizer.upload(&draw.scene, chart)?;
+                let step = TrainStep { settings: &draw.settings, loss, rates: &rates, binning: Binning::Fresh };
+                let place = || format!("{chart:?}, {blend:?}, {loss:?}");
+                let mut last = f64::INFINITY;
+                for steps in 0..10 {
+                    let scene = OracleScene::from(&rasterizer.download(&cloud)?);
+                    let now = oracle.loss(&scene, &image, &loss)?;
+                    Failure::unless(now < last, || format!("{}: step {steps} led from {last} to {now}", place()))?;
+                    let said = f64::from(rasterizer.train_step(&mut cloud, &draw.view, &target, &step)?);
+                    Failure::unless((said - now).abs() < 1e-3 * now, || {
+                        format!("{}: `train_step` says {said} where the loss is {now}", place())
+                    })?;
+                    last = now;
+                }
+            }
+        }
+    }
+    Ok(())
+}
+
+/// `train_step` does what `forward`, `backward` and `step` do, over five steps, in every chart, blend and loss, through a canvas of
+/// another scale too.
+///
+/// # Errors
+/// [`Failure`] where the backend does not do so.
+pub fn fused_steps_match_their_stages<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Result<(), Failure> {
+    // ε keeps a step in proportion to a gradient that is hardly more than rounding.
+    let rates = Adam { epsilon: 1e-3, ..Adam::default() }.at(0.0);
+    let own = Canvas::new(30, 24);
+    for (chart, view) in [(CHARTS[0], own), (CHARTS[1], own), (CHARTS[1], own.resized(43, 31))] {
+        for blend in [Blend::Sum, Blend::Over] {
+            for loss in LOSSES {
+                let draw = Draw::new(Kind::Typical, blend, 20, (30, 24), 1500).on([0.2, 0.4, 0.1]).through(view);
+                let target = rasterizer.upload_target(&draw.target()?)?;
+                let step = TrainStep { settings: &draw.settings, loss, rates: &rates, binning: Binning::Fresh };
+                let mut fused = rasterizer.upload(&draw.scene, chart)?;
+                let mut staged = rasterizer.upload(&draw.scene, chart)?;
+                let place = format!("{chart:?}, {blend:?}, {loss:?}");
+                for steps in 1..=5 {
+                    let a = rasterizer.train_step(&mut fused, &draw.view, &target, &step)?;
+                    let frame = rasterizer.forward(&staged, &draw.view, &draw.settings)?;
+                    let (b, gradients) = rasterizer.backward(&staged, frame, &target, &loss)?;
+                    rasterizer.step(&mut staged, &gradients, &rates)?;
+                    let close = (a - b).abs() <= FUSED_SHARE as f32 * b;
+                    Failure::unless(close, || format!("{place}, step {steps}: the loss is {a} fused, {b} in stages"))?;
+                }
+                let [a, b] = [&fused, &staged].map(|cloud| rasterizer.download(cloud));
+                let (a, b) = (OracleScene::from(&a?), OracleScene::from(&b?));
+                let start = OracleScene::from(&draw.scene);
+                Failure::unless(a.gaussians.len() == 20, || format!("{place}: {} Gaussians", a.gaussians.len()))?;
+                Failure::unless(a != start, || format!("{place}: five steps moved nothing"))?;
+                for (g, (a, b)) in a.gaussians.iter().zip(&b.gaussians).enumerate() {
+                    for i in (0..9).filter(|&i| b[i].is_finite()) {
+                        // In local frames a step in the mean is as long as the Gaussian, up to 6 px.
+                        let moved = 5.0 * f64::from(rate_of(i, &rates).learning_rate) * if i < 2 { 6.0 } else { 2.0 };
+                        let tolerance = FUSED_SHARE * moved + 4.0 * f64::from(f32::EPSILON) * b[i].abs();
+                        Failure::unless((a[i] - b[i]).abs() <= tolerance, || {
+                            format!("{place}: parameter {i} of Gaussian {g} is {} fused, {} in stages", a[i], b[i])
+                        })?;
+                    }
+                }
+            }
+        }
+    }
+    Ok(())
+}
+
+/// The statistics sum ‖(∂L/∂u · W/2, ∂L/∂v · H/2)‖, u and v in pixels of the canvas, over the steps in which a Gaussian is drawn; for
+/// staged and fused steps alike, and not at all where none are asked for.
+///
+/// # Errors
+/// [`Failure`] where the backend does not do so.
+pub fn statistics_are_the_positional_gradients<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Result<(), Failure> {
+    let still = Group::constant(1e-4);
+    let rates = Adam { mean: still, scale: still, rotation: still, opacity: still, color: still, ..Adam::default() };
+    let rates = rates.at(0.0);
+    let own = Canvas::new(30, 24);
+    let zoomed = Canvas::new(44, 20).showing(Vec2::new(4.0, 2.0), Vec2::new(22.0, 20.0));
+    for blend in [Blend::Sum, Blend::Over] {
+        for view in [own, zoomed] {
+            let mut draw = Draw::new(Kind::Overlapping, blend, 10, (30, 24), 1600).through(view);
+            draw.scene.push(gs_core::PlanarGaussian { mean: Vec2::new(-500.0, 3.0), ..draw.scene.gaussian(0) });
+            draw.settings.effects.statistics = Statistics::MeanGradient;
+            let target = rasterizer.upload_target(&draw.target()?)?;
+            let mut cloud = rasterizer.upload(&draw.scene, Chart::ScaleRotation)?;
+            let mut expected = [0.0; 11];
+            // Pixels of the canvas per unit of the plane; normalised device units per pixel.
+            let pixels = view.scale().as_dvec2();
+            let half = [f64::from(view.width) / 2.0, f64::from(view.height) / 2.0];
+            for steps in 0..4 {
+                let frame = rasterizer.forward(&cloud, &view, &draw.settings)?;
+                let (_, gradients) = rasterizer.backward(&cloud, frame, &target, &Loss::L2)?;
+                let rows = rows_of_gradients(&rasterizer.download_gradients(&cloud, &gradients)?);
+                for (sum, row) in expected.iter_mut().zip(&rows) {
+                    *sum += (row[0] / pixels.x * half[0]).hypot(row[1] / pixels.y * half[1]);
+                }
+                if steps % 2 == 0 {
+                    rasterizer.step(&mut cloud, &gradients, &rates)?;
+                } else {
+                    let settings = &draw.settings;
+                    let step = TrainStep { settings, loss: Loss::L2, rates: &rates, binning: Binning::Fresh };
+                    rasterizer.train_step(&mut cloud, &view, &target, &step)?;
+                }
+            }
+            let found = rasterizer.statistics(&cloud)?;
+            let place = format!("{blend:?}, {}x{} px", view.width, view.height);
+            let visible: Vec<u32> = (0..11).map(|i| if i < 10 { 4 } else { 0 }).collect();
+            Failure::unless(found.visible == visible, || format!("{place}: drawn in {:?} of 4 steps", found.visible))?;
+            for (g, (a, &b)) in expected.iter().zip(&found.gradient_sum).enumerate() {
+                let close = (a - f64::from(b)).abs() <= STATISTICS_SHARE * a;
+                Failure::unless(close && (*a > 0.0 || g == 10), || {
+                    format!("{place}: Gaussian {g} has a gradient sum of {b} instead of {a}")
+                })?;
+            }
+
+            draw.settings.effects.statistics = Statistics::None;
+            let mut cloud = rasterizer.upload(&draw.scene, Chart::ScaleRotation)?;
+            let step = TrainStep { settings: &draw.settings, loss: Loss::L2, rates: &rates, binning: Binning::Fresh };
+            rasterizer.train_step(&mut cloud, &view, &target, &step)?;
+            let none = rasterizer.statistics(&cloud)?.gradient_sum == vec![0.0; 11];
+            Failure::unless(none, || format!("{place}: statistics that nobody asked for"))?;
+        }
+    }
+    Ok(())
+}
+
+/// `solve_colors` comes near the least-squares solution, and leaves all else alone.
+///
+/// # Errors
+/// [`Failure`] where the backend does not do so.
+pub fn solved_colors_are_the_best<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Result<(), Failure> {
+    for chart in CHARTS {
+        for (kind, count, size) in
+            [(Kind::Typical, 16, (24, 18)), (Kind::Overlapping, 5, (20, 20)), (Kind::Tiny, 30, (9, 7))]
+        {
+            let mut draw = Draw::new(kind, Blend::Sum, count, size, 1700).on([0.3, 0.1, 0.2]);
+            let image = draw.target()?;
+            let target = rasterizer.upload_target(&image)?;
+            let mut cloud = rasterizer.upload(&draw.scene, chart)?;
+            let before = rasterizer.download(&cloud)?;
+            rasterizer.solve_colors(&mut cloud, &draw.view, &target, &draw.settings, 60)?;
+            let after = rasterizer.download(&cloud)?;
+            let only_colors = PlanarScene { colors: before.colors.clone(), ..after.clone() } == before;
+            Failure::unless(only_colors, || "solving for colours changed something else".to_owned())?;
+
+            draw.scene = before;
+            let oracle = Oracle::new(draw.view, draw.settings)?;
+            let start = OracleScene::from(&draw.scene);
+            let best = oracle.loss(&best_colors(&oracle, &start, &image)?, &image, &Loss::L2)?;
+            let [first, found] =
+                [&start, &OracleScene::from(&after)].map(|scene| oracle.loss(scene, &image, &Loss::L2));
+            let (first, found) = (first?, found?);
+            let bound = best * (1.0 + LEAST_SQUARES[0]) + LEAST_SQUARES[1];
+            Failure::unless(first > 1.05 * bound && found <= bound, || {
+                format!("{chart:?}, {kind:?}: solving led from {first:e} to {found:e}, where {best:e} is possible")
+            })?;
+        }
+    }
+    Ok(())
+}

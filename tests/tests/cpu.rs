@@ -1,0 +1,174 @@
+//! gs-cpu: the conformance suite at every SIMD level of this machine with 1, 2 and 7 threads, the same bits for every number of threads,
+//! and drawn scenes against the oracle.
+
+use std::collections::BTreeMap;
+
+use gs_conformance::{
+    Failure,
+    conformance::{check_gradients, check_image, conformance},
+    scenes::{Draw, Kind, draws},
+};
+use gs_core::{
+    Adam, Binning, Chart, CloudState, EditPlan, Loss, Rasterizer, Scene, TrainStep,
+    edit::{Birth, Moments, Origin, Place, PruneCause, Removal},
+    effects::{Blend, Statistics},
+    state::TensorData,
+};
+use gs_cpu::{CpuRasterizer, CpuSettings, SimdLevel};
+use proptest::{
+    prelude::*,
+    test_runner::{RngSeed, TestCaseError},
+};
+
+const THREADS: [usize; 3] = [1, 2, 7];
+
+fn rasterizer(level: SimdLevel, threads: usize) -> CpuRasterizer {
+    CpuRasterizer::new(CpuSettings { threads: Some(threads), level: Some(level) }).unwrap()
+}
+
+#[test]
+fn conforms_at_every_level_and_number_of_threads() {
+    let mut failures = Vec::new();
+    for level in SimdLevel::available() {
+        for threads in THREADS {
+            let rasterizer = rasterizer(level, threads);
+            assert!(rasterizer.describe().contains(&level.to_string()), "{} is not {level}", rasterizer.describe());
+            if let Err(failure) = conformance(&rasterizer) {
+                failures.push(format!("{}: {failure}", rasterizer.describe()));
+            }
+        }
+    }
+    assert!(failures.is_empty(), "{}", failures.join("\n"));
+}
+
+/// All numbers of a state as bits: equal numbers of other bits (0 and −0) differ, NaN is equal to itself.
+fn bits(state: &CloudState) -> BTreeMap<&str, Vec<u32>> {
+    let of = |data: &TensorData| match data {
+        TensorData::F32(values) => values.iter().map(|v| v.to_bits()).collect(),
+        TensorData::U32(values) => values.clone(),
+    };
+    state.tensors.iter().map(|(name, tensor)| (name.as_str(), of(&tensor.data))).collect()
+}
+
+/// More Gaussians than a task takes at once, over more tiles than there are threads.
+fn many(blend: Blend) -> Draw {
+    let mut draw = Draw::new(Kind::Typical, blend, 2500, (173, 141), 42).on([0.1, 0.5, 0.3]);
+    draw.settings.effects.statistics = Statistics::MeanGradient;
+    draw
+}
+
+#[test]
+fn images_and_gradients_are_the_same_bits_for_every_number_of_threads() {
+    for level in SimdLevel::available() {
+        for blend in [Blend::Sum, Blend::Over] {
+            let draw = many(blend);
+            let image = draw.target().unwrap();
+            for loss in [Loss::L2, Loss::L1, Loss::PAPER] {
+                let [one, two, seven] = THREADS.map(|threads| {
+                    let r = rasterizer(level, threads);
+                    let cloud = r.upload(&draw.scene, Chart::ScaleRotation).unwrap();
+                    let target = r.upload_target(&image).unwrap();
+                    let frame = r.forward(&cloud, &draw.view, &draw.settings).unwrap();
+                    let rendered = r.image(&frame).unwrap();
+                    let (loss, gradients) = r.backward(&cloud, frame, &target, &loss).unwrap();
+                    let gradients = r.download_gradients(&cloud, &gradients).unwrap();
+                    assert!(gradients.means.iter().any(|g| g.length() > 0.0));
+                    let pixels: Vec<u32> = rendered.pixels().as_flattened().iter().map(|v| v.to_bits()).collect();
+                    (loss.to_bits(), pixels, gradients)
+                });
+                assert!(one == two && two == seven, "{level}, {blend:?}, {loss:?}");
+            }
+        }
+    }
+}
+
+/// 50 steps with an edit half way, lists reused every other step; the state after them.
+fn trained(level: SimdLevel, threads: usize, blend: Blend, chart: Chart, loss: Loss) -> CloudState {
+    let r = rasterizer(level, threads);
+    let draw = many(blend);
+    let target = r.upload_target(&draw.target().unwrap()).unwrap();
+    let mut cloud = r.upload(&draw.scene, chart).unwrap();
+    for step in 0..50 {
+        let rates = Adam::default().at(step as f32 / 50.0);
+        let binning = if step % 2 == 1 { Binning::Reuse } else { Binning::Fresh };
+        let step_ = TrainStep { settings: &draw.settings, loss, rates: &rates, binning };
+        r.train_step(&mut cloud, &draw.view, &target, &step_).unwrap();
+        if step == 25 {
+            let birth = |i: u32| Birth {
+                gaussian: draw.scene.gaussian(i as usize),
+                parent: Some(i),
+                moments: Moments::Inherit,
+                origin: Origin::Clone,
+                place: Place::default(),
+            };
+            let removed = (0..200).map(|i| Removal { index: i * 7, cause: PruneCause::Unimportant }).collect();
+            let added = (0..300).map(|i| birth(i * 5)).collect();
+            r.edit(&mut cloud, &EditPlan { removed, added, ..EditPlan::default() }).unwrap();
+            if blend == Blend::Sum {
+                r.solve_colors(&mut cloud, &draw.view, &target, &draw.settings, 3).unwrap();
+            }
+        }
+    }
+    r.save(&cloud).unwrap()
+}
+
+#[test]
+fn training_runs_are_the_same_bits_for_every_number_of_threads() {
+    let best = SimdLevel::best();
+    for blend in [Blend::Sum, Blend::Over] {
+        for (chart, loss) in [
+            (Chart::ScaleRotation, Loss::PAPER),
+            (Chart::LocalFrame, Loss::L2),
+            (Chart::ScaleRotation, Loss::L2),
+            (Chart::LocalFrame, Loss::L1),
+        ] {
+            let [one, two, seven] = THREADS.map(|threads| trained(best, threads, blend, chart, loss));
+            assert_eq!(one.rows::<2>("mean").unwrap().len(), 2600);
+            assert!(one.rows::<2>("mean").unwrap().as_flattened().iter().all(|v| v.is_finite()));
+            assert!(bits(&one) == bits(&two) && bits(&two) == bits(&seven), "{blend:?}, {chart:?}, {loss:?}");
+        }
+    }
+}
+
+/// A scene in which there is nothing to compare counts as rejected, of which there may be only so many.
+fn judge<T>(result: Result<T, Failure>) -> Result<(), TestCaseError> {
+    match result {
+        Ok(_) => Ok(()),
+        Err(Failure::Nothing(text)) => Err(TestCaseError::reject(text)),
+        Err(failure) => Err(TestCaseError::fail(failure.to_string())),
+    }
+}
+
+fn repeatable(cases: u32) -> ProptestConfig {
+    ProptestConfig {
+        cases,
+        max_global_rejects: cases / 2,
+        rng_seed: RngSeed::Fixed(2026),
+        failure_persistence: None,
+        max_shrink_iters: 200,
+        ..ProptestConfig::default()
+    }
+}
+
+fn levels() -> impl Strategy<Value = SimdLevel> {
+    proptest::sample::select(SimdLevel::available())
+}
+
+fn losses() -> impl Strategy<Value = Loss> {
+    prop_oneof![Just(Loss::L2), Just(Loss::L1), (0.0f32..=1.0).prop_map(|lambda| Loss::L1Dssim { lambda })]
+}
+
+proptest! {
+    #![proptest_config(repeatable(300))]
+
+    #[test]
+    fn drawn_images_match(draw in draws(), level in levels()) {
+        judge(check_image(&rasterizer(level, 2), &draw))?;
+    }
+
+    #[test]
+    fn drawn_gradients_match(draw in draws(), level in levels(), loss in losses(), local in any::<bool>()) {
+        let chart = if local { Chart::LocalFrame } else { Chart::ScaleRotation };
+        judge(check_gradients(&rasterizer(level, 2), &draw, &loss, chart))?;
+    }
+}

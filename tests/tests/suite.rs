@@ -1,0 +1,310 @@
+//! Negative controls of the suite itself: a backend with one fault is caught by the case that is there for it.
+
+use glam::Vec2Swizzles;
+use gs_conformance::conformance::cases;
+use gs_core::{
+    AdamRates, Canvas, Chart, CloudState, DensityStatistics, EditPlan, Error, Image, Loss, PlanarGaussian, PlanarScene,
+    Rasterizer, RenderSettings, Scene, TrainStep, statistics::Culled,
+};
+use gs_cpu::{CpuRasterizer, CpuSettings};
+
+/// What is wrong with the backend.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Fault {
+    /// Nothing: what passes.
+    Faultless,
+    ShiftsImages,
+    DimsImages,
+    ForgetsTheBackground,
+    ForgetsTheCanvas,
+    ForgetsTheAccuracy,
+    PaintsEmptyScenes,
+    CountsNothingCulled,
+    NegatesRotationGradients,
+    SwapsMeanGradients,
+    DoublesLosses,
+    GradientsInWrongUnits,
+    LosesTheLastGaussian,
+    ForgetsMomentsOnRestore,
+    StepsUphill,
+    ForgetsBiasCorrection,
+    IgnoresEpsilon,
+    SwapsRates,
+    FusedStepDoesTooMuch,
+    DoublesStatistics,
+    SolvesNothing,
+    ForgetsMomentsOnEdit,
+    ForgetsStatisticsOnEdit,
+    EditsEvenWhenItRefuses,
+    AcceptsNan,
+    SwallowsBadSettings,
+    RestoresAnything,
+    DrawsByParity,
+    NoCropOrigin,
+}
+
+use Fault::*;
+
+struct Sabotaged {
+    sound: CpuRasterizer,
+    fault: Fault,
+}
+
+impl Sabotaged {
+    fn is(&self, fault: Fault) -> bool {
+        self.fault == fault
+    }
+
+    /// Replaces the cloud by one in an altered state.
+    fn alter<C>(&self, cloud: &mut C, change: impl Fn(&mut CloudState)) -> Result<(), Error>
+    where
+        CpuRasterizer: Rasterizer<PlanarScene, Cloud = C>,
+    {
+        let mut state = self.sound.save(cloud)?;
+        change(&mut state);
+        *cloud = self.sound.restore(&state)?;
+        Ok(())
+    }
+}
+
+fn zero_moments(state: &mut CloudState) {
+    let count = state.integers("steps").unwrap().len();
+    state.insert("moment1", vec![[0.0; 9]; count]);
+    state.insert("moment2", vec![[0.0; 9]; count]);
+}
+
+type Sound = CpuRasterizer;
+
+impl Rasterizer<PlanarScene> for Sabotaged {
+    type Cloud = <Sound as Rasterizer<PlanarScene>>::Cloud;
+    type Frame = <Sound as Rasterizer<PlanarScene>>::Frame;
+    type Gradients = <Sound as Rasterizer<PlanarScene>>::Gradients;
+    type Target = <Sound as Rasterizer<PlanarScene>>::Target;
+
+    fn describe(&self) -> String {
+        format!("{:?}", self.fault)
+    }
+
+    fn upload(&self, scene: &PlanarScene, chart: Chart) -> Result<Self::Cloud, Error> {
+        let mut scene = scene.clone();
+        if self.is(AcceptsNan) {
+            scene.means.iter_mut().filter(|m| m.is_nan()).for_each(|m| *m = glam::Vec2::ZERO);
+        }
+        if self.is(PaintsEmptyScenes) && scene.is_empty() {
+            let (mean, color) = (glam::Vec2::splat(4.0), glam::Vec3::ONE);
+            let log_scale = glam::Vec2::ONE;
+            scene.push(PlanarGaussian { mean, log_scale, rotation: 0.0, opacity_logit: f32::INFINITY, color });
+        }
+        self.sound.upload(&scene, chart)
+    }
+
+    fn download(&self, cloud: &Self::Cloud) -> Result<PlanarScene, Error> {
+        let scene = self.sound.download(cloud)?;
+        let count = scene.len().saturating_sub(usize::from(self.is(LosesTheLastGaussian)));
+        Ok(if count == scene.len() { scene } else { scene.iter().take(count).collect() })
+    }
+
+    fn len(&self, cloud: &Self::Cloud) -> usize {
+        self.sound.len(cloud)
+    }
+
+    fn upload_target(&self, image: &Image) -> Result<Self::Target, Error> {
+        self.sound.upload_target(image)
+    }
+
+    fn save(&self, cloud: &Self::Cloud) -> Result<CloudState, Error> {
+        self.sound.save(cloud)
+    }
+
+    fn restore(&self, state: &CloudState) -> Result<Self::Cloud, Error> {
+        if self.is(RestoresAnything) && self.sound.restore(state).is_err() {
+            return self.sound.upload(&PlanarScene::default(), state.chart);
+        }
+        let mut cloud = self.sound.restore(state)?;
+        if self.is(ForgetsMomentsOnRestore) {
+            self.alter(&mut cloud, zero_moments)?;
+        }
+        Ok(cloud)
+    }
+
+    fn forward(&self, cloud: &Self::Cloud, view: &Canvas, settings: &RenderSettings) -> Result<Self::Frame, Error> {
+        let (mut view, mut settings) = (*view, *settings);
+        match self.fault {
+            ForgetsTheBackground => settings.effects.background = gs_core::effects::Background::None,
+            ForgetsTheCanvas => view = Canvas::new(view.width, view.height),
+            NoCropOrigin => view.origin = glam::Vec2::ZERO,
+            ForgetsTheAccuracy => settings.accuracy = gs_core::Accuracy::default(),
+            SwallowsBadSettings if settings.validate().is_err() => settings = RenderSettings::default(),
+            _ => {}
+        }
+        if self.is(DrawsByParity) {
+            let mut scene = self.sound.download(cloud)?;
+            scene.colors.iter_mut().step_by(2).for_each(|c| *c *= 0.9);
+            return self.sound.forward(&self.sound.upload(&scene, Chart::ScaleRotation)?, &view, &settings);
+        }
+        self.sound.forward(cloud, &view, &settings)
+    }
+
+    fn image(&self, frame: &Self::Frame) -> Result<Image, Error> {
+        let image = self.sound.image(frame)?;
+        let (w, h) = image.size();
+        match self.fault {
+            ShiftsImages => Image::from_fn(w, h, |x, y| image.pixel((x + 1) % w, y)),
+            DimsImages => Image::from_fn(w, h, |x, y| image.pixel(x, y).map(|v| v * 0.9999)),
+            _ => Ok(image),
+        }
+    }
+
+    fn culled(&self, frame: &Self::Frame) -> Result<Culled, Error> {
+        if self.is(CountsNothingCulled) { Ok(Culled::default()) } else { self.sound.culled(frame) }
+    }
+
+    fn backward(
+        &self,
+        cloud: &Self::Cloud,
+        frame: Self::Frame,
+        target: &Self::Target,
+        loss: &Loss,
+    ) -> Result<(f32, Self::Gradients), Error> {
+        let (loss, gradients) = self.sound.backward(cloud, frame, target, loss)?;
+        Ok((if self.is(DoublesLosses) { 2.0 * loss } else { loss }, gradients))
+    }
+
+    fn download_gradients(&self, cloud: &Self::Cloud, gradients: &Self::Gradients) -> Result<PlanarScene, Error> {
+        let mut scene = self.sound.download_gradients(cloud, gradients)?;
+        match self.fault {
+            NegatesRotationGradients => scene.rotations.iter_mut().for_each(|v| *v = -*v),
+            SwapsMeanGradients => scene.means.iter_mut().for_each(|v| *v = v.yx()),
+            GradientsInWrongUnits => scene.means.iter_mut().for_each(|v| *v *= 1.01),
+            _ => {}
+        }
+        Ok(scene)
+    }
+
+    fn step(&self, cloud: &mut Self::Cloud, gradients: &Self::Gradients, rates: &AdamRates) -> Result<(), Error> {
+        let mut rates = *rates;
+        match self.fault {
+            StepsUphill => {
+                for rate in
+                    [&mut rates.mean, &mut rates.scale, &mut rates.rotation, &mut rates.opacity, &mut rates.color]
+                {
+                    rate.learning_rate *= -1.0;
+                }
+            }
+            IgnoresEpsilon => rates.epsilon = 1e-15,
+            SwapsRates => std::mem::swap(&mut rates.mean, &mut rates.scale),
+            ForgetsBiasCorrection => self.alter(cloud, |state| {
+                let count = state.integers("steps").unwrap().len();
+                state.insert_u32("steps", vec![1_000_000; count]);
+            })?,
+            _ => {}
+        }
+        self.sound.step(cloud, gradients, &rates)
+    }
+
+    fn train_step(
+        &self,
+        cloud: &mut Self::Cloud,
+        view: &Canvas,
+        target: &Self::Target,
+        step: &TrainStep<'_>,
+    ) -> Result<f32, Error> {
+        let frame = self.forward(cloud, view, step.settings)?;
+        let (loss, gradients) = self.backward(cloud, frame, target, &step.loss)?;
+        self.step(cloud, &gradients, step.rates)?;
+        if self.is(FusedStepDoesTooMuch) {
+            self.step(cloud, &gradients, step.rates)?;
+        }
+        Ok(loss)
+    }
+
+    fn solve_colors(
+        &self,
+        cloud: &mut Self::Cloud,
+        view: &Canvas,
+        target: &Self::Target,
+        settings: &RenderSettings,
+        iterations: u32,
+    ) -> Result<(), Error> {
+        let iterations = if self.is(SolvesNothing) { 1 } else { iterations };
+        self.sound.solve_colors(cloud, view, target, settings, iterations)
+    }
+
+    fn statistics(&self, cloud: &Self::Cloud) -> Result<DensityStatistics, Error> {
+        let mut statistics = self.sound.statistics(cloud)?;
+        if self.is(DoublesStatistics) {
+            statistics.gradient_sum.iter_mut().for_each(|v| *v *= 2.0);
+        }
+        Ok(statistics)
+    }
+
+    fn edit(&self, cloud: &mut Self::Cloud, plan: &EditPlan<PlanarGaussian>) -> Result<(), Error> {
+        if self.is(EditsEvenWhenItRefuses) && plan.sources(self.sound.len(cloud)).is_err() {
+            self.alter(cloud, zero_moments)?;
+        }
+        self.sound.edit(cloud, plan)?;
+        match self.fault {
+            ForgetsMomentsOnEdit => self.alter(cloud, zero_moments),
+            ForgetsStatisticsOnEdit => self.alter(cloud, |state| {
+                let count = state.integers("steps").unwrap().len();
+                state.insert("gradient_sum", vec![[0.0]; count]);
+            }),
+            _ => Ok(()),
+        }
+    }
+}
+
+#[test]
+fn every_fault_is_caught_by_its_case() {
+    let caught_by = [
+        (ShiftsImages, "images_match"),
+        (ShiftsImages, "sizes_match"),
+        (DimsImages, "images_match"),
+        (ForgetsTheBackground, "images_match"),
+        (ForgetsTheBackground, "empty_scenes_show_the_background"),
+        (ForgetsTheCanvas, "canvases_match"),
+        (ForgetsTheCanvas, "gradients_match_through_canvases"),
+        (ForgetsTheAccuracy, "other_accuracies_match"),
+        (PaintsEmptyScenes, "empty_scenes_show_the_background"),
+        (CountsNothingCulled, "culled_are_counted"),
+        (NegatesRotationGradients, "gradients_match"),
+        (SwapsMeanGradients, "gradients_match_in_local_frames"),
+        (GradientsInWrongUnits, "gradients_match"),
+        (GradientsInWrongUnits, "statistics_are_the_positional_gradients"),
+        (DoublesLosses, "gradients_match"),
+        (DoublesLosses, "steps_decrease_the_loss"),
+        (LosesTheLastGaussian, "scenes_come_back"),
+        (ForgetsMomentsOnRestore, "restored_clouds_continue_bit_for_bit"),
+        (StepsUphill, "steps_decrease_the_loss"),
+        (StepsUphill, "local_frame_steps_match"),
+        (ForgetsBiasCorrection, "adam_matches"),
+        (IgnoresEpsilon, "adam_matches"),
+        (SwapsRates, "adam_matches"),
+        (SwapsRates, "local_frame_steps_match"),
+        (FusedStepDoesTooMuch, "fused_steps_match_their_stages"),
+        (DoublesStatistics, "statistics_are_the_positional_gradients"),
+        (SolvesNothing, "solved_colors_are_the_best"),
+        (ForgetsMomentsOnEdit, "edits_carry_everything_along"),
+        (ForgetsMomentsOnEdit, "adam_matches"),
+        (ForgetsStatisticsOnEdit, "edits_carry_everything_along"),
+        (EditsEvenWhenItRefuses, "refused_edits_change_nothing"),
+        (AcceptsNan, "scenes_that_are_not_finite_are_refused"),
+        (SwallowsBadSettings, "bad_views_and_settings_are_errors"),
+        (RestoresAnything, "mismatches_are_errors"),
+        (DrawsByParity, "order_does_not_matter_under_sum"),
+        (DrawsByParity, "halves_make_the_whole"),
+        (NoCropOrigin, "crops_are_parts_of_the_image"),
+    ];
+    let cases = cases::<Sabotaged>();
+    let passes = |fault, name| {
+        let sound = CpuRasterizer::new(CpuSettings { threads: Some(2), level: None }).unwrap();
+        let case = cases.iter().find(|case| case.name == name).unwrap();
+        (case.run)(&Sabotaged { sound, fault }).is_ok()
+    };
+    let missed: Vec<_> = caught_by.iter().filter(|&&(fault, name)| passes(fault, name)).collect();
+    assert!(missed.is_empty(), "not caught: {missed:?}");
+    let unguarded: Vec<_> = cases.iter().map(|c| c.name).filter(|n| !caught_by.iter().any(|(_, m)| m == n)).collect();
+    assert!(unguarded.is_empty(), "cases without a negative control: {unguarded:?}");
+    let caught_without_fault: Vec<_> = cases.iter().map(|c| c.name).filter(|name| !passes(Faultless, name)).collect();
+    assert!(caught_without_fault.is_empty(), "fail without a fault: {caught_without_fault:?}");
+}
