@@ -49,7 +49,8 @@ fn main() -> Result<(), Failure> {
                     }
                 }
                 let columns = worst.map(|w| format!("{:5.2} ({}, {})", w.roundings, w.flips, w.uncompared));
-                println!("{level:7} {kind:11?} {blend:4?}  {}", columns.join("  "));
+                let scenes = format!("{kind:?} {blend:?}");
+                println!("{level:7} {scenes:16}  {}", columns.join("  "));
             }
         }
     }

@@ -51,7 +51,7 @@ pub enum Failure {
         cause: Box<Self>,
     },
     /// Several of the above.
-    #[error("{} failures:{}", .0.len(), .0.iter().map(|f| format!("\n  {f}")).collect::<String>())]
+    #[error("{} failed:{}", .0.len(), .0.iter().map(|f| format!("\n  {f}")).collect::<String>())]
     Several(Vec<Self>),
 }
 

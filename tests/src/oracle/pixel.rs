@@ -196,7 +196,7 @@ impl Pixel {
         lean.reaches(value, cut, band)
     }
 
-    /// Whether any Gaussian counts.
+    /// The Gaussians that count.
     pub(crate) fn touched(&self) -> impl Iterator<Item = usize> + '_ {
         self.touches.iter().map(|touch| touch.index)
     }
