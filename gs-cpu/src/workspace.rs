@@ -36,6 +36,8 @@ pub(crate) struct Workspace {
     pub(crate) order: Vec<u32>,
     /// Gaussian → place.
     pub(crate) place_of: Vec<u32>,
+    /// The next place in each image row, while they are given out.
+    row_places: Vec<u32>,
     pub(crate) splats: Vec<Splat>,
     pub(crate) bins: Bins,
     /// The image; under fused steps the residual.
@@ -65,6 +67,7 @@ impl Default for Workspace {
             grid: Grid::default(),
             order: Vec::new(),
             place_of: Vec::new(),
+            row_places: Vec::new(),
             splats: Vec::new(),
             bins: Bins::default(),
             rows: Vec::new(),
@@ -96,10 +99,11 @@ impl Workspace {
         };
         let same = self.canvas == *canvas && self.settings == *settings && self.edition == Some(cloud.edition);
         let reuse = binning == Binning::Reuse && same;
-        if !same {
+        if !reuse {
             self.canvas = *canvas;
             self.settings = *settings;
             self.grid = Grid::new((canvas.width, canvas.height), band_rows);
+            // Anew each time: an order that were kept would be state that no checkpoint holds.
             self.arrange(cloud, settings.effects.blend);
             self.edition = Some(cloud.edition);
         }
@@ -131,16 +135,31 @@ impl Workspace {
     /// Decides in which order tiles see the Gaussians: by index where that matters, else by row, so that neighbours in a tile's
     /// list are neighbours in the cache.
     fn arrange(&mut self, cloud: &PlanarCloud, blend: Blend) {
-        self.order.clear();
-        self.order.extend(0..cloud.len() as u32);
-        if blend == Blend::Sum {
-            let height = self.grid.height as f32;
-            // NaN casts to row 0.
-            self.order.sort_by_cached_key(|&i| cloud.means[i as usize].y.clamp(0.0, height) as u32);
+        let n = cloud.len() as u32;
+        self.place_of.clear();
+        match blend {
+            Blend::Over => self.place_of.extend(0..n),
+            Blend::Sum => {
+                // Counting sort, stable; NaN casts to row 0.
+                let rows = self.grid.height;
+                let row = |index: usize| (cloud.means[index].y as usize).min(rows - 1);
+                self.row_places.clear();
+                self.row_places.resize(rows, 0);
+                (0..n as usize).for_each(|index| self.row_places[row(index)] += 1);
+                let mut next = 0;
+                for place in &mut self.row_places {
+                    next += std::mem::replace(place, next);
+                }
+                for index in 0..n as usize {
+                    let place = &mut self.row_places[row(index)];
+                    self.place_of.push(*place);
+                    *place += 1;
+                }
+            }
         }
-        self.place_of.resize(cloud.len(), 0);
-        for (place, &index) in self.order.iter().enumerate() {
-            self.place_of[index as usize] = place as u32;
+        self.order.resize(n as usize, 0);
+        for (index, &place) in self.place_of.iter().enumerate() {
+            self.order[place as usize] = index as u32;
         }
     }
 
