@@ -1,0 +1,199 @@
+//! What all benchmarks share: their options, the head of a report, timing, and numbers as tables show them.
+
+// Every benchmark compiles this module for itself and uses a part of it.
+#![allow(dead_code)]
+
+mod linear;
+mod photographs;
+mod scenes;
+
+use std::{error::Error, hint::black_box, time::Instant};
+
+use clap::Parser;
+use gs_cpu::{CpuRasterizer, CpuSettings, SimdLevel};
+
+pub(crate) use linear::LinearModel;
+pub(crate) use photographs::{Photograph, Photographs, cropped, halved};
+pub(crate) use scenes::{Fitted, L1_DSSIM, OVER_L1_DSSIM, OVER_L2, SUM_L2, Variant};
+
+/// What a benchmark returns to the shell.
+pub(crate) type Outcome = Result<(), Box<dyn Error>>;
+
+/// The options of every benchmark, after `--`.
+#[derive(Debug, Clone, Parser)]
+#[command(about = None, version = None)]
+pub(crate) struct Options {
+    /// SIMD level: scalar, sse4.2, avx2, avx512 or native [default: the machine's best]
+    #[arg(long)]
+    pub(crate) level: Option<SimdLevel>,
+    /// Most threads [default: as many as the machine offers]
+    #[arg(long)]
+    threads: Option<usize>,
+    /// A few seconds to see that it works, instead of numbers to keep
+    #[arg(long)]
+    quick: bool,
+    /// Cargo says this to benchmarks; a run under `cargo test --all-targets` goes without, and is quick
+    #[arg(long, hide = true)]
+    bench: bool,
+}
+
+impl Options {
+    /// Whether this is only to see that it works.
+    pub(crate) fn is_quick(&self) -> bool {
+        self.quick || !self.bench
+    }
+
+    /// `full`, or `quick` in a quick run.
+    pub(crate) fn pick<T>(&self, full: T, quick: T) -> T {
+        if self.is_quick() { quick } else { full }
+    }
+
+    /// The SIMD level in use.
+    pub(crate) fn level(&self) -> SimdLevel {
+        self.level.unwrap_or_else(SimdLevel::best)
+    }
+
+    /// The most threads in use.
+    pub(crate) fn threads(&self) -> usize {
+        self.threads.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from))
+    }
+
+    /// 1, and the most threads in use.
+    pub(crate) fn thread_counts(&self) -> Vec<usize> {
+        let mut counts = vec![1, self.threads()];
+        counts.dedup();
+        counts
+    }
+
+    /// The CPU backend with so many threads.
+    pub(crate) fn rasterizer(&self, threads: usize) -> Result<CpuRasterizer, gs_core::Error> {
+        self.rasterizer_at(self.level(), threads)
+    }
+
+    /// The CPU backend at another level.
+    pub(crate) fn rasterizer_at(&self, level: SimdLevel, threads: usize) -> Result<CpuRasterizer, gs_core::Error> {
+        CpuRasterizer::new(CpuSettings { threads: Some(threads), level: Some(level) })
+    }
+}
+
+/// Prints a report's head: what was measured, on which machine, when, and on which `data`.
+pub(crate) fn print_head(title: &str, options: &Options, data: &str) {
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    let date = humantime::format_rfc3339_seconds(std::time::SystemTime::now());
+    let threads = options.thread_counts().iter().map(usize::to_string).collect::<Vec<_>>().join(" and ");
+    println!("# {title}\n");
+    println!("- machine: {}, {cores} cores", cpu_model());
+    println!("- date: {date}");
+    println!("- SIMD level: {}; threads: {threads}", options.level());
+    println!("- data: {data}");
+    println!("- times are medians, with their 10 % and 90 % quantiles in brackets");
+    if options.is_quick() {
+        println!("- a quick run: to see that it works, not to keep");
+    }
+}
+
+/// The CPU's name where the system tells it.
+fn cpu_model() -> String {
+    let info = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
+    let model = info.lines().find_map(|line| line.strip_prefix("model name")?.split_once(':'));
+    model.map_or_else(|| std::env::consts::ARCH.to_owned(), |(_, name)| name.trim().to_owned())
+}
+
+/// Prints a heading of a report's section.
+pub(crate) fn print_section(title: &str) {
+    println!("\n## {title}\n");
+}
+
+/// Prints a table's first two lines.
+pub(crate) fn print_columns(names: &[&str]) {
+    print_row(names);
+    print_row(&vec!["---"; names.len()]);
+}
+
+/// Prints a line of a table.
+pub(crate) fn print_row<T: AsRef<str>>(cells: &[T]) {
+    let cells: Vec<&str> = cells.iter().map(AsRef::as_ref).collect();
+    println!("| {} |", cells.join(" | "));
+}
+
+/// Seconds that each of so many runs takes.
+pub(crate) fn time<T>(repetitions: usize, mut run: impl FnMut() -> T) -> Vec<f64> {
+    (0..repetitions)
+        .map(|_| {
+            let start = Instant::now();
+            black_box(run());
+            start.elapsed().as_secs_f64()
+        })
+        .collect()
+}
+
+/// As [`time`], for what can fail: the first failure ends it.
+pub(crate) fn try_time<T, E>(repetitions: usize, mut run: impl FnMut() -> Result<T, E>) -> Result<Vec<f64>, E> {
+    let mut seconds = Vec::with_capacity(repetitions);
+    for _ in 0..repetitions {
+        let start = Instant::now();
+        black_box(run()?);
+        seconds.push(start.elapsed().as_secs_f64());
+    }
+    Ok(seconds)
+}
+
+/// The median of some numbers, and how they scatter.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Quantiles {
+    /// The 10 % quantile.
+    pub(crate) low: f64,
+    /// The 50 % quantile.
+    pub(crate) median: f64,
+    /// The 90 % quantile.
+    pub(crate) high: f64,
+}
+
+impl Quantiles {
+    /// Of these numbers; between two of them, interpolated. NaN of none.
+    pub(crate) fn of(numbers: &[f64]) -> Self {
+        let mut sorted = numbers.to_vec();
+        sorted.sort_by(f64::total_cmp);
+        let at = |share: f64| {
+            let place = share * sorted.len().saturating_sub(1) as f64;
+            let (low, high) = (sorted.get(place.floor() as usize), sorted.get(place.ceil() as usize));
+            low.zip(high).map_or(f64::NAN, |(low, high)| low + (high - low) * place.fract())
+        };
+        Self { low: at(0.1), median: at(0.5), high: at(0.9) }
+    }
+
+    /// All three times a factor.
+    pub(crate) fn times(self, factor: f64) -> Self {
+        Self { low: self.low * factor, median: self.median * factor, high: self.high * factor }
+    }
+
+    /// As a table's cell: "1.23 (1.20–1.31)".
+    pub(crate) fn cell(self) -> String {
+        format!("{} ({}–{})", number(self.median), number(self.low), number(self.high))
+    }
+
+    /// Seconds as a table's cell in milliseconds.
+    pub(crate) fn ms(self) -> String {
+        self.times(1e3).cell()
+    }
+}
+
+/// A number with three digits that count.
+pub(crate) fn number(value: f64) -> String {
+    let digits = if value == 0.0 || !value.is_finite() { 0 } else { value.abs().log10().floor() as i32 };
+    format!("{value:.*}", (2 - digits).clamp(0, 6) as usize)
+}
+
+/// A count with its thousands apart: "1,000,000".
+pub(crate) fn count(value: u64) -> String {
+    let digits = value.to_string();
+    let groups: Vec<&str> =
+        digits.as_bytes().rchunks(3).rev().map(|g| std::str::from_utf8(g).expect("digits are text")).collect();
+    groups.join(",")
+}
+
+/// The mean; NaN of none.
+pub(crate) fn mean(numbers: impl IntoIterator<Item = f64>) -> f64 {
+    let (sum, count) = numbers.into_iter().fold((0.0, 0.0), |(sum, count), x| (sum + x, count + 1.0));
+    sum / count
+}

@@ -1,0 +1,109 @@
+//! Which images benchmarks fit: real photographs where they are, else one that a formula makes.
+
+use std::{
+    error::Error,
+    path::{Path, PathBuf},
+};
+
+use gs_core::Image;
+
+/// An image and its name.
+#[derive(Debug, Clone)]
+pub(crate) struct Photograph {
+    /// The file's name without its ending.
+    pub(crate) name: String,
+    /// The pixels.
+    pub(crate) image: Image,
+}
+
+/// The images at hand.
+#[derive(Debug)]
+pub(crate) struct Photographs {
+    /// By name.
+    pub(crate) all: Vec<Photograph>,
+    /// What they are, for the report.
+    pub(crate) origin: String,
+}
+
+impl Photographs {
+    /// Those of the Kodak test set in `$GS_DATA/kodak`, or, where that is not set, in `../shared/data/kodak` beside the workspace;
+    /// where there are none, a single synthetic image of the same size.
+    pub(crate) fn load() -> Result<Self, Box<dyn Error>> {
+        let root = std::env::var_os("GS_DATA")
+            .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data"), PathBuf::from);
+        let mut paths: Vec<PathBuf> = match std::fs::read_dir(root.join("kodak")) {
+            Ok(folder) => folder.map(|entry| Ok(entry?.path())).collect::<Result<_, std::io::Error>>()?,
+            Err(_) => Vec::new(),
+        };
+        paths.retain(|path| path.extension().is_some_and(|ending| ending == "png"));
+        paths.sort();
+        let all = paths
+            .iter()
+            .map(|path| {
+                let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+                Ok(Photograph { name, image: gs_io::read_image(path)?.image })
+            })
+            .collect::<Result<Vec<_>, gs_io::Error>>()?;
+        if all.is_empty() {
+            let image = synthetic(768, 512);
+            let origin = "a SYNTHETIC image, as no photographs of the Kodak test set were found".to_owned();
+            return Ok(Self { all: vec![Photograph { name: "synthetic".to_owned(), image }], origin });
+        }
+        let origin = format!("{} photographs of the Kodak test set, 768x512 or 512x768 px", all.len());
+        Ok(Self { all, origin })
+    }
+
+    /// The one that measurements of a single image use: kodim04, a portrait, or else the first there is.
+    pub(crate) fn portrait(&self) -> &Photograph {
+        self.all.iter().find(|photograph| photograph.name == "kodim04").unwrap_or(&self.all[0])
+    }
+}
+
+/// Like a photograph: waves in all directions whose amplitude falls with frequency, and sharp-edged discs that hide each other.
+fn synthetic(width: u32, height: u32) -> Image {
+    // Steps of the golden angle and of other irrational numbers: spread out, and the same everywhere.
+    let spread = |i: u32, step: f32| (i as f32 * step).fract();
+    let waves: Vec<[f32; 5]> = (1..=24)
+        .map(|i| {
+            let (angle, frequency) = (i as f32 * 2.4, 0.01 * 1.2f32.powi(i as i32));
+            let hue = spread(i, 0.755);
+            [angle.cos() * frequency, angle.sin() * frequency, i as f32, 0.002 / frequency, hue]
+        })
+        .collect();
+    let discs: Vec<([f32; 2], f32, [f32; 3])> = (1..=80)
+        .map(|i| {
+            let center = [spread(i, 0.754_877_7) * width as f32, spread(i, 0.569_840_3) * height as f32];
+            (center, 120.0 / (i as f32).sqrt(), [0.618_034, 0.414_213_6, 0.732_050_8].map(|step| spread(i, step)))
+        })
+        .collect();
+    let color = |column: u32, row: u32| {
+        let (x, y) = (column as f32 + 0.5, row as f32 + 0.5);
+        let disc = discs.iter().rev().find(|([u, v], radius, _)| (x - u).hypot(y - v) < *radius);
+        let mut color = disc.map_or([0.5; 3], |(_, _, color)| *color);
+        for [u, v, phase, amplitude, hue] in &waves {
+            let wave = amplitude * (u * x + v * y + phase).sin();
+            color[0] += wave * (1.0 - 0.5 * hue);
+            color[1] += wave;
+            color[2] += wave * (0.5 + 0.5 * hue);
+        }
+        color.map(|c| c.clamp(0.0, 1.0))
+    };
+    Image::from_fn(width, height, color).expect("the size is possible")
+}
+
+/// The middle of an image; of all of it where it is smaller.
+pub(crate) fn cropped(image: &Image, width: u32, height: u32) -> Image {
+    let (width, height) = (width.min(image.width()), height.min(image.height()));
+    let (left, top) = ((image.width() - width) / 2, (image.height() - height) / 2);
+    Image::from_fn(width, height, |x, y| image.pixel(left + x, top + y)).expect("a part has a possible size")
+}
+
+/// An image at half its size: means of 2×2 pixels. Both sides must be at least 2 px.
+pub(crate) fn halved(image: &Image) -> Image {
+    let color = |x: u32, y: u32| {
+        let of = |dx, dy| image.pixel(2 * x + dx, 2 * y + dy);
+        let [a, b, c, d] = [of(0, 0), of(1, 0), of(0, 1), of(1, 1)];
+        [0, 1, 2].map(|k| 0.25 * (a[k] + b[k] + c[k] + d[k]))
+    };
+    Image::from_fn(image.width() / 2, image.height() / 2, color).expect("half a size is possible")
+}
