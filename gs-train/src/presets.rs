@@ -22,6 +22,9 @@ const REFERENCE_SIZE: (u32, u32) = (768, 512);
 /// The share of a run in which density is controlled.
 const GROWTH_SHARE: f64 = 0.6;
 
+/// More rounds than this cost more than they bring: at 9,000 Gaussians and 500 steps, 20 are 0.09 dB better than 10.
+const MOST_ROUNDS: f64 = 20.0;
+
 /// Settings by name.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -81,7 +84,10 @@ impl Default for FitSettings {
 
 impl FitSettings {
     /// The paper's experiment (§3): 20 random Gaussians of σ 15 px on white, blended front to back, that forced growth together
-    /// with the absolute threshold turns into 600 by step 600; 2500 steps of Adam in scale and rotation on L1 + D-SSIM.
+    /// with the absolute threshold, every 100 steps, turns into 600; 2500 steps of Adam in scale and rotation on L1 + D-SSIM.
+    ///
+    /// Forced growth alone makes 39 of 20 by step 600, and 234 by step 2400. The union with the threshold, which most Gaussians
+    /// exceed while the picture is blurred, about doubles the count in each round, and reaches 600 between steps 500 and 1000.
     ///
     /// Learning rates and initial opacity are not in the paper.
     pub fn paper() -> Self {
@@ -96,7 +102,7 @@ impl FitSettings {
             adam: Adam::default(),
             init: Init::Random(Random::default()),
             policy: Policy::Paper(Paper::default()),
-            rounds: Rounds::until(100, 600),
+            rounds: Rounds::until(100, 1000),
             rebin_every: 1,
             color_solve: ColorSolve::default(),
         }
@@ -137,7 +143,7 @@ impl FitSettings {
         };
         let shape = group(0.15 - 0.05 * crowding);
         let color = group(0.03 - 0.01 * crowding);
-        let rounds = if iterations < 150 { 5.0 } else { 10.0 };
+        let rounds = (5.0 * (f64::from(iterations) / 50.0).powf(0.6)).round().clamp(5.0, MOST_ROUNDS);
         let every = ((f64::from(iterations) * GROWTH_SHARE / rounds).round() as u32).max(1);
         Self {
             gaussians,

@@ -169,7 +169,7 @@ impl<'a, R: Rasterizer<PlanarScene>> Trainer<'a, R> {
             return Err(Error::Diverged { step: self.record.step, loss, suspect: self.suspect() });
         }
         self.loss = Some(loss);
-        let fresh = self.record.step.is_multiple_of(self.record.settings.rebin_every);
+        let fresh = self.record.settings.bins_afresh_after(self.record.step);
         self.binning = if fresh { Binning::Fresh } else { Binning::Reuse };
         let due = self.record.settings.rounds.progress(self.record.step, iterations);
         let edits = due.map(|progress| self.control_density(progress)).transpose()?;
@@ -314,7 +314,7 @@ impl<'a, R: Rasterizer<PlanarScene>> Trainer<'a, R> {
     pub fn checkpoint(&self) -> Result<Checkpoint, Error> {
         let FitRecord { settings, step, .. } = &self.record;
         if !self.can_checkpoint() {
-            let next = step.next_multiple_of(settings.rebin_every).min(settings.iterations);
+            let next = (step + 1..).find(|&next| settings.bins_afresh_after(next)).unwrap_or(settings.iterations);
             return Err(Error::BetweenCheckpoints { step: *step, next });
         }
         Ok(Checkpoint { state: self.rasterizer.save(&self.cloud)?, metadata: self.record.to_metadata()? })
