@@ -6,14 +6,16 @@
 
 mod measure;
 
-use gs_core::{AdamRates, Binning, Canvas, Image, Rasterizer, TrainStep};
-use measure::{
-    Fitted, OVER_L1_DSSIM, OVER_L2, Options, Outcome, Photographs, Quantiles, SUM_L2, Variant, count, cropped, halved,
-    number, print_columns, print_head, print_row, print_section, try_time,
-};
-
 use clap::Parser;
+use gs_core::{AdamRates, Binning, Canvas, Image, Rasterizer, TrainStep};
 use gs_cpu::CpuRasterizer;
+use measure::{
+    Options, Outcome, Quantiles, count, number,
+    photographs::{Photographs, cropped, halved},
+    print_columns, print_head, print_row, print_section,
+    scenes::{Fitted, OVER_L1_DSSIM, OVER_L2, SUM_L2, Variant},
+    try_time,
+};
 
 const GAUSSIANS: u32 = 10_000;
 
@@ -28,7 +30,7 @@ fn main() -> Outcome {
     let large = cropped(&portrait.image, OPENSPLAT[0].0, OPENSPLAT[0].0);
     let small = halved(&large);
     let data = format!("the middle of {}, 512x512 px, and that at half size, of {}", portrait.name, photographs.origin);
-    print_head("Training iterations", &options, &data);
+    print_head("Training iterations", &options, &options.thread_counts(), &data);
     for ((side, opensplat), image) in OPENSPLAT.into_iter().zip([&large, &small]) {
         print_section(&format!("{side}x{side} px, {} Gaussians", count(u64::from(GAUSSIANS))));
         println!("OpenSplat on two cores: {} ms.\n", number(opensplat * 1e3));

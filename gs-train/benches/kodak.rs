@@ -13,8 +13,9 @@ use clap::Parser;
 use gs_cpu::{CpuRasterizer, SimdLevel};
 use gs_train::{Control, FitSummary, Observer, Preset, Progress, fit};
 use measure::{
-    Options, Outcome, Photograph, Photographs, Quantiles, count, mean, number, print_columns, print_head, print_row,
-    print_section,
+    Options, Outcome, Quantiles, count, mean, number,
+    photographs::{Photograph, Photographs},
+    print_columns, print_head, print_row, print_section,
 };
 
 /// The count at which time is looked at closely.
@@ -74,7 +75,7 @@ fn main() -> Outcome {
     photographs.all.truncate(common.pick(usize::MAX, 2));
     let all = &photographs.all;
     let used = format!("{} of {}", all.len(), photographs.origin);
-    print_head("Fits of photographs", common, &used);
+    print_head("Fits of photographs", common, &[common.threads()], &used);
     let rasterizer = common.rasterizer(common.threads())?;
     fit_one(&rasterizer, &all[0], Preset::Quick, 1_000)?; // Threads and caches are warm from here on.
 
@@ -147,13 +148,17 @@ fn mean_course(runs: &[Run], seconds: f64) -> Option<f64> {
 fn print_courses(runs: &[Run], photographs: usize) {
     let presets: Vec<&[Run]> = runs.chunks(photographs).filter(|runs| runs[0].gaussians == GAUSSIANS).collect();
     print_section(&format!("Quality against time, {} Gaussians", count(u64::from(GAUSSIANS))));
-    println!("Mean over the photographs of PSNR, dB, as the loss tells it, at so many seconds of fitting.\n");
+    println!(
+        "Mean over the photographs of PSNR, dB, as the loss tells it, at so many seconds of fitting; after the end, that of the end.\n"
+    );
     let mut columns = vec!["seconds"];
     columns.extend(presets.iter().map(|runs| runs[0].preset.name()));
     print_columns(&columns);
-    for seconds in [0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0, 3.0, 4.0, 5.0] {
+    let times = [0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0, 3.0, 4.0, 5.0];
+    let end = runs.iter().map(|run| run.summary.seconds).fold(0.0, f64::max);
+    for seconds in times.into_iter().filter(|&seconds| seconds < end) {
         let cell = |runs: &&[Run]| mean_course(runs, seconds).map_or("–".to_owned(), |db| format!("{db:.2}"));
-        let mut row = vec![number(seconds)];
+        let mut row = vec![seconds.to_string()];
         row.extend(presets.iter().map(cell));
         print_row(&row);
     }

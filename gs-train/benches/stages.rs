@@ -11,11 +11,14 @@ use std::error::Error;
 
 use bare_loop::{BareLoop, PAIRS, instructions};
 use clap::Parser;
-use gs_core::{Canvas, Image, Rasterizer};
+use gs_core::{Blend, Canvas, Image, Rasterizer};
 use gs_cpu::{CpuRasterizer, Profile};
 use measure::{
-    Fitted, OVER_L1_DSSIM, Options, Outcome, Photographs, Quantiles, SUM_L2, Variant, count, number, print_columns,
-    print_head, print_row, print_section, time,
+    Options, Outcome, Quantiles, count, number,
+    photographs::Photographs,
+    print_columns, print_head, print_row, print_section,
+    scenes::{Fitted, OVER_L1_DSSIM, SUM_L2, Variant},
+    time,
 };
 
 const GAUSSIANS: u32 = 9_000;
@@ -29,7 +32,7 @@ fn main() -> Outcome {
     let portrait = photographs.portrait();
     let image = &portrait.image;
     let data = format!("{} ({}x{} px), of {}", portrait.name, image.width(), image.height(), photographs.origin);
-    print_head("Stages of a training step", &options, &data);
+    print_head("Stages of a training step", &options, &options.thread_counts(), &data);
     let rasterizer = options.rasterizer(options.threads())?;
     for (variant, iterations) in [(SUM_L2, options.pick(500, 50)), (OVER_L1_DSSIM, options.pick(150, 50))] {
         let fitted = variant.fit(&rasterizer, image, GAUSSIANS, iterations)?;
@@ -76,7 +79,7 @@ fn measure(options: &Options, variant: &Variant, image: &Image, fitted: &Fitted)
         }
         print_row(&row);
     }
-    if variant.blend == gs_core::Blend::Sum {
+    if variant.blend == Blend::Sum {
         print_rates(&measured[0]);
     }
     Ok(())

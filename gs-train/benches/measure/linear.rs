@@ -29,7 +29,8 @@ impl LinearModel {
             right += row;
         }
         let size = matrix.x_axis.x * matrix.y_axis.y * matrix.z_axis.z;
-        if measured.len() < 3 || !(matrix.determinant() > 1e-9 * size) {
+        let determined = measured.len() >= 3 && matrix.determinant() > 1e-9 * size;
+        if !determined {
             return None;
         }
         let [fixed, first, second] = (matrix.inverse() * right * scale).to_array();

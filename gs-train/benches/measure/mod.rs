@@ -3,18 +3,15 @@
 // Every benchmark compiles this module for itself and uses a part of it.
 #![allow(dead_code)]
 
-mod linear;
-mod photographs;
-mod scenes;
+pub(crate) mod linear;
+pub(crate) mod memory;
+pub(crate) mod photographs;
+pub(crate) mod scenes;
 
 use std::{error::Error, hint::black_box, time::Instant};
 
 use clap::Parser;
 use gs_cpu::{CpuRasterizer, CpuSettings, SimdLevel};
-
-pub(crate) use linear::LinearModel;
-pub(crate) use photographs::{Photograph, Photographs, cropped, halved};
-pub(crate) use scenes::{Fitted, L1_DSSIM, OVER_L1_DSSIM, OVER_L2, SUM_L2, Variant};
 
 /// What a benchmark returns to the shell.
 pub(crate) type Outcome = Result<(), Box<dyn Error>>;
@@ -76,11 +73,11 @@ impl Options {
     }
 }
 
-/// Prints a report's head: what was measured, on which machine, when, and on which `data`.
-pub(crate) fn print_head(title: &str, options: &Options, data: &str) {
+/// Prints a report's head: what was measured, on which machine, when, with how many threads, and on which `data`.
+pub(crate) fn print_head(title: &str, options: &Options, threads: &[usize], data: &str) {
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     let date = humantime::format_rfc3339_seconds(std::time::SystemTime::now());
-    let threads = options.thread_counts().iter().map(usize::to_string).collect::<Vec<_>>().join(" and ");
+    let threads = threads.iter().map(usize::to_string).collect::<Vec<_>>().join(" and ");
     println!("# {title}\n");
     println!("- machine: {}, {cores} cores", cpu_model());
     println!("- date: {date}");
