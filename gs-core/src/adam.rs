@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::constants::MIN_SCALE_PX;
+use crate::constants::{MAX_SCALE_PX, MIN_SCALE_PX};
 
 /// In which coordinates the optimiser moves a Gaussian.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
@@ -92,6 +92,8 @@ pub struct Adam {
     pub epsilon: f32,
     /// No scale shrinks below this, px (spatial scenes: world units).
     pub min_scale: f32,
+    /// No scale grows above this, px (spatial scenes: world units).
+    pub max_scale: f32,
 }
 
 impl Default for Adam {
@@ -104,6 +106,7 @@ impl Default for Adam {
             color: Group::constant(0.01),
             epsilon: 1e-15,
             min_scale: MIN_SCALE_PX,
+            max_scale: MAX_SCALE_PX,
         }
     }
 }
@@ -136,6 +139,8 @@ pub struct AdamRates {
     pub epsilon: f32,
     /// Floor of every scale.
     pub min_scale: f32,
+    /// Ceiling of every scale.
+    pub max_scale: f32,
 }
 
 impl Adam {
@@ -154,6 +159,7 @@ impl Adam {
             color: rate(&self.color),
             epsilon: self.epsilon,
             min_scale: self.min_scale,
+            max_scale: self.max_scale,
         }
     }
 }

@@ -47,6 +47,12 @@ pub const NEAR_WORLD: f32 = 0.01;
 /// and receives no gradient.
 pub const MIN_SCALE_PX: f32 = 0.25;
 
+/// Largest scale that training lets a Gaussian grow to, unless a setting says less. Unit: px.
+///
+/// A Gaussian that fits a band lengthens without end: nothing in the image pulls it back, and once its scale overflows, its mean is
+/// lost with it. Presets set the image's own size.
+pub const MAX_SCALE_PX: f32 = 1e4;
+
 /// The split's shrinking factor φ. Unit: none. *Source:* paper §2.2.2, 3DGS.
 pub const SPLIT_PHI: f32 = 1.6;
 

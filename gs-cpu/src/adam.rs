@@ -1,9 +1,11 @@
 //! Stage `adam`: one step of every Gaussian, in eight lanes (mean 2, shape 3, colour 3), and its statistics. Parallel over
 //! Gaussians; `project_bwd` is fused into it where the gradients are not wanted otherwise.
 
+use std::ops::Range;
+
 use fearless_simd::{Level, Simd, dispatch, f32x8, prelude::*};
 use glam::{Mat2, Vec2};
-use gs_core::{AdamRates, PlanarGaussian, adam::Rate};
+use gs_core::{AdamRates, PlanarGaussian, adam::Rate, effects::Statistics};
 
 use crate::{
     cloud::{PlanarCloud, Shapes, VECTOR},
@@ -139,21 +141,20 @@ struct Step<'a> {
     collect: bool,
 }
 
-/// One Adam step of all Gaussians; `gradient(cloud as it was, index)` is asked for each. `collect`s statistics if so.
-///
-/// The gradients are taken from `gradients` where there are any.
-pub(crate) fn step(
+/// One Adam step of all Gaussians along `gradient_of(index)`; adds to the statistics if they are to be collected.
+pub(crate) fn step<'g>(
     cloud: &mut PlanarCloud,
     table: &mut BiasTable,
     rates: &AdamRates,
     level: Level,
-    collect: bool,
-    gradients: &[Gradient],
+    statistics: Statistics,
+    gradient_of: impl Fn(usize) -> &'g Gradient + Sync,
 ) {
     let lanes = lane_rates(rates, cloud);
     let most = cloud.steps.iter().max().map_or(0, |&t| t.saturating_add(1));
     table.prepare(&lanes, rates.opacity, most);
-    let step = Step { lanes, rates, bias: &table.by_steps, collect };
+    let step = Step { lanes, rates, bias: &table.by_steps, collect: statistics != Statistics::None };
+    let count = cloud.len();
     let PlanarCloud { means, shapes, colors, opacity_logits, moments: [first, second], opacity_moments, .. } = cloud;
     let (scale_rotations, frames): (&mut [_], &mut [_]) = match shapes {
         Shapes::ScaleRotation(shapes) => (shapes, &mut []),
@@ -172,28 +173,44 @@ pub(crate) fn step(
         gradient_sum: &mut cloud.statistics.gradient_sum,
         visible: &mut cloud.statistics.visible,
     };
-    divide(slices, gradients, &step, level);
+    divide(slices, 0..count, &step, level, &gradient_of);
 }
 
-fn divide(slices: Slices<'_>, gradients: &[Gradient], step: &Step<'_>, level: Level) {
-    let n = gradients.len();
-    if n <= CHUNK {
-        dispatch!(level, simd => step_all(simd, slices, gradients, step));
+fn divide<'g>(
+    slices: Slices<'_>,
+    indices: Range<usize>,
+    step: &Step<'_>,
+    level: Level,
+    gradient_of: &(impl Fn(usize) -> &'g Gradient + Sync),
+) {
+    if indices.len() <= CHUNK {
+        dispatch!(level, simd => step_all(simd, slices, indices, step, gradient_of));
         return;
     }
-    let (left, right) = slices.split(n / 2);
-    let (gradients_l, gradients_r) = gradients.split_at(n / 2);
-    rayon::join(|| divide(left, gradients_l, step, level), || divide(right, gradients_r, step, level));
+    let half = indices.len() / 2;
+    let middle = indices.start + half;
+    let (left, right) = slices.split(half);
+    rayon::join(
+        || divide(left, indices.start..middle, step, level, gradient_of),
+        || divide(right, middle..indices.end, step, level, gradient_of),
+    );
 }
 
 #[inline(always)]
-fn step_all<S: Simd>(simd: S, slices: Slices<'_>, gradients: &[Gradient], step: &Step<'_>) {
+fn step_all<'g, S: Simd>(
+    simd: S,
+    slices: Slices<'_>,
+    indices: Range<usize>,
+    step: &Step<'_>,
+    gradient_of: &impl Fn(usize) -> &'g Gradient,
+) {
     let local = slices.scale_rotations.is_empty();
     let lane = |values: [f32; VECTOR]| f32x8::load_array(simd, values);
     let (rate, beta1, beta2) = (lane(step.lanes.rate), lane(step.lanes.beta1), lane(step.lanes.beta2));
     let (rest1, rest2) = (1.0 - beta1, 1.0 - beta2);
     let (zero, epsilon) = (f32x8::splat(simd, 0.0), f32x8::splat(simd, step.rates.epsilon));
-    for (i, gradient) in gradients.iter().enumerate() {
+    for (i, index) in indices.enumerate() {
+        let gradient = gradient_of(index);
         let (by_mean, by_shape) = if local {
             (gradient.xi, gradient.eta)
         } else if gradient.visible {
@@ -225,16 +242,18 @@ fn step_all<S: Simd>(simd: S, slices: Slices<'_>, gradients: &[Gradient], step: 
         if local {
             let l = slices.frames[i];
             slices.means[i] -= l * Vec2::new(u, w);
-            slices.frames[i] = turn(l, [s0, s1, s2], step.rates.min_scale);
+            slices.frames[i] = turn(l, [s0, s1, s2], step.rates);
         } else {
             slices.means[i] -= Vec2::new(u, w);
             let shape = &mut slices.scale_rotations[i];
             *shape = [shape[0] - s0, shape[1] - s1, shape[2] - s2];
-            let floor = step.rates.min_scale.ln();
+            let (floor, ceiling) = (step.rates.min_scale.ln(), step.rates.max_scale.ln());
             for scale in &mut shape[..2] {
                 // NaN stays: it must be seen and pruned.
                 if *scale < floor {
                     *scale = floor;
+                } else if *scale > ceiling {
+                    *scale = ceiling;
                 }
             }
         }
@@ -253,37 +272,38 @@ fn step_all<S: Simd>(simd: S, slices: Slices<'_>, gradients: &[Gradient], step: 
     }
 }
 
-/// L (I + η + η²/2) with η = −`moved` (η₀₀, η₀₁, η₁₁), no scale below `min_scale`.
+/// L (I + η + η²/2) with η = −`moved` (η₀₀, η₀₁, η₁₁), and scales within their bounds.
 #[inline(always)]
-fn turn(l: Mat2, moved: [f32; 3], min_scale: f32) -> Mat2 {
+fn turn(l: Mat2, moved: [f32; 3], rates: &AdamRates) -> Mat2 {
     let [a, b, d] = moved.map(|v| (-v).clamp(-MAX_ETA, MAX_ETA));
     // I + η + η²/2, symmetric.
     let b2 = b * b;
     let (xx, yy) = (1.0 + a + 0.5 * (a * a + b2), 1.0 + d + 0.5 * (d * d + b2));
     let xy = b + 0.5 * b * (a + d);
     let l = Mat2::from_cols(l.x_axis * xx + l.y_axis * xy, l.x_axis * xy + l.y_axis * yy);
-    // The smaller scale is |det|/(the larger), and the larger is at most the Frobenius norm.
+    // The larger scale is at most the Frobenius norm, and the smaller is |det|/(the larger).
     let frobenius = (l.x_axis.length_squared() + l.y_axis.length_squared()).sqrt();
-    if l.determinant().abs() < min_scale * frobenius { floored(l, min_scale) } else { l }
+    let suspicious = l.determinant().abs() < rates.min_scale * frobenius || frobenius > rates.max_scale;
+    if suspicious { bounded(l, rates) } else { l }
 }
 
-/// L with its scales raised to at least `min_scale`, its axes and its right-hand rotation as they are.
+/// L with its scales moved into their bounds, its axes and its right-hand rotation as they are.
 #[cold]
-fn floored(l: Mat2, min_scale: f32) -> Mat2 {
+fn bounded(l: Mat2, rates: &AdamRates) -> Mat2 {
     let (log_scale, angle) = PlanarGaussian::shape_of_frame(l);
     let scale = log_scale.map(f32::exp);
-    if !(scale.y < min_scale) || !angle.is_finite() {
+    let within = scale.clamp(Vec2::splat(rates.min_scale), Vec2::splat(rates.max_scale));
+    if within == scale || !angle.is_finite() {
         return l;
     }
     let (sin, cos) = angle.sin_cos();
     let axes = Mat2::from_cols(Vec2::new(cos, sin), Vec2::new(-sin, cos));
-    let raised = scale.max(Vec2::splat(min_scale));
-    // L = U S Vᵀ; U S′ Vᵀ = U (S′/S) Uᵀ L, but S may be 0: then V is taken as the identity.
-    let factor = raised / scale;
-    if factor.is_finite() {
+    // L = U S Vᵀ; U S′ Vᵀ = U (S′/S) Uᵀ L, but S may be 0 or too large: then V is taken as the identity.
+    let factor = within / scale;
+    if factor.is_finite() && scale.is_finite() {
         axes * Mat2::from_diagonal(factor) * axes.transpose() * l
     } else {
-        axes * Mat2::from_diagonal(raised)
+        axes * Mat2::from_diagonal(within)
     }
 }
 
@@ -292,13 +312,16 @@ mod tests {
     use super::*;
 
     #[test]
-    fn no_scale_falls_below_the_floor() {
-        let needle = Mat2::from_angle(0.7) * Mat2::from_diagonal(Vec2::new(9.0, 0.26)) * Mat2::from_angle(-1.1);
-        let turned = turn(needle, [0.4, -0.3, 0.45], 0.25);
-        let (log_scale, _) = PlanarGaussian::shape_of_frame(turned);
-        assert!(log_scale.y.exp() > 0.2499, "{}", log_scale.y.exp());
-        let (log_scale, _) = PlanarGaussian::shape_of_frame(floored(Mat2::from_cols(Vec2::X, Vec2::X), 0.25));
-        assert!(log_scale.y.exp() > 0.2499);
-        assert!(turn(Mat2::NAN, [0.0; 3], 0.25).is_nan());
+    fn scales_stay_within_their_bounds() {
+        let rates = gs_core::Adam { min_scale: 0.25, max_scale: 10.0, ..Default::default() }.at(0.0);
+        let scales = |l| PlanarGaussian::shape_of_frame(l).0.map(f32::exp);
+        let needle = Mat2::from_angle(0.7) * Mat2::from_diagonal(Vec2::new(9.9, 0.26)) * Mat2::from_angle(-1.1);
+        for moved in [[0.4, -0.3, 0.45], [-0.4, 0.3, -0.45], [-0.5, 0.0, 0.5]] {
+            let scale = scales(turn(needle, moved, &rates));
+            assert!(scale.y > 0.2499 && scale.x < 10.01, "{scale}");
+        }
+        let scale = scales(bounded(Mat2::from_cols(Vec2::X, Vec2::X), &rates));
+        assert!(scale.y > 0.2499);
+        assert!(turn(Mat2::NAN, [0.0; 3], &rates).is_nan());
     }
 }

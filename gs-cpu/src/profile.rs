@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use gs_core::{Adam, Binning, Blend, Canvas, Error, Loss, RenderSettings};
+use gs_core::{Adam, Binning, Blend, Canvas, Error, Loss, RenderSettings, effects::Statistics};
 
 use crate::{CpuRasterizer, PlanarCloud, PlanarTarget, adam, loss};
 
@@ -82,7 +82,8 @@ impl CpuRasterizer {
                 workspace.project_bwd(cloud, 1.0);
                 lap(start);
                 let start = Instant::now();
-                adam::step(cloud, &mut bias, &rates, self.level, false, &workspace.gradients);
+                let gradient_of = |index: usize| workspace.gradient_of(index);
+                adam::step(cloud, &mut bias, &rates, self.level, Statistics::None, gradient_of);
                 lap(start);
                 if settings.effects.blend == Blend::Sum {
                     let start = Instant::now();

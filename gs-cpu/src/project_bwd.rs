@@ -23,7 +23,7 @@ pub(crate) struct Gradient {
     pub(crate) eta: [f32; 3],
     /// ∂L/∂(opacity logit).
     pub(crate) opacity_logit: f32,
-    /// ‖∂L/∂μ′‖ in normalised device units.
+    /// ‖∂L/∂μ′‖ in normalised device units, where statistics are asked for.
     pub(crate) device_norm: f32,
     /// Whether any tile listed it.
     pub(crate) visible: bool,
@@ -48,10 +48,10 @@ impl PlanarGradients {
     }
 }
 
-/// Sums what the entries of Gaussian `index` received, in the order of its tiles; `scale` multiplies everything.
+/// Sums what the entries of the Gaussian at `place` received, in the order of its tiles; `scale` multiplies everything.
 #[inline(always)]
-pub(crate) fn gradient(workspace: &Workspace, cloud: &PlanarCloud, index: usize, scale: f32) -> Gradient {
-    let place = workspace.place_of[index] as usize;
+pub(crate) fn gradient(workspace: &Workspace, cloud: &PlanarCloud, place: usize, scale: f32) -> Gradient {
+    let index = workspace.order[place] as usize;
     let slots = workspace.bins.slots_of(place);
     let splat = &workspace.splats[place];
     if slots.is_empty() || splat.is_culled() {
@@ -73,8 +73,13 @@ pub(crate) fn gradient(workspace: &Workspace, cloud: &PlanarCloud, index: usize,
     let q = rotation_from_triangular(l);
     let xi = q * e;
     let moment = q * Mat2::from_cols_array(&[e_00, e_01, e_01, e_11]) * q.transpose();
-    let v_mean_px = solve_transposed(l, xi);
-    let half_size = Vec2::new(workspace.canvas.width as f32, workspace.canvas.height as f32) * 0.5;
+    let device_norm = match workspace.settings.effects.statistics {
+        Statistics::None => 0.0,
+        Statistics::MeanGradient => {
+            let half_size = Vec2::new(workspace.canvas.width as f32, workspace.canvas.height as f32) * 0.5;
+            (solve_transposed(l, xi) * half_size).length()
+        }
+    };
     let opacity_logit = match workspace.settings.effects.blend {
         Blend::Sum => 0.0,
         Blend::Over => t * (1.0 - splat.opacity),
@@ -84,7 +89,7 @@ pub(crate) fn gradient(workspace: &Workspace, cloud: &PlanarCloud, index: usize,
         xi,
         eta: [moment.x_axis.x, moment.x_axis.y, moment.y_axis.y],
         opacity_logit,
-        device_norm: (v_mean_px * half_size).length(),
+        device_norm,
         visible: true,
     }
 }

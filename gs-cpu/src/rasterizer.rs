@@ -9,7 +9,7 @@ use fearless_simd::Level;
 use gs_core::{
     AdamRates, Binning, Blend, Canvas, Chart, CloudState, DensityStatistics, EditPlan, Error, Image, Loss,
     PlanarGaussian, PlanarScene, Rasterizer, RenderSettings, TrainStep,
-    effects::{Antialias, Order, Outputs, Statistics},
+    effects::{Antialias, Order, Outputs},
     settings::Cut,
     statistics::Culled,
 };
@@ -173,7 +173,7 @@ impl Rasterizer<PlanarScene> for CpuRasterizer {
             value
         });
         let gradients = PlanarGradients {
-            gradients: workspace.gradients.clone(),
+            gradients: (0..cloud.len()).map(|index| *workspace.gradient_of(index)).collect(),
             statistics: workspace.settings.effects.statistics,
         };
         Ok((value as f32, gradients))
@@ -186,10 +186,10 @@ impl Rasterizer<PlanarScene> for CpuRasterizer {
 
     fn step(&self, cloud: &mut PlanarCloud, gradients: &PlanarGradients, rates: &AdamRates) -> Result<(), Error> {
         gradients.check_len(cloud)?;
-        let collect = gradients.statistics != Statistics::None;
         let mut bias = self.bias.lock().unwrap_or_else(PoisonError::into_inner);
         let bias = &mut *bias;
-        self.threads.install(|| adam::step(cloud, bias, rates, self.level, collect, &gradients.gradients));
+        let gradient_of = |index: usize| &gradients.gradients[index];
+        self.threads.install(|| adam::step(cloud, bias, rates, self.level, gradients.statistics, gradient_of));
         Ok(())
     }
 
@@ -204,7 +204,6 @@ impl Rasterizer<PlanarScene> for CpuRasterizer {
         step.loss.validate()?;
         target.check_size(view.width, view.height)?;
         let mut workspace = cloud.workspace.take().unwrap_or_else(|| self.pool.take());
-        let collect = step.settings.effects.statistics != Statistics::None;
         let mut bias = self.bias.lock().unwrap_or_else(PoisonError::into_inner);
         let bias = &mut *bias;
         let value = self.threads.install(|| {
@@ -219,7 +218,8 @@ impl Rasterizer<PlanarScene> for CpuRasterizer {
                 (value, 1.0)
             };
             workspace.project_bwd(cloud, scale);
-            adam::step(cloud, bias, step.rates, self.level, collect, &workspace.gradients);
+            let statistics = step.settings.effects.statistics;
+            adam::step(cloud, bias, step.rates, self.level, statistics, |index| workspace.gradient_of(index));
             value
         });
         cloud.workspace = Some(workspace);

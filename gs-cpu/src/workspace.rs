@@ -53,7 +53,7 @@ pub(crate) struct Workspace {
     pub(crate) sums: Vec<f64>,
     pub(crate) culled: Culled,
     pub(crate) dssim: dssim::Scratch,
-    /// Every Gaussian's gradient, between stages.
+    /// Every Gaussian's gradient, by place: neighbours' entries are neighbours in memory.
     pub(crate) gradients: Vec<Gradient>,
     /// The cloud's edition that `order` and `bins` were made for.
     edition: Option<u64>,
@@ -243,7 +243,7 @@ impl Workspace {
 }
 
 impl Workspace {
-    /// Stage `project_bwd`: every Gaussian's gradient, times `scale`, into `gradients`.
+    /// Stage `project_bwd`: every Gaussian's gradient, times `scale`, into `gradients` (by place).
     pub(crate) fn project_bwd(&mut self, cloud: &PlanarCloud, scale: f32) {
         let mut gradients = std::mem::take(&mut self.gradients);
         gradients.resize(cloud.len(), Gradient::default());
@@ -254,6 +254,11 @@ impl Workspace {
             }
         });
         self.gradients = gradients;
+    }
+
+    /// The gradient of Gaussian `index`.
+    pub(crate) fn gradient_of(&self, index: usize) -> &Gradient {
+        &self.gradients[self.place_of[index] as usize]
     }
 }
 

@@ -160,6 +160,7 @@ impl FitSettings {
                 opacity: color,
                 color,
                 epsilon: 1e-12,
+                max_scale: size.0.max(size.1).max(1) as f32,
                 ..Adam::default()
             },
             init: Init::default(),

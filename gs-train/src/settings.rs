@@ -139,6 +139,9 @@ fn validate_adam(adam: &Adam) -> Result<(), Error> {
     if !(adam.min_scale > 0.0 && adam.min_scale.is_finite()) {
         return Err(Error::setting("the smallest scale", adam.min_scale, "positive and finite"));
     }
+    if !(adam.max_scale >= adam.min_scale && adam.max_scale.is_finite()) {
+        return Err(Error::setting("the largest scale", adam.max_scale, "finite and at least the smallest"));
+    }
     Ok(())
 }
 

@@ -37,7 +37,7 @@ impl AdamReference {
 
     /// One step of some Gaussians, by index; the others keep even their step counts.
     pub fn step_some(&mut self, which: &[usize], gradients: &[Parameters], rates: &AdamRates) {
-        let floor = f64::from(rates.min_scale).ln();
+        let (floor, ceiling) = (f64::from(rates.min_scale).ln(), f64::from(rates.max_scale).ln());
         for &g in which {
             self.steps[g] += 1;
             for i in 0..9 {
@@ -51,7 +51,7 @@ impl AdamReference {
                 let value = &mut self.scene.gaussians[g][i];
                 *value -= rate * first / (second.sqrt() + f64::from(rates.epsilon));
                 if i == 2 || i == 3 {
-                    *value = value.max(floor);
+                    *value = value.clamp(floor, ceiling);
                 }
             }
         }
