@@ -1,0 +1,83 @@
+//! A warm training step allocates nothing that grows with the scene or the image.
+//!
+//! Counted by an allocator of this test's own; what is left is the thread pool's: its queue takes a block of memory for every few
+//! dozen jobs that come from outside.
+
+#![allow(unsafe_code, reason = "an allocator that counts has to be an allocator")]
+
+use std::{
+    alloc::{GlobalAlloc, Layout, System},
+    sync::atomic::{AtomicUsize, Ordering},
+};
+
+use glam::{Vec2, Vec3};
+use gs_core::{
+    Adam, Binning, Blend, Canvas, Chart, Image, Loss, PlanarGaussian, PlanarScene, Rasterizer, RenderSettings, TrainStep,
+};
+use gs_cpu::{CpuRasterizer, CpuSettings};
+
+struct Counting;
+
+static BYTES: AtomicUsize = AtomicUsize::new(0);
+
+// SAFETY: every call is passed on to the system's allocator as it came.
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        BYTES.fetch_add(layout.size(), Ordering::Relaxed);
+        // SAFETY: the caller keeps `GlobalAlloc`'s contract.
+        unsafe { System.alloc(layout) }
+    }
+
+    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
+        // SAFETY: the caller keeps `GlobalAlloc`'s contract.
+        unsafe { System.dealloc(pointer, layout) }
+    }
+}
+
+#[global_allocator]
+static ALLOCATOR: Counting = Counting;
+
+/// Bytes that `steps` warm training steps allocate.
+fn bytes_of_warm_steps(cpu: &CpuRasterizer, blend: Blend, loss: Loss, steps: usize) -> usize {
+    let (width, height) = (160, 120);
+    let scene: PlanarScene = (0..2000u32)
+        .map(|i| PlanarGaussian {
+            mean: Vec2::new((i * 37 % width) as f32 + 0.3, (i * 53 % height) as f32 + 0.7),
+            log_scale: Vec2::new(1.0, 0.3),
+            rotation: i as f32,
+            opacity_logit: if blend == Blend::Over { 0.0 } else { f32::INFINITY },
+            color: Vec3::new(0.2, 0.1, 0.3),
+        })
+        .collect();
+    let image = Image::from_fn(width, height, |x, y| [x as f32 / 160.0, y as f32 / 120.0, 0.5]).unwrap();
+    let target = cpu.upload_target(&image).unwrap();
+    let mut cloud = cpu.upload(&scene, Chart::LocalFrame).unwrap();
+    let settings = RenderSettings::blended(blend);
+    // Rates of 0: the lists stay of the same length, so what is counted is not their growth.
+    let mut adam = Adam::default();
+    for group in [&mut adam.mean, &mut adam.scale, &mut adam.rotation, &mut adam.opacity, &mut adam.color] {
+        group.learning_rate = 0.0;
+    }
+    let rates = adam.at(0.0);
+    let step = TrainStep { settings: &settings, loss, rates: &rates, binning: Binning::Fresh };
+    let mut run = |steps| {
+        for _ in 0..steps {
+            cpu.train_step(&mut cloud, &Canvas::new(width, height), &target, &step).unwrap();
+        }
+    };
+    // Warm: 300 steps, past the next growth of the table of bias corrections, which has one entry per step count.
+    run(300);
+    let before = BYTES.load(Ordering::Relaxed);
+    run(steps);
+    BYTES.load(Ordering::Relaxed) - before
+}
+
+#[test]
+fn a_warm_step_allocates_nothing_but_the_thread_pools_queue() {
+    let cpu = CpuRasterizer::new(CpuSettings { threads: Some(2), level: None }).unwrap();
+    for (blend, loss) in [(Blend::Sum, Loss::L2), (Blend::Over, Loss::L1), (Blend::Over, Loss::PAPER)] {
+        let bytes = bytes_of_warm_steps(&cpu, blend, loss, 100);
+        // A scene of 2000 Gaussians on 160x120 px has megabytes of buffers.
+        assert!(bytes < 100 * 512, "{blend:?} {loss:?}: {bytes} bytes in 100 steps");
+    }
+}
