@@ -29,7 +29,8 @@ fn main() -> Outcome {
     let portrait = photographs.portrait();
     let large = cropped(&portrait.image, OPENSPLAT[0].0, OPENSPLAT[0].0);
     let small = halved(&large);
-    let data = format!("the middle of {}, 512x512 px, and that at half size, of {}", portrait.name, photographs.origin);
+    let data =
+        format!("{}, its middle of 512x512 px and that at half size; found: {}", portrait.name, photographs.origin);
     print_head("Training iterations", &options, &options.thread_counts(), &data);
     for ((side, opensplat), image) in OPENSPLAT.into_iter().zip([&large, &small]) {
         print_section(&format!("{side}x{side} px, {} Gaussians", count(u64::from(GAUSSIANS))));

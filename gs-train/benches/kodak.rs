@@ -72,9 +72,11 @@ fn main() -> Outcome {
     let options = KodakOptions::parse();
     let common = &options.common;
     let mut photographs = Photographs::load()?;
+    let found = photographs.all.len();
     photographs.all.truncate(common.pick(usize::MAX, 2));
     let all = &photographs.all;
-    let used = format!("{} of {}", all.len(), photographs.origin);
+    let cut = if all.len() < found { format!(", of which the first {}", all.len()) } else { String::new() };
+    let used = format!("{}{cut}", photographs.origin);
     print_head("Fits of photographs", common, &[common.threads()], &used);
     let rasterizer = common.rasterizer(common.threads())?;
     fit_one(&rasterizer, &all[0], Preset::Quick, 1_000)?; // Threads and caches are warm from here on.

@@ -31,7 +31,7 @@ fn main() -> Outcome {
     let photographs = Photographs::load()?;
     let portrait = photographs.portrait();
     let image = &portrait.image;
-    let data = format!("{} ({}x{} px), of {}", portrait.name, image.width(), image.height(), photographs.origin);
+    let data = format!("{} ({}x{} px); found: {}", portrait.name, image.width(), image.height(), photographs.origin);
     print_head("Stages of a training step", &options, &options.thread_counts(), &data);
     let rasterizer = options.rasterizer(options.threads())?;
     for (variant, iterations) in [(SUM_L2, options.pick(500, 50)), (OVER_L1_DSSIM, options.pick(150, 50))] {
