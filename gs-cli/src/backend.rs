@@ -75,6 +75,9 @@ impl Backend {
             None => (available_parallelism().map_or(1, NonZero::get), "one thread a core"),
         };
         let rasterizer = CpuRasterizer::new(CpuSettings { threads: Some(threads), level: Some(level) })?;
+        // Seeding between steps runs on rayon's global threads. That they are as many is a matter of manners, not of results; there
+        // is only one start of a backend per process, so there is nothing to fail but a second one.
+        let _already_built = rayon::ThreadPoolBuilder::new().num_threads(threads).build_global();
         let what = Rasterizer::<PlanarScene>::describe(&rasterizer);
         Ok(Self {
             reason: format!("{what}: {why_backend}, {why_level}, {why_threads}"),

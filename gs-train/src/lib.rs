@@ -21,6 +21,11 @@ mod summary;
 mod targets;
 mod trainer;
 
+/// Makes the examples of the README compile.
+#[cfg(doctest)]
+#[doc = include_str!("../../README.md")]
+struct Readme;
+
 pub use crate::{
     error::{Error, Suspect},
     fit::{Fit, fit},
