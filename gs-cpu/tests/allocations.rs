@@ -12,7 +12,8 @@ use std::{
 
 use glam::{Vec2, Vec3};
 use gs_core::{
-    Adam, Binning, Blend, Canvas, Chart, Image, Loss, PlanarGaussian, PlanarScene, Rasterizer, RenderSettings, TrainStep,
+    Adam, Binning, Blend, Canvas, Chart, Image, Loss, PlanarGaussian, PlanarScene, Rasterizer, RenderSettings,
+    TrainStep,
 };
 use gs_cpu::{CpuRasterizer, CpuSettings};
 
