@@ -13,14 +13,14 @@ pub(crate) struct OutputFolder(PathBuf);
 
 impl OutputFolder {
     /// Makes the folder if it is not there, and finds out whether it can be written to, before any work is spent on what would
-    /// be written.
+    /// be written; `flag` is the one that names another.
     ///
     /// # Errors
     /// Where it cannot be made, is no folder, or takes no files.
-    pub(crate) fn prepare(path: &Path) -> Result<Self, Failure> {
+    pub(crate) fn prepare(path: &Path, flag: &str) -> Result<Self, Failure> {
         let failed = |source: io::Error| {
             Failure::failed(format_args!("{}: cannot be written to: {source}", path.display()))
-                .mend("choose another folder with --output")
+                .mend(format_args!("choose another folder with {flag}"))
         };
         fs::create_dir_all(path).map_err(failed)?;
         let trial = path.join(format!(".gs-trial-{}", std::process::id()));

@@ -10,7 +10,10 @@ mod results;
 mod settings;
 mod target;
 
-use std::{path::PathBuf, time::Instant};
+use std::{
+    path::{Path, PathBuf},
+    time::Instant,
+};
 
 use gs_core::{PlanarScene, Rasterizer};
 use gs_io::{Checkpoint, read_checkpoint, write_checkpoint};
@@ -37,6 +40,11 @@ use crate::{
 /// Where input, flags or the output folder are not possible, where the fit diverges, or where Ctrl-C stopped it.
 pub(crate) fn run(args: &FitArgs) -> Result<(), Failure> {
     let started = Instant::now();
+    let checkpoint = checkpoint_file(&args.checkpoints, &args.output);
+    if checkpoint.is_dir() {
+        let mend = "name a file with --checkpoint";
+        return Err(Failure::usage("is a folder, not a file for checkpoints").at(checkpoint.display()).mend(mend));
+    }
     let target = Target::load(args.image.as_deref(), args.settings.background)?;
     let start = match &args.checkpoints.resume {
         Some(file) => Start::Resumed(read_checkpoint(file)?, file.clone()),
@@ -69,10 +77,11 @@ impl Task for Fit<'_> {
         let resumed = matches!(start, Start::Resumed(..));
         let mut trainer = match start {
             Start::Fresh(settings) => Trainer::new(rasterizer, &target.image, *settings)?,
-            Start::Resumed(checkpoint, file) => Trainer::resume(rasterizer, &target.image, checkpoint)
-                .map_err(|error| Failure::failed(error).at(file.display()).mend("give the same image"))?,
+            Start::Resumed(checkpoint, file) => {
+                Trainer::resume(rasterizer, &target.image, checkpoint).map_err(|error| not_resumed(error, &file))?
+            }
         };
-        let folder = OutputFolder::prepare(&args.output)?;
+        let folder = OutputFolder::prepare(&args.output, "--output")?;
         let mut checkpoints = checkpoints(args, &folder, trainer.settings().iterations)?;
         announce(args, target, backend, &trainer);
 
@@ -105,12 +114,24 @@ impl Task for Fit<'_> {
     }
 }
 
+/// The file for checkpoints, by default one among the results.
+fn checkpoint_file(args: &CheckpointArgs, output: &Path) -> PathBuf {
+    args.checkpoint.clone().unwrap_or_else(|| output.join("checkpoint.safetensors"))
+}
+
+/// Another image than the checkpoint's can be mended by the caller; what else is wrong says so itself.
+fn not_resumed(error: gs_train::Error, file: &Path) -> Failure {
+    let wrong_target = matches!(error, gs_train::Error::WrongTarget { .. });
+    let failure = Failure::from(error).at(file.display());
+    if wrong_target { failure.mend("give the same image") } else { failure }
+}
+
 /// Where checkpoints go and how often, in a folder that is known to take them.
 fn checkpoints(args: &FitArgs, folder: &OutputFolder, iterations: u32) -> Result<Checkpoints, Failure> {
     let CheckpointArgs { checkpoint, checkpoint_every, .. } = &args.checkpoints;
-    let file = checkpoint.clone().unwrap_or_else(|| folder.file("checkpoint.safetensors"));
+    let file = checkpoint_file(&args.checkpoints, folder.path());
     if let Some(parent) = file.parent().filter(|parent| !parent.as_os_str().is_empty()) {
-        OutputFolder::prepare(parent)?;
+        OutputFolder::prepare(parent, "--checkpoint")?;
     }
     let tenth = checkpoint.as_ref().map(|_| (iterations / 10).max(1));
     Ok(Checkpoints { file, every: checkpoint_every.or(tenth) })
@@ -134,10 +155,39 @@ fn announce<R: Rasterizer<PlanarScene>>(args: &FitArgs, target: &Target, backend
 }
 
 fn stopped(args: &FitArgs, target: &Target, checkpoints: &Checkpoints, step: u32) -> Failure {
-    let image = target.file.as_ref().map_or_else(String::new, |file| format!(" {}", file.display()));
+    let image = target.file.as_ref().map_or_else(String::new, |file| format!(" {}", quoted(file)));
     Failure::interrupted(format_args!(
         "stopped after step {step}; to go on: gs fit{image} -o {} --resume {}",
-        args.output.display(),
-        checkpoints.file.display()
+        quoted(&args.output),
+        quoted(&checkpoints.file)
     ))
+}
+
+/// The path as one word of a shell's command line.
+fn quoted(path: &Path) -> String {
+    let text = path.display().to_string();
+    let plain = |character: char| character.is_alphanumeric() || "/\\:._-+=@%,".contains(character);
+    match text.chars().all(plain) {
+        true => text,
+        false => format!("'{}'", text.replace('\'', r"'\''")),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn paths_are_single_words_of_a_command_line() {
+        assert_eq!(quoted(Path::new("out/a-1.png")), "out/a-1.png");
+        assert_eq!(quoted(Path::new("my pictures/it's.png")), r"'my pictures/it'\''s.png'");
+    }
+
+    #[test]
+    fn only_another_image_is_mended_by_the_same_image() {
+        let line = |error| not_resumed(error, Path::new("state")).line().unwrap();
+        let (expected, found) = ("1x1".to_owned(), "2x2".to_owned());
+        assert!(line(gs_train::Error::WrongTarget { expected, found }).ends_with(": give the same image"));
+        assert!(line(gs_train::Error::Checkpoint("no step".to_owned())).ends_with(": no step"));
+    }
 }

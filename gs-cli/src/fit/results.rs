@@ -3,7 +3,7 @@
 
 use std::{fs, path::Path, thread, time::Instant};
 
-use gs_core::{Blend, Canvas, Image, PlanarScene, Rasterizer, RenderSettings, effects::Statistics};
+use gs_core::{Blend, Canvas, Image, PlanarScene, Rasterizer, RenderSettings, Scene, effects::Statistics};
 use gs_io::{PlanarFile, PlyColors, write_atomically, write_ply, write_png, write_scene};
 use gs_train::{FitSummary, MetricsLog, Trainer};
 use serde::Serialize;
@@ -12,6 +12,7 @@ use crate::{
     backend::Backend,
     failure::Failure,
     fit::{arguments::Pictures, folder::OutputFolder, settings, target::Target},
+    output,
     report::{
         curve::{self, Point},
         ellipses,
@@ -120,6 +121,10 @@ impl Results<'_> {
 
     fn write_scene(&self, file: &PlanarFile, reconstruction: &Image) -> Result<(), Failure> {
         write_scene(self.folder.file("scene.gs2d.safetensors"), file)?;
+        if file.scene.is_empty() {
+            output::note("note: no Gaussian is left, so there is no scene.ply");
+            return Ok(());
+        }
         let colors = match file.settings.effects.blend {
             Blend::Sum => PlyColors::Sampled(reconstruction),
             Blend::Over => PlyColors::Stored,
@@ -188,7 +193,7 @@ mod tests {
         let heading = log.to_csv();
         let old = "1,0.1,20,0,0,0,0,0,0,0,0.5,0.4,12\n2,0.2,30,5,5,0,0,0,0,0,0.25,0.3,15\n";
         let place = tempfile::tempdir().unwrap();
-        let folder = OutputFolder::prepare(place.path()).unwrap();
+        let folder = OutputFolder::prepare(place.path(), "--output").unwrap();
         fs::write(folder.file("metrics.csv"), format!("{heading}{old}")).unwrap();
         let (one, both) = (History::read(&folder, 1), History::read(&folder, 7));
 

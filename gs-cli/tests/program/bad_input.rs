@@ -86,6 +86,9 @@ fn flags_that_ask_for_what_cannot_be() {
         assert!(run.refusal().contains(expected), "{flags:?}: {run:?}");
         assert!(!output.exists(), "{flags:?}");
     }
+    let occupied = place.path().to_str().unwrap();
+    let run = gs(["fit", image.to_str().unwrap(), "-o", output.to_str().unwrap(), "--checkpoint", occupied]);
+    assert!(run.refusal().contains("--checkpoint") && !output.exists(), "{run:?}");
     let contradiction = gs(["fit", "--resume", "a", "--seed", "1"]);
     assert_eq!(contradiction.status, Some(2));
     assert!(contradiction.refusal().contains("--resume"));
