@@ -19,6 +19,11 @@ DIR then holds:
 
 Ctrl-C stops the fit, saves a checkpoint, and writes what there is so far.";
 
+/// The flags of [`SettingsArgs`] that a checkpoint settles: all but the background, which a resumed fit needs to see a transparent
+/// image as before.
+const SETTLED: [&str; 10] =
+    ["preset", "settings", "gaussians", "iterations", "policy", "init", "loss", "blend", "chart", "seed"];
+
 /// The flags of `gs fit`.
 #[derive(Debug, Clone, Args)]
 #[command(after_help = AFTER_HELP)]
@@ -66,7 +71,6 @@ pub(crate) enum Pictures {
 /// What is fitted and how: a preset or a file of settings, and what is to differ from it.
 #[derive(Debug, Clone, Default, Args)]
 #[command(next_help_heading = "Settings")]
-#[group(id = "settings-of-a-fit", multiple = true)]
 pub(crate) struct SettingsArgs {
     /// Where to start from [default: standard, or paper without an image]
     #[arg(long, visible_alias = "quality", value_enum, value_name = "PRESET")]
@@ -95,7 +99,7 @@ pub(crate) struct SettingsArgs {
     /// In which coordinates the optimiser moves
     #[arg(long, value_enum, value_name = "CHART")]
     pub(crate) chart: Option<ChartName>,
-    /// The colour behind, each part from 0 to 1, such as 1,1,1 for white
+    /// The colour behind, each part from 0 to 1, such as 1,1,1 for white; with --resume, of transparent pixels only
     #[arg(long, value_name = "R,G,B")]
     pub(crate) background: Option<Color>,
     /// Where all random numbers come from; equal seeds give equal results
@@ -114,7 +118,7 @@ pub(crate) struct CheckpointArgs {
     #[arg(long, value_name = "STEPS", value_parser = clap::value_parser!(u32).range(1..))]
     pub(crate) checkpoint_every: Option<u32>,
     /// Go on with a fit from its checkpoint, given the same image; it ends as if it had never stopped
-    #[arg(long, value_name = "FILE", conflicts_with = "settings-of-a-fit")]
+    #[arg(long, value_name = "FILE", conflicts_with_all = SETTLED)]
     pub(crate) resume: Option<PathBuf>,
 }
 
@@ -190,4 +194,18 @@ pub(crate) enum ChartName {
     ScaleRotation,
     /// The Gaussian's own frame: a step is the same fraction of every Gaussian
     LocalFrame,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::Command;
+
+    #[test]
+    fn a_checkpoint_settles_every_setting_but_the_background() {
+        let command = SettingsArgs::augment_args(Command::new("fit"));
+        let mut flags: Vec<&str> = command.get_arguments().map(|flag| flag.get_id().as_str()).collect();
+        flags.retain(|&flag| flag != "background");
+        assert_eq!(flags, SETTLED);
+    }
 }

@@ -45,7 +45,7 @@ pub(crate) fn run(args: &FitArgs) -> Result<(), Failure> {
         let mend = "name a file with --checkpoint";
         return Err(Failure::usage("is a folder, not a file for checkpoints").at(checkpoint.display()).mend(mend));
     }
-    let target = Target::load(args.image.as_deref(), args.settings.background)?;
+    let target = Target::load(args.image.as_deref(), settings::background(&args.settings)?)?;
     let start = match &args.checkpoints.resume {
         Some(file) => Start::Resumed(read_checkpoint(file)?, file.clone()),
         None => Start::Fresh(Box::new(settings::resolve(&args.settings, &target.image, target.preset())?)),
@@ -123,7 +123,7 @@ fn checkpoint_file(args: &CheckpointArgs, output: &Path) -> PathBuf {
 fn not_resumed(error: gs_train::Error, file: &Path) -> Failure {
     let wrong_target = matches!(error, gs_train::Error::WrongTarget { .. });
     let failure = Failure::from(error).at(file.display());
-    if wrong_target { failure.mend("give the same image") } else { failure }
+    if wrong_target { failure.mend("give the same image and --background") } else { failure }
 }
 
 /// Where checkpoints go and how often, in a folder that is known to take them.
@@ -156,8 +156,9 @@ fn announce<R: Rasterizer<PlanarScene>>(args: &FitArgs, target: &Target, backend
 
 fn stopped(args: &FitArgs, target: &Target, checkpoints: &Checkpoints, step: u32) -> Failure {
     let image = target.file.as_ref().map_or_else(String::new, |file| format!(" {}", quoted(file)));
+    let backdrop = target.backdrop.map_or_else(String::new, |color| format!(" --background {color}"));
     Failure::interrupted(format_args!(
-        "stopped after step {step}; to go on: gs fit{image} -o {} --resume {}",
+        "stopped after step {step}; to go on: gs fit{image}{backdrop} -o {} --resume {}",
         quoted(&args.output),
         quoted(&checkpoints.file)
     ))
@@ -187,7 +188,9 @@ mod tests {
     fn only_another_image_is_mended_by_the_same_image() {
         let line = |error| not_resumed(error, Path::new("state")).line().unwrap();
         let (expected, found) = ("1x1".to_owned(), "2x2".to_owned());
-        assert!(line(gs_train::Error::WrongTarget { expected, found }).ends_with(": give the same image"));
+        assert!(
+            line(gs_train::Error::WrongTarget { expected, found }).ends_with(": give the same image and --background")
+        );
         assert!(line(gs_train::Error::Checkpoint("no step".to_owned())).ends_with(": no step"));
     }
 }

@@ -3,7 +3,7 @@
 
 use std::{fs, path::Path};
 
-use gs_core::{Adam, Blend, Chart, Image, Loss, RenderSettings, adam::Group};
+use gs_core::{Adam, Blend, Chart, Image, Loss, RenderSettings, adam::Group, effects::Background};
 use gs_density::{AbsoluteThreshold, Hybrid, Paper, Policy, RelativePercentile, ResidualGrowth};
 use gs_train::{
     FitSettings, Init, InitialCount, Preset,
@@ -13,6 +13,7 @@ use gs_train::{
 use crate::{
     failure::Failure,
     fit::arguments::{BlendName, ChartName, InitName, LossName, PolicyName, PresetName, SettingsArgs},
+    values::Color,
 };
 
 /// Step size of opacity logits where a preset without opacities is blended front to back.
@@ -58,6 +59,20 @@ pub(crate) fn resolve(args: &SettingsArgs, target: &Image, preset: Preset) -> Re
     settings.seed = args.seed.unwrap_or(settings.seed);
     settings.validate()?;
     Ok(settings)
+}
+
+/// The colour that transparent pixels of the target are seen on: the flag's, or else that of a file of settings that has one.
+///
+/// # Errors
+/// Where the file of settings cannot be read.
+pub(crate) fn background(args: &SettingsArgs) -> Result<Option<Color>, Failure> {
+    match (args.background, &args.settings) {
+        (None, Some(file)) => {
+            let render = read(file)?.render;
+            Ok((render.effects.background == Background::Solid).then_some(Color(render.background)))
+        }
+        (color, _) => Ok(color),
+    }
 }
 
 /// The settings as TOML, for [`SettingsArgs::settings`] to read. Numbers have as many digits as tell them apart as `f32`.
@@ -235,7 +250,6 @@ impl From<ChartName> for Chart {
 mod tests {
     use super::*;
     use clap::ValueEnum;
-    use gs_core::effects::Background;
 
     fn target() -> Image {
         Image::from_fn(64, 48, |x, _| [x as f32 / 63.0, 0.5, 0.25]).unwrap()

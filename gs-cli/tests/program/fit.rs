@@ -145,6 +145,47 @@ fn a_resumed_fit_ends_as_if_it_had_never_stopped() {
 }
 
 #[test]
+fn a_transparent_image_is_resumed_and_repeated_on_its_background() {
+    let place = folder();
+    let image = place.path().join("transparent.pam");
+    let pixels: Vec<u8> = (0..=255).flat_map(|k: u8| [200, 100, k, k]).collect();
+    let heading = b"P7\nWIDTH 16\nHEIGHT 16\nDEPTH 4\nMAXVAL 255\nTUPLTYPE RGB_ALPHA\nENDHDR\n";
+    fs::write(&image, [&heading[..], &pixels].concat()).unwrap();
+    let path = |name: &str| place.path().join(name).to_str().unwrap().to_owned();
+    let (whole, resumed, repeated, white) = (path("whole"), path("resumed"), path("repeated"), path("white"));
+    let (state, settings) = (path("state"), path("whole/settings.toml"));
+    let red = ["--background", "1,0,0"];
+    let stored = ["--checkpoint", &state, "--checkpoint-every", "8"];
+    gs(small(&image, whole.as_ref()).into_iter().chain(red).chain(stored)).done();
+
+    let fit = |output| ["fit", image.to_str().unwrap(), "-o", output];
+    gs(fit(&resumed).into_iter().chain(red).chain(["--resume", &state])).done();
+    gs(fit(&repeated).into_iter().chain(["--settings", &settings])).done();
+    let scene = |folder: &str| fs::read(Path::new(folder).join("scene.gs2d.safetensors")).unwrap();
+    assert!(scene(&whole) == scene(&resumed) && scene(&whole) == scene(&repeated));
+    let wrong = gs(fit(&white).into_iter().chain(["--resume", &state]));
+    assert!(wrong.refusal().ends_with("give the same image and --background"), "{wrong:?}");
+}
+
+#[test]
+fn a_fit_that_ends_with_no_gaussian_leaves_everything_but_the_ply() {
+    let place = folder();
+    let (first, empty) = (place.path().join("first"), place.path().join("empty"));
+    let flags = ["--blend", "over", "--policy", "absolute", "--iterations", "400", "-n", "50"];
+    gs(["fit", "-o", first.to_str().unwrap()].into_iter().chain(flags)).done();
+    let text = fs::read_to_string(first.join("settings.toml")).unwrap();
+    let prune = "[policy.actions.prune]\nopacity = 0.005";
+    assert!(text.contains(prune), "{text}");
+    let settings = place.path().join("prune-all.toml");
+    fs::write(&settings, text.replace(prune, "[policy.actions.prune]\nopacity = 0.99")).unwrap();
+
+    let run = gs(["fit", "-o", empty.to_str().unwrap(), "--settings", settings.to_str().unwrap(), "--json"]);
+    assert!(run.stderr.contains("no scene.ply"), "{run:?}");
+    assert_eq!(run.json()["gaussians"], 0);
+    assert_eq!(names_in(&empty), RESULTS.into_iter().filter(|&name| name != "scene.ply").collect::<Vec<_>>());
+}
+
+#[test]
 fn every_override_fits() {
     let place = folder();
     let image = picture(place.path(), 24, 24);
