@@ -85,5 +85,8 @@ pub const SSIM_C1: f32 = 1e-4;
 /// SSIM's C2 = (0.03 · range)² with range 1. *Source:* Wang et al. 2004.
 pub const SSIM_C2: f32 = 9e-4;
 
+/// Most Gaussians of a scene that is trained: at some 300 bytes each, 30 GB. A mistyped number is refused before memory is asked for.
+pub const MAX_GAUSSIANS: u32 = 100_000_000;
+
 /// Largest side of a canvas. Unit: px. Row numbers stay exact in `f32` with room for fractions, and a header bomb is refused.
 pub const MAX_SIDE_PX: u32 = 16_384;

@@ -27,7 +27,18 @@ struct Bias {
     opacity: [f32; 2],
 }
 
-/// Bias corrections by step count, made once per set of betas.
+impl Bias {
+    /// Whether there is nothing left to correct.
+    fn is_none(&self) -> bool {
+        self.first.iter().chain(&self.second).chain(&self.opacity).all(|&c| c == 1.0)
+    }
+}
+
+/// Step counts beyond this are taken as this: even β = 0.99999 leaves a correction of 1 + 5e-5 there. It bounds the table below, whose
+/// length a checkpoint could otherwise dictate.
+const MOST_STEPS: u32 = 1 << 20;
+
+/// Bias corrections by step count, made once per set of betas; it ends where all of them have become 1.
 #[derive(Debug, Default)]
 pub(crate) struct BiasTable {
     betas: Vec<f32>,
@@ -59,7 +70,10 @@ impl BiasTable {
             self.betas = betas.copied().collect();
             self.by_steps.clear();
         }
-        for t in self.by_steps.len() as u32..=steps {
+        for t in self.by_steps.len() as u32..=steps.min(MOST_STEPS) {
+            if self.by_steps.last().is_some_and(Bias::is_none) {
+                break;
+            }
             let correction = |beta: f32| (1.0 / (1.0 - f64::from(beta).powi(t.max(1) as i32))) as f32;
             self.by_steps.push(Bias {
                 first: lanes.beta1.map(correction),
@@ -224,7 +238,7 @@ fn step_all<'g, S: Simd>(
         let [r, g, b] = gradient.color;
         let g = lane([by_mean.x, by_mean.y, by_shape[0], by_shape[1], by_shape[2], r, g, b]);
         slices.steps[i] = slices.steps[i].saturating_add(1);
-        let bias = &step.bias[slices.steps[i] as usize];
+        let bias = &step.bias[(slices.steps[i] as usize).min(step.bias.len() - 1)];
 
         let m = lane(slices.first[i]).mul_add(beta1, g * rest1);
         let m = m.abs().simd_lt(f32x8::splat(simd, VANISHING)).select(zero, m);

@@ -50,13 +50,18 @@ pub(crate) struct Bins {
     /// First entry of each tile, `[tiles + 1]`.
     pub(crate) tile_start: Vec<u32>,
     chunks: Vec<Chunk>,
+    /// Places in a chunk.
+    chunk_len: usize,
 }
+
+/// Most chunks: each has a count per tile.
+const MOST_CHUNKS: usize = 64;
 
 impl Bins {
     /// The positions in [`Self::entries`] of the entries of `place`.
     pub(crate) fn slots_of(&self, place: usize) -> &[u32] {
-        let chunk = &self.chunks[place / CHUNK];
-        let within = place % CHUNK;
+        let chunk = &self.chunks[place / self.chunk_len];
+        let within = place % self.chunk_len;
         &chunk.slots[chunk.starts[within] as usize..chunk.starts[within + 1] as usize]
     }
 
@@ -68,9 +73,11 @@ impl Bins {
     /// Lists anew; adds to `culled` the Gaussians that touch no pixel.
     pub(crate) fn fill(&mut self, splats: &[Splat], grid: &Grid, culled: &mut Culled) {
         let tiles = grid.tiles();
-        self.chunks.resize_with(splats.len().div_ceil(CHUNK), Chunk::default);
-        self.chunks.par_iter_mut().zip(splats.par_chunks(CHUNK)).enumerate().for_each(|(i, (chunk, splats))| {
-            chunk.find(splats, (i * CHUNK) as u32, grid);
+        self.chunk_len = CHUNK.max(splats.len().div_ceil(MOST_CHUNKS));
+        let chunk_len = self.chunk_len;
+        self.chunks.resize_with(splats.len().div_ceil(chunk_len), Chunk::default);
+        self.chunks.par_iter_mut().zip(splats.par_chunks(chunk_len)).enumerate().for_each(|(i, (chunk, splats))| {
+            chunk.find(splats, (i * chunk_len) as u32, grid);
         });
         culled.outside += self.chunks.iter().map(|c| c.outside).sum::<u32>();
 

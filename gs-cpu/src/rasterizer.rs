@@ -163,7 +163,7 @@ impl Rasterizer<PlanarScene> for CpuRasterizer {
         loss.validate()?;
         let workspace = frame.workspace.as_mut().expect("a frame has its workspace until it is dropped");
         target.check_size(workspace.canvas.width, workspace.canvas.height)?;
-        if workspace.order.len() != cloud.len() {
+        if workspace.edition != Some(cloud.edition) {
             return Err(Error::State("the frame is of another cloud, or of this one before an edit".to_owned()));
         }
         let value = self.threads.install(|| {

@@ -56,7 +56,7 @@ pub(crate) struct Workspace {
     /// Every Gaussian's gradient, by place: neighbours' entries are neighbours in memory.
     pub(crate) gradients: Vec<Gradient>,
     /// The cloud's edition that `order` and `bins` were made for.
-    edition: Option<u64>,
+    pub(crate) edition: Option<u64>,
 }
 
 impl Default for Workspace {

@@ -67,7 +67,7 @@ impl Default for ResidualGrowth {
             exponent: 3.0,
             smoothing_passes: 1,
             start_fraction: 0.08,
-            growth_fraction: 0.7,
+            growth_fraction: 0.5,
             prune_growing: 0.2,
             prune_relocating: 0.1,
             max_per_pixel: 0.3,

@@ -1,6 +1,6 @@
 //! Everything that a fit depends on besides the image: one value that can be stored, compared and sent along with a result.
 
-use gs_core::{Adam, Chart, Error, Loss, RenderSettings, adam::Group, adam::Schedule};
+use gs_core::{Adam, Chart, Error, Loss, RenderSettings, adam::Group, adam::Schedule, constants::MAX_GAUSSIANS};
 use gs_density::Policy;
 use serde::{Deserialize, Serialize};
 
@@ -89,6 +89,9 @@ impl FitSettings {
     pub fn validate(&self) -> Result<(), Error> {
         if self.gaussians == 0 {
             return Err(Error::setting("the number of Gaussians", 0, "at least 1"));
+        }
+        if self.gaussians > MAX_GAUSSIANS {
+            return Err(Error::setting("the number of Gaussians", self.gaussians, "at most 100,000,000"));
         }
         match self.initial {
             InitialCount::Fixed(count) if !(1..=self.gaussians).contains(&count) => {

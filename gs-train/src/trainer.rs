@@ -4,8 +4,11 @@
 use std::{fmt, time::Instant};
 
 use gs_core::{
-    Binning, Blend, Canvas, DensityStatistics, Image, Loss, PlanarGaussian, PlanarScene, Rasterizer, Scene, TrainStep,
-    edit::EditCounts, effects::Statistics, statistics::Culled,
+    Binning, Blend, Canvas, DensityStatistics, EditPlan, Image, Loss, PlanarGaussian, PlanarScene, Rasterizer, Scene,
+    TrainStep,
+    edit::{AfterEdit, EditCounts, PruneCause, Removal},
+    effects::Statistics,
+    statistics::Culled,
 };
 use gs_density::{DensityPolicy, Observation, Residual, Rng};
 use gs_io::Checkpoint;
@@ -172,7 +175,10 @@ impl<'a, R: Rasterizer<PlanarScene>> Trainer<'a, R> {
         let fresh = self.record.settings.bins_afresh_after(self.record.step);
         self.binning = if fresh { Binning::Fresh } else { Binning::Reuse };
         let due = self.record.settings.rounds.progress(self.record.step, iterations);
-        let edits = due.map(|progress| self.control_density(progress)).transpose()?;
+        let mut edits = due.map(|progress| self.control_density(progress)).transpose()?;
+        if self.is_finished() {
+            self.drop_not_finite(&mut edits)?;
+        }
         self.record.seconds += started.elapsed().as_secs_f64();
         Ok(Progress {
             step: self.record.step,
@@ -229,6 +235,25 @@ impl<'a, R: Rasterizer<PlanarScene>> Trainer<'a, R> {
         self.solve_colors(self.record.settings.color_solve.after_edit)?;
         tracing::debug!(step = self.record.step, count = self.count(), ?counts, "density control");
         Ok(counts)
+    }
+
+    /// Takes out what has become NaN or infinite since the last round; it draws nothing, and no file would take it.
+    fn drop_not_finite(&mut self, edits: &mut Option<EditCounts>) -> Result<(), Error> {
+        let scene = self.rasterizer.download(&self.cloud)?;
+        let finite = |g: &PlanarGaussian| {
+            let shape = g.mean.is_finite() && g.log_scale.is_finite() && g.rotation.is_finite();
+            shape && g.color.is_finite() && !g.opacity_logit.is_nan()
+        };
+        let lost = scene.iter().enumerate().filter(|(_, g)| !finite(g)).map(|(i, _)| i as u32);
+        let removed: Vec<Removal> = lost.map(|index| Removal { index, cause: PruneCause::NotFinite }).collect();
+        if !removed.is_empty() {
+            let plan = EditPlan { removed, statistics: AfterEdit::Keep, ..EditPlan::default() };
+            self.rasterizer.edit(&mut self.cloud, &plan)?;
+            let counts = plan.counts();
+            self.record.edits.accumulate(&counts);
+            edits.get_or_insert_default().accumulate(&counts);
+        }
+        Ok(())
     }
 
     fn solve_colors(&mut self, iterations: u32) -> Result<(), Error> {

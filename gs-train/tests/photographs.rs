@@ -1,0 +1,35 @@
+//! The quality that the default settings promise, on real photographs, where they are there.
+
+use std::path::PathBuf;
+
+use gs_cpu::{CpuRasterizer, CpuSettings};
+use gs_train::{Preset, fit};
+
+/// The photographs of the Kodak test set in `$GS_DATA/kodak` or `../shared/data/kodak`.
+fn photographs() -> Vec<PathBuf> {
+    let data = std::env::var_os("GS_DATA")
+        .map_or_else(|| PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../shared/data"), PathBuf::from);
+    let Ok(folder) = std::fs::read_dir(data.join("kodak")) else { return Vec::new() };
+    folder.flatten().map(|entry| entry.path()).filter(|path| path.extension().is_some_and(|e| e == "png")).collect()
+}
+
+#[test]
+#[ignore = "slow without optimisation: `cargo xtask test --slow`"]
+fn nine_thousand_gaussians_pass_what_is_promised() {
+    let photographs = photographs();
+    if photographs.is_empty() {
+        eprintln!("skipped: no test data");
+        return;
+    }
+    let cpu = CpuRasterizer::new(CpuSettings::default()).unwrap();
+    let (mut psnr, mut ms_ssim) = (0.0, 0.0);
+    for path in &photographs {
+        let target = gs_io::read_image(path).unwrap().image;
+        let summary = fit(&cpu, &target, Preset::Standard.settings(9_000, target.size()), &mut ()).unwrap().summary;
+        assert_eq!(summary.gaussians, 9_000);
+        psnr += summary.psnr / photographs.len() as f64;
+        ms_ssim += summary.ms_ssim.unwrap() / photographs.len() as f64;
+    }
+    eprintln!("mean of {}: {psnr:.2} dB, MS-SSIM {ms_ssim:.4}", photographs.len());
+    assert!(psnr > 35.6 && ms_ssim > 0.98, "{psnr} dB, MS-SSIM {ms_ssim}");
+}
