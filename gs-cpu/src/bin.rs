@@ -117,7 +117,7 @@ impl Chunk {
 
     fn find_one(&mut self, splat: &Splat, place: u32, grid: &Grid) {
         let bands = grid.bands();
-        let Some((first_column, end_column)) = pixels(splat.mean[0], splat.half[0], splat.half[0], grid.width) else {
+        let Some((first_column, end_column)) = pixels(splat.mean[0], splat.half_x, splat.half_x, grid.width) else {
             return;
         };
         for strip in first_column / LANES..=(end_column - 1) / LANES {

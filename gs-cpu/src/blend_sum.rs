@@ -2,7 +2,7 @@
 //! where the level's registers are narrower, and then parts that the Gaussian does not touch are passed over.
 //!
 //! Down a column, w = exp(e₀ − ½ c u²) with u = dy − slope·dx grows by a factor that itself shrinks by the constant factor
-//! exp(−c): two multiplications a row instead of an exponential. The recurrence starts afresh every `restart_rows` rows.
+//! exp(−c): two fused multiply-adds a row instead of an exponential. The recurrence starts afresh every `restart_rows` rows.
 //!
 //! Legend: t = w·v_w; S = Σ over the entry's pixels of t times 1, dx, u, dx², dx·u, u².
 
@@ -10,7 +10,9 @@ use fearless_simd::{Simd, prelude::*};
 
 use crate::{
     bin::Entry,
-    lanes::{Floats, LANES, Whole, each_part, exp, fma, iota, load, load3, splat, splat3, store, sums},
+    lanes::{
+        Floats, LANES, Whole, each_part, exp, exp_less, fma, iota, load, load3, masked, splat, splat3, store, sums,
+    },
     layout::Row,
     project::Splat,
 };
@@ -22,6 +24,7 @@ pub(crate) const STRIDE: usize = 8;
 pub(crate) const COLOR_STRIDE: usize = 4;
 
 /// The weights of an entry, row by row, in the lanes from `lane` on.
+#[derive(Clone, Copy)]
 pub(crate) struct Weights<V> {
     /// dx of the lanes.
     pub(crate) dx: V,
@@ -29,7 +32,11 @@ pub(crate) struct Weights<V> {
     across: V,
     c: f32,
     ratio: V,
-    /// w of the current row, and what it is multiplied by for the next.
+    /// What the ratio is held less: 1, with 1 − exp(−c) and a mask of ones, for wide Gaussians; 0, 0 and a mask of zeros for others.
+    base: f32,
+    minus_fall: V,
+    mask: V,
+    /// w of the current row, and what it is multiplied by for the next, less `base`.
     pub(crate) w: V,
     growth: V,
 }
@@ -43,7 +50,9 @@ impl<V> Weights<V> {
         let dx = iota::<S, V>(simd, lane) + (first_column as f32 + 0.5 - splat_.mean[0]);
         let zero: V = splat(simd, 0.0);
         let across = dx * dx * (-0.5 * splat_.inverse_xx);
-        Self { dx, across, c: splat_.c, ratio: splat(simd, splat_.ratio), w: zero, growth: zero }
+        let (base, mask) = if splat_.fall > 0.0 { (1.0, f32::from_bits(u32::MAX)) } else { (0.0, 0.0) };
+        let (ratio, minus_fall, mask) = (splat(simd, splat_.ratio), splat(simd, -splat_.fall), splat(simd, mask));
+        Self { dx, across, c: splat_.c, ratio, base, minus_fall, mask, w: zero, growth: zero }
     }
 
     /// Starts at the row in which u is `u`.
@@ -54,19 +63,19 @@ impl<V> Weights<V> {
     {
         let cu = u * self.c;
         self.w = exp(simd, fma(cu * u, splat(simd, -0.5), self.across));
-        // Lanes that the clamp touches do not come above the cut before the next start.
-        let growth = (cu + 0.5 * self.c).max(splat::<S, V>(simd, -80.0));
-        self.growth = exp(simd, -growth);
+        // Lanes that the lower clamp touches do not come above the cut before the next start.
+        let fall = (cu + 0.5 * self.c).max(splat::<S, V>(simd, -80.0)).min(splat::<S, V>(simd, 80.0));
+        self.growth = exp_less(simd, -fall, self.base);
     }
 
-    /// Goes to the next row.
+    /// Goes to the next row: w (base + growth), (base + growth) ratio − base.
     #[inline(always)]
     pub(crate) fn advance<S: Simd>(&mut self)
     where
         V: Floats<S>,
     {
-        self.w *= self.growth;
-        self.growth *= self.ratio;
+        self.w = fma(self.w, self.growth, masked(self.w, self.mask));
+        self.growth = fma(self.growth, self.ratio, self.minus_fall);
     }
 }
 
@@ -85,7 +94,7 @@ pub(crate) fn passes_by<S: Simd, V: Floats<S>>(splat_: &Splat, first_column: usi
         return false;
     }
     let middle = (first_column + lane) as f32 + 0.5 * V::LEN as f32;
-    (middle - splat_.mean[0]).abs() > splat_.half[0] + 0.5 * V::LEN as f32
+    (middle - splat_.mean[0]).abs() > splat_.half_x + 0.5 * V::LEN as f32
 }
 
 /// Backdrop less target: what [`forward`] starts from where the residual is wanted.
@@ -102,6 +111,9 @@ pub(crate) fn start<S: Simd>(simd: S, backdrop: [f32; 3], target: &[Row], rows: 
 }
 
 /// Adds the entries' Gaussians to `rows`, whose first is image row `first_row`.
+///
+/// Runs of rows between two starts of the recurrence follow each other across entries, and each run's start is computed before the
+/// rows of the one before it: the exponentials then do not wait for a mispredicted end of a run.
 #[inline(always)]
 pub(crate) fn forward<S: Simd>(
     simd: S,
@@ -111,30 +123,52 @@ pub(crate) fn forward<S: Simd>(
     first_row: usize,
     rows: &mut [Row],
 ) {
-    for entry in entries {
+    // The recurrence waits for its own results; two registers wait for them at once.
+    let zero = splat::<S, Whole<S>>(simd, 0.0);
+    let Some(first) = entries.first() else { return };
+    let mut run = Run::<Whole<S>>::new(simd, first, splats, first_column, usize::from(first.rows[0]));
+    for (index, entry) in entries.iter().enumerate() {
         let s = &splats[entry.place as usize];
-        let [row, end] = entry.rows.map(|row| usize::from(row) - first_row);
-        // The recurrence waits for its own results; two registers wait for them at once.
-        forward_part::<S, Whole<S>>(simd, s, first_column, usize::from(entry.rows[0]), &mut rows[row..end]);
+        let (color, cut): ([Whole<S>; 3], Whole<S>) = (splat3(simd, s.color), splat(simd, s.cut));
+        let following = entries.get(index + 1).unwrap_or(entry);
+        let end = usize::from(entry.rows[1]);
+        loop {
+            let stop = (run.row + s.restart_rows as usize).min(end);
+            let (of, at) = if stop < end { (entry, stop) } else { (following, usize::from(following.rows[0])) };
+            let next = Run::new(simd, of, splats, first_column, at);
+            let mut weights = run.weights;
+            for Row(pixels) in &mut rows[run.row - first_row..stop - first_row] {
+                let w = weights.w.simd_ge(cut).select(weights.w, zero);
+                for k in 0..3 {
+                    store(fma(w, color[k], load(simd, &pixels[k], 0)), &mut pixels[k], 0);
+                }
+                weights.advance::<S>();
+            }
+            run = next;
+            if stop == end {
+                break;
+            }
+        }
     }
 }
 
-/// [`forward`] of one entry.
-#[inline(always)]
-fn forward_part<S: Simd, V: Floats<S>>(simd: S, s: &Splat, first_column: usize, mut row: usize, rows: &mut [Row]) {
-    let (zero, cut): (V, V) = (splat(simd, 0.0), splat(simd, s.cut));
-    let color = splat3(simd, s.color);
-    let mut weights = Weights::<V>::new(simd, s, first_column, 0);
-    for rows in rows.chunks_mut(s.restart_rows as usize) {
+/// A start of the recurrence, ahead of its rows.
+#[derive(Clone, Copy)]
+struct Run<V> {
+    row: usize,
+    weights: Weights<V>,
+}
+
+impl<V> Run<V> {
+    #[inline(always)]
+    fn new<S: Simd>(simd: S, entry: &Entry, splats: &[Splat], first_column: usize, row: usize) -> Self
+    where
+        V: Floats<S>,
+    {
+        let s = &splats[entry.place as usize];
+        let mut weights = Weights::<V>::new(simd, s, first_column, 0);
         weights.start(simd, u_in_row(simd, s, weights.dx, row));
-        row += rows.len();
-        for Row(pixels) in rows {
-            let w = weights.w.simd_ge(cut).select(weights.w, zero);
-            for k in 0..3 {
-                store(fma(w, color[k], load(simd, &pixels[k], 0)), &mut pixels[k], 0);
-            }
-            weights.advance::<S>();
-        }
+        Self { row, weights }
     }
 }
 

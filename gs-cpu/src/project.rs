@@ -19,7 +19,11 @@ pub(crate) const CHUNK: usize = 1024;
 const SAFE_EXPONENT: f32 = 80.0;
 
 /// Most rows that the recurrence runs before it starts afresh; its error grows with the square of the number of rows.
-const MAX_RESTART_ROWS: f32 = 16.0;
+const MAX_RESTART_ROWS: f32 = 32.0;
+
+/// Gaussians with a smaller c hold the ratio of successive rows' weights less 1: near 1, the ratio's own rounding would add up with the
+/// square of the number of rows. With a larger one there are few rows, and the ratio comes near 0, where less 1 would lose its digits.
+const WIDE: f32 = 0.5;
 
 /// One Gaussian on the canvas. Units: px.
 #[derive(Debug, Clone, Copy)]
@@ -34,17 +38,19 @@ pub(crate) struct Splat {
     pub(crate) c: f32,
     /// exp(−c): by how much the ratio of successive rows' weights changes per row.
     pub(crate) ratio: f32,
+    /// 1 − exp(−c), to its own precision, where the ratio is held less 1; else 0.
+    pub(crate) fall: f32,
     pub(crate) color: [f32; 3],
     pub(crate) opacity: f32,
     /// A weight (times opacity, under `Over`) below this adds nothing; ∞ for a culled Gaussian.
     pub(crate) cut: f32,
     /// 2 ln(opacity/cut): dᵀ Σ′⁻¹ d on the ellipse outside which nothing is added.
     pub(crate) reach: f32,
-    /// Half the ellipse's extent along x and y; negative for a culled Gaussian.
-    pub(crate) half: [f32; 2],
+    /// Half the ellipse's extent along x; negative for a culled Gaussian.
+    pub(crate) half_x: f32,
     /// dx of the ellipse's lowest point (−dx of its highest).
     pub(crate) lowest_dx: f32,
-    /// Rows after which the kernels' recurrence starts afresh, 1 to 16.
+    /// Rows after which the kernels' recurrence starts afresh, 1 to 32.
     pub(crate) restart_rows: u32,
 }
 
@@ -56,17 +62,18 @@ impl Splat {
         slope: 0.0,
         c: 1.0,
         ratio: 0.5,
+        fall: 0.0,
         color: [0.0; 3],
         opacity: 0.0,
         cut: f32::INFINITY,
         reach: 0.0,
-        half: [-1.0; 2],
+        half_x: -1.0,
         lowest_dx: 0.0,
         restart_rows: 1,
     };
 
     pub(crate) fn is_culled(&self) -> bool {
-        self.half[0] < 0.0
+        self.half_x < 0.0
     }
 }
 
@@ -106,11 +113,12 @@ fn project(mean: Vec2, l: Mat2, color: [f32; 3], opacity: f32, accuracy: &Accura
         slope: xy / xx,
         c,
         ratio: (-c).exp(),
+        fall: if c < WIDE { -(-c).exp_m1() } else { 0.0 },
         color,
         opacity,
         cut: accuracy.alpha_cut,
         reach,
-        half: [(reach * xx).sqrt(), half_y],
+        half_x: (reach * xx).sqrt(),
         lowest_dx: xy / yy * half_y,
         restart_rows: restart as u32,
     }

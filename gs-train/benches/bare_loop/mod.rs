@@ -2,7 +2,7 @@
 //! the first-level cache. What a whole stage reaches of their rate is how little it loses to lists, memory, exponentials and
 //! threads.
 //!
-//! Per row of 16 pixels, forward: two multiplications for the next weight, compare and select at the cut, three fused
+//! Per row of 16 pixels, forward: two fused multiply-adds and a masking for the next weight, compare and select at the cut, three fused
 //! multiply-adds with load and store. Backward: the same weights, three loads, five fused multiply-adds and a multiplication for
 //! colours and v_w, two multiplications and an addition for the first moment, and a fused multiply-add for the second.
 
@@ -29,10 +29,13 @@ struct Row([[f32; LANES]; 3]);
 #[derive(Debug)]
 pub(crate) struct BareLoop {
     rows: [Row; ROWS],
-    /// Weights in the first row, their growth to the next, and by how much that changes.
+    /// Weights in the first row, their growth to the next less 1, and by how much that changes.
     weight: [f32; LANES],
     growth: [f32; LANES],
     ratio: f32,
+    minus_fall: f32,
+    /// All ones, as bits.
+    mask: f32,
     cut: f32,
     color: [f32; 3],
 }
@@ -46,8 +49,10 @@ impl BareLoop {
         Self {
             rows: [Row([[0.25; LANES]; 3]); ROWS],
             weight: std::array::from_fn(|lane| (-0.5 * c * (dx(lane) * dx(lane) + u * u)).exp()),
-            growth: [(-c * (u + 0.5)).exp(); LANES],
+            growth: [(-c * (u + 0.5)).exp_m1(); LANES],
             ratio: (-c).exp(),
+            minus_fall: (-c).exp_m1(),
+            mask: f32::from_bits(u32::MAX),
             cut: 1.0 / 255.0,
             color: [1e-6, -1e-6, 2e-6],
         }
@@ -70,6 +75,7 @@ impl BareLoop {
 fn forward<S: Simd>(simd: S, bare: &mut BareLoop, gaussians: usize) {
     let load = |values: &[f32; LANES]| f32x16::from_slice(simd, values);
     let (zero, cut, ratio) = (f32x16::splat(simd, 0.0), f32x16::splat(simd, bare.cut), f32x16::splat(simd, bare.ratio));
+    let (minus_fall, mask) = (f32x16::splat(simd, bare.minus_fall), f32x16::splat(simd, bare.mask));
     let [red, green, blue] = bare.color;
     let color = [f32x16::splat(simd, red), f32x16::splat(simd, green), f32x16::splat(simd, blue)];
     for _ in 0..gaussians {
@@ -81,8 +87,8 @@ fn forward<S: Simd>(simd: S, bare: &mut BareLoop, gaussians: usize) {
             for k in 0..3 {
                 w.mul_add(color[k], load(&pixels[k])).store_slice(&mut pixels[k]);
             }
-            weight *= growth;
-            growth *= ratio;
+            weight = weight.mul_add(growth, f32x16::from_bits(weight.to_bits() & mask.to_bits()));
+            growth = growth.mul_add(ratio, minus_fall);
         }
     }
 }
@@ -101,7 +107,8 @@ fn backward<S: Simd>(simd: S, bare: &BareLoop, gaussians: usize) -> f32 {
 fn backward_part<S: Simd>(simd: S, bare: &BareLoop, gaussians: usize, lane: usize) -> S::f32s {
     let load = |values: &[f32; LANES]| S::f32s::from_slice(simd, &values[lane..lane + S::f32s::LEN]);
     let splat = |value: f32| S::f32s::splat(simd, value);
-    let (zero, cut) = (splat(0.0), splat(bare.cut));
+    let (zero, cut, ratio) = (splat(0.0), splat(bare.cut), splat(bare.ratio));
+    let (minus_fall, mask) = (splat(bare.minus_fall), splat(bare.mask));
     let color = [splat(bare.color[0]), splat(bare.color[1]), splat(bare.color[2])];
     let (mut v_color, mut s_u, mut s_uu) = ([zero; 3], zero, zero);
     for _ in 0..gaussians {
@@ -119,8 +126,8 @@ fn backward_part<S: Simd>(simd: S, bare: &BareLoop, gaussians: usize, lane: usiz
             s_u += t_u;
             s_uu = t_u.mul_add(u, s_uu);
             u += 1.0;
-            weight *= growth;
-            growth *= bare.ratio;
+            weight = weight.mul_add(growth, S::f32s::from_bits(weight.to_bits() & mask.to_bits()));
+            growth = growth.mul_add(ratio, minus_fall);
         }
     }
     v_color[0] + v_color[1] + v_color[2] + s_u + s_uu
