@@ -4,13 +4,14 @@
 //! listed that a Gaussian cannot touch above the cut. Entries of a tile stand in the order of places, whatever the number of
 //! threads.
 
-use gs_core::statistics::Culled;
+use gs_core::{Error, statistics::Culled};
 use rayon::prelude::*;
 
 use crate::{
     lanes::LANES,
     layout::Grid,
     project::{CHUNK, Splat},
+    rasterizer::BACKEND,
 };
 
 /// One Gaussian in one tile.
@@ -43,7 +44,7 @@ struct Chunk {
 }
 
 /// All tiles' lists of entries.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(crate) struct Bins {
     /// Tile-major.
     pub(crate) entries: Vec<Entry>,
@@ -52,6 +53,16 @@ pub(crate) struct Bins {
     chunks: Vec<Chunk>,
     /// Places in a chunk.
     chunk_len: usize,
+    /// More entries are refused; tests refuse more than a few.
+    pub(crate) most_entries: u32,
+}
+
+impl Default for Bins {
+    fn default() -> Self {
+        let (entries, tile_start, chunks) = Default::default();
+        // Positions are `u32`.
+        Self { entries, tile_start, chunks, chunk_len: 0, most_entries: u32::MAX }
+    }
 }
 
 /// Most chunks: each has a count per tile.
@@ -71,7 +82,10 @@ impl Bins {
     }
 
     /// Lists anew; adds to `culled` the Gaussians that touch no pixel.
-    pub(crate) fn fill(&mut self, splats: &[Splat], grid: &Grid, culled: &mut Culled) {
+    ///
+    /// # Errors
+    /// [`Error::Backend`] where there are more entries than [`Self::most_entries`]; the lists are then of no use.
+    pub(crate) fn fill(&mut self, splats: &[Splat], grid: &Grid, culled: &mut Culled) -> Result<(), Error> {
         let tiles = grid.tiles();
         self.chunk_len = CHUNK.max(splats.len().div_ceil(MOST_CHUNKS));
         let chunk_len = self.chunk_len;
@@ -81,20 +95,35 @@ impl Bins {
         });
         culled.outside += self.chunks.iter().map(|c| c.outside).sum::<u32>();
 
+        let counts = |tile: usize| self.chunks.iter().map(move |chunk| chunk.cursors[tile]);
+        let total = count_entries((0..tiles).flat_map(counts), self.most_entries)?;
         self.tile_start.clear();
-        let mut total = 0;
+        let mut next = 0;
         for tile in 0..tiles {
-            self.tile_start.push(total);
+            self.tile_start.push(next);
             for chunk in &mut self.chunks {
-                total += std::mem::replace(&mut chunk.cursors[tile], total);
+                next += std::mem::replace(&mut chunk.cursors[tile], next);
             }
         }
-        self.tile_start.push(total);
+        self.tile_start.push(next);
 
         self.chunks.par_iter_mut().for_each(Chunk::assign_slots);
         self.entries.resize(total as usize, Entry::default());
         scatter(0..tiles, &self.tile_start, &self.chunks, &mut self.entries, rayon::current_num_threads());
+        Ok(())
     }
+}
+
+/// The sum of `counts`, which must not be more than `most`.
+fn count_entries(counts: impl Iterator<Item = u32>, most: u32) -> Result<u32, Error> {
+    let asked: u64 = counts.map(u64::from).sum();
+    u32::try_from(asked).ok().filter(|&asked| asked <= most).ok_or_else(|| Error::Backend {
+        backend: BACKEND,
+        message: format!(
+            "{asked} pairs of a Gaussian and a tile that it touches, but at most {most} are possible; take fewer or smaller \
+             Gaussians, or a smaller canvas"
+        ),
+    })
 }
 
 impl Chunk {
@@ -183,6 +212,27 @@ fn scatter(tiles: std::ops::Range<usize>, tile_start: &[u32], chunks: &[Chunk], 
         for (found, &slot) in chunk.found.iter().zip(&chunk.slots) {
             if (first..end).contains(&found.tile) {
                 entries[slot as usize - base] = found.entry;
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn more_entries_than_positions_are_an_error_that_says_how_to_mend_it() {
+        let most = u32::MAX;
+        assert_eq!(count_entries([].into_iter(), most).unwrap(), 0);
+        assert_eq!(count_entries([most - 7, 3, 4].into_iter(), most).unwrap(), most);
+        let one_too_many = count_entries([most - 7, 3, 5].into_iter(), most);
+        // 16,385 Gaussians, each over all tiles of the largest canvas.
+        let far_too_many = count_entries((0..1024 * 256).map(|_| 16_385), most);
+        for (result, asked) in [(one_too_many, "4294967296"), (far_too_many, "4295229440")] {
+            let message = result.unwrap_err().to_string();
+            for part in ["backend cpu", asked, "4294967295", "fewer or smaller Gaussians", "smaller canvas"] {
+                assert!(message.contains(part), "{part}: {message}");
             }
         }
     }

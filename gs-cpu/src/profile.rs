@@ -56,7 +56,7 @@ impl CpuRasterizer {
         let mut workspace = self.pool.take();
         let mut bias = adam::BiasTable::default();
         self.threads.install(|| {
-            workspace.prepare(cloud, view, settings, Binning::Fresh);
+            workspace.prepare(cloud, view, settings, Binning::Fresh)?;
             for _ in 0..repetitions {
                 let mut stage = 0;
                 let mut lap = |start: Instant| {
@@ -67,7 +67,7 @@ impl CpuRasterizer {
                 workspace.project(cloud);
                 lap(start);
                 let start = Instant::now();
-                workspace.bin();
+                workspace.bin()?;
                 lap(start);
                 let start = Instant::now();
                 workspace.blend(self.level);
@@ -91,7 +91,8 @@ impl CpuRasterizer {
                     lap(start);
                 }
             }
-        });
+            Ok::<(), Error>(())
+        })?;
         stages.retain(|stage| !stage.seconds.is_empty());
         let profile = Profile { stages, pairs: workspace.bins.pairs(), entries: workspace.bins.entries.len() };
         self.pool.give(workspace);

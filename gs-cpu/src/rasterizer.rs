@@ -21,7 +21,8 @@ use crate::{
     workspace::Pool,
 };
 
-const BACKEND: &str = "cpu";
+/// The backend's name in errors.
+pub(crate) const BACKEND: &str = "cpu";
 
 /// How a [`CpuRasterizer`] runs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -139,9 +140,10 @@ impl Rasterizer<PlanarScene> for CpuRasterizer {
         check(view, settings)?;
         let mut workspace = self.pool.take();
         self.threads.install(|| {
-            workspace.prepare(cloud, view, settings, Binning::Fresh);
+            workspace.prepare(cloud, view, settings, Binning::Fresh)?;
             workspace.blend(self.level);
-        });
+            Ok::<(), Error>(())
+        })?;
         Ok(PlanarFrame { workspace: Some(workspace), pool: Arc::clone(&self.pool) })
     }
 
@@ -207,7 +209,7 @@ impl Rasterizer<PlanarScene> for CpuRasterizer {
         let mut bias = self.bias.lock().unwrap_or_else(PoisonError::into_inner);
         let bias = &mut *bias;
         let value = self.threads.install(|| {
-            workspace.prepare(cloud, view, step.settings, step.binning);
+            workspace.prepare(cloud, view, step.settings, step.binning)?;
             let (value, scale) = if step.loss == Loss::L2 && step.settings.effects.blend == Blend::Sum {
                 let count = 3.0 * f64::from(view.width) * f64::from(view.height);
                 (workspace.blend_l2_fused(self.level, &target.rows) / count, (2.0 / count) as f32)
@@ -220,8 +222,8 @@ impl Rasterizer<PlanarScene> for CpuRasterizer {
             workspace.project_bwd(cloud, scale);
             let statistics = step.settings.effects.statistics;
             adam::step(cloud, bias, step.rates, self.level, statistics, |index| workspace.gradient_of(index));
-            value
-        });
+            Ok::<f64, Error>(value)
+        })?;
         cloud.workspace = Some(workspace);
         Ok(value as f32)
     }
@@ -244,9 +246,10 @@ impl Rasterizer<PlanarScene> for CpuRasterizer {
         }
         let mut workspace = self.pool.take();
         self.threads.install(|| {
-            workspace.prepare(cloud, view, settings, Binning::Fresh);
+            workspace.prepare(cloud, view, settings, Binning::Fresh)?;
             solve_colors::solve(&mut workspace, cloud, target, self.level, iterations);
-        });
+            Ok::<(), Error>(())
+        })?;
         self.pool.give(workspace);
         Ok(())
     }
@@ -257,5 +260,56 @@ impl Rasterizer<PlanarScene> for CpuRasterizer {
 
     fn edit(&self, cloud: &mut PlanarCloud, plan: &EditPlan<PlanarGaussian>) -> Result<(), Error> {
         cloud.edit(plan)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::{Vec2, Vec3};
+    use gs_core::Adam;
+
+    use super::*;
+
+    #[test]
+    fn too_many_tile_entries_are_an_error_and_leave_the_cloud_as_it_was() {
+        let cpu = CpuRasterizer::new(CpuSettings::default()).unwrap();
+        let gaussian = PlanarGaussian {
+            mean: Vec2::splat(20.0),
+            log_scale: Vec2::splat(2.0),
+            rotation: 0.0,
+            opacity_logit: f32::INFINITY,
+            color: Vec3::splat(0.5),
+        };
+        let scene: PlanarScene = [gaussian; 4].into_iter().collect();
+        let (view, settings) = (Canvas::new(40, 40), RenderSettings::blended(Blend::Sum));
+        let target = cpu.upload_target(&Image::filled(40, 40, [0.3; 3]).unwrap()).unwrap();
+        let rates = Adam::default().at(0.0);
+        let step = TrainStep { settings: &settings, loss: Loss::L2, rates: &rates, binning: Binning::Reuse };
+        // Four Gaussians in three strips each: twelve entries.
+        let next_takes = |most_entries: u32| {
+            let mut workspace = crate::workspace::Workspace::default();
+            workspace.bins.most_entries = most_entries;
+            cpu.pool.give(workspace);
+        };
+        let refused = |result: Result<(), Error>| {
+            let message = result.unwrap_err().to_string();
+            assert!(message.contains("12 pairs") && message.contains("at most 11"), "{message}");
+        };
+
+        let mut cloud = cpu.upload(&scene, Chart::default()).unwrap();
+        let before = cpu.save(&cloud).unwrap();
+        next_takes(11);
+        refused(cpu.forward(&cloud, &view, &settings).map(drop));
+        next_takes(11);
+        refused(cpu.solve_colors(&mut cloud, &view, &target, &settings, 1));
+        next_takes(11);
+        refused(cpu.train_step(&mut cloud, &view, &target, &step).map(drop));
+        assert_eq!(cpu.save(&cloud).unwrap(), before);
+
+        next_takes(12);
+        let loss = cpu.train_step(&mut cloud, &view, &target, &step).unwrap();
+        let mut fresh = cpu.upload(&scene, Chart::default()).unwrap();
+        assert_eq!(cpu.train_step(&mut fresh, &view, &target, &step).unwrap(), loss);
+        assert_eq!(cpu.save(&cloud).unwrap(), cpu.save(&fresh).unwrap());
     }
 }

@@ -7,7 +7,7 @@ use std::{
 };
 
 use fearless_simd::{Level, dispatch};
-use gs_core::{Binning, Blend, Canvas, Image, RenderSettings, statistics::Culled};
+use gs_core::{Binning, Blend, Canvas, Error, Image, RenderSettings, statistics::Culled};
 use rayon::prelude::*;
 
 use crate::{
@@ -86,13 +86,16 @@ impl Default for Workspace {
 
 impl Workspace {
     /// Stages `project` and, unless the lists may be used again and can be, `bin`.
+    ///
+    /// # Errors
+    /// Those of [`Bins::fill`]; the lists are then not used again.
     pub(crate) fn prepare(
         &mut self,
         cloud: &PlanarCloud,
         canvas: &Canvas,
         settings: &RenderSettings,
         binning: Binning,
-    ) {
+    ) -> Result<(), Error> {
         let band_rows = match settings.effects.blend {
             Blend::Sum => SUM_BAND_ROWS,
             Blend::Over => OVER_BAND_ROWS,
@@ -104,12 +107,13 @@ impl Workspace {
             self.settings = *settings;
             self.grid = Grid::new((canvas.width, canvas.height), band_rows);
             // Anew each time: an order that were kept would be state that no checkpoint holds.
+            self.edition = None;
             self.arrange(cloud, settings.effects.blend);
-            self.edition = Some(cloud.edition);
         }
         self.project(cloud);
         if !reuse {
-            self.bin();
+            self.bin()?;
+            self.edition = Some(cloud.edition);
         }
         self.stride = match settings.effects.blend {
             Blend::Sum => blend_sum::STRIDE,
@@ -117,6 +121,7 @@ impl Workspace {
         };
         self.rows.resize(self.grid.rows(), Row::ZERO);
         self.sums.resize(self.grid.tiles(), 0.0);
+        Ok(())
     }
 
     /// Stage `project`.
@@ -127,9 +132,12 @@ impl Workspace {
     }
 
     /// Stage `bin`.
-    pub(crate) fn bin(&mut self) {
+    ///
+    /// # Errors
+    /// Those of [`Bins::fill`].
+    pub(crate) fn bin(&mut self) -> Result<(), Error> {
         self.culled.outside = 0;
-        self.bins.fill(&self.splats, &self.grid, &mut self.culled);
+        self.bins.fill(&self.splats, &self.grid, &mut self.culled)
     }
 
     /// Decides in which order tiles see the Gaussians: by index where that matters, else by row, so that neighbours in a tile's
