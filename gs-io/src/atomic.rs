@@ -1,9 +1,11 @@
 //! Writing a file so that it is there complete or not at all, and opening one to read.
 
 use std::{
+    collections::BTreeSet,
     fs::{self, File},
     io::{self, BufWriter, Write},
-    path::Path,
+    path::{Path, PathBuf},
+    sync::{Mutex, MutexGuard, PoisonError},
 };
 
 use crate::error::Error;
@@ -49,13 +51,66 @@ pub fn write_atomically(
     if !folder.is_dir() {
         return Err(Error::NoFolder { path: path.to_owned(), folder: folder.to_owned() });
     }
-    let temporary = new_temporary(folder).map_err(failed)?; // removed when dropped
-    fill(temporary.as_file(), content).map_err(failed)?;
+    let temporary = Temporary::new(folder).map_err(failed)?;
+    fill(temporary.file.as_file(), content).map_err(failed)?;
     if let Some(old) = replaced {
-        temporary.as_file().set_permissions(old.permissions()).map_err(failed)?;
+        temporary.file.as_file().set_permissions(old.permissions()).map_err(failed)?;
     }
-    temporary.persist(&target).map_err(|e| failed(e.error))?;
-    Ok(())
+    temporary.persist(&target).map_err(failed)
+}
+
+/// Ends every [`write_atomically`] that is under way, in any thread, as if it had failed: its temporary file is removed, and the
+/// thread never returns from it; nor from one that it begins later. For a program that is about to exit at once, such as on a
+/// second Ctrl-C: without it, the temporary files would stay behind.
+pub fn abandon_writes() {
+    let mut under_way = under_way();
+    while let Some(path) = under_way.pop_first() {
+        // What cannot be removed now cannot be removed at all.
+        let _ = fs::remove_file(path);
+    }
+    // Whoever wants to begin or end a write waits for this lock.
+    std::mem::forget(under_way);
+}
+
+/// The temporary files that are there.
+fn under_way() -> MutexGuard<'static, BTreeSet<PathBuf>> {
+    static PATHS: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
+    PATHS.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// A temporary file that [`abandon_writes`] knows of; removed when dropped.
+struct Temporary {
+    file: tempfile::NamedTempFile,
+    known: Known,
+}
+
+/// A path among those of [`under_way`].
+struct Known(PathBuf);
+
+impl Temporary {
+    fn new(folder: &Path) -> io::Result<Self> {
+        let mut under_way = under_way();
+        let file = new_temporary(folder)?;
+        let known = Known(file.path().to_owned());
+        under_way.insert(known.0.clone());
+        Ok(Self { file, known })
+    }
+
+    /// Gives the file its name.
+    fn persist(self, target: &Path) -> io::Result<()> {
+        let Self { file, known } = self;
+        let not_abandoned = under_way();
+        let result = file.persist(target);
+        drop(not_abandoned);
+        drop(known);
+        result.map(drop).map_err(|error| error.error)
+    }
+}
+
+impl Drop for Known {
+    fn drop(&mut self) {
+        under_way().remove(&self.0);
+    }
 }
 
 fn fill(file: &File, content: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> io::Result<()> {

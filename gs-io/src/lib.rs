@@ -20,7 +20,7 @@ mod ply;
 mod scene_file;
 
 pub use crate::{
-    atomic::write_atomically,
+    atomic::{abandon_writes, write_atomically},
     checkpoint::{Checkpoint, read_checkpoint, write_checkpoint},
     error::Error,
     image::{AlphaMode, LoadedImage, Transparency, read_image, read_image_with, write_png},
