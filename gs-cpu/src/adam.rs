@@ -99,50 +99,27 @@ struct Slices<'a> {
     visible: &'a mut [u32],
 }
 
-impl<'a> Slices<'a> {
+impl Slices<'_> {
     fn split(self, at: usize) -> (Self, Self) {
-        fn cut<T>(slice: &mut [T], at: usize) -> (&mut [T], &mut [T]) {
-            let at = at.min(slice.len());
-            slice.split_at_mut(at)
+        /// Every field cut at `at`, or at its end where it is shorter, being unused.
+        macro_rules! cut {
+            ($($field:ident),*) => {{
+                $(let $field = self.$field.split_at_mut(at.min(self.$field.len()));)*
+                (Self { $($field: $field.0),* }, Self { $($field: $field.1),* })
+            }};
         }
-        let (means, means_r) = cut(self.means, at);
-        let (scale_rotations, scale_rotations_r) = cut(self.scale_rotations, at);
-        let (frames, frames_r) = cut(self.frames, at);
-        let (colors, colors_r) = cut(self.colors, at);
-        let (opacity_logits, opacity_logits_r) = cut(self.opacity_logits, at);
-        let (first, first_r) = cut(self.first, at);
-        let (second, second_r) = cut(self.second, at);
-        let (opacity_moments, opacity_moments_r) = cut(self.opacity_moments, at);
-        let (steps, steps_r) = cut(self.steps, at);
-        let (gradient_sum, gradient_sum_r) = cut(self.gradient_sum, at);
-        let (visible, visible_r) = cut(self.visible, at);
-        (
-            Self {
-                means,
-                scale_rotations,
-                frames,
-                colors,
-                opacity_logits,
-                first,
-                second,
-                opacity_moments,
-                steps,
-                gradient_sum,
-                visible,
-            },
-            Self {
-                means: means_r,
-                scale_rotations: scale_rotations_r,
-                frames: frames_r,
-                colors: colors_r,
-                opacity_logits: opacity_logits_r,
-                first: first_r,
-                second: second_r,
-                opacity_moments: opacity_moments_r,
-                steps: steps_r,
-                gradient_sum: gradient_sum_r,
-                visible: visible_r,
-            },
+        cut!(
+            means,
+            scale_rotations,
+            frames,
+            colors,
+            opacity_logits,
+            first,
+            second,
+            opacity_moments,
+            steps,
+            gradient_sum,
+            visible
         )
     }
 }
