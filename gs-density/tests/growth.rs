@@ -27,9 +27,19 @@ fn grow(
     rng: &mut Rng,
 ) -> (Option<Change<PlanarGaussian>>, Birth<PlanarGaussian>) {
     let scene: PlanarScene = [parent; 2].into_iter().collect();
+    grow_in(&scene, 1, densify, rng)
+}
+
+/// Grows one Gaussian of two.
+fn grow_in(
+    scene: &PlanarScene,
+    index: u32,
+    densify: &Densify,
+    rng: &mut Rng,
+) -> (Option<Change<PlanarGaussian>>, Birth<PlanarGaussian>) {
     let statistics = DensityStatistics::zeros(2);
     let observation = Observation {
-        scene: &scene,
+        scene,
         statistics: &statistics,
         residual: None,
         size: (200, 100),
@@ -37,7 +47,7 @@ fn grow(
         progress: 0.5,
         budget: 9,
     };
-    densify.grow(1, &observation, rng)
+    densify.grow(index, &observation, rng)
 }
 
 fn small() -> Densify {
@@ -145,17 +155,7 @@ fn conserved_opacity_composites_to_the_parents() {
         let parent = PlanarGaussian { opacity_logit, ..parent() };
         // A second, translucent Gaussian makes this a scene with opacities even where this one is opaque.
         let scene: PlanarScene = [parent, self::parent()].into_iter().collect();
-        let statistics = DensityStatistics::zeros(2);
-        let observation = Observation {
-            scene: &scene,
-            statistics: &statistics,
-            residual: None,
-            size: (200, 100),
-            step: 0,
-            progress: 0.5,
-            budget: 9,
-        };
-        let (change, birth) = conserve.grow(0, &observation, &mut Rng::new(1, 2));
+        let (change, birth) = grow_in(&scene, 0, &conserve, &mut Rng::new(1, 2));
         let original = change.map_or(parent, |c| c.gaussian);
         assert_eq!(original, birth.gaussian);
         assert_eq!(PlanarGaussian { opacity_logit, ..original }, parent);
