@@ -105,8 +105,10 @@ impl From<gs_train::Error> for Failure {
     }
 }
 
-/// Quits at once, as a second Ctrl-C asks; results are written under temporary names, so none is left in half.
+/// Quits at once, as a second Ctrl-C asks. Results are written under temporary names, so none is left in half, and those are
+/// removed.
 pub(crate) fn quit_now() -> ! {
+    gs_io::abandon_writes();
     std::process::exit(i32::from(INTERRUPTED))
 }
 

@@ -38,7 +38,7 @@ pub struct Fit {
 /// let mut log = MetricsLog::new(5);
 /// let fit = fit(&rasterizer, &paper_target(), settings, &mut log)?;
 /// assert_eq!(fit.summary.gaussians, 50);
-/// assert!(log.rows().last().is_some_and(|row| row.psnr > 15.0));
+/// assert!(log.rows().last().and_then(|row| row.psnr).is_some_and(|psnr| psnr > 15.0));
 /// # Ok::<(), gs_train::Error>(())
 /// ```
 pub fn fit<R: Rasterizer<PlanarScene>>(

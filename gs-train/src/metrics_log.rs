@@ -1,14 +1,26 @@
 //! A table of how a fit went: the numbers behind its curves of count, loss and quality.
 
-use std::fmt::Write;
+use std::{collections::BTreeMap, fmt::Write};
 
 use gs_core::edit::EditCounts;
+use gs_io::Checkpoint;
 use serde::{Deserialize, Serialize};
 
 use crate::{
+    checkpoint::FitRecord,
+    error::Error,
     observer::{Control, Observer, Progress},
     settings::FitSettings,
 };
+
+/// Where a checkpoint keeps the table.
+const KEY: &str = "metrics";
+
+/// A checkpoint keeps this many rows at most, the last ones; a file's metadata must stay small.
+const MOST_KEPT_ROWS: usize = 50_000;
+
+const HEADINGS: &str = "step,seconds,count,cloned,split,seeded,pruned_transparent,pruned_too_large,pruned_not_finite,\
+                        pruned_unimportant,loss,l1,psnr";
 
 /// One row of a [`MetricsLog`].
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -25,29 +37,46 @@ pub struct MetricsRow {
     pub edits: EditCounts,
     /// The loss before the step.
     pub loss: f32,
-    /// Mean absolute difference from the target after the step, both clamped.
-    pub l1: f64,
-    /// PSNR after the step, both clamped, dB.
-    pub psnr: f64,
+    /// Mean absolute difference from the target after the step, both clamped; where it was measured.
+    pub l1: Option<f64>,
+    /// PSNR after the step, both clamped, dB; where it was measured.
+    pub psnr: Option<f64>,
 }
 
 /// An observer that keeps a row for the first step, every `every` steps, every round of density control, and the last step.
+///
+/// A checkpoint that is taken while it watches holds its rows, so that the log of a resumed fit can go on with them:
+/// [`MetricsLog::resumed`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct MetricsLog {
     every: u32,
+    measured_every: u32,
     rows: Vec<MetricsRow>,
     edits: EditCounts,
 }
 
 impl MetricsLog {
-    /// A log with a row every `every` steps, at least 1.
+    /// A log with a row every `every` steps, at least 1, and the quality in each row. Measuring it costs a rendering.
     pub fn new(every: u32) -> Self {
-        Self { every: every.max(1), rows: Vec::new(), edits: EditCounts::default() }
+        Self { every: every.max(1), measured_every: 1, rows: Vec::new(), edits: EditCounts::default() }
     }
 
-    /// A log with about a hundred rows, and those of density control.
+    /// A log with about a hundred rows, and those of density control; the quality is measured in about twenty of them: after the
+    /// first step, every twentieth of all steps, and the last. Count and loss come with the step and cost nothing.
     pub fn for_settings(settings: &FitSettings) -> Self {
-        Self::new(settings.iterations / 100)
+        let log = Self::new(settings.iterations / 100);
+        Self { measured_every: 5 * log.every, ..log }
+    }
+
+    /// The log of a fit that goes on from a checkpoint with this metadata: this one's intervals, and the rows up to there. There are
+    /// none where no log watched the fit when the checkpoint was taken.
+    ///
+    /// # Errors
+    /// [`Error::Checkpoint`] where its rows cannot be those of its fit.
+    pub fn resumed(self, metadata: &BTreeMap<String, String>) -> Result<Self, Error> {
+        let step = FitRecord::from_metadata(metadata)?.step;
+        let rows = metadata.get(KEY).map_or(Ok(Vec::new()), |csv| rows_of(csv, step))?;
+        Ok(Self { rows, ..self })
     }
 
     /// The rows so far.
@@ -55,29 +84,79 @@ impl MetricsLog {
         &self.rows
     }
 
-    /// The table as comma-separated values, with a line of headings; a PSNR of equal images is `inf`.
+    /// The table as comma-separated values, with a line of headings. A PSNR of equal images is `inf`, and a quality that was not
+    /// measured an empty cell.
     pub fn to_csv(&self) -> String {
-        let mut csv = String::from(
-            "step,seconds,count,cloned,split,seeded,pruned_transparent,pruned_too_large,pruned_not_finite,\
-             pruned_unimportant,loss,l1,psnr\n",
-        );
-        for MetricsRow { step, seconds, count, edits: e, loss, l1, psnr } in &self.rows {
-            let (cloned, split, seeded) = (e.cloned, e.split, e.seeded);
-            let (transparent, too_large) = (e.pruned_transparent, e.pruned_too_large);
-            let (not_finite, unimportant) = (e.pruned_not_finite, e.pruned_unimportant);
-            let written = writeln!(
-                csv,
-                "{step},{seconds:.6},{count},{cloned},{split},{seeded},{transparent},{too_large},{not_finite},\
-                 {unimportant},{loss},{l1:.7},{psnr:.4}"
-            );
-            debug_assert!(written.is_ok(), "a string can always be written to");
-        }
-        csv
+        csv(&self.rows)
     }
 
     fn is_due(&self, progress: &Progress) -> bool {
         progress.step == 1 || progress.step.is_multiple_of(self.every) || progress.edits.is_some() || progress.is_last()
     }
+
+    fn is_measured(&self, progress: &Progress) -> bool {
+        let regular = progress.step == 1 || progress.step.is_multiple_of(self.measured_every) || progress.is_last();
+        regular && self.is_due(progress)
+    }
+}
+
+fn csv(rows: &[MetricsRow]) -> String {
+    let mut csv = format!("{HEADINGS}\n");
+    for MetricsRow { step, seconds, count, edits: e, loss, l1, psnr } in rows {
+        let (cloned, split, seeded) = (e.cloned, e.split, e.seeded);
+        let (transparent, too_large) = (e.pruned_transparent, e.pruned_too_large);
+        let (not_finite, unimportant) = (e.pruned_not_finite, e.pruned_unimportant);
+        let l1 = l1.map_or_else(String::new, |l1| format!("{l1:.7}"));
+        let psnr = psnr.map_or_else(String::new, |psnr| format!("{psnr:.4}"));
+        let written = writeln!(
+            csv,
+            "{step},{seconds:.6},{count},{cloned},{split},{seeded},{transparent},{too_large},{not_finite},\
+             {unimportant},{loss},{l1},{psnr}"
+        );
+        debug_assert!(written.is_ok(), "a string can always be written to");
+    }
+    csv
+}
+
+/// The rows of a table, which must be in order and not beyond `last_step`.
+fn rows_of(csv: &str, last_step: u32) -> Result<Vec<MetricsRow>, Error> {
+    let wrong = |line: usize, what: &str| Error::Checkpoint(format!("line {line} of its `{KEY}` {what}"));
+    let mut lines = csv.lines();
+    if lines.next() != Some(HEADINGS) {
+        return Err(wrong(1, "does not name the columns of a table of metrics"));
+    }
+    let mut rows: Vec<MetricsRow> = Vec::new();
+    for (line, text) in lines.enumerate().map(|(i, text)| (i + 2, text)) {
+        let row = row_of(text).ok_or_else(|| wrong(line, &format!("is no row of metrics: `{text}`")))?;
+        if rows.last().is_some_and(|before| before.step >= row.step) || row.step > last_step {
+            return Err(wrong(line, &format!("is out of order: step {} of a fit at step {last_step}", row.step)));
+        }
+        rows.push(row);
+    }
+    Ok(rows)
+}
+
+fn row_of(text: &str) -> Option<MetricsRow> {
+    let cells: Vec<&str> = text.split(',').collect();
+    let &[step, seconds, count, cloned, split, seeded, transparent, too_large, not_finite, unimportant, loss, l1, psnr] =
+        cells.as_slice()
+    else {
+        return None;
+    };
+    let whole = |cell: &str| cell.parse::<u32>().ok();
+    let measured = |cell: &str| if cell.is_empty() { Some(None) } else { cell.parse().ok().map(Some) };
+    let edits = EditCounts {
+        cloned: whole(cloned)?,
+        split: whole(split)?,
+        seeded: whole(seeded)?,
+        pruned_transparent: whole(transparent)?,
+        pruned_too_large: whole(too_large)?,
+        pruned_not_finite: whole(not_finite)?,
+        pruned_unimportant: whole(unimportant)?,
+    };
+    let (seconds, loss) = (seconds.parse().ok()?, loss.parse().ok()?);
+    let (l1, psnr) = (measured(l1)?, measured(psnr)?);
+    Some(MetricsRow { step: whole(step)?, seconds, count: whole(count)?, edits, loss, l1, psnr })
 }
 
 impl Observer for MetricsLog {
@@ -86,21 +165,64 @@ impl Observer for MetricsLog {
     }
 
     fn wants_quality(&mut self, progress: &Progress) -> bool {
-        self.is_due(progress)
+        self.is_measured(progress)
     }
 
     fn on_step(&mut self, progress: &Progress) -> Control {
-        if let Some(quality) = progress.quality.filter(|_| self.is_due(progress)) {
+        if self.is_due(progress) {
+            // What another observer asked for is left out, or the table would depend on who else watches.
+            let quality = progress.quality.filter(|_| self.is_measured(progress));
             self.rows.push(MetricsRow {
                 step: progress.step,
                 seconds: progress.seconds,
                 count: progress.count,
                 edits: std::mem::take(&mut self.edits),
                 loss: progress.loss,
-                l1: quality.l1,
-                psnr: quality.psnr,
+                l1: quality.map(|q| q.l1),
+                psnr: quality.map(|q| q.psnr),
             });
         }
         Control::Continue
+    }
+
+    fn on_checkpoint(&mut self, checkpoint: &mut Checkpoint) -> Result<(), Error> {
+        let kept = &self.rows[self.rows.len().saturating_sub(MOST_KEPT_ROWS)..];
+        checkpoint.metadata.insert(KEY.to_owned(), csv(kept));
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn row(step: u32) -> MetricsRow {
+        let edits = EditCounts { seeded: 7 * step, pruned_unimportant: step, ..EditCounts::default() };
+        let (seconds, loss) = (0.125 * f64::from(step), 0.1 / step as f32);
+        let (l1, psnr) = if step == 2 { (None, None) } else { (Some(0.25), Some(f64::INFINITY)) };
+        MetricsRow { step, seconds, count: 20 + step, edits, loss, l1, psnr }
+    }
+
+    #[test]
+    fn rows_come_back_from_their_table() {
+        let rows: Vec<MetricsRow> = (1..4).map(row).collect();
+        assert_eq!(rows_of(&csv(&rows), 3).unwrap(), rows);
+        assert_eq!(rows_of(&csv(&[]), 0).unwrap(), []);
+    }
+
+    #[test]
+    fn a_table_of_another_fit_is_refused() {
+        let good = csv(&[row(1), row(2)]);
+        for (bad, expected) in [
+            (good.replace("loss", "cost"), "line 1"),
+            (String::new(), "line 1"),
+            (good.clone() + "3,x\n", "line 4 of its `metrics` is no row"),
+            (good.clone() + "2,0.1,1,0,0,0,0,0,0,0,0.5,,\n", "out of order"),
+            (good.clone() + "10,0.1,1,0,0,0,0,0,0,0,0.5,,\n", "step 10 of a fit at step 9"),
+            (good + "3,0.1,-1,0,0,0,0,0,0,0,0.5,,\n", "line 4"),
+        ] {
+            let message = rows_of(&bad, 9).unwrap_err().to_string();
+            assert!(message.contains(expected), "{message}");
+        }
     }
 }

@@ -89,11 +89,12 @@ pub trait Observer {
         false
     }
 
-    /// The checkpoint that an observer wanted.
+    /// The checkpoint that an observer wanted. Of several observers the first sees it first, and may add to its metadata; whoever
+    /// stores it should come last.
     ///
     /// # Errors
     /// Whatever keeps it from being stored; it ends the run.
-    fn on_checkpoint(&mut self, checkpoint: &Checkpoint) -> Result<(), Error> {
+    fn on_checkpoint(&mut self, checkpoint: &mut Checkpoint) -> Result<(), Error> {
         let _ = checkpoint;
         Ok(())
     }
@@ -118,7 +119,7 @@ impl<O: Observer + ?Sized> Observer for &mut O {
         (**self).wants_checkpoint(progress)
     }
 
-    fn on_checkpoint(&mut self, checkpoint: &Checkpoint) -> Result<(), Error> {
+    fn on_checkpoint(&mut self, checkpoint: &mut Checkpoint) -> Result<(), Error> {
         (**self).on_checkpoint(checkpoint)
     }
 }
@@ -147,7 +148,7 @@ impl<A: Observer, B: Observer> Observer for (A, B) {
         first || second
     }
 
-    fn on_checkpoint(&mut self, checkpoint: &Checkpoint) -> Result<(), Error> {
+    fn on_checkpoint(&mut self, checkpoint: &mut Checkpoint) -> Result<(), Error> {
         self.0.on_checkpoint(checkpoint)?;
         self.1.on_checkpoint(checkpoint)
     }

@@ -146,7 +146,7 @@ impl<'a, R: Rasterizer<PlanarScene>> Trainer<'a, R> {
             stop |= observer.on_step(&progress) == Control::Stop;
             checkpoint |= observer.wants_checkpoint(&progress);
             if checkpoint && self.can_checkpoint() {
-                observer.on_checkpoint(&self.checkpoint()?)?;
+                observer.on_checkpoint(&mut self.checkpoint()?)?;
                 checkpoint = false;
             }
             if stop && self.can_checkpoint() && !self.is_finished() {
@@ -216,7 +216,7 @@ impl<'a, R: Rasterizer<PlanarScene>> Trainer<'a, R> {
         };
         let needs_residual = settings.policy.needs_residual();
         if needs_residual {
-            self.residual.rendered = self.rendered()?;
+            self.residual.rendered = self.render()?.0;
         }
         let observation = Observation {
             scene: &scene,
@@ -233,7 +233,6 @@ impl<'a, R: Rasterizer<PlanarScene>> Trainer<'a, R> {
         self.record.edits.accumulate(&counts);
         self.binning = Binning::Fresh;
         self.solve_colors(self.record.settings.color_solve.after_edit)?;
-        tracing::debug!(step = self.record.step, count = self.count(), ?counts, "density control");
         Ok(counts)
     }
 
@@ -292,14 +291,6 @@ impl<'a, R: Rasterizer<PlanarScene>> Trainer<'a, R> {
         Ok(Quality { l1, psnr, culled })
     }
 
-    /// The scene as rendered now at the target's size, not clamped.
-    ///
-    /// # Errors
-    /// Those of the backend.
-    pub fn rendered(&self) -> Result<Image, Error> {
-        Ok(self.render()?.0)
-    }
-
     /// The fit as it stands, in numbers.
     ///
     /// # Errors
@@ -309,8 +300,11 @@ impl<'a, R: Rasterizer<PlanarScene>> Trainer<'a, R> {
         FitSummary::new(self, &image, culled)
     }
 
-    /// The scene as rendered now, and what was left out.
-    pub(crate) fn render(&self) -> Result<(Image, Culled), Error> {
+    /// The scene as rendered now at the target's size, not clamped, and what was left out.
+    ///
+    /// # Errors
+    /// Those of the backend.
+    pub fn render(&self) -> Result<(Image, Culled), Error> {
         let mut render = self.record.settings.render;
         render.effects.statistics = Statistics::None;
         let frame = self.rasterizer.forward(&self.cloud, &self.canvas, &render)?;

@@ -69,13 +69,37 @@ fn the_log_tells_every_edit_and_where_the_fit_ends() {
     assert_eq!(20 + edits.added() - edits.pruned(), 60);
     let last = log.rows().last().unwrap();
     assert_eq!((last.count, last.step), (fit.summary.gaussians, fit.summary.iterations));
-    assert!((last.psnr - fit.summary.psnr).abs() < 1e-3, "{} {}", last.psnr, fit.summary.psnr);
-    assert!((last.l1 - fit.summary.l1).abs() < 1e-6);
-    assert!(last.psnr > log.rows()[0].psnr + 3.0);
+    let (psnr, first_psnr) = (last.psnr.unwrap(), log.rows()[0].psnr.unwrap());
+    assert!((psnr - fit.summary.psnr).abs() < 1e-3, "{psnr} {}", fit.summary.psnr);
+    assert!((last.l1.unwrap() - fit.summary.l1).abs() < 1e-6);
+    assert!(psnr > first_psnr + 3.0);
     let csv = log.to_csv();
     assert_eq!(csv.lines().count(), 11);
     let columns: Vec<usize> = csv.lines().map(|l| l.split(',').count()).collect();
     assert!(columns.iter().all(|&c| c == columns[0]), "{csv}");
+}
+
+#[test]
+fn the_quality_is_measured_in_few_rows_and_for_the_log_alone() {
+    /// Measures the quality after every step.
+    struct Curious;
+    impl Observer for Curious {
+        fn wants_quality(&mut self, _: &Progress) -> bool {
+            true
+        }
+    }
+    let (rasterizer, target) = (rasterizer(), small_target());
+    let settings = FitSettings { iterations: 230, ..small_fit(Blend::Sum) };
+    let mut log = MetricsLog::for_settings(&settings);
+    let mut watched = log.clone();
+    fit(&rasterizer, &target, settings.clone(), &mut log).unwrap();
+    fit(&rasterizer, &target, settings, &mut (&mut watched, Curious)).unwrap();
+    let measured = |log: &MetricsLog| -> Vec<u32> {
+        log.rows().iter().filter(|r| r.psnr.is_some() && r.l1.is_some()).map(|r| r.step).collect()
+    };
+    assert_eq!(measured(&log), [1].into_iter().chain((10..=230).step_by(10)).collect::<Vec<_>>());
+    assert_eq!(measured(&watched), measured(&log));
+    assert_eq!(log.rows().len(), 116, "the first and every second step; rounds fall on those");
 }
 
 #[test]
@@ -92,7 +116,7 @@ fn an_observer_stops_a_run_and_sees_the_checkpoints_it_wants() {
         fn wants_checkpoint(&mut self, progress: &Progress) -> bool {
             progress.step == 5
         }
-        fn on_checkpoint(&mut self, checkpoint: &gs_io::Checkpoint) -> Result<(), Error> {
+        fn on_checkpoint(&mut self, checkpoint: &mut gs_io::Checkpoint) -> Result<(), Error> {
             self.checkpoints.push(checkpoint.metadata["step"].clone());
             Ok(())
         }

@@ -4,7 +4,7 @@ mod scenes;
 
 use gs_core::{Blend, Chart, CloudState, Image};
 use gs_density::Policy;
-use gs_train::{Control, Error, FitSettings, Observer, Outcome, Progress, Rounds, Trainer};
+use gs_train::{Control, Error, FitSettings, MetricsLog, Observer, Outcome, Progress, Rounds, Trainer};
 use scenes::{rasterizer, small_fit, small_target};
 
 /// Stops at given steps, or at the first possible one after.
@@ -109,4 +109,36 @@ fn a_checkpoint_of_something_else_is_refused() {
     let mut hollow = checkpoint;
     hollow.state.tensors.clear();
     assert!(matches!(Trainer::resume(&rasterizer, &target, hollow), Err(Error::Core(gs_core::Error::State(_)))));
+}
+
+#[test]
+fn the_log_of_a_resumed_fit_begins_with_the_rows_of_its_checkpoint() {
+    /// The table but for the times.
+    fn table(log: &MetricsLog) -> Vec<Vec<String>> {
+        let cells =
+            |row: &str| row.split(',').enumerate().filter(|&(k, _)| k != 1).map(|(_, c)| c.to_owned()).collect();
+        log.to_csv().lines().map(cells).collect()
+    }
+    let (rasterizer, target, settings) = (rasterizer(), small_target(), small_fit(Blend::Sum));
+    let mut whole = MetricsLog::new(7);
+    Trainer::new(&rasterizer, &target, settings.clone()).unwrap().run(&mut whole).unwrap();
+
+    let mut log = MetricsLog::new(7);
+    let mut trainer = Trainer::new(&rasterizer, &target, settings).unwrap();
+    assert_eq!(trainer.run(&mut (&mut log, StopAt(vec![15]))).unwrap(), Outcome::Stopped);
+    let unwatched = trainer.checkpoint().unwrap();
+    let mut checkpoint = unwatched.clone();
+    log.on_checkpoint(&mut checkpoint).unwrap();
+
+    let mut resumed = MetricsLog::new(7).resumed(&checkpoint.metadata).unwrap();
+    assert_eq!(table(&resumed), table(&log));
+    Trainer::resume(&rasterizer, &target, checkpoint.clone()).unwrap().run(&mut resumed).unwrap();
+    assert_eq!(table(&resumed), table(&whole));
+
+    assert!(MetricsLog::new(7).resumed(&unwatched.metadata).unwrap().rows().is_empty());
+    checkpoint.metadata.insert("metrics".to_owned(), whole.to_csv());
+    assert!(
+        matches!(MetricsLog::new(7).resumed(&checkpoint.metadata), Err(Error::Checkpoint(_))),
+        "rows beyond its step"
+    );
 }

@@ -167,7 +167,10 @@ fn text(info: &Info) -> String {
         let _ = writeln!(text, "{name:<20}{min:.4} to {max:.4}, median {median:.4}");
     }
     for (name, value) in &info.metadata {
-        let _ = writeln!(text, "{name:<20}{value}");
+        let _ = match name.as_str() {
+            "metrics" => writeln!(text, "{name:<20}{} rows", value.lines().skip(1).count()),
+            _ => writeln!(text, "{name:<20}{value}"),
+        };
     }
     text.truncate(text.trim_end().len());
     text

@@ -12,12 +12,19 @@ DIR then holds:
   scene.gs2d.safetensors  the Gaussians themselves, for gs render and gs info
   scene.ply               the same as a flat scene for any viewer of 3D Gaussian splats
   ellipses.png            the Gaussians drawn as ellipses over the reconstruction
-  metrics.csv             count, edits, loss, L1 and PSNR over the steps
+  metrics.csv             count, edits and loss at every 100th part of the steps and at each round of density
+                          control; L1 and PSNR, which cost a rendering, at every 20th part and at both ends
   curve.png               count and loss over the steps
   settings.toml           all settings, to repeat the fit with --settings
   summary.json            what --json prints
 
-Ctrl-C stops the fit, saves a checkpoint, and writes what there is so far.";
+Files of an earlier fit in DIR are replaced, or removed where this fit has none of the kind; checkpoints stay.
+
+Transparent pixels are fitted as they look on white or on --background; with --blend over that colour is also what lies behind all
+Gaussians, in place of the image's mean colour.
+
+Ctrl-C stops the fit, saves a checkpoint, and writes what there is so far; a second one quits at once. A checkpoint holds the rows
+of metrics.csv up to it, so that a resumed fit has the whole table, in any folder.";
 
 /// The flags of [`SettingsArgs`] that a checkpoint settles: all but the background, which a resumed fit needs to see a transparent
 /// image as before.
@@ -39,6 +46,9 @@ pub(crate) struct FitArgs {
     /// Leave out the two pictures that only explain: ellipses.png and curve.png
     #[arg(long)]
     no_report: bool,
+    /// Tell of each round of density control as it happens; metrics.csv has them all, too
+    #[arg(short, long)]
+    verbose: bool,
     #[command(flatten)]
     pub(crate) settings: SettingsArgs,
     #[command(flatten)]
@@ -53,10 +63,24 @@ impl FitArgs {
         if self.json { Format::Json } else { Format::Text }
     }
 
+    /// How much is told while it runs.
+    pub(crate) fn detail(&self) -> Detail {
+        if self.verbose { Detail::Rounds } else { Detail::Steps }
+    }
+
     /// Which pictures are made.
     pub(crate) fn pictures(&self) -> Pictures {
         if self.no_report { Pictures::Reconstruction } else { Pictures::All }
     }
+}
+
+/// How much a fit tells while it runs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Detail {
+    /// How far it is.
+    Steps,
+    /// That, and a line for each round of density control.
+    Rounds,
 }
 
 /// Which pictures a fit leaves behind.

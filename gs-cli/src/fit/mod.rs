@@ -16,8 +16,8 @@ use std::{
 };
 
 use gs_core::{PlanarScene, Rasterizer};
-use gs_io::{Checkpoint, read_checkpoint, write_checkpoint};
-use gs_train::{FitSettings, MetricsLog, Outcome, Trainer};
+use gs_io::{Checkpoint, read_checkpoint};
+use gs_train::{FitSettings, MetricsLog, Observer, Outcome, Trainer};
 
 use crate::{
     backend::{Backend, Task},
@@ -27,7 +27,7 @@ use crate::{
         folder::OutputFolder,
         observers::{Checkpoints, Curve, StopOnInterrupt},
         progress::Display,
-        results::{History, Results},
+        results::Results,
         target::Target,
     },
     interrupt::Interrupt,
@@ -47,8 +47,8 @@ pub(crate) fn run(args: &FitArgs) -> Result<(), Failure> {
     }
     let target = Target::load(args.image.as_deref(), settings::background(&args.settings)?)?;
     let start = match &args.checkpoints.resume {
-        Some(file) => Start::Resumed(read_checkpoint(file)?, file.clone()),
-        None => Start::Fresh(Box::new(settings::resolve(&args.settings, &target.image, target.preset())?)),
+        Some(file) => Start::Resumed(Box::new(read_checkpoint(file)?), file.clone()),
+        None => Start::Fresh(Box::new(settings::resolve(&args.settings, &target)?)),
     };
     let backend = Backend::start(&args.backend)?;
     backend.run(Fit { args, target: &target, start, backend: &backend, started })
@@ -58,7 +58,30 @@ pub(crate) fn run(args: &FitArgs) -> Result<(), Failure> {
 enum Start {
     Fresh(Box<FitSettings>),
     /// A checkpoint, and the file it is from.
-    Resumed(Checkpoint, PathBuf),
+    Resumed(Box<Checkpoint>, PathBuf),
+}
+
+impl Start {
+    /// The fit where it begins, and its log up to there.
+    fn begin<'r, R: Rasterizer<PlanarScene>>(
+        self,
+        rasterizer: &'r R,
+        target: &Target,
+    ) -> Result<(Trainer<'r, R>, MetricsLog), Failure> {
+        match self {
+            Self::Fresh(settings) => {
+                let log = MetricsLog::for_settings(&settings);
+                Ok((Trainer::new(rasterizer, &target.image, *settings)?, log))
+            }
+            Self::Resumed(checkpoint, file) => {
+                let failed = |error| not_resumed(error, &file);
+                let metadata = checkpoint.metadata.clone();
+                let trainer = Trainer::resume(rasterizer, &target.image, *checkpoint).map_err(failed)?;
+                let log = MetricsLog::for_settings(trainer.settings()).resumed(&metadata).map_err(failed)?;
+                Ok((trainer, log))
+            }
+        }
+    }
 }
 
 struct Fit<'a> {
@@ -74,35 +97,26 @@ impl Task for Fit<'_> {
 
     fn run<R: Rasterizer<PlanarScene>>(self, rasterizer: &R) -> Result<(), Failure> {
         let Self { args, target, start, backend, started } = self;
-        let resumed = matches!(start, Start::Resumed(..));
-        let mut trainer = match start {
-            Start::Fresh(settings) => Trainer::new(rasterizer, &target.image, *settings)?,
-            Start::Resumed(checkpoint, file) => {
-                Trainer::resume(rasterizer, &target.image, checkpoint).map_err(|error| not_resumed(error, &file))?
-            }
-        };
+        let (mut trainer, mut log) = start.begin(rasterizer, target)?;
         let folder = OutputFolder::prepare(&args.output, "--output")?;
         let mut checkpoints = checkpoints(args, &folder, trainer.settings().iterations)?;
         announce(args, target, backend, &trainer);
 
-        let history = match resumed {
-            true => History::read(&folder, trainer.step()),
-            false => History::default(),
-        };
         let interrupt = Interrupt::listen();
-        let mut display = Display::new(trainer.step(), trainer.settings().iterations);
-        let mut log = MetricsLog::for_settings(trainer.settings());
-        let mut curve = Curve(history.points());
+        let mut display = Display::new(trainer.step(), trainer.settings().iterations, args.detail());
+        let mut curve = Curve::begun_by(&log);
         let stop = StopOnInterrupt(&interrupt);
         let outcome = trainer.run(&mut ((&mut display, &mut log), (&mut curve, (&mut checkpoints, stop))));
         display.clear();
         let outcome = outcome?;
         if outcome == Outcome::Stopped {
-            write_checkpoint(&checkpoints.file, &trainer.checkpoint()?)?;
+            let mut checkpoint = trainer.checkpoint()?;
+            log.on_checkpoint(&mut checkpoint)?;
+            checkpoints.on_checkpoint(&mut checkpoint)?;
         }
 
         let results = Results { folder: &folder, target, backend, pictures: args.pictures(), started };
-        let summary = results.write(rasterizer, &trainer, &history.with(&log), &curve.0)?;
+        let summary = results.write(rasterizer, &trainer, &log.to_csv(), &curve.0)?;
         match args.format() {
             Format::Json => output::json(&summary)?,
             Format::Text => output::note(summary.text(folder.path())),
@@ -156,7 +170,7 @@ fn announce<R: Rasterizer<PlanarScene>>(args: &FitArgs, target: &Target, backend
 
 fn stopped(args: &FitArgs, target: &Target, checkpoints: &Checkpoints, step: u32) -> Failure {
     let image = target.file.as_ref().map_or_else(String::new, |file| format!(" {}", quoted(file)));
-    let backdrop = target.backdrop.map_or_else(String::new, |color| format!(" --background {color}"));
+    let backdrop = target.behind.map_or_else(String::new, |color| format!(" --background {color}"));
     Failure::interrupted(format_args!(
         "stopped after step {step}; to go on: gs fit{image}{backdrop} -o {} --resume {}",
         quoted(&args.output),

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use gs_io::{Checkpoint, write_checkpoint};
-use gs_train::{Control, Error, Observer, Progress};
+use gs_train::{Control, Error, MetricsLog, Observer, Progress};
 
 use crate::{interrupt::Interrupt, report::curve::Point};
 
@@ -16,7 +16,7 @@ impl Observer for StopOnInterrupt<'_> {
     }
 }
 
-/// Stores checkpoints as the fit goes on, each in place of the one before.
+/// Stores checkpoints as the fit goes on, each in place of the one before. It stands behind the observers that add to them.
 pub(crate) struct Checkpoints {
     /// Where.
     pub(crate) file: PathBuf,
@@ -29,7 +29,7 @@ impl Observer for Checkpoints {
         self.every.is_some_and(|every| progress.step.is_multiple_of(every))
     }
 
-    fn on_checkpoint(&mut self, checkpoint: &Checkpoint) -> Result<(), Error> {
+    fn on_checkpoint(&mut self, checkpoint: &mut Checkpoint) -> Result<(), Error> {
         Ok(write_checkpoint(&self.file, checkpoint)?)
     }
 }
@@ -37,6 +37,14 @@ impl Observer for Checkpoints {
 /// Collects the points of the curve: count and loss come with every step and cost nothing.
 #[derive(Debug, Default)]
 pub(crate) struct Curve(pub(crate) Vec<Point>);
+
+impl Curve {
+    /// The curve of a fit whose first rows are in `log`.
+    pub(crate) fn begun_by(log: &MetricsLog) -> Self {
+        let points = log.rows().iter().map(|row| Point { step: row.step, count: row.count, loss: row.loss });
+        Self(points.collect())
+    }
+}
 
 impl Observer for Curve {
     fn on_step(&mut self, progress: &Progress) -> Control {

@@ -5,10 +5,11 @@ use std::{
     time::{Duration, Instant},
 };
 
+use gs_core::edit::EditCounts;
 use gs_train::{Control, Observer, Progress};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
-use crate::output;
+use crate::{fit::arguments::Detail, output};
 
 /// Time between two drawings of the bar: fast enough for the eye.
 const REDRAW: Duration = Duration::from_millis(100);
@@ -20,6 +21,7 @@ const LINE: Duration = Duration::from_secs(1);
 /// An observer that shows how far the fit is.
 pub(crate) struct Display {
     kind: Kind,
+    detail: Detail,
     started: Instant,
     first_step: u32,
     drawn: Instant,
@@ -36,7 +38,7 @@ enum Kind {
 
 impl Display {
     /// A display on standard error for a fit that begins after `step` of `iterations` steps.
-    pub(crate) fn new(step: u32, iterations: u32) -> Self {
+    pub(crate) fn new(step: u32, iterations: u32, detail: Detail) -> Self {
         let kind = if stderr().is_terminal() {
             let target = ProgressDrawTarget::stderr_with_hz(10);
             let bar = ProgressBar::with_draw_target(Some(u64::from(iterations)), target).with_position(u64::from(step));
@@ -47,7 +49,7 @@ impl Display {
             Kind::Lines(0)
         };
         let now = Instant::now();
-        Self { kind, started: now, first_step: step, drawn: now, measured: None, psnr: None }
+        Self { kind, detail, started: now, first_step: step, drawn: now, measured: None, psnr: None }
     }
 
     /// Takes the bar away, so that what follows is written below nothing.
@@ -70,7 +72,34 @@ impl Display {
     }
 }
 
+/// One line about a round of density control: what came, what went, and why.
+fn round(progress: &Progress, counts: &EditCounts) -> String {
+    let causes = [
+        ("cloned", counts.cloned),
+        ("split", counts.split),
+        ("seeded", counts.seeded),
+        ("pruned as transparent", counts.pruned_transparent),
+        ("pruned as too large", counts.pruned_too_large),
+        ("pruned as not finite", counts.pruned_not_finite),
+        ("pruned as contributing least", counts.pruned_unimportant),
+    ];
+    let told: Vec<String> =
+        causes.iter().filter(|(_, count)| *count > 0).map(|(cause, count)| format!("{count} {cause}")).collect();
+    let told = if told.is_empty() { "nothing to do".to_owned() } else { told.join(", ") };
+    format!("step {}: {told}; {} Gaussians", progress.step, progress.count)
+}
+
 impl Observer for Display {
+    fn on_edit(&mut self, progress: &Progress, counts: &EditCounts) {
+        if self.detail == Detail::Rounds {
+            let line = round(progress, counts);
+            match &self.kind {
+                Kind::Bar(bar) => bar.suspend(|| output::note(line)),
+                Kind::Lines(_) => output::note(line),
+            }
+        }
+    }
+
     fn wants_quality(&mut self, progress: &Progress) -> bool {
         let due = self.measured.is_none_or(|measured| measured.elapsed() >= MEASURE);
         let wanted = progress.psnr_estimate.is_none() && matches!(self.kind, Kind::Bar(_)) && due;

@@ -1,11 +1,11 @@
-//! What a fit leaves behind in its folder. Each file appears complete or not at all; the summary last, so that whoever sees it
-//! finds the rest.
+//! What a fit leaves behind in its folder. Each file appears complete or not at all, and none of an earlier fit stays beside them;
+//! the summary comes last, so that whoever sees it finds the rest.
 
-use std::{fs, path::Path, thread, time::Instant};
+use std::{fs, io, path::Path, thread, time::Instant};
 
 use gs_core::{Blend, Canvas, Image, PlanarScene, Rasterizer, RenderSettings, Scene, effects::Statistics};
 use gs_io::{PlanarFile, PlyColors, write_atomically, write_ply, write_png, write_scene};
-use gs_train::{FitSummary, MetricsLog, Trainer};
+use gs_train::{FitSummary, Trainer};
 use serde::Serialize;
 
 use crate::{
@@ -68,7 +68,7 @@ impl Results<'_> {
         metrics: &str,
         points: &[Point],
     ) -> Result<Summary, Failure> {
-        let (reconstruction, culled) = (trainer.rendered()?, trainer.quality()?.culled);
+        let (reconstruction, culled) = trainer.render()?;
         let (width, height) = reconstruction.size();
         let render = shown(trainer.settings().render);
         let file = PlanarFile { scene: trainer.scene()?, width, height, settings: render };
@@ -95,7 +95,9 @@ impl Results<'_> {
                 self.write_text("settings.toml", &settings)?;
                 match self.pictures {
                     Pictures::All => self.write_curve(points, &title),
-                    Pictures::Reconstruction => Ok(()),
+                    Pictures::Reconstruction => {
+                        ["ellipses.png", "curve.png"].iter().try_for_each(|name| self.leave_out(name))
+                    }
                 }
             });
             let fit = FitSummary::new(trainer, &reconstruction, culled).map_err(Failure::from);
@@ -123,13 +125,25 @@ impl Results<'_> {
         write_scene(self.folder.file("scene.gs2d.safetensors"), file)?;
         if file.scene.is_empty() {
             output::note("note: no Gaussian is left, so there is no scene.ply");
-            return Ok(());
+            return self.leave_out("scene.ply");
         }
         let colors = match file.settings.effects.blend {
             Blend::Sum => PlyColors::Sampled(reconstruction),
             Blend::Over => PlyColors::Stored,
         };
         Ok(write_ply(self.folder.file("scene.ply"), file, colors)?)
+    }
+
+    /// Removes a file that this fit does not write: one of an earlier fit would be taken for its.
+    fn leave_out(&self, name: &str) -> Result<(), Failure> {
+        let path = self.folder.file(name);
+        match fs::remove_file(&path) {
+            Err(error) if error.kind() != io::ErrorKind::NotFound => {
+                let what = format_args!("{}: is of an earlier fit and cannot be removed: {error}", path.display());
+                Err(Failure::failed(what).mend("choose another folder with --output"))
+            }
+            _ => Ok(()),
+        }
     }
 
     fn write_curve(&self, points: &[Point], title: &str) -> Result<(), Failure> {
@@ -146,59 +160,4 @@ impl Results<'_> {
 fn shown(mut render: RenderSettings) -> RenderSettings {
     render.effects.statistics = Statistics::None;
     render
-}
-
-/// The metrics of the steps before a fit was resumed, as an earlier run left them in the folder.
-#[derive(Debug, Default, PartialEq)]
-pub(crate) struct History {
-    rows: Vec<String>,
-}
-
-impl History {
-    /// The rows up to `step` of the folder's `metrics.csv`; none where there is no such file.
-    pub(crate) fn read(folder: &OutputFolder, step: u32) -> Self {
-        let text = fs::read_to_string(folder.file("metrics.csv")).unwrap_or_default();
-        let rows = text.lines().filter(|row| point(row).is_some_and(|point| point.step <= step));
-        Self { rows: rows.map(str::to_owned).collect() }
-    }
-
-    /// Their points of the curve.
-    pub(crate) fn points(&self) -> Vec<Point> {
-        self.rows.iter().filter_map(|row| point(row)).collect()
-    }
-
-    /// The whole table: these rows and those of the run that followed.
-    pub(crate) fn with(&self, log: &MetricsLog) -> String {
-        let csv = log.to_csv();
-        let (heading, new_rows) = csv.split_once('\n').unwrap_or((&csv, ""));
-        let old_rows = self.rows.iter().map(String::as_str);
-        [heading].into_iter().chain(old_rows).chain(new_rows.lines()).map(|row| format!("{row}\n")).collect()
-    }
-}
-
-/// Step, count and loss of a row of `metrics.csv`; none of its heading.
-fn point(row: &str) -> Option<Point> {
-    let cells: Vec<&str> = row.split(',').collect();
-    let [step, _, count, .., loss, _l1, _psnr] = cells[..] else { return None };
-    Some(Point { step: step.parse().ok()?, count: count.parse().ok()?, loss: loss.parse().ok()? })
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_resumed_fit_keeps_the_rows_before_it() {
-        let log = MetricsLog::new(1);
-        let heading = log.to_csv();
-        let old = "1,0.1,20,0,0,0,0,0,0,0,0.5,0.4,12\n2,0.2,30,5,5,0,0,0,0,0,0.25,0.3,15\n";
-        let place = tempfile::tempdir().unwrap();
-        let folder = OutputFolder::prepare(place.path(), "--output").unwrap();
-        fs::write(folder.file("metrics.csv"), format!("{heading}{old}")).unwrap();
-        let (one, both) = (History::read(&folder, 1), History::read(&folder, 7));
-
-        assert_eq!(one.points(), [Point { step: 1, count: 20, loss: 0.5 }]);
-        assert_eq!(both.with(&log), format!("{heading}{old}"));
-        assert_eq!(History::default().with(&log), heading);
-    }
 }

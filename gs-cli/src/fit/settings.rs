@@ -12,7 +12,10 @@ use gs_train::{
 
 use crate::{
     failure::Failure,
-    fit::arguments::{BlendName, ChartName, InitName, LossName, PolicyName, PresetName, SettingsArgs},
+    fit::{
+        arguments::{BlendName, ChartName, InitName, LossName, PolicyName, PresetName, SettingsArgs},
+        target::Target,
+    },
     values::Color,
 };
 
@@ -21,11 +24,11 @@ const OPACITY_RATE: f32 = 0.05;
 /// Step size in standard deviations where a preset for pixels is moved to the local frame.
 const LOCAL_FRAME_RATE: f32 = 0.15;
 
-/// The settings that the flags ask for, for this target; `preset` is the default of [`SettingsArgs::preset`].
+/// The settings that the flags ask for, for this target.
 ///
 /// # Errors
 /// Where a file of settings cannot be read, or the settings are not possible.
-pub(crate) fn resolve(args: &SettingsArgs, target: &Image, preset: Preset) -> Result<FitSettings, Failure> {
+pub(crate) fn resolve(args: &SettingsArgs, target: &Target) -> Result<FitSettings, Failure> {
     let mut settings = match &args.settings {
         Some(file) => {
             let settings = read(file)?;
@@ -33,7 +36,7 @@ pub(crate) fn resolve(args: &SettingsArgs, target: &Image, preset: Preset) -> Re
             let iterations = args.iterations.unwrap_or(settings.iterations);
             FitSettings { gaussians, ..settings }.with_iterations(iterations)
         }
-        None => from_preset(args, target, args.preset.map_or(preset, Preset::from)),
+        None => from_preset(args, target.image.size(), args.preset.map_or(target.preset(), Preset::from)),
     };
     if let InitialCount::Fixed(count) = &mut settings.initial {
         *count = (*count).min(settings.gaussians);
@@ -110,8 +113,7 @@ fn read(file: &Path) -> Result<FitSettings, Failure> {
     Ok(settings)
 }
 
-fn from_preset(args: &SettingsArgs, target: &Image, preset: Preset) -> FitSettings {
-    let size = target.size();
+fn from_preset(args: &SettingsArgs, size: (u32, u32), preset: Preset) -> FitSettings {
     let settings = match preset {
         Preset::Paper => FitSettings::paper(),
         _ => preset.settings(gaussians_for(size), size),
@@ -149,8 +151,9 @@ fn move_to_chart(settings: &mut FitSettings, chart: Chart) {
     }
 }
 
-/// Front to back, something must be behind, and opacities must move.
-fn blend_by(settings: &mut FitSettings, blend: Blend, target: &Image) {
+/// Front to back, something must be behind, and opacities must move. Behind is what the target's transparent pixels show, so that
+/// the settings, which do not hold the target, put them on the same colour when they are used again; or else the mean colour.
+fn blend_by(settings: &mut FitSettings, blend: Blend, target: &Target) {
     if settings.render.effects.blend == blend {
         return;
     }
@@ -158,7 +161,8 @@ fn blend_by(settings: &mut FitSettings, blend: Blend, target: &Image) {
         Blend::Sum => settings.render.effects.blend = blend,
         Blend::Over => {
             let accuracy = settings.render.accuracy;
-            settings.render = RenderSettings { accuracy, ..RenderSettings::blended(blend) }.on(mean_color(target));
+            let behind = target.behind.map_or_else(|| mean_color(&target.image), |color| color.0);
+            settings.render = RenderSettings { accuracy, ..RenderSettings::blended(blend) }.on(behind);
             settings.adam.opacity.learning_rate = OPACITY_RATE;
         }
     }
@@ -251,12 +255,13 @@ mod tests {
     use super::*;
     use clap::ValueEnum;
 
-    fn target() -> Image {
-        Image::from_fn(64, 48, |x, _| [x as f32 / 63.0, 0.5, 0.25]).unwrap()
+    fn target() -> Target {
+        let image = Image::from_fn(64, 48, |x, _| [x as f32 / 63.0, 0.5, 0.25]).unwrap();
+        Target { image, file: Some("picture.png".into()), behind: None, remark: None }
     }
 
     fn resolved(args: &SettingsArgs) -> FitSettings {
-        resolve(args, &target(), Preset::Standard).unwrap()
+        resolve(args, &target()).unwrap()
     }
 
     #[test]

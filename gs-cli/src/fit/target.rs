@@ -15,8 +15,8 @@ pub(crate) struct Target {
     pub(crate) image: Image,
     /// Its file; none is the paper's circle and square.
     pub(crate) file: Option<PathBuf>,
-    /// The colour that its transparent pixels were put on; none where it has none, or where that is the default.
-    pub(crate) backdrop: Option<Color>,
+    /// The colour that its transparent pixels were put on; none where it has none.
+    pub(crate) behind: Option<Color>,
     /// What is worth telling about the file.
     pub(crate) remark: Option<String>,
 }
@@ -28,19 +28,14 @@ impl Target {
     /// Where the file is no image that can be read.
     pub(crate) fn load(file: Option<&Path>, background: Option<Color>) -> Result<Self, Failure> {
         let Some(path) = file else {
-            return Ok(Self { image: paper_target(), file: None, backdrop: None, remark: None });
+            return Ok(Self { image: paper_target(), file: None, behind: None, remark: None });
         };
         let behind = background.unwrap_or(Color([1.0; 3]));
         let loaded = read_image_with(path, AlphaMode::Composite(behind.0))?;
         let transparent = loaded.transparency != Transparency::None;
         let remark = transparent
             .then(|| format!("note: transparent pixels are fitted as they look on {behind} (--background R,G,B)"));
-        Ok(Self {
-            image: loaded.image,
-            file: Some(path.to_owned()),
-            backdrop: background.filter(|_| transparent),
-            remark,
-        })
+        Ok(Self { image: loaded.image, file: Some(path.to_owned()), behind: transparent.then_some(behind), remark })
     }
 
     /// The preset that suits it.

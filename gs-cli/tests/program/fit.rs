@@ -68,14 +68,15 @@ fn an_image_becomes_results_and_a_summary() {
 fn the_paper_needs_no_file() {
     let place = folder();
     let arguments = ["fit", "-o", place.path().to_str().unwrap(), "--iterations", "30", "--json", "--no-report"];
+    for of_an_earlier_fit in ["ellipses.png", "curve.png"] {
+        fs::write(place.path().join(of_an_earlier_fit), "old").unwrap();
+    }
     let summary = gs(arguments).json();
     assert_eq!((&summary["width"], &summary["height"]), (&128.into(), &128.into()));
     assert_eq!(summary["settings"]["loss"], serde_json::json!({ "l1-dssim": { "lambda": 0.2 } }));
-    let names = names_in(place.path());
-    assert!(
-        !names.contains(&"ellipses.png".to_owned()) && names.contains(&"reconstruction.png".to_owned()),
-        "{names:?}"
-    );
+    let pictures = ["curve.png", "ellipses.png"];
+    let expected: Vec<_> = RESULTS.into_iter().filter(|name| !pictures.contains(name)).collect();
+    assert_eq!(names_in(place.path()), expected);
 }
 
 #[test]
@@ -118,9 +119,10 @@ fn a_resumed_fit_ends_as_if_it_had_never_stopped() {
     let info = gs(["info", checkpoint.to_str().unwrap(), "--json"]).json();
     assert_eq!((&info["kind"], &info["metadata"]["step"]), (&"checkpoint".into(), &"16".into()));
 
-    // Where the first run's table is, the second continues it.
+    // The second run continues the table of the first, which the checkpoint holds, whatever another fit has left in the folder.
     fs::create_dir(&resumed).unwrap();
-    fs::copy(whole.join("metrics.csv"), resumed.join("metrics.csv")).unwrap();
+    let foreign = fs::read_to_string(whole.join("metrics.csv")).unwrap().replace(",60,", ",59,");
+    fs::write(resumed.join("metrics.csv"), foreign).unwrap();
     let arguments = ["fit", image.to_str().unwrap(), "-o", resumed.to_str().unwrap(), "--resume"];
     gs(arguments.into_iter().chain([checkpoint.to_str().unwrap()])).done();
     for name in ["scene.gs2d.safetensors", "reconstruction.png", "settings.toml"] {
@@ -165,6 +167,14 @@ fn a_transparent_image_is_resumed_and_repeated_on_its_background() {
     assert!(scene(&whole) == scene(&resumed) && scene(&whole) == scene(&repeated));
     let wrong = gs(fit(&white).into_iter().chain(["--resume", &state]));
     assert!(wrong.refusal().ends_with("give the same image and --background"), "{wrong:?}");
+
+    // Front to back, the colour behind all Gaussians is the one that transparent pixels are put on: white, where nothing is said.
+    let (over, again, settings) = (path("over"), path("again"), path("over/settings.toml"));
+    gs(small(&image, over.as_ref()).into_iter().chain(["--blend", "over"])).done();
+    assert!(fs::read_to_string(&settings).unwrap().contains("background = [1.0, 1.0, 1.0]"));
+    let repeated = gs(fit(&again).into_iter().chain(["--settings", &settings])).done();
+    assert!(repeated.stderr.contains("as they look on 1,1,1 "), "{repeated:?}");
+    assert!(scene(&over) == scene(&again));
 }
 
 #[test]
@@ -179,10 +189,28 @@ fn a_fit_that_ends_with_no_gaussian_leaves_everything_but_the_ply() {
     let settings = place.path().join("prune-all.toml");
     fs::write(&settings, text.replace(prune, "[policy.actions.prune]\nopacity = 0.99")).unwrap();
 
+    fs::create_dir(&empty).unwrap();
+    fs::copy(first.join("scene.ply"), empty.join("scene.ply")).unwrap(); // of another fit, so it must go
     let run = gs(["fit", "-o", empty.to_str().unwrap(), "--settings", settings.to_str().unwrap(), "--json"]);
     assert!(run.stderr.contains("no scene.ply"), "{run:?}");
     assert_eq!(run.json()["gaussians"], 0);
     assert_eq!(names_in(&empty), RESULTS.into_iter().filter(|&name| name != "scene.ply").collect::<Vec<_>>());
+}
+
+#[test]
+fn each_round_of_density_control_is_told_where_that_is_asked_for() {
+    let place = folder();
+    let image = picture(place.path(), 32, 32);
+    let rounds = |flags: &[&str]| {
+        let run = gs(small(&image, &place.path().join("out")).into_iter().chain(flags.iter().copied())).done();
+        run.stderr.lines().filter(|line| line.contains(" seeded") && line.ends_with(" Gaussians")).count()
+    };
+    let silent = rounds(&[]);
+    let told = rounds(&["--verbose"]);
+    let table = fs::read_to_string(place.path().join("out/metrics.csv")).unwrap();
+    let seeding = table.lines().skip(1).filter(|row| row.split(',').nth(5).is_some_and(|seeded| seeded != "0"));
+    assert_eq!((silent, told), (0, seeding.count()));
+    assert!(told > 0);
 }
 
 #[test]
