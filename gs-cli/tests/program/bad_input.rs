@@ -53,7 +53,9 @@ fn images_that_are_none() {
     refuse_fit(&path("text.png"), "found text");
     refuse_fit(&path("empty.png"), "an empty file");
     refuse_fit(&path("short.png"), "damaged");
-    refuse_fit(&path("none.png"), "PNG");
+    for part in ["none.png: ", "damaged PNG image: ", "Invalid image dimensions", "; fetch or export it again"] {
+        refuse_fit(&path("none.png"), part);
+    }
     refuse_fit(&path("bomb.png"), "20000x20000");
 }
 
