@@ -5,10 +5,11 @@
 pub(crate) mod arguments;
 mod folder;
 mod observers;
-mod progress;
+pub(crate) mod progress;
 mod results;
 mod settings;
 mod target;
+mod terminal;
 
 use std::{
     path::{Path, PathBuf},
@@ -102,12 +103,13 @@ impl Task for Fit<'_> {
         let mut checkpoints = checkpoints(args, &folder, trainer.settings().iterations)?;
         announce(args, target, backend, &trainer);
 
-        let interrupt = Interrupt::listen();
         let mut display = Display::new(trainer.step(), trainer.settings().iterations, args.detail());
+        let voice = display.voice();
+        let interrupt = Interrupt::listen(voice.clone());
         let mut curve = Curve::begun_by(&log);
         let stop = StopOnInterrupt(&interrupt);
         let outcome = trainer.run(&mut ((&mut display, &mut log), (&mut curve, (&mut checkpoints, stop))));
-        display.clear();
+        voice.clear();
         let outcome = outcome?;
         if outcome == Outcome::Stopped {
             let mut checkpoint = trainer.checkpoint()?;

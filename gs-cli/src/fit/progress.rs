@@ -1,6 +1,7 @@
 //! What a fit shows while it runs: a bar on a terminal, a few lines elsewhere.
 
 use std::{
+    fmt,
     io::{IsTerminal, stderr},
     time::{Duration, Instant},
 };
@@ -9,7 +10,10 @@ use gs_core::edit::EditCounts;
 use gs_train::{Control, Observer, Progress};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
-use crate::{fit::arguments::Detail, output};
+use crate::{
+    fit::{arguments::Detail, terminal::Terminal},
+    output,
+};
 
 /// Time between two drawings of the bar: fast enough for the eye.
 const REDRAW: Duration = Duration::from_millis(100);
@@ -30,6 +34,27 @@ pub(crate) struct Display {
     psnr: Option<f64>,
 }
 
+/// Says something from any thread, above the bar where there is one.
+#[derive(Debug, Clone)]
+pub(crate) struct Voice(Option<ProgressBar>);
+
+impl Voice {
+    /// One line on standard error.
+    pub(crate) fn say(&self, line: impl fmt::Display) {
+        match &self.0 {
+            Some(bar) => bar.suspend(|| output::note(line)),
+            None => output::note(line),
+        }
+    }
+
+    /// Takes the bar away, so that what follows is written below nothing.
+    pub(crate) fn clear(&self) {
+        if let Some(bar) = &self.0 {
+            bar.finish_and_clear();
+        }
+    }
+}
+
 enum Kind {
     Bar(ProgressBar),
     /// Plain lines; the tenth of the fit that the last one told of.
@@ -40,9 +65,10 @@ impl Display {
     /// A display on standard error for a fit that begins after `step` of `iterations` steps.
     pub(crate) fn new(step: u32, iterations: u32, detail: Detail) -> Self {
         let kind = if stderr().is_terminal() {
-            let target = ProgressDrawTarget::stderr_with_hz(10);
+            let target = ProgressDrawTarget::term_like_with_hz(Box::new(Terminal::default()), 10);
             let bar = ProgressBar::with_draw_target(Some(u64::from(iterations)), target).with_position(u64::from(step));
-            let template = "{bar:24} {pos}/{len}  {msg}  {per_sec}  {eta} left";
+            // All of it in one line of 80 columns: a line that is broken cannot be taken back.
+            let template = "{wide_bar} {pos}/{len}  {msg}";
             bar.set_style(ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar()));
             Kind::Bar(bar)
         } else {
@@ -52,23 +78,28 @@ impl Display {
         Self { kind, detail, started: now, first_step: step, drawn: now, measured: None, psnr: None }
     }
 
-    /// Takes the bar away, so that what follows is written below nothing.
-    pub(crate) fn clear(&self) {
-        if let Kind::Bar(bar) = &self.kind {
-            bar.finish_and_clear();
-        }
+    /// What speaks without disturbing the display.
+    pub(crate) fn voice(&self) -> Voice {
+        Voice(match &self.kind {
+            Kind::Bar(bar) => Some(bar.clone()),
+            Kind::Lines(_) => None,
+        })
     }
 
     fn state(&self, progress: &Progress) -> String {
         let psnr = self.psnr.map_or_else(String::new, |psnr| format!("  PSNR {psnr:.2} dB"));
-        format!("{} Gaussians  loss {:.3e}{psnr}", progress.count, progress.loss)
+        let left = f64::from(progress.iterations - progress.step) / self.rate(progress).max(1e-9);
+        format!("{} Gaussians  loss {:.2e}{psnr}  {left:.0} s left", progress.count, progress.loss)
     }
 
     fn line(&self, progress: &Progress) -> String {
-        let rate = f64::from(progress.step - self.first_step) / self.started.elapsed().as_secs_f64().max(1e-9);
-        let left = f64::from(progress.iterations - progress.step) / rate.max(1e-9);
         let Progress { step, iterations, .. } = progress;
-        format!("step {step}/{iterations}  {}  {rate:.0} it/s  {left:.0} s left", self.state(progress))
+        format!("step {step}/{iterations}  {}  {:.0} it/s", self.state(progress), self.rate(progress))
+    }
+
+    /// Steps per second of this run, which may not be the first of its fit.
+    fn rate(&self, progress: &Progress) -> f64 {
+        f64::from(progress.step - self.first_step) / self.started.elapsed().as_secs_f64().max(1e-9)
     }
 }
 
@@ -92,11 +123,7 @@ fn round(progress: &Progress, counts: &EditCounts) -> String {
 impl Observer for Display {
     fn on_edit(&mut self, progress: &Progress, counts: &EditCounts) {
         if self.detail == Detail::Rounds {
-            let line = round(progress, counts);
-            match &self.kind {
-                Kind::Bar(bar) => bar.suspend(|| output::note(line)),
-                Kind::Lines(_) => output::note(line),
-            }
+            self.voice().say(round(progress, counts));
         }
     }
 
