@@ -22,6 +22,7 @@ pub mod splat;
 pub mod state;
 pub mod statistics;
 pub mod view;
+pub mod whitened;
 
 pub use crate::{
     adam::{Adam, AdamRates, Chart},

@@ -10,7 +10,7 @@ use gs_core::{AdamRates, PlanarGaussian, adam::Rate, effects::Statistics};
 use crate::{
     cloud::{PlanarCloud, Shapes, VECTOR},
     project::CHUNK,
-    project_bwd::{Gradient, scale_rotation},
+    project_bwd::Gradient,
 };
 
 /// Largest entry of η in one step; exp(η) is taken to second order.
@@ -208,7 +208,7 @@ fn step_all<'g, S: Simd>(
             let [x, y, angle] = slices.scale_rotations[i];
             let (sin, cos) = angle.sin_cos();
             let l = Mat2::from_cols(Vec2::new(cos, sin) * x.exp(), Vec2::new(-sin, cos) * y.exp());
-            scale_rotation(l, gradient)
+            gradient.whitened().by_scale_rotation(l, x - y)
         } else {
             (Vec2::ZERO, [0.0; 3])
         };

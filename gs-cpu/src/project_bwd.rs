@@ -5,7 +5,11 @@
 //! root of Σ′ (a scaling per axis), and a rotation leads from there to the frame of L′.
 
 use glam::{Mat2, Vec2};
-use gs_core::{Blend, Error, PlanarScene, effects::Statistics};
+use gs_core::{
+    Blend, Error, PlanarScene,
+    effects::Statistics,
+    whitened::{WhitenedGradient, solve_transposed},
+};
 
 use crate::{
     cloud::{PlanarCloud, Shapes},
@@ -27,6 +31,12 @@ pub(crate) struct Gradient {
     pub(crate) device_norm: f32,
     /// Whether any tile listed it.
     pub(crate) visible: bool,
+}
+
+impl Gradient {
+    pub(crate) fn whitened(&self) -> WhitenedGradient {
+        WhitenedGradient { xi: self.xi, eta: self.eta }
+    }
 }
 
 /// The gradients of one backward pass on the CPU, `[N]`.
@@ -102,29 +112,19 @@ fn rotation_from_triangular(l: Mat2) -> Mat2 {
     Mat2::from_cols(first, second)
 }
 
-/// L⁻ᵀ v.
-fn solve_transposed(l: Mat2, v: Vec2) -> Vec2 {
-    let inverse = 1.0 / l.determinant();
-    Vec2::new(l.y_axis.y * v.x - l.x_axis.y * v.y, l.x_axis.x * v.y - l.y_axis.x * v.x) * inverse
-}
-
-/// (∂L/∂mean, ∂L/∂log-scale, ∂L/∂rotation) in plane units from the whitened frame, for Σ = L Lᵀ with L = R(θ) S.
-pub(crate) fn scale_rotation(l: Mat2, gradient: &Gradient) -> (Vec2, [f32; 3]) {
-    let [e_00, e_01, e_11] = gradient.eta;
-    let ratio = l.x_axis.length() / l.y_axis.length();
-    (solve_transposed(l, gradient.xi), [e_00, e_11, e_01 * (ratio - 1.0 / ratio)])
-}
-
 /// The gradients as a scene of derivatives: with respect to mean (px⁻¹), log-scale, rotation (rad⁻¹), opacity logit and colour.
 pub(crate) fn as_scene(cloud: &PlanarCloud, gradients: &PlanarGradients) -> PlanarScene {
     let mut scene = PlanarScene::default();
     for (index, gradient) in gradients.gradients.iter().enumerate() {
-        let (l, gradient) = match &cloud.shapes {
-            Shapes::ScaleRotation(_) => (cloud.frame(index), *gradient),
-            Shapes::LocalFrame(frames) => in_axes(frames[index], gradient),
+        let (l, log_ratio, whitened) = match &cloud.shapes {
+            Shapes::ScaleRotation(shapes) => {
+                let [x, y, _] = shapes[index];
+                (cloud.frame(index), x - y, gradient.whitened())
+            }
+            Shapes::LocalFrame(frames) => gradient.whitened().in_axes(frames[index]),
         };
         let (mean, [x, y, angle]) =
-            if gradient.visible { scale_rotation(l, &gradient) } else { (Vec2::ZERO, [0.0; 3]) };
+            if gradient.visible { whitened.by_scale_rotation(l, log_ratio) } else { (Vec2::ZERO, [0.0; 3]) };
         scene.means.push(mean);
         scene.log_scales.push(Vec2::new(x, y));
         scene.rotations.push(angle);
@@ -134,17 +134,4 @@ pub(crate) fn as_scene(cloud: &PlanarCloud, gradients: &PlanarGradients) -> Plan
         }
     }
     scene
-}
-
-/// The frame R(θ) S of the same Σ, as [`PlanarCloud::scene`] downloads it, and the gradient in that frame.
-fn in_axes(l: Mat2, gradient: &Gradient) -> (Mat2, Gradient) {
-    let (log_scale, angle) = gs_core::PlanarGaussian::shape_of_frame(l);
-    let (sin, cos) = angle.sin_cos();
-    let axes = Mat2::from_cols(Vec2::new(cos, sin) * log_scale.x.exp(), Vec2::new(-sin, cos) * log_scale.y.exp());
-    // z_axes = axes⁻¹ L z, a rotation (or reflection) of z.
-    let q = axes.inverse() * l;
-    let [e_00, e_01, e_11] = gradient.eta;
-    let moment = q * Mat2::from_cols_array(&[e_00, e_01, e_01, e_11]) * q.transpose();
-    let eta = [moment.x_axis.x, moment.x_axis.y, moment.y_axis.y];
-    (axes, Gradient { xi: q * gradient.xi, eta, ..*gradient })
 }

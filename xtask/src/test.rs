@@ -18,7 +18,7 @@ pub(crate) enum Scope {
 
 /// Runs all the tests; the first group that fails ends the run.
 pub(crate) fn run(scope: Scope) -> Result<(), String> {
-    prepare();
+    prepare()?;
     if has_nextest() {
         // nextest runs the test programs side by side, but no documentation tests.
         cargo(&["nextest", "run", "--workspace"])?;
@@ -34,17 +34,45 @@ pub(crate) fn run(scope: Scope) -> Result<(), String> {
 
 /// Everything the tests need beyond cargo is installed or reported here, before the first of them runs.
 ///
-/// Nothing has to be installed today: every test computes on the CPU. What a later backend needs (a software Vulkan driver
-/// where no adapter is found, say) belongs here, so that a fresh machine stays one command away from a full run. Tests on
-/// real photographs use a folder that may be absent; whether they have it is said, so that no one takes a skipped test for
-/// a passed one.
-fn prepare() {
+/// gs-wgpu's tests need a graphics adapter: where there is none, a software Vulkan driver is installed. Tests on real photographs use a
+/// folder that may be absent; whether they have it is said, so that no one takes a skipped test for a passed one.
+fn prepare() -> Result<(), String> {
     let data = env::var_os("GS_DATA").map_or_else(|| workspace().join("../shared/data"), PathBuf::from);
     if data.is_dir() {
         eprintln!("real test data: {}", data.display());
     } else {
         eprintln!("real test data: none at {}; set GS_DATA to a folder that has some", data.display());
     }
+    let has_adapter = || cargo(&["run", "--quiet", "--package", "gs-wgpu", "--example", "adapters"]);
+    if has_adapter().is_ok() {
+        return Ok(());
+    }
+    eprintln!("no graphics adapter: installing a software one");
+    install(DRIVER)
+        .map_err(|e| format!("{e}; gs-wgpu's tests need a graphics adapter: install {DRIVER}, or a GPU's driver"))?;
+    has_adapter().map_err(|_| format!("{DRIVER} is installed, but still no graphics adapter is found"))
+}
+
+/// Debian's and Ubuntu's package with Mesa's software Vulkan driver.
+const DRIVER: &str = "mesa-vulkan-drivers";
+
+/// Installs a package of the system, as root or through sudo.
+fn install(package: &str) -> Result<(), String> {
+    let is_root = Command::new("id").arg("-u").output().is_ok_and(|output| output.stdout.trim_ascii() == b"0");
+    let apt = |arguments: &[&str]| {
+        let mut words = if is_root { vec![] } else { vec!["sudo"] };
+        words.extend(["apt-get", "--quiet", "--yes"]);
+        words.extend(arguments);
+        eprintln!("== {}", words.join(" "));
+        let status = Command::new(words[0]).args(&words[1..]).env("DEBIAN_FRONTEND", "noninteractive").status();
+        match status {
+            Ok(status) if status.success() => Ok(()),
+            Ok(status) => Err(format!("{}: {status}", words.join(" "))),
+            Err(source) => Err(format!("{} could not be started: {source}", words[0])),
+        }
+    };
+    // Package lists may be old, or absent as in a fresh container.
+    apt(&["install", package]).or_else(|_| apt(&["update"]).and_then(|()| apt(&["install", package])))
 }
 
 fn has_nextest() -> bool {

@@ -1,0 +1,69 @@
+//! Gradients in a Gaussian's whitened frame, and what they are with respect to the parameters of a planar scene.
+//!
+//! With Σ = L Lᵀ, a step μ += L ξ, L ← L exp(η) with symmetric η is a step in the Gaussian's own coordinates. The gradients with respect
+//! to ξ and η are sums of moments over the pixels, so a backend forms them first, whatever the chart.
+
+use glam::{Mat2, Vec2};
+
+use crate::scene::PlanarGaussian;
+
+/// ∂L/∂(ξ, η) of one planar Gaussian.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct WhitenedGradient {
+    /// By ξ.
+    pub xi: Vec2,
+    /// By η₀₀; by η₀₁ and η₁₀ each; by η₁₁.
+    pub eta: [f32; 3],
+}
+
+impl WhitenedGradient {
+    /// ∂L/∂mean (px⁻¹), and ∂L/∂(ln-scale 2, rotation in rad), for a frame L = R(θ) S, which this gradient is in, and
+    /// `log_ratio`, the first ln-scale less the second: taken from L, it would have no digits left where a Gaussian is nearly round.
+    pub fn by_scale_rotation(&self, l: Mat2, log_ratio: f32) -> (Vec2, [f32; 3]) {
+        let [e_00, e_01, e_11] = self.eta;
+        (solve_transposed(l, self.xi), [e_00, e_11, e_01 * 2.0 * log_ratio.sinh()])
+    }
+
+    /// The frame R(θ) S of the same Σ as `l`'s, its first ln-scale less the second, and the gradient in that frame.
+    pub fn in_axes(&self, l: Mat2) -> (Mat2, f32, Self) {
+        let (log_scale, angle) = PlanarGaussian::shape_of_frame(l);
+        let (sin, cos) = angle.sin_cos();
+        let axes = Mat2::from_cols(Vec2::new(cos, sin) * log_scale.x.exp(), Vec2::new(-sin, cos) * log_scale.y.exp());
+        // z_axes = axes⁻¹ L z, a rotation (or reflection) of z.
+        let q = axes.inverse() * l;
+        let [e_00, e_01, e_11] = self.eta;
+        let moment = q * Mat2::from_cols_array(&[e_00, e_01, e_01, e_11]) * q.transpose();
+        let turned = Self { xi: q * self.xi, eta: [moment.x_axis.x, moment.x_axis.y, moment.y_axis.y] };
+        (axes, log_scale.x - log_scale.y, turned)
+    }
+}
+
+/// L⁻ᵀ v.
+pub fn solve_transposed(l: Mat2, v: Vec2) -> Vec2 {
+    let inverse = 1.0 / l.determinant();
+    Vec2::new(l.y_axis.y * v.x - l.x_axis.y * v.y, l.x_axis.x * v.y - l.y_axis.x * v.x) * inverse
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_same_gradient_in_another_frame_of_the_same_covariance() {
+        let axes = Mat2::from_angle(0.4) * Mat2::from_diagonal(Vec2::new(3.0, 0.7));
+        let gradient = WhitenedGradient { xi: Vec2::new(0.3, -0.8), eta: [0.2, -0.5, 0.9] };
+        let (expected_mean, expected_shape) = gradient.by_scale_rotation(axes, (3.0f32 / 0.7).ln());
+        // z = axes⁻¹ d = V l⁻¹ d for l = axes V: seen from l, the gradient is turned back by V.
+        let v = Mat2::from_angle(-1.1);
+        let [a, b, c] = gradient.eta;
+        let turned = v.transpose() * Mat2::from_cols_array(&[a, b, b, c]) * v;
+        let eta = [turned.x_axis.x, turned.x_axis.y, turned.y_axis.y];
+        let (found_axes, log_ratio, found) =
+            WhitenedGradient { xi: v.transpose() * gradient.xi, eta }.in_axes(axes * v);
+        let (mean, shape) = found.by_scale_rotation(found_axes, log_ratio);
+        assert!((mean - expected_mean).length() < 1e-5, "{mean} {expected_mean}");
+        for k in 0..3 {
+            assert!((shape[k] - expected_shape[k]).abs() < 1e-4, "{shape:?} {expected_shape:?}");
+        }
+    }
+}

@@ -1,0 +1,9 @@
+//! Lists the adapters of this machine; fails where there is none.
+
+#![allow(clippy::print_stdout)]
+
+fn main() -> std::process::ExitCode {
+    let adapters = gs_wgpu::adapters();
+    adapters.iter().for_each(|adapter| println!("{adapter}"));
+    if adapters.is_empty() { std::process::ExitCode::FAILURE } else { std::process::ExitCode::SUCCESS }
+}

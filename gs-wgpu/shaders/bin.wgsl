@@ -1,0 +1,45 @@
+// Stage `bin`: one entry per Gaussian and tile that it touches, those of a Gaussian side by side. One invocation a Gaussian.
+
+@group(0) @binding(1) var<storage, read> splats: array<Splat>;
+@group(0) @binding(2) var<storage, read> offsets: array<u32>;
+// Tile of each entry.
+@group(0) @binding(3) var<storage, read_write> keys: array<u32>;
+// Each entry's own number, which sorting moves with the key.
+@group(0) @binding(4) var<storage, read_write> order: array<u32>;
+// The Gaussian, and the tile's rows that it touches: first | end << 16.
+@group(0) @binding(5) var<storage, read_write> entries: array<vec2u>;
+
+@compute @workgroup_size(64)
+fn bin(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
+    let index = flat(group, groups) * 64u + lane;
+    if index >= step.gaussians {
+        return;
+    }
+    let splat = splats[index];
+    var at = offsets[index];
+    let end = offsets[index + 1u];
+    let columns = tile_columns(splat);
+    for (var column = columns.x; column < columns.y; column++) {
+        let rows = rows_in_column(splat, column);
+        if rows.x >= rows.y {
+            continue;
+        }
+        for (var band = rows.x / TILE; band <= (rows.y - 1u) / TILE; band++) {
+            if at >= end {
+                return;
+            }
+            let first = max(rows.x, band * TILE) - band * TILE;
+            let last = min(rows.y, (band + 1u) * TILE) - band * TILE;
+            keys[at] = band * step.tiles.x + column;
+            order[at] = at;
+            entries[at] = vec2u(index, first | (last << 16u));
+            at++;
+        }
+    }
+    // Should the compiler have rounded differently here than in `project`: entries without rows.
+    for (; at < end; at++) {
+        keys[at] = 0u;
+        order[at] = at;
+        entries[at] = vec2u(index, 0u);
+    }
+}

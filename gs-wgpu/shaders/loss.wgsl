@@ -1,0 +1,83 @@
+// Stage `loss`: the pointwise loss of each pixel and its gradient, `loss`, and the sum of everybody's, `loss_sum`, in a fixed order.
+// KIND: 0, the difference itself (for solving colours); 1, its square (L2); 2, its absolute value (L1).
+
+@group(0) @binding(1) var<storage, read> image: array<vec4f>;
+@group(0) @binding(2) var<storage, read> target_image: array<vec4f>;
+@group(0) @binding(3) var<storage, read_write> v_image: array<vec4f>;
+// One number a work group of `loss` (and then of D-SSIM's).
+@group(0) @binding(4) var<storage, read_write> partial: array<f32>;
+@group(0) @binding(5) var<storage, read_write> status: Status;
+
+override KIND: u32 = 1u;
+// Weight of the pointwise loss and of the sum of SSIM that stands behind the pointwise partial sums, if there is one.
+override WITH_DSSIM: u32 = 0u;
+
+const PER_LANE: u32 = 4u;
+
+var<workgroup> lanes: array<f32, 256>;
+
+fn sum_group(lane: u32, value: f32) -> f32 {
+    lanes[lane] = value;
+    workgroupBarrier();
+    for (var half = 128u; half > 0u; half /= 2u) {
+        if lane < half {
+            lanes[lane] += lanes[lane + half];
+        }
+        workgroupBarrier();
+    }
+    return lanes[0];
+}
+
+@compute @workgroup_size(256)
+fn loss(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
+    let block = flat(group, groups);
+    let pixels = step.size.x * step.size.y;
+    var sum = 0.0;
+    for (var k = 0u; k < PER_LANE; k++) {
+        let pixel = (block * PER_LANE + k) * 256u + lane;
+        if pixel < pixels {
+            let d = image[pixel].xyz - target_image[pixel].xyz;
+            var v = d;
+            if KIND == 1u {
+                let squares = d * d;
+                sum += squares.x + squares.y + squares.z;
+                v = d * (2.0 * step.pointwise_scale);
+            }
+            if KIND == 2u {
+                let sizes = abs(d);
+                sum += sizes.x + sizes.y + sizes.z;
+                v = sign(d) * step.pointwise_scale;
+            }
+            v_image[pixel] = vec4f(v, 0.0);
+        }
+    }
+    let total = sum_group(lane, sum);
+    if lane == 0u && block * PER_LANE * 256u < pixels {
+        partial[block] = total;
+    }
+}
+
+fn sum_range(lane: u32, first: u32, end: u32) -> f32 {
+    var sum = 0.0;
+    for (var i = first + lane; i < end; i += 256u) {
+        sum += partial[i];
+    }
+    return sum_group(lane, sum);
+}
+
+@compute @workgroup_size(256)
+fn loss_sum(@builtin(local_invocation_index) lane: u32) {
+    let pixels = step.size.x * step.size.y;
+    let blocks = (pixels + 1023u) / 1024u;
+    let pointwise = sum_range(lane, 0u, blocks);
+    var value = pointwise * step.pointwise_scale;
+    if WITH_DSSIM == 1u {
+        workgroupBarrier();
+        let ssim_blocks = (pixels + 255u) / 256u;
+        let dssim = sum_range(lane, blocks, blocks + ssim_blocks);
+        value += dssim * step.dssim_scale;
+    }
+    if lane == 0u {
+        status.loss = value;
+    }
+}

@@ -1,0 +1,78 @@
+// Stage `project`: every Gaussian's parameters become what the pixels need, and how many tiles it touches. One invocation a Gaussian.
+//
+// Sigma' is held so that the exponent is a sum of squares, without the cancellation that a quadratic form suffers in needles.
+
+struct Counted {
+    entries: u32,
+    overflow: u32,
+    loss: f32,
+    unused: u32,
+    not_finite: atomic<u32>,
+    degenerate: atomic<u32>,
+    transparent: atomic<u32>,
+    outside: atomic<u32>,
+}
+
+@group(0) @binding(1) var<storage, read> gaussians: array<Gaussian>;
+@group(0) @binding(2) var<storage, read_write> splats: array<Splat>;
+@group(0) @binding(3) var<storage, read_write> counts: array<u32>;
+@group(0) @binding(4) var<storage, read_write> status: Counted;
+
+fn culled() -> Splat {
+    return Splat(vec2f(0.0), 1.0, 0.0, 1.0, 0.0, 0.0, -1.0, vec3f(0.0), 0.0);
+}
+
+fn project_one(g: Gaussian) -> Splat {
+    let plane = frame_of(g.shape);
+    let l = mat2x2f(plane[0] * step.pixels_per_unit, plane[1] * step.pixels_per_unit);
+    let mean = (g.mean - step.origin) * step.pixels_per_unit;
+    let opacity = select(sigmoid(g.opacity_logit), 1.0, step.opaque == 1u);
+    let xx = l[0].x * l[0].x + l[1].x * l[1].x;
+    let yy = l[0].y * l[0].y + l[1].y * l[1].y;
+    let xy = l[0].x * l[0].y + l[1].x * l[1].y;
+    let root = determinant_of(l);
+    let det = root * root;
+    let finite = is_finite(mean.x) && is_finite(mean.y) && is_finite(det) && is_finite(xx * yy)
+        && (step.opaque == 1u || !is_nan(g.opacity_logit))
+        && is_finite(g.color.x) && is_finite(g.color.y) && is_finite(g.color.z);
+    if !finite {
+        atomicAdd(&status.not_finite, 1u);
+        return culled();
+    }
+    if !(det >= MIN_DETERMINANT_PX4) {
+        atomicAdd(&status.degenerate, 1u);
+        return culled();
+    }
+    if !(opacity >= step.alpha_cut) {
+        atomicAdd(&status.transparent, 1u);
+        return culled();
+    }
+    let reach = 2.0 * log(opacity / step.alpha_cut);
+    return Splat(mean, 1.0 / xx, xy / xx, xx / det, opacity, reach, sqrt(reach * xx), g.color, xy / yy * sqrt(reach * yy));
+}
+
+@compute @workgroup_size(64)
+fn project(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
+    let index = flat(group, groups) * 64u + lane;
+    if index > step.gaussians {
+        return;
+    }
+    var touched = 0u;
+    if index < step.gaussians {
+        let splat = project_one(gaussians[index]);
+        splats[index] = splat;
+        let columns = tile_columns(splat);
+        for (var column = columns.x; column < columns.y; column++) {
+            let rows = rows_in_column(splat, column);
+            if rows.x < rows.y {
+                touched += (rows.y - 1u) / TILE - rows.x / TILE + 1u;
+            }
+        }
+        if touched == 0u && splat.half_x >= 0.0 {
+            atomicAdd(&status.outside, 1u);
+        }
+    }
+#if LISTS
+    counts[index] = touched;
+#endif
+}

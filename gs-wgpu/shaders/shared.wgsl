@@ -1,0 +1,235 @@
+// What all stages share: the layouts that `src/layout.rs` mirrors, and arithmetic whose precision WGSL leaves open.
+
+struct Step {
+    // View: plane coordinates of the canvas' corner, pixels per plane unit, size in px, size in tiles.
+    origin: vec2f,
+    pixels_per_unit: vec2f,
+    size: vec2u,
+    tiles: vec2u,
+    backdrop: vec3f,
+    gaussians: u32,
+    alpha_cut: f32,
+    alpha_max: f32,
+    transmittance_min: f32,
+    entry_capacity: u32,
+    // Weights of the pointwise loss and of D-SSIM, each times the gradient's 1/(number of values); the value's 1/(number of values).
+    pointwise_scale: f32,
+    dssim_scale: f32,
+    per_value: f32,
+    epsilon: f32,
+    min_scale: f32,
+    max_scale: f32,
+    // 1 where all Gaussians are opaque; where statistics are collected.
+    opaque: u32,
+    collect: u32,
+    // Adam: mean, scale, rotation, opacity, colour. Learning rate, beta1, beta2, and 1 - beta1; ln beta1, ln beta2, 1 - beta2.
+    rates: array<vec4f, 5>,
+    decays: array<vec4f, 5>,
+}
+
+struct Gaussian {
+    mean: vec2f,
+    opacity_logit: f32,
+    // Adam steps taken.
+    steps: u32,
+    // Chart ScaleRotation: ln-scales and rotation. Chart LocalFrame: the columns of L.
+    shape: vec4f,
+    color: vec3f,
+    unused: f32,
+}
+
+struct Moments {
+    // First moments: mean 2, shape 2; shape 1, colour 3. Then the second ones, then both of the opacity.
+    first: array<vec4f, 2>,
+    second: array<vec4f, 2>,
+    opacity: vec4f,
+}
+
+struct Statistics {
+    gradient_sum: f32,
+    visible: u32,
+}
+
+// One Gaussian on the canvas, in px: sigma = dx²/(2 Sxx) + c (dy - slope dx)²/2.
+struct Splat {
+    mean: vec2f,
+    inverse_xx: f32,
+    slope: f32,
+    c: f32,
+    opacity: f32,
+    // 2 ln(opacity/cut): what twice sigma is on the ellipse outside which nothing is added.
+    reach: f32,
+    // Half that ellipse's extent along x; negative for a culled Gaussian.
+    half_x: f32,
+    color: vec3f,
+    // dx of the ellipse's lowest point.
+    lowest_dx: f32,
+}
+
+// One Gaussian's gradient in its whitened frame.
+struct Gradient {
+    color: vec3f,
+    opacity_logit: f32,
+    eta: vec3f,
+    device_norm: f32,
+    xi: vec2f,
+    visible: u32,
+    unused: u32,
+}
+
+// What the host reads, late.
+struct Status {
+    entries: u32,
+    // Entries that were asked for, once they were more than there is room for; 0 otherwise. Nothing is trained while it is not 0.
+    overflow: u32,
+    loss: f32,
+    unused: u32,
+    not_finite: u32,
+    degenerate: u32,
+    transparent: u32,
+    outside: u32,
+}
+
+@group(0) @binding(0) var<uniform> step: Step;
+
+const LOG2_E: f32 = 1.4426950408889634;
+
+// Work groups come as rows of at most 65,535.
+fn flat(group: vec3u, groups: vec3u) -> u32 {
+    return group.y * groups.x + group.x;
+}
+
+fn is_finite(x: f32) -> bool {
+    return (bitcast<u32>(x) & 0x7f800000u) != 0x7f800000u;
+}
+
+fn is_nan(x: f32) -> bool {
+    return (bitcast<u32>(x) & 0x7fffffffu) > 0x7f800000u;
+}
+
+// 2^r - 1 for |r| <= 1/2 (coefficients: Cephes' exp2f).
+fn exp2_less_one(r: f32) -> f32 {
+    var p = fma(1.535336188319500e-4, r, 1.339887440266574e-3);
+    p = fma(p, r, 9.618437357674640e-3);
+    p = fma(p, r, 5.550332471162809e-2);
+    p = fma(p, r, 2.402264791363012e-1);
+    p = fma(p, r, 6.931472028550421e-1);
+    return p * r;
+}
+
+// 2^x of four numbers <= 0; 0 below 2^-126. WGSL's own may be off by 3 + 2|x| ulp.
+fn exp2_exact(x: vec4f) -> vec4f {
+    let n = round(x);
+    let r = x - n;
+    var p = fma(vec4f(1.535336188319500e-4), r, vec4f(1.339887440266574e-3));
+    p = fma(p, r, vec4f(9.618437357674640e-3));
+    p = fma(p, r, vec4f(5.550332471162809e-2));
+    p = fma(p, r, vec4f(2.402264791363012e-1));
+    p = fma(p, r, vec4f(6.931472028550421e-1));
+    p = fma(p, r, vec4f(1.0));
+    let power = bitcast<vec4f>(vec4u(vec4i(max(n, vec4f(-126.0))) + 127) << vec4u(23u));
+    return select(vec4f(0.0), p * power, x >= vec4f(-126.0));
+}
+
+fn weights(exponent: vec4f) -> vec4f {
+#if POLYNOMIAL_EXP
+    return exp2_exact(exponent);
+#else
+    return exp2(exponent);
+#endif
+}
+
+// e^x, |x| clamped to 87.
+fn exp_exact(x: f32) -> f32 {
+    let y = clamp(x, -87.0, 87.0);
+    let n = round(y * LOG2_E);
+    let r = fma(n, 2.12194440e-4, fma(n, -0.693359375, y));
+    var p = fma(1.9875691500e-4, r, 1.3981999507e-3);
+    p = fma(p, r, 8.3334519073e-3);
+    p = fma(p, r, 4.1665795894e-2);
+    p = fma(p, r, 1.6666665459e-1);
+    p = fma(p, r, 5.0000001201e-1);
+    let e = fma(p, r * r, r) + 1.0;
+    return e * bitcast<f32>(u32(i32(n) + 127) << 23u);
+}
+
+// 1 - e^x for x <= 0, to its own precision.
+fn one_less_exp(x: f32) -> f32 {
+    if x < -0.34 {
+        return 1.0 - exp_exact(x);
+    }
+    var p = fma(1.9875691500e-4, x, 1.3981999507e-3);
+    p = fma(p, x, 8.3334519073e-3);
+    p = fma(p, x, 4.1665795894e-2);
+    p = fma(p, x, 1.6666665459e-1);
+    p = fma(p, x, 5.0000001201e-1);
+    return -fma(p, x * x, x);
+}
+
+// (cos, sin): reduced by multiples of pi/2 in three parts, then Cephes' sinf and cosf.
+fn direction(angle: f32) -> vec2f {
+    let n = round(angle * 0.6366197723675814);
+    let r = fma(n, -7.54978995489188e-8, fma(n, -4.837512969970703125e-4, fma(n, -1.5703125, angle)));
+    let z = r * r;
+    let s = fma(fma(fma(-1.9515295891e-4, z, 8.3321608736e-3), z, -1.6666654611e-1) * z, r, r);
+    let c = fma(fma(fma(2.443315711809948e-5, z, -1.388731625493765e-3), z, 4.166664568298827e-2) * z, z, fma(z, -0.5, 1.0));
+    let quarter = u32(i32(n)) & 3u;
+    let swapped = select(vec2f(c, s), vec2f(s, c), (quarter & 1u) == 1u);
+    let cosine = select(swapped.x, -swapped.x, quarter == 1u || quarter == 2u);
+    let sine = select(swapped.y, -swapped.y, quarter >= 2u);
+    return vec2f(cosine, sine);
+}
+
+fn sigmoid(x: f32) -> f32 {
+    return 1.0 / (1.0 + exp_exact(-x));
+}
+
+// L with Sigma = L L^T.
+fn frame_of(shape: vec4f) -> mat2x2f {
+#if LOCAL_FRAME
+    return mat2x2f(shape.xy, shape.zw);
+#else
+    let d = direction(shape.z);
+    return mat2x2f(d * exp_exact(shape.x), vec2f(-d.y, d.x) * exp_exact(shape.y));
+#endif
+}
+
+fn determinant_of(l: mat2x2f) -> f32 {
+    return l[0].x * l[1].y - l[1].x * l[0].y;
+}
+
+// L^-T v.
+fn solve_transposed(l: mat2x2f, v: vec2f) -> vec2f {
+    return vec2f(l[1].y * v.x - l[0].y * v.y, l[0].x * v.y - l[1].x * v.x) / determinant_of(l);
+}
+
+// The pixels whose centres lie within [mean - before, mean + after]: first and end. A thousandth of a pixel more, so that rounding
+// never loses one; the blend kernels decide exactly.
+fn pixels_between(mean: f32, before: f32, after: f32, side: u32) -> vec2u {
+    let first = clamp(ceil(mean - before - 0.5 - 1e-3), 0.0, f32(side));
+    let end = clamp(floor(mean + after - 0.5 + 1e-3) + 1.0, 0.0, f32(side));
+    return vec2u(u32(first), u32(end));
+}
+
+// First and end of the tile columns that a splat touches.
+fn tile_columns(s: Splat) -> vec2u {
+    if !(s.half_x >= 0.0) {
+        return vec2u(0u);
+    }
+    let columns = pixels_between(s.mean.x, s.half_x, s.half_x, step.size.x);
+    if columns.x >= columns.y {
+        return vec2u(0u);
+    }
+    return vec2u(columns.x / TILE, (columns.y - 1u) / TILE + 1u);
+}
+
+// First and end of the image rows in which the cut's ellipse meets a column of tiles.
+fn rows_in_column(s: Splat, column: u32) -> vec2u {
+    let left = max(f32(column * TILE) + 0.5 - s.mean.x, -s.half_x);
+    let right = min(f32((column + 1u) * TILE) - 0.5 - s.mean.x, s.half_x);
+    let bottom_dx = clamp(s.lowest_dx, left, right);
+    let top_dx = clamp(-s.lowest_dx, left, right);
+    let up = sqrt(max(s.reach - top_dx * top_dx * s.inverse_xx, 0.0) / s.c) - s.slope * top_dx;
+    let down = sqrt(max(s.reach - bottom_dx * bottom_dx * s.inverse_xx, 0.0) / s.c) + s.slope * bottom_dx;
+    return pixels_between(s.mean.y, up, down, step.size.y);
+}

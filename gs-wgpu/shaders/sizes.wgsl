@@ -1,0 +1,33 @@
+// Stage `sizes`: how many entries there are, whether they fit, and the sizes of the dispatches that depend on it. One invocation.
+
+@group(0) @binding(1) var<storage, read> offsets: array<u32>;
+@group(0) @binding(2) var<storage, read_write> status: Status;
+// Groups along x, y, z: Gaussians, entries, sorting blocks, blocks of the sorting histograms' scan.
+@group(0) @binding(3) var<storage, read_write> indirect: array<u32>;
+
+fn put(at: u32, groups: u32) {
+    let across = clamp(groups, 1u, 65535u);
+    indirect[at] = select(across, 0u, groups == 0u);
+    indirect[at + 1u] = (groups + across - 1u) / across;
+    indirect[at + 2u] = 1u;
+}
+
+@compute @workgroup_size(1)
+fn sizes() {
+    let entries = offsets[step.gaussians];
+    if entries > step.entry_capacity || status.overflow != 0u {
+        status.overflow = max(status.overflow, entries);
+        status.entries = 0u;
+        put(0u, 0u);
+        put(3u, 0u);
+        put(6u, 0u);
+        put(9u, 0u);
+        return;
+    }
+    status.entries = entries;
+    let blocks = (entries + SORT_BLOCK - 1u) / SORT_BLOCK;
+    put(0u, (step.gaussians + 63u) / 64u);
+    put(3u, (entries + 63u) / 64u);
+    put(6u, blocks);
+    put(9u, (16u * blocks + 1023u) / 1024u);
+}

@@ -1,0 +1,71 @@
+// Stage `sort`: one pass of a stable radix sort by four bits. `sort_count` counts the digits of every block of 1,024 entries; after a
+// scan over (digit, block), `sort_scatter` moves each entry to its place. A lane keeps 16 entries in a row, so order within a digit is
+// that of the input.
+
+struct Pass {
+    shift: u32,
+}
+
+@group(0) @binding(1) var<storage, read> status: Status;
+@group(0) @binding(2) var<storage, read> keys: array<u32>;
+@group(0) @binding(3) var<storage, read_write> histograms: array<u32>;
+@group(0) @binding(4) var<uniform> radix_pass: Pass;
+@group(0) @binding(5) var<storage, read> order: array<u32>;
+@group(0) @binding(6) var<storage, read_write> sorted_keys: array<u32>;
+@group(0) @binding(7) var<storage, read_write> sorted_order: array<u32>;
+
+const LANES: u32 = 64u;
+const PER_LANE: u32 = SORT_BLOCK / LANES;
+
+// Digit-major: digit d of lane i is at d * LANES + i.
+var<workgroup> digits: array<u32, 16u * LANES>;
+
+fn count(block: u32, lane: u32) {
+    for (var d = 0u; d < 16u; d++) {
+        digits[d * LANES + lane] = 0u;
+    }
+    let first = block * SORT_BLOCK + lane * PER_LANE;
+    for (var k = first; k < min(first + PER_LANE, status.entries); k++) {
+        digits[((keys[k] >> radix_pass.shift) & 15u) * LANES + lane] += 1u;
+    }
+    workgroupBarrier();
+}
+
+@compute @workgroup_size(64)
+fn sort_count(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
+    let block = flat(group, groups);
+    let blocks = (status.entries + SORT_BLOCK - 1u) / SORT_BLOCK;
+    count(block, lane);
+    if lane < 16u && block < blocks {
+        var sum = 0u;
+        for (var i = 0u; i < LANES; i++) {
+            sum += digits[lane * LANES + i];
+        }
+        histograms[lane * blocks + block] = sum;
+    }
+}
+
+@compute @workgroup_size(64)
+fn sort_scatter(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
+    let block = flat(group, groups);
+    let blocks = (status.entries + SORT_BLOCK - 1u) / SORT_BLOCK;
+    count(block, lane);
+    if lane < 16u && block < blocks {
+        var next = histograms[lane * blocks + block];
+        for (var i = 0u; i < LANES; i++) {
+            let here = digits[lane * LANES + i];
+            digits[lane * LANES + i] = next;
+            next += here;
+        }
+    }
+    workgroupBarrier();
+    let first = block * SORT_BLOCK + lane * PER_LANE;
+    for (var k = first; k < min(first + PER_LANE, status.entries); k++) {
+        let key = keys[k];
+        let slot = ((key >> radix_pass.shift) & 15u) * LANES + lane;
+        let to = digits[slot];
+        digits[slot] = to + 1u;
+        sorted_keys[to] = key;
+        sorted_order[to] = order[k];
+    }
+}

@@ -1,0 +1,59 @@
+//! One dispatch of one entry point.
+
+use crate::{gpu::Gpu, shaders::Variant};
+
+/// How many work groups a dispatch has.
+#[derive(Debug, Clone, Copy)]
+pub(crate) enum Groups<'a> {
+    /// Along x and y, as the host knows.
+    Direct(u32, u32),
+    /// As the device has written at an offset (bytes) of this buffer.
+    Indirect(&'a wgpu::Buffer, u64),
+}
+
+impl From<(u32, u32)> for Groups<'_> {
+    fn from((x, y): (u32, u32)) -> Self {
+        Self::Direct(x, y)
+    }
+}
+
+/// Records a dispatch of `entry_point`; `bindings` have the numbers 0, 1, 2, …
+pub(crate) fn dispatch(
+    gpu: &Gpu,
+    encoder: &mut wgpu::CommandEncoder,
+    entry_point: &'static str,
+    variant: Variant,
+    bindings: &[&wgpu::Buffer],
+    groups: Groups<'_>,
+) {
+    let numbers: Vec<u32> = (0..bindings.len() as u32).collect();
+    dispatch_some(gpu, encoder, entry_point, variant, (&numbers, bindings), groups);
+}
+
+/// As [`dispatch`], for an entry point that leaves some bindings of its file unused: numbers and buffers.
+pub(crate) fn dispatch_some(
+    gpu: &Gpu,
+    encoder: &mut wgpu::CommandEncoder,
+    entry_point: &'static str,
+    variant: Variant,
+    (numbers, buffers): (&[u32], &[&wgpu::Buffer]),
+    groups: Groups<'_>,
+) {
+    let pipeline = gpu.pipeline(entry_point, variant);
+    let entries: Vec<wgpu::BindGroupEntry<'_>> = (numbers.iter().zip(buffers))
+        .map(|(&binding, buffer)| wgpu::BindGroupEntry { binding, resource: buffer.as_entire_binding() })
+        .collect();
+    let group = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
+        label: Some(entry_point),
+        layout: &pipeline.get_bind_group_layout(0),
+        entries: &entries,
+    });
+    let descriptor = wgpu::ComputePassDescriptor { label: Some(entry_point), timestamp_writes: None };
+    let mut pass = encoder.begin_compute_pass(&descriptor);
+    pass.set_pipeline(&pipeline);
+    pass.set_bind_group(0, &group, &[]);
+    match groups {
+        Groups::Direct(x, y) => pass.dispatch_workgroups(x, y, 1),
+        Groups::Indirect(buffer, offset) => pass.dispatch_workgroups_indirect(buffer, offset),
+    }
+}

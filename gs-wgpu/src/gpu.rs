@@ -1,0 +1,369 @@
+//! The device: how an adapter is found and chosen, what was asked of it, how its faults become errors, and its pipelines.
+
+use std::{
+    collections::HashMap,
+    fmt,
+    sync::{
+        Arc, Mutex, PoisonError,
+        atomic::{AtomicU64, Ordering},
+    },
+    time::Duration,
+};
+
+use gs_core::Error;
+use wgpu::util::{BufferInitDescriptor, DeviceExt};
+
+use crate::shaders::{SORT_BITS, Variant, shader_of};
+
+pub(crate) const BACKEND: &str = "wgpu";
+
+/// What to install where there is no adapter at all.
+const INSTALL: &str = "install a graphics driver with Vulkan, Metal or DirectX 12; without a GPU, a software one will do \
+                       (Debian and Ubuntu: apt-get install mesa-vulkan-drivers)";
+
+/// An adapter that was found.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct AdapterSummary {
+    /// Its name, by which [`WgpuSettings::adapter`] finds it.
+    pub name: String,
+    /// "discrete GPU", "integrated GPU", "virtual GPU", "CPU" (a software driver) or "other".
+    pub kind: &'static str,
+    /// The interface: "vulkan", "metal", "dx12".
+    pub interface: String,
+    /// The driver and its version.
+    pub driver: String,
+}
+
+impl fmt::Display for AdapterSummary {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} ({}, {}, {})", self.name, self.kind, self.interface, self.driver)
+    }
+}
+
+/// What fresh buffers hold.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum FreshBuffers {
+    /// Zeros, as WebGPU has it.
+    #[default]
+    Zero,
+    /// NaNs, so that tests find every number that is read before it is written.
+    Poison,
+}
+
+/// How a [`WgpuRasterizer`](crate::WgpuRasterizer) comes by its device.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct WgpuSettings {
+    /// The first adapter whose name contains this, letter case aside; `None`: the fastest kind there is.
+    pub adapter: Option<String>,
+    /// What fresh buffers hold.
+    pub fresh_buffers: FreshBuffers,
+}
+
+/// How long the device may take to hand over what it has finished.
+const MOST_PATIENCE: Duration = Duration::from_secs(60);
+
+fn backend_error(message: impl Into<String>) -> Error {
+    Error::Backend { backend: BACKEND, message: message.into() }
+}
+
+fn instance() -> wgpu::Instance {
+    // Not OpenGL: as a silent fallback it takes minutes to compile what it then runs slowly.
+    let backends = wgpu::Backends::VULKAN | wgpu::Backends::METAL | wgpu::Backends::DX12;
+    let descriptor = wgpu::InstanceDescriptor { backends, ..wgpu::InstanceDescriptor::new_without_display_handle() };
+    wgpu::Instance::new(descriptor)
+}
+
+fn summary_of(info: &wgpu::AdapterInfo) -> AdapterSummary {
+    let kind = match info.device_type {
+        wgpu::DeviceType::DiscreteGpu => "discrete GPU",
+        wgpu::DeviceType::IntegratedGpu => "integrated GPU",
+        wgpu::DeviceType::VirtualGpu => "virtual GPU",
+        wgpu::DeviceType::Cpu => "CPU",
+        wgpu::DeviceType::Other => "other",
+    };
+    let driver = [info.driver.as_str(), info.driver_info.as_str()].join(" ").trim().to_owned();
+    AdapterSummary { name: info.name.clone(), kind, interface: info.backend.to_str().to_owned(), driver }
+}
+
+/// How much an adapter is worth: a GPU before a driver that computes on the CPU.
+fn rank(info: &wgpu::AdapterInfo) -> u32 {
+    match info.device_type {
+        wgpu::DeviceType::DiscreteGpu => 0,
+        wgpu::DeviceType::IntegratedGpu => 1,
+        wgpu::DeviceType::VirtualGpu => 2,
+        wgpu::DeviceType::Other => 3,
+        wgpu::DeviceType::Cpu => 4,
+    }
+}
+
+fn found(instance: &wgpu::Instance) -> Vec<wgpu::Adapter> {
+    let mut adapters = pollster::block_on(instance.enumerate_adapters(wgpu::Backends::all()));
+    adapters.sort_by_key(|a| rank(&a.get_info()));
+    adapters
+}
+
+/// The adapters of this machine, the one that is taken unless another is named first.
+pub fn adapters() -> Vec<AdapterSummary> {
+    found(&instance()).iter().map(|a| summary_of(&a.get_info())).collect()
+}
+
+/// Device, queue and pipelines of one adapter.
+pub(crate) struct Gpu {
+    pub(crate) device: wgpu::Device,
+    pub(crate) queue: wgpu::Queue,
+    pub(crate) adapter: AdapterSummary,
+    /// Why this adapter.
+    pub(crate) reason: String,
+    limits: wgpu::Limits,
+    /// Whether the adapter computes on a CPU.
+    on_cpu: bool,
+    fresh: FreshBuffers,
+    /// What went wrong on the device, first things first.
+    faults: Arc<Mutex<Option<String>>>,
+    pipelines: Mutex<HashMap<(&'static str, Variant), Arc<wgpu::ComputePipeline>>>,
+    /// One uniform per sorting pass: how far its digit is shifted.
+    pub(crate) shifts: Vec<wgpu::Buffer>,
+    /// Bytes that were moved between host and device.
+    moved: AtomicU64,
+}
+
+impl fmt::Debug for Gpu {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Gpu").field("adapter", &self.adapter).finish_non_exhaustive()
+    }
+}
+
+impl Gpu {
+    pub(crate) fn new(settings: &WgpuSettings) -> Result<Self, Error> {
+        let instance = instance();
+        let adapters = found(&instance);
+        let names = || adapters.iter().map(|a| a.get_info().name).collect::<Vec<_>>().join(", ");
+        if adapters.is_empty() {
+            return Err(backend_error(format!(
+                "no adapter was found (looked for Vulkan, Metal and DirectX 12): {INSTALL}"
+            )));
+        }
+        let (adapter, reason) = match &settings.adapter {
+            None => (&adapters[0], choice_reason(&adapters)),
+            Some(wanted) => {
+                let matches = |a: &&wgpu::Adapter| a.get_info().name.to_lowercase().contains(&wanted.to_lowercase());
+                let adapter = adapters.iter().find(matches).ok_or_else(|| {
+                    backend_error(format!("no adapter's name contains \"{wanted}\"; found: {}", names()))
+                })?;
+                (adapter, format!("its name contains \"{wanted}\""))
+            }
+        };
+        let info = adapter.get_info();
+        let offered = adapter.limits();
+        // More than the defaults only where scenes could not grow otherwise: how large a buffer may be.
+        let limits = wgpu::Limits {
+            max_buffer_size: offered.max_buffer_size,
+            max_storage_buffer_binding_size: offered.max_storage_buffer_binding_size,
+            ..wgpu::Limits::default()
+        };
+        let descriptor = wgpu::DeviceDescriptor {
+            label: Some("gs-wgpu"),
+            required_limits: limits.clone(),
+            ..wgpu::DeviceDescriptor::default()
+        };
+        let (device, queue) = pollster::block_on(adapter.request_device(&descriptor))
+            .map_err(|e| backend_error(format!("{} gives no device: {e}", info.name)))?;
+        let faults = Arc::new(Mutex::new(None));
+        let note = |faults: &Mutex<Option<String>>, text: String| {
+            faults.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(text);
+        };
+        let uncaptured = Arc::clone(&faults);
+        device.on_uncaptured_error(Arc::new(move |e: wgpu::Error| note(&uncaptured, e.to_string())));
+        let lost = Arc::clone(&faults);
+        device.set_device_lost_callback(move |reason, text| {
+            note(&lost, format!("the device was lost ({reason:?}): {text}"))
+        });
+        let shift = |pass: u32| {
+            let contents = [pass * SORT_BITS, 0, 0, 0];
+            device.create_buffer_init(&BufferInitDescriptor {
+                label: Some("shift"),
+                contents: bytemuck::bytes_of(&contents),
+                usage: wgpu::BufferUsages::UNIFORM,
+            })
+        };
+        let shifts = (0..32 / SORT_BITS).map(shift).collect();
+        Ok(Self {
+            device,
+            queue,
+            adapter: summary_of(&info),
+            reason,
+            limits,
+            on_cpu: info.device_type == wgpu::DeviceType::Cpu,
+            fresh: settings.fresh_buffers,
+            faults,
+            pipelines: Mutex::default(),
+            shifts,
+            moved: AtomicU64::new(0),
+        })
+    }
+
+    /// Fails if anything went wrong on the device since it was made.
+    pub(crate) fn check(&self) -> Result<(), Error> {
+        match &*self.faults.lock().unwrap_or_else(PoisonError::into_inner) {
+            None => Ok(()),
+            Some(fault) => Err(backend_error(fault.clone())),
+        }
+    }
+
+    /// Makes the device unusable, as a driver that crashes would.
+    pub(crate) fn lose(&self) {
+        self.device.destroy();
+        self.faults
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .get_or_insert_with(|| "the device was lost: it was destroyed".to_owned());
+    }
+
+    /// Work groups for so many, as rows of at most what a dispatch allows.
+    pub(crate) fn groups(&self, groups: u64) -> (u32, u32) {
+        let most = u64::from(self.limits.max_compute_workgroups_per_dimension);
+        let across = groups.clamp(1, most);
+        (across as u32, groups.div_ceil(across) as u32)
+    }
+
+    /// A buffer of its own, or how much was asked for and how much there is.
+    pub(crate) fn allocate(
+        &self,
+        label: &'static str,
+        bytes: u64,
+        usage: wgpu::BufferUsages,
+    ) -> Result<wgpu::Buffer, Error> {
+        self.check()?;
+        let most = self.limits.max_storage_buffer_binding_size.min(self.limits.max_buffer_size);
+        if bytes > most {
+            let mib = |bytes: u64| bytes.div_ceil(1 << 20);
+            return Err(backend_error(format!(
+                "{label} need {} MiB in one buffer, and {} allows {} MiB: use fewer or smaller Gaussians or a smaller \
+                 canvas, or the CPU backend",
+                mib(bytes),
+                self.adapter.name,
+                mib(most)
+            )));
+        }
+        // No smaller than any struct of the shaders.
+        let size = bytes.max(256).next_multiple_of(16);
+        let poison = self.fresh == FreshBuffers::Poison && !usage.contains(wgpu::BufferUsages::MAP_READ);
+        let buffer = self.device.create_buffer(&wgpu::BufferDescriptor {
+            label: Some(label),
+            size,
+            usage,
+            mapped_at_creation: poison,
+        });
+        if poison {
+            if let Ok(mut view) = buffer.get_mapped_range_mut(..) {
+                view.copy_from_slice(&vec![0xff; size as usize]);
+            }
+            buffer.unmap();
+        }
+        self.check()?;
+        Ok(buffer)
+    }
+
+    /// A storage buffer that holds `data`.
+    pub(crate) fn storage<T: bytemuck::Pod>(&self, label: &'static str, data: &[T]) -> Result<wgpu::Buffer, Error> {
+        let bytes: &[u8] = bytemuck::cast_slice(data);
+        let buffer = self.allocate(label, bytes.len() as u64, STORAGE)?;
+        self.write(&buffer, bytes);
+        Ok(buffer)
+    }
+
+    /// Host to device.
+    pub(crate) fn write(&self, buffer: &wgpu::Buffer, bytes: &[u8]) {
+        if !bytes.is_empty() {
+            self.moved.fetch_add(bytes.len() as u64, Ordering::Relaxed);
+            self.queue.write_buffer(buffer, 0, bytes);
+        }
+    }
+
+    /// Device to host: the first `count` of a buffer, once everything before has been done.
+    pub(crate) fn read<T: bytemuck::Pod>(&self, buffer: &wgpu::Buffer, count: usize) -> Result<Vec<T>, Error> {
+        let bytes = (count * size_of::<T>()) as u64;
+        if bytes == 0 {
+            return Ok(Vec::new());
+        }
+        let staging = self.allocate("staging", bytes, wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST)?;
+        let mut encoder = self.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
+        encoder.copy_buffer_to_buffer(buffer, 0, &staging, 0, bytes.next_multiple_of(4));
+        self.queue.submit([encoder.finish()]);
+        self.mapped(&staging, bytes).map(|view| bytemuck::pod_collect_to_vec(&view))
+    }
+
+    /// The bytes of a buffer that can be mapped, once everything before has been done.
+    pub(crate) fn mapped(&self, staging: &wgpu::Buffer, bytes: u64) -> Result<Vec<u8>, Error> {
+        let (tell, told) = std::sync::mpsc::channel();
+        staging.map_async(wgpu::MapMode::Read, ..bytes, move |result| {
+            // Nobody listens where waiting failed before.
+            let _ = tell.send(result);
+        });
+        self.wait()?;
+        // Another thread's waiting may be what calls back, a little later.
+        let Ok(Ok(())) = told.recv_timeout(MOST_PATIENCE) else {
+            self.check()?;
+            return Err(backend_error("what the device computed cannot be read: the device was lost"));
+        };
+        let view = staging.get_mapped_range(..bytes).map_err(|e| backend_error(e.to_string()))?;
+        let data = view.to_vec();
+        drop(view);
+        staging.unmap();
+        self.moved.fetch_add(bytes, Ordering::Relaxed);
+        Ok(data)
+    }
+
+    /// Until everything submitted has been done.
+    pub(crate) fn wait(&self) -> Result<(), Error> {
+        let poll = wgpu::PollType::Wait { submission_index: None, timeout: None };
+        self.device.poll(poll).map_err(|e| backend_error(format!("waiting for the device: {e}")))?;
+        self.check()
+    }
+
+    /// Bytes that were moved between host and device since the device was made.
+    pub(crate) fn moved(&self) -> u64 {
+        self.moved.load(Ordering::Relaxed)
+    }
+
+    /// The pipeline of an entry point, compiled when first asked for.
+    pub(crate) fn pipeline(&self, entry_point: &'static str, variant: Variant) -> Arc<wgpu::ComputePipeline> {
+        let variant = Variant { sixteen_rows: self.on_cpu, polynomial_exp: self.on_cpu, ..variant };
+        let mut pipelines = self.pipelines.lock().unwrap_or_else(PoisonError::into_inner);
+        Arc::clone(pipelines.entry((entry_point, variant)).or_insert_with(|| {
+            let shader = shader_of(entry_point);
+            let module = self.device.create_shader_module(wgpu::ShaderModuleDescriptor {
+                label: Some(shader.name),
+                source: wgpu::ShaderSource::Wgsl(shader.text(variant).into()),
+            });
+            let constants: Vec<(&str, f64)> = [variant.constant, variant.second_constant]
+                .into_iter()
+                .flatten()
+                .map(|(n, v)| (n, f64::from(v)))
+                .collect();
+            Arc::new(self.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+                label: Some(entry_point),
+                layout: None,
+                module: &module,
+                entry_point: Some(entry_point),
+                compilation_options: wgpu::PipelineCompilationOptions {
+                    constants: &constants,
+                    zero_initialize_workgroup_memory: false,
+                },
+                cache: None,
+            }))
+        }))
+    }
+}
+
+/// Usage of a buffer that shaders read and write and the host fills and reads.
+pub(crate) const STORAGE: wgpu::BufferUsages =
+    wgpu::BufferUsages::STORAGE.union(wgpu::BufferUsages::COPY_DST).union(wgpu::BufferUsages::COPY_SRC);
+
+fn choice_reason(adapters: &[wgpu::Adapter]) -> String {
+    match adapters {
+        [_] => "the only adapter".to_owned(),
+        [first, ..] if first.get_info().device_type == wgpu::DeviceType::Cpu => "no GPU was found".to_owned(),
+        _ => format!("the fastest kind of {} adapters", adapters.len()),
+    }
+}

@@ -1,0 +1,236 @@
+//! The structs that host and shaders share: `shaders/shared.wgsl` declares them again, and a test holds every offset against naga's.
+
+use bytemuck::{Pod, Zeroable};
+
+/// A Gaussian's parameters.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
+#[repr(C)]
+pub(crate) struct Gaussian {
+    pub(crate) mean: [f32; 2],
+    pub(crate) opacity_logit: f32,
+    /// Adam steps taken.
+    pub(crate) steps: u32,
+    /// Chart `ScaleRotation`: ln-scales and rotation; chart `LocalFrame`: the columns of L.
+    pub(crate) shape: [f32; 4],
+    pub(crate) color: [f32; 3],
+    pub(crate) unused: f32,
+}
+
+/// A Gaussian's Adam moments: mean 2, shape 3, colour 3, first and second; then those of the opacity.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
+#[repr(C)]
+pub(crate) struct Moments {
+    pub(crate) first: [f32; 8],
+    pub(crate) second: [f32; 8],
+    pub(crate) opacity: [f32; 4],
+}
+
+/// A Gaussian's density statistics.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
+#[repr(C)]
+pub(crate) struct Statistics {
+    pub(crate) gradient_sum: f32,
+    pub(crate) visible: u32,
+}
+
+/// A Gaussian's gradient in its whitened frame.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
+#[repr(C)]
+pub(crate) struct Gradient {
+    pub(crate) color: [f32; 3],
+    pub(crate) opacity_logit: f32,
+    pub(crate) eta: [f32; 3],
+    pub(crate) device_norm: f32,
+    pub(crate) xi: [f32; 2],
+    pub(crate) visible: u32,
+    pub(crate) unused: u32,
+}
+
+/// What the host reads after a pass.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
+#[repr(C)]
+pub(crate) struct Status {
+    /// Entries of all tiles' lists.
+    pub(crate) entries: u32,
+    /// Entries that were asked for where that were more than there is room for; else 0.
+    pub(crate) overflow: u32,
+    pub(crate) loss: f32,
+    pub(crate) unused: u32,
+    pub(crate) not_finite: u32,
+    pub(crate) degenerate: u32,
+    pub(crate) transparent: u32,
+    pub(crate) outside: u32,
+}
+
+/// Where a slot of edited arrays takes its contents from; [`Source::NONE`] leaves zeros.
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub(crate) struct Source {
+    pub(crate) parameters: u32,
+    pub(crate) moments: u32,
+    pub(crate) statistics: u32,
+    pub(crate) is_fresh: u32,
+}
+
+impl Source {
+    pub(crate) const NONE: u32 = u32::MAX;
+}
+
+/// Everything that a pass is told: the only thing that crosses to the device in a training step.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
+#[repr(C)]
+pub(crate) struct Step {
+    pub(crate) origin: [f32; 2],
+    pub(crate) pixels_per_unit: [f32; 2],
+    pub(crate) size: [u32; 2],
+    pub(crate) tiles: [u32; 2],
+    pub(crate) backdrop: [f32; 3],
+    pub(crate) gaussians: u32,
+    pub(crate) alpha_cut: f32,
+    pub(crate) alpha_max: f32,
+    pub(crate) transmittance_min: f32,
+    pub(crate) entry_capacity: u32,
+    pub(crate) pointwise_scale: f32,
+    pub(crate) dssim_scale: f32,
+    pub(crate) per_value: f32,
+    pub(crate) epsilon: f32,
+    pub(crate) min_scale: f32,
+    pub(crate) max_scale: f32,
+    pub(crate) opaque: u32,
+    pub(crate) collect: u32,
+    /// Per group: learning rate, β₁, β₂, 1 − β₁.
+    pub(crate) rates: [[f32; 4]; 5],
+    /// Per group: ln β₁, ln β₂, 1 − β₂, unused.
+    pub(crate) decays: [[f32; 4]; 5],
+}
+
+/// Bytes of one of `solve_colors.wgsl`'s `Conjugate`, and of its `Scalars`.
+pub(crate) const CONJUGATE_BYTES: u64 = 64;
+
+/// Bytes of `Splat`.
+pub(crate) const SPLAT_BYTES: u64 = 48;
+
+#[cfg(test)]
+mod tests {
+    use std::mem::offset_of;
+
+    use super::*;
+    use crate::shaders::{SHADERS, Variant};
+
+    fn module(text: &str) -> naga::Module {
+        naga::front::wgsl::parse_str(text).unwrap_or_else(|e| panic!("{}", e.emit_to_string(text)))
+    }
+
+    /// Offsets and span of a struct, as the shaders have it.
+    fn in_shader(module: &naga::Module, name: &str) -> (Vec<(String, u32)>, u32) {
+        let found = module.types.iter().find(|(_, t)| t.name.as_deref() == Some(name));
+        let (_, found) = found.unwrap_or_else(|| panic!("no struct {name}"));
+        let naga::TypeInner::Struct { members, span } = &found.inner else { panic!("{name} is no struct") };
+        (members.iter().map(|m| (m.name.clone().unwrap(), m.offset)).collect(), *span)
+    }
+
+    macro_rules! same_layout {
+        ($module:expr, $name:ident { $($field:ident),* $(,)? }) => {
+            let expected = vec![$((stringify!($field).to_owned(), offset_of!($name, $field) as u32)),*];
+            assert_eq!(in_shader($module, stringify!($name)), (expected, size_of::<$name>() as u32), stringify!($name));
+        };
+    }
+
+    fn shader(name: &str) -> &'static crate::shaders::Shader {
+        SHADERS.iter().find(|s| s.name == name).unwrap()
+    }
+
+    #[test]
+    fn host_and_shaders_agree_on_every_struct() {
+        let m = &module(&shader("edit").text(Variant::default()));
+        same_layout!(m, Gaussian { mean, opacity_logit, steps, shape, color, unused });
+        same_layout!(m, Moments { first, second, opacity });
+        same_layout!(m, Statistics { gradient_sum, visible });
+        same_layout!(m, Gradient { color, opacity_logit, eta, device_norm, xi, visible, unused });
+        same_layout!(m, Source { parameters, moments, statistics, is_fresh });
+        same_layout!(m, Status { entries, overflow, loss, unused, not_finite, degenerate, transparent, outside });
+        same_layout!(
+            m,
+            Step {
+                origin,
+                pixels_per_unit,
+                size,
+                tiles,
+                backdrop,
+                gaussians,
+                alpha_cut,
+                alpha_max,
+                transmittance_min,
+                entry_capacity,
+                pointwise_scale,
+                dssim_scale,
+                per_value,
+                epsilon,
+                min_scale,
+                max_scale,
+                opaque,
+                collect,
+                rates,
+                decays,
+            }
+        );
+        assert_eq!(u64::from(in_shader(m, "Splat").1), SPLAT_BYTES);
+        let m = &module(&shader("solve_colors").text(Variant::default()));
+        assert_eq!(u64::from(in_shader(m, "Conjugate").1), CONJUGATE_BYTES);
+        assert_eq!(in_shader(m, "Scalars").1, 64);
+        let m = &module(&shader("project").text(Variant::default()));
+        assert_eq!(in_shader(m, "Counted"), in_shader(m, "Status"));
+    }
+
+    #[test]
+    #[should_panic(expected = "Gaussian")]
+    fn another_layout_is_noticed() {
+        #[allow(dead_code)]
+        #[repr(C)]
+        struct Gaussian {
+            mean: [f32; 3],
+            opacity_logit: f32,
+        }
+        same_layout!(&module(&shader("edit").text(Variant::default())), Gaussian { mean, opacity_logit });
+    }
+
+    /// Every combination of the flags that pick lines.
+    fn variants() -> impl Iterator<Item = Variant> {
+        (0..32).map(|bits: u32| Variant {
+            over: bits & 1 != 0,
+            local_frame: bits & 2 != 0,
+            lists: bits & 4 != 0,
+            sixteen_rows: bits & 8 != 0,
+            polynomial_exp: bits & 16 != 0,
+            ..Variant::default()
+        })
+    }
+
+    #[test]
+    fn every_variant_is_valid_and_within_the_default_limits() {
+        let limits = wgpu::Limits::default();
+        for (shader, variant) in SHADERS.iter().flat_map(|s| variants().map(move |v| (s, v))) {
+            let module = module(&shader.text(variant));
+            let flags = naga::valid::ValidationFlags::all();
+            let info = naga::valid::Validator::new(flags, naga::valid::Capabilities::empty())
+                .validate(&module)
+                .unwrap_or_else(|e| panic!("{} {variant:?}: {}", shader.name, e.into_inner()));
+            let names: Vec<&str> = module.entry_points.iter().map(|e| e.name.as_str()).collect();
+            assert_eq!(names, shader.entry_points, "{}", shader.name);
+            for (index, entry) in module.entry_points.iter().enumerate() {
+                let used = |space: fn(&naga::AddressSpace) -> bool| {
+                    let info = info.get_entry_point(index);
+                    module.global_variables.iter().filter(move |(h, g)| !info[*h].is_empty() && space(&g.space))
+                };
+                let storage = used(|s| matches!(s, naga::AddressSpace::Storage { .. })).count() as u32;
+                assert!(storage <= limits.max_storage_buffers_per_shader_stage, "{}: {storage} buffers", entry.name);
+                let bytes: u32 = used(|s| *s == naga::AddressSpace::WorkGroup)
+                    .map(|(_, g)| module.types[g.ty].inner.size(module.to_ctx()))
+                    .sum();
+                assert!(bytes <= limits.max_compute_workgroup_storage_size, "{}: {bytes} bytes", entry.name);
+                let invocations: u32 = entry.workgroup_size.iter().product();
+                assert!(invocations <= limits.max_compute_invocations_per_workgroup, "{}: {invocations}", entry.name);
+            }
+        }
+    }
+}

@@ -1,0 +1,300 @@
+//! The trait's implementation: checks what comes in, and sends the stages to the device.
+
+use std::sync::Arc;
+
+use gs_core::{
+    AdamRates, Binning, Blend, Canvas, Chart, CloudState, DensityStatistics, EditPlan, Error, Image, Loss,
+    PlanarGaussian, PlanarScene, Rasterizer, RenderSettings, TrainStep,
+    effects::{Antialias, Order, Outputs},
+    settings::Cut,
+    statistics::Culled,
+};
+
+use crate::{
+    PlanarCloud, PlanarFrame, PlanarGradients, PlanarTarget, WgpuSettings,
+    cloud::UNIFORM,
+    frame::Pool,
+    gpu::{AdapterSummary, BACKEND, Gpu},
+    layout::{Status, Step},
+    workspace::{Differentiated, Workspace, encode_adam},
+};
+
+/// The GPU backend: owns its device, and the buffers that its frames use in turn.
+#[derive(Debug)]
+pub struct WgpuRasterizer {
+    gpu: Gpu,
+    pool: Arc<Pool>,
+}
+
+impl WgpuRasterizer {
+    /// A rasterizer with a device of its own.
+    ///
+    /// # Errors
+    /// [`Error::Backend`] where there is no adapter, none of that name, or it gives no device.
+    pub fn new(settings: WgpuSettings) -> Result<Self, Error> {
+        Ok(Self { gpu: Gpu::new(&settings)?, pool: Arc::default() })
+    }
+
+    /// The adapter in use.
+    pub fn adapter(&self) -> &AdapterSummary {
+        &self.gpu.adapter
+    }
+
+    /// Why this adapter: "the only adapter".
+    pub fn reason(&self) -> &str {
+        &self.gpu.reason
+    }
+
+    /// Bytes that have moved between host and device so far, in both directions, uniforms included.
+    pub fn bytes_moved(&self) -> u64 {
+        self.gpu.moved()
+    }
+
+    /// Gives the device up, as if the driver had crashed: every later call is an [`Error::Backend`]. For tests of what a program does then.
+    pub fn lose_device(&self) {
+        self.gpu.lose();
+    }
+
+    fn encoder(&self) -> wgpu::CommandEncoder {
+        self.gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default())
+    }
+
+    /// Runs `encode` on lists made anew, with more room until they fit; what became of it.
+    fn with_lists(
+        &self,
+        workspace: &mut Workspace,
+        cloud: &PlanarCloud,
+        step: impl Fn(&Workspace) -> Step,
+        mut encode: impl FnMut(&mut Workspace, &mut wgpu::CommandEncoder) -> Result<(), Error>,
+    ) -> Result<Status, Error> {
+        loop {
+            workspace.write_step(&self.gpu, &step(workspace));
+            let mut encoder = self.encoder();
+            workspace.encode_lists(&self.gpu, &mut encoder, cloud, true);
+            encode(workspace, &mut encoder)?;
+            self.gpu.queue.submit([encoder.finish()]);
+            let status = workspace.read_status(&self.gpu)?;
+            if status.overflow == 0 {
+                workspace.edition = Some(cloud.edition);
+                return Ok(status);
+            }
+            workspace.make_room(&self.gpu, &status)?;
+        }
+    }
+}
+
+fn check(view: &Canvas, settings: &RenderSettings) -> Result<(), Error> {
+    view.validate()?;
+    settings.validate()?;
+    let effects = &settings.effects;
+    let unsupported = |effect: String| Err(Error::Unsupported { backend: BACKEND, effect });
+    if effects.order != Order::Index {
+        return unsupported(format!("order {:?} of a planar scene, which has no depth", effects.order));
+    }
+    if effects.antialias != Antialias::None {
+        return unsupported(format!("antialias {:?} of a planar scene", effects.antialias));
+    }
+    if effects.outputs != Outputs::Color {
+        return unsupported(format!("outputs {:?} of a planar scene", effects.outputs));
+    }
+    if settings.accuracy.cut != Cut::Hard {
+        return unsupported("a smooth cut, which would touch every pixel".to_owned());
+    }
+    Ok(())
+}
+
+impl Rasterizer<PlanarScene> for WgpuRasterizer {
+    type Cloud = PlanarCloud;
+    type Frame = PlanarFrame;
+    type Gradients = PlanarGradients;
+    type Target = PlanarTarget;
+
+    fn describe(&self) -> String {
+        let AdapterSummary { name, kind, interface, .. } = &self.gpu.adapter;
+        format!("wgpu ({name}, {kind}, {interface})")
+    }
+
+    fn upload(&self, scene: &PlanarScene, chart: Chart) -> Result<PlanarCloud, Error> {
+        PlanarCloud::new(&self.gpu, scene, chart)
+    }
+
+    fn download(&self, cloud: &PlanarCloud) -> Result<PlanarScene, Error> {
+        cloud.scene(&self.gpu)
+    }
+
+    fn len(&self, cloud: &PlanarCloud) -> usize {
+        cloud.len
+    }
+
+    fn upload_target(&self, image: &Image) -> Result<PlanarTarget, Error> {
+        PlanarTarget::new(&self.gpu, image)
+    }
+
+    fn save(&self, cloud: &PlanarCloud) -> Result<CloudState, Error> {
+        cloud.save(&self.gpu)
+    }
+
+    fn restore(&self, state: &CloudState) -> Result<PlanarCloud, Error> {
+        PlanarCloud::restore(&self.gpu, state)
+    }
+
+    fn forward(&self, cloud: &PlanarCloud, view: &Canvas, settings: &RenderSettings) -> Result<PlanarFrame, Error> {
+        check(view, settings)?;
+        let mut workspace = self.pool.take(&self.gpu)?;
+        workspace.set(&self.gpu, cloud, view, settings)?;
+        let status = self.with_lists(
+            &mut workspace,
+            cloud,
+            |w| w.describe(cloud, None, None),
+            |w, encoder| {
+                w.encode_blend(&self.gpu, encoder, cloud);
+                Ok(())
+            },
+        )?;
+        Ok(PlanarFrame { workspace: Some(workspace), status, pool: Arc::clone(&self.pool) })
+    }
+
+    fn image(&self, frame: &PlanarFrame) -> Result<Image, Error> {
+        frame.image(&self.gpu)
+    }
+
+    fn culled(&self, frame: &PlanarFrame) -> Result<Culled, Error> {
+        Ok(frame.culled())
+    }
+
+    fn backward(
+        &self,
+        cloud: &PlanarCloud,
+        mut frame: PlanarFrame,
+        target: &PlanarTarget,
+        loss: &Loss,
+    ) -> Result<(f32, PlanarGradients), Error> {
+        loss.validate()?;
+        let gpu = &self.gpu;
+        let workspace = frame.workspace.as_mut().expect("a frame has its workspace until it is dropped");
+        target.check_size(workspace.canvas.width, workspace.canvas.height)?;
+        if workspace.edition != Some(cloud.edition) {
+            return Err(Error::State("the frame is of another cloud, or of this one before an edit".to_owned()));
+        }
+        workspace.write_step(gpu, &workspace.describe(cloud, Some(*loss), None));
+        let mut encoder = self.encoder();
+        workspace.encode_loss(gpu, &mut encoder, target, Some(*loss))?;
+        workspace.encode_blend_bwd(gpu, &mut encoder, cloud, Differentiated::Loss);
+        workspace.encode_project_bwd(gpu, &mut encoder, cloud);
+        let source = &workspace.gradients.buffer;
+        let buffer = gpu.allocate("gradients", source.size(), crate::gpu::STORAGE)?;
+        encoder.copy_buffer_to_buffer(source, 0, &buffer, 0, source.size());
+        gpu.queue.submit([encoder.finish()]);
+        let value = workspace.read_status(gpu)?.loss;
+        let gradients = PlanarGradients {
+            buffer,
+            len: cloud.len,
+            statistics: workspace.settings.effects.statistics,
+            opaque: workspace.settings.effects.blend == Blend::Sum || !cloud.has_opacity,
+        };
+        Ok((value, gradients))
+    }
+
+    fn download_gradients(&self, cloud: &PlanarCloud, gradients: &PlanarGradients) -> Result<PlanarScene, Error> {
+        gradients.check_len(cloud)?;
+        gradients.as_scene(&self.gpu, cloud)
+    }
+
+    fn step(&self, cloud: &mut PlanarCloud, gradients: &PlanarGradients, rates: &AdamRates) -> Result<(), Error> {
+        gradients.check_len(cloud)?;
+        let gpu = &self.gpu;
+        let mut workspace = self.pool.take(gpu)?;
+        let mut settings = RenderSettings::default();
+        settings.effects.statistics = gradients.statistics;
+        workspace.set(gpu, cloud, &Canvas::new(1, 1), &settings)?;
+        let opaque = u32::from(gradients.opaque);
+        let step = Step { opaque, ..workspace.describe(cloud, None, Some(rates)) };
+        let uniform = gpu.allocate("step", size_of::<Step>() as u64, UNIFORM)?;
+        gpu.write(&uniform, bytemuck::bytes_of(&step));
+        let mut encoder = self.encoder();
+        let groups = gpu.groups((cloud.len as u64).div_ceil(64)).into();
+        encode_adam(gpu, &mut encoder, cloud, &uniform, &gradients.buffer, groups);
+        gpu.queue.submit([encoder.finish()]);
+        self.pool.give(workspace);
+        gpu.check()
+    }
+
+    fn train_step(
+        &self,
+        cloud: &mut PlanarCloud,
+        view: &Canvas,
+        target: &PlanarTarget,
+        step: &TrainStep<'_>,
+    ) -> Result<f32, Error> {
+        check(view, step.settings)?;
+        step.loss.validate()?;
+        target.check_size(view.width, view.height)?;
+        let gpu = &self.gpu;
+        let mut workspace = match cloud.workspace.take() {
+            Some(workspace) => workspace,
+            None => self.pool.take(gpu)?,
+        };
+        workspace.set(gpu, cloud, view, step.settings)?;
+        let rest = |w: &mut Workspace, encoder: &mut wgpu::CommandEncoder| {
+            w.encode_blend(gpu, encoder, cloud);
+            w.encode_loss(gpu, encoder, target, Some(step.loss))?;
+            w.encode_blend_bwd(gpu, encoder, cloud, Differentiated::Loss);
+            w.encode_project_bwd(gpu, encoder, cloud);
+            w.encode_adam(gpu, encoder, cloud);
+            Ok(())
+        };
+        let describe = |w: &Workspace| w.describe(cloud, Some(step.loss), Some(step.rates));
+        let reuse = step.binning == Binning::Reuse && workspace.edition == Some(cloud.edition);
+        let status = if reuse {
+            workspace.write_step(gpu, &describe(&workspace));
+            let mut encoder = self.encoder();
+            workspace.encode_lists(gpu, &mut encoder, cloud, false);
+            rest(&mut workspace, &mut encoder)?;
+            gpu.queue.submit([encoder.finish()]);
+            workspace.read_status(gpu)?
+        } else {
+            self.with_lists(&mut workspace, cloud, describe, rest)?
+        };
+        cloud.workspace = Some(workspace);
+        Ok(status.loss)
+    }
+
+    fn solve_colors(
+        &self,
+        cloud: &mut PlanarCloud,
+        view: &Canvas,
+        target: &PlanarTarget,
+        settings: &RenderSettings,
+        iterations: u32,
+    ) -> Result<(), Error> {
+        check(view, settings)?;
+        target.check_size(view.width, view.height)?;
+        if settings.effects.blend != Blend::Sum {
+            return Err(Error::Unsupported {
+                backend: BACKEND,
+                effect: "solving for colours under `over`, where the image is not linear in them".to_owned(),
+            });
+        }
+        let gpu = &self.gpu;
+        let mut workspace = self.pool.take(gpu)?;
+        workspace.set(gpu, cloud, view, settings)?;
+        let describe = |w: &Workspace| w.describe(cloud, None, None);
+        self.with_lists(&mut workspace, cloud, describe, |_, _| Ok(()))?;
+        let step = describe(&workspace);
+        let without_backdrop = gpu.storage("step", &[Step { backdrop: [0.0; 3], ..step }])?;
+        workspace.write_step(gpu, &step);
+        let mut encoder = self.encoder();
+        workspace.encode_solve(gpu, &mut encoder, cloud, target, iterations, &without_backdrop)?;
+        gpu.queue.submit([encoder.finish()]);
+        self.pool.give(workspace);
+        gpu.check()
+    }
+
+    fn statistics(&self, cloud: &PlanarCloud) -> Result<DensityStatistics, Error> {
+        cloud.density_statistics(&self.gpu)
+    }
+
+    fn edit(&self, cloud: &mut PlanarCloud, plan: &EditPlan<PlanarGaussian>) -> Result<(), Error> {
+        cloud.edit(&self.gpu, plan)
+    }
+}

@@ -1,0 +1,153 @@
+//! The shaders: one file a stage, after a prelude printed from gs-core's constants and one file of what all share. `#if NAME`, `#else`,
+//! `#endif` pick variants; numbers that only one entry point needs are WGSL overrides.
+
+use std::fmt::Write;
+
+use gs_core::constants::{MIN_DETERMINANT_PX4, SSIM_C1, SSIM_C2, SSIM_SIGMA, SSIM_WINDOW};
+
+/// Columns and rows of a tile.
+pub(crate) const TILE: u32 = 16;
+
+/// Entries that a work group of `sort` moves.
+pub(crate) const SORT_BLOCK: u32 = 1024;
+
+/// Digits of a sorting pass: bits.
+pub(crate) const SORT_BITS: u32 = 4;
+
+/// What a pipeline is compiled for; two variants that a shader does not tell apart are compiled once.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+pub(crate) struct Variant {
+    /// Blending is `Over`, not `Sum`.
+    pub(crate) over: bool,
+    /// The chart is `LocalFrame`.
+    pub(crate) local_frame: bool,
+    /// `project` counts tiles, for lists made anew.
+    pub(crate) lists: bool,
+    /// An invocation of the blend kernels has a whole column of its tile: for adapters whose lanes are few and whose registers are many,
+    /// as a CPU's.
+    pub(crate) sixteen_rows: bool,
+    /// exp2 by a polynomial, where the adapter's own is not exact enough.
+    pub(crate) polynomial_exp: bool,
+    /// The entry point's override, if it has one.
+    pub(crate) constant: Option<(&'static str, u32)>,
+    /// A second one.
+    pub(crate) second_constant: Option<(&'static str, u32)>,
+}
+
+/// A shader: the stage's file.
+#[derive(Debug)]
+pub(crate) struct Shader {
+    pub(crate) name: &'static str,
+    pub(crate) source: &'static str,
+    pub(crate) entry_points: &'static [&'static str],
+}
+
+macro_rules! shaders {
+    ($($name:literal: [$($entry:literal),* $(,)?]),* $(,)?) => {
+        /// Every shader.
+        pub(crate) const SHADERS: &[Shader] = &[$(Shader {
+            name: $name,
+            source: include_str!(concat!("../shaders/", $name, ".wgsl")),
+            entry_points: &[$($entry),*],
+        }),*];
+    };
+}
+
+shaders! {
+    "project": ["project"],
+    "scan": ["scan_blocks", "scan_sums", "scan_spread"],
+    "sizes": ["sizes"],
+    "bin": ["bin"],
+    "sort": ["sort_count", "sort_scatter"],
+    "ranges": ["ranges"],
+    "blend": ["blend"],
+    "loss": ["loss", "loss_sum"],
+    "dssim": ["dssim_rows", "dssim_columns", "dssim_bwd_rows", "dssim_bwd_columns"],
+    "blend_bwd": ["blend_bwd"],
+    "project_bwd": ["project_bwd"],
+    "adam": ["adam"],
+    "edit": ["edit"],
+    "solve_colors": [
+        "solve_start", "solve_product", "solve_step", "solve_direction", "solve_end", "solve_scalars",
+    ],
+}
+
+/// What all shaders share.
+const SHARED: &str = include_str!("../shaders/shared.wgsl");
+
+/// The shader with an entry point of this name.
+pub(crate) fn shader_of(entry_point: &str) -> &'static Shader {
+    SHADERS.iter().find(|s| s.entry_points.contains(&entry_point)).expect("every entry point is listed")
+}
+
+/// Numbers per entry that `blend_bwd` yields.
+pub(crate) fn stride(over: bool) -> u32 {
+    if over { 9 } else { 8 }
+}
+
+impl Shader {
+    /// Its text for a variant, complete.
+    pub(crate) fn text(&self, variant: Variant) -> String {
+        let mut text = prelude(variant);
+        text += &preprocess(SHARED, variant);
+        text += &preprocess(self.source, variant);
+        text
+    }
+}
+
+/// The constants, printed so that they parse back bit for bit.
+fn prelude(variant: Variant) -> String {
+    let rows = if variant.sixteen_rows { 16 } else { 4 };
+    // As many entries at a time as their partial sums have room for in 16 KiB.
+    let stride = stride(variant.over);
+    let invocations = TILE * (TILE / rows);
+    let batch = (16 * 1024 / 4 / (stride * invocations)).min(8);
+    let mut text = format!(
+        "const TILE: u32 = {TILE}u;\nconst ROWS: u32 = {rows}u;\nconst STRIDE: u32 = {stride}u;\nconst BATCH: u32 = {batch}u;\n\
+         const SORT_BLOCK: u32 = {SORT_BLOCK}u;\nconst MIN_DETERMINANT_PX4: f32 = {MIN_DETERMINANT_PX4:?};\n\
+         const SSIM_C1: f32 = {SSIM_C1:?};\nconst SSIM_C2: f32 = {SSIM_C2:?};\n",
+    );
+    let weights = ssim_window().map(|w| format!("{w:?}")).join(", ");
+    writeln!(text, "const WINDOW = array<f32, {SSIM_WINDOW}>({weights});").expect("a string takes everything");
+    text
+}
+
+/// SSIM's Gaussian window, `[SSIM_WINDOW]`, sum 1.
+fn ssim_window() -> [f32; SSIM_WINDOW] {
+    let raw: [f64; SSIM_WINDOW] = std::array::from_fn(|i| {
+        let d = i as f64 - (SSIM_WINDOW / 2) as f64;
+        (-d * d / (2.0 * f64::from(SSIM_SIGMA).powi(2))).exp()
+    });
+    let sum: f64 = raw.iter().sum();
+    raw.map(|v| (v / sum) as f32)
+}
+
+/// Keeps the lines whose conditions hold.
+fn preprocess(source: &str, variant: Variant) -> String {
+    let holds = |name: &str| match name {
+        "OVER" => variant.over,
+        "LOCAL_FRAME" => variant.local_frame,
+        "LISTS" => variant.lists,
+        "SIXTEEN_ROWS" => variant.sixteen_rows,
+        "POLYNOMIAL_EXP" => variant.polynomial_exp,
+        other => panic!("a shader asks for {other}, which is no variant"),
+    };
+    let mut conditions: Vec<bool> = Vec::new();
+    let mut text = String::with_capacity(source.len());
+    for line in source.lines() {
+        let trimmed = line.trim();
+        if let Some(name) = trimmed.strip_prefix("#if ") {
+            conditions.push(holds(name));
+        } else if trimmed == "#else" {
+            let last = conditions.last_mut().expect("#else stands within #if");
+            *last = !*last;
+        } else if trimmed == "#endif" {
+            conditions.pop().expect("#endif ends an #if");
+        } else if conditions.iter().all(|&c| c) {
+            text.push_str(line);
+        }
+        text.push('\n');
+    }
+    assert!(conditions.is_empty(), "an #if without #endif");
+    text
+}
