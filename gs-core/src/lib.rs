@@ -15,6 +15,7 @@ pub mod error;
 pub mod image;
 pub mod loss;
 pub mod metrics;
+pub mod profile;
 pub mod rasterizer;
 pub mod scene;
 pub mod settings;

@@ -29,7 +29,6 @@ mod workspace;
 pub use cloud::PlanarCloud;
 pub use level::SimdLevel;
 pub use loss::PlanarTarget;
-pub use profile::{Profile, StageTime};
 pub use project_bwd::PlanarGradients;
 pub use rasterizer::{CpuRasterizer, CpuSettings};
 pub use workspace::PlanarFrame;

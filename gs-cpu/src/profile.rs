@@ -2,30 +2,13 @@
 
 use std::time::Instant;
 
-use gs_core::{Adam, Binning, Blend, Canvas, Error, Loss, RenderSettings, effects::Statistics};
+use gs_core::{
+    Adam, Binning, Blend, Canvas, Error, Loss, RenderSettings,
+    effects::Statistics,
+    profile::{Profile, StageTime},
+};
 
 use crate::{CpuRasterizer, PlanarCloud, PlanarTarget, adam, loss};
-
-/// One stage's time.
-#[derive(Debug, Clone, PartialEq)]
-pub struct StageTime {
-    /// The stage's word: `project`, `bin`, `blend`, `loss`, `blend_bwd`, `project_bwd`, `adam`; `fused` is `blend`, `loss` and
-    /// `blend_bwd` in one pass over the tiles, as training steps with `Sum` and L2 do it.
-    pub stage: &'static str,
-    /// Seconds, one per repetition, in order.
-    pub seconds: Vec<f64>,
-}
-
-/// What a profile measured.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Profile {
-    /// The stages in their order.
-    pub stages: Vec<StageTime>,
-    /// Pixel–Gaussian pairs that a blend kernel visits, those that a vector covers beyond an ellipse included.
-    pub pairs: u64,
-    /// Entries of all tiles' lists.
-    pub entries: usize,
-}
 
 impl CpuRasterizer {
     /// Runs every stage `repetitions` times, interleaved, on a cloud that stays as it is but for its Adam moments (the learning

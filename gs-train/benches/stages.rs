@@ -11,8 +11,9 @@ use std::error::Error;
 
 use bare_loop::{BareLoop, PAIRS, instructions};
 use clap::Parser;
+use gs_core::profile::Profile;
 use gs_core::{Blend, Canvas, Image, Rasterizer};
-use gs_cpu::{CpuRasterizer, Profile};
+use gs_cpu::CpuRasterizer;
 use measure::{
     Options, Outcome, Quantiles, count, number,
     photographs::Photographs,

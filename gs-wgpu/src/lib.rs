@@ -18,6 +18,7 @@ mod dispatch;
 mod frame;
 mod gpu;
 mod layout;
+mod profile;
 mod rasterizer;
 mod shaders;
 mod target;

@@ -22,8 +22,8 @@ use crate::{
 /// The GPU backend: owns its device, and the buffers that its frames use in turn.
 #[derive(Debug)]
 pub struct WgpuRasterizer {
-    gpu: Gpu,
-    pool: Arc<Pool>,
+    pub(crate) gpu: Gpu,
+    pub(crate) pool: Arc<Pool>,
 }
 
 impl WgpuRasterizer {
@@ -55,12 +55,12 @@ impl WgpuRasterizer {
         self.gpu.lose();
     }
 
-    fn encoder(&self) -> wgpu::CommandEncoder {
+    pub(crate) fn encoder(&self) -> wgpu::CommandEncoder {
         self.gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default())
     }
 
     /// Runs `encode` on lists made anew, with more room until they fit; what became of it.
-    fn with_lists(
+    pub(crate) fn with_lists(
         &self,
         workspace: &mut Workspace,
         cloud: &PlanarCloud,
@@ -83,7 +83,7 @@ impl WgpuRasterizer {
     }
 }
 
-fn check(view: &Canvas, settings: &RenderSettings) -> Result<(), Error> {
+pub(crate) fn check(view: &Canvas, settings: &RenderSettings) -> Result<(), Error> {
     view.validate()?;
     settings.validate()?;
     let effects = &settings.effects;

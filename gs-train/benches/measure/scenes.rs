@@ -1,7 +1,6 @@
 //! Scenes as a fit makes them, for measurements of a single stage or step.
 
-use gs_core::{Blend, Image, Loss, PlanarScene, RenderSettings};
-use gs_cpu::CpuRasterizer;
+use gs_core::{Blend, Image, Loss, PlanarScene, Rasterizer, RenderSettings};
 use gs_train::{FitSettings, Preset, fit};
 
 /// A blending and a loss.
@@ -42,7 +41,7 @@ impl Variant {
     /// Fits `image` by the standard preset in so many steps, with this blending and loss.
     pub(crate) fn fit(
         &self,
-        rasterizer: &CpuRasterizer,
+        rasterizer: &impl Rasterizer<PlanarScene>,
         image: &Image,
         gaussians: u32,
         iterations: u32,
