@@ -24,12 +24,12 @@ fn bin(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec
         if rows.x >= rows.y {
             continue;
         }
-        for (var band = rows.x / TILE; band <= (rows.y - 1u) / TILE; band++) {
+        for (var band = rows.x / TILE_ROWS; band <= (rows.y - 1u) / TILE_ROWS; band++) {
             if at >= end {
                 return;
             }
-            let first = max(rows.x, band * TILE) - band * TILE;
-            let last = min(rows.y, (band + 1u) * TILE) - band * TILE;
+            let first = max(rows.x, band * TILE_ROWS) - band * TILE_ROWS;
+            let last = min(rows.y, (band + 1u) * TILE_ROWS) - band * TILE_ROWS;
             keys[at] = band * step.tiles.x + column;
             order[at] = at;
             entries[at] = vec2u(index, first | (last << 16u));

@@ -1,5 +1,5 @@
-// Stage `blend`: the image, from the sorted entries of each tile. A work group a tile; an invocation has ROWS rows of a column, four to
-// a vector.
+// Stage `blend`: the image, from the sorted entries of each tile. A work group a tile; an invocation has ROWS rows of COLUMNS columns of
+// it, four rows to a vector. `@c` and `@r` count its columns and its fours of rows.
 //
 // Under `Over`, a pixel that is full keeps its transmittance with the sign turned, so that every later Gaussian fails the test against
 // the minimum.
@@ -56,54 +56,45 @@ fn store(pixels: Pixels, column: u32, row: u32) {
     }
 }
 
-@compute @workgroup_size(TILE, TILE / ROWS)
+@compute @workgroup_size(LANES, TILE_ROWS / ROWS)
 fn blend(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_id) lane: vec3u) {
     let tile = flat(group, groups);
     if tile >= step.tiles.x * step.tiles.y {
         return;
     }
-    let corner = vec2u(tile % step.tiles.x, tile / step.tiles.x) * TILE;
-    let column = corner.x + lane.x;
+    let corner = vec2u(tile % step.tiles.x, tile / step.tiles.x) * vec2u(TILE_COLUMNS, TILE_ROWS);
     let within = lane.y * ROWS;
-    let x = f32(column) + 0.5;
     let y = vec4f(f32(corner.y + within) + 0.5) + vec4f(0.0, 1.0, 2.0, 3.0);
-    let clear = Pixels(vec4f(0.0), vec4f(0.0), vec4f(0.0), vec4f(1.0));
-    var p0 = clear;
-#if SIXTEEN_ROWS
-    var p1 = clear;
-    var p2 = clear;
-    var p3 = clear;
-#endif
+#each c COLUMNS
+    let column_@c = corner.x + lane.x + @cu * LANES;
+    let x_@c = f32(column_@c) + 0.5;
+#each r ROWS4
+    var p_@c_@r = Pixels(vec4f(0.0), vec4f(0.0), vec4f(0.0), vec4f(1.0));
+#end
+#end
     let end = tile_start[tile + 1u];
     for (var i = tile_start[tile]; i < end; i++) {
         let entry = entries[order[i]];
         let first = entry.y & 0xffffu;
         let last = entry.y >> 16u;
         let s = splats[entry.x];
-        let dx = x - s.mean.x;
-        let across = dx * dx * (-0.5 * LOG2_E * s.inverse_xx);
         let curve = -0.5 * LOG2_E * s.c;
-        let u = (y - s.mean.y) - s.slope * dx;
-        if first < within + 4u && last > within {
-            blend_rows(&p0, s, u, across, curve);
+#each c COLUMNS
+        let dx_@c = x_@c - s.mean.x;
+        let across_@c = dx_@c * dx_@c * (-0.5 * LOG2_E * s.inverse_xx);
+        let u_@c = (y - s.mean.y) - s.slope * dx_@c;
+#end
+#each r ROWS4
+        if first < within + 4u * @ru + 4u && last > within + 4u * @ru {
+#each c COLUMNS
+            blend_rows(&p_@c_@r, s, u_@c + 4.0 * @r.0, across_@c, curve);
+#end
         }
-#if SIXTEEN_ROWS
-        if first < 8u && last > 4u {
-            blend_rows(&p1, s, u + 4.0, across, curve);
-        }
-        if first < 12u && last > 8u {
-            blend_rows(&p2, s, u + 8.0, across, curve);
-        }
-        if last > 12u {
-            blend_rows(&p3, s, u + 12.0, across, curve);
-        }
-#endif
+#end
     }
-    let row = corner.y + within;
-    store(p0, column, row);
-#if SIXTEEN_ROWS
-    store(p1, column, row + 4u);
-    store(p2, column, row + 8u);
-    store(p3, column, row + 12u);
-#endif
+#each c COLUMNS
+#each r ROWS4
+    store(p_@c_@r, column_@c, corner.y + within + 4u * @ru);
+#end
+#end
 }

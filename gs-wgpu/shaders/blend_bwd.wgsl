@@ -15,7 +15,7 @@
 @group(0) @binding(7) var<storage, read> image: array<vec4f>;
 #endif
 
-const INVOCATIONS: u32 = TILE * (TILE / ROWS);
+const INVOCATIONS: u32 = LANES * (TILE_ROWS / ROWS);
 
 // Four rows of the column.
 struct Rows {
@@ -27,6 +27,7 @@ struct Rows {
     rest: vec4f,
 }
 
+// Of one column.
 struct Sums {
     color: vec3f,
     t: f32,
@@ -86,7 +87,7 @@ fn gather_rows(rows: ptr<function, Rows>, sums: ptr<function, Sums>, s: Splat, u
     (*sums).tuu += dot(tu, u);
 }
 
-@compute @workgroup_size(TILE, TILE / ROWS)
+@compute @workgroup_size(LANES, TILE_ROWS / ROWS)
 fn blend_bwd(
     @builtin(workgroup_id) group: vec3u,
     @builtin(num_workgroups) groups: vec3u,
@@ -97,18 +98,16 @@ fn blend_bwd(
     if tile >= step.tiles.x * step.tiles.y {
         return;
     }
-    let corner = vec2u(tile % step.tiles.x, tile / step.tiles.x) * TILE;
-    let column = corner.x + lane.x;
+    let corner = vec2u(tile % step.tiles.x, tile / step.tiles.x) * vec2u(TILE_COLUMNS, TILE_ROWS);
     let within = lane.y * ROWS;
-    let row = corner.y + within;
-    let x = f32(column) + 0.5;
-    let y = vec4f(f32(row) + 0.5) + vec4f(0.0, 1.0, 2.0, 3.0);
-    var r0 = load(column, row);
-#if SIXTEEN_ROWS
-    var r1 = load(column, row + 4u);
-    var r2 = load(column, row + 8u);
-    var r3 = load(column, row + 12u);
-#endif
+    let y = vec4f(f32(corner.y + within) + 0.5) + vec4f(0.0, 1.0, 2.0, 3.0);
+#each c COLUMNS
+    let column_@c = corner.x + lane.x + @cu * LANES;
+    let x_@c = f32(column_@c) + 0.5;
+#each r ROWS4
+    var r_@c_@r = load(column_@c, corner.y + within + 4u * @ru);
+#end
+#end
     let end = tile_start[tile + 1u];
     for (var first_of_batch = tile_start[tile]; first_of_batch < end; first_of_batch += BATCH) {
         for (var b = 0u; b < BATCH; b++) {
@@ -119,37 +118,47 @@ fn blend_bwd(
             let first = entry.y & 0xffffu;
             let last = entry.y >> 16u;
             let s = splats[entry.x];
-            let dx = x - s.mean.x;
-            let across = dx * dx * (-0.5 * LOG2_E * s.inverse_xx);
             let curve = -0.5 * LOG2_E * s.c;
-            let u = (y - s.mean.y) - s.slope * dx;
-            var sums = Sums(vec3f(0.0), 0.0, 0.0, 0.0);
-            if first < within + 4u && last > within {
-                gather_rows(&r0, &sums, s, u, across, curve);
+#each c COLUMNS
+            let dx_@c = x_@c - s.mean.x;
+            let across_@c = dx_@c * dx_@c * (-0.5 * LOG2_E * s.inverse_xx);
+            let u_@c = (y - s.mean.y) - s.slope * dx_@c;
+            var sums_@c = Sums(vec3f(0.0), 0.0, 0.0, 0.0);
+#end
+#each r ROWS4
+            if first < within + 4u * @ru + 4u && last > within + 4u * @ru {
+#each c COLUMNS
+                gather_rows(&r_@c_@r, &sums_@c, s, u_@c + 4.0 * @r.0, across_@c, curve);
+#end
             }
-#if SIXTEEN_ROWS
-            if first < 8u && last > 4u {
-                gather_rows(&r1, &sums, s, u + 4.0, across, curve);
-            }
-            if first < 12u && last > 8u {
-                gather_rows(&r2, &sums, s, u + 8.0, across, curve);
-            }
-            if last > 12u {
-                gather_rows(&r3, &sums, s, u + 12.0, across, curve);
-            }
-#endif
+#end
+            var color = vec3f(0.0);
+            var t = 0.0;
+            var tx = 0.0;
+            var tu = 0.0;
+            var txx = 0.0;
+            var txu = 0.0;
+            var tuu = 0.0;
+#each c COLUMNS
+            color += sums_@c.color;
+            t += sums_@c.t;
+            tx += sums_@c.t * dx_@c;
+            tu += sums_@c.tu;
+            txx += sums_@c.t * dx_@c * dx_@c;
+            txu += sums_@c.tu * dx_@c;
+            tuu += sums_@c.tuu;
+#end
             let at = b * STRIDE * INVOCATIONS + invocation;
-            let tx = sums.t * dx;
-            partial[at] = sums.color.x;
-            partial[at + INVOCATIONS] = sums.color.y;
-            partial[at + 2u * INVOCATIONS] = sums.color.z;
+            partial[at] = color.x;
+            partial[at + INVOCATIONS] = color.y;
+            partial[at + 2u * INVOCATIONS] = color.z;
             partial[at + 3u * INVOCATIONS] = tx;
-            partial[at + 4u * INVOCATIONS] = sums.tu;
-            partial[at + 5u * INVOCATIONS] = tx * dx;
-            partial[at + 6u * INVOCATIONS] = sums.tu * dx;
-            partial[at + 7u * INVOCATIONS] = sums.tuu;
+            partial[at + 4u * INVOCATIONS] = tu;
+            partial[at + 5u * INVOCATIONS] = txx;
+            partial[at + 6u * INVOCATIONS] = txu;
+            partial[at + 7u * INVOCATIONS] = tuu;
 #if OVER
-            partial[at + 8u * INVOCATIONS] = sums.t;
+            partial[at + 8u * INVOCATIONS] = t;
 #endif
         }
         workgroupBarrier();

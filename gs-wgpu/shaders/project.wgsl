@@ -65,7 +65,7 @@ fn project(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups:
         for (var column = columns.x; column < columns.y; column++) {
             let rows = rows_in_column(splat, column);
             if rows.x < rows.y {
-                touched += (rows.y - 1u) / TILE - rows.x / TILE + 1u;
+                touched += (rows.y - 1u) / TILE_ROWS - rows.x / TILE_ROWS + 1u;
             }
         }
         if touched == 0u && splat.half_x >= 0.0 {

@@ -132,7 +132,7 @@ fn exp2_exact(x: vec4f) -> vec4f {
 }
 
 fn weights(exponent: vec4f) -> vec4f {
-#if POLYNOMIAL_EXP
+#if ON_CPU
     return exp2_exact(exponent);
 #else
     return exp2(exponent);
@@ -220,13 +220,13 @@ fn tile_columns(s: Splat) -> vec2u {
     if columns.x >= columns.y {
         return vec2u(0u);
     }
-    return vec2u(columns.x / TILE, (columns.y - 1u) / TILE + 1u);
+    return vec2u(columns.x / TILE_COLUMNS, (columns.y - 1u) / TILE_COLUMNS + 1u);
 }
 
 // First and end of the image rows in which the cut's ellipse meets a column of tiles.
 fn rows_in_column(s: Splat, column: u32) -> vec2u {
-    let left = max(f32(column * TILE) + 0.5 - s.mean.x, -s.half_x);
-    let right = min(f32((column + 1u) * TILE) - 0.5 - s.mean.x, s.half_x);
+    let left = max(f32(column * TILE_COLUMNS) + 0.5 - s.mean.x, -s.half_x);
+    let right = min(f32((column + 1u) * TILE_COLUMNS) - 0.5 - s.mean.x, s.half_x);
     let bottom_dx = clamp(s.lowest_dx, left, right);
     let top_dx = clamp(-s.lowest_dx, left, right);
     let up = sqrt(max(s.reach - top_dx * top_dx * s.inverse_xx, 0.0) / s.c) - s.slope * top_dx;

@@ -14,19 +14,19 @@ struct Pass {
 @group(0) @binding(6) var<storage, read_write> sorted_keys: array<u32>;
 @group(0) @binding(7) var<storage, read_write> sorted_order: array<u32>;
 
-const LANES: u32 = 64u;
-const PER_LANE: u32 = SORT_BLOCK / LANES;
+const SORT_LANES: u32 = 64u;
+const PER_LANE: u32 = SORT_BLOCK / SORT_LANES;
 
-// Digit-major: digit d of lane i is at d * LANES + i.
-var<workgroup> digits: array<u32, 16u * LANES>;
+// Digit-major: digit d of lane i is at d * SORT_LANES + i.
+var<workgroup> digits: array<u32, 16u * SORT_LANES>;
 
 fn count(block: u32, lane: u32) {
     for (var d = 0u; d < 16u; d++) {
-        digits[d * LANES + lane] = 0u;
+        digits[d * SORT_LANES + lane] = 0u;
     }
     let first = block * SORT_BLOCK + lane * PER_LANE;
     for (var k = first; k < min(first + PER_LANE, status.entries); k++) {
-        digits[((keys[k] >> radix_pass.shift) & 15u) * LANES + lane] += 1u;
+        digits[((keys[k] >> radix_pass.shift) & 15u) * SORT_LANES + lane] += 1u;
     }
     workgroupBarrier();
 }
@@ -38,8 +38,8 @@ fn sort_count(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) grou
     count(block, lane);
     if lane < 16u && block < blocks {
         var sum = 0u;
-        for (var i = 0u; i < LANES; i++) {
-            sum += digits[lane * LANES + i];
+        for (var i = 0u; i < SORT_LANES; i++) {
+            sum += digits[lane * SORT_LANES + i];
         }
         histograms[lane * blocks + block] = sum;
     }
@@ -52,9 +52,9 @@ fn sort_scatter(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) gr
     count(block, lane);
     if lane < 16u && block < blocks {
         var next = histograms[lane * blocks + block];
-        for (var i = 0u; i < LANES; i++) {
-            let here = digits[lane * LANES + i];
-            digits[lane * LANES + i] = next;
+        for (var i = 0u; i < SORT_LANES; i++) {
+            let here = digits[lane * SORT_LANES + i];
+            digits[lane * SORT_LANES + i] = next;
             next += here;
         }
     }
@@ -62,7 +62,7 @@ fn sort_scatter(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) gr
     let first = block * SORT_BLOCK + lane * PER_LANE;
     for (var k = first; k < min(first + PER_LANE, status.entries); k++) {
         let key = keys[k];
-        let slot = ((key >> radix_pass.shift) & 15u) * LANES + lane;
+        let slot = ((key >> radix_pass.shift) & 15u) * SORT_LANES + lane;
         let to = digits[slot];
         digits[slot] = to + 1u;
         sorted_keys[to] = key;

@@ -116,7 +116,7 @@ pub(crate) struct Gpu {
     pub(crate) reason: String,
     limits: wgpu::Limits,
     /// Whether the adapter computes on a CPU.
-    on_cpu: bool,
+    pub(crate) on_cpu: bool,
     fresh: FreshBuffers,
     /// What went wrong on the device, first things first.
     faults: Arc<Mutex<Option<String>>>,
@@ -328,7 +328,7 @@ impl Gpu {
 
     /// The pipeline of an entry point, compiled when first asked for.
     pub(crate) fn pipeline(&self, entry_point: &'static str, variant: Variant) -> Arc<wgpu::ComputePipeline> {
-        let variant = Variant { sixteen_rows: self.on_cpu, polynomial_exp: self.on_cpu, ..variant };
+        let variant = Variant { on_cpu: self.on_cpu, ..variant };
         let mut pipelines = self.pipelines.lock().unwrap_or_else(PoisonError::into_inner);
         Arc::clone(pipelines.entry((entry_point, variant)).or_insert_with(|| {
             let shader = shader_of(entry_point);

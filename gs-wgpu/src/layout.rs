@@ -196,12 +196,11 @@ mod tests {
 
     /// Every combination of the flags that pick lines.
     fn variants() -> impl Iterator<Item = Variant> {
-        (0..32).map(|bits: u32| Variant {
+        (0..16).map(|bits: u32| Variant {
             over: bits & 1 != 0,
             local_frame: bits & 2 != 0,
             lists: bits & 4 != 0,
-            sixteen_rows: bits & 8 != 0,
-            polynomial_exp: bits & 16 != 0,
+            on_cpu: bits & 8 != 0,
             ..Variant::default()
         })
     }

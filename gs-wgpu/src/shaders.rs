@@ -5,8 +5,8 @@ use std::fmt::Write;
 
 use gs_core::constants::{MIN_DETERMINANT_PX4, SSIM_C1, SSIM_C2, SSIM_SIGMA, SSIM_WINDOW};
 
-/// Columns and rows of a tile.
-pub(crate) const TILE: u32 = 16;
+/// Columns of a tile.
+pub(crate) const TILE_COLUMNS: u32 = 16;
 
 /// Entries that a work group of `sort` moves.
 pub(crate) const SORT_BLOCK: u32 = 1024;
@@ -23,15 +23,32 @@ pub(crate) struct Variant {
     pub(crate) local_frame: bool,
     /// `project` counts tiles, for lists made anew.
     pub(crate) lists: bool,
-    /// An invocation of the blend kernels has a whole column of its tile: for adapters whose lanes are few and whose registers are many,
-    /// as a CPU's.
-    pub(crate) sixteen_rows: bool,
-    /// exp2 by a polynomial, where the adapter's own is not exact enough.
-    pub(crate) polynomial_exp: bool,
+    /// The adapter computes on a CPU.
+    pub(crate) on_cpu: bool,
     /// The entry point's override, if it has one.
     pub(crate) constant: Option<(&'static str, u32)>,
     /// A second one.
     pub(crate) second_constant: Option<(&'static str, u32)>,
+}
+
+/// How pixels are dealt out.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Tiling {
+    /// Rows of a tile.
+    pub(crate) tile_rows: u32,
+    /// Rows of an invocation of the blend kernels, in fours.
+    rows: u32,
+    /// Columns of such an invocation.
+    columns: u32,
+}
+
+/// A GPU has many invocations of few registers each. On a CPU, an invocation is a lane of a vector, loads from buffers cost more than
+/// arithmetic, and what an entry's loads are good for should be many pixels.
+pub(crate) fn tiling(on_cpu: bool) -> Tiling {
+    match on_cpu {
+        false => Tiling { tile_rows: 16, rows: 4, columns: 1 },
+        true => Tiling { tile_rows: 32, rows: 32, columns: 2 },
+    }
 }
 
 /// A shader: the stage's file.
@@ -97,13 +114,15 @@ impl Shader {
 
 /// The constants, printed so that they parse back bit for bit.
 fn prelude(variant: Variant) -> String {
-    let rows = if variant.sixteen_rows { 16 } else { 4 };
+    let Tiling { tile_rows, rows, columns } = tiling(variant.on_cpu);
+    let lanes = TILE_COLUMNS / columns;
     // As many entries at a time as their partial sums have room for in 16 KiB.
     let stride = stride(variant.over);
-    let invocations = TILE * (TILE / rows);
+    let invocations = lanes * (tile_rows / rows);
     let batch = (16 * 1024 / 4 / (stride * invocations)).min(8);
     let mut text = format!(
-        "const TILE: u32 = {TILE}u;\nconst ROWS: u32 = {rows}u;\nconst STRIDE: u32 = {stride}u;\nconst BATCH: u32 = {batch}u;\n\
+        "const TILE_COLUMNS: u32 = {TILE_COLUMNS}u;\nconst TILE_ROWS: u32 = {tile_rows}u;\nconst ROWS: u32 = {rows}u;\n\
+         const LANES: u32 = {lanes}u;\nconst STRIDE: u32 = {stride}u;\nconst BATCH: u32 = {batch}u;\n\
          const SORT_BLOCK: u32 = {SORT_BLOCK}u;\nconst MIN_DETERMINANT_PX4: f32 = {MIN_DETERMINANT_PX4:?};\n\
          const SSIM_C1: f32 = {SSIM_C1:?};\nconst SSIM_C2: f32 = {SSIM_C2:?};\n",
     );
@@ -122,14 +141,14 @@ fn ssim_window() -> [f32; SSIM_WINDOW] {
     raw.map(|v| (v / sum) as f32)
 }
 
-/// Keeps the lines whose conditions hold.
+/// Keeps the lines whose conditions hold (`#if NAME`, `#else`, `#endif`), and repeats those between `#each x NAME` and `#end` with `@x`
+/// replaced by 0, 1, … up to the number that NAME stands for.
 fn preprocess(source: &str, variant: Variant) -> String {
     let holds = |name: &str| match name {
         "OVER" => variant.over,
         "LOCAL_FRAME" => variant.local_frame,
         "LISTS" => variant.lists,
-        "SIXTEEN_ROWS" => variant.sixteen_rows,
-        "POLYNOMIAL_EXP" => variant.polynomial_exp,
+        "ON_CPU" => variant.on_cpu,
         other => panic!("a shader asks for {other}, which is no variant"),
     };
     let mut conditions: Vec<bool> = Vec::new();
@@ -149,5 +168,43 @@ fn preprocess(source: &str, variant: Variant) -> String {
         text.push('\n');
     }
     assert!(conditions.is_empty(), "an #if without #endif");
+    repeat(&text, tiling(variant.on_cpu))
+}
+
+/// Repeats what `#each` says; repetitions may stand in repetitions.
+fn repeat(source: &str, tiling: Tiling) -> String {
+    let mut text = String::with_capacity(source.len());
+    let mut lines = source.lines();
+    while let Some(line) = lines.next() {
+        let Some(head) = line.trim().strip_prefix("#each ") else {
+            text.push_str(line);
+            text.push('\n');
+            continue;
+        };
+        let (name, count) = head.split_once(' ').expect("#each has a name and a number");
+        let count = match count {
+            "COLUMNS" => tiling.columns,
+            "ROWS4" => tiling.rows / 4,
+            other => panic!("#each {name} {other}, which is no number"),
+        };
+        let mut body = String::new();
+        let mut depth = 1;
+        for line in lines.by_ref() {
+            match line.trim() {
+                "#end" => depth -= 1,
+                inner if inner.starts_with("#each ") => depth += 1,
+                _ => {}
+            }
+            if depth == 0 {
+                break;
+            }
+            body.push_str(line);
+            body.push('\n');
+        }
+        assert_eq!(depth, 0, "#each {name} without #end");
+        for index in 0..count {
+            text += &repeat(&body.replace(&format!("@{name}"), &index.to_string()), tiling);
+        }
+    }
     text
 }

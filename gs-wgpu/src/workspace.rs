@@ -7,7 +7,7 @@ use crate::{
     dispatch::{Groups, dispatch, dispatch_some},
     gpu::{Gpu, STORAGE},
     layout::{CONJUGATE_BYTES, Gradient, SPLAT_BYTES, Status, Step},
-    shaders::{SORT_BITS, SORT_BLOCK, TILE, Variant, stride},
+    shaders::{SORT_BITS, SORT_BLOCK, TILE_COLUMNS, Variant, stride, tiling},
     target::PlanarTarget,
 };
 
@@ -78,6 +78,8 @@ pub(crate) struct Workspace {
     /// The vectors and scalars of `solve_colors`.
     vectors: Growing,
     scalars: Growing,
+    /// Rows of a tile on this adapter.
+    tile_rows: u32,
     /// Entries that there is room for.
     capacity: u64,
     /// The cloud's edition that the lists were made for.
@@ -118,13 +120,14 @@ impl Workspace {
             gradients: growing("gradients")?,
             vectors: growing("vectors of conjugate gradients")?,
             scalars: growing("scalars of conjugate gradients")?,
+            tile_rows: tiling(gpu.on_cpu).tile_rows,
             capacity: 0,
             edition: None,
         })
     }
 
     fn tiles(&self) -> [u32; 2] {
-        [self.canvas.width.div_ceil(TILE), self.canvas.height.div_ceil(TILE)]
+        [self.canvas.width.div_ceil(TILE_COLUMNS), self.canvas.height.div_ceil(self.tile_rows)]
     }
 
     fn tile_count(&self) -> u64 {
