@@ -1,53 +1,65 @@
 //! The backends of this build, and the only place where one is chosen at run time. Everything else is generic over the
 //! rasterizer: a command hands over a [`Task`], and the chosen backend runs it.
 
+mod fastest;
+
 use std::{num::NonZero, thread::available_parallelism};
 
-use clap::{Args, ValueEnum};
+use clap::{Args, ValueEnum, builder::NonEmptyStringValueParser};
 use gs_core::{PlanarScene, Rasterizer};
 use gs_cpu::{CpuRasterizer, CpuSettings, SimdLevel};
+use gs_wgpu::{WgpuRasterizer, WgpuSettings};
 
-use crate::failure::Failure;
+use crate::{backend::fastest::Fastest, failure::Failure};
 
 /// Which backend to use.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
 pub(crate) enum Choice {
-    /// The fastest that this build and this machine have.
+    /// The GPU if this machine has one, the processor otherwise
     #[default]
     Auto,
-    /// The processor: all its cores and the widest of its SIMD levels.
+    /// The processor: all its cores and the widest of its SIMD levels
     Cpu,
+    /// Any GPU through Vulkan, Metal or DirectX 12, or a driver that stands in for one
+    Wgpu,
 }
 
 /// The flags by which a backend is chosen; every command that rasterises has them.
 #[derive(Debug, Clone, Default, Args)]
+#[command(next_help_heading = "Machine")]
 pub(crate) struct BackendArgs {
     /// What computes
-    #[arg(long, value_enum, default_value_t, help_heading = "Machine")]
+    #[arg(long, value_enum, default_value_t)]
     pub(crate) backend: Choice,
+    /// The GPU, by a part of its name, for the wgpu backend; gs info --adapters lists them [default: the fastest kind]
+    #[arg(long, value_name = "NAME", value_parser = NonEmptyStringValueParser::new())]
+    pub(crate) adapter: Option<String>,
     /// Number of threads [default: one for each core that this program may use]; the result does not depend on it
-    #[arg(long, value_name = "T", value_parser = clap::value_parser!(u16).range(1..=1024), help_heading = "Machine")]
+    #[arg(long, value_name = "T", value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub(crate) threads: Option<u16>,
-    /// SIMD level: scalar, sse4.2, avx2, avx512 or native [default: the fastest of this machine]
-    #[arg(long, value_name = "LEVEL", help_heading = "Machine")]
+    /// SIMD level of the cpu backend: scalar, sse4.2, avx2, avx512 or native [default: the fastest of this machine]
+    #[arg(long, value_name = "LEVEL")]
     pub(crate) simd: Option<String>,
 }
 
 /// A backend that is ready to compute, and why it is this one.
 pub(crate) struct Backend {
     rasterizer: AnyRasterizer,
-    /// Short name, for summaries: "cpu".
+    /// Short name, for summaries: "cpu" or "wgpu".
     pub(crate) name: &'static str,
+    /// The GPU, or the driver that stands in for one.
+    pub(crate) adapter: Option<String>,
     /// Threads on the host.
     pub(crate) threads: usize,
-    /// SIMD level on the host.
-    pub(crate) simd: String,
+    /// SIMD level, where the host computes.
+    pub(crate) simd: Option<String>,
     /// What was chosen and why, one line.
     pub(crate) reason: String,
 }
 
 enum AnyRasterizer {
     Cpu(CpuRasterizer),
+    Wgpu(Box<WgpuRasterizer>),
 }
 
 /// Work that any rasterizer of planar scenes can do.
@@ -59,41 +71,116 @@ pub(crate) trait Task {
     fn run<R: Rasterizer<PlanarScene>>(self, rasterizer: &R) -> Self::Output;
 }
 
+/// What the flags come to when they are taken together.
+#[derive(Debug, PartialEq, Eq)]
+enum Wanted<'a> {
+    Fastest,
+    Cpu { why: &'static str },
+    Wgpu { adapter: Option<&'a str> },
+}
+
+/// Threads on the host, and why so many.
+struct Threads {
+    count: usize,
+    why: &'static str,
+}
+
 impl Backend {
     /// Starts the backend that the flags ask for.
     ///
     /// # Errors
-    /// Bad usage where the machine has no such SIMD level, or cannot start so many threads.
+    /// Bad usage where flags contradict each other, the machine has no such SIMD level or adapter, or cannot start so many
+    /// threads; a failure where there is no adapter at all, or it gives no device.
     pub(crate) fn start(args: &BackendArgs) -> Result<Self, Failure> {
-        let why_backend = match args.backend {
-            Choice::Auto => "the only backend of this build",
-            Choice::Cpu => "as asked",
+        let threads = match args.threads {
+            Some(count) => Threads { count: count.into(), why: "threads as asked" },
+            None => Threads { count: available_parallelism().map_or(1, NonZero::get), why: "one thread a core" },
         };
-        let (level, why_level) = simd_level(args.simd.as_deref())?;
-        let (threads, why_threads) = match args.threads {
-            Some(threads) => (usize::from(threads), "threads as asked"),
-            None => (available_parallelism().map_or(1, NonZero::get), "one thread a core"),
-        };
-        let rasterizer = CpuRasterizer::new(CpuSettings { threads: Some(threads), level: Some(level) })?;
-        // Seeding between steps runs on rayon's global threads. That they are as many is a matter of manners, not of results; there
-        // is only one start of a backend per process, so there is nothing to fail but a second one.
-        let _already_built = rayon::ThreadPoolBuilder::new().num_threads(threads).build_global();
+        let backend = match wanted(args)? {
+            Wanted::Cpu { why } => Self::cpu(args.simd.as_deref(), &threads, why),
+            Wanted::Wgpu { adapter } => Ok(Self::wgpu(named(adapter)?, &threads, "as asked")),
+            Wanted::Fastest => match fastest::find() {
+                Fastest::Gpu(gpu) => Ok(Self::wgpu(*gpu, &threads, "a GPU was found")),
+                Fastest::Cpu { why } => Self::cpu(None, &threads, &why),
+            },
+        }?;
+        // Seeding between steps runs on rayon's global threads, whatever the backend. That they are as many is a matter of manners,
+        // not of results; a process starts a backend only once, so there is nothing to fail but a second start.
+        let _already_built = rayon::ThreadPoolBuilder::new().num_threads(threads.count).build_global();
+        Ok(backend)
+    }
+
+    fn cpu(simd: Option<&str>, threads: &Threads, why: &str) -> Result<Self, Failure> {
+        let (level, why_level) = simd_level(simd)?;
+        let rasterizer = CpuRasterizer::new(CpuSettings { threads: Some(threads.count), level: Some(level) })?;
         let what = Rasterizer::<PlanarScene>::describe(&rasterizer);
         Ok(Self {
-            reason: format!("{what}: {why_backend}, {why_level}, {why_threads}"),
+            reason: format!("{what}: {why}, {why_level}, {}", threads.why),
             rasterizer: AnyRasterizer::Cpu(rasterizer),
             name: "cpu",
-            threads,
-            simd: level.to_string(),
+            adapter: None,
+            threads: threads.count,
+            simd: Some(level.to_string()),
         })
+    }
+
+    fn wgpu(rasterizer: WgpuRasterizer, threads: &Threads, why: &str) -> Self {
+        let what = Rasterizer::<PlanarScene>::describe(&rasterizer);
+        Self {
+            reason: format!("{what}: {why}, {}, {} for seeding", rasterizer.reason(), threads.why),
+            name: "wgpu",
+            adapter: Some(rasterizer.adapter().name.clone()),
+            rasterizer: AnyRasterizer::Wgpu(Box::new(rasterizer)),
+            threads: threads.count,
+            simd: None,
+        }
     }
 
     /// Does the task on the chosen backend.
     pub(crate) fn run<T: Task>(&self, task: T) -> T::Output {
         match &self.rasterizer {
             AnyRasterizer::Cpu(rasterizer) => task.run(rasterizer),
+            AnyRasterizer::Wgpu(rasterizer) => task.run(rasterizer.as_ref()),
         }
     }
+}
+
+/// An adapter names its backend, and so does a SIMD level; both may not.
+fn wanted(args: &BackendArgs) -> Result<Wanted<'_>, Failure> {
+    let BackendArgs { backend, adapter, simd, .. } = args;
+    match (backend, adapter.as_deref(), simd.as_deref()) {
+        (Choice::Cpu, Some(name), _) => Err(Failure::usage(format_args!(
+            "--adapter {name} is for --backend wgpu, but --backend cpu is given: leave out one of the two"
+        ))),
+        (Choice::Wgpu, _, Some(level)) => Err(Failure::usage(format_args!(
+            "--simd {level} is for --backend cpu, but --backend wgpu is given: leave out one of the two"
+        ))),
+        (Choice::Auto, Some(name), Some(level)) => Err(Failure::usage(format_args!(
+            "--simd {level} is for --backend cpu, and --adapter {name} for --backend wgpu: leave out one of the two"
+        ))),
+        (Choice::Auto, None, None) => Ok(Wanted::Fastest),
+        (Choice::Auto, None, Some(_)) => Ok(Wanted::Cpu { why: "as --simd asks" }),
+        (Choice::Cpu, None, _) => Ok(Wanted::Cpu { why: "as asked" }),
+        (Choice::Wgpu, adapter, None) | (Choice::Auto, adapter @ Some(_), None) => Ok(Wanted::Wgpu { adapter }),
+    }
+}
+
+/// The adapter of that name, or the first.
+fn named(adapter: Option<&str>) -> Result<WgpuRasterizer, Failure> {
+    let settings = WgpuSettings { adapter: adapter.map(str::to_owned), ..WgpuSettings::default() };
+    let error = match WgpuRasterizer::new(settings) {
+        Ok(rasterizer) => return Ok(rasterizer),
+        Err(error) => Failure::from(error),
+    };
+    let Some(name) = adapter else { return Err(error) };
+    // A name that nothing has is bad usage, like a SIMD level that the machine has not; all else is the machine's failure.
+    let found: Vec<String> = gs_wgpu::adapters().into_iter().map(|found| found.name).collect();
+    let matches = |found: &String| found.to_lowercase().contains(&name.to_lowercase());
+    if found.is_empty() || found.iter().any(matches) {
+        return Err(error);
+    }
+    let message = format!("--adapter {name}: no adapter has this in its name: choose from {}", found.join(", "));
+    Err(Failure::usage(message))
 }
 
 fn simd_level(asked: Option<&str>) -> Result<(SimdLevel, &'static str), Failure> {
@@ -108,6 +195,45 @@ fn simd_level(asked: Option<&str>) -> Result<(SimdLevel, &'static str), Failure>
             let message =
                 format!("--simd {name}: this machine has no such SIMD level: choose from {}", names.join(", "));
             Err(Failure::usage(message))
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn args(backend: Choice, adapter: Option<&str>, simd: Option<&str>) -> BackendArgs {
+        let owned = |text: Option<&str>| text.map(str::to_owned);
+        BackendArgs { backend, adapter: owned(adapter), simd: owned(simd), threads: None }
+    }
+
+    #[test]
+    fn every_combination_of_flags_is_a_choice_or_a_contradiction() {
+        use Choice::{Auto, Cpu, Wgpu};
+        let (adapter, level) = (Some("llvm"), Some("scalar"));
+        for (flags, expected) in [
+            ((Auto, None, None), Wanted::Fastest),
+            ((Auto, None, level), Wanted::Cpu { why: "as --simd asks" }),
+            ((Auto, adapter, None), Wanted::Wgpu { adapter }),
+            ((Cpu, None, None), Wanted::Cpu { why: "as asked" }),
+            ((Cpu, None, level), Wanted::Cpu { why: "as asked" }),
+            ((Wgpu, None, None), Wanted::Wgpu { adapter: None }),
+            ((Wgpu, adapter, None), Wanted::Wgpu { adapter }),
+        ] {
+            assert_eq!(wanted(&args(flags.0, flags.1, flags.2)).unwrap(), expected, "{flags:?}");
+        }
+        for flags in [
+            (Auto, adapter, level),
+            (Cpu, adapter, None),
+            (Cpu, adapter, level),
+            (Wgpu, None, level),
+            (Wgpu, adapter, level),
+        ] {
+            let refusal = wanted(&args(flags.0, flags.1, flags.2)).unwrap_err();
+            let line = refusal.line().unwrap();
+            assert!(line.ends_with("leave out one of the two"), "{flags:?}: {line}");
+            assert_eq!(refusal.status(), std::process::ExitCode::from(2));
         }
     }
 }

@@ -18,6 +18,7 @@ Examples:
   gs render out/scene.gs2d.safetensors -o big.png --size 3072x2048
   gs eval photo.png out/reconstruction.png      PSNR, SSIM, MS-SSIM
   gs info out/scene.gs2d.safetensors            what is in a scene
+  gs info --adapters                            the GPUs that were found
 
 Exit status: 0 done, 1 failed, 2 bad usage, 130 stopped by Ctrl-C.";
 
@@ -38,7 +39,7 @@ pub(crate) enum Command {
     Render(RenderArgs),
     /// Compare two images: PSNR, SSIM, MS-SSIM, L1
     Eval(EvalArgs),
-    /// Tell what is in a scene or a checkpoint
+    /// Tell what is in a scene or a checkpoint, or which GPUs there are
     Info(InfoArgs),
 }
 

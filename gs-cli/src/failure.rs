@@ -12,6 +12,8 @@ enum Kind {
     Usage,
     /// The command could not do what it was asked: status 1.
     Failed,
+    /// The backend failed, such as a GPU that is gone: status 1. What was stored before is as good as ever.
+    Backend,
     /// Ctrl-C: status 130.
     Interrupted,
     /// Whoever read our output has read enough: status 0, and no message.
@@ -61,10 +63,15 @@ impl Failure {
         self
     }
 
+    /// Whether the backend failed, and not what it was given.
+    pub(crate) fn is_of_backend(&self) -> bool {
+        self.kind == Kind::Backend
+    }
+
     /// The line for standard error, without its line break; `None` where nothing needs saying.
     pub(crate) fn line(&self) -> Option<String> {
         match self.kind {
-            Kind::Usage | Kind::Failed => Some(format!("error: {}", self.message)),
+            Kind::Usage | Kind::Failed | Kind::Backend => Some(format!("error: {}", self.message)),
             Kind::Interrupted => Some(self.message.clone()),
             Kind::BrokenPipe => None,
         }
@@ -74,7 +81,7 @@ impl Failure {
     pub(crate) fn status(&self) -> ExitCode {
         match self.kind {
             Kind::Usage => ExitCode::from(2),
-            Kind::Failed => ExitCode::FAILURE,
+            Kind::Failed | Kind::Backend => ExitCode::FAILURE,
             Kind::Interrupted => ExitCode::from(INTERRUPTED),
             Kind::BrokenPipe => ExitCode::SUCCESS,
         }
@@ -85,6 +92,7 @@ impl From<gs_core::Error> for Failure {
     fn from(error: gs_core::Error) -> Self {
         match error {
             gs_core::Error::Setting { .. } => Self::usage(error),
+            gs_core::Error::Backend { .. } => Self { kind: Kind::Backend, message: one_line(error) },
             _ => Self::failed(error),
         }
     }

@@ -1,22 +1,31 @@
-//! `gs info`: what is in a scene or a checkpoint.
+//! `gs info`: what is in a scene or a checkpoint, or which GPUs there are.
 
-use std::{collections::BTreeMap, fmt::Write, path::PathBuf};
+use std::{
+    collections::BTreeMap,
+    fmt::Write,
+    path::{Path, PathBuf},
+};
 
 use clap::Args;
 use gs_core::{PlanarScene, Rasterizer, RenderSettings, Scene, scene::sigmoid, state::CloudState};
 use serde::Serialize;
 
 use crate::{
-    backend::{Backend, BackendArgs, Task},
+    backend::{Backend, BackendArgs, Choice, Task},
+    commands::adapters,
     failure::Failure,
-    output,
+    output::{self, Format},
 };
 
 /// The flags of `gs info`.
 #[derive(Debug, Clone, Args)]
 pub(crate) struct InfoArgs {
     /// A scene or a checkpoint
-    file: PathBuf,
+    #[arg(required_unless_present = "adapters")]
+    file: Option<PathBuf>,
+    /// List the GPUs that were found instead, and what --backend auto takes
+    #[arg(long, conflicts_with = "file")]
+    adapters: bool,
     /// Print JSON
     #[arg(long)]
     json: bool,
@@ -57,20 +66,24 @@ struct Range {
     max: f32,
 }
 
-/// Tells what is in a file.
+/// Tells what is in a file, or lists the adapters.
 ///
 /// # Errors
 /// Where it is neither a scene nor a checkpoint.
 pub(crate) fn run(args: &InfoArgs) -> Result<(), Failure> {
-    let info = read(args)?;
-    if args.json {
-        return output::json(&info);
+    let format = if args.json { Format::Json } else { Format::Text };
+    // The command line has one of the two, the file or --adapters.
+    let Some(file) = &args.file else {
+        return adapters::run(format);
+    };
+    let info = read(file)?;
+    match format {
+        Format::Json => output::json(&info),
+        Format::Text => output::result(text(&info)),
     }
-    output::result(text(&info))
 }
 
-fn read(args: &InfoArgs) -> Result<Info, Failure> {
-    let path = &args.file;
+fn read(path: &Path) -> Result<Info, Failure> {
     let bytes = std::fs::metadata(path).map_or(0, |file| file.len());
     let not_a_scene = match gs_io::read_scene(path) {
         Ok(file) => {
@@ -83,7 +96,7 @@ fn read(args: &InfoArgs) -> Result<Info, Failure> {
     let Ok(checkpoint) = gs_io::read_checkpoint(path) else {
         return Err(not_a_scene.into());
     };
-    let backend = Backend::start(&BackendArgs::default())?;
+    let backend = Backend::start(&BackendArgs { backend: Choice::Cpu, ..BackendArgs::default() })?;
     let scene = backend.run(Restore(&checkpoint.state)).map_err(|error| Failure::failed(error).at(path.display()))?;
     Ok(Info { metadata: checkpoint.metadata, ..Info::of(Kind::Checkpoint, bytes, &scene) })
 }

@@ -1,5 +1,6 @@
 //! The commands that answer at once; `fit` has a folder of its own.
 
+pub(crate) mod adapters;
 pub(crate) mod eval;
 pub(crate) mod info;
 pub(crate) mod render;

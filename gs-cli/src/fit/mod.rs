@@ -38,7 +38,7 @@ use crate::{
 /// Fits Gaussians to an image and writes the results.
 ///
 /// # Errors
-/// Where input, flags or the output folder are not possible, where the fit diverges, or where Ctrl-C stopped it.
+/// Where input, flags or the output folder are not possible, where the fit diverges or loses its GPU, or where Ctrl-C stopped it.
 pub(crate) fn run(args: &FitArgs) -> Result<(), Failure> {
     let started = Instant::now();
     let checkpoint = checkpoint_file(&args.checkpoints, &args.output);
@@ -103,31 +103,51 @@ impl Task for Fit<'_> {
         let mut checkpoints = checkpoints(args, &folder, trainer.settings().iterations)?;
         announce(args, target, backend, &trainer);
 
-        let mut display = Display::new(trainer.step(), trainer.settings().iterations, args.detail());
-        let voice = display.voice();
-        let interrupt = Interrupt::listen(voice.clone());
-        let mut curve = Curve::begun_by(&log);
-        let stop = StopOnInterrupt(&interrupt);
-        let outcome = trainer.run(&mut ((&mut display, &mut log), (&mut curve, (&mut checkpoints, stop))));
-        voice.clear();
-        let outcome = outcome?;
-        if outcome == Outcome::Stopped {
-            let mut checkpoint = trainer.checkpoint()?;
-            log.on_checkpoint(&mut checkpoint)?;
-            checkpoints.on_checkpoint(&mut checkpoint)?;
-        }
-
         let results = Results { folder: &folder, target, backend, pictures: args.pictures(), started };
-        let summary = results.write(rasterizer, &trainer, &log.to_csv(), &curve.0)?;
+        let ended = follow(args, &mut trainer, &mut log, &mut checkpoints).and_then(|(outcome, curve)| {
+            let summary = results.write(rasterizer, &trainer, &log.to_csv(), &curve.0)?;
+            Ok((outcome, summary))
+        });
+        let (outcome, summary) = ended.map_err(|failure| match failure.is_of_backend() {
+            true => failure.mend(way_on(args, target, &checkpoints)),
+            false => failure,
+        })?;
         match args.format() {
             Format::Json => output::json(&summary)?,
             Format::Text => output::note(summary.text(folder.path())),
         }
         match outcome {
             Outcome::Finished => Ok(()),
-            Outcome::Stopped => Err(stopped(args, target, &checkpoints, trainer.step())),
+            Outcome::Stopped => Err(Failure::interrupted(format_args!(
+                "stopped after step {}; to go on: {}",
+                trainer.step(),
+                resuming(args, target, &checkpoints.file)
+            ))),
         }
     }
+}
+
+/// Steps to the end, or to where Ctrl-C lets it be resumed, before the eyes of the observers; the curve is what they saw.
+fn follow<R: Rasterizer<PlanarScene>>(
+    args: &FitArgs,
+    trainer: &mut Trainer<'_, R>,
+    log: &mut MetricsLog,
+    checkpoints: &mut Checkpoints,
+) -> Result<(Outcome, Curve), Failure> {
+    let mut display = Display::new(trainer.step(), trainer.settings().iterations, args.detail());
+    let voice = display.voice();
+    let interrupt = Interrupt::listen(voice.clone());
+    let mut curve = Curve::begun_by(log);
+    let stop = StopOnInterrupt(&interrupt);
+    let outcome = trainer.run(&mut ((&mut display, &mut *log), (&mut curve, (&mut *checkpoints, stop))));
+    voice.clear();
+    let outcome = outcome?;
+    if outcome == Outcome::Stopped {
+        let mut checkpoint = trainer.checkpoint()?;
+        log.on_checkpoint(&mut checkpoint)?;
+        checkpoints.on_checkpoint(&mut checkpoint)?;
+    }
+    Ok((outcome, curve))
 }
 
 /// The file for checkpoints, by default one among the results.
@@ -150,7 +170,7 @@ fn checkpoints(args: &FitArgs, folder: &OutputFolder, iterations: u32) -> Result
         OutputFolder::prepare(parent, "--checkpoint")?;
     }
     let tenth = checkpoint.as_ref().map(|_| (iterations / 10).max(1));
-    Ok(Checkpoints { file, every: checkpoint_every.or(tenth) })
+    Ok(Checkpoints { file, every: checkpoint_every.or(tenth), stored: false })
 }
 
 fn announce<R: Rasterizer<PlanarScene>>(args: &FitArgs, target: &Target, backend: &Backend, trainer: &Trainer<'_, R>) {
@@ -170,14 +190,20 @@ fn announce<R: Rasterizer<PlanarScene>>(args: &FitArgs, target: &Target, backend
     ));
 }
 
-fn stopped(args: &FitArgs, target: &Target, checkpoints: &Checkpoints, step: u32) -> Failure {
+/// How to go on where the backend failed under way: from the last checkpoint, which is as it was.
+fn way_on(args: &FitArgs, target: &Target, checkpoints: &Checkpoints) -> String {
+    let last = if checkpoints.stored { Some(&checkpoints.file) } else { args.checkpoints.resume.as_ref() };
+    match last {
+        Some(file) => format!("to go on from the last checkpoint: {}", resuming(args, target, file)),
+        None => "no checkpoint was stored yet; --checkpoint FILE stores some as the fit goes on".to_owned(),
+    }
+}
+
+/// The command that goes on from a checkpoint.
+fn resuming(args: &FitArgs, target: &Target, checkpoint: &Path) -> String {
     let image = target.file.as_ref().map_or_else(String::new, |file| format!(" {}", quoted(file)));
     let backdrop = target.behind.map_or_else(String::new, |color| format!(" --background {color}"));
-    Failure::interrupted(format_args!(
-        "stopped after step {step}; to go on: gs fit{image}{backdrop} -o {} --resume {}",
-        quoted(&args.output),
-        quoted(&checkpoints.file)
-    ))
+    format!("gs fit{image}{backdrop} -o {} --resume {}", quoted(&args.output), quoted(checkpoint))
 }
 
 /// The path as one word of a shell's command line.
@@ -192,7 +218,66 @@ fn quoted(path: &Path) -> String {
 
 #[cfg(test)]
 mod tests {
+    use std::{process::ExitCode, thread, time::Duration};
+
+    use clap::Parser;
+    use gs_train::paper_target;
+    use gs_wgpu::{WgpuRasterizer, WgpuSettings};
+
     use super::*;
+    use crate::backend::{BackendArgs, Choice};
+
+    #[derive(Debug, Parser)]
+    struct Flags {
+        #[command(flatten)]
+        fit: FitArgs,
+    }
+
+    fn flags(words: &[&str]) -> FitArgs {
+        Flags::try_parse_from(["fit"].iter().chain(words)).unwrap().fit
+    }
+
+    #[test]
+    fn a_lost_gpu_ends_the_fit_with_one_line_that_says_how_to_go_on() {
+        let place = tempfile::tempdir().unwrap();
+        let (output, state) = (place.path().join("out"), place.path().join("state"));
+        let (output_flag, state_flag) = (output.to_str().unwrap(), state.to_str().unwrap());
+        let words = ["-o", output_flag, "-n", "30", "-i", "1000000", "--checkpoint", state_flag];
+        let args = flags(&[&words[..], &["--checkpoint-every", "10"]].concat());
+        let target = Target::load(None, None).unwrap();
+        let start = Start::Fresh(Box::new(settings::resolve(&args.settings, &target).unwrap()));
+        let backend = Backend::start(&BackendArgs { backend: Choice::Cpu, ..BackendArgs::default() }).unwrap();
+        let wgpu = WgpuRasterizer::new(WgpuSettings::default()).expect("`cargo xtask test` installs a driver");
+        let failure = thread::scope(|scope| {
+            scope.spawn(|| {
+                while !state.exists() {
+                    thread::sleep(Duration::from_millis(5));
+                }
+                wgpu.lose_device();
+            });
+            let fit = Fit { args: &args, target: &target, start, backend: &backend, started: Instant::now() };
+            fit.run(&wgpu).unwrap_err()
+        });
+        let line = failure.line().unwrap();
+        assert!(line.starts_with("error: backend wgpu: ") && line.contains("the device was lost"), "{line}");
+        assert!(line.ends_with(&format!(": gs fit -o {output_flag} --resume {state_flag}")), "{line}");
+        assert_eq!(failure.status(), ExitCode::FAILURE);
+        assert!(read_checkpoint(&state).is_ok());
+        assert_eq!(place.path().read_dir().unwrap().count(), 2, "the folder and the checkpoint");
+        assert_eq!(output.read_dir().unwrap().count(), 0, "no results, and nothing half-written");
+    }
+
+    #[test]
+    fn the_way_on_begins_from_the_last_checkpoint_there_is() {
+        let target = Target { image: paper_target(), file: Some("a b.png".into()), behind: None, remark: None };
+        let way_on = |words: &[&str], stored| {
+            way_on(&flags(words), &target, &Checkpoints { file: "new".into(), every: Some(1), stored })
+        };
+        assert!(way_on(&[], false).contains("no checkpoint was stored yet; --checkpoint FILE"));
+        assert!(way_on(&[], true).ends_with(": gs fit 'a b.png' -o gs-out --resume new"));
+        assert!(way_on(&["--resume", "old"], false).ends_with("--resume old"));
+        assert!(way_on(&["--resume", "old"], true).ends_with("--resume new"));
+    }
 
     #[test]
     fn paths_are_single_words_of_a_command_line() {

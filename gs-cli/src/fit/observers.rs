@@ -22,6 +22,8 @@ pub(crate) struct Checkpoints {
     pub(crate) file: PathBuf,
     /// Every so many steps; never where there is none.
     pub(crate) every: Option<u32>,
+    /// Whether this run has stored one.
+    pub(crate) stored: bool,
 }
 
 impl Observer for Checkpoints {
@@ -30,7 +32,9 @@ impl Observer for Checkpoints {
     }
 
     fn on_checkpoint(&mut self, checkpoint: &mut Checkpoint) -> Result<(), Error> {
-        Ok(write_checkpoint(&self.file, checkpoint)?)
+        write_checkpoint(&self.file, checkpoint)?;
+        self.stored = true;
+        Ok(())
     }
 }
 

@@ -24,8 +24,10 @@ use crate::{
 pub(crate) struct Summary {
     #[serde(flatten)]
     fit: FitSummary,
-    /// SIMD level.
-    simd: String,
+    /// The GPU, or the driver that stands in for one; none on the processor.
+    adapter: Option<String>,
+    /// SIMD level; none on a GPU.
+    simd: Option<String>,
     /// The whole time of the program, pictures included, s.
     total_seconds: f64,
     /// The image; none is the paper's circle and square.
@@ -112,6 +114,7 @@ impl Results<'_> {
                 threads: u32::try_from(self.backend.threads).ok(),
                 ..fit
             },
+            adapter: self.backend.adapter.clone(),
             simd: self.backend.simd.clone(),
             total_seconds: self.started.elapsed().as_secs_f64(),
             image: self.target.file.as_ref().map(|file| file.display().to_string()),

@@ -22,10 +22,10 @@ const RESULTS: [&str; 8] = [
     "summary.json",
 ];
 
-/// The arguments of a small fit of `image` into `output`.
+/// The arguments of a small fit of `image` into `output`, on the processor even where there is a GPU.
 fn small<'a>(image: &'a Path, output: &'a Path) -> Vec<&'a str> {
     let (image, output) = (image.to_str().unwrap(), output.to_str().unwrap());
-    vec!["fit", image, "-o", output, "-n", "60", "--iterations", "20", "--seed", "7"]
+    vec!["fit", image, "-o", output, "-n", "60", "--iterations", "20", "--seed", "7", "--backend", "cpu"]
 }
 
 #[test]
@@ -41,7 +41,8 @@ fn an_image_becomes_results_and_a_summary() {
     {
         assert_eq!(summary[key], expected, "{key} of {summary}");
     }
-    assert_eq!(summary["backend"], "cpu");
+    assert_eq!((&summary["backend"], &summary["adapter"]), (&"cpu".into(), &Value::Null));
+    assert!(summary["simd"].is_string(), "{summary}");
     for key in ["seconds", "total_seconds", "l1", "psnr", "ssim"] {
         assert!(summary[key].as_f64().is_some_and(|value| value > 0.0), "{key} of {summary}");
     }
@@ -97,8 +98,9 @@ fn equal_settings_give_equal_bytes_whatever_the_threads() {
     let (first, again) = (place.path().join("first"), place.path().join("again"));
     gs(small(&image, &first).into_iter().chain(["--threads", "1"])).done();
     let settings = first.join("settings.toml");
-    let arguments = ["fit", image.to_str().unwrap(), "-o", again.to_str().unwrap(), "--threads", "3", "--settings"];
-    gs(arguments.into_iter().chain([settings.to_str().unwrap()])).done();
+    let arguments =
+        ["fit", image.to_str().unwrap(), "-o", again.to_str().unwrap(), "--backend", "cpu", "--threads", "3"];
+    gs(arguments.into_iter().chain(["--settings", settings.to_str().unwrap()])).done();
     for name in ["scene.gs2d.safetensors", "reconstruction.png", "settings.toml"] {
         assert!(fs::read(first.join(name)).unwrap() == fs::read(again.join(name)).unwrap(), "{name} differs");
     }
@@ -123,8 +125,8 @@ fn a_resumed_fit_ends_as_if_it_had_never_stopped() {
     fs::create_dir(&resumed).unwrap();
     let foreign = fs::read_to_string(whole.join("metrics.csv")).unwrap().replace(",60,", ",59,");
     fs::write(resumed.join("metrics.csv"), foreign).unwrap();
-    let arguments = ["fit", image.to_str().unwrap(), "-o", resumed.to_str().unwrap(), "--resume"];
-    gs(arguments.into_iter().chain([checkpoint.to_str().unwrap()])).done();
+    let arguments = ["fit", image.to_str().unwrap(), "-o", resumed.to_str().unwrap(), "--backend", "cpu"];
+    gs(arguments.into_iter().chain(["--resume", checkpoint.to_str().unwrap()])).done();
     for name in ["scene.gs2d.safetensors", "reconstruction.png", "settings.toml"] {
         assert!(fs::read(whole.join(name)).unwrap() == fs::read(resumed.join(name)).unwrap(), "{name} differs");
     }
@@ -160,7 +162,7 @@ fn a_transparent_image_is_resumed_and_repeated_on_its_background() {
     let stored = ["--checkpoint", &state, "--checkpoint-every", "8"];
     gs(small(&image, whole.as_ref()).into_iter().chain(red).chain(stored)).done();
 
-    let fit = |output| ["fit", image.to_str().unwrap(), "-o", output];
+    let fit = |output| ["fit", image.to_str().unwrap(), "-o", output, "--backend", "cpu"];
     gs(fit(&resumed).into_iter().chain(red).chain(["--resume", &state])).done();
     gs(fit(&repeated).into_iter().chain(["--settings", &settings])).done();
     let scene = |folder: &str| fs::read(Path::new(folder).join("scene.gs2d.safetensors")).unwrap();

@@ -1,5 +1,6 @@
 //! The program as its users meet it: run as a process, judged by its exit status, what it prints and what it leaves behind.
 
+mod backends;
 mod bad_input;
 mod fit;
 mod process;

@@ -19,22 +19,29 @@ pub(crate) struct Run {
 
 /// Runs `gs` with these arguments.
 pub(crate) fn gs<A: AsRef<OsStr>>(arguments: impl IntoIterator<Item = A>) -> Run {
-    let output = command().args(arguments).output().expect("the program starts");
-    Run {
-        status: output.status.code(),
-        stdout: String::from_utf8(output.stdout).expect("standard output is UTF-8"),
-        stderr: String::from_utf8(output.stderr).expect("standard error is UTF-8"),
-    }
+    Run::of(command().args(arguments))
 }
 
 /// The program, to be run in other ways.
 pub(crate) fn command() -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_gs"));
     command.stdin(Stdio::null());
+    // Without it, Linux' graphics drivers write a line of their own to standard error.
+    command.env("XDG_RUNTIME_DIR", std::env::temp_dir());
     command
 }
 
 impl Run {
+    /// Runs the program as it stands.
+    pub(crate) fn of(command: &mut Command) -> Self {
+        let output = command.output().expect("the program starts");
+        Self {
+            status: output.status.code(),
+            stdout: String::from_utf8(output.stdout).expect("standard output is UTF-8"),
+            stderr: String::from_utf8(output.stderr).expect("standard error is UTF-8"),
+        }
+    }
+
     /// The run, which must have succeeded.
     #[track_caller]
     pub(crate) fn done(self) -> Self {

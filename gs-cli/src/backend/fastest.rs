@@ -1,0 +1,70 @@
+//! `--backend auto`: the GPU if there is one. A driver that computes on the processor is no GPU; gs-cpu is faster there.
+//!
+//! Asking the graphics drivers takes time, and on Linux they may write to standard error about a desktop that is not there. So they
+//! are asked only where the system has a device that may be a GPU.
+
+use std::{fs, path::Path};
+
+use gs_core::Error;
+use gs_wgpu::{WgpuRasterizer, WgpuSettings};
+
+/// What is fastest on this machine.
+pub(super) enum Fastest {
+    /// A GPU, ready to compute.
+    Gpu(Box<WgpuRasterizer>),
+    /// The processor, and why no GPU.
+    Cpu { why: String },
+}
+
+/// How the names of GPUs begin in Linux' device folder: NVIDIA's own driver, Windows' under WSL, and those of phones and boards.
+const GPUS: [&str; 5] = ["nvidia", "dxg", "mali", "kgsl", "pvr"];
+
+/// Finds what is fastest on this machine.
+pub(super) fn find() -> Fastest {
+    let none = "no GPU was found";
+    if cfg!(target_os = "linux") && !may_have_gpu(Path::new("/dev")) {
+        return Fastest::Cpu { why: none.to_owned() };
+    }
+    match WgpuRasterizer::new(WgpuSettings::default()) {
+        // Adapters are ranked, so that if the first is none, no other is.
+        Ok(first) if first.adapter().kind == "CPU" => {
+            Fastest::Cpu { why: format!("{none}, only a software driver ({})", first.adapter().name) }
+        }
+        Ok(gpu) => Fastest::Gpu(Box::new(gpu)),
+        Err(Error::Backend { message, .. }) => Fastest::Cpu { why: format!("no GPU can be used ({message})") },
+        Err(error) => Fastest::Cpu { why: format!("no GPU can be used ({error})") },
+    }
+}
+
+/// Whether one of the devices may be a GPU. Render nodes are what Mesa's drivers open; a card without one only shows pictures.
+fn may_have_gpu(devices: &Path) -> bool {
+    has_name(&devices.join("dri"), &["renderD"]) || has_name(devices, &GPUS)
+}
+
+fn has_name(folder: &Path, beginnings: &[&str]) -> bool {
+    let begins = |name: &str| beginnings.iter().any(|beginning| name.starts_with(beginning));
+    fs::read_dir(folder)
+        .is_ok_and(|entries| entries.flatten().any(|entry| entry.file_name().to_str().is_some_and(begins)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn gpus_are_known_by_their_devices() {
+        let folder = tempfile::tempdir().unwrap();
+        let devices = folder.path();
+        let make = |name: &str| fs::write(devices.join(name), "").unwrap();
+        make("null");
+        fs::create_dir(devices.join("dri")).unwrap();
+        make("dri/card0");
+        assert!(!may_have_gpu(devices), "a card that only shows pictures");
+        for gpu in ["nvidiactl", "dxg", "mali0", "kgsl-3d0", "dri/renderD128"] {
+            make(gpu);
+            assert!(may_have_gpu(devices), "{gpu}");
+            fs::remove_file(devices.join(gpu)).unwrap();
+        }
+        assert!(!may_have_gpu(&devices.join("none")));
+    }
+}
