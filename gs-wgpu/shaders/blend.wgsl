@@ -72,8 +72,8 @@ fn blend(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: v
     var p_@c_@r = Pixels(vec4f(0.0), vec4f(0.0), vec4f(0.0), vec4f(1.0));
 #end
 #end
-    let end = tile_start[tile + 1u];
-    for (var i = tile_start[tile]; i < end; i++) {
+    let end = tile_start[(tile + 1u) * CLASSES];
+    for (var i = tile_start[tile * CLASSES]; i < end; i++) {
         let entry = entries[order[i]];
         let first = entry.y & 0xffffu;
         let last = entry.y >> 16u;

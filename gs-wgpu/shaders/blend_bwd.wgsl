@@ -108,8 +108,8 @@ fn blend_bwd(
     var r_@c_@r = load(column_@c, corner.y + within + 4u * @ru);
 #end
 #end
-    let end = tile_start[tile + 1u];
-    for (var first_of_batch = tile_start[tile]; first_of_batch < end; first_of_batch += BATCH) {
+    let end = tile_start[(tile + 1u) * CLASSES];
+    for (var first_of_batch = tile_start[tile * CLASSES]; first_of_batch < end; first_of_batch += BATCH) {
         for (var b = 0u; b < BATCH; b++) {
             if first_of_batch + b >= end {
                 break;

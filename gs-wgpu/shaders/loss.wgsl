@@ -9,8 +9,8 @@
 @group(0) @binding(5) var<storage, read_write> status: Status;
 
 override KIND: u32 = 1u;
-// Weight of the pointwise loss and of the sum of SSIM that stands behind the pointwise partial sums, if there is one.
-override WITH_DSSIM: u32 = 0u;
+// Whose partial sums make the loss: 0, those of `loss`; 1, those and D-SSIM's, which stand behind them; 2, one a tile.
+override SUM_OF: u32 = 0u;
 
 const PER_LANE: u32 = 4u;
 
@@ -68,10 +68,10 @@ fn sum_range(lane: u32, first: u32, end: u32) -> f32 {
 @compute @workgroup_size(256)
 fn loss_sum(@builtin(local_invocation_index) lane: u32) {
     let pixels = step.size.x * step.size.y;
-    let blocks = (pixels + 1023u) / 1024u;
+    let blocks = select((pixels + 1023u) / 1024u, step.tiles.x * step.tiles.y, SUM_OF == 2u);
     let pointwise = sum_range(lane, 0u, blocks);
     var value = pointwise * step.pointwise_scale;
-    if WITH_DSSIM == 1u {
+    if SUM_OF == 1u {
         workgroupBarrier();
         let ssim_blocks = (pixels + 255u) / 256u;
         let dssim = sum_range(lane, blocks, blocks + ssim_blocks);

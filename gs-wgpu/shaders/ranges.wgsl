@@ -18,7 +18,7 @@ fn ranges(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: 
         }
     }
     if index + 1u == status.entries {
-        for (var t = tile + 1u; t <= step.tiles.x * step.tiles.y; t++) {
+        for (var t = tile + 1u; t <= step.tiles.x * step.tiles.y * CLASSES; t++) {
             tile_start[t] = status.entries;
         }
     }

@@ -13,7 +13,7 @@ use std::{
 use gs_core::Error;
 use wgpu::util::{BufferInitDescriptor, DeviceExt};
 
-use crate::shaders::{SORT_BITS, Variant, shader_of};
+use crate::shaders::{LANES, SORT_BITS, Variant, shader_of};
 
 pub(crate) const BACKEND: &str = "wgpu";
 
@@ -117,6 +117,8 @@ pub(crate) struct Gpu {
     limits: wgpu::Limits,
     /// Whether the adapter computes on a CPU.
     pub(crate) on_cpu: bool,
+    /// Whether an invocation is a lane of a CPU's vector, and a work group of [`LANES`] one subgroup.
+    pub(crate) vectors: bool,
     fresh: FreshBuffers,
     /// What went wrong on the device, first things first.
     faults: Arc<Mutex<Option<String>>>,
@@ -155,6 +157,7 @@ impl Gpu {
         };
         let info = adapter.get_info();
         let offered = adapter.limits();
+        let offered_features = adapter.features();
         // More than the defaults only where scenes could not grow otherwise: how large a buffer may be.
         let limits = wgpu::Limits {
             max_buffer_size: offered.max_buffer_size,
@@ -163,11 +166,13 @@ impl Gpu {
         };
         let descriptor = wgpu::DeviceDescriptor {
             label: Some("gs-wgpu"),
+            required_features: offered_features & wgpu::Features::SUBGROUP,
             required_limits: limits.clone(),
             ..wgpu::DeviceDescriptor::default()
         };
         let (device, queue) = pollster::block_on(adapter.request_device(&descriptor))
             .map_err(|e| backend_error(format!("{} gives no device: {e}", info.name)))?;
+        let on_cpu = info.device_type == wgpu::DeviceType::Cpu;
         let faults = Arc::new(Mutex::new(None));
         let note = |faults: &Mutex<Option<String>>, text: String| {
             faults.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(text);
@@ -193,7 +198,8 @@ impl Gpu {
             adapter: summary_of(&info),
             reason,
             limits,
-            on_cpu: info.device_type == wgpu::DeviceType::Cpu,
+            on_cpu,
+            vectors: on_cpu && offered_features.contains(wgpu::Features::SUBGROUP) && info.subgroup_min_size >= LANES,
             fresh: settings.fresh_buffers,
             faults,
             pipelines: Mutex::default(),
@@ -328,7 +334,7 @@ impl Gpu {
 
     /// The pipeline of an entry point, compiled when first asked for.
     pub(crate) fn pipeline(&self, entry_point: &'static str, variant: Variant) -> Arc<wgpu::ComputePipeline> {
-        let variant = Variant { on_cpu: self.on_cpu, ..variant };
+        let variant = Variant { on_cpu: self.on_cpu, vectors: self.vectors, ..variant };
         let mut pipelines = self.pipelines.lock().unwrap_or_else(PoisonError::into_inner);
         Arc::clone(pipelines.entry((entry_point, variant)).or_insert_with(|| {
             let shader = shader_of(entry_point);
@@ -336,11 +342,8 @@ impl Gpu {
                 label: Some(shader.name),
                 source: wgpu::ShaderSource::Wgsl(shader.text(variant).into()),
             });
-            let constants: Vec<(&str, f64)> = [variant.constant, variant.second_constant]
-                .into_iter()
-                .flatten()
-                .map(|(n, v)| (n, f64::from(v)))
-                .collect();
+            let constants: Vec<(&str, f64)> =
+                [variant.constant].into_iter().flatten().map(|(n, v)| (n, f64::from(v))).collect();
             Arc::new(self.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
                 label: Some(entry_point),
                 layout: None,

@@ -115,7 +115,7 @@ mod tests {
     use std::mem::offset_of;
 
     use super::*;
-    use crate::shaders::{SHADERS, Variant};
+    use crate::shaders::{Pass, SHADERS, Variant};
 
     fn module(text: &str) -> naga::Module {
         naga::front::wgsl::parse_str(text).unwrap_or_else(|e| panic!("{}", e.emit_to_string(text)))
@@ -196,11 +196,13 @@ mod tests {
 
     /// Every combination of the flags that pick lines.
     fn variants() -> impl Iterator<Item = Variant> {
-        (0..16).map(|bits: u32| Variant {
+        (0..96).map(|bits: u32| Variant {
             over: bits & 1 != 0,
             local_frame: bits & 2 != 0,
             lists: bits & 4 != 0,
             on_cpu: bits & 8 != 0,
+            vectors: bits & 16 != 0,
+            pass: [Pass::Forward, Pass::Backward, Pass::Fused][(bits >> 5) as usize],
             ..Variant::default()
         })
     }
@@ -211,7 +213,12 @@ mod tests {
         for (shader, variant) in SHADERS.iter().flat_map(|s| variants().map(move |v| (s, v))) {
             let module = module(&shader.text(variant));
             let flags = naga::valid::ValidationFlags::all();
-            let info = naga::valid::Validator::new(flags, naga::valid::Capabilities::empty())
+            // Subgroups are asked for only where the adapter has them.
+            let capabilities = match shader.name {
+                "blend_vectors" => naga::valid::Capabilities::SUBGROUP,
+                _ => naga::valid::Capabilities::empty(),
+            };
+            let info = naga::valid::Validator::new(flags, capabilities)
                 .validate(&module)
                 .unwrap_or_else(|e| panic!("{} {variant:?}: {}", shader.name, e.into_inner()));
             let names: Vec<&str> = module.entry_points.iter().map(|e| e.name.as_str()).collect();

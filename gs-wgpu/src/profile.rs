@@ -40,6 +40,7 @@ impl WgpuRasterizer {
             cloud,
             |w| w.describe(cloud, Some(loss), Some(&rates)),
             |w, encoder| {
+                w.encode_image_and_gradient(gpu, encoder, cloud, target, loss)?;
                 w.encode_blend(gpu, encoder, cloud);
                 w.encode_loss(gpu, encoder, target, Some(loss))?;
                 w.encode_blend_bwd(gpu, encoder, cloud, Differentiated::Loss);
@@ -50,7 +51,7 @@ impl WgpuRasterizer {
                 Ok(())
             },
         )?;
-        let names = ["project", "bin", "blend", "loss", "blend_bwd", "project_bwd", "adam"];
+        let names = ["project", "bin", "blend", "loss", "blend_bwd", "fused", "project_bwd", "adam"];
         let mut stages: Vec<StageTime> =
             names.iter().map(|&stage| StageTime { stage, seconds: Vec::with_capacity(repetitions) }).collect();
         for _ in 0..repetitions {
@@ -60,6 +61,7 @@ impl WgpuRasterizer {
                     "project" => workspace.encode_lists(gpu, &mut encoder, cloud, false),
                     "bin" => workspace.encode_lists(gpu, &mut encoder, cloud, true),
                     "blend" => workspace.encode_blend(gpu, &mut encoder, cloud),
+                    "fused" => workspace.encode_image_and_gradient(gpu, &mut encoder, cloud, target, loss)?,
                     "loss" => workspace.encode_loss(gpu, &mut encoder, target, Some(loss))?,
                     "blend_bwd" => workspace.encode_blend_bwd(gpu, &mut encoder, cloud, Differentiated::Loss),
                     "project_bwd" => workspace.encode_project_bwd(gpu, &mut encoder, cloud),

@@ -236,9 +236,7 @@ impl Rasterizer<PlanarScene> for WgpuRasterizer {
         };
         workspace.set(gpu, cloud, view, step.settings)?;
         let rest = |w: &mut Workspace, encoder: &mut wgpu::CommandEncoder| {
-            w.encode_blend(gpu, encoder, cloud);
-            w.encode_loss(gpu, encoder, target, Some(step.loss))?;
-            w.encode_blend_bwd(gpu, encoder, cloud, Differentiated::Loss);
+            w.encode_image_and_gradient(gpu, encoder, cloud, target, step.loss)?;
             w.encode_project_bwd(gpu, encoder, cloud);
             w.encode_adam(gpu, encoder, cloud);
             Ok(())

@@ -14,6 +14,18 @@ pub(crate) const SORT_BLOCK: u32 = 1024;
 /// Digits of a sorting pass: bits.
 pub(crate) const SORT_BITS: u32 = 4;
 
+/// What `blend_vectors` does in one pass over the tiles.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+pub(crate) enum Pass {
+    /// The image.
+    #[default]
+    Forward,
+    /// From the image's gradient to those of the entries.
+    Backward,
+    /// From the Gaussians to the gradients of the entries, with a pointwise loss between.
+    Fused,
+}
+
 /// What a pipeline is compiled for; two variants that a shader does not tell apart are compiled once.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub(crate) struct Variant {
@@ -25,11 +37,16 @@ pub(crate) struct Variant {
     pub(crate) lists: bool,
     /// The adapter computes on a CPU.
     pub(crate) on_cpu: bool,
+    /// An invocation is a lane of a CPU's vector, and a work group of [`LANES`] of them is one subgroup.
+    pub(crate) vectors: bool,
+    /// What `blend_vectors` does in one pass over the tiles.
+    pub(crate) pass: Pass,
     /// The entry point's override, if it has one.
     pub(crate) constant: Option<(&'static str, u32)>,
-    /// A second one.
-    pub(crate) second_constant: Option<(&'static str, u32)>,
 }
+
+/// Invocations of a work group of the blend kernels where those are lanes of a CPU's vector.
+pub(crate) const LANES: u32 = 8;
 
 /// How pixels are dealt out.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -40,14 +57,16 @@ pub(crate) struct Tiling {
     rows: u32,
     /// Columns of such an invocation.
     columns: u32,
+    /// Lists of a tile: where there are two, the second has the entries whose rows the recurrence must not run along.
+    pub(crate) classes: u32,
 }
 
-/// A GPU has many invocations of few registers each. On a CPU, an invocation is a lane of a vector, loads from buffers cost more than
-/// arithmetic, and what an entry's loads are good for should be many pixels.
-pub(crate) fn tiling(on_cpu: bool) -> Tiling {
-    match on_cpu {
-        false => Tiling { tile_rows: 16, rows: 4, columns: 1 },
-        true => Tiling { tile_rows: 32, rows: 32, columns: 2 },
+/// A GPU has many invocations of few registers each. On a CPU, an invocation is a lane of a vector, and what is fetched for an entry should
+/// be good for many pixels.
+pub(crate) fn tiling(vectors: bool) -> Tiling {
+    match vectors {
+        false => Tiling { tile_rows: 16, rows: 4, columns: 1, classes: 1 },
+        true => Tiling { tile_rows: 16, rows: 16, columns: 2, classes: 2 },
     }
 }
 
@@ -78,6 +97,7 @@ shaders! {
     "sort": ["sort_count", "sort_scatter"],
     "ranges": ["ranges"],
     "blend": ["blend"],
+    "blend_vectors": ["blend_vectors"],
     "loss": ["loss", "loss_sum"],
     "dssim": ["dssim_rows", "dssim_columns", "dssim_bwd_rows", "dssim_bwd_columns"],
     "blend_bwd": ["blend_bwd"],
@@ -114,7 +134,7 @@ impl Shader {
 
 /// The constants, printed so that they parse back bit for bit.
 fn prelude(variant: Variant) -> String {
-    let Tiling { tile_rows, rows, columns } = tiling(variant.on_cpu);
+    let Tiling { tile_rows, rows, columns, classes } = tiling(variant.vectors);
     let lanes = TILE_COLUMNS / columns;
     // As many entries at a time as their partial sums have room for in 16 KiB.
     let stride = stride(variant.over);
@@ -122,7 +142,7 @@ fn prelude(variant: Variant) -> String {
     let batch = (16 * 1024 / 4 / (stride * invocations)).min(8);
     let mut text = format!(
         "const TILE_COLUMNS: u32 = {TILE_COLUMNS}u;\nconst TILE_ROWS: u32 = {tile_rows}u;\nconst ROWS: u32 = {rows}u;\n\
-         const LANES: u32 = {lanes}u;\nconst STRIDE: u32 = {stride}u;\nconst BATCH: u32 = {batch}u;\n\
+         const LANES: u32 = {lanes}u;\nconst CLASSES: u32 = {classes}u;\nconst STRIDE: u32 = {stride}u;\nconst BATCH: u32 = {batch}u;\n\
          const SORT_BLOCK: u32 = {SORT_BLOCK}u;\nconst MIN_DETERMINANT_PX4: f32 = {MIN_DETERMINANT_PX4:?};\n\
          const SSIM_C1: f32 = {SSIM_C1:?};\nconst SSIM_C2: f32 = {SSIM_C2:?};\n",
     );
@@ -149,6 +169,9 @@ fn preprocess(source: &str, variant: Variant) -> String {
         "LOCAL_FRAME" => variant.local_frame,
         "LISTS" => variant.lists,
         "ON_CPU" => variant.on_cpu,
+        "FORWARD" => variant.pass != Pass::Backward,
+        "BACKWARD" => variant.pass != Pass::Forward,
+        "VECTORS" => variant.vectors,
         other => panic!("a shader asks for {other}, which is no variant"),
     };
     let mut conditions: Vec<bool> = Vec::new();
@@ -168,7 +191,7 @@ fn preprocess(source: &str, variant: Variant) -> String {
         text.push('\n');
     }
     assert!(conditions.is_empty(), "an #if without #endif");
-    repeat(&text, tiling(variant.on_cpu))
+    repeat(&text, tiling(variant.vectors))
 }
 
 /// Repeats what `#each` says; repetitions may stand in repetitions.
@@ -182,9 +205,13 @@ fn repeat(source: &str, tiling: Tiling) -> String {
             continue;
         };
         let (name, count) = head.split_once(' ').expect("#each has a name and a number");
-        let count = match count {
-            "COLUMNS" => tiling.columns,
-            "ROWS4" => tiling.rows / 4,
+        let indices: Vec<u32> = match count {
+            "COLUMNS" => (0..tiling.columns).collect(),
+            "ROWS" => (0..tiling.rows).collect(),
+            "ROWS4" => (0..tiling.rows / 4).collect(),
+            // From the middle row on, and from there back.
+            "UP" => (tiling.rows / 2..tiling.rows).collect(),
+            "DOWN" => (0..tiling.rows / 2).rev().collect(),
             other => panic!("#each {name} {other}, which is no number"),
         };
         let mut body = String::new();
@@ -202,7 +229,7 @@ fn repeat(source: &str, tiling: Tiling) -> String {
             body.push('\n');
         }
         assert_eq!(depth, 0, "#each {name} without #end");
-        for index in 0..count {
+        for index in indices {
             text += &repeat(&body.replace(&format!("@{name}"), &index.to_string()), tiling);
         }
     }

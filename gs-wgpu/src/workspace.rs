@@ -7,7 +7,7 @@ use crate::{
     dispatch::{Groups, dispatch, dispatch_some},
     gpu::{Gpu, STORAGE},
     layout::{CONJUGATE_BYTES, Gradient, SPLAT_BYTES, Status, Step},
-    shaders::{SORT_BITS, SORT_BLOCK, TILE_COLUMNS, Variant, stride, tiling},
+    shaders::{Pass, SORT_BITS, SORT_BLOCK, TILE_COLUMNS, Tiling, Variant, stride, tiling},
     target::PlanarTarget,
 };
 
@@ -78,8 +78,8 @@ pub(crate) struct Workspace {
     /// The vectors and scalars of `solve_colors`.
     vectors: Growing,
     scalars: Growing,
-    /// Rows of a tile on this adapter.
-    tile_rows: u32,
+    /// How pixels are dealt out on this adapter.
+    tiling: Tiling,
     /// Entries that there is room for.
     capacity: u64,
     /// The cloud's edition that the lists were made for.
@@ -120,19 +120,24 @@ impl Workspace {
             gradients: growing("gradients")?,
             vectors: growing("vectors of conjugate gradients")?,
             scalars: growing("scalars of conjugate gradients")?,
-            tile_rows: tiling(gpu.on_cpu).tile_rows,
+            tiling: tiling(gpu.vectors),
             capacity: 0,
             edition: None,
         })
     }
 
     fn tiles(&self) -> [u32; 2] {
-        [self.canvas.width.div_ceil(TILE_COLUMNS), self.canvas.height.div_ceil(self.tile_rows)]
+        [self.canvas.width.div_ceil(TILE_COLUMNS), self.canvas.height.div_ceil(self.tiling.tile_rows)]
     }
 
     fn tile_count(&self) -> u64 {
         let [across, down] = self.tiles();
         u64::from(across) * u64::from(down)
+    }
+
+    /// Lists of all tiles.
+    fn list_count(&self) -> u64 {
+        self.tile_count() * u64::from(self.tiling.classes)
     }
 
     fn pixels(&self) -> u64 {
@@ -149,7 +154,7 @@ impl Workspace {
 
     /// Passes of the sort: as many digits as the last tile's number has.
     fn sort_passes(&self) -> u32 {
-        let last = (self.tile_count() - 1) as u32;
+        let last = (self.list_count() - 1) as u32;
         (u32::BITS - last.leading_zeros()).div_ceil(SORT_BITS)
     }
 
@@ -170,7 +175,7 @@ impl Workspace {
         self.splats.ensure(gpu, n * SPLAT_BYTES)?;
         self.offsets.ensure(gpu, (n + 1) * 4)?;
         self.scan_sums.ensure(gpu, (n + 1).div_ceil(1024) * 4)?;
-        self.tile_start.ensure(gpu, (self.tile_count() + 1) * 4)?;
+        self.tile_start.ensure(gpu, (self.list_count() + 1) * 4)?;
         self.image.ensure(gpu, self.pixels() * PIXEL_BYTES)?;
         self.gradients.ensure(gpu, n * size_of::<Gradient>() as u64)?;
         if self.capacity == 0 {
@@ -256,7 +261,8 @@ impl Workspace {
         let keys = [&self.keys[0].buffer, &self.keys[1].buffer];
         let order = [&self.order[0].buffer, &self.order[1].buffer];
         let bindings = [step, &self.splats.buffer, offsets, keys[0], order[0], &self.entries.buffer];
-        dispatch(gpu, encoder, "bin", plain, &bindings, self.indirect(BY_GAUSSIAN));
+        let by_blend = Variant { local_frame: false, ..self.variant(cloud) };
+        dispatch(gpu, encoder, "bin", by_blend, &bindings, self.indirect(BY_GAUSSIAN));
         for pass in 0..self.sort_passes() {
             let [from, to] = if pass % 2 == 0 { [0, 1] } else { [1, 0] };
             let shift = &gpu.shifts[pass as usize];
@@ -300,15 +306,10 @@ impl Workspace {
     /// Stage `blend`.
     pub(crate) fn encode_blend(&self, gpu: &Gpu, encoder: &mut wgpu::CommandEncoder, cloud: &PlanarCloud) {
         let variant = Variant { local_frame: false, ..self.variant(cloud) };
-        let bindings = [
-            &self.step,
-            &self.tile_start.buffer,
-            &self.order[self.sorted()].buffer,
-            &self.entries.buffer,
-            &self.splats.buffer,
-            &self.image.buffer,
-        ];
-        dispatch(gpu, encoder, "blend", variant, &bindings, gpu.groups(self.tile_count()).into());
+        let mut bindings = self.lists().to_vec();
+        bindings.push(&self.image.buffer);
+        let entry_point = if gpu.vectors { "blend_vectors" } else { "blend" };
+        dispatch(gpu, encoder, entry_point, variant, &bindings, gpu.groups(self.tile_count()).into());
     }
 
     /// Stage `loss`: the loss into the status, its gradient into `v_image`. `None`: the bare difference, and no loss.
@@ -328,11 +329,7 @@ impl Workspace {
             Some(Loss::L1 | Loss::L1Dssim { .. }) => 2,
         };
         let with_dssim = u32::from(matches!(loss, Some(Loss::L1Dssim { .. })));
-        let variant = Variant {
-            constant: Some(("KIND", kind)),
-            second_constant: Some(("WITH_DSSIM", with_dssim)),
-            ..Variant::default()
-        };
+        let variant = Variant { constant: Some(("KIND", kind)), ..Variant::default() };
         let (step, image, v_image, partial) =
             (&self.step, &self.image.buffer, &self.v_image.buffer, &self.partial.buffer);
         let bindings = [step, image, &target.buffer, v_image, partial];
@@ -349,11 +346,18 @@ impl Workspace {
             let columns = (&[0, 1, 2, 3, 5][..], &[step, image, &target.buffer, across, v_image][..]);
             dispatch_some(gpu, encoder, "dssim_bwd_columns", plain, columns, groups);
         }
-        if loss.is_some() {
-            let sum = (&[0, 4, 5][..], &[step, partial, &self.status][..]);
-            dispatch_some(gpu, encoder, "loss_sum", variant, sum, Groups::Direct(1, 1));
+        match loss {
+            Some(Loss::L1Dssim { .. }) => self.encode_loss_sum(gpu, encoder, LossSum::PixelsAndDssim),
+            Some(_) => self.encode_loss_sum(gpu, encoder, LossSum::Pixels),
+            None => {}
         }
         Ok(())
+    }
+
+    fn encode_loss_sum(&self, gpu: &Gpu, encoder: &mut wgpu::CommandEncoder, of: LossSum) {
+        let variant = Variant { constant: Some(("SUM_OF", of as u32)), ..Variant::default() };
+        let bindings = (&[0, 4, 5][..], &[&self.step, &self.partial.buffer, &self.status][..]);
+        dispatch_some(gpu, encoder, "loss_sum", variant, bindings, Groups::Direct(1, 1));
     }
 
     /// Stage `blend_bwd`, from `v_image`, or from the image itself.
@@ -364,24 +368,63 @@ impl Workspace {
         cloud: &PlanarCloud,
         v_image: Differentiated,
     ) {
-        let variant = Variant { local_frame: false, ..self.variant(cloud) };
+        let variant = Variant { local_frame: false, pass: Pass::Backward, ..self.variant(cloud) };
         let v_image = match v_image {
             Differentiated::Loss => &self.v_image.buffer,
             Differentiated::Image => &self.image.buffer,
         };
-        let mut bindings = vec![
+        let (entry_point, [fifth, sixth]) = match gpu.vectors {
+            true => ("blend_vectors", [&self.slots.buffer, v_image]),
+            false => ("blend_bwd", [v_image, &self.slots.buffer]),
+        };
+        let mut bindings = self.lists().to_vec();
+        bindings.extend([fifth, sixth]);
+        if variant.over {
+            bindings.push(&self.image.buffer);
+        }
+        dispatch(gpu, encoder, entry_point, variant, &bindings, gpu.groups(self.tile_count()).into());
+    }
+
+    /// Stages `blend` to `blend_bwd` for a training step: in one pass where adapter and loss allow it.
+    pub(crate) fn encode_image_and_gradient(
+        &mut self,
+        gpu: &Gpu,
+        encoder: &mut wgpu::CommandEncoder,
+        cloud: &PlanarCloud,
+        target: &PlanarTarget,
+        loss: Loss,
+    ) -> Result<(), Error> {
+        let kind = match loss {
+            Loss::L2 => 1,
+            Loss::L1 => 2,
+            Loss::L1Dssim { .. } => 0,
+        };
+        if !gpu.vectors || kind == 0 {
+            self.encode_blend(gpu, encoder, cloud);
+            self.encode_loss(gpu, encoder, target, Some(loss))?;
+            self.encode_blend_bwd(gpu, encoder, cloud, Differentiated::Loss);
+            return Ok(());
+        }
+        let tiles = self.tile_count();
+        self.partial.ensure(gpu, tiles * 4)?;
+        let variant =
+            Variant { local_frame: false, pass: Pass::Fused, constant: Some(("KIND", kind)), ..self.variant(cloud) };
+        let mut bindings = self.lists().to_vec();
+        bindings.extend([&self.slots.buffer, &target.buffer, &self.partial.buffer]);
+        dispatch(gpu, encoder, "blend_vectors", variant, &bindings, gpu.groups(tiles).into());
+        self.encode_loss_sum(gpu, encoder, LossSum::Tiles);
+        Ok(())
+    }
+
+    /// What every blend kernel reads.
+    fn lists(&self) -> [&wgpu::Buffer; 5] {
+        [
             &self.step,
             &self.tile_start.buffer,
             &self.order[self.sorted()].buffer,
             &self.entries.buffer,
             &self.splats.buffer,
-            v_image,
-            &self.slots.buffer,
-        ];
-        if variant.over {
-            bindings.push(&self.image.buffer);
-        }
-        dispatch(gpu, encoder, "blend_bwd", variant, &bindings, gpu.groups(self.tile_count()).into());
+        ]
     }
 
     /// Stage `project_bwd`.
@@ -483,6 +526,17 @@ impl Workspace {
         };
         dispatch_some(gpu, encoder, entry_point, variant, (used, &bindings), groups);
     }
+}
+
+/// Which partial sums make the loss, as `loss_sum` has it.
+#[derive(Debug, Clone, Copy)]
+enum LossSum {
+    /// Those of `loss`.
+    Pixels = 0,
+    /// Those and D-SSIM's.
+    PixelsAndDssim = 1,
+    /// One a tile.
+    Tiles = 2,
 }
 
 /// What `blend_bwd` differentiates: the loss, or half the image's square.
