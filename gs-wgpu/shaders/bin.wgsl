@@ -23,8 +23,8 @@ fn bin(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec
     // The order stays that of the Gaussians.
     let list = 1u;
 #else
-    // As long as half a tile's rows before an ellipse the weight is no less than e^-80, well inside the range of f32.
-    let far = 0.5 * f32(TILE_ROWS) + sqrt(splat.reach / splat.c);
+    // Half a block's rows before an ellipse the weight is no less than e^-80, well inside the range of f32.
+    let far = 0.5 * f32(BLOCK) + sqrt(splat.reach / splat.c);
     let list = select(1u, 0u, 0.5 * splat.c * far * far <= 80.0);
 #endif
 #else

@@ -46,8 +46,9 @@ struct Fetched {
     across: f32,
     slope: f32,
     curve: f32,
-    // Under `Sum`, 2^(2 curve); under `Over`, log2 of the opacity.
+    // Under `Sum`, how the growth from row to row grows from row to row, and from block to block; under `Over`, log2 of the opacity.
     extra: f32,
+    block_growth: f32,
     color: vec3f,
     slot: u32,
 }
@@ -61,10 +62,12 @@ fn fetch(place: u32) -> Fetched {
     let curve = -0.5 * LOG2_E * s.c;
 #if OVER
     let extra = log2(s.opacity);
+    let block_growth = 1.0;
 #else
     let extra = exp2_exact(2.0 * curve);
+    let block_growth = exp2_exact(2.0 * f32(BLOCK) * curve);
 #endif
-    return Fetched(mean, -0.5 * LOG2_E * s.inverse_xx, s.slope, curve, extra, s.color, slot);
+    return Fetched(mean, -0.5 * LOG2_E * s.inverse_xx, s.slope, curve, extra, block_growth, s.color, slot);
 }
 
 fn of_lane(f: Fetched, lane: u32) -> Fetched {
@@ -74,6 +77,7 @@ fn of_lane(f: Fetched, lane: u32) -> Fetched {
         subgroupShuffle(f.slope, lane),
         subgroupShuffle(f.curve, lane),
         subgroupShuffle(f.extra, lane),
+        subgroupShuffle(f.block_growth, lane),
         vec3f(subgroupShuffle(f.color.x, lane), subgroupShuffle(f.color.y, lane), subgroupShuffle(f.color.z, lane)),
         subgroupShuffle(f.slot, lane),
     );
@@ -109,13 +113,12 @@ fn share_of(uncut: f32, before: f32) -> Share {
 }
 #endif
 
-fn add(pixel: ptr<function, Pixel>, w: f32, color: vec3f) {
+fn with_share(pixel: Pixel, w: f32, color: vec3f) -> Pixel {
 #if OVER
-    let share = share_of(w, (*pixel).transmittance);
-    (*pixel).transmittance = share.transmittance;
-    (*pixel).color += share.share * color;
+    let share = share_of(w, pixel.transmittance);
+    return Pixel(pixel.color + share.share * color, share.transmittance);
 #else
-    (*pixel).color += select(0.0, w, w >= step.alpha_cut) * color;
+    return Pixel(pixel.color + select(0.0, w, w >= step.alpha_cut) * color);
 #endif
 }
 
@@ -137,23 +140,28 @@ struct Sums {
     tuu: f32,
 }
 
-fn gather(pixel: ptr<function, Gathering>, sums: ptr<function, Sums>, w: f32, u: f32, color: vec3f) {
-    let v_w = dot((*pixel).v, color);
 #if OVER
-    let share = share_of(w, (*pixel).transmittance);
-    (*pixel).transmittance = share.transmittance;
-    (*pixel).rest -= share.share * v_w;
-    let v_alpha = share.before * v_w - (*pixel).rest / (1.0 - share.alpha);
+// Adds to the sums; the pixel as the next Gaussian finds it.
+fn gather(pixel: Gathering, sums: ptr<function, Sums>, w: f32, u: f32, color: vec3f) -> Gathering {
+    let share = share_of(w, pixel.transmittance);
+    let v_w = dot(pixel.v, color);
+    let rest = pixel.rest - share.share * v_w;
+    let v_alpha = share.before * v_w - rest / (1.0 - share.alpha);
     // The gradient of a clamped alpha is zero.
     let t = select(0.0, v_alpha * share.alpha, share.counted & !share.clamped);
-    (*sums).color += share.share * (*pixel).v;
     (*sums).t += t;
+    collect(sums, pixel.v, share.share, t * u, u);
+    return Gathering(pixel.v, share.transmittance, rest);
+}
 #else
+fn gather(pixel: Gathering, sums: ptr<function, Sums>, w: f32, u: f32, color: vec3f) {
     let share = select(0.0, w, w >= step.alpha_cut);
-    let t = share * v_w;
-    (*sums).color += share * (*pixel).v;
+    collect(sums, pixel.v, share, share * dot(pixel.v, color) * u, u);
+}
 #endif
-    let tu = t * u;
+
+fn collect(sums: ptr<function, Sums>, v: vec3f, share: f32, tu: f32, u: f32) {
+    (*sums).color += share * v;
     (*sums).tu += tu;
     (*sums).tuu += tu * u;
 }
@@ -185,7 +193,7 @@ fn blend_vectors(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) g
     }
     let corner = vec2u(tile % step.tiles.x, tile / step.tiles.x) * vec2u(TILE_COLUMNS, TILE_ROWS);
     let first_y = f32(corner.y) + 0.5;
-    let middle_y = first_y + 0.5 * f32(ROWS);
+    let middle_y = first_y + 0.5 * f32(BLOCK);
     let start = tile_start[2u * tile];
     let steep = tile_start[2u * tile + 1u];
     let end = tile_start[2u * tile + 2u];
@@ -195,11 +203,13 @@ fn blend_vectors(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) g
 #end
 #if FORWARD
 #each c COLUMNS
-#each r ROWS
-    var p_@c_@r: Pixel;
+#each b BLOCKS
+#each r BLOCK
+    var p_@c_@b@r: Pixel;
 #if OVER
-    p_@c_@r.transmittance = 1.0;
+    p_@c_@b@r.transmittance = 1.0;
 #endif
+#end
 #end
 #end
 #if OVER
@@ -214,22 +224,40 @@ fn blend_vectors(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) g
                 let s = of_lane(fetched, j);
 #each c COLUMNS
                 let dx_@c = x_@c - s.mean.x;
-                let u_@c = (middle_y - s.mean.y) - s.slope * dx_@c;
-                let middle_@c = exp2_exact(dx_@c * dx_@c * s.across + u_@c * u_@c * s.curve);
-                let growth_@c = exp2_exact((2.0 * u_@c + 1.0) * s.curve);
-                var w_@c = middle_@c;
-                var g_@c = growth_@c;
-#each r UP
-                add(&p_@c_@r, w_@c, s.color);
-                w_@c *= g_@c;
-                g_@c *= s.extra;
+                let across_@c = dx_@c * dx_@c * s.across;
+                let u_@c_0 = (middle_y - s.mean.y) - s.slope * dx_@c;
+                let u_@c_1 = u_@c_0 + f32(BLOCK);
+                let middle_@c_0 = exp2_exact(across_@c + u_@c_0 * u_@c_0 * s.curve);
+                let middle_@c_1 = exp2_exact(across_@c + u_@c_1 * u_@c_1 * s.curve);
+                let growth_@c_0 = exp2_exact((2.0 * u_@c_0 + 1.0) * s.curve);
+                let growth_@c_1 = growth_@c_0 * s.block_growth;
+#each b BLOCKS
+                var w_@c_@b = middle_@c_@b;
+                var g_@c_@b = growth_@c_@b;
 #end
-                w_@c = middle_@c;
-                g_@c = s.extra / growth_@c;
+#end
+#each r UP
+#each c COLUMNS
+#each b BLOCKS
+                p_@c_@b@r = with_share(p_@c_@b@r, w_@c_@b, s.color);
+                w_@c_@b *= g_@c_@b;
+                g_@c_@b *= s.extra;
+#end
+#end
+#end
+#each c COLUMNS
+#each b BLOCKS
+                w_@c_@b = middle_@c_@b;
+                g_@c_@b = s.extra / growth_@c_@b;
+#end
+#end
 #each r DOWN
-                w_@c *= g_@c;
-                g_@c *= s.extra;
-                add(&p_@c_@r, w_@c, s.color);
+#each c COLUMNS
+#each b BLOCKS
+                w_@c_@b *= g_@c_@b;
+                g_@c_@b *= s.extra;
+                p_@c_@b@r = with_share(p_@c_@b@r, w_@c_@b, s.color);
+#end
 #end
 #end
                 continuing {
@@ -256,8 +284,10 @@ fn blend_vectors(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) g
                 let dx_@c = x_@c - s.mean.x;
                 let u_@c = (first_y - s.mean.y) - s.slope * dx_@c;
                 let across_@c = exponent_across(s, dx_@c);
-#each r ROWS
-                add(&p_@c_@r, exp2_exact(across_@c + (u_@c + @r.0) * (u_@c + @r.0) * s.curve), s.color);
+#each b BLOCKS
+#each r BLOCK
+                p_@c_@b@r = with_share(p_@c_@b@r, exp2_exact(across_@c + square(u_@c + (@b.0 * f32(BLOCK) + @r.0)) * s.curve), s.color);
+#end
 #end
 #end
                 continuing {
@@ -275,50 +305,83 @@ fn blend_vectors(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) g
     var loss = 0.0;
 #else
 #each c COLUMNS
-#each r ROWS
-    if column_@c < step.size.x && corner.y + @ru < step.size.y {
+#each b BLOCKS
+#each r BLOCK
+    if column_@c < step.size.x && corner.y + @bu * BLOCK + @ru < step.size.y {
 #if OVER
-        let left = abs(p_@c_@r.transmittance);
-        image[(corner.y + @ru) * step.size.x + column_@c] = vec4f(p_@c_@r.color + left * step.backdrop, left);
+        let left = abs(p_@c_@b@r.transmittance);
+        image[(corner.y + @bu * BLOCK + @ru) * step.size.x + column_@c] = vec4f(p_@c_@b@r.color + left * step.backdrop, left);
 #else
-        image[(corner.y + @ru) * step.size.x + column_@c] = vec4f(p_@c_@r.color + step.backdrop, 0.0);
+        image[(corner.y + @bu * BLOCK + @ru) * step.size.x + column_@c] = vec4f(p_@c_@b@r.color + step.backdrop, 0.0);
 #endif
     }
+#end
 #end
 #end
 #endif
 #endif
 
 #if BACKWARD
+    // Read in a loop that the compiler cannot unroll: the instructions of what follows fill the cache as it is.
 #each c COLUMNS
-#each r ROWS
-    var v_@c_@r: Gathering;
+    var read_@c: array<vec3f, ROWS>;
+#if OVER
+#if FORWARD
+#else
+    var color_@c: array<vec3f, ROWS>;
+#endif
+#endif
+#end
+    let rows = min(ROWS, step.size.y - corner.y);
+    var row = 0u;
+    loop {
+        let pixel = (corner.y + row) * step.size.x;
+#each c COLUMNS
+        if column_@c < step.size.x {
+#if FORWARD
+            read_@c[row] = target_image[pixel + column_@c].xyz;
+#else
+            read_@c[row] = v_image[pixel + column_@c].xyz;
+#if OVER
+            color_@c[row] = image[pixel + column_@c].xyz;
+#endif
+#endif
+        }
+#end
+        continuing {
+            row++;
+            break if row >= rows;
+        }
+    }
+#each c COLUMNS
+#each b BLOCKS
+#each r BLOCK
+    var v_@c_@b@r: Gathering;
     {
-        let inside = column_@c < step.size.x && corner.y + @ru < step.size.y;
-        // Any pixel will do where there is none.
-        let pixel = select(0u, (corner.y + @ru) * step.size.x + column_@c, inside);
 #if FORWARD
 #if OVER
-        let color = p_@c_@r.color + abs(p_@c_@r.transmittance) * step.backdrop;
+        let color = p_@c_@b@r.color + abs(p_@c_@b@r.transmittance) * step.backdrop;
 #else
-        let color = p_@c_@r.color + step.backdrop;
+        let color = p_@c_@b@r.color + step.backdrop;
 #endif
-        let d = select(vec3f(0.0), color - target_image[pixel].xyz, inside);
+        let inside = column_@c < step.size.x && corner.y + @bu * BLOCK + @ru < step.size.y;
+        let d = select(vec3f(0.0), color - read_@c[@bu * BLOCK + @ru], inside);
         let is_square = KIND == 1u;
         let values = select(abs(d), d * d, is_square);
         loss += values.x + values.y + values.z;
-        v_@c_@r.v = step.pointwise_scale * select(sign(d), 2.0 * d, is_square);
+        v_@c_@b@r.v = step.pointwise_scale * select(sign(d), 2.0 * d, is_square);
 #else
+        v_@c_@b@r.v = read_@c[@bu * BLOCK + @ru];
 #if OVER
-        let color = image[pixel].xyz;
+        let color = color_@c[@bu * BLOCK + @ru];
 #endif
-        v_@c_@r.v = select(vec3f(0.0), v_image[pixel].xyz, inside);
 #endif
 #if OVER
-        v_@c_@r.transmittance = 1.0;
-        v_@c_@r.rest = dot(v_@c_@r.v, color);
+        v_@c_@b@r.transmittance = 1.0;
+        v_@c_@b@r.rest = dot(v_@c_@b@r.v, color);
 #endif
     }
+#end
 #end
 #end
 #if FORWARD
@@ -342,23 +405,43 @@ fn blend_vectors(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) g
 #each c COLUMNS
                 var sums_@c = Sums(vec3f(0.0), 0.0, 0.0, 0.0);
                 let dx_@c = x_@c - s.mean.x;
-                let u_@c = (middle_y - s.mean.y) - s.slope * dx_@c;
-                let middle_@c = exp2_exact(dx_@c * dx_@c * s.across + u_@c * u_@c * s.curve);
-                let growth_@c = exp2_exact((2.0 * u_@c + 1.0) * s.curve);
-                var w_@c = middle_@c;
-                var g_@c = growth_@c;
+                let across_@c = dx_@c * dx_@c * s.across;
+                let u_@c_0 = (middle_y - s.mean.y) - s.slope * dx_@c;
+                let u_@c_1 = u_@c_0 + f32(BLOCK);
+                let middle_@c_0 = exp2_exact(across_@c + u_@c_0 * u_@c_0 * s.curve);
+                let middle_@c_1 = exp2_exact(across_@c + u_@c_1 * u_@c_1 * s.curve);
+                let growth_@c_0 = exp2_exact((2.0 * u_@c_0 + 1.0) * s.curve);
+                let growth_@c_1 = growth_@c_0 * s.block_growth;
+#each b BLOCKS
+                var w_@c_@b = middle_@c_@b;
+                var g_@c_@b = growth_@c_@b;
+#end
+#end
 #each r UP
-                gather(&v_@c_@r, &sums_@c, w_@c, u_@c + (@r.0 - 0.5 * f32(ROWS)), s.color);
-                w_@c *= g_@c;
-                g_@c *= s.extra;
+#each c COLUMNS
+#each b BLOCKS
+                gather(v_@c_@b@r, &sums_@c, w_@c_@b, u_@c_@b + (@r.0 - 0.5 * f32(BLOCK)), s.color);
+                w_@c_@b *= g_@c_@b;
+                g_@c_@b *= s.extra;
 #end
-                w_@c = middle_@c;
-                g_@c = s.extra / growth_@c;
+#end
+#end
+#each c COLUMNS
+#each b BLOCKS
+                w_@c_@b = middle_@c_@b;
+                g_@c_@b = s.extra / growth_@c_@b;
+#end
+#end
 #each r DOWN
-                w_@c *= g_@c;
-                g_@c *= s.extra;
-                gather(&v_@c_@r, &sums_@c, w_@c, u_@c + (@r.0 - 0.5 * f32(ROWS)), s.color);
+#each c COLUMNS
+#each b BLOCKS
+                w_@c_@b *= g_@c_@b;
+                g_@c_@b *= s.extra;
+                gather(v_@c_@b@r, &sums_@c, w_@c_@b, u_@c_@b + (@r.0 - 0.5 * f32(BLOCK)), s.color);
 #end
+#end
+#end
+#each c COLUMNS
                 sums_@c.t = dot(sums_@c.color, s.color);
                 a += vec4f(sums_@c.color, sums_@c.t * dx_@c);
                 b += vec4f(sums_@c.tu, sums_@c.t * dx_@c * dx_@c, sums_@c.tu * dx_@c, sums_@c.tuu);
@@ -392,8 +475,14 @@ fn blend_vectors(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) g
                 let dx_@c = x_@c - s.mean.x;
                 let u_@c = (first_y - s.mean.y) - s.slope * dx_@c;
                 let across_@c = exponent_across(s, dx_@c);
-#each r ROWS
-                gather(&v_@c_@r, &sums_@c, exp2_exact(across_@c + (u_@c + @r.0) * (u_@c + @r.0) * s.curve), u_@c + @r.0, s.color);
+#each b BLOCKS
+#each r BLOCK
+#if OVER
+                v_@c_@b@r = gather(v_@c_@b@r, &sums_@c, exp2_exact(across_@c + square(u_@c + (@b.0 * f32(BLOCK) + @r.0)) * s.curve), u_@c + (@b.0 * f32(BLOCK) + @r.0), s.color);
+#else
+                gather(v_@c_@b@r, &sums_@c, exp2_exact(across_@c + square(u_@c + (@b.0 * f32(BLOCK) + @r.0)) * s.curve), u_@c + (@b.0 * f32(BLOCK) + @r.0), s.color);
+#endif
+#end
 #end
 #if OVER
                 t += sums_@c.t;
@@ -422,6 +511,10 @@ fn blend_vectors(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) g
         }
     }
 #endif
+}
+
+fn square(x: f32) -> f32 {
+    return x * x;
 }
 
 fn exponent_across(s: Fetched, dx: f32) -> f32 {

@@ -48,6 +48,9 @@ pub(crate) struct Variant {
 /// Invocations of a work group of the blend kernels where those are lanes of a CPU's vector.
 pub(crate) const LANES: u32 = 8;
 
+/// Rows of the blocks that the recurrence runs through, from the middle row up and down.
+const BLOCK: u32 = 8;
+
 /// How pixels are dealt out.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Tiling {
@@ -142,7 +145,7 @@ fn prelude(variant: Variant) -> String {
     let batch = (16 * 1024 / 4 / (stride * invocations)).min(8);
     let mut text = format!(
         "const TILE_COLUMNS: u32 = {TILE_COLUMNS}u;\nconst TILE_ROWS: u32 = {tile_rows}u;\nconst ROWS: u32 = {rows}u;\n\
-         const LANES: u32 = {lanes}u;\nconst CLASSES: u32 = {classes}u;\nconst STRIDE: u32 = {stride}u;\nconst BATCH: u32 = {batch}u;\n\
+         const LANES: u32 = {lanes}u;\nconst CLASSES: u32 = {classes}u;\nconst BLOCK: u32 = {BLOCK}u;\nconst STRIDE: u32 = {stride}u;\nconst BATCH: u32 = {batch}u;\n\
          const SORT_BLOCK: u32 = {SORT_BLOCK}u;\nconst MIN_DETERMINANT_PX4: f32 = {MIN_DETERMINANT_PX4:?};\n\
          const SSIM_C1: f32 = {SSIM_C1:?};\nconst SSIM_C2: f32 = {SSIM_C2:?};\n",
     );
@@ -207,11 +210,12 @@ fn repeat(source: &str, tiling: Tiling) -> String {
         let (name, count) = head.split_once(' ').expect("#each has a name and a number");
         let indices: Vec<u32> = match count {
             "COLUMNS" => (0..tiling.columns).collect(),
-            "ROWS" => (0..tiling.rows).collect(),
+            "BLOCK" => (0..BLOCK).collect(),
+            "BLOCKS" => (0..tiling.rows / BLOCK).collect(),
             "ROWS4" => (0..tiling.rows / 4).collect(),
             // From the middle row on, and from there back.
-            "UP" => (tiling.rows / 2..tiling.rows).collect(),
-            "DOWN" => (0..tiling.rows / 2).rev().collect(),
+            "UP" => (BLOCK / 2..BLOCK).collect(),
+            "DOWN" => (0..BLOCK / 2).rev().collect(),
             other => panic!("#each {name} {other}, which is no number"),
         };
         let mut body = String::new();
