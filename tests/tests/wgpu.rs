@@ -9,10 +9,10 @@ use gs_conformance::{
 };
 use gs_core::{
     Adam, Binning, Blend, Chart, CloudState, Error, Image, Loss, PlanarScene, Rasterizer, RenderSettings, Scene,
-    TrainStep, effects::Statistics, state::TensorData,
+    TrainStep, Wait, constants::ALPHA_CUT, effects::Statistics, state::TensorData,
 };
 use gs_cpu::{CpuRasterizer, CpuSettings};
-use gs_wgpu::{FreshBuffers, WgpuRasterizer, WgpuSettings, adapters};
+use gs_wgpu::{FreshBuffers, PlanarCloud, PlanarTarget, STEPS_IN_FLIGHT, WgpuRasterizer, WgpuSettings, adapters};
 use proptest::{
     prelude::*,
     test_runner::{RngSeed, TestCaseError},
@@ -93,21 +93,51 @@ fn repeats_itself_bit_for_bit() {
     }
 }
 
+/// A cloud that is trained on one device, and how.
+struct Training<'r> {
+    r: &'r WgpuRasterizer,
+    draw: Draw,
+    target: PlanarTarget,
+    cloud: PlanarCloud,
+}
+
+impl<'r> Training<'r> {
+    fn new(r: &'r WgpuRasterizer, draw: Draw) -> Self {
+        let target = r.upload_target(&draw.target().unwrap()).unwrap();
+        let cloud = r.upload(&draw.scene, Chart::LocalFrame).unwrap();
+        Self { r, draw, target, cloud }
+    }
+
+    /// Sends a step that draws the Gaussians down to this α.
+    fn try_send(&mut self, alpha_cut: f32, binning: Binning) -> Result<(), Error> {
+        let mut settings = self.draw.settings;
+        settings.accuracy.alpha_cut = alpha_cut;
+        let rates = Adam { epsilon: 1e-6, ..Adam::default() }.at(0.0);
+        let step = TrainStep { settings: &settings, loss: Loss::L2, rates: &rates, binning };
+        self.r.train_step(&mut self.cloud, &self.draw.view, &self.target, &step)
+    }
+
+    fn send(&mut self, steps: usize) {
+        (0..steps).for_each(|_| self.try_send(ALPHA_CUT, Binning::Fresh).unwrap());
+    }
+
+    fn losses(&mut self, wait: Wait) -> Vec<f32> {
+        let mut losses = Vec::new();
+        self.r.losses(&mut self.cloud, wait, &mut losses).unwrap();
+        losses
+    }
+}
+
 /// The bytes that `steps` training steps of `gaussians` move.
-fn bytes_of_steps(gaussians: usize, steps: u64) -> u64 {
+fn bytes_of_steps(gaussians: usize, steps: usize) -> u64 {
     let r = another();
-    let draw = Draw::new(Kind::Typical, Blend::Sum, gaussians, (120, 80), 3);
-    let target = r.upload_target(&draw.target().unwrap()).unwrap();
-    let mut cloud = r.upload(&draw.scene, Chart::LocalFrame).unwrap();
-    let rates = Adam::default().at(0.0);
-    let mut step = || {
-        let step = TrainStep { settings: &draw.settings, loss: Loss::L2, rates: &rates, binning: Binning::Fresh };
-        r.train_step(&mut cloud, &draw.view, &target, &step).unwrap();
-    };
+    let mut training = Training::new(&r, Draw::new(Kind::Typical, Blend::Sum, gaussians, (120, 80), 3));
     // Buffers grow in the first.
-    step();
+    training.send(1);
+    assert_eq!(training.losses(Wait::All).len(), 1);
     let before = r.bytes_moved();
-    (0..steps).for_each(|_| step());
+    training.send(steps);
+    assert_eq!(training.losses(Wait::All).len(), steps);
     r.bytes_moved() - before
 }
 
@@ -117,6 +147,110 @@ fn a_training_step_moves_few_bytes_however_many_gaussians_there_are() {
     assert_eq!(few, many);
     assert!(few > 0 && few <= 5 * 512, "{few} bytes in 5 steps");
     assert!(bytes_of_steps(30, 6) > few, "bytes are not counted");
+}
+
+#[test]
+fn a_training_step_waits_only_where_enough_are_under_way() {
+    let r = another();
+    let mut training = Training::new(&r, Draw::new(Kind::Typical, Blend::Over, 200, (120, 80), 3));
+    training.send(1);
+    training.losses(Wait::All);
+    let waits = r.waits();
+    for sent in 1..=STEPS_IN_FLIGHT {
+        training.send(1);
+        assert_eq!((training.cloud.steps_in_flight(), r.waits()), (sent, waits));
+    }
+    let one_by_one: u64 = (0..5)
+        .map(|_| {
+            let waits = r.waits();
+            training.send(1);
+            assert_eq!(training.cloud.steps_in_flight(), STEPS_IN_FLIGHT, "only the oldest is waited for");
+            r.waits() - waits
+        })
+        .sum();
+    assert!(one_by_one <= 5, "{one_by_one} waits for 5 steps");
+    let waits = r.waits();
+    let mut losses = training.losses(Wait::Arrived);
+    assert_eq!(r.waits(), waits, "what has arrived is not waited for");
+    losses.extend(training.losses(Wait::All));
+    assert_eq!((losses.len(), training.cloud.steps_in_flight()), (STEPS_IN_FLIGHT + 5, 0));
+    r.download(&training.cloud).unwrap();
+    assert!(r.waits() > waits, "waits are not counted");
+}
+
+/// Losses, state and bytes moved after steps of which some need far more room than those before; `roomy` where there is room at once.
+fn trained_with_room(blend: Blend, roomy: bool) -> (Vec<f32>, CloudState, u64) {
+    let r = another();
+    let draw = many(blend);
+    if roomy {
+        // Its buffers come into the pool, from which training takes them.
+        r.render(&draw.scene, &draw.view, &draw.settings).unwrap();
+    }
+    let mut training = Training::new(&r, draw);
+    let before = r.bytes_moved();
+    let mut losses = Vec::new();
+    // The first ones fit. Then lists are made for more entries and used again, and all of that is under way when the host learns of it.
+    for (alpha_cut, fresh) in [(0.5, true), (0.5, false), (ALPHA_CUT, true), (ALPHA_CUT, false), (ALPHA_CUT, false)] {
+        training.try_send(alpha_cut, if fresh { Binning::Fresh } else { Binning::Reuse }).unwrap();
+    }
+    losses.extend(training.losses(Wait::Arrived));
+    for step in 0..6 {
+        training.try_send(ALPHA_CUT, if step == 4 { Binning::Fresh } else { Binning::Reuse }).unwrap();
+    }
+    let state = r.save(&training.cloud).unwrap();
+    losses.extend(training.losses(Wait::All));
+    (losses, state, r.bytes_moved() - before)
+}
+
+#[test]
+fn steps_that_have_to_be_sent_again_end_at_the_same_bits() {
+    for blend in [Blend::Sum, Blend::Over] {
+        let (losses, state, bytes) = trained_with_room(blend, true);
+        let (again, found, more_bytes) = trained_with_room(blend, false);
+        assert!(more_bytes > bytes, "{blend:?}: nothing was sent again");
+        assert_eq!(losses.len(), 11);
+        assert!(losses.iter().all(|&loss| loss > 0.0 && loss.is_finite()), "{losses:?}");
+        let loss_bits = |losses: &[f32]| losses.iter().map(|v| v.to_bits()).collect::<Vec<_>>();
+        assert_eq!(loss_bits(&again), loss_bits(&losses), "{blend:?}");
+        assert_eq!(bits(&found), bits(&state), "{blend:?}");
+    }
+}
+
+#[test]
+fn a_cloud_can_be_dropped_with_steps_under_way() {
+    let r = another();
+    let draw = || Draw::new(Kind::Typical, Blend::Sum, 200, (120, 80), 3);
+    let mut expected = Training::new(&r, draw());
+    expected.send(3);
+    let expected = expected.losses(Wait::All);
+    for _ in 0..3 {
+        let mut dropped = Training::new(&r, draw());
+        dropped.send(STEPS_IN_FLIGHT);
+        drop(dropped);
+        let mut next = Training::new(&r, draw());
+        next.send(3);
+        assert_eq!(next.losses(Wait::All), expected);
+    }
+}
+
+#[test]
+fn steps_under_way_on_a_lost_device_are_an_error_later() {
+    for wait in [Wait::Arrived, Wait::All] {
+        let r = another();
+        let mut training = Training::new(&r, Draw::new(Kind::Typical, Blend::Sum, 200, (120, 80), 3));
+        training.send(3);
+        r.lose_device();
+        for _ in 0..2 {
+            let outcomes = [
+                r.losses(&mut training.cloud, wait, &mut Vec::new()).unwrap_err(),
+                training.try_send(ALPHA_CUT, Binning::Fresh).unwrap_err(),
+                r.statistics(&training.cloud).unwrap_err(),
+            ];
+            for error in outcomes {
+                assert!(matches!(&error, Error::Backend { message, .. } if message.contains("lost")), "{error}");
+            }
+        }
+    }
 }
 
 #[test]
@@ -131,6 +265,7 @@ fn a_lost_device_is_an_error_at_every_call() {
     let step = TrainStep { settings: &draw.settings, loss: Loss::L2, rates: &rates, binning: Binning::Fresh };
     let outcomes = [
         r.train_step(&mut cloud, &draw.view, &target, &step).err(),
+        r.losses(&mut cloud, Wait::All, &mut Vec::new()).err(),
         r.download(&cloud).err(),
         r.save(&cloud).err(),
         r.upload(&draw.scene, Chart::LocalFrame).err(),

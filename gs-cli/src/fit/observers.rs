@@ -38,7 +38,7 @@ impl Observer for Checkpoints {
     }
 }
 
-/// Collects the points of the curve: count and loss come with every step and cost nothing.
+/// Collects the points of the curve: the count comes with every step, the loss with it or a little later.
 #[derive(Debug, Default)]
 pub(crate) struct Curve(pub(crate) Vec<Point>);
 
@@ -52,7 +52,15 @@ impl Curve {
 
 impl Observer for Curve {
     fn on_step(&mut self, progress: &Progress) -> Control {
-        self.0.push(Point { step: progress.step, count: progress.count, loss: progress.loss });
+        self.0.push(Point { step: progress.step, count: progress.count, loss: f32::NAN });
         Control::Continue
+    }
+
+    fn on_losses(&mut self, first_step: u32, losses: &[f32]) {
+        for (step, &loss) in (first_step..).zip(losses) {
+            if let Ok(place) = self.0.binary_search_by_key(&step, |point| point.step) {
+                self.0[place].loss = loss;
+            }
+        }
     }
 }
