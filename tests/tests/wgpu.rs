@@ -8,11 +8,17 @@ use gs_conformance::{
     scenes::{Draw, Kind, draws},
 };
 use gs_core::{
-    Adam, Binning, Blend, Chart, CloudState, Error, Image, Loss, PlanarScene, Rasterizer, RenderSettings, Scene,
-    TrainStep, Wait, constants::ALPHA_CUT, effects::Statistics, state::TensorData,
+    Adam, Binning, Blend, Chart, CloudState, EditPlan, Error, Image, Loss, PlanarScene, Rasterizer, RenderSettings,
+    Scene, TrainStep, Wait,
+    constants::ALPHA_CUT,
+    edit::{AfterEdit, PruneCause, Removal},
+    effects::Statistics,
+    state::TensorData,
 };
 use gs_cpu::{CpuRasterizer, CpuSettings};
-use gs_wgpu::{FreshBuffers, PlanarCloud, PlanarTarget, STEPS_IN_FLIGHT, WgpuRasterizer, WgpuSettings, adapters};
+use gs_wgpu::{
+    FreshBuffers, PlanarCloud, PlanarGradients, PlanarTarget, STEPS_IN_FLIGHT, WgpuRasterizer, WgpuSettings, adapters,
+};
 use proptest::{
     prelude::*,
     test_runner::{RngSeed, TestCaseError},
@@ -181,7 +187,7 @@ fn a_training_step_waits_only_where_enough_are_under_way() {
 /// Losses, state and bytes moved after steps of which some need far more room than those before; `roomy` where there is room at once.
 fn trained_with_room(blend: Blend, roomy: bool) -> (Vec<f32>, CloudState, u64) {
     let r = another();
-    let draw = many(blend);
+    let draw = Draw::new(Kind::Large, blend, 800, (173, 141), 42).on([0.1, 0.5, 0.3]);
     if roomy {
         // Its buffers come into the pool, from which training takes them.
         r.render(&draw.scene, &draw.view, &draw.settings).unwrap();
@@ -189,7 +195,8 @@ fn trained_with_room(blend: Blend, roomy: bool) -> (Vec<f32>, CloudState, u64) {
     let mut training = Training::new(&r, draw);
     let before = r.bytes_moved();
     let mut losses = Vec::new();
-    // The first ones fit. Then lists are made for more entries and used again, and all of that is under way when the host learns of it.
+    // Under `Over` the first ones fit. Then lists are made for more entries and used again, and all of that is under way when the host
+    // learns of it; under `Sum` nothing fits.
     for (alpha_cut, fresh) in [(0.5, true), (0.5, false), (ALPHA_CUT, true), (ALPHA_CUT, false), (ALPHA_CUT, false)] {
         training.try_send(alpha_cut, if fresh { Binning::Fresh } else { Binning::Reuse }).unwrap();
     }
@@ -213,6 +220,70 @@ fn steps_that_have_to_be_sent_again_end_at_the_same_bits() {
         let loss_bits = |losses: &[f32]| losses.iter().map(|v| v.to_bits()).collect::<Vec<_>>();
         assert_eq!(loss_bits(&again), loss_bits(&losses), "{blend:?}");
         assert_eq!(bits(&found), bits(&state), "{blend:?}");
+    }
+}
+
+/// What is seen of, or done to, a cloud whose last steps are still under way; gradients are of before.
+type Look = fn(&mut Training<'_>, &PlanarGradients) -> Vec<f32>;
+
+fn numbers(state: &CloudState) -> Vec<f32> {
+    bits(state).into_values().flatten().map(f32::from_bits).collect()
+}
+
+const LOOKS: [(&str, Look); 7] = [
+    ("save", |t, _| numbers(&t.r.save(&t.cloud).unwrap())),
+    ("download", |t, _| t.r.download(&t.cloud).unwrap().colors.iter().flat_map(glam::Vec3::to_array).collect()),
+    ("statistics", |t, _| t.r.statistics(&t.cloud).unwrap().gradient_sum),
+    ("forward", |t, _| {
+        let frame = t.r.forward(&t.cloud, &t.draw.view, &t.draw.settings).unwrap();
+        t.r.image(&frame).unwrap().pixels().as_flattened().to_vec()
+    }),
+    ("step", |t, gradients| {
+        t.r.step(&mut t.cloud, gradients, &Adam::default().at(0.0)).unwrap();
+        numbers(&t.r.save(&t.cloud).unwrap())
+    }),
+    ("edit", |t, _| {
+        let removed = vec![Removal { index: 3, cause: PruneCause::Unimportant }];
+        t.r.edit(&mut t.cloud, &EditPlan { removed, statistics: AfterEdit::Keep, ..EditPlan::default() }).unwrap();
+        numbers(&t.r.save(&t.cloud).unwrap())
+    }),
+    ("solve_colors", |t, _| {
+        t.r.solve_colors(&mut t.cloud, &t.draw.view, &t.target, &t.draw.settings, 2).unwrap();
+        numbers(&t.r.save(&t.cloud).unwrap())
+    }),
+];
+
+/// What is seen after two steps, by their bits, and the bytes that it took to see it.
+fn seen_after_two_steps(look: Look, roomy: bool) -> (Vec<u32>, u64) {
+    let r = another();
+    // Each of them touches every tile.
+    let mut draw = Draw::new(Kind::Large, Blend::Sum, 1200, (160, 144), 43);
+    draw.scene.log_scales.fill(glam::Vec2::splat(5.0));
+    draw.settings.effects.statistics = Statistics::MeanGradient;
+    if roomy {
+        r.render(&draw.scene, &draw.view, &draw.settings).unwrap();
+    }
+    let mut training = Training::new(&r, draw);
+    let Training { draw, target, cloud, .. } = &training;
+    let elsewhere = draw.view.showing(glam::Vec2::splat(1e5), glam::Vec2::ONE);
+    let frame = r.forward(cloud, &elsewhere, &draw.settings).unwrap();
+    assert_eq!(frame.entries(), 0, "its buffers stay as small as they are");
+    let (_, gradients) = r.backward(cloud, frame, target, &Loss::L2).unwrap();
+    training.send(2);
+    assert_eq!(training.cloud.steps_in_flight(), 2);
+    let before = r.bytes_moved();
+    let seen = look(&mut training, &gradients).into_iter().map(f32::to_bits).collect();
+    assert_eq!(training.losses(Wait::Arrived).len(), 2);
+    (seen, r.bytes_moved() - before)
+}
+
+#[test]
+fn steps_that_have_to_be_sent_again_are_seen_by_everything() {
+    for (what, look) in LOOKS {
+        let (expected, bytes) = seen_after_two_steps(look, true);
+        let (found, more_bytes) = seen_after_two_steps(look, false);
+        assert!(more_bytes > bytes, "{what}: nothing was sent again");
+        assert!(found == expected, "{what}");
     }
 }
 
