@@ -195,9 +195,9 @@ fn trained_with_room(blend: Blend, roomy: bool) -> (Vec<f32>, CloudState, u64) {
     let mut training = Training::new(&r, draw);
     let before = r.bytes_moved();
     let mut losses = Vec::new();
-    // Under `Over` the first ones fit. Then lists are made for more entries and used again, and all of that is under way when the host
-    // learns of it; under `Sum` nothing fits.
-    for (alpha_cut, fresh) in [(0.5, true), (0.5, false), (ALPHA_CUT, true), (ALPHA_CUT, false), (ALPHA_CUT, false)] {
+    // Under `Over` the first ones fit. Then lists are made for more entries, as those there are were made with another cut, and are used
+    // again; all of that is under way when the host learns of it. Under `Sum` nothing fits.
+    for (alpha_cut, fresh) in [(0.5, true), (0.5, false), (ALPHA_CUT, false), (ALPHA_CUT, false), (ALPHA_CUT, false)] {
         training.try_send(alpha_cut, if fresh { Binning::Fresh } else { Binning::Reuse }).unwrap();
     }
     losses.extend(training.losses(Wait::Arrived));

@@ -64,3 +64,33 @@ impl Observer for Curve {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn losses_find_their_points_however_late_they_come() {
+        let mut curve = Curve(vec![Point { step: 10, count: 1, loss: 0.5 }]);
+        let progress = |step| Progress {
+            step,
+            iterations: 20,
+            seconds: 0.0,
+            count: step,
+            loss: 0.5,
+            loss_step: 10,
+            edits: None,
+            psnr_estimate: None,
+            quality: None,
+        };
+        for step in 14..=17 {
+            curve.on_step(&progress(step));
+        }
+        // Of steps 12 and 13, which another run showed, nothing is kept.
+        curve.on_losses(12, &[0.4, 0.3, 0.2]);
+        curve.on_losses(15, &[0.1, 0.05]);
+        let points: Vec<(u32, f32)> = curve.0.iter().map(|p| (p.step, p.loss)).collect();
+        assert_eq!(points[..4], [(10, 0.5), (14, 0.2), (15, 0.1), (16, 0.05)]);
+        assert!(points[4].0 == 17 && points[4].1.is_nan());
+    }
+}
