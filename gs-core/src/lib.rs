@@ -32,7 +32,7 @@ pub use crate::{
     error::Error,
     image::Image,
     loss::Loss,
-    rasterizer::{Binning, Rasterizer, TrainStep},
+    rasterizer::{Binning, Rasterizer, TrainStep, Wait},
     scene::{PlanarGaussian, PlanarScene, Scene, SpatialGaussian, SpatialScene},
     settings::{Accuracy, RenderSettings},
     state::CloudState,

@@ -40,7 +40,21 @@ pub struct TrainStep<'a> {
     pub binning: Binning,
 }
 
+/// Which losses [`Rasterizer::losses`] hands over.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Wait {
+    /// Those that are known by now; waits for none.
+    Arrived,
+    /// Those of all steps that were sent; waits for the last of them.
+    All,
+}
+
 /// A backend for scenes of kind `S`.
+///
+/// A backend may compute later than it is told to: [`Self::train_step`] sends a step, [`Self::losses`] says what came of it. All
+/// else behaves as if every step had been done when it was sent: whatever looks at a cloud waits for the steps that are still under
+/// way. What a backend cannot foresee when a step is sent, a lost device or memory that has run out, is therefore an error of some
+/// later call with the same cloud; the steps that it kept from being done are not done then, and have no loss.
 pub trait Rasterizer<S: Scene> {
     /// Parameters, Adam moments and statistics, where this backend computes.
     type Cloud;
@@ -129,23 +143,42 @@ pub trait Rasterizer<S: Scene> {
     /// [`Error::State`] where gradients and cloud differ in length.
     fn step(&self, cloud: &mut Self::Cloud, gradients: &Self::Gradients, rates: &AdamRates) -> Result<(), Error>;
 
-    /// One whole training step; returns the loss before it. Backends may fuse its stages; the result is that of
-    /// [`Self::forward`], [`Self::backward`] and [`Self::step`], to rounding.
+    /// Sends one whole training step, which may still be under way when this returns; its loss comes with [`Self::losses`]. Backends
+    /// may fuse its stages; the result is that of [`Self::forward`], [`Self::backward`] and [`Self::step`], to rounding.
     ///
     /// # Errors
-    /// Those of the three.
+    /// Those of the three, after which this step is not done; also those of steps that were sent before.
     fn train_step(
         &self,
         cloud: &mut Self::Cloud,
         view: &S::View,
         target: &Self::Target,
         step: &TrainStep<'_>,
-    ) -> Result<f32, Error> {
+    ) -> Result<(), Error> {
         let frame = self.forward(cloud, view, step.settings)?;
         let (loss, gradients) = self.backward(cloud, frame, target, &step.loss)?;
         self.step(cloud, &gradients, step.rates)?;
-        Ok(loss)
+        self.unread_losses(cloud).push(loss);
+        Ok(())
     }
+
+    /// Adds to `losses` the loss before each of this cloud's training steps since the last call, in their order and each once. Edits
+    /// in between make no difference. A backend that computes at once has them all, whatever the `wait`.
+    ///
+    /// Ask now and then: a cloud keeps four bytes a step until somebody does.
+    ///
+    /// # Errors
+    /// [`Error::Backend`] where a step that was sent could not be done; losses that are known by then are handed over by the next call.
+    fn losses(&self, cloud: &mut Self::Cloud, wait: Wait, losses: &mut Vec<f32>) -> Result<(), Error> {
+        // All are known: `train_step` does the whole step.
+        let _ = wait;
+        losses.append(self.unread_losses(cloud));
+        Ok(())
+    }
+
+    /// Where a cloud keeps the losses that are known and that [`Self::losses`] has not handed over yet, oldest first. For the backend's
+    /// own use: a field of the cloud that [`Self::train_step`] adds to.
+    fn unread_losses<'c>(&self, cloud: &'c mut Self::Cloud) -> &'c mut Vec<f32>;
 
     /// Moves the colours of all Gaussians towards the least-squares solution for the target, all else fixed, by `iterations` of
     /// preconditioned conjugate gradients. [`Blend::Sum`](crate::effects::Blend::Sum) only, where the image is linear in them.

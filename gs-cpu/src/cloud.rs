@@ -39,6 +39,8 @@ pub struct PlanarCloud {
     pub(crate) statistics: DensityStatistics,
     /// Buffers of fused training steps, with the lists that [`Binning::Reuse`](gs_core::Binning::Reuse) may use again.
     pub(crate) workspace: Option<Workspace>,
+    /// Of training steps, until they are asked for.
+    pub(crate) losses: Vec<f32>,
     /// Another number for every cloud and after every edit, by which lists made for another state are recognised.
     pub(crate) edition: u64,
 }
@@ -61,6 +63,7 @@ impl PlanarCloud {
             steps: vec![0; n],
             statistics: DensityStatistics::zeros(n),
             workspace: None,
+            losses: Vec::new(),
             edition: next_edition(),
         })
     }
@@ -198,6 +201,7 @@ impl PlanarCloud {
             },
             means,
             workspace: None,
+            losses: Vec::new(),
             edition: next_edition(),
         };
         cloud.check_lengths()?;

@@ -201,7 +201,7 @@ impl Rasterizer<PlanarScene> for CpuRasterizer {
         view: &Canvas,
         target: &PlanarTarget,
         step: &TrainStep<'_>,
-    ) -> Result<f32, Error> {
+    ) -> Result<(), Error> {
         check(view, step.settings)?;
         step.loss.validate()?;
         target.check_size(view.width, view.height)?;
@@ -225,7 +225,12 @@ impl Rasterizer<PlanarScene> for CpuRasterizer {
             Ok::<f64, Error>(value)
         })?;
         cloud.workspace = Some(workspace);
-        Ok(value as f32)
+        cloud.losses.push(value as f32);
+        Ok(())
+    }
+
+    fn unread_losses<'c>(&self, cloud: &'c mut PlanarCloud) -> &'c mut Vec<f32> {
+        &mut cloud.losses
     }
 
     fn solve_colors(
@@ -266,7 +271,7 @@ impl Rasterizer<PlanarScene> for CpuRasterizer {
 #[cfg(test)]
 mod tests {
     use glam::{Vec2, Vec3};
-    use gs_core::Adam;
+    use gs_core::{Adam, Wait};
 
     use super::*;
 
@@ -303,13 +308,17 @@ mod tests {
         next_takes(11);
         refused(cpu.solve_colors(&mut cloud, &view, &target, &settings, 1));
         next_takes(11);
-        refused(cpu.train_step(&mut cloud, &view, &target, &step).map(drop));
+        refused(cpu.train_step(&mut cloud, &view, &target, &step));
         assert_eq!(cpu.save(&cloud).unwrap(), before);
 
         next_takes(12);
-        let loss = cpu.train_step(&mut cloud, &view, &target, &step).unwrap();
         let mut fresh = cpu.upload(&scene, Chart::default()).unwrap();
-        assert_eq!(cpu.train_step(&mut fresh, &view, &target, &step).unwrap(), loss);
+        let [mut found, mut expected] = [Vec::new(), Vec::new()];
+        for (cloud, losses) in [(&mut cloud, &mut found), (&mut fresh, &mut expected)] {
+            cpu.train_step(cloud, &view, &target, &step).unwrap();
+            cpu.losses(cloud, Wait::All, losses).unwrap();
+        }
+        assert_eq!((found.len(), &found), (1, &expected), "what was refused has no loss");
         assert_eq!(cpu.save(&cloud).unwrap(), cpu.save(&fresh).unwrap());
     }
 }

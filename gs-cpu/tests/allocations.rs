@@ -13,7 +13,7 @@ use std::{
 use glam::{Vec2, Vec3};
 use gs_core::{
     Adam, Binning, Blend, Canvas, Chart, Image, Loss, PlanarGaussian, PlanarScene, Rasterizer, RenderSettings,
-    TrainStep,
+    TrainStep, Wait,
 };
 use gs_cpu::{CpuRasterizer, CpuSettings};
 
@@ -61,9 +61,13 @@ fn bytes_of_warm_steps(cpu: &CpuRasterizer, blend: Blend, loss: Loss, steps: usi
     }
     let rates = adam.at(0.0);
     let step = TrainStep { settings: &settings, loss, rates: &rates, binning: Binning::Fresh };
+    let mut losses = Vec::new();
     let mut run = |steps| {
         for _ in 0..steps {
             cpu.train_step(&mut cloud, &Canvas::new(width, height), &target, &step).unwrap();
+            losses.clear();
+            cpu.losses(&mut cloud, Wait::All, &mut losses).unwrap();
+            assert_eq!(losses.len(), 1);
         }
     };
     // Warm: 300 steps, past the next growth of the table of bias corrections, which has one entry per step count.

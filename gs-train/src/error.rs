@@ -63,7 +63,7 @@ pub enum Error {
 pub struct Suspect {
     /// Its index in the scene.
     pub index: usize,
-    /// Its parameters after the step.
+    /// Its parameters when the loss was seen: after the step, or, where the backend tells losses late, a few steps later.
     pub gaussian: PlanarGaussian,
     /// How many Gaussians of the scene have parameters that are not finite.
     pub not_finite: usize,

@@ -11,6 +11,7 @@ mod checkpoint;
 mod error;
 mod fit;
 pub mod init;
+mod losses;
 mod metrics_log;
 mod observer;
 pub mod presets;

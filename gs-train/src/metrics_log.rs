@@ -1,6 +1,9 @@
 //! A table of how a fit went: the numbers behind its curves of count, loss and quality.
 
-use std::{collections::BTreeMap, fmt::Write};
+use std::{
+    collections::{BTreeMap, VecDeque},
+    fmt::Write,
+};
 
 use gs_core::edit::EditCounts;
 use gs_io::Checkpoint;
@@ -52,17 +55,20 @@ pub struct MetricsLog {
     every: u32,
     measured_every: u32,
     rows: Vec<MetricsRow>,
+    /// Rows whose loss has not been told yet.
+    awaiting: VecDeque<MetricsRow>,
     edits: EditCounts,
 }
 
 impl MetricsLog {
     /// A log with a row every `every` steps, at least 1, and the quality in each row. Measuring it costs a rendering.
     pub fn new(every: u32) -> Self {
-        Self { every: every.max(1), measured_every: 1, rows: Vec::new(), edits: EditCounts::default() }
+        let (rows, awaiting) = (Vec::new(), VecDeque::new());
+        Self { every: every.max(1), measured_every: 1, rows, awaiting, edits: EditCounts::default() }
     }
 
     /// A log with about a hundred rows, and those of density control; the quality is measured in about twenty of them: after the
-    /// first step, every twentieth of all steps, and the last. Count and loss come with the step and cost nothing.
+    /// first step, every twentieth of all steps, and the last. Count and loss cost nothing.
     pub fn for_settings(settings: &FitSettings) -> Self {
         let log = Self::new(settings.iterations / 100);
         Self { measured_every: 5 * log.every, ..log }
@@ -79,7 +85,7 @@ impl MetricsLog {
         Ok(Self { rows, ..self })
     }
 
-    /// The rows so far.
+    /// The rows so far, those whose loss has been told.
     pub fn rows(&self) -> &[MetricsRow] {
         &self.rows
     }
@@ -172,7 +178,7 @@ impl Observer for MetricsLog {
         if self.is_due(progress) {
             // What another observer asked for is left out, or the table would depend on who else watches.
             let quality = progress.quality.filter(|_| self.is_measured(progress));
-            self.rows.push(MetricsRow {
+            self.awaiting.push_back(MetricsRow {
                 step: progress.step,
                 seconds: progress.seconds,
                 count: progress.count,
@@ -183,6 +189,14 @@ impl Observer for MetricsLog {
             });
         }
         Control::Continue
+    }
+
+    fn on_losses(&mut self, first_step: u32, losses: &[f32]) {
+        let of = |step: u32| losses.get(step.checked_sub(first_step)? as usize).copied();
+        while let Some((&row, loss)) = self.awaiting.front().and_then(|row| Some((row, of(row.step)?))) {
+            self.rows.push(MetricsRow { loss, ..row });
+            self.awaiting.pop_front();
+        }
     }
 
     fn on_checkpoint(&mut self, checkpoint: &mut Checkpoint) -> Result<(), Error> {

@@ -38,11 +38,15 @@ pub struct Progress {
     pub seconds: f64,
     /// Gaussians now.
     pub count: u32,
-    /// The loss before the step; it comes with the step and costs nothing.
+    /// The last loss that is known: that before step `loss_step`. Some backends tell it late, so that they need not wait for the device
+    /// (gs-wgpu by a few steps; gs-cpu never). The loss before `step` itself stands here after the first step of a run, after a round
+    /// of density control, after the last step, and where the quality was measured.
     pub loss: f32,
+    /// The step, counted from 1, whose loss that is.
+    pub loss_step: u32,
     /// What density control did after the step, where it ran.
     pub edits: Option<EditCounts>,
-    /// PSNR before the step as the loss tells it, dB, where the loss is L2. Not clamped, so a little below [`Quality::psnr`].
+    /// PSNR before step `loss_step` as the loss tells it, dB, where the loss is L2. Not clamped, so a little below [`Quality::psnr`].
     pub psnr_estimate: Option<f32>,
     /// How good the scene is after all that, where an observer asked.
     pub quality: Option<Quality>,
@@ -64,7 +68,7 @@ impl Progress {
 ///
 /// After each step: [`on_edit`](Self::on_edit) where density control ran, [`wants_quality`](Self::wants_quality),
 /// [`on_step`](Self::on_step), [`wants_checkpoint`](Self::wants_checkpoint) and, at once or a few steps later,
-/// [`on_checkpoint`](Self::on_checkpoint).
+/// [`on_losses`](Self::on_losses) and [`on_checkpoint`](Self::on_checkpoint).
 pub trait Observer {
     /// Density control ran after the step; `counts` are also in `progress.edits`.
     fn on_edit(&mut self, progress: &Progress, counts: &EditCounts) {
@@ -81,6 +85,12 @@ pub trait Observer {
     fn on_step(&mut self, progress: &Progress) -> Control {
         let _ = progress;
         Control::Continue
+    }
+
+    /// The losses before the steps from `first_step` on, counted from 1, have become known. Every step's loss is told once, in order, and
+    /// after the step's [`on_step`](Self::on_step); when a checkpoint is made and when a run ends well, all have been told.
+    fn on_losses(&mut self, first_step: u32, losses: &[f32]) {
+        let _ = (first_step, losses);
     }
 
     /// Whether to take a checkpoint, now or at the next step at which one can be taken.
@@ -115,6 +125,10 @@ impl<O: Observer + ?Sized> Observer for &mut O {
         (**self).on_step(progress)
     }
 
+    fn on_losses(&mut self, first_step: u32, losses: &[f32]) {
+        (**self).on_losses(first_step, losses);
+    }
+
     fn wants_checkpoint(&mut self, progress: &Progress) -> bool {
         (**self).wants_checkpoint(progress)
     }
@@ -141,6 +155,11 @@ impl<A: Observer, B: Observer> Observer for (A, B) {
             (Control::Continue, Control::Continue) => Control::Continue,
             _ => Control::Stop,
         }
+    }
+
+    fn on_losses(&mut self, first_step: u32, losses: &[f32]) {
+        self.0.on_losses(first_step, losses);
+        self.1.on_losses(first_step, losses);
     }
 
     fn wants_checkpoint(&mut self, progress: &Progress) -> bool {

@@ -33,7 +33,8 @@ pub struct FitSummary {
     pub threads: Option<u32>,
     /// The seed of all random numbers.
     pub seed: u32,
-    /// The loss before the last step, in the unit of [`FitSettings::loss`]; nothing where no step was made.
+    /// The loss before the last step, or of a fit under way the last that is known, in the unit of [`FitSettings::loss`]; nothing where
+    /// no step was made.
     pub loss: Option<f32>,
     /// What density control did, all rounds together.
     pub edits: EditCounts,

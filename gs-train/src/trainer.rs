@@ -5,7 +5,7 @@ use std::{fmt, time::Instant};
 
 use gs_core::{
     Binning, Blend, Canvas, DensityStatistics, EditPlan, Image, Loss, PlanarGaussian, PlanarScene, Rasterizer, Scene,
-    TrainStep,
+    TrainStep, Wait,
     edit::{AfterEdit, EditCounts, PruneCause, Removal},
     effects::Statistics,
     statistics::Culled,
@@ -17,6 +17,7 @@ use rand::SeedableRng;
 use crate::{
     checkpoint::{FitRecord, fingerprint},
     error::{Error, Suspect},
+    losses::Losses,
     observer::{Control, Observer, Progress, Quality},
     quality::l1_and_psnr,
     settings::FitSettings,
@@ -47,8 +48,7 @@ pub struct Trainer<'a, R: Rasterizer<PlanarScene>> {
     residual: Residual,
     /// What the next step does about its lists.
     binning: Binning,
-    /// The loss before the last step of this run.
-    loss: Option<f32>,
+    losses: Losses,
 }
 
 impl<R: Rasterizer<PlanarScene>> fmt::Debug for Trainer<'_, R> {
@@ -126,7 +126,8 @@ impl<'a, R: Rasterizer<PlanarScene>> Trainer<'a, R> {
         let canvas = Canvas::new(target.width(), target.height());
         let residual = Residual { target: target.clone(), rendered: Image::filled(1, 1, [0.0; 3])? };
         let target = rasterizer.upload_target(target)?;
-        Ok(Self { rasterizer, record, canvas, cloud, target, residual, binning: Binning::Fresh, loss: None })
+        let losses = Losses::after(record.step);
+        Ok(Self { rasterizer, record, canvas, cloud, target, residual, binning: Binning::Fresh, losses })
     }
 
     /// Steps until the last, or until an observer stops it.
@@ -141,59 +142,74 @@ impl<'a, R: Rasterizer<PlanarScene>> Trainer<'a, R> {
                 observer.on_edit(&progress, counts);
             }
             if observer.wants_quality(&progress) {
-                progress.quality = Some(self.quality()?);
+                self.settle()?;
+                progress = Progress { quality: Some(self.quality()?), ..self.progress(progress.edits)? };
             }
             stop |= observer.on_step(&progress) == Control::Stop;
             checkpoint |= observer.wants_checkpoint(&progress);
-            if checkpoint && self.can_checkpoint() {
+            let ends_here = (stop || checkpoint) && self.can_checkpoint();
+            if ends_here {
+                self.settle()?;
+            }
+            self.tell_losses(observer);
+            if checkpoint && ends_here {
                 observer.on_checkpoint(&mut self.checkpoint()?)?;
                 checkpoint = false;
             }
-            if stop && self.can_checkpoint() && !self.is_finished() {
+            if stop && ends_here && !self.is_finished() {
                 return Ok(Outcome::Stopped);
             }
         }
         Ok(Outcome::Finished)
     }
 
-    /// One step of the optimiser, and the round of density control that follows it, if one is due.
+    /// One step of the optimiser, and the round of density control that follows it, if one is due. The step itself may still be under
+    /// way; a round, the first step of a run and its last wait for all that there are.
     ///
     /// # Errors
-    /// [`Error::Diverged`] where the loss is not finite, [`Error::Finished`] after the last step, and those of the backend.
+    /// [`Error::Diverged`] where the loss of this or of an earlier step is not finite, [`Error::Finished`] after the last step, and those
+    /// of the backend.
     pub fn step_once(&mut self) -> Result<Progress, Error> {
         let iterations = self.record.settings.iterations;
         if self.is_finished() {
             return Err(Error::Finished { iterations });
         }
+        self.check_divergence()?;
+        self.losses.forget_untold();
         let started = Instant::now();
-        let loss = self.optimise()?;
+        self.optimise()?;
         self.record.step += 1;
-        if !loss.is_finite() {
-            return Err(Error::Diverged { step: self.record.step, loss, suspect: self.suspect() });
-        }
-        self.loss = Some(loss);
+        let due = self.record.settings.rounds.progress(self.record.step, iterations);
+        let settled = due.is_some() || self.is_finished() || self.losses.last().is_none();
+        self.see_losses(if settled { Wait::All } else { Wait::Arrived })?;
         let fresh = self.record.settings.bins_afresh_after(self.record.step);
         self.binning = if fresh { Binning::Fresh } else { Binning::Reuse };
-        let due = self.record.settings.rounds.progress(self.record.step, iterations);
         let mut edits = due.map(|progress| self.control_density(progress)).transpose()?;
         if self.is_finished() {
             self.drop_not_finite(&mut edits)?;
         }
         self.record.seconds += started.elapsed().as_secs_f64();
+        self.progress(edits)
+    }
+
+    /// Where the fit stands.
+    fn progress(&self, edits: Option<EditCounts>) -> Result<Progress, Error> {
+        let loss = self.losses.last().ok_or_else(|| self.missing_losses())?;
         Ok(Progress {
             step: self.record.step,
-            iterations,
+            iterations: self.record.settings.iterations,
             seconds: self.record.seconds,
             count: self.count(),
             loss,
+            loss_step: self.losses.seen(),
             edits,
             psnr_estimate: (self.record.settings.loss == Loss::L2).then(|| -10.0 * loss.log10()),
             quality: None,
         })
     }
 
-    /// Forward, backward and Adam; returns the loss before.
-    fn optimise(&mut self) -> Result<f32, Error> {
+    /// Forward, backward and Adam, sent on their way.
+    fn optimise(&mut self) -> Result<(), Error> {
         let FitRecord { settings, step, .. } = &self.record;
         let mut render = settings.render;
         // Statistics that no round will look at are not collected.
@@ -204,6 +220,44 @@ impl<'a, R: Rasterizer<PlanarScene>> Trainer<'a, R> {
         let rates = settings.adam.at(*step as f32 / settings.iterations as f32);
         let step = TrainStep { settings: &render, loss: settings.loss, rates: &rates, binning: self.binning };
         Ok(self.rasterizer.train_step(&mut self.cloud, &self.canvas, &self.target, &step)?)
+    }
+
+    /// Looks at the losses that have come, or waits for all.
+    fn see_losses(&mut self, wait: Wait) -> Result<(), Error> {
+        self.losses.see(|list| self.rasterizer.losses(&mut self.cloud, wait, list))?;
+        self.check_divergence()?;
+        match wait == Wait::All && self.losses.seen() != self.record.step {
+            true => Err(self.missing_losses()),
+            false => Ok(()),
+        }
+    }
+
+    fn missing_losses(&self) -> Error {
+        let (seen, step) = (self.losses.seen(), self.record.step);
+        gs_core::Error::State(format!("the backend has told the losses of {seen} steps out of {step}")).into()
+    }
+
+    /// Waits for the steps under way, which is time spent fitting, and sees their losses.
+    fn settle(&mut self) -> Result<(), Error> {
+        let started = Instant::now();
+        self.see_losses(Wait::All)?;
+        self.record.seconds += started.elapsed().as_secs_f64();
+        Ok(())
+    }
+
+    fn check_divergence(&self) -> Result<(), Error> {
+        match self.losses.diverged() {
+            None => Ok(()),
+            Some((step, loss)) => Err(Error::Diverged { step, loss, suspect: self.suspect() }),
+        }
+    }
+
+    fn tell_losses(&mut self, observer: &mut dyn Observer) {
+        let (first_step, losses) = self.losses.untold();
+        if !losses.is_empty() {
+            observer.on_losses(first_step, losses);
+            self.losses.forget_untold();
+        }
     }
 
     /// Shows the scene to the policy and does what it says; `progress` as in [`Observation`].
@@ -325,17 +379,19 @@ impl<'a, R: Rasterizer<PlanarScene>> Trainer<'a, R> {
         self.binning == Binning::Fresh || self.is_finished()
     }
 
-    /// All that is needed to go on later, with [`Trainer::resume`].
+    /// All that is needed to go on later, with [`Trainer::resume`]. Waits for the steps under way: a checkpoint is only made of a state
+    /// that finite losses led to.
     ///
     /// # Errors
-    /// [`Error::BetweenCheckpoints`] where [`Trainer::can_checkpoint`] is false, [`Error::Checkpoint`] for settings that cannot
-    /// be stored, and those of the backend.
-    pub fn checkpoint(&self) -> Result<Checkpoint, Error> {
-        let FitRecord { settings, step, .. } = &self.record;
+    /// [`Error::BetweenCheckpoints`] where [`Trainer::can_checkpoint`] is false, [`Error::Diverged`], [`Error::Checkpoint`] for
+    /// settings that cannot be stored, and those of the backend.
+    pub fn checkpoint(&mut self) -> Result<Checkpoint, Error> {
         if !self.can_checkpoint() {
+            let FitRecord { settings, step, .. } = &self.record;
             let next = (step + 1..).find(|&next| settings.bins_afresh_after(next)).unwrap_or(settings.iterations);
             return Err(Error::BetweenCheckpoints { step: *step, next });
         }
+        self.settle()?;
         Ok(Checkpoint { state: self.rasterizer.save(&self.cloud)?, metadata: self.record.to_metadata()? })
     }
 
@@ -374,9 +430,16 @@ impl<'a, R: Rasterizer<PlanarScene>> Trainer<'a, R> {
         &self.record.edits
     }
 
-    /// The loss before the last step; nothing where this run, resumed or not, has made no step yet.
+    /// The loss before the last step whose loss has come, as in [`Progress::loss`]; nothing where this run, resumed or not, has made no
+    /// step yet.
     pub fn loss(&self) -> Option<f32> {
-        self.loss
+        self.losses.last()
+    }
+
+    /// The losses that have come since the last [`Trainer::step_once`] began, in the order of their steps, and the first of these steps,
+    /// counted from 1. From step to step they are the losses of all steps, each once; [`Trainer::run`] tells them to its observer.
+    pub fn new_losses(&self) -> (u32, &[f32]) {
+        self.losses.untold()
     }
 
     /// Time spent fitting so far, s; see [`Progress::seconds`].

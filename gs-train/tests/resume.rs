@@ -86,7 +86,7 @@ fn stopping_waits_for_a_step_that_bins_afresh() {
 fn another_target_is_refused() {
     let rasterizer = rasterizer();
     let target = small_target();
-    let trainer = Trainer::new(&rasterizer, &target, small_fit(Blend::Sum)).unwrap();
+    let mut trainer = Trainer::new(&rasterizer, &target, small_fit(Blend::Sum)).unwrap();
     let checkpoint = trainer.checkpoint().unwrap();
     let mut other = target.clone();
     other.pixels_mut()[7][1] += 0.25;

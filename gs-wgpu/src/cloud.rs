@@ -1,9 +1,11 @@
 //! The Gaussians where this backend computes: parameters, Adam moments and statistics in buffers, and how scenes, edits and checkpoints
 //! get there and back.
 
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
 use glam::{Mat2, Vec2, Vec3};
 use gs_core::{
-    Chart, CloudState, DensityStatistics, EditPlan, Error, PlanarGaussian, PlanarScene, Scene,
+    Chart, CloudState, DensityStatistics, EditPlan, Error, PlanarGaussian, PlanarScene, Scene, Wait,
     edit::{AfterEdit, Moments as Heritage, Source as From},
     scene::logit,
 };
@@ -11,9 +13,9 @@ use gs_core::{
 use crate::{
     dispatch::dispatch,
     gpu::{Gpu, STORAGE},
+    in_flight::InFlight,
     layout::{Gaussian, Moments, Source, Statistics, Step},
     shaders::Variant,
-    workspace::Workspace,
 };
 
 /// Planar Gaussians on a device, with their Adam moments and density statistics.
@@ -26,8 +28,8 @@ pub struct PlanarCloud {
     pub(crate) gaussians: wgpu::Buffer,
     pub(crate) moments: wgpu::Buffer,
     pub(crate) statistics: wgpu::Buffer,
-    /// Buffers of fused training steps, with the lists that [`Binning::Reuse`](gs_core::Binning::Reuse) may use again.
-    pub(crate) workspace: Option<Workspace>,
+    /// Training steps whose outcome is not known yet; what looks at the cloud waits for them, though it may not change it.
+    pub(crate) in_flight: Mutex<InFlight>,
     /// Another number for every cloud and after every edit, by which lists made for another state are recognised.
     pub(crate) edition: u64,
 }
@@ -72,9 +74,23 @@ impl PlanarCloud {
             gaussians: gpu.storage("Gaussians", gaussians)?,
             moments: gpu.storage("Adam moments", moments)?,
             statistics: gpu.storage("statistics", statistics)?,
-            workspace: None,
+            in_flight: Mutex::default(),
             edition: next_edition(),
         })
+    }
+
+    /// Training steps that were sent and whose outcome is not known yet, at most [`STEPS_IN_FLIGHT`](crate::STEPS_IN_FLIGHT).
+    pub fn steps_in_flight(&self) -> usize {
+        self.in_flight().len()
+    }
+
+    pub(crate) fn in_flight(&self) -> MutexGuard<'_, InFlight> {
+        self.in_flight.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Until all steps that were sent have been done: whatever looks at the cloud's buffers begins with this.
+    pub(crate) fn settle(&self, gpu: &Gpu) -> Result<(), Error> {
+        self.in_flight().settle(gpu, self, Wait::All)
     }
 
     /// L with Σ = L Lᵀ of a Gaussian as this cloud holds it.

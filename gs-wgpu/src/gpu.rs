@@ -60,9 +60,9 @@ pub struct WgpuSettings {
 }
 
 /// How long the device may take to hand over what it has finished.
-const MOST_PATIENCE: Duration = Duration::from_secs(60);
+pub(crate) const MOST_PATIENCE: Duration = Duration::from_secs(60);
 
-fn backend_error(message: impl Into<String>) -> Error {
+pub(crate) fn backend_error(message: impl Into<String>) -> Error {
     Error::Backend { backend: BACKEND, message: message.into() }
 }
 
@@ -127,6 +127,8 @@ pub(crate) struct Gpu {
     pub(crate) shifts: Vec<wgpu::Buffer>,
     /// Bytes that were moved between host and device.
     moved: AtomicU64,
+    /// How often the host has waited for the device.
+    waits: AtomicU64,
 }
 
 impl fmt::Debug for Gpu {
@@ -205,6 +207,7 @@ impl Gpu {
             pipelines: Mutex::default(),
             shifts,
             moved: AtomicU64::new(0),
+            waits: AtomicU64::new(0),
         })
     }
 
@@ -296,11 +299,6 @@ impl Gpu {
         let mut encoder = self.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
         encoder.copy_buffer_to_buffer(buffer, 0, &staging, 0, bytes.next_multiple_of(4));
         self.queue.submit([encoder.finish()]);
-        self.mapped(&staging, bytes).map(|view| bytemuck::pod_collect_to_vec(&view))
-    }
-
-    /// The bytes of a buffer that can be mapped, once everything before has been done.
-    pub(crate) fn mapped(&self, staging: &wgpu::Buffer, bytes: u64) -> Result<Vec<u8>, Error> {
         let (tell, told) = std::sync::mpsc::channel();
         staging.map_async(wgpu::MapMode::Read, ..bytes, move |result| {
             // Nobody listens where waiting failed before.
@@ -308,23 +306,57 @@ impl Gpu {
         });
         self.wait()?;
         // Another thread's waiting may be what calls back, a little later.
-        let Ok(Ok(())) = told.recv_timeout(MOST_PATIENCE) else {
-            self.check()?;
+        let mapped = told.recv_timeout(MOST_PATIENCE).is_ok_and(|result| result.is_ok());
+        self.contents(&staging, bytes, mapped, bytemuck::pod_collect_to_vec)
+    }
+
+    /// Looks at the first `bytes` of a buffer that is `mapped` unless the device was lost, and gives it back to the device.
+    pub(crate) fn contents<T>(
+        &self,
+        staging: &wgpu::Buffer,
+        bytes: u64,
+        mapped: bool,
+        look: impl FnOnce(&[u8]) -> T,
+    ) -> Result<T, Error> {
+        self.check()?;
+        if !mapped {
             return Err(backend_error("what the device computed cannot be read: the device was lost"));
-        };
+        }
         let view = staging.get_mapped_range(..bytes).map_err(|e| backend_error(e.to_string()))?;
-        let data = view.to_vec();
+        let found = look(&view);
         drop(view);
         staging.unmap();
         self.moved.fetch_add(bytes, Ordering::Relaxed);
-        Ok(data)
+        Ok(found)
     }
 
     /// Until everything submitted has been done.
     pub(crate) fn wait(&self) -> Result<(), Error> {
-        let poll = wgpu::PollType::Wait { submission_index: None, timeout: None };
-        self.device.poll(poll).map_err(|e| backend_error(format!("waiting for the device: {e}")))?;
-        self.check()
+        self.wait_until(None)
+    }
+
+    /// Until this, and what was submitted before it, has been done.
+    pub(crate) fn wait_for(&self, submission: &wgpu::SubmissionIndex) -> Result<(), Error> {
+        self.wait_until(Some(submission.clone()))
+    }
+
+    fn wait_until(&self, submission_index: Option<wgpu::SubmissionIndex>) -> Result<(), Error> {
+        self.waits.fetch_add(1, Ordering::Relaxed);
+        let waited = self.device.poll(wgpu::PollType::Wait { submission_index, timeout: None });
+        self.check()?;
+        waited.map(drop).map_err(|e| backend_error(format!("waiting for the device: {e}")))
+    }
+
+    /// Takes note of what the device has done, without waiting.
+    pub(crate) fn look(&self) -> Result<(), Error> {
+        let looked = self.device.poll(wgpu::PollType::Poll);
+        self.check()?;
+        looked.map(drop).map_err(|e| backend_error(format!("asking the device: {e}")))
+    }
+
+    /// How often the host has waited for the device since it was made.
+    pub(crate) fn waits(&self) -> u64 {
+        self.waits.load(Ordering::Relaxed)
     }
 
     /// Bytes that were moved between host and device since the device was made.

@@ -17,6 +17,7 @@ mod cloud;
 mod dispatch;
 mod frame;
 mod gpu;
+mod in_flight;
 mod layout;
 mod profile;
 mod rasterizer;
@@ -28,6 +29,7 @@ pub use crate::{
     cloud::PlanarCloud,
     frame::{PlanarFrame, PlanarGradients},
     gpu::{AdapterSummary, FreshBuffers, WgpuSettings, adapters},
+    in_flight::STEPS_IN_FLIGHT,
     rasterizer::WgpuRasterizer,
     target::PlanarTarget,
 };

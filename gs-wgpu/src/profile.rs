@@ -28,6 +28,7 @@ impl WgpuRasterizer {
         check(view, settings)?;
         target.check_size(view.width, view.height)?;
         let gpu = &self.gpu;
+        cloud.settle(gpu)?;
         let mut still = Adam::default();
         for group in [&mut still.mean, &mut still.scale, &mut still.rotation, &mut still.opacity, &mut still.color] {
             group.learning_rate = 0.0;

@@ -1,10 +1,10 @@
 //! The trait's implementation: checks what comes in, and sends the stages to the device.
 
-use std::sync::Arc;
+use std::sync::{Arc, PoisonError};
 
 use gs_core::{
-    AdamRates, Binning, Blend, Canvas, Chart, CloudState, DensityStatistics, EditPlan, Error, Image, Loss,
-    PlanarGaussian, PlanarScene, Rasterizer, RenderSettings, TrainStep,
+    AdamRates, Blend, Canvas, Chart, CloudState, DensityStatistics, EditPlan, Error, Image, Loss, PlanarGaussian,
+    PlanarScene, Rasterizer, RenderSettings, TrainStep, Wait,
     effects::{Antialias, Order, Outputs},
     settings::Cut,
     statistics::Culled,
@@ -15,6 +15,7 @@ use crate::{
     cloud::UNIFORM,
     frame::Pool,
     gpu::{AdapterSummary, BACKEND, Gpu},
+    in_flight::Request,
     layout::{Status, Step},
     workspace::{Differentiated, Workspace, encode_adam},
 };
@@ -48,6 +49,12 @@ impl WgpuRasterizer {
     /// Bytes that have moved between host and device so far, in both directions, uniforms included.
     pub fn bytes_moved(&self) -> u64 {
         self.gpu.moved()
+    }
+
+    /// How often the host has waited for the device so far. Training steps wait only where [`STEPS_IN_FLIGHT`](crate::STEPS_IN_FLIGHT) are
+    /// under way already.
+    pub fn waits(&self) -> u64 {
+        self.gpu.waits()
     }
 
     /// Gives the device up, as if the driver had crashed: every later call is an [`Error::Backend`]. For tests of what a program does then.
@@ -119,6 +126,7 @@ impl Rasterizer<PlanarScene> for WgpuRasterizer {
     }
 
     fn download(&self, cloud: &PlanarCloud) -> Result<PlanarScene, Error> {
+        cloud.settle(&self.gpu)?;
         cloud.scene(&self.gpu)
     }
 
@@ -131,6 +139,7 @@ impl Rasterizer<PlanarScene> for WgpuRasterizer {
     }
 
     fn save(&self, cloud: &PlanarCloud) -> Result<CloudState, Error> {
+        cloud.settle(&self.gpu)?;
         cloud.save(&self.gpu)
     }
 
@@ -140,6 +149,7 @@ impl Rasterizer<PlanarScene> for WgpuRasterizer {
 
     fn forward(&self, cloud: &PlanarCloud, view: &Canvas, settings: &RenderSettings) -> Result<PlanarFrame, Error> {
         check(view, settings)?;
+        cloud.settle(&self.gpu)?;
         let mut workspace = self.pool.take(&self.gpu)?;
         workspace.set(&self.gpu, cloud, view, settings)?;
         let status = self.with_lists(
@@ -176,6 +186,7 @@ impl Rasterizer<PlanarScene> for WgpuRasterizer {
         if workspace.edition != Some(cloud.edition) {
             return Err(Error::State("the frame is of another cloud, or of this one before an edit".to_owned()));
         }
+        cloud.settle(gpu)?;
         workspace.write_step(gpu, &workspace.describe(cloud, Some(*loss), None));
         let mut encoder = self.encoder();
         workspace.encode_loss(gpu, &mut encoder, target, Some(*loss))?;
@@ -197,12 +208,14 @@ impl Rasterizer<PlanarScene> for WgpuRasterizer {
 
     fn download_gradients(&self, cloud: &PlanarCloud, gradients: &PlanarGradients) -> Result<PlanarScene, Error> {
         gradients.check_len(cloud)?;
+        cloud.settle(&self.gpu)?;
         gradients.as_scene(&self.gpu, cloud)
     }
 
     fn step(&self, cloud: &mut PlanarCloud, gradients: &PlanarGradients, rates: &AdamRates) -> Result<(), Error> {
         gradients.check_len(cloud)?;
         let gpu = &self.gpu;
+        cloud.settle(gpu)?;
         let mut workspace = self.pool.take(gpu)?;
         let mut settings = RenderSettings::default();
         settings.effects.statistics = gradients.statistics;
@@ -225,36 +238,21 @@ impl Rasterizer<PlanarScene> for WgpuRasterizer {
         view: &Canvas,
         target: &PlanarTarget,
         step: &TrainStep<'_>,
-    ) -> Result<f32, Error> {
+    ) -> Result<(), Error> {
         check(view, step.settings)?;
         step.loss.validate()?;
         target.check_size(view.width, view.height)?;
-        let gpu = &self.gpu;
-        let mut workspace = match cloud.workspace.take() {
-            Some(workspace) => workspace,
-            None => self.pool.take(gpu)?,
-        };
-        workspace.set(gpu, cloud, view, step.settings)?;
-        let rest = |w: &mut Workspace, encoder: &mut wgpu::CommandEncoder| {
-            w.encode_image_and_gradient(gpu, encoder, cloud, target, step.loss)?;
-            w.encode_project_bwd(gpu, encoder, cloud);
-            w.encode_adam(gpu, encoder, cloud);
-            Ok(())
-        };
-        let describe = |w: &Workspace| w.describe(cloud, Some(step.loss), Some(step.rates));
-        let reuse = step.binning == Binning::Reuse && workspace.edition == Some(cloud.edition);
-        let status = if reuse {
-            workspace.write_step(gpu, &describe(&workspace));
-            let mut encoder = self.encoder();
-            workspace.encode_lists(gpu, &mut encoder, cloud, false);
-            rest(&mut workspace, &mut encoder)?;
-            gpu.queue.submit([encoder.finish()]);
-            workspace.read_status(gpu)?
-        } else {
-            self.with_lists(&mut workspace, cloud, describe, rest)?
-        };
-        cloud.workspace = Some(workspace);
-        Ok(status.loss)
+        cloud.in_flight().train(&self.gpu, &self.pool, cloud, Request::new(view, target, step))
+    }
+
+    fn losses(&self, cloud: &mut PlanarCloud, wait: Wait, losses: &mut Vec<f32>) -> Result<(), Error> {
+        cloud.in_flight().settle(&self.gpu, cloud, wait)?;
+        losses.append(self.unread_losses(cloud));
+        Ok(())
+    }
+
+    fn unread_losses<'c>(&self, cloud: &'c mut PlanarCloud) -> &'c mut Vec<f32> {
+        &mut cloud.in_flight.get_mut().unwrap_or_else(PoisonError::into_inner).losses
     }
 
     fn solve_colors(
@@ -274,6 +272,7 @@ impl Rasterizer<PlanarScene> for WgpuRasterizer {
             });
         }
         let gpu = &self.gpu;
+        cloud.settle(gpu)?;
         let mut workspace = self.pool.take(gpu)?;
         workspace.set(gpu, cloud, view, settings)?;
         let describe = |w: &Workspace| w.describe(cloud, None, None);
@@ -289,10 +288,12 @@ impl Rasterizer<PlanarScene> for WgpuRasterizer {
     }
 
     fn statistics(&self, cloud: &PlanarCloud) -> Result<DensityStatistics, Error> {
+        cloud.settle(&self.gpu)?;
         cloud.density_statistics(&self.gpu)
     }
 
     fn edit(&self, cloud: &mut PlanarCloud, plan: &EditPlan<PlanarGaussian>) -> Result<(), Error> {
+        cloud.settle(&self.gpu)?;
         cloud.edit(&self.gpu, plan)
     }
 }

@@ -4,8 +4,8 @@ use gs_core::{Error, Image};
 
 use crate::gpu::Gpu;
 
-/// An image to compare with: one `vec4f` a pixel, row by row.
-#[derive(Debug)]
+/// An image to compare with: one `vec4f` a pixel, row by row. A clone is the same image on the device, and costs nothing.
+#[derive(Debug, Clone)]
 pub struct PlanarTarget {
     width: u32,
     height: u32,

@@ -446,6 +446,11 @@ impl Workspace {
         encode_adam(gpu, encoder, cloud, &self.step, &self.gradients.buffer, self.indirect(BY_GAUSSIAN));
     }
 
+    /// Copies what became of the pass into a buffer that can be mapped.
+    pub(crate) fn encode_status(&self, encoder: &mut wgpu::CommandEncoder, staging: &wgpu::Buffer) {
+        encoder.copy_buffer_to_buffer(&self.status, 0, staging, 0, size_of::<Status>() as u64);
+    }
+
     /// What became of the pass, once it has been done.
     pub(crate) fn read_status(&self, gpu: &Gpu) -> Result<Status, Error> {
         Ok(gpu.read(&self.status, 1)?[0])

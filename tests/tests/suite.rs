@@ -4,7 +4,7 @@ use glam::Vec2Swizzles;
 use gs_conformance::conformance::cases;
 use gs_core::{
     AdamRates, Canvas, Chart, CloudState, DensityStatistics, EditPlan, Error, Image, Loss, PlanarGaussian, PlanarScene,
-    Rasterizer, RenderSettings, Scene, TrainStep, statistics::Culled,
+    Rasterizer, RenderSettings, Scene, TrainStep, Wait, statistics::Culled,
 };
 use gs_cpu::{CpuRasterizer, CpuSettings};
 
@@ -31,6 +31,10 @@ enum Fault {
     IgnoresEpsilon,
     SwapsRates,
     FusedStepDoesTooMuch,
+    SwapsLosses,
+    DropsLosses,
+    RepeatsLosses,
+    ForgetsLossesOnEdit,
     DoublesStatistics,
     SolvesNothing,
     ForgetsMomentsOnEdit,
@@ -208,14 +212,31 @@ impl Rasterizer<PlanarScene> for Sabotaged {
         view: &Canvas,
         target: &Self::Target,
         step: &TrainStep<'_>,
-    ) -> Result<f32, Error> {
+    ) -> Result<(), Error> {
         let frame = self.forward(cloud, view, step.settings)?;
         let (loss, gradients) = self.backward(cloud, frame, target, &step.loss)?;
         self.step(cloud, &gradients, step.rates)?;
         if self.is(FusedStepDoesTooMuch) {
             self.step(cloud, &gradients, step.rates)?;
         }
-        Ok(loss)
+        self.unread_losses(cloud).push(loss);
+        Ok(())
+    }
+
+    fn losses(&self, cloud: &mut Self::Cloud, wait: Wait, losses: &mut Vec<f32>) -> Result<(), Error> {
+        let known = losses.len();
+        self.sound.losses(cloud, wait, losses)?;
+        match self.fault {
+            SwapsLosses => losses[known..].reverse(),
+            DropsLosses if losses.len() > known + 1 => drop(losses.pop()),
+            RepeatsLosses => self.unread_losses(cloud).extend_from_slice(&losses[known..]),
+            _ => {}
+        }
+        Ok(())
+    }
+
+    fn unread_losses<'c>(&self, cloud: &'c mut Self::Cloud) -> &'c mut Vec<f32> {
+        self.sound.unread_losses(cloud)
     }
 
     fn solve_colors(
@@ -249,6 +270,10 @@ impl Rasterizer<PlanarScene> for Sabotaged {
                 let count = state.integers("steps").unwrap().len();
                 state.insert("gradient_sum", vec![[0.0]; count]);
             }),
+            ForgetsLossesOnEdit => {
+                self.unread_losses(cloud).clear();
+                Ok(())
+            }
             _ => Ok(()),
         }
     }
@@ -282,6 +307,10 @@ fn every_fault_is_caught_by_its_case() {
         (SwapsRates, "adam_matches"),
         (SwapsRates, "local_frame_steps_match"),
         (FusedStepDoesTooMuch, "fused_steps_match_their_stages"),
+        (SwapsLosses, "losses_are_told_once_and_in_order"),
+        (DropsLosses, "losses_are_told_once_and_in_order"),
+        (RepeatsLosses, "losses_are_told_once_and_in_order"),
+        (ForgetsLossesOnEdit, "steps_under_way_are_seen_by_everything"),
         (DoublesStatistics, "statistics_are_the_positional_gradients"),
         (SolvesNothing, "solved_colors_are_the_best"),
         (ForgetsMomentsOnEdit, "edits_carry_everything_along"),

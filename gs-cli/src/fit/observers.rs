@@ -38,7 +38,7 @@ impl Observer for Checkpoints {
     }
 }
 
-/// Collects the points of the curve: count and loss come with every step and cost nothing.
+/// Collects the points of the curve: the count comes with every step, the loss with it or a little later.
 #[derive(Debug, Default)]
 pub(crate) struct Curve(pub(crate) Vec<Point>);
 
@@ -52,7 +52,45 @@ impl Curve {
 
 impl Observer for Curve {
     fn on_step(&mut self, progress: &Progress) -> Control {
-        self.0.push(Point { step: progress.step, count: progress.count, loss: progress.loss });
+        self.0.push(Point { step: progress.step, count: progress.count, loss: f32::NAN });
         Control::Continue
+    }
+
+    fn on_losses(&mut self, first_step: u32, losses: &[f32]) {
+        for (step, &loss) in (first_step..).zip(losses) {
+            if let Ok(place) = self.0.binary_search_by_key(&step, |point| point.step) {
+                self.0[place].loss = loss;
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn losses_find_their_points_however_late_they_come() {
+        let mut curve = Curve(vec![Point { step: 10, count: 1, loss: 0.5 }]);
+        let progress = |step| Progress {
+            step,
+            iterations: 20,
+            seconds: 0.0,
+            count: step,
+            loss: 0.5,
+            loss_step: 10,
+            edits: None,
+            psnr_estimate: None,
+            quality: None,
+        };
+        for step in 14..=17 {
+            curve.on_step(&progress(step));
+        }
+        // Of steps 12 and 13, which another run showed, nothing is kept.
+        curve.on_losses(12, &[0.4, 0.3, 0.2]);
+        curve.on_losses(15, &[0.1, 0.05]);
+        let points: Vec<(u32, f32)> = curve.0.iter().map(|p| (p.step, p.loss)).collect();
+        assert_eq!(points[..4], [(10, 0.5), (14, 0.2), (15, 0.1), (16, 0.05)]);
+        assert!(points[4].0 == 17 && points[4].1.is_nan());
     }
 }

@@ -23,7 +23,7 @@ pub(crate) struct Point {
     pub(crate) step: u32,
     /// Number of Gaussians.
     pub(crate) count: u32,
-    /// Loss; points that are not positive and finite are left out of the loss's curve, which is logarithmic.
+    /// Loss, NaN where it is not known; points that are not positive and finite are left out of the loss's curve, which is logarithmic.
     pub(crate) loss: f32,
 }
 

@@ -6,6 +6,7 @@ use gs_core::{
     TrainStep, effects::Blend,
 };
 
+use super::losses_of;
 use crate::{
     failure::Failure,
     scenes::{Draw, Kind},
@@ -89,6 +90,8 @@ pub fn bad_views_and_settings_are_errors<R: Rasterizer<PlanarScene>>(rasterizer:
         let step = TrainStep { settings: &good, loss, rates: &rates, binning: Binning::Fresh };
         refused("an impossible λ", rasterizer.train_step(&mut cloud, &draw.view, &target, &step), setting)?;
     }
+    let losses = losses_of(rasterizer, &mut cloud)?;
+    Failure::unless(losses.is_empty(), || format!("training steps that were refused have losses: {losses:?}"))?;
     Failure::unless(rasterizer.save(&cloud)? == before, || "a refused training step changed the cloud".to_owned())
 }
 

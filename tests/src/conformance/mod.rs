@@ -16,12 +16,13 @@ mod editing;
 mod errors;
 mod gradients;
 mod images;
+mod losses;
 mod metamorphic;
 mod optimiser;
 mod state;
 mod training;
 
-use gs_core::{Chart, Image, Loss, PlanarScene, Rasterizer};
+use gs_core::{Chart, Image, Loss, PlanarScene, Rasterizer, Wait};
 
 pub use self::{
     editing::{edits_carry_everything_along, refused_edits_change_nothing},
@@ -31,6 +32,7 @@ pub use self::{
         canvases_match, culled_are_counted, empty_scenes_show_the_background, images_match, other_accuracies_match,
         sizes_match,
     },
+    losses::{losses_are_told_once_and_in_order, steps_under_way_are_seen_by_everything},
     metamorphic::{crops_are_parts_of_the_image, halves_make_the_whole, order_does_not_matter_under_sum},
     optimiser::{adam_matches, local_frame_steps_match},
     state::{restored_clouds_continue_bit_for_bit, scenes_come_back},
@@ -79,6 +81,8 @@ pub fn cases<R: Rasterizer<PlanarScene>>() -> Vec<Case<R>> {
         adam_matches,
         local_frame_steps_match,
         fused_steps_match_their_stages,
+        losses_are_told_once_and_in_order,
+        steps_under_way_are_seen_by_everything,
         statistics_are_the_positional_gradients,
         solved_colors_are_the_best,
         edits_carry_everything_along,
@@ -163,6 +167,13 @@ impl Backward {
     fn expected(&self, draw: &Draw, target: &Image, loss: &Loss) -> Result<Gradients, Failure> {
         Ok(Oracle::new(draw.view, draw.settings)?.gradients(&OracleScene::from(&self.scene), target, loss)?)
     }
+}
+
+/// The losses of all training steps of a cloud that have not been asked for.
+fn losses_of<R: Rasterizer<PlanarScene>>(rasterizer: &R, cloud: &mut R::Cloud) -> Result<Vec<f32>, Failure> {
+    let mut losses = Vec::new();
+    rasterizer.losses(cloud, Wait::All, &mut losses)?;
+    Ok(losses)
 }
 
 /// Where in a case something happened.

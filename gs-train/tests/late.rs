@@ -1,0 +1,267 @@
+//! A backend that tells its losses late makes no difference to a fit, to what is written about it, or to how it fails.
+
+mod scenes;
+
+use gs_core::{
+    AdamRates, Blend, Canvas, Chart, CloudState, DensityStatistics, EditPlan, Error as CoreError, Image, Loss,
+    PlanarGaussian, PlanarScene, Rasterizer, RenderSettings, TrainStep, Wait, statistics::Culled,
+};
+use gs_cpu::CpuRasterizer;
+use gs_train::{Control, Error, FitSettings, MetricsLog, Observer, Outcome, Progress, Rounds, Trainer};
+use gs_wgpu::{WgpuRasterizer, WgpuSettings};
+use scenes::{rasterizer, small_fit, small_target};
+
+/// The CPU backend, but the last losses come only to who waits for them.
+struct Late {
+    sound: CpuRasterizer,
+    by: usize,
+}
+
+type Sound = CpuRasterizer;
+
+impl Rasterizer<PlanarScene> for Late {
+    type Cloud = <Sound as Rasterizer<PlanarScene>>::Cloud;
+    type Frame = <Sound as Rasterizer<PlanarScene>>::Frame;
+    type Gradients = <Sound as Rasterizer<PlanarScene>>::Gradients;
+    type Target = <Sound as Rasterizer<PlanarScene>>::Target;
+
+    fn describe(&self) -> String {
+        format!("{} steps late", self.by)
+    }
+
+    fn upload(&self, scene: &PlanarScene, chart: Chart) -> Result<Self::Cloud, CoreError> {
+        self.sound.upload(scene, chart)
+    }
+
+    fn download(&self, cloud: &Self::Cloud) -> Result<PlanarScene, CoreError> {
+        self.sound.download(cloud)
+    }
+
+    fn len(&self, cloud: &Self::Cloud) -> usize {
+        self.sound.len(cloud)
+    }
+
+    fn upload_target(&self, image: &Image) -> Result<Self::Target, CoreError> {
+        self.sound.upload_target(image)
+    }
+
+    fn save(&self, cloud: &Self::Cloud) -> Result<CloudState, CoreError> {
+        self.sound.save(cloud)
+    }
+
+    fn restore(&self, state: &CloudState) -> Result<Self::Cloud, CoreError> {
+        self.sound.restore(state)
+    }
+
+    fn forward(&self, cloud: &Self::Cloud, view: &Canvas, settings: &RenderSettings) -> Result<Self::Frame, CoreError> {
+        self.sound.forward(cloud, view, settings)
+    }
+
+    fn image(&self, frame: &Self::Frame) -> Result<Image, CoreError> {
+        self.sound.image(frame)
+    }
+
+    fn culled(&self, frame: &Self::Frame) -> Result<Culled, CoreError> {
+        self.sound.culled(frame)
+    }
+
+    fn backward(
+        &self,
+        cloud: &Self::Cloud,
+        frame: Self::Frame,
+        target: &Self::Target,
+        loss: &Loss,
+    ) -> Result<(f32, Self::Gradients), CoreError> {
+        self.sound.backward(cloud, frame, target, loss)
+    }
+
+    fn download_gradients(&self, cloud: &Self::Cloud, gradients: &Self::Gradients) -> Result<PlanarScene, CoreError> {
+        self.sound.download_gradients(cloud, gradients)
+    }
+
+    fn step(&self, cloud: &mut Self::Cloud, gradients: &Self::Gradients, rates: &AdamRates) -> Result<(), CoreError> {
+        self.sound.step(cloud, gradients, rates)
+    }
+
+    fn train_step(
+        &self,
+        cloud: &mut Self::Cloud,
+        view: &Canvas,
+        target: &Self::Target,
+        step: &TrainStep<'_>,
+    ) -> Result<(), CoreError> {
+        self.sound.train_step(cloud, view, target, step)
+    }
+
+    fn losses(&self, cloud: &mut Self::Cloud, wait: Wait, losses: &mut Vec<f32>) -> Result<(), CoreError> {
+        let unread = self.sound.unread_losses(cloud);
+        let kept = match wait {
+            Wait::Arrived => self.by.min(unread.len()),
+            Wait::All => 0,
+        };
+        losses.extend(unread.drain(..unread.len() - kept));
+        Ok(())
+    }
+
+    fn unread_losses<'c>(&self, cloud: &'c mut Self::Cloud) -> &'c mut Vec<f32> {
+        self.sound.unread_losses(cloud)
+    }
+
+    fn solve_colors(
+        &self,
+        cloud: &mut Self::Cloud,
+        view: &Canvas,
+        target: &Self::Target,
+        settings: &RenderSettings,
+        iterations: u32,
+    ) -> Result<(), CoreError> {
+        self.sound.solve_colors(cloud, view, target, settings, iterations)
+    }
+
+    fn statistics(&self, cloud: &Self::Cloud) -> Result<DensityStatistics, CoreError> {
+        self.sound.statistics(cloud)
+    }
+
+    fn edit(&self, cloud: &mut Self::Cloud, plan: &EditPlan<PlanarGaussian>) -> Result<(), CoreError> {
+        self.sound.edit(cloud, plan)
+    }
+}
+
+/// Sees all that can be seen, and checks that it makes sense.
+#[derive(Debug, Default)]
+struct Witness {
+    /// Losses told, from the first step on.
+    losses: Vec<f32>,
+    /// The loss of each step's progress, and how many steps late it was.
+    shown: Vec<(f32, u32)>,
+    /// Steps of the checkpoints, and the rows that they hold.
+    checkpoints: Vec<String>,
+    /// Measures the quality at the multiples of this.
+    measured_every: u32,
+    /// Stops at the first step at or after this at which that is possible.
+    stop_at: Option<u32>,
+}
+
+impl Observer for Witness {
+    fn wants_quality(&mut self, progress: &Progress) -> bool {
+        progress.step.is_multiple_of(self.measured_every)
+    }
+
+    fn on_step(&mut self, progress: &Progress) -> Control {
+        let late = progress.step - progress.loss_step;
+        assert!(late == 0 || !(progress.quality.is_some() || progress.edits.is_some() || progress.is_last()));
+        self.shown.push((progress.loss, late));
+        assert_eq!(self.shown.len(), progress.step as usize);
+        if self.stop_at == Some(progress.step) { Control::Stop } else { Control::Continue }
+    }
+
+    fn on_losses(&mut self, first_step: u32, losses: &[f32]) {
+        assert_eq!(first_step as usize, self.losses.len() + 1, "in order and each once");
+        self.losses.extend_from_slice(losses);
+        assert!(self.losses.len() <= self.shown.len(), "after its step");
+    }
+
+    fn wants_checkpoint(&mut self, progress: &Progress) -> bool {
+        matches!(progress.step, 5 | 10 | 33)
+    }
+
+    fn on_checkpoint(&mut self, checkpoint: &mut gs_io::Checkpoint) -> Result<(), Error> {
+        let step = &checkpoint.metadata["step"];
+        assert_eq!(self.losses.len().to_string(), *step, "all losses are known when a checkpoint is made");
+        let last_row = checkpoint.metadata["metrics"].lines().last().unwrap().split(',').next().unwrap().to_owned();
+        self.checkpoints.push(format!("{step}: {last_row}"));
+        Ok(())
+    }
+}
+
+/// All that is known of a fit at its end, but for times.
+#[derive(Debug, PartialEq)]
+struct Known {
+    state: CloudState,
+    rows: Vec<Vec<String>>,
+    losses: Vec<f32>,
+    checkpoints: Vec<String>,
+}
+
+fn fit<R: Rasterizer<PlanarScene>>(rasterizer: &R, settings: FitSettings, stop_at: Option<u32>) -> (Known, Witness) {
+    let mut log = MetricsLog::new(7);
+    let mut witness = Witness { measured_every: 12, stop_at, ..Witness::default() };
+    let mut trainer = Trainer::new(rasterizer, &small_target(), settings).unwrap();
+    let outcome = trainer.run(&mut (&mut log, &mut witness)).unwrap();
+    assert_eq!(outcome, if stop_at.is_some() { Outcome::Stopped } else { Outcome::Finished });
+    assert_eq!(trainer.loss(), witness.losses.last().copied());
+    for row in log.rows() {
+        assert_eq!(row.loss, witness.losses[row.step as usize - 1], "the row of step {}", row.step);
+    }
+    let cells = |row: &str| row.split(',').enumerate().filter(|&(k, _)| k != 1).map(|(_, c)| c.to_owned()).collect();
+    let known = Known {
+        state: trainer.checkpoint().unwrap().state,
+        rows: log.to_csv().lines().map(cells).collect(),
+        losses: witness.losses.clone(),
+        checkpoints: witness.checkpoints.clone(),
+    };
+    (known, witness)
+}
+
+#[test]
+fn losses_that_come_late_make_no_difference() {
+    for blend in [Blend::Sum, Blend::Over] {
+        for stop_at in [None, Some(21)] {
+            let (expected, witness) = fit(&rasterizer(), small_fit(blend), stop_at);
+            let steps = if stop_at.is_some() { 24 } else { 42 };
+            assert_eq!((expected.losses.len(), witness.shown.len()), (steps, steps));
+            assert!(witness.shown.iter().all(|&(_, late)| late == 0));
+            for by in [1, 4, 100] {
+                let (found, witness) = fit(&Late { sound: rasterizer(), by }, small_fit(blend), stop_at);
+                assert_eq!(found, expected, "{blend:?}, {by} steps late");
+                let latest = witness.shown.iter().map(|shown| shown.1).max().unwrap();
+                assert!((1..=by as u32).contains(&latest), "{latest} of {by} steps late");
+                for (step, &(loss, late)) in witness.shown.iter().enumerate() {
+                    assert_eq!(loss, expected.losses[step - late as usize]);
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn fits_on_a_gpu_repeat_themselves_in_every_row() {
+    let run = || {
+        let wgpu = WgpuRasterizer::new(WgpuSettings::default()).expect("`cargo xtask test` installs a driver");
+        fit(&wgpu, small_fit(Blend::Sum), None).0
+    };
+    assert_eq!(run(), run());
+}
+
+#[test]
+fn a_divergence_is_that_of_its_step_however_late_it_is_seen() {
+    fn diverge<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> (u32, u32, u32) {
+        let mut settings = FitSettings { rounds: Rounds::NEVER, ..small_fit(Blend::Sum) };
+        settings.adam.color.learning_rate = 1e36;
+        let mut trainer = Trainer::new(rasterizer, &small_target(), settings).unwrap();
+        let mut seen = Vec::new();
+        loop {
+            match trainer.step_once().map(drop) {
+                Ok(()) => seen.extend_from_slice(trainer.new_losses().1),
+                Err(Error::Diverged { step, loss, suspect }) => {
+                    assert!(!loss.is_finite() && suspect.is_some());
+                    seen.extend_from_slice(trainer.new_losses().1);
+                    assert!(seen.iter().all(|loss| loss.is_finite()) && seen.len() == step as usize - 1, "{seen:?}");
+                    let steps_done = trainer.step();
+                    // It stays so: nothing is made of such a state.
+                    for again in [trainer.step_once().map(drop), trainer.checkpoint().map(drop)] {
+                        let between = matches!(again, Err(Error::BetweenCheckpoints { .. }));
+                        assert!(between || matches!(again, Err(Error::Diverged { step: s, .. }) if s == step));
+                    }
+                    return (step, loss.to_bits(), steps_done);
+                }
+                Err(error) => panic!("{error}"),
+            }
+        }
+    }
+    let (step, loss, done) = diverge(&rasterizer());
+    assert_eq!(done, step, "seen at once");
+    for by in [1, 3] {
+        assert_eq!(diverge(&Late { sound: rasterizer(), by }), (step, loss, step + by as u32));
+    }
+}

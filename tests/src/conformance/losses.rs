@@ -1,0 +1,178 @@
+//! Cases: the losses of training steps come late, but all of them, and nothing else shows that a step is still under way.
+
+use gs_core::{
+    Adam, Binning, Chart, CloudState, EditPlan, Image, Loss, PlanarScene, Rasterizer, TrainStep, Wait,
+    edit::AfterEdit,
+    effects::{Blend, Statistics},
+};
+
+use super::losses_of;
+use crate::{
+    failure::Failure,
+    scenes::{Draw, Kind},
+};
+
+/// More than any backend can be expected to have under way at once.
+const STEPS: usize = 13;
+
+/// A cloud to train, and how.
+struct Training {
+    draw: Draw,
+    image: Image,
+}
+
+impl Training {
+    fn new(blend: Blend) -> Result<Self, Failure> {
+        let mut draw = Draw::new(Kind::Typical, blend, 15, (30, 24), 2000);
+        draw.settings.effects.statistics = Statistics::MeanGradient;
+        Ok(Self { image: draw.target()?, draw })
+    }
+
+    fn upload<R: Rasterizer<PlanarScene>>(&self, rasterizer: &R) -> Result<R::Cloud, Failure> {
+        Ok(rasterizer.upload(&self.draw.scene, Chart::LocalFrame)?)
+    }
+
+    /// Sends steps with the numbers `steps`, of which every third makes its lists anew, and calls `after` after each.
+    fn send<R: Rasterizer<PlanarScene>>(
+        &self,
+        rasterizer: &R,
+        cloud: &mut R::Cloud,
+        steps: std::ops::Range<usize>,
+        mut after: impl FnMut(&mut R::Cloud) -> Result<(), Failure>,
+    ) -> Result<(), Failure> {
+        let target = rasterizer.upload_target(&self.image)?;
+        for number in steps {
+            // Another schedule and loss at every step, so that no step can be taken for another.
+            let rates = Adam::default().at(number as f32 / STEPS as f32);
+            let binning = if number % 3 == 0 { Binning::Fresh } else { Binning::Reuse };
+            let loss = [Loss::L2, Loss::L1][number % 2];
+            let step = TrainStep { settings: &self.draw.settings, loss, rates: &rates, binning };
+            rasterizer.train_step(cloud, &self.draw.view, &target, &step)?;
+            after(cloud)?;
+        }
+        Ok(())
+    }
+}
+
+fn same(what: &str, expected: &[f32], found: &[f32]) -> Result<(), Failure> {
+    let bits = |losses: &[f32]| losses.iter().map(|v| v.to_bits()).collect::<Vec<_>>();
+    Failure::unless(bits(expected) == bits(found), || format!("{what}: the losses are {found:?}, not {expected:?}"))
+}
+
+/// [`Rasterizer::losses`] hands over the loss of each step once and in order, behind what the caller has: the same whether each step is
+/// waited for, those that have arrived are asked for as it goes on, or all are at the end. What was refused has none.
+///
+/// # Errors
+/// [`Failure`] where the backend does not do so.
+pub fn losses_are_told_once_and_in_order<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Result<(), Failure> {
+    for blend in [Blend::Sum, Blend::Over] {
+        let training = Training::new(blend)?;
+        let mut cloud = training.upload(rasterizer)?;
+        let mut waited_for = losses_of(rasterizer, &mut cloud)?;
+        same("before any step", &[], &waited_for)?;
+        training.send(rasterizer, &mut cloud, 0..STEPS, |cloud| {
+            let one = losses_of(rasterizer, cloud)?;
+            Failure::unless(one.len() == 1, || format!("after one step there are {} losses", one.len()))?;
+            waited_for.extend(one);
+            Ok(())
+        })?;
+        let distinct = waited_for.iter().map(|v| v.to_bits()).collect::<std::collections::BTreeSet<_>>().len();
+        Failure::unless(distinct == STEPS, || format!("of {STEPS} losses {distinct} differ"))?;
+        same("after the last", &[], &losses_of(rasterizer, &mut cloud)?)?;
+
+        let mut cloud = training.upload(rasterizer)?;
+        let mut arrived = vec![-1.0];
+        training.send(rasterizer, &mut cloud, 0..STEPS, |cloud| {
+            Ok(rasterizer.losses(cloud, Wait::Arrived, &mut arrived)?)
+        })?;
+        rasterizer.losses(&mut cloud, Wait::All, &mut arrived)?;
+        same("as they arrive", &[&[-1.0], &waited_for[..]].concat(), &arrived)?;
+
+        let mut cloud = training.upload(rasterizer)?;
+        training.send(rasterizer, &mut cloud, 0..STEPS, |_| Ok(()))?;
+        let wrong = rasterizer.upload_target(&Image::filled(3, 3, [0.5; 3])?)?;
+        let rates = Adam::default().at(0.0);
+        let settings = &training.draw.settings;
+        let step = TrainStep { settings, loss: Loss::L2, rates: &rates, binning: Binning::Fresh };
+        let refused = rasterizer.train_step(&mut cloud, &training.draw.view, &wrong, &step).is_err();
+        Failure::unless(refused, || "a step towards a target of another size is accepted".to_owned())?;
+        same("all at once", &waited_for, &losses_of(rasterizer, &mut cloud)?)?;
+    }
+    Ok(())
+}
+
+/// Whatever looks at a cloud sees every step that was sent, and whatever changes it comes after them; neither changes the losses.
+///
+/// # Errors
+/// [`Failure`] where the backend does not do so.
+pub fn steps_under_way_are_seen_by_everything<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Result<(), Failure> {
+    for blend in [Blend::Sum, Blend::Over] {
+        let training = Training::new(blend)?;
+        let target = rasterizer.upload_target(&training.image)?;
+        let Draw { view, settings, .. } = &training.draw;
+        let rates = Adam::default().at(0.0);
+        type Look<'a, C> = &'a dyn Fn(&mut C) -> Result<Vec<f32>, Failure>;
+        let state = |cloud: &mut R::Cloud| -> Result<Vec<f32>, Failure> { Ok(floats(&rasterizer.save(cloud)?)) };
+        let looks: [(&str, Look<'_, R::Cloud>); 8] = [
+            ("save", &state),
+            ("download", &|cloud| {
+                let scene = rasterizer.download(cloud)?;
+                Ok(scene.colors.iter().flat_map(glam::Vec3::to_array).collect())
+            }),
+            ("statistics", &|cloud| Ok(rasterizer.statistics(cloud)?.gradient_sum)),
+            ("forward", &|cloud| {
+                let image = rasterizer.image(&rasterizer.forward(cloud, view, settings)?)?;
+                Ok(image.pixels().as_flattened().to_vec())
+            }),
+            ("edit", &|cloud| {
+                rasterizer.edit(cloud, &EditPlan { statistics: AfterEdit::Restart, ..EditPlan::default() })?;
+                state(cloud)
+            }),
+            ("step", &|cloud| {
+                let frame = rasterizer.forward(cloud, view, settings)?;
+                let (_, gradients) = rasterizer.backward(cloud, frame, &target, &Loss::L2)?;
+                rasterizer.step(cloud, &gradients, &rates)?;
+                state(cloud)
+            }),
+            ("solve_colors", &|cloud| {
+                if blend == Blend::Sum {
+                    rasterizer.solve_colors(cloud, view, &target, settings, 3)?;
+                }
+                state(cloud)
+            }),
+            ("len", &|cloud| Ok(vec![rasterizer.len(cloud) as f32])),
+        ];
+        for (what, look) in looks {
+            // Both go on afterwards; steps 5 and 8 would reuse lists, which an edit forbids.
+            let run = |settled: bool| {
+                let (mut cloud, mut losses, mut seen) = (training.upload(rasterizer)?, Vec::new(), Vec::new());
+                for steps in [0..5, 5..8] {
+                    training.send(rasterizer, &mut cloud, steps, |_| Ok(()))?;
+                    if settled {
+                        losses.extend(losses_of(rasterizer, &mut cloud)?);
+                    }
+                    seen.extend(look(&mut cloud)?);
+                }
+                losses.extend(losses_of(rasterizer, &mut cloud)?);
+                seen.extend(state(&mut cloud)?);
+                Ok::<_, Failure>((losses, seen))
+            };
+            let ((expected, seen), (losses, found)) = (run(true)?, run(false)?);
+            Failure::unless(expected.len() == 8, || format!("{} losses of 8 steps", expected.len()))?;
+            same(what, &expected, &losses)?;
+            let equal = seen.iter().map(|v| v.to_bits()).eq(found.iter().map(|v| v.to_bits()));
+            Failure::unless(equal, || format!("{blend:?}: `{what}` right after five steps does not see all of them"))?;
+        }
+    }
+    Ok(())
+}
+
+/// All numbers of a state, one tensor after the other.
+fn floats(state: &CloudState) -> Vec<f32> {
+    use gs_core::state::TensorData;
+    let of = |data: &TensorData| match data {
+        TensorData::F32(values) => values.clone(),
+        TensorData::U32(values) => values.iter().map(|&v| f32::from_bits(v)).collect(),
+    };
+    state.tensors.values().flat_map(|tensor| of(&tensor.data)).collect()
+}
