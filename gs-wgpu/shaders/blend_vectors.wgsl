@@ -46,9 +46,8 @@ struct Fetched {
     across: f32,
     slope: f32,
     curve: f32,
-    // Under `Sum`, how the growth from row to row grows from row to row, and from block to block; under `Over`, log2 of the opacity.
+    // Under `Sum`, how the growth from row to row itself grows; under `Over`, log2 of the opacity.
     extra: f32,
-    block_growth: f32,
     color: vec3f,
     slot: u32,
 }
@@ -62,12 +61,10 @@ fn fetch(place: u32) -> Fetched {
     let curve = -0.5 * LOG2_E * s.c;
 #if OVER
     let extra = log2(s.opacity);
-    let block_growth = 1.0;
 #else
     let extra = exp2_exact(2.0 * curve);
-    let block_growth = exp2_exact(2.0 * f32(BLOCK) * curve);
 #endif
-    return Fetched(mean, -0.5 * LOG2_E * s.inverse_xx, s.slope, curve, extra, block_growth, s.color, slot);
+    return Fetched(mean, -0.5 * LOG2_E * s.inverse_xx, s.slope, curve, extra, s.color, slot);
 }
 
 fn of_lane(f: Fetched, lane: u32) -> Fetched {
@@ -77,7 +74,6 @@ fn of_lane(f: Fetched, lane: u32) -> Fetched {
         subgroupShuffle(f.slope, lane),
         subgroupShuffle(f.curve, lane),
         subgroupShuffle(f.extra, lane),
-        subgroupShuffle(f.block_growth, lane),
         vec3f(subgroupShuffle(f.color.x, lane), subgroupShuffle(f.color.y, lane), subgroupShuffle(f.color.z, lane)),
         subgroupShuffle(f.slot, lane),
     );
@@ -229,8 +225,8 @@ fn blend_vectors(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) g
                 let u_@c_1 = u_@c_0 + f32(BLOCK);
                 let middle_@c_0 = exp2_exact(across_@c + u_@c_0 * u_@c_0 * s.curve);
                 let middle_@c_1 = exp2_exact(across_@c + u_@c_1 * u_@c_1 * s.curve);
-                let growth_@c_0 = exp2_exact((2.0 * u_@c_0 + 1.0) * s.curve);
-                let growth_@c_1 = growth_@c_0 * s.block_growth;
+                let growth_@c_0 = exp2_within((2.0 * u_@c_0 + 1.0) * s.curve);
+                let growth_@c_1 = exp2_within((2.0 * u_@c_1 + 1.0) * s.curve);
 #each b BLOCKS
                 var w_@c_@b = middle_@c_@b;
                 var g_@c_@b = growth_@c_@b;
@@ -410,8 +406,8 @@ fn blend_vectors(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) g
                 let u_@c_1 = u_@c_0 + f32(BLOCK);
                 let middle_@c_0 = exp2_exact(across_@c + u_@c_0 * u_@c_0 * s.curve);
                 let middle_@c_1 = exp2_exact(across_@c + u_@c_1 * u_@c_1 * s.curve);
-                let growth_@c_0 = exp2_exact((2.0 * u_@c_0 + 1.0) * s.curve);
-                let growth_@c_1 = growth_@c_0 * s.block_growth;
+                let growth_@c_0 = exp2_within((2.0 * u_@c_0 + 1.0) * s.curve);
+                let growth_@c_1 = exp2_within((2.0 * u_@c_1 + 1.0) * s.curve);
 #each b BLOCKS
                 var w_@c_@b = middle_@c_@b;
                 var g_@c_@b = growth_@c_@b;

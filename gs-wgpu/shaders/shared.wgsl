@@ -131,18 +131,23 @@ fn exp2_exact4(x: vec4f) -> vec4f {
     return select(vec4f(0.0), p * power, x >= vec4f(-126.0));
 }
 
-// One of them.
-fn exp2_exact(x: f32) -> f32 {
-    let n = round(x);
-    let r = x - n;
+// 2^x of x within [-126, 126], and outside of the nearer bound.
+fn exp2_within(x: f32) -> f32 {
+    let y = clamp(x, -126.0, 126.0);
+    let n = round(y);
+    let r = y - n;
     var p = fma(1.535336188319500e-4, r, 1.339887440266574e-3);
     p = fma(p, r, 9.618437357674640e-3);
     p = fma(p, r, 5.550332471162809e-2);
     p = fma(p, r, 2.402264791363012e-1);
     p = fma(p, r, 6.931472028550421e-1);
     p = fma(p, r, 1.0);
-    let power = bitcast<f32>(u32(i32(max(n, -126.0)) + 127) << 23u);
-    return select(0.0, p * power, x >= -126.0);
+    return p * bitcast<f32>((i32(n) + 127) << 23u);
+}
+
+// 2^x of x <= 0; 0 below 2^-126.
+fn exp2_exact(x: f32) -> f32 {
+    return select(0.0, exp2_within(x), x >= -126.0);
 }
 
 fn weights(exponent: vec4f) -> vec4f {
