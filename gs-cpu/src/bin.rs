@@ -25,7 +25,7 @@ pub(crate) struct Entry {
 
 /// An entry before it is put into its tile's list.
 #[derive(Debug, Clone, Copy)]
-struct Found {
+pub(crate) struct Found {
     entry: Entry,
     tile: u32,
 }

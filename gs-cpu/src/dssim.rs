@@ -5,7 +5,10 @@
 //! image, S depends on x through b(x), b(x²) and b(x y); so v_x = b(∂S/∂b(x)) + 2x·b(∂S/∂b(x²)) + y·b(∂S/∂b(xy)).
 
 use fearless_simd::{Level, Simd, dispatch, prelude::*};
-use gs_core::constants::{SSIM_C1, SSIM_C2, SSIM_SIGMA, SSIM_WINDOW};
+use gs_core::{
+    constants::{SSIM_C1, SSIM_C2, SSIM_SIGMA, SSIM_WINDOW},
+    profile::Traffic,
+};
 use rayon::prelude::*;
 
 use crate::{
@@ -28,9 +31,16 @@ struct Plane {
 }
 
 impl Plane {
+    fn pitch(grid: &Grid) -> usize {
+        grid.strips() * LANES + 2 * RADIUS
+    }
+
+    fn len(grid: &Grid) -> usize {
+        Self::pitch(grid) * 3 * grid.height
+    }
+
     fn resize(&mut self, grid: &Grid) {
-        let pitch = grid.strips() * LANES + 2 * RADIUS;
-        let len = pitch * 3 * grid.height;
+        let (pitch, len) = (Self::pitch(grid), Self::len(grid));
         if self.pitch != pitch || self.values.len() != len {
             self.pitch = pitch;
             self.values.clear();
@@ -182,6 +192,15 @@ fn horizontal_products(grid: &Grid, x: &Plane, y: &Plane, out: &mut [Plane; 3], 
         let (x, y) = (&x.values[line * pitch..][..pitch], &y.values[line * pitch..][..pitch]);
         dispatch!(level, simd => blur_products(simd, x, y, [a, b, c], window));
     });
+}
+
+/// What [`add`] moves at least, once the target's part is there.
+pub(crate) fn traffic(grid: &Grid) -> Traffic {
+    let (image, plane) = (grid.rows() * size_of::<Row>(), Plane::len(grid) * size_of::<f32>());
+    // Image to lines; products blurred along lines; down, and the derivatives; those along lines; down, and the gradient; to strips.
+    let read = image + 2 * plane + (3 + 2) * plane + 3 * plane + (3 + 2) * plane + (plane + image);
+    let written = plane + 3 * plane + 3 * plane + 3 * plane + plane + image;
+    Traffic { read: read as u64, written: written as u64 }
 }
 
 /// Adds λ·∂(1 − SSIM)/∂C to `workspace.v_rows`; returns 1 − SSIM.

@@ -24,6 +24,7 @@ mod project;
 mod project_bwd;
 mod rasterizer;
 mod solve_colors;
+mod traffic;
 mod workspace;
 
 pub use cloud::PlanarCloud;

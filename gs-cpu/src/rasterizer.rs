@@ -81,7 +81,7 @@ impl fmt::Debug for CpuRasterizer {
     }
 }
 
-fn check(view: &Canvas, settings: &RenderSettings) -> Result<(), Error> {
+pub(crate) fn check(view: &Canvas, settings: &RenderSettings) -> Result<(), Error> {
     view.validate()?;
     settings.validate()?;
     let effects = &settings.effects;

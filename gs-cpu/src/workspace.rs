@@ -142,7 +142,7 @@ impl Workspace {
 
     /// Decides in which order tiles see the Gaussians: by index where that matters, else by row, so that neighbours in a tile's
     /// list are neighbours in the cache.
-    fn arrange(&mut self, cloud: &PlanarCloud, blend: Blend) {
+    pub(crate) fn arrange(&mut self, cloud: &PlanarCloud, blend: Blend) {
         let n = cloud.len() as u32;
         self.place_of.clear();
         match blend {

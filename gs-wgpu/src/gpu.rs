@@ -168,7 +168,8 @@ impl Gpu {
         };
         let descriptor = wgpu::DeviceDescriptor {
             label: Some("gs-wgpu"),
-            required_features: offered_features & wgpu::Features::SUBGROUP,
+            // Timestamps are for profiles only.
+            required_features: offered_features & (wgpu::Features::SUBGROUP | wgpu::Features::TIMESTAMP_QUERY),
             required_limits: limits.clone(),
             ..wgpu::DeviceDescriptor::default()
         };

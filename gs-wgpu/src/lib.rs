@@ -23,6 +23,8 @@ mod profile;
 mod rasterizer;
 mod shaders;
 mod target;
+mod timestamps;
+mod traffic;
 mod workspace;
 
 pub use crate::{

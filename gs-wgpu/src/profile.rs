@@ -1,22 +1,217 @@
-//! Where the time of a training step goes, stage by stage: each stage is sent alone and waited for, so that its time is that of its
-//! dispatches and of one round trip to the device.
+//! Where the time of a training step goes, stage by stage: by the device's clock, all stages in one submission; or, where the adapter
+//! has no timestamps, by the host's, each stage sent alone and waited for.
 
 use std::time::Instant;
 
 use gs_core::{
-    Adam, Canvas, Error, Loss, RenderSettings,
-    profile::{Profile, StageTime},
+    Canvas, Error, Loss, PlanarScene, RenderSettings,
+    profile::{Clock, Profile, Profiler, StageTime, still},
 };
 
-use crate::{PlanarCloud, PlanarTarget, WgpuRasterizer, rasterizer::check, workspace::Differentiated};
+use crate::{
+    PlanarCloud, PlanarTarget, WgpuRasterizer,
+    gpu::Gpu,
+    rasterizer::check,
+    timestamps::Timestamps,
+    traffic,
+    workspace::{Differentiated, Workspace, fuses},
+};
+
+/// The stages in their order; `scan` includes `sizes`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Stage {
+    Project,
+    Scan,
+    Bin,
+    Sort,
+    Ranges,
+    Blend,
+    Loss,
+    BlendBwd,
+    /// The three before it in one pass, where a training step does it so.
+    Fused,
+    ProjectBwd,
+    Adam,
+}
+
+impl Stage {
+    const ALL: [Self; 11] = [
+        Self::Project,
+        Self::Scan,
+        Self::Bin,
+        Self::Sort,
+        Self::Ranges,
+        Self::Blend,
+        Self::Loss,
+        Self::BlendBwd,
+        Self::Fused,
+        Self::ProjectBwd,
+        Self::Adam,
+    ];
+
+    fn name(self) -> &'static str {
+        match self {
+            Self::Project => "project",
+            Self::Scan => "scan",
+            Self::Bin => "bin",
+            Self::Sort => "sort",
+            Self::Ranges => "ranges",
+            Self::Blend => "blend",
+            Self::Loss => "loss",
+            Self::BlendBwd => "blend_bwd",
+            Self::Fused => "fused",
+            Self::ProjectBwd => "project_bwd",
+            Self::Adam => "adam",
+        }
+    }
+
+    fn replaces(self) -> &'static [&'static str] {
+        match self {
+            Self::Fused => &["blend", "loss", "blend_bwd"],
+            _ => &[],
+        }
+    }
+
+    fn visits_pairs(self) -> bool {
+        matches!(self, Self::Blend | Self::BlendBwd | Self::Fused)
+    }
+}
+
+/// What the stages compute with.
+struct Pass<'a> {
+    rasterizer: &'a WgpuRasterizer,
+    workspace: Workspace,
+    cloud: &'a PlanarCloud,
+    target: &'a PlanarTarget,
+    loss: Loss,
+    stages: Vec<Stage>,
+}
+
+impl Pass<'_> {
+    fn encode(&mut self, stage: Stage, encoder: &mut wgpu::CommandEncoder) -> Result<(), Error> {
+        let Self { rasterizer, workspace, cloud, target, loss, .. } = self;
+        let gpu = &rasterizer.gpu;
+        match stage {
+            Stage::Project => workspace.encode_project(gpu, encoder, cloud, true),
+            Stage::Scan => workspace.encode_offsets(gpu, encoder),
+            Stage::Bin => workspace.encode_bin(gpu, encoder, cloud),
+            Stage::Sort => workspace.encode_sort(gpu, encoder),
+            Stage::Ranges => workspace.encode_ranges(gpu, encoder),
+            Stage::Blend => workspace.encode_blend(gpu, encoder, cloud),
+            Stage::Loss => workspace.encode_loss(gpu, encoder, target, Some(*loss))?,
+            Stage::BlendBwd => workspace.encode_blend_bwd(gpu, encoder, cloud, Differentiated::Loss),
+            Stage::Fused => workspace.encode_image_and_gradient(gpu, encoder, cloud, target, *loss)?,
+            Stage::ProjectBwd => workspace.encode_project_bwd(gpu, encoder, cloud),
+            Stage::Adam => workspace.encode_adam(gpu, encoder, cloud),
+        }
+        Ok(())
+    }
+
+    /// Seconds of each stage, all of them in one submission with timestamps between; `None` where those contradict the host's clock.
+    fn by_device(&mut self, timestamps: &Timestamps) -> Result<Option<Vec<f64>>, Error> {
+        let gpu = &self.rasterizer.gpu;
+        let mut encoder = self.rasterizer.encoder();
+        for index in 0..self.stages.len() {
+            timestamps.mark(&mut encoder, index as u32);
+            self.encode(self.stages[index], &mut encoder)?;
+        }
+        timestamps.mark(&mut encoder, self.stages.len() as u32);
+        timestamps.resolve(&mut encoder);
+        let start = Instant::now();
+        gpu.queue.submit([encoder.finish()]);
+        gpu.wait()?;
+        let host = start.elapsed().as_secs_f64();
+        let laps = timestamps.laps(gpu)?;
+        Ok(agree(&laps, host).then_some(laps))
+    }
+
+    /// Seconds of each stage, each in a submission of its own.
+    fn by_host(&mut self) -> Result<Vec<f64>, Error> {
+        let gpu = &self.rasterizer.gpu;
+        let mut laps = Vec::with_capacity(self.stages.len());
+        for index in 0..self.stages.len() {
+            let mut encoder = self.rasterizer.encoder();
+            self.encode(self.stages[index], &mut encoder)?;
+            let start = Instant::now();
+            gpu.queue.submit([encoder.finish()]);
+            gpu.wait()?;
+            laps.push(start.elapsed().as_secs_f64());
+        }
+        Ok(laps)
+    }
+
+    /// Each repetition's seconds of each stage: by the device's clock, if there is one and it can be right in every repetition; by the
+    /// host's otherwise.
+    fn measure(&mut self, timestamps: Option<Timestamps>, repetitions: usize) -> Result<(Clock, Vec<Vec<f64>>), Error> {
+        let why = match timestamps {
+            None => "the adapter has no timestamps",
+            Some(timestamps) => {
+                let laps = (0..repetitions).map(|_| self.by_device(&timestamps)).collect::<Result<Option<_>, _>>()?;
+                match laps {
+                    Some(laps) => return Ok((Clock::Device, laps)),
+                    None => "the adapter's timestamps contradict the host's clock",
+                }
+            }
+        };
+        let laps = (0..repetitions).map(|_| self.by_host()).collect::<Result<_, _>>()?;
+        Ok((Clock::RoundTrip { why: why.to_owned() }, laps))
+    }
+}
+
+/// Whether the device's laps can be right, when the host waited so many seconds for all of them: time goes forwards, and not faster than
+/// on the host. Clocks that are a few percent apart are both right.
+fn agree(laps: &[f64], host: f64) -> bool {
+    let sum: f64 = laps.iter().sum();
+    laps.iter().all(|&lap| lap >= 0.0) && sum > 0.0 && sum <= 1.05 * host
+}
 
 impl WgpuRasterizer {
-    /// Runs every stage `repetitions` times, interleaved, on a cloud that stays as it is but for its Adam moments (the learning
-    /// rates are 0).
-    ///
-    /// # Errors
-    /// Those of [`Rasterizer::train_step`](gs_core::Rasterizer::train_step).
-    pub fn profile(
+    /// [`Profiler::profile`], by the clock that `timestamps` make for so many marks.
+    fn profile_by(
+        &self,
+        timestamps: impl Fn(&Gpu, u32) -> Result<Option<Timestamps>, Error>,
+        cloud: &PlanarCloud,
+        (view, target): (&Canvas, &PlanarTarget),
+        settings: &RenderSettings,
+        loss: Loss,
+        repetitions: usize,
+    ) -> Result<Profile, Error> {
+        check(view, settings)?;
+        loss.validate()?;
+        target.check_size(view.width, view.height)?;
+        let (gpu, rates) = (&self.gpu, still());
+        cloud.settle(gpu)?;
+        let mut workspace = self.pool.take(gpu)?;
+        workspace.set(gpu, cloud, view, settings)?;
+        let describe = |w: &Workspace| w.describe(cloud, Some(loss), Some(&rates));
+        // All that depends on how many entries there are has room from here on.
+        let status = self.with_lists(&mut workspace, cloud, describe, |_, _| Ok(()))?;
+        workspace.write_step(gpu, &describe(&workspace));
+        let stages: Vec<Stage> =
+            Stage::ALL.into_iter().filter(|&stage| stage != Stage::Fused || fuses(gpu, loss)).collect();
+        let mut pass = Pass { rasterizer: self, workspace, cloud, target, loss, stages };
+        // Every pipeline that is measured is there.
+        pass.by_host()?;
+        let timestamps = timestamps(gpu, pass.stages.len() as u32 + 1)?;
+        let (clock, laps) = pass.measure(timestamps, repetitions)?;
+        let Pass { workspace, stages, .. } = pass;
+        let entries = status.entries as usize;
+        let pairs = traffic::pairs(gpu, &workspace, entries)?;
+        let stage_time = |(index, stage): (usize, Stage)| StageTime {
+            stage: stage.name(),
+            seconds: laps.iter().map(|laps| laps[index]).collect(),
+            pairs: if stage.visits_pairs() { pairs } else { 0 },
+            traffic: traffic::of(stage, &workspace, cloud, loss, entries as u64),
+            replaces: stage.replaces(),
+        };
+        let stages = stages.into_iter().enumerate().map(stage_time).collect();
+        self.pool.give(workspace);
+        Ok(Profile { stages, clock, pairs, entries })
+    }
+}
+
+impl Profiler<PlanarScene> for WgpuRasterizer {
+    fn profile(
         &self,
         cloud: &mut PlanarCloud,
         view: &Canvas,
@@ -25,57 +220,62 @@ impl WgpuRasterizer {
         loss: Loss,
         repetitions: usize,
     ) -> Result<Profile, Error> {
-        check(view, settings)?;
-        target.check_size(view.width, view.height)?;
-        let gpu = &self.gpu;
-        cloud.settle(gpu)?;
-        let mut still = Adam::default();
-        for group in [&mut still.mean, &mut still.scale, &mut still.rotation, &mut still.opacity, &mut still.color] {
-            group.learning_rate = 0.0;
-        }
-        let rates = still.at(0.0);
-        let mut workspace = self.pool.take(gpu)?;
-        workspace.set(gpu, cloud, view, settings)?;
-        let status = self.with_lists(
-            &mut workspace,
-            cloud,
-            |w| w.describe(cloud, Some(loss), Some(&rates)),
-            |w, encoder| {
-                w.encode_image_and_gradient(gpu, encoder, cloud, target, loss)?;
-                w.encode_blend(gpu, encoder, cloud);
-                w.encode_loss(gpu, encoder, target, Some(loss))?;
-                w.encode_blend_bwd(gpu, encoder, cloud, Differentiated::Loss);
-                w.encode_project_bwd(gpu, encoder, cloud);
-                w.encode_adam(gpu, encoder, cloud);
-                // For every pipeline that is measured to be there.
-                w.encode_lists(gpu, encoder, cloud, false);
-                Ok(())
-            },
-        )?;
-        let names = ["project", "bin", "blend", "loss", "blend_bwd", "fused", "project_bwd", "adam"];
-        let mut stages: Vec<StageTime> =
-            names.iter().map(|&stage| StageTime { stage, seconds: Vec::with_capacity(repetitions) }).collect();
-        for _ in 0..repetitions {
-            for StageTime { stage, seconds } in &mut stages {
-                let mut encoder = self.encoder();
-                match *stage {
-                    "project" => workspace.encode_lists(gpu, &mut encoder, cloud, false),
-                    "bin" => workspace.encode_lists(gpu, &mut encoder, cloud, true),
-                    "blend" => workspace.encode_blend(gpu, &mut encoder, cloud),
-                    "fused" => workspace.encode_image_and_gradient(gpu, &mut encoder, cloud, target, loss)?,
-                    "loss" => workspace.encode_loss(gpu, &mut encoder, target, Some(loss))?,
-                    "blend_bwd" => workspace.encode_blend_bwd(gpu, &mut encoder, cloud, Differentiated::Loss),
-                    "project_bwd" => workspace.encode_project_bwd(gpu, &mut encoder, cloud),
-                    _ => workspace.encode_adam(gpu, &mut encoder, cloud),
-                }
-                let start = Instant::now();
-                gpu.queue.submit([encoder.finish()]);
-                gpu.wait()?;
-                seconds.push(start.elapsed().as_secs_f64());
+        self.profile_by(Timestamps::new, cloud, (view, target), settings, loss, repetitions)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::{Vec2, Vec3};
+    use gs_core::{Blend, Chart, Image, PlanarGaussian, Rasterizer};
+
+    use super::*;
+    use crate::WgpuSettings;
+
+    #[test]
+    fn timestamps_that_cannot_be_right_are_not_believed() {
+        let laps = [1e-3; 10];
+        let sum: f64 = laps.iter().sum();
+        assert!(agree(&laps, sum) && agree(&laps, 2.0 * sum));
+        assert!(!agree(&laps, 0.9 * sum), "more than the host waited");
+        assert!(!agree(&[0.0; 10], sum), "none were written");
+        let mut backwards = laps;
+        backwards[3] = -1e-6;
+        assert!(!agree(&backwards, sum), "backwards");
+        backwards[3] = f64::NAN;
+        assert!(!agree(&backwards, sum));
+    }
+
+    #[test]
+    fn both_clocks_see_the_same_stages_and_leave_the_gaussians_where_they_are() {
+        let wgpu = WgpuRasterizer::new(WgpuSettings::default()).expect("`cargo xtask test` installs a driver");
+        let gaussian = |i: u32| PlanarGaussian {
+            mean: Vec2::new((i * 37 % 96) as f32, (i * 91 % 64) as f32),
+            log_scale: Vec2::new(1.5, 0.5),
+            rotation: i as f32,
+            opacity_logit: f32::INFINITY,
+            color: Vec3::splat(0.1),
+        };
+        let scene: PlanarScene = (0..300).map(gaussian).collect();
+        let cloud = wgpu.upload(&scene, Chart::ScaleRotation).unwrap();
+        let target = wgpu.upload_target(&Image::filled(96, 64, [0.5; 3]).unwrap()).unwrap();
+        let (view, settings) = (Canvas::new(96, 64), RenderSettings::blended(Blend::Sum));
+        let none = |_: &Gpu, _: u32| Ok(None);
+        let names = |profile: &Profile| profile.stages.iter().map(|s| s.stage).collect::<Vec<_>>();
+        for loss in [Loss::L2, Loss::PAPER] {
+            let by_host = wgpu.profile_by(none, &cloud, (&view, &target), &settings, loss, 3).unwrap();
+            assert!(matches!(&by_host.clock, Clock::RoundTrip { why } if why.contains("no timestamps")));
+            assert!(by_host.stages.iter().all(|s| s.seconds.len() == 3 && s.seconds.iter().all(|&s| s > 0.0)));
+            let by_device = wgpu.profile_by(Timestamps::new, &cloud, (&view, &target), &settings, loss, 3).unwrap();
+            if wgpu.gpu.device.features().contains(wgpu::Features::TIMESTAMP_QUERY) {
+                assert_eq!(by_device.clock, Clock::Device);
             }
+            assert_eq!(names(&by_device), names(&by_host));
+            assert_eq!(names(&by_host).contains(&"fused"), fuses(&wgpu.gpu, loss));
+            assert_eq!((by_device.pairs, by_device.entries), (by_host.pairs, by_host.entries));
+            assert!(by_device.stages.iter().all(|s| s.seconds.len() == 3));
         }
-        self.pool.give(workspace);
-        let entries = status.entries as usize;
-        Ok(Profile { stages, pairs: 256 * entries as u64, entries })
+        let after = wgpu.download(&cloud).unwrap();
+        assert_eq!(after, scene);
     }
 }

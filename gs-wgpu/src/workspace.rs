@@ -22,7 +22,7 @@ const BY_HISTOGRAM: u64 = 36;
 const FIRST_CAPACITY: u64 = 1 << 14;
 
 /// Bytes of a pixel: RGB and one more.
-const PIXEL_BYTES: u64 = 16;
+pub(crate) const PIXEL_BYTES: u64 = 16;
 
 /// A buffer that is replaced by a larger one when that is needed; its contents are lost then.
 #[derive(Debug)]
@@ -62,7 +62,7 @@ pub(crate) struct Workspace {
     /// Tile of each entry, and the entry's number; sorting goes back and forth.
     keys: [Growing; 2],
     order: [Growing; 2],
-    entries: Growing,
+    pub(crate) entries: Growing,
     histograms: Growing,
     tile_start: Growing,
     /// What each entry's Gaussian receives.
@@ -140,7 +140,7 @@ impl Workspace {
         self.tile_count() * u64::from(self.tiling.classes)
     }
 
-    fn pixels(&self) -> u64 {
+    pub(crate) fn pixels(&self) -> u64 {
         u64::from(self.canvas.width) * u64::from(self.canvas.height)
     }
 
@@ -153,7 +153,7 @@ impl Workspace {
     }
 
     /// Passes of the sort: as many digits as the last tile's number has.
-    fn sort_passes(&self) -> u32 {
+    pub(crate) fn sort_passes(&self) -> u32 {
         let last = (self.list_count() - 1) as u32;
         (u32::BITS - last.leading_zeros()).div_ceil(SORT_BITS)
     }
@@ -242,6 +242,23 @@ impl Workspace {
 
     /// Stages `project` to `ranges`; without `lists` only `project`, and the last lists stay.
     pub(crate) fn encode_lists(&self, gpu: &Gpu, encoder: &mut wgpu::CommandEncoder, cloud: &PlanarCloud, lists: bool) {
+        self.encode_project(gpu, encoder, cloud, lists);
+        if lists {
+            self.encode_offsets(gpu, encoder);
+            self.encode_bin(gpu, encoder, cloud);
+            self.encode_sort(gpu, encoder);
+            self.encode_ranges(gpu, encoder);
+        }
+    }
+
+    /// Stage `project`; with `lists` it counts the tiles that each Gaussian touches.
+    pub(crate) fn encode_project(
+        &self,
+        gpu: &Gpu,
+        encoder: &mut wgpu::CommandEncoder,
+        cloud: &PlanarCloud,
+        lists: bool,
+    ) {
         let (step, status, offsets) = (&self.step, &self.status, &self.offsets.buffer);
         let n = u64::from(self.gaussians);
         encoder.clear_buffer(status, 16, Some(if lists { 16 } else { 12 }));
@@ -255,14 +272,29 @@ impl Workspace {
         }
         let bindings = [step, &cloud.gaussians, &self.splats.buffer, offsets, status];
         dispatch(gpu, encoder, "project", variant, &bindings, groups);
-        let plain = Variant::default();
-        self.encode_scan(gpu, encoder, 0, offsets, groups_of(gpu, n + 1, 1024));
-        dispatch(gpu, encoder, "sizes", plain, &[step, offsets, status, &self.indirect], Groups::Direct(1, 1));
+    }
+
+    /// Stages `scan`, of the counts, and `sizes`.
+    pub(crate) fn encode_offsets(&self, gpu: &Gpu, encoder: &mut wgpu::CommandEncoder) {
+        let (step, status, offsets) = (&self.step, &self.status, &self.offsets.buffer);
+        self.encode_scan(gpu, encoder, 0, offsets, groups_of(gpu, u64::from(self.gaussians) + 1, 1024));
+        let bindings = [step, offsets, status, &self.indirect];
+        dispatch(gpu, encoder, "sizes", Variant::default(), &bindings, Groups::Direct(1, 1));
+    }
+
+    /// Stage `bin`.
+    pub(crate) fn encode_bin(&self, gpu: &Gpu, encoder: &mut wgpu::CommandEncoder, cloud: &PlanarCloud) {
+        let variant = Variant { local_frame: false, ..self.variant(cloud) };
+        let (keys, order) = (&self.keys[0].buffer, &self.order[0].buffer);
+        let bindings = [&self.step, &self.splats.buffer, &self.offsets.buffer, keys, order, &self.entries.buffer];
+        dispatch(gpu, encoder, "bin", variant, &bindings, self.indirect(BY_GAUSSIAN));
+    }
+
+    /// Stage `sort`.
+    pub(crate) fn encode_sort(&self, gpu: &Gpu, encoder: &mut wgpu::CommandEncoder) {
+        let (status, plain) = (&self.status, Variant::default());
         let keys = [&self.keys[0].buffer, &self.keys[1].buffer];
         let order = [&self.order[0].buffer, &self.order[1].buffer];
-        let bindings = [step, &self.splats.buffer, offsets, keys[0], order[0], &self.entries.buffer];
-        let by_blend = Variant { local_frame: false, ..self.variant(cloud) };
-        dispatch(gpu, encoder, "bin", by_blend, &bindings, self.indirect(BY_GAUSSIAN));
         for pass in 0..self.sort_passes() {
             let [from, to] = if pass % 2 == 0 { [0, 1] } else { [1, 0] };
             let shift = &gpu.shifts[pass as usize];
@@ -273,9 +305,13 @@ impl Workspace {
             let bindings = [status, keys[from], &self.histograms.buffer, shift, order[from], keys[to], order[to]];
             dispatch_some(gpu, encoder, "sort_scatter", plain, (&[1, 2, 3, 4, 5, 6, 7], &bindings), groups);
         }
+    }
+
+    /// Stage `ranges`.
+    pub(crate) fn encode_ranges(&self, gpu: &Gpu, encoder: &mut wgpu::CommandEncoder) {
         encoder.clear_buffer(&self.tile_start.buffer, 0, None);
-        let bindings = [step, status, keys[self.sorted()], &self.tile_start.buffer];
-        dispatch(gpu, encoder, "ranges", plain, &bindings, self.indirect(BY_ENTRY));
+        let bindings = [&self.step, &self.status, &self.keys[self.sorted()].buffer, &self.tile_start.buffer];
+        dispatch(gpu, encoder, "ranges", Variant::default(), &bindings, self.indirect(BY_ENTRY));
     }
 
     fn indirect(&self, offset: u64) -> Groups<'_> {
@@ -394,17 +430,13 @@ impl Workspace {
         target: &PlanarTarget,
         loss: Loss,
     ) -> Result<(), Error> {
-        let kind = match loss {
-            Loss::L2 => 1,
-            Loss::L1 => 2,
-            Loss::L1Dssim { .. } => 0,
-        };
-        if !gpu.vectors || kind == 0 {
+        if !fuses(gpu, loss) {
             self.encode_blend(gpu, encoder, cloud);
             self.encode_loss(gpu, encoder, target, Some(loss))?;
             self.encode_blend_bwd(gpu, encoder, cloud, Differentiated::Loss);
             return Ok(());
         }
+        let kind = if loss == Loss::L2 { 1 } else { 2 };
         let tiles = self.tile_count();
         self.partial.ensure(gpu, tiles * 4)?;
         let variant =
@@ -531,6 +563,11 @@ impl Workspace {
         };
         dispatch_some(gpu, encoder, entry_point, variant, (used, &bindings), groups);
     }
+}
+
+/// Whether a training step blends, compares and differentiates in one pass: where lanes are a CPU's, and the loss is one of each pixel alone.
+pub(crate) fn fuses(gpu: &Gpu, loss: Loss) -> bool {
+    gpu.vectors && !matches!(loss, Loss::L1Dssim { .. })
 }
 
 /// Which partial sums make the loss, as `loss_sum` has it.

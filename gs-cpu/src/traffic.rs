@@ -1,0 +1,136 @@
+//! The bytes that each stage moves at least, from the sizes of its arrays, as [`Traffic`] defines them.
+
+use gs_core::{Blend, Loss, effects::Statistics, profile::Traffic};
+
+use crate::{
+    bin::{Entry, Found},
+    cloud::{PlanarCloud, Shapes, VECTOR},
+    dssim,
+    layout::{Row, ScalarRow},
+    profile::Stage,
+    project::Splat,
+    project_bwd::Gradient,
+    workspace::Workspace,
+};
+
+/// A position in some array.
+const INDEX: u64 = size_of::<u32>() as u64;
+
+fn size<T>() -> u64 {
+    size_of::<T>() as u64
+}
+
+/// What one run of `stage` moves, once the workspace has been through all of them.
+pub(crate) fn of(stage: Stage, workspace: &Workspace, cloud: &PlanarCloud, loss: &Loss) -> Traffic {
+    let over = workspace.settings.effects.blend == Blend::Over;
+    let (n, entries) = (cloud.len() as u64, workspace.bins.entries.len() as u64);
+    let image = workspace.grid.rows() as u64 * size::<Row>();
+    let transmittance = if over { workspace.grid.rows() as u64 * size::<ScalarRow>() } else { 0 };
+    let slots = entries * workspace.stride as u64 * size::<f32>();
+    // Of the lists: each entry with its Gaussian's splat.
+    let lists = entries * (size::<Entry>() + size::<Splat>());
+    let shape = match cloud.shapes {
+        Shapes::ScaleRotation(_) => size::<[f32; 3]>(),
+        Shapes::LocalFrame(_) => size::<glam::Mat2>(),
+    };
+    let (mean, color) = (size::<glam::Vec2>(), size::<[f32; 3]>());
+    let logit = if cloud.opacity_logits.is_empty() { 0 } else { size::<f32>() };
+    let (read, written) = match stage {
+        // Under `Sum` by image row, with two passes over the means; then the order is inverted.
+        Stage::Sort if over => (n * INDEX, 2 * n * INDEX),
+        Stage::Sort => (n * (2 * mean + INDEX), 2 * n * INDEX),
+        Stage::Project => (n * (INDEX + mean + shape + color + if over { logit } else { 0 }), n * size::<Splat>()),
+        // Finds the entries, gives each its slot, and puts them into their lists.
+        Stage::Bin => (
+            n * size::<Splat>() + entries * (2 * size::<Found>() + INDEX),
+            n * INDEX + entries * (size::<Found>() + INDEX + size::<Entry>()),
+        ),
+        Stage::Blend => (lists, image + transmittance),
+        Stage::Loss => {
+            let pointwise = Traffic { read: 2 * image, written: image };
+            match loss {
+                Loss::L1 | Loss::L2 => return pointwise,
+                Loss::L1Dssim { .. } => {
+                    let Traffic { read, written } = dssim::traffic(&workspace.grid);
+                    (pointwise.read + read, pointwise.written + written)
+                }
+            }
+        }
+        // Under `Over` the image's rows hold, from here on, what is behind.
+        Stage::BlendBwd if over => (lists + 2 * image, image + slots),
+        Stage::BlendBwd => (lists + image, slots),
+        Stage::Fused => (lists + image, image + slots),
+        Stage::ProjectBwd => {
+            (n * (2 * INDEX + size::<Splat>() + mean + shape) + entries * INDEX + slots, n * size::<Gradient>())
+        }
+        // The step counts are read twice: their maximum comes first.
+        Stage::Adam => {
+            let steps = size::<u32>();
+            let moments = 2 * size::<[f32; VECTOR]>() + 2 * logit;
+            let statistics = match workspace.settings.effects.statistics {
+                Statistics::None => 0,
+                Statistics::MeanGradient => size::<f32>() + size::<u32>(),
+            };
+            let state = mean + shape + color + logit + moments + steps + statistics;
+            (n * (INDEX + size::<Gradient>() + steps + state), n * state)
+        }
+    };
+    Traffic { read, written }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::{Vec2, Vec3};
+    use gs_core::{Canvas, Chart, Image, PlanarGaussian, PlanarScene, Rasterizer, RenderSettings, profile::Profiler};
+
+    use super::*;
+    use crate::{CpuRasterizer, CpuSettings};
+
+    /// Bytes of each stage for two Gaussians, of which one touches two strips of a canvas of 32×10 px and the other one.
+    fn profiled(blend: Blend, loss: Loss) -> impl Fn(&str) -> (u64, u64) {
+        let cpu = CpuRasterizer::new(CpuSettings::default()).unwrap();
+        let at = |x: f32| PlanarGaussian {
+            mean: Vec2::new(x, 5.0),
+            log_scale: Vec2::ZERO,
+            rotation: 0.0,
+            opacity_logit: if blend == Blend::Over { 1.0 } else { f32::INFINITY },
+            color: Vec3::ONE,
+        };
+        let scene: PlanarScene = [at(16.0), at(26.0)].into_iter().collect();
+        let mut cloud = cpu.upload(&scene, Chart::LocalFrame).unwrap();
+        let target = cpu.upload_target(&Image::filled(32, 10, [0.5; 3]).unwrap()).unwrap();
+        let settings = RenderSettings::blended(blend);
+        let profile = cpu.profile(&mut cloud, &Canvas::new(32, 10), &target, &settings, loss, 1).unwrap();
+        assert_eq!(profile.entries, 3);
+        move |name| {
+            let stage = profile.stages.iter().find(|stage| stage.stage == name).unwrap();
+            (stage.traffic.read, stage.traffic.written)
+        }
+    }
+
+    #[test]
+    fn bytes_are_those_of_the_arrays() {
+        // Strips hold 20 rows of 192 bytes, an entry is 8 bytes, a splat 64, a Gaussian's gradient 44.
+        let of = profiled(Blend::Sum, Loss::L2);
+        assert_eq!(of("blend"), (3 * (8 + 64), 20 * 192));
+        assert_eq!(of("loss"), (2 * 20 * 192, 20 * 192));
+        assert_eq!(of("blend_bwd"), (3 * (8 + 64) + 20 * 192, 3 * 8 * 4));
+        assert_eq!(of("fused"), (3 * (8 + 64) + 20 * 192, 20 * 192 + 3 * 8 * 4));
+        assert_eq!(of("project"), (2 * (4 + 8 + 16 + 12), 2 * 64));
+        assert_eq!(of("project_bwd"), (2 * (4 + 4 + 64 + 8 + 16) + 3 * (4 + 8 * 4), 2 * 44));
+        let state = 8 + 16 + 12 + 64 + 4;
+        assert_eq!(of("adam"), (2 * (4 + 44 + 4 + state), 2 * state));
+    }
+
+    #[test]
+    fn blending_over_and_structure_cost_more() {
+        let (sum, over) = (profiled(Blend::Sum, Loss::L1), profiled(Blend::Over, Loss::PAPER));
+        let transmittance = 20 * 64;
+        assert_eq!(over("blend"), (sum("blend").0, sum("blend").1 + transmittance));
+        assert_eq!(over("blend_bwd"), (sum("blend_bwd").0 + 20 * 192, sum("blend_bwd").1 + 20 * 192 + 3 * 4));
+        // Lines of 32 + 10 numbers, 3 for each of 10 rows.
+        let plane = 3 * 10 * (32 + 10) * 4;
+        assert_eq!(over("loss").0 - sum("loss").0, 16 * plane + 2 * 20 * 192);
+        assert_eq!(over("loss").1 - sum("loss").1, 11 * plane + 20 * 192);
+    }
+}
