@@ -6,7 +6,7 @@ mod fastest;
 use std::{num::NonZero, thread::available_parallelism};
 
 use clap::{Args, ValueEnum, builder::NonEmptyStringValueParser};
-use gs_core::{PlanarScene, Rasterizer};
+use gs_core::{PlanarScene, Rasterizer, profile::Profiler};
 use gs_cpu::{CpuRasterizer, CpuSettings, SimdLevel};
 use gs_wgpu::{WgpuRasterizer, WgpuSettings};
 
@@ -68,7 +68,7 @@ pub(crate) trait Task {
     type Output;
 
     /// Does it on this rasterizer.
-    fn run<R: Rasterizer<PlanarScene>>(self, rasterizer: &R) -> Self::Output;
+    fn run<R: Profiler<PlanarScene>>(self, rasterizer: &R) -> Self::Output;
 }
 
 /// What the flags come to when they are taken together.

@@ -8,6 +8,7 @@ use crate::{
     commands::{eval::EvalArgs, info::InfoArgs, render::RenderArgs},
     failure::Failure,
     fit::arguments::FitArgs,
+    profile::ProfileArgs,
 };
 
 const EXAMPLES: &str = "\
@@ -19,10 +20,12 @@ Examples:
   gs eval photo.png out/reconstruction.png      PSNR, SSIM, MS-SSIM
   gs info out/scene.gs2d.safetensors            what is in a scene
   gs info --adapters                            the GPUs that were found
+  gs profile photo.png --backend cpu            where the time of a training step goes
+  gs profile out/scene.gs2d.safetensors --backend wgpu -o profile
 
 Exit status: 0 done, 1 failed, 2 bad usage, 130 stopped by Ctrl-C.";
 
-/// Fits Gaussians to images, renders them at any size, compares and inspects the results.
+/// Fits Gaussians to images, renders them at any size, compares, inspects and profiles the results.
 #[derive(Debug, Parser)]
 #[command(name = "gs", version, about, after_help = EXAMPLES, arg_required_else_help = true)]
 struct CommandLine {
@@ -41,6 +44,8 @@ pub(crate) enum Command {
     Eval(EvalArgs),
     /// Tell what is in a scene or a checkpoint, or which GPUs there are
     Info(InfoArgs),
+    /// Tell where the time of a training step goes, stage by stage
+    Profile(Box<ProfileArgs>),
 }
 
 /// What became of the command line.
@@ -77,7 +82,7 @@ pub(crate) fn parse() -> Result<Parsed, Failure> {
     }
 }
 
-const COMMANDS: [&str; 4] = ["fit", "render", "eval", "info"];
+const COMMANDS: [&str; 5] = ["fit", "render", "eval", "info", "profile"];
 
 /// The parser's message without its usage, its pointer to the help and its own "error:".
 fn essence(message: &str) -> String {

@@ -10,6 +10,7 @@ mod failure;
 mod fit;
 mod interrupt;
 mod output;
+mod profile;
 mod report;
 mod values;
 
@@ -39,6 +40,7 @@ fn run(parsed: Parsed) -> Result<ExitCode, Failure> {
         Parsed::Command(Command::Render(args)) => commands::render::run(&args),
         Parsed::Command(Command::Eval(args)) => commands::eval::run(&args),
         Parsed::Command(Command::Info(args)) => commands::info::run(&args),
+        Parsed::Command(Command::Profile(args)) => profile::run(&args),
     }?;
     Ok(ExitCode::SUCCESS)
 }

@@ -13,7 +13,7 @@ use gs_core::{AdamRates, Binning, Canvas, Image, PlanarScene, Rasterizer, TrainS
 use gs_train::{Preset, fit};
 use gs_wgpu::{WgpuRasterizer, WgpuSettings};
 use measure::{
-    Options, Outcome, Quantiles, number,
+    Options, Outcome, Quantiles, ms, number,
     photographs::Photographs,
     print_columns, print_head, print_row, print_section,
     scenes::{Fitted, OVER_L1_DSSIM, OVER_L2, SUM_L2, Variant},
@@ -53,7 +53,7 @@ fn main() -> Outcome {
         let repetitions = options.pick(30, 3);
         let on_cpu = iterations(&cpu, &variant, &portrait.image, &fitted, repetitions)?;
         let on_wgpu = iterations(&wgpu, &variant, &portrait.image, &fitted, repetitions)?;
-        print_row(&[variant.name.to_owned(), on_cpu.ms(), on_wgpu.ms(), number(on_wgpu.median / on_cpu.median)]);
+        print_row(&[variant.name.to_owned(), ms(on_cpu), ms(on_wgpu), number(on_wgpu.median / on_cpu.median)]);
     }
 
     print_section("Fits of photographs, preset standard, 9,000 Gaussians");

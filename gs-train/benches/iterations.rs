@@ -10,7 +10,7 @@ use clap::Parser;
 use gs_core::{AdamRates, Binning, Canvas, Image, Rasterizer, TrainStep};
 use gs_cpu::CpuRasterizer;
 use measure::{
-    Options, Outcome, Quantiles, count, number,
+    Options, Outcome, Quantiles, count, ms, number,
     photographs::{Photographs, cropped, halved},
     print_columns, print_head, print_row, print_section,
     scenes::{Fitted, OVER_L1_DSSIM, OVER_L2, SUM_L2, Variant},
@@ -55,10 +55,10 @@ fn main() -> Outcome {
                 print_row(&[
                     variant.name.to_owned(),
                     threads.to_string(),
-                    usual.ms(),
+                    ms(usual),
                     number(opensplat / usual.median),
                     goal.to_string(),
-                    fresh.ms(),
+                    ms(fresh),
                 ]);
             }
         }

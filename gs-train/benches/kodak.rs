@@ -13,7 +13,7 @@ use clap::Parser;
 use gs_cpu::{CpuRasterizer, SimdLevel};
 use gs_train::{Control, FitSummary, Observer, Preset, Progress, fit};
 use measure::{
-    Options, Outcome, Quantiles, count, mean, number,
+    Options, Outcome, Quantiles, cell, count, mean, number,
     photographs::{Photograph, Photographs},
     print_columns, print_head, print_row, print_section,
 };
@@ -93,7 +93,7 @@ fn main() -> Outcome {
                 runs.push(fit_one(&rasterizer, photograph, preset, gaussians)?);
             }
             let runs: &[Run] = &runs[first..];
-            print_row(&[count(u64::from(gaussians)), psnr(runs), ms_ssim(runs), seconds(runs), times(runs).cell()]);
+            print_row(&[count(u64::from(gaussians)), psnr(runs), ms_ssim(runs), seconds(runs), cell(times(runs))]);
         }
     }
     for &gaussians in counts {
@@ -202,7 +202,7 @@ fn compare_levels(options: &Options, photographs: &[Photograph]) -> Result<(), B
     print_section(&format!("{narrow} against {best}: preset {preset}, {} Gaussians", count(u64::from(GAUSSIANS))));
     println!("{} pairs of fits; the goal is a ratio of at most 1.6.\n", ratios.len());
     print_columns(&[&format!("{best}, s"), &format!("{narrow}, s"), "ratio of a pair", "difference, dB (mean)"]);
-    let cells = [&seconds[0], &seconds[1], &ratios].map(|numbers| Quantiles::of(numbers).cell());
+    let cells = [&seconds[0], &seconds[1], &ratios].map(|numbers| cell(Quantiles::of(numbers)));
     let [wide, narrow, ratio] = cells;
     print_row(&[wide, narrow, ratio, format!("{:+.3}", mean(losses))]);
     Ok(())

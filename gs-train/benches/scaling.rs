@@ -20,7 +20,7 @@ use gs_core::{
 };
 use gs_density::Rng;
 use measure::{
-    Options, Outcome, Quantiles, count, linear::LinearModel, memory, number, print_columns, print_head, print_row,
+    Options, Outcome, Quantiles, count, linear::LinearModel, memory, ms, number, print_columns, print_head, print_row,
     print_section, try_time,
 };
 use rand::{RngExt, SeedableRng};
@@ -202,9 +202,9 @@ fn print_measured(measured: &Measured) {
         count(u64::from(measured.gaussians)),
         count(measured.entries),
         count(measured.pairs),
-        forward.ms(),
+        ms(forward),
         per_pair(forward),
-        step.ms(),
+        ms(step),
         per_pair(step),
         bytes(1e6),
         bytes(f64::from(measured.gaussians)),

@@ -11,11 +11,13 @@ use std::error::Error;
 
 use bare_loop::{BareLoop, PAIRS, instructions};
 use clap::Parser;
-use gs_core::profile::Profile;
-use gs_core::{Blend, Canvas, Image, Rasterizer};
+use gs_core::{
+    Blend, Canvas, Image, Rasterizer,
+    profile::{Profile, Profiler},
+};
 use gs_cpu::CpuRasterizer;
 use measure::{
-    Options, Outcome, Quantiles, count, number,
+    Options, Outcome, Quantiles, cell, count, ms, number,
     photographs::Photographs,
     print_columns, print_head, print_row, print_section,
     scenes::{Fitted, OVER_L1_DSSIM, SUM_L2, Variant},
@@ -56,7 +58,7 @@ fn measure(options: &Options, variant: &Variant, image: &Image, fitted: &Fitted)
         .into_iter()
         .map(|threads| measure_threads(options, threads, variant, image, fitted))
         .collect::<Result<Vec<_>, _>>()?;
-    let Profile { pairs, entries, stages } = &measured[0].profile;
+    let Profile { pairs, entries, stages, .. } = &measured[0].profile;
     let (pairs, entries) = (*pairs, *entries as u64);
     print_section(variant.name);
     println!(
@@ -76,7 +78,7 @@ fn measure(options: &Options, variant: &Variant, image: &Image, fitted: &Fitted)
         let mut row = vec![format!("`{}`", stage.stage)];
         for Measured { profile, .. } in &measured {
             let seconds = Quantiles::of(&profile.stages[i].seconds);
-            row.extend([seconds.ms(), number(seconds.median * 1e9 / pairs as f64)]);
+            row.extend([ms(seconds), number(seconds.median * 1e9 / pairs as f64)]);
         }
         print_row(&row);
     }
@@ -134,6 +136,6 @@ fn print_rates(Measured { profile, bare, .. }: &Measured) {
         let Some(stage) = profile.stages.iter().find(|stage| stage.stage == name) else { continue };
         let whole = Quantiles::of(&stage.seconds).times(1e9 / profile.pairs as f64);
         let bare = Quantiles::of(bare).times(1e9);
-        print_row(&[format!("`{name}`"), whole.cell(), bare.cell(), number(bare.median / whole.median)]);
+        print_row(&[format!("`{name}`"), cell(whole), cell(bare), number(bare.median / whole.median)]);
     }
 }

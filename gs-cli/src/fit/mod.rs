@@ -3,12 +3,12 @@
 //! Whatever can be refused is refused before the output folder is touched, and the folder before the first step is made.
 
 pub(crate) mod arguments;
-mod folder;
+pub(crate) mod folder;
 mod observers;
 pub(crate) mod progress;
 mod results;
-mod settings;
-mod target;
+pub(crate) mod settings;
+pub(crate) mod target;
 mod terminal;
 
 use std::{

@@ -6,7 +6,7 @@ use gs_core::Image;
 use gs_io::{AlphaMode, Transparency, read_image_with};
 use gs_train::{Preset, paper_target};
 
-use crate::{failure::Failure, values::Color};
+use crate::values::Color;
 
 /// The target and where it is from.
 #[derive(Debug)]
@@ -26,7 +26,7 @@ impl Target {
     ///
     /// # Errors
     /// Where the file is no image that can be read.
-    pub(crate) fn load(file: Option<&Path>, background: Option<Color>) -> Result<Self, Failure> {
+    pub(crate) fn load(file: Option<&Path>, background: Option<Color>) -> Result<Self, gs_io::Error> {
         let Some(path) = file else {
             return Ok(Self { image: paper_target(), file: None, behind: None, remark: None });
         };

@@ -4,4 +4,5 @@ mod backends;
 mod bad_input;
 mod fit;
 mod process;
+mod profile;
 mod scenes;

@@ -11,6 +11,7 @@ pub(crate) mod scenes;
 use std::{error::Error, hint::black_box, time::Instant};
 
 use clap::Parser;
+pub(crate) use gs_core::profile::Quantiles;
 use gs_cpu::{CpuRasterizer, CpuSettings, SimdLevel};
 
 /// What a benchmark returns to the shell.
@@ -135,44 +136,14 @@ pub(crate) fn try_time<T, E>(repetitions: usize, mut run: impl FnMut() -> Result
     Ok(seconds)
 }
 
-/// The median of some numbers, and how they scatter.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Quantiles {
-    /// The 10 % quantile.
-    pub(crate) low: f64,
-    /// The 50 % quantile.
-    pub(crate) median: f64,
-    /// The 90 % quantile.
-    pub(crate) high: f64,
+/// Median and 10 % and 90 % quantiles as a table's cell: "1.23 (1.20–1.31)".
+pub(crate) fn cell(Quantiles { low, median, high }: Quantiles) -> String {
+    format!("{} ({}–{})", number(median), number(low), number(high))
 }
 
-impl Quantiles {
-    /// Of these numbers; between two of them, interpolated. NaN of none.
-    pub(crate) fn of(numbers: &[f64]) -> Self {
-        let mut sorted = numbers.to_vec();
-        sorted.sort_by(f64::total_cmp);
-        let at = |share: f64| {
-            let place = share * sorted.len().saturating_sub(1) as f64;
-            let (low, high) = (sorted.get(place.floor() as usize), sorted.get(place.ceil() as usize));
-            low.zip(high).map_or(f64::NAN, |(low, high)| low + (high - low) * place.fract())
-        };
-        Self { low: at(0.1), median: at(0.5), high: at(0.9) }
-    }
-
-    /// All three times a factor.
-    pub(crate) fn times(self, factor: f64) -> Self {
-        Self { low: self.low * factor, median: self.median * factor, high: self.high * factor }
-    }
-
-    /// As a table's cell: "1.23 (1.20–1.31)".
-    pub(crate) fn cell(self) -> String {
-        format!("{} ({}–{})", number(self.median), number(self.low), number(self.high))
-    }
-
-    /// Seconds as a table's cell in milliseconds.
-    pub(crate) fn ms(self) -> String {
-        self.times(1e3).cell()
-    }
+/// Seconds as a table's cell in milliseconds.
+pub(crate) fn ms(seconds: Quantiles) -> String {
+    cell(seconds.times(1e3))
 }
 
 /// A number with three digits that count.

@@ -1,0 +1,98 @@
+//! `gs profile`: where the time of a training step goes, stage by stage, on any backend.
+
+mod measure;
+mod report;
+mod subject;
+
+use std::path::PathBuf;
+
+use clap::Args;
+use gs_io::write_atomically;
+
+use crate::{
+    backend::{Backend, BackendArgs},
+    failure::Failure,
+    fit::{
+        arguments::{BlendName, ChartName, LossName},
+        folder::OutputFolder,
+    },
+    output,
+    profile::{measure::Measure, subject::Subject},
+    values::Size,
+};
+
+const AFTER_HELP: &str = "\
+INPUT is taken as it comes: a scene is profiled as it is; an image, or the circle and square, is fitted first, in a few steps and on the
+same backend, and then profiled with the Gaussians as they are. No step that is measured moves them.
+
+A row of the table is a stage of a training step: its median time and 10 % and 90 % quantiles; its share of the sum; the pairs of a
+pixel and a Gaussian that it visits in a second; the bytes that it reads and writes at least, counted from the sizes of its arrays and
+not measured (each entry of a tile's list with its Gaussian, and each other array once in each pass), and their rate. A stage that a
+training step does not run, because another one does its work in the same pass, has no share. Below stand whole training steps, with
+lists made anew and with those of the step before, and the forward pass alone, as a caller sees them.
+
+On a GPU the stages' times are the device's own where the adapter has timestamps, and those of the host otherwise, waiting after each
+stage; the head of the table says which.
+
+DIR then holds profile.csv, the table, and profile.json, the same with all samples and what was measured on what; --json prints that.";
+
+/// The flags of `gs profile`.
+#[derive(Debug, Clone, Args)]
+#[command(after_help = AFTER_HELP)]
+pub(crate) struct ProfileArgs {
+    /// A scene, or an image to which Gaussians are fitted first [default: the paper's circle and square, 128x128]
+    input: Option<PathBuf>,
+    /// Folder for profile.csv and profile.json; made if it is not there [default: the table is only printed]
+    #[arg(short, long, value_name = "DIR")]
+    output: Option<PathBuf>,
+    /// Print JSON on standard output, and nothing else there
+    #[arg(long)]
+    json: bool,
+    /// How often each stage is measured
+    #[arg(short, long, value_name = "R", default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    repetitions: u32,
+    /// Size of the canvas [default: that of the image, or of the one that the scene was made for]
+    #[arg(long, value_name = "WxH")]
+    size: Option<Size>,
+    /// What a scene is compared with, an image of the canvas' size [default: its own rendering]
+    #[arg(long, value_name = "IMAGE")]
+    image: Option<PathBuf>,
+    /// The most Gaussians that an image is fitted with [default: 9000 for each 768x512 px]
+    #[arg(short = 'n', long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    gaussians: Option<u32>,
+    /// Steps in which an image is fitted [default: 100]
+    #[arg(short, long, value_name = "K")]
+    iterations: Option<u32>,
+    /// What is minimised [default: l2, or the paper's for the circle and square]
+    #[arg(long, value_enum, value_name = "LOSS")]
+    loss: Option<LossName>,
+    /// How the Gaussians at a pixel become its colour [default: as the scene has it; sum for images]
+    #[arg(long, value_enum, value_name = "BLEND")]
+    blend: Option<BlendName>,
+    /// In which coordinates the optimiser moves [default: local-frame, or the paper's for the circle and square]
+    #[arg(long, value_enum, value_name = "CHART")]
+    chart: Option<ChartName>,
+    #[command(flatten)]
+    backend: BackendArgs,
+}
+
+/// Profiles a scene or an image, prints the table, and writes it to files if a folder for them is named.
+///
+/// # Errors
+/// Where input, flags or the output folder are not possible, or the backend fails.
+pub(crate) fn run(args: &ProfileArgs) -> Result<(), Failure> {
+    let subject = Subject::load(args)?;
+    let backend = Backend::start(&args.backend)?;
+    let folder = args.output.as_ref().map(|path| OutputFolder::prepare(path, "--output")).transpose()?;
+    let report = backend.run(Measure { subject, backend: &backend, repetitions: args.repetitions as usize })?;
+    if let Some(folder) = &folder {
+        let write = |name: &str, text: String| {
+            write_atomically(folder.file(name), |file| file.write_all(text.as_bytes())).map_err(Failure::from)
+        };
+        write("profile.csv", report.csv())?;
+        let json = serde_json::to_string_pretty(&report).map_err(|error| Failure::failed(error).at("profile.json"))?;
+        write("profile.json", json + "\n")?;
+        output::note(format_args!("wrote profile.csv and profile.json in {}", folder.path().display()));
+    }
+    if args.json { output::json(&report) } else { output::result(report.text()) }
+}

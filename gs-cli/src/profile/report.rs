@@ -1,0 +1,278 @@
+//! What a profile tells: as a table for people, as CSV, and as JSON. All three show the same numbers.
+
+use std::fmt::Write;
+
+use gs_core::{
+    Blend, Canvas, Chart, Loss,
+    profile::{Clock, Profile, Quantiles, StageTime},
+};
+use serde::Serialize;
+
+use crate::{backend::Backend, profile::measure::Whole};
+
+/// What was profiled.
+pub(crate) struct Facts {
+    pub(crate) input: Option<String>,
+    pub(crate) name: String,
+    pub(crate) gaussians: usize,
+    pub(crate) fitted_steps: Option<u32>,
+    pub(crate) target: String,
+    pub(crate) canvas: Canvas,
+    pub(crate) blend: Blend,
+    pub(crate) loss: Loss,
+    pub(crate) chart: Chart,
+    pub(crate) repetitions: usize,
+}
+
+/// What `profile.json` holds and `--json` prints.
+#[derive(Debug, Serialize)]
+pub(crate) struct Report {
+    /// The scene or the image; none is the paper's circle and square.
+    input: Option<String>,
+    #[serde(skip)]
+    name: String,
+    gaussians: usize,
+    /// Steps in which the Gaussians were fitted to the image; none for a scene.
+    fitted_steps: Option<u32>,
+    /// The image that they are compared with, or "its own rendering".
+    target: String,
+    width: u32,
+    height: u32,
+    blend: Blend,
+    loss: Loss,
+    chart: Chart,
+    /// Entries of all tiles' lists.
+    entries: usize,
+    /// Pixel–Gaussian pairs that blending visits.
+    pairs: u64,
+    backend: &'static str,
+    adapter: Option<String>,
+    threads: usize,
+    simd: Option<String>,
+    /// The backend, and why it is this one.
+    reason: String,
+    clock: ClockName,
+    #[serde(skip)]
+    clock_text: String,
+    /// Why the clock is not the device's, where it could be.
+    clock_reason: Option<String>,
+    repetitions: usize,
+    stages: Vec<Stage>,
+    /// Sum of the medians of the stages that have a share.
+    sum_seconds: f64,
+    train_step_fresh: Times,
+    train_step_reused: Times,
+    forward: Times,
+}
+
+/// What measured the stages; whole passes are always measured by the host.
+#[derive(Debug, Clone, Copy, Serialize)]
+#[serde(rename_all = "kebab-case")]
+enum ClockName {
+    Host,
+    RoundTrip,
+    Device,
+}
+
+/// A row of the table.
+#[derive(Debug, Serialize)]
+struct Stage {
+    stage: &'static str,
+    seconds: Times,
+    /// Of the sum, 0 to 1; none where a training step runs another stage instead.
+    share: Option<f64>,
+    replaced_by: Option<&'static str>,
+    /// None where the stage visits no pairs.
+    pairs: Option<u64>,
+    pairs_per_second: Option<f64>,
+    bytes_read: u64,
+    bytes_written: u64,
+    bytes_per_second: f64,
+}
+
+/// Seconds.
+#[derive(Debug, Clone, Serialize)]
+struct Times {
+    median: f64,
+    /// The 10 % quantile.
+    low: f64,
+    /// The 90 % quantile.
+    high: f64,
+    samples: Vec<f64>,
+}
+
+impl Times {
+    fn of(samples: &[f64]) -> Self {
+        let Quantiles { low, median, high } = Quantiles::of(samples);
+        Self { median, low, high, samples: samples.to_vec() }
+    }
+}
+
+impl Stage {
+    fn new(profile: &Profile, time: &StageTime, sum: f64) -> Self {
+        let seconds = Times::of(&time.seconds);
+        let replaced_by = profile.replaced_by(time);
+        let pairs = (time.pairs > 0).then_some(time.pairs);
+        let traffic = time.traffic;
+        Self {
+            stage: time.stage,
+            share: replaced_by.is_none().then(|| seconds.median / sum),
+            replaced_by,
+            pairs,
+            pairs_per_second: pairs.map(|pairs| pairs as f64 / seconds.median),
+            bytes_read: traffic.read,
+            bytes_written: traffic.written,
+            bytes_per_second: traffic.bytes() as f64 / seconds.median,
+            seconds,
+        }
+    }
+}
+
+impl Report {
+    pub(crate) fn new(facts: Facts, backend: &Backend, profile: &Profile, whole: &Whole) -> Self {
+        let sum_seconds = profile.of_a_step().map(|stage| Quantiles::of(&stage.seconds).median).sum();
+        let (clock, clock_reason) = match &profile.clock {
+            Clock::Host => (ClockName::Host, None),
+            Clock::RoundTrip { why } => (ClockName::RoundTrip, Some(why.clone())),
+            Clock::Device => (ClockName::Device, None),
+        };
+        let Facts { input, name, gaussians, fitted_steps, target, canvas, blend, loss, chart, repetitions } = facts;
+        Self {
+            input,
+            name,
+            gaussians,
+            fitted_steps,
+            target,
+            width: canvas.width,
+            height: canvas.height,
+            blend,
+            loss,
+            chart,
+            entries: profile.entries,
+            pairs: profile.pairs,
+            backend: backend.name,
+            adapter: backend.adapter.clone(),
+            threads: backend.threads,
+            simd: backend.simd.clone(),
+            reason: backend.reason.clone(),
+            clock,
+            clock_text: profile.clock.to_string(),
+            clock_reason,
+            repetitions,
+            stages: profile.stages.iter().map(|stage| Stage::new(profile, stage, sum_seconds)).collect(),
+            sum_seconds,
+            train_step_fresh: Times::of(&whole.train_step_fresh),
+            train_step_reused: Times::of(&whole.train_step_reused),
+            forward: Times::of(&whole.forward),
+        }
+    }
+
+    /// Whole passes by the names of their rows, for files and for people.
+    fn whole(&self) -> [(&'static str, &'static str, &Times); 3] {
+        [
+            ("train_step_fresh", "training step, lists made anew", &self.train_step_fresh),
+            ("train_step_reused", "training step, lists used again", &self.train_step_reused),
+            ("forward", "forward pass alone", &self.forward),
+        ]
+    }
+
+    /// The table as CSV: stages, their sum, whole passes. A cell that does not apply is empty.
+    pub(crate) fn csv(&self) -> String {
+        let cell = |value: Option<String>| value.unwrap_or_default();
+        let mut csv = String::from(
+            "row,seconds,seconds_low,seconds_high,share,pairs,pairs_per_second,bytes_read,bytes_written,bytes_per_second\n",
+        );
+        for stage in &self.stages {
+            let Times { median, low, high, .. } = stage.seconds;
+            let share = cell(stage.share.map(|share| share.to_string()));
+            let pairs = cell(stage.pairs.map(|pairs| pairs.to_string()));
+            let rate = cell(stage.pairs_per_second.map(|rate| rate.to_string()));
+            let Stage { stage, bytes_read, bytes_written, bytes_per_second, .. } = stage;
+            let bytes = format_args!("{bytes_read},{bytes_written},{bytes_per_second}");
+            let _ = writeln!(csv, "{stage},{median},{low},{high},{share},{pairs},{rate},{bytes}");
+        }
+        let _ = writeln!(csv, "sum,{},,,1,,,,,", self.sum_seconds);
+        for (row, _, Times { median, low, high, .. }) in self.whole() {
+            let _ = writeln!(csv, "{row},{median},{low},{high},,,,,,");
+        }
+        csv
+    }
+
+    /// The head, the table and its legend, for people.
+    pub(crate) fn text(&self) -> String {
+        let mut text = self.head();
+        let _ = writeln!(
+            text,
+            "\n{:<32}{:>10}{:>10}{:>10}{:>9}{:>10}{:>10}{:>8}",
+            "stage", "ms", "10 %", "90 %", "share", "Gpairs/s", "MB", "GB/s"
+        );
+        for stage in &self.stages {
+            let share = match (stage.share, stage.replaced_by) {
+                (Some(share), _) => format!("{:.1} %", 100.0 * share),
+                (None, by) => by.map_or_else(String::new, |by| format!("({by})")),
+            };
+            let rate = stage.pairs_per_second.map_or_else(|| "-".to_owned(), |rate| format!("{:.3}", 1e-9 * rate));
+            let megabytes = 1e-6 * (stage.bytes_read + stage.bytes_written) as f64;
+            let _ = writeln!(
+                text,
+                "{:<32}{}{share:>9}{rate:>10}{megabytes:>10.3}{:>8.2}",
+                stage.stage,
+                milliseconds(&stage.seconds),
+                1e-9 * stage.bytes_per_second
+            );
+        }
+        let _ = writeln!(text, "{:<32}{:>10.4}{:>29}", "sum", 1e3 * self.sum_seconds, "100.0 %");
+        text.push('\n');
+        for (_, row, times) in self.whole() {
+            let _ = writeln!(text, "{row:<32}{}", milliseconds(times));
+        }
+        text.push_str(&self.legend());
+        text
+    }
+
+    fn head(&self) -> String {
+        let Self { reason, name, width, height, target, clock_text, repetitions, .. } = self;
+        let fitted = self.fitted_steps.map_or_else(String::new, |steps| format!(", fitted in {steps} steps"));
+        let blend = match self.blend {
+            Blend::Sum => "sum",
+            Blend::Over => "over",
+        };
+        let loss = match self.loss {
+            Loss::L1 => "l1",
+            Loss::L2 => "l2",
+            Loss::L1Dssim { .. } => "l1-dssim",
+        };
+        let chart = match self.chart {
+            Chart::ScaleRotation => "scale-rotation",
+            Chart::LocalFrame => "local-frame",
+        };
+        format!(
+            "{reason}\n{name}: {} Gaussians{fitted}; {width}x{height} px, {blend}, {loss}, {chart}; target: {target}\n\
+             {} entries in tiles' lists, {} pairs of a pixel and a Gaussian\nclock of the stages: {clock_text}; \
+             {repetitions} repetitions\n",
+            self.gaussians, self.entries, self.pairs
+        )
+    }
+
+    /// What the rows and columns need to be understood.
+    fn legend(&self) -> String {
+        let mut legend = String::from(
+            "\nMB: what a stage reads and writes at least, counted from the sizes of its arrays, not measured; GB/s: that, by its time.",
+        );
+        let replaced: Vec<&str> =
+            self.stages.iter().filter(|stage| stage.replaced_by.is_some()).map(|stage| stage.stage).collect();
+        if let Some(by) = self.stages.iter().find_map(|stage| stage.replaced_by) {
+            let _ = write!(
+                legend,
+                "\nA training step runs {by} in place of {}, which are shown for comparison and are not in the sum.",
+                replaced.join(", ")
+            );
+        }
+        legend
+    }
+}
+
+/// Median and quantiles as three cells.
+fn milliseconds(Times { median, low, high, .. }: &Times) -> String {
+    format!("{:>10.4}{:>10.4}{:>10.4}", 1e3 * median, 1e3 * low, 1e3 * high)
+}
