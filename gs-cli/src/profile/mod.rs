@@ -22,16 +22,16 @@ use crate::{
 };
 
 const AFTER_HELP: &str = "\
-INPUT is taken as it comes: a scene is profiled as it is; an image, or the circle and square, is fitted first, in a few steps and on the
+INPUT is taken as it comes: a scene is profiled as it is; an image, or the circle and square, is fitted first, in a few steps and on the \
 same backend, and then profiled with the Gaussians as they are. No step that is measured moves them.
 
-A row of the table is a stage of a training step: its median time and 10 % and 90 % quantiles; its share of the sum; the pairs of a
-pixel and a Gaussian that it visits in a second; the bytes that it reads and writes at least, counted from the sizes of its arrays and
-not measured (each entry of a tile's list with its Gaussian, and each other array once in each pass), and their rate. A stage that a
-training step does not run, because another one does its work in the same pass, has no share. Below stand whole training steps, with
+A row of the table is a stage of a training step: its median time and 10 % and 90 % quantiles; its share of the sum; the pairs of a \
+pixel and a Gaussian that it visits in a second; the bytes that it reads and writes at least, counted from the sizes of its arrays and \
+not measured (each entry of a tile's list with its Gaussian, and each other array once in each pass), and their rate. A stage that a \
+training step does not run, because another one does its work in the same pass, has no share. Below stand whole training steps, with \
 lists made anew and with those of the step before, and the forward pass alone, as a caller sees them.
 
-On a GPU the stages' times are the device's own where the adapter has timestamps, and those of the host otherwise, waiting after each
+On a GPU the stages' times are the device's own where the adapter has timestamps, and those of the host otherwise, waiting after each \
 stage; the head of the table says which.
 
 DIR then holds profile.csv, the table, and profile.json, the same with all samples and what was measured on what; --json prints that.";

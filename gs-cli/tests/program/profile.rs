@@ -194,6 +194,18 @@ fn the_table_tells_backend_clock_stages_and_whole_steps() {
 }
 
 #[test]
+fn nothing_takes_its_time_too() {
+    let place = folder();
+    let path = place.path().join("empty.gs2d.safetensors");
+    gs_io::write_scene(&path, &gs_io::PlanarFile { width: 1, height: 1, ..Default::default() }).unwrap();
+    for backend in ["cpu", "wgpu"] {
+        let run = profile(&[path.to_str().unwrap(), "--backend", backend]).done();
+        assert!(run.stdout.contains(": 0 Gaussians; 1x1 px"), "{run:?}");
+        assert!(!run.stdout.contains("NaN") && !run.stdout.contains("inf"), "{run:?}");
+    }
+}
+
+#[test]
 fn what_cannot_be_profiled_is_refused_before_anything_is_written() {
     let place = folder();
     let scene = scene(place.path());
