@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use gs_core::{
-    Binning, Canvas, Error, PlanarScene, Rasterizer, Scene, TrainStep,
+    Binning, Canvas, Error, PlanarScene, Rasterizer, Scene, TrainStep, Wait,
     profile::{Profiler, still},
 };
 
@@ -16,6 +16,9 @@ use crate::{
     },
 };
 
+/// Training steps that are sent one behind the other before the last is waited for, as a fit does.
+const STEPS: u32 = 4;
+
 /// Profiling as a task for any backend.
 pub(crate) struct Measure<'a> {
     pub(crate) subject: Subject,
@@ -23,7 +26,7 @@ pub(crate) struct Measure<'a> {
     pub(crate) repetitions: usize,
 }
 
-/// Seconds of whole passes, one each per repetition.
+/// Seconds of whole passes, one each per repetition; of training steps, means over [`STEPS`].
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(crate) struct Whole {
     /// Training steps that make their lists anew.
@@ -72,26 +75,29 @@ fn whole<R: Rasterizer<PlanarScene>>(
     step: &TrainStep<'_>,
     repetitions: usize,
 ) -> Result<Whole, Error> {
-    let mut whole = Whole::default();
+    let (mut whole, mut losses) = (Whole::default(), Vec::new());
+    let mut train = |cloud: &mut R::Cloud, binning: Binning| {
+        let start = Instant::now();
+        for _ in 0..STEPS {
+            rasterizer.train_step(cloud, canvas, target, &TrainStep { binning, ..*step })?;
+        }
+        losses.clear();
+        rasterizer.losses(cloud, Wait::All, &mut losses)?;
+        Ok(start.elapsed().as_secs_f64() / f64::from(STEPS))
+    };
     for repetition in 0..=repetitions {
         // Lists must be made before they can be used again.
-        let laps = [
-            lap(|| rasterizer.train_step(cloud, canvas, target, &TrainStep { binning: Binning::Fresh, ..*step }))?,
-            lap(|| rasterizer.train_step(cloud, canvas, target, &TrainStep { binning: Binning::Reuse, ..*step }))?,
-            lap(|| rasterizer.forward(cloud, canvas, step.settings))?,
-        ];
+        let fresh = train(cloud, Binning::Fresh)?;
+        let reused = train(cloud, Binning::Reuse)?;
+        let start = Instant::now();
+        let frame = rasterizer.forward(cloud, canvas, step.settings)?;
+        let forward = start.elapsed().as_secs_f64();
+        drop(frame);
         if repetition > 0 {
-            whole.train_step_fresh.push(laps[0]);
-            whole.train_step_reused.push(laps[1]);
-            whole.forward.push(laps[2]);
+            whole.train_step_fresh.push(fresh);
+            whole.train_step_reused.push(reused);
+            whole.forward.push(forward);
         }
     }
     Ok(whole)
-}
-
-/// Seconds that something takes.
-fn lap<T>(run: impl FnOnce() -> Result<T, Error>) -> Result<f64, Error> {
-    let start = Instant::now();
-    run()?;
-    Ok(start.elapsed().as_secs_f64())
 }

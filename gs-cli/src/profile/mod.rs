@@ -28,8 +28,9 @@ same backend, and then profiled with the Gaussians as they are. No step that is 
 A row of the table is a stage of a training step: its median time and 10 % and 90 % quantiles; its share of the sum; the pairs of a \
 pixel and a Gaussian that it visits in a second; the bytes that it reads and writes at least, counted from the sizes of its arrays and \
 not measured (each entry of a tile's list with its Gaussian, and each other array once in each pass), and their rate. A stage that a \
-training step does not run, because another one does its work in the same pass, has no share. Below stand whole training steps, with \
-lists made anew and with those of the step before, and the forward pass alone, as a caller sees them.
+training step does not run, because another one does its work in the same pass, has no share. Below stand whole training steps (means \
+over 4, sent one behind the other as in a fit), with lists made anew and with those of the step before, and the forward pass alone, as \
+a caller sees them.
 
 On a GPU the stages' times are the device's own where the adapter has timestamps, and those of the host otherwise, waiting after each \
 stage; the head of the table says which.
