@@ -11,7 +11,7 @@ use gs_core::{
 };
 
 use crate::{
-    dispatch::dispatch,
+    dispatch::{Commands, dispatch},
     gpu::{Gpu, STORAGE},
     in_flight::InFlight,
     layout::{Gaussian, Moments, Source, Statistics, Step},
@@ -159,7 +159,7 @@ impl PlanarCloud {
             gpu.allocate("statistics", (n * size_of::<Statistics>()) as u64, STORAGE)?,
         ];
         let (records, fresh) = (gpu.storage("edits", &records)?, gpu.storage("new Gaussians", &fresh)?);
-        let mut encoder = gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
+        let mut commands = Commands::new(gpu);
         let bindings = [
             &uniform,
             &records,
@@ -171,8 +171,8 @@ impl PlanarCloud {
             &edited[1],
             &edited[2],
         ];
-        dispatch(gpu, &mut encoder, "edit", Variant::default(), &bindings, gpu.groups((n as u64).div_ceil(64)).into());
-        gpu.queue.submit([encoder.finish()]);
+        dispatch(gpu, &mut commands, "edit", Variant::default(), &bindings, gpu.groups((n as u64).div_ceil(64)).into());
+        commands.submit(gpu);
         gpu.check()?;
         [self.gaussians, self.moments, self.statistics] = edited;
         (self.len, self.has_opacity, self.edition) = (n, has_opacity, next_edition());

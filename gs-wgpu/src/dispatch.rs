@@ -1,4 +1,4 @@
-//! One dispatch of one entry point.
+//! Commands on their way to the device: dispatches of entry points, in as few passes as can be.
 
 use crate::{gpu::Gpu, shaders::Variant};
 
@@ -17,23 +17,52 @@ impl From<(u32, u32)> for Groups<'_> {
     }
 }
 
+/// Commands of one submission. Dispatches in a row share a pass, because beginning one costs about as much as a small dispatch.
+pub(crate) struct Commands {
+    encoder: wgpu::CommandEncoder,
+    pass: Option<wgpu::ComputePass<'static>>,
+}
+
+impl Commands {
+    pub(crate) fn new(gpu: &Gpu) -> Self {
+        let encoder = gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
+        Self { encoder, pass: None }
+    }
+
+    /// For copies and the like, between passes.
+    pub(crate) fn encoder(&mut self) -> &mut wgpu::CommandEncoder {
+        self.pass = None;
+        &mut self.encoder
+    }
+
+    fn pass(&mut self) -> &mut wgpu::ComputePass<'static> {
+        let encoder = &mut self.encoder;
+        self.pass.get_or_insert_with(|| encoder.begin_compute_pass(&Default::default()).forget_lifetime())
+    }
+
+    pub(crate) fn submit(mut self, gpu: &Gpu) -> wgpu::SubmissionIndex {
+        self.pass = None;
+        gpu.queue.submit([self.encoder.finish()])
+    }
+}
+
 /// Records a dispatch of `entry_point`; `bindings` have the numbers 0, 1, 2, …
 pub(crate) fn dispatch(
     gpu: &Gpu,
-    encoder: &mut wgpu::CommandEncoder,
+    commands: &mut Commands,
     entry_point: &'static str,
     variant: Variant,
     bindings: &[&wgpu::Buffer],
     groups: Groups<'_>,
 ) {
     let numbers: Vec<u32> = (0..bindings.len() as u32).collect();
-    dispatch_some(gpu, encoder, entry_point, variant, (&numbers, bindings), groups);
+    dispatch_some(gpu, commands, entry_point, variant, (&numbers, bindings), groups);
 }
 
 /// As [`dispatch`], for an entry point that leaves some bindings of its file unused: numbers and buffers.
 pub(crate) fn dispatch_some(
     gpu: &Gpu,
-    encoder: &mut wgpu::CommandEncoder,
+    commands: &mut Commands,
     entry_point: &'static str,
     variant: Variant,
     (numbers, buffers): (&[u32], &[&wgpu::Buffer]),
@@ -48,8 +77,7 @@ pub(crate) fn dispatch_some(
         layout: &pipeline.get_bind_group_layout(0),
         entries: &entries,
     });
-    let descriptor = wgpu::ComputePassDescriptor { label: Some(entry_point), timestamp_writes: None };
-    let mut pass = encoder.begin_compute_pass(&descriptor);
+    let pass = commands.pass();
     pass.set_pipeline(&pipeline);
     pass.set_bind_group(0, &group, &[]);
     match groups {

@@ -69,7 +69,10 @@ pub(crate) fn backend_error(message: impl Into<String>) -> Error {
 fn instance() -> wgpu::Instance {
     // Not OpenGL: as a silent fallback it takes minutes to compile what it then runs slowly.
     let backends = wgpu::Backends::VULKAN | wgpu::Backends::METAL | wgpu::Backends::DX12;
-    let descriptor = wgpu::InstanceDescriptor { backends, ..wgpu::InstanceDescriptor::new_without_display_handle() };
+    let defaults = wgpu::InstanceDescriptor::new_without_display_handle();
+    // Indirect dispatches are ours alone, and `sizes.wgsl` keeps them within limits; checking each would take a dispatch of its own.
+    let flags = defaults.flags.difference(wgpu::InstanceFlags::VALIDATION_INDIRECT_CALL);
+    let descriptor = wgpu::InstanceDescriptor { backends, flags, ..defaults };
     wgpu::Instance::new(descriptor)
 }
 

@@ -13,6 +13,7 @@ use gs_core::{AdamRates, Binning, Canvas, Error, Loss, RenderSettings, TrainStep
 
 use crate::{
     cloud::PlanarCloud,
+    dispatch::Commands,
     frame::Pool,
     gpu::{Gpu, MOST_PATIENCE},
     layout::Status,
@@ -190,13 +191,13 @@ impl InFlight {
         let slot = self.free.pop().map_or_else(|| Slot::new(gpu), Ok)?;
         // Written when this step is submitted, behind those before it: each sees its own.
         workspace.write_step(gpu, &workspace.describe(cloud, Some(request.loss), Some(&request.rates)));
-        let mut encoder = gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
-        workspace.encode_lists(gpu, &mut encoder, cloud, fresh);
-        workspace.encode_image_and_gradient(gpu, &mut encoder, cloud, &request.target, request.loss)?;
-        workspace.encode_project_bwd(gpu, &mut encoder, cloud);
-        workspace.encode_adam(gpu, &mut encoder, cloud);
-        workspace.encode_status(&mut encoder, &slot.staging);
-        let submission = gpu.queue.submit([encoder.finish()]);
+        let mut commands = Commands::new(gpu);
+        workspace.encode_lists(gpu, &mut commands, cloud, fresh);
+        workspace.encode_image_and_gradient(gpu, &mut commands, cloud, &request.target, request.loss)?;
+        workspace.encode_project_bwd(gpu, &mut commands, cloud);
+        workspace.encode_adam(gpu, &mut commands, cloud);
+        workspace.encode_status(&mut commands, &slot.staging);
+        let submission = commands.submit(gpu);
         slot.map();
         // If these lists do not fit, whoever makes room forgets them again.
         workspace.edition = Some(cloud.edition);

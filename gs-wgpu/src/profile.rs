@@ -10,6 +10,7 @@ use gs_core::{
 
 use crate::{
     PlanarCloud, PlanarTarget, WgpuRasterizer,
+    dispatch::Commands,
     gpu::Gpu,
     rasterizer::check,
     timestamps::Timestamps,
@@ -88,21 +89,21 @@ struct Pass<'a> {
 }
 
 impl Pass<'_> {
-    fn encode(&mut self, stage: Stage, encoder: &mut wgpu::CommandEncoder) -> Result<(), Error> {
+    fn encode(&mut self, stage: Stage, commands: &mut Commands) -> Result<(), Error> {
         let Self { rasterizer, workspace, cloud, target, loss, .. } = self;
         let gpu = &rasterizer.gpu;
         match stage {
-            Stage::Project => workspace.encode_project(gpu, encoder, cloud, true),
-            Stage::Scan => workspace.encode_offsets(gpu, encoder),
-            Stage::Bin => workspace.encode_bin(gpu, encoder, cloud),
-            Stage::Sort => workspace.encode_sort(gpu, encoder),
-            Stage::Ranges => workspace.encode_ranges(gpu, encoder),
-            Stage::Blend => workspace.encode_blend(gpu, encoder, cloud),
-            Stage::Loss => workspace.encode_loss(gpu, encoder, target, Some(*loss))?,
-            Stage::BlendBwd => workspace.encode_blend_bwd(gpu, encoder, cloud, Differentiated::Loss),
-            Stage::Fused => workspace.encode_image_and_gradient(gpu, encoder, cloud, target, *loss)?,
-            Stage::ProjectBwd => workspace.encode_project_bwd(gpu, encoder, cloud),
-            Stage::Adam => workspace.encode_adam(gpu, encoder, cloud),
+            Stage::Project => workspace.encode_project(gpu, commands, cloud, true),
+            Stage::Scan => workspace.encode_offsets(gpu, commands),
+            Stage::Bin => workspace.encode_bin(gpu, commands, cloud),
+            Stage::Sort => workspace.encode_sort(gpu, commands),
+            Stage::Ranges => workspace.encode_ranges(gpu, commands),
+            Stage::Blend => workspace.encode_blend(gpu, commands, cloud),
+            Stage::Loss => workspace.encode_loss(gpu, commands, target, Some(*loss))?,
+            Stage::BlendBwd => workspace.encode_blend_bwd(gpu, commands, cloud, Differentiated::Loss),
+            Stage::Fused => workspace.encode_image_and_gradient(gpu, commands, cloud, target, *loss)?,
+            Stage::ProjectBwd => workspace.encode_project_bwd(gpu, commands, cloud),
+            Stage::Adam => workspace.encode_adam(gpu, commands, cloud),
         }
         Ok(())
     }
@@ -110,15 +111,15 @@ impl Pass<'_> {
     /// Seconds of each stage, all of them in one submission with timestamps between; `None` where those contradict the host's clock.
     fn by_device(&mut self, timestamps: &Timestamps) -> Result<Option<Vec<f64>>, Error> {
         let gpu = &self.rasterizer.gpu;
-        let mut encoder = self.rasterizer.encoder();
+        let mut commands = Commands::new(gpu);
         for index in 0..self.stages.len() {
-            timestamps.mark(&mut encoder, index as u32);
-            self.encode(self.stages[index], &mut encoder)?;
+            timestamps.mark(&mut commands, index as u32);
+            self.encode(self.stages[index], &mut commands)?;
         }
-        timestamps.mark(&mut encoder, self.stages.len() as u32);
-        timestamps.resolve(&mut encoder);
+        timestamps.mark(&mut commands, self.stages.len() as u32);
+        timestamps.resolve(&mut commands);
         let start = Instant::now();
-        gpu.queue.submit([encoder.finish()]);
+        commands.submit(gpu);
         gpu.wait()?;
         let host = start.elapsed().as_secs_f64();
         let laps = timestamps.laps(gpu)?;
@@ -130,10 +131,10 @@ impl Pass<'_> {
         let gpu = &self.rasterizer.gpu;
         let mut laps = Vec::with_capacity(self.stages.len());
         for index in 0..self.stages.len() {
-            let mut encoder = self.rasterizer.encoder();
-            self.encode(self.stages[index], &mut encoder)?;
+            let mut commands = Commands::new(gpu);
+            self.encode(self.stages[index], &mut commands)?;
             let start = Instant::now();
-            gpu.queue.submit([encoder.finish()]);
+            commands.submit(gpu);
             gpu.wait()?;
             laps.push(start.elapsed().as_secs_f64());
         }

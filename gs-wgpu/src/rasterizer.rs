@@ -13,6 +13,7 @@ use gs_core::{
 use crate::{
     PlanarCloud, PlanarFrame, PlanarGradients, PlanarTarget, WgpuSettings,
     cloud::UNIFORM,
+    dispatch::Commands,
     frame::Pool,
     gpu::{AdapterSummary, BACKEND, Gpu},
     in_flight::Request,
@@ -62,24 +63,20 @@ impl WgpuRasterizer {
         self.gpu.lose();
     }
 
-    pub(crate) fn encoder(&self) -> wgpu::CommandEncoder {
-        self.gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default())
-    }
-
     /// Runs `encode` on lists made anew, with more room until they fit; what became of it.
     pub(crate) fn with_lists(
         &self,
         workspace: &mut Workspace,
         cloud: &PlanarCloud,
         step: impl Fn(&Workspace) -> Step,
-        mut encode: impl FnMut(&mut Workspace, &mut wgpu::CommandEncoder) -> Result<(), Error>,
+        mut encode: impl FnMut(&mut Workspace, &mut Commands) -> Result<(), Error>,
     ) -> Result<Status, Error> {
         loop {
             workspace.write_step(&self.gpu, &step(workspace));
-            let mut encoder = self.encoder();
-            workspace.encode_lists(&self.gpu, &mut encoder, cloud, true);
-            encode(workspace, &mut encoder)?;
-            self.gpu.queue.submit([encoder.finish()]);
+            let mut commands = Commands::new(&self.gpu);
+            workspace.encode_lists(&self.gpu, &mut commands, cloud, true);
+            encode(workspace, &mut commands)?;
+            commands.submit(&self.gpu);
             let status = workspace.read_status(&self.gpu)?;
             if status.overflow == 0 {
                 workspace.edition = Some(cloud.edition);
@@ -156,8 +153,8 @@ impl Rasterizer<PlanarScene> for WgpuRasterizer {
             &mut workspace,
             cloud,
             |w| w.describe(cloud, None, None),
-            |w, encoder| {
-                w.encode_blend(&self.gpu, encoder, cloud);
+            |w, commands| {
+                w.encode_blend(&self.gpu, commands, cloud);
                 Ok(())
             },
         )?;
@@ -188,14 +185,14 @@ impl Rasterizer<PlanarScene> for WgpuRasterizer {
         }
         cloud.settle(gpu)?;
         workspace.write_step(gpu, &workspace.describe(cloud, Some(*loss), None));
-        let mut encoder = self.encoder();
-        workspace.encode_loss(gpu, &mut encoder, target, Some(*loss))?;
-        workspace.encode_blend_bwd(gpu, &mut encoder, cloud, Differentiated::Loss);
-        workspace.encode_project_bwd(gpu, &mut encoder, cloud);
+        let mut commands = Commands::new(gpu);
+        workspace.encode_loss(gpu, &mut commands, target, Some(*loss))?;
+        workspace.encode_blend_bwd(gpu, &mut commands, cloud, Differentiated::Loss);
+        workspace.encode_project_bwd(gpu, &mut commands, cloud);
         let source = &workspace.gradients.buffer;
         let buffer = gpu.allocate("gradients", source.size(), crate::gpu::STORAGE)?;
-        encoder.copy_buffer_to_buffer(source, 0, &buffer, 0, source.size());
-        gpu.queue.submit([encoder.finish()]);
+        commands.encoder().copy_buffer_to_buffer(source, 0, &buffer, 0, source.size());
+        commands.submit(gpu);
         let value = workspace.read_status(gpu)?.loss;
         let gradients = PlanarGradients {
             buffer,
@@ -224,10 +221,10 @@ impl Rasterizer<PlanarScene> for WgpuRasterizer {
         let step = Step { opaque, ..workspace.describe(cloud, None, Some(rates)) };
         let uniform = gpu.allocate("step", size_of::<Step>() as u64, UNIFORM)?;
         gpu.write(&uniform, bytemuck::bytes_of(&step));
-        let mut encoder = self.encoder();
+        let mut commands = Commands::new(gpu);
         let groups = gpu.groups((cloud.len as u64).div_ceil(64)).into();
-        encode_adam(gpu, &mut encoder, cloud, &uniform, &gradients.buffer, groups);
-        gpu.queue.submit([encoder.finish()]);
+        encode_adam(gpu, &mut commands, cloud, &uniform, &gradients.buffer, groups);
+        commands.submit(gpu);
         self.pool.give(workspace);
         gpu.check()
     }
@@ -280,9 +277,9 @@ impl Rasterizer<PlanarScene> for WgpuRasterizer {
         let step = describe(&workspace);
         let without_backdrop = gpu.storage("step", &[Step { backdrop: [0.0; 3], ..step }])?;
         workspace.write_step(gpu, &step);
-        let mut encoder = self.encoder();
-        workspace.encode_solve(gpu, &mut encoder, cloud, target, iterations, &without_backdrop)?;
-        gpu.queue.submit([encoder.finish()]);
+        let mut commands = Commands::new(gpu);
+        workspace.encode_solve(gpu, &mut commands, cloud, target, iterations, &without_backdrop)?;
+        commands.submit(gpu);
         self.pool.give(workspace);
         gpu.check()
     }

@@ -2,7 +2,10 @@
 
 use gs_core::Error;
 
-use crate::gpu::{Gpu, STORAGE};
+use crate::{
+    dispatch::Commands,
+    gpu::{Gpu, STORAGE},
+};
 
 /// Timestamps of one submission, in the order in which they are written.
 #[derive(Debug)]
@@ -36,18 +39,20 @@ impl Timestamps {
 
     /// Writes timestamp `index` once everything that was recorded before has been done: at the beginning of a pass that does nothing,
     /// which every adapter with timestamps allows.
-    pub(crate) fn mark(&self, encoder: &mut wgpu::CommandEncoder, index: u32) {
+    pub(crate) fn mark(&self, commands: &mut Commands, index: u32) {
         let timestamp_writes = Some(wgpu::ComputePassTimestampWrites {
             query_set: &self.queries,
             beginning_of_pass_write_index: Some(index),
             end_of_pass_write_index: None,
         });
-        encoder.begin_compute_pass(&wgpu::ComputePassDescriptor { label: Some("timestamp"), timestamp_writes });
+        commands
+            .encoder()
+            .begin_compute_pass(&wgpu::ComputePassDescriptor { label: Some("timestamp"), timestamp_writes });
     }
 
     /// Makes the timestamps readable; the last command of the submission.
-    pub(crate) fn resolve(&self, encoder: &mut wgpu::CommandEncoder) {
-        encoder.resolve_query_set(&self.queries, 0..self.count, &self.resolved, 0);
+    pub(crate) fn resolve(&self, commands: &mut Commands) {
+        commands.encoder().resolve_query_set(&self.queries, 0..self.count, &self.resolved, 0);
     }
 
     /// Seconds from each timestamp to the next, once the submission has been done.

@@ -4,7 +4,7 @@ use gs_core::{AdamRates, Blend, Canvas, Chart, Error, Loss, RenderSettings, adam
 
 use crate::{
     cloud::{PlanarCloud, UNIFORM},
-    dispatch::{Groups, dispatch, dispatch_some},
+    dispatch::{Commands, Groups, dispatch, dispatch_some},
     gpu::{Gpu, STORAGE},
     layout::{CONJUGATE_BYTES, Gradient, SPLAT_BYTES, Status, Step},
     shaders::{Pass, SORT_BITS, SORT_BLOCK, TILE_COLUMNS, Tiling, Variant, stride, tiling},
@@ -241,57 +241,55 @@ impl Workspace {
     }
 
     /// Stages `project` to `ranges`; without `lists` only `project`, and the last lists stay.
-    pub(crate) fn encode_lists(&self, gpu: &Gpu, encoder: &mut wgpu::CommandEncoder, cloud: &PlanarCloud, lists: bool) {
-        self.encode_project(gpu, encoder, cloud, lists);
+    pub(crate) fn encode_lists(&self, gpu: &Gpu, commands: &mut Commands, cloud: &PlanarCloud, lists: bool) {
+        self.encode_project(gpu, commands, cloud, lists);
         if lists {
-            self.encode_offsets(gpu, encoder);
-            self.encode_bin(gpu, encoder, cloud);
-            self.encode_sort(gpu, encoder);
-            self.encode_ranges(gpu, encoder);
+            self.encode_offsets(gpu, commands);
+            self.encode_bin(gpu, commands, cloud);
+            self.encode_sort(gpu, commands);
+            self.encode_ranges(gpu, commands);
         }
     }
 
     /// Stage `project`; with `lists` it counts the tiles that each Gaussian touches.
-    pub(crate) fn encode_project(
-        &self,
-        gpu: &Gpu,
-        encoder: &mut wgpu::CommandEncoder,
-        cloud: &PlanarCloud,
-        lists: bool,
-    ) {
+    pub(crate) fn encode_project(&self, gpu: &Gpu, commands: &mut Commands, cloud: &PlanarCloud, lists: bool) {
         let (step, status, offsets) = (&self.step, &self.status, &self.offsets.buffer);
         let n = u64::from(self.gaussians);
-        encoder.clear_buffer(status, 16, Some(if lists { 16 } else { 12 }));
+        commands.encoder().clear_buffer(status, 16, Some(if lists { 16 } else { 12 }));
+        if lists {
+            // What `ranges` writes to, cleared here so that all the stages are one pass.
+            commands.encoder().clear_buffer(&self.tile_start.buffer, 0, None);
+        }
         let variant = Variant { lists, ..self.variant(cloud) };
         let variant = Variant { over: false, ..variant };
         let groups = groups_of(gpu, n + 1, 64);
         if !lists {
             let bindings = [step, &cloud.gaussians, &self.splats.buffer, status];
-            dispatch_some(gpu, encoder, "project", variant, (&[0, 1, 2, 4], &bindings), groups);
+            dispatch_some(gpu, commands, "project", variant, (&[0, 1, 2, 4], &bindings), groups);
             return;
         }
         let bindings = [step, &cloud.gaussians, &self.splats.buffer, offsets, status];
-        dispatch(gpu, encoder, "project", variant, &bindings, groups);
+        dispatch(gpu, commands, "project", variant, &bindings, groups);
     }
 
     /// Stages `scan`, of the counts, and `sizes`.
-    pub(crate) fn encode_offsets(&self, gpu: &Gpu, encoder: &mut wgpu::CommandEncoder) {
+    pub(crate) fn encode_offsets(&self, gpu: &Gpu, commands: &mut Commands) {
         let (step, status, offsets) = (&self.step, &self.status, &self.offsets.buffer);
-        self.encode_scan(gpu, encoder, 0, offsets, groups_of(gpu, u64::from(self.gaussians) + 1, 1024));
+        self.encode_scan(gpu, commands, 0, offsets, groups_of(gpu, u64::from(self.gaussians) + 1, 1024));
         let bindings = [step, offsets, status, &self.indirect];
-        dispatch(gpu, encoder, "sizes", Variant::default(), &bindings, Groups::Direct(1, 1));
+        dispatch(gpu, commands, "sizes", Variant::default(), &bindings, Groups::Direct(1, 1));
     }
 
     /// Stage `bin`.
-    pub(crate) fn encode_bin(&self, gpu: &Gpu, encoder: &mut wgpu::CommandEncoder, cloud: &PlanarCloud) {
+    pub(crate) fn encode_bin(&self, gpu: &Gpu, commands: &mut Commands, cloud: &PlanarCloud) {
         let variant = Variant { local_frame: false, ..self.variant(cloud) };
         let (keys, order) = (&self.keys[0].buffer, &self.order[0].buffer);
         let bindings = [&self.step, &self.splats.buffer, &self.offsets.buffer, keys, order, &self.entries.buffer];
-        dispatch(gpu, encoder, "bin", variant, &bindings, self.indirect(BY_GAUSSIAN));
+        dispatch(gpu, commands, "bin", variant, &bindings, self.indirect(BY_GAUSSIAN));
     }
 
     /// Stage `sort`.
-    pub(crate) fn encode_sort(&self, gpu: &Gpu, encoder: &mut wgpu::CommandEncoder) {
+    pub(crate) fn encode_sort(&self, gpu: &Gpu, commands: &mut Commands) {
         let (status, plain) = (&self.status, Variant::default());
         let keys = [&self.keys[0].buffer, &self.keys[1].buffer];
         let order = [&self.order[0].buffer, &self.order[1].buffer];
@@ -300,18 +298,17 @@ impl Workspace {
             let shift = &gpu.shifts[pass as usize];
             let bindings = [status, keys[from], &self.histograms.buffer, shift];
             let groups = self.indirect(BY_SORT_BLOCK);
-            dispatch_some(gpu, encoder, "sort_count", plain, (&[1, 2, 3, 4], &bindings), groups);
-            self.encode_scan(gpu, encoder, 1, &self.histograms.buffer, self.indirect(BY_HISTOGRAM));
+            dispatch_some(gpu, commands, "sort_count", plain, (&[1, 2, 3, 4], &bindings), groups);
+            self.encode_scan(gpu, commands, 1, &self.histograms.buffer, self.indirect(BY_HISTOGRAM));
             let bindings = [status, keys[from], &self.histograms.buffer, shift, order[from], keys[to], order[to]];
-            dispatch_some(gpu, encoder, "sort_scatter", plain, (&[1, 2, 3, 4, 5, 6, 7], &bindings), groups);
+            dispatch_some(gpu, commands, "sort_scatter", plain, (&[1, 2, 3, 4, 5, 6, 7], &bindings), groups);
         }
     }
 
     /// Stage `ranges`.
-    pub(crate) fn encode_ranges(&self, gpu: &Gpu, encoder: &mut wgpu::CommandEncoder) {
-        encoder.clear_buffer(&self.tile_start.buffer, 0, None);
+    pub(crate) fn encode_ranges(&self, gpu: &Gpu, commands: &mut Commands) {
         let bindings = [&self.step, &self.status, &self.keys[self.sorted()].buffer, &self.tile_start.buffer];
-        dispatch(gpu, encoder, "ranges", Variant::default(), &bindings, self.indirect(BY_ENTRY));
+        dispatch(gpu, commands, "ranges", Variant::default(), &bindings, self.indirect(BY_ENTRY));
     }
 
     fn indirect(&self, offset: u64) -> Groups<'_> {
@@ -323,36 +320,29 @@ impl Workspace {
         self.sort_passes() as usize % 2
     }
 
-    fn encode_scan(
-        &self,
-        gpu: &Gpu,
-        encoder: &mut wgpu::CommandEncoder,
-        which: u32,
-        data: &wgpu::Buffer,
-        groups: Groups<'_>,
-    ) {
+    fn encode_scan(&self, gpu: &Gpu, commands: &mut Commands, which: u32, data: &wgpu::Buffer, groups: Groups<'_>) {
         let variant = Variant { constant: Some(("WHICH", which)), ..Variant::default() };
         let bindings = [&self.step, data, &self.scan_sums.buffer, &self.status];
-        dispatch(gpu, encoder, "scan_blocks", variant, &bindings, groups);
+        dispatch(gpu, commands, "scan_blocks", variant, &bindings, groups);
         let sums = [&self.step, &self.scan_sums.buffer, &self.status];
-        dispatch_some(gpu, encoder, "scan_sums", variant, (&[0, 2, 3], &sums), Groups::Direct(1, 1));
-        dispatch(gpu, encoder, "scan_spread", variant, &bindings, groups);
+        dispatch_some(gpu, commands, "scan_sums", variant, (&[0, 2, 3], &sums), Groups::Direct(1, 1));
+        dispatch(gpu, commands, "scan_spread", variant, &bindings, groups);
     }
 
     /// Stage `blend`.
-    pub(crate) fn encode_blend(&self, gpu: &Gpu, encoder: &mut wgpu::CommandEncoder, cloud: &PlanarCloud) {
+    pub(crate) fn encode_blend(&self, gpu: &Gpu, commands: &mut Commands, cloud: &PlanarCloud) {
         let variant = Variant { local_frame: false, ..self.variant(cloud) };
         let mut bindings = self.lists().to_vec();
         bindings.push(&self.image.buffer);
         let entry_point = if gpu.vectors { "blend_vectors" } else { "blend" };
-        dispatch(gpu, encoder, entry_point, variant, &bindings, gpu.groups(self.tile_count()).into());
+        dispatch(gpu, commands, entry_point, variant, &bindings, gpu.groups(self.tile_count()).into());
     }
 
     /// Stage `loss`: the loss into the status, its gradient into `v_image`. `None`: the bare difference, and no loss.
     pub(crate) fn encode_loss(
         &mut self,
         gpu: &Gpu,
-        encoder: &mut wgpu::CommandEncoder,
+        commands: &mut Commands,
         target: &PlanarTarget,
         loss: Option<Loss>,
     ) -> Result<(), Error> {
@@ -369,38 +359,38 @@ impl Workspace {
         let (step, image, v_image, partial) =
             (&self.step, &self.image.buffer, &self.v_image.buffer, &self.partial.buffer);
         let bindings = [step, image, &target.buffer, v_image, partial];
-        dispatch(gpu, encoder, "loss", variant, &bindings, groups_of(gpu, pixels, 1024));
+        dispatch(gpu, commands, "loss", variant, &bindings, groups_of(gpu, pixels, 1024));
         if with_dssim == 1 {
             self.across.ensure(gpu, 5 * pixels * PIXEL_BYTES)?;
             self.by.ensure(gpu, 3 * pixels * PIXEL_BYTES)?;
             let (across, by) = (&self.across.buffer, &self.by.buffer);
             let (plain, groups) = (Variant::default(), groups_of(gpu, pixels, 256));
-            dispatch(gpu, encoder, "dssim_rows", plain, &[step, image, &target.buffer, across], groups);
+            dispatch(gpu, commands, "dssim_rows", plain, &[step, image, &target.buffer, across], groups);
             let columns = (&[0, 3, 4, 6][..], &[step, across, by, partial][..]);
-            dispatch_some(gpu, encoder, "dssim_columns", plain, columns, groups);
-            dispatch_some(gpu, encoder, "dssim_bwd_rows", plain, (&[0, 3, 4], &[step, across, by]), groups);
+            dispatch_some(gpu, commands, "dssim_columns", plain, columns, groups);
+            dispatch_some(gpu, commands, "dssim_bwd_rows", plain, (&[0, 3, 4], &[step, across, by]), groups);
             let columns = (&[0, 1, 2, 3, 5][..], &[step, image, &target.buffer, across, v_image][..]);
-            dispatch_some(gpu, encoder, "dssim_bwd_columns", plain, columns, groups);
+            dispatch_some(gpu, commands, "dssim_bwd_columns", plain, columns, groups);
         }
         match loss {
-            Some(Loss::L1Dssim { .. }) => self.encode_loss_sum(gpu, encoder, LossSum::PixelsAndDssim),
-            Some(_) => self.encode_loss_sum(gpu, encoder, LossSum::Pixels),
+            Some(Loss::L1Dssim { .. }) => self.encode_loss_sum(gpu, commands, LossSum::PixelsAndDssim),
+            Some(_) => self.encode_loss_sum(gpu, commands, LossSum::Pixels),
             None => {}
         }
         Ok(())
     }
 
-    fn encode_loss_sum(&self, gpu: &Gpu, encoder: &mut wgpu::CommandEncoder, of: LossSum) {
+    fn encode_loss_sum(&self, gpu: &Gpu, commands: &mut Commands, of: LossSum) {
         let variant = Variant { constant: Some(("SUM_OF", of as u32)), ..Variant::default() };
         let bindings = (&[0, 4, 5][..], &[&self.step, &self.partial.buffer, &self.status][..]);
-        dispatch_some(gpu, encoder, "loss_sum", variant, bindings, Groups::Direct(1, 1));
+        dispatch_some(gpu, commands, "loss_sum", variant, bindings, Groups::Direct(1, 1));
     }
 
     /// Stage `blend_bwd`, from `v_image`, or from the image itself.
     pub(crate) fn encode_blend_bwd(
         &self,
         gpu: &Gpu,
-        encoder: &mut wgpu::CommandEncoder,
+        commands: &mut Commands,
         cloud: &PlanarCloud,
         v_image: Differentiated,
     ) {
@@ -418,22 +408,22 @@ impl Workspace {
         if variant.over {
             bindings.push(&self.image.buffer);
         }
-        dispatch(gpu, encoder, entry_point, variant, &bindings, gpu.groups(self.tile_count()).into());
+        dispatch(gpu, commands, entry_point, variant, &bindings, gpu.groups(self.tile_count()).into());
     }
 
     /// Stages `blend` to `blend_bwd` for a training step: in one pass where adapter and loss allow it.
     pub(crate) fn encode_image_and_gradient(
         &mut self,
         gpu: &Gpu,
-        encoder: &mut wgpu::CommandEncoder,
+        commands: &mut Commands,
         cloud: &PlanarCloud,
         target: &PlanarTarget,
         loss: Loss,
     ) -> Result<(), Error> {
         if !fuses(gpu, loss) {
-            self.encode_blend(gpu, encoder, cloud);
-            self.encode_loss(gpu, encoder, target, Some(loss))?;
-            self.encode_blend_bwd(gpu, encoder, cloud, Differentiated::Loss);
+            self.encode_blend(gpu, commands, cloud);
+            self.encode_loss(gpu, commands, target, Some(loss))?;
+            self.encode_blend_bwd(gpu, commands, cloud, Differentiated::Loss);
             return Ok(());
         }
         let kind = if loss == Loss::L2 { 1 } else { 2 };
@@ -443,8 +433,8 @@ impl Workspace {
             Variant { local_frame: false, pass: Pass::Fused, constant: Some(("KIND", kind)), ..self.variant(cloud) };
         let mut bindings = self.lists().to_vec();
         bindings.extend([&self.slots.buffer, &target.buffer, &self.partial.buffer]);
-        dispatch(gpu, encoder, "blend_vectors", variant, &bindings, gpu.groups(tiles).into());
-        self.encode_loss_sum(gpu, encoder, LossSum::Tiles);
+        dispatch(gpu, commands, "blend_vectors", variant, &bindings, gpu.groups(tiles).into());
+        self.encode_loss_sum(gpu, commands, LossSum::Tiles);
         Ok(())
     }
 
@@ -460,7 +450,7 @@ impl Workspace {
     }
 
     /// Stage `project_bwd`.
-    pub(crate) fn encode_project_bwd(&self, gpu: &Gpu, encoder: &mut wgpu::CommandEncoder, cloud: &PlanarCloud) {
+    pub(crate) fn encode_project_bwd(&self, gpu: &Gpu, commands: &mut Commands, cloud: &PlanarCloud) {
         let bindings = [
             &self.step,
             &cloud.gaussians,
@@ -470,17 +460,17 @@ impl Workspace {
             &self.gradients.buffer,
         ];
         let groups = groups_of(gpu, u64::from(self.gaussians), 64);
-        dispatch(gpu, encoder, "project_bwd", self.variant(cloud), &bindings, groups);
+        dispatch(gpu, commands, "project_bwd", self.variant(cloud), &bindings, groups);
     }
 
     /// Stage `adam`, in a pass whose lists may not have fitted: then it does nothing.
-    pub(crate) fn encode_adam(&self, gpu: &Gpu, encoder: &mut wgpu::CommandEncoder, cloud: &PlanarCloud) {
-        encode_adam(gpu, encoder, cloud, &self.step, &self.gradients.buffer, self.indirect(BY_GAUSSIAN));
+    pub(crate) fn encode_adam(&self, gpu: &Gpu, commands: &mut Commands, cloud: &PlanarCloud) {
+        encode_adam(gpu, commands, cloud, &self.step, &self.gradients.buffer, self.indirect(BY_GAUSSIAN));
     }
 
     /// Copies what became of the pass into a buffer that can be mapped.
-    pub(crate) fn encode_status(&self, encoder: &mut wgpu::CommandEncoder, staging: &wgpu::Buffer) {
-        encoder.copy_buffer_to_buffer(&self.status, 0, staging, 0, size_of::<Status>() as u64);
+    pub(crate) fn encode_status(&self, commands: &mut Commands, staging: &wgpu::Buffer) {
+        commands.encoder().copy_buffer_to_buffer(&self.status, 0, staging, 0, size_of::<Status>() as u64);
     }
 
     /// What became of the pass, once it has been done.
@@ -499,7 +489,7 @@ impl Workspace {
     pub(crate) fn encode_solve(
         &mut self,
         gpu: &Gpu,
-        encoder: &mut wgpu::CommandEncoder,
+        commands: &mut Commands,
         cloud: &PlanarCloud,
         target: &PlanarTarget,
         iterations: u32,
@@ -509,30 +499,30 @@ impl Workspace {
         self.vectors.ensure(gpu, n * CONJUGATE_BYTES)?;
         self.scalars.ensure(gpu, 64)?;
         self.partial.ensure(gpu, n.div_ceil(256) * 16)?;
-        self.encode_blend(gpu, encoder, cloud);
-        self.encode_loss(gpu, encoder, target, None)?;
-        self.encode_blend_bwd(gpu, encoder, cloud, Differentiated::Loss);
-        self.encode_solver(gpu, encoder, cloud, "solve_start", None);
-        self.encode_solver(gpu, encoder, cloud, "solve_scalars", Some(0));
+        self.encode_blend(gpu, commands, cloud);
+        self.encode_loss(gpu, commands, target, None)?;
+        self.encode_blend_bwd(gpu, commands, cloud, Differentiated::Loss);
+        self.encode_solver(gpu, commands, cloud, "solve_start", None);
+        self.encode_solver(gpu, commands, cloud, "solve_scalars", Some(0));
         // From here on the image is that of a direction, on nothing.
-        encoder.copy_buffer_to_buffer(without_backdrop, 0, &self.step, 0, size_of::<Step>() as u64);
+        commands.encoder().copy_buffer_to_buffer(without_backdrop, 0, &self.step, 0, size_of::<Step>() as u64);
         for _ in 0..iterations {
-            self.encode_blend(gpu, encoder, cloud);
-            self.encode_blend_bwd(gpu, encoder, cloud, Differentiated::Image);
-            self.encode_solver(gpu, encoder, cloud, "solve_product", None);
-            self.encode_solver(gpu, encoder, cloud, "solve_scalars", Some(1));
-            self.encode_solver(gpu, encoder, cloud, "solve_step", None);
-            self.encode_solver(gpu, encoder, cloud, "solve_scalars", Some(2));
-            self.encode_solver(gpu, encoder, cloud, "solve_direction", None);
+            self.encode_blend(gpu, commands, cloud);
+            self.encode_blend_bwd(gpu, commands, cloud, Differentiated::Image);
+            self.encode_solver(gpu, commands, cloud, "solve_product", None);
+            self.encode_solver(gpu, commands, cloud, "solve_scalars", Some(1));
+            self.encode_solver(gpu, commands, cloud, "solve_step", None);
+            self.encode_solver(gpu, commands, cloud, "solve_scalars", Some(2));
+            self.encode_solver(gpu, commands, cloud, "solve_direction", None);
         }
-        self.encode_solver(gpu, encoder, cloud, "solve_end", None);
+        self.encode_solver(gpu, commands, cloud, "solve_end", None);
         Ok(())
     }
 
     fn encode_solver(
         &self,
         gpu: &Gpu,
-        encoder: &mut wgpu::CommandEncoder,
+        commands: &mut Commands,
         cloud: &PlanarCloud,
         entry_point: &'static str,
         scalars: Option<u32>,
@@ -561,7 +551,7 @@ impl Workspace {
             None => groups_of(gpu, u64::from(self.gaussians), 256),
             Some(_) => Groups::Direct(1, 1),
         };
-        dispatch_some(gpu, encoder, entry_point, variant, (used, &bindings), groups);
+        dispatch_some(gpu, commands, entry_point, variant, (used, &bindings), groups);
     }
 }
 
@@ -591,7 +581,7 @@ pub(crate) enum Differentiated {
 /// Stage `adam`.
 pub(crate) fn encode_adam(
     gpu: &Gpu,
-    encoder: &mut wgpu::CommandEncoder,
+    commands: &mut Commands,
     cloud: &PlanarCloud,
     step: &wgpu::Buffer,
     gradients: &wgpu::Buffer,
@@ -599,5 +589,5 @@ pub(crate) fn encode_adam(
 ) {
     let variant = Variant { local_frame: cloud.chart == Chart::LocalFrame, ..Variant::default() };
     let bindings = [step, gradients, &cloud.gaussians, &cloud.moments, &cloud.statistics];
-    dispatch(gpu, encoder, "adam", variant, &bindings, groups);
+    dispatch(gpu, commands, "adam", variant, &bindings, groups);
 }
