@@ -35,7 +35,15 @@ struct Sums {
     tuu: f32,
 }
 
-var<workgroup> partial: array<f32, BATCH * STRIDE * INVOCATIONS>;
+#if SUBGROUPS
+// A subgroup has four invocations at least.
+const PARTS: u32 = INVOCATIONS / 4u;
+#else
+const PARTS: u32 = INVOCATIONS;
+#endif
+
+// Sums of an invocation or of a subgroup.
+var<workgroup> partial: array<f32, BATCH * STRIDE * PARTS>;
 
 fn load(column: u32, row: u32) -> Rows {
     var rows = Rows(vec4f(0.0), vec4f(0.0), vec4f(0.0), vec4f(1.0), vec4f(0.0));
@@ -87,13 +95,38 @@ fn gather_rows(rows: ptr<function, Rows>, sums: ptr<function, Sums>, s: Splat, u
     (*sums).tuu += dot(tu, u);
 }
 
-@compute @workgroup_size(LANES, TILE_ROWS / ROWS)
+// What a part of the tile contributes to an entry of the batch.
+fn keep(entry: u32, part: u32, color: vec3f, first: vec3f, second: vec2f, t: f32) {
+    let at = entry * STRIDE * PARTS + part;
+    partial[at] = color.x;
+    partial[at + PARTS] = color.y;
+    partial[at + 2u * PARTS] = color.z;
+    partial[at + 3u * PARTS] = first.x;
+    partial[at + 4u * PARTS] = first.y;
+    partial[at + 5u * PARTS] = first.z;
+    partial[at + 6u * PARTS] = second.x;
+    partial[at + 7u * PARTS] = second.y;
+#if OVER
+    partial[at + 8u * PARTS] = t;
+#endif
+}
+
+@compute @workgroup_size(INVOCATIONS)
 fn blend_bwd(
     @builtin(workgroup_id) group: vec3u,
     @builtin(num_workgroups) groups: vec3u,
-    @builtin(local_invocation_id) lane: vec3u,
     @builtin(local_invocation_index) invocation: u32,
+#if SUBGROUPS
+    @builtin(subgroup_id) subgroup: u32,
+    @builtin(subgroup_invocation_id) place: u32,
+    @builtin(num_subgroups) parts: u32,
+#endif
 ) {
+#if SUBGROUPS
+#else
+    let parts = INVOCATIONS;
+#endif
+    let lane = vec2u(invocation % LANES, invocation / LANES);
     let tile = flat(group, groups);
     if tile >= step.tiles.x * step.tiles.y {
         return;
@@ -148,25 +181,26 @@ fn blend_bwd(
             txu += sums_@c.tu * dx_@c;
             tuu += sums_@c.tuu;
 #end
-            let at = b * STRIDE * INVOCATIONS + invocation;
-            partial[at] = color.x;
-            partial[at + INVOCATIONS] = color.y;
-            partial[at + 2u * INVOCATIONS] = color.z;
-            partial[at + 3u * INVOCATIONS] = tx;
-            partial[at + 4u * INVOCATIONS] = tu;
-            partial[at + 5u * INVOCATIONS] = txx;
-            partial[at + 6u * INVOCATIONS] = txu;
-            partial[at + 7u * INVOCATIONS] = tuu;
+#if SUBGROUPS
+            color = subgroupAdd(color);
+            let sums_x = subgroupAdd(vec2f(tx, txx));
+            let sums_u = subgroupAdd(vec3f(tu, txu, tuu));
 #if OVER
-            partial[at + 8u * INVOCATIONS] = t;
+            t = subgroupAdd(t);
+#endif
+            if place == 0u {
+                keep(b, subgroup, color, vec3f(sums_x.x, sums_u.x, sums_x.y), sums_u.yz, t);
+            }
+#else
+            keep(b, invocation, color, vec3f(tx, tu, txx), vec2f(txu, tuu), t);
 #endif
         }
         workgroupBarrier();
         let filled = min(BATCH, end - first_of_batch) * STRIDE;
         for (var slot = invocation; slot < filled; slot += INVOCATIONS) {
             var sum = 0.0;
-            for (var k = 0u; k < INVOCATIONS; k++) {
-                sum += partial[slot * INVOCATIONS + k];
+            for (var k = 0u; k < parts; k++) {
+                sum += partial[slot * PARTS + k];
             }
             slots[order[first_of_batch + slot / STRIDE] * STRIDE + slot % STRIDE] = sum;
         }

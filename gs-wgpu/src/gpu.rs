@@ -13,7 +13,7 @@ use std::{
 use gs_core::Error;
 use wgpu::util::{BufferInitDescriptor, DeviceExt};
 
-use crate::shaders::{LANES, SORT_BITS, Variant, shader_of};
+use crate::shaders::{Kernels, LANES, SORT_BITS, Variant, shader_of};
 
 pub(crate) const BACKEND: &str = "wgpu";
 
@@ -57,6 +57,8 @@ pub struct WgpuSettings {
     pub adapter: Option<String>,
     /// What fresh buffers hold.
     pub fresh_buffers: FreshBuffers,
+    /// How the kernels that visit every pixel are written; `None`: the fastest that the adapter can run.
+    pub kernels: Option<Kernels>,
 }
 
 /// How long the device may take to hand over what it has finished.
@@ -120,8 +122,8 @@ pub(crate) struct Gpu {
     limits: wgpu::Limits,
     /// Whether the adapter computes on a CPU.
     pub(crate) on_cpu: bool,
-    /// Whether an invocation is a lane of a CPU's vector, and a work group of [`LANES`] one subgroup.
-    pub(crate) vectors: bool,
+    /// How the kernels that visit every pixel are written.
+    pub(crate) kernels: Kernels,
     fresh: FreshBuffers,
     /// What went wrong on the device, first things first.
     faults: Arc<Mutex<Option<String>>>,
@@ -179,6 +181,7 @@ impl Gpu {
         let (device, queue) = pollster::block_on(adapter.request_device(&descriptor))
             .map_err(|e| backend_error(format!("{} gives no device: {e}", info.name)))?;
         let on_cpu = info.device_type == wgpu::DeviceType::Cpu;
+        let kernels = kernels(settings.kernels, &info, offered_features)?;
         let faults = Arc::new(Mutex::new(None));
         let note = |faults: &Mutex<Option<String>>, text: String| {
             faults.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(text);
@@ -205,7 +208,7 @@ impl Gpu {
             reason,
             limits,
             on_cpu,
-            vectors: on_cpu && offered_features.contains(wgpu::Features::SUBGROUP) && info.subgroup_min_size >= LANES,
+            kernels,
             fresh: settings.fresh_buffers,
             faults,
             pipelines: Mutex::default(),
@@ -370,7 +373,7 @@ impl Gpu {
 
     /// The pipeline of an entry point, compiled when first asked for.
     pub(crate) fn pipeline(&self, entry_point: &'static str, variant: Variant) -> Arc<wgpu::ComputePipeline> {
-        let variant = Variant { on_cpu: self.on_cpu, vectors: self.vectors, ..variant };
+        let variant = Variant { on_cpu: self.on_cpu, kernels: self.kernels, ..variant };
         let mut pipelines = self.pipelines.lock().unwrap_or_else(PoisonError::into_inner);
         Arc::clone(pipelines.entry((entry_point, variant)).or_insert_with(|| {
             let shader = shader_of(entry_point);
@@ -398,6 +401,26 @@ impl Gpu {
 /// Usage of a buffer that shaders read and write and the host fills and reads.
 pub(crate) const STORAGE: wgpu::BufferUsages =
     wgpu::BufferUsages::STORAGE.union(wgpu::BufferUsages::COPY_DST).union(wgpu::BufferUsages::COPY_SRC);
+
+/// The kernels that were asked for, or the fastest.
+fn kernels(wanted: Option<Kernels>, info: &wgpu::AdapterInfo, features: wgpu::Features) -> Result<Kernels, Error> {
+    let subgroups = features.contains(wgpu::Features::SUBGROUP);
+    let vectors = subgroups && info.device_type == wgpu::DeviceType::Cpu && info.subgroup_min_size >= LANES;
+    match wanted {
+        None if vectors => Ok(Kernels::Vectors),
+        None if subgroups => Ok(Kernels::Subgroups),
+        None | Some(Kernels::Portable) => Ok(Kernels::Portable),
+        Some(Kernels::Subgroups) if subgroups => Ok(Kernels::Subgroups),
+        Some(Kernels::Vectors) if vectors => Ok(Kernels::Vectors),
+        Some(kernels) => {
+            let needs = match kernels {
+                Kernels::Vectors => format!("a driver that computes on a CPU, with subgroups of {LANES} or more"),
+                _ => "subgroups".to_owned(),
+            };
+            Err(backend_error(format!("{} has no {kernels:?} kernels: they need {needs}", info.name)))
+        }
+    }
+}
 
 fn choice_reason(adapters: &[wgpu::Adapter]) -> String {
     match adapters {

@@ -115,7 +115,7 @@ mod tests {
     use std::mem::offset_of;
 
     use super::*;
-    use crate::shaders::{Pass, SHADERS, Variant};
+    use crate::shaders::{Kernels, Pass, SHADERS, Variant};
 
     fn module(text: &str) -> naga::Module {
         naga::front::wgsl::parse_str(text).unwrap_or_else(|e| panic!("{}", e.emit_to_string(text)))
@@ -196,13 +196,13 @@ mod tests {
 
     /// Every combination of the flags that pick lines.
     fn variants() -> impl Iterator<Item = Variant> {
-        (0..96).map(|bits: u32| Variant {
+        (0..144).map(|bits: u32| Variant {
             over: bits & 1 != 0,
             local_frame: bits & 2 != 0,
             lists: bits & 4 != 0,
             on_cpu: bits & 8 != 0,
-            vectors: bits & 16 != 0,
-            pass: [Pass::Forward, Pass::Backward, Pass::Fused][(bits >> 5) as usize],
+            kernels: [Kernels::Portable, Kernels::Subgroups, Kernels::Vectors][(bits >> 4) as usize % 3],
+            pass: [Pass::Forward, Pass::Backward, Pass::Fused][(bits >> 4) as usize / 3],
             ..Variant::default()
         })
     }
@@ -214,8 +214,8 @@ mod tests {
             let module = module(&shader.text(variant));
             let flags = naga::valid::ValidationFlags::all();
             // Subgroups are asked for only where the adapter has them.
-            let capabilities = match shader.name {
-                "blend_vectors" => naga::valid::Capabilities::SUBGROUP,
+            let capabilities = match (shader.name, variant.kernels) {
+                ("blend_vectors", _) | ("blend_bwd", Kernels::Subgroups) => naga::valid::Capabilities::SUBGROUP,
                 _ => naga::valid::Capabilities::empty(),
             };
             let info = naga::valid::Validator::new(flags, capabilities)

@@ -33,5 +33,6 @@ pub use crate::{
     gpu::{AdapterSummary, FreshBuffers, WgpuSettings, adapters},
     in_flight::STEPS_IN_FLIGHT,
     rasterizer::WgpuRasterizer,
+    shaders::Kernels,
     target::PlanarTarget,
 };

@@ -37,8 +37,8 @@ pub(crate) struct Variant {
     pub(crate) lists: bool,
     /// The adapter computes on a CPU.
     pub(crate) on_cpu: bool,
-    /// An invocation is a lane of a CPU's vector, and a work group of [`LANES`] of them is one subgroup.
-    pub(crate) vectors: bool,
+    /// How the pixels' kernels are written.
+    pub(crate) kernels: Kernels,
     /// What `blend_vectors` does in one pass over the tiles.
     pub(crate) pass: Pass,
     /// The entry point's override, if it has one.
@@ -50,6 +50,18 @@ pub(crate) const LANES: u32 = 8;
 
 /// Rows of the blocks that the recurrence runs through, from the middle row up and down.
 const BLOCK: u32 = 8;
+
+/// How the kernels that visit every pixel are written. All give the same results, to rounding, and each repeats itself bit for bit.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+pub enum Kernels {
+    /// For every adapter that WebGPU allows.
+    #[default]
+    Portable,
+    /// As portable, but sums over pixels are made by subgroups.
+    Subgroups,
+    /// For drivers that compute on a CPU with vectors of eight numbers or more: an invocation is a lane, a subgroup a work group.
+    Vectors,
+}
 
 /// How pixels are dealt out.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -66,10 +78,10 @@ pub(crate) struct Tiling {
 
 /// A GPU has many invocations of few registers each. On a CPU, an invocation is a lane of a vector, and what is fetched for an entry should
 /// be good for many pixels.
-pub(crate) fn tiling(vectors: bool) -> Tiling {
-    match vectors {
-        false => Tiling { tile_rows: 16, rows: 4, columns: 1, classes: 1 },
-        true => Tiling { tile_rows: 16, rows: 16, columns: 2, classes: 2 },
+pub(crate) fn tiling(kernels: Kernels) -> Tiling {
+    match kernels {
+        Kernels::Portable | Kernels::Subgroups => Tiling { tile_rows: 16, rows: 4, columns: 1, classes: 1 },
+        Kernels::Vectors => Tiling { tile_rows: 16, rows: 16, columns: 2, classes: 2 },
     }
 }
 
@@ -137,12 +149,13 @@ impl Shader {
 
 /// The constants, printed so that they parse back bit for bit.
 fn prelude(variant: Variant) -> String {
-    let Tiling { tile_rows, rows, columns, classes } = tiling(variant.vectors);
+    let Tiling { tile_rows, rows, columns, classes } = tiling(variant.kernels);
     let lanes = TILE_COLUMNS / columns;
     // As many entries at a time as their partial sums have room for in 16 KiB.
     let stride = stride(variant.over);
     let invocations = lanes * (tile_rows / rows);
-    let batch = (16 * 1024 / 4 / (stride * invocations)).min(8);
+    let parts = if variant.kernels == Kernels::Subgroups { invocations / 4 } else { invocations };
+    let batch = (16 * 1024 / 4 / (stride * parts)).min(8);
     let mut text = format!(
         "const TILE_COLUMNS: u32 = {TILE_COLUMNS}u;\nconst TILE_ROWS: u32 = {tile_rows}u;\nconst ROWS: u32 = {rows}u;\n\
          const LANES: u32 = {lanes}u;\nconst CLASSES: u32 = {classes}u;\nconst BLOCK: u32 = {BLOCK}u;\nconst STRIDE: u32 = {stride}u;\nconst BATCH: u32 = {batch}u;\n\
@@ -174,7 +187,8 @@ fn preprocess(source: &str, variant: Variant) -> String {
         "ON_CPU" => variant.on_cpu,
         "FORWARD" => variant.pass != Pass::Backward,
         "BACKWARD" => variant.pass != Pass::Forward,
-        "VECTORS" => variant.vectors,
+        "VECTORS" => variant.kernels == Kernels::Vectors,
+        "SUBGROUPS" => variant.kernels == Kernels::Subgroups,
         other => panic!("a shader asks for {other}, which is no variant"),
     };
     let mut conditions: Vec<bool> = Vec::new();
@@ -194,7 +208,7 @@ fn preprocess(source: &str, variant: Variant) -> String {
         text.push('\n');
     }
     assert!(conditions.is_empty(), "an #if without #endif");
-    repeat(&text, tiling(variant.vectors))
+    repeat(&text, tiling(variant.kernels))
 }
 
 /// Repeats what `#each` says; repetitions may stand in repetitions.

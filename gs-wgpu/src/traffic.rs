@@ -8,7 +8,7 @@ use crate::{
     gpu::Gpu,
     layout::{Gaussian, Gradient, Moments, SPLAT_BYTES, Statistics},
     profile::Stage,
-    shaders::{TILE_COLUMNS, stride, tiling},
+    shaders::{Kernels, TILE_COLUMNS, stride, tiling},
     workspace::{PIXEL_BYTES, Workspace},
 };
 
@@ -66,8 +66,8 @@ pub(crate) fn of(stage: Stage, workspace: &Workspace, cloud: &PlanarCloud, loss:
 /// Pixel–Gaussian pairs that a blend kernel visits: of a tile, all columns of every four rows of which the entry touches one; all of it
 /// where lanes are those of a CPU's vector, which pass over nothing.
 pub(crate) fn pairs(gpu: &Gpu, workspace: &Workspace, entries: usize) -> Result<u64, Error> {
-    let tile_rows = u64::from(tiling(gpu.vectors).tile_rows);
-    if gpu.vectors {
+    let tile_rows = u64::from(tiling(gpu.kernels).tile_rows);
+    if gpu.kernels == Kernels::Vectors {
         return Ok(entries as u64 * tile_rows * u64::from(TILE_COLUMNS));
     }
     let entries: Vec<[u32; 2]> = gpu.read(&workspace.entries.buffer, entries)?;
@@ -138,13 +138,13 @@ mod tests {
         assert_eq!(of("blend"), (3 * (4 + 8 + 48), image));
         assert_eq!(of("loss"), (2 * image, image));
         assert_eq!(of("blend_bwd"), (3 * (4 + 8 + 48) + image, 3 * 8 * 4));
-        if wgpu.gpu.vectors {
+        if wgpu.gpu.kernels == Kernels::Vectors {
             assert_eq!(of("fused"), (3 * (4 + 8 + 48) + image, 3 * 8 * 4));
         }
         assert_eq!(of("project_bwd"), (2 * (48 + 48 + 4) + 3 * 8 * 4, 2 * 48));
         assert_eq!(of("adam"), (2 * (48 + 48 + 80), 2 * (48 + 80)));
         // σ = 1 px: the cut's ellipse reaches 3.3 px, from row 2 to row 7, which are two fours.
-        let rows = if wgpu.gpu.vectors { 16 } else { 8 };
+        let rows = if wgpu.gpu.kernels == Kernels::Vectors { 16 } else { 8 };
         assert_eq!(profile.pairs, 3 * 16 * rows);
         for stage in &profile.stages {
             let blends = ["blend", "blend_bwd", "fused"].contains(&stage.stage);

@@ -7,7 +7,7 @@ use crate::{
     dispatch::{Commands, Groups, dispatch, dispatch_some},
     gpu::{Gpu, STORAGE},
     layout::{CONJUGATE_BYTES, Gradient, SPLAT_BYTES, Status, Step},
-    shaders::{Pass, SORT_BITS, SORT_BLOCK, TILE_COLUMNS, Tiling, Variant, stride, tiling},
+    shaders::{Kernels, Pass, SORT_BITS, SORT_BLOCK, TILE_COLUMNS, Tiling, Variant, stride, tiling},
     target::PlanarTarget,
 };
 
@@ -120,7 +120,7 @@ impl Workspace {
             gradients: growing("gradients")?,
             vectors: growing("vectors of conjugate gradients")?,
             scalars: growing("scalars of conjugate gradients")?,
-            tiling: tiling(gpu.vectors),
+            tiling: tiling(gpu.kernels),
             capacity: 0,
             edition: None,
         })
@@ -334,7 +334,7 @@ impl Workspace {
         let variant = Variant { local_frame: false, ..self.variant(cloud) };
         let mut bindings = self.lists().to_vec();
         bindings.push(&self.image.buffer);
-        let entry_point = if gpu.vectors { "blend_vectors" } else { "blend" };
+        let entry_point = if gpu.kernels == Kernels::Vectors { "blend_vectors" } else { "blend" };
         dispatch(gpu, commands, entry_point, variant, &bindings, gpu.groups(self.tile_count()).into());
     }
 
@@ -399,9 +399,9 @@ impl Workspace {
             Differentiated::Loss => &self.v_image.buffer,
             Differentiated::Image => &self.image.buffer,
         };
-        let (entry_point, [fifth, sixth]) = match gpu.vectors {
-            true => ("blend_vectors", [&self.slots.buffer, v_image]),
-            false => ("blend_bwd", [v_image, &self.slots.buffer]),
+        let (entry_point, [fifth, sixth]) = match gpu.kernels {
+            Kernels::Vectors => ("blend_vectors", [&self.slots.buffer, v_image]),
+            _ => ("blend_bwd", [v_image, &self.slots.buffer]),
         };
         let mut bindings = self.lists().to_vec();
         bindings.extend([fifth, sixth]);
@@ -557,7 +557,7 @@ impl Workspace {
 
 /// Whether a training step blends, compares and differentiates in one pass: where lanes are a CPU's, and the loss is one of each pixel alone.
 pub(crate) fn fuses(gpu: &Gpu, loss: Loss) -> bool {
-    gpu.vectors && !matches!(loss, Loss::L1Dssim { .. })
+    gpu.kernels == Kernels::Vectors && !matches!(loss, Loss::L1Dssim { .. })
 }
 
 /// Which partial sums make the loss, as `loss_sum` has it.

@@ -17,7 +17,8 @@ use gs_core::{
 };
 use gs_cpu::{CpuRasterizer, CpuSettings};
 use gs_wgpu::{
-    FreshBuffers, PlanarCloud, PlanarGradients, PlanarTarget, STEPS_IN_FLIGHT, WgpuRasterizer, WgpuSettings, adapters,
+    FreshBuffers, Kernels, PlanarCloud, PlanarGradients, PlanarTarget, STEPS_IN_FLIGHT, WgpuRasterizer, WgpuSettings,
+    adapters,
 };
 use proptest::{
     prelude::*,
@@ -28,8 +29,20 @@ use proptest::{
 fn rasterizer() -> &'static WgpuRasterizer {
     static RASTERIZER: OnceLock<WgpuRasterizer> = OnceLock::new();
     RASTERIZER.get_or_init(|| {
-        let settings = WgpuSettings { fresh_buffers: FreshBuffers::Poison, ..WgpuSettings::default() };
-        WgpuRasterizer::new(settings).expect("`cargo xtask test` installs a software driver where there is no adapter")
+        poisoned(None).expect("`cargo xtask test` installs a software driver where there is no adapter")
+    })
+}
+
+fn poisoned(kernels: Option<Kernels>) -> Result<WgpuRasterizer, Error> {
+    WgpuRasterizer::new(WgpuSettings { fresh_buffers: FreshBuffers::Poison, kernels, ..WgpuSettings::default() })
+}
+
+/// A device for each kind of kernels that the adapter can run.
+fn rasterizers() -> &'static [(Kernels, WgpuRasterizer)] {
+    static RASTERIZERS: OnceLock<Vec<(Kernels, WgpuRasterizer)>> = OnceLock::new();
+    RASTERIZERS.get_or_init(|| {
+        let kernels = [Kernels::Portable, Kernels::Subgroups, Kernels::Vectors];
+        kernels.into_iter().filter_map(|kernels| Some((kernels, poisoned(Some(kernels)).ok()?))).collect()
     })
 }
 
@@ -39,12 +52,29 @@ fn another() -> WgpuRasterizer {
 }
 
 #[test]
-fn conforms() {
-    let failures: Vec<String> = cases::<WgpuRasterizer>()
-        .into_iter()
-        .filter_map(|case| Some(format!("{}: {}", case.name, (case.run)(rasterizer()).err()?)))
-        .collect();
-    assert!(failures.is_empty(), "{}", failures.join("\n"));
+fn conforms_with_all_kernels() {
+    for (kernels, rasterizer) in rasterizers() {
+        let failures: Vec<String> = cases::<WgpuRasterizer>()
+            .into_iter()
+            .filter_map(|case| Some(format!("{}: {}", case.name, (case.run)(rasterizer).err()?)))
+            .collect();
+        assert!(failures.is_empty(), "{kernels:?}:\n{}", failures.join("\n"));
+    }
+}
+
+#[test]
+fn kernels_that_the_adapter_cannot_run_are_refused() {
+    let found: Vec<Kernels> = rasterizers().iter().map(|&(kernels, _)| kernels).collect();
+    assert_eq!(found[0], Kernels::Portable, "every adapter has these");
+    for kernels in [Kernels::Subgroups, Kernels::Vectors] {
+        match poisoned(Some(kernels)) {
+            Ok(_) => assert!(found.contains(&kernels)),
+            Err(error) => assert!(error.to_string().contains("subgroups"), "{error}"),
+        }
+    }
+    if rasterizer().adapter().name.starts_with("llvmpipe") {
+        assert_eq!(found.len(), 3, "lavapipe has subgroups of eight, so that all are tested");
+    }
 }
 
 /// All numbers of a state as bits.
@@ -459,12 +489,16 @@ proptest! {
 
     #[test]
     fn drawn_images_match(draw in draws()) {
-        judge(check_image(rasterizer(), &draw))?;
+        for (_, rasterizer) in rasterizers() {
+            judge(check_image(rasterizer, &draw))?;
+        }
     }
 
     #[test]
     fn drawn_gradients_match(draw in draws(), loss in losses(), local in any::<bool>()) {
         let chart = if local { Chart::LocalFrame } else { Chart::ScaleRotation };
-        judge(check_gradients(rasterizer(), &draw, &loss, chart))?;
+        for (_, rasterizer) in rasterizers() {
+            judge(check_gradients(rasterizer, &draw, &loss, chart))?;
+        }
     }
 }
