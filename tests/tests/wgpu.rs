@@ -62,6 +62,29 @@ fn conforms_with_all_kernels() {
     }
 }
 
+/// Gaussians that shrink by a factor of e from step to step have long become others than those that the lists were made for.
+#[test]
+fn lists_that_are_out_of_date_never_make_what_is_not_finite() {
+    for (kernels, r) in rasterizers() {
+        let draw = Draw::new(Kind::Typical, Blend::Sum, 300, (64, 48), 7);
+        let target = r.upload_target(&draw.target().unwrap()).unwrap();
+        let mut cloud = r.upload(&draw.scene, Chart::LocalFrame).unwrap();
+        let mut adam = Adam { epsilon: 1e-6, ..Adam::default() };
+        adam.scale.learning_rate = 1.0;
+        adam.rotation.learning_rate = 1.0;
+        let rates = adam.at(0.0);
+        for i in 0..24 {
+            let binning = if i % 8 == 0 { Binning::Fresh } else { Binning::Reuse };
+            let step = TrainStep { settings: &draw.settings, loss: Loss::L2, rates: &rates, binning };
+            r.train_step(&mut cloud, &draw.view, &target, &step).unwrap();
+        }
+        let mut losses = Vec::new();
+        r.losses(&mut cloud, Wait::All, &mut losses).unwrap();
+        assert!(losses.len() == 24 && losses.iter().all(|loss| loss.is_finite()), "{kernels:?}: {losses:?}");
+        r.download(&cloud).unwrap().validate().unwrap();
+    }
+}
+
 #[test]
 fn kernels_that_the_adapter_cannot_run_are_refused() {
     let found: Vec<Kernels> = rasterizers().iter().map(|&(kernels, _)| kernels).collect();
