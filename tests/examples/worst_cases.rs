@@ -1,4 +1,4 @@
-//! Measures how many roundings gs-cpu is off the oracle, for the table in `tolerance.rs`:
+//! Measures how far gs-cpu and gs-wgpu are off the oracle, for the table in `tolerance.rs`:
 //! `cargo run -p gs-conformance --example worst_cases`.
 
 #![allow(clippy::print_stdout)]
@@ -9,13 +9,15 @@ use gs_conformance::{
     scenes::{Draw, Kind},
     tolerance::Agreement,
 };
-use gs_core::{Chart, Loss, effects::Blend};
+use gs_core::{Chart, Loss, PlanarScene, Rasterizer, effects::Blend};
 use gs_cpu::{CpuRasterizer, CpuSettings, SimdLevel};
+use gs_wgpu::{Kernels, WgpuRasterizer, WgpuSettings};
 
 /// Worst agreement so far, and how many scenes had nothing to compare.
 #[derive(Default)]
 struct Worst {
     roundings: f64,
+    share: f64,
     flips: usize,
     uncompared: usize,
 }
@@ -25,6 +27,7 @@ impl Worst {
         match result {
             Ok(agreement) => {
                 self.roundings = self.roundings.max(agreement.worst_roundings);
+                self.share = self.share.max(agreement.worst_share);
                 self.flips = self.flips.max(agreement.flips);
             }
             Err(Failure::Nothing(_)) => self.uncompared += 1,
@@ -34,24 +37,39 @@ impl Worst {
     }
 }
 
+/// Prints a line per kind of scenes and blending.
+fn measure<R: Rasterizer<PlanarScene>>(name: &str, rasterizer: &R) -> Result<(), Failure> {
+    for kind in Kind::ALL {
+        for blend in [Blend::Sum, Blend::Over] {
+            let mut worst: [Worst; 4] = Default::default();
+            for seed in 0..30 {
+                let draw = Draw::new(kind, blend, 24, (35, 26), seed).on([0.3, 0.6, 0.2]);
+                worst[0].add(check_image(rasterizer, &draw))?;
+                for (worst, loss) in worst[1..].iter_mut().zip([Loss::L2, Loss::L1, Loss::PAPER]) {
+                    worst.add(check_gradients(rasterizer, &draw, &loss, Chart::ScaleRotation))?;
+                }
+            }
+            let columns = worst.map(|w| format!("{:5.2} {:.1e} ({}, {})", w.roundings, w.share, w.flips, w.uncompared));
+            let scenes = format!("{kind:?} {blend:?}");
+            println!("{name:10} {scenes:16}  {}", columns.join("  "));
+        }
+    }
+    Ok(())
+}
+
 fn main() -> Result<(), Failure> {
-    println!("worst roundings (most flips, scenes without a comparison) of 30 scenes: image, L2, L1, L1 + D-SSIM");
+    println!(
+        "worst roundings and differences (most flips, scenes without a comparison) of 30 scenes: image, and gradients of \
+         L2, L1, L1 + D-SSIM; the latter as shares of the largest gradient by the same parameter"
+    );
     for level in SimdLevel::available() {
         let rasterizer = CpuRasterizer::new(CpuSettings { threads: None, level: Some(level) })?;
-        for kind in Kind::ALL {
-            for blend in [Blend::Sum, Blend::Over] {
-                let mut worst: [Worst; 4] = Default::default();
-                for seed in 0..30 {
-                    let draw = Draw::new(kind, blend, 24, (35, 26), seed).on([0.3, 0.6, 0.2]);
-                    worst[0].add(check_image(&rasterizer, &draw))?;
-                    for (worst, loss) in worst[1..].iter_mut().zip([Loss::L2, Loss::L1, Loss::PAPER]) {
-                        worst.add(check_gradients(&rasterizer, &draw, &loss, Chart::ScaleRotation))?;
-                    }
-                }
-                let columns = worst.map(|w| format!("{:5.2} ({}, {})", w.roundings, w.flips, w.uncompared));
-                let scenes = format!("{kind:?} {blend:?}");
-                println!("{level:7} {scenes:16}  {}", columns.join("  "));
-            }
+        measure(&level.to_string(), &rasterizer)?;
+    }
+    for kernels in [Kernels::Portable, Kernels::Subgroups, Kernels::Vectors] {
+        match WgpuRasterizer::new(WgpuSettings { kernels: Some(kernels), ..WgpuSettings::default() }) {
+            Ok(rasterizer) => measure(&format!("{kernels:?}"), &rasterizer)?,
+            Err(error) => println!("{kernels:?}: {error}"),
         }
     }
     Ok(())
