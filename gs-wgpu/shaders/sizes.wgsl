@@ -5,8 +5,11 @@
 // Groups along x, y, z: Gaussians, entries, sorting blocks, blocks of the sorting histograms' scan.
 @group(0) @binding(3) var<storage, read_write> indirect: array<u32>;
 
+// Most groups along an axis.
+override MOST_GROUPS: u32 = 65535u;
+
 fn put(at: u32, groups: u32) {
-    let across = clamp(groups, 1u, 65535u);
+    let across = clamp(groups, 1u, MOST_GROUPS);
     indirect[at] = select(across, 0u, groups == 0u);
     indirect[at + 1u] = (groups + across - 1u) / across;
     indirect[at + 2u] = 1u;

@@ -3,6 +3,7 @@
 use std::{
     collections::HashMap,
     fmt,
+    num::NonZero,
     sync::{
         Arc, Mutex, PoisonError,
         atomic::{AtomicU64, Ordering},
@@ -59,6 +60,9 @@ pub struct WgpuSettings {
     pub fresh_buffers: FreshBuffers,
     /// How the kernels that visit every pixel are written; `None`: the fastest that the adapter can run.
     pub kernels: Option<Kernels>,
+    /// Most work groups along an axis of a dispatch; what has more goes into several rows. `None`, or more than the adapter allows: as
+    /// many as it allows.
+    pub most_groups: Option<NonZero<u32>>,
 }
 
 /// How long the device may take to hand over what it has finished.
@@ -120,6 +124,8 @@ pub(crate) struct Gpu {
     /// Why this adapter.
     pub(crate) reason: String,
     limits: wgpu::Limits,
+    /// Most work groups along an axis of a dispatch.
+    pub(crate) most_groups: u32,
     /// Whether the adapter computes on a CPU.
     pub(crate) on_cpu: bool,
     /// How the kernels that visit every pixel are written.
@@ -206,6 +212,10 @@ impl Gpu {
             queue,
             adapter: summary_of(&info),
             reason,
+            most_groups: settings
+                .most_groups
+                .map_or(u32::MAX, NonZero::get)
+                .min(limits.max_compute_workgroups_per_dimension),
             limits,
             on_cpu,
             kernels,
@@ -237,7 +247,7 @@ impl Gpu {
 
     /// Work groups for so many, as rows of at most what a dispatch allows.
     pub(crate) fn groups(&self, groups: u64) -> (u32, u32) {
-        let most = u64::from(self.limits.max_compute_workgroups_per_dimension);
+        let most = u64::from(self.most_groups);
         let across = groups.clamp(1, most);
         (across as u32, groups.div_ceil(across) as u32)
     }

@@ -277,7 +277,8 @@ impl Workspace {
         let (step, status, offsets) = (&self.step, &self.status, &self.offsets.buffer);
         self.encode_scan(gpu, commands, 0, offsets, groups_of(gpu, u64::from(self.gaussians) + 1, 1024));
         let bindings = [step, offsets, status, &self.indirect];
-        dispatch(gpu, commands, "sizes", Variant::default(), &bindings, Groups::Direct(1, 1));
+        let sizes = Variant { constant: Some(("MOST_GROUPS", gpu.most_groups)), ..Variant::default() };
+        dispatch(gpu, commands, "sizes", sizes, &bindings, Groups::Direct(1, 1));
     }
 
     /// Stage `bin`.
