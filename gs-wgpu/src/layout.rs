@@ -215,7 +215,9 @@ mod tests {
             let flags = naga::valid::ValidationFlags::all();
             // Subgroups are asked for only where the adapter has them.
             let capabilities = match (shader.name, variant.kernels) {
-                ("blend_vectors", _) | ("blend_bwd", Kernels::Subgroups) => naga::valid::Capabilities::SUBGROUP,
+                ("blend_vectors", _) | ("blend_bwd", Kernels::Subgroups) | ("project_bwd", Kernels::Vectors) => {
+                    naga::valid::Capabilities::SUBGROUP
+                }
                 _ => naga::valid::Capabilities::empty(),
             };
             let info = naga::valid::Validator::new(flags, capabilities)

@@ -225,6 +225,8 @@ fn repeat(source: &str, tiling: Tiling) -> String {
         let indices: Vec<u32> = match count {
             "COLUMNS" => (0..tiling.columns).collect(),
             "BLOCK" => (0..BLOCK).collect(),
+            "EIGHT" => (0..8).collect(),
+            "STAGES" => (0..3).collect(),
             "BLOCKS" => (0..tiling.rows / BLOCK).collect(),
             "ROWS4" => (0..tiling.rows / 4).collect(),
             // From the middle row on, and from there back.

@@ -7,7 +7,7 @@ use crate::{
     dispatch::{Commands, Groups, dispatch, dispatch_some},
     gpu::{Gpu, STORAGE},
     layout::{CONJUGATE_BYTES, Gradient, SPLAT_BYTES, Status, Step},
-    shaders::{Kernels, Pass, SORT_BITS, SORT_BLOCK, TILE_COLUMNS, Tiling, Variant, stride, tiling},
+    shaders::{Kernels, LANES, Pass, SORT_BITS, SORT_BLOCK, TILE_COLUMNS, Tiling, Variant, stride, tiling},
     target::PlanarTarget,
 };
 
@@ -460,7 +460,8 @@ impl Workspace {
             &self.slots.buffer,
             &self.gradients.buffer,
         ];
-        let groups = groups_of(gpu, u64::from(self.gaussians), 64);
+        let invocations = if gpu.kernels == Kernels::Vectors { LANES } else { 64 };
+        let groups = groups_of(gpu, u64::from(self.gaussians), invocations.into());
         dispatch(gpu, commands, "project_bwd", self.variant(cloud), &bindings, groups);
     }
 
