@@ -1,139 +1,204 @@
-// Stage `loss`, D-SSIM: 1 - SSIM and its gradient (Wang et al. 2004; borders padded with zeros, as 3DGS has it).
+// Stage `loss` where D-SSIM is in it: L1, 1 - SSIM and their gradient (Wang et al. 2004; borders padded with zeros, as 3DGS has it).
 //
 // With b(.) the blur by the 11x11 Gaussian window, which is its own adjoint, x the image and y the target, S depends on x through
-// b(x), b(x²) and b(xy); so v_x = b(dS/db(x)) + 2x b(dS/db(x²)) + y b(dS/db(xy)). Each blur is one along rows, one along columns.
-// Planes of one vec4f a pixel (three channels), one after another.
+// b(x), b(x² + y²) and b(xy); so v_x = b(dS/db(x)) + 2x b(dS/db(x² + y²)) + y b(dS/db(xy)). Each blur is one down the columns and one
+// along the rows: moments down, `dssim_moments`; along, their derivatives, and those along again, `dssim_derivatives`; and down,
+// `dssim_gradient`, which has x and y at hand and so does L1, too.
+//
+// An invocation has one channel of a segment of SSIM_SEGMENT pixels, and walks through it, SSIM_BLOCK pixels a step, with what the
+// window spans in registers: so a number is read once a segment, and once more where two meet. A place is a channel of a column.
 
-@group(0) @binding(1) var<storage, read> image: array<vec4f>;
-@group(0) @binding(2) var<storage, read> target_image: array<vec4f>;
-// Blurred along rows: x, y, x², y², xy.
-@group(0) @binding(3) var<storage, read_write> across: array<vec4f>;
-// Derivatives by b(x), b(x²), b(xy).
-@group(0) @binding(4) var<storage, read_write> by: array<vec4f>;
-@group(0) @binding(5) var<storage, read_write> v_image: array<vec4f>;
+// Four floats a pixel, of which three are the channels.
+@group(0) @binding(1) var<storage, read> image: array<f32>;
+@group(0) @binding(2) var<storage, read> target_image: array<f32>;
+// x, y, x² + y², xy, blurred down the columns: row by row, place by place.
+@group(0) @binding(3) var<storage, read_write> moments: array<vec4f>;
+// Derivatives by b(x), b(x² + y²), b(xy), blurred along the rows: in strips of 8 places, and there row by row, so that who walks down
+// reads on and on. From row to row of an image a CPU would wait for its memory.
+@group(0) @binding(4) var<storage, read_write> derivatives: array<vec3f>;
+@group(0) @binding(5) var<storage, read_write> v_image: array<f32>;
+// The loss of each work group of `dssim_derivatives`, then of `dssim_gradient`.
 @group(0) @binding(6) var<storage, read_write> partial: array<f32>;
 
-const RADIUS: i32 = 5;
+const SPAN: u32 = 2u * SSIM_RADIUS;
 
-var<workgroup> lanes: array<f32, 256>;
+// What the window spans before a block, and the block.
+alias Held = array<vec4f, SPAN + SSIM_BLOCK>;
 
-fn pixel_of(group: vec3u, groups: vec3u, lane: u32) -> u32 {
-    return flat(group, groups) * 256u + lane;
+var<workgroup> lanes: array<f32, DSSIM_GROUP>;
+
+// Makes room for the next block.
+fn advance(held: ptr<function, Held>) {
+#each t SSIM_SPAN
+    (*held)[@tu] = (*held)[@tu + SSIM_BLOCK];
+#end
 }
 
-@compute @workgroup_size(256)
-fn dssim_rows(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
-    let pixels = step.size.x * step.size.y;
-    let pixel = pixel_of(group, groups, lane);
-    if pixel >= pixels {
-        return;
-    }
-    let column = i32(pixel % step.size.x);
-    var sums: array<vec4f, 5>;
-    for (var j = -RADIUS; j <= RADIUS; j++) {
-        if column + j >= 0 && column + j < i32(step.size.x) {
-            let at = u32(i32(pixel) + j);
-            let weight = WINDOW[j + RADIUS];
-            let x = image[at];
-            let y = target_image[at];
-            sums[0] += weight * x;
-            sums[1] += weight * y;
-            sums[2] += weight * x * x;
-            sums[3] += weight * y * y;
-            sums[4] += weight * x * y;
-        }
-    }
-    for (var q = 0u; q < 5u; q++) {
-        across[q * pixels + pixel] = sums[q];
-    }
+// The window's sum around `held[at + SSIM_RADIUS]`; the window is symmetric.
+fn blur(held: ptr<function, Held>, at: u32) -> vec4f {
+    var sum = WINDOW[SSIM_RADIUS] * (*held)[at + SSIM_RADIUS];
+#each j SSIM_RADIUS
+    sum += WINDOW[@j] * ((*held)[at + @ju] + (*held)[at + SPAN - @ju]);
+#end
+    return sum;
 }
 
-@compute @workgroup_size(256)
-fn dssim_columns(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
-    let pixels = step.size.x * step.size.y;
-    let pixel = pixel_of(group, groups, lane);
-    var dissimilarity = 0.0;
-    if pixel < pixels {
-        let row = i32(pixel / step.size.x);
-        var sums: array<vec3f, 5>;
-        for (var j = -RADIUS; j <= RADIUS; j++) {
-            if row + j >= 0 && row + j < i32(step.size.y) {
-                let at = u32(i32(pixel) + j * i32(step.size.x));
-                for (var q = 0u; q < 5u; q++) {
-                    sums[q] += WINDOW[j + RADIUS] * across[q * pixels + at].xyz;
-                }
-            }
-        }
-        let mx = sums[0];
-        let my = sums[1];
-        let a = 2.0 * mx * my + SSIM_C1;
-        let b = 2.0 * (sums[4] - mx * my) + SSIM_C2;
-        let c = mx * mx + my * my + SSIM_C1;
-        let d = (sums[2] - mx * mx) + (sums[3] - my * my) + SSIM_C2;
-        let s = (a * b) / (c * d);
-        let loss = 1.0 - s;
-        dissimilarity = loss.x + loss.y + loss.z;
-        // dS/db(x²) = -S/d; dS/db(xy) = 2a/(c d); dS/db(x) collects the means.
-        let by_square = -s / d;
-        let by_product = 2.0 * a / (c * d);
-        let by_mean = 2.0 * my * (b - a) / (c * d) - 2.0 * mx * s / c + 2.0 * mx * s / d;
-        by[pixel] = vec4f(by_mean, 0.0);
-        by[pixels + pixel] = vec4f(by_square, 0.0);
-        by[2u * pixels + pixel] = vec4f(by_product, 0.0);
-    }
-    lanes[lane] = dissimilarity;
+// An invocation's part of a column or row, whose number is `line`.
+struct Segment {
+    line: u32,
+    channel: u32,
+    first: u32,
+    end: u32,
+}
+
+// Neighbours have neighbouring lines, whichever way they walk; beyond the last one `first` is not less than `length`.
+fn segment_of(id: u32, lines: u32, length: u32) -> Segment {
+    let first = id / (3u * lines) * SSIM_SEGMENT;
+    return Segment(id % (3u * lines) / 3u, id % 3u, first, min(first + SSIM_SEGMENT, length));
+}
+
+fn is_within(s: Segment, pixel: u32) -> bool {
+    return pixel >= s.first && pixel < s.end;
+}
+
+fn in_strips(place: u32, row: u32) -> u32 {
+    return (place / 8u * step.size.y + row) * 8u + place % 8u;
+}
+
+fn sum_group(lane: u32, value: f32) -> f32 {
+    lanes[lane] = value;
     workgroupBarrier();
-    for (var half = 128u; half > 0u; half /= 2u) {
+    for (var half = DSSIM_GROUP / 2u; half > 0u; half /= 2u) {
         if lane < half {
             lanes[lane] += lanes[lane + half];
         }
         workgroupBarrier();
     }
+    return lanes[0];
+}
+
+fn products(at: u32) -> vec4f {
+    let x = image[at];
+    let y = target_image[at];
+    return vec4f(x, y, x * x + y * y, x * y);
+}
+
+@compute @workgroup_size(DSSIM_GROUP)
+fn dssim_moments(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
+    let s = segment_of(flat(group, groups) * DSSIM_GROUP + lane, step.size.x, step.size.y);
+    if s.first >= step.size.y {
+        return;
+    }
+    let place = s.line * 3u + s.channel;
+    var held: Held;
+    // Of the block's first pixel. Before the image it has wrapped around, and is beyond it.
+    var row = s.first - SSIM_RADIUS;
+    loop {
+        advance(&held);
+#each k SSIM_BLOCK
+        held[SPAN + @ku] = select(vec4f(0.0), products(((row + @ku) * step.size.x + s.line) * 4u + s.channel), row + @ku < step.size.y);
+#end
+#each k SSIM_BLOCK
+        if is_within(s, row + @ku - SSIM_RADIUS) {
+            moments[(row + @ku - SSIM_RADIUS) * 3u * step.size.x + place] = blur(&held, @ku);
+        }
+#end
+        continuing {
+            row += SSIM_BLOCK;
+            break if i32(row) >= i32(s.end + SSIM_RADIUS);
+        }
+    }
+}
+
+// From blurred moments to the derivatives by them, and SSIM itself.
+fn ssim(m: vec4f) -> vec4f {
+    let product = m.x * m.y;
+    let squares = m.x * m.x + m.y * m.y;
+    let a = 2.0 * product + SSIM_C1;
+    let b = 2.0 * (m.w - product) + SSIM_C2;
+    let c = squares + SSIM_C1;
+    let d = (m.z - squares) + SSIM_C2;
+    let inverse = 1.0 / (c * d);
+    let s = a * b * inverse;
+    // dS/db(x² + y²) = -S/d; dS/db(xy) = 2a/(c d); dS/db(x) collects the means.
+    let by_squares = -s * c * inverse;
+    let by_mean = 2.0 * m.y * (b - a) * inverse - 2.0 * m.x * (s * d * inverse + by_squares);
+    return vec4f(by_mean, by_squares, 2.0 * a * inverse, s);
+}
+
+@compute @workgroup_size(DSSIM_GROUP)
+fn dssim_derivatives(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
     let block = flat(group, groups);
-    if lane == 0u && block * 256u < pixels {
-        partial[(pixels + 1023u) / 1024u + block] = lanes[0];
-    }
-}
-
-@compute @workgroup_size(256)
-fn dssim_bwd_rows(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
-    let pixels = step.size.x * step.size.y;
-    let pixel = pixel_of(group, groups, lane);
-    if pixel >= pixels {
-        return;
-    }
-    let column = i32(pixel % step.size.x);
-    var sums: array<vec4f, 3>;
-    for (var j = -RADIUS; j <= RADIUS; j++) {
-        if column + j >= 0 && column + j < i32(step.size.x) {
-            let at = u32(i32(pixel) + j);
-            for (var q = 0u; q < 3u; q++) {
-                sums[q] += WINDOW[j + RADIUS] * by[q * pixels + at];
+    let s = segment_of(block * DSSIM_GROUP + lane, step.size.y, step.size.x);
+    var dissimilarity = 0.0;
+    if s.first < step.size.x {
+        var held: Held;
+        var by: Held;
+        // As in `dssim_moments`; derivatives lag behind by half a window, and their blur by a whole one.
+        var column = s.first - SPAN;
+        loop {
+            advance(&held);
+            advance(&by);
+#each k SSIM_BLOCK
+            held[SPAN + @ku] = select(vec4f(0.0), moments[(s.line * step.size.x + column + @ku) * 3u + s.channel], column + @ku < step.size.x);
+#end
+#each k SSIM_BLOCK
+            {
+                let here = column + @ku - SSIM_RADIUS;
+                let of_here = ssim(blur(&held, @ku));
+                by[SPAN + @ku] = select(vec4f(0.0), of_here, here < step.size.x);
+                dissimilarity += select(0.0, 1.0 - of_here.w, is_within(s, here));
+            }
+#end
+#each k SSIM_BLOCK
+            if is_within(s, column + @ku - SPAN) {
+                derivatives[in_strips((column + @ku - SPAN) * 3u + s.channel, s.line)] = blur(&by, @ku).xyz;
+            }
+#end
+            continuing {
+                column += SSIM_BLOCK;
+                break if i32(column) >= i32(s.end + SPAN);
             }
         }
     }
-    for (var q = 0u; q < 3u; q++) {
-        across[q * pixels + pixel] = sums[q];
+    let sum = sum_group(lane, dissimilarity);
+    if lane == 0u && block < dssim_groups(step.size.y, step.size.x) {
+        partial[block] = step.dssim_scale * sum;
     }
 }
 
-@compute @workgroup_size(256)
-fn dssim_bwd_columns(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
-    let pixels = step.size.x * step.size.y;
-    let pixel = pixel_of(group, groups, lane);
-    if pixel >= pixels {
-        return;
-    }
-    let row = i32(pixel / step.size.x);
-    var sums: array<vec4f, 3>;
-    for (var j = -RADIUS; j <= RADIUS; j++) {
-        if row + j >= 0 && row + j < i32(step.size.y) {
-            let at = u32(i32(pixel) + j * i32(step.size.x));
-            for (var q = 0u; q < 3u; q++) {
-                sums[q] += WINDOW[j + RADIUS] * across[q * pixels + at];
+@compute @workgroup_size(DSSIM_GROUP)
+fn dssim_gradient(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
+    let block = flat(group, groups);
+    let s = segment_of(block * DSSIM_GROUP + lane, step.size.x, step.size.y);
+    var difference = 0.0;
+    if s.first < step.size.y {
+        let place = s.line * 3u + s.channel;
+        var by: Held;
+        var row = s.first - SSIM_RADIUS;
+        loop {
+            advance(&by);
+#each k SSIM_BLOCK
+            by[SPAN + @ku] = select(vec4f(0.0), vec4f(derivatives[in_strips(place, row + @ku)], 0.0), row + @ku < step.size.y);
+#end
+#each k SSIM_BLOCK
+            if is_within(s, row + @ku - SSIM_RADIUS) {
+                let at = ((row + @ku - SSIM_RADIUS) * step.size.x + s.line) * 4u + s.channel;
+                let x = image[at];
+                let y = target_image[at];
+                let v = blur(&by, @ku);
+                difference += abs(x - y);
+                v_image[at] = step.pointwise_scale * sign(x - y) - step.dssim_scale * (v.x + 2.0 * x * v.y + y * v.z);
+            }
+#end
+            continuing {
+                row += SSIM_BLOCK;
+                break if i32(row) >= i32(s.end + SSIM_RADIUS);
             }
         }
     }
-    let v = sums[0] + 2.0 * image[pixel] * sums[1] + target_image[pixel] * sums[2];
-    v_image[pixel] -= vec4f(step.dssim_scale * v.xyz, 0.0);
+    let sum = sum_group(lane, difference);
+    if lane == 0u && block < dssim_groups(step.size.x, step.size.y) {
+        partial[dssim_groups(step.size.y, step.size.x) + block] = step.pointwise_scale * sum;
+    }
 }

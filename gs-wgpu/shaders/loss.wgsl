@@ -4,12 +4,12 @@
 @group(0) @binding(1) var<storage, read> image: array<vec4f>;
 @group(0) @binding(2) var<storage, read> target_image: array<vec4f>;
 @group(0) @binding(3) var<storage, read_write> v_image: array<vec4f>;
-// One number a work group of `loss` (and then of D-SSIM's).
+// One number a work group of `loss`, or what SUM_OF says.
 @group(0) @binding(4) var<storage, read_write> partial: array<f32>;
 @group(0) @binding(5) var<storage, read_write> status: Status;
 
 override KIND: u32 = 1u;
-// Whose partial sums make the loss: 0, those of `loss`; 1, those and D-SSIM's, which stand behind them; 2, one a tile.
+// Whose partial sums make the loss: 0, those of `loss`; 1, D-SSIM's, which are weighted; 2, one a tile.
 override SUM_OF: u32 = 0u;
 
 const PER_LANE: u32 = 4u;
@@ -57,9 +57,9 @@ fn loss(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: ve
     }
 }
 
-fn sum_range(lane: u32, first: u32, end: u32) -> f32 {
+fn sum_partial(lane: u32, count: u32) -> f32 {
     var sum = 0.0;
-    for (var i = first + lane; i < end; i += 256u) {
+    for (var i = lane; i < count; i += 256u) {
         sum += partial[i];
     }
     return sum_group(lane, sum);
@@ -67,15 +67,13 @@ fn sum_range(lane: u32, first: u32, end: u32) -> f32 {
 
 @compute @workgroup_size(256)
 fn loss_sum(@builtin(local_invocation_index) lane: u32) {
-    let pixels = step.size.x * step.size.y;
-    let blocks = select((pixels + 1023u) / 1024u, step.tiles.x * step.tiles.y, SUM_OF == 2u);
-    let pointwise = sum_range(lane, 0u, blocks);
-    var value = pointwise * step.pointwise_scale;
+    var value: f32;
     if SUM_OF == 1u {
-        workgroupBarrier();
-        let ssim_blocks = (pixels + 255u) / 256u;
-        let dssim = sum_range(lane, blocks, blocks + ssim_blocks);
-        value += dssim * step.dssim_scale;
+        value = sum_partial(lane, dssim_groups(step.size.x, step.size.y) + dssim_groups(step.size.y, step.size.x));
+    } else {
+        let pixels = step.size.x * step.size.y;
+        let blocks = select((pixels + 1023u) / 1024u, step.tiles.x * step.tiles.y, SUM_OF == 2u);
+        value = sum_partial(lane, blocks) * step.pointwise_scale;
     }
     if lane == 0u {
         status.loss = value;

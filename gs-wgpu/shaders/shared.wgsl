@@ -99,6 +99,11 @@ fn flat(group: vec3u, groups: vec3u) -> u32 {
     return group.y * groups.x + group.x;
 }
 
+// Work groups of D-SSIM's walk along so many lines of such a length.
+fn dssim_groups(lines: u32, length: u32) -> u32 {
+    return (3u * lines * ((length + SSIM_SEGMENT - 1u) / SSIM_SEGMENT) + DSSIM_GROUP - 1u) / DSSIM_GROUP;
+}
+
 fn is_finite(x: f32) -> bool {
     return (bitcast<u32>(x) & 0x7f800000u) != 0x7f800000u;
 }

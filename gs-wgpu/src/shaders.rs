@@ -51,6 +51,12 @@ pub(crate) const LANES: u32 = 8;
 /// Rows of the blocks that the recurrence runs through, from the middle row up and down.
 const BLOCK: u32 = 8;
 
+/// Invocations of a work group of D-SSIM's kernels.
+pub(crate) const DSSIM_GROUP: u32 = 64;
+
+/// Pixels of SSIM's window on either side.
+const SSIM_RADIUS: u32 = SSIM_WINDOW as u32 / 2;
+
 /// How the kernels that visit every pixel are written. All give the same results, to rounding, and each repeats itself bit for bit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub enum Kernels {
@@ -74,14 +80,20 @@ pub(crate) struct Tiling {
     columns: u32,
     /// Lists of a tile: where there are two, the second has the entries whose rows the recurrence must not run along.
     pub(crate) classes: u32,
+    /// Pixels that an invocation of D-SSIM walks through.
+    pub(crate) ssim_segment: u32,
+    /// Pixels of a step of that walk.
+    ssim_block: u32,
 }
 
 /// A GPU has many invocations of few registers each. On a CPU, an invocation is a lane of a vector, and what is fetched for an entry should
 /// be good for many pixels.
 pub(crate) fn tiling(kernels: Kernels) -> Tiling {
     match kernels {
-        Kernels::Portable | Kernels::Subgroups => Tiling { tile_rows: 16, rows: 4, columns: 1, classes: 1 },
-        Kernels::Vectors => Tiling { tile_rows: 16, rows: 16, columns: 2, classes: 2 },
+        Kernels::Portable | Kernels::Subgroups => {
+            Tiling { tile_rows: 16, rows: 4, columns: 1, classes: 1, ssim_segment: 16, ssim_block: 4 }
+        }
+        Kernels::Vectors => Tiling { tile_rows: 16, rows: 16, columns: 2, classes: 2, ssim_segment: 64, ssim_block: 3 },
     }
 }
 
@@ -114,7 +126,7 @@ shaders! {
     "blend": ["blend"],
     "blend_vectors": ["blend_vectors"],
     "loss": ["loss", "loss_sum"],
-    "dssim": ["dssim_rows", "dssim_columns", "dssim_bwd_rows", "dssim_bwd_columns"],
+    "dssim": ["dssim_moments", "dssim_derivatives", "dssim_gradient"],
     "blend_bwd": ["blend_bwd"],
     "project_bwd": ["project_bwd"],
     "adam": ["adam"],
@@ -149,7 +161,7 @@ impl Shader {
 
 /// The constants, printed so that they parse back bit for bit.
 fn prelude(variant: Variant) -> String {
-    let Tiling { tile_rows, rows, columns, classes } = tiling(variant.kernels);
+    let Tiling { tile_rows, rows, columns, classes, ssim_segment, ssim_block } = tiling(variant.kernels);
     let lanes = TILE_COLUMNS / columns;
     // As many entries at a time as their partial sums have room for in 16 KiB.
     let stride = stride(variant.over);
@@ -160,6 +172,7 @@ fn prelude(variant: Variant) -> String {
         "const TILE_COLUMNS: u32 = {TILE_COLUMNS}u;\nconst TILE_ROWS: u32 = {tile_rows}u;\nconst ROWS: u32 = {rows}u;\n\
          const LANES: u32 = {lanes}u;\nconst CLASSES: u32 = {classes}u;\nconst BLOCK: u32 = {BLOCK}u;\nconst STRIDE: u32 = {stride}u;\nconst BATCH: u32 = {batch}u;\n\
          const SORT_BLOCK: u32 = {SORT_BLOCK}u;\nconst MIN_DETERMINANT_PX4: f32 = {MIN_DETERMINANT_PX4:?};\n\
+         const SSIM_SEGMENT: u32 = {ssim_segment}u;\nconst SSIM_BLOCK: u32 = {ssim_block}u;\nconst DSSIM_GROUP: u32 = {DSSIM_GROUP}u;\nconst SSIM_RADIUS: u32 = {SSIM_RADIUS}u;\n\
          const SSIM_C1: f32 = {SSIM_C1:?};\nconst SSIM_C2: f32 = {SSIM_C2:?};\n",
     );
     let weights = ssim_window().map(|w| format!("{w:?}")).join(", ");
@@ -232,6 +245,9 @@ fn repeat(source: &str, tiling: Tiling) -> String {
             // From the middle row on, and from there back.
             "UP" => (BLOCK / 2..BLOCK).collect(),
             "DOWN" => (0..BLOCK / 2).rev().collect(),
+            "SSIM_BLOCK" => (0..tiling.ssim_block).collect(),
+            "SSIM_RADIUS" => (0..SSIM_RADIUS).collect(),
+            "SSIM_SPAN" => (0..2 * SSIM_RADIUS).collect(),
             other => panic!("#each {name} {other}, which is no number"),
         };
         let mut body = String::new();

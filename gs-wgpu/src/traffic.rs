@@ -9,7 +9,7 @@ use crate::{
     layout::{Gaussian, Gradient, Moments, SPLAT_BYTES, Statistics},
     profile::Stage,
     shaders::{Kernels, TILE_COLUMNS, stride, tiling},
-    workspace::{PIXEL_BYTES, Workspace},
+    workspace::{MOMENTS_BYTES, PIXEL_BYTES, Workspace},
 };
 
 /// A key, an offset, or a place in a list.
@@ -31,6 +31,7 @@ pub(crate) fn of(stage: Stage, workspace: &Workspace, cloud: &PlanarCloud, loss:
     let over = effects.blend == Blend::Over;
     let n = cloud.len as u64;
     let image = workspace.pixels() * PIXEL_BYTES;
+    let moments = 3 * workspace.pixels() * MOMENTS_BYTES;
     let slots = entries * u64::from(stride(over)) * size::<f32>();
     // Of the lists: each entry by its sorted number, with its Gaussian's splat.
     let lists = entries * (INDEX + ENTRY + SPLAT_BYTES);
@@ -48,8 +49,8 @@ pub(crate) fn of(stage: Stage, workspace: &Workspace, cloud: &PlanarCloud, loss:
         Stage::Blend => (lists, image),
         Stage::Loss => match loss {
             Loss::L1 | Loss::L2 => (2 * image, image),
-            // And five blurs along rows; down, and three derivatives; those along rows; down, and the gradient.
-            Loss::L1Dssim { .. } => ((2 + 2 + 5 + 3 + 6) * image, (1 + 5 + 3 + 3 + 1) * image),
+            // Moments down; along, and derivatives, those along again; down, with the image and the target once more.
+            Loss::L1Dssim { .. } => (4 * image + 2 * moments, 2 * moments + image),
         },
         Stage::BlendBwd => (lists + image + if over { image } else { 0 }, slots),
         Stage::Fused => (lists + image, slots),
@@ -163,6 +164,6 @@ mod tests {
         let image = 320 * 16;
         assert_eq!(bytes(&over, "blend"), bytes(&sum, "blend"));
         assert_eq!(bytes(&over, "blend_bwd"), bytes(&sum, "blend_bwd") + image + 3 * 4);
-        assert_eq!(bytes(&over, "loss"), bytes(&sum, "loss") + 28 * image);
+        assert_eq!(bytes(&over, "loss"), bytes(&sum, "loss") + 14 * image);
     }
 }

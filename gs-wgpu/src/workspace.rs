@@ -7,7 +7,9 @@ use crate::{
     dispatch::{Commands, Groups, dispatch, dispatch_some},
     gpu::{Gpu, STORAGE},
     layout::{CONJUGATE_BYTES, Gradient, SPLAT_BYTES, Status, Step},
-    shaders::{Kernels, LANES, Pass, SORT_BITS, SORT_BLOCK, TILE_COLUMNS, Tiling, Variant, stride, tiling},
+    shaders::{
+        DSSIM_GROUP, Kernels, LANES, Pass, SORT_BITS, SORT_BLOCK, TILE_COLUMNS, Tiling, Variant, stride, tiling,
+    },
     target::PlanarTarget,
 };
 
@@ -23,6 +25,12 @@ const FIRST_CAPACITY: u64 = 1 << 14;
 
 /// Bytes of a pixel: RGB and one more.
 pub(crate) const PIXEL_BYTES: u64 = 16;
+
+/// Bytes of a channel of a pixel in D-SSIM's moments, and in its derivatives, which are one number less and room for it.
+pub(crate) const MOMENTS_BYTES: u64 = 16;
+
+/// Places that D-SSIM's derivatives are kept by.
+const STRIP: u64 = 8;
 
 /// A buffer that is replaced by a larger one when that is needed; its contents are lost then.
 #[derive(Debug)]
@@ -71,9 +79,9 @@ pub(crate) struct Workspace {
     v_image: Growing,
     /// Partial sums of the loss, and of dot products.
     partial: Growing,
-    /// D-SSIM's planes: blurred along rows, and derivatives.
-    across: Growing,
-    by: Growing,
+    /// Of D-SSIM.
+    moments: Growing,
+    derivatives: Growing,
     pub(crate) gradients: Growing,
     /// The vectors and scalars of `solve_colors`.
     vectors: Growing,
@@ -115,8 +123,8 @@ impl Workspace {
             image: growing("the image")?,
             v_image: growing("the image's gradient")?,
             partial: growing("partial sums")?,
-            across: growing("D-SSIM's planes")?,
-            by: growing("D-SSIM's planes")?,
+            moments: growing("D-SSIM's moments")?,
+            derivatives: growing("D-SSIM's derivatives")?,
             gradients: growing("gradients")?,
             vectors: growing("vectors of conjugate gradients")?,
             scalars: growing("scalars of conjugate gradients")?,
@@ -349,35 +357,41 @@ impl Workspace {
     ) -> Result<(), Error> {
         let pixels = self.pixels();
         self.v_image.ensure(gpu, pixels * PIXEL_BYTES)?;
-        self.partial.ensure(gpu, (pixels.div_ceil(1024) + pixels.div_ceil(256)) * 4)?;
         let kind = match loss {
             None => 0,
             Some(Loss::L2) => 1,
-            Some(Loss::L1 | Loss::L1Dssim { .. }) => 2,
+            Some(Loss::L1) => 2,
+            Some(Loss::L1Dssim { .. }) => return self.encode_dssim(gpu, commands, target),
         };
-        let with_dssim = u32::from(matches!(loss, Some(Loss::L1Dssim { .. })));
+        self.partial.ensure(gpu, pixels.div_ceil(1024) * 4)?;
         let variant = Variant { constant: Some(("KIND", kind)), ..Variant::default() };
-        let (step, image, v_image, partial) =
-            (&self.step, &self.image.buffer, &self.v_image.buffer, &self.partial.buffer);
-        let bindings = [step, image, &target.buffer, v_image, partial];
+        let bindings = [&self.step, &self.image.buffer, &target.buffer, &self.v_image.buffer, &self.partial.buffer];
         dispatch(gpu, commands, "loss", variant, &bindings, groups_of(gpu, pixels, 1024));
-        if with_dssim == 1 {
-            self.across.ensure(gpu, 5 * pixels * PIXEL_BYTES)?;
-            self.by.ensure(gpu, 3 * pixels * PIXEL_BYTES)?;
-            let (across, by) = (&self.across.buffer, &self.by.buffer);
-            let (plain, groups) = (Variant::default(), groups_of(gpu, pixels, 256));
-            dispatch(gpu, commands, "dssim_rows", plain, &[step, image, &target.buffer, across], groups);
-            let columns = (&[0, 3, 4, 6][..], &[step, across, by, partial][..]);
-            dispatch_some(gpu, commands, "dssim_columns", plain, columns, groups);
-            dispatch_some(gpu, commands, "dssim_bwd_rows", plain, (&[0, 3, 4], &[step, across, by]), groups);
-            let columns = (&[0, 1, 2, 3, 5][..], &[step, image, &target.buffer, across, v_image][..]);
-            dispatch_some(gpu, commands, "dssim_bwd_columns", plain, columns, groups);
+        if loss.is_some() {
+            self.encode_loss_sum(gpu, commands, LossSum::Pixels);
         }
-        match loss {
-            Some(Loss::L1Dssim { .. }) => self.encode_loss_sum(gpu, commands, LossSum::PixelsAndDssim),
-            Some(_) => self.encode_loss_sum(gpu, commands, LossSum::Pixels),
-            None => {}
-        }
+        Ok(())
+    }
+
+    /// Stage `loss`, of L1 and D-SSIM.
+    fn encode_dssim(&mut self, gpu: &Gpu, commands: &mut Commands, target: &PlanarTarget) -> Result<(), Error> {
+        let [width, height] = [self.canvas.width, self.canvas.height].map(u64::from);
+        let groups = |lines: u64, length: u64| {
+            (3 * lines * length.div_ceil(u64::from(self.tiling.ssim_segment))).div_ceil(u64::from(DSSIM_GROUP))
+        };
+        let (down, along) = (groups(width, height), groups(height, width));
+        self.partial.ensure(gpu, (down + along) * 4)?;
+        self.moments.ensure(gpu, 3 * width * height * MOMENTS_BYTES)?;
+        self.derivatives.ensure(gpu, (3 * width).next_multiple_of(STRIP) * height * MOMENTS_BYTES)?;
+        let (step, image, target, v_image) = (&self.step, &self.image.buffer, &target.buffer, &self.v_image.buffer);
+        let (moments, derivatives, partial) = (&self.moments.buffer, &self.derivatives.buffer, &self.partial.buffer);
+        let (plain, [down, along]) = (Variant::default(), [down, along].map(|groups| gpu.groups(groups).into()));
+        dispatch(gpu, commands, "dssim_moments", plain, &[step, image, target, moments], down);
+        let bindings = (&[0, 3, 4, 6][..], &[step, moments, derivatives, partial][..]);
+        dispatch_some(gpu, commands, "dssim_derivatives", plain, bindings, along);
+        let bindings = (&[0, 1, 2, 4, 5, 6][..], &[step, image, target, derivatives, v_image, partial][..]);
+        dispatch_some(gpu, commands, "dssim_gradient", plain, bindings, down);
+        self.encode_loss_sum(gpu, commands, LossSum::Dssim);
         Ok(())
     }
 
@@ -567,8 +581,8 @@ pub(crate) fn fuses(gpu: &Gpu, loss: Loss) -> bool {
 enum LossSum {
     /// Those of `loss`.
     Pixels = 0,
-    /// Those and D-SSIM's.
-    PixelsAndDssim = 1,
+    /// Those of `dssim_derivatives` and `dssim_gradient`.
+    Dssim = 1,
     /// One a tile.
     Tiles = 2,
 }
