@@ -77,6 +77,16 @@ fn sum_group(lane: u32, value: f32) -> f32 {
     return lanes[0];
 }
 
+// The same. A CPU stores its vectors' lanes one by one; and its compiler, if it saw through this, would compute each on its own there.
+fn whole(v: f32) -> f32 {
+#if VECTORS
+    // Never.
+    return select(v, 0.0, step.size.x == 0u);
+#else
+    return v;
+#endif
+}
+
 fn products(at: u32) -> vec4f {
     let x = image[at];
     let y = target_image[at];
@@ -188,7 +198,7 @@ fn dssim_gradient(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) 
                 let y = target_image[at];
                 let v = blur(&by, @ku);
                 difference += abs(x - y);
-                v_image[at] = step.pointwise_scale * sign(x - y) - step.dssim_scale * (v.x + 2.0 * x * v.y + y * v.z);
+                v_image[at] = whole(step.pointwise_scale * sign(x - y) - step.dssim_scale * (v.x + 2.0 * x * v.y + y * v.z));
             }
 #end
             continuing {
