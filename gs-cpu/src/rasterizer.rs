@@ -263,6 +263,18 @@ impl Rasterizer<PlanarScene> for CpuRasterizer {
         Ok(cloud.statistics.clone())
     }
 
+    fn shift_means(&self, cloud: &mut PlanarCloud, shifts: &[f32]) -> Result<(), Error> {
+        let expected = 2 * cloud.len();
+        if shifts.len() != expected {
+            return Err(Error::Length { what: "mean", expected, found: shifts.len() });
+        }
+        for (mean, &[x, y]) in cloud.means.iter_mut().zip(shifts.as_chunks::<2>().0) {
+            mean.x += x;
+            mean.y += y;
+        }
+        Ok(())
+    }
+
     fn edit(&self, cloud: &mut PlanarCloud, plan: &EditPlan<PlanarGaussian>) -> Result<(), Error> {
         cloud.edit(plan)
     }

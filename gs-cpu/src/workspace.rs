@@ -7,15 +7,19 @@ use std::{
 };
 
 use fearless_simd::{Level, dispatch};
-use gs_core::{Binning, Blend, Canvas, Error, Image, RenderSettings, statistics::Culled};
+use gs_core::{
+    Binning, Blend, Canvas, Error, Image, RenderSettings, effects::Statistics, statistics::Culled,
+};
 use rayon::prelude::*;
 
 use crate::{
     bin::Bins,
     blend_over, blend_sum,
     cloud::PlanarCloud,
+    collect::{collecting, numbers},
     dssim,
     layout::{Cuts, Grid, Row, ScalarRow, TileBuffers, for_each_tile},
+    loss,
     project::{CHUNK, Splat, project_all},
     project_bwd::{Gradient, gradient},
 };
@@ -45,6 +49,8 @@ pub(crate) struct Workspace {
     pub(crate) transmittance: Vec<ScalarRow>,
     /// ∂L/∂image.
     pub(crate) v_rows: Vec<Row>,
+    /// The mean of |C − Y| over a pixel's channels, 0 in lanes beyond the image; empty where nobody asks for it.
+    pub(crate) errors: Vec<ScalarRow>,
     /// What each entry's Gaussian receives.
     pub(crate) slots: Vec<f32>,
     /// Numbers per entry in `slots`.
@@ -73,6 +79,7 @@ impl Default for Workspace {
             rows: Vec::new(),
             transmittance: Vec::new(),
             v_rows: Vec::new(),
+            errors: Vec::new(),
             slots: Vec::new(),
             stride: 0,
             sums: Vec::new(),
@@ -115,13 +122,25 @@ impl Workspace {
             self.bin()?;
             self.edition = Some(cloud.edition);
         }
-        self.stride = match settings.effects.blend {
-            Blend::Sum => blend_sum::STRIDE,
-            Blend::Over => blend_over::STRIDE,
-        };
+        self.stride = self.gradient_stride() + numbers(settings.effects.statistics);
         self.rows.resize(self.grid.rows(), Row::ZERO);
+        let errors = if self.collects_errors() { self.grid.rows() } else { 0 };
+        self.errors.resize(errors, ScalarRow([0.0; 16]));
         self.sums.resize(self.grid.tiles(), 0.0);
         Ok(())
+    }
+
+    /// Numbers per entry in `slots` that are gradients; those for the statistics follow them.
+    pub(crate) fn gradient_stride(&self) -> usize {
+        match self.settings.effects.blend {
+            Blend::Sum => blend_sum::STRIDE,
+            Blend::Over => blend_over::STRIDE,
+        }
+    }
+
+    /// Whether the backward pass needs the pixels' errors.
+    pub(crate) fn collects_errors(&self) -> bool {
+        self.settings.effects.statistics == Statistics::PixelError
     }
 
     /// Stage `project`.
@@ -205,7 +224,7 @@ impl Workspace {
     /// Stage `blend_bwd`: from `v_rows` (and, under `Over`, the image, which is used up) into `slots`.
     pub(crate) fn blend_bwd(&mut self, level: Level) {
         let settings = self.settings;
-        let (splats, bins, grid, v_rows) = (&self.splats, &self.bins, &self.grid, &self.v_rows);
+        let (splats, bins, grid, v_rows, errors) = (&self.splats, &self.bins, &self.grid, &self.v_rows, &self.errors);
         self.slots.resize(bins.entries.len() * self.stride, 0.0);
         let cuts = Cuts { grid, tile_start: &bins.tile_start, stride: self.stride };
         let buffers =
@@ -214,37 +233,46 @@ impl Workspace {
             let entries = &bins.entries[bins.tile_start[tile] as usize..bins.tile_start[tile + 1] as usize];
             let (column, rows) = grid.place(tile);
             let v_rows = &v_rows[grid.first_row(tile)..][..rows.len()];
-            match settings.effects.blend {
-                Blend::Sum => dispatch!(level, simd => blend_sum::backward(
-                    simd, entries, splats, column, rows.start, v_rows, buffers.slots,
+            let errors = if errors.is_empty() { &[] } else { &errors[grid.first_row(tile)..][..rows.len()] };
+            collecting!(settings.effects.statistics, K => match settings.effects.blend {
+                Blend::Sum => dispatch!(level, simd => blend_sum::backward::<_, K>(
+                    simd, entries, splats, column, rows.start, v_rows, errors, buffers.slots,
                 )),
-                Blend::Over => dispatch!(level, simd => blend_over::backward(
-                    simd, entries, splats, &settings.accuracy, column, rows.start, buffers.rows, v_rows, buffers.slots,
+                Blend::Over => dispatch!(level, simd => blend_over::backward::<_, K>(
+                    simd, entries, splats, &settings.accuracy, column, rows.start, buffers.rows, v_rows, errors,
+                    buffers.slots,
                 )),
-            }
+            });
         });
     }
 
     /// Stages `blend`, `loss` (L2) and `blend_bwd` in one pass over the tiles, which stay in the cache; `Sum` only. Returns
     /// Σ (C − Y)²; `slots` receive the gradients of half of that.
     pub(crate) fn blend_l2_fused(&mut self, level: Level, target: &[Row]) -> f64 {
-        let backdrop = self.settings.backdrop();
+        let (backdrop, statistics) = (self.settings.backdrop(), self.settings.effects.statistics);
         let (splats, bins, grid) = (&self.splats, &self.bins, &self.grid);
         self.slots.resize(bins.entries.len() * self.stride, 0.0);
         let cuts = Cuts { grid, tile_start: &bins.tile_start, stride: self.stride };
-        let buffers =
-            TileBuffers { rows: &mut self.rows, transmittance: &mut [], slots: &mut self.slots, sums: &mut self.sums };
+        // The errors are cut where the transmittance, which `Sum` has not, would be.
+        let (errors, slots) = (&mut self.errors, &mut self.slots);
+        let buffers = TileBuffers { rows: &mut self.rows, transmittance: errors, slots, sums: &mut self.sums };
         for_each_tile(0..grid.tiles(), buffers, cuts, &|tile, buffers| {
             let entries = &bins.entries[bins.tile_start[tile] as usize..bins.tile_start[tile + 1] as usize];
             let (column, rows) = grid.place(tile);
             let target = &target[grid.first_row(tile)..][..rows.len()];
             let inside = grid.lanes_inside(tile);
-            dispatch!(level, simd => {
+            collecting!(statistics, K => dispatch!(level, simd => {
                 blend_sum::start(simd, backdrop, target, buffers.rows);
                 blend_sum::forward(simd, entries, splats, column, rows.start, buffers.rows);
                 buffers.sums[0] = square_sum(buffers.rows, inside);
-                blend_sum::backward(simd, entries, splats, column, rows.start, buffers.rows, buffers.slots);
-            });
+                let errors = buffers.transmittance;
+                for (ScalarRow(error), Row(residual)) in errors.iter_mut().zip(&*buffers.rows) {
+                    *error = loss::mean_magnitude(residual);
+                }
+                blend_sum::backward::<_, K>(
+                    simd, entries, splats, column, rows.start, buffers.rows, errors, buffers.slots,
+                );
+            }));
         });
         self.sums.iter().sum()
     }
