@@ -7,9 +7,7 @@ use std::{
 };
 
 use fearless_simd::{Level, dispatch};
-use gs_core::{
-    Binning, Blend, Canvas, Error, Image, RenderSettings, effects::Statistics, statistics::Culled,
-};
+use gs_core::{Binning, Blend, Canvas, Error, Image, RenderSettings, effects::Statistics, statistics::Culled};
 use rayon::prelude::*;
 
 use crate::{

@@ -124,9 +124,8 @@ pub fn shifts_move_means_and_nothing_else<R: Rasterizer<PlanarScene>>(rasterizer
         // What is seen after a shift is the shifted scene.
         let scene = rasterizer.download(&cloud)?;
         let fresh = rasterizer.upload(&scene, chart)?;
-        let image = |cloud| {
-            rasterizer.forward(cloud, &draw.view, &draw.settings).and_then(|frame| rasterizer.image(&frame))
-        };
+        let image =
+            |cloud| rasterizer.forward(cloud, &draw.view, &draw.settings).and_then(|frame| rasterizer.image(&frame));
         let same = (image(&cloud)?.pixels().as_flattened().iter())
             .zip(image(&fresh)?.pixels().as_flattened())
             .all(|(a, b)| (a - b).abs() < 1e-4);
