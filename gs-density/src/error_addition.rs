@@ -191,13 +191,13 @@ mod tests {
     #[test]
     fn new_ones_have_the_colour_of_the_target_or_what_is_missing() {
         let residual = Residual {
-            target: Image::filled(6, 5, [0.9, 0.5, 0.25]).unwrap(),
-            rendered: Image::filled(6, 5, [0.4, 0.5, 0.5]).unwrap(),
+            target: Image::filled(6, 5, [0.75, 0.5, 0.25]).unwrap(),
+            rendered: Image::filled(6, 5, [0.25, 0.5, 0.5]).unwrap(),
         };
         let policy = ErrorAddition::default();
         let painted = policy.gaussian(&residual, 9, true);
         assert_eq!(painted.mean.to_array(), [3.5, 1.5]);
-        assert_eq!(painted.color.to_array(), [0.9, 0.5, 0.25]);
+        assert_eq!(painted.color.to_array(), [0.75, 0.5, 0.25]);
         let summed = policy.gaussian(&residual, 9, false);
         assert_eq!(summed.color.to_array(), [0.5, 0.0, -0.25]);
         assert_eq!(summed.opacity_logit, f32::INFINITY);

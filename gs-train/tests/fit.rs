@@ -3,7 +3,7 @@
 mod scenes;
 
 use gs_core::{Blend, Image, Loss, Rasterizer, RenderSettings, Scene};
-use gs_density::{Policy, RelativePercentile};
+use gs_density::{Mcmc, Noise, Policy, RelativePercentile};
 use gs_train::{
     Control, Error, FitSettings, Init, InitialCount, MetricsLog, Observer, Outcome, Preset, Progress, Rounds, Trainer,
     fit, init::Periphery, paper_target,
@@ -34,6 +34,41 @@ fn growth_by_residual_meets_the_budget_exactly() {
         assert_eq!(fit.summary.gaussians, gaussians);
         fit.scene.validate().unwrap();
     }
+}
+
+#[test]
+fn every_policy_fits_within_its_budget() {
+    let (rasterizer, target) = (rasterizer(), small_target());
+    for blend in [Blend::Sum, Blend::Over] {
+        let psnr = |settings: FitSettings| fit(&rasterizer, &target, settings, &mut ()).unwrap().summary.psnr;
+        let before = psnr(FitSettings { iterations: 0, ..small_fit(blend) });
+        for name in Policy::NAMES {
+            let policy = Policy::from_name(name).unwrap();
+            let settings = FitSettings { policy, ..small_fit(blend) };
+            let fit = fit(&rasterizer, &target, settings.clone(), &mut ()).unwrap();
+            fit.scene.validate().unwrap();
+            assert!(fit.scene.len() <= settings.gaussians as usize, "{blend:?} {name}: {}", fit.scene.len());
+            if ["residual", "image-gs"].contains(&name) {
+                assert_eq!(fit.scene.len(), settings.gaussians as usize, "{blend:?} {name}");
+            }
+            let psnr = fit.summary.psnr;
+            assert!(psnr > before, "{blend:?} {name}: {before} dB became {psnr} dB");
+        }
+    }
+}
+
+#[test]
+fn noise_moves_the_transparent_and_only_where_it_is_asked_for() {
+    let (rasterizer, target) = (rasterizer(), small_target());
+    let run = |noise, blend| {
+        let policy = Policy::Mcmc(Mcmc { noise, ..Mcmc::default() });
+        fit(&rasterizer, &target, FitSettings { policy, ..small_fit(blend) }, &mut ()).unwrap().scene
+    };
+    // Large enough that what little noise reaches Gaussians of some opacity shows.
+    let strong = Noise { strength: 1e6, every: 1 };
+    assert!(run(strong, Blend::Over) != run(Noise::NONE, Blend::Over), "noise makes no difference");
+    assert!(run(strong, Blend::Over) == run(strong, Blend::Over), "noise is not repeatable");
+    assert!(run(strong, Blend::Sum) == run(Noise::NONE, Blend::Sum), "noise without opacities");
 }
 
 #[test]
