@@ -68,11 +68,11 @@ fn errors(workspace: &mut Workspace, target: &PlanarTarget) {
     let (image, bins) = (&workspace.rows, &workspace.bins);
     let cuts = Cuts { grid: &grid, tile_start: &bins.tile_start, stride: 0 };
     let buffers =
-        TileBuffers { rows: &mut [], transmittance: &mut workspace.errors, slots: &mut [], sums: &mut workspace.sums };
+        TileBuffers { rows: &mut [], scalars: &mut workspace.errors, slots: &mut [], sums: &mut workspace.sums };
     for_each_tile(0..grid.tiles(), buffers, cuts, &|tile, buffers| {
         let first = grid.first_row(tile);
         let pairs = image[first..].iter().zip(&target.rows[first..]);
-        for (ScalarRow(error), (Row(c), Row(y))) in buffers.transmittance.iter_mut().zip(pairs) {
+        for (ScalarRow(error), (Row(c), Row(y))) in buffers.scalars.iter_mut().zip(pairs) {
             let residual = std::array::from_fn(|k| std::array::from_fn(|i| c[k][i] - y[k][i]));
             *error = mean_magnitude(&residual);
             error[grid.lanes_inside(tile)..].fill(0.0);
@@ -100,7 +100,7 @@ fn pointwise(workspace: &mut Workspace, target: &PlanarTarget, level: Level, kin
     let (image, bins) = (&workspace.rows, &workspace.bins);
     let cuts = Cuts { grid: &grid, tile_start: &bins.tile_start, stride: 0 };
     let buffers =
-        TileBuffers { rows: &mut workspace.v_rows, transmittance: &mut [], slots: &mut [], sums: &mut workspace.sums };
+        TileBuffers { rows: &mut workspace.v_rows, scalars: &mut [], slots: &mut [], sums: &mut workspace.sums };
     for_each_tile(0..grid.tiles(), buffers, cuts, &|tile, buffers| {
         let first = grid.first_row(tile);
         let image = &image[first..first + buffers.rows.len()];

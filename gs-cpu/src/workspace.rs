@@ -201,16 +201,16 @@ impl Workspace {
         let (splats, bins, grid) = (&self.splats, &self.bins, &self.grid);
         let cuts = Cuts { grid, tile_start: &bins.tile_start, stride: 0 };
         let buffers =
-            TileBuffers { rows: &mut self.rows, transmittance: &mut self.transmittance, slots: &mut [], sums: &mut [] };
+            TileBuffers { rows: &mut self.rows, scalars: &mut self.transmittance, slots: &mut [], sums: &mut [] };
         for_each_tile(0..grid.tiles(), buffers, cuts, &|tile, buffers| {
             let entries = &bins.entries[bins.tile_start[tile] as usize..bins.tile_start[tile + 1] as usize];
             let (column, rows) = grid.place(tile);
             if over {
                 buffers.rows.fill(Row::ZERO);
-                buffers.transmittance.fill(ScalarRow([1.0; 16]));
+                buffers.scalars.fill(ScalarRow([1.0; 16]));
                 dispatch!(level, simd => blend_over::forward(
                     simd, entries, splats, &settings.accuracy, column, rows.start,
-                    buffers.rows, buffers.transmittance, backdrop,
+                    buffers.rows, buffers.scalars, backdrop,
                 ));
             } else {
                 buffers.rows.fill(Row(backdrop.map(|c| [c; 16])));
@@ -225,8 +225,7 @@ impl Workspace {
         let (splats, bins, grid, v_rows, errors) = (&self.splats, &self.bins, &self.grid, &self.v_rows, &self.errors);
         self.slots.resize(bins.entries.len() * self.stride, 0.0);
         let cuts = Cuts { grid, tile_start: &bins.tile_start, stride: self.stride };
-        let buffers =
-            TileBuffers { rows: &mut self.rows, transmittance: &mut [], slots: &mut self.slots, sums: &mut [] };
+        let buffers = TileBuffers { rows: &mut self.rows, scalars: &mut [], slots: &mut self.slots, sums: &mut [] };
         for_each_tile(0..grid.tiles(), buffers, cuts, &|tile, buffers| {
             let entries = &bins.entries[bins.tile_start[tile] as usize..bins.tile_start[tile + 1] as usize];
             let (column, rows) = grid.place(tile);
@@ -251,9 +250,8 @@ impl Workspace {
         let (splats, bins, grid) = (&self.splats, &self.bins, &self.grid);
         self.slots.resize(bins.entries.len() * self.stride, 0.0);
         let cuts = Cuts { grid, tile_start: &bins.tile_start, stride: self.stride };
-        // The errors are cut where the transmittance, which `Sum` has not, would be.
         let (errors, slots) = (&mut self.errors, &mut self.slots);
-        let buffers = TileBuffers { rows: &mut self.rows, transmittance: errors, slots, sums: &mut self.sums };
+        let buffers = TileBuffers { rows: &mut self.rows, scalars: errors, slots, sums: &mut self.sums };
         for_each_tile(0..grid.tiles(), buffers, cuts, &|tile, buffers| {
             let entries = &bins.entries[bins.tile_start[tile] as usize..bins.tile_start[tile + 1] as usize];
             let (column, rows) = grid.place(tile);
@@ -263,7 +261,7 @@ impl Workspace {
                 blend_sum::start(simd, backdrop, target, buffers.rows);
                 blend_sum::forward(simd, entries, splats, column, rows.start, buffers.rows);
                 buffers.sums[0] = square_sum(buffers.rows, inside);
-                let errors = buffers.transmittance;
+                let errors = buffers.scalars;
                 for (ScalarRow(error), Row(residual)) in errors.iter_mut().zip(&*buffers.rows) {
                     *error = loss::mean_magnitude(residual);
                 }
