@@ -101,7 +101,7 @@ pub enum Statistics {
     /// axis, and the statistic is ‖(Σ|share u| · W/2, Σ|share v| · H/2)‖. In the mean gradient, the shares of two sides of a large Gaussian
     /// that is pulled both ways cancel; here they do not, so that it is never below the mean gradient.
     AbsoluteGradient,
-    /// Σ T α e over the pixels, px (*source:* Rota Bulò et al. 2024, eq. 4, with the absolute difference for their auxiliary error): the
+    /// Σ T α e over the pixels, px (*source:* Rota Bulò et al. 2024, with the absolute difference for their auxiliary error): the
     /// share of the picture's error that falls to a Gaussian. e = the mean of |C − Y| over the three channels, whatever the loss; T α is
     /// what the pixel shows of the Gaussian, under [`Blend::Sum`] its cut weight w.
     PixelError,

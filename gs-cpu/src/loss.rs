@@ -82,7 +82,7 @@ fn errors(workspace: &mut Workspace, target: &PlanarTarget) {
 
 /// The mean of the three channels' magnitudes.
 #[inline(always)]
-pub(crate) fn mean_magnitude([r, g, b]: &[[f32; LANES]; 3]) -> [f32; LANES] {
+fn mean_magnitude([r, g, b]: &[[f32; LANES]; 3]) -> [f32; LANES] {
     std::array::from_fn(|i| (r[i].abs() + g[i].abs() + b[i].abs()) * (1.0 / 3.0))
 }
 

@@ -61,7 +61,7 @@ pub(crate) fn of(stage: Stage, workspace: &Workspace, cloud: &PlanarCloud, loss:
         // Under `Over` the image's rows hold, from here on, what is behind.
         Stage::BlendBwd if over => (lists + 2 * image + errors, image + slots),
         Stage::BlendBwd => (lists + image + errors, slots),
-        Stage::Fused => (lists + image, image + slots + errors),
+        Stage::Fused => (lists + image, image + slots),
         Stage::ProjectBwd => {
             (n * (2 * INDEX + size::<Splat>() + mean + shape) + entries * INDEX + slots, n * size::<Gradient>())
         }

@@ -14,10 +14,9 @@ use crate::{
     bin::Bins,
     blend_over, blend_sum,
     cloud::PlanarCloud,
-    collect::{collecting, numbers},
+    collect::{Nothing, collecting, numbers},
     dssim,
     layout::{Cuts, Grid, Row, ScalarRow, TileBuffers, for_each_tile},
-    loss,
     project::{CHUNK, Splat, project_all},
     project_bwd::{Gradient, gradient},
 };
@@ -243,32 +242,33 @@ impl Workspace {
         });
     }
 
+    /// Whether a training step blends, compares and differentiates in one pass: where the kernel for it is, without sums for statistics.
+    pub(crate) fn is_fused(effects: &Effects, loss: Loss) -> bool {
+        loss == Loss::L2 && effects.blend == Blend::Sum && numbers(effects.statistics) == 0
+    }
+
     /// Stages `blend`, `loss` (L2) and `blend_bwd` in one pass over the tiles, which stay in the cache; `Sum` only. Returns
     /// Σ (C − Y)²; `slots` receive the gradients of half of that.
     pub(crate) fn blend_l2_fused(&mut self, level: Level, target: &[Row]) -> f64 {
-        let (backdrop, statistics) = (self.settings.backdrop(), self.settings.effects.statistics);
+        let backdrop = self.settings.backdrop();
         let (splats, bins, grid) = (&self.splats, &self.bins, &self.grid);
         self.slots.resize(bins.entries.len() * self.stride, 0.0);
         let cuts = Cuts { grid, tile_start: &bins.tile_start, stride: self.stride };
-        let (errors, slots) = (&mut self.errors, &mut self.slots);
-        let buffers = TileBuffers { rows: &mut self.rows, scalars: errors, slots, sums: &mut self.sums };
+        let buffers =
+            TileBuffers { rows: &mut self.rows, scalars: &mut [], slots: &mut self.slots, sums: &mut self.sums };
         for_each_tile(0..grid.tiles(), buffers, cuts, &|tile, buffers| {
             let entries = &bins.entries[bins.tile_start[tile] as usize..bins.tile_start[tile + 1] as usize];
             let (column, rows) = grid.place(tile);
             let target = &target[grid.first_row(tile)..][..rows.len()];
             let inside = grid.lanes_inside(tile);
-            collecting!(statistics, K => dispatch!(level, simd => {
+            dispatch!(level, simd => {
                 blend_sum::start(simd, backdrop, target, buffers.rows);
                 blend_sum::forward(simd, entries, splats, column, rows.start, buffers.rows);
                 buffers.sums[0] = square_sum(buffers.rows, inside);
-                let errors = buffers.scalars;
-                for (ScalarRow(error), Row(residual)) in errors.iter_mut().zip(&*buffers.rows) {
-                    *error = loss::mean_magnitude(residual);
-                }
-                blend_sum::backward::<_, K>(
-                    simd, entries, splats, column, rows.start, buffers.rows, errors, buffers.slots,
+                blend_sum::backward::<_, Nothing>(
+                    simd, entries, splats, column, rows.start, buffers.rows, &[], buffers.slots,
                 );
-            }));
+            });
         });
         self.sums.iter().sum()
     }

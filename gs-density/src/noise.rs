@@ -17,7 +17,7 @@ const STEEPNESS: f32 = 100.0;
 const OPACITY: f32 = 0.005;
 
 /// What is added to a mean after a step: rate · strength/extent · s(−100 (o − 0.005)) · Σ η, with η standard normal and s the logistic
-/// function (*source:* 3DGS-MCMC, Kheradmand et al. 2024, eq. 8 and 9 of the method, and its code's numbers).
+/// function (*source:* the noise of 3DGS-MCMC, Kheradmand et al. 2024, with its code's numbers).
 ///
 /// The rate is the position's learning rate relative to its first value, and extent the image's longer side, which takes the place of
 /// the scene's. Only Gaussians that have all but vanished move, by much and mostly along their long axis; those that are seen stay.
