@@ -7,7 +7,9 @@ use std::{
 };
 
 use fearless_simd::{Level, dispatch};
-use gs_core::{Binning, Blend, Canvas, Error, Image, RenderSettings, effects::Statistics, statistics::Culled};
+use gs_core::{
+    Binning, Blend, Canvas, Effects, Error, Image, Loss, RenderSettings, effects::Statistics, statistics::Culled,
+};
 use rayon::prelude::*;
 
 use crate::{
