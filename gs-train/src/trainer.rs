@@ -465,7 +465,7 @@ impl<'a, R: Rasterizer<PlanarScene>> Trainer<'a, R> {
 }
 
 /// Which of the generator's streams the noise between steps is drawn from, so that it is independent of the rounds' draws.
-const NOISE_STREAM: u128 = 0x6e6f_6973_65;
+const NOISE_STREAM: u128 = 0x6e_6f69_7365;
 
 /// The random numbers of the initialiser (step 0) or of the round after a step (counted from 1).
 fn random(seed: u32, step: u32) -> Rng {
