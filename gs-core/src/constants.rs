@@ -61,6 +61,17 @@ pub const SPLIT_PHI: f32 = 1.6;
 /// *Source:* 3DGS, paper §5.2, which shows that it is not universal.
 pub const TAU_POSITION: f32 = 2e-4;
 
+/// The same on the absolute gradient, [`Statistics::AbsoluteGradient`](crate::effects::Statistics), in normalised device units.
+///
+/// *Source:* AbsGS. Twice [`TAU_POSITION`]: nothing cancels in the absolute gradient, so it is larger.
+pub const TAU_ABSOLUTE: f32 = 4e-4;
+
+/// The same on the pixel error, [`Statistics::PixelError`](crate::effects::Statistics). Unit: px.
+///
+/// A Gaussian grows that stands for a tenth of a pixel's worth of error. This project's choice: Rota Bulò et al. 2024 measure the error by
+/// SSIM, on another scale. As the absolute threshold, it is not universal: errors grow with a Gaussian's area and the image's contrast.
+pub const TAU_ERROR: f32 = 0.1;
+
 /// Gaussians whose opacity is below this are pruned (ε_α). Unit: none. *Source:* 3DGS, paper §2.2.3.
 pub const PRUNE_OPACITY: f32 = 5e-3;
 

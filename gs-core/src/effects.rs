@@ -96,6 +96,15 @@ pub enum Statistics {
     None,
     /// ‖∂L/∂μ′‖ in normalised device units (3DGS; paper §2.2.2).
     MeanGradient,
+    /// ‖Σ |∂L/∂μ′ through one pixel|‖ in normalised device units (*source:* AbsGS, Ye et al. 2024). With μ′ = (u, v) in px of the canvas
+    /// of W×H px: each pixel p has a share ∂L/∂C(p) · ∂C(p)/∂(u, v) in ∂L/∂(u, v); their magnitudes are summed over the pixels, axis by
+    /// axis, and the statistic is ‖(Σ|share u| · W/2, Σ|share v| · H/2)‖. In the mean gradient, the shares of two sides of a large Gaussian
+    /// that is pulled both ways cancel; here they do not, so that it is never below the mean gradient.
+    AbsoluteGradient,
+    /// Σ T α e over the pixels, px (*source:* Rota Bulò et al. 2024, with the absolute difference for their auxiliary error): the
+    /// share of the picture's error that falls to a Gaussian. e = the mean of |C − Y| over the three channels, whatever the loss; T α is
+    /// what the pixel shows of the Gaussian, under [`Blend::Sum`] its cut weight w.
+    PixelError,
 }
 
 /// The effects of a rendering, together.

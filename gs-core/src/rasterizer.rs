@@ -206,6 +206,28 @@ pub trait Rasterizer<S: Scene> {
     /// [`Error::Plan`] where the plan contradicts itself or the cloud; the cloud is then as before.
     fn edit(&self, cloud: &mut Self::Cloud, plan: &EditPlan<S::Gaussian>) -> Result<(), Error>;
 
+    /// Adds `shifts`, `[N, 2]` px (spatial scenes: `[N, 3]` world units), row-major, to the means; all else, moments included, stays as it
+    /// is. For noise between steps, which is no edit: nothing is removed, added or started afresh.
+    ///
+    /// The default goes through [`Self::save`] and [`Self::restore`], and so moves the whole state.
+    ///
+    /// # Errors
+    /// [`Error::Length`] where `shifts` are not of as many Gaussians as the cloud has, and those of saving and restoring; the cloud is then as
+    /// before.
+    fn shift_means(&self, cloud: &mut Self::Cloud, shifts: &[f32]) -> Result<(), Error> {
+        let mut known = Vec::new();
+        self.losses(cloud, Wait::All, &mut known)?;
+        let result = self.save(cloud).and_then(|mut state| {
+            state.shift("mean", shifts)?;
+            self.restore(&state)
+        });
+        let result = result.map(|shifted| *cloud = shifted);
+        let unread = self.unread_losses(cloud);
+        known.append(unread);
+        *unread = known;
+        result
+    }
+
     /// A picture of a scene, nothing else.
     ///
     /// # Errors

@@ -27,7 +27,7 @@ pub struct Tensor {
 /// Names and shapes are part of the contract between backends. For planar clouds: `mean [N,2]`, `frame [N,4]` (columns of L;
 /// [`Chart::LocalFrame`]) or `log_scale [N,2]` and `rotation [N]`; `color [N,3]`, `opacity_logit [N]` (absent where all are
 /// opaque); `moment1`, `moment2 [N,9]` in the order mean 2, shape 3, colour 3, opacity 1; `steps [N]` (u32);
-/// `gradient_sum [N]`, `visible [N]` (u32).
+/// `gradient_sum [N]` (of whichever statistic is collected), `visible [N]` (u32).
 #[derive(Debug, Clone, PartialEq)]
 pub struct CloudState {
     /// The coordinates in which the optimiser moves, which decide how the shape is held.
@@ -82,6 +82,22 @@ impl CloudState {
             TensorData::U32(values) => Ok(values.clone()),
             TensorData::F32(_) => Err(Error::State(format!("tensor `{name}` holds floats, not integers"))),
         }
+    }
+
+    /// Adds `shifts`, row-major, to a tensor of floats.
+    ///
+    /// # Errors
+    /// [`Error::State`] where the tensor is missing or of another type, [`Error::Length`] where it has not as many numbers.
+    pub fn shift(&mut self, name: &'static str, shifts: &[f32]) -> Result<(), Error> {
+        self.get(name)?;
+        let Some(Tensor { data: TensorData::F32(values), .. }) = self.tensors.get_mut(name) else {
+            return Err(Error::State(format!("tensor `{name}` holds integers, not floats")));
+        };
+        if values.len() != shifts.len() {
+            return Err(Error::Length { what: name, expected: values.len(), found: shifts.len() });
+        }
+        values.iter_mut().zip(shifts).for_each(|(value, shift)| *value += shift);
+        Ok(())
     }
 
     /// Whether a tensor of this name is there.

@@ -5,8 +5,9 @@ use serde::{Deserialize, Serialize};
 /// Per-Gaussian statistics since the last edit, `[N]` each, in the order of the scene.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct DensityStatistics {
-    /// Σ over steps of ‖(∂L/∂u · W/2, ∂L/∂v · H/2)‖: the positional gradient in normalised device units (*source:* 3DGS). Zeros
-    /// where [`Statistics::None`](crate::effects::Statistics) was asked for.
+    /// Σ over steps of what [`Statistics`](crate::effects::Statistics) asks for, one number per step: the positional gradient
+    /// ‖(∂L/∂u · W/2, ∂L/∂v · H/2)‖ in normalised device units (*source:* 3DGS), its absolute variant, or the pixel error in px. Zeros
+    /// where nothing was asked for. There is one sum: two statistics are not to be mixed without an edit between them.
     pub gradient_sum: Vec<f32>,
     /// Steps in which the Gaussian was drawn.
     pub visible: Vec<u32>,
@@ -18,7 +19,8 @@ impl DensityStatistics {
         Self { gradient_sum: vec![0.0; len], visible: vec![0; len] }
     }
 
-    /// The mean positional gradient of Gaussian `index` over the steps in which it was drawn, 0 where there were none.
+    /// The mean positional gradient (or whichever statistic was collected) of Gaussian `index` over the steps in which it was drawn, 0
+    /// where there were none.
     pub fn mean_gradient(&self, index: usize) -> f32 {
         self.gradient_sum[index] / self.visible[index].max(1) as f32
     }

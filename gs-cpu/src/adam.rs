@@ -257,7 +257,7 @@ fn step_all<'g, S: Simd>(
                 rate.learning_rate * (*m * bias.opacity[0]) / ((*v * bias.opacity[1]).sqrt() + step.rates.epsilon);
         }
         if step.collect && gradient.visible {
-            slices.gradient_sum[i] += gradient.device_norm;
+            slices.gradient_sum[i] += gradient.statistic;
             slices.visible[i] = slices.visible[i].saturating_add(1);
         }
     }

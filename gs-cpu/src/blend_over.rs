@@ -12,13 +12,14 @@ use gs_core::Accuracy;
 
 use crate::{
     bin::Entry,
-    blend_sum::{Weights, add, passes_by, u_in_row},
+    blend_sum::{Weights, add, add_absolute, add_collected, add_error, passes_by, u_in_row},
+    collect::Collect,
     lanes::{Floats, LANES, each_part, fma, load, load3, splat, splat3, store, sums},
     layout::{Row, ScalarRow},
     project::Splat,
 };
 
-/// Numbers per entry that [`backward`] yields: those of `Sum`, and S (the sum of t).
+/// Numbers per entry that [`backward`] yields: those of `Sum`, and S (the sum of t). Those that K asks for follow them.
 pub(crate) const STRIDE: usize = 9;
 
 /// Blends the entries' Gaussians into `rows` (which start at 0) and `transmittance` (which starts at 1), before `backdrop`.
@@ -39,7 +40,7 @@ pub(crate) fn forward<S: Simd>(
         let s = &splats[entry.place as usize];
         let [row, end] = entry.rows.map(|row| usize::from(row) - first_row);
         let (rows, transmittance) = (&mut rows[row..end], &mut transmittance[row..end]);
-        each_part!(S, forward_part(simd, s, accuracy, first_column, usize::from(entry.rows[0]), rows, transmittance));
+        each_part!(S; forward_part(simd, s, accuracy, first_column, usize::from(entry.rows[0]), rows, transmittance));
     }
     for (Row(pixels), ScalarRow(t)) in rows.iter_mut().zip(transmittance) {
         for lane in (0..LANES).step_by(S::f32s::LEN) {
@@ -95,11 +96,11 @@ fn forward_part<S: Simd, V: Floats<S>, const LANE: usize>(
     }
 }
 
-/// What the entries' Gaussians receive from v_C = `v_rows`: [`STRIDE`] numbers per entry, into `slots`. `rows` holds the finished
-/// colours, and is used up.
+/// What the entries' Gaussians receive from v_C = `v_rows`: [`STRIDE`] numbers per entry and those that K asks for, into `slots`. `rows` holds
+/// the finished colours, and is used up; `errors` are those of the pixels, where K asks for them.
 #[expect(clippy::too_many_arguments, reason = "a kernel's inputs are slices of different owners")]
 #[inline(always)]
-pub(crate) fn backward<S: Simd>(
+pub(crate) fn backward<S: Simd, K: Collect>(
     simd: S,
     entries: &[Entry],
     splats: &[Splat],
@@ -108,6 +109,7 @@ pub(crate) fn backward<S: Simd>(
     first_row: usize,
     rows: &mut [Row],
     v_rows: &[Row],
+    errors: &[ScalarRow],
     slots: &mut [f32],
 ) {
     for (Row(pixels), Row(v)) in rows.iter_mut().zip(v_rows) {
@@ -119,19 +121,21 @@ pub(crate) fn backward<S: Simd>(
             store(fma(b, v_b, fma(g, v_g, r * v_r)), &mut pixels[1], lane);
         }
     }
-    for (entry, slot) in entries.iter().zip(slots.as_chunks_mut::<STRIDE>().0) {
+    for (entry, slot) in entries.iter().zip(slots.chunks_exact_mut(STRIDE + K::NUMBERS)) {
         let s = &splats[entry.place as usize];
+        let first = usize::from(entry.rows[0]);
         let [row, end] = entry.rows.map(|row| usize::from(row) - first_row);
         let (rows, v_rows) = (&mut rows[row..end], &v_rows[row..end]);
-        *slot = [0.0; STRIDE];
-        each_part!(S, backward_part(simd, s, accuracy, first_column, usize::from(entry.rows[0]), rows, v_rows, slot));
+        let errors = if K::ERROR { &errors[row..end] } else { &[] };
+        slot.fill(0.0);
+        each_part!(S, K; backward_part(simd, s, accuracy, first_column, first, rows, v_rows, errors, slot));
     }
 }
 
 /// [`backward`] of one entry, in the lanes of one vector.
 #[expect(clippy::too_many_arguments, reason = "a kernel's inputs are slices of different owners")]
 #[inline(always)]
-fn backward_part<S: Simd, V: Floats<S>, const LANE: usize>(
+fn backward_part<S: Simd, V: Floats<S>, K: Collect, const LANE: usize>(
     simd: S,
     s: &Splat,
     accuracy: &Accuracy,
@@ -139,7 +143,8 @@ fn backward_part<S: Simd, V: Floats<S>, const LANE: usize>(
     mut row: usize,
     rows: &mut [Row],
     v_rows: &[Row],
-    slot: &mut [f32; STRIDE],
+    mut errors: &[ScalarRow],
+    slot: &mut [f32],
 ) {
     if passes_by::<S, V>(s, first_column, LANE) {
         return;
@@ -150,6 +155,8 @@ fn backward_part<S: Simd, V: Floats<S>, const LANE: usize>(
     let color = splat3(simd, s.color);
     let mut weights = Weights::<V>::new(simd, s, first_column, LANE);
     let (mut v_color, mut s_0, mut s_u, mut s_uu) = ([zero; 3], zero, zero, zero);
+    let across = weights.dx * s.inverse_xx;
+    let mut collected = [zero; 2];
     let run = s.restart_rows as usize;
     for (rows, v_rows) in rows.chunks_mut(run).zip(v_rows.chunks(run)) {
         let mut u = u_in_row(simd, s, weights.dx, row);
@@ -184,10 +191,18 @@ fn backward_part<S: Simd, V: Floats<S>, const LANE: usize>(
             s_0 += t;
             s_u += tu;
             s_uu = fma(tu, u, s_uu);
+            if K::ABSOLUTE {
+                add_absolute(&mut collected, t, across, u, s);
+            }
+            if K::ERROR {
+                errors = add_error(simd, &mut collected, share, errors, LANE);
+            }
             u += 1.0;
             weights.advance::<S>();
         }
     }
+    let (slot, extra) = slot.split_at_mut(STRIDE);
+    add_collected::<S, V, K>(extra, collected);
     let tx = s_0 * weights.dx;
     let eight = [v_color[0], v_color[1], v_color[2], tx, s_u, tx * weights.dx, s_u * weights.dx, s_uu];
     add(&mut slot[..8], &sums(eight));

@@ -4,20 +4,21 @@
 //! Down a column, w = exp(e₀ − ½ c u²) with u = dy − slope·dx grows by a factor that itself shrinks by the constant factor
 //! exp(−c): two fused multiply-adds a row instead of an exponential. The recurrence starts afresh every `restart_rows` rows.
 //!
-//! Legend: t = w·v_w; S = Σ over the entry's pixels of t times 1, dx, u, dx², dx·u, u².
+//! Legend: K = what is collected besides (`collect`); t = w·v_w; S = Σ over the entry's pixels of t times 1, dx, u, dx², dx·u, u².
 
 use fearless_simd::{Simd, prelude::*};
 
 use crate::{
     bin::Entry,
+    collect::Collect,
     lanes::{
         Floats, LANES, Whole, each_part, exp, exp_less, fma, iota, load, load3, masked, splat, splat3, store, sums,
     },
-    layout::Row,
+    layout::{Row, ScalarRow},
     project::Splat,
 };
 
-/// Numbers per entry that [`backward`] yields: v_colour 3, Sx, Su, Sxx, Sxu, Suu.
+/// Numbers per entry that [`backward`] yields: v_colour 3, Sx, Su, Sxx, Sxu, Suu. Those that K asks for follow them.
 pub(crate) const STRIDE: usize = 8;
 
 /// Numbers per entry that [`backward_colors`] yields: v_colour 3, and one that is 0.
@@ -172,34 +173,39 @@ impl<V> Run<V> {
     }
 }
 
-/// What the entries' Gaussians receive from v_C = `rows`: [`STRIDE`] numbers per entry, into `slots`.
+/// What the entries' Gaussians receive from v_C = `rows`: [`STRIDE`] numbers per entry and those that K asks for, into `slots`. `errors` are
+/// those of the pixels, where K asks for them.
+#[expect(clippy::too_many_arguments, reason = "a kernel's inputs are slices of different owners")]
 #[inline(always)]
-pub(crate) fn backward<S: Simd>(
+pub(crate) fn backward<S: Simd, K: Collect>(
     simd: S,
     entries: &[Entry],
     splats: &[Splat],
     first_column: usize,
     first_row: usize,
     rows: &[Row],
+    errors: &[ScalarRow],
     slots: &mut [f32],
 ) {
-    for (entry, slot) in entries.iter().zip(slots.as_chunks_mut::<STRIDE>().0) {
+    for (entry, slot) in entries.iter().zip(slots.chunks_exact_mut(STRIDE + K::NUMBERS)) {
         let s = &splats[entry.place as usize];
         let [row, end] = entry.rows.map(|row| usize::from(row) - first_row);
-        *slot = [0.0; STRIDE];
-        each_part!(S, backward_part(simd, s, first_column, usize::from(entry.rows[0]), &rows[row..end], slot));
+        slot.fill(0.0);
+        let errors = if K::ERROR { &errors[row..end] } else { &[] };
+        each_part!(S, K; backward_part(simd, s, first_column, usize::from(entry.rows[0]), &rows[row..end], errors, slot));
     }
 }
 
 /// [`backward`] of one entry, in the lanes of one vector.
 #[inline(always)]
-fn backward_part<S: Simd, V: Floats<S>, const LANE: usize>(
+fn backward_part<S: Simd, V: Floats<S>, K: Collect, const LANE: usize>(
     simd: S,
     s: &Splat,
     first_column: usize,
     mut row: usize,
     rows: &[Row],
-    slot: &mut [f32; STRIDE],
+    mut errors: &[ScalarRow],
+    slot: &mut [f32],
 ) {
     if passes_by::<S, V>(s, first_column, LANE) {
         return;
@@ -208,6 +214,8 @@ fn backward_part<S: Simd, V: Floats<S>, const LANE: usize>(
     let color = splat3(simd, s.color);
     let mut weights = Weights::<V>::new(simd, s, first_column, LANE);
     let (mut v_color, mut s_u, mut s_uu) = ([zero; 3], zero, zero);
+    let across = weights.dx * s.inverse_xx;
+    let mut collected = [zero; 2];
     for rows in rows.chunks(s.restart_rows as usize) {
         let mut u = u_in_row(simd, s, weights.dx, row);
         weights.start(simd, u);
@@ -222,13 +230,53 @@ fn backward_part<S: Simd, V: Floats<S>, const LANE: usize>(
             let tu = w * v_w * u;
             s_u += tu;
             s_uu = fma(tu, u, s_uu);
+            if K::ABSOLUTE {
+                add_absolute(&mut collected, w * v_w, across, u, s);
+            }
+            if K::ERROR {
+                errors = add_error(simd, &mut collected, w, errors, LANE);
+            }
             u += 1.0;
             weights.advance::<S>();
         }
     }
+    let (slot, extra) = slot.split_at_mut(STRIDE);
+    add_collected::<S, V, K>(extra, collected);
     let t = fma(v_color[2], color[2], fma(v_color[1], color[1], v_color[0] * color[0]));
     let tx = t * weights.dx;
     add(slot, &sums([v_color[0], v_color[1], v_color[2], tx, s_u, tx * weights.dx, s_u * weights.dx, s_uu]));
+}
+
+/// Adds the magnitudes of t Σ′⁻¹ d, one pixel's share of the positional gradient, to `collected`; `across` = dx/Σxx.
+///
+/// σ = ½ (dx²/Σxx + c u²) with u = dy − slope·dx, so that ∂σ/∂(dx, dy) = (dx/Σxx − slope·c·u, c·u).
+#[inline(always)]
+pub(crate) fn add_absolute<S: Simd, V: Floats<S>>(collected: &mut [V; 2], t: V, across: V, u: V, s: &Splat) {
+    let (size, down) = (t.abs(), u * s.c);
+    collected[0] = fma(size, (across - down * s.slope).abs(), collected[0]);
+    collected[1] = fma(size, down.abs(), collected[1]);
+}
+
+/// Adds `share` times the error of the pixels to `collected`, and returns the errors of the rows that are left.
+#[inline(always)]
+pub(crate) fn add_error<'e, S: Simd, V: Floats<S>>(
+    simd: S,
+    collected: &mut [V; 2],
+    share: V,
+    errors: &'e [ScalarRow],
+    lane: usize,
+) -> &'e [ScalarRow] {
+    let Some((ScalarRow(error), rest)) = errors.split_first() else { return errors };
+    collected[0] = fma(share, load(simd, error, lane), collected[0]);
+    rest
+}
+
+/// Adds what a part of a row's lanes has collected to what the others have.
+#[inline(always)]
+pub(crate) fn add_collected<S: Simd, V: Floats<S>, K: Collect>(extra: &mut [f32], collected: [V; 2]) {
+    for (total, value) in extra.iter_mut().zip(&collected[..K::NUMBERS]) {
+        *total += value.reduce_sum();
+    }
 }
 
 /// Adds the sums of a part of a row's lanes to those of the others.
@@ -254,7 +302,7 @@ pub(crate) fn backward_colors<S: Simd>(
         let s = &splats[entry.place as usize];
         let [row, end] = entry.rows.map(|row| usize::from(row) - first_row);
         *slot = [0.0; COLOR_STRIDE];
-        each_part!(S, colors_part(simd, s, first_column, usize::from(entry.rows[0]), &rows[row..end], slot));
+        each_part!(S; colors_part(simd, s, first_column, usize::from(entry.rows[0]), &rows[row..end], slot));
     }
 }
 

@@ -220,7 +220,7 @@ pub(crate) fn add(workspace: &mut Workspace, target: &PlanarTarget, level: Level
 
     let v = &scratch.v;
     let cuts = Cuts { grid: &grid, tile_start: &workspace.bins.tile_start, stride: 0 };
-    let buffers = TileBuffers { rows: &mut workspace.v_rows, transmittance: &mut [], slots: &mut [], sums: &mut [] };
+    let buffers = TileBuffers { rows: &mut workspace.v_rows, scalars: &mut [], slots: &mut [], sums: &mut [] };
     for_each_tile(0..grid.tiles(), buffers, cuts, &|tile, buffers| {
         let (column, rows) = grid.place(tile);
         let inside = grid.lanes_inside(tile);

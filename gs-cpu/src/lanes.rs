@@ -10,19 +10,19 @@ use fearless_simd::{Select, Simd, f32x16, prelude::*};
 /// Columns in a strip, and the most pixels in a vector.
 pub(crate) const LANES: usize = 16;
 
-/// Calls `$part::<S, S::f32s, LANE>($args)` for the first lane of every vector that makes up a row: constants, so that nothing has to be
+/// Calls `$part::<S, S::f32s, $kind, LANE>($args)` for the first lane of every vector that makes up a row: constants, so that nothing has to be
 /// checked where a part of a row is loaded.
 macro_rules! each_part {
-    ($simd:ty, $part:ident($($arg:expr),* $(,)?)) => {{
-        $part::<$simd, <$simd as fearless_simd::Simd>::f32s, 0>($($arg),*);
+    ($simd:ty $(, $kind:ty)?; $part:ident($($arg:expr),* $(,)?)) => {{
+        $part::<$simd, <$simd as fearless_simd::Simd>::f32s, $($kind,)? 0>($($arg),*);
         if <$simd as fearless_simd::Simd>::f32s::LEN == 4 {
-            $part::<$simd, <$simd as fearless_simd::Simd>::f32s, 4>($($arg),*);
+            $part::<$simd, <$simd as fearless_simd::Simd>::f32s, $($kind,)? 4>($($arg),*);
         }
         if <$simd as fearless_simd::Simd>::f32s::LEN <= 8 {
-            $part::<$simd, <$simd as fearless_simd::Simd>::f32s, 8>($($arg),*);
+            $part::<$simd, <$simd as fearless_simd::Simd>::f32s, $($kind,)? 8>($($arg),*);
         }
         if <$simd as fearless_simd::Simd>::f32s::LEN == 4 {
-            $part::<$simd, <$simd as fearless_simd::Simd>::f32s, 12>($($arg),*);
+            $part::<$simd, <$simd as fearless_simd::Simd>::f32s, $($kind,)? 12>($($arg),*);
         }
     }};
 }

@@ -103,7 +103,8 @@ impl Grid {
 #[derive(Debug)]
 pub(crate) struct TileBuffers<'a> {
     pub(crate) rows: &'a mut [Row],
-    pub(crate) transmittance: &'a mut [ScalarRow],
+    /// One number per pixel: transmittance, or errors.
+    pub(crate) scalars: &'a mut [ScalarRow],
     /// `stride` numbers per entry.
     pub(crate) slots: &'a mut [f32],
     /// One per tile.
@@ -133,11 +134,11 @@ where
             let rows = cuts.grid.first_row(middle) - cuts.grid.first_row(tiles.start);
             let entries = (cuts.tile_start[middle] - cuts.tile_start[tiles.start]) as usize;
             let (rows_l, rows_r) = cut(buffers.rows, rows);
-            let (transmittance_l, transmittance_r) = cut(buffers.transmittance, rows);
+            let (scalars_l, scalars_r) = cut(buffers.scalars, rows);
             let (slots_l, slots_r) = cut(buffers.slots, entries * cuts.stride);
             let (sums_l, sums_r) = cut(buffers.sums, n / 2);
-            let left = TileBuffers { rows: rows_l, transmittance: transmittance_l, slots: slots_l, sums: sums_l };
-            let right = TileBuffers { rows: rows_r, transmittance: transmittance_r, slots: slots_r, sums: sums_r };
+            let left = TileBuffers { rows: rows_l, scalars: scalars_l, slots: slots_l, sums: sums_l };
+            let right = TileBuffers { rows: rows_r, scalars: scalars_r, slots: slots_r, sums: sums_r };
             rayon::join(
                 || for_each_tile(tiles.start..middle, left, cuts, work),
                 || for_each_tile(middle..tiles.end, right, cuts, work),
@@ -170,7 +171,7 @@ mod tests {
         let mut rows = vec![Row::ZERO; grid.rows()];
         let starts = vec![0; grid.tiles() + 1];
         let mut sums = vec![0.0; grid.tiles()];
-        let buffers = TileBuffers { rows: &mut rows, transmittance: &mut [], slots: &mut [], sums: &mut sums };
+        let buffers = TileBuffers { rows: &mut rows, scalars: &mut [], slots: &mut [], sums: &mut sums };
         let cuts = Cuts { grid: &grid, tile_start: &starts, stride: 0 };
         for_each_tile(0..grid.tiles(), buffers, cuts, &|tile, buffers| {
             assert_eq!(buffers.rows.len(), grid.place(tile).1.len());

@@ -14,6 +14,7 @@ mod bin;
 mod blend_over;
 mod blend_sum;
 mod cloud;
+mod collect;
 mod dssim;
 mod lanes;
 mod layout;

@@ -8,7 +8,7 @@ use gs_core::{Error, Image, Loss};
 use crate::{
     dssim::{self, BlurredTarget},
     lanes::LANES,
-    layout::{Cuts, Grid, Row, TileBuffers, for_each_tile},
+    layout::{Cuts, Grid, Row, ScalarRow, TileBuffers, for_each_tile},
     workspace::Workspace,
 };
 
@@ -43,8 +43,12 @@ impl PlanarTarget {
     }
 }
 
-/// The loss of `workspace.rows`, its gradient into `workspace.v_rows` (0 in lanes beyond the image).
+/// The loss of `workspace.rows`, its gradient into `workspace.v_rows` (0 in lanes beyond the image); where they are asked for, the pixels'
+/// errors.
 pub(crate) fn loss(workspace: &mut Workspace, target: &PlanarTarget, loss: &Loss, level: Level) -> f64 {
+    if workspace.collects_errors() {
+        errors(workspace, target);
+    }
     let count = 3.0 * f64::from(target.width) * f64::from(target.height);
     match *loss {
         Loss::L2 => pointwise(workspace, target, level, Pointwise::Square { scale: (2.0 / count) as f32 }) / count,
@@ -56,6 +60,30 @@ pub(crate) fn loss(workspace: &mut Workspace, target: &PlanarTarget, loss: &Loss
             (1.0 - f64::from(lambda)) * l1 + f64::from(lambda) * dssim
         }
     }
+}
+
+/// The errors of `workspace.rows`, into `workspace.errors`.
+fn errors(workspace: &mut Workspace, target: &PlanarTarget) {
+    let grid = workspace.grid;
+    let (image, bins) = (&workspace.rows, &workspace.bins);
+    let cuts = Cuts { grid: &grid, tile_start: &bins.tile_start, stride: 0 };
+    let buffers =
+        TileBuffers { rows: &mut [], scalars: &mut workspace.errors, slots: &mut [], sums: &mut workspace.sums };
+    for_each_tile(0..grid.tiles(), buffers, cuts, &|tile, buffers| {
+        let first = grid.first_row(tile);
+        let pairs = image[first..].iter().zip(&target.rows[first..]);
+        for (ScalarRow(error), (Row(c), Row(y))) in buffers.scalars.iter_mut().zip(pairs) {
+            let residual = std::array::from_fn(|k| std::array::from_fn(|i| c[k][i] - y[k][i]));
+            *error = mean_magnitude(&residual);
+            error[grid.lanes_inside(tile)..].fill(0.0);
+        }
+    });
+}
+
+/// The mean of the three channels' magnitudes.
+#[inline(always)]
+fn mean_magnitude([r, g, b]: &[[f32; LANES]; 3]) -> [f32; LANES] {
+    std::array::from_fn(|i| (r[i].abs() + g[i].abs() + b[i].abs()) * (1.0 / 3.0))
 }
 
 /// A loss that is a sum over pixels and channels; its gradient is scaled by `scale`.
@@ -72,7 +100,7 @@ fn pointwise(workspace: &mut Workspace, target: &PlanarTarget, level: Level, kin
     let (image, bins) = (&workspace.rows, &workspace.bins);
     let cuts = Cuts { grid: &grid, tile_start: &bins.tile_start, stride: 0 };
     let buffers =
-        TileBuffers { rows: &mut workspace.v_rows, transmittance: &mut [], slots: &mut [], sums: &mut workspace.sums };
+        TileBuffers { rows: &mut workspace.v_rows, scalars: &mut [], slots: &mut [], sums: &mut workspace.sums };
     for_each_tile(0..grid.tiles(), buffers, cuts, &|tile, buffers| {
         let first = grid.first_row(tile);
         let image = &image[first..first + buffers.rows.len()];

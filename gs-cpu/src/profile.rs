@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use gs_core::{
-    AdamRates, Binning, Blend, Canvas, Error, Loss, PlanarScene, RenderSettings,
+    AdamRates, Binning, Canvas, Error, Loss, PlanarScene, RenderSettings,
     profile::{Clock, Profile, Profiler, StageTime, still},
 };
 
@@ -122,7 +122,7 @@ impl Profiler<PlanarScene> for CpuRasterizer {
         check(view, settings)?;
         loss.validate()?;
         target.check_size(view.width, view.height)?;
-        let is_fused = loss == Loss::L2 && settings.effects.blend == Blend::Sum;
+        let is_fused = Workspace::is_fused(&settings.effects, loss);
         let stages = Stage::ALL.into_iter().filter(|&stage| stage != Stage::Fused || is_fused);
         let mut samples: Vec<(Stage, Vec<f64>)> =
             stages.map(|stage| (stage, Vec::with_capacity(repetitions))).collect();

@@ -27,8 +27,8 @@ pub(crate) struct Gradient {
     pub(crate) eta: [f32; 3],
     /// ∂L/∂(opacity logit).
     pub(crate) opacity_logit: f32,
-    /// ‖∂L/∂μ′‖ in normalised device units, where statistics are asked for.
-    pub(crate) device_norm: f32,
+    /// This step's share of the statistic that is asked for; 0 where none is.
+    pub(crate) statistic: f32,
     /// Whether any tile listed it.
     pub(crate) visible: bool,
 }
@@ -67,11 +67,14 @@ pub(crate) fn gradient(workspace: &Workspace, cloud: &PlanarCloud, place: usize,
     if slots.is_empty() || splat.is_culled() {
         return Gradient::default();
     }
-    let stride = workspace.stride;
-    let mut sum = [0.0f32; 9];
+    let (stride, gradient_stride) = (workspace.stride, workspace.gradient_stride());
+    let (mut sum, mut collected) = ([0.0f32; 9], [0.0f32; 2]);
     for &slot in slots {
         let slot = &workspace.slots[slot as usize * stride..][..stride];
-        for (total, value) in sum.iter_mut().zip(slot) {
+        for (total, value) in sum.iter_mut().zip(&slot[..gradient_stride]) {
+            *total += value;
+        }
+        for (total, value) in collected.iter_mut().zip(&slot[gradient_stride..]) {
             *total += value;
         }
     }
@@ -83,12 +86,13 @@ pub(crate) fn gradient(workspace: &Workspace, cloud: &PlanarCloud, place: usize,
     let q = rotation_from_triangular(l);
     let xi = q * e;
     let moment = q * Mat2::from_cols_array(&[e_00, e_01, e_01, e_11]) * q.transpose();
-    let device_norm = match workspace.settings.effects.statistics {
+    let half_size = || Vec2::new(workspace.canvas.width as f32, workspace.canvas.height as f32) * 0.5;
+    let statistic = match workspace.settings.effects.statistics {
         Statistics::None => 0.0,
-        Statistics::MeanGradient => {
-            let half_size = Vec2::new(workspace.canvas.width as f32, workspace.canvas.height as f32) * 0.5;
-            (solve_transposed(l, xi) * half_size).length()
-        }
+        Statistics::MeanGradient => (solve_transposed(l, xi) * half_size()).length(),
+        Statistics::AbsoluteGradient => (Vec2::from_array(collected) * scale * half_size()).length(),
+        // The error is none of the loss's.
+        Statistics::PixelError => collected[0],
     };
     let opacity_logit = match workspace.settings.effects.blend {
         Blend::Sum => 0.0,
@@ -99,7 +103,7 @@ pub(crate) fn gradient(workspace: &Workspace, cloud: &PlanarCloud, place: usize,
         xi,
         eta: [moment.x_axis.x, moment.x_axis.y, moment.y_axis.y],
         opacity_logit,
-        device_norm,
+        statistic,
         visible: true,
     }
 }

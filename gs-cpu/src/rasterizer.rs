@@ -18,7 +18,7 @@ use crate::{
     PlanarCloud, PlanarFrame, PlanarGradients, PlanarTarget, SimdLevel,
     adam::{self, BiasTable},
     loss, project_bwd, solve_colors,
-    workspace::Pool,
+    workspace::{Pool, Workspace},
 };
 
 /// The backend's name in errors.
@@ -210,7 +210,7 @@ impl Rasterizer<PlanarScene> for CpuRasterizer {
         let bias = &mut *bias;
         let value = self.threads.install(|| {
             workspace.prepare(cloud, view, step.settings, step.binning)?;
-            let (value, scale) = if step.loss == Loss::L2 && step.settings.effects.blend == Blend::Sum {
+            let (value, scale) = if Workspace::is_fused(&step.settings.effects, step.loss) {
                 let count = 3.0 * f64::from(view.width) * f64::from(view.height);
                 (workspace.blend_l2_fused(self.level, &target.rows) / count, (2.0 / count) as f32)
             } else {
@@ -263,6 +263,18 @@ impl Rasterizer<PlanarScene> for CpuRasterizer {
         Ok(cloud.statistics.clone())
     }
 
+    fn shift_means(&self, cloud: &mut PlanarCloud, shifts: &[f32]) -> Result<(), Error> {
+        let expected = 2 * cloud.len();
+        if shifts.len() != expected {
+            return Err(Error::Length { what: "mean", expected, found: shifts.len() });
+        }
+        for (mean, &[x, y]) in cloud.means.iter_mut().zip(shifts.as_chunks::<2>().0) {
+            mean.x += x;
+            mean.y += y;
+        }
+        Ok(())
+    }
+
     fn edit(&self, cloud: &mut PlanarCloud, plan: &EditPlan<PlanarGaussian>) -> Result<(), Error> {
         cloud.edit(plan)
     }
@@ -292,7 +304,7 @@ mod tests {
         let step = TrainStep { settings: &settings, loss: Loss::L2, rates: &rates, binning: Binning::Reuse };
         // Four Gaussians in three strips each: twelve entries.
         let next_takes = |most_entries: u32| {
-            let mut workspace = crate::workspace::Workspace::default();
+            let mut workspace = Workspace::default();
             workspace.bins.most_entries = most_entries;
             cpu.pool.give(workspace);
         };

@@ -85,7 +85,7 @@ fn normal_product(workspace: &mut Workspace, level: Level, target: Option<(&[Row
     let Workspace { splats, bins, grid, rows, slots, .. } = workspace;
     slots.resize(bins.entries.len() * COLOR_STRIDE, 0.0);
     let cuts = Cuts { grid, tile_start: &bins.tile_start, stride: COLOR_STRIDE };
-    let buffers = TileBuffers { rows, transmittance: &mut [], slots, sums: &mut [] };
+    let buffers = TileBuffers { rows, scalars: &mut [], slots, sums: &mut [] };
     for_each_tile(0..grid.tiles(), buffers, cuts, &|tile, buffers| {
         let entries = &bins.entries[bins.tile_start[tile] as usize..bins.tile_start[tile + 1] as usize];
         let (column, rows) = grid.place(tile);

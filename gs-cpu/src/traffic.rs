@@ -26,6 +26,7 @@ pub(crate) fn of(stage: Stage, workspace: &Workspace, cloud: &PlanarCloud, loss:
     let (n, entries) = (cloud.len() as u64, workspace.bins.entries.len() as u64);
     let image = workspace.grid.rows() as u64 * size::<Row>();
     let transmittance = if over { workspace.grid.rows() as u64 * size::<ScalarRow>() } else { 0 };
+    let errors = workspace.errors.len() as u64 * size::<ScalarRow>();
     let slots = entries * workspace.stride as u64 * size::<f32>();
     // Of the lists: each entry with its Gaussian's splat.
     let lists = entries * (size::<Entry>() + size::<Splat>());
@@ -47,7 +48,8 @@ pub(crate) fn of(stage: Stage, workspace: &Workspace, cloud: &PlanarCloud, loss:
         ),
         Stage::Blend => (lists, image + transmittance),
         Stage::Loss => {
-            let pointwise = Traffic { read: 2 * image, written: image };
+            let with_errors = if errors > 0 { 2 * image } else { 0 };
+            let pointwise = Traffic { read: 2 * image + with_errors, written: image + errors };
             match loss {
                 Loss::L1 | Loss::L2 => return pointwise,
                 Loss::L1Dssim { .. } => {
@@ -57,8 +59,8 @@ pub(crate) fn of(stage: Stage, workspace: &Workspace, cloud: &PlanarCloud, loss:
             }
         }
         // Under `Over` the image's rows hold, from here on, what is behind.
-        Stage::BlendBwd if over => (lists + 2 * image, image + slots),
-        Stage::BlendBwd => (lists + image, slots),
+        Stage::BlendBwd if over => (lists + 2 * image + errors, image + slots),
+        Stage::BlendBwd => (lists + image + errors, slots),
         Stage::Fused => (lists + image, image + slots),
         Stage::ProjectBwd => {
             (n * (2 * INDEX + size::<Splat>() + mean + shape) + entries * INDEX + slots, n * size::<Gradient>())
@@ -69,7 +71,7 @@ pub(crate) fn of(stage: Stage, workspace: &Workspace, cloud: &PlanarCloud, loss:
             let moments = 2 * size::<[f32; VECTOR]>() + 2 * logit;
             let statistics = match workspace.settings.effects.statistics {
                 Statistics::None => 0,
-                Statistics::MeanGradient => size::<f32>() + size::<u32>(),
+                _ => size::<f32>() + size::<u32>(),
             };
             let state = mean + shape + color + logit + moments + steps + statistics;
             (n * (INDEX + size::<Gradient>() + steps + state), n * state)

@@ -7,13 +7,16 @@ use std::{
 };
 
 use fearless_simd::{Level, dispatch};
-use gs_core::{Binning, Blend, Canvas, Error, Image, RenderSettings, statistics::Culled};
+use gs_core::{
+    Binning, Blend, Canvas, Effects, Error, Image, Loss, RenderSettings, effects::Statistics, statistics::Culled,
+};
 use rayon::prelude::*;
 
 use crate::{
     bin::Bins,
     blend_over, blend_sum,
     cloud::PlanarCloud,
+    collect::{Nothing, collecting, numbers},
     dssim,
     layout::{Cuts, Grid, Row, ScalarRow, TileBuffers, for_each_tile},
     project::{CHUNK, Splat, project_all},
@@ -45,6 +48,8 @@ pub(crate) struct Workspace {
     pub(crate) transmittance: Vec<ScalarRow>,
     /// ∂L/∂image.
     pub(crate) v_rows: Vec<Row>,
+    /// The mean of |C − Y| over a pixel's channels, 0 in lanes beyond the image; empty where nobody asks for it.
+    pub(crate) errors: Vec<ScalarRow>,
     /// What each entry's Gaussian receives.
     pub(crate) slots: Vec<f32>,
     /// Numbers per entry in `slots`.
@@ -73,6 +78,7 @@ impl Default for Workspace {
             rows: Vec::new(),
             transmittance: Vec::new(),
             v_rows: Vec::new(),
+            errors: Vec::new(),
             slots: Vec::new(),
             stride: 0,
             sums: Vec::new(),
@@ -115,13 +121,25 @@ impl Workspace {
             self.bin()?;
             self.edition = Some(cloud.edition);
         }
-        self.stride = match settings.effects.blend {
-            Blend::Sum => blend_sum::STRIDE,
-            Blend::Over => blend_over::STRIDE,
-        };
+        self.stride = self.gradient_stride() + numbers(settings.effects.statistics);
         self.rows.resize(self.grid.rows(), Row::ZERO);
+        let errors = if self.collects_errors() { self.grid.rows() } else { 0 };
+        self.errors.resize(errors, ScalarRow([0.0; 16]));
         self.sums.resize(self.grid.tiles(), 0.0);
         Ok(())
+    }
+
+    /// Numbers per entry in `slots` that are gradients; those for the statistics follow them.
+    pub(crate) fn gradient_stride(&self) -> usize {
+        match self.settings.effects.blend {
+            Blend::Sum => blend_sum::STRIDE,
+            Blend::Over => blend_over::STRIDE,
+        }
+    }
+
+    /// Whether the backward pass needs the pixels' errors.
+    pub(crate) fn collects_errors(&self) -> bool {
+        self.settings.effects.statistics == Statistics::PixelError
     }
 
     /// Stage `project`.
@@ -184,16 +202,16 @@ impl Workspace {
         let (splats, bins, grid) = (&self.splats, &self.bins, &self.grid);
         let cuts = Cuts { grid, tile_start: &bins.tile_start, stride: 0 };
         let buffers =
-            TileBuffers { rows: &mut self.rows, transmittance: &mut self.transmittance, slots: &mut [], sums: &mut [] };
+            TileBuffers { rows: &mut self.rows, scalars: &mut self.transmittance, slots: &mut [], sums: &mut [] };
         for_each_tile(0..grid.tiles(), buffers, cuts, &|tile, buffers| {
             let entries = &bins.entries[bins.tile_start[tile] as usize..bins.tile_start[tile + 1] as usize];
             let (column, rows) = grid.place(tile);
             if over {
                 buffers.rows.fill(Row::ZERO);
-                buffers.transmittance.fill(ScalarRow([1.0; 16]));
+                buffers.scalars.fill(ScalarRow([1.0; 16]));
                 dispatch!(level, simd => blend_over::forward(
                     simd, entries, splats, &settings.accuracy, column, rows.start,
-                    buffers.rows, buffers.transmittance, backdrop,
+                    buffers.rows, buffers.scalars, backdrop,
                 ));
             } else {
                 buffers.rows.fill(Row(backdrop.map(|c| [c; 16])));
@@ -205,24 +223,30 @@ impl Workspace {
     /// Stage `blend_bwd`: from `v_rows` (and, under `Over`, the image, which is used up) into `slots`.
     pub(crate) fn blend_bwd(&mut self, level: Level) {
         let settings = self.settings;
-        let (splats, bins, grid, v_rows) = (&self.splats, &self.bins, &self.grid, &self.v_rows);
+        let (splats, bins, grid, v_rows, errors) = (&self.splats, &self.bins, &self.grid, &self.v_rows, &self.errors);
         self.slots.resize(bins.entries.len() * self.stride, 0.0);
         let cuts = Cuts { grid, tile_start: &bins.tile_start, stride: self.stride };
-        let buffers =
-            TileBuffers { rows: &mut self.rows, transmittance: &mut [], slots: &mut self.slots, sums: &mut [] };
+        let buffers = TileBuffers { rows: &mut self.rows, scalars: &mut [], slots: &mut self.slots, sums: &mut [] };
         for_each_tile(0..grid.tiles(), buffers, cuts, &|tile, buffers| {
             let entries = &bins.entries[bins.tile_start[tile] as usize..bins.tile_start[tile + 1] as usize];
             let (column, rows) = grid.place(tile);
             let v_rows = &v_rows[grid.first_row(tile)..][..rows.len()];
-            match settings.effects.blend {
-                Blend::Sum => dispatch!(level, simd => blend_sum::backward(
-                    simd, entries, splats, column, rows.start, v_rows, buffers.slots,
+            let errors = if errors.is_empty() { &[] } else { &errors[grid.first_row(tile)..][..rows.len()] };
+            collecting!(settings.effects.statistics, K => match settings.effects.blend {
+                Blend::Sum => dispatch!(level, simd => blend_sum::backward::<_, K>(
+                    simd, entries, splats, column, rows.start, v_rows, errors, buffers.slots,
                 )),
-                Blend::Over => dispatch!(level, simd => blend_over::backward(
-                    simd, entries, splats, &settings.accuracy, column, rows.start, buffers.rows, v_rows, buffers.slots,
+                Blend::Over => dispatch!(level, simd => blend_over::backward::<_, K>(
+                    simd, entries, splats, &settings.accuracy, column, rows.start, buffers.rows, v_rows, errors,
+                    buffers.slots,
                 )),
-            }
+            });
         });
+    }
+
+    /// Whether a training step blends, compares and differentiates in one pass: where the kernel for it is, without sums for statistics.
+    pub(crate) fn is_fused(effects: &Effects, loss: Loss) -> bool {
+        loss == Loss::L2 && effects.blend == Blend::Sum && numbers(effects.statistics) == 0
     }
 
     /// Stages `blend`, `loss` (L2) and `blend_bwd` in one pass over the tiles, which stay in the cache; `Sum` only. Returns
@@ -233,7 +257,7 @@ impl Workspace {
         self.slots.resize(bins.entries.len() * self.stride, 0.0);
         let cuts = Cuts { grid, tile_start: &bins.tile_start, stride: self.stride };
         let buffers =
-            TileBuffers { rows: &mut self.rows, transmittance: &mut [], slots: &mut self.slots, sums: &mut self.sums };
+            TileBuffers { rows: &mut self.rows, scalars: &mut [], slots: &mut self.slots, sums: &mut self.sums };
         for_each_tile(0..grid.tiles(), buffers, cuts, &|tile, buffers| {
             let entries = &bins.entries[bins.tile_start[tile] as usize..bins.tile_start[tile + 1] as usize];
             let (column, rows) = grid.place(tile);
@@ -243,7 +267,9 @@ impl Workspace {
                 blend_sum::start(simd, backdrop, target, buffers.rows);
                 blend_sum::forward(simd, entries, splats, column, rows.start, buffers.rows);
                 buffers.sums[0] = square_sum(buffers.rows, inside);
-                blend_sum::backward(simd, entries, splats, column, rows.start, buffers.rows, buffers.slots);
+                blend_sum::backward::<_, Nothing>(
+                    simd, entries, splats, column, rows.start, buffers.rows, &[], buffers.slots,
+                );
             });
         });
         self.sums.iter().sum()

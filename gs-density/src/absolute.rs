@@ -1,23 +1,25 @@
 //! Growth above an absolute threshold on the gradient, as 3DGS has it.
 
-use gs_core::{EditPlan, Error, PlanarGaussian, constants::TAU_POSITION, effects::Statistics};
+use gs_core::{EditPlan, Error, PlanarGaussian, effects::Statistics};
 use serde::{Deserialize, Serialize};
 
 use crate::{
     observation::{DensityPolicy, Observation, Rng},
     ranking::WhenFlat,
     round::{Actions, Round},
+    signal::Signal,
 };
 
-/// Every Gaussian grows whose mean positional gradient is at least a threshold (*source:* 3DGS).
+/// Every Gaussian grows whose signal is at least a threshold (*source:* 3DGS, by its mean positional gradient; AbsGS by the absolute one).
 ///
 /// The paper (§5.2) shows its weakness: how large gradients are depends on the image's contrast and on the loss, and a blurry fit
 /// may have none above the threshold; growth then ends too early. Gradients of 0 never grow, whatever the threshold.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(default, rename_all = "kebab-case", deny_unknown_fields)]
+#[serde(rename_all = "kebab-case", from = "Partial")]
 pub struct AbsoluteThreshold {
-    /// τ, on [`mean_gradient`](gs_core::DensityStatistics::mean_gradient), normalised device units; not negative. Default
-    /// [`TAU_POSITION`].
+    /// What calls for growth. Default the mean gradient.
+    pub signal: Signal,
+    /// τ, in the signal's unit; not negative. Default [`Signal::threshold`]; in a settings file, that of the signal named there.
     pub threshold: f32,
     /// What is done to the Gaussians.
     pub actions: Actions,
@@ -25,11 +27,31 @@ pub struct AbsoluteThreshold {
 
 impl Default for AbsoluteThreshold {
     fn default() -> Self {
-        Self { threshold: TAU_POSITION, actions: Actions::default() }
+        Self::by(Signal::default())
+    }
+}
+
+/// A settings file's form: what is missing depends on what is there.
+#[derive(Default, Deserialize)]
+#[serde(default, rename_all = "kebab-case", deny_unknown_fields)]
+struct Partial {
+    signal: Signal,
+    threshold: Option<f32>,
+    actions: Actions,
+}
+
+impl From<Partial> for AbsoluteThreshold {
+    fn from(Partial { signal, threshold, actions }: Partial) -> Self {
+        Self { signal, threshold: threshold.unwrap_or(signal.threshold()), actions }
     }
 }
 
 impl AbsoluteThreshold {
+    /// The defaults by this signal.
+    pub fn by(signal: Signal) -> Self {
+        Self { signal, threshold: signal.threshold(), actions: Actions::default() }
+    }
+
     /// Fails where a number is outside its range.
     ///
     /// # Errors
@@ -44,12 +66,12 @@ impl DensityPolicy for AbsoluteThreshold {
     fn plan(&self, observation: &Observation<'_>, rng: &mut Rng) -> Result<EditPlan<PlanarGaussian>, Error> {
         self.validate()?;
         let round = Round::open(&self.actions, observation)?;
-        let ranking = round.rank_by_gradient(WhenFlat::Nothing);
+        let ranking = round.rank_by_statistic(WhenFlat::Nothing);
         Ok(round.grow(ranking.at_least(self.threshold), rng))
     }
 
     fn statistics(&self) -> Statistics {
-        Statistics::MeanGradient
+        self.signal.statistics()
     }
 
     fn needs_residual(&self) -> bool {

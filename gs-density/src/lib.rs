@@ -3,10 +3,12 @@
 //! A policy ([`DensityPolicy`]) is a struct of thresholds without hidden state: it looks at an [`Observation`] and returns an
 //! [`EditPlan`](gs_core::EditPlan), which a backend applies. It knows no rasterizer.
 //!
-//! - Who grows, by rank or threshold: [`AbsoluteThreshold`], [`RelativePercentile`], their product [`Hybrid`], their union [`Paper`].
+//! - Who grows, by rank or threshold: [`AbsoluteThreshold`], [`RelativePercentile`], their product [`Hybrid`], their union [`Paper`]; measured
+//!   by one of three statistics ([`Signal`]).
 //! - What is done then, the same for all of them ([`Actions`]): [`Densify`] clones and splits, [`Prune`] removes, [`OpacityReset`]
 //!   resets. The budget is met exactly where enough Gaussians qualify; those that call for growth the most go first.
-//! - Growth without parents: [`ResidualGrowth`] seeds where the residual is large.
+//! - Growth without parents: [`ResidualGrowth`] prunes and seeds where the residual is large, [`ErrorAddition`] (Image-GS) only adds.
+//! - Growth without scores: [`Mcmc`] relocates and copies by opacity, with [`Noise`] between steps.
 //! - [`Policy`] is any of them, for settings files and command lines.
 //!
 //! # A policy of your own
@@ -73,7 +75,10 @@
 mod absolute;
 mod correction;
 mod densify;
+mod error_addition;
 mod hybrid;
+mod mcmc;
+mod noise;
 mod observation;
 mod paper;
 mod percentile;
@@ -84,12 +89,16 @@ mod reset;
 mod residual;
 mod round;
 pub mod seed;
+mod signal;
 mod size;
 
 pub use absolute::AbsoluteThreshold;
 pub use correction::OpacityCorrection;
-pub use densify::{ClonePlacement, Densify, MomentHeir, SplitPlacement};
+pub use densify::{ClonePlacement, Densify, LongAxisSplit, MomentHeir, SplitPlacement};
+pub use error_addition::ErrorAddition;
 pub use hybrid::Hybrid;
+pub use mcmc::Mcmc;
+pub use noise::Noise;
 pub use observation::{DensityPolicy, Observation, Residual, Rng};
 pub use paper::Paper;
 pub use percentile::{FORCED_GROWTH_PERCENT, RelativePercentile};
@@ -99,4 +108,5 @@ pub use ranking::{Ranking, WhenFlat};
 pub use reset::OpacityReset;
 pub use residual::ResidualGrowth;
 pub use round::{Actions, Round};
+pub use signal::Signal;
 pub use size::SizeThreshold;

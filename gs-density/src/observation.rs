@@ -2,6 +2,8 @@
 
 use gs_core::{DensityStatistics, EditPlan, Error, Image, PlanarGaussian, PlanarScene, effects::Statistics};
 
+use crate::noise::Noise;
+
 /// The random numbers of a policy. The training loop makes one anew for every round, from the run's seed and the step, so that a
 /// resumed run draws what an uninterrupted one would have.
 pub type Rng = rand_pcg::Pcg64;
@@ -73,4 +75,9 @@ pub trait DensityPolicy {
 
     /// Whether the policy looks at the residual image, which costs a rendering per round.
     fn needs_residual(&self) -> bool;
+
+    /// The noise that training adds to the means between steps. None, for most.
+    fn noise(&self) -> Option<Noise> {
+        None
+    }
 }

@@ -58,7 +58,7 @@ impl DensityPolicy for Paper {
     fn plan(&self, observation: &Observation<'_>, rng: &mut Rng) -> Result<EditPlan<PlanarGaussian>, Error> {
         self.validate()?;
         let round = Round::open(&self.actions, observation)?;
-        let ranking = round.rank_by_gradient(self.when_flat);
+        let ranking = round.rank_by_statistic(self.when_flat);
         // Gaussians without a gradient are there for the share alone, even at a threshold of 0.
         let by_threshold = ranking.at_least(self.threshold.max(f32::MIN_POSITIVE));
         let by_rank = ranking.top_percent(self.percent);

@@ -7,18 +7,21 @@ use crate::{
     observation::{DensityPolicy, Observation, Rng},
     ranking::WhenFlat,
     round::{Actions, Round},
+    signal::Signal,
 };
 
 /// The share of the Gaussians that forced growth lets grow in each round, %. *Source:* paper §3.4.3.
 pub const FORCED_GROWTH_PERCENT: f32 = 10.0;
 
-/// The Gaussians with the largest mean positional gradients grow, a fixed share of them, regardless of a threshold (*source:*
+/// The Gaussians with the largest signals (mean positional gradients) grow, a fixed share of them, regardless of a threshold (*source:*
 /// paper §3.4.3 and §5.2).
 ///
 /// The count rises by that share a round: from 20 by 10 % in 24 rounds to 234, rounding up included.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, rename_all = "kebab-case", deny_unknown_fields)]
 pub struct RelativePercentile {
+    /// What calls for growth. Default the mean gradient.
+    pub signal: Signal,
     /// Share of the Gaussians left after pruning that grows in each round, rounded up, so at least one does. 0..=100 %, default
     /// [`FORCED_GROWTH_PERCENT`]; 0 lets none grow.
     pub percent: f32,
@@ -30,11 +33,16 @@ pub struct RelativePercentile {
 
 impl Default for RelativePercentile {
     fn default() -> Self {
-        Self { percent: FORCED_GROWTH_PERCENT, when_flat: WhenFlat::Nothing, actions: Actions::default() }
+        Self::by(Signal::default())
     }
 }
 
 impl RelativePercentile {
+    /// The defaults by this signal.
+    pub fn by(signal: Signal) -> Self {
+        Self { signal, percent: FORCED_GROWTH_PERCENT, when_flat: WhenFlat::Nothing, actions: Actions::default() }
+    }
+
     /// Fails where a number is outside its range.
     ///
     /// # Errors
@@ -49,12 +57,12 @@ impl DensityPolicy for RelativePercentile {
     fn plan(&self, observation: &Observation<'_>, rng: &mut Rng) -> Result<EditPlan<PlanarGaussian>, Error> {
         self.validate()?;
         let round = Round::open(&self.actions, observation)?;
-        let ranking = round.rank_by_gradient(self.when_flat);
+        let ranking = round.rank_by_statistic(self.when_flat);
         Ok(round.grow(ranking.top_percent(self.percent), rng))
     }
 
     fn statistics(&self) -> Statistics {
-        Statistics::MeanGradient
+        self.signal.statistics()
     }
 
     fn needs_residual(&self) -> bool {

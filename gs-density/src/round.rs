@@ -67,8 +67,8 @@ impl<'a> Round<'a> {
         Ranking::new(self.survivors().map(|index| (index, score(index as usize))), when_flat)
     }
 
-    /// The survivors ranked by their mean positional gradient, normalised device units.
-    pub fn rank_by_gradient(&self, when_flat: WhenFlat) -> Ranking {
+    /// The survivors ranked by the mean of the statistic that was collected, in its unit.
+    pub fn rank_by_statistic(&self, when_flat: WhenFlat) -> Ranking {
         self.rank_by(|index| self.observation.statistics.mean_gradient(index), when_flat)
     }
 

@@ -45,8 +45,9 @@ fn removed(plan: &EditPlan<PlanarGaussian>) -> BTreeSet<u32> {
     plan.removed.iter().map(|removal| removal.index).collect()
 }
 
-fn ranking_policies() -> [Policy; 4] {
-    ["absolute", "percentile", "hybrid", "paper"].map(|name| Policy::from_name(name).unwrap())
+fn ranking_policies() -> Vec<Policy> {
+    let ranks = |name: &&str| !["residual", "mcmc", "image-gs", "none"].contains(name);
+    Policy::NAMES.iter().filter(|name| ranks(name)).map(|name| Policy::from_name(name).unwrap()).collect()
 }
 
 #[test]
@@ -139,7 +140,8 @@ fn arrays_that_do_not_fit_are_refused() {
     let mut torn = scene.clone();
     torn.colors.pop();
     let whole = DensityStatistics::zeros(3);
-    for policy in ranking_policies().into_iter().chain([Policy::None]) {
+    let others = [Policy::None, Policy::from_name("mcmc").unwrap(), Policy::from_name("image-gs").unwrap()];
+    for policy in ranking_policies().into_iter().chain(others) {
         let result = policy.plan(&observation(&scene, &short, 9), &mut Rng::new(0, 0));
         assert_eq!(result, Err(Error::Length { what: "visible", expected: 3, found: 2 }));
         let result = policy.plan(&observation(&torn, &whole, 9), &mut Rng::new(0, 0));
@@ -186,15 +188,19 @@ fn any_policy() -> impl Strategy<Value = Policy> {
     };
     let threshold = || (-15f32..0.0).prop_map(f32::exp);
     prop_oneof![
-        (threshold(), actions())
-            .prop_map(|(threshold, actions)| Policy::Absolute(AbsoluteThreshold { threshold, actions })),
+        (threshold(), actions()).prop_map(|(threshold, actions)| Policy::Absolute(AbsoluteThreshold {
+            threshold,
+            actions,
+            ..Default::default()
+        })),
         (0f32..=100.0, actions()).prop_map(|(percent, actions)| {
             Policy::Percentile(RelativePercentile { percent, actions, ..Default::default() })
         }),
         (0f32..=100.0, threshold(), actions()).prop_map(|(percent, floor, actions)| Policy::Hybrid(Hybrid {
             percent,
             floor,
-            actions
+            actions,
+            ..Default::default()
         })),
         (0f32..=100.0, threshold(), actions()).prop_map(|(percent, threshold, actions)| {
             Policy::Paper(Paper { percent, threshold, actions, ..Default::default() })

@@ -185,6 +185,7 @@ impl<'a, R: Rasterizer<PlanarScene>> Trainer<'a, R> {
         let fresh = self.record.settings.bins_afresh_after(self.record.step);
         self.binning = if fresh { Binning::Fresh } else { Binning::Reuse };
         let mut edits = due.map(|progress| self.control_density(progress)).transpose()?;
+        self.add_noise()?;
         if self.is_finished() {
             self.drop_not_finite(&mut edits)?;
         }
@@ -288,6 +289,21 @@ impl<'a, R: Rasterizer<PlanarScene>> Trainer<'a, R> {
         self.binning = Binning::Fresh;
         self.solve_colors(self.record.settings.color_solve.after_edit)?;
         Ok(counts)
+    }
+
+    /// Adds the noise that the policy asks for after this step; not after the last, which nothing would mend.
+    fn add_noise(&mut self) -> Result<(), Error> {
+        let FitRecord { settings, step, .. } = &self.record;
+        let Some(noise) = settings.policy.noise().filter(|noise| noise.is_due(*step) && !self.is_finished()) else {
+            return Ok(());
+        };
+        let rate = settings.adam.mean.schedule.factor(*step as f32 / settings.iterations as f32);
+        let scene = self.rasterizer.download(&self.cloud)?;
+        let mut rng = Rng::new(u128::from(settings.seed) << 32 | u128::from(*step), NOISE_STREAM);
+        if let Some(shifts) = noise.shifts(&scene, self.residual.target.size(), rate, &mut rng) {
+            self.rasterizer.shift_means(&mut self.cloud, &shifts)?;
+        }
+        Ok(())
     }
 
     /// Takes out what has become NaN or infinite since the last round; it draws nothing, and no file would take it.
@@ -447,6 +463,9 @@ impl<'a, R: Rasterizer<PlanarScene>> Trainer<'a, R> {
         self.record.seconds
     }
 }
+
+/// Which of the generator's streams the noise between steps is drawn from, so that it is independent of the rounds' draws.
+const NOISE_STREAM: u128 = 0x6e_6f69_7365;
 
 /// The random numbers of the initialiser (step 0) or of the round after a step (counted from 1).
 fn random(seed: u32, step: u32) -> Rng {

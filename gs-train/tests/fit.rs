@@ -2,8 +2,9 @@
 
 mod scenes;
 
-use gs_core::{Blend, Image, Loss, Rasterizer, RenderSettings, Scene};
-use gs_density::{Policy, RelativePercentile};
+use glam::{Vec2, Vec3};
+use gs_core::{Blend, Image, Loss, PlanarGaussian, PlanarScene, Rasterizer, RenderSettings, Scene, scene::logit};
+use gs_density::{Mcmc, Noise, Policy, RelativePercentile};
 use gs_train::{
     Control, Error, FitSettings, Init, InitialCount, MetricsLog, Observer, Outcome, Preset, Progress, Rounds, Trainer,
     fit, init::Periphery, paper_target,
@@ -34,6 +35,51 @@ fn growth_by_residual_meets_the_budget_exactly() {
         assert_eq!(fit.summary.gaussians, gaussians);
         fit.scene.validate().unwrap();
     }
+}
+
+#[test]
+fn every_policy_fits_within_its_budget() {
+    let (rasterizer, target) = (rasterizer(), small_target());
+    for blend in [Blend::Sum, Blend::Over] {
+        let psnr = |settings: FitSettings| fit(&rasterizer, &target, settings, &mut ()).unwrap().summary.psnr;
+        let before = psnr(FitSettings { iterations: 0, ..small_fit(blend) });
+        for name in Policy::NAMES {
+            let policy = Policy::from_name(name).unwrap();
+            let settings = FitSettings { policy, ..small_fit(blend) };
+            let fit = fit(&rasterizer, &target, settings.clone(), &mut ()).unwrap();
+            fit.scene.validate().unwrap();
+            assert!(fit.scene.len() <= settings.gaussians as usize, "{blend:?} {name}: {}", fit.scene.len());
+            if ["residual", "image-gs"].contains(&name) {
+                assert_eq!(fit.scene.len(), settings.gaussians as usize, "{blend:?} {name}");
+            }
+            let psnr = fit.summary.psnr;
+            assert!(psnr > before, "{blend:?} {name}: {before} dB became {psnr} dB");
+        }
+    }
+}
+
+#[test]
+fn noise_moves_the_transparent_and_only_where_it_is_asked_for() {
+    let (rasterizer, target) = (rasterizer(), small_target());
+    let run = |noise, blend| {
+        let faint = |i: usize| PlanarGaussian {
+            mean: Vec2::new(4.0 + 8.0 * (i % 6) as f32, 5.0 + 10.0 * (i / 6) as f32),
+            log_scale: Vec2::new(1.5, 1.0),
+            rotation: 0.3 * i as f32,
+            opacity_logit: if blend == Blend::Over { logit(0.006) } else { f32::INFINITY },
+            color: Vec3::splat(0.5),
+        };
+        let scene: PlanarScene = (0..24).map(faint).collect();
+        let policy = Policy::Mcmc(Mcmc { noise, ..Mcmc::default() });
+        let settings = FitSettings { policy, ..small_fit(blend) };
+        let mut trainer = Trainer::from_scene(&rasterizer, &target, &scene, settings).unwrap();
+        trainer.run(&mut ()).unwrap();
+        trainer.scene().unwrap()
+    };
+    let noise = Noise::default();
+    assert!(run(noise, Blend::Over) != run(Noise::NONE, Blend::Over), "noise makes no difference");
+    assert!(run(noise, Blend::Over) == run(noise, Blend::Over), "noise is not repeatable");
+    assert!(run(noise, Blend::Sum) == run(Noise::NONE, Blend::Sum), "noise without opacities");
 }
 
 #[test]

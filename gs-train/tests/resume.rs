@@ -59,7 +59,7 @@ fn a_resumed_run_ends_bit_identical_in_both_charts_and_blends() {
     let target = small_target();
     for blend in [Blend::Sum, Blend::Over] {
         for chart in [Chart::ScaleRotation, Chart::LocalFrame] {
-            for policy in ["residual", "paper"] {
+            for policy in ["residual", "paper", "mcmc", "percentile-error"] {
                 let policy = Policy::from_name(policy).unwrap();
                 let settings = FitSettings { chart, policy, seed: 3, ..small_fit(blend) };
                 let whole = end_state(settings.clone(), &target);

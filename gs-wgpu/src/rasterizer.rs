@@ -5,7 +5,7 @@ use std::sync::{Arc, PoisonError};
 use gs_core::{
     AdamRates, Blend, Canvas, Chart, CloudState, DensityStatistics, EditPlan, Error, Image, Loss, PlanarGaussian,
     PlanarScene, Rasterizer, RenderSettings, TrainStep, Wait,
-    effects::{Antialias, Order, Outputs},
+    effects::{Antialias, Order, Outputs, Statistics},
     settings::Cut,
     statistics::Culled,
 };
@@ -100,6 +100,10 @@ pub(crate) fn check(view: &Canvas, settings: &RenderSettings) -> Result<(), Erro
     }
     if effects.outputs != Outputs::Color {
         return unsupported(format!("outputs {:?} of a planar scene", effects.outputs));
+    }
+    if let Statistics::AbsoluteGradient | Statistics::PixelError = effects.statistics {
+        let sums = "which its kernels do not sum; a policy by mean gradient, or the CPU, does without";
+        return unsupported(format!("statistics {:?}, {sums}", effects.statistics));
     }
     if settings.accuracy.cut != Cut::Hard {
         return unsupported("a smooth cut, which would touch every pixel".to_owned());

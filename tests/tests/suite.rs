@@ -4,7 +4,7 @@ use glam::Vec2Swizzles;
 use gs_conformance::conformance::cases;
 use gs_core::{
     AdamRates, Canvas, Chart, CloudState, DensityStatistics, EditPlan, Error, Image, Loss, PlanarGaussian, PlanarScene,
-    Rasterizer, RenderSettings, Scene, TrainStep, Wait, statistics::Culled,
+    Rasterizer, RenderSettings, Scene, TrainStep, Wait, effects::Statistics, statistics::Culled,
 };
 use gs_cpu::{CpuRasterizer, CpuSettings};
 
@@ -36,6 +36,9 @@ enum Fault {
     RepeatsLosses,
     ForgetsLossesOnEdit,
     DoublesStatistics,
+    LetsGradientsCancel,
+    MistakesErrorsForGradients,
+    ShiftsAreSteps,
     SolvesNothing,
     ForgetsMomentsOnEdit,
     ForgetsStatisticsOnEdit,
@@ -138,6 +141,12 @@ impl Rasterizer<PlanarScene> for Sabotaged {
             ForgetsTheCanvas => view = Canvas::new(view.width, view.height),
             NoCropOrigin => view.origin = glam::Vec2::ZERO,
             ForgetsTheAccuracy => settings.accuracy = gs_core::Accuracy::default(),
+            LetsGradientsCancel if settings.effects.statistics == Statistics::AbsoluteGradient => {
+                settings.effects.statistics = Statistics::MeanGradient;
+            }
+            MistakesErrorsForGradients if settings.effects.statistics == Statistics::PixelError => {
+                settings.effects.statistics = Statistics::AbsoluteGradient;
+            }
             SwallowsBadSettings if settings.validate().is_err() => settings = RenderSettings::default(),
             _ => {}
         }
@@ -259,6 +268,11 @@ impl Rasterizer<PlanarScene> for Sabotaged {
         Ok(statistics)
     }
 
+    fn shift_means(&self, cloud: &mut Self::Cloud, shifts: &[f32]) -> Result<(), Error> {
+        self.sound.shift_means(cloud, shifts)?;
+        if self.is(ShiftsAreSteps) { self.alter(cloud, zero_moments) } else { Ok(()) }
+    }
+
     fn edit(&self, cloud: &mut Self::Cloud, plan: &EditPlan<PlanarGaussian>) -> Result<(), Error> {
         if self.is(EditsEvenWhenItRefuses) && plan.sources(self.sound.len(cloud)).is_err() {
             self.alter(cloud, zero_moments)?;
@@ -312,6 +326,9 @@ fn every_fault_is_caught_by_its_case() {
         (RepeatsLosses, "losses_are_told_once_and_in_order"),
         (ForgetsLossesOnEdit, "steps_under_way_are_seen_by_everything"),
         (DoublesStatistics, "statistics_are_the_positional_gradients"),
+        (LetsGradientsCancel, "absolute_gradients_match"),
+        (MistakesErrorsForGradients, "pixel_errors_match"),
+        (ShiftsAreSteps, "shifts_move_means_and_nothing_else"),
         (SolvesNothing, "solved_colors_are_the_best"),
         (ForgetsMomentsOnEdit, "edits_carry_everything_along"),
         (ForgetsMomentsOnEdit, "adam_matches"),

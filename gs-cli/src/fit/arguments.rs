@@ -164,12 +164,30 @@ pub(crate) enum PresetName {
 pub(crate) enum PolicyName {
     /// Grow where the positional gradient exceeds a fixed threshold (3DGS)
     Absolute,
+    /// The same by the absolute gradient, which does not cancel (AbsGS)
+    AbsGs,
+    /// The same by the error of the pixels that a Gaussian covers (Revising Densification)
+    AbsoluteError,
     /// Grow the top percents by positional gradient (the paper's forced growth)
     Percentile,
+    /// The same by the absolute gradient
+    PercentileAbsGs,
+    /// The same by the pixels' error
+    PercentileError,
     /// Grow by rank, above a floor and within a budget
     Hybrid,
+    /// The same by the absolute gradient
+    HybridAbsGs,
+    /// The same by the pixels' error
+    HybridError,
+    /// abs-gs, each split side by side along its long axis instead of cloned or split at random
+    LongAxis,
     /// The paper's experiment: the top percents together with the fixed threshold
     Paper,
+    /// Move the transparent to the opaque and add 5 % a round, with noise between steps (3DGS-MCMC); for --blend over
+    Mcmc,
+    /// Start with half, add the rest in four parts in proportion to the error (Image-GS)
+    ImageGs,
     /// Drop those that contribute least, add where the residual is large
     Residual,
     /// The first Gaussians stay as many as they are

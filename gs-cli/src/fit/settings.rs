@@ -4,7 +4,7 @@
 use std::{fs, path::Path};
 
 use gs_core::{Adam, Blend, Chart, Image, Loss, RenderSettings, adam::Group, effects::Background};
-use gs_density::{AbsoluteThreshold, Hybrid, Paper, Policy, RelativePercentile, ResidualGrowth};
+use gs_density::Policy;
 use gs_train::{
     FitSettings, Init, InitialCount, Preset,
     init::{Colors, Grid, Guided, Periphery, Random},
@@ -54,7 +54,7 @@ pub(crate) fn resolve(args: &SettingsArgs, target: &Target) -> Result<FitSetting
         settings.render = settings.render.on(color.0);
     }
     if let Some(policy) = args.policy {
-        control_by(&mut settings, policy);
+        control_by(&mut settings, policy)?;
     }
     if let Some(init) = args.init {
         settings.init = initialiser(init, &settings);
@@ -177,23 +177,20 @@ fn mean_color(image: &Image) -> [f32; 3] {
     sum.map(|channel| (channel / count) as f32)
 }
 
-fn control_by(settings: &mut FitSettings, policy: PolicyName) {
-    settings.policy = match policy {
-        PolicyName::Absolute => Policy::Absolute(AbsoluteThreshold::default()),
-        PolicyName::Percentile => Policy::Percentile(RelativePercentile::default()),
-        PolicyName::Hybrid => Policy::Hybrid(Hybrid::default()),
-        PolicyName::Paper => Policy::Paper(Paper::default()),
-        PolicyName::Residual => {
+fn control_by(settings: &mut FitSettings, name: PolicyName) -> Result<(), Failure> {
+    let name = name.to_possible_value().expect("no policy is skipped");
+    settings.policy = Policy::from_name(name.get_name())?;
+    match &mut settings.policy {
+        Policy::Residual(growth) => {
             let first = settings.initial.resolve(settings.gaussians) as f32;
-            let start_fraction = first / settings.gaussians as f32;
-            Policy::Residual(ResidualGrowth { start_fraction, ..ResidualGrowth::default() })
+            growth.start_fraction = first / settings.gaussians as f32;
         }
-        PolicyName::None => {
-            // What cannot grow must be there from the start.
-            settings.initial = InitialCount::Fraction(1.0);
-            Policy::None
-        }
-    };
+        Policy::ImageGs(addition) => settings.initial = InitialCount::Fraction(addition.start_fraction),
+        // What cannot grow must be there from the start.
+        Policy::None => settings.initial = InitialCount::Fraction(1.0),
+        _ => {}
+    }
+    Ok(())
 }
 
 fn initialiser(name: InitName, settings: &FitSettings) -> Init {
@@ -312,8 +309,24 @@ mod tests {
     }
 
     #[test]
+    fn every_policy_of_the_library_has_its_flag() {
+        let flags: Vec<_> = PolicyName::value_variants().iter().filter_map(|p| p.to_possible_value()).collect();
+        assert_eq!(flags.iter().map(|flag| flag.get_name()).collect::<Vec<_>>(), Policy::NAMES);
+        for (policy, name) in PolicyName::value_variants().iter().zip(Policy::NAMES) {
+            let settings = resolved(&SettingsArgs { policy: Some(*policy), ..SettingsArgs::default() });
+            assert_eq!(settings.policy.name(), name);
+        }
+    }
+
+    #[test]
     fn what_cannot_grow_is_there_from_the_start() {
         let fixed = resolved(&SettingsArgs { policy: Some(PolicyName::None), ..SettingsArgs::default() });
         assert_eq!(fixed.initial.resolve(fixed.gaussians), fixed.gaussians);
+        let half = resolved(&SettingsArgs {
+            policy: Some(PolicyName::ImageGs),
+            gaussians: Some(1000),
+            ..SettingsArgs::default()
+        });
+        assert_eq!(half.initial.resolve(half.gaussians), 500);
     }
 }

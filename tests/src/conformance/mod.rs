@@ -20,6 +20,7 @@ mod losses;
 mod metamorphic;
 mod optimiser;
 mod state;
+mod statistics;
 mod training;
 
 use gs_core::{Chart, Image, Loss, PlanarScene, Rasterizer, Wait};
@@ -35,7 +36,8 @@ pub use self::{
     losses::{losses_are_told_once_and_in_order, steps_under_way_are_seen_by_everything},
     metamorphic::{crops_are_parts_of_the_image, halves_make_the_whole, order_does_not_matter_under_sum},
     optimiser::{adam_matches, local_frame_steps_match},
-    state::{restored_clouds_continue_bit_for_bit, scenes_come_back},
+    state::{restored_clouds_continue_bit_for_bit, scenes_come_back, shifts_move_means_and_nothing_else},
+    statistics::{absolute_gradients_match, pixel_errors_match},
     training::{
         fused_steps_match_their_stages, solved_colors_are_the_best, statistics_are_the_positional_gradients,
         steps_decrease_the_loss,
@@ -84,6 +86,9 @@ pub fn cases<R: Rasterizer<PlanarScene>>() -> Vec<Case<R>> {
         losses_are_told_once_and_in_order,
         steps_under_way_are_seen_by_everything,
         statistics_are_the_positional_gradients,
+        absolute_gradients_match,
+        pixel_errors_match,
+        shifts_move_means_and_nothing_else,
         solved_colors_are_the_best,
         edits_carry_everything_along,
         refused_edits_change_nothing,

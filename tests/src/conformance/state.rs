@@ -1,7 +1,7 @@
 //! Cases: what goes to the backend comes back, scenes and whole states.
 
 use gs_core::{
-    Adam, Binning, Chart, CloudState, PlanarGaussian, PlanarScene, Rasterizer, Scene, TrainStep,
+    Adam, Binning, Chart, CloudState, Error, PlanarGaussian, PlanarScene, Rasterizer, Scene, TrainStep,
     effects::{Blend, Statistics},
 };
 
@@ -95,4 +95,45 @@ fn check_moments(state: &CloudState) -> Result<(), Failure> {
     }
     let steps = state.integers("steps")?;
     Failure::unless(steps.iter().all(|&s| s == 3), || format!("after three steps the counts are {steps:?}"))
+}
+
+/// `shift_means` adds to the means and leaves all else of the state bit for bit, losses that nobody has asked for included; shifts of another
+/// number of Gaussians are refused.
+///
+/// # Errors
+/// [`Failure`] where the backend does not do so.
+pub fn shifts_move_means_and_nothing_else<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Result<(), Failure> {
+    for chart in [Chart::ScaleRotation, Chart::LocalFrame] {
+        let mut draw = Draw::new(Kind::Typical, Blend::Over, 9, (34, 20), 1150);
+        draw.settings.effects.statistics = Statistics::MeanGradient;
+        let target = rasterizer.upload_target(&draw.target()?)?;
+        let rates = Adam::default().at(0.0);
+        let step = TrainStep { settings: &draw.settings, loss: LOSSES[0], rates: &rates, binning: Binning::Fresh };
+        let mut cloud = rasterizer.upload(&draw.scene, chart)?;
+        rasterizer.train_step(&mut cloud, &draw.view, &target, &step)?;
+        let before = rasterizer.save(&cloud)?;
+        let shifts: Vec<f32> = (0..18).map(|i| 0.25 * i as f32 - 2.0).collect();
+        rasterizer.shift_means(&mut cloud, &shifts)?;
+        let mut expected = before.clone();
+        expected.shift("mean", &shifts)?;
+        let found = rasterizer.save(&cloud)?;
+        Failure::unless(found == expected && found != before, || format!("{chart:?}: more or less than means moved"))?;
+        let told = losses_of(rasterizer, &mut cloud)?.len();
+        Failure::unless(told == 1, || format!("{chart:?}: {told} losses of one step after a shift"))?;
+
+        // What is seen after a shift is the shifted scene.
+        let scene = rasterizer.download(&cloud)?;
+        let fresh = rasterizer.upload(&scene, chart)?;
+        let image =
+            |cloud| rasterizer.forward(cloud, &draw.view, &draw.settings).and_then(|frame| rasterizer.image(&frame));
+        let same = (image(&cloud)?.pixels().as_flattened().iter())
+            .zip(image(&fresh)?.pixels().as_flattened())
+            .all(|(a, b)| (a - b).abs() < 1e-4);
+        Failure::unless(same, || format!("{chart:?}: a shifted cloud does not look like its scene"))?;
+        let refused = matches!(rasterizer.shift_means(&mut cloud, &shifts[2..]), Err(Error::Length { .. }));
+        Failure::unless(refused && rasterizer.save(&cloud)? == expected, || {
+            format!("{chart:?}: shifts of 8 Gaussians are accepted for 9")
+        })?;
+    }
+    Ok(())
 }

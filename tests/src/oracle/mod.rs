@@ -12,6 +12,7 @@ mod parameters;
 mod pixel;
 mod project;
 mod ssim;
+mod statistics;
 
 use gs_core::{
     Canvas, Error, Image, Loss, RenderSettings,
@@ -24,6 +25,7 @@ pub use self::{
     adam::AdamReference,
     least_squares::best_colors,
     parameters::{COLOR, OPACITY, OracleScene, PARAMETER_NAMES, Parameters, ROTATION, rows_of_gradients},
+    statistics::StepStatistics,
 };
 use self::{
     pixel::{Lean, Pixel},

@@ -201,6 +201,11 @@ impl Pixel {
         self.touches.iter().map(|touch| touch.index)
     }
 
+    /// (Gaussian, what the pixel shows of it): T α, under `Sum` w.
+    pub(crate) fn shown(&self) -> impl Iterator<Item = (usize, f64)> + '_ {
+        self.touches.iter().map(|touch| (touch.index, touch.transmittance * touch.alpha))
+    }
+
     /// (Gaussian, its weight w), for `Sum`.
     pub(crate) fn weights(&self) -> impl Iterator<Item = (usize, f64)> + '_ {
         self.touches.iter().map(|touch| (touch.index, touch.value))

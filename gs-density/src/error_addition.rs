@@ -1,0 +1,205 @@
+//! Addition in proportion to the error: Image-GS.
+
+use glam::Vec3;
+use gs_core::{
+    EditPlan, Error, PlanarGaussian, PlanarScene,
+    edit::{Birth, Moments, Origin, Place},
+    effects::Statistics,
+    scene::logit,
+};
+use rand::RngExt;
+use serde::{Deserialize, Serialize};
+
+use crate::{
+    observation::{DensityPolicy, Observation, Residual, Rng},
+    prune::Prune,
+    seed::Plane,
+};
+
+/// Starts with half of the budget and adds the rest in four equal parts, at pixels drawn in proportion to their error (*source:* Image-GS,
+/// Zhang et al. 2025).
+///
+/// Nothing is cloned, split or pruned, but what is not finite; new Gaussians have no parents, so that they reach where none is. A new
+/// Gaussian is round, of the size that the first ones had, and has the target's colour at its pixel (in scenes without opacities, where
+/// Gaussians are summed, what is missing there; Image-GS normalises the weights at a pixel, so that its new ones replace others by the
+/// colour they paint). No pixel is drawn twice in one addition, unless there are not enough.
+///
+/// An addition is made in the first round after each of so many equal parts of the rounds. The last one meets the budget exactly; with fewer
+/// rounds than additions, several are made at once.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default, rename_all = "kebab-case", deny_unknown_fields)]
+pub struct ErrorAddition {
+    /// What share of the budget there is before the first addition, 0..=1: the share that the scene was initialised with. Default 0.5.
+    pub start_fraction: f32,
+    /// Additions, at least 1. Default 4.
+    pub additions: u32,
+    /// σ of a new Gaussian, px; positive. Default 5.
+    pub sigma_px: f32,
+    /// Opacity of a new Gaussian where there are opacities, above 0 and below 1. Image-GS has none; default 0.7, that of other seeds.
+    pub opacity: f32,
+}
+
+impl Default for ErrorAddition {
+    fn default() -> Self {
+        Self { start_fraction: 0.5, additions: 4, sigma_px: 5.0, opacity: 0.7 }
+    }
+}
+
+impl ErrorAddition {
+    /// Fails where a number is outside its range.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] naming the first offender.
+    pub fn validate(&self) -> Result<(), Error> {
+        if !(0.0..=1.0).contains(&self.start_fraction) {
+            return Err(Error::setting("start-fraction", self.start_fraction, "0 to 1"));
+        }
+        if self.additions == 0 {
+            return Err(Error::setting("additions", self.additions, "at least 1"));
+        }
+        if !(self.sigma_px > 0.0 && self.sigma_px.is_finite()) {
+            return Err(Error::setting("sigma-px", self.sigma_px, "positive and finite"));
+        }
+        if !(self.opacity > 0.0 && self.opacity < 1.0) {
+            return Err(Error::setting("opacity", self.opacity, "above 0 and below 1"));
+        }
+        Ok(())
+    }
+
+    /// How many Gaussians there should be after the round.
+    fn target(&self, observation: &Observation<'_>) -> usize {
+        let additions = f64::from(self.additions);
+        // A round's progress is k/R in f32: one that should be whole must not fall short of it.
+        let done = (f64::from(observation.progress) * additions + 1e-5).floor().clamp(0.0, additions) / additions;
+        let start = f64::from(self.start_fraction);
+        (observation.budget as f64 * (start + (1.0 - start) * done)).round() as usize
+    }
+
+    fn gaussian(&self, residual: &Residual, pixel: usize, has_opacity: bool) -> PlanarGaussian {
+        let width = residual.target.width() as usize;
+        let of_target = Vec3::from_array(residual.target.pixels()[pixel]);
+        let missing = of_target - Vec3::from_array(residual.rendered.pixels()[pixel]);
+        let color = if has_opacity { of_target } else { missing };
+        PlanarGaussian {
+            mean: glam::Vec2::new((pixel % width) as f32 + 0.5, (pixel / width) as f32 + 0.5),
+            log_scale: glam::Vec2::splat(self.sigma_px.ln()),
+            rotation: 0.0,
+            opacity_logit: if has_opacity { logit(self.opacity) } else { f32::INFINITY },
+            color: if color.is_finite() { color } else { Vec3::ZERO },
+        }
+    }
+}
+
+impl DensityPolicy for ErrorAddition {
+    fn plan(&self, observation: &Observation<'_>, rng: &mut Rng) -> Result<EditPlan<PlanarGaussian>, Error> {
+        self.validate()?;
+        observation.check_lengths()?;
+        let Some(residual) = observation.residual else {
+            return Err(Error::State("addition in proportion to the error was shown no residual".into()));
+        };
+        residual.target.same_size(&residual.rendered)?;
+        let scene: &PlanarScene = observation.scene;
+        let removed = Prune::NOT_FINITE_ONLY.removals(scene, observation.size);
+        let kept = scene.means.len() - removed.len();
+        let pixels = draw(&errors(residual), self.target(observation).saturating_sub(kept), rng);
+        let birth = |&pixel: &usize| Birth {
+            gaussian: self.gaussian(residual, pixel, scene.has_opacity()),
+            parent: None,
+            moments: Moments::Fresh,
+            origin: Origin::Seed,
+            place: Place::First,
+        };
+        Ok(EditPlan { removed, added: pixels.iter().map(birth).collect(), ..EditPlan::default() })
+    }
+
+    fn statistics(&self) -> Statistics {
+        Statistics::None
+    }
+
+    fn needs_residual(&self) -> bool {
+        true
+    }
+}
+
+/// The mean of |target − rendered| over the channels of every pixel; 0 where that is not finite.
+fn errors(Residual { target, rendered }: &Residual) -> Plane {
+    let (width, height) = target.size();
+    Plane::from_rows(width, height, |y, row| {
+        let first = y * width as usize;
+        for ((out, t), c) in row.iter_mut().zip(&target.pixels()[first..]).zip(&rendered.pixels()[first..]) {
+            let error = (0..3).map(|k| (t[k] - c[k]).abs()).sum::<f32>() / 3.0;
+            *out = if error.is_finite() { error } else { 0.0 };
+        }
+    })
+}
+
+/// `count` pixels drawn in proportion to `weights`, evenly where all are 0. Each at most once, as long as there are pixels.
+///
+/// By exponential races: the pixel with the smallest −ln(u)/w comes first, which is drawing one after the other without putting back.
+fn draw(weights: &Plane, count: usize, rng: &mut Rng) -> Vec<usize> {
+    let values = weights.values();
+    if values.is_empty() {
+        return Vec::new();
+    }
+    let flat = values.iter().all(|&w| !(w > 0.0));
+    let mut drawn = Vec::with_capacity(count);
+    while drawn.len() < count {
+        let mut finish: Vec<(f64, usize)> = (values.iter().enumerate())
+            .map(|(pixel, &w)| {
+                let weight = if flat { 1.0 } else { f64::from(w).max(f64::MIN_POSITIVE) };
+                let u: f64 = rng.random_range(f64::MIN_POSITIVE..1.0);
+                (-u.ln() / weight, pixel)
+            })
+            .collect();
+        let wanted = (count - drawn.len()).min(finish.len());
+        if wanted < finish.len() {
+            finish.select_nth_unstable_by(wanted, |a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+            finish.truncate(wanted);
+        }
+        drawn.extend(finish.into_iter().map(|(_, pixel)| pixel));
+    }
+    // Children lie in the order of the pixels, whatever the selection left.
+    drawn.sort_unstable();
+    drawn
+}
+
+#[cfg(test)]
+mod tests {
+    use gs_core::Image;
+
+    use super::*;
+
+    #[test]
+    fn pixels_are_drawn_as_their_weights_and_none_twice() {
+        let plane = Plane::from_rows(4, 1, |_, row| row.copy_from_slice(&[0.0, 1.0, 2.0, 5.0]));
+        let mut rng = Rng::new(5, 6);
+        let mut times = [0; 4];
+        for _ in 0..8000 {
+            times[draw(&plane, 1, &mut rng)[0]] += 1;
+        }
+        assert_eq!(times[0], 0);
+        for (found, expected) in times.iter().zip([0, 1000, 2000, 5000]) {
+            assert!((found - expected as i32).abs() < 200, "{times:?}");
+        }
+        assert_eq!(draw(&plane, 4, &mut rng), [0, 1, 2, 3]);
+        let mut several = draw(&plane, 9, &mut rng);
+        assert_eq!(several.len(), 9);
+        several.dedup();
+        assert_eq!(several, [0, 1, 2, 3]);
+    }
+
+    #[test]
+    fn new_ones_have_the_colour_of_the_target_or_what_is_missing() {
+        let residual = Residual {
+            target: Image::filled(6, 5, [0.75, 0.5, 0.25]).unwrap(),
+            rendered: Image::filled(6, 5, [0.25, 0.5, 0.5]).unwrap(),
+        };
+        let policy = ErrorAddition::default();
+        let painted = policy.gaussian(&residual, 9, true);
+        assert_eq!(painted.mean.to_array(), [3.5, 1.5]);
+        assert_eq!(painted.color.to_array(), [0.75, 0.5, 0.25]);
+        let summed = policy.gaussian(&residual, 9, false);
+        assert_eq!(summed.color.to_array(), [0.5, 0.0, -0.25]);
+        assert_eq!(summed.opacity_logit, f32::INFINITY);
+    }
+}

@@ -1,0 +1,193 @@
+//! Relocation and growth with opacity correction: 3DGS as Markov chain Monte Carlo.
+
+use gs_core::{
+    EditPlan, Error, PlanarGaussian, PlanarScene, Scene,
+    constants::PRUNE_OPACITY,
+    edit::{Birth, Change, Moments, Origin, Place, PruneCause},
+    effects::Statistics,
+    scene::{logit, sigmoid},
+};
+use rand::RngExt;
+use serde::{Deserialize, Serialize};
+
+use crate::{
+    noise::Noise,
+    observation::{DensityPolicy, Observation, Rng},
+    percentile::check_percent,
+    prune::Prune,
+};
+
+/// The most that one Gaussian becomes in one round. *Source:* the code of 3DGS-MCMC, whose table of binomials ends there.
+const MOST_PARTS: u32 = 51;
+
+/// Dead Gaussians are put where live ones are, the count rises by a share a round, and whatever becomes N at one place is corrected so that
+/// the picture stays as it was (*source:* 3DGS-MCMC, Kheradmand et al. 2024).
+///
+/// No gradient has a say: who is chosen is drawn in proportion to opacity, and [`Noise`] between the steps does the exploring. A Gaussian
+/// that becomes N of them has, N times, the opacity 1 − (1 − o)^(1/N) and its scales shrunk so that the N, blended one behind the other, hide
+/// as much along a line through the mean as the one did (its eq. 9). In a scene without opacities, where Gaussians are summed, none is dead, all
+/// are drawn alike, and colours are divided by N instead, which is exact.
+///
+/// What differs from the source: one draw serves relocation and growth; the new stand right behind the one they come from, where the
+/// correction holds, instead of in the dead ones' slots; the share is rounded up, so that few Gaussians grow too; and its losses on opacity
+/// and scale are not part of a policy.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default, rename_all = "kebab-case", deny_unknown_fields)]
+pub struct Mcmc {
+    /// Gaussians of at most this opacity are dead, unless all are. At least 0 and below 1, default [`PRUNE_OPACITY`].
+    pub dead_opacity: f32,
+    /// The share of the Gaussians by which their number grows in each round, rounded up. 0..=100 %, default 5.
+    pub percent: f32,
+    /// Noise between steps.
+    pub noise: Noise,
+}
+
+impl Default for Mcmc {
+    fn default() -> Self {
+        Self { dead_opacity: PRUNE_OPACITY, percent: 5.0, noise: Noise::default() }
+    }
+}
+
+impl Mcmc {
+    /// Fails where a number is outside its range.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] naming the first offender.
+    pub fn validate(&self) -> Result<(), Error> {
+        if !(0.0..1.0).contains(&self.dead_opacity) {
+            return Err(Error::setting("dead-opacity", self.dead_opacity, "0 or more, and below 1"));
+        }
+        check_percent(self.percent)?;
+        self.noise.validate()
+    }
+
+    /// How many there should be, of `len` Gaussians.
+    fn target(&self, len: usize, budget: usize) -> usize {
+        let growth = (len as f64 * f64::from(self.percent) / 100.0 * (1.0 - f64::from(f32::EPSILON))).ceil() as usize;
+        (len + growth).min(budget)
+    }
+}
+
+impl DensityPolicy for Mcmc {
+    fn plan(&self, observation: &Observation<'_>, rng: &mut Rng) -> Result<EditPlan<PlanarGaussian>, Error> {
+        self.validate()?;
+        observation.check_lengths()?;
+        let scene = observation.scene;
+        // The first whose opacity exceeds the dead ones' is alive.
+        let prune = Prune { opacity: self.dead_opacity.next_up(), larger_than: None };
+        let mut removed = prune.removals(scene, observation.size);
+        if removed.len() == scene.len() {
+            // Nobody is left to be copied: what can recover must stay.
+            removed.retain(|r| r.cause == PruneCause::NotFinite);
+        }
+        let mut dead = removed.iter().map(|r| r.index).peekable();
+        let alive: Vec<u32> = (0..scene.len() as u32).filter(|&i| dead.next_if_eq(&i).is_none()).collect();
+        let wanted = self.target(scene.len(), observation.budget).saturating_sub(alive.len());
+        let mut plan = EditPlan { removed, ..EditPlan::default() };
+        for (index, copies) in draw(scene, &alive, wanted, rng) {
+            let part = part_of(scene.gaussian(index as usize), copies + 1, scene.has_opacity());
+            plan.changed.push(Change { index, gaussian: part, moments: Moments::Fresh });
+            plan.added.extend((0..copies).map(|_| Birth {
+                gaussian: part,
+                parent: Some(index),
+                moments: Moments::Fresh,
+                origin: Origin::Clone,
+                place: Place::BehindParent,
+            }));
+        }
+        Ok(plan)
+    }
+
+    fn statistics(&self) -> Statistics {
+        Statistics::None
+    }
+
+    fn needs_residual(&self) -> bool {
+        false
+    }
+
+    fn noise(&self) -> Option<Noise> {
+        (self.noise.strength > 0.0).then_some(self.noise)
+    }
+}
+
+/// `count` draws from `alive` in proportion to opacity, as (Gaussian, how often), in order of the Gaussians.
+fn draw(scene: &PlanarScene, alive: &[u32], count: usize, rng: &mut Rng) -> Vec<(u32, u32)> {
+    let mut total = 0.0;
+    let cumulative: Vec<f64> = (alive.iter())
+        .map(|&i| {
+            let opacity = if scene.has_opacity() { sigmoid(scene.opacity_logits[i as usize]) } else { 1.0 };
+            total += f64::from(opacity);
+            total
+        })
+        .collect();
+    if !(total > 0.0) {
+        return Vec::new();
+    }
+    let mut times = vec![0; alive.len()];
+    for _ in 0..count {
+        let at = rng.random_range(0.0..total);
+        times[cumulative.partition_point(|&sum| sum <= at).min(alive.len() - 1)] += 1;
+    }
+    alive.iter().copied().zip(times).filter(|&(_, times)| times > 0).collect()
+}
+
+/// One of the N that a Gaussian becomes.
+fn part_of(whole: PlanarGaussian, parts: u32, has_opacity: bool) -> PlanarGaussian {
+    if !has_opacity {
+        return PlanarGaussian { color: whole.color / parts as f32, ..whole };
+    }
+    // More than the source's most are corrected as if they were so many.
+    let (opacity, shrink) = correction(sigmoid(whole.opacity_logit), parts.min(MOST_PARTS));
+    PlanarGaussian { opacity_logit: logit(opacity), log_scale: whole.log_scale + shrink.ln(), ..whole }
+}
+
+/// Eq. 9 of 3DGS-MCMC: the opacity of each of N that replace one of opacity o, and the factor of their scales,
+/// o / Σ_{i=1}^N Σ_{k=0}^{i−1} C(i−1, k) (−1)^k o_new^{k+1} / √(k+1).
+///
+/// In `f64`, and with o short of 1: the terms alternate and grow as (1 + o_new)^N.
+fn correction(opacity: f32, parts: u32) -> (f32, f32) {
+    let o = f64::from(opacity.min(1.0 - f32::EPSILON));
+    // 1 − (1 − o)^(1/N), without cancellation for small o.
+    let new = -((-o).ln_1p() / f64::from(parts)).exp_m1();
+    let mut sum = 0.0;
+    for i in 0..parts {
+        let mut term = new; // C(i, k) (−1)^k o_new^{k+1}
+        for k in 0..=i {
+            sum += term / f64::from(k + 1).sqrt();
+            term *= -new * f64::from(i - k) / f64::from(k + 1);
+        }
+    }
+    let shrink = o / sum;
+    // The source clamps the opacity from below; a scale that came to nothing would be lost.
+    (new as f32, if shrink.is_finite() && shrink > 0.0 { shrink as f32 } else { 1.0 })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_parts_hide_along_a_line_what_the_whole_did() {
+        for opacity in [0.005f32, 0.03, 0.2, 0.5, 0.9, 0.99, 0.9999, 1.0] {
+            for parts in [1, 2, 3, 7, 20, 51] {
+                let (new, shrink) = correction(opacity, parts);
+                let (o, new, shrink) = (f64::from(opacity), f64::from(new), f64::from(shrink));
+                let at_mean = 1.0 - (1.0 - new).powi(parts as i32);
+                assert!((at_mean - o).abs() < 1e-5, "{opacity}, {parts}: {at_mean} at the mean");
+                // ∫ 1 − (1 − o_new w)^N dx against ∫ o w dx = o √(2π), for σ = 1.
+                let (steps, reach) = (40_000, 12.0);
+                let width = 2.0 * reach / f64::from(steps);
+                let hidden: f64 = (0..steps)
+                    .map(|i| {
+                        let x = (-reach + (f64::from(i) + 0.5) * width) / shrink;
+                        (1.0 - (1.0 - new * (-0.5 * x * x).exp()).powi(parts as i32)) * width
+                    })
+                    .sum();
+                let whole = o * std::f64::consts::TAU.sqrt();
+                assert!((hidden / whole - 1.0).abs() < 1e-3, "{opacity}, {parts}: {hidden} instead of {whole}");
+                assert!(shrink <= 1.0 + 1e-6 && shrink > 0.1, "{opacity}, {parts}: {shrink}");
+            }
+        }
+    }
+}

@@ -1,0 +1,233 @@
+//! Growth without scores and without parents: 3DGS-MCMC's relocation, Image-GS's additions, and the long-axis split.
+
+use glam::{Vec2, Vec3};
+use gs_core::{
+    DensityStatistics, EditPlan, Error, Image, PlanarGaussian, PlanarScene, Scene,
+    edit::{Moments, Place, PruneCause},
+    scene::{logit, sigmoid},
+};
+use gs_density::{
+    DensityPolicy, ErrorAddition, LongAxisSplit, Mcmc, Noise, Observation, Policy, Residual, Rng, SplitPlacement,
+};
+use proptest::prelude::*;
+
+const SIZE: (u32, u32) = (40, 30);
+
+fn gaussian(opacity: f32) -> PlanarGaussian {
+    PlanarGaussian {
+        mean: Vec2::new(20.0, 14.0),
+        log_scale: Vec2::new(0.3, 1.4),
+        rotation: 0.4,
+        opacity_logit: logit(opacity),
+        color: Vec3::new(0.2, 0.5, 0.9),
+    }
+}
+
+fn plan(
+    policy: &impl DensityPolicy,
+    scene: &PlanarScene,
+    residual: Option<&Residual>,
+    progress: f32,
+    budget: usize,
+) -> EditPlan<PlanarGaussian> {
+    let statistics = DensityStatistics::zeros(scene.len());
+    let observation = Observation { scene, statistics: &statistics, residual, size: SIZE, step: 99, progress, budget };
+    let plan = policy.plan(&observation, &mut Rng::new(7, 11)).unwrap();
+    plan.sources(scene.len()).unwrap();
+    plan
+}
+
+fn after(plan: &EditPlan<PlanarGaussian>, scene: &PlanarScene) -> PlanarScene {
+    let before: Vec<_> = scene.iter().collect();
+    plan.gather(&plan.sources(scene.len()).unwrap(), &before, |&g| g).into_iter().collect()
+}
+
+fn residual() -> Residual {
+    let target = Image::from_fn(SIZE.0, SIZE.1, |x, _| if x < 20 { [0.5; 3] } else { [0.9, 0.1, 0.4] }).unwrap();
+    Residual { target, rendered: Image::filled(SIZE.0, SIZE.1, [0.5; 3]).unwrap() }
+}
+
+#[test]
+fn the_dead_move_behind_the_living_and_nothing_else_is_lost() {
+    let opacities = [0.9, 0.004, 0.5, 0.001, 0.7];
+    let scene: PlanarScene = opacities.into_iter().map(gaussian).collect();
+    let still = Mcmc { percent: 0.0, ..Mcmc::default() };
+    let plan = plan(&still, &scene, None, 0.5, 100);
+    assert_eq!(plan.removed.iter().map(|r| r.index).collect::<Vec<_>>(), [1, 3]);
+    assert!(plan.removed.iter().all(|r| r.cause == PruneCause::Transparent));
+    assert_eq!(plan.len_after(5), 5);
+    assert!(plan.added.iter().all(|b| b.place == Place::BehindParent && b.moments == Moments::Fresh));
+    for change in &plan.changed {
+        let parts = 1 + plan.added.iter().filter(|b| b.parent == Some(change.index)).count();
+        let whole = gaussian(opacities[change.index as usize]);
+        let through = (1.0 - sigmoid(change.gaussian.opacity_logit)).powi(parts as i32);
+        assert!((1.0 - through - sigmoid(whole.opacity_logit)).abs() < 1e-5);
+        assert!(change.gaussian.log_scale.x < whole.log_scale.x);
+        for birth in plan.added.iter().filter(|b| b.parent == Some(change.index)) {
+            assert_eq!(birth.gaussian, change.gaussian);
+        }
+    }
+}
+
+#[test]
+fn copies_go_where_opacity_is() {
+    let scene: PlanarScene = (0..400).map(|i| gaussian(if i % 2 == 0 { 0.9 } else { 0.1 })).collect();
+    let double = Mcmc { percent: 100.0, ..Mcmc::default() };
+    let plan = plan(&double, &scene, None, 0.5, 1000);
+    assert_eq!(plan.len_after(400), 800);
+    let opaque = plan.added.iter().filter(|b| b.parent.unwrap() % 2 == 0).count() as f32;
+    // 400 draws with a chance of 0.9 each: a standard deviation of 6.
+    assert!((opaque - 360.0).abs() < 30.0, "{opaque}");
+}
+
+#[test]
+fn where_gaussians_are_summed_the_parts_add_up() {
+    let opaque = PlanarGaussian { opacity_logit: f32::INFINITY, ..gaussian(0.5) };
+    let scene: PlanarScene = [opaque; 7].into_iter().collect();
+    let plan = plan(&Mcmc { percent: 100.0, ..Mcmc::default() }, &scene, None, 0.5, 1000);
+    assert_eq!(plan.len_after(7), 14);
+    let edited = after(&plan, &scene);
+    let sum: Vec3 = edited.colors.iter().sum();
+    assert!((sum - 7.0 * opaque.color).abs().max_element() < 1e-5);
+    assert!(edited.log_scales.iter().all(|&s| s == opaque.log_scale) && !edited.has_opacity());
+}
+
+#[test]
+fn where_all_are_dead_none_goes() {
+    let broken = PlanarGaussian { mean: Vec2::NAN, ..gaussian(0.5) };
+    let scene: PlanarScene = [gaussian(0.001), broken, gaussian(0.002)].into_iter().collect();
+    let plan = plan(&Mcmc::default(), &scene, None, 0.5, 100);
+    assert_eq!(plan.removed.iter().map(|r| r.index).collect::<Vec<_>>(), [1]);
+    assert!(after(&plan, &scene).means.iter().all(|m| m.is_finite()));
+    assert!(plan.len_after(3) >= 2);
+}
+
+#[test]
+fn only_mcmc_asks_for_noise() {
+    for name in Policy::NAMES {
+        assert_eq!(Policy::from_name(name).unwrap().noise().is_some(), name == "mcmc", "{name}");
+    }
+    assert_eq!(Mcmc { noise: Noise::NONE, ..Mcmc::default() }.noise(), None);
+}
+
+#[test]
+fn image_gs_starts_with_half_and_adds_four_times() {
+    let residual = residual();
+    for rounds in [1u32, 3, 4, 6, 15] {
+        let mut scene: PlanarScene = [gaussian(0.5); 50].into_iter().collect();
+        let mut additions = Vec::new();
+        for round in 1..=rounds {
+            let plan = plan(&ErrorAddition::default(), &scene, Some(&residual), round as f32 / rounds as f32, 100);
+            if !plan.added.is_empty() {
+                additions.push(plan.added.len());
+            }
+            for birth in &plan.added {
+                assert!(birth.gaussian.mean.x > 20.0, "only the right half is wrong");
+                assert_eq!(birth.gaussian.color, Vec3::new(0.9, 0.1, 0.4));
+                assert_eq!(birth.gaussian.log_scale, Vec2::splat(5f32.ln()));
+            }
+            scene = after(&plan, &scene);
+        }
+        assert_eq!(scene.len(), 100, "{rounds} rounds");
+        assert_eq!(additions.len(), rounds.min(4) as usize, "{rounds} rounds: {additions:?}");
+    }
+    let none = DensityStatistics::zeros(0);
+    let empty = PlanarScene::default();
+    let blind =
+        Observation { scene: &empty, statistics: &none, residual: None, size: SIZE, step: 0, progress: 1.0, budget: 5 };
+    assert!(matches!(ErrorAddition::default().plan(&blind, &mut Rng::new(0, 0)), Err(Error::State(_))));
+}
+
+#[test]
+fn a_long_axis_split_puts_two_side_by_side() {
+    let Policy::Absolute(policy) = Policy::from_name("long-axis").unwrap() else { panic!("another kind") };
+    let LongAxisSplit { offset, length, width, opacity } = LongAxisSplit::default();
+    assert_eq!(policy.actions.densify.split_placement, SplitPlacement::LongAxisSplit(LongAxisSplit::default()));
+    for opaque in [false, true] {
+        let mut parent = gaussian(0.5);
+        if opaque {
+            parent.opacity_logit = f32::INFINITY;
+        }
+        let scene: PlanarScene = [parent].into_iter().collect();
+        let statistics = DensityStatistics { gradient_sum: vec![1.0], visible: vec![1] };
+        let observation = Observation {
+            scene: &scene,
+            statistics: &statistics,
+            residual: None,
+            size: SIZE,
+            step: 9,
+            progress: 0.5,
+            budget: 2,
+        };
+        let edited = after(&policy.plan(&observation, &mut Rng::new(1, 2)).unwrap(), &scene);
+        assert_eq!(edited.len(), 2);
+        // The second axis is the longer: (−sin θ, cos θ), σ = e^1.4 px.
+        let along = Vec2::new(-0.4f32.sin(), 0.4f32.cos()) * 1.4f32.exp() * offset;
+        for (half, side) in edited.iter().zip([-1.0, 1.0]) {
+            assert!((half.mean - parent.mean - side * along).length() < 1e-4);
+            let shrunk = (half.log_scale - parent.log_scale).map(f32::exp);
+            assert!((shrunk - Vec2::new(width, length)).abs().max_element() < 1e-5);
+            if opaque {
+                assert!((half.color - opacity * parent.color).abs().max_element() < 1e-6);
+                assert_eq!(half.opacity_logit, f32::INFINITY);
+            } else {
+                assert!((sigmoid(half.opacity_logit) - opacity * 0.5).abs() < 1e-6);
+                assert_eq!(half.color, parent.color);
+            }
+        }
+    }
+}
+
+proptest! {
+    #[test]
+    fn budgets_are_met_exactly_and_what_is_broken_goes(
+        opacities in proptest::collection::vec(proptest::option::weighted(0.9, 0.0001f32..0.999), 1..60),
+        budget in 1usize..120, percent in 0f32..=100.0, additions in 1u32..6, progress in 0.01f32..=1.0,
+    ) {
+        let broken = PlanarGaussian { mean: Vec2::NAN, ..gaussian(0.5) };
+        let scene: PlanarScene = opacities.iter().map(|o| o.map_or(broken, gaussian)).collect();
+        let finite = opacities.iter().flatten().count();
+        let living = opacities.iter().flatten().filter(|&&o| o > 0.005).count();
+
+        let relocated = after(&plan(&Mcmc { percent, ..Mcmc::default() }, &scene, None, progress, budget), &scene);
+        prop_assert!(relocated.means.iter().all(|m| m.is_finite()));
+        let grown = (opacities.len() as f64 * (1.0 + f64::from(percent) / 100.0) - 1e-4).ceil() as usize;
+        let target = grown.max(opacities.len()).min(budget);
+        if living > 0 {
+            prop_assert_eq!(relocated.len(), target.max(living));
+            prop_assert!(relocated.opacity_logits.iter().all(|l| l.is_finite()));
+        } else {
+            prop_assert!(relocated.len() >= finite);
+        }
+
+        let residual = residual();
+        let policy = ErrorAddition { additions, ..ErrorAddition::default() };
+        let added = after(&plan(&policy, &scene, Some(&residual), 1.0, budget), &scene);
+        prop_assert_eq!(added.len(), budget.max(finite));
+        prop_assert!(added.means.iter().all(|m| m.is_finite()));
+        let early = after(&plan(&policy, &scene, Some(&residual), progress, budget), &scene);
+        prop_assert!(early.len() <= budget.max(finite));
+    }
+
+    #[test]
+    fn the_same_random_numbers_give_the_same_plan(seed in any::<u64>(), count in 1usize..40) {
+        let scene: PlanarScene = (0..count).map(|i| gaussian(0.02 + 0.9 * i as f32 / count as f32)).collect();
+        let statistics = DensityStatistics::zeros(count);
+        let residual = residual();
+        let observation = Observation {
+            scene: &scene,
+            statistics: &statistics,
+            residual: Some(&residual),
+            size: SIZE,
+            step: 99,
+            progress: 1.0,
+            budget: 2 * count,
+        };
+        for name in ["mcmc", "image-gs"] {
+            let policy = Policy::from_name(name).unwrap();
+            let of = |seed: u64| policy.plan(&observation, &mut Rng::new(u128::from(seed), 1)).unwrap();
+            prop_assert_eq!(of(seed), of(seed));
+            prop_assert!(!of(seed).is_empty());
+        }
+    }
+}
