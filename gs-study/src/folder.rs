@@ -1,6 +1,7 @@
 //! The folder of a study: one file per run, named by its address, each complete or not there; and what is made of them.
 
 use std::{
+    collections::BTreeMap,
     fs,
     path::{Path, PathBuf},
 };
@@ -15,6 +16,7 @@ use crate::{
 };
 
 const STUDY: &str = "study.toml";
+const IMAGES: &str = "images.json";
 const RUNS: &str = "runs";
 const PICTURES: &str = "pictures";
 
@@ -51,6 +53,11 @@ impl StudyFolder {
             })?;
             sweep(&part);
         }
+        let images = plan.targets.iter().filter_map(|target| Some((&target.name, target.file.as_ref()?)));
+        let found: BTreeMap<&String, PathBuf> =
+            images.map(|(name, file)| (name, fs::canonicalize(file).unwrap_or_else(|_| file.clone()))).collect();
+        let found = serde_json::to_string_pretty(&found).unwrap_or_default();
+        folder.write(IMAGES, &(found + "\n"))?;
         folder.write(STUDY, &to_toml(plan)?)?;
         Ok(folder)
     }
@@ -78,6 +85,11 @@ impl StudyFolder {
     /// A file in it.
     pub fn file(&self, name: &str) -> PathBuf {
         self.0.join(name)
+    }
+
+    /// Where the study found its images, for [`Places::remembered`](crate::Places::remembered); nothing where it does not say.
+    pub fn images(&self) -> BTreeMap<String, PathBuf> {
+        fs::read(self.file(IMAGES)).ok().and_then(|text| serde_json::from_slice(&text).ok()).unwrap_or_default()
     }
 
     /// The file of the study itself.

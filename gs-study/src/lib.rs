@@ -5,21 +5,21 @@
 //! [`conduct`] does the runs that are not done, side by side, and stores each as one file: whoever kills it loses what was under way and
 //! nothing else. [`Results`] makes tables of them, with intervals, and [`report`] a page.
 
+mod built_in;
 mod conduct;
 mod digest;
 mod error;
+mod export;
 mod folder;
 mod overrides;
 mod plan;
 mod record;
 mod replay;
-pub mod report {}
+pub mod report;
 pub mod statistics;
 mod study;
 mod tables;
 mod target;
-mod built_in;
-mod export;
 
 pub use crate::{
     built_in::{BUILT_IN, built_in},

@@ -3,14 +3,16 @@
 use gs_train::FitSettings;
 use toml::{Table, Value};
 
-/// Lays `over` upon `base`, key by key.
-///
-/// A choice is replaced as a whole: a table with another `kind`, and a table that holds a single, differently named key
-/// (`{ fraction = 0.1 }` upon `{ fixed = 20 }`).
+/// Settings of which one excludes the other, though each is a key of the same table.
+const CHOICES: [[&str; 2]; 3] = [["fixed", "fraction"], ["extent-fraction", "pixels"], ["cosine", "exponential"]];
+
+/// Lays `over` upon `base`, key by key. A choice is replaced as a whole: a table with another `kind`, or with the other of two keys
+/// that exclude each other.
 pub(crate) fn lay_upon(base: &mut Table, over: &Table) {
-    let only = |table: &Table| (table.len() == 1).then(|| table.keys().next().cloned()).flatten();
     let other_kind = base.get("kind").zip(over.get("kind")).is_some_and(|(a, b)| a != b);
-    let other_choice = only(base).zip(only(over)).is_some_and(|(a, b)| a != b);
+    let other_choice = CHOICES.iter().any(|[a, b]| {
+        base.contains_key(*a) && over.contains_key(*b) || base.contains_key(*b) && over.contains_key(*a)
+    });
     if other_kind || other_choice {
         base.clone_from(over);
         return;
@@ -69,6 +71,16 @@ mod tests {
         paper.percent = 20.0;
         assert_eq!(settings, expected);
         assert_eq!(with("").unwrap(), FitSettings::paper());
+    }
+
+    #[test]
+    fn partial_settings_add_up() {
+        let mut base: Table = "adam.mean.beta1 = 0.5\npolicy.actions.densify.shrink = 2.0".parse().unwrap();
+        lay_upon(&mut base, &"adam.scale.beta1 = 0.6\npolicy.kind = 'hybrid'".parse().unwrap());
+        let settings = applied(&FitSettings::paper(), &base).unwrap();
+        assert_eq!((settings.adam.mean.beta1, settings.adam.scale.beta1), (0.5, 0.6));
+        let Policy::Hybrid(hybrid) = settings.policy else { panic!("the policy is {:?}", settings.policy) };
+        assert_eq!(hybrid.actions.densify.shrink, 2.0);
     }
 
     #[test]

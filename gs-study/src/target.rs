@@ -1,6 +1,9 @@
 //! The images of a study, found and read.
 
-use std::path::{Path, PathBuf};
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+};
 
 use gs_core::Image;
 use gs_train::paper_target;
@@ -14,6 +17,8 @@ pub struct Places {
     pub data: Option<PathBuf>,
     /// The folder of the study's file.
     pub beside: Option<PathBuf>,
+    /// Where images were found before, by the names that the study has for them.
+    pub remembered: BTreeMap<String, PathBuf>,
 }
 
 /// An image to fit.
@@ -58,7 +63,8 @@ fn find(name: &str, places: &Places) -> Result<PathBuf, Error> {
     let folders: Vec<&PathBuf> = places.data.iter().chain(&places.beside).collect();
     let bare = path.file_name().map(Path::new);
     let candidates = folders.iter().flat_map(|folder| [Some(path), bare].into_iter().flatten().map(|p| folder.join(p)));
-    candidates.into_iter().find(|file| file.is_file()).ok_or_else(|| {
+    let remembered = places.remembered.get(name).cloned();
+    candidates.chain(remembered).find(|file| file.is_file()).ok_or_else(|| {
         let looked = folders.iter().map(|folder| folder.display().to_string()).collect::<Vec<_>>().join(" or ");
         Error::NoImage { image: name.to_owned(), looked: if looked.is_empty() { "any folder".to_owned() } else { looked } }
     })
@@ -75,11 +81,11 @@ mod tests {
         std::fs::create_dir(&folder).unwrap();
         gs_io::write_png(folder.join("a.png"), &Image::filled(3, 2, [0.25; 3]).unwrap()).unwrap();
         for data in [place.path(), &folder] {
-            let places = Places { data: Some(data.to_owned()), beside: None };
+            let places = Places { data: Some(data.to_owned()), ..Places::default() };
             let target = Target::load("kodak/a.png", &places).unwrap();
             assert_eq!((target.label(), target.image.size()), ("a", (3, 2)));
         }
-        let lost = Target::load("kodak/b.png", &Places { data: Some(folder), beside: None }).unwrap_err().to_string();
+        let lost = Target::load("kodak/b.png", &Places { data: Some(folder), ..Places::default() }).unwrap_err().to_string();
         assert!(lost.contains("kodak/b.png: no such file in ") && lost.contains("--data"), "{lost}");
         assert_eq!(Target::load("paper", &Places::default()).unwrap().image, paper_target());
     }
