@@ -88,7 +88,9 @@ pub fn conduct<R: Rasterizer<PlanarScene> + Sync>(
     });
     match trouble.into_inner().unwrap_or_else(|poisoned| poisoned.into_inner()) {
         Some(error) => Err(error),
-        None if watcher.wants_stop() && plan.runs.iter().any(|run| folder.record(run).is_none()) => Ok(Conducted::Stopped),
+        None if watcher.wants_stop() && plan.runs.iter().any(|run| folder.record(run).is_none()) => {
+            Ok(Conducted::Stopped)
+        }
         None => Ok(Conducted::Whole),
     }
 }

@@ -107,7 +107,7 @@ pub fn write_tables(results: &Results<'_>, folder: &StudyFolder) -> Result<(), E
         quality: &quality,
         differences: &differences,
     };
-    let json = serde_json::to_string_pretty(&everything)
+    let json = serde_json::to_string(&everything)
         .map_err(|error| Error::Path { path: folder.file(RESULTS), source: error.into() })?;
     folder.write(RESULTS, &(json + "\n"))
 }
@@ -143,7 +143,8 @@ fn runs_csv(rows: &[Row]) -> String {
 }
 
 fn quality_csv(rows: &[Quality]) -> String {
-    let header = "arm,budget,finished,failed,missing,gaussians,gaussians_sd,psnr,psnr_sd,ssim,ssim_sd,ms_ssim,ms_ssim_sd";
+    let header =
+        "arm,budget,finished,failed,missing,gaussians,gaussians_sd,psnr,psnr_sd,ssim,ssim_sd,ms_ssim,ms_ssim_sd";
     let lines = rows.iter().map(|q| {
         let spread = |spread: Option<Spread>, digits: usize| {
             let over_seeds = spread.and_then(|spread| spread.over_seeds);

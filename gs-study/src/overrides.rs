@@ -10,9 +10,9 @@ const CHOICES: [[&str; 2]; 3] = [["fixed", "fraction"], ["extent-fraction", "pix
 /// that exclude each other.
 pub(crate) fn lay_upon(base: &mut Table, over: &Table) {
     let other_kind = base.get("kind").zip(over.get("kind")).is_some_and(|(a, b)| a != b);
-    let other_choice = CHOICES.iter().any(|[a, b]| {
-        base.contains_key(*a) && over.contains_key(*b) || base.contains_key(*b) && over.contains_key(*a)
-    });
+    let other_choice = CHOICES
+        .iter()
+        .any(|[a, b]| base.contains_key(*a) && over.contains_key(*b) || base.contains_key(*b) && over.contains_key(*a));
     if other_kind || other_choice {
         base.clone_from(over);
         return;
@@ -64,7 +64,8 @@ mod tests {
 
     #[test]
     fn parts_are_replaced_and_the_rest_stays() {
-        let settings = with("initial = { fraction = 0.5 }\nadam.mean.learning-rate = 0.5\npolicy.percent = 20").unwrap();
+        let settings =
+            with("initial = { fraction = 0.5 }\nadam.mean.learning-rate = 0.5\npolicy.percent = 20").unwrap();
         let mut expected = FitSettings { initial: InitialCount::Fraction(0.5), ..FitSettings::paper() };
         expected.adam.mean.learning_rate = 0.5;
         let Policy::Paper(paper) = &mut expected.policy else { panic!("the paper's policy") };

@@ -160,7 +160,10 @@ mod tests {
     #[test]
     fn an_address_follows_all_that_the_result_depends_on() {
         let base = plan(TWO_ARMS).unwrap().runs[0].address.clone();
-        assert_eq!(plan(&TWO_ARMS.replace("'x'", "'another name'".replace(' ', "-").as_str())).unwrap().runs[0].address, base);
+        assert_eq!(
+            plan(&TWO_ARMS.replace("'x'", "'another name'".replace(' ', "-").as_str())).unwrap().runs[0].address,
+            base
+        );
         assert_ne!(plan(&TWO_ARMS.replace("shrink = 2.0", "shrink = 2.1")).unwrap().runs[0].address, base);
         let other_machine = Plan::new(Study::from_toml(TWO_ARMS, "").unwrap(), &Places::default(), "other").unwrap();
         assert_ne!(other_machine.runs[0].address, base);

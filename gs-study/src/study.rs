@@ -151,7 +151,9 @@ impl Study {
             return Err(self.wrong("its name is not a word", "use letters, digits, `-`, `_` and `.`"));
         }
         if let Some(name) = names.iter().find(|name| !fine(name)) {
-            return Err(self.wrong(format!("arm `{name}`: its name is not a word"), "use letters, digits, `-`, `_` and `.`"));
+            return Err(
+                self.wrong(format!("arm `{name}`: its name is not a word"), "use letters, digits, `-`, `_` and `.`")
+            );
         }
         self.listed("images", &self.images, "name at least one, such as images = [\"paper\"]")?;
         self.listed("budgets", &self.budgets, "name at least one, such as budgets = [1000]")?;

@@ -6,7 +6,7 @@ use crate::{
     folder::StudyFolder,
     plan::{Plan, Run},
     record::{Finished, Outcome, Record},
-    statistics::{Interval, Verdict, bootstrap_interval, mean, variance},
+    statistics::{FEWEST, Interval, Verdict, bootstrap_interval, mean, variance},
     study::Matching,
 };
 
@@ -163,15 +163,16 @@ impl<'a> Results<'a> {
     /// The quality of every arm at every budget.
     pub fn qualities(&self) -> Vec<Quality> {
         let budgets = &self.plan.study.budgets;
-        budgets.iter().flat_map(|&budget| (0..self.plan.study.arms.len()).map(move |arm| (arm, budget)))
+        budgets
+            .iter()
+            .flat_map(|&budget| (0..self.plan.study.arms.len()).map(move |arm| (arm, budget)))
             .map(|(arm, budget)| self.quality(arm, budget))
             .collect()
     }
 
     fn quality(&self, arm: usize, budget: u32) -> Quality {
         let of_arm = || self.rows().filter(move |(run, _)| run.arm == arm && run.budget == budget);
-        let failed =
-            of_arm().filter(|(_, r)| r.is_some_and(|r| matches!(r.outcome, Outcome::Failed { .. }))).count();
+        let failed = of_arm().filter(|(_, r)| r.is_some_and(|r| matches!(r.outcome, Outcome::Failed { .. }))).count();
         Quality {
             arm: self.plan.study.arms[arm].name.clone(),
             budget,
@@ -225,7 +226,14 @@ impl<'a> Results<'a> {
     }
 
     /// An arm held against another.
-    pub fn difference(&self, matching: Matching, metric: Metric, budget: u32, arm: usize, against: usize) -> Difference {
+    pub fn difference(
+        &self,
+        matching: Matching,
+        metric: Metric,
+        budget: u32,
+        arm: usize,
+        against: usize,
+    ) -> Difference {
         let pairs = self.pairs(arm, against, budget);
         // Of images of many sizes, each has its own time.
         let places: Vec<Common> = (0..self.plan.targets.len()).map(|target| Common::of(&pairs, target)).collect();
@@ -249,7 +257,7 @@ impl<'a> Results<'a> {
         let remark = match (matching, interval) {
             (Matching::Count, Some(_)) => counts_differ(&pairs),
             (_, Some(_)) => None,
-            (_, None) => Some(format!("{} of {} is no basis for an interval", units.len(), pairing.words())),
+            (_, None) => Some(format!("{} {} are too few: {FEWEST} at least", units.len(), pairing.words())),
         };
         let verdict = match (&remark, interval) {
             (None, Some(interval)) => interval.verdict(),
@@ -301,7 +309,9 @@ impl Common {
 
 /// Arms that end with other counts are not compared at equal count.
 fn counts_differ(pairs: &[(&Run, &Finished, &Finished)]) -> Option<String> {
-    let counts = |of: fn(&(&Run, &Finished, &Finished)) -> u32| mean(&pairs.iter().map(|p| f64::from(of(p))).collect::<Vec<_>>());
+    let counts = |of: fn(&(&Run, &Finished, &Finished)) -> u32| {
+        mean(&pairs.iter().map(|p| f64::from(of(p))).collect::<Vec<_>>())
+    };
     let (a, b) = (counts(|p| p.1.gaussians), counts(|p| p.2.gaussians));
     ((a - b).abs() > EQUAL_COUNT * a.max(b)).then(|| format!("the counts differ: {a:.0} against {b:.0} on average"))
 }

@@ -66,7 +66,10 @@ fn find(name: &str, places: &Places) -> Result<PathBuf, Error> {
     let remembered = places.remembered.get(name).cloned();
     candidates.chain(remembered).find(|file| file.is_file()).ok_or_else(|| {
         let looked = folders.iter().map(|folder| folder.display().to_string()).collect::<Vec<_>>().join(" or ");
-        Error::NoImage { image: name.to_owned(), looked: if looked.is_empty() { "any folder".to_owned() } else { looked } }
+        Error::NoImage {
+            image: name.to_owned(),
+            looked: if looked.is_empty() { "any folder".to_owned() } else { looked },
+        }
     })
 }
 
@@ -85,7 +88,8 @@ mod tests {
             let target = Target::load("kodak/a.png", &places).unwrap();
             assert_eq!((target.label(), target.image.size()), ("a", (3, 2)));
         }
-        let lost = Target::load("kodak/b.png", &Places { data: Some(folder), ..Places::default() }).unwrap_err().to_string();
+        let lost =
+            Target::load("kodak/b.png", &Places { data: Some(folder), ..Places::default() }).unwrap_err().to_string();
         assert!(lost.contains("kodak/b.png: no such file in ") && lost.contains("--data"), "{lost}");
         assert_eq!(Target::load("paper", &Places::default()).unwrap().image, paper_target());
     }

@@ -14,8 +14,8 @@ use gs_core::{EditPlan, Error as CoreError, PlanarGaussian, effects::Statistics}
 use gs_cpu::{CpuRasterizer, CpuSettings};
 use gs_density::{DensityPolicy, Observation, Rng};
 use gs_study::{
-    Arm, Conducted, Error, Existing, Matching, Metric, Outcome, Places, Plan, Results, Run, Study, StudyFolder, Watcher,
-    conduct, replay, report, scene_digest, statistics::Verdict, write_tables,
+    Arm, Conducted, Error, Existing, Matching, Metric, Outcome, Places, Plan, Results, Run, Study, StudyFolder,
+    Watcher, conduct, replay, report, scene_digest, statistics::Verdict, write_tables,
 };
 use gs_train::fit;
 
@@ -31,7 +31,8 @@ fn cpu(threads: usize) -> CpuRasterizer {
 /// A folder with an image for the study.
 fn place() -> tempfile::TempDir {
     let place = tempfile::tempdir().unwrap();
-    let stripes = gs_core::Image::from_fn(48, 40, |x, y| [if x / 6 % 2 == 0 { 0.9 } else { 0.1 }, y as f32 / 40.0, 0.5]);
+    let stripes =
+        gs_core::Image::from_fn(48, 40, |x, y| [if x / 6 % 2 == 0 { 0.9 } else { 0.1 }, y as f32 / 40.0, 0.5]);
     gs_io::write_png(place.path().join("stripes.png"), &stripes.unwrap()).unwrap();
     place
 }
@@ -230,7 +231,14 @@ fn a_policy_of_ones_own_takes_part_under_its_fingerprint() {
 #[test]
 fn arms_that_are_alike_are_not_told_apart_and_counts_that_differ_are_not_compared() {
     let place = place();
-    let mut twins = study();
+    // Six images, the least that an interval is made of.
+    for i in 0..6 {
+        let waves =
+            |x: u32, y: u32| [0.0, 1.0, 2.0].map(|c| 0.5 + 0.4 * ((x + 2 * y) as f32 / (3 + i) as f32 + c).sin());
+        let name = format!("{i}.png");
+        gs_io::write_png(place.path().join(name), &gs_core::Image::from_fn(24, 20, waves).unwrap()).unwrap();
+    }
+    let mut twins = Study { images: (0..6).map(|i| format!("{i}.png")).collect(), ..study() };
     twins.arms.push(Arm { name: "none-again".to_owned(), ..twins.arms[0].clone() });
     let plan = laid_out(twins, place.path());
     let folder = conducted(&plan, &place.path().join("out"), 1, 1);
@@ -240,8 +248,14 @@ fn arms_that_are_alike_are_not_told_apart_and_counts_that_differ_are_not_compare
     let grown = results.difference(Matching::Count, Metric::Psnr, 60, 1, 0);
     assert_eq!(grown.verdict, Verdict::CannotTell);
     assert!(grown.remark.is_some_and(|remark| remark.contains("the counts differ")));
+    let after_steps = results.difference(Matching::Iterations, Metric::Psnr, 60, 1, 0);
+    assert_eq!((after_steps.pairs, after_steps.verdict), (6, Verdict::Better), "{after_steps:?}");
     let differences = fs::read_to_string(folder.file("differences.csv")).unwrap();
-    assert_eq!(differences.lines().count(), 1 + 2 * 3 * (2 + 1), "2 budgets, 3 pairs; PSNR and SSIM at equal count, PSNR");
+    assert_eq!(
+        differences.lines().count(),
+        1 + 2 * 3 * (2 + 1),
+        "2 budgets, 3 pairs; PSNR and SSIM at equal count, PSNR"
+    );
 }
 
 #[test]
@@ -250,7 +264,9 @@ fn the_report_is_one_page_with_all_its_pictures() {
     let plan = laid_out(study(), place.path());
     let folder = conducted(&plan, &place.path().join("out"), 1, 2);
     let page = fs::read_to_string(folder.file("report.html")).unwrap();
-    for expected in ["Which arm wins", "Does growth help?", "gs study small.toml", "percentile", "<svg", "data:image/jpeg;base64,"] {
+    for expected in
+        ["Which arm wins", "Does growth help?", "gs study small.toml", "percentile", "<svg", "data:image/jpeg;base64,"]
+    {
         assert!(page.contains(expected), "{expected}");
     }
     let linked = page.matches("src=\"").count();

@@ -10,7 +10,9 @@ use std::{
 };
 
 use gs_core::{PlanarScene, Rasterizer};
-use gs_study::{Conducted, Existing, Places, Plan, Results, Study, StudyFolder, built_in, conduct, report, write_tables};
+use gs_study::{
+    Conducted, Existing, Places, Plan, Results, Study, StudyFolder, built_in, conduct, report, write_tables,
+};
 
 use crate::{
     backend::{Team, TeamTask},
@@ -94,7 +96,9 @@ fn read(name: &Path) -> Result<(Study, Option<PathBuf>), Failure> {
         };
     }
     let text = fs::read_to_string(name).map_err(|error| {
-        Failure::failed(format_args!("cannot be read: {error}")).at(name.display()).mend("name the TOML file of a study")
+        Failure::failed(format_args!("cannot be read: {error}"))
+            .at(name.display())
+            .mend("name the TOML file of a study")
     })?;
     let study = Study::from_toml(&text, &name.display().to_string())?;
     Ok((study, name.parent().map(Path::to_owned)))

@@ -157,14 +157,8 @@ mod tests {
 
     #[test]
     fn the_time_left_follows_the_work_and_not_the_number_of_runs() {
-        let state = |work_done, work_left| State {
-            running: 2,
-            done: 5,
-            failed: 1,
-            work_done,
-            work_left,
-            told: Instant::now(),
-        };
+        let state =
+            |work_done, work_left| State { running: 2, done: 5, failed: 1, work_done, work_left, told: Instant::now() };
         assert_eq!(state(1.0, 3.0).message(Duration::from_secs(10)), "2 running  1 failed  30 s left");
         assert!(state(0.0, 3.0).message(Duration::ZERO).contains("some time left"));
     }

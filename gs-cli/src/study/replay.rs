@@ -62,7 +62,10 @@ fn write(plan: &Plan, row: usize, replayed: &Replayed, output: &Path) -> Result<
     let mut render = run.settings.render;
     render.effects.statistics = Statistics::None;
     let (width, height) = image.size();
-    write_scene(folder.file("scene.gs2d.safetensors"), &PlanarFile { scene: scene.clone(), width, height, settings: render })?;
+    write_scene(
+        folder.file("scene.gs2d.safetensors"),
+        &PlanarFile { scene: scene.clone(), width, height, settings: render },
+    )?;
     write_png(folder.file("reconstruction.png"), image)?;
     let text = settings::to_toml(&run.settings)?;
     write_atomically(folder.file("settings.toml"), |file| file.write_all(text.as_bytes()))?;

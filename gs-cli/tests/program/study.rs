@@ -118,5 +118,7 @@ fn what_cannot_be_studied_is_refused_in_one_line_before_any_work() {
     assert!(line(&["replay", place.path().to_str().unwrap(), "1"]).contains("holds no study"));
     gs(arguments(&file, &output)).done();
     assert!(gs(arguments(&file, &output)).refusal().contains("holds a study already: go on with it with --resume"));
-    assert!(line(&["replay", output.to_str().unwrap(), "13", "--backend", "cpu"]).contains("the study has rows 1 to 12"));
+    assert!(
+        line(&["replay", output.to_str().unwrap(), "13", "--backend", "cpu"]).contains("the study has rows 1 to 12")
+    );
 }

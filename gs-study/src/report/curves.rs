@@ -44,9 +44,7 @@ pub(crate) fn quality_over_time(results: &Results<'_>, budget: u32) -> Figure {
             return Vec::new();
         }
         let time = |i: usize| first * (last / first).powf(i as f64 / (TIMES - 1) as f64);
-        (0..TIMES)
-            .filter_map(|i| point(results, arm, budget, time(i), |run| run.psnr_within(time(i))))
-            .collect()
+        (0..TIMES).filter_map(|i| point(results, arm, budget, time(i), |run| run.psnr_within(time(i)))).collect()
     });
     Figure {
         name: format!("quality-over-time-{budget}"),
@@ -60,8 +58,12 @@ pub(crate) fn quality_over_time(results: &Results<'_>, budget: u32) -> Figure {
 /// The number of Gaussians over the steps of the optimiser.
 pub(crate) fn growth(results: &Results<'_>, budget: u32) -> Figure {
     let series = each_arm(results, |arm| {
-        let steps: Vec<u32> =
-            results.finished(arm, budget).next().into_iter().flat_map(|(_, run)| run.course.iter().map(|r| r.step)).collect();
+        let steps: Vec<u32> = results
+            .finished(arm, budget)
+            .next()
+            .into_iter()
+            .flat_map(|(_, run)| run.course.iter().map(|r| r.step))
+            .collect();
         let count = |run: &Finished, step: u32| {
             let before = run.course.partition_point(|row| row.step <= step);
             run.course.get(before.checked_sub(1)?).map(|row| f64::from(row.count))

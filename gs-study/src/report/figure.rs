@@ -13,7 +13,10 @@ use plotters::{
         types::RangedCoordf64,
     },
     prelude::*,
-    style::{FontStyle, register_font, text_anchor::{HPos, Pos, VPos}},
+    style::{
+        FontStyle, register_font,
+        text_anchor::{HPos, Pos, VPos},
+    },
 };
 
 use crate::{error::Error, statistics::Interval};
@@ -40,8 +43,12 @@ const HEIGHT: u32 = 420;
 /// Enlargement of the picture in pixels.
 const SHARPNESS: u32 = 2;
 const FONT: &str = "sans-serif";
-/// Width of a letter, as a part of the font's size, with room to spare.
-const LETTER: f64 = 0.58;
+/// Sizes of letters, in the unit of the drawing library: a quarter more than px.
+const TITLE: u32 = 19;
+const MEDIUM: u32 = 17;
+const SMALL: u32 = 16;
+/// Width of a letter, as a part of the font's size.
+const LETTER: f64 = 0.5;
 
 /// A figure before it is drawn.
 #[derive(Debug, Clone, PartialEq)]
@@ -188,7 +195,8 @@ impl Figure {
         let points = || series.iter().flat_map(|series| &series.points);
         let xs = range(points().map(|point| self.x.scale.place(point.x)), 0.02);
         let ys = range(points().flat_map(|point| [point.low, point.high]), 0.05);
-        let mut chart = self.chart(area, zoom, top, 62, (xs.clone(), self.x.scale.ticks(&xs)), (ys.clone(), ticks(&ys, 7)))?;
+        let mut chart =
+            self.chart(area, zoom, top, 62, (xs.clone(), self.x.scale.ticks(&xs)), (ys.clone(), ticks(&ys, 7)))?;
         let x_digits = digits(&self.x.scale.ticks(&xs));
         let y_digits = digits(&ticks(&ys, 7));
         self.axes(&mut chart, zoom, &|x| self.x.scale.label(*x, x_digits), &|y| label(*y, y_digits))?;
@@ -224,7 +232,7 @@ impl Figure {
         let rows = bars.len().max(1) as f64;
         let centers: Vec<f64> = (0..bars.len()).map(|row| row as f64 + 0.5).collect();
         let longest = bars.iter().map(|bar| bar.label.chars().count()).max().unwrap_or(0);
-        let labels = (longest as f64 * LETTER * 13.0) as u32 + 12;
+        let labels = (longest as f64 * LETTER * f64::from(SMALL)) as u32 + 12;
         let mut chart = self.chart(area, zoom, top, labels, (xs.clone(), ticks(&xs, 8)), (rows..0.0, centers))?;
         let x_digits = digits(&ticks(&xs, 8));
         let name = |y: &f64| bars.get(*y as usize).map_or_else(String::new, |bar| bar.label.clone());
@@ -257,10 +265,10 @@ impl Figure {
         let z = zoom as i32;
         let middle = Pos::new(HPos::Left, VPos::Center);
         let text = |size: u32| (FONT, f64::from(size * zoom)).into_font().color(&INK).pos(middle);
-        area.draw(&Text::new(self.title.clone(), (14 * z, 18 * z), text(16)))?;
+        area.draw(&Text::new(self.title.clone(), (14 * z, 18 * z), text(TITLE)))?;
         let (mut x, mut y) = (14, 42);
         for Series { arm, name, .. } in series {
-            let width = 36 + (name.chars().count() as f64 * LETTER * 13.0) as i32;
+            let width = 36 + (name.chars().count() as f64 * LETTER * f64::from(SMALL)) as i32;
             if x + width > WIDTH as i32 - 10 && x > 14 {
                 (x, y) = (14, y + 20);
             }
@@ -271,7 +279,7 @@ impl Figure {
                 area.draw(&PathElement::new(vec![((x + from) * z, y * z), ((x + to) * z, y * z)], style))?;
             }
             mark(area, *arm, ((x + 12) * z, y * z), 4 * z)?;
-            area.draw(&Text::new(name.clone(), ((x + 29) * z, y * z), text(13)))?;
+            area.draw(&Text::new(name.clone(), ((x + 29) * z, y * z), text(SMALL)))?;
             x += width + 12;
         }
         Ok(if series.is_empty() { 34 } else { y as u32 + 14 })
@@ -314,8 +322,8 @@ impl Figure {
             .y_desc(&self.y)
             .x_label_formatter(x_label)
             .y_label_formatter(y_label)
-            .axis_desc_style(font(14))
-            .label_style(font(13))
+            .axis_desc_style(font(MEDIUM))
+            .label_style(font(SMALL))
             .draw()
     }
 }
@@ -464,7 +472,10 @@ mod tests {
 
     #[test]
     fn lines_are_drawn_in_their_colours_with_axes_and_units() {
-        let points = |from: f64| (1..50).map(|i| f64::from(i)).map(|x| Point { x, y: from + x, low: from, high: from + 2.0 * x });
+        let points = |from: f64| {
+            let x = (1..50).map(f64::from);
+            x.map(move |x| Point { x, y: from + x, low: from, high: from + 2.0 * x })
+        };
         let series = (0..9).map(|arm| Series { arm, name: format!("arm{arm}"), points: points(arm as f64).collect() });
         let figure = figure(Marks::Lines(series.collect(), Dots::Last));
         let svg = figure.inline_svg().unwrap();

@@ -7,13 +7,12 @@ use crate::{
     plan::{Run, VERSION},
     record::Outcome,
     report::{
-        at_equal,
+        at_equal, figure,
         figure::{Figure, color},
-        figure,
         pictures::{FULL_SCALE, Multiples},
         standings::{Standing, standings},
     },
-    statistics::{CONFIDENCE, RESAMPLES, Verdict},
+    statistics::{CONFIDENCE, FEWEST, RESAMPLES, Verdict},
     study::Matching,
     tables::{Difference, EQUAL_COUNT, Metric, Quality, Results, Spread},
 };
@@ -37,7 +36,8 @@ pub(crate) fn headline(results: &Results<'_>, standing: &Standing) -> String {
     let Standing { matching, budget, leader, next, not_told_apart, not_compared } = standing;
     let ahead = next.map_or_else(String::new, |next| format!(", {:.2} dB ahead", leader.1 - next));
     let told: Vec<usize> = not_told_apart.iter().copied().filter(|arm| !not_compared.contains(arm)).collect();
-    let mut text = format!("{budget} Gaussians, {}: {} leads with {:.2} dB{ahead}", at_equal(*matching), name(leader.0), leader.1);
+    let mut text =
+        format!("{budget} Gaussians, {}: {} leads with {:.2} dB{ahead}", at_equal(*matching), name(leader.0), leader.1);
     if !told.is_empty() {
         text += &format!("; can't be told from it: {}", names(&told));
     }
@@ -208,7 +208,8 @@ impl Page<'_> {
                 Some(figure) => figure.inline_svg()?,
                 None => String::new(),
             };
-            let metrics = if matching == Matching::Count { &[Metric::Psnr, Metric::MsSsim][..] } else { &[Metric::Psnr] };
+            let metrics =
+                if matching == Matching::Count { &[Metric::Psnr, Metric::MsSsim][..] } else { &[Metric::Psnr] };
             let rows: Vec<(usize, Vec<Difference>)> = study
                 .budgets
                 .iter()
@@ -256,8 +257,8 @@ impl Page<'_> {
                 td { (grouped(difference.budget)) }
                 td { (self.swatch(arm)) (difference.arm) }
                 td.quiet { (match difference.metric { Metric::Psnr => "PSNR", Metric::Ssim => "SSIM", Metric::MsSsim => "MS-SSIM" }) }
-                td.number { @if let Some(mean) = difference.mean { (format!("{mean:+.digits$}")) " " (unit) } }
-                td { @if let Some(i) = difference.interval { (format!("{:+.digits$} to {:+.digits$}", i.low, i.high)) } }
+                td.number { @if let Some(mean) = difference.mean { (signed(mean, digits)) " " (unit) } }
+                td { @if let Some(i) = difference.interval { (signed(i.low, digits)) " to " (signed(i.high, digits)) } }
                 td {
                     span class=(class) { (difference.verdict.words()) }
                     @if let Some(remark) = &difference.remark { br; span.quiet { (remark) } }
@@ -284,7 +285,8 @@ impl Page<'_> {
     }
 
     fn pictures(&self) -> Markup {
-        let side = |window: [u32; 4]| format!("{}×{} px at column {}, row {}", window[2], window[3], window[0], window[1]);
+        let side =
+            |window: [u32; 4]| format!("{}×{} px at column {}, row {}", window[2], window[3], window[0], window[1]);
         html! {
             section {
                 h2 { "Pictures" }
@@ -385,7 +387,7 @@ impl Page<'_> {
                     li { "Every arm fitted every image at every budget from every seed with the same rasterizer. Each run is a row of "
                         code { "runs.csv" } "; " code { "gs study replay DIR ROW" } " does it again and ends in the same scene, bit for bit." }
                     li { "A difference is taken image by image (mean over seeds first) where there are several images, else seed by seed. Its interval: "
-                        (grouped(RESAMPLES as u32)) " bootstrap resamples of these pairs, the mean, and the percentiles expanded for small samples "
+                        (grouped(RESAMPLES as u32)) " bootstrap resamples of these pairs, of which there must be " (FEWEST) " at least; their means, and percentiles expanded for small samples "
                         "(Hesterberg 2015), for a confidence of " (format!("{:.0}", 100.0 * CONFIDENCE)) " %. With several comparisons, one in twenty "
                         "may be called a difference where there is none." }
                     li { "Equal count: the ends of the fits; arms whose mean counts differ by more than " (format!("{:.0}", 100.0 * EQUAL_COUNT))
@@ -426,6 +428,11 @@ fn grouped(value: u32) -> String {
     let groups = digits.as_bytes()[lead..].chunks(3).map(|group| String::from_utf8_lossy(group).into_owned());
     let parts: Vec<String> = (lead > 0).then(|| digits[..lead].to_owned()).into_iter().chain(groups).collect();
     parts.join(",")
+}
+
+/// A number with its sign, with a minus as wide as a plus.
+fn signed(value: f64, digits: usize) -> String {
+    format!("{value:+.digits$}").replace('-', "−")
 }
 
 fn capital(text: &str) -> String {

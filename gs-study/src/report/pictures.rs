@@ -9,9 +9,9 @@ use crate::{error::Error, tables::Results};
 /// Side of a picture, px.
 const SIDE: u32 = 176;
 /// Quality of the packed pictures, 1 to 100.
-const QUALITY: u8 = 85;
+const QUALITY: u8 = 80;
 /// A report shows this many pictures at most.
-const MOST: usize = 96;
+const MOST: usize = 80;
 /// The largest absolute difference of a channel that the error maps tell from larger ones.
 pub(crate) const FULL_SCALE: f32 = 0.25;
 
@@ -104,7 +104,8 @@ fn squared(a: [f32; 3], b: [f32; 3]) -> f64 {
 }
 
 fn cut(image: &Image, [left, top, columns, rows]: [u32; 4]) -> Image {
-    Image::from_fn(columns, rows, |x, y| image.pixel(left + x, top + y)).expect("a part of an image is of a possible size")
+    Image::from_fn(columns, rows, |x, y| image.pixel(left + x, top + y))
+        .expect("a part of an image is of a possible size")
 }
 
 /// The largest absolute difference of a channel, from black (none) over red to pale yellow ([`FULL_SCALE`] and more): a scale that gets
