@@ -11,7 +11,7 @@ const SIDE: u32 = 176;
 /// Quality of the packed pictures, 1 to 100.
 const QUALITY: u8 = 80;
 /// A report shows this many pictures at most.
-const MOST: usize = 80;
+const MOST: usize = 88;
 /// The largest absolute difference of a channel that the error maps tell from larger ones.
 pub(crate) const FULL_SCALE: f32 = 0.25;
 
