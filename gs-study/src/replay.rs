@@ -74,6 +74,8 @@ fn end(run: &Run, folder: &StudyFolder) -> Option<End> {
     }
     let recorded = export::recorded(folder)?;
     let row = recorded.runs.into_iter().nth(run.row - 1)?;
-    let done = row.scene.is_some() || row.address != run.address;
-    done.then(|| End { address: row.address, scene: row.scene, version: recorded.version, machine: recorded.machine })
+    if row.scene.is_none() && row.address == run.address {
+        return None;
+    }
+    Some(End { address: row.address, scene: row.scene, version: recorded.version, machine: recorded.machine })
 }

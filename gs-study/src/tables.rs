@@ -313,5 +313,5 @@ fn counts_differ(pairs: &[(&Run, &Finished, &Finished)]) -> Option<String> {
         mean(&pairs.iter().map(|p| f64::from(of(p))).collect::<Vec<_>>())
     };
     let (a, b) = (counts(|p| p.1.gaussians), counts(|p| p.2.gaussians));
-    ((a - b).abs() > EQUAL_COUNT * a.max(b)).then(|| format!("the counts differ: {a:.0} against {b:.0} on average"))
+    ((a - b).abs() > EQUAL_COUNT * a.max(b)).then(|| format!("counts differ: {a:.0} against {b:.0}"))
 }

@@ -3,7 +3,7 @@
 use crate::{
     plan::Run,
     record::Finished,
-    report::figure::{Axis, Bar, Figure, Marks, Point, Scale, Series},
+    report::figure::{Axis, Bar, Dots, Figure, Marks, Point, Scale, Series},
     statistics::mean,
     study::Matching,
     tables::{Metric, Results},
@@ -29,7 +29,7 @@ pub(crate) fn quality_over_count(results: &Results<'_>) -> Figure {
         title: "Quality against count".to_owned(),
         x: Axis { label: "Gaussians at the end".to_owned(), scale: Scale::Logarithmic },
         y: "PSNR, dB".to_owned(),
-        marks: Marks::Lines(series, crate::report::figure::Dots::All),
+        marks: Marks::Lines(series, Dots::All),
     }
 }
 
@@ -40,7 +40,7 @@ pub(crate) fn quality_over_time(results: &Results<'_>, budget: u32) -> Figure {
         let measured = |run: &&Finished| run.course.iter().find(|row| row.psnr.is_some()).map(|row| row.seconds);
         let first = runs.iter().filter_map(measured).fold(0.0f64, f64::max).max(1e-4);
         let last = mean(&runs.iter().map(|run| run.seconds).collect::<Vec<_>>());
-        if !(last > first) {
+        if last.is_nan() || last <= first {
             return Vec::new();
         }
         let time = |i: usize| first * (last / first).powf(i as f64 / (TIMES - 1) as f64);
@@ -51,7 +51,7 @@ pub(crate) fn quality_over_time(results: &Results<'_>, budget: u32) -> Figure {
         title: format!("Quality against time, at most {budget} Gaussians"),
         x: Axis { label: "time spent fitting, s".to_owned(), scale: Scale::Logarithmic },
         y: "PSNR, dB".to_owned(),
-        marks: Marks::Lines(series, crate::report::figure::Dots::Last),
+        marks: Marks::Lines(series, Dots::Last),
     }
 }
 
@@ -78,7 +78,7 @@ pub(crate) fn growth(results: &Results<'_>, budget: u32) -> Figure {
         title: format!("Growth, at most {budget} Gaussians"),
         x: Axis { label: "step of the optimiser".to_owned(), scale: Scale::Linear },
         y: "Gaussians".to_owned(),
-        marks: Marks::Lines(series, crate::report::figure::Dots::Last),
+        marks: Marks::Lines(series, Dots::Last),
     }
 }
 

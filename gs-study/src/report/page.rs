@@ -208,25 +208,31 @@ impl Page<'_> {
                 Some(figure) => figure.inline_svg()?,
                 None => String::new(),
             };
-            let metrics =
-                if matching == Matching::Count { &[Metric::Psnr, Metric::MsSsim][..] } else { &[Metric::Psnr] };
-            let rows: Vec<(usize, Vec<Difference>)> = study
-                .budgets
-                .iter()
-                .flat_map(|&budget| others.iter().map(move |&arm| (budget, arm)))
-                .map(|(budget, arm)| {
-                    let of = |&metric: &Metric| self.results.difference(matching, metric, budget, arm, baseline);
-                    (arm, metrics.iter().map(of).filter(|d| d.mean.is_some()).collect())
-                })
-                .collect();
+            // At the ends of fits there are more measures than PSNR.
+            let second = (matching == Matching::Count && self.has_ms_ssim()).then_some(Metric::MsSsim);
+            let rows: Vec<(u32, usize)> =
+                study.budgets.iter().flat_map(|&budget| others.iter().map(move |&arm| (budget, arm))).collect();
+            let of = |metric: Metric, (budget, arm): (u32, usize)| {
+                self.results.difference(matching, metric, budget, arm, baseline)
+            };
             parts.push(html! {
                 h3 { (capital(at_equal(matching))) }
                 div.beside {
                     figure { (PreEscaped(drawn)) }
                     div.wide { table.small {
-                        thead { tr { th { "budget" } th { "arm" } th { "" } th.number { "difference" } th { "95 % interval" } th { "verdict" } } }
+                        thead { tr {
+                            th { "budget" } th { "arm" } th.number { "PSNR, dB" } th { }
+                            @if second.is_some() { th.number { "MS-SSIM" } th { } }
+                        } }
                         tbody {
-                            @for (arm, differences) in &rows { @for difference in differences { (self.difference(*arm, difference)) } }
+                            @for &row in &rows {
+                                tr {
+                                    td { (grouped(row.0)) }
+                                    td.name { (self.swatch(row.1)) (study.arms[row.1].name) }
+                                    (difference_cells(&of(Metric::Psnr, row), 2, Remarks::Shown))
+                                    @if let Some(metric) = second { (difference_cells(&of(metric, row), 4, Remarks::Hidden)) }
+                                }
+                            }
                         }
                     } }
                 }
@@ -236,7 +242,8 @@ impl Page<'_> {
             section {
                 h2 { "Differences from " (study.arms[baseline].name) }
                 p {
-                    "Paired: each image with itself. An arm is better or worse where the whole interval lies on one side of 0. "
+                    "Paired: each image with itself. Under each mean difference is its 95 % interval; an arm is better or worse where the whole of it lies "
+                    "on one side of 0. "
                     "Hollow marks are not judged. Every other pair of arms is in " code { "differences.csv" } "."
                 }
                 @for part in parts { (part) }
@@ -244,27 +251,9 @@ impl Page<'_> {
         })
     }
 
-    fn difference(&self, arm: usize, difference: &Difference) -> Markup {
-        let digits = if difference.metric == Metric::Psnr { 2 } else { 4 };
-        let unit = if difference.metric == Metric::Psnr { "dB" } else { "" };
-        let class = match difference.verdict {
-            Verdict::Better => "verdict better",
-            Verdict::Worse => "verdict worse",
-            Verdict::CannotTell => "verdict",
-        };
-        html! {
-            tr {
-                td { (grouped(difference.budget)) }
-                td { (self.swatch(arm)) (difference.arm) }
-                td.quiet { (match difference.metric { Metric::Psnr => "PSNR", Metric::Ssim => "SSIM", Metric::MsSsim => "MS-SSIM" }) }
-                td.number { @if let Some(mean) = difference.mean { (signed(mean, digits)) " " (unit) } }
-                td { @if let Some(i) = difference.interval { (signed(i.low, digits)) " to " (signed(i.high, digits)) } }
-                td {
-                    span class=(class) { (difference.verdict.words()) }
-                    @if let Some(remark) = &difference.remark { br; span.quiet { (remark) } }
-                }
-            }
-        }
+    fn has_ms_ssim(&self) -> bool {
+        let mut finished = self.results.records.iter().flatten().filter_map(|record| record.outcome.finished());
+        finished.any(|run| run.ms_ssim.is_some())
     }
 
     fn curves(&self) -> Result<Markup, Error> {
@@ -405,6 +394,35 @@ impl Page<'_> {
     fn swatch(&self, arm: usize) -> Markup {
         let plotters::style::RGBColor(r, g, b) = color(arm);
         html! { span.swatch style=(format!("background:#{r:02X}{g:02X}{b:02X}")) {} }
+    }
+}
+
+/// Whether a cell says why there is no verdict.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Remarks {
+    Shown,
+    /// The cell beside it does.
+    Hidden,
+}
+
+/// Two cells: the difference with its interval, and the verdict.
+fn difference_cells(difference: &Difference, digits: usize, remarks: Remarks) -> Markup {
+    let class = match difference.verdict {
+        Verdict::Better => "verdict better",
+        Verdict::Worse => "verdict worse",
+        Verdict::CannotTell => "verdict",
+    };
+    html! {
+        td.number {
+            @if let Some(mean) = difference.mean { (signed(mean, digits)) } @else { "–" }
+            @if let Some(interval) = difference.interval {
+                br; span.quiet { (signed(interval.low, digits)) " to " (signed(interval.high, digits)) }
+            }
+        }
+        td {
+            span class=(class) { (difference.verdict.words()) }
+            @if let (Some(remark), Remarks::Shown) = (&difference.remark, remarks) { br; span.quiet { (remark) } }
+        }
     }
 }
 
