@@ -134,7 +134,7 @@ pub(crate) fn fit<R: Rasterizer<PlanarScene>>(
     watcher: &dyn Watcher,
 ) -> Result<Option<(PlanarScene, Image, Finished)>, FitError> {
     let mut trainer = Trainer::new(rasterizer, &plan.target(run).image, run.settings.clone())?;
-    if let Some(own) = &plan.arm(run).policy {
+    if let Some(own) = &plan.arm(run).own_policy {
         trainer = trainer.controlled_by(own.policy.clone());
     }
     let mut log = MetricsLog::for_settings(&run.settings);
@@ -182,7 +182,7 @@ fn record(plan: &Plan, run: &Run, outcome: Outcome) -> Result<Record, Error> {
         machine: plan.machine.clone(),
         image: target.name.clone(),
         target: target.digest.clone(),
-        policy: plan.arm(run).policy.as_ref().map(|own| own.fingerprint.clone()),
+        policy: plan.arm(run).own_policy.as_ref().map(|own| own.fingerprint.clone()),
         settings,
         outcome,
     })

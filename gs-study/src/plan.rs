@@ -1,5 +1,6 @@
 //! A study laid out: every run that it asks for, in a fixed order, with all its settings and its address.
 
+use gs_density::Policy;
 use gs_train::{FitSettings, InitialCount, Preset};
 
 use crate::{
@@ -98,7 +99,7 @@ impl Plan {
 
 /// All settings of an arm but the seed, for an image of `size` (columns, rows).
 fn settings(study: &Study, arm: &Arm, budget: u32, size: (u32, u32)) -> Result<FitSettings, Error> {
-    let start = match (arm.preset.unwrap_or(study.preset), arm.iterations.or(study.iterations)) {
+    let mut start = match (arm.preset.unwrap_or(study.preset), arm.iterations.or(study.iterations)) {
         (Preset::Paper, iterations) => {
             let paper = Preset::Paper.settings(budget, size);
             let iterations = iterations.unwrap_or(paper.iterations);
@@ -107,6 +108,9 @@ fn settings(study: &Study, arm: &Arm, budget: u32, size: (u32, u32)) -> Result<F
         (_, Some(iterations)) => FitSettings::for_image(budget, size, iterations),
         (preset, None) => preset.settings(budget, size),
     };
+    if let Some(name) = &arm.policy {
+        start.policy = Policy::from_name(name).map_err(|error| wrong(study, arm, error.to_string()))?;
+    }
     let mut over = study.settings.clone();
     overrides::lay_upon(&mut over, &arm.settings);
     let mut settings = overrides::applied(&start, &over).map_err(|message| wrong(study, arm, message))?;
@@ -123,7 +127,7 @@ fn wrong(study: &Study, arm: &Arm, message: String) -> Error {
 
 fn address(arm: &Arm, settings: &FitSettings, target: &Target, machine: &str) -> Result<String, String> {
     let settings = toml::to_string(settings).map_err(|error| error.to_string())?;
-    let policy = arm.policy.as_ref().map_or("", |own| own.fingerprint.as_str());
+    let policy = arm.own_policy.as_ref().map_or("", |own| own.fingerprint.as_str());
     Ok(digest::of_texts(["gs-study run 1", VERSION, machine, &target.digest, policy, &settings]))
 }
 
@@ -158,6 +162,14 @@ mod tests {
     }
 
     #[test]
+    fn a_policy_by_its_name_is_what_settings_differ_from() {
+        let named =
+            TWO_ARMS.replace("settings.policy.kind = 'percentile'", "policy = 'hybrid'\nsettings.policy.percent = 25");
+        let Policy::Hybrid(hybrid) = plan(&named).unwrap().runs[1].settings.policy.clone() else { panic!("a hybrid") };
+        assert_eq!((hybrid.percent, hybrid.actions.densify.shrink), (25.0, 2.0));
+    }
+
+    #[test]
     fn an_address_follows_all_that_the_result_depends_on() {
         let base = plan(TWO_ARMS).unwrap().runs[0].address.clone();
         assert_eq!(
@@ -178,6 +190,11 @@ mod tests {
             ("seeds = [3, 4]", "seeds = [-1]", "line 4"),
             ("budgets = [10, 600]", "budgets = [0]", "0 Gaussians draw nothing"),
             ("'paper']", "'no/such.png']", "no/such.png: no such file in any folder: name the folder"),
+            (
+                "name = 'b'",
+                "name = 'b'\npolicy = 'percentil'",
+                "arm `b`: policy is `percentil`, but must be one of absolute",
+            ),
             ("name = 'b'", "name = 'a'", "\"a\" stands there twice"),
             ("name = 'b'", "name = 'a/b'", "its name is not a word"),
             ("name = 'x'", "name = 'x'\nbaseline = 'c'", "there is no arm `c`"),

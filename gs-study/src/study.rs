@@ -63,12 +63,15 @@ pub struct Arm {
     /// In place of the study's iterations.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub iterations: Option<u32>,
-    /// Settings that differ from the study's.
+    /// A policy by its name, with its source's numbers: one of [`gs_density::Policy::NAMES`].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub policy: Option<String>,
+    /// Settings that differ from the study's and the policy's.
     #[serde(default, skip_serializing_if = "toml::Table::is_empty")]
     pub settings: toml::Table,
     /// In place of a policy that settings can name; in the library only.
     #[serde(skip)]
-    pub policy: Option<OwnPolicy>,
+    pub own_policy: Option<OwnPolicy>,
 }
 
 /// A policy of the caller's own.
@@ -91,9 +94,15 @@ impl Arm {
     /// An arm that differs from the study's settings in nothing but its policy, one of the caller's own; `fingerprint` as in
     /// [`OwnPolicy::fingerprint`].
     pub fn with_policy(name: impl Into<String>, fingerprint: impl Into<String>, policy: ForeignPolicy) -> Self {
-        let policy = Some(OwnPolicy { fingerprint: fingerprint.into(), policy });
-        let (name, about, settings) = (name.into(), String::new(), toml::Table::new());
-        Self { name, about, preset: None, iterations: None, settings, policy }
+        Self {
+            name: name.into(),
+            about: String::new(),
+            preset: None,
+            iterations: None,
+            policy: None,
+            settings: toml::Table::new(),
+            own_policy: Some(OwnPolicy { fingerprint: fingerprint.into(), policy }),
+        }
     }
 }
 

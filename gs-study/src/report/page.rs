@@ -324,7 +324,8 @@ impl Page<'_> {
                     p { (arm.about) }
                     @if let Some(preset) = arm.preset { p { "Preset " code { (preset) } "." } }
                     @if let Some(iterations) = arm.iterations { p { (iterations) " iterations." } }
-                    @if let Some(own) = &arm.policy { p { "A policy of its own: " code { (own.fingerprint) } "." } }
+                    @if let Some(policy) = &arm.policy { p { "Policy " code { (policy) } "." } }
+                    @if let Some(own) = &arm.own_policy { p { "A policy of its own: " code { (own.fingerprint) } "." } }
                     @if !arm.settings.is_empty() { pre { (toml::to_string(&arm.settings).unwrap_or_default()) } }
                     @if let Some(run) = of_arm(index) {
                         details {
