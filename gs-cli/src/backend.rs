@@ -2,6 +2,7 @@
 //! rasterizer: a command hands over a [`Task`], and the chosen backend runs it.
 
 mod fastest;
+mod team;
 
 use std::{num::NonZero, thread::available_parallelism};
 
@@ -10,6 +11,7 @@ use gs_core::{PlanarScene, Rasterizer, profile::Profiler};
 use gs_cpu::{CpuRasterizer, CpuSettings, SimdLevel};
 use gs_wgpu::{WgpuRasterizer, WgpuSettings};
 
+pub(crate) use self::team::{Team, TeamTask};
 use crate::{backend::fastest::Fastest, failure::Failure};
 
 /// Which backend to use.
@@ -143,6 +145,12 @@ impl Backend {
             AnyRasterizer::Wgpu(rasterizer) => task.run(rasterizer.as_ref()),
         }
     }
+}
+
+/// What computes, as far as results depend on it: not its threads.
+pub(crate) fn machine(backend: &Backend) -> String {
+    let what = backend.simd.as_ref().or(backend.adapter.as_ref());
+    what.map_or_else(|| backend.name.to_owned(), |what| format!("{} {what}", backend.name))
 }
 
 /// An adapter names its backend, and so does a SIMD level; both may not.

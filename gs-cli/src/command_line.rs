@@ -9,6 +9,7 @@ use crate::{
     failure::Failure,
     fit::arguments::FitArgs,
     profile::ProfileArgs,
+    study::arguments::StudyArgs,
 };
 
 const EXAMPLES: &str = "\
@@ -22,10 +23,12 @@ Examples:
   gs info --adapters                            the GPUs that were found
   gs profile photo.png --backend cpu            where the time of a training step goes
   gs profile out/scene.gs2d.safetensors --backend wgpu -o profile
+  gs study absolute-vs-percentile --data photographs -o study   which policy is better, and how sure that is
+  gs study replay study 17                      row 17 of its runs.csv again, the same scene bit for bit
 
 Exit status: 0 done, 1 failed, 2 bad usage, 130 stopped by Ctrl-C.";
 
-/// Fits Gaussians to images, renders them at any size, compares, inspects and profiles the results.
+/// Fits Gaussians to images, renders them at any size, compares, inspects and profiles the results, and studies how to grow them.
 #[derive(Debug, Parser)]
 #[command(name = "gs", version, about, after_help = EXAMPLES, arg_required_else_help = true)]
 struct CommandLine {
@@ -46,6 +49,8 @@ pub(crate) enum Command {
     Info(InfoArgs),
     /// Tell where the time of a training step goes, stage by stage
     Profile(Box<ProfileArgs>),
+    /// Compare density policies over images, budgets and seeds, with intervals and a report
+    Study(Box<StudyArgs>),
 }
 
 /// What became of the command line.
@@ -82,7 +87,7 @@ pub(crate) fn parse() -> Result<Parsed, Failure> {
     }
 }
 
-const COMMANDS: [&str; 5] = ["fit", "render", "eval", "info", "profile"];
+const COMMANDS: [&str; 6] = ["fit", "render", "eval", "info", "profile", "study"];
 
 /// The parser's message without its usage, its pointer to the help and its own "error:".
 fn essence(message: &str) -> String {

@@ -113,6 +113,18 @@ impl From<gs_train::Error> for Failure {
     }
 }
 
+impl From<gs_study::Error> for Failure {
+    fn from(error: gs_study::Error) -> Self {
+        use gs_study::Error::{Arm, Fit, Form, Io, NoRow, Study, Unknown};
+        match error {
+            Fit(error) => error.into(),
+            Io(error) => error.into(),
+            Form { .. } | Study { .. } | Arm { .. } | Unknown { .. } | NoRow { .. } => Self::usage(error),
+            _ => Self::failed(error),
+        }
+    }
+}
+
 /// Quits at once, as a second Ctrl-C asks. Results are written under temporary names, so none is left in half, and those are
 /// removed.
 pub(crate) fn quit_now() -> ! {

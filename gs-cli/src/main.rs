@@ -12,6 +12,7 @@ mod interrupt;
 mod output;
 mod profile;
 mod report;
+mod study;
 mod values;
 
 use std::process::ExitCode;
@@ -41,6 +42,7 @@ fn run(parsed: Parsed) -> Result<ExitCode, Failure> {
         Parsed::Command(Command::Eval(args)) => commands::eval::run(&args),
         Parsed::Command(Command::Info(args)) => commands::info::run(&args),
         Parsed::Command(Command::Profile(args)) => profile::run(&args),
+        Parsed::Command(Command::Study(args)) => study::run(&args),
     }?;
     Ok(ExitCode::SUCCESS)
 }

@@ -38,5 +38,5 @@ pub use crate::{
     settings::{ColorSolve, FitSettings, InitialCount},
     summary::FitSummary,
     targets::{PAPER_SIDE_PX, paper_target},
-    trainer::{Outcome, Trainer},
+    trainer::{ForeignPolicy, Outcome, Trainer},
 };

@@ -1,7 +1,7 @@
 //! The training loop: steps of the optimiser, rounds of density control between them, and checkpoints from which a run goes on
 //! bit for bit.
 
-use std::{fmt, time::Instant};
+use std::{fmt, sync::Arc, time::Instant};
 
 use gs_core::{
     Binning, Blend, Canvas, DensityStatistics, EditPlan, Image, Loss, PlanarGaussian, PlanarScene, Rasterizer, Scene,
@@ -49,7 +49,12 @@ pub struct Trainer<'a, R: Rasterizer<PlanarScene>> {
     /// What the next step does about its lists.
     binning: Binning,
     losses: Losses,
+    /// In place of the settings' policy.
+    foreign: Option<ForeignPolicy>,
 }
+
+/// A policy from outside of this project, which settings cannot name.
+pub type ForeignPolicy = Arc<dyn DensityPolicy + Send + Sync>;
 
 impl<R: Rasterizer<PlanarScene>> fmt::Debug for Trainer<'_, R> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -127,7 +132,22 @@ impl<'a, R: Rasterizer<PlanarScene>> Trainer<'a, R> {
         let residual = Residual { target: target.clone(), rendered: Image::filled(1, 1, [0.0; 3])? };
         let target = rasterizer.upload_target(target)?;
         let losses = Losses::after(record.step);
-        Ok(Self { rasterizer, record, canvas, cloud, target, residual, binning: Binning::Fresh, losses })
+        let binning = Binning::Fresh;
+        Ok(Self { rasterizer, record, canvas, cloud, target, residual, binning, losses, foreign: None })
+    }
+
+    /// The same fit with its density controlled by another policy, one of your own, in place of that of its settings.
+    /// A checkpoint does not hold it: a resumed fit must be given it again.
+    #[must_use]
+    pub fn controlled_by(self, policy: ForeignPolicy) -> Self {
+        Self { foreign: Some(policy), ..self }
+    }
+
+    fn policy(&self) -> &dyn DensityPolicy {
+        match &self.foreign {
+            Some(policy) => policy.as_ref(),
+            None => &self.record.settings.policy,
+        }
     }
 
     /// Steps until the last, or until an observer stops it.
@@ -215,7 +235,7 @@ impl<'a, R: Rasterizer<PlanarScene>> Trainer<'a, R> {
         let mut render = settings.render;
         // Statistics that no round will look at are not collected.
         render.effects.statistics = match *step < settings.rounds.last(settings.iterations) {
-            true => settings.policy.statistics(),
+            true => self.policy().statistics(),
             false => Statistics::None,
         };
         let rates = settings.adam.at(*step as f32 / settings.iterations as f32);
@@ -265,11 +285,11 @@ impl<'a, R: Rasterizer<PlanarScene>> Trainer<'a, R> {
     fn control_density(&mut self, progress: f32) -> Result<EditCounts, Error> {
         let FitRecord { settings, step, .. } = &self.record;
         let scene = self.rasterizer.download(&self.cloud)?;
-        let statistics = match settings.policy.statistics() {
+        let statistics = match self.policy().statistics() {
             Statistics::None => DensityStatistics::zeros(scene.len()),
             _ => self.rasterizer.statistics(&self.cloud)?,
         };
-        let needs_residual = settings.policy.needs_residual();
+        let needs_residual = self.policy().needs_residual();
         if needs_residual {
             self.residual.rendered = self.render()?.0;
         }
@@ -282,7 +302,7 @@ impl<'a, R: Rasterizer<PlanarScene>> Trainer<'a, R> {
             progress,
             budget: settings.gaussians as usize,
         };
-        let plan = settings.policy.plan(&observation, &mut random(settings.seed, *step))?;
+        let plan = self.policy().plan(&observation, &mut random(settings.seed, *step))?;
         let counts = plan.counts();
         self.rasterizer.edit(&mut self.cloud, &plan)?;
         self.record.edits.accumulate(&counts);

@@ -9,7 +9,7 @@ pub(crate) mod progress;
 mod results;
 pub(crate) mod settings;
 pub(crate) mod target;
-mod terminal;
+pub(crate) mod terminal;
 
 use std::{
     path::{Path, PathBuf},
@@ -207,7 +207,7 @@ fn resuming(args: &FitArgs, target: &Target, checkpoint: &Path) -> String {
 }
 
 /// The path as one word of a shell's command line.
-fn quoted(path: &Path) -> String {
+pub(crate) fn quoted(path: &Path) -> String {
     let text = path.display().to_string();
     let plain = |character: char| character.is_alphanumeric() || "/\\:._-+=@%,".contains(character);
     match text.chars().all(plain) {

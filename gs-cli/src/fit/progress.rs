@@ -39,6 +39,11 @@ pub(crate) struct Display {
 pub(crate) struct Voice(Option<ProgressBar>);
 
 impl Voice {
+    /// A voice above this bar, or a plain one.
+    pub(crate) fn above(bar: Option<ProgressBar>) -> Self {
+        Self(bar)
+    }
+
     /// One line on standard error.
     pub(crate) fn say(&self, line: impl fmt::Display) {
         match &self.0 {

@@ -6,3 +6,4 @@ mod fit;
 mod process;
 mod profile;
 mod scenes;
+mod study;

@@ -1,0 +1,75 @@
+//! Several rasterizers of one kind, for work that goes side by side.
+
+use std::{num::NonZero, thread::available_parallelism};
+
+use clap::ValueEnum;
+use gs_core::{PlanarScene, Rasterizer};
+
+use crate::{
+    backend::{AnyRasterizer, Backend, BackendArgs, Choice, machine},
+    failure::Failure,
+};
+
+/// Backends that are alike, each with its share of the threads. There is at least one.
+pub(crate) struct Team(Vec<Backend>);
+
+/// Work that several rasterizers do side by side.
+pub(crate) trait TeamTask {
+    /// What comes of it.
+    type Output;
+
+    /// Does it on these rasterizers, of which there is at least one.
+    fn run<R: Rasterizer<PlanarScene> + Sync>(self, team: &[&R]) -> Self::Output;
+}
+
+impl Team {
+    /// Starts `size` backends as the flags ask for; the threads, those asked for or one a core, are divided among them.
+    ///
+    /// # Errors
+    /// As [`Backend::start`].
+    pub(crate) fn start(args: &BackendArgs, size: usize) -> Result<Self, Failure> {
+        let size = size.max(1);
+        let threads = args.threads.map_or_else(|| available_parallelism().map_or(1, NonZero::get), usize::from);
+        // Seeding runs on rayon's global threads, which all of them share; whoever starts them first decides how many there are.
+        let _already_built = rayon::ThreadPoolBuilder::new().num_threads(threads).build_global();
+        let share = u16::try_from((threads / size).max(1)).unwrap_or(u16::MAX);
+        let args = BackendArgs { threads: if size == 1 { args.threads } else { Some(share) }, ..args.clone() };
+        Ok(Self((0..size).map(|_| Backend::start(&args)).collect::<Result<_, _>>()?))
+    }
+
+    /// What was chosen and why, one line.
+    pub(crate) fn reason(&self) -> &str {
+        &self.0[0].reason
+    }
+
+    /// What computes, as far as results depend on it.
+    pub(crate) fn machine(&self) -> String {
+        machine(&self.0[0])
+    }
+
+    /// Does the task on all of them.
+    pub(crate) fn run<T: TeamTask>(&self, task: T) -> T::Output {
+        let (mut cpus, mut gpus) = (Vec::new(), Vec::new());
+        for backend in &self.0 {
+            match &backend.rasterizer {
+                AnyRasterizer::Cpu(rasterizer) => cpus.push(rasterizer),
+                AnyRasterizer::Wgpu(rasterizer) => gpus.push(rasterizer.as_ref()),
+            }
+        }
+        if gpus.is_empty() { task.run(&cpus) } else { task.run(&gpus) }
+    }
+}
+
+impl BackendArgs {
+    /// The flags as they would be typed, those that differ from the defaults; with a blank before each.
+    pub(crate) fn words(&self) -> String {
+        let backend = self.backend.to_possible_value().filter(|_| self.backend != Choice::Auto);
+        let flags = [
+            backend.map(|value| format!(" --backend {}", value.get_name())),
+            self.adapter.as_ref().map(|name| format!(" --adapter '{name}'")),
+            self.threads.map(|threads| format!(" --threads {threads}")),
+            self.simd.as_ref().map(|level| format!(" --simd {level}")),
+        ];
+        flags.into_iter().flatten().collect()
+    }
+}

@@ -1,0 +1,84 @@
+//! The flags of `gs study`.
+
+use std::path::PathBuf;
+
+use clap::{Args, Subcommand};
+
+use crate::backend::BackendArgs;
+
+const AFTER_HELP: &str = "\
+A study is arms (settings that differ) x images x budgets x seeds, in a TOML file; these come with the program:
+  paper                   the paper's experiment, its two criteria one by one, and no growth; needs no file
+  absolute-vs-percentile  growth above a threshold or by rank, on photographs of the Kodak test set (--data)
+  all-policies            every policy with its source's numbers, on the same photographs
+
+DIR then holds:
+  report.html             which arm wins where, with intervals, curves, pictures and all settings; needs no network
+  quality.csv             each arm at each budget: mean over images, spread over seeds
+  differences.csv         every two arms: paired differences with 95 % intervals, and better, worse or can't tell
+  runs.csv                one row a run; gs study replay DIR ROW does it again
+  results.json            the three tables
+  times.csv, differences-at-time.csv   what depends on the clock
+  plots/                  the report's curves as SVG and PNG
+  study.toml              the study itself
+  runs/, pictures/        what is stored of each run
+
+A run is stored when it has ended; whatever stops the program, Ctrl-C or worse, --resume goes on without doing it again. Tables are the
+same however often it was stopped, for any number of --jobs and --threads; times are comparable for --jobs 1 on a quiet machine.";
+
+/// The flags of `gs study`.
+#[derive(Debug, Clone, Args)]
+#[command(after_help = AFTER_HELP, args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
+pub(crate) struct StudyArgs {
+    #[command(subcommand)]
+    pub(crate) action: Option<StudyAction>,
+    #[command(flatten)]
+    pub(crate) conduct: ConductArgs,
+}
+
+/// What else can be done with a study.
+#[derive(Debug, Clone, Subcommand)]
+pub(crate) enum StudyAction {
+    /// Do one row of a study again and see that it ends in the same scene, bit for bit
+    Replay(ReplayArgs),
+}
+
+/// A study to conduct.
+#[derive(Debug, Clone, Args)]
+pub(crate) struct ConductArgs {
+    /// The study: a TOML file, or the name of one that comes with the program
+    #[arg(required = true)]
+    pub(crate) study: Option<PathBuf>,
+    /// Folder for the results; made if it is not there [default: gs-out/NAME]
+    #[arg(short, long, value_name = "DIR")]
+    pub(crate) output: Option<PathBuf>,
+    /// Folder of the images [default: $GS_DATA, or that of the study's file]
+    #[arg(long, value_name = "DIR")]
+    pub(crate) data: Option<PathBuf>,
+    /// How many runs go side by side, each on its share of the threads; the tables do not depend on it
+    #[arg(short, long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..=256))]
+    pub(crate) jobs: u16,
+    /// Go on with the study that is in DIR; what is done is not done again
+    #[arg(long)]
+    pub(crate) resume: bool,
+    #[command(flatten)]
+    pub(crate) backend: BackendArgs,
+}
+
+/// A row to do again.
+#[derive(Debug, Clone, Args)]
+pub(crate) struct ReplayArgs {
+    /// The folder of the study
+    #[arg(value_name = "DIR")]
+    pub(crate) folder: PathBuf,
+    /// The row of runs.csv, from 1
+    pub(crate) row: usize,
+    /// Folder for the fit: scene, picture, settings and metrics [default: DIR/replay-ROW]
+    #[arg(short, long, value_name = "OUT")]
+    pub(crate) output: Option<PathBuf>,
+    /// Folder of the images [default: $GS_DATA, or that of the study]
+    #[arg(long, value_name = "DIR")]
+    pub(crate) data: Option<PathBuf>,
+    #[command(flatten)]
+    pub(crate) backend: BackendArgs,
+}

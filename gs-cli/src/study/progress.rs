@@ -1,0 +1,165 @@
+//! What a study shows while it runs: runs done, running, time left; a bar on a terminal, a line now and then elsewhere.
+
+use std::{
+    io::{IsTerminal, stderr},
+    sync::{Mutex, PoisonError},
+    time::{Duration, Instant},
+};
+
+use gs_study::{Outcome, Plan, Run, StudyFolder, Watcher};
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+
+use crate::{
+    fit::{progress::Voice, terminal::Terminal},
+    interrupt::Interrupt,
+    output,
+};
+
+/// Time between two lines where there is no bar.
+const LINE: Duration = Duration::from_secs(10);
+
+/// Shows how far a study is.
+pub(crate) struct Display<'a> {
+    plan: &'a Plan,
+    bar: Option<ProgressBar>,
+    started: Instant,
+    state: Mutex<State>,
+}
+
+struct State {
+    running: usize,
+    done: usize,
+    failed: usize,
+    /// Work, in the unit of [`work`], that this process has done, and that is left.
+    work_done: f64,
+    work_left: f64,
+    told: Instant,
+}
+
+impl<'a> Display<'a> {
+    /// A display on standard error.
+    pub(crate) fn new(plan: &'a Plan, folder: &StudyFolder) -> Self {
+        let (done, pending): (Vec<&Run>, Vec<&Run>) = plan.runs.iter().partition(|run| folder.is_finished(run));
+        let bar = stderr().is_terminal().then(|| {
+            let target = ProgressDrawTarget::term_like_with_hz(Box::new(Terminal::default()), 10);
+            let bar = ProgressBar::with_draw_target(Some(plan.runs.len() as u64), target);
+            bar.set_position(done.len() as u64);
+            let template = "{wide_bar} {pos}/{len} runs  {msg}";
+            bar.set_style(ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar()));
+            bar
+        });
+        let work_left = pending.iter().map(|run| work(plan, run)).sum();
+        let now = Instant::now();
+        let state = State { running: 0, done: done.len(), failed: 0, work_done: 0.0, work_left, told: now };
+        Self { plan, bar, started: now, state: Mutex::new(state) }
+    }
+
+    /// What speaks without disturbing the display.
+    pub(crate) fn voice(&self) -> Voice {
+        Voice::above(self.bar.clone())
+    }
+
+    /// The same, listening to Ctrl-C.
+    pub(crate) fn stopped_by<'b>(&'b self, interrupt: &'b Interrupt) -> Watched<'b> {
+        Watched { display: self, interrupt }
+    }
+
+    fn update(&self, change: impl FnOnce(&mut State)) {
+        let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
+        change(&mut state);
+        let message = state.message(self.started.elapsed());
+        match &self.bar {
+            Some(bar) => {
+                bar.set_position(state.done as u64);
+                bar.set_message(message);
+            }
+            None if state.told.elapsed() >= LINE || (state.done == self.plan.runs.len() && state.running == 0) => {
+                state.told = Instant::now();
+                output::note(format_args!("{}/{} runs  {message}", state.done, self.plan.runs.len()));
+            }
+            None => {}
+        }
+    }
+}
+
+impl State {
+    fn message(&self, elapsed: Duration) -> String {
+        let failed = if self.failed > 0 { format!("{} failed  ", self.failed) } else { String::new() };
+        let left = match self.work_done > 0.0 {
+            true => time(elapsed.as_secs_f64() * self.work_left / self.work_done),
+            false => "some time".to_owned(),
+        };
+        format!("{} running  {failed}{left} left", self.running)
+    }
+}
+
+/// How long a run takes, in a unit of its own: passes over pixels, and Gaussians at about fifty pixels each.
+fn work(plan: &Plan, run: &Run) -> f64 {
+    let pixels = plan.target(run).image.pixels().len() as f64;
+    f64::from(run.settings.iterations.max(1)) * (pixels + 50.0 * f64::from(run.budget))
+}
+
+fn time(seconds: f64) -> String {
+    let seconds = seconds.round() as u64;
+    match seconds {
+        0..120 => format!("{seconds} s"),
+        120..7200 => format!("{} min", seconds.div_ceil(60)),
+        _ => format!("{} h {:02} min", seconds / 3600, seconds % 3600 / 60),
+    }
+}
+
+/// A display that also listens to Ctrl-C.
+pub(crate) struct Watched<'a> {
+    display: &'a Display<'a>,
+    interrupt: &'a Interrupt,
+}
+
+impl Watched<'_> {
+    /// Takes the bar away.
+    pub(crate) fn clear(&self) {
+        self.display.voice().clear();
+    }
+}
+
+impl Watcher for Watched<'_> {
+    fn begun(&self, _: &Run) {
+        self.display.update(|state| state.running += 1);
+    }
+
+    fn ended(&self, run: &Run, outcome: &Outcome) {
+        let plan = self.display.plan;
+        if let Outcome::Failed { error } = outcome {
+            self.display.voice().say(format_args!("row {} ({}) failed: {error}", run.row, plan.describe(run)));
+        }
+        self.display.update(|state| {
+            let work = work(plan, run);
+            state.running -= 1;
+            state.done += 1;
+            state.failed += usize::from(matches!(outcome, Outcome::Failed { .. }));
+            state.work_done += work;
+            state.work_left -= work;
+        });
+    }
+
+    fn wants_stop(&self) -> bool {
+        self.interrupt.requested()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn times_are_as_precise_as_they_can_be() {
+        assert_eq!(["3 s", "2 min", "100 min", "2 h 05 min"], [3.2, 119.9, 6000.0, 7500.0].map(time));
+    }
+
+    #[test]
+    fn the_time_left_follows_the_work_and_not_the_number_of_runs() {
+        let state =
+            |work_done, work_left| State { running: 2, done: 5, failed: 1, work_done, work_left, told: Instant::now() };
+        assert_eq!(state(1.0, 3.0).message(Duration::from_secs(10)), "2 running  1 failed  30 s left");
+        assert!(state(0.0, 3.0).message(Duration::ZERO).contains("some time left"));
+    }
+}

@@ -1,0 +1,74 @@
+//! `gs study replay`: a row done again, as a fit of its own.
+
+use std::path::Path;
+
+use gs_core::{PlanarScene, Rasterizer, effects::Statistics};
+use gs_io::{PlanarFile, write_atomically, write_png, write_scene};
+use gs_study::{Places, Plan, Replayed, Study, StudyFolder, replay};
+
+use crate::{
+    backend::{Backend, Task, machine},
+    failure::Failure,
+    fit::{folder::OutputFolder, settings},
+    output,
+    study::{arguments::ReplayArgs, places},
+};
+
+/// Replays a row and writes its fit.
+///
+/// # Errors
+/// Where there is no such row, or it ends in another scene than the recorded one.
+pub(super) fn run(args: &ReplayArgs) -> Result<(), Failure> {
+    let folder = StudyFolder::open(&args.folder)?;
+    let file = folder.study_file();
+    let text = std::fs::read_to_string(&file)
+        .map_err(|error| Failure::failed(format_args!("cannot be read: {error}")).at(file.display()))?;
+    let study = Study::from_toml(&text, &file.display().to_string())?;
+    let backend = Backend::start(&args.backend)?;
+    let places = Places { remembered: folder.images(), ..places(args.data.as_deref(), None) };
+    let plan = Plan::new(study, &places, machine(&backend))?;
+    output::note(format_args!("row {}: {}", args.row, plan.describe(plan.run(args.row)?)));
+    let replayed = backend.run(Again { plan: &plan, row: args.row, folder: &folder })?;
+    let output = args.output.clone().unwrap_or_else(|| args.folder.join(format!("replay-{}", args.row)));
+    write(&plan, args.row, &replayed, &output)?;
+    output::result(format_args!(
+        "row {}: the recorded scene, bit for bit: {} Gaussians, {:.2} dB; see {}",
+        args.row,
+        replayed.finished.gaussians,
+        replayed.finished.psnr,
+        output.display()
+    ))
+}
+
+struct Again<'a> {
+    plan: &'a Plan,
+    row: usize,
+    folder: &'a StudyFolder,
+}
+
+impl Task for Again<'_> {
+    type Output = Result<Replayed, Failure>;
+
+    fn run<R: Rasterizer<PlanarScene>>(self, rasterizer: &R) -> Self::Output {
+        Ok(replay(self.plan, self.row, rasterizer, self.folder)?)
+    }
+}
+
+/// What `gs fit` writes, without what explains it.
+fn write(plan: &Plan, row: usize, replayed: &Replayed, output: &Path) -> Result<(), Failure> {
+    let Replayed { scene, image, finished } = replayed;
+    let run = plan.run(row)?;
+    let folder = OutputFolder::prepare(output, "--output")?;
+    let mut render = run.settings.render;
+    render.effects.statistics = Statistics::None;
+    let (width, height) = image.size();
+    write_scene(
+        folder.file("scene.gs2d.safetensors"),
+        &PlanarFile { scene: scene.clone(), width, height, settings: render },
+    )?;
+    write_png(folder.file("reconstruction.png"), image)?;
+    let text = settings::to_toml(&run.settings)?;
+    write_atomically(folder.file("settings.toml"), |file| file.write_all(text.as_bytes()))?;
+    let json = serde_json::to_string_pretty(finished).map_err(|error| Failure::failed(error).at("summary.json"))?;
+    Ok(write_atomically(folder.file("summary.json"), |file| file.write_all(json.as_bytes()))?)
+}

@@ -1,0 +1,124 @@
+//! `gs study` from end to end: killed and resumed, replayed, and refused where it is not possible.
+
+use std::{
+    collections::BTreeMap,
+    fs,
+    hash::{BuildHasher, RandomState},
+    path::{Path, PathBuf},
+    thread,
+    time::Duration,
+};
+
+use crate::process::{command, folder, gs, names_in, picture};
+
+const STUDY: &str = "name = 'small'\nquestion = 'Does growth help?'\nimages = ['paper', 'picture-32x24.png']\nbudgets = [40]\n\
+    seeds = [0, 1, 2]\npreset = 'paper'\niterations = 60\n[settings]\nrounds = { every = 10, from = 10, until = 50 }\n\
+    [[arm]]\nname = 'none'\nsettings.policy.kind = 'none'\n\
+    [[arm]]\nname = 'percentile'\nsettings.policy = { kind = 'percentile', percent = 50 }\n";
+
+/// A folder with a study and its image; the study's file.
+fn study(place: &Path) -> PathBuf {
+    picture(place, 32, 24);
+    let file = place.join("small.toml");
+    fs::write(&file, STUDY).unwrap();
+    file
+}
+
+fn arguments<'a>(study: &'a Path, output: &'a Path) -> Vec<&'a str> {
+    vec!["study", study.to_str().unwrap(), "-o", output.to_str().unwrap(), "--backend", "cpu"]
+}
+
+/// What must be the same however a study was run.
+fn tables(output: &Path) -> BTreeMap<&'static str, String> {
+    let names = ["runs.csv", "quality.csv", "differences.csv", "results.json", "study.toml"];
+    names.map(|name| (name, fs::read_to_string(output.join(name)).unwrap())).into()
+}
+
+#[test]
+fn a_study_killed_at_random_moments_ends_with_the_tables_of_one_never_stopped() {
+    let place = folder();
+    let file = study(place.path());
+    let (whole, killed) = (place.path().join("whole"), place.path().join("killed"));
+    let started = std::time::Instant::now();
+    gs(arguments(&file, &whole)).done();
+    let length = started.elapsed();
+
+    let mut kills = 0;
+    for attempt in 0..4 {
+        // A part of the whole time that nobody knows before.
+        let part = (RandomState::new().hash_one(attempt) % 1000) as u32;
+        let mut child = command().args(arguments(&file, &killed)).arg("--resume").spawn().unwrap();
+        thread::sleep(length * part / 1500 + Duration::from_millis(1));
+        // SIGKILL on Unix.
+        child.kill().unwrap();
+        kills += usize::from(!child.wait().unwrap().success());
+        for name in killed.join("runs").read_dir().into_iter().flatten().flatten().map(|entry| entry.path()) {
+            let json = name.extension().is_some_and(|extension| extension == "json");
+            let text = fs::read_to_string(&name).unwrap_or_default();
+            assert!(!json || serde_json::from_str::<serde_json::Value>(&text).is_ok(), "{} is whole", name.display());
+        }
+    }
+    assert!(kills > 0, "no moment of four was before the end");
+    let resumed = gs(arguments(&file, &killed).into_iter().chain(["--resume", "--jobs", "2"])).done();
+    assert_eq!(tables(&killed), tables(&whole), "{resumed:?}");
+    assert_eq!(names_in(&killed.join("runs")), names_in(&whole.join("runs")));
+}
+
+#[test]
+fn a_study_leaves_tables_and_a_report_and_its_rows_can_be_replayed() {
+    let place = folder();
+    let file = study(place.path());
+    let output = place.path().join("out");
+    let run = gs(arguments(&file, &output).into_iter().chain(["--jobs", "2"])).done();
+    assert!(run.stdout.contains("40 Gaussians, after equal iterations: percentile leads with "), "{run:?}");
+    assert!(run.stderr.contains("12 runs (2 arms, 2 images, 1 budgets, 3 seeds), 2 side by side"), "{run:?}");
+    assert!(run.stderr.contains("12/12 runs  0 running  0 s left"), "{run:?}");
+    let page = fs::read_to_string(output.join("report.html")).unwrap();
+    assert!(page.contains(&format!("gs study {} -o {} --jobs 2 --backend cpu", file.display(), output.display())));
+
+    let replay = gs(["study", "replay", output.to_str().unwrap(), "4", "--backend", "cpu", "--threads", "1"]).done();
+    assert!(replay.stdout.starts_with("row 4: the recorded scene, bit for bit: "), "{replay:?}");
+    let replayed = output.join("replay-4");
+    // The same settings, given to gs fit, end in the same file of Gaussians.
+    let fitted = place.path().join("fit");
+    let image = place.path().join("picture-32x24.png");
+    let settings = replayed.join("settings.toml");
+    let fit = [image.to_str().unwrap(), "-o", fitted.to_str().unwrap(), "--settings", settings.to_str().unwrap()];
+    gs(["fit", "--backend", "cpu"].iter().chain(&fit)).done();
+    let scene = |folder: &Path| fs::read(folder.join("scene.gs2d.safetensors")).unwrap();
+    assert_eq!(scene(&replayed), scene(&fitted));
+}
+
+#[test]
+fn what_cannot_be_studied_is_refused_in_one_line_before_any_work() {
+    let place = folder();
+    let file = study(place.path());
+    let output = place.path().join("out");
+    let with = |from: &str, to: &str| {
+        let other = place.path().join("other.toml");
+        fs::write(&other, STUDY.replace(from, to)).unwrap();
+        gs(arguments(&other, &output))
+    };
+    for (from, to, status, expected) in [
+        ("seeds = [0, 1, 2]", "seeds = []", 2, "seeds: there are none: name at least one"),
+        ("seeds", "seedz", 2, "unknown field `seedz`"),
+        ("percent = 50", "percentage = 50", 2, "arm `percentile`: "),
+        ("percent = 50", "percent = 500", 2, "percent is 500"),
+        ("picture-32x24.png", "absent.png", 1, "absent.png: no such file in "),
+    ] {
+        let run = with(from, to);
+        let line = run.refusal();
+        assert!(line.contains(expected) && run.status == Some(status), "{to}: {line}");
+        assert!(!output.exists(), "{to}");
+    }
+    let line = |words: &[&str]| gs(["study"].iter().chain(words)).refusal().to_owned();
+    assert!(line(&["all-policy"]).contains("those are paper, absolute-vs-percentile, all-policies"));
+    assert!(line(&["no/such.toml"]).contains("no/such.toml: there is no such file"));
+    assert!(line(&["paper", "--jobs", "0"]).contains("--jobs"));
+    assert!(line(&["replay", place.path().to_str().unwrap(), "1"]).contains("holds no study"));
+    gs(arguments(&file, &output)).done();
+    assert!(gs(arguments(&file, &output)).refusal().contains("holds a study already: go on with it with --resume"));
+    assert!(
+        line(&["replay", output.to_str().unwrap(), "13", "--backend", "cpu"]).contains("the study has rows 1 to 12")
+    );
+}

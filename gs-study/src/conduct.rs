@@ -1,0 +1,189 @@
+//! The runs of a study, side by side: each on a rasterizer of its own, each stored as soon as it has ended.
+
+use std::{
+    any::Any,
+    panic::{AssertUnwindSafe, catch_unwind},
+    sync::{
+        Mutex,
+        atomic::{AtomicUsize, Ordering},
+    },
+    thread,
+};
+
+use gs_core::{Image, PlanarScene, Rasterizer};
+use gs_train::{Control, Error as FitError, FitSummary, MetricsLog, Observer, Progress, Trainer};
+
+use crate::{
+    digest,
+    error::Error,
+    folder::StudyFolder,
+    plan::{Plan, Run, VERSION},
+    record::{Finished, Outcome, Record},
+};
+
+/// Someone who watches a study, from several threads; `()` watches nothing.
+pub trait Watcher: Sync {
+    /// A run has begun.
+    fn begun(&self, run: &Run) {
+        let _ = run;
+    }
+
+    /// A run has ended, and what came of it is stored.
+    fn ended(&self, run: &Run, outcome: &Outcome) {
+        let _ = (run, outcome);
+    }
+
+    /// Whether to stop. Runs under way are given up.
+    fn wants_stop(&self) -> bool {
+        false
+    }
+}
+
+impl Watcher for () {}
+
+/// How a study ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Conducted {
+    /// Every run has ended.
+    Whole,
+    /// The watcher stopped it; it can be resumed.
+    Stopped,
+}
+
+/// Does all runs that are not finished, `team.len()` of them side by side, the rest in the order of their rows. Results depend neither
+/// on how many there are in the team nor on their threads. Runs that fail, by an error or a panic, are recorded and do not stop the rest.
+///
+/// # Errors
+/// [`Error::Io`] where a result cannot be stored.
+pub fn conduct<R: Rasterizer<PlanarScene> + Sync>(
+    plan: &Plan,
+    team: &[&R],
+    folder: &StudyFolder,
+    watcher: &dyn Watcher,
+) -> Result<Conducted, Error> {
+    let pending: Vec<&Run> = plan.runs.iter().filter(|run| !folder.is_finished(run)).collect();
+    let (next, trouble) = (AtomicUsize::new(0), Mutex::new(None));
+    let work = |rasterizer: &R| {
+        while !watcher.wants_stop() {
+            let Some(&run) = pending.get(next.fetch_add(1, Ordering::Relaxed)) else { return };
+            watcher.begun(run);
+            let Some((outcome, picture)) = attempt(plan, run, rasterizer, team.len(), watcher) else { return };
+            // The picture first: a run that is recorded has all its files.
+            let shown = picture.filter(|_| is_shown(plan, run));
+            let stored = shown
+                .map_or(Ok(()), |picture| folder.store_picture(run, &picture))
+                .and_then(|()| folder.store(run, &record(plan, run, outcome.clone())?));
+            if let Err(error) = stored {
+                next.store(pending.len(), Ordering::Relaxed);
+                trouble.lock().unwrap_or_else(|poisoned| poisoned.into_inner()).get_or_insert(error);
+                return;
+            }
+            watcher.ended(run, &outcome);
+        }
+    };
+    thread::scope(|scope| {
+        for &rasterizer in team {
+            scope.spawn(|| work(rasterizer));
+        }
+    });
+    match trouble.into_inner().unwrap_or_else(|poisoned| poisoned.into_inner()) {
+        Some(error) => Err(error),
+        None if watcher.wants_stop() && plan.runs.iter().any(|run| folder.record(run).is_none()) => {
+            Ok(Conducted::Stopped)
+        }
+        None => Ok(Conducted::Whole),
+    }
+}
+
+/// The runs whose pictures are kept: those of the first seed.
+fn is_shown(plan: &Plan, run: &Run) -> bool {
+    plan.study.seeds.first() == Some(&run.seed)
+}
+
+/// What comes of a run and what its scene looks like; nothing where the watcher stopped it.
+fn attempt<R: Rasterizer<PlanarScene>>(
+    plan: &Plan,
+    run: &Run,
+    rasterizer: &R,
+    side_by_side: usize,
+    watcher: &dyn Watcher,
+) -> Option<(Outcome, Option<Image>)> {
+    // A fit that panicked leaves nothing behind that another looks at: its trainer is gone with it.
+    let fitted = catch_unwind(AssertUnwindSafe(|| fit(plan, run, rasterizer, watcher)));
+    match fitted {
+        Ok(Ok(Some((_, image, finished)))) => {
+            let finished = Finished { side_by_side, ..finished };
+            Some((Outcome::Finished(Box::new(finished)), Some(image)))
+        }
+        Ok(Ok(None)) => None,
+        Ok(Err(error)) => Some((Outcome::Failed { error: error.to_string() }, None)),
+        Err(panic) => Some((Outcome::Failed { error: format!("panicked: {}", message(panic.as_ref())) }, None)),
+    }
+}
+
+fn message(panic: &(dyn Any + Send)) -> &str {
+    let text = panic.downcast_ref::<String>().map(String::as_str);
+    text.or_else(|| panic.downcast_ref::<&str>().copied()).unwrap_or("without a message")
+}
+
+/// The fit that a run is: its scene, what that looks like, and the numbers; nothing where the watcher stopped it.
+pub(crate) fn fit<R: Rasterizer<PlanarScene>>(
+    plan: &Plan,
+    run: &Run,
+    rasterizer: &R,
+    watcher: &dyn Watcher,
+) -> Result<Option<(PlanarScene, Image, Finished)>, FitError> {
+    let mut trainer = Trainer::new(rasterizer, &plan.target(run).image, run.settings.clone())?;
+    if let Some(own) = &plan.arm(run).own_policy {
+        trainer = trainer.controlled_by(own.policy.clone());
+    }
+    let mut log = MetricsLog::for_settings(&run.settings);
+    trainer.run(&mut (&mut log, StopWith(watcher)))?;
+    if !trainer.is_finished() {
+        return Ok(None);
+    }
+    let (image, culled) = trainer.render()?;
+    let summary = FitSummary::new(&trainer, &image, culled)?;
+    let scene = trainer.scene()?;
+    let finished = Finished {
+        gaussians: summary.gaussians,
+        iterations: summary.iterations,
+        psnr: summary.psnr,
+        ssim: summary.ssim,
+        ms_ssim: summary.ms_ssim,
+        l1: summary.l1,
+        loss: summary.loss,
+        edits: summary.edits,
+        culled: summary.culled,
+        scene: digest::of_scene(&scene),
+        seconds: summary.seconds,
+        backend: summary.backend,
+        side_by_side: 1,
+        course: log.rows().to_vec(),
+    };
+    Ok(Some((scene, image, finished)))
+}
+
+struct StopWith<'a>(&'a dyn Watcher);
+
+impl Observer for StopWith<'_> {
+    fn on_step(&mut self, _: &Progress) -> Control {
+        if self.0.wants_stop() { Control::Stop } else { Control::Continue }
+    }
+}
+
+fn record(plan: &Plan, run: &Run, outcome: Outcome) -> Result<Record, Error> {
+    let target = plan.target(run);
+    let settings = toml::to_string(&run.settings)
+        .map_err(|error| plan.study.wrong(error.to_string(), "change the settings of the arm"))?;
+    Ok(Record {
+        address: run.address.clone(),
+        version: VERSION.to_owned(),
+        machine: plan.machine.clone(),
+        image: target.name.clone(),
+        target: target.digest.clone(),
+        policy: plan.arm(run).own_policy.as_ref().map(|own| own.fingerprint.clone()),
+        settings,
+        outcome,
+    })
+}

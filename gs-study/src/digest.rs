@@ -1,0 +1,65 @@
+//! Short names for contents: SHA-256, of which the first 128 bits are written, in hexadecimal.
+
+use gs_core::{Image, PlanarScene};
+use sha2::{Digest, Sha256};
+
+/// Hexadecimal digits of a digest.
+const DIGITS: usize = 32;
+
+/// The digest of several texts, none of which runs into the next.
+pub(crate) fn of_texts<'a>(texts: impl IntoIterator<Item = &'a str>) -> String {
+    let mut hash = Sha256::new();
+    for text in texts {
+        hash.update((text.len() as u64).to_le_bytes());
+        hash.update(text);
+    }
+    digits(hash)
+}
+
+/// The digest of an image: its size and the bit patterns of its values.
+pub fn of_image(image: &Image) -> String {
+    let mut hash = Sha256::new();
+    hash.update([image.width(), image.height()].map(u32::to_le_bytes).as_flattened());
+    hash_floats(&mut hash, image.pixels().as_flattened().iter().copied());
+    digits(hash)
+}
+
+/// The digest of a scene: equal for two scenes only if they are, bit for bit, the same.
+pub fn of_scene(scene: &PlanarScene) -> String {
+    let mut hash = Sha256::new();
+    hash.update((scene.means.len() as u64).to_le_bytes());
+    hash.update((scene.opacity_logits.len() as u64).to_le_bytes());
+    hash_floats(&mut hash, scene.means.iter().flat_map(|v| v.to_array()));
+    hash_floats(&mut hash, scene.log_scales.iter().flat_map(|v| v.to_array()));
+    hash_floats(&mut hash, scene.rotations.iter().copied());
+    hash_floats(&mut hash, scene.opacity_logits.iter().copied());
+    hash_floats(&mut hash, scene.colors.iter().flat_map(|v| v.to_array()));
+    digits(hash)
+}
+
+fn hash_floats(hash: &mut Sha256, values: impl Iterator<Item = f32>) {
+    let bytes: Vec<[u8; 4]> = values.map(f32::to_le_bytes).collect();
+    hash.update(bytes.as_flattened());
+}
+
+fn digits(hash: Sha256) -> String {
+    let mut digits: String = hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect();
+    digits.truncate(DIGITS);
+    digits
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn contents_that_differ_in_a_bit_have_other_digests() {
+        let grey = Image::filled(4, 3, [0.5; 3]).unwrap();
+        let mut other = grey.clone();
+        other.pixels_mut()[11][2] = f32::from_bits(0.5f32.to_bits() + 1);
+        assert_ne!(of_image(&grey), of_image(&other));
+        assert_ne!(of_image(&grey), of_image(&Image::filled(3, 4, [0.5; 3]).unwrap()));
+        assert_ne!(of_texts(["ab", "c"]), of_texts(["a", "bc"]));
+        assert_eq!(of_texts(["a"]).len(), DIGITS);
+    }
+}

@@ -1,0 +1,108 @@
+//! Settings that differ in a few places from others: tables merged, and held to what settings know.
+
+use gs_train::FitSettings;
+use toml::{Table, Value};
+
+/// Settings of which one excludes the other, though each is a key of the same table.
+const CHOICES: [[&str; 2]; 3] = [["fixed", "fraction"], ["extent-fraction", "pixels"], ["cosine", "exponential"]];
+
+/// Lays `over` upon `base`, key by key. A choice is replaced as a whole: a table with another `kind`, or with the other of two keys
+/// that exclude each other.
+pub(crate) fn lay_upon(base: &mut Table, over: &Table) {
+    let other_kind = base.get("kind").zip(over.get("kind")).is_some_and(|(a, b)| a != b);
+    let other_choice = CHOICES
+        .iter()
+        .any(|[a, b]| base.contains_key(*a) && over.contains_key(*b) || base.contains_key(*b) && over.contains_key(*a));
+    if other_kind || other_choice {
+        base.clone_from(over);
+        return;
+    }
+    for (key, value) in over {
+        match (base.get_mut(key), value) {
+            (Some(Value::Table(base)), Value::Table(over)) => lay_upon(base, over),
+            _ => drop(base.insert(key.clone(), value.clone())),
+        }
+    }
+}
+
+/// `settings` with what `over` says in their place.
+///
+/// # Errors
+/// In words, where a key is unknown or a value is of the wrong kind.
+pub(crate) fn applied(settings: &FitSettings, over: &Table) -> Result<FitSettings, String> {
+    let unwritable = |error: toml::ser::Error| error.to_string();
+    let mut table = Table::try_from(settings).map_err(unwritable)?;
+    lay_upon(&mut table, over);
+    let merged: FitSettings = table.try_into().map_err(|error: toml::de::Error| error.message().to_owned())?;
+    // Some tables of the settings let unknown keys pass; what was understood comes back.
+    let understood = Table::try_from(&merged).map_err(unwritable)?;
+    match first_unknown(over, &understood) {
+        Some(key) => Err(format!("unknown key `{key}` in its settings")),
+        None => Ok(merged),
+    }
+}
+
+fn first_unknown(over: &Table, understood: &Table) -> Option<String> {
+    over.iter().find_map(|(key, value)| match (value, understood.get(key)) {
+        (_, None) => Some(key.clone()),
+        (Value::Table(over), Some(Value::Table(understood))) => {
+            first_unknown(over, understood).map(|rest| format!("{key}.{rest}"))
+        }
+        _ => None,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use gs_density::Policy;
+    use gs_train::InitialCount;
+
+    fn with(text: &str) -> Result<FitSettings, String> {
+        applied(&FitSettings::paper(), &text.parse().unwrap())
+    }
+
+    #[test]
+    fn parts_are_replaced_and_the_rest_stays() {
+        let settings =
+            with("initial = { fraction = 0.5 }\nadam.mean.learning-rate = 0.5\npolicy.percent = 20").unwrap();
+        let mut expected = FitSettings { initial: InitialCount::Fraction(0.5), ..FitSettings::paper() };
+        expected.adam.mean.learning_rate = 0.5;
+        let Policy::Paper(paper) = &mut expected.policy else { panic!("the paper's policy") };
+        paper.percent = 20.0;
+        assert_eq!(settings, expected);
+        assert_eq!(with("").unwrap(), FitSettings::paper());
+    }
+
+    #[test]
+    fn partial_settings_add_up() {
+        let mut base: Table = "adam.mean.beta1 = 0.5\npolicy.actions.densify.shrink = 2.0".parse().unwrap();
+        lay_upon(&mut base, &"adam.scale.beta1 = 0.6\npolicy.kind = 'hybrid'".parse().unwrap());
+        let settings = applied(&FitSettings::paper(), &base).unwrap();
+        assert_eq!((settings.adam.mean.beta1, settings.adam.scale.beta1), (0.5, 0.6));
+        let Policy::Hybrid(hybrid) = settings.policy else { panic!("the policy is {:?}", settings.policy) };
+        assert_eq!(hybrid.actions.densify.shrink, 2.0);
+    }
+
+    #[test]
+    fn another_kind_starts_from_its_own_defaults() {
+        let settings = with("policy = { kind = 'percentile' }\ninit.kind = 'grid'").unwrap();
+        assert_eq!(settings.policy, Policy::from_name("percentile").unwrap());
+        assert!(matches!(settings.init, gs_train::Init::Grid(_)));
+    }
+
+    #[test]
+    fn unknown_keys_are_named_wherever_they_stand() {
+        for (text, expected) in [
+            ("iteration = 7", "iteration"),
+            ("adam.means.learning-rate = 1.0", "`adam.means`"),
+            ("adam.mean.rate = 1.0", "`adam.mean.rate`"),
+            ("policy = { kind = 'percentile', percentage = 5 }", "percentage"),
+            ("policy = { kind = 'none', percent = 5 }", "`policy.percent`"),
+            ("policy.kind = 'everything'", "everything"),
+        ] {
+            let message = with(text).unwrap_err();
+            assert!(message.contains(expected), "{text}: {message}");
+        }
+    }
+}

@@ -1,0 +1,60 @@
+//! The report of a study: one page that needs no network, and its curves as SVG and PNG beside it.
+
+mod curves;
+mod figure;
+mod page;
+mod pictures;
+mod standings;
+
+use std::fs;
+
+use crate::{
+    error::Error,
+    folder::StudyFolder,
+    report::{figure::Figure, page::Page},
+    study::Matching,
+    tables::Results,
+};
+
+const PLOTS: &str = "plots";
+
+/// Writes `report.html` and `plots/`; `command` is what the page says it was made with.
+///
+/// # Errors
+/// [`Error::Io`] and [`Error::Path`] for files, [`Error::Picture`] where something cannot be drawn.
+pub fn write(results: &Results<'_>, folder: &StudyFolder, command: &str) -> Result<(), Error> {
+    let study = &results.plan.study;
+    let mut figures = vec![curves::quality_over_count(results)];
+    figures.extend(study.budgets.iter().map(|&budget| curves::quality_over_time(results, budget)));
+    figures.extend(study.budgets.iter().map(|&budget| curves::growth(results, budget)));
+    figures.extend(study.matchings.iter().map(|&matching| curves::differences(results, matching)));
+    let plots = folder.file(PLOTS);
+    fs::create_dir_all(&plots).map_err(|source| Error::Path { path: plots, source })?;
+    for figure in &figures {
+        folder.write(&format!("{PLOTS}/{}.svg", figure.name), &figure.svg_file()?)?;
+        gs_io::write_png(folder.file(PLOTS).join(format!("{}.png", figure.name)), &figure.image()?)?;
+    }
+    let most = study.budgets.iter().copied().max().unwrap_or(0);
+    let multiples = pictures::multiples(results, most, |run| folder.picture(run))?;
+    let page = Page { results, command, figures: &figures, multiples: &multiples, pictured: most };
+    folder.write("report.html", &page.html()?)
+}
+
+/// What the study found, in a line for each respect and budget.
+pub fn headlines(results: &Results<'_>) -> Vec<String> {
+    standings::standings(results).iter().map(|standing| page::headline(results, standing)).collect()
+}
+
+/// The figure of that name.
+fn figure<'a>(figures: &'a [Figure], name: &str) -> Option<&'a Figure> {
+    figures.iter().find(|figure| figure.name == name)
+}
+
+/// What is equal, in words.
+fn at_equal(matching: Matching) -> &'static str {
+    match matching {
+        Matching::Count => "at equal count",
+        Matching::Iterations => "after equal iterations",
+        Matching::Time => "after equal time",
+    }
+}
