@@ -8,6 +8,7 @@ use crate::{
     commands::{eval::EvalArgs, info::InfoArgs, render::RenderArgs},
     failure::Failure,
     fit::arguments::FitArgs,
+    paper::PaperArgs,
     profile::ProfileArgs,
 };
 
@@ -22,10 +23,11 @@ Examples:
   gs info --adapters                            the GPUs that were found
   gs profile photo.png --backend cpu            where the time of a training step goes
   gs profile out/scene.gs2d.safetensors --backend wgpu -o profile
+  gs paper -o paper                             the paper's experiments, as a page
 
 Exit status: 0 done, 1 failed, 2 bad usage, 130 stopped by Ctrl-C.";
 
-/// Fits Gaussians to images, renders them at any size, compares, inspects and profiles the results.
+/// Fits Gaussians to images, renders them at any size, compares, inspects and profiles the results; repeats the paper's experiments.
 #[derive(Debug, Parser)]
 #[command(name = "gs", version, about, after_help = EXAMPLES, arg_required_else_help = true)]
 struct CommandLine {
@@ -46,6 +48,8 @@ pub(crate) enum Command {
     Info(InfoArgs),
     /// Tell where the time of a training step goes, stage by stage
     Profile(Box<ProfileArgs>),
+    /// Repeat the paper's experiments, and set what it says beside what is measured
+    Paper(Box<PaperArgs>),
 }
 
 /// What became of the command line.
@@ -82,7 +86,7 @@ pub(crate) fn parse() -> Result<Parsed, Failure> {
     }
 }
 
-const COMMANDS: [&str; 5] = ["fit", "render", "eval", "info", "profile"];
+const COMMANDS: [&str; 6] = ["fit", "render", "eval", "info", "profile", "paper"];
 
 /// The parser's message without its usage, its pointer to the help and its own "error:".
 fn essence(message: &str) -> String {

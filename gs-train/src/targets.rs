@@ -119,7 +119,8 @@ mod tests {
             assert!(p.iter().zip(q).all(|(p, q)| ((1.0 - p) - 0.25 * (1.0 - q)).abs() < 1e-6));
         }
         let striped = image(DiscAndSquare { fill: Fill::Stripes { period_px: 8.0 }, ..of });
-        let changes = (73..110).filter(|&x| (striped.pixel(x, 88)[0] - striped.pixel(x + 1, 88)[0]).abs() > 0.2).count();
+        let changes =
+            (73..110).filter(|&x| (striped.pixel(x, 88)[0] - striped.pixel(x + 1, 88)[0]).abs() > 0.2).count();
         assert!(changes > 10, "{changes}");
         let soft = image(DiscAndSquare { softness_px: 4.0, ..of });
         assert!(soft.pixel(70, 88)[0] < 0.9 && soft.pixel(74, 88)[0] > 0.2);

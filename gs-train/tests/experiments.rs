@@ -43,7 +43,13 @@ fn claim(findings: Findings, name: &str) -> Claim {
 
 #[test]
 fn show() {
-    for f in [set_up().findings(), cold_start().findings(), lazy_convergence().findings(), instability().findings(), edges().findings()] {
+    for f in [
+        set_up().findings(),
+        cold_start().findings(),
+        lazy_convergence().findings(),
+        instability().findings(),
+        edges().findings(),
+    ] {
         for c in &f.claims {
             println!("* {} [{}]\n    {}", c.name, c.verdict, c.measured);
         }

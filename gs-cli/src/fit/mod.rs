@@ -9,7 +9,7 @@ pub(crate) mod progress;
 mod results;
 pub(crate) mod settings;
 pub(crate) mod target;
-mod terminal;
+pub(crate) mod terminal;
 
 use std::{
     path::{Path, PathBuf},

@@ -39,6 +39,11 @@ pub(crate) struct Display {
 pub(crate) struct Voice(Option<ProgressBar>);
 
 impl Voice {
+    /// Speaks beside this bar, or where there is none.
+    pub(crate) fn beside(bar: Option<ProgressBar>) -> Self {
+        Self(bar)
+    }
+
     /// One line on standard error.
     pub(crate) fn say(&self, line: impl fmt::Display) {
         match &self.0 {
@@ -80,7 +85,7 @@ impl Display {
 
     /// What speaks without disturbing the display.
     pub(crate) fn voice(&self) -> Voice {
-        Voice(match &self.kind {
+        Voice::beside(match &self.kind {
             Kind::Bar(bar) => Some(bar.clone()),
             Kind::Lines(_) => None,
         })

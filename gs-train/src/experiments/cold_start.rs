@@ -179,7 +179,11 @@ pub fn measure<R: Rasterizer<PlanarScene>>(laboratory: &mut Laboratory<'_, R>) -
         courses,
         seeds,
         iterations: settings(Start::Good, 0).iterations,
-        losses: Start::ALL.iter().zip(&runs).map(|(start, runs)| Series::line(start.name(), runs[0].loss_curve())).collect(),
+        losses: Start::ALL
+            .iter()
+            .zip(&runs)
+            .map(|(start, runs)| Series::line(start.name(), runs[0].loss_curve()))
+            .collect(),
         pictures,
     })
 }
@@ -260,15 +264,21 @@ impl ColdStartMeasured {
     pub fn findings(&self) -> Findings {
         Findings {
             method: format!(
-                "The paper's fit, {} steps, from 20 Gaussians of σ {COLD_SCALE_PX} px on the border of the image instead; {} seed(s). The \
+                "The paper's fit, {} steps, from 20 Gaussians of σ {COLD_SCALE_PX} px on the border of the image instead; {} \
+                 seed(s). The \
                  shapes' pull is the gradient with them in the target less the gradient with a white target. The target has 8 bits a \
                  channel, as a file would, so that the disc's faint rim ends before the border.",
                 self.iterations, self.seeds
             ),
-            claims: [self.gradient_claim(), Some(self.flat_claim()), Some(self.variance_claim()), Some(self.mechanism_claim())]
-                .into_iter()
-                .flatten()
-                .collect(),
+            claims: [
+                self.gradient_claim(),
+                Some(self.flat_claim()),
+                Some(self.variance_claim()),
+                Some(self.mechanism_claim()),
+            ]
+            .into_iter()
+            .flatten()
+            .collect(),
             charts: vec![Chart {
                 name: "loss",
                 title: "Loss over steps, seed 0".to_owned(),
@@ -295,7 +305,10 @@ impl ColdStartMeasured {
                 windowed.moved_by_shapes == 0 && white.in_all == 0.0 && random.in_all == 0.0,
             ),
             measured: format!(
-                "Under L1 the shapes change the gradients of {} of {} Gaussians on the border, by {}, and in the good start those of {} of                  {}, by up to {}. The window of D-SSIM reaches 10 px further: {} Gaussians feel it, by {} at most. The whole gradient                  is {} at most where a Gaussian has the colour of the white it stands on, but up to {} where it has not: it is pushed about                  there, without direction.",
+                "Under L1 the shapes change the gradients of {} of {} Gaussians on the border, by {}, and in the good start \
+                 those of {} of {}, by up to {}. The window of D-SSIM reaches 10 px further: {} Gaussians feel it, by {} at \
+                 most. The whole gradient is {} at most where a Gaussian has the colour of the white it stands on, but up to \
+                 {} where it has not: it is pushed about there, without direction.",
                 white.moved_by_shapes + random.moved_by_shapes,
                 white.gaussians + random.gaussians,
                 exact(white.by_shapes.max(random.by_shapes)),
@@ -327,7 +340,8 @@ impl ColdStartMeasured {
             section: "Fig. 9 top, A.1",
             verdict: Verdict::of_both(flat(white.loss_ratio), flat(random.late_ratio) && random.psnr < 12.0),
             measured: format!(
-                "White: the last loss is {:.4} of the first. Coloured: they fade into the white first; from a fifth of the steps on the \
+                "White: the last loss is {:.4} of the first. Coloured: they fade into the white first; from a fifth of the \
+                 steps on the \
                  loss changes by {:+.2} %. Both end at {:.2} and {:.2} dB, where a white image is, and the good start at {:.1} dB.",
                 white.loss_ratio,
                 100.0 * (random.late_ratio - 1.0),
@@ -353,13 +367,18 @@ impl ColdStartMeasured {
             section: "§3.4.1",
             verdict: Verdict::of(large.steps_to_milestone.is_some()),
             measured: format!(
-                "From the same border with σ {LARGE_SCALE_PX} px, the loss that the good start has at step {MILESTONE} is reached {}; \
+                "From the same border with σ {LARGE_SCALE_PX} px, the loss that the good start has at step {MILESTONE} is \
+                 reached {}; \
                  it ends at {:.1} dB.",
                 when(large.steps_to_milestone),
                 large.psnr
             ),
             numbers: vec![
-                Number::new("steps to the milestone, large variance", large.steps_to_milestone.unwrap_or(f64::NAN), "steps"),
+                Number::new(
+                    "steps to the milestone, large variance",
+                    large.steps_to_milestone.unwrap_or(f64::NAN),
+                    "steps",
+                ),
                 Number::new("steps to the milestone, good start", good_steps, "steps"),
                 Number::new("PSNR at the end", large.psnr, "dB"),
             ],
@@ -379,7 +398,8 @@ impl ColdStartMeasured {
                 (false, _) => Verdict::Refuted,
             },
             measured: format!(
-                "True of growth by gradient: even if it is forced where gradients are zero, {:.0} Gaussians stay on the border at {:.2} \
+                "True of growth by gradient: even if it is forced where gradients are zero, {:.0} Gaussians stay on the \
+                 border at {:.2} \
                  dB. Not of growth by residual, this project's cure, which needs no gradient: from the same cold start it reaches the \
                  loss of the good start's step {MILESTONE} {}, and ends at {:.1} dB.",
                 forced.count,
@@ -389,7 +409,11 @@ impl ColdStartMeasured {
             ),
             numbers: vec![
                 Number::new("PSNR of forced growth", forced.psnr, "dB"),
-                Number::new("steps to the milestone, seeding by residual", residual.steps_to_milestone.unwrap_or(f64::NAN), "steps"),
+                Number::new(
+                    "steps to the milestone, seeding by residual",
+                    residual.steps_to_milestone.unwrap_or(f64::NAN),
+                    "steps",
+                ),
                 Number::new("PSNR of seeding by residual", residual.psnr, "dB"),
             ],
         }
@@ -428,7 +452,14 @@ impl ColdStartMeasured {
         Table {
             name: "pulls",
             title: "Positional gradients before the first step, normalised device units".to_owned(),
-            columns: vec!["start", "loss", "Gaussians", "moved by the shapes", "largest pull of the shapes", "largest gradient"],
+            columns: vec![
+                "start",
+                "loss",
+                "Gaussians",
+                "moved by the shapes",
+                "largest pull of the shapes",
+                "largest gradient",
+            ],
             rows: self.pulls.iter().map(row).collect(),
         }
     }

@@ -9,7 +9,11 @@ use super::{
     laboratory::{Ellipses, Shown},
     paired::{mean, median},
 };
-use crate::{error::Error, settings::FitSettings, targets::{PAPER_DISC, PAPER_SIDE_PX, PAPER_SQUARE, paper_target}};
+use crate::{
+    error::Error,
+    settings::FitSettings,
+    targets::{PAPER_DISC, PAPER_SIDE_PX, PAPER_SQUARE, paper_target},
+};
 
 /// Half the breadth of the zone about an edge, px: the disc's edge rises from 12 % to 88 % within it.
 pub const ZONE_PX: f32 = 4.0;

@@ -93,21 +93,7 @@ impl<'a, R: Rasterizer<PlanarScene>> Laboratory<'a, R> {
 
     /// A fit from its settings.
     pub(crate) fn fit(&mut self, label: &str, target: &Image, settings: FitSettings) -> Result<Run, Error> {
-        self.finish(label, Trainer::new(self.rasterizer, target, settings)?)
-    }
-
-    /// A fit from a given scene.
-    pub(crate) fn fit_from(
-        &mut self,
-        label: &str,
-        target: &Image,
-        scene: &PlanarScene,
-        settings: FitSettings,
-    ) -> Result<Run, Error> {
-        self.finish(label, Trainer::from_scene(self.rasterizer, target, scene, settings)?)
-    }
-
-    fn finish(&mut self, label: &str, mut trainer: Trainer<'_, R>) -> Result<Run, Error> {
+        let mut trainer = Trainer::new(self.rasterizer, target, settings)?;
         self.watch.on_fit(label);
         let mut record = Record { losses: Vec::new(), counts: Vec::new(), watch: self.watch };
         let outcome = trainer.run(&mut record)?;

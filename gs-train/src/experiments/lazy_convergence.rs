@@ -177,10 +177,13 @@ fn absolute(threshold: f64) -> Policy {
 fn targets(extent: Extent) -> Vec<(String, DiscAndSquare)> {
     let paper = DiscAndSquare::default();
     let contrast = |contrast: f32| (format!("contrast × {contrast}"), DiscAndSquare { contrast, ..paper });
-    let stripes =
-        |period_px: f32| (format!("stripes of {period_px} px"), DiscAndSquare { fill: Fill::Stripes { period_px }, ..paper });
+    let stripes = |period_px: f32| {
+        (format!("stripes of {period_px} px"), DiscAndSquare { fill: Fill::Stripes { period_px }, ..paper })
+    };
     let side = |side_px: u32| (format!("{side_px}×{side_px} px"), DiscAndSquare { side_px, ..paper });
-    let soft = |softness_px: f32| (format!("square's edge softened by {softness_px} px"), DiscAndSquare { softness_px, ..paper });
+    let soft = |softness_px: f32| {
+        (format!("square's edge softened by {softness_px} px"), DiscAndSquare { softness_px, ..paper })
+    };
     let all = [("the paper's".to_owned(), paper), side(64), side(256), contrast(0.5), contrast(0.25), contrast(0.1)];
     let frequencies = [soft(4.0), stripes(20.0), stripes(10.0), stripes(5.0)];
     let all: Vec<_> = all.into_iter().chain(frequencies).collect();
@@ -228,8 +231,7 @@ pub fn measure<R: Rasterizer<PlanarScene>>(laboratory: &mut Laboratory<'_, R>) -
         let run = &runs[index][0];
         let render = &run.fit.summary.settings.render;
         let shown = Shown { size: target.size(), render, ellipses: Ellipses::LeftOut };
-        let caption =
-            format!("{}: {} Gaussians, {:.1} dB.", Criterion::ALL[index].name(), run.count(), run.psnr());
+        let caption = format!("{}: {} Gaussians, {:.1} dB.", Criterion::ALL[index].name(), run.count(), run.psnr());
         pictures.push(laboratory.picture(name, caption, &run.fit.scene, shown)?);
     }
     Ok(LazyMeasured {
@@ -273,7 +275,8 @@ impl Case {
         let mut fit = |what: &str, policy: Policy| {
             laboratory.fit(&format!("{label}: {what}"), &image, trial.settings(side, policy))
         };
-        let mut count = |tau: f64| Ok::<u32, Error>(fit(&format!("τ = {}", significant(tau, 2)), absolute(tau))?.count());
+        let mut count =
+            |tau: f64| Ok::<u32, Error>(fit(&format!("τ = {}", significant(tau, 2)), absolute(tau))?.count());
         let working = bisect(|half_octaves| Ok(count(threshold(half_octaves))? >= trial.budget), trial.stride)?;
         let working = working.map(threshold);
         let count_device = count(TAU_POSITION.into())?;
@@ -370,7 +373,12 @@ impl LazyMeasured {
                  σ, step of the means) are in proportion to the image.",
                 self.growth(Criterion::Forced).counts.len()
             ),
-            claims: vec![self.stagnation_claim(), self.forced_claim(), self.universality_claim(), self.relative_claim()],
+            claims: vec![
+                self.stagnation_claim(),
+                self.forced_claim(),
+                self.universality_claim(),
+                self.relative_claim(),
+            ],
             charts,
             tables: vec![self.criteria_table(), self.cases_table(), self.scan_table()],
             pictures: self.pictures.clone(),
@@ -433,8 +441,11 @@ impl LazyMeasured {
         let spread = self.spread_of_thresholds();
         let budget = self.trial.budget;
         let failing = |count: fn(&Case) -> u32| self.cases.iter().filter(|case| count(case) < budget).count();
-        let (transferred, device, pixel) =
-            (failing(|case| case.count_transferred), failing(|case| case.count_device), failing(|case| case.count_pixel));
+        let (transferred, device, pixel) = (
+            failing(|case| case.count_transferred),
+            failing(|case| case.count_device),
+            failing(|case| case.count_pixel),
+        );
         let cases = self.cases.len();
         Claim {
             name: "no-universal-threshold",
@@ -510,7 +521,10 @@ impl LazyMeasured {
         };
         Table {
             name: "thresholds",
-            title: format!("The threshold that would have worked: the largest with which growth reaches {}", self.trial.budget),
+            title: format!(
+                "The threshold that would have worked: the largest with which growth reaches {}",
+                self.trial.budget
+            ),
             columns: vec![
                 "target",
                 "working τ, per device unit",
@@ -526,7 +540,8 @@ impl LazyMeasured {
     }
 
     fn scan_table(&self) -> Table {
-        let row = |&(tau, count, psnr): &(f64, u32, f64)| vec![Cell::Significant(tau, 3), count.into(), Cell::Fixed(psnr, 2)];
+        let row =
+            |&(tau, count, psnr): &(f64, u32, f64)| vec![Cell::Significant(tau, 3), count.into(), Cell::Fixed(psnr, 2)];
         Table {
             name: "scan",
             title: "What a threshold comes to on the paper's target, seed 0".to_owned(),

@@ -30,9 +30,7 @@ impl Paired {
         let mut rng = Rng::seed_from_u64(0);
         let mut resampled: Vec<f64> = (0..RESAMPLINGS)
             .filter(|_| !differences.is_empty())
-            .map(|_| {
-                mean(&mut (0..differences.len()).map(|_| differences[rng.random_range(0..differences.len())]))
-            })
+            .map(|_| mean(&mut (0..differences.len()).map(|_| differences[rng.random_range(0..differences.len())])))
             .collect();
         resampled.sort_unstable_by(f64::total_cmp);
         let percentile = |share: f64| {

@@ -219,7 +219,8 @@ fn level(losses: &[f32], from: usize) -> f64 {
 /// Slopes of ln loss in the windows before and after `step` steps, per 100 steps. `losses[i]` is the loss before step i + 1, so that
 /// of the edited scene comes first in the second window.
 fn slopes(losses: &[f32], step: usize) -> (f64, f64) {
-    let slope = |from: usize| (level(losses, from + WINDOW - END) - level(losses, from)) * 100.0 / (WINDOW - END) as f64;
+    let slope =
+        |from: usize| (level(losses, from + WINDOW - END) - level(losses, from)) * 100.0 / (WINDOW - END) as f64;
     (slope(step - WINDOW), slope(step))
 }
 
@@ -245,7 +246,12 @@ fn pictures<R: Rasterizer<PlanarScene>>(
             end,
             shown(Ellipses::LeftOut),
         )?,
-        laboratory.picture("ellipses", "The same as ellipses of one standard deviation.", end, shown(Ellipses::Drawn))?,
+        laboratory.picture(
+            "ellipses",
+            "The same as ellipses of one standard deviation.",
+            end,
+            shown(Ellipses::Drawn),
+        )?,
         laboratory.picture(
             "twenty",
             format!("20 Gaussians without growth, as many steps: {:.1} dB.", twenty.psnr()),
@@ -262,7 +268,8 @@ impl SetUpMeasured {
         let [counts, losses] = self.curves.clone();
         Findings {
             method: format!(
-                "A soft red disc and a hard blue square on white, 128×128 px; 20 random Gaussians of σ 15 px, blended front to back; \
+                "A soft red disc and a hard blue square on white, 128×128 px; 20 random Gaussians of σ 15 px, blended front \
+                 to back; \
                  {} steps of Adam on L1 + D-SSIM; a round of growth every 100 steps. {} seeds. How the paper gets from 20 to 600 it \
                  does not say; here a Gaussian grows that is in the top 10 % or above the absolute threshold.",
                 settings.iterations,
@@ -298,7 +305,9 @@ impl SetUpMeasured {
             statement: "The solver turns 20 large blobs into a dense reconstruction of both shapes with 600 Gaussians.",
             section: "§3.3, Figs. 7, 8",
             verdict: Verdict::of(count == 600.0 && psnr > 35.0),
-            measured: format!("{count:.0} Gaussians, reached on average at step {reached:.0}, and {psnr:.1} dB at the end."),
+            measured: format!(
+                "{count:.0} Gaussians, reached on average at step {reached:.0}, and {psnr:.1} dB at the end."
+            ),
             numbers: vec![
                 Number::new("Gaussians", count, ""),
                 Number::new("step at which they are reached", reached, ""),
@@ -315,7 +324,8 @@ impl SetUpMeasured {
             section: "§3.2, §3.4.3, Fig. 8",
             verdict: Verdict::of_both(self.grown.mean_count() == 600.0, self.forced.mean_count() == 600.0),
             measured: format!(
-                "The top 10 % alone make {:.0} Gaussians of 20 in {} rounds ({:.1} dB). Together with the absolute threshold, which \
+                "The top 10 % alone make {:.0} Gaussians of 20 in {} rounds ({:.1} dB). Together with the absolute \
+                 threshold, which \
                  most exceed while the picture is blurred, they make {:.0}.",
                 rounds.1,
                 rounds.0,
@@ -346,7 +356,11 @@ impl SetUpMeasured {
             section: "§3.3, Fig. 8",
             verdict: Verdict::of_both(change.is_negative(), net.is_negative()),
             measured: format!(
-                "Over {} rounds that grew, ln loss falls by {:.2} per 100 steps in the 50 steps before a round and by {:.2} in those after;                  the change is {:+.2} (95 % interval {:+.2} to {:+.2}), steeper in {} of {} rounds (sign test p = {}; without growth, in                  {steeper_control} at the same steps). But the edit itself first multiplies the loss by {jump:.1} (median), and part of the                  drop only makes up for that. 100 steps later, ln loss stands {:+.2} ({:+.2} to {:+.2}) against where it went without growth,                  lower in {} of {} rounds.",
+                "Over {} rounds that grew, ln loss falls by {:.2} per 100 steps in the 50 steps before a round and by {:.2} \
+                 in those after; the change is {:+.2} (95 % interval {:+.2} to {:+.2}), steeper in {} of {} rounds (sign \
+                 test p = {}; without growth, in {steeper_control} at the same steps). But the edit itself first multiplies \
+                 the loss by {jump:.1} (median), and part of the drop only makes up for that. 100 steps later, ln loss \
+                 stands {:+.2} ({:+.2} to {:+.2}) against where it went without growth, lower in {} of {} rounds.",
                 change.pairs,
                 -before,
                 -after,
@@ -380,7 +394,8 @@ impl SetUpMeasured {
             section: "§3.3",
             verdict: Verdict::of_both(grown > twenty + 3.0, grown > small.max(large)),
             measured: format!(
-                "After as many steps, growth reaches {grown:.1} dB; 20 that stay 20 reach {twenty:.1} dB; 600 from the start reach \
+                "After as many steps, growth reaches {grown:.1} dB; 20 that stay 20 reach {twenty:.1} dB; 600 from the start \
+                 reach \
                  {small:.1} dB if together they cover as much as the 20, and {large:.1} dB if each is as large. So their number is worth \
                  {:.1} dB, and growing to it instead of starting with it {:.1} dB.",
                 small.max(large) - twenty,

@@ -229,7 +229,9 @@ mod tests {
             opacity_logit: 0.6,
             color,
         };
-        [gaussian(4.2, 0.4, Vec3::new(0.9, 0.2, 0.1)), gaussian(6.9, -0.7, Vec3::new(0.1, 0.5, 0.8))].into_iter().collect()
+        [gaussian(4.2, 0.4, Vec3::new(0.9, 0.2, 0.1)), gaussian(6.9, -0.7, Vec3::new(0.1, 0.5, 0.8))]
+            .into_iter()
+            .collect()
     }
 
     #[test]
