@@ -207,8 +207,8 @@ padding:14px 18px;margin:10px 0}
 figure{margin:0;background:var(--surface);border:1px solid var(--line);border-radius:8px;padding:12px}
 .charts figure{max-width:760px}
 .charts figcaption{font-weight:600;font-size:15px}
-.pictures figure{width:214px}
-.pictures img{width:188px;height:188px;display:block;image-rendering:pixelated;margin-bottom:6px}
+.pictures figure{width:213px}
+.pictures img{width:100%;aspect-ratio:1;display:block;margin-bottom:6px}
 .pictures figcaption{font-size:13px;color:var(--soft)}
 svg{width:100%;height:auto;display:block}
 .wide{overflow-x:auto}

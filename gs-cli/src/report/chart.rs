@@ -1,6 +1,7 @@
 //! Curves over one pair of axes, linear or logarithmic, as a PNG's pixels or as SVG; both from one drawing.
 //!
-//! Colours are those of Okabe and Ito, which the colour-blind can tell apart. In the SVG that goes into a page, every colour is a
+//! Colours are those of Okabe and Ito, which the colour-blind can tell apart, and every other line is dashed, so that lines on top of each
+//! other are seen, too. In the SVG that goes into a page, every colour is a
 //! variable of the page's style, so that it follows the reader's light or dark theme.
 
 use gs_core::Image;
@@ -14,13 +15,13 @@ use plotters::{
 use crate::report::curve::{FONT, embed_font};
 
 /// Size of the picture, px.
-const SIZE: (u32, u32) = (720, 440);
+const SIZE: (u32, u32) = (600, 400);
 
 /// Height of a row of the legend, px.
 const LEGEND_ROW: i32 = 22;
 
 /// Mean width of a letter of the legend, px: the font is monospaced where it is embedded, narrower elsewhere.
-const LETTER: f64 = 8.2;
+const LETTER: f64 = 7.6;
 
 /// Colours of the curves, in their order.
 const COLORS: [RGBColor; 7] = [
@@ -29,8 +30,8 @@ const COLORS: [RGBColor; 7] = [
     RGBColor(0, 158, 115),
     RGBColor(204, 121, 167),
     RGBColor(230, 159, 0),
-    RGBColor(86, 180, 233),
     RGBColor(110, 110, 110),
+    RGBColor(86, 180, 233),
 ];
 
 /// The chart as pixels.
@@ -116,8 +117,12 @@ where
                 .draw()?;
             for (index, (series, points)) in chart.series.iter().zip(&shown).enumerate() {
                 let style = color(index).stroke_width(2);
-                // Segment by segment: where a noisy line is drawn in one piece, its pointed corners shoot far beyond it.
-                context.draw_series(points.windows(2).map(|ends| PathElement::new(ends.to_vec(), style)))?;
+                if is_dashed(index) {
+                    context.draw_series(DashedLineSeries::new(points.iter().copied(), DASH, GAP, style))?;
+                } else {
+                    // Segment by segment: where a noisy line is drawn in one piece, its pointed corners shoot far beyond it.
+                    context.draw_series(points.windows(2).map(|ends| PathElement::new(ends.to_vec(), style)))?;
+                }
                 if series.mark == Mark::Dotted {
                     context.draw_series(points.iter().map(|&p| Circle::new(p, 4, color(index).filled())))?;
                 }
@@ -132,6 +137,14 @@ where
     }
     area.present()?;
     Ok(())
+}
+
+/// Lengths of a dash and of what lies between two, px.
+const DASH: u32 = 7;
+const GAP: u32 = 4;
+
+fn is_dashed(index: usize) -> bool {
+    index % 2 == 1
 }
 
 fn color(index: usize) -> RGBColor {
@@ -189,7 +202,10 @@ where
             (x, row) = (20, row + 1);
         }
         let y = 14 + row * LEGEND_ROW;
-        area.draw(&PathElement::new([(x, y), (x + SAMPLE, y)], color(index).stroke_width(3)))?;
+        let pieces = if is_dashed(index) { vec![(0, 11), (15, SAMPLE)] } else { vec![(0, SAMPLE)] };
+        for (from, to) in pieces {
+            area.draw(&PathElement::new([(x + from, y), (x + to, y)], color(index).stroke_width(3)))?;
+        }
         area.draw(&Text::new(series.label.clone(), (x + SAMPLE + 8, y), style.clone()))?;
         x += width;
     }
@@ -215,14 +231,14 @@ mod tests {
             let wanted = [r, g, b].map(|v| f32::from(v) / 255.0);
             drawn.pixels().iter().filter(|p| p.iter().zip(wanted).all(|(v, w)| (v - w).abs() < 0.02)).count()
         };
-        assert!(count(COLORS[0]) > 400 && count(COLORS[1]) > 400 && count(COLORS[2]) == 0);
+        assert!(count(COLORS[0]) > 300 && count(COLORS[1]) > 300 && count(COLORS[2]) == 0);
         let text = svg(&chart).unwrap();
         for word in ["falling", "rising &lt;&amp;&gt;", "step", "loss, px²", "#0072B2"] {
             assert!(text.contains(word), "{word} in {text}");
         }
         let themed = themed(&text);
         assert!(themed.contains("var(--curve-0)") && themed.contains("var(--ink)") && themed.contains("viewBox"));
-        assert!(!themed.contains("#0072B2") && !themed.contains("width=\"720\""), "{}", &themed[..300]);
+        assert!(!themed.contains("#0072B2") && !themed.contains("width=\"600\""), "{}", &themed[..300]);
     }
 
     #[test]

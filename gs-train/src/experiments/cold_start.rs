@@ -11,7 +11,7 @@ use gs_density::{Paper, Policy, ResidualGrowth, WhenFlat};
 use super::{
     Axis, Cell, Chart, Claim, Findings, Laboratory, Number, Picture, Series, Table, Verdict,
     findings::significant,
-    laboratory::{Ellipses, Run, Shown},
+    laboratory::{Ellipses, Run, Shown, seeds_in_words},
     paired::{mean, median},
     set_up::paper_settings,
 };
@@ -264,11 +264,11 @@ impl ColdStartMeasured {
     pub fn findings(&self) -> Findings {
         Findings {
             method: format!(
-                "The paper's fit, {} steps, from 20 Gaussians of σ {COLD_SCALE_PX} px on the border of the image instead; {} \
-                 seed(s). The \
+                "The paper's fit, {} steps, from 20 Gaussians of σ {COLD_SCALE_PX} px on the border of the image instead; {}. The \
                  shapes' pull is the gradient with them in the target less the gradient with a white target. The target has 8 bits a \
                  channel, as a file would, so that the disc's faint rim ends before the border.",
-                self.iterations, self.seeds
+                self.iterations,
+                seeds_in_words(self.seeds)
             ),
             claims: [
                 self.gradient_claim(),
@@ -307,7 +307,7 @@ impl ColdStartMeasured {
             measured: format!(
                 "Under L1 the shapes change the gradients of {} of {} Gaussians on the border, by {}, and in the good start \
                  those of {} of {}, by up to {}. The window of D-SSIM reaches 10 px further: {} Gaussians feel it, by {} at \
-                 most. The whole gradient is {} at most where a Gaussian has the colour of the white it stands on, but up to \
+                 most. The whole gradient is {} where a Gaussian has the colour of the white it stands on, but up to \
                  {} where it has not: it is pushed about there, without direction.",
                 white.moved_by_shapes + random.moved_by_shapes,
                 white.gaussians + random.gaussians,
@@ -467,7 +467,7 @@ impl ColdStartMeasured {
 
 /// A number that is zero or is not.
 fn exact(value: f64) -> String {
-    if value == 0.0 { "exactly 0".to_owned() } else { significant(value, 2) }
+    if value == 0.0 { "exactly 0".to_owned() } else { format!("{} at most", significant(value, 2)) }
 }
 
 fn when(steps: Option<f64>) -> String {

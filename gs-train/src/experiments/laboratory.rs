@@ -155,14 +155,19 @@ impl Run {
         self.losses.last().map_or(f64::NAN, |&loss| loss.into())
     }
 
-    /// Count over steps, thinned to every tenth.
+    /// Count over steps, as stairs: the points at which it changes, before and after, and the ends.
     pub(crate) fn count_curve(&self) -> Vec<(f64, f64)> {
-        curve(self.counts.iter().map(|&count| f64::from(count)))
+        let numbered = (1..).zip(&self.counts).map(|(step, &count)| (f64::from(step), f64::from(count)));
+        let points: Vec<(f64, f64)> = numbered.collect();
+        let changes = points.windows(2).filter(|pair| pair[0].1 != pair[1].1);
+        let stairs = changes.flat_map(|pair| [(pair[1].0, pair[0].1), pair[1]]);
+        points.first().copied().into_iter().chain(stairs).chain(points.last().copied()).collect()
     }
 
     /// Loss over steps, thinned to every tenth.
     pub(crate) fn loss_curve(&self) -> Vec<(f64, f64)> {
-        curve(self.losses.iter().map(|&loss| f64::from(loss)))
+        let numbered = (1..).zip(&self.losses).map(|(step, &loss)| (f64::from(step), f64::from(loss)));
+        numbered.filter(|&(step, _)| step == 1.0 || step % 10.0 == 0.0).collect()
     }
 
     /// The first step at which the loss, averaged over [`SMOOTHED_STEPS`], is at most `level`.
@@ -183,9 +188,9 @@ impl Run {
 /// Steps over which a loss is averaged where its noise would decide.
 pub(crate) const SMOOTHED_STEPS: usize = 10;
 
-fn curve(values: impl Iterator<Item = f64>) -> Vec<(f64, f64)> {
-    let numbered = values.enumerate().map(|(i, value)| ((i + 1) as f64, value));
-    numbered.filter(|&(step, _)| step == 1.0 || step % 10.0 == 0.0).collect()
+/// "1 seed", "3 seeds".
+pub(crate) fn seeds_in_words(seeds: u32) -> String {
+    if seeds == 1 { "1 seed".to_owned() } else { format!("{seeds} seeds") }
 }
 
 struct Record<'a> {

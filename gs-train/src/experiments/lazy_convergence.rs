@@ -11,7 +11,7 @@ use gs_density::{AbsoluteThreshold, Hybrid, Policy, RelativePercentile};
 use super::{
     Axis, Cell, Chart, Claim, Extent, Findings, Laboratory, Number, Picture, Series, Table, Verdict,
     findings::significant,
-    laboratory::{Ellipses, Run, Shown},
+    laboratory::{Ellipses, Run, Shown, seeds_in_words},
     paired::mean,
     set_up::paper_settings,
 };
@@ -20,7 +20,7 @@ use crate::{
     init::{Init, Random},
     rounds::Rounds,
     settings::FitSettings,
-    targets::{DiscAndSquare, Fill, PAPER_SIDE_PX},
+    targets::{DiscAndSquare, Fill, PAPER_SIDE_PX, PAPER_SQUARE},
 };
 
 /// Who grows.
@@ -107,7 +107,7 @@ pub struct Case {
     pub psnr_hybrid: f64,
 }
 
-/// What out of the paper's target the threshold depends on.
+/// What came out.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LazyMeasured {
     /// The criteria on the paper's target, as in [`Criterion::ALL`].
@@ -161,6 +161,9 @@ impl Trial {
         }
     }
 }
+
+/// Side of the paper's square, px.
+const SQUARE_SIDE_PX: f32 = PAPER_SQUARE.1.x - PAPER_SQUARE.0.x;
 
 /// Exponents, in half octaves, of the thresholds that are tried: 3DGS's over 256 to 3DGS's times 256.
 const HALF_OCTAVES: (i32, i32) = (-16, 16);
@@ -352,6 +355,7 @@ impl LazyMeasured {
                 series: losses,
             },
         ];
+        charts.push(self.dependence_chart());
         if !self.scan.is_empty() {
             charts.push(Chart {
                 name: "threshold",
@@ -366,12 +370,12 @@ impl LazyMeasured {
         }
         Findings {
             method: format!(
-                "The paper's fit with rounds every 100 steps to the end, under four criteria; {} seed(s). Then targets that differ from \
+                "The paper's fit with rounds every 100 steps to the end, under four criteria, {}. Then targets that differ from \
                  the paper's in size, contrast or frequency, each given {iterations} steps and a budget of {budget}: the largest \
                  threshold with which growth reaches the budget is sought on a grid of half octaves, and the hybrid (the top {percent} \
                  %, a floor at a hundredth of 3DGS's threshold, the budget) is run with the same settings on all of them. Lengths (first \
                  σ, step of the means) are in proportion to the image.",
-                self.growth(Criterion::Forced).counts.len()
+                seeds_in_words(self.growth(Criterion::Forced).counts.len() as u32)
             ),
             claims: vec![
                 self.stagnation_claim(),
@@ -385,10 +389,40 @@ impl LazyMeasured {
         }
     }
 
+    /// The working threshold over what the targets differ in, each relative to the paper's.
+    fn dependence_chart(&self) -> Chart {
+        let series = |label: &str, relative: fn(&DiscAndSquare) -> Option<f32>| {
+            let found = self.cases.iter().filter_map(|case| Some((relative(&case.target)?.into(), case.working?)));
+            let mut points: Vec<(f64, f64)> = found.collect();
+            points.sort_by(|a, b| a.0.total_cmp(&b.0));
+            Series::dotted(label, points)
+        };
+        Chart {
+            name: "dependence",
+            title: "The largest threshold that works".to_owned(),
+            x: Axis::logarithmic("relative to the paper's target"),
+            y: Axis::logarithmic("τ, per normalised device unit"),
+            series: vec![
+                series("contrast", |target| {
+                    let varied = DiscAndSquare { contrast: target.contrast, ..DiscAndSquare::default() };
+                    (*target == varied).then_some(target.contrast)
+                }),
+                series("image side", |target| {
+                    let varied = DiscAndSquare { side_px: target.side_px, ..DiscAndSquare::default() };
+                    (*target == varied).then_some(target.side_px as f32 / PAPER_SIDE_PX as f32)
+                }),
+                series("stripes over the square's side", |target| match target.fill {
+                    Fill::Stripes { period_px } => Some(period_px / SQUARE_SIDE_PX),
+                    Fill::Plain => (*target == DiscAndSquare::default()).then_some(1.0),
+                }),
+            ],
+        }
+    }
+
     fn stagnation_claim(&self) -> Claim {
         let (device, pixel) = (self.growth(Criterion::AbsoluteDevice), self.growth(Criterion::AbsolutePixel));
         let stagnates = |growth: &Growth| growth.mean_count() < 60.0;
-        let tried = f64::from(self.extent.choose(600u32, 600));
+        let budget = paper_settings(self.extent, 0).gaussians;
         Claim {
             name: "absolute-threshold-stagnates",
             statement: "Under the absolute threshold 0.0002 growth stagnates at about 30 Gaussians, which leave the picture blurred.",
@@ -397,7 +431,7 @@ impl LazyMeasured {
             measured: format!(
                 "It depends on the unit, which the paper does not give. Per pixel, growth stops at {:.0} Gaussians after step {:.0} and \
                  ends at {:.1} dB: the paper's stagnation. In the normalised device units of 3DGS, 64 times less strict at 128 px, the \
-                 same number lets growth reach {:.0} of {tried:.0} Gaussians and {:.1} dB.",
+                 same number lets growth reach {:.0} of {budget} Gaussians and {:.1} dB.",
                 pixel.mean_count(),
                 pixel.last_growth,
                 pixel.psnr,
