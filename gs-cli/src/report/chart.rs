@@ -172,7 +172,7 @@ fn range(axis: Axis, values: impl Iterator<Item = f64>) -> (f64, f64) {
 fn tick(value: f64) -> String {
     match value.abs() {
         0.0 => "0".to_owned(),
-        v if v >= 10_000.0 || v < 0.001 => {
+        v if !(0.001..10_000.0).contains(&v) => {
             let exponent = v.log10().floor();
             let mantissa = value / 10f64.powf(exponent);
             if (mantissa.abs() - 1.0).abs() < 1e-6 {

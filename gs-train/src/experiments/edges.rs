@@ -145,8 +145,10 @@ pub fn measure<R: Rasterizer<PlanarScene>>(laboratory: &mut Laboratory<'_, R>) -
     let picture = laboratory.picture("ellipses", caption, &scenes[0], shown)?;
     let populations = Zone::ALL.map(|zone| population(zone, &scenes)).to_vec();
     let by_distance = |value: fn(&[PlanarGaussian], f64) -> f64| {
-        let edges: [(&str, fn(Vec2) -> f32); 2] = [("the square's edge", from_square), ("the disc's edge", from_disc)];
-        edges.map(|(label, distance)| Series::dotted(label, binned(&scenes, distance, value))).to_vec()
+        vec![
+            Series::dotted("the square's edge", binned(&scenes, from_square, value)),
+            Series::dotted("the disc's edge", binned(&scenes, from_disc, value)),
+        ]
     };
     Ok(EdgesMeasured {
         populations,
