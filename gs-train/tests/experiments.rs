@@ -21,13 +21,15 @@ fn cpu(threads: Option<usize>) -> CpuRasterizer {
     CpuRasterizer::new(CpuSettings { threads, ..CpuSettings::default() }).unwrap()
 }
 
+/// The name of a claim, its verdict in the quick form, and a look at its numbers.
+type Check<M> = (&'static str, Verdict, fn(&M));
+
 /// Looks at every claim of an experiment: its verdict, whether its words hold numbers, and by `check` at the numbers themselves.
-fn check_claims<M>(measured: &M, findings: &Findings, checks: &[(&str, Verdict, fn(&M))]) {
+fn check_claims<M>(measured: &M, findings: &Findings, checks: &[Check<M>]) {
     let made: Vec<&str> = findings.claims.iter().map(|claim| claim.name).collect();
     let checked: Vec<&str> = checks.iter().map(|check| check.0).collect();
     assert_eq!(made, checked, "every claim is looked at");
     for (claim, (_, verdict, check)) in findings.claims.iter().zip(checks) {
-        println!("{}: {}: {}", claim.name, claim.verdict, claim.measured);
         check(measured);
         assert_eq!(claim.verdict, *verdict, "{claim:?}");
         assert!(claim.measured.contains(|c: char| c.is_ascii_digit()) && !claim.measured.contains("NaN"), "{claim:?}");
