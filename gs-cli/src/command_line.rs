@@ -8,6 +8,7 @@ use crate::{
     commands::{eval::EvalArgs, info::InfoArgs, render::RenderArgs},
     failure::Failure,
     fit::arguments::FitArgs,
+    paper::PaperArgs,
     profile::ProfileArgs,
     study::arguments::StudyArgs,
 };
@@ -23,12 +24,14 @@ Examples:
   gs info --adapters                            the GPUs that were found
   gs profile photo.png --backend cpu            where the time of a training step goes
   gs profile out/scene.gs2d.safetensors --backend wgpu -o profile
+  gs paper -o paper                             the paper's experiments, as a page
   gs study absolute-vs-percentile --data photographs -o study   which policy is better, and how sure that is
   gs study replay study 17                      row 17 of its runs.csv again, the same scene bit for bit
 
 Exit status: 0 done, 1 failed, 2 bad usage, 130 stopped by Ctrl-C.";
 
-/// Fits Gaussians to images, renders them at any size, compares, inspects and profiles the results, and studies how to grow them.
+/// Fits Gaussians to images, renders them at any size, compares, inspects and profiles the results; repeats the paper's experiments, and
+/// studies which way of growing is better.
 #[derive(Debug, Parser)]
 #[command(name = "gs", version, about, after_help = EXAMPLES, arg_required_else_help = true)]
 struct CommandLine {
@@ -49,6 +52,8 @@ pub(crate) enum Command {
     Info(InfoArgs),
     /// Tell where the time of a training step goes, stage by stage
     Profile(Box<ProfileArgs>),
+    /// Repeat the paper's experiments, and set what it says beside what is measured
+    Paper(Box<PaperArgs>),
     /// Compare density policies over images, budgets and seeds, with intervals and a report
     Study(Box<StudyArgs>),
 }
@@ -87,7 +92,7 @@ pub(crate) fn parse() -> Result<Parsed, Failure> {
     }
 }
 
-const COMMANDS: [&str; 6] = ["fit", "render", "eval", "info", "profile", "study"];
+const COMMANDS: [&str; 7] = ["fit", "render", "eval", "info", "profile", "paper", "study"];
 
 /// The parser's message without its usage, its pointer to the help and its own "error:".
 fn essence(message: &str) -> String {

@@ -10,6 +10,7 @@ mod failure;
 mod fit;
 mod interrupt;
 mod output;
+mod paper;
 mod profile;
 mod report;
 mod study;
@@ -42,6 +43,7 @@ fn run(parsed: Parsed) -> Result<ExitCode, Failure> {
         Parsed::Command(Command::Eval(args)) => commands::eval::run(&args),
         Parsed::Command(Command::Info(args)) => commands::info::run(&args),
         Parsed::Command(Command::Profile(args)) => profile::run(&args),
+        Parsed::Command(Command::Paper(args)) => paper::run(&args),
         Parsed::Command(Command::Study(args)) => study::run(&args),
     }?;
     Ok(ExitCode::SUCCESS)

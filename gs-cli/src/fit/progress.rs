@@ -85,7 +85,7 @@ impl Display {
 
     /// What speaks without disturbing the display.
     pub(crate) fn voice(&self) -> Voice {
-        Voice(match &self.kind {
+        Voice::above(match &self.kind {
             Kind::Bar(bar) => Some(bar.clone()),
             Kind::Lines(_) => None,
         })

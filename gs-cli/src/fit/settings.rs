@@ -3,6 +3,7 @@
 
 use std::{fs, path::Path};
 
+use clap::ValueEnum;
 use gs_core::{Adam, Blend, Chart, Image, Loss, RenderSettings, adam::Group, effects::Background};
 use gs_density::Policy;
 use gs_train::{
@@ -250,7 +251,6 @@ impl From<ChartName> for Chart {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use clap::ValueEnum;
 
     fn target() -> Target {
         let image = Image::from_fn(64, 48, |x, _| [x as f32 / 63.0, 0.5, 0.25]).unwrap();

@@ -12,7 +12,7 @@ use plotters::{
 
 /// Size of the picture, px.
 const SIZE: (u32, u32) = (960, 600);
-const FONT: &str = "sans-serif";
+pub(super) const FONT: &str = "sans-serif";
 const COUNT_COLOR: RGBColor = RGBColor(31, 94, 168);
 const LOSS_COLOR: RGBColor = RGBColor(196, 62, 28);
 
@@ -123,7 +123,7 @@ fn thinned(line: &[(f64, f64)]) -> Vec<(f64, f64)> {
     first.into_iter().chain(extremes).chain(last).collect()
 }
 
-fn embed_font() {
+pub(super) fn embed_font() {
     static ONCE: Once = Once::new();
     // A font that cannot be read shows up as an error of the first text that is drawn.
     ONCE.call_once(|| drop(register_font(FONT, FontStyle::Normal, epaint_default_fonts::HACK_REGULAR)));

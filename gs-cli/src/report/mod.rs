@@ -1,4 +1,5 @@
-//! The pictures and tables that a fit leaves behind.
+//! The pictures and tables that commands leave behind.
 
+pub(crate) mod chart;
 pub(crate) mod curve;
 pub(crate) mod ellipses;

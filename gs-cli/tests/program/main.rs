@@ -3,6 +3,7 @@
 mod backends;
 mod bad_input;
 mod fit;
+mod paper;
 mod process;
 mod profile;
 mod scenes;

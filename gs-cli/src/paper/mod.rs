@@ -1,0 +1,137 @@
+//! `gs paper`: the experiments of the paper, and a page that sets what it says beside what was measured.
+
+mod files;
+mod page;
+mod progress;
+
+use std::{path::PathBuf, time::Instant};
+
+use clap::{
+    Args,
+    builder::{PossibleValuesParser, TypedValueParser as _},
+};
+use gs_core::{PlanarScene, profile::Profiler};
+use gs_train::experiments::{Experiment, Extent, Findings, Laboratory};
+
+use crate::{
+    backend::{Backend, BackendArgs, Task},
+    failure::{self, Failure},
+    fit::folder::OutputFolder,
+    output,
+    paper::{files::Figures, progress::Display},
+};
+
+const AFTER_HELP: &str = "\
+The experiments:
+  set-up            20 large Gaussians become 600; what growth is worth
+  cold-start        small Gaussians on the border that nothing pulls, and the cure
+  lazy-convergence  the absolute threshold, forced growth, and why no threshold is universal
+  instability       a scale driven to zero, without guards and with them
+  edges             where the Gaussians stand, and how they are stretched
+
+DIR then holds index.html, which needs nothing beside it and no network; claims.csv, every claim with its verdict and numbers; and a folder \
+for each experiment with its tables and curves (CSV), charts (PNG and SVG) and pictures (PNG). Verdicts are computed from what was \
+measured. The same backend gives the same numbers each time.";
+
+/// The flags of `gs paper`.
+#[derive(Debug, Clone, Args)]
+#[command(after_help = AFTER_HELP)]
+pub(crate) struct PaperArgs {
+    /// Folder for the results; made if it is not there
+    #[arg(short, long, value_name = "DIR", default_value = "gs-paper")]
+    output: PathBuf,
+    /// Make this experiment alone
+    #[arg(long, value_name = "NAME", value_parser = experiment_parser())]
+    only: Option<Experiment>,
+    /// Fewer seeds and steps: some twenty seconds instead of some minutes
+    #[arg(long)]
+    quick: bool,
+    #[command(flatten)]
+    backend: BackendArgs,
+}
+
+fn experiment_parser() -> impl clap::builder::TypedValueParser<Value = Experiment> {
+    PossibleValuesParser::new(Experiment::ALL.map(Experiment::name)).try_map(|name| Experiment::from_name(&name))
+}
+
+/// One experiment's results, with its figures written and kept for the page.
+struct Chapter {
+    experiment: Experiment,
+    findings: Findings,
+    figures: Figures,
+}
+
+/// Makes the experiments and writes their results.
+///
+/// # Errors
+/// Where flags or the output folder are not possible, or the backend fails.
+pub(crate) fn run(args: &PaperArgs) -> Result<(), Failure> {
+    let started = Instant::now();
+    let backend = Backend::start(&args.backend)?;
+    let folder = OutputFolder::prepare(&args.output, "--output")?;
+    output::note(&backend.reason);
+    let extent = if args.quick { Extent::Quick } else { Extent::Full };
+    let experiments = args.only.map_or_else(|| Experiment::ALL.to_vec(), |only| vec![only]);
+    let chapters = backend.run(Experiments { experiments, extent, folder: &folder })?;
+    files::write_claims(&folder, &chapters)?;
+    let page = page::page(&chapters, &page::Setting { extent, only: args.only, backend: &backend.reason });
+    files::write_text(&folder.file("index.html"), &page)?;
+    output::note(format_args!(
+        "{} in {:.0} s; see {}",
+        verdicts(chapters.iter().flat_map(|chapter| &chapter.findings.claims)),
+        started.elapsed().as_secs_f64(),
+        folder.file("index.html").display()
+    ));
+    Ok(())
+}
+
+struct Experiments<'a> {
+    experiments: Vec<Experiment>,
+    extent: Extent,
+    folder: &'a OutputFolder,
+}
+
+impl Task for Experiments<'_> {
+    type Output = Result<Vec<Chapter>, Failure>;
+
+    fn run<R: Profiler<PlanarScene>>(self, rasterizer: &R) -> Result<Vec<Chapter>, Failure> {
+        let mut display = Display::new(self.experiments.len());
+        let voice = display.voice();
+        // Every experiment is written whole or not at all: there is nothing to save.
+        let quitting = voice.clone();
+        let listening = ctrlc::set_handler(move || {
+            quitting.clear();
+            failure::quit_now();
+        });
+        if let Err(error) = listening {
+            output::note(format_args!("note: Ctrl-C may leave a temporary file: {error}"));
+        }
+        let mut chapters = Vec::new();
+        for experiment in self.experiments {
+            let started = Instant::now();
+            display.begin(experiment);
+            let made = experiment.run(&mut Laboratory::new(rasterizer, self.extent, &mut display));
+            let written = made.map_err(Failure::from).and_then(|findings| {
+                let figures = files::write_experiment(self.folder, experiment, &findings)?;
+                Ok(Chapter { experiment, findings, figures })
+            });
+            let chapter = written.inspect_err(|_| voice.clear())?;
+            let told = verdicts(&chapter.findings.claims);
+            voice.say(format_args!("{experiment}: {told}; {:.1} s", started.elapsed().as_secs_f64()));
+            chapters.push(chapter);
+        }
+        voice.clear();
+        Ok(chapters)
+    }
+}
+
+/// "3 claims confirmed, 1 partly".
+fn verdicts<'a>(claims: impl IntoIterator<Item = &'a gs_train::experiments::Claim>) -> String {
+    use gs_train::experiments::Verdict::{Confirmed, Partly, Refuted};
+    let claims: Vec<_> = claims.into_iter().collect();
+    let of = |verdict| claims.iter().filter(|claim| claim.verdict == verdict).count();
+    let counted = [Confirmed, Partly, Refuted].map(|verdict| (of(verdict), verdict));
+    let told: Vec<String> =
+        counted.iter().filter(|(n, _)| *n > 0).map(|(n, verdict)| format!("{n} {verdict}")).collect();
+    format!("{} claims: {}", claims.len(), told.join(", "))
+}

@@ -1,0 +1,87 @@
+//! What `gs paper` shows while it runs: a bar over the steps of the fit under way on a terminal, a line for each experiment elsewhere.
+
+use std::{
+    io::{IsTerminal, stderr},
+    time::{Duration, Instant},
+};
+
+use gs_train::{
+    Progress,
+    experiments::{Experiment, Watch},
+};
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+
+use crate::{
+    fit::{progress::Voice, terminal::Terminal},
+    output,
+};
+
+/// Time between two drawings of the bar.
+const REDRAW: Duration = Duration::from_millis(100);
+
+/// Time between two lines about fits, where there is no bar.
+const LINE: Duration = Duration::from_secs(10);
+
+/// Shows how far the experiments are.
+pub(crate) struct Display {
+    bar: Option<ProgressBar>,
+    experiments: usize,
+    begun: usize,
+    experiment: &'static str,
+    fits: u32,
+    drawn: Instant,
+}
+
+impl Display {
+    /// A display on standard error of so many experiments.
+    pub(crate) fn new(experiments: usize) -> Self {
+        let bar = stderr().is_terminal().then(|| {
+            let target = ProgressDrawTarget::term_like_with_hz(Box::new(Terminal::default()), 10);
+            let bar = ProgressBar::with_draw_target(Some(0), target);
+            let template = "{prefix}  {wide_msg} {bar:20} {pos}/{len}";
+            bar.set_style(ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar()));
+            bar
+        });
+        Self { bar, experiments, begun: 0, experiment: "", fits: 0, drawn: Instant::now() }
+    }
+
+    /// What speaks without disturbing the display.
+    pub(crate) fn voice(&self) -> Voice {
+        Voice::above(self.bar.clone())
+    }
+
+    /// The next experiment begins.
+    pub(crate) fn begin(&mut self, experiment: Experiment) {
+        self.begun += 1;
+        self.fits = 0;
+        self.experiment = experiment.name();
+        if let Some(bar) = &self.bar {
+            bar.set_prefix(format!("{} {}/{}", self.experiment, self.begun, self.experiments));
+        }
+    }
+}
+
+impl Watch for Display {
+    fn on_fit(&mut self, label: &str) {
+        self.fits += 1;
+        match &self.bar {
+            Some(bar) => bar.set_message(label.to_owned()),
+            None if self.drawn.elapsed() >= LINE => {
+                let Self { experiment, begun, experiments, fits, .. } = self;
+                output::note(format_args!("{experiment} ({begun} of {experiments}), fit {fits}: {label}"));
+                self.drawn = Instant::now();
+            }
+            None => {}
+        }
+    }
+
+    fn on_step(&mut self, progress: &Progress) {
+        if let Some(bar) = &self.bar
+            && (self.drawn.elapsed() >= REDRAW || progress.step == 1)
+        {
+            bar.set_length(progress.iterations.into());
+            bar.set_position(progress.step.into());
+            self.drawn = Instant::now();
+        }
+    }
+}

@@ -1,0 +1,59 @@
+//! `gs paper`: what it writes, and what it refuses.
+
+use std::fs;
+
+use crate::process::{folder, gs, names_in};
+
+#[test]
+fn an_experiment_becomes_a_page_and_tables() {
+    let place = folder();
+    let output = place.path().join("made/on/demand");
+    let words = ["paper", "--quick", "--only", "edges", "--backend", "cpu", "-o", output.to_str().unwrap()];
+    let run = gs(words).done();
+    assert_eq!(run.stdout, "");
+    assert!(run.stderr.contains("edges: 2 claims: 2 confirmed"), "{}", run.stderr);
+    assert_eq!(names_in(&output), ["claims.csv", "edges", "index.html"]);
+    assert_eq!(
+        names_in(&output.join("edges")),
+        [
+            "anisotropy-by-distance-chart.csv",
+            "anisotropy-by-distance-chart.png",
+            "anisotropy-by-distance-chart.svg",
+            "density-by-distance-chart.csv",
+            "density-by-distance-chart.png",
+            "density-by-distance-chart.svg",
+            "ellipses.png",
+            "zones.csv",
+        ]
+    );
+    let page = fs::read_to_string(output.join("index.html")).unwrap();
+    for part in ["gs paper --quick --only edges", "The paper says", "confirmed", "<svg", "data:image/png;base64,iVBOR"]
+    {
+        assert!(page.contains(part), "{part}");
+    }
+    let claims = fs::read_to_string(output.join("claims.csv")).unwrap();
+    let rows: Vec<&str> = claims.lines().collect();
+    assert_eq!(rows[0], "experiment,claim,section,verdict,number,value,unit");
+    assert!(
+        rows.len() == 11 && rows[1].starts_with("edges,edges-are-dense-and-stretched,\"§3.3, Fig. 7\",confirmed,"),
+        "{claims}"
+    );
+    let zones = fs::read_to_string(output.join("edges/zones.csv")).unwrap();
+    assert!(zones.starts_with("zone,\"area, px²\",Gaussians,") && zones.lines().count() == 6, "{zones}");
+}
+
+#[test]
+fn what_cannot_be_done_is_refused_in_one_line() {
+    let unknown = gs(["paper", "--only", "warm-start"]);
+    assert_eq!(unknown.status, Some(2));
+    let line = unknown.refusal();
+    for name in ["warm-start", "set-up", "cold-start", "lazy-convergence", "instability", "edges", "gs paper --help"] {
+        assert!(line.contains(name), "{name} in {line}");
+    }
+    let place = folder();
+    let file = place.path().join("file");
+    fs::write(&file, "in the way").unwrap();
+    let blocked = gs(["paper", "--quick", "--backend", "cpu", "-o", file.to_str().unwrap()]);
+    assert_eq!(blocked.status, Some(1));
+    assert!(blocked.refusal().contains("cannot be written to"), "{blocked:?}");
+}

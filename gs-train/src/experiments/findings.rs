@@ -1,0 +1,282 @@
+//! What an experiment yields, in a form that any report can show: claims with verdicts and numbers, charts, tables and pictures.
+
+use std::fmt;
+
+use gs_core::{Canvas, Image, PlanarScene};
+use serde::Serialize;
+
+/// The results of one experiment, ready to be shown.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Findings {
+    /// What was done, in a few sentences: target, settings, number of fits.
+    pub method: String,
+    /// What the paper says, and what was measured.
+    pub claims: Vec<Claim>,
+    /// Curves.
+    pub charts: Vec<Chart>,
+    /// Numbers in rows.
+    pub tables: Vec<Table>,
+    /// Reconstructions.
+    pub pictures: Vec<Picture>,
+}
+
+/// A statement of the paper beside what was measured here.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Claim {
+    /// Short name, in kebab-case, unique within an experiment.
+    pub name: &'static str,
+    /// What the paper says, in other words.
+    pub statement: &'static str,
+    /// Where it says so: sections and figures.
+    pub section: &'static str,
+    /// What came out.
+    pub verdict: Verdict,
+    /// What was measured, in words and numbers.
+    pub measured: String,
+    /// The numbers that decide.
+    pub numbers: Vec<Number>,
+}
+
+/// Whether a claim holds here.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Verdict {
+    /// It does.
+    Confirmed,
+    /// It does not.
+    Refuted,
+    /// A part of it does, or under a condition that the measurement names.
+    Partly,
+}
+
+impl Verdict {
+    /// What one yes/no measurement comes to.
+    pub fn of(holds: bool) -> Self {
+        if holds { Self::Confirmed } else { Self::Refuted }
+    }
+
+    /// What two parts of a claim come to together.
+    pub fn of_both(first: bool, second: bool) -> Self {
+        match (first, second) {
+            (true, true) => Self::Confirmed,
+            (false, false) => Self::Refuted,
+            _ => Self::Partly,
+        }
+    }
+}
+
+impl fmt::Display for Verdict {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Confirmed => "confirmed",
+            Self::Refuted => "refuted",
+            Self::Partly => "partly",
+        })
+    }
+}
+
+/// One measured number.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Number {
+    /// What it is.
+    pub what: String,
+    /// Its value.
+    pub value: f64,
+    /// Its unit, such as "dB"; empty for a pure number.
+    pub unit: &'static str,
+}
+
+impl Number {
+    /// A number with its name and unit.
+    pub fn new(what: impl Into<String>, value: f64, unit: &'static str) -> Self {
+        Self { what: what.into(), value, unit }
+    }
+}
+
+/// Curves over one pair of axes.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Chart {
+    /// File name without extension, in kebab-case.
+    pub name: &'static str,
+    /// What it shows, one line.
+    pub title: String,
+    /// Horizontal axis.
+    pub x: Axis,
+    /// Vertical axis.
+    pub y: Axis,
+    /// The curves.
+    pub series: Vec<Series>,
+}
+
+/// One axis of a chart.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Axis {
+    /// What it measures, with the unit.
+    pub label: &'static str,
+    /// How values are spread on it.
+    pub spread: Spread,
+}
+
+/// How values are spread on an axis.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Spread {
+    /// Evenly.
+    #[default]
+    Linear,
+    /// By their logarithm; what is not positive is not shown.
+    Logarithmic,
+}
+
+impl Axis {
+    /// A linear axis.
+    pub const fn linear(label: &'static str) -> Self {
+        Self { label, spread: Spread::Linear }
+    }
+
+    /// A logarithmic axis.
+    pub const fn logarithmic(label: &'static str) -> Self {
+        Self { label, spread: Spread::Logarithmic }
+    }
+}
+
+/// One curve.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Series {
+    /// Its name in the legend.
+    pub label: String,
+    /// (x, y) by rising x.
+    pub points: Vec<(f64, f64)>,
+    /// How it is drawn.
+    pub mark: Mark,
+}
+
+/// How a curve is drawn.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Mark {
+    /// A line.
+    #[default]
+    Line,
+    /// A line with a dot at each point, for few points.
+    Dotted,
+}
+
+impl Series {
+    /// A line.
+    pub fn line(label: impl Into<String>, points: Vec<(f64, f64)>) -> Self {
+        Self { label: label.into(), points, mark: Mark::Line }
+    }
+
+    /// A line with dots.
+    pub fn dotted(label: impl Into<String>, points: Vec<(f64, f64)>) -> Self {
+        Self { label: label.into(), points, mark: Mark::Dotted }
+    }
+}
+
+/// Numbers in rows and columns.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Table {
+    /// File name without extension, in kebab-case.
+    pub name: &'static str,
+    /// What it shows, one line.
+    pub title: String,
+    /// Headings, with units.
+    pub columns: Vec<&'static str>,
+    /// Rows, each as long as the headings.
+    pub rows: Vec<Vec<Cell>>,
+}
+
+/// A cell of a table.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Cell {
+    /// Words.
+    Text(String),
+    /// A whole number.
+    Count(u64),
+    /// A number, shown with so many digits after the point.
+    Fixed(f64, usize),
+    /// A number of unknown magnitude, shown with so many significant digits.
+    Significant(f64, usize),
+    /// Nothing was measured, or nothing reached.
+    Empty,
+}
+
+impl From<&str> for Cell {
+    fn from(text: &str) -> Self {
+        Self::Text(text.to_owned())
+    }
+}
+
+impl From<String> for Cell {
+    fn from(text: String) -> Self {
+        Self::Text(text)
+    }
+}
+
+impl From<u32> for Cell {
+    fn from(count: u32) -> Self {
+        Self::Count(count.into())
+    }
+}
+
+impl From<usize> for Cell {
+    fn from(count: usize) -> Self {
+        Self::Count(count as u64)
+    }
+}
+
+impl<T: Into<Cell>> From<Option<T>> for Cell {
+    fn from(cell: Option<T>) -> Self {
+        cell.map_or(Self::Empty, Into::into)
+    }
+}
+
+impl fmt::Display for Cell {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Text(text) => f.write_str(text),
+            Self::Count(count) => write!(f, "{count}"),
+            Self::Fixed(value, digits) => write!(f, "{value:.digits$}"),
+            Self::Significant(value, digits) => f.write_str(&significant(*value, *digits)),
+            Self::Empty => Ok(()),
+        }
+    }
+}
+
+/// A number with so many significant digits, in plain notation where that is short and as a power of ten otherwise.
+pub(crate) fn significant(value: f64, digits: usize) -> String {
+    if value == 0.0 || !value.is_finite() {
+        return format!("{value}");
+    }
+    let exponent = value.abs().log10().floor() as i32;
+    match exponent {
+        -4..=5 => format!("{value:.*}", (digits as i32 - 1 - exponent).max(0) as usize),
+        _ => format!("{value:.*e}", digits.saturating_sub(1)),
+    }
+}
+
+/// A rendering, and what is drawn over it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Picture {
+    /// File name without extension, in kebab-case.
+    pub name: &'static str,
+    /// What it shows.
+    pub caption: String,
+    /// The pixels, not clamped.
+    pub image: Image,
+    /// Gaussians to draw as ellipses over the image, and the canvas that the image shows.
+    pub ellipses: Option<(PlanarScene, Canvas)>,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_are_as_short_as_they_can_be() {
+        let cases = [(0.000_234_56, "0.000235"), (1234.5, "1234"), (1.0e-7, "1.00e-7"), (0.0, "0"), (12.345, "12.3")];
+        for (value, expected) in cases {
+            assert_eq!(significant(value, 3), expected);
+        }
+        assert_eq!(Cell::from(None::<u32>).to_string(), "");
+    }
+}

@@ -1,0 +1,156 @@
+//! The experiments of the paper (§3 to §5.2, Figs. 6 to 9), each as a function that measures and a type that holds what came out.
+//!
+//! [`Experiment::run`] makes one of them, whatever the backend, and gives its [`Findings`]: the paper's claims in other words, each with
+//! a [`Verdict`] and the numbers that decide, beside charts, tables and pictures. Who wants the numbers themselves calls the experiment's
+//! own function, such as [`cold_start::measure`]. Verdicts are computed from what was measured and never written down beforehand.
+//!
+//! Every fit is an ordinary [`FitSettings`](crate::FitSettings) value; all of them are deterministic by their seeds.
+
+pub mod cold_start;
+pub mod edges;
+mod findings;
+pub mod instability;
+mod laboratory;
+pub mod lazy_convergence;
+mod paired;
+pub mod set_up;
+mod textbook;
+
+use std::fmt;
+
+use gs_core::{PlanarScene, Rasterizer};
+
+pub use self::{
+    findings::{Axis, Cell, Chart, Claim, Findings, Mark, Number, Picture, Series, Spread, Table, Verdict},
+    laboratory::{Extent, Laboratory, Watch},
+    paired::Paired,
+};
+use crate::error::Error;
+
+/// The experiments, in the paper's order.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Experiment {
+    /// 20 large Gaussians become 600, and what growth is worth: [`set_up`].
+    SetUp,
+    /// Small Gaussians on the periphery: [`cold_start`].
+    ColdStart,
+    /// The absolute threshold and its rivals: [`lazy_convergence`].
+    LazyConvergence,
+    /// A scale that is driven towards zero: [`instability`].
+    Instability,
+    /// Where the Gaussians of the result stand, and how they are shaped: [`edges`].
+    Edges,
+}
+
+impl Experiment {
+    /// All of them.
+    pub const ALL: [Self; 5] = [Self::SetUp, Self::ColdStart, Self::LazyConvergence, Self::Instability, Self::Edges];
+
+    /// Its name, in kebab-case.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::SetUp => "set-up",
+            Self::ColdStart => "cold-start",
+            Self::LazyConvergence => "lazy-convergence",
+            Self::Instability => "instability",
+            Self::Edges => "edges",
+        }
+    }
+
+    /// Its title.
+    pub const fn title(self) -> &'static str {
+        match self {
+            Self::SetUp => "Set-up and result",
+            Self::ColdStart => "Cold start",
+            Self::LazyConvergence => "Lazy convergence",
+            Self::Instability => "Numerical instability",
+            Self::Edges => "Edges against blobs",
+        }
+    }
+
+    /// What of the paper it repeats.
+    pub const fn section(self) -> &'static str {
+        match self {
+            Self::SetUp => "§3.1–3.3, Figs. 6, 7, 8",
+            Self::ColdStart => "§3.4.1, §5.1, Fig. 9 top",
+            Self::LazyConvergence => "§3.4.3, §5.2, Fig. 9 bottom",
+            Self::Instability => "§3.4.2",
+            Self::Edges => "§3.3, Fig. 7",
+        }
+    }
+
+    /// The experiment of that name.
+    ///
+    /// # Errors
+    /// [`gs_core::Error::Setting`], listing the names.
+    pub fn from_name(name: &str) -> Result<Self, gs_core::Error> {
+        let allowed = "one of set-up, cold-start, lazy-convergence, instability, edges";
+        let found = Self::ALL.into_iter().find(|experiment| experiment.name() == name);
+        found.ok_or_else(|| gs_core::Error::setting("the experiment", format!("`{name}`"), allowed))
+    }
+
+    /// Makes the experiment.
+    ///
+    /// # Errors
+    /// Those of the backend, and [`Error::Diverged`], which no experiment expects of a product's fit.
+    pub fn run<R: Rasterizer<PlanarScene>>(self, laboratory: &mut Laboratory<'_, R>) -> Result<Findings, Error> {
+        match self {
+            Self::SetUp => Ok(set_up::measure(laboratory)?.findings()),
+            Self::ColdStart => Ok(cold_start::measure(laboratory)?.findings()),
+            Self::LazyConvergence => Ok(lazy_convergence::measure(laboratory)?.findings()),
+            Self::Instability => Ok(instability::measure(laboratory)?.findings()),
+            Self::Edges => Ok(edges::measure(laboratory)?.findings()),
+        }
+    }
+}
+
+impl fmt::Display for Experiment {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+/// A claim of the paper that planar scenes cannot test.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Pending {
+    /// Its title.
+    pub title: &'static str,
+    /// Where the paper makes it.
+    pub section: &'static str,
+    /// What the paper says, in other words.
+    pub statement: &'static str,
+    /// Why it is not measured yet.
+    pub why: &'static str,
+}
+
+/// What comes with 3D scenes.
+pub const PENDING: [Pending; 2] = [
+    Pending {
+        title: "Sorting artefacts",
+        section: "§5.4",
+        statement: "Sorting by one depth per Gaussian and tile makes colours pop where Gaussians intersect or tiles meet while the \
+                    camera moves.",
+        why: "Comes with 3D scenes: in the plane nothing has a depth, the order of blending is that of the scene, and no camera moves.",
+    },
+    Pending {
+        title: "Memory and storage",
+        section: "§5.3",
+        statement: "Trained scenes of millions of Gaussians take gigabytes on disk and more than 20 GB of memory while they are \
+                    trained.",
+        why: "Comes with 3D scenes: a planar fit has some hundreds to some ten thousands of Gaussians, whose memory proves nothing.",
+    },
+];
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_are_found_and_the_error_lists_them() {
+        let message = Experiment::from_name("cold-strat").unwrap_err().to_string();
+        for experiment in Experiment::ALL {
+            assert_eq!(Experiment::from_name(experiment.name()).unwrap(), experiment);
+            assert!(message.contains(experiment.name()), "{message}");
+        }
+    }
+}

@@ -1,0 +1,116 @@
+//! Paired differences: is one thing larger than another, beyond chance?
+
+use gs_density::Rng;
+use rand::{RngExt as _, SeedableRng as _};
+
+/// Resamplings of the bootstrap.
+const RESAMPLINGS: usize = 4000;
+
+/// What paired differences come to.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Paired {
+    /// How many pairs.
+    pub pairs: usize,
+    /// How many of the differences are negative.
+    pub negative: usize,
+    /// Their mean.
+    pub mean: f64,
+    /// 95 % interval of the mean: percentiles of a bootstrap that draws pairs.
+    pub interval: (f64, f64),
+    /// Two-sided p of the sign test: how probable so one-sided a count of signs is where both are equally probable. Zeros don't count.
+    pub p: f64,
+}
+
+impl Paired {
+    /// Of the differences of all pairs; the bootstrap draws the same each time. Of none everything is NaN, and p is 1.
+    pub fn of(differences: &[f64]) -> Self {
+        let negative = differences.iter().filter(|&&d| d < 0.0).count();
+        let positive = differences.iter().filter(|&&d| d > 0.0).count();
+        let mean = |values: &mut dyn Iterator<Item = f64>| values.sum::<f64>() / differences.len() as f64;
+        let mut rng = Rng::seed_from_u64(0);
+        let mut resampled: Vec<f64> = (0..RESAMPLINGS)
+            .filter(|_| !differences.is_empty())
+            .map(|_| mean(&mut (0..differences.len()).map(|_| differences[rng.random_range(0..differences.len())])))
+            .collect();
+        resampled.sort_unstable_by(f64::total_cmp);
+        let percentile = |share: f64| {
+            let last = resampled.len().saturating_sub(1) as f64;
+            resampled.get((share * last).round() as usize).copied().unwrap_or(f64::NAN)
+        };
+        Self {
+            pairs: differences.len(),
+            negative,
+            mean: mean(&mut differences.iter().copied()),
+            interval: (percentile(0.025), percentile(0.975)),
+            p: sign_test(negative, positive),
+        }
+    }
+
+    /// Whether 0 lies above the whole interval: the differences are negative beyond chance.
+    pub fn is_negative(&self) -> bool {
+        self.interval.1 < 0.0
+    }
+}
+
+/// Two-sided p of `a` signs of one kind and `b` of the other: twice the binomial tail at one half, at most 1.
+fn sign_test(a: usize, b: usize) -> f64 {
+    let (n, least) = (a + b, a.min(b));
+    // C(n, k) / 2ⁿ from k = 0 on.
+    let mut term = 0.5f64.powi(n as i32);
+    let mut tail = 0.0;
+    for k in 0..=least {
+        tail += term;
+        term *= (n - k) as f64 / (k + 1) as f64;
+    }
+    (2.0 * tail).min(1.0)
+}
+
+/// The middle value; of an even number the mean of the two in the middle; NaN of none.
+pub(crate) fn median(values: impl IntoIterator<Item = f64>) -> f64 {
+    let mut values: Vec<f64> = values.into_iter().collect();
+    values.sort_unstable_by(f64::total_cmp);
+    match values.len() {
+        0 => f64::NAN,
+        n if n % 2 == 1 => values[n / 2],
+        n => (values[n / 2 - 1] + values[n / 2]) / 2.0,
+    }
+}
+
+/// The mean; NaN of none.
+pub(crate) fn mean(values: impl IntoIterator<Item = f64>) -> f64 {
+    let (sum, count) = values.into_iter().fold((0.0, 0usize), |(sum, count), value| (sum + value, count + 1));
+    sum / count as f64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_sign_test_is_binomial() {
+        assert!((sign_test(0, 5) - 2.0 / 32.0).abs() < 1e-12);
+        assert!((sign_test(8, 2) - 2.0 * (1.0 + 10.0 + 45.0) / 1024.0).abs() < 1e-12);
+        assert_eq!(sign_test(3, 3), 1.0);
+        assert_eq!(sign_test(0, 0), 1.0);
+    }
+
+    #[test]
+    fn a_clear_difference_is_one_and_noise_is_none() {
+        let clear: Vec<f64> = (0..20).map(|i| -1.0 + 0.5 * f64::from(i).sin()).collect();
+        let found = Paired::of(&clear);
+        assert!(found.is_negative() && found.p < 1e-4, "{found:?}");
+        assert!(found.interval.0 < found.mean && found.mean < found.interval.1);
+        let noise: Vec<f64> = (0..20).map(|i| if i % 2 == 0 { 1.0 } else { -1.0 }).collect();
+        let found = Paired::of(&noise);
+        assert!(!found.is_negative() && found.p > 0.5, "{found:?}");
+        assert_eq!(Paired::of(&clear), Paired::of(&clear));
+        assert!(Paired::of(&[]).mean.is_nan() && !Paired::of(&[]).is_negative());
+    }
+
+    #[test]
+    fn the_median_is_in_the_middle() {
+        assert_eq!(median([3.0, 1.0, 2.0]), 2.0);
+        assert_eq!(median([4.0, 1.0, 2.0, 3.0]), 2.5);
+        assert!(median([]).is_nan());
+    }
+}

@@ -1,0 +1,268 @@
+//! The paper's claims, each with the number that shows it, in the quick form of its experiment.
+//!
+//! A test is an experiment, made once; below it stands a function for each of its claims. None can be forgotten: the claims that an
+//! experiment makes are held against the list of those that are looked at.
+
+use gs_core::Loss;
+use gs_cpu::{CpuRasterizer, CpuSettings};
+use gs_train::{
+    PAPER_SIDE_PX,
+    experiments::{
+        Cell, Extent, Findings, Laboratory, Verdict, Watch,
+        cold_start::{self, ColdStartMeasured, Start},
+        edges::{self, EdgesMeasured, Zone},
+        instability::{self, Guard, InstabilityMeasured},
+        lazy_convergence::{self, Criterion, LazyMeasured},
+        set_up::{self, SetUpMeasured},
+    },
+};
+
+fn cpu(threads: Option<usize>) -> CpuRasterizer {
+    CpuRasterizer::new(CpuSettings { threads, ..CpuSettings::default() }).unwrap()
+}
+
+/// The name of a claim, its verdict in the quick form, and a look at its numbers.
+type Check<M> = (&'static str, Verdict, fn(&M));
+
+/// Looks at every claim of an experiment: its verdict, whether its words hold numbers, and by `check` at the numbers themselves.
+fn check_claims<M>(measured: &M, findings: &Findings, checks: &[Check<M>]) {
+    let made: Vec<&str> = findings.claims.iter().map(|claim| claim.name).collect();
+    let checked: Vec<&str> = checks.iter().map(|check| check.0).collect();
+    assert_eq!(made, checked, "every claim is looked at");
+    for (claim, (_, verdict, check)) in findings.claims.iter().zip(checks) {
+        check(measured);
+        assert_eq!(claim.verdict, *verdict, "{claim:?}");
+        assert!(claim.measured.contains(|c: char| c.is_ascii_digit()) && !claim.measured.contains("NaN"), "{claim:?}");
+        assert!(!claim.numbers.is_empty() && claim.numbers.iter().all(|number| number.value.is_finite()), "{claim:?}");
+    }
+    for table in &findings.tables {
+        assert!(table.rows.iter().all(|row| row.len() == table.columns.len()), "{}", table.title);
+        assert!(!table.rows.iter().flatten().any(|cell| matches!(cell, Cell::Fixed(v, _) if v.is_nan())), "{table:?}");
+    }
+    for chart in &findings.charts {
+        assert!(chart.series.iter().all(|series| !series.points.is_empty()), "{}", chart.title);
+    }
+}
+
+/// Counts the fits that are announced.
+#[derive(Default)]
+struct Counter(u32);
+
+impl Watch for Counter {
+    fn on_fit(&mut self, label: &str) {
+        assert!(!label.is_empty());
+        self.0 += 1;
+    }
+}
+
+mod set_up_and_result {
+    use super::*;
+
+    #[test]
+    fn claims() {
+        let mut counter = Counter::default();
+        let measured = set_up::measure(&mut Laboratory::new(&cpu(None), Extent::Quick, &mut counter)).unwrap();
+        assert_eq!(counter.0, 8);
+        check_claims(
+            &measured,
+            &measured.findings(),
+            &[
+                ("converges", Verdict::Confirmed, converges),
+                ("forced-growth-makes-600", Verdict::Partly, forced_growth_makes_600),
+                ("spikes-bring-drops", Verdict::Confirmed, spikes_bring_drops),
+                ("growth-is-essential", Verdict::Confirmed, growth_is_essential),
+            ],
+        );
+    }
+
+    fn converges(m: &SetUpMeasured) {
+        assert!(m.grown.counts.iter().all(|&count| count == 600), "{:?}", m.grown);
+        assert!(m.grown.mean_psnr() > 50.0, "{:?}", m.grown);
+        assert!(m.steps_to_budget.iter().all(|step| (500..=900).contains(step)), "{:?}", m.steps_to_budget);
+    }
+
+    /// 20 grow by a tenth, rounded up, in each of 9 rounds: 22, 25, 28, 31, 35, 39, 43, 48, 53.
+    fn forced_growth_makes_600(m: &SetUpMeasured) {
+        assert_eq!(m.forced.counts, [53, 53]);
+    }
+
+    fn spikes_bring_drops(m: &SetUpMeasured) {
+        assert!(m.change.pairs >= 25 && m.change.interval.1 < -0.5 && m.change.p < 1e-5, "{:?}", m.change);
+        assert!(m.net_beyond_control.interval.1 < -0.05, "{:?}", m.net_beyond_control);
+        // What the edit itself does to the loss is no improvement.
+        assert!(m.rounds.iter().filter(|round| round.jump > 0.0).count() * 10 > m.rounds.len() * 9);
+    }
+
+    fn growth_is_essential(m: &SetUpMeasured) {
+        let [grown, twenty, small, large] =
+            [&m.grown, &m.twenty, &m.many_small, &m.many_large].map(|way| way.mean_psnr());
+        assert!(twenty < 24.0 && small > twenty + 20.0, "{twenty} {small}");
+        assert!(grown > small + 3.0 && grown > large + 3.0, "{grown} {small} {large}");
+    }
+}
+
+mod cold_starts {
+    use super::*;
+
+    #[test]
+    fn claims() {
+        let measured = cold_start::measure(&mut Laboratory::new(&cpu(None), Extent::Quick, &mut ())).unwrap();
+        check_claims(
+            &measured,
+            &measured.findings(),
+            &[
+                ("gradient-is-zero", Verdict::Partly, gradient_is_zero),
+                ("loss-is-flat", Verdict::Confirmed, loss_is_flat),
+                ("large-variances-cure", Verdict::Confirmed, large_variances_cure),
+                ("no-way-to-explore", Verdict::Partly, no_way_to_explore),
+            ],
+        );
+    }
+
+    fn gradient_is_zero(m: &ColdStartMeasured) {
+        for start in [Start::ColdWhite, Start::ColdRandom] {
+            let pull = m.pull(start, Loss::L1).unwrap();
+            assert_eq!((pull.gaussians, pull.moved_by_shapes, pull.by_shapes), (20, 0, 0.0), "{pull:?}");
+            assert!(m.pull(start, Loss::PAPER).unwrap().by_shapes < 1e-4);
+        }
+        // The comparison can tell: where Gaussians overlap the shapes, all of them are pulled.
+        let good = m.pull(Start::Good, Loss::L1).unwrap();
+        assert!(good.moved_by_shapes == 20 && good.by_shapes > 0.01, "{good:?}");
+        // Coloured Gaussians do have gradients: their own quarrel with the white.
+        assert!(m.pull(Start::ColdRandom, Loss::L1).unwrap().in_all > 1e-4);
+    }
+
+    fn loss_is_flat(m: &ColdStartMeasured) {
+        assert!((m.course(Start::ColdWhite).loss_ratio - 1.0).abs() < 1e-4);
+        assert!((m.course(Start::ColdRandom).late_ratio - 1.0).abs() < 1e-3);
+        assert!(m.course(Start::ColdRandom).psnr < 10.5 && m.course(Start::Good).psnr > 50.0);
+    }
+
+    fn large_variances_cure(m: &ColdStartMeasured) {
+        assert_eq!(m.course(Start::Good).steps_to_milestone, Some(500.0));
+        assert!(m.course(Start::LargeVariance).steps_to_milestone.is_some_and(|steps| steps < 1000.0));
+    }
+
+    fn no_way_to_explore(m: &ColdStartMeasured) {
+        let forced = m.course(Start::ColdForced);
+        assert!(forced.steps_to_milestone.is_none() && forced.count > 40.0 && forced.psnr < 10.5, "{forced:?}");
+        let seeded = m.course(Start::ColdResidual);
+        assert!(seeded.steps_to_milestone.is_some_and(|steps| steps < 400.0) && seeded.psnr > 50.0, "{seeded:?}");
+    }
+}
+
+mod lazy {
+    use super::*;
+
+    #[test]
+    fn claims() {
+        let measured = lazy_convergence::measure(&mut Laboratory::new(&cpu(None), Extent::Quick, &mut ())).unwrap();
+        check_claims(
+            &measured,
+            &measured.findings(),
+            &[
+                ("absolute-threshold-stagnates", Verdict::Partly, absolute_threshold_stagnates),
+                ("forced-growth-does-not", Verdict::Confirmed, forced_growth_does_not),
+                ("no-universal-threshold", Verdict::Confirmed, no_universal_threshold),
+                ("relative-criteria-generalise", Verdict::Confirmed, relative_criteria_generalise),
+            ],
+        );
+    }
+
+    fn absolute_threshold_stagnates(m: &LazyMeasured) {
+        let (pixel, device) = (m.growth(Criterion::AbsolutePixel), m.growth(Criterion::AbsoluteDevice));
+        assert!((22.0..40.0).contains(&pixel.mean_count()) && pixel.last_growth <= 400.0, "{pixel:?}");
+        assert!(pixel.psnr < 26.0 && device.psnr > 50.0);
+        assert_eq!(device.counts, [600]);
+    }
+
+    fn forced_growth_does_not(m: &LazyMeasured) {
+        let forced = m.growth(Criterion::Forced);
+        assert_eq!((forced.counts.as_slice(), forced.last_growth), (&[53][..], 900.0));
+        assert!(forced.psnr > m.growth(Criterion::AbsolutePixel).psnr + 1.0, "{forced:?}");
+    }
+
+    fn no_universal_threshold(m: &LazyMeasured) {
+        assert!(m.spread_of_thresholds() >= 2.0, "{:?}", m.cases);
+        let paper = &m.cases[0];
+        assert_eq!((paper.target.side_px, paper.count_transferred), (PAPER_SIDE_PX, m.trial.budget));
+        assert!(m.cases.iter().any(|case| case.count_transferred < m.trial.budget), "{:?}", m.cases);
+    }
+
+    fn relative_criteria_generalise(m: &LazyMeasured) {
+        assert!(m.cases.len() >= 3 && m.cases.iter().all(|case| case.count_hybrid == m.trial.budget), "{:?}", m.cases);
+    }
+}
+
+mod instabilities {
+    use super::*;
+
+    #[test]
+    fn claims() {
+        let measured = instability::measure(&mut Laboratory::new(&cpu(None), Extent::Quick, &mut ())).unwrap();
+        check_claims(
+            &measured,
+            &measured.findings(),
+            &[
+                ("singular-covariances-give-nan", Verdict::Partly, singular_covariances_give_nan),
+                ("clamp-and-epsilon-cure", Verdict::Confirmed, clamp_and_epsilon_cure),
+                ("price-of-the-clamp", Verdict::Partly, price_of_the_clamp),
+            ],
+        );
+    }
+
+    fn singular_covariances_give_nan(m: &InstabilityMeasured) {
+        let off = m.drive(Guard::Off);
+        assert!(off.not_finite * 2 > off.angles, "{off:?}");
+        assert!(off.from_px.is_some_and(|from| (1e-4..1e-2).contains(&from)), "{off:?}");
+        assert!(m.precision.wrong_below_px > off.from_px.unwrap(), "wrong before it is NaN");
+    }
+
+    fn clamp_and_epsilon_cure(m: &InstabilityMeasured) {
+        for guard in [Guard::Paper, Guard::Project] {
+            assert_eq!((m.drive(guard).not_finite, m.free_fits(guard).1), (0, 0), "{guard:?}");
+        }
+        assert!(m.drive(Guard::Epsilon).not_finite > 0, "it is not the ε that cures");
+        assert!(m.drive(Guard::Project).left_out_px.is_some_and(|scale| scale < 1e-3));
+    }
+
+    fn price_of_the_clamp(m: &InstabilityMeasured) {
+        assert!(m.price_of_clamp("circle and square") > 5.0 && m.price_of_clamp("thin lines") > 5.0, "{:?}", m.floors);
+    }
+}
+
+mod edges_and_blobs {
+    use super::*;
+
+    #[test]
+    fn claims() {
+        let measured = edges::measure(&mut Laboratory::new(&cpu(None), Extent::Quick, &mut ())).unwrap();
+        check_claims(
+            &measured,
+            &measured.findings(),
+            &[
+                ("edges-are-dense-and-stretched", Verdict::Confirmed, edges_are_dense_and_stretched),
+                ("the-disc-needs-fewer", Verdict::Confirmed, the_disc_needs_fewer),
+            ],
+        );
+        // The same seeds give the same bits, whatever the number of threads.
+        let again = edges::measure(&mut Laboratory::new(&cpu(Some(1)), Extent::Quick, &mut ())).unwrap();
+        assert_eq!(again, measured);
+    }
+
+    fn edges_are_dense_and_stretched(m: &EdgesMeasured) {
+        let (square, disc) = (m.population(Zone::SquareEdge), m.population(Zone::DiscEdge));
+        for seed in 0..m.seeds as usize {
+            assert!(square.per_100_px2[seed] > 1.3 * disc.per_100_px2[seed], "{square:?} {disc:?}");
+            assert!(square.anisotropy[seed] > 1.5 * disc.anisotropy[seed], "{square:?} {disc:?}");
+            assert!(square.size_px[seed] < disc.size_px[seed], "{square:?} {disc:?}");
+        }
+        assert!(square.off_edge_degrees < 10.0, "along the edge: {square:?}");
+    }
+
+    fn the_disc_needs_fewer(m: &EdgesMeasured) {
+        let count = |zones: [Zone; 2]| zones.map(|zone| m.population(zone).count).iter().sum::<f64>();
+        let (disc, square) = (count([Zone::DiscEdge, Zone::DiscInside]), count([Zone::SquareEdge, Zone::SquareInside]));
+        assert!(disc < square && disc + square > 450.0, "{disc} {square}");
+    }
+}
