@@ -70,7 +70,7 @@ fn check<R: Rasterizer<PlanarScene>>(
         };
         // One step in stages and one whole.
         let oracle = Oracle::new(view, draw.settings)?;
-        let mut expected = vec![0.0; 12];
+        let mut expected = [0.0; 12];
         let mut drawn = [0u32; 12];
         let (_, gradients) = rasterizer.backward(&cloud, frame, &target, &loss)?;
         for whole in [false, true] {
