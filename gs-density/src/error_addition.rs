@@ -209,7 +209,8 @@ mod tests {
             rendered: Image::from_fn(4, 1, |x, _| [[0.25; 3], [0.0; 3], [3.0, 0.5, -1.0], [f32::NAN; 3]][x as usize])
                 .unwrap(),
         };
-        let chances = |exponent| ErrorAddition { exponent, ..ErrorAddition::default() }.weights(&residual).values().to_vec();
+        let chances =
+            |exponent| ErrorAddition { exponent, ..ErrorAddition::default() }.weights(&residual).values().to_vec();
         assert_eq!(chances(1.0), [0.25, 0.5, 0.0, 0.0]);
         assert_eq!(chances(2.0), [0.0625, 0.25, 0.0, 0.0]);
         assert_eq!(ErrorAddition::default().weights(&residual).values(), chances(2.0));
