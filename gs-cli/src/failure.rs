@@ -119,7 +119,9 @@ impl From<gs_study::Error> for Failure {
         match error {
             Fit(error) => error.into(),
             Io(error) => error.into(),
-            Form { .. } | Study { .. } | Arm { .. } | Unknown { .. } | NoTarget { .. } | NoRow { .. } => Self::usage(error),
+            Form { .. } | Study { .. } | Arm { .. } | Unknown { .. } | NoTarget { .. } | NoRow { .. } => {
+                Self::usage(error)
+            }
             _ => Self::failed(error),
         }
     }

@@ -104,7 +104,8 @@ mod tests {
         for target in gs_train::SyntheticTarget::ALL {
             // Of names that differ in their end alone, the first stands there whole.
             let (start, end) = target.name().rsplit_once('-').unwrap_or((target.name(), ""));
-            let is_there = AFTER_HELP.contains(target.name()) || AFTER_HELP.contains(start) && AFTER_HELP.contains(&format!(", -{end}"));
+            let is_there = AFTER_HELP.contains(target.name())
+                || AFTER_HELP.contains(start) && AFTER_HELP.contains(&format!(", -{end}"));
             assert!(is_there, "{}", target.name());
         }
     }

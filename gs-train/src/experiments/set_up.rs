@@ -25,7 +25,7 @@ use crate::{
 };
 
 /// σ of 600 that cover as much together as the paper's 20 of 15 px do, px: N σ² is the same.
-pub const SMALL_SCALE_PX: f32 = 2.738_612_8;
+pub const SMALL_SCALE_PX: f32 = 2.738_613;
 
 /// Steps before and after a round over which the slope of the loss is taken: half of what lies between two rounds.
 const WINDOW: usize = 50;
