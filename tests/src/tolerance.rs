@@ -24,7 +24,7 @@ pub const NEAR_CUT: f64 = 1e-3;
 
 /// Largest share of an image's values that may need the allowance for discontinuities; one pixel's three always may. Worst
 /// measured: one pixel.
-pub const IMAGE_FLIP_SHARE: f64 = 2e-3;
+pub const IMAGE_FLIP_SHARE: f64 = 1e-3;
 
 /// The same of a scene's gradients: one pixel that flips moves the gradients of all Gaussians there. Worst measured:
 /// 8 of 216, moved by one pixel whose weight is within 2.3e-7, relative, of the cut.
