@@ -31,7 +31,7 @@ pub use crate::{
     plan::{Plan, Run, VERSION},
     record::{Finished, Outcome, Record},
     replay::{Replayed, replay},
-    study::{Arm, Matching, OwnPolicy, PAPER_TARGET, Study},
+    study::{Arm, Matching, OwnPolicy, Study},
     tables::{Difference, EQUAL_COUNT, Metric, Pairing, Quality, Results, Spread},
     target::{Places, Target},
 };

@@ -1,7 +1,13 @@
 //! Synthetic targets: what can be fitted without a file.
 
+mod named;
+mod thin_lines;
+
 use glam::Vec2;
 use gs_core::Image;
+
+pub use named::SyntheticTarget;
+pub use thin_lines::thin_lines;
 
 /// Side of the paper's target, px.
 pub const PAPER_SIDE_PX: u32 = 128;
@@ -17,7 +23,7 @@ pub const PAPER_DISC: (Vec2, f32) = (Vec2::new(44.0, 48.0), 24.0);
 /// The disc, (0.9, 0.1, 0.1), is centred at (44, 48) and covers sigmoid((24 − r)/2) of a pixel at distance r; the square,
 /// (0.1, 0.2, 0.9), fills 72 < x < 112, 68 < y < 108. Pixel centres lie at j + ½.
 pub fn paper_target() -> Image {
-    DiscAndSquare::default().image().expect("128x128 px is a possible size")
+    DiscAndSquare::PAPER.image().expect("128x128 px is a possible size")
 }
 
 /// The paper's target with other sizes, contrasts and frequencies; the default is the paper's.
@@ -47,11 +53,14 @@ pub enum Fill {
 
 impl Default for DiscAndSquare {
     fn default() -> Self {
-        Self { side_px: PAPER_SIDE_PX, contrast: 1.0, fill: Fill::Plain, softness_px: 0.0 }
+        Self::PAPER
     }
 }
 
 impl DiscAndSquare {
+    /// The paper's.
+    pub const PAPER: Self = Self { side_px: PAPER_SIDE_PX, contrast: 1.0, fill: Fill::Plain, softness_px: 0.0 };
+
     /// The picture.
     ///
     /// # Errors
