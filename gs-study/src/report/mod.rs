@@ -1,7 +1,6 @@
 //! The report of a study: one page that needs no network, and its curves as SVG and PNG beside it.
 
 mod curves;
-mod figure;
 mod page;
 mod pictures;
 mod standings;
@@ -10,8 +9,9 @@ use std::fs;
 
 use crate::{
     error::Error,
+    figure::Figure,
     folder::StudyFolder,
-    report::{figure::Figure, page::Page},
+    report::page::Page,
     study::Matching,
     tables::Results,
 };
