@@ -8,7 +8,8 @@ use std::{env, path::Path};
 
 fn main() {
     let package = env::var("CARGO_PKG_VERSION").unwrap_or_default();
-    let workspace = env::var("CARGO_MANIFEST_DIR").ok().and_then(|folder| Some(Path::new(&folder).parent()?.to_owned()));
+    let workspace =
+        env::var("CARGO_MANIFEST_DIR").ok().and_then(|folder| Some(Path::new(&folder).parent()?.to_owned()));
     let digest = workspace.as_deref().and_then(sources::digest);
     let version = digest.map_or_else(|| package.clone(), |digest| format!("{package}+{digest}"));
     println!("cargo:rustc-env=GS_STUDY_VERSION={version}");

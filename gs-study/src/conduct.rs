@@ -10,7 +10,9 @@ use std::{
     thread,
 };
 
-use gs_core::{Blend, Canvas, Chart, Error as CoreError, Image, PlanarGaussian, PlanarScene, Rasterizer, RenderSettings};
+use gs_core::{
+    Blend, Canvas, Chart, Error as CoreError, Image, PlanarGaussian, PlanarScene, Rasterizer, RenderSettings,
+};
 use gs_density::DensityPolicy;
 use gs_train::{Control, Error as FitError, FitSummary, MetricsLog, Observer, Progress, Trainer};
 

@@ -122,7 +122,9 @@ pub enum Error {
         found: String,
     },
     /// A replay that should have ended in the recorded scene and did not.
-    #[error("row {row}: the scene is not the recorded one ({found} instead of {recorded}), though nothing that is known differs")]
+    #[error(
+        "row {row}: the scene is not the recorded one ({found} instead of {recorded}), though nothing that is known differs"
+    )]
     NotReplayed {
         /// The row.
         row: usize,

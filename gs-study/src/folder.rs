@@ -50,7 +50,8 @@ impl StudyFolder {
     /// it cannot be written to; [`Error::Io`].
     pub fn prepare(path: &Path, plan: &Plan, existing: Existing) -> Result<Self, Error> {
         let wrong = |what: String, mend: &'static str| Error::Folder { folder: path.to_owned(), what, mend };
-        let unwritable = |source| wrong(format!("cannot be written to: {source}"), "choose another folder with --output");
+        let unwritable =
+            |source| wrong(format!("cannot be written to: {source}"), "choose another folder with --output");
         let found = path.join(STUDY);
         if existing == Existing::Refuse && found.exists() {
             let mend = "go on with it with --resume, or choose another folder with --output";

@@ -30,7 +30,8 @@ impl From<&str> for Machine {
 impl Machine {
     /// The flags as they are typed.
     pub fn typed_flags(&self) -> String {
-        let quoted = |flag: &String| if flag.contains(char::is_whitespace) { format!("'{flag}'") } else { flag.clone() };
+        let quoted =
+            |flag: &String| if flag.contains(char::is_whitespace) { format!("'{flag}'") } else { flag.clone() };
         self.flags.iter().map(quoted).collect::<Vec<_>>().join(" ")
     }
 }

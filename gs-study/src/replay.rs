@@ -56,8 +56,11 @@ pub fn replay<R: Rasterizer<PlanarScene>>(
     if end.address != run.address {
         return Err(difference(plan, run, &end));
     }
-    let differs =
-        |recorded: &str, found: &str| Error::NotReplayed { row, recorded: recorded.to_owned(), found: found.to_owned() };
+    let differs = |recorded: &str, found: &str| Error::NotReplayed {
+        row,
+        recorded: recorded.to_owned(),
+        found: found.to_owned(),
+    };
     let (scene, image, finished) = conduct::fit(plan, run, rasterizer, &())?
         .ok_or_else(|| differs(end.scene.as_deref().unwrap_or("none"), "none"))?;
     match &end.scene {

@@ -144,7 +144,10 @@ mod tests {
     fn ticks_are_round_and_labels_short() {
         assert_eq!(ticks(&(-0.3..1.1), 7).len(), 7);
         assert_eq!((label(-0.0001, 2), label(0.25, 2), digits(&[0.0, 0.05, 0.1])), ("0.00".into(), "0.25".into(), 2));
-        assert_eq!((label(2.5e9, 0), label(1e-7, 7), label(0.0, 7)), ("2.5e9".into(), "1e-7".into(), "0.0000000".into()));
+        assert_eq!(
+            (label(2.5e9, 0), label(1e-7, 7), label(0.0, 7)),
+            ("2.5e9".into(), "1e-7".into(), "0.0000000".into())
+        );
         let log = Scale::Logarithmic;
         let labels = |range: Range<f64>| log.ticks(&range).into_iter().map(|t| log.label(t, 0)).collect::<Vec<_>>();
         assert_eq!(labels(-1.0..1.0)[1..5], ["0.2", "0.5", "1", "2"]);

@@ -51,7 +51,8 @@ impl Figure {
         let mut chart = self.chart(area, zoom, top, 62, (xs, x_ticks), (ys, y_ticks))?;
         let (x, y) = (self.x.scale, self.y.scale);
         self.axes(&mut chart, zoom, &|place| x.label(*place, x_digits), &|place| y.label(*place, y_digits))?;
-        for (Series { style, dots, .. }, points) in series.iter().zip(&placed).filter(|(_, points)| !points.is_empty()) {
+        for (Series { style, dots, .. }, points) in series.iter().zip(&placed).filter(|(_, points)| !points.is_empty())
+        {
             if points.iter().any(|point| point.low < point.high) {
                 let there = points.iter().map(|point| (point.x, point.low));
                 let back = points.iter().rev().map(|point| (point.x, point.high));
@@ -194,14 +195,8 @@ impl Figure {
     }
 }
 
-
 /// The mark of a style: one of four shapes.
-fn mark<DB: DrawingBackend>(
-    area: &DrawingArea<DB, Shift>,
-    style: usize,
-    (x, y): (i32, i32),
-    r: i32,
-) -> Drawn<DB> {
+fn mark<DB: DrawingBackend>(area: &DrawingArea<DB, Shift>, style: usize, (x, y): (i32, i32), r: i32) -> Drawn<DB> {
     let fill = color(style).filled();
     match style % 4 {
         0 => area.draw(&Circle::new((x, y), r, fill)),

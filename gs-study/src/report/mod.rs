@@ -7,14 +7,7 @@ mod standings;
 
 use std::fs;
 
-use crate::{
-    error::Error,
-    figure::Figure,
-    folder::StudyFolder,
-    report::page::Page,
-    study::Matching,
-    tables::Results,
-};
+use crate::{error::Error, figure::Figure, folder::StudyFolder, report::page::Page, study::Matching, tables::Results};
 
 const PLOTS: &str = "plots";
 

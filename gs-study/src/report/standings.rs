@@ -70,6 +70,7 @@ fn mean_psnrs(results: &Results<'_>, matching: Matching, budget: u32) -> Vec<(us
         mean(seeds.iter().filter(|&&seed| common(target, seed)).filter_map(|&seed| values.get(&(arm, target, seed))))
     };
     // Where an image has no seed that all have finished, there is no mean that is fair to all.
-    let of_arm = |arm: usize| Some((arm, mean((0..images).map(|t| of_image(arm, t))))).filter(|found| !found.1.is_nan());
+    let of_arm =
+        |arm: usize| Some((arm, mean((0..images).map(|t| of_image(arm, t))))).filter(|found| !found.1.is_nan());
     ranked.iter().filter_map(|&arm| of_arm(arm)).collect()
 }

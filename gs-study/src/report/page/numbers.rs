@@ -159,4 +159,3 @@ fn spread(value: Option<Spread>, digits: usize) -> Markup {
         } @else { "–" }
     }
 }
-
