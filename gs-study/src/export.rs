@@ -6,12 +6,13 @@ use std::fmt::Write;
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    comparison::{Difference, Remark},
+    comparison::Difference,
     error::Error,
     folder::StudyFolder,
     machine::Machine,
     plan::{Plan, Run, VERSION},
     record::{Outcome, Record},
+    remark::Remark,
     study::Matching,
     tables::{Quality, Results, Spread},
 };

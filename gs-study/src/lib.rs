@@ -18,6 +18,7 @@ mod overrides;
 mod plan;
 mod reach;
 mod record;
+mod remark;
 mod replay;
 pub mod report;
 #[cfg(test)]
@@ -28,7 +29,7 @@ mod target;
 
 pub use crate::{
     built_in::{BUILT_IN, built_in},
-    comparison::{Difference, EQUAL_COUNT, FEWEST_SEEDS, Pairing, Remark, Verdict},
+    comparison::{Difference, EQUAL_COUNT, Verdict},
     conduct::{Conducted, Watcher, conduct, refuse_unsupported},
     digest::{of_image as image_digest, of_scene as scene_digest},
     error::Error,
@@ -37,6 +38,7 @@ pub use crate::{
     machine::Machine,
     plan::{Plan, Run, VERSION},
     record::{Finished, Outcome, Record},
+    remark::{FEWEST_SEEDS, Pairing, Remark},
     replay::{Replayed, replay},
     study::{Arm, Matching, OwnPolicy, PAPER_TARGET, Study},
     tables::{Metric, Quality, Results, Spread},

@@ -189,7 +189,8 @@ fn runs_that_fail_leave_complete_pairs_and_a_remark() {
     assert_eq!(difference.verdict, Verdict::Worse);
     assert!((-0.6..-0.4).contains(&difference.mean.unwrap()), "{difference:?}");
     let headline = report::headlines(&results)[0].clone();
-    assert!(headline.contains(&format!("a leads with 30.0")) && headline.contains("0.49 dB ahead"), "{headline}");
+    let ahead = format!(" dB, {:.2} dB ahead", -difference.mean.unwrap());
+    assert!(headline.contains("a leads with 30.0") && headline.ends_with(&ahead), "{headline}: {difference:?}");
     let quality = &results.qualities()[1];
     assert_eq!((quality.finished, quality.failed, quality.missing, quality.images), (29, 1, 0, 6));
 }

@@ -5,8 +5,9 @@ use std::collections::BTreeMap;
 use gs_train::statistics::mean;
 
 use crate::{
-    comparison::{Remark, Verdict},
+    comparison::Verdict,
     reach::Reach,
+    remark::Remark,
     study::Matching,
     tables::{Metric, Results},
 };

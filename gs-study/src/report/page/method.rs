@@ -4,9 +4,10 @@ use gs_train::statistics::{CONFIDENCE, FEWEST, RESAMPLES};
 use maud::{Markup, html};
 
 use crate::{
-    comparison::{EQUAL_COUNT, FEWEST_SEEDS},
+    comparison::EQUAL_COUNT,
     plan::{Run, VERSION},
     record::Outcome,
+    remark::FEWEST_SEEDS,
     report::page::{Page, words::grouped},
 };
 
