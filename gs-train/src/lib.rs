@@ -19,6 +19,7 @@ pub mod presets;
 mod quality;
 mod rounds;
 mod settings;
+pub mod statistics;
 mod summary;
 mod targets;
 mod trainer;

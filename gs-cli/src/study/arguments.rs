@@ -29,7 +29,7 @@ DIR then holds:
   results.json            the three tables
   times.csv, differences-at-time.csv   what depends on the clock
   plots/                  the report's curves as SVG and PNG
-  study.toml              the study itself
+  study.toml, machine.json   the study itself, and what it was conducted on
   runs/, pictures/        what is stored of each run
 
 A run is stored when it has ended; whatever stops the program, Ctrl-C or worse, --resume goes on without doing it again. Tables are the
