@@ -1,7 +1,7 @@
 //! A scale that is driven to zero by hand: from where on a loss and its gradients are no longer finite, guard by guard.
 
 use glam::{Vec2, Vec3};
-use gs_core::{Canvas, Image, PlanarGaussian, PlanarScene, Rasterizer, scene::logit};
+use gs_core::{Canvas, Image, PlanarGaussian, PlanarScene, Rasterizer, Scene as _, scene::logit};
 
 use super::{Guard, NEEDLE_PX, small_settings};
 use crate::{error::Error, experiments::textbook::Textbook};
