@@ -87,7 +87,7 @@ impl InstabilityMeasured {
             measured: format!(
                 "Without guards a·c − b² is wrong by a tenth below {} px and not positive, at some angle, below {} px; loss or gradients \
                  stop being finite from σ = {} px downwards, at {} of {} angles. Of {fits} fits without guards, {} drive a scale down \
-                 there by themselves, and {diverged} of these diverge; the others step over zero and live. The smallest scale met is {} px.",
+                 there by themselves, and {diverged} of these diverge. The smallest scale met is {} px.",
                 significant(self.precision.wrong_below_px, 2),
                 significant(self.precision.singular_below_px, 2),
                 significant(from, 2),
