@@ -127,7 +127,7 @@ fn claim_card(page: &mut String, claim: &Claim) {
 fn circumstance(circumstance: &Circumstance) -> String {
     let verdict = circumstance.verdict();
     let text = escaped(&circumstance.to_string());
-    format!("<li><span class=\"{verdict}\" title=\"{verdict}\">{}</span> {text}</li>", sign(verdict))
+    format!("<li><span class=\"{verdict}\" title=\"{verdict}\">{}</span>{text}</li>", sign(verdict))
 }
 
 /// A verdict that needs no colour to be told.

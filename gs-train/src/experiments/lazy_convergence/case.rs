@@ -181,37 +181,38 @@ impl Case {
     ) -> Result<Self, Error> {
         let image = target.image()?;
         let side = target.side_px;
+        let named = |tau: f64| format!("τ = {}", significant(tau, 2));
         let mut fit = |what: &str, policy: Policy, seed: u32| {
             let label = format!("{label}: {what}, seed {seed}");
             laboratory.fit(&label, &image, trial.settings(side, policy, seed))
         };
-        let mut by_threshold = |tau: f64, seed| fit(&format!("τ = {}", significant(tau, 2)), absolute(tau), seed);
-        let count_device = by_threshold(TAU_POSITION.into(), 0)?.count();
-        let count_pixel = by_threshold(per_pixel(side).into(), 0)?.count();
+        let mut count = |tau: f64| Ok::<_, Error>(fit(&named(tau), absolute(tau), 0)?.count());
+        let (count_device, count_pixel) = (count(TAU_POSITION.into())?, count(per_pixel(side).into())?);
         let mut outcomes = Vec::new();
         for seed in 0..trial.seeds {
-            let mut psnr_tuned = f64::NAN;
-            let mut by_threshold = |tau: f64| fit(&format!("τ = {}", significant(tau, 2)), absolute(tau), seed);
-            let works = |half_octaves| {
-                let run = by_threshold(threshold(half_octaves))?;
-                let works = run.count() >= trial.budget;
-                if works {
-                    // Bisection goes up from what works, so the last of these is the largest.
-                    psnr_tuned = run.psnr();
+            // (threshold, Gaussians, PSNR): what was fitted once is not fitted again.
+            let mut tried: Vec<(f64, u32, f64)> = Vec::new();
+            let mut by_threshold = |tau: f64| {
+                if let Some(&(_, count, psnr)) = tried.iter().find(|tried| tried.0 == tau) {
+                    return Ok((count, psnr));
                 }
-                Ok(works)
+                let run = fit(&named(tau), absolute(tau), seed)?;
+                tried.push((tau, run.count(), run.psnr()));
+                Ok::<_, Error>((run.count(), run.psnr()))
             };
+            let works = |half_octaves| Ok(by_threshold(threshold(half_octaves))?.0 >= trial.budget);
             let working = bisect(works, trial.stride)?.map(threshold);
+            let psnr_tuned = working.map_or(Ok(f64::NAN), |tau| Ok::<_, Error>(by_threshold(tau)?.1))?;
             // Where nothing works on the paper's target, there is nothing to transfer: growth by no threshold at all.
             let transferred = of_paper.map_or(working, |of_paper| of_paper[seed as usize]).unwrap_or(f64::MAX);
-            let transferred = by_threshold(transferred)?;
+            let (count_transferred, psnr_transferred) = by_threshold(transferred)?;
             let forced = fit("top 10 %", Trial::by_rank(FORCED_GROWTH_PERCENT), seed)?;
             let hybrid = fit("hybrid", trial.hybrid(), seed)?;
             outcomes.push(Outcome {
                 working,
                 psnr_tuned,
-                count_transferred: transferred.count(),
-                psnr_transferred: transferred.psnr(),
+                count_transferred,
+                psnr_transferred,
                 count_forced: forced.count(),
                 psnr_forced: forced.psnr(),
                 count_hybrid: hybrid.count(),

@@ -76,7 +76,8 @@ impl SetUpMeasured {
                 self.forced.counts.iter().map(|&count| count >= budget),
             )],
             measured: format!(
-                "The top 10 % alone make {forced:.0} Gaussians of 20 in {rounds} rounds ({:.1} dB): a tenth more a round is not enough,                  whatever they are chosen by. Together with the absolute threshold, which most exceed while the picture is blurred, they                  make {:.0}.",
+                "The top 10 % alone make {forced:.0} Gaussians of 20 in {rounds} rounds ({:.1} dB). Together with the absolute threshold, \
+                 which most exceed while the picture is blurred, they make {:.0}.",
                 self.forced.mean_psnr(),
                 self.grown.mean_count()
             ),
@@ -115,7 +116,11 @@ impl SetUpMeasured {
                 ),
             ],
             measured: format!(
-                "Over the {} rounds that grew in the fits of {} seeds, ln loss falls by {:.2} per 100 steps in the 50 steps before a round                  and by {:.2} in those after. Averaged by seed the change is {:+.2} (95 % interval {:+.2} to {:+.2}), and a steeper fall in                  {} of {} seeds (sign test p = {}). But the edit itself first multiplies the loss by {jump:.1} (median), and part                  of the drop only makes up for that. 100 steps later, ln loss stands {:+.2} ({:+.2} to {:+.2}) against where it went                  without growth, lower in {} of {} seeds.",
+                "Over the {} rounds that grew in the fits of {} seeds, ln loss falls by {:.2} per 100 steps in the 50 steps before a round \
+                 and by {:.2} in those after. Averaged by seed the change is {:+.2} (95 % interval {:+.2} to {:+.2}), and a steeper fall in \
+                 {} of {} seeds (sign test p = {}). The edit itself multiplies the loss by {jump:.1} (median), which a drop first has to make \
+                 up for. 100 steps later, ln loss stands {:+.2} ({:+.2} to {:+.2}) against where it went without growth, lower in {} of {} \
+                 seeds.",
                 self.rounds.len(),
                 change.pairs,
                 -before,
@@ -170,7 +175,9 @@ impl SetUpMeasured {
                 ),
             ],
             measured: format!(
-                "After as many steps, growth reaches {grown:.1} dB; 20 that stay 20 reach {twenty:.1} dB; 600 from the start                  reach {small:.1} dB if together they cover as much as the 20, and {large:.1} dB if each is as large. So it is essential                  that there are many, and not that they are added on the way; but that helps: the better of the two starts ends {:.1} dB                  below growth from the same seed (95 % interval {:.1} to {:.1}, {} seeds).",
+                "After as many steps, growth reaches {grown:.1} dB; 20 that stay 20 reach {twenty:.1} dB; 600 from the start reach {small:.1} dB \
+                 if together they cover as much as the 20, and {large:.1} dB if each is as large. Growth ends {:+.1} dB above the better of \
+                 these two starts with the same seed (95 % interval {:+.1} to {:+.1}, {} seeds).",
                 -start.mean, -start.interval.1, -start.interval.0, start.pairs
             ),
             numbers: vec![
