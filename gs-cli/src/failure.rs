@@ -120,7 +120,9 @@ impl From<gs_study::Error> for Failure {
             Fit(error) => error.into(),
             Io(error) => error.into(),
             Backend { .. } => Self { kind: Kind::Backend, message: one_line(error) },
-            Form { .. } | Study { .. } | Arm { .. } | Unknown { .. } | NoTarget { .. } | NoRow { .. } => Self::usage(error),
+            Form { .. } | Study { .. } | Arm { .. } | Unknown { .. } | NoTarget { .. } | NoRow { .. } => {
+                Self::usage(error)
+            }
             _ => Self::failed(error),
         }
     }
