@@ -56,6 +56,14 @@ pub enum Error {
         /// The folders that were looked into.
         looked: String,
     },
+    /// An image of the study is neither a file nor a synthetic target.
+    #[error("{image}: is neither an image file nor a synthetic target: those are {known}")]
+    NoTarget {
+        /// As the study names it.
+        image: String,
+        /// The synthetic targets.
+        known: String,
+    },
     /// A folder that holds something else than this study.
     #[error("{}: {what}: {mend}", folder.display())]
     Folder {

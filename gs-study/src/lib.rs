@@ -40,7 +40,7 @@ pub use crate::{
     record::{Finished, Outcome, Record},
     remark::{FEWEST_SEEDS, Pairing, Remark},
     replay::{Replayed, replay},
-    study::{Arm, Matching, OwnPolicy, PAPER_TARGET, Study},
+    study::{Arm, Matching, OwnPolicy, Study},
     tables::{Metric, Quality, Results, Spread},
     target::{Places, Target},
 };

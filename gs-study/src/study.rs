@@ -1,13 +1,12 @@
 //! What a study is: arms × images × budgets × seeds, as a short TOML file has them.
 
+#[cfg(doc)]
+use gs_train::SyntheticTarget;
 use gs_train::{ForeignPolicy, Preset};
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
 use crate::error::Error;
-
-/// The name under which a study asks for the paper's target, which needs no file.
-pub const PAPER_TARGET: &str = "paper";
 
 /// An experiment: every arm fits every image at every budget from every seed.
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -18,7 +17,8 @@ pub struct Study {
     /// What the study is to find out, one or two sentences.
     #[serde(default)]
     pub question: String,
-    /// Image files, relative to the folder of data or to that of the study's file; [`PAPER_TARGET`] is the circle and square.
+    /// Image files, relative to the folder of data or to that of the study's file; and names of [`SyntheticTarget`]s, which need no file,
+    /// such as `paper`, the circle and square.
     pub images: Vec<String>,
     /// The most Gaussians there may be.
     pub budgets: Vec<u32>,

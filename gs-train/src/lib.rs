@@ -39,6 +39,8 @@ pub use crate::{
     rounds::Rounds,
     settings::{ColorSolve, FitSettings, InitialCount},
     summary::FitSummary,
-    targets::{DiscAndSquare, Fill, PAPER_DISC, PAPER_SIDE_PX, PAPER_SQUARE, paper_target},
+    targets::{
+        DiscAndSquare, Fill, PAPER_DISC, PAPER_SIDE_PX, PAPER_SQUARE, SyntheticTarget, paper_target, thin_lines,
+    },
     trainer::{ForeignPolicy, Outcome, Trainer},
 };

@@ -49,9 +49,9 @@ pub const LEAST_SQUARES: [f64; 2] = [1e-4, 1e-8];
 /// 1e-5.
 pub const STATISTICS_SHARE: f64 = 1e-4;
 
-/// Largest relative difference of a collected statistic from the oracle's, beside a thousandth of the largest of the scene. Measured:
-/// COLLECTED_MEASURED.
-pub const COLLECTED_SHARE: f64 = 1e-3;
+/// Largest relative difference of a collected statistic from the oracle's, beside a thousandth of the largest of the scene. gs-cpu is
+/// within 5e-6 at every SIMD level.
+pub const COLLECTED_SHARE: f64 = 1e-4;
 
 /// How well two sets of numbers agree.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]

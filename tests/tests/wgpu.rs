@@ -531,7 +531,7 @@ fn trained_by_oracle(draw: &Draw, loss: Loss, steps: usize) -> Image {
 }
 
 proptest! {
-    #![proptest_config(repeatable(200))]
+    #![proptest_config(repeatable(100))]
 
     /// Rounding grows in training, so that images are compared, not parameters.
     #[test]

@@ -23,12 +23,12 @@ use crate::{
     init::{Init, Random},
     rounds::Rounds,
     settings::{FitSettings, InitialCount},
-    targets::paper_target,
+    targets::SyntheticTarget,
     trainer::Trainer,
 };
 
-/// Side of the target of the small fits, px.
-const SMALL_SIDE_PX: u32 = 24;
+/// The smallest σ allowed in the fits that price a floor, px: the paper's and this project's.
+pub const FLOORS_PX: [f32; 2] = [1.0, 0.25];
 
 /// Gaussians of a small fit.
 const SMALL_GAUSSIANS: u32 = 6;
@@ -147,23 +147,6 @@ pub struct InstabilityMeasured {
     pictures: Vec<Picture>,
 }
 
-/// Dark lines of one pixel's breadth on white, in several directions.
-///
-/// # Errors
-/// [`gs_core::Error::Size`] where the side is not possible.
-pub fn thin_lines(side: u32) -> Result<Image, gs_core::Error> {
-    let lines = [(0.13f32, 0.3f32), (0.71, 0.45), (1.22, 0.6), (1.9, 0.38), (2.6, 0.55)];
-    Image::from_fn(side, side, |x, y| {
-        let place = Vec2::new(x as f32 + 0.5, y as f32 + 0.5);
-        let distance = |&(angle, at): &(f32, f32)| {
-            let normal = Vec2::from_angle(angle);
-            (normal.dot(place - 0.5 * side as f32) - (at - 0.45) * side as f32).abs()
-        };
-        let nearest = lines.iter().map(distance).fold(f32::INFINITY, f32::min);
-        [1.0 - 0.9 * (1.0 - nearest).clamp(0.0, 1.0); 3]
-    })
-}
-
 /// The product's fit of a small start: L1, no growth, as many steps as the textbook's.
 pub fn small_settings(seed: u32) -> FitSettings {
     FitSettings {
@@ -192,7 +175,7 @@ pub fn floor_settings(extent: Extent, seed: u32, min_scale_px: f32) -> FitSettin
 /// Those of the product's fits.
 pub fn measure<R: Rasterizer<PlanarScene>>(laboratory: &mut Laboratory<'_, R>) -> Result<InstabilityMeasured, Error> {
     let extent = laboratory.extent();
-    let lines = thin_lines(SMALL_SIDE_PX)?;
+    let lines = SyntheticTarget::THIN_LINES_24_PX.image();
     let angles = extent.choose(32, 8);
     let drives = Guard::ALL.iter().map(|&guard| drive(laboratory.rasterizer(), guard, &lines, angles));
     let drives = drives.collect::<Result<_, Error>>()?;
@@ -220,9 +203,9 @@ pub fn measure<R: Rasterizer<PlanarScene>>(laboratory: &mut Laboratory<'_, R>) -
     }
     let mut floors = Vec::new();
     let mut pictures = Vec::new();
-    let fine = thin_lines(128)?;
-    for (name, target) in [("circle and square", paper_target()), ("thin lines", fine)] {
-        for min_scale_px in [1.0, 0.25] {
+    for (name, target) in [("circle and square", SyntheticTarget::PAPER), ("thin lines", SyntheticTarget::THIN_LINES)] {
+        let target = target.image();
+        for min_scale_px in FLOORS_PX {
             let one = |seed| {
                 let label = format!("{name}, σ ≥ {min_scale_px} px, seed {seed}");
                 laboratory.fit(&label, &target, floor_settings(extent, seed, min_scale_px))
@@ -231,7 +214,7 @@ pub fn measure<R: Rasterizer<PlanarScene>>(laboratory: &mut Laboratory<'_, R>) -
             if name == "thin lines" {
                 let render = &runs[0].fit.summary.settings.render;
                 let shown = Shown { size: target.size(), render, ellipses: Ellipses::LeftOut };
-                let file = if min_scale_px == 1.0 { "lines-clamped" } else { "lines-guarded" };
+                let file = if min_scale_px == FLOORS_PX[0] { "lines-clamped" } else { "lines-guarded" };
                 let caption = format!("Thin lines, σ ≥ {min_scale_px} px: {:.1} dB.", runs[0].psnr());
                 pictures.push(laboratory.picture(file, caption, &runs[0].fit.scene, shown)?);
             }
@@ -401,7 +384,7 @@ impl InstabilityMeasured {
 
     /// What the clamp at 1 px costs on a target against this project's floor, dB.
     pub fn price_of_clamp(&self, target: &str) -> f64 {
-        self.psnr_at(target, 0.25) - self.psnr_at(target, 1.0)
+        self.psnr_at(target, FLOORS_PX[1]) - self.psnr_at(target, FLOORS_PX[0])
     }
 
     /// PSNR on a target with this floor, dB; NaN where that was not measured.
@@ -427,12 +410,5 @@ mod tests {
         assert!((1e-3..0.1).contains(&precision.wrong_below_px), "{precision:?}");
         assert!(precision.singular_below_px < precision.wrong_below_px);
         assert!(precision.errors.iter().all(|e| e.2 < 1e-5), "{precision:?}");
-    }
-
-    #[test]
-    fn lines_are_thin() {
-        let lines = thin_lines(64).unwrap();
-        let dark = lines.pixels().iter().filter(|p| p[0] < 0.5).count();
-        assert!((64..640).contains(&dark), "{dark}");
     }
 }

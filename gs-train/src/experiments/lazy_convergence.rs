@@ -22,7 +22,7 @@ use crate::{
     init::{Init, Random},
     rounds::Rounds,
     settings::FitSettings,
-    targets::{DiscAndSquare, Fill, PAPER_SIDE_PX, PAPER_SQUARE},
+    targets::{DiscAndSquare, Fill, PAPER_SIDE_PX, PAPER_SQUARE, SyntheticTarget},
 };
 
 /// Who grows.
@@ -92,7 +92,7 @@ pub struct Growth {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Case {
     /// In which.
-    pub label: String,
+    pub label: &'static str,
     /// The target.
     pub target: DiscAndSquare,
     /// The largest threshold with which growth reaches the budget, normalised device units; nothing where the smallest tried is too large.
@@ -179,23 +179,12 @@ fn absolute(threshold: f64) -> Policy {
 }
 
 /// The targets: the paper's, and others that differ from it in size, contrast or frequency.
-fn targets(extent: Extent) -> Vec<(String, DiscAndSquare)> {
-    let paper = DiscAndSquare::default();
-    let contrast = |contrast: f32| (format!("contrast × {contrast}"), DiscAndSquare { contrast, ..paper });
-    let stripes = |period_px: f32| {
-        (format!("stripes of {period_px} px"), DiscAndSquare { fill: Fill::Stripes { period_px }, ..paper })
-    };
-    let side = |side_px: u32| (format!("{side_px}×{side_px} px"), DiscAndSquare { side_px, ..paper });
-    let soft = |softness_px: f32| {
-        (format!("square's edge softened by {softness_px} px"), DiscAndSquare { softness_px, ..paper })
-    };
-    let all = [("the paper's".to_owned(), paper), side(64), side(256), contrast(0.5), contrast(0.25), contrast(0.1)];
-    let frequencies = [soft(4.0), stripes(20.0), stripes(10.0), stripes(5.0)];
-    let all: Vec<_> = all.into_iter().chain(frequencies).collect();
-    match extent {
-        Extent::Full => all,
-        Extent::Quick => [0, 1, 5].map(|i| all[i].clone()).to_vec(),
-    }
+fn targets(extent: Extent) -> Vec<(&'static str, DiscAndSquare)> {
+    let quick = ["paper", "paper-64px", "paper-contrast-10"];
+    (SyntheticTarget::ALL.into_iter())
+        .filter(|target| extent == Extent::Full || quick.contains(&target.name()))
+        .filter_map(|target| Some((target.about(), target.disc_and_square()?)))
+        .collect()
 }
 
 /// Grows by all criteria on the paper's target, and looks for the threshold that works on others.
@@ -270,7 +259,7 @@ impl Growth {
 impl Case {
     fn measure<R: Rasterizer<PlanarScene>>(
         laboratory: &mut Laboratory<'_, R>,
-        label: String,
+        label: &'static str,
         target: DiscAndSquare,
         trial: Trial,
         transferred: Option<f64>,

@@ -10,11 +10,12 @@ impl InstabilityMeasured {
             points.reverse();
             Series::line(label, points)
         };
+        let side = SyntheticTarget::THIN_LINES_24_PX.image().width();
         Findings {
             method: format!(
                 "First one scale of a needle of {NEEDLE_PX} px is driven to 1e-12 px, at {} angles, and loss and gradients \
-                 are looked at. Then {SMALL_GAUSSIANS} Gaussians are fitted to thin lines on {SMALL_SIDE_PX}×{SMALL_SIDE_PX} \
-                 px (L1, 800 steps), where an optimiser may drive a scale to zero by itself. Without guards and with the \
+                 are looked at. Then {SMALL_GAUSSIANS} Gaussians are fitted to thin lines on {side}×{side} px \
+                 (L1, 800 steps), where an optimiser may drive a scale to zero by itself. Without guards and with the \
                  paper's, this is computed in 32 bits as the formulas are written down (Σ multiplied out, inverted by a·c − \
                  b², Adam on the scales themselves), by a dense solver that is part of this experiment alone; with this \
                  project's guards, by the product. Last the paper's fit of 600 Gaussians, with the clamp at 1 px and with \

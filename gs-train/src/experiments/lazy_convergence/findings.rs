@@ -211,7 +211,7 @@ impl LazyMeasured {
             let device = case.working.map(|tau| Cell::Significant(tau, 2));
             let pixel = case.working.map(|tau| Cell::Significant(tau * 2.0 / f64::from(case.target.side_px), 2));
             vec![
-                case.label.clone().into(),
+                case.label.into(),
                 device.into(),
                 pixel.into(),
                 case.count_transferred.into(),
