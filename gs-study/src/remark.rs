@@ -106,7 +106,7 @@ impl fmt::Display for Remark {
             Self::TooFew { pairs, pairing } => write!(f, "{pairs} {} are too few: {FEWEST} at least", pairing.words()),
             Self::CountsDiffer { arm, against, image } => {
                 write!(f, "counts differ: {arm:.0} against {against:.0}")?;
-                image.as_ref().map_or(Ok(()), |image| write!(f, " on {image}"))
+                image.as_ref().map_or(Ok(()), |image| write!(f, " on image {image}"))
             }
             Self::ClocksDiffer { clocks } => write!(f, "timed in different ways: {}", clocks.join("; ")),
             Self::Infinite { pairs } => write!(f, "PSNR is infinite in {pairs} pairs"),

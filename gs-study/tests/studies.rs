@@ -322,6 +322,7 @@ fn the_report_is_one_page_with_all_its_pictures() {
     let page = fs::read_to_string(folder.file("report.html")).unwrap();
     for expected in [
         gs_study::VERSION,
+        "Few seeds: 2, 5 would do.",
         "2 images are too few: 6 at least",
         "tr class=\"remark\"",
         "Which arm wins",

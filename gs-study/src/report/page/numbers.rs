@@ -5,6 +5,7 @@ use maud::{Markup, PreEscaped, html};
 use crate::{
     comparison::{Difference, Verdict},
     error::Error,
+    remark::{FEWEST_SEEDS, Remark},
     report::{
         at_equal, figure,
         page::{
@@ -93,13 +94,15 @@ impl Page<'_> {
                         tbody {
                             @for &row in &rows {
                                 @let psnr = of(Metric::Psnr, row);
-                                tr.remarked[!psnr.remarks.is_empty()] {
+                                tr.remarked[remark(&psnr).is_some()] {
                                     td { (grouped(row.0)) }
                                     td.name { (self.swatch(row.1)) (study.arms[row.1].name) }
                                     (difference_cells(&psnr, 2))
                                     @if let Some(metric) = second { (difference_cells(&of(metric, row), 4)) }
                                 }
-                                @if !psnr.remarks.is_empty() { (remarks(&psnr, columns)) }
+                                @if let Some(text) = remark(&psnr) {
+                                    tr.remark { td {} td.quiet colspan=(columns - 1) { (text) } }
+                                }
                             }
                         }
                     } }
@@ -113,6 +116,9 @@ impl Page<'_> {
                     "Paired: each image with itself. Under each mean difference is its 95 % interval; an arm is better or worse where the whole of it lies "
                     "on one side of 0. "
                     "Hollow marks are not judged. Every other pair of arms is in " code { "differences.csv" } "."
+                    @if study.seeds.len() < FEWEST_SEEDS {
+                        " " b { "Few seeds: " (study.seeds.len()) ", " (FEWEST_SEEDS) " would do." } " A difference may be one of luck with them."
+                    }
                 }
                 @for part in parts { (part) }
             }
@@ -145,10 +151,11 @@ fn difference_cells(difference: &Difference, digits: usize) -> Markup {
     }
 }
 
-/// What must be known besides, in a row of its own: the cells above are narrow.
-fn remarks(difference: &Difference, columns: usize) -> Markup {
-    let text = difference.remarks.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ");
-    html! { tr.remark { td {} td.quiet colspan=(columns - 1) { (text) } } }
+/// What must be known besides, for a row of its own: the cells above are narrow. Seeds are the same for all rows.
+fn remark(difference: &Difference) -> Option<String> {
+    let of_row = difference.remarks.iter().filter(|remark| !matches!(remark, Remark::FewSeeds { .. }));
+    let words: Vec<String> = of_row.map(Remark::to_string).collect();
+    (!words.is_empty()).then(|| words.join("; "))
 }
 
 fn spread(value: Option<Spread>, digits: usize) -> Markup {
