@@ -122,7 +122,7 @@ mod cold_starts {
             &[
                 ("gradient-is-zero", Verdict::Partly, gradient_is_zero),
                 ("loss-is-flat", Verdict::Confirmed, loss_is_flat),
-                ("large-variances-cure", Verdict::Confirmed, large_variances_cure),
+                ("large-variances-cure", Verdict::Partly, large_variances_cure),
                 ("no-way-to-explore", Verdict::Confirmed, no_way_to_explore),
             ],
         );
@@ -149,6 +149,9 @@ mod cold_starts {
 
     fn large_variances_cure(m: &ColdStartMeasured) {
         assert_eq!(m.course(Start::Good).steps_to_milestone, Some(500.0));
+        // The paper's start has all of its Gaussians pulled; on the border not every one of the same size reaches a shape.
+        let pulled = |start| m.pull(start, Loss::L1).unwrap().moved_by_shapes;
+        assert!(pulled(Start::Good) == 20 && (10..20).contains(&pulled(Start::LargeVariance)));
         assert!(m.course(Start::LargeVariance).steps_to_milestone.is_some_and(|steps| steps < 1000.0));
     }
 
