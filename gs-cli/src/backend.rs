@@ -4,12 +4,13 @@
 mod fastest;
 mod team;
 
-use std::{num::NonZero, thread::available_parallelism};
+use std::{env::consts, num::NonZero, thread::available_parallelism};
 
-use clap::{Args, ValueEnum, builder::NonEmptyStringValueParser};
+use clap::{Args, Parser, ValueEnum, builder::NonEmptyStringValueParser};
 use gs_core::{PlanarScene, Rasterizer, profile::Profiler};
 use gs_cpu::{CpuRasterizer, CpuSettings, SimdLevel};
-use gs_wgpu::{WgpuRasterizer, WgpuSettings};
+use gs_study::Machine;
+use gs_wgpu::{AdapterSummary, WgpuRasterizer, WgpuSettings};
 
 pub(crate) use self::team::{Team, TeamTask};
 use crate::{backend::fastest::Fastest, failure::Failure};
@@ -147,10 +148,42 @@ impl Backend {
     }
 }
 
-/// What computes, as far as results depend on it: not its threads.
-pub(crate) fn machine(backend: &Backend) -> String {
-    let what = backend.simd.as_ref().or(backend.adapter.as_ref());
-    what.map_or_else(|| backend.name.to_owned(), |what| format!("{} {what}", backend.name))
+/// What computes, as far as results depend on it, and the flags that choose it: not its threads.
+pub(crate) fn machine(backend: &Backend) -> Machine {
+    // Functions such as exp are the system's.
+    let system = format!("{} {}", consts::OS, consts::ARCH);
+    let (name, flags) = match &backend.rasterizer {
+        AnyRasterizer::Cpu(cpu) => {
+            let level = cpu.simd_level().to_string();
+            (format!("cpu {level}, {system}"), ["--backend", "cpu", "--simd", &level].map(str::to_owned))
+        }
+        AnyRasterizer::Wgpu(gpu) => {
+            let AdapterSummary { name, interface, driver, .. } = gpu.adapter();
+            let kernels = format!("{:?}", gpu.kernels()).to_lowercase();
+            let words = format!("wgpu {name}, {interface}, {driver}, {kernels} kernels, {system}");
+            (words, ["--backend", "wgpu", "--adapter", name].map(str::to_owned))
+        }
+    };
+    Machine { name, flags: flags.to_vec() }
+}
+
+/// Flags that were recorded, to be understood again.
+#[derive(Debug, Parser)]
+struct Recorded {
+    #[command(flatten)]
+    backend: BackendArgs,
+}
+
+impl BackendArgs {
+    /// The same where they say what computes; where they leave it open, what was recorded. Threads are those of these flags.
+    pub(crate) fn or_recorded(&self, machine: &Machine) -> Self {
+        let is_open = self.backend == Choice::Auto && self.adapter.is_none() && self.simd.is_none();
+        let words = std::iter::once("gs").chain(machine.flags.iter().map(String::as_str));
+        match Recorded::try_parse_from(words) {
+            Ok(recorded) if is_open => Self { threads: self.threads, ..recorded.backend },
+            _ => self.clone(),
+        }
+    }
 }
 
 /// An adapter names its backend, and so does a SIMD level; both may not.
@@ -214,6 +247,21 @@ mod tests {
     fn args(backend: Choice, adapter: Option<&str>, simd: Option<&str>) -> BackendArgs {
         let owned = |text: Option<&str>| text.map(str::to_owned);
         BackendArgs { backend, adapter: owned(adapter), simd: owned(simd), threads: None }
+    }
+
+    #[test]
+    fn what_flags_leave_open_is_as_it_was_recorded() {
+        let recorded = Machine {
+            name: "cpu scalar".to_owned(),
+            flags: ["--backend", "cpu", "--simd", "scalar"].map(str::to_owned).to_vec(),
+        };
+        let open = BackendArgs { threads: Some(3), ..BackendArgs::default() };
+        let found = open.or_recorded(&recorded);
+        assert_eq!((found.backend, found.simd.as_deref(), found.threads), (Choice::Cpu, Some("scalar"), Some(3)));
+        let said = args(Choice::Auto, None, Some("avx2")).or_recorded(&recorded);
+        assert_eq!((said.backend, said.simd.as_deref()), (Choice::Auto, Some("avx2")));
+        let unknown = Machine { flags: vec!["--abacus".to_owned()], ..recorded };
+        assert_eq!(open.or_recorded(&unknown).backend, Choice::Auto);
     }
 
     #[test]

@@ -115,11 +115,14 @@ impl From<gs_train::Error> for Failure {
 
 impl From<gs_study::Error> for Failure {
     fn from(error: gs_study::Error) -> Self {
-        use gs_study::Error::{Arm, Fit, Form, Io, NoRow, Study, Unknown};
+        use gs_study::Error::{Arm, Backend, Fit, Form, Io, NoRow, NoTarget, Study, Unknown};
         match error {
             Fit(error) => error.into(),
             Io(error) => error.into(),
-            Form { .. } | Study { .. } | Arm { .. } | Unknown { .. } | NoRow { .. } => Self::usage(error),
+            Backend { .. } => Self { kind: Kind::Backend, message: one_line(error) },
+            Form { .. } | Study { .. } | Arm { .. } | Unknown { .. } | NoTarget { .. } | NoRow { .. } => {
+                Self::usage(error)
+            }
             _ => Self::failed(error),
         }
     }

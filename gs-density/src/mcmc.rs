@@ -17,8 +17,9 @@ use crate::{
     prune::Prune,
 };
 
-/// The most that one Gaussian becomes in one round. *Source:* the code of 3DGS-MCMC, whose table of binomials ends there.
-const MOST_PARTS: u32 = 51;
+/// The N up to which eq. 9 is evaluated. *Source:* the code of 3DGS-MCMC, which holds N to one less than the 51 rows of its table of
+/// binomials.
+const MOST_PARTS: u32 = 50;
 
 /// Dead Gaussians are put where live ones are, the count rises by a share a round, and whatever becomes N at one place is corrected so that
 /// the picture stays as it was (*source:* 3DGS-MCMC, Kheradmand et al. 2024).
@@ -26,11 +27,12 @@ const MOST_PARTS: u32 = 51;
 /// No gradient has a say: who is chosen is drawn in proportion to opacity, and [`Noise`] between the steps does the exploring. A Gaussian
 /// that becomes N of them has, N times, the opacity 1 − (1 − o)^(1/N) and its scales shrunk so that the N, blended one behind the other, hide
 /// as much along a line through the mean as the one did (its eq. 9). In a scene without opacities, where Gaussians are summed, none is dead, all
-/// are drawn alike, and colours are divided by N instead, which is exact.
+/// are drawn alike, and colours are divided by N instead, which is exact. But it is of little use there: nothing ever tells the N apart, whose
+/// gradients are equal and which no noise moves, so that N Gaussians do the work of one.
 ///
 /// What differs from the source: one draw serves relocation and growth; the new stand right behind the one they come from, where the
 /// correction holds, instead of in the dead ones' slots; the share is rounded up, so that few Gaussians grow too; and its losses on opacity
-/// and scale are not part of a policy.
+/// and scale, which are what makes most of its Gaussians transparent, are not part of a policy.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, rename_all = "kebab-case", deny_unknown_fields)]
 pub struct Mcmc {
@@ -170,7 +172,7 @@ mod tests {
     #[test]
     fn the_parts_hide_along_a_line_what_the_whole_did() {
         for opacity in [0.005f32, 0.03, 0.2, 0.5, 0.9, 0.99, 0.9999, 1.0] {
-            for parts in [1, 2, 3, 7, 20, 51] {
+            for parts in [1, 2, 3, 7, 20, MOST_PARTS] {
                 let (new, shrink) = correction(opacity, parts);
                 let (o, new, shrink) = (f64::from(opacity), f64::from(new), f64::from(shrink));
                 let at_mean = 1.0 - (1.0 - new).powi(parts as i32);

@@ -20,7 +20,7 @@ const OPACITY: f32 = 0.005;
 /// function (*source:* the noise of 3DGS-MCMC, Kheradmand et al. 2024, with its code's numbers).
 ///
 /// The rate is the position's learning rate relative to its first value, and extent the image's longer side, which takes the place of
-/// the scene's. Only Gaussians that have all but vanished move, by much and mostly along their long axis; those that are seen stay.
+/// the scene's: the numbers are those of the source for a scene whose extent is 1. Only Gaussians that have all but vanished move, by much and mostly along their long axis; those that are seen stay.
 /// In a scene without opacities nothing moves.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, rename_all = "kebab-case", deny_unknown_fields)]

@@ -17,11 +17,16 @@ use crate::{
     residual::ResidualGrowth,
     round::Actions,
     signal::Signal,
+    size::SizeThreshold,
 };
 
 /// `long-axis`'s threshold on the absolute gradient. *Source:* the code of Deng et al. 2024, whose schedule of factors that starts at twice
 /// this is left out.
 const LONG_AXIS_THRESHOLD: f32 = 3.5e-4;
+
+/// `abs-gs`'s bound between clone and split, of the image's longer side: a tenth of 3DGS's, so that nearly all that grow are split. *Source:*
+/// the code of AbsGS. (Its clones are told by the mean gradient, a second statistic; there are hardly any.)
+const ABS_GS_SPLIT_ABOVE: SizeThreshold = SizeThreshold::ExtentFraction(1e-3);
 
 /// Any of the policies. In a settings file, `kind` names it and stands beside its settings.
 ///
@@ -76,8 +81,8 @@ impl Policy {
 
     /// The policy of that name, with its default settings:
     ///
-    /// - `absolute`, `abs-gs`, `absolute-error`: [`AbsoluteThreshold`] by mean gradient (3DGS), absolute gradient (AbsGS) or pixel error (Rota
-    ///   Bulò et al. 2024);
+    /// - `absolute`, `abs-gs`, `absolute-error`: [`AbsoluteThreshold`] by mean gradient (3DGS), absolute gradient (AbsGS, which splits what is
+    ///   larger than a thousandth of the image, not a hundredth) or pixel error (Rota Bulò et al. 2024);
     /// - `percentile`, `percentile-abs-gs`, `percentile-error`: [`RelativePercentile`] by the same;
     /// - `hybrid`, `hybrid-abs-gs`, `hybrid-error`: [`Hybrid`] by the same;
     /// - `long-axis`: [`AbsoluteThreshold`] by the absolute gradient, at its source's threshold of 0.00035, with a
@@ -90,7 +95,10 @@ impl Policy {
         use Signal::{AbsoluteGradient, MeanGradient, PixelError};
         Ok(match name {
             "absolute" => Self::Absolute(AbsoluteThreshold::by(MeanGradient)),
-            "abs-gs" => Self::Absolute(AbsoluteThreshold::by(AbsoluteGradient)),
+            "abs-gs" => Self::Absolute(AbsoluteThreshold {
+                actions: splitting(Densify { split_above: ABS_GS_SPLIT_ABOVE, ..Densify::default() }),
+                ..AbsoluteThreshold::by(AbsoluteGradient)
+            }),
             "absolute-error" => Self::Absolute(AbsoluteThreshold::by(PixelError)),
             "percentile" => Self::Percentile(RelativePercentile::by(MeanGradient)),
             "percentile-abs-gs" => Self::Percentile(RelativePercentile::by(AbsoluteGradient)),
@@ -100,7 +108,7 @@ impl Policy {
             "hybrid-error" => Self::Hybrid(Hybrid::by(PixelError)),
             "long-axis" => Self::Absolute(AbsoluteThreshold {
                 threshold: LONG_AXIS_THRESHOLD,
-                actions: Actions { densify: Densify::along_long_axes(), ..Actions::default() },
+                actions: splitting(Densify::along_long_axes()),
                 ..AbsoluteThreshold::by(AbsoluteGradient)
             }),
             "paper" => Self::Paper(Paper::default()),
@@ -193,6 +201,11 @@ impl DensityPolicy for Policy {
     }
 }
 
+/// The defaults, but for how one becomes two.
+fn splitting(densify: Densify) -> Actions {
+    Actions { densify, ..Actions::default() }
+}
+
 /// [`Policy::None`].
 struct NoGrowth;
 
@@ -250,6 +263,15 @@ mod tests {
     }
 
     #[test]
+    fn abs_gs_splits_what_3dgs_would_clone() {
+        let split_above = |name| match Policy::from_name(name).unwrap() {
+            Policy::Absolute(policy) => policy.actions.densify.split_above.pixels((768, 512)),
+            other => panic!("{other:?}"),
+        };
+        assert!((split_above("absolute") - 7.68).abs() < 1e-4 && (split_above("abs-gs") - 0.768).abs() < 1e-5);
+    }
+
+    #[test]
     fn settings_files_are_held_to_their_fields_and_ranges() {
         let read = |text: &str| toml::from_str::<Policy>(text);
         assert!(read("kind = 'percentile'\npercentage = 5").is_err());
@@ -275,6 +297,7 @@ mod tests {
             "kind = 'image-gs'\nadditions = 0",
             "kind = 'image-gs'\nstart-fraction = 1.5",
             "kind = 'image-gs'\nopacity = 1.0",
+            "kind = 'image-gs'\nexponent = 0.0",
         ] {
             let policy = read(out_of_range).unwrap();
             assert!(matches!(policy.validate(), Err(Error::Setting { .. })), "{out_of_range}");

@@ -1,23 +1,30 @@
-//! The studies that come with the program.
+//! The studies that come with the program: one for each experiment of the paper, and two on photographs.
 
 use crate::{error::Error, study::Study};
 
 /// Their names, and their files.
-pub const BUILT_IN: [(&str, &str); 3] = [
-    ("paper", include_str!("../studies/paper.toml")),
+pub const BUILT_IN: [(&str, &str); 7] = [
+    ("set-up", include_str!("../studies/set-up.toml")),
+    ("cold-start", include_str!("../studies/cold-start.toml")),
+    ("lazy-convergence", include_str!("../studies/lazy-convergence.toml")),
+    ("instability", include_str!("../studies/instability.toml")),
+    ("edges", include_str!("../studies/edges.toml")),
     ("absolute-vs-percentile", include_str!("../studies/absolute-vs-percentile.toml")),
     ("all-policies", include_str!("../studies/all-policies.toml")),
 ];
 
-/// The study of that name.
+/// Other names, and what they stand for: the paper's experiment as a whole is its set-up.
+const ALIASES: [(&str, &str); 1] = [("paper", "set-up")];
+
+/// The study of that name. `paper` is another name of `set-up`.
 ///
 /// # Errors
 /// [`Error::Unknown`], listing the names.
 pub fn built_in(name: &str) -> Result<Study, Error> {
-    let known = || BUILT_IN.map(|(known, _)| known).join(", ");
-    match BUILT_IN.iter().find(|(known, _)| *known == name) {
+    let asked = ALIASES.iter().find(|(alias, _)| *alias == name).map_or(name, |(_, meant)| meant);
+    match BUILT_IN.iter().find(|(known, _)| *known == asked) {
         Some((name, text)) => Study::from_toml(text, name),
-        None => Err(Error::Unknown { name: name.to_owned(), known: known() }),
+        None => Err(Error::Unknown { name: name.to_owned(), known: BUILT_IN.map(|(known, _)| known).join(", ") }),
     }
 }
 
@@ -32,11 +39,17 @@ mod tests {
             let study = built_in(name).unwrap();
             assert_eq!(study.name, name);
             assert!(study.seeds.len() >= 5 && !study.question.is_empty());
-            // On images that are here, whatever the study asks for.
-            let study = Study { images: vec!["paper".to_owned()], ..study };
-            let plan = Plan::new(study, &Places::default(), "test").unwrap();
+            assert!(
+                study.arms.iter().all(|arm| arm.about.ends_with('.')),
+                "{name}: an arm that says nothing of itself"
+            );
+            // Photographs are not here: their place is taken by an image that is.
+            let on_photographs = study.images[0].ends_with(".png");
+            let images = if on_photographs { vec!["paper".to_owned()] } else { study.images.clone() };
+            let plan = Plan::new(Study { images, ..study }, &Places::default(), "test").unwrap();
             assert!(plan.runs.len() >= 10);
         }
+        assert_eq!(built_in("paper").unwrap().name, "set-up");
         let message = built_in("all-policy").unwrap_err().to_string();
         assert!(message.contains("all-policy: is neither a file") && message.contains("all-policies"), "{message}");
     }

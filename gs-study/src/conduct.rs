@@ -10,7 +10,10 @@ use std::{
     thread,
 };
 
-use gs_core::{Image, PlanarScene, Rasterizer};
+use gs_core::{
+    Blend, Canvas, Chart, Error as CoreError, Image, PlanarGaussian, PlanarScene, Rasterizer, RenderSettings,
+};
+use gs_density::DensityPolicy;
 use gs_train::{Control, Error as FitError, FitSummary, MetricsLog, Observer, Progress, Trainer};
 
 use crate::{
@@ -51,34 +54,42 @@ pub enum Conducted {
 }
 
 /// Does all runs that are not finished, `team.len()` of them side by side, the rest in the order of their rows. Results depend neither
-/// on how many there are in the team nor on their threads. Runs that fail, by an error or a panic, are recorded and do not stop the rest.
+/// on how many there are in the team nor on their threads. Runs that fail, by an error or a panic, are recorded and do not stop the rest;
+/// but where the backend has failed for good, nothing more is begun, and the run in which it did is as if it had not been.
 ///
 /// # Errors
-/// [`Error::Io`] where a result cannot be stored.
+/// [`Error::Arm`] as [`refuse_unsupported`], [`Error::Backend`] where a backend has failed for good, and [`Error::Io`] where a result cannot
+/// be stored.
 pub fn conduct<R: Rasterizer<PlanarScene> + Sync>(
     plan: &Plan,
     team: &[&R],
     folder: &StudyFolder,
     watcher: &dyn Watcher,
 ) -> Result<Conducted, Error> {
+    team.first().map_or(Ok(()), |rasterizer| refuse_unsupported(plan, *rasterizer))?;
     let pending: Vec<&Run> = plan.runs.iter().filter(|run| !folder.is_finished(run)).collect();
     let (next, trouble) = (AtomicUsize::new(0), Mutex::new(None));
     let work = |rasterizer: &R| {
         while !watcher.wants_stop() {
             let Some(&run) = pending.get(next.fetch_add(1, Ordering::Relaxed)) else { return };
             watcher.begun(run);
-            let Some((outcome, picture)) = attempt(plan, run, rasterizer, team.len(), watcher) else { return };
-            // The picture first: a run that is recorded has all its files.
-            let shown = picture.filter(|_| is_shown(plan, run));
-            let stored = shown
-                .map_or(Ok(()), |picture| folder.store_picture(run, &picture))
-                .and_then(|()| folder.store(run, &record(plan, run, outcome.clone())?));
-            if let Err(error) = stored {
-                next.store(pending.len(), Ordering::Relaxed);
-                trouble.lock().unwrap_or_else(|poisoned| poisoned.into_inner()).get_or_insert(error);
-                return;
+            let stored = attempt(plan, run, rasterizer, team.len(), watcher).and_then(|ended| {
+                let Some((outcome, picture)) = ended else { return Ok(None) };
+                // The picture first: a run that is recorded has all its files.
+                let shown = picture.filter(|_| is_shown(plan, run));
+                shown.map_or(Ok(()), |picture| folder.store_picture(run, &picture))?;
+                folder.store(run, &record(plan, run, outcome.clone())?)?;
+                Ok(Some(outcome))
+            });
+            match stored {
+                Ok(Some(outcome)) => watcher.ended(run, &outcome),
+                Ok(None) => return,
+                Err(error) => {
+                    next.store(pending.len(), Ordering::Relaxed);
+                    trouble.lock().unwrap_or_else(|poisoned| poisoned.into_inner()).get_or_insert(error);
+                    return;
+                }
             }
-            watcher.ended(run, &outcome);
         }
     };
     thread::scope(|scope| {
@@ -95,29 +106,78 @@ pub fn conduct<R: Rasterizer<PlanarScene> + Sync>(
     }
 }
 
+/// Fails where the backend does not offer what an arm needs, before anything is done: every run of that arm would fail.
+///
+/// # Errors
+/// [`Error::Arm`] with what is not offered.
+pub fn refuse_unsupported<R: Rasterizer<PlanarScene>>(plan: &Plan, rasterizer: &R) -> Result<(), Error> {
+    for (index, arm) in plan.study.arms.iter().enumerate() {
+        let Some(run) = plan.runs.iter().find(|run| run.arm == index) else { continue };
+        let settings = &run.settings;
+        let mut render = settings.render;
+        render.effects.statistics = match &arm.own_policy {
+            Some(own) => own.policy.statistics(),
+            None => settings.policy.statistics(),
+        };
+        if let Err(error @ CoreError::Unsupported { .. }) = draw_one(rasterizer, &render, settings.chart) {
+            let (study, arm, line) = (plan.study.name.clone(), arm.name.clone(), arm.line);
+            return Err(Error::Arm { study, line, arm, message: error.to_string() });
+        }
+    }
+    Ok(())
+}
+
+/// A drawing of one Gaussian on one pixel, which shows what the backend can do.
+fn draw_one<R: Rasterizer<PlanarScene>>(
+    rasterizer: &R,
+    render: &RenderSettings,
+    chart: Chart,
+) -> Result<(), CoreError> {
+    let gaussian = PlanarGaussian {
+        mean: [0.5; 2].into(),
+        log_scale: [0.0; 2].into(),
+        rotation: 0.0,
+        opacity_logit: if render.effects.blend == Blend::Sum { f32::INFINITY } else { 0.0 },
+        color: [0.5; 3].into(),
+    };
+    let cloud = rasterizer.upload(&[gaussian].into_iter().collect(), chart)?;
+    rasterizer.forward(&cloud, &Canvas::new(1, 1), render).map(drop)
+}
+
+/// Whether the backend still does what it is told.
+fn answers<R: Rasterizer<PlanarScene>>(rasterizer: &R, run: &Run) -> bool {
+    let drawn = catch_unwind(AssertUnwindSafe(|| draw_one(rasterizer, &run.settings.render, run.settings.chart)));
+    !matches!(drawn, Err(_) | Ok(Err(CoreError::Backend { .. })))
+}
+
 /// The runs whose pictures are kept: those of the first seed.
 fn is_shown(plan: &Plan, run: &Run) -> bool {
     plan.study.seeds.first() == Some(&run.seed)
 }
 
-/// What comes of a run and what its scene looks like; nothing where the watcher stopped it.
+/// What comes of a run and what its scene looks like; nothing where the watcher stopped it. An error where the backend failed and does not
+/// come back: that says nothing about the run.
 fn attempt<R: Rasterizer<PlanarScene>>(
     plan: &Plan,
     run: &Run,
     rasterizer: &R,
     side_by_side: usize,
     watcher: &dyn Watcher,
-) -> Option<(Outcome, Option<Image>)> {
+) -> Result<Option<(Outcome, Option<Image>)>, Error> {
     // A fit that panicked leaves nothing behind that another looks at: its trainer is gone with it.
     let fitted = catch_unwind(AssertUnwindSafe(|| fit(plan, run, rasterizer, watcher)));
     match fitted {
         Ok(Ok(Some((_, image, finished)))) => {
             let finished = Finished { side_by_side, ..finished };
-            Some((Outcome::Finished(Box::new(finished)), Some(image)))
+            Ok(Some((Outcome::Finished(Box::new(finished)), Some(image))))
         }
-        Ok(Ok(None)) => None,
-        Ok(Err(error)) => Some((Outcome::Failed { error: error.to_string() }, None)),
-        Err(panic) => Some((Outcome::Failed { error: format!("panicked: {}", message(panic.as_ref())) }, None)),
+        Ok(Ok(None)) => Ok(None),
+        // A device that has too little memory for this run may well do for others.
+        Ok(Err(FitError::Core(source @ CoreError::Backend { .. }))) if !answers(rasterizer, run) => {
+            Err(Error::Backend { row: run.row, run: plan.describe(run), source })
+        }
+        Ok(Err(error)) => Ok(Some((Outcome::Failed { error: error.to_string() }, None))),
+        Err(panic) => Ok(Some((Outcome::Failed { error: format!("panicked: {}", message(panic.as_ref())) }, None))),
     }
 }
 

@@ -29,10 +29,12 @@ pub enum Error {
         mend: &'static str,
     },
     /// Settings of an arm that are not possible.
-    #[error("study `{study}`: arm `{arm}`: {message}")]
+    #[error("study `{study}`: {}arm `{arm}`: {message}", line.map_or_else(String::new, |line| format!("line {line}: ")))]
     Arm {
         /// The study's name.
         study: String,
+        /// The line of the study's file on which the arm has its name, counted from 1; nothing where it is from no file.
+        line: Option<usize>,
         /// The arm's name.
         arm: String,
         /// What is wrong with its settings.
@@ -54,6 +56,14 @@ pub enum Error {
         /// The folders that were looked into.
         looked: String,
     },
+    /// An image of the study is neither a file nor a synthetic target.
+    #[error("{image}: is neither an image file nor a synthetic target: those are {known}")]
+    NoTarget {
+        /// As the study names it.
+        image: String,
+        /// The synthetic targets.
+        known: String,
+    },
     /// A folder that holds something else than this study.
     #[error("{}: {what}: {mend}", folder.display())]
     Folder {
@@ -72,9 +82,56 @@ pub enum Error {
         /// How many there are.
         rows: usize,
     },
-    /// A replay that did not end in the recorded scene.
+    /// The backend failed for good in a run, such as a GPU that is lost. Nothing is recorded of the run.
+    #[error("row {row} ({run}): {source}: nothing is lost but the runs under way; start gs study again with --resume")]
+    Backend {
+        /// The row.
+        row: usize,
+        /// Which run that is, in words.
+        run: String,
+        /// What the backend says.
+        source: gs_core::Error,
+    },
+    /// A replay on something else than computed the row, which would end in another scene.
+    #[error("row {row}: recorded on {recorded}, but this is {found}: {mend}")]
+    OtherMachine {
+        /// The row.
+        row: usize,
+        /// What computed it.
+        recorded: String,
+        /// What would compute it now.
+        found: String,
+        /// How to choose the first.
+        mend: String,
+    },
+    /// A replay by another program than recorded the row, which may end in another scene.
     #[error(
-        "row {row}: the scene is not the recorded one ({found} instead of {recorded}); the row was computed by version {version} on {machine}"
+        "row {row}: recorded by version {recorded}, but this is {found}: replay it with that version, or do the study again"
+    )]
+    OtherVersion {
+        /// The row.
+        row: usize,
+        /// The version that recorded it.
+        recorded: String,
+        /// This version.
+        found: &'static str,
+    },
+    /// A replay of a row whose settings or image have changed since it was recorded.
+    #[error(
+        "row {row}: its settings or its image are not those recorded (address {found} instead of {recorded}): put study.toml and the images \
+         back as they were, or let gs study --resume do the row again"
+    )]
+    OtherRun {
+        /// The row.
+        row: usize,
+        /// Its address as recorded.
+        recorded: String,
+        /// Its address now.
+        found: String,
+    },
+    /// A replay that should have ended in the recorded scene and did not.
+    #[error(
+        "row {row}: the scene is not the recorded one ({found} instead of {recorded}), though nothing that is known differs"
     )]
     NotReplayed {
         /// The row.
@@ -83,10 +140,6 @@ pub enum Error {
         recorded: String,
         /// Digest of the scene found.
         found: String,
-        /// The version of the program that recorded it.
-        version: String,
-        /// What it computed on.
-        machine: String,
     },
     /// A file: see [`gs_io::Error`].
     #[error(transparent)]

@@ -6,12 +6,15 @@ use std::fmt::Write;
 use serde::{Deserialize, Serialize};
 
 use crate::{
+    comparison::Difference,
     error::Error,
     folder::StudyFolder,
+    machine::Machine,
     plan::{Plan, Run, VERSION},
     record::{Outcome, Record},
+    remark::Remark,
     study::Matching,
-    tables::{Difference, Quality, Results, Spread},
+    tables::{Quality, Results, Spread},
 };
 
 const RESULTS: &str = "results.json";
@@ -70,7 +73,8 @@ impl Row {
 struct Everything<'a> {
     study: &'a str,
     version: &'static str,
-    machine: &'a str,
+    #[serde(flatten)]
+    machine: &'a Machine,
     runs: &'a [Row],
     quality: &'a [Quality],
     differences: &'a [Difference],
@@ -80,7 +84,8 @@ struct Everything<'a> {
 #[derive(Debug, Deserialize)]
 pub(crate) struct Recorded {
     pub(crate) version: String,
-    pub(crate) machine: String,
+    #[serde(flatten)]
+    pub(crate) machine: Machine,
     pub(crate) runs: Vec<Row>,
 }
 
@@ -144,20 +149,20 @@ fn runs_csv(rows: &[Row]) -> String {
 
 fn quality_csv(rows: &[Quality]) -> String {
     let header =
-        "arm,budget,finished,failed,missing,gaussians,gaussians_sd,psnr,psnr_sd,ssim,ssim_sd,ms_ssim,ms_ssim_sd";
+        "arm,budget,finished,failed,missing,images,gaussians,gaussians_sd,psnr,psnr_sd,ssim,ssim_sd,ms_ssim,ms_ssim_sd";
     let lines = rows.iter().map(|q| {
         let spread = |spread: Option<Spread>, digits: usize| {
             let over_seeds = spread.and_then(|spread| spread.over_seeds);
             format!("{},{}", number(spread.map(|spread| spread.mean), digits), number(over_seeds, digits))
         };
         let measured = [spread(q.gaussians, 1), spread(q.psnr, 4), spread(q.ssim, 6), spread(q.ms_ssim, 6)].join(",");
-        format!("{},{},{},{},{},{measured}", quoted(&q.arm), q.budget, q.finished, q.failed, q.missing)
+        format!("{},{},{},{},{},{},{measured}", quoted(&q.arm), q.budget, q.finished, q.failed, q.missing, q.images)
     });
     table(header, lines)
 }
 
 fn differences_csv(rows: &[Difference]) -> String {
-    let header = "match,metric,budget,arm,against,paired,pairs,mean,low,high,verdict,remark";
+    let header = "match,metric,budget,arm,against,paired,pairs,mean,low,high,verdict,remarks";
     let lines = rows.iter().map(|d| {
         let cells = [
             d.matching.name().to_owned(),
@@ -171,7 +176,7 @@ fn differences_csv(rows: &[Difference]) -> String {
             number(d.interval.map(|interval| interval.low), 6),
             number(d.interval.map(|interval| interval.high), 6),
             d.verdict.words().to_owned(),
-            d.remark.as_deref().map_or_else(String::new, quoted),
+            quoted(&d.remarks.iter().map(Remark::to_string).collect::<Vec<_>>().join("; ")),
         ];
         cells.join(",")
     });

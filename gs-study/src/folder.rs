@@ -2,7 +2,7 @@
 
 use std::{
     collections::BTreeMap,
-    fs,
+    fs::{self, File, TryLockError},
     path::{Path, PathBuf},
 };
 
@@ -11,12 +11,16 @@ use gs_io::{read_image, write_atomically, write_png};
 
 use crate::{
     error::Error,
+    machine::Machine,
     plan::{Plan, Run},
     record::{Outcome, Record},
 };
 
 const STUDY: &str = "study.toml";
 const IMAGES: &str = "images.json";
+const MACHINE: &str = "machine.json";
+/// Locked as long as someone works in the folder. It stays there; a lock goes with its process, whatever ends that.
+const LOCK: &str = ".lock";
 const RUNS: &str = "runs";
 const PICTURES: &str = "pictures";
 
@@ -30,27 +34,50 @@ pub enum Existing {
 }
 
 /// A study's folder.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct StudyFolder(PathBuf);
+#[derive(Debug)]
+pub struct StudyFolder {
+    path: PathBuf,
+    /// Kept from others as long as this is open; nothing where the folder is only read.
+    _lock: Option<File>,
+}
 
 impl StudyFolder {
-    /// Makes the folder for a plan, or opens it to go on. The study is stored in it, so that its rows can be replayed.
+    /// Makes the folder for a plan, or opens it to go on. The study is stored in it, so that its rows can be replayed. Until the folder is
+    /// dropped, nobody else can prepare it.
     ///
     /// # Errors
-    /// [`Error::Folder`] where it holds a study and `existing` refuses it, or cannot be written to; [`Error::Io`].
+    /// [`Error::Folder`] where it holds a study of another name, or any and `existing` refuses it, where someone else works in it, or where
+    /// it cannot be written to; [`Error::Io`].
     pub fn prepare(path: &Path, plan: &Plan, existing: Existing) -> Result<Self, Error> {
-        let folder = Self(path.to_owned());
-        if existing == Existing::Refuse && folder.file(STUDY).exists() {
-            let what = "holds a study already".to_owned();
+        let wrong = |what: String, mend: &'static str| Error::Folder { folder: path.to_owned(), what, mend };
+        let unwritable =
+            |source| wrong(format!("cannot be written to: {source}"), "choose another folder with --output");
+        let found = path.join(STUDY);
+        if existing == Existing::Refuse && found.exists() {
             let mend = "go on with it with --resume, or choose another folder with --output";
-            return Err(Error::Folder { folder: folder.0, what, mend });
+            return Err(wrong("holds a study already".to_owned(), mend));
         }
+        if found.exists() {
+            let held = fs::read_to_string(&found).ok().and_then(|text| name_of(&text));
+            if held.as_ref() != Some(&plan.study.name) {
+                let held = held.map_or_else(|| "one that cannot be read".to_owned(), |name| format!("`{name}`"));
+                let what = format!("holds another study than `{}`: {held}", plan.study.name);
+                return Err(wrong(what, "choose another folder with --output"));
+            }
+        }
+        fs::create_dir_all(path).map_err(unwritable)?;
+        let lock = File::create(path.join(LOCK)).map_err(unwritable)?;
+        match lock.try_lock() {
+            Err(TryLockError::WouldBlock) => {
+                let what = "another gs study is at work in it".to_owned();
+                return Err(wrong(what, "wait for it, or choose another folder with --output"));
+            }
+            // Some file systems know no locks. A study is worth more than a guard against starting it twice.
+            Ok(()) | Err(TryLockError::Error(_)) => {}
+        }
+        let folder = Self { path: path.to_owned(), _lock: Some(lock) };
         for part in [folder.file(RUNS), folder.file(PICTURES)] {
-            fs::create_dir_all(&part).map_err(|source| Error::Folder {
-                folder: folder.0.clone(),
-                what: format!("cannot be written to: {source}"),
-                mend: "choose another folder with --output",
-            })?;
+            fs::create_dir_all(&part).map_err(unwritable)?;
             sweep(&part);
         }
         let images = plan.targets.iter().filter_map(|target| Some((&target.name, target.file.as_ref()?)));
@@ -58,17 +85,19 @@ impl StudyFolder {
             images.map(|(name, file)| (name, fs::canonicalize(file).unwrap_or_else(|_| file.clone()))).collect();
         let found = serde_json::to_string_pretty(&found).unwrap_or_default();
         folder.write(IMAGES, &(found + "\n"))?;
+        let machine = serde_json::to_string_pretty(&plan.machine).unwrap_or_default();
+        folder.write(MACHINE, &(machine + "\n"))?;
         folder.write(STUDY, &to_toml(plan)?)?;
         Ok(folder)
     }
 
-    /// The folder of a study that has been run.
+    /// The folder of a study that has been run, to read it.
     ///
     /// # Errors
     /// [`Error::Folder`] where there is none.
     pub fn open(path: &Path) -> Result<Self, Error> {
         match path.join(STUDY).is_file() {
-            true => Ok(Self(path.to_owned())),
+            true => Ok(Self { path: path.to_owned(), _lock: None }),
             false => Err(Error::Folder {
                 folder: path.to_owned(),
                 what: format!("holds no study: there is no {STUDY} in it"),
@@ -79,17 +108,22 @@ impl StudyFolder {
 
     /// Its path.
     pub fn path(&self) -> &Path {
-        &self.0
+        &self.path
     }
 
     /// A file in it.
     pub fn file(&self, name: &str) -> PathBuf {
-        self.0.join(name)
+        self.path.join(name)
     }
 
     /// Where the study found its images, for [`Places::remembered`](crate::Places::remembered); nothing where it does not say.
     pub fn images(&self) -> BTreeMap<String, PathBuf> {
         fs::read(self.file(IMAGES)).ok().and_then(|text| serde_json::from_slice(&text).ok()).unwrap_or_default()
+    }
+
+    /// What the study was last conducted on; nothing where it does not say.
+    pub fn machine(&self) -> Option<Machine> {
+        serde_json::from_slice(&fs::read(self.file(MACHINE)).ok()?).ok()
     }
 
     /// The file of the study itself.
@@ -150,6 +184,12 @@ impl StudyFolder {
 
 fn to_toml(plan: &Plan) -> Result<String, Error> {
     toml::to_string(&plan.study).map_err(|error| plan.study.wrong(error.to_string(), "leave it out"))
+}
+
+/// The name of a study, by its file.
+fn name_of(text: &str) -> Option<String> {
+    let table: toml::Table = text.parse().ok()?;
+    Some(table.get("name")?.as_str()?.to_owned())
 }
 
 /// Takes away what a killed program was writing. What cannot be taken away does no harm.

@@ -6,32 +6,41 @@
 //! nothing else. [`Results`] makes tables of them, with intervals, and [`report`] a page.
 
 mod built_in;
+mod comparison;
 mod conduct;
 mod digest;
 mod error;
 mod export;
+pub mod figure;
 mod folder;
+mod machine;
 mod overrides;
 mod plan;
+mod reach;
 mod record;
+mod remark;
 mod replay;
 pub mod report;
-pub mod statistics;
+#[cfg(test)]
+mod sources;
 mod study;
 mod tables;
 mod target;
 
 pub use crate::{
     built_in::{BUILT_IN, built_in},
-    conduct::{Conducted, Watcher, conduct},
+    comparison::{Difference, EQUAL_COUNT, Verdict},
+    conduct::{Conducted, Watcher, conduct, refuse_unsupported},
     digest::{of_image as image_digest, of_scene as scene_digest},
     error::Error,
     export::write_tables,
     folder::{Existing, StudyFolder},
+    machine::Machine,
     plan::{Plan, Run, VERSION},
     record::{Finished, Outcome, Record},
+    remark::{FEWEST_SEEDS, Pairing, Remark},
     replay::{Replayed, replay},
-    study::{Arm, Matching, OwnPolicy, PAPER_TARGET, Study},
-    tables::{Difference, EQUAL_COUNT, Metric, Pairing, Quality, Results, Spread},
+    study::{Arm, Matching, OwnPolicy, Study},
+    tables::{Metric, Quality, Results, Spread},
     target::{Places, Target},
 };

@@ -6,13 +6,15 @@ use gs_train::{FitSettings, InitialCount, Preset};
 use crate::{
     digest,
     error::Error,
+    machine::Machine,
     overrides,
     study::{Arm, Study},
     target::{Places, Target},
 };
 
-/// The version of this program: results of another are never taken for its own.
-pub const VERSION: &str = env!("CARGO_PKG_VERSION");
+/// The version of this program: results of another are never taken for its own. That of the package and, of a checkout, the digest of all
+/// sources that a result depends on: "0.1.0+1f0c9d2a7b3e".
+pub const VERSION: &str = env!("GS_STUDY_VERSION");
 
 /// A study with its images and all its runs.
 #[derive(Debug, Clone)]
@@ -21,8 +23,8 @@ pub struct Plan {
     pub study: Study,
     /// Its images, in its order.
     pub targets: Vec<Target>,
-    /// What computes, as far as results depend on it, such as "cpu avx512".
-    pub machine: String,
+    /// What computes.
+    pub machine: Machine,
     /// Its runs: seed by seed, in each budget by budget, in each image by image, in each arm by arm. What belongs together for a
     /// comparison stands together, and a study that is stopped early has whole comparisons.
     pub runs: Vec<Run>,
@@ -52,7 +54,7 @@ impl Plan {
     ///
     /// # Errors
     /// [`Error::Study`], [`Error::Arm`] where settings are not possible, [`Error::NoImage`] and [`Error::Io`] for images.
-    pub fn new(study: Study, places: &Places, machine: impl Into<String>) -> Result<Self, Error> {
+    pub fn new(study: Study, places: &Places, machine: impl Into<Machine>) -> Result<Self, Error> {
         study.validate()?;
         let machine = machine.into();
         let targets = study.images.iter().map(|name| Target::load(name, places)).collect::<Result<Vec<_>, _>>()?;
@@ -62,7 +64,7 @@ impl Plan {
                 for (target, image) in targets.iter().enumerate() {
                     for (arm, of) in study.arms.iter().enumerate() {
                         let settings = FitSettings { seed, ..settings(&study, of, budget, image.image.size())? };
-                        let address = address(of, &settings, image, &machine).map_err(|m| wrong(&study, of, m))?;
+                        let address = address(of, &settings, image, &machine.name).map_err(|m| wrong(&study, of, m))?;
                         runs.push(Run { row: runs.len() + 1, arm, target, budget, seed, settings, address });
                     }
                 }
@@ -122,7 +124,7 @@ fn settings(study: &Study, arm: &Arm, budget: u32, size: (u32, u32)) -> Result<F
 }
 
 fn wrong(study: &Study, arm: &Arm, message: String) -> Error {
-    Error::Arm { study: study.name.clone(), arm: arm.name.clone(), message }
+    Error::Arm { study: study.name.clone(), line: arm.line, arm: arm.name.clone(), message }
 }
 
 fn address(arm: &Arm, settings: &FitSettings, target: &Target, machine: &str) -> Result<String, String> {
@@ -193,13 +195,13 @@ mod tests {
             (
                 "name = 'b'",
                 "name = 'b'\npolicy = 'percentil'",
-                "arm `b`: policy is `percentil`, but must be one of absolute",
+                "line 11: arm `b`: policy is `percentil`, but must be one of absolute",
             ),
             ("name = 'b'", "name = 'a'", "\"a\" stands there twice"),
             ("name = 'b'", "name = 'a/b'", "its name is not a word"),
             ("name = 'x'", "name = 'x'\nbaseline = 'c'", "there is no arm `c`"),
-            ("'percentile'", "'percentil'", "arm `b`: "),
-            ("shrink = 2.0", "shrink = 0.5", "arm `a`: densify.shrink is 0.5"),
+            ("'percentile'", "'percentil'", "study `x`: line 11: arm `b`: "),
+            ("shrink = 2.0", "shrink = 0.5", "line 9: arm `a`: densify.shrink is 0.5"),
             ("shrink = 2.0", "shrunk = 2.0", "shrunk"),
             ("settings.policy.actions", "settings.gaussians = 3\nsettings.policy.actions", "list it under budgets"),
             ("name = 'x'", "name = = 'x'", "a.toml: line 1: "),

@@ -4,6 +4,8 @@ use gs_core::{edit::EditCounts, statistics::Culled};
 use gs_train::MetricsRow;
 use serde::{Deserialize, Deserializer, Serialize};
 
+use crate::machine::Machine;
+
 /// A run's file.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -12,8 +14,9 @@ pub struct Record {
     pub address: String,
     /// The version of the program.
     pub version: String,
-    /// What computed, as far as results depend on it.
-    pub machine: String,
+    /// What computed, and how it was chosen.
+    #[serde(flatten)]
+    pub machine: Machine,
     /// The image, as the study named it.
     pub image: String,
     /// The digest of its pixels.

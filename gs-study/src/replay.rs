@@ -7,7 +7,8 @@ use crate::{
     error::Error,
     export,
     folder::StudyFolder,
-    plan::{Plan, Run},
+    machine::Machine,
+    plan::{Plan, Run, VERSION},
     record::Finished,
 };
 
@@ -27,15 +28,16 @@ struct End {
     address: String,
     scene: Option<String>,
     version: String,
-    machine: String,
+    machine: Machine,
 }
 
 /// Does a row of the study in `folder` again, and holds the scene against the recorded one. The tables are enough: the runs' own files
 /// may be gone.
 ///
 /// # Errors
-/// [`Error::NoRow`]; [`Error::Folder`] where the row has not been done; [`Error::NotReplayed`] where it was computed from something else
-/// (another version, machine, image), or its scene is another; [`Error::Fit`] where it fails, as it may have done in the study.
+/// [`Error::NoRow`]; [`Error::Folder`] where the row has not been done; [`Error::OtherMachine`], [`Error::OtherVersion`] or
+/// [`Error::OtherRun`], before anything is computed, where it was computed from something else; [`Error::NotReplayed`] where its scene is
+/// another all the same; [`Error::Fit`] where it fails, as it may have done in the study.
 pub fn replay<R: Rasterizer<PlanarScene>>(
     plan: &Plan,
     row: usize,
@@ -43,21 +45,22 @@ pub fn replay<R: Rasterizer<PlanarScene>>(
     folder: &StudyFolder,
 ) -> Result<Replayed, Error> {
     let run = plan.run(row)?;
+    if let Some(recorded) = folder.machine().filter(|recorded| recorded.name != plan.machine.name) {
+        return Err(other_machine(row, &recorded, &plan.machine));
+    }
     let end = end(run, folder).ok_or_else(|| Error::Folder {
         folder: folder.path().to_owned(),
         what: format!("row {row} has not been done"),
         mend: "let gs study --resume do it first",
     })?;
+    if end.address != run.address {
+        return Err(difference(plan, run, &end));
+    }
     let differs = |recorded: &str, found: &str| Error::NotReplayed {
         row,
         recorded: recorded.to_owned(),
         found: found.to_owned(),
-        version: end.version.clone(),
-        machine: end.machine.clone(),
     };
-    if end.address != run.address {
-        return Err(differs(&format!("address {}", end.address), &format!("address {}", run.address)));
-    }
     let (scene, image, finished) = conduct::fit(plan, run, rasterizer, &())?
         .ok_or_else(|| differs(end.scene.as_deref().unwrap_or("none"), "none"))?;
     match &end.scene {
@@ -65,6 +68,26 @@ pub fn replay<R: Rasterizer<PlanarScene>>(
         None => Err(differs("none: the run failed", &finished.scene)),
         Some(_) => Ok(Replayed { scene, image, finished }),
     }
+}
+
+/// In what a run differs from the one recorded.
+fn difference(plan: &Plan, run: &Run, end: &End) -> Error {
+    let row = run.row;
+    if end.machine.name != plan.machine.name {
+        return other_machine(row, &end.machine, &plan.machine);
+    }
+    if end.version != VERSION {
+        return Error::OtherVersion { row, recorded: end.version.clone(), found: VERSION };
+    }
+    Error::OtherRun { row, recorded: end.address.clone(), found: run.address.clone() }
+}
+
+fn other_machine(row: usize, recorded: &Machine, found: &Machine) -> Error {
+    let mend = match recorded.flags.is_empty() {
+        true => "replay it there".to_owned(),
+        false => format!("add {}", recorded.typed_flags()),
+    };
+    Error::OtherMachine { row, recorded: recorded.name.clone(), found: found.name.clone(), mend }
 }
 
 fn end(run: &Run, folder: &StudyFolder) -> Option<End> {

@@ -1,13 +1,12 @@
 //! What a study is: arms × images × budgets × seeds, as a short TOML file has them.
 
+#[cfg(doc)]
+use gs_train::SyntheticTarget;
 use gs_train::{ForeignPolicy, Preset};
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
 use crate::error::Error;
-
-/// The name under which a study asks for the paper's target, which needs no file.
-pub const PAPER_TARGET: &str = "paper";
 
 /// An experiment: every arm fits every image at every budget from every seed.
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -18,7 +17,8 @@ pub struct Study {
     /// What the study is to find out, one or two sentences.
     #[serde(default)]
     pub question: String,
-    /// Image files, relative to the folder of data or to that of the study's file; [`PAPER_TARGET`] is the circle and square.
+    /// Image files, relative to the folder of data or to that of the study's file; and names of [`SyntheticTarget`]s, which need no file,
+    /// such as `paper`, the circle and square.
     pub images: Vec<String>,
     /// The most Gaussians there may be.
     pub budgets: Vec<u32>,
@@ -72,6 +72,20 @@ pub struct Arm {
     /// In place of a policy that settings can name; in the library only.
     #[serde(skip)]
     pub own_policy: Option<OwnPolicy>,
+    /// The line of the study's file on which its name stands, counted from 1; nothing of an arm that is from no file.
+    #[serde(skip)]
+    pub line: Option<usize>,
+}
+
+/// Where the arms have their names.
+#[derive(Deserialize)]
+struct NamedArms {
+    arm: Vec<NamedArm>,
+}
+
+#[derive(Deserialize)]
+struct NamedArm {
+    name: toml::Spanned<String>,
 }
 
 /// A policy of the caller's own.
@@ -102,6 +116,7 @@ impl Arm {
             policy: None,
             settings: toml::Table::new(),
             own_policy: Some(OwnPolicy { fingerprint: fingerprint.into(), policy }),
+            line: None,
         }
     }
 }
@@ -112,9 +127,9 @@ impl Arm {
 pub enum Matching {
     /// The number of Gaussians: the ends of fits, where both arms have used their budget alike.
     Count,
-    /// The steps of the optimiser: the largest number that both arms have done.
+    /// The steps of the optimiser: the largest number that all arms of the study have done.
     Iterations,
-    /// The time spent fitting: the longest that both arms have run.
+    /// The time spent fitting: that of the study's fastest arm.
     Time,
 }
 
@@ -140,11 +155,16 @@ impl Study {
     /// # Errors
     /// [`Error::Form`] with the line, [`Error::Study`] as [`Study::validate`].
     pub fn from_toml(text: &str, origin: &str) -> Result<Self, Error> {
-        let study: Self = toml::from_str(text).map_err(|error| {
-            let start = error.span().map_or(0, |span| span.start.min(text.len()));
-            let line = 1 + text.as_bytes()[..start].iter().filter(|&&byte| byte == b'\n').count();
+        let line = |at: usize| 1 + text.bytes().take(at).filter(|&byte| byte == b'\n').count();
+        let wrong = |error: toml::de::Error| {
+            let line = line(error.span().map_or(0, |span| span.start));
             Error::Form { origin: origin.to_owned(), line, message: error.message().to_owned() }
-        })?;
+        };
+        let mut study: Self = toml::from_str(text).map_err(wrong)?;
+        let named: NamedArms = toml::from_str(text).map_err(wrong)?;
+        for (arm, named) in study.arms.iter_mut().zip(named.arm) {
+            arm.line = Some(line(named.name.span().start));
+        }
         study.validate()?;
         Ok(study)
     }

@@ -1,17 +1,13 @@
-//! What a study comes to: quality of each arm at each budget, and paired differences between arms.
+//! What a study comes to: its runs with what is stored of them, and the quality of each arm at each budget.
 
+use gs_train::statistics::{mean, variance};
 use serde::Serialize;
 
 use crate::{
     folder::StudyFolder,
     plan::{Plan, Run},
     record::{Finished, Outcome, Record},
-    statistics::{FEWEST, Interval, Verdict, bootstrap_interval, mean, variance},
-    study::Matching,
 };
-
-/// Counts whose means differ by more than this share are not equal counts.
-pub const EQUAL_COUNT: f64 = 0.01;
 
 /// All that is known of a study's runs.
 #[derive(Debug, Clone)]
@@ -47,7 +43,7 @@ impl Metric {
         }
     }
 
-    fn of(self, run: &Finished) -> Option<f64> {
+    pub(crate) fn of(self, run: &Finished) -> Option<f64> {
         match self {
             Self::Psnr => Some(run.psnr),
             Self::Ssim => Some(run.ssim),
@@ -79,6 +75,8 @@ pub struct Quality {
     pub failed: usize,
     /// Runs that were not done yet.
     pub missing: usize,
+    /// Images with finished runs: the means are over these, and not those of the study where they are fewer.
+    pub images: usize,
     /// Gaussians at the end.
     pub gaussians: Option<Spread>,
     /// dB.
@@ -87,54 +85,6 @@ pub struct Quality {
     pub ssim: Option<Spread>,
     /// 0 to 1.
     pub ms_ssim: Option<Spread>,
-}
-
-/// What is paired in a comparison, and so what its interval generalises to.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Pairing {
-    /// Images, each with its mean over seeds: other images of the same kind.
-    Images,
-    /// Seeds, where there is one image only: other seeds, for this image.
-    Seeds,
-}
-
-impl Pairing {
-    /// In a word.
-    pub const fn words(self) -> &'static str {
-        match self {
-            Self::Images => "images",
-            Self::Seeds => "seeds",
-        }
-    }
-}
-
-/// How much better an arm is than another.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub struct Difference {
-    /// What is equal.
-    pub matching: Matching,
-    /// What is measured.
-    pub metric: Metric,
-    /// The most Gaussians there might be.
-    pub budget: u32,
-    /// The arm judged.
-    pub arm: String,
-    /// The arm it is held against.
-    pub against: String,
-    /// What is paired.
-    pub pairing: Pairing,
-    /// How many pairs there are.
-    pub pairs: usize,
-    /// Mean difference, in the metric's unit; nothing without pairs.
-    pub mean: Option<f64>,
-    /// Where the mean difference of all images (or seeds) probably lies.
-    pub interval: Option<Interval>,
-    /// What may be said.
-    pub verdict: Verdict,
-    /// Why nothing may be said where numbers alone would allow it.
-    pub remark: Option<String>,
 }
 
 impl<'a> Results<'a> {
@@ -148,11 +98,15 @@ impl<'a> Results<'a> {
         self.plan.runs.iter().zip(self.records.iter().map(Option::as_ref))
     }
 
+    /// The runs of all arms at a budget that did all their steps.
+    pub fn all_finished(&self, budget: u32) -> impl Iterator<Item = (&'a Run, &Finished)> {
+        let at_budget = self.rows().filter(move |(run, _)| run.budget == budget);
+        at_budget.filter_map(|(run, record)| Some((run, record?.outcome.finished()?)))
+    }
+
     /// The runs of an arm at a budget that did all their steps.
     pub fn finished(&self, arm: usize, budget: u32) -> impl Iterator<Item = (&'a Run, &Finished)> {
-        self.rows()
-            .filter(move |(run, _)| run.arm == arm && run.budget == budget)
-            .filter_map(|(run, record)| Some((run, record?.outcome.finished()?)))
+        self.all_finished(budget).filter(move |(run, _)| run.arm == arm)
     }
 
     /// Whether every run has ended, well or not.
@@ -173,12 +127,15 @@ impl<'a> Results<'a> {
     fn quality(&self, arm: usize, budget: u32) -> Quality {
         let of_arm = || self.rows().filter(move |(run, _)| run.arm == arm && run.budget == budget);
         let failed = of_arm().filter(|(_, r)| r.is_some_and(|r| matches!(r.outcome, Outcome::Failed { .. }))).count();
+        let targets = 0..self.plan.targets.len();
+        let has_runs = |target: &usize| self.finished(arm, budget).any(|(run, _)| run.target == *target);
         Quality {
             arm: self.plan.study.arms[arm].name.clone(),
             budget,
             finished: self.finished(arm, budget).count(),
             failed,
             missing: of_arm().filter(|(_, record)| record.is_none()).count(),
+            images: targets.filter(has_runs).count(),
             gaussians: self.spread(arm, budget, |run| Some(f64::from(run.gaussians))),
             psnr: self.spread(arm, budget, |run| Metric::Psnr.of(run)),
             ssim: self.spread(arm, budget, |run| Metric::Ssim.of(run)),
@@ -195,123 +152,15 @@ impl<'a> Results<'a> {
             })
             .filter(|values| !values.is_empty())
             .collect();
-        let means: Vec<f64> = images.iter().map(|values| mean(values)).collect();
+        let means: Vec<f64> = images.iter().map(mean).collect();
         let variances: Vec<f64> = images.iter().filter_map(|values| variance(values)).collect();
         let over_seeds = (!variances.is_empty()).then(|| mean(&variances).sqrt());
         (!means.is_empty()).then(|| Spread { mean: mean(&means), over_seeds })
     }
 
-    /// Every arm held against every other that stands before it, in each of these respects.
-    pub fn differences(&self, matchings: &[Matching]) -> Vec<Difference> {
-        let arms = self.plan.study.arms.len();
-        let mut differences = Vec::new();
-        for &matching in self.plan.study.matchings.iter().filter(|matching| matchings.contains(matching)) {
-            let metrics = if matching == Matching::Count { &Metric::ALL[..] } else { &Metric::ALL[..1] };
-            for &metric in metrics.iter().filter(|metric| self.is_measured(**metric)) {
-                for &budget in &self.plan.study.budgets {
-                    for arm in 1..arms {
-                        for against in 0..arm {
-                            differences.push(self.difference(matching, metric, budget, arm, against));
-                        }
-                    }
-                }
-            }
-        }
-        differences
-    }
-
-    fn is_measured(&self, metric: Metric) -> bool {
+    /// Whether any run has this measure.
+    pub(crate) fn is_measured(&self, metric: Metric) -> bool {
         let mut finished = self.records.iter().flatten().filter_map(|record| record.outcome.finished());
         finished.any(|run| metric.of(run).is_some())
     }
-
-    /// An arm held against another.
-    pub fn difference(
-        &self,
-        matching: Matching,
-        metric: Metric,
-        budget: u32,
-        arm: usize,
-        against: usize,
-    ) -> Difference {
-        let pairs = self.pairs(arm, against, budget);
-        // Of images of many sizes, each has its own time.
-        let places: Vec<Common> = (0..self.plan.targets.len()).map(|target| Common::of(&pairs, target)).collect();
-        let value = |of: &Run, run: &Finished| match matching {
-            Matching::Count => metric.of(run),
-            Matching::Iterations => run.psnr_after(places[of.target].steps),
-            Matching::Time => run.psnr_within(places[of.target].seconds),
-        };
-        let gains: Vec<(usize, f64)> =
-            pairs.iter().filter_map(|&(run, a, b)| Some((run.target, value(run, a)? - value(run, b)?))).collect();
-        let pairing = if self.plan.targets.len() > 1 { Pairing::Images } else { Pairing::Seeds };
-        let units: Vec<f64> = match pairing {
-            Pairing::Seeds => gains.iter().map(|gain| gain.1).collect(),
-            Pairing::Images => (0..self.plan.targets.len())
-                .map(|target| gains.iter().filter(|g| g.0 == target).map(|g| g.1).collect::<Vec<f64>>())
-                .filter(|gains| !gains.is_empty())
-                .map(|gains| mean(&gains))
-                .collect(),
-        };
-        let interval = bootstrap_interval(&units);
-        let remark = match (matching, interval) {
-            (Matching::Count, Some(_)) => counts_differ(&pairs),
-            (_, Some(_)) => None,
-            (_, None) => Some(format!("{} {} are too few: {FEWEST} at least", units.len(), pairing.words())),
-        };
-        let verdict = match (&remark, interval) {
-            (None, Some(interval)) => interval.verdict(),
-            _ => Verdict::CannotTell,
-        };
-        Difference {
-            matching,
-            metric,
-            budget,
-            arm: self.plan.study.arms[arm].name.clone(),
-            against: self.plan.study.arms[against].name.clone(),
-            pairing,
-            pairs: units.len(),
-            mean: (!units.is_empty()).then(|| mean(&units)),
-            interval,
-            verdict,
-            remark,
-        }
-    }
-
-    /// Finished runs of two arms at a budget that agree in image and seed.
-    fn pairs(&self, arm: usize, against: usize, budget: u32) -> Vec<(&'a Run, &Finished, &Finished)> {
-        let others: Vec<_> = self.finished(against, budget).collect();
-        self.finished(arm, budget)
-            .filter_map(|(run, a)| {
-                let twin = others.iter().find(|(other, _)| (other.target, other.seed) == (run.target, run.seed))?;
-                Some((run, a, twin.1))
-            })
-            .collect()
-    }
-}
-
-/// What all runs of a comparison on an image have reached.
-struct Common {
-    steps: u32,
-    /// s.
-    seconds: f64,
-}
-
-impl Common {
-    fn of(pairs: &[(&Run, &Finished, &Finished)], target: usize) -> Self {
-        let runs = || pairs.iter().filter(|(run, ..)| run.target == target).flat_map(|&(_, a, b)| [a, b]);
-        Self {
-            steps: runs().map(|run| run.iterations).min().unwrap_or(0),
-            seconds: runs().map(|run| run.seconds).fold(f64::INFINITY, f64::min),
-        }
-    }
-}
-
-/// Arms that end with other counts are not compared at equal count.
-fn counts_differ(pairs: &[(&Run, &Finished, &Finished)]) -> Option<String> {
-    let counts = |of: fn(&(&Run, &Finished, &Finished)) -> u32| {
-        mean(&pairs.iter().map(|p| f64::from(of(p))).collect::<Vec<_>>())
-    };
-    let (a, b) = (counts(|p| p.1.gaussians), counts(|p| p.2.gaussians));
-    ((a - b).abs() > EQUAL_COUNT * a.max(b)).then(|| format!("counts differ: {a:.0} against {b:.0}"))
 }

@@ -6,9 +6,9 @@ use std::{
 };
 
 use gs_core::Image;
-use gs_train::paper_target;
+use gs_train::SyntheticTarget;
 
-use crate::{digest, error::Error, study::PAPER_TARGET};
+use crate::{digest, error::Error};
 
 /// Where images are looked for, in this order.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
@@ -26,7 +26,7 @@ pub struct Places {
 pub struct Target {
     /// As the study names it.
     pub name: String,
-    /// Its file; none is the paper's target.
+    /// Its file; a synthetic target has none.
     pub file: Option<PathBuf>,
     /// Its pixels, transparent ones on white.
     pub image: Image,
@@ -35,14 +35,14 @@ pub struct Target {
 }
 
 impl Target {
-    /// Finds and reads the image of that name.
+    /// Makes the synthetic target of that name, or finds and reads the image.
     ///
     /// # Errors
-    /// [`Error::NoImage`], and [`Error::Io`] where the file is no image.
+    /// [`Error::NoImage`], [`Error::NoTarget`], and [`Error::Io`] where the file is no image.
     pub fn load(name: &str, places: &Places) -> Result<Self, Error> {
-        let (file, image) = match name {
-            PAPER_TARGET => (None, paper_target()),
-            _ => {
+        let (file, image) = match SyntheticTarget::from_name(name) {
+            Ok(target) => (None, target.image()),
+            Err(_) => {
                 let file = find(name, places)?;
                 let image = gs_io::read_image(&file)?.image;
                 (Some(file), image)
@@ -66,6 +66,11 @@ fn find(name: &str, places: &Places) -> Result<PathBuf, Error> {
     let remembered = places.remembered.get(name).cloned();
     candidates.chain(remembered).find(|file| file.is_file()).ok_or_else(|| {
         let looked = folders.iter().map(|folder| folder.display().to_string()).collect::<Vec<_>>().join(" or ");
+        // A name that no file would have was meant for another.
+        if path.extension().is_none() && path.components().count() == 1 {
+            let known = SyntheticTarget::ALL.map(|target| target.name()).join(", ");
+            return Error::NoTarget { image: name.to_owned(), known };
+        }
         Error::NoImage {
             image: name.to_owned(),
             looked: if looked.is_empty() { "any folder".to_owned() } else { looked },
@@ -91,6 +96,15 @@ mod tests {
         let lost =
             Target::load("kodak/b.png", &Places { data: Some(folder), ..Places::default() }).unwrap_err().to_string();
         assert!(lost.contains("kodak/b.png: no such file in ") && lost.contains("--data"), "{lost}");
-        assert_eq!(Target::load("paper", &Places::default()).unwrap().image, paper_target());
+    }
+
+    #[test]
+    fn synthetic_targets_need_no_file_and_the_error_lists_them() {
+        let unknown = Target::load("papier", &Places::default()).unwrap_err().to_string();
+        for synthetic in SyntheticTarget::ALL {
+            let target = Target::load(synthetic.name(), &Places::default()).unwrap();
+            assert_eq!((&target.image, target.label(), &target.file), (&synthetic.image(), synthetic.name(), &None));
+            assert!(unknown.contains(synthetic.name()), "{unknown}");
+        }
     }
 }

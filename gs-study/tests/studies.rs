@@ -14,8 +14,8 @@ use gs_core::{EditPlan, Error as CoreError, PlanarGaussian, effects::Statistics}
 use gs_cpu::{CpuRasterizer, CpuSettings};
 use gs_density::{DensityPolicy, Observation, Rng};
 use gs_study::{
-    Arm, Conducted, Error, Existing, Matching, Metric, Outcome, Places, Plan, Results, Run, Study, StudyFolder,
-    Watcher, conduct, replay, report, scene_digest, statistics::Verdict, write_tables,
+    Arm, Conducted, Error, Existing, Machine, Matching, Metric, Outcome, Places, Plan, Remark, Results, Run, Study,
+    StudyFolder, Verdict, Watcher, conduct, replay, report, scene_digest, write_tables,
 };
 use gs_train::fit;
 
@@ -104,8 +104,10 @@ fn tables_depend_neither_on_jobs_nor_on_threads_nor_on_a_pause() {
     let paused = StudyFolder::prepare(&place.path().join("paused"), &plan, Existing::Refuse).unwrap();
     let counter = Counter { stop_after: Some(5), ..Counter::default() };
     assert_eq!(conduct(&plan, &[&cpu(1)], &paused, &counter).unwrap(), Conducted::Stopped);
-    assert!(matches!(StudyFolder::prepare(paused.path(), &plan, Existing::Refuse), Err(Error::Folder { .. })));
-    assert_eq!(tables(&alone), tables(&conducted(&plan, paused.path(), 1, 1)));
+    drop(paused);
+    let paused = place.path().join("paused");
+    assert!(matches!(StudyFolder::prepare(&paused, &plan, Existing::Refuse), Err(Error::Folder { .. })));
+    assert_eq!(tables(&alone), tables(&conducted(&plan, &paused, 1, 1)));
 }
 
 #[test]
@@ -117,6 +119,7 @@ fn what_is_finished_is_not_done_again_and_what_is_new_is() {
     let again = Counter::default();
     conduct(&plan, &[&cpu(1)], &folder, &again).unwrap();
     assert_eq!(again.begun.into_inner(), 0);
+    drop(folder);
 
     let mut longer = study();
     longer.seeds.push(7);
@@ -149,12 +152,62 @@ fn every_row_is_a_fit_that_ends_in_the_recorded_scene() {
     // A row of another machine is refused, and so is a scene that is not the recorded one.
     let places = Places { data: Some(place.path().to_owned()), ..Places::default() };
     let elsewhere = Plan::new(study(), &places, "another machine").unwrap();
-    assert!(matches!(replay(&elsewhere, 2, &rasterizer, &folder), Err(Error::NotReplayed { row: 2, .. })));
+    let refused = replay(&elsewhere, 2, &rasterizer, &folder).unwrap_err().to_string();
+    assert_eq!(refused, "row 2: recorded on test, but this is another machine: replay it there");
+    let other_settings = laid_out(Study { iterations: Some(31), ..study() }, place.path());
+    assert!(matches!(replay(&other_settings, 2, &rasterizer, &folder), Err(Error::OtherRun { row: 2, .. })));
     let json = fs::read_to_string(folder.file("results.json")).unwrap();
     let scene = replay(&plan, 2, &rasterizer, &folder).unwrap().finished.scene;
     folder.write("results.json", &json.replace(&scene, "0123")).unwrap();
     let refused = replay(&plan, 2, &rasterizer, &folder).unwrap_err().to_string();
     assert!(refused.contains("not the recorded one") && refused.contains("0123"), "{refused}");
+}
+
+#[test]
+fn a_row_of_another_machine_or_version_says_so_and_how_to_get_there() {
+    let place = place();
+    let plan = laid_out(study(), place.path());
+    let flags = ["--backend", "wgpu", "--adapter", "some GPU"].map(str::to_owned).to_vec();
+    let there = Plan { machine: Machine { name: "wgpu some GPU".to_owned(), flags }, ..plan.clone() };
+    let output = place.path().join("out");
+    drop(conducted(&there, &output, 1, 1));
+    let folder = StudyFolder::open(&output).unwrap();
+    let refused = replay(&plan, 1, &cpu(1), &folder).unwrap_err().to_string();
+    let expected = "row 1: recorded on wgpu some GPU, but this is test: add --backend wgpu --adapter 'some GPU'";
+    assert_eq!(refused, expected);
+    // The tables alone say it, too.
+    fs::remove_dir_all(folder.file("runs")).unwrap();
+    fs::remove_file(folder.file("machine.json")).unwrap();
+    let mut moved = plan.clone();
+    moved.runs[0].address = "0".to_owned();
+    assert_eq!(replay(&moved, 1, &cpu(1), &folder).unwrap_err().to_string(), expected);
+    let json = fs::read_to_string(folder.file("results.json")).unwrap();
+    let older = json.replace(&format!("\"version\":\"{}\"", gs_study::VERSION), "\"version\":\"0.0.9\"");
+    folder.write("results.json", &older.replace("wgpu some GPU", "test")).unwrap();
+    let refused = replay(&moved, 1, &cpu(1), &folder).unwrap_err().to_string();
+    assert!(refused.starts_with("row 1: recorded by version 0.0.9, but this is 0."), "{refused}");
+}
+
+#[test]
+fn a_folder_is_for_one_study_and_one_process_at_a_time() {
+    let place = place();
+    let output = place.path().join("out");
+    let plan = laid_out(study(), place.path());
+    let folder = StudyFolder::prepare(&output, &plan, Existing::Refuse).unwrap();
+    // What another process is writing is not swept away.
+    let half_written = folder.file("runs").join("something.tmp");
+    fs::write(&half_written, "").unwrap();
+    let busy = StudyFolder::prepare(&output, &plan, Existing::Resume).unwrap_err().to_string();
+    assert!(busy.contains("another gs study is at work in it: wait for it") && half_written.exists(), "{busy}");
+    drop(folder);
+
+    let before = fs::read_to_string(output.join("study.toml")).unwrap();
+    let other = laid_out(Study { name: "other".to_owned(), ..study() }, place.path());
+    let taken = StudyFolder::prepare(&output, &other, Existing::Resume).unwrap_err().to_string();
+    assert!(taken.contains("holds another study than `other`: `small`: choose another folder"), "{taken}");
+    assert_eq!(fs::read_to_string(output.join("study.toml")).unwrap(), before);
+    StudyFolder::prepare(&output, &plan, Existing::Resume).unwrap();
+    assert!(!half_written.exists(), "of a process that is gone");
 }
 
 /// Fails at some seeds, by an error or by a panic.
@@ -197,6 +250,8 @@ fn a_run_that_fails_is_recorded_and_does_not_stop_the_others() {
     assert_eq!(runs.matches(",finished,").count(), 16);
     let page = fs::read_to_string(folder.file("report.html")).unwrap();
     assert!(page.contains("Runs that failed") && page.contains("not today"));
+    let headlines = report::headlines(&results);
+    assert!(headlines.iter().all(|line| line.ends_with("images without finished runs: moody")), "{headlines:?}");
     // The others are compared as if it had not been there.
     let difference = results.difference(Matching::Iterations, Metric::Psnr, 60, 2, 0);
     assert_eq!((difference.pairs, results.difference(Matching::Count, Metric::Psnr, 60, 1, 0).pairs), (2, 0));
@@ -244,10 +299,11 @@ fn arms_that_are_alike_are_not_told_apart_and_counts_that_differ_are_not_compare
     let folder = conducted(&plan, &place.path().join("out"), 1, 1);
     let results = Results::read(&plan, &folder);
     let twins = results.difference(Matching::Count, Metric::Psnr, 60, 2, 0);
-    assert_eq!((twins.mean, twins.verdict, twins.remark), (Some(0.0), Verdict::CannotTell, None));
+    assert_eq!((twins.mean, twins.verdict), (Some(0.0), Verdict::CannotTell));
+    assert_eq!(twins.remarks, [Remark::FewSeeds { seeds: 2 }]);
     let grown = results.difference(Matching::Count, Metric::Psnr, 60, 1, 0);
     assert_eq!(grown.verdict, Verdict::CannotTell);
-    assert!(grown.remark.is_some_and(|remark| remark.contains("counts differ: ")));
+    assert!(grown.remarks.iter().any(|remark| remark.to_string().starts_with("counts differ: ")), "{grown:?}");
     let after_steps = results.difference(Matching::Iterations, Metric::Psnr, 60, 1, 0);
     assert_eq!((after_steps.pairs, after_steps.verdict), (6, Verdict::Better), "{after_steps:?}");
     let differences = fs::read_to_string(folder.file("differences.csv")).unwrap();
@@ -264,9 +320,17 @@ fn the_report_is_one_page_with_all_its_pictures() {
     let plan = laid_out(study(), place.path());
     let folder = conducted(&plan, &place.path().join("out"), 1, 2);
     let page = fs::read_to_string(folder.file("report.html")).unwrap();
-    for expected in
-        ["Which arm wins", "Does growth help?", "gs study small.toml", "percentile", "<svg", "data:image/jpeg;base64,"]
-    {
+    for expected in [
+        gs_study::VERSION,
+        "2 images are too few: 6 at least",
+        "tr class=\"remark\"",
+        "Which arm wins",
+        "Does growth help?",
+        "gs study small.toml",
+        "percentile",
+        "<svg",
+        "data:image/jpeg;base64,",
+    ] {
         assert!(page.contains(expected), "{expected}");
     }
     let linked = page.matches("src=\"").count();

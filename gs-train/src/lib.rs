@@ -19,6 +19,7 @@ pub mod presets;
 mod quality;
 mod rounds;
 mod settings;
+pub mod statistics;
 mod summary;
 mod targets;
 mod trainer;
@@ -38,6 +39,8 @@ pub use crate::{
     rounds::Rounds,
     settings::{ColorSolve, FitSettings, InitialCount},
     summary::FitSummary,
-    targets::{DiscAndSquare, Fill, PAPER_DISC, PAPER_SIDE_PX, PAPER_SQUARE, paper_target},
+    targets::{
+        DiscAndSquare, Fill, PAPER_DISC, PAPER_SIDE_PX, PAPER_SQUARE, SyntheticTarget, paper_target, thin_lines,
+    },
     trainer::{ForeignPolicy, Outcome, Trainer},
 };

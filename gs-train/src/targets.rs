@@ -1,7 +1,13 @@
 //! Synthetic targets: what can be fitted without a file.
 
+mod named;
+mod thin_lines;
+
 use glam::Vec2;
 use gs_core::Image;
+
+pub use named::SyntheticTarget;
+pub use thin_lines::thin_lines;
 
 /// Side of the paper's target, px.
 pub const PAPER_SIDE_PX: u32 = 128;
@@ -17,7 +23,7 @@ pub const PAPER_DISC: (Vec2, f32) = (Vec2::new(44.0, 48.0), 24.0);
 /// The disc, (0.9, 0.1, 0.1), is centred at (44, 48) and covers sigmoid((24 − r)/2) of a pixel at distance r; the square,
 /// (0.1, 0.2, 0.9), fills 72 < x < 112, 68 < y < 108. Pixel centres lie at j + ½.
 pub fn paper_target() -> Image {
-    DiscAndSquare::default().image().expect("128x128 px is a possible size")
+    DiscAndSquare::PAPER.image().expect("128x128 px is a possible size")
 }
 
 /// The paper's target with other sizes, contrasts and frequencies; the default is the paper's.
@@ -47,11 +53,14 @@ pub enum Fill {
 
 impl Default for DiscAndSquare {
     fn default() -> Self {
-        Self { side_px: PAPER_SIDE_PX, contrast: 1.0, fill: Fill::Plain, softness_px: 0.0 }
+        Self::PAPER
     }
 }
 
 impl DiscAndSquare {
+    /// The paper's.
+    pub const PAPER: Self = Self { side_px: PAPER_SIDE_PX, contrast: 1.0, fill: Fill::Plain, softness_px: 0.0 };
+
     /// The picture.
     ///
     /// # Errors
@@ -60,7 +69,10 @@ impl DiscAndSquare {
         let per_px = PAPER_SIDE_PX as f32 / self.side_px as f32;
         let color = |column: u32, row: u32| {
             let place = Vec2::new(column as f32 + 0.5, row as f32 + 0.5) * per_px;
-            let toward = |color: [f32; 3], coverage: f32| color.map(|c| 1.0 + self.contrast * coverage * (c - 1.0));
+            let toward = |color: [f32; 3], coverage: f32| {
+                let share = self.contrast * coverage;
+                color.map(|c| (1.0 - share) + share * c)
+            };
             match self.square_coverage(place) {
                 square if square > 1e-4 => toward([0.1, 0.2, 0.9], square),
                 _ => toward([0.9, 0.1, 0.1], rise(PAPER_DISC.1 - place.distance(PAPER_DISC.0), 2.0)),

@@ -314,7 +314,7 @@ impl<'a, R: Rasterizer<PlanarScene>> Trainer<'a, R> {
     /// Adds the noise that the policy asks for after this step; not after the last, which nothing would mend.
     fn add_noise(&mut self) -> Result<(), Error> {
         let FitRecord { settings, step, .. } = &self.record;
-        let Some(noise) = settings.policy.noise().filter(|noise| noise.is_due(*step) && !self.is_finished()) else {
+        let Some(noise) = self.policy().noise().filter(|noise| noise.is_due(*step) && !self.is_finished()) else {
             return Ok(());
         };
         let rate = settings.adam.mean.schedule.factor(*step as f32 / settings.iterations as f32);

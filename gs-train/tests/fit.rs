@@ -2,12 +2,16 @@
 
 mod scenes;
 
+use std::sync::Arc;
+
 use glam::{Vec2, Vec3};
 use gs_core::{Blend, Image, Loss, PlanarGaussian, PlanarScene, Rasterizer, RenderSettings, Scene, scene::logit};
 use gs_density::{Mcmc, Noise, Policy, RelativePercentile};
 use gs_train::{
     Control, Error, FitSettings, Init, InitialCount, MetricsLog, Observer, Outcome, Preset, Progress, Rounds, Trainer,
-    fit, init::Periphery, paper_target,
+    fit,
+    init::{Periphery, Random},
+    paper_target,
 };
 use scenes::{rasterizer, small_fit, small_target};
 
@@ -80,6 +84,25 @@ fn noise_moves_the_transparent_and_only_where_it_is_asked_for() {
     assert!(run(noise, Blend::Over) != run(Noise::NONE, Blend::Over), "noise makes no difference");
     assert!(run(noise, Blend::Over) == run(noise, Blend::Over), "noise is not repeatable");
     assert!(run(noise, Blend::Sum) == run(Noise::NONE, Blend::Sum), "noise without opacities");
+}
+
+#[test]
+fn noise_is_that_of_the_policy_in_charge() {
+    let (rasterizer, target) = (rasterizer(), small_target());
+    let init = Init::Random(Random { opacity: 0.006, scale_px: 5.0, ..Random::default() });
+    let still = FitSettings { init, policy: Policy::None, rounds: Rounds::NEVER, ..small_fit(Blend::Over) };
+    let noisy = FitSettings { policy: Policy::Mcmc(Mcmc::default()), ..still.clone() };
+    let run = |settings: &FitSettings, other: Option<&FitSettings>| {
+        let mut trainer = Trainer::new(&rasterizer, &target, settings.clone()).unwrap();
+        if let Some(other) = other {
+            trainer = trainer.controlled_by(Arc::new(other.policy.clone()));
+        }
+        trainer.run(&mut ()).unwrap();
+        trainer.scene().unwrap()
+    };
+    assert!(run(&noisy, None) != run(&still, None), "noise makes no difference");
+    assert_eq!(run(&still, Some(&noisy)), run(&noisy, None));
+    assert_eq!(run(&noisy, Some(&still)), run(&still, None));
 }
 
 #[test]

@@ -18,6 +18,7 @@ use crate::{
     gpu::{AdapterSummary, BACKEND, Gpu},
     in_flight::Request,
     layout::{Status, Step},
+    shaders::Kernels,
     workspace::{Differentiated, Workspace, encode_adam},
 };
 
@@ -45,6 +46,11 @@ impl WgpuRasterizer {
     /// Why this adapter: "the only adapter".
     pub fn reason(&self) -> &str {
         &self.gpu.reason
+    }
+
+    /// How the kernels that visit every pixel are written.
+    pub fn kernels(&self) -> Kernels {
+        self.gpu.kernels
     }
 
     /// Bytes that have moved between host and device so far, in both directions, uniforms included.

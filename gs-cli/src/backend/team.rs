@@ -2,11 +2,11 @@
 
 use std::{num::NonZero, thread::available_parallelism};
 
-use clap::ValueEnum;
 use gs_core::{PlanarScene, Rasterizer};
+use gs_study::Machine;
 
 use crate::{
-    backend::{AnyRasterizer, Backend, BackendArgs, Choice, machine},
+    backend::{AnyRasterizer, Backend, BackendArgs, machine},
     failure::Failure,
 };
 
@@ -43,7 +43,7 @@ impl Team {
     }
 
     /// What computes, as far as results depend on it.
-    pub(crate) fn machine(&self) -> String {
+    pub(crate) fn machine(&self) -> Machine {
         machine(&self.0[0])
     }
 
@@ -57,19 +57,5 @@ impl Team {
             }
         }
         if gpus.is_empty() { task.run(&cpus) } else { task.run(&gpus) }
-    }
-}
-
-impl BackendArgs {
-    /// The flags as they would be typed, those that differ from the defaults; with a blank before each.
-    pub(crate) fn words(&self) -> String {
-        let backend = self.backend.to_possible_value().filter(|_| self.backend != Choice::Auto);
-        let flags = [
-            backend.map(|value| format!(" --backend {}", value.get_name())),
-            self.adapter.as_ref().map(|name| format!(" --adapter '{name}'")),
-            self.threads.map(|threads| format!(" --threads {threads}")),
-            self.simd.as_ref().map(|level| format!(" --simd {level}")),
-        ];
-        flags.into_iter().flatten().collect()
     }
 }

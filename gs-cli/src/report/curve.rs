@@ -1,18 +1,11 @@
 //! The curve of a fit: the number of Gaussians and the loss over the steps, on two axes (paper Fig. 8).
-//!
-//! The lettering is a font embedded in the program (Hack, MIT licence), so that the picture is the same on a machine that has none.
-
-use std::sync::Once;
 
 use gs_core::Image;
-use plotters::{
-    prelude::*,
-    style::{FontStyle, register_font},
-};
+use gs_study::figure::{FONT, embed_font};
+use plotters::prelude::*;
 
 /// Size of the picture, px.
 const SIZE: (u32, u32) = (960, 600);
-pub(super) const FONT: &str = "sans-serif";
 const COUNT_COLOR: RGBColor = RGBColor(31, 94, 168);
 const LOSS_COLOR: RGBColor = RGBColor(196, 62, 28);
 
@@ -121,12 +114,6 @@ fn thinned(line: &[(f64, f64)]) -> Vec<(f64, f64)> {
         ends
     });
     first.into_iter().chain(extremes).chain(last).collect()
-}
-
-pub(super) fn embed_font() {
-    static ONCE: Once = Once::new();
-    // A font that cannot be read shows up as an error of the first text that is drawn.
-    ONCE.call_once(|| drop(register_font(FONT, FontStyle::Normal, epaint_default_fonts::HACK_REGULAR)));
 }
 
 #[cfg(test)]

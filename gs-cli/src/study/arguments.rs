@@ -8,9 +8,18 @@ use crate::backend::BackendArgs;
 
 const AFTER_HELP: &str = "\
 A study is arms (settings that differ) x images x budgets x seeds, in a TOML file; these come with the program:
-  paper                   the paper's experiment, its two criteria one by one, and no growth; needs no file
+  set-up (or: paper)      the paper's experiment, its two criteria one by one, and no growth; needs no file, as the next four
+  cold-start              small Gaussians on the border, and what cures it
+  lazy-convergence        the absolute threshold, forced growth and the hybrid on targets of other contrast and frequency
+  instability             what the paper's clamp of the scales at 1 px costs
+  edges                   hard edges and soft ones, with growth and without
   absolute-vs-percentile  growth above a threshold or by rank, on photographs of the Kodak test set (--data)
   all-policies            every policy with its source's numbers, on the same photographs
+
+Its images are files, or synthetic targets, which need none:
+  paper                   the paper's circle and square; in 8 bits a channel: paper-8bit
+  paper-64px, paper-256px; paper-contrast-50, -25, -10; paper-soft-4px; paper-stripes-20px, -10px, -5px
+  thin-lines, thin-lines-24px
 
 DIR then holds:
   report.html             which arm wins where, with intervals, curves, pictures and all settings; needs no network
@@ -20,7 +29,7 @@ DIR then holds:
   results.json            the three tables
   times.csv, differences-at-time.csv   what depends on the clock
   plots/                  the report's curves as SVG and PNG
-  study.toml              the study itself
+  study.toml, machine.json   the study itself, and what it was conducted on
   runs/, pictures/        what is stored of each run
 
 A run is stored when it has ended; whatever stops the program, Ctrl-C or worse, --resume goes on without doing it again. Tables are the
@@ -81,4 +90,23 @@ pub(crate) struct ReplayArgs {
     pub(crate) data: Option<PathBuf>,
     #[command(flatten)]
     pub(crate) backend: BackendArgs,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_help_names_all_studies_and_synthetic_targets() {
+        for (name, _) in gs_study::BUILT_IN {
+            assert!(AFTER_HELP.contains(&format!("\n  {name} ")), "{name}");
+        }
+        for target in gs_train::SyntheticTarget::ALL {
+            // Of names that differ in their end alone, the first stands there whole.
+            let (start, end) = target.name().rsplit_once('-').unwrap_or((target.name(), ""));
+            let is_there = AFTER_HELP.contains(target.name())
+                || AFTER_HELP.contains(start) && AFTER_HELP.contains(&format!(", -{end}"));
+            assert!(is_there, "{}", target.name());
+        }
+    }
 }

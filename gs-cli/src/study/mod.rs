@@ -11,7 +11,8 @@ use std::{
 
 use gs_core::{PlanarScene, Rasterizer};
 use gs_study::{
-    Conducted, Existing, Places, Plan, Results, Study, StudyFolder, built_in, conduct, report, write_tables,
+    Conducted, Existing, Outcome, Places, Plan, Results, Study, StudyFolder, built_in, conduct, refuse_unsupported,
+    report, write_tables,
 };
 
 use crate::{
@@ -42,7 +43,9 @@ fn conduct_study(args: &ConductArgs) -> Result<(), Failure> {
     let (study, beside) = read(name)?;
     let output = args.output.clone().unwrap_or_else(|| Path::new("gs-out").join(&study.name));
     let team = Team::start(&args.backend, args.jobs.into())?;
-    let plan = Plan::new(study, &places(args.data.as_deref(), beside), team.machine())?;
+    let places = places(args.data.as_deref(), beside);
+    let plan = Plan::new(study, &places, team.machine())?;
+    team.run(Refuse(&plan))?;
     let existing = if args.resume { Existing::Resume } else { Existing::Refuse };
     let folder = StudyFolder::prepare(&output, &plan, existing)?;
     output::note(team.reason());
@@ -57,7 +60,7 @@ fn conduct_study(args: &ConductArgs) -> Result<(), Failure> {
         args.jobs,
         output.display()
     ));
-    let command = command(args, &output);
+    let command = command(args, &plan, &places, &output);
     let conducted = team.run(Conduct { plan: &plan, folder: &folder })?;
     if conducted == Conducted::Stopped {
         return Err(Failure::interrupted(format_args!("stopped; to go on: {command} --resume")));
@@ -66,6 +69,17 @@ fn conduct_study(args: &ConductArgs) -> Result<(), Failure> {
     write_tables(&results, &folder)?;
     report::write(&results, &folder, &command)?;
     conclude(&results, &folder)
+}
+
+/// Whether the backend offers what the study needs.
+struct Refuse<'a>(&'a Plan);
+
+impl TeamTask for Refuse<'_> {
+    type Output = Result<(), Failure>;
+
+    fn run<R: Rasterizer<PlanarScene> + Sync>(self, team: &[&R]) -> Self::Output {
+        Ok(team.first().map_or(Ok(()), |rasterizer| refuse_unsupported(self.0, *rasterizer))?)
+    }
 }
 
 struct Conduct<'a> {
@@ -88,6 +102,10 @@ impl TeamTask for Conduct<'_> {
 
 /// The study in a file, and the file's folder; or that which comes with the program under this name.
 fn read(name: &Path) -> Result<(Study, Option<PathBuf>), Failure> {
+    if name.is_dir() {
+        let mend = "name the TOML file of a study; gs study replay takes the folder of one";
+        return Err(Failure::failed("is a folder").at(name.display()).mend(mend));
+    }
     if !name.is_file() {
         let has_folder = name.components().count() > 1 || name.extension().is_some();
         return match name.to_str().filter(|_| !has_folder) {
@@ -110,21 +128,40 @@ pub(super) fn places(data: Option<&Path>, beside: Option<PathBuf>) -> Places {
     Places { data, beside, ..Places::default() }
 }
 
-/// The command, without what the results do not depend on.
-fn command(args: &ConductArgs, output: &Path) -> String {
-    let flag = |name: &str, value: Option<&Path>| value.map_or_else(String::new, |v| format!(" {name} {}", quoted(v)));
+/// The command, with all that the environment and this machine have decided, and without what the results do not depend on.
+fn command(args: &ConductArgs, plan: &Plan, places: &Places, output: &Path) -> String {
     let study = args.study.as_deref().map_or_else(String::new, quoted);
+    let data = places.data.as_deref().map_or_else(String::new, |data| format!(" --data {}", quoted(data)));
     let jobs = if args.jobs > 1 { format!(" --jobs {}", args.jobs) } else { String::new() };
-    let data = flag("--data", args.data.as_deref());
-    format!("gs study {study} -o {}{data}{jobs}{}", quoted(output), args.backend.words())
+    let threads = args.backend.threads.map_or_else(String::new, |threads| format!(" --threads {threads}"));
+    format!("gs study {study} -o {}{data}{jobs} {}{threads}", quoted(output), plan.machine.typed_flags())
 }
 
+/// Says what came of the study.
+///
+/// # Errors
+/// Where not a single run has finished.
 fn conclude(results: &Results<'_>, folder: &StudyFolder) -> Result<(), Failure> {
-    let failed = results.qualities().iter().map(|quality| quality.failed).sum::<usize>();
+    let failed: Vec<&str> = results
+        .records
+        .iter()
+        .flatten()
+        .filter_map(|record| match &record.outcome {
+            Outcome::Failed { error } => Some(error.as_str()),
+            Outcome::Finished(_) => None,
+        })
+        .collect();
+    if let Some(first) = failed.first().filter(|_| failed.len() == results.plan.runs.len()) {
+        let table = folder.file("runs.csv");
+        return Err(Failure::failed(format_args!("all {} runs failed, the first since {first}", failed.len()))
+            .at(&results.plan.study.name)
+            .mend(format_args!("see {}", table.display())));
+    }
     for line in report::headlines(results) {
         output::result(line)?;
     }
-    let failures = if failed == 0 { String::new() } else { format!("; {failed} runs failed, see runs.csv") };
+    let failures =
+        if failed.is_empty() { String::new() } else { format!("; {} runs failed, see runs.csv", failed.len()) };
     output::note(format_args!("see {}{failures}", folder.file("report.html").display()));
     Ok(())
 }

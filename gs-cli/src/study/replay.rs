@@ -4,7 +4,7 @@ use std::path::Path;
 
 use gs_core::{PlanarScene, Rasterizer, effects::Statistics};
 use gs_io::{PlanarFile, write_atomically, write_png, write_scene};
-use gs_study::{Places, Plan, Replayed, Study, StudyFolder, replay};
+use gs_study::{Machine, Places, Plan, Replayed, Study, StudyFolder, replay};
 
 use crate::{
     backend::{Backend, Task, machine},
@@ -24,7 +24,7 @@ pub(super) fn run(args: &ReplayArgs) -> Result<(), Failure> {
     let text = std::fs::read_to_string(&file)
         .map_err(|error| Failure::failed(format_args!("cannot be read: {error}")).at(file.display()))?;
     let study = Study::from_toml(&text, &file.display().to_string())?;
-    let backend = Backend::start(&args.backend)?;
+    let backend = start(args, folder.machine())?;
     let places = Places { remembered: folder.images(), ..places(args.data.as_deref(), None) };
     let plan = Plan::new(study, &places, machine(&backend))?;
     output::note(format_args!("row {}: {}", args.row, plan.describe(plan.run(args.row)?)));
@@ -38,6 +38,13 @@ pub(super) fn run(args: &ReplayArgs) -> Result<(), Failure> {
         replayed.finished.psnr,
         output.display()
     ))
+}
+
+/// The backend of the flags or, where they leave it open, that on which the study was conducted.
+fn start(args: &ReplayArgs, recorded: Option<Machine>) -> Result<Backend, Failure> {
+    let Some(recorded) = recorded else { return Backend::start(&args.backend) };
+    let flags = args.backend.or_recorded(&recorded);
+    Backend::start(&flags).map_err(|failure| failure.at(format_args!("recorded on {}", recorded.name)))
 }
 
 struct Again<'a> {

@@ -9,7 +9,7 @@ use std::{
     time::Duration,
 };
 
-use crate::process::{command, folder, gs, names_in, picture};
+use crate::process::{Run, command, folder, gs, names_in, picture};
 
 const STUDY: &str = "name = 'small'\nquestion = 'Does growth help?'\nimages = ['paper', 'picture-32x24.png']\nbudgets = [40]\n\
     seeds = [0, 1, 2]\npreset = 'paper'\niterations = 60\n[settings]\nrounds = { every = 10, from = 10, until = 50 }\n\
@@ -76,6 +76,7 @@ fn a_study_leaves_tables_and_a_report_and_its_rows_can_be_replayed() {
     let page = fs::read_to_string(output.join("report.html")).unwrap();
     assert!(page.contains(&format!("gs study {} -o {} --jobs 2 --backend cpu", file.display(), output.display())));
 
+    assert!(page.contains(" --backend cpu --simd "), "what the machine has decided");
     let replay = gs(["study", "replay", output.to_str().unwrap(), "4", "--backend", "cpu", "--threads", "1"]).done();
     assert!(replay.stdout.starts_with("row 4: the recorded scene, bit for bit: "), "{replay:?}");
     let replayed = output.join("replay-4");
@@ -87,6 +88,49 @@ fn a_study_leaves_tables_and_a_report_and_its_rows_can_be_replayed() {
     gs(["fit", "--backend", "cpu"].iter().chain(&fit)).done();
     let scene = |folder: &Path| fs::read(folder.join("scene.gs2d.safetensors")).unwrap();
     assert_eq!(scene(&replayed), scene(&fitted));
+}
+
+#[test]
+fn a_replay_is_on_what_was_recorded_unless_flags_say_otherwise() {
+    let place = folder();
+    let file = study(place.path());
+    let output = place.path().join("out");
+    gs(arguments(&file, &output).into_iter().chain(["--simd", "scalar"])).done();
+    let replay = |flags: &[&str]| gs(["study", "replay", output.to_str().unwrap(), "2"].iter().chain(flags));
+    assert!(replay(&[]).done().stdout.starts_with("row 2: the recorded scene, bit for bit: "));
+    if std::env::consts::ARCH == "x86_64" {
+        let run = replay(&["--simd", "sse4.2"]);
+        let last = run.stderr.lines().last().unwrap();
+        assert!(run.status == Some(1) && last.contains("row 2: recorded on cpu scalar, "), "{run:?}");
+        assert!(last.ends_with("add --backend cpu --simd scalar"), "{run:?}");
+    }
+}
+
+#[test]
+fn the_folder_of_images_is_in_the_report_wherever_it_was_named() {
+    let place = folder();
+    let file = study(place.path());
+    let (elsewhere, output) = (place.path().join("images"), place.path().join("out"));
+    fs::create_dir(&elsewhere).unwrap();
+    fs::rename(place.path().join("picture-32x24.png"), elsewhere.join("picture-32x24.png")).unwrap();
+    Run::of(command().args(arguments(&file, &output)).env("GS_DATA", &elsewhere)).done();
+    let page = fs::read_to_string(output.join("report.html")).unwrap();
+    assert!(page.contains(&format!(" --data {}", elsewhere.display())));
+}
+
+#[test]
+fn a_study_of_which_every_run_fails_has_failed() {
+    let place = folder();
+    let file = study(place.path());
+    let output = place.path().join("out");
+    let diverging = STUDY.replace("[settings]", "[settings]\nadam.color.learning-rate = 1e30");
+    fs::write(&file, diverging).unwrap();
+    let run = gs(arguments(&file, &output));
+    let last = run.stderr.lines().last().unwrap();
+    assert!(run.status == Some(1) && run.stdout.is_empty(), "{run:?}");
+    assert!(last.starts_with("error: small: all 12 runs failed, the first since the fit diverged"), "{last}");
+    assert!(last.ends_with(&format!("see {}", output.join("runs.csv").display())), "{last}");
+    assert!(fs::read_to_string(output.join("report.html")).unwrap().contains("Runs that failed"));
 }
 
 #[test]
@@ -102,7 +146,7 @@ fn what_cannot_be_studied_is_refused_in_one_line_before_any_work() {
     for (from, to, status, expected) in [
         ("seeds = [0, 1, 2]", "seeds = []", 2, "seeds: there are none: name at least one"),
         ("seeds", "seedz", 2, "unknown field `seedz`"),
-        ("percent = 50", "percentage = 50", 2, "arm `percentile`: "),
+        ("percent = 50", "percentage = 50", 2, "line 14: arm `percentile`: "),
         ("percent = 50", "percent = 500", 2, "percent is 500"),
         ("picture-32x24.png", "absent.png", 1, "absent.png: no such file in "),
     ] {
@@ -112,8 +156,11 @@ fn what_cannot_be_studied_is_refused_in_one_line_before_any_work() {
         assert!(!output.exists(), "{to}");
     }
     let line = |words: &[&str]| gs(["study"].iter().chain(words)).refusal().to_owned();
-    assert!(line(&["all-policy"]).contains("those are paper, absolute-vs-percentile, all-policies"));
+    assert!(line(&["all-policy"]).contains(
+        "those are set-up, cold-start, lazy-convergence, instability, edges, absolute-vs-percentile, all-policies"
+    ));
     assert!(line(&["no/such.toml"]).contains("no/such.toml: there is no such file"));
+    assert!(line(&[place.path().to_str().unwrap()]).contains("is a folder: name the TOML file of a study"));
     assert!(line(&["paper", "--jobs", "0"]).contains("--jobs"));
     assert!(line(&["replay", place.path().to_str().unwrap(), "1"]).contains("holds no study"));
     gs(arguments(&file, &output)).done();

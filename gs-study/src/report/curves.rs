@@ -1,10 +1,12 @@
 //! The curves of a study, as numbers: quality against count and time, growth over steps, differences from the baseline.
 
+use gs_train::statistics::mean;
+
 use crate::{
+    figure::{Axis, Bar, Dots, Figure, Marks, Point, Series},
     plan::Run,
+    reach::Reach,
     record::Finished,
-    report::figure::{Axis, Bar, Dots, Figure, Marks, Point, Scale, Series},
-    statistics::mean,
     study::Matching,
     tables::{Metric, Results},
 };
@@ -15,49 +17,51 @@ const TIMES: usize = 48;
 /// PSNR at the end against the Gaussians at the end, one point a budget.
 pub(crate) fn quality_over_count(results: &Results<'_>) -> Figure {
     let budgets = &results.plan.study.budgets;
-    let series = each_arm(results, |arm| {
+    let series = each_arm(results, Dots::All, |arm| {
         budgets
             .iter()
             .filter_map(|&budget| {
                 let count = results.spread(arm, budget, |run| Some(f64::from(run.gaussians)))?.mean;
-                point(results, arm, budget, count, |run| Some(run.psnr))
+                point(results, arm, budget, count, |_, end| Some(end.psnr))
             })
             .collect()
     });
     Figure {
         name: "quality-over-count".to_owned(),
         title: "Quality against count".to_owned(),
-        x: Axis { label: "Gaussians at the end".to_owned(), scale: Scale::Logarithmic },
-        y: "PSNR, dB".to_owned(),
-        marks: Marks::Lines(series, Dots::All),
+        x: Axis::logarithmic("Gaussians at the end"),
+        y: Axis::linear("PSNR, dB"),
+        marks: Marks::Lines(series),
     }
 }
 
-/// PSNR against the time spent fitting.
+/// PSNR against the time spent fitting, on each arm's clock: see [`Reach`].
 pub(crate) fn quality_over_time(results: &Results<'_>, budget: u32) -> Figure {
-    let series = each_arm(results, |arm| {
-        let runs: Vec<&Finished> = results.finished(arm, budget).map(|(_, run)| run).collect();
-        let measured = |run: &&Finished| run.course.iter().find(|row| row.psnr.is_some()).map(|row| row.seconds);
-        let first = runs.iter().filter_map(measured).fold(0.0f64, f64::max).max(1e-4);
-        let last = mean(&runs.iter().map(|run| run.seconds).collect::<Vec<_>>());
+    let reach = Reach::of_images(results, budget);
+    let series = each_arm(results, Dots::Last, |arm| {
+        let measured = |run: &Finished| run.course.iter().find(|row| row.psnr.is_some()).map(|row| row.seconds);
+        let firsts = results.finished(arm, budget).filter_map(|(_, end)| measured(end));
+        let first = firsts.fold(0.0f64, f64::max).max(1e-4);
+        let last = mean(reach.iter().filter_map(|reach| reach.seconds_of(arm)));
         if last.is_nan() || last <= first {
             return Vec::new();
         }
         let time = |i: usize| first * (last / first).powf(i as f64 / (TIMES - 1) as f64);
-        (0..TIMES).filter_map(|i| point(results, arm, budget, time(i), |run| run.psnr_within(time(i)))).collect()
+        let psnr = |run: &Run, end: &Finished, seconds: f64| reach[run.target].psnr_within(seconds, run, end);
+        (0..TIMES).filter_map(|i| point(results, arm, budget, time(i), |run, end| psnr(run, end, time(i)))).collect()
     });
     Figure {
         name: format!("quality-over-time-{budget}"),
         title: format!("Quality against time, at most {budget} Gaussians"),
-        x: Axis { label: "time spent fitting, s".to_owned(), scale: Scale::Logarithmic },
-        y: "PSNR, dB".to_owned(),
-        marks: Marks::Lines(series, Dots::Last),
+        x: Axis::logarithmic("time spent fitting, s"),
+        y: Axis::linear("PSNR, dB"),
+        marks: Marks::Lines(series),
     }
 }
 
 /// The number of Gaussians over the steps of the optimiser.
 pub(crate) fn growth(results: &Results<'_>, budget: u32) -> Figure {
-    let series = each_arm(results, |arm| {
+    let series = each_arm(results, Dots::Last, |arm| {
         let steps: Vec<u32> = results
             .finished(arm, budget)
             .next()
@@ -70,15 +74,15 @@ pub(crate) fn growth(results: &Results<'_>, budget: u32) -> Figure {
         };
         steps
             .into_iter()
-            .filter_map(|step| point(results, arm, budget, f64::from(step), |run| count(run, step)))
+            .filter_map(|step| point(results, arm, budget, f64::from(step), |_, end| count(end, step)))
             .collect()
     });
     Figure {
         name: format!("growth-{budget}"),
         title: format!("Growth, at most {budget} Gaussians"),
-        x: Axis { label: "step of the optimiser".to_owned(), scale: Scale::Linear },
-        y: "Gaussians".to_owned(),
-        marks: Marks::Lines(series, Dots::Last),
+        x: Axis::linear("step of the optimiser"),
+        y: Axis::linear("Gaussians"),
+        marks: Marks::Lines(series),
     }
 }
 
@@ -92,21 +96,21 @@ pub(crate) fn differences(results: &Results<'_>, matching: Matching) -> Figure {
             let difference = results.difference(matching, Metric::Psnr, budget, arm, baseline);
             let (Some(mean), Some(interval)) = (difference.mean, difference.interval) else { continue };
             let label = format!("{}, {budget}", study.arms[arm].name);
-            bars.push(Bar { arm, label, mean, interval, is_judged: difference.remark.is_none() });
+            bars.push(Bar { style: arm, label, mean, interval, is_judged: difference.obstacle().is_none() });
         }
     }
     Figure {
         name: format!("differences-at-equal-{}", matching.name()),
         title: format!("PSNR less that of {}, at equal {}", study.arms[baseline].name, matching.name()),
-        x: Axis { label: "difference in PSNR, dB: mean and 95 % interval".to_owned(), scale: Scale::Linear },
-        y: String::new(),
+        x: Axis::linear("difference in PSNR, dB: mean and 95 % interval"),
+        y: Axis::linear(""),
         marks: Marks::Intervals(bars),
     }
 }
 
-fn each_arm(results: &Results<'_>, points: impl Fn(usize) -> Vec<Point>) -> Vec<Series> {
+fn each_arm(results: &Results<'_>, dots: Dots, points: impl Fn(usize) -> Vec<Point>) -> Vec<Series> {
     let arms = results.plan.study.arms.iter().enumerate();
-    arms.map(|(arm, of)| Series { arm, name: of.name.clone(), points: points(arm) }).collect()
+    arms.map(|(arm, of)| Series { style: arm, name: of.name.clone(), points: points(arm), dots }).collect()
 }
 
 /// The mean over images and seeds; below and above it the means over images of the lowest and the highest seed.
@@ -115,10 +119,10 @@ fn point(
     arm: usize,
     budget: u32,
     x: f64,
-    of: impl Fn(&Finished) -> Option<f64>,
+    of: impl Fn(&Run, &Finished) -> Option<f64>,
 ) -> Option<Point> {
     let values: Vec<(&Run, f64)> =
-        results.finished(arm, budget).filter_map(|(run, end)| Some((run, of(end)?))).collect();
+        results.finished(arm, budget).filter_map(|(run, end)| Some((run, of(run, end)?))).collect();
     let of_seed = |seed: u32| {
         let values: Vec<f64> = values.iter().filter(|(run, _)| run.seed == seed).map(|v| v.1).collect();
         (values.len() == results.plan.targets.len()).then(|| mean(&values))

@@ -1,20 +1,13 @@
 //! The report of a study: one page that needs no network, and its curves as SVG and PNG beside it.
 
 mod curves;
-mod figure;
 mod page;
 mod pictures;
 mod standings;
 
 use std::fs;
 
-use crate::{
-    error::Error,
-    folder::StudyFolder,
-    report::{figure::Figure, page::Page},
-    study::Matching,
-    tables::Results,
-};
+use crate::{error::Error, figure::Figure, folder::StudyFolder, report::page::Page, study::Matching, tables::Results};
 
 const PLOTS: &str = "plots";
 

@@ -1,13 +1,18 @@
 //! Who leads: in each respect, at each budget, the best arm and those that cannot be told from it.
 
+use std::collections::BTreeMap;
+
+use gs_train::statistics::mean;
+
 use crate::{
-    record::Finished,
-    statistics::{Verdict, mean},
+    comparison::Verdict,
+    reach::Reach,
+    remark::Remark,
     study::Matching,
     tables::{Metric, Results},
 };
 
-/// The arms in one respect at one budget.
+/// The arms in one respect at one budget. Means and verdicts are of the same runs at the same place, as far as all arms have finished.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Standing {
     pub(crate) matching: Matching,
@@ -16,10 +21,10 @@ pub(crate) struct Standing {
     pub(crate) leader: (usize, f64),
     /// The best mean of the others, dB.
     pub(crate) next: Option<f64>,
-    /// Arms that the leader is not shown to be better than.
+    /// Arms that the leader is not shown to be better than, though it is compared with them.
     pub(crate) not_told_apart: Vec<usize>,
-    /// Of those, the ones that are not compared at all, since their counts differ.
-    pub(crate) not_compared: Vec<usize>,
+    /// Arms that the leader cannot be compared with, by why not.
+    pub(crate) not_compared: BTreeMap<&'static str, Vec<usize>>,
 }
 
 /// Every respect of the study at every budget; without those that no arm has finished runs for.
@@ -30,44 +35,43 @@ pub(crate) fn standings(results: &Results<'_>) -> Vec<Standing> {
 }
 
 fn standing(results: &Results<'_>, matching: Matching, budget: u32) -> Option<Standing> {
-    let arms = 0..results.plan.study.arms.len();
-    let mut means: Vec<(usize, f64)> =
-        arms.filter_map(|arm| Some((arm, mean_psnr(results, matching, budget, arm)?))).collect();
+    let mut means = mean_psnrs(results, matching, budget);
     means.sort_by(|a, b| b.1.total_cmp(&a.1));
     let &leader = means.first()?;
-    let (mut not_told_apart, mut not_compared) = (Vec::new(), Vec::new());
-    for &(arm, _) in &means[1..] {
+    let (mut not_told_apart, mut not_compared) = (Vec::new(), BTreeMap::<_, Vec<usize>>::new());
+    for arm in (0..results.plan.study.arms.len()).filter(|&arm| arm != leader.0) {
         let difference = results.difference(matching, Metric::Psnr, budget, leader.0, arm);
-        if difference.verdict != Verdict::Better {
-            not_told_apart.push(arm);
-            if difference.interval.is_some() && difference.remark.is_some() {
-                not_compared.push(arm);
-            }
+        match difference.obstacle() {
+            Some(Remark::TooFew { .. }) => not_told_apart.push(arm),
+            Some(obstacle) => not_compared.entry(obstacle.kind()).or_default().push(arm),
+            None if difference.verdict == Verdict::Better => {}
+            None => not_told_apart.push(arm),
         }
     }
     let next = means.get(1).map(|next| next.1);
     Some(Standing { matching, budget, leader, next, not_told_apart, not_compared })
 }
 
-/// Mean over images of means over seeds, at a place that the runs of all arms have reached.
-fn mean_psnr(results: &Results<'_>, matching: Matching, budget: u32, arm: usize) -> Option<f64> {
-    let arms = 0..results.plan.study.arms.len();
-    let all = |target: usize| {
-        arms.clone().flat_map(move |arm| results.finished(arm, budget)).filter(move |(run, _)| run.target == target)
-    };
-    let images: Vec<f64> = (0..results.plan.targets.len())
-        .filter_map(|target| {
-            let steps = all(target).map(|(_, run)| run.iterations).min()?;
-            let seconds = all(target).map(|(_, run)| run.seconds).fold(f64::INFINITY, f64::min);
-            let value = |run: &Finished| match matching {
-                Matching::Count => Some(run.psnr),
-                Matching::Iterations => run.psnr_after(steps),
-                Matching::Time => run.psnr_within(seconds),
-            };
-            let of_target = results.finished(arm, budget).filter(|(run, _)| run.target == target);
-            let values: Vec<f64> = of_target.filter_map(|(_, run)| value(run)).collect();
-            (!values.is_empty()).then(|| mean(&values))
+/// Of every arm that has finished runs on all images: mean PSNR over images of means over the seeds that all of these arms have finished.
+fn mean_psnrs(results: &Results<'_>, matching: Matching, budget: u32) -> Vec<(usize, f64)> {
+    let images = results.plan.targets.len();
+    let seeds = &results.plan.study.seeds;
+    let reach = Reach::of_images(results, budget);
+    let values: BTreeMap<(usize, usize, u32), f64> = results
+        .all_finished(budget)
+        .filter_map(|(run, end)| {
+            let value = reach[run.target].measured(matching, Metric::Psnr, run, end)?;
+            Some(((run.arm, run.target, run.seed), value))
         })
         .collect();
-    (!images.is_empty()).then(|| mean(&images))
+    let has_all = |arm: &usize| (0..images).all(|t| seeds.iter().any(|&seed| values.contains_key(&(*arm, t, seed))));
+    let ranked: Vec<usize> = (0..results.plan.study.arms.len()).filter(has_all).collect();
+    let common = |target: usize, seed: u32| ranked.iter().all(|&arm| values.contains_key(&(arm, target, seed)));
+    let of_image = |arm: usize, target: usize| {
+        mean(seeds.iter().filter(|&&seed| common(target, seed)).filter_map(|&seed| values.get(&(arm, target, seed))))
+    };
+    // Where an image has no seed that all have finished, there is no mean that is fair to all.
+    let of_arm =
+        |arm: usize| Some((arm, mean((0..images).map(|t| of_image(arm, t))))).filter(|found| !found.1.is_nan());
+    ranked.iter().filter_map(|&arm| of_arm(arm)).collect()
 }

@@ -21,7 +21,7 @@ use crate::{
     error::Error,
     init::{Colors, Init, Periphery},
     settings::FitSettings,
-    targets::paper_target,
+    targets::SyntheticTarget,
     trainer::Trainer,
 };
 
@@ -148,21 +148,13 @@ pub struct ColdStartMeasured {
     pictures: Vec<Picture>,
 }
 
-/// The target as an image file holds it: 8 bits a channel. So the disc's faint rim ends somewhere, and does not reach the border.
-fn target() -> Image {
-    let eight_bits = |p: [f32; 3]| p.map(|v| (v * 255.0).round() / 255.0);
-    let mut image = paper_target();
-    image.pixels_mut().iter_mut().for_each(|p| *p = eight_bits(*p));
-    image
-}
-
 /// Starts from the border, with and without cures, and as the paper does.
 ///
 /// # Errors
 /// Those of the fits.
 pub fn measure<R: Rasterizer<PlanarScene>>(laboratory: &mut Laboratory<'_, R>) -> Result<ColdStartMeasured, Error> {
     let extent = laboratory.extent();
-    let target = target();
+    let target = SyntheticTarget::PAPER_8_BIT.image();
     let seeds = extent.choose(3, 1);
     let settings = |start: Start, seed| start.settings(paper_settings(extent, seed));
     let mut runs: Vec<Vec<Run>> = Vec::new();

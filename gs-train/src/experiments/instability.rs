@@ -11,8 +11,7 @@ mod floors;
 mod precision;
 mod small_fits;
 
-use glam::Vec2;
-use gs_core::{Image, PlanarScene, Rasterizer};
+use gs_core::{PlanarScene, Rasterizer};
 
 pub use self::{
     driven::Drive,
@@ -24,10 +23,7 @@ use super::{
     Axis, Cell, Chart, Circumstance, Claim, Findings, Laboratory, Number, Paired, Picture, SHARP_DB, Series, Table,
     findings::significant, textbook::Guards,
 };
-use crate::{error::Error, targets::paper_target};
-
-/// Side of the target of the small fits, px.
-const SMALL_SIDE_PX: u32 = 24;
+use crate::{error::Error, targets::SyntheticTarget};
 
 /// Length of the needle whose other scale is driven to zero, px.
 const NEEDLE_PX: f32 = 10.0;
@@ -37,6 +33,9 @@ const CLAMP_PX: f32 = 1.0;
 
 /// This project's floor of the scales, px.
 const PROJECT_FLOOR_PX: f32 = 0.25;
+
+/// The smallest σ allowed in the fits that price a floor, px: the paper's and this project's.
+pub const FLOORS_PX: [f32; 2] = [CLAMP_PX, PROJECT_FLOOR_PX];
 
 /// What keeps a scale from harm.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -95,37 +94,21 @@ pub struct InstabilityMeasured {
 /// # Errors
 /// Those of the product's fits but for [`Error::Diverged`], which is counted.
 pub fn measure<R: Rasterizer<PlanarScene>>(laboratory: &mut Laboratory<'_, R>) -> Result<InstabilityMeasured, Error> {
-    let small = thin_lines(SMALL_SIDE_PX)?;
+    let small = SyntheticTarget::THIN_LINES_24_PX.image();
     let angles = laboratory.extent().choose(32, 8);
     let drives = Guard::ALL.iter().map(|&guard| Drive::measure(laboratory.rasterizer(), guard, &small, angles));
     let drives = drives.collect::<Result<_, Error>>()?;
     let free = Free::measure_all(laboratory, &small)?;
     let (mut floors, mut pictures) = (Vec::new(), Vec::new());
-    for (name, target) in [("circle and square", paper_target()), ("thin lines", thin_lines(128)?)] {
-        for min_scale_px in [CLAMP_PX, PROJECT_FLOOR_PX] {
+    for (name, target) in [("circle and square", SyntheticTarget::PAPER), ("thin lines", SyntheticTarget::THIN_LINES)] {
+        let target = target.image();
+        for min_scale_px in FLOORS_PX {
             let (floor, picture) = Floor::measure(laboratory, name, &target, min_scale_px)?;
             floors.push(floor);
             pictures.extend(picture.filter(|_| name == "thin lines"));
         }
     }
     Ok(InstabilityMeasured { precision: Precision::of_needle(), drives, free, floors, pictures })
-}
-
-/// Dark lines of one pixel's breadth on white, in several directions.
-///
-/// # Errors
-/// [`gs_core::Error::Size`] where the side is not possible.
-pub fn thin_lines(side: u32) -> Result<Image, gs_core::Error> {
-    let lines = [(0.13f32, 0.3f32), (0.71, 0.45), (1.22, 0.6), (1.9, 0.38), (2.6, 0.55)];
-    Image::from_fn(side, side, |x, y| {
-        let place = Vec2::new(x as f32 + 0.5, y as f32 + 0.5);
-        let distance = |&(angle, at): &(f32, f32)| {
-            let normal = Vec2::from_angle(angle);
-            (normal.dot(place - 0.5 * side as f32) - (at - 0.45) * side as f32).abs()
-        };
-        let nearest = lines.iter().map(distance).fold(f32::INFINITY, f32::min);
-        [1.0 - 0.9 * (1.0 - nearest).clamp(0.0, 1.0); 3]
-    })
 }
 
 /// What a fit came to, or nothing where it diverged.
@@ -172,13 +155,6 @@ impl InstabilityMeasured {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn lines_are_thin() {
-        let lines = thin_lines(64).unwrap();
-        let dark = lines.pixels().iter().filter(|p| p[0] < 0.5).count();
-        assert!((64..640).contains(&dark), "{dark}");
-    }
 
     #[test]
     fn a_divergence_is_counted_and_other_errors_are_not() {

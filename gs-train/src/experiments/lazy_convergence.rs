@@ -19,7 +19,7 @@ use super::{
     Table,
     findings::significant,
     laboratory::{Ellipses, Run, Shown, seeds_in_words},
-    paired::mean,
+    paired::{Sense, mean},
     set_up::paper_settings,
 };
 use crate::{

@@ -1,10 +1,17 @@
 //! Paired differences: is one thing larger than another, beyond chance?
 
-use gs_density::Rng;
-use rand::{RngExt as _, SeedableRng as _};
+use crate::statistics::{Interval, bootstrap_interval};
 
-/// Resamplings of the bootstrap.
-const RESAMPLINGS: usize = 4000;
+pub(crate) use crate::statistics::{mean, median};
+
+/// Which of a pair is taken from which, in words.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Sense {
+    /// As in the differences.
+    Forward,
+    /// The other way round.
+    Reversed,
+}
 
 /// What paired differences come to.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -15,40 +22,42 @@ pub struct Paired {
     pub negative: usize,
     /// Their mean.
     pub mean: f64,
-    /// 95 % interval of the mean: percentiles of a bootstrap that draws pairs.
-    pub interval: (f64, f64),
+    /// 95 % interval of the mean, by [`bootstrap_interval`]; nothing where there are too few pairs.
+    pub interval: Option<Interval>,
     /// Two-sided p of the sign test: how probable so one-sided a count of signs is where both are equally probable. Zeros don't count.
     pub p: f64,
 }
 
 impl Paired {
-    /// Of the differences of all pairs; the bootstrap draws the same each time. Of none everything is NaN, and p is 1.
+    /// Of the differences of all pairs, which are independent of each other. Of none everything is NaN, and p is 1.
     pub fn of(differences: &[f64]) -> Self {
         let negative = differences.iter().filter(|&&d| d < 0.0).count();
         let positive = differences.iter().filter(|&&d| d > 0.0).count();
-        let mean = |values: &mut dyn Iterator<Item = f64>| values.sum::<f64>() / differences.len() as f64;
-        let mut rng = Rng::seed_from_u64(0);
-        let mut resampled: Vec<f64> = (0..RESAMPLINGS)
-            .filter(|_| !differences.is_empty())
-            .map(|_| mean(&mut (0..differences.len()).map(|_| differences[rng.random_range(0..differences.len())])))
-            .collect();
-        resampled.sort_unstable_by(f64::total_cmp);
-        let percentile = |share: f64| {
-            let last = resampled.len().saturating_sub(1) as f64;
-            resampled.get((share * last).round() as usize).copied().unwrap_or(f64::NAN)
-        };
         Self {
             pairs: differences.len(),
             negative,
-            mean: mean(&mut differences.iter().copied()),
-            interval: (percentile(0.025), percentile(0.975)),
+            mean: mean(differences),
+            interval: bootstrap_interval(differences),
             p: sign_test(negative, positive),
         }
     }
 
     /// Whether 0 lies above the whole interval: the differences are negative beyond chance.
     pub fn is_negative(&self) -> bool {
-        self.interval.1 < 0.0
+        self.interval.is_some_and(|interval| interval.high < 0.0)
+    }
+
+    /// The interval in words, to so many decimals, of the differences as they are or turned about.
+    pub(crate) fn interval_in_words(&self, sense: Sense, decimals: usize) -> String {
+        match (self.interval, sense) {
+            (Some(Interval { low, high }), Sense::Forward) => {
+                format!("95 % interval {low:+.decimals$} to {high:+.decimals$}")
+            }
+            (Some(Interval { low, high }), Sense::Reversed) => {
+                format!("95 % interval {:+.decimals$} to {:+.decimals$}", -high, -low)
+            }
+            (None, _) => format!("{} in all, too few for an interval", self.pairs),
+        }
     }
 }
 
@@ -63,23 +72,6 @@ fn sign_test(a: usize, b: usize) -> f64 {
         term *= (n - k) as f64 / (k + 1) as f64;
     }
     (2.0 * tail).min(1.0)
-}
-
-/// The middle value; of an even number the mean of the two in the middle; NaN of none.
-pub(crate) fn median(values: impl IntoIterator<Item = f64>) -> f64 {
-    let mut values: Vec<f64> = values.into_iter().collect();
-    values.sort_unstable_by(f64::total_cmp);
-    match values.len() {
-        0 => f64::NAN,
-        n if n % 2 == 1 => values[n / 2],
-        n => (values[n / 2 - 1] + values[n / 2]) / 2.0,
-    }
-}
-
-/// The mean; NaN of none.
-pub(crate) fn mean(values: impl IntoIterator<Item = f64>) -> f64 {
-    let (sum, count) = values.into_iter().fold((0.0, 0usize), |(sum, count), value| (sum + value, count + 1));
-    sum / count as f64
 }
 
 #[cfg(test)]
@@ -99,18 +91,14 @@ mod tests {
         let clear: Vec<f64> = (0..20).map(|i| -1.0 + 0.5 * f64::from(i).sin()).collect();
         let found = Paired::of(&clear);
         assert!(found.is_negative() && found.p < 1e-4, "{found:?}");
-        assert!(found.interval.0 < found.mean && found.mean < found.interval.1);
+        let Interval { low, high } = found.interval.unwrap();
+        assert!(low < found.mean && found.mean < high);
+        assert!(found.interval_in_words(Sense::Reversed, 1).starts_with("95 % interval +"));
+        assert_eq!(Paired::of(&[1.0]).interval_in_words(Sense::Forward, 1), "1 in all, too few for an interval");
         let noise: Vec<f64> = (0..20).map(|i| if i % 2 == 0 { 1.0 } else { -1.0 }).collect();
         let found = Paired::of(&noise);
         assert!(!found.is_negative() && found.p > 0.5, "{found:?}");
         assert_eq!(Paired::of(&clear), Paired::of(&clear));
         assert!(Paired::of(&[]).mean.is_nan() && !Paired::of(&[]).is_negative());
-    }
-
-    #[test]
-    fn the_median_is_in_the_middle() {
-        assert_eq!(median([3.0, 1.0, 2.0]), 2.0);
-        assert_eq!(median([4.0, 1.0, 2.0, 3.0]), 2.5);
-        assert!(median([]).is_nan());
     }
 }

@@ -15,7 +15,7 @@ use super::{
     Table,
     findings::significant,
     laboratory::{Ellipses, Run, Shown},
-    paired::{mean, median},
+    paired::{Sense, mean, median},
 };
 use crate::{
     error::Error,
@@ -25,6 +25,9 @@ use crate::{
     targets::paper_target,
     trainer::Trainer,
 };
+
+/// σ of 600 that cover as much together as the paper's 20 of 15 px do, px: N σ² is the same.
+pub const SMALL_SCALE_PX: f32 = 2.738_613;
 
 /// Steps before and after a round over which the slope of the loss is taken: half of what lies between two rounds.
 const WINDOW: usize = 50;
@@ -127,8 +130,6 @@ pub struct SetUpMeasured {
 pub fn measure<R: Rasterizer<PlanarScene>>(laboratory: &mut Laboratory<'_, R>) -> Result<SetUpMeasured, Error> {
     let extent = laboratory.extent();
     let target = paper_target();
-    // As much area together: N σ² is the same.
-    let spread_px = 15.0 * (20.0f32 / 600.0).sqrt();
     let mut runs = |what: &str, seeds: u32, settings: &dyn Fn(u32) -> FitSettings| {
         let one = |seed| laboratory.fit(&format!("{what}, seed {seed}"), &target, settings(seed));
         (0..seeds).map(one).collect::<Result<Vec<Run>, Error>>()
@@ -138,7 +139,7 @@ pub fn measure<R: Rasterizer<PlanarScene>>(laboratory: &mut Laboratory<'_, R>) -
     let forced = runs("forced growth alone", seeds, &|seed| forced_growth_settings(extent, seed))?;
     let twenty = runs("20 without growth", seeds, &|seed| fixed_settings(extent, seed, 20, 15.0))?;
     let few = extent.choose(8, 2);
-    let many_small = runs("600 small ones", few, &|seed| fixed_settings(extent, seed, 600, spread_px))?;
+    let many_small = runs("600 small ones", few, &|seed| fixed_settings(extent, seed, 600, SMALL_SCALE_PX))?;
     let many_large = runs("600 large ones", few, &|seed| fixed_settings(extent, seed, 600, 15.0))?;
 
     let rounds: Vec<GrowthRound> = [&grown, &forced]

@@ -1,6 +1,7 @@
 //! What the instability experiment says of the paper: its claims, charts, tables and pictures.
 
 use super::{small_fits::SMALL_GAUSSIANS, *};
+use crate::experiments::paired::Sense;
 
 impl InstabilityMeasured {
     /// Claims, charts, tables and pictures.
@@ -14,10 +15,11 @@ impl InstabilityMeasured {
             let course = free.courses.first()?;
             Some(Series::line(format!("step of {} px", free.scale_rate_px?), course.scales.clone()))
         });
+        let side = SyntheticTarget::THIN_LINES_24_PX.image().width();
         Findings {
             method: format!(
                 "First one scale of a needle of {NEEDLE_PX} px is driven to 1e-12 px, at {} angles, and loss and gradients \
-                 are looked at. Then {SMALL_GAUSSIANS} Gaussians are fitted to thin lines on {SMALL_SIDE_PX}×{SMALL_SIDE_PX} \
+                 are looked at. Then {SMALL_GAUSSIANS} Gaussians are fitted to thin lines on {side}×{side} \
                  px (L1, 800 steps, {} seeds), where an optimiser may drive a scale to zero by itself. Without guards and with the \
                  paper's, this is computed in 32 bits as the formulas are written down (Σ multiplied out, inverted by a·c − \
                  b², Adam on the scales themselves), by a dense solver that is part of this experiment alone; with this \
@@ -171,16 +173,14 @@ impl InstabilityMeasured {
             )],
             measured: format!(
                 "With 600 Gaussians the clamp leaves {:.1} dB on the circle and square. Against this project's floor of {PROJECT_FLOOR_PX} \
-                 px, of whose {fits} fits {diverged} diverged, it costs {:.1} dB there (95 % interval over seeds {:.1} to {:.1}), and {:.1} \
-                 dB ({:.1} to {:.1}) on thin lines, where it leaves {clamped_lines:.1} dB. Of a price the paper says nothing, and the verdict \
+                 px, of whose {fits} fits {diverged} diverged, it costs {:.1} dB there (seeds: {}), and {:.1} \
+                 dB ({}) on thin lines, where it leaves {clamped_lines:.1} dB. Of a price the paper says nothing, and the verdict \
                  does not count it.",
                 clamped.mean_psnr(),
                 -shapes.mean,
-                -shapes.interval.1,
-                -shapes.interval.0,
+                shapes.interval_in_words(Sense::Reversed, 1),
                 -lines.mean,
-                -lines.interval.1,
-                -lines.interval.0,
+                lines.interval_in_words(Sense::Reversed, 1),
             ),
             numbers: vec![
                 Number::new("price on the circle and square", -shapes.mean, "dB"),

@@ -16,7 +16,7 @@ use crate::{
     init::{Init, Random},
     rounds::Rounds,
     settings::FitSettings,
-    targets::{DiscAndSquare, Fill, PAPER_SIDE_PX, PAPER_SQUARE},
+    targets::{DiscAndSquare, PAPER_SIDE_PX, PAPER_SQUARE, SyntheticTarget},
 };
 
 /// Side of the paper's square, px.
@@ -38,6 +38,20 @@ pub enum Variation {
     Softness,
     /// How finely the square is striped: another frequency inside it.
     Stripes,
+}
+
+impl Variation {
+    /// In what this target differs; the first respect, where there are several.
+    fn of(target: DiscAndSquare) -> Self {
+        let paper = DiscAndSquare::PAPER;
+        let respects = [
+            (target.side_px != paper.side_px, Self::Size),
+            (target.contrast != paper.contrast, Self::Contrast),
+            (target.softness_px != paper.softness_px, Self::Softness),
+            (target.fill != paper.fill, Self::Stripes),
+        ];
+        respects.into_iter().find(|(differs, _)| *differs).map_or(Self::None, |(_, respect)| respect)
+    }
 }
 
 /// A target that differs from the paper's in one respect.
@@ -138,34 +152,14 @@ pub(super) fn absolute(threshold: f64) -> Policy {
 
 /// The targets: the paper's, which comes first, and others that differ from it in size, contrast or frequency.
 pub(super) fn targets(extent: Extent) -> Vec<(String, Variation, DiscAndSquare)> {
-    let paper = DiscAndSquare::default();
-    let side = |side_px: u32| (format!("{side_px}×{side_px} px"), Variation::Size, DiscAndSquare { side_px, ..paper });
-    let contrast =
-        |contrast: f32| (format!("contrast × {contrast}"), Variation::Contrast, DiscAndSquare { contrast, ..paper });
-    let soft = |softness_px: f32| {
-        let label = format!("square's edge softened by {softness_px} px");
-        (label, Variation::Softness, DiscAndSquare { softness_px, ..paper })
-    };
-    let stripes = |period_px: f32| {
-        let target = DiscAndSquare { fill: Fill::Stripes { period_px }, ..paper };
-        (format!("stripes of {period_px} px"), Variation::Stripes, target)
-    };
-    let unchanged = ("the paper's".to_owned(), Variation::None, paper);
-    match extent {
-        Extent::Full => vec![
-            unchanged,
-            side(64),
-            side(256),
-            contrast(0.5),
-            contrast(0.25),
-            contrast(0.1),
-            soft(4.0),
-            stripes(20.0),
-            stripes(10.0),
-            stripes(5.0),
-        ],
-        Extent::Quick => vec![unchanged, contrast(0.1), soft(4.0), stripes(5.0)],
-    }
+    let quick = ["paper", "paper-contrast-10", "paper-soft-4px", "paper-stripes-5px"];
+    (SyntheticTarget::ALL.into_iter())
+        .filter(|target| extent == Extent::Full || quick.contains(&target.name()))
+        .filter_map(|target| {
+            let varied = target.disc_and_square()?;
+            Some((target.about().to_owned(), Variation::of(varied), varied))
+        })
+        .collect()
 }
 
 impl Case {

@@ -164,13 +164,11 @@ impl LazyMeasured {
                 ),
             ],
             measured: format!(
-                "It makes {:.0} Gaussians and {:.1} dB, {:+.1} dB above the threshold per pixel with the same seed (95 % interval {:+.1} to \
-                 {:+.1}). That the count rises in every round is so by construction, and says nothing.",
+                "It makes {:.0} Gaussians and {:.1} dB, {:+.1} dB above the threshold per pixel with the same seed (seeds: {}). That the count rises in every round is so by construction, and says nothing.",
                 forced.mean_count(),
                 forced.mean_psnr(),
                 -pixel.mean,
-                -pixel.interval.1,
-                -pixel.interval.0,
+                pixel.interval_in_words(Sense::Reversed, 1),
             ),
             numbers: vec![
                 Number::new("Gaussians", forced.mean_count(), ""),

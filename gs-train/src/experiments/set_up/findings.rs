@@ -117,36 +117,35 @@ impl SetUpMeasured {
             ],
             measured: format!(
                 "Over the {} rounds that grew in the fits of {} seeds, ln loss falls by {:.2} per 100 steps in the 50 steps before a round \
-                 and by {:.2} in those after. Averaged by seed the change is {:+.2} (95 % interval {:+.2} to {:+.2}), and a steeper fall in \
+                 and by {:.2} in those after. Averaged by seed the change is {:+.2} ({}), and a steeper fall in \
                  {} of {} seeds (sign test p = {}). The edit itself multiplies the loss by {jump:.1} (median), which a drop first has to make \
-                 up for. 100 steps later, ln loss stands {:+.2} ({:+.2} to {:+.2}) against where it went without growth, lower in {} of {} \
+                 up for. 100 steps later, ln loss stands {:+.2} ({}) against where it went without growth, lower in {} of {} \
                  seeds.",
                 self.rounds.len(),
                 change.pairs,
                 -before,
                 -after,
                 change.mean,
-                change.interval.0,
-                change.interval.1,
+                change.interval_in_words(Sense::Forward, 2),
                 change.negative,
                 change.pairs,
                 significant(change.p, 2),
                 net.mean,
-                net.interval.0,
-                net.interval.1,
+                net.interval_in_words(Sense::Forward, 2),
                 net.negative,
                 net.pairs,
             ),
-            numbers: vec![
-                Number::new("change of slope at a round", change.mean, "ln loss per 100 steps"),
-                Number::new("its 95 % interval over seeds, from", change.interval.0, "ln loss per 100 steps"),
-                Number::new("its 95 % interval over seeds, to", change.interval.1, "ln loss per 100 steps"),
-                Number::new("sign test p", change.p, ""),
-                Number::new("loss after the edit over that before it, median", jump, ""),
-                Number::new("net change after 100 steps, against no growth", net.mean, "ln loss"),
-                Number::new("its 95 % interval over seeds, from", net.interval.0, "ln loss"),
-                Number::new("its 95 % interval over seeds, to", net.interval.1, "ln loss"),
-            ],
+            numbers: [
+                vec![Number::new("change of slope at a round", change.mean, "ln loss per 100 steps")],
+                interval_numbers(&change, "ln loss per 100 steps"),
+                vec![
+                    Number::new("sign test p", change.p, ""),
+                    Number::new("loss after the edit over that before it, median", jump, ""),
+                    Number::new("net change after 100 steps, against no growth", net.mean, "ln loss"),
+                ],
+                interval_numbers(&net, "ln loss"),
+            ]
+            .concat(),
         }
     }
 
@@ -177,8 +176,9 @@ impl SetUpMeasured {
             measured: format!(
                 "After as many steps, growth reaches {grown:.1} dB; 20 that stay 20 reach {twenty:.1} dB; 600 from the start reach {small:.1} dB \
                  if together they cover as much as the 20, and {large:.1} dB if each is as large. Growth ends {:+.1} dB above the better of \
-                 these two starts with the same seed (95 % interval {:+.1} to {:+.1}, {} seeds).",
-                -start.mean, -start.interval.1, -start.interval.0, start.pairs
+                 these two starts with the same seed (seeds: {}).",
+                -start.mean,
+                start.interval_in_words(Sense::Reversed, 1)
             ),
             numbers: vec![
                 Number::new("with growth", grown, "dB"),
@@ -245,4 +245,11 @@ impl SetUpMeasured {
             rows: self.rounds.iter().map(row).collect(),
         }
     }
+}
+
+/// The ends of an interval, where there is one.
+fn interval_numbers(paired: &Paired, unit: &'static str) -> Vec<Number> {
+    let ends = paired.interval.map(|interval| [("from", interval.low), ("to", interval.high)]);
+    let number = |(end, value)| Number::new(format!("its 95 % interval over seeds, {end}"), value, unit);
+    ends.into_iter().flatten().map(number).collect()
 }
