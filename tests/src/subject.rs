@@ -26,8 +26,21 @@ pub trait Subject: Scene<View: OracleView + PartialEq> {
     /// Tensors of a saved state that may be missing: where all are opaque.
     const OPTIONAL_TENSORS: &'static [&'static str];
 
+    /// Whether backends must solve for colours under [`Blend::Sum`].
+    const SOLVES_COLORS: bool;
+
     /// The scene as the oracle sees it.
     fn rows(&self) -> OracleScene;
+
+    /// No Gaussians of the same kind, SH degree included.
+    fn emptied(&self) -> Self;
+
+    /// The Gaussians at some indices, in that order.
+    fn picked(&self, indices: impl IntoIterator<Item = usize>) -> Self {
+        let mut picked = self.emptied();
+        indices.into_iter().for_each(|i| picked.push(self.gaussian(i)));
+        picked
+    }
 
     /// The rows of a scene of derivatives.
     fn rows_of_gradients(&self) -> Vec<Parameters>;
@@ -52,6 +65,11 @@ impl Subject for PlanarScene {
     const DIMENSIONS: usize = 2;
     const OPACITY_MOMENT: usize = 8;
     const OPTIONAL_TENSORS: &'static [&'static str] = &["opacity_logit"];
+    const SOLVES_COLORS: bool = true;
+
+    fn emptied(&self) -> Self {
+        Self::default()
+    }
 
     fn rows(&self) -> OracleScene {
         OracleScene::from(self)
@@ -85,6 +103,11 @@ impl Subject for SpatialScene {
     const DIMENSIONS: usize = 3;
     const OPACITY_MOMENT: usize = 10;
     const OPTIONAL_TENSORS: &'static [&'static str] = &[];
+    const SOLVES_COLORS: bool = false;
+
+    fn emptied(&self) -> Self {
+        Self { sh_degree: self.sh_degree, ..Self::default() }
+    }
 
     fn rows(&self) -> OracleScene {
         OracleScene::from(self)

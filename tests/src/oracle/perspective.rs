@@ -51,7 +51,6 @@ struct Chain {
     /// q/|q|.
     quaternion: [Rounded; 4],
     quaternion_length: Rounded,
-    rotation: Matrix<3, 3>,
     scales: [Rounded; 3],
     /// R S.
     frame: Matrix<3, 3>,
@@ -250,7 +249,6 @@ impl OracleView for Camera {
                 jacobian,
                 quaternion,
                 quaternion_length,
-                rotation,
                 scales,
                 frame,
                 seen,

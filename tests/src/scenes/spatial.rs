@@ -5,7 +5,7 @@ use std::ops::Range;
 
 use glam::{Mat3, Quat, Vec2, Vec3};
 use gs_core::{
-    Camera, RenderSettings, SpatialGaussian, SpatialScene,
+    Camera, RenderSettings, Scene, SpatialGaussian, SpatialScene,
     effects::{Antialias, Blend, Order},
 };
 use proptest::prelude::*;
@@ -194,8 +194,6 @@ pub fn spatial_draws() -> impl Strategy<Value = Draw<SpatialScene>> {
 
 #[cfg(test)]
 mod tests {
-    use gs_core::Scene;
-
     use super::*;
 
     #[test]
