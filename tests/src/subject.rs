@@ -2,7 +2,7 @@
 
 use std::fmt::Debug;
 
-use gs_core::{Chart, PlanarScene, Scene, SpatialScene, effects::Blend};
+use gs_core::{Adam, Chart, PlanarScene, Scene, SpatialScene, adam::Group, effects::Blend};
 
 use crate::{
     oracle::{OracleScene, OracleView, PARAMETER_NAMES, Parameters, SPATIAL_SH, rows_of_gradients},
@@ -28,6 +28,9 @@ pub trait Subject: Scene<View: OracleView + PartialEq> {
 
     /// Whether backends must solve for colours under [`Blend::Sum`].
     const SOLVES_COLORS: bool;
+
+    /// Rates that move drawn scenes by a small part of what they are, and limits of the scales that they are within.
+    fn adam() -> Adam;
 
     /// The scene as the oracle sees it.
     fn rows(&self) -> OracleScene;
@@ -67,6 +70,10 @@ impl Subject for PlanarScene {
     const OPTIONAL_TENSORS: &'static [&'static str] = &["opacity_logit"];
     const SOLVES_COLORS: bool = true;
 
+    fn adam() -> Adam {
+        Adam::default()
+    }
+
     fn emptied(&self) -> Self {
         Self::default()
     }
@@ -104,6 +111,11 @@ impl Subject for SpatialScene {
     const OPACITY_MOMENT: usize = 10;
     const OPTIONAL_TENSORS: &'static [&'static str] = &[];
     const SOLVES_COLORS: bool = false;
+
+    fn adam() -> Adam {
+        let color_rest = Group::constant(2e-3);
+        Adam { mean: Group::constant(0.01), color_rest, min_scale: 1e-6, max_scale: 1e6, ..Adam::default() }
+    }
 
     fn emptied(&self) -> Self {
         Self { sh_degree: self.sh_degree, ..Self::default() }

@@ -63,6 +63,9 @@ fn gradients_are_the_derivatives_of_the_loss() {
             let mut counted = 0;
             for (seed, kind) in (40..).zip(SpatialKind::ALL) {
                 let draw = Draw::spatial(kind, blend, 4, (12, 9), seed).on([0.3, 0.9, 0.1]);
+                // A nudge would change the order of equal depths.
+                let equal = kind == SpatialKind::EqualDepths;
+                let draw = if equal { draw.in_order(Order::Index) } else { draw };
                 counted += differentiate(&draw, &loss).iter().sum::<usize>();
             }
             assert!(counted > 300, "{blend:?} {loss:?}: only {counted} gradients were compared");
@@ -96,10 +99,11 @@ fn gradients_hold_where_the_jacobian_is_clamped() {
     let mut draw = Draw::spatial(SpatialKind::Typical, Blend::Over, 0, (14, 11), 3);
     let camera = Camera { focal: Vec2::new(16.0, 15.0), center: Vec2::new(4.0, 7.5), ..draw.view };
     draw.view = camera;
-    for pixel in [Vec2::new(-9.0, 5.0), Vec2::new(25.0, 5.0), Vec2::new(7.0, -8.0), Vec2::new(7.0, 20.0)] {
+    let beyond = [Vec2::new(-9.0, 5.0), Vec2::new(25.0, 5.0), Vec2::new(7.0, -8.0), Vec2::new(7.0, 20.0)];
+    for (pixel, depth) in beyond.into_iter().zip([3.0, 2.5, 3.5, 2.8]) {
         let ray = ((pixel - camera.center) / camera.focal).extend(1.0);
         draw.scene.push(SpatialGaussian {
-            mean: camera.rotation.transpose() * (ray * 3.0 - camera.translation),
+            mean: camera.rotation.transpose() * (ray * depth - camera.translation),
             log_scale: Vec3::new(0.4, 0.6, 0.1),
             rotation: [0.5, -0.2, 0.8, 0.3],
             opacity_logit: 1.0,
@@ -155,12 +159,16 @@ fn projected(scene: &SpatialScene, view: Camera, settings: RenderSettings) -> gs
 fn a_small_gaussian_falls_where_its_points_fall() {
     let draw = Draw::spatial(SpatialKind::Typical, Blend::Over, 6, (40, 30), 5);
     for g in 0..6 {
+        // A thousandth as large, through a lens a thousand times as long: the affine approximation is then nearly exact.
         let mut gaussian = draw.scene.gaussian(g);
-        gaussian.log_scale -= 7.0; // A thousandth: the affine approximation is then nearly exact.
-        let splat = projected(&one(gaussian.clone()), draw.view, unculled());
+        gaussian.log_scale -= 1000f32.ln();
+        let (pixel, _) = draw.view.project(gaussian.mean).unwrap();
+        let mut view = Camera { focal: draw.view.focal * 1000.0, ..draw.view };
+        view.center += pixel - view.project(gaussian.mean).unwrap().0;
+        let splat = projected(&one(gaussian.clone()), view, draw.settings);
         let frame = gaussian.frame().unwrap().as_dmat3();
-        let (rotation, translation) = (draw.view.rotation.as_dmat3(), draw.view.translation.as_dvec3());
-        let (focal, principal) = (draw.view.focal.as_dvec2(), draw.view.center.as_dvec2());
+        let (rotation, translation) = (view.rotation.as_dmat3(), view.translation.as_dvec3());
+        let (focal, principal) = (view.focal.as_dvec2(), view.center.as_dvec2());
         // Third-order cubature: ±√3 along each axis has the mean and covariance of the Gaussian exactly.
         let mut points = Vec::new();
         for axis in 0..3 {
@@ -183,7 +191,7 @@ fn a_small_gaussian_falls_where_its_points_fall() {
             assert!((found[i] - expected[i]).abs() < 1e-2 * size, "{g}: Σ′⁻¹ {found:?}, not {expected:?}");
         }
         let at = center(&splat);
-        assert!((mean.x - at[0]).abs() < 1e-4 && (mean.y - at[1]).abs() < 1e-4, "{g}: {at:?}, not {mean}");
+        assert!((mean.x - at[0]).abs() < 1e-3 && (mean.y - at[1]).abs() < 1e-3, "{g}: {at:?}, not {mean}");
 
         // Regression of depth on the pixel.
         let (kx, ky) = (moment(&|d, z| z * d.x), moment(&|d, z| z * d.y));
@@ -196,13 +204,6 @@ fn a_small_gaussian_falls_where_its_points_fall() {
         assert!((moved - center_depth - predicted).abs() < 2e-2 * scale, "{g}: {moved} {center_depth} {predicted}");
         assert_eq!(splat.depth([0.5, 0.5], Order::TileDepth).value, splat.depth(at, Order::TileDepth).value);
     }
-}
-
-/// Settings under which nothing is too small to be drawn: the guard on det Σ′ stays, so scales are in px of a long lens.
-fn unculled() -> RenderSettings {
-    let mut settings = RenderSettings::default();
-    settings.effects.order = Order::TileDepth;
-    settings
 }
 
 /// A sphere on the optical axis, by hand: Σ′ = (f s/z)² I, and an SH of degree 0 and 1 at d = +z.

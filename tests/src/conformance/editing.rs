@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use gs_core::{
-    Adam, Binning, Chart, CloudState, EditPlan, Error, Loss, Rasterizer, TrainStep,
+    Binning, Chart, CloudState, EditPlan, Error, Loss, Rasterizer, TrainStep,
     edit::{AfterEdit, Birth, Change, Moments, Origin, Place, PruneCause, Removal},
     effects::{Blend, Statistics},
     scene::logit,
@@ -59,7 +59,7 @@ fn trained<S: Subject, R: Rasterizer<S>>(rasterizer: &R, blend: Blend, chart: Ch
     let mut draw = S::overlapping(blend, 9, (24, 20), 1803);
     draw.settings.effects.statistics = Statistics::MeanGradient;
     let target = rasterizer.upload_target(&draw.target()?)?;
-    let rates = Adam::default().at(0.0);
+    let rates = S::adam().at(0.0);
     let step = TrainStep { settings: &draw.settings, loss: Loss::L2, rates: &rates, binning: Binning::Fresh };
     let mut cloud = rasterizer.upload(&draw.scene, chart)?;
     for _ in 0..3 {

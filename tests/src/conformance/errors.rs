@@ -2,7 +2,7 @@
 
 use glam::Vec2;
 use gs_core::{
-    Accuracy, Adam, Binning, Canvas, Chart, CloudState, Error, Image, Loss, PlanarScene, Rasterizer, RenderSettings,
+    Accuracy, Binning, Canvas, Chart, CloudState, Error, Image, Loss, PlanarScene, Rasterizer, RenderSettings,
     TrainStep,
     effects::Blend,
     state::{Tensor, TensorData},
@@ -96,7 +96,7 @@ pub(super) fn bad_are_errors<S: Subject, R: Rasterizer<S>>(
         cases.push(("an impossible minimum", view, accuracy(Accuracy { transmittance_min, ..usual }), SETTING));
     }
     let target = rasterizer.upload_target(&draw.target()?)?;
-    let rates = Adam::default().at(0.0);
+    let rates = S::adam().at(0.0);
     let mut cloud = rasterizer.upload(&draw.scene, Chart::ScaleRotation)?;
     let before = rasterizer.save(&cloud)?;
     for (what, view, settings, right) in cases {
@@ -124,7 +124,7 @@ pub fn mismatches_are_errors<S: Subject, R: Rasterizer<S>>(rasterizer: &R) -> Re
     let draw = S::typical(Blend::Over, 6, (10, 10), 1903);
     let mut cloud = rasterizer.upload(&draw.scene, Chart::ScaleRotation)?;
     let before = rasterizer.save(&cloud)?;
-    let rates = Adam::default().at(0.0);
+    let rates = S::adam().at(0.0);
     let sizes_differ = |error: &Error| matches!(error, Error::SizesDiffer { .. });
     for (width, height) in [(11, 10), (10, 9), (5, 20), (1, 100)] {
         let target = rasterizer.upload_target(&Image::filled(width, height, [0.5; 3])?)?;

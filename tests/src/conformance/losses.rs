@@ -1,7 +1,7 @@
 //! Cases: the losses of training steps come late, but all of them, and nothing else shows that a step is still under way.
 
 use gs_core::{
-    Adam, Binning, Chart, CloudState, EditPlan, Error, Image, Loss, Rasterizer, TrainStep, Wait,
+    Binning, Chart, CloudState, EditPlan, Error, Image, Loss, Rasterizer, TrainStep, Wait,
     edit::AfterEdit,
     effects::{Blend, Statistics},
 };
@@ -42,7 +42,7 @@ impl<S: Subject> Training<S> {
         let target = rasterizer.upload_target(&self.image)?;
         for number in steps {
             // Another schedule and loss at every step, so that no step can be taken for another.
-            let rates = Adam::default().at(number as f32 / STEPS as f32);
+            let rates = S::adam().at(number as f32 / STEPS as f32);
             let binning = if number % 3 == 0 { Binning::Fresh } else { Binning::Reuse };
             let loss = [Loss::L2, Loss::L1][number % 2];
             let step = TrainStep { settings: &self.draw.settings, loss, rates: &rates, binning };
@@ -90,7 +90,7 @@ pub fn losses_are_told_once_and_in_order<S: Subject, R: Rasterizer<S>>(rasterize
         let mut cloud = training.upload(rasterizer)?;
         training.send(rasterizer, &mut cloud, 0..STEPS, |_| Ok(()))?;
         let wrong = rasterizer.upload_target(&Image::filled(3, 3, [0.5; 3])?)?;
-        let rates = Adam::default().at(0.0);
+        let rates = S::adam().at(0.0);
         let settings = &training.draw.settings;
         let step = TrainStep { settings, loss: Loss::L2, rates: &rates, binning: Binning::Fresh };
         let refused = rasterizer.train_step(&mut cloud, &training.draw.view, &wrong, &step).is_err();
@@ -109,7 +109,7 @@ pub fn steps_under_way_are_seen_by_everything<S: Subject, R: Rasterizer<S>>(rast
         let training = Training::<S>::new(blend)?;
         let target = rasterizer.upload_target(&training.image)?;
         let Draw { view, settings, .. } = &training.draw;
-        let rates = Adam::default().at(0.0);
+        let rates = S::adam().at(0.0);
         type Look<'a, C> = &'a dyn Fn(&mut C) -> Result<Vec<f32>, Failure>;
         let state = |cloud: &mut R::Cloud| -> Result<Vec<f32>, Failure> { Ok(floats(&rasterizer.save(cloud)?)) };
         let looks: [(&str, Look<'_, R::Cloud>); 8] = [

@@ -17,7 +17,7 @@ use crate::{
 };
 
 /// Rates and betas that differ between all groups, and an ε as large as √v̂, so that a wrong one of any shows.
-pub(super) fn distinct(epsilon: f32) -> AdamRates {
+pub(super) fn distinct<S: Subject>(epsilon: f32) -> AdamRates {
     let group = |learning_rate, beta1, beta2| Group { beta1, beta2, ..Group::constant(learning_rate) };
     Adam {
         mean: group(0.11, 0.9, 0.99),
@@ -27,7 +27,7 @@ pub(super) fn distinct(epsilon: f32) -> AdamRates {
         color: group(0.013, 0.6, 0.97),
         color_rest: group(0.007, 0.75, 0.93),
         epsilon,
-        ..Adam::default()
+        ..S::adam()
     }
     .at(0.0)
 }
@@ -58,7 +58,7 @@ pub fn adam_matches<S: Subject, R: Rasterizer<S>>(rasterizer: &R) -> Result<(), 
             let draw = S::overlapping(blend, 12, (24, 20), 1203);
             let newborn = S::overlapping(blend, 1, (24, 20), 1207).scene;
             let target = rasterizer.upload_target(&draw.target()?)?;
-            let rates = distinct(epsilon);
+            let rates = distinct::<S>(epsilon);
             let mut cloud = rasterizer.upload(&draw.scene, Chart::ScaleRotation)?;
             let mut reference = AdamReference::new(draw.scene.rows());
             for steps in 1..=6 {

@@ -52,7 +52,7 @@ pub fn only_participants_move<R: Rasterizer<SpatialScene>>(rasterizer: &R) -> Re
     for participants in [Participants::All, Participants::Visible] {
         let mut draw = Draw::spatial(SpatialKind::Typical, Blend::Over, 14, (30, 24), 2613);
         let target = rasterizer.upload_target(&draw.target()?)?;
-        let mut rates = distinct(1e-3);
+        let mut rates = distinct::<SpatialScene>(1e-3);
         rates.participants = participants;
         let mut cloud = rasterizer.upload(&draw.scene, Chart::ScaleRotation)?;
         let mut reference = AdamReference::new(draw.scene.rows());
@@ -86,7 +86,7 @@ pub fn only_participants_move<R: Rasterizer<SpatialScene>>(rasterizer: &R) -> Re
 /// [`Failure`] where the backend does not do so.
 pub fn reused_lists_are_good_for_what_stands_still<R: Rasterizer<SpatialScene>>(rasterizer: &R) -> Result<(), Failure> {
     let still = Group::constant(0.0);
-    let groups = Adam { mean: still, scale: still, rotation: still, opacity: still, ..Adam::default() };
+    let groups = Adam { mean: still, scale: still, rotation: still, opacity: still, ..SpatialScene::adam() };
     let rates = Adam { color: still, color_rest: still, ..groups }.at(0.0);
     let draw = Draw::spatial(SpatialKind::Typical, Blend::Over, 20, (40, 30), 2623);
     let target = rasterizer.upload_target(&draw.target()?)?;
@@ -121,7 +121,7 @@ pub fn visible_are_counted<R: Rasterizer<SpatialScene>>(rasterizer: &R) -> Resul
     let mut draw = Draw::spatial(SpatialKind::Typical, Blend::Over, 14, (30, 24), 2633);
     draw.settings.effects.statistics = Statistics::MeanGradient;
     let still = Group::constant(0.0);
-    let groups = Adam { mean: still, scale: still, rotation: still, opacity: still, ..Adam::default() };
+    let groups = Adam { mean: still, scale: still, rotation: still, opacity: still, ..SpatialScene::adam() };
     let rates = Adam { color: still, color_rest: still, ..groups }.at(0.0);
     let target = rasterizer.upload_target(&draw.target()?)?;
     let mut cloud = rasterizer.upload(&draw.scene, Chart::ScaleRotation)?;

@@ -1,7 +1,7 @@
 //! Cases: what goes to the backend comes back, scenes and whole states.
 
 use gs_core::{
-    Adam, Binning, Chart, CloudState, Error, PlanarGaussian, PlanarScene, Rasterizer, Scene, TrainStep,
+    Binning, Chart, CloudState, Error, PlanarGaussian, PlanarScene, Rasterizer, Scene, TrainStep,
     effects::{Blend, Statistics},
 };
 
@@ -55,7 +55,7 @@ pub fn restored_clouds_continue_bit_for_bit<S: Subject, R: Rasterizer<S>>(raster
                 let mut draw = S::typical(blend, 25, (34, 20), 1103);
                 draw.settings.effects.statistics = Statistics::MeanGradient;
                 let target = rasterizer.upload_target(&draw.target()?)?;
-                let rates = Adam::default().at(0.0);
+                let rates = S::adam().at(0.0);
                 let step = TrainStep { settings: &draw.settings, loss, rates: &rates, binning: Binning::Fresh };
                 let mut cloud = rasterizer.upload(&draw.scene, chart)?;
                 for _ in 0..3 {
@@ -108,7 +108,7 @@ pub fn shifts_move_means_and_nothing_else<S: Subject, R: Rasterizer<S>>(rasteriz
         let mut draw = S::typical(Blend::Over, 9, (34, 20), 1151);
         draw.settings.effects.statistics = Statistics::MeanGradient;
         let target = rasterizer.upload_target(&draw.target()?)?;
-        let rates = Adam::default().at(0.0);
+        let rates = S::adam().at(0.0);
         let step = TrainStep { settings: &draw.settings, loss: LOSSES[0], rates: &rates, binning: Binning::Fresh };
         let mut cloud = rasterizer.upload(&draw.scene, chart)?;
         rasterizer.train_step(&mut cloud, &draw.view, &target, &step)?;

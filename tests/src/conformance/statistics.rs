@@ -45,7 +45,7 @@ fn check<S: Subject, R: Rasterizer<S>>(
     of_step: impl Fn(&StepStatistics) -> &Vec<f64>,
 ) -> Result<(), Failure> {
     let still = Group::constant(1e-4);
-    let groups = Adam { mean: still, scale: still, rotation: still, opacity: still, ..Adam::default() };
+    let groups = Adam { mean: still, scale: still, rotation: still, opacity: still, ..S::adam() };
     let rates = Adam { color: still, color_rest: still, ..groups }.at(0.0);
     for (blend, loss, through) in [
         (Blend::Sum, Loss::L2, None),

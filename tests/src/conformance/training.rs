@@ -24,7 +24,7 @@ const CHARTS: [Chart; 2] = [Chart::ScaleRotation, Chart::LocalFrame];
 /// [`Failure`] where the backend does not do so.
 pub fn steps_decrease_the_loss<S: Subject, R: Rasterizer<S>>(rasterizer: &R) -> Result<(), Failure> {
     let group = Group::constant(3e-3);
-    let groups = Adam { mean: group, scale: group, rotation: group, ..Adam::default() };
+    let groups = Adam { mean: group, scale: group, rotation: group, ..S::adam() };
     let rates = Adam { opacity: group, color: group, color_rest: group, ..groups }.at(0.0);
     for &chart in S::CHARTS {
         for blend in [Blend::Sum, Blend::Over] {
@@ -60,7 +60,7 @@ pub fn steps_decrease_the_loss<S: Subject, R: Rasterizer<S>>(rasterizer: &R) -> 
 /// [`Failure`] where the backend does not do so.
 pub fn fused_steps_match_their_stages<S: Subject, R: Rasterizer<S>>(rasterizer: &R) -> Result<(), Failure> {
     // ε keeps a step in proportion to a gradient that is hardly more than rounding.
-    let rates = Adam { epsilon: 1e-3, ..Adam::default() }.at(0.0);
+    let rates = Adam { epsilon: 1e-3, ..S::adam() }.at(0.0);
     let last = S::CHARTS[S::CHARTS.len() - 1];
     for (chart, size) in S::CHARTS.iter().map(|&chart| (chart, (30, 24))).chain([(last, (43, 31))]) {
         for blend in [Blend::Sum, Blend::Over] {

@@ -23,6 +23,11 @@ impl AdamReference {
         Self { steps: vec![0; zeros.len()], first: zeros.clone(), second: zeros, scene }
     }
 
+    /// Goes on from moments and step counts.
+    pub fn resumed(scene: OracleScene, first: Vec<Parameters>, second: Vec<Parameters>, steps: Vec<i32>) -> Self {
+        Self { scene, first, second, steps }
+    }
+
     /// Appends a Gaussian with zero moments.
     pub fn push(&mut self, gaussian: Parameters) {
         self.first.push(vec![0.0; gaussian.len()]);
