@@ -197,12 +197,14 @@ pub fn causes_are_counted<R: Rasterizer<SpatialScene>>(rasterizer: &R) -> Result
         let draw = Draw::spatial(kind, Blend::Over, 8, (32, 24), seed);
         let oracle = Oracle::new(draw.view, draw.settings)?.render(&draw.scene.rows());
         if (0..32 * 24).any(|p| oracle.is_near_discontinuity(p)) {
-            continue; // A Gaussian that is all but outside may be so.
+            continue; // A Gaussian that is all but outside or transparent may be so.
         }
         compared += 1;
         let found = culled(rasterizer, &draw.scene, &draw.view, &draw.settings)?;
-        let expected = oracle.culled;
-        Failure::unless(found == expected, || format!("{kind:?}: expected {expected:?}, found {found:?}"))?;
+        // What reaches between the pixel centres, but to none of them, a backend may look at before it finds out.
+        let expected = Culled { outside: found.outside, ..oracle.culled };
+        let right = found == expected && found.outside <= oracle.culled.outside;
+        Failure::unless(right, || format!("{kind:?}: expected {:?}, found {found:?}", oracle.culled))?;
     }
     if compared < 12 {
         return Err(Failure::Nothing(format!("only {compared} drawn scenes are clear enough to count in")));

@@ -126,7 +126,7 @@ pub fn visible_are_counted<R: Rasterizer<SpatialScene>>(rasterizer: &R) -> Resul
     let target = rasterizer.upload_target(&draw.target()?)?;
     let mut cloud = rasterizer.upload(&draw.scene, Chart::ScaleRotation)?;
     let mut expected = vec![0; draw.scene.len()];
-    for near in [draw.view.near, 5.0, 4.0] {
+    for near in [draw.view.near, 5.5, 3.5] {
         let view = beyond(draw.view, near);
         let drawn = Oracle::new(view, draw.settings)?.render(&draw.scene.rows()).drawn;
         expected.iter_mut().zip(drawn).for_each(|(count, drawn)| *count += u32::from(drawn));

@@ -154,24 +154,28 @@ impl<V: OracleView> Oracle<V> {
         let width = rendering.width as usize;
         let at_exact = loss::evaluate(loss, width, &rendering.pixels, &rendering.rounding, target, 0.0);
         let count = scene.gaussians.len();
-        let (mut shares, mut share_rounding) = (vec![[0.0; 9]; count], vec![[0.0; 9]; count]);
+        let chain = Chain::of(&self.project(scene), scene);
+        let mut shares = vec![[0.0; 9]; count];
+        let mut rounding: Vec<Parameters> = scene.gaussians.iter().map(|g| vec![0.0; g.len()]).collect();
         let (mut loss_rounding, mut loss_flip) = (0.0, 0.0);
         for (p, pixel) in exact.iter().enumerate() {
             let (v, v_rounding) = (at_exact.v_color[p], at_exact.v_rounding[p]);
             add(&mut shares, &pixel.gradients(v));
-            add(&mut share_rounding, &pixel.gradient_rounding(v, v_rounding));
+            for (g, together, own) in pixel.gradient_rounding(v, v_rounding) {
+                chain.add_rounding(g, &together, &own, &mut rounding[g]);
+            }
             for k in 0..3 {
                 loss_rounding += v[k].abs() * rendering.rounding[p][k];
                 loss_flip += 2.0 * v[k].abs() * rendering.flip[p][k];
             }
         }
-        let chain = Chain::of(&self.project(scene), scene);
+        (0..count).for_each(|g| chain.add_own_rounding(g, &shares[g], &mut rounding[g]));
         let mut gradients = Gradients {
             loss: at_exact.value,
             loss_rounding,
             loss_flip,
             values: (0..count).map(|g| chain.parameters(g, &shares[g])).collect(),
-            rounding: (0..count).map(|g| chain.rounding(g, &shares[g], &share_rounding[g])).collect(),
+            rounding,
             flip: scene.gaussians.iter().map(|g| vec![0.0; g.len()]).collect(),
         };
         // A second opinion from either side: every decision within rounding taken the other way.
@@ -272,10 +276,21 @@ impl Chain {
         self.jacobians[g].iter().map(|row| (0..9).map(|j| row[j].value * share[j]).sum()).collect()
     }
 
-    /// What `f32` may change [`Self::parameters`] by, where the share itself is uncertain.
-    fn rounding(&self, g: usize, share: &Share, share_rounding: &Share) -> Parameters {
-        let entry = |d: Rounded, j: usize| d.value.abs() * share_rounding[j] + d.error * share[j].abs();
-        self.jacobians[g].iter().map(|row| (0..9).map(|j| entry(row[j], j)).sum()).collect()
+    /// What an uncertain share of one pixel may change [`Self::parameters`] by; see [`Pixel::gradient_rounding`].
+    fn add_rounding(&self, g: usize, together: &[Share; 3], own: &Share, rounding: &mut Parameters) {
+        for (sum, row) in rounding.iter_mut().zip(&self.jacobians[g]) {
+            for part in together {
+                *sum += (0..9).map(|j| row[j].value * part[j]).sum::<f64>().abs();
+            }
+            *sum += (0..9).map(|j| row[j].value.abs() * own[j]).sum::<f64>();
+        }
+    }
+
+    /// What the uncertain derivatives themselves may change it by.
+    fn add_own_rounding(&self, g: usize, share: &Share, rounding: &mut Parameters) {
+        for (sum, row) in rounding.iter_mut().zip(&self.jacobians[g]) {
+            *sum += (0..9).map(|j| row[j].error * share[j].abs()).sum::<f64>();
+        }
     }
 }
 

@@ -13,7 +13,7 @@ use gs_core::{
 
 use super::{
     parameters::{SPATIAL_OPACITY, SPATIAL_SH, sh_len},
-    rounded::{Matrix, Rounded, applied, dot, product, transposed},
+    rounded::{F32_ROUNDING, Matrix, Rounded, applied, dot, product, transposed},
     spherical_harmonics,
     splat::{Appearance, COLOR_SHARE, Depth, Exponent, Lean, OPACITY_SHARE, OracleView, Projection, Splat},
 };
@@ -22,6 +22,12 @@ use crate::tolerance::ROUNDINGS;
 /// How far beyond the image's edge slopes are followed, as a share of half the image: 3DGS's 1.3 times the tangent of half the field of view.
 const MARGIN: f64 = 0.3;
 
+/// Roundings of a term of σ, or of a depth: those of Σ′⁻¹, of the offset, of the products.
+const TERMS: f64 = 2.0;
+
+/// Roundings of a derivative of σ, in its own terms.
+const OPERATIONS: f64 = 8.0;
+
 /// A Gaussian in pixels of a camera. Its share of a pixel is in its centre u, v, in Σ′ as (uu, uv, vv), where uv stands for both of the
 /// equal entries, in its compensated opacity, and in its colour.
 #[derive(Debug, Clone)]
@@ -29,7 +35,7 @@ pub struct SpatialSplat {
     /// u, v, px.
     center: [Rounded; 2],
     /// Σ′⁻¹ as (uu, uv, vv), px⁻².
-    precision: [Rounded; 3],
+    precision: [f64; 3],
     /// p, world units.
     point: [Rounded; 3],
     /// cov(z, (u, v)), world units · px.
@@ -230,7 +236,7 @@ impl OracleView for Camera {
 
         Projection::Drawable(SpatialSplat {
             center,
-            precision,
+            precision: precision.map(|v| v.value),
             point,
             depth_covariance: [0, 1].map(|i| dot(&seen[2], &footprint[i])),
             appearance: Appearance {
@@ -299,17 +305,32 @@ fn rotation_vjp(&[w, x, y, z]: &[Rounded; 4], v: &Matrix<3, 3>) -> [Rounded; 4] 
 
 impl Splat for SpatialSplat {
     /// With q = Σ′⁻¹ d: ∂σ/∂(u, v) = −q and ∂σ/∂Σ′ = −½ q qᵀ.
+    ///
+    /// What `f32` may change: the sums of the textbook's formulas, of which needles' are small differences of large terms; and, by first
+    /// order, what the errors of u, v and M′ do together: dσ = −q·d(u, v) − (qᵀ dM′)(M′ᵀ q).
     fn exponent(&self, p: [f64; 2]) -> Exponent {
+        let d = self.offset(p);
+        let ([qx, qy], magnitude) = self.whitened(d);
+        let textbook = 0.5 * (magnitude[0] * d[0].abs() + magnitude[1] * d[1].abs());
+        let moved: f64 = (0..2).map(|i| [qx, qy][i].abs() * self.center[i].error).sum();
+        let [mu, mv] = &self.chain.footprint;
+        let bent: f64 = (mu.iter().zip(mv))
+            .map(|(u, v)| (qx * u.value + qy * v.value).abs() * (qx.abs() * u.error + qy.abs() * v.error))
+            .sum();
         let [a, b, c] = self.precision;
-        let [dx, dy] = [0, 1].map(|i| Rounded::exact(p[i]) - self.center[i]);
-        let (qx, qy) = (a * dx + b * dy, b * dx + c * dy);
-        let sigma = 0.5 * (qx * dx + qy * dy);
-        let derivatives = [-qx, -qy, -0.5 * (qx * qx), -(qx * qy), -0.5 * (qy * qy)];
+        let displaced = [0, 1].map(|i| {
+            let [x, y] = [[a, b], [b, c]][i].map(|v| v * self.center[i].error);
+            [x, y, qx * x, qx * y + qy * x, qy * y]
+        });
+        let derivatives = [-qx, -qy, -0.5 * qx * qx, -qx * qy, -0.5 * qy * qy];
+        let [_, _, uu, uv, vv] = derivatives;
+        let magnitudes = [magnitude[0], magnitude[1], uu, uv, vv];
         Exponent {
-            sigma: sigma.value,
-            rounding: sigma.error,
-            derivatives: derivatives.map(|v| v.value),
-            derivative_rounding: derivatives.map(|v| v.error),
+            sigma: 0.5 * (qx * d[0] + qy * d[1]),
+            rounding: TERMS * F32_ROUNDING * textbook + moved + bent,
+            derivatives,
+            derivative_rounding: magnitudes.map(|v| OPERATIONS * F32_ROUNDING * v.abs()),
+            displaced,
         }
     }
 
@@ -321,15 +342,20 @@ impl Splat for SpatialSplat {
     fn depth(&self, p: [f64; 2], order: Order) -> Depth {
         let [x, y, z] = self.point;
         let mut origin = [x.value, y.value, z.value, 0.0, 0.0, 0.0, 0.0, 0.0];
-        let mut depth = z;
-        if order == Order::PixelDepth {
-            let [a, b, c] = self.precision;
-            let [kx, ky] = self.depth_covariance;
-            let [dx, dy] = [0, 1].map(|i| Rounded::exact(p[i]) - self.center[i]);
-            depth = z + (kx * (a * dx + b * dy) + ky * (b * dx + c * dy));
-            origin[3..].copy_from_slice(&[a, b, c, kx, ky].map(|v| v.value));
+        if order != Order::PixelDepth {
+            return Depth { value: z.value, rounding: z.error, origin };
         }
-        Depth { value: depth.value, rounding: depth.error, origin }
+        let (q, q_magnitude) = self.whitened(self.offset(p));
+        let k = self.depth_covariance;
+        origin[3..6].copy_from_slice(&self.precision);
+        origin[6..].copy_from_slice(&k.map(|v| v.value));
+        let textbook: f64 = (0..2).map(|i| k[i].value.abs() * q_magnitude[i]).sum();
+        let inherited: f64 = (0..2).map(|i| k[i].error * q[i].abs()).sum();
+        Depth {
+            value: z.value + k[0].value * q[0] + k[1].value * q[1],
+            rounding: z.error + TERMS * F32_ROUNDING * textbook + inherited,
+            origin,
+        }
     }
 
     fn jacobian(&self) -> Vec<[Rounded; 9]> {
@@ -337,6 +363,19 @@ impl Splat for SpatialSplat {
             self.chain.vjp(std::array::from_fn(|i| if i == j { Rounded::ONE } else { Rounded::ZERO }), self.point)
         });
         (0..SPATIAL_SH + 3 * self.chain.sh_len).map(|row| std::array::from_fn(|j| columns[j][row])).collect()
+    }
+}
+
+impl SpatialSplat {
+    fn offset(&self, p: [f64; 2]) -> [f64; 2] {
+        [0, 1].map(|i| p[i] - self.center[i].value)
+    }
+
+    /// q = Σ′⁻¹ d, and the same with every term by magnitude.
+    fn whitened(&self, [dx, dy]: [f64; 2]) -> ([f64; 2], [f64; 2]) {
+        let [a, b, c] = self.precision;
+        let magnitude = [(a * dx).abs() + (b * dy).abs(), (b * dx).abs() + (c * dy).abs()];
+        ([a * dx + b * dy, b * dx + c * dy], magnitude)
     }
 }
 

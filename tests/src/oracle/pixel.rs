@@ -263,10 +263,11 @@ impl Pixel {
         shares
     }
 
-    /// What `f32` may change [`Self::gradients`] by, in roundings, where v_C itself is uncertain by `v_rounding`.
+    /// What `f32` may change [`Self::gradients`] by, in roundings, where v_C itself is uncertain by `v_rounding`: parts that change all
+    /// numbers of a share together (what it is multiplied with, and the centre's two coordinates), and a part of each number's own.
     ///
     /// Allows for the usual way to find B: the finished colour less what is in front, divided by T (1 − α).
-    pub(crate) fn gradient_rounding(&self, v_color: [f64; 3], v_rounding: [f64; 3]) -> Vec<(usize, Share)> {
+    pub(crate) fn gradient_rounding(&self, v_color: [f64; 3], v_rounding: [f64; 3]) -> Vec<(usize, [Share; 3], Share)> {
         let mut behind = self.backdrop.map(f64::abs);
         let mut behind_rounding = [0.0; 3];
         let mut all = behind;
@@ -297,20 +298,23 @@ impl Pixel {
                     behind_rounding =
                         [0, 1, 2].map(|k| touch.alpha * touch.color_rounding[k] + through * behind_rounding[k]);
                 }
-                let mut share = [0.0; 9];
+                let (mut together, mut own) = ([[0.0; 9]; 3], [0.0; 9]);
                 if !touch.clamped {
                     let uncertain = v_alpha * relative + v_alpha_rounding;
-                    let Exponent { derivatives, derivative_rounding, .. } = touch.exponent;
-                    for (i, entry) in share[..5].iter_mut().enumerate() {
-                        *entry = touch.value * (uncertain * derivatives[i].abs() + v_alpha * derivative_rounding[i]);
+                    let Exponent { derivatives, derivative_rounding, displaced, .. } = touch.exponent;
+                    for i in 0..5 {
+                        together[0][i] = touch.value * uncertain * derivatives[i];
+                        together[1][i] = touch.value * v_alpha * displaced[0][i];
+                        together[2][i] = touch.value * v_alpha * displaced[1][i];
+                        own[i] = touch.value * v_alpha * derivative_rounding[i];
                     }
-                    share[OPACITY_SHARE] = uncertain * touch.weight * touch.opacity_slope;
+                    own[OPACITY_SHARE] = uncertain * touch.weight * touch.opacity_slope;
                 }
                 for k in 0..3 {
                     let size = touch.transmittance * touch.alpha;
-                    share[COLOR_SHARE + k] = size * (v_color[k].abs() * relative + v_rounding[k]);
+                    own[COLOR_SHARE + k] = size * (v_color[k].abs() * relative + v_rounding[k]);
                 }
-                (touch.index, share)
+                (touch.index, together, own)
             })
             .collect();
         shares.reverse();

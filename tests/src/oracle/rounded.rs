@@ -8,8 +8,8 @@ use std::ops::{Add, Div, Mul, Neg, Sub};
 pub(crate) const F32_ROUNDING: f64 = 5.960_464_477_539_063e-8;
 
 /// What is counted for one operation, relative. Single roundings are at most [`F32_ROUNDING`] and seldom all fall to one side, as this
-/// analysis adds them up; with a quarter of it for each, the same [`ROUNDINGS`](crate::tolerance::ROUNDINGS) fit both kinds of scenes.
-const OPERATION: f64 = F32_ROUNDING / 4.0;
+/// analysis adds them up; with an eighth of it for each, the same [`ROUNDINGS`](crate::tolerance::ROUNDINGS) fit both kinds of scenes.
+const OPERATION: f64 = F32_ROUNDING / 8.0;
 
 /// Roundings of a square root or an exponential.
 const FUNCTION: f64 = 2.0 * OPERATION;
@@ -164,7 +164,7 @@ mod tests {
             let rounded = (positive / (x + z)).sqrt();
             worst = worst.max((f64::from(plain) - rounded.value).abs() / rounded.error);
         }
-        assert!((0.5..4.0).contains(&worst), "{worst}");
+        assert!((1.0..8.0).contains(&worst), "{worst}");
     }
 
     #[test]

@@ -71,8 +71,10 @@ pub struct Exponent {
     pub rounding: f64,
     /// ∂σ/∂(the five numbers of the shape).
     pub derivatives: [f64; 5],
-    /// What `f32` may change each by.
+    /// What `f32` may change each by on its own.
     pub derivative_rounding: [f64; 5],
+    /// What an uncertain centre changes all of them by together, along x and along y.
+    pub displaced: [[f64; 5]; 2],
 }
 
 /// What a Gaussian has to show, the same at every pixel.
