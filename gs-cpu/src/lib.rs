@@ -12,6 +12,7 @@
 mod bias;
 mod bin;
 mod blend_over;
+mod blend_pixel_depth;
 mod blend_sum;
 mod collect;
 mod dssim;

@@ -283,7 +283,7 @@ fn check_len<S: Kind>(gradients: &Gradients<S>, cloud: &S::Cloud) -> Result<(), 
 #[cfg(test)]
 mod tests {
     use glam::{Vec2, Vec3};
-    use gs_core::{Adam, Blend, Canvas, Participants, PlanarGaussian, Scene, Wait, profile::still};
+    use gs_core::{Adam, Blend, Canvas, Participants, PlanarGaussian, Scene, Wait};
 
     use super::*;
     use crate::workspace::Workspace;

@@ -2,11 +2,17 @@
 
 use fearless_simd::{Level, dispatch};
 use glam::Vec2;
-use gs_core::{Blend, Effects, Error, Loss, RenderSettings, effects::Statistics, statistics::Culled};
+use gs_core::{
+    Blend, Effects, Error, Loss, RenderSettings,
+    effects::{Order, Statistics},
+    statistics::Culled,
+};
 
 use crate::{
     bin::Bins,
-    blend_over, blend_sum,
+    blend_over,
+    blend_pixel_depth::{self, PixelDepth, Scratches, Sight},
+    blend_sum,
     collect::{Nothing, collecting, numbers},
     dssim,
     layout::{Cuts, Grid, Row, ScalarRow, TileBuffers, for_each_tile},
@@ -26,6 +32,9 @@ pub(crate) struct Tiles {
     pub(crate) grid: Grid,
     /// By place.
     pub(crate) splats: Vec<Splat>,
+    /// By place, where pixels have their own order.
+    pub(crate) depths: Vec<PixelDepth>,
+    scratches: Scratches,
     pub(crate) bins: Bins,
     /// The image; under fused steps the residual.
     pub(crate) rows: Vec<Row>,
@@ -63,6 +72,9 @@ impl Tiles {
         let errors = if self.collects_errors() { self.grid.rows() } else { 0 };
         self.errors.resize(errors, ScalarRow([0.0; 16]));
         self.sums.resize(self.grid.tiles(), 0.0);
+        if self.settings.effects.order == Order::PixelDepth {
+            self.scratches.fit();
+        }
     }
 
     /// Numbers per entry in `slots` that are gradients; those for the statistics follow them.
@@ -107,13 +119,29 @@ impl Tiles {
             self.transmittance.clear();
         }
         let (splats, bins, grid) = (&self.splats, &self.bins, &self.grid);
+        let pixel_depth = settings.effects.order == Order::PixelDepth && over;
+        let (depths, scratches) = (&self.depths, &self.scratches);
         let cuts = Cuts { grid, tile_start: &bins.tile_start, stride: 0 };
         let buffers =
             TileBuffers { rows: &mut self.rows, scalars: &mut self.transmittance, slots: &mut [], sums: &mut [] };
         for_each_tile(0..grid.tiles(), buffers, cuts, &|tile, buffers| {
             let entries = &bins.entries[bins.tile_start[tile] as usize..bins.tile_start[tile + 1] as usize];
             let (column, rows) = grid.place(tile);
-            if over {
+            if pixel_depth {
+                let sight = Sight {
+                    entries,
+                    splats,
+                    depths,
+                    accuracy: &settings.accuracy,
+                    first_column: column,
+                    first_row: rows.start,
+                };
+                scratches.with(|scratch| {
+                    dispatch!(level, simd => blend_pixel_depth::forward(
+                        simd, &sight, scratch, buffers.rows, buffers.scalars, backdrop,
+                    ))
+                });
+            } else if over {
                 buffers.rows.fill(Row::ZERO);
                 buffers.scalars.fill(ScalarRow([1.0; 16]));
                 dispatch!(level, simd => blend_over::forward(
@@ -131,6 +159,7 @@ impl Tiles {
     pub(crate) fn blend_bwd(&mut self, level: Level) {
         let settings = self.settings;
         let (splats, bins, grid, v_rows, errors) = (&self.splats, &self.bins, &self.grid, &self.v_rows, &self.errors);
+        let (depths, scratches) = (&self.depths, &self.scratches);
         self.slots.resize(bins.entries.len() * self.stride, 0.0);
         let cuts = Cuts { grid, tile_start: &bins.tile_start, stride: self.stride };
         let buffers = TileBuffers { rows: &mut self.rows, scalars: &mut [], slots: &mut self.slots, sums: &mut [] };
@@ -143,6 +172,12 @@ impl Tiles {
                 Blend::Sum => dispatch!(level, simd => blend_sum::backward::<_, K>(
                     simd, entries, splats, column, rows.start, v_rows, errors, buffers.slots,
                 )),
+                Blend::Over if settings.effects.order == Order::PixelDepth => {
+                    let sight = Sight { entries, splats, depths, accuracy: &settings.accuracy, first_column: column, first_row: rows.start };
+                    scratches.with(|scratch| dispatch!(level, simd => blend_pixel_depth::backward::<_, K>(
+                        simd, &sight, scratch, buffers.rows, v_rows, errors, buffers.slots,
+                    )));
+                }
                 Blend::Over => dispatch!(level, simd => blend_over::backward::<_, K>(
                     simd, entries, splats, &settings.accuracy, column, rows.start, buffers.rows, v_rows, errors,
                     buffers.slots,

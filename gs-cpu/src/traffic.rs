@@ -68,14 +68,15 @@ pub(crate) fn of<S: Kind>(stage: Stage, workspace: &Workspace<S>, cloud: &S::Clo
 #[cfg(test)]
 mod tests {
     use glam::{Vec2, Vec3};
-    use gs_core::{Canvas, Chart, Image, PlanarGaussian, PlanarScene, RenderSettings, profile::Profiler};
+    use gs_core::{Canvas, Chart, Image, PlanarGaussian, PlanarScene, Rasterizer, RenderSettings, profile::Profiler};
 
     use super::*;
-    use crate::{CpuRasterizer, CpuSettings, Target};
+    use crate::{CpuRasterizer, CpuSettings};
 
     /// Bytes of each stage for two Gaussians, of which one touches two strips of a canvas of 32×10 px and the other one.
     fn profiled(blend: Blend, loss: Loss) -> impl Fn(&str) -> (u64, u64) {
         let cpu = CpuRasterizer::new(CpuSettings::default()).unwrap();
+        let cpu = cpu.planar();
         let at = |x: f32| PlanarGaussian {
             mean: Vec2::new(x, 5.0),
             log_scale: Vec2::ZERO,
@@ -84,8 +85,8 @@ mod tests {
             color: Vec3::ONE,
         };
         let scene: PlanarScene = [at(16.0), at(26.0)].into_iter().collect();
-        let mut cloud = PlanarScene::upload(&scene, Chart::LocalFrame).unwrap();
-        let target = Target::new(&Image::filled(32, 10, [0.5; 3]).unwrap());
+        let mut cloud = cpu.upload(&scene, Chart::LocalFrame).unwrap();
+        let target = cpu.upload_target(&Image::filled(32, 10, [0.5; 3]).unwrap()).unwrap();
         let settings = RenderSettings::blended(blend);
         let profile = cpu.profile(&mut cloud, &Canvas::new(32, 10), &target, &settings, loss, 1).unwrap();
         assert_eq!(profile.entries, 3);

@@ -44,7 +44,7 @@ impl DepthSort {
         self.keys.resize_with(count, AtomicU64::default);
         self.other.resize_with(count, AtomicU64::default);
         let block = BLOCK.max(count.div_ceil(MOST_BLOCKS));
-        self.digits.resize_with(count.div_ceil(BLOCK).min(MOST_BLOCKS).max(1), || vec![0; DIGITS]);
+        self.digits.resize_with(count.div_ceil(BLOCK).clamp(1, MOST_BLOCKS), || vec![0; DIGITS]);
         let of_block = |b: usize| b * block..((b + 1) * block).min(count);
         self.digits.par_iter_mut().enumerate().for_each(|(b, digits)| {
             digits[0] = of_block(b).filter(|&i| depth(i) > 0.0).count() as u32;

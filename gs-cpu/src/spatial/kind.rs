@@ -22,6 +22,7 @@ use super::{
 use crate::{
     CpuRasterizer, Target,
     bias::BiasTable,
+    blend_pixel_depth::PixelDepth,
     kind::{Kind, Resources, Shared},
     profile::Stage,
     rasterizer::{check_settings, unsupported},
@@ -167,6 +168,15 @@ impl Kind for SpatialScene {
                 place_of[index].store(place as u32, Relaxed);
             }
         });
+        tiles.depths.clear();
+        if (effects.blend, effects.order) == (Blend::Over, Order::PixelDepth) {
+            let at = |place| {
+                let index = depth_sort.at(place);
+                let [depth, x, y] = depths[index as usize];
+                PixelDepth { depth, slope: [x, y], index }
+            };
+            tiles.depths.par_extend((0..depth_sort.len()).into_par_iter().map(at));
+        }
     }
 
     fn project_bwd(workspace: &mut Workspace<Self>, cloud: &SpatialCloud, scale: f32) {
