@@ -353,9 +353,8 @@ impl Rasterizer<SpatialScene> for Faulty {
             MovesOnlyTheVisible => rates.participants = Participants::Visible,
             ForgetsBiasCorrection => cloud.steps.iter_mut().for_each(|steps| *steps = 100_000),
             StepsUphill => {
-                for rate in
-                    [&mut rates.mean, &mut rates.scale, &mut rates.rotation, &mut rates.opacity, &mut rates.color]
-                {
+                let AdamRates { mean, scale, rotation, opacity, color, color_rest, .. } = &mut rates;
+                for rate in [mean, scale, rotation, opacity, color, color_rest] {
                     rate.learning_rate *= -1.0;
                 }
             }
