@@ -145,9 +145,10 @@ mod tests {
                 let len = (degree + 1) * (degree + 1);
                 let mut after = coefficients[..len].to_vec();
                 turned.apply(&mut after);
-                for direction in [DVec3::X, DVec3::new(0.3, -0.8, 0.2).normalize(), DVec3::new(-1.0, 2.0, 3.0).normalize()] {
-                    let (before, now) =
-                        (color(&coefficients[..len], direction), color(&after, rotation * direction));
+                for direction in
+                    [DVec3::X, DVec3::new(0.3, -0.8, 0.2).normalize(), DVec3::new(-1.0, 2.0, 3.0).normalize()]
+                {
+                    let (before, now) = (color(&coefficients[..len], direction), color(&after, rotation * direction));
                     assert!(before.abs_diff_eq(now, 2e-6), "degree {degree}: {before} {now}");
                 }
             }

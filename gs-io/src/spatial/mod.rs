@@ -97,8 +97,8 @@ impl SpatialFormat {
         }
     }
 
-    /// The kind of a file that is to be written, by the ending of its name.
-    fn to_write(path: &Path) -> Option<Self> {
+    /// The kind of a file that is to be written, by the ending of its name; `None` where there is no such kind.
+    pub fn to_write(path: &Path) -> Option<Self> {
         let name = path.file_name()?.to_string_lossy().to_lowercase();
         let kinds = [
             (".ply", Self::Ply),
@@ -255,7 +255,8 @@ pub fn write_spatial(
     let (bytes, losses) = match format {
         SpatialFormat::Spz => spz::encode(path, scene, &rotations, options.spz)?,
         SpatialFormat::Gltf | SpatialFormat::Glb => {
-            let kind = if format == SpatialFormat::Glb { GltfFile::Binary } else { GltfFile::Text(options.gltf_buffer) };
+            let kind =
+                if format == SpatialFormat::Glb { GltfFile::Binary } else { GltfFile::Text(options.gltf_buffer) };
             let encoded = gltf::encode(path, scene, &rotations, kind)?;
             if let Some(buffer) = encoded.beside {
                 let name = path.with_extension("bin");

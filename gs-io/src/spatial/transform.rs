@@ -165,9 +165,16 @@ mod tests {
 
     #[test]
     fn a_map_that_flattens_leaves_a_finite_scene() {
-        for map in [DMat3::from_diagonal(DVec3::new(1.0, 0.0, 2.0)), DMat3::ZERO, DMat3::from_cols(DVec3::X, DVec3::X, DVec3::X)] {
+        for map in [
+            DMat3::from_diagonal(DVec3::new(1.0, 0.0, 2.0)),
+            DMat3::ZERO,
+            DMat3::from_cols(DVec3::X, DVec3::X, DVec3::X),
+        ] {
             let mut flat = scene();
-            assert_eq!(apply(&mut flat, &DAffine3::from_mat3(map)), Some(Loss::Stretched).filter(|_| map != DMat3::ZERO));
+            assert_eq!(
+                apply(&mut flat, &DAffine3::from_mat3(map)),
+                Some(Loss::Stretched).filter(|_| map != DMat3::ZERO)
+            );
             flat.validate().unwrap();
         }
     }

@@ -85,12 +85,10 @@ impl Accessors<'_> {
                 mend: "export it with plain accessors",
             });
         };
-        let view = self
-            .document
-            .buffer_views
-            .get(view)
-            .ok_or_else(|| bad("a buffer view that there is", view.to_string()))?;
-        let buffer = self.buffers.get(view.buffer).ok_or_else(|| bad("a buffer that there is", view.buffer.to_string()))?;
+        let view =
+            self.document.buffer_views.get(view).ok_or_else(|| bad("a buffer view that there is", view.to_string()))?;
+        let buffer =
+            self.buffers.get(view.buffer).ok_or_else(|| bad("a buffer that there is", view.buffer.to_string()))?;
         let outside = |what: &str| bad(&format!("{what} within its bounds"), "one that points outside".to_owned());
         let part = range(view.byte_offset, view.byte_length)
             .and_then(|range| buffer.get(range))
@@ -107,9 +105,8 @@ impl Accessors<'_> {
             .and_then(|len| range(accessor.byte_offset, len))
             .and_then(|range| part.get(range))
             .ok_or_else(|| outside("an accessor"))?;
-        let row = |row: &[u8]| {
-            std::array::from_fn(|k| component.decode(&row[k * component.bytes()..], accessor.normalized))
-        };
+        let row =
+            |row: &[u8]| std::array::from_fn(|k| component.decode(&row[k * component.bytes()..], accessor.normalized));
         Ok(bytes.chunks(stride as usize).map(row).collect())
     }
 

@@ -39,6 +39,8 @@ mod tests {
         }
         let mut coefficients = [Vec3::splat((0.214_041 - 0.5) / SH_0), Vec3::ONE];
         to_srgb(&mut coefficients);
-        assert!(coefficients[0].abs().max_element() < 1e-4 && (coefficients[1].x - encoding_slope(0.214_041)).abs() < 1e-5);
+        assert!(
+            coefficients[0].abs().max_element() < 1e-4 && (coefficients[1].x - encoding_slope(0.214_041)).abs() < 1e-5
+        );
     }
 }

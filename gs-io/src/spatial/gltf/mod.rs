@@ -18,12 +18,12 @@ use glam::{DAffine3, DMat3, DVec3, Vec3};
 use gs_core::SpatialScene;
 
 pub use self::write::GltfBuffer;
+pub(crate) use self::write::{GltfFile, encode};
 use self::{
     accessor::Accessors,
     buffers::Buffers,
     document::{Document, EXTENSION, Primitive, Splatting},
 };
-pub(crate) use self::write::{GltfFile, encode};
 use super::{
     flips::Flips,
     loss::Loss,
@@ -48,7 +48,8 @@ const HARMLESS: [&str; 2] = [EXTENSION, "KHR_mesh_quantization"];
 pub(crate) fn recognises(start: &[u8]) -> bool {
     let text = start.strip_prefix(b"\xef\xbb\xbf").unwrap_or(start);
     let mut visible = text.iter().filter(|byte| !byte.is_ascii_whitespace());
-    start.starts_with(&buffers::GLB_MAGIC) || (visible.next() == Some(&b'{') && matches!(visible.next(), Some(b'"' | b'}')))
+    start.starts_with(&buffers::GLB_MAGIC)
+        || (visible.next() == Some(&b'{') && matches!(visible.next(), Some(b'"' | b'}')))
 }
 
 /// Reads all Gaussians of the default scene, and says what of them was not kept.
@@ -147,7 +148,8 @@ fn check_claims(accessors: &Accessors<'_>, places: &[Place<'_>]) -> Result<(), E
     for place in places {
         let rows = place.primitive.attributes.get("POSITION").map_or(Ok(0), |&number| accessors.count(number))?;
         // Mean, scale, rotation, opacity, and a colour at each coefficient.
-        let numbers = 11 + 3 * place.primitive.attributes.keys().filter(|name| name.contains(":SH_DEGREE_")).count() as u64;
+        let numbers =
+            11 + 3 * place.primitive.attributes.keys().filter(|name| name.contains(":SH_DEGREE_")).count() as u64;
         claimed = claimed.saturating_add(rows.saturating_mul(4 * numbers));
     }
     source.check_claim(source.bytes.len() as u64 + accessors.buffers.bytes_beside(), claimed)

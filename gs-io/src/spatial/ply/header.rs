@@ -161,9 +161,8 @@ impl<'a> Lines<'a> {
         };
         self.next = start + len + 1;
         let line = rest[..len].strip_suffix(b"\r").unwrap_or(&rest[..len]);
-        let text = std::str::from_utf8(line).map_err(|e| {
-            self.source.damaged(start + e.valid_up_to(), "a line of text", "bytes that are none")
-        })?;
+        let text = std::str::from_utf8(line)
+            .map_err(|e| self.source.damaged(start + e.valid_up_to(), "a line of text", "bytes that are none"))?;
         Ok((start, text.trim_end()))
     }
 }

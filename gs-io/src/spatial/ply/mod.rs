@@ -62,7 +62,8 @@ pub(crate) fn read(source: &Source<'_>) -> Result<Read, Error> {
         let rest = |channel: usize, k: usize| value(14 + channel * per_channel + k);
         scene.sh.extend((0..kept).map(|k| glam::Vec3::new(rest(0, k), rest(1, k), rest(2, k))));
     })?;
-    let losses = if degree < file_degree { vec![Loss::Harmonics { from: file_degree, to: degree }] } else { Vec::new() };
+    let losses =
+        if degree < file_degree { vec![Loss::Harmonics { from: file_degree, to: degree }] } else { Vec::new() };
     Ok(Read { scene, format: SpatialFormat::Ply, losses })
 }
 

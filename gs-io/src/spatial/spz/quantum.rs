@@ -199,7 +199,9 @@ mod tests {
     fn numbers_come_back_to_half_a_step() {
         let mean = Vec3::new(-1.23456, 1999.9, 0.000_01);
         let mut packing = packing(&[mean]);
-        assert!((position(&packing.position(mean), packing.fraction) - mean).abs().max_element() <= 0.5 / 4096.0 + 1e-4);
+        assert!(
+            (position(&packing.position(mean), packing.fraction) - mean).abs().max_element() <= 0.5 / 4096.0 + 1e-4
+        );
         for v in [-10.0, -3.21, 0.0, 5.9375] {
             assert!((log_scale(packing.log_scale(Vec3::splat(v))[0]) - v).abs() <= 0.5 / 16.0);
         }
