@@ -185,6 +185,33 @@ fn an_spz_of_version_2_reads_with_our_axes() {
 }
 
 #[test]
+fn an_spz_that_names_its_axes_is_turned_from_those() {
+    let scene = samples::scene(3, 2);
+    let good = samples::written("a.spz", &scene, &SpatialOptions::default());
+    let named = |axes: u32| {
+        let mut bytes = good.clone();
+        bytes[14] |= 2;
+        bytes[16..20].copy_from_slice(&(32_u32 + 11 + 12).to_le_bytes());
+        // An extension that nobody knows, then that of Adobe's.
+        let extensions = [0x0001_0001, 3, 0, 0xadbe_0003, 4, axes].map(u32::to_le_bytes).concat();
+        bytes.splice(32..32, extensions[..11].iter().chain(&extensions[12..]).copied());
+        samples::read(&bytes, "a.spz").unwrap().scene
+    };
+    let plain = samples::read(&good, "a.spz").unwrap().scene;
+    assert_eq!(named(4), plain, "right, up, back: what files have that say nothing");
+    assert_eq!(named(0), plain, "not said");
+    let signs = Vec3::new(1.0, -1.0, -1.0);
+    let ours = named(6);
+    for i in 0..3 {
+        assert_eq!(ours.means[i], plain.means[i] * signs);
+        assert_eq!(ours.sh[9 * i + 1], -plain.sh[9 * i + 1]);
+        // Right, front, up: their y is our z, and their z our −y.
+        let stored = plain.means[i] * signs;
+        assert!(named(16).means[i].abs_diff_eq(Vec3::new(stored.x, -stored.z, stored.y), 1e-5));
+    }
+}
+
+#[test]
 fn what_is_lost_is_said() {
     let folder = tempfile::tempdir().unwrap();
     let mut scene = samples::scene(4, 3);

@@ -95,8 +95,9 @@ pub(crate) fn read(source: &Source<'_>) -> Result<(SpatialScene, Vec<Loss>), Err
         append(&mut whole, scene);
     }
     losses.extend(draft.then_some(Loss::DraftScales));
-    losses.dedup();
-    Ok((whole, losses))
+    let mut once: Vec<Loss> = Vec::new();
+    losses.into_iter().for_each(|loss| if !once.contains(&loss) { once.push(loss) });
+    Ok((whole, once))
 }
 
 /// A primitive of Gaussians, and from its coordinates to the scene's.
@@ -135,6 +136,8 @@ fn places<'a>(source: &Source<'_>, document: &'a Document) -> Result<Vec<Place<'
             let mesh = document.meshes.get(mesh).ok_or_else(|| bad("a mesh that there is", mesh))?;
             let splats = mesh.primitives.iter().filter_map(|primitive| Some((primitive, primitive.splatting()?)));
             found.extend(splats.map(|(primitive, splatting)| Place { primitive, splatting, map }));
+            // Many nodes that each show a mesh of many primitives: few bytes, endless places.
+            source.check_claim(source.bytes.len() as u64, (found.len() * size_of::<Place<'_>>()) as u64)?;
         }
         next.extend(node.children.iter().rev().map(|&child| (child, map)));
     }

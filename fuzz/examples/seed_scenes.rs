@@ -1,4 +1,4 @@
-//! Writes the small files of gs-io's tests as each target's first corpus: `cargo run --example seed`, in this folder.
+//! Writes the small files of gs-io's tests as each target's first corpus: `cargo run --example seed_scenes`, in this folder.
 
 use std::{fs, io, path::Path};
 
