@@ -1,11 +1,12 @@
-//! Files of the engine: images, planar scenes, checkpoints, and the PLY that splat viewers read.
+//! Files of the engine: images, planar scenes, checkpoints, and spatial scenes in the field's formats.
 //!
 //! | what | read | written |
 //! |---|---|---|
 //! | images (PNG, JPEG, BMP, TIFF, WebP, PNM) | [`read_image`] | [`write_png`] |
 //! | planar scenes, `.gs2d.safetensors`, lossless | [`read_scene`] | [`write_scene`] |
 //! | checkpoints of a training run, lossless | [`read_checkpoint`] | [`write_checkpoint`] |
-//! | 3DGS PLY, for viewers | – | [`write_ply`] |
+//! | planar scenes as 3DGS PLY, for viewers | – | [`write_ply`] |
+//! | spatial scenes: PLY, `.splat`, SPZ, glTF | [`read_spatial`] | [`write_spatial`] |
 //!
 //! Whatever a file holds, reading it ends in a value or in an [`Error`] that names the path, what was expected, what was
 //! found, and how to mend it; never in a panic. Whatever is written appears under its name complete or not at all
@@ -18,6 +19,7 @@ mod error;
 mod image;
 mod ply;
 mod scene_file;
+mod spatial;
 
 pub use crate::{
     atomic::{abandon_writes, write_atomically},
@@ -26,4 +28,8 @@ pub use crate::{
     image::{AlphaMode, LoadedImage, Transparency, read_image, read_image_with, write_png},
     ply::{PlyColors, write_ply},
     scene_file::{PlanarFile, SCENE_EXTENSION, read_scene, write_scene},
+    spatial::{
+        GltfBuffer, Loss, SpatialFile, SpatialFormat, SpatialOptions, SpatialWritten, SpzOptions, SpzVersion,
+        decode_spatial, read_spatial, read_spatial_unchecked, spatial_format, write_spatial,
+    },
 };

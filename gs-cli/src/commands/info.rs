@@ -1,5 +1,7 @@
 //! `gs info`: what is in a scene or a checkpoint, or which GPUs there are.
 
+mod spatial;
+
 use std::{
     collections::BTreeMap,
     fmt::Write,
@@ -20,7 +22,7 @@ use crate::{
 /// The flags of `gs info`.
 #[derive(Debug, Clone, Args)]
 pub(crate) struct InfoArgs {
-    /// A scene or a checkpoint
+    /// A scene, planar or spatial (PLY, .splat, SPZ, glTF), or a checkpoint
     #[arg(required_unless_present = "adapters")]
     file: Option<PathBuf>,
     /// List the GPUs that were found instead, and what --backend auto takes
@@ -76,6 +78,9 @@ pub(crate) fn run(args: &InfoArgs) -> Result<(), Failure> {
     let Some(file) = &args.file else {
         return adapters::run(format);
     };
+    if gs_io::spatial_format(file)?.is_some() {
+        return spatial::run(file, format);
+    }
     let info = read(file)?;
     match format {
         Format::Json => output::json(&info),

@@ -2,6 +2,7 @@
 
 mod backends;
 mod bad_input;
+mod convert;
 mod fit;
 mod paper;
 mod process;
