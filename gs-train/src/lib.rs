@@ -8,6 +8,7 @@
 #![allow(clippy::neg_cmp_op_on_partial_ord)]
 
 mod checkpoint;
+mod course;
 mod error;
 pub mod experiments;
 mod fit;
@@ -15,6 +16,7 @@ pub mod init;
 mod losses;
 mod metrics_log;
 mod observer;
+mod planar;
 pub mod presets;
 mod quality;
 mod rounds;
@@ -29,11 +31,13 @@ mod trainer;
 struct Readme;
 
 pub use crate::{
+    course::{Course, Due, RunSettings, Trainable},
     error::{Error, Suspect},
     fit::{Fit, fit},
     init::Init,
     metrics_log::{MetricsLog, MetricsRow},
     observer::{Control, Observer, Progress, Quality},
+    planar::ImageCourse,
     presets::Preset,
     rounds::Rounds,
     settings::{ColorSolve, FitSettings, InitialCount},

@@ -10,7 +10,7 @@ use gs_io::Checkpoint;
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    checkpoint::FitRecord,
+    checkpoint::step_of,
     error::Error,
     observer::{Control, Observer, Progress},
     settings::FitSettings,
@@ -80,7 +80,7 @@ impl MetricsLog {
     /// # Errors
     /// [`Error::Checkpoint`] where its rows cannot be those of its fit.
     pub fn resumed(self, metadata: &BTreeMap<String, String>) -> Result<Self, Error> {
-        let step = FitRecord::from_metadata(metadata)?.step;
+        let step = step_of(metadata)?;
         let rows = metadata.get(KEY).map_or(Ok(Vec::new()), |csv| rows_of(csv, step))?;
         Ok(Self { rows, ..self })
     }

@@ -77,11 +77,6 @@ pub struct ColorSolve {
 }
 
 impl FitSettings {
-    /// Whether the step that follows `step` steps makes its lists anew, whatever came before.
-    pub(crate) fn bins_afresh_after(&self, step: u32) -> bool {
-        step.is_multiple_of(self.rebin_every) || step.saturating_add(self.rebin_every) >= self.iterations
-    }
-
     /// Fails where a setting is out of its range or contradicts another.
     ///
     /// # Errors
