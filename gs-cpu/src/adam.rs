@@ -5,7 +5,7 @@ use std::ops::Range;
 
 use fearless_simd::{Level, Simd, dispatch, f32x8, prelude::*};
 use glam::{Mat2, Vec2};
-use gs_core::{AdamRates, PlanarGaussian, adam::Rate, effects::Statistics};
+use gs_core::{AdamRates, Participants, PlanarGaussian, adam::Rate, effects::Statistics};
 
 use crate::{
     cloud::{PlanarCloud, Shapes, VECTOR},
@@ -202,6 +202,9 @@ fn step_all<'g, S: Simd>(
     let (zero, epsilon) = (f32x8::splat(simd, 0.0), f32x8::splat(simd, step.rates.epsilon));
     for (i, index) in indices.enumerate() {
         let gradient = gradient_of(index);
+        if !gradient.visible && step.rates.participants == Participants::Visible {
+            continue;
+        }
         let (by_mean, by_shape) = if local {
             (gradient.xi, gradient.eta)
         } else if gradient.visible {

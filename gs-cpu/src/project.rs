@@ -144,10 +144,5 @@ pub(crate) fn project_all(
         }
         culled
     };
-    splats.par_chunks_mut(CHUNK).zip(order.par_chunks(CHUNK)).map(chunk).reduce(Culled::default, |a, b| Culled {
-        not_finite: a.not_finite + b.not_finite,
-        degenerate: a.degenerate + b.degenerate,
-        transparent: a.transparent + b.transparent,
-        outside: 0,
-    })
+    splats.par_chunks_mut(CHUNK).zip(order.par_chunks(CHUNK)).map(chunk).reduce(Culled::default, Culled::plus)
 }

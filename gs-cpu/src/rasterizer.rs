@@ -283,7 +283,7 @@ impl Rasterizer<PlanarScene> for CpuRasterizer {
 #[cfg(test)]
 mod tests {
     use glam::{Vec2, Vec3};
-    use gs_core::{Adam, Wait};
+    use gs_core::{Adam, Participants, Scene, Wait};
 
     use super::*;
 
@@ -332,5 +332,35 @@ mod tests {
         }
         assert_eq!((found.len(), &found), (1, &expected), "what was refused has no loss");
         assert_eq!(cpu.save(&cloud).unwrap(), cpu.save(&fresh).unwrap());
+    }
+
+    #[test]
+    fn those_out_of_view_take_part_only_if_all_do() {
+        let cpu = CpuRasterizer::new(CpuSettings::default()).unwrap();
+        let at = |x: f32| PlanarGaussian {
+            mean: Vec2::new(x, 9.0),
+            log_scale: Vec2::splat(1.0),
+            rotation: 0.3,
+            opacity_logit: 0.5,
+            color: Vec3::splat(0.5),
+        };
+        let scene: PlanarScene = [at(8.0), at(900.0)].into_iter().collect();
+        let target = cpu.upload_target(&Image::filled(16, 16, [0.2; 3]).unwrap()).unwrap();
+        let settings = RenderSettings::blended(Blend::Over);
+        for (participants, steps) in [(Participants::All, [2, 2]), (Participants::Visible, [2, 1])] {
+            let mut cloud = cpu.upload(&scene, Chart::default()).unwrap();
+            // In view of the first step, and with moments from then on.
+            let wide = Canvas::new(1024, 16);
+            let wide_target = cpu.upload_target(&Image::filled(1024, 16, [0.2; 3]).unwrap()).unwrap();
+            let rates = Adam { participants, ..Adam::default() }.at(0.0);
+            let step = TrainStep { settings: &settings, loss: Loss::L1, rates: &rates, binning: Binning::Fresh };
+            cpu.train_step(&mut cloud, &wide, &wide_target, &step).unwrap();
+            let before = cpu.download(&cloud).unwrap();
+            cpu.train_step(&mut cloud, &Canvas::new(16, 16), &target, &step).unwrap();
+            let after = cpu.download(&cloud).unwrap();
+            assert_eq!(cpu.save(&cloud).unwrap().integers("steps").unwrap(), steps);
+            assert_ne!(after.gaussian(0), before.gaussian(0));
+            assert_eq!(after.gaussian(1) == before.gaussian(1), participants == Participants::Visible);
+        }
     }
 }
