@@ -1,4 +1,4 @@
-//! Files of the engine: images, planar scenes, checkpoints, and the PLY that splat viewers read.
+//! Files of the engine: images, planar scenes, checkpoints, the PLY that splat viewers read, and data sets of posed photographs.
 //!
 //! | what | read | written |
 //! |---|---|---|
@@ -6,6 +6,7 @@
 //! | planar scenes, `.gs2d.safetensors`, lossless | [`read_scene`] | [`write_scene`] |
 //! | checkpoints of a training run, lossless | [`read_checkpoint`] | [`write_checkpoint`] |
 //! | 3DGS PLY, for viewers | – | [`write_ply`] |
+//! | data sets of posed photographs: COLMAP, Nerfstudio, Blender | [`dataset::read_dataset`] | – |
 //!
 //! Whatever a file holds, reading it ends in a value or in an [`Error`] that names the path, what was expected, what was
 //! found, and how to mend it; never in a panic. Whatever is written appears under its name complete or not at all
@@ -14,6 +15,7 @@
 mod atomic;
 mod checkpoint;
 mod container;
+pub mod dataset;
 mod error;
 mod image;
 mod ply;
@@ -23,7 +25,7 @@ pub use crate::{
     atomic::{abandon_writes, write_atomically},
     checkpoint::{Checkpoint, read_checkpoint, write_checkpoint},
     error::Error,
-    image::{AlphaMode, LoadedImage, Transparency, read_image, read_image_with, write_png},
+    image::{AlphaMode, LoadedImage, Orientation, Transparency, read_image, read_image_with, write_png},
     ply::{PlyColors, write_ply},
     scene_file::{PlanarFile, SCENE_EXTENSION, read_scene, write_scene},
 };
