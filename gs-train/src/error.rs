@@ -28,7 +28,7 @@ pub enum Error {
         suspect: Option<Box<Suspect>>,
     },
     /// A checkpoint was made for another target than the one given.
-    #[error("the checkpoint belongs to another target: it was made for {expected}, but this image is {found}")]
+    #[error("the checkpoint belongs to another target: it was made for {expected}, but this is {found}")]
     WrongTarget {
         /// Size and fingerprint of the checkpoint's target.
         expected: String,

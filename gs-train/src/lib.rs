@@ -21,6 +21,7 @@ pub mod presets;
 mod quality;
 mod rounds;
 mod settings;
+pub mod spatial;
 mod summary;
 mod targets;
 mod trainer;
@@ -41,6 +42,7 @@ pub use crate::{
     presets::Preset,
     rounds::Rounds,
     settings::{ColorSolve, FitSettings, InitialCount},
+    spatial::{SpatialPreset, SpatialSettings, SpatialTrainer},
     summary::FitSummary,
     targets::{DiscAndSquare, Fill, PAPER_DISC, PAPER_SIDE_PX, PAPER_SQUARE, paper_target},
     trainer::{ForeignPolicy, Outcome, Trainer},

@@ -109,7 +109,7 @@ impl FitSettings {
     }
 }
 
-fn validate_adam(adam: &Adam) -> Result<(), Error> {
+pub(crate) fn validate_adam(adam: &Adam) -> Result<(), Error> {
     let groups: [(&'static str, &Group); 6] = [
         ("the learning rate of means", &adam.mean),
         ("the learning rate of scales", &adam.scale),

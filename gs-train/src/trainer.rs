@@ -4,7 +4,7 @@
 use std::{fmt, sync::Arc, time::Instant};
 
 use gs_core::{
-    Binning, DensityStatistics, EditPlan, PlanarScene, Rasterizer, Scene, Wait,
+    Binning, DensityStatistics, EditPlan, PlanarScene, Rasterizer, Wait,
     edit::{AfterEdit, EditCounts, PruneCause, Removal},
     effects::Statistics,
 };
