@@ -173,13 +173,13 @@ mod tests {
     fn pixels_are_drawn_as_their_weights_and_none_twice() {
         let plane = Plane::from_rows(4, 1, |_, row| row.copy_from_slice(&[0.0, 1.0, 2.0, 5.0]));
         let mut rng = Rng::new(5, 6);
-        let mut times = [0; 4];
+        let mut times = [0i32; 4];
         for _ in 0..8000 {
             times[draw(&plane, 1, &mut rng)[0]] += 1;
         }
         assert_eq!(times[0], 0);
         for (found, expected) in times.iter().zip([0, 1000, 2000, 5000]) {
-            assert!((found - expected as i32).abs() < 200, "{times:?}");
+            assert!((found - expected).abs() < 200, "{times:?}");
         }
         assert_eq!(draw(&plane, 4, &mut rng), [0, 1, 2, 3]);
         let mut several = draw(&plane, 9, &mut rng);

@@ -60,7 +60,10 @@ impl DiscAndSquare {
         let per_px = PAPER_SIDE_PX as f32 / self.side_px as f32;
         let color = |column: u32, row: u32| {
             let place = Vec2::new(column as f32 + 0.5, row as f32 + 0.5) * per_px;
-            let toward = |color: [f32; 3], coverage: f32| color.map(|c| 1.0 + self.contrast * coverage * (c - 1.0));
+            let toward = |color: [f32; 3], coverage: f32| {
+                let share = self.contrast * coverage;
+                color.map(|c| (1.0 - share) + share * c)
+            };
             match self.square_coverage(place) {
                 square if square > 1e-4 => toward([0.1, 0.2, 0.9], square),
                 _ => toward([0.9, 0.1, 0.1], rise(PAPER_DISC.1 - place.distance(PAPER_DISC.0), 2.0)),

@@ -261,8 +261,8 @@ impl Gpu {
     ) -> Result<wgpu::Buffer, Error> {
         self.check()?;
         let most = self.limits.max_storage_buffer_binding_size.min(self.limits.max_buffer_size);
+        let mib = |bytes: u64| bytes.div_ceil(1 << 20);
         if bytes > most {
-            let mib = |bytes: u64| bytes.div_ceil(1 << 20);
             return Err(backend_error(format!(
                 "{label} need {} MiB in one buffer, and {} allows {} MiB: use fewer or smaller Gaussians or a smaller \
                  canvas, or the CPU backend",
@@ -274,12 +274,22 @@ impl Gpu {
         // No smaller than any struct of the shaders.
         let size = bytes.max(256).next_multiple_of(16);
         let poison = self.fresh == FreshBuffers::Poison && !usage.contains(wgpu::BufferUsages::MAP_READ);
+        // A scope, so that a want of memory is an error of this call alone, and the device stays usable.
+        let scope = self.device.push_error_scope(wgpu::ErrorFilter::OutOfMemory);
         let buffer = self.device.create_buffer(&wgpu::BufferDescriptor {
             label: Some(label),
             size,
             usage,
             mapped_at_creation: poison,
         });
+        if pollster::block_on(scope.pop()).is_some() {
+            return Err(backend_error(format!(
+                "{label} need {} MiB, and {} has not so much memory left: use fewer or smaller Gaussians or a smaller canvas, or the CPU \
+                 backend",
+                mib(size),
+                self.adapter.name
+            )));
+        }
         if poison {
             if let Ok(mut view) = buffer.get_mapped_range_mut(..) {
                 view.copy_from_slice(&vec![0xff; size as usize]);
@@ -359,8 +369,14 @@ impl Gpu {
 
     fn wait_until(&self, submission_index: Option<wgpu::SubmissionIndex>) -> Result<(), Error> {
         self.waits.fetch_add(1, Ordering::Relaxed);
-        let waited = self.device.poll(wgpu::PollType::Wait { submission_index, timeout: None });
+        let waited = self.device.poll(wgpu::PollType::Wait { submission_index, timeout: Some(LONGEST_WAIT) });
         self.check()?;
+        if let Err(wgpu::PollError::Timeout) = waited {
+            let seconds = LONGEST_WAIT.as_secs();
+            return Err(backend_error(format!(
+                "the device has not answered for {seconds} s: its driver hangs, start anew"
+            )));
+        }
         waited.map(drop).map_err(|e| backend_error(format!("waiting for the device: {e}")))
     }
 
@@ -402,20 +418,29 @@ impl Gpu {
                     constants: &constants,
                     zero_initialize_workgroup_memory: false,
                 },
+                // wgpu hands compiled pipelines to another device through `PipelineCache` only, whose constructor is unsafe; drivers
+                // keep a cache of their own.
                 cache: None,
             }))
         }))
     }
 }
 
+/// A driver that does not answer for so long never will: drivers give up on a single submission far earlier.
+const LONGEST_WAIT: Duration = Duration::from_secs(600);
+
 /// Usage of a buffer that shaders read and write and the host fills and reads.
 pub(crate) const STORAGE: wgpu::BufferUsages =
     wgpu::BufferUsages::STORAGE.union(wgpu::BufferUsages::COPY_DST).union(wgpu::BufferUsages::COPY_SRC);
+
+/// Invocations of a subgroup that `blend_bwd.wgsl` has room for the sums of.
+const LEAST_SUBGROUP: u32 = 4;
 
 /// The kernels that were asked for, or the fastest.
 fn kernels(wanted: Option<Kernels>, info: &wgpu::AdapterInfo, features: wgpu::Features) -> Result<Kernels, Error> {
     let subgroups = features.contains(wgpu::Features::SUBGROUP);
     let vectors = subgroups && info.device_type == wgpu::DeviceType::Cpu && info.subgroup_min_size >= LANES;
+    let subgroups = subgroups && info.subgroup_min_size >= LEAST_SUBGROUP;
     match wanted {
         None if vectors => Ok(Kernels::Vectors),
         None if subgroups => Ok(Kernels::Subgroups),
@@ -425,7 +450,7 @@ fn kernels(wanted: Option<Kernels>, info: &wgpu::AdapterInfo, features: wgpu::Fe
         Some(kernels) => {
             let needs = match kernels {
                 Kernels::Vectors => format!("a driver that computes on a CPU, with subgroups of {LANES} or more"),
-                _ => "subgroups".to_owned(),
+                _ => format!("subgroups of {LEAST_SUBGROUP} or more"),
             };
             Err(backend_error(format!("{} has no {kernels:?} kernels: they need {needs}", info.name)))
         }

@@ -24,7 +24,7 @@ pub const NEAR_CUT: f64 = 1e-3;
 
 /// Largest share of an image's values that may need the allowance for discontinuities; one pixel's three always may. Worst
 /// measured: one pixel.
-pub const IMAGE_FLIP_SHARE: f64 = 2e-3;
+pub const IMAGE_FLIP_SHARE: f64 = 1e-3;
 
 /// The same of a scene's gradients: one pixel that flips moves the gradients of all Gaussians there. Worst measured:
 /// 8 of 216, moved by one pixel whose weight is within 2.3e-7, relative, of the cut.
@@ -49,9 +49,9 @@ pub const LEAST_SQUARES: [f64; 2] = [1e-4, 1e-8];
 /// 1e-5.
 pub const STATISTICS_SHARE: f64 = 1e-4;
 
-/// Largest relative difference of a collected statistic from the oracle's, beside a thousandth of the largest of the scene. Measured:
-/// COLLECTED_MEASURED.
-pub const COLLECTED_SHARE: f64 = 1e-3;
+/// Largest relative difference of a collected statistic from the oracle's, beside a thousandth of the largest of the scene. gs-cpu is
+/// within 5e-6 at every SIMD level.
+pub const COLLECTED_SHARE: f64 = 1e-4;
 
 /// How well two sets of numbers agree.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]

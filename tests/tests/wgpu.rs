@@ -5,11 +5,13 @@ use std::{collections::BTreeMap, num::NonZero, sync::OnceLock};
 use gs_conformance::{
     Failure,
     conformance::{cases, check_gradients, check_image},
+    oracle::{AdamReference, Oracle, OracleScene},
     scenes::{Draw, Kind, draws},
 };
 use gs_core::{
     Adam, Binning, Blend, Chart, CloudState, EditPlan, Error, Image, Loss, PlanarScene, Rasterizer, RenderSettings,
     Scene, TrainStep, Wait,
+    adam::AdamRates,
     constants::ALPHA_CUT,
     edit::{AfterEdit, PruneCause, Removal},
     effects::Statistics,
@@ -145,6 +147,11 @@ fn many(blend: Blend) -> Draw {
 }
 
 /// The state after so many steps, lists being made anew at every `rebin_every`th.
+/// A gradient that is mere rounding must not become a whole step.
+fn rates() -> AdamRates {
+    Adam { epsilon: 1e-6, ..Adam::default() }.at(0.0)
+}
+
 fn trained<R: Rasterizer<PlanarScene>>(
     r: &R,
     draw: &Draw,
@@ -154,8 +161,7 @@ fn trained<R: Rasterizer<PlanarScene>>(
 ) -> CloudState {
     let target = r.upload_target(&draw.target().unwrap()).unwrap();
     let mut cloud = r.upload(&draw.scene, chart).unwrap();
-    // A gradient that is mere rounding must not become a whole step.
-    let rates = Adam { epsilon: 1e-6, ..Adam::default() }.at(0.0);
+    let rates = rates();
     for i in 0..steps {
         let binning = if i % rebin_every == 0 { Binning::Fresh } else { Binning::Reuse };
         let step = TrainStep { settings: &draw.settings, loss, rates: &rates, binning };
@@ -512,26 +518,48 @@ fn root_mean_square(a: &Image, b: &Image) -> f32 {
     (squares.sum::<f32>() / (3 * a.pixels().len()) as f32).sqrt()
 }
 
+/// What the oracle's gradients and its Adam make of a scene in as many steps as [`trained`] does.
+fn trained_by_oracle(draw: &Draw, loss: Loss, steps: usize) -> Image {
+    let oracle = Oracle::new(draw.view, draw.settings).unwrap();
+    let target = draw.target().unwrap();
+    let mut adam = AdamReference::new(OracleScene::from(&draw.scene));
+    for _ in 0..steps {
+        let gradients = oracle.gradients(&adam.scene, &target, &loss).unwrap();
+        adam.step(&gradients.values, &rates());
+    }
+    oracle.render(&adam.scene).image()
+}
+
 proptest! {
-    #![proptest_config(repeatable(24))]
+    #![proptest_config(repeatable(100))]
 
     /// Rounding grows in training, so that images are compared, not parameters.
     #[test]
-    fn fifty_steps_end_at_the_same_image_on_both_backends(
+    fn fifty_steps_end_at_the_same_image_on_both_backends_and_by_the_oracle(
         seed in 0u64..1000,
         blend in prop_oneof![Just(Blend::Sum), Just(Blend::Over)],
         loss in losses(),
+        local in any::<bool>(),
     ) {
         let draw = Draw::new(Kind::Typical, blend, 40, (48, 40), seed);
-        let [gpu, cpu_] = [
-            trained(rasterizer(), &draw, loss, Chart::LocalFrame, (50, 1)),
-            trained(&cpu(), &draw, loss, Chart::LocalFrame, (50, 1)),
-        ];
-        let before = rasterizer().render(&draw.scene, &draw.view, &draw.settings).unwrap();
-        let images = [image_of(rasterizer(), &gpu, &draw), image_of(&cpu(), &cpu_, &draw)];
-        let (apart, moved) = (root_mean_square(&images[0], &images[1]), root_mean_square(&images[0], &before));
+        let chart = if local { Chart::LocalFrame } else { Chart::ScaleRotation };
+        let gpus = rasterizers();
+        let (_, gpu) = &gpus[seed as usize % gpus.len()];
+        let mut images = [
+            image_of(gpu, &trained(gpu, &draw, loss, chart, (50, 1)), &draw),
+            image_of(&cpu(), &trained(&cpu(), &draw, loss, chart, (50, 1)), &draw),
+        ].to_vec();
+        if !local {
+            images.push(trained_by_oracle(&draw, loss, 50));
+        }
+        let before = gpu.render(&draw.scene, &draw.view, &draw.settings).unwrap();
+        let moved = root_mean_square(&images[0], &before);
         prop_assert!(moved > 1e-3, "training moved the image by {moved} only");
-        prop_assert!(apart < MOST_APART * moved, "{apart} apart after moving by {moved}");
+        for (one, other) in [(0, 1), (0, 2), (1, 2)] {
+            let Some(other) = images.get(other) else { continue };
+            let apart = root_mean_square(&images[one], other);
+            prop_assert!(apart < MOST_APART * moved, "{apart} apart after moving by {moved}");
+        }
     }
 }
 

@@ -93,7 +93,6 @@ fn check<R: Rasterizer<PlanarScene>>(
         }
         for (g, (a, &b)) in expected.iter().zip(&found.gradient_sum).enumerate() {
             let tolerance = COLLECTED_SHARE * (a + 1e-3 * largest);
-            eprintln!("WORST {:e}", (a - f64::from(b)).abs() / (a + 1e-3 * largest)); // MEASURE
             if !((a - f64::from(b)).abs() <= tolerance) {
                 let what = format!("{place}: statistic of Gaussian {g}");
                 return Err(Failure::Differs { what, expected: *a, found: f64::from(b), tolerance, others: 0 });
