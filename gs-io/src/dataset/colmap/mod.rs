@@ -66,7 +66,9 @@ impl ColmapCamera {
         let intrinsics = self.model.intrinsics(&self.parameters, size)?;
         let lens = Lens::new(intrinsics.distortion).ok_or(Skip::BadCamera)?;
         let sides = u32::try_from(self.width).ok().zip(u32::try_from(self.height).ok()).ok_or(Skip::BadCamera)?;
-        Ok(intrinsics.source(size, sides, lens))
+        let source = intrinsics.source(size, sides, lens);
+        let possible = source.focal.is_finite() && source.focal.min_element() > 0.0 && source.center.is_finite();
+        possible.then_some(source).ok_or(Skip::BadCamera)
     }
 }
 
