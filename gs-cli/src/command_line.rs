@@ -21,6 +21,7 @@ Examples:
   gs render out/scene.gs2d.safetensors -o big.png --size 3072x2048
   gs eval photo.png out/reconstruction.png      PSNR, SSIM, MS-SSIM
   gs info out/scene.gs2d.safetensors            what is in a scene
+  gs info photographs/                          what is in a COLMAP, Nerfstudio or Blender data set
   gs info --adapters                            the GPUs that were found
   gs profile photo.png --backend cpu            where the time of a training step goes
   gs profile out/scene.gs2d.safetensors --backend wgpu -o profile
@@ -48,7 +49,7 @@ pub(crate) enum Command {
     Render(RenderArgs),
     /// Compare two images: PSNR, SSIM, MS-SSIM, L1
     Eval(EvalArgs),
-    /// Tell what is in a scene or a checkpoint, or which GPUs there are
+    /// Tell what is in a scene, a checkpoint or a data set, or which GPUs there are
     Info(InfoArgs),
     /// Tell where the time of a training step goes, stage by stage
     Profile(Box<ProfileArgs>),

@@ -2,6 +2,7 @@
 
 mod backends;
 mod bad_input;
+mod datasets;
 mod fit;
 mod paper;
 mod process;

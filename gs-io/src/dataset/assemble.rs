@@ -44,6 +44,20 @@ pub(super) struct Intrinsics {
     pub(super) distortion: Distortion,
 }
 
+impl Intrinsics {
+    /// The camera of a photograph of `width` × `height` px, where the calibration was made at `calibrated` px.
+    pub(super) fn source(&self, calibrated: DVec2, (width, height): (u32, u32), lens: Lens) -> SourceCamera {
+        let scale = dvec2(f64::from(width), f64::from(height)) / calibrated;
+        let focal = match self.focal {
+            Focal::Lengths(focal) => focal,
+            Focal::Angles(x, None) => DVec2::splat(0.5 * calibrated.x / (0.5 * x).tan()),
+            Focal::Angles(x, Some(y)) => 0.5 * calibrated / dvec2((0.5 * x).tan(), (0.5 * y).tan()),
+        };
+        let center = self.center.unwrap_or(0.5 * calibrated) * scale;
+        SourceCamera { width, height, focal: focal * scale, center, lens }
+    }
+}
+
 /// How wide a camera looks.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Focal {
@@ -212,21 +226,8 @@ fn make_view(
     let image = place.find(draft).ok_or(Skip::NoImage)?;
     let sizes = image_size(&image).map_err(|_| Skip::BadImage)?;
     let (orientation, (width, height), calibrated) = fit(&intrinsics, sizes, place.shrunk)?;
-    let scale = dvec2(f64::from(width), f64::from(height)) / calibrated;
-    let focal = match intrinsics.focal {
-        Focal::Lengths(focal) => focal,
-        Focal::Angles(x, y) => {
-            let lengths = 0.5 * calibrated / (0.5 * dvec2(x, y.unwrap_or(x))).map(f64::tan);
-            if y.is_some() { lengths } else { DVec2::splat(lengths.x) }
-        }
-    };
-    let source = SourceCamera {
-        width,
-        height,
-        focal: focal * scale,
-        center: intrinsics.center.unwrap_or(0.5 * calibrated) * scale,
-        lens: lenses.get(intrinsics.distortion).ok_or(Skip::BadCamera)?,
-    };
+    let lens = lenses.get(intrinsics.distortion).ok_or(Skip::BadCamera)?;
+    let source = intrinsics.source(calibrated, (width, height), lens);
     // Before anything is made of it.
     camera(&source, &pose)?;
     let camera = camera(&source.pinhole(), &pose)?;

@@ -152,8 +152,10 @@ fn fold(distortion: &Distortion) -> f64 {
         Plane::Equidistant => angle,
     };
     let (directions, angles) = PROBES;
+    // Two negative stretches, behind a fold too narrow for the probes, have a positive product as well. NaN fails.
     let unfolded = |direction: DVec2, angle: f64| {
-        jacobian(distortion, direction * radius(angle)).determinant() > MIN_STRETCH // NaN fails
+        let stretch = jacobian(distortion, direction * radius(angle));
+        stretch.determinant() > MIN_STRETCH && stretch.x_axis.x + stretch.y_axis.y > 0.0
     };
     let mut limit = MAX_ANGLE;
     for k in 0..directions {

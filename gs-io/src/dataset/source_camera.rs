@@ -46,7 +46,10 @@ impl SourceCamera {
             return *self;
         }
         let size = dvec2(f64::from(self.width), f64::from(self.height));
-        let (mut low, mut high) = (size * SIDE_RANGE.0, size * (1.0 - SIDE_RANGE.0));
+        // Beyond the largest angle there is nothing to show.
+        let reach = self.lens.max_angle().tan() * self.focal;
+        let mut low = (size * SIDE_RANGE.0).max(self.center - reach);
+        let mut high = (size * (1.0 - SIDE_RANGE.0)).min(self.center + reach);
         // Where a border of the photograph lies in the plane of the picture; one that lies too far off the axis limits nothing.
         let seen = |x: f64, y: f64| self.to_ray(dvec2(x, y)).map(|ray| ray * self.focal + self.center);
         for k in 0..=BORDER_POINTS {

@@ -17,7 +17,7 @@ use glam::{DQuat, DVec2, DVec3, dvec2};
 
 pub use self::camera_model::CameraModel;
 use super::{
-    Dataset, DatasetKind, DatasetSettings, Point, Remark, Skip,
+    Dataset, DatasetKind, DatasetSettings, Lens, Point, Remark, Skip, SourceCamera,
     assemble::{Draft, NamePart, Parts, Place, assemble, find_image, stays_below},
     pose::Pose,
 };
@@ -54,6 +54,22 @@ pub struct ColmapCamera {
     pub height: u64,
     /// As [`CameraModel::parameter_names`] lists them.
     pub parameters: Vec<f64>,
+}
+
+impl ColmapCamera {
+    /// The camera of its images at full size.
+    ///
+    /// # Errors
+    /// Why there is none: [`Skip::BadCamera`] or [`Skip::Panorama`].
+    pub fn source(&self) -> Result<SourceCamera, Skip> {
+        let size = dvec2(self.width as f64, self.height as f64);
+        let intrinsics = self.model.intrinsics(&self.parameters, size)?;
+        let lens = Lens::new(intrinsics.distortion).ok_or(Skip::BadCamera)?;
+        let sides = u32::try_from(self.width).ok().zip(u32::try_from(self.height).ok()).ok_or(Skip::BadCamera)?;
+        let source = intrinsics.source(size, sides, lens);
+        let possible = source.focal.is_finite() && source.focal.min_element() > 0.0 && source.center.is_finite();
+        possible.then_some(source).ok_or(Skip::BadCamera)
+    }
 }
 
 /// A registered image.
