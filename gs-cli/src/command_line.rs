@@ -5,7 +5,7 @@ use std::process::ExitCode;
 use clap::{Parser, Subcommand, error::ErrorKind};
 
 use crate::{
-    commands::{eval::EvalArgs, info::InfoArgs, render::RenderArgs},
+    commands::{convert::ConvertArgs, eval::EvalArgs, info::InfoArgs, render::RenderArgs},
     failure::Failure,
     fit::arguments::FitArgs,
     paper::PaperArgs,
@@ -20,6 +20,7 @@ Examples:
   gs fit photo.png -o out --quality best        the same, slower and better
   gs render out/scene.gs2d.safetensors -o big.png --size 3072x2048
   gs eval photo.png out/reconstruction.png      PSNR, SSIM, MS-SSIM
+  gs convert scene.ply scene.spz                a spatial scene in another format, and what that loses
   gs info out/scene.gs2d.safetensors            what is in a scene
   gs info photographs/                          what is in a COLMAP, Nerfstudio or Blender data set
   gs info --adapters                            the GPUs that were found
@@ -31,7 +32,7 @@ Examples:
 
 Exit status: 0 done, 1 failed, 2 bad usage, 130 stopped by Ctrl-C.";
 
-/// Fits Gaussians to images, renders them at any size, compares, inspects and profiles the results; repeats the paper's experiments, and
+/// Fits Gaussians to images, renders them at any size, compares, inspects and profiles the results; converts scenes; repeats the paper's experiments, and
 /// studies which way of growing is better.
 #[derive(Debug, Parser)]
 #[command(name = "gs", version, about, after_help = EXAMPLES, arg_required_else_help = true)]
@@ -49,6 +50,8 @@ pub(crate) enum Command {
     Render(RenderArgs),
     /// Compare two images: PSNR, SSIM, MS-SSIM, L1
     Eval(EvalArgs),
+    /// Turn a spatial scene into another format: PLY, .splat, SPZ, glTF
+    Convert(ConvertArgs),
     /// Tell what is in a scene, a checkpoint or a data set, or which GPUs there are
     Info(InfoArgs),
     /// Tell where the time of a training step goes, stage by stage
@@ -93,7 +96,7 @@ pub(crate) fn parse() -> Result<Parsed, Failure> {
     }
 }
 
-const COMMANDS: [&str; 7] = ["fit", "render", "eval", "info", "profile", "paper", "study"];
+const COMMANDS: [&str; 8] = ["fit", "render", "eval", "convert", "info", "profile", "paper", "study"];
 
 /// The parser's message without its usage, its pointer to the help and its own "error:".
 fn essence(message: &str) -> String {

@@ -207,6 +207,57 @@ pub enum Error {
         /// What it is.
         found: String,
     },
+    /// Not a spatial scene, or not one of a kind that can be read.
+    #[error(
+        "{}: expected a scene (PLY, compressed PLY, .splat, SPZ, .gltf or .glb), found {found}; export it as PLY",
+        path.display()
+    )]
+    NotASpatialScene {
+        /// The file.
+        path: PathBuf,
+        /// What its first bytes or its content say.
+        found: String,
+    },
+    /// A PLY without properties that every Gaussian must have.
+    #[error("{}: its vertices have no {}; it is not a scene of Gaussians: export it as a 3DGS PLY", path.display(), names.join(", "))]
+    MissingProperties {
+        /// The file.
+        path: PathBuf,
+        /// The properties' names, or the first of them.
+        names: Vec<String>,
+    },
+    /// A scene without Gaussians.
+    #[error("{}: a scene without Gaussians, which has nothing to show; at least one is needed", path.display())]
+    Empty {
+        /// The file.
+        path: PathBuf,
+    },
+    /// A compressed file that claims to hold so much more than its size that it is refused before memory is asked for.
+    #[error("{}: its {file_bytes} bytes claim to hold {claimed_bytes}, more than can be believed; fetch it again", path.display())]
+    Expansion {
+        /// The file.
+        path: PathBuf,
+        /// Its size, with what it refers to.
+        file_bytes: u64,
+        /// The size of what it claims to hold.
+        claimed_bytes: u64,
+    },
+    /// A file that is right, and uses what is not supported.
+    #[error("{}: {what} is not supported; {mend}", path.display())]
+    Unsupported {
+        /// The file.
+        path: PathBuf,
+        /// What it uses.
+        what: String,
+        /// What to do.
+        mend: &'static str,
+    },
+    /// A spatial scene was to be written into a file whose ending names no kind that can be written.
+    #[error("{}: its ending names no kind of scene that can be written; use .ply, .splat, .spz, .gltf or .glb", path.display())]
+    UnknownEnding {
+        /// The file.
+        path: PathBuf,
+    },
     /// A file whose form is right but whose content is not possible, such as a NaN among the means; or such a content that was
     /// to be written.
     #[error("{}: {source}", path.display())]

@@ -1,11 +1,12 @@
-//! Files of the engine: images, planar scenes, checkpoints, the PLY that splat viewers read, and data sets of posed photographs.
+//! Files of the engine: images, planar scenes, checkpoints, spatial scenes in the field's formats, and data sets of posed photographs.
 //!
 //! | what | read | written |
 //! |---|---|---|
 //! | images (PNG, JPEG, BMP, TIFF, WebP, PNM) | [`read_image`] | [`write_png`] |
 //! | planar scenes, `.gs2d.safetensors`, lossless | [`read_scene`] | [`write_scene`] |
 //! | checkpoints of a training run, lossless | [`read_checkpoint`] | [`write_checkpoint`] |
-//! | 3DGS PLY, for viewers | – | [`write_ply`] |
+//! | planar scenes as 3DGS PLY, for viewers | – | [`write_ply`] |
+//! | spatial scenes: PLY, `.splat`, SPZ, glTF | [`read_spatial`] | [`write_spatial`] |
 //! | data sets of posed photographs: COLMAP, Nerfstudio, Blender | [`dataset::read_dataset`] | – |
 //!
 //! Whatever a file holds, reading it ends in a value or in an [`Error`] that names the path, what was expected, what was
@@ -20,6 +21,7 @@ mod error;
 mod image;
 mod ply;
 mod scene_file;
+mod spatial;
 
 pub use crate::{
     atomic::{abandon_writes, write_atomically},
@@ -28,4 +30,8 @@ pub use crate::{
     image::{AlphaMode, LoadedImage, Orientation, Transparency, read_image, read_image_with, write_png},
     ply::{PlyColors, write_ply},
     scene_file::{PlanarFile, SCENE_EXTENSION, read_scene, write_scene},
+    spatial::{
+        GltfBuffer, Loss, SpatialFile, SpatialFormat, SpatialOptions, SpatialWritten, SpzOptions, SpzVersion,
+        decode_spatial, read_spatial, read_spatial_unchecked, spatial_format, write_spatial,
+    },
 };

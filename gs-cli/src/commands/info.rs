@@ -1,6 +1,7 @@
 //! `gs info`: what is in a scene, a checkpoint or a data set, or which GPUs there are.
 
 mod dataset;
+mod spatial;
 
 use std::{
     collections::BTreeMap,
@@ -22,7 +23,7 @@ use crate::{
 /// The flags of `gs info`.
 #[derive(Debug, Clone, Args)]
 pub(crate) struct InfoArgs {
-    /// A scene, a checkpoint, or a data set of posed photographs
+    /// A scene, planar or spatial (PLY, .splat, SPZ, glTF), a checkpoint, or a data set of posed photographs
     #[arg(required_unless_present = "adapters")]
     file: Option<PathBuf>,
     /// List the GPUs that were found instead, and what --backend auto takes
@@ -80,6 +81,9 @@ pub(crate) fn run(args: &InfoArgs) -> Result<(), Failure> {
     };
     if gs_io::dataset::may_be_dataset(file) {
         return dataset::run(file, format);
+    }
+    if gs_io::spatial_format(file)?.is_some() {
+        return spatial::run(file, format);
     }
     let info = read(file)?;
     match format {

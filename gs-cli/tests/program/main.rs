@@ -2,6 +2,7 @@
 
 mod backends;
 mod bad_input;
+mod convert;
 mod datasets;
 mod fit;
 mod paper;
