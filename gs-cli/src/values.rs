@@ -69,6 +69,30 @@ impl fmt::Display for Color {
     }
 }
 
+/// What is behind a scene in training, written black, white, random or R,G,B.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum Backing {
+    /// One colour.
+    Solid(Color),
+    /// Another colour in each step.
+    Random,
+}
+
+impl FromStr for Backing {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        match text {
+            "black" => Ok(Self::Solid(Color([0.0; 3]))),
+            "white" => Ok(Self::Solid(Color([1.0; 3]))),
+            "random" => Ok(Self::Random),
+            _ => text.parse().map(Self::Solid).map_err(|_| {
+                "write black, white, random, or R,G,B, each from 0 to 1".to_owned()
+            }),
+        }
+    }
+}
+
 /// Exactly `N` finite numbers between commas.
 fn numbers<const N: usize>(text: &str) -> Option<[f32; N]> {
     let values: Option<Vec<f32>> = text.split(',').map(|part| part.trim().parse().ok()).collect();
@@ -84,6 +108,9 @@ mod tests {
         assert_eq!("1536x1024".parse(), Ok(Size { width: 1536, height: 1024 }));
         assert_eq!("0, -1.5,2,3".parse(), Ok(Region { origin: Vec2::new(0.0, -1.5), extent: Vec2::new(2.0, 3.0) }));
         assert_eq!("1,0.5,0".parse(), Ok(Color([1.0, 0.5, 0.0])));
+        assert_eq!("0,1,0".parse(), Ok(Backing::Solid(Color([0.0, 1.0, 0.0]))));
+        assert_eq!("white".parse(), Ok(Backing::Solid(Color([1.0; 3]))));
+        assert_eq!("random".parse(), Ok(Backing::Random));
     }
 
     #[test]
@@ -96,6 +123,7 @@ mod tests {
         }
         for color in ["", "1,1", "2,0,0", "NaN,0,0", "#fff"] {
             assert!(color.parse::<Color>().is_err(), "{color}");
+            assert!(color.parse::<Backing>().is_err(), "{color}");
         }
     }
 }

@@ -18,6 +18,7 @@ use crate::{
     residual::ResidualGrowth,
     round::Actions,
     signal::Signal,
+    size::SizeThreshold,
 };
 
 /// `long-axis`'s threshold on the absolute gradient. *Source:* the code of Deng et al. 2024, whose schedule of factors that starts at twice
@@ -162,11 +163,55 @@ impl Policy {
         }
     }
 
-    /// Fails for policies of planar scenes only: those that put new Gaussians where an image's residual is.
+    /// What is done to the Gaussians, by policies that choose who grows.
+    pub fn actions(&self) -> Option<&Actions> {
+        match self {
+            Self::Absolute(policy) => Some(&policy.actions),
+            Self::Percentile(policy) => Some(&policy.actions),
+            Self::Hybrid(policy) => Some(&policy.actions),
+            Self::Paper(policy) => Some(&policy.actions),
+            Self::Residual(_) | Self::Mcmc(_) | Self::ImageGs(_) | Self::None => None,
+        }
+    }
+
+    /// The same, to change.
+    pub fn actions_mut(&mut self) -> Option<&mut Actions> {
+        match self {
+            Self::Absolute(policy) => Some(&mut policy.actions),
+            Self::Percentile(policy) => Some(&mut policy.actions),
+            Self::Hybrid(policy) => Some(&mut policy.actions),
+            Self::Paper(policy) => Some(&mut policy.actions),
+            Self::Residual(_) | Self::Mcmc(_) | Self::ImageGs(_) | Self::None => None,
+        }
+    }
+
+    /// The same policy for scenes in space, where sizes in px mean nothing: what was split above one is split whatever its size, and none
+    /// is too large that was so above one.
+    #[must_use]
+    pub fn in_space(mut self) -> Self {
+        if let Some(Actions { densify, prune, .. }) = self.actions_mut() {
+            if let SizeThreshold::Pixels(_) = densify.split_above {
+                densify.split_above = SizeThreshold::WorldUnits(f32::MIN_POSITIVE);
+            }
+            prune.larger_than = prune.larger_than.filter(|bound| !matches!(bound, SizeThreshold::Pixels(_)));
+        }
+        self
+    }
+
+    /// Fails for what is of planar scenes only: policies that put new Gaussians where an image's residual is, and sizes in px. Also where
+    /// [`Self::validate`] does.
     ///
     /// # Errors
-    /// [`Error::Setting`], naming those that know spatial scenes.
+    /// [`Error::Setting`], naming what is possible.
     pub fn validate_spatial(&self) -> Result<(), Error> {
+        if let Some(Actions { densify, prune, .. }) = self.actions() {
+            for bound in [Some(densify.split_above), prune.larger_than].into_iter().flatten() {
+                if let SizeThreshold::Pixels(pixels) = bound {
+                    let allowed = "an extent-fraction or in world-units: a scene in space has no pixels";
+                    return Err(Error::setting("a size", format!("{pixels} px"), allowed));
+                }
+            }
+        }
         let (Self::Residual(_) | Self::ImageGs(_)) = self else { return self.validate() };
         let allowed = "for spatial scenes one of absolute, abs-gs, absolute-error, percentile, percentile-abs-gs, percentile-error, \
                        hybrid, hybrid-abs-gs, hybrid-error, long-axis, paper, mcmc, none: the residual of an image is in the plane";

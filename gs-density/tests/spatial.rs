@@ -159,7 +159,9 @@ fn every_policy_but_those_of_the_plane_plans_in_space() {
         budget: 3,
     };
     for name in Policy::NAMES {
-        let policy = Policy::from_name(name).unwrap();
+        let flat = Policy::from_name(name).unwrap();
+        assert_eq!(flat.validate_spatial().is_err(), ["residual", "image-gs", "long-axis"].contains(&name), "{name}");
+        let policy = flat.in_space();
         let plan: Result<EditPlan<SpatialGaussian>, Error> = policy.plan(&observation, &mut Rng::new(1, 2));
         if ["residual", "image-gs"].contains(&name) {
             let message = plan.unwrap_err().to_string();

@@ -77,6 +77,18 @@ impl SpatialSettings {
         rates
     }
 
+    /// The same training under another policy. What is pruned, and when opacities are reset, stays as these settings have it, or as 3DGS
+    /// does where they have none.
+    #[must_use]
+    pub fn controlled_by(mut self, policy: Policy) -> Self {
+        let usual = self.policy.actions().copied().or(Self::default().policy.actions().copied()).unwrap_or_default();
+        self.policy = policy.in_space();
+        if let Some(actions) = self.policy.actions_mut() {
+            (actions.prune, actions.reset) = (usual.prune, usual.reset);
+        }
+        self
+    }
+
     /// Fails where a setting is out of its range or contradicts another.
     ///
     /// # Errors
@@ -173,6 +185,21 @@ mod tests {
         assert!((last.mean.learning_rate - 8e-6).abs() < 1e-10);
         assert_eq!(first.scale.learning_rate, 0.005);
         assert_eq!(first.max_scale, 5.0 * settings.adam.max_scale);
+    }
+
+    #[test]
+    fn another_policy_prunes_and_resets_as_before() {
+        for preset in SpatialPreset::ALL {
+            for name in Policy::NAMES {
+                let policy = Policy::from_name(name).unwrap();
+                let settings = preset.settings(None).controlled_by(policy);
+                assert_eq!(settings.validate().is_err(), ["residual", "image-gs"].contains(&name), "{name}");
+                if let Some(actions) = settings.policy.actions() {
+                    assert_eq!(actions.prune.larger_after, 3000, "{name}");
+                    assert_eq!(actions.reset.every, 3000);
+                }
+            }
+        }
     }
 
     #[test]
