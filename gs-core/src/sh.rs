@@ -83,26 +83,30 @@ fn weighted_gradients(degree: u8, d: Vec3, a: &[f32; MOST_COEFFICIENTS]) -> Vec3
     )
 }
 
-/// c = max(0, ½ + Σ Y_k(d) sh_k), channel by channel; `sh` holds at least the coefficients of `degree`. NaN stays NaN.
+/// c = max(0, ½ + Σ Y_k(d) sh_k), channel by channel; `sh` holds at least the coefficients of `degree`, as
+/// [`Vec3`] or arrays. NaN stays NaN.
 #[inline(always)]
-pub fn color(degree: u8, d: Vec3, sh: &[Vec3]) -> [f32; 3] {
+pub fn color<C: Copy + Into<Vec3>>(degree: u8, d: Vec3, sh: &[C]) -> [f32; 3] {
     let y_k = basis(degree, d);
-    let sum = sh[..coefficients(degree)].iter().zip(y_k).fold(Vec3::splat(0.5), |sum, (&c, y)| sum + c * y);
+    let sum = sh[..coefficients(degree)].iter().zip(y_k).fold(Vec3::splat(0.5), |sum, (&c, y)| sum + c.into() * y);
     sum.to_array().map(|c| if c < 0.0 { 0.0 } else { c })
 }
 
 /// From v_c to (v_d, v_sh): v_d tangential or not, v_sh written over the first (degree + 1)² of `v_sh`. Channels whose colour is clamped,
 /// where ½ + SH ≤ 0, pass nothing on.
 #[inline(always)]
-pub fn color_vjp(degree: u8, d: Vec3, sh: &[Vec3], v_color: [f32; 3], v_sh: &mut [Vec3]) -> Vec3 {
+pub fn color_vjp<C>(degree: u8, d: Vec3, sh: &[C], v_color: [f32; 3], v_sh: &mut [C]) -> Vec3
+where
+    C: Copy + Into<Vec3> + From<Vec3>,
+{
     let y_k = basis(degree, d);
     let sh = &sh[..coefficients(degree)];
-    let sum = sh.iter().zip(y_k).fold(Vec3::splat(0.5), |sum, (&c, y)| sum + c * y);
+    let sum = sh.iter().zip(y_k).fold(Vec3::splat(0.5), |sum, (&c, y)| sum + c.into() * y);
     let v = Vec3::select(sum.cmpgt(Vec3::ZERO), Vec3::from_array(v_color), Vec3::ZERO);
     let mut a = [0.0; MOST_COEFFICIENTS];
-    for (k, (c, v_c)) in sh.iter().zip(v_sh).enumerate() {
-        *v_c = v * y_k[k];
-        a[k] = c.dot(v);
+    for (k, (&c, v_c)) in sh.iter().zip(v_sh).enumerate() {
+        *v_c = C::from(v * y_k[k]);
+        a[k] = c.into().dot(v);
     }
     weighted_gradients(degree, d, &a)
 }
