@@ -3,6 +3,7 @@
 //! | what | read | written |
 //! |---|---|---|
 //! | images (PNG, JPEG, BMP, TIFF, WebP, PNM) | [`read_image`] | [`write_png`] |
+//! | moving pictures (APNG) | – | [`write_animation`] |
 //! | planar scenes, `.gs2d.safetensors`, lossless | [`read_scene`] | [`write_scene`] |
 //! | checkpoints of a training run, lossless | [`read_checkpoint`] | [`write_checkpoint`] |
 //! | planar scenes as 3DGS PLY, for viewers | – | [`write_ply`] |
@@ -13,6 +14,7 @@
 //! found, and how to mend it; never in a panic. Whatever is written appears under its name complete or not at all
 //! ([`write_atomically`]).
 
+mod animation;
 mod atomic;
 mod checkpoint;
 mod container;
@@ -24,6 +26,7 @@ mod scene_file;
 mod spatial;
 
 pub use crate::{
+    animation::{Animation, write_animation},
     atomic::{abandon_writes, write_atomically},
     checkpoint::{Checkpoint, read_checkpoint, write_checkpoint},
     error::Error,

@@ -135,6 +135,13 @@ pub(crate) fn validate_adam(adam: &Adam) -> Result<(), Error> {
     if !(adam.epsilon > 0.0 && adam.epsilon.is_finite()) {
         return Err(Error::setting("epsilon of Adam", adam.epsilon, "positive and finite"));
     }
+    for (what, weight) in
+        [("the weight of the mean opacity", adam.penalty.opacity), ("the weight of the mean scale", adam.penalty.scale)]
+    {
+        if !(weight >= 0.0 && weight.is_finite()) {
+            return Err(Error::setting(what, weight, "finite and not negative"));
+        }
+    }
     if !(adam.min_scale > 0.0 && adam.min_scale.is_finite()) {
         return Err(Error::setting("the smallest scale", adam.min_scale, "positive and finite"));
     }

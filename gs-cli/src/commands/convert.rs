@@ -86,7 +86,8 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<(), Failure> {
     if SpatialFormat::to_write(&args.to).is_none() {
         return Err(gs_io::Error::UnknownEnding { path: args.to.clone() }.into());
     }
-    let file = if args.drop_broken { gs_io::read_spatial_unchecked(&args.from) } else { gs_io::read_spatial(&args.from) };
+    let file =
+        if args.drop_broken { gs_io::read_spatial_unchecked(&args.from) } else { gs_io::read_spatial(&args.from) };
     let file = file.map_err(|error| broken(error, "--drop-broken leaves such Gaussians out"))?;
     let all = file.scene.len();
     let scene = if args.drop_broken { whole(&file.scene) } else { file.scene };

@@ -143,7 +143,8 @@ pub(crate) struct CheckpointArgs {
     pub(crate) checkpoint: Option<PathBuf>,
     /// Save one about every so many steps [default: a tenth of all, if --checkpoint is given]
     #[arg(long, value_name = "STEPS", value_parser = clap::value_parser!(u32).range(1..))]
-    pub(crate) checkpoint_every: Option<u32>,}
+    pub(crate) checkpoint_every: Option<u32>,
+}
 
 /// Settings that belong together.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]

@@ -6,11 +6,11 @@ use std::{fs, path::Path};
 use clap::ValueEnum;
 use gs_core::{Adam, Blend, Chart, Image, Loss, RenderSettings, adam::Group, effects::Background};
 use gs_density::Policy;
-use serde::{Serialize, de::DeserializeOwned};
 use gs_train::{
     FitSettings, Init, InitialCount, Preset,
     init::{Colors, Grid, Guided, Periphery, Random},
 };
+use serde::{Serialize, de::DeserializeOwned};
 
 use crate::{
     failure::Failure,

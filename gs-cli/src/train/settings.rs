@@ -31,15 +31,14 @@ const FULL_AFTER: f32 = 0.4;
 pub(crate) fn resolve(args: &TrainSettingsArgs, dataset: &Dataset) -> Result<SpatialSettings, Failure> {
     let mut settings = match &args.settings {
         Some(file) => {
-            let settings: SpatialSettings = read_toml(file, "compare it with the settings.toml that a training writes")?;
+            let settings: SpatialSettings =
+                read_toml(file, "compare it with the settings.toml that a training writes")?;
             settings.validate().map_err(|error| Failure::usage(error).at(file.display()))?;
             settings
         }
         None => {
             let mut settings = SpatialPreset::from(args.preset).settings(args.iterations);
-            // Objects without surroundings are shown on white, as everybody shows them.
-            let white = dataset.kind == DatasetKind::Blender;
-            settings.render = settings.render.on(if white { [1.0; 3] } else { [0.0; 3] });
+            settings.render = settings.render.on(usual_background(dataset));
             settings
         }
     };
@@ -74,6 +73,12 @@ pub(crate) fn resolve(args: &TrainSettingsArgs, dataset: &Dataset) -> Result<Spa
     adam.penalty.scale = args.scale_weight.unwrap_or(adam.penalty.scale);
     settings.validate()?;
     Ok(settings)
+}
+
+/// What is behind unless somebody says otherwise: white for Blender's objects without surroundings, as everybody shows them; black for all
+/// else.
+pub(crate) fn usual_background(dataset: &Dataset) -> [f32; 3] {
+    if dataset.kind == DatasetKind::Blender { [1.0; 3] } else { [0.0; 3] }
 }
 
 /// Where the first Gaussians come from, and what is worth telling about it.

@@ -5,6 +5,7 @@
 
 mod course;
 mod evaluation;
+mod flight;
 mod geometry;
 mod init;
 mod neighbours;
@@ -20,6 +21,7 @@ mod views;
 pub use self::{
     course::ViewsCourse,
     evaluation::{Evaluation, ViewQuality, evaluate},
+    flight::{Bulk, CameraPath, Ends, Key, Orbit, looking_at, resized},
     geometry::{Focus, extent_of},
     init::{PointInit, Start, gaussians_at, random_points},
     neighbours::neighbour_distances,

@@ -3,7 +3,7 @@
 use std::fmt;
 
 use gs_core::{
-    Adam, Blend, Chart, Loss, RenderSettings,
+    Adam, Blend, Chart, Loss, Penalty, RenderSettings,
     adam::{Group, Schedule},
     constants::OPACITY_RESET_EVERY,
     effects::{Antialias, Order},
@@ -128,12 +128,14 @@ fn rounds(iterations: u32, from: u32, until_share: f64) -> Rounds {
 }
 
 fn mcmc(iterations: u32) -> SpatialSettings {
+    let usual = three_dgs(iterations);
     SpatialSettings {
+        adam: Adam { penalty: Penalty { opacity: 0.01, scale: 0.01 }, ..usual.adam },
         gaussians: 1_000_000,
         init: PointInit { opacity: 0.5, scale: 0.1, ..PointInit::default() },
         policy: Policy::Mcmc(Mcmc::default()),
         rounds: rounds(iterations, 500, 5.0 / 6.0),
-        ..three_dgs(iterations)
+        ..usual
     }
 }
 

@@ -151,7 +151,8 @@ fn text(info: &Info) -> String {
         rows.push((name, quantiles));
     }
     let NotFinite { gaussians, means, scales, rotations, opacities, colors } = info.not_finite;
-    let parts = [("means", means), ("scales", scales), ("rotations", rotations), ("opacities", opacities), ("colours", colors)];
+    let parts =
+        [("means", means), ("scales", scales), ("rotations", rotations), ("opacities", opacities), ("colours", colors)];
     let parts: Vec<String> =
         parts.iter().filter(|(_, count)| *count > 0).map(|(name, count)| format!("{name} {count}")).collect();
     let parts = if parts.is_empty() { String::new() } else { format!(": {}", parts.join(", ")) };
@@ -184,11 +185,8 @@ mod tests {
     #[test]
     fn what_is_broken_is_counted_and_left_out_of_the_rest() {
         let unit = [1.0, 0.0, 0.0, 0.0];
-        let info = Info::of(&file([
-            (0.0, f32::INFINITY, unit),
-            (f32::NAN, 0.0, [f32::NAN; 4]),
-            (1.0, f32::NAN, [0.0; 4]),
-        ]));
+        let info =
+            Info::of(&file([(0.0, f32::INFINITY, unit), (f32::NAN, 0.0, [f32::NAN; 4]), (1.0, f32::NAN, [0.0; 4])]));
         let expected = NotFinite { gaussians: 2, means: 1, scales: 1, rotations: 1, opacities: 1, colors: 0 };
         assert_eq!((info.not_finite, info.without_rotation, info.bytes_per_gaussian), (expected, 1, 100.0));
         assert_eq!(info.bounds, Some(Bounds { min: [0.0, 1.0, 2.0], max: [1.0, 1.0, 2.0] }));
