@@ -10,3 +10,4 @@ mod process;
 mod profile;
 mod scenes;
 mod study;
+mod train;
