@@ -13,7 +13,9 @@ mod output;
 mod paper;
 mod profile;
 mod report;
+mod shown;
 mod study;
+mod train;
 mod values;
 
 use std::process::ExitCode;
@@ -39,6 +41,7 @@ fn run(parsed: Parsed) -> Result<ExitCode, Failure> {
     match parsed {
         Parsed::Answered(status) => return Ok(status),
         Parsed::Command(Command::Fit(args)) => fit::run(&args),
+        Parsed::Command(Command::Train(args)) => train::run(&args),
         Parsed::Command(Command::Render(args)) => commands::render::run(&args),
         Parsed::Command(Command::Eval(args)) => commands::eval::run(&args),
         Parsed::Command(Command::Convert(args)) => commands::convert::run(&args),

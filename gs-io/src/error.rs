@@ -93,6 +93,80 @@ pub enum Error {
         /// What stands there.
         value: f32,
     },
+    /// A folder in which none of the data sets' files was found.
+    #[error("{}: is no data set: looked for {looked_for}; name the folder that holds one of them", path.display())]
+    NotADataset {
+        /// The folder.
+        path: PathBuf,
+        /// The files, in words.
+        looked_for: &'static str,
+    },
+    /// A data set of which not one view can be used.
+    #[error("{}: none of the {found} views of this {kind} data set can be used: {}", path.display(), skipped.join("; "))]
+    NoViews {
+        /// Its folder.
+        path: PathBuf,
+        /// "COLMAP" or the like.
+        kind: &'static str,
+        /// How many there are.
+        found: usize,
+        /// Why not, each with how many and the first.
+        skipped: Vec<String>,
+    },
+    /// A text file whose line is not what its kind prescribes.
+    #[error("{}: line {line}: expected {expected}, found {found}; it is damaged or not {what}: write or fetch it again", path.display())]
+    DamagedLine {
+        /// The file.
+        path: PathBuf,
+        /// "a COLMAP cameras.txt" or the like.
+        what: &'static str,
+        /// Counted from 1.
+        line: usize,
+        /// What should stand there.
+        expected: String,
+        /// What does.
+        found: String,
+    },
+    /// A `transforms.json` that is no JSON, or lacks what it must have.
+    #[error("{}: {message}; it is damaged or not a transforms.json: write or fetch it again", path.display())]
+    DamagedJson {
+        /// The file.
+        path: PathBuf,
+        /// What, with line and column.
+        message: String,
+    },
+    /// A camera model that is not known.
+    #[error("{}: camera model {found} is not known (known: {known}); undistort the data set with the program that made it", path.display())]
+    UnknownCameraModel {
+        /// The file.
+        path: PathBuf,
+        /// Its name or number.
+        found: String,
+        /// Those that are known.
+        known: String,
+    },
+    /// A PLY file that is no point cloud: damaged, or without positions.
+    #[error("{}: expected a PLY point cloud: {message}; export it again", path.display())]
+    NotAPointCloud {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        message: String,
+    },
+    /// An image of another shape than what it belongs to.
+    #[error("{}: the image is {width}x{height} px, but {expected_width}x{expected_height} px or its shape is needed; put the right one there", path.display())]
+    ImageShape {
+        /// The file.
+        path: PathBuf,
+        /// Columns.
+        width: u32,
+        /// Rows.
+        height: u32,
+        /// Columns that are needed.
+        expected_width: u32,
+        /// Rows that are needed.
+        expected_height: u32,
+    },
     /// A scene file or checkpoint whose bytes are not what its kind prescribes.
     #[error("{}: byte {byte}: expected {expected}, found {found}; it is damaged or not {what}: write or fetch it again", path.display())]
     Damaged {
@@ -207,6 +281,12 @@ impl Error {
     /// An error of the operating system while writing.
     pub(crate) fn write(path: &Path, source: io::Error) -> Self {
         Self::Write { path: path.to_owned(), source }
+    }
+
+    /// An image of a shape that does not fit.
+    pub(crate) fn image_shape(path: &Path, (width, height): (u32, u32), expected: (u32, u32)) -> Self {
+        let (expected_width, expected_height) = expected;
+        Self::ImageShape { path: path.to_owned(), width, height, expected_width, expected_height }
     }
 
     /// Content that the core refuses.

@@ -4,7 +4,7 @@ use std::sync::{Arc, PoisonError};
 
 use gs_core::{
     AdamRates, Blend, Canvas, Chart, CloudState, DensityStatistics, EditPlan, Error, Image, Loss, Participants,
-    PlanarGaussian, PlanarScene, Rasterizer, RenderSettings, TrainStep, Wait,
+    Penalty, PlanarGaussian, PlanarScene, Rasterizer, RenderSettings, TrainStep, Wait,
     effects::{Antialias, Order, Outputs, Statistics},
     settings::Cut,
     statistics::Culled,
@@ -120,6 +120,10 @@ pub(crate) fn check(view: &Canvas, settings: &RenderSettings) -> Result<(), Erro
 fn check_rates(rates: &AdamRates) -> Result<(), Error> {
     if rates.participants != Participants::All {
         let effect = format!("Adam steps of participants {:?}", rates.participants);
+        return Err(Error::Unsupported { backend: BACKEND, effect });
+    }
+    if rates.penalty != Penalty::NONE {
+        let effect = "a penalty on opacities and scales".to_owned();
         return Err(Error::Unsupported { backend: BACKEND, effect });
     }
     Ok(())
