@@ -3,22 +3,20 @@
 
 use std::{
     collections::{BTreeMap, HashSet},
-    path::{Component, Path, PathBuf},
+    path::{Path, PathBuf},
 };
 
 use glam::{DVec2, dvec2};
 use gs_core::{Camera, constants::NEAR_WORLD};
 
 use super::{
-    Dataset, DatasetKind, DatasetSettings, Distortion, Lens, Point, Remark, Skip, SourceCamera, Split, View, pose::Pose,
+    Dataset, DatasetKind, DatasetSettings, Distortion, Lens, Point, Remark, Skip, SourceCamera, Split, View,
+    place::Place, pose::Pose,
 };
 use crate::{
     error::Error,
     image::{ImageSize, Orientation, image_size},
 };
-
-/// Tried, in this order, where a file is named without its extension or with another one.
-const EXTENSIONS: [&str; 11] = ["png", "jpg", "jpeg", "PNG", "JPG", "JPEG", "webp", "tif", "tiff", "bmp", "ppm"];
 
 /// A view as the data set has it.
 #[derive(Debug, Clone)]
@@ -67,61 +65,6 @@ pub(super) enum Focal {
     Angles(f64, Option<f64>),
 }
 
-/// A folder in which photographs may be.
-#[derive(Debug, Clone)]
-pub(super) struct Place {
-    pub(super) folder: PathBuf,
-    pub(super) part: NamePart,
-    /// How many times smaller its photographs are than those that the data set is about.
-    pub(super) shrunk: f64,
-}
-
-/// What of a photograph's name counts in a folder.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum NamePart {
-    /// All of it.
-    Path,
-    /// What stands after the last slash.
-    FileName,
-}
-
-impl Place {
-    /// A folder whose name ends in `_4` has photographs a quarter of the size.
-    pub(super) fn new(root: &Path, name: &str, part: NamePart) -> Self {
-        let shrunk = name.rsplit_once('_').and_then(|(_, factor)| factor.parse::<u32>().ok()).filter(|f| *f > 0);
-        Self { folder: root.join(name), part, shrunk: shrunk.map_or(1.0, f64::from) }
-    }
-
-    fn find(&self, draft: &Draft) -> Option<PathBuf> {
-        let file = draft.file.as_ref()?;
-        let path = match self.part {
-            NamePart::Path => self.folder.join(file),
-            NamePart::FileName => self.folder.join(file.file_name()?),
-        };
-        find_image(&path)
-    }
-}
-
-/// The image at a path, or with the path's name and an extension of its own.
-pub(super) fn find_image(path: &Path) -> Option<PathBuf> {
-    if path.is_file() {
-        return Some(path.to_owned());
-    }
-    let appended = EXTENSIONS.iter().map(|extension| {
-        let mut name = path.as_os_str().to_owned();
-        name.push(".");
-        name.push(extension);
-        PathBuf::from(name)
-    });
-    let replaced = EXTENSIONS.iter().map(|extension| path.with_extension(extension));
-    appended.chain(replaced).find(|path| path.is_file())
-}
-
-/// Whether a name stays below the folder that it is joined to.
-pub(super) fn stays_below(name: &Path) -> bool {
-    name.components().all(|part| matches!(part, Component::Normal(_) | Component::CurDir))
-}
-
 /// Whether an image shows what one of another size shows: equal but for rounding the sides to whole pixels.
 pub(super) fn same_shape((width, height): (u32, u32), (other_width, other_height): (f64, f64)) -> bool {
     let (width, height) = (f64::from(width), f64::from(height));
@@ -148,43 +91,40 @@ pub(super) struct Parts<'a> {
 pub(super) fn assemble(parts: Parts<'_>, settings: &DatasetSettings) -> Result<Dataset, Error> {
     let Parts { kind, root, mut drafts, mut points, places, mut remarks } = parts;
     let found = drafts.len();
-    let place = places.iter().find(|place| drafts.iter().any(|draft| place.find(draft).is_some()));
+    let has =
+        |place: &Place| drafts.iter().filter_map(|draft| draft.file.as_ref()).any(|file| place.find(file).is_some());
+    let place = places.iter().find(|place| has(place));
     let mut tally = Tally::default();
     let mut names = HashSet::new();
     // Of two views of one name the first in the file stays.
-    drafts
-        .retain(|draft| tally.keep(&draft.name, names.insert(draft.name.clone()).then_some(()).ok_or(Skip::SameName)));
+    drafts.retain(|draft| {
+        let first = names.insert(draft.name.clone());
+        if !first {
+            tally.skip(&draft.name, Skip::SameName);
+        }
+        first
+    });
     drafts.sort_by(|a, b| a.name.cmp(&b.name));
     let mut lenses = Lenses::default();
-    let mut views = Vec::new();
-    let mut stored_split = Vec::new();
+    let (mut views, mut stored_splits) = (Vec::new(), Vec::new());
     for draft in &drafts {
-        let made = make_view(draft, place, settings, &mut lenses);
-        if tally.keep(&draft.name, made.as_ref().map(drop).map_err(|skip| *skip)) {
-            let Ok((view, calibrated)) = made else { continue };
-            if (calibrated.0, calibrated.1) != (u64::from(view.source.width), u64::from(view.source.height)) {
-                tally.scaled(calibrated, (view.source.width, view.source.height));
+        match make_view(draft, place, settings, &mut lenses) {
+            Ok((view, calibrated)) => {
+                tally.count(&view, calibrated);
+                views.push(view);
+                stored_splits.push(draft.split);
             }
-            stored_split.push(draft.split);
-            views.push(view);
+            Err(why) => tally.skip(&draft.name, why),
         }
     }
-    let skipped = tally.skipped();
     if views.is_empty() {
-        let skipped = if found == 0 {
-            vec!["it lists no views".to_owned()]
-        } else {
-            skipped.iter().map(ToString::to_string).collect()
-        };
+        let mut skipped: Vec<String> = tally.remarks().iter().map(ToString::to_string).collect();
+        if found == 0 {
+            skipped.push("it lists none".to_owned());
+        }
         return Err(Error::NoViews { path: root.to_owned(), kind: kind.name(), found, skipped });
     }
-    remarks.extend(skipped);
-    remarks.extend(tally.scaled);
-    let mut bent: BTreeMap<&'static str, usize> = BTreeMap::new();
-    for view in views.iter().filter(|view| !view.source.lens.is_pinhole()) {
-        *bent.entry(view.source.lens.distortion().name()).or_default() += 1;
-    }
-    remarks.extend(bent.into_iter().map(|(lens, count)| Remark::Undistorted { count, lens }));
+    remarks.extend(tally.remarks());
     let listed = points.len();
     points.retain(|point| point.position.is_finite() && point.color.iter().all(|c| c.is_finite()));
     if points.len() < listed {
@@ -193,7 +133,7 @@ pub(super) fn assemble(parts: Parts<'_>, settings: &DatasetSettings) -> Result<D
     if points.is_empty() && !remarks.iter().any(|remark| matches!(remark, Remark::PointsMissing { .. })) {
         remarks.push(Remark::NoPoints);
     }
-    split(&mut views, &stored_split, settings, &mut remarks);
+    split(&mut views, &stored_splits, settings, &mut remarks);
     Ok(Dataset { kind, root: root.to_owned(), views, points, remarks })
 }
 
@@ -222,8 +162,8 @@ fn make_view(
 ) -> Result<(View, (u64, u64)), Skip> {
     let intrinsics = draft.intrinsics?;
     let pose = draft.pose.ok_or(Skip::BadPose)?;
-    let place = place.ok_or(Skip::NoImage)?;
-    let image = place.find(draft).ok_or(Skip::NoImage)?;
+    let (place, file) = place.zip(draft.file.as_ref()).ok_or(Skip::NoImage)?;
+    let image = place.find(file).ok_or(Skip::NoImage)?;
     let sizes = image_size(&image).map_err(|_| Skip::BadImage)?;
     let (orientation, (width, height), calibrated) = fit(&intrinsics, sizes, place.shrunk)?;
     let lens = lenses.get(intrinsics.distortion).ok_or(Skip::BadCamera)?;
@@ -282,34 +222,40 @@ impl Lenses {
     }
 }
 
-/// Counts what is left out and what is scaled.
+/// Counts what is left out, scaled and undistorted.
 #[derive(Default)]
 struct Tally {
     skipped: BTreeMap<Skip, (usize, String)>,
     scaled: Option<Remark>,
+    bent: BTreeMap<&'static str, usize>,
 }
 
 impl Tally {
-    /// Counts a view that is left out; whether it stays.
-    fn keep(&mut self, name: &str, outcome: Result<(), Skip>) -> bool {
-        let Err(why) = outcome else { return true };
+    /// A view that is left out.
+    fn skip(&mut self, name: &str, why: Skip) {
         self.skipped.entry(why).or_insert_with(|| (0, name.to_owned())).0 += 1;
-        false
     }
 
-    fn scaled(&mut self, from: (u64, u64), to: (u32, u32)) {
-        match &mut self.scaled {
-            Some(Remark::Scaled { count, .. }) => *count += 1,
-            _ => self.scaled = Some(Remark::Scaled { count: 1, from, to }),
+    /// A view that stays, whose camera was calibrated at this size.
+    fn count(&mut self, view: &View, calibrated: (u64, u64)) {
+        let SourceCamera { width, height, lens, .. } = view.source;
+        if !lens.is_pinhole() {
+            *self.bent.entry(lens.distortion().name()).or_default() += 1;
+        }
+        if calibrated != (u64::from(width), u64::from(height)) {
+            match &mut self.scaled {
+                Some(Remark::Scaled { count, .. }) => *count += 1,
+                _ => self.scaled = Some(Remark::Scaled { count: 1, from: calibrated, to: (width, height) }),
+            }
         }
     }
 
-    fn skipped(&self) -> Vec<Remark> {
-        let remark = |(&why, (count, first)): (&Skip, &(usize, String))| Remark::Skipped {
-            why,
-            count: *count,
-            first: first.clone(),
-        };
-        self.skipped.iter().map(remark).collect()
+    fn remarks(&self) -> Vec<Remark> {
+        let skipped = self.skipped.iter().map(|(&why, (count, first))| {
+            let (count, first) = (*count, first.clone());
+            Remark::Skipped { why, count, first }
+        });
+        let bent = self.bent.iter().map(|(&lens, &count)| Remark::Undistorted { count, lens });
+        skipped.chain(self.scaled.clone()).chain(bent).collect()
     }
 }

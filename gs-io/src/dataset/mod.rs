@@ -17,6 +17,7 @@ mod colmap;
 mod distortion;
 mod lens;
 mod photograph;
+mod place;
 mod point_cloud;
 mod pose;
 mod remark;
@@ -25,6 +26,7 @@ mod source_camera;
 mod transforms;
 
 use std::{
+    io::Read,
     num::NonZeroU32,
     path::{Path, PathBuf},
 };
@@ -41,7 +43,7 @@ pub use self::{
     remark::{Remark, Skip},
     source_camera::SourceCamera,
 };
-use crate::{error::Error, image::Orientation};
+use crate::{atomic::open, error::Error, image::Orientation};
 
 /// Where COLMAP models are looked for, relative to the data set.
 const COLMAP_FOLDERS: [&str; 5] = ["sparse/0", "sparse", "colmap/sparse/0", "colmap/sparse", "."];
@@ -208,4 +210,11 @@ fn colmap_folder(root: &Path) -> Option<PathBuf> {
         .iter()
         .map(|folder| if *folder == "." { root.to_owned() } else { root.join(folder) })
         .find(holds_model)
+}
+
+/// All bytes of one of a data set's files.
+fn read_file(path: &Path) -> Result<Vec<u8>, Error> {
+    let mut bytes = Vec::new();
+    let read = open(path, "a file of a data set")?.0.read_to_end(&mut bytes);
+    read.map(|_| bytes).map_err(|source| Error::read(path, source))
 }

@@ -6,7 +6,7 @@ use glam::DVec3;
 use serde::Deserialize;
 use serde_ply::{PlyReader, PropertyType, ScalarType};
 
-use super::{Point, colmap::read_file};
+use super::{Point, read_file};
 use crate::error::Error;
 
 /// One row of the `vertex` element.

@@ -8,7 +8,6 @@
 
 use std::{
     collections::HashSet,
-    fs,
     path::{Path, PathBuf},
 };
 
@@ -17,10 +16,12 @@ use serde::{Deserialize, de::DeserializeOwned};
 
 use super::{
     BrownConrady, Dataset, DatasetKind, DatasetSettings, Distortion, Fisheye, Point, Remark, Skip, Split,
-    assemble::{Draft, Focal, Intrinsics, NamePart, Parts, Place, assemble, find_image},
-    colmap::{ColmapModel, IMAGE_FOLDERS, points_of, read_file},
+    assemble::{Draft, Focal, Intrinsics, Parts, assemble},
+    colmap::{ColmapModel, points_of},
+    place::{IMAGE_FOLDERS, NamePart, Place, find_image},
     point_cloud,
     pose::{Pose, affine},
+    read_file,
 };
 use crate::error::Error;
 
@@ -218,10 +219,8 @@ pub(super) fn read_nerfstudio(root: &Path, path: &Path, settings: &DatasetSettin
 
 /// The frames' own paths, then the smaller copies; or the folder that the settings name.
 fn places(root: &Path, settings: &DatasetSettings) -> Result<Vec<Place>, Error> {
-    if let Some(name) = &settings.image_folder {
-        let named = root.join(name);
-        fs::metadata(&named).map_err(|source| Error::read(&named, source))?;
-        return Ok(vec![Place::new(root, name, NamePart::FileName)]);
+    if let Some(place) = Place::chosen(root, settings, NamePart::FileName)? {
+        return Ok(vec![place]);
     }
     let own = Place { folder: root.to_owned(), part: NamePart::Path, shrunk: 1.0 };
     let copies = IMAGE_FOLDERS.iter().map(|name| Place::new(root, name, NamePart::FileName));

@@ -210,7 +210,7 @@ fn a_data_set_without_a_usable_view_says_why() {
         "{error}"
     );
     fs::write(place.path().join("sparse/0/images.bin"), 0_u64.to_le_bytes()).unwrap();
-    assert!(refusal(place.path()).contains("it lists no views"));
+    assert!(refusal(place.path()).contains("it lists none"));
     fs::remove_file(place.path().join("sparse/0/images.bin")).unwrap();
     assert!(refusal(place.path()).contains("images.bin: no such file"));
 }

@@ -234,5 +234,5 @@ fn broken_json_is_refused_in_one_line() {
         assert!(refusal(place.path()).contains("transforms.json: "), "{bad:.40}");
     }
     fs::write(place.path().join("transforms.json"), "{\"frames\": []}").unwrap();
-    assert!(refusal(place.path()).contains("lists no views"));
+    assert!(refusal(place.path()).contains("it lists none"));
 }

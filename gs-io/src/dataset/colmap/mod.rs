@@ -18,13 +18,12 @@ use glam::{DQuat, DVec2, DVec3, dvec2};
 pub use self::camera_model::CameraModel;
 use super::{
     Dataset, DatasetKind, DatasetSettings, Lens, Point, Remark, Skip, SourceCamera,
-    assemble::{Draft, NamePart, Parts, Place, assemble, find_image, stays_below},
+    assemble::{Draft, Parts, assemble},
+    place::{IMAGE_FOLDERS, NamePart, Place, find_image, stays_below},
     pose::Pose,
+    read_file,
 };
-use crate::{atomic::open, error::Error};
-
-/// Where photographs are looked for where the settings name no folder, the finest first.
-pub(super) const IMAGE_FOLDERS: [&str; 4] = ["images", "images_2", "images_4", "images_8"];
+use crate::error::Error;
 
 /// Where masks are looked for: `masks/NAME.png` for the photograph `images/NAME`, as COLMAP has it.
 const MASK_FOLDER: &str = "masks";
@@ -183,14 +182,9 @@ pub(super) fn points_of(points: &[ColmapPoint]) -> impl Iterator<Item = Point> {
 /// Those of [`ColmapModel::read`], [`Error::NoViews`], [`Error::Missing`] for an image folder that the settings name.
 pub(super) fn read(root: &Path, folder: &Path, settings: &DatasetSettings) -> Result<Dataset, Error> {
     let model = ColmapModel::read(folder)?;
-    let place = |name: &str| Place::new(root, name, NamePart::Path);
-    let places = match &settings.image_folder {
-        Some(name) => {
-            let named = root.join(name);
-            fs::metadata(&named).map_err(|source| Error::read(&named, source))?;
-            vec![place(name)]
-        }
-        None => IMAGE_FOLDERS.map(place).into(),
+    let places = match Place::chosen(root, settings, NamePart::Path)? {
+        Some(place) => vec![place],
+        None => IMAGE_FOLDERS.map(|name| Place::new(root, name, NamePart::Path)).into(),
     };
     let masks = Some(root.join(MASK_FOLDER)).filter(|masks| masks.is_dir());
     let drafts = model.images.iter().map(|image| model.draft(masks.as_deref(), image)).collect();
@@ -213,12 +207,4 @@ fn other_models(folder: &Path) -> Option<Remark> {
     let is_model = |name: &str| name != "0" && name.parse::<u32>().is_ok();
     let count = siblings.filter(|entry| entry.file_name().to_str().is_some_and(is_model)).count();
     (count > 0).then_some(Remark::OtherModels { count })
-}
-
-pub(super) fn read_file(path: &Path) -> Result<Vec<u8>, Error> {
-    use std::io::Read;
-    let (mut file, metadata) = open(path, "a file of a data set")?;
-    let mut bytes = Vec::with_capacity(usize::try_from(metadata.len()).unwrap_or(0));
-    file.read_to_end(&mut bytes).map_err(|source| Error::read(path, source))?;
-    Ok(bytes)
 }
