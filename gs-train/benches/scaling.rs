@@ -185,7 +185,7 @@ fn measure(options: &Options, series: Series, gaussians: u32, side: u32) -> Resu
         (0..REBIN_EVERY).try_for_each(|i| {
             let binning = if i == 0 { Binning::Fresh } else { Binning::Reuse };
             let step = TrainStep { settings: &settings, loss: Loss::L2, rates: &rates, binning };
-            rasterizer.train_step(&mut cloud, &view, &target, &step)
+            rasterizer.planar().train_step(&mut cloud, &view, &target, &step)
         })
     };
     steps()?;
