@@ -152,7 +152,7 @@ impl<'a> Results<'a> {
             })
             .filter(|values| !values.is_empty())
             .collect();
-        let means: Vec<f64> = images.iter().map(|values| mean(values)).collect();
+        let means: Vec<f64> = images.iter().map(mean).collect();
         let variances: Vec<f64> = images.iter().filter_map(|values| variance(values)).collect();
         let over_seeds = (!variances.is_empty()).then(|| mean(&variances).sqrt());
         (!means.is_empty()).then(|| Spread { mean: mean(&means), over_seeds })
