@@ -7,7 +7,7 @@ mod team;
 use std::{env::consts, num::NonZero, thread::available_parallelism};
 
 use clap::{Args, Parser, ValueEnum, builder::NonEmptyStringValueParser};
-use gs_core::{PlanarScene, Rasterizer, profile::Profiler};
+use gs_core::{PlanarScene, Rasterizer, SpatialScene, profile::Profiler};
 use gs_cpu::{CpuRasterizer, CpuSettings, SimdLevel};
 use gs_study::Machine;
 use gs_wgpu::{AdapterSummary, WgpuRasterizer, WgpuSettings};
@@ -61,7 +61,7 @@ pub(crate) struct Backend {
 }
 
 enum AnyRasterizer {
-    Cpu(CpuRasterizer),
+    Cpu(Box<CpuRasterizer>),
     Wgpu(Box<WgpuRasterizer>),
 }
 
@@ -72,6 +72,15 @@ pub(crate) trait Task {
 
     /// Does it on this rasterizer.
     fn run<R: Profiler<PlanarScene>>(self, rasterizer: &R) -> Self::Output;
+}
+
+/// Work that any rasterizer of scenes in space can do.
+pub(crate) trait SpatialTask {
+    /// What comes of it.
+    type Output;
+
+    /// Does it on this rasterizer.
+    fn run<R: Rasterizer<SpatialScene>>(self, rasterizer: &R) -> Self::Output;
 }
 
 /// What the flags come to when they are taken together.
@@ -113,13 +122,22 @@ impl Backend {
         Ok(backend)
     }
 
+    /// Starts the backend that the flags ask for, for scenes in space: without a wish, the processor, as they are not yet drawn elsewhere.
+    ///
+    /// # Errors
+    /// As [`Self::start`].
+    pub(crate) fn start_spatial(args: &BackendArgs) -> Result<Self, Failure> {
+        let automatic = args.backend == Choice::Auto && args.adapter.is_none();
+        Self::start(&BackendArgs { backend: if automatic { Choice::Cpu } else { args.backend }, ..args.clone() })
+    }
+
     fn cpu(simd: Option<&str>, threads: &Threads, why: &str) -> Result<Self, Failure> {
         let (level, why_level) = simd_level(simd)?;
         let rasterizer = CpuRasterizer::new(CpuSettings { threads: Some(threads.count), level: Some(level) })?;
         let what = Rasterizer::<PlanarScene>::describe(&rasterizer);
         Ok(Self {
             reason: format!("{what}: {why}, {why_level}, {}", threads.why),
-            rasterizer: AnyRasterizer::Cpu(rasterizer),
+            rasterizer: AnyRasterizer::Cpu(Box::new(rasterizer)),
             name: "cpu",
             adapter: None,
             threads: threads.count,
@@ -140,9 +158,22 @@ impl Backend {
     }
 
     /// Does the task on the chosen backend.
+    ///
+    /// # Errors
+    /// Where the backend has no scenes in space.
+    pub(crate) fn run_spatial<T: SpatialTask>(&self, task: T) -> Result<T::Output, Failure> {
+        match &self.rasterizer {
+            AnyRasterizer::Cpu(rasterizer) => Ok(task.run(rasterizer.as_ref())),
+            AnyRasterizer::Wgpu(_) => {
+                Err(Failure::usage("--backend wgpu does not offer scenes in space").mend("use --backend cpu"))
+            }
+        }
+    }
+
+    /// Does the task on the chosen backend.
     pub(crate) fn run<T: Task>(&self, task: T) -> T::Output {
         match &self.rasterizer {
-            AnyRasterizer::Cpu(rasterizer) => task.run(rasterizer),
+            AnyRasterizer::Cpu(rasterizer) => task.run(rasterizer.as_ref()),
             AnyRasterizer::Wgpu(rasterizer) => task.run(rasterizer.as_ref()),
         }
     }

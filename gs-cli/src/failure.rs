@@ -100,7 +100,10 @@ impl From<gs_core::Error> for Failure {
 
 impl From<gs_io::Error> for Failure {
     fn from(error: gs_io::Error) -> Self {
-        Self::failed(error)
+        match error {
+            gs_io::Error::UnknownEnding { .. } => Self::usage(error),
+            _ => Self::failed(error),
+        }
     }
 }
 
@@ -120,7 +123,9 @@ impl From<gs_study::Error> for Failure {
             Fit(error) => error.into(),
             Io(error) => error.into(),
             Backend { .. } => Self { kind: Kind::Backend, message: one_line(error) },
-            Form { .. } | Study { .. } | Arm { .. } | Unknown { .. } | NoTarget { .. } | NoRow { .. } => Self::usage(error),
+            Form { .. } | Study { .. } | Arm { .. } | Unknown { .. } | NoTarget { .. } | NoRow { .. } => {
+                Self::usage(error)
+            }
             _ => Self::failed(error),
         }
     }

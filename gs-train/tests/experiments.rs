@@ -12,7 +12,7 @@ use gs_train::{
         cold_start::{self, ColdStartMeasured, Start},
         edges::{self, EdgesMeasured, Zone},
         instability::{self, Guard, InstabilityMeasured},
-        lazy_convergence::{self, Criterion, LazyMeasured},
+        lazy_convergence::{self, Case, Criterion, LazyMeasured, Variation},
         set_up::{self, SetUpMeasured},
     },
 };
@@ -31,7 +31,11 @@ fn check_claims<M>(measured: &M, findings: &Findings, checks: &[Check<M>]) {
     assert_eq!(made, checked, "every claim is looked at");
     for (claim, (_, verdict, check)) in findings.claims.iter().zip(checks) {
         check(measured);
-        assert_eq!(claim.verdict, *verdict, "{claim:?}");
+        assert_eq!(claim.verdict(), *verdict, "{claim:?}");
+        assert!(
+            !claim.circumstances.is_empty() && claim.circumstances.iter().all(|c| c.held <= c.of && c.of > 0),
+            "{claim:?}"
+        );
         assert!(claim.measured.contains(|c: char| c.is_ascii_digit()) && !claim.measured.contains("NaN"), "{claim:?}");
         assert!(!claim.numbers.is_empty() && claim.numbers.iter().all(|number| number.value.is_finite()), "{claim:?}");
     }
@@ -62,15 +66,15 @@ mod set_up_and_result {
     fn claims() {
         let mut counter = Counter::default();
         let measured = set_up::measure(&mut Laboratory::new(&cpu(None), Extent::Quick, &mut counter)).unwrap();
-        assert_eq!(counter.0, 8);
+        assert_eq!(counter.0, 22);
         check_claims(
             &measured,
             &measured.findings(),
             &[
                 ("converges", Verdict::Confirmed, converges),
-                ("forced-growth-makes-600", Verdict::Partly, forced_growth_makes_600),
+                ("forced-growth-makes-600", Verdict::Refuted, forced_growth_makes_600),
                 ("spikes-bring-drops", Verdict::Confirmed, spikes_bring_drops),
-                ("growth-is-essential", Verdict::Confirmed, growth_is_essential),
+                ("growth-is-essential", Verdict::Partly, growth_is_essential),
             ],
         );
     }
@@ -83,21 +87,26 @@ mod set_up_and_result {
 
     /// 20 grow by a tenth, rounded up, in each of 9 rounds: 22, 25, 28, 31, 35, 39, 43, 48, 53.
     fn forced_growth_makes_600(m: &SetUpMeasured) {
-        assert_eq!(m.forced.counts, [53, 53]);
+        assert_eq!(m.forced.counts, [53; 6]);
     }
 
     fn spikes_bring_drops(m: &SetUpMeasured) {
-        assert!(m.change.pairs >= 25 && m.change.interval.1 < -0.5 && m.change.p < 1e-5, "{:?}", m.change);
-        assert!(m.net_beyond_control.interval.1 < -0.05, "{:?}", m.net_beyond_control);
+        // A seed is one witness, however many rounds its fits have.
+        assert!(m.change.pairs == 6 && m.rounds.len() >= 70, "{:?}", m.change);
+        assert!(m.change.interval.unwrap().high < -0.5 && m.change.negative == 6, "{:?}", m.change);
+        assert!(m.net_beyond_control.interval.unwrap().high < -0.05, "{:?}", m.net_beyond_control);
         // What the edit itself does to the loss is no improvement.
         assert!(m.rounds.iter().filter(|round| round.jump > 0.0).count() * 10 > m.rounds.len() * 9);
     }
 
     fn growth_is_essential(m: &SetUpMeasured) {
-        let [grown, twenty, small, large] =
-            [&m.grown, &m.twenty, &m.many_small, &m.many_large].map(|way| way.mean_psnr());
-        assert!(twenty < 24.0 && small > twenty + 20.0, "{twenty} {small}");
-        assert!(grown > small + 3.0 && grown > large + 3.0, "{grown} {small} {large}");
+        let [grown, twenty, small] = [&m.grown, &m.twenty, &m.many_small].map(|way| way.mean_psnr());
+        assert!(twenty < 24.0 && small > twenty + 20.0 && grown > small, "{grown} {twenty} {small}");
+        assert!(
+            m.start_against_growth.pairs == 2 && m.start_against_growth.mean < -3.0,
+            "{:?}",
+            m.start_against_growth
+        );
     }
 }
 
@@ -113,8 +122,8 @@ mod cold_starts {
             &[
                 ("gradient-is-zero", Verdict::Partly, gradient_is_zero),
                 ("loss-is-flat", Verdict::Confirmed, loss_is_flat),
-                ("large-variances-cure", Verdict::Confirmed, large_variances_cure),
-                ("no-way-to-explore", Verdict::Partly, no_way_to_explore),
+                ("large-variances-cure", Verdict::Partly, large_variances_cure),
+                ("no-way-to-explore", Verdict::Confirmed, no_way_to_explore),
             ],
         );
     }
@@ -140,6 +149,9 @@ mod cold_starts {
 
     fn large_variances_cure(m: &ColdStartMeasured) {
         assert_eq!(m.course(Start::Good).steps_to_milestone, Some(500.0));
+        // The paper's start has all of its Gaussians pulled; on the border not every one of the same size reaches a shape.
+        let pulled = |start| m.pull(start, Loss::L1).unwrap().moved_by_shapes;
+        assert!(pulled(Start::Good) == 20 && (10..20).contains(&pulled(Start::LargeVariance)));
         assert!(m.course(Start::LargeVariance).steps_to_milestone.is_some_and(|steps| steps < 1000.0));
     }
 
@@ -162,9 +174,9 @@ mod lazy {
             &measured.findings(),
             &[
                 ("absolute-threshold-stagnates", Verdict::Partly, absolute_threshold_stagnates),
-                ("forced-growth-does-not", Verdict::Confirmed, forced_growth_does_not),
-                ("no-universal-threshold", Verdict::Confirmed, no_universal_threshold),
-                ("relative-criteria-generalise", Verdict::Confirmed, relative_criteria_generalise),
+                ("forced-growth-does-not", Verdict::Partly, forced_growth_does_not),
+                ("no-universal-threshold", Verdict::Partly, no_universal_threshold),
+                ("relative-criteria-generalise", Verdict::Partly, relative_criteria_generalise),
             ],
         );
     }
@@ -172,25 +184,33 @@ mod lazy {
     fn absolute_threshold_stagnates(m: &LazyMeasured) {
         let (pixel, device) = (m.growth(Criterion::AbsolutePixel), m.growth(Criterion::AbsoluteDevice));
         assert!((22.0..40.0).contains(&pixel.mean_count()) && pixel.last_growth <= 400.0, "{pixel:?}");
-        assert!(pixel.psnr < 26.0 && device.psnr > 50.0);
-        assert_eq!(device.counts, [600]);
+        assert!(pixel.mean_psnr() < 26.0 && device.mean_psnr() > 50.0);
+        assert_eq!(device.counts, [600; 2]);
     }
 
+    /// Its count is so by construction; what it is worth is not.
     fn forced_growth_does_not(m: &LazyMeasured) {
-        let forced = m.growth(Criterion::Forced);
-        assert_eq!((forced.counts.as_slice(), forced.last_growth), (&[53][..], 900.0));
-        assert!(forced.psnr > m.growth(Criterion::AbsolutePixel).psnr + 1.0, "{forced:?}");
+        let (forced, pixel) = (m.growth(Criterion::Forced), m.growth(Criterion::AbsolutePixel));
+        assert_eq!(forced.counts, [53; 2]);
+        assert!(forced.psnr.iter().zip(&pixel.psnr).all(|(forced, pixel)| forced > pixel), "{forced:?} {pixel:?}");
     }
 
     fn no_universal_threshold(m: &LazyMeasured) {
-        assert!(m.spread_of_thresholds() >= 2.0, "{:?}", m.cases);
         let paper = &m.cases[0];
-        assert_eq!((paper.target.side_px, paper.count_transferred), (PAPER_SIDE_PX, m.trial.budget));
-        assert!(m.cases.iter().any(|case| case.count_transferred < m.trial.budget), "{:?}", m.cases);
+        assert_eq!((paper.variation, paper.target.side_px), (Variation::None, PAPER_SIDE_PX));
+        assert!(paper.outcomes.iter().all(|outcome| outcome.count_transferred == m.trial.budget), "{paper:?}");
+        let moves = |variation| {
+            let mut cases = m.cases.iter().filter(|case| case.variation == variation);
+            cases.all(|case| case.moves_against(paper))
+        };
+        assert!(moves(Variation::Contrast) && !moves(Variation::Stripes), "{:?}", m.cases);
     }
 
     fn relative_criteria_generalise(m: &LazyMeasured) {
-        assert!(m.cases.len() >= 3 && m.cases.iter().all(|case| case.count_hybrid == m.trial.budget), "{:?}", m.cases);
+        let reached = |case: &Case| case.outcomes.iter().all(|outcome| outcome.count_hybrid == m.trial.budget);
+        assert!(m.cases.len() >= 3 && m.cases.iter().all(reached), "{:?}", m.cases);
+        // At the paper's 10 % the rounds are too few for the budget.
+        assert!(m.cases.iter().flat_map(|case| &case.outcomes).all(|outcome| outcome.count_forced < m.trial.budget));
     }
 }
 
@@ -206,7 +226,7 @@ mod instabilities {
             &[
                 ("singular-covariances-give-nan", Verdict::Partly, singular_covariances_give_nan),
                 ("clamp-and-epsilon-cure", Verdict::Confirmed, clamp_and_epsilon_cure),
-                ("price-of-the-clamp", Verdict::Partly, price_of_the_clamp),
+                ("price-of-the-clamp", Verdict::Confirmed, price_of_the_clamp),
             ],
         );
     }
@@ -216,6 +236,8 @@ mod instabilities {
         assert!(off.not_finite * 2 > off.angles, "{off:?}");
         assert!(off.from_px.is_some_and(|from| (1e-4..1e-2).contains(&from)), "{off:?}");
         assert!(m.precision.wrong_below_px > off.from_px.unwrap(), "wrong before it is NaN");
+        let (fits, diverged) = m.free_fits(Guard::Off);
+        assert!(fits == 10 && (1..fits).contains(&diverged), "some diverge, and not all: {diverged} of {fits}");
     }
 
     fn clamp_and_epsilon_cure(m: &InstabilityMeasured) {
@@ -224,10 +246,20 @@ mod instabilities {
         }
         assert!(m.drive(Guard::Epsilon).not_finite > 0, "it is not the ε that cures");
         assert!(m.drive(Guard::Project).left_out_px.is_some_and(|scale| scale < 1e-3));
+        // Looked at in every step, the product's scales keep to its floor, and come near it.
+        let project = m.free.iter().find(|free| free.guard == Guard::Project).unwrap();
+        assert!(
+            project.courses.iter().all(|course| course.scales.len() == 201),
+            "800 steps, every fourth, and the end"
+        );
+        assert!((0.25..0.5).contains(&project.smallest_scale_px()), "{}", project.smallest_scale_px());
     }
 
     fn price_of_the_clamp(m: &InstabilityMeasured) {
-        assert!(m.price_of_clamp("circle and square") > 5.0 && m.price_of_clamp("thin lines") > 5.0, "{:?}", m.floors);
+        for target in ["circle and square", "thin lines"] {
+            assert!(m.price_of_clamp(target).mean < -5.0, "{:?}", m.floors);
+        }
+        assert!(m.floors.iter().all(|floor| floor.diverged() == 0));
     }
 }
 

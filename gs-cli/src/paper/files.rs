@@ -39,7 +39,7 @@ pub(super) fn write_experiment(
     Ok(Figures { charts, pictures })
 }
 
-/// Writes all claims with their verdicts, one row for each number.
+/// Writes all claims with their verdicts, one row for each circumstance, with how often it holds, and one for each number.
 ///
 /// # Errors
 /// Where the file cannot be written.
@@ -47,11 +47,15 @@ pub(super) fn write_claims(folder: &OutputFolder, chapters: &[Chapter]) -> Resul
     let mut csv = "experiment,claim,section,verdict,number,value,unit\n".to_owned();
     for Chapter { experiment, findings, .. } in chapters {
         for claim in &findings.claims {
+            let verdict = claim.verdict().to_string();
+            let mut add = |what: &str, value: &str, unit: &str| {
+                add_row(&mut csv, [experiment.name(), claim.name, claim.section, &verdict, what, value, unit]);
+            };
+            for circumstance in &claim.circumstances {
+                add(&circumstance.what, &circumstance.held.to_string(), &format!("of {}", circumstance.of));
+            }
             for number in &claim.numbers {
-                let value = number.value.to_string();
-                let verdict = claim.verdict.to_string();
-                let cells = [experiment.name(), claim.name, claim.section, &verdict, &number.what, &value, number.unit];
-                add_row(&mut csv, cells);
+                add(&number.what, &number.value.to_string(), number.unit);
             }
         }
     }

@@ -129,7 +129,7 @@ impl Task for Experiments<'_> {
 fn verdicts<'a>(claims: impl IntoIterator<Item = &'a gs_train::experiments::Claim>) -> String {
     use gs_train::experiments::Verdict::{Confirmed, Partly, Refuted};
     let claims: Vec<_> = claims.into_iter().collect();
-    let of = |verdict| claims.iter().filter(|claim| claim.verdict == verdict).count();
+    let of = |verdict| claims.iter().filter(|claim| claim.verdict() == verdict).count();
     let counted = [Confirmed, Partly, Refuted].map(|verdict| (of(verdict), verdict));
     let told: Vec<String> =
         counted.iter().filter(|(n, _)| *n > 0).map(|(n, verdict)| format!("{n} {verdict}")).collect();

@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use gs_train::experiments::{Claim, Experiment, Extent, PENDING, Table, Verdict};
+use gs_train::experiments::{Circumstance, Claim, Experiment, Extent, PENDING, Table, Verdict};
 
 use crate::{paper::Chapter, report::chart};
 
@@ -75,7 +75,7 @@ fn head(page: &mut String, chapters: &[Chapter], setting: &Setting<'_>) {
                 ),
                 _ => String::new(),
             };
-            add!(page, "<tr>{first}<td>{}</td><td>{}</td></tr>\n", escaped(claim.statement), badge(claim.verdict));
+            add!(page, "<tr>{first}<td>{}</td><td>{}</td></tr>\n", escaped(claim.statement), badge(claim.verdict()));
         }
     }
     add!(page, "</table>\n");
@@ -111,25 +111,36 @@ fn section(page: &mut String, chapter: &Chapter) {
 }
 
 fn claim_card(page: &mut String, claim: &Claim) {
+    let circumstances: String = claim.circumstances.iter().map(circumstance).collect();
     add!(
         page,
         "<div class=\"claim\"><div><h3>The paper says <span class=\"where\">{}</span></h3><p>{}</p></div><div><h3>Measured here \
-         {}</h3><p>{}</p></div></div>\n",
+         {}</h3><ul>{circumstances}</ul><p>{}</p></div></div>\n",
         escaped(claim.section),
         escaped(claim.statement),
-        badge(claim.verdict),
+        badge(claim.verdict()),
         escaped(&claim.measured)
     );
 }
 
+/// A line of the list from which a verdict follows.
+fn circumstance(circumstance: &Circumstance) -> String {
+    let verdict = circumstance.verdict();
+    let text = escaped(&circumstance.to_string());
+    format!("<li><span class=\"{verdict}\" title=\"{verdict}\">{}</span>{text}</li>", sign(verdict))
+}
+
 /// A verdict that needs no colour to be told.
 fn badge(verdict: Verdict) -> String {
-    let sign = match verdict {
+    format!("<span class=\"badge {verdict}\">{} {verdict}</span>", sign(verdict))
+}
+
+fn sign(verdict: Verdict) -> &'static str {
+    match verdict {
         Verdict::Confirmed => "✓",
         Verdict::Partly => "◐",
         Verdict::Refuted => "✗",
-    };
-    format!("<span class=\"badge {verdict}\">{sign} {verdict}</span>")
+    }
 }
 
 fn table(page: &mut String, table: &Table) {
@@ -199,9 +210,12 @@ code{font:14px ui-monospace,monospace;background:var(--surface);border:1px solid
 padding:14px 18px;margin:10px 0}
 .claim p{margin:0}
 .badge{white-space:nowrap;font-size:13px;font-weight:600;border:1px solid currentColor;border-radius:10px;padding:0 8px;margin-left:4px;color:var(--soft)}
-.badge.confirmed{color:var(--yes)}
-.badge.partly{color:var(--part)}
-.badge.refuted{color:var(--no)}
+.confirmed{color:var(--yes)}
+.partly{color:var(--part)}
+.refuted{color:var(--no)}
+.claim ul{list-style:none;margin:0 0 6px;padding:0}
+.claim li{padding-left:22px;text-indent:-22px}
+.claim li span{display:inline-block;width:22px;text-indent:0;font-weight:600}
 .charts{display:grid;grid-template-columns:repeat(auto-fit,minmax(500px,1fr));gap:16px;margin:18px 0}
 .pictures{display:flex;flex-wrap:wrap;gap:16px;margin:18px 0}
 figure{margin:0;background:var(--surface);border:1px solid var(--line);border-radius:8px;padding:12px}
@@ -240,7 +254,7 @@ mod tests {
             name: "c",
             statement: "a < b & c",
             section: "§1",
-            verdict: Verdict::Partly,
+            circumstances: vec![Circumstance::counted("held < of", [true, false])],
             measured: "1 > 0".to_owned(),
             numbers: vec![Number::new("n", 1.0, "dB")],
         };
@@ -267,8 +281,16 @@ mod tests {
     fn the_page_stands_alone_and_sets_statement_beside_measurement() {
         let setting = |only| Setting { extent: Extent::Quick, only, backend: "cpu" };
         let whole = page(&[chapter()], &setting(None));
-        for part in ["a &lt; b &amp; c", "1 &gt; 0", "◐ partly", "<svg", "20 rows", "Sorting artefacts", "Quick form"]
-        {
+        for part in [
+            "a &lt; b &amp; c",
+            "1 &gt; 0",
+            "◐ partly",
+            "held &lt; of: 1 of 2",
+            "<svg",
+            "20 rows",
+            "Sorting artefacts",
+            "Quick form",
+        ] {
             assert!(whole.contains(part), "{part}");
         }
         let outside = whole.replace("http://www.w3.org/2000/svg", "");

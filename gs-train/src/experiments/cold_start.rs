@@ -11,7 +11,7 @@ use gs_core::{Canvas, Image, Loss, PlanarScene, Rasterizer, effects::Statistics}
 use gs_density::{Paper, Policy, ResidualGrowth, WhenFlat};
 
 use super::{
-    Axis, Cell, Chart, Claim, Findings, Laboratory, Number, Picture, Series, Table, Verdict,
+    Axis, Cell, Chart, Circumstance, Claim, Findings, Laboratory, Number, Picture, SHARP_DB, Series, Table,
     findings::significant,
     laboratory::{Ellipses, Run, Shown, seeds_in_words},
     paired::{mean, median},
@@ -118,12 +118,27 @@ pub struct Course {
     pub late_ratio: f64,
     /// The loss at the end over the first, mean.
     pub loss_ratio: f64,
+    /// What these come to with each seed.
+    pub by_seed: Vec<Ending>,
+}
+
+/// One start with one seed.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Ending {
+    /// PSNR at the end, dB.
+    pub psnr: f64,
+    /// Steps until the loss is that of the good start of this seed at step 500; nothing where it never is.
+    pub steps_to_milestone: Option<u32>,
+    /// The loss at the end over that at a fifth of the steps.
+    pub late_ratio: f64,
+    /// The loss at the end over the first.
+    pub loss_ratio: f64,
 }
 
 /// What came out.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ColdStartMeasured {
-    /// The pull on white, on randomly coloured and on the good start's Gaussians, under L1 and under the paper's loss.
+    /// The pull on white, on randomly coloured, on large and on the good start's Gaussians, under L1 and under the paper's loss.
     pub pulls: Vec<Pull>,
     /// All starts, as in [`Start::ALL`].
     pub courses: Vec<Course>,
@@ -150,7 +165,7 @@ pub fn measure<R: Rasterizer<PlanarScene>>(laboratory: &mut Laboratory<'_, R>) -
     let good = &runs[0];
     let courses = Start::ALL.iter().zip(&runs).map(|(&start, runs)| course(start, runs, good)).collect();
     let mut pulls = Vec::new();
-    for start in [Start::ColdWhite, Start::ColdRandom, Start::Good] {
+    for start in [Start::ColdWhite, Start::ColdRandom, Start::LargeVariance, Start::Good] {
         let scene = Trainer::new(laboratory.rasterizer(), &target, settings(start, 0))?.scene()?;
         for loss in [Loss::L1, Loss::PAPER] {
             let settings = FitSettings { loss, ..settings(start, 0) };
@@ -183,18 +198,26 @@ pub fn measure<R: Rasterizer<PlanarScene>>(laboratory: &mut Laboratory<'_, R>) -
 }
 
 fn course(start: Start, runs: &[Run], good: &[Run]) -> Course {
-    let steps: Vec<f64> = (runs.iter().zip(good))
-        .map(|(run, good)| run.first_step_below(good.smoothed_loss(MILESTONE)).map_or(f64::INFINITY, f64::from))
-        .collect();
-    let end = |run: &Run| run.smoothed_loss(run.losses.len());
-    let middle = median(steps);
+    let ending = |(run, good): (&Run, &Run)| {
+        let end = run.smoothed_loss(run.losses.len());
+        Ending {
+            psnr: run.psnr(),
+            steps_to_milestone: run.first_step_below(good.smoothed_loss(MILESTONE)),
+            late_ratio: end / run.smoothed_loss(run.losses.len() / 5),
+            loss_ratio: end / f64::from(run.losses[0]),
+        }
+    };
+    let by_seed: Vec<Ending> = runs.iter().zip(good).map(ending).collect();
+    let over_seeds = |value: fn(&Ending) -> f64| mean(by_seed.iter().map(value));
+    let middle = median(by_seed.iter().map(|ending| ending.steps_to_milestone.map_or(f64::INFINITY, f64::from)));
     Course {
         start,
-        psnr: mean(runs.iter().map(Run::psnr)),
+        psnr: over_seeds(|ending| ending.psnr),
         count: mean(runs.iter().map(|run| f64::from(run.count()))),
         steps_to_milestone: middle.is_finite().then_some(middle),
-        late_ratio: mean(runs.iter().map(|run| end(run) / run.smoothed_loss(run.losses.len() / 5))),
-        loss_ratio: mean(runs.iter().map(|run| end(run) / f64::from(run.losses[0]))),
+        late_ratio: over_seeds(|ending| ending.late_ratio),
+        loss_ratio: over_seeds(|ending| ending.loss_ratio),
+        by_seed,
     }
 }
 

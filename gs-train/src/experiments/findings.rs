@@ -29,12 +29,61 @@ pub struct Claim {
     pub statement: &'static str,
     /// Where it says so: sections and figures.
     pub section: &'static str,
-    /// What came out.
-    pub verdict: Verdict,
+    /// What has to hold for the claim to hold; together they are its verdict.
+    pub circumstances: Vec<Circumstance>,
     /// What was measured, in words and numbers.
     pub measured: String,
-    /// The numbers that decide.
+    /// Numbers behind it.
     pub numbers: Vec<Number>,
+}
+
+impl Claim {
+    /// What the circumstances come to together.
+    pub fn verdict(&self) -> Verdict {
+        Verdict::of(&self.circumstances)
+    }
+}
+
+/// One thing that a claim of the paper says or implies, counted over all that was looked at: seeds, angles, targets.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Circumstance {
+    /// What should be so, such as "600 Gaussians are reached".
+    pub what: String,
+    /// In how many of those looked at it is so.
+    pub held: usize,
+    /// How many were looked at. Of none nothing was seen, and the circumstance does not hold.
+    pub of: usize,
+}
+
+impl Circumstance {
+    /// One measurement, which shows it or does not.
+    pub fn once(what: impl Into<String>, holds: bool) -> Self {
+        Self { what: what.into(), held: holds.into(), of: 1 }
+    }
+
+    /// Counted over many.
+    pub fn counted(what: impl Into<String>, each: impl IntoIterator<Item = bool>) -> Self {
+        let (held, of) = each.into_iter().fold((0, 0), |(held, of), holds| (held + usize::from(holds), of + 1));
+        Self { what: what.into(), held, of }
+    }
+
+    /// Confirmed where it holds throughout, refuted where it never does.
+    pub fn verdict(&self) -> Verdict {
+        match self.held {
+            0 => Verdict::Refuted,
+            held if held == self.of => Verdict::Confirmed,
+            _ => Verdict::Partly,
+        }
+    }
+}
+
+impl fmt::Display for Circumstance {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.of {
+            1 => f.write_str(&self.what),
+            of => write!(f, "{}: {} of {of}", self.what, self.held),
+        }
+    }
 }
 
 /// Whether a claim holds here.
@@ -45,22 +94,21 @@ pub enum Verdict {
     Confirmed,
     /// It does not.
     Refuted,
-    /// A part of it does, or under a condition that the measurement names.
+    /// Some of its circumstances hold, or hold sometimes.
     Partly,
 }
 
 impl Verdict {
-    /// What one yes/no measurement comes to.
-    pub fn of(holds: bool) -> Self {
-        if holds { Self::Confirmed } else { Self::Refuted }
-    }
-
-    /// What two parts of a claim come to together.
-    pub fn of_both(first: bool, second: bool) -> Self {
-        match (first, second) {
-            (true, true) => Self::Confirmed,
-            (false, false) => Self::Refuted,
-            _ => Self::Partly,
+    /// Confirmed where all circumstances hold throughout, refuted where none ever does, and partly in between. Of no circumstance nothing
+    /// is confirmed.
+    pub fn of(circumstances: &[Circumstance]) -> Self {
+        let all = |verdict| circumstances.iter().all(|circumstance| circumstance.verdict() == verdict);
+        if all(Self::Refuted) {
+            Self::Refuted
+        } else if all(Self::Confirmed) {
+            Self::Confirmed
+        } else {
+            Self::Partly
         }
     }
 }
@@ -270,6 +318,23 @@ pub struct Picture {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_verdict_is_what_its_circumstances_come_to() {
+        let counted = |held: usize, of: usize| Circumstance::counted("c", (0..of).map(|i| i < held));
+        let cases = [
+            (vec![counted(3, 3), Circumstance::once("c", true)], Verdict::Confirmed),
+            (vec![counted(3, 3), Circumstance::once("c", false)], Verdict::Partly),
+            (vec![counted(1, 3)], Verdict::Partly),
+            (vec![counted(0, 3), counted(0, 0)], Verdict::Refuted),
+            (vec![counted(3, 3), counted(0, 0)], Verdict::Partly),
+            (vec![], Verdict::Refuted),
+        ];
+        for (circumstances, expected) in cases {
+            assert_eq!(Verdict::of(&circumstances), expected, "{circumstances:?}");
+        }
+        assert_eq!(counted(1, 3).to_string(), "c: 1 of 3");
+    }
 
     #[test]
     fn numbers_are_as_short_as_they_can_be() {

@@ -91,6 +91,11 @@ impl<'a, R: Rasterizer<PlanarScene>> Laboratory<'a, R> {
         self.rasterizer
     }
 
+    /// Who waits.
+    pub(crate) fn watch(&mut self) -> &mut dyn Watch {
+        self.watch
+    }
+
     /// A fit from its settings.
     pub(crate) fn fit(&mut self, label: &str, target: &Image, settings: FitSettings) -> Result<Run, Error> {
         let mut trainer = Trainer::new(self.rasterizer, target, settings)?;

@@ -1,8 +1,17 @@
 //! Paired differences: is one thing larger than another, beyond chance?
 
-use crate::statistics::bootstrap_interval;
+use crate::statistics::{Interval, bootstrap_interval};
 
 pub(crate) use crate::statistics::{mean, median};
+
+/// Which of a pair is taken from which, in words.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Sense {
+    /// As in the differences.
+    Forward,
+    /// The other way round.
+    Reversed,
+}
 
 /// What paired differences come to.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -13,8 +22,8 @@ pub struct Paired {
     pub negative: usize,
     /// Their mean.
     pub mean: f64,
-    /// 95 % interval of the mean, by [`bootstrap_interval`]; NaN where there is none.
-    pub interval: (f64, f64),
+    /// 95 % interval of the mean, by [`bootstrap_interval`]; nothing where there are too few pairs.
+    pub interval: Option<Interval>,
     /// Two-sided p of the sign test: how probable so one-sided a count of signs is where both are equally probable. Zeros don't count.
     pub p: f64,
 }
@@ -28,14 +37,27 @@ impl Paired {
             pairs: differences.len(),
             negative,
             mean: mean(differences),
-            interval: bootstrap_interval(differences).map_or((f64::NAN, f64::NAN), |found| (found.low, found.high)),
+            interval: bootstrap_interval(differences),
             p: sign_test(negative, positive),
         }
     }
 
     /// Whether 0 lies above the whole interval: the differences are negative beyond chance.
     pub fn is_negative(&self) -> bool {
-        self.interval.1 < 0.0
+        self.interval.is_some_and(|interval| interval.high < 0.0)
+    }
+
+    /// The interval in words, to so many decimals, of the differences as they are or turned about.
+    pub(crate) fn interval_in_words(&self, sense: Sense, decimals: usize) -> String {
+        match (self.interval, sense) {
+            (Some(Interval { low, high }), Sense::Forward) => {
+                format!("95 % interval {low:+.decimals$} to {high:+.decimals$}")
+            }
+            (Some(Interval { low, high }), Sense::Reversed) => {
+                format!("95 % interval {:+.decimals$} to {:+.decimals$}", -high, -low)
+            }
+            (None, _) => format!("{} in all, too few for an interval", self.pairs),
+        }
     }
 }
 
@@ -69,7 +91,10 @@ mod tests {
         let clear: Vec<f64> = (0..20).map(|i| -1.0 + 0.5 * f64::from(i).sin()).collect();
         let found = Paired::of(&clear);
         assert!(found.is_negative() && found.p < 1e-4, "{found:?}");
-        assert!(found.interval.0 < found.mean && found.mean < found.interval.1);
+        let Interval { low, high } = found.interval.unwrap();
+        assert!(low < found.mean && found.mean < high);
+        assert!(found.interval_in_words(Sense::Reversed, 1).starts_with("95 % interval +"));
+        assert_eq!(Paired::of(&[1.0]).interval_in_words(Sense::Forward, 1), "1 in all, too few for an interval");
         let noise: Vec<f64> = (0..20).map(|i| if i % 2 == 0 { 1.0 } else { -1.0 }).collect();
         let found = Paired::of(&noise);
         assert!(!found.is_negative() && found.p > 0.5, "{found:?}");

@@ -2,7 +2,8 @@
 //! what makes it fall.
 //!
 //! Whether "spikes in count bring drops in loss" is a statistic here: the slope of ln loss in the steps after each round of growth less
-//! that before it, over all rounds and seeds, and the same at the same steps of fits that don't grow, where the slope only flattens.
+//! that before it, and where the loss stands in the end against the same steps of a fit that does not grow. Rounds of one seed are no
+//! independent witnesses: they follow one another in one fit, and share their control. So each seed gives one value, the mean over its rounds.
 
 mod findings;
 
@@ -10,10 +11,11 @@ use gs_core::{PlanarScene, Rasterizer, Scene as _};
 use gs_density::{Policy, RelativePercentile};
 
 use super::{
-    Axis, Cell, Chart, Claim, Extent, Findings, Laboratory, Number, Paired, Picture, Series, Table, Verdict,
+    Axis, Cell, Chart, Circumstance, Claim, Extent, Findings, Laboratory, Number, Paired, Picture, SHARP_DB, Series,
+    Table,
     findings::significant,
     laboratory::{Ellipses, Run, Shown},
-    paired::{mean, median},
+    paired::{Sense, mean, median},
 };
 use crate::{
     error::Error,
@@ -110,10 +112,12 @@ pub struct SetUpMeasured {
     pub steps_to_budget: Vec<u32>,
     /// The rounds in which something grew, of the paper's growth and of forced growth alone.
     pub rounds: Vec<GrowthRound>,
-    /// The change of slope at these rounds, per 100 steps.
+    /// The change of slope at these rounds, per 100 steps: a seed's mean is one of the differences.
     pub change: Paired,
-    /// What a round has come to after 100 steps, ln of the loss, less that of the fit without growth.
+    /// What a round has come to after 100 steps, ln of the loss, less that of the fit without growth: a seed's mean is one of them.
     pub net_beyond_control: Paired,
+    /// PSNR of the better of the two ways that start with 600, less that of growth from the same seed, dB.
+    pub start_against_growth: Paired,
     extent: Extent,
     curves: [Vec<Series>; 2],
     pictures: Vec<Picture>,
@@ -130,11 +134,11 @@ pub fn measure<R: Rasterizer<PlanarScene>>(laboratory: &mut Laboratory<'_, R>) -
         let one = |seed| laboratory.fit(&format!("{what}, seed {seed}"), &target, settings(seed));
         (0..seeds).map(one).collect::<Result<Vec<Run>, Error>>()
     };
-    let seeds = extent.choose(5, 2);
+    let seeds = extent.choose(8, 6);
     let grown = runs("20 to 600", seeds, &|seed| paper_settings(extent, seed))?;
     let forced = runs("forced growth alone", seeds, &|seed| forced_growth_settings(extent, seed))?;
     let twenty = runs("20 without growth", seeds, &|seed| fixed_settings(extent, seed, 20, 15.0))?;
-    let few = extent.choose(3, 1);
+    let few = extent.choose(8, 2);
     let many_small = runs("600 small ones", few, &|seed| fixed_settings(extent, seed, 600, SMALL_SCALE_PX))?;
     let many_large = runs("600 large ones", few, &|seed| fixed_settings(extent, seed, 600, 15.0))?;
 
@@ -143,7 +147,6 @@ pub fn measure<R: Rasterizer<PlanarScene>>(laboratory: &mut Laboratory<'_, R>) -
         .flat_map(|runs| (0..).zip(runs.iter().zip(&twenty)))
         .flat_map(|(seed, (run, control))| growth_rounds(seed, run, control))
         .collect();
-    let change = |r: &GrowthRound| r.slope_after - r.slope_before;
     let budget = paper_settings(extent, 0).gaussians;
     let reached = |run: &Run| run.counts.iter().position(|&c| c >= budget).unwrap_or(run.counts.len()) as u32 + 1;
     let labelled = [("20 to 600", &grown[0]), ("forced growth alone", &forced[0]), ("20, no growth", &twenty[0])];
@@ -151,8 +154,13 @@ pub fn measure<R: Rasterizer<PlanarScene>>(laboratory: &mut Laboratory<'_, R>) -
     let curves = [Run::count_curve as fn(&Run) -> _, Run::loss_curve]
         .map(|curve| labelled.clone().map(|(label, run)| Series::line(label, curve(run))).collect());
     Ok(SetUpMeasured {
-        change: Paired::of(&rounds.iter().map(change).collect::<Vec<_>>()),
-        net_beyond_control: Paired::of(&rounds.iter().map(|r| r.net - r.control_net).collect::<Vec<_>>()),
+        change: by_seed(&rounds, seeds, |r| r.slope_after - r.slope_before),
+        net_beyond_control: by_seed(&rounds, seeds, |r| r.net - r.control_net),
+        start_against_growth: Paired::of(
+            &(many_small.iter().zip(&many_large).zip(&grown))
+                .map(|((small, large), grown)| small.psnr().max(large.psnr()) - grown.psnr())
+                .collect::<Vec<_>>(),
+        ),
         steps_to_budget: grown.iter().map(reached).collect(),
         pictures: pictures(laboratory, &grown[0], &twenty[0])?,
         grown: Way::of("growth from 20 to 600 (forced growth and threshold)", &grown),
@@ -181,6 +189,11 @@ impl Way {
         mean(self.psnr.iter().copied())
     }
 
+    /// The lowest and the highest PSNR, dB.
+    fn range(&self) -> (f64, f64) {
+        self.psnr.iter().fold((f64::MAX, f64::MIN), |(low, high), &psnr| (low.min(psnr), high.max(psnr)))
+    }
+
     fn mean_count(&self) -> f64 {
         mean(self.counts.iter().map(|&count| f64::from(count)))
     }
@@ -207,6 +220,12 @@ fn growth_rounds(seed: u32, run: &Run, control: &Run) -> Vec<GrowthRound> {
             }
         })
         .collect()
+}
+
+/// A value of the rounds, averaged over those of each seed; a seed without a round has none.
+fn by_seed(rounds: &[GrowthRound], seeds: u32, value: impl Fn(&GrowthRound) -> f64) -> Paired {
+    let of_seed = |seed| mean(rounds.iter().filter(|round| round.seed == seed).map(&value));
+    Paired::of(&(0..seeds).map(of_seed).filter(|mean| !mean.is_nan()).collect::<Vec<_>>())
 }
 
 /// ln of the loss 100 steps after `step` over that at `step`, before the round.
@@ -267,6 +286,24 @@ fn pictures<R: Rasterizer<PlanarScene>>(
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_seed_is_one_witness_however_many_its_rounds() {
+        let round = |seed: u32, jump: f64| GrowthRound {
+            seed,
+            step: 100,
+            count: (20, 22),
+            slope_before: 0.0,
+            slope_after: 0.0,
+            jump,
+            net: 0.0,
+            control_change: 0.0,
+            control_net: 0.0,
+        };
+        let rounds: Vec<_> = (0..30).map(|_| round(0, -3.0)).chain([round(1, 1.0), round(1, 2.0)]).collect();
+        let found = by_seed(&rounds, 3, |round| round.jump);
+        assert_eq!((found.pairs, found.negative, found.mean), (2, 1, -0.75), "{found:?}");
+    }
 
     #[test]
     fn slopes_are_those_of_either_side() {

@@ -117,11 +117,15 @@ impl Textbook {
             });
             self.pixel_bwd(v_color, &layers, &mut gradients);
         }
-        let scales = self.gaussians.iter().flat_map(|g| [g[S1].abs(), g[S2].abs()]);
-        let smallest_scale_px = scales.fold(f32::INFINITY, f32::min);
+        let smallest_scale_px = self.smallest_scale_px();
         let has_finite_gradients = gradients.iter().flatten().all(|v| v.is_finite());
         self.adam(&gradients);
         Step { loss, smallest_scale_px, has_finite_gradients }
+    }
+
+    /// The smallest |scale| as it is now, px.
+    pub(crate) fn smallest_scale_px(&self) -> f32 {
+        self.gaussians.iter().flat_map(|g| [g[S1].abs(), g[S2].abs()]).fold(f32::INFINITY, f32::min)
     }
 
     fn conics(&self) -> Vec<[f32; 3]> {

@@ -133,8 +133,9 @@ mod tests {
         }
         assert_eq!(images[0], paper_target());
         let rounded = SyntheticTarget::PAPER_8_BIT.image();
-        let off = rounded.pixels().as_flattened().iter().zip(paper_target().pixels().as_flattened());
-        assert!(off.clone().all(|(a, b)| (a - b).abs() <= 0.5 / 255.0 + 1e-6));
+        let paper = paper_target();
+        let mut off = rounded.pixels().as_flattened().iter().zip(paper.pixels().as_flattened());
+        assert!(off.all(|(a, b)| (a - b).abs() <= 0.5 / 255.0 + 1e-6));
         assert_eq!(rounded.pixel(0, 0), [1.0; 3], "the rim does not reach the corner");
     }
 }

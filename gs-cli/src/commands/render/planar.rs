@@ -1,0 +1,49 @@
+//! `gs render` of an image's scene: a picture of any size, or a part of it.
+
+use glam::Vec2;
+use gs_core::{Canvas, Image, PlanarScene, Rasterizer};
+use gs_io::PlanarFile;
+
+use super::RenderArgs;
+use crate::{
+    backend::{Backend, Task},
+    failure::Failure,
+    output,
+    values::{Region, Size},
+};
+
+/// Renders a scene into a PNG.
+///
+/// # Errors
+/// Where the scene cannot be read, the size is not possible, or the picture cannot be written.
+pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
+    let file = gs_io::read_scene(&args.scene)?;
+    let canvas = canvas(&file, args);
+    canvas.validate().map_err(|error| Failure::usage(error).at("--size or --region"))?;
+    let image = Backend::start(&args.backend)?.run(Render { file: &file, canvas: &canvas })?;
+    gs_io::write_png(&args.output, &image)?;
+    output::note(format_args!("wrote {}, {}x{} px", args.output.display(), canvas.width, canvas.height));
+    Ok(())
+}
+
+fn canvas(file: &PlanarFile, args: &RenderArgs) -> Canvas {
+    let whole = Region { origin: Vec2::ZERO, extent: Vec2::new(file.width as f32, file.height as f32) };
+    let Region { origin, extent } = args.region.unwrap_or(whole);
+    // Rounding up, a region of less than a pixel still has one.
+    let natural = Size { width: extent.x.ceil() as u32, height: extent.y.ceil() as u32 };
+    let Size { width, height } = args.size.unwrap_or(natural);
+    Canvas::new(width, height).showing(origin, extent)
+}
+
+struct Render<'a> {
+    file: &'a PlanarFile,
+    canvas: &'a Canvas,
+}
+
+impl Task for Render<'_> {
+    type Output = Result<Image, gs_core::Error>;
+
+    fn run<R: Rasterizer<PlanarScene>>(self, rasterizer: &R) -> Self::Output {
+        rasterizer.render(&self.file.scene, self.canvas, &self.file.settings)
+    }
+}

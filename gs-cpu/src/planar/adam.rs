@@ -1,0 +1,278 @@
+//! Stage `adam`: one step of every Gaussian, in eight lanes (mean 2, shape 3, colour 3), and its statistics. Parallel over
+//! Gaussians; `project_bwd` is fused into it where the gradients are not wanted otherwise.
+
+use std::ops::Range;
+
+use fearless_simd::{Level, Simd, dispatch, f32x8, prelude::*};
+use glam::{Mat2, Vec2};
+use gs_core::{AdamRates, Participants, PlanarGaussian, effects::Statistics};
+
+use super::{
+    cloud::{PlanarCloud, Shapes, VECTOR},
+    project_bwd::Gradient,
+};
+use crate::{bias::BiasTable, splat::CHUNK};
+
+/// Largest entry of η in one step; exp(η) is taken to second order.
+const MAX_ETA: f32 = 0.5;
+
+/// Moments below this are 0: denormals cost time and move nothing.
+const VANISHING: f32 = 1e-30;
+
+/// Adam's numbers, lane by lane.
+#[derive(Debug, Clone, Copy)]
+struct LaneRates {
+    rate: [f32; VECTOR],
+    beta1: [f32; VECTOR],
+    beta2: [f32; VECTOR],
+}
+
+fn lane_rates(rates: &AdamRates, cloud: &PlanarCloud) -> LaneRates {
+    let third = match cloud.shapes {
+        Shapes::ScaleRotation(_) => rates.rotation,
+        Shapes::LocalFrame(_) => rates.scale,
+    };
+    let groups = [rates.mean, rates.mean, rates.scale, rates.scale, third, rates.color, rates.color, rates.color];
+    LaneRates { rate: groups.map(|g| g.learning_rate), beta1: groups.map(|g| g.beta1), beta2: groups.map(|g| g.beta2) }
+}
+
+/// A range of a cloud's arrays.
+struct Slices<'a> {
+    means: &'a mut [Vec2],
+    scale_rotations: &'a mut [[f32; 3]],
+    frames: &'a mut [Mat2],
+    colors: &'a mut [[f32; 3]],
+    opacity_logits: &'a mut [f32],
+    first: &'a mut [[f32; VECTOR]],
+    second: &'a mut [[f32; VECTOR]],
+    opacity_moments: &'a mut [[f32; 2]],
+    steps: &'a mut [u32],
+    gradient_sum: &'a mut [f32],
+    visible: &'a mut [u32],
+}
+
+impl Slices<'_> {
+    fn split(self, at: usize) -> (Self, Self) {
+        /// Every field cut at `at`, or at its end where it is shorter, being unused.
+        macro_rules! cut {
+            ($($field:ident),*) => {{
+                $(let $field = self.$field.split_at_mut(at.min(self.$field.len()));)*
+                (Self { $($field: $field.0),* }, Self { $($field: $field.1),* })
+            }};
+        }
+        cut!(
+            means,
+            scale_rotations,
+            frames,
+            colors,
+            opacity_logits,
+            first,
+            second,
+            opacity_moments,
+            steps,
+            gradient_sum,
+            visible
+        )
+    }
+}
+
+/// What all Gaussians of one step share.
+struct Step<'a> {
+    lanes: LaneRates,
+    rates: &'a AdamRates,
+    bias: &'a BiasTable<{ VECTOR + 1 }>,
+    collect: bool,
+}
+
+/// One Adam step of all Gaussians along `gradient_of(index)`; adds to the statistics if they are to be collected.
+pub(crate) fn step<'g>(
+    cloud: &mut PlanarCloud,
+    table: &mut BiasTable<{ VECTOR + 1 }>,
+    rates: &AdamRates,
+    level: Level,
+    statistics: Statistics,
+    gradient_of: impl Fn(usize) -> &'g Gradient + Sync,
+) {
+    let lanes = lane_rates(rates, cloud);
+    // The eight lanes, then the opacity.
+    let group = |k: usize| {
+        if k < VECTOR { [lanes.beta1[k], lanes.beta2[k]] } else { [rates.opacity.beta1, rates.opacity.beta2] }
+    };
+    table.prepare(std::array::from_fn(group), &cloud.steps);
+    let step = Step { lanes, rates, bias: table, collect: statistics != Statistics::None };
+    let count = cloud.shared.len();
+    let PlanarCloud { means, shapes, colors, opacity_logits, moments: [first, second], opacity_moments, .. } = cloud;
+    let (scale_rotations, frames): (&mut [_], &mut [_]) = match shapes {
+        Shapes::ScaleRotation(shapes) => (shapes, &mut []),
+        Shapes::LocalFrame(frames) => (&mut [], frames),
+    };
+    let slices = Slices {
+        means,
+        scale_rotations,
+        frames,
+        colors,
+        opacity_logits,
+        first,
+        second,
+        opacity_moments,
+        steps: &mut cloud.steps,
+        gradient_sum: &mut cloud.shared.statistics.gradient_sum,
+        visible: &mut cloud.shared.statistics.visible,
+    };
+    divide(slices, 0..count, &step, level, &gradient_of);
+}
+
+fn divide<'g>(
+    slices: Slices<'_>,
+    indices: Range<usize>,
+    step: &Step<'_>,
+    level: Level,
+    gradient_of: &(impl Fn(usize) -> &'g Gradient + Sync),
+) {
+    if indices.len() <= CHUNK {
+        dispatch!(level, simd => step_all(simd, slices, indices, step, gradient_of));
+        return;
+    }
+    let half = indices.len() / 2;
+    let middle = indices.start + half;
+    let (left, right) = slices.split(half);
+    rayon::join(
+        || divide(left, indices.start..middle, step, level, gradient_of),
+        || divide(right, middle..indices.end, step, level, gradient_of),
+    );
+}
+
+#[inline(always)]
+fn step_all<'g, S: Simd>(
+    simd: S,
+    slices: Slices<'_>,
+    indices: Range<usize>,
+    step: &Step<'_>,
+    gradient_of: &impl Fn(usize) -> &'g Gradient,
+) {
+    let local = slices.scale_rotations.is_empty();
+    let lane = |values: [f32; VECTOR]| f32x8::load_array(simd, values);
+    let (rate, beta1, beta2) = (lane(step.lanes.rate), lane(step.lanes.beta1), lane(step.lanes.beta2));
+    let (rest1, rest2) = (1.0 - beta1, 1.0 - beta2);
+    let (zero, epsilon) = (f32x8::splat(simd, 0.0), f32x8::splat(simd, step.rates.epsilon));
+    for (i, index) in indices.enumerate() {
+        let gradient = gradient_of(index);
+        if !gradient.visible && step.rates.participants == Participants::Visible {
+            continue;
+        }
+        let (by_mean, by_shape) = if local {
+            (gradient.xi, gradient.eta)
+        } else if gradient.visible {
+            let [x, y, angle] = slices.scale_rotations[i];
+            let (sin, cos) = angle.sin_cos();
+            let l = Mat2::from_cols(Vec2::new(cos, sin) * x.exp(), Vec2::new(-sin, cos) * y.exp());
+            gradient.whitened().by_scale_rotation(l, x - y)
+        } else {
+            (Vec2::ZERO, [0.0; 3])
+        };
+        let [r, g, b] = gradient.color;
+        let g = lane([by_mean.x, by_mean.y, by_shape[0], by_shape[1], by_shape[2], r, g, b]);
+        slices.steps[i] = slices.steps[i].saturating_add(1);
+        let bias = step.bias.at(slices.steps[i]);
+        let (first, second) =
+            (f32x8::from_slice(simd, &bias.first[..VECTOR]), f32x8::from_slice(simd, &bias.second[..VECTOR]));
+
+        let m = lane(slices.first[i]).mul_add(beta1, g * rest1);
+        let m = m.abs().simd_lt(f32x8::splat(simd, VANISHING)).select(zero, m);
+        let v = lane(slices.second[i]).mul_add(beta2, g * g * rest2);
+        let v = v.simd_lt(f32x8::splat(simd, VANISHING * VANISHING)).select(zero, v);
+        m.store_array(&mut slices.first[i]);
+        v.store_array(&mut slices.second[i]);
+        let moved = rate * (m * first) / ((v * second).sqrt() + epsilon);
+        let moved: [f32; VECTOR] = moved.into();
+
+        let [u, w, s0, s1, s2, colors @ ..] = moved;
+        for k in 0..3 {
+            slices.colors[i][k] -= colors[k];
+        }
+        if local {
+            let l = slices.frames[i];
+            slices.means[i] -= l * Vec2::new(u, w);
+            slices.frames[i] = turn(l, [s0, s1, s2], step.rates);
+        } else {
+            slices.means[i] -= Vec2::new(u, w);
+            let shape = &mut slices.scale_rotations[i];
+            *shape = [shape[0] - s0, shape[1] - s1, shape[2] - s2];
+            let (floor, ceiling) = (step.rates.min_scale.ln(), step.rates.max_scale.ln());
+            for scale in &mut shape[..2] {
+                // NaN stays: it must be seen and pruned.
+                if *scale < floor {
+                    *scale = floor;
+                } else if *scale > ceiling {
+                    *scale = ceiling;
+                }
+            }
+        }
+        if let Some(logit) = slices.opacity_logits.get_mut(i) {
+            let [m, v] = &mut slices.opacity_moments[i];
+            let (g, rate) = (gradient.opacity_logit, step.rates.opacity);
+            *m = rate.beta1 * *m + (1.0 - rate.beta1) * g;
+            *v = rate.beta2 * *v + (1.0 - rate.beta2) * g * g;
+            *logit -= rate.learning_rate * (*m * bias.first[VECTOR])
+                / ((*v * bias.second[VECTOR]).sqrt() + step.rates.epsilon);
+        }
+        if step.collect && gradient.visible {
+            slices.gradient_sum[i] += gradient.statistic;
+            slices.visible[i] = slices.visible[i].saturating_add(1);
+        }
+    }
+}
+
+/// L (I + η + η²/2) with η = −`moved` (η₀₀, η₀₁, η₁₁), and scales within their bounds.
+#[inline(always)]
+fn turn(l: Mat2, moved: [f32; 3], rates: &AdamRates) -> Mat2 {
+    let [a, b, d] = moved.map(|v| (-v).clamp(-MAX_ETA, MAX_ETA));
+    // I + η + η²/2, symmetric.
+    let b2 = b * b;
+    let (xx, yy) = (1.0 + a + 0.5 * (a * a + b2), 1.0 + d + 0.5 * (d * d + b2));
+    let xy = b + 0.5 * b * (a + d);
+    let l = Mat2::from_cols(l.x_axis * xx + l.y_axis * xy, l.x_axis * xy + l.y_axis * yy);
+    // The larger scale is at most the Frobenius norm, and the smaller is |det|/(the larger).
+    let frobenius = (l.x_axis.length_squared() + l.y_axis.length_squared()).sqrt();
+    let suspicious = l.determinant().abs() < rates.min_scale * frobenius || frobenius > rates.max_scale;
+    if suspicious { bounded(l, rates) } else { l }
+}
+
+/// L with its scales moved into their bounds, its axes and its right-hand rotation as they are.
+#[cold]
+fn bounded(l: Mat2, rates: &AdamRates) -> Mat2 {
+    let (log_scale, angle) = PlanarGaussian::shape_of_frame(l);
+    let scale = log_scale.map(f32::exp);
+    let within = scale.clamp(Vec2::splat(rates.min_scale), Vec2::splat(rates.max_scale));
+    if within == scale || !angle.is_finite() {
+        return l;
+    }
+    let (sin, cos) = angle.sin_cos();
+    let axes = Mat2::from_cols(Vec2::new(cos, sin), Vec2::new(-sin, cos));
+    // L = U S Vᵀ; U S′ Vᵀ = U (S′/S) Uᵀ L, but S may be 0 or too large: then V is taken as the identity.
+    let factor = within / scale;
+    if factor.is_finite() && scale.is_finite() {
+        axes * Mat2::from_diagonal(factor) * axes.transpose() * l
+    } else {
+        axes * Mat2::from_diagonal(within)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn scales_stay_within_their_bounds() {
+        let rates = gs_core::Adam { min_scale: 0.25, max_scale: 10.0, ..Default::default() }.at(0.0);
+        let scales = |l| PlanarGaussian::shape_of_frame(l).0.map(f32::exp);
+        let needle = Mat2::from_angle(0.7) * Mat2::from_diagonal(Vec2::new(9.9, 0.26)) * Mat2::from_angle(-1.1);
+        for moved in [[0.4, -0.3, 0.45], [-0.4, 0.3, -0.45], [-0.5, 0.0, 0.5]] {
+            let scale = scales(turn(needle, moved, &rates));
+            assert!(scale.y > 0.2499 && scale.x < 10.01, "{scale}");
+        }
+        let scale = scales(bounded(Mat2::from_cols(Vec2::X, Vec2::X), &rates));
+        assert!(scale.y > 0.2499);
+        assert!(turn(Mat2::NAN, [0.0; 3], &rates).is_nan());
+    }
+}

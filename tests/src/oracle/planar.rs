@@ -1,0 +1,159 @@
+//! One Gaussian seen through a canvas, in `f64`: its centre and precision matrix in pixels, and how σ = ½ dᵀ Σ′⁻¹ d depends on
+//! each of its parameters (paper eq. 3, 5, 7).
+
+use gs_core::{
+    Canvas, Error, RenderSettings,
+    constants::MIN_DETERMINANT_PX4,
+    effects::{Antialias, Order, Outputs},
+    statistics::Cause,
+};
+
+use super::{
+    parameters::{COLOR, OPACITY, ROTATION},
+    rounded::{F32_ROUNDING, Rounded},
+    splat::{Appearance, Depth, Exponent, Lean, OracleView, Projection, Splat},
+};
+
+/// Roundings of a derivative of σ, in its own terms.
+const OPERATIONS: f64 = 8.0;
+
+/// A Gaussian in pixels of the canvas. Its share of a pixel is in its parameters as they are.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PlanarSplat {
+    /// Centre, px.
+    center: [f64; 2],
+    /// What rounding to `f32` may move the centre by, px.
+    center_rounding: [f64; 2],
+    /// Σ′⁻¹ as (xx, xy, yy), px⁻².
+    precision: [f64; 3],
+    /// Unit vectors of the two axes, plane.
+    axes: [[f64; 2]; 2],
+    /// Squared scales along them, plane px².
+    variances: [f64; 2],
+    /// Pixels per unit of the plane.
+    zoom: [f64; 2],
+    appearance: Appearance,
+}
+
+impl OracleView for Canvas {
+    type Splat = PlanarSplat;
+
+    fn check(&self, settings: &RenderSettings) -> Result<(), Error> {
+        self.validate()?;
+        let effects = settings.effects;
+        if effects.order != Order::Index || effects.antialias != Antialias::None || effects.outputs != Outputs::Color {
+            return Err(Error::Unsupported { backend: "oracle", effect: format!("{effects:?}") });
+        }
+        Ok(())
+    }
+
+    fn size(&self) -> (u32, u32) {
+        (self.width, self.height)
+    }
+
+    /// From units of the plane to pixels of the canvas, and from these to normalised device units.
+    fn device_units(&self) -> [f64; 2] {
+        [f64::from(self.extent.x) / 2.0, f64::from(self.extent.y) / 2.0]
+    }
+
+    fn project(&self, g: &[f64], _: &RenderSettings, _: Lean) -> Projection<PlanarSplat> {
+        let finite_in_f32 = |v: f64| v.abs() <= f64::from(f32::MAX); // NaN fails
+        let all_but_logit = g.iter().enumerate().filter(|&(i, _)| i != OPACITY).all(|(_, &v)| finite_in_f32(v));
+        if !all_but_logit || g[OPACITY].is_nan() {
+            return Projection::Left(Cause::NotFinite);
+        }
+        let origin = [f64::from(self.origin.x), f64::from(self.origin.y)];
+        let zoom =
+            [f64::from(self.width) / f64::from(self.extent.x), f64::from(self.height) / f64::from(self.extent.y)];
+        let (sin, cos) = g[ROTATION].sin_cos();
+        let axes = [[cos, sin], [-sin, cos]];
+        let variances = [(2.0 * g[2]).exp(), (2.0 * g[3]).exp()];
+        // Σ′ᵢⱼ = zoomᵢ zoomⱼ Σₖ varianceₖ axisₖᵢ axisₖⱼ
+        let entry = |i: usize, j: usize| {
+            zoom[i] * zoom[j] * (variances[0] * axes[0][i] * axes[0][j] + variances[1] * axes[1][i] * axes[1][j])
+        };
+        let (xx, xy, yy) = (entry(0, 0), entry(0, 1), entry(1, 1));
+        let determinant = variances[0] * variances[1] * (zoom[0] * zoom[1]).powi(2);
+        if ![xx, xy, yy, determinant].into_iter().all(finite_in_f32) {
+            return Projection::Left(Cause::NotFinite);
+        }
+        if determinant < f64::from(MIN_DETERMINANT_PX4) {
+            return Projection::Left(Cause::Degenerate);
+        }
+        let center = [0, 1].map(|i| (g[i] - origin[i]) * zoom[i]);
+        let opacity = 1.0 / (1.0 + (-g[OPACITY]).exp());
+        Projection::Drawable(PlanarSplat {
+            center,
+            center_rounding: [0, 1]
+                .map(|i| F32_ROUNDING * (center[i].abs() + (g[i].abs() + origin[i].abs()) * zoom[i])),
+            precision: [yy / determinant, -xy / determinant, xx / determinant],
+            axes,
+            variances,
+            zoom,
+            appearance: Appearance {
+                opacity,
+                opacity_rounding: 0.0, // Among the operations of a weight.
+                opacity_slope: opacity * (1.0 - opacity),
+                color: [g[COLOR], g[COLOR + 1], g[COLOR + 2]],
+                color_rounding: [0.0; 3],
+                undecided: false,
+            },
+        })
+    }
+}
+
+impl Splat for PlanarSplat {
+    /// σ at the pixel centre `p`.
+    ///
+    /// With q = Σ′⁻¹ d: ∂σ/∂u = −q and ∂σ/∂Σ′ = −½ q qᵀ. Written in the plane, q becomes `zoom · q`; ∂Σ/∂(ln sₖ) = 2 sₖ² rₖ rₖᵀ and
+    /// ∂Σ/∂θ = (s₁² − s₂²)(r₁ r₂ᵀ + r₂ r₁ᵀ).
+    fn exponent(&self, p: [f64; 2]) -> Exponent {
+        let [a, b, c] = self.precision;
+        let d = [p[0] - self.center[0], p[1] - self.center[1]];
+        let q = [a * d[0] + b * d[1], b * d[0] + c * d[1]];
+        let q_magnitude = [a * d[0].abs() + b.abs() * d[1].abs(), b.abs() * d[0].abs() + c * d[1].abs()];
+        let sigma_magnitude = 0.5 * (q_magnitude[0] * d[0].abs() + q_magnitude[1] * d[1].abs());
+        let moved = (0..2).map(|i| q[i].abs() * (self.center_rounding[i] + F32_ROUNDING * p[i].abs())).sum::<f64>();
+        let plane = [q[0] * self.zoom[0], q[1] * self.zoom[1]];
+        let plane_magnitude = [q_magnitude[0] * self.zoom[0], q_magnitude[1] * self.zoom[1]];
+        // The axes are eigenvectors: rₖ · Σ⁻¹ = rₖ / sₖ².
+        let along = [0, 1].map(|k| self.axes[k][0] * plane[0] + self.axes[k][1] * plane[1]);
+        let along_magnitude = [0, 1].map(|k| {
+            let [x, y] = [0, 1].map(|i| (self.axes[k][i] * d[i] / self.zoom[i]).abs());
+            (x + y) / self.variances[k]
+        });
+        let [v1, v2] = self.variances;
+        Exponent {
+            sigma: 0.5 * (q[0] * d[0] + q[1] * d[1]),
+            rounding: F32_ROUNDING * sigma_magnitude + moved,
+            derivatives: [
+                -plane[0],
+                -plane[1],
+                -v1 * along[0] * along[0],
+                -v2 * along[1] * along[1],
+                -(v1 - v2) * along[0] * along[1],
+            ],
+            derivative_rounding: [
+                plane_magnitude[0],
+                plane_magnitude[1],
+                v1 * along_magnitude[0].powi(2),
+                v2 * along_magnitude[1].powi(2),
+                (v1 - v2).abs() * along_magnitude[0] * along_magnitude[1],
+            ]
+            .map(|magnitude| OPERATIONS * F32_ROUNDING * magnitude),
+            displaced: [[0.0; 5]; 2], // The centre is as certain as the terms above.
+        }
+    }
+
+    fn appearance(&self) -> &Appearance {
+        &self.appearance
+    }
+
+    fn depth(&self, _: [f64; 2], _: Order) -> Depth {
+        Depth { value: 0.0, rounding: 0.0, origin: [0.0; 8] }
+    }
+
+    fn jacobian(&self) -> Vec<[Rounded; 9]> {
+        (0..9).map(|i| std::array::from_fn(|j| if i == j { Rounded::ONE } else { Rounded::ZERO })).collect()
+    }
+}
