@@ -327,10 +327,10 @@ mod tests {
         refused(cpu.train_step(&mut cloud, &view, &target, &step));
         assert_eq!(cpu.save(&cloud).unwrap(), before);
 
-        next_takes(12);
         let mut fresh = cpu.upload(&scene, Chart::default()).unwrap();
         let [mut found, mut expected] = [Vec::new(), Vec::new()];
         for (cloud, losses) in [(&mut cloud, &mut found), (&mut fresh, &mut expected)] {
+            next_takes(12);
             cpu.train_step(cloud, &view, &target, &step).unwrap();
             cpu.losses(cloud, Wait::All, losses).unwrap();
         }

@@ -128,7 +128,7 @@ fn a_study_of_which_every_run_fails_has_failed() {
     let run = gs(arguments(&file, &output));
     let last = run.stderr.lines().last().unwrap();
     assert!(run.status == Some(1) && run.stdout.is_empty(), "{run:?}");
-    assert!(last.starts_with("error: small: all 12 runs failed, the first since the fit diverged"), "{last}");
+    assert!(last.starts_with("error: small: all 12 runs failed, the first since the training diverged"), "{last}");
     assert!(last.ends_with(&format!("see {}", output.join("runs.csv").display())), "{last}");
     assert!(fs::read_to_string(output.join("report.html")).unwrap().contains("Runs that failed"));
 }
