@@ -74,6 +74,18 @@ impl Group {
     }
 }
 
+/// Which Gaussians an Adam step moves.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Participants {
+    /// All: the moments of those out of view decay, and still move them (3DGS).
+    #[default]
+    All,
+    /// Those that some tile of this step's frame lists; of the others nothing changes, step counts included (*source:* sparse Adam, as in
+    /// Taming 3DGS, Mallick et al. 2024). A step then costs what is in view.
+    Visible,
+}
+
 /// Adam's settings. Bias correction counts each Gaussian's own steps, so that one born late starts as the first did.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, rename_all = "kebab-case")]
@@ -86,14 +98,18 @@ pub struct Adam {
     pub rotation: Group,
     /// Opacity logit.
     pub opacity: Group,
-    /// Colour (SH coefficients).
+    /// Colour; of spatial scenes the SH coefficient of degree 0.
     pub color: Group,
+    /// SH coefficients above degree 0. Spatial scenes.
+    pub color_rest: Group,
     /// Added to √v̂, against division by zero.
     pub epsilon: f32,
     /// No scale shrinks below this, px (spatial scenes: world units).
     pub min_scale: f32,
     /// No scale grows above this, px (spatial scenes: world units).
     pub max_scale: f32,
+    /// Which Gaussians a step moves.
+    pub participants: Participants,
 }
 
 impl Default for Adam {
@@ -104,9 +120,11 @@ impl Default for Adam {
             rotation: Group::constant(0.02),
             opacity: Group::constant(0.05),
             color: Group::constant(0.01),
+            color_rest: Group::constant(0.01 / 20.0),
             epsilon: 1e-15,
             min_scale: MIN_SCALE_PX,
             max_scale: MAX_SCALE_PX,
+            participants: Participants::All,
         }
     }
 }
@@ -133,14 +151,18 @@ pub struct AdamRates {
     pub rotation: Rate,
     /// Opacity logit.
     pub opacity: Rate,
-    /// Colour.
+    /// Colour, or the SH coefficient of degree 0.
     pub color: Rate,
+    /// SH coefficients above degree 0.
+    pub color_rest: Rate,
     /// Added to √v̂.
     pub epsilon: f32,
     /// Floor of every scale.
     pub min_scale: f32,
     /// Ceiling of every scale.
     pub max_scale: f32,
+    /// Which Gaussians move.
+    pub participants: Participants,
 }
 
 impl Adam {
@@ -157,9 +179,11 @@ impl Adam {
             rotation: rate(&self.rotation),
             opacity: rate(&self.opacity),
             color: rate(&self.color),
+            color_rest: rate(&self.color_rest),
             epsilon: self.epsilon,
             min_scale: self.min_scale,
             max_scale: self.max_scale,
+            participants: self.participants,
         }
     }
 }

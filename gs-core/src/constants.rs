@@ -41,6 +41,27 @@ pub const MIN_QUATERNION_NORM2: f32 = 1e-6;
 /// The near plane of a [`Camera`](crate::view::Camera). Unit: world units. *Source:* gsplat (3DGS: 0.2).
 pub const NEAR_WORLD: f32 = 0.01;
 
+/// How far beyond the image, as a share of half its side, the slope x/z is followed that the perspective's Jacobian is taken at.
+/// Unit: none.
+///
+/// *Source:* 3DGS (1.3 times the tangent of half the field of view), in gsplat's form for principal points off the centre. Further out the
+/// affine approximation smears Gaussians over the whole image; the gradient of a clamped slope is zero.
+pub const JACOBIAN_MARGIN: f32 = 0.3;
+
+/// Y₀ of the real spherical harmonics. *Source:* 3DGS, whose constants, signs and order every splat file follows.
+pub const SH_C0: f32 = 0.282_094_8;
+
+/// The constant of degree 1: Y = −C y, C z, −C x.
+pub const SH_C1: f32 = 0.488_602_5;
+
+/// The constants of degree 2, which multiply xy, yz, 2z² − x² − y², xz, x² − y².
+pub const SH_C2: [f32; 5] = [1.092_548_5, -1.092_548_5, 0.315_391_57, -1.092_548_5, 0.546_274_24];
+
+/// The constants of degree 3, which multiply y(3x² − y²), xyz, y(4z² − x² − y²), z(2z² − 3x² − 3y²), x(4z² − x² − y²), z(x² − y²),
+/// x(x² − 3y²).
+pub const SH_C3: [f32; 7] =
+    [-0.590_043_6, 2.890_611_4, -0.457_045_8, 0.373_176_34, -0.457_045_8, 1.445_305_7, -0.590_043_6];
+
 /// Smallest scale that training lets a Gaussian shrink to. Unit: px.
 ///
 /// The paper clamps at 1.0 (§3.4.2), which forbids sharp edges; below 0.25 a Gaussian falls between pixel centres

@@ -3,6 +3,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::constants::{DILATION_PX2, MIP_DILATION_PX2};
+
 /// In which order Gaussians are blended at a pixel. Matters under [`Blend::Over`] only.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -12,7 +14,8 @@ pub enum Order {
     Index,
     /// By one depth per Gaussian, that of its mean (3DGS, paper §2.3.1); ties by index. Spatial scenes.
     TileDepth,
-    /// By their depth along each pixel's ray: no popping (paper §5.4). Spatial scenes.
+    /// By their depth along each pixel's ray, ties by index: no popping (paper §5.4). A Gaussian's depth there is the mean of z given that the
+    /// ray goes through the pixel (`perspective::Projection::depth_slope`). Spatial scenes.
     PixelDepth,
 }
 
@@ -36,7 +39,8 @@ pub enum Antialias {
     None,
     /// Σ′ + 0.3 px² · I (3DGS).
     Dilate,
-    /// Σ′ + 0.1 px² · I with the opacity scaled by √(det Σ′ / det(Σ′ + 0.1 I)) (Mip-Splatting).
+    /// Σ′ + 0.1 px² · I with the opacity scaled by √(det Σ′ / det(Σ′ + 0.1 I)) (Mip-Splatting). Under [`Blend::Sum`], which has no
+    /// opacity, nothing is scaled.
     Mip,
 }
 
@@ -105,6 +109,17 @@ pub enum Statistics {
     /// share of the picture's error that falls to a Gaussian. e = the mean of |C − Y| over the three channels, whatever the loss; T α is
     /// what the pixel shows of the Gaussian, under [`Blend::Sum`] its cut weight w.
     PixelError,
+}
+
+impl Antialias {
+    /// What is added to the diagonal of Σ′, px².
+    pub fn dilation(self) -> f32 {
+        match self {
+            Self::None => 0.0,
+            Self::Dilate => DILATION_PX2,
+            Self::Mip => MIP_DILATION_PX2,
+        }
+    }
 }
 
 /// The effects of a rendering, together.

@@ -15,10 +15,12 @@ pub mod error;
 pub mod image;
 pub mod loss;
 pub mod metrics;
+pub mod perspective;
 pub mod profile;
 pub mod rasterizer;
 pub mod scene;
 pub mod settings;
+pub mod sh;
 pub mod splat;
 pub mod state;
 pub mod statistics;
@@ -26,7 +28,7 @@ pub mod view;
 pub mod whitened;
 
 pub use crate::{
-    adam::{Adam, AdamRates, Chart},
+    adam::{Adam, AdamRates, Chart, Participants},
     edit::EditPlan,
     effects::{Blend, Effects},
     error::Error,

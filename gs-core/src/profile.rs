@@ -32,7 +32,8 @@ pub trait Profiler<S: Scene>: Rasterizer<S> {
 /// Adam's numbers for steps that move nothing: all learning rates are 0.
 pub fn still() -> AdamRates {
     let mut adam = Adam::default();
-    for group in [&mut adam.mean, &mut adam.scale, &mut adam.rotation, &mut adam.opacity, &mut adam.color] {
+    let Adam { mean, scale, rotation, opacity, color, color_rest, .. } = &mut adam;
+    for group in [mean, scale, rotation, opacity, color, color_rest] {
         group.learning_rate = 0.0;
     }
     adam.at(0.0)
@@ -187,7 +188,7 @@ mod tests {
     #[test]
     fn nothing_moves_at_still_rates() {
         let rates = still();
-        for group in [rates.mean, rates.scale, rates.rotation, rates.opacity, rates.color] {
+        for group in [rates.mean, rates.scale, rates.rotation, rates.opacity, rates.color, rates.color_rest] {
             assert_eq!(group.learning_rate, 0.0);
         }
     }

@@ -28,6 +28,10 @@ pub struct Tensor {
 /// [`Chart::LocalFrame`]) or `log_scale [N,2]` and `rotation [N]`; `color [N,3]`, `opacity_logit [N]` (absent where all are
 /// opaque); `moment1`, `moment2 [N,9]` in the order mean 2, shape 3, colour 3, opacity 1; `steps [N]` (u32);
 /// `gradient_sum [N]` (of whichever statistic is collected), `visible [N]` (u32).
+///
+/// For spatial clouds, with K = (d + 1)² coefficients: `mean [N,3]`, `log_scale [N,3]`, `rotation [N,4]` (w, x, y, z),
+/// `opacity_logit [N]`, `sh [N,3K]` (coefficient by coefficient, each R, G, B); `moment1`, `moment2 [N,11+3K]` in the order mean 3,
+/// log-scale 3, rotation 4, opacity 1, SH 3K; `steps`, `gradient_sum` and `visible` as above.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CloudState {
     /// The coordinates in which the optimiser moves, which decide how the shape is held.
@@ -47,6 +51,16 @@ impl CloudState {
         let data: Vec<f32> = rows.into_iter().flatten().collect();
         let shape = vec![data.len() / COLUMNS, COLUMNS];
         self.tensors.insert(name.to_owned(), Tensor { shape, data: TensorData::F32(data) });
+    }
+
+    /// Adds `[N, columns]` floats, row-major.
+    ///
+    /// # Panics
+    /// Where `values` are no whole rows.
+    pub fn insert_matrix(&mut self, name: &str, columns: usize, values: Vec<f32>) {
+        assert!(columns > 0 && values.len().is_multiple_of(columns), "{} values in rows of {columns}", values.len());
+        let shape = vec![values.len() / columns, columns];
+        self.tensors.insert(name.to_owned(), Tensor { shape, data: TensorData::F32(values) });
     }
 
     /// Adds `[N]` integers.
@@ -70,6 +84,20 @@ impl CloudState {
             other => {
                 Err(Error::State(format!("tensor `{name}` is {:?}, not floats in rows of {COLUMNS}", other.shape)))
             }
+        }
+    }
+
+    /// The columns of an `[N, columns]` tensor of floats, and its numbers, row-major.
+    ///
+    /// # Errors
+    /// [`Error::State`] where the tensor is missing, not of two dimensions, of another length than its shape says, or of another type.
+    pub fn matrix(&self, name: &str) -> Result<(usize, &[f32]), Error> {
+        match self.get(name)? {
+            Tensor { shape, data: TensorData::F32(data) } => match shape[..] {
+                [rows, columns] if columns > 0 && rows.checked_mul(columns) == Some(data.len()) => Ok((columns, data)),
+                _ => Err(Error::State(format!("tensor `{name}` has {} values in a shape of {shape:?}", data.len()))),
+            },
+            _ => Err(Error::State(format!("tensor `{name}` holds integers, not floats"))),
         }
     }
 
@@ -124,5 +152,10 @@ mod tests {
         assert!(state.rows::<2>("absent").is_err());
         assert!(state.integers("mean").is_err());
         assert_eq!(state.integers("steps").unwrap(), [7]);
+        state.insert_matrix("sh", 3, vec![1.0; 6]);
+        assert_eq!(state.matrix("sh").unwrap(), (3, &[1.0; 6][..]));
+        assert!(state.matrix("steps").is_err());
+        state.tensors.get_mut("sh").unwrap().shape = vec![4, 3];
+        assert!(state.matrix("sh").is_err());
     }
 }

@@ -26,15 +26,58 @@ impl DensityStatistics {
     }
 }
 
-/// Gaussians that a frame left out, by cause.
+/// Why a frame leaves a Gaussian out; see the fields of [`Culled`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Cause {
+    /// [`Culled::not_finite`].
+    NotFinite,
+    /// [`Culled::near`].
+    Near,
+    /// [`Culled::degenerate`].
+    Degenerate,
+    /// [`Culled::transparent`].
+    Transparent,
+    /// [`Culled::outside`].
+    Outside,
+}
+
+/// Gaussians that a frame left out, by cause; each under the first that applies, in the order of
+/// [`perspective`](crate::perspective) for spatial scenes and of the fields for planar ones.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(default)]
 pub struct Culled {
     /// A parameter, or the covariance made of them, is NaN or infinite.
     pub not_finite: u32,
+    /// Its mean is nearer than the near plane, or behind the camera. Spatial scenes.
+    pub near: u32,
     /// det Σ′ below [`MIN_DETERMINANT_PX4`](crate::constants::MIN_DETERMINANT_PX4), or a quaternion without direction.
     pub degenerate: u32,
     /// Opacity below the α cut.
     pub transparent: u32,
     /// Touches no pixel of the view above the cut.
     pub outside: u32,
+}
+
+impl Culled {
+    /// Counts one more.
+    pub fn count(&mut self, cause: Cause) {
+        *match cause {
+            Cause::NotFinite => &mut self.not_finite,
+            Cause::Near => &mut self.near,
+            Cause::Degenerate => &mut self.degenerate,
+            Cause::Transparent => &mut self.transparent,
+            Cause::Outside => &mut self.outside,
+        } += 1;
+    }
+
+    /// The counts of two parts of a scene together.
+    pub fn plus(self, other: Self) -> Self {
+        Self {
+            not_finite: self.not_finite + other.not_finite,
+            near: self.near + other.near,
+            degenerate: self.degenerate + other.degenerate,
+            transparent: self.transparent + other.transparent,
+            outside: self.outside + other.outside,
+        }
+    }
 }

@@ -4,14 +4,14 @@
 //! listed that a Gaussian cannot touch above the cut. Entries of a tile stand in the order of places, whatever the number of
 //! threads.
 
-use gs_core::{Error, statistics::Culled};
+use gs_core::Error;
 use rayon::prelude::*;
 
 use crate::{
     lanes::LANES,
     layout::Grid,
-    project::{CHUNK, Splat},
     rasterizer::BACKEND,
+    splat::{CHUNK, Splat},
 };
 
 /// One Gaussian in one tile.
@@ -50,6 +50,8 @@ pub(crate) struct Bins {
     pub(crate) entries: Vec<Entry>,
     /// First entry of each tile, `[tiles + 1]`.
     pub(crate) tile_start: Vec<u32>,
+    /// Splats that are not culled and touch no pixel.
+    pub(crate) outside: u32,
     chunks: Vec<Chunk>,
     /// Places in a chunk.
     chunk_len: usize,
@@ -61,7 +63,7 @@ impl Default for Bins {
     fn default() -> Self {
         let (entries, tile_start, chunks) = Default::default();
         // Positions are `u32`.
-        Self { entries, tile_start, chunks, chunk_len: 0, most_entries: u32::MAX }
+        Self { entries, tile_start, outside: 0, chunks, chunk_len: 0, most_entries: u32::MAX }
     }
 }
 
@@ -81,11 +83,11 @@ impl Bins {
         self.entries.iter().map(|e| u64::from(e.rows[1] - e.rows[0]) * LANES as u64).sum()
     }
 
-    /// Lists anew; adds to `culled` the Gaussians that touch no pixel.
+    /// Lists anew, and counts the Gaussians that touch no pixel.
     ///
     /// # Errors
     /// [`Error::Backend`] where there are more entries than [`Self::most_entries`]; the lists are then of no use.
-    pub(crate) fn fill(&mut self, splats: &[Splat], grid: &Grid, culled: &mut Culled) -> Result<(), Error> {
+    pub(crate) fn fill(&mut self, splats: &[Splat], grid: &Grid) -> Result<(), Error> {
         let tiles = grid.tiles();
         self.chunk_len = CHUNK.max(splats.len().div_ceil(MOST_CHUNKS));
         let chunk_len = self.chunk_len;
@@ -93,7 +95,7 @@ impl Bins {
         self.chunks.par_iter_mut().zip(splats.par_chunks(chunk_len)).enumerate().for_each(|(i, (chunk, splats))| {
             chunk.find(splats, (i * chunk_len) as u32, grid);
         });
-        culled.outside += self.chunks.iter().map(|c| c.outside).sum::<u32>();
+        self.outside = self.chunks.iter().map(|c| c.outside).sum::<u32>();
 
         let counts = |tile: usize| self.chunks.iter().map(move |chunk| chunk.cursors[tile]);
         let total = count_entries((0..tiles).flat_map(counts), self.most_entries)?;
@@ -174,6 +176,12 @@ impl Chunk {
             *cursor += 1;
         }
     }
+}
+
+/// Whether the box around the ellipse of a splat's cut, which reaches `half_y` up and down, touches a pixel's centre.
+pub(crate) fn touches(splat: &Splat, half_y: f32, grid: &Grid) -> bool {
+    pixels(splat.mean[0], splat.half_x, splat.half_x, grid.width).is_some()
+        && pixels(splat.mean[1], half_y, half_y, grid.height).is_some()
 }
 
 /// The pixels whose centres lie within [mean − before, mean + after], as first and end; `None` where there are none.

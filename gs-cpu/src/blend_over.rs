@@ -16,7 +16,7 @@ use crate::{
     collect::Collect,
     lanes::{Floats, LANES, each_part, fma, load, load3, splat, splat3, store, sums},
     layout::{Row, ScalarRow},
-    project::Splat,
+    splat::Splat,
 };
 
 /// Numbers per entry that [`backward`] yields: those of `Sum`, and S (the sum of t). Those that K asks for follow them.

@@ -15,7 +15,7 @@ use crate::{
         Floats, LANES, Whole, each_part, exp, exp_less, fma, iota, load, load3, masked, splat, splat3, store, sums,
     },
     layout::{Row, ScalarRow},
-    project::Splat,
+    splat::Splat,
 };
 
 /// Numbers per entry that [`backward`] yields: v_colour 3, Sx, Su, Sxx, Sxu, Suu. Those that K asks for follow them.

@@ -14,8 +14,8 @@ use rayon::prelude::*;
 use crate::{
     lanes::{LANES, fma, iota, load, splat, store},
     layout::{Cuts, Grid, Row, TileBuffers, for_each_tile},
-    loss::PlanarTarget,
-    workspace::Workspace,
+    loss::Target,
+    tiles::Tiles,
 };
 
 const RADIUS: usize = SSIM_WINDOW / 2;
@@ -168,7 +168,7 @@ fn blur_down<S: Simd>(simd: S, grid: &Grid, plane: &Plane, line: usize, out: &mu
     }
 }
 
-fn blur_target(grid: &Grid, target: &PlanarTarget, level: Level) -> BlurredTarget {
+fn blur_target(grid: &Grid, target: &Target, level: Level) -> BlurredTarget {
     let window = window();
     let mut blurred = BlurredTarget { y: Plane::default(), mean: Plane::default(), square: Plane::default() };
     blurred.y.fill_from(grid, &target.rows);
@@ -203,14 +203,14 @@ pub(crate) fn traffic(grid: &Grid) -> Traffic {
     Traffic { read: read as u64, written: written as u64 }
 }
 
-/// Adds λ·∂(1 − SSIM)/∂C to `workspace.v_rows`; returns 1 − SSIM.
-pub(crate) fn add(workspace: &mut Workspace, target: &PlanarTarget, level: Level, lambda: f32) -> f64 {
+/// Adds λ·∂(1 − SSIM)/∂C to `tiles.v_rows`; returns 1 − SSIM.
+pub(crate) fn add(tiles: &mut Tiles, target: &Target, level: Level, lambda: f32) -> f64 {
     let window = window();
-    let grid = workspace.grid;
+    let grid = tiles.grid;
     let count = (3 * grid.width * grid.height) as f64;
     let blurred = target.blurred.get_or_init(|| blur_target(&grid, target, level));
-    let mut scratch = std::mem::take(&mut workspace.dssim);
-    scratch.x.fill_from(&grid, &workspace.rows);
+    let mut scratch = std::mem::take(&mut tiles.dssim);
+    scratch.x.fill_from(&grid, &tiles.rows);
     horizontal_products(&grid, &scratch.x, &blurred.y, &mut scratch.across, level, &window);
     let ssim = derivatives(&grid, blurred, &mut scratch, level, &window) / count;
 
@@ -219,8 +219,8 @@ pub(crate) fn add(workspace: &mut Workspace, target: &PlanarTarget, level: Level
     gradient(&grid, blurred, &mut scratch, level, scale, &window);
 
     let v = &scratch.v;
-    let cuts = Cuts { grid: &grid, tile_start: &workspace.bins.tile_start, stride: 0 };
-    let buffers = TileBuffers { rows: &mut workspace.v_rows, scalars: &mut [], slots: &mut [], sums: &mut [] };
+    let cuts = Cuts { grid: &grid, tile_start: &tiles.bins.tile_start, stride: 0 };
+    let buffers = TileBuffers { rows: &mut tiles.v_rows, scalars: &mut [], slots: &mut [], sums: &mut [] };
     for_each_tile(0..grid.tiles(), buffers, cuts, &|tile, buffers| {
         let (column, rows) = grid.place(tile);
         let inside = grid.lanes_inside(tile);
@@ -233,7 +233,7 @@ pub(crate) fn add(workspace: &mut Workspace, target: &PlanarTarget, level: Level
             }
         }
     });
-    workspace.dssim = scratch;
+    tiles.dssim = scratch;
     1.0 - ssim
 }
 

@@ -37,6 +37,11 @@ impl Grid {
         Self { width: width as usize, height: height as usize, band_rows }
     }
 
+    /// Columns and rows.
+    pub(crate) fn size(&self) -> (u32, u32) {
+        (self.width as u32, self.height as u32)
+    }
+
     pub(crate) fn strips(&self) -> usize {
         self.width.div_ceil(LANES)
     }

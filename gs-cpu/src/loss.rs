@@ -9,12 +9,12 @@ use crate::{
     dssim::{self, BlurredTarget},
     lanes::LANES,
     layout::{Cuts, Grid, Row, ScalarRow, TileBuffers, for_each_tile},
-    workspace::Workspace,
+    tiles::Tiles,
 };
 
 /// An image to compare with, as strips.
 #[derive(Debug)]
-pub struct PlanarTarget {
+pub struct Target {
     pub(crate) width: u32,
     pub(crate) height: u32,
     pub(crate) rows: Vec<Row>,
@@ -22,7 +22,7 @@ pub struct PlanarTarget {
     pub(crate) blurred: OnceLock<BlurredTarget>,
 }
 
-impl PlanarTarget {
+impl Target {
     pub(crate) fn new(image: &Image) -> Self {
         let (width, height) = image.size();
         let rows = Grid::new((width, height), 1).strips_of(image);
@@ -30,7 +30,7 @@ impl PlanarTarget {
     }
 
     /// Fails unless the target has this size.
-    pub(crate) fn check_size(&self, width: u32, height: u32) -> Result<(), Error> {
+    pub(crate) fn check_size(&self, (width, height): (u32, u32)) -> Result<(), Error> {
         if (self.width, self.height) == (width, height) {
             return Ok(());
         }
@@ -43,32 +43,31 @@ impl PlanarTarget {
     }
 }
 
-/// The loss of `workspace.rows`, its gradient into `workspace.v_rows` (0 in lanes beyond the image); where they are asked for, the pixels'
+/// The loss of `tiles.rows`, its gradient into `tiles.v_rows` (0 in lanes beyond the image); where they are asked for, the pixels'
 /// errors.
-pub(crate) fn loss(workspace: &mut Workspace, target: &PlanarTarget, loss: &Loss, level: Level) -> f64 {
-    if workspace.collects_errors() {
-        errors(workspace, target);
+pub(crate) fn loss(tiles: &mut Tiles, target: &Target, loss: &Loss, level: Level) -> f64 {
+    if tiles.collects_errors() {
+        errors(tiles, target);
     }
     let count = 3.0 * f64::from(target.width) * f64::from(target.height);
     match *loss {
-        Loss::L2 => pointwise(workspace, target, level, Pointwise::Square { scale: (2.0 / count) as f32 }) / count,
-        Loss::L1 => pointwise(workspace, target, level, Pointwise::Absolute { scale: (1.0 / count) as f32 }) / count,
+        Loss::L2 => pointwise(tiles, target, level, Pointwise::Square { scale: (2.0 / count) as f32 }) / count,
+        Loss::L1 => pointwise(tiles, target, level, Pointwise::Absolute { scale: (1.0 / count) as f32 }) / count,
         Loss::L1Dssim { lambda } => {
             let scale = ((1.0 - f64::from(lambda)) / count) as f32;
-            let l1 = pointwise(workspace, target, level, Pointwise::Absolute { scale }) / count;
-            let dssim = dssim::add(workspace, target, level, lambda);
+            let l1 = pointwise(tiles, target, level, Pointwise::Absolute { scale }) / count;
+            let dssim = dssim::add(tiles, target, level, lambda);
             (1.0 - f64::from(lambda)) * l1 + f64::from(lambda) * dssim
         }
     }
 }
 
-/// The errors of `workspace.rows`, into `workspace.errors`.
-fn errors(workspace: &mut Workspace, target: &PlanarTarget) {
-    let grid = workspace.grid;
-    let (image, bins) = (&workspace.rows, &workspace.bins);
+/// The errors of `tiles.rows`, into `tiles.errors`.
+fn errors(tiles: &mut Tiles, target: &Target) {
+    let grid = tiles.grid;
+    let (image, bins) = (&tiles.rows, &tiles.bins);
     let cuts = Cuts { grid: &grid, tile_start: &bins.tile_start, stride: 0 };
-    let buffers =
-        TileBuffers { rows: &mut [], scalars: &mut workspace.errors, slots: &mut [], sums: &mut workspace.sums };
+    let buffers = TileBuffers { rows: &mut [], scalars: &mut tiles.errors, slots: &mut [], sums: &mut tiles.sums };
     for_each_tile(0..grid.tiles(), buffers, cuts, &|tile, buffers| {
         let first = grid.first_row(tile);
         let pairs = image[first..].iter().zip(&target.rows[first..]);
@@ -94,13 +93,12 @@ enum Pointwise {
 }
 
 /// The sum of a pointwise loss, unscaled; its scaled gradient into `v_rows`.
-fn pointwise(workspace: &mut Workspace, target: &PlanarTarget, level: Level, kind: Pointwise) -> f64 {
-    let grid = workspace.grid;
-    workspace.v_rows.resize(grid.rows(), Row::ZERO);
-    let (image, bins) = (&workspace.rows, &workspace.bins);
+fn pointwise(tiles: &mut Tiles, target: &Target, level: Level, kind: Pointwise) -> f64 {
+    let grid = tiles.grid;
+    tiles.v_rows.resize(grid.rows(), Row::ZERO);
+    let (image, bins) = (&tiles.rows, &tiles.bins);
     let cuts = Cuts { grid: &grid, tile_start: &bins.tile_start, stride: 0 };
-    let buffers =
-        TileBuffers { rows: &mut workspace.v_rows, scalars: &mut [], slots: &mut [], sums: &mut workspace.sums };
+    let buffers = TileBuffers { rows: &mut tiles.v_rows, scalars: &mut [], slots: &mut [], sums: &mut tiles.sums };
     for_each_tile(0..grid.tiles(), buffers, cuts, &|tile, buffers| {
         let first = grid.first_row(tile);
         let image = &image[first..first + buffers.rows.len()];
@@ -117,7 +115,7 @@ fn pointwise(workspace: &mut Workspace, target: &PlanarTarget, level: Level, kin
             }
         });
     });
-    workspace.sums.iter().sum()
+    tiles.sums.iter().sum()
 }
 
 /// Applies `(loss, gradient) = f(C − Y)` to a tile; returns the sum of the losses.

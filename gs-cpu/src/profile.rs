@@ -3,47 +3,38 @@
 use std::time::Instant;
 
 use gs_core::{
-    AdamRates, Binning, Canvas, Error, Loss, PlanarScene, RenderSettings,
+    AdamRates, Binning, Error, Loss, RenderSettings,
     profile::{Clock, Profile, Profiler, StageTime, still},
 };
 
-use crate::{
-    CpuRasterizer, PlanarCloud, PlanarTarget,
-    adam::{self, BiasTable},
-    loss,
-    rasterizer::check,
-    traffic,
-    workspace::Workspace,
-};
+use crate::{CpuRasterizer, Target, kind::Kind, loss, tiles::Tiles, traffic, workspace::Workspace};
 
-/// The stages in their order.
+/// The stages of a training step.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Stage {
+pub enum Stage {
     /// In which order tiles see the Gaussians.
     Sort,
+    /// What pixels need of each.
     Project,
+    /// Which Gaussian touches which tiles.
     Bin,
+    /// The image.
     Blend,
+    /// The loss, and its gradient by the image.
     Loss,
+    /// What each entry receives.
     BlendBwd,
     /// The three before it in one pass, where a training step does it so.
     Fused,
+    /// What each Gaussian receives.
     ProjectBwd,
+    /// The step.
     Adam,
 }
 
 impl Stage {
-    const ALL: [Self; 9] = [
-        Self::Sort,
-        Self::Project,
-        Self::Bin,
-        Self::Blend,
-        Self::Loss,
-        Self::BlendBwd,
-        Self::Fused,
-        Self::ProjectBwd,
-        Self::Adam,
-    ];
+    const FROM_BIN: [Self; 7] =
+        [Self::Bin, Self::Blend, Self::Loss, Self::BlendBwd, Self::Fused, Self::ProjectBwd, Self::Adam];
 
     fn name(self) -> &'static str {
         match self {
@@ -72,65 +63,62 @@ impl Stage {
 }
 
 /// What the stages compute with.
-struct Pass<'a> {
+struct Pass<'a, S: Kind> {
     rasterizer: &'a CpuRasterizer,
-    workspace: Workspace,
-    cloud: &'a mut PlanarCloud,
-    target: &'a PlanarTarget,
+    workspace: Workspace<S>,
+    cloud: &'a mut S::Cloud,
+    target: &'a Target,
     loss: Loss,
     rates: AdamRates,
-    bias: BiasTable,
+    bias: S::Bias,
 }
 
-impl Pass<'_> {
+impl<S: Kind> Pass<'_, S> {
     fn run(&mut self, stage: Stage) -> Result<(), Error> {
         let Self { workspace, cloud, target, bias, .. } = self;
         let level = self.rasterizer.level;
-        let effects = workspace.settings.effects;
         match stage {
-            Stage::Sort => workspace.arrange(cloud, effects.blend),
-            Stage::Project => workspace.project(cloud),
-            Stage::Bin => workspace.bin()?,
-            Stage::Blend => workspace.blend(level),
+            Stage::Sort => S::sort(workspace, cloud),
+            Stage::Project => S::project(workspace, cloud),
+            Stage::Bin => workspace.tiles.bin()?,
+            Stage::Blend => workspace.tiles.blend(level),
             Stage::Loss => {
-                loss::loss(workspace, target, &self.loss, level);
+                loss::loss(&mut workspace.tiles, target, &self.loss, level);
             }
-            Stage::BlendBwd => workspace.blend_bwd(level),
+            Stage::BlendBwd => workspace.tiles.blend_bwd(level),
             Stage::Fused => {
-                workspace.blend_l2_fused(level, &target.rows);
+                workspace.tiles.blend_l2_fused(level, &target.rows);
             }
-            Stage::ProjectBwd => workspace.project_bwd(cloud, 1.0),
-            Stage::Adam => {
-                let gradient_of = |index: usize| workspace.gradient_of(index);
-                adam::step(cloud, bias, &self.rates, level, effects.statistics, gradient_of);
-            }
+            Stage::ProjectBwd => S::project_bwd(workspace, cloud, 1.0),
+            Stage::Adam => S::adam(cloud, bias, &self.rates, level, workspace),
         }
         Ok(())
     }
 }
 
-impl Profiler<PlanarScene> for CpuRasterizer {
+impl<S: Kind> Profiler<S> for CpuRasterizer {
     fn profile(
         &self,
-        cloud: &mut PlanarCloud,
-        view: &Canvas,
-        target: &PlanarTarget,
+        cloud: &mut S::Cloud,
+        view: &S::View,
+        target: &Target,
         settings: &RenderSettings,
         loss: Loss,
         repetitions: usize,
     ) -> Result<Profile, Error> {
-        check(view, settings)?;
+        S::check(view, settings)?;
         loss.validate()?;
-        target.check_size(view.width, view.height)?;
-        let is_fused = Workspace::is_fused(&settings.effects, loss);
-        let stages = Stage::ALL.into_iter().filter(|&stage| stage != Stage::Fused || is_fused);
+        target.check_size(S::size(view))?;
+        let is_fused = Tiles::is_fused(&settings.effects, loss);
+        let stages = S::BEFORE_BIN.into_iter().chain(Stage::FROM_BIN);
+        let stages = stages.filter(|&stage| stage != Stage::Fused || is_fused);
         let mut samples: Vec<(Stage, Vec<f64>)> =
             stages.map(|stage| (stage, Vec::with_capacity(repetitions))).collect();
-        let workspace = self.pool.take();
-        let mut pass =
-            Pass { rasterizer: self, workspace, cloud, target, loss, rates: still(), bias: BiasTable::default() };
+        let pool = &S::resources(self).pool;
+        let (workspace, bias) = (pool.take(), S::Bias::default());
+        let mut pass = Pass::<S> { rasterizer: self, workspace, cloud, target, loss, rates: still(), bias };
         self.threads.install(|| {
-            pass.workspace.prepare(pass.cloud, view, settings, Binning::Fresh)?;
+            S::prepare(&mut pass.workspace, pass.cloud, view, settings, Binning::Fresh)?;
             samples.iter().try_for_each(|&(stage, _)| pass.run(stage))?;
             for _ in 0..repetitions {
                 for (stage, seconds) in &mut samples {
@@ -142,7 +130,7 @@ impl Profiler<PlanarScene> for CpuRasterizer {
             Ok::<(), Error>(())
         })?;
         let Pass { workspace, cloud, .. } = pass;
-        let pairs = workspace.bins.pairs();
+        let pairs = workspace.tiles.bins.pairs();
         let stage_time = |(stage, seconds): (Stage, Vec<f64>)| StageTime {
             stage: stage.name(),
             seconds,
@@ -151,8 +139,8 @@ impl Profiler<PlanarScene> for CpuRasterizer {
             replaces: stage.replaces(),
         };
         let stages = samples.into_iter().map(stage_time).collect();
-        let profile = Profile { stages, clock: Clock::Host, pairs, entries: workspace.bins.entries.len() };
-        self.pool.give(workspace);
+        let profile = Profile { stages, clock: Clock::Host, pairs, entries: workspace.tiles.bins.entries.len() };
+        pool.give(workspace);
         Ok(profile)
     }
 }

@@ -1,24 +1,19 @@
 //! The trait's implementation: checks what comes in, and runs the stages inside the rasterizer's own threads.
 
-use std::{
-    fmt,
-    sync::{Arc, Mutex, PoisonError},
-};
+use std::{fmt, sync::PoisonError};
 
 use fearless_simd::Level;
 use gs_core::{
-    AdamRates, Binning, Blend, Canvas, Chart, CloudState, DensityStatistics, EditPlan, Error, Image, Loss,
-    PlanarGaussian, PlanarScene, Rasterizer, RenderSettings, TrainStep,
-    effects::{Antialias, Order, Outputs},
-    settings::Cut,
-    statistics::Culled,
+    AdamRates, Binning, Chart, CloudState, DensityStatistics, EditPlan, Error, Image, Loss, PlanarScene, Rasterizer,
+    RenderSettings, SpatialScene, TrainStep, effects::Outputs, profile::Profiler, settings::Cut, statistics::Culled,
 };
 
 use crate::{
-    PlanarCloud, PlanarFrame, PlanarGradients, PlanarTarget, SimdLevel,
-    adam::{self, BiasTable},
-    loss, project_bwd, solve_colors,
-    workspace::{Pool, Workspace},
+    PlanarCloud, PlanarFrame, PlanarGradients, SimdLevel, SpatialCloud, SpatialFrame, SpatialGradients, Target,
+    kind::{Kind, Resources},
+    loss,
+    tiles::Tiles,
+    workspace::{Frame, Gradients},
 };
 
 /// The backend's name in errors.
@@ -38,8 +33,8 @@ pub struct CpuRasterizer {
     pub(crate) threads: rayon::ThreadPool,
     simd: SimdLevel,
     pub(crate) level: Level,
-    pub(crate) pool: Arc<Pool>,
-    bias: Mutex<BiasTable>,
+    pub(crate) planar: Resources<PlanarScene>,
+    pub(crate) spatial: Resources<SpatialScene>,
 }
 
 impl CpuRasterizer {
@@ -61,7 +56,28 @@ impl CpuRasterizer {
             .thread_name(|i| format!("gs-cpu-{i}"))
             .build()
             .map_err(|e| Error::Backend { backend: BACKEND, message: format!("threads cannot be started: {e}") })?;
-        Ok(Self { threads, simd, level, pool: Arc::default(), bias: Mutex::default() })
+        Ok(Self { threads, simd, level, planar: Resources::default(), spatial: Resources::default() })
+    }
+
+    /// This rasterizer for planar scenes alone, where the types of the arguments do not say which kind of scene is meant.
+    pub fn planar(
+        &self,
+    ) -> &impl Profiler<PlanarScene, Cloud = PlanarCloud, Frame = PlanarFrame, Gradients = PlanarGradients, Target = Target>
+    {
+        self
+    }
+
+    /// This rasterizer for spatial scenes alone, as [`Self::planar`].
+    pub fn spatial(
+        &self,
+    ) -> &impl Profiler<
+        SpatialScene,
+        Cloud = SpatialCloud,
+        Frame = SpatialFrame,
+        Gradients = SpatialGradients,
+        Target = Target,
+    > {
+        self
     }
 
     /// Threads in use.
@@ -81,215 +97,201 @@ impl fmt::Debug for CpuRasterizer {
     }
 }
 
-pub(crate) fn check(view: &Canvas, settings: &RenderSettings) -> Result<(), Error> {
-    view.validate()?;
+/// An error for an effect that this backend does not offer.
+pub(crate) fn unsupported(effect: impl Into<String>) -> Error {
+    Error::Unsupported { backend: BACKEND, effect: effect.into() }
+}
+
+/// Fails where a setting is not possible for any kind of scene.
+pub(crate) fn check_settings(settings: &RenderSettings) -> Result<(), Error> {
     settings.validate()?;
-    let effects = &settings.effects;
-    let unsupported = |effect: String| Err(Error::Unsupported { backend: BACKEND, effect });
-    if effects.order != Order::Index {
-        return unsupported(format!("order {:?} of a planar scene, which has no depth", effects.order));
-    }
-    if effects.antialias != Antialias::None {
-        return unsupported(format!("antialias {:?} of a planar scene", effects.antialias));
-    }
-    if effects.outputs != Outputs::Color {
-        return unsupported(format!("outputs {:?} of a planar scene", effects.outputs));
+    if settings.effects.outputs != Outputs::Color {
+        return Err(unsupported(format!("outputs {:?}", settings.effects.outputs)));
     }
     if settings.accuracy.cut != Cut::Hard {
-        return unsupported("a smooth cut, which would touch every pixel".to_owned());
+        return Err(unsupported("a smooth cut, which would touch every pixel"));
     }
     Ok(())
 }
 
-impl Rasterizer<PlanarScene> for CpuRasterizer {
-    type Cloud = PlanarCloud;
-    type Frame = PlanarFrame;
-    type Gradients = PlanarGradients;
-    type Target = PlanarTarget;
+impl<S: Kind> Rasterizer<S> for CpuRasterizer {
+    type Cloud = S::Cloud;
+    type Frame = Frame<S>;
+    type Gradients = Gradients<S>;
+    type Target = Target;
 
     fn describe(&self) -> String {
         let threads = self.threads();
         format!("cpu ({}, {threads} {})", self.simd, if threads == 1 { "thread" } else { "threads" })
     }
 
-    fn upload(&self, scene: &PlanarScene, chart: Chart) -> Result<PlanarCloud, Error> {
-        PlanarCloud::new(scene, chart)
+    fn upload(&self, scene: &S, chart: Chart) -> Result<S::Cloud, Error> {
+        S::upload(scene, chart)
     }
 
-    fn download(&self, cloud: &PlanarCloud) -> Result<PlanarScene, Error> {
-        Ok(cloud.scene())
+    fn download(&self, cloud: &S::Cloud) -> Result<S, Error> {
+        Ok(S::download(cloud))
     }
 
-    fn len(&self, cloud: &PlanarCloud) -> usize {
-        cloud.len()
+    fn len(&self, cloud: &S::Cloud) -> usize {
+        S::shared(cloud).len()
     }
 
-    fn upload_target(&self, image: &Image) -> Result<PlanarTarget, Error> {
-        Ok(PlanarTarget::new(image))
+    fn upload_target(&self, image: &Image) -> Result<Target, Error> {
+        Ok(Target::new(image))
     }
 
-    fn save(&self, cloud: &PlanarCloud) -> Result<CloudState, Error> {
-        Ok(cloud.save())
+    fn save(&self, cloud: &S::Cloud) -> Result<CloudState, Error> {
+        Ok(S::save(cloud))
     }
 
-    fn restore(&self, state: &CloudState) -> Result<PlanarCloud, Error> {
-        PlanarCloud::restore(state)
+    fn restore(&self, state: &CloudState) -> Result<S::Cloud, Error> {
+        S::restore(state)
     }
 
-    fn forward(&self, cloud: &PlanarCloud, view: &Canvas, settings: &RenderSettings) -> Result<PlanarFrame, Error> {
-        check(view, settings)?;
-        let mut workspace = self.pool.take();
+    fn forward(&self, cloud: &S::Cloud, view: &S::View, settings: &RenderSettings) -> Result<Frame<S>, Error> {
+        S::check(view, settings)?;
+        let pool = &S::resources(self).pool;
+        let mut frame = Frame::new(pool.take(), pool);
+        let workspace = frame.workspace_mut();
         self.threads.install(|| {
-            workspace.prepare(cloud, view, settings, Binning::Fresh)?;
-            workspace.blend(self.level);
+            S::prepare(workspace, cloud, view, settings, Binning::Fresh)?;
+            workspace.tiles.blend(self.level);
             Ok::<(), Error>(())
         })?;
-        Ok(PlanarFrame { workspace: Some(workspace), pool: Arc::clone(&self.pool) })
+        Ok(frame)
     }
 
-    fn image(&self, frame: &PlanarFrame) -> Result<Image, Error> {
+    fn image(&self, frame: &Frame<S>) -> Result<Image, Error> {
         Ok(frame.image())
     }
 
-    fn culled(&self, frame: &PlanarFrame) -> Result<Culled, Error> {
-        Ok(frame.workspace().culled)
+    fn culled(&self, frame: &Frame<S>) -> Result<Culled, Error> {
+        Ok(frame.workspace().tiles.culled())
     }
 
     fn backward(
         &self,
-        cloud: &PlanarCloud,
-        mut frame: PlanarFrame,
-        target: &PlanarTarget,
+        cloud: &S::Cloud,
+        mut frame: Frame<S>,
+        target: &Target,
         loss: &Loss,
-    ) -> Result<(f32, PlanarGradients), Error> {
+    ) -> Result<(f32, Gradients<S>), Error> {
         loss.validate()?;
-        let workspace = frame.workspace.as_mut().expect("a frame has its workspace until it is dropped");
-        target.check_size(workspace.canvas.width, workspace.canvas.height)?;
-        if workspace.edition != Some(cloud.edition) {
+        let workspace = frame.workspace_mut();
+        target.check_size(workspace.tiles.grid.size())?;
+        if workspace.edition != Some(S::shared(cloud).edition) {
             return Err(Error::State("the frame is of another cloud, or of this one before an edit".to_owned()));
         }
         let value = self.threads.install(|| {
-            let value = loss::loss(workspace, target, loss, self.level);
-            workspace.blend_bwd(self.level);
-            workspace.project_bwd(cloud, 1.0);
+            let value = loss::loss(&mut workspace.tiles, target, loss, self.level);
+            workspace.tiles.blend_bwd(self.level);
+            S::project_bwd(workspace, cloud, 1.0);
             value
         });
-        let gradients = PlanarGradients {
-            gradients: (0..cloud.len()).map(|index| *workspace.gradient_of(index)).collect(),
-            statistics: workspace.settings.effects.statistics,
-        };
-        Ok((value as f32, gradients))
+        Ok((value as f32, frame.into_gradients()))
     }
 
-    fn download_gradients(&self, cloud: &PlanarCloud, gradients: &PlanarGradients) -> Result<PlanarScene, Error> {
-        gradients.check_len(cloud)?;
-        Ok(project_bwd::as_scene(cloud, gradients))
+    fn download_gradients(&self, cloud: &S::Cloud, gradients: &Gradients<S>) -> Result<S, Error> {
+        check_len::<S>(gradients, cloud)?;
+        Ok(S::derivatives(gradients.workspace(), cloud))
     }
 
-    fn step(&self, cloud: &mut PlanarCloud, gradients: &PlanarGradients, rates: &AdamRates) -> Result<(), Error> {
-        gradients.check_len(cloud)?;
-        let mut bias = self.bias.lock().unwrap_or_else(PoisonError::into_inner);
+    fn step(&self, cloud: &mut S::Cloud, gradients: &Gradients<S>, rates: &AdamRates) -> Result<(), Error> {
+        check_len::<S>(gradients, cloud)?;
+        let mut bias = S::resources(self).bias.lock().unwrap_or_else(PoisonError::into_inner);
         let bias = &mut *bias;
-        let gradient_of = |index: usize| &gradients.gradients[index];
-        self.threads.install(|| adam::step(cloud, bias, rates, self.level, gradients.statistics, gradient_of));
+        self.threads.install(|| S::adam(cloud, bias, rates, self.level, gradients.workspace()));
         Ok(())
     }
 
     fn train_step(
         &self,
-        cloud: &mut PlanarCloud,
-        view: &Canvas,
-        target: &PlanarTarget,
+        cloud: &mut S::Cloud,
+        view: &S::View,
+        target: &Target,
         step: &TrainStep<'_>,
     ) -> Result<(), Error> {
-        check(view, step.settings)?;
+        S::check(view, step.settings)?;
         step.loss.validate()?;
-        target.check_size(view.width, view.height)?;
-        let mut workspace = cloud.workspace.take().unwrap_or_else(|| self.pool.take());
-        let mut bias = self.bias.lock().unwrap_or_else(PoisonError::into_inner);
+        target.check_size(S::size(view))?;
+        let Resources { pool, bias } = S::resources(self);
+        let mut workspace = S::shared_mut(cloud).workspace.take().unwrap_or_else(|| pool.take());
+        let mut bias = bias.lock().unwrap_or_else(PoisonError::into_inner);
         let bias = &mut *bias;
         let value = self.threads.install(|| {
-            workspace.prepare(cloud, view, step.settings, step.binning)?;
-            let (value, scale) = if Workspace::is_fused(&step.settings.effects, step.loss) {
-                let count = 3.0 * f64::from(view.width) * f64::from(view.height);
-                (workspace.blend_l2_fused(self.level, &target.rows) / count, (2.0 / count) as f32)
+            S::prepare(&mut workspace, cloud, view, step.settings, step.binning)?;
+            let tiles = &mut workspace.tiles;
+            let (value, scale) = if Tiles::is_fused(&step.settings.effects, step.loss) {
+                let count = 3.0 * tiles.grid.width as f64 * tiles.grid.height as f64;
+                (tiles.blend_l2_fused(self.level, &target.rows) / count, (2.0 / count) as f32)
             } else {
-                workspace.blend(self.level);
-                let value = loss::loss(&mut workspace, target, &step.loss, self.level);
-                workspace.blend_bwd(self.level);
+                tiles.blend(self.level);
+                let value = loss::loss(tiles, target, &step.loss, self.level);
+                tiles.blend_bwd(self.level);
                 (value, 1.0)
             };
-            workspace.project_bwd(cloud, scale);
-            let statistics = step.settings.effects.statistics;
-            adam::step(cloud, bias, step.rates, self.level, statistics, |index| workspace.gradient_of(index));
+            S::project_bwd(&mut workspace, cloud, scale);
+            S::adam(cloud, bias, step.rates, self.level, &workspace);
             Ok::<f64, Error>(value)
         })?;
-        cloud.workspace = Some(workspace);
-        cloud.losses.push(value as f32);
+        let shared = S::shared_mut(cloud);
+        shared.workspace = Some(workspace);
+        shared.losses.push(value as f32);
         Ok(())
     }
 
-    fn unread_losses<'c>(&self, cloud: &'c mut PlanarCloud) -> &'c mut Vec<f32> {
-        &mut cloud.losses
+    fn unread_losses<'c>(&self, cloud: &'c mut S::Cloud) -> &'c mut Vec<f32> {
+        &mut S::shared_mut(cloud).losses
     }
 
     fn solve_colors(
         &self,
-        cloud: &mut PlanarCloud,
-        view: &Canvas,
-        target: &PlanarTarget,
+        cloud: &mut S::Cloud,
+        view: &S::View,
+        target: &Target,
         settings: &RenderSettings,
         iterations: u32,
     ) -> Result<(), Error> {
-        check(view, settings)?;
-        target.check_size(view.width, view.height)?;
-        if settings.effects.blend != Blend::Sum {
-            return Err(Error::Unsupported {
-                backend: BACKEND,
-                effect: "solving for colours under `over`, where the image is not linear in them".to_owned(),
-            });
-        }
-        let mut workspace = self.pool.take();
-        self.threads.install(|| {
-            workspace.prepare(cloud, view, settings, Binning::Fresh)?;
-            solve_colors::solve(&mut workspace, cloud, target, self.level, iterations);
-            Ok::<(), Error>(())
-        })?;
-        self.pool.give(workspace);
-        Ok(())
+        S::check(view, settings)?;
+        target.check_size(S::size(view))?;
+        S::solve_colors(self, cloud, view, target, settings, iterations)
     }
 
-    fn statistics(&self, cloud: &PlanarCloud) -> Result<DensityStatistics, Error> {
-        Ok(cloud.statistics.clone())
+    fn statistics(&self, cloud: &S::Cloud) -> Result<DensityStatistics, Error> {
+        Ok(S::shared(cloud).statistics.clone())
     }
 
-    fn shift_means(&self, cloud: &mut PlanarCloud, shifts: &[f32]) -> Result<(), Error> {
-        let expected = 2 * cloud.len();
-        if shifts.len() != expected {
-            return Err(Error::Length { what: "mean", expected, found: shifts.len() });
-        }
-        for (mean, &[x, y]) in cloud.means.iter_mut().zip(shifts.as_chunks::<2>().0) {
-            mean.x += x;
-            mean.y += y;
-        }
-        Ok(())
+    fn shift_means(&self, cloud: &mut S::Cloud, shifts: &[f32]) -> Result<(), Error> {
+        S::shift_means(cloud, shifts)
     }
 
-    fn edit(&self, cloud: &mut PlanarCloud, plan: &EditPlan<PlanarGaussian>) -> Result<(), Error> {
-        cloud.edit(plan)
+    fn edit(&self, cloud: &mut S::Cloud, plan: &EditPlan<S::Gaussian>) -> Result<(), Error> {
+        S::edit(cloud, plan)
     }
+}
+
+/// Fails unless the gradients are of as many Gaussians as the cloud has.
+fn check_len<S: Kind>(gradients: &Gradients<S>, cloud: &S::Cloud) -> Result<(), Error> {
+    let (found, expected) = (gradients.workspace().len, S::shared(cloud).len());
+    if found == expected {
+        return Ok(());
+    }
+    Err(Error::State(format!("gradients of {found} Gaussians do not fit a cloud of {expected}")))
 }
 
 #[cfg(test)]
 mod tests {
     use glam::{Vec2, Vec3};
-    use gs_core::{Adam, Wait};
+    use gs_core::{Adam, Blend, Canvas, Participants, PlanarGaussian, Scene, Wait};
 
     use super::*;
+    use crate::workspace::Workspace;
 
     #[test]
     fn too_many_tile_entries_are_an_error_and_leave_the_cloud_as_it_was() {
-        let cpu = CpuRasterizer::new(CpuSettings::default()).unwrap();
+        let rasterizer = CpuRasterizer::new(CpuSettings::default()).unwrap();
+        let cpu = rasterizer.planar();
         let gaussian = PlanarGaussian {
             mean: Vec2::splat(20.0),
             log_scale: Vec2::splat(2.0),
@@ -304,9 +306,9 @@ mod tests {
         let step = TrainStep { settings: &settings, loss: Loss::L2, rates: &rates, binning: Binning::Reuse };
         // Four Gaussians in three strips each: twelve entries.
         let next_takes = |most_entries: u32| {
-            let mut workspace = Workspace::default();
-            workspace.bins.most_entries = most_entries;
-            cpu.pool.give(workspace);
+            let mut workspace = Workspace::<PlanarScene>::default();
+            workspace.tiles.bins.most_entries = most_entries;
+            rasterizer.planar.pool.give(workspace);
         };
         let refused = |result: Result<(), Error>| {
             let message = result.unwrap_err().to_string();
@@ -332,5 +334,36 @@ mod tests {
         }
         assert_eq!((found.len(), &found), (1, &expected), "what was refused has no loss");
         assert_eq!(cpu.save(&cloud).unwrap(), cpu.save(&fresh).unwrap());
+    }
+
+    #[test]
+    fn those_out_of_view_take_part_only_if_all_do() {
+        let rasterizer = CpuRasterizer::new(CpuSettings::default()).unwrap();
+        let cpu = rasterizer.planar();
+        let at = |x: f32| PlanarGaussian {
+            mean: Vec2::new(x, 9.0),
+            log_scale: Vec2::splat(1.0),
+            rotation: 0.3,
+            opacity_logit: 0.5,
+            color: Vec3::splat(0.5),
+        };
+        let scene: PlanarScene = [at(8.0), at(900.0)].into_iter().collect();
+        let target = cpu.upload_target(&Image::filled(16, 16, [0.2; 3]).unwrap()).unwrap();
+        let settings = RenderSettings::blended(Blend::Over);
+        for (participants, steps) in [(Participants::All, [2, 2]), (Participants::Visible, [2, 1])] {
+            let mut cloud = cpu.upload(&scene, Chart::default()).unwrap();
+            // In view of the first step, and with moments from then on.
+            let wide = Canvas::new(1024, 16);
+            let wide_target = cpu.upload_target(&Image::filled(1024, 16, [0.2; 3]).unwrap()).unwrap();
+            let rates = Adam { participants, ..Adam::default() }.at(0.0);
+            let step = TrainStep { settings: &settings, loss: Loss::L1, rates: &rates, binning: Binning::Fresh };
+            cpu.train_step(&mut cloud, &wide, &wide_target, &step).unwrap();
+            let before = cpu.download(&cloud).unwrap();
+            cpu.train_step(&mut cloud, &Canvas::new(16, 16), &target, &step).unwrap();
+            let after = cpu.download(&cloud).unwrap();
+            assert_eq!(cpu.save(&cloud).unwrap().integers("steps").unwrap(), steps);
+            assert_ne!(after.gaussian(0), before.gaussian(0));
+            assert_eq!(after.gaussian(1) == before.gaussian(1), participants == Participants::Visible);
+        }
     }
 }

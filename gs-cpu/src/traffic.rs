@@ -4,47 +4,45 @@ use gs_core::{Blend, Loss, effects::Statistics, profile::Traffic};
 
 use crate::{
     bin::{Entry, Found},
-    cloud::{PlanarCloud, Shapes, VECTOR},
     dssim,
+    kind::Kind,
     layout::{Row, ScalarRow},
     profile::Stage,
-    project::Splat,
-    project_bwd::Gradient,
+    splat::Splat,
     workspace::Workspace,
 };
 
 /// A position in some array.
-const INDEX: u64 = size_of::<u32>() as u64;
+pub(crate) const INDEX: u64 = size_of::<u32>() as u64;
 
-fn size<T>() -> u64 {
+pub(crate) fn size<T>() -> u64 {
     size_of::<T>() as u64
 }
 
+/// Of what a cloud keeps per Gaussian for a statistic.
+pub(crate) fn statistics_size(statistics: Statistics) -> u64 {
+    match statistics {
+        Statistics::None => 0,
+        _ => size::<f32>() + size::<u32>(),
+    }
+}
+
 /// What one run of `stage` moves, once the workspace has been through all of them.
-pub(crate) fn of(stage: Stage, workspace: &Workspace, cloud: &PlanarCloud, loss: &Loss) -> Traffic {
-    let over = workspace.settings.effects.blend == Blend::Over;
-    let (n, entries) = (cloud.len() as u64, workspace.bins.entries.len() as u64);
-    let image = workspace.grid.rows() as u64 * size::<Row>();
-    let transmittance = if over { workspace.grid.rows() as u64 * size::<ScalarRow>() } else { 0 };
-    let errors = workspace.errors.len() as u64 * size::<ScalarRow>();
-    let slots = entries * workspace.stride as u64 * size::<f32>();
+pub(crate) fn of<S: Kind>(stage: Stage, workspace: &Workspace<S>, cloud: &S::Cloud, loss: &Loss) -> Traffic {
+    let tiles = &workspace.tiles;
+    let over = tiles.settings.effects.blend == Blend::Over;
+    let (places, entries) = (tiles.splats.len() as u64, tiles.bins.entries.len() as u64);
+    let image = tiles.grid.rows() as u64 * size::<Row>();
+    let transmittance = if over { tiles.grid.rows() as u64 * size::<ScalarRow>() } else { 0 };
+    let errors = tiles.errors.len() as u64 * size::<ScalarRow>();
+    let slots = entries * tiles.stride as u64 * size::<f32>();
     // Of the lists: each entry with its Gaussian's splat.
     let lists = entries * (size::<Entry>() + size::<Splat>());
-    let shape = match cloud.shapes {
-        Shapes::ScaleRotation(_) => size::<[f32; 3]>(),
-        Shapes::LocalFrame(_) => size::<glam::Mat2>(),
-    };
-    let (mean, color) = (size::<glam::Vec2>(), size::<[f32; 3]>());
-    let logit = if cloud.opacity_logits.is_empty() { 0 } else { size::<f32>() };
     let (read, written) = match stage {
-        // Under `Sum` by image row, with two passes over the means; then the order is inverted.
-        Stage::Sort if over => (n * INDEX, 2 * n * INDEX),
-        Stage::Sort => (n * (2 * mean + INDEX), 2 * n * INDEX),
-        Stage::Project => (n * (INDEX + mean + shape + color + if over { logit } else { 0 }), n * size::<Splat>()),
         // Finds the entries, gives each its slot, and puts them into their lists.
         Stage::Bin => (
-            n * size::<Splat>() + entries * (2 * size::<Found>() + INDEX),
-            n * INDEX + entries * (size::<Found>() + INDEX + size::<Entry>()),
+            places * size::<Splat>() + entries * (2 * size::<Found>() + INDEX),
+            places * INDEX + entries * (size::<Found>() + INDEX + size::<Entry>()),
         ),
         Stage::Blend => (lists, image + transmittance),
         Stage::Loss => {
@@ -53,7 +51,7 @@ pub(crate) fn of(stage: Stage, workspace: &Workspace, cloud: &PlanarCloud, loss:
             match loss {
                 Loss::L1 | Loss::L2 => return pointwise,
                 Loss::L1Dssim { .. } => {
-                    let Traffic { read, written } = dssim::traffic(&workspace.grid);
+                    let Traffic { read, written } = dssim::traffic(&tiles.grid);
                     (pointwise.read + read, pointwise.written + written)
                 }
             }
@@ -62,20 +60,7 @@ pub(crate) fn of(stage: Stage, workspace: &Workspace, cloud: &PlanarCloud, loss:
         Stage::BlendBwd if over => (lists + 2 * image + errors, image + slots),
         Stage::BlendBwd => (lists + image + errors, slots),
         Stage::Fused => (lists + image, image + slots),
-        Stage::ProjectBwd => {
-            (n * (2 * INDEX + size::<Splat>() + mean + shape) + entries * INDEX + slots, n * size::<Gradient>())
-        }
-        // The step counts are read twice: their maximum comes first.
-        Stage::Adam => {
-            let steps = size::<u32>();
-            let moments = 2 * size::<[f32; VECTOR]>() + 2 * logit;
-            let statistics = match workspace.settings.effects.statistics {
-                Statistics::None => 0,
-                _ => size::<f32>() + size::<u32>(),
-            };
-            let state = mean + shape + color + logit + moments + steps + statistics;
-            (n * (INDEX + size::<Gradient>() + steps + state), n * state)
-        }
+        Stage::Sort | Stage::Project | Stage::ProjectBwd | Stage::Adam => return S::traffic(stage, workspace, cloud),
     };
     Traffic { read, written }
 }
@@ -91,6 +76,7 @@ mod tests {
     /// Bytes of each stage for two Gaussians, of which one touches two strips of a canvas of 32×10 px and the other one.
     fn profiled(blend: Blend, loss: Loss) -> impl Fn(&str) -> (u64, u64) {
         let cpu = CpuRasterizer::new(CpuSettings::default()).unwrap();
+        let cpu = cpu.planar();
         let at = |x: f32| PlanarGaussian {
             mean: Vec2::new(x, 5.0),
             log_scale: Vec2::ZERO,

@@ -39,7 +39,7 @@ unsafe impl GlobalAlloc for Counting {
 static ALLOCATOR: Counting = Counting;
 
 /// Bytes that `steps` warm training steps allocate.
-fn bytes_of_warm_steps(cpu: &CpuRasterizer, blend: Blend, loss: Loss, steps: usize) -> usize {
+fn bytes_of_warm_steps(cpu: &impl Rasterizer<PlanarScene>, blend: Blend, loss: Loss, steps: usize) -> usize {
     let (width, height) = (160, 120);
     let scene: PlanarScene = (0..2000u32)
         .map(|i| PlanarGaussian {
@@ -81,7 +81,7 @@ fn bytes_of_warm_steps(cpu: &CpuRasterizer, blend: Blend, loss: Loss, steps: usi
 fn a_warm_step_allocates_nothing_but_the_thread_pools_queue() {
     let cpu = CpuRasterizer::new(CpuSettings { threads: Some(2), level: None }).unwrap();
     for (blend, loss) in [(Blend::Sum, Loss::L2), (Blend::Over, Loss::L1), (Blend::Over, Loss::PAPER)] {
-        let bytes = bytes_of_warm_steps(&cpu, blend, loss, 100);
+        let bytes = bytes_of_warm_steps(cpu.planar(), blend, loss, 100);
         // A scene of 2000 Gaussians on 160x120 px has megabytes of buffers.
         assert!(bytes < 100 * 512, "{blend:?} {loss:?}: {bytes} bytes in 100 steps");
     }

@@ -115,12 +115,13 @@ impl FitSettings {
 }
 
 fn validate_adam(adam: &Adam) -> Result<(), Error> {
-    let groups: [(&'static str, &Group); 5] = [
+    let groups: [(&'static str, &Group); 6] = [
         ("the learning rate of means", &adam.mean),
         ("the learning rate of scales", &adam.scale),
         ("the learning rate of rotations", &adam.rotation),
         ("the learning rate of opacities", &adam.opacity),
         ("the learning rate of colours", &adam.color),
+        ("the learning rate of SH coefficients above degree 0", &adam.color_rest),
     ];
     for (what, group) in groups {
         if !(group.learning_rate >= 0.0 && group.learning_rate.is_finite()) {

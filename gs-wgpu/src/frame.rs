@@ -54,7 +54,7 @@ impl PlanarFrame {
 
     pub(crate) fn culled(&self) -> Culled {
         let Status { not_finite, degenerate, transparent, outside, .. } = self.status;
-        Culled { not_finite, degenerate, transparent, outside }
+        Culled { not_finite, near: 0, degenerate, transparent, outside }
     }
 
     /// Entries of all tiles' lists: one per Gaussian and tile of 16×16 px that it touches.

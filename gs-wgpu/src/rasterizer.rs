@@ -3,8 +3,8 @@
 use std::sync::{Arc, PoisonError};
 
 use gs_core::{
-    AdamRates, Blend, Canvas, Chart, CloudState, DensityStatistics, EditPlan, Error, Image, Loss, PlanarGaussian,
-    PlanarScene, Rasterizer, RenderSettings, TrainStep, Wait,
+    AdamRates, Blend, Canvas, Chart, CloudState, DensityStatistics, EditPlan, Error, Image, Loss, Participants,
+    PlanarGaussian, PlanarScene, Rasterizer, RenderSettings, TrainStep, Wait,
     effects::{Antialias, Order, Outputs, Statistics},
     settings::Cut,
     statistics::Culled,
@@ -117,6 +117,14 @@ pub(crate) fn check(view: &Canvas, settings: &RenderSettings) -> Result<(), Erro
     Ok(())
 }
 
+fn check_rates(rates: &AdamRates) -> Result<(), Error> {
+    if rates.participants != Participants::All {
+        let effect = format!("Adam steps of participants {:?}", rates.participants);
+        return Err(Error::Unsupported { backend: BACKEND, effect });
+    }
+    Ok(())
+}
+
 impl Rasterizer<PlanarScene> for WgpuRasterizer {
     type Cloud = PlanarCloud;
     type Frame = PlanarFrame;
@@ -221,6 +229,7 @@ impl Rasterizer<PlanarScene> for WgpuRasterizer {
 
     fn step(&self, cloud: &mut PlanarCloud, gradients: &PlanarGradients, rates: &AdamRates) -> Result<(), Error> {
         gradients.check_len(cloud)?;
+        check_rates(rates)?;
         let gpu = &self.gpu;
         cloud.settle(gpu)?;
         let mut workspace = self.pool.take(gpu)?;
@@ -248,6 +257,7 @@ impl Rasterizer<PlanarScene> for WgpuRasterizer {
     ) -> Result<(), Error> {
         check(view, step.settings)?;
         step.loss.validate()?;
+        check_rates(step.rates)?;
         target.check_size(view.width, view.height)?;
         cloud.in_flight().train(&self.gpu, &self.pool, cloud, Request::new(view, target, step))
     }

@@ -32,8 +32,9 @@ fn conforms_at_every_level_and_number_of_threads() {
     for level in SimdLevel::available() {
         for threads in THREADS {
             let rasterizer = rasterizer(level, threads);
+            let rasterizer = rasterizer.planar();
             assert!(rasterizer.describe().contains(&level.to_string()), "{} is not {level}", rasterizer.describe());
-            if let Err(failure) = conformance(&rasterizer) {
+            if let Err(failure) = conformance(rasterizer) {
                 failures.push(format!("{}: {failure}", rasterizer.describe()));
             }
         }
@@ -66,6 +67,7 @@ fn images_and_gradients_are_the_same_bits_for_every_number_of_threads() {
             for loss in [Loss::L2, Loss::L1, Loss::PAPER] {
                 let [one, two, seven] = THREADS.map(|threads| {
                     let r = rasterizer(level, threads);
+                    let r = r.planar();
                     let cloud = r.upload(&draw.scene, Chart::ScaleRotation).unwrap();
                     let target = r.upload_target(&image).unwrap();
                     let frame = r.forward(&cloud, &draw.view, &draw.settings).unwrap();
@@ -85,6 +87,7 @@ fn images_and_gradients_are_the_same_bits_for_every_number_of_threads() {
 /// 50 steps with an edit half way, lists reused every other step; the state after them.
 fn trained(level: SimdLevel, threads: usize, blend: Blend, chart: Chart, loss: Loss) -> CloudState {
     let r = rasterizer(level, threads);
+    let r = r.planar();
     let draw = many(blend);
     let target = r.upload_target(&draw.target().unwrap()).unwrap();
     let mut cloud = r.upload(&draw.scene, chart).unwrap();

@@ -6,7 +6,7 @@ use gs_core::{
     AdamRates, Canvas, Chart, CloudState, DensityStatistics, EditPlan, Error, Image, Loss, PlanarGaussian, PlanarScene,
     Rasterizer, RenderSettings, Scene, TrainStep, Wait, effects::Statistics, statistics::Culled,
 };
-use gs_cpu::{CpuRasterizer, CpuSettings};
+use gs_cpu::{CpuRasterizer, CpuSettings, PlanarCloud, PlanarFrame, PlanarGradients, Target};
 
 /// What is wrong with the backend.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -58,6 +58,13 @@ struct Sabotaged {
 }
 
 impl Sabotaged {
+    fn sound(
+        &self,
+    ) -> &impl Rasterizer<PlanarScene, Cloud = PlanarCloud, Frame = PlanarFrame, Gradients = PlanarGradients, Target = Target>
+    {
+        self.sound.planar()
+    }
+
     fn is(&self, fault: Fault) -> bool {
         self.fault == fault
     }
@@ -67,9 +74,9 @@ impl Sabotaged {
     where
         CpuRasterizer: Rasterizer<PlanarScene, Cloud = C>,
     {
-        let mut state = self.sound.save(cloud)?;
+        let mut state = self.sound().save(cloud)?;
         change(&mut state);
-        *cloud = self.sound.restore(&state)?;
+        *cloud = self.sound().restore(&state)?;
         Ok(())
     }
 }
@@ -102,32 +109,32 @@ impl Rasterizer<PlanarScene> for Sabotaged {
             let log_scale = glam::Vec2::ONE;
             scene.push(PlanarGaussian { mean, log_scale, rotation: 0.0, opacity_logit: f32::INFINITY, color });
         }
-        self.sound.upload(&scene, chart)
+        self.sound().upload(&scene, chart)
     }
 
     fn download(&self, cloud: &Self::Cloud) -> Result<PlanarScene, Error> {
-        let scene = self.sound.download(cloud)?;
+        let scene = self.sound().download(cloud)?;
         let count = scene.len().saturating_sub(usize::from(self.is(LosesTheLastGaussian)));
         Ok(if count == scene.len() { scene } else { scene.iter().take(count).collect() })
     }
 
     fn len(&self, cloud: &Self::Cloud) -> usize {
-        self.sound.len(cloud)
+        self.sound().len(cloud)
     }
 
     fn upload_target(&self, image: &Image) -> Result<Self::Target, Error> {
-        self.sound.upload_target(image)
+        self.sound().upload_target(image)
     }
 
     fn save(&self, cloud: &Self::Cloud) -> Result<CloudState, Error> {
-        self.sound.save(cloud)
+        self.sound().save(cloud)
     }
 
     fn restore(&self, state: &CloudState) -> Result<Self::Cloud, Error> {
-        if self.is(RestoresAnything) && self.sound.restore(state).is_err() {
-            return self.sound.upload(&PlanarScene::default(), state.chart);
+        if self.is(RestoresAnything) && self.sound().restore(state).is_err() {
+            return self.sound().upload(&PlanarScene::default(), state.chart);
         }
-        let mut cloud = self.sound.restore(state)?;
+        let mut cloud = self.sound().restore(state)?;
         if self.is(ForgetsMomentsOnRestore) {
             self.alter(&mut cloud, zero_moments)?;
         }
@@ -151,15 +158,15 @@ impl Rasterizer<PlanarScene> for Sabotaged {
             _ => {}
         }
         if self.is(DrawsByParity) {
-            let mut scene = self.sound.download(cloud)?;
+            let mut scene = self.sound().download(cloud)?;
             scene.colors.iter_mut().step_by(2).for_each(|c| *c *= 0.9);
-            return self.sound.forward(&self.sound.upload(&scene, Chart::ScaleRotation)?, &view, &settings);
+            return self.sound().forward(&self.sound().upload(&scene, Chart::ScaleRotation)?, &view, &settings);
         }
-        self.sound.forward(cloud, &view, &settings)
+        self.sound().forward(cloud, &view, &settings)
     }
 
     fn image(&self, frame: &Self::Frame) -> Result<Image, Error> {
-        let image = self.sound.image(frame)?;
+        let image = self.sound().image(frame)?;
         let (w, h) = image.size();
         match self.fault {
             ShiftsImages => Image::from_fn(w, h, |x, y| image.pixel((x + 1) % w, y)),
@@ -169,7 +176,7 @@ impl Rasterizer<PlanarScene> for Sabotaged {
     }
 
     fn culled(&self, frame: &Self::Frame) -> Result<Culled, Error> {
-        if self.is(CountsNothingCulled) { Ok(Culled::default()) } else { self.sound.culled(frame) }
+        if self.is(CountsNothingCulled) { Ok(Culled::default()) } else { self.sound().culled(frame) }
     }
 
     fn backward(
@@ -179,12 +186,12 @@ impl Rasterizer<PlanarScene> for Sabotaged {
         target: &Self::Target,
         loss: &Loss,
     ) -> Result<(f32, Self::Gradients), Error> {
-        let (loss, gradients) = self.sound.backward(cloud, frame, target, loss)?;
+        let (loss, gradients) = self.sound().backward(cloud, frame, target, loss)?;
         Ok((if self.is(DoublesLosses) { 2.0 * loss } else { loss }, gradients))
     }
 
     fn download_gradients(&self, cloud: &Self::Cloud, gradients: &Self::Gradients) -> Result<PlanarScene, Error> {
-        let mut scene = self.sound.download_gradients(cloud, gradients)?;
+        let mut scene = self.sound().download_gradients(cloud, gradients)?;
         match self.fault {
             NegatesRotationGradients => scene.rotations.iter_mut().for_each(|v| *v = -*v),
             SwapsMeanGradients => scene.means.iter_mut().for_each(|v| *v = v.yx()),
@@ -212,7 +219,7 @@ impl Rasterizer<PlanarScene> for Sabotaged {
             })?,
             _ => {}
         }
-        self.sound.step(cloud, gradients, &rates)
+        self.sound().step(cloud, gradients, &rates)
     }
 
     fn train_step(
@@ -234,7 +241,7 @@ impl Rasterizer<PlanarScene> for Sabotaged {
 
     fn losses(&self, cloud: &mut Self::Cloud, wait: Wait, losses: &mut Vec<f32>) -> Result<(), Error> {
         let known = losses.len();
-        self.sound.losses(cloud, wait, losses)?;
+        self.sound().losses(cloud, wait, losses)?;
         match self.fault {
             SwapsLosses => losses[known..].reverse(),
             DropsLosses if losses.len() > known + 1 => drop(losses.pop()),
@@ -245,7 +252,7 @@ impl Rasterizer<PlanarScene> for Sabotaged {
     }
 
     fn unread_losses<'c>(&self, cloud: &'c mut Self::Cloud) -> &'c mut Vec<f32> {
-        self.sound.unread_losses(cloud)
+        self.sound().unread_losses(cloud)
     }
 
     fn solve_colors(
@@ -257,11 +264,11 @@ impl Rasterizer<PlanarScene> for Sabotaged {
         iterations: u32,
     ) -> Result<(), Error> {
         let iterations = if self.is(SolvesNothing) { 1 } else { iterations };
-        self.sound.solve_colors(cloud, view, target, settings, iterations)
+        self.sound().solve_colors(cloud, view, target, settings, iterations)
     }
 
     fn statistics(&self, cloud: &Self::Cloud) -> Result<DensityStatistics, Error> {
-        let mut statistics = self.sound.statistics(cloud)?;
+        let mut statistics = self.sound().statistics(cloud)?;
         if self.is(DoublesStatistics) {
             statistics.gradient_sum.iter_mut().for_each(|v| *v *= 2.0);
         }
@@ -269,15 +276,15 @@ impl Rasterizer<PlanarScene> for Sabotaged {
     }
 
     fn shift_means(&self, cloud: &mut Self::Cloud, shifts: &[f32]) -> Result<(), Error> {
-        self.sound.shift_means(cloud, shifts)?;
+        self.sound().shift_means(cloud, shifts)?;
         if self.is(ShiftsAreSteps) { self.alter(cloud, zero_moments) } else { Ok(()) }
     }
 
     fn edit(&self, cloud: &mut Self::Cloud, plan: &EditPlan<PlanarGaussian>) -> Result<(), Error> {
-        if self.is(EditsEvenWhenItRefuses) && plan.sources(self.sound.len(cloud)).is_err() {
+        if self.is(EditsEvenWhenItRefuses) && plan.sources(self.sound().len(cloud)).is_err() {
             self.alter(cloud, zero_moments)?;
         }
-        self.sound.edit(cloud, plan)?;
+        self.sound().edit(cloud, plan)?;
         match self.fault {
             ForgetsMomentsOnEdit => self.alter(cloud, zero_moments),
             ForgetsStatisticsOnEdit => self.alter(cloud, |state| {

@@ -128,7 +128,7 @@ pub fn culled_are_counted<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Result<
         PlanarGaussian { log_scale: Vec2::splat(70.0), ..good },
     ];
     let transparent = [-8.0, f32::NEG_INFINITY].map(|opacity_logit| PlanarGaussian { opacity_logit, ..good });
-    let expected = Culled { not_finite: 1, degenerate: 2, transparent: 0, outside: 3 };
+    let expected = Culled { not_finite: 1, degenerate: 2, outside: 3, ..Culled::default() };
     let view = Canvas::new(24, 18);
     for (blend, transparent, expected) in [
         (Blend::Sum, &transparent[..0], expected),

@@ -5,34 +5,37 @@
 //! the same matrix.
 
 use fearless_simd::{Level, dispatch};
+use gs_core::PlanarScene;
 use rayon::prelude::*;
 
+use super::cloud::PlanarCloud;
 use crate::{
+    Target,
     blend_sum::{self, COLOR_STRIDE},
-    cloud::PlanarCloud,
     layout::{Cuts, Row, TileBuffers, for_each_tile},
-    loss::PlanarTarget,
-    project::CHUNK,
+    splat::CHUNK,
+    tiles::Tiles,
     workspace::Workspace,
 };
 
 /// Improves the colours of `cloud` by `iterations` steps; `workspace` has been prepared for it.
 pub(crate) fn solve(
-    workspace: &mut Workspace,
+    workspace: &mut Workspace<PlanarScene>,
     cloud: &mut PlanarCloud,
-    target: &PlanarTarget,
+    target: &Target,
     level: Level,
     iterations: u32,
 ) {
-    let n = workspace.order.len();
-    let backdrop = workspace.settings.backdrop();
+    let Workspace { tiles, own, .. } = workspace;
+    let n = own.order.len();
+    let backdrop = tiles.settings.backdrop();
     let diagonal: Vec<f32> =
-        (workspace.splats.iter()).map(|s| std::f32::consts::PI / (s.inverse_xx * s.c).sqrt()).collect();
-    let mut solution: Vec<[f32; 3]> = workspace.splats.iter().map(|s| s.color).collect();
+        (tiles.splats.iter()).map(|s| std::f32::consts::PI / (s.inverse_xx * s.c).sqrt()).collect();
+    let mut solution: Vec<[f32; 3]> = tiles.splats.iter().map(|s| s.color).collect();
 
     // r = Aᵀ(y − A c); the pass yields Aᵀ(A c − (y − backdrop)).
     let mut residual = vec![[0.0f32; 3]; n];
-    normal_product(workspace, level, Some((&target.rows, backdrop)), &mut residual);
+    normal_product(tiles, level, Some((&target.rows, backdrop)), &mut residual);
     residual.par_iter_mut().for_each(|r| *r = r.map(|v| -v));
     let preconditioned =
         |r: &[[f32; 3]]| -> Vec<[f32; 3]> { r.iter().zip(&diagonal).map(|(r, d)| r.map(|v| v / d)).collect() };
@@ -41,10 +44,10 @@ pub(crate) fn solve(
     let mut rz = dot(&residual, &z);
     let mut product = vec![[0.0f32; 3]; n];
     for _ in 0..iterations {
-        for (splat, d) in workspace.splats.iter_mut().zip(&direction) {
+        for (splat, d) in tiles.splats.iter_mut().zip(&direction) {
             splat.color = *d;
         }
-        normal_product(workspace, level, None, &mut product);
+        normal_product(tiles, level, None, &mut product);
         let curvature = dot(&direction, &product);
         let step = [0, 1, 2].map(|k| if curvature[k] > 0.0 { (rz[k] / curvature[k]) as f32 } else { 0.0 });
         for i in 0..n {
@@ -61,8 +64,8 @@ pub(crate) fn solve(
         }
         rz = next;
     }
-    for (place, &index) in workspace.order.iter().enumerate() {
-        let splat = &mut workspace.splats[place];
+    for (place, &index) in own.order.iter().enumerate() {
+        let splat = &mut tiles.splats[place];
         if !splat.is_culled() && solution[place].iter().all(|v| v.is_finite()) {
             cloud.colors[index as usize] = solution[place];
         }
@@ -81,8 +84,8 @@ fn dot(a: &[[f32; 3]], b: &[[f32; 3]]) -> [f64; 3] {
 }
 
 /// Aᵀ(A c − y), with c the splats' colours, y the target less the backdrop, or 0; by place.
-fn normal_product(workspace: &mut Workspace, level: Level, target: Option<(&[Row], [f32; 3])>, out: &mut [[f32; 3]]) {
-    let Workspace { splats, bins, grid, rows, slots, .. } = workspace;
+fn normal_product(tiles: &mut Tiles, level: Level, target: Option<(&[Row], [f32; 3])>, out: &mut [[f32; 3]]) {
+    let Tiles { splats, bins, grid, rows, slots, .. } = tiles;
     slots.resize(bins.entries.len() * COLOR_STRIDE, 0.0);
     let cuts = Cuts { grid, tile_start: &bins.tile_start, stride: COLOR_STRIDE };
     let buffers = TileBuffers { rows, scalars: &mut [], slots, sums: &mut [] };

@@ -1,14 +1,12 @@
 //! The Gaussians where this backend computes: parameters, Adam moments and statistics, and how edits and checkpoints treat them.
 
-use std::sync::atomic::{AtomicU64, Ordering};
-
 use glam::{Mat2, Vec2, Vec3};
 use gs_core::{
     Chart, CloudState, DensityStatistics, EditPlan, Error, PlanarGaussian, PlanarScene, Scene,
     scene::{logit, sigmoid},
 };
 
-use crate::workspace::Workspace;
+use crate::kind::Shared;
 
 /// The shapes of all Gaussians, as the chart moves them.
 #[derive(Debug, Clone)]
@@ -36,13 +34,7 @@ pub struct PlanarCloud {
     pub(crate) opacity_moments: Vec<[f32; 2]>,
     /// Adam steps that each has taken.
     pub(crate) steps: Vec<u32>,
-    pub(crate) statistics: DensityStatistics,
-    /// Buffers of fused training steps, with the lists that [`Binning::Reuse`](gs_core::Binning::Reuse) may use again.
-    pub(crate) workspace: Option<Workspace>,
-    /// Of training steps, until they are asked for.
-    pub(crate) losses: Vec<f32>,
-    /// Another number for every cloud and after every edit, by which lists made for another state are recognised.
-    pub(crate) edition: u64,
+    pub(crate) shared: Shared<PlanarScene>,
 }
 
 impl PlanarCloud {
@@ -61,10 +53,7 @@ impl PlanarCloud {
             moments: [vec![[0.0; VECTOR]; n], vec![[0.0; VECTOR]; n]],
             opacity_moments: vec![[0.0; 2]; scene.opacity_logits.len()],
             steps: vec![0; n],
-            statistics: DensityStatistics::zeros(n),
-            workspace: None,
-            losses: Vec::new(),
-            edition: next_edition(),
+            shared: Shared::new(DensityStatistics::zeros(n)),
         })
     }
 
@@ -127,9 +116,11 @@ impl PlanarCloud {
             *moments = plan.gather_moments(&sources, moments);
         }
         self.steps = plan.gather_moments(&sources, &self.steps);
-        let statistics = &mut self.statistics;
-        statistics.gradient_sum = plan.gather_statistics(&sources, &statistics.gradient_sum);
-        statistics.visible = plan.gather_statistics(&sources, &statistics.visible);
+        let statistics = &self.shared.statistics;
+        self.shared.edited(DensityStatistics {
+            gradient_sum: plan.gather_statistics(&sources, &statistics.gradient_sum),
+            visible: plan.gather_statistics(&sources, &statistics.visible),
+        });
         if let Some(ceiling) = plan.opacity_ceiling {
             for (value, moments) in self.opacity_logits.iter_mut().zip(&mut self.opacity_moments) {
                 if !(sigmoid(*value) <= ceiling) {
@@ -138,7 +129,17 @@ impl PlanarCloud {
                 *moments = [0.0; 2];
             }
         }
-        self.edition = next_edition();
+        Ok(())
+    }
+
+    pub(crate) fn shift_means(&mut self, shifts: &[f32]) -> Result<(), Error> {
+        let expected = 2 * self.len();
+        if shifts.len() != expected {
+            return Err(Error::Length { what: "mean", expected, found: shifts.len() });
+        }
+        for (mean, &shift) in self.means.iter_mut().zip(shifts.as_chunks::<2>().0) {
+            *mean += Vec2::from_array(shift);
+        }
         Ok(())
     }
 
@@ -163,8 +164,8 @@ impl PlanarCloud {
             state.insert(name, moments.iter().enumerate().map(nine));
         }
         state.insert_u32("steps", self.steps.clone());
-        state.insert("gradient_sum", self.statistics.gradient_sum.iter().map(|&g| [g]));
-        state.insert_u32("visible", self.statistics.visible.clone());
+        state.insert("gradient_sum", self.shared.statistics.gradient_sum.iter().map(|&g| [g]));
+        state.insert_u32("visible", self.shared.statistics.visible.clone());
         state
     }
 
@@ -195,14 +196,11 @@ impl PlanarCloud {
             opacity_moments,
             opacity_logits,
             steps: state.integers("steps")?,
-            statistics: DensityStatistics {
+            shared: Shared::new(DensityStatistics {
                 gradient_sum: flat(state.rows::<1>("gradient_sum")?),
                 visible: state.integers("visible")?,
-            },
+            }),
             means,
-            workspace: None,
-            losses: Vec::new(),
-            edition: next_edition(),
         };
         cloud.check_lengths()?;
         Ok(cloud)
@@ -221,19 +219,14 @@ impl PlanarCloud {
             ("moment1", self.moments[0].len()),
             ("moment2", self.moments[1].len()),
             ("steps", self.steps.len()),
-            ("gradient_sum", self.statistics.gradient_sum.len()),
-            ("visible", self.statistics.visible.len()),
+            ("gradient_sum", self.shared.statistics.gradient_sum.len()),
+            ("visible", self.shared.statistics.visible.len()),
         ];
         match lengths.into_iter().find(|&(_, found)| found != self.len()) {
             None => Ok(()),
             Some((what, found)) => Err(Error::Length { what, expected: self.len(), found }),
         }
     }
-}
-
-fn next_edition() -> u64 {
-    static NEXT: AtomicU64 = AtomicU64::new(0);
-    NEXT.fetch_add(1, Ordering::Relaxed)
 }
 
 fn scale_rotation(g: &PlanarGaussian) -> [f32; 3] {

@@ -5,45 +5,19 @@ use std::ops::Range;
 
 use fearless_simd::{Level, Simd, dispatch, f32x8, prelude::*};
 use glam::{Mat2, Vec2};
-use gs_core::{AdamRates, PlanarGaussian, adam::Rate, effects::Statistics};
+use gs_core::{AdamRates, Participants, PlanarGaussian, effects::Statistics};
 
-use crate::{
+use super::{
     cloud::{PlanarCloud, Shapes, VECTOR},
-    project::CHUNK,
     project_bwd::Gradient,
 };
+use crate::{bias::BiasTable, splat::CHUNK};
 
 /// Largest entry of η in one step; exp(η) is taken to second order.
 const MAX_ETA: f32 = 0.5;
 
 /// Moments below this are 0: denormals cost time and move nothing.
 const VANISHING: f32 = 1e-30;
-
-/// 1/(1 − β^t) for both moments of the eight lanes and the opacity.
-#[derive(Debug, Clone, Copy)]
-struct Bias {
-    first: [f32; VECTOR],
-    second: [f32; VECTOR],
-    opacity: [f32; 2],
-}
-
-impl Bias {
-    /// Whether there is nothing left to correct.
-    fn is_none(&self) -> bool {
-        self.first.iter().chain(&self.second).chain(&self.opacity).all(|&c| c == 1.0)
-    }
-}
-
-/// Step counts beyond this are taken as this: even β = 0.99999 leaves a correction of 1 + 5e-5 there. It bounds the table below, whose
-/// length a checkpoint could otherwise dictate.
-const MOST_STEPS: u32 = 1 << 20;
-
-/// Bias corrections by step count, made once per set of betas; it ends where all of them have become 1.
-#[derive(Debug, Default)]
-pub(crate) struct BiasTable {
-    betas: Vec<f32>,
-    by_steps: Vec<Bias>,
-}
 
 /// Adam's numbers, lane by lane.
 #[derive(Debug, Clone, Copy)]
@@ -60,28 +34,6 @@ fn lane_rates(rates: &AdamRates, cloud: &PlanarCloud) -> LaneRates {
     };
     let groups = [rates.mean, rates.mean, rates.scale, rates.scale, third, rates.color, rates.color, rates.color];
     LaneRates { rate: groups.map(|g| g.learning_rate), beta1: groups.map(|g| g.beta1), beta2: groups.map(|g| g.beta2) }
-}
-
-impl BiasTable {
-    /// Makes sure of an entry for every count up to `steps`.
-    fn prepare(&mut self, lanes: &LaneRates, opacity: Rate, steps: u32) {
-        let betas = lanes.beta1.iter().chain(&lanes.beta2).chain([&opacity.beta1, &opacity.beta2]);
-        if !self.betas.iter().eq(betas.clone()) {
-            self.betas = betas.copied().collect();
-            self.by_steps.clear();
-        }
-        for t in self.by_steps.len() as u32..=steps.min(MOST_STEPS) {
-            if self.by_steps.last().is_some_and(Bias::is_none) {
-                break;
-            }
-            let correction = |beta: f32| (1.0 / (1.0 - f64::from(beta).powi(t.max(1) as i32))) as f32;
-            self.by_steps.push(Bias {
-                first: lanes.beta1.map(correction),
-                second: lanes.beta2.map(correction),
-                opacity: [correction(opacity.beta1), correction(opacity.beta2)],
-            });
-        }
-    }
 }
 
 /// A range of a cloud's arrays.
@@ -128,24 +80,27 @@ impl Slices<'_> {
 struct Step<'a> {
     lanes: LaneRates,
     rates: &'a AdamRates,
-    bias: &'a [Bias],
+    bias: &'a BiasTable<{ VECTOR + 1 }>,
     collect: bool,
 }
 
 /// One Adam step of all Gaussians along `gradient_of(index)`; adds to the statistics if they are to be collected.
 pub(crate) fn step<'g>(
     cloud: &mut PlanarCloud,
-    table: &mut BiasTable,
+    table: &mut BiasTable<{ VECTOR + 1 }>,
     rates: &AdamRates,
     level: Level,
     statistics: Statistics,
     gradient_of: impl Fn(usize) -> &'g Gradient + Sync,
 ) {
     let lanes = lane_rates(rates, cloud);
-    let most = cloud.steps.iter().max().map_or(0, |&t| t.saturating_add(1));
-    table.prepare(&lanes, rates.opacity, most);
-    let step = Step { lanes, rates, bias: &table.by_steps, collect: statistics != Statistics::None };
-    let count = cloud.len();
+    // The eight lanes, then the opacity.
+    let group = |k: usize| {
+        if k < VECTOR { [lanes.beta1[k], lanes.beta2[k]] } else { [rates.opacity.beta1, rates.opacity.beta2] }
+    };
+    table.prepare(std::array::from_fn(group), &cloud.steps);
+    let step = Step { lanes, rates, bias: table, collect: statistics != Statistics::None };
+    let count = cloud.shared.len();
     let PlanarCloud { means, shapes, colors, opacity_logits, moments: [first, second], opacity_moments, .. } = cloud;
     let (scale_rotations, frames): (&mut [_], &mut [_]) = match shapes {
         Shapes::ScaleRotation(shapes) => (shapes, &mut []),
@@ -161,8 +116,8 @@ pub(crate) fn step<'g>(
         second,
         opacity_moments,
         steps: &mut cloud.steps,
-        gradient_sum: &mut cloud.statistics.gradient_sum,
-        visible: &mut cloud.statistics.visible,
+        gradient_sum: &mut cloud.shared.statistics.gradient_sum,
+        visible: &mut cloud.shared.statistics.visible,
     };
     divide(slices, 0..count, &step, level, &gradient_of);
 }
@@ -202,6 +157,9 @@ fn step_all<'g, S: Simd>(
     let (zero, epsilon) = (f32x8::splat(simd, 0.0), f32x8::splat(simd, step.rates.epsilon));
     for (i, index) in indices.enumerate() {
         let gradient = gradient_of(index);
+        if !gradient.visible && step.rates.participants == Participants::Visible {
+            continue;
+        }
         let (by_mean, by_shape) = if local {
             (gradient.xi, gradient.eta)
         } else if gradient.visible {
@@ -215,7 +173,9 @@ fn step_all<'g, S: Simd>(
         let [r, g, b] = gradient.color;
         let g = lane([by_mean.x, by_mean.y, by_shape[0], by_shape[1], by_shape[2], r, g, b]);
         slices.steps[i] = slices.steps[i].saturating_add(1);
-        let bias = &step.bias[(slices.steps[i] as usize).min(step.bias.len() - 1)];
+        let bias = step.bias.at(slices.steps[i]);
+        let (first, second) =
+            (f32x8::from_slice(simd, &bias.first[..VECTOR]), f32x8::from_slice(simd, &bias.second[..VECTOR]));
 
         let m = lane(slices.first[i]).mul_add(beta1, g * rest1);
         let m = m.abs().simd_lt(f32x8::splat(simd, VANISHING)).select(zero, m);
@@ -223,7 +183,7 @@ fn step_all<'g, S: Simd>(
         let v = v.simd_lt(f32x8::splat(simd, VANISHING * VANISHING)).select(zero, v);
         m.store_array(&mut slices.first[i]);
         v.store_array(&mut slices.second[i]);
-        let moved = rate * (m * lane(bias.first)) / ((v * lane(bias.second)).sqrt() + epsilon);
+        let moved = rate * (m * first) / ((v * second).sqrt() + epsilon);
         let moved: [f32; VECTOR] = moved.into();
 
         let [u, w, s0, s1, s2, colors @ ..] = moved;
@@ -253,8 +213,8 @@ fn step_all<'g, S: Simd>(
             let (g, rate) = (gradient.opacity_logit, step.rates.opacity);
             *m = rate.beta1 * *m + (1.0 - rate.beta1) * g;
             *v = rate.beta2 * *v + (1.0 - rate.beta2) * g * g;
-            *logit -=
-                rate.learning_rate * (*m * bias.opacity[0]) / ((*v * bias.opacity[1]).sqrt() + step.rates.epsilon);
+            *logit -= rate.learning_rate * (*m * bias.first[VECTOR])
+                / ((*v * bias.second[VECTOR]).sqrt() + step.rates.epsilon);
         }
         if step.collect && gradient.visible {
             slices.gradient_sum[i] += gradient.statistic;

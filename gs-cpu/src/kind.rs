@@ -1,0 +1,157 @@
+//! What this backend needs to know about a kind of scene: its cloud, and the stages before `bin` and after `blend_bwd`. All that lies
+//! between, and the trait's implementation around it, is written once.
+
+use std::{
+    fmt::Debug,
+    sync::{
+        Arc, Mutex,
+        atomic::{AtomicU64, Ordering},
+    },
+};
+
+use fearless_simd::Level;
+use gs_core::{
+    AdamRates, Binning, Chart, CloudState, DensityStatistics, EditPlan, Error, RenderSettings, Scene, profile::Traffic,
+};
+
+use crate::{
+    CpuRasterizer, Target,
+    profile::Stage,
+    workspace::{Pool, Workspace},
+};
+
+/// A kind of scene that [`CpuRasterizer`] is a rasterizer for; implemented for planar and spatial scenes, and for no others.
+pub trait Kind: Scene + 'static {
+    /// The Gaussians where this backend computes.
+    type Cloud: Debug + Send + Sync;
+    /// Buffers of the stages that are this kind's own.
+    type Own: Debug + Default + Send + Sync;
+    /// Bias corrections of Adam.
+    type Bias: Debug + Default + Send;
+
+    /// The stages before `bin`, in their order.
+    const BEFORE_BIN: [Stage; 2];
+
+    /// Fails where the view or an effect is not possible.
+    fn check(view: &Self::View, settings: &RenderSettings) -> Result<(), Error>;
+
+    /// Columns and rows.
+    fn size(view: &Self::View) -> (u32, u32);
+
+    /// What the rasterizer keeps for this kind.
+    fn resources(rasterizer: &CpuRasterizer) -> &Resources<Self>;
+
+    /// A cloud of this scene.
+    fn upload(scene: &Self, chart: Chart) -> Result<Self::Cloud, Error>;
+
+    /// The cloud's parameters.
+    fn download(cloud: &Self::Cloud) -> Self;
+
+    /// Its whole state.
+    fn save(cloud: &Self::Cloud) -> CloudState;
+
+    /// A cloud in that state.
+    fn restore(state: &CloudState) -> Result<Self::Cloud, Error>;
+
+    /// Applies a plan.
+    fn edit(cloud: &mut Self::Cloud, plan: &EditPlan<Self::Gaussian>) -> Result<(), Error>;
+
+    /// Adds to the means.
+    fn shift_means(cloud: &mut Self::Cloud, shifts: &[f32]) -> Result<(), Error>;
+
+    /// What clouds of every kind have.
+    fn shared(cloud: &Self::Cloud) -> &Shared<Self>;
+
+    /// The same, to change.
+    fn shared_mut(cloud: &mut Self::Cloud) -> &mut Shared<Self>;
+
+    /// The stages up to `bin`.
+    fn prepare(
+        workspace: &mut Workspace<Self>,
+        cloud: &Self::Cloud,
+        view: &Self::View,
+        settings: &RenderSettings,
+        binning: Binning,
+    ) -> Result<(), Error>;
+
+    /// Stage `project`.
+    fn project(workspace: &mut Workspace<Self>, cloud: &Self::Cloud);
+
+    /// Stage `sort`: the order in which tiles see the splats.
+    fn sort(workspace: &mut Workspace<Self>, cloud: &Self::Cloud);
+
+    /// Stage `project_bwd`: every Gaussian's gradient, times `scale`.
+    fn project_bwd(workspace: &mut Workspace<Self>, cloud: &Self::Cloud, scale: f32);
+
+    /// The gradients that `project_bwd` found, as a scene of derivatives.
+    fn derivatives(workspace: &Workspace<Self>, cloud: &Self::Cloud) -> Self;
+
+    /// Stage `adam`: one step along the gradients that `project_bwd` found, and the statistics.
+    fn adam(
+        cloud: &mut Self::Cloud,
+        bias: &mut Self::Bias,
+        rates: &AdamRates,
+        level: Level,
+        workspace: &Workspace<Self>,
+    );
+
+    /// Solves for the colours, where the image is linear in them.
+    fn solve_colors(
+        rasterizer: &CpuRasterizer,
+        cloud: &mut Self::Cloud,
+        view: &Self::View,
+        target: &Target,
+        settings: &RenderSettings,
+        iterations: u32,
+    ) -> Result<(), Error>;
+
+    /// The bytes that one of this kind's own stages moves at least.
+    fn traffic(stage: Stage, workspace: &Workspace<Self>, cloud: &Self::Cloud) -> Traffic;
+}
+
+/// What clouds of every kind have besides their parameters and moments.
+#[derive(Debug)]
+pub struct Shared<S: Kind> {
+    pub(crate) statistics: DensityStatistics,
+    /// Buffers of training steps, with the lists that [`Binning::Reuse`] may use again.
+    pub(crate) workspace: Option<Workspace<S>>,
+    /// Of training steps, until they are asked for.
+    pub(crate) losses: Vec<f32>,
+    /// Another number for every cloud and after every edit, by which lists made for another state are recognised.
+    pub(crate) edition: u64,
+}
+
+impl<S: Kind> Shared<S> {
+    pub(crate) fn new(statistics: DensityStatistics) -> Self {
+        Self { statistics, workspace: None, losses: Vec::new(), edition: next_edition() }
+    }
+
+    /// Number of Gaussians.
+    pub(crate) fn len(&self) -> usize {
+        self.statistics.visible.len()
+    }
+
+    /// After an edit whose statistics are these.
+    pub(crate) fn edited(&mut self, statistics: DensityStatistics) {
+        self.statistics = statistics;
+        self.edition = next_edition();
+    }
+}
+
+fn next_edition() -> u64 {
+    static NEXT: AtomicU64 = AtomicU64::new(0);
+    NEXT.fetch_add(1, Ordering::Relaxed)
+}
+
+/// What a rasterizer keeps for one kind of scene.
+#[derive(Debug)]
+pub struct Resources<S: Kind> {
+    pub(crate) pool: Arc<Pool<S>>,
+    pub(crate) bias: Mutex<S::Bias>,
+}
+
+impl<S: Kind> Default for Resources<S> {
+    fn default() -> Self {
+        Self { pool: Arc::default(), bias: Mutex::default() }
+    }
+}

@@ -1,0 +1,246 @@
+//! Planar scenes as a [`Kind`]: their own buffers, and in which order tiles see their Gaussians.
+
+use fearless_simd::Level;
+use gs_core::{
+    AdamRates, Binning, Blend, Canvas, Chart, CloudState, EditPlan, Error, PlanarGaussian, PlanarScene, RenderSettings,
+    effects::Order, profile::Traffic,
+};
+
+use super::{
+    PlanarCloud, adam,
+    cloud::{Shapes, VECTOR},
+    project,
+    project_bwd::{self, Gradient},
+    solve_colors,
+};
+use crate::{
+    CpuRasterizer, Target,
+    bias::BiasTable,
+    kind::{Kind, Resources, Shared},
+    profile::Stage,
+    rasterizer::{check_settings, unsupported},
+    splat::Splat,
+    traffic::{INDEX, size, statistics_size},
+    workspace::Workspace,
+};
+
+/// A planar scene's own buffers.
+#[derive(Debug)]
+pub struct PlanarOwn {
+    pub(crate) canvas: Canvas,
+    /// place → Gaussian: in which order tiles see them.
+    pub(crate) order: Vec<u32>,
+    /// Gaussian → place.
+    place_of: Vec<u32>,
+    /// The next place in each image row, while they are given out.
+    row_places: Vec<u32>,
+    /// Every Gaussian's gradient, by place: neighbours' entries are neighbours in memory.
+    pub(crate) gradients: Vec<Gradient>,
+}
+
+impl Default for PlanarOwn {
+    fn default() -> Self {
+        let (order, place_of, row_places, gradients) = Default::default();
+        Self { canvas: Canvas::new(1, 1), order, place_of, row_places, gradients }
+    }
+}
+
+impl Workspace<PlanarScene> {
+    /// The gradient of Gaussian `index`.
+    pub(crate) fn gradient_of(&self, index: usize) -> &Gradient {
+        &self.own.gradients[self.own.place_of[index] as usize]
+    }
+}
+
+impl Kind for PlanarScene {
+    type Cloud = PlanarCloud;
+    type Own = PlanarOwn;
+    type Bias = BiasTable<{ VECTOR + 1 }>;
+
+    const BEFORE_BIN: [Stage; 2] = [Stage::Sort, Stage::Project];
+
+    fn check(view: &Canvas, settings: &RenderSettings) -> Result<(), Error> {
+        view.validate()?;
+        check_settings(settings)?;
+        match settings.effects.order {
+            Order::Index => Ok(()),
+            order => Err(unsupported(format!("order {order:?} of a planar scene, which has no depth"))),
+        }
+    }
+
+    fn size(view: &Canvas) -> (u32, u32) {
+        (view.width, view.height)
+    }
+
+    fn resources(rasterizer: &CpuRasterizer) -> &Resources<Self> {
+        &rasterizer.planar
+    }
+
+    fn upload(scene: &Self, chart: Chart) -> Result<PlanarCloud, Error> {
+        PlanarCloud::new(scene, chart)
+    }
+
+    fn download(cloud: &PlanarCloud) -> Self {
+        cloud.scene()
+    }
+
+    fn save(cloud: &PlanarCloud) -> CloudState {
+        cloud.save()
+    }
+
+    fn restore(state: &CloudState) -> Result<PlanarCloud, Error> {
+        PlanarCloud::restore(state)
+    }
+
+    fn edit(cloud: &mut PlanarCloud, plan: &EditPlan<PlanarGaussian>) -> Result<(), Error> {
+        cloud.edit(plan)
+    }
+
+    fn shift_means(cloud: &mut PlanarCloud, shifts: &[f32]) -> Result<(), Error> {
+        cloud.shift_means(shifts)
+    }
+
+    fn shared(cloud: &PlanarCloud) -> &Shared<Self> {
+        &cloud.shared
+    }
+
+    fn shared_mut(cloud: &mut PlanarCloud) -> &mut Shared<Self> {
+        &mut cloud.shared
+    }
+
+    fn prepare(
+        workspace: &mut Workspace<Self>,
+        cloud: &PlanarCloud,
+        canvas: &Canvas,
+        settings: &RenderSettings,
+        binning: Binning,
+    ) -> Result<(), Error> {
+        let edition = Some(cloud.shared.edition);
+        let same =
+            workspace.own.canvas == *canvas && workspace.tiles.settings == *settings && workspace.edition == edition;
+        let reuse = binning == Binning::Reuse && same;
+        workspace.len = cloud.shared.len();
+        if !reuse {
+            workspace.own.canvas = *canvas;
+            workspace.tiles.set(Self::size(canvas), settings);
+            // Anew each time: an order that were kept would be state that no checkpoint holds.
+            workspace.edition = None;
+            Self::sort(workspace, cloud);
+        }
+        Self::project(workspace, cloud);
+        if !reuse {
+            workspace.tiles.bin()?;
+            workspace.edition = edition;
+        }
+        workspace.tiles.fit();
+        Ok(())
+    }
+
+    fn project(workspace: &mut Workspace<Self>, cloud: &PlanarCloud) {
+        let Workspace { tiles, own, .. } = workspace;
+        tiles.culled = project::project_all(cloud, &own.canvas, &tiles.settings, &own.order, &mut tiles.splats);
+    }
+
+    /// By index where that matters, else by row, so that neighbours in a tile's list are neighbours in the cache.
+    fn sort(workspace: &mut Workspace<Self>, cloud: &PlanarCloud) {
+        let Workspace { tiles, own, .. } = workspace;
+        let n = cloud.shared.len() as u32;
+        own.place_of.clear();
+        match tiles.settings.effects.blend {
+            Blend::Over => own.place_of.extend(0..n),
+            Blend::Sum => {
+                // Counting sort, stable; NaN casts to row 0.
+                let rows = tiles.grid.height;
+                let row = |index: usize| (cloud.means[index].y as usize).min(rows - 1);
+                own.row_places.clear();
+                own.row_places.resize(rows, 0);
+                (0..n as usize).for_each(|index| own.row_places[row(index)] += 1);
+                let mut next = 0;
+                for place in &mut own.row_places {
+                    next += std::mem::replace(place, next);
+                }
+                for index in 0..n as usize {
+                    let place = &mut own.row_places[row(index)];
+                    own.place_of.push(*place);
+                    *place += 1;
+                }
+            }
+        }
+        own.order.resize(n as usize, 0);
+        for (index, &place) in own.place_of.iter().enumerate() {
+            own.order[place as usize] = index as u32;
+        }
+    }
+
+    fn project_bwd(workspace: &mut Workspace<Self>, cloud: &PlanarCloud, scale: f32) {
+        project_bwd::all(workspace, cloud, scale);
+    }
+
+    fn derivatives(workspace: &Workspace<Self>, cloud: &PlanarCloud) -> Self {
+        project_bwd::as_scene(cloud, |index| workspace.gradient_of(index))
+    }
+
+    fn adam(
+        cloud: &mut PlanarCloud,
+        bias: &mut Self::Bias,
+        rates: &AdamRates,
+        level: Level,
+        workspace: &Workspace<Self>,
+    ) {
+        let statistics = workspace.tiles.settings.effects.statistics;
+        adam::step(cloud, bias, rates, level, statistics, |index| workspace.gradient_of(index));
+    }
+
+    fn solve_colors(
+        rasterizer: &CpuRasterizer,
+        cloud: &mut PlanarCloud,
+        view: &Canvas,
+        target: &Target,
+        settings: &RenderSettings,
+        iterations: u32,
+    ) -> Result<(), Error> {
+        if settings.effects.blend != Blend::Sum {
+            return Err(unsupported("solving for colours under `over`, where the image is not linear in them"));
+        }
+        let mut workspace = rasterizer.planar.pool.take();
+        rasterizer.threads.install(|| {
+            Self::prepare(&mut workspace, cloud, view, settings, Binning::Fresh)?;
+            solve_colors::solve(&mut workspace, cloud, target, rasterizer.level, iterations);
+            Ok::<(), Error>(())
+        })?;
+        rasterizer.planar.pool.give(workspace);
+        Ok(())
+    }
+
+    fn traffic(stage: Stage, workspace: &Workspace<Self>, cloud: &PlanarCloud) -> Traffic {
+        let tiles = &workspace.tiles;
+        let over = tiles.settings.effects.blend == Blend::Over;
+        let (n, entries) = (cloud.shared.len() as u64, tiles.bins.entries.len() as u64);
+        let slots = entries * tiles.stride as u64 * size::<f32>();
+        let shape = match cloud.shapes {
+            Shapes::ScaleRotation(_) => size::<[f32; 3]>(),
+            Shapes::LocalFrame(_) => size::<glam::Mat2>(),
+        };
+        let (mean, color) = (size::<glam::Vec2>(), size::<[f32; 3]>());
+        let logit = if cloud.opacity_logits.is_empty() { 0 } else { size::<f32>() };
+        let (read, written) = match stage {
+            // Under `Sum` by image row, with two passes over the means; then the order is inverted.
+            Stage::Sort if over => (n * INDEX, 2 * n * INDEX),
+            Stage::Sort => (n * (2 * mean + INDEX), 2 * n * INDEX),
+            Stage::Project => (n * (INDEX + mean + shape + color + if over { logit } else { 0 }), n * size::<Splat>()),
+            Stage::ProjectBwd => {
+                (n * (2 * INDEX + size::<Splat>() + mean + shape) + entries * INDEX + slots, n * size::<Gradient>())
+            }
+            // The step counts are read twice: their maximum comes first.
+            Stage::Adam => {
+                let steps = size::<u32>();
+                let moments = 2 * size::<[f32; VECTOR]>() + 2 * logit;
+                let statistics = statistics_size(tiles.settings.effects.statistics);
+                let state = mean + shape + color + logit + moments + steps + statistics;
+                (n * (INDEX + size::<Gradient>() + steps + state), n * state)
+            }
+            _ => (0, 0),
+        };
+        Traffic { read, written }
+    }
+}

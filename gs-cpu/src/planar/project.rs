@@ -1,0 +1,76 @@
+//! Stage `project`: every Gaussian's parameters become what the pixels need ([`Splat`]). Parallel over Gaussians.
+//!
+//! With L′ = the frame L on the canvas, Σ′ = L′ L′ᵀ + δ I, whose determinant det² L′ + δ tr + δ² does not cancel.
+
+use glam::{Mat2, Vec2};
+use gs_core::{
+    Blend, Canvas, RenderSettings,
+    constants::MIN_DETERMINANT_PX4,
+    effects::Antialias,
+    scene::sigmoid,
+    statistics::{Cause, Culled},
+};
+use rayon::prelude::*;
+
+use super::cloud::PlanarCloud;
+use crate::splat::{CHUNK, Covariance, Splat};
+
+/// L′ and the mean on the canvas: plane coordinates scaled to pixels.
+pub(crate) fn on_canvas(canvas: &Canvas, mean: Vec2, frame: Mat2) -> (Vec2, Mat2) {
+    let scale = canvas.scale();
+    ((mean - canvas.origin) * scale, Mat2::from_cols(frame.x_axis * scale, frame.y_axis * scale))
+}
+
+/// One Gaussian's splat, or why it has none.
+fn project(mean: Vec2, l: Mat2, color: [f32; 3], opacity: f32, settings: &RenderSettings) -> Result<Splat, Cause> {
+    let antialias = settings.effects.antialias;
+    let delta = antialias.dilation();
+    let xx = l.x_axis.x * l.x_axis.x + l.y_axis.x * l.y_axis.x;
+    let yy = l.x_axis.y * l.x_axis.y + l.y_axis.y * l.y_axis.y;
+    let xy = l.x_axis.x * l.x_axis.y + l.y_axis.x * l.y_axis.y;
+    let undilated = l.determinant().powi(2);
+    let determinant = undilated + delta * (xx + yy) + delta * delta;
+    let (xx, yy) = (xx + delta, yy + delta);
+    let finite = mean.is_finite() && determinant.is_finite() && (xx * yy).is_finite() && !opacity.is_nan();
+    if !finite || !color.iter().all(|c| c.is_finite()) {
+        return Err(Cause::NotFinite);
+    }
+    if !(determinant >= MIN_DETERMINANT_PX4) {
+        return Err(Cause::Degenerate);
+    }
+    let opacity = match (settings.effects.blend, antialias) {
+        (Blend::Over, Antialias::Mip) => opacity * (undilated / determinant).sqrt(),
+        _ => opacity,
+    };
+    let cut = settings.accuracy.alpha_cut;
+    if !(opacity >= cut) {
+        return Err(Cause::Transparent);
+    }
+    Ok(Splat::new(mean, Covariance { xx, xy, yy, determinant }, color, opacity, cut))
+}
+
+/// Projects all Gaussians of `cloud`, in the order `order` (place → index), into `splats`.
+pub(crate) fn project_all(
+    cloud: &PlanarCloud,
+    canvas: &Canvas,
+    settings: &RenderSettings,
+    order: &[u32],
+    splats: &mut Vec<Splat>,
+) -> Culled {
+    splats.resize(order.len(), Splat::CULLED);
+    let opaque = settings.effects.blend == Blend::Sum || cloud.opacity_logits.is_empty();
+    let chunk = |(out, order): (&mut [Splat], &[u32])| {
+        let mut culled = Culled::default();
+        for (splat, &index) in out.iter_mut().zip(order) {
+            let index = index as usize;
+            let (mean, l) = on_canvas(canvas, cloud.means[index], cloud.frame(index));
+            let opacity = if opaque { 1.0 } else { sigmoid(cloud.opacity_logits[index]) };
+            *splat = project(mean, l, cloud.colors[index], opacity, settings).unwrap_or_else(|cause| {
+                culled.count(cause);
+                Splat::CULLED
+            });
+        }
+        culled
+    };
+    splats.par_chunks_mut(CHUNK).zip(order.par_chunks(CHUNK)).map(chunk).reduce(Culled::default, Culled::plus)
+}

@@ -1,0 +1,179 @@
+//! Stage `adam`: one step of every Gaussian, a vector of 16 parameters at a time, and its statistics. Parallel over Gaussians.
+
+use fearless_simd::{Level, Simd, dispatch, prelude::*};
+use gs_core::{AdamRates, Participants, SpatialScene, adam::Rate, effects::Statistics};
+use rayon::prelude::*;
+
+use super::cloud::{LOG_SCALE, MEAN, OPACITY, ROTATION, SH, SpatialCloud};
+use crate::{
+    bias::{Bias, BiasTable},
+    lanes::{LANES, Whole, load, splat, store},
+    workspace::Workspace,
+};
+
+/// Groups of parameters with rates of their own: mean, scale, rotation, opacity, SH of degree 0, SH above.
+pub(crate) const GROUPS: usize = 6;
+
+/// Gaussians a task handles.
+const CHUNK: usize = 256;
+
+/// Moments below this are 0: denormals cost time and move nothing.
+const VANISHING: f32 = 1e-30;
+
+/// The group of each number in a row's first vector; all that follow are of the last group.
+const GROUP_OF: [usize; LANES] = {
+    let mut groups = [GROUPS - 1; LANES];
+    let mut lane = 0;
+    while lane < SH + 3 {
+        groups[lane] = match lane {
+            0..3 => 0,
+            3..6 => 1,
+            6..10 => 2,
+            10 => 3,
+            _ => 4,
+        };
+        lane += 1;
+    }
+    groups
+};
+
+const _: () = assert!(MEAN.end == 3 && LOG_SCALE.end == 6 && ROTATION.end == 10 && OPACITY == 10 && SH == 11);
+
+/// What all Gaussians of one step share.
+struct Step<'a> {
+    groups: [Rate; GROUPS],
+    rates: &'a AdamRates,
+    bias: &'a BiasTable<GROUPS>,
+    /// ln of the smallest and largest scale.
+    log_scales: [f32; 2],
+    collect: bool,
+}
+
+/// One Gaussian's row of everything.
+struct Row<'a> {
+    parameters: &'a mut [f32],
+    first: &'a mut [f32],
+    second: &'a mut [f32],
+    /// Zero where no tile lists it.
+    gradient: Option<&'a [f32]>,
+}
+
+/// One Adam step along the workspace's gradients; adds to the statistics if they are to be collected.
+pub(crate) fn step(
+    cloud: &mut SpatialCloud,
+    table: &mut BiasTable<GROUPS>,
+    rates: &AdamRates,
+    level: Level,
+    workspace: &Workspace<SpatialScene>,
+) {
+    let groups = [rates.mean, rates.scale, rates.rotation, rates.opacity, rates.color, rates.color_rest];
+    table.prepare(groups.map(|g| [g.beta1, g.beta2]), &cloud.steps);
+    let collect = workspace.tiles.settings.effects.statistics != Statistics::None;
+    let log_scales = [rates.min_scale.ln(), rates.max_scale.ln()];
+    let step = Step { groups, rates, bias: table, log_scales, collect };
+    let pitch = cloud.pitch();
+    let SpatialCloud { parameters, moments: [first, second], steps, shared, .. } = cloud;
+    let statistics = &mut shared.statistics;
+    let rows = parameters
+        .par_chunks_mut(CHUNK * pitch)
+        .zip(first.par_chunks_mut(CHUNK * pitch))
+        .zip(second.par_chunks_mut(CHUNK * pitch))
+        .zip(steps.par_chunks_mut(CHUNK));
+    let counted = statistics.gradient_sum.par_chunks_mut(CHUNK).zip(statistics.visible.par_chunks_mut(CHUNK));
+    rows.zip(counted).enumerate().for_each(|(chunk, ((((parameters, first), second), steps), (sums, visible)))| {
+        for i in 0..steps.len() {
+            let index = chunk * CHUNK + i;
+            let listed = workspace.lists(index);
+            if !listed && rates.participants == Participants::Visible {
+                continue;
+            }
+            steps[i] = steps[i].saturating_add(1);
+            let of = i * pitch..(i + 1) * pitch;
+            let row = Row {
+                parameters: &mut parameters[of.clone()],
+                first: &mut first[of.clone()],
+                second: &mut second[of],
+                gradient: listed.then(|| &workspace.own.gradients[index * pitch..][..pitch]),
+            };
+            dispatch!(level, simd => move_row(simd, row, &step, steps[i]));
+            if step.collect && listed {
+                sums[i] += workspace.own.shares[index];
+                visible[i] = visible[i].saturating_add(1);
+            }
+        }
+    });
+}
+
+#[inline(always)]
+fn move_row<S: Simd>(simd: S, row: Row<'_>, step: &Step<'_>, steps: u32) {
+    let bias = step.bias.at(steps);
+    let mut lanes = Lanes::<S>::of_first(simd, step, bias);
+    let zero: Whole<S> = splat(simd, 0.0);
+    let epsilon: Whole<S> = splat(simd, step.rates.epsilon);
+    for at in (0..row.parameters.len()).step_by(LANES) {
+        if at == LANES {
+            lanes = Lanes::of_rest(simd, step, bias);
+        }
+        let g: Whole<S> = row.gradient.map_or(zero, |gradient| load(simd, gradient, at));
+        let m = load::<S, Whole<S>>(simd, row.first, at).mul_add(lanes.beta1, g * (1.0 - lanes.beta1));
+        let m = m.abs().simd_lt(splat::<S, Whole<S>>(simd, VANISHING)).select(zero, m);
+        let v = load::<S, Whole<S>>(simd, row.second, at).mul_add(lanes.beta2, g * g * (1.0 - lanes.beta2));
+        let v = v.simd_lt(splat::<S, Whole<S>>(simd, VANISHING * VANISHING)).select(zero, v);
+        store(m, row.first, at);
+        store(v, row.second, at);
+        let moved = lanes.rate * (m * lanes.first) / ((v * lanes.second).sqrt() + epsilon);
+        store(load::<S, Whole<S>>(simd, row.parameters, at) - moved, row.parameters, at);
+    }
+    let [floor, ceiling] = step.log_scales;
+    for scale in &mut row.parameters[LOG_SCALE] {
+        // NaN stays: it must be seen and pruned.
+        if *scale < floor {
+            *scale = floor;
+        } else if *scale > ceiling {
+            *scale = ceiling;
+        }
+    }
+}
+
+/// Adam's numbers for 16 parameters of a row.
+struct Lanes<S: Simd> {
+    rate: Whole<S>,
+    beta1: Whole<S>,
+    beta2: Whole<S>,
+    /// Bias corrections of the first and second moment.
+    first: Whole<S>,
+    second: Whole<S>,
+}
+
+impl<S: Simd> Lanes<S> {
+    #[inline(always)]
+    fn of_first(simd: S, step: &Step<'_>, bias: &Bias<GROUPS>) -> Self {
+        let (mut rate, mut beta1, mut beta2) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
+        let (mut first, mut second) = ([0.0; LANES], [0.0; LANES]);
+        for (lane, &group) in GROUP_OF.iter().enumerate() {
+            let of = &step.groups[group];
+            (rate[lane], beta1[lane], beta2[lane]) = (of.learning_rate, of.beta1, of.beta2);
+            (first[lane], second[lane]) = (bias.first[group], bias.second[group]);
+        }
+        let vector = |values: [f32; LANES]| load(simd, &values, 0);
+        Self {
+            rate: vector(rate),
+            beta1: vector(beta1),
+            beta2: vector(beta2),
+            first: vector(first),
+            second: vector(second),
+        }
+    }
+
+    #[inline(always)]
+    fn of_rest(simd: S, step: &Step<'_>, bias: &Bias<GROUPS>) -> Self {
+        let group = &step.groups[GROUPS - 1];
+        Self {
+            rate: splat(simd, group.learning_rate),
+            beta1: splat(simd, group.beta1),
+            beta2: splat(simd, group.beta2),
+            first: splat(simd, bias.first[GROUPS - 1]),
+            second: splat(simd, bias.second[GROUPS - 1]),
+        }
+    }
+}

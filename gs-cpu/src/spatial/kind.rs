@@ -1,0 +1,245 @@
+//! Spatial scenes as a [`Kind`]: their own buffers, and the order of depth in which tiles see their Gaussians.
+
+use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
+
+use fearless_simd::Level;
+use gs_core::{
+    AdamRates, Binning, Blend, Camera, Chart, CloudState, EditPlan, Error, RenderSettings, SpatialGaussian,
+    SpatialScene,
+    effects::{Exposure, Lens, Order},
+    perspective::Perspective,
+    profile::Traffic,
+};
+use rayon::prelude::*;
+
+use super::{
+    SpatialCloud, adam,
+    cloud::SH,
+    depth_sort::DepthSort,
+    project::{self, Depth, Eye},
+    project_bwd,
+};
+use crate::{
+    CpuRasterizer, Target,
+    bias::BiasTable,
+    blend_pixel_depth::PixelDepth,
+    kind::{Kind, Resources, Shared},
+    profile::Stage,
+    rasterizer::{check_settings, unsupported},
+    splat::{CHUNK, Splat},
+    traffic::{INDEX, size, statistics_size},
+    workspace::Workspace,
+};
+
+/// The place of a Gaussian that is not drawn.
+pub(crate) const NO_PLACE: u32 = u32::MAX;
+
+/// A spatial scene's own buffers.
+#[derive(Debug, Default)]
+pub struct SpatialOwn {
+    pub(crate) eye: Option<Eye>,
+    /// By index; of those that are not drawn, anything.
+    pub(crate) projected: Vec<Splat>,
+    /// By index.
+    pub(crate) depths: Vec<Depth>,
+    pub(crate) depth_sort: DepthSort,
+    /// Gaussian → place, or [`NO_PLACE`].
+    pub(crate) place_of: Vec<AtomicU32>,
+    /// By index, laid out as the cloud's parameters; of those that no tile lists, anything.
+    pub(crate) gradients: Vec<f32>,
+    /// This step's shares of the statistic that is asked for, by index; of those that no tile lists, anything.
+    pub(crate) shares: Vec<f32>,
+}
+
+impl Workspace<SpatialScene> {
+    /// Whether some tile lists Gaussian `index`.
+    #[inline(always)]
+    pub(crate) fn lists(&self, index: usize) -> bool {
+        let place = self.own.place_of[index].load(Relaxed);
+        place != NO_PLACE && !self.tiles.bins.slots_of(place as usize).is_empty()
+    }
+}
+
+impl Kind for SpatialScene {
+    type Cloud = SpatialCloud;
+    type Own = SpatialOwn;
+    type Bias = BiasTable<{ adam::GROUPS }>;
+
+    const BEFORE_BIN: [Stage; 2] = [Stage::Project, Stage::Sort];
+
+    fn check(camera: &Camera, settings: &RenderSettings) -> Result<(), Error> {
+        camera.validate()?;
+        check_settings(settings)?;
+        let effects = &settings.effects;
+        if effects.lens != Lens::Pinhole {
+            return Err(unsupported(format!("lens {:?}; undistort the images", effects.lens)));
+        }
+        if effects.exposure != Exposure::None {
+            return Err(unsupported(format!("exposure {:?}", effects.exposure)));
+        }
+        Ok(())
+    }
+
+    fn size(camera: &Camera) -> (u32, u32) {
+        (camera.width, camera.height)
+    }
+
+    fn resources(rasterizer: &CpuRasterizer) -> &Resources<Self> {
+        &rasterizer.spatial
+    }
+
+    fn upload(scene: &Self, chart: Chart) -> Result<SpatialCloud, Error> {
+        SpatialCloud::new(scene, chart)
+    }
+
+    fn download(cloud: &SpatialCloud) -> Self {
+        cloud.scene()
+    }
+
+    fn save(cloud: &SpatialCloud) -> CloudState {
+        cloud.save()
+    }
+
+    fn restore(state: &CloudState) -> Result<SpatialCloud, Error> {
+        SpatialCloud::restore(state)
+    }
+
+    fn edit(cloud: &mut SpatialCloud, plan: &EditPlan<SpatialGaussian>) -> Result<(), Error> {
+        cloud.edit(plan)
+    }
+
+    fn shift_means(cloud: &mut SpatialCloud, shifts: &[f32]) -> Result<(), Error> {
+        cloud.shift_means(shifts)
+    }
+
+    fn shared(cloud: &SpatialCloud) -> &Shared<Self> {
+        &cloud.shared
+    }
+
+    fn shared_mut(cloud: &mut SpatialCloud) -> &mut Shared<Self> {
+        &mut cloud.shared
+    }
+
+    /// Lists are never used again: the next step looks through another camera.
+    fn prepare(
+        workspace: &mut Workspace<Self>,
+        cloud: &SpatialCloud,
+        camera: &Camera,
+        settings: &RenderSettings,
+        _: Binning,
+    ) -> Result<(), Error> {
+        workspace.edition = None;
+        workspace.len = cloud.len();
+        workspace.tiles.set(Self::size(camera), settings);
+        let degree = settings.effects.sh_degree.min(cloud.sh_degree);
+        workspace.own.eye = Some(Eye { perspective: Perspective::new(camera, settings), degree });
+        Self::project(workspace, cloud);
+        Self::sort(workspace, cloud);
+        workspace.tiles.bin()?;
+        workspace.edition = Some(cloud.shared.edition);
+        workspace.tiles.fit();
+        Ok(())
+    }
+
+    fn project(workspace: &mut Workspace<Self>, cloud: &SpatialCloud) {
+        let Workspace { tiles, own, .. } = workspace;
+        let Some(eye) = &own.eye else { return };
+        let (splats, depths) = (&mut own.projected, &mut own.depths);
+        tiles.culled = project::project_all(cloud, eye, &tiles.grid, &tiles.settings, splats, depths);
+    }
+
+    fn sort(workspace: &mut Workspace<Self>, _: &SpatialCloud) {
+        let Workspace { tiles, own, .. } = workspace;
+        let SpatialOwn { projected, depths, depth_sort, place_of, .. } = own;
+        let effects = &tiles.settings.effects;
+        let depth = |index: usize| depths[index][0];
+        match (effects.blend, effects.order) {
+            (Blend::Sum, _) | (Blend::Over, Order::Index) => depth_sort.collect(&depth, depths.len()),
+            (Blend::Over, Order::TileDepth | Order::PixelDepth) => depth_sort.sort(depth, depths.len()),
+        }
+        place_of.resize_with(depths.len(), AtomicU32::default);
+        place_of.par_iter().with_min_len(CHUNK).for_each(|place| place.store(NO_PLACE, Relaxed));
+        tiles.splats.resize(depth_sort.len(), Splat::CULLED);
+        tiles.splats.par_chunks_mut(CHUNK).enumerate().for_each(|(chunk, splats)| {
+            for (i, splat) in splats.iter_mut().enumerate() {
+                let place = chunk * CHUNK + i;
+                let index = depth_sort.at(place) as usize;
+                *splat = projected[index];
+                place_of[index].store(place as u32, Relaxed);
+            }
+        });
+        tiles.depths.clear();
+        if (effects.blend, effects.order) == (Blend::Over, Order::PixelDepth) {
+            let at = |place| {
+                let index = depth_sort.at(place);
+                let [depth, x, y] = depths[index as usize];
+                PixelDepth { depth, slope: [x, y], index }
+            };
+            tiles.depths.par_extend((0..depth_sort.len()).into_par_iter().map(at));
+        }
+    }
+
+    fn project_bwd(workspace: &mut Workspace<Self>, cloud: &SpatialCloud, scale: f32) {
+        project_bwd::all(&workspace.tiles, &mut workspace.own, cloud, scale);
+    }
+
+    fn derivatives(workspace: &Workspace<Self>, cloud: &SpatialCloud) -> Self {
+        let pitch = cloud.pitch();
+        let zeros = vec![0.0; pitch];
+        let row = |index: usize| match workspace.lists(index) {
+            true => &workspace.own.gradients[index * pitch..][..pitch],
+            false => &zeros,
+        };
+        cloud.scene_of((0..cloud.len()).map(row))
+    }
+
+    fn adam(
+        cloud: &mut SpatialCloud,
+        bias: &mut Self::Bias,
+        rates: &AdamRates,
+        level: Level,
+        workspace: &Workspace<Self>,
+    ) {
+        adam::step(cloud, bias, rates, level, workspace);
+    }
+
+    fn solve_colors(
+        _: &CpuRasterizer,
+        _: &mut SpatialCloud,
+        _: &Camera,
+        _: &Target,
+        _: &RenderSettings,
+        _: u32,
+    ) -> Result<(), Error> {
+        Err(unsupported("solving for the colours of spatial scenes"))
+    }
+
+    fn traffic(stage: Stage, workspace: &Workspace<Self>, cloud: &SpatialCloud) -> Traffic {
+        let tiles = &workspace.tiles;
+        let (n, drawn, entries) = (cloud.len() as u64, tiles.splats.len() as u64, tiles.bins.entries.len() as u64);
+        let row = cloud.pitch() as u64 * size::<f32>();
+        let key = size::<u64>();
+        let slots = entries * tiles.stride as u64 * size::<f32>();
+        let (read, written) = match stage {
+            // Of a Gaussian that is not drawn, what stands before its colour.
+            Stage::Project => {
+                (drawn * row + (n - drawn) * SH as u64 * size::<f32>(), drawn * size::<Splat>() + n * size::<Depth>())
+            }
+            // Keys are collected in two passes, then sorted in three, each of which counts and scatters.
+            Stage::Sort => (
+                2 * n * size::<Depth>() + drawn * (7 * key + size::<Splat>()),
+                drawn * (4 * key + size::<Splat>() + INDEX) + n * INDEX,
+            ),
+            Stage::ProjectBwd => {
+                (n * INDEX + drawn * (size::<Splat>() + row) + entries * INDEX + slots, drawn * row + n * size::<f32>())
+            }
+            Stage::Adam => {
+                let steps = size::<u32>();
+                let state = 3 * row + steps + statistics_size(tiles.settings.effects.statistics);
+                (n * (INDEX + steps + state) + drawn * row, n * state)
+            }
+            _ => (0, 0),
+        };
+        Traffic { read, written }
+    }
+}

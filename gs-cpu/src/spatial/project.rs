@@ -1,0 +1,74 @@
+//! Stage `project`: every Gaussian's parameters become what the pixels need ([`Splat`]). Parallel over Gaussians. Colours are evaluated
+//! where the ellipse's box touches the image, and nowhere else.
+
+use gs_core::{
+    RenderSettings,
+    perspective::Perspective,
+    sh,
+    statistics::{Cause, Culled},
+};
+use rayon::prelude::*;
+
+use super::cloud::{self, SpatialCloud};
+use crate::{
+    bin::touches,
+    layout::Grid,
+    splat::{CHUNK, Covariance, Splat},
+};
+
+/// Depth of a Gaussian that is drawn, z and its slopes per px; `[0; 3]` of one that is not.
+pub(crate) type Depth = [f32; 3];
+
+/// How a frame sees Gaussians.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Eye {
+    pub(crate) perspective: Perspective,
+    /// Of the spherical harmonics.
+    pub(crate) degree: u8,
+}
+
+fn project(eye: &Eye, row: &[f32], grid: &Grid, cut: f32) -> Result<(Splat, Depth), Cause> {
+    let g = cloud::ellipsoid(row);
+    let p = eye.perspective.project(&g)?;
+    let [xx, xy, yy] = p.covariance;
+    let covariance = Covariance { xx, xy, yy, determinant: p.determinant };
+    let mut splat = Splat::new(p.mean, covariance, [0.0; 3], p.opacity, cut);
+    if !touches(&splat, (splat.reach * yy).sqrt(), grid) {
+        return Err(Cause::Outside);
+    }
+    splat.color = sh::color(eye.degree, eye.perspective.direction(g.mean), cloud::sh(row));
+    if !splat.color.iter().all(|c| c.is_finite()) {
+        return Err(Cause::NotFinite);
+    }
+    Ok((splat, [p.depth, p.depth_slope.x, p.depth_slope.y]))
+}
+
+/// Projects all Gaussians of `cloud`, by index.
+pub(crate) fn project_all(
+    cloud: &SpatialCloud,
+    eye: &Eye,
+    grid: &Grid,
+    settings: &RenderSettings,
+    splats: &mut Vec<Splat>,
+    depths: &mut Vec<Depth>,
+) -> Culled {
+    splats.resize(cloud.len(), Splat::CULLED);
+    depths.resize(cloud.len(), [0.0; 3]);
+    let cut = settings.accuracy.alpha_cut;
+    let chunk = |((splats, depths), rows): ((&mut [Splat], &mut [Depth]), &[f32])| {
+        let mut culled = Culled::default();
+        for ((splat, depth), row) in splats.iter_mut().zip(depths).zip(rows.chunks_exact(cloud.pitch())) {
+            match project(eye, row, grid, cut) {
+                Ok(found) => (*splat, *depth) = found,
+                Err(cause) => {
+                    culled.count(cause);
+                    *depth = [0.0; 3];
+                }
+            }
+        }
+        culled
+    };
+    let rows = cloud.parameters.par_chunks(CHUNK * cloud.pitch());
+    let out = splats.par_chunks_mut(CHUNK).zip(depths.par_chunks_mut(CHUNK));
+    out.zip(rows).map(chunk).reduce(Culled::default, Culled::plus)
+}

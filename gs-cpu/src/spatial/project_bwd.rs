@@ -1,0 +1,81 @@
+//! Stage `project_bwd`: what the entries of a Gaussian received becomes the gradient of its parameters. Parallel over Gaussians.
+//!
+//! With Σ′⁻¹ d = A (dx, u) and t = o·w·v_(o·w): v_μ′ = Σ t Σ′⁻¹ d and v_Σ′ = ½ Σ t (Σ′⁻¹ d)(Σ′⁻¹ d)ᵀ, both linear in the kernels' sums.
+
+use std::sync::atomic::Ordering::Relaxed;
+
+use glam::{Mat2, Vec2};
+use gs_core::{effects::Statistics, perspective::ProjectionGradient, sh};
+use rayon::prelude::*;
+
+use super::{
+    cloud::{self, LOG_SCALE, MEAN, OPACITY, ROTATION, SH, SpatialCloud},
+    kind::{NO_PLACE, SpatialOwn},
+    project::Eye,
+};
+use crate::{
+    splat::{CHUNK, Splat},
+    tiles::Tiles,
+};
+
+/// The gradients of all Gaussians that tiles list, times `scale`, into `own.gradients` (by index, laid out as the parameters) and
+/// `own.shares`; nothing is written for the others.
+pub(crate) fn all(tiles: &Tiles, own: &mut SpatialOwn, cloud: &SpatialCloud, scale: f32) {
+    let Some(eye) = own.eye else { return };
+    let pitch = cloud.pitch();
+    own.gradients.resize(cloud.parameters.len(), 0.0);
+    own.shares.resize(cloud.len(), 0.0);
+    let (splats, place_of) = (&own.projected, &own.place_of);
+    let out = own.gradients.par_chunks_mut(CHUNK * pitch).zip(own.shares.par_chunks_mut(CHUNK)).enumerate();
+    out.for_each(|(chunk, (gradients, shares))| {
+        for (i, (row, share)) in gradients.chunks_exact_mut(pitch).zip(shares).enumerate() {
+            let index = chunk * CHUNK + i;
+            let place = place_of[index].load(Relaxed);
+            if place != NO_PLACE {
+                let parameters = &cloud.parameters[index * pitch..][..pitch];
+                *share = gradient(tiles, &eye, place as usize, &splats[index], parameters, scale, row);
+            }
+        }
+    });
+}
+
+/// Writes one Gaussian's gradient into `row`, and returns its share in the statistic that is asked for; leaves `row` as it is where no tile
+/// lists the splat.
+#[inline(always)]
+fn gradient(
+    tiles: &Tiles,
+    eye: &Eye,
+    place: usize,
+    splat: &Splat,
+    parameters: &[f32],
+    scale: f32,
+    row: &mut [f32],
+) -> f32 {
+    let Some(received) = tiles.received(place) else { return 0.0 };
+    let conic = splat.conic_of_ridge();
+    let v_mean = conic * received.first * scale;
+    let [xx, xu, uu] = received.second.map(|v| 0.5 * scale * v);
+    let v_covariance = conic * Mat2::from_cols_array(&[xx, xu, xu, uu]) * conic.transpose();
+    let upstream = ProjectionGradient {
+        mean: v_mean,
+        covariance: [v_covariance.x_axis.x, v_covariance.x_axis.y, v_covariance.y_axis.y],
+        log_opacity: received.zeroth * scale,
+    };
+    let g = cloud::ellipsoid(parameters);
+    let v = eye.perspective.project_vjp(&g, &upstream);
+    let v_color = received.color.map(|v| v * scale);
+    row[SH..].fill(0.0);
+    let (sh_row, direction) = (row[SH..].as_chunks_mut().0, eye.perspective.direction(g.mean));
+    let v_direction = sh::color_vjp(eye.degree, direction, cloud::sh(parameters), v_color, sh_row);
+    (v.mean + eye.perspective.direction_vjp(g.mean, v_direction)).write_to_slice(&mut row[MEAN]);
+    v.log_scale.write_to_slice(&mut row[LOG_SCALE]);
+    row[ROTATION].copy_from_slice(&v.rotation);
+    row[OPACITY] = v.opacity_logit;
+    match tiles.settings.effects.statistics {
+        Statistics::None => 0.0,
+        Statistics::MeanGradient => (v_mean * tiles.half_size()).length(),
+        Statistics::AbsoluteGradient => (Vec2::from_array(received.collected) * scale * tiles.half_size()).length(),
+        // The error is none of the loss's.
+        Statistics::PixelError => received.collected[0],
+    }
+}

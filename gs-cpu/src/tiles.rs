@@ -1,0 +1,261 @@
+//! The buffers between projection and its way back, and the stages that work on them: the same for every kind of scene.
+
+use fearless_simd::{Level, dispatch};
+use glam::Vec2;
+use gs_core::{
+    Blend, Effects, Error, Loss, RenderSettings,
+    effects::{Order, Statistics},
+    statistics::Culled,
+};
+
+use crate::{
+    bin::Bins,
+    blend_over,
+    blend_pixel_depth::{self, PixelDepth, Scratches, Sight},
+    blend_sum,
+    collect::{Nothing, collecting, numbers},
+    dssim,
+    layout::{Cuts, Grid, Row, ScalarRow, TileBuffers, for_each_tile},
+    splat::{Received, Splat},
+};
+
+/// Rows of a tile under `Sum`: strips are kept whole as long as they fit into the second-level cache.
+const SUM_BAND_ROWS: usize = 1024;
+
+/// Rows of a tile under `Over`, where entries come in an order that jumps about the tile: it should stay in the first-level cache.
+const OVER_BAND_ROWS: usize = 64;
+
+/// Splats, their lists per tile, images, and what comes back. A *place* is a splat's rank in the order in which tiles see them.
+#[derive(Debug, Default)]
+pub(crate) struct Tiles {
+    pub(crate) settings: RenderSettings,
+    pub(crate) grid: Grid,
+    /// By place.
+    pub(crate) splats: Vec<Splat>,
+    /// By place, where pixels have their own order.
+    pub(crate) depths: Vec<PixelDepth>,
+    scratches: Scratches,
+    pub(crate) bins: Bins,
+    /// The image; under fused steps the residual.
+    pub(crate) rows: Vec<Row>,
+    pub(crate) transmittance: Vec<ScalarRow>,
+    /// ∂L/∂image.
+    pub(crate) v_rows: Vec<Row>,
+    /// The mean of |C − Y| over a pixel's channels, 0 in lanes beyond the image; empty where nobody asks for it.
+    pub(crate) errors: Vec<ScalarRow>,
+    /// What each entry's Gaussian receives.
+    pub(crate) slots: Vec<f32>,
+    /// Numbers per entry in `slots`.
+    pub(crate) stride: usize,
+    /// One partial sum per tile, of whatever a pass sums.
+    pub(crate) sums: Vec<f64>,
+    /// What projection left out.
+    pub(crate) culled: Culled,
+    pub(crate) dssim: dssim::Scratch,
+}
+
+impl Tiles {
+    /// Takes an image's size and settings.
+    pub(crate) fn set(&mut self, size: (u32, u32), settings: &RenderSettings) {
+        let band_rows = match settings.effects.blend {
+            Blend::Sum => SUM_BAND_ROWS,
+            Blend::Over => OVER_BAND_ROWS,
+        };
+        self.settings = *settings;
+        self.grid = Grid::new(size, band_rows);
+    }
+
+    /// Gives the buffers of the stages from `blend` on their sizes.
+    pub(crate) fn fit(&mut self) {
+        self.stride = self.gradient_stride() + numbers(self.settings.effects.statistics);
+        self.rows.resize(self.grid.rows(), Row::ZERO);
+        let errors = if self.collects_errors() { self.grid.rows() } else { 0 };
+        self.errors.resize(errors, ScalarRow([0.0; 16]));
+        self.sums.resize(self.grid.tiles(), 0.0);
+        if self.settings.effects.order == Order::PixelDepth {
+            self.scratches.fit();
+        }
+    }
+
+    /// Numbers per entry in `slots` that are gradients; those for the statistics follow them.
+    fn gradient_stride(&self) -> usize {
+        match self.settings.effects.blend {
+            Blend::Sum => blend_sum::STRIDE,
+            Blend::Over => blend_over::STRIDE,
+        }
+    }
+
+    /// Whether the backward pass needs the pixels' errors.
+    pub(crate) fn collects_errors(&self) -> bool {
+        self.settings.effects.statistics == Statistics::PixelError
+    }
+
+    /// Half the image's size, by which gradients in px⁻¹ are multiplied to be in normalised device units.
+    pub(crate) fn half_size(&self) -> Vec2 {
+        Vec2::new(self.grid.width as f32, self.grid.height as f32) * 0.5
+    }
+
+    /// What the frame left out.
+    pub(crate) fn culled(&self) -> Culled {
+        self.culled.plus(Culled { outside: self.bins.outside, ..Culled::default() })
+    }
+
+    /// Stage `bin`.
+    ///
+    /// # Errors
+    /// Those of [`Bins::fill`].
+    pub(crate) fn bin(&mut self) -> Result<(), Error> {
+        self.bins.fill(&self.splats, &self.grid)
+    }
+
+    /// Stage `blend`: the image, into `rows`.
+    pub(crate) fn blend(&mut self, level: Level) {
+        let settings = self.settings;
+        let backdrop = settings.backdrop();
+        let over = settings.effects.blend == Blend::Over;
+        if over {
+            self.transmittance.resize(self.grid.rows(), ScalarRow([1.0; 16]));
+        } else {
+            self.transmittance.clear();
+        }
+        let (splats, bins, grid) = (&self.splats, &self.bins, &self.grid);
+        let pixel_depth = settings.effects.order == Order::PixelDepth && over;
+        let (depths, scratches) = (&self.depths, &self.scratches);
+        let cuts = Cuts { grid, tile_start: &bins.tile_start, stride: 0 };
+        let buffers =
+            TileBuffers { rows: &mut self.rows, scalars: &mut self.transmittance, slots: &mut [], sums: &mut [] };
+        for_each_tile(0..grid.tiles(), buffers, cuts, &|tile, buffers| {
+            let entries = &bins.entries[bins.tile_start[tile] as usize..bins.tile_start[tile + 1] as usize];
+            let (column, rows) = grid.place(tile);
+            if pixel_depth {
+                let sight = Sight {
+                    entries,
+                    splats,
+                    depths,
+                    accuracy: &settings.accuracy,
+                    first_column: column,
+                    first_row: rows.start,
+                };
+                scratches.with(|scratch| {
+                    dispatch!(level, simd => blend_pixel_depth::forward(
+                        simd, &sight, scratch, buffers.rows, buffers.scalars, backdrop,
+                    ))
+                });
+            } else if over {
+                buffers.rows.fill(Row::ZERO);
+                buffers.scalars.fill(ScalarRow([1.0; 16]));
+                dispatch!(level, simd => blend_over::forward(
+                    simd, entries, splats, &settings.accuracy, column, rows.start,
+                    buffers.rows, buffers.scalars, backdrop,
+                ));
+            } else {
+                buffers.rows.fill(Row(backdrop.map(|c| [c; 16])));
+                dispatch!(level, simd => blend_sum::forward(simd, entries, splats, column, rows.start, buffers.rows));
+            }
+        });
+    }
+
+    /// Stage `blend_bwd`: from `v_rows` (and, under `Over`, the image, which is used up) into `slots`.
+    pub(crate) fn blend_bwd(&mut self, level: Level) {
+        let settings = self.settings;
+        let (splats, bins, grid, v_rows, errors) = (&self.splats, &self.bins, &self.grid, &self.v_rows, &self.errors);
+        let (depths, scratches) = (&self.depths, &self.scratches);
+        self.slots.resize(bins.entries.len() * self.stride, 0.0);
+        let cuts = Cuts { grid, tile_start: &bins.tile_start, stride: self.stride };
+        let buffers = TileBuffers { rows: &mut self.rows, scalars: &mut [], slots: &mut self.slots, sums: &mut [] };
+        for_each_tile(0..grid.tiles(), buffers, cuts, &|tile, buffers| {
+            let entries = &bins.entries[bins.tile_start[tile] as usize..bins.tile_start[tile + 1] as usize];
+            let (column, rows) = grid.place(tile);
+            let v_rows = &v_rows[grid.first_row(tile)..][..rows.len()];
+            let errors = if errors.is_empty() { &[] } else { &errors[grid.first_row(tile)..][..rows.len()] };
+            collecting!(settings.effects.statistics, K => match settings.effects.blend {
+                Blend::Sum => dispatch!(level, simd => blend_sum::backward::<_, K>(
+                    simd, entries, splats, column, rows.start, v_rows, errors, buffers.slots,
+                )),
+                Blend::Over if settings.effects.order == Order::PixelDepth => {
+                    let sight = Sight { entries, splats, depths, accuracy: &settings.accuracy, first_column: column, first_row: rows.start };
+                    scratches.with(|scratch| dispatch!(level, simd => blend_pixel_depth::backward::<_, K>(
+                        simd, &sight, scratch, buffers.rows, v_rows, errors, buffers.slots,
+                    )));
+                }
+                Blend::Over => dispatch!(level, simd => blend_over::backward::<_, K>(
+                    simd, entries, splats, &settings.accuracy, column, rows.start, buffers.rows, v_rows, errors,
+                    buffers.slots,
+                )),
+            });
+        });
+    }
+
+    /// Whether a training step blends, compares and differentiates in one pass: where the kernel for it is, without sums for statistics.
+    pub(crate) fn is_fused(effects: &Effects, loss: Loss) -> bool {
+        loss == Loss::L2 && effects.blend == Blend::Sum && numbers(effects.statistics) == 0
+    }
+
+    /// Stages `blend`, `loss` (L2) and `blend_bwd` in one pass over the tiles, which stay in the cache; `Sum` only. Returns
+    /// Σ (C − Y)²; `slots` receive the gradients of half of that.
+    pub(crate) fn blend_l2_fused(&mut self, level: Level, target: &[Row]) -> f64 {
+        let backdrop = self.settings.backdrop();
+        let (splats, bins, grid) = (&self.splats, &self.bins, &self.grid);
+        self.slots.resize(bins.entries.len() * self.stride, 0.0);
+        let cuts = Cuts { grid, tile_start: &bins.tile_start, stride: self.stride };
+        let buffers =
+            TileBuffers { rows: &mut self.rows, scalars: &mut [], slots: &mut self.slots, sums: &mut self.sums };
+        for_each_tile(0..grid.tiles(), buffers, cuts, &|tile, buffers| {
+            let entries = &bins.entries[bins.tile_start[tile] as usize..bins.tile_start[tile + 1] as usize];
+            let (column, rows) = grid.place(tile);
+            let target = &target[grid.first_row(tile)..][..rows.len()];
+            let inside = grid.lanes_inside(tile);
+            dispatch!(level, simd => {
+                blend_sum::start(simd, backdrop, target, buffers.rows);
+                blend_sum::forward(simd, entries, splats, column, rows.start, buffers.rows);
+                buffers.sums[0] = square_sum(buffers.rows, inside);
+                blend_sum::backward::<_, Nothing>(
+                    simd, entries, splats, column, rows.start, buffers.rows, &[], buffers.slots,
+                );
+            });
+        });
+        self.sums.iter().sum()
+    }
+
+    /// Sums what the entries of the splat at `place` received, in the order of its tiles; `None` where no tile lists it.
+    #[inline(always)]
+    pub(crate) fn received(&self, place: usize) -> Option<Received> {
+        let slots = self.bins.slots_of(place);
+        if slots.is_empty() {
+            return None;
+        }
+        let gradient_stride = self.gradient_stride();
+        let (mut sum, mut collected) = ([0.0f32; 9], [0.0f32; 2]);
+        for &slot in slots {
+            let slot = &self.slots[slot as usize * self.stride..][..self.stride];
+            for (total, value) in sum.iter_mut().zip(&slot[..gradient_stride]) {
+                *total += value;
+            }
+            for (total, value) in collected.iter_mut().zip(&slot[gradient_stride..]) {
+                *total += value;
+            }
+        }
+        let [r, g, b, x, u, xx, xu, uu, zeroth] = sum;
+        Some(Received { color: [r, g, b], first: Vec2::new(x, u), second: [xx, xu, uu], zeroth, collected })
+    }
+}
+
+/// Σ of the squares of a tile's values; lanes beyond the image become 0.
+#[inline(always)]
+fn square_sum(rows: &mut [Row], inside: usize) -> f64 {
+    let mut lanes = [0.0f32; 16];
+    let mut sum = 0.0;
+    for chunk in rows.chunks_mut(64) {
+        for Row(pixels) in chunk {
+            for channel in pixels {
+                channel[inside..].fill(0.0);
+                for i in 0..16 {
+                    lanes[i] += channel[i] * channel[i];
+                }
+            }
+        }
+        sum += lanes.iter().map(|&v| f64::from(v)).sum::<f64>();
+        lanes = [0.0; 16];
+    }
+    sum
+}
