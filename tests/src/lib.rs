@@ -1,4 +1,4 @@
-//! The 64-bit oracle and the conformance suite that any [`Rasterizer`](gs_core::Rasterizer) of planar scenes can be put through.
+//! The 64-bit oracle and the conformance suite that any [`Rasterizer`](gs_core::Rasterizer) can be put through.
 //!
 //! A new backend's tests call [`conformance::conformance`]. What it compares with is [`oracle::Oracle`]; how near the two must come is
 //! in [`tolerance`]; what is drawn is in [`scenes`].
@@ -10,6 +10,7 @@ pub mod conformance;
 pub mod failure;
 pub mod oracle;
 pub mod scenes;
+pub mod subject;
 pub mod tolerance;
 
 pub use crate::failure::Failure;

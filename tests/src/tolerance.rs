@@ -5,11 +5,12 @@
 //! numbers, is allowed more than a disc, and no tolerance is loose everywhere. Only numbers within rounding of a discontinuity are
 //! excused beyond that, by no more than the discontinuity's height, and only so many of them.
 
-use gs_core::{Image, PlanarScene};
+use gs_core::Image;
 
 use crate::{
     failure::Failure,
-    oracle::{Gradients, PARAMETER_NAMES, Rendering, rows_of_gradients},
+    oracle::{Gradients, Parameters, Rendering},
+    subject::Subject,
 };
 
 /// Most roundings that an image, a loss or a gradient may be off.
@@ -123,13 +124,14 @@ pub fn compare_images(expected: &Rendering, found: &Image) -> Result<Agreement, 
 /// # Errors
 /// [`Failure::Nothing`] where the oracle's gradients are all zero, not of as many Gaussians, or too uncertain to be compared;
 /// [`Failure::Differs`] naming the worst; [`Failure::TooManyFlips`].
-pub fn compare_gradients(expected: &Gradients, found: &PlanarScene) -> Result<Agreement, Failure> {
-    let found = rows_of_gradients(found);
-    if found.len() != expected.values.len() {
+pub fn compare_gradients<S: Subject>(expected: &Gradients, found: &S) -> Result<Agreement, Failure> {
+    let found = found.rows_of_gradients();
+    let lengths = |rows: &[Parameters]| rows.iter().map(Vec::len).collect::<Vec<_>>();
+    if lengths(&found) != lengths(&expected.values) {
         let counts = (found.len(), expected.values.len());
-        return Err(Failure::Nothing(format!("gradients of {} and of {} Gaussians", counts.0, counts.1)));
+        return Err(Failure::Nothing(format!("gradients of {} and of {} Gaussians, or of other ones", counts.0, counts.1)));
     }
-    let norm = |rows: &[[f64; 9]]| rows.as_flattened().iter().map(|v| v * v).sum::<f64>().sqrt();
+    let norm = |rows: &[Parameters]| rows.iter().flatten().map(|v| v * v).sum::<f64>().sqrt();
     let size = norm(&expected.values);
     if !(size > 0.0) {
         return Err(Failure::Nothing("the expected gradients are all zero".to_owned()));
@@ -141,8 +143,9 @@ pub fn compare_gradients(expected: &Gradients, found: &PlanarScene) -> Result<Ag
         return Err(Failure::Nothing(text));
     }
     let largest = |i: usize| expected.values.iter().map(|row| row[i].abs()).fold(f64::MIN_POSITIVE, f64::max);
-    let scales: [f64; 9] = std::array::from_fn(largest);
-    let pairs = (0..found.len() * 9).map(|i| (i / 9, i % 9)).map(|(g, i)| Pair {
+    let width = found.first().map_or(0, Vec::len);
+    let scales: Vec<f64> = (0..width).map(largest).collect();
+    let pairs = (0..found.len() * width).map(|i| (i / width, i % width)).map(|(g, i)| Pair {
         expected: expected.values[g][i],
         found: found[g][i],
         rounding: expected.rounding[g][i],
@@ -150,7 +153,7 @@ pub fn compare_gradients(expected: &Gradients, found: &PlanarScene) -> Result<Ag
         scale: scales[i],
     });
     compare(pairs, "gradients", GRADIENT_FLIP_SHARE, |i| {
-        format!("gradient of Gaussian {}, {}", i / 9, PARAMETER_NAMES[i % 9])
+        format!("gradient of Gaussian {}, {}", i / width, S::parameter_name(i % width))
     })
 }
 

@@ -140,7 +140,7 @@ fn gradients_that_say_nothing_are_refused() {
     let right = downloaded(&expected);
     expected.rounding.iter_mut().for_each(|row| row.iter_mut().for_each(|v| *v *= 1e6));
     assert!(matches!(compare_gradients(&expected, &right), Err(Failure::Nothing(_))));
-    expected.values.iter_mut().for_each(|row| *row = [0.0; 9]);
+    expected.values.iter_mut().for_each(|row| row.fill(0.0));
     assert!(matches!(compare_gradients(&expected, &downloaded(&expected)), Err(Failure::Nothing(_))));
 }
 

@@ -1,107 +1,80 @@
-//! Cases: edits, held against a plain reading of the plan, row by row of the saved state.
+//! Cases: edits, held against a plain reading of the plan, row by row of the saved state's tensors.
+
+use std::collections::BTreeMap;
 
 use gs_core::{
-    Adam, Binning, Chart, CloudState, EditPlan, Error, Loss, PlanarGaussian, PlanarScene, Rasterizer, Scene, TrainStep,
+    Binning, Chart, CloudState, EditPlan, Error, Loss, Rasterizer, TrainStep,
     edit::{AfterEdit, Birth, Change, Moments, Origin, Place, PruneCause, Removal},
     effects::{Blend, Statistics},
     scene::logit,
+    state::TensorData,
 };
 
-use crate::{
-    failure::Failure,
-    scenes::{Draw, Kind},
-};
+use crate::{failure::Failure, subject::Subject};
 
-/// All that a state holds about one Gaussian; the shape is log-scales and rotation, or a frame, padded with 0.
-#[derive(Debug, Clone, PartialEq)]
-struct Row {
-    mean: [f32; 2],
-    shape: [f32; 4],
-    color: [f32; 3],
-    opacity_logit: Option<f32>,
-    moment1: [f32; 9],
-    moment2: [f32; 9],
-    steps: u32,
-    gradient_sum: f32,
-    visible: u32,
-}
+/// All that a state holds about one Gaussian: the numbers of each tensor, integers by their bits.
+type Row = BTreeMap<String, Vec<f32>>;
+
+const MOMENTS: [&str; 3] = ["moment1", "moment2", "steps"];
+const STATISTICS: [&str; 2] = ["gradient_sum", "visible"];
 
 fn rows(state: &CloudState) -> Result<Vec<Row>, Failure> {
-    let means = state.rows::<2>("mean")?;
-    let shapes: Vec<[f32; 4]> = match state.chart {
-        Chart::LocalFrame => state.rows::<4>("frame")?,
-        Chart::ScaleRotation => {
-            let pairs = state.rows::<2>("log_scale")?.into_iter().zip(state.rows::<1>("rotation")?);
-            pairs.map(|([a, b], [angle])| [a, b, angle, 0.0]).collect()
+    let count = state.integers("steps")?.len();
+    let mut rows = vec![Row::new(); count];
+    for (name, tensor) in &state.tensors {
+        let numbers: Vec<f32> = match &tensor.data {
+            TensorData::F32(values) => values.clone(),
+            TensorData::U32(values) => values.iter().map(|&v| f32::from_bits(v)).collect(),
+        };
+        let width = numbers.len() / count.max(1);
+        let whole = numbers.len() == width * count && width > 0;
+        Failure::unless(whole, || format!("`{name}` has {} numbers for {count} Gaussians", numbers.len()))?;
+        for (row, numbers) in rows.iter_mut().zip(numbers.chunks_exact(width)) {
+            row.insert(name.clone(), numbers.to_vec());
         }
-    };
-    let colors = state.rows::<3>("color")?;
-    let logits = if state.contains("opacity_logit") { Some(state.rows::<1>("opacity_logit")?) } else { None };
-    let (first, second) = (state.rows::<9>("moment1")?, state.rows::<9>("moment2")?);
-    let (steps, visible) = (state.integers("steps")?, state.integers("visible")?);
-    let sums = state.rows::<1>("gradient_sum")?;
-    let lengths = [shapes.len(), colors.len(), first.len(), second.len(), steps.len(), visible.len(), sums.len()];
-    let logits_match = logits.as_ref().is_none_or(|l| l.len() == means.len());
-    Failure::unless(logits_match && lengths.iter().all(|&n| n == means.len()), || {
-        format!("the state's tensors are of {} means and {lengths:?} of the rest", means.len())
-    })?;
-    Ok((0..means.len())
-        .map(|i| Row {
-            mean: means[i],
-            shape: shapes[i],
-            color: colors[i],
-            opacity_logit: logits.as_ref().map(|l| l[i][0]),
-            moment1: first[i],
-            moment2: second[i],
-            steps: steps[i],
-            gradient_sum: sums[i][0],
-            visible: visible[i],
-        })
-        .collect())
-}
-
-/// A row with the parameters of `g`, and nothing learned.
-fn fresh(g: &PlanarGaussian, chart: Chart, has_opacity: bool) -> Row {
-    Row {
-        mean: g.mean.to_array(),
-        shape: match chart {
-            Chart::ScaleRotation => [g.log_scale.x, g.log_scale.y, g.rotation, 0.0],
-            Chart::LocalFrame => g.frame().to_cols_array(),
-        },
-        color: g.color.to_array(),
-        opacity_logit: has_opacity.then_some(g.opacity_logit),
-        moment1: [0.0; 9],
-        moment2: [0.0; 9],
-        steps: 0,
-        gradient_sum: 0.0,
-        visible: 0,
     }
+    Ok(rows)
 }
 
-fn with_moments_of(row: Row, parent: &Row) -> Row {
-    Row { moment1: parent.moment1, moment2: parent.moment2, steps: parent.steps, ..row }
+/// A row with some of its tensors taken from another.
+fn with(row: &Row, names: &[&str], from: &Row) -> Row {
+    let mut row = row.clone();
+    for name in names {
+        row.insert((*name).to_owned(), from[*name].clone());
+    }
+    row
+}
+
+/// A row with some of its tensors zero.
+fn without(row: &Row, names: &[&str]) -> Row {
+    let mut row = row.clone();
+    for name in names {
+        row.entry((*name).to_owned()).and_modify(|values| values.fill(0.0));
+    }
+    row
 }
 
 /// A cloud that has been trained for a few steps, so that all its rows differ.
-fn trained<R: Rasterizer<PlanarScene>>(rasterizer: &R, blend: Blend, chart: Chart) -> Result<R::Cloud, Failure> {
-    let mut draw = Draw::new(Kind::Overlapping, blend, 9, (24, 20), 1800);
+fn trained<S: Subject, R: Rasterizer<S>>(rasterizer: &R, blend: Blend, chart: Chart) -> Result<R::Cloud, Failure> {
+    let mut draw = S::overlapping(blend, 9, (24, 20), 1803);
     draw.settings.effects.statistics = Statistics::MeanGradient;
     let target = rasterizer.upload_target(&draw.target()?)?;
-    let rates = Adam::default().at(0.0);
+    let rates = S::adam().at(0.0);
     let step = TrainStep { settings: &draw.settings, loss: Loss::L2, rates: &rates, binning: Binning::Fresh };
     let mut cloud = rasterizer.upload(&draw.scene, chart)?;
     for _ in 0..3 {
         rasterizer.train_step(&mut cloud, &draw.view, &target, &step)?;
     }
     for row in rows(&rasterizer.save(&cloud)?)? {
-        let learned = row.moment1[0] != 0.0 && row.moment2[0] != 0.0 && row.steps == 3 && row.gradient_sum > 0.0;
+        let [first, second, sum] = ["moment1", "moment2", "gradient_sum"].map(|name| row[name][0]);
+        let learned = first != 0.0 && second != 0.0 && row["steps"][0].to_bits() == 3 && sum > 0.0;
         Failure::unless(learned, || format!("a Gaussian has learned nothing in three steps: {row:?}"))?;
     }
     Ok(cloud)
 }
 
 /// A plan that removes, changes and adds in every way there is.
-fn plan(newcomers: &PlanarScene, statistics: AfterEdit) -> EditPlan<PlanarGaussian> {
+fn plan<S: Subject>(newcomers: &S, statistics: AfterEdit) -> EditPlan<S::Gaussian> {
     let birth = |k, parent, moments, place| Birth {
         gaussian: newcomers.gaussian(k),
         parent,
@@ -132,37 +105,36 @@ fn plan(newcomers: &PlanarScene, statistics: AfterEdit) -> EditPlan<PlanarGaussi
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
-pub fn edits_carry_everything_along<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Result<(), Failure> {
-    for chart in [Chart::ScaleRotation, Chart::LocalFrame] {
+pub fn edits_carry_everything_along<S: Subject, R: Rasterizer<S>>(rasterizer: &R) -> Result<(), Failure> {
+    for &chart in S::CHARTS {
         for blend in [Blend::Sum, Blend::Over] {
             for statistics in [AfterEdit::Keep, AfterEdit::Restart] {
-                let mut cloud = trained(rasterizer, blend, chart)?;
+                let mut cloud = trained::<S, R>(rasterizer, blend, chart)?;
                 let before = rows(&rasterizer.save(&cloud)?)?;
-                let newcomers = Draw::new(Kind::Typical, blend, 7, (24, 20), 1801).scene;
-                let has_opacity = newcomers.has_opacity();
+                let newcomers = S::typical(blend, 7, (24, 20), 1807).scene;
+                // A Gaussian that has just been uploaded has learned nothing.
+                let new = rows(&rasterizer.save(&rasterizer.upload(&newcomers, chart)?)?)?;
+                for name in MOMENTS.iter().chain(&STATISTICS) {
+                    let zero = new.iter().all(|row| row[*name].iter().all(|&v| v == 0.0));
+                    Failure::unless(zero, || format!("a fresh cloud's `{name}` is not zero"))?;
+                }
                 rasterizer.edit(&mut cloud, &plan(&newcomers, statistics))?;
-                let new = |k: usize| fresh(&newcomers.gaussian(k), chart, has_opacity);
-                let with_statistics_of = |row: Row, i: usize| Row {
-                    gradient_sum: before[i].gradient_sum,
-                    visible: before[i].visible,
-                    ..row
-                };
                 let mut expected = vec![
-                    with_statistics_of(new(3), 4),
-                    with_statistics_of(new(1), 0),
+                    with(&new[3], &STATISTICS, &before[4]),
+                    with(&new[1], &STATISTICS, &before[0]),
                     before[1].clone(),
-                    with_statistics_of(new(6), 1),
+                    with(&new[6], &STATISTICS, &before[1]),
                     before[3].clone(),
                     before[4].clone(),
-                    with_statistics_of(with_moments_of(new(0), &before[5]), 5),
+                    with(&with(&new[0], &MOMENTS, &before[5]), &STATISTICS, &before[5]),
                     before[6].clone(),
-                    with_statistics_of(with_moments_of(new(2), &before[7]), 7),
+                    with(&with(&new[2], &MOMENTS, &before[7]), &STATISTICS, &before[7]),
                     before[8].clone(),
-                    new(4),
-                    with_statistics_of(with_moments_of(new(5), &before[1]), 1),
+                    new[4].clone(),
+                    with(&with(&new[5], &MOMENTS, &before[1]), &STATISTICS, &before[1]),
                 ];
                 if statistics == AfterEdit::Restart {
-                    expected.iter_mut().for_each(|row| (row.gradient_sum, row.visible) = (0.0, 0));
+                    expected = expected.iter().map(|row| without(row, &STATISTICS)).collect();
                 }
                 let place = format!("{chart:?}, {blend:?}, {statistics:?}");
                 compare(&expected, &rows(&rasterizer.save(&cloud)?)?, &place)?;
@@ -173,14 +145,16 @@ pub fn edits_carry_everything_along<R: Rasterizer<PlanarScene>>(rasterizer: &R) 
                     // A ceiling that some opacities are below and some above.
                     let ceiling = 0.4;
                     let plan = EditPlan { opacity_ceiling: Some(ceiling), statistics, ..EditPlan::default() };
-                    let above = expected.iter().filter(|row| row.opacity_logit > Some(logit(ceiling))).count();
-                    Failure::unless((1..10).contains(&above), || {
-                        format!("{above} of 10 opacities are above the ceiling")
+                    let above = expected.iter().filter(|row| row["opacity_logit"][0] > logit(ceiling)).count();
+                    Failure::unless((1..12).contains(&above), || {
+                        format!("{above} of 12 opacities are above the ceiling")
                     })?;
                     rasterizer.edit(&mut cloud, &plan)?;
                     for row in &mut expected {
-                        row.opacity_logit = row.opacity_logit.map(|value| value.min(logit(ceiling)));
-                        (row.moment1[8], row.moment2[8]) = (0.0, 0.0);
+                        row.entry("opacity_logit".to_owned()).and_modify(|value| value[0] = value[0].min(logit(ceiling)));
+                        for name in ["moment1", "moment2"] {
+                            row.entry(name.to_owned()).and_modify(|values| values[S::OPACITY_MOMENT] = 0.0);
+                        }
                     }
                     compare(&expected, &rows(&rasterizer.save(&cloud)?)?, &format!("{place}, ceiling"))?;
                 }
@@ -194,18 +168,23 @@ fn compare(expected: &[Row], found: &[Row], place: &str) -> Result<(), Failure> 
     Failure::unless(expected.len() == found.len(), || {
         format!("{place}: {} Gaussians instead of {}", found.len(), expected.len())
     })?;
-    for (i, (a, b)) in expected.iter().zip(found).enumerate() {
-        // Parameters that are set may be rounded once more; all else is moved, bit for bit.
-        let near =
-            |a: &[f32], b: &[f32]| a.iter().zip(b).all(|(a, b)| a == b || (a - b).abs() <= 1e-5 * a.abs().max(1.0));
-        let logits = [a, b].map(|row| row.opacity_logit.unwrap_or(f32::INFINITY));
-        let parameters = near(&a.mean, &b.mean)
-            && near(&a.shape, &b.shape)
-            && near(&a.color, &b.color)
-            && near(&logits[..1], &logits[1..]);
-        let Row { mean, shape, color, opacity_logit, .. } = a.clone();
-        let rest = Row { mean, shape, color, opacity_logit, ..b.clone() } == *a;
-        Failure::unless(parameters && rest, || format!("{place}: Gaussian {i} should be {a:?}, but is {b:?}"))?;
+    for (i, (expected, found)) in expected.iter().zip(found).enumerate() {
+        let names = |row: &Row| row.keys().cloned().collect::<Vec<_>>();
+        Failure::unless(names(expected) == names(found), || {
+            format!("{place}: tensors {:?} instead of {:?}", names(found), names(expected))
+        })?;
+        for (name, a) in expected {
+            let b = &found[name];
+            // Parameters that are set may be rounded once more; all else is moved, bit for bit.
+            let learned = MOMENTS.iter().chain(&STATISTICS).any(|n| n == name);
+            let same = |a: f32, b: f32| match learned {
+                true => a.to_bits() == b.to_bits() || (a == 0.0 && b == 0.0),
+                false => a == b || (a - b).abs() <= 1e-5 * a.abs().max(1.0),
+            };
+            Failure::unless(a.len() == b.len() && a.iter().zip(b).all(|(&a, &b)| same(a, b)), || {
+                format!("{place}: `{name}` of Gaussian {i} should be {a:?}, but is {b:?}")
+            })?;
+        }
     }
     Ok(())
 }
@@ -214,8 +193,8 @@ fn compare(expected: &[Row], found: &[Row], place: &str) -> Result<(), Failure> 
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
-pub fn refused_edits_change_nothing<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Result<(), Failure> {
-    let newcomers = Draw::new(Kind::Typical, Blend::Over, 7, (24, 20), 1801).scene;
+pub fn refused_edits_change_nothing<S: Subject, R: Rasterizer<S>>(rasterizer: &R) -> Result<(), Failure> {
+    let newcomers = S::typical(Blend::Over, 7, (24, 20), 1807).scene;
     let good = plan(&newcomers, AfterEdit::Restart);
     let gone = |index| Removal { index, cause: PruneCause::Transparent };
     let mut wrong = vec![good; 5];
@@ -225,7 +204,7 @@ pub fn refused_edits_change_nothing<R: Rasterizer<PlanarScene>>(rasterizer: &R) 
     wrong[3].added[1].parent = Some(12);
     let twice = wrong[4].changed[0].clone();
     wrong[4].changed.push(twice);
-    let mut cloud = trained(rasterizer, Blend::Over, Chart::ScaleRotation)?;
+    let mut cloud = trained::<S, R>(rasterizer, Blend::Over, Chart::ScaleRotation)?;
     let before = rasterizer.save(&cloud)?;
     for (i, plan) in wrong.iter().enumerate() {
         let refused = matches!(rasterizer.edit(&mut cloud, plan), Err(Error::Plan(_)));

@@ -2,17 +2,20 @@
 
 use glam::Vec2;
 use gs_core::{
-    Accuracy, Adam, Binning, Canvas, Chart, CloudState, Error, Image, Loss, PlanarScene, Rasterizer, RenderSettings,
-    TrainStep, effects::Blend,
+    Accuracy, Binning, Canvas, Chart, CloudState, Error, Image, Loss, PlanarScene, Rasterizer, RenderSettings,
+    TrainStep,
+    effects::Blend,
+    state::{Tensor, TensorData},
 };
 
 use super::losses_of;
 use crate::{
     failure::Failure,
     scenes::{Draw, Kind},
+    subject::Subject,
 };
 
-fn refused<T>(what: &str, result: Result<T, Error>, right: impl Fn(&Error) -> bool) -> Result<(), Failure> {
+pub(super) fn refused<T>(what: &str, result: Result<T, Error>, right: impl Fn(&Error) -> bool) -> Result<(), Failure> {
     match result {
         Ok(_) => Err(Failure::Broken(format!("{what} is accepted"))),
         Err(error) if right(&error) => Ok(()),
@@ -51,31 +54,49 @@ pub fn scenes_that_are_not_finite_are_refused<R: Rasterizer<PlanarScene>>(raster
 /// [`Failure`] where the backend does not do so.
 pub fn bad_views_and_settings_are_errors<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Result<(), Failure> {
     let draw = Draw::new(Kind::Typical, Blend::Over, 6, (10, 10), 1900);
-    let good = RenderSettings::blended(Blend::Over);
+    let view = draw.view;
+    let views = [
+        ("a canvas of no columns", Canvas { width: 0, ..view }, SIZE),
+        ("a canvas of 20000 rows", Canvas { height: 20_000, ..view }, SIZE),
+        ("a canvas of no extent", view.showing(Vec2::ZERO, Vec2::new(0.0, 1.0)), SETTING),
+        ("a canvas of NaN extent", view.showing(Vec2::ZERO, Vec2::NAN), SETTING),
+        ("a canvas at infinity", view.showing(Vec2::INFINITY, Vec2::ONE), SETTING),
+    ];
+    bad_are_errors(rasterizer, &draw, &views)
+}
+
+/// Whether an error says what it should.
+pub(super) type Right = fn(&Error) -> bool;
+
+pub(super) const SETTING: Right = |error| matches!(error, Error::Setting { .. });
+pub(super) const SIZE: Right = |error| matches!(error, Error::Size { .. });
+
+/// Refused views, and settings and losses that are impossible for every view.
+pub(super) fn bad_are_errors<S: Subject, R: Rasterizer<S>>(
+    rasterizer: &R,
+    draw: &Draw<S>,
+    views: &[(&'static str, S::View, Right)],
+) -> Result<(), Failure> {
+    let good = draw.settings;
     let accuracy = |accuracy| RenderSettings { accuracy, ..good };
     let usual = Accuracy::default();
-    let setting: fn(&Error) -> bool = |error| matches!(error, Error::Setting { .. });
-    let size: fn(&Error) -> bool = |error| matches!(error, Error::Size { .. });
+    let mut cases: Vec<_> = views.iter().map(|&(what, view, right)| (what, view, good, right)).collect();
     let view = draw.view;
-    let mut cases = vec![
-        ("a canvas of no columns", Canvas { width: 0, ..view }, good, size),
-        ("a canvas of 20000 rows", Canvas { height: 20_000, ..view }, good, size),
-        ("a canvas of no extent", view.showing(Vec2::ZERO, Vec2::new(0.0, 1.0)), good, setting),
-        ("a canvas of NaN extent", view.showing(Vec2::ZERO, Vec2::NAN), good, setting),
-        ("a canvas at infinity", view.showing(Vec2::INFINITY, Vec2::ONE), good, setting),
-        ("a NaN background", view, good.on([0.0, f32::NAN, 0.0]), setting),
-    ];
+    cases.push(("a NaN background", view, good.on([0.0, f32::NAN, 0.0]), SETTING));
+    let mut degree = good;
+    degree.effects.sh_degree = 4;
+    cases.push(("harmonics of degree 4", view, degree, SETTING));
     for alpha_cut in [0.0, 0.9, f32::NAN] {
-        cases.push(("an impossible cut", view, accuracy(Accuracy { alpha_cut, ..usual }), setting));
+        cases.push(("an impossible cut", view, accuracy(Accuracy { alpha_cut, ..usual }), SETTING));
     }
     for alpha_max in [0.0, 1.0, f32::NAN] {
-        cases.push(("an impossible clamp", view, accuracy(Accuracy { alpha_max, ..usual }), setting));
+        cases.push(("an impossible clamp", view, accuracy(Accuracy { alpha_max, ..usual }), SETTING));
     }
     for transmittance_min in [-0.1, 0.9, f32::NAN] {
-        cases.push(("an impossible minimum", view, accuracy(Accuracy { transmittance_min, ..usual }), setting));
+        cases.push(("an impossible minimum", view, accuracy(Accuracy { transmittance_min, ..usual }), SETTING));
     }
     let target = rasterizer.upload_target(&draw.target()?)?;
-    let rates = Adam::default().at(0.0);
+    let rates = S::adam().at(0.0);
     let mut cloud = rasterizer.upload(&draw.scene, Chart::ScaleRotation)?;
     let before = rasterizer.save(&cloud)?;
     for (what, view, settings, right) in cases {
@@ -86,9 +107,9 @@ pub fn bad_views_and_settings_are_errors<R: Rasterizer<PlanarScene>>(rasterizer:
     for lambda in [-0.5, 1.5, f32::NAN] {
         let loss = Loss::L1Dssim { lambda };
         let frame = rasterizer.forward(&cloud, &draw.view, &good)?;
-        refused("an impossible λ", rasterizer.backward(&cloud, frame, &target, &loss), setting)?;
+        refused("an impossible λ", rasterizer.backward(&cloud, frame, &target, &loss), SETTING)?;
         let step = TrainStep { settings: &good, loss, rates: &rates, binning: Binning::Fresh };
-        refused("an impossible λ", rasterizer.train_step(&mut cloud, &draw.view, &target, &step), setting)?;
+        refused("an impossible λ", rasterizer.train_step(&mut cloud, &draw.view, &target, &step), SETTING)?;
     }
     let losses = losses_of(rasterizer, &mut cloud)?;
     Failure::unless(losses.is_empty(), || format!("training steps that were refused have losses: {losses:?}"))?;
@@ -99,11 +120,11 @@ pub fn bad_views_and_settings_are_errors<R: Rasterizer<PlanarScene>>(rasterizer:
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
-pub fn mismatches_are_errors<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Result<(), Failure> {
-    let draw = Draw::new(Kind::Typical, Blend::Over, 6, (10, 10), 1900);
+pub fn mismatches_are_errors<S: Subject, R: Rasterizer<S>>(rasterizer: &R) -> Result<(), Failure> {
+    let draw = S::typical(Blend::Over, 6, (10, 10), 1903);
     let mut cloud = rasterizer.upload(&draw.scene, Chart::ScaleRotation)?;
     let before = rasterizer.save(&cloud)?;
-    let rates = Adam::default().at(0.0);
+    let rates = S::adam().at(0.0);
     let sizes_differ = |error: &Error| matches!(error, Error::SizesDiffer { .. });
     for (width, height) in [(11, 10), (10, 9), (5, 20), (1, 100)] {
         let target = rasterizer.upload_target(&Image::filled(width, height, [0.5; 3])?)?;
@@ -112,8 +133,10 @@ pub fn mismatches_are_errors<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Resu
         refused(&what, rasterizer.backward(&cloud, frame, &target, &Loss::L2), sizes_differ)?;
         let step = TrainStep { settings: &draw.settings, loss: Loss::L2, rates: &rates, binning: Binning::Fresh };
         refused(&what, rasterizer.train_step(&mut cloud, &draw.view, &target, &step), sizes_differ)?;
-        let settings = RenderSettings::blended(Blend::Sum);
-        refused(&what, rasterizer.solve_colors(&mut cloud, &draw.view, &target, &settings, 2), sizes_differ)?;
+        if S::SOLVES_COLORS {
+            let settings = RenderSettings::blended(Blend::Sum);
+            refused(&what, rasterizer.solve_colors(&mut cloud, &draw.view, &target, &settings, 2), sizes_differ)?;
+        }
     }
 
     let target = rasterizer.upload_target(&draw.target()?)?;
@@ -121,8 +144,7 @@ pub fn mismatches_are_errors<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Resu
     let solved = rasterizer.solve_colors(&mut cloud, &draw.view, &target, &draw.settings, 2);
     refused("solving for colours under `Over`", solved, unsupported)?;
 
-    let smaller: PlanarScene = draw.scene.iter().take(5).collect();
-    let mut smaller = rasterizer.upload(&smaller, Chart::ScaleRotation)?;
+    let mut smaller = rasterizer.upload(&draw.scene.picked(0..5), Chart::ScaleRotation)?;
     let frame = rasterizer.forward(&cloud, &draw.view, &draw.settings)?;
     let (_, gradients) = rasterizer.backward(&cloud, frame, &target, &Loss::L2)?;
     let is_state = |error: &Error| matches!(error, Error::State(_));
@@ -131,15 +153,29 @@ pub fn mismatches_are_errors<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Resu
     // A missing or short tensor may be reported as either.
     let of_state = |error: &Error| matches!(error, Error::State(_) | Error::Length { .. });
     refused("an empty state", rasterizer.restore(&CloudState::new(Chart::ScaleRotation)), of_state)?;
-    let mut short = before.clone();
-    short.insert("color", [[0.0; 3]; 5]);
-    refused("a state with a colour missing", rasterizer.restore(&short), of_state)?;
-    for name in before.tensors.keys().filter(|name| *name != "opacity_logit") {
+    for (name, tensor) in &before.tensors {
+        let mut short = before.clone();
+        short.tensors.insert(name.clone(), without_last_row(tensor));
+        refused(&format!("a state with a row of `{name}` missing"), rasterizer.restore(&short), of_state)?;
+    }
+    for name in before.tensors.keys().filter(|name| !S::OPTIONAL_TENSORS.contains(&name.as_str())) {
         let mut lacking = before.clone();
         lacking.tensors.remove(name);
         refused(&format!("a state without `{name}`"), rasterizer.restore(&lacking), of_state)?;
     }
     let other = CloudState { chart: Chart::LocalFrame, ..before.clone() };
-    refused("a state of the other chart", rasterizer.restore(&other), of_state)?;
+    let of_chart = |error: &Error| of_state(error) || (!S::CHARTS.contains(&Chart::LocalFrame) && unsupported(error));
+    refused("a state of the other chart", rasterizer.restore(&other), of_chart)?;
     Failure::unless(rasterizer.save(&cloud)? == before, || "what was refused changed the cloud".to_owned())
+}
+
+fn without_last_row(tensor: &Tensor) -> Tensor {
+    let width = tensor.shape.iter().skip(1).product::<usize>();
+    let data = match &tensor.data {
+        TensorData::F32(values) => TensorData::F32(values[..values.len() - width].to_vec()),
+        TensorData::U32(values) => TensorData::U32(values[..values.len() - width].to_vec()),
+    };
+    let mut shape = tensor.shape.clone();
+    shape[0] -= 1;
+    Tensor { shape, data }
 }

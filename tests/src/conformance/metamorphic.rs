@@ -1,17 +1,18 @@
 //! Cases: changes to a scene or a view that must not change what is seen.
 
 use glam::{Vec2, Vec3};
-use gs_core::{Canvas, Image, PlanarGaussian, PlanarScene, Rasterizer, Scene, effects::Blend, scene::logit};
+use gs_core::{Canvas, Image, PlanarGaussian, PlanarScene, Rasterizer, effects::Blend, scene::logit};
 
 use crate::{
     failure::Failure,
-    oracle::{Oracle, OracleScene, Rendering},
+    oracle::{Oracle, Rendering},
     scenes::{Draw, Kind},
+    subject::Subject,
     tolerance::compare_images,
 };
 
 /// The oracle's error analysis around another image: two images by a backend may each be off.
-fn around(image: &Image, analysis: &Rendering) -> Rendering {
+pub(super) fn around(image: &Image, analysis: &Rendering) -> Rendering {
     Rendering {
         pixels: image.pixels().iter().map(|p| p.map(f64::from)).collect(),
         rounding: analysis.rounding.iter().map(|p| p.map(|v| 2.0 * v)).collect(),
@@ -19,24 +20,28 @@ fn around(image: &Image, analysis: &Rendering) -> Rendering {
     }
 }
 
-fn analysis(draw: &Draw) -> Result<Rendering, Failure> {
-    Ok(Oracle::new(draw.view, draw.settings)?.render(&OracleScene::from(&draw.scene)))
+pub(super) fn analysis<S: Subject>(draw: &Draw<S>) -> Result<Rendering, Failure> {
+    Ok(Oracle::new(draw.view, draw.settings)?.render(&draw.scene.rows()))
 }
 
 /// Under `Sum`, Gaussians in another order make the same image.
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
-pub fn order_does_not_matter_under_sum<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Result<(), Failure> {
-    for (seed, kind) in (800..).zip([Kind::Typical, Kind::Overlapping, Kind::Tiny]) {
-        let draw = Draw::new(kind, Blend::Sum, 50, (40, 30), seed);
+pub fn order_does_not_matter_under_sum<S: Subject, R: Rasterizer<S>>(rasterizer: &R) -> Result<(), Failure> {
+    let kinds: [fn(Blend, usize, (u32, u32), u64) -> Draw<S>; 2] = [S::typical, S::overlapping];
+    for (seed, drawn) in (800..).zip(kinds) {
+        let draw = drawn(Blend::Sum, 50, (40, 30), seed);
         let image = rasterizer.render(&draw.scene, &draw.view, &draw.settings)?;
-        // 17 and 50 have no common divisor: every Gaussian comes exactly once, none in its place's parity.
-        let permuted: PlanarScene = (0..50).map(|i| draw.scene.gaussian((i * 17 + 1) % 50)).collect();
-        let again = rasterizer.render(&permuted, &draw.view, &draw.settings)?;
+        let again = rasterizer.render(&permuted(&draw.scene), &draw.view, &draw.settings)?;
         compare_images(&around(&image, &analysis(&draw)?), &again).map_err(|failure| failure.at("permuted"))?;
     }
     Ok(())
+}
+
+/// The same Gaussians at other indices: 17 and 50 have no common divisor, so every one comes exactly once, none in its place's parity.
+pub(super) fn permuted<S: Subject>(scene: &S) -> S {
+    scene.picked((0..50).map(|i| (i * 17 + 1) % 50))
 }
 
 /// Two Gaussians where one was, each with half its colour (`Sum`) or opacity 1 − √(1 − o) (`Over`), make the same image.

@@ -1,6 +1,7 @@
-//! The suite that any `Rasterizer<PlanarScene>` can be put through: named cases, each usable alone.
+//! The suite that any `Rasterizer<PlanarScene>` or `Rasterizer<SpatialScene>` can be put through: named cases, each usable alone.
 //!
-//! A backend's own tests call [`conformance`], or list [`cases`] to see each by name. Every case compares with the oracle, with `f64`
+//! A backend's own tests call [`conformance`] or [`spatial_conformance`], or list [`cases`] or [`spatial_cases`] to see each by name.
+//! Cases that are generic over [`Subject`] are the same for both kinds of scenes. Every case compares with the oracle, with `f64`
 //! references, or with what the backend itself said before; none needs to know how the backend works.
 //!
 //! ```
@@ -19,11 +20,16 @@ mod images;
 mod losses;
 mod metamorphic;
 mod optimiser;
+mod spatial_errors;
+mod spatial_gradients;
+mod spatial_images;
+mod spatial_metamorphic;
+mod spatial_training;
 mod state;
 mod statistics;
 mod training;
 
-use gs_core::{Chart, Image, Loss, PlanarScene, Rasterizer, Wait};
+use gs_core::{Chart, Image, Loss, PlanarScene, Rasterizer, SpatialScene, Wait};
 
 pub use self::{
     editing::{edits_carry_everything_along, refused_edits_change_nothing},
@@ -36,8 +42,24 @@ pub use self::{
     losses::{losses_are_told_once_and_in_order, steps_under_way_are_seen_by_everything},
     metamorphic::{crops_are_parts_of_the_image, halves_make_the_whole, order_does_not_matter_under_sum},
     optimiser::{adam_matches, local_frame_steps_match},
+    spatial_errors::{bad_cameras_and_settings_are_errors, spatial_scenes_that_are_not_finite_are_refused},
+    spatial_gradients::{
+        antialiased_gradients_match, gradients_match_in_all_orders, harmonics_gradients_match,
+        spatial_gradients_match,
+    },
+    spatial_images::{
+        antialiased_images_match, causes_are_counted, empty_space_shows_the_background, harmonics_match, orders_match,
+        spatial_accuracies_match, spatial_images_match, spatial_sizes_match,
+    },
+    spatial_metamorphic::{
+        indices_do_not_matter_by_depth, rigid_motions_change_nothing, scales_of_the_world_change_nothing,
+    },
+    spatial_training::{
+        only_participants_move, reused_lists_are_good_for_what_stands_still, spatial_scenes_come_back,
+        visible_are_counted,
+    },
     state::{restored_clouds_continue_bit_for_bit, scenes_come_back, shifts_move_means_and_nothing_else},
-    statistics::{absolute_gradients_match, pixel_errors_match},
+    statistics::{absolute_gradients_match, mean_gradients_match, pixel_errors_match},
     training::{
         fused_steps_match_their_stages, solved_colors_are_the_best, statistics_are_the_positional_gradients,
         steps_decrease_the_loss,
@@ -45,8 +67,9 @@ pub use self::{
 };
 use crate::{
     failure::Failure,
-    oracle::{Gradients, Oracle, OracleScene},
+    oracle::{Gradients, Oracle},
     scenes::Draw,
+    subject::Subject,
     tolerance::{Agreement, compare_gradients, compare_images, compare_loss},
 };
 
@@ -62,51 +85,105 @@ pub struct Case<R> {
     pub run: fn(&R) -> Result<(), Failure>,
 }
 
-/// All cases of the suite.
+macro_rules! named {
+    ($($case:ident: $function:expr),* $(,)?) => { vec![$(Case { name: stringify!($case), run: $function }),*] };
+}
+
+/// All cases for planar scenes.
 pub fn cases<R: Rasterizer<PlanarScene>>() -> Vec<Case<R>> {
-    macro_rules! named {
-        ($($case:ident),* $(,)?) => { vec![$(Case { name: stringify!($case), run: $case::<R> }),*] };
-    }
     named![
-        images_match,
-        sizes_match,
-        canvases_match,
-        other_accuracies_match,
-        empty_scenes_show_the_background,
-        culled_are_counted,
-        gradients_match,
-        gradients_match_through_canvases,
-        gradients_match_in_local_frames,
-        scenes_come_back,
-        restored_clouds_continue_bit_for_bit,
-        steps_decrease_the_loss,
-        adam_matches,
-        local_frame_steps_match,
-        fused_steps_match_their_stages,
-        losses_are_told_once_and_in_order,
-        steps_under_way_are_seen_by_everything,
-        statistics_are_the_positional_gradients,
-        absolute_gradients_match,
-        pixel_errors_match,
-        shifts_move_means_and_nothing_else,
-        solved_colors_are_the_best,
-        edits_carry_everything_along,
-        refused_edits_change_nothing,
-        scenes_that_are_not_finite_are_refused,
-        bad_views_and_settings_are_errors,
-        mismatches_are_errors,
-        order_does_not_matter_under_sum,
-        halves_make_the_whole,
-        crops_are_parts_of_the_image,
+        images_match: images_match::<R>,
+        sizes_match: sizes_match::<R>,
+        canvases_match: canvases_match::<R>,
+        other_accuracies_match: other_accuracies_match::<R>,
+        empty_scenes_show_the_background: empty_scenes_show_the_background::<R>,
+        culled_are_counted: culled_are_counted::<R>,
+        gradients_match: gradients_match::<R>,
+        gradients_match_through_canvases: gradients_match_through_canvases::<R>,
+        gradients_match_in_local_frames: gradients_match_in_local_frames::<R>,
+        scenes_come_back: scenes_come_back::<R>,
+        restored_clouds_continue_bit_for_bit: restored_clouds_continue_bit_for_bit::<PlanarScene, R>,
+        steps_decrease_the_loss: steps_decrease_the_loss::<PlanarScene, R>,
+        adam_matches: adam_matches::<PlanarScene, R>,
+        local_frame_steps_match: local_frame_steps_match::<R>,
+        fused_steps_match_their_stages: fused_steps_match_their_stages::<PlanarScene, R>,
+        losses_are_told_once_and_in_order: losses_are_told_once_and_in_order::<PlanarScene, R>,
+        steps_under_way_are_seen_by_everything: steps_under_way_are_seen_by_everything::<PlanarScene, R>,
+        statistics_are_the_positional_gradients: statistics_are_the_positional_gradients::<R>,
+        absolute_gradients_match: absolute_gradients_match::<PlanarScene, R>,
+        pixel_errors_match: pixel_errors_match::<PlanarScene, R>,
+        shifts_move_means_and_nothing_else: shifts_move_means_and_nothing_else::<PlanarScene, R>,
+        solved_colors_are_the_best: solved_colors_are_the_best::<R>,
+        edits_carry_everything_along: edits_carry_everything_along::<PlanarScene, R>,
+        refused_edits_change_nothing: refused_edits_change_nothing::<PlanarScene, R>,
+        scenes_that_are_not_finite_are_refused: scenes_that_are_not_finite_are_refused::<R>,
+        bad_views_and_settings_are_errors: bad_views_and_settings_are_errors::<R>,
+        mismatches_are_errors: mismatches_are_errors::<PlanarScene, R>,
+        order_does_not_matter_under_sum: order_does_not_matter_under_sum::<PlanarScene, R>,
+        halves_make_the_whole: halves_make_the_whole::<R>,
+        crops_are_parts_of_the_image: crops_are_parts_of_the_image::<R>,
     ]
 }
 
-/// Runs all cases.
+/// All cases for spatial scenes.
+pub fn spatial_cases<R: Rasterizer<SpatialScene>>() -> Vec<Case<R>> {
+    named![
+        spatial_images_match: spatial_images_match::<R>,
+        orders_match: orders_match::<R>,
+        antialiased_images_match: antialiased_images_match::<R>,
+        harmonics_match: harmonics_match::<R>,
+        spatial_sizes_match: spatial_sizes_match::<R>,
+        spatial_accuracies_match: spatial_accuracies_match::<R>,
+        empty_space_shows_the_background: empty_space_shows_the_background::<R>,
+        causes_are_counted: causes_are_counted::<R>,
+        spatial_gradients_match: spatial_gradients_match::<R>,
+        gradients_match_in_all_orders: gradients_match_in_all_orders::<R>,
+        antialiased_gradients_match: antialiased_gradients_match::<R>,
+        harmonics_gradients_match: harmonics_gradients_match::<R>,
+        spatial_scenes_come_back: spatial_scenes_come_back::<R>,
+        restored_clouds_continue_bit_for_bit: restored_clouds_continue_bit_for_bit::<SpatialScene, R>,
+        steps_decrease_the_loss: steps_decrease_the_loss::<SpatialScene, R>,
+        adam_matches: adam_matches::<SpatialScene, R>,
+        only_participants_move: only_participants_move::<R>,
+        fused_steps_match_their_stages: fused_steps_match_their_stages::<SpatialScene, R>,
+        reused_lists_are_good_for_what_stands_still: reused_lists_are_good_for_what_stands_still::<R>,
+        losses_are_told_once_and_in_order: losses_are_told_once_and_in_order::<SpatialScene, R>,
+        steps_under_way_are_seen_by_everything: steps_under_way_are_seen_by_everything::<SpatialScene, R>,
+        mean_gradients_match: mean_gradients_match::<SpatialScene, R>,
+        absolute_gradients_match: absolute_gradients_match::<SpatialScene, R>,
+        pixel_errors_match: pixel_errors_match::<SpatialScene, R>,
+        visible_are_counted: visible_are_counted::<R>,
+        shifts_move_means_and_nothing_else: shifts_move_means_and_nothing_else::<SpatialScene, R>,
+        edits_carry_everything_along: edits_carry_everything_along::<SpatialScene, R>,
+        refused_edits_change_nothing: refused_edits_change_nothing::<SpatialScene, R>,
+        spatial_scenes_that_are_not_finite_are_refused: spatial_scenes_that_are_not_finite_are_refused::<R>,
+        bad_cameras_and_settings_are_errors: bad_cameras_and_settings_are_errors::<R>,
+        mismatches_are_errors: mismatches_are_errors::<SpatialScene, R>,
+        order_does_not_matter_under_sum: order_does_not_matter_under_sum::<SpatialScene, R>,
+        indices_do_not_matter_by_depth: indices_do_not_matter_by_depth::<R>,
+        rigid_motions_change_nothing: rigid_motions_change_nothing::<R>,
+        scales_of_the_world_change_nothing: scales_of_the_world_change_nothing::<R>,
+    ]
+}
+
+/// Runs all cases for planar scenes.
 ///
 /// # Errors
 /// [`Failure::Several`] of [`Failure::Case`]s: all that fail.
 pub fn conformance<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Result<(), Failure> {
-    let failures: Vec<Failure> = cases::<R>()
+    run_all(rasterizer, cases::<R>())
+}
+
+/// Runs all cases for spatial scenes.
+///
+/// # Errors
+/// [`Failure::Several`] of [`Failure::Case`]s: all that fail.
+pub fn spatial_conformance<R: Rasterizer<SpatialScene>>(rasterizer: &R) -> Result<(), Failure> {
+    run_all(rasterizer, spatial_cases::<R>())
+}
+
+fn run_all<R>(rasterizer: &R, cases: Vec<Case<R>>) -> Result<(), Failure> {
+    let failures: Vec<Failure> = cases
         .into_iter()
         .filter_map(|case| {
             let cause = (case.run)(rasterizer).err()?;
@@ -120,8 +197,8 @@ pub fn conformance<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Result<(), Fai
 ///
 /// # Errors
 /// [`Failure`] where they differ, or the backend or the comparison fails.
-pub fn check_image<R: Rasterizer<PlanarScene>>(rasterizer: &R, draw: &Draw) -> Result<Agreement, Failure> {
-    let expected = Oracle::new(draw.view, draw.settings)?.render(&OracleScene::from(&draw.scene));
+pub fn check_image<S: Subject, R: Rasterizer<S>>(rasterizer: &R, draw: &Draw<S>) -> Result<Agreement, Failure> {
+    let expected = Oracle::new(draw.view, draw.settings)?.render(&draw.scene.rows());
     let found = rasterizer.render(&draw.scene, &draw.view, &draw.settings)?;
     compare_images(&expected, &found).map_err(|failure| failure.at(place(draw)))
 }
@@ -131,9 +208,9 @@ pub fn check_image<R: Rasterizer<PlanarScene>>(rasterizer: &R, draw: &Draw) -> R
 ///
 /// # Errors
 /// [`Failure`] where they differ, or the backend or the comparison fails.
-pub fn check_gradients<R: Rasterizer<PlanarScene>>(
+pub fn check_gradients<S: Subject, R: Rasterizer<S>>(
     rasterizer: &R,
-    draw: &Draw,
+    draw: &Draw<S>,
     loss: &Loss,
     chart: Chart,
 ) -> Result<Agreement, Failure> {
@@ -146,17 +223,17 @@ pub fn check_gradients<R: Rasterizer<PlanarScene>>(
 }
 
 /// One backward pass of a fresh cloud.
-struct Backward {
+struct Backward<S> {
     /// The parameters as the backend gives them back.
-    scene: PlanarScene,
+    scene: S,
     loss: f32,
-    gradients: PlanarScene,
+    gradients: S,
 }
 
-impl Backward {
-    fn of<R: Rasterizer<PlanarScene>>(
+impl<S: Subject> Backward<S> {
+    fn of<R: Rasterizer<S>>(
         rasterizer: &R,
-        draw: &Draw,
+        draw: &Draw<S>,
         target: &Image,
         loss: &Loss,
         chart: Chart,
@@ -169,22 +246,19 @@ impl Backward {
         Ok(Self { scene: rasterizer.download(&cloud)?, loss, gradients })
     }
 
-    fn expected(&self, draw: &Draw, target: &Image, loss: &Loss) -> Result<Gradients, Failure> {
-        Ok(Oracle::new(draw.view, draw.settings)?.gradients(&OracleScene::from(&self.scene), target, loss)?)
+    fn expected(&self, draw: &Draw<S>, target: &Image, loss: &Loss) -> Result<Gradients, Failure> {
+        Ok(Oracle::new(draw.view, draw.settings)?.gradients(&self.scene.rows(), target, loss)?)
     }
 }
 
 /// The losses of all training steps of a cloud that have not been asked for.
-fn losses_of<R: Rasterizer<PlanarScene>>(rasterizer: &R, cloud: &mut R::Cloud) -> Result<Vec<f32>, Failure> {
+fn losses_of<S: Subject, R: Rasterizer<S>>(rasterizer: &R, cloud: &mut R::Cloud) -> Result<Vec<f32>, Failure> {
     let mut losses = Vec::new();
     rasterizer.losses(cloud, Wait::All, &mut losses)?;
     Ok(losses)
 }
 
 /// Where in a case something happened.
-fn place(draw: &Draw) -> String {
-    let (view, effects) = (&draw.view, &draw.settings.effects);
-    let count = draw.scene.means.len();
-    let part = format!("{} + {}", view.origin, view.extent);
-    format!("{count} {:?} on {}x{} ({part}), {:?}", draw.kind, view.width, view.height, effects.blend)
+fn place<S: Subject>(draw: &Draw<S>) -> String {
+    format!("{} {:?} through {:?}, {:?}", draw.scene.len(), draw.kind, draw.view, draw.settings.effects)
 }

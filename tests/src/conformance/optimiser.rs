@@ -10,13 +10,14 @@ use gs_core::{
 
 use crate::{
     failure::Failure,
-    oracle::{AdamReference, OracleScene, PARAMETER_NAMES, Parameters, rate_of, rows_of_gradients},
+    oracle::{AdamReference, OracleScene, Parameters, rate_of},
     scenes::{Draw, Kind},
+    subject::Subject,
     tolerance::ADAM_SHARE,
 };
 
 /// Rates and betas that differ between all groups, and an ε as large as √v̂, so that a wrong one of any shows.
-fn distinct(epsilon: f32) -> AdamRates {
+pub(super) fn distinct<S: Subject>(epsilon: f32) -> AdamRates {
     let group = |learning_rate, beta1, beta2| Group { beta1, beta2, ..Group::constant(learning_rate) };
     Adam {
         mean: group(0.11, 0.9, 0.99),
@@ -24,23 +25,24 @@ fn distinct(epsilon: f32) -> AdamRates {
         rotation: group(0.017, 0.85, 0.9),
         opacity: group(0.05, 0.7, 0.999),
         color: group(0.013, 0.6, 0.97),
+        color_rest: group(0.007, 0.75, 0.93),
         epsilon,
-        ..Adam::default()
+        ..S::adam()
     }
     .at(0.0)
 }
 
 /// One step of forward, backward and Adam; returns the gradients it used.
-fn step<R: Rasterizer<PlanarScene>>(
+pub(super) fn step<S: Subject, R: Rasterizer<S>>(
     rasterizer: &R,
     cloud: &mut R::Cloud,
-    draw: &Draw,
+    draw: &Draw<S>,
     target: &R::Target,
     rates: &AdamRates,
 ) -> Result<Vec<Parameters>, Failure> {
     let frame = rasterizer.forward(cloud, &draw.view, &draw.settings)?;
     let (_, gradients) = rasterizer.backward(cloud, frame, target, &Loss::L2)?;
-    let rows = rows_of_gradients(&rasterizer.download_gradients(cloud, &gradients)?);
+    let rows = rasterizer.download_gradients(cloud, &gradients)?.rows_of_gradients();
     rasterizer.step(cloud, &gradients, rates)?;
     Ok(rows)
 }
@@ -50,15 +52,15 @@ fn step<R: Rasterizer<PlanarScene>>(
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
-pub fn adam_matches<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Result<(), Failure> {
+pub fn adam_matches<S: Subject, R: Rasterizer<S>>(rasterizer: &R) -> Result<(), Failure> {
     for blend in [Blend::Sum, Blend::Over] {
         for epsilon in [1e-3, 1e-8] {
-            let draw = Draw::new(Kind::Overlapping, blend, 12, (24, 20), 1200);
-            let newborn = Draw::new(Kind::Overlapping, blend, 1, (24, 20), 1201).scene;
+            let draw = S::overlapping(blend, 12, (24, 20), 1203);
+            let newborn = S::overlapping(blend, 1, (24, 20), 1207).scene;
             let target = rasterizer.upload_target(&draw.target()?)?;
-            let rates = distinct(epsilon);
+            let rates = distinct::<S>(epsilon);
             let mut cloud = rasterizer.upload(&draw.scene, Chart::ScaleRotation)?;
-            let mut reference = AdamReference::new(OracleScene::from(&draw.scene));
+            let mut reference = AdamReference::new(draw.scene.rows());
             for steps in 1..=6 {
                 if steps == 4 {
                     let birth = |gaussian| Birth {
@@ -68,15 +70,15 @@ pub fn adam_matches<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Result<(), Fa
                         origin: Origin::Seed,
                         place: Place::Last,
                     };
-                    let added = newborn.iter().map(birth).collect();
+                    let added = vec![birth(newborn.gaussian(0))];
                     let plan = EditPlan { added, statistics: AfterEdit::Keep, ..EditPlan::default() };
                     rasterizer.edit(&mut cloud, &plan)?;
-                    reference.push(OracleScene::from(&newborn).gaussians[0]);
+                    reference.push(newborn.rows().gaussians[0].clone());
                 }
                 let gradients = step(rasterizer, &mut cloud, &draw, &target, &rates)?;
                 reference.step(&gradients, &rates);
-                let found = OracleScene::from(&rasterizer.download(&cloud)?);
-                compare_parameters(&reference.scene, &found, &rates, steps)
+                let found = rasterizer.download(&cloud)?.rows();
+                compare_parameters::<S>(&reference.scene, &found, &rates, steps)
                     .map_err(|failure| failure.at(format!("{blend:?}, epsilon {epsilon}, step {steps}")))?;
             }
         }
@@ -84,7 +86,7 @@ pub fn adam_matches<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Result<(), Fa
     Ok(())
 }
 
-fn compare_parameters(
+pub(super) fn compare_parameters<S: Subject>(
     expected: &OracleScene,
     found: &OracleScene,
     rates: &AdamRates,
@@ -93,11 +95,11 @@ fn compare_parameters(
     let counts = (expected.gaussians.len(), found.gaussians.len());
     Failure::unless(counts.0 == counts.1, || format!("{} Gaussians, not {}", counts.1, counts.0))?;
     for (g, (a, b)) in expected.gaussians.iter().zip(&found.gaussians).enumerate() {
-        for i in (0..9).filter(|&i| a[i].is_finite()) {
-            let moved = f64::from(rate_of(i, rates).learning_rate);
+        for i in (0..a.len()).filter(|&i| a[i].is_finite()) {
+            let moved = f64::from(rate_of(i, a.len(), rates).learning_rate);
             let tolerance = f64::from(steps) * (ADAM_SHARE * moved + f64::from(f32::EPSILON) * a[i].abs());
             if !((a[i] - b[i]).abs() <= tolerance) {
-                let what = format!("Gaussian {g}, {}", PARAMETER_NAMES[i]);
+                let what = format!("Gaussian {g}, {}", S::parameter_name(i));
                 return Err(Failure::Differs { what, expected: a[i], found: b[i], tolerance, others: 0 });
             }
         }

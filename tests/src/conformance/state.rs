@@ -1,7 +1,7 @@
 //! Cases: what goes to the backend comes back, scenes and whole states.
 
 use gs_core::{
-    Adam, Binning, Chart, CloudState, Error, PlanarGaussian, PlanarScene, Rasterizer, Scene, TrainStep,
+    Binning, Chart, CloudState, Error, PlanarGaussian, PlanarScene, Rasterizer, Scene, TrainStep,
     effects::{Blend, Statistics},
 };
 
@@ -9,6 +9,7 @@ use super::{LOSSES, losses_of};
 use crate::{
     failure::Failure,
     scenes::{Draw, Kind},
+    subject::Subject,
 };
 
 /// A scene that is uploaded and downloaded is the same: bit for bit where the chart has its parameters, in covariance where not.
@@ -47,14 +48,14 @@ fn same_shape(a: &PlanarGaussian, b: &PlanarGaussian) -> bool {
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
-pub fn restored_clouds_continue_bit_for_bit<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Result<(), Failure> {
-    for chart in [Chart::ScaleRotation, Chart::LocalFrame] {
+pub fn restored_clouds_continue_bit_for_bit<S: Subject, R: Rasterizer<S>>(rasterizer: &R) -> Result<(), Failure> {
+    for &chart in S::CHARTS {
         for blend in [Blend::Sum, Blend::Over] {
             for loss in LOSSES {
-                let mut draw = Draw::new(Kind::Typical, blend, 25, (34, 20), 1100);
+                let mut draw = S::typical(blend, 25, (34, 20), 1103);
                 draw.settings.effects.statistics = Statistics::MeanGradient;
                 let target = rasterizer.upload_target(&draw.target()?)?;
-                let rates = Adam::default().at(0.0);
+                let rates = S::adam().at(0.0);
                 let step = TrainStep { settings: &draw.settings, loss, rates: &rates, binning: Binning::Fresh };
                 let mut cloud = rasterizer.upload(&draw.scene, chart)?;
                 for _ in 0..3 {
@@ -90,7 +91,7 @@ pub fn restored_clouds_continue_bit_for_bit<R: Rasterizer<PlanarScene>>(rasteriz
 /// A state that says that nothing has been learned would make the comparison of two of them meaningless.
 fn check_moments(state: &CloudState) -> Result<(), Failure> {
     for name in ["moment1", "moment2"] {
-        let any = state.rows::<9>(name)?.as_flattened().iter().any(|&v| v != 0.0);
+        let any = state.matrix(name)?.1.iter().any(|&v| v != 0.0);
         Failure::unless(any, || format!("after three steps `{name}` is all zero"))?;
     }
     let steps = state.integers("steps")?;
@@ -102,17 +103,17 @@ fn check_moments(state: &CloudState) -> Result<(), Failure> {
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
-pub fn shifts_move_means_and_nothing_else<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Result<(), Failure> {
-    for chart in [Chart::ScaleRotation, Chart::LocalFrame] {
-        let mut draw = Draw::new(Kind::Typical, Blend::Over, 9, (34, 20), 1150);
+pub fn shifts_move_means_and_nothing_else<S: Subject, R: Rasterizer<S>>(rasterizer: &R) -> Result<(), Failure> {
+    for &chart in S::CHARTS {
+        let mut draw = S::typical(Blend::Over, 9, (34, 20), 1151);
         draw.settings.effects.statistics = Statistics::MeanGradient;
         let target = rasterizer.upload_target(&draw.target()?)?;
-        let rates = Adam::default().at(0.0);
+        let rates = S::adam().at(0.0);
         let step = TrainStep { settings: &draw.settings, loss: LOSSES[0], rates: &rates, binning: Binning::Fresh };
         let mut cloud = rasterizer.upload(&draw.scene, chart)?;
         rasterizer.train_step(&mut cloud, &draw.view, &target, &step)?;
         let before = rasterizer.save(&cloud)?;
-        let shifts: Vec<f32> = (0..18).map(|i| 0.25 * i as f32 - 2.0).collect();
+        let shifts: Vec<f32> = (0..9 * S::DIMENSIONS).map(|i| 0.01 * i as f32 - 0.1).collect();
         rasterizer.shift_means(&mut cloud, &shifts)?;
         let mut expected = before.clone();
         expected.shift("mean", &shifts)?;
@@ -130,7 +131,7 @@ pub fn shifts_move_means_and_nothing_else<R: Rasterizer<PlanarScene>>(rasterizer
             .zip(image(&fresh)?.pixels().as_flattened())
             .all(|(a, b)| (a - b).abs() < 1e-4);
         Failure::unless(same, || format!("{chart:?}: a shifted cloud does not look like its scene"))?;
-        let refused = matches!(rasterizer.shift_means(&mut cloud, &shifts[2..]), Err(Error::Length { .. }));
+        let refused = matches!(rasterizer.shift_means(&mut cloud, &shifts[S::DIMENSIONS..]), Err(Error::Length { .. }));
         Failure::unless(refused && rasterizer.save(&cloud)? == expected, || {
             format!("{chart:?}: shifts of 8 Gaussians are accepted for 9")
         })?;

@@ -1,26 +1,33 @@
-//! Cases: the statistics that need sums of their own, against the oracle. A backend may refuse them, but then as
+//! Cases: what a step collects, against the oracle. A backend may refuse statistics that need sums of their own, but then as
 //! [`Error::Unsupported`], in every pass, and with nothing done.
 
-use glam::Vec2;
 use gs_core::{
-    Adam, Binning, Canvas, Chart, Error, Loss, PlanarScene, Rasterizer, TrainStep,
+    Adam, Binning, Chart, Error, Loss, Rasterizer, TrainStep,
     adam::Group,
     effects::{Blend, Statistics},
 };
 
 use crate::{
     failure::Failure,
-    oracle::{Oracle, OracleScene, StepStatistics},
-    scenes::{Draw, Kind},
+    oracle::{Oracle, StepStatistics},
+    subject::Subject,
     tolerance::COLLECTED_SHARE,
 };
 
-/// [`Statistics::AbsoluteGradient`] sums magnitudes pixel by pixel, for both blends, for losses whose steps are fused or not, and through a
-/// canvas of another scale.
+/// [`Statistics::MeanGradient`] is the length of the projected mean's gradient, and of nothing else's that depends on the mean.
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
-pub fn absolute_gradients_match<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Result<(), Failure> {
+pub fn mean_gradients_match<S: Subject, R: Rasterizer<S>>(rasterizer: &R) -> Result<(), Failure> {
+    check(rasterizer, Statistics::MeanGradient, |step| &step.mean_gradient)
+}
+
+/// [`Statistics::AbsoluteGradient`] sums magnitudes pixel by pixel, for both blends, for losses whose steps are fused or not, and through a
+/// view of another scale.
+///
+/// # Errors
+/// [`Failure`] where the backend does not do so.
+pub fn absolute_gradients_match<S: Subject, R: Rasterizer<S>>(rasterizer: &R) -> Result<(), Failure> {
     check(rasterizer, Statistics::AbsoluteGradient, |step| &step.absolute_gradient)
 }
 
@@ -28,32 +35,38 @@ pub fn absolute_gradients_match<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> R
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
-pub fn pixel_errors_match<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Result<(), Failure> {
+pub fn pixel_errors_match<S: Subject, R: Rasterizer<S>>(rasterizer: &R) -> Result<(), Failure> {
     check(rasterizer, Statistics::PixelError, |step| &step.pixel_error)
 }
 
-fn check<R: Rasterizer<PlanarScene>>(
+fn check<S: Subject, R: Rasterizer<S>>(
     rasterizer: &R,
     statistics: Statistics,
     of_step: impl Fn(&StepStatistics) -> &Vec<f64>,
 ) -> Result<(), Failure> {
     let still = Group::constant(1e-4);
-    let adam = Adam { mean: still, scale: still, rotation: still, opacity: still, color: still, ..Adam::default() };
-    let rates = adam.at(0.0);
-    let own = Canvas::new(37, 70);
-    let zoomed = Canvas::new(44, 20).showing(Vec2::new(4.0, 2.0), Vec2::new(22.0, 20.0));
-    for (blend, view, loss, kind) in [
-        (Blend::Sum, own, Loss::L2, Kind::Typical),
-        (Blend::Sum, own, Loss::PAPER, Kind::Typical),
-        (Blend::Sum, zoomed, Loss::L2, Kind::Overlapping),
-        (Blend::Over, own, Loss::L2, Kind::Overlapping),
-        (Blend::Over, own, Loss::PAPER, Kind::Typical),
-        (Blend::Over, zoomed, Loss::L1, Kind::Overlapping),
+    let groups = Adam { mean: still, scale: still, rotation: still, opacity: still, ..S::adam() };
+    let rates = Adam { color: still, color_rest: still, ..groups }.at(0.0);
+    for (blend, loss, through) in [
+        (Blend::Sum, Loss::L2, None),
+        (Blend::Sum, Loss::PAPER, None),
+        (Blend::Sum, Loss::L2, Some((44, 20))),
+        (Blend::Over, Loss::L2, None),
+        (Blend::Over, Loss::PAPER, None),
+        (Blend::Over, Loss::L1, Some((44, 20))),
     ] {
-        let plane = if view == own { (37, 70) } else { (30, 24) };
-        let mut draw = Draw::new(kind, blend, 12, plane, 1650).on([0.3, 0.5, 0.2]).through(view);
+        let mut draw = match through {
+            None => S::typical(blend, 12, (37, 70), 1651),
+            Some(size) => {
+                let draw = S::overlapping(blend, 12, (30, 24), 1651);
+                let view = S::resized(&draw.view, size);
+                draw.through(view)
+            }
+        }
+        .on([0.3, 0.5, 0.2]);
         draw.settings.effects.statistics = statistics;
-        let place = format!("{statistics:?}, {blend:?}, {loss:?}, {}x{} px", view.width, view.height);
+        let view = draw.view;
+        let place = format!("{statistics:?}, {blend:?}, {loss:?}, {view:?}");
         let image = draw.target()?;
         let target = rasterizer.upload_target(&image)?;
         let mut cloud = rasterizer.upload(&draw.scene, Chart::ScaleRotation)?;
@@ -61,7 +74,7 @@ fn check<R: Rasterizer<PlanarScene>>(
 
         let before = rasterizer.save(&cloud)?;
         let frame = match rasterizer.forward(&cloud, &view, &draw.settings) {
-            Err(Error::Unsupported { .. }) => {
+            Err(Error::Unsupported { .. }) if statistics != Statistics::MeanGradient => {
                 let refused = rasterizer.train_step(&mut cloud, &view, &target, &step);
                 let right = matches!(refused, Err(Error::Unsupported { .. })) && rasterizer.save(&cloud)? == before;
                 return Failure::unless(right, || format!("{place}: refused in a forward pass, but not in a step"));
@@ -74,7 +87,7 @@ fn check<R: Rasterizer<PlanarScene>>(
         let mut drawn = [0u32; 12];
         let (_, gradients) = rasterizer.backward(&cloud, frame, &target, &loss)?;
         for whole in [false, true] {
-            let scene = OracleScene::from(&rasterizer.download(&cloud)?);
+            let scene = rasterizer.download(&cloud)?.rows();
             let collected = oracle.statistics(&scene, &image, &loss)?;
             for (g, value) in of_step(&collected).iter().enumerate() {
                 expected[g] += value;

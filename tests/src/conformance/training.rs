@@ -12,6 +12,7 @@ use crate::{
     failure::Failure,
     oracle::{Oracle, OracleScene, best_colors, rate_of, rows_of_gradients},
     scenes::{Draw, Kind},
+    subject::Subject,
     tolerance::{FUSED_SHARE, LEAST_SQUARES, STATISTICS_SHARE},
 };
 
@@ -21,14 +22,14 @@ const CHARTS: [Chart; 2] = [Chart::ScaleRotation, Chart::LocalFrame];
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
-pub fn steps_decrease_the_loss<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Result<(), Failure> {
+pub fn steps_decrease_the_loss<S: Subject, R: Rasterizer<S>>(rasterizer: &R) -> Result<(), Failure> {
     let group = Group::constant(3e-3);
-    let adam = Adam { mean: group, scale: group, rotation: group, opacity: group, color: group, ..Adam::default() };
-    let rates = adam.at(0.0);
-    for chart in CHARTS {
+    let groups = Adam { mean: group, scale: group, rotation: group, ..S::adam() };
+    let rates = Adam { opacity: group, color: group, color_rest: group, ..groups }.at(0.0);
+    for &chart in S::CHARTS {
         for blend in [Blend::Sum, Blend::Over] {
             for loss in LOSSES {
-                let draw = Draw::new(Kind::Overlapping, blend, 12, (26, 22), 1400);
+                let draw = S::overlapping(blend, 12, (26, 22), 1403);
                 let image = draw.target()?;
                 let oracle = Oracle::new(draw.view, draw.settings)?;
                 let target = rasterizer.upload_target(&image)?;
@@ -37,7 +38,7 @@ pub fn steps_decrease_the_loss<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Re
                 let place = || format!("{chart:?}, {blend:?}, {loss:?}");
                 let mut last = f64::INFINITY;
                 for steps in 0..10 {
-                    let scene = OracleScene::from(&rasterizer.download(&cloud)?);
+                    let scene = rasterizer.download(&cloud)?.rows();
                     let now = oracle.loss(&scene, &image, &loss)?;
                     Failure::unless(now < last, || format!("{}: step {steps} led from {last} to {now}", place()))?;
                     rasterizer.train_step(&mut cloud, &draw.view, &target, &step)?;
@@ -57,14 +58,16 @@ pub fn steps_decrease_the_loss<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Re
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
-pub fn fused_steps_match_their_stages<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Result<(), Failure> {
+pub fn fused_steps_match_their_stages<S: Subject, R: Rasterizer<S>>(rasterizer: &R) -> Result<(), Failure> {
     // ε keeps a step in proportion to a gradient that is hardly more than rounding.
-    let rates = Adam { epsilon: 1e-3, ..Adam::default() }.at(0.0);
-    let own = Canvas::new(30, 24);
-    for (chart, view) in [(CHARTS[0], own), (CHARTS[1], own), (CHARTS[1], own.resized(43, 31))] {
+    let rates = Adam { epsilon: 1e-3, ..S::adam() }.at(0.0);
+    let last = S::CHARTS[S::CHARTS.len() - 1];
+    for (chart, size) in S::CHARTS.iter().map(|&chart| (chart, (30, 24))).chain([(last, (43, 31))]) {
         for blend in [Blend::Sum, Blend::Over] {
             for loss in LOSSES {
-                let draw = Draw::new(Kind::Typical, blend, 20, (30, 24), 1500).on([0.2, 0.4, 0.1]).through(view);
+                let draw = S::typical(blend, 20, (30, 24), 1503).on([0.2, 0.4, 0.1]);
+                let view = S::resized(&draw.view, size);
+                let draw = draw.through(view);
                 let target = rasterizer.upload_target(&draw.target()?)?;
                 let step = TrainStep { settings: &draw.settings, loss, rates: &rates, binning: Binning::Fresh };
                 let mut fused = rasterizer.upload(&draw.scene, chart)?;
@@ -84,17 +87,18 @@ pub fn fused_steps_match_their_stages<R: Rasterizer<PlanarScene>>(rasterizer: &R
                     Failure::unless(close, || format!("{place}, step {steps}: the loss is {a} fused, {b} in stages"))?;
                 }
                 let [a, b] = [&fused, &staged].map(|cloud| rasterizer.download(cloud));
-                let (a, b) = (OracleScene::from(&a?), OracleScene::from(&b?));
-                let start = OracleScene::from(&draw.scene);
+                let (a, b) = (a?.rows(), b?.rows());
+                let start = draw.scene.rows();
                 Failure::unless(a.gaussians.len() == 20, || format!("{place}: {} Gaussians", a.gaussians.len()))?;
                 Failure::unless(a != start, || format!("{place}: five steps moved nothing"))?;
                 for (g, (a, b)) in a.gaussians.iter().zip(&b.gaussians).enumerate() {
-                    for i in (0..9).filter(|&i| b[i].is_finite()) {
+                    for i in (0..b.len()).filter(|&i| b[i].is_finite()) {
                         // In local frames a step in the mean is as long as the Gaussian, up to 6 px.
-                        let moved = 5.0 * f64::from(rate_of(i, &rates).learning_rate) * if i < 2 { 6.0 } else { 2.0 };
+                        let moved = 5.0 * f64::from(rate_of(i, b.len(), &rates).learning_rate) * if i < 2 { 6.0 } else { 2.0 };
                         let tolerance = FUSED_SHARE * moved + 4.0 * f64::from(f32::EPSILON) * b[i].abs();
+                        let name = S::parameter_name(i);
                         Failure::unless((a[i] - b[i]).abs() <= tolerance, || {
-                            format!("{place}: parameter {i} of Gaussian {g} is {} fused, {} in stages", a[i], b[i])
+                            format!("{place}: {name} of Gaussian {g} is {} fused, {} in stages", a[i], b[i])
                         })?;
                     }
                 }

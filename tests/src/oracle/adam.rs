@@ -2,7 +2,9 @@
 
 use gs_core::adam::{AdamRates, Rate};
 
-use super::parameters::{OPACITY, OracleScene, Parameters, ROTATION};
+use super::parameters::{
+    COLOR, OPACITY, OracleScene, PARAMETER_NAMES, Parameters, QUATERNION, ROTATION, SPATIAL_OPACITY, SPATIAL_SH,
+};
 
 /// Parameters and moments of every Gaussian in the chart of ln-scale and rotation.
 #[derive(Debug, Clone, PartialEq)]
@@ -17,16 +19,21 @@ pub struct AdamReference {
 impl AdamReference {
     /// Starts at a scene with zero moments.
     pub fn new(scene: OracleScene) -> Self {
-        let count = scene.gaussians.len();
-        Self { scene, first: vec![[0.0; 9]; count], second: vec![[0.0; 9]; count], steps: vec![0; count] }
+        let zeros: Vec<Parameters> = scene.gaussians.iter().map(|g| vec![0.0; g.len()]).collect();
+        Self { steps: vec![0; zeros.len()], first: zeros.clone(), second: zeros, scene }
+    }
+
+    /// Goes on from moments and step counts.
+    pub fn resumed(scene: OracleScene, first: Vec<Parameters>, second: Vec<Parameters>, steps: Vec<i32>) -> Self {
+        Self { scene, first, second, steps }
     }
 
     /// Appends a Gaussian with zero moments.
     pub fn push(&mut self, gaussian: Parameters) {
-        self.scene.gaussians.push(gaussian);
-        self.first.push([0.0; 9]);
-        self.second.push([0.0; 9]);
+        self.first.push(vec![0.0; gaussian.len()]);
+        self.second.push(vec![0.0; gaussian.len()]);
         self.steps.push(0);
+        self.scene.gaussians.push(gaussian);
     }
 
     /// One step of all Gaussians.
@@ -40,8 +47,9 @@ impl AdamReference {
         let (floor, ceiling) = (f64::from(rates.min_scale).ln(), f64::from(rates.max_scale).ln());
         for &g in which {
             self.steps[g] += 1;
-            for i in 0..9 {
-                let Rate { learning_rate, beta1, beta2 } = *rate_of(i, rates);
+            let length = gradients[g].len();
+            for i in 0..length {
+                let Rate { learning_rate, beta1, beta2 } = *rate_of(i, length, rates);
                 let [rate, beta1, beta2] = [learning_rate, beta1, beta2].map(f64::from);
                 let gradient = gradients[g][i];
                 self.first[g][i] = beta1 * self.first[g][i] + (1.0 - beta1) * gradient;
@@ -50,21 +58,41 @@ impl AdamReference {
                 let second = self.second[g][i] / (1.0 - beta2.powi(self.steps[g]));
                 let value = &mut self.scene.gaussians[g][i];
                 *value -= rate * first / (second.sqrt() + f64::from(rates.epsilon));
-                if i == 2 || i == 3 {
+                if scales(length).contains(&i) {
                     *value = value.clamp(floor, ceiling);
                 }
             }
         }
     }
+
+    /// First moments, second moments and step count of a Gaussian.
+    pub fn moments(&self, index: usize) -> (&Parameters, &Parameters, i32) {
+        (&self.first[index], &self.second[index], self.steps[index])
+    }
 }
 
-/// The rate of the group that parameter `index` belongs to.
-pub(crate) fn rate_of(index: usize, rates: &AdamRates) -> &Rate {
+/// Where the ln-scales are in a row of `length`.
+fn scales(length: usize) -> std::ops::Range<usize> {
+    if length == PARAMETER_NAMES.len() { 2..ROTATION } else { 3..QUATERNION }
+}
+
+/// The rate of the group that parameter `index` of a row of `length` belongs to.
+pub fn rate_of(index: usize, length: usize, rates: &AdamRates) -> &Rate {
+    if length == PARAMETER_NAMES.len() {
+        return match index {
+            0 | 1 => &rates.mean,
+            2 | 3 => &rates.scale,
+            ROTATION => &rates.rotation,
+            OPACITY => &rates.opacity,
+            COLOR.. => &rates.color,
+        };
+    }
     match index {
-        0 | 1 => &rates.mean,
-        2 | 3 => &rates.scale,
-        ROTATION => &rates.rotation,
-        OPACITY => &rates.opacity,
-        _ => &rates.color,
+        0..3 => &rates.mean,
+        3..QUATERNION => &rates.scale,
+        QUATERNION..SPATIAL_OPACITY => &rates.rotation,
+        SPATIAL_OPACITY => &rates.opacity,
+        _ if index < SPATIAL_SH + 3 => &rates.color,
+        _ => &rates.color_rest,
     }
 }

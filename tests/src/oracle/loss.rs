@@ -3,7 +3,7 @@
 use gs_core::{Image, Loss};
 
 use super::{
-    project::F32_ROUNDING,
+    rounded::F32_ROUNDING,
     ssim::{Channel, Map},
 };
 

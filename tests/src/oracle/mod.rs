@@ -1,42 +1,50 @@
-//! The oracle: planar scenes rendered and differentiated in `f64`, densely, one pixel at a time; no tiles, no cut-offs but the
-//! defined ones. Slow and obvious; held against finite differences in this crate's own tests.
+//! The oracle: planar and spatial scenes rendered and differentiated in `f64`, densely, one pixel at a time; no tiles, no cut-offs but
+//! the defined ones. Slow and obvious; held against finite differences in this crate's own tests. What differs between the kinds of scenes,
+//! how one Gaussian is seen, is in `planar` and `perspective`; all else is common.
 //!
 //! Beside each number the oracle gives what `f32` arithmetic may change it by (`rounding`: a first-order error analysis, so that a
-//! needle is allowed more than a disc) and what decisions within rounding of their threshold may change it by (`flip`: the
-//! α cut, full pixels, clamped α, the kink of |C − Y|). [`tolerance`](crate::tolerance) makes comparisons of the two.
+//! needle is allowed more than a disc) and what decisions within rounding of their threshold may change it by (`flip`: guards,
+//! the order of depths, the α cut, full pixels, clamped α, the kink of |C − Y|). [`tolerance`](crate::tolerance) makes comparisons of the two.
 
 mod adam;
 mod least_squares;
 mod loss;
 mod parameters;
+mod perspective;
 mod pixel;
-mod project;
+mod planar;
+mod rounded;
+mod spherical_harmonics;
+mod splat;
 mod ssim;
 mod statistics;
 
 use gs_core::{
     Canvas, Error, Image, Loss, RenderSettings,
-    effects::{Antialias, Blend, Order, Outputs},
-    statistics::Culled,
+    effects::Blend,
+    statistics::{Cause, Culled},
 };
 
-pub(crate) use self::adam::rate_of;
+use self::{pixel::Pixel, splat::Share};
 pub use self::{
-    adam::AdamReference,
+    adam::{AdamReference, rate_of},
     least_squares::best_colors,
-    parameters::{COLOR, OPACITY, OracleScene, PARAMETER_NAMES, Parameters, ROTATION, rows_of_gradients},
+    parameters::{
+        COLOR, OPACITY, OracleScene, PARAMETER_NAMES, Parameters, QUATERNION, ROTATION, SPATIAL_OPACITY, SPATIAL_SH,
+        rows_of_gradients,
+    },
+    perspective::SpatialSplat,
+    planar::PlanarSplat,
+    rounded::Rounded,
+    splat::{Appearance, Depth, Exponent, Lean, OracleView, Projection, Splat},
     statistics::StepStatistics,
-};
-use self::{
-    pixel::{Lean, Pixel},
-    project::{Projected, Projection},
 };
 use crate::tolerance::ROUNDINGS;
 
-/// Renders planar scenes through one canvas with one set of settings, and differentiates the result.
+/// Renders scenes through one view with one set of settings, and differentiates the result.
 #[derive(Debug, Clone, Copy)]
-pub struct Oracle {
-    view: Canvas,
+pub struct Oracle<V = Canvas> {
+    view: V,
     settings: RenderSettings,
 }
 
@@ -92,24 +100,20 @@ impl Rendering {
     }
 }
 
-impl Oracle {
+impl<V: OracleView> Oracle<V> {
     /// An oracle for one view.
     ///
     /// # Errors
-    /// [`Error::Size`] or [`Error::Setting`] for an impossible view or settings; [`Error::Unsupported`] for effects beyond order by
-    /// index, both blends and backgrounds.
-    pub fn new(view: Canvas, settings: RenderSettings) -> Result<Self, Error> {
-        view.validate()?;
+    /// [`Error::Size`] or [`Error::Setting`] for an impossible view or settings; [`Error::Unsupported`] for effects that there are no
+    /// definitions of.
+    pub fn new(view: V, settings: RenderSettings) -> Result<Self, Error> {
         settings.validate()?;
-        let effects = settings.effects;
-        if effects.order != Order::Index || effects.antialias != Antialias::None || effects.outputs != Outputs::Color {
-            return Err(Error::Unsupported { backend: "oracle", effect: format!("{effects:?}") });
-        }
+        view.check(&settings)?;
         Ok(Self { view, settings })
     }
 
-    /// The canvas it looks through.
-    pub fn view(&self) -> Canvas {
+    /// The view it looks through.
+    pub fn view(&self) -> V {
         self.view
     }
 
@@ -123,50 +127,57 @@ impl Oracle {
         self.rendering(scene, &self.blend(scene, Lean::Exact))
     }
 
+    /// What each Gaussian is on the image, or why it is left out by a guard; `[N]`.
+    pub fn project(&self, scene: &OracleScene) -> Vec<Projection<V::Splat>> {
+        scene.gaussians.iter().map(|g| self.view.project(g, &self.settings, Lean::Exact)).collect()
+    }
+
     /// The loss of a scene, without its gradients.
     ///
     /// # Errors
-    /// [`Error::SizesDiffer`] where the target has not the canvas's size.
+    /// [`Error::SizesDiffer`] where the target has not the view's size.
     pub fn loss(&self, scene: &OracleScene, target: &Image, loss: &Loss) -> Result<f64, Error> {
         self.check_target(target)?;
         let image = self.render(scene);
-        let at = loss::evaluate(loss, self.view.width as usize, &image.pixels, &image.rounding, target, 0.0);
+        let at = loss::evaluate(loss, image.width as usize, &image.pixels, &image.rounding, target, 0.0);
         Ok(at.value)
     }
 
     /// The loss of a scene and its gradients with respect to every parameter.
     ///
     /// # Errors
-    /// [`Error::SizesDiffer`] where the target has not the canvas's size.
+    /// [`Error::SizesDiffer`] where the target has not the view's size.
     pub fn gradients(&self, scene: &OracleScene, target: &Image, loss: &Loss) -> Result<Gradients, Error> {
         self.check_target(target)?;
-        let width = self.view.width as usize;
         let exact = self.blend(scene, Lean::Exact);
         let rendering = self.rendering(scene, &exact);
+        let width = rendering.width as usize;
         let at_exact = loss::evaluate(loss, width, &rendering.pixels, &rendering.rounding, target, 0.0);
         let count = scene.gaussians.len();
-        let zeros = || vec![[0.0; 9]; count];
-        let mut gradients = Gradients {
-            loss: at_exact.value,
-            loss_rounding: 0.0,
-            loss_flip: 0.0,
-            values: zeros(),
-            rounding: zeros(),
-            flip: zeros(),
-        };
+        let chain = Chain::of(&self.project(scene), scene);
+        let mut shares = vec![[0.0; 9]; count];
+        let mut rounding: Vec<Parameters> = scene.gaussians.iter().map(|g| vec![0.0; g.len()]).collect();
+        let (mut loss_rounding, mut loss_flip) = (0.0, 0.0);
         for (p, pixel) in exact.iter().enumerate() {
             let (v, v_rounding) = (at_exact.v_color[p], at_exact.v_rounding[p]);
-            for (rows, shares) in [
-                (&mut gradients.values, pixel.gradients(v)),
-                (&mut gradients.rounding, pixel.gradient_rounding(v, v_rounding)),
-            ] {
-                add(rows, &shares, 1.0);
+            add(&mut shares, &pixel.gradients(v));
+            for (g, together, own) in pixel.gradient_rounding(v, v_rounding) {
+                chain.add_rounding(g, &together, &own, &mut rounding[g]);
             }
             for k in 0..3 {
-                gradients.loss_rounding += v[k].abs() * rendering.rounding[p][k];
-                gradients.loss_flip += 2.0 * v[k].abs() * rendering.flip[p][k];
+                loss_rounding += v[k].abs() * rendering.rounding[p][k];
+                loss_flip += 2.0 * v[k].abs() * rendering.flip[p][k];
             }
         }
+        (0..count).for_each(|g| chain.add_own_rounding(g, &shares[g], &mut rounding[g]));
+        let mut gradients = Gradients {
+            loss: at_exact.value,
+            loss_rounding,
+            loss_flip,
+            values: (0..count).map(|g| chain.parameters(g, &shares[g])).collect(),
+            rounding,
+            flip: scene.gaussians.iter().map(|g| vec![0.0; g.len()]).collect(),
+        };
         // A second opinion from either side: every decision within rounding taken the other way.
         for (lean, direction) in [(Lean::More, 1.0), (Lean::Fewer, -1.0)] {
             let other = self.blend(scene, lean);
@@ -174,15 +185,14 @@ impl Oracle {
             let at_other = loss::evaluate(loss, width, &pixels, &rendering.rounding, target, direction * ROUNDINGS);
             for (p, (pixel, twin)) in exact.iter().zip(&other).enumerate() {
                 let (v, v_other) = (at_exact.v_color[p], at_other.v_color[p]);
-                if pixel.near == 0 && v == v_other {
+                let several = f64::from(pixel.near.max(twin.near));
+                if several == 0.0 && v == v_other {
                     continue;
                 }
-                let mut change = zeros();
-                add(&mut change, &twin.gradients(v_other), 1.0);
-                add(&mut change, &pixel.gradients(v), -1.0);
-                let several = f64::from(pixel.near.max(1));
-                for (row, change) in gradients.flip.iter_mut().zip(&change) {
-                    (0..9).for_each(|i| row[i] += several * change[i].abs());
+                for (g, change) in differences(&pixel.gradients(v), &twin.gradients(v_other)) {
+                    for (flip, change) in gradients.flip[g].iter_mut().zip(chain.parameters(g, &change)) {
+                        *flip += several.max(1.0) * change.abs();
+                    }
                 }
             }
         }
@@ -190,31 +200,25 @@ impl Oracle {
     }
 
     fn check_target(&self, target: &Image) -> Result<(), Error> {
-        if target.size() == (self.view.width, self.view.height) {
+        let (left_width, left_height) = self.view.size();
+        let (right_width, right_height) = target.size();
+        if (left_width, left_height) == (right_width, right_height) {
             return Ok(());
         }
-        Err(Error::SizesDiffer {
-            left_width: self.view.width,
-            left_height: self.view.height,
-            right_width: target.width(),
-            right_height: target.height(),
-        })
-    }
-
-    fn project(&self, scene: &OracleScene) -> Vec<Projection> {
-        scene.gaussians.iter().map(|g| Projection::of(g, &self.view)).collect()
+        Err(Error::SizesDiffer { left_width, left_height, right_width, right_height })
     }
 
     fn blend(&self, scene: &OracleScene, lean: Lean) -> Vec<Pixel> {
-        let drawable: Vec<Option<Projected>> = self
-            .project(scene)
-            .into_iter()
-            .map(|g| match g {
-                Projection::Drawable(projected) => Some(projected),
-                Projection::NotFinite | Projection::Degenerate => None,
+        let drawable: Vec<Option<V::Splat>> = scene
+            .gaussians
+            .iter()
+            .map(|g| match self.view.project(g, &self.settings, lean) {
+                Projection::Drawable(splat) => Some(splat),
+                Projection::Left(_) => None,
             })
             .collect();
-        let centers = (0..self.view.height).flat_map(|y| (0..self.view.width).map(move |x| (x, y)));
+        let (width, height) = self.view.size();
+        let centers = (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
         centers
             .map(|(x, y)| Pixel::blend(&drawable, [f64::from(x) + 0.5, f64::from(y) + 0.5], &self.settings, lean))
             .collect()
@@ -225,19 +229,19 @@ impl Oracle {
         pixels.iter().flat_map(Pixel::touched).for_each(|index| drawn[index] = true);
         let mut culled = Culled::default();
         let cut = f64::from(self.settings.accuracy.alpha_cut);
+        let over = self.settings.effects.blend == Blend::Over;
         for (g, &drawn) in self.project(scene).iter().zip(&drawn) {
             match g {
-                Projection::NotFinite => culled.not_finite += 1,
-                Projection::Degenerate => culled.degenerate += 1,
-                Projection::Drawable(g) if self.settings.effects.blend == Blend::Over && g.opacity < cut => {
-                    culled.transparent += 1;
-                }
-                Projection::Drawable(_) => culled.outside += u32::from(!drawn),
+                Projection::Left(cause) => culled.count(*cause),
+                Projection::Drawable(g) if over && g.appearance().opacity < cut => culled.count(Cause::Transparent),
+                Projection::Drawable(_) if !drawn => culled.count(Cause::Outside),
+                Projection::Drawable(_) => {}
             }
         }
+        let (width, height) = self.view.size();
         Rendering {
-            width: self.view.width,
-            height: self.view.height,
+            width,
+            height,
             pixels: pixels.iter().map(|p| p.color).collect(),
             rounding: pixels.iter().map(|p| p.rounding).collect(),
             flip: pixels.iter().map(|p| p.flip).collect(),
@@ -252,8 +256,58 @@ impl Oracle {
     }
 }
 
-fn add(rows: &mut [Parameters], shares: &[(usize, Parameters)], factor: f64) {
-    for (index, share) in shares {
-        (0..9).for_each(|i| rows[*index][i] += factor * share[i]);
+/// From what Gaussians are on the image to their parameters.
+struct Chain {
+    /// ∂(share)/∂(parameters) of each Gaussian, a row for each parameter; zeros where it is left out.
+    jacobians: Vec<Vec<[Rounded; 9]>>,
+}
+
+impl Chain {
+    fn of<T: Splat>(projected: &[Projection<T>], scene: &OracleScene) -> Self {
+        let jacobians = projected.iter().zip(&scene.gaussians).map(|(projection, g)| match projection {
+            Projection::Drawable(splat) => splat.jacobian(),
+            Projection::Left(_) => vec![[Rounded::ZERO; 9]; g.len()],
+        });
+        Self { jacobians: jacobians.collect() }
     }
+
+    /// A share of Gaussian `g` in its parameters.
+    fn parameters(&self, g: usize, share: &Share) -> Parameters {
+        self.jacobians[g].iter().map(|row| (0..9).map(|j| row[j].value * share[j]).sum()).collect()
+    }
+
+    /// What an uncertain share of one pixel may change [`Self::parameters`] by; see [`Pixel::gradient_rounding`].
+    fn add_rounding(&self, g: usize, together: &[Share; 3], own: &Share, rounding: &mut Parameters) {
+        for (sum, row) in rounding.iter_mut().zip(&self.jacobians[g]) {
+            for part in together {
+                *sum += (0..9).map(|j| row[j].value * part[j]).sum::<f64>().abs();
+            }
+            *sum += (0..9).map(|j| row[j].value.abs() * own[j]).sum::<f64>();
+        }
+    }
+
+    /// What the uncertain derivatives themselves may change it by.
+    fn add_own_rounding(&self, g: usize, share: &Share, rounding: &mut Parameters) {
+        for (sum, row) in rounding.iter_mut().zip(&self.jacobians[g]) {
+            *sum += (0..9).map(|j| row[j].error * share[j].abs()).sum::<f64>();
+        }
+    }
+}
+
+fn add(sums: &mut [Share], shares: &[(usize, Share)]) {
+    for (index, share) in shares {
+        (0..9).for_each(|i| sums[*index][i] += share[i]);
+    }
+}
+
+/// What the second list has more than the first, for each Gaussian in either.
+fn differences(first: &[(usize, Share)], second: &[(usize, Share)]) -> Vec<(usize, Share)> {
+    let mut all: std::collections::BTreeMap<usize, Share> = std::collections::BTreeMap::new();
+    for (shares, sign) in [(first, -1.0), (second, 1.0)] {
+        for (index, share) in shares {
+            let sum = all.entry(*index).or_insert([0.0; 9]);
+            (0..9).for_each(|i| sum[i] += sign * share[i]);
+        }
+    }
+    all.into_iter().collect()
 }

@@ -1,23 +1,36 @@
-//! A planar scene in `f64`: nine numbers a Gaussian, so that finite differences can nudge any of them.
+//! Scenes in `f64`: a row of numbers for each Gaussian, so that finite differences can nudge any of them.
 
-use gs_core::PlanarScene;
+use gs_core::{PlanarScene, Scene, SpatialScene};
 
-/// All parameters of one Gaussian, in this order: mean x, mean y (px of the plane), ln-scale 1, ln-scale 2 (ln px), rotation (rad),
-/// opacity logit, red, green, blue. Also used for whatever exists once per parameter: gradients, moments, tolerances.
-pub type Parameters = [f64; 9];
+/// All parameters of one Gaussian. Of planar scenes: mean x, mean y (px of the plane), ln-scale 1, ln-scale 2 (ln px), rotation (rad),
+/// opacity logit, red, green, blue. Of spatial scenes: mean x, y, z (world units), ln-scale 1 to 3, quaternion w, x, y, z, opacity logit,
+/// then the SH coefficients, each red, green, blue. Also used for whatever exists once per parameter: gradients, moments, tolerances.
+pub type Parameters = Vec<f64>;
 
-/// What each entry of [`Parameters`] is.
+/// What each entry of a planar Gaussian's [`Parameters`] is.
 pub const PARAMETER_NAMES: [&str; 9] =
     ["mean x", "mean y", "ln-scale 1", "ln-scale 2", "rotation", "opacity logit", "red", "green", "blue"];
 
-/// Index of the rotation in [`Parameters`].
+/// Index of a planar Gaussian's rotation in [`Parameters`].
 pub const ROTATION: usize = 4;
-/// Index of the opacity logit in [`Parameters`].
+/// Index of a planar Gaussian's opacity logit in [`Parameters`].
 pub const OPACITY: usize = 5;
-/// Index of red in [`Parameters`]; green and blue follow.
+/// Index of a planar Gaussian's red in [`Parameters`]; green and blue follow.
 pub const COLOR: usize = 6;
 
-/// A planar scene as the oracle sees it.
+/// Index of a spatial Gaussian's quaternion in [`Parameters`].
+pub const QUATERNION: usize = 6;
+/// Index of a spatial Gaussian's opacity logit in [`Parameters`].
+pub const SPATIAL_OPACITY: usize = 10;
+/// Index of a spatial Gaussian's first SH coefficient in [`Parameters`].
+pub const SPATIAL_SH: usize = 11;
+
+/// SH coefficients per channel in a row of a spatial scene.
+pub(crate) fn sh_len(row: &[f64]) -> usize {
+    row.len().saturating_sub(SPATIAL_SH) / 3
+}
+
+/// A scene as the oracle sees it.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct OracleScene {
     /// The Gaussians in order; without stored opacities their logits are +∞.
@@ -26,24 +39,24 @@ pub struct OracleScene {
 
 impl From<&PlanarScene> for OracleScene {
     fn from(scene: &PlanarScene) -> Self {
-        let gaussians = scene
-            .iter()
-            .map(|g| {
-                let all = [
-                    g.mean.x,
-                    g.mean.y,
-                    g.log_scale.x,
-                    g.log_scale.y,
-                    g.rotation,
-                    g.opacity_logit,
-                    g.color.x,
-                    g.color.y,
-                    g.color.z,
-                ];
-                all.map(f64::from)
-            })
-            .collect();
-        Self { gaussians }
+        let gaussians = scene.iter().map(|g| {
+            let rest = [g.rotation, g.opacity_logit];
+            let all = g.mean.to_array().into_iter().chain(g.log_scale.to_array()).chain(rest);
+            all.chain(g.color.to_array()).map(f64::from).collect()
+        });
+        Self { gaussians: gaussians.collect() }
+    }
+}
+
+impl From<&SpatialScene> for OracleScene {
+    fn from(scene: &SpatialScene) -> Self {
+        let gaussians = (0..scene.len()).map(|i| {
+            let g = scene.gaussian(i);
+            let shape = g.mean.to_array().into_iter().chain(g.log_scale.to_array()).chain(g.rotation);
+            let color = g.sh.iter().flat_map(|c| c.to_array());
+            shape.chain([g.opacity_logit]).chain(color).map(f64::from).collect()
+        });
+        Self { gaussians: gaussians.collect() }
     }
 }
 

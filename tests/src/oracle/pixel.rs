@@ -1,44 +1,23 @@
-//! One pixel, all Gaussians: what it shows, what each Gaussian has to do with that, and how near it is to a discontinuity.
+//! One pixel, all Gaussians: what it shows, what each Gaussian has to do with that, and how near it is to a discontinuity. The same for all
+//! kinds of views.
 //!
 //! Legend: w = weight, o = opacity, α = min(o·w, α_max), T = transmittance in front of a Gaussian, B = what is seen behind it,
 //! `v_x` = ∂L/∂x.
 
 use gs_core::{
     RenderSettings,
-    effects::Blend,
+    effects::{Blend, Order},
     settings::{Accuracy, Cut},
 };
 
 use super::{
-    parameters::{COLOR, OPACITY, Parameters},
-    project::{Exponent, F32_ROUNDING, Projected},
+    rounded::F32_ROUNDING,
+    splat::{COLOR_SHARE, Depth, Exponent, Lean, OPACITY_SHARE, Share, Splat},
 };
 use crate::tolerance::{NEAR_CUT, ROUNDINGS};
 
 /// Roundings of one weight besides those of its σ: the exponential, products, sums.
 const OPERATIONS: f64 = 8.0;
-
-/// To which side decisions fall that are within rounding of their threshold.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Lean {
-    /// As `f64` has it.
-    Exact,
-    /// Whatever nearly counts, counts.
-    More,
-    /// Whatever nearly does not count, does not.
-    Fewer,
-}
-
-impl Lean {
-    /// Whether `value` reaches `threshold`, give or take a relative `band`.
-    fn reaches(self, value: f64, threshold: f64, band: f64) -> bool {
-        match self {
-            Self::Exact => value >= threshold,
-            Self::More => value * (1.0 + band) >= threshold,
-            Self::Fewer => value * (1.0 - band) >= threshold,
-        }
-    }
-}
 
 /// One Gaussian that counts at a pixel.
 #[derive(Debug, Clone, Copy)]
@@ -46,7 +25,10 @@ struct Touch {
     index: usize,
     exponent: Exponent,
     color: [f64; 3],
-    opacity: f64,
+    color_rounding: [f64; 3],
+    opacity_slope: f64,
+    /// exp(−σ).
+    weight: f64,
     /// w under `Sum`, o·w under `Over`.
     value: f64,
     /// `value`, clamped under `Over`.
@@ -61,6 +43,20 @@ struct Touch {
     transmittance_rounding: f64,
 }
 
+/// One Gaussian that may count at a pixel.
+struct Candidate<'s, T> {
+    index: usize,
+    splat: &'s T,
+    exponent: Exponent,
+    weight: f64,
+    /// o·w.
+    value: f64,
+    /// Relative rounding of `value`.
+    rounding: f64,
+    /// Whether rounding may put it in front of its predecessor.
+    tied: bool,
+}
+
 /// One pixel, blended.
 #[derive(Debug, Clone)]
 pub(crate) struct Pixel {
@@ -73,13 +69,13 @@ pub(crate) struct Pixel {
     pub(crate) rounding: [f64; 3],
     /// What decisions that are within rounding may change `color` by.
     pub(crate) flip: [f64; 3],
-    /// How many decisions (cut, full, clamp) are within rounding.
+    /// How many decisions (guard, order, cut, full, clamp) are within rounding.
     pub(crate) near: u32,
 }
 
 impl Pixel {
-    /// Blends all Gaussians, in order, at the pixel centre `p`.
-    pub(crate) fn blend(projected: &[Option<Projected>], p: [f64; 2], settings: &RenderSettings, lean: Lean) -> Self {
+    /// Blends all Gaussians, in the order that the settings ask for, at the pixel centre `p`.
+    pub(crate) fn blend<T: Splat>(splats: &[Option<T>], p: [f64; 2], settings: &RenderSettings, lean: Lean) -> Self {
         let backdrop = settings.backdrop().map(f64::from);
         let mut pixel = Self {
             touches: Vec::new(),
@@ -91,32 +87,40 @@ impl Pixel {
             near: 0,
         };
         match settings.effects.blend {
-            Blend::Sum => pixel.sum(projected, p, &settings.accuracy, lean),
-            Blend::Over => pixel.over(projected, p, &settings.accuracy, lean),
+            Blend::Sum => pixel.sum(splats, p, &settings.accuracy, lean),
+            Blend::Over => {
+                let mut candidates = candidates(splats, p, &settings.accuracy);
+                arrange(&mut candidates, p, settings.effects.order, lean);
+                pixel.over(&candidates, &settings.accuracy, lean);
+            }
         }
         pixel
     }
 
     /// C = backdrop + Σ w c, w cut.
-    fn sum(&mut self, projected: &[Option<Projected>], p: [f64; 2], accuracy: &Accuracy, lean: Lean) {
+    fn sum<T: Splat>(&mut self, splats: &[Option<T>], p: [f64; 2], accuracy: &Accuracy, lean: Lean) {
         self.color = self.backdrop;
         self.rounding = self.backdrop.map(|b| F32_ROUNDING * b.abs());
-        for (index, g) in projected.iter().enumerate().filter_map(|(i, g)| g.as_ref().map(|g| (i, g))) {
-            let exponent = g.exponent(p);
+        for (index, splat) in splats.iter().enumerate().filter_map(|(i, splat)| splat.as_ref().map(|s| (i, s))) {
+            let (exponent, seen) = (splat.exponent(p), splat.appearance());
             let w = (-exponent.sigma).exp();
             let value_rounding = exponent.rounding + OPERATIONS * F32_ROUNDING;
-            if !self.survives_cut(w, value_rounding, accuracy, lean, g.color.map(|c| w * c.abs())) {
+            let change = seen.color.map(|c| w * c.abs());
+            if !self.survives_cut(w, value_rounding, accuracy, lean, change) {
                 continue;
             }
+            self.take_note(seen.undecided, change);
             for k in 0..3 {
-                self.color[k] += w * g.color[k];
-                self.rounding[k] += w * g.color[k].abs() * value_rounding;
+                self.color[k] += w * seen.color[k];
+                self.rounding[k] += w * (seen.color[k].abs() * value_rounding + seen.color_rounding[k]);
             }
             self.touches.push(Touch {
                 index,
                 exponent,
-                color: g.color,
-                opacity: 1.0,
+                color: seen.color,
+                color_rounding: seen.color_rounding,
+                opacity_slope: 0.0,
+                weight: w,
                 value: w,
                 alpha: w,
                 clamped: false,
@@ -128,19 +132,23 @@ impl Pixel {
     }
 
     /// C = Σ T α c + T backdrop, front to back, until the pixel is full.
-    fn over(&mut self, projected: &[Option<Projected>], p: [f64; 2], accuracy: &Accuracy, lean: Lean) {
+    fn over<T: Splat>(&mut self, candidates: &[Candidate<'_, T>], accuracy: &Accuracy, lean: Lean) {
         let (alpha_max, minimum) = (f64::from(accuracy.alpha_max), f64::from(accuracy.transmittance_min));
         let mut brightest = self.backdrop.map(f64::abs);
-        projected.iter().flatten().for_each(|g| (0..3).for_each(|k| brightest[k] = brightest[k].max(g.color[k].abs())));
+        for candidate in candidates {
+            let color = candidate.splat.appearance().color;
+            (0..3).for_each(|k| brightest[k] = brightest[k].max(color[k].abs()));
+        }
         let (mut t, mut t_rounding) = (1.0, 0.0);
-        for (index, g) in projected.iter().enumerate().filter_map(|(i, g)| g.as_ref().map(|g| (i, g))) {
-            let exponent = g.exponent(p);
-            let value = g.opacity * (-exponent.sigma).exp();
-            let value_rounding = exponent.rounding + OPERATIONS * F32_ROUNDING;
+        let mut run_start = 0;
+        for candidate in candidates {
+            let (seen, value, value_rounding) = (candidate.splat.appearance(), candidate.value, candidate.rounding);
             // Including it or not replaces α of what is behind by its own colour.
-            if !self.survives_cut(value, value_rounding, accuracy, lean, brightest.map(|b| 2.0 * t * value * b)) {
+            let change = brightest.map(|b| 2.0 * t * value * b);
+            if !self.survives_cut(value, value_rounding, accuracy, lean, change) {
                 continue;
             }
+            self.take_note(seen.undecided, change);
             let alpha = value.min(alpha_max);
             // Here the image is continuous, but the gradient is not.
             let clamp_band = ROUNDINGS * value_rounding;
@@ -152,21 +160,30 @@ impl Pixel {
             let behind_rounding = t_rounding + alpha_rounding * alpha / (1.0 - alpha) + F32_ROUNDING;
             let full_band = NEAR_CUT.max(ROUNDINGS * behind_rounding);
             if (behind - minimum).abs() <= full_band * minimum {
-                self.near += 1;
-                (0..3).for_each(|k| self.flip[k] += 2.0 * t * brightest[k]);
+                self.take_note(true, brightest.map(|b| 2.0 * t * b));
             }
             if !lean.reaches(behind, minimum, full_band) {
                 break;
             }
+            // Two neighbours that change places change the pixel by T αᵢ αⱼ (cᵢ − cⱼ).
+            run_start = if candidate.tied { run_start } else { self.touches.len() };
+            for swapped in run_start..self.touches.len() {
+                let other = self.touches[swapped];
+                let both = other.transmittance * other.alpha * alpha;
+                self.take_note(true, [0, 1, 2].map(|k| both * (other.color[k] - seen.color[k]).abs()));
+            }
             for k in 0..3 {
-                self.color[k] += t * alpha * g.color[k];
-                self.rounding[k] += t * alpha * g.color[k].abs() * (alpha_rounding + t_rounding + F32_ROUNDING);
+                let relative = alpha_rounding + t_rounding + F32_ROUNDING;
+                self.color[k] += t * alpha * seen.color[k];
+                self.rounding[k] += t * alpha * (seen.color[k].abs() * relative + seen.color_rounding[k]);
             }
             self.touches.push(Touch {
-                index,
-                exponent,
-                color: g.color,
-                opacity: g.opacity,
+                index: candidate.index,
+                exponent: candidate.exponent,
+                color: seen.color,
+                color_rounding: seen.color_rounding,
+                opacity_slope: seen.opacity_slope,
+                weight: candidate.weight,
                 value,
                 alpha,
                 clamped,
@@ -189,11 +206,16 @@ impl Pixel {
         }
         let cut = f64::from(accuracy.alpha_cut);
         let band = NEAR_CUT.max(ROUNDINGS * rounding);
-        if (value / cut - 1.0).abs() <= band {
+        self.take_note((value / cut - 1.0).abs() <= band, change);
+        lean.reaches(value, cut, band)
+    }
+
+    /// Counts a decision about `change` that is within rounding.
+    fn take_note(&mut self, within_rounding: bool, change: [f64; 3]) {
+        if within_rounding {
             self.near += 1;
             (0..3).for_each(|k| self.flip[k] += change[k]);
         }
-        lean.reaches(value, cut, band)
     }
 
     /// The Gaussians that count.
@@ -211,10 +233,10 @@ impl Pixel {
         self.touches.iter().map(|touch| (touch.index, touch.value))
     }
 
-    /// This pixel's share of ∂L/∂(parameters), per Gaussian that counts, from v_C.
+    /// This pixel's shares, per Gaussian that counts, from v_C.
     ///
     /// Under `Over`, C = … + T (α c + (1 − α) B), so v_α = T (c − B) · v_C, with B gathered from the back.
-    pub(crate) fn gradients(&self, v_color: [f64; 3]) -> Vec<(usize, Parameters)> {
+    pub(crate) fn gradients(&self, v_color: [f64; 3]) -> Vec<(usize, Share)> {
         let mut behind = self.backdrop;
         let mut shares: Vec<_> = self
             .touches
@@ -229,10 +251,10 @@ impl Pixel {
                     for (entry, derivative) in share.iter_mut().zip(touch.exponent.derivatives) {
                         *entry = -v_alpha * touch.value * derivative;
                     }
-                    share[OPACITY] = v_alpha * touch.value * (1.0 - touch.opacity);
+                    share[OPACITY_SHARE] = v_alpha * touch.weight * touch.opacity_slope;
                 }
                 for k in 0..3 {
-                    share[COLOR + k] = v_color[k] * touch.transmittance * touch.alpha;
+                    share[COLOR_SHARE + k] = v_color[k] * touch.transmittance * touch.alpha;
                 }
                 (touch.index, share)
             })
@@ -241,11 +263,13 @@ impl Pixel {
         shares
     }
 
-    /// What `f32` may change [`Self::gradients`] by, in roundings, where v_C itself is uncertain by `v_rounding`.
+    /// What `f32` may change [`Self::gradients`] by, in roundings, where v_C itself is uncertain by `v_rounding`: parts that change all
+    /// numbers of a share together (what it is multiplied with, and the centre's two coordinates), and a part of each number's own.
     ///
     /// Allows for the usual way to find B: the finished colour less what is in front, divided by T (1 − α).
-    pub(crate) fn gradient_rounding(&self, v_color: [f64; 3], v_rounding: [f64; 3]) -> Vec<(usize, Parameters)> {
+    pub(crate) fn gradient_rounding(&self, v_color: [f64; 3], v_rounding: [f64; 3]) -> Vec<(usize, [Share; 3], Share)> {
         let mut behind = self.backdrop.map(f64::abs);
+        let mut behind_rounding = [0.0; 3];
         let mut all = behind;
         for touch in self.touches.iter().rev() {
             all = [0, 1, 2].map(|k| touch.alpha * touch.color[k].abs() + (1.0 - touch.alpha) * all[k]);
@@ -262,29 +286,77 @@ impl Pixel {
                     let size = touch.transmittance * (touch.color[k].abs() + if over { behind[k] } else { 0.0 });
                     v_alpha += v_color[k].abs() * size;
                     v_alpha_rounding += v_rounding[k] * size;
+                    v_alpha_rounding +=
+                        v_color[k].abs() * touch.transmittance * (touch.color_rounding[k] + behind_rounding[k]);
                     if over {
                         v_alpha_rounding += v_color[k].abs() * OPERATIONS * F32_ROUNDING * all[k] / (1.0 - touch.alpha);
                     }
                 }
-                behind = [0, 1, 2].map(|k| touch.alpha * touch.color[k].abs() + (1.0 - touch.alpha) * behind[k]);
-                let mut share = [0.0; 9];
+                let through = 1.0 - touch.alpha;
+                behind = [0, 1, 2].map(|k| touch.alpha * touch.color[k].abs() + through * behind[k]);
+                if over {
+                    behind_rounding =
+                        [0, 1, 2].map(|k| touch.alpha * touch.color_rounding[k] + through * behind_rounding[k]);
+                }
+                let (mut together, mut own) = ([[0.0; 9]; 3], [0.0; 9]);
                 if !touch.clamped {
                     let uncertain = v_alpha * relative + v_alpha_rounding;
-                    let Exponent { derivatives, magnitudes, .. } = touch.exponent;
-                    for (i, entry) in share[..5].iter_mut().enumerate() {
-                        let own = v_alpha * OPERATIONS * F32_ROUNDING * magnitudes[i];
-                        *entry = touch.value * (uncertain * derivatives[i].abs() + own);
+                    let Exponent { derivatives, derivative_rounding, displaced, .. } = touch.exponent;
+                    for i in 0..5 {
+                        together[0][i] = touch.value * uncertain * derivatives[i];
+                        together[1][i] = touch.value * v_alpha * displaced[0][i];
+                        together[2][i] = touch.value * v_alpha * displaced[1][i];
+                        own[i] = touch.value * v_alpha * derivative_rounding[i];
                     }
-                    share[OPACITY] = uncertain * touch.value * (1.0 - touch.opacity);
+                    own[OPACITY_SHARE] = uncertain * touch.weight * touch.opacity_slope;
                 }
                 for k in 0..3 {
                     let size = touch.transmittance * touch.alpha;
-                    share[COLOR + k] = size * (v_color[k].abs() * relative + v_rounding[k]);
+                    own[COLOR_SHARE + k] = size * (v_color[k].abs() * relative + v_rounding[k]);
                 }
-                (touch.index, share)
+                (touch.index, together, own)
             })
             .collect();
         shares.reverse();
         shares
     }
+}
+
+/// All that may survive the cut at the pixel centre `p`, in the order of the scene.
+fn candidates<'s, T: Splat>(splats: &'s [Option<T>], p: [f64; 2], accuracy: &Accuracy) -> Vec<Candidate<'s, T>> {
+    let there = splats.iter().enumerate().filter_map(|(i, splat)| splat.as_ref().map(|s| (i, s)));
+    let all = there.map(|(index, splat)| {
+        let (exponent, seen) = (splat.exponent(p), splat.appearance());
+        let weight = (-exponent.sigma).exp();
+        let rounding = exponent.rounding + seen.opacity_rounding + OPERATIONS * F32_ROUNDING;
+        Candidate { index, splat, exponent, weight, value: seen.opacity * weight, rounding, tied: false }
+    });
+    let cut = f64::from(accuracy.alpha_cut);
+    all.filter(|c| {
+        let band = NEAR_CUT.max(ROUNDINGS * c.rounding);
+        accuracy.cut == Cut::Smooth || Lean::More.reaches(c.value, cut, band) || c.value >= cut * (1.0 - band)
+    })
+    .collect()
+}
+
+/// Puts them in order, and takes note of neighbours whose order is within rounding; these are reversed where decisions lean either way.
+fn arrange<T: Splat>(candidates: &mut Vec<Candidate<'_, T>>, p: [f64; 2], order: Order, lean: Lean) {
+    if order == Order::Index {
+        return;
+    }
+    let mut by_depth: Vec<(Depth, Candidate<'_, T>)> =
+        candidates.drain(..).map(|c| (c.splat.depth(p, order), c)).collect();
+    by_depth.sort_by(|(a, _), (b, _)| a.value.total_cmp(&b.value)); // Stable: ties by index.
+    for i in 1..by_depth.len() {
+        by_depth[i].1.tied = by_depth[i].0.is_tied_with(&by_depth[i - 1].0);
+    }
+    if lean != Lean::Exact {
+        for run in by_depth.chunk_by_mut(|_, next| next.1.tied) {
+            run.reverse();
+            let last = run.len() - 1;
+            run[last].1.tied = last > 0;
+            run[0].1.tied = false;
+        }
+    }
+    candidates.extend(by_depth.into_iter().map(|(_, candidate)| candidate));
 }

@@ -2,7 +2,7 @@
 
 use gs_core::{Error, Image, Loss};
 
-use super::{Oracle, OracleScene, loss, pixel::Lean};
+use super::{Lean, Oracle, OracleScene, OracleView, loss};
 
 /// What one step adds to each statistic, `[N]` each.
 #[derive(Debug, Clone, PartialEq)]
@@ -15,17 +15,17 @@ pub struct StepStatistics {
     pub pixel_error: Vec<f64>,
 }
 
-impl Oracle {
+impl<V: OracleView> Oracle<V> {
     /// The statistics that one step of training collects.
     ///
     /// # Errors
-    /// [`Error::SizesDiffer`] where the target has not the canvas's size.
+    /// [`Error::SizesDiffer`] where the target has not the view's size.
     pub fn statistics(&self, scene: &OracleScene, target: &Image, loss: &Loss) -> Result<StepStatistics, Error> {
         self.check_target(target)?;
         let count = scene.gaussians.len();
         let pixels = self.blend(scene, Lean::Exact);
         let rendering = self.rendering(scene, &pixels);
-        let width = self.view.width as usize;
+        let width = rendering.width as usize;
         let at = loss::evaluate(loss, width, &rendering.pixels, &rendering.rounding, target, 0.0);
         let (mut signed, mut absolute) = (vec![[0.0; 2]; count], vec![[0.0; 2]; count]);
         let mut pixel_error = vec![0.0; count];
@@ -42,11 +42,7 @@ impl Oracle {
                 pixel_error[index] += shown * error;
             }
         }
-        // From units of the plane to pixels of the canvas, and from these to normalised device units.
-        let device = [
-            f64::from(self.view.extent.x) / f64::from(self.view.width) * f64::from(self.view.width) / 2.0,
-            f64::from(self.view.extent.y) / f64::from(self.view.height) * f64::from(self.view.height) / 2.0,
-        ];
+        let device = self.view.device_units();
         let norms = |sums: &[[f64; 2]]| sums.iter().map(|s| (s[0] * device[0]).hypot(s[1] * device[1])).collect();
         Ok(StepStatistics { mean_gradient: norms(&signed), absolute_gradient: norms(&absolute), pixel_error })
     }

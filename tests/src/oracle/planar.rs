@@ -1,27 +1,25 @@
 //! One Gaussian seen through a canvas, in `f64`: its centre and precision matrix in pixels, and how σ = ½ dᵀ Σ′⁻¹ d depends on
 //! each of its parameters (paper eq. 3, 5, 7).
 
-use gs_core::{Canvas, constants::MIN_DETERMINANT_PX4};
+use gs_core::{
+    Canvas, Error, RenderSettings,
+    constants::MIN_DETERMINANT_PX4,
+    effects::{Antialias, Order, Outputs},
+    statistics::Cause,
+};
 
-use super::parameters::{OPACITY, Parameters, ROTATION};
+use super::{
+    parameters::{COLOR, OPACITY, ROTATION},
+    rounded::{F32_ROUNDING, Rounded},
+    splat::{Appearance, Depth, Exponent, Lean, OracleView, Projection, Splat},
+};
 
-/// Half the distance between neighbouring `f32` numbers, relative: the rounding of one operation.
-pub(crate) const F32_ROUNDING: f64 = 5.960_464_477_539_063e-8;
+/// Roundings of a derivative of σ, in its own terms.
+const OPERATIONS: f64 = 8.0;
 
-/// What the guards make of a Gaussian.
+/// A Gaussian in pixels of the canvas. Its share of a pixel is in its parameters as they are.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) enum Projection {
-    /// It can be drawn.
-    Drawable(Projected),
-    /// A parameter or its covariance is NaN, or infinite in `f32`.
-    NotFinite,
-    /// det Σ′ below the minimum.
-    Degenerate,
-}
-
-/// A Gaussian in pixels of the canvas.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Projected {
+pub struct PlanarSplat {
     /// Centre, px.
     center: [f64; 2],
     /// What rounding to `f32` may move the centre by, px.
@@ -34,35 +32,39 @@ pub(crate) struct Projected {
     variances: [f64; 2],
     /// Pixels per unit of the plane.
     zoom: [f64; 2],
-    /// 1 / (1 + exp(−logit)).
-    pub(crate) opacity: f64,
-    /// RGB.
-    pub(crate) color: [f64; 3],
+    appearance: Appearance,
 }
 
-/// σ of a Gaussian at a pixel, with its derivatives.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Exponent {
-    /// σ = ½ dᵀ Σ′⁻¹ d.
-    pub(crate) sigma: f64,
-    /// What evaluating σ in `f32` by its textbook formula may change it by.
-    pub(crate) rounding: f64,
-    /// ∂σ/∂(mean x, mean y, ln-scale 1, ln-scale 2, rotation).
-    pub(crate) derivatives: [f64; 5],
-    /// The same with every term of every sum taken by magnitude: what their own `f32` rounding is proportional to.
-    pub(crate) magnitudes: [f64; 5],
-}
+impl OracleView for Canvas {
+    type Splat = PlanarSplat;
 
-impl Projection {
-    pub(crate) fn of(g: &Parameters, view: &Canvas) -> Self {
+    fn check(&self, settings: &RenderSettings) -> Result<(), Error> {
+        self.validate()?;
+        let effects = settings.effects;
+        if effects.order != Order::Index || effects.antialias != Antialias::None || effects.outputs != Outputs::Color {
+            return Err(Error::Unsupported { backend: "oracle", effect: format!("{effects:?}") });
+        }
+        Ok(())
+    }
+
+    fn size(&self) -> (u32, u32) {
+        (self.width, self.height)
+    }
+
+    /// From units of the plane to pixels of the canvas, and from these to normalised device units.
+    fn device_units(&self) -> [f64; 2] {
+        [f64::from(self.extent.x) / 2.0, f64::from(self.extent.y) / 2.0]
+    }
+
+    fn project(&self, g: &[f64], _: &RenderSettings, _: Lean) -> Projection<PlanarSplat> {
         let finite_in_f32 = |v: f64| v.abs() <= f64::from(f32::MAX); // NaN fails
         let all_but_logit = g.iter().enumerate().filter(|&(i, _)| i != OPACITY).all(|(_, &v)| finite_in_f32(v));
         if !all_but_logit || g[OPACITY].is_nan() {
-            return Self::NotFinite;
+            return Projection::Left(Cause::NotFinite);
         }
-        let origin = [f64::from(view.origin.x), f64::from(view.origin.y)];
+        let origin = [f64::from(self.origin.x), f64::from(self.origin.y)];
         let zoom =
-            [f64::from(view.width) / f64::from(view.extent.x), f64::from(view.height) / f64::from(view.extent.y)];
+            [f64::from(self.width) / f64::from(self.extent.x), f64::from(self.height) / f64::from(self.extent.y)];
         let (sin, cos) = g[ROTATION].sin_cos();
         let axes = [[cos, sin], [-sin, cos]];
         let variances = [(2.0 * g[2]).exp(), (2.0 * g[3]).exp()];
@@ -73,13 +75,14 @@ impl Projection {
         let (xx, xy, yy) = (entry(0, 0), entry(0, 1), entry(1, 1));
         let determinant = variances[0] * variances[1] * (zoom[0] * zoom[1]).powi(2);
         if ![xx, xy, yy, determinant].into_iter().all(finite_in_f32) {
-            return Self::NotFinite;
+            return Projection::Left(Cause::NotFinite);
         }
         if determinant < f64::from(MIN_DETERMINANT_PX4) {
-            return Self::Degenerate;
+            return Projection::Left(Cause::Degenerate);
         }
         let center = [0, 1].map(|i| (g[i] - origin[i]) * zoom[i]);
-        Self::Drawable(Projected {
+        let opacity = 1.0 / (1.0 + (-g[OPACITY]).exp());
+        Projection::Drawable(PlanarSplat {
             center,
             center_rounding: [0, 1]
                 .map(|i| F32_ROUNDING * (center[i].abs() + (g[i].abs() + origin[i].abs()) * zoom[i])),
@@ -87,18 +90,24 @@ impl Projection {
             axes,
             variances,
             zoom,
-            opacity: 1.0 / (1.0 + (-g[OPACITY]).exp()),
-            color: [g[6], g[7], g[8]],
+            appearance: Appearance {
+                opacity,
+                opacity_rounding: 0.0, // Among the operations of a weight.
+                opacity_slope: opacity * (1.0 - opacity),
+                color: [g[COLOR], g[COLOR + 1], g[COLOR + 2]],
+                color_rounding: [0.0; 3],
+                undecided: false,
+            },
         })
     }
 }
 
-impl Projected {
+impl Splat for PlanarSplat {
     /// σ at the pixel centre `p`.
     ///
     /// With q = Σ′⁻¹ d: ∂σ/∂u = −q and ∂σ/∂Σ′ = −½ q qᵀ. Written in the plane, q becomes `zoom · q`; ∂Σ/∂(ln sₖ) = 2 sₖ² rₖ rₖᵀ and
     /// ∂Σ/∂θ = (s₁² − s₂²)(r₁ r₂ᵀ + r₂ r₁ᵀ).
-    pub(crate) fn exponent(&self, p: [f64; 2]) -> Exponent {
+    fn exponent(&self, p: [f64; 2]) -> Exponent {
         let [a, b, c] = self.precision;
         let d = [p[0] - self.center[0], p[1] - self.center[1]];
         let q = [a * d[0] + b * d[1], b * d[0] + c * d[1]];
@@ -124,13 +133,27 @@ impl Projected {
                 -v2 * along[1] * along[1],
                 -(v1 - v2) * along[0] * along[1],
             ],
-            magnitudes: [
+            derivative_rounding: [
                 plane_magnitude[0],
                 plane_magnitude[1],
                 v1 * along_magnitude[0].powi(2),
                 v2 * along_magnitude[1].powi(2),
                 (v1 - v2).abs() * along_magnitude[0] * along_magnitude[1],
-            ],
+            ]
+            .map(|magnitude| OPERATIONS * F32_ROUNDING * magnitude),
+            displaced: [[0.0; 5]; 2], // The centre is as certain as the terms above.
         }
+    }
+
+    fn appearance(&self) -> &Appearance {
+        &self.appearance
+    }
+
+    fn depth(&self, _: [f64; 2], _: Order) -> Depth {
+        Depth { value: 0.0, rounding: 0.0, origin: [0.0; 8] }
+    }
+
+    fn jacobian(&self) -> Vec<[Rounded; 9]> {
+        (0..9).map(|i| std::array::from_fn(|j| if i == j { Rounded::ONE } else { Rounded::ZERO })).collect()
     }
 }

@@ -1,12 +1,14 @@
-//! Planar scenes, views and targets to test with: seeded generators, and proptest strategies over them.
+//! Planar scenes and canvases to test with: seeded generators, and proptest strategies over them.
 
 use std::ops::Range;
 
 use glam::{Vec2, Vec3};
-use gs_core::{Canvas, Error, Image, PlanarGaussian, PlanarScene, RenderSettings, effects::Blend};
+use gs_core::{Canvas, PlanarGaussian, PlanarScene, RenderSettings, effects::Blend};
 use proptest::prelude::*;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
+
+use super::{Draw, blends};
 
 /// What is particular about a scene's Gaussians. Scales are standard deviations in px of the plane.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -81,39 +83,7 @@ pub fn scene(kind: Kind, blend: Blend, count: usize, size: Vec2, seed: u64) -> P
         .collect()
 }
 
-/// A photograph's likeness: soft slopes, a hard edge and a little noise, 0 to 1; the same for the same seed.
-///
-/// # Errors
-/// [`Error::Size`] for an impossible size.
-pub fn target(width: u32, height: u32, seed: u64) -> Result<Image, Error> {
-    let mut rng = Pcg64::seed_from_u64(seed);
-    let phase: f32 = rng.random_range(0.0..6.0);
-    Image::from_fn(width, height, |x, y| {
-        let (u, v) = ((x as f32 + 0.5) / width as f32, (y as f32 + 0.5) / height as f32);
-        let edge = if u + 0.6 * v > 0.8 { 0.25 } else { 0.0 };
-        [0.0f32, 1.0, 2.0].map(|k| {
-            let slope = 0.4 + 0.2 * (3.0 * u + 5.0 * v * (1.0 + k) + phase + k).sin();
-            slope + edge + rng.random_range(-0.05..0.05)
-        })
-    })
-}
-
-/// All that an image depends on.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Draw {
-    /// What is particular about the Gaussians.
-    pub kind: Kind,
-    /// The Gaussians.
-    pub scene: PlanarScene,
-    /// What they are seen through.
-    pub view: Canvas,
-    /// Blend and background.
-    pub settings: RenderSettings,
-    /// For [`target`].
-    pub target_seed: u64,
-}
-
-impl Draw {
+impl Draw<PlanarScene> {
     /// A seeded scene of a kind, through a canvas of its own size.
     pub fn new(kind: Kind, blend: Blend, count: usize, size: (u32, u32), seed: u64) -> Self {
         let plane = Vec2::new(size.0 as f32, size.1 as f32);
@@ -125,31 +95,6 @@ impl Draw {
             target_seed: seed,
         }
     }
-
-    /// The same through another canvas.
-    #[must_use]
-    pub fn through(self, view: Canvas) -> Self {
-        Self { view, ..self }
-    }
-
-    /// The same before a solid background.
-    #[must_use]
-    pub fn on(self, background: [f32; 3]) -> Self {
-        Self { settings: self.settings.on(background), ..self }
-    }
-
-    /// An image to compare with, of the canvas's size.
-    ///
-    /// # Errors
-    /// [`Error::Size`] for an impossible canvas.
-    pub fn target(&self) -> Result<Image, Error> {
-        target(self.view.width, self.view.height, self.target_seed)
-    }
-}
-
-/// Both blends.
-pub fn blends() -> impl Strategy<Value = Blend> {
-    prop_oneof![Just(Blend::Sum), Just(Blend::Over)]
 }
 
 /// Every [`Kind`].
@@ -198,13 +143,5 @@ mod tests {
                 assert_eq!(draw.scene.has_opacity(), blend == Blend::Over);
             }
         }
-    }
-
-    #[test]
-    fn targets_are_images_of_their_size() {
-        let image = target(17, 1, 3).unwrap();
-        assert_eq!(image.size(), (17, 1));
-        assert!(image.pixels().as_flattened().iter().all(|v| (0.0..=1.0).contains(v)));
-        assert!(target(0, 4, 3).is_err());
     }
 }

@@ -1,0 +1,450 @@
+//! One Gaussian seen through a camera, in `f64`: its centre, precision matrix, depth and colour at the image (paper eq. 4, 5), and the
+//! derivatives of these with respect to its parameters, by hand.
+//!
+//! Legend: μ = mean, p = W μ + t, J = the perspective's Jacobian at p with clamped slopes, R = rotation of q/|q|, S = diag(scales),
+//! N = W R S, M′ = J N, Σ = M′ M′ᵀ before antialiasing, Σ′ after; `v_x` = ∂L/∂x.
+
+use gs_core::{
+    Camera, Error, RenderSettings,
+    constants::{DILATION_PX2, MIN_DETERMINANT_PX4, MIN_QUATERNION_NORM2, MIP_DILATION_PX2},
+    effects::{Antialias, Blend, Exposure, Lens, Order, Outputs},
+    statistics::Cause,
+};
+
+use super::{
+    parameters::{SPATIAL_OPACITY, SPATIAL_SH, sh_len},
+    rounded::{F32_ROUNDING, Matrix, Rounded, applied, dot, product, transposed},
+    spherical_harmonics,
+    splat::{Appearance, COLOR_SHARE, Depth, Exponent, Lean, OPACITY_SHARE, OracleView, Projection, Splat},
+};
+use crate::tolerance::ROUNDINGS;
+
+/// How far beyond the image's edge slopes are followed, as a share of half the image: 3DGS's 1.3 times the tangent of half the field of view.
+const MARGIN: f64 = 0.3;
+
+/// Roundings of a term of σ, or of a depth: those of Σ′⁻¹, of the offset, of the products.
+const TERMS: f64 = 2.0;
+
+/// Roundings of a derivative of σ, in its own terms.
+const OPERATIONS: f64 = 8.0;
+
+/// A Gaussian in pixels of a camera. Its share of a pixel is in its centre u, v, in Σ′ as (uu, uv, vv), where uv stands for both of the
+/// equal entries, in its compensated opacity, and in its colour.
+#[derive(Debug, Clone)]
+pub struct SpatialSplat {
+    /// u, v, px.
+    center: [Rounded; 2],
+    /// Σ′⁻¹ as (uu, uv, vv), px⁻².
+    precision: [f64; 3],
+    /// p, world units.
+    point: [Rounded; 3],
+    /// cov(z, (u, v)), world units · px.
+    depth_covariance: [Rounded; 2],
+    appearance: Appearance,
+    chain: Chain,
+}
+
+/// What the derivatives need besides.
+#[derive(Debug, Clone)]
+struct Chain {
+    /// W.
+    world: Matrix<3, 3>,
+    focal: [Rounded; 2],
+    /// tx, ty, clamped.
+    slopes: [Rounded; 2],
+    clamped: [bool; 2],
+    jacobian: Matrix<2, 3>,
+    /// q/|q|.
+    quaternion: [Rounded; 4],
+    quaternion_length: Rounded,
+    scales: [Rounded; 3],
+    /// R S.
+    frame: Matrix<3, 3>,
+    /// N.
+    seen: Matrix<3, 3>,
+    /// M′.
+    footprint: Matrix<2, 3>,
+    /// sigmoid(logit).
+    opacity: Rounded,
+    /// √(det Σ / det Σ′), or 1.
+    compensation: Rounded,
+    /// ∂(compensation)/∂Σ, where uv stands for both entries.
+    compensation_slope: [Rounded; 3],
+    /// Unit vector from the camera.
+    direction: [Rounded; 3],
+    distance: Rounded,
+    /// Coefficients that are evaluated, `[k][channel]`.
+    sh: Vec<[f64; 3]>,
+    /// Coefficients that there are.
+    sh_len: usize,
+    /// Channels whose colour is not clamped at 0.
+    shows: [bool; 3],
+}
+
+/// Decisions of the guards, and whether one was within rounding.
+struct Guards {
+    lean: Lean,
+    undecided: bool,
+}
+
+impl Guards {
+    fn reaches(&mut self, value: Rounded, threshold: f64) -> bool {
+        let band = ROUNDINGS * value.error;
+        self.undecided |= (value.value - threshold).abs() <= band && band > 0.0;
+        let leaning = match self.lean {
+            Lean::Exact => 0.0,
+            Lean::More => band,
+            Lean::Fewer => -band,
+        };
+        value.value + leaning >= threshold
+    }
+}
+
+impl OracleView for Camera {
+    type Splat = SpatialSplat;
+
+    fn check(&self, settings: &RenderSettings) -> Result<(), Error> {
+        self.validate()?;
+        let effects = settings.effects;
+        let there =
+            effects.outputs == Outputs::Color && effects.exposure == Exposure::None && effects.lens == Lens::Pinhole;
+        if there { Ok(()) } else { Err(Error::Unsupported { backend: "oracle", effect: format!("{effects:?}") }) }
+    }
+
+    fn size(&self) -> (u32, u32) {
+        (self.width, self.height)
+    }
+
+    fn device_units(&self) -> [f64; 2] {
+        [f64::from(self.width) / 2.0, f64::from(self.height) / 2.0]
+    }
+
+    fn project(&self, g: &[f64], settings: &RenderSettings, lean: Lean) -> Projection<SpatialSplat> {
+        let finite = g.iter().enumerate().filter(|&(i, _)| i != SPATIAL_OPACITY).all(|(_, v)| v.is_finite());
+        if !finite || g[SPATIAL_OPACITY].is_nan() {
+            return Projection::Left(Cause::NotFinite);
+        }
+        let mut guards = Guards { lean, undecided: false };
+        let at = |i: usize| Rounded::exact(g[i]);
+        let exact = |v: f32| Rounded::exact(f64::from(v));
+
+        let world: Matrix<3, 3> = std::array::from_fn(|i| std::array::from_fn(|j| exact(self.rotation.col(j)[i])));
+        let translation = self.translation.to_array().map(exact);
+        let mean = [at(0), at(1), at(2)];
+        let turned = applied(&world, &mean);
+        let point: [Rounded; 3] = std::array::from_fn(|i| turned[i] + translation[i]);
+        let [x, y, z] = point;
+        if !guards.reaches(z, f64::from(self.near)) {
+            return Projection::Left(Cause::Near);
+        }
+
+        let (focal, principal) = (self.focal.to_array().map(exact), self.center.to_array().map(exact));
+        let size = [self.width, self.height].map(f64::from);
+        let center: [Rounded; 2] = std::array::from_fn(|i| focal[i] * point[i] / z + principal[i]);
+        let (mut slopes, mut clamped) = ([Rounded::ZERO; 2], [false; 2]);
+        for i in 0..2 {
+            let slope = [x, y][i] / z;
+            let margin = Rounded::exact(MARGIN * 0.5 * size[i]) / focal[i];
+            let least = -(principal[i] / focal[i] + margin);
+            let most = (Rounded::exact(size[i]) - principal[i]) / focal[i] + margin;
+            clamped[i] = !(least.value..=most.value).contains(&slope.value);
+            slopes[i] = if slope.value < least.value {
+                least
+            } else if slope.value > most.value {
+                most
+            } else {
+                slope
+            };
+        }
+        let [fx, fy] = focal;
+        let jacobian =
+            [[fx / z, Rounded::ZERO, -(fx * slopes[0] / z)], [Rounded::ZERO, fy / z, -(fy * slopes[1] / z)]];
+
+        let raw = [at(6), at(7), at(8), at(9)];
+        let norm2 = dot(&raw, &raw);
+        if !guards.reaches(norm2, f64::from(MIN_QUATERNION_NORM2)) {
+            return Projection::Left(Cause::Degenerate);
+        }
+        let quaternion_length = norm2.sqrt();
+        let quaternion = raw.map(|v| v / quaternion_length);
+        let rotation = rotation_of(&quaternion);
+        let scales = [at(3), at(4), at(5)].map(Rounded::exp);
+        let frame: Matrix<3, 3> = std::array::from_fn(|i| std::array::from_fn(|k| rotation[i][k] * scales[k]));
+        let seen = product(&world, &frame);
+        let footprint = product(&jacobian, &seen);
+
+        let spread = |i: usize, j: usize| dot(&footprint[i], &footprint[j]);
+        let minor = |a: usize, b: usize| footprint[0][a] * footprint[1][b] - footprint[0][b] * footprint[1][a];
+        let dilation = Rounded::exact(match settings.effects.antialias {
+            Antialias::None => 0.0,
+            Antialias::Dilate => f64::from(DILATION_PX2),
+            Antialias::Mip => f64::from(MIP_DILATION_PX2),
+        });
+        let (uu, uv, vv) = (spread(0, 0), spread(0, 1), spread(1, 1));
+        // Cauchy–Binet: nothing cancels but within a minor.
+        let thin = minor(0, 1).squared() + minor(0, 2).squared() + minor(1, 2).squared();
+        let determinant = thin + dilation * (uu + vv) + dilation.squared();
+        let (wide_uu, wide_vv) = (uu + dilation, vv + dilation);
+        if ![wide_uu, uv, wide_vv, determinant, center[0], center[1]].into_iter().all(Rounded::is_finite) {
+            return Projection::Left(Cause::NotFinite);
+        }
+        if !guards.reaches(determinant, f64::from(MIN_DETERMINANT_PX4)) {
+            return Projection::Left(Cause::Degenerate);
+        }
+        let precision = [wide_vv / determinant, -(uv / determinant), wide_uu / determinant];
+
+        let mips = settings.effects.antialias == Antialias::Mip && thin.value > 0.0;
+        let (mut compensation, mut compensation_slope) = (Rounded::ONE, [Rounded::ZERO; 3]);
+        if settings.effects.antialias == Antialias::Mip {
+            compensation = (thin / determinant).sqrt();
+        }
+        if mips {
+            // ρ = √(det Σ / det Σ′): dρ = ½ ρ tr((Σ⁻¹ − Σ′⁻¹) dΣ), and ρ Σ⁻¹ = adj Σ / √(det Σ det Σ′).
+            let root = (thin * determinant).sqrt();
+            let half = |adjugate: Rounded, wide: Rounded| 0.5 * (adjugate / root - compensation * wide);
+            compensation_slope =
+                [half(vv, precision[0]), 2.0 * half(-uv, precision[1]), half(uu, precision[2])];
+        }
+        // Under `Sum` there is no opacity, so nothing to compensate.
+        let opaque = settings.effects.blend == Blend::Sum;
+        let opacity = if opaque { Rounded::ONE } else { sigmoid(g[SPATIAL_OPACITY]) };
+        let shown = if opaque { Rounded::ONE } else { opacity * compensation };
+
+        let position = applied(&transposed(&world), &translation).map(|v| -v);
+        let away: [Rounded; 3] = std::array::from_fn(|i| mean[i] - position[i]);
+        let distance = dot(&away, &away).sqrt();
+        let direction = if distance.value > 0.0 {
+            away.map(|v| v / distance)
+        } else {
+            [Rounded::ZERO, Rounded::ZERO, Rounded::ONE]
+        };
+        let sh_len = sh_len(g);
+        let evaluated = sh_len.min((usize::from(settings.effects.sh_degree) + 1).pow(2));
+        let sh: Vec<[f64; 3]> =
+            (0..evaluated).map(|k| [0, 1, 2].map(|channel| g[SPATIAL_SH + 3 * k + channel])).collect();
+        let color = [0, 1, 2].map(|channel| {
+            let harmonics = (0..evaluated)
+                .map(|k| Rounded::exact(sh[k][channel]) * spherical_harmonics::basis(k, &direction))
+                .sum::<Rounded>();
+            Rounded::exact(0.5) + harmonics
+        });
+        if !color.into_iter().all(Rounded::is_finite) {
+            return Projection::Left(Cause::NotFinite);
+        }
+        let shows = color.map(|c| c.value > 0.0);
+        let visible = [0, 1, 2].map(|k| if shows[k] { color[k] } else { Rounded::ZERO });
+
+        Projection::Drawable(SpatialSplat {
+            center,
+            precision: precision.map(|v| v.value),
+            point,
+            depth_covariance: [0, 1].map(|i| dot(&seen[2], &footprint[i])),
+            appearance: Appearance {
+                opacity: shown.value,
+                opacity_rounding: shown.relative(),
+                opacity_slope: if opaque { 0.0 } else { 1.0 },
+                color: visible.map(|c| c.value),
+                color_rounding: visible.map(|c| c.error),
+                undecided: guards.undecided,
+            },
+            chain: Chain {
+                world,
+                focal,
+                slopes,
+                clamped,
+                jacobian,
+                quaternion,
+                quaternion_length,
+                scales,
+                frame,
+                seen,
+                footprint,
+                opacity,
+                compensation,
+                compensation_slope,
+                direction,
+                distance,
+                sh,
+                sh_len,
+                shows,
+            },
+        })
+    }
+}
+
+/// 1 / (1 + exp(−logit)); 0 and 1 at ±∞.
+fn sigmoid(logit: f64) -> Rounded {
+    if logit.is_infinite() {
+        return Rounded::exact(f64::from(u8::from(logit > 0.0)));
+    }
+    Rounded::ONE / (Rounded::ONE + Rounded::exact(-logit).exp())
+}
+
+/// R of a unit quaternion (w, x, y, z).
+fn rotation_of(&[w, x, y, z]: &[Rounded; 4]) -> Matrix<3, 3> {
+    let diagonal = |a: Rounded, b: Rounded| Rounded::ONE - 2.0 * (a * a + b * b);
+    [
+        [diagonal(y, z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
+        [2.0 * (x * y + w * z), diagonal(x, z), 2.0 * (y * z - w * x)],
+        [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), diagonal(x, y)],
+    ]
+}
+
+/// ∂L/∂(w, x, y, z) of [`rotation_of`] from v_R, as if the four were free.
+fn rotation_vjp(&[w, x, y, z]: &[Rounded; 4], v: &Matrix<3, 3>) -> [Rounded; 4] {
+    // The antisymmetric and symmetric parts of v_R are all that counts off the diagonal.
+    let turn = [v[2][1] - v[1][2], v[0][2] - v[2][0], v[1][0] - v[0][1]];
+    let [yz, zx, xy] = [v[2][1] + v[1][2], v[0][2] + v[2][0], v[1][0] + v[0][1]];
+    [
+        2.0 * (x * turn[0] + y * turn[1] + z * turn[2]),
+        2.0 * (w * turn[0] + y * xy + z * zx - 2.0 * x * (v[1][1] + v[2][2])),
+        2.0 * (w * turn[1] + x * xy + z * yz - 2.0 * y * (v[0][0] + v[2][2])),
+        2.0 * (w * turn[2] + x * zx + y * yz - 2.0 * z * (v[0][0] + v[1][1])),
+    ]
+}
+
+impl Splat for SpatialSplat {
+    /// With q = Σ′⁻¹ d: ∂σ/∂(u, v) = −q and ∂σ/∂Σ′ = −½ q qᵀ.
+    ///
+    /// What `f32` may change: the sums of the textbook's formulas, of which needles' are small differences of large terms; and, by first
+    /// order, what the errors of u, v and M′ do together: dσ = −q·d(u, v) − (qᵀ dM′)(M′ᵀ q).
+    fn exponent(&self, p: [f64; 2]) -> Exponent {
+        let d = self.offset(p);
+        let ([qx, qy], magnitude) = self.whitened(d);
+        let textbook = 0.5 * (magnitude[0] * d[0].abs() + magnitude[1] * d[1].abs());
+        let moved: f64 = (0..2).map(|i| [qx, qy][i].abs() * self.center[i].error).sum();
+        let [mu, mv] = &self.chain.footprint;
+        let bent: f64 = (mu.iter().zip(mv))
+            .map(|(u, v)| (qx * u.value + qy * v.value).abs() * (qx.abs() * u.error + qy.abs() * v.error))
+            .sum();
+        let [a, b, c] = self.precision;
+        let displaced = [0, 1].map(|i| {
+            let [x, y] = [[a, b], [b, c]][i].map(|v| v * self.center[i].error);
+            [x, y, qx * x, qx * y + qy * x, qy * y]
+        });
+        let derivatives = [-qx, -qy, -0.5 * qx * qx, -qx * qy, -0.5 * qy * qy];
+        let [_, _, uu, uv, vv] = derivatives;
+        let magnitudes = [magnitude[0], magnitude[1], uu, uv, vv];
+        Exponent {
+            sigma: 0.5 * (qx * d[0] + qy * d[1]),
+            rounding: TERMS * F32_ROUNDING * textbook + moved + bent,
+            derivatives,
+            derivative_rounding: magnitudes.map(|v| OPERATIONS * F32_ROUNDING * v.abs()),
+            displaced,
+        }
+    }
+
+    fn appearance(&self) -> &Appearance {
+        &self.appearance
+    }
+
+    /// z of the mean; for [`Order::PixelDepth`] the mean of z given that the ray goes through `p`, z + cov(z, (u, v)) Σ′⁻¹ d.
+    fn depth(&self, p: [f64; 2], order: Order) -> Depth {
+        let [x, y, z] = self.point;
+        let mut origin = [x.value, y.value, z.value, 0.0, 0.0, 0.0, 0.0, 0.0];
+        if order != Order::PixelDepth {
+            return Depth { value: z.value, rounding: z.error, origin };
+        }
+        let (q, q_magnitude) = self.whitened(self.offset(p));
+        let k = self.depth_covariance;
+        origin[3..6].copy_from_slice(&self.precision);
+        origin[6..].copy_from_slice(&k.map(|v| v.value));
+        let textbook: f64 = (0..2).map(|i| k[i].value.abs() * q_magnitude[i]).sum();
+        let inherited: f64 = (0..2).map(|i| k[i].error * q[i].abs()).sum();
+        Depth {
+            value: z.value + k[0].value * q[0] + k[1].value * q[1],
+            rounding: z.error + TERMS * F32_ROUNDING * textbook + inherited,
+            origin,
+        }
+    }
+
+    fn jacobian(&self) -> Vec<[Rounded; 9]> {
+        let columns: [Vec<Rounded>; 9] = std::array::from_fn(|j| {
+            self.chain.vjp(std::array::from_fn(|i| if i == j { Rounded::ONE } else { Rounded::ZERO }), self.point)
+        });
+        (0..SPATIAL_SH + 3 * self.chain.sh_len).map(|row| std::array::from_fn(|j| columns[j][row])).collect()
+    }
+}
+
+impl SpatialSplat {
+    fn offset(&self, p: [f64; 2]) -> [f64; 2] {
+        [0, 1].map(|i| p[i] - self.center[i].value)
+    }
+
+    /// q = Σ′⁻¹ d, and the same with every term by magnitude.
+    fn whitened(&self, [dx, dy]: [f64; 2]) -> ([f64; 2], [f64; 2]) {
+        let [a, b, c] = self.precision;
+        let magnitude = [(a * dx).abs() + (b * dy).abs(), (b * dx).abs() + (c * dy).abs()];
+        ([a * dx + b * dy, b * dx + c * dy], magnitude)
+    }
+}
+
+impl Chain {
+    /// ∂L/∂(parameters) from ∂L/∂(u, v, Σ′uu, Σ′uv, Σ′vv, opacity, red, green, blue).
+    fn vjp(&self, v: [Rounded; 9], [x, y, z]: [Rounded; 3]) -> Vec<Rounded> {
+        let [fx, fy] = self.focal;
+        let v_opacity = v[OPACITY_SHARE];
+        // Antialiasing adds a constant to Σ, and the compensation depends on it.
+        let [uu, uv, vv]: [Rounded; 3] =
+            std::array::from_fn(|i| v[2 + i] + v_opacity * self.opacity * self.compensation_slope[i]);
+        // Σ = M′ M′ᵀ
+        let v_spread = [[uu, 0.5 * uv], [0.5 * uv, vv]];
+        let v_footprint = product(&v_spread, &self.footprint).map(|row| row.map(|v| 2.0 * v));
+        // M′ = J N, N = W R S
+        let v_jacobian = product(&v_footprint, &transposed(&self.seen));
+        let v_seen = product(&transposed(&self.jacobian), &v_footprint);
+        let v_frame = product(&transposed(&self.world), &v_seen);
+        let v_log_scale: [Rounded; 3] =
+            std::array::from_fn(|k| (0..3).map(|i| v_frame[i][k] * self.frame[i][k]).sum());
+        let v_rotation: Matrix<3, 3> =
+            std::array::from_fn(|i| std::array::from_fn(|k| v_frame[i][k] * self.scales[k]));
+        let v_unit = rotation_vjp(&self.quaternion, &v_rotation);
+        let along = dot(&self.quaternion, &v_unit);
+        let v_quaternion: [Rounded; 4] =
+            std::array::from_fn(|i| (v_unit[i] - self.quaternion[i] * along) / self.quaternion_length);
+
+        // u = fx x/z + cx; J = (fx/z, 0, −fx tx/z; 0, fy/z, −fy ty/z), tx = x/z unless clamped.
+        let mut v_point = [Rounded::ZERO; 3];
+        for (i, (f, at)) in [(fx, x), (fy, y)].into_iter().enumerate() {
+            let (diagonal, last) = (v_jacobian[i][i], v_jacobian[i][2]);
+            v_point[i] = v[i] * f / z;
+            v_point[2] = v_point[2] - v[i] * f * at / (z * z) - diagonal * f / (z * z)
+                + last * f * self.slopes[i] / (z * z);
+            if !self.clamped[i] {
+                v_point[i] = v_point[i] - last * f / (z * z);
+                v_point[2] = v_point[2] + last * f * at / (z * z * z);
+            }
+        }
+        let mut v_mean = applied(&transposed(&self.world), &v_point);
+
+        let mut v_direction = [Rounded::ZERO; 3];
+        let mut v_sh = vec![[Rounded::ZERO; 3]; self.sh_len];
+        for (k, coefficients) in self.sh.iter().enumerate() {
+            let (value, slope) = (
+                spherical_harmonics::basis(k, &self.direction),
+                spherical_harmonics::gradient(k, &self.direction),
+            );
+            for channel in (0..3).filter(|&channel| self.shows[channel]) {
+                let v_channel = v[COLOR_SHARE + channel];
+                v_sh[k][channel] = value * v_channel;
+                let weighted = Rounded::exact(coefficients[channel]) * v_channel;
+                v_direction = std::array::from_fn(|i| v_direction[i] + weighted * slope[i]);
+            }
+        }
+        if self.distance.value > 0.0 {
+            let along = dot(&self.direction, &v_direction);
+            v_mean = std::array::from_fn(|i| {
+                v_mean[i] + (v_direction[i] - self.direction[i] * along) / self.distance
+            });
+        }
+
+        let v_logit = v_opacity * self.compensation * self.opacity * (Rounded::ONE - self.opacity);
+        let mut all = Vec::with_capacity(SPATIAL_SH + 3 * self.sh_len);
+        all.extend(v_mean);
+        all.extend(v_log_scale);
+        all.extend(v_quaternion);
+        all.push(v_logit);
+        all.extend(v_sh.into_iter().flatten());
+        all
+    }
+}

@@ -1,0 +1,88 @@
+//! Scenes, views and targets to test with: seeded generators, and proptest strategies over them.
+
+mod planar;
+mod spatial;
+
+use gs_core::{Error, Image, PlanarScene, RenderSettings, effects::Blend};
+use proptest::prelude::*;
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64;
+
+pub use self::{
+    planar::{Kind, draws, kinds, scene, views},
+    spatial::{SpatialKind, camera, spatial_draws, spatial_kinds, spatial_scene},
+};
+use crate::{oracle::OracleView, subject::Subject};
+
+/// All that an image depends on.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Draw<S: Subject = PlanarScene> {
+    /// What is particular about the Gaussians.
+    pub kind: S::Kind,
+    /// The Gaussians.
+    pub scene: S,
+    /// What they are seen through.
+    pub view: S::View,
+    /// Effects, accuracy and background.
+    pub settings: RenderSettings,
+    /// For [`target`].
+    pub target_seed: u64,
+}
+
+impl<S: Subject> Draw<S> {
+    /// The same through another view.
+    #[must_use]
+    pub fn through(self, view: S::View) -> Self {
+        Self { view, ..self }
+    }
+
+    /// The same before a solid background.
+    #[must_use]
+    pub fn on(self, background: [f32; 3]) -> Self {
+        Self { settings: self.settings.on(background), ..self }
+    }
+
+    /// An image to compare with, of the view's size.
+    ///
+    /// # Errors
+    /// [`Error::Size`] for an impossible view.
+    pub fn target(&self) -> Result<Image, Error> {
+        let (width, height) = self.view.size();
+        target(width, height, self.target_seed)
+    }
+}
+
+/// A photograph's likeness: soft slopes, a hard edge and a little noise, 0 to 1; the same for the same seed.
+///
+/// # Errors
+/// [`Error::Size`] for an impossible size.
+pub fn target(width: u32, height: u32, seed: u64) -> Result<Image, Error> {
+    let mut rng = Pcg64::seed_from_u64(seed);
+    let phase: f32 = rng.random_range(0.0..6.0);
+    Image::from_fn(width, height, |x, y| {
+        let (u, v) = ((x as f32 + 0.5) / width as f32, (y as f32 + 0.5) / height as f32);
+        let edge = if u + 0.6 * v > 0.8 { 0.25 } else { 0.0 };
+        [0.0f32, 1.0, 2.0].map(|k| {
+            let slope = 0.4 + 0.2 * (3.0 * u + 5.0 * v * (1.0 + k) + phase + k).sin();
+            slope + edge + rng.random_range(-0.05..0.05)
+        })
+    })
+}
+
+/// Both blends.
+pub fn blends() -> impl Strategy<Value = Blend> {
+    prop_oneof![Just(Blend::Sum), Just(Blend::Over)]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn targets_are_images_of_their_size() {
+        let image = target(17, 1, 3).unwrap();
+        assert_eq!(image.size(), (17, 1));
+        assert!(image.pixels().as_flattened().iter().all(|v| (0.0..=1.0).contains(v)));
+        assert!(target(0, 4, 3).is_err());
+    }
+}

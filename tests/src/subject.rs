@@ -1,0 +1,164 @@
+//! What the suite must know about a kind of scene, so that one case tests backends of either.
+
+use std::fmt::Debug;
+
+use gs_core::{Adam, Chart, PlanarScene, Scene, SpatialScene, adam::Group, effects::Blend};
+
+use crate::{
+    oracle::{OracleScene, OracleView, PARAMETER_NAMES, Parameters, SPATIAL_SH, rows_of_gradients},
+    scenes::{Draw, Kind, SpatialKind},
+};
+
+/// A kind of scene that the suite can draw and the oracle can render.
+pub trait Subject: Scene<View: OracleView + PartialEq> {
+    /// What is particular about a drawn scene.
+    type Kind: Copy + Debug + PartialEq;
+
+    /// The charts that backends must train in.
+    const CHARTS: &'static [Chart];
+
+    /// Numbers of a mean.
+    const DIMENSIONS: usize;
+
+    /// The column of the opacity in the saved moments.
+    const OPACITY_MOMENT: usize;
+
+    /// Tensors of a saved state that may be missing: where all are opaque.
+    const OPTIONAL_TENSORS: &'static [&'static str];
+
+    /// Whether backends must solve for colours under [`Blend::Sum`].
+    const SOLVES_COLORS: bool;
+
+    /// Rates that move drawn scenes by a small part of what they are, and limits of the scales that they are within.
+    fn adam() -> Adam;
+
+    /// The scene as the oracle sees it.
+    fn rows(&self) -> OracleScene;
+
+    /// No Gaussians of the same kind, SH degree included.
+    fn emptied(&self) -> Self;
+
+    /// The Gaussians at some indices, in that order.
+    fn picked(&self, indices: impl IntoIterator<Item = usize>) -> Self {
+        let mut picked = self.emptied();
+        indices.into_iter().for_each(|i| picked.push(self.gaussian(i)));
+        picked
+    }
+
+    /// The rows of a scene of derivatives.
+    fn rows_of_gradients(&self) -> Vec<Parameters>;
+
+    /// What entry `index` of a row is.
+    fn parameter_name(index: usize) -> String;
+
+    /// A seeded scene of the usual kind, `size` px.
+    fn typical(blend: Blend, count: usize, size: (u32, u32), seed: u64) -> Draw<Self>;
+
+    /// A seeded scene in which many Gaussians are at each pixel.
+    fn overlapping(blend: Blend, count: usize, size: (u32, u32), seed: u64) -> Draw<Self>;
+
+    /// The same view at another scale: a larger or smaller picture of the same.
+    fn resized(view: &Self::View, size: (u32, u32)) -> Self::View;
+}
+
+impl Subject for PlanarScene {
+    type Kind = Kind;
+
+    const CHARTS: &'static [Chart] = &[Chart::ScaleRotation, Chart::LocalFrame];
+    const DIMENSIONS: usize = 2;
+    const OPACITY_MOMENT: usize = 8;
+    const OPTIONAL_TENSORS: &'static [&'static str] = &["opacity_logit"];
+    const SOLVES_COLORS: bool = true;
+
+    fn adam() -> Adam {
+        Adam::default()
+    }
+
+    fn emptied(&self) -> Self {
+        Self::default()
+    }
+
+    fn rows(&self) -> OracleScene {
+        OracleScene::from(self)
+    }
+
+    fn rows_of_gradients(&self) -> Vec<Parameters> {
+        rows_of_gradients(self)
+    }
+
+    fn parameter_name(index: usize) -> String {
+        PARAMETER_NAMES[index].to_owned()
+    }
+
+    fn typical(blend: Blend, count: usize, size: (u32, u32), seed: u64) -> Draw<Self> {
+        Draw::new(Kind::Typical, blend, count, size, seed)
+    }
+
+    fn overlapping(blend: Blend, count: usize, size: (u32, u32), seed: u64) -> Draw<Self> {
+        Draw::new(Kind::Overlapping, blend, count, size, seed)
+    }
+
+    fn resized(view: &Self::View, (width, height): (u32, u32)) -> Self::View {
+        view.resized(width, height)
+    }
+}
+
+impl Subject for SpatialScene {
+    type Kind = SpatialKind;
+
+    const CHARTS: &'static [Chart] = &[Chart::ScaleRotation];
+    const DIMENSIONS: usize = 3;
+    const OPACITY_MOMENT: usize = 10;
+    const OPTIONAL_TENSORS: &'static [&'static str] = &[];
+    const SOLVES_COLORS: bool = false;
+
+    fn adam() -> Adam {
+        let color_rest = Group::constant(2e-3);
+        Adam { mean: Group::constant(0.01), color_rest, min_scale: 1e-6, max_scale: 1e6, ..Adam::default() }
+    }
+
+    fn emptied(&self) -> Self {
+        Self { sh_degree: self.sh_degree, ..Self::default() }
+    }
+
+    fn rows(&self) -> OracleScene {
+        OracleScene::from(self)
+    }
+
+    fn rows_of_gradients(&self) -> Vec<Parameters> {
+        self.rows().gaussians
+    }
+
+    fn parameter_name(index: usize) -> String {
+        const NAMES: [&str; SPATIAL_SH] = [
+            "mean x",
+            "mean y",
+            "mean z",
+            "ln-scale 1",
+            "ln-scale 2",
+            "ln-scale 3",
+            "quaternion w",
+            "quaternion x",
+            "quaternion y",
+            "quaternion z",
+            "opacity logit",
+        ];
+        match index.checked_sub(SPATIAL_SH) {
+            None => NAMES[index].to_owned(),
+            Some(color) => format!("SH coefficient {}, {}", color / 3, ["red", "green", "blue"][color % 3]),
+        }
+    }
+
+    fn typical(blend: Blend, count: usize, size: (u32, u32), seed: u64) -> Draw<Self> {
+        Draw::spatial(SpatialKind::Typical, blend, count, size, seed)
+    }
+
+    fn overlapping(blend: Blend, count: usize, size: (u32, u32), seed: u64) -> Draw<Self> {
+        Draw::spatial(SpatialKind::Overlapping, blend, count, size, seed)
+    }
+
+    fn resized(view: &Self::View, (width, height): (u32, u32)) -> Self::View {
+        let zoom = glam::Vec2::new(width as f32 / view.width as f32, height as f32 / view.height as f32);
+        Self::View { focal: view.focal * zoom, center: view.center * zoom, width, height, ..*view }
+    }
+}

@@ -1,0 +1,507 @@
+//! The suite for spatial scenes tried on a backend that is the oracle itself, and, as negative controls, on the same with one fault: it is
+//! caught by the case that is there for it.
+
+use gs_conformance::{
+    conformance::spatial_cases,
+    oracle::{AdamReference, Oracle, OracleScene, Parameters, Rendering, SPATIAL_OPACITY, SPATIAL_SH},
+    subject::Subject,
+};
+use gs_core::{
+    AdamRates, Camera, Chart, CloudState, DensityStatistics, EditPlan, Error, Image, Loss, Participants, Rasterizer,
+    RenderSettings, Scene, SpatialGaussian, SpatialScene, TrainStep, Wait,
+    effects::{Antialias, Background, Order, Statistics},
+    scene::logit,
+    statistics::Culled,
+};
+
+/// What is wrong with the backend.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Fault {
+    /// Nothing: what passes.
+    Faultless,
+    ShiftsImages,
+    DimsImages,
+    DrawsInTheScenesOrder,
+    OrdersByMean,
+    ForgetsAntialiasing,
+    ForgetsCompensation,
+    IgnoresTheDegree,
+    ForgetsTheAccuracy,
+    ForgetsTheBackground,
+    MistakesCauses,
+    NegatesQuaternionGradients,
+    GradientsInWrongUnits,
+    HoldsDirectionsFixed,
+    NormalisesQuaternions,
+    ForgetsMomentsOnRestore,
+    StepsUphill,
+    OneRateForAllColours,
+    ForgetsBiasCorrection,
+    MovesAll,
+    MovesOnlyTheVisible,
+    FusedStepDoesTooMuch,
+    UsesListsOfAnotherView,
+    SwapsLosses,
+    ForgetsLossesOnEdit,
+    DoublesStatistics,
+    LetsGradientsCancel,
+    MistakesErrorsForGradients,
+    SeesEverything,
+    ShiftsAreSteps,
+    ForgetsMomentsOnEdit,
+    EditsEvenWhenItRefuses,
+    AcceptsNan,
+    SwallowsBadSettings,
+    RestoresAnything,
+    DrawsByParity,
+    DrawsByPlace,
+    NearIsAbsolute,
+}
+
+use Fault::*;
+
+/// The oracle as a backend: `f64` inside, `f32` in what it keeps and hands over.
+struct Faulty(Fault);
+
+#[derive(Clone, Default)]
+struct Cloud {
+    sh_len: usize,
+    parameters: Vec<Vec<f32>>,
+    first: Vec<Vec<f32>>,
+    second: Vec<Vec<f32>>,
+    steps: Vec<u32>,
+    gradient_sum: Vec<f32>,
+    visible: Vec<u32>,
+    losses: Vec<f32>,
+    last_view: Option<Camera>,
+}
+
+struct Frame {
+    oracle: Oracle<Camera>,
+    scene: OracleScene,
+    rendering: Rendering,
+}
+
+struct Gradients {
+    rows: Vec<Parameters>,
+    statistic: Vec<f64>,
+    drawn: Vec<bool>,
+}
+
+fn narrow(rows: &[Parameters]) -> Vec<Vec<f32>> {
+    rows.iter().map(|row| row.iter().map(|&v| v as f32).collect()).collect()
+}
+
+fn wide(rows: &[Vec<f32>]) -> Vec<Parameters> {
+    rows.iter().map(|row| row.iter().map(|&v| f64::from(v)).collect()).collect()
+}
+
+fn scene_of(rows: &[Vec<f32>], sh_len: usize) -> SpatialScene {
+    let mut scene = SpatialScene { sh_degree: sh_len.isqrt() as u8 - 1, ..SpatialScene::default() };
+    for row in rows {
+        scene.push(SpatialGaussian {
+            mean: glam::Vec3::from_slice(&row[0..3]),
+            log_scale: glam::Vec3::from_slice(&row[3..6]),
+            rotation: [row[6], row[7], row[8], row[9]],
+            opacity_logit: row[SPATIAL_OPACITY],
+            sh: row[SPATIAL_SH..].chunks_exact(3).map(glam::Vec3::from_slice).collect(),
+        });
+    }
+    scene
+}
+
+fn row_of(g: &SpatialGaussian, sh_len: usize) -> Vec<f32> {
+    let mut scene = SpatialScene { sh_degree: sh_len.isqrt() as u8 - 1, ..SpatialScene::default() };
+    scene.push(g.clone());
+    narrow(&scene.rows().gaussians).remove(0)
+}
+
+impl Cloud {
+    fn of(scene: &SpatialScene) -> Self {
+        let parameters = narrow(&scene.rows().gaussians);
+        let count = parameters.len();
+        let zeros = vec![vec![0.0; SPATIAL_SH + 3 * scene.sh_len()]; count];
+        Self {
+            sh_len: scene.sh_len(),
+            parameters,
+            first: zeros.clone(),
+            second: zeros,
+            steps: vec![0; count],
+            gradient_sum: vec![0.0; count],
+            visible: vec![0; count],
+            losses: Vec::new(),
+            last_view: None,
+        }
+    }
+
+    fn forget_moments(&mut self) {
+        self.first.iter_mut().chain(&mut self.second).for_each(|row| row.fill(0.0));
+    }
+
+    fn adam(&mut self, which: &[usize], gradients: &[Parameters], rates: &AdamRates) {
+        let steps = self.steps.iter().map(|&s| s as i32).collect();
+        let scene = OracleScene { gaussians: wide(&self.parameters) };
+        let mut adam = AdamReference::resumed(scene, wide(&self.first), wide(&self.second), steps);
+        adam.step_some(which, gradients, rates);
+        self.parameters = narrow(&adam.scene.gaussians);
+        for g in 0..self.steps.len() {
+            let (first, second, steps) = adam.moments(g);
+            self.first[g] = first.iter().map(|&v| v as f32).collect();
+            self.second[g] = second.iter().map(|&v| v as f32).collect();
+            self.steps[g] = steps as u32;
+        }
+    }
+}
+
+impl Faulty {
+    fn is(&self, fault: Fault) -> bool {
+        self.0 == fault
+    }
+
+    /// What it renders with instead of what it is told.
+    fn altered(&self, cloud: &Cloud, view: &Camera, settings: &RenderSettings) -> (OracleScene, Camera, RenderSettings) {
+        let (mut scene, mut view, mut settings) = (OracleScene { gaussians: wide(&cloud.parameters) }, *view, *settings);
+        let effects = &mut settings.effects;
+        match self.0 {
+            DrawsInTheScenesOrder => effects.order = Order::Index,
+            OrdersByMean if effects.order == Order::PixelDepth => effects.order = Order::TileDepth,
+            ForgetsAntialiasing => effects.antialias = Antialias::None,
+            ForgetsCompensation if effects.antialias == Antialias::Mip => effects.antialias = Antialias::Dilate,
+            IgnoresTheDegree => effects.sh_degree = 3,
+            ForgetsTheAccuracy => settings.accuracy = gs_core::Accuracy::default(),
+            ForgetsTheBackground => effects.background = Background::None,
+            NearIsAbsolute => view.near = 0.2,
+            SwallowsBadSettings if settings.validate().is_err() => settings = RenderSettings::default(),
+            DrawsByParity => scene.gaussians.iter_mut().step_by(2).for_each(|row| row[SPATIAL_SH] += 0.1),
+            DrawsByPlace => {
+                scene.gaussians.iter_mut().filter(|row| row[0] > 0.0).for_each(|row| row[SPATIAL_SH] += 0.1);
+            }
+            _ => {}
+        }
+        (scene, view, settings)
+    }
+}
+
+impl Rasterizer<SpatialScene> for Faulty {
+    type Cloud = Cloud;
+    type Frame = Frame;
+    type Gradients = Gradients;
+    type Target = Image;
+
+    fn describe(&self) -> String {
+        format!("oracle ({:?})", self.0)
+    }
+
+    fn upload(&self, scene: &SpatialScene, chart: Chart) -> Result<Cloud, Error> {
+        let mut scene = scene.clone();
+        if self.is(AcceptsNan) {
+            scene.means.iter_mut().filter(|mean| mean.is_nan()).for_each(|mean| *mean = glam::Vec3::ZERO);
+        }
+        scene.validate()?;
+        if chart != Chart::ScaleRotation {
+            return Err(Error::Unsupported { backend: "oracle", effect: format!("{chart:?}") });
+        }
+        if self.is(NormalisesQuaternions) {
+            for q in &mut scene.rotations {
+                *q = glam::Vec4::from_array(*q).normalize().to_array();
+            }
+        }
+        Ok(Cloud::of(&scene))
+    }
+
+    fn download(&self, cloud: &Cloud) -> Result<SpatialScene, Error> {
+        Ok(scene_of(&cloud.parameters, cloud.sh_len))
+    }
+
+    fn len(&self, cloud: &Cloud) -> usize {
+        cloud.parameters.len()
+    }
+
+    fn upload_target(&self, image: &Image) -> Result<Image, Error> {
+        Ok(image.clone())
+    }
+
+    fn save(&self, cloud: &Cloud) -> Result<CloudState, Error> {
+        let mut state = CloudState::new(Chart::ScaleRotation);
+        let columns = |range: std::ops::Range<usize>| -> Vec<f32> {
+            cloud.parameters.iter().flat_map(|row| row[range.clone()].iter().copied()).collect()
+        };
+        let width = SPATIAL_SH + 3 * cloud.sh_len;
+        for (name, range) in
+            [("mean", 0..3), ("log_scale", 3..6), ("rotation", 6..10), ("opacity_logit", 10..11), ("sh", 11..width)]
+        {
+            state.insert_matrix(name, range.len(), columns(range));
+        }
+        state.insert_matrix("moment1", width, cloud.first.concat());
+        state.insert_matrix("moment2", width, cloud.second.concat());
+        state.insert_matrix("gradient_sum", 1, cloud.gradient_sum.clone());
+        state.insert_u32("steps", cloud.steps.clone());
+        state.insert_u32("visible", cloud.visible.clone());
+        Ok(state)
+    }
+
+    fn restore(&self, state: &CloudState) -> Result<Cloud, Error> {
+        let restored = || {
+            if state.chart != Chart::ScaleRotation {
+                return Err(Error::State("of another chart".to_owned()));
+            }
+            let (sh_width, _) = state.matrix("sh")?;
+            let rows = |name, width| match state.matrix(name)? {
+                (columns, values) if columns == width => {
+                    Ok(values.chunks_exact(width).map(<[f32]>::to_vec).collect::<Vec<_>>())
+                }
+                (columns, _) => Err(Error::State(format!("`{name}` has {columns} columns"))),
+            };
+            let all = SPATIAL_SH + sh_width;
+            let mut parts = Vec::new();
+            for (name, width) in [("mean", 3), ("log_scale", 3), ("rotation", 4), ("opacity_logit", 1), ("sh", sh_width)] {
+                parts.push(rows(name, width)?);
+            }
+            let (steps, visible) = (state.integers("steps")?, state.integers("visible")?);
+            let gradient_sum = rows("gradient_sum", 1)?.concat();
+            let (first, second) = (rows("moment1", all)?, rows("moment2", all)?);
+            let count = steps.len();
+            let lengths = [first.len(), second.len(), visible.len(), gradient_sum.len()];
+            if parts.iter().map(Vec::len).chain(lengths).any(|n| n != count) {
+                return Err(Error::State("tensors of different lengths".to_owned()));
+            }
+            let parameters = (0..count).map(|g| parts.iter().flat_map(|part| part[g].clone()).collect()).collect();
+            let cloud = Cloud { sh_len: sh_width / 3, parameters, first, second, steps, ..Cloud::default() };
+            Ok(Cloud { gradient_sum, visible, ..cloud })
+        };
+        match restored() {
+            Err(_) if self.is(RestoresAnything) => Ok(Cloud { sh_len: 1, ..Cloud::default() }),
+            Ok(mut cloud) if self.is(ForgetsMomentsOnRestore) => {
+                cloud.forget_moments();
+                Ok(cloud)
+            }
+            other => other,
+        }
+    }
+
+    fn forward(&self, cloud: &Cloud, view: &Camera, settings: &RenderSettings) -> Result<Frame, Error> {
+        let (scene, view, settings) = self.altered(cloud, view, settings);
+        let oracle = Oracle::new(view, settings)?;
+        let rendering = oracle.render(&scene);
+        Ok(Frame { oracle, scene, rendering })
+    }
+
+    fn image(&self, frame: &Frame) -> Result<Image, Error> {
+        let image = frame.rendering.image();
+        let (w, h) = image.size();
+        match self.0 {
+            ShiftsImages => Image::from_fn(w, h, |x, y| image.pixel((x + 1) % w, (y + 1) % h)),
+            DimsImages => Image::from_fn(w, h, |x, y| image.pixel(x, y).map(|v| v * 0.9995)),
+            _ => Ok(image),
+        }
+    }
+
+    fn culled(&self, frame: &Frame) -> Result<Culled, Error> {
+        let culled = frame.rendering.culled;
+        let mistaken = Culled { near: 0, outside: culled.outside + culled.near, ..culled };
+        Ok(if self.is(MistakesCauses) { mistaken } else { culled })
+    }
+
+    fn backward(&self, _: &Cloud, frame: Frame, target: &Image, loss: &Loss) -> Result<(f32, Gradients), Error> {
+        loss.validate()?;
+        let Frame { oracle, scene, rendering } = frame;
+        let mut gradients = oracle.gradients(&scene, target, loss)?;
+        if self.is(HoldsDirectionsFixed) {
+            // With SH of degree 0 alone nothing depends on the direction.
+            let mut settings = oracle.settings();
+            settings.effects.sh_degree = 0;
+            let flat = Oracle::new(oracle.view(), settings)?.gradients(&scene, target, loss)?;
+            for (row, flat) in gradients.values.iter_mut().zip(&flat.values) {
+                row[0..3].copy_from_slice(&flat[0..3]);
+            }
+        }
+        let of_step = oracle.statistics(&scene, target, loss)?;
+        let statistic = match oracle.settings().effects.statistics {
+            Statistics::None => vec![0.0; scene.gaussians.len()],
+            Statistics::AbsoluteGradient if !self.is(LetsGradientsCancel) => of_step.absolute_gradient,
+            Statistics::PixelError if !self.is(MistakesErrorsForGradients) => of_step.pixel_error,
+            _ => of_step.mean_gradient,
+        };
+        let drawn = rendering.drawn.iter().map(|&drawn| drawn || self.is(SeesEverything)).collect();
+        Ok((gradients.loss as f32, Gradients { rows: gradients.values, statistic, drawn }))
+    }
+
+    fn download_gradients(&self, cloud: &Cloud, gradients: &Gradients) -> Result<SpatialScene, Error> {
+        let mut scene = scene_of(&narrow(&gradients.rows), cloud.sh_len);
+        match self.0 {
+            NegatesQuaternionGradients => scene.rotations.iter_mut().flatten().for_each(|v| *v = -*v),
+            GradientsInWrongUnits => scene.means.iter_mut().for_each(|v| *v *= 1.01),
+            _ => {}
+        }
+        Ok(scene)
+    }
+
+    fn step(&self, cloud: &mut Cloud, gradients: &Gradients, rates: &AdamRates) -> Result<(), Error> {
+        if gradients.rows.len() != cloud.parameters.len() {
+            return Err(Error::State("gradients of another cloud".to_owned()));
+        }
+        let mut rates = *rates;
+        match self.0 {
+            OneRateForAllColours => rates.color_rest = rates.color,
+            MovesAll => rates.participants = Participants::All,
+            MovesOnlyTheVisible => rates.participants = Participants::Visible,
+            ForgetsBiasCorrection => cloud.steps.iter_mut().for_each(|steps| *steps = 100_000),
+            StepsUphill => {
+                for rate in [&mut rates.mean, &mut rates.scale, &mut rates.rotation, &mut rates.opacity, &mut rates.color] {
+                    rate.learning_rate *= -1.0;
+                }
+            }
+            _ => {}
+        }
+        let which: Vec<usize> = (0..cloud.steps.len())
+            .filter(|&g| rates.participants == Participants::All || gradients.drawn[g])
+            .collect();
+        cloud.adam(&which, &gradients.rows, &rates);
+        for g in 0..cloud.steps.len() {
+            let twice = if self.is(DoublesStatistics) { 2.0 } else { 1.0 };
+            cloud.gradient_sum[g] += (twice * gradients.statistic[g]) as f32;
+            cloud.visible[g] += u32::from(gradients.drawn[g]);
+        }
+        Ok(())
+    }
+
+    fn train_step(&self, cloud: &mut Cloud, view: &Camera, target: &Image, step: &TrainStep<'_>) -> Result<(), Error> {
+        let stale = self.is(UsesListsOfAnotherView) && step.binning == gs_core::Binning::Reuse;
+        let seen = cloud.last_view.filter(|_| stale).unwrap_or(*view);
+        let frame = self.forward(cloud, &seen, step.settings)?;
+        let (loss, gradients) = self.backward(cloud, frame, target, &step.loss)?;
+        self.step(cloud, &gradients, step.rates)?;
+        if self.is(FusedStepDoesTooMuch) {
+            self.step(cloud, &gradients, step.rates)?;
+        }
+        cloud.last_view = Some(*view);
+        cloud.losses.push(loss);
+        Ok(())
+    }
+
+    fn losses(&self, cloud: &mut Cloud, _: Wait, losses: &mut Vec<f32>) -> Result<(), Error> {
+        if self.is(SwapsLosses) {
+            cloud.losses.reverse();
+        }
+        losses.append(&mut cloud.losses);
+        Ok(())
+    }
+
+    fn unread_losses<'c>(&self, cloud: &'c mut Cloud) -> &'c mut Vec<f32> {
+        &mut cloud.losses
+    }
+
+    fn solve_colors(&self, _: &mut Cloud, _: &Camera, _: &Image, _: &RenderSettings, _: u32) -> Result<(), Error> {
+        Err(Error::Unsupported { backend: "oracle", effect: "solving for SH".to_owned() })
+    }
+
+    fn statistics(&self, cloud: &Cloud) -> Result<DensityStatistics, Error> {
+        Ok(DensityStatistics { gradient_sum: cloud.gradient_sum.clone(), visible: cloud.visible.clone() })
+    }
+
+    fn shift_means(&self, cloud: &mut Cloud, shifts: &[f32]) -> Result<(), Error> {
+        if shifts.len() != 3 * cloud.parameters.len() {
+            return Err(Error::Length { what: "mean", expected: 3 * cloud.parameters.len(), found: shifts.len() });
+        }
+        for (row, shift) in cloud.parameters.iter_mut().zip(shifts.chunks_exact(3)) {
+            (0..3).for_each(|i| row[i] += shift[i]);
+        }
+        if self.is(ShiftsAreSteps) {
+            cloud.forget_moments();
+        }
+        Ok(())
+    }
+
+    fn edit(&self, cloud: &mut Cloud, plan: &EditPlan<SpatialGaussian>) -> Result<(), Error> {
+        let sources = plan.sources(cloud.parameters.len());
+        if sources.is_err() && self.is(EditsEvenWhenItRefuses) {
+            cloud.forget_moments();
+        }
+        let sources = sources?;
+        let width = SPATIAL_SH + 3 * cloud.sh_len;
+        cloud.parameters = plan.gather(&sources, &cloud.parameters, |g| row_of(g, cloud.sh_len));
+        for moments in [&mut cloud.first, &mut cloud.second] {
+            *moments = plan.gather_moments(&sources, moments);
+            moments.iter_mut().for_each(|row| row.resize(width, 0.0));
+        }
+        cloud.steps = plan.gather_moments(&sources, &cloud.steps);
+        cloud.gradient_sum = plan.gather_statistics(&sources, &cloud.gradient_sum);
+        cloud.visible = plan.gather_statistics(&sources, &cloud.visible);
+        if let Some(ceiling) = plan.opacity_ceiling {
+            for g in 0..cloud.steps.len() {
+                let value = &mut cloud.parameters[g][SPATIAL_OPACITY];
+                *value = value.min(logit(ceiling));
+                (cloud.first[g][SPATIAL_OPACITY], cloud.second[g][SPATIAL_OPACITY]) = (0.0, 0.0);
+            }
+        }
+        match self.0 {
+            ForgetsMomentsOnEdit => cloud.forget_moments(),
+            ForgetsLossesOnEdit => cloud.losses.clear(),
+            _ => {}
+        }
+        Ok(())
+    }
+}
+
+#[test]
+fn every_fault_is_caught_by_its_case() {
+    let caught_by = [
+        (ShiftsImages, "spatial_images_match"),
+        (ShiftsImages, "spatial_sizes_match"),
+        (DimsImages, "spatial_images_match"),
+        (DrawsInTheScenesOrder, "spatial_images_match"),
+        (DrawsInTheScenesOrder, "spatial_gradients_match"),
+        (DrawsInTheScenesOrder, "indices_do_not_matter_by_depth"),
+        (OrdersByMean, "orders_match"),
+        (OrdersByMean, "gradients_match_in_all_orders"),
+        (ForgetsAntialiasing, "antialiased_images_match"),
+        (ForgetsCompensation, "antialiased_images_match"),
+        (ForgetsCompensation, "antialiased_gradients_match"),
+        (IgnoresTheDegree, "harmonics_match"),
+        (IgnoresTheDegree, "harmonics_gradients_match"),
+        (ForgetsTheAccuracy, "spatial_accuracies_match"),
+        (ForgetsTheBackground, "empty_space_shows_the_background"),
+        (MistakesCauses, "causes_are_counted"),
+        (NegatesQuaternionGradients, "spatial_gradients_match"),
+        (GradientsInWrongUnits, "spatial_gradients_match"),
+        (HoldsDirectionsFixed, "harmonics_gradients_match"),
+        (NormalisesQuaternions, "spatial_scenes_come_back"),
+        (ForgetsMomentsOnRestore, "restored_clouds_continue_bit_for_bit"),
+        (StepsUphill, "steps_decrease_the_loss"),
+        (OneRateForAllColours, "adam_matches"),
+        (ForgetsBiasCorrection, "adam_matches"),
+        (MovesAll, "only_participants_move"),
+        (MovesOnlyTheVisible, "only_participants_move"),
+        (FusedStepDoesTooMuch, "fused_steps_match_their_stages"),
+        (UsesListsOfAnotherView, "reused_lists_are_good_for_what_stands_still"),
+        (SwapsLosses, "losses_are_told_once_and_in_order"),
+        (ForgetsLossesOnEdit, "steps_under_way_are_seen_by_everything"),
+        (DoublesStatistics, "mean_gradients_match"),
+        (LetsGradientsCancel, "absolute_gradients_match"),
+        (MistakesErrorsForGradients, "pixel_errors_match"),
+        (SeesEverything, "visible_are_counted"),
+        (ShiftsAreSteps, "shifts_move_means_and_nothing_else"),
+        (ForgetsMomentsOnEdit, "edits_carry_everything_along"),
+        (EditsEvenWhenItRefuses, "refused_edits_change_nothing"),
+        (AcceptsNan, "spatial_scenes_that_are_not_finite_are_refused"),
+        (SwallowsBadSettings, "bad_cameras_and_settings_are_errors"),
+        (RestoresAnything, "mismatches_are_errors"),
+        (DrawsByParity, "order_does_not_matter_under_sum"),
+        (DrawsByParity, "indices_do_not_matter_by_depth"),
+        (DrawsByPlace, "rigid_motions_change_nothing"),
+        (NearIsAbsolute, "scales_of_the_world_change_nothing"),
+    ];
+    let cases = spatial_cases::<Faulty>();
+    let outcome = |fault, name: &str| {
+        let case = cases.iter().find(|case| case.name == name).unwrap();
+        (case.run)(&Faulty(fault))
+    };
+    let failing: Vec<String> = (cases.iter())
+        .filter_map(|case| Some(format!("{}: {}", case.name, outcome(Faultless, case.name).err()?)))
+        .collect();
+    assert!(failing.is_empty(), "fail without a fault:\n{}", failing.join("\n"));
+    let missed: Vec<_> = caught_by.iter().filter(|&&(fault, name)| outcome(fault, name).is_ok()).collect();
+    assert!(missed.is_empty(), "not caught: {missed:?}");
+    let unguarded: Vec<_> = cases.iter().map(|c| c.name).filter(|n| !caught_by.iter().any(|(_, m)| m == n)).collect();
+    assert!(unguarded.is_empty(), "cases without a negative control: {unguarded:?}");
+}
