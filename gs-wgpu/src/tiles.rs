@@ -150,7 +150,7 @@ impl Tiles {
         Groups::Indirect(&self.indirect, offset)
     }
 
-    /// Makes the pass one of so many Gaussians on an image of this size; whether that made lists void which there were.
+    /// Makes the pass one of so many Gaussians on an image of this size.
     pub(crate) fn set(
         &mut self,
         gpu: &Gpu,

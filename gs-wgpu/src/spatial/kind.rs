@@ -4,8 +4,8 @@ use std::sync::Arc;
 
 use glam::Vec3;
 use gs_core::{
-    Camera, Chart, CloudState, Error, Order, RenderSettings, SpatialGaussian, SpatialScene,
-    effects::{Exposure, Lens, Statistics as Collected},
+    Camera, Chart, CloudState, Error, RenderSettings, SpatialGaussian, SpatialScene,
+    effects::{Exposure, Lens, Order, Statistics as Collected},
     profile::Traffic,
 };
 

@@ -1,6 +1,10 @@
 //! The stages that only spatial scenes have, as commands, and their buffers.
 
-use gs_core::{Camera, Error, Order, RenderSettings, SpatialScene, effects::Antialias, perspective::Perspective};
+use gs_core::{
+    Camera, Error, RenderSettings, SpatialScene,
+    effects::{Antialias, Order},
+    perspective::Perspective,
+};
 
 use crate::{
     cloud::{Cloud, UNIFORM},
