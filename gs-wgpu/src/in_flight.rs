@@ -103,7 +103,7 @@ struct Sent<S: Kind> {
 
 /// A cloud's steps under way, and what they work in.
 #[derive(Debug)]
-pub struct InFlight<S: Kind> {
+pub(crate) struct InFlight<S: Kind> {
     /// With the lists of the last step that was sent.
     workspace: Option<Workspace<S>>,
     /// Oldest first.

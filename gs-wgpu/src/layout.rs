@@ -5,7 +5,7 @@ use bytemuck::{Pod, Zeroable};
 /// A planar Gaussian's parameters.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
 #[repr(C)]
-pub struct Gaussian {
+pub(crate) struct Gaussian {
     pub(crate) mean: [f32; 2],
     pub(crate) opacity_logit: f32,
     /// Adam steps taken.
@@ -19,7 +19,7 @@ pub struct Gaussian {
 /// A Gaussian's Adam moments: mean 2, shape 3, colour 3, first and second; then those of the opacity.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
 #[repr(C)]
-pub struct Moments {
+pub(crate) struct Moments {
     pub(crate) first: [f32; 8],
     pub(crate) second: [f32; 8],
     pub(crate) opacity: [f32; 4],
@@ -28,7 +28,7 @@ pub struct Moments {
 /// A Gaussian's density statistics.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
 #[repr(C)]
-pub struct Statistics {
+pub(crate) struct Statistics {
     pub(crate) gradient_sum: f32,
     pub(crate) visible: u32,
 }
@@ -36,7 +36,7 @@ pub struct Statistics {
 /// A Gaussian's gradient in its whitened frame.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
 #[repr(C)]
-pub struct Gradient {
+pub(crate) struct Gradient {
     pub(crate) color: [f32; 3],
     pub(crate) opacity_logit: f32,
     pub(crate) eta: [f32; 3],
@@ -49,7 +49,7 @@ pub struct Gradient {
 /// A spatial Gaussian's parameters, but its colour.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
 #[repr(C)]
-pub struct Ellipsoid {
+pub(crate) struct Ellipsoid {
     pub(crate) mean: [f32; 3],
     pub(crate) opacity_logit: f32,
     pub(crate) log_scale: [f32; 3],
@@ -62,7 +62,7 @@ pub struct Ellipsoid {
 /// A spatial Gaussian's gradient, but its colour's.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
 #[repr(C)]
-pub struct EllipsoidGradient {
+pub(crate) struct EllipsoidGradient {
     pub(crate) mean: [f32; 3],
     pub(crate) opacity_logit: f32,
     pub(crate) log_scale: [f32; 3],
@@ -76,7 +76,7 @@ pub struct EllipsoidGradient {
 /// A spatial Gaussian's Adam moments, but its colour's: mean 3, opacity; log-scale 3, unused; rotation 4.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
 #[repr(C)]
-pub struct EllipsoidMoments {
+pub(crate) struct EllipsoidMoments {
     pub(crate) first: [f32; 12],
     pub(crate) second: [f32; 12],
 }
@@ -84,7 +84,7 @@ pub struct EllipsoidMoments {
 /// The camera that a spatial scene is seen through.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
 #[repr(C)]
-pub struct Camera {
+pub(crate) struct Camera {
     /// Rows of W, each with its number of t.
     pub(crate) world_to_camera: [[f32; 4]; 3],
     pub(crate) position: [f32; 3],
@@ -101,7 +101,7 @@ pub struct Camera {
 /// What the host reads after a pass.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
 #[repr(C)]
-pub struct Status {
+pub(crate) struct Status {
     /// Entries of all tiles' lists.
     pub(crate) entries: u32,
     /// Entries that were asked for where that were more than there is room for; else 0.
@@ -117,7 +117,7 @@ pub struct Status {
 /// Where a slot of edited arrays takes its contents from; [`Source::NONE`] leaves zeros.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 #[repr(C)]
-pub struct Source {
+pub(crate) struct Source {
     pub(crate) parameters: u32,
     pub(crate) moments: u32,
     pub(crate) statistics: u32,

@@ -16,14 +16,14 @@ fn edit_color(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) grou
     }
     let source = sources[at / step.coefficients];
     let k = at % step.coefficients;
-    let from = 3u * (source.parameters * step.coefficients + k);
+    let place = 3u * (source.parameters * step.coefficients + k);
     let heritage = 3u * (source.moments * step.coefficients + k);
     for (var channel = 0u; channel < 3u; channel++) {
         var value = 0.0;
         if source.is_fresh == 1u {
-            value = fresh[from + channel];
+            value = fresh[place + channel];
         } else {
-            value = sh[from + channel];
+            value = sh[place + channel];
         }
         var moment = vec2f(0.0);
         if source.moments != NONE {
