@@ -7,7 +7,7 @@ mod team;
 use std::{env::consts, num::NonZero, thread::available_parallelism};
 
 use clap::{Args, Parser, ValueEnum, builder::NonEmptyStringValueParser};
-use gs_core::{PlanarScene, Rasterizer, profile::Profiler};
+use gs_core::{PlanarScene, Rasterizer, SpatialScene, profile::Profiler};
 use gs_cpu::{CpuRasterizer, CpuSettings, SimdLevel};
 use gs_study::Machine;
 use gs_wgpu::{AdapterSummary, WgpuRasterizer, WgpuSettings};
@@ -74,6 +74,15 @@ pub(crate) trait Task {
     fn run<R: Profiler<PlanarScene>>(self, rasterizer: &R) -> Self::Output;
 }
 
+/// Work that any rasterizer of scenes in space can do.
+pub(crate) trait SpatialTask {
+    /// What comes of it.
+    type Output;
+
+    /// Does it on this rasterizer.
+    fn run<R: Rasterizer<SpatialScene>>(self, rasterizer: &R) -> Self::Output;
+}
+
 /// What the flags come to when they are taken together.
 #[derive(Debug, PartialEq, Eq)]
 enum Wanted<'a> {
@@ -113,6 +122,15 @@ impl Backend {
         Ok(backend)
     }
 
+    /// Starts the backend that the flags ask for, for scenes in space: without a wish, the processor, as they are not yet drawn elsewhere.
+    ///
+    /// # Errors
+    /// As [`Self::start`].
+    pub(crate) fn start_spatial(args: &BackendArgs) -> Result<Self, Failure> {
+        let automatic = args.backend == Choice::Auto && args.adapter.is_none();
+        Self::start(&BackendArgs { backend: if automatic { Choice::Cpu } else { args.backend }, ..args.clone() })
+    }
+
     fn cpu(simd: Option<&str>, threads: &Threads, why: &str) -> Result<Self, Failure> {
         let (level, why_level) = simd_level(simd)?;
         let rasterizer = CpuRasterizer::new(CpuSettings { threads: Some(threads.count), level: Some(level) })?;
@@ -136,6 +154,19 @@ impl Backend {
             rasterizer: AnyRasterizer::Wgpu(Box::new(rasterizer)),
             threads: threads.count,
             simd: None,
+        }
+    }
+
+    /// Does the task on the chosen backend.
+    ///
+    /// # Errors
+    /// Where the backend has no scenes in space.
+    pub(crate) fn run_spatial<T: SpatialTask>(&self, task: T) -> Result<T::Output, Failure> {
+        match &self.rasterizer {
+            AnyRasterizer::Cpu(rasterizer) => Ok(task.run(rasterizer)),
+            AnyRasterizer::Wgpu(_) => {
+                Err(Failure::usage("--backend wgpu does not offer scenes in space").mend("use --backend cpu"))
+            }
         }
     }
 

@@ -5,12 +5,13 @@ use std::process::ExitCode;
 use clap::{Parser, Subcommand, error::ErrorKind};
 
 use crate::{
-    commands::{eval::EvalArgs, info::InfoArgs, render::RenderArgs},
+    commands::{convert::ConvertArgs, eval::EvalArgs, info::InfoArgs, render::RenderArgs},
     failure::Failure,
     fit::arguments::FitArgs,
     paper::PaperArgs,
     profile::ProfileArgs,
     study::arguments::StudyArgs,
+    train::TrainArgs,
 };
 
 const EXAMPLES: &str = "\
@@ -18,9 +19,15 @@ Examples:
   gs fit                                        the circle and square that need no file, into gs-out/
   gs fit photo.png -o out --gaussians 9000      a photograph
   gs fit photo.png -o out --quality best        the same, slower and better
+  gs train photographs/ -o out                  a COLMAP, Nerfstudio or Blender data set, as 3DGS does it
+  gs train photographs/ -o out --preset quick   a first look at what will come of it
   gs render out/scene.gs2d.safetensors -o big.png --size 3072x2048
+  gs render out/scene.ply -o turn.apng --orbit 60   a scene in space, all the way round
   gs eval photo.png out/reconstruction.png      PSNR, SSIM, MS-SSIM
+  gs eval out/scene.ply photographs/            the same of a scene in space, view by view
+  gs convert scene.ply scene.spz                a spatial scene in another format, and what that loses
   gs info out/scene.gs2d.safetensors            what is in a scene
+  gs info photographs/                          what is in a COLMAP, Nerfstudio or Blender data set
   gs info --adapters                            the GPUs that were found
   gs profile photo.png --backend cpu            where the time of a training step goes
   gs profile out/scene.gs2d.safetensors --backend wgpu -o profile
@@ -30,8 +37,8 @@ Examples:
 
 Exit status: 0 done, 1 failed, 2 bad usage, 130 stopped by Ctrl-C.";
 
-/// Fits Gaussians to images, renders them at any size, compares, inspects and profiles the results; repeats the paper's experiments, and
-/// studies which way of growing is better.
+/// Fits Gaussians to images and to posed photographs, renders, compares, converts, inspects and profiles the results; repeats the
+/// paper's experiments, and studies which way of growing is better.
 #[derive(Debug, Parser)]
 #[command(name = "gs", version, about, after_help = EXAMPLES, arg_required_else_help = true)]
 struct CommandLine {
@@ -44,11 +51,15 @@ struct CommandLine {
 pub(crate) enum Command {
     /// Turn an image into Gaussians
     Fit(Box<FitArgs>),
-    /// Draw a scene as a PNG of any size, or a part of it
+    /// Turn posed photographs into a scene in space
+    Train(Box<TrainArgs>),
+    /// Draw a scene as a PNG of any size, or from moving cameras
     Render(RenderArgs),
-    /// Compare two images: PSNR, SSIM, MS-SSIM, L1
+    /// Compare two images, or a scene with photographs: PSNR, SSIM, L1
     Eval(EvalArgs),
-    /// Tell what is in a scene or a checkpoint, or which GPUs there are
+    /// Turn a spatial scene into another format: PLY, .splat, SPZ, glTF
+    Convert(ConvertArgs),
+    /// Tell what is in a scene, a checkpoint or a data set, or which GPUs there are
     Info(InfoArgs),
     /// Tell where the time of a training step goes, stage by stage
     Profile(Box<ProfileArgs>),
@@ -92,7 +103,7 @@ pub(crate) fn parse() -> Result<Parsed, Failure> {
     }
 }
 
-const COMMANDS: [&str; 7] = ["fit", "render", "eval", "info", "profile", "paper", "study"];
+const COMMANDS: [&str; 9] = ["fit", "train", "render", "eval", "convert", "info", "profile", "paper", "study"];
 
 /// The parser's message without its usage, its pointer to the help and its own "error:".
 fn essence(message: &str) -> String {

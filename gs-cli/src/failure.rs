@@ -100,7 +100,10 @@ impl From<gs_core::Error> for Failure {
 
 impl From<gs_io::Error> for Failure {
     fn from(error: gs_io::Error) -> Self {
-        Self::failed(error)
+        match error {
+            gs_io::Error::UnknownEnding { .. } => Self::usage(error),
+            _ => Self::failed(error),
+        }
     }
 }
 

@@ -1,4 +1,4 @@
-//! The program gs: fits Gaussians to an image, renders them at any size, and compares and inspects the results.
+//! The program gs: fits Gaussians to an image, renders them at any size, and compares and inspects the results; converts spatial scenes.
 //!
 //! Standard output carries what was asked for, and nothing else; progress and errors go to standard error. Exit status: 0 done,
 //! 1 failed, 2 bad usage, 130 stopped by Ctrl-C; a reader that closes our output early is no failure.
@@ -13,7 +13,9 @@ mod output;
 mod paper;
 mod profile;
 mod report;
+mod shown;
 mod study;
+mod train;
 mod values;
 
 use std::process::ExitCode;
@@ -39,8 +41,10 @@ fn run(parsed: Parsed) -> Result<ExitCode, Failure> {
     match parsed {
         Parsed::Answered(status) => return Ok(status),
         Parsed::Command(Command::Fit(args)) => fit::run(&args),
+        Parsed::Command(Command::Train(args)) => train::run(&args),
         Parsed::Command(Command::Render(args)) => commands::render::run(&args),
         Parsed::Command(Command::Eval(args)) => commands::eval::run(&args),
+        Parsed::Command(Command::Convert(args)) => commands::convert::run(&args),
         Parsed::Command(Command::Info(args)) => commands::info::run(&args),
         Parsed::Command(Command::Profile(args)) => profile::run(&args),
         Parsed::Command(Command::Paper(args)) => paper::run(&args),

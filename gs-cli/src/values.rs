@@ -1,8 +1,8 @@
 //! The flags' values that are more than a number or a name: sizes, rectangles, colours.
 
-use std::{fmt, str::FromStr};
+use std::{fmt, path::PathBuf, str::FromStr};
 
-use glam::Vec2;
+use glam::{Vec2, Vec3};
 
 /// A size in pixels, written WxH.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -47,7 +47,7 @@ impl FromStr for Region {
     }
 }
 
-/// A colour, written R,G,B.
+/// A colour, written R,G,B, or black or white.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Color(pub(crate) [f32; 3]);
 
@@ -55,6 +55,11 @@ impl FromStr for Color {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
+        match text {
+            "black" => return Ok(Self([0.0; 3])),
+            "white" => return Ok(Self([1.0; 3])),
+            _ => {}
+        }
         match numbers::<3>(text) {
             Some(rgb) if rgb.iter().all(|v| (0.0..=1.0).contains(v)) => Ok(Self(rgb)),
             _ => Err("write it as R,G,B, each from 0 to 1, such as 1,1,1 for white".into()),
@@ -66,6 +71,73 @@ impl fmt::Display for Color {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let [r, g, b] = self.0;
         write!(f, "{r},{g},{b}")
+    }
+}
+
+/// What is behind a scene in training, written black, white, random or R,G,B.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum Backing {
+    /// One colour.
+    Solid(Color),
+    /// Another colour in each step.
+    Random,
+}
+
+impl FromStr for Backing {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        match text {
+            "random" => Ok(Self::Random),
+            _ => text
+                .parse()
+                .map(Self::Solid)
+                .map_err(|_| "write black, white, random, or R,G,B, each from 0 to 1".to_owned()),
+        }
+    }
+}
+
+/// A view of a data set, written DATASET:VIEW.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct ViewName {
+    /// The data set.
+    pub(crate) dataset: PathBuf,
+    /// The view's name in it, or that of its file.
+    pub(crate) view: String,
+}
+
+impl FromStr for ViewName {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        // The last colon: the first may be that of a drive.
+        match text.rsplit_once(':') {
+            Some((dataset, view)) if !dataset.is_empty() && !view.is_empty() => {
+                Ok(Self { dataset: dataset.into(), view: view.to_owned() })
+            }
+            _ => Err("write it as DATASET:VIEW, such as photographs:DSC_0042.JPG; gs info tells what is in a data set"
+                .into()),
+        }
+    }
+}
+
+/// An axis of space, written x, y, z, -x, -y or -z.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Axis(pub(crate) Vec3);
+
+impl FromStr for Axis {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        Ok(Self(match text {
+            "x" => Vec3::X,
+            "y" => Vec3::Y,
+            "z" => Vec3::Z,
+            "-x" => Vec3::NEG_X,
+            "-y" => Vec3::NEG_Y,
+            "-z" => Vec3::NEG_Z,
+            _ => return Err("write x, y, z, -x, -y or -z".into()),
+        }))
     }
 }
 
@@ -84,6 +156,12 @@ mod tests {
         assert_eq!("1536x1024".parse(), Ok(Size { width: 1536, height: 1024 }));
         assert_eq!("0, -1.5,2,3".parse(), Ok(Region { origin: Vec2::new(0.0, -1.5), extent: Vec2::new(2.0, 3.0) }));
         assert_eq!("1,0.5,0".parse(), Ok(Color([1.0, 0.5, 0.0])));
+        assert_eq!("0,1,0".parse(), Ok(Backing::Solid(Color([0.0, 1.0, 0.0]))));
+        assert_eq!("white".parse(), Ok(Backing::Solid(Color([1.0; 3]))));
+        assert_eq!("random".parse(), Ok(Backing::Random));
+        let view = ViewName { dataset: "C:/photographs".into(), view: "a/b.png".to_owned() };
+        assert_eq!("C:/photographs:a/b.png".parse(), Ok(view));
+        assert_eq!("-y".parse(), Ok(Axis(Vec3::NEG_Y)));
     }
 
     #[test]
@@ -96,6 +174,11 @@ mod tests {
         }
         for color in ["", "1,1", "2,0,0", "NaN,0,0", "#fff"] {
             assert!(color.parse::<Color>().is_err(), "{color}");
+            assert!(color.parse::<Backing>().is_err(), "{color}");
         }
+        for view in ["", "photographs", ":a", "photographs:"] {
+            assert!(view.parse::<ViewName>().is_err(), "{view}");
+        }
+        assert!("up".parse::<Axis>().is_err());
     }
 }

@@ -86,6 +86,23 @@ pub enum Participants {
     Visible,
 }
 
+/// What pulls every Gaussian to be fainter and smaller, beside the loss (*source:* 3DGS-MCMC, Kheradmand et al. 2024): with it, Gaussians
+/// that the pictures do not need vanish, and can be put elsewhere. It adds opacity · (mean of all opacities) + scale · (mean of all scales, in
+/// the scene's unit) to what is minimised, but not to the loss that is told. Spatial scenes.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
+pub struct Penalty {
+    /// Weight of the mean opacity, not negative; 0.01 in the source.
+    pub opacity: f32,
+    /// Weight of the mean scale, not negative; 0.01 in the source.
+    pub scale: f32,
+}
+
+impl Penalty {
+    /// Nothing pulls.
+    pub const NONE: Self = Self { opacity: 0.0, scale: 0.0 };
+}
+
 /// Adam's settings. Bias correction counts each Gaussian's own steps, so that one born late starts as the first did.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, rename_all = "kebab-case")]
@@ -110,6 +127,8 @@ pub struct Adam {
     pub max_scale: f32,
     /// Which Gaussians a step moves.
     pub participants: Participants,
+    /// What pulls beside the loss. Spatial scenes.
+    pub penalty: Penalty,
 }
 
 impl Default for Adam {
@@ -125,6 +144,7 @@ impl Default for Adam {
             min_scale: MIN_SCALE_PX,
             max_scale: MAX_SCALE_PX,
             participants: Participants::All,
+            penalty: Penalty::NONE,
         }
     }
 }
@@ -163,6 +183,8 @@ pub struct AdamRates {
     pub max_scale: f32,
     /// Which Gaussians move.
     pub participants: Participants,
+    /// What pulls beside the loss.
+    pub penalty: Penalty,
 }
 
 impl Adam {
@@ -184,6 +206,7 @@ impl Adam {
             min_scale: self.min_scale,
             max_scale: self.max_scale,
             participants: self.participants,
+            penalty: self.penalty,
         }
     }
 }

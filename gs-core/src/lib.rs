@@ -28,7 +28,7 @@ pub mod view;
 pub mod whitened;
 
 pub use crate::{
-    adam::{Adam, AdamRates, Chart, Participants},
+    adam::{Adam, AdamRates, Chart, Participants, Penalty},
     edit::EditPlan,
     effects::{Blend, Effects},
     error::Error,

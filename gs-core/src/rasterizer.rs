@@ -1,8 +1,9 @@
 //! The trait that a backend implements: rasterise, differentiate, optimise and edit the Gaussians of one kind of scene.
 //!
 //! Only [`Rasterizer::upload`], [`Rasterizer::download`], images and the state cross between host and backend; a training step
-//! moves no data that grows with the number of Gaussians. A stale frame or a second backward pass is a type error, because
-//! [`Rasterizer::backward`] takes the frame by value.
+//! moves no data that grows with the number of Gaussians. A second backward pass of a frame is a type error, because
+//! [`Rasterizer::backward`] takes the frame by value; a frame from before an edit is refused. Of a frame from before a step the gradients
+//! are of no use: they are those of the pixels of then, taken back through the parameters of now.
 
 use crate::{
     adam::{AdamRates, Chart},

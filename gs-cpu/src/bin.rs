@@ -78,6 +78,11 @@ impl Bins {
         &chunk.slots[chunk.starts[within] as usize..chunk.starts[within + 1] as usize]
     }
 
+    /// The entries of a tile.
+    pub(crate) fn of(&self, tile: usize) -> &[Entry] {
+        &self.entries[self.tile_start[tile] as usize..self.tile_start[tile + 1] as usize]
+    }
+
     /// Pixel–Gaussian pairs that the blend kernels visit: 16 per row of every entry.
     pub(crate) fn pairs(&self) -> u64 {
         self.entries.iter().map(|e| u64::from(e.rows[1] - e.rows[0]) * LANES as u64).sum()

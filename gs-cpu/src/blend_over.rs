@@ -2,45 +2,108 @@
 //! `blend_sum`.
 //!
 //! Entries are walked front to back in both directions. A pixel that is full keeps its transmittance with the sign turned, so that
-//! every later Gaussian fails the test against the minimum. The backward pass keeps, per pixel, T and the rest v_C·(what is
+//! every later Gaussian fails the test against the minimum; rows whose pixels are all full are passed over. The backward pass keeps, per pixel, T and the rest v_C·(what is
 //! behind), and never divides by less than 1 − α_max.
 //!
 //! Legend: as in `blend_sum`, with t = α·v_α.
 
 use fearless_simd::{Simd, prelude::*};
-use gs_core::Accuracy;
 
 use crate::{
-    bin::Entry,
     blend_sum::{Weights, add, add_absolute, add_collected, add_error, passes_by, u_in_row},
     collect::Collect,
-    lanes::{Floats, LANES, each_part, fma, load, load3, splat, splat3, store, sums},
+    lanes::{Floats, LANES, Whole, each_part, fma, load, load3, splat, splat3, store, sums},
     layout::{Row, ScalarRow},
     splat::Splat,
+    tiles::Sight,
 };
 
 /// Numbers per entry that [`backward`] yields: those of `Sum`, and S (the sum of t). Those that K asks for follow them.
 pub(crate) const STRIDE: usize = 9;
 
-/// Blends the entries' Gaussians into `rows` (which start at 0) and `transmittance` (which starts at 1), before `backdrop`.
-#[expect(clippy::too_many_arguments, reason = "a kernel's inputs are slices of different owners")]
+/// How many entries are blended between two looks at which rows are full.
+const LOOK_EVERY: usize = 32;
+
+/// The rows of a tile in which some pixel is not full, a bit each: what is behind the others is passed over.
+#[derive(Debug, Clone, Copy)]
+struct OpenRows(u64);
+
+impl OpenRows {
+    fn all(rows: usize) -> Self {
+        Self(u64::MAX >> (u64::BITS as usize - rows))
+    }
+
+    /// From the first to behind the last of the open ones among rows `first` to `end`.
+    #[inline(always)]
+    fn within(self, [first, end]: [usize; 2]) -> Option<[usize; 2]> {
+        let open = self.0 & (u64::MAX << first) & (u64::MAX >> (u64::BITS as usize - end));
+        let [first, end] = [open.trailing_zeros(), u64::BITS - open.leading_zeros()].map(|row| row as usize);
+        (open != 0).then_some([first, end])
+    }
+
+    /// Closes those whose pixels are all full, their transmittances negative.
+    #[inline(always)]
+    fn look<S: Simd>(&mut self, simd: S, rows: &[impl Transmittances]) {
+        let mut left = self.0;
+        while left != 0 {
+            let row = left.trailing_zeros() as usize;
+            left &= left - 1;
+            let t: Whole<S> = load(simd, rows[row].transmittances(), 0);
+            if t.simd_lt(splat::<S, Whole<S>>(simd, 0.0)).all_true() {
+                self.0 &= !(1 << row);
+            }
+        }
+    }
+}
+
+/// Where a row keeps its pixels' transmittances.
+trait Transmittances {
+    fn transmittances(&self) -> &[f32; LANES];
+}
+
+impl Transmittances for ScalarRow {
+    #[inline(always)]
+    fn transmittances(&self) -> &[f32; LANES] {
+        &self.0
+    }
+}
+
+/// While a backward pass replays it.
+impl Transmittances for Row {
+    #[inline(always)]
+    fn transmittances(&self) -> &[f32; LANES] {
+        &self.0[0]
+    }
+}
+
+/// Nothing is in front of a row's pixels yet; those beyond the image are full from the start.
+fn unobstructed(lanes_inside: usize) -> [f32; LANES] {
+    std::array::from_fn(|lane| if lane < lanes_inside { 1.0 } else { -1.0 })
+}
+
+/// Blends the entries' Gaussians into `rows`, before `backdrop`, and says what transmittance is left.
 #[inline(always)]
 pub(crate) fn forward<S: Simd>(
     simd: S,
-    entries: &[Entry],
-    splats: &[Splat],
-    accuracy: &Accuracy,
-    first_column: usize,
-    first_row: usize,
+    sight: &Sight<'_>,
     rows: &mut [Row],
     transmittance: &mut [ScalarRow],
     backdrop: [f32; 3],
 ) {
-    for entry in entries {
-        let s = &splats[entry.place as usize];
-        let [row, end] = entry.rows.map(|row| usize::from(row) - first_row);
+    rows.fill(Row::ZERO);
+    transmittance.fill(ScalarRow(unobstructed(sight.lanes_inside)));
+    let mut open = OpenRows::all(rows.len());
+    for (number, entry) in sight.entries.iter().enumerate() {
+        if number % LOOK_EVERY == LOOK_EVERY - 1 {
+            open.look(simd, transmittance);
+            if open.0 == 0 {
+                break;
+            }
+        }
+        let Some([row, end]) = open.within(sight.rows_of(entry)) else { continue };
+        let s = &sight.splats[entry.place as usize];
         let (rows, transmittance) = (&mut rows[row..end], &mut transmittance[row..end]);
-        each_part!(S; forward_part(simd, s, accuracy, first_column, usize::from(entry.rows[0]), rows, transmittance));
+        each_part!(S; forward_part(simd, s, sight, sight.first_row + row, rows, transmittance));
     }
     for (Row(pixels), ScalarRow(t)) in rows.iter_mut().zip(transmittance) {
         for lane in (0..LANES).step_by(S::f32s::LEN) {
@@ -60,8 +123,7 @@ pub(crate) fn forward<S: Simd>(
 fn forward_part<S: Simd, V: Floats<S>, const LANE: usize>(
     simd: S,
     s: &Splat,
-    accuracy: &Accuracy,
-    first_column: usize,
+    &Sight { accuracy, first_column, .. }: &Sight<'_>,
     mut row: usize,
     rows: &mut [Row],
     transmittance: &mut [ScalarRow],
@@ -98,37 +160,40 @@ fn forward_part<S: Simd, V: Floats<S>, const LANE: usize>(
 
 /// What the entries' Gaussians receive from v_C = `v_rows`: [`STRIDE`] numbers per entry and those that K asks for, into `slots`. `rows` holds
 /// the finished colours, and is used up; `errors` are those of the pixels, where K asks for them.
-#[expect(clippy::too_many_arguments, reason = "a kernel's inputs are slices of different owners")]
 #[inline(always)]
 pub(crate) fn backward<S: Simd, K: Collect>(
     simd: S,
-    entries: &[Entry],
-    splats: &[Splat],
-    accuracy: &Accuracy,
-    first_column: usize,
-    first_row: usize,
+    sight: &Sight<'_>,
     rows: &mut [Row],
     v_rows: &[Row],
     errors: &[ScalarRow],
     slots: &mut [f32],
 ) {
+    let unobstructed = unobstructed(sight.lanes_inside);
     for (Row(pixels), Row(v)) in rows.iter_mut().zip(v_rows) {
         // From here on, channel 0 is T and channel 1 the rest.
         for lane in (0..LANES).step_by(S::f32s::LEN) {
             let [r, g, b]: [S::f32s; 3] = load3(simd, pixels, lane);
             let [v_r, v_g, v_b]: [S::f32s; 3] = load3(simd, v, lane);
-            store(splat::<S, S::f32s>(simd, 1.0), &mut pixels[0], lane);
+            store(load::<S, S::f32s>(simd, &unobstructed, lane), &mut pixels[0], lane);
             store(fma(b, v_b, fma(g, v_g, r * v_r)), &mut pixels[1], lane);
         }
     }
-    for (entry, slot) in entries.iter().zip(slots.chunks_exact_mut(STRIDE + K::NUMBERS)) {
-        let s = &splats[entry.place as usize];
-        let first = usize::from(entry.rows[0]);
-        let [row, end] = entry.rows.map(|row| usize::from(row) - first_row);
+    slots.fill(0.0);
+    let mut open = OpenRows::all(rows.len());
+    let of_entries = sight.entries.iter().zip(slots.chunks_exact_mut(STRIDE + K::NUMBERS));
+    for (number, (entry, slot)) in of_entries.enumerate() {
+        if number % LOOK_EVERY == LOOK_EVERY - 1 {
+            open.look(simd, rows);
+            if open.0 == 0 {
+                break;
+            }
+        }
+        let Some([row, end]) = open.within(sight.rows_of(entry)) else { continue };
+        let s = &sight.splats[entry.place as usize];
         let (rows, v_rows) = (&mut rows[row..end], &v_rows[row..end]);
         let errors = if K::ERROR { &errors[row..end] } else { &[] };
-        slot.fill(0.0);
-        each_part!(S, K; backward_part(simd, s, accuracy, first_column, first, rows, v_rows, errors, slot));
+        each_part!(S, K; backward_part(simd, s, sight, sight.first_row + row, rows, v_rows, errors, slot));
     }
 }
 
@@ -138,8 +203,7 @@ pub(crate) fn backward<S: Simd, K: Collect>(
 fn backward_part<S: Simd, V: Floats<S>, K: Collect, const LANE: usize>(
     simd: S,
     s: &Splat,
-    accuracy: &Accuracy,
-    first_column: usize,
+    &Sight { accuracy, first_column, .. }: &Sight<'_>,
     mut row: usize,
     rows: &mut [Row],
     v_rows: &[Row],

@@ -8,19 +8,15 @@
 
 use std::sync::{Mutex, PoisonError};
 
-use fearless_simd::Simd;
-use gs_core::{
-    Accuracy,
-    splat::over::{self, Backward, Forward},
-};
+use fearless_simd::{Level, Simd, dispatch};
+use gs_core::splat::over::{self, Backward, Forward};
 
 use crate::{
-    bin::Entry,
     blend_over::STRIDE,
     collect::Collect,
     lanes::{LANES, Whole, exp, fma, iota, splat, store},
     layout::{Row, ScalarRow},
-    splat::Splat,
+    tiles::Sight,
 };
 
 /// How a Gaussian's depth depends on the pixel.
@@ -32,18 +28,6 @@ pub(crate) struct PixelDepth {
     pub(crate) slope: [f32; 2],
     /// Its index in the scene, which decides ties.
     pub(crate) index: u32,
-}
-
-/// A tile's lists, and where it is.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Sight<'a> {
-    pub(crate) entries: &'a [Entry],
-    pub(crate) splats: &'a [Splat],
-    /// By place, as the splats.
-    pub(crate) depths: &'a [PixelDepth],
-    pub(crate) accuracy: &'a Accuracy,
-    pub(crate) first_column: usize,
-    pub(crate) first_row: usize,
 }
 
 /// An entry as a pixel sees it.
@@ -97,11 +81,10 @@ fn ordered(value: f32) -> u32 {
 impl Scratch {
     /// Lists which entries reach each of `rows` rows.
     fn list_rows(&mut self, sight: &Sight<'_>, rows: usize) {
-        let within = |entry: &Entry| entry.rows.map(|row| usize::from(row) - sight.first_row);
         self.row_start.clear();
         self.row_start.resize(rows + 2, 0);
         for entry in sight.entries {
-            let [first, end] = within(entry);
+            let [first, end] = sight.rows_of(entry);
             self.row_start[first + 2..end + 2].iter_mut().for_each(|count| *count += 1);
         }
         for row in 1..rows + 2 {
@@ -110,7 +93,7 @@ impl Scratch {
         // From here on, `row_start[row + 1]` is where row `row`'s next one goes; in the end, where it ends.
         self.reaching.resize(self.row_start[rows + 1] as usize, 0);
         for (number, entry) in sight.entries.iter().enumerate() {
-            let [first, end] = within(entry);
+            let [first, end] = sight.rows_of(entry);
             for next in &mut self.row_start[first + 1..end + 1] {
                 self.reaching[*next as usize] = number as u32;
                 *next += 1;
@@ -119,8 +102,16 @@ impl Scratch {
     }
 
     /// What the pixels of row `row` of the tile see, nearest first.
+    fn look(&mut self, level: Level, sight: &Sight<'_>, row: usize) {
+        dispatch!(level, simd => self.look_at(simd, sight, row));
+        for seen in &mut self.seen {
+            seen.sort_unstable_by_key(|seen| seen.key);
+        }
+    }
+
+    /// What the pixels of row `row` of the tile see, in the order of the lists.
     #[inline(always)]
-    fn look<S: Simd>(&mut self, simd: S, sight: &Sight<'_>, row: usize) {
+    fn look_at<S: Simd>(&mut self, simd: S, sight: &Sight<'_>, row: usize) {
         self.seen.iter_mut().for_each(Vec::clear);
         let (mut uncut_lanes, mut depth_lanes) = ([0.0; LANES], [0.0; LANES]);
         for &number in &self.reaching[self.row_start[row] as usize..self.row_start[row + 1] as usize] {
@@ -141,16 +132,12 @@ impl Scratch {
                 }
             }
         }
-        for seen in &mut self.seen {
-            seen.sort_unstable_by_key(|seen| seen.key);
-        }
     }
 }
 
 /// Blends the entries' Gaussians into `rows`, before `backdrop`, and says what transmittance is left.
-#[inline(always)]
-pub(crate) fn forward<S: Simd>(
-    simd: S,
+pub(crate) fn forward(
+    level: Level,
     sight: &Sight<'_>,
     scratch: &mut Scratch,
     rows: &mut [Row],
@@ -159,7 +146,7 @@ pub(crate) fn forward<S: Simd>(
 ) {
     scratch.list_rows(sight, rows.len());
     for (row, (Row(pixels), ScalarRow(left))) in rows.iter_mut().zip(transmittance).enumerate() {
-        scratch.look(simd, sight, row);
+        scratch.look(level, sight, row);
         for (lane, seen) in scratch.seen.iter().enumerate() {
             let mut pixel = Forward::default();
             for seen in seen {
@@ -179,9 +166,8 @@ pub(crate) fn forward<S: Simd>(
 
 /// What the entries' Gaussians receive from v_C = `v_rows`: [`STRIDE`] numbers per entry and those that K asks for, into `slots`. `rows` holds
 /// the finished colours; `errors` are those of the pixels, where K asks for them.
-#[inline(always)]
-pub(crate) fn backward<S: Simd, K: Collect>(
-    simd: S,
+pub(crate) fn backward<K: Collect>(
+    level: Level,
     sight: &Sight<'_>,
     scratch: &mut Scratch,
     rows: &[Row],
@@ -192,7 +178,7 @@ pub(crate) fn backward<S: Simd, K: Collect>(
     slots.fill(0.0);
     scratch.list_rows(sight, rows.len());
     for (row, (Row(pixels), Row(v))) in rows.iter().zip(v_rows).enumerate() {
-        scratch.look(simd, sight, row);
+        scratch.look(level, sight, row);
         for (lane, seen) in scratch.seen.iter().enumerate() {
             let at = |channels: &[[f32; LANES]; 3]| [channels[0][lane], channels[1][lane], channels[2][lane]];
             let mut pixel = Backward::new(at(v), at(pixels));

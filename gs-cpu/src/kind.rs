@@ -35,6 +35,9 @@ pub trait Kind: Scene + 'static {
     /// Fails where the view or an effect is not possible.
     fn check(view: &Self::View, settings: &RenderSettings) -> Result<(), Error>;
 
+    /// Fails where Adam's numbers ask for what this kind has not.
+    fn check_rates(rates: &AdamRates) -> Result<(), Error>;
+
     /// Columns and rows.
     fn size(view: &Self::View) -> (u32, u32);
 

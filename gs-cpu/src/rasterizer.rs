@@ -199,6 +199,7 @@ impl<S: Kind> Rasterizer<S> for CpuRasterizer {
 
     fn step(&self, cloud: &mut S::Cloud, gradients: &Gradients<S>, rates: &AdamRates) -> Result<(), Error> {
         check_len::<S>(gradients, cloud)?;
+        S::check_rates(rates)?;
         let mut bias = S::resources(self).bias.lock().unwrap_or_else(PoisonError::into_inner);
         let bias = &mut *bias;
         self.threads.install(|| S::adam(cloud, bias, rates, self.level, gradients.workspace()));
@@ -213,6 +214,7 @@ impl<S: Kind> Rasterizer<S> for CpuRasterizer {
         step: &TrainStep<'_>,
     ) -> Result<(), Error> {
         S::check(view, step.settings)?;
+        S::check_rates(step.rates)?;
         step.loss.validate()?;
         target.check_size(S::size(view))?;
         let Resources { pool, bias } = S::resources(self);

@@ -3,15 +3,15 @@
 use fearless_simd::{Level, dispatch};
 use glam::Vec2;
 use gs_core::{
-    Blend, Effects, Error, Loss, RenderSettings,
+    Accuracy, Blend, Effects, Error, Loss, RenderSettings,
     effects::{Order, Statistics},
     statistics::Culled,
 };
 
 use crate::{
-    bin::Bins,
+    bin::{Bins, Entry},
     blend_over,
-    blend_pixel_depth::{self, PixelDepth, Scratches, Sight},
+    blend_pixel_depth::{self, PixelDepth, Scratches},
     blend_sum,
     collect::{Nothing, collecting, numbers},
     dssim,
@@ -52,6 +52,57 @@ pub(crate) struct Tiles {
     /// What projection left out.
     pub(crate) culled: Culled,
     pub(crate) dssim: dssim::Scratch,
+}
+
+/// A tile's lists, and where it is.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Sight<'a> {
+    pub(crate) entries: &'a [Entry],
+    pub(crate) splats: &'a [Splat],
+    /// By place, as the splats; empty where pixels have no order of their own.
+    pub(crate) depths: &'a [PixelDepth],
+    pub(crate) accuracy: &'a Accuracy,
+    pub(crate) first_column: usize,
+    pub(crate) first_row: usize,
+    /// How many of its lanes are columns of the image.
+    pub(crate) lanes_inside: usize,
+}
+
+impl Sight<'_> {
+    /// The rows of the tile that an entry touches, first and end.
+    #[inline(always)]
+    pub(crate) fn rows_of(&self, entry: &Entry) -> [usize; 2] {
+        entry.rows.map(|row| usize::from(row) - self.first_row)
+    }
+}
+
+/// What the blend kernels read, apart from what they write.
+#[derive(Clone, Copy)]
+struct Lists<'a> {
+    settings: &'a RenderSettings,
+    grid: &'a Grid,
+    splats: &'a [Splat],
+    depths: &'a [PixelDepth],
+    bins: &'a Bins,
+}
+
+impl<'a> Lists<'a> {
+    fn of(&self, tile: usize) -> Sight<'a> {
+        let (first_column, rows) = self.grid.place(tile);
+        Sight {
+            entries: self.bins.of(tile),
+            splats: self.splats,
+            depths: self.depths,
+            accuracy: &self.settings.accuracy,
+            first_column,
+            first_row: rows.start,
+            lanes_inside: self.grid.lanes_inside(tile),
+        }
+    }
+
+    fn cuts(&self, stride: usize) -> Cuts<'a> {
+        Cuts { grid: self.grid, tile_start: &self.bins.tile_start, stride }
+    }
 }
 
 impl Tiles {
@@ -110,77 +161,57 @@ impl Tiles {
 
     /// Stage `blend`: the image, into `rows`.
     pub(crate) fn blend(&mut self, level: Level) {
-        let settings = self.settings;
-        let backdrop = settings.backdrop();
-        let over = settings.effects.blend == Blend::Over;
-        if over {
-            self.transmittance.resize(self.grid.rows(), ScalarRow([1.0; 16]));
-        } else {
-            self.transmittance.clear();
-        }
-        let (splats, bins, grid) = (&self.splats, &self.bins, &self.grid);
-        let pixel_depth = settings.effects.order == Order::PixelDepth && over;
-        let (depths, scratches) = (&self.depths, &self.scratches);
-        let cuts = Cuts { grid, tile_start: &bins.tile_start, stride: 0 };
-        let buffers =
-            TileBuffers { rows: &mut self.rows, scalars: &mut self.transmittance, slots: &mut [], sums: &mut [] };
-        for_each_tile(0..grid.tiles(), buffers, cuts, &|tile, buffers| {
-            let entries = &bins.entries[bins.tile_start[tile] as usize..bins.tile_start[tile + 1] as usize];
-            let (column, rows) = grid.place(tile);
-            if pixel_depth {
-                let sight = Sight {
-                    entries,
-                    splats,
-                    depths,
-                    accuracy: &settings.accuracy,
-                    first_column: column,
-                    first_row: rows.start,
-                };
-                scratches.with(|scratch| {
-                    dispatch!(level, simd => blend_pixel_depth::forward(
-                        simd, &sight, scratch, buffers.rows, buffers.scalars, backdrop,
-                    ))
-                });
-            } else if over {
-                buffers.rows.fill(Row::ZERO);
-                buffers.scalars.fill(ScalarRow([1.0; 16]));
-                dispatch!(level, simd => blend_over::forward(
-                    simd, entries, splats, &settings.accuracy, column, rows.start,
-                    buffers.rows, buffers.scalars, backdrop,
-                ));
-            } else {
-                buffers.rows.fill(Row(backdrop.map(|c| [c; 16])));
-                dispatch!(level, simd => blend_sum::forward(simd, entries, splats, column, rows.start, buffers.rows));
+        let Effects { blend, order, .. } = self.settings.effects;
+        let backdrop = self.settings.backdrop();
+        let transmittances = if blend == Blend::Over { self.grid.rows() } else { 0 };
+        self.transmittance.resize(transmittances, ScalarRow([1.0; 16]));
+        let Self { settings, grid, splats, depths, bins, rows, transmittance, scratches, .. } = self;
+        let lists = Lists { settings, grid, splats, depths, bins };
+        let buffers = TileBuffers { rows, scalars: transmittance, slots: &mut [], sums: &mut [] };
+        for_each_tile(0..grid.tiles(), buffers, lists.cuts(0), &|tile, buffers| {
+            let TileBuffers { rows, scalars, .. } = buffers;
+            let sight = lists.of(tile);
+            match (blend, order) {
+                (Blend::Sum, _) => {
+                    rows.fill(Row(backdrop.map(|c| [c; 16])));
+                    let Sight { entries, splats, first_column, first_row, .. } = sight;
+                    dispatch!(level, simd => blend_sum::forward(simd, entries, splats, first_column, first_row, rows));
+                }
+                (Blend::Over, Order::PixelDepth) => scratches.with(|scratch| {
+                    blend_pixel_depth::forward(level, &sight, scratch, rows, scalars, backdrop);
+                }),
+                (Blend::Over, _) => {
+                    dispatch!(level, simd => blend_over::forward(simd, &sight, rows, scalars, backdrop))
+                }
             }
         });
     }
 
     /// Stage `blend_bwd`: from `v_rows` (and, under `Over`, the image, which is used up) into `slots`.
     pub(crate) fn blend_bwd(&mut self, level: Level) {
-        let settings = self.settings;
-        let (splats, bins, grid, v_rows, errors) = (&self.splats, &self.bins, &self.grid, &self.v_rows, &self.errors);
-        let (depths, scratches) = (&self.depths, &self.scratches);
-        self.slots.resize(bins.entries.len() * self.stride, 0.0);
-        let cuts = Cuts { grid, tile_start: &bins.tile_start, stride: self.stride };
-        let buffers = TileBuffers { rows: &mut self.rows, scalars: &mut [], slots: &mut self.slots, sums: &mut [] };
-        for_each_tile(0..grid.tiles(), buffers, cuts, &|tile, buffers| {
-            let entries = &bins.entries[bins.tile_start[tile] as usize..bins.tile_start[tile + 1] as usize];
-            let (column, rows) = grid.place(tile);
-            let v_rows = &v_rows[grid.first_row(tile)..][..rows.len()];
-            let errors = if errors.is_empty() { &[] } else { &errors[grid.first_row(tile)..][..rows.len()] };
-            collecting!(settings.effects.statistics, K => match settings.effects.blend {
-                Blend::Sum => dispatch!(level, simd => blend_sum::backward::<_, K>(
-                    simd, entries, splats, column, rows.start, v_rows, errors, buffers.slots,
-                )),
-                Blend::Over if settings.effects.order == Order::PixelDepth => {
-                    let sight = Sight { entries, splats, depths, accuracy: &settings.accuracy, first_column: column, first_row: rows.start };
-                    scratches.with(|scratch| dispatch!(level, simd => blend_pixel_depth::backward::<_, K>(
-                        simd, &sight, scratch, buffers.rows, v_rows, errors, buffers.slots,
-                    )));
+        let Effects { blend, order, statistics, .. } = self.settings.effects;
+        self.slots.resize(self.bins.entries.len() * self.stride, 0.0);
+        let Self { settings, grid, splats, depths, bins, rows, v_rows, errors, slots, scratches, .. } = self;
+        let lists = Lists { settings, grid, splats, depths, bins };
+        let buffers = TileBuffers { rows, scalars: &mut [], slots, sums: &mut [] };
+        for_each_tile(0..grid.tiles(), buffers, lists.cuts(self.stride), &|tile, buffers| {
+            let TileBuffers { rows, slots, .. } = buffers;
+            let sight = lists.of(tile);
+            let of_tile = grid.first_row(tile)..grid.first_row(tile) + rows.len();
+            let errors = if errors.is_empty() { &[] } else { &errors[of_tile.clone()] };
+            let v_rows = &v_rows[of_tile];
+            collecting!(statistics, K => match (blend, order) {
+                (Blend::Sum, _) => {
+                    let Sight { entries, splats, first_column, first_row, .. } = sight;
+                    dispatch!(level, simd => blend_sum::backward::<_, K>(
+                        simd, entries, splats, first_column, first_row, v_rows, errors, slots,
+                    ));
                 }
-                Blend::Over => dispatch!(level, simd => blend_over::backward::<_, K>(
-                    simd, entries, splats, &settings.accuracy, column, rows.start, buffers.rows, v_rows, errors,
-                    buffers.slots,
+                (Blend::Over, Order::PixelDepth) => scratches.with(|scratch| {
+                    blend_pixel_depth::backward::<K>(level, &sight, scratch, rows, v_rows, errors, slots);
+                }),
+                (Blend::Over, _) => dispatch!(level, simd => blend_over::backward::<_, K>(
+                    simd, &sight, rows, v_rows, errors, slots,
                 )),
             });
         });
@@ -195,22 +226,19 @@ impl Tiles {
     /// Σ (C − Y)²; `slots` receive the gradients of half of that.
     pub(crate) fn blend_l2_fused(&mut self, level: Level, target: &[Row]) -> f64 {
         let backdrop = self.settings.backdrop();
-        let (splats, bins, grid) = (&self.splats, &self.bins, &self.grid);
-        self.slots.resize(bins.entries.len() * self.stride, 0.0);
-        let cuts = Cuts { grid, tile_start: &bins.tile_start, stride: self.stride };
-        let buffers =
-            TileBuffers { rows: &mut self.rows, scalars: &mut [], slots: &mut self.slots, sums: &mut self.sums };
-        for_each_tile(0..grid.tiles(), buffers, cuts, &|tile, buffers| {
-            let entries = &bins.entries[bins.tile_start[tile] as usize..bins.tile_start[tile + 1] as usize];
-            let (column, rows) = grid.place(tile);
-            let target = &target[grid.first_row(tile)..][..rows.len()];
-            let inside = grid.lanes_inside(tile);
+        self.slots.resize(self.bins.entries.len() * self.stride, 0.0);
+        let Self { settings, grid, splats, depths, bins, rows, slots, sums, .. } = self;
+        let lists = Lists { settings, grid, splats, depths, bins };
+        let buffers = TileBuffers { rows, scalars: &mut [], slots, sums };
+        for_each_tile(0..grid.tiles(), buffers, lists.cuts(self.stride), &|tile, buffers| {
+            let Sight { entries, splats, first_column: column, first_row, lanes_inside: inside, .. } = lists.of(tile);
+            let target = &target[grid.first_row(tile)..][..buffers.rows.len()];
             dispatch!(level, simd => {
                 blend_sum::start(simd, backdrop, target, buffers.rows);
-                blend_sum::forward(simd, entries, splats, column, rows.start, buffers.rows);
+                blend_sum::forward(simd, entries, splats, column, first_row, buffers.rows);
                 buffers.sums[0] = square_sum(buffers.rows, inside);
                 blend_sum::backward::<_, Nothing>(
-                    simd, entries, splats, column, rows.start, buffers.rows, &[], buffers.slots,
+                    simd, entries, splats, column, first_row, buffers.rows, &[], buffers.slots,
                 );
             });
         });

@@ -60,7 +60,7 @@ fn main() -> Result<(), gs_core::Error> {
             scene: &scene,
             statistics: &statistics,
             residual: Some(&residual),
-            size: (WIDTH, HEIGHT),
+            extent: WIDTH as f32,
             step: 60,
             progress,
             budget,

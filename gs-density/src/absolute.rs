@@ -1,9 +1,10 @@
 //! Growth above an absolute threshold on the gradient, as 3DGS has it.
 
-use gs_core::{EditPlan, Error, PlanarGaussian, effects::Statistics};
+use gs_core::{EditPlan, Error, effects::Statistics};
 use serde::{Deserialize, Serialize};
 
 use crate::{
+    gaussian::DensityScene,
     observation::{DensityPolicy, Observation, Rng},
     ranking::WhenFlat,
     round::{Actions, Round},
@@ -62,8 +63,8 @@ impl AbsoluteThreshold {
     }
 }
 
-impl DensityPolicy for AbsoluteThreshold {
-    fn plan(&self, observation: &Observation<'_>, rng: &mut Rng) -> Result<EditPlan<PlanarGaussian>, Error> {
+impl<S: DensityScene> DensityPolicy<S> for AbsoluteThreshold {
+    fn plan(&self, observation: &Observation<'_, S>, rng: &mut Rng) -> Result<EditPlan<S::Gaussian>, Error> {
         self.validate()?;
         let round = Round::open(&self.actions, observation)?;
         let ranking = round.rank_by_statistic(WhenFlat::Nothing);

@@ -1,7 +1,8 @@
 //! What becomes of the opacity when one Gaussian becomes two.
 
-use gs_core::PlanarGaussian;
 use serde::{Deserialize, Serialize};
+
+use crate::gaussian::DensityGaussian;
 
 /// What becomes of the opacity of the two that replace one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
@@ -22,11 +23,11 @@ pub enum OpacityCorrection {
 
 impl OpacityCorrection {
     /// Corrects one of the two, in a scene that has opacities, or has none.
-    pub(crate) fn apply(self, half: &mut PlanarGaussian, has_opacity: bool) {
+    pub(crate) fn apply<G: DensityGaussian>(self, half: &mut G, has_opacity: bool) {
         match (self, has_opacity) {
             (Self::None, _) => {}
-            (Self::Conserve, true) => half.opacity_logit = logit_of_half(half.opacity_logit),
-            (Self::Conserve, false) => half.color *= 0.5,
+            (Self::Conserve, true) => half.set_opacity_logit(logit_of_half(half.opacity_logit())),
+            (Self::Conserve, false) => half.map_color(|color| color * 0.5),
         }
     }
 }

@@ -3,18 +3,17 @@
 //! One becomes two either way. The *original* keeps its slot in the scene, and so its place in the order of blending; the *copy*
 //! is added right behind it. Ancestors differ in what they do to the two, mostly by accident; here each such point is a setting.
 
-use glam::Vec2;
 use gs_core::{
-    Error, PlanarGaussian, Scene,
+    Error,
     constants::{MIN_SCALE_PX, SPLIT_PHI},
     edit::{Birth, Change, Moments, Origin, Place},
     scene::{logit, sigmoid},
 };
-use rand_distr::{Distribution, StandardNormal};
 use serde::{Deserialize, Serialize};
 
 use crate::{
     correction::OpacityCorrection,
+    gaussian::{DensityGaussian, DensityScene},
     observation::{Observation, Rng},
     size::SizeThreshold,
 };
@@ -38,7 +37,7 @@ pub enum SplitPlacement {
     /// At two points drawn independently from the parent (paper §2.2.2, 3DGS).
     #[default]
     Drawn,
-    /// On the parent's long axis, half of its larger scale to either side of its mean: no luck involved.
+    /// On the parent's long axis, half of its largest scale to either side of its mean: no luck involved.
     LongAxis,
     /// On the parent's long axis, with sizes and opacity of their own instead of [`Densify::shrink`].
     LongAxisSplit(LongAxisSplit),
@@ -52,11 +51,11 @@ pub enum SplitPlacement {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, rename_all = "kebab-case", deny_unknown_fields)]
 pub struct LongAxisSplit {
-    /// Distance of either half from the parent's mean, in units of its larger scale; not negative. Default 1.5.
+    /// Distance of either half from the parent's mean, in units of its largest scale; not negative. Default 1.5.
     pub offset: f32,
-    /// What the larger scale is multiplied by, above 0 and at most 1. Default 0.5.
+    /// What the largest scale is multiplied by, above 0 and at most 1. Default 0.5.
     pub length: f32,
-    /// What the smaller scale is multiplied by, above 0 and at most 1. Default 0.85.
+    /// What the other scales are multiplied by, above 0 and at most 1. Default 0.85.
     pub width: f32,
     /// What the opacity (in scenes without: the colour) is multiplied by, above 0 and at most 1. Default 0.6.
     pub opacity: f32,
@@ -69,20 +68,17 @@ impl Default for LongAxisSplit {
 }
 
 impl LongAxisSplit {
-    fn halves(&self, parent: &PlanarGaussian, has_opacity: bool) -> [PlanarGaussian; 2] {
-        let by_axes = if is_first_longer(parent) {
-            Vec2::new(self.length, self.width)
-        } else {
-            Vec2::new(self.width, self.length)
-        };
-        let mut half = PlanarGaussian { log_scale: parent.log_scale + by_axes.map(f32::ln), ..*parent };
-        if has_opacity {
-            half.opacity_logit = logit(sigmoid(parent.opacity_logit) * self.opacity);
-        } else {
-            half.color *= self.opacity;
-        }
-        let offset = self.offset * long_axis(parent);
-        [-offset, offset].map(|offset| PlanarGaussian { mean: parent.mean + offset, ..half })
+    fn halves<G: DensityGaussian>(&self, parent: &G, has_opacity: bool) -> [G; 2] {
+        [-self.offset, self.offset].map(|offset| {
+            let mut half = parent.moved_along(offset);
+            half.reshape(self.length, self.width);
+            if has_opacity {
+                half.set_opacity_logit(logit(sigmoid(parent.opacity_logit()) * self.opacity));
+            } else {
+                half.map_color(|color| color * self.opacity);
+            }
+            half
+        })
     }
 
     fn validate(&self) -> Result<(), Error> {
@@ -100,16 +96,6 @@ impl LongAxisSplit {
         }
         Ok(())
     }
-}
-
-fn is_first_longer(gaussian: &PlanarGaussian) -> bool {
-    gaussian.log_scale.x >= gaussian.log_scale.y
-}
-
-/// The longer axis, as long as the larger scale.
-fn long_axis(gaussian: &PlanarGaussian) -> Vec2 {
-    let frame = gaussian.frame();
-    if is_first_longer(gaussian) { frame.x_axis } else { frame.y_axis }
 }
 
 /// Which of the two keeps the Adam moments of the one; the others start afresh.
@@ -143,10 +129,9 @@ impl MomentHeir {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, rename_all = "kebab-case", deny_unknown_fields)]
 pub struct Densify {
-    /// Gaussians larger than this are split, the others cloned. Default 0.01 of the image's longer side (3DGS:
-    /// `percent_dense` of the scene's extent).
+    /// Gaussians larger than this are split, the others cloned. Default 0.01 of the extent (3DGS: `percent_dense`).
     pub split_above: SizeThreshold,
-    /// What splitting divides both scales by (φ), at least 1, but for a [`LongAxisSplit`]. Default [`SPLIT_PHI`].
+    /// What splitting divides all scales by (φ), at least 1, but for a [`LongAxisSplit`]. Default [`SPLIT_PHI`].
     pub shrink: f32,
     /// Where the halves of a split stand. Default drawn.
     pub split_placement: SplitPlacement,
@@ -193,14 +178,14 @@ impl Densify {
     ///
     /// # Panics
     /// When the scene has no such Gaussian.
-    pub fn grow(
+    pub fn grow<S: DensityScene>(
         &self,
         index: u32,
-        observation: &Observation<'_>,
+        observation: &Observation<'_, S>,
         rng: &mut Rng,
-    ) -> (Option<Change<PlanarGaussian>>, Birth<PlanarGaussian>) {
+    ) -> (Option<Change<S::Gaussian>>, Birth<S::Gaussian>) {
         let parent = observation.scene.gaussian(index as usize);
-        let (mut pair, origin, heir) = if self.split_above.is_exceeded(&parent, observation.size) {
+        let (mut pair, origin, heir) = if self.split_above.is_exceeded(&parent, observation.extent) {
             (self.split(&parent, observation.scene.has_opacity(), rng), Origin::Split, self.split_moments)
         } else {
             (self.clone_of(&parent, rng), Origin::Clone, self.clone_moments)
@@ -229,29 +214,21 @@ impl Densify {
         self.split_above.validate("densify.split-above")
     }
 
-    fn split(&self, parent: &PlanarGaussian, has_opacity: bool, rng: &mut Rng) -> [PlanarGaussian; 2] {
-        let frame = parent.frame();
-        let offsets = match self.split_placement {
-            SplitPlacement::Drawn => [frame * standard_normal(rng), frame * standard_normal(rng)],
-            SplitPlacement::LongAxis => {
-                let half = 0.5 * long_axis(parent);
-                [-half, half]
-            }
+    fn split<G: DensityGaussian>(&self, parent: &G, has_opacity: bool, rng: &mut Rng) -> [G; 2] {
+        let mut halves = match self.split_placement {
+            SplitPlacement::Drawn => [parent.drawn(rng), parent.drawn(rng)],
+            SplitPlacement::LongAxis => [parent.moved_along(-0.5), parent.moved_along(0.5)],
             SplitPlacement::LongAxisSplit(split) => return split.halves(parent, has_opacity),
         };
-        let log_scale = parent.log_scale - self.shrink.ln();
-        offsets.map(|offset| PlanarGaussian { mean: parent.mean + offset, log_scale, ..*parent })
+        halves.iter_mut().for_each(|half| half.resize(-self.shrink.ln()));
+        halves
     }
 
-    fn clone_of(&self, parent: &PlanarGaussian, rng: &mut Rng) -> [PlanarGaussian; 2] {
-        let offset = match self.clone_placement {
-            ClonePlacement::OnOriginal => Vec2::ZERO,
-            ClonePlacement::Drawn => parent.frame() * standard_normal(rng),
+    fn clone_of<G: DensityGaussian>(&self, parent: &G, rng: &mut Rng) -> [G; 2] {
+        let copy = match self.clone_placement {
+            ClonePlacement::OnOriginal => parent.clone(),
+            ClonePlacement::Drawn => parent.drawn(rng),
         };
-        [*parent, PlanarGaussian { mean: parent.mean + offset, ..*parent }]
+        [parent.clone(), copy]
     }
-}
-
-fn standard_normal(rng: &mut Rng) -> Vec2 {
-    Vec2::new(StandardNormal.sample(rng), StandardNormal.sample(rng))
 }

@@ -120,7 +120,7 @@ impl DensityPolicy for ErrorAddition {
         };
         residual.target.same_size(&residual.rendered)?;
         let scene: &PlanarScene = observation.scene;
-        let removed = Prune::NOT_FINITE_ONLY.removals(scene, observation.size);
+        let removed = Prune::NOT_FINITE_ONLY.removals(observation);
         let kept = scene.means.len() - removed.len();
         let pixels = draw(&self.weights(residual), self.target(observation).saturating_sub(kept), rng);
         let birth = |&pixel: &usize| Birth {

@@ -1,10 +1,11 @@
 //! Rank × floor × budget: growth by rank, but not of Gaussians that have nothing to gain.
 
-use gs_core::{EditPlan, Error, PlanarGaussian, effects::Statistics};
+use gs_core::{EditPlan, Error, effects::Statistics};
 use serde::{Deserialize, Serialize};
 
 use crate::{
     absolute::check_threshold,
+    gaussian::DensityScene,
     observation::{DensityPolicy, Observation, Rng},
     percentile::{FORCED_GROWTH_PERCENT, check_percent},
     ranking::WhenFlat,
@@ -76,8 +77,8 @@ impl Hybrid {
     }
 }
 
-impl DensityPolicy for Hybrid {
-    fn plan(&self, observation: &Observation<'_>, rng: &mut Rng) -> Result<EditPlan<PlanarGaussian>, Error> {
+impl<S: DensityScene> DensityPolicy<S> for Hybrid {
+    fn plan(&self, observation: &Observation<'_, S>, rng: &mut Rng) -> Result<EditPlan<S::Gaussian>, Error> {
         self.validate()?;
         let round = Round::open(&self.actions, observation)?;
         let ranking = round.rank_by_statistic(WhenFlat::Nothing);

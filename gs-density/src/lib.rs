@@ -11,6 +11,8 @@
 //! - Growth without scores: [`Mcmc`] relocates and copies by opacity, with [`Noise`] between steps.
 //! - [`Policy`] is any of them, for settings files and command lines.
 //!
+//! All of it is for scenes in the plane and in space alike ([`DensityScene`]), but for growth without parents, which is of the plane.
+//!
 //! # A policy of your own
 //!
 //! A [`Round`] prunes, keeps the budget and edits; who grows is all that is left to say. Here it is the Gaussians that move much and
@@ -59,7 +61,7 @@
 //!     scene: &scene,           // 10 Gaussians
 //!     statistics: &statistics, // [10]
 //!     residual: None,
-//!     size: (32, 32),
+//!     extent: 32.0,
 //!     step: 99,
 //!     progress: 0.1,
 //!     budget: 100,
@@ -76,6 +78,7 @@ mod absolute;
 mod correction;
 mod densify;
 mod error_addition;
+mod gaussian;
 mod hybrid;
 mod mcmc;
 mod noise;
@@ -96,6 +99,7 @@ pub use absolute::AbsoluteThreshold;
 pub use correction::OpacityCorrection;
 pub use densify::{ClonePlacement, Densify, LongAxisSplit, MomentHeir, SplitPlacement};
 pub use error_addition::ErrorAddition;
+pub use gaussian::{DensityGaussian, DensityScene};
 pub use hybrid::Hybrid;
 pub use mcmc::Mcmc;
 pub use noise::Noise;

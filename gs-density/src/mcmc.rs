@@ -1,7 +1,7 @@
 //! Relocation and growth with opacity correction: 3DGS as Markov chain Monte Carlo.
 
 use gs_core::{
-    EditPlan, Error, PlanarGaussian, PlanarScene, Scene,
+    EditPlan, Error,
     constants::PRUNE_OPACITY,
     edit::{Birth, Change, Moments, Origin, Place, PruneCause},
     effects::Statistics,
@@ -11,6 +11,7 @@ use rand::RngExt;
 use serde::{Deserialize, Serialize};
 
 use crate::{
+    gaussian::{DensityGaussian, DensityScene},
     noise::Noise,
     observation::{DensityPolicy, Observation, Rng},
     percentile::check_percent,
@@ -70,14 +71,14 @@ impl Mcmc {
     }
 }
 
-impl DensityPolicy for Mcmc {
-    fn plan(&self, observation: &Observation<'_>, rng: &mut Rng) -> Result<EditPlan<PlanarGaussian>, Error> {
+impl<S: DensityScene> DensityPolicy<S> for Mcmc {
+    fn plan(&self, observation: &Observation<'_, S>, rng: &mut Rng) -> Result<EditPlan<S::Gaussian>, Error> {
         self.validate()?;
         observation.check_lengths()?;
         let scene = observation.scene;
         // The first whose opacity exceeds the dead ones' is alive.
-        let prune = Prune { opacity: self.dead_opacity.next_up(), larger_than: None };
-        let mut removed = prune.removals(scene, observation.size);
+        let prune = Prune { opacity: self.dead_opacity.next_up(), ..Prune::NOT_FINITE_ONLY };
+        let mut removed = prune.removals(observation);
         if removed.len() == scene.len() {
             // Nobody is left to be copied: what can recover must stay.
             removed.retain(|r| r.cause == PruneCause::NotFinite);
@@ -88,9 +89,9 @@ impl DensityPolicy for Mcmc {
         let mut plan = EditPlan { removed, ..EditPlan::default() };
         for (index, copies) in draw(scene, &alive, wanted, rng) {
             let part = part_of(scene.gaussian(index as usize), copies + 1, scene.has_opacity());
-            plan.changed.push(Change { index, gaussian: part, moments: Moments::Fresh });
+            plan.changed.push(Change { index, gaussian: part.clone(), moments: Moments::Fresh });
             plan.added.extend((0..copies).map(|_| Birth {
-                gaussian: part,
+                gaussian: part.clone(),
                 parent: Some(index),
                 moments: Moments::Fresh,
                 origin: Origin::Clone,
@@ -114,11 +115,11 @@ impl DensityPolicy for Mcmc {
 }
 
 /// `count` draws from `alive` in proportion to opacity, as (Gaussian, how often), in order of the Gaussians.
-fn draw(scene: &PlanarScene, alive: &[u32], count: usize, rng: &mut Rng) -> Vec<(u32, u32)> {
+fn draw(scene: &impl DensityScene, alive: &[u32], count: usize, rng: &mut Rng) -> Vec<(u32, u32)> {
     let mut total = 0.0;
     let cumulative: Vec<f64> = (alive.iter())
         .map(|&i| {
-            let opacity = if scene.has_opacity() { sigmoid(scene.opacity_logits[i as usize]) } else { 1.0 };
+            let opacity = if scene.has_opacity() { sigmoid(scene.opacity_logit(i as usize)) } else { 1.0 };
             total += f64::from(opacity);
             total
         })
@@ -135,13 +136,16 @@ fn draw(scene: &PlanarScene, alive: &[u32], count: usize, rng: &mut Rng) -> Vec<
 }
 
 /// One of the N that a Gaussian becomes.
-fn part_of(whole: PlanarGaussian, parts: u32, has_opacity: bool) -> PlanarGaussian {
-    if !has_opacity {
-        return PlanarGaussian { color: whole.color / parts as f32, ..whole };
+fn part_of<G: DensityGaussian>(mut gaussian: G, parts: u32, has_opacity: bool) -> G {
+    if has_opacity {
+        // More than the source's most are corrected as if they were so many.
+        let (opacity, shrink) = correction(sigmoid(gaussian.opacity_logit()), parts.min(MOST_PARTS));
+        gaussian.set_opacity_logit(logit(opacity));
+        gaussian.resize(shrink.ln());
+    } else {
+        gaussian.map_color(|color| color / parts as f32);
     }
-    // More than the source's most are corrected as if they were so many.
-    let (opacity, shrink) = correction(sigmoid(whole.opacity_logit), parts.min(MOST_PARTS));
-    PlanarGaussian { opacity_logit: logit(opacity), log_scale: whole.log_scale + shrink.ln(), ..whole }
+    gaussian
 }
 
 /// Eq. 9 of 3DGS-MCMC: the opacity of each of N that replace one of opacity o, and the factor of their scales,

@@ -1,10 +1,11 @@
 //! The policy of the paper's own experiment: forced growth on top of the absolute threshold.
 
-use gs_core::{EditPlan, Error, PlanarGaussian, constants::TAU_POSITION, effects::Statistics};
+use gs_core::{EditPlan, Error, constants::TAU_POSITION, effects::Statistics};
 use serde::{Deserialize, Serialize};
 
 use crate::{
     absolute::check_threshold,
+    gaussian::DensityScene,
     observation::{DensityPolicy, Observation, Rng},
     percentile::{FORCED_GROWTH_PERCENT, check_percent},
     ranking::WhenFlat,
@@ -54,8 +55,8 @@ impl Paper {
     }
 }
 
-impl DensityPolicy for Paper {
-    fn plan(&self, observation: &Observation<'_>, rng: &mut Rng) -> Result<EditPlan<PlanarGaussian>, Error> {
+impl<S: DensityScene> DensityPolicy<S> for Paper {
+    fn plan(&self, observation: &Observation<'_, S>, rng: &mut Rng) -> Result<EditPlan<S::Gaussian>, Error> {
         self.validate()?;
         let round = Round::open(&self.actions, observation)?;
         let ranking = round.rank_by_statistic(self.when_flat);

@@ -1,9 +1,10 @@
 //! Growth of the first few by rank, whatever their gradients: the paper's forced growth.
 
-use gs_core::{EditPlan, Error, PlanarGaussian, effects::Statistics};
+use gs_core::{EditPlan, Error, effects::Statistics};
 use serde::{Deserialize, Serialize};
 
 use crate::{
+    gaussian::DensityScene,
     observation::{DensityPolicy, Observation, Rng},
     ranking::WhenFlat,
     round::{Actions, Round},
@@ -53,8 +54,8 @@ impl RelativePercentile {
     }
 }
 
-impl DensityPolicy for RelativePercentile {
-    fn plan(&self, observation: &Observation<'_>, rng: &mut Rng) -> Result<EditPlan<PlanarGaussian>, Error> {
+impl<S: DensityScene> DensityPolicy<S> for RelativePercentile {
+    fn plan(&self, observation: &Observation<'_, S>, rng: &mut Rng) -> Result<EditPlan<S::Gaussian>, Error> {
         self.validate()?;
         let round = Round::open(&self.actions, observation)?;
         let ranking = round.rank_by_statistic(self.when_flat);

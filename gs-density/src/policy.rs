@@ -1,12 +1,13 @@
 //! All policies as one value, for settings files and command lines.
 
-use gs_core::{EditPlan, Error, PlanarGaussian, effects::Statistics};
+use gs_core::{EditPlan, Error, PlanarGaussian, PlanarScene, SpatialGaussian, SpatialScene, effects::Statistics};
 use serde::{Deserialize, Serialize};
 
 use crate::{
     absolute::AbsoluteThreshold,
     densify::{Densify, SplitPlacement},
     error_addition::ErrorAddition,
+    gaussian::DensityScene,
     hybrid::Hybrid,
     mcmc::Mcmc,
     noise::Noise,
@@ -169,35 +170,131 @@ impl Policy {
         }
     }
 
-    fn inner(&self) -> &dyn DensityPolicy {
+    /// What is done to the Gaussians, by policies that choose who grows.
+    pub fn actions(&self) -> Option<&Actions> {
         match self {
+            Self::Absolute(policy) => Some(&policy.actions),
+            Self::Percentile(policy) => Some(&policy.actions),
+            Self::Hybrid(policy) => Some(&policy.actions),
+            Self::Paper(policy) => Some(&policy.actions),
+            Self::Residual(_) | Self::Mcmc(_) | Self::ImageGs(_) | Self::None => None,
+        }
+    }
+
+    /// The same, to change.
+    pub fn actions_mut(&mut self) -> Option<&mut Actions> {
+        match self {
+            Self::Absolute(policy) => Some(&mut policy.actions),
+            Self::Percentile(policy) => Some(&mut policy.actions),
+            Self::Hybrid(policy) => Some(&mut policy.actions),
+            Self::Paper(policy) => Some(&mut policy.actions),
+            Self::Residual(_) | Self::Mcmc(_) | Self::ImageGs(_) | Self::None => None,
+        }
+    }
+
+    /// The same policy for scenes in space, where sizes in px mean nothing: what was split above one is split whatever its size, and none
+    /// is too large that was so above one.
+    #[must_use]
+    pub fn in_space(mut self) -> Self {
+        if let Some(Actions { densify, prune, .. }) = self.actions_mut() {
+            if let SizeThreshold::Pixels(_) = densify.split_above {
+                densify.split_above = SizeThreshold::WorldUnits(f32::MIN_POSITIVE);
+            }
+            prune.larger_than = prune.larger_than.filter(|bound| !matches!(bound, SizeThreshold::Pixels(_)));
+        }
+        self
+    }
+
+    /// Fails for what is of planar scenes only: policies that put new Gaussians where an image's residual is, and sizes in px. Also where
+    /// [`Self::validate`] does.
+    ///
+    /// # Errors
+    /// [`Error::Setting`], naming what is possible.
+    pub fn validate_spatial(&self) -> Result<(), Error> {
+        if let Some(Actions { densify, prune, .. }) = self.actions() {
+            for bound in [Some(densify.split_above), prune.larger_than].into_iter().flatten() {
+                if let SizeThreshold::Pixels(pixels) = bound {
+                    let allowed = "an extent-fraction or in world-units: a scene in space has no pixels";
+                    return Err(Error::setting("a size", format!("{pixels} px"), allowed));
+                }
+            }
+        }
+        let (Self::Residual(_) | Self::ImageGs(_)) = self else { return self.validate() };
+        let allowed = "for spatial scenes one of absolute, abs-gs, absolute-error, percentile, percentile-abs-gs, percentile-error, \
+                       hybrid, hybrid-abs-gs, hybrid-error, long-axis, paper, mcmc, none: the residual of an image is in the plane";
+        Err(Error::setting("policy", format!("`{}`", self.name()), allowed))
+    }
+
+    /// The statistics that training must collect for this policy, whatever the scene.
+    pub fn statistics(&self) -> Statistics {
+        DensityPolicy::<PlanarScene>::statistics(self)
+    }
+
+    /// The noise that training adds to the means between steps, whatever the scene.
+    pub fn noise(&self) -> Option<Noise> {
+        DensityPolicy::<PlanarScene>::noise(self)
+    }
+
+    /// The policy for scenes of any kind; none where it is of planar scenes only.
+    fn of_any_scene<S: DensityScene>(&self) -> Option<&dyn DensityPolicy<S>> {
+        Some(match self {
             Self::Absolute(policy) => policy,
             Self::Percentile(policy) => policy,
             Self::Hybrid(policy) => policy,
             Self::Paper(policy) => policy,
-            Self::Residual(policy) => policy,
             Self::Mcmc(policy) => policy,
-            Self::ImageGs(policy) => policy,
             Self::None => &NoGrowth,
+            Self::Residual(_) | Self::ImageGs(_) => return None,
+        })
+    }
+
+    fn of_planar_scenes(&self) -> &dyn DensityPolicy {
+        match self {
+            Self::Residual(policy) => policy,
+            Self::ImageGs(policy) => policy,
+            _ => self.of_any_scene().unwrap_or(&NoGrowth),
         }
     }
 }
 
 impl DensityPolicy for Policy {
     fn plan(&self, observation: &Observation<'_>, rng: &mut Rng) -> Result<EditPlan<PlanarGaussian>, Error> {
-        self.inner().plan(observation, rng)
+        self.of_planar_scenes().plan(observation, rng)
     }
 
     fn statistics(&self) -> Statistics {
-        self.inner().statistics()
+        self.of_planar_scenes().statistics()
     }
 
     fn needs_residual(&self) -> bool {
-        self.inner().needs_residual()
+        self.of_planar_scenes().needs_residual()
     }
 
     fn noise(&self) -> Option<Noise> {
-        self.inner().noise()
+        self.of_planar_scenes().noise()
+    }
+}
+
+impl DensityPolicy<SpatialScene> for Policy {
+    fn plan(
+        &self,
+        observation: &Observation<'_, SpatialScene>,
+        rng: &mut Rng,
+    ) -> Result<EditPlan<SpatialGaussian>, Error> {
+        self.validate_spatial()?;
+        self.of_any_scene().unwrap_or(&NoGrowth).plan(observation, rng)
+    }
+
+    fn statistics(&self) -> Statistics {
+        Self::statistics(self)
+    }
+
+    fn needs_residual(&self) -> bool {
+        false
+    }
+
+    fn noise(&self) -> Option<Noise> {
+        Self::noise(self)
     }
 }
 
@@ -209,10 +306,10 @@ fn splitting(densify: Densify) -> Actions {
 /// [`Policy::None`].
 struct NoGrowth;
 
-impl DensityPolicy for NoGrowth {
-    fn plan(&self, observation: &Observation<'_>, _: &mut Rng) -> Result<EditPlan<PlanarGaussian>, Error> {
+impl<S: DensityScene> DensityPolicy<S> for NoGrowth {
+    fn plan(&self, observation: &Observation<'_, S>, _: &mut Rng) -> Result<EditPlan<S::Gaussian>, Error> {
         observation.check_lengths()?;
-        let removed = Prune::NOT_FINITE_ONLY.removals(observation.scene, observation.size);
+        let removed = Prune::NOT_FINITE_ONLY.removals(observation);
         Ok(EditPlan { removed, ..EditPlan::default() })
     }
 

@@ -1,14 +1,18 @@
 //! Which Gaussians go: transparent, too large, not finite.
 
 use gs_core::{
-    Error, PlanarGaussian, PlanarScene,
+    Error,
     constants::PRUNE_OPACITY,
     edit::{PruneCause, Removal},
     scene::sigmoid,
 };
 use serde::{Deserialize, Serialize};
 
-use crate::size::SizeThreshold;
+use crate::{
+    gaussian::{DensityGaussian, DensityScene},
+    observation::Observation,
+    size::SizeThreshold,
+};
 
 /// What is pruned. Gaussians that are not finite always are. *Source:* paper §2.2.3, 3DGS.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -17,38 +21,53 @@ pub struct Prune {
     /// Gaussians of less opacity go (ε_α). 0..=1, default [`PRUNE_OPACITY`]; 0 spares all. In a scene without opacities every
     /// Gaussian is opaque.
     pub opacity: f32,
-    /// Gaussians whose larger scale exceeds this go. Default none: an image's background may need large ones.
+    /// Gaussians whose largest scale exceeds this go. Default none: an image's background may need large ones.
     pub larger_than: Option<SizeThreshold>,
+    /// The step, counted from 1, up to which none is too large. Default 0; in 3DGS that of the first opacity reset, before which large
+    /// Gaussians may still be all there is.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub larger_after: u32,
+}
+
+/// Settings files and the digests of settings leave out what says nothing.
+fn is_zero(step: &u32) -> bool {
+    *step == 0
 }
 
 impl Default for Prune {
     fn default() -> Self {
-        Self { opacity: PRUNE_OPACITY, larger_than: None }
+        Self { opacity: PRUNE_OPACITY, larger_than: None, larger_after: 0 }
     }
 }
 
 impl Prune {
     /// Spares all but the Gaussians that are not finite.
-    pub const NOT_FINITE_ONLY: Self = Self { opacity: 0.0, larger_than: None };
+    pub const NOT_FINITE_ONLY: Self = Self { opacity: 0.0, larger_than: None, larger_after: 0 };
 
-    /// Why a Gaussian must go, if it must; the first of: not finite, transparent, too large. `size` is the image's, px.
-    pub fn cause(&self, gaussian: &PlanarGaussian, size: (u32, u32)) -> Option<PruneCause> {
-        if !is_finite(gaussian) {
+    /// Why a Gaussian must go after step `step`, counted from 1, if it must; the first of: not finite, transparent, too large. `extent` is
+    /// the scene's.
+    pub fn cause(&self, gaussian: &impl DensityGaussian, extent: f32, step: u32) -> Option<PruneCause> {
+        let too_large =
+            || step > self.larger_after && self.larger_than.is_some_and(|b| b.is_exceeded(gaussian, extent));
+        if !gaussian.is_finite() {
             Some(PruneCause::NotFinite)
-        } else if sigmoid(gaussian.opacity_logit) < self.opacity {
+        } else if sigmoid(gaussian.opacity_logit()) < self.opacity {
             Some(PruneCause::Transparent)
-        } else if self.larger_than.is_some_and(|bound| bound.is_exceeded(gaussian, size)) {
+        } else if too_large() {
             Some(PruneCause::TooLarge)
         } else {
             None
         }
     }
 
-    /// All that must go, in order of their index.
-    pub fn removals(&self, scene: &PlanarScene, size: (u32, u32)) -> Vec<Removal> {
-        let doomed =
-            |(index, gaussian)| self.cause(&gaussian, size).map(|cause| Removal { index: index as u32, cause });
-        scene.iter().enumerate().filter_map(doomed).collect()
+    /// All that must go of the scene that is observed, in order of their index.
+    pub fn removals<S: DensityScene>(&self, observation: &Observation<'_, S>) -> Vec<Removal> {
+        let Observation { scene, extent, step, .. } = *observation;
+        let doomed = |index: u32| {
+            let cause = self.cause(&scene.gaussian(index as usize), extent, step.saturating_add(1))?;
+            Some(Removal { index, cause })
+        };
+        (0..scene.len() as u32).filter_map(doomed).collect()
     }
 
     /// Fails where a number is outside its range.
@@ -63,24 +82,14 @@ impl Prune {
     }
 }
 
-/// Whether all parameters, and the covariance made of them, are finite. The opacity's logit may be ±∞: opaque, vanishing.
-fn is_finite(gaussian: &PlanarGaussian) -> bool {
-    gaussian.mean.is_finite()
-        && gaussian.log_scale.is_finite()
-        && gaussian.rotation.is_finite()
-        && !gaussian.opacity_logit.is_nan()
-        && gaussian.color.is_finite()
-        && gaussian.covariance().is_finite()
-}
-
 #[cfg(test)]
 mod tests {
     use glam::{Vec2, Vec3};
-    use gs_core::scene::logit;
+    use gs_core::{PlanarGaussian, SpatialGaussian, scene::logit};
 
     use super::*;
 
-    const SIZE: (u32, u32) = (100, 50);
+    const EXTENT: f32 = 100.0;
 
     fn gaussian() -> PlanarGaussian {
         PlanarGaussian {
@@ -95,7 +104,7 @@ mod tests {
     #[test]
     fn each_cause_is_found() {
         let prune = Prune { larger_than: Some(SizeThreshold::ExtentFraction(0.5)), ..Prune::default() };
-        let cause = |g: PlanarGaussian| prune.cause(&g, SIZE);
+        let cause = |g: PlanarGaussian| prune.cause(&g, EXTENT, 1);
         assert_eq!(cause(gaussian()), None);
         assert_eq!(cause(PlanarGaussian { opacity_logit: logit(0.006), ..gaussian() }), None);
         for opacity_logit in [logit(0.004), f32::NEG_INFINITY] {
@@ -103,7 +112,10 @@ mod tests {
         }
         let large = PlanarGaussian { log_scale: Vec2::new(0.0, 51f32.ln()), ..gaussian() };
         assert_eq!(cause(large), Some(PruneCause::TooLarge));
-        assert_eq!(Prune::default().cause(&large, SIZE), None);
+        assert_eq!(Prune::default().cause(&large, EXTENT, 1), None);
+        let later = Prune { larger_after: 3000, ..prune };
+        assert_eq!(later.cause(&large, EXTENT, 3000), None);
+        assert_eq!(later.cause(&large, EXTENT, 3001), Some(PruneCause::TooLarge));
     }
 
     #[test]
@@ -116,9 +128,36 @@ mod tests {
             PlanarGaussian { opacity_logit: f32::NAN, ..gaussian() },
             PlanarGaussian { color: Vec3::new(0.0, f32::NAN, 0.0), ..gaussian() },
         ] {
-            assert_eq!(Prune::NOT_FINITE_ONLY.cause(&bad, SIZE), Some(PruneCause::NotFinite), "{bad:?}");
+            assert_eq!(Prune::NOT_FINITE_ONLY.cause(&bad, EXTENT, 1), Some(PruneCause::NotFinite), "{bad:?}");
         }
         let vanishing = PlanarGaussian { opacity_logit: f32::NEG_INFINITY, ..gaussian() };
-        assert_eq!(Prune::NOT_FINITE_ONLY.cause(&vanishing, SIZE), None);
+        assert_eq!(Prune::NOT_FINITE_ONLY.cause(&vanishing, EXTENT, 1), None);
+    }
+
+    #[test]
+    fn in_space_too() {
+        let good = SpatialGaussian {
+            mean: Vec3::ONE,
+            log_scale: Vec3::splat(-3.0),
+            rotation: [0.0, 2.0, 0.0, 0.0],
+            opacity_logit: f32::INFINITY,
+            sh: vec![Vec3::ONE; 4],
+        };
+        assert_eq!(Prune::NOT_FINITE_ONLY.cause(&good, 1.0, 1), None);
+        let mut coefficient = good.clone();
+        coefficient.sh[3].z = f32::NAN;
+        for bad in [
+            SpatialGaussian { mean: Vec3::new(0.0, f32::INFINITY, 0.0), ..good.clone() },
+            SpatialGaussian { log_scale: Vec3::new(60.0, 0.0, 0.0), ..good.clone() }, // its covariance overflows
+            SpatialGaussian { rotation: [0.0; 4], ..good.clone() },                   // has no direction
+            SpatialGaussian { opacity_logit: f32::NAN, ..good.clone() },
+            coefficient,
+        ] {
+            assert_eq!(Prune::NOT_FINITE_ONLY.cause(&bad, 1.0, 1), Some(PruneCause::NotFinite), "{bad:?}");
+        }
+        let prune = Prune { larger_than: Some(SizeThreshold::ExtentFraction(0.1)), ..Prune::default() };
+        let large = SpatialGaussian { log_scale: Vec3::new(-3.0, 0.6f32.ln(), -3.0), ..good };
+        assert_eq!(prune.cause(&large, 5.0, 1), Some(PruneCause::TooLarge));
+        assert_eq!(prune.cause(&large, 7.0, 1), None);
     }
 }

@@ -6,7 +6,7 @@ use gs_core::{
 };
 use serde::{Deserialize, Serialize};
 
-use crate::observation::Observation;
+use crate::{gaussian::DensityScene, observation::Observation};
 
 /// When opacities are reset, and to what. *Source:* paper §2.2.3, 3DGS.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -32,7 +32,7 @@ impl OpacityReset {
 
     /// The ceiling for this round's plan: `every` steps have passed, or a multiple of them, the scene has opacities, and rounds
     /// are left to prune what does not recover (3DGS resets only before the end of densification, too).
-    pub fn ceiling(&self, observation: &Observation<'_>) -> Option<f32> {
+    pub fn ceiling<S: DensityScene>(&self, observation: &Observation<'_, S>) -> Option<f32> {
         let steps = u64::from(observation.step) + 1;
         let is_due = self.every > 0 && steps.is_multiple_of(u64::from(self.every)) && observation.progress < 1.0;
         (is_due && observation.scene.has_opacity()).then_some(self.to)

@@ -1,10 +1,11 @@
 //! One round of density control: prune, let the candidates grow as far as the budget goes, reset. What all criteria share.
 
-use gs_core::{EditPlan, Error, PlanarGaussian, Scene, edit::Removal};
+use gs_core::{EditPlan, Error, PlanarScene, edit::Removal};
 use serde::{Deserialize, Serialize};
 
 use crate::{
     densify::Densify,
+    gaussian::DensityScene,
     observation::{Observation, Rng},
     prune::Prune,
     ranking::{Ranking, WhenFlat},
@@ -37,22 +38,22 @@ impl Actions {
 
 /// A round under way: what must go is known, what grows is yet to be chosen.
 #[derive(Debug, Clone)]
-pub struct Round<'a> {
+pub struct Round<'a, S = PlanarScene> {
     actions: Actions,
-    observation: &'a Observation<'a>,
+    observation: &'a Observation<'a, S>,
     removed: Vec<Removal>,
 }
 
-impl<'a> Round<'a> {
+impl<'a, S: DensityScene> Round<'a, S> {
     /// Starts with what must go.
     ///
     /// # Errors
     /// [`Error::Setting`] where an action's number is outside its range, [`Error::Length`] where scene and statistics differ in
     /// length.
-    pub fn open(actions: &Actions, observation: &'a Observation<'a>) -> Result<Self, Error> {
+    pub fn open(actions: &Actions, observation: &'a Observation<'a, S>) -> Result<Self, Error> {
         actions.validate()?;
         observation.check_lengths()?;
-        let removed = actions.prune.removals(observation.scene, observation.size);
+        let removed = actions.prune.removals(observation);
         Ok(Self { actions: *actions, observation, removed })
     }
 
@@ -79,7 +80,7 @@ impl<'a> Round<'a> {
     }
 
     /// Ends the round: of `candidates`, distinct survivors with the most urgent first, as many grow as the budget has room for.
-    pub fn grow(self, candidates: &[u32], rng: &mut Rng) -> EditPlan<PlanarGaussian> {
+    pub fn grow(self, candidates: &[u32], rng: &mut Rng) -> EditPlan<S::Gaussian> {
         let mut chosen = candidates[..candidates.len().min(self.room())].to_vec();
         // Children lie in the order of their parents, and the random numbers don't depend on small changes of the ranking.
         chosen.sort_unstable();

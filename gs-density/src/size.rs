@@ -1,36 +1,40 @@
-//! Sizes that divide small Gaussians from large ones, in pixels or relative to the image.
+//! Sizes that divide small Gaussians from large ones, absolute or relative to the scene.
 
-use gs_core::{Error, PlanarGaussian};
+use gs_core::Error;
 use serde::{Deserialize, Serialize};
 
-/// A bound on the larger of a Gaussian's two scales (its standard deviation along the long axis).
+use crate::gaussian::DensityGaussian;
+
+/// A bound on the largest of a Gaussian's scales (its standard deviation along the longest axis).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum SizeThreshold {
-    /// A fraction of the image's longer side, positive. It takes the place of the scene's extent, of which 3DGS has
-    /// `percent_dense` = 0.01.
+    /// A fraction of the scene's extent ([`Observation::extent`](crate::Observation::extent)), positive. 3DGS has `percent_dense` = 0.01
+    /// of the cameras'; of an image it is the longer side.
     ExtentFraction(f32),
-    /// px, positive.
+    /// px, positive. Planar scenes.
     Pixels(f32),
+    /// World units, positive. Spatial scenes.
+    WorldUnits(f32),
 }
 
 impl SizeThreshold {
-    /// The bound in px for an image of `size` (columns, rows).
-    pub fn pixels(self, size: (u32, u32)) -> f32 {
+    /// The bound in a scene of this extent, in the scene's unit.
+    pub fn bound(self, extent: f32) -> f32 {
         match self {
-            Self::ExtentFraction(fraction) => fraction * size.0.max(size.1) as f32,
-            Self::Pixels(pixels) => pixels,
+            Self::ExtentFraction(fraction) => fraction * extent,
+            Self::Pixels(bound) | Self::WorldUnits(bound) => bound,
         }
     }
 
-    /// Whether a Gaussian's larger scale exceeds the bound.
-    pub fn is_exceeded(self, gaussian: &PlanarGaussian, size: (u32, u32)) -> bool {
-        gaussian.log_scale.max_element().exp() > self.pixels(size)
+    /// Whether a Gaussian's largest scale exceeds the bound.
+    pub fn is_exceeded(self, gaussian: &impl DensityGaussian, extent: f32) -> bool {
+        gaussian.largest_scale() > self.bound(extent)
     }
 
     /// Fails where the bound is not positive.
     pub(crate) fn validate(self, what: &'static str) -> Result<(), Error> {
-        let (Self::ExtentFraction(value) | Self::Pixels(value)) = self;
+        let (Self::ExtentFraction(value) | Self::Pixels(value) | Self::WorldUnits(value)) = self;
         if value > 0.0 { Ok(()) } else { Err(Error::setting(what, value, "positive")) }
     }
 }
@@ -38,11 +42,12 @@ impl SizeThreshold {
 #[cfg(test)]
 mod tests {
     use glam::{Vec2, Vec3};
+    use gs_core::{PlanarGaussian, SpatialGaussian};
 
     use super::*;
 
     #[test]
-    fn the_longer_side_and_the_larger_scale_count() {
+    fn the_largest_scale_counts() {
         let gaussian = PlanarGaussian {
             mean: Vec2::ZERO,
             log_scale: Vec2::new(0.0, 2f32.ln()),
@@ -50,10 +55,19 @@ mod tests {
             opacity_logit: 0.0,
             color: Vec3::ONE,
         };
-        assert_eq!(SizeThreshold::ExtentFraction(0.01).pixels((50, 300)), 3.0);
-        assert!(SizeThreshold::ExtentFraction(0.01).is_exceeded(&gaussian, (100, 190)));
-        assert!(!SizeThreshold::ExtentFraction(0.01).is_exceeded(&gaussian, (100, 210)));
-        assert!(SizeThreshold::Pixels(1.9).is_exceeded(&gaussian, (1, 1)));
+        assert_eq!(SizeThreshold::ExtentFraction(0.01).bound(300.0), 3.0);
+        assert!(SizeThreshold::ExtentFraction(0.01).is_exceeded(&gaussian, 190.0));
+        assert!(!SizeThreshold::ExtentFraction(0.01).is_exceeded(&gaussian, 210.0));
+        assert!(SizeThreshold::Pixels(1.9).is_exceeded(&gaussian, 1.0));
+        let in_space = SpatialGaussian {
+            mean: Vec3::ZERO,
+            log_scale: Vec3::new(0.0, -1.0, 2f32.ln()),
+            rotation: [1.0, 0.0, 0.0, 0.0],
+            opacity_logit: 0.0,
+            sh: Vec::new(),
+        };
+        assert!(SizeThreshold::WorldUnits(1.9).is_exceeded(&in_space, 1.0));
+        assert!(!SizeThreshold::WorldUnits(2.1).is_exceeded(&in_space, 1.0));
         assert!(SizeThreshold::Pixels(f32::NAN).validate("split-above").is_err());
     }
 }

@@ -10,10 +10,10 @@ use gs_density::{
 };
 use proptest::prelude::*;
 
-const SIZE: (u32, u32) = (128, 96);
+const EXTENT: f32 = 128.0;
 
 fn observation<'a>(scene: &'a PlanarScene, statistics: &'a DensityStatistics, budget: usize) -> Observation<'a> {
-    Observation { scene, statistics, residual: None, size: SIZE, step: 99, progress: 0.5, budget }
+    Observation { scene, statistics, residual: None, extent: EXTENT, step: 99, progress: 0.5, budget }
 }
 
 fn gaussian() -> PlanarGaussian {

@@ -42,7 +42,7 @@ fn grow_in(
         scene,
         statistics: &statistics,
         residual: None,
-        size: (200, 100),
+        extent: 200.0,
         step: 0,
         progress: 0.5,
         budget: 9,

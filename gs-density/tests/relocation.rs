@@ -31,7 +31,8 @@ fn plan(
     budget: usize,
 ) -> EditPlan<PlanarGaussian> {
     let statistics = DensityStatistics::zeros(scene.len());
-    let observation = Observation { scene, statistics: &statistics, residual, size: SIZE, step: 99, progress, budget };
+    let observation =
+        Observation { scene, statistics: &statistics, residual, extent: 40.0, step: 99, progress, budget };
     let plan = policy.plan(&observation, &mut Rng::new(7, 11)).unwrap();
     plan.sources(scene.len()).unwrap();
     plan
@@ -107,7 +108,7 @@ fn only_mcmc_asks_for_noise() {
     for name in Policy::NAMES {
         assert_eq!(Policy::from_name(name).unwrap().noise().is_some(), name == "mcmc", "{name}");
     }
-    assert_eq!(Mcmc { noise: Noise::NONE, ..Mcmc::default() }.noise(), None);
+    assert_eq!(Policy::Mcmc(Mcmc { noise: Noise::NONE, ..Mcmc::default() }).noise(), None);
 }
 
 #[test]
@@ -133,8 +134,15 @@ fn image_gs_starts_with_half_and_adds_four_times() {
     }
     let none = DensityStatistics::zeros(0);
     let empty = PlanarScene::default();
-    let blind =
-        Observation { scene: &empty, statistics: &none, residual: None, size: SIZE, step: 0, progress: 1.0, budget: 5 };
+    let blind = Observation {
+        scene: &empty,
+        statistics: &none,
+        residual: None,
+        extent: 40.0,
+        step: 0,
+        progress: 1.0,
+        budget: 5,
+    };
     assert!(matches!(ErrorAddition::default().plan(&blind, &mut Rng::new(0, 0)), Err(Error::State(_))));
 }
 
@@ -154,7 +162,7 @@ fn a_long_axis_split_puts_two_side_by_side() {
             scene: &scene,
             statistics: &statistics,
             residual: None,
-            size: SIZE,
+            extent: 40.0,
             step: 9,
             progress: 0.5,
             budget: 2,
@@ -218,7 +226,7 @@ proptest! {
             scene: &scene,
             statistics: &statistics,
             residual: Some(&residual),
-            size: SIZE,
+            extent: 40.0,
             step: 99,
             progress: 1.0,
             budget: 2 * count,

@@ -182,7 +182,8 @@ pub(crate) fn read<C: DeserializeOwned>(path: &Path, kind: &'static Kind) -> Res
     Ok(Container { content, path: path.to_owned(), kind, header, data })
 }
 
-fn read_exactly(file: &mut File, bytes: u64) -> io::Result<Vec<u8>> {
+/// The next bytes of a file, all of them or an error; memory is asked for in a way that may fail.
+pub(crate) fn read_exactly(file: &mut File, bytes: u64) -> io::Result<Vec<u8>> {
     let mut content = Vec::new();
     let len = usize::try_from(bytes).map_err(|_| io::ErrorKind::OutOfMemory)?;
     content.try_reserve_exact(len).map_err(|_| io::ErrorKind::OutOfMemory)?;

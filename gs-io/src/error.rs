@@ -93,6 +93,80 @@ pub enum Error {
         /// What stands there.
         value: f32,
     },
+    /// A folder in which none of the data sets' files was found.
+    #[error("{}: is no data set: looked for {looked_for}; name the folder that holds one of them", path.display())]
+    NotADataset {
+        /// The folder.
+        path: PathBuf,
+        /// The files, in words.
+        looked_for: &'static str,
+    },
+    /// A data set of which not one view can be used.
+    #[error("{}: none of the {found} views of this {kind} data set can be used: {}", path.display(), skipped.join("; "))]
+    NoViews {
+        /// Its folder.
+        path: PathBuf,
+        /// "COLMAP" or the like.
+        kind: &'static str,
+        /// How many there are.
+        found: usize,
+        /// Why not, each with how many and the first.
+        skipped: Vec<String>,
+    },
+    /// A text file whose line is not what its kind prescribes.
+    #[error("{}: line {line}: expected {expected}, found {found}; it is damaged or not {what}: write or fetch it again", path.display())]
+    DamagedLine {
+        /// The file.
+        path: PathBuf,
+        /// "a COLMAP cameras.txt" or the like.
+        what: &'static str,
+        /// Counted from 1.
+        line: usize,
+        /// What should stand there.
+        expected: String,
+        /// What does.
+        found: String,
+    },
+    /// A `transforms.json` that is no JSON, or lacks what it must have.
+    #[error("{}: {message}; it is damaged or not a transforms.json: write or fetch it again", path.display())]
+    DamagedJson {
+        /// The file.
+        path: PathBuf,
+        /// What, with line and column.
+        message: String,
+    },
+    /// A camera model that is not known.
+    #[error("{}: camera model {found} is not known (known: {known}); undistort the data set with the program that made it", path.display())]
+    UnknownCameraModel {
+        /// The file.
+        path: PathBuf,
+        /// Its name or number.
+        found: String,
+        /// Those that are known.
+        known: String,
+    },
+    /// A PLY file that is no point cloud: damaged, or without positions.
+    #[error("{}: expected a PLY point cloud: {message}; export it again", path.display())]
+    NotAPointCloud {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        message: String,
+    },
+    /// An image of another shape than what it belongs to.
+    #[error("{}: the image is {width}x{height} px, but {expected_width}x{expected_height} px or its shape is needed; put the right one there", path.display())]
+    ImageShape {
+        /// The file.
+        path: PathBuf,
+        /// Columns.
+        width: u32,
+        /// Rows.
+        height: u32,
+        /// Columns that are needed.
+        expected_width: u32,
+        /// Rows that are needed.
+        expected_height: u32,
+    },
     /// A scene file or checkpoint whose bytes are not what its kind prescribes.
     #[error("{}: byte {byte}: expected {expected}, found {found}; it is damaged or not {what}: write or fetch it again", path.display())]
     Damaged {
@@ -133,6 +207,57 @@ pub enum Error {
         /// What it is.
         found: String,
     },
+    /// Not a spatial scene, or not one of a kind that can be read.
+    #[error(
+        "{}: expected a scene (PLY, compressed PLY, .splat, SPZ, .gltf or .glb), found {found}; export it as PLY",
+        path.display()
+    )]
+    NotASpatialScene {
+        /// The file.
+        path: PathBuf,
+        /// What its first bytes or its content say.
+        found: String,
+    },
+    /// A PLY without properties that every Gaussian must have.
+    #[error("{}: its vertices have no {}; it is not a scene of Gaussians: export it as a 3DGS PLY", path.display(), names.join(", "))]
+    MissingProperties {
+        /// The file.
+        path: PathBuf,
+        /// The properties' names, or the first of them.
+        names: Vec<String>,
+    },
+    /// A scene without Gaussians.
+    #[error("{}: a scene without Gaussians, which has nothing to show; at least one is needed", path.display())]
+    Empty {
+        /// The file.
+        path: PathBuf,
+    },
+    /// A compressed file that claims to hold so much more than its size that it is refused before memory is asked for.
+    #[error("{}: its {file_bytes} bytes claim to hold {claimed_bytes}, more than can be believed; fetch it again", path.display())]
+    Expansion {
+        /// The file.
+        path: PathBuf,
+        /// Its size, with what it refers to.
+        file_bytes: u64,
+        /// The size of what it claims to hold.
+        claimed_bytes: u64,
+    },
+    /// A file that is right, and uses what is not supported.
+    #[error("{}: {what} is not supported; {mend}", path.display())]
+    Unsupported {
+        /// The file.
+        path: PathBuf,
+        /// What it uses.
+        what: String,
+        /// What to do.
+        mend: &'static str,
+    },
+    /// A spatial scene was to be written into a file whose ending names no kind that can be written.
+    #[error("{}: its ending names no kind of scene that can be written; use .ply, .splat, .spz, .gltf or .glb", path.display())]
+    UnknownEnding {
+        /// The file.
+        path: PathBuf,
+    },
     /// A file whose form is right but whose content is not possible, such as a NaN among the means; or such a content that was
     /// to be written.
     #[error("{}: {source}", path.display())]
@@ -156,6 +281,12 @@ impl Error {
     /// An error of the operating system while writing.
     pub(crate) fn write(path: &Path, source: io::Error) -> Self {
         Self::Write { path: path.to_owned(), source }
+    }
+
+    /// An image of a shape that does not fit.
+    pub(crate) fn image_shape(path: &Path, (width, height): (u32, u32), expected: (u32, u32)) -> Self {
+        let (expected_width, expected_height) = expected;
+        Self::ImageShape { path: path.to_owned(), width, height, expected_width, expected_height }
     }
 
     /// Content that the core refuses.

@@ -1,29 +1,40 @@
-//! Files of the engine: images, planar scenes, checkpoints, and the PLY that splat viewers read.
+//! Files of the engine: images, planar scenes, checkpoints, spatial scenes in the field's formats, and data sets of posed photographs.
 //!
 //! | what | read | written |
 //! |---|---|---|
 //! | images (PNG, JPEG, BMP, TIFF, WebP, PNM) | [`read_image`] | [`write_png`] |
+//! | moving pictures (APNG) | – | [`write_animation`] |
 //! | planar scenes, `.gs2d.safetensors`, lossless | [`read_scene`] | [`write_scene`] |
 //! | checkpoints of a training run, lossless | [`read_checkpoint`] | [`write_checkpoint`] |
-//! | 3DGS PLY, for viewers | – | [`write_ply`] |
+//! | planar scenes as 3DGS PLY, for viewers | – | [`write_ply`] |
+//! | spatial scenes: PLY, `.splat`, SPZ, glTF | [`read_spatial`] | [`write_spatial`] |
+//! | data sets of posed photographs: COLMAP, Nerfstudio, Blender | [`dataset::read_dataset`] | – |
 //!
 //! Whatever a file holds, reading it ends in a value or in an [`Error`] that names the path, what was expected, what was
 //! found, and how to mend it; never in a panic. Whatever is written appears under its name complete or not at all
 //! ([`write_atomically`]).
 
+mod animation;
 mod atomic;
 mod checkpoint;
 mod container;
+pub mod dataset;
 mod error;
 mod image;
 mod ply;
 mod scene_file;
+mod spatial;
 
 pub use crate::{
+    animation::{Animation, write_animation},
     atomic::{abandon_writes, write_atomically},
     checkpoint::{Checkpoint, read_checkpoint, write_checkpoint},
     error::Error,
-    image::{AlphaMode, LoadedImage, Transparency, read_image, read_image_with, write_png},
+    image::{AlphaMode, LoadedImage, Orientation, Transparency, read_image, read_image_with, write_png},
     ply::{PlyColors, write_ply},
     scene_file::{PlanarFile, SCENE_EXTENSION, read_scene, write_scene},
+    spatial::{
+        GltfBuffer, Loss, SpatialFile, SpatialFormat, SpatialOptions, SpatialWritten, SpzOptions, SpzVersion,
+        decode_spatial, read_spatial, read_spatial_unchecked, spatial_format, write_spatial,
+    },
 };

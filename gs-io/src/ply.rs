@@ -14,7 +14,7 @@ use gs_core::{Blend, Image, PlanarGaussian, Scene};
 use serde::Serialize;
 use serde_ply::SerializeOptions;
 
-use crate::{PlanarFile, atomic::write_atomically, error::Error};
+use crate::{PlanarFile, atomic::write_atomically, error::Error, spatial::SH_0};
 
 /// Length of the canvas's longer side, world units.
 const EXTENT_WORLD: f32 = 2.0;
@@ -28,9 +28,6 @@ const DEPTH_STEP_WORLD: f32 = 5e-7;
 /// Depth of the whole stack at most, world units: more would show as parallax at the picture's border (a hundredth of its
 /// half width from a distance of 2).
 const MAX_DEPTH_WORLD: f32 = 0.02;
-
-/// The zeroth spherical harmonic, ½ √(1/π): colour = ½ + SH_0 · f_dc.
-const SH_0: f32 = 0.282_094_79;
 
 /// Opacity logits are written between −this and this: not all viewers read ±∞, and 1/(1 + e⁻¹⁶) is 1 to a ten-millionth.
 const MAX_LOGIT: f32 = 16.0;

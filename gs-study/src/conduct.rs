@@ -13,7 +13,6 @@ use std::{
 use gs_core::{
     Blend, Canvas, Chart, Error as CoreError, Image, PlanarGaussian, PlanarScene, Rasterizer, RenderSettings,
 };
-use gs_density::DensityPolicy;
 use gs_train::{Control, Error as FitError, FitSummary, MetricsLog, Observer, Progress, Trainer};
 
 use crate::{

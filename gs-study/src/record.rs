@@ -130,6 +130,7 @@ pub(crate) mod tests {
             loss: 0.5,
             l1: None,
             psnr,
+            culled: None,
         };
         Finished {
             gaussians: 100,

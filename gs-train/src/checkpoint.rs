@@ -1,57 +1,64 @@
-//! What a checkpoint of a fit says besides the cloud's state: settings, step, time, counts and which target it was for.
+//! What a checkpoint of a run says besides the cloud's state: settings, step, time, counts and which pictures it was for.
 
 use std::{collections::BTreeMap, fmt::Display, str::FromStr};
 
 use gs_core::{Image, edit::EditCounts};
 use serde::de::DeserializeOwned;
 
-use crate::{error::Error, settings::FitSettings};
-
-/// What the key `format` holds, so that a checkpoint of another kind of training is refused.
-const FORMAT: &str = "planar-fit-1";
+use crate::{
+    course::{RunSettings, Trainable},
+    error::Error,
+};
 
 /// All of a [`Trainer`](crate::Trainer)'s state that is not in its cloud.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct FitRecord {
-    pub(crate) settings: FitSettings,
+pub(crate) struct Record<C> {
+    pub(crate) settings: C,
     /// Steps done.
     pub(crate) step: u32,
     pub(crate) seconds: f64,
     pub(crate) edits: EditCounts,
-    /// [`fingerprint`] of the target.
-    pub(crate) target: String,
+    /// What tells the pictures to reach from others, such as the [`fingerprint`] of a target.
+    pub(crate) pictures: String,
 }
 
-impl FitRecord {
-    pub(crate) fn to_metadata(&self) -> Result<BTreeMap<String, String>, Error> {
+impl<C> Record<C> {
+    pub(crate) fn to_metadata<S: Trainable<Settings = C>>(&self) -> Result<BTreeMap<String, String>, Error>
+    where
+        C: RunSettings<S>,
+    {
         let unwritable = |e: toml::ser::Error| Error::Checkpoint(format!("its settings cannot be written: {e}"));
         Ok([
-            ("format", FORMAT.to_owned()),
+            ("format", C::FORMAT.to_owned()),
             ("settings", toml::to_string(&self.settings).map_err(unwritable)?),
             ("step", self.step.to_string()),
             ("seconds", format!("{:?}", self.seconds)),
             ("edits", toml::to_string(&self.edits).map_err(unwritable)?),
-            ("target", self.target.clone()),
+            ("target", self.pictures.clone()),
         ]
         .map(|(key, value)| (key.to_owned(), value))
         .into())
     }
 
-    pub(crate) fn from_metadata(metadata: &BTreeMap<String, String>) -> Result<Self, Error> {
+    pub(crate) fn from_metadata<S: Trainable<Settings = C>>(metadata: &BTreeMap<String, String>) -> Result<Self, Error>
+    where
+        C: RunSettings<S>,
+    {
         let format = value(metadata, "format")?;
-        if format != FORMAT {
-            return Err(Error::Checkpoint(format!("its format is `{format}`, not `{FORMAT}`")));
+        if format != C::FORMAT {
+            return Err(Error::Checkpoint(format!("its format is `{format}`, not `{}`", C::FORMAT)));
         }
+        let settings: C = table(metadata, "settings")?;
+        settings.validate()?;
         let record = Self {
-            settings: table(metadata, "settings")?,
-            step: parsed(metadata, "step")?,
+            settings,
+            step: step_of(metadata)?,
             seconds: parsed(metadata, "seconds")?,
             edits: table(metadata, "edits")?,
-            target: value(metadata, "target")?.to_owned(),
+            pictures: value(metadata, "target")?.to_owned(),
         };
-        record.settings.validate()?;
-        if record.step > record.settings.iterations {
-            let iterations = record.settings.iterations;
+        let iterations = record.settings.iterations();
+        if record.step > iterations {
             return Err(Error::Checkpoint(format!("it stands at step {} of {iterations}", record.step)));
         }
         if !(record.seconds >= 0.0 && record.seconds.is_finite()) {
@@ -59,6 +66,11 @@ impl FitRecord {
         }
         Ok(record)
     }
+}
+
+/// The steps done when a checkpoint with this metadata was taken, whatever it is of.
+pub(crate) fn step_of(metadata: &BTreeMap<String, String>) -> Result<u32, Error> {
+    parsed(metadata, "step")
 }
 
 fn value<'a>(metadata: &'a BTreeMap<String, String>, key: &str) -> Result<&'a str, Error> {
@@ -76,41 +88,48 @@ fn table<T: DeserializeOwned>(metadata: &BTreeMap<String, String>, key: &str) ->
 }
 
 /// Size and content of an image in a few characters: two images that differ in a single bit have, but for a chance of 2⁻⁶⁴,
-/// different ones. *Source:* FNV-1a, 64 bits, over the bit patterns of all values.
+/// different ones.
 pub(crate) fn fingerprint(image: &Image) -> String {
-    let mut hash = 0xcbf2_9ce4_8422_2325_u64;
-    for value in image.pixels().as_flattened() {
-        for byte in value.to_le_bytes() {
-            hash = (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3);
-        }
-    }
+    let hash = digest(image.pixels().as_flattened().iter().flat_map(|value| value.to_le_bytes()));
     format!("{}x{} px, {hash:016x}", image.width(), image.height())
+}
+
+/// A number that tells these bytes from others. *Source:* FNV-1a, 64 bits.
+pub(crate) fn digest(bytes: impl IntoIterator<Item = u8>) -> u64 {
+    bytes
+        .into_iter()
+        .fold(0xcbf2_9ce4_8422_2325, |hash, byte| (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3))
 }
 
 #[cfg(test)]
 mod tests {
+    use gs_core::PlanarScene;
     use gs_density::{AbsoluteThreshold, Policy};
 
     use super::*;
+    use crate::settings::FitSettings;
 
-    fn record() -> FitRecord {
-        FitRecord {
+    fn record() -> Record<FitSettings> {
+        Record {
             settings: FitSettings::paper(),
             step: 300,
             seconds: 0.1 + 0.2,
             edits: EditCounts { seeded: 7, pruned_unimportant: 2, ..EditCounts::default() },
-            target: "1x1 px, 0".to_owned(),
+            pictures: "1x1 px, 0".to_owned(),
         }
     }
 
     #[test]
     fn a_record_comes_back_from_its_metadata() {
-        assert_eq!(FitRecord::from_metadata(&record().to_metadata().unwrap()).unwrap(), record());
+        assert_eq!(
+            Record::from_metadata::<PlanarScene>(&record().to_metadata::<PlanarScene>().unwrap()).unwrap(),
+            record()
+        );
     }
 
     #[test]
     fn damaged_metadata_are_an_error() {
-        let good = record().to_metadata().unwrap();
+        let good = record().to_metadata::<PlanarScene>().unwrap();
         for (key, bad) in [
             ("format", "spatial-fit-1"),
             ("settings", "="),
@@ -122,9 +141,9 @@ mod tests {
         ] {
             let mut metadata = good.clone();
             metadata.insert(key.to_owned(), bad.to_owned());
-            assert!(FitRecord::from_metadata(&metadata).is_err(), "{key} = {bad}");
+            assert!(Record::from_metadata::<PlanarScene>(&metadata).is_err(), "{key} = {bad}");
             metadata.remove(key);
-            assert!(FitRecord::from_metadata(&metadata).is_err(), "no {key}");
+            assert!(Record::from_metadata::<PlanarScene>(&metadata).is_err(), "no {key}");
         }
     }
 
@@ -136,8 +155,8 @@ mod tests {
                 record.settings.adam.mean.learning_rate = odd;
                 record.settings.policy = Policy::Absolute(AbsoluteThreshold { threshold, ..Default::default() });
                 record.seconds = f64::from(odd) / 3.0;
-                let metadata = record.to_metadata().unwrap();
-                assert_eq!(FitRecord::from_metadata(&metadata).unwrap(), record, "{metadata:?}");
+                let metadata = record.to_metadata::<PlanarScene>().unwrap();
+                assert_eq!(Record::from_metadata::<PlanarScene>(&metadata).unwrap(), record, "{metadata:?}");
             }
         }
     }

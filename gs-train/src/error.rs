@@ -2,7 +2,6 @@
 
 use std::fmt;
 
-use gs_core::PlanarGaussian;
 use thiserror::Error;
 
 /// An error of training.
@@ -17,7 +16,7 @@ pub enum Error {
     Io(#[from] gs_io::Error),
     /// The loss stopped being finite.
     #[error(
-        "the fit diverged: the loss is {loss} at step {step}{}; lower the learning rates",
+        "the training diverged: the loss is {loss} at step {step}{}; lower the learning rates",
         suspect.as_ref().map_or_else(String::new, |s| format!(", probably by {s}"))
     )]
     Diverged {
@@ -29,7 +28,7 @@ pub enum Error {
         suspect: Option<Box<Suspect>>,
     },
     /// A checkpoint was made for another target than the one given.
-    #[error("the checkpoint belongs to another target: it was made for {expected}, but this image is {found}")]
+    #[error("the checkpoint belongs to another target: it was made for {expected}, but this is {found}")]
     WrongTarget {
         /// Size and fingerprint of the checkpoint's target.
         expected: String,
@@ -59,24 +58,30 @@ pub enum Error {
 }
 
 /// A Gaussian suspected of a divergence: the first whose parameters are not finite, or else the one with the largest.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Suspect {
     /// Its index in the scene.
     pub index: usize,
-    /// Its parameters when the loss was seen: after the step, or, where the backend tells losses late, a few steps later.
-    pub gaussian: PlanarGaussian,
+    /// Its parameters but the opacity, by name and unit, when the loss was seen: after the step, or, where the backend tells losses late, a
+    /// few steps later.
+    pub parameters: Vec<(&'static str, Vec<f32>)>,
+    /// Its opacity's logit then.
+    pub opacity_logit: f32,
     /// How many Gaussians of the scene have parameters that are not finite.
     pub not_finite: usize,
 }
 
 impl fmt::Display for Suspect {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let g = &self.gaussian;
-        write!(
-            f,
-            "Gaussian {} (mean {} px, ln-scale {}, rotation {}, opacity logit {}, colour {})",
-            self.index, g.mean, g.log_scale, g.rotation, g.opacity_logit, g.color
-        )?;
+        write!(f, "Gaussian {} (", self.index)?;
+        for (name, values) in &self.parameters {
+            match values.as_slice() {
+                [value] => write!(f, "{name} {value}, ")?,
+                // Of many, such as SH coefficients, the first few tell enough.
+                values => write!(f, "{name} {:?}, ", &values[..values.len().min(6)])?,
+            }
+        }
+        write!(f, "opacity logit {})", self.opacity_logit)?;
         if self.not_finite > 1 {
             write!(f, " or another of the {} that are not finite", self.not_finite)?;
         }

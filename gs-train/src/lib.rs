@@ -8,6 +8,7 @@
 #![allow(clippy::neg_cmp_op_on_partial_ord)]
 
 mod checkpoint;
+mod course;
 mod error;
 pub mod experiments;
 mod fit;
@@ -15,10 +16,12 @@ pub mod init;
 mod losses;
 mod metrics_log;
 mod observer;
+mod planar;
 pub mod presets;
 mod quality;
 mod rounds;
 mod settings;
+pub mod spatial;
 pub mod statistics;
 mod summary;
 mod targets;
@@ -30,14 +33,17 @@ mod trainer;
 struct Readme;
 
 pub use crate::{
+    course::{Course, Due, RunSettings, Trainable},
     error::{Error, Suspect},
     fit::{Fit, fit},
     init::Init,
     metrics_log::{MetricsLog, MetricsRow},
     observer::{Control, Observer, Progress, Quality},
+    planar::ImageCourse,
     presets::Preset,
     rounds::Rounds,
     settings::{ColorSolve, FitSettings, InitialCount},
+    spatial::{SpatialPreset, SpatialSettings, SpatialTrainer},
     summary::FitSummary,
     targets::{
         DiscAndSquare, Fill, PAPER_DISC, PAPER_SIDE_PX, PAPER_SQUARE, SyntheticTarget, paper_target, thin_lines,

@@ -5,12 +5,12 @@ use std::{
     fmt::Write,
 };
 
-use gs_core::edit::EditCounts;
+use gs_core::{edit::EditCounts, statistics::Culled};
 use gs_io::Checkpoint;
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    checkpoint::FitRecord,
+    checkpoint::step_of,
     error::Error,
     observer::{Control, Observer, Progress},
     settings::FitSettings,
@@ -23,7 +23,8 @@ const KEY: &str = "metrics";
 const MOST_KEPT_ROWS: usize = 50_000;
 
 const HEADINGS: &str = "step,seconds,count,cloned,split,seeded,pruned_transparent,pruned_too_large,pruned_not_finite,\
-                        pruned_unimportant,loss,l1,psnr";
+                        pruned_unimportant,loss,l1,psnr,culled_not_finite,culled_near,culled_degenerate,culled_transparent,\
+                        culled_outside";
 
 /// One row of a [`MetricsLog`].
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -44,6 +45,9 @@ pub struct MetricsRow {
     pub l1: Option<f64>,
     /// PSNR after the step, both clamped, dB; where it was measured.
     pub psnr: Option<f64>,
+    /// What the renderings by which it was measured left out.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub culled: Option<Culled>,
 }
 
 /// An observer that keeps a row for the first step, every `every` steps, every round of density control, and the last step.
@@ -70,7 +74,12 @@ impl MetricsLog {
     /// A log with about a hundred rows, and those of density control; the quality is measured in about twenty of them: after the
     /// first step, every twentieth of all steps, and the last. Count and loss cost nothing.
     pub fn for_settings(settings: &FitSettings) -> Self {
-        let log = Self::new(settings.iterations / 100);
+        Self::for_steps(settings.iterations)
+    }
+
+    /// The same for a run of so many steps, of whatever kind.
+    pub fn for_steps(iterations: u32) -> Self {
+        let log = Self::new(iterations / 100);
         Self { measured_every: 5 * log.every, ..log }
     }
 
@@ -80,7 +89,7 @@ impl MetricsLog {
     /// # Errors
     /// [`Error::Checkpoint`] where its rows cannot be those of its fit.
     pub fn resumed(self, metadata: &BTreeMap<String, String>) -> Result<Self, Error> {
-        let step = FitRecord::from_metadata(metadata)?.step;
+        let step = step_of(metadata)?;
         let rows = metadata.get(KEY).map_or(Ok(Vec::new()), |csv| rows_of(csv, step))?;
         Ok(Self { rows, ..self })
     }
@@ -108,16 +117,22 @@ impl MetricsLog {
 
 fn csv(rows: &[MetricsRow]) -> String {
     let mut csv = format!("{HEADINGS}\n");
-    for MetricsRow { step, seconds, count, edits: e, loss, l1, psnr } in rows {
+    for MetricsRow { step, seconds, count, edits: e, loss, l1, psnr, culled } in rows {
         let (cloned, split, seeded) = (e.cloned, e.split, e.seeded);
         let (transparent, too_large) = (e.pruned_transparent, e.pruned_too_large);
         let (not_finite, unimportant) = (e.pruned_not_finite, e.pruned_unimportant);
         let l1 = l1.map_or_else(String::new, |l1| format!("{l1:.7}"));
         let psnr = psnr.map_or_else(String::new, |psnr| format!("{psnr:.4}"));
+        let culled = culled.map_or_else(
+            || ",,,,".to_owned(),
+            |Culled { not_finite, near, degenerate, transparent, outside }| {
+                format!("{not_finite},{near},{degenerate},{transparent},{outside}")
+            },
+        );
         let written = writeln!(
             csv,
             "{step},{seconds:.6},{count},{cloned},{split},{seeded},{transparent},{too_large},{not_finite},\
-             {unimportant},{loss},{l1},{psnr}"
+             {unimportant},{loss},{l1},{psnr},{culled}"
         );
         debug_assert!(written.is_ok(), "a string can always be written to");
     }
@@ -144,8 +159,10 @@ fn rows_of(csv: &str, last_step: u32) -> Result<Vec<MetricsRow>, Error> {
 
 fn row_of(text: &str) -> Option<MetricsRow> {
     let cells: Vec<&str> = text.split(',').collect();
-    let &[step, seconds, count, cloned, split, seeded, transparent, too_large, not_finite, unimportant, loss, l1, psnr] =
-        cells.as_slice()
+    let Some((
+        &[step, seconds, count, cloned, split, seeded, transparent, too_large, not_finite, unimportant, loss, l1, psnr],
+        culled,
+    )) = cells.split_first_chunk::<13>()
     else {
         return None;
     };
@@ -162,7 +179,18 @@ fn row_of(text: &str) -> Option<MetricsRow> {
     };
     let (seconds, loss) = (seconds.parse().ok()?, loss.parse().ok()?);
     let (l1, psnr) = (measured(l1)?, measured(psnr)?);
-    Some(MetricsRow { step: whole(step)?, seconds, count: whole(count)?, edits, loss, l1, psnr })
+    let culled = match culled {
+        ["", "", "", "", ""] => None,
+        &[not_finite, near, degenerate, transparent, outside] => Some(Culled {
+            not_finite: whole(not_finite)?,
+            near: whole(near)?,
+            degenerate: whole(degenerate)?,
+            transparent: whole(transparent)?,
+            outside: whole(outside)?,
+        }),
+        _ => return None,
+    };
+    Some(MetricsRow { step: whole(step)?, seconds, count: whole(count)?, edits, loss, l1, psnr, culled })
 }
 
 impl Observer for MetricsLog {
@@ -186,6 +214,7 @@ impl Observer for MetricsLog {
                 loss: progress.loss,
                 l1: quality.map(|q| q.l1),
                 psnr: quality.map(|q| q.psnr),
+                culled: quality.map(|q| q.culled),
             });
         }
         Control::Continue
@@ -214,7 +243,8 @@ mod tests {
         let edits = EditCounts { seeded: 7 * step, pruned_unimportant: step, ..EditCounts::default() };
         let (seconds, loss) = (0.125 * f64::from(step), 0.1 / step as f32);
         let (l1, psnr) = if step == 2 { (None, None) } else { (Some(0.25), Some(f64::INFINITY)) };
-        MetricsRow { step, seconds, count: 20 + step, edits, loss, l1, psnr }
+        let culled = psnr.map(|_| Culled { outside: step, near: 3, ..Culled::default() });
+        MetricsRow { step, seconds, count: 20 + step, edits, loss, l1, psnr, culled }
     }
 
     #[test]
@@ -231,9 +261,9 @@ mod tests {
             (good.replace("loss", "cost"), "line 1"),
             (String::new(), "line 1"),
             (good.clone() + "3,x\n", "line 4 of its `metrics` is no row"),
-            (good.clone() + "2,0.1,1,0,0,0,0,0,0,0,0.5,,\n", "out of order"),
-            (good.clone() + "10,0.1,1,0,0,0,0,0,0,0,0.5,,\n", "step 10 of a fit at step 9"),
-            (good + "3,0.1,-1,0,0,0,0,0,0,0,0.5,,\n", "line 4"),
+            (good.clone() + "2,0.1,1,0,0,0,0,0,0,0,0.5,,,,,,,\n", "out of order"),
+            (good.clone() + "10,0.1,1,0,0,0,0,0,0,0,0.5,,,,,,,\n", "step 10 of a fit at step 9"),
+            (good + "3,0.1,-1,0,0,0,0,0,0,0,0.5,,,,,,,\n", "line 4"),
         ] {
             let message = rows_of(&bad, 9).unwrap_err().to_string();
             assert!(message.contains(expected), "{message}");

@@ -77,11 +77,6 @@ pub struct ColorSolve {
 }
 
 impl FitSettings {
-    /// Whether the step that follows `step` steps makes its lists anew, whatever came before.
-    pub(crate) fn bins_afresh_after(&self, step: u32) -> bool {
-        step.is_multiple_of(self.rebin_every) || step.saturating_add(self.rebin_every) >= self.iterations
-    }
-
     /// Fails where a setting is out of its range or contradicts another.
     ///
     /// # Errors
@@ -114,7 +109,7 @@ impl FitSettings {
     }
 }
 
-fn validate_adam(adam: &Adam) -> Result<(), Error> {
+pub(crate) fn validate_adam(adam: &Adam) -> Result<(), Error> {
     let groups: [(&'static str, &Group); 6] = [
         ("the learning rate of means", &adam.mean),
         ("the learning rate of scales", &adam.scale),
@@ -139,6 +134,13 @@ fn validate_adam(adam: &Adam) -> Result<(), Error> {
     }
     if !(adam.epsilon > 0.0 && adam.epsilon.is_finite()) {
         return Err(Error::setting("epsilon of Adam", adam.epsilon, "positive and finite"));
+    }
+    for (what, weight) in
+        [("the weight of the mean opacity", adam.penalty.opacity), ("the weight of the mean scale", adam.penalty.scale)]
+    {
+        if !(weight >= 0.0 && weight.is_finite()) {
+            return Err(Error::setting(what, weight, "finite and not negative"));
+        }
     }
     if !(adam.min_scale > 0.0 && adam.min_scale.is_finite()) {
         return Err(Error::setting("the smallest scale", adam.min_scale, "positive and finite"));

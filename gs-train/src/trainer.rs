@@ -1,27 +1,23 @@
 //! The training loop: steps of the optimiser, rounds of density control between them, and checkpoints from which a run goes on
-//! bit for bit.
+//! bit for bit. Shared by every kind of training; what they differ in is their [`Course`].
 
 use std::{fmt, sync::Arc, time::Instant};
 
 use gs_core::{
-    Binning, Blend, Canvas, DensityStatistics, EditPlan, Image, Loss, PlanarGaussian, PlanarScene, Rasterizer, Scene,
-    TrainStep, Wait,
+    Binning, DensityStatistics, EditPlan, PlanarScene, Rasterizer, Wait,
     edit::{AfterEdit, EditCounts, PruneCause, Removal},
     effects::Statistics,
-    statistics::Culled,
 };
-use gs_density::{DensityPolicy, Observation, Residual, Rng};
+use gs_density::{DensityGaussian, DensityPolicy, Observation, Rng};
 use gs_io::Checkpoint;
 use rand::SeedableRng;
 
 use crate::{
-    checkpoint::{FitRecord, fingerprint},
+    checkpoint::Record,
+    course::{Course, Due, RunSettings, Trainable},
     error::{Error, Suspect},
     losses::Losses,
     observer::{Control, Observer, Progress, Quality},
-    quality::l1_and_psnr,
-    settings::FitSettings,
-    summary::FitSummary,
 };
 
 /// How a run ended.
@@ -33,121 +29,58 @@ pub enum Outcome {
     Stopped,
 }
 
-/// A fit of planar Gaussians to an image, in progress.
+/// A training in progress: by default a fit of planar Gaussians to an image; [`SpatialTrainer`](crate::SpatialTrainer) is that of a scene in
+/// space from views.
 ///
-/// A run is a function of settings, target and backend. What it depends on at a step from which it can be resumed is in the
+/// A run is a function of settings, pictures and backend. What it depends on at a step from which it can be resumed is in the
 /// cloud's state, the settings and the step: random numbers are drawn afresh from (seed, step) in each round, and lists of which
 /// Gaussian touches which pixels are never carried over such a step.
-pub struct Trainer<'a, R: Rasterizer<PlanarScene>> {
-    rasterizer: &'a R,
-    record: FitRecord,
-    canvas: Canvas,
-    cloud: R::Cloud,
-    target: R::Target,
-    /// The target on the host, beside the rendering that the policy last asked for (before that, a single pixel).
-    residual: Residual,
+pub struct Trainer<'a, R: Rasterizer<S>, S: Trainable = PlanarScene> {
+    pub(crate) rasterizer: &'a R,
+    pub(crate) record: Record<S::Settings>,
+    pub(crate) cloud: R::Cloud,
+    pub(crate) course: S::Course<R>,
     /// What the next step does about its lists.
     binning: Binning,
     losses: Losses,
     /// In place of the settings' policy.
-    foreign: Option<ForeignPolicy>,
+    foreign: Option<ForeignPolicy<S>>,
 }
 
 /// A policy from outside of this project, which settings cannot name.
-pub type ForeignPolicy = Arc<dyn DensityPolicy + Send + Sync>;
+pub type ForeignPolicy<S = PlanarScene> = Arc<dyn DensityPolicy<S> + Send + Sync>;
 
-impl<R: Rasterizer<PlanarScene>> fmt::Debug for Trainer<'_, R> {
+impl<R: Rasterizer<S>, S: Trainable> fmt::Debug for Trainer<'_, R, S> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_struct("Trainer")
             .field("backend", &self.rasterizer.describe())
             .field("record", &self.record)
-            .field("canvas", &self.canvas)
             .field("count", &self.count())
             .finish_non_exhaustive()
     }
 }
 
-impl<'a, R: Rasterizer<PlanarScene>> Trainer<'a, R> {
-    /// Begins a fit with the scene that [`FitSettings::init`] makes for the target.
-    ///
-    /// # Errors
-    /// [`gs_core::Error::Setting`] where a setting is not possible or the target is not finite, and those of the backend.
-    pub fn new(rasterizer: &'a R, target: &Image, settings: FitSettings) -> Result<Self, Error> {
-        settings.validate()?;
-        let started = Instant::now();
-        let count = settings.initial.resolve(settings.gaussians) as usize;
-        let blend = settings.render.effects.blend;
-        let scene = settings.init.scene(target, count, blend, &mut random(settings.seed, 0));
-        let initialised = started.elapsed().as_secs_f64();
-        let mut trainer = Self::from_scene(rasterizer, target, &scene, settings)?;
-        trainer.record.seconds += initialised;
-        Ok(trainer)
-    }
-
-    /// Begins a fit with a given scene instead, whatever [`FitSettings::init`] and [`FitSettings::initial`] say.
-    ///
-    /// # Errors
-    /// Those of [`Trainer::new`]; also where the scene has more Gaussians than [`FitSettings::gaussians`] allows.
-    pub fn from_scene(
+impl<'a, R: Rasterizer<S>, S: Trainable> Trainer<'a, R, S> {
+    /// A run that stands where its record says.
+    pub(crate) fn assemble(
         rasterizer: &'a R,
-        target: &Image,
-        scene: &PlanarScene,
-        settings: FitSettings,
-    ) -> Result<Self, Error> {
-        settings.validate()?;
-        validate_target(target)?;
-        scene.validate()?;
-        if scene.len() > settings.gaussians as usize {
-            let allowed = "at most the number of Gaussians allowed";
-            return Err(gs_core::Error::setting("the number of Gaussians at the start", scene.len(), allowed).into());
-        }
-        let started = Instant::now();
-        let cloud = rasterizer.upload(scene, settings.chart)?;
-        let record =
-            FitRecord { settings, step: 0, seconds: 0.0, edits: EditCounts::default(), target: fingerprint(target) };
-        let mut trainer = Self::assemble(rasterizer, target, record, cloud)?;
-        trainer.solve_colors(trainer.record.settings.color_solve.at_start)?;
-        trainer.record.seconds = started.elapsed().as_secs_f64();
-        Ok(trainer)
-    }
-
-    /// Goes on with a fit where a checkpoint left it; on the same backend it ends bit for bit as if it had never stopped.
-    ///
-    /// # Errors
-    /// [`Error::WrongTarget`] for an image of another size or content, [`Error::Checkpoint`] for metadata that are not those of
-    /// a fit, and those of the backend.
-    pub fn resume(rasterizer: &'a R, target: &Image, checkpoint: Checkpoint) -> Result<Self, Error> {
-        let record = FitRecord::from_metadata(&checkpoint.metadata)?;
-        validate_target(target)?;
-        let found = fingerprint(target);
-        if record.target != found {
-            return Err(Error::WrongTarget { expected: record.target, found });
-        }
-        let cloud = rasterizer.restore(&checkpoint.state)?;
-        Self::assemble(rasterizer, target, record, cloud)
-    }
-
-    fn assemble(rasterizer: &'a R, target: &Image, record: FitRecord, cloud: R::Cloud) -> Result<Self, Error> {
-        let canvas = Canvas::new(target.width(), target.height());
-        let residual = Residual { target: target.clone(), rendered: Image::filled(1, 1, [0.0; 3])? };
-        let target = rasterizer.upload_target(target)?;
+        record: Record<S::Settings>,
+        cloud: R::Cloud,
+        course: S::Course<R>,
+    ) -> Self {
         let losses = Losses::after(record.step);
-        let binning = Binning::Fresh;
-        Ok(Self { rasterizer, record, canvas, cloud, target, residual, binning, losses, foreign: None })
+        Self { rasterizer, record, cloud, course, binning: Binning::Fresh, losses, foreign: None }
     }
 
-    /// The same fit with its density controlled by another policy, one of your own, in place of that of its settings.
-    /// A checkpoint does not hold it: a resumed fit must be given it again.
+    /// The same run with its density controlled by another policy, one of your own, in place of that of its settings.
+    /// A checkpoint does not hold it: a resumed run must be given it again.
     #[must_use]
-    pub fn controlled_by(self, policy: ForeignPolicy) -> Self {
+    pub fn controlled_by(self, policy: ForeignPolicy<S>) -> Self {
         Self { foreign: Some(policy), ..self }
     }
 
-    fn policy(&self) -> &dyn DensityPolicy {
-        match &self.foreign {
-            Some(policy) => policy.as_ref(),
-            None => &self.record.settings.policy,
-        }
+    fn policy(&self) -> &dyn DensityPolicy<S> {
+        policy(&self.foreign, &self.record.settings)
     }
 
     /// Steps until the last, or until an observer stops it.
@@ -190,7 +123,7 @@ impl<'a, R: Rasterizer<PlanarScene>> Trainer<'a, R> {
     /// [`Error::Diverged`] where the loss of this or of an earlier step is not finite, [`Error::Finished`] after the last step, and those
     /// of the backend.
     pub fn step_once(&mut self) -> Result<Progress, Error> {
-        let iterations = self.record.settings.iterations;
+        let iterations = self.record.settings.iterations();
         if self.is_finished() {
             return Err(Error::Finished { iterations });
         }
@@ -199,7 +132,7 @@ impl<'a, R: Rasterizer<PlanarScene>> Trainer<'a, R> {
         let started = Instant::now();
         self.optimise()?;
         self.record.step += 1;
-        let due = self.record.settings.rounds.progress(self.record.step, iterations);
+        let due = self.record.settings.rounds().progress(self.record.step, iterations);
         let settled = due.is_some() || self.is_finished() || self.losses.last().is_none();
         self.see_losses(if settled { Wait::All } else { Wait::Arrived })?;
         let fresh = self.record.settings.bins_afresh_after(self.record.step);
@@ -213,34 +146,32 @@ impl<'a, R: Rasterizer<PlanarScene>> Trainer<'a, R> {
         self.progress(edits)
     }
 
-    /// Where the fit stands.
+    /// Where the run stands.
     fn progress(&self, edits: Option<EditCounts>) -> Result<Progress, Error> {
         let loss = self.losses.last().ok_or_else(|| self.missing_losses())?;
         Ok(Progress {
             step: self.record.step,
-            iterations: self.record.settings.iterations,
+            iterations: self.record.settings.iterations(),
             seconds: self.record.seconds,
             count: self.count(),
             loss,
             loss_step: self.losses.seen(),
             edits,
-            psnr_estimate: (self.record.settings.loss == Loss::L2).then(|| -10.0 * loss.log10()),
+            psnr_estimate: self.record.settings.psnr_estimate(loss),
             quality: None,
         })
     }
 
     /// Forward, backward and Adam, sent on their way.
     fn optimise(&mut self) -> Result<(), Error> {
-        let FitRecord { settings, step, .. } = &self.record;
-        let mut render = settings.render;
+        let Record { settings, step, .. } = &self.record;
         // Statistics that no round will look at are not collected.
-        render.effects.statistics = match *step < settings.rounds.last(settings.iterations) {
+        let statistics = match *step < settings.rounds().last(settings.iterations()) {
             true => self.policy().statistics(),
             false => Statistics::None,
         };
-        let rates = settings.adam.at(*step as f32 / settings.iterations as f32);
-        let step = TrainStep { settings: &render, loss: settings.loss, rates: &rates, binning: self.binning };
-        Ok(self.rasterizer.train_step(&mut self.cloud, &self.canvas, &self.target, &step)?)
+        let due = Due { step: *step, statistics, binning: self.binning };
+        self.course.send(self.rasterizer, &mut self.cloud, settings, due)
     }
 
     /// Looks at the losses that have come, or waits for all.
@@ -283,44 +214,46 @@ impl<'a, R: Rasterizer<PlanarScene>> Trainer<'a, R> {
 
     /// Shows the scene to the policy and does what it says; `progress` as in [`Observation`].
     fn control_density(&mut self, progress: f32) -> Result<EditCounts, Error> {
-        let FitRecord { settings, step, .. } = &self.record;
+        let Record { settings, step, .. } = &self.record;
+        let policy = policy(&self.foreign, settings);
         let scene = self.rasterizer.download(&self.cloud)?;
-        let statistics = match self.policy().statistics() {
+        let statistics = match policy.statistics() {
             Statistics::None => DensityStatistics::zeros(scene.len()),
             _ => self.rasterizer.statistics(&self.cloud)?,
         };
-        let needs_residual = self.policy().needs_residual();
-        if needs_residual {
-            self.residual.rendered = self.render()?.0;
-        }
+        let extent = self.course.extent();
+        let residual = match policy.needs_residual() {
+            true => self.course.residual(self.rasterizer, &self.cloud, settings)?,
+            false => None,
+        };
         let observation = Observation {
             scene: &scene,
             statistics: &statistics,
-            residual: needs_residual.then_some(&self.residual),
-            size: self.residual.target.size(),
+            residual,
+            extent,
             step: step - 1,
             progress,
-            budget: settings.gaussians as usize,
+            budget: settings.budget() as usize,
         };
-        let plan = self.policy().plan(&observation, &mut random(settings.seed, *step))?;
+        let plan = policy.plan(&observation, &mut random(settings.seed(), *step))?;
         let counts = plan.counts();
         self.rasterizer.edit(&mut self.cloud, &plan)?;
         self.record.edits.accumulate(&counts);
         self.binning = Binning::Fresh;
-        self.solve_colors(self.record.settings.color_solve.after_edit)?;
+        self.course.after_edit(self.rasterizer, &mut self.cloud, &self.record.settings)?;
         Ok(counts)
     }
 
     /// Adds the noise that the policy asks for after this step; not after the last, which nothing would mend.
     fn add_noise(&mut self) -> Result<(), Error> {
-        let FitRecord { settings, step, .. } = &self.record;
+        let Record { settings, step, .. } = &self.record;
         let Some(noise) = self.policy().noise().filter(|noise| noise.is_due(*step) && !self.is_finished()) else {
             return Ok(());
         };
-        let rate = settings.adam.mean.schedule.factor(*step as f32 / settings.iterations as f32);
+        let rate = settings.mean_schedule().factor(*step as f32 / settings.iterations() as f32);
         let scene = self.rasterizer.download(&self.cloud)?;
-        let mut rng = Rng::new(u128::from(settings.seed) << 32 | u128::from(*step), NOISE_STREAM);
-        if let Some(shifts) = noise.shifts(&scene, self.residual.target.size(), rate, &mut rng) {
+        let mut rng = Rng::new(u128::from(settings.seed()) << 32 | u128::from(*step), NOISE_STREAM);
+        if let Some(shifts) = noise.shifts(&scene, self.course.extent(), rate, &mut rng) {
             self.rasterizer.shift_means(&mut self.cloud, &shifts)?;
         }
         Ok(())
@@ -329,12 +262,9 @@ impl<'a, R: Rasterizer<PlanarScene>> Trainer<'a, R> {
     /// Takes out what has become NaN or infinite since the last round; it draws nothing, and no file would take it.
     fn drop_not_finite(&mut self, edits: &mut Option<EditCounts>) -> Result<(), Error> {
         let scene = self.rasterizer.download(&self.cloud)?;
-        let finite = |g: &PlanarGaussian| {
-            let shape = g.mean.is_finite() && g.log_scale.is_finite() && g.rotation.is_finite();
-            shape && g.color.is_finite() && !g.opacity_logit.is_nan()
-        };
-        let lost = scene.iter().enumerate().filter(|(_, g)| !finite(g)).map(|(i, _)| i as u32);
-        let removed: Vec<Removal> = lost.map(|index| Removal { index, cause: PruneCause::NotFinite }).collect();
+        let lost = (0..scene.len()).filter(|&index| !scene.gaussian(index).is_finite());
+        let removed: Vec<Removal> =
+            lost.map(|index| Removal { index: index as u32, cause: PruneCause::NotFinite }).collect();
         if !removed.is_empty() {
             let plan = EditPlan { removed, statistics: AfterEdit::Keep, ..EditPlan::default() };
             self.rasterizer.edit(&mut self.cloud, &plan)?;
@@ -345,67 +275,37 @@ impl<'a, R: Rasterizer<PlanarScene>> Trainer<'a, R> {
         Ok(())
     }
 
-    fn solve_colors(&mut self, iterations: u32) -> Result<(), Error> {
-        let render = self.record.settings.render;
-        if iterations > 0 && render.effects.blend == Blend::Sum && self.count() > 0 {
-            self.rasterizer.solve_colors(&mut self.cloud, &self.canvas, &self.target, &render, iterations)?;
-        }
-        Ok(())
-    }
-
     /// The Gaussian to name when the loss is not finite: the first whose parameters are not, or else the one with the largest.
     fn suspect(&self) -> Option<Box<Suspect>> {
         let scene = self.scene().ok()?;
-        let worst = |g: &PlanarGaussian| {
-            let values = [g.mean.to_array(), g.log_scale.to_array(), [g.rotation, 0.0]];
-            let largest = values
-                .as_flattened()
-                .iter()
-                .chain(&g.color.to_array())
-                .fold(0.0f32, |m, v| if v.is_finite() { m.max(v.abs()) } else { f32::INFINITY });
-            if g.opacity_logit.is_nan() { f32::INFINITY } else { largest }
+        let worst = |index: usize| {
+            let gaussian = scene.gaussian(index);
+            let values = S::parameters(&gaussian).into_iter().flat_map(|(_, values)| values);
+            let largest = values.fold(0.0f32, |m, v| if v.is_finite() { m.max(v.abs()) } else { f32::INFINITY });
+            if gaussian.opacity_logit().is_nan() { f32::INFINITY } else { largest }
         };
-        let not_finite = scene.iter().filter(|g| worst(g) == f32::INFINITY).count();
+        let worst: Vec<f32> = (0..scene.len()).map(worst).collect();
+        let not_finite = worst.iter().filter(|&&worst| worst == f32::INFINITY).count();
         // The first of several equals.
-        let found = scene.iter().enumerate().reduce(|a, b| if worst(&b.1) > worst(&a.1) { b } else { a });
-        found.map(|(index, gaussian)| Box::new(Suspect { index, gaussian, not_finite }))
+        let index = (0..scene.len()).reduce(|a, b| if worst[b] > worst[a] { b } else { a })?;
+        let gaussian = scene.gaussian(index);
+        let (parameters, opacity_logit) = (S::parameters(&gaussian), gaussian.opacity_logit());
+        Some(Box::new(Suspect { index, parameters, opacity_logit, not_finite }))
     }
 
-    /// L1, PSNR and what was left out, from a rendering made for it.
+    /// How good the scene is now, from renderings made for it.
     ///
     /// # Errors
-    /// Those of the backend.
+    /// Those of the backend, and of reading a picture.
     pub fn quality(&self) -> Result<Quality, Error> {
-        let (image, culled) = self.render()?;
-        let (l1, psnr) = l1_and_psnr(&image, &self.residual.target);
-        Ok(Quality { l1, psnr, culled })
-    }
-
-    /// The fit as it stands, in numbers.
-    ///
-    /// # Errors
-    /// Those of the backend.
-    pub fn summary(&self) -> Result<FitSummary, Error> {
-        let (image, culled) = self.render()?;
-        FitSummary::new(self, &image, culled)
-    }
-
-    /// The scene as rendered now at the target's size, not clamped, and what was left out.
-    ///
-    /// # Errors
-    /// Those of the backend.
-    pub fn render(&self) -> Result<(Image, Culled), Error> {
-        let mut render = self.record.settings.render;
-        render.effects.statistics = Statistics::None;
-        let frame = self.rasterizer.forward(&self.cloud, &self.canvas, &render)?;
-        Ok((self.rasterizer.image(&frame)?, self.rasterizer.culled(&frame)?))
+        self.course.quality(self.rasterizer, &self.cloud, &self.record.settings, self.record.step)
     }
 
     /// The scene as it is now.
     ///
     /// # Errors
     /// Those of the backend.
-    pub fn scene(&self) -> Result<PlanarScene, Error> {
+    pub fn scene(&self) -> Result<S, Error> {
         Ok(self.rasterizer.download(&self.cloud)?)
     }
 
@@ -423,8 +323,8 @@ impl<'a, R: Rasterizer<PlanarScene>> Trainer<'a, R> {
     /// settings that cannot be stored, and those of the backend.
     pub fn checkpoint(&mut self) -> Result<Checkpoint, Error> {
         if !self.can_checkpoint() {
-            let FitRecord { settings, step, .. } = &self.record;
-            let next = (step + 1..).find(|&next| settings.bins_afresh_after(next)).unwrap_or(settings.iterations);
+            let Record { settings, step, .. } = &self.record;
+            let next = (step + 1..).find(|&next| settings.bins_afresh_after(next)).unwrap_or(settings.iterations());
             return Err(Error::BetweenCheckpoints { step: *step, next });
         }
         self.settle()?;
@@ -438,7 +338,7 @@ impl<'a, R: Rasterizer<PlanarScene>> Trainer<'a, R> {
 
     /// Whether all steps are done.
     pub fn is_finished(&self) -> bool {
-        self.record.step >= self.record.settings.iterations
+        self.record.step >= self.record.settings.iterations()
     }
 
     /// Gaussians now.
@@ -446,14 +346,9 @@ impl<'a, R: Rasterizer<PlanarScene>> Trainer<'a, R> {
         self.rasterizer.len(&self.cloud) as u32
     }
 
-    /// The settings of this fit.
-    pub fn settings(&self) -> &FitSettings {
+    /// The settings of this run.
+    pub fn settings(&self) -> &S::Settings {
         &self.record.settings
-    }
-
-    /// The target, as given.
-    pub fn target(&self) -> &Image {
-        &self.residual.target
     }
 
     /// The backend's name and what it runs on.
@@ -487,18 +382,17 @@ impl<'a, R: Rasterizer<PlanarScene>> Trainer<'a, R> {
 /// Which of the generator's streams the noise between steps is drawn from, so that it is independent of the rounds' draws.
 const NOISE_STREAM: u128 = 0x6e_6f69_7365;
 
-/// The random numbers of the initialiser (step 0) or of the round after a step (counted from 1).
-fn random(seed: u32, step: u32) -> Rng {
-    Rng::seed_from_u64(u64::from(seed) << 32 | u64::from(step))
+fn policy<'p, S: Trainable>(
+    foreign: &'p Option<ForeignPolicy<S>>,
+    settings: &'p S::Settings,
+) -> &'p dyn DensityPolicy<S> {
+    match foreign {
+        Some(policy) => policy.as_ref(),
+        None => settings.policy(),
+    }
 }
 
-fn validate_target(target: &Image) -> Result<(), gs_core::Error> {
-    match target.pixels().iter().position(|p| !p.iter().all(|v| v.is_finite())) {
-        None => Ok(()),
-        Some(index) => {
-            let width = target.width() as usize;
-            let value = format!("{:?} at ({}, {})", target.pixels()[index], index % width, index / width);
-            Err(gs_core::Error::setting("a pixel of the target", value, "finite"))
-        }
-    }
+/// The random numbers of the initialiser (step 0) or of the round after a step (counted from 1).
+pub(crate) fn random(seed: u32, step: u32) -> Rng {
+    Rng::seed_from_u64(u64::from(seed) << 32 | u64::from(step))
 }

@@ -6,10 +6,14 @@
 use gs_conformance::{
     Failure,
     conformance::{check_gradients, check_image},
-    scenes::{Draw, Kind},
+    scenes::{Draw, Kind, SpatialKind},
+    subject::Subject,
     tolerance::Agreement,
 };
-use gs_core::{Chart, Loss, PlanarScene, Rasterizer, effects::Blend};
+use gs_core::{
+    Chart, Loss, PlanarScene, Rasterizer, SpatialScene,
+    effects::{Antialias, Blend, Order},
+};
 use gs_cpu::{CpuRasterizer, CpuSettings, SimdLevel};
 use gs_wgpu::{Kernels, WgpuRasterizer, WgpuSettings};
 
@@ -41,19 +45,46 @@ impl Worst {
 fn measure<R: Rasterizer<PlanarScene>>(name: &str, rasterizer: &R) -> Result<(), Failure> {
     for kind in Kind::ALL {
         for blend in [Blend::Sum, Blend::Over] {
-            let mut worst: [Worst; 4] = Default::default();
-            for seed in 0..30 {
-                let draw = Draw::new(kind, blend, 24, (35, 26), seed).on([0.3, 0.6, 0.2]);
-                worst[0].add(check_image(rasterizer, &draw))?;
-                for (worst, loss) in worst[1..].iter_mut().zip([Loss::L2, Loss::L1, Loss::PAPER]) {
-                    worst.add(check_gradients(rasterizer, &draw, &loss, Chart::ScaleRotation))?;
-                }
-            }
-            let columns = worst.map(|w| format!("{:5.2} {:.1e} ({}, {})", w.roundings, w.share, w.flips, w.uncompared));
             let scenes = format!("{kind:?} {blend:?}");
-            println!("{name:10} {scenes:16}  {}", columns.join("  "));
+            worst_of(name, &scenes, rasterizer, |seed| Draw::new(kind, blend, 24, (35, 26), seed))?;
         }
     }
+    Ok(())
+}
+
+/// Prints a line per kind of spatial scenes, blending, order and antialiasing.
+fn measure_spatial<R: Rasterizer<SpatialScene>>(name: &str, rasterizer: &R) -> Result<(), Failure> {
+    for kind in SpatialKind::ALL {
+        for (blend, order, antialias) in [
+            (Blend::Sum, Order::TileDepth, Antialias::None),
+            (Blend::Over, Order::TileDepth, Antialias::None),
+            (Blend::Over, Order::TileDepth, Antialias::Mip),
+            (Blend::Over, Order::PixelDepth, Antialias::Dilate),
+        ] {
+            let scenes = format!("{kind:?} {blend:?} {order:?} {antialias:?}");
+            let drawn = |seed| Draw::spatial(kind, blend, 24, (35, 26), seed).in_order(order).antialiased(antialias);
+            worst_of(name, &scenes, rasterizer, drawn)?;
+        }
+    }
+    Ok(())
+}
+
+fn worst_of<S: Subject, R: Rasterizer<S>>(
+    name: &str,
+    scenes: &str,
+    rasterizer: &R,
+    drawn: impl Fn(u64) -> Draw<S>,
+) -> Result<(), Failure> {
+    let mut worst: [Worst; 4] = Default::default();
+    for seed in 0..30 {
+        let draw = drawn(seed).on([0.3, 0.6, 0.2]);
+        worst[0].add(check_image(rasterizer, &draw))?;
+        for (worst, loss) in worst[1..].iter_mut().zip([Loss::L2, Loss::L1, Loss::PAPER]) {
+            worst.add(check_gradients(rasterizer, &draw, &loss, Chart::ScaleRotation))?;
+        }
+    }
+    let columns = worst.map(|w| format!("{:5.2} {:.1e} ({}, {})", w.roundings, w.share, w.flips, w.uncompared));
+    println!("{name:10} {scenes:36}  {}", columns.join("  "));
     Ok(())
 }
 
@@ -65,6 +96,7 @@ fn main() -> Result<(), Failure> {
     for level in SimdLevel::available() {
         let rasterizer = CpuRasterizer::new(CpuSettings { threads: None, level: Some(level) })?;
         measure(&level.to_string(), &rasterizer)?;
+        measure_spatial(&level.to_string(), &rasterizer)?;
     }
     for kernels in [Kernels::Portable, Kernels::Subgroups, Kernels::Vectors] {
         match WgpuRasterizer::new(WgpuSettings { kernels: Some(kernels), ..WgpuSettings::default() }) {

@@ -129,7 +129,10 @@ pub fn compare_gradients<S: Subject>(expected: &Gradients, found: &S) -> Result<
     let lengths = |rows: &[Parameters]| rows.iter().map(Vec::len).collect::<Vec<_>>();
     if lengths(&found) != lengths(&expected.values) {
         let counts = (found.len(), expected.values.len());
-        return Err(Failure::Nothing(format!("gradients of {} and of {} Gaussians, or of other ones", counts.0, counts.1)));
+        return Err(Failure::Nothing(format!(
+            "gradients of {} and of {} Gaussians, or of other ones",
+            counts.0, counts.1
+        )));
     }
     let norm = |rows: &[Parameters]| rows.iter().flatten().map(|v| v * v).sum::<f64>().sqrt();
     let size = norm(&expected.values);

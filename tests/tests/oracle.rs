@@ -113,7 +113,8 @@ fn hand_calculation_of_two_discs() {
 #[test]
 fn the_cut_and_full_pixels_are_where_they_are_defined() {
     let view = Canvas::new(32, 1);
-    let one = OracleScene::from(&[disc(Vec2::new(0.5, 0.5), f32::INFINITY, Vec3::ONE)].into_iter().collect::<PlanarScene>());
+    let one =
+        OracleScene::from(&[disc(Vec2::new(0.5, 0.5), f32::INFINITY, Vec3::ONE)].into_iter().collect::<PlanarScene>());
     let oracle = Oracle::new(view, RenderSettings::blended(Blend::Sum)).unwrap();
     let image = oracle.render(&one);
     // w(x) = exp(−x²/8) ≥ 1/255 ⇔ x ≤ 6.658

@@ -181,7 +181,9 @@ fn a_small_gaussian_falls_where_its_points_fall() {
         }
         let mean = points.iter().map(|p| p.0).sum::<glam::DVec2>() / 6.0;
         let depth = points.iter().map(|p| p.1).sum::<f64>() / 6.0;
-        let moment = |f: &dyn Fn(glam::DVec2, f64) -> f64| points.iter().map(|&(p, z)| f(p - mean, z - depth)).sum::<f64>() / 6.0;
+        let moment = |f: &dyn Fn(glam::DVec2, f64) -> f64| {
+            points.iter().map(|&(p, z)| f(p - mean, z - depth)).sum::<f64>() / 6.0
+        };
         let (xx, xy, yy) = (moment(&|d, _| d.x * d.x), moment(&|d, _| d.x * d.y), moment(&|d, _| d.y * d.y));
         let determinant = xx * yy - xy * xy;
         let expected = [yy / determinant, -xy / determinant, xx / determinant];

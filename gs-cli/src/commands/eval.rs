@@ -1,23 +1,37 @@
-//! `gs eval`: how close two images are.
+//! `gs eval`: how close two images are, or a scene in space is to the photographs of a data set.
 
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use gs_core::{Image, metrics};
+use gs_core::{Image, Rasterizer, RenderSettings, SpatialScene, metrics};
+use gs_io::dataset::{may_be_dataset, read_dataset};
+use gs_train::spatial::{Evaluation, PosedView, ViewQuality, Views, evaluate};
 use serde::Serialize;
 
-use crate::{failure::Failure, output};
+use crate::{
+    backend::{Backend, BackendArgs, SpatialTask},
+    failure::Failure,
+    output,
+    shown::ShownArgs,
+    train::DatasetArgs,
+};
 
 /// The flags of `gs eval`.
 #[derive(Debug, Clone, Args)]
 pub(crate) struct EvalArgs {
-    /// One image
+    /// One image; or a scene in space (PLY, .splat, SPZ, glTF)
     a: PathBuf,
-    /// The other, of the same size
+    /// The other, of the same size; or a data set of posed photographs, whose test views judge the scene
     b: PathBuf,
     /// Print JSON
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    photographs: DatasetArgs,
+    #[command(flatten)]
+    shown: ShownArgs,
+    #[command(flatten)]
+    backend: BackendArgs,
 }
 
 /// What `gs eval --json` prints; a PSNR of ∞ (equal images) is `null`.
@@ -32,11 +46,14 @@ struct Comparison {
     l1: f64,
 }
 
-/// Compares two images.
+/// Compares two images, or judges a scene.
 ///
 /// # Errors
-/// Where one cannot be read, or their sizes differ.
+/// Where one cannot be read, or images differ in size.
 pub(crate) fn run(args: &EvalArgs) -> Result<(), Failure> {
+    if may_be_dataset(&args.b) {
+        return judge(args);
+    }
     let (a, b) = (read(&args.a)?, read(&args.b)?);
     if a.size() != b.size() {
         let size =
@@ -64,4 +81,39 @@ pub(crate) fn run(args: &EvalArgs) -> Result<(), Failure> {
 
 fn read(path: &Path) -> Result<Image, Failure> {
     Ok(gs_io::read_image(path)?.image)
+}
+
+/// Judges a scene by the test views of a data set; by all, where none is held out.
+fn judge(args: &EvalArgs) -> Result<(), Failure> {
+    let scene = gs_io::read_spatial(&args.a)?.scene;
+    let dataset = read_dataset(&args.b, &args.photographs.settings())?;
+    let render = args.shown.settings_beside(&scene, &dataset);
+    let Views { train, test, .. } = Views::of_dataset(&dataset);
+    let views = if test.is_empty() { train } else { test };
+    let backend = Backend::start_spatial(&args.backend)?;
+    let evaluation = backend.run_spatial(Judge { scene: &scene, views: &views, render: &render })??;
+    if args.json {
+        return output::json(&evaluation);
+    }
+    let row = |name: &str, psnr: f64, ssim: f64, l1: f64| format!("{psnr:>9.3} dB {ssim:>9.5} {l1:>10.6}  {name}\n");
+    let mut text = format!("{:>12} {:>9} {:>10}\n", "PSNR", "SSIM", "L1");
+    for ViewQuality { name, psnr, ssim, l1 } in &evaluation.views {
+        text += &row(name, *psnr, *ssim, *l1);
+    }
+    let mean = format!("mean of {} views", evaluation.views.len());
+    output::result(text + row(&mean, evaluation.psnr, evaluation.ssim, evaluation.l1).trim_end())
+}
+
+struct Judge<'a> {
+    scene: &'a SpatialScene,
+    views: &'a [PosedView],
+    render: &'a RenderSettings,
+}
+
+impl SpatialTask for Judge<'_> {
+    type Output = Result<Evaluation, gs_train::Error>;
+
+    fn run<R: Rasterizer<SpatialScene>>(self, rasterizer: &R) -> Self::Output {
+        evaluate(rasterizer, self.scene, self.views, self.render)
+    }
 }

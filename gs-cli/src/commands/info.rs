@@ -1,4 +1,7 @@
-//! `gs info`: what is in a scene or a checkpoint, or which GPUs there are.
+//! `gs info`: what is in a scene, a checkpoint or a data set, or which GPUs there are.
+
+mod dataset;
+mod spatial;
 
 use std::{
     collections::BTreeMap,
@@ -20,7 +23,7 @@ use crate::{
 /// The flags of `gs info`.
 #[derive(Debug, Clone, Args)]
 pub(crate) struct InfoArgs {
-    /// A scene or a checkpoint
+    /// A scene, planar or spatial (PLY, .splat, SPZ, glTF), a checkpoint, or a data set of posed photographs
     #[arg(required_unless_present = "adapters")]
     file: Option<PathBuf>,
     /// List the GPUs that were found instead, and what --backend auto takes
@@ -69,13 +72,19 @@ struct Range {
 /// Tells what is in a file, or lists the adapters.
 ///
 /// # Errors
-/// Where it is neither a scene nor a checkpoint.
+/// Where it is none of these.
 pub(crate) fn run(args: &InfoArgs) -> Result<(), Failure> {
     let format = if args.json { Format::Json } else { Format::Text };
     // The command line has one of the two, the file or --adapters.
     let Some(file) = &args.file else {
         return adapters::run(format);
     };
+    if gs_io::dataset::may_be_dataset(file) {
+        return dataset::run(file, format);
+    }
+    if gs_io::spatial_format(file)?.is_some() {
+        return spatial::run(file, format);
+    }
     let info = read(file)?;
     match format {
         Format::Json => output::json(&info),

@@ -53,6 +53,9 @@ pub(crate) struct FitArgs {
     pub(crate) settings: SettingsArgs,
     #[command(flatten)]
     pub(crate) checkpoints: CheckpointArgs,
+    /// Go on with a fit from its checkpoint, given the same image; it ends as if it had never stopped
+    #[arg(long, value_name = "FILE", conflicts_with_all = SETTLED, help_heading = "Checkpoints")]
+    pub(crate) resume: Option<PathBuf>,
     #[command(flatten)]
     pub(crate) backend: BackendArgs,
 }
@@ -131,7 +134,7 @@ pub(crate) struct SettingsArgs {
     pub(crate) seed: Option<u32>,
 }
 
-/// When the state of the fit is stored, and from where it goes on.
+/// When the state of a fit or a training is stored.
 #[derive(Debug, Clone, Args)]
 #[command(next_help_heading = "Checkpoints")]
 pub(crate) struct CheckpointArgs {
@@ -141,9 +144,6 @@ pub(crate) struct CheckpointArgs {
     /// Save one about every so many steps [default: a tenth of all, if --checkpoint is given]
     #[arg(long, value_name = "STEPS", value_parser = clap::value_parser!(u32).range(1..))]
     pub(crate) checkpoint_every: Option<u32>,
-    /// Go on with a fit from its checkpoint, given the same image; it ends as if it had never stopped
-    #[arg(long, value_name = "FILE", conflicts_with_all = SETTLED)]
-    pub(crate) resume: Option<PathBuf>,
 }
 
 /// Settings that belong together.

@@ -1,9 +1,12 @@
-//! The folder that a fit writes its results into.
+//! The folder that a command writes its results into.
 
 use std::{
     fs, io,
     path::{Path, PathBuf},
 };
+
+use gs_io::write_atomically;
+use serde::Serialize;
 
 use crate::failure::Failure;
 
@@ -36,5 +39,37 @@ impl OutputFolder {
     /// Its path.
     pub(crate) fn path(&self) -> &Path {
         &self.0
+    }
+
+    /// Writes a file of text.
+    ///
+    /// # Errors
+    /// Where it cannot be written.
+    pub(crate) fn write_text(&self, name: &str, text: &str) -> Result<(), Failure> {
+        Ok(write_atomically(self.file(name), |file| file.write_all(text.as_bytes()))?)
+    }
+
+    /// Writes a value as JSON.
+    ///
+    /// # Errors
+    /// Where it has no such form, or cannot be written.
+    pub(crate) fn write_json(&self, name: &str, value: &impl Serialize) -> Result<(), Failure> {
+        let json = serde_json::to_string_pretty(value).map_err(|error| Failure::failed(error).at(name))?;
+        self.write_text(name, &(json + "\n"))
+    }
+
+    /// Removes a file that this run does not write: one of an earlier run would be taken for its.
+    ///
+    /// # Errors
+    /// Where it is there and cannot be removed.
+    pub(crate) fn leave_out(&self, name: &str) -> Result<(), Failure> {
+        let path = self.file(name);
+        match fs::remove_file(&path) {
+            Err(error) if error.kind() != io::ErrorKind::NotFound => {
+                let what = format_args!("{}: is of an earlier run and cannot be removed: {error}", path.display());
+                Err(Failure::failed(what).mend("choose another folder with --output"))
+            }
+            _ => Ok(()),
+        }
     }
 }

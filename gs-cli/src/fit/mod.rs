@@ -4,7 +4,7 @@
 
 pub(crate) mod arguments;
 pub(crate) mod folder;
-mod observers;
+pub(crate) mod observers;
 pub(crate) mod progress;
 mod results;
 pub(crate) mod settings;
@@ -18,13 +18,13 @@ use std::{
 
 use gs_core::{PlanarScene, Rasterizer};
 use gs_io::{Checkpoint, read_checkpoint};
-use gs_train::{FitSettings, MetricsLog, Observer, Outcome, Trainer};
+use gs_train::{FitSettings, MetricsLog, Observer, Outcome, RunSettings, Trainable, Trainer};
 
 use crate::{
     backend::{Backend, Task},
     failure::Failure,
     fit::{
-        arguments::{CheckpointArgs, FitArgs},
+        arguments::{CheckpointArgs, Detail, FitArgs},
         folder::OutputFolder,
         observers::{Checkpoints, Curve, StopOnInterrupt},
         progress::Display,
@@ -41,13 +41,9 @@ use crate::{
 /// Where input, flags or the output folder are not possible, where the fit diverges or loses its GPU, or where Ctrl-C stopped it.
 pub(crate) fn run(args: &FitArgs) -> Result<(), Failure> {
     let started = Instant::now();
-    let checkpoint = checkpoint_file(&args.checkpoints, &args.output);
-    if checkpoint.is_dir() {
-        let mend = "name a file with --checkpoint";
-        return Err(Failure::usage("is a folder, not a file for checkpoints").at(checkpoint.display()).mend(mend));
-    }
+    check_checkpoint_file(&args.checkpoints, &args.output)?;
     let target = Target::load(args.image.as_deref(), settings::background(&args.settings)?)?;
-    let start = match &args.checkpoints.resume {
+    let start = match &args.resume {
         Some(file) => Start::Resumed(Box::new(read_checkpoint(file)?), file.clone()),
         None => Start::Fresh(Box::new(settings::resolve(&args.settings, &target)?)),
     };
@@ -100,16 +96,16 @@ impl Task for Fit<'_> {
         let Self { args, target, start, backend, started } = self;
         let (mut trainer, mut log) = start.begin(rasterizer, target)?;
         let folder = OutputFolder::prepare(&args.output, "--output")?;
-        let mut checkpoints = checkpoints(args, &folder, trainer.settings().iterations)?;
+        let mut checkpoints = checkpoints(&args.checkpoints, &folder, trainer.settings().iterations)?;
         announce(args, target, backend, &trainer);
 
         let results = Results { folder: &folder, target, backend, pictures: args.pictures(), started };
-        let ended = follow(args, &mut trainer, &mut log, &mut checkpoints).and_then(|(outcome, curve)| {
+        let ended = follow(args.detail(), &mut trainer, &mut log, &mut checkpoints).and_then(|(outcome, curve)| {
             let summary = results.write(rasterizer, &trainer, &log.to_csv(), &curve.0)?;
             Ok((outcome, summary))
         });
         let (outcome, summary) = ended.map_err(|failure| match failure.is_of_backend() {
-            true => failure.mend(way_on(args, target, &checkpoints)),
+            true => failure.mend(way_on(&checkpoints, args.resume.as_deref(), |file| resuming(args, target, file))),
             false => failure,
         })?;
         match args.format() {
@@ -128,13 +124,13 @@ impl Task for Fit<'_> {
 }
 
 /// Steps to the end, or to where Ctrl-C lets it be resumed, before the eyes of the observers; the curve is what they saw.
-fn follow<R: Rasterizer<PlanarScene>>(
-    args: &FitArgs,
-    trainer: &mut Trainer<'_, R>,
+pub(crate) fn follow<R: Rasterizer<S>, S: Trainable>(
+    detail: Detail,
+    trainer: &mut Trainer<'_, R, S>,
     log: &mut MetricsLog,
     checkpoints: &mut Checkpoints,
 ) -> Result<(Outcome, Curve), Failure> {
-    let mut display = Display::new(trainer.step(), trainer.settings().iterations, args.detail());
+    let mut display = Display::new(trainer.step(), trainer.settings().iterations(), detail);
     let voice = display.voice();
     let interrupt = Interrupt::listen(voice.clone());
     let mut curve = Curve::begun_by(log);
@@ -150,6 +146,16 @@ fn follow<R: Rasterizer<PlanarScene>>(
     Ok((outcome, curve))
 }
 
+/// Refuses a folder in place of a file, before any work is spent on what would go there.
+pub(crate) fn check_checkpoint_file(args: &CheckpointArgs, output: &Path) -> Result<(), Failure> {
+    let checkpoint = checkpoint_file(args, output);
+    if checkpoint.is_dir() {
+        let mend = "name a file with --checkpoint";
+        return Err(Failure::usage("is a folder, not a file for checkpoints").at(checkpoint.display()).mend(mend));
+    }
+    Ok(())
+}
+
 /// The file for checkpoints, by default one among the results.
 fn checkpoint_file(args: &CheckpointArgs, output: &Path) -> PathBuf {
     args.checkpoint.clone().unwrap_or_else(|| output.join("checkpoint.safetensors"))
@@ -163,9 +169,13 @@ fn not_resumed(error: gs_train::Error, file: &Path) -> Failure {
 }
 
 /// Where checkpoints go and how often, in a folder that is known to take them.
-fn checkpoints(args: &FitArgs, folder: &OutputFolder, iterations: u32) -> Result<Checkpoints, Failure> {
-    let CheckpointArgs { checkpoint, checkpoint_every, .. } = &args.checkpoints;
-    let file = checkpoint_file(&args.checkpoints, folder.path());
+pub(crate) fn checkpoints(
+    args: &CheckpointArgs,
+    folder: &OutputFolder,
+    iterations: u32,
+) -> Result<Checkpoints, Failure> {
+    let CheckpointArgs { checkpoint, checkpoint_every } = args;
+    let file = checkpoint_file(args, folder.path());
     if let Some(parent) = file.parent().filter(|parent| !parent.as_os_str().is_empty()) {
         OutputFolder::prepare(parent, "--checkpoint")?;
     }
@@ -191,11 +201,10 @@ fn announce<R: Rasterizer<PlanarScene>>(args: &FitArgs, target: &Target, backend
 }
 
 /// How to go on where the backend failed under way: from the last checkpoint, which is as it was.
-fn way_on(args: &FitArgs, target: &Target, checkpoints: &Checkpoints) -> String {
-    let last = if checkpoints.stored { Some(&checkpoints.file) } else { args.checkpoints.resume.as_ref() };
-    match last {
-        Some(file) => format!("to go on from the last checkpoint: {}", resuming(args, target, file)),
-        None => "no checkpoint was stored yet; --checkpoint FILE stores some as the fit goes on".to_owned(),
+pub(crate) fn way_on(checkpoints: &Checkpoints, resumed: Option<&Path>, resuming: impl Fn(&Path) -> String) -> String {
+    match if checkpoints.stored { Some(checkpoints.file.as_path()) } else { resumed } {
+        Some(file) => format!("to go on from the last checkpoint: {}", resuming(file)),
+        None => "no checkpoint was stored yet; --checkpoint FILE stores some as the work goes on".to_owned(),
     }
 }
 
@@ -271,7 +280,9 @@ mod tests {
     fn the_way_on_begins_from_the_last_checkpoint_there_is() {
         let target = Target { image: paper_target(), file: Some("a b.png".into()), behind: None, remark: None };
         let way_on = |words: &[&str], stored| {
-            way_on(&flags(words), &target, &Checkpoints { file: "new".into(), every: Some(1), stored })
+            let args = flags(words);
+            let checkpoints = Checkpoints { file: "new".into(), every: Some(1), stored };
+            way_on(&checkpoints, args.resume.as_deref(), |file| resuming(&args, &target, file))
         };
         assert!(way_on(&[], false).contains("no checkpoint was stored yet; --checkpoint FILE"));
         assert!(way_on(&[], true).ends_with(": gs fit 'a b.png' -o gs-out --resume new"));

@@ -17,8 +17,10 @@ use crate::{
 
 /// Time between two drawings of the bar: fast enough for the eye.
 const REDRAW: Duration = Duration::from_millis(100);
-/// Time between two measurements of the quality, which cost a rendering each, where the loss does not tell it.
+/// Time between two measurements of the quality, which cost a rendering or many, where the loss does not tell it.
 const MEASURE: Duration = Duration::from_millis(500);
+/// A measurement may take one part in so many of the time.
+const MEASURE_SHARE: u32 = 40;
 /// Time between two lines, at least; there is at most one for each tenth of the fit.
 const LINE: Duration = Duration::from_secs(1);
 
@@ -29,7 +31,10 @@ pub(crate) struct Display {
     started: Instant,
     first_step: u32,
     drawn: Instant,
+    /// When a measurement was last asked for.
     measured: Option<Instant>,
+    /// When the next may be.
+    measure_at: Instant,
     /// The last PSNR that was measured or estimated, dB.
     psnr: Option<f64>,
 }
@@ -80,7 +85,7 @@ impl Display {
             Kind::Lines(0)
         };
         let now = Instant::now();
-        Self { kind, detail, started: now, first_step: step, drawn: now, measured: None, psnr: None }
+        Self { kind, detail, started: now, first_step: step, drawn: now, measured: None, measure_at: now, psnr: None }
     }
 
     /// What speaks without disturbing the display.
@@ -94,12 +99,16 @@ impl Display {
     fn state(&self, progress: &Progress) -> String {
         let psnr = self.psnr.map_or_else(String::new, |psnr| format!("  PSNR {psnr:.2} dB"));
         let left = f64::from(progress.iterations - progress.step) / self.rate(progress).max(1e-9);
-        format!("{} Gaussians  loss {:.2e}{psnr}  {left:.0} s left", progress.count, progress.loss)
+        let Progress { count, loss, .. } = progress;
+        let rate = self.rate(progress);
+        // Slow steps have a digit more.
+        let rate = if rate < 9.95 { format!("{rate:.1}") } else { format!("{rate:.0}") };
+        format!("{count} Gaussians  loss {loss:.2e}{psnr}  {rate} it/s  {left:.0} s left")
     }
 
     fn line(&self, progress: &Progress) -> String {
         let Progress { step, iterations, .. } = progress;
-        format!("step {step}/{iterations}  {}  {:.0} it/s", self.state(progress), self.rate(progress))
+        format!("step {step}/{iterations}  {}", self.state(progress))
     }
 
     /// Steps per second of this run, which may not be the first of its fit.
@@ -133,16 +142,18 @@ impl Observer for Display {
     }
 
     fn wants_quality(&mut self, progress: &Progress) -> bool {
-        let due = self.measured.is_none_or(|measured| measured.elapsed() >= MEASURE);
+        let due = Instant::now() >= self.measure_at;
         let wanted = progress.psnr_estimate.is_none() && matches!(self.kind, Kind::Bar(_)) && due;
-        if wanted {
-            self.measured = Some(Instant::now());
-        }
+        self.measured = wanted.then(Instant::now);
         wanted
     }
 
     fn on_step(&mut self, progress: &Progress) -> Control {
         self.psnr = progress.psnr().or(self.psnr);
+        if let Some(measured) = self.measured.take() {
+            let pause = MEASURE.max(measured.elapsed() * MEASURE_SHARE);
+            self.measure_at = Instant::now() + pause;
+        }
         let since = self.drawn.elapsed();
         match &self.kind {
             Kind::Bar(bar) if since >= REDRAW || progress.is_last() => {

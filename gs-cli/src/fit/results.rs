@@ -1,10 +1,10 @@
 //! What a fit leaves behind in its folder. Each file appears complete or not at all, and none of an earlier fit stays beside them;
 //! the summary comes last, so that whoever sees it finds the rest.
 
-use std::{fs, io, path::Path, thread, time::Instant};
+use std::{path::Path, thread, time::Instant};
 
 use gs_core::{Blend, Canvas, Image, PlanarScene, Rasterizer, RenderSettings, Scene, effects::Statistics};
-use gs_io::{PlanarFile, PlyColors, write_atomically, write_ply, write_png, write_scene};
+use gs_io::{PlanarFile, PlyColors, write_ply, write_png, write_scene};
 use gs_train::{FitSummary, Trainer};
 use serde::Serialize;
 
@@ -93,12 +93,12 @@ impl Results<'_> {
             let files = scope.spawn(|| {
                 write_png(self.folder.file("reconstruction.png"), &reconstruction)?;
                 self.write_scene(&file, &reconstruction)?;
-                self.write_text("metrics.csv", metrics)?;
-                self.write_text("settings.toml", &settings)?;
+                self.folder.write_text("metrics.csv", metrics)?;
+                self.folder.write_text("settings.toml", &settings)?;
                 match self.pictures {
                     Pictures::All => self.write_curve(points, &title),
                     Pictures::Reconstruction => {
-                        ["ellipses.png", "curve.png"].iter().try_for_each(|name| self.leave_out(name))
+                        ["ellipses.png", "curve.png"].iter().try_for_each(|name| self.folder.leave_out(name))
                     }
                 }
             });
@@ -119,8 +119,7 @@ impl Results<'_> {
             total_seconds: self.started.elapsed().as_secs_f64(),
             image: self.target.file.as_ref().map(|file| file.display().to_string()),
         };
-        let json = serde_json::to_string_pretty(&summary).map_err(|error| Failure::failed(error).at("summary.json"))?;
-        self.write_text("summary.json", &(json + "\n"))?;
+        self.folder.write_json("summary.json", &summary)?;
         Ok(summary)
     }
 
@@ -128,7 +127,7 @@ impl Results<'_> {
         write_scene(self.folder.file("scene.gs2d.safetensors"), file)?;
         if file.scene.is_empty() {
             output::note("note: no Gaussian is left, so there is no scene.ply");
-            return self.leave_out("scene.ply");
+            return self.folder.leave_out("scene.ply");
         }
         let colors = match file.settings.effects.blend {
             Blend::Sum => PlyColors::Sampled(reconstruction),
@@ -137,25 +136,9 @@ impl Results<'_> {
         Ok(write_ply(self.folder.file("scene.ply"), file, colors)?)
     }
 
-    /// Removes a file that this fit does not write: one of an earlier fit would be taken for its.
-    fn leave_out(&self, name: &str) -> Result<(), Failure> {
-        let path = self.folder.file(name);
-        match fs::remove_file(&path) {
-            Err(error) if error.kind() != io::ErrorKind::NotFound => {
-                let what = format_args!("{}: is of an earlier fit and cannot be removed: {error}", path.display());
-                Err(Failure::failed(what).mend("choose another folder with --output"))
-            }
-            _ => Ok(()),
-        }
-    }
-
     fn write_curve(&self, points: &[Point], title: &str) -> Result<(), Failure> {
         let picture = curve::draw(points, title).map_err(|error| Failure::failed(error).at("curve.png"))?;
         Ok(write_png(self.folder.file("curve.png"), &picture)?)
-    }
-
-    fn write_text(&self, name: &str, text: &str) -> Result<(), Failure> {
-        Ok(write_atomically(self.folder.file(name), |file| file.write_all(text.as_bytes()))?)
     }
 }
 

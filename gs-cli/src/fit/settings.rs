@@ -10,6 +10,7 @@ use gs_train::{
     FitSettings, Init, InitialCount, Preset,
     init::{Colors, Grid, Guided, Periphery, Random},
 };
+use serde::{Serialize, de::DeserializeOwned};
 
 use crate::{
     failure::Failure,
@@ -83,7 +84,7 @@ pub(crate) fn background(args: &SettingsArgs) -> Result<Option<Color>, Failure> 
 ///
 /// # Errors
 /// Where they cannot be written as TOML.
-pub(crate) fn to_toml(settings: &FitSettings) -> Result<String, Failure> {
+pub(crate) fn to_toml(settings: &impl Serialize) -> Result<String, Failure> {
     let failed = |error| Failure::failed(error).at("settings");
     let mut value = toml::Value::try_from(settings).map_err(failed)?;
     shorten(&mut value);
@@ -101,17 +102,24 @@ fn shorten(value: &mut toml::Value) {
 }
 
 fn read(file: &Path) -> Result<FitSettings, Failure> {
+    let settings: FitSettings = read_toml(file, "compare it with the settings.toml that a fit writes")?;
+    settings.validate().map_err(|error| Failure::usage(error).at(file.display()))?;
+    Ok(settings)
+}
+
+/// Reads a file of settings of any kind; `mend` is what helps where its content is wrong.
+///
+/// # Errors
+/// Where it cannot be read, or is not of this kind.
+pub(crate) fn read_toml<T: DeserializeOwned>(file: &Path, mend: &str) -> Result<T, Failure> {
     let at = |failure: Failure| failure.at(file.display());
     let text = fs::read_to_string(file).map_err(|error| {
         at(Failure::failed(format_args!("cannot be read: {error}")).mend("name a file of settings"))
     })?;
-    let mend = "compare it with the settings.toml that a fit writes";
-    let settings: FitSettings = toml::from_str(&text).map_err(|error| {
+    toml::from_str(&text).map_err(|error| {
         let line = error.span().map_or(1, |span| 1 + text[..span.start.min(text.len())].matches('\n').count());
         at(Failure::usage(format_args!("line {line}: {}", error.message())).mend(mend))
-    })?;
-    settings.validate().map_err(|error| at(Failure::usage(error)))?;
-    Ok(settings)
+    })
 }
 
 fn from_preset(args: &SettingsArgs, size: (u32, u32), preset: Preset) -> FitSettings {

@@ -2,9 +2,12 @@
 
 mod backends;
 mod bad_input;
+mod convert;
+mod datasets;
 mod fit;
 mod paper;
 mod process;
 mod profile;
 mod scenes;
 mod study;
+mod train;

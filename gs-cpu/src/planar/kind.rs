@@ -2,8 +2,8 @@
 
 use fearless_simd::Level;
 use gs_core::{
-    AdamRates, Binning, Blend, Canvas, Chart, CloudState, EditPlan, Error, PlanarGaussian, PlanarScene, RenderSettings,
-    effects::Order, profile::Traffic,
+    AdamRates, Binning, Blend, Canvas, Chart, CloudState, EditPlan, Error, Penalty, PlanarGaussian, PlanarScene,
+    RenderSettings, effects::Order, profile::Traffic,
 };
 
 use super::{
@@ -58,6 +58,13 @@ impl Kind for PlanarScene {
     type Bias = BiasTable<{ VECTOR + 1 }>;
 
     const BEFORE_BIN: [Stage; 2] = [Stage::Sort, Stage::Project];
+
+    fn check_rates(rates: &AdamRates) -> Result<(), Error> {
+        if rates.penalty != Penalty::NONE {
+            return Err(unsupported("a penalty on the opacities and scales of a planar scene"));
+        }
+        Ok(())
+    }
 
     fn check(view: &Canvas, settings: &RenderSettings) -> Result<(), Error> {
         view.validate()?;

@@ -90,7 +90,7 @@ fn normal_product(tiles: &mut Tiles, level: Level, target: Option<(&[Row], [f32;
     let cuts = Cuts { grid, tile_start: &bins.tile_start, stride: COLOR_STRIDE };
     let buffers = TileBuffers { rows, scalars: &mut [], slots, sums: &mut [] };
     for_each_tile(0..grid.tiles(), buffers, cuts, &|tile, buffers| {
-        let entries = &bins.entries[bins.tile_start[tile] as usize..bins.tile_start[tile + 1] as usize];
+        let entries = bins.of(tile);
         let (column, rows) = grid.place(tile);
         let target = target.map(|(target, backdrop)| (&target[grid.first_row(tile)..][..rows.len()], backdrop));
         let inside = grid.lanes_inside(tile);

@@ -1,7 +1,7 @@
 //! Stage `adam`: one step of every Gaussian, a vector of 16 parameters at a time, and its statistics. Parallel over Gaussians.
 
 use fearless_simd::{Level, Simd, dispatch, prelude::*};
-use gs_core::{AdamRates, Participants, SpatialScene, adam::Rate, effects::Statistics};
+use gs_core::{AdamRates, Participants, Penalty, SpatialScene, adam::Rate, effects::Statistics, scene::sigmoid};
 use rayon::prelude::*;
 
 use super::cloud::{LOG_SCALE, MEAN, OPACITY, ROTATION, SH, SpatialCloud};
@@ -46,6 +46,8 @@ struct Step<'a> {
     bias: &'a BiasTable<GROUPS>,
     /// ln of the smallest and largest scale.
     log_scales: [f32; 2],
+    /// The penalty's weights of one Gaussian's opacity and of each of its scales; none where both are 0.
+    penalty: Option<[f32; 2]>,
     collect: bool,
 }
 
@@ -70,7 +72,10 @@ pub(crate) fn step(
     table.prepare(groups.map(|g| [g.beta1, g.beta2]), &cloud.steps);
     let collect = workspace.tiles.settings.effects.statistics != Statistics::None;
     let log_scales = [rates.min_scale.ln(), rates.max_scale.ln()];
-    let step = Step { groups, rates, bias: table, log_scales, collect };
+    let count = cloud.steps.len().max(1) as f32;
+    let Penalty { opacity, scale } = rates.penalty;
+    let penalty = (rates.penalty != Penalty::NONE).then_some([opacity / count, scale / (3.0 * count)]);
+    let step = Step { groups, rates, bias: table, log_scales, penalty, collect };
     let pitch = cloud.pitch();
     let SpatialCloud { parameters, moments: [first, second], steps, shared, .. } = cloud;
     let statistics = &mut shared.statistics;
@@ -114,7 +119,10 @@ fn move_row<S: Simd>(simd: S, row: Row<'_>, step: &Step<'_>, steps: u32) {
         if at == LANES {
             lanes = Lanes::of_rest(simd, step, bias);
         }
-        let g: Whole<S> = row.gradient.map_or(zero, |gradient| load(simd, gradient, at));
+        let mut g: Whole<S> = row.gradient.map_or(zero, |gradient| load(simd, gradient, at));
+        if let Some(weights) = step.penalty.filter(|_| at == 0) {
+            g = g + load::<S, Whole<S>>(simd, &pull(row.parameters, weights), 0);
+        }
         let m = load::<S, Whole<S>>(simd, row.first, at).mul_add(lanes.beta1, g * (1.0 - lanes.beta1));
         let m = m.abs().simd_lt(splat::<S, Whole<S>>(simd, VANISHING)).select(zero, m);
         let v = load::<S, Whole<S>>(simd, row.second, at).mul_add(lanes.beta2, g * g * (1.0 - lanes.beta2));
@@ -133,6 +141,17 @@ fn move_row<S: Simd>(simd: S, row: Row<'_>, step: &Step<'_>, steps: u32) {
             *scale = ceiling;
         }
     }
+}
+
+/// The penalty's gradient with respect to the first parameters of a row: w o (1 − o) for the opacity's logit, w s for each ln-scale.
+fn pull(parameters: &[f32], [opacity, scale]: [f32; 2]) -> [f32; LANES] {
+    let mut gradient = [0.0; LANES];
+    if scale > 0.0 {
+        LOG_SCALE.for_each(|axis| gradient[axis] = scale * parameters[axis].exp());
+    }
+    let o = sigmoid(parameters[OPACITY]);
+    gradient[OPACITY] = opacity * o * (1.0 - o);
+    gradient
 }
 
 /// Adam's numbers for 16 parameters of a row.

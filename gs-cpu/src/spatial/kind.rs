@@ -80,6 +80,10 @@ impl Kind for SpatialScene {
         Ok(())
     }
 
+    fn check_rates(_: &AdamRates) -> Result<(), Error> {
+        Ok(())
+    }
+
     fn size(camera: &Camera) -> (u32, u32) {
         (camera.width, camera.height)
     }

@@ -151,7 +151,8 @@ pub fn edits_carry_everything_along<S: Subject, R: Rasterizer<S>>(rasterizer: &R
                     })?;
                     rasterizer.edit(&mut cloud, &plan)?;
                     for row in &mut expected {
-                        row.entry("opacity_logit".to_owned()).and_modify(|value| value[0] = value[0].min(logit(ceiling)));
+                        row.entry("opacity_logit".to_owned())
+                            .and_modify(|value| value[0] = value[0].min(logit(ceiling)));
                         for name in ["moment1", "moment2"] {
                             row.entry(name.to_owned()).and_modify(|values| values[S::OPACITY_MOMENT] = 0.0);
                         }

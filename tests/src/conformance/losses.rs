@@ -133,11 +133,9 @@ pub fn steps_under_way_are_seen_by_everything<S: Subject, R: Rasterizer<S>>(rast
                 rasterizer.step(cloud, &gradients, &rates)?;
                 state(cloud)
             }),
-            ("solve_colors", &|cloud| {
-                match rasterizer.solve_colors(cloud, view, &target, settings, 3) {
-                    Ok(()) | Err(Error::Unsupported { .. }) => state(cloud),
-                    Err(error) => Err(error.into()),
-                }
+            ("solve_colors", &|cloud| match rasterizer.solve_colors(cloud, view, &target, settings, 3) {
+                Ok(()) | Err(Error::Unsupported { .. }) => state(cloud),
+                Err(error) => Err(error.into()),
             }),
             ("len", &|cloud| Ok(vec![rasterizer.len(cloud) as f32])),
         ];

@@ -29,7 +29,7 @@ mod state;
 mod statistics;
 mod training;
 
-use gs_core::{Chart, Image, Loss, PlanarScene, Rasterizer, SpatialScene, Wait};
+use gs_core::{Binning, Chart, Error, Image, Loss, PlanarScene, Rasterizer, SpatialScene, TrainStep, Wait};
 
 pub use self::{
     editing::{edits_carry_everything_along, refused_edits_change_nothing},
@@ -44,8 +44,7 @@ pub use self::{
     optimiser::{adam_matches, local_frame_steps_match},
     spatial_errors::{bad_cameras_and_settings_are_errors, spatial_scenes_that_are_not_finite_are_refused},
     spatial_gradients::{
-        antialiased_gradients_match, gradients_match_in_all_orders, harmonics_gradients_match,
-        spatial_gradients_match,
+        antialiased_gradients_match, gradients_match_in_all_orders, harmonics_gradients_match, spatial_gradients_match,
     },
     spatial_images::{
         antialiased_images_match, causes_are_counted, empty_space_shows_the_background, harmonics_match, orders_match,
@@ -220,6 +219,24 @@ pub fn check_gradients<S: Subject, R: Rasterizer<S>>(
     let in_place = |failure: Failure| failure.at(format!("{}, {loss:?}, {chart:?}", place(draw)));
     let agreement = compare_loss(&expected, backward.loss).map_err(in_place)?;
     Ok(agreement.and(compare_gradients(&expected, &backward.gradients).map_err(in_place)?))
+}
+
+/// Whether the backend refuses a drawing's effects, which it may for some: as [`Error::Unsupported`], in a training step as in a forward pass,
+/// and with nothing done.
+fn is_refused<S: Subject, R: Rasterizer<S>>(rasterizer: &R, draw: &Draw<S>) -> Result<bool, Failure> {
+    let mut cloud = rasterizer.upload(&draw.scene, Chart::ScaleRotation)?;
+    match rasterizer.forward(&cloud, &draw.view, &draw.settings) {
+        Err(Error::Unsupported { .. }) => {}
+        other => return Ok(other.map(|_| false)?),
+    }
+    let before = rasterizer.save(&cloud)?;
+    let target = rasterizer.upload_target(&draw.target()?)?;
+    let rates = S::adam().at(0.0);
+    let step = TrainStep { settings: &draw.settings, loss: Loss::L2, rates: &rates, binning: Binning::Fresh };
+    let refused = rasterizer.train_step(&mut cloud, &draw.view, &target, &step);
+    let right = matches!(refused, Err(Error::Unsupported { .. })) && rasterizer.save(&cloud)? == before;
+    Failure::unless(right, || format!("{}: refused in a forward pass, but not in a step", place(draw)))?;
+    Ok(true)
 }
 
 /// One backward pass of a fresh cloud.

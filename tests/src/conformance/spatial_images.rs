@@ -8,7 +8,7 @@ use gs_core::{
     statistics::Culled,
 };
 
-use super::check_image;
+use super::{check_image, is_refused};
 use crate::{
     failure::Failure,
     oracle::Oracle,
@@ -33,15 +33,17 @@ pub fn spatial_images_match<R: Rasterizer<SpatialScene>>(rasterizer: &R) -> Resu
     Ok(())
 }
 
-/// Every kind of scene in the order of the scene and in that of each pixel's depths.
+/// Every kind of scene in the order of the scene and, where the backend does not refuse it, in that of each pixel's depths.
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
 pub fn orders_match<R: Rasterizer<SpatialScene>>(rasterizer: &R) -> Result<(), Failure> {
     for order in [Order::Index, Order::PixelDepth] {
         for (seed, kind) in (2120..).zip(SpatialKind::ALL) {
-            let draw = Draw::spatial(kind, Blend::Over, 40, (48, 37), seed).on([0.2, 0.5, 0.1]);
-            check_image(rasterizer, &draw.in_order(order))?;
+            let draw = Draw::spatial(kind, Blend::Over, 40, (48, 37), seed).on([0.2, 0.5, 0.1]).in_order(order);
+            if order == Order::Index || !is_refused(rasterizer, &draw)? {
+                check_image(rasterizer, &draw)?;
+            }
         }
     }
     Ok(())
@@ -227,4 +229,3 @@ fn scene_of<'g>(gaussians: impl IntoIterator<Item = &'g SpatialGaussian>) -> Spa
     gaussians.into_iter().for_each(|g| scene.push(g.clone()));
     scene
 }
-

@@ -94,7 +94,8 @@ pub fn fused_steps_match_their_stages<S: Subject, R: Rasterizer<S>>(rasterizer: 
                 for (g, (a, b)) in a.gaussians.iter().zip(&b.gaussians).enumerate() {
                     for i in (0..b.len()).filter(|&i| b[i].is_finite()) {
                         // In local frames a step in the mean is as long as the Gaussian, up to 6 px.
-                        let moved = 5.0 * f64::from(rate_of(i, b.len(), &rates).learning_rate) * if i < 2 { 6.0 } else { 2.0 };
+                        let moved =
+                            5.0 * f64::from(rate_of(i, b.len(), &rates).learning_rate) * if i < 2 { 6.0 } else { 2.0 };
                         let tolerance = FUSED_SHARE * moved + 4.0 * f64::from(f32::EPSILON) * b[i].abs();
                         let name = S::parameter_name(i);
                         Failure::unless((a[i] - b[i]).abs() <= tolerance, || {

@@ -11,6 +11,7 @@ mod least_squares;
 mod loss;
 mod parameters;
 mod perspective;
+mod perspective_bwd;
 mod pixel;
 mod planar;
 mod rounded;
@@ -25,7 +26,6 @@ use gs_core::{
     statistics::{Cause, Culled},
 };
 
-use self::{pixel::Pixel, splat::Share};
 pub use self::{
     adam::{AdamReference, rate_of},
     least_squares::best_colors,
@@ -39,6 +39,7 @@ pub use self::{
     splat::{Appearance, Depth, Exponent, Lean, OracleView, Projection, Splat},
     statistics::StepStatistics,
 };
+use self::{pixel::Pixel, splat::Share};
 use crate::tolerance::ROUNDINGS;
 
 /// Renders scenes through one view with one set of settings, and differentiates the result.

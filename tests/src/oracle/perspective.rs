@@ -1,5 +1,5 @@
-//! One Gaussian seen through a camera, in `f64`: its centre, precision matrix, depth and colour at the image (paper eq. 4, 5), and the
-//! derivatives of these with respect to its parameters, by hand.
+//! One Gaussian seen through a camera, in `f64`: its centre, precision matrix, depth and colour at the image (paper eq. 4, 5). The way back to
+//! its parameters is in `perspective_bwd`.
 //!
 //! Legend: μ = mean, p = W μ + t, J = the perspective's Jacobian at p with clamped slopes, R = rotation of q/|q|, S = diag(scales),
 //! N = W R S, M′ = J N, Σ = M′ M′ᵀ before antialiasing, Σ′ after; `v_x` = ∂L/∂x.
@@ -13,9 +13,10 @@ use gs_core::{
 
 use super::{
     parameters::{SPATIAL_OPACITY, SPATIAL_SH, sh_len},
+    perspective_bwd::Chain,
     rounded::{F32_ROUNDING, Matrix, Rounded, applied, dot, product, transposed},
     spherical_harmonics,
-    splat::{Appearance, COLOR_SHARE, Depth, Exponent, Lean, OPACITY_SHARE, OracleView, Projection, Splat},
+    splat::{Appearance, Depth, Exponent, Lean, OracleView, Projection, Splat},
 };
 use crate::tolerance::ROUNDINGS;
 
@@ -42,43 +43,6 @@ pub struct SpatialSplat {
     depth_covariance: [Rounded; 2],
     appearance: Appearance,
     chain: Chain,
-}
-
-/// What the derivatives need besides.
-#[derive(Debug, Clone)]
-struct Chain {
-    /// W.
-    world: Matrix<3, 3>,
-    focal: [Rounded; 2],
-    /// tx, ty, clamped.
-    slopes: [Rounded; 2],
-    clamped: [bool; 2],
-    jacobian: Matrix<2, 3>,
-    /// q/|q|.
-    quaternion: [Rounded; 4],
-    quaternion_length: Rounded,
-    scales: [Rounded; 3],
-    /// R S.
-    frame: Matrix<3, 3>,
-    /// N.
-    seen: Matrix<3, 3>,
-    /// M′.
-    footprint: Matrix<2, 3>,
-    /// sigmoid(logit).
-    opacity: Rounded,
-    /// √(det Σ / det Σ′), or 1.
-    compensation: Rounded,
-    /// ∂(compensation)/∂Σ, where uv stands for both entries.
-    compensation_slope: [Rounded; 3],
-    /// Unit vector from the camera.
-    direction: [Rounded; 3],
-    distance: Rounded,
-    /// Coefficients that are evaluated, `[k][channel]`.
-    sh: Vec<[f64; 3]>,
-    /// Coefficients that there are.
-    sh_len: usize,
-    /// Channels whose colour is not clamped at 0.
-    shows: [bool; 3],
 }
 
 /// Decisions of the guards, and whether one was within rounding.
@@ -157,8 +121,7 @@ impl OracleView for Camera {
             };
         }
         let [fx, fy] = focal;
-        let jacobian =
-            [[fx / z, Rounded::ZERO, -(fx * slopes[0] / z)], [Rounded::ZERO, fy / z, -(fy * slopes[1] / z)]];
+        let jacobian = [[fx / z, Rounded::ZERO, -(fx * slopes[0] / z)], [Rounded::ZERO, fy / z, -(fy * slopes[1] / z)]];
 
         let raw = [at(6), at(7), at(8), at(9)];
         let norm2 = dot(&raw, &raw);
@@ -202,8 +165,7 @@ impl OracleView for Camera {
             // ρ = √(det Σ / det Σ′): dρ = ½ ρ tr((Σ⁻¹ − Σ′⁻¹) dΣ), and ρ Σ⁻¹ = adj Σ / √(det Σ det Σ′).
             let root = (thin * determinant).sqrt();
             let half = |adjugate: Rounded, wide: Rounded| 0.5 * (adjugate / root - compensation * wide);
-            compensation_slope =
-                [half(vv, precision[0]), 2.0 * half(-uv, precision[1]), half(uu, precision[2])];
+            compensation_slope = [half(vv, precision[0]), 2.0 * half(-uv, precision[1]), half(uu, precision[2])];
         }
         // Under `Sum` there is no opacity, so nothing to compensate.
         let opaque = settings.effects.blend == Blend::Sum;
@@ -290,19 +252,6 @@ fn rotation_of(&[w, x, y, z]: &[Rounded; 4]) -> Matrix<3, 3> {
     ]
 }
 
-/// ∂L/∂(w, x, y, z) of [`rotation_of`] from v_R, as if the four were free.
-fn rotation_vjp(&[w, x, y, z]: &[Rounded; 4], v: &Matrix<3, 3>) -> [Rounded; 4] {
-    // The antisymmetric and symmetric parts of v_R are all that counts off the diagonal.
-    let turn = [v[2][1] - v[1][2], v[0][2] - v[2][0], v[1][0] - v[0][1]];
-    let [yz, zx, xy] = [v[2][1] + v[1][2], v[0][2] + v[2][0], v[1][0] + v[0][1]];
-    [
-        2.0 * (x * turn[0] + y * turn[1] + z * turn[2]),
-        2.0 * (w * turn[0] + y * xy + z * zx - 2.0 * x * (v[1][1] + v[2][2])),
-        2.0 * (w * turn[1] + x * xy + z * yz - 2.0 * y * (v[0][0] + v[2][2])),
-        2.0 * (w * turn[2] + x * zx + y * yz - 2.0 * z * (v[0][0] + v[1][1])),
-    ]
-}
-
 impl Splat for SpatialSplat {
     /// With q = Σ′⁻¹ d: ∂σ/∂(u, v) = −q and ∂σ/∂Σ′ = −½ q qᵀ.
     ///
@@ -376,75 +325,5 @@ impl SpatialSplat {
         let [a, b, c] = self.precision;
         let magnitude = [(a * dx).abs() + (b * dy).abs(), (b * dx).abs() + (c * dy).abs()];
         ([a * dx + b * dy, b * dx + c * dy], magnitude)
-    }
-}
-
-impl Chain {
-    /// ∂L/∂(parameters) from ∂L/∂(u, v, Σ′uu, Σ′uv, Σ′vv, opacity, red, green, blue).
-    fn vjp(&self, v: [Rounded; 9], [x, y, z]: [Rounded; 3]) -> Vec<Rounded> {
-        let [fx, fy] = self.focal;
-        let v_opacity = v[OPACITY_SHARE];
-        // Antialiasing adds a constant to Σ, and the compensation depends on it.
-        let [uu, uv, vv]: [Rounded; 3] =
-            std::array::from_fn(|i| v[2 + i] + v_opacity * self.opacity * self.compensation_slope[i]);
-        // Σ = M′ M′ᵀ
-        let v_spread = [[uu, 0.5 * uv], [0.5 * uv, vv]];
-        let v_footprint = product(&v_spread, &self.footprint).map(|row| row.map(|v| 2.0 * v));
-        // M′ = J N, N = W R S
-        let v_jacobian = product(&v_footprint, &transposed(&self.seen));
-        let v_seen = product(&transposed(&self.jacobian), &v_footprint);
-        let v_frame = product(&transposed(&self.world), &v_seen);
-        let v_log_scale: [Rounded; 3] =
-            std::array::from_fn(|k| (0..3).map(|i| v_frame[i][k] * self.frame[i][k]).sum());
-        let v_rotation: Matrix<3, 3> =
-            std::array::from_fn(|i| std::array::from_fn(|k| v_frame[i][k] * self.scales[k]));
-        let v_unit = rotation_vjp(&self.quaternion, &v_rotation);
-        let along = dot(&self.quaternion, &v_unit);
-        let v_quaternion: [Rounded; 4] =
-            std::array::from_fn(|i| (v_unit[i] - self.quaternion[i] * along) / self.quaternion_length);
-
-        // u = fx x/z + cx; J = (fx/z, 0, −fx tx/z; 0, fy/z, −fy ty/z), tx = x/z unless clamped.
-        let mut v_point = [Rounded::ZERO; 3];
-        for (i, (f, at)) in [(fx, x), (fy, y)].into_iter().enumerate() {
-            let (diagonal, last) = (v_jacobian[i][i], v_jacobian[i][2]);
-            v_point[i] = v[i] * f / z;
-            v_point[2] = v_point[2] - v[i] * f * at / (z * z) - diagonal * f / (z * z)
-                + last * f * self.slopes[i] / (z * z);
-            if !self.clamped[i] {
-                v_point[i] = v_point[i] - last * f / (z * z);
-                v_point[2] = v_point[2] + last * f * at / (z * z * z);
-            }
-        }
-        let mut v_mean = applied(&transposed(&self.world), &v_point);
-
-        let mut v_direction = [Rounded::ZERO; 3];
-        let mut v_sh = vec![[Rounded::ZERO; 3]; self.sh_len];
-        for (k, coefficients) in self.sh.iter().enumerate() {
-            let (value, slope) = (
-                spherical_harmonics::basis(k, &self.direction),
-                spherical_harmonics::gradient(k, &self.direction),
-            );
-            for channel in (0..3).filter(|&channel| self.shows[channel]) {
-                let v_channel = v[COLOR_SHARE + channel];
-                v_sh[k][channel] = value * v_channel;
-                let weighted = Rounded::exact(coefficients[channel]) * v_channel;
-                v_direction = std::array::from_fn(|i| v_direction[i] + weighted * slope[i]);
-            }
-        }
-        if self.distance.value > 0.0 {
-            let along = dot(&self.direction, &v_direction);
-            v_mean = std::array::from_fn(|i| {
-                v_mean[i] + (v_direction[i] - self.direction[i] * along) / self.distance
-            });
-        }
-
-        let v_logit = v_opacity * self.compensation * self.opacity * (Rounded::ONE - self.opacity);
-        let mut all = Vec::with_capacity(SPATIAL_SH + 3 * self.sh_len);
-        all.extend(v_mean);
-        all.extend(v_log_scale);
-        all.extend(v_quaternion);
-        all.push(v_logit);
-        all.extend(v_sh.into_iter().flatten());
-        all
     }
 }

@@ -63,7 +63,8 @@ mod tests {
 
     /// Gauss–Legendre nodes of order 4 in z (exact to degree 7) times 8 equal angles (exact to degree 7).
     fn quadrature() -> Vec<([f64; 3], f64)> {
-        let nodes = [(0.339_981_043_584_856_26, 0.652_145_154_862_546_1), (0.861_136_311_594_052_6, 0.347_854_845_137_453_9)];
+        let nodes =
+            [(0.339_981_043_584_856_26, 0.652_145_154_862_546_1), (0.861_136_311_594_052_6, 0.347_854_845_137_453_9)];
         let mut points = Vec::new();
         for (z, weight) in nodes.into_iter().flat_map(|(z, w)| [(z, w), (-z, w)]) {
             for step in 0..8 {

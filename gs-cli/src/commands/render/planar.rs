@@ -1,42 +1,22 @@
-//! `gs render`: a scene as a picture of any size, or a part of it.
+//! `gs render` of an image's scene: a picture of any size, or a part of it.
 
-use std::path::PathBuf;
-
-use clap::Args;
 use glam::Vec2;
 use gs_core::{Canvas, Image, PlanarScene, Rasterizer};
 use gs_io::PlanarFile;
 
+use super::RenderArgs;
 use crate::{
-    backend::{Backend, BackendArgs, Task},
+    backend::{Backend, Task},
     failure::Failure,
     output,
     values::{Region, Size},
 };
 
-/// The flags of `gs render`.
-#[derive(Debug, Clone, Args)]
-pub(crate) struct RenderArgs {
-    /// The scene, such as the scene.gs2d.safetensors that a fit has written
-    scene: PathBuf,
-    /// The PNG to write
-    #[arg(short, long, value_name = "PNG")]
-    output: PathBuf,
-    /// Size of the picture; other proportions stretch it [default: that of the image or of the region]
-    #[arg(long, value_name = "WxH")]
-    size: Option<Size>,
-    /// Show only this part, in pixels of the original image; it may reach beyond the border
-    #[arg(long, value_name = "X,Y,W,H", allow_hyphen_values = true)]
-    region: Option<Region>,
-    #[command(flatten)]
-    backend: BackendArgs,
-}
-
 /// Renders a scene into a PNG.
 ///
 /// # Errors
 /// Where the scene cannot be read, the size is not possible, or the picture cannot be written.
-pub(crate) fn run(args: &RenderArgs) -> Result<(), Failure> {
+pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
     let file = gs_io::read_scene(&args.scene)?;
     let canvas = canvas(&file, args);
     canvas.validate().map_err(|error| Failure::usage(error).at("--size or --region"))?;

@@ -1,0 +1,34 @@
+//! Writes the small models of gs-io's tests as each target's first corpus: `cargo run --example seed_datasets`, in this folder.
+
+use std::{fs, io, path::Path};
+
+#[allow(dead_code)]
+#[path = "../../gs-io/tests/datasets/made.rs"]
+mod made;
+
+fn main() -> io::Result<()> {
+    let model = made::model(3);
+    let [cameras, images, points] = made::binary(&model);
+    let lengths = [cameras.len(), images.len()].map(|length| (length as u16).to_le_bytes());
+    write("colmap_binary", &[&lengths.concat(), &cameras, &images, &points].map(|part| &part[..]).concat())?;
+    write("colmap_text", &made::text(&model).join(&0))?;
+    for camera in model.cameras.values() {
+        let parameters = camera.parameters.iter().flat_map(|v| v.to_le_bytes());
+        write("lens", &std::iter::once(camera.model.id() as u8).chain(parameters).collect::<Vec<u8>>())?;
+    }
+    let frame = r#"{"file_path": "./a.png", "transform_matrix": [[1,0,0,0],[0,1,0,0],[0,0,1,4],[0,0,0,1]]}"#;
+    for camera in [
+        r#""fl_x": 30, "w": 20, "h": 10, "k1": 0.01, "p1": -0.002, "camera_model": "OPENCV""#,
+        r#""camera_angle_x": 0.7, "is_fisheye": true, "k2": -0.02, "applied_scale": 2.0, "test_filenames": ["a.png"]"#,
+    ] {
+        write("transforms", format!("{{{camera}, \"frames\": [{frame}]}}").as_bytes())?;
+    }
+    Ok(())
+}
+
+/// A file of its own for each content.
+fn write(target: &str, bytes: &[u8]) -> io::Result<()> {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("corpus").join(target);
+    fs::create_dir_all(&folder)?;
+    fs::write(folder.join(format!("made-{}", bytes.len())), bytes)
+}

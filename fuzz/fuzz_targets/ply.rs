@@ -1,0 +1,5 @@
+//! The reader of 3DGS PLY.
+
+#![no_main]
+
+libfuzzer_sys::fuzz_target!(|bytes: &[u8]| gs_fuzz::decode(gs_io::SpatialFormat::Ply, bytes));

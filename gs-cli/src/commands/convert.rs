@@ -1,0 +1,167 @@
+//! `gs convert`: a spatial scene from one format into another, and what of it is lost on the way.
+
+use std::{
+    fmt::Write,
+    path::{Path, PathBuf},
+};
+
+use clap::{Args, ValueEnum};
+use gs_core::{Scene, SpatialScene, constants::MIN_QUATERNION_NORM2};
+use gs_io::{GltfBuffer, Loss, SpatialFormat, SpatialOptions, SpzOptions, SpzVersion};
+use serde::Serialize;
+
+use crate::{failure::Failure, output};
+
+/// The flags of `gs convert`.
+#[derive(Debug, Clone, Args)]
+pub(crate) struct ConvertArgs {
+    /// The scene: PLY (3DGS or compressed), .splat, SPZ, .gltf or .glb, told by its content
+    from: PathBuf,
+    /// The file to write; its ending says the format: .ply, .splat, .spz, .gltf or .glb
+    to: PathBuf,
+    /// Version of an SPZ: 4 is smaller, 3 for readers older than 2026
+    #[arg(long, value_name = "VERSION", default_value = "4")]
+    spz_version: Version,
+    /// Where the numbers of a .gltf go
+    #[arg(long, value_name = "PLACE", default_value = "inside")]
+    gltf_buffer: Buffer,
+    /// Leave out Gaussians whose numbers are NaN or infinite, or whose quaternion is no rotation, and say how many
+    #[arg(long)]
+    drop_broken: bool,
+    /// Print JSON
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum Version {
+    #[value(name = "3")]
+    V3,
+    #[value(name = "4")]
+    V4,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum Buffer {
+    /// Into the JSON as base64
+    Inside,
+    /// Into a .bin of the same name
+    Beside,
+}
+
+/// What `gs convert --json` prints.
+#[derive(Debug, Serialize)]
+struct Conversion {
+    read: Side,
+    written: Side,
+    gaussians: usize,
+    sh_degree: u8,
+    /// Gaussians that `--drop-broken` left out.
+    dropped: usize,
+    /// What of the read file is not in the written one, in words.
+    lost: Vec<String>,
+}
+
+#[derive(Debug, Serialize)]
+struct Side {
+    file: String,
+    format: String,
+    /// With the buffer beside a glTF.
+    bytes: u64,
+    bytes_per_gaussian: f64,
+}
+
+impl Side {
+    fn new(path: &Path, format: SpatialFormat, bytes: u64, gaussians: usize) -> Self {
+        let bytes_per_gaussian = bytes as f64 / gaussians as f64;
+        Self { file: path.display().to_string(), format: format.to_string(), bytes, bytes_per_gaussian }
+    }
+}
+
+/// Converts a scene.
+///
+/// # Errors
+/// Where it cannot be read, holds what is not finite and is not told to drop it, or cannot be written.
+pub(crate) fn run(args: &ConvertArgs) -> Result<(), Failure> {
+    if SpatialFormat::to_write(&args.to).is_none() {
+        return Err(gs_io::Error::UnknownEnding { path: args.to.clone() }.into());
+    }
+    let file =
+        if args.drop_broken { gs_io::read_spatial_unchecked(&args.from) } else { gs_io::read_spatial(&args.from) };
+    let file = file.map_err(|error| broken(error, "--drop-broken leaves such Gaussians out"))?;
+    let all = file.scene.len();
+    let scene = if args.drop_broken { whole(&file.scene) } else { file.scene };
+    let options = SpatialOptions {
+        spz: SpzOptions {
+            version: match args.spz_version {
+                Version::V3 => SpzVersion::V3,
+                Version::V4 => SpzVersion::V4,
+            },
+            ..SpzOptions::default()
+        },
+        gltf_buffer: match args.gltf_buffer {
+            Buffer::Inside => GltfBuffer::Inside,
+            Buffer::Beside => GltfBuffer::Beside,
+        },
+    };
+    let written = gs_io::write_spatial(&args.to, &scene, &options)
+        .map_err(|error| broken(error, "--drop-broken leaves such Gaussians out"))?;
+    let size = |path: &Path| std::fs::metadata(path).map_or(0, |file| file.len());
+    let bytes = size(&args.to) + written.beside.as_deref().map_or(0, size);
+    let conversion = Conversion {
+        read: Side::new(&args.from, file.format, file.bytes, all),
+        written: Side::new(&args.to, written.format, bytes, scene.len()),
+        gaussians: scene.len(),
+        sh_degree: scene.sh_degree,
+        dropped: all - scene.len(),
+        lost: file.losses.iter().chain(&written.losses).map(Loss::to_string).collect(),
+    };
+    if args.json { output::json(&conversion) } else { output::result(text(&conversion)) }
+}
+
+/// The failure of an error; one of content can be mended by leaving Gaussians out.
+fn broken(error: gs_io::Error, mend: &str) -> Failure {
+    let is_content = matches!(error, gs_io::Error::Content { .. });
+    let failure = Failure::from(error);
+    if is_content { failure.mend(mend) } else { failure }
+}
+
+/// The Gaussians that can be drawn.
+fn whole(scene: &SpatialScene) -> SpatialScene {
+    let mut kept = SpatialScene { sh_degree: scene.sh_degree, ..SpatialScene::default() };
+    let len = scene.sh_len();
+    for i in 0..scene.len() {
+        let coefficients = &scene.sh[i * len..][..len];
+        let q = scene.rotations[i];
+        let finite = scene.means[i].is_finite()
+            && scene.log_scales[i].is_finite()
+            && q.iter().all(|v| v.is_finite())
+            && coefficients.iter().all(|c| c.is_finite());
+        let turns = q.iter().map(|v| v * v).sum::<f32>() >= MIN_QUATERNION_NORM2;
+        if finite && turns && !scene.opacity_logits[i].is_nan() {
+            kept.means.push(scene.means[i]);
+            kept.log_scales.push(scene.log_scales[i]);
+            kept.rotations.push(q);
+            kept.opacity_logits.push(scene.opacity_logits[i]);
+            kept.sh.extend(coefficients);
+        }
+    }
+    kept
+}
+
+fn text(conversion: &Conversion) -> String {
+    let Conversion { read, written, gaussians, sh_degree, dropped, lost } = conversion;
+    let side = |Side { file, format, bytes, bytes_per_gaussian }: &Side| {
+        format!("{file}: {format}, {bytes} bytes, {bytes_per_gaussian:.1} a Gaussian")
+    };
+    let mut text = format!("read        {}\nGaussians   {gaussians}, SH degree {sh_degree}\n", side(read));
+    if *dropped > 0 {
+        let _ = writeln!(text, "dropped     {dropped} Gaussians that are not finite or have no rotation");
+    }
+    let _ = write!(text, "wrote       {}", side(written));
+    if lost.is_empty() {
+        text += "\nlost        nothing";
+    }
+    lost.iter().for_each(|loss| _ = write!(text, "\nlost        {loss}"));
+    text
+}

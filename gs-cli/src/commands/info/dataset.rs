@@ -1,0 +1,130 @@
+//! `gs info` of a data set: its views, cameras and points, and what its reader has to say.
+
+use std::{fmt::Write, path::Path};
+
+use gs_io::dataset::{Dataset, DatasetKind, DatasetSettings, SourceCamera, Split, View, read_dataset};
+use serde::Serialize;
+
+use crate::{
+    failure::Failure,
+    output::{self, Format},
+};
+
+/// Cameras that are printed in full; of data sets with one a view, the others are counted.
+const CAMERAS_SHOWN: usize = 4;
+
+/// What `gs info --json` prints of a data set.
+#[derive(Debug, Serialize)]
+struct Info {
+    kind: &'static str,
+    made_by: DatasetKind,
+    views: usize,
+    train: usize,
+    validation: usize,
+    test: usize,
+    cameras: Vec<CameraInfo>,
+    points: usize,
+    masks: usize,
+    remarks: Vec<String>,
+}
+
+/// A camera, and how many views it took.
+#[derive(Debug, Serialize)]
+struct CameraInfo {
+    views: usize,
+    /// Columns and rows of its photographs, px.
+    photograph: [u32; 2],
+    /// Columns and rows of what they become when they are read, px.
+    undistorted: [u32; 2],
+    /// Focal lengths in x and y, px.
+    focal: [f64; 2],
+    /// From side to side and from top to bottom of what they become, degrees.
+    field_of_view: [f64; 2],
+    lens: &'static str,
+}
+
+/// Tells what is in a data set.
+///
+/// # Errors
+/// Where it is none, or a broken one.
+pub(crate) fn run(path: &Path, format: Format) -> Result<(), Failure> {
+    let info = Info::of(&read_dataset(path, &DatasetSettings::default())?);
+    match format {
+        Format::Json => output::json(&info),
+        Format::Text => output::result(text(&info)),
+    }
+}
+
+impl Info {
+    fn of(dataset: &Dataset) -> Self {
+        let count = |split| dataset.views_of(split).count();
+        let mut cameras: Vec<(SourceCamera, CameraInfo)> = Vec::new();
+        for view in &dataset.views {
+            match cameras.iter_mut().find(|(source, _)| *source == view.source) {
+                Some((_, camera)) => camera.views += 1,
+                None => cameras.push((view.source, CameraInfo::of(view))),
+            }
+        }
+        Self {
+            kind: "dataset",
+            made_by: dataset.kind,
+            views: dataset.views.len(),
+            train: count(Split::Train),
+            validation: count(Split::Validation),
+            test: count(Split::Test),
+            cameras: cameras.into_iter().map(|(_, camera)| camera).collect(),
+            points: dataset.points.len(),
+            masks: dataset.views.iter().filter(|view| view.mask.is_some()).count(),
+            remarks: dataset.remarks.iter().map(ToString::to_string).collect(),
+        }
+    }
+}
+
+impl CameraInfo {
+    fn of(view: &View) -> Self {
+        let View { camera, source, .. } = view;
+        let angle = |side: u32, focal: f32, center: f32| {
+            let (before, after) = (f64::from(center), f64::from(side) - f64::from(center));
+            ((before / f64::from(focal)).atan() + (after / f64::from(focal)).atan()).to_degrees()
+        };
+        Self {
+            views: 1,
+            photograph: [source.width, source.height],
+            undistorted: [camera.width, camera.height],
+            focal: source.focal.to_array(),
+            field_of_view: [
+                angle(camera.width, camera.focal.x, camera.center.x),
+                angle(camera.height, camera.focal.y, camera.center.y),
+            ],
+            lens: source.lens.distortion().name(),
+        }
+    }
+}
+
+fn text(info: &Info) -> String {
+    let mut rows = vec![("kind", format!("{} data set", info.made_by.name()))];
+    let splits = [("train", info.train), ("validation", info.validation), ("test", info.test)];
+    let splits: Vec<_> = splits.iter().filter(|(_, n)| *n > 0).map(|(name, n)| format!("{n} {name}")).collect();
+    rows.push(("views", format!("{}: {}", info.views, splits.join(", "))));
+    for camera in info.cameras.iter().take(CAMERAS_SHOWN) {
+        let ([width, height], [fx, fy], [x, y]) = (camera.photograph, camera.focal, camera.field_of_view);
+        let mut line =
+            format!("{width}x{height} px, focal {fx:.1}, {fy:.1} px, {x:.1} x {y:.1} degrees, {}", camera.lens);
+        if camera.undistorted != camera.photograph {
+            let [width, height] = camera.undistorted;
+            let _ = write!(line, ", undistorted to {width}x{height} px");
+        }
+        let _ = write!(line, " ({} views)", camera.views);
+        rows.push(("camera", line));
+    }
+    if info.cameras.len() > CAMERAS_SHOWN {
+        rows.push(("camera", format!("{} more", info.cameras.len() - CAMERAS_SHOWN)));
+    }
+    rows.push(("points", info.points.to_string()));
+    if info.masks > 0 {
+        rows.push(("masks", info.masks.to_string()));
+    }
+    rows.extend(info.remarks.iter().map(|remark| ("remark", remark.clone())));
+    let lines: Vec<String> = rows.iter().map(|(name, value)| format!("{name:<20}{value}")).collect();
+    lines.join("\n")
+}

@@ -1,0 +1,203 @@
+//! `gs info` of a spatial scene in any format: how many Gaussians, where, how large, how opaque.
+
+use std::{collections::BTreeMap, fmt::Write, path::Path};
+
+use glam::Vec3;
+use gs_core::{Scene, SpatialScene, constants::MIN_QUATERNION_NORM2, scene::sigmoid};
+use gs_io::SpatialFile;
+use serde::Serialize;
+
+use crate::{
+    failure::Failure,
+    output::{self, Format},
+};
+
+/// What `gs info --json` prints of a spatial scene.
+#[derive(Debug, Serialize)]
+struct Info {
+    kind: &'static str,
+    format: String,
+    /// Size of the file.
+    bytes: u64,
+    bytes_per_gaussian: f64,
+    gaussians: usize,
+    sh_degree: u8,
+    /// Of the means that are finite, world units; `null` where none is.
+    bounds: Option<Bounds>,
+    /// Of the values that are finite, by parameter.
+    quantiles: BTreeMap<&'static str, Quantiles>,
+    /// Gaussians with a parameter that is NaN or infinite, by parameter (an opacity of exactly 0 or 1 is neither).
+    not_finite: NotFinite,
+    /// Gaussians whose quaternion is too short to be a rotation: they are never drawn.
+    without_rotation: usize,
+    /// What of the file is not in the scene.
+    losses: Vec<String>,
+}
+
+#[derive(Debug, PartialEq, Serialize)]
+struct Bounds {
+    min: [f32; 3],
+    max: [f32; 3],
+}
+
+#[derive(Debug, PartialEq, Serialize)]
+struct Quantiles {
+    min: f32,
+    #[serde(rename = "5 %")]
+    low: f32,
+    median: f32,
+    #[serde(rename = "95 %")]
+    high: f32,
+    max: f32,
+}
+
+#[derive(Debug, Default, PartialEq, Serialize)]
+struct NotFinite {
+    gaussians: usize,
+    means: usize,
+    scales: usize,
+    rotations: usize,
+    opacities: usize,
+    colors: usize,
+}
+
+/// Tells what is in a spatial scene, whole or broken.
+///
+/// # Errors
+/// Where its file cannot be read.
+pub(super) fn run(path: &Path, format: Format) -> Result<(), Failure> {
+    let info = Info::of(&gs_io::read_spatial_unchecked(path)?);
+    match format {
+        Format::Json => output::json(&info),
+        Format::Text => output::result(text(&info)),
+    }
+}
+
+impl Info {
+    fn of(file: &SpatialFile) -> Self {
+        let SpatialFile { scene, format, bytes, losses } = file;
+        let finite = scene.means.iter().filter(|mean| mean.is_finite());
+        let bounds = finite.fold(None, |bounds: Option<(Vec3, Vec3)>, &mean| {
+            Some(bounds.map_or((mean, mean), |(min, max)| (min.min(mean), max.max(mean))))
+        });
+        let mut quantiles = BTreeMap::new();
+        let mut add = |name, values: Vec<f32>| _ = Quantiles::of(values).map(|q| quantiles.insert(name, q));
+        add("opacity", scene.opacity_logits.iter().map(|&logit| sigmoid(logit)).collect());
+        add("largest scale", scene.log_scales.iter().map(|s| s.max_element().exp()).collect());
+        add("smallest scale", scene.log_scales.iter().map(|s| s.min_element().exp()).collect());
+        let norm2 = |q: &[f32; 4]| q.iter().map(|v| v * v).sum::<f32>();
+        Self {
+            kind: "spatial scene",
+            format: format.to_string(),
+            bytes: *bytes,
+            bytes_per_gaussian: *bytes as f64 / scene.len() as f64,
+            gaussians: scene.len(),
+            sh_degree: scene.sh_degree,
+            bounds: bounds.map(|(min, max)| Bounds { min: min.to_array(), max: max.to_array() }),
+            quantiles,
+            not_finite: NotFinite::of(scene),
+            without_rotation: scene.rotations.iter().filter(|q| norm2(q) < MIN_QUATERNION_NORM2).count(),
+            losses: losses.iter().map(ToString::to_string).collect(),
+        }
+    }
+}
+
+impl Quantiles {
+    fn of(mut values: Vec<f32>) -> Option<Self> {
+        values.retain(|v| v.is_finite());
+        values.sort_by(f32::total_cmp);
+        let last = values.len().checked_sub(1)?;
+        let at = |share: f32| values[(share * last as f32).round() as usize];
+        Some(Self { min: at(0.0), low: at(0.05), median: at(0.5), high: at(0.95), max: values[last] })
+    }
+}
+
+impl NotFinite {
+    fn of(scene: &SpatialScene) -> Self {
+        let mut count = Self::default();
+        for i in 0..scene.len() {
+            let colors = &scene.sh[i * scene.sh_len()..][..scene.sh_len()];
+            let broken = [
+                (!scene.means[i].is_finite(), &mut count.means),
+                (!scene.log_scales[i].is_finite(), &mut count.scales),
+                (!scene.rotations[i].iter().all(|v| v.is_finite()), &mut count.rotations),
+                (scene.opacity_logits[i].is_nan(), &mut count.opacities),
+                (!colors.iter().all(|c| c.is_finite()), &mut count.colors),
+            ];
+            let mut any = false;
+            for (is_broken, counter) in broken {
+                *counter += usize::from(is_broken);
+                any |= is_broken;
+            }
+            count.gaussians += usize::from(any);
+        }
+        count
+    }
+}
+
+fn text(info: &Info) -> String {
+    let mut rows = vec![
+        ("kind", format!("{}, {}", info.kind, info.format)),
+        ("Gaussians", info.gaussians.to_string()),
+        ("SH degree", info.sh_degree.to_string()),
+        ("size", format!("{} bytes, {:.1} a Gaussian", info.bytes, info.bytes_per_gaussian)),
+    ];
+    if let Some(Bounds { min, max }) = &info.bounds {
+        let side = |axis: usize| format!("{:.4} to {:.4}", min[axis], max[axis]);
+        rows.extend([("x", side(0)), ("y", side(1)), ("z", side(2))]);
+    }
+    for (name, Quantiles { min, low, median, high, max }) in &info.quantiles {
+        let quantiles = format!("{min:.4} to {max:.4}; 5 % {low:.4}, median {median:.4}, 95 % {high:.4}");
+        rows.push((name, quantiles));
+    }
+    let NotFinite { gaussians, means, scales, rotations, opacities, colors } = info.not_finite;
+    let parts =
+        [("means", means), ("scales", scales), ("rotations", rotations), ("opacities", opacities), ("colours", colors)];
+    let parts: Vec<String> =
+        parts.iter().filter(|(_, count)| *count > 0).map(|(name, count)| format!("{name} {count}")).collect();
+    let parts = if parts.is_empty() { String::new() } else { format!(": {}", parts.join(", ")) };
+    rows.push(("not finite", format!("{gaussians}{parts}")));
+    rows.push(("without rotation", info.without_rotation.to_string()));
+    rows.extend(info.losses.iter().map(|loss| ("lost in reading", loss.clone())));
+    let mut text = String::new();
+    for (name, value) in &rows {
+        let _ = writeln!(text, "{name:<20}{value}");
+    }
+    text.truncate(text.trim_end().len());
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use gs_core::SpatialGaussian;
+    use gs_io::SpatialFormat;
+
+    fn file(gaussians: impl IntoIterator<Item = (f32, f32, [f32; 4])>) -> SpatialFile {
+        let mut scene = SpatialScene::default();
+        for (x, opacity_logit, rotation) in gaussians {
+            let (mean, log_scale) = (Vec3::new(x, 1.0, 2.0), Vec3::new(0.0, x, -1.0));
+            scene.push(SpatialGaussian { mean, log_scale, rotation, opacity_logit, sh: vec![Vec3::ZERO] });
+        }
+        SpatialFile { scene, format: SpatialFormat::Ply, bytes: 300, losses: Vec::new() }
+    }
+
+    #[test]
+    fn what_is_broken_is_counted_and_left_out_of_the_rest() {
+        let unit = [1.0, 0.0, 0.0, 0.0];
+        let info =
+            Info::of(&file([(0.0, f32::INFINITY, unit), (f32::NAN, 0.0, [f32::NAN; 4]), (1.0, f32::NAN, [0.0; 4])]));
+        let expected = NotFinite { gaussians: 2, means: 1, scales: 1, rotations: 1, opacities: 1, colors: 0 };
+        assert_eq!((info.not_finite, info.without_rotation, info.bytes_per_gaussian), (expected, 1, 100.0));
+        assert_eq!(info.bounds, Some(Bounds { min: [0.0, 1.0, 2.0], max: [1.0, 1.0, 2.0] }));
+        let Quantiles { min, median, max, .. } = info.quantiles["opacity"];
+        assert_eq!((min, median, max), (0.5, 1.0, 1.0));
+    }
+
+    #[test]
+    fn quantiles_are_values_that_there_are() {
+        let quantiles = Quantiles::of((0..101).map(|v| v as f32).collect()).unwrap();
+        assert_eq!(quantiles, Quantiles { min: 0.0, low: 5.0, median: 50.0, high: 95.0, max: 100.0 });
+        assert_eq!(Quantiles::of(vec![f32::NAN]), None);
+    }
+}

@@ -1,0 +1,87 @@
+//! `gs render`: a scene as a picture or, of a scene in space, as many pictures of a moving camera.
+
+mod planar;
+mod spatial;
+
+use std::path::PathBuf;
+
+use clap::Args;
+
+use crate::{
+    backend::BackendArgs,
+    failure::Failure,
+    shown::ShownArgs,
+    values::{Axis, Region, Size, ViewName},
+};
+
+const AFTER_HELP: &str = "\
+A scene of an image becomes one PNG, of any size or part. A scene in space (PLY, .splat, SPZ, glTF) needs a camera: that of a view of a \
+data set (--camera photographs:DSC_0042.JPG), an orbit, or a path; without any, it is shown from a little above. Of several frames, \
+OUTPUT is an animated PNG if it ends in .apng, otherwise a folder of frames.
+
+With --camera, --orbit takes that camera around what the cameras of the data set look at.
+
+A path is a JSON file such as
+  { \"width\": 800, \"height\": 600, \"fov\": 60, \"up\": [0, -1, 0], \"frames\": 90, \"ends\": \"open\",
+    \"keys\": [{ \"position\": [0, 0, -4], \"target\": [0, 0, 0] }, { \"position\": [4, 0, 0], \"target\": [0, 0, 0] }] }
+in the scene's own axes and unit, fov across in degrees.";
+
+/// The flags of `gs render`.
+#[derive(Debug, Clone, Args)]
+#[command(after_help = AFTER_HELP)]
+pub(crate) struct RenderArgs {
+    /// The scene, such as the scene.gs2d.safetensors that a fit has written, or the scene.ply of a training
+    scene: PathBuf,
+    /// The PNG to write; of several frames a folder, or an animated PNG (.apng)
+    #[arg(short, long, value_name = "OUTPUT")]
+    output: PathBuf,
+    /// Size of the picture; other proportions stretch it [default: that of the image, the region or the view; in space else 800x600]
+    #[arg(long, value_name = "WxH")]
+    size: Option<Size>,
+    /// Show only this part of an image's scene, in pixels of the original image; it may reach beyond the border
+    #[arg(long, value_name = "X,Y,W,H", allow_hyphen_values = true, conflicts_with_all = ["camera", "orbit", "path"])]
+    region: Option<Region>,
+    #[command(flatten)]
+    cameras: CameraArgs,
+    #[command(flatten)]
+    shown: ShownArgs,
+    #[command(flatten)]
+    backend: BackendArgs,
+}
+
+/// Where a scene in space is seen from.
+#[derive(Debug, Clone, Args)]
+#[command(next_help_heading = "Camera")]
+struct CameraArgs {
+    /// From where a photograph of a data set was taken
+    #[arg(long, value_name = "DATASET:VIEW", conflicts_with = "path")]
+    camera: Option<ViewName>,
+    /// From N places on a circle around the scene
+    #[arg(long, value_name = "N", conflicts_with = "path", value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    orbit: Option<u32>,
+    /// Along the path in this file
+    #[arg(long, value_name = "FILE.json", conflicts_with = "size")]
+    path: Option<PathBuf>,
+    /// The axis that an orbit goes around and that is up in the picture: x, y, z, or -x, -y, -z [default: -y, or that of the data set]
+    #[arg(long, value_name = "AXIS", allow_hyphen_values = true)]
+    up: Option<Axis>,
+    /// Frames per second of an animated PNG
+    #[arg(long, value_name = "F", default_value_t = 24, value_parser = clap::value_parser!(u16).range(1..=240))]
+    fps: u16,
+}
+
+/// Renders a scene.
+///
+/// # Errors
+/// Where the scene cannot be read, what is asked for is not possible, or the pictures cannot be written.
+pub(crate) fn run(args: &RenderArgs) -> Result<(), Failure> {
+    if gs_io::spatial_format(&args.scene)?.is_some() {
+        return spatial::run(args);
+    }
+    let CameraArgs { camera, orbit, path, up, .. } = &args.cameras;
+    if camera.is_some() || orbit.is_some() || path.is_some() || up.is_some() || args.shown.is_some() {
+        let message = "is the scene of an image, which has no camera, order or background to choose";
+        return Err(Failure::usage(message).at(args.scene.display()).mend("use --size and --region alone"));
+    }
+    planar::run(args)
+}

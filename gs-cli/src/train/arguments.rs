@@ -1,0 +1,245 @@
+//! The flags of `gs train`.
+
+use std::{num::NonZeroU32, path::PathBuf};
+
+use clap::{Args, ValueEnum};
+use gs_io::dataset::{AlphaMeaning, DatasetSettings};
+
+use crate::{
+    backend::BackendArgs,
+    fit::arguments::{ChartName, CheckpointArgs, Detail, LossName, PolicyName},
+    output::Format,
+    values::Backing,
+};
+
+const AFTER_HELP: &str = "\
+DATASET is a folder that COLMAP, Nerfstudio or Blender wrote, or a transforms.json; gs info tells what is in it.
+
+DIR then holds:
+  scene.ply        the Gaussians, for any viewer of splats; gs convert makes other formats of it
+  views/           each held-out view: the photograph, and beside it the rendering
+  evaluation.json  PSNR, SSIM and L1 of each held-out view, and their means
+  metrics.csv      count, edits and loss at every 100th part of the steps and at each round of density control; at every
+                   20th part and at both ends also PSNR, L1 and what was culled, over the held-out views
+  curve.png        count and loss over the steps
+  settings.toml    all settings, to repeat the training with --settings
+  summary.json     what --json prints
+
+A data set that does not say which views are for tests has every 8th held out (--holdout). Without any, a few of the views that it
+trains with tell how good the scene is.
+
+Ctrl-C stops the training, saves a checkpoint, and writes what there is so far; a second one quits at once.";
+
+/// The flags that a checkpoint settles.
+const SETTLED: [&str; 17] = [
+    "preset",
+    "settings",
+    "gaussians",
+    "iterations",
+    "policy",
+    "start",
+    "loss",
+    "chart",
+    "sh_degree",
+    "order",
+    "antialias",
+    "background",
+    "coarse",
+    "participants",
+    "opacity_weight",
+    "scale_weight",
+    "seed",
+];
+
+/// The flags of `gs train`.
+#[derive(Debug, Clone, Args)]
+#[command(after_help = AFTER_HELP)]
+pub(crate) struct TrainArgs {
+    /// The posed photographs
+    pub(crate) dataset: PathBuf,
+    /// Folder for the results; made if it is not there
+    #[arg(short, long, value_name = "DIR", default_value = "gs-out")]
+    pub(crate) output: PathBuf,
+    /// Print the summary as JSON on standard output, and nothing else there
+    #[arg(long)]
+    json: bool,
+    /// Leave out the pictures: views/ and curve.png
+    #[arg(long)]
+    pub(crate) no_report: bool,
+    /// Tell of each round of density control as it happens; metrics.csv has them all, too
+    #[arg(short, long)]
+    verbose: bool,
+    #[command(flatten)]
+    pub(crate) photographs: DatasetArgs,
+    #[command(flatten)]
+    pub(crate) settings: TrainSettingsArgs,
+    #[command(flatten)]
+    pub(crate) checkpoints: CheckpointArgs,
+    /// Go on with a training from its checkpoint, given the same data set; it ends as if it had never stopped
+    #[arg(long, value_name = "FILE", conflicts_with_all = SETTLED, help_heading = "Checkpoints")]
+    pub(crate) resume: Option<PathBuf>,
+    #[command(flatten)]
+    pub(crate) backend: BackendArgs,
+}
+
+impl TrainArgs {
+    /// How the summary is printed.
+    pub(crate) fn format(&self) -> Format {
+        if self.json { Format::Json } else { Format::Text }
+    }
+
+    /// How much is told while it runs.
+    pub(crate) fn detail(&self) -> Detail {
+        if self.verbose { Detail::Rounds } else { Detail::Steps }
+    }
+}
+
+/// How a data set is read.
+#[derive(Debug, Clone, Args)]
+#[command(next_help_heading = "Photographs")]
+pub(crate) struct DatasetArgs {
+    /// Hold out every N-th view by name for tests, if the data set does not say which; 0 holds out none
+    #[arg(long, value_name = "N", default_value_t = 8)]
+    pub(crate) holdout: u32,
+    /// The folder of the data set to take photographs from, such as images_4 [default: the first that there is]
+    #[arg(long, value_name = "FOLDER")]
+    pub(crate) images: Option<String>,
+    /// What the photographs' alpha channel means
+    #[arg(long, value_enum, default_value_t)]
+    pub(crate) alpha: AlphaName,
+}
+
+impl DatasetArgs {
+    /// As the library has it.
+    pub(crate) fn settings(&self) -> DatasetSettings {
+        DatasetSettings {
+            image_folder: self.images.clone(),
+            test_every: NonZeroU32::new(self.holdout),
+            alpha: match self.alpha {
+                AlphaName::Opacity => AlphaMeaning::Opacity,
+                AlphaName::Mask => AlphaMeaning::Mask,
+            },
+        }
+    }
+}
+
+/// What an alpha channel means.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
+pub(crate) enum AlphaName {
+    /// How opaque the object is: the scene shall be as transparent
+    #[default]
+    Opacity,
+    /// Which pixels count
+    Mask,
+}
+
+/// What is trained and how: a preset or a file of settings, and what is to differ from it.
+#[derive(Debug, Clone, Default, Args)]
+#[command(next_help_heading = "Settings")]
+pub(crate) struct TrainSettingsArgs {
+    /// Where to start from [default: 3dgs]
+    #[arg(long, value_enum, value_name = "PRESET")]
+    pub(crate) preset: Option<TrainPresetName>,
+    /// Take all settings from a file, such as a settings.toml that a training has written; flags override it
+    #[arg(long, value_name = "FILE.toml", conflicts_with_all = ["preset", "iterations"])]
+    pub(crate) settings: Option<PathBuf>,
+    /// The most Gaussians there may be
+    #[arg(short = 'n', long = "max-gaussians", value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    pub(crate) gaussians: Option<u32>,
+    /// Steps of the optimiser, one view each; the preset's schedules follow [default: 30000, quick: 2000]
+    #[arg(short, long, value_name = "K")]
+    pub(crate) iterations: Option<u32>,
+    /// Which Gaussians grow and which go; residual and image-gs are for images only
+    #[arg(long, value_enum, value_name = "POLICY")]
+    pub(crate) policy: Option<PolicyName>,
+    /// Where the first Gaussians come from: points of the data set, random, or a scene file [default: points if there are any]
+    #[arg(long, value_name = "points|random|SCENE")]
+    pub(crate) start: Option<String>,
+    /// What is minimised
+    #[arg(long, value_enum, value_name = "LOSS")]
+    pub(crate) loss: Option<LossName>,
+    /// In which coordinates the optimiser moves
+    #[arg(long, value_enum, value_name = "CHART")]
+    pub(crate) chart: Option<ChartName>,
+    /// Highest degree of the spherical harmonics, 0 to 3
+    #[arg(long, value_name = "D", value_parser = clap::value_parser!(u8).range(0..=3))]
+    pub(crate) sh_degree: Option<u8>,
+    /// In which order Gaussians are blended
+    #[arg(long, value_enum, value_name = "ORDER")]
+    pub(crate) order: Option<OrderName>,
+    /// What is done about Gaussians narrower than a pixel
+    #[arg(long, value_enum, value_name = "ANTIALIAS")]
+    pub(crate) antialias: Option<AntialiasName>,
+    /// What is behind: black, white, random (another colour in each step), or R,G,B [default: white for Blender, else black]
+    #[arg(long, value_name = "COLOUR")]
+    pub(crate) background: Option<Backing>,
+    /// Train with pictures of 1/F of their size first, then half of that, and so on: 1, 2, 4 or 8
+    #[arg(long, value_name = "F", value_parser = clap::value_parser!(u32).range(1..=8))]
+    pub(crate) coarse: Option<u32>,
+    /// Which Gaussians a step moves
+    #[arg(long, value_enum, value_name = "WHICH")]
+    pub(crate) participants: Option<ParticipantsName>,
+    /// Weight of the mean opacity in the loss, as 3DGS-MCMC has it
+    #[arg(long, value_name = "W")]
+    pub(crate) opacity_weight: Option<f32>,
+    /// Weight of the mean scale in the loss, as 3DGS-MCMC has it
+    #[arg(long, value_name = "W")]
+    pub(crate) scale_weight: Option<f32>,
+    /// Where all random numbers come from; equal seeds give equal results
+    #[arg(long, value_name = "S")]
+    pub(crate) seed: Option<u32>,
+}
+
+/// Settings that belong together.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum TrainPresetName {
+    /// 3D Gaussian Splatting as it was published
+    #[value(name = "3dgs")]
+    ThreeDgs,
+    /// 3DGS-MCMC: a fixed number of Gaussians, moved to where they are needed
+    Mcmc,
+    /// For a first look
+    Quick,
+}
+
+/// An order of blending.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum OrderName {
+    /// By the depth of the means (3DGS)
+    TileDepth,
+    /// By the depth at each pixel: no popping, slower
+    PixelDepth,
+}
+
+/// Treatment of Gaussians narrower than a pixel.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum AntialiasName {
+    /// Nothing
+    None,
+    /// Widened by 0.3 px² (3DGS)
+    Dilate,
+    /// Widened by 0.1 px², and fainter for it (Mip-Splatting)
+    Mip,
+}
+
+/// Who takes part in a step of Adam.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum ParticipantsName {
+    /// All (3DGS)
+    All,
+    /// Those that the step's view shows
+    Visible,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::Command;
+
+    #[test]
+    fn a_checkpoint_settles_every_setting() {
+        let command = TrainSettingsArgs::augment_args(Command::new("train"));
+        let flags: Vec<&str> = command.get_arguments().map(|flag| flag.get_id().as_str()).collect();
+        assert_eq!(flags, SETTLED);
+    }
+}

@@ -1,0 +1,172 @@
+//! `gs train`: posed photographs become a scene in space.
+//!
+//! Whatever can be refused is refused before the output folder is touched, and the folder before the first step is made.
+
+mod arguments;
+mod results;
+mod settings;
+
+use std::{
+    path::{Path, PathBuf},
+    time::Instant,
+};
+
+use gs_core::{Rasterizer, SpatialScene};
+use gs_io::{
+    Checkpoint,
+    dataset::{Dataset, Split, read_dataset},
+    read_checkpoint,
+};
+use gs_train::{
+    MetricsLog, Outcome, SpatialSettings, SpatialTrainer,
+    spatial::{Start, Views},
+};
+
+pub(crate) use self::{
+    arguments::{AntialiasName, DatasetArgs, OrderName, TrainArgs},
+    settings::usual_background,
+};
+use crate::{
+    backend::{Backend, SpatialTask},
+    failure::Failure,
+    fit::{check_checkpoint_file, checkpoints, folder::OutputFolder, follow, quoted, way_on},
+    output::{self, Format},
+    train::results::Results,
+};
+
+/// Trains a scene from a data set and writes the results.
+///
+/// # Errors
+/// Where data set, flags or output folder are not possible, where the training diverges or loses its GPU, or where Ctrl-C stopped it.
+pub(crate) fn run(args: &TrainArgs) -> Result<(), Failure> {
+    let started = Instant::now();
+    check_checkpoint_file(&args.checkpoints, &args.output)?;
+    let dataset = read_dataset(&args.dataset, &args.photographs.settings())?;
+    let begin = match &args.resume {
+        Some(file) => Begin::Resumed(Box::new(read_checkpoint(file)?), file.clone()),
+        None => {
+            let settings = settings::resolve(&args.settings, &dataset)?;
+            let (start, told) = settings::start(&args.settings, &dataset)?;
+            Begin::Fresh { settings: Box::new(settings), start, told }
+        }
+    };
+    let backend = Backend::start_spatial(&args.backend)?;
+    backend.run_spatial(Train { args, dataset: &dataset, begin, backend: &backend, started })?
+}
+
+/// Where a training begins.
+enum Begin {
+    Fresh {
+        settings: Box<SpatialSettings>,
+        start: Start,
+        /// The start in words.
+        told: String,
+    },
+    /// A checkpoint, and the file it is from.
+    Resumed(Box<Checkpoint>, PathBuf),
+}
+
+impl Begin {
+    /// The training where it begins, its log up to there, and the beginning in words.
+    fn begin<'r, R: Rasterizer<SpatialScene>>(
+        self,
+        rasterizer: &'r R,
+        views: Views,
+    ) -> Result<(SpatialTrainer<'r, R>, MetricsLog, String), Failure> {
+        match self {
+            Self::Fresh { settings, start, told } => {
+                let log = MetricsLog::for_steps(settings.iterations);
+                Ok((SpatialTrainer::from_views(rasterizer, views, start, *settings)?, log, told))
+            }
+            Self::Resumed(checkpoint, file) => {
+                let failed = |error| not_resumed(error, &file);
+                let metadata = checkpoint.metadata.clone();
+                let trainer = SpatialTrainer::resume_views(rasterizer, views, *checkpoint).map_err(failed)?;
+                let log = MetricsLog::for_steps(trainer.settings().iterations).resumed(&metadata).map_err(failed)?;
+                let told = format!("step {} of {}", trainer.step(), file.display());
+                Ok((trainer, log, told))
+            }
+        }
+    }
+}
+
+struct Train<'a> {
+    args: &'a TrainArgs,
+    dataset: &'a Dataset,
+    begin: Begin,
+    backend: &'a Backend,
+    started: Instant,
+}
+
+impl SpatialTask for Train<'_> {
+    type Output = Result<(), Failure>;
+
+    fn run<R: Rasterizer<SpatialScene>>(self, rasterizer: &R) -> Result<(), Failure> {
+        let Self { args, dataset, begin, backend, started } = self;
+        output::note(&backend.reason);
+        dataset.remarks.iter().for_each(|remark| output::note(format_args!("note: {remark}")));
+        let (mut trainer, mut log, told) = begin.begin(rasterizer, Views::of_dataset(dataset))?;
+        let folder = OutputFolder::prepare(&args.output, "--output")?;
+        let mut checkpoints = checkpoints(&args.checkpoints, &folder, trainer.settings().iterations)?;
+        announce(args, dataset, &told, &trainer);
+
+        let results = Results { args, folder: &folder, backend, started };
+        let ended = follow(args.detail(), &mut trainer, &mut log, &mut checkpoints).and_then(|(outcome, curve)| {
+            let summary = results.write(&trainer, &log.to_csv(), &curve.0)?;
+            Ok((outcome, summary))
+        });
+        let (outcome, summary) = ended.map_err(|failure| match failure.is_of_backend() {
+            true => failure.mend(way_on(&checkpoints, args.resume.as_deref(), |file| resuming(args, file))),
+            false => failure,
+        })?;
+        match args.format() {
+            Format::Json => output::json(&summary)?,
+            Format::Text => output::note(summary.text(folder.path())),
+        }
+        match outcome {
+            Outcome::Finished => Ok(()),
+            Outcome::Stopped => Err(Failure::interrupted(format_args!(
+                "stopped after step {}; to go on: {}",
+                trainer.step(),
+                resuming(args, &checkpoints.file)
+            ))),
+        }
+    }
+}
+
+/// Another data set than the checkpoint's can be mended by the caller; what else is wrong says so itself.
+fn not_resumed(error: gs_train::Error, file: &Path) -> Failure {
+    let wrong_views = matches!(error, gs_train::Error::WrongTarget { .. });
+    let failure = Failure::from(error).at(file.display());
+    if wrong_views { failure.mend("give the same data set, --holdout and --images") } else { failure }
+}
+
+fn announce<R: Rasterizer<SpatialScene>>(
+    args: &TrainArgs,
+    dataset: &Dataset,
+    told: &str,
+    trainer: &SpatialTrainer<'_, R>,
+) {
+    let settings = trainer.settings();
+    output::note(format_args!(
+        "training on {} of {} views of {} ({}, {} held out) from {told}, with at most {} Gaussians in {} steps, into {}",
+        trainer.views().train.len(),
+        dataset.views.len(),
+        args.dataset.display(),
+        dataset.kind.name(),
+        dataset.views_of(Split::Test).count(),
+        settings.gaussians,
+        settings.iterations - trainer.step(),
+        args.output.display()
+    ));
+}
+
+/// The command that goes on from a checkpoint.
+fn resuming(args: &TrainArgs, checkpoint: &Path) -> String {
+    let DatasetArgs { holdout, images, alpha } = &args.photographs;
+    let holdout = if *holdout == 8 { String::new() } else { format!(" --holdout {holdout}") };
+    let images = images.as_ref().map_or_else(String::new, |images| format!(" --images {}", quoted(Path::new(images))));
+    let alpha = if *alpha == arguments::AlphaName::Mask { " --alpha mask" } else { "" };
+    let (dataset, output) = (quoted(&args.dataset), quoted(&args.output));
+    format!("gs train {dataset}{holdout}{images}{alpha} -o {output} --resume {}", quoted(checkpoint))
+}

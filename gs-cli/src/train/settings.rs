@@ -1,0 +1,141 @@
+//! From flags to the settings of a training: a preset or a file is the start, flags replace parts of it.
+
+use std::path::Path;
+
+use clap::ValueEnum;
+use gs_core::{
+    Participants,
+    effects::{Antialias, Order},
+};
+use gs_density::Policy;
+use gs_io::dataset::{Dataset, DatasetKind};
+use gs_train::{
+    SpatialPreset, SpatialSettings,
+    spatial::{Backdrop, Resolution, Start},
+};
+
+use crate::{
+    failure::Failure,
+    fit::settings::read_toml,
+    train::arguments::{AntialiasName, OrderName, ParticipantsName, TrainPresetName, TrainSettingsArgs},
+    values::Backing,
+};
+
+/// The share of the run after which pictures are at full resolution.
+const FULL_AFTER: f32 = 0.4;
+
+/// The settings that the flags ask for, for this data set.
+///
+/// # Errors
+/// Where a file of settings cannot be read, or the settings are not possible.
+pub(crate) fn resolve(args: &TrainSettingsArgs, dataset: &Dataset) -> Result<SpatialSettings, Failure> {
+    let mut settings = match &args.settings {
+        Some(file) => {
+            let settings: SpatialSettings =
+                read_toml(file, "compare it with the settings.toml that a training writes")?;
+            settings.validate().map_err(|error| Failure::usage(error).at(file.display()))?;
+            settings
+        }
+        None => {
+            let mut settings = args.preset.map_or_else(SpatialPreset::default, SpatialPreset::from).settings(args.iterations);
+            settings.render = settings.render.on(usual_background(dataset));
+            settings
+        }
+    };
+    if let Some(policy) = args.policy {
+        let name = policy.to_possible_value().expect("no policy is skipped");
+        settings = settings.controlled_by(Policy::from_name(name.get_name())?);
+    }
+    settings.gaussians = args.gaussians.unwrap_or(settings.gaussians);
+    settings.loss = args.loss.map_or(settings.loss, Into::into);
+    settings.chart = args.chart.map_or(settings.chart, Into::into);
+    settings.seed = args.seed.unwrap_or(settings.seed);
+    let effects = &mut settings.render.effects;
+    effects.sh_degree = args.sh_degree.unwrap_or(effects.sh_degree);
+    effects.order = args.order.map_or(effects.order, Into::into);
+    effects.antialias = args.antialias.map_or(effects.antialias, Into::into);
+    match args.background {
+        None => {}
+        Some(Backing::Random) => settings.backdrop = Backdrop::Random,
+        Some(Backing::Solid(color)) => {
+            settings.backdrop = Backdrop::Same;
+            settings.render = settings.render.on(color.0);
+        }
+    }
+    match args.coarse {
+        None => {}
+        Some(1) => settings.resolution = Resolution::Full,
+        Some(from) => settings.resolution = Resolution::CoarseToFine { from, full_after: FULL_AFTER },
+    }
+    let adam = &mut settings.adam;
+    adam.participants = args.participants.map_or(adam.participants, Into::into);
+    adam.penalty.opacity = args.opacity_weight.unwrap_or(adam.penalty.opacity);
+    adam.penalty.scale = args.scale_weight.unwrap_or(adam.penalty.scale);
+    settings.validate()?;
+    Ok(settings)
+}
+
+/// What is behind unless somebody says otherwise: white for Blender's objects without surroundings, as everybody shows them; black for all
+/// else.
+pub(crate) fn usual_background(dataset: &Dataset) -> [f32; 3] {
+    if dataset.kind == DatasetKind::Blender { [1.0; 3] } else { [0.0; 3] }
+}
+
+/// Where the first Gaussians come from, and what is worth telling about it.
+///
+/// # Errors
+/// Where there are no points but they are asked for, or the file is no scene.
+pub(crate) fn start(args: &TrainSettingsArgs, dataset: &Dataset) -> Result<(Start, String), Failure> {
+    let points = || (Start::Points(dataset.points.clone()), format!("{} points", dataset.points.len()));
+    match args.start.as_deref() {
+        Some("random") => Ok((Start::Random, "random points".to_owned())),
+        Some("points") if dataset.points.is_empty() => {
+            Err(Failure::usage("--start points: the data set has no points").mend("use --start random"))
+        }
+        None if dataset.points.is_empty() => Ok((Start::Random, "random points, as the data set has none".to_owned())),
+        None | Some("points") => Ok(points()),
+        Some(file) => {
+            let scene = gs_io::read_spatial(Path::new(file))?.scene;
+            let told = format!("the Gaussians of {file}");
+            Ok((Start::Scene(scene), told))
+        }
+    }
+}
+
+impl From<TrainPresetName> for SpatialPreset {
+    fn from(name: TrainPresetName) -> Self {
+        match name {
+            TrainPresetName::ThreeDgs => Self::ThreeDgs,
+            TrainPresetName::Mcmc => Self::Mcmc,
+            TrainPresetName::Quick => Self::Quick,
+        }
+    }
+}
+
+impl From<OrderName> for Order {
+    fn from(name: OrderName) -> Self {
+        match name {
+            OrderName::TileDepth => Self::TileDepth,
+            OrderName::PixelDepth => Self::PixelDepth,
+        }
+    }
+}
+
+impl From<AntialiasName> for Antialias {
+    fn from(name: AntialiasName) -> Self {
+        match name {
+            AntialiasName::None => Self::None,
+            AntialiasName::Dilate => Self::Dilate,
+            AntialiasName::Mip => Self::Mip,
+        }
+    }
+}
+
+impl From<ParticipantsName> for Participants {
+    fn from(name: ParticipantsName) -> Self {
+        match name {
+            ParticipantsName::All => Self::All,
+            ParticipantsName::Visible => Self::Visible,
+        }
+    }
+}

@@ -1,0 +1,145 @@
+//! `gs convert` and `gs info` on spatial scenes of every format, and on broken ones.
+
+use std::{
+    fs,
+    path::{Path, PathBuf},
+};
+
+use glam::Vec3;
+use gs_core::{Scene, SpatialGaussian, SpatialScene};
+use gs_io::{SpatialOptions, read_spatial, write_spatial};
+
+use crate::process::{Run, folder, gs, names_in};
+
+/// Writes a PLY of ten Gaussians of degree 2 and returns its path.
+fn ply(folder: &Path) -> PathBuf {
+    let mut scene = SpatialScene { sh_degree: 2, ..SpatialScene::default() };
+    for i in 0..10 {
+        let t = i as f32;
+        scene.push(SpatialGaussian {
+            mean: Vec3::new(t, -t, 0.5),
+            log_scale: Vec3::new(-3.0, -2.0, -1.0),
+            rotation: [1.0, 0.1 * t, 0.0, 0.0],
+            opacity_logit: t - 5.0,
+            sh: (0..9).map(|k| Vec3::splat(0.1 * k as f32)).collect(),
+        });
+    }
+    let path = folder.join("scene.ply");
+    write_spatial(&path, &scene, &SpatialOptions::default()).unwrap();
+    path
+}
+
+/// Overwrites one number of a vertex in the file of [`ply`], counted from the end of the row.
+fn break_ply(path: &Path, vertex: usize, from_end: usize, values: &[f32]) {
+    const ROW: usize = 4 * (9 + 24 + 8);
+    let mut bytes = fs::read(path).unwrap();
+    let at = bytes.len() - (10 - vertex - 1) * ROW - 4 * from_end;
+    let new: Vec<u8> = values.iter().flat_map(|v| v.to_le_bytes()).collect();
+    bytes[at..at + new.len()].copy_from_slice(&new);
+    fs::write(path, bytes).unwrap();
+}
+
+fn convert(from: &Path, to: &Path, flags: &[&str]) -> Run {
+    gs([Path::new("convert"), from, to].into_iter().chain(flags.iter().map(Path::new)))
+}
+
+#[test]
+fn a_scene_goes_through_every_format() {
+    let place = folder();
+    let path = |name: &str| place.path().join(name);
+    let first = ply(place.path());
+    let mut last = first.clone();
+    for name in ["a.glb", "a.gltf", "a.spz", "b.ply"] {
+        let json = convert(&last, &path(name), &["--json"]).json();
+        assert_eq!((&json["gaussians"], &json["sh_degree"], &json["dropped"]), (&10.into(), &2.into(), &0.into()));
+        let bytes = fs::metadata(path(name)).unwrap().len();
+        assert_eq!(json["written"]["bytes"], bytes);
+        assert_eq!(json["written"]["bytes_per_gaussian"], bytes as f64 / 10.0);
+        last = path(name);
+    }
+    let (a, b) = (read_spatial(&first).unwrap().scene, read_spatial(&last).unwrap().scene);
+    let far = a.means.iter().zip(&b.means).map(|(a, b)| (*a - *b).abs().max_element()).fold(0.0, f32::max);
+    assert!(far <= 0.5 / 4096.0, "{far}");
+
+    let text = convert(&first, &path("a.splat"), &[]).done().stdout;
+    for part in ["3DGS PLY", "32.0 a Gaussian", "above degree 0: 24 coefficients", "8 bits"] {
+        assert!(text.contains(part), "{part}: {text}");
+    }
+    let same = convert(&first, &path("c.ply"), &[]).done().stdout;
+    assert!(same.contains("lost        nothing"), "{same}");
+    assert_eq!(fs::read(&first).unwrap(), fs::read(path("c.ply")).unwrap());
+    let old = convert(&first, &path("old.spz"), &["--spz-version", "3"]).done();
+    assert!(old.stdout.contains("SPZ") && fs::read(path("old.spz")).unwrap().starts_with(&[0x1f, 0x8b]));
+    convert(&first, &path("d.gltf"), &["--gltf-buffer", "beside"]).done();
+    assert!(path("d.bin").exists() && read_spatial(path("d.gltf")).unwrap().scene.len() == 10);
+}
+
+#[test]
+fn a_spatial_scene_tells_what_is_in_it_whatever_its_format() {
+    let place = folder();
+    let first = ply(place.path());
+    for name in ["a.ply", "a.splat", "a.spz", "a.gltf", "a.glb"] {
+        let path = place.path().join(name);
+        convert(&first, &path, &[]).done();
+        let info = gs(["info", path.to_str().unwrap(), "--json"]).json();
+        assert_eq!((&info["kind"], &info["gaussians"]), (&"spatial scene".into(), &10.into()), "{info}");
+        assert_eq!(info["bytes"], fs::metadata(&path).unwrap().len());
+        assert_eq!(info["sh_degree"], if name == "a.splat" { 0 } else { 2 });
+        assert_eq!((&info["bounds"]["min"][1], &info["bounds"]["max"][0]), (&(-9.0).into(), &9.0.into()), "{info}");
+        assert_eq!(info["not_finite"]["gaussians"], 0);
+        let scale = info["quantiles"]["largest scale"]["median"].as_f64().unwrap();
+        assert!((scale - (-1.0_f64).exp()).abs() < 0.01, "{info}");
+    }
+    let text = gs(["info", first.to_str().unwrap()]).done().stdout;
+    assert!(text.contains("spatial scene, 3DGS PLY") && text.contains("SH degree           2"), "{text}");
+}
+
+#[test]
+fn what_is_broken_is_named_counted_and_dropped_when_told() {
+    let place = folder();
+    let first = ply(place.path());
+    break_ply(&first, 3, 8, &[f32::NAN]);
+    break_ply(&first, 7, 4, &[0.0; 4]);
+    let to = place.path().join("a.spz");
+    let refused = convert(&first, &to, &[]);
+    assert_eq!(refused.status, Some(1));
+    let line = refused.refusal();
+    assert!(line.contains("opacity logit of Gaussian 3 is not finite") && line.contains("--drop-broken"), "{line}");
+    assert!(!to.exists());
+    let text = gs(["info", first.to_str().unwrap()]).done().stdout;
+    assert!(text.contains("1: opacities 1") && text.contains("without rotation    1"), "{text}");
+    let text = convert(&first, &to, &["--drop-broken"]).done().stdout;
+    assert!(text.contains("dropped     2 Gaussians") && text.contains("Gaussians   8"), "{text}");
+    assert_eq!(read_spatial(&to).unwrap().scene.len(), 8);
+}
+
+#[test]
+fn what_cannot_be_converted_is_refused() {
+    let place = folder();
+    let path = |name: &str| place.path().join(name);
+    let first = ply(place.path());
+    fs::write(path("text.ply"), "ply\nThis is not a scene.\n").unwrap();
+    fs::write(path("table.csv"), "a,b\n1,2\n").unwrap();
+    fs::write(path("short.ply"), &fs::read(&first).unwrap()[..2000]).unwrap();
+    let before = names_in(place.path());
+    for (from, to, status, expected) in [
+        (&first, "a.obj", 2, "use .ply, .splat, .spz, .gltf or .glb"),
+        (&first, "a.compressed.ply", 2, "use .ply, .splat"),
+        (&first, "no/such/a.ply", 1, "no folder"),
+        (&path("absent.ply"), "a.spz", 1, "no such file"),
+        (&path("text.ply"), "a.spz", 1, "a line of a PLY header"),
+        (&path("table.csv"), "a.spz", 1, "found text"),
+        (&path("short.ply"), "a.spz", 1, "10 rows of element vertex"),
+        (&place.path().to_owned(), "a.spz", 1, "is a folder"),
+    ] {
+        let run = convert(from, &path(to), &[]);
+        assert_eq!(run.status, Some(status), "{run:?}");
+        assert!(run.refusal().contains(expected), "{run:?}");
+    }
+    let run = convert(&first, &path("a.spz"), &["--spz-version", "5"]);
+    assert_eq!(run.status, Some(2));
+    assert!(run.refusal().contains("possible values: 3, 4"), "{run:?}");
+    let broken = gs(["info", path("short.ply").to_str().unwrap()]);
+    assert!(broken.refusal().contains("10 rows of element vertex"), "{broken:?}");
+    assert_eq!(names_in(place.path()), before);
+}

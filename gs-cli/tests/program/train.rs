@@ -1,0 +1,219 @@
+//! `gs train`, and `gs render` and `gs eval` of scenes in space, from end to end.
+
+use std::{
+    fs,
+    path::{Path, PathBuf},
+    process::Stdio,
+};
+
+use glam::{Vec2, Vec3};
+use gs_core::{
+    Blend, Camera, Rasterizer, RenderSettings, Scene, SpatialGaussian, SpatialScene, constants::SH_C0, effects::Order,
+};
+use gs_cpu::{CpuRasterizer, CpuSettings};
+use gs_train::spatial::looking_at;
+use serde_json::{Value, json};
+
+use crate::process::{command, folder, gs, names_in};
+
+/// A few Gaussians of different colours around the origin.
+fn scene() -> SpatialScene {
+    let mut scene = SpatialScene::default();
+    for i in 0..8 {
+        let angle = 0.8 * i as f32;
+        scene.push(SpatialGaussian {
+            mean: 0.6 * Vec3::new(angle.cos(), angle.sin(), 0.5 * (2.0 * angle).sin()),
+            log_scale: Vec3::new(0.2, 0.3, 0.15).map(f32::ln),
+            rotation: [1.0, 0.1 * i as f32, 0.0, 0.3],
+            opacity_logit: 2.0,
+            sh: vec![(Vec3::new((i % 2) as f32, (i % 3) as f32 / 2.0, 0.3) - 0.5) / SH_C0],
+        });
+    }
+    scene
+}
+
+/// Writes eight photographs of the scene before black as a Nerfstudio data set, and the scene itself.
+fn photographed(place: &Path) -> (PathBuf, PathBuf) {
+    let (dataset, file) = (place.join("photographs"), place.join("true.ply"));
+    fs::create_dir_all(dataset.join("images")).unwrap();
+    gs_io::write_spatial(&file, &scene(), &gs_io::SpatialOptions::default()).unwrap();
+    let rasterizer = CpuRasterizer::new(CpuSettings { threads: Some(1), level: None }).unwrap();
+    let lens = Camera::looking_forward(32, 24, 0.7);
+    let mut render = RenderSettings::blended(Blend::Over).on([0.0; 3]);
+    render.effects.order = Order::TileDepth;
+    render.effects.antialias = gs_core::effects::Antialias::Dilate;
+    let mut frames = Vec::new();
+    for i in 0..8 {
+        let position = 4.0 * Vec2::from_angle(0.8 * i as f32).extend(0.3).normalize();
+        let camera = looking_at(&lens, position, Vec3::ZERO, Vec3::Z).unwrap();
+        let image = rasterizer.render(&scene(), &camera, &render).unwrap();
+        let name = format!("images/{i}.png");
+        gs_io::write_png(dataset.join(&name), &image).unwrap();
+        // Their camera axes are right, up, backward.
+        let [right, down, forward] = [0, 1, 2].map(|row| camera.rotation.row(row));
+        let row = |axis: usize| json!([right[axis], -down[axis], -forward[axis], position[axis]]);
+        let matrix = json!([row(0), row(1), row(2), [0.0, 0.0, 0.0, 1.0]]);
+        frames.push(json!({ "file_path": name, "transform_matrix": matrix }));
+    }
+    let (focal, center) = (lens.focal, lens.center);
+    let transforms = json!({ "w": 32, "h": 24, "fl_x": focal.x, "fl_y": focal.y, "cx": center.x, "cy": center.y,
+                             "frames": frames });
+    fs::write(dataset.join("transforms.json"), transforms.to_string()).unwrap();
+    (dataset, file)
+}
+
+fn text(path: &Path) -> &str {
+    path.to_str().unwrap()
+}
+
+/// A short training from few random points, on the processor.
+fn small<'a>(dataset: &'a Path, output: &'a Path) -> Vec<&'a str> {
+    let words = ["-i", "40", "-n", "300", "--policy", "percentile", "--sh-degree", "1", "--seed", "7", "--backend", "cpu"];
+    [&["train", text(dataset), "-o", text(output)], &words[..]].concat()
+}
+
+#[test]
+fn photographs_become_a_scene_and_a_summary() {
+    let place = folder();
+    let (dataset, _) = photographed(place.path());
+    let output = place.path().join("made/on/demand");
+    let run = gs(small(&dataset, &output).into_iter().chain(["--holdout", "4", "--json"]));
+    assert!(run.stderr.contains("training on 6 of 8 views") && run.stderr.contains("random points"), "{}", run.stderr);
+    let summary = run.json();
+    for (key, expected) in [("iterations", 40), ("train_views", 6), ("test_views", 2), ("seed", 7)] {
+        assert_eq!(summary[key], expected, "{key} of {summary}");
+    }
+    assert!(summary["gaussians"].as_u64().is_some_and(|count| (1..=300).contains(&count)), "{summary}");
+    assert_eq!(summary["evaluation"]["views"].as_array().unwrap().len(), 2);
+    assert!(summary["evaluation"]["psnr"].as_f64().unwrap() > 12.0, "{summary}");
+    let expected =
+        ["curve.png", "evaluation.json", "metrics.csv", "scene.ply", "settings.toml", "summary.json", "views"];
+    assert_eq!(names_in(&output), expected);
+    assert_eq!(names_in(&output.join("views")), ["0.png", "4.png"]);
+    assert_eq!(gs_io::read_image(output.join("views/0.png")).unwrap().image.size(), (68, 24));
+    let evaluation: Value = serde_json::from_slice(&fs::read(output.join("evaluation.json")).unwrap()).unwrap();
+    assert_eq!(evaluation, summary["evaluation"]);
+    let metrics = fs::read_to_string(output.join("metrics.csv")).unwrap();
+    assert!(metrics.lines().next_back().unwrap().starts_with("40,"), "{metrics}");
+    let read = gs_io::read_spatial(output.join("scene.ply")).unwrap().scene;
+    assert_eq!((read.len() as u64, read.sh_degree), (summary["gaussians"].as_u64().unwrap(), 1));
+
+    // What it wrote can be judged, and the same settings give the same scene.
+    let again = place.path().join("again");
+    let settings = output.join("settings.toml");
+    let words = ["train", text(&dataset), "-o", text(&again), "--holdout", "4", "--settings", text(&settings)];
+    gs(words.into_iter().chain(["--no-report"])).done();
+    assert_eq!(fs::read(again.join("scene.ply")).unwrap(), fs::read(output.join("scene.ply")).unwrap());
+    assert!(!names_in(&again).contains(&"views".to_owned()));
+    let scene = output.join("scene.ply");
+    let judged = gs(["eval", text(&scene), text(&dataset), "--holdout", "4", "--json"]).json();
+    let difference = judged["psnr"].as_f64().unwrap() - evaluation["psnr"].as_f64().unwrap();
+    assert!(difference.abs() < 1e-3, "{judged} {evaluation}");
+}
+
+#[test]
+fn a_stopped_training_goes_on_to_the_same_scene() {
+    let place = folder();
+    let (dataset, _) = photographed(place.path());
+    let [whole, half, rest] = ["whole", "half", "rest"].map(|name| place.path().join(name));
+    let checkpoint = place.path().join("state");
+    let storing = ["--checkpoint", text(&checkpoint), "--checkpoint-every", "25"];
+    gs(small(&dataset, &half).into_iter().chain(storing)).done();
+    gs(small(&dataset, &whole)).done();
+    let words = ["train", text(&dataset), "-o", text(&rest), "--resume", text(&checkpoint), "--backend", "cpu"];
+    let run = gs(words).done();
+    assert!(run.stderr.contains("from step 25 of"), "{}", run.stderr);
+    assert_eq!(fs::read(rest.join("scene.ply")).unwrap(), fs::read(whole.join("scene.ply")).unwrap());
+    let refused = gs(words.into_iter().chain(["--holdout", "3"]));
+    assert!(refused.refusal().contains("give the same data set"), "{refused:?}");
+    let refused = gs(words.into_iter().chain(["--seed", "3"]));
+    assert_eq!(refused.status, Some(2), "{refused:?}");
+}
+
+#[cfg(unix)]
+#[test]
+fn ctrl_c_saves_a_checkpoint_and_what_there_is() {
+    let place = folder();
+    let (dataset, _) = photographed(place.path());
+    let output = place.path().join("out");
+    let words = ["train", text(&dataset), "-o", text(&output), "-i", "1000000", "-n", "300", "--no-report"];
+    let child = command().args(words).args(["--start", "random", "-v"]).stderr(Stdio::piped()).spawn().unwrap();
+    // It steps as soon as its folder is there.
+    while !output.exists() {
+        std::thread::sleep(std::time::Duration::from_millis(20));
+    }
+    std::thread::sleep(std::time::Duration::from_millis(500));
+    std::process::Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
+    let ended = child.wait_with_output().unwrap();
+    let said = String::from_utf8(ended.stderr).unwrap();
+    assert_eq!(ended.status.code(), Some(130), "{said}");
+    assert!(said.contains("to go on: gs train ") && said.contains("--resume "), "{said}");
+    assert!(gs_io::read_checkpoint(output.join("checkpoint.safetensors")).is_ok());
+    assert!(output.join("scene.ply").exists());
+}
+
+#[test]
+fn a_scene_is_shown_from_views_orbits_and_paths() {
+    let place = folder();
+    let (dataset, scene) = photographed(place.path());
+    let at = |name: &str| place.path().join(name);
+    let size = |path: &Path| gs_io::read_image(path).unwrap().image.size();
+
+    let view = format!("{}:images/3.png", text(&dataset));
+    let picture = at("view.png");
+    gs(["render", text(&scene), "-o", text(&picture), "--camera", &view]).done();
+    let (rendered, photograph) = (gs_io::read_image(&picture).unwrap(), dataset.join("images/3.png"));
+    let difference = gs_core::metrics::psnr(&rendered.image, &gs_io::read_image(photograph).unwrap().image).unwrap();
+    assert!(difference > 50.0, "the true scene looks like its photograph: {difference} dB");
+    let short = format!("{}:3", text(&dataset));
+    gs(["render", text(&scene), "-o", text(&picture), "--camera", &short, "--size", "64x48"]).done();
+    assert_eq!(size(&picture), (64, 48));
+
+    let overview = at("overview.png");
+    gs(["render", text(&scene), "-o", text(&overview), "--size", "40x30", "--up", "z", "--background", "white"]).done();
+    let seen = gs_io::read_image(&overview).unwrap().image;
+    assert!(seen.pixels().iter().any(|p| p[0] < 0.5) && seen.pixel(0, 0) == [1.0; 3], "something, before white");
+
+    let frames = at("frames");
+    gs(["render", text(&scene), "-o", text(&frames), "--orbit", "3", "--camera", &view]).done();
+    assert_eq!(names_in(&frames), ["frame-00000.png", "frame-00001.png", "frame-00002.png"]);
+    let animation = at("turn.apng");
+    gs(["render", text(&scene), "-o", text(&animation), "--orbit", "4", "--size", "20x20"]).done();
+    assert_eq!(size(&animation), (20, 20));
+    let path = at("path.json");
+    let keys = json!([{ "position": [0, -4, 0], "target": [0, 0, 0] }, { "position": [4, 0, 0], "target": [0, 0, 0] }]);
+    let flight = json!({ "width": 16, "height": 12, "fov": 50, "up": [0, 0, 1], "frames": 2, "keys": keys });
+    fs::write(&path, flight.to_string()).unwrap();
+    let flown = at("flown");
+    gs(["render", text(&scene), "-o", text(&flown), "--path", text(&path)]).done();
+    assert_eq!(size(&flown.join("frame-00001.png")), (16, 12));
+}
+
+#[test]
+fn what_cannot_be_shown_or_trained_is_refused_in_one_line() {
+    let place = folder();
+    let (dataset, scene) = photographed(place.path());
+    let out = place.path().join("out.png");
+    let (scene, out, dataset) = (text(&scene), text(&out), text(&dataset));
+    let path = place.path().join("path.json");
+    fs::write(&path, "{ \"width\": 8 }").unwrap();
+    let nobody = format!("{dataset}:nobody");
+    for (words, expected) in [
+        (&["render", scene, "-o", out, "--camera", &nobody][..], "its views are images/0.png"),
+        (&["render", scene, "-o", out, "--camera", "nowhere"], "DATASET:VIEW"),
+        (&["render", scene, "-o", out, "--orbit", "3"], "one PNG cannot hold 3 frames"),
+        (&["render", scene, "-o", out, "--path", text(&path)], "path.json"),
+        (&["render", scene, "-o", out, "--region", "0,0,4,4"], "--region is for the scene of an image"),
+        (&["render", scene, "-o", out, "--up", "w"], "write x, y, z"),
+        (&["train", dataset, "-o", out, "--policy", "residual"], "policy is `residual`"),
+        (&["train", dataset, "-o", out, "--start", "points"], "the data set has no points"),
+        (&["train", dataset, "-o", out, "--coarse", "3"], "2, 4 or 8"),
+        (&["train", scene, "-o", out], "true.ply"),
+        (&["train", dataset, "-o", out, "--backend", "wgpu", "--simd", "avx2"], "leave out one of the two"),
+        (&["eval", dataset, dataset], "photographs"),
+    ] {
+        let run = gs(words.iter().copied());
+        assert!(run.refusal().contains(expected), "{words:?}: {run:?}");
+        assert!(!Path::new(out).exists(), "{words:?}");
+    }
+}

@@ -1,0 +1,261 @@
+//! From what a data set says to views that can be used: finds the photographs, fits the intrinsics to their real size, splits, and
+//! counts what must be left out. The one path for every kind of data set.
+
+use std::{
+    collections::{BTreeMap, HashSet},
+    path::{Path, PathBuf},
+};
+
+use glam::{DVec2, dvec2};
+use gs_core::{Camera, constants::NEAR_WORLD};
+
+use super::{
+    Dataset, DatasetKind, DatasetSettings, Distortion, Lens, Point, Remark, Skip, SourceCamera, Split, View,
+    place::Place, pose::Pose,
+};
+use crate::{
+    error::Error,
+    image::{ImageSize, Orientation, image_size},
+};
+
+/// A view as the data set has it.
+#[derive(Debug, Clone)]
+pub(super) struct Draft {
+    pub(super) name: String,
+    /// The photograph, below the image folder; `None` where the name leads nowhere.
+    pub(super) file: Option<PathBuf>,
+    pub(super) mask: Option<PathBuf>,
+    pub(super) intrinsics: Result<Intrinsics, Skip>,
+    pub(super) pose: Option<Pose>,
+    /// `None` where the data set says nothing.
+    pub(super) split: Option<Split>,
+}
+
+/// A camera as it was calibrated.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Intrinsics {
+    pub(super) focal: Focal,
+    /// px; the middle where it is not said.
+    pub(super) center: Option<DVec2>,
+    /// Columns and rows of the calibration, px; those of the photograph where it is not said.
+    pub(super) size: Option<DVec2>,
+    pub(super) distortion: Distortion,
+}
+
+impl Intrinsics {
+    /// The camera of a photograph of `width` × `height` px, where the calibration was made at `calibrated` px.
+    pub(super) fn source(&self, calibrated: DVec2, (width, height): (u32, u32), lens: Lens) -> SourceCamera {
+        let scale = dvec2(f64::from(width), f64::from(height)) / calibrated;
+        let focal = match self.focal {
+            Focal::Lengths(focal) => focal,
+            Focal::Angles(x, None) => DVec2::splat(0.5 * calibrated.x / (0.5 * x).tan()),
+            Focal::Angles(x, Some(y)) => 0.5 * calibrated / dvec2((0.5 * x).tan(), (0.5 * y).tan()),
+        };
+        let center = self.center.unwrap_or(0.5 * calibrated) * scale;
+        SourceCamera { width, height, focal: focal * scale, center, lens }
+    }
+}
+
+/// How wide a camera looks.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Focal {
+    /// Focal lengths, px.
+    Lengths(DVec2),
+    /// Angles from side to side and from top to bottom, rad; without the second, pixels are square.
+    Angles(f64, Option<f64>),
+}
+
+/// Whether an image shows what one of another size shows: equal but for rounding the sides to whole pixels.
+pub(super) fn same_shape((width, height): (u32, u32), (other_width, other_height): (f64, f64)) -> bool {
+    let (width, height) = (f64::from(width), f64::from(height));
+    // (w + a)·H = (h + b)·W with |a|, |b| < 1. NaN fails.
+    (width * other_height - height * other_width).abs() < other_width + other_height
+}
+
+/// What the readers of the different kinds hand over.
+#[derive(Debug)]
+pub(super) struct Parts<'a> {
+    pub(super) kind: DatasetKind,
+    pub(super) root: &'a Path,
+    pub(super) drafts: Vec<Draft>,
+    pub(super) points: Vec<Point>,
+    /// Where photographs may be; the first place in which there is one is taken.
+    pub(super) places: Vec<Place>,
+    pub(super) remarks: Vec<Remark>,
+}
+
+/// Makes the data set.
+///
+/// # Errors
+/// [`Error::NoViews`].
+pub(super) fn assemble(parts: Parts<'_>, settings: &DatasetSettings) -> Result<Dataset, Error> {
+    let Parts { kind, root, mut drafts, mut points, places, mut remarks } = parts;
+    let found = drafts.len();
+    let has =
+        |place: &Place| drafts.iter().filter_map(|draft| draft.file.as_ref()).any(|file| place.find(file).is_some());
+    let place = places.iter().find(|place| has(place));
+    let mut tally = Tally::default();
+    let mut names = HashSet::new();
+    // Of two views of one name the first in the file stays.
+    drafts.retain(|draft| {
+        let first = names.insert(draft.name.clone());
+        if !first {
+            tally.skip(&draft.name, Skip::SameName);
+        }
+        first
+    });
+    drafts.sort_by(|a, b| a.name.cmp(&b.name));
+    let mut lenses = Lenses::default();
+    let (mut views, mut stored_splits) = (Vec::new(), Vec::new());
+    for draft in &drafts {
+        match make_view(draft, place, settings, &mut lenses) {
+            Ok((view, calibrated)) => {
+                tally.count(&view, calibrated);
+                views.push(view);
+                stored_splits.push(draft.split);
+            }
+            Err(why) => tally.skip(&draft.name, why),
+        }
+    }
+    if views.is_empty() {
+        let mut skipped: Vec<String> = tally.remarks().iter().map(ToString::to_string).collect();
+        if found == 0 {
+            skipped.push("it lists none".to_owned());
+        }
+        return Err(Error::NoViews { path: root.to_owned(), kind: kind.name(), found, skipped });
+    }
+    remarks.extend(tally.remarks());
+    let listed = points.len();
+    points.retain(|point| point.position.is_finite() && point.color.iter().all(|c| c.is_finite()));
+    if points.len() < listed {
+        remarks.push(Remark::PointsNotFinite { count: listed - points.len() });
+    }
+    if points.is_empty() && !remarks.iter().any(|remark| matches!(remark, Remark::PointsMissing { .. })) {
+        remarks.push(Remark::NoPoints);
+    }
+    split(&mut views, &stored_splits, settings, &mut remarks);
+    Ok(Dataset { kind, root: root.to_owned(), views, points, remarks })
+}
+
+/// As the data set says; where it holds nothing out, by the settings.
+fn split(views: &mut [View], stored: &[Option<Split>], settings: &DatasetSettings, remarks: &mut Vec<Remark>) {
+    let stored_holds_out = stored.iter().any(|split| split.is_some_and(|split| split != Split::Train));
+    for (i, view) in views.iter_mut().enumerate() {
+        view.split = match (stored_holds_out, settings.test_every) {
+            (true, _) => stored[i].unwrap_or(Split::Train),
+            (false, Some(every)) if i.is_multiple_of(every.get() as usize) => Split::Test,
+            (false, _) => Split::Train,
+        };
+    }
+    if views.iter().all(|view| view.split != Split::Train) {
+        views.iter_mut().for_each(|view| view.split = Split::Train);
+        remarks.push(Remark::NothingHeldOut);
+    }
+}
+
+/// A view with a photograph that fits its camera, and (columns, rows) of the camera's calibration.
+fn make_view(
+    draft: &Draft,
+    place: Option<&Place>,
+    settings: &DatasetSettings,
+    lenses: &mut Lenses,
+) -> Result<(View, (u64, u64)), Skip> {
+    let intrinsics = draft.intrinsics?;
+    let pose = draft.pose.ok_or(Skip::BadPose)?;
+    let (place, file) = place.zip(draft.file.as_ref()).ok_or(Skip::NoImage)?;
+    let image = place.find(file).ok_or(Skip::NoImage)?;
+    let sizes = image_size(&image).map_err(|_| Skip::BadImage)?;
+    let (orientation, (width, height), calibrated) = fit(&intrinsics, sizes, place.shrunk)?;
+    let lens = lenses.get(intrinsics.distortion).ok_or(Skip::BadCamera)?;
+    let source = intrinsics.source(calibrated, (width, height), lens);
+    // Before anything is made of it.
+    camera(&source, &pose)?;
+    let camera = camera(&source.pinhole(), &pose)?;
+    let (name, mask, alpha) = (draft.name.clone(), draft.mask.clone(), settings.alpha);
+    let view = View { name, camera, source, image, orientation, mask, alpha, split: Split::Train };
+    Ok((view, (calibrated.x.round() as u64, calibrated.y.round() as u64)))
+}
+
+fn camera(pinhole: &SourceCamera, pose: &Pose) -> Result<Camera, Skip> {
+    let camera = Camera {
+        rotation: pose.rotation.as_mat3(),
+        translation: pose.translation.as_vec3(),
+        focal: pinhole.focal.as_vec2(),
+        center: pinhole.center.as_vec2(),
+        width: pinhole.width,
+        height: pinhole.height,
+        near: NEAR_WORLD,
+    };
+    camera.validate().map(|()| camera).map_err(|_| Skip::BadCamera)
+}
+
+/// Which way up a photograph fits its camera, its size that way up, and the size of the camera's calibration.
+fn fit(intrinsics: &Intrinsics, sizes: ImageSize, shrunk: f64) -> Result<(Orientation, (u32, u32), DVec2), Skip> {
+    let ways = [(Orientation::AsStored, sizes.stored), (Orientation::Exif, sizes.upright)];
+    let Some(size) = intrinsics.size else {
+        let (width, height) = sizes.stored;
+        return Ok((Orientation::AsStored, sizes.stored, dvec2(f64::from(width), f64::from(height)) * shrunk));
+    };
+    if !(size.min_element() >= 1.0) || !size.is_finite() {
+        return Err(Skip::BadCamera);
+    }
+    let equal = |(width, height): (u32, u32)| dvec2(f64::from(width), f64::from(height)) == size;
+    let similar = |side: (u32, u32)| same_shape(side, (size.x, size.y));
+    let way = ways.iter().find(|(_, side)| equal(*side)).or_else(|| ways.iter().find(|(_, side)| similar(*side)));
+    way.map(|&(orientation, side)| (orientation, side, size)).ok_or(Skip::OtherShape)
+}
+
+/// Lenses of the cameras so far: neighbours share theirs, and to look for folds takes a millisecond.
+#[derive(Default)]
+struct Lenses(Option<(Distortion, Option<Lens>)>);
+
+impl Lenses {
+    fn get(&mut self, distortion: Distortion) -> Option<Lens> {
+        match self.0 {
+            Some((last, lens)) if last == distortion => lens,
+            _ => {
+                let lens = Lens::new(distortion);
+                self.0 = Some((distortion, lens));
+                lens
+            }
+        }
+    }
+}
+
+/// Counts what is left out, scaled and undistorted.
+#[derive(Default)]
+struct Tally {
+    skipped: BTreeMap<Skip, (usize, String)>,
+    scaled: Option<Remark>,
+    bent: BTreeMap<&'static str, usize>,
+}
+
+impl Tally {
+    /// A view that is left out.
+    fn skip(&mut self, name: &str, why: Skip) {
+        self.skipped.entry(why).or_insert_with(|| (0, name.to_owned())).0 += 1;
+    }
+
+    /// A view that stays, whose camera was calibrated at this size.
+    fn count(&mut self, view: &View, calibrated: (u64, u64)) {
+        let SourceCamera { width, height, lens, .. } = view.source;
+        if !lens.is_pinhole() {
+            *self.bent.entry(lens.distortion().name()).or_default() += 1;
+        }
+        if calibrated != (u64::from(width), u64::from(height)) {
+            match &mut self.scaled {
+                Some(Remark::Scaled { count, .. }) => *count += 1,
+                _ => self.scaled = Some(Remark::Scaled { count: 1, from: calibrated, to: (width, height) }),
+            }
+        }
+    }
+
+    fn remarks(&self) -> Vec<Remark> {
+        let skipped = self.skipped.iter().map(|(&why, (count, first))| {
+            let (count, first) = (*count, first.clone());
+            Remark::Skipped { why, count, first }
+        });
+        let bent = self.bent.iter().map(|(&lens, &count)| Remark::Undistorted { count, lens });
+        skipped.chain(self.scaled.clone()).chain(bent).collect()
+    }
+}

@@ -1,0 +1,190 @@
+//! COLMAP's camera models: number, name, how many parameters in which order, and what they mean.
+//!
+//! *Source:* COLMAP's documentation ("Camera Models") and `sensor/models`, as of version 4.
+
+use glam::{DVec2, dvec2};
+
+use crate::dataset::{
+    AriaFisheye, BrownConrady, Distortion, Fisheye, Skip,
+    assemble::{Focal, Intrinsics},
+};
+
+/// A camera model of COLMAP; the discriminant is its number in binary files.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[repr(u8)]
+#[allow(missing_docs, reason = "the names are COLMAP's, and their parameters stand in `parameter_names`")]
+pub enum CameraModel {
+    SimplePinhole,
+    Pinhole,
+    SimpleRadial,
+    Radial,
+    OpenCv,
+    OpenCvFisheye,
+    FullOpenCv,
+    Fov,
+    SimpleRadialFisheye,
+    RadialFisheye,
+    ThinPrismFisheye,
+    RadTanThinPrismFisheye,
+    SimpleDivision,
+    Division,
+    SimpleFisheye,
+    Fisheye,
+    Eucm,
+    Equirectangular,
+}
+
+use CameraModel as M;
+
+impl CameraModel {
+    /// All of them, in the order of their numbers.
+    pub const ALL: [Self; 18] = [
+        M::SimplePinhole,
+        M::Pinhole,
+        M::SimpleRadial,
+        M::Radial,
+        M::OpenCv,
+        M::OpenCvFisheye,
+        M::FullOpenCv,
+        M::Fov,
+        M::SimpleRadialFisheye,
+        M::RadialFisheye,
+        M::ThinPrismFisheye,
+        M::RadTanThinPrismFisheye,
+        M::SimpleDivision,
+        M::Division,
+        M::SimpleFisheye,
+        M::Fisheye,
+        M::Eucm,
+        M::Equirectangular,
+    ];
+
+    /// The name in text files.
+    pub fn name(self) -> &'static str {
+        match self {
+            M::SimplePinhole => "SIMPLE_PINHOLE",
+            M::Pinhole => "PINHOLE",
+            M::SimpleRadial => "SIMPLE_RADIAL",
+            M::Radial => "RADIAL",
+            M::OpenCv => "OPENCV",
+            M::OpenCvFisheye => "OPENCV_FISHEYE",
+            M::FullOpenCv => "FULL_OPENCV",
+            M::Fov => "FOV",
+            M::SimpleRadialFisheye => "SIMPLE_RADIAL_FISHEYE",
+            M::RadialFisheye => "RADIAL_FISHEYE",
+            M::ThinPrismFisheye => "THIN_PRISM_FISHEYE",
+            M::RadTanThinPrismFisheye => "RAD_TAN_THIN_PRISM_FISHEYE",
+            M::SimpleDivision => "SIMPLE_DIVISION",
+            M::Division => "DIVISION",
+            M::SimpleFisheye => "SIMPLE_FISHEYE",
+            M::Fisheye => "FISHEYE",
+            M::Eucm => "EUCM",
+            M::Equirectangular => "EQUIRECTANGULAR",
+        }
+    }
+
+    /// The number in binary files.
+    pub fn id(self) -> u32 {
+        self as u32
+    }
+
+    /// The model of a number; `None` where there is none.
+    pub fn from_id(id: u32) -> Option<Self> {
+        Self::ALL.get(id as usize).copied()
+    }
+
+    /// The model of a name; `None` where there is none.
+    pub fn from_name(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|model| model.name() == name)
+    }
+
+    /// The parameters in their order: focal lengths and principal point in px, coefficients without unit.
+    pub fn parameter_names(self) -> &'static [&'static str] {
+        match self {
+            M::SimplePinhole | M::SimpleFisheye => &["f", "cx", "cy"],
+            M::Pinhole | M::Fisheye => &["fx", "fy", "cx", "cy"],
+            M::SimpleRadial | M::SimpleRadialFisheye | M::SimpleDivision => &["f", "cx", "cy", "k"],
+            M::Radial | M::RadialFisheye => &["f", "cx", "cy", "k1", "k2"],
+            M::OpenCv => &["fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2"],
+            M::OpenCvFisheye => &["fx", "fy", "cx", "cy", "k1", "k2", "k3", "k4"],
+            M::FullOpenCv => &["fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"],
+            M::Fov => &["fx", "fy", "cx", "cy", "omega"],
+            M::ThinPrismFisheye => &["fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3", "k4", "sx1", "sy1"],
+            M::RadTanThinPrismFisheye => {
+                &["fx", "fy", "cx", "cy", "k0", "k1", "k2", "k3", "k4", "k5", "p0", "p1", "s0", "s1", "s2", "s3"]
+            }
+            M::Division => &["fx", "fy", "cx", "cy", "k"],
+            M::Eucm => &["fx", "fy", "cx", "cy", "alpha", "beta"],
+            M::Equirectangular => &["w", "h"],
+        }
+    }
+
+    /// What the parameters say of a camera of `size` px.
+    pub(in crate::dataset) fn intrinsics(self, parameters: &[f64], size: DVec2) -> Result<Intrinsics, Skip> {
+        if parameters.len() != self.parameter_names().len() {
+            return Err(Skip::BadCamera);
+        }
+        let (focal, center, rest) = match (self.parameter_names()[0], parameters) {
+            ("f", &[f, cx, cy, ref rest @ ..]) => (DVec2::splat(f), dvec2(cx, cy), rest),
+            ("fx", &[fx, fy, cx, cy, ref rest @ ..]) => (dvec2(fx, fy), dvec2(cx, cy), rest),
+            _ => return Err(Skip::Panorama),
+        };
+        let distortion = self.distortion(rest).ok_or(Skip::BadCamera)?;
+        Ok(Intrinsics { focal: Focal::Lengths(focal), center: Some(center), size: Some(size), distortion })
+    }
+
+    /// What follows focal lengths and principal point; `None` where there are too many or too few.
+    fn distortion(self, coefficients: &[f64]) -> Option<Distortion> {
+        let brown = |radial: [f64; 3], divisor: [f64; 3], tangential: [f64; 2]| {
+            let [k1, k2, k3] = radial;
+            let lens = BrownConrady { radial: [k1, k2, k3, 0.0], divisor, tangential };
+            if lens == BrownConrady::default() { Distortion::None } else { Distortion::BrownConrady(lens) }
+        };
+        let fisheye = |radial, tangential, prism| Distortion::Fisheye(Fisheye { radial, tangential, prism });
+        let (none2, none3) = ([0.0; 2], [0.0; 3]);
+        Some(match (self, coefficients) {
+            (M::SimplePinhole | M::Pinhole, []) => Distortion::None,
+            (M::SimpleRadial, &[k]) => brown([k, 0.0, 0.0], none3, none2),
+            (M::Radial, &[k1, k2]) => brown([k1, k2, 0.0], none3, none2),
+            (M::OpenCv, &[k1, k2, p1, p2]) => brown([k1, k2, 0.0], none3, [p1, p2]),
+            (M::FullOpenCv, &[k1, k2, p1, p2, k3, k4, k5, k6]) => brown([k1, k2, k3], [k4, k5, k6], [p1, p2]),
+            (M::SimpleFisheye | M::Fisheye, []) => fisheye([0.0; 4], none2, none2),
+            (M::SimpleRadialFisheye, &[k]) => fisheye([k, 0.0, 0.0, 0.0], none2, none2),
+            (M::RadialFisheye, &[k1, k2]) => fisheye([k1, k2, 0.0, 0.0], none2, none2),
+            (M::OpenCvFisheye, &[k1, k2, k3, k4]) => fisheye([k1, k2, k3, k4], none2, none2),
+            (M::ThinPrismFisheye, &[k1, k2, p1, p2, k3, k4, s1, s2]) => fisheye([k1, k2, k3, k4], [p1, p2], [s1, s2]),
+            (M::RadTanThinPrismFisheye, &[k0, k1, k2, k3, k4, k5, p0, p1, s0, s1, s2, s3]) => {
+                let (radial, prism) = ([k0, k1, k2, k3, k4, k5], [s0, s1, s2, s3]);
+                Distortion::AriaFisheye(AriaFisheye { radial, tangential: [p1, p0], prism })
+            }
+            (M::SimpleDivision | M::Division, &[0.0]) | (M::Fov, &[0.0]) => Distortion::None,
+            (M::SimpleDivision | M::Division, &[k]) => Distortion::Division { k },
+            (M::Fov, &[omega]) => Distortion::FieldOfView { omega },
+            (M::Eucm, &[0.0, _]) => Distortion::None,
+            (M::Eucm, &[alpha, beta]) => Distortion::EnhancedUnified { alpha, beta },
+            _ => return None,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_names_and_parameters_belong_together() {
+        for (id, model) in (0..).zip(CameraModel::ALL) {
+            assert_eq!((model.id(), CameraModel::from_id(id)), (id, Some(model)));
+            assert_eq!(CameraModel::from_name(model.name()), Some(model));
+            let parameters = vec![0.5; model.parameter_names().len()];
+            let made = model.intrinsics(&parameters, DVec2::ONE);
+            match model {
+                CameraModel::Equirectangular => assert_eq!(made, Err(Skip::Panorama)),
+                _ => assert!(made.is_ok(), "{model:?}"),
+            }
+            assert_eq!(model.intrinsics(&parameters[1..], DVec2::ONE), Err(Skip::BadCamera), "{model:?}");
+        }
+        assert_eq!(CameraModel::from_id(18), None);
+        assert_eq!(CameraModel::from_name("opencv"), None);
+    }
+}

@@ -1,0 +1,210 @@
+//! COLMAP's sparse models: cameras, images and points, as the files have them, and the data set that is made of them.
+//!
+//! *Source:* COLMAP's documentation ("Output Format"). `rigs` and `frames`, which newer versions add, say nothing that the images' own
+//! poses do not; they are not read.
+
+mod binary;
+mod camera_model;
+mod text;
+
+use std::{
+    collections::BTreeMap,
+    fs,
+    path::{Path, PathBuf},
+};
+
+use glam::{DQuat, DVec2, DVec3, dvec2};
+
+pub use self::camera_model::CameraModel;
+use super::{
+    Dataset, DatasetKind, DatasetSettings, Lens, Point, Remark, Skip, SourceCamera,
+    assemble::{Draft, Parts, assemble},
+    place::{IMAGE_FOLDERS, NamePart, Place, find_image, stays_below},
+    pose::Pose,
+    read_file,
+};
+use crate::error::Error;
+
+/// Where masks are looked for: `masks/NAME.png` for the photograph `images/NAME`, as COLMAP has it.
+const MASK_FOLDER: &str = "masks";
+
+/// The number of no point.
+const NO_POINT: u64 = u64::MAX;
+
+/// A sparse model, as its files have it: nothing is checked but their form.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct ColmapModel {
+    /// Cameras by number.
+    pub cameras: BTreeMap<u32, ColmapCamera>,
+    /// Registered images, in the order of the file.
+    pub images: Vec<ColmapImage>,
+    /// Points, in the order of the file.
+    pub points: Vec<ColmapPoint>,
+}
+
+/// A camera: what several images may share.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ColmapCamera {
+    /// The model, which says what the parameters are.
+    pub model: CameraModel,
+    /// Columns of its images, px.
+    pub width: u64,
+    /// Rows of its images, px.
+    pub height: u64,
+    /// As [`CameraModel::parameter_names`] lists them.
+    pub parameters: Vec<f64>,
+}
+
+impl ColmapCamera {
+    /// The camera of its images at full size.
+    ///
+    /// # Errors
+    /// Why there is none: [`Skip::BadCamera`] or [`Skip::Panorama`].
+    pub fn source(&self) -> Result<SourceCamera, Skip> {
+        let size = dvec2(self.width as f64, self.height as f64);
+        let intrinsics = self.model.intrinsics(&self.parameters, size)?;
+        let lens = Lens::new(intrinsics.distortion).ok_or(Skip::BadCamera)?;
+        let sides = u32::try_from(self.width).ok().zip(u32::try_from(self.height).ok()).ok_or(Skip::BadCamera)?;
+        let source = intrinsics.source(size, sides, lens);
+        let possible = source.focal.is_finite() && source.focal.min_element() > 0.0 && source.center.is_finite();
+        possible.then_some(source).ok_or(Skip::BadCamera)
+    }
+}
+
+/// A registered image.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ColmapImage {
+    /// Its number.
+    pub id: u32,
+    /// World-to-camera rotation, not normalised.
+    pub rotation: DQuat,
+    /// World-to-camera translation, world units.
+    pub translation: DVec3,
+    /// The number of its camera.
+    pub camera_id: u32,
+    /// Its path below the image folder.
+    pub name: String,
+    /// Its keypoints.
+    pub observations: Vec<Observation>,
+}
+
+/// A keypoint of an image.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Observation {
+    /// px of the distorted image from its top-left corner; pixel (i, j) has its centre at (i + ½, j + ½).
+    pub position: DVec2,
+    /// The number of the point that it shows, if it was triangulated.
+    pub point: Option<u64>,
+}
+
+/// A triangulated point.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ColmapPoint {
+    /// Its number.
+    pub id: u64,
+    /// World units.
+    pub position: DVec3,
+    /// RGB.
+    pub color: [u8; 3],
+    /// Mean reprojection error, px; −1 where COLMAP did not compute it.
+    pub error: f64,
+}
+
+impl ColmapModel {
+    /// Reads the model in a folder: the binary files where there is a `cameras.bin`, else the text files. A model without a file of points
+    /// has none.
+    ///
+    /// # Errors
+    /// [`Error::Missing`] or [`Error::Read`]; those of [`Self::from_binary`] or [`Self::from_text`].
+    pub fn read(folder: &Path) -> Result<Self, Error> {
+        let binary = folder.join("cameras.bin").is_file();
+        let extension = if binary { "bin" } else { "txt" };
+        let bytes = |name: &str| read_file(&folder.join(name).with_extension(extension));
+        let (cameras, images) = (bytes("cameras")?, bytes("images")?);
+        let points = match bytes("points3D") {
+            Err(Error::Missing { .. }) => None,
+            other => Some(other?),
+        };
+        let parse = if binary { Self::from_binary } else { Self::from_text };
+        parse(folder, &cameras, &images, points.as_deref())
+    }
+
+    /// The model that these bytes of `cameras.bin`, `images.bin` and `points3D.bin` hold; `folder` is for messages. No more memory is
+    /// taken than their lengths justify, whatever they count.
+    ///
+    /// # Errors
+    /// [`Error::Damaged`] where a file ends early or counts more than it can hold, [`Error::UnknownCameraModel`].
+    pub fn from_binary(folder: &Path, cameras: &[u8], images: &[u8], points: Option<&[u8]>) -> Result<Self, Error> {
+        let points = points.map(|bytes| binary::points(&folder.join("points3D.bin"), bytes)).transpose()?;
+        Ok(Self {
+            cameras: binary::cameras(&folder.join("cameras.bin"), cameras)?,
+            images: binary::images(&folder.join("images.bin"), images)?,
+            points: points.unwrap_or_default(),
+        })
+    }
+
+    /// The model that these bytes of `cameras.txt`, `images.txt` and `points3D.txt` hold; `folder` is for messages.
+    ///
+    /// # Errors
+    /// [`Error::DamagedLine`], [`Error::UnknownCameraModel`].
+    pub fn from_text(folder: &Path, cameras: &[u8], images: &[u8], points: Option<&[u8]>) -> Result<Self, Error> {
+        let points = points.map(|bytes| text::points(&folder.join("points3D.txt"), bytes)).transpose()?;
+        Ok(Self {
+            cameras: text::cameras(&folder.join("cameras.txt"), cameras)?,
+            images: text::images(&folder.join("images.txt"), images)?,
+            points: points.unwrap_or_default(),
+        })
+    }
+
+    fn draft(&self, masks: Option<&Path>, image: &ColmapImage) -> Draft {
+        let intrinsics = self.cameras.get(&image.camera_id).ok_or(Skip::NoCamera).and_then(|camera| {
+            let size = dvec2(camera.width as f64, camera.height as f64);
+            camera.model.intrinsics(&camera.parameters, size)
+        });
+        // A name that leads out of the data set names no photograph of it.
+        let file = Some(PathBuf::from(&image.name)).filter(|file| stays_below(file));
+        let mask = masks.zip(file.as_ref()).and_then(|(masks, file)| find_image(&masks.join(file)));
+        let pose = Pose::world_to_camera(image.rotation, image.translation);
+        Draft { name: image.name.clone(), file, mask, intrinsics, pose, split: None }
+    }
+}
+
+/// Points as the engine has them; what is not finite is left to be counted.
+pub(super) fn points_of(points: &[ColmapPoint]) -> impl Iterator<Item = Point> {
+    points
+        .iter()
+        .map(|point| Point { position: point.position.as_vec3(), color: point.color.map(|c| f32::from(c) / 255.0) })
+}
+
+/// Reads the data set at `root` whose model is in `folder`.
+///
+/// # Errors
+/// Those of [`ColmapModel::read`], [`Error::NoViews`], [`Error::Missing`] for an image folder that the settings name.
+pub(super) fn read(root: &Path, folder: &Path, settings: &DatasetSettings) -> Result<Dataset, Error> {
+    let model = ColmapModel::read(folder)?;
+    let places = match Place::chosen(root, settings, NamePart::Path)? {
+        Some(place) => vec![place],
+        None => IMAGE_FOLDERS.map(|name| Place::new(root, name, NamePart::Path)).into(),
+    };
+    let masks = Some(root.join(MASK_FOLDER)).filter(|masks| masks.is_dir());
+    let drafts = model.images.iter().map(|image| model.draft(masks.as_deref(), image)).collect();
+    let remarks = other_models(folder).into_iter().collect();
+    let points = points_of(&model.points).collect();
+    assemble(Parts { kind: DatasetKind::Colmap, root, drafts, points, places, remarks }, settings)
+}
+
+fn unknown_model(path: &Path, found: impl ToString) -> Error {
+    let known = CameraModel::ALL.map(CameraModel::name).join(", ");
+    Error::UnknownCameraModel { path: path.to_owned(), found: found.to_string(), known }
+}
+
+/// COLMAP numbers the parts of a scene that it could not connect: 0, 1, …
+fn other_models(folder: &Path) -> Option<Remark> {
+    if folder.file_name()? != "0" {
+        return None;
+    }
+    let siblings = fs::read_dir(folder.parent()?).ok()?.flatten();
+    let is_model = |name: &str| name != "0" && name.parse::<u32>().is_ok();
+    let count = siblings.filter(|entry| entry.file_name().to_str().is_some_and(is_model)).count();
+    (count > 0).then_some(Remark::OtherModels { count })
+}

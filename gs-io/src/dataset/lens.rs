@@ -1,0 +1,183 @@
+//! A lens that can be looked through both ways: its distortion, and how far from the axis that distortion is one-to-one.
+//!
+//! A polynomial that was fitted inside the picture goes wherever it likes outside: it turns round, and rays from far off the axis would
+//! fall into the picture a second time. The lens knows where that begins and images nothing beyond.
+
+use std::f64::consts::FRAC_PI_2;
+
+use glam::{DMat2, DVec2};
+
+use super::distortion::{Distortion, Plane};
+
+/// No ray further off the axis than this is looked at, rad (89°): a pinhole image would need an infinite plane for it.
+const MAX_ANGLE: f64 = FRAC_PI_2 * 89.0 / 90.0;
+
+/// Where the lens shrinks areas, relative to the middle, to less than this, it has folded or is about to: one pixel would be stretched
+/// over a hundred.
+const MIN_STRETCH: f64 = 0.01;
+
+/// Directions and angles at which the distortion is probed for folds.
+const PROBES: (u32, u32) = (16, 512);
+
+/// Halvings to find a fold, and to find a radius: to 1e-13 of the interval.
+const HALVINGS: u32 = 44;
+
+/// Newton's steps at most; quadratic convergence needs 3 to 6.
+const MAX_NEWTON_STEPS: u32 = 24;
+
+/// How near the inverse must come to its target, in normalised coordinates: 1e-7 px at a focal length of 10,000 px.
+const INVERSE_TOLERANCE: f64 = 1e-11;
+
+/// A [`Distortion`], restricted to where it is one-to-one.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Lens {
+    distortion: Distortion,
+    /// The radius in the distortion's plane up to which it is one-to-one.
+    limit: f64,
+}
+
+impl Default for Lens {
+    /// A pinhole.
+    fn default() -> Self {
+        Self { distortion: Distortion::None, limit: MAX_ANGLE.tan() }
+    }
+}
+
+impl Lens {
+    /// A lens of this distortion; `None` where its coefficients are not possible ([`Distortion::is_possible`]), or where it is not
+    /// one-to-one even around the axis.
+    pub fn new(distortion: Distortion) -> Option<Self> {
+        if !distortion.is_possible() {
+            return None;
+        }
+        let limit = match distortion.closed_inverse(DVec2::ZERO) {
+            // Those with a closed form grow all the way, but for a division that ends where 4kr² = 1.
+            Some(_) => match distortion {
+                Distortion::Division { k } if k > 0.0 => MAX_ANGLE.tan().min(0.5 / k.sqrt()),
+                _ => MAX_ANGLE.tan(),
+            },
+            None => fold(&distortion),
+        };
+        (limit > 0.0).then_some(Self { distortion, limit })
+    }
+
+    /// The distortion.
+    pub fn distortion(&self) -> &Distortion {
+        &self.distortion
+    }
+
+    /// Whether it bends no ray.
+    pub fn is_pinhole(&self) -> bool {
+        self.distortion == Distortion::None
+    }
+
+    /// The angle from the axis up to which the lens is used, rad: where it folds, or 89°.
+    pub fn max_angle(&self) -> f64 {
+        match self.distortion.plane() {
+            Plane::Tangent => self.limit.atan(),
+            Plane::Equidistant => self.limit,
+        }
+    }
+
+    /// Where the ray p = (X/Z, Y/Z) arrives, in normalised coordinates; `None` beyond [`Self::max_angle`].
+    pub fn distort(&self, p: DVec2) -> Option<DVec2> {
+        let p = match self.distortion.plane() {
+            Plane::Tangent => p,
+            Plane::Equidistant => {
+                let r = p.length();
+                if r < 1e-9 { p } else { p * (r.atan() / r) }
+            }
+        };
+        // Phrased so that NaN fails it.
+        if !(p.length_squared() <= self.limit * self.limit) {
+            return None;
+        }
+        let d = self.distortion.map(p);
+        d.is_finite().then_some(d)
+    }
+
+    /// The ray (X/Z, Y/Z) that arrives at `d`, the inverse of [`Self::distort`]; `None` where none does.
+    pub fn undistort(&self, d: DVec2) -> Option<DVec2> {
+        if !d.is_finite() {
+            return None;
+        }
+        let p = match self.distortion.closed_inverse(d) {
+            Some(p) => p?,
+            None => self.solve(d)?,
+        };
+        let r = p.length();
+        if !(r <= self.limit) {
+            return None;
+        }
+        match self.distortion.plane() {
+            Plane::Equidistant if r > 1e-9 => Some(p * (r.tan() / r)),
+            _ => Some(p),
+        }
+    }
+
+    /// The point of the distortion's plane that is mapped to `d`: along d's direction by halving, which is exact for a radial lens, then
+    /// by Newton's method for the rest.
+    fn solve(&self, d: DVec2) -> Option<DVec2> {
+        let radius = d.length();
+        if radius < 1e-14 {
+            return Some(d);
+        }
+        let direction = d / radius;
+        let (mut low, mut high) = (0.0, self.limit);
+        for _ in 0..HALVINGS {
+            let middle = 0.5 * (low + high);
+            if self.distortion.map(direction * middle).length() < radius { low = middle } else { high = middle }
+        }
+        let mut p = direction * (0.5 * (low + high));
+        for _ in 0..MAX_NEWTON_STEPS {
+            let error = self.distortion.map(p) - d;
+            if error.length() <= INVERSE_TOLERANCE {
+                return Some(p);
+            }
+            let step = jacobian(&self.distortion, p).inverse() * error;
+            if !step.is_finite() {
+                return None;
+            }
+            p = (p - step).clamp_length_max(self.limit);
+        }
+        let error = self.distortion.map(p) - d;
+        (error.length() <= 100.0 * INVERSE_TOLERANCE).then_some(p)
+    }
+}
+
+/// The radius at which the distortion first folds in some direction, or that of [`MAX_ANGLE`].
+fn fold(distortion: &Distortion) -> f64 {
+    let radius = |angle: f64| match distortion.plane() {
+        Plane::Tangent => angle.tan(),
+        Plane::Equidistant => angle,
+    };
+    let (directions, angles) = PROBES;
+    // Two negative stretches, behind a fold too narrow for the probes, have a positive product as well. NaN fails.
+    let unfolded = |direction: DVec2, angle: f64| {
+        let stretch = jacobian(distortion, direction * radius(angle));
+        stretch.determinant() > MIN_STRETCH && stretch.x_axis.x + stretch.y_axis.y > 0.0
+    };
+    let mut limit = MAX_ANGLE;
+    for k in 0..directions {
+        let direction = DVec2::from_angle(std::f64::consts::TAU * f64::from(k) / f64::from(directions));
+        let angle = |i: u32| MAX_ANGLE * f64::from(i) / f64::from(angles);
+        let Some(i) = (0..=angles).find(|&i| !unfolded(direction, angle(i))) else { continue };
+        if i == 0 {
+            return 0.0;
+        }
+        let (mut low, mut high) = (angle(i - 1), angle(i));
+        for _ in 0..HALVINGS {
+            let middle = 0.5 * (low + high);
+            if unfolded(direction, middle) { low = middle } else { high = middle }
+        }
+        limit = limit.min(low);
+    }
+    radius(limit)
+}
+
+/// ∂d/∂p by central differences.
+fn jacobian(distortion: &Distortion, p: DVec2) -> DMat2 {
+    let h = 1e-6 * (1.0 + p.length());
+    let along = |axis: DVec2| (distortion.map(p + axis * h) - distortion.map(p - axis * h)) / (2.0 * h);
+    DMat2::from_cols(along(DVec2::X), along(DVec2::Y))
+}

@@ -1,0 +1,85 @@
+//! Reading the photograph of a view: decoded, undistorted, masked; when it is asked for and not before.
+
+use gs_core::Image;
+
+use super::{AlphaMeaning, View, assemble::same_shape, resample::undistorted};
+use crate::{
+    error::Error,
+    image::{Orientation, composite, decode},
+};
+
+/// A photograph as a training step needs it: of the size of [`View::camera`], seen by a pinhole.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Photograph {
+    /// The colours as stored, not multiplied by alpha.
+    pub image: Image,
+    /// Opacity, 0 to 1, row-major `[height · width]`; `None` where the file has no alpha channel, or where alpha is a mask
+    /// ([`AlphaMeaning::Mask`]).
+    pub alpha: Option<Vec<f32>>,
+    /// Which pixels count, row-major `[height · width]`: not those that a mask blackens, nor those that the lens never saw. `None`
+    /// where all do.
+    pub mask: Option<Vec<bool>>,
+}
+
+impl Photograph {
+    /// The image over a background: c·α + background·(1 − α), in the stored values.
+    pub fn over(mut self, background: [f32; 3]) -> Image {
+        if let Some(alpha) = &self.alpha {
+            composite(&mut self.image, alpha, background);
+        }
+        self.image
+    }
+}
+
+impl View {
+    /// Reads the photograph, undistorts it where its lens is distorted, and applies the mask. Nothing is kept: reading twice decodes
+    /// twice. Views can be read in parallel.
+    ///
+    /// Undistorted pixels are interpolated by Catmull-Rom's cubic, between premultiplied colours where there is alpha, and never leave the
+    /// range of the pixels that they are made of.
+    ///
+    /// # Errors
+    /// Those of [`read_image_with`](crate::read_image_with), for the photograph and for its mask; [`Error::ImageShape`] where either
+    /// has another shape than when the data set was opened.
+    pub fn read_image(&self) -> Result<Photograph, Error> {
+        let decoded = decode(&self.image, self.orientation)?;
+        let expected = (self.source.width, self.source.height);
+        if decoded.image.size() != expected {
+            return Err(Error::image_shape(&self.image, decoded.image.size(), expected));
+        }
+        let mut mask = self.mask.is_some().then(|| self.read_mask()).transpose()?;
+        let alpha = match self.alpha {
+            AlphaMeaning::Opacity => decoded.alpha,
+            AlphaMeaning::Mask => {
+                if let Some(alpha) = decoded.alpha {
+                    let mask = mask.get_or_insert_with(|| vec![true; alpha.len()]);
+                    mask.iter_mut().zip(alpha).for_each(|(counts, alpha)| *counts &= alpha >= 0.5);
+                }
+                None
+            }
+        };
+        let photograph = Photograph { image: decoded.image, alpha, mask };
+        if self.source.lens.is_pinhole() {
+            return Ok(photograph);
+        }
+        undistorted(&photograph, &self.source, &self.camera).map_err(Error::content(&self.image))
+    }
+
+    /// The mask file, at the photograph's size: a pixel counts where it is lighter than mid-grey.
+    fn read_mask(&self) -> Result<Vec<bool>, Error> {
+        let Some(path) = &self.mask else { return Ok(Vec::new()) };
+        let mask = decode(path, Orientation::AsStored)?.image;
+        let (width, height) = (self.source.width, self.source.height);
+        if !same_shape(mask.size(), (f64::from(width), f64::from(height))) {
+            return Err(Error::image_shape(path, mask.size(), (width, height)));
+        }
+        let nearest = |i: u32, side: u32, mask_side: u32| {
+            (u64::from(2 * i + 1) * u64::from(mask_side) / u64::from(2 * side)) as u32
+        };
+        let counts = |x: u32, y: u32| {
+            let pixel = mask.pixel(nearest(x, width, mask.width()), nearest(y, height, mask.height()));
+            pixel.iter().sum::<f32>() >= 1.5
+        };
+        Ok((0..height).flat_map(|y| (0..width).map(move |x| (x, y))).map(|(x, y)| counts(x, y)).collect())
+    }
+}

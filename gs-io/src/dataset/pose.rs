@@ -1,0 +1,102 @@
+//! Where a camera stood: from the conventions of data sets to the engine's world-to-camera pose.
+
+use glam::{DMat3, DQuat, DVec3, dvec3};
+
+/// How far a matrix may be from a rotation, in any element of MᵀM − 1: text of six digits and `f32` arithmetic stay well below.
+const ROTATION_TOLERANCE: f64 = 1e-3;
+
+/// x_camera = rotation · x_world + translation; camera axes are right, down, forward.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Pose {
+    pub(super) rotation: DMat3,
+    pub(super) translation: DVec3,
+}
+
+impl Pose {
+    /// As COLMAP has it: world-to-camera, the quaternion of any length but 0. `None` where it is none.
+    pub(super) fn world_to_camera(rotation: DQuat, translation: DVec3) -> Option<Self> {
+        let norm = rotation.length();
+        if !(norm > 1e-6) || !norm.is_finite() || !translation.as_vec3().is_finite() {
+            return None;
+        }
+        Some(Self { rotation: DMat3::from_quat(rotation / norm), translation })
+    }
+
+    /// As Blender and Nerfstudio have it: the rows of a camera-to-world matrix, 3 or 4 of them, camera axes right, up, back (OpenGL).
+    /// A uniform scale, which a scaled camera object has in Blender, changes no picture and is left out. `None` where it is anything
+    /// else than a rotation, a translation and a scale.
+    pub(super) fn camera_to_world(rows: &[Vec<f64>]) -> Option<Self> {
+        let (linear, position) = affine(rows)?;
+        let scale = linear.determinant().cbrt();
+        if !(scale > 1e-9) || !position.as_vec3().is_finite() {
+            return None;
+        }
+        let turned = linear * (1.0 / scale);
+        if !(turned.transpose() * turned).abs_diff_eq(DMat3::IDENTITY, ROTATION_TOLERANCE) {
+            return None;
+        }
+        // Exactly orthonormal again, then from (right, up, back) to (right, down, forward).
+        let turned = DMat3::from_quat(DQuat::from_mat3(&turned).normalize());
+        let rotation = DMat3::from_cols(turned.x_axis, -turned.y_axis, -turned.z_axis).transpose();
+        Some(Self { rotation, translation: -(rotation * position) })
+    }
+}
+
+/// The linear part and the translation of a 3×4 or 4×4 matrix given by rows; `None` where it has another shape, a last row other than
+/// (0, 0, 0, 1), or a number that is not finite.
+pub(super) fn affine(rows: &[Vec<f64>]) -> Option<(DMat3, DVec3)> {
+    let finite = rows.iter().all(|row| row.len() == 4 && row.iter().all(|v| v.is_finite()));
+    let last = rows.get(3).is_none_or(|row| row[..] == [0.0, 0.0, 0.0, 1.0]);
+    if !(3..=4).contains(&rows.len()) || !finite || !last {
+        return None;
+    }
+    let column = |j: usize| dvec3(rows[0][j], rows[1][j], rows[2][j]);
+    Some((DMat3::from_cols(column(0), column(1), column(2)), column(3)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn rows(matrix: [[f64; 4]; 4]) -> Vec<Vec<f64>> {
+        matrix.map(Vec::from).into()
+    }
+
+    const ABOVE: [[f64; 4]; 4] = [[1., 0., 0., 2.], [0., 1., 0., 3.], [0., 0., 1., 5.], [0., 0., 0., 1.]];
+
+    #[test]
+    fn an_opengl_camera_looks_along_minus_z_with_y_up() {
+        let pose = Pose::camera_to_world(&rows(ABOVE)).unwrap();
+        let seen = |x, y, z| pose.rotation * dvec3(x, y, z) + pose.translation;
+        assert_eq!(seen(2.0, 3.0, 5.0), DVec3::ZERO);
+        assert_eq!(seen(2.0, 3.0, 4.0), dvec3(0.0, 0.0, 1.0), "what lies towards -z is ahead");
+        assert_eq!(seen(3.0, 4.0, 4.0), dvec3(1.0, -1.0, 1.0), "right stays right, up is minus down");
+    }
+
+    #[test]
+    fn a_scaled_camera_stands_where_it_stood() {
+        let mut scaled = ABOVE;
+        (0..3).for_each(|i| scaled[i][i] = 7.0);
+        assert_eq!(Pose::camera_to_world(&rows(scaled)), Pose::camera_to_world(&rows(ABOVE)));
+    }
+
+    #[test]
+    fn what_is_no_pose_is_none() {
+        let spoilt = |i: usize, j: usize, value: f64| {
+            let mut matrix = ABOVE;
+            matrix[i][j] = value;
+            Pose::camera_to_world(&rows(matrix))
+        };
+        for (i, j, value) in [(0, 0, -1.0), (0, 0, 2.0), (0, 1, 0.1), (1, 3, f64::NAN), (0, 0, 0.0), (3, 0, 1.0)] {
+            assert_eq!(spoilt(i, j, value), None, "{value} at ({i}, {j})");
+        }
+        assert_eq!(spoilt(2, 3, 1e300), None, "beyond f32");
+        assert_eq!(Pose::camera_to_world(&rows(ABOVE)[..2]), None);
+        assert_eq!(Pose::camera_to_world(&[vec![1.0], vec![], vec![]]), None);
+        assert_eq!(Pose::world_to_camera(DQuat::from_xyzw(0.0, 0.0, 0.0, 0.0), DVec3::ZERO), None);
+        assert_eq!(Pose::world_to_camera(DQuat::from_xyzw(f64::NAN, 0.0, 0.0, 1.0), DVec3::ZERO), None);
+        assert_eq!(Pose::world_to_camera(DQuat::IDENTITY, DVec3::splat(f64::INFINITY)), None);
+        let doubled = Pose::world_to_camera(DQuat::IDENTITY * 2.0, DVec3::ONE).unwrap();
+        assert_eq!(doubled.rotation, DMat3::IDENTITY);
+    }
+}

@@ -1,0 +1,106 @@
+//! The picture that a pinhole would have taken, interpolated from one that a distorted lens took.
+
+use glam::{DVec2, dvec2};
+use gs_core::{Camera, Image};
+
+use super::{photograph::Photograph, source_camera::SourceCamera};
+
+/// What `camera`, a pinhole at the place of `source`, would have seen.
+///
+/// # Errors
+/// Where the camera's size is not possible.
+pub(super) fn undistorted(
+    photograph: &Photograph,
+    source: &SourceCamera,
+    camera: &Camera,
+) -> Result<Photograph, gs_core::Error> {
+    let Photograph { image, alpha, mask } = photograph;
+    match alpha {
+        None => {
+            let grid = Grid::new(image.pixels(), source);
+            let (colors, mask) = grid.warp(source, camera, mask.as_deref());
+            Ok(Photograph { image: Image::from_pixels(camera.width, camera.height, colors)?, alpha: None, mask })
+        }
+        Some(alpha) => {
+            // Transparent pixels have any colour at all, which must not bleed into their neighbours'.
+            let premultiplied = image.pixels().iter().zip(alpha.iter().map(|a| a.clamp(0.0, 1.0)));
+            let premultiplied: Vec<[f32; 4]> = premultiplied.map(|(&[r, g, b], a)| [r * a, g * a, b * a, a]).collect();
+            let (pixels, mask) = Grid::new(&premultiplied, source).warp(source, camera, mask.as_deref());
+            let straight = |&[r, g, b, a]: &[f32; 4]| if a > 1e-4 { [r / a, g / a, b / a] } else { [0.0; 3] };
+            let colors = pixels.iter().map(straight).collect();
+            let alpha = Some(pixels.iter().map(|pixel| pixel[3]).collect());
+            Ok(Photograph { image: Image::from_pixels(camera.width, camera.height, colors)?, alpha, mask })
+        }
+    }
+}
+
+/// Pixels that can be read between their centres.
+struct Grid<'a, const N: usize> {
+    pixels: &'a [[f32; N]],
+    width: u32,
+    height: u32,
+}
+
+impl<'a, const N: usize> Grid<'a, N> {
+    fn new(pixels: &'a [[f32; N]], source: &SourceCamera) -> Self {
+        Self { pixels, width: source.width, height: source.height }
+    }
+
+    /// The pixels of the pinhole picture, row-major, 0 where there are none, and which of them count, where not all do.
+    fn warp(
+        &self,
+        source: &SourceCamera,
+        camera: &Camera,
+        mask: Option<&[bool]>,
+    ) -> (Vec<[f32; N]>, Option<Vec<bool>>) {
+        let (focal, center) = (camera.focal.as_dvec2(), camera.center.as_dvec2());
+        let size = dvec2(f64::from(self.width), f64::from(self.height));
+        let count = camera.width as usize * camera.height as usize;
+        let (mut pixels, mut counts) = (Vec::with_capacity(count), Vec::with_capacity(count));
+        for y in 0..camera.height {
+            for x in 0..camera.width {
+                let ray = (dvec2(f64::from(x), f64::from(y)) + 0.5 - center) / focal;
+                let seen = source.to_pixel(ray).filter(|p| p.cmpge(DVec2::ZERO).all() && p.cmple(size).all());
+                pixels.push(seen.map_or([0.0; N], |place| self.between(place)));
+                counts.push(seen.is_some_and(|place| mask.is_none_or(|mask| mask[self.nearest(place)])));
+            }
+        }
+        let all = mask.is_none() && counts.iter().all(|counts| *counts);
+        (pixels, (!all).then_some(counts))
+    }
+
+    /// The pixel that a place inside the frame falls on.
+    fn nearest(&self, place: DVec2) -> usize {
+        let (x, y) = ((place.x as u32).min(self.width - 1), (place.y as u32).min(self.height - 1));
+        y as usize * self.width as usize + x as usize
+    }
+
+    /// Catmull-Rom's cubic through the 4×4 pixels around a place inside the frame, kept within their range: a cubic rings at edges, and
+    /// a picture has no colours brighter than its own.
+    fn between(&self, place: DVec2) -> [f32; N] {
+        let corner = (place - 0.5).floor();
+        let fraction = place - 0.5 - corner;
+        let column = |k: i64| (corner.x as i64 + k).clamp(0, i64::from(self.width) - 1) as usize;
+        let row = |k: i64| (corner.y as i64 + k).clamp(0, i64::from(self.height) - 1) as usize;
+        let (columns, weights) = ([-1, 0, 1, 2].map(column), catmull_rom(fraction.x as f32));
+        let (mut sum, mut low, mut high) = ([0.0; N], [f32::INFINITY; N], [f32::NEG_INFINITY; N]);
+        for (k, weight_y) in (-1..).zip(catmull_rom(fraction.y as f32)) {
+            let line = &self.pixels[row(k) * self.width as usize..];
+            for (&x, weight_x) in columns.iter().zip(weights) {
+                for c in 0..N {
+                    let value = line[x][c];
+                    sum[c] += weight_x * weight_y * value;
+                    low[c] = low[c].min(value);
+                    high[c] = high[c].max(value);
+                }
+            }
+        }
+        std::array::from_fn(|c| sum[c].max(low[c]).min(high[c]))
+    }
+}
+
+/// Weights of the four values at −1, 0, 1, 2 for a place `t` between 0 and 1 (Catmull and Rom 1974; Keys 1981 with a = −½).
+fn catmull_rom(t: f32) -> [f32; 4] {
+    let (t2, t3) = (t * t, t * t * t);
+    [0.5 * (-t3 + 2.0 * t2 - t), 0.5 * (3.0 * t3 - 5.0 * t2 + 2.0), 0.5 * (-3.0 * t3 + 4.0 * t2 + t), 0.5 * (t3 - t2)]
+}

@@ -1,0 +1,71 @@
+//! The camera that took a photograph, lens included, and the pinhole camera of the picture that is made of it.
+
+use glam::{DVec2, dvec2};
+use gs_core::constants::MAX_SIDE_PX;
+
+use super::lens::Lens;
+
+/// How far an undistorted picture may reach beyond the photograph's own frame, or stay within it, on each side, in parts of the frame's
+/// side: together 2 times to a fifth, the limits of COLMAP's undistortion.
+const SIDE_RANGE: (f64, f64) = (-0.5, 0.4);
+
+/// Points of each border of the photograph that are looked at.
+const BORDER_POINTS: u32 = 256;
+
+/// The camera that took a photograph, for the photograph as it is stored now: intrinsics are scaled to its real size.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SourceCamera {
+    /// Columns of the photograph.
+    pub width: u32,
+    /// Rows of it.
+    pub height: u32,
+    /// Focal lengths (fx, fy), px.
+    pub focal: DVec2,
+    /// Principal point (cx, cy), px from the top-left corner; pixel (i, j) has its centre at (i + ½, j + ½), as in COLMAP.
+    pub center: DVec2,
+    /// How it bends rays.
+    pub lens: Lens,
+}
+
+impl SourceCamera {
+    /// The pixel where the ray (X/Z, Y/Z) arrives, inside the frame or not; `None` where the lens does not image it.
+    pub fn to_pixel(&self, ray: DVec2) -> Option<DVec2> {
+        self.lens.distort(ray).map(|d| d * self.focal + self.center)
+    }
+
+    /// The ray (X/Z, Y/Z) that arrives at a pixel; `None` where none does.
+    pub fn to_ray(&self, pixel: DVec2) -> Option<DVec2> {
+        self.lens.undistort((pixel - self.center) / self.focal)
+    }
+
+    /// The pinhole camera of the undistorted picture: the same focal lengths, and the largest frame in which every pixel comes from the
+    /// photograph (COLMAP with `blank_pixels` = 0, OpenCV with alpha = 0), as far as that is between a fifth and twice the photograph's
+    /// sides. Of a pinhole, the camera itself.
+    pub fn pinhole(&self) -> Self {
+        if self.lens.is_pinhole() {
+            return *self;
+        }
+        let size = dvec2(f64::from(self.width), f64::from(self.height));
+        // Beyond the largest angle there is nothing to show.
+        let reach = self.lens.max_angle().tan() * self.focal;
+        let mut low = (size * SIDE_RANGE.0).max(self.center - reach);
+        let mut high = (size * (1.0 - SIDE_RANGE.0)).min(self.center + reach);
+        // Where a border of the photograph lies in the plane of the picture; one that lies too far off the axis limits nothing.
+        let seen = |x: f64, y: f64| self.to_ray(dvec2(x, y)).map(|ray| ray * self.focal + self.center);
+        for k in 0..=BORDER_POINTS {
+            let along = size * (f64::from(k) / f64::from(BORDER_POINTS));
+            let side = |point: Option<DVec2>, axis: fn(DVec2) -> f64| point.map(axis);
+            low.x = side(seen(0.0, along.y), |p| p.x).map_or(low.x, |x| low.x.max(x));
+            low.y = side(seen(along.x, 0.0), |p| p.y).map_or(low.y, |y| low.y.max(y));
+            high.x = side(seen(size.x, along.y), |p| p.x).map_or(high.x, |x| high.x.min(x));
+            high.y = side(seen(along.x, size.y), |p| p.y).map_or(high.y, |y| high.y.min(y));
+        }
+        low = low.min(size * SIDE_RANGE.1);
+        high = high.max(size * (1.0 - SIDE_RANGE.1));
+        // A sliver less than a pixel is no column; what is left over is shared by both sides.
+        let sides = (high - low + 1e-6).floor().clamp(DVec2::ONE, DVec2::splat(f64::from(MAX_SIDE_PX)));
+        let corner = low + 0.5 * (high - low - sides);
+        let (width, height) = (sides.x as u32, sides.y as u32);
+        Self { width, height, focal: self.focal, center: self.center - corner, lens: Lens::default() }
+    }
+}

@@ -1,0 +1,267 @@
+//! `transforms.json`: Nerfstudio's, instant-ngp's, and the three of NeRF-synthetic.
+//!
+//! Poses are camera-to-world with axes right, up, back (OpenGL); the world is the file's own. Nerfstudio may have turned it
+//! (`applied_transform`) against that of the COLMAP model that it was made from; its `ply_file_path` is in the file's world already, a
+//! COLMAP model beside it is not.
+//!
+//! *Source:* Nerfstudio's documentation ("Data conventions"), and the files of NeRF-synthetic (Mildenhall et al. 2020).
+
+use std::{
+    collections::HashSet,
+    path::{Path, PathBuf},
+};
+
+use glam::{DMat3, DVec3, dvec2};
+use serde::{Deserialize, de::DeserializeOwned};
+
+use super::{
+    BrownConrady, Dataset, DatasetKind, DatasetSettings, Distortion, Fisheye, Point, Remark, Skip, Split,
+    assemble::{Draft, Focal, Intrinsics, Parts, assemble},
+    colmap::{ColmapModel, points_of},
+    place::{IMAGE_FOLDERS, NamePart, Place, find_image},
+    point_cloud,
+    pose::{Pose, affine},
+    read_file,
+};
+use crate::error::Error;
+
+/// The file of a Nerfstudio data set.
+pub(super) const NERFSTUDIO: &str = "transforms.json";
+/// The first file of a Blender data set.
+pub(super) const BLENDER_TRAIN: &str = "transforms_train.json";
+
+/// All files of a Blender data set.
+const BLENDER: [(&str, Split); 3] =
+    [(BLENDER_TRAIN, Split::Train), ("transforms_val.json", Split::Validation), ("transforms_test.json", Split::Test)];
+
+/// Where Nerfstudio keeps the COLMAP model that it started from.
+const NERFSTUDIO_COLMAP: &str = "colmap/sparse/0";
+
+/// What Nerfstudio did to COLMAP's world before it wrote down `applied_transform`.
+const OLD_TRANSFORM: DMat3 = DMat3::from_cols(DVec3::Y, DVec3::X, DVec3::NEG_Z);
+
+/// The file.
+#[derive(Debug, Deserialize)]
+struct Transforms {
+    /// Of every frame that has none of its own.
+    #[serde(flatten)]
+    camera: CameraFields,
+    frames: Vec<Frame>,
+    /// From COLMAP's world to the file's, 3×4 by rows.
+    applied_transform: Option<Vec<Vec<f64>>>,
+    applied_scale: Option<f64>,
+    ply_file_path: Option<String>,
+    train_filenames: Option<Vec<String>>,
+    val_filenames: Option<Vec<String>>,
+    test_filenames: Option<Vec<String>>,
+}
+
+/// One photograph.
+#[derive(Debug, Deserialize)]
+struct Frame {
+    file_path: String,
+    transform_matrix: Vec<Vec<f64>>,
+    mask_path: Option<String>,
+    #[serde(flatten)]
+    camera: CameraFields,
+}
+
+/// Intrinsics, for all frames or for one. Lengths in px, angles in rad.
+#[derive(Debug, Clone, Default, Deserialize)]
+struct CameraFields {
+    camera_model: Option<String>,
+    is_fisheye: Option<bool>,
+    camera_angle_x: Option<f64>,
+    camera_angle_y: Option<f64>,
+    fl_x: Option<f64>,
+    fl_y: Option<f64>,
+    cx: Option<f64>,
+    cy: Option<f64>,
+    w: Option<f64>,
+    h: Option<f64>,
+    k1: Option<f64>,
+    k2: Option<f64>,
+    k3: Option<f64>,
+    k4: Option<f64>,
+    p1: Option<f64>,
+    p2: Option<f64>,
+}
+
+impl CameraFields {
+    /// These, and where they say nothing the shared ones.
+    fn or(&self, shared: &Self) -> Self {
+        Self {
+            camera_model: self.camera_model.clone().or_else(|| shared.camera_model.clone()),
+            is_fisheye: self.is_fisheye.or(shared.is_fisheye),
+            camera_angle_x: self.camera_angle_x.or(shared.camera_angle_x),
+            camera_angle_y: self.camera_angle_y.or(shared.camera_angle_y),
+            fl_x: self.fl_x.or(shared.fl_x),
+            fl_y: self.fl_y.or(shared.fl_y),
+            cx: self.cx.or(shared.cx),
+            cy: self.cy.or(shared.cy),
+            w: self.w.or(shared.w),
+            h: self.h.or(shared.h),
+            k1: self.k1.or(shared.k1),
+            k2: self.k2.or(shared.k2),
+            k3: self.k3.or(shared.k3),
+            k4: self.k4.or(shared.k4),
+            p1: self.p1.or(shared.p1),
+            p2: self.p2.or(shared.p2),
+        }
+    }
+
+    /// # Errors
+    /// [`Error::UnknownCameraModel`]; what a frame lacks is its own matter, in the inner result.
+    fn intrinsics(&self, path: &Path) -> Result<Result<Intrinsics, Skip>, Error> {
+        let zero = Option::unwrap_or_default;
+        let radial = [self.k1, self.k2, self.k3, self.k4].map(zero);
+        let tangential = [self.p1, self.p2].map(zero);
+        let model = self.camera_model.as_deref();
+        let distortion = match model.unwrap_or(if self.is_fisheye == Some(true) { FISHEYE[0] } else { PERSPECTIVE[0] })
+        {
+            name if FISHEYE.contains(&name) => Distortion::Fisheye(Fisheye { radial, ..Fisheye::default() }),
+            name if PERSPECTIVE.contains(&name) => {
+                match (BrownConrady { radial, tangential, ..BrownConrady::default() }) {
+                    none if none == BrownConrady::default() => Distortion::None,
+                    bent => Distortion::BrownConrady(bent),
+                }
+            }
+            PANORAMA => return Ok(Err(Skip::Panorama)),
+            other => {
+                let known = [&FISHEYE[..], &PERSPECTIVE, &[PANORAMA]].concat().join(", ");
+                let found = other.chars().filter(|c| !c.is_control()).take(40).collect();
+                return Err(Error::UnknownCameraModel { path: path.to_owned(), found, known });
+            }
+        };
+        let focal = match (self.fl_x, self.fl_y, self.camera_angle_x) {
+            (Some(x), y, _) => Focal::Lengths(dvec2(x, y.unwrap_or(x))),
+            (None, Some(y), None) => Focal::Lengths(dvec2(y, y)),
+            (None, _, Some(x)) => Focal::Angles(x, self.camera_angle_y),
+            (None, None, None) => return Ok(Err(Skip::BadCamera)),
+        };
+        let both = |x: Option<f64>, y: Option<f64>| x.zip(y).map(|(x, y)| dvec2(x, y));
+        Ok(Ok(Intrinsics { focal, center: both(self.cx, self.cy), size: both(self.w, self.h), distortion }))
+    }
+}
+
+/// Names of `camera_model`, the first of which is meant where there is none.
+const PERSPECTIVE: [&str; 6] = ["OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "PERSPECTIVE"];
+const FISHEYE: [&str; 4] = ["OPENCV_FISHEYE", "FISHEYE", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE"];
+const PANORAMA: &str = "EQUIRECTANGULAR";
+
+impl Frame {
+    fn draft(&self, root: &Path, file: &Path, shared: &CameraFields, split: Option<Split>) -> Result<Draft, Error> {
+        let name = self.file_path.trim_start_matches("./").to_owned();
+        Ok(Draft {
+            file: Some(PathBuf::from(&name)),
+            name,
+            mask: self.mask_path.as_ref().and_then(|mask| find_image(&root.join(mask))),
+            intrinsics: self.camera.or(shared).intrinsics(file)?,
+            pose: Pose::camera_to_world(&self.transform_matrix),
+            split,
+        })
+    }
+}
+
+/// Reads NeRF-synthetic and its like.
+///
+/// # Errors
+/// [`Error::DamagedJson`], [`Error::NoViews`] and those of [`read_nerfstudio`].
+pub(super) fn read_blender(root: &Path, settings: &DatasetSettings) -> Result<Dataset, Error> {
+    let (mut drafts, mut points, mut remarks) = (Vec::new(), Vec::new(), Vec::new());
+    for (name, split) in BLENDER {
+        let path = root.join(name);
+        if !path.is_file() {
+            continue;
+        }
+        let file: Transforms = parse(&path)?;
+        for frame in &file.frames {
+            drafts.push(frame.draft(root, &path, &file.camera, Some(split))?);
+        }
+        if points.is_empty() {
+            points = listed_points(root, &file, &mut remarks)?.unwrap_or_default();
+        }
+    }
+    let places = places(root, settings)?;
+    assemble(Parts { kind: DatasetKind::Blender, root, drafts, points, places, remarks }, settings)
+}
+
+/// Reads a `transforms.json` whose files are below `root`.
+///
+/// # Errors
+/// [`Error::DamagedJson`], [`Error::UnknownCameraModel`], [`Error::NotAPointCloud`], [`Error::NoViews`], those of
+/// [`ColmapModel::read`] for the model beside it.
+pub(super) fn read_nerfstudio(root: &Path, path: &Path, settings: &DatasetSettings) -> Result<Dataset, Error> {
+    let file: Transforms = parse(path)?;
+    let split_of = |names: &Option<Vec<String>>| -> HashSet<String> {
+        names.iter().flatten().map(|name| name.trim_start_matches("./").to_owned()).collect()
+    };
+    let (validation, test) = (split_of(&file.val_filenames), split_of(&file.test_filenames));
+    let says = [&file.train_filenames, &file.val_filenames, &file.test_filenames].iter().any(|names| names.is_some());
+    let mut drafts = Vec::with_capacity(file.frames.len());
+    for frame in &file.frames {
+        let mut draft = frame.draft(root, path, &file.camera, None)?;
+        draft.split = says.then(|| match &draft.name {
+            name if test.contains(name) => Split::Test,
+            name if validation.contains(name) => Split::Validation,
+            _ => Split::Train,
+        });
+        drafts.push(draft);
+    }
+    let mut remarks = Vec::new();
+    let points = match listed_points(root, &file, &mut remarks)? {
+        Some(points) => points,
+        None => colmap_points(root, &file)?,
+    };
+    let places = places(root, settings)?;
+    assemble(Parts { kind: DatasetKind::Nerfstudio, root, drafts, points, places, remarks }, settings)
+}
+
+/// The frames' own paths, then the smaller copies; or the folder that the settings name.
+fn places(root: &Path, settings: &DatasetSettings) -> Result<Vec<Place>, Error> {
+    if let Some(place) = Place::chosen(root, settings, NamePart::FileName)? {
+        return Ok(vec![place]);
+    }
+    let own = Place { folder: root.to_owned(), part: NamePart::Path, shrunk: 1.0 };
+    let copies = IMAGE_FOLDERS.iter().map(|name| Place::new(root, name, NamePart::FileName));
+    Ok(std::iter::once(own).chain(copies).collect())
+}
+
+/// The points of the file that is named; `None` where none is.
+fn listed_points(root: &Path, file: &Transforms, remarks: &mut Vec<Remark>) -> Result<Option<Vec<Point>>, Error> {
+    let Some(name) = &file.ply_file_path else { return Ok(None) };
+    match point_cloud::read(&root.join(name)) {
+        Err(Error::Missing { .. }) => {
+            remarks.push(Remark::PointsMissing { file: name.clone() });
+            Ok(Some(Vec::new()))
+        }
+        other => other.map(Some),
+    }
+}
+
+/// The points of the COLMAP model beside the file, in the file's world; none where there is no model.
+fn colmap_points(root: &Path, file: &Transforms) -> Result<Vec<Point>, Error> {
+    let folder = root.join(NERFSTUDIO_COLMAP);
+    let (linear, offset) = match &file.applied_transform {
+        None => (OLD_TRANSFORM, DVec3::ZERO),
+        // A transform that is none leaves no way to tell where the points are.
+        Some(rows) => match affine(rows) {
+            Some(transform) => transform,
+            None => return Ok(Vec::new()),
+        },
+    };
+    if !folder.join("points3D.bin").is_file() && !folder.join("points3D.txt").is_file() {
+        return Ok(Vec::new());
+    }
+    let scale = file.applied_scale.unwrap_or(1.0);
+    let mut model = ColmapModel::read(&folder)?;
+    model.points.iter_mut().for_each(|point| point.position = (linear * point.position + offset) * scale);
+    Ok(points_of(&model.points).collect())
+}
+
+fn parse<T: DeserializeOwned>(path: &Path) -> Result<T, Error> {
+    serde_json::from_slice(&read_file(path)?).map_err(|error| {
+        let message = error.to_string().split_whitespace().collect::<Vec<_>>().join(" ");
+        Error::DamagedJson { path: path.to_owned(), message }
+    })
+}

@@ -1,0 +1,274 @@
+//! Spatial scenes on disk, in the formats that the field exchanges them in.
+//!
+//! | format | read | written | keeps |
+//! |---|---|---|---|
+//! | 3DGS PLY: text, binary of either byte order | any degree up to 4 (3 kept) | binary little endian | everything, bit for bit |
+//! | PlayCanvas compressed PLY | yes | – | 16 bytes a Gaussian, and one for each higher coefficient |
+//! | `.splat` | yes | yes | means and scales; degree 0 only, colours, opacities and rotations to 8 bits |
+//! | SPZ | versions 2, 3, 4 | versions 4, 3 | all degrees, everything rounded |
+//! | glTF `KHR_gaussian_splatting`, `.gltf` and `.glb` | yes, nodes applied | yes | means and harmonics bit for bit, the others to rounding |
+//!
+//! World axes are those of the data sets that scenes are trained on, COLMAP's: x right, y down, z forward. PLY and `.splat` have them
+//! by custom; SPZ (right, up, back) and glTF (left, up, forward) are turned on the way in and out.
+
+mod flips;
+mod gltf;
+mod harmonic_rotation;
+mod loss;
+mod ply;
+mod quantity;
+mod sh_degree;
+mod source;
+mod splat;
+mod spz;
+mod transform;
+mod unit;
+
+use std::{
+    fmt,
+    path::{Path, PathBuf},
+};
+
+use gs_core::{Scene, SpatialScene};
+
+pub use self::{
+    gltf::GltfBuffer,
+    loss::Loss,
+    spz::{SpzOptions, SpzVersion},
+};
+use self::{gltf::GltfFile, source::Source, unit::UnitRotations};
+use crate::{
+    atomic::{open, write_atomically},
+    container::read_exactly,
+    error::Error,
+};
+
+/// The zeroth spherical harmonic, ½ √(1/π): colour = ½ + SH_0 · coefficient.
+pub(crate) const SH_0: f32 = 0.282_094_79;
+
+/// As much of a file as its kind is told by.
+const START_BYTES: usize = 64;
+
+/// A kind of file.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[non_exhaustive]
+pub enum SpatialFormat {
+    /// 3DGS PLY.
+    Ply,
+    /// PlayCanvas compressed PLY. As what to read, it is the same as [`Self::Ply`]: the header tells.
+    CompressedPly,
+    /// `.splat`.
+    Splat,
+    /// SPZ.
+    Spz,
+    /// `.gltf`.
+    Gltf,
+    /// `.glb`. As what to read, it is the same as [`Self::Gltf`]: the first bytes tell.
+    Glb,
+}
+
+impl fmt::Display for SpatialFormat {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Ply => "3DGS PLY",
+            Self::CompressedPly => "compressed PLY",
+            Self::Splat => ".splat",
+            Self::Spz => "SPZ",
+            Self::Gltf => "glTF",
+            Self::Glb => "binary glTF",
+        })
+    }
+}
+
+impl SpatialFormat {
+    /// The kind of a file by its first bytes and, where they say nothing, by the ending of its name; `None` for another kind.
+    pub fn recognise(start: &[u8], path: &Path) -> Option<Self> {
+        let has_ending = |ending: &str| path.extension().is_some_and(|e| e.eq_ignore_ascii_case(ending));
+        if start.starts_with(b"ply\n") || start.starts_with(b"ply\r\n") {
+            Some(Self::Ply)
+        } else if start.starts_with(b"NGSP") || start.starts_with(&[0x1f, 0x8b, 8]) {
+            Some(Self::Spz)
+        } else if gltf::recognises(start) {
+            Some(if start.starts_with(b"glTF") { Self::Glb } else { Self::Gltf })
+        } else if has_ending("splat") {
+            Some(Self::Splat)
+        } else {
+            None
+        }
+    }
+
+    /// The kind of a file that is to be written, by the ending of its name; `None` where there is no such kind.
+    pub fn to_write(path: &Path) -> Option<Self> {
+        let name = path.file_name()?.to_string_lossy().to_lowercase();
+        let kinds = [
+            (".ply", Self::Ply),
+            (".splat", Self::Splat),
+            (".spz", Self::Spz),
+            (".gltf", Self::Gltf),
+            (".glb", Self::Glb),
+        ];
+        kinds.into_iter().find(|(ending, _)| name.ends_with(ending) && !name.ends_with(".compressed.ply")).map(|k| k.1)
+    }
+
+    fn what(self) -> &'static str {
+        match self {
+            Self::Ply | Self::CompressedPly => "a PLY of Gaussians",
+            Self::Splat => "a .splat file",
+            Self::Spz => "an SPZ file",
+            Self::Gltf | Self::Glb => "a glTF of Gaussians",
+        }
+    }
+}
+
+/// A scene that was read.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SpatialFile {
+    /// The Gaussians.
+    pub scene: SpatialScene,
+    /// What the file was.
+    pub format: SpatialFormat,
+    /// Size of the file itself, bytes.
+    pub bytes: u64,
+    /// What of the file is not in the scene.
+    pub losses: Vec<Loss>,
+}
+
+/// The kind of scene that a file holds, by its content; `None` where it is none of these.
+///
+/// # Errors
+/// [`Error::Missing`], [`Error::NotAFile`] or [`Error::Read`].
+pub fn spatial_format(path: impl AsRef<Path>) -> Result<Option<SpatialFormat>, Error> {
+    let path = path.as_ref();
+    let (mut file, metadata) = open(path, WANTED)?;
+    let start = read_exactly(&mut file, metadata.len().min(START_BYTES as u64)).map_err(|e| Error::read(path, e))?;
+    Ok(SpatialFormat::recognise(&start, path))
+}
+
+/// Reads a scene of any kind, told by content first and ending second; every value is checked.
+///
+/// # Errors
+/// Those of [`read_spatial_unchecked`]; [`Error::Content`] for the first value that is NaN or infinite (opacity logits of ±∞ are
+/// legitimate).
+pub fn read_spatial(path: impl AsRef<Path>) -> Result<SpatialFile, Error> {
+    let path = path.as_ref();
+    let file = read_spatial_unchecked(path)?;
+    file.scene.validate().map_err(Error::content(path))?;
+    Ok(file)
+}
+
+/// As [`read_spatial`], but values may be NaN or infinite: for those who look into a broken scene, or mend it.
+///
+/// # Errors
+/// [`Error::Missing`], [`Error::NotAFile`] or [`Error::Read`]; [`Error::NotASpatialScene`] for another kind of file; those of
+/// [`decode_spatial`].
+pub fn read_spatial_unchecked(path: impl AsRef<Path>) -> Result<SpatialFile, Error> {
+    let path = path.as_ref();
+    let (mut file, metadata) = open(path, WANTED)?;
+    let bytes = read_exactly(&mut file, metadata.len()).map_err(|source| Error::read(path, source))?;
+    let start = &bytes[..bytes.len().min(START_BYTES)];
+    let Some(format) = SpatialFormat::recognise(start, path) else {
+        let found = match start {
+            [] => "an empty file".to_owned(),
+            start if start.iter().all(|b| b.is_ascii_graphic() || b.is_ascii_whitespace()) => "text".to_owned(),
+            start => format!("bytes {:02x?}", &start[..start.len().min(8)]),
+        };
+        return Err(Error::NotASpatialScene { path: path.to_owned(), found });
+    };
+    decode_spatial(format, &bytes, path)
+}
+
+/// Makes a scene of a file's bytes; values may be NaN or infinite. `path` is what errors name, and where a glTF's buffers are looked
+/// for. Memory is taken only for what the bytes justify.
+///
+/// # Errors
+/// [`Error::Damaged`] for bytes that are not what their kind prescribes, [`Error::TooNew`], [`Error::MissingProperties`],
+/// [`Error::Unsupported`] for what is right but not read, [`Error::Expansion`] for a bomb, [`Error::Empty`] for no Gaussians,
+/// [`Error::NotASpatialScene`] for a glTF of something else; for a glTF's buffer those of opening it.
+pub fn decode_spatial(format: SpatialFormat, bytes: &[u8], path: &Path) -> Result<SpatialFile, Error> {
+    let source = Source { path, what: format.what(), bytes };
+    let (scene, format, losses) = match format {
+        SpatialFormat::Ply | SpatialFormat::CompressedPly => {
+            let ply::Read { scene, format, losses } = ply::read(&source)?;
+            (scene, format, losses)
+        }
+        SpatialFormat::Splat => (splat::read(&source)?, format, Vec::new()),
+        SpatialFormat::Spz => {
+            let (scene, losses) = spz::read(&source)?;
+            (scene, format, losses)
+        }
+        SpatialFormat::Gltf | SpatialFormat::Glb => {
+            let (scene, losses) = gltf::read(&source)?;
+            (scene, format, losses)
+        }
+    };
+    if scene.is_empty() {
+        return Err(Error::Empty { path: path.to_owned() });
+    }
+    Ok(SpatialFile { scene, format, bytes: bytes.len() as u64, losses })
+}
+
+/// How scenes are written, by format.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct SpatialOptions {
+    /// Of SPZ.
+    pub spz: SpzOptions,
+    /// Of `.gltf`.
+    pub gltf_buffer: GltfBuffer,
+}
+
+/// What was written.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SpatialWritten {
+    /// The kind of file.
+    pub format: SpatialFormat,
+    /// What of the scene is not in it.
+    pub losses: Vec<Loss>,
+    /// The buffer beside a glTF, where that was asked for.
+    pub beside: Option<PathBuf>,
+}
+
+/// Writes a scene, atomically, in the format that the ending of the name says: `.ply`, `.splat`, `.spz`, `.gltf` or `.glb`.
+///
+/// # Errors
+/// [`Error::UnknownEnding`]; [`Error::Content`] where [`SpatialScene::validate`](Scene::validate) fails, or a quaternion is too short
+/// to be a rotation and the format needs one; [`Error::Empty`]; [`Error::Unsupported`] for a scene too large for the format; those
+/// of [`write_atomically`].
+pub fn write_spatial(
+    path: impl AsRef<Path>,
+    scene: &SpatialScene,
+    options: &SpatialOptions,
+) -> Result<SpatialWritten, Error> {
+    let path = path.as_ref();
+    let Some(format) = SpatialFormat::to_write(path) else {
+        return Err(Error::UnknownEnding { path: path.to_owned() });
+    };
+    scene.validate().map_err(Error::content(path))?;
+    if scene.is_empty() {
+        return Err(Error::Empty { path: path.to_owned() });
+    }
+    if format == SpatialFormat::Ply {
+        write_atomically(path, |file| ply::write(scene, file))?;
+        return Ok(SpatialWritten { format, losses: Vec::new(), beside: None });
+    }
+    let rotations = UnitRotations::new(scene, path)?;
+    let mut beside = None;
+    let (bytes, losses) = match format {
+        SpatialFormat::Spz => spz::encode(path, scene, &rotations, options.spz)?,
+        SpatialFormat::Gltf | SpatialFormat::Glb => {
+            let kind =
+                if format == SpatialFormat::Glb { GltfFile::Binary } else { GltfFile::Text(options.gltf_buffer) };
+            let encoded = gltf::encode(path, scene, &rotations, kind)?;
+            if let Some(buffer) = encoded.beside {
+                let name = path.with_extension("bin");
+                write_atomically(&name, |file| file.write_all(&buffer))?;
+                beside = Some(name);
+            }
+            (encoded.file, encoded.losses)
+        }
+        _ => splat::encode(scene, &rotations),
+    };
+    write_atomically(path, |file| file.write_all(&bytes))?;
+    Ok(SpatialWritten { format, losses, beside })
+}
+
+const WANTED: &str = "a scene file";

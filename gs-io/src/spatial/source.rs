@@ -1,0 +1,65 @@
+//! The bytes of a scene file with the name they are complained about by; every read is checked against their length.
+
+use std::path::Path;
+
+use crate::error::Error;
+
+/// What a file may claim to hold beyond its own size before it is held against it: small scenes compress as well as they like.
+const FREE_BYTES: u64 = 64 << 20;
+
+/// How many times its size a larger file may claim to hold. Scenes from training shrink to a tenth at best, but a gzip stream of
+/// zeros to a thousandth: more than this is a bomb.
+const MAX_EXPANSION: u64 = 100;
+
+/// A file's content.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Source<'a> {
+    /// The file, for messages, and for finding what stands beside it.
+    pub(crate) path: &'a Path,
+    /// Its kind in words: "an SPZ file".
+    pub(crate) what: &'static str,
+    /// All of it.
+    pub(crate) bytes: &'a [u8],
+}
+
+impl<'a> Source<'a> {
+    /// A complaint about what stands at a byte.
+    pub(crate) fn damaged(&self, byte: usize, expected: impl Into<String>, found: impl Into<String>) -> Error {
+        let (path, what) = (self.path.to_owned(), self.what);
+        Error::Damaged { path, what, byte: byte as u64, expected: expected.into(), found: found.into() }
+    }
+
+    /// `len` bytes from `start`.
+    pub(crate) fn slice(&self, start: usize, len: u64, name: &str) -> Result<&'a [u8], Error> {
+        let end = usize::try_from(len).ok().and_then(|len| start.checked_add(len));
+        end.and_then(|end| self.bytes.get(start..end)).ok_or_else(|| {
+            let there = self.bytes.len().saturating_sub(start);
+            self.damaged(start, format!("{len} bytes of {name}"), format!("{there} until the end of the file"))
+        })
+    }
+
+    /// So many bytes as an array.
+    pub(crate) fn array<const N: usize>(&self, start: usize, name: &str) -> Result<[u8; N], Error> {
+        let mut array = [0; N];
+        array.copy_from_slice(self.slice(start, N as u64, name)?);
+        Ok(array)
+    }
+
+    /// A little-endian u32.
+    pub(crate) fn u32(&self, start: usize, name: &str) -> Result<u32, Error> {
+        self.array(start, name).map(u32::from_le_bytes)
+    }
+
+    /// A little-endian u64.
+    pub(crate) fn u64(&self, start: usize, name: &str) -> Result<u64, Error> {
+        self.array(start, name).map(u64::from_le_bytes)
+    }
+
+    /// Fails where a file of this size, with what it refers to, cannot honestly hold so much.
+    pub(crate) fn check_claim(&self, file_bytes: u64, claimed_bytes: u64) -> Result<(), Error> {
+        if claimed_bytes <= FREE_BYTES.saturating_add(file_bytes.saturating_mul(MAX_EXPANSION)) {
+            return Ok(());
+        }
+        Err(Error::Expansion { path: self.path.to_owned(), file_bytes, claimed_bytes })
+    }
+}

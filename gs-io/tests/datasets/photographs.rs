@@ -1,0 +1,177 @@
+//! What a view's photograph is when it is read: undistorted, masked, with its alpha, the right way up.
+
+use std::fs;
+
+use glam::{DVec2, dvec2};
+use gs_core::Image;
+use gs_io::{
+    Error, Orientation,
+    dataset::{AlphaMeaning, CameraModel, Dataset, DatasetSettings, Photograph, read_dataset},
+};
+use image::{ImageBuffer, ImageEncoder, Rgba, codecs::png::PngEncoder, metadata::Orientation as Exif};
+
+use crate::made::{binary, colmap, folder, model, read, write_model};
+
+/// A data set of one view, whose camera of 64×48 px has this model and this picture.
+fn one_view(root: &std::path::Path, name: &str, parameters: &[f64], picture: &Image) -> Dataset {
+    let mut model = model(1);
+    let camera = model.cameras.get_mut(&1).unwrap();
+    camera.model = CameraModel::from_name(name).unwrap();
+    (camera.width, camera.height, camera.parameters) = (64, 48, parameters.to_vec());
+    write_model(&root.join("sparse/0"), &binary(&model), "bin");
+    fs::create_dir_all(root.join("images")).unwrap();
+    gs_io::write_png(root.join("images/view 000.png"), picture).unwrap();
+    read(root)
+}
+
+/// A smooth picture of the viewing rays: what a camera of any kind sees of it is known exactly.
+fn of_ray(ray: DVec2) -> [f32; 3] {
+    [0.5 + 0.4 * (3.0 * ray.x).sin(), 0.5 + 0.4 * (2.5 * ray.y).cos(), 0.5 + 0.3 * ray.x * ray.y].map(|v| v as f32)
+}
+
+#[test]
+fn undistorted_pictures_show_what_a_pinhole_would_have_seen() {
+    for (name, parameters, lens) in [
+        ("SIMPLE_RADIAL", &[60.0, 32.0, 24.0, -0.15][..], "barrel"),
+        ("SIMPLE_RADIAL", &[60.0, 30.0, 25.0, 0.15], "pincushion"),
+        ("OPENCV", &[60.0, 62.0, 31.0, 23.0, -0.1, 0.02, 0.004, -0.003], "decentred"),
+        ("OPENCV_FISHEYE", &[45.0, 45.0, 32.0, 24.0, 0.02, -0.01, 0.0, 0.0], "fisheye"),
+        ("FOV", &[60.0, 60.0, 32.0, 24.0, 0.8], "field of view"),
+    ] {
+        let place = folder();
+        let blank = Image::filled(64, 48, [0.0; 3]).unwrap();
+        let source = one_view(place.path(), name, parameters, &blank).views[0].source;
+        let seen = |x: u32, y: u32| of_ray(source.to_ray(dvec2(f64::from(x) + 0.5, f64::from(y) + 0.5)).unwrap());
+        let picture = Image::from_fn(64, 48, seen).unwrap();
+        let view = one_view(place.path(), name, parameters, &picture).views.remove(0);
+        let Photograph { image, mask, .. } = view.read_image().unwrap();
+        assert_eq!(image.size(), (view.camera.width, view.camera.height));
+        assert_eq!(mask, None, "{lens}: no pixel is blank");
+        let (mut worst, mut unbent) = (0.0_f32, 0.0_f32);
+        for y in 0..image.height() {
+            for x in 0..image.width() {
+                let place = dvec2(f64::from(x) + 0.5, f64::from(y) + 0.5);
+                let ray = (place - view.camera.center.as_dvec2()) / view.camera.focal.as_dvec2();
+                let error = |expected: [f32; 3]| {
+                    image.pixel(x, y).iter().zip(expected).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max)
+                };
+                worst = worst.max(error(of_ray(ray)));
+                unbent = unbent.max(error(seen(x.min(63), y.min(47))));
+            }
+        }
+        // Half a step of 8 bits, and what a cubic makes of such a curve at the border, where its outer taps are repeated.
+        assert!(worst < 0.006, "{lens}: {worst}");
+        assert!(unbent > 0.012, "{lens}: without undistortion it would be wrong, {unbent}");
+    }
+}
+
+#[test]
+fn pixels_that_the_lens_never_saw_do_not_count() {
+    let place = folder();
+    // Far more than a right angle from side to side, and folded in the corners.
+    let picture = Image::filled(64, 48, [0.9, 0.5, 0.1]).unwrap();
+    let view = one_view(place.path(), "SIMPLE_RADIAL", &[25.0, 32.0, 24.0, -0.3], &picture).views.remove(0);
+    let Photograph { image, mask, .. } = view.read_image().unwrap();
+    let mask = mask.expect("the corners are blank");
+    let (counted, width) = (mask.iter().filter(|counts| **counts).count(), image.width() as usize);
+    assert!(counted > mask.len() / 2 && counted < mask.len(), "{counted} of {}", mask.len());
+    assert!(!mask[0] && mask[mask.len() / 2 + width / 2]);
+    for (pixel, counts) in image.pixels().iter().zip(&mask) {
+        assert_eq!(*pixel == [0.0; 3], !counts, "{pixel:?}");
+    }
+}
+
+fn rgba(width: u32, height: u32, color: impl Fn(u32, u32) -> [u8; 4]) -> ImageBuffer<Rgba<u8>, Vec<u8>> {
+    ImageBuffer::from_fn(width, height, |x, y| Rgba(color(x, y)))
+}
+
+#[test]
+fn alpha_is_opacity_or_a_mask() {
+    let place = folder();
+    colmap(place.path(), 1);
+    // Transparent pixels of a glaring colour, which must not show.
+    let file = place.path().join("images/view 000.png");
+    rgba(40, 30, |x, _| if x < 20 { [255, 0, 0, 0] } else { [0, 102, 255, 204] }).save(&file).unwrap();
+    let photograph = read(place.path()).views[0].read_image().unwrap();
+    let alpha = photograph.alpha.as_ref().unwrap();
+    assert_eq!((alpha[0], alpha[39], photograph.mask.is_none()), (0.0, 0.8, true));
+    assert_eq!(photograph.image.pixel(39, 0), [0.0, 0.4, 1.0], "not multiplied");
+    let over = photograph.over([1.0; 3]);
+    assert_eq!((over.pixel(0, 0), over.pixel(39, 0)[1]), ([1.0; 3], 0.4 * 0.8 + 1.0 * (1.0 - 0.8)));
+
+    let settings = DatasetSettings { alpha: AlphaMeaning::Mask, ..Default::default() };
+    let photograph = read_dataset(place.path(), &settings).unwrap().views[0].read_image().unwrap();
+    assert_eq!(photograph.alpha, None);
+    assert_eq!(photograph.mask.unwrap()[..40], std::array::from_fn::<bool, 40, _>(|x| x >= 20));
+}
+
+#[test]
+fn transparent_colours_do_not_bleed_when_undistorted() {
+    let place = folder();
+    let blank = Image::filled(64, 48, [0.0; 3]).unwrap();
+    let mut dataset = one_view(place.path(), "SIMPLE_RADIAL", &[60.0, 32.0, 24.0, -0.1], &blank);
+    let file = place.path().join("images/view 000.png");
+    rgba(64, 48, |x, _| if x % 7 < 3 { [255, 0, 0, 0] } else { [0, 102, 255, 255] }).save(&file).unwrap();
+    let photograph = dataset.views.remove(0).read_image().unwrap();
+    let alpha = photograph.alpha.as_ref().unwrap();
+    assert!(alpha.iter().any(|a| *a > 0.2 && *a < 0.8), "edges are between");
+    for (pixel, alpha) in photograph.image.pixels().iter().zip(alpha).filter(|(_, alpha)| **alpha > 0.1) {
+        assert!(pixel[0] < 1e-6 && (pixel[2] - 1.0).abs() < 1e-5, "{pixel:?} at {alpha}");
+    }
+}
+
+#[test]
+fn masks_of_any_size_black_out_what_does_not_count() {
+    let place = folder();
+    colmap(place.path(), 3);
+    fs::create_dir(place.path().join("masks")).unwrap();
+    let half = Image::from_fn(20, 15, |x, _| if x < 5 { [0.0; 3] } else { [1.0; 3] }).unwrap();
+    gs_io::write_png(place.path().join("masks/view 000.png.png"), &half).unwrap();
+    gs_io::write_png(place.path().join("masks/view 002.png"), &half).unwrap();
+    let views = read(place.path()).views;
+    let mask = views[0].read_image().unwrap().mask.unwrap();
+    assert_eq!(mask[..40], std::array::from_fn::<bool, 40, _>(|x| x >= 10));
+    assert_eq!(views[1].mask, None);
+    let bent = views[2].read_image().unwrap();
+    let masked = bent.mask.unwrap().iter().filter(|counts| !**counts).count() as f32;
+    let share = masked / bent.image.pixels().len() as f32;
+    assert!((share - 0.25).abs() < 0.03, "{share}: masks are undistorted as well");
+
+    gs_io::write_png(place.path().join("masks/view 000.png.png"), &Image::filled(20, 20, [1.0; 3]).unwrap()).unwrap();
+    let error = views[0].read_image().unwrap_err();
+    assert!(matches!(error, Error::ImageShape { width: 20, expected_width: 40, .. }), "{error}");
+}
+
+#[test]
+fn a_photograph_that_changed_since_is_refused() {
+    let place = folder();
+    colmap(place.path(), 1);
+    let view = read(place.path()).views.remove(0);
+    gs_io::write_png(&view.image, &Image::filled(20, 15, [1.0; 3]).unwrap()).unwrap();
+    assert!(matches!(view.read_image(), Err(Error::ImageShape { width: 20, .. })));
+    fs::remove_file(&view.image).unwrap();
+    assert!(matches!(view.read_image(), Err(Error::Missing { .. })));
+}
+
+#[test]
+fn pictures_are_taken_as_stored_unless_only_the_turned_one_fits() {
+    for (stored, expected) in [((40, 30), Orientation::AsStored), ((30, 40), Orientation::Exif)] {
+        let place = folder();
+        colmap(place.path(), 1);
+        let mut bytes = Vec::new();
+        let mut encoder = PngEncoder::new(&mut bytes);
+        let exif: Vec<u8> = [
+            &b"II\x2a\0\x08\0\0\0"[..], // little-endian, the first directory at 8
+            &[1, 0, 0x12, 1, 3, 0, 1, 0, 0, 0, Exif::Rotate90.to_exif(), 0, 0, 0], // one entry: orientation
+            &[0; 4],
+        ]
+        .concat();
+        encoder.set_exif_metadata(exif).unwrap();
+        let pixels = vec![7; 3 * 40 * 30];
+        encoder.write_image(&pixels, stored.0, stored.1, image::ExtendedColorType::Rgb8).unwrap();
+        fs::write(place.path().join("images/view 000.png"), bytes).unwrap();
+        let view = read(place.path()).views.remove(0);
+        assert_eq!(view.orientation, expected);
+        assert_eq!(view.read_image().unwrap().image.size(), (40, 30));
+    }
+}

@@ -1,0 +1,89 @@
+//! What one kind of training adds to the loop that all kinds share: its settings, and its course, which knows the pictures to reach.
+
+use std::fmt::Debug;
+
+use gs_core::{Rasterizer, adam::Schedule, effects::Statistics};
+use gs_density::{DensityPolicy, DensityScene, Residual};
+use serde::{Serialize, de::DeserializeOwned};
+
+use crate::{error::Error, observer::Quality, rounds::Rounds};
+
+/// A kind of scene that [`Trainer`](crate::Trainer) can train.
+pub trait Trainable: DensityScene {
+    /// Everything that its training depends on besides pictures and backend.
+    type Settings: RunSettings<Self>;
+    /// Its part of the loop.
+    type Course<R: Rasterizer<Self>>: Course<R, Self>;
+
+    /// All parameters of a Gaussian but its opacity, with their names and units, for people.
+    fn parameters(gaussian: &Self::Gaussian) -> Vec<(&'static str, Vec<f32>)>;
+}
+
+/// What the loop must know of a run's settings.
+pub trait RunSettings<S: Trainable>: Clone + Debug + PartialEq + Serialize + DeserializeOwned {
+    /// What a checkpoint says it is of, so that one of another kind of training is refused.
+    const FORMAT: &'static str;
+
+    /// Fails where a setting is out of its range or contradicts another.
+    ///
+    /// # Errors
+    /// [`gs_core::Error::Setting`] naming the first offender.
+    fn validate(&self) -> Result<(), gs_core::Error>;
+    /// Steps of the optimiser.
+    fn iterations(&self) -> u32;
+    /// Where all random numbers come from.
+    fn seed(&self) -> u32;
+    /// The most Gaussians there may be.
+    fn budget(&self) -> u32;
+    /// When density is controlled.
+    fn rounds(&self) -> &Rounds;
+    /// How it is.
+    fn policy(&self) -> &dyn DensityPolicy<S>;
+    /// How the position's learning rate changes over the run.
+    fn mean_schedule(&self) -> Schedule;
+    /// PSNR as this loss tells it, dB, where it does.
+    fn psnr_estimate(&self, loss: f32) -> Option<f32>;
+    /// Whether the step that follows `step` steps makes its lists anew, whatever came before.
+    fn bins_afresh_after(&self, step: u32) -> bool;
+}
+
+/// What a course is told of the step that it is to send.
+#[derive(Debug, Clone, Copy)]
+pub struct Due {
+    /// Steps done before it.
+    pub step: u32,
+    /// What density control wants collected.
+    pub statistics: Statistics,
+    /// Whether lists may be used again.
+    pub binning: gs_core::Binning,
+}
+
+/// The part of the loop that knows what the pictures are.
+pub trait Course<R: Rasterizer<S>, S: Trainable> {
+    /// The scene's extent as [`Observation`](gs_density::Observation) has it.
+    fn extent(&self) -> f32;
+
+    /// Sends one step of the optimiser.
+    ///
+    /// # Errors
+    /// Those of the backend, and of reading a picture.
+    fn send(&mut self, on: &R, cloud: &mut R::Cloud, settings: &S::Settings, due: Due) -> Result<(), Error>;
+
+    /// The residual that a policy asks for, where there is one.
+    ///
+    /// # Errors
+    /// Those of the backend.
+    fn residual(&mut self, on: &R, cloud: &R::Cloud, settings: &S::Settings) -> Result<Option<&Residual>, Error>;
+
+    /// Follows an edit of density control.
+    ///
+    /// # Errors
+    /// Those of the backend.
+    fn after_edit(&mut self, on: &R, cloud: &mut R::Cloud, settings: &S::Settings) -> Result<(), Error>;
+
+    /// How good the scene is after `step` steps.
+    ///
+    /// # Errors
+    /// Those of the backend, and of reading a picture.
+    fn quality(&self, on: &R, cloud: &R::Cloud, settings: &S::Settings, step: u32) -> Result<Quality, Error>;
+}

@@ -1,0 +1,237 @@
+//! A fit of planar Gaussians to one image: the part of the loop that knows the image.
+
+use std::time::Instant;
+
+use gs_core::{
+    Blend, Canvas, Image, Loss, PlanarGaussian, PlanarScene, Rasterizer, Scene, TrainStep, adam::Schedule,
+    edit::EditCounts, effects::Statistics, statistics::Culled,
+};
+use gs_density::{DensityPolicy, Residual};
+use gs_io::Checkpoint;
+
+use crate::{
+    checkpoint::{Record, fingerprint},
+    course::{Course, Due, RunSettings, Trainable},
+    error::Error,
+    observer::Quality,
+    quality::l1_and_psnr,
+    rounds::Rounds,
+    settings::FitSettings,
+    summary::FitSummary,
+    trainer::{Trainer, random},
+};
+
+/// The image to fit, where the backend computes and on the host.
+pub struct ImageCourse<R: Rasterizer<PlanarScene>> {
+    canvas: Canvas,
+    target: R::Target,
+    /// The target on the host, beside the rendering that the policy last asked for (before that, a single pixel).
+    residual: Residual,
+}
+
+impl<R: Rasterizer<PlanarScene>> std::fmt::Debug for ImageCourse<R> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("ImageCourse").field("canvas", &self.canvas).finish_non_exhaustive()
+    }
+}
+
+impl Trainable for PlanarScene {
+    type Settings = FitSettings;
+    type Course<R: Rasterizer<Self>> = ImageCourse<R>;
+
+    fn parameters(g: &PlanarGaussian) -> Vec<(&'static str, Vec<f32>)> {
+        vec![
+            ("mean (px)", g.mean.to_array().to_vec()),
+            ("ln-scale", g.log_scale.to_array().to_vec()),
+            ("rotation", vec![g.rotation]),
+            ("colour", g.color.to_array().to_vec()),
+        ]
+    }
+}
+
+impl RunSettings<PlanarScene> for FitSettings {
+    const FORMAT: &'static str = "planar-fit-1";
+
+    fn validate(&self) -> Result<(), gs_core::Error> {
+        Self::validate(self)
+    }
+
+    fn iterations(&self) -> u32 {
+        self.iterations
+    }
+
+    fn seed(&self) -> u32 {
+        self.seed
+    }
+
+    fn budget(&self) -> u32 {
+        self.gaussians
+    }
+
+    fn rounds(&self) -> &Rounds {
+        &self.rounds
+    }
+
+    fn policy(&self) -> &dyn DensityPolicy {
+        &self.policy
+    }
+
+    fn mean_schedule(&self) -> Schedule {
+        self.adam.mean.schedule
+    }
+
+    fn psnr_estimate(&self, loss: f32) -> Option<f32> {
+        (self.loss == Loss::L2).then(|| -10.0 * loss.log10())
+    }
+
+    fn bins_afresh_after(&self, step: u32) -> bool {
+        step.is_multiple_of(self.rebin_every) || step.saturating_add(self.rebin_every) >= self.iterations
+    }
+}
+
+impl<R: Rasterizer<PlanarScene>> Course<R, PlanarScene> for ImageCourse<R> {
+    fn extent(&self) -> f32 {
+        self.canvas.width.max(self.canvas.height) as f32
+    }
+
+    fn send(&mut self, on: &R, cloud: &mut R::Cloud, settings: &FitSettings, due: Due) -> Result<(), Error> {
+        let mut render = settings.render;
+        render.effects.statistics = due.statistics;
+        let rates = settings.adam.at(due.step as f32 / settings.iterations as f32);
+        let step = TrainStep { settings: &render, loss: settings.loss, rates: &rates, binning: due.binning };
+        Ok(on.train_step(cloud, &self.canvas, &self.target, &step)?)
+    }
+
+    fn residual(&mut self, on: &R, cloud: &R::Cloud, settings: &FitSettings) -> Result<Option<&Residual>, Error> {
+        self.residual.rendered = self.render(on, cloud, settings)?.0;
+        Ok(Some(&self.residual))
+    }
+
+    fn after_edit(&mut self, on: &R, cloud: &mut R::Cloud, settings: &FitSettings) -> Result<(), Error> {
+        self.solve_colors(on, cloud, settings, settings.color_solve.after_edit)
+    }
+
+    fn quality(&self, on: &R, cloud: &R::Cloud, settings: &FitSettings, _: u32) -> Result<Quality, Error> {
+        let (image, culled) = self.render(on, cloud, settings)?;
+        let (l1, psnr) = l1_and_psnr(&image, &self.residual.target);
+        Ok(Quality { l1, psnr, culled })
+    }
+}
+
+impl<R: Rasterizer<PlanarScene>> ImageCourse<R> {
+    fn new(on: &R, target: &Image) -> Result<Self, Error> {
+        let canvas = Canvas::new(target.width(), target.height());
+        let residual = Residual { target: target.clone(), rendered: Image::filled(1, 1, [0.0; 3])? };
+        Ok(Self { canvas, target: on.upload_target(target)?, residual })
+    }
+
+    fn render(&self, on: &R, cloud: &R::Cloud, settings: &FitSettings) -> Result<(Image, Culled), Error> {
+        let mut render = settings.render;
+        render.effects.statistics = Statistics::None;
+        let frame = on.forward(cloud, &self.canvas, &render)?;
+        Ok((on.image(&frame)?, on.culled(&frame)?))
+    }
+
+    fn solve_colors(&self, on: &R, cloud: &mut R::Cloud, settings: &FitSettings, iterations: u32) -> Result<(), Error> {
+        let render = settings.render;
+        if iterations > 0 && render.effects.blend == Blend::Sum && on.len(cloud) > 0 {
+            on.solve_colors(cloud, &self.canvas, &self.target, &render, iterations)?;
+        }
+        Ok(())
+    }
+}
+
+impl<'a, R: Rasterizer<PlanarScene>> Trainer<'a, R> {
+    /// Begins a fit with the scene that [`FitSettings::init`] makes for the target.
+    ///
+    /// # Errors
+    /// [`gs_core::Error::Setting`] where a setting is not possible or the target is not finite, and those of the backend.
+    pub fn new(rasterizer: &'a R, target: &Image, settings: FitSettings) -> Result<Self, Error> {
+        settings.validate()?;
+        let started = Instant::now();
+        let count = settings.initial.resolve(settings.gaussians) as usize;
+        let blend = settings.render.effects.blend;
+        let scene = settings.init.scene(target, count, blend, &mut random(settings.seed, 0));
+        let initialised = started.elapsed().as_secs_f64();
+        let mut trainer = Self::from_scene(rasterizer, target, &scene, settings)?;
+        trainer.record.seconds += initialised;
+        Ok(trainer)
+    }
+
+    /// Begins a fit with a given scene instead, whatever [`FitSettings::init`] and [`FitSettings::initial`] say.
+    ///
+    /// # Errors
+    /// Those of [`Trainer::new`]; also where the scene has more Gaussians than [`FitSettings::gaussians`] allows.
+    pub fn from_scene(
+        rasterizer: &'a R,
+        target: &Image,
+        scene: &PlanarScene,
+        settings: FitSettings,
+    ) -> Result<Self, Error> {
+        settings.validate()?;
+        validate_target(target)?;
+        scene.validate()?;
+        if scene.len() > settings.gaussians as usize {
+            let allowed = "at most the number of Gaussians allowed";
+            return Err(gs_core::Error::setting("the number of Gaussians at the start", scene.len(), allowed).into());
+        }
+        let started = Instant::now();
+        let cloud = rasterizer.upload(scene, settings.chart)?;
+        let record =
+            Record { settings, step: 0, seconds: 0.0, edits: EditCounts::default(), pictures: fingerprint(target) };
+        let mut trainer = Self::assemble(rasterizer, record, cloud, ImageCourse::new(rasterizer, target)?);
+        let Self { course, cloud, record, .. } = &mut trainer;
+        course.solve_colors(rasterizer, cloud, &record.settings, record.settings.color_solve.at_start)?;
+        trainer.record.seconds = started.elapsed().as_secs_f64();
+        Ok(trainer)
+    }
+
+    /// Goes on with a fit where a checkpoint left it; on the same backend it ends bit for bit as if it had never stopped.
+    ///
+    /// # Errors
+    /// [`Error::WrongTarget`] for an image of another size or content, [`Error::Checkpoint`] for metadata that are not those of
+    /// a fit, and those of the backend.
+    pub fn resume(rasterizer: &'a R, target: &Image, checkpoint: Checkpoint) -> Result<Self, Error> {
+        let record = Record::from_metadata::<PlanarScene>(&checkpoint.metadata)?;
+        validate_target(target)?;
+        let found = fingerprint(target);
+        if record.pictures != found {
+            return Err(Error::WrongTarget { expected: record.pictures, found });
+        }
+        let cloud = rasterizer.restore(&checkpoint.state)?;
+        Ok(Self::assemble(rasterizer, record, cloud, ImageCourse::new(rasterizer, target)?))
+    }
+
+    /// The fit as it stands, in numbers.
+    ///
+    /// # Errors
+    /// Those of the backend.
+    pub fn summary(&self) -> Result<FitSummary, Error> {
+        let (image, culled) = self.render()?;
+        FitSummary::new(self, &image, culled)
+    }
+
+    /// The scene as rendered now at the target's size, not clamped, and what was left out.
+    ///
+    /// # Errors
+    /// Those of the backend.
+    pub fn render(&self) -> Result<(Image, Culled), Error> {
+        self.course.render(self.rasterizer, &self.cloud, &self.record.settings)
+    }
+
+    /// The target, as given.
+    pub fn target(&self) -> &Image {
+        &self.course.residual.target
+    }
+}
+
+fn validate_target(target: &Image) -> Result<(), gs_core::Error> {
+    match target.pixels().iter().position(|p| !p.iter().all(|v| v.is_finite())) {
+        None => Ok(()),
+        Some(index) => {
+            let width = target.width() as usize;
+            let value = format!("{:?} at ({}, {})", target.pixels()[index], index % width, index / width);
+            Err(gs_core::Error::setting("a pixel of the target", value, "finite"))
+        }
+    }
+}

@@ -1,0 +1,132 @@
+//! How good a scene is, view by view: PSNR, SSIM and mean absolute difference, the images clamped to 0..=1.
+
+use gs_core::{Chart, Image, Rasterizer, RenderSettings, SpatialScene, metrics, statistics::Culled};
+use gs_io::dataset::Photograph;
+use serde::{Deserialize, Serialize};
+
+use super::{course::where_masked, views::PosedView};
+use crate::{error::Error, quality::l1_and_psnr, summary::infinite_where_null};
+
+/// How good one view is.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct ViewQuality {
+    /// The view.
+    pub name: String,
+    /// dB, over the pixels that count; ∞ for equal images, which JSON writes as `null`.
+    #[serde(deserialize_with = "infinite_where_null")]
+    pub psnr: f64,
+    /// Structural similarity. Pixels that do not count are as they are rendered.
+    pub ssim: f64,
+    /// Mean absolute difference over the pixels that count.
+    pub l1: f64,
+}
+
+/// How good a scene is.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct Evaluation {
+    /// Mean of the views' PSNR, dB.
+    #[serde(deserialize_with = "infinite_where_null")]
+    pub psnr: f64,
+    /// Mean of their SSIM.
+    pub ssim: f64,
+    /// Mean of their mean absolute differences.
+    pub l1: f64,
+    /// Gaussians that the renderings left out, all views together.
+    pub culled: Culled,
+    /// View by view.
+    pub views: Vec<ViewQuality>,
+}
+
+/// A rendering beside its photograph, both clamped, the photograph before the same background and as rendered where it does not count.
+pub(super) struct Pair {
+    rendered: Image,
+    target: Image,
+    /// Pixels in all per pixel that counts.
+    share: f64,
+}
+
+pub(super) fn measure(rendered: &Image, photograph: Photograph, backdrop: [f32; 3]) -> Pair {
+    let rendered = rendered.clamped();
+    let mask = photograph.mask.clone();
+    let target = photograph.over(backdrop).clamped();
+    let (target, share) = match mask {
+        None => (target, 1.0),
+        Some(mask) => {
+            let counted = mask.iter().filter(|counts| **counts).count().max(1);
+            (where_masked(target, &mask, &rendered), mask.len() as f64 / counted as f64)
+        }
+    };
+    Pair { rendered, target, share }
+}
+
+impl Pair {
+    pub(super) fn l1_and_psnr(&self) -> (f64, f64) {
+        let (l1, psnr) = l1_and_psnr(&self.rendered, &self.target);
+        (l1 * self.share, psnr - 10.0 * self.share.log10())
+    }
+}
+
+/// Judges a scene by views; `render` is how it is shown.
+///
+/// # Errors
+/// Those of the backend and of reading a photograph; [`gs_core::Error::Setting`] without a view.
+pub fn evaluate<R: Rasterizer<SpatialScene>>(
+    rasterizer: &R,
+    scene: &SpatialScene,
+    views: &[PosedView],
+    render: &RenderSettings,
+) -> Result<Evaluation, Error> {
+    let cloud = rasterizer.upload(scene, Chart::ScaleRotation)?;
+    evaluate_cloud(rasterizer, &cloud, &views.iter().collect::<Vec<_>>(), render, &mut |_, _| Ok(()))
+}
+
+/// The same for a cloud; `look` sees each view's rendering, unclamped.
+pub(super) fn evaluate_cloud<R: Rasterizer<SpatialScene>>(
+    rasterizer: &R,
+    cloud: &R::Cloud,
+    views: &[&PosedView],
+    render: &RenderSettings,
+    look: &mut dyn FnMut(&PosedView, &Image) -> Result<(), Error>,
+) -> Result<Evaluation, Error> {
+    if views.is_empty() {
+        return Err(gs_core::Error::setting("the number of views to judge by", 0, "at least 1").into());
+    }
+    let mut culled = Culled::default();
+    let mut qualities = Vec::with_capacity(views.len());
+    for view in views {
+        let frame = rasterizer.forward(cloud, &view.camera, render)?;
+        let rendered = rasterizer.image(&frame)?;
+        culled = culled.plus(rasterizer.culled(&frame)?);
+        look(view, &rendered)?;
+        let pair = measure(&rendered, view.photograph()?, render.backdrop());
+        let (l1, psnr) = pair.l1_and_psnr();
+        let ssim = metrics::ssim(&pair.rendered, &pair.target)?;
+        qualities.push(ViewQuality { name: view.name.clone(), psnr, ssim, l1 });
+    }
+    let mean = |of: fn(&ViewQuality) -> f64| qualities.iter().map(of).sum::<f64>() / qualities.len() as f64;
+    Ok(Evaluation { psnr: mean(|v| v.psnr), ssim: mean(|v| v.ssim), l1: mean(|v| v.l1), culled, views: qualities })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_what_counts_is_measured() {
+        let rendered = Image::filled(4, 4, [0.5; 3]).unwrap();
+        let image = Image::from_fn(4, 4, |x, _| if x < 2 { [0.6; 3] } else { [0.0; 3] }).unwrap();
+        let mask: Vec<bool> = (0..16).map(|i| i % 4 < 2).collect();
+        let masked = measure(&rendered, Photograph { image, alpha: None, mask: Some(mask) }, [0.0; 3]).l1_and_psnr();
+        assert!((masked.0 - 0.1).abs() < 1e-6 && (masked.1 - 20.0).abs() < 1e-4, "{masked:?}");
+    }
+
+    #[test]
+    fn transparent_pixels_show_the_background() {
+        let rendered = Image::filled(3, 3, [1.0; 3]).unwrap();
+        let image = Image::filled(3, 3, [0.0; 3]).unwrap();
+        let glass = Photograph { image, alpha: Some(vec![0.0; 9]), mask: None };
+        assert_eq!(measure(&rendered, glass, [1.0; 3]).l1_and_psnr(), (0.0, f64::INFINITY));
+    }
+}

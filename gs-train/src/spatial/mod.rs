@@ -1,0 +1,34 @@
+//! Training of scenes in space from posed photographs, as 3DGS does it and beyond.
+//!
+//! [`SpatialTrainer`] is the loop of [`Trainer`](crate::Trainer) with [`Views`] in place of one image. What it does is in its
+//! [`SpatialSettings`], which [`SpatialPreset`] names; where it begins says [`Start`]. [`evaluate`] judges any scene by any views.
+
+mod course;
+mod evaluation;
+mod flight;
+mod geometry;
+mod init;
+mod neighbours;
+mod order;
+mod pictures;
+mod presets;
+mod resolution;
+mod settings;
+mod summary;
+mod trainer;
+mod views;
+
+pub use self::{
+    course::ViewsCourse,
+    evaluation::{Evaluation, ViewQuality, evaluate},
+    flight::{Bulk, CameraPath, Ends, Key, Orbit, looking_at, resized},
+    geometry::{Focus, extent_of},
+    init::{PointInit, Start, gaussians_at, random_points},
+    neighbours::neighbour_distances,
+    presets::SpatialPreset,
+    resolution::Resolution,
+    settings::{Backdrop, SpatialSettings},
+    summary::SpatialSummary,
+    trainer::SpatialTrainer,
+    views::{PhotographSource, PosedView, Views},
+};

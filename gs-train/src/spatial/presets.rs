@@ -1,0 +1,175 @@
+//! Settings of training in space that are known to work: 3DGS's own, 3DGS-MCMC's, and a quick look.
+
+use std::fmt;
+
+use gs_core::{
+    Adam, Blend, Chart, Loss, Penalty, RenderSettings,
+    adam::{Group, Schedule},
+    constants::OPACITY_RESET_EVERY,
+    effects::{Antialias, Order},
+};
+use gs_density::{AbsoluteThreshold, Actions, Mcmc, Policy, Prune, RelativePercentile, SizeThreshold};
+use serde::{Deserialize, Serialize};
+
+use super::{
+    init::PointInit,
+    resolution::Resolution,
+    settings::{Backdrop, SpatialSettings},
+};
+use crate::rounds::Rounds;
+
+/// Settings by name.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum SpatialPreset {
+    /// The settings of 3DGS (Kerbl et al. 2023), 30,000 steps: what others compare with.
+    #[default]
+    #[serde(rename = "3dgs")]
+    ThreeDgs,
+    /// Those of 3DGS-MCMC (Kheradmand et al. 2024), 30,000 steps: for a fixed number of Gaussians.
+    Mcmc,
+    /// A first look in 2,000 steps, at half resolution first.
+    Quick,
+}
+
+/// Steps of the published runs.
+const ITERATIONS: u32 = 30_000;
+
+/// Steps of a quick look.
+const QUICK_ITERATIONS: u32 = 2_000;
+
+impl SpatialPreset {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::ThreeDgs, Self::Mcmc, Self::Quick];
+
+    /// Its name, in lower case.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::ThreeDgs => "3dgs",
+            Self::Mcmc => "mcmc",
+            Self::Quick => "quick",
+        }
+    }
+
+    /// The settings for a run of so many steps, by default the preset's own number.
+    ///
+    /// What belongs to a share of the run follows its length: the position's learning rate decays over all of it, and density is controlled
+    /// in its first half (MCMC: five sixths). What needs time to recover from does not: rounds stay 100 steps apart, opacities are reset
+    /// after 3,000, and a degree of harmonics has 1,000 steps, unless the run is too short for such rhythms.
+    pub fn settings(self, iterations: Option<u32>) -> SpatialSettings {
+        match self {
+            Self::ThreeDgs => three_dgs(iterations.unwrap_or(ITERATIONS)),
+            Self::Mcmc => mcmc(iterations.unwrap_or(ITERATIONS)),
+            Self::Quick => quick(iterations.unwrap_or(QUICK_ITERATIONS)),
+        }
+    }
+}
+
+impl fmt::Display for SpatialPreset {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+impl Default for SpatialSettings {
+    /// Those of [`SpatialPreset::ThreeDgs`].
+    fn default() -> Self {
+        SpatialPreset::default().settings(None)
+    }
+}
+
+fn three_dgs(iterations: u32) -> SpatialSettings {
+    let prune = Prune {
+        larger_than: Some(SizeThreshold::ExtentFraction(0.1)),
+        larger_after: OPACITY_RESET_EVERY,
+        ..Prune::default()
+    };
+    let actions = Actions { prune, ..Actions::default() };
+    let mut render = RenderSettings::blended(Blend::Over).on([0.0; 3]);
+    render.effects.order = Order::TileDepth;
+    render.effects.antialias = Antialias::Dilate;
+    render.effects.sh_degree = 3;
+    SpatialSettings {
+        gaussians: 2_000_000,
+        iterations,
+        seed: 0,
+        extent: None,
+        chart: Chart::ScaleRotation,
+        render,
+        backdrop: Backdrop::Same,
+        sh_degree_every: (iterations / 7).clamp(1, 1_000),
+        loss: Loss::PAPER,
+        adam: Adam {
+            mean: Group { schedule: Schedule::Exponential { to: 0.01 }, ..Group::constant(1.6e-4) },
+            scale: Group::constant(5e-3),
+            rotation: Group::constant(1e-3),
+            opacity: Group::constant(5e-2),
+            color: Group::constant(2.5e-3),
+            color_rest: Group::constant(2.5e-3 / 20.0),
+            epsilon: 1e-15,
+            // Bounds that only keep numbers finite.
+            min_scale: 1e-7,
+            max_scale: 1e3,
+            ..Adam::default()
+        },
+        init: PointInit::default(),
+        policy: Policy::Absolute(AbsoluteThreshold { actions, ..AbsoluteThreshold::default() }),
+        rounds: rounds(iterations, 500, 0.5),
+        resolution: Resolution::Full,
+    }
+}
+
+/// Every 100 steps from `from` until that share of the run; closer together in runs of less than 3,000 steps.
+fn rounds(iterations: u32, from: u32, until_share: f64) -> Rounds {
+    let every = (iterations / 30).clamp(1, 100);
+    let until = (f64::from(iterations) * until_share) as u32;
+    let from = from.min(iterations / 15).max(every);
+    Rounds { every, from, until: until.max(from) }
+}
+
+fn mcmc(iterations: u32) -> SpatialSettings {
+    let usual = three_dgs(iterations);
+    SpatialSettings {
+        adam: Adam { penalty: Penalty { opacity: 0.01, scale: 0.01 }, ..usual.adam },
+        gaussians: 1_000_000,
+        init: PointInit { opacity: 0.5, scale: 0.1, ..PointInit::default() },
+        policy: Policy::Mcmc(Mcmc::default()),
+        rounds: rounds(iterations, 500, 5.0 / 6.0),
+        ..usual
+    }
+}
+
+fn quick(iterations: u32) -> SpatialSettings {
+    let usual = three_dgs(iterations);
+    let Policy::Absolute(AbsoluteThreshold { actions, .. }) = usual.policy else { return usual };
+    SpatialSettings {
+        gaussians: 200_000,
+        policy: Policy::Percentile(RelativePercentile { actions, ..RelativePercentile::default() }),
+        rounds: rounds(iterations, 200, 0.6),
+        init: PointInit { random: 20_000, ..PointInit::default() },
+        resolution: Resolution::CoarseToFine { from: 2, full_after: 0.4 },
+        ..usual
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_run_of_the_published_length_is_the_published_one() {
+        let settings = SpatialPreset::ThreeDgs.settings(None);
+        assert_eq!(settings.rounds, Rounds { every: 100, from: 500, until: 15_000 });
+        assert_eq!((settings.iterations, settings.sh_degree_every), (30_000, 1_000));
+        let mcmc = SpatialPreset::Mcmc.settings(None);
+        assert_eq!(mcmc.rounds, Rounds { every: 100, from: 500, until: 25_000 });
+    }
+
+    #[test]
+    fn resets_fall_on_rounds() {
+        for iterations in [3_000, 7_000, 12_345, 30_000] {
+            let rounds = SpatialPreset::ThreeDgs.settings(Some(iterations)).rounds;
+            assert!(OPACITY_RESET_EVERY.is_multiple_of(rounds.every), "{iterations}: {rounds:?}");
+        }
+    }
+}

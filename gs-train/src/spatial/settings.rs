@@ -1,0 +1,225 @@
+//! Everything that the training of a scene in space depends on besides its views: one value that can be stored, compared and sent along.
+
+use gs_core::{
+    Adam, AdamRates, Chart, Error, Loss, RenderSettings, SpatialScene, adam::Schedule, constants::MAX_GAUSSIANS,
+};
+use gs_density::{DensityPolicy, Policy};
+use serde::{Deserialize, Serialize};
+
+use super::{init::PointInit, resolution::Resolution};
+use crate::{course::RunSettings, rounds::Rounds, settings::validate_adam};
+
+/// What is behind the scene while it is trained.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Backdrop {
+    /// What is behind it when it is rendered: [`RenderSettings::background`].
+    #[default]
+    Same,
+    /// Another colour in each step: what is transparent in the photographs cannot be painted, it must become transparent.
+    Random,
+}
+
+/// The settings of a training in space. Two runs with equal settings, views, start and backend give equal results, bit for bit.
+///
+/// Missing fields of a serialised form take the value of [`SpatialSettings::default`]; unknown ones are an error.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
+pub struct SpatialSettings {
+    /// The most Gaussians there may be, at least 1.
+    pub gaussians: u32,
+    /// Steps of the optimiser, one view each; 0 leaves the first scene as it is.
+    pub iterations: u32,
+    /// Where all random numbers come from.
+    pub seed: u32,
+    /// The scene's extent, world units; that of the cameras ([`extent_of`](super::extent_of)) unless it is given.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub extent: Option<f32>,
+    /// In which coordinates the optimiser moves.
+    pub chart: Chart,
+    /// Effects, background and accuracy. Its `effects.sh_degree` is the highest, and its `effects.statistics` are overruled by what the
+    /// policy asks for.
+    pub render: RenderSettings,
+    /// What is behind in training.
+    pub backdrop: Backdrop,
+    /// The degree of the harmonics grows by one every so many steps, from 0; 0 begins with the highest. Default 1000 (3DGS).
+    pub sh_degree_every: u32,
+    /// What is minimised.
+    pub loss: Loss,
+    /// The optimiser. The learning rate of means and the bounds of scales are in units of the extent.
+    pub adam: Adam,
+    /// How the first Gaussians are made of points.
+    pub init: PointInit,
+    /// Which Gaussians grow and which go.
+    pub policy: Policy,
+    /// When the policy is asked.
+    pub rounds: Rounds,
+    /// At which resolution the steps see their photographs.
+    pub resolution: Resolution,
+}
+
+impl SpatialSettings {
+    /// The highest degree of harmonics that the step after `step` steps evaluates.
+    pub fn sh_degree_at(&self, step: u32) -> u8 {
+        let highest = self.render.effects.sh_degree;
+        match self.sh_degree_every {
+            0 => highest,
+            every => u8::try_from(step.saturating_add(1) / every).unwrap_or(u8::MAX).min(highest),
+        }
+    }
+
+    /// Adam's numbers after `step` steps, in world units.
+    pub fn rates_at(&self, step: u32, extent: f32) -> AdamRates {
+        let mut rates = self.adam.at(step as f32 / self.iterations.max(1) as f32);
+        rates.mean.learning_rate *= extent;
+        rates.min_scale *= extent;
+        rates.max_scale *= extent;
+        rates
+    }
+
+    /// The same training under another policy. What is pruned, and when opacities are reset, stays as these settings have it, or as 3DGS
+    /// does where they have none.
+    #[must_use]
+    pub fn controlled_by(mut self, policy: Policy) -> Self {
+        let usual = self.policy.actions().copied().or(Self::default().policy.actions().copied()).unwrap_or_default();
+        self.policy = policy.in_space();
+        if let Some(actions) = self.policy.actions_mut() {
+            (actions.prune, actions.reset) = (usual.prune, usual.reset);
+        }
+        self
+    }
+
+    /// Fails where a setting is out of its range or contradicts another.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] naming the first offender, its value and what is allowed.
+    pub fn validate(&self) -> Result<(), Error> {
+        if !(1..=MAX_GAUSSIANS).contains(&self.gaussians) {
+            return Err(Error::setting("the number of Gaussians", self.gaussians, "1 to 100,000,000"));
+        }
+        if self.extent.is_some_and(|extent| !(extent > 0.0 && extent.is_finite())) {
+            return Err(Error::setting("the extent", self.extent.unwrap_or_default(), "positive and finite"));
+        }
+        self.init.validate()?;
+        self.policy.validate_spatial()?;
+        self.rounds.validate()?;
+        self.resolution.validate()?;
+        self.render.validate()?;
+        self.loss.validate()?;
+        validate_adam(&self.adam)
+    }
+}
+
+impl RunSettings<SpatialScene> for SpatialSettings {
+    const FORMAT: &'static str = "spatial-training-1";
+
+    fn validate(&self) -> Result<(), Error> {
+        Self::validate(self)
+    }
+
+    fn iterations(&self) -> u32 {
+        self.iterations
+    }
+
+    fn seed(&self) -> u32 {
+        self.seed
+    }
+
+    fn budget(&self) -> u32 {
+        self.gaussians
+    }
+
+    fn rounds(&self) -> &Rounds {
+        &self.rounds
+    }
+
+    fn policy(&self) -> &dyn DensityPolicy<SpatialScene> {
+        &self.policy
+    }
+
+    fn mean_schedule(&self) -> Schedule {
+        self.adam.mean.schedule
+    }
+
+    /// None: the loss is that of another view in each step.
+    fn psnr_estimate(&self, _: f32) -> Option<f32> {
+        None
+    }
+
+    /// Always: each step has another view.
+    fn bins_afresh_after(&self, _: u32) -> bool {
+        true
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::spatial::presets::SpatialPreset;
+
+    #[test]
+    fn presets_are_valid_and_come_back_unchanged() {
+        for preset in SpatialPreset::ALL {
+            for iterations in [None, Some(0), Some(1), Some(300), Some(7_000)] {
+                let settings = preset.settings(iterations);
+                settings.validate().unwrap();
+                let text = toml::to_string(&settings).unwrap();
+                assert_eq!(toml::from_str::<SpatialSettings>(&text).unwrap(), settings, "{text}");
+            }
+        }
+    }
+
+    #[test]
+    fn degrees_grow_one_by_one() {
+        let settings = SpatialSettings { sh_degree_every: 100, ..SpatialSettings::default() };
+        let degrees = [0, 98, 99, 199, 299, 999, u32::MAX].map(|step| settings.sh_degree_at(step));
+        assert_eq!(degrees, [0, 0, 1, 2, 3, 3, 3]);
+        assert_eq!(SpatialSettings { sh_degree_every: 0, ..settings }.sh_degree_at(0), 3);
+    }
+
+    #[test]
+    fn lengths_are_in_units_of_the_extent() {
+        let settings = SpatialPreset::ThreeDgs.settings(None);
+        let (first, last) = (settings.rates_at(0, 5.0), settings.rates_at(settings.iterations, 5.0));
+        assert!((first.mean.learning_rate - 8e-4).abs() < 1e-9);
+        assert!((last.mean.learning_rate - 8e-6).abs() < 1e-10);
+        assert_eq!(first.scale.learning_rate, 0.005);
+        assert_eq!(first.max_scale, 5.0 * settings.adam.max_scale);
+    }
+
+    #[test]
+    fn another_policy_prunes_and_resets_as_before() {
+        for preset in SpatialPreset::ALL {
+            for name in Policy::NAMES {
+                let policy = Policy::from_name(name).unwrap();
+                let settings = preset.settings(None).controlled_by(policy);
+                assert_eq!(settings.validate().is_err(), ["residual", "image-gs"].contains(&name), "{name}");
+                if let Some(actions) = settings.policy.actions() {
+                    assert_eq!(actions.prune.larger_after, 3000, "{name}");
+                    assert_eq!(actions.reset.every, 3000);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn what_cannot_work_is_refused() {
+        type Spoil = fn(&mut SpatialSettings);
+        let cases: [(&str, Spoil); 7] = [
+            ("number of Gaussians", |s| s.gaussians = 0),
+            ("extent", |s| s.extent = Some(f32::NAN)),
+            ("initial opacity", |s| s.init.opacity = 1.0),
+            ("policy is `residual`", |s| s.policy = Policy::from_name("residual").unwrap()),
+            ("resolution.from", |s| s.resolution = Resolution::CoarseToFine { from: 5, full_after: 0.5 }),
+            ("sh-degree", |s| s.render.effects.sh_degree = 4),
+            ("learning rate of SH", |s| s.adam.color_rest.learning_rate = f32::NAN),
+        ];
+        for (expected, spoil) in cases {
+            let mut settings = SpatialSettings::default();
+            spoil(&mut settings);
+            let message = settings.validate().unwrap_err().to_string();
+            assert!(message.contains(expected), "{message}");
+        }
+        assert!(toml::from_str::<SpatialSettings>("iteration = 7").is_err());
+    }
+}

@@ -1,0 +1,55 @@
+//! The result of a training in space in one value: what `summary.json` holds.
+
+use gs_core::{Rasterizer, SpatialScene, edit::EditCounts};
+use serde::{Deserialize, Serialize};
+
+use super::{evaluation::Evaluation, settings::SpatialSettings, trainer::SpatialTrainer};
+
+/// What a training cost and what came of it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct SpatialSummary {
+    /// Gaussians at the end.
+    pub gaussians: u32,
+    /// Steps done.
+    pub iterations: u32,
+    /// Time spent training, s; see [`Progress::seconds`](crate::Progress::seconds).
+    pub seconds: f64,
+    /// Views trained with.
+    pub train_views: usize,
+    /// Views held out; without any, `evaluation` is of a few of those trained with.
+    pub test_views: usize,
+    /// The backend and what it runs on.
+    pub backend: String,
+    /// Threads that computed, where the caller knows.
+    pub threads: Option<u32>,
+    /// The seed of all random numbers.
+    pub seed: u32,
+    /// The last loss that is known; nothing where no step was made.
+    pub loss: Option<f32>,
+    /// What density control did, all rounds together.
+    pub edits: EditCounts,
+    /// How good the scene is.
+    pub evaluation: Evaluation,
+    /// All settings, to repeat the training.
+    pub settings: SpatialSettings,
+}
+
+impl SpatialSummary {
+    /// The summary of a training as it stands, whose scene is as good as `evaluation` says.
+    pub fn new<R: Rasterizer<SpatialScene>>(trainer: &SpatialTrainer<'_, R>, evaluation: Evaluation) -> Self {
+        Self {
+            gaussians: trainer.count(),
+            iterations: trainer.step(),
+            seconds: trainer.seconds(),
+            train_views: trainer.views().train.len(),
+            test_views: trainer.views().test.len(),
+            backend: trainer.backend(),
+            threads: None,
+            seed: trainer.settings().seed,
+            loss: trainer.loss(),
+            edits: *trainer.edits(),
+            evaluation,
+            settings: trainer.settings().clone(),
+        }
+    }
+}

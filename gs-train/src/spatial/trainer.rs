@@ -1,0 +1,130 @@
+//! Training of a scene in space: where it begins, how it goes on from a checkpoint, and how good it has become.
+
+use std::time::Instant;
+
+use gs_core::{Camera, Image, Rasterizer, RenderSettings, Scene, SpatialScene, edit::EditCounts};
+use gs_io::Checkpoint;
+
+use super::{
+    course::{ViewsCourse, shown},
+    evaluation::{Evaluation, evaluate_cloud},
+    geometry::extent_of,
+    init::Start,
+    settings::SpatialSettings,
+    views::{PosedView, Views},
+};
+use crate::{
+    checkpoint::{Record, digest},
+    error::Error,
+    trainer::{Trainer, random},
+};
+
+/// The training of a scene in space, in progress.
+pub type SpatialTrainer<'a, R> = Trainer<'a, R, SpatialScene>;
+
+impl<'a, R: Rasterizer<SpatialScene>> Trainer<'a, R, SpatialScene> {
+    /// Begins a training.
+    ///
+    /// # Errors
+    /// [`gs_core::Error::Setting`] where a setting, a camera or the start is not possible, or where no view to train with sees any of the
+    /// first Gaussians; those of the backend.
+    pub fn from_views(
+        rasterizer: &'a R,
+        views: Views,
+        start: Start,
+        mut settings: SpatialSettings,
+    ) -> Result<Self, Error> {
+        let started = Instant::now();
+        settings.validate()?;
+        views.validate()?;
+        let cameras: Vec<Camera> = views.train_cameras().copied().collect();
+        let (budget, degree) = (settings.gaussians as usize, settings.render.effects.sh_degree);
+        let scene = start.scene(&cameras, &settings.init, budget, degree, &mut random(settings.seed, 0))?;
+        if !scene.means.iter().any(|&mean| cameras.iter().any(|camera| sees(camera, mean))) {
+            let allowed = "at least 1: the poses of the cameras and the points do not belong together";
+            return Err(gs_core::Error::setting("the number of first Gaussians that some view sees", 0, allowed).into());
+        }
+        let extent = *settings.extent.get_or_insert_with(|| extent_of(&cameras, depth_of(&scene, &cameras)));
+        settings.validate()?;
+        let cloud = rasterizer.upload(&scene, settings.chart)?;
+        let pictures = fingerprint(&views);
+        let record = Record { settings, step: 0, seconds: 0.0, edits: EditCounts::default(), pictures };
+        let mut trainer = Self::assemble(rasterizer, record, cloud, ViewsCourse::new(views, extent));
+        trainer.record.seconds = started.elapsed().as_secs_f64();
+        Ok(trainer)
+    }
+
+    /// Goes on with a training where a checkpoint left it; on the same backend it ends bit for bit as if it had never stopped.
+    ///
+    /// # Errors
+    /// [`Error::WrongTarget`] for other views, [`Error::Checkpoint`] for metadata that are not those of a training in space, and those of
+    /// the backend.
+    pub fn resume_views(rasterizer: &'a R, views: Views, checkpoint: Checkpoint) -> Result<Self, Error> {
+        let record = Record::from_metadata::<SpatialScene>(&checkpoint.metadata)?;
+        views.validate()?;
+        let found = fingerprint(&views);
+        if record.pictures != found {
+            return Err(Error::WrongTarget { expected: record.pictures, found });
+        }
+        let Some(extent) = record.settings.extent else {
+            return Err(Error::Checkpoint("its settings lack the extent".to_owned()));
+        };
+        let cloud = rasterizer.restore(&checkpoint.state)?;
+        Ok(Self::assemble(rasterizer, record, cloud, ViewsCourse::new(views, extent)))
+    }
+
+    /// The views.
+    pub fn views(&self) -> &Views {
+        self.course.views()
+    }
+
+    /// How the scene is shown now.
+    pub fn shown(&self) -> RenderSettings {
+        shown(&self.record.settings, self.record.step)
+    }
+
+    /// The scene as it looks now to a camera, not clamped.
+    ///
+    /// # Errors
+    /// Those of the backend.
+    pub fn render_view(&self, camera: &Camera) -> Result<Image, Error> {
+        Ok(self.rasterizer.image(&self.rasterizer.forward(&self.cloud, camera, &self.shown())?)?)
+    }
+
+    /// Judges the scene by its test views; without any, by a few of those it is trained with. `look` sees each view and its rendering.
+    ///
+    /// # Errors
+    /// Those of the backend, of reading a photograph, and of `look`.
+    pub fn evaluate(&self, look: &mut dyn FnMut(&PosedView, &Image) -> Result<(), Error>) -> Result<Evaluation, Error> {
+        evaluate_cloud(self.rasterizer, &self.cloud, &self.course.judges(), &self.shown(), look)
+    }
+}
+
+fn sees(camera: &Camera, mean: glam::Vec3) -> bool {
+    let size = glam::Vec2::new(camera.width as f32, camera.height as f32);
+    camera.project(mean).is_some_and(|(at, _)| at.cmpge(glam::Vec2::ZERO).all() && at.cmple(size).all())
+}
+
+/// The median distance of the Gaussians from the first camera.
+fn depth_of(scene: &SpatialScene, cameras: &[Camera]) -> Option<f32> {
+    let from = cameras.first()?.position();
+    let mut distances: Vec<f32> = scene.means.iter().map(|mean| mean.distance(from)).collect();
+    distances.sort_by(f32::total_cmp);
+    distances.get(scene.len() / 2).copied()
+}
+
+/// What tells these views from others: names, cameras and what they are for. Not their pixels, which would all have to be read.
+fn fingerprint(views: &Views) -> String {
+    let mut bytes = Vec::new();
+    for (role, views) in [(0, &views.train), (1, &views.test)] {
+        for PosedView { name, camera, .. } in views {
+            bytes.push(role);
+            bytes.extend(name.as_bytes());
+            let numbers = camera.rotation.to_cols_array().into_iter().chain(camera.translation.to_array());
+            let intrinsics = camera.focal.to_array().into_iter().chain(camera.center.to_array()).chain([camera.near]);
+            bytes.extend(numbers.chain(intrinsics).flat_map(f32::to_le_bytes));
+            bytes.extend([camera.width, camera.height].into_iter().flat_map(u32::to_le_bytes));
+        }
+    }
+    format!("{} views and {} held out, {:016x}", views.train.len(), views.test.len(), digest(bytes))
+}

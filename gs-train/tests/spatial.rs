@@ -1,0 +1,279 @@
+//! Whole trainings in space: a scene comes back from its pictures, runs repeat and resume bit for bit, and what is masked or transparent
+//! counts as it should.
+
+mod scenes;
+#[path = "scenes/space.rs"]
+mod space;
+
+use gs_core::{
+    Adam, Image, Participants, Penalty, Scene, SpatialScene, adam::Group, scene::sigmoid, state::TensorData,
+};
+use gs_density::Policy;
+use gs_io::dataset::{Photograph, Point};
+use gs_train::{
+    Control, Error, MetricsLog, Observer, Outcome, Progress, SpatialSettings, SpatialTrainer,
+    spatial::{Backdrop, Evaluation, Resolution, Start, Views, evaluate},
+};
+use scenes::rasterizer;
+use space::{changed, render, short, thirty, views};
+
+fn trained(settings: SpatialSettings, views: Views, start: Start) -> (SpatialScene, Evaluation) {
+    let rasterizer = rasterizer();
+    let mut trainer = SpatialTrainer::from_views(&rasterizer, views, start, settings).unwrap();
+    assert_eq!(trainer.run(&mut ()).unwrap(), Outcome::Finished);
+    (trainer.scene().unwrap(), trainer.evaluate(&mut |_, _| Ok(())).unwrap())
+}
+
+/// The parameters' bits, so that −0 is not 0 and NaN is itself.
+fn bits(scene: &SpatialScene) -> Vec<u32> {
+    let vectors = scene.means.iter().chain(&scene.log_scales).chain(&scene.sh).flat_map(|v| v.to_array());
+    let rest = scene.rotations.iter().flatten().chain(&scene.opacity_logits).copied();
+    vectors.chain(rest).map(f32::to_bits).collect()
+}
+
+#[test]
+fn a_scene_comes_back_from_its_pictures() {
+    let mut settings = short(900);
+    settings.render.effects.sh_degree = 0;
+    // So short a run takes larger steps.
+    let faster = |group: Group| Group { learning_rate: 4.0 * group.learning_rate, ..group };
+    let Adam { mean, scale, rotation, color, .. } = settings.adam;
+    settings.adam = Adam {
+        mean: faster(mean),
+        scale: faster(scale),
+        rotation: faster(rotation),
+        color: faster(color),
+        ..settings.adam
+    };
+    let (scene, evaluation) = trained(settings, views(&rasterizer()), Start::Random);
+    scene.validate().unwrap();
+    assert_eq!(evaluation.views.len(), 3);
+    assert!(evaluation.psnr > 30.0, "{:.2} dB with {} Gaussians", evaluation.psnr, scene.len());
+    assert!(evaluation.ssim > 0.9, "{}", evaluation.ssim);
+}
+
+#[test]
+fn the_true_scene_is_perfect_and_stays_so() {
+    let rasterizer = rasterizer();
+    let judged = evaluate(&rasterizer, &thirty(), &views(&rasterizer).test, &render()).unwrap();
+    assert!(judged.psnr > 60.0, "{judged:?}");
+    let mut settings = short(30);
+    settings.policy = Policy::None;
+    let (_, kept) = trained(settings, views(&rasterizer), Start::Scene(thirty()));
+    assert!(kept.psnr > 35.0, "{} dB", kept.psnr);
+}
+
+#[test]
+fn equal_seeds_give_equal_scenes_and_watching_changes_nothing() {
+    let rasterizer = rasterizer();
+    let run = |seed: u32, observer: &mut dyn Observer| {
+        let settings = SpatialSettings { seed, backdrop: Backdrop::Random, ..short(60) };
+        let mut trainer = SpatialTrainer::from_views(&rasterizer, views(&rasterizer), Start::Random, settings).unwrap();
+        trainer.run(observer).unwrap();
+        assert!(trainer.edits().added() > 0, "nothing grew");
+        bits(&trainer.scene().unwrap())
+    };
+    let mut log = MetricsLog::new(7);
+    let scene = run(1, &mut ());
+    assert!(scene == run(1, &mut log), "watching changes the training");
+    assert!(scene != run(2, &mut ()), "the seed makes no difference");
+    let last = log.rows().last().unwrap();
+    assert!(last.psnr.is_some() && last.culled.is_some() && last.step == 60, "{last:?}");
+    assert_eq!(log.rows().iter().map(|row| row.edits.added()).sum::<u32>() > 0, true);
+}
+
+/// Stops at the given steps.
+struct StopAt(Vec<u32>);
+
+impl Observer for StopAt {
+    fn on_step(&mut self, progress: &Progress) -> Control {
+        if self.0.contains(&progress.step) { Control::Stop } else { Control::Continue }
+    }
+}
+
+#[test]
+fn a_resumed_training_ends_bit_identical() {
+    let bits_of = |trainer: &mut SpatialTrainer<'_, gs_cpu::CpuRasterizer>| -> Vec<(String, Vec<u32>)> {
+        let state = trainer.checkpoint().unwrap().state;
+        let bits = |data: &TensorData| match data {
+            TensorData::F32(values) => values.iter().map(|v| v.to_bits()).collect(),
+            TensorData::U32(values) => values.clone(),
+        };
+        state.tensors.iter().map(|(name, tensor)| (name.clone(), bits(&tensor.data))).collect()
+    };
+    for name in ["absolute", "mcmc"] {
+        let mut settings = short(60).controlled_by(Policy::from_name(name).unwrap());
+        settings.backdrop = Backdrop::Random;
+        settings.resolution = Resolution::CoarseToFine { from: 2, full_after: 0.5 };
+        let first = rasterizer();
+        let mut whole = SpatialTrainer::from_views(&first, views(&first), Start::Random, settings.clone()).unwrap();
+        whole.run(&mut ()).unwrap();
+
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("checkpoint.safetensors");
+        let mut stops = StopAt(vec![1, 17, 30, 44]);
+        let mut trainer = SpatialTrainer::from_views(&first, views(&first), Start::Random, settings).unwrap();
+        let mut outcome = trainer.run(&mut stops).unwrap();
+        let mut checkpoint = trainer.checkpoint().unwrap();
+        let mut pieces = 1;
+        let last = loop {
+            gs_io::write_checkpoint(&file, &checkpoint).unwrap();
+            let other = rasterizer();
+            let read = gs_io::read_checkpoint(&file).unwrap();
+            let mut resumed = SpatialTrainer::resume_views(&other, views(&other), read).unwrap();
+            if outcome == Outcome::Finished {
+                break bits_of(&mut resumed);
+            }
+            outcome = resumed.run(&mut stops).unwrap();
+            checkpoint = resumed.checkpoint().unwrap();
+            pieces += 1;
+        };
+        assert_eq!(pieces, 5);
+        assert!(last == bits_of(&mut whole), "{name}");
+    }
+}
+
+#[test]
+fn a_checkpoint_of_other_views_or_of_an_image_is_refused() {
+    let rasterizer = rasterizer();
+    let start = || SpatialTrainer::from_views(&rasterizer, views(&rasterizer), Start::Random, short(20)).unwrap();
+    let checkpoint = start().checkpoint().unwrap();
+    let mut fewer = views(&rasterizer);
+    fewer.train.pop();
+    let refused = SpatialTrainer::resume_views(&rasterizer, fewer, checkpoint.clone()).unwrap_err();
+    assert!(matches!(refused, Error::WrongTarget { .. }), "{refused}");
+    let mut flat = checkpoint;
+    flat.metadata.insert("format".to_owned(), "planar-fit-1".to_owned());
+    let refused = SpatialTrainer::resume_views(&rasterizer, views(&rasterizer), flat).unwrap_err();
+    assert!(matches!(refused, Error::Checkpoint(_)), "{refused}");
+}
+
+#[test]
+fn what_is_masked_does_not_count() {
+    let rasterizer = rasterizer();
+    // The left half of every photograph is painted over, and masked.
+    let spoiled = |masked: bool| {
+        changed(views(&rasterizer), |_, photograph| {
+            let (width, height) = photograph.image.size();
+            let left = |x: u32| x < width / 2;
+            let paint = |x, y| if left(x) { [0.0, 1.0, 0.0] } else { photograph.image.pixel(x, y) };
+            let image = Image::from_fn(width, height, paint).unwrap();
+            let mask = (0..height).flat_map(|_| (0..width).map(left)).map(|painted| !painted).collect();
+            Photograph { image, alpha: None, mask: masked.then_some(mask) }
+        })
+    };
+    let quality = |masked| {
+        let mut settings = short(40);
+        settings.policy = Policy::None;
+        trained(settings, spoiled(masked), Start::Scene(thirty())).1.psnr
+    };
+    let (with_mask, without) = (quality(true), quality(false));
+    assert!(with_mask > 32.0 && without < with_mask - 5.0, "{with_mask} dB with the mask, {without} dB without");
+}
+
+#[test]
+fn the_loss_of_a_masked_step_is_told_in_its_place() {
+    let rasterizer = rasterizer();
+    let half_masked = changed(views(&rasterizer), |i, photograph| {
+        let mask = (i % 2 == 0).then(|| vec![true; photograph.image.pixels().len()]);
+        Photograph { mask, ..photograph }
+    });
+    let losses = |views| {
+        let mut trainer = SpatialTrainer::from_views(&rasterizer, views, Start::Random, short(24)).unwrap();
+        let mut losses = Vec::new();
+        while !trainer.is_finished() {
+            trainer.step_once().unwrap();
+            losses.extend_from_slice(trainer.new_losses().1);
+        }
+        losses
+    };
+    let (plain, masked) = (losses(views(&rasterizer)), losses(half_masked));
+    assert_eq!((plain.len(), masked.len()), (24, 24));
+    for (step, (plain, masked)) in plain.iter().zip(&masked).enumerate() {
+        assert!((plain - masked).abs() < 1e-3 * plain, "step {step}: a mask that hides nothing: {plain}, {masked}");
+    }
+}
+
+#[test]
+fn random_backgrounds_make_what_is_transparent_so() {
+    let rasterizer = rasterizer();
+    // A photograph of nothing at all, stored as black glass.
+    let glass = || {
+        changed(views(&rasterizer), |_, photograph| {
+            let alpha = Some(vec![0.0; photograph.image.pixels().len()]);
+            Photograph { image: Image::filled(48, 40, [0.0; 3]).unwrap(), alpha, mask: None }
+        })
+    };
+    let opacity = |backdrop| {
+        let settings = SpatialSettings { backdrop, policy: Policy::None, ..short(60) };
+        let (scene, _) = trained(settings, glass(), Start::Random);
+        scene.opacity_logits.iter().map(|&l| sigmoid(l)).sum::<f32>() / scene.len() as f32
+    };
+    let (random, black) = (opacity(Backdrop::Random), opacity(Backdrop::Same));
+    assert!(random < 0.5 * black, "{random} and {black}: on black, black Gaussians do no harm");
+}
+
+#[test]
+fn every_policy_trains_within_its_budget() {
+    let rasterizer = rasterizer();
+    let of = |settings: SpatialSettings| trained(settings, views(&rasterizer), Start::Random);
+    let before = of(SpatialSettings { iterations: 0, ..short(60) }).1.psnr;
+    for name in Policy::NAMES {
+        let settings = short(60).controlled_by(Policy::from_name(name).unwrap());
+        if ["residual", "image-gs"].contains(&name) {
+            let refused = SpatialTrainer::from_views(&rasterizer, views(&rasterizer), Start::Random, settings);
+            assert!(refused.unwrap_err().to_string().contains(name));
+            continue;
+        }
+        let (scene, evaluation) = of(settings);
+        scene.validate().unwrap();
+        assert!((1..=600).contains(&scene.len()), "{name}: {}", scene.len());
+        assert!(evaluation.psnr > before + 1.0, "{name}: {before} dB became {} dB", evaluation.psnr);
+    }
+}
+
+#[test]
+fn penalties_make_gaussians_fainter_and_smaller() {
+    let rasterizer = rasterizer();
+    let means = |penalty| {
+        let mut settings = SpatialSettings { policy: Policy::None, ..short(60) };
+        settings.adam.penalty = penalty;
+        let (scene, _) = trained(settings, views(&rasterizer), Start::Random);
+        let count = scene.len() as f32;
+        let opacity = scene.opacity_logits.iter().map(|&l| sigmoid(l)).sum::<f32>() / count;
+        (opacity, scene.log_scales.iter().map(|s| s.map(f32::exp).element_sum()).sum::<f32>() / (3.0 * count))
+    };
+    let (opacity, scale) = means(Penalty::NONE);
+    assert!(means(Penalty { opacity: 0.1, scale: 0.0 }).0 < 0.8 * opacity);
+    assert!(means(Penalty { opacity: 0.0, scale: 0.1 }).1 < 0.9 * scale);
+}
+
+#[test]
+fn sparse_steps_train_too() {
+    let rasterizer = rasterizer();
+    let mut settings = short(120);
+    settings.adam.participants = Participants::Visible;
+    let (_, sparse) = trained(settings, views(&rasterizer), Start::Random);
+    assert!(sparse.psnr > 18.0, "{}", sparse.psnr);
+}
+
+#[test]
+fn views_that_see_nothing_and_steps_that_are_over_are_errors() {
+    let rasterizer = rasterizer();
+    let behind = Start::Points(vec![Point { position: glam::Vec3::new(0.0, 0.0, 1e3), color: [0.5; 3] }]);
+    let refused = SpatialTrainer::from_views(&rasterizer, views(&rasterizer), behind, short(20)).unwrap_err();
+    assert!(refused.to_string().contains("some view sees"), "{refused}");
+    let none = Views::new(Vec::new(), Vec::new());
+    let refused = SpatialTrainer::from_views(&rasterizer, none, Start::Random, short(20)).unwrap_err();
+    assert!(refused.to_string().contains("views to train with"), "{refused}");
+    let mut trainer = SpatialTrainer::from_views(&rasterizer, views(&rasterizer), Start::Random, short(1)).unwrap();
+    trainer.step_once().unwrap();
+    assert!(matches!(trainer.step_once(), Err(Error::Finished { iterations: 1 })));
+}
+
+#[test]
+fn pictures_that_there_is_no_room_for_are_read_again() {
+    let rasterizer = rasterizer();
+    let with = |keep_bytes| trained(short(30), Views { keep_bytes, ..views(&rasterizer) }, Start::Random).0;
+    assert!(bits(&with(0)) == bits(&with(u64::MAX)));
+}
