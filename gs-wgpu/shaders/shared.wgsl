@@ -28,7 +28,8 @@ struct Step {
     coefficients: u32,
     sh_degree: u32,
     unused: u32,
-    // Adam: mean, scale, rotation, opacity, colour, SH above degree 0. Learning rate, beta1, beta2, and 1 - beta1; ln beta1, ln beta2, 1 - beta2.
+    // Adam: mean, scale, rotation, opacity, colour, SH above degree 0. Learning rate, beta1, beta2, and 1 - beta1; ln beta1, ln beta2, 1 - beta2,
+    // and of scales and opacities what one number's penalty weighs.
     rates: array<vec4f, 6>,
     decays: array<vec4f, 6>,
 }

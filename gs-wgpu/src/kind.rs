@@ -3,7 +3,7 @@
 
 use std::{fmt::Debug, sync::Arc};
 
-use gs_core::{Chart, CloudState, Error, RenderSettings, Scene, profile::Traffic};
+use gs_core::{AdamRates, Chart, CloudState, Error, RenderSettings, Scene, profile::Traffic};
 
 use crate::{
     WgpuRasterizer,
@@ -29,6 +29,9 @@ pub trait Kind: Scene<View: PartialEq> + 'static {
 
     /// Fails where the view or an effect is not possible.
     fn check(view: &Self::View, settings: &RenderSettings) -> Result<(), Error>;
+
+    /// Fails where an optimiser's setting is not possible.
+    fn check_rates(rates: &AdamRates) -> Result<(), Error>;
 
     /// Columns and rows.
     fn size(view: &Self::View) -> [u32; 2];

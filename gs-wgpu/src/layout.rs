@@ -157,7 +157,7 @@ pub struct Step {
     pub(crate) unused: u32,
     /// Per group: learning rate, β₁, β₂, 1 − β₁.
     pub(crate) rates: [[f32; 4]; 6],
-    /// Per group: ln β₁, ln β₂, 1 − β₂, unused.
+    /// Per group: ln β₁, ln β₂, 1 − β₂, and of scales and opacities what one number's penalty weighs.
     pub(crate) decays: [[f32; 4]; 6],
 }
 

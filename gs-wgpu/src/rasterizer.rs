@@ -3,7 +3,7 @@
 use std::sync::{Arc, PoisonError};
 
 use gs_core::{
-    AdamRates, Chart, CloudState, DensityStatistics, EditPlan, Error, Image, Loss, Penalty, PlanarScene, Rasterizer,
+    AdamRates, Chart, CloudState, DensityStatistics, EditPlan, Error, Image, Loss, PlanarScene, Rasterizer,
     RenderSettings, SpatialScene, TrainStep, Wait,
     effects::{Outputs, Statistics},
     profile::Profiler,
@@ -141,13 +141,6 @@ pub(crate) fn check_settings(settings: &RenderSettings) -> Result<(), Error> {
     Ok(())
 }
 
-fn check_rates(rates: &AdamRates) -> Result<(), Error> {
-    if rates.penalty != Penalty::NONE {
-        return Err(unsupported("a penalty on opacities and scales"));
-    }
-    Ok(())
-}
-
 impl<S: Kind> Rasterizer<S> for WgpuRasterizer {
     type Cloud = Cloud<S>;
     type Frame = Frame<S>;
@@ -250,7 +243,7 @@ impl<S: Kind> Rasterizer<S> for WgpuRasterizer {
 
     fn step(&self, cloud: &mut Cloud<S>, gradients: &Gradients<S>, rates: &AdamRates) -> Result<(), Error> {
         gradients.check_len(cloud)?;
-        check_rates(rates)?;
+        S::check_rates(rates)?;
         let gpu = &self.gpu;
         cloud.settle(gpu)?;
         let mut workspace = S::pool(self).take(gpu)?;
@@ -275,7 +268,7 @@ impl<S: Kind> Rasterizer<S> for WgpuRasterizer {
     ) -> Result<(), Error> {
         S::check(view, step.settings)?;
         step.loss.validate()?;
-        check_rates(step.rates)?;
+        S::check_rates(step.rates)?;
         target.check_size(S::size(view))?;
         cloud.in_flight().train(&self.gpu, S::pool(self), cloud, Request::new(view, target, step))
     }

@@ -222,6 +222,8 @@ impl Tiles {
                 let [ln1, ln2] = [g.beta1, g.beta2].map(|beta| f64::from(beta).ln() as f32);
                 [ln1, ln2, 1.0 - g.beta2, 0.0]
             });
+            let count = self.gaussians.max(1) as f32;
+            (step.decays[1][3], step.decays[3][3]) = (r.penalty.scale / (3.0 * count), r.penalty.opacity / count);
         }
         step
     }

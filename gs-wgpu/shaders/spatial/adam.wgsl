@@ -22,10 +22,17 @@ fn spatial_adam(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) gr
     var m = moments[index];
     var m0 = m.first[0];
     var v0 = m.second[0];
-    let place = moved(&m0, &v0, vec4f(gradient.mean, gradient.opacity_logit), rates_of(vec4u(0u, 0u, 0u, 3u), steps));
+    // The penalty's gradient is w o (1 - o) by the opacity's logit, and w s by each ln-scale.
+    let o = sigmoid(e.opacity_logit);
+    let by_opacity = gradient.opacity_logit + step.decays[3].w * o * (1.0 - o);
+    var by_scale = gradient.log_scale;
+    if step.decays[1].w > 0.0 {
+        by_scale += step.decays[1].w * vec3f(exp_exact(e.log_scale.x), exp_exact(e.log_scale.y), exp_exact(e.log_scale.z));
+    }
+    let place = moved(&m0, &v0, vec4f(gradient.mean, by_opacity), rates_of(vec4u(0u, 0u, 0u, 3u), steps));
     var m1 = m.first[1];
     var v1 = m.second[1];
-    let size = moved(&m1, &v1, vec4f(gradient.log_scale, 0.0), rates_of(vec4u(1u), steps));
+    let size = moved(&m1, &v1, vec4f(by_scale, 0.0), rates_of(vec4u(1u), steps));
     var m2 = m.first[2];
     var v2 = m.second[2];
     e.rotation -= moved(&m2, &v2, gradient.rotation, rates_of(vec4u(2u), steps));

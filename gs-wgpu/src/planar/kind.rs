@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use glam::{Vec2, Vec3};
 use gs_core::{
-    Blend, Canvas, Chart, CloudState, Error, PlanarGaussian, PlanarScene, RenderSettings,
+    AdamRates, Blend, Canvas, Chart, CloudState, Error, Penalty, PlanarGaussian, PlanarScene, RenderSettings,
     effects::{Antialias, Order, Statistics as Collected},
     profile::Traffic,
     whitened::WhitenedGradient,
@@ -54,6 +54,13 @@ impl Kind for PlanarScene {
         }
         if effects.antialias != Antialias::None {
             return Err(unsupported(format!("antialias {:?} of a planar scene", effects.antialias)));
+        }
+        Ok(())
+    }
+
+    fn check_rates(rates: &AdamRates) -> Result<(), Error> {
+        if rates.penalty != Penalty::NONE {
+            return Err(unsupported("a penalty on the opacities and scales of a planar scene"));
         }
         Ok(())
     }

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use glam::Vec3;
 use gs_core::{
-    Camera, Chart, CloudState, Error, RenderSettings, SpatialGaussian, SpatialScene,
+    AdamRates, Camera, Chart, CloudState, Error, RenderSettings, SpatialGaussian, SpatialScene,
     effects::{Exposure, Lens, Order, Statistics as Collected},
     profile::Traffic,
 };
@@ -47,6 +47,10 @@ impl Kind for SpatialScene {
         if effects.exposure != Exposure::None {
             return Err(unsupported(format!("exposure {:?}", effects.exposure)));
         }
+        Ok(())
+    }
+
+    fn check_rates(_: &AdamRates) -> Result<(), Error> {
         Ok(())
     }
 
