@@ -33,12 +33,7 @@ impl Tiles {
     }
 
     /// Stage `blend_bwd`, from `v_image`, or from the image itself.
-    pub(crate) fn encode_blend_bwd(
-        &self,
-        gpu: &Gpu,
-        commands: &mut Commands,
-        v_image: Differentiated,
-    ) {
+    pub(crate) fn encode_blend_bwd(&self, gpu: &Gpu, commands: &mut Commands, v_image: Differentiated) {
         let variant = Variant { pass: Pass::Backward, ..self.variant() };
         let v_image = match v_image {
             Differentiated::Loss => &self.v_image.buffer,
@@ -73,8 +68,7 @@ impl Tiles {
         let kind = if loss == Loss::L2 { 1 } else { 2 };
         let tiles = self.count();
         self.partial.ensure(gpu, tiles * 4)?;
-        let variant =
-            Variant { pass: Pass::Fused, constant: Some(("KIND", kind)), ..self.variant() };
+        let variant = Variant { pass: Pass::Fused, constant: Some(("KIND", kind)), ..self.variant() };
         let mut bindings = self.lists().to_vec();
         bindings.extend([&self.slots.buffer, &target.buffer, &self.partial.buffer]);
         dispatch(gpu, commands, "blend_vectors", variant, &bindings, gpu.groups(tiles).into());

@@ -81,7 +81,13 @@ pub trait Kind: Scene<View: PartialEq> + 'static {
     fn write_view(workspace: &Workspace<Self>, gpu: &Gpu, view: &Self::View);
 
     /// Stage `project`, and all until splats and their numbers of tiles stand in the order of blending.
-    fn encode_project(workspace: &Workspace<Self>, gpu: &Gpu, commands: &mut Commands, cloud: &Cloud<Self>, lists: bool);
+    fn encode_project(
+        workspace: &Workspace<Self>,
+        gpu: &Gpu,
+        commands: &mut Commands,
+        cloud: &Cloud<Self>,
+        lists: bool,
+    );
 
     /// Stage `project_bwd`.
     fn encode_project_bwd(workspace: &Workspace<Self>, gpu: &Gpu, commands: &mut Commands, cloud: &Cloud<Self>);

@@ -206,10 +206,7 @@ mod tests {
         same_layout!(m, Gradient { color, opacity_logit, eta, device_norm, xi, visible, unused });
         same_layout!(m, Ellipsoid { mean, opacity_logit, log_scale, steps, rotation });
         same_layout!(m, EllipsoidMoments { first, second });
-        same_layout!(
-            m,
-            EllipsoidGradient { mean, opacity_logit, log_scale, device_norm, rotation, visible, unused }
-        );
+        same_layout!(m, EllipsoidGradient { mean, opacity_logit, log_scale, device_norm, rotation, visible, unused });
         same_layout!(m, Source { parameters, moments, statistics, is_fresh });
         same_layout!(m, Status { entries, overflow, loss, near, not_finite, degenerate, transparent, outside });
         same_layout!(

@@ -199,7 +199,8 @@ fn prelude(variant: Variant) -> String {
         list(&SH_C3),
     )
     .expect("a string takes everything");
-    writeln!(text, "const WINDOW = array<f32, {SSIM_WINDOW}>({});", list(&ssim_window())).expect("a string takes everything");
+    writeln!(text, "const WINDOW = array<f32, {SSIM_WINDOW}>({});", list(&ssim_window()))
+        .expect("a string takes everything");
     text
 }
 

@@ -26,7 +26,7 @@ pub(crate) const PIXEL_BYTES: u64 = 16;
 
 /// A buffer that is replaced by a larger one when that is needed; its contents are lost then.
 #[derive(Debug)]
-pub struct Growing {
+pub(crate) struct Growing {
     label: &'static str,
     pub(crate) buffer: wgpu::Buffer,
 }
@@ -46,7 +46,7 @@ impl Growing {
 
 /// One pass's tiles, whatever kind of scene is on them.
 #[derive(Debug)]
-pub struct Tiles {
+pub(crate) struct Tiles {
     /// Columns and rows of the image.
     pub(crate) size: [u32; 2],
     pub(crate) settings: RenderSettings,

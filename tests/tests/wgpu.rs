@@ -19,7 +19,8 @@ use gs_core::{
 };
 use gs_cpu::{CpuRasterizer, CpuSettings};
 use gs_wgpu::{
-    FreshBuffers, Kernels, PlanarCloud, PlanarGradients, STEPS_IN_FLIGHT, Target, WgpuRasterizer, WgpuSettings, adapters,
+    FreshBuffers, Kernels, PlanarCloud, PlanarGradients, STEPS_IN_FLIGHT, Target, WgpuRasterizer, WgpuSettings,
+    adapters,
 };
 use proptest::{
     prelude::*,

@@ -9,7 +9,8 @@ use gs_conformance::{
     scenes::{Draw, SpatialKind, spatial_draws},
 };
 use gs_core::{
-    Adam, Binning, Blend, Chart, CloudState, Error, Image, Loss, Participants, Rasterizer, SpatialScene, TrainStep, Wait,
+    Adam, Binning, Blend, Chart, CloudState, Error, Image, Loss, Participants, Rasterizer, SpatialScene, TrainStep,
+    Wait,
     effects::{Order, Statistics},
     state::TensorData,
 };

@@ -96,7 +96,12 @@ impl PlanarState {
         self.has_opacity || fresh.iter().any(|g| g.opacity_logit != f32::INFINITY)
     }
 
-    pub(crate) fn edit(&self, gpu: &Gpu, commands: &mut Commands, edit: &Edit<'_, PlanarGaussian>) -> Result<Self, Error> {
+    pub(crate) fn edit(
+        &self,
+        gpu: &Gpu,
+        commands: &mut Commands,
+        edit: &Edit<'_, PlanarGaussian>,
+    ) -> Result<Self, Error> {
         let fresh: Vec<Gaussian> = edit.fresh.iter().map(|g| packed(g, self.chart)).collect();
         let fresh = gpu.storage("new Gaussians", &fresh)?;
         let edited = Self {

@@ -158,15 +158,8 @@ impl SpatialState {
         ];
         let spatial = Variant { spatial: true, ..Variant::default() };
         dispatch(gpu, commands, "edit", spatial, &bindings, groups_of(gpu, n, 64));
-        let bindings = [
-            &edit.step,
-            &edit.sources,
-            &fresh_sh,
-            &self.sh,
-            &self.sh_moments,
-            &edited.sh,
-            &edited.sh_moments,
-        ];
+        let bindings =
+            [&edit.step, &edit.sources, &fresh_sh, &self.sh, &self.sh_moments, &edited.sh, &edited.sh_moments];
         dispatch(gpu, commands, "edit_color", Variant::default(), &bindings, groups_of(gpu, numbers, 64));
         Ok(edited)
     }
