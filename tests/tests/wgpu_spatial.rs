@@ -9,7 +9,7 @@ use gs_conformance::{
     scenes::{Draw, SpatialKind, spatial_draws},
 };
 use gs_core::{
-    Adam, Binning, Blend, Chart, CloudState, Error, Image, Loss, Participants, Rasterizer, SpatialScene, TrainStep,
+    Adam, AdamRates, Binning, Blend, Chart, CloudState, Error, Image, Loss, Participants, Rasterizer, SpatialScene, TrainStep,
     Wait,
     effects::{Order, Statistics},
     state::TensorData,
@@ -91,6 +91,13 @@ fn bits(state: &CloudState) -> BTreeMap<&str, Vec<u32>> {
     state.tensors.iter().map(|(name, tensor)| (name.as_str(), of(&tensor.data))).collect()
 }
 
+/// Steps that are small beside the scene, and whose gradients of mere rounding do not become whole steps.
+fn rates(participants: Participants) -> AdamRates {
+    let mut adam = Adam { epsilon: 1e-6, min_scale: 1e-4, participants, ..Adam::default() };
+    adam.mean.learning_rate = 1e-3;
+    adam.at(0.0)
+}
+
 fn trained<R: Rasterizer<SpatialScene>>(
     r: &R,
     draw: &Draw<SpatialScene>,
@@ -99,9 +106,7 @@ fn trained<R: Rasterizer<SpatialScene>>(
 ) -> (CloudState, Vec<f32>) {
     let target = r.upload_target(&draw.target().unwrap()).unwrap();
     let mut cloud = r.upload(&draw.scene, Chart::ScaleRotation).unwrap();
-    let mut adam = Adam { epsilon: 1e-6, min_scale: 1e-4, participants, ..Adam::default() };
-    adam.mean.learning_rate = 1e-3;
-    let rates = adam.at(0.0);
+    let rates = rates(participants);
     for _ in 0..steps {
         let step = TrainStep { settings: &draw.settings, loss: Loss::PAPER, rates: &rates, binning: Binning::Reuse };
         r.train_step(&mut cloud, &draw.view, &target, &step).unwrap();
@@ -156,7 +161,7 @@ fn a_training_step_moves_few_bytes_however_many_gaussians_there_are() {
         let draw = Draw::spatial(SpatialKind::Typical, Blend::Over, gaussians, (120, 80), 3);
         let target = r.spatial().upload_target(&draw.target().unwrap()).unwrap();
         let mut cloud = r.upload(&draw.scene, Chart::ScaleRotation).unwrap();
-        let rates = Adam { epsilon: 1e-6, ..Adam::default() }.at(0.0);
+        let rates = rates(Participants::All);
         let step = TrainStep { settings: &draw.settings, loss: Loss::L2, rates: &rates, binning: Binning::Fresh };
         // Buffers grow in the first.
         r.train_step(&mut cloud, &draw.view, &target, &step).unwrap();
