@@ -61,7 +61,7 @@ pub(crate) struct Backend {
 }
 
 enum AnyRasterizer {
-    Cpu(CpuRasterizer),
+    Cpu(Box<CpuRasterizer>),
     Wgpu(Box<WgpuRasterizer>),
 }
 
@@ -137,7 +137,7 @@ impl Backend {
         let what = Rasterizer::<PlanarScene>::describe(&rasterizer);
         Ok(Self {
             reason: format!("{what}: {why}, {why_level}, {}", threads.why),
-            rasterizer: AnyRasterizer::Cpu(rasterizer),
+            rasterizer: AnyRasterizer::Cpu(Box::new(rasterizer)),
             name: "cpu",
             adapter: None,
             threads: threads.count,
@@ -163,7 +163,7 @@ impl Backend {
     /// Where the backend has no scenes in space.
     pub(crate) fn run_spatial<T: SpatialTask>(&self, task: T) -> Result<T::Output, Failure> {
         match &self.rasterizer {
-            AnyRasterizer::Cpu(rasterizer) => Ok(task.run(rasterizer)),
+            AnyRasterizer::Cpu(rasterizer) => Ok(task.run(rasterizer.as_ref())),
             AnyRasterizer::Wgpu(_) => {
                 Err(Failure::usage("--backend wgpu does not offer scenes in space").mend("use --backend cpu"))
             }
@@ -173,7 +173,7 @@ impl Backend {
     /// Does the task on the chosen backend.
     pub(crate) fn run<T: Task>(&self, task: T) -> T::Output {
         match &self.rasterizer {
-            AnyRasterizer::Cpu(rasterizer) => task.run(rasterizer),
+            AnyRasterizer::Cpu(rasterizer) => task.run(rasterizer.as_ref()),
             AnyRasterizer::Wgpu(rasterizer) => task.run(rasterizer.as_ref()),
         }
     }

@@ -54,7 +54,7 @@ pub(crate) enum Command {
     /// Turn posed photographs into a scene in space
     Train(Box<TrainArgs>),
     /// Draw a scene as a PNG of any size, or from moving cameras
-    Render(RenderArgs),
+    Render(Box<RenderArgs>),
     /// Compare two images, or a scene with photographs: PSNR, SSIM, L1
     Eval(EvalArgs),
     /// Turn a spatial scene into another format: PLY, .splat, SPZ, glTF

@@ -362,7 +362,7 @@ mod tests {
     #[test]
     fn abs_gs_splits_what_3dgs_would_clone() {
         let split_above = |name| match Policy::from_name(name).unwrap() {
-            Policy::Absolute(policy) => policy.actions.densify.split_above.pixels((768, 512)),
+            Policy::Absolute(policy) => policy.actions.densify.split_above.bound(768.0),
             other => panic!("{other:?}"),
         };
         assert!((split_above("absolute") - 7.68).abs() < 1e-4 && (split_above("abs-gs") - 0.768).abs() < 1e-5);

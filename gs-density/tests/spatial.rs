@@ -119,7 +119,7 @@ fn a_long_axis_split_puts_two_side_by_side() {
     let policy =
         AbsoluteThreshold { actions: Actions { densify, ..Actions::default() }, ..AbsoluteThreshold::default() };
     let parent = gaussian(1.0, 0.5);
-    let plan = plan_at(&policy, &scene(&[parent.clone()]), &[1.0], 99);
+    let plan = plan_at(&policy, &scene(std::slice::from_ref(&parent)), &[1.0], 99);
     // The second axis is the longest.
     let along = parent.frame().unwrap().y_axis * split.offset;
     for (half, side) in [(&plan.changed[0].gaussian, -1.0), (&plan.added[0].gaussian, 1.0)] {

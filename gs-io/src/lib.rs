@@ -14,6 +14,9 @@
 //! found, and how to mend it; never in a panic. Whatever is written appears under its name complete or not at all
 //! ([`write_atomically`]).
 
+// Guards are phrased so that NaN fails them: `!(x > 0.0)` is not `x <= 0.0`.
+#![allow(clippy::neg_cmp_op_on_partial_ord)]
+
 mod animation;
 mod atomic;
 mod checkpoint;

@@ -70,6 +70,7 @@ fn rising(psnr: f64, seconds: f64) -> Finished {
             loss: 0.5,
             l1: None,
             psnr: Some(part * psnr),
+            culled: None,
         }
     };
     Finished {

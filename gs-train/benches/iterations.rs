@@ -81,6 +81,7 @@ fn iterations(
     repetitions: usize,
 ) -> Result<Quantiles, gs_core::Error> {
     let mut cloud = rasterizer.upload(&fitted.scene, fitted.settings.chart)?;
+    let rasterizer = rasterizer.planar();
     let target = rasterizer.upload_target(image)?;
     let view = Canvas::new(image.width(), image.height());
     // The rates of the end: the scene goes on as it is.

@@ -165,16 +165,16 @@ fn measure_elsewhere(series: Series, gaussians: u32) -> Result<Measured, Box<dyn
 
 fn measure(options: &Options, series: Series, gaussians: u32, side: u32) -> Result<Measured, Box<dyn Error>> {
     let rasterizer = options.rasterizer(options.threads())?;
-    let target = rasterizer.upload_target(&Image::filled(side, side, [0.5; 3])?)?;
+    let target = rasterizer.planar().upload_target(&Image::filled(side, side, [0.5; 3])?)?;
     let before = memory::forget_peak();
     let scene = series.scene(gaussians, side);
     let mut cloud = rasterizer.upload(&scene, Chart::LocalFrame)?;
     drop(scene);
     let (view, settings) = (Canvas::new(side, side), RenderSettings::blended(series.blend()));
-    let frame = rasterizer.forward(&cloud, &view, &settings)?;
+    let frame = rasterizer.planar().forward(&cloud, &view, &settings)?;
     let (entries, pairs) = (frame.entries() as u64, frame.pairs());
     drop(frame);
-    let forward = try_time(options.pick(15, 3), || rasterizer.forward(&cloud, &view, &settings))?;
+    let forward = try_time(options.pick(15, 3), || rasterizer.planar().forward(&cloud, &view, &settings))?;
     // So little that the scene stays what it is.
     let mut adam = Adam::default();
     for group in [&mut adam.mean, &mut adam.scale, &mut adam.rotation, &mut adam.opacity, &mut adam.color] {
@@ -185,7 +185,7 @@ fn measure(options: &Options, series: Series, gaussians: u32, side: u32) -> Resu
         (0..REBIN_EVERY).try_for_each(|i| {
             let binning = if i == 0 { Binning::Fresh } else { Binning::Reuse };
             let step = TrainStep { settings: &settings, loss: Loss::L2, rates: &rates, binning };
-            rasterizer.train_step(&mut cloud, &view, &target, &step)
+            rasterizer.planar().train_step(&mut cloud, &view, &target, &step)
         })
     };
     steps()?;

@@ -99,10 +99,10 @@ fn measure_threads(
     let rasterizer = options.rasterizer(threads)?;
     let level = instructions(options.level()).ok_or("the SIMD level is not one of this machine")?;
     let mut cloud = rasterizer.upload(&fitted.scene, fitted.settings.chart)?;
-    let target = rasterizer.upload_target(image)?;
+    let target = rasterizer.planar().upload_target(image)?;
     let view = Canvas::new(image.width(), image.height());
     let mut profile = |rasterizer: &CpuRasterizer, repetitions: usize| {
-        rasterizer.profile(&mut cloud, &view, &target, &fitted.settings.render, variant.loss, repetitions)
+        rasterizer.planar().profile(&mut cloud, &view, &target, &fitted.settings.render, variant.loss, repetitions)
     };
     profile(&rasterizer, 2)?;
     let mut bare_loop = BareLoop::new();

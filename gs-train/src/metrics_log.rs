@@ -159,13 +159,10 @@ fn rows_of(csv: &str, last_step: u32) -> Result<Vec<MetricsRow>, Error> {
 
 fn row_of(text: &str) -> Option<MetricsRow> {
     let cells: Vec<&str> = text.split(',').collect();
-    let Some((
+    let (
         &[step, seconds, count, cloned, split, seeded, transparent, too_large, not_finite, unimportant, loss, l1, psnr],
         culled,
-    )) = cells.split_first_chunk::<13>()
-    else {
-        return None;
-    };
+    ) = cells.split_first_chunk::<13>()?;
     let whole = |cell: &str| cell.parse::<u32>().ok();
     let measured = |cell: &str| if cell.is_empty() { Some(None) } else { cell.parse().ok().map(Some) };
     let edits = EditCounts {

@@ -30,39 +30,39 @@ impl Rasterizer<PlanarScene> for Late {
     }
 
     fn upload(&self, scene: &PlanarScene, chart: Chart) -> Result<Self::Cloud, CoreError> {
-        self.sound.upload(scene, chart)
+        self.sound.planar().upload(scene, chart)
     }
 
     fn download(&self, cloud: &Self::Cloud) -> Result<PlanarScene, CoreError> {
-        self.sound.download(cloud)
+        self.sound.planar().download(cloud)
     }
 
     fn len(&self, cloud: &Self::Cloud) -> usize {
-        self.sound.len(cloud)
+        self.sound.planar().len(cloud)
     }
 
     fn upload_target(&self, image: &Image) -> Result<Self::Target, CoreError> {
-        self.sound.upload_target(image)
+        self.sound.planar().upload_target(image)
     }
 
     fn save(&self, cloud: &Self::Cloud) -> Result<CloudState, CoreError> {
-        self.sound.save(cloud)
+        self.sound.planar().save(cloud)
     }
 
     fn restore(&self, state: &CloudState) -> Result<Self::Cloud, CoreError> {
-        self.sound.restore(state)
+        self.sound.planar().restore(state)
     }
 
     fn forward(&self, cloud: &Self::Cloud, view: &Canvas, settings: &RenderSettings) -> Result<Self::Frame, CoreError> {
-        self.sound.forward(cloud, view, settings)
+        self.sound.planar().forward(cloud, view, settings)
     }
 
     fn image(&self, frame: &Self::Frame) -> Result<Image, CoreError> {
-        self.sound.image(frame)
+        self.sound.planar().image(frame)
     }
 
     fn culled(&self, frame: &Self::Frame) -> Result<Culled, CoreError> {
-        self.sound.culled(frame)
+        self.sound.planar().culled(frame)
     }
 
     fn backward(
@@ -72,15 +72,15 @@ impl Rasterizer<PlanarScene> for Late {
         target: &Self::Target,
         loss: &Loss,
     ) -> Result<(f32, Self::Gradients), CoreError> {
-        self.sound.backward(cloud, frame, target, loss)
+        self.sound.planar().backward(cloud, frame, target, loss)
     }
 
     fn download_gradients(&self, cloud: &Self::Cloud, gradients: &Self::Gradients) -> Result<PlanarScene, CoreError> {
-        self.sound.download_gradients(cloud, gradients)
+        self.sound.planar().download_gradients(cloud, gradients)
     }
 
     fn step(&self, cloud: &mut Self::Cloud, gradients: &Self::Gradients, rates: &AdamRates) -> Result<(), CoreError> {
-        self.sound.step(cloud, gradients, rates)
+        self.sound.planar().step(cloud, gradients, rates)
     }
 
     fn train_step(
@@ -90,11 +90,11 @@ impl Rasterizer<PlanarScene> for Late {
         target: &Self::Target,
         step: &TrainStep<'_>,
     ) -> Result<(), CoreError> {
-        self.sound.train_step(cloud, view, target, step)
+        self.sound.planar().train_step(cloud, view, target, step)
     }
 
     fn losses(&self, cloud: &mut Self::Cloud, wait: Wait, losses: &mut Vec<f32>) -> Result<(), CoreError> {
-        let unread = self.sound.unread_losses(cloud);
+        let unread = self.sound.planar().unread_losses(cloud);
         let kept = match wait {
             Wait::Arrived => self.by.min(unread.len()),
             Wait::All => 0,
@@ -104,7 +104,7 @@ impl Rasterizer<PlanarScene> for Late {
     }
 
     fn unread_losses<'c>(&self, cloud: &'c mut Self::Cloud) -> &'c mut Vec<f32> {
-        self.sound.unread_losses(cloud)
+        self.sound.planar().unread_losses(cloud)
     }
 
     fn solve_colors(
@@ -115,15 +115,15 @@ impl Rasterizer<PlanarScene> for Late {
         settings: &RenderSettings,
         iterations: u32,
     ) -> Result<(), CoreError> {
-        self.sound.solve_colors(cloud, view, target, settings, iterations)
+        self.sound.planar().solve_colors(cloud, view, target, settings, iterations)
     }
 
     fn statistics(&self, cloud: &Self::Cloud) -> Result<DensityStatistics, CoreError> {
-        self.sound.statistics(cloud)
+        self.sound.planar().statistics(cloud)
     }
 
     fn edit(&self, cloud: &mut Self::Cloud, plan: &EditPlan<PlanarGaussian>) -> Result<(), CoreError> {
-        self.sound.edit(cloud, plan)
+        self.sound.planar().edit(cloud, plan)
     }
 }
 

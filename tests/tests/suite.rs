@@ -70,10 +70,7 @@ impl Sabotaged {
     }
 
     /// Replaces the cloud by one in an altered state.
-    fn alter<C>(&self, cloud: &mut C, change: impl Fn(&mut CloudState)) -> Result<(), Error>
-    where
-        CpuRasterizer: Rasterizer<PlanarScene, Cloud = C>,
-    {
+    fn alter(&self, cloud: &mut PlanarCloud, change: impl Fn(&mut CloudState)) -> Result<(), Error> {
         let mut state = self.sound().save(cloud)?;
         change(&mut state);
         *cloud = self.sound().restore(&state)?;

@@ -52,7 +52,7 @@ impl Team {
         let (mut cpus, mut gpus) = (Vec::new(), Vec::new());
         for backend in &self.0 {
             match &backend.rasterizer {
-                AnyRasterizer::Cpu(rasterizer) => cpus.push(rasterizer),
+                AnyRasterizer::Cpu(rasterizer) => cpus.push(rasterizer.as_ref()),
                 AnyRasterizer::Wgpu(rasterizer) => gpus.push(rasterizer.as_ref()),
             }
         }

@@ -37,7 +37,8 @@ pub(crate) fn resolve(args: &TrainSettingsArgs, dataset: &Dataset) -> Result<Spa
             settings
         }
         None => {
-            let mut settings = args.preset.map_or_else(SpatialPreset::default, SpatialPreset::from).settings(args.iterations);
+            let mut settings =
+                args.preset.map_or_else(SpatialPreset::default, SpatialPreset::from).settings(args.iterations);
             settings.render = settings.render.on(usual_background(dataset));
             settings
         }

@@ -68,7 +68,8 @@ fn text(path: &Path) -> &str {
 
 /// A short training from few random points, on the processor.
 fn small<'a>(dataset: &'a Path, output: &'a Path) -> Vec<&'a str> {
-    let words = ["-i", "40", "-n", "300", "--policy", "percentile", "--sh-degree", "1", "--seed", "7", "--backend", "cpu"];
+    let words =
+        ["-i", "40", "-n", "300", "--policy", "percentile", "--sh-degree", "1", "--seed", "7", "--backend", "cpu"];
     [&["train", text(dataset), "-o", text(output)], &words[..]].concat()
 }
 

@@ -121,7 +121,7 @@ fn move_row<S: Simd>(simd: S, row: Row<'_>, step: &Step<'_>, steps: u32) {
         }
         let mut g: Whole<S> = row.gradient.map_or(zero, |gradient| load(simd, gradient, at));
         if let Some(weights) = step.penalty.filter(|_| at == 0) {
-            g = g + load::<S, Whole<S>>(simd, &pull(row.parameters, weights), 0);
+            g += load::<S, Whole<S>>(simd, &pull(row.parameters, weights), 0);
         }
         let m = load::<S, Whole<S>>(simd, row.first, at).mul_add(lanes.beta1, g * (1.0 - lanes.beta1));
         let m = m.abs().simd_lt(splat::<S, Whole<S>>(simd, VANISHING)).select(zero, m);

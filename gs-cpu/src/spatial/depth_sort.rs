@@ -123,7 +123,7 @@ mod tests {
             // Many ties, and a third that is not there.
             let depth = |i: usize| {
                 let hash = (i as u32).wrapping_mul(0x9E37_79B9) >> 12;
-                if hash % 3 == 0 { 0.0 } else { (hash % 5000) as f32 * 0.013 + 0.01 }
+                if hash.is_multiple_of(3) { 0.0 } else { (hash % 5000) as f32 * 0.013 + 0.01 }
             };
             let mut expected: Vec<u32> = (0..count as u32).filter(|&i| depth(i as usize) > 0.0).collect();
             expected.sort_by(|&a, &b| depth(a as usize).total_cmp(&depth(b as usize)));

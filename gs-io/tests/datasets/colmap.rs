@@ -283,7 +283,7 @@ fn broken_lines_are_named() {
 fn poses_need_not_be_normalised() {
     let place = folder();
     let mut model = colmap(place.path(), 2);
-    model.images[1].rotation = model.images[1].rotation * 3.0;
+    model.images[1].rotation *= 3.0;
     model.images[1].translation = dvec3(1.0, 0.25, 4.0);
     let before = read(place.path()).views[1].camera;
     write_model(&place.path().join("sparse/0"), &binary(&model), "bin");

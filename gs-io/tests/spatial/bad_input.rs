@@ -208,7 +208,8 @@ fn a_gltf_that_repeats_itself_without_end() {
     assert!(matches!(error, Error::Expansion { claimed_bytes: 2_800_000_000, .. }), "{error:?}");
 
     // A thousand nodes that each show a thousand primitives without anything.
-    let mut json: serde_json::Value = serde_json::from_slice(&written("a.gltf", &scene(1, 0), &SpatialOptions::default())).unwrap();
+    let mut json: serde_json::Value =
+        serde_json::from_slice(&written("a.gltf", &scene(1, 0), &SpatialOptions::default())).unwrap();
     let bare = serde_json::json!({ "attributes": {}, "extensions": { "KHR_gaussian_splatting": {} } });
     json["meshes"][0]["primitives"] = vec![bare; 1000].into();
     json["nodes"] = (0..1000).map(|_| serde_json::json!({ "mesh": 0 })).collect();

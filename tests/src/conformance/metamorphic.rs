@@ -29,9 +29,8 @@ pub(super) fn analysis<S: Subject>(draw: &Draw<S>) -> Result<Rendering, Failure>
 /// # Errors
 /// [`Failure`] where the backend does not do so.
 pub fn order_does_not_matter_under_sum<S: Subject, R: Rasterizer<S>>(rasterizer: &R) -> Result<(), Failure> {
-    let kinds: [fn(Blend, usize, (u32, u32), u64) -> Draw<S>; 2] = [S::typical, S::overlapping];
-    for (seed, drawn) in (800..).zip(kinds) {
-        let draw = drawn(Blend::Sum, 50, (40, 30), seed);
+    let draws = [S::typical(Blend::Sum, 50, (40, 30), 800), S::overlapping(Blend::Sum, 50, (40, 30), 801)];
+    for draw in draws {
         let image = rasterizer.render(&draw.scene, &draw.view, &draw.settings)?;
         let again = rasterizer.render(&permuted(&draw.scene), &draw.view, &draw.settings)?;
         compare_images(&around(&image, &analysis(&draw)?), &again).map_err(|failure| failure.at("permuted"))?;

@@ -48,7 +48,7 @@ pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
 /// The cameras, at least one.
 fn cameras(args: &CameraArgs, size: Option<Size>, scene: &SpatialScene) -> Result<Vec<Camera>, Failure> {
     if let Some(file) = &args.path {
-        return Ok(read_path(file)?.cameras().map_err(|error| Failure::usage(error).at(file.display()))?);
+        return read_path(file)?.cameras().map_err(|error| Failure::usage(error).at(file.display()));
     }
     let sized = |camera: Camera| size.map_or(camera, |Size { width, height }| resized(&camera, width, height));
     if let Some(name) = &args.camera {

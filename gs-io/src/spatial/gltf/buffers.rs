@@ -18,8 +18,11 @@ pub(super) const BINARY_CHUNK: [u8; 4] = *b"BIN\0";
 const GLB_HEAD_BYTES: usize = 12;
 const CHUNK_HEAD_BYTES: usize = 8;
 
-/// The JSON of a glTF of either kind and where it starts, and the binary chunk of a `.glb`.
-pub(super) fn split<'a>(source: &Source<'a>) -> Result<(usize, &'a [u8], Option<&'a [u8]>), Error> {
+/// Where the JSON of a glTF starts, that JSON, and the binary chunk of a `.glb`.
+pub(super) type Parts<'a> = (usize, &'a [u8], Option<&'a [u8]>);
+
+/// The parts of a glTF of either kind.
+pub(super) fn split<'a>(source: &Source<'a>) -> Result<Parts<'a>, Error> {
     if !source.bytes.starts_with(&GLB_MAGIC) {
         // A byte-order mark, which JSON has no room for.
         let start = if source.bytes.starts_with(b"\xef\xbb\xbf") { 3 } else { 0 };

@@ -96,7 +96,11 @@ pub(crate) fn read(source: &Source<'_>) -> Result<(SpatialScene, Vec<Loss>), Err
     }
     losses.extend(draft.then_some(Loss::DraftScales));
     let mut once: Vec<Loss> = Vec::new();
-    losses.into_iter().for_each(|loss| if !once.contains(&loss) { once.push(loss) });
+    losses.into_iter().for_each(|loss| {
+        if !once.contains(&loss) {
+            once.push(loss)
+        }
+    });
     Ok((whole, once))
 }
 
