@@ -139,7 +139,8 @@ fn ten_steps_end_where_they_do_on_the_cpu() {
         let (expected, _) = trained(cpu().spatial(), &draw, participants, 10);
         let image = |state: &CloudState| {
             let cpu = cpu();
-            let cloud = cpu.spatial().restore(state).unwrap();
+            let cpu = cpu.spatial();
+            let cloud = cpu.restore(state).unwrap();
             cpu.image(&cpu.forward(&cloud, &draw.view, &draw.settings).unwrap()).unwrap()
         };
         let before = cpu().render(&draw.scene, &draw.view, &draw.settings).unwrap();
