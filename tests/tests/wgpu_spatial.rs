@@ -9,8 +9,8 @@ use gs_conformance::{
     scenes::{Draw, SpatialKind, spatial_draws},
 };
 use gs_core::{
-    Adam, AdamRates, Binning, Blend, Chart, CloudState, Error, Image, Loss, Participants, Rasterizer, SpatialScene, TrainStep,
-    Wait,
+    Adam, AdamRates, Binning, Blend, Chart, CloudState, Error, Image, Loss, Participants, Rasterizer, SpatialScene,
+    TrainStep, Wait,
     effects::{Order, Statistics},
     state::TensorData,
 };
