@@ -38,7 +38,7 @@ impl Focus {
             sum += projection;
             right += projection * camera.position().as_dvec3();
         }
-        // det of the mean projection is 4/27 for axes from everywhere, and 0 for parallel ones.
+        // det of the mean projection is 8/27 for axes from everywhere, 1/4 for those of a ring, and 0 for parallel ones.
         let count = cameras.len() as f64;
         if !((sum * (1.0 / count)).determinant() > 1e-4) {
             return None;

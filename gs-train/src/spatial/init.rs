@@ -96,7 +96,7 @@ impl Start {
             Self::Points(points) => points,
             Self::Random => random_points(cameras, (init.random as usize).min(budget), rng),
         };
-        let usable = |point: &&Point| point.position.abs().max_element() < FARTHEST;
+        let usable = |point: &&Point| point.position.is_finite() && point.position.abs().max_element() < FARTHEST;
         let mut points: Vec<Point> = points.iter().filter(usable).copied().collect();
         if points.is_empty() {
             return Err(Error::setting("the number of points to begin with", 0, "at least 1, or begin at random"));
@@ -234,9 +234,11 @@ mod tests {
         assert_eq!(thinned.len(), 20);
         assert!(thinned.means.iter().all(|mean| points.iter().any(|p| p.position == *mean)));
         assert_eq!(start(Start::Random, 30).unwrap().len(), 30);
-        let far = Point { position: Vec3::splat(1e30), color: [0.0; 3] };
-        assert_eq!(start(Start::Points(vec![points[0], far]), 9).unwrap().len(), 1);
-        for empty in [Start::Points(vec![far]), Start::Points(Vec::new()), Start::Scene(SpatialScene::default())] {
+        let far = Point { position: Vec3::new(0.0, 1e30, 0.0), color: [0.0; 3] };
+        let lost = Point { position: Vec3::new(0.0, f32::NAN, 0.0), color: [0.0; 3] };
+        assert_eq!(start(Start::Points(vec![points[0], far, lost]), 9).unwrap().len(), 1);
+        for empty in [Start::Points(vec![far, lost]), Start::Points(Vec::new()), Start::Scene(SpatialScene::default())]
+        {
             assert!(matches!(start(empty, 9), Err(Error::Setting { .. })));
         }
         assert!(start(Start::Scene(thinned.clone()), 19).is_err());

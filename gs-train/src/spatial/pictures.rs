@@ -1,6 +1,6 @@
 //! The photographs of a training, read when they are first needed and kept as far as memory allows.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, btree_map::Entry};
 
 use gs_core::{Rasterizer, SpatialScene};
 use gs_io::dataset::Photograph;
@@ -49,25 +49,26 @@ impl<T> Pictures<T> {
         if factor != self.factor {
             (self.kept, self.bytes, self.factor) = (BTreeMap::new(), 0, factor);
         }
-        if !self.kept.contains_key(&index) {
-            let mut photograph = view.photograph()?;
-            if factor > 1 {
-                photograph = reduced(&photograph, factor)?;
-            }
-            let pixels = photograph.image.pixels().len() as u64;
-            let fixed = photograph.alpha.is_none() || background.is_some();
-            let picture = match photograph.mask.is_none() && fixed {
-                true => Picture::Target(on.upload_target(&photograph.over(background.unwrap_or_default()))?),
-                false => Picture::Photograph(photograph),
-            };
-            // Three floats a pixel; a fourth for alpha and a byte for the mask where they are kept.
-            let bytes = pixels * if matches!(picture, Picture::Target(_)) { 12 } else { 17 };
-            if self.bytes + bytes > self.limit {
-                return Ok(self.passing.insert(picture));
-            }
-            self.bytes += bytes;
-            self.kept.insert(index, picture);
+        let place = match self.kept.entry(index) {
+            Entry::Occupied(picture) => return Ok(picture.into_mut()),
+            Entry::Vacant(place) => place,
+        };
+        let mut photograph = view.photograph()?;
+        if factor > 1 {
+            photograph = reduced(&photograph, factor)?;
         }
-        self.kept.get(&index).ok_or_else(|| Error::Observer("a picture that was just kept is gone".to_owned()))
+        let pixels = photograph.image.pixels().len() as u64;
+        let fixed = photograph.alpha.is_none() || background.is_some();
+        let picture = match photograph.mask.is_none() && fixed {
+            true => Picture::Target(on.upload_target(&photograph.over(background.unwrap_or_default()))?),
+            false => Picture::Photograph(photograph),
+        };
+        // Three floats a pixel; a fourth for alpha and a byte for the mask where they are kept.
+        let bytes = pixels * if matches!(picture, Picture::Target(_)) { 12 } else { 17 };
+        if self.bytes + bytes > self.limit {
+            return Ok(self.passing.insert(picture));
+        }
+        self.bytes += bytes;
+        Ok(place.insert(picture))
     }
 }

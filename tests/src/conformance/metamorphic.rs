@@ -29,8 +29,8 @@ pub(super) fn analysis<S: Subject>(draw: &Draw<S>) -> Result<Rendering, Failure>
 /// # Errors
 /// [`Failure`] where the backend does not do so.
 pub fn order_does_not_matter_under_sum<S: Subject, R: Rasterizer<S>>(rasterizer: &R) -> Result<(), Failure> {
-    let draws = [S::typical(Blend::Sum, 50, (40, 30), 800), S::overlapping(Blend::Sum, 50, (40, 30), 801)];
-    for draw in draws {
+    let (size, count) = ((40, 30), 50);
+    for draw in [S::typical(Blend::Sum, count, size, 800), S::overlapping(Blend::Sum, count, size, 801)] {
         let image = rasterizer.render(&draw.scene, &draw.view, &draw.settings)?;
         let again = rasterizer.render(&permuted(&draw.scene), &draw.view, &draw.settings)?;
         compare_images(&around(&image, &analysis(&draw)?), &again).map_err(|failure| failure.at("permuted"))?;

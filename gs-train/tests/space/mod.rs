@@ -4,12 +4,17 @@ use glam::{Vec2, Vec3};
 use gs_core::{
     Blend, Camera, Rasterizer, RenderSettings, Scene, SpatialGaussian, SpatialScene, constants::SH_C0, effects::Order,
 };
-use gs_cpu::CpuRasterizer;
+use gs_cpu::{CpuRasterizer, CpuSettings};
 use gs_io::dataset::Photograph;
 use gs_train::{
     Rounds, SpatialPreset, SpatialSettings,
     spatial::{PosedView, Views, looking_at},
 };
+
+/// Two threads, whatever the machine.
+pub(crate) fn rasterizer() -> CpuRasterizer {
+    CpuRasterizer::new(CpuSettings { threads: Some(2), level: None }).expect("two threads can be started")
+}
 
 /// 48×40 px.
 pub(crate) const LENS: (u32, u32) = (48, 40);
@@ -80,6 +85,6 @@ pub(crate) fn short(iterations: u32) -> SpatialSettings {
     settings.render.effects.sh_degree = 1;
     settings.render.effects.antialias = render().effects.antialias;
     settings.sh_degree_every = iterations / 4;
-    settings.rounds = Rounds { every: 10, from: 10, until: iterations / 2 };
+    settings.rounds = Rounds { every: 10, from: 10, until: (iterations / 2).max(10) };
     settings
 }
