@@ -9,8 +9,8 @@ use gs_conformance::{
     scenes::{Draw, SpatialKind, spatial_draws},
 };
 use gs_core::{
-    Adam, AdamRates, Binning, Blend, Chart, CloudState, Error, Image, Loss, Participants, Rasterizer, SpatialScene,
-    TrainStep, Wait,
+    Adam, AdamRates, Binning, Blend, Chart, CloudState, Error, Image, Loss, Participants, Penalty, Rasterizer,
+    SpatialScene, TrainStep, Wait,
     effects::{Order, Statistics},
     state::TensorData,
 };
@@ -101,14 +101,13 @@ fn rates(participants: Participants) -> AdamRates {
 fn trained<R: Rasterizer<SpatialScene>>(
     r: &R,
     draw: &Draw<SpatialScene>,
-    participants: Participants,
+    rates: &AdamRates,
     steps: usize,
 ) -> (CloudState, Vec<f32>) {
     let target = r.upload_target(&draw.target().unwrap()).unwrap();
     let mut cloud = r.upload(&draw.scene, Chart::ScaleRotation).unwrap();
-    let rates = rates(participants);
     for _ in 0..steps {
-        let step = TrainStep { settings: &draw.settings, loss: Loss::PAPER, rates: &rates, binning: Binning::Reuse };
+        let step = TrainStep { settings: &draw.settings, loss: Loss::PAPER, rates, binning: Binning::Reuse };
         r.train_step(&mut cloud, &draw.view, &target, &step).unwrap();
     }
     let mut losses = Vec::new();
@@ -123,33 +122,41 @@ fn repeats_itself_bit_for_bit_whether_or_not_steps_have_to_be_sent_again() {
         let other = || WgpuRasterizer::new(WgpuSettings { kernels: Some(kernels), ..WgpuSettings::default() }).unwrap();
         let (cold, roomy) = (other(), other());
         roomy.render(&draw.scene, &draw.view, &draw.settings).unwrap();
-        let [(one, losses), (two, again)] = [cold, roomy].map(|r| trained(&r, &draw, Participants::All, 5));
+        let [(one, losses), (two, again)] = [cold, roomy].map(|r| trained(&r, &draw, &rates(Participants::All), 5));
         assert_eq!(bits(&one), bits(&two), "{kernels:?}");
         assert_eq!((losses.len(), &losses), (5, &again), "{kernels:?}");
         assert!(losses[4] < losses[0], "{kernels:?}: {losses:?}");
         let (_, r) = &rasterizers()[0];
-        assert_ne!(bits(&one), bits(&trained(r, &draw, Participants::All, 4).0), "a step changes nothing");
+        assert_ne!(bits(&one), bits(&trained(r, &draw, &rates(Participants::All), 4).0), "a step changes nothing");
     }
+}
+
+/// The image of a state, by gs-cpu.
+fn image_of(state: &CloudState, draw: &Draw<SpatialScene>) -> Image {
+    let cpu = cpu();
+    let cpu = cpu.spatial();
+    let cloud = cpu.restore(state).unwrap();
+    cpu.image(&cpu.forward(&cloud, &draw.view, &draw.settings).unwrap()).unwrap()
 }
 
 #[test]
 fn ten_steps_end_where_they_do_on_the_cpu() {
-    for participants in [Participants::All, Participants::Visible] {
-        let draw = Draw::spatial(SpatialKind::Typical, Blend::Over, 60, (60, 44), 11).on([0.3, 0.2, 0.6]);
-        let (expected, _) = trained(cpu().spatial(), &draw, participants, 10);
-        let image = |state: &CloudState| {
-            let cpu = cpu();
-            let cpu = cpu.spatial();
-            let cloud = cpu.restore(state).unwrap();
-            cpu.image(&cpu.forward(&cloud, &draw.view, &draw.settings).unwrap()).unwrap()
-        };
-        let before = cpu().render(&draw.scene, &draw.view, &draw.settings).unwrap();
-        let moved = root_mean_square(&image(&expected), &before);
-        assert!(moved > 1e-3, "training moved the image by {moved} only");
+    let draw = Draw::spatial(SpatialKind::Typical, Blend::Over, 60, (60, 44), 11).on([0.3, 0.2, 0.6]);
+    let before = cpu().render(&draw.scene, &draw.view, &draw.settings).unwrap();
+    let all = rates(Participants::All);
+    let (usual, _) = trained(cpu().spatial(), &draw, &all, 10);
+    let usual = image_of(&usual, &draw);
+    let penalised = AdamRates { penalty: Penalty { opacity: 1.0, scale: 1.0 }, ..all };
+    // What each must differ from, or the comparison could not fail.
+    for (rates, other) in [(all, &before), (rates(Participants::Visible), &before), (penalised, &usual)] {
+        let (expected, _) = trained(cpu().spatial(), &draw, &rates, 10);
+        let image = image_of(&expected, &draw);
+        let moved = root_mean_square(&image, other);
+        assert!(moved > 1e-3, "{rates:?} move the image by {moved} only");
         for (kernels, r) in rasterizers() {
-            let (found, _) = trained(r, &draw, participants, 10);
+            let (found, _) = trained(r, &draw, &rates, 10);
             assert_eq!(found.integers("steps").unwrap(), expected.integers("steps").unwrap());
-            let apart = root_mean_square(&image(&found), &image(&expected));
+            let apart = root_mean_square(&image_of(&found, &draw), &image);
             assert!(apart < 0.03 * moved, "{kernels:?}: {apart} apart after moving by {moved}");
         }
     }
