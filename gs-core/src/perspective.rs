@@ -117,6 +117,11 @@ impl Perspective {
         }
     }
 
+    /// The least and the greatest slopes (x/z, y/z) that the Jacobian is taken at, for backends whose kernels clamp themselves.
+    pub fn slopes(&self) -> [Vec2; 2] {
+        self.slopes
+    }
+
     /// Where a Gaussian falls on the image, and how large; or why it is left out.
     ///
     /// # Errors

@@ -1,6 +1,6 @@
 // Exclusive prefix sums, in place, in blocks of 1,024: `scan_blocks` sums each block, `scan_sums` turns those
 // into where each block begins, `scan_spread` finishes inside the blocks. WHICH picks whose length it is: 0, the tile counts of all
-// Gaussians and a closing 0; 1, the histograms of a sorting pass.
+// Gaussians and a closing 0; 1, the histograms of a sorting pass over entries; 2, over Gaussians.
 
 @group(0) @binding(1) var<storage, read_write> data: array<u32>;
 @group(0) @binding(2) var<storage, read_write> sums: array<u32>;
@@ -19,7 +19,8 @@ fn length() -> u32 {
     if WHICH == 0u {
         return step.gaussians + 1u;
     }
-    return 16u * ((status.entries + SORT_BLOCK - 1u) / SORT_BLOCK);
+    let sorted = select(status.entries, step.gaussians, WHICH == 2u);
+    return 16u * ((sorted + SORT_BLOCK - 1u) / SORT_BLOCK);
 }
 
 // The exclusive prefix sum of a number a lane.

@@ -22,9 +22,16 @@ struct Step {
     // 1 where all Gaussians are opaque; where statistics are collected.
     opaque: u32,
     collect: u32,
-    // Adam: mean, scale, rotation, opacity, colour. Learning rate, beta1, beta2, and 1 - beta1; ln beta1, ln beta2, 1 - beta2.
-    rates: array<vec4f, 5>,
-    decays: array<vec4f, 5>,
+    // 1 where Adam moves those alone that some tile lists.
+    visible_only: u32,
+    // Of spherical harmonics: coefficients a Gaussian has (planar scenes: 0), and the degree that is evaluated.
+    coefficients: u32,
+    sh_degree: u32,
+    unused: u32,
+    // Adam: mean, scale, rotation, opacity, colour, SH above degree 0. Learning rate, beta1, beta2, and 1 - beta1; ln beta1, ln beta2, 1 - beta2,
+    // and of scales and opacities what one number's penalty weighs.
+    rates: array<vec4f, 6>,
+    decays: array<vec4f, 6>,
 }
 
 struct Gaussian {
@@ -77,13 +84,42 @@ struct Gradient {
     unused: u32,
 }
 
+// A spatial Gaussian but for its colour.
+struct Ellipsoid {
+    mean: vec3f,
+    opacity_logit: f32,
+    log_scale: vec3f,
+    // Adam steps taken.
+    steps: u32,
+    // (w, x, y, z), of any length but 0.
+    rotation: vec4f,
+}
+
+// Its gradient, by index.
+struct EllipsoidGradient {
+    mean: vec3f,
+    opacity_logit: f32,
+    log_scale: vec3f,
+    device_norm: f32,
+    rotation: vec4f,
+    // 1 where some tile lists it; else all is 0, but the gradients of its SH coefficients, which have a buffer of their own, are anything.
+    visible: u32,
+    unused: array<u32, 3>,
+}
+
+struct EllipsoidMoments {
+    // Of mean and opacity, log-scale, rotation.
+    first: array<vec4f, 3>,
+    second: array<vec4f, 3>,
+}
+
 // What the host reads, late.
 struct Status {
     entries: u32,
     // Entries that were asked for, once they were more than there is room for; 0 otherwise. Nothing is trained while it is not 0.
     overflow: u32,
     loss: f32,
-    unused: u32,
+    near: u32,
     not_finite: u32,
     degenerate: u32,
     transparent: u32,

@@ -2,7 +2,7 @@
 
 @group(0) @binding(1) var<storage, read> offsets: array<u32>;
 @group(0) @binding(2) var<storage, read_write> status: Status;
-// Groups along x, y, z: Gaussians, entries, sorting blocks, blocks of the sorting histograms' scan.
+// Groups along x, y, z: Gaussians, entries, sorting blocks, blocks of the sorting histograms' scan, SH coefficients.
 @group(0) @binding(3) var<storage, read_write> indirect: array<u32>;
 
 // Most groups along an axis.
@@ -25,6 +25,7 @@ fn sizes() {
         put(3u, 0u);
         put(6u, 0u);
         put(9u, 0u);
+        put(12u, 0u);
         return;
     }
     status.entries = entries;
@@ -33,4 +34,5 @@ fn sizes() {
     put(3u, (entries + 63u) / 64u);
     put(6u, blocks);
     put(9u, (16u * blocks + 1023u) / 1024u);
+    put(12u, (step.gaussians * step.coefficients + 63u) / 64u);
 }

@@ -1,4 +1,4 @@
-// Stage `sort`: one pass of a stable radix sort by four bits. `sort_count` counts the digits of every block of 1,024 entries; after a
+// Stage `sort`: one pass of a stable radix sort by four bits, of the tiles' entries (WHICH 1) or of the Gaussians by depth (WHICH 2). `sort_count` counts the digits of every block of 1,024 entries; after a
 // scan over (digit, block), `sort_scatter` moves each entry to its place. A lane keeps 16 entries in a row, so order within a digit is
 // that of the input.
 
@@ -14,6 +14,12 @@ struct Pass {
 @group(0) @binding(6) var<storage, read_write> sorted_keys: array<u32>;
 @group(0) @binding(7) var<storage, read_write> sorted_order: array<u32>;
 
+override WHICH: u32 = 1u;
+
+fn length() -> u32 {
+    return select(status.entries, step.gaussians, WHICH == 2u);
+}
+
 const SORT_LANES: u32 = 64u;
 const PER_LANE: u32 = SORT_BLOCK / SORT_LANES;
 
@@ -25,7 +31,7 @@ fn count(block: u32, lane: u32) {
         digits[d * SORT_LANES + lane] = 0u;
     }
     let first = block * SORT_BLOCK + lane * PER_LANE;
-    for (var k = first; k < min(first + PER_LANE, status.entries); k++) {
+    for (var k = first; k < min(first + PER_LANE, length()); k++) {
         digits[((keys[k] >> radix_pass.shift) & 15u) * SORT_LANES + lane] += 1u;
     }
     workgroupBarrier();
@@ -34,7 +40,7 @@ fn count(block: u32, lane: u32) {
 @compute @workgroup_size(64)
 fn sort_count(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
     let block = flat(group, groups);
-    let blocks = (status.entries + SORT_BLOCK - 1u) / SORT_BLOCK;
+    let blocks = (length() + SORT_BLOCK - 1u) / SORT_BLOCK;
     count(block, lane);
     if lane < 16u && block < blocks {
         var sum = 0u;
@@ -48,7 +54,7 @@ fn sort_count(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) grou
 @compute @workgroup_size(64)
 fn sort_scatter(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
     let block = flat(group, groups);
-    let blocks = (status.entries + SORT_BLOCK - 1u) / SORT_BLOCK;
+    let blocks = (length() + SORT_BLOCK - 1u) / SORT_BLOCK;
     count(block, lane);
     if lane < 16u && block < blocks {
         var next = histograms[lane * blocks + block];
@@ -60,7 +66,7 @@ fn sort_scatter(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) gr
     }
     workgroupBarrier();
     let first = block * SORT_BLOCK + lane * PER_LANE;
-    for (var k = first; k < min(first + PER_LANE, status.entries); k++) {
+    for (var k = first; k < min(first + PER_LANE, length()); k++) {
         let key = keys[k];
         let slot = ((key >> radix_pass.shift) & 15u) * SORT_LANES + lane;
         let to = digits[slot];

@@ -18,7 +18,8 @@ impl From<(u32, u32)> for Groups<'_> {
 }
 
 /// Commands of one submission. Dispatches in a row share a pass, because beginning one costs about as much as a small dispatch.
-pub(crate) struct Commands {
+#[derive(Debug)]
+pub struct Commands {
     encoder: wgpu::CommandEncoder,
     pass: Option<wgpu::ComputePass<'static>>,
 }

@@ -117,7 +117,7 @@ pub fn adapters() -> Vec<AdapterSummary> {
 }
 
 /// Device, queue and pipelines of one adapter.
-pub(crate) struct Gpu {
+pub struct Gpu {
     pub(crate) device: wgpu::Device,
     pub(crate) queue: wgpu::Queue,
     pub(crate) adapter: AdapterSummary,

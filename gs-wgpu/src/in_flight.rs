@@ -9,15 +9,16 @@ use std::{
     sync::mpsc::{Receiver, SyncSender, TryRecvError, sync_channel},
 };
 
-use gs_core::{AdamRates, Binning, Canvas, Error, Loss, RenderSettings, TrainStep, Wait};
+use gs_core::{AdamRates, Binning, Error, Loss, RenderSettings, TrainStep, Wait};
 
 use crate::{
-    cloud::PlanarCloud,
+    cloud::Cloud,
     dispatch::Commands,
     frame::Pool,
     gpu::{Gpu, MOST_PATIENCE},
+    kind::Kind,
     layout::Status,
-    target::PlanarTarget,
+    target::Target,
     workspace::Workspace,
 };
 
@@ -28,19 +29,19 @@ pub const STEPS_IN_FLIGHT: usize = 4;
 
 /// All that it takes to send a step, and to send it again.
 #[derive(Debug)]
-pub(crate) struct Request {
-    view: Canvas,
-    target: PlanarTarget,
+pub(crate) struct Request<S: Kind> {
+    view: S::View,
+    target: Target,
     settings: RenderSettings,
     loss: Loss,
     rates: AdamRates,
     binning: Binning,
 }
 
-impl Request {
-    pub(crate) fn new(view: &Canvas, target: &PlanarTarget, step: &TrainStep<'_>) -> Self {
+impl<S: Kind> Request<S> {
+    pub(crate) fn new(view: &S::View, target: &Target, step: &TrainStep<'_>) -> Self {
         Self {
-            view: *view,
+            view: view.clone(),
             target: target.clone(),
             settings: *step.settings,
             loss: step.loss,
@@ -94,31 +95,37 @@ impl Slot {
 
 /// A step under way.
 #[derive(Debug)]
-struct Sent {
-    request: Request,
+struct Sent<S: Kind> {
+    request: Request<S>,
     slot: Slot,
     submission: wgpu::SubmissionIndex,
 }
 
 /// A cloud's steps under way, and what they work in.
-#[derive(Debug, Default)]
-pub(crate) struct InFlight {
+#[derive(Debug)]
+pub(crate) struct InFlight<S: Kind> {
     /// With the lists of the last step that was sent.
-    workspace: Option<Workspace>,
+    workspace: Option<Workspace<S>>,
     /// Oldest first.
-    sent: VecDeque<Sent>,
+    sent: VecDeque<Sent<S>>,
     free: Vec<Slot>,
     /// Of steps that are done, until they are asked for.
     pub(crate) losses: Vec<f32>,
 }
 
-impl InFlight {
+impl<S: Kind> Default for InFlight<S> {
+    fn default() -> Self {
+        Self { workspace: None, sent: VecDeque::new(), free: Vec::new(), losses: Vec::new() }
+    }
+}
+
+impl<S: Kind> InFlight<S> {
     pub(crate) fn len(&self) -> usize {
         self.sent.len()
     }
 
     /// Sends a step, as soon as there are fewer than [`STEPS_IN_FLIGHT`].
-    pub(crate) fn train(&mut self, gpu: &Gpu, pool: &Pool, cloud: &PlanarCloud, step: Request) -> Result<(), Error> {
+    pub(crate) fn train(&mut self, gpu: &Gpu, pool: &Pool<S>, cloud: &Cloud<S>, step: Request<S>) -> Result<(), Error> {
         gpu.check()?;
         while self.sent.len() >= STEPS_IN_FLIGHT {
             self.finish_oldest(gpu, cloud, Wait::All)?;
@@ -134,7 +141,7 @@ impl InFlight {
     }
 
     /// Takes note of the steps that are done, or waits until all are.
-    pub(crate) fn settle(&mut self, gpu: &Gpu, cloud: &PlanarCloud, wait: Wait) -> Result<(), Error> {
+    pub(crate) fn settle(&mut self, gpu: &Gpu, cloud: &Cloud<S>, wait: Wait) -> Result<(), Error> {
         gpu.check()?;
         if wait == Wait::Arrived && !self.sent.is_empty() {
             gpu.look()?;
@@ -145,7 +152,7 @@ impl InFlight {
 
     /// Whether there was something to do: the oldest step is done, or it and all behind it were sent again. After an error none is under
     /// way.
-    fn finish_oldest(&mut self, gpu: &Gpu, cloud: &PlanarCloud, wait: Wait) -> Result<bool, Error> {
+    fn finish_oldest(&mut self, gpu: &Gpu, cloud: &Cloud<S>, wait: Wait) -> Result<bool, Error> {
         let finished = self.try_finish_oldest(gpu, cloud, wait);
         if finished.is_err() {
             let losses = std::mem::take(&mut self.losses);
@@ -154,7 +161,7 @@ impl InFlight {
         finished
     }
 
-    fn try_finish_oldest(&mut self, gpu: &Gpu, cloud: &PlanarCloud, wait: Wait) -> Result<bool, Error> {
+    fn try_finish_oldest(&mut self, gpu: &Gpu, cloud: &Cloud<S>, wait: Wait) -> Result<bool, Error> {
         let Some(oldest) = self.sent.pop_front() else { return Ok(false) };
         let Some(status) = oldest.slot.status(gpu, &oldest.submission, wait)? else {
             self.sent.push_front(oldest);
@@ -179,9 +186,9 @@ impl InFlight {
     fn send(
         &mut self,
         gpu: &Gpu,
-        cloud: &PlanarCloud,
-        workspace: &mut Workspace,
-        request: Request,
+        cloud: &Cloud<S>,
+        workspace: &mut Workspace<S>,
+        request: Request<S>,
     ) -> Result<(), Error> {
         workspace.set(gpu, cloud, &request.view, &request.settings)?;
         let fresh = request.binning == Binning::Fresh || workspace.edition.is_none();
@@ -193,10 +200,10 @@ impl InFlight {
         workspace.write_step(gpu, &workspace.describe(cloud, Some(request.loss), Some(&request.rates)));
         let mut commands = Commands::new(gpu);
         workspace.encode_lists(gpu, &mut commands, cloud, fresh);
-        workspace.encode_image_and_gradient(gpu, &mut commands, cloud, &request.target, request.loss)?;
-        workspace.encode_project_bwd(gpu, &mut commands, cloud);
+        workspace.tiles.encode_image_and_gradient(gpu, &mut commands, &request.target, request.loss)?;
+        S::encode_project_bwd(workspace, gpu, &mut commands, cloud);
         workspace.encode_adam(gpu, &mut commands, cloud);
-        workspace.encode_status(&mut commands, &slot.staging);
+        workspace.tiles.encode_status(&mut commands, &slot.staging);
         let submission = commands.submit(gpu);
         slot.map();
         // If these lists do not fit, whoever makes room forgets them again.

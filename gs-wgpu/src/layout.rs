@@ -2,7 +2,7 @@
 
 use bytemuck::{Pod, Zeroable};
 
-/// A Gaussian's parameters.
+/// A planar Gaussian's parameters.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
 #[repr(C)]
 pub(crate) struct Gaussian {
@@ -46,6 +46,58 @@ pub(crate) struct Gradient {
     pub(crate) unused: u32,
 }
 
+/// A spatial Gaussian's parameters, but its colour.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
+#[repr(C)]
+pub(crate) struct Ellipsoid {
+    pub(crate) mean: [f32; 3],
+    pub(crate) opacity_logit: f32,
+    pub(crate) log_scale: [f32; 3],
+    /// Adam steps taken.
+    pub(crate) steps: u32,
+    /// (w, x, y, z).
+    pub(crate) rotation: [f32; 4],
+}
+
+/// A spatial Gaussian's gradient, but its colour's.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
+#[repr(C)]
+pub(crate) struct EllipsoidGradient {
+    pub(crate) mean: [f32; 3],
+    pub(crate) opacity_logit: f32,
+    pub(crate) log_scale: [f32; 3],
+    pub(crate) device_norm: f32,
+    pub(crate) rotation: [f32; 4],
+    /// 1 where some tile lists it; else all is 0, and its colour's gradient is anything.
+    pub(crate) visible: u32,
+    pub(crate) unused: [u32; 3],
+}
+
+/// A spatial Gaussian's Adam moments, but its colour's: mean 3, opacity; log-scale 3, unused; rotation 4.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
+#[repr(C)]
+pub(crate) struct EllipsoidMoments {
+    pub(crate) first: [f32; 12],
+    pub(crate) second: [f32; 12],
+}
+
+/// The camera that a spatial scene is seen through.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
+#[repr(C)]
+pub(crate) struct Camera {
+    /// Rows of W, each with its number of t.
+    pub(crate) world_to_camera: [[f32; 4]; 3],
+    pub(crate) position: [f32; 3],
+    pub(crate) near: f32,
+    pub(crate) focal: [f32; 2],
+    pub(crate) center: [f32; 2],
+    pub(crate) least_slope: [f32; 2],
+    pub(crate) most_slope: [f32; 2],
+    pub(crate) dilation: f32,
+    pub(crate) compensates: u32,
+    pub(crate) unused: [u32; 2],
+}
+
 /// What the host reads after a pass.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
 #[repr(C)]
@@ -55,7 +107,7 @@ pub(crate) struct Status {
     /// Entries that were asked for where that were more than there is room for; else 0.
     pub(crate) overflow: u32,
     pub(crate) loss: f32,
-    pub(crate) unused: u32,
+    pub(crate) near: u32,
     pub(crate) not_finite: u32,
     pub(crate) degenerate: u32,
     pub(crate) transparent: u32,
@@ -79,7 +131,7 @@ impl Source {
 /// Everything that a pass is told: the only thing that crosses to the device in a training step.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
 #[repr(C)]
-pub(crate) struct Step {
+pub struct Step {
     pub(crate) origin: [f32; 2],
     pub(crate) pixels_per_unit: [f32; 2],
     pub(crate) size: [u32; 2],
@@ -98,10 +150,15 @@ pub(crate) struct Step {
     pub(crate) max_scale: f32,
     pub(crate) opaque: u32,
     pub(crate) collect: u32,
+    pub(crate) visible_only: u32,
+    /// SH coefficients of a Gaussian; 0 in planar scenes.
+    pub(crate) coefficients: u32,
+    pub(crate) sh_degree: u32,
+    pub(crate) unused: u32,
     /// Per group: learning rate, β₁, β₂, 1 − β₁.
-    pub(crate) rates: [[f32; 4]; 5],
-    /// Per group: ln β₁, ln β₂, 1 − β₂, unused.
-    pub(crate) decays: [[f32; 4]; 5],
+    pub(crate) rates: [[f32; 4]; 6],
+    /// Per group: ln β₁, ln β₂, 1 − β₂, and of scales and opacities what one number's penalty weighs.
+    pub(crate) decays: [[f32; 4]; 6],
 }
 
 /// Bytes of one of `solve_colors.wgsl`'s `Conjugate`, and of its `Scalars`.
@@ -147,8 +204,11 @@ mod tests {
         same_layout!(m, Moments { first, second, opacity });
         same_layout!(m, Statistics { gradient_sum, visible });
         same_layout!(m, Gradient { color, opacity_logit, eta, device_norm, xi, visible, unused });
+        same_layout!(m, Ellipsoid { mean, opacity_logit, log_scale, steps, rotation });
+        same_layout!(m, EllipsoidMoments { first, second });
+        same_layout!(m, EllipsoidGradient { mean, opacity_logit, log_scale, device_norm, rotation, visible, unused });
         same_layout!(m, Source { parameters, moments, statistics, is_fresh });
-        same_layout!(m, Status { entries, overflow, loss, unused, not_finite, degenerate, transparent, outside });
+        same_layout!(m, Status { entries, overflow, loss, near, not_finite, degenerate, transparent, outside });
         same_layout!(
             m,
             Step {
@@ -170,16 +230,35 @@ mod tests {
                 max_scale,
                 opaque,
                 collect,
+                visible_only,
+                coefficients,
+                sh_degree,
+                unused,
                 rates,
                 decays,
             }
         );
         assert_eq!(u64::from(in_shader(m, "Splat").1), SPLAT_BYTES);
-        let m = &module(&shader("solve_colors").text(Variant::default()));
+        let m = &module(&shader("planar/solve_colors").text(Variant::default()));
         assert_eq!(u64::from(in_shader(m, "Conjugate").1), CONJUGATE_BYTES);
         assert_eq!(in_shader(m, "Scalars").1, 64);
-        let m = &module(&shader("project").text(Variant::default()));
+        let m = &module(&shader("spatial/project").text(Variant::default()));
         assert_eq!(in_shader(m, "Counted"), in_shader(m, "Status"));
+        same_layout!(
+            m,
+            Camera {
+                world_to_camera,
+                position,
+                near,
+                focal,
+                center,
+                least_slope,
+                most_slope,
+                dilation,
+                compensates,
+                unused,
+            }
+        );
     }
 
     #[test]
@@ -196,13 +275,14 @@ mod tests {
 
     /// Every combination of the flags that pick lines.
     fn variants() -> impl Iterator<Item = Variant> {
-        (0..144).map(|bits: u32| Variant {
+        (0..288).map(|bits: u32| Variant {
             over: bits & 1 != 0,
             local_frame: bits & 2 != 0,
             lists: bits & 4 != 0,
             on_cpu: bits & 8 != 0,
-            kernels: [Kernels::Portable, Kernels::Subgroups, Kernels::Vectors][(bits >> 4) as usize % 3],
-            pass: [Pass::Forward, Pass::Backward, Pass::Fused][(bits >> 4) as usize / 3],
+            spatial: bits & 16 != 0,
+            kernels: [Kernels::Portable, Kernels::Subgroups, Kernels::Vectors][(bits >> 5) as usize % 3],
+            pass: [Pass::Forward, Pass::Backward, Pass::Fused][(bits >> 5) as usize / 3],
             ..Variant::default()
         })
     }
@@ -215,7 +295,9 @@ mod tests {
             let flags = naga::valid::ValidationFlags::all();
             // Subgroups are asked for only where the adapter has them.
             let capabilities = match (shader.name, variant.kernels) {
-                ("blend_vectors", _) | ("blend_bwd", Kernels::Subgroups) | ("project_bwd", Kernels::Vectors) => {
+                ("blend_vectors", _)
+                | ("blend_bwd", Kernels::Subgroups)
+                | ("planar/project_bwd" | "spatial/project_bwd", Kernels::Vectors) => {
                     naga::valid::Capabilities::SUBGROUP
                 }
                 _ => naga::valid::Capabilities::empty(),

@@ -13,26 +13,53 @@
 //! # Ok(()) }
 //! ```
 
+mod blend;
 mod cloud;
 mod dispatch;
 mod frame;
 mod gpu;
 mod in_flight;
+mod kind;
 mod layout;
+mod lists;
+mod loss;
+mod planar;
 mod profile;
 mod rasterizer;
 mod shaders;
+mod spatial;
 mod target;
+mod tiles;
 mod timestamps;
 mod traffic;
 mod workspace;
 
+use gs_core::{PlanarScene, SpatialScene};
+
 pub use crate::{
-    cloud::PlanarCloud,
-    frame::{PlanarFrame, PlanarGradients},
+    cloud::Cloud,
+    frame::{Frame, Gradients},
     gpu::{AdapterSummary, FreshBuffers, WgpuSettings, adapters},
     in_flight::STEPS_IN_FLIGHT,
     rasterizer::WgpuRasterizer,
     shaders::Kernels,
-    target::PlanarTarget,
+    target::Target,
 };
+
+/// Planar Gaussians on a device.
+pub type PlanarCloud = Cloud<PlanarScene>;
+
+/// Spatial Gaussians on a device.
+pub type SpatialCloud = Cloud<SpatialScene>;
+
+/// A frame of a planar scene.
+pub type PlanarFrame = Frame<PlanarScene>;
+
+/// A frame of a spatial scene.
+pub type SpatialFrame = Frame<SpatialScene>;
+
+/// The gradients of a planar scene.
+pub type PlanarGradients = Gradients<PlanarScene>;
+
+/// The gradients of a spatial scene.
+pub type SpatialGradients = Gradients<SpatialScene>;

@@ -4,23 +4,26 @@
 use std::time::Instant;
 
 use gs_core::{
-    Canvas, Error, Loss, PlanarScene, RenderSettings,
+    Error, Loss, RenderSettings,
     profile::{Clock, Profile, Profiler, StageTime, still},
 };
 
 use crate::{
-    PlanarCloud, PlanarTarget, WgpuRasterizer,
+    WgpuRasterizer,
+    blend::{Differentiated, fuses},
+    cloud::Cloud,
     dispatch::Commands,
     gpu::Gpu,
-    rasterizer::check,
+    kind::Kind,
+    target::Target,
     timestamps::Timestamps,
     traffic,
-    workspace::{Differentiated, Workspace, fuses},
+    workspace::Workspace,
 };
 
 /// The stages in their order; `scan` includes `sizes`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Stage {
+pub enum Stage {
     Project,
     Scan,
     Bin,
@@ -79,30 +82,30 @@ impl Stage {
 }
 
 /// What the stages compute with.
-struct Pass<'a> {
+struct Pass<'a, S: Kind> {
     rasterizer: &'a WgpuRasterizer,
-    workspace: Workspace,
-    cloud: &'a PlanarCloud,
-    target: &'a PlanarTarget,
+    workspace: Workspace<S>,
+    cloud: &'a Cloud<S>,
+    target: &'a Target,
     loss: Loss,
     stages: Vec<Stage>,
 }
 
-impl Pass<'_> {
+impl<S: Kind> Pass<'_, S> {
     fn encode(&mut self, stage: Stage, commands: &mut Commands) -> Result<(), Error> {
         let Self { rasterizer, workspace, cloud, target, loss, .. } = self;
         let gpu = &rasterizer.gpu;
         match stage {
             Stage::Project => workspace.encode_project(gpu, commands, cloud, true),
-            Stage::Scan => workspace.encode_offsets(gpu, commands),
-            Stage::Bin => workspace.encode_bin(gpu, commands, cloud),
-            Stage::Sort => workspace.encode_sort(gpu, commands),
-            Stage::Ranges => workspace.encode_ranges(gpu, commands),
-            Stage::Blend => workspace.encode_blend(gpu, commands, cloud),
-            Stage::Loss => workspace.encode_loss(gpu, commands, target, Some(*loss))?,
-            Stage::BlendBwd => workspace.encode_blend_bwd(gpu, commands, cloud, Differentiated::Loss),
-            Stage::Fused => workspace.encode_image_and_gradient(gpu, commands, cloud, target, *loss)?,
-            Stage::ProjectBwd => workspace.encode_project_bwd(gpu, commands, cloud),
+            Stage::Scan => workspace.tiles.encode_offsets(gpu, commands),
+            Stage::Bin => workspace.tiles.encode_bin(gpu, commands),
+            Stage::Sort => workspace.tiles.encode_sort(gpu, commands),
+            Stage::Ranges => workspace.tiles.encode_ranges(gpu, commands),
+            Stage::Blend => workspace.tiles.encode_blend(gpu, commands),
+            Stage::Loss => workspace.tiles.encode_loss(gpu, commands, target, Some(*loss))?,
+            Stage::BlendBwd => workspace.tiles.encode_blend_bwd(gpu, commands, Differentiated::Loss),
+            Stage::Fused => workspace.tiles.encode_image_and_gradient(gpu, commands, target, *loss)?,
+            Stage::ProjectBwd => S::encode_project_bwd(workspace, gpu, commands, cloud),
             Stage::Adam => workspace.encode_adam(gpu, commands, cloud),
         }
         Ok(())
@@ -168,23 +171,23 @@ fn agree(laps: &[f64], host: f64) -> bool {
 
 impl WgpuRasterizer {
     /// [`Profiler::profile`], by the clock that `timestamps` make for so many marks.
-    fn profile_by(
+    fn profile_by<S: Kind>(
         &self,
         timestamps: impl Fn(&Gpu, u32) -> Result<Option<Timestamps>, Error>,
-        cloud: &PlanarCloud,
-        (view, target): (&Canvas, &PlanarTarget),
+        cloud: &Cloud<S>,
+        (view, target): (&S::View, &Target),
         settings: &RenderSettings,
         loss: Loss,
         repetitions: usize,
     ) -> Result<Profile, Error> {
-        check(view, settings)?;
+        S::check(view, settings)?;
         loss.validate()?;
-        target.check_size(view.width, view.height)?;
+        target.check_size(S::size(view))?;
         let (gpu, rates) = (&self.gpu, still());
         cloud.settle(gpu)?;
-        let mut workspace = self.pool.take(gpu)?;
+        let mut workspace = S::pool(self).take(gpu)?;
         workspace.set(gpu, cloud, view, settings)?;
-        let describe = |w: &Workspace| w.describe(cloud, Some(loss), Some(&rates));
+        let describe = |w: &Workspace<S>| w.describe(cloud, Some(loss), Some(&rates));
         // All that depends on how many entries there are has room from here on.
         let status = self.with_lists(&mut workspace, cloud, describe, |_, _| Ok(()))?;
         workspace.write_step(gpu, &describe(&workspace));
@@ -197,7 +200,7 @@ impl WgpuRasterizer {
         let (clock, laps) = pass.measure(timestamps, repetitions)?;
         let Pass { workspace, stages, .. } = pass;
         let entries = status.entries as usize;
-        let pairs = traffic::pairs(gpu, &workspace, entries)?;
+        let pairs = traffic::pairs(gpu, &workspace.tiles, entries)?;
         let stage_time = |(index, stage): (usize, Stage)| StageTime {
             stage: stage.name(),
             seconds: laps.iter().map(|laps| laps[index]).collect(),
@@ -206,17 +209,17 @@ impl WgpuRasterizer {
             replaces: stage.replaces(),
         };
         let stages = stages.into_iter().enumerate().map(stage_time).collect();
-        self.pool.give(workspace);
+        S::pool(self).give(workspace);
         Ok(Profile { stages, clock, pairs, entries })
     }
 }
 
-impl Profiler<PlanarScene> for WgpuRasterizer {
+impl<S: Kind> Profiler<S> for WgpuRasterizer {
     fn profile(
         &self,
-        cloud: &mut PlanarCloud,
-        view: &Canvas,
-        target: &PlanarTarget,
+        cloud: &mut Cloud<S>,
+        view: &S::View,
+        target: &Target,
         settings: &RenderSettings,
         loss: Loss,
         repetitions: usize,
@@ -228,7 +231,7 @@ impl Profiler<PlanarScene> for WgpuRasterizer {
 #[cfg(test)]
 mod tests {
     use glam::{Vec2, Vec3};
-    use gs_core::{Blend, Chart, Image, PlanarGaussian, Rasterizer};
+    use gs_core::{Blend, Canvas, Chart, Image, PlanarGaussian, PlanarScene, Rasterizer};
 
     use super::*;
     use crate::WgpuSettings;
@@ -259,7 +262,7 @@ mod tests {
         };
         let scene: PlanarScene = (0..300).map(gaussian).collect();
         let cloud = wgpu.upload(&scene, Chart::ScaleRotation).unwrap();
-        let target = wgpu.upload_target(&Image::filled(96, 64, [0.5; 3]).unwrap()).unwrap();
+        let target = wgpu.planar().upload_target(&Image::filled(96, 64, [0.5; 3]).unwrap()).unwrap();
         let (view, settings) = (Canvas::new(96, 64), RenderSettings::blended(Blend::Sum));
         let none = |_: &Gpu, _: u32| Ok(None);
         let names = |profile: &Profile| profile.stages.iter().map(|s| s.stage).collect::<Vec<_>>();

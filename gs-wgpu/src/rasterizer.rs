@@ -3,30 +3,35 @@
 use std::sync::{Arc, PoisonError};
 
 use gs_core::{
-    AdamRates, Blend, Canvas, Chart, CloudState, DensityStatistics, EditPlan, Error, Image, Loss, Participants,
-    Penalty, PlanarGaussian, PlanarScene, Rasterizer, RenderSettings, TrainStep, Wait,
-    effects::{Antialias, Order, Outputs, Statistics},
+    AdamRates, Chart, CloudState, DensityStatistics, EditPlan, Error, Image, Loss, PlanarScene, Rasterizer,
+    RenderSettings, SpatialScene, TrainStep, Wait,
+    effects::{Outputs, Statistics},
+    profile::Profiler,
     settings::Cut,
     statistics::Culled,
 };
 
 use crate::{
-    PlanarCloud, PlanarFrame, PlanarGradients, PlanarTarget, WgpuSettings,
-    cloud::UNIFORM,
+    PlanarCloud, PlanarFrame, PlanarGradients, SpatialCloud, SpatialFrame, SpatialGradients, WgpuSettings,
+    blend::Differentiated,
+    cloud::{Cloud, UNIFORM},
     dispatch::Commands,
-    frame::Pool,
-    gpu::{AdapterSummary, BACKEND, Gpu},
+    frame::{Frame, Gradients, Pool},
+    gpu::{AdapterSummary, BACKEND, Gpu, STORAGE},
     in_flight::Request,
+    kind::Kind,
     layout::{Status, Step},
     shaders::Kernels,
-    workspace::{Differentiated, Workspace, encode_adam},
+    target::Target,
+    workspace::Workspace,
 };
 
 /// The GPU backend: owns its device, and the buffers that its frames use in turn.
 #[derive(Debug)]
 pub struct WgpuRasterizer {
     pub(crate) gpu: Gpu,
-    pub(crate) pool: Arc<Pool>,
+    pub(crate) planar: Arc<Pool<PlanarScene>>,
+    pub(crate) spatial: Arc<Pool<SpatialScene>>,
 }
 
 impl WgpuRasterizer {
@@ -35,7 +40,28 @@ impl WgpuRasterizer {
     /// # Errors
     /// [`Error::Backend`] where there is no adapter, none of that name, or it gives no device.
     pub fn new(settings: WgpuSettings) -> Result<Self, Error> {
-        Ok(Self { gpu: Gpu::new(&settings)?, pool: Arc::default() })
+        Ok(Self { gpu: Gpu::new(&settings)?, planar: Arc::default(), spatial: Arc::default() })
+    }
+
+    /// This rasterizer for planar scenes alone, where the types of the arguments do not say which kind of scene is meant.
+    pub fn planar(
+        &self,
+    ) -> &impl Profiler<PlanarScene, Cloud = PlanarCloud, Frame = PlanarFrame, Gradients = PlanarGradients, Target = Target>
+    {
+        self
+    }
+
+    /// This rasterizer for spatial scenes alone, as [`Self::planar`].
+    pub fn spatial(
+        &self,
+    ) -> &impl Profiler<
+        SpatialScene,
+        Cloud = SpatialCloud,
+        Frame = SpatialFrame,
+        Gradients = SpatialGradients,
+        Target = Target,
+    > {
+        self
     }
 
     /// The adapter in use.
@@ -70,12 +96,12 @@ impl WgpuRasterizer {
     }
 
     /// Runs `encode` on lists made anew, with more room until they fit; what became of it.
-    pub(crate) fn with_lists(
+    pub(crate) fn with_lists<S: Kind>(
         &self,
-        workspace: &mut Workspace,
-        cloud: &PlanarCloud,
-        step: impl Fn(&Workspace) -> Step,
-        mut encode: impl FnMut(&mut Workspace, &mut Commands) -> Result<(), Error>,
+        workspace: &mut Workspace<S>,
+        cloud: &Cloud<S>,
+        step: impl Fn(&Workspace<S>) -> Step,
+        mut encode: impl FnMut(&mut Workspace<S>, &mut Commands) -> Result<(), Error>,
     ) -> Result<Status, Error> {
         loop {
             workspace.write_step(&self.gpu, &step(workspace));
@@ -83,7 +109,7 @@ impl WgpuRasterizer {
             workspace.encode_lists(&self.gpu, &mut commands, cloud, true);
             encode(workspace, &mut commands)?;
             commands.submit(&self.gpu);
-            let status = workspace.read_status(&self.gpu)?;
+            let status = workspace.tiles.read_status(&self.gpu)?;
             if status.overflow == 0 {
                 workspace.edition = Some(cloud.edition);
                 return Ok(status);
@@ -93,227 +119,189 @@ impl WgpuRasterizer {
     }
 }
 
-pub(crate) fn check(view: &Canvas, settings: &RenderSettings) -> Result<(), Error> {
-    view.validate()?;
+/// An error for an effect that this backend does not offer.
+pub(crate) fn unsupported(effect: impl Into<String>) -> Error {
+    Error::Unsupported { backend: BACKEND, effect: effect.into() }
+}
+
+/// Fails where a setting is not possible for any kind of scene.
+pub(crate) fn check_settings(settings: &RenderSettings) -> Result<(), Error> {
     settings.validate()?;
     let effects = &settings.effects;
-    let unsupported = |effect: String| Err(Error::Unsupported { backend: BACKEND, effect });
-    if effects.order != Order::Index {
-        return unsupported(format!("order {:?} of a planar scene, which has no depth", effects.order));
-    }
-    if effects.antialias != Antialias::None {
-        return unsupported(format!("antialias {:?} of a planar scene", effects.antialias));
-    }
     if effects.outputs != Outputs::Color {
-        return unsupported(format!("outputs {:?} of a planar scene", effects.outputs));
+        return Err(unsupported(format!("outputs {:?}", effects.outputs)));
     }
     if let Statistics::AbsoluteGradient | Statistics::PixelError = effects.statistics {
         let sums = "which its kernels do not sum; a policy by mean gradient, or the CPU, does without";
-        return unsupported(format!("statistics {:?}, {sums}", effects.statistics));
+        return Err(unsupported(format!("statistics {:?}, {sums}", effects.statistics)));
     }
     if settings.accuracy.cut != Cut::Hard {
-        return unsupported("a smooth cut, which would touch every pixel".to_owned());
+        return Err(unsupported("a smooth cut, which would touch every pixel"));
     }
     Ok(())
 }
 
-fn check_rates(rates: &AdamRates) -> Result<(), Error> {
-    if rates.participants != Participants::All {
-        let effect = format!("Adam steps of participants {:?}", rates.participants);
-        return Err(Error::Unsupported { backend: BACKEND, effect });
-    }
-    if rates.penalty != Penalty::NONE {
-        let effect = "a penalty on opacities and scales".to_owned();
-        return Err(Error::Unsupported { backend: BACKEND, effect });
-    }
-    Ok(())
-}
-
-impl Rasterizer<PlanarScene> for WgpuRasterizer {
-    type Cloud = PlanarCloud;
-    type Frame = PlanarFrame;
-    type Gradients = PlanarGradients;
-    type Target = PlanarTarget;
+impl<S: Kind> Rasterizer<S> for WgpuRasterizer {
+    type Cloud = Cloud<S>;
+    type Frame = Frame<S>;
+    type Gradients = Gradients<S>;
+    type Target = Target;
 
     fn describe(&self) -> String {
         let AdapterSummary { name, kind, interface, .. } = &self.gpu.adapter;
         format!("wgpu ({name}, {kind}, {interface})")
     }
 
-    fn upload(&self, scene: &PlanarScene, chart: Chart) -> Result<PlanarCloud, Error> {
-        PlanarCloud::new(&self.gpu, scene, chart)
+    fn upload(&self, scene: &S, chart: Chart) -> Result<Cloud<S>, Error> {
+        Cloud::new(&self.gpu, scene, chart)
     }
 
-    fn download(&self, cloud: &PlanarCloud) -> Result<PlanarScene, Error> {
+    fn download(&self, cloud: &Cloud<S>) -> Result<S, Error> {
         cloud.settle(&self.gpu)?;
-        cloud.scene(&self.gpu)
+        S::download(&self.gpu, &cloud.state, cloud.len)
     }
 
-    fn len(&self, cloud: &PlanarCloud) -> usize {
+    fn len(&self, cloud: &Cloud<S>) -> usize {
         cloud.len
     }
 
-    fn upload_target(&self, image: &Image) -> Result<PlanarTarget, Error> {
-        PlanarTarget::new(&self.gpu, image)
+    fn upload_target(&self, image: &Image) -> Result<Target, Error> {
+        Target::new(&self.gpu, image)
     }
 
-    fn save(&self, cloud: &PlanarCloud) -> Result<CloudState, Error> {
+    fn save(&self, cloud: &Cloud<S>) -> Result<CloudState, Error> {
         cloud.settle(&self.gpu)?;
         cloud.save(&self.gpu)
     }
 
-    fn restore(&self, state: &CloudState) -> Result<PlanarCloud, Error> {
-        PlanarCloud::restore(&self.gpu, state)
+    fn restore(&self, state: &CloudState) -> Result<Cloud<S>, Error> {
+        Cloud::restore(&self.gpu, state)
     }
 
-    fn forward(&self, cloud: &PlanarCloud, view: &Canvas, settings: &RenderSettings) -> Result<PlanarFrame, Error> {
-        check(view, settings)?;
+    fn forward(&self, cloud: &Cloud<S>, view: &S::View, settings: &RenderSettings) -> Result<Frame<S>, Error> {
+        S::check(view, settings)?;
         cloud.settle(&self.gpu)?;
-        let mut workspace = self.pool.take(&self.gpu)?;
+        let mut workspace = S::pool(self).take(&self.gpu)?;
         workspace.set(&self.gpu, cloud, view, settings)?;
         let status = self.with_lists(
             &mut workspace,
             cloud,
             |w| w.describe(cloud, None, None),
             |w, commands| {
-                w.encode_blend(&self.gpu, commands, cloud);
+                w.tiles.encode_blend(&self.gpu, commands);
                 Ok(())
             },
         )?;
-        Ok(PlanarFrame { workspace: Some(workspace), status, pool: Arc::clone(&self.pool) })
+        Ok(Frame { workspace: Some(workspace), status, pool: Arc::clone(S::pool(self)) })
     }
 
-    fn image(&self, frame: &PlanarFrame) -> Result<Image, Error> {
+    fn image(&self, frame: &Frame<S>) -> Result<Image, Error> {
         frame.image(&self.gpu)
     }
 
-    fn culled(&self, frame: &PlanarFrame) -> Result<Culled, Error> {
+    fn culled(&self, frame: &Frame<S>) -> Result<Culled, Error> {
         Ok(frame.culled())
     }
 
     fn backward(
         &self,
-        cloud: &PlanarCloud,
-        mut frame: PlanarFrame,
-        target: &PlanarTarget,
+        cloud: &Cloud<S>,
+        mut frame: Frame<S>,
+        target: &Target,
         loss: &Loss,
-    ) -> Result<(f32, PlanarGradients), Error> {
+    ) -> Result<(f32, Gradients<S>), Error> {
         loss.validate()?;
         let gpu = &self.gpu;
         let workspace = frame.workspace.as_mut().expect("a frame has its workspace until it is dropped");
-        target.check_size(workspace.canvas.width, workspace.canvas.height)?;
+        target.check_size(workspace.tiles.size)?;
         if workspace.edition != Some(cloud.edition) {
             return Err(Error::State("the frame is of another cloud, or of this one before an edit".to_owned()));
         }
         cloud.settle(gpu)?;
         workspace.write_step(gpu, &workspace.describe(cloud, Some(*loss), None));
         let mut commands = Commands::new(gpu);
-        workspace.encode_loss(gpu, &mut commands, target, Some(*loss))?;
-        workspace.encode_blend_bwd(gpu, &mut commands, cloud, Differentiated::Loss);
-        workspace.encode_project_bwd(gpu, &mut commands, cloud);
-        let source = &workspace.gradients.buffer;
-        let buffer = gpu.allocate("gradients", source.size(), crate::gpu::STORAGE)?;
-        commands.encoder().copy_buffer_to_buffer(source, 0, &buffer, 0, source.size());
+        workspace.tiles.encode_loss(gpu, &mut commands, target, Some(*loss))?;
+        workspace.tiles.encode_blend_bwd(gpu, &mut commands, Differentiated::Loss);
+        S::encode_project_bwd(workspace, gpu, &mut commands, cloud);
+        let mut buffers = Vec::new();
+        for source in workspace.gradient_buffers() {
+            let buffer = gpu.allocate("gradients", source.size(), STORAGE)?;
+            commands.encoder().copy_buffer_to_buffer(source, 0, &buffer, 0, source.size());
+            buffers.push(buffer);
+        }
         commands.submit(gpu);
-        let value = workspace.read_status(gpu)?.loss;
-        let gradients = PlanarGradients {
-            buffer,
-            len: cloud.len,
-            statistics: workspace.settings.effects.statistics,
-            opaque: workspace.settings.effects.blend == Blend::Sum || !cloud.has_opacity,
-        };
-        Ok((value, gradients))
+        let value = workspace.tiles.read_status(gpu)?.loss;
+        let view = workspace.view.clone().expect("a frame has a view");
+        Ok((value, Gradients { buffers, len: cloud.len, view, settings: workspace.tiles.settings }))
     }
 
-    fn download_gradients(&self, cloud: &PlanarCloud, gradients: &PlanarGradients) -> Result<PlanarScene, Error> {
+    fn download_gradients(&self, cloud: &Cloud<S>, gradients: &Gradients<S>) -> Result<S, Error> {
         gradients.check_len(cloud)?;
         cloud.settle(&self.gpu)?;
-        gradients.as_scene(&self.gpu, cloud)
+        S::derivatives(&self.gpu, cloud, gradients)
     }
 
-    fn step(&self, cloud: &mut PlanarCloud, gradients: &PlanarGradients, rates: &AdamRates) -> Result<(), Error> {
+    fn step(&self, cloud: &mut Cloud<S>, gradients: &Gradients<S>, rates: &AdamRates) -> Result<(), Error> {
         gradients.check_len(cloud)?;
-        check_rates(rates)?;
+        S::check_rates(rates)?;
         let gpu = &self.gpu;
         cloud.settle(gpu)?;
-        let mut workspace = self.pool.take(gpu)?;
-        let mut settings = RenderSettings::default();
-        settings.effects.statistics = gradients.statistics;
-        workspace.set(gpu, cloud, &Canvas::new(1, 1), &settings)?;
-        let opaque = u32::from(gradients.opaque);
-        let step = Step { opaque, ..workspace.describe(cloud, None, Some(rates)) };
+        let mut workspace = S::pool(self).take(gpu)?;
+        workspace.set(gpu, cloud, &gradients.view, &gradients.settings)?;
+        let step = workspace.describe(cloud, None, Some(rates));
         let uniform = gpu.allocate("step", size_of::<Step>() as u64, UNIFORM)?;
         gpu.write(&uniform, bytemuck::bytes_of(&step));
         let mut commands = Commands::new(gpu);
-        let groups = gpu.groups((cloud.len as u64).div_ceil(64)).into();
-        encode_adam(gpu, &mut commands, cloud, &uniform, &gradients.buffer, groups);
+        let buffers: Vec<&wgpu::Buffer> = gradients.buffers.iter().collect();
+        S::encode_adam(gpu, &mut commands, cloud, &uniform, &buffers, None);
         commands.submit(gpu);
-        self.pool.give(workspace);
+        S::pool(self).give(workspace);
         gpu.check()
     }
 
     fn train_step(
         &self,
-        cloud: &mut PlanarCloud,
-        view: &Canvas,
-        target: &PlanarTarget,
+        cloud: &mut Cloud<S>,
+        view: &S::View,
+        target: &Target,
         step: &TrainStep<'_>,
     ) -> Result<(), Error> {
-        check(view, step.settings)?;
+        S::check(view, step.settings)?;
         step.loss.validate()?;
-        check_rates(step.rates)?;
-        target.check_size(view.width, view.height)?;
-        cloud.in_flight().train(&self.gpu, &self.pool, cloud, Request::new(view, target, step))
+        S::check_rates(step.rates)?;
+        target.check_size(S::size(view))?;
+        cloud.in_flight().train(&self.gpu, S::pool(self), cloud, Request::new(view, target, step))
     }
 
-    fn losses(&self, cloud: &mut PlanarCloud, wait: Wait, losses: &mut Vec<f32>) -> Result<(), Error> {
+    fn losses(&self, cloud: &mut Cloud<S>, wait: Wait, losses: &mut Vec<f32>) -> Result<(), Error> {
         cloud.in_flight().settle(&self.gpu, cloud, wait)?;
         losses.append(self.unread_losses(cloud));
         Ok(())
     }
 
-    fn unread_losses<'c>(&self, cloud: &'c mut PlanarCloud) -> &'c mut Vec<f32> {
+    fn unread_losses<'c>(&self, cloud: &'c mut Cloud<S>) -> &'c mut Vec<f32> {
         &mut cloud.in_flight.get_mut().unwrap_or_else(PoisonError::into_inner).losses
     }
 
     fn solve_colors(
         &self,
-        cloud: &mut PlanarCloud,
-        view: &Canvas,
-        target: &PlanarTarget,
+        cloud: &mut Cloud<S>,
+        view: &S::View,
+        target: &Target,
         settings: &RenderSettings,
         iterations: u32,
     ) -> Result<(), Error> {
-        check(view, settings)?;
-        target.check_size(view.width, view.height)?;
-        if settings.effects.blend != Blend::Sum {
-            return Err(Error::Unsupported {
-                backend: BACKEND,
-                effect: "solving for colours under `over`, where the image is not linear in them".to_owned(),
-            });
-        }
-        let gpu = &self.gpu;
-        cloud.settle(gpu)?;
-        let mut workspace = self.pool.take(gpu)?;
-        workspace.set(gpu, cloud, view, settings)?;
-        let describe = |w: &Workspace| w.describe(cloud, None, None);
-        self.with_lists(&mut workspace, cloud, describe, |_, _| Ok(()))?;
-        let step = describe(&workspace);
-        let without_backdrop = gpu.storage("step", &[Step { backdrop: [0.0; 3], ..step }])?;
-        workspace.write_step(gpu, &step);
-        let mut commands = Commands::new(gpu);
-        workspace.encode_solve(gpu, &mut commands, cloud, target, iterations, &without_backdrop)?;
-        commands.submit(gpu);
-        self.pool.give(workspace);
-        gpu.check()
+        S::check(view, settings)?;
+        target.check_size(S::size(view))?;
+        S::solve_colors(self, cloud, view, target, settings, iterations)
     }
 
-    fn statistics(&self, cloud: &PlanarCloud) -> Result<DensityStatistics, Error> {
+    fn statistics(&self, cloud: &Cloud<S>) -> Result<DensityStatistics, Error> {
         cloud.settle(&self.gpu)?;
         cloud.density_statistics(&self.gpu)
     }
 
-    fn edit(&self, cloud: &mut PlanarCloud, plan: &EditPlan<PlanarGaussian>) -> Result<(), Error> {
+    fn edit(&self, cloud: &mut Cloud<S>, plan: &EditPlan<S::Gaussian>) -> Result<(), Error> {
         cloud.settle(&self.gpu)?;
         cloud.edit(&self.gpu, plan)
     }

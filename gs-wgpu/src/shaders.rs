@@ -3,7 +3,9 @@
 
 use std::fmt::Write;
 
-use gs_core::constants::{MIN_DETERMINANT_PX4, SSIM_C1, SSIM_C2, SSIM_SIGMA, SSIM_WINDOW};
+use gs_core::constants::{
+    MIN_DETERMINANT_PX4, MIN_QUATERNION_NORM2, SH_C0, SH_C1, SH_C2, SH_C3, SSIM_C1, SSIM_C2, SSIM_SIGMA, SSIM_WINDOW,
+};
 
 /// Columns of a tile.
 pub(crate) const TILE_COLUMNS: u32 = 16;
@@ -33,6 +35,8 @@ pub(crate) struct Variant {
     pub(crate) over: bool,
     /// The chart is `LocalFrame`.
     pub(crate) local_frame: bool,
+    /// `edit` is of spatial Gaussians.
+    pub(crate) spatial: bool,
     /// `project` counts tiles, for lists made anew.
     pub(crate) lists: bool,
     /// The adapter computes on a CPU.
@@ -97,27 +101,32 @@ pub(crate) fn tiling(kernels: Kernels) -> Tiling {
     }
 }
 
-/// A shader: the stage's file.
+/// A shader: the stage's file, after those that it shares with others.
 #[derive(Debug)]
 pub(crate) struct Shader {
     pub(crate) name: &'static str,
-    pub(crate) source: &'static str,
+    pub(crate) sources: &'static [&'static str],
     pub(crate) entry_points: &'static [&'static str],
 }
 
 macro_rules! shaders {
-    ($($name:literal: [$($entry:literal),* $(,)?]),* $(,)?) => {
+    ($($name:literal $(after $shared:literal)*: [$($entry:literal),* $(,)?]),* $(,)?) => {
         /// Every shader.
         pub(crate) const SHADERS: &[Shader] = &[$(Shader {
             name: $name,
-            source: include_str!(concat!("../shaders/", $name, ".wgsl")),
+            sources: &[
+                $(include_str!(concat!("../shaders/", $shared, ".wgsl")),)*
+                include_str!(concat!("../shaders/", $name, ".wgsl")),
+            ],
             entry_points: &[$($entry),*],
         }),*];
     };
 }
 
 shaders! {
-    "project": ["project"],
+    "planar/project" after "counted": ["project"],
+    "spatial/project" after "counted" after "spatial/spatial": ["spatial_project"],
+    "spatial/place": ["place"],
     "scan": ["scan_blocks", "scan_sums", "scan_spread"],
     "sizes": ["sizes"],
     "bin": ["bin"],
@@ -128,10 +137,14 @@ shaders! {
     "loss": ["loss", "loss_sum"],
     "dssim": ["dssim_moments", "dssim_derivatives", "dssim_gradient"],
     "blend_bwd": ["blend_bwd"],
-    "project_bwd": ["project_bwd"],
-    "adam": ["adam"],
-    "edit": ["edit"],
-    "solve_colors": [
+    "planar/project_bwd" after "received": ["project_bwd"],
+    "spatial/project_bwd" after "received" after "spatial/spatial": ["spatial_project_bwd"],
+    "planar/adam" after "moments": ["adam"],
+    "spatial/adam" after "moments": ["spatial_adam"],
+    "spatial/adam_color" after "moments": ["spatial_adam_color"],
+    "edit" after "sources": ["edit"],
+    "spatial/edit_color" after "sources": ["edit_color"],
+    "planar/solve_colors": [
         "solve_start", "solve_product", "solve_step", "solve_direction", "solve_end", "solve_scalars",
     ],
 }
@@ -154,7 +167,9 @@ impl Shader {
     pub(crate) fn text(&self, variant: Variant) -> String {
         let mut text = prelude(variant);
         text += &preprocess(SHARED, variant);
-        text += &preprocess(self.source, variant);
+        for source in self.sources {
+            text += &preprocess(source, variant);
+        }
         text
     }
 }
@@ -175,8 +190,17 @@ fn prelude(variant: Variant) -> String {
          const SSIM_SEGMENT: u32 = {ssim_segment}u;\nconst SSIM_BLOCK: u32 = {ssim_block}u;\nconst DSSIM_GROUP: u32 = {DSSIM_GROUP}u;\nconst SSIM_RADIUS: u32 = {SSIM_RADIUS}u;\n\
          const SSIM_C1: f32 = {SSIM_C1:?};\nconst SSIM_C2: f32 = {SSIM_C2:?};\n",
     );
-    let weights = ssim_window().map(|w| format!("{w:?}")).join(", ");
-    writeln!(text, "const WINDOW = array<f32, {SSIM_WINDOW}>({weights});").expect("a string takes everything");
+    let list = |numbers: &[f32]| numbers.iter().map(|c| format!("{c:?}")).collect::<Vec<_>>().join(", ");
+    write!(
+        text,
+        "const MIN_QUATERNION_NORM2: f32 = {MIN_QUATERNION_NORM2:?};\nconst SH_C0: f32 = {SH_C0:?};\n\
+         const SH_C1: f32 = {SH_C1:?};\nconst SH_C2 = array<f32, 5>({});\nconst SH_C3 = array<f32, 7>({});\n",
+        list(&SH_C2),
+        list(&SH_C3),
+    )
+    .expect("a string takes everything");
+    writeln!(text, "const WINDOW = array<f32, {SSIM_WINDOW}>({});", list(&ssim_window()))
+        .expect("a string takes everything");
     text
 }
 
@@ -197,6 +221,7 @@ fn preprocess(source: &str, variant: Variant) -> String {
         "OVER" => variant.over,
         "LOCAL_FRAME" => variant.local_frame,
         "LISTS" => variant.lists,
+        "SPATIAL" => variant.spatial,
         "ON_CPU" => variant.on_cpu,
         "FORWARD" => variant.pass != Pass::Backward,
         "BACKWARD" => variant.pass != Pass::Forward,

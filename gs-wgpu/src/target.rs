@@ -6,13 +6,13 @@ use crate::gpu::Gpu;
 
 /// An image to compare with: one `vec4f` a pixel, row by row. A clone is the same image on the device, and costs nothing.
 #[derive(Debug, Clone)]
-pub struct PlanarTarget {
+pub struct Target {
     width: u32,
     height: u32,
     pub(crate) buffer: wgpu::Buffer,
 }
 
-impl PlanarTarget {
+impl Target {
     pub(crate) fn new(gpu: &Gpu, image: &Image) -> Result<Self, Error> {
         let (width, height) = image.size();
         let pixels: Vec<[f32; 4]> = image.pixels().iter().map(|&[r, g, b]| [r, g, b, 0.0]).collect();
@@ -20,7 +20,7 @@ impl PlanarTarget {
     }
 
     /// Fails unless the target has this size.
-    pub(crate) fn check_size(&self, width: u32, height: u32) -> Result<(), Error> {
+    pub(crate) fn check_size(&self, [width, height]: [u32; 2]) -> Result<(), Error> {
         if (self.width, self.height) == (width, height) {
             return Ok(());
         }

@@ -1,19 +1,22 @@
 //! The bytes that each stage moves at least, from the sizes of its buffers, as [`Traffic`] defines them; and the pairs that blending
 //! visits.
 
-use gs_core::{Blend, Error, Loss, effects::Statistics as Collected, profile::Traffic};
+use gs_core::{Blend, Error, Loss, profile::Traffic};
 
 use crate::{
-    cloud::PlanarCloud,
+    cloud::Cloud,
     gpu::Gpu,
-    layout::{Gaussian, Gradient, Moments, SPLAT_BYTES, Statistics},
+    kind::Kind,
+    layout::SPLAT_BYTES,
+    loss::MOMENTS_BYTES,
     profile::Stage,
     shaders::{Kernels, TILE_COLUMNS, stride, tiling},
-    workspace::{MOMENTS_BYTES, PIXEL_BYTES, Workspace},
+    tiles::{PIXEL_BYTES, Tiles},
+    workspace::Workspace,
 };
 
 /// A key, an offset, or a place in a list.
-const INDEX: u64 = 4;
+pub(crate) const INDEX: u64 = 4;
 
 /// An entry: its Gaussian and its rows.
 const ENTRY: u64 = 8;
@@ -21,28 +24,35 @@ const ENTRY: u64 = 8;
 /// Rows that a blend kernel visits or passes over together.
 const ROWS_TOGETHER: u32 = 4;
 
-fn size<T>() -> u64 {
+/// Bytes of one.
+pub(crate) fn size<T>() -> u64 {
     size_of::<T>() as u64
 }
 
 /// What one run of `stage` moves, with so many entries.
-pub(crate) fn of(stage: Stage, workspace: &Workspace, cloud: &PlanarCloud, loss: Loss, entries: u64) -> Traffic {
-    let effects = workspace.settings.effects;
-    let over = effects.blend == Blend::Over;
+pub(crate) fn of<S: Kind>(
+    stage: Stage,
+    workspace: &Workspace<S>,
+    cloud: &Cloud<S>,
+    loss: Loss,
+    entries: u64,
+) -> Traffic {
+    let tiles = &workspace.tiles;
+    let over = tiles.settings.effects.blend == Blend::Over;
     let n = cloud.len as u64;
-    let image = workspace.pixels() * PIXEL_BYTES;
-    let moments = 3 * workspace.pixels() * MOMENTS_BYTES;
+    let image = tiles.pixels() * PIXEL_BYTES;
+    let moments = 3 * tiles.pixels() * MOMENTS_BYTES;
     let slots = entries * u64::from(stride(over)) * size::<f32>();
     // Of the lists: each entry by its sorted number, with its Gaussian's splat.
     let lists = entries * (INDEX + ENTRY + SPLAT_BYTES);
     let (read, written) = match stage {
-        Stage::Project => (n * size::<Gaussian>(), n * (SPLAT_BYTES + INDEX)),
+        Stage::Project | Stage::Adam => return S::traffic(stage, workspace, cloud),
         // Sums of blocks, then their insides.
         Stage::Scan => (2 * n * INDEX, n * INDEX),
         Stage::Bin => (n * (SPLAT_BYTES + INDEX), entries * (2 * INDEX + ENTRY)),
         // Each pass counts keys, then moves keys and numbers.
         Stage::Sort => {
-            let passes = u64::from(workspace.sort_passes());
+            let passes = u64::from(tiles.sort_passes());
             (passes * entries * 3 * INDEX, passes * entries * 2 * INDEX)
         }
         Stage::Ranges => (entries * INDEX, 0),
@@ -54,11 +64,9 @@ pub(crate) fn of(stage: Stage, workspace: &Workspace, cloud: &PlanarCloud, loss:
         },
         Stage::BlendBwd => (lists + image + if over { image } else { 0 }, slots),
         Stage::Fused => (lists + image, slots),
-        Stage::ProjectBwd => (n * (size::<Gaussian>() + SPLAT_BYTES + INDEX) + slots, n * size::<Gradient>()),
-        Stage::Adam => {
-            let statistics = if effects.statistics == Collected::None { 0 } else { size::<Statistics>() };
-            let state = size::<Gaussian>() + size::<Moments>() + statistics;
-            (n * (size::<Gradient>() + state), n * state)
+        Stage::ProjectBwd => {
+            let Traffic { read, written } = S::traffic(stage, workspace, cloud);
+            (read + slots, written)
         }
     };
     Traffic { read, written }
@@ -66,12 +74,12 @@ pub(crate) fn of(stage: Stage, workspace: &Workspace, cloud: &PlanarCloud, loss:
 
 /// Pixel–Gaussian pairs that a blend kernel visits: of a tile, all columns of every four rows of which the entry touches one; all of it
 /// where lanes are those of a CPU's vector, which pass over nothing.
-pub(crate) fn pairs(gpu: &Gpu, workspace: &Workspace, entries: usize) -> Result<u64, Error> {
+pub(crate) fn pairs(gpu: &Gpu, tiles: &Tiles, entries: usize) -> Result<u64, Error> {
     let tile_rows = u64::from(tiling(gpu.kernels).tile_rows);
     if gpu.kernels == Kernels::Vectors {
         return Ok(entries as u64 * tile_rows * u64::from(TILE_COLUMNS));
     }
-    let entries: Vec<[u32; 2]> = gpu.read(&workspace.entries.buffer, entries)?;
+    let entries: Vec<[u32; 2]> = gpu.read(&tiles.entries.buffer, entries)?;
     Ok(entries.iter().map(|&[_, rows]| u64::from(rows_visited(rows)) * u64::from(TILE_COLUMNS)).sum())
 }
 
@@ -105,7 +113,7 @@ mod tests {
         };
         let scene: PlanarScene = [at(16.0), at(26.0)].into_iter().collect();
         let mut cloud = wgpu.upload(&scene, Chart::LocalFrame).unwrap();
-        let target = wgpu.upload_target(&Image::filled(32, 10, [0.5; 3]).unwrap()).unwrap();
+        let target = wgpu.planar().upload_target(&Image::filled(32, 10, [0.5; 3]).unwrap()).unwrap();
         let settings = RenderSettings::blended(blend);
         wgpu.profile(&mut cloud, &Canvas::new(32, 10), &target, &settings, loss, 1).unwrap()
     }

@@ -19,7 +19,7 @@ use gs_core::{
 };
 use gs_cpu::{CpuRasterizer, CpuSettings};
 use gs_wgpu::{
-    FreshBuffers, Kernels, PlanarCloud, PlanarGradients, PlanarTarget, STEPS_IN_FLIGHT, WgpuRasterizer, WgpuSettings,
+    FreshBuffers, Kernels, PlanarCloud, PlanarGradients, STEPS_IN_FLIGHT, Target, WgpuRasterizer, WgpuSettings,
     adapters,
 };
 use proptest::{
@@ -97,7 +97,7 @@ fn differences_from_the_oracle_are_small_in_numbers() {
 fn lists_that_are_out_of_date_never_make_what_is_not_finite() {
     for (kernels, r) in rasterizers() {
         let draw = Draw::new(Kind::Typical, Blend::Sum, 300, (64, 48), 7);
-        let target = r.upload_target(&draw.target().unwrap()).unwrap();
+        let target = r.planar().upload_target(&draw.target().unwrap()).unwrap();
         let mut cloud = r.upload(&draw.scene, Chart::LocalFrame).unwrap();
         let mut adam = Adam { epsilon: 1e-6, ..Adam::default() };
         adam.scale.learning_rate = 1.0;
@@ -190,13 +190,13 @@ fn repeats_itself_bit_for_bit() {
 struct Training<'r> {
     r: &'r WgpuRasterizer,
     draw: Draw,
-    target: PlanarTarget,
+    target: Target,
     cloud: PlanarCloud,
 }
 
 impl<'r> Training<'r> {
     fn new(r: &'r WgpuRasterizer, draw: Draw) -> Self {
-        let target = r.upload_target(&draw.target().unwrap()).unwrap();
+        let target = r.planar().upload_target(&draw.target().unwrap()).unwrap();
         let cloud = r.upload(&draw.scene, Chart::LocalFrame).unwrap();
         Self { r, draw, target, cloud }
     }
@@ -416,7 +416,7 @@ fn a_lost_device_is_an_error_at_every_call() {
     let r = another();
     let draw = Draw::new(Kind::Typical, Blend::Sum, 20, (40, 30), 5);
     let image = draw.target().unwrap();
-    let target = r.upload_target(&image).unwrap();
+    let target = r.planar().upload_target(&image).unwrap();
     let mut cloud = r.upload(&draw.scene, Chart::LocalFrame).unwrap();
     r.lose_device();
     let rates = Adam::default().at(0.0);
@@ -427,7 +427,7 @@ fn a_lost_device_is_an_error_at_every_call() {
         r.download(&cloud).err(),
         r.save(&cloud).err(),
         r.upload(&draw.scene, Chart::LocalFrame).err(),
-        r.upload_target(&image).err(),
+        r.planar().upload_target(&image).err(),
         r.forward(&cloud, &draw.view, &draw.settings).err(),
     ];
     for (call, error) in outcomes.into_iter().enumerate() {

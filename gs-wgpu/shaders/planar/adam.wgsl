@@ -8,42 +8,6 @@
 // Largest entry of eta in one step; exp(eta) is taken to second order.
 const MAX_ETA: f32 = 0.5;
 
-// Adam's numbers of four parameters.
-struct Rates {
-    rate: vec4f,
-    beta1: vec4f,
-    beta2: vec4f,
-    rest1: vec4f,
-    rest2: vec4f,
-    bias1: vec4f,
-    bias2: vec4f,
-}
-
-fn rates_of(groups: vec4u, steps: f32) -> Rates {
-    var r: Rates;
-    for (var k = 0u; k < 4u; k++) {
-        let a = step.rates[groups[k]];
-        let b = step.decays[groups[k]];
-        r.rate[k] = a.x;
-        r.beta1[k] = a.y;
-        r.beta2[k] = a.z;
-        r.rest1[k] = a.w;
-        r.rest2[k] = b.z;
-        r.bias1[k] = 1.0 / one_less_exp(steps * b.x);
-        r.bias2[k] = 1.0 / one_less_exp(steps * b.y);
-    }
-    return r;
-}
-
-fn moved(first: ptr<function, vec4f>, second: ptr<function, vec4f>, gradient: vec4f, r: Rates) -> vec4f {
-    let m = r.beta1 * *first + r.rest1 * gradient;
-    let v = r.beta2 * *second + r.rest2 * gradient * gradient;
-    // Denormals cost time and move nothing.
-    *first = select(m, vec4f(0.0), abs(m) < vec4f(1e-30));
-    *second = v;
-    return r.rate * (*first * r.bias1) / (sqrt(*second * r.bias2) + step.epsilon);
-}
-
 // The square root of a unit complex number.
 fn half_way(z: vec2f) -> vec2f {
     if z.x >= 0.0 {
@@ -99,6 +63,9 @@ fn adam(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: ve
         return;
     }
     let gradient = gradients[index];
+    if step.visible_only == 1u && gradient.visible == 0u {
+        return;
+    }
     var g = gaussians[index];
     var m = moments[index];
     g.steps += select(1u, 0u, g.steps == 0xffffffffu);

@@ -2,25 +2,10 @@
 //
 // Sigma' is held so that the exponent is a sum of squares, without the cancellation that a quadratic form suffers in needles.
 
-struct Counted {
-    entries: u32,
-    overflow: u32,
-    loss: f32,
-    unused: u32,
-    not_finite: atomic<u32>,
-    degenerate: atomic<u32>,
-    transparent: atomic<u32>,
-    outside: atomic<u32>,
-}
-
 @group(0) @binding(1) var<storage, read> gaussians: array<Gaussian>;
 @group(0) @binding(2) var<storage, read_write> splats: array<Splat>;
 @group(0) @binding(3) var<storage, read_write> counts: array<u32>;
 @group(0) @binding(4) var<storage, read_write> status: Counted;
-
-fn culled() -> Splat {
-    return Splat(vec2f(0.0), 1.0, 0.0, 1.0, 0.0, 0.0, -1.0, vec3f(0.0), 0.0);
-}
 
 fn project_one(g: Gaussian) -> Splat {
     let plane = frame_of(g.shape);
@@ -47,8 +32,7 @@ fn project_one(g: Gaussian) -> Splat {
         atomicAdd(&status.transparent, 1u);
         return culled();
     }
-    let reach = 2.0 * log(opacity / step.alpha_cut);
-    return Splat(mean, 1.0 / xx, xy / xx, xx / det, opacity, reach, sqrt(reach * xx), g.color, xy / yy * sqrt(reach * yy));
+    return splat_of(mean, vec3f(xx, xy, yy), det, opacity, g.color);
 }
 
 @compute @workgroup_size(64)
@@ -61,13 +45,7 @@ fn project(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups:
     if index < step.gaussians {
         let splat = project_one(gaussians[index]);
         splats[index] = splat;
-        let columns = tile_columns(splat);
-        for (var column = columns.x; column < columns.y; column++) {
-            let rows = rows_in_column(splat, column);
-            if rows.x < rows.y {
-                touched += (rows.y - 1u) / TILE_ROWS - rows.x / TILE_ROWS + 1u;
-            }
-        }
+        touched = tiles_of(splat);
         if touched == 0u && splat.half_x >= 0.0 {
             atomicAdd(&status.outside, 1u);
         }

@@ -1,0 +1,39 @@
+// What the stages that make splats share: those that are left out, counted by cause, and the tiles that the others touch.
+
+// `Status`, where many add to it.
+struct Counted {
+    entries: u32,
+    overflow: u32,
+    loss: f32,
+    near: atomic<u32>,
+    not_finite: atomic<u32>,
+    degenerate: atomic<u32>,
+    transparent: atomic<u32>,
+    outside: atomic<u32>,
+}
+
+fn culled() -> Splat {
+    return Splat(vec2f(0.0), 1.0, 0.0, 1.0, 0.0, 0.0, -1.0, vec3f(0.0), 0.0);
+}
+
+// From Sigma' (xx, xy, yy) and its determinant, for an opacity no less than the cut.
+fn splat_of(mean: vec2f, covariance: vec3f, det: f32, opacity: f32, color: vec3f) -> Splat {
+    let xx = covariance.x;
+    let xy = covariance.y;
+    let yy = covariance.z;
+    let reach = 2.0 * log(opacity / step.alpha_cut);
+    return Splat(mean, 1.0 / xx, xy / xx, xx / det, opacity, reach, sqrt(reach * xx), color, xy / yy * sqrt(reach * yy));
+}
+
+// How many tiles a splat touches.
+fn tiles_of(splat: Splat) -> u32 {
+    var touched = 0u;
+    let columns = tile_columns(splat);
+    for (var column = columns.x; column < columns.y; column++) {
+        let rows = rows_in_column(splat, column);
+        if rows.x < rows.y {
+            touched += (rows.y - 1u) / TILE_ROWS - rows.x / TILE_ROWS + 1u;
+        }
+    }
+    return touched;
+}

@@ -1,0 +1,93 @@
+// What a Gaussian received from the pixels: the sums over its entries' slots, which stand side by side. Where invocations are lanes of a CPU's
+// vector, they add up eight Gaussians' slots together, because a Gaussian with many entries would keep the others' lanes waiting.
+
+@group(0) @binding(2) var<storage, read> splats: array<Splat>;
+@group(0) @binding(3) var<storage, read> offsets: array<u32>;
+@group(0) @binding(4) var<storage, read> slots: array<f32>;
+
+// In the legend of `blend_bwd`: v_colour; Sx, Su; Sxx, Sxu, Suu; under `Over` S, else 0.
+struct Received {
+    color: vec3f,
+    first: vec2f,
+    second: vec3f,
+    zeroth: f32,
+}
+
+#if VECTORS
+const INVOCATIONS: u32 = LANES;
+
+// Of eight numbers, whose k-th lanes belong together, the l-th in lane l; and so that every lane has all eight of its own.
+fn transposed(rows: array<f32, 8>, lane: u32) -> array<f32, 8> {
+    var r = rows;
+#each s STAGES
+    {
+        let bit = 1u << @su;
+        let upper = (lane & bit) != 0u;
+        var t: array<f32, 8>;
+#each k EIGHT
+        {
+            // Of the pair of rows k and k with that bit turned, the one that stays in this half of the lanes.
+            let other = subgroupShuffleXor(r[@ku ^ bit], bit);
+            t[@k] = select(r[@k], other, upper != ((@ku & bit) != 0u));
+        }
+#end
+        r = t;
+    }
+#end
+    return r;
+}
+#else
+const INVOCATIONS: u32 = 64u;
+#endif
+
+// Of splat `first_of_group + lane`; to be called by all lanes of a work group, those of no splat included.
+fn received(first_of_group: u32, lane: u32) -> Received {
+#if VECTORS
+    // Each lane one number of every entry of the eight Gaussians; then each lane all of one Gaussian.
+    var by_gaussian: array<f32, 8>;
+    var last = 0.0;
+#each g EIGHT
+    {
+        let gaussian = min(first_of_group + @gu, step.gaussians - 1u);
+        let end = offsets[gaussian + 1u];
+        var e = offsets[gaussian];
+        var sum = 0.0;
+#if OVER
+        var sum_of_last = 0.0;
+#endif
+        if e < end {
+            loop {
+                sum += slots[e * STRIDE + lane];
+#if OVER
+                sum_of_last += slots[e * STRIDE + 8u];
+#endif
+                continuing {
+                    e++;
+                    break if e >= end;
+                }
+            }
+        }
+        by_gaussian[@g] = sum;
+#if OVER
+        last = select(last, sum_of_last, lane == @gu);
+#endif
+    }
+#end
+    let sums = transposed(by_gaussian, lane);
+#else
+    var sums: array<f32, STRIDE>;
+    let gaussian = min(first_of_group + lane, step.gaussians - 1u);
+    let end = offsets[gaussian + 1u];
+    for (var e = offsets[gaussian]; e < end; e++) {
+        for (var k = 0u; k < STRIDE; k++) {
+            sums[k] += slots[e * STRIDE + k];
+        }
+    }
+#if OVER
+    let last = sums[8];
+#else
+    let last = 0.0;
+#endif
+#endif
+    return Received(vec3f(sums[0], sums[1], sums[2]), vec2f(sums[3], sums[4]), vec3f(sums[5], sums[6], sums[7]), last);
+}

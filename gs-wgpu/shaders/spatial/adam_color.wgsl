@@ -1,0 +1,37 @@
+// Stage `adam` of spatial scenes, after the Gaussians' own: one step of every SH coefficient. One invocation a coefficient, its three
+// channels together.
+
+@group(0) @binding(1) var<storage, read> gradients: array<EllipsoidGradient>;
+@group(0) @binding(2) var<storage, read> ellipsoids: array<Ellipsoid>;
+// [N, coefficients, 3]
+@group(0) @binding(3) var<storage, read> v_sh: array<f32>;
+@group(0) @binding(4) var<storage, read_write> sh: array<f32>;
+// First and second moments.
+@group(0) @binding(5) var<storage, read_write> moments: array<vec2f>;
+
+@compute @workgroup_size(64)
+fn spatial_adam_color(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
+    let at = flat(group, groups) * 64u + lane;
+    if at >= step.gaussians * step.coefficients {
+        return;
+    }
+    let index = at / step.coefficients;
+    let visible = gradients[index].visible == 1u;
+    if step.visible_only == 1u && !visible {
+        return;
+    }
+    let rates = rates_of(vec4u(select(5u, 4u, at % step.coefficients == 0u)), f32(ellipsoids[index].steps));
+    let first = 3u * at;
+    var gradient = vec4f(0.0);
+    if visible {
+        gradient = vec4f(v_sh[first], v_sh[first + 1u], v_sh[first + 2u], 0.0);
+    }
+    let before = array<vec2f, 3>(moments[first], moments[first + 1u], moments[first + 2u]);
+    var m = vec4f(before[0].x, before[1].x, before[2].x, 0.0);
+    var v = vec4f(before[0].y, before[1].y, before[2].y, 0.0);
+    let by = moved(&m, &v, gradient, rates);
+    for (var channel = 0u; channel < 3u; channel++) {
+        sh[first + channel] -= by[channel];
+        moments[first + channel] = vec2f(m[channel], v[channel]);
+    }
+}

@@ -1,0 +1,35 @@
+// Stage `edit` of the SH coefficients, as `edit.wgsl` does all else. One invocation a coefficient, its three channels together.
+
+@group(0) @binding(1) var<storage, read> sources: array<Source>;
+// Each [.., coefficients, 3].
+@group(0) @binding(2) var<storage, read> fresh: array<f32>;
+@group(0) @binding(3) var<storage, read> sh: array<f32>;
+@group(0) @binding(4) var<storage, read> moments: array<vec2f>;
+@group(0) @binding(5) var<storage, read_write> edited_sh: array<f32>;
+@group(0) @binding(6) var<storage, read_write> edited_moments: array<vec2f>;
+
+@compute @workgroup_size(64)
+fn edit_color(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
+    let at = flat(group, groups) * 64u + lane;
+    if at >= step.gaussians * step.coefficients {
+        return;
+    }
+    let source = sources[at / step.coefficients];
+    let k = at % step.coefficients;
+    let place = 3u * (source.parameters * step.coefficients + k);
+    let heritage = 3u * (source.moments * step.coefficients + k);
+    for (var channel = 0u; channel < 3u; channel++) {
+        var value = 0.0;
+        if source.is_fresh == 1u {
+            value = fresh[place + channel];
+        } else {
+            value = sh[place + channel];
+        }
+        var moment = vec2f(0.0);
+        if source.moments != NONE {
+            moment = moments[heritage + channel];
+        }
+        edited_sh[3u * at + channel] = value;
+        edited_moments[3u * at + channel] = moment;
+    }
+}

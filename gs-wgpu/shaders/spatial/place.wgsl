@@ -1,0 +1,25 @@
+// Stage `place` of spatial scenes: splats and their numbers of tiles go where blending meets them. One invocation a Gaussian, and one more
+// for the closing 0.
+
+// Place -> index.
+@group(0) @binding(1) var<storage, read> order: array<u32>;
+@group(0) @binding(2) var<storage, read> projected: array<Splat>;
+@group(0) @binding(3) var<storage, read> counts: array<u32>;
+@group(0) @binding(4) var<storage, read_write> splats: array<Splat>;
+// [N + 1]
+@group(0) @binding(5) var<storage, read_write> placed_counts: array<u32>;
+
+@compute @workgroup_size(64)
+fn place(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
+    let at = flat(group, groups) * 64u + lane;
+    if at > step.gaussians {
+        return;
+    }
+    var count = 0u;
+    if at < step.gaussians {
+        let index = order[at];
+        splats[at] = projected[index];
+        count = counts[index];
+    }
+    placed_counts[at] = count;
+}

@@ -1,0 +1,89 @@
+//! The stages that visit every pixel, `blend` and `blend_bwd`, as commands.
+
+use gs_core::{Error, Loss};
+
+use crate::{
+    dispatch::{Commands, dispatch},
+    gpu::Gpu,
+    loss::LossSum,
+    shaders::{Kernels, Pass, Variant},
+    target::Target,
+    tiles::Tiles,
+};
+
+/// Whether a training step blends, compares and differentiates in one pass: where lanes are a CPU's, and the loss is one of each pixel alone.
+pub(crate) fn fuses(gpu: &Gpu, loss: Loss) -> bool {
+    gpu.kernels == Kernels::Vectors && !matches!(loss, Loss::L1Dssim { .. })
+}
+
+/// What `blend_bwd` differentiates: the loss, or half the image's square.
+#[derive(Debug, Clone, Copy)]
+pub(crate) enum Differentiated {
+    Loss,
+    Image,
+}
+
+impl Tiles {
+    /// Stage `blend`.
+    pub(crate) fn encode_blend(&self, gpu: &Gpu, commands: &mut Commands) {
+        let mut bindings = self.lists().to_vec();
+        bindings.push(&self.image.buffer);
+        let entry_point = if gpu.kernels == Kernels::Vectors { "blend_vectors" } else { "blend" };
+        dispatch(gpu, commands, entry_point, self.variant(), &bindings, gpu.groups(self.count()).into());
+    }
+
+    /// Stage `blend_bwd`, from `v_image`, or from the image itself.
+    pub(crate) fn encode_blend_bwd(&self, gpu: &Gpu, commands: &mut Commands, v_image: Differentiated) {
+        let variant = Variant { pass: Pass::Backward, ..self.variant() };
+        let v_image = match v_image {
+            Differentiated::Loss => &self.v_image.buffer,
+            Differentiated::Image => &self.image.buffer,
+        };
+        let (entry_point, [fifth, sixth]) = match gpu.kernels {
+            Kernels::Vectors => ("blend_vectors", [&self.slots.buffer, v_image]),
+            _ => ("blend_bwd", [v_image, &self.slots.buffer]),
+        };
+        let mut bindings = self.lists().to_vec();
+        bindings.extend([fifth, sixth]);
+        if variant.over {
+            bindings.push(&self.image.buffer);
+        }
+        dispatch(gpu, commands, entry_point, variant, &bindings, gpu.groups(self.count()).into());
+    }
+
+    /// Stages `blend` to `blend_bwd` for a training step: in one pass where adapter and loss allow it.
+    pub(crate) fn encode_image_and_gradient(
+        &mut self,
+        gpu: &Gpu,
+        commands: &mut Commands,
+        target: &Target,
+        loss: Loss,
+    ) -> Result<(), Error> {
+        if !fuses(gpu, loss) {
+            self.encode_blend(gpu, commands);
+            self.encode_loss(gpu, commands, target, Some(loss))?;
+            self.encode_blend_bwd(gpu, commands, Differentiated::Loss);
+            return Ok(());
+        }
+        let kind = if loss == Loss::L2 { 1 } else { 2 };
+        let tiles = self.count();
+        self.partial.ensure(gpu, tiles * 4)?;
+        let variant = Variant { pass: Pass::Fused, constant: Some(("KIND", kind)), ..self.variant() };
+        let mut bindings = self.lists().to_vec();
+        bindings.extend([&self.slots.buffer, &target.buffer, &self.partial.buffer]);
+        dispatch(gpu, commands, "blend_vectors", variant, &bindings, gpu.groups(tiles).into());
+        self.encode_loss_sum(gpu, commands, LossSum::Tiles);
+        Ok(())
+    }
+
+    /// What every blend kernel reads.
+    fn lists(&self) -> [&wgpu::Buffer; 5] {
+        [
+            &self.step,
+            &self.tile_start.buffer,
+            &self.order[self.sorted()].buffer,
+            &self.entries.buffer,
+            &self.splats.buffer,
+        ]
+    }
+}

@@ -1,0 +1,120 @@
+//! What this backend needs to know about a kind of scene: its parameters on the device, and the stages before `scan` and after `blend_bwd`.
+//! All that lies between, and the trait's implementation around it, is written once.
+
+use std::{fmt::Debug, sync::Arc};
+
+use gs_core::{AdamRates, Chart, CloudState, Error, RenderSettings, Scene, profile::Traffic};
+
+use crate::{
+    WgpuRasterizer,
+    cloud::{Cloud, Edit},
+    dispatch::Commands,
+    frame::{Gradients, Pool},
+    gpu::Gpu,
+    layout::Step,
+    profile::Stage,
+    target::Target,
+    workspace::Workspace,
+};
+
+/// A kind of scene that [`WgpuRasterizer`] is a rasterizer for; implemented for planar and spatial scenes, and for no others.
+pub trait Kind: Scene<View: PartialEq> + 'static {
+    /// Parameters and Adam moments on the device.
+    type State: Debug + Send + Sync;
+    /// Buffers of the stages that are this kind's own.
+    type Own: Debug + Send + Sync;
+
+    /// Whether lists may serve more than one step: not where each looks through another camera.
+    const LISTS_LAST: bool;
+
+    /// Fails where the view or an effect is not possible.
+    fn check(view: &Self::View, settings: &RenderSettings) -> Result<(), Error>;
+
+    /// Fails where an optimiser's setting is not possible.
+    fn check_rates(rates: &AdamRates) -> Result<(), Error>;
+
+    /// Columns and rows.
+    fn size(view: &Self::View) -> [u32; 2];
+
+    /// Where the rasterizer keeps this kind's workspaces.
+    fn pool(rasterizer: &WgpuRasterizer) -> &Arc<Pool<Self>>;
+
+    /// The state of a cloud of this valid scene.
+    fn upload(gpu: &Gpu, scene: &Self, chart: Chart) -> Result<Self::State, Error>;
+
+    /// The parameters of `len` Gaussians.
+    fn download(gpu: &Gpu, state: &Self::State, len: usize) -> Result<Self, Error>;
+
+    /// All of the state but the statistics.
+    fn save(gpu: &Gpu, state: &Self::State, len: usize) -> Result<CloudState, Error>;
+
+    /// That state again, of as many Gaussians as are said.
+    fn restore(gpu: &Gpu, state: &CloudState, len: usize) -> Result<Self::State, Error>;
+
+    /// Whether opacities are stored once `fresh` Gaussians have come.
+    fn has_opacity(state: &Self::State, fresh: &[&Self::Gaussian]) -> bool;
+
+    /// SH coefficients of a Gaussian.
+    fn coefficients(state: &Self::State) -> u32;
+
+    /// The edited state, as the commands will make it; those also edit the statistics.
+    fn edit(
+        gpu: &Gpu,
+        commands: &mut Commands,
+        state: &Self::State,
+        edit: &Edit<'_, Self::Gaussian>,
+    ) -> Result<Self::State, Error>;
+
+    /// Empty buffers of this kind's own stages.
+    fn own(gpu: &Gpu) -> Result<Self::Own, Error>;
+
+    /// Makes room in them for the cloud.
+    fn ensure(workspace: &mut Workspace<Self>, gpu: &Gpu, cloud: &Cloud<Self>) -> Result<(), Error>;
+
+    /// Bytes of each buffer of gradients.
+    fn gradient_bytes(cloud: &Cloud<Self>) -> Vec<u64>;
+
+    /// Adds to what a pass tells the device.
+    fn describe(view: &Self::View, settings: &RenderSettings, cloud: &Cloud<Self>, step: &mut Step);
+
+    /// Tells the device of the view what does not stand in [`Step`].
+    fn write_view(workspace: &Workspace<Self>, gpu: &Gpu, view: &Self::View);
+
+    /// Stage `project`, and all until splats and their numbers of tiles stand in the order of blending.
+    fn encode_project(
+        workspace: &Workspace<Self>,
+        gpu: &Gpu,
+        commands: &mut Commands,
+        cloud: &Cloud<Self>,
+        lists: bool,
+    );
+
+    /// Stage `project_bwd`.
+    fn encode_project_bwd(workspace: &Workspace<Self>, gpu: &Gpu, commands: &mut Commands, cloud: &Cloud<Self>);
+
+    /// Stage `adam`; the sizes of its dispatches stand in `indirect`, if the device is to say whether anything is done.
+    fn encode_adam(
+        gpu: &Gpu,
+        commands: &mut Commands,
+        cloud: &Cloud<Self>,
+        step: &wgpu::Buffer,
+        gradients: &[&wgpu::Buffer],
+        indirect: Option<&wgpu::Buffer>,
+    );
+
+    /// The gradients as a scene of derivatives.
+    fn derivatives(gpu: &Gpu, cloud: &Cloud<Self>, gradients: &Gradients<Self>) -> Result<Self, Error>;
+
+    /// Solves for the colours, where the image is linear in them.
+    fn solve_colors(
+        rasterizer: &WgpuRasterizer,
+        cloud: &mut Cloud<Self>,
+        view: &Self::View,
+        target: &Target,
+        settings: &RenderSettings,
+        iterations: u32,
+    ) -> Result<(), Error>;
+
+    /// The bytes that one of this kind's own stages moves at least, without the entries' slots.
+    fn traffic(stage: Stage, workspace: &Workspace<Self>, cloud: &Cloud<Self>) -> Traffic;
+}

@@ -1,0 +1,109 @@
+//! The stages that make the tiles' lists, `scan` to `ranges`, as commands; also sorting and prefix sums of what else there is.
+
+use crate::{
+    dispatch::{Commands, Groups, dispatch, dispatch_some},
+    gpu::Gpu,
+    shaders::Variant,
+    tiles::{BY_ENTRY, BY_GAUSSIAN, BY_HISTOGRAM, BY_SORT_BLOCK, Growing, Tiles, groups_of},
+};
+
+/// What is sorted or summed up: numbers that `scan.wgsl` and `sort.wgsl` tell apart by their override `WHICH`.
+#[derive(Debug, Clone, Copy)]
+pub(crate) enum Which {
+    /// The tile counts of all Gaussians.
+    Counts = 0,
+    /// The tiles' entries, and the histograms of sorting them.
+    Entries = 1,
+    /// The Gaussians, and the histograms of sorting them.
+    Gaussians = 2,
+}
+
+impl Which {
+    fn variant(self) -> Variant {
+        Variant { constant: Some(("WHICH", self as u32)), ..Variant::default() }
+    }
+}
+
+/// What is sorted, stably.
+pub(crate) struct Sorting<'a> {
+    pub(crate) which: Which,
+    pub(crate) keys: [&'a Growing; 2],
+    /// Numbers that go along.
+    pub(crate) order: [&'a Growing; 2],
+    /// Digits.
+    pub(crate) passes: u32,
+    /// A group a block of sorting; a group a block of the scan of its histograms.
+    pub(crate) groups: [Groups<'a>; 2],
+}
+
+impl Tiles {
+    /// Before the kind's own stages: forgets how many were left out, and for new lists the tiles' starts.
+    pub(crate) fn encode_clear(&self, commands: &mut Commands, lists: bool) {
+        // Without lists it is not known again who touches no tile.
+        commands.encoder().clear_buffer(&self.status, 12, Some(if lists { 20 } else { 16 }));
+        if lists {
+            // What `ranges` writes to, cleared here so that all the stages are one pass.
+            commands.encoder().clear_buffer(&self.tile_start.buffer, 0, None);
+        }
+    }
+
+    /// Stages `scan`, of the counts, and `sizes`.
+    pub(crate) fn encode_offsets(&self, gpu: &Gpu, commands: &mut Commands) {
+        let (step, status, offsets) = (&self.step, &self.status, &self.offsets.buffer);
+        let groups = groups_of(gpu, u64::from(self.gaussians) + 1, 1024);
+        self.encode_scan(gpu, commands, Which::Counts, offsets, groups);
+        let bindings = [step, offsets, status, &self.indirect];
+        let sizes = Variant { constant: Some(("MOST_GROUPS", gpu.most_groups)), ..Variant::default() };
+        dispatch(gpu, commands, "sizes", sizes, &bindings, Groups::Direct(1, 1));
+    }
+
+    /// Stage `bin`.
+    pub(crate) fn encode_bin(&self, gpu: &Gpu, commands: &mut Commands) {
+        let (keys, order) = (&self.keys[0].buffer, &self.order[0].buffer);
+        let bindings = [&self.step, &self.splats.buffer, &self.offsets.buffer, keys, order, &self.entries.buffer];
+        dispatch(gpu, commands, "bin", self.variant(), &bindings, self.indirect(BY_GAUSSIAN));
+    }
+
+    /// Stage `sort`.
+    pub(crate) fn encode_sort(&self, gpu: &Gpu, commands: &mut Commands) {
+        let groups = [self.indirect(BY_SORT_BLOCK), self.indirect(BY_HISTOGRAM)];
+        let (keys, order) = (self.keys.each_ref(), self.order.each_ref());
+        let sorting = Sorting { which: Which::Entries, keys, order, passes: self.sort_passes(), groups };
+        self.encode_sorting(gpu, commands, &sorting);
+    }
+
+    /// Sorts, by the lowest digits: an even number of passes ends where it began, an odd one in the other buffers.
+    pub(crate) fn encode_sorting(&self, gpu: &Gpu, commands: &mut Commands, sorting: &Sorting<'_>) {
+        let Sorting { which, keys, order, passes, groups: [groups, histogram_groups] } = *sorting;
+        let (step, status, histograms) = (&self.step, &self.status, &self.histograms.buffer);
+        let [keys, order] = [keys, order].map(|both| both.map(|growing| &growing.buffer));
+        for pass in 0..passes {
+            let [from, to] = if pass % 2 == 0 { [0, 1] } else { [1, 0] };
+            let shift = &gpu.shifts[pass as usize];
+            let bindings = [step, status, keys[from], histograms, shift];
+            dispatch(gpu, commands, "sort_count", which.variant(), &bindings, groups);
+            self.encode_scan(gpu, commands, which, histograms, histogram_groups);
+            let bindings = [step, status, keys[from], histograms, shift, order[from], keys[to], order[to]];
+            dispatch(gpu, commands, "sort_scatter", which.variant(), &bindings, groups);
+        }
+    }
+
+    /// Stage `ranges`.
+    pub(crate) fn encode_ranges(&self, gpu: &Gpu, commands: &mut Commands) {
+        let bindings = [&self.step, &self.status, &self.keys[self.sorted()].buffer, &self.tile_start.buffer];
+        dispatch(gpu, commands, "ranges", Variant::default(), &bindings, self.indirect(BY_ENTRY));
+    }
+
+    /// Which of the two buffers sorting ends in.
+    pub(crate) fn sorted(&self) -> usize {
+        self.sort_passes() as usize % 2
+    }
+
+    fn encode_scan(&self, gpu: &Gpu, commands: &mut Commands, which: Which, data: &wgpu::Buffer, groups: Groups<'_>) {
+        let bindings = [&self.step, data, &self.scan_sums.buffer, &self.status];
+        dispatch(gpu, commands, "scan_blocks", which.variant(), &bindings, groups);
+        let sums = [&self.step, &self.scan_sums.buffer, &self.status];
+        dispatch_some(gpu, commands, "scan_sums", which.variant(), (&[0, 2, 3], &sums), Groups::Direct(1, 1));
+        dispatch(gpu, commands, "scan_spread", which.variant(), &bindings, groups);
+    }
+}

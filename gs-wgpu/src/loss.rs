@@ -1,0 +1,84 @@
+//! Stage `loss` as commands: the loss and its gradient by the image, pixel by pixel or with D-SSIM.
+
+use gs_core::{Error, Loss};
+
+use crate::{
+    dispatch::{Commands, Groups, dispatch, dispatch_some},
+    gpu::Gpu,
+    shaders::{DSSIM_GROUP, Variant},
+    target::Target,
+    tiles::{PIXEL_BYTES, Tiles, groups_of},
+};
+
+/// Bytes of a channel of a pixel in D-SSIM's moments, and in its derivatives, which are one number less and room for it.
+pub(crate) const MOMENTS_BYTES: u64 = 16;
+
+/// Places that D-SSIM's derivatives are kept by.
+const STRIP: u64 = 8;
+
+/// Which partial sums make the loss, as `loss_sum` has it.
+#[derive(Debug, Clone, Copy)]
+pub(crate) enum LossSum {
+    /// Those of `loss`.
+    Pixels = 0,
+    /// Those of `dssim_derivatives` and `dssim_gradient`.
+    Dssim = 1,
+    /// One a tile.
+    Tiles = 2,
+}
+
+impl Tiles {
+    /// Stage `loss`: the loss into the status, its gradient into `v_image`. `None`: the bare difference, and no loss.
+    pub(crate) fn encode_loss(
+        &mut self,
+        gpu: &Gpu,
+        commands: &mut Commands,
+        target: &Target,
+        loss: Option<Loss>,
+    ) -> Result<(), Error> {
+        let pixels = self.pixels();
+        self.v_image.ensure(gpu, pixels * PIXEL_BYTES)?;
+        let kind = match loss {
+            None => 0,
+            Some(Loss::L2) => 1,
+            Some(Loss::L1) => 2,
+            Some(Loss::L1Dssim { .. }) => return self.encode_dssim(gpu, commands, target),
+        };
+        self.partial.ensure(gpu, pixels.div_ceil(1024) * 4)?;
+        let variant = Variant { constant: Some(("KIND", kind)), ..Variant::default() };
+        let bindings = [&self.step, &self.image.buffer, &target.buffer, &self.v_image.buffer, &self.partial.buffer];
+        dispatch(gpu, commands, "loss", variant, &bindings, groups_of(gpu, pixels, 1024));
+        if loss.is_some() {
+            self.encode_loss_sum(gpu, commands, LossSum::Pixels);
+        }
+        Ok(())
+    }
+
+    /// Stage `loss`, of L1 and D-SSIM.
+    fn encode_dssim(&mut self, gpu: &Gpu, commands: &mut Commands, target: &Target) -> Result<(), Error> {
+        let [width, height] = self.size.map(u64::from);
+        let groups = |lines: u64, length: u64| {
+            (3 * lines * length.div_ceil(u64::from(self.tiling.ssim_segment))).div_ceil(u64::from(DSSIM_GROUP))
+        };
+        let (down, along) = (groups(width, height), groups(height, width));
+        self.partial.ensure(gpu, (down + along) * 4)?;
+        self.moments.ensure(gpu, 3 * width * height * MOMENTS_BYTES)?;
+        self.derivatives.ensure(gpu, (3 * width).next_multiple_of(STRIP) * height * MOMENTS_BYTES)?;
+        let (step, image, target, v_image) = (&self.step, &self.image.buffer, &target.buffer, &self.v_image.buffer);
+        let (moments, derivatives, partial) = (&self.moments.buffer, &self.derivatives.buffer, &self.partial.buffer);
+        let (plain, [down, along]) = (Variant::default(), [down, along].map(|groups| gpu.groups(groups).into()));
+        dispatch(gpu, commands, "dssim_moments", plain, &[step, image, target, moments], down);
+        let bindings = (&[0, 3, 4, 6][..], &[step, moments, derivatives, partial][..]);
+        dispatch_some(gpu, commands, "dssim_derivatives", plain, bindings, along);
+        let bindings = (&[0, 1, 2, 4, 5, 6][..], &[step, image, target, derivatives, v_image, partial][..]);
+        dispatch_some(gpu, commands, "dssim_gradient", plain, bindings, down);
+        self.encode_loss_sum(gpu, commands, LossSum::Dssim);
+        Ok(())
+    }
+
+    pub(crate) fn encode_loss_sum(&self, gpu: &Gpu, commands: &mut Commands, of: LossSum) {
+        let variant = Variant { constant: Some(("SUM_OF", of as u32)), ..Variant::default() };
+        let bindings = (&[0, 4, 5][..], &[&self.step, &self.partial.buffer, &self.status][..]);
+        dispatch_some(gpu, commands, "loss_sum", variant, bindings, Groups::Direct(1, 1));
+    }
+}

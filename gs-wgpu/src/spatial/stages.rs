@@ -1,0 +1,150 @@
+//! The stages that only spatial scenes have, as commands, and their buffers.
+
+use gs_core::{
+    Camera, Error, RenderSettings, SpatialScene,
+    effects::{Antialias, Order},
+    perspective::Perspective,
+};
+
+use crate::{
+    cloud::{Cloud, UNIFORM},
+    dispatch::{Commands, Groups, dispatch},
+    gpu::Gpu,
+    layout,
+    lists::{Sorting, Which},
+    shaders::{Kernels, LANES, SORT_BITS, SORT_BLOCK, Variant},
+    tiles::{BY_COEFFICIENT, BY_GAUSSIAN, Growing, groups_of},
+    workspace::Workspace,
+};
+
+/// Passes of sorting by a depth of 32 bits: an even number, so that it ends where it began.
+const DEPTH_PASSES: u32 = u32::BITS / SORT_BITS;
+
+/// A spatial scene's own buffers.
+#[derive(Debug)]
+pub struct SpatialOwn {
+    camera: wgpu::Buffer,
+    /// Splats by index, and how many tiles each touches.
+    pub(crate) projected: Growing,
+    pub(crate) counts: Growing,
+    pub(crate) depths: [Growing; 2],
+    /// Place → index.
+    pub(crate) order: [Growing; 2],
+}
+
+impl SpatialOwn {
+    pub(crate) fn new(gpu: &Gpu) -> Result<Self, Error> {
+        let growing = |label| Growing::new(gpu, label);
+        Ok(Self {
+            camera: gpu.allocate("camera", size_of::<layout::Camera>() as u64, UNIFORM)?,
+            projected: growing("splats by index")?,
+            counts: growing("tile counts")?,
+            depths: [growing("depths")?, growing("depths")?],
+            order: [growing("order of depth")?, growing("order of depth")?],
+        })
+    }
+
+    /// Tells the device of the camera.
+    pub(crate) fn write_camera(&self, gpu: &Gpu, camera: &Camera, settings: &RenderSettings) {
+        let [least_slope, most_slope] = Perspective::new(camera, settings).slopes();
+        let antialias = settings.effects.antialias;
+        let row = |i: usize| camera.rotation.row(i).extend(camera.translation[i]).to_array();
+        let camera = layout::Camera {
+            world_to_camera: [row(0), row(1), row(2)],
+            position: camera.position().to_array(),
+            near: camera.near,
+            focal: camera.focal.to_array(),
+            center: camera.center.to_array(),
+            least_slope: least_slope.to_array(),
+            most_slope: most_slope.to_array(),
+            dilation: antialias.dilation(),
+            compensates: u32::from(antialias == Antialias::Mip),
+            unused: [0; 2],
+        };
+        gpu.write(&self.camera, bytemuck::bytes_of(&camera));
+    }
+}
+
+impl Workspace<SpatialScene> {
+    /// Stage `project`: splats by index; then sorted by depth, where that matters, and put into their places.
+    pub(crate) fn encode_splats(&self, gpu: &Gpu, commands: &mut Commands, cloud: &Cloud<SpatialScene>) {
+        let Self { tiles, own, .. } = self;
+        let n = u64::from(tiles.gaussians);
+        let bindings = [
+            &tiles.step,
+            &own.camera,
+            &cloud.state.ellipsoids,
+            &cloud.state.sh,
+            &own.projected.buffer,
+            &own.counts.buffer,
+            &own.depths[0].buffer,
+            &own.order[0].buffer,
+            &tiles.status,
+        ];
+        dispatch(gpu, commands, "spatial_project", Variant::default(), &bindings, groups_of(gpu, n, 64));
+        let passes = self.depth_passes();
+        if passes > 0 {
+            let blocks = n.div_ceil(SORT_BLOCK.into());
+            let groups = [gpu.groups(blocks).into(), groups_of(gpu, blocks << SORT_BITS, 1024)];
+            let (keys, order) = (own.depths.each_ref(), own.order.each_ref());
+            let sorting = Sorting { which: Which::Gaussians, keys, order, passes, groups };
+            tiles.encode_sorting(gpu, commands, &sorting);
+        }
+        let bindings = [
+            &tiles.step,
+            &own.order[0].buffer,
+            &own.projected.buffer,
+            &own.counts.buffer,
+            &tiles.splats.buffer,
+            &tiles.offsets.buffer,
+        ];
+        dispatch(gpu, commands, "place", Variant::default(), &bindings, groups_of(gpu, n + 1, 64));
+    }
+
+    /// Passes of sorting by depth: none where the order is the scene's.
+    pub(crate) fn depth_passes(&self) -> u32 {
+        let by_depth = self.tiles.variant().over && self.tiles.settings.effects.order != Order::Index;
+        if by_depth { DEPTH_PASSES } else { 0 }
+    }
+
+    /// Stage `project_bwd`.
+    pub(crate) fn encode_splats_bwd(&self, gpu: &Gpu, commands: &mut Commands, cloud: &Cloud<SpatialScene>) {
+        let Self { tiles, own, gradients, .. } = self;
+        let bindings = [
+            &tiles.step,
+            &own.camera,
+            &tiles.splats.buffer,
+            &tiles.offsets.buffer,
+            &tiles.slots.buffer,
+            &gradients[0].buffer,
+            &cloud.state.ellipsoids,
+            &cloud.state.sh,
+            &gradients[1].buffer,
+            &own.order[0].buffer,
+        ];
+        let invocations = if gpu.kernels == Kernels::Vectors { LANES } else { 64 };
+        let groups = groups_of(gpu, u64::from(tiles.gaussians), invocations.into());
+        dispatch(gpu, commands, "spatial_project_bwd", tiles.variant(), &bindings, groups);
+    }
+}
+
+/// Stage `adam`.
+pub(crate) fn encode_adam(
+    gpu: &Gpu,
+    commands: &mut Commands,
+    cloud: &Cloud<SpatialScene>,
+    step: &wgpu::Buffer,
+    gradients: &[&wgpu::Buffer],
+    indirect: Option<&wgpu::Buffer>,
+) {
+    let (n, state) = (cloud.len as u64, &cloud.state);
+    let groups = |offset: u64, count: u64| match indirect {
+        Some(sizes) => Groups::Indirect(sizes, offset),
+        None => groups_of(gpu, count, 64),
+    };
+    let bindings = [step, gradients[0], &state.ellipsoids, &state.moments, &cloud.statistics];
+    dispatch(gpu, commands, "spatial_adam", Variant::default(), &bindings, groups(BY_GAUSSIAN, n));
+    let bindings = [step, gradients[0], &state.ellipsoids, gradients[1], &state.sh, &state.sh_moments];
+    let by_coefficient = groups(BY_COEFFICIENT, n * state.coefficients() as u64);
+    dispatch(gpu, commands, "spatial_adam_color", Variant::default(), &bindings, by_coefficient);
+}

@@ -1,0 +1,239 @@
+//! Spatial Gaussians on the device: parameters and Adam moments, SH coefficients in buffers of their own, and how scenes, edits and
+//! checkpoints get there and back.
+
+use glam::Vec3;
+use gs_core::{Chart, CloudState, Error, Scene, SpatialGaussian, SpatialScene, sh::coefficients};
+
+use crate::{
+    cloud::{Edit, check_len},
+    dispatch::{Commands, dispatch},
+    gpu::{Gpu, STORAGE},
+    layout::{Ellipsoid, EllipsoidMoments},
+    rasterizer::unsupported,
+    shaders::Variant,
+    tiles::groups_of,
+};
+
+/// Bytes of a coefficient's three channels.
+pub(crate) const COLOR_BYTES: u64 = 12;
+
+/// Numbers of a Gaussian but for its colour, as saved moments have them.
+const GEOMETRY: usize = 11;
+
+/// Parameters and Adam moments.
+#[derive(Debug)]
+pub struct SpatialState {
+    pub(crate) sh_degree: u8,
+    pub(crate) ellipsoids: wgpu::Buffer,
+    pub(crate) moments: wgpu::Buffer,
+    /// `[N, K, 3]`.
+    pub(crate) sh: wgpu::Buffer,
+    /// First and second moments, `[N, K, 3, 2]`.
+    pub(crate) sh_moments: wgpu::Buffer,
+}
+
+/// A Gaussian as the device holds it, without its colour.
+fn packed(g: &SpatialGaussian) -> Ellipsoid {
+    Ellipsoid {
+        mean: g.mean.to_array(),
+        opacity_logit: g.opacity_logit,
+        log_scale: g.log_scale.to_array(),
+        steps: 0,
+        rotation: g.rotation,
+    }
+}
+
+/// The one chart there is for spatial scenes here.
+fn check_chart(chart: Chart) -> Result<(), Error> {
+    match chart {
+        Chart::ScaleRotation => Ok(()),
+        Chart::LocalFrame => Err(unsupported(format!("chart {chart:?} for spatial scenes"))),
+    }
+}
+
+/// All that a state is made of, on the host.
+struct Parts {
+    sh_degree: u8,
+    ellipsoids: Vec<Ellipsoid>,
+    moments: Vec<EllipsoidMoments>,
+    sh: Vec<[f32; 3]>,
+    sh_moments: Vec<[f32; 2]>,
+}
+
+/// Moments of a Gaussian but for its colour, in the order of saved states: mean 3, log-scale 3, rotation 4, opacity 1.
+fn geometry(m: &[f32; 12]) -> [f32; GEOMETRY] {
+    [m[0], m[1], m[2], m[4], m[5], m[6], m[8], m[9], m[10], m[11], m[3]]
+}
+
+/// The other way.
+fn on_device(m: &[f32]) -> [f32; 12] {
+    [m[0], m[1], m[2], m[10], m[3], m[4], m[5], 0.0, m[6], m[7], m[8], m[9]]
+}
+
+impl SpatialState {
+    pub(crate) fn new(gpu: &Gpu, scene: &SpatialScene, chart: Chart) -> Result<Self, Error> {
+        check_chart(chart)?;
+        scene.validate()?;
+        let ellipsoid = |i: usize| Ellipsoid {
+            mean: scene.means[i].to_array(),
+            opacity_logit: scene.opacity_logits[i],
+            log_scale: scene.log_scales[i].to_array(),
+            steps: 0,
+            rotation: scene.rotations[i],
+        };
+        let n = scene.len();
+        let parts = Parts {
+            sh_degree: scene.sh_degree,
+            ellipsoids: (0..n).map(ellipsoid).collect(),
+            moments: vec![EllipsoidMoments::default(); n],
+            sh: scene.sh.iter().map(Vec3::to_array).collect(),
+            sh_moments: vec![[0.0; 2]; 3 * scene.sh.len()],
+        };
+        Self::from_parts(gpu, &parts)
+    }
+
+    fn from_parts(gpu: &Gpu, parts: &Parts) -> Result<Self, Error> {
+        Ok(Self {
+            sh_degree: parts.sh_degree,
+            ellipsoids: gpu.storage("Gaussians", &parts.ellipsoids)?,
+            moments: gpu.storage("Adam moments", &parts.moments)?,
+            sh: gpu.storage("SH coefficients", &parts.sh)?,
+            sh_moments: gpu.storage("Adam moments of SH coefficients", &parts.sh_moments)?,
+        })
+    }
+
+    /// K, of a Gaussian.
+    pub(crate) fn coefficients(&self) -> usize {
+        coefficients(self.sh_degree)
+    }
+
+    pub(crate) fn scene(&self, gpu: &Gpu, len: usize) -> Result<SpatialScene, Error> {
+        let mut scene = SpatialScene { sh_degree: self.sh_degree, ..SpatialScene::default() };
+        for g in gpu.read::<Ellipsoid>(&self.ellipsoids, len)? {
+            scene.means.push(Vec3::from_array(g.mean));
+            scene.log_scales.push(Vec3::from_array(g.log_scale));
+            scene.rotations.push(g.rotation);
+            scene.opacity_logits.push(g.opacity_logit);
+        }
+        let sh: Vec<[f32; 3]> = gpu.read(&self.sh, len * self.coefficients())?;
+        scene.sh = sh.into_iter().map(Vec3::from_array).collect();
+        Ok(scene)
+    }
+
+    pub(crate) fn edit(
+        &self,
+        gpu: &Gpu,
+        commands: &mut Commands,
+        edit: &Edit<'_, SpatialGaussian>,
+    ) -> Result<Self, Error> {
+        let k = self.coefficients();
+        let fresh: Vec<Ellipsoid> = edit.fresh.iter().map(|g| packed(g)).collect();
+        // As `Scene::push` has it, a colour is cut or filled with 0 to the cloud's degree.
+        let color = |g: &&SpatialGaussian| {
+            let mut sh: Vec<[f32; 3]> = g.sh.iter().map(Vec3::to_array).collect();
+            sh.resize(k, [0.0; 3]);
+            sh
+        };
+        let fresh_sh: Vec<[f32; 3]> = edit.fresh.iter().flat_map(color).collect();
+        let (fresh, fresh_sh) = (gpu.storage("new Gaussians", &fresh)?, gpu.storage("new colours", &fresh_sh)?);
+        let (n, numbers) = (edit.len as u64, (edit.len * k) as u64);
+        let edited = Self {
+            sh_degree: self.sh_degree,
+            ellipsoids: gpu.allocate("Gaussians", n * size_of::<Ellipsoid>() as u64, STORAGE)?,
+            moments: gpu.allocate("Adam moments", n * size_of::<EllipsoidMoments>() as u64, STORAGE)?,
+            sh: gpu.allocate("SH coefficients", numbers * COLOR_BYTES, STORAGE)?,
+            sh_moments: gpu.allocate("Adam moments of SH coefficients", 2 * numbers * COLOR_BYTES, STORAGE)?,
+        };
+        let [statistics, edited_statistics] = edit.statistics;
+        let bindings = [
+            &edit.step,
+            &edit.sources,
+            &fresh,
+            &self.ellipsoids,
+            &self.moments,
+            statistics,
+            &edited.ellipsoids,
+            &edited.moments,
+            edited_statistics,
+        ];
+        let spatial = Variant { spatial: true, ..Variant::default() };
+        dispatch(gpu, commands, "edit", spatial, &bindings, groups_of(gpu, n, 64));
+        let bindings =
+            [&edit.step, &edit.sources, &fresh_sh, &self.sh, &self.sh_moments, &edited.sh, &edited.sh_moments];
+        dispatch(gpu, commands, "edit_color", Variant::default(), &bindings, groups_of(gpu, numbers, 64));
+        Ok(edited)
+    }
+
+    pub(crate) fn save(&self, gpu: &Gpu, len: usize) -> Result<CloudState, Error> {
+        let columns = 3 * self.coefficients();
+        let ellipsoids: Vec<Ellipsoid> = gpu.read(&self.ellipsoids, len)?;
+        let moments: Vec<EllipsoidMoments> = gpu.read(&self.moments, len)?;
+        let sh: Vec<f32> = gpu.read(&self.sh, len * columns)?;
+        let sh_moments: Vec<[f32; 2]> = gpu.read(&self.sh_moments, len * columns)?;
+        let mut state = CloudState::new(Chart::ScaleRotation);
+        state.insert("mean", ellipsoids.iter().map(|g| g.mean));
+        state.insert("log_scale", ellipsoids.iter().map(|g| g.log_scale));
+        state.insert("rotation", ellipsoids.iter().map(|g| g.rotation));
+        state.insert("opacity_logit", ellipsoids.iter().map(|g| [g.opacity_logit]));
+        state.insert_matrix("sh", columns, sh);
+        for (which, name) in ["moment1", "moment2"].into_iter().enumerate() {
+            let mut rows = Vec::with_capacity(len * (GEOMETRY + columns));
+            for (m, colors) in moments.iter().zip(sh_moments.chunks_exact(columns)) {
+                rows.extend(geometry(if which == 0 { &m.first } else { &m.second }));
+                rows.extend(colors.iter().map(|both| both[which]));
+            }
+            state.insert_matrix(name, GEOMETRY + columns, rows);
+        }
+        state.insert_u32("steps", ellipsoids.iter().map(|g| g.steps).collect());
+        Ok(state)
+    }
+
+    pub(crate) fn restore(gpu: &Gpu, state: &CloudState, n: usize) -> Result<Self, Error> {
+        check_chart(state.chart)?;
+        let (columns, sh) = state.matrix("sh")?;
+        let Some(sh_degree) = (0..=3).find(|&degree| 3 * coefficients(degree) == columns) else {
+            return Err(Error::State(format!("tensor `sh` has {columns} columns, not 3, 12, 27 or 48")));
+        };
+        check_len("sh", n, sh.len() / columns)?;
+        let (means, log_scales) = (state.rows::<3>("mean")?, state.rows::<3>("log_scale")?);
+        let (rotations, logits) = (state.rows::<4>("rotation")?, state.rows::<1>("opacity_logit")?);
+        let steps = state.integers("steps")?;
+        for (what, found) in [
+            ("mean", means.len()),
+            ("log_scale", log_scales.len()),
+            ("rotation", rotations.len()),
+            ("opacity_logit", logits.len()),
+        ] {
+            check_len(what, n, found)?;
+        }
+        let moments_of = |name: &'static str| {
+            let (found, numbers) = state.matrix(name)?;
+            if found != GEOMETRY + columns {
+                return Err(Error::State(format!("tensor `{name}` has {found} columns, not {}", GEOMETRY + columns)));
+            }
+            check_len(name, n, numbers.len() / found)?;
+            Ok(numbers)
+        };
+        let rows = [moments_of("moment1")?, moments_of("moment2")?].map(|m| m.chunks_exact(GEOMETRY + columns));
+        let [first, second] = rows;
+        let mut parts = Parts {
+            sh_degree,
+            ellipsoids: Vec::with_capacity(n),
+            moments: Vec::with_capacity(n),
+            sh: sh.as_chunks().0.to_vec(),
+            sh_moments: Vec::with_capacity(n * columns),
+        };
+        for (i, (first, second)) in first.zip(second).enumerate() {
+            parts.ellipsoids.push(Ellipsoid {
+                mean: means[i],
+                opacity_logit: logits[i][0],
+                log_scale: log_scales[i],
+                steps: steps[i],
+                rotation: rotations[i],
+            });
+            parts.moments.push(EllipsoidMoments { first: on_device(first), second: on_device(second) });
+            parts.sh_moments.extend(first[GEOMETRY..].iter().zip(&second[GEOMETRY..]).map(|(&m, &v)| [m, v]));
+        }
+        Self::from_parts(gpu, &parts)
+    }
+}

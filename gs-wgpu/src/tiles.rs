@@ -1,0 +1,247 @@
+//! What passes of every kind of scene have: splats, the tiles' lists, the image, and their buffers, which grow on demand and are used again.
+
+use gs_core::{AdamRates, Blend, Error, Loss, Participants, RenderSettings, adam::Rate, effects};
+
+use crate::{
+    cloud::UNIFORM,
+    dispatch::{Commands, Groups},
+    gpu::{Gpu, STORAGE},
+    layout::{SPLAT_BYTES, Status, Step},
+    shaders::{SORT_BITS, SORT_BLOCK, TILE_COLUMNS, Tiling, Variant, stride, tiling},
+};
+
+/// Where in `indirect` the sizes of a dispatch stand, bytes: an invocation a Gaussian, an invocation an entry, a group a block of sorting,
+/// a group a block of the scan of sorting's histograms, an invocation an SH coefficient.
+pub(crate) const BY_GAUSSIAN: u64 = 0;
+pub(crate) const BY_ENTRY: u64 = 12;
+pub(crate) const BY_SORT_BLOCK: u64 = 24;
+pub(crate) const BY_HISTOGRAM: u64 = 36;
+pub(crate) const BY_COEFFICIENT: u64 = 48;
+
+/// Entries there is room for at first, at least.
+const FIRST_CAPACITY: u64 = 1 << 14;
+
+/// Bytes of a pixel: RGB and one more.
+pub(crate) const PIXEL_BYTES: u64 = 16;
+
+/// A buffer that is replaced by a larger one when that is needed; its contents are lost then.
+#[derive(Debug)]
+pub(crate) struct Growing {
+    label: &'static str,
+    pub(crate) buffer: wgpu::Buffer,
+}
+
+impl Growing {
+    pub(crate) fn new(gpu: &Gpu, label: &'static str) -> Result<Self, Error> {
+        Ok(Self { label, buffer: gpu.allocate(label, 16, STORAGE)? })
+    }
+
+    pub(crate) fn ensure(&mut self, gpu: &Gpu, bytes: u64) -> Result<(), Error> {
+        if self.buffer.size() < bytes {
+            self.buffer = gpu.allocate(self.label, bytes, STORAGE)?;
+        }
+        Ok(())
+    }
+}
+
+/// One pass's tiles, whatever kind of scene is on them.
+#[derive(Debug)]
+pub(crate) struct Tiles {
+    /// Columns and rows of the image.
+    pub(crate) size: [u32; 2],
+    pub(crate) settings: RenderSettings,
+    /// Gaussians of the pass.
+    pub(crate) gaussians: u32,
+    pub(crate) step: wgpu::Buffer,
+    pub(crate) status: wgpu::Buffer,
+    pub(crate) indirect: wgpu::Buffer,
+    /// In the order in which they are blended.
+    pub(crate) splats: Growing,
+    /// First entry of each splat, `[N + 1]`.
+    pub(crate) offsets: Growing,
+    pub(crate) scan_sums: Growing,
+    /// Tile of each entry, and the entry's number; sorting goes back and forth.
+    pub(crate) keys: [Growing; 2],
+    pub(crate) order: [Growing; 2],
+    pub(crate) entries: Growing,
+    pub(crate) histograms: Growing,
+    pub(crate) tile_start: Growing,
+    /// What each entry's Gaussian receives.
+    pub(crate) slots: Growing,
+    pub(crate) image: Growing,
+    pub(crate) v_image: Growing,
+    /// Partial sums of the loss, and of dot products.
+    pub(crate) partial: Growing,
+    /// Of D-SSIM.
+    pub(crate) moments: Growing,
+    pub(crate) derivatives: Growing,
+    /// How pixels are dealt out on this adapter.
+    pub(crate) tiling: Tiling,
+    /// Entries that there is room for.
+    capacity: u64,
+}
+
+/// Work groups of `size` invocations for `count`.
+pub(crate) fn groups_of(gpu: &Gpu, count: u64, size: u64) -> Groups<'static> {
+    gpu.groups(count.div_ceil(size)).into()
+}
+
+impl Tiles {
+    pub(crate) fn new(gpu: &Gpu) -> Result<Self, Error> {
+        let growing = |label| Growing::new(gpu, label);
+        let status = gpu.allocate("status", size_of::<Status>() as u64, STORAGE)?;
+        gpu.write(&status, bytemuck::bytes_of(&Status::default()));
+        Ok(Self {
+            size: [1, 1],
+            settings: RenderSettings::default(),
+            gaussians: 0,
+            step: gpu.allocate("step", size_of::<Step>() as u64, UNIFORM)?,
+            status,
+            indirect: gpu.allocate("dispatch sizes", 60, STORAGE | wgpu::BufferUsages::INDIRECT)?,
+            splats: growing("splats")?,
+            offsets: growing("entry offsets")?,
+            scan_sums: growing("scan sums")?,
+            keys: [growing("tile entries")?, growing("tile entries")?],
+            order: [growing("tile entries")?, growing("tile entries")?],
+            entries: growing("tile entries")?,
+            histograms: growing("sorting histograms")?,
+            tile_start: growing("tile starts")?,
+            slots: growing("gradients of tile entries")?,
+            image: growing("the image")?,
+            v_image: growing("the image's gradient")?,
+            partial: growing("partial sums")?,
+            moments: growing("D-SSIM's moments")?,
+            derivatives: growing("D-SSIM's derivatives")?,
+            tiling: tiling(gpu.kernels),
+            capacity: 0,
+        })
+    }
+
+    fn across_and_down(&self) -> [u32; 2] {
+        let [width, height] = self.size;
+        [width.div_ceil(TILE_COLUMNS), height.div_ceil(self.tiling.tile_rows)]
+    }
+
+    pub(crate) fn count(&self) -> u64 {
+        let [across, down] = self.across_and_down();
+        u64::from(across) * u64::from(down)
+    }
+
+    /// Lists of all tiles.
+    fn list_count(&self) -> u64 {
+        self.count() * u64::from(self.tiling.classes)
+    }
+
+    pub(crate) fn pixels(&self) -> u64 {
+        u64::from(self.size[0]) * u64::from(self.size[1])
+    }
+
+    pub(crate) fn variant(&self) -> Variant {
+        Variant { over: self.settings.effects.blend == Blend::Over, ..Variant::default() }
+    }
+
+    /// Passes of the sort: as many digits as the last tile's number has.
+    pub(crate) fn sort_passes(&self) -> u32 {
+        let last = (self.list_count() - 1) as u32;
+        (u32::BITS - last.leading_zeros()).div_ceil(SORT_BITS)
+    }
+
+    pub(crate) fn indirect(&self, offset: u64) -> Groups<'_> {
+        Groups::Indirect(&self.indirect, offset)
+    }
+
+    /// Makes the pass one of so many Gaussians on an image of this size.
+    pub(crate) fn set(
+        &mut self,
+        gpu: &Gpu,
+        gaussians: usize,
+        size: [u32; 2],
+        settings: &RenderSettings,
+    ) -> Result<(), Error> {
+        (self.size, self.settings, self.gaussians) = (size, *settings, gaussians as u32);
+        let n = gaussians as u64;
+        self.splats.ensure(gpu, n * SPLAT_BYTES)?;
+        self.offsets.ensure(gpu, (n + 1) * 4)?;
+        self.scan_sums.ensure(gpu, (n + 1).div_ceil(1024) * 4)?;
+        self.tile_start.ensure(gpu, (self.list_count() + 1) * 4)?;
+        self.image.ensure(gpu, self.pixels() * PIXEL_BYTES)?;
+        if self.capacity == 0 {
+            self.grow(gpu, FIRST_CAPACITY.max(4 * n))?;
+        }
+        Ok(())
+    }
+
+    /// Makes room for so many entries; lists that there were are lost.
+    fn grow(&mut self, gpu: &Gpu, entries: u64) -> Result<(), Error> {
+        for growing in self.keys.iter_mut().chain(&mut self.order) {
+            growing.ensure(gpu, entries * 4)?;
+        }
+        self.entries.ensure(gpu, entries * 8)?;
+        self.slots.ensure(gpu, entries * u64::from(stride(true)) * 4)?;
+        self.ensure_sorting(gpu, entries)?;
+        self.capacity = entries;
+        Ok(())
+    }
+
+    /// Makes room to sort so many keys.
+    pub(crate) fn ensure_sorting(&mut self, gpu: &Gpu, keys: u64) -> Result<(), Error> {
+        let histograms = keys.div_ceil(u64::from(SORT_BLOCK)) << SORT_BITS;
+        self.histograms.ensure(gpu, histograms * 4)?;
+        self.scan_sums.ensure(gpu, histograms.div_ceil(1024) * 4)
+    }
+
+    /// What this pass tells the device, but for what the kind of scene adds.
+    pub(crate) fn describe(&self, loss: Option<Loss>, rates: Option<&AdamRates>) -> Step {
+        let (accuracy, values) = (&self.settings.accuracy, 3.0 * self.pixels() as f64);
+        let (pointwise, dssim) = match loss {
+            Some(Loss::L1Dssim { lambda }) => (1.0 - f64::from(lambda), f64::from(lambda)),
+            _ => (1.0, 0.0),
+        };
+        let mut step = Step {
+            size: self.size,
+            tiles: self.across_and_down(),
+            backdrop: self.settings.backdrop(),
+            gaussians: self.gaussians,
+            alpha_cut: accuracy.alpha_cut,
+            alpha_max: accuracy.alpha_max,
+            transmittance_min: accuracy.transmittance_min,
+            entry_capacity: self.capacity as u32,
+            pointwise_scale: (pointwise / values) as f32,
+            dssim_scale: (dssim / values) as f32,
+            per_value: (1.0 / values) as f32,
+            opaque: u32::from(self.settings.effects.blend == Blend::Sum),
+            collect: u32::from(self.settings.effects.statistics != effects::Statistics::None),
+            ..Step::default()
+        };
+        if let Some(r) = rates {
+            (step.epsilon, step.min_scale, step.max_scale) = (r.epsilon, r.min_scale, r.max_scale);
+            step.visible_only = u32::from(r.participants == Participants::Visible);
+            let groups = [r.mean, r.scale, r.rotation, r.opacity, r.color, r.color_rest];
+            step.rates = groups.map(|g: Rate| [g.learning_rate, g.beta1, g.beta2, 1.0 - g.beta1]);
+            step.decays = groups.map(|g: Rate| {
+                let [ln1, ln2] = [g.beta1, g.beta2].map(|beta| f64::from(beta).ln() as f32);
+                [ln1, ln2, 1.0 - g.beta2, 0.0]
+            });
+            let count = self.gaussians.max(1) as f32;
+            (step.decays[1][3], step.decays[3][3]) = (r.penalty.scale / (3.0 * count), r.penalty.opacity / count);
+        }
+        step
+    }
+
+    /// Copies what became of the pass into a buffer that can be mapped.
+    pub(crate) fn encode_status(&self, commands: &mut Commands, staging: &wgpu::Buffer) {
+        commands.encoder().copy_buffer_to_buffer(&self.status, 0, staging, 0, size_of::<Status>() as u64);
+    }
+
+    /// What became of the pass, once it has been done.
+    pub(crate) fn read_status(&self, gpu: &Gpu) -> Result<Status, Error> {
+        Ok(gpu.read(&self.status, 1)?[0])
+    }
+
+    /// Makes room for what a pass asked for in vain, and forgets that it did.
+    pub(crate) fn make_room(&mut self, gpu: &Gpu, status: &Status) -> Result<(), Error> {
+        self.grow(gpu, u64::from(status.overflow) + u64::from(status.overflow) / 4)?;
+        gpu.write(&self.status, bytemuck::bytes_of(&Status::default()));
+        Ok(())
+    }
+}

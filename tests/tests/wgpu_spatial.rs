@@ -1,0 +1,251 @@
+//! gs-wgpu's spatial scenes: the conformance suite with all kinds of kernels, drawn scenes against the oracle and against gs-cpu, and that
+//! they repeat themselves bit for bit.
+
+use std::{collections::BTreeMap, num::NonZero, sync::OnceLock};
+
+use gs_conformance::{
+    Failure,
+    conformance::{check_gradients, check_image, spatial_cases},
+    scenes::{Draw, SpatialKind, spatial_draws},
+};
+use gs_core::{
+    Adam, AdamRates, Binning, Blend, Chart, CloudState, Error, Image, Loss, Participants, Penalty, Rasterizer,
+    SpatialScene, TrainStep, Wait,
+    effects::{Order, Statistics},
+    state::TensorData,
+};
+use gs_cpu::{CpuRasterizer, CpuSettings};
+use gs_wgpu::{FreshBuffers, Kernels, WgpuRasterizer, WgpuSettings};
+use proptest::{
+    prelude::*,
+    test_runner::{RngSeed, TestCaseError},
+};
+
+/// A device for each kind of kernels that the adapter can run, with few work groups in a row and fresh buffers full of NaN.
+fn rasterizers() -> &'static [(Kernels, WgpuRasterizer)] {
+    static RASTERIZERS: OnceLock<Vec<(Kernels, WgpuRasterizer)>> = OnceLock::new();
+    RASTERIZERS.get_or_init(|| {
+        let rasterizer = |kernels| {
+            let fresh_buffers = FreshBuffers::Poison;
+            let settings =
+                WgpuSettings { fresh_buffers, kernels: Some(kernels), most_groups: NonZero::new(3), adapter: None };
+            Some((kernels, WgpuRasterizer::new(settings).ok()?))
+        };
+        let kernels = [Kernels::Portable, Kernels::Subgroups, Kernels::Vectors];
+        let found: Vec<_> = kernels.into_iter().filter_map(rasterizer).collect();
+        assert!(!found.is_empty(), "`cargo xtask test` installs a software driver where there is no adapter");
+        found
+    })
+}
+
+#[test]
+fn conforms_with_all_kernels() {
+    for (kernels, rasterizer) in rasterizers() {
+        let failures: Vec<String> = spatial_cases::<WgpuRasterizer>()
+            .into_iter()
+            .filter_map(|case| Some(format!("{}: {}", case.name, (case.run)(rasterizer).err()?)))
+            .collect();
+        assert!(failures.is_empty(), "{kernels:?}:\n{}", failures.join("\n"));
+    }
+}
+
+/// More Gaussians than two sorting blocks, of which many cover many tiles.
+fn many(order: Order) -> Draw<SpatialScene> {
+    let mut draw = Draw::spatial(SpatialKind::Typical, Blend::Over, 2500, (173, 141), 42).on([0.1, 0.5, 0.3]);
+    draw.settings.effects.order = order;
+    draw.settings.effects.statistics = Statistics::MeanGradient;
+    draw
+}
+
+fn cpu() -> CpuRasterizer {
+    CpuRasterizer::new(CpuSettings { threads: Some(2), level: None }).unwrap()
+}
+
+fn root_mean_square(a: &Image, b: &Image) -> f32 {
+    let squares = a.pixels().iter().flatten().zip(b.pixels().iter().flatten()).map(|(a, b)| (a - b).powi(2));
+    (squares.sum::<f32>() / (3 * a.pixels().len()) as f32).sqrt()
+}
+
+/// A wrong order of two Gaussians in a thousand would be seen.
+#[test]
+fn images_of_many_are_those_of_the_cpu() {
+    for order in [Order::Index, Order::TileDepth] {
+        let draw = many(order);
+        let expected = cpu().render(&draw.scene, &draw.view, &draw.settings).unwrap();
+        for (kernels, r) in rasterizers() {
+            let found = r.render(&draw.scene, &draw.view, &draw.settings).unwrap();
+            let apart = root_mean_square(&found, &expected);
+            assert!(apart < 1e-5, "{kernels:?}, {order:?}: {apart}");
+        }
+    }
+    let [by_index, by_depth] = [Order::Index, Order::TileDepth].map(many);
+    let [by_index, by_depth] = [by_index, by_depth].map(|d| cpu().render(&d.scene, &d.view, &d.settings).unwrap());
+    assert!(root_mean_square(&by_index, &by_depth) > 1e-3, "the order makes no difference: the comparison cannot fail");
+}
+
+fn bits(state: &CloudState) -> BTreeMap<&str, Vec<u32>> {
+    let of = |data: &TensorData| match data {
+        TensorData::F32(values) => values.iter().map(|v| v.to_bits()).collect(),
+        TensorData::U32(values) => values.clone(),
+    };
+    state.tensors.iter().map(|(name, tensor)| (name.as_str(), of(&tensor.data))).collect()
+}
+
+/// Steps that are small beside the scene, and whose gradients of mere rounding do not become whole steps.
+fn rates(participants: Participants) -> AdamRates {
+    let mut adam = Adam { epsilon: 1e-6, min_scale: 1e-4, participants, ..Adam::default() };
+    adam.mean.learning_rate = 1e-3;
+    adam.at(0.0)
+}
+
+fn trained<R: Rasterizer<SpatialScene>>(
+    r: &R,
+    draw: &Draw<SpatialScene>,
+    rates: &AdamRates,
+    steps: usize,
+) -> (CloudState, Vec<f32>) {
+    let target = r.upload_target(&draw.target().unwrap()).unwrap();
+    let mut cloud = r.upload(&draw.scene, Chart::ScaleRotation).unwrap();
+    for _ in 0..steps {
+        let step = TrainStep { settings: &draw.settings, loss: Loss::PAPER, rates, binning: Binning::Reuse };
+        r.train_step(&mut cloud, &draw.view, &target, &step).unwrap();
+    }
+    let mut losses = Vec::new();
+    r.losses(&mut cloud, Wait::All, &mut losses).unwrap();
+    (r.save(&cloud).unwrap(), losses)
+}
+
+#[test]
+fn repeats_itself_bit_for_bit_whether_or_not_steps_have_to_be_sent_again() {
+    let draw = many(Order::TileDepth);
+    for kernels in rasterizers().iter().map(|&(kernels, _)| kernels) {
+        let other = || WgpuRasterizer::new(WgpuSettings { kernels: Some(kernels), ..WgpuSettings::default() }).unwrap();
+        let (cold, roomy) = (other(), other());
+        roomy.render(&draw.scene, &draw.view, &draw.settings).unwrap();
+        let [(one, losses), (two, again)] = [cold, roomy].map(|r| trained(&r, &draw, &rates(Participants::All), 5));
+        assert_eq!(bits(&one), bits(&two), "{kernels:?}");
+        assert_eq!((losses.len(), &losses), (5, &again), "{kernels:?}");
+        assert!(losses[4] < losses[0], "{kernels:?}: {losses:?}");
+        let (_, r) = &rasterizers()[0];
+        assert_ne!(bits(&one), bits(&trained(r, &draw, &rates(Participants::All), 4).0), "a step changes nothing");
+    }
+}
+
+/// The image of a state, by gs-cpu.
+fn image_of(state: &CloudState, draw: &Draw<SpatialScene>) -> Image {
+    let cpu = cpu();
+    let cpu = cpu.spatial();
+    let cloud = cpu.restore(state).unwrap();
+    cpu.image(&cpu.forward(&cloud, &draw.view, &draw.settings).unwrap()).unwrap()
+}
+
+#[test]
+fn ten_steps_end_where_they_do_on_the_cpu() {
+    let draw = Draw::spatial(SpatialKind::Typical, Blend::Over, 60, (60, 44), 11).on([0.3, 0.2, 0.6]);
+    let before = cpu().render(&draw.scene, &draw.view, &draw.settings).unwrap();
+    let all = rates(Participants::All);
+    let (usual, _) = trained(cpu().spatial(), &draw, &all, 10);
+    let usual = image_of(&usual, &draw);
+    let penalised = AdamRates { penalty: Penalty { opacity: 1.0, scale: 1.0 }, ..all };
+    // What each must differ from, or the comparison could not fail.
+    for (rates, other) in [(all, &before), (rates(Participants::Visible), &before), (penalised, &usual)] {
+        let (expected, _) = trained(cpu().spatial(), &draw, &rates, 10);
+        let image = image_of(&expected, &draw);
+        let moved = root_mean_square(&image, other);
+        assert!(moved > 1e-3, "{rates:?} move the image by {moved} only");
+        for (kernels, r) in rasterizers() {
+            let (found, _) = trained(r, &draw, &rates, 10);
+            assert_eq!(found.integers("steps").unwrap(), expected.integers("steps").unwrap());
+            let apart = root_mean_square(&image_of(&found, &draw), &image);
+            assert!(apart < 0.03 * moved, "{kernels:?}: {apart} apart after moving by {moved}");
+        }
+    }
+}
+
+#[test]
+fn a_training_step_moves_few_bytes_however_many_gaussians_there_are() {
+    let bytes = |gaussians: usize| {
+        let r = WgpuRasterizer::new(WgpuSettings::default()).unwrap();
+        let draw = Draw::spatial(SpatialKind::Typical, Blend::Over, gaussians, (120, 80), 3);
+        let target = r.spatial().upload_target(&draw.target().unwrap()).unwrap();
+        let mut cloud = r.upload(&draw.scene, Chart::ScaleRotation).unwrap();
+        let rates = rates(Participants::All);
+        let step = TrainStep { settings: &draw.settings, loss: Loss::L2, rates: &rates, binning: Binning::Fresh };
+        // Buffers grow in the first.
+        r.train_step(&mut cloud, &draw.view, &target, &step).unwrap();
+        r.losses(&mut cloud, Wait::All, &mut Vec::new()).unwrap();
+        let before = r.bytes_moved();
+        for _ in 0..5 {
+            r.train_step(&mut cloud, &draw.view, &target, &step).unwrap();
+        }
+        r.losses(&mut cloud, Wait::All, &mut Vec::new()).unwrap();
+        r.bytes_moved() - before
+    };
+    let [few, many] = [30, 3000].map(bytes);
+    assert_eq!(few, many);
+    assert!(few > 0 && few <= 5 * 512, "{few} bytes in 5 steps");
+}
+
+#[test]
+fn what_is_not_offered_is_an_error_that_names_it() {
+    let (_, r) = &rasterizers()[0];
+    let draw = Draw::spatial(SpatialKind::Typical, Blend::Over, 5, (20, 20), 3);
+    let mut by_pixel = draw.settings;
+    by_pixel.effects.order = Order::PixelDepth;
+    let mut by_error = draw.settings;
+    by_error.effects.statistics = Statistics::PixelError;
+    for (settings, named) in [(by_pixel, "PixelDepth"), (by_error, "PixelError")] {
+        let error = r.render(&draw.scene, &draw.view, &settings).unwrap_err();
+        assert!(matches!(&error, Error::Unsupported { backend: "wgpu", effect } if effect.contains(named)), "{error}");
+    }
+    let error = r.upload(&draw.scene, Chart::LocalFrame).unwrap_err();
+    assert!(matches!(&error, Error::Unsupported { effect, .. } if effect.contains("LocalFrame")), "{error}");
+}
+
+/// A scene in which there is nothing to compare counts as rejected, of which there may be only so many; so does what is not offered.
+fn judge<T>(result: Result<T, Failure>) -> Result<(), TestCaseError> {
+    match result {
+        Ok(_) => Ok(()),
+        Err(Failure::Nothing(text)) => Err(TestCaseError::reject(text)),
+        Err(failure) => Err(TestCaseError::fail(failure.to_string())),
+    }
+}
+
+fn repeatable(cases: u32) -> ProptestConfig {
+    ProptestConfig {
+        cases,
+        max_global_rejects: cases / 2,
+        rng_seed: RngSeed::Fixed(2027),
+        failure_persistence: None,
+        max_shrink_iters: 100,
+        ..ProptestConfig::default()
+    }
+}
+
+/// As drawn, but in an order that this backend has.
+fn offered() -> impl Strategy<Value = Draw<SpatialScene>> {
+    spatial_draws().prop_map(|mut draw| {
+        if draw.settings.effects.order == Order::PixelDepth {
+            draw.settings.effects.order = Order::TileDepth;
+        }
+        draw
+    })
+}
+
+proptest! {
+    #![proptest_config(repeatable(200))]
+
+    #[test]
+    fn drawn_images_match(draw in offered()) {
+        for (_, rasterizer) in rasterizers() {
+            judge(check_image(rasterizer, &draw))?;
+        }
+    }
+
+    #[test]
+    fn drawn_gradients_match(draw in offered(), loss in prop_oneof![Just(Loss::L2), Just(Loss::L1), Just(Loss::PAPER)]) {
+        for (_, rasterizer) in rasterizers() {
+            judge(check_gradients(rasterizer, &draw, &loss, Chart::ScaleRotation))?;
+        }
+    }
+}
