@@ -122,15 +122,6 @@ impl Backend {
         Ok(backend)
     }
 
-    /// Starts the backend that the flags ask for, for scenes in space: without a wish, the processor, as they are not yet drawn elsewhere.
-    ///
-    /// # Errors
-    /// As [`Self::start`].
-    pub(crate) fn start_spatial(args: &BackendArgs) -> Result<Self, Failure> {
-        let automatic = args.backend == Choice::Auto && args.adapter.is_none();
-        Self::start(&BackendArgs { backend: if automatic { Choice::Cpu } else { args.backend }, ..args.clone() })
-    }
-
     fn cpu(simd: Option<&str>, threads: &Threads, why: &str) -> Result<Self, Failure> {
         let (level, why_level) = simd_level(simd)?;
         let rasterizer = CpuRasterizer::new(CpuSettings { threads: Some(threads.count), level: Some(level) })?;
@@ -158,15 +149,10 @@ impl Backend {
     }
 
     /// Does the task on the chosen backend.
-    ///
-    /// # Errors
-    /// Where the backend has no scenes in space.
-    pub(crate) fn run_spatial<T: SpatialTask>(&self, task: T) -> Result<T::Output, Failure> {
+    pub(crate) fn run_spatial<T: SpatialTask>(&self, task: T) -> T::Output {
         match &self.rasterizer {
-            AnyRasterizer::Cpu(rasterizer) => Ok(task.run(rasterizer.as_ref())),
-            AnyRasterizer::Wgpu(_) => {
-                Err(Failure::usage("--backend wgpu does not offer scenes in space").mend("use --backend cpu"))
-            }
+            AnyRasterizer::Cpu(rasterizer) => task.run(rasterizer.as_ref()),
+            AnyRasterizer::Wgpu(rasterizer) => task.run(rasterizer.as_ref()),
         }
     }
 

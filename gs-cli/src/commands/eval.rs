@@ -90,8 +90,8 @@ fn judge(args: &EvalArgs) -> Result<(), Failure> {
     let render = args.shown.settings_beside(&scene, &dataset);
     let Views { train, test, .. } = Views::of_dataset(&dataset);
     let views = if test.is_empty() { train } else { test };
-    let backend = Backend::start_spatial(&args.backend)?;
-    let evaluation = backend.run_spatial(Judge { scene: &scene, views: &views, render: &render })??;
+    let backend = Backend::start(&args.backend)?;
+    let evaluation = backend.run_spatial(Judge { scene: &scene, views: &views, render: &render })?;
     if args.json {
         return output::json(&evaluation);
     }

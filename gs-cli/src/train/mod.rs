@@ -50,8 +50,8 @@ pub(crate) fn run(args: &TrainArgs) -> Result<(), Failure> {
             Begin::Fresh { settings: Box::new(settings), start, told }
         }
     };
-    let backend = Backend::start_spatial(&args.backend)?;
-    backend.run_spatial(Train { args, dataset: &dataset, begin, backend: &backend, started })?
+    let backend = Backend::start(&args.backend)?;
+    backend.run_spatial(Train { args, dataset: &dataset, begin, backend: &backend, started })
 }
 
 /// Where a training begins.

@@ -40,9 +40,9 @@ pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
     for camera in &cameras {
         camera.validate().map_err(|error| Failure::usage(error).at("--camera, --path or --size"))?;
     }
-    let backend = Backend::start_spatial(&args.backend)?;
+    let backend = Backend::start(&args.backend)?;
     let render = args.shown.settings(&scene);
-    backend.run_spatial(Frames { args, scene: &scene, cameras: &cameras, render: &render })?
+    backend.run_spatial(Frames { args, scene: &scene, cameras: &cameras, render: &render })
 }
 
 /// The cameras, at least one.
