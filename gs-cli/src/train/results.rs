@@ -149,10 +149,12 @@ fn beside(photograph: Image, rendered: &Image) -> Result<Image, gs_core::Error> 
     })
 }
 
-/// The name of a view as that of a file: views' names may hold folders.
+/// The name of a view as that of a file, without the photograph's ending: views' names may hold folders.
 fn file_name(view: &str) -> String {
     let plain = |c: char| if c.is_alphanumeric() || "-_.".contains(c) { c } else { '_' };
-    let name: String = view.chars().map(plain).collect();
+    let endings = [".png", ".jpg", ".jpeg", ".PNG", ".JPG", ".JPEG", ".webp", ".tiff", ".tif", ".bmp"];
+    let bare = endings.iter().find_map(|ending| view.strip_suffix(ending)).unwrap_or(view);
+    let name: String = bare.chars().map(plain).collect();
     name.trim_matches('.').to_owned()
 }
 
@@ -164,7 +166,7 @@ mod tests {
     fn names_of_views_stay_in_their_folder() {
         assert_eq!(file_name("test/r_0"), "test_r_0");
         assert_eq!(file_name("../../etc/passwd"), "_.._etc_passwd");
-        assert_eq!(file_name("IMG 1.jpg"), "IMG_1.jpg");
+        assert_eq!(file_name("IMG 1.jpg"), "IMG_1");
     }
 
     #[test]

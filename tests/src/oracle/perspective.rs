@@ -302,8 +302,8 @@ impl Splat for SpatialSplat {
         let inherited: f64 = (0..2).map(|i| k[i].error * q[i].abs()).sum();
         Depth {
             value: z.value + k[0].value * q[0] + k[1].value * q[1],
-            // Four times as many: the slope itself is a difference of products before it meets the offset.
-            rounding: z.error + 4.0 * (TERMS * F32_ROUNDING * textbook + inherited),
+            // The sum is rounded at the size of the depth, however small the slope's share.
+            rounding: z.error + TERMS * F32_ROUNDING * (z.value.abs() + textbook) + inherited,
             origin,
         }
     }

@@ -141,7 +141,7 @@ impl Pixel {
         }
         let (mut t, mut t_rounding) = (1.0, 0.0);
         let mut run_start = 0;
-        for candidate in candidates {
+        for (place, candidate) in candidates.iter().enumerate() {
             let (seen, value, value_rounding) = (candidate.splat.appearance(), candidate.value, candidate.rounding);
             // Including it or not replaces α of what is behind by its own colour.
             let change = brightest.map(|b| 2.0 * t * value * b);
@@ -163,6 +163,13 @@ impl Pixel {
                 self.take_note(true, brightest.map(|b| 2.0 * t * b));
             }
             if !lean.reaches(behind, minimum, full_band) {
+                // Which of neighbours that may change places fills the pixel decides about all of them.
+                let next_is_tied = candidates.get(place + 1).is_some_and(|next| next.tied);
+                if candidate.tied || next_is_tied {
+                    let first = self.touches.get(run_start).filter(|_| candidate.tied);
+                    let before = first.map_or(t, |touch| touch.transmittance);
+                    self.take_note(true, brightest.map(|b| 2.0 * before * b));
+                }
                 break;
             }
             // Two neighbours that change places change the pixel by T αᵢ αⱼ (cᵢ − cⱼ).
