@@ -45,7 +45,7 @@ fn hostile() -> SpatialScene {
         SpatialGaussian { log_scale: Vec3::new(8.0, -100.0, -100.0), ..good() },
         SpatialGaussian { log_scale: Vec3::splat(40.0), ..good() },
         SpatialGaussian { log_scale: Vec3::splat(100.0), ..good() },
-        SpatialGaussian { sh: vec![Vec3::splat(3e38); 4], ..good() },
+        SpatialGaussian { sh: vec![Vec3::splat(3e4); 4], ..good() },
         SpatialGaussian { sh: vec![Vec3::splat(-3e4); 4], ..good() },
     ] {
         scene.push(gaussian);
