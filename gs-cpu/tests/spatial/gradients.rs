@@ -40,8 +40,9 @@ fn groups(scene: &mut SpatialScene) -> [(&'static str, Vec<&mut f32>); 5] {
 fn keep_apart(scene: &mut SpatialScene) {
     for i in 0..scene.len() {
         let distance = 2.0 + 0.3 * i as f32;
-        scene.means[i] *= distance / scene.means[i].length();
-        scene.log_scales[i] = Vec3::splat((0.04 * distance).ln()) + 0.1 * (scene.log_scales[i] - scene.log_scales[i].x);
+        let (mean, log_scale) = (scene.means[i], scene.log_scales[i]);
+        scene.means[i] = mean * (distance / mean.length());
+        scene.log_scales[i] = Vec3::splat((0.04 * distance).ln()) + 0.1 * (log_scale - log_scale.x);
     }
 }
 
