@@ -36,6 +36,8 @@ pub fn still() -> AdamRates {
     for group in [mean, scale, rotation, opacity, color, color_rest] {
         group.learning_rate = 0.0;
     }
+    // Nor do scales where they are beyond a bound.
+    (adam.min_scale, adam.max_scale) = (0.0, f32::INFINITY);
     adam.at(0.0)
 }
 

@@ -152,14 +152,13 @@ impl<S: Kind> Rasterizer<S> for CpuRasterizer {
     fn forward(&self, cloud: &S::Cloud, view: &S::View, settings: &RenderSettings) -> Result<Frame<S>, Error> {
         S::check(view, settings)?;
         let pool = &S::resources(self).pool;
-        let mut frame = Frame::new(pool.take(), pool);
-        let workspace = frame.workspace_mut();
+        let mut workspace = pool.take();
         self.threads.install(|| {
-            S::prepare(workspace, cloud, view, settings, Binning::Fresh)?;
+            S::prepare(&mut workspace, cloud, view, settings, Binning::Fresh)?;
             workspace.tiles.blend(self.level);
             Ok::<(), Error>(())
         })?;
-        Ok(frame)
+        Ok(Frame::new(workspace, pool))
     }
 
     fn image(&self, frame: &Frame<S>) -> Result<Image, Error> {
