@@ -15,6 +15,9 @@ pub struct OpacityReset {
     /// Steps from one reset to the next; 0 for never. Default [`OPACITY_RESET_EVERY`]. A policy acts only when it is asked, so this
     /// should be a multiple of the steps between two rounds.
     pub every: u32,
+    /// Once more after this step, counted from 1; 0 for never, the default. 3DGS does so at its first round where the background is white, which
+    /// thins the fog that a start at random is. A multiple of the steps between two rounds, too.
+    pub once_after: u32,
     /// What every opacity is lowered to at most, above 0 and at most 1. Default [`OPACITY_RESET_TO`]. At less than
     /// [`Prune::opacity`](crate::Prune::opacity), all Gaussians that do not recover until the next round are pruned.
     pub to: f32,
@@ -22,20 +25,21 @@ pub struct OpacityReset {
 
 impl Default for OpacityReset {
     fn default() -> Self {
-        Self { every: OPACITY_RESET_EVERY, to: OPACITY_RESET_TO }
+        Self { every: OPACITY_RESET_EVERY, once_after: 0, to: OPACITY_RESET_TO }
     }
 }
 
 impl OpacityReset {
     /// No reset.
-    pub const NEVER: Self = Self { every: 0, to: OPACITY_RESET_TO };
+    pub const NEVER: Self = Self { every: 0, once_after: 0, to: OPACITY_RESET_TO };
 
-    /// The ceiling for this round's plan: `every` steps have passed, or a multiple of them, the scene has opacities, and rounds
-    /// are left to prune what does not recover (3DGS resets only before the end of densification, too).
+    /// The ceiling for this round's plan: `every` steps have passed, or a multiple of them, or just `once_after`, the scene has opacities,
+    /// and rounds are left to prune what does not recover (3DGS resets only before the end of densification, too).
     pub fn ceiling<S: DensityScene>(&self, observation: &Observation<'_, S>) -> Option<f32> {
         let steps = u64::from(observation.step) + 1;
-        let is_due = self.every > 0 && steps.is_multiple_of(u64::from(self.every)) && observation.progress < 1.0;
-        (is_due && observation.scene.has_opacity()).then_some(self.to)
+        let recurs = self.every > 0 && steps.is_multiple_of(u64::from(self.every));
+        let is_due = recurs || (self.once_after > 0 && steps == u64::from(self.once_after));
+        (is_due && observation.progress < 1.0 && observation.scene.has_opacity()).then_some(self.to)
     }
 
     /// Fails where a number is outside its range.

@@ -128,6 +128,11 @@ fn opacities_are_reset_on_time_and_only_where_there_are_some() {
         assert_eq!(ceiling(&policy, &translucent, 8999, 1.0), None);
         assert_eq!(ceiling(&policy, &opaque, 2999, 0.3), None);
     }
+    let reset = OpacityReset { once_after: 500, ..OpacityReset::NEVER };
+    let once = Policy::Paper(Paper { actions: Actions { reset, ..Default::default() }, ..Default::default() });
+    assert_eq!(ceiling(&once, &translucent, 499, 0.1), Some(0.01));
+    assert_eq!(ceiling(&once, &translucent, 999, 0.2), None);
+    assert_eq!(ceiling(&once, &translucent, 499, 1.0), None);
     let never = Paper { actions: Actions { reset: OpacityReset::NEVER, ..Default::default() }, ..Default::default() };
     assert_eq!(ceiling(&Policy::Paper(never), &translucent, 2999, 0.3), None);
     assert_eq!(ceiling(&Policy::None, &translucent, 2999, 0.3), None);

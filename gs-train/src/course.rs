@@ -2,7 +2,7 @@
 
 use std::fmt::Debug;
 
-use gs_core::{Rasterizer, adam::Schedule, effects::Statistics};
+use gs_core::{Rasterizer, effects::Statistics};
 use gs_density::{DensityPolicy, DensityScene, Residual};
 use serde::{Serialize, de::DeserializeOwned};
 
@@ -39,8 +39,8 @@ pub trait RunSettings<S: Trainable>: Clone + Debug + PartialEq + Serialize + Des
     fn rounds(&self) -> &Rounds;
     /// How it is.
     fn policy(&self) -> &dyn DensityPolicy<S>;
-    /// How the position's learning rate changes over the run.
-    fn mean_schedule(&self) -> Schedule;
+    /// What the position's learning rate has become after `step` steps, as a multiple of what it was at first.
+    fn mean_factor(&self, step: u32) -> f32;
     /// PSNR as this loss tells it, dB, where it does.
     fn psnr_estimate(&self, loss: f32) -> Option<f32>;
     /// Whether the step that follows `step` steps makes its lists anew, whatever came before.

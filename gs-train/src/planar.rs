@@ -3,8 +3,8 @@
 use std::time::Instant;
 
 use gs_core::{
-    Blend, Canvas, Image, Loss, PlanarGaussian, PlanarScene, Rasterizer, Scene, TrainStep, adam::Schedule,
-    edit::EditCounts, effects::Statistics, statistics::Culled,
+    Blend, Canvas, Image, Loss, PlanarGaussian, PlanarScene, Rasterizer, Scene, TrainStep, edit::EditCounts,
+    effects::Statistics, statistics::Culled,
 };
 use gs_density::{DensityPolicy, Residual};
 use gs_io::Checkpoint;
@@ -76,8 +76,8 @@ impl RunSettings<PlanarScene> for FitSettings {
         &self.policy
     }
 
-    fn mean_schedule(&self) -> Schedule {
-        self.adam.mean.schedule
+    fn mean_factor(&self, step: u32) -> f32 {
+        self.adam.mean.schedule.factor(step as f32 / self.iterations as f32)
     }
 
     fn psnr_estimate(&self, loss: f32) -> Option<f32> {

@@ -250,7 +250,7 @@ impl<'a, R: Rasterizer<S>, S: Trainable> Trainer<'a, R, S> {
         let Some(noise) = self.policy().noise().filter(|noise| noise.is_due(*step) && !self.is_finished()) else {
             return Ok(());
         };
-        let rate = settings.mean_schedule().factor(*step as f32 / settings.iterations() as f32);
+        let rate = settings.mean_factor(*step);
         let scene = self.rasterizer.download(&self.cloud)?;
         let mut rng = Rng::new(u128::from(settings.seed()) << 32 | u128::from(*step), NOISE_STREAM);
         if let Some(shifts) = noise.shifts(&scene, self.course.extent(), rate, &mut rng) {

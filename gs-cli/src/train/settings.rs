@@ -37,10 +37,9 @@ pub(crate) fn resolve(args: &TrainSettingsArgs, dataset: &Dataset) -> Result<Spa
             settings
         }
         None => {
-            let mut settings =
+            let settings =
                 args.preset.map_or_else(SpatialPreset::default, SpatialPreset::from).settings(args.iterations);
-            settings.render = settings.render.on(usual_background(dataset));
-            settings
+            settings.on(usual_background(dataset))
         }
     };
     if let Some(policy) = args.policy {
@@ -60,7 +59,7 @@ pub(crate) fn resolve(args: &TrainSettingsArgs, dataset: &Dataset) -> Result<Spa
         Some(Backing::Random) => settings.backdrop = Backdrop::Random,
         Some(Backing::Solid(color)) => {
             settings.backdrop = Backdrop::Same;
-            settings.render = settings.render.on(color.0);
+            settings = settings.on(color.0);
         }
     }
     match args.coarse {

@@ -7,6 +7,10 @@ use serde::{Deserialize, Serialize};
 /// Most frames of a path; a mistyped number is refused before anything is rendered.
 const MOST_FRAMES: u32 = 100_000;
 
+/// How much of an overview's picture is around the bulk's radius: room for the tenth that is outside of it, and for what is nearer than its centre
+/// and so looks larger.
+const AROUND: f32 = 1.35;
+
 /// The camera moved to `position` and turned towards `target`, with `up` upwards in its picture; `None` where these do not say how: a target
 /// at the position, or straight up or down from it.
 pub fn looking_at(camera: &Camera, position: Vec3, target: Vec3, up: Vec3) -> Option<Camera> {
@@ -80,7 +84,7 @@ impl Bulk {
         let half_side = 0.5 * width.min(height) as f32 / camera.focal.x;
         let up = up.try_normalize()?;
         let back = up.any_orthonormal_vector();
-        let away = (back + 0.35 * up).normalize() * (self.radius * 1.1 / half_side);
+        let away = (back + 0.35 * up).normalize() * (self.radius * AROUND / half_side);
         let near = NEAR_WORLD.min(0.01 * self.radius);
         looking_at(&Camera { near, ..camera }, self.center + away, self.center, up)
     }

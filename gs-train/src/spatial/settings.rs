@@ -1,8 +1,6 @@
 //! Everything that the training of a scene in space depends on besides its views: one value that can be stored, compared and sent along.
 
-use gs_core::{
-    Adam, AdamRates, Chart, Error, Loss, RenderSettings, SpatialScene, adam::Schedule, constants::MAX_GAUSSIANS,
-};
+use gs_core::{Adam, AdamRates, Chart, Error, Loss, RenderSettings, SpatialScene, constants::MAX_GAUSSIANS};
 use gs_density::{DensityPolicy, Policy};
 use serde::{Deserialize, Serialize};
 
@@ -30,6 +28,8 @@ pub struct SpatialSettings {
     pub gaussians: u32,
     /// Steps of the optimiser, one view each; 0 leaves the first scene as it is.
     pub iterations: u32,
+    /// Over how many steps learning rates decay; 0 for all of the run. The published settings decay over 30,000, however early the run ends.
+    pub decay_over: u32,
     /// Where all random numbers come from.
     pub seed: u32,
     /// The scene's extent, world units; that of the cameras ([`extent_of`](super::extent_of)) unless it is given.
@@ -70,11 +70,30 @@ impl SpatialSettings {
 
     /// Adam's numbers after `step` steps, in world units.
     pub fn rates_at(&self, step: u32, extent: f32) -> AdamRates {
-        let mut rates = self.adam.at(step as f32 / self.iterations.max(1) as f32);
+        let mut rates = self.adam.at(self.decay_at(step));
         rates.mean.learning_rate *= extent;
         rates.min_scale *= extent;
         rates.max_scale *= extent;
         rates
+    }
+
+    /// How far learning rates have decayed after `step` steps: 0 at first, 1 at the end or when [`Self::decay_over`] have passed.
+    fn decay_at(&self, step: u32) -> f32 {
+        let steps = if self.decay_over > 0 { self.decay_over } else { self.iterations };
+        (step as f32 / steps.max(1) as f32).min(1.0)
+    }
+
+    /// The same training before this background. White calls for an early reset of all opacities under the settings of 3DGS: an object before
+    /// it hides nothing, so that fog around it is all that can be wrong there. *Source:* 3DGS resets at its first round of density control,
+    /// too, where the background is white.
+    #[must_use]
+    pub fn on(mut self, background: [f32; 3]) -> Self {
+        self.render = self.render.on(background);
+        let first = self.rounds.from.next_multiple_of(self.rounds.every.max(1));
+        if let Some(actions) = self.policy.actions_mut().filter(|actions| actions.reset.every > 0) {
+            actions.reset.once_after = if background == [1.0; 3] { first } else { 0 };
+        }
+        self
     }
 
     /// The same training under another policy. What is pruned, and when opacities are reset, stays as these settings have it, or as 3DGS
@@ -137,8 +156,8 @@ impl RunSettings<SpatialScene> for SpatialSettings {
         &self.policy
     }
 
-    fn mean_schedule(&self) -> Schedule {
-        self.adam.mean.schedule
+    fn mean_factor(&self, step: u32) -> f32 {
+        self.adam.mean.schedule.factor(self.decay_at(step))
     }
 
     /// None: the loss is that of another view in each step.
@@ -185,6 +204,18 @@ mod tests {
         assert!((last.mean.learning_rate - 8e-6).abs() < 1e-10);
         assert_eq!(first.scale.learning_rate, 0.005);
         assert_eq!(first.max_scale, 5.0 * settings.adam.max_scale);
+    }
+
+    #[test]
+    fn white_thins_the_fog_at_the_first_round() {
+        let once = |settings: &SpatialSettings| settings.policy.actions().unwrap().reset.once_after;
+        let usual = SpatialSettings::default();
+        assert_eq!(once(&usual.clone().on([0.0; 3])), 0);
+        let white = usual.on([1.0; 3]);
+        assert_eq!((once(&white), white.render.backdrop()), (500, [1.0; 3]));
+        assert_eq!(once(&white.clone().on([0.0, 1.0, 0.0])), 0);
+        let quick = SpatialPreset::Quick.settings(Some(2_000)).on([1.0; 3]);
+        assert!(quick.rounds.progress(once(&quick), 2_000).is_some(), "{:?}", quick.rounds);
     }
 
     #[test]

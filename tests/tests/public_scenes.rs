@@ -1,0 +1,118 @@
+//! Scenes that others have trained and published, where they are there (`$GS_DATA/splats` or `../shared/data/splats`): both backends draw
+//! them as the oracle does, in small windows of a screen, and alike on all of it.
+
+use std::path::PathBuf;
+
+use glam::{Vec2, Vec3};
+use gs_conformance::{
+    conformance::check_image,
+    scenes::{Draw, SpatialKind},
+};
+use gs_core::{
+    Blend, Camera, Rasterizer, RenderSettings, SpatialScene,
+    effects::{Antialias, Order},
+    metrics::psnr,
+};
+use gs_cpu::{CpuRasterizer, CpuSettings};
+use gs_train::spatial::Bulk;
+use gs_wgpu::{WgpuRasterizer, WgpuSettings};
+
+/// 9,080 Gaussians of all degrees of harmonics, whose training was stopped early.
+const SMALL: &str = "kacytran_iter7000_point_cloud.ply";
+
+/// 152,746 Gaussians: a person without surroundings.
+const PERSON: &str = "biker.compressed.ply";
+
+/// 124,495 Gaussians: a room, which surrounds the camera.
+const ROOM: &str = "victor_model.splat";
+
+/// A screen's size, px.
+const SCREEN: (u32, u32) = (640, 480);
+
+/// A scene with its settings; `None`, and a line that says so, where there is no such file.
+fn scene(name: &str) -> Option<(SpatialScene, RenderSettings)> {
+    let data = std::env::var_os("GS_DATA")
+        .map_or_else(|| PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../shared/data"), PathBuf::from);
+    let path = data.join("splats").join(name);
+    if !path.exists() {
+        eprintln!("skipped: no test data");
+        return None;
+    }
+    let scene = gs_io::read_spatial(path).unwrap().scene;
+    let mut settings = RenderSettings::blended(Blend::Over).on([0.2, 0.3, 0.4]);
+    settings.effects.order = Order::TileDepth;
+    settings.effects.antialias = Antialias::Dilate;
+    settings.effects.sh_degree = scene.sh_degree;
+    Some((scene, settings))
+}
+
+/// The whole from afar.
+fn overview(scene: &SpatialScene, size: (u32, u32)) -> Camera {
+    Bulk::of(scene).unwrap().overview(size.0, size.1, 1.0, Vec3::NEG_Y).unwrap()
+}
+
+/// The middle of it, large.
+fn detail(scene: &SpatialScene, size: (u32, u32)) -> Camera {
+    let camera = overview(scene, size);
+    Camera { focal: camera.focal * 6.0, ..camera }
+}
+
+/// 24×18 px of a camera's picture, around a place in 0..=1 of its sides.
+fn window(camera: Camera, place: Vec2) -> Camera {
+    let size = Vec2::new(24.0, 18.0);
+    let corner = (place * Vec2::new(camera.width as f32, camera.height as f32) - 0.5 * size).round();
+    Camera { center: camera.center - corner, width: size.x as u32, height: size.y as u32, ..camera }
+}
+
+fn both(scenes: &[&str], check: impl Fn(&str, &SpatialScene, RenderSettings, &CpuRasterizer, &WgpuRasterizer)) {
+    let cpu = CpuRasterizer::new(CpuSettings::default()).unwrap();
+    let wgpu = WgpuRasterizer::new(WgpuSettings::default()).unwrap();
+    for &name in scenes {
+        if let Some((scene, settings)) = scene(name) {
+            check(name, &scene, settings, &cpu, &wgpu);
+        }
+    }
+}
+
+fn hold_against_the_oracle(scenes: &[&str]) {
+    both(scenes, |name, scene, settings, cpu, wgpu| {
+        let (whole, near) = (overview(scene, SCREEN), detail(scene, SCREEN));
+        let [center, aside] = [Vec2::splat(0.5), Vec2::new(0.45, 0.4)];
+        for view in [window(whole, center), window(whole, aside), window(near, center)] {
+            let draw = Draw { kind: SpatialKind::Typical, scene: scene.clone(), view, settings, target_seed: 0 };
+            check_image(cpu, &draw).unwrap_or_else(|failure| panic!("{name} on gs-cpu: {failure}"));
+            check_image(wgpu, &draw).unwrap_or_else(|failure| panic!("{name} on gs-wgpu: {failure}"));
+        }
+    });
+}
+
+#[test]
+fn both_backends_draw_a_published_scene_as_the_oracle_does() {
+    hold_against_the_oracle(&[SMALL]);
+}
+
+#[test]
+#[ignore = "slow: the oracle visits each of 277,000 Gaussians at each pixel"]
+fn both_backends_draw_large_published_scenes_as_the_oracle_does() {
+    hold_against_the_oracle(&[PERSON, ROOM]);
+}
+
+/// At this size the oracle would take minutes; that two ways of computing agree to a tenth of a display step says as much. What may differ more
+/// are pixels at which a Gaussian is a rounding away from a cut.
+#[test]
+fn the_backends_draw_published_scenes_alike_on_a_screen() {
+    both(&[SMALL, PERSON, ROOM], |name, scene, settings, cpu, wgpu| {
+        for view in [overview(scene, SCREEN), detail(scene, SCREEN)] {
+            let [a, b] = [cpu.render(scene, &view, &settings).unwrap(), wgpu.render(scene, &view, &settings).unwrap()];
+            let off = |limit: f32| {
+                let differ = |(a, b): (&[f32; 3], &[f32; 3])| !(0..3).all(|k| (a[k] - b[k]).abs() <= limit);
+                a.pixels().iter().zip(b.pixels()).filter(|&pair| differ(pair)).count()
+            };
+            let shown = a.pixels().iter().filter(|p| (p[0] - 0.2).abs() > 0.1).count();
+            assert!(shown > 5_000, "{name}: {shown} pixels show something");
+            let (beyond, far) = (off(0.1 / 255.0), off(1.5 / 255.0));
+            eprintln!("{name}: {:.1} dB, {beyond} pixels beyond 0.1/255, {far} beyond 1.5/255", psnr(&a, &b).unwrap());
+            assert!(beyond * 1000 < a.pixels().len() && far == 0, "{name}: {beyond}, {far}");
+        }
+    });
+}
