@@ -7,6 +7,12 @@ use std::{
 
 use gs_core::Image;
 
+/// The folder of test data: `$GS_DATA`, or, where that is not set, `../shared/data` beside the workspace.
+pub(crate) fn data_folder() -> PathBuf {
+    std::env::var_os("GS_DATA")
+        .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data"), PathBuf::from)
+}
+
 /// An image and its name.
 #[derive(Debug, Clone)]
 pub(crate) struct Photograph {
@@ -26,12 +32,9 @@ pub(crate) struct Photographs {
 }
 
 impl Photographs {
-    /// Those of the Kodak test set in `$GS_DATA/kodak`, or, where that is not set, in `../shared/data/kodak` beside the workspace;
-    /// where there are none, a single synthetic image of the same size.
+    /// Those of the Kodak test set in `kodak` of the [`data_folder`]; where there are none, a single synthetic image of the same size.
     pub(crate) fn load() -> Result<Self, Box<dyn Error>> {
-        let root = std::env::var_os("GS_DATA")
-            .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data"), PathBuf::from);
-        let mut paths: Vec<PathBuf> = match std::fs::read_dir(root.join("kodak")) {
+        let mut paths: Vec<PathBuf> = match std::fs::read_dir(data_folder().join("kodak")) {
             Ok(folder) => folder.map(|entry| Ok(entry?.path())).collect::<Result<_, std::io::Error>>()?,
             Err(_) => Vec::new(),
         };
