@@ -98,7 +98,7 @@ impl LongAxisSplit {
     }
 }
 
-/// Which of the two keeps the Adam moments of the one; the others start afresh.
+/// Which of the two keeps the Adam moments of the one; the others start at [`Densify::newcomers`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum MomentHeir {
@@ -114,18 +114,18 @@ pub enum MomentHeir {
 }
 
 impl MomentHeir {
-    /// What becomes of the moments of the original and of the copy.
-    fn moments(self) -> (Moments, Moments) {
+    /// What becomes of the moments of the original and of the copy, where others start at `newcomers`.
+    fn moments(self, newcomers: Moments) -> (Moments, Moments) {
         match self {
-            Self::Original => (Moments::Inherit, Moments::Fresh),
-            Self::Copy => (Moments::Fresh, Moments::Inherit),
+            Self::Original => (Moments::Inherit, newcomers),
+            Self::Copy => (newcomers, Moments::Inherit),
             Self::Both => (Moments::Inherit, Moments::Inherit),
-            Self::Neither => (Moments::Fresh, Moments::Fresh),
+            Self::Neither => (newcomers, newcomers),
         }
     }
 }
 
-/// How one Gaussian becomes two. The defaults are those of 3DGS.
+/// How one Gaussian becomes two. The defaults are those of 3DGS, but for [`Self::newcomers`].
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, rename_all = "kebab-case", deny_unknown_fields)]
 pub struct Densify {
@@ -143,6 +143,8 @@ pub struct Densify {
     pub split_moments: MomentHeir,
     /// Which of original and clone keeps the moments. Default the original.
     pub clone_moments: MomentHeir,
+    /// What the moments of those start at that inherit none: afresh, the default, or zeroed, as in the code of 3DGS.
+    pub newcomers: Moments,
     /// Where the copy stands in the order of blending. Default behind its parent, where a copy in space would be; what an engine
     /// does that appends to its arrays is last, behind the large Gaussians that were there before it.
     pub copy_place: Place,
@@ -158,6 +160,7 @@ impl Default for Densify {
             opacity_correction: OpacityCorrection::None,
             split_moments: MomentHeir::Neither,
             clone_moments: MomentHeir::Original,
+            newcomers: Moments::Fresh,
             copy_place: Place::BehindParent,
         }
     }
@@ -194,8 +197,8 @@ impl Densify {
             self.opacity_correction.apply(half, observation.scene.has_opacity());
         }
         let [original, copy] = pair;
-        let (original_moments, copy_moments) = heir.moments();
-        let is_touched = original != parent || original_moments == Moments::Fresh;
+        let (original_moments, copy_moments) = heir.moments(self.newcomers);
+        let is_touched = original != parent || original_moments != Moments::Inherit;
         let change = is_touched.then_some(Change { index, gaussian: original, moments: original_moments });
         (change, Birth { gaussian: copy, parent: Some(index), moments: copy_moments, origin, place: self.copy_place })
     }
@@ -210,6 +213,9 @@ impl Densify {
         }
         if let SplitPlacement::LongAxisSplit(split) = &self.split_placement {
             split.validate()?;
+        }
+        if self.newcomers == Moments::Inherit {
+            return Err(Error::setting("densify.newcomers", "inherit", "fresh or zeroed"));
         }
         self.split_above.validate("densify.split-above")
     }

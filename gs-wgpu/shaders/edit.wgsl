@@ -31,10 +31,12 @@ fn edit(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: ve
         g = gaussians[source.parameters];
     }
     var m: Moved;
-    g.steps = 0u;
     if source.moments != NONE {
         m = moments[source.moments];
-        g.steps = gaussians[source.moments].steps;
+    }
+    g.steps = 0u;
+    if source.steps != NONE {
+        g.steps = gaussians[source.steps].steps;
     }
     var s: Statistics;
     if source.statistics != NONE {

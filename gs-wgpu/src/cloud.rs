@@ -143,25 +143,19 @@ pub(crate) fn check_len(what: &'static str, expected: usize, found: usize) -> Re
 
 /// What the device is told of one slot of the edited arrays.
 fn record<G>(plan: &EditPlan<G>, source: &From) -> Source {
-    let inherited = |moments: Heritage, from: Option<u32>| match (moments, from) {
-        (Heritage::Inherit, Some(from)) => from,
-        _ => Source::NONE,
+    let (parameters, is_fresh, statistics) = match *source {
+        From::Kept(i) => (i, 0, Some(i)),
+        From::Changed { before, change } => (change, 1, Some(before)),
+        From::Added(k) => (plan.changed.len() as u32 + k, 1, plan.added[k as usize].parent),
     };
-    let (parameters, is_fresh, moments, statistics) = match *source {
-        From::Kept(i) => (i, 0, i, Some(i)),
-        From::Changed { before, change } => {
-            (change, 1, inherited(plan.changed[change as usize].moments, Some(before)), Some(before))
-        }
-        From::Added(k) => {
-            let birth = &plan.added[k as usize];
-            (plan.changed.len() as u32 + k, 1, inherited(birth.moments, birth.parent), birth.parent)
-        }
-    };
-    let statistics = match plan.statistics {
-        AfterEdit::Restart => Source::NONE,
-        AfterEdit::Keep => statistics.unwrap_or(Source::NONE),
-    };
-    Source { parameters, moments, statistics, is_fresh }
+    let or_none = |index: Option<u32>| index.unwrap_or(Source::NONE);
+    Source {
+        parameters,
+        moments: or_none(plan.origin(source, Heritage::heir_of)),
+        steps: or_none(plan.origin(source, Heritage::counts_on_from)),
+        statistics: or_none(statistics.filter(|_| plan.statistics == AfterEdit::Keep)),
+        is_fresh,
+    }
 }
 
 fn next_edition() -> u64 {

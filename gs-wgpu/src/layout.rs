@@ -120,6 +120,7 @@ pub(crate) struct Status {
 pub(crate) struct Source {
     pub(crate) parameters: u32,
     pub(crate) moments: u32,
+    pub(crate) steps: u32,
     pub(crate) statistics: u32,
     pub(crate) is_fresh: u32,
 }
@@ -207,7 +208,7 @@ mod tests {
         same_layout!(m, Ellipsoid { mean, opacity_logit, log_scale, steps, rotation });
         same_layout!(m, EllipsoidMoments { first, second });
         same_layout!(m, EllipsoidGradient { mean, opacity_logit, log_scale, device_norm, rotation, visible, unused });
-        same_layout!(m, Source { parameters, moments, statistics, is_fresh });
+        same_layout!(m, Source { parameters, moments, steps, statistics, is_fresh });
         same_layout!(m, Status { entries, overflow, loss, near, not_finite, degenerate, transparent, outside });
         same_layout!(
             m,

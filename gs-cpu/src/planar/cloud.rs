@@ -115,7 +115,7 @@ impl PlanarCloud {
         for moments in &mut self.moments {
             *moments = plan.gather_moments(&sources, moments);
         }
-        self.steps = plan.gather_moments(&sources, &self.steps);
+        self.steps = plan.gather_steps(&sources, &self.steps);
         let statistics = &self.shared.statistics;
         self.shared.edited(DensityStatistics {
             gradient_sum: plan.gather_statistics(&sources, &statistics.gradient_sum),

@@ -164,7 +164,7 @@ impl SpatialCloud {
             }
             *moments = after;
         }
-        self.steps = plan.gather_moments(&sources, &self.steps);
+        self.steps = plan.gather_steps(&sources, &self.steps);
         let statistics = &self.shared.statistics;
         self.shared.edited(DensityStatistics {
             gradient_sum: plan.gather_statistics(&sources, &statistics.gradient_sum),

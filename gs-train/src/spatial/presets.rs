@@ -6,9 +6,10 @@ use gs_core::{
     Adam, Blend, Chart, Loss, Penalty, RenderSettings,
     adam::{Group, Schedule},
     constants::OPACITY_RESET_EVERY,
+    edit::Moments,
     effects::{Antialias, Order},
 };
-use gs_density::{AbsoluteThreshold, Actions, Mcmc, Policy, Prune, RelativePercentile, SizeThreshold};
+use gs_density::{AbsoluteThreshold, Actions, Densify, Mcmc, Policy, Prune, RelativePercentile, SizeThreshold};
 use serde::{Deserialize, Serialize};
 
 use super::{
@@ -88,7 +89,8 @@ fn three_dgs(iterations: u32) -> SpatialSettings {
         larger_after: OPACITY_RESET_EVERY,
         ..Prune::default()
     };
-    let actions = Actions { prune, ..Actions::default() };
+    let densify = Densify { newcomers: Moments::Zeroed, ..Densify::default() };
+    let actions = Actions { densify, prune, ..Actions::default() };
     let mut render = RenderSettings::blended(Blend::Over).on([0.0; 3]);
     render.effects.order = Order::TileDepth;
     render.effects.antialias = Antialias::Dilate;

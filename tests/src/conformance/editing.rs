@@ -16,6 +16,7 @@ use crate::{failure::Failure, subject::Subject};
 type Row = BTreeMap<String, Vec<f32>>;
 
 const MOMENTS: [&str; 3] = ["moment1", "moment2", "steps"];
+const STEPS: [&str; 1] = ["steps"];
 const STATISTICS: [&str; 2] = ["gradient_sum", "visible"];
 
 fn rows(state: &CloudState) -> Result<Vec<Row>, Failure> {
@@ -93,7 +94,7 @@ fn plan<S: Subject>(newcomers: &S, statistics: AfterEdit) -> EditPlan<S::Gaussia
             birth(3, Some(4), Moments::Fresh, Place::First),
             birth(4, None, Moments::Fresh, Place::BehindParent), // Without a parent: last.
             birth(5, Some(1), Moments::Inherit, Place::Last),
-            birth(6, Some(1), Moments::Fresh, Place::BehindParent),
+            birth(6, Some(1), Moments::Zeroed, Place::BehindParent),
         ],
         opacity_ceiling: None,
         statistics,
@@ -123,7 +124,7 @@ pub fn edits_carry_everything_along<S: Subject, R: Rasterizer<S>>(rasterizer: &R
                     with(&new[3], &STATISTICS, &before[4]),
                     with(&new[1], &STATISTICS, &before[0]),
                     before[1].clone(),
-                    with(&new[6], &STATISTICS, &before[1]),
+                    with(&with(&new[6], &STEPS, &before[1]), &STATISTICS, &before[1]),
                     before[3].clone(),
                     before[4].clone(),
                     with(&with(&new[0], &MOMENTS, &before[5]), &STATISTICS, &before[5]),

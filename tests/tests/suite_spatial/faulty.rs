@@ -430,7 +430,7 @@ impl Rasterizer<SpatialScene> for Faulty {
             *moments = plan.gather_moments(&sources, moments);
             moments.iter_mut().for_each(|row| row.resize(width, 0.0));
         }
-        cloud.steps = plan.gather_moments(&sources, &cloud.steps);
+        cloud.steps = plan.gather_steps(&sources, &cloud.steps);
         cloud.gradient_sum = plan.gather_statistics(&sources, &cloud.gradient_sum);
         cloud.visible = plan.gather_statistics(&sources, &cloud.visible);
         if let Some(ceiling) = plan.opacity_ceiling {
