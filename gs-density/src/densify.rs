@@ -98,6 +98,14 @@ impl LongAxisSplit {
     }
 }
 
+/// Fails for moments that a newcomer cannot start at.
+pub(crate) fn check_newcomers(moments: Moments) -> Result<(), Error> {
+    if moments == Moments::Inherit {
+        return Err(Error::setting("newcomers", "inherit", "fresh or zeroed"));
+    }
+    Ok(())
+}
+
 /// Which of the two keeps the Adam moments of the one; the others start at [`Densify::newcomers`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -214,9 +222,7 @@ impl Densify {
         if let SplitPlacement::LongAxisSplit(split) = &self.split_placement {
             split.validate()?;
         }
-        if self.newcomers == Moments::Inherit {
-            return Err(Error::setting("densify.newcomers", "inherit", "fresh or zeroed"));
-        }
+        check_newcomers(self.newcomers)?;
         self.split_above.validate("densify.split-above")
     }
 

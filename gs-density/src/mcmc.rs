@@ -11,6 +11,7 @@ use rand::RngExt;
 use serde::{Deserialize, Serialize};
 
 use crate::{
+    densify::check_newcomers,
     gaussian::{DensityGaussian, DensityScene},
     noise::Noise,
     observation::{DensityPolicy, Observation, Rng},
@@ -41,13 +42,15 @@ pub struct Mcmc {
     pub dead_opacity: f32,
     /// The share of the Gaussians by which their number grows in each round, rounded up. 0..=100 %, default 5.
     pub percent: f32,
+    /// What the moments of all that one became start at: afresh, the default, or zeroed, as in the source's code.
+    pub newcomers: Moments,
     /// Noise between steps.
     pub noise: Noise,
 }
 
 impl Default for Mcmc {
     fn default() -> Self {
-        Self { dead_opacity: PRUNE_OPACITY, percent: 5.0, noise: Noise::default() }
+        Self { dead_opacity: PRUNE_OPACITY, percent: 5.0, newcomers: Moments::Fresh, noise: Noise::default() }
     }
 }
 
@@ -61,6 +64,7 @@ impl Mcmc {
             return Err(Error::setting("dead-opacity", self.dead_opacity, "0 or more, and below 1"));
         }
         check_percent(self.percent)?;
+        check_newcomers(self.newcomers)?;
         self.noise.validate()
     }
 
@@ -89,11 +93,11 @@ impl<S: DensityScene> DensityPolicy<S> for Mcmc {
         let mut plan = EditPlan { removed, ..EditPlan::default() };
         for (index, copies) in draw(scene, &alive, wanted, rng) {
             let part = part_of(scene.gaussian(index as usize), copies + 1, scene.has_opacity());
-            plan.changed.push(Change { index, gaussian: part.clone(), moments: Moments::Fresh });
+            plan.changed.push(Change { index, gaussian: part.clone(), moments: self.newcomers });
             plan.added.extend((0..copies).map(|_| Birth {
                 gaussian: part.clone(),
                 parent: Some(index),
-                moments: Moments::Fresh,
+                moments: self.newcomers,
                 origin: Origin::Clone,
                 place: Place::BehindParent,
             }));

@@ -1,6 +1,8 @@
 //! All policies as one value, for settings files and command lines.
 
-use gs_core::{EditPlan, Error, PlanarGaussian, PlanarScene, SpatialGaussian, SpatialScene, effects::Statistics};
+use gs_core::{
+    EditPlan, Error, PlanarGaussian, PlanarScene, SpatialGaussian, SpatialScene, edit::Moments, effects::Statistics,
+};
 use serde::{Deserialize, Serialize};
 
 use crate::{
@@ -193,10 +195,14 @@ impl Policy {
     }
 
     /// The same policy for scenes in space, where sizes in px mean nothing: what was split above one is split whatever its size, and none
-    /// is too large that was so above one.
+    /// is too large that was so above one. Newcomers' moments are zeroed, as the optimiser of 3DGS and of all that came of it does.
     #[must_use]
     pub fn in_space(mut self) -> Self {
+        if let Self::Mcmc(mcmc) = &mut self {
+            mcmc.newcomers = Moments::Zeroed;
+        }
         if let Some(Actions { densify, prune, .. }) = self.actions_mut() {
+            densify.newcomers = Moments::Zeroed;
             if let SizeThreshold::Pixels(_) = densify.split_above {
                 densify.split_above = SizeThreshold::WorldUnits(f32::MIN_POSITIVE);
             }

@@ -3,7 +3,7 @@
 use glam::Vec3;
 use gs_core::{
     DensityStatistics, EditPlan, Error, Scene, SpatialGaussian, SpatialScene,
-    edit::{Origin, PruneCause},
+    edit::{Moments, Origin, PruneCause},
     scene::{logit, sigmoid},
 };
 use gs_density::{
@@ -169,7 +169,9 @@ fn every_policy_but_those_of_the_plane_plans_in_space() {
             assert!(message.contains(name) && message.contains("mcmc"), "{message}");
         } else {
             policy.validate_spatial().unwrap();
-            assert_eq!(plan.unwrap().len_after(2), if name == "none" { 2 } else { 3 }, "{name}");
+            let plan = plan.unwrap();
+            assert_eq!(plan.len_after(2), if name == "none" { 2 } else { 3 }, "{name}");
+            assert!(plan.added.iter().all(|birth| birth.moments == Moments::Zeroed), "{name}");
         }
     }
 }

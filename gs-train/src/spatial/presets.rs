@@ -146,7 +146,7 @@ fn mcmc(iterations: u32) -> SpatialSettings {
         adam: Adam { penalty: Penalty { opacity: 0.01, scale: 0.01 }, ..usual.adam },
         gaussians: 1_000_000,
         init: PointInit { opacity: 0.5, scale: 0.1, ..PointInit::default() },
-        policy: Policy::Mcmc(Mcmc::default()),
+        policy: Policy::Mcmc(Mcmc::default()).in_space(),
         rounds: published_rounds(iterations, 5.0 / 6.0),
         ..usual
     }

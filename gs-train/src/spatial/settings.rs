@@ -96,15 +96,14 @@ impl SpatialSettings {
         self
     }
 
-    /// The same training under another policy. What is pruned, when opacities are reset, and what new moments start at, stays as these settings
-    /// have it, or as 3DGS does where they have none.
+    /// The same training under another policy. What is pruned, and when opacities are reset, stays as these settings have it, or as 3DGS
+    /// does where they have none.
     #[must_use]
     pub fn controlled_by(mut self, policy: Policy) -> Self {
         let usual = self.policy.actions().copied().or(Self::default().policy.actions().copied()).unwrap_or_default();
         self.policy = policy.in_space();
         if let Some(actions) = self.policy.actions_mut() {
             (actions.prune, actions.reset) = (usual.prune, usual.reset);
-            actions.densify.newcomers = usual.densify.newcomers;
         }
         self
     }
