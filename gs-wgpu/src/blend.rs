@@ -3,6 +3,7 @@
 use gs_core::{Error, Loss};
 
 use crate::{
+    collect::Collected,
     dispatch::{Commands, dispatch},
     gpu::Gpu,
     loss::LossSum,
@@ -16,10 +17,10 @@ pub(crate) fn fuses(gpu: &Gpu, loss: Loss) -> bool {
     gpu.kernels == Kernels::Vectors && !matches!(loss, Loss::L1Dssim { .. })
 }
 
-/// What `blend_bwd` differentiates: the loss, or half the image's square.
+/// What `blend_bwd` differentiates: the loss by this target, or half the image's square.
 #[derive(Debug, Clone, Copy)]
-pub(crate) enum Differentiated {
-    Loss,
+pub(crate) enum Differentiated<'a> {
+    Loss(&'a Target),
     Image,
 }
 
@@ -33,11 +34,13 @@ impl Tiles {
     }
 
     /// Stage `blend_bwd`, from `v_image`, or from the image itself.
-    pub(crate) fn encode_blend_bwd(&self, gpu: &Gpu, commands: &mut Commands, v_image: Differentiated) {
+    pub(crate) fn encode_blend_bwd(&self, gpu: &Gpu, commands: &mut Commands, of: Differentiated<'_>) {
         let variant = Variant { pass: Pass::Backward, ..self.variant() };
-        let v_image = match v_image {
-            Differentiated::Loss => &self.v_image.buffer,
-            Differentiated::Image => &self.image.buffer,
+        let image = &self.image.buffer;
+        // An image that is differentiated itself is compared with nothing, and nothing is collected of it.
+        let (v_image, target) = match of {
+            Differentiated::Loss(target) => (&self.v_image.buffer, &target.buffer),
+            Differentiated::Image => (image, image),
         };
         let (entry_point, [fifth, sixth]) = match gpu.kernels {
             Kernels::Vectors => ("blend_vectors", [&self.slots.buffer, v_image]),
@@ -45,8 +48,12 @@ impl Tiles {
         };
         let mut bindings = self.lists().to_vec();
         bindings.extend([fifth, sixth]);
-        if variant.over {
-            bindings.push(&self.image.buffer);
+        let errors = variant.collected == Collected::PixelErrors;
+        if variant.over || errors {
+            bindings.push(image);
+        }
+        if errors {
+            bindings.push(target);
         }
         dispatch(gpu, commands, entry_point, variant, &bindings, gpu.groups(self.count()).into());
     }
@@ -62,7 +69,7 @@ impl Tiles {
         if !fuses(gpu, loss) {
             self.encode_blend(gpu, commands);
             self.encode_loss(gpu, commands, target, Some(loss))?;
-            self.encode_blend_bwd(gpu, commands, Differentiated::Loss);
+            self.encode_blend_bwd(gpu, commands, Differentiated::Loss(target));
             return Ok(());
         }
         let kind = if loss == Loss::L2 { 1 } else { 2 };

@@ -172,7 +172,10 @@ mod tests {
     use std::mem::offset_of;
 
     use super::*;
-    use crate::shaders::{Kernels, Pass, SHADERS, Variant};
+    use crate::{
+        collect::Collected,
+        shaders::{Kernels, Pass, SHADERS, Variant},
+    };
 
     fn module(text: &str) -> naga::Module {
         naga::front::wgsl::parse_str(text).unwrap_or_else(|e| panic!("{}", e.emit_to_string(text)))
@@ -275,14 +278,16 @@ mod tests {
 
     /// Every combination of the flags that pick lines.
     fn variants() -> impl Iterator<Item = Variant> {
-        (0..288).map(|bits: u32| Variant {
+        (0..864).map(|bits: u32| Variant {
             over: bits & 1 != 0,
             local_frame: bits & 2 != 0,
             lists: bits & 4 != 0,
             on_cpu: bits & 8 != 0,
             spatial: bits & 16 != 0,
             kernels: [Kernels::Portable, Kernels::Subgroups, Kernels::Vectors][(bits >> 5) as usize % 3],
-            pass: [Pass::Forward, Pass::Backward, Pass::Fused][(bits >> 5) as usize / 3],
+            pass: [Pass::Forward, Pass::Backward, Pass::Fused][(bits >> 5) as usize / 3 % 3],
+            collected: [Collected::Nothing, Collected::AbsoluteGradients, Collected::PixelErrors]
+                [(bits >> 5) as usize / 9],
             ..Variant::default()
         })
     }

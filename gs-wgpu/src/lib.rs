@@ -15,6 +15,7 @@
 
 mod blend;
 mod cloud;
+mod collect;
 mod dispatch;
 mod frame;
 mod gpu;

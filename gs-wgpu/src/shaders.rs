@@ -7,6 +7,8 @@ use gs_core::constants::{
     MIN_DETERMINANT_PX4, MIN_QUATERNION_NORM2, SH_C0, SH_C1, SH_C2, SH_C3, SSIM_C1, SSIM_C2, SSIM_SIGMA, SSIM_WINDOW,
 };
 
+use crate::collect::Collected;
+
 /// Columns of a tile.
 pub(crate) const TILE_COLUMNS: u32 = 16;
 
@@ -45,6 +47,8 @@ pub(crate) struct Variant {
     pub(crate) kernels: Kernels,
     /// What `blend_vectors` does in one pass over the tiles.
     pub(crate) pass: Pass,
+    /// What the backward kernels sum up besides the gradients.
+    pub(crate) collected: Collected,
     /// The entry point's override, if it has one.
     pub(crate) constant: Option<(&'static str, u32)>,
 }
@@ -158,8 +162,13 @@ pub(crate) fn shader_of(entry_point: &str) -> &'static Shader {
 }
 
 /// Numbers per entry that `blend_bwd` yields.
-pub(crate) fn stride(over: bool) -> u32 {
-    if over { 9 } else { 8 }
+pub(crate) fn stride(variant: Variant) -> u32 {
+    gradients(variant) + variant.collected.numbers()
+}
+
+/// Those of them that are gradients.
+fn gradients(variant: Variant) -> u32 {
+    if variant.over { 9 } else { 8 }
 }
 
 impl Shader {
@@ -179,13 +188,13 @@ fn prelude(variant: Variant) -> String {
     let Tiling { tile_rows, rows, columns, classes, ssim_segment, ssim_block } = tiling(variant.kernels);
     let lanes = TILE_COLUMNS / columns;
     // As many entries at a time as their partial sums have room for in 16 KiB.
-    let stride = stride(variant.over);
+    let (gradients, stride) = (gradients(variant), stride(variant));
     let invocations = lanes * (tile_rows / rows);
     let parts = if variant.kernels == Kernels::Subgroups { invocations / 4 } else { invocations };
     let batch = (16 * 1024 / 4 / (stride * parts)).min(8);
     let mut text = format!(
         "const TILE_COLUMNS: u32 = {TILE_COLUMNS}u;\nconst TILE_ROWS: u32 = {tile_rows}u;\nconst ROWS: u32 = {rows}u;\n\
-         const LANES: u32 = {lanes}u;\nconst CLASSES: u32 = {classes}u;\nconst BLOCK: u32 = {BLOCK}u;\nconst STRIDE: u32 = {stride}u;\nconst BATCH: u32 = {batch}u;\n\
+         const LANES: u32 = {lanes}u;\nconst CLASSES: u32 = {classes}u;\nconst BLOCK: u32 = {BLOCK}u;\nconst STRIDE: u32 = {stride}u;\nconst GRADIENTS: u32 = {gradients}u;\nconst BATCH: u32 = {batch}u;\n\
          const SORT_BLOCK: u32 = {SORT_BLOCK}u;\nconst MIN_DETERMINANT_PX4: f32 = {MIN_DETERMINANT_PX4:?};\n\
          const SSIM_SEGMENT: u32 = {ssim_segment}u;\nconst SSIM_BLOCK: u32 = {ssim_block}u;\nconst DSSIM_GROUP: u32 = {DSSIM_GROUP}u;\nconst SSIM_RADIUS: u32 = {SSIM_RADIUS}u;\n\
          const SSIM_C1: f32 = {SSIM_C1:?};\nconst SSIM_C2: f32 = {SSIM_C2:?};\n",
@@ -225,6 +234,10 @@ fn preprocess(source: &str, variant: Variant) -> String {
         "ON_CPU" => variant.on_cpu,
         "FORWARD" => variant.pass != Pass::Backward,
         "BACKWARD" => variant.pass != Pass::Forward,
+        "ABSOLUTE" => variant.collected == Collected::AbsoluteGradients,
+        "ERROR" => variant.collected == Collected::PixelErrors,
+        "COLLECTS" => variant.collected != Collected::Nothing,
+        "OVER_OR_ERROR" => variant.over || variant.collected == Collected::PixelErrors,
         "VECTORS" => variant.kernels == Kernels::Vectors,
         "SUBGROUPS" => variant.kernels == Kernels::Subgroups,
         other => panic!("a shader asks for {other}, which is no variant"),

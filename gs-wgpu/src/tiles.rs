@@ -4,6 +4,7 @@ use gs_core::{AdamRates, Blend, Error, Loss, Participants, RenderSettings, adam:
 
 use crate::{
     cloud::UNIFORM,
+    collect::Collected,
     dispatch::{Commands, Groups},
     gpu::{Gpu, STORAGE},
     layout::{SPLAT_BYTES, Status, Step},
@@ -137,7 +138,9 @@ impl Tiles {
     }
 
     pub(crate) fn variant(&self) -> Variant {
-        Variant { over: self.settings.effects.blend == Blend::Over, ..Variant::default() }
+        let effects = &self.settings.effects;
+        let (over, collected) = (effects.blend == Blend::Over, Collected::of(effects.statistics));
+        Variant { over, collected, ..Variant::default() }
     }
 
     /// Passes of the sort: as many digits as the last tile's number has.
@@ -165,10 +168,11 @@ impl Tiles {
         self.scan_sums.ensure(gpu, (n + 1).div_ceil(1024) * 4)?;
         self.tile_start.ensure(gpu, (self.list_count() + 1) * 4)?;
         self.image.ensure(gpu, self.pixels() * PIXEL_BYTES)?;
-        if self.capacity == 0 {
-            self.grow(gpu, FIRST_CAPACITY.max(4 * n))?;
+        match self.capacity {
+            0 => self.grow(gpu, FIRST_CAPACITY.max(4 * n)),
+            // Another pass may have needed fewer numbers of each.
+            capacity => self.ensure_slots(gpu, capacity),
         }
-        Ok(())
     }
 
     /// Makes room for so many entries; lists that there were are lost.
@@ -177,10 +181,15 @@ impl Tiles {
             growing.ensure(gpu, entries * 4)?;
         }
         self.entries.ensure(gpu, entries * 8)?;
-        self.slots.ensure(gpu, entries * u64::from(stride(true)) * 4)?;
+        self.ensure_slots(gpu, entries)?;
         self.ensure_sorting(gpu, entries)?;
         self.capacity = entries;
         Ok(())
+    }
+
+    /// Makes room for what so many entries' Gaussians receive.
+    fn ensure_slots(&mut self, gpu: &Gpu, entries: u64) -> Result<(), Error> {
+        self.slots.ensure(gpu, entries * u64::from(stride(self.variant())) * 4)
     }
 
     /// Makes room to sort so many keys.

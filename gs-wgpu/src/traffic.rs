@@ -42,7 +42,7 @@ pub(crate) fn of<S: Kind>(
     let n = cloud.len as u64;
     let image = tiles.pixels() * PIXEL_BYTES;
     let moments = 3 * tiles.pixels() * MOMENTS_BYTES;
-    let slots = entries * u64::from(stride(over)) * size::<f32>();
+    let slots = entries * u64::from(stride(tiles.variant())) * size::<f32>();
     // Of the lists: each entry by its sorted number, with its Gaussian's splat.
     let lists = entries * (INDEX + ENTRY + SPLAT_BYTES);
     let (read, written) = match stage {
