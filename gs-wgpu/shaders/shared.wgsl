@@ -113,6 +113,32 @@ struct EllipsoidMoments {
     second: array<vec4f, 3>,
 }
 
+// A tile's entry where pixels are blended in the order of their own depths, with all that they need of its Gaussian.
+struct Queued {
+    mean: vec2f,
+    inverse_xx: f32,
+    slope: f32,
+    c: f32,
+    opacity: f32,
+    // What twice sigma is no more than where anything is added.
+    reach: f32,
+    // No more than the depth, at any pixel of the tile, of this entry and of all behind it.
+    lower: f32,
+    // By px.
+    depth_slope: vec2f,
+    // At the mean.
+    depth: f32,
+    // In the scene.
+    index: u32,
+    color: vec3f,
+    // The entry's own.
+    slot: u32,
+}
+
+// The largest depth, and a larger number.
+const FARTHEST: f32 = 3.4e38;
+const NO_DEPTH: f32 = 3.402e38;
+
 // What the host reads, late.
 struct Status {
     entries: u32,
@@ -123,6 +149,8 @@ struct Status {
     not_finite: u32,
     degenerate: u32,
     transparent: u32,
+    // Pixels that gave up on putting their Gaussians in order.
+    unfinished: u32,
     outside: u32,
 }
 

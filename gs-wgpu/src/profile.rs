@@ -10,7 +10,7 @@ use gs_core::{
 
 use crate::{
     WgpuRasterizer,
-    blend::{Differentiated, fuses},
+    blend::Differentiated,
     cloud::Cloud,
     dispatch::Commands,
     gpu::Gpu,
@@ -192,7 +192,7 @@ impl WgpuRasterizer {
         let status = self.with_lists(&mut workspace, cloud, describe, |_, _| Ok(()))?;
         workspace.write_step(gpu, &describe(&workspace));
         let stages: Vec<Stage> =
-            Stage::ALL.into_iter().filter(|&stage| stage != Stage::Fused || fuses(gpu, loss)).collect();
+            Stage::ALL.into_iter().filter(|&s| s != Stage::Fused || workspace.tiles.fuses(gpu, loss)).collect();
         let mut pass = Pass { rasterizer: self, workspace, cloud, target, loss, stages };
         // Every pipeline that is measured is there.
         pass.by_host()?;
@@ -234,7 +234,7 @@ mod tests {
     use gs_core::{Blend, Canvas, Chart, Image, PlanarGaussian, PlanarScene, Rasterizer};
 
     use super::*;
-    use crate::WgpuSettings;
+    use crate::{Kernels, WgpuSettings};
 
     #[test]
     fn timestamps_that_cannot_be_right_are_not_believed() {
@@ -275,7 +275,7 @@ mod tests {
                 assert_eq!(by_device.clock, Clock::Device);
             }
             assert_eq!(names(&by_device), names(&by_host));
-            assert_eq!(names(&by_host).contains(&"fused"), fuses(&wgpu.gpu, loss));
+            assert_eq!(names(&by_host).contains(&"fused"), wgpu.gpu.kernels == Kernels::Vectors && loss == Loss::L2);
             assert_eq!((by_device.pairs, by_device.entries), (by_host.pairs, by_host.entries));
             assert!(by_device.stages.iter().all(|s| s.seconds.len() == 3));
         }

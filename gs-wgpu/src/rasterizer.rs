@@ -111,6 +111,7 @@ impl WgpuRasterizer {
             commands.submit(&self.gpu);
             let status = workspace.tiles.read_status(&self.gpu)?;
             if status.overflow == 0 {
+                status.check()?;
                 workspace.edition = Some(cloud.edition);
                 return Ok(status);
             }

@@ -18,7 +18,7 @@ pub(crate) const SORT_BLOCK: u32 = 1024;
 /// Digits of a sorting pass: bits.
 pub(crate) const SORT_BITS: u32 = 4;
 
-/// What `blend_vectors` does in one pass over the tiles.
+/// What a kernel that is for more than one pass does in one over the tiles.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub(crate) enum Pass {
     /// The image.
@@ -41,11 +41,13 @@ pub(crate) struct Variant {
     pub(crate) spatial: bool,
     /// `project` counts tiles, for lists made anew.
     pub(crate) lists: bool,
+    /// Blending is in the order of depth at each pixel.
+    pub(crate) by_pixel: bool,
     /// The adapter computes on a CPU.
     pub(crate) on_cpu: bool,
     /// How the pixels' kernels are written.
     pub(crate) kernels: Kernels,
-    /// What `blend_vectors` does in one pass over the tiles.
+    /// What `blend_vectors` or `blend_by_depth` does in one pass over the tiles.
     pub(crate) pass: Pass,
     /// What the backward kernels sum up besides the gradients.
     pub(crate) collected: Collected,
@@ -58,6 +60,10 @@ pub(crate) const LANES: u32 = 8;
 
 /// Rows of the blocks that the recurrence runs through, from the middle row up and down.
 const BLOCK: u32 = 8;
+
+/// Gaussians that a pixel of `blend_by_depth` holds in the order of its own depths. More take registers, and time at each insertion; fewer
+/// let a pixel walk along its tile's queue more often.
+const WINDOW: u32 = 8;
 
 /// Invocations of a work group of D-SSIM's kernels.
 pub(crate) const DSSIM_GROUP: u32 = 64;
@@ -138,6 +144,8 @@ shaders! {
     "ranges": ["ranges"],
     "blend": ["blend"],
     "blend_vectors": ["blend_vectors"],
+    "queue": ["queue_up"],
+    "blend_by_depth" after "counted": ["blend_by_depth"],
     "loss": ["loss", "loss_sum"],
     "dssim": ["dssim_moments", "dssim_derivatives", "dssim_gradient"],
     "blend_bwd": ["blend_bwd"],
@@ -194,7 +202,7 @@ fn prelude(variant: Variant) -> String {
     let batch = (16 * 1024 / 4 / (stride * parts)).min(8);
     let mut text = format!(
         "const TILE_COLUMNS: u32 = {TILE_COLUMNS}u;\nconst TILE_ROWS: u32 = {tile_rows}u;\nconst ROWS: u32 = {rows}u;\n\
-         const LANES: u32 = {lanes}u;\nconst CLASSES: u32 = {classes}u;\nconst BLOCK: u32 = {BLOCK}u;\nconst STRIDE: u32 = {stride}u;\nconst GRADIENTS: u32 = {gradients}u;\nconst BATCH: u32 = {batch}u;\n\
+         const LANES: u32 = {lanes}u;\nconst CLASSES: u32 = {classes}u;\nconst BLOCK: u32 = {BLOCK}u;\nconst WINDOW: u32 = {WINDOW}u;\nconst STRIDE: u32 = {stride}u;\nconst GRADIENTS: u32 = {gradients}u;\nconst BATCH: u32 = {batch}u;\n\
          const SORT_BLOCK: u32 = {SORT_BLOCK}u;\nconst MIN_DETERMINANT_PX4: f32 = {MIN_DETERMINANT_PX4:?};\n\
          const SSIM_SEGMENT: u32 = {ssim_segment}u;\nconst SSIM_BLOCK: u32 = {ssim_block}u;\nconst DSSIM_GROUP: u32 = {DSSIM_GROUP}u;\nconst SSIM_RADIUS: u32 = {SSIM_RADIUS}u;\n\
          const SSIM_C1: f32 = {SSIM_C1:?};\nconst SSIM_C2: f32 = {SSIM_C2:?};\n",
@@ -231,6 +239,7 @@ fn preprocess(source: &str, variant: Variant) -> String {
         "LOCAL_FRAME" => variant.local_frame,
         "LISTS" => variant.lists,
         "SPATIAL" => variant.spatial,
+        "PIXEL_DEPTH" => variant.by_pixel,
         "ON_CPU" => variant.on_cpu,
         "FORWARD" => variant.pass != Pass::Backward,
         "BACKWARD" => variant.pass != Pass::Forward,
@@ -277,6 +286,8 @@ fn repeat(source: &str, tiling: Tiling) -> String {
             "COLUMNS" => (0..tiling.columns).collect(),
             "BLOCK" => (0..BLOCK).collect(),
             "EIGHT" => (0..8).collect(),
+            "WINDOW" => (0..WINDOW).collect(),
+            "WINDOW_LESS_ONE" => (0..WINDOW - 1).collect(),
             "STAGES" => (0..3).collect(),
             "BLOCKS" => (0..tiling.rows / BLOCK).collect(),
             "ROWS4" => (0..tiling.rows / 4).collect(),

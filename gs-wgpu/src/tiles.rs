@@ -1,13 +1,13 @@
 //! What passes of every kind of scene have: splats, the tiles' lists, the image, and their buffers, which grow on demand and are used again.
 
-use gs_core::{AdamRates, Blend, Error, Loss, Participants, RenderSettings, adam::Rate, effects};
+use gs_core::{AdamRates, Blend, Error, Loss, Participants, RenderSettings, adam::Rate, effects, effects::Order};
 
 use crate::{
     cloud::UNIFORM,
     collect::Collected,
     dispatch::{Commands, Groups},
     gpu::{Gpu, STORAGE},
-    layout::{SPLAT_BYTES, Status, Step},
+    layout::{QUEUED_BYTES, SPLAT_BYTES, Status, Step},
     shaders::{SORT_BITS, SORT_BLOCK, TILE_COLUMNS, Tiling, Variant, stride, tiling},
 };
 
@@ -24,6 +24,9 @@ const FIRST_CAPACITY: u64 = 1 << 14;
 
 /// Bytes of a pixel: RGB and one more.
 pub(crate) const PIXEL_BYTES: u64 = 16;
+
+/// Bytes of a splat's depth: at its mean, its slope, and the index.
+pub(crate) const DEPTH_BYTES: u64 = 16;
 
 /// A buffer that is replaced by a larger one when that is needed; its contents are lost then.
 #[derive(Debug)]
@@ -69,6 +72,11 @@ pub(crate) struct Tiles {
     pub(crate) tile_start: Growing,
     /// What each entry's Gaussian receives.
     pub(crate) slots: Growing,
+    /// In the order of depth at each pixel: depths of the splats, the tiles' entries in a queue, and what each of those receives, in
+    /// fixed-point numbers.
+    pub(crate) depths: Growing,
+    pub(crate) queue: Growing,
+    pub(crate) totals: Growing,
     pub(crate) image: Growing,
     pub(crate) v_image: Growing,
     /// Partial sums of the loss, and of dot products.
@@ -108,6 +116,9 @@ impl Tiles {
             histograms: growing("sorting histograms")?,
             tile_start: growing("tile starts")?,
             slots: growing("gradients of tile entries")?,
+            depths: growing("depths by pixel")?,
+            queue: growing("queues of tile entries")?,
+            totals: growing("sums of tile entries")?,
             image: growing("the image")?,
             v_image: growing("the image's gradient")?,
             partial: growing("partial sums")?,
@@ -143,6 +154,12 @@ impl Tiles {
         Variant { over, collected, ..Variant::default() }
     }
 
+    /// Whether each pixel has an order of its own.
+    pub(crate) fn orders_by_pixel(&self) -> bool {
+        let effects = &self.settings.effects;
+        effects.blend == Blend::Over && effects.order == Order::PixelDepth
+    }
+
     /// Passes of the sort: as many digits as the last tile's number has.
     pub(crate) fn sort_passes(&self) -> u32 {
         let last = (self.list_count() - 1) as u32;
@@ -168,10 +185,13 @@ impl Tiles {
         self.scan_sums.ensure(gpu, (n + 1).div_ceil(1024) * 4)?;
         self.tile_start.ensure(gpu, (self.list_count() + 1) * 4)?;
         self.image.ensure(gpu, self.pixels() * PIXEL_BYTES)?;
+        if self.orders_by_pixel() {
+            self.depths.ensure(gpu, n * DEPTH_BYTES)?;
+        }
         match self.capacity {
             0 => self.grow(gpu, FIRST_CAPACITY.max(4 * n)),
-            // Another pass may have needed fewer numbers of each.
-            capacity => self.ensure_slots(gpu, capacity),
+            // Another pass may have needed less of each.
+            capacity => self.ensure_entries(gpu, capacity),
         }
     }
 
@@ -181,15 +201,21 @@ impl Tiles {
             growing.ensure(gpu, entries * 4)?;
         }
         self.entries.ensure(gpu, entries * 8)?;
-        self.ensure_slots(gpu, entries)?;
+        self.ensure_entries(gpu, entries)?;
         self.ensure_sorting(gpu, entries)?;
         self.capacity = entries;
         Ok(())
     }
 
-    /// Makes room for what so many entries' Gaussians receive.
-    fn ensure_slots(&mut self, gpu: &Gpu, entries: u64) -> Result<(), Error> {
-        self.slots.ensure(gpu, entries * u64::from(stride(self.variant())) * 4)
+    /// Makes room for what this pass's effects need of so many entries.
+    fn ensure_entries(&mut self, gpu: &Gpu, entries: u64) -> Result<(), Error> {
+        let numbers = entries * u64::from(stride(self.variant()));
+        self.slots.ensure(gpu, numbers * 4)?;
+        if self.orders_by_pixel() {
+            self.queue.ensure(gpu, entries * QUEUED_BYTES)?;
+            self.totals.ensure(gpu, numbers * 8)?;
+        }
+        Ok(())
     }
 
     /// Makes room to sort so many keys.
