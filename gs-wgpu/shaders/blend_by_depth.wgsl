@@ -1,10 +1,10 @@
 // Stages `blend` and `blend_bwd` under `Over` in the order of depth at each pixel: exact, whatever interpenetrates. A work group a tile, an
 // invocation a pixel.
 //
-// A pixel walks along its tile's queue, which is almost in its own order, and holds the WINDOW nearest Gaussians that it met and has not
+// A pixel walks along its tile's queue, which is almost in its own order, and holds the HELD nearest Gaussians that it met and has not
 // blended. When another comes while it holds as many, the nearest is blended, if nothing further along the queue can be nearer; otherwise
 // the farthest is put off, and with it all that are farther, to the next walk, which begins at the first that was put off. Each walk
-// blends WINDOW Gaussians at least, so there are few.
+// blends HELD Gaussians at least, so there are few.
 //
 // BACKWARD: pixels come to an entry in any order, but a sum of integers does not depend on it. So what an entry's Gaussian receives is
 // summed in fixed-point numbers of 64 bits, whose unit is 2^-53 of what a pixel of the tile can give at most; lengths in them are in
@@ -210,9 +210,9 @@ fn blend_by_depth(
 #endif
 #endif
     // Held, nearest first.
-    var window: array<Seen, WINDOW>;
-#each k WINDOW
-    window[@k] = nobody();
+    var held: array<Seen, HELD>;
+#each k HELD
+    held[@k] = nobody();
 #end
     // The nearest that was put off; where the first of them stands; and the one that this walk begins with.
     var put_off = nobody();
@@ -255,9 +255,9 @@ fn blend_by_depth(
                     next = seen;
                 }
             }
-            let makes_room = is_somebody(next) && is_somebody(window[WINDOW - 1u]) && window[0].depth < lower;
-            if makes_room || (at_the_end && is_somebody(window[0])) {
-                let seen = window[0];
+            let makes_room = is_somebody(next) && is_somebody(held[HELD - 1u]) && held[0].depth < lower;
+            if makes_room || (at_the_end && is_somebody(held[0])) {
+                let seen = held[0];
                 let q = queue[seen.at];
                 let alpha = min(seen.uncut, step.alpha_max);
                 let before = pixel.transmittance;
@@ -298,18 +298,18 @@ fn blend_by_depth(
 #else
                 pixel.color += share * q.color;
 #endif
-#each k WINDOW_LESS_ONE
-                window[@k] = window[@k + 1];
+#each k HELD_LESS_ONE
+                held[@k] = held[@k + 1];
 #end
-                window[WINDOW - 1u] = nobody();
+                held[HELD - 1u] = nobody();
             }
             if is_somebody(next) {
                 resume = select(min(resume, next.at), resume, is_nearer(next, put_off));
                 if is_nearer(next, put_off) {
-#each k WINDOW
-                    if is_nearer(next, window[@k]) {
-                        let farther = window[@k];
-                        window[@k] = next;
+#each k HELD
+                    if is_nearer(next, held[@k]) {
+                        let farther = held[@k];
+                        held[@k] = next;
                         next = farther;
                     }
 #end
@@ -319,7 +319,7 @@ fn blend_by_depth(
                     }
                 }
             }
-            if at_the_end && !is_somebody(window[0]) {
+            if at_the_end && !is_somebody(held[0]) {
                 if !is_somebody(put_off) {
                     break;
                 }

@@ -63,7 +63,7 @@ const BLOCK: u32 = 8;
 
 /// Gaussians that a pixel of `blend_by_depth` holds in the order of its own depths. More take registers, and time at each insertion; fewer
 /// let a pixel walk along its tile's queue more often.
-const WINDOW: u32 = 8;
+const HELD: u32 = 8;
 
 /// Invocations of a work group of D-SSIM's kernels.
 pub(crate) const DSSIM_GROUP: u32 = 64;
@@ -202,7 +202,7 @@ fn prelude(variant: Variant) -> String {
     let batch = (16 * 1024 / 4 / (stride * parts)).min(8);
     let mut text = format!(
         "const TILE_COLUMNS: u32 = {TILE_COLUMNS}u;\nconst TILE_ROWS: u32 = {tile_rows}u;\nconst ROWS: u32 = {rows}u;\n\
-         const LANES: u32 = {lanes}u;\nconst CLASSES: u32 = {classes}u;\nconst BLOCK: u32 = {BLOCK}u;\nconst WINDOW: u32 = {WINDOW}u;\nconst STRIDE: u32 = {stride}u;\nconst GRADIENTS: u32 = {gradients}u;\nconst BATCH: u32 = {batch}u;\n\
+         const LANES: u32 = {lanes}u;\nconst CLASSES: u32 = {classes}u;\nconst BLOCK: u32 = {BLOCK}u;\nconst HELD: u32 = {HELD}u;\nconst STRIDE: u32 = {stride}u;\nconst GRADIENTS: u32 = {gradients}u;\nconst BATCH: u32 = {batch}u;\n\
          const SORT_BLOCK: u32 = {SORT_BLOCK}u;\nconst MIN_DETERMINANT_PX4: f32 = {MIN_DETERMINANT_PX4:?};\n\
          const SSIM_SEGMENT: u32 = {ssim_segment}u;\nconst SSIM_BLOCK: u32 = {ssim_block}u;\nconst DSSIM_GROUP: u32 = {DSSIM_GROUP}u;\nconst SSIM_RADIUS: u32 = {SSIM_RADIUS}u;\n\
          const SSIM_C1: f32 = {SSIM_C1:?};\nconst SSIM_C2: f32 = {SSIM_C2:?};\n",
@@ -286,8 +286,8 @@ fn repeat(source: &str, tiling: Tiling) -> String {
             "COLUMNS" => (0..tiling.columns).collect(),
             "BLOCK" => (0..BLOCK).collect(),
             "EIGHT" => (0..8).collect(),
-            "WINDOW" => (0..WINDOW).collect(),
-            "WINDOW_LESS_ONE" => (0..WINDOW - 1).collect(),
+            "HELD" => (0..HELD).collect(),
+            "HELD_LESS_ONE" => (0..HELD - 1).collect(),
             "STAGES" => (0..3).collect(),
             "BLOCKS" => (0..tiling.rows / BLOCK).collect(),
             "ROWS4" => (0..tiling.rows / 4).collect(),
