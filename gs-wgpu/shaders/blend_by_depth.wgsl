@@ -77,7 +77,11 @@ struct Pixel {
     v: vec3f,
     // v_C . (what is behind).
     rest: f32,
+    unit: Unit,
+#if ERROR
     error: f32,
+    error_unit: Unit,
+#endif
 #else
     color: vec3f,
 #endif
@@ -123,9 +127,10 @@ fn lengths_of(q: Queued) -> Lengths {
     return Lengths(whiten, vec2f(power_of_two(126 - i32(bitcast<u32>(across) >> 23u)), 0.5 / whiten.y));
 }
 
-fn add(total: u32, x: f32, unit: Unit) {
+// `x`: in units.
+fn add(total: u32, x: f32) {
     // Twice what it should be at most.
-    let y = min(abs(x) * unit.scale, 18014398509481984.0);
+    let y = min(abs(x), 18014398509481984.0);
     let above = floor(y * (1.0 / 4294967296.0));
     var high = u32(above);
     var low = u32(y - above * 4294967296.0);
@@ -155,6 +160,53 @@ fn sum_of(total: u32, unit: Unit) -> f32 {
     return select(size, -size, is_negative);
 }
 #endif
+
+// Blends a Gaussian behind what is there; whether that was possible without the pixel being full.
+fn blend_one(pixel: ptr<function, Pixel>, seen: Seen) -> bool {
+    let q = queue[seen.at];
+    let alpha = min(seen.uncut, step.alpha_max);
+    let before = (*pixel).transmittance;
+    let share = before * alpha;
+    let behind = before - share;
+    if !(behind >= step.transmittance_min) {
+        return false;
+    }
+    (*pixel).transmittance = behind;
+#if BACKWARD
+    let v = (*pixel).v;
+    let v_w = dot(v, q.color);
+    (*pixel).rest -= share * v_w;
+    let v_alpha = before * v_w - (*pixel).rest / (1.0 - alpha);
+    // The gradient of a clamped alpha is zero.
+    let t = select(0.0, v_alpha * alpha, seen.uncut <= step.alpha_max);
+    let d = (*pixel).center - q.mean;
+    let u = d.y - q.slope * d.x;
+    let lengths = lengths_of(q);
+    let z = vec2f(d.x, u) * lengths.whiten;
+    let total = seen.at * STRIDE;
+    let unit = (*pixel).unit.scale;
+    add(total, share * v.x * unit);
+    add(total + 1u, share * v.y * unit);
+    add(total + 2u, share * v.z * unit);
+    add(total + 3u, t * z.x * unit);
+    add(total + 4u, t * z.y * unit);
+    add(total + 5u, t * z.x * z.x * unit);
+    add(total + 6u, t * z.x * z.y * unit);
+    add(total + 7u, t * z.y * z.y * unit);
+    add(total + 8u, t * unit);
+#if ABSOLUTE
+    let down = q.c * u;
+    add(total + GRADIENTS, abs(t * (q.inverse_xx * d.x - q.slope * down) * lengths.pull.x) * unit);
+    add(total + GRADIENTS + 1u, abs(t * down * lengths.pull.y) * unit);
+#endif
+#if ERROR
+    add(total + GRADIENTS, share * (*pixel).error * (*pixel).error_unit.scale);
+#endif
+#else
+    (*pixel).color += share * q.color;
+#endif
+    return true;
+}
 
 @compute @workgroup_size(TILE_COLUMNS, TILE_ROWS)
 fn blend_by_depth(
@@ -194,7 +246,9 @@ fn blend_by_depth(
 #endif
         let v = bitcast<vec3u>(abs(pixel.v));
         atomicMax(&most_v, max(max(v.x, v.y), v.z));
+#if ERROR
         atomicMax(&most_error, bitcast<u32>(pixel.error));
+#endif
     }
     for (var at = start + invocation; at < end; at += TILE_COLUMNS * TILE_ROWS) {
         let color = bitcast<vec3u>(abs(queue[at].color));
@@ -204,9 +258,9 @@ fn blend_by_depth(
     // |t| <= 3 |v| |c - what is behind|, and a number of `blend_bwd` is t times at most twice sigma.
     let widest = max(1.0, -2.0 * log(step.alpha_cut));
     let most_t = 6.0 * bitcast<f32>(atomicLoad(&most_color)) * widest;
-    let unit = unit_for(bitcast<f32>(atomicLoad(&most_v)) * max(1.0, most_t));
+    pixel.unit = unit_for(bitcast<f32>(atomicLoad(&most_v)) * max(1.0, most_t));
 #if ERROR
-    let error_unit = unit_for(bitcast<f32>(atomicLoad(&most_error)));
+    pixel.error_unit = unit_for(bitcast<f32>(atomicLoad(&most_error)));
 #endif
 #endif
     // Held, nearest first.
@@ -214,134 +268,93 @@ fn blend_by_depth(
 #each k HELD
     held[@k] = nobody();
 #end
-    // The nearest that was put off; where the first of them stands; and the one that this walk begins with.
+    // The nearest that was put off; where the first of those stands; and the one that this walk begins with.
     var put_off = nobody();
     var resume = end;
     var nearest = Seen(-NO_DEPTH, 0u, 0u, 0.0);
-    // Eight entries from `ahead` have been looked at, those of `reaching` reach the pixel, and the next is `cursor`.
-    var ahead = start;
-    var reaching = 0u;
     var cursor = start;
-    var at_the_end = false;
+    var is_done = !is_inside || start == end;
     var steps = 0u;
-    if is_inside {
+    // Walk after walk, eight entries at a time. Loops end at their tails, because software drivers run their bodies once more otherwise.
+    if !is_done {
         loop {
-            if reaching == 0u && !at_the_end {
-                at_the_end = cursor >= end;
-                if !at_the_end {
-                    at_the_end = queue[cursor].lower > put_off.depth;
-                }
-                if !at_the_end {
-                    ahead = cursor;
+            let first = cursor;
+            var reaching = 0u;
 #each e EIGHT
-                    {
-                        let q = queue[min(ahead + @eu, end - 1u)];
-                        let reaches = ahead + @eu < end && twice_sigma(q, pixel.center - q.mean) <= q.reach;
-                        reaching |= select(0u, 1u << @eu, reaches);
-                    }
+            {
+                let q = queue[min(first + @eu, end - 1u)];
+                let reaches = first + @eu < end && twice_sigma(q, pixel.center - q.mean) <= q.reach;
+                reaching |= select(0u, 1u << @eu, reaches);
+            }
 #end
-                    cursor += 8u;
+            cursor += 8u;
+            // Nothing further along can come before what was put off.
+            let ends = cursor >= end || queue[min(cursor, end - 1u)].lower > put_off.depth;
+            // Each of the eight that reaches the pixel; at the end of a walk also all that are held.
+            loop {
+                var next = nobody();
+                var lower = NO_DEPTH;
+                if reaching != 0u {
+                    let at = first + firstTrailingBit(reaching);
+                    reaching &= reaching - 1u;
+                    let q = queue[at];
+                    let seen = seen_at(at, q, pixel.center - q.mean);
+                    if seen.uncut >= step.alpha_cut && !is_nearer(seen, nearest) {
+                        next = seen;
+                        lower = q.lower;
+                    }
                 }
-            }
-            var next = nobody();
-            var lower = NO_DEPTH;
-            if reaching != 0u {
-                let at = ahead + firstTrailingBit(reaching);
-                reaching &= reaching - 1u;
-                let q = queue[at];
-                let seen = seen_at(at, q, pixel.center - q.mean);
-                lower = q.lower;
-                if seen.uncut >= step.alpha_cut && !is_nearer(seen, nearest) {
-                    next = seen;
-                }
-            }
-            let makes_room = is_somebody(next) && is_somebody(held[HELD - 1u]) && held[0].depth < lower;
-            if makes_room || (at_the_end && is_somebody(held[0])) {
-                let seen = held[0];
-                let q = queue[seen.at];
-                let alpha = min(seen.uncut, step.alpha_max);
-                let before = pixel.transmittance;
-                let share = before * alpha;
-                let behind = before - share;
-                if !(behind >= step.transmittance_min) {
-                    break;
-                }
-                pixel.transmittance = behind;
-#if BACKWARD
-                let v_w = dot(pixel.v, q.color);
-                pixel.rest -= share * v_w;
-                let v_alpha = before * v_w - pixel.rest / (1.0 - alpha);
-                // The gradient of a clamped alpha is zero.
-                let t = select(0.0, v_alpha * alpha, seen.uncut <= step.alpha_max);
-                let d = pixel.center - q.mean;
-                let u = d.y - q.slope * d.x;
-                let lengths = lengths_of(q);
-                let z = vec2f(d.x, u) * lengths.whiten;
-                let total = seen.at * STRIDE;
-                add(total, share * pixel.v.x, unit);
-                add(total + 1u, share * pixel.v.y, unit);
-                add(total + 2u, share * pixel.v.z, unit);
-                add(total + 3u, t * z.x, unit);
-                add(total + 4u, t * z.y, unit);
-                add(total + 5u, t * z.x * z.x, unit);
-                add(total + 6u, t * z.x * z.y, unit);
-                add(total + 7u, t * z.y * z.y, unit);
-                add(total + 8u, t, unit);
-#if ABSOLUTE
-                let down = q.c * u;
-                add(total + GRADIENTS, abs(t * (q.inverse_xx * d.x - q.slope * down) * lengths.pull.x), unit);
-                add(total + GRADIENTS + 1u, abs(t * down * lengths.pull.y), unit);
-#endif
-#if ERROR
-                add(total + GRADIENTS, share * pixel.error, error_unit);
-#endif
-#else
-                pixel.color += share * q.color;
-#endif
+                let is_next = is_somebody(next);
+                let makes_room = is_next && is_somebody(held[HELD - 1u]) && held[0].depth < lower;
+                let leaves = ends && reaching == 0u && !is_next && is_somebody(held[0]);
+                if makes_room || leaves {
+                    is_done = !blend_one(&pixel, held[0]);
 #each k HELD_LESS_ONE
-                held[@k] = held[@k + 1];
+                    held[@k] = held[@k + 1];
 #end
-                held[HELD - 1u] = nobody();
-            }
-            if is_somebody(next) {
-                resume = select(min(resume, next.at), resume, is_nearer(next, put_off));
-                if is_nearer(next, put_off) {
+                    held[HELD - 1u] = nobody();
+                }
+                if is_next {
+                    let comes_before = is_nearer(next, put_off);
+                    resume = select(min(resume, next.at), resume, comes_before);
+                    if comes_before {
 #each k HELD
-                    if is_nearer(next, held[@k]) {
-                        let farther = held[@k];
-                        held[@k] = next;
-                        next = farther;
-                    }
+                        if is_nearer(next, held[@k]) {
+                            let farther = held[@k];
+                            held[@k] = next;
+                            next = farther;
+                        }
 #end
-                    if is_somebody(next) {
-                        put_off = next;
-                        resume = min(resume, next.at);
+                        if is_somebody(next) {
+                            put_off = next;
+                            resume = min(resume, next.at);
+                        }
                     }
+                }
+                steps++;
+                continuing {
+                    break if is_done || (reaching == 0u && !(ends && is_somebody(held[0])));
                 }
             }
-            if at_the_end && !is_somebody(held[0]) {
-                if !is_somebody(put_off) {
-                    break;
-                }
+            if ends && !is_done {
+                is_done = !is_somebody(put_off);
                 nearest = put_off;
                 cursor = resume;
                 put_off = nobody();
                 resume = end;
-                at_the_end = false;
             }
             steps++;
-            if steps >= MOST_STEPS {
+            if steps >= MOST_STEPS && !is_done {
 #if BACKWARD
 #else
                 atomicAdd(&status.unfinished, 1u);
 #endif
-                break;
+                is_done = true;
+            }
+            continuing {
+                break if is_done;
             }
         }
-#if BACKWARD
-#else
-        image[place] = vec4f(pixel.color + pixel.transmittance * step.backdrop, pixel.transmittance);
-#endif
     }
 #if BACKWARD
     storageBarrier();
@@ -351,22 +364,26 @@ fn blend_by_depth(
         let px = 1.0 / lengths.whiten;
         let total = at * STRIDE;
         let slot = q.slot * STRIDE;
-        slots[slot] = sum_of(total, unit);
-        slots[slot + 1u] = sum_of(total + 1u, unit);
-        slots[slot + 2u] = sum_of(total + 2u, unit);
-        slots[slot + 3u] = sum_of(total + 3u, unit) * px.x;
-        slots[slot + 4u] = sum_of(total + 4u, unit) * px.y;
-        slots[slot + 5u] = sum_of(total + 5u, unit) * px.x * px.x;
-        slots[slot + 6u] = sum_of(total + 6u, unit) * px.x * px.y;
-        slots[slot + 7u] = sum_of(total + 7u, unit) * px.y * px.y;
-        slots[slot + 8u] = sum_of(total + 8u, unit);
+        slots[slot] = sum_of(total, pixel.unit);
+        slots[slot + 1u] = sum_of(total + 1u, pixel.unit);
+        slots[slot + 2u] = sum_of(total + 2u, pixel.unit);
+        slots[slot + 3u] = sum_of(total + 3u, pixel.unit) * px.x;
+        slots[slot + 4u] = sum_of(total + 4u, pixel.unit) * px.y;
+        slots[slot + 5u] = sum_of(total + 5u, pixel.unit) * px.x * px.x;
+        slots[slot + 6u] = sum_of(total + 6u, pixel.unit) * px.x * px.y;
+        slots[slot + 7u] = sum_of(total + 7u, pixel.unit) * px.y * px.y;
+        slots[slot + 8u] = sum_of(total + 8u, pixel.unit);
 #if ABSOLUTE
-        slots[slot + GRADIENTS] = sum_of(total + GRADIENTS, unit) / lengths.pull.x;
-        slots[slot + GRADIENTS + 1u] = sum_of(total + GRADIENTS + 1u, unit) / lengths.pull.y;
+        slots[slot + GRADIENTS] = sum_of(total + GRADIENTS, pixel.unit) / lengths.pull.x;
+        slots[slot + GRADIENTS + 1u] = sum_of(total + GRADIENTS + 1u, pixel.unit) / lengths.pull.y;
 #endif
 #if ERROR
-        slots[slot + GRADIENTS] = sum_of(total + GRADIENTS, error_unit);
+        slots[slot + GRADIENTS] = sum_of(total + GRADIENTS, pixel.error_unit);
 #endif
+    }
+#else
+    if is_inside {
+        image[place] = vec4f(pixel.color + pixel.transmittance * step.backdrop, pixel.transmittance);
     }
 #endif
 }
