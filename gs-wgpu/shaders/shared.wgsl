@@ -27,7 +27,8 @@ struct Step {
     // Of spherical harmonics: coefficients a Gaussian has (planar scenes: 0), and the degree that is evaluated.
     coefficients: u32,
     sh_degree: u32,
-    unused: u32,
+    // Low bits of a tile's entries' keys that are their depth.
+    depth_bits: u32,
     // Adam: mean, scale, rotation, opacity, colour, SH above degree 0. Learning rate, beta1, beta2, and 1 - beta1; ln beta1, ln beta2, 1 - beta2,
     // and of scales and opacities what one number's penalty weighs.
     rates: array<vec4f, 6>,

@@ -182,7 +182,7 @@ pub struct Step {
     /// SH coefficients of a Gaussian; 0 in planar scenes.
     pub(crate) coefficients: u32,
     pub(crate) sh_degree: u32,
-    pub(crate) unused: u32,
+    pub(crate) depth_bits: u32,
     /// Per group: learning rate, β₁, β₂, 1 − β₁.
     pub(crate) rates: [[f32; 4]; 6],
     /// Per group: ln β₁, ln β₂, 1 − β₂, and of scales and opacities what one number's penalty weighs.
@@ -267,7 +267,7 @@ mod tests {
                 visible_only,
                 coefficients,
                 sh_degree,
-                unused,
+                depth_bits,
                 rates,
                 decays,
             }

@@ -62,8 +62,14 @@ impl Tiles {
     /// Stage `bin`.
     pub(crate) fn encode_bin(&self, gpu: &Gpu, commands: &mut Commands) {
         let (keys, order) = (&self.keys[0].buffer, &self.order[0].buffer);
-        let bindings = [&self.step, &self.splats.buffer, &self.offsets.buffer, keys, order, &self.entries.buffer];
-        dispatch(gpu, commands, "bin", self.variant(), &bindings, self.indirect(BY_GAUSSIAN));
+        let by_pixel = self.orders_by_pixel();
+        let mut bindings =
+            vec![&self.step, &self.splats.buffer, &self.offsets.buffer, keys, order, &self.entries.buffer];
+        if by_pixel {
+            bindings.push(&self.depths.buffer);
+        }
+        let variant = Variant { by_pixel, over: self.variant().over, ..Variant::default() };
+        dispatch(gpu, commands, "bin", variant, &bindings, self.indirect(BY_GAUSSIAN));
     }
 
     /// Stage `sort`.

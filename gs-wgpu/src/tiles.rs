@@ -28,6 +28,9 @@ pub(crate) const PIXEL_BYTES: u64 = 16;
 /// Bytes of a splat's depth: at its mean, its slope, and the index.
 pub(crate) const DEPTH_BYTES: u64 = 16;
 
+/// Steps of a half of a percent of the depth, between 2⁻⁸ and 2²⁴.
+const MOST_DEPTH_BITS: u32 = 12;
+
 /// A buffer that is replaced by a larger one when that is needed; its contents are lost then.
 #[derive(Debug)]
 pub(crate) struct Growing {
@@ -160,10 +163,20 @@ impl Tiles {
         effects.blend == Blend::Over && effects.order == Order::PixelDepth
     }
 
-    /// Passes of the sort: as many digits as the last tile's number has.
+    /// Passes of the sort: as many digits as the last tile's number has, and an entry's depth.
     pub(crate) fn sort_passes(&self) -> u32 {
+        (self.list_bits() + self.depth_bits()).div_ceil(SORT_BITS)
+    }
+
+    /// Of the last list's number.
+    fn list_bits(&self) -> u32 {
         let last = (self.list_count() - 1) as u32;
-        (u32::BITS - last.leading_zeros()).div_ceil(SORT_BITS)
+        u32::BITS - last.leading_zeros()
+    }
+
+    /// By which entries are sorted within a list, where pixels have orders of their own.
+    fn depth_bits(&self) -> u32 {
+        if self.orders_by_pixel() { MOST_DEPTH_BITS.min(u32::BITS - self.list_bits()) } else { 0 }
     }
 
     pub(crate) fn indirect(&self, offset: u64) -> Groups<'_> {
@@ -244,6 +257,7 @@ impl Tiles {
             pointwise_scale: (pointwise / values) as f32,
             dssim_scale: (dssim / values) as f32,
             per_value: (1.0 / values) as f32,
+            depth_bits: self.depth_bits(),
             opaque: u32::from(self.settings.effects.blend == Blend::Sum),
             collect: u32::from(self.settings.effects.statistics != effects::Statistics::None),
             ..Step::default()
