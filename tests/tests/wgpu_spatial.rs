@@ -93,6 +93,7 @@ fn images_of_many_are_those_of_the_cpu() {
 fn a_tile_of_many_is_that_of_the_cpu() {
     let view = Camera::looking_forward(16, 16, 1.0);
     let mut scene = SpatialScene::default();
+    // Between -½ and ½.
     let mut state = 1u32;
     let mut number = || {
         state = state.wrapping_mul(747_796_405).wrapping_add(2_891_336_453);
@@ -258,6 +259,26 @@ fn statistics_by_pixel_are_those_of_the_cpu() {
             assert!((a - b).abs() <= 1e-3 * (a + 1e-2 * largest), "{statistics:?} of Gaussian {i}: {a} and {b}");
         }
     }
+}
+
+#[test]
+fn more_than_a_pixel_can_put_in_order_is_an_error() {
+    let (_, r) = &rasterizers()[0];
+    let g = SpatialGaussian {
+        mean: Vec3::new(0.0, 0.0, 4.0),
+        log_scale: Vec3::splat(0.0),
+        rotation: [1.0, 0.0, 0.0, 0.0],
+        opacity_logit: -11.0,
+        sh: vec![Vec3::ONE],
+    };
+    let at = |i: u16| SpatialGaussian { mean: g.mean + Vec3::Z * (f32::from(i) / 65_535.0), ..g.clone() };
+    let mut scene = SpatialScene::default();
+    (0..60_000).for_each(|i| scene.push(at(i)));
+    let mut settings = RenderSettings::blended(Blend::Over);
+    settings.effects.order = Order::PixelDepth;
+    (settings.accuracy.alpha_cut, settings.accuracy.transmittance_min) = (1e-7, 0.0);
+    let error = r.render(&scene, &Camera::looking_forward(1, 1, 1.0), &settings).unwrap_err();
+    assert!(error.to_string().contains("order of their depths"), "{error}");
 }
 
 #[test]
