@@ -14,22 +14,23 @@
 
 @group(0) @binding(1) var<storage, read> tile_start: array<u32>;
 @group(0) @binding(2) var<storage, read> queue: array<Queued>;
+@group(0) @binding(3) var<storage, read_write> status: Counted;
 #if BACKWARD
-@group(0) @binding(3) var<storage, read> v_image: array<vec4f>;
-@group(0) @binding(4) var<storage, read> image: array<vec4f>;
-@group(0) @binding(5) var<storage, read_write> slots: array<f32>;
+@group(0) @binding(4) var<storage, read> v_image: array<vec4f>;
+@group(0) @binding(5) var<storage, read> image: array<vec4f>;
+@group(0) @binding(6) var<storage, read_write> slots: array<f32>;
 // [entries, STRIDE], by their place in the queue: low and high half.
-@group(0) @binding(6) var<storage, read_write> totals: array<atomic<u32>>;
+@group(0) @binding(7) var<storage, read_write> totals: array<atomic<u32>>;
 #if ERROR
-@group(0) @binding(7) var<storage, read> target_image: array<vec4f>;
+@group(0) @binding(8) var<storage, read> target_image: array<vec4f>;
 #endif
 #else
-@group(0) @binding(3) var<storage, read_write> status: Counted;
 // RGB and transmittance.
 @group(0) @binding(4) var<storage, read_write> image: array<vec4f>;
 #endif
 
-// Software drivers end every loop once an invocation has gone round 65,535 times. This is less, with room for the other loops.
+// Times that a pixel goes round its loops before it gives up. Software drivers end all loops after 65,535 rounds, of an invocation or its
+// neighbours in a vector: a pixel that finds itself out of a loop and not done has met with that.
 const MOST_STEPS: u32 = 56000u;
 
 // A Gaussian as a pixel sees it.
@@ -336,7 +337,7 @@ fn blend_by_depth(
                     break if is_done || (reaching == 0u && !(ends && is_somebody(held[0])));
                 }
             }
-            if ends && !is_done {
+            if ends && !is_done && reaching == 0u && !is_somebody(held[0]) {
                 is_done = !is_somebody(put_off);
                 nearest = put_off;
                 cursor = resume;
@@ -344,21 +345,15 @@ fn blend_by_depth(
                 resume = end;
             }
             steps++;
-            if steps >= MOST_STEPS && !is_done {
-#if BACKWARD
-#else
-                atomicAdd(&status.unfinished, 1u);
-#endif
-                is_done = true;
-            }
             continuing {
-                break if is_done;
+                break if is_done || steps >= MOST_STEPS;
             }
         }
     }
 #if BACKWARD
     storageBarrier();
-    for (var at = start + invocation; at < end; at += TILE_COLUMNS * TILE_ROWS) {
+    var at = start + invocation;
+    for (; at < end; at += TILE_COLUMNS * TILE_ROWS) {
         let q = queue[at];
         let lengths = lengths_of(q);
         let px = 1.0 / lengths.whiten;
@@ -381,9 +376,13 @@ fn blend_by_depth(
         slots[slot + GRADIENTS] = sum_of(total + GRADIENTS, pixel.error_unit);
 #endif
     }
+    is_done &= at >= end;
 #else
     if is_inside {
         image[place] = vec4f(pixel.color + pixel.transmittance * step.backdrop, pixel.transmittance);
     }
 #endif
+    if !is_done {
+        atomicAdd(&status.unfinished, 1u);
+    }
 }

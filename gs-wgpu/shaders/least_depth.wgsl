@@ -13,7 +13,9 @@ fn least_depth(s: Splat, depth: f32, depth_slope: vec2f, corner: vec2u) -> f32 {
     let along = depth_slope.x + depth_slope.y * s.slope;
     let in_ellipse = -sqrt(s.reach * (along * along / s.inverse_xx + depth_slope.y * depth_slope.y / s.c));
     let terms = abs(depth) + dot(abs(depth_slope), max(abs(before), abs(after)));
-    let found = depth + max(in_rectangle.x + in_rectangle.y, in_ellipse) - 1e-5 * terms;
+    // Less what rounding may do, here and where the pixels compute their depths.
+    let slack = 1e-5 * terms + 1e-6 * dot(abs(depth_slope), half);
+    let found = depth + max(in_rectangle.x + in_rectangle.y, in_ellipse) - slack;
     return select(clamp(found, -FARTHEST, FARTHEST), -FARTHEST, is_nan(found));
 }
 

@@ -29,8 +29,7 @@ impl Tiles {
     /// Stage `blend`.
     pub(crate) fn encode_blend(&self, gpu: &Gpu, commands: &mut Commands) {
         if self.orders_by_pixel() {
-            let bindings =
-                [&self.step, &self.tile_start.buffer, &self.queue.buffer, &self.status, &self.image.buffer];
+            let bindings = [&self.step, &self.tile_start.buffer, &self.queue.buffer, &self.status, &self.image.buffer];
             let groups = gpu.groups(self.count()).into();
             return dispatch(gpu, commands, "blend_by_depth", self.variant(), &bindings, groups);
         }
@@ -55,7 +54,7 @@ impl Tiles {
             _ if self.orders_by_pixel() => {
                 commands.encoder().clear_buffer(totals, 0, None);
                 let lists = [&self.step, &self.tile_start.buffer, &self.queue.buffer];
-                ("blend_by_depth", [&lists[..], &[v_image, image, slots, totals]].concat())
+                ("blend_by_depth", [&lists[..], &[&self.status, v_image, image, slots, totals]].concat())
             }
             Kernels::Vectors => ("blend_vectors", [&self.lists()[..], &[slots, v_image]].concat()),
             _ => ("blend_bwd", [&self.lists()[..], &[v_image, slots]].concat()),

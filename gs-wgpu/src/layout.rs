@@ -242,7 +242,10 @@ mod tests {
         same_layout!(m, EllipsoidMoments { first, second });
         same_layout!(m, EllipsoidGradient { mean, opacity_logit, log_scale, device_norm, rotation, visible, unused });
         same_layout!(m, Source { parameters, moments, statistics, is_fresh });
-        same_layout!(m, Status { entries, overflow, loss, near, not_finite, degenerate, transparent, unfinished, outside });
+        same_layout!(
+            m,
+            Status { entries, overflow, loss, near, not_finite, degenerate, transparent, unfinished, outside }
+        );
         same_layout!(
             m,
             Step {

@@ -9,16 +9,8 @@ use gs_core::{
 };
 
 use crate::{
-    WgpuRasterizer,
-    blend::Differentiated,
-    cloud::Cloud,
-    dispatch::Commands,
-    gpu::Gpu,
-    kind::Kind,
-    target::Target,
-    timestamps::Timestamps,
-    traffic,
-    workspace::Workspace,
+    WgpuRasterizer, blend::Differentiated, cloud::Cloud, dispatch::Commands, gpu::Gpu, kind::Kind, target::Target,
+    timestamps::Timestamps, traffic, workspace::Workspace,
 };
 
 /// The stages in their order; `scan` includes `sizes`.

@@ -4,10 +4,7 @@ use std::sync::{Arc, PoisonError};
 
 use gs_core::{
     AdamRates, Chart, CloudState, DensityStatistics, EditPlan, Error, Image, Loss, PlanarScene, Rasterizer,
-    RenderSettings, SpatialScene, TrainStep, Wait,
-    effects::Outputs,
-    profile::Profiler,
-    settings::Cut,
+    RenderSettings, SpatialScene, TrainStep, Wait, effects::Outputs, profile::Profiler, settings::Cut,
     statistics::Culled,
 };
 
