@@ -28,8 +28,11 @@ pub(crate) const PIXEL_BYTES: u64 = 16;
 /// Bytes of a splat's depth: at its mean, its slope, and the index.
 pub(crate) const DEPTH_BYTES: u64 = 16;
 
-/// Steps of a half of a percent of the depth, between 2⁻⁸ and 2²⁴.
-const MOST_DEPTH_BITS: u32 = 12;
+/// Steps of 3e-4 of the depth: Gaussians of a surface are not much farther apart.
+const LEAST_DEPTH_BITS: u32 = 16;
+
+/// Those of an `f32` between 2⁻⁸ and 2²⁴.
+const MOST_DEPTH_BITS: u32 = 28;
 
 /// A buffer that is replaced by a larger one when that is needed; its contents are lost then.
 #[derive(Debug)]
@@ -176,7 +179,12 @@ impl Tiles {
 
     /// By which entries are sorted within a list, where pixels have orders of their own.
     fn depth_bits(&self) -> u32 {
-        if self.orders_by_pixel() { MOST_DEPTH_BITS.min(u32::BITS - self.list_bits()) } else { 0 }
+        if !self.orders_by_pixel() {
+            return 0;
+        }
+        // As many as the last pass has room for.
+        let bits = (self.list_bits() + LEAST_DEPTH_BITS).next_multiple_of(SORT_BITS).min(u32::BITS) - self.list_bits();
+        bits.min(MOST_DEPTH_BITS)
     }
 
     pub(crate) fn indirect(&self, offset: u64) -> Groups<'_> {
