@@ -56,10 +56,11 @@ fn a_lost_device_stops_the_study_and_records_nothing() {
 
 #[test]
 fn what_a_backend_does_not_offer_is_refused_before_any_run() {
-    let plan = plan(&format!("{STUDY}[[arm]]\nname = 'restless'\npolicy = 'abs-gs'\n"));
+    let arm = "[[arm]]\nname = 'smooth'\nsettings.policy.kind = 'none'\nsettings.render.effects.antialias = 'dilate'\n";
+    let plan = plan(&format!("{STUDY}{arm}"));
     let place = tempfile::tempdir().unwrap();
     let folder = StudyFolder::prepare(place.path(), &plan, Existing::Refuse).unwrap();
     let refused = conduct(&plan, &[&wgpu()], &folder, &()).unwrap_err().to_string();
-    assert!(refused.starts_with("study `lost`: line 11: arm `restless`: backend wgpu does not offer"), "{refused}");
+    assert!(refused.starts_with("study `lost`: line 11: arm `smooth`: backend wgpu does not offer"), "{refused}");
     assert!(Results::read(&plan, &folder).records.iter().all(Option::is_none));
 }

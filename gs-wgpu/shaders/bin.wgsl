@@ -8,6 +8,18 @@
 @group(0) @binding(4) var<storage, read_write> order: array<u32>;
 // The Gaussian, and the tile's rows that it touches: first | end << 16.
 @group(0) @binding(5) var<storage, read_write> entries: array<vec2u>;
+#if PIXEL_DEPTH
+// By place: depth, its slope, and the bits of the index.
+@group(0) @binding(6) var<storage, read> depths: array<vec4f>;
+
+// A tile's entries are sorted by their least depths, between 2^-8 and 2^24, as finely as the key has bits for. Any order is right, but a
+// good one makes pixels hold less.
+fn depth_key(s: Splat, depth: vec4f, tile: u32) -> u32 {
+    let corner = vec2u(tile % step.tiles.x, tile / step.tiles.x) * vec2u(TILE_COLUMNS, TILE_ROWS);
+    let least = clamp(least_depth(s, depth.x, depth.yz, corner), 0.00390625, 16777215.0);
+    return (bitcast<u32>(least) - bitcast<u32>(0.00390625)) >> (28u - step.depth_bits);
+}
+#endif
 
 @compute @workgroup_size(64)
 fn bin(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
@@ -42,7 +54,11 @@ fn bin(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec
             }
             let first = max(rows.x, band * TILE_ROWS) - band * TILE_ROWS;
             let last = min(rows.y, (band + 1u) * TILE_ROWS) - band * TILE_ROWS;
-            keys[at] = (band * step.tiles.x + column) * CLASSES + list;
+            let tile = band * step.tiles.x + column;
+            keys[at] = tile * CLASSES + list;
+#if PIXEL_DEPTH
+            keys[at] = ((tile * CLASSES + list) << step.depth_bits) | depth_key(splat, depths[index], tile);
+#endif
             order[at] = at;
             entries[at] = vec2u(index, first | (last << 16u));
             at++;

@@ -3,7 +3,8 @@
 // across work groups: each entry has a slot of its own.
 //
 // Legend: t = w v_w (under `Over` alpha v_alpha); S = sum over the entry's pixels of t times 1, dx, u, dx², dx u, u².
-// A slot: v_colour 3, Sx, Su, Sxx, Sxu, Suu; under `Over` also S.
+// A slot: v_colour 3, Sx, Su, Sxx, Sxu, Suu; under `Over` also S; then what statistics need: with ABSOLUTE the sums of the magnitudes of
+// t Sigma'^-1 d, with ERROR of what a pixel shows of the Gaussian times the pixel's error.
 
 @group(0) @binding(1) var<storage, read> tile_start: array<u32>;
 @group(0) @binding(2) var<storage, read> order: array<u32>;
@@ -11,8 +12,11 @@
 @group(0) @binding(4) var<storage, read> splats: array<Splat>;
 @group(0) @binding(5) var<storage, read> v_image: array<vec4f>;
 @group(0) @binding(6) var<storage, read_write> slots: array<f32>;
-#if OVER
+#if OVER_OR_ERROR
 @group(0) @binding(7) var<storage, read> image: array<vec4f>;
+#endif
+#if ERROR
+@group(0) @binding(8) var<storage, read> target_image: array<vec4f>;
 #endif
 
 const INVOCATIONS: u32 = LANES * (TILE_ROWS / ROWS);
@@ -25,6 +29,7 @@ struct Rows {
     // Under `Over`: the transmittance in front, and v_C . (what is behind).
     transmittance: vec4f,
     rest: vec4f,
+    error: vec4f,
 }
 
 // Of one column.
@@ -33,6 +38,7 @@ struct Sums {
     t: f32,
     tu: f32,
     tuu: f32,
+    collected: vec2f,
 }
 
 #if SUBGROUPS
@@ -46,7 +52,7 @@ const PARTS: u32 = INVOCATIONS;
 var<workgroup> partial: array<f32, BATCH * STRIDE * PARTS>;
 
 fn load(column: u32, row: u32) -> Rows {
-    var rows = Rows(vec4f(0.0), vec4f(0.0), vec4f(0.0), vec4f(1.0), vec4f(0.0));
+    var rows = Rows(vec4f(0.0), vec4f(0.0), vec4f(0.0), vec4f(1.0), vec4f(0.0), vec4f(0.0));
     for (var k = 0u; k < 4u; k++) {
         if column < step.size.x && row + k < step.size.y {
             let at = (row + k) * step.size.x + column;
@@ -57,6 +63,9 @@ fn load(column: u32, row: u32) -> Rows {
 #if OVER
             rows.rest[k] = dot(v.xyz, image[at].xyz);
 #endif
+#if ERROR
+            rows.error[k] = dot(abs(image[at].xyz - target_image[at].xyz), vec3f(1.0 / 3.0));
+#endif
         }
     }
     return rows;
@@ -66,7 +75,7 @@ fn total(v: vec4f) -> f32 {
     return (v.x + v.y) + (v.z + v.w);
 }
 
-fn gather_rows(rows: ptr<function, Rows>, sums: ptr<function, Sums>, s: Splat, u: vec4f, across: f32, curve: f32) {
+fn gather_rows(rows: ptr<function, Rows>, sums: ptr<function, Sums>, s: Splat, dx: f32, u: vec4f, across: f32, curve: f32) {
     let w = weights(fma(u * u, vec4f(curve), vec4f(across)));
     let v_dot_c = fma((*rows).v_blue, vec4f(s.color.z), fma((*rows).v_green, vec4f(s.color.y), (*rows).v_red * s.color.x));
 #if OVER
@@ -93,10 +102,17 @@ fn gather_rows(rows: ptr<function, Rows>, sums: ptr<function, Sums>, s: Splat, u
     (*sums).t += total(t);
     (*sums).tu += total(tu);
     (*sums).tuu += dot(tu, u);
+#if ABSOLUTE
+    let down = s.c * u;
+    (*sums).collected += vec2f(dot(abs(t), abs(s.inverse_xx * dx - s.slope * down)), dot(abs(t), abs(down)));
+#endif
+#if ERROR
+    (*sums).collected.x += dot(share, (*rows).error);
+#endif
 }
 
 // What a part of the tile contributes to an entry of the batch.
-fn keep(entry: u32, part: u32, color: vec3f, first: vec3f, second: vec2f, t: f32) {
+fn keep(entry: u32, part: u32, color: vec3f, first: vec3f, second: vec2f, t: f32, collected: vec2f) {
     let at = entry * STRIDE * PARTS + part;
     partial[at] = color.x;
     partial[at + PARTS] = color.y;
@@ -108,6 +124,13 @@ fn keep(entry: u32, part: u32, color: vec3f, first: vec3f, second: vec2f, t: f32
     partial[at + 7u * PARTS] = second.y;
 #if OVER
     partial[at + 8u * PARTS] = t;
+#endif
+#if ABSOLUTE
+    partial[at + GRADIENTS * PARTS] = collected.x;
+    partial[at + (GRADIENTS + 1u) * PARTS] = collected.y;
+#endif
+#if ERROR
+    partial[at + GRADIENTS * PARTS] = collected.x;
 #endif
 }
 
@@ -156,12 +179,12 @@ fn blend_bwd(
             let dx_@c = x_@c - s.mean.x;
             let across_@c = dx_@c * dx_@c * (-0.5 * LOG2_E * s.inverse_xx);
             let u_@c = (y - s.mean.y) - s.slope * dx_@c;
-            var sums_@c = Sums(vec3f(0.0), 0.0, 0.0, 0.0);
+            var sums_@c = Sums(vec3f(0.0), 0.0, 0.0, 0.0, vec2f(0.0));
 #end
 #each r ROWS4
             if first < within + 4u * @ru + 4u && last > within + 4u * @ru {
 #each c COLUMNS
-                gather_rows(&r_@c_@r, &sums_@c, s, u_@c + 4.0 * @r.0, across_@c, curve);
+                gather_rows(&r_@c_@r, &sums_@c, s, dx_@c, u_@c + 4.0 * @r.0, across_@c, curve);
 #end
             }
 #end
@@ -172,6 +195,7 @@ fn blend_bwd(
             var txx = 0.0;
             var txu = 0.0;
             var tuu = 0.0;
+            var collected = vec2f(0.0);
 #each c COLUMNS
             color += sums_@c.color;
             t += sums_@c.t;
@@ -180,6 +204,7 @@ fn blend_bwd(
             txx += sums_@c.t * dx_@c * dx_@c;
             txu += sums_@c.tu * dx_@c;
             tuu += sums_@c.tuu;
+            collected += sums_@c.collected;
 #end
 #if SUBGROUPS
             color = subgroupAdd(color);
@@ -188,11 +213,14 @@ fn blend_bwd(
 #if OVER
             t = subgroupAdd(t);
 #endif
+#if COLLECTS
+            collected = subgroupAdd(collected);
+#endif
             if place == 0u {
-                keep(b, subgroup, color, vec3f(sums_x.x, sums_u.x, sums_x.y), sums_u.yz, t);
+                keep(b, subgroup, color, vec3f(sums_x.x, sums_u.x, sums_x.y), sums_u.yz, t, collected);
             }
 #else
-            keep(b, invocation, color, vec3f(tx, tu, txx), vec2f(txu, tuu), t);
+            keep(b, invocation, color, vec3f(tx, tu, txx), vec2f(txu, tuu), t, collected);
 #endif
         }
         workgroupBarrier();

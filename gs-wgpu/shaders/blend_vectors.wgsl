@@ -10,7 +10,8 @@
 // grows by e^-c. That runs both ways from the middle row, and not for the entries of a tile's second list, which are too steep.
 //
 // Legend of BACKWARD: t = w v_w (under `Over` alpha v_alpha); a slot: v_colour 3, then the sums over the entry's pixels of t dx, t u,
-// t dx², t dx u, t u²; under `Over` also of t.
+// t dx², t dx u, t u²; under `Over` also of t; then what statistics need: with ABSOLUTE the sums of the magnitudes of t Sigma'^-1 d, with
+// ERROR of what a pixel shows of the Gaussian times the pixel's error.
 
 @group(0) @binding(1) var<storage, read> tile_start: array<u32>;
 @group(0) @binding(2) var<storage, read> order: array<u32>;
@@ -24,8 +25,11 @@
 @group(0) @binding(7) var<storage, read_write> partial: array<f32>;
 #else
 @group(0) @binding(6) var<storage, read> v_image: array<vec4f>;
-#if OVER
+#if OVER_OR_ERROR
 @group(0) @binding(7) var<storage, read> image: array<vec4f>;
+#endif
+#if ERROR
+@group(0) @binding(8) var<storage, read> target_image: array<vec4f>;
 #endif
 #endif
 #else
@@ -126,6 +130,9 @@ struct Gathering {
     transmittance: f32,
     rest: f32,
 #endif
+#if ERROR
+    error: f32,
+#endif
 }
 
 // Of one column.
@@ -134,25 +141,51 @@ struct Sums {
     t: f32,
     tu: f32,
     tuu: f32,
+#if COLLECTS
+    collected: vec2f,
+#endif
+}
+
+fn no_sums() -> Sums {
+    var sums: Sums;
+    return sums;
+}
+
+// Adds to what statistics need: of a pixel that shows so much of the Gaussian, and t.
+fn collect_besides(sums: ptr<function, Sums>, pixel: Gathering, share: f32, t: f32, u: f32, s: Fetched, dx: f32) {
+#if ABSOLUTE
+    // Both halves of the conic stand in `s` times -½ log2 e.
+    let down = s.curve * u;
+    (*sums).collected += abs(t * vec2f(s.across * dx - s.slope * down, down));
+#endif
+#if ERROR
+    (*sums).collected.x += share * pixel.error;
+#endif
 }
 
 #if OVER
 // Adds to the sums; the pixel as the next Gaussian finds it.
-fn gather(pixel: Gathering, sums: ptr<function, Sums>, w: f32, u: f32, color: vec3f) -> Gathering {
+fn gather(pixel: Gathering, sums: ptr<function, Sums>, w: f32, u: f32, s: Fetched, dx: f32) -> Gathering {
     let share = share_of(w, pixel.transmittance);
-    let v_w = dot(pixel.v, color);
+    let v_w = dot(pixel.v, s.color);
     let rest = pixel.rest - share.share * v_w;
     let v_alpha = share.before * v_w - rest / (1.0 - share.alpha);
     // The gradient of a clamped alpha is zero.
     let t = select(0.0, v_alpha * share.alpha, share.counted & !share.clamped);
     (*sums).t += t;
     collect(sums, pixel.v, share.share, t * u, u);
-    return Gathering(pixel.v, share.transmittance, rest);
+    collect_besides(sums, pixel, share.share, t, u, s, dx);
+    var behind = pixel;
+    behind.transmittance = share.transmittance;
+    behind.rest = rest;
+    return behind;
 }
 #else
-fn gather(pixel: Gathering, sums: ptr<function, Sums>, w: f32, u: f32, color: vec3f) {
+fn gather(pixel: Gathering, sums: ptr<function, Sums>, w: f32, u: f32, s: Fetched, dx: f32) {
     let share = select(0.0, w, w >= step.alpha_cut);
-    collect(sums, pixel.v, share, share * dot(pixel.v, color) * u, u);
+    let t = share * dot(pixel.v, s.color);
+    collect(sums, pixel.v, share, t * u, u);
+    collect_besides(sums, pixel, share, t, u, s, dx);
 }
 #endif
 
@@ -179,6 +212,26 @@ fn sum_of_lanes(x: f32) -> f32 {
     let fours = pairs + subgroupShuffleXor(pairs, 2u);
     return fours + subgroupShuffleXor(fours, 4u);
 }
+
+#if COLLECTS
+// What is collected of an entry, by all lanes.
+fn store_collected(slot: u32, collected: vec2f, lane: u32) {
+    let at = slot * STRIDE + GRADIENTS;
+    let first = sum_of_lanes(collected.x);
+#if ABSOLUTE
+    let second = sum_of_lanes(collected.y);
+    if lane == 0u {
+        // What the conic stood times.
+        slots[at] = first * (2.0 / LOG2_E);
+        slots[at + 1u] = second * (2.0 / LOG2_E);
+    }
+#else
+    if lane == 0u {
+        slots[at] = first;
+    }
+#endif
+}
+#endif
 #endif
 
 @compute @workgroup_size(LANES)
@@ -321,10 +374,16 @@ fn blend_vectors(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) g
     // Read in a loop that the compiler cannot unroll: the instructions of what follows fill the cache as it is.
 #each c COLUMNS
     var read_@c: array<vec3f, ROWS>;
-#if OVER
+#if OVER_OR_ERROR
 #if FORWARD
 #else
     var color_@c: array<vec3f, ROWS>;
+#endif
+#endif
+#if ERROR
+#if FORWARD
+#else
+    var error_@c: array<f32, ROWS>;
 #endif
 #endif
 #end
@@ -338,8 +397,11 @@ fn blend_vectors(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) g
             read_@c[row] = target_image[pixel + column_@c].xyz;
 #else
             read_@c[row] = v_image[pixel + column_@c].xyz;
-#if OVER
+#if OVER_OR_ERROR
             color_@c[row] = image[pixel + column_@c].xyz;
+#endif
+#if ERROR
+            error_@c[row] = dot(abs(color_@c[row] - target_image[pixel + column_@c].xyz), vec3f(1.0 / 3.0));
 #endif
 #endif
         }
@@ -365,9 +427,15 @@ fn blend_vectors(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) g
         let is_square = KIND == 1u;
         let values = select(abs(d), d * d, is_square);
         loss += values.x + values.y + values.z;
+#if ERROR
+        v_@c_@b@r.error = dot(abs(d), vec3f(1.0 / 3.0));
+#endif
         v_@c_@b@r.v = step.pointwise_scale * select(sign(d), 2.0 * d, is_square);
 #else
         v_@c_@b@r.v = read_@c[@bu * BLOCK + @ru];
+#if ERROR
+        v_@c_@b@r.error = error_@c[@bu * BLOCK + @ru];
+#endif
 #if OVER
         let color = color_@c[@bu * BLOCK + @ru];
 #endif
@@ -398,8 +466,11 @@ fn blend_vectors(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) g
                 let s = of_lane(fetched, j);
                 var a = vec4f(0.0);
                 var b = vec4f(0.0);
+#if COLLECTS
+                var collected = vec2f(0.0);
+#endif
 #each c COLUMNS
-                var sums_@c = Sums(vec3f(0.0), 0.0, 0.0, 0.0);
+                var sums_@c = no_sums();
                 let dx_@c = x_@c - s.mean.x;
                 let across_@c = dx_@c * dx_@c * s.across;
                 let u_@c_0 = (middle_y - s.mean.y) - s.slope * dx_@c;
@@ -416,7 +487,7 @@ fn blend_vectors(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) g
 #each r UP
 #each c COLUMNS
 #each b BLOCKS
-                gather(v_@c_@b@r, &sums_@c, w_@c_@b, u_@c_@b + (@r.0 - 0.5 * f32(BLOCK)), s.color);
+                gather(v_@c_@b@r, &sums_@c, w_@c_@b, u_@c_@b + (@r.0 - 0.5 * f32(BLOCK)), s, dx_@c);
                 w_@c_@b *= g_@c_@b;
                 g_@c_@b *= s.extra;
 #end
@@ -433,7 +504,7 @@ fn blend_vectors(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) g
 #each b BLOCKS
                 w_@c_@b *= g_@c_@b;
                 g_@c_@b *= s.extra;
-                gather(v_@c_@b@r, &sums_@c, w_@c_@b, u_@c_@b + (@r.0 - 0.5 * f32(BLOCK)), s.color);
+                gather(v_@c_@b@r, &sums_@c, w_@c_@b, u_@c_@b + (@r.0 - 0.5 * f32(BLOCK)), s, dx_@c);
 #end
 #end
 #end
@@ -441,8 +512,14 @@ fn blend_vectors(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) g
                 sums_@c.t = dot(sums_@c.color, s.color);
                 a += vec4f(sums_@c.color, sums_@c.t * dx_@c);
                 b += vec4f(sums_@c.tu, sums_@c.t * dx_@c * dx_@c, sums_@c.tu * dx_@c, sums_@c.tuu);
+#if COLLECTS
+                collected += sums_@c.collected;
+#endif
 #end
                 slots[s.slot * STRIDE + lane] = sums_by_lane(a, b, lane);
+#if COLLECTS
+                store_collected(s.slot, collected, lane);
+#endif
                 continuing {
                     j++;
                     break if j >= many;
@@ -465,18 +542,21 @@ fn blend_vectors(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) g
                 let s = of_lane(fetched, j);
                 var a = vec4f(0.0);
                 var b = vec4f(0.0);
+#if COLLECTS
+                var collected = vec2f(0.0);
+#endif
                 var t = 0.0;
 #each c COLUMNS
-                var sums_@c = Sums(vec3f(0.0), 0.0, 0.0, 0.0);
+                var sums_@c = no_sums();
                 let dx_@c = x_@c - s.mean.x;
                 let u_@c = (first_y - s.mean.y) - s.slope * dx_@c;
                 let across_@c = exponent_across(s, dx_@c);
 #each b BLOCKS
 #each r BLOCK
 #if OVER
-                v_@c_@b@r = gather(v_@c_@b@r, &sums_@c, exp2_exact(across_@c + square(u_@c + (@b.0 * f32(BLOCK) + @r.0)) * s.curve), u_@c + (@b.0 * f32(BLOCK) + @r.0), s.color);
+                v_@c_@b@r = gather(v_@c_@b@r, &sums_@c, exp2_exact(across_@c + square(u_@c + (@b.0 * f32(BLOCK) + @r.0)) * s.curve), u_@c + (@b.0 * f32(BLOCK) + @r.0), s, dx_@c);
 #else
-                gather(v_@c_@b@r, &sums_@c, exp2_exact(across_@c + square(u_@c + (@b.0 * f32(BLOCK) + @r.0)) * s.curve), u_@c + (@b.0 * f32(BLOCK) + @r.0), s.color);
+                gather(v_@c_@b@r, &sums_@c, exp2_exact(across_@c + square(u_@c + (@b.0 * f32(BLOCK) + @r.0)) * s.curve), u_@c + (@b.0 * f32(BLOCK) + @r.0), s, dx_@c);
 #endif
 #end
 #end
@@ -487,8 +567,14 @@ fn blend_vectors(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) g
 #endif
                 a += vec4f(sums_@c.color, sums_@c.t * dx_@c);
                 b += vec4f(sums_@c.tu, sums_@c.t * dx_@c * dx_@c, sums_@c.tu * dx_@c, sums_@c.tuu);
+#if COLLECTS
+                collected += sums_@c.collected;
+#endif
 #end
                 slots[s.slot * STRIDE + lane] = sums_by_lane(a, b, lane);
+#if COLLECTS
+                store_collected(s.slot, collected, lane);
+#endif
 #if OVER
                 let all = sum_of_lanes(t);
                 if lane == 0u {

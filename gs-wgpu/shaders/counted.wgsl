@@ -1,4 +1,4 @@
-// What the stages that make splats share: those that are left out, counted by cause, and the tiles that the others touch.
+// `Status` as those stages see it that count in it, and what makes splats: those that are left out, and the tiles that the others touch.
 
 // `Status`, where many add to it.
 struct Counted {
@@ -9,6 +9,7 @@ struct Counted {
     not_finite: atomic<u32>,
     degenerate: atomic<u32>,
     transparent: atomic<u32>,
+    unfinished: atomic<u32>,
     outside: atomic<u32>,
 }
 

@@ -11,9 +11,9 @@ fn ranges(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: 
     if index >= status.entries {
         return;
     }
-    let tile = keys[index];
+    let tile = keys[index] >> step.depth_bits;
     if index > 0u {
-        for (var t = keys[index - 1u] + 1u; t <= tile; t++) {
+        for (var t = (keys[index - 1u] >> step.depth_bits) + 1u; t <= tile; t++) {
             tile_start[t] = index;
         }
     }

@@ -27,7 +27,8 @@ struct Step {
     // Of spherical harmonics: coefficients a Gaussian has (planar scenes: 0), and the degree that is evaluated.
     coefficients: u32,
     sh_degree: u32,
-    unused: u32,
+    // Low bits of a tile's entries' keys that are their depth.
+    depth_bits: u32,
     // Adam: mean, scale, rotation, opacity, colour, SH above degree 0. Learning rate, beta1, beta2, and 1 - beta1; ln beta1, ln beta2, 1 - beta2,
     // and of scales and opacities what one number's penalty weighs.
     rates: array<vec4f, 6>,
@@ -113,6 +114,32 @@ struct EllipsoidMoments {
     second: array<vec4f, 3>,
 }
 
+// A tile's entry where pixels are blended in the order of their own depths, with all that they need of its Gaussian.
+struct Queued {
+    mean: vec2f,
+    inverse_xx: f32,
+    slope: f32,
+    c: f32,
+    opacity: f32,
+    // What twice sigma is no more than where anything is added.
+    reach: f32,
+    // No more than the depth, at any pixel of the tile, of this entry and of all behind it.
+    lower: f32,
+    // By px.
+    depth_slope: vec2f,
+    // At the mean.
+    depth: f32,
+    // In the scene.
+    index: u32,
+    color: vec3f,
+    // The entry's own.
+    slot: u32,
+}
+
+// The largest depth, and a larger number.
+const FARTHEST: f32 = 3.4e38;
+const NO_DEPTH: f32 = 3.402e38;
+
 // What the host reads, late.
 struct Status {
     entries: u32,
@@ -123,6 +150,8 @@ struct Status {
     not_finite: u32,
     degenerate: u32,
     transparent: u32,
+    // Pixels that gave up on putting their Gaussians in order.
+    unfinished: u32,
     outside: u32,
 }
 

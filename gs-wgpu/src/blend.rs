@@ -3,6 +3,7 @@
 use gs_core::{Error, Loss};
 
 use crate::{
+    collect::Collected,
     dispatch::{Commands, dispatch},
     gpu::Gpu,
     loss::LossSum,
@@ -11,21 +12,27 @@ use crate::{
     tiles::Tiles,
 };
 
-/// Whether a training step blends, compares and differentiates in one pass: where lanes are a CPU's, and the loss is one of each pixel alone.
-pub(crate) fn fuses(gpu: &Gpu, loss: Loss) -> bool {
-    gpu.kernels == Kernels::Vectors && !matches!(loss, Loss::L1Dssim { .. })
-}
-
-/// What `blend_bwd` differentiates: the loss, or half the image's square.
+/// What `blend_bwd` differentiates: the loss by this target, or half the image's square.
 #[derive(Debug, Clone, Copy)]
-pub(crate) enum Differentiated {
-    Loss,
+pub(crate) enum Differentiated<'a> {
+    Loss(&'a Target),
     Image,
 }
 
 impl Tiles {
+    /// Whether a training step blends, compares and differentiates in one pass: where lanes are a CPU's, the loss is one of each pixel alone,
+    /// and the order that of the lists.
+    pub(crate) fn fuses(&self, gpu: &Gpu, loss: Loss) -> bool {
+        gpu.kernels == Kernels::Vectors && !matches!(loss, Loss::L1Dssim { .. }) && !self.orders_by_pixel()
+    }
+
     /// Stage `blend`.
     pub(crate) fn encode_blend(&self, gpu: &Gpu, commands: &mut Commands) {
+        if self.orders_by_pixel() {
+            let bindings = [&self.step, &self.tile_start.buffer, &self.queue.buffer, &self.status, &self.image.buffer];
+            let groups = gpu.groups(self.count()).into();
+            return dispatch(gpu, commands, "blend_by_depth", self.variant(), &bindings, groups);
+        }
         let mut bindings = self.lists().to_vec();
         bindings.push(&self.image.buffer);
         let entry_point = if gpu.kernels == Kernels::Vectors { "blend_vectors" } else { "blend" };
@@ -33,20 +40,30 @@ impl Tiles {
     }
 
     /// Stage `blend_bwd`, from `v_image`, or from the image itself.
-    pub(crate) fn encode_blend_bwd(&self, gpu: &Gpu, commands: &mut Commands, v_image: Differentiated) {
+    pub(crate) fn encode_blend_bwd(&self, gpu: &Gpu, commands: &mut Commands, of: Differentiated<'_>) {
         let variant = Variant { pass: Pass::Backward, ..self.variant() };
-        let v_image = match v_image {
-            Differentiated::Loss => &self.v_image.buffer,
-            Differentiated::Image => &self.image.buffer,
+        let image = &self.image.buffer;
+        // An image that is differentiated itself is compared with nothing, and nothing is collected of it.
+        let (v_image, target) = match of {
+            Differentiated::Loss(target) => (&self.v_image.buffer, &target.buffer),
+            Differentiated::Image => (image, image),
         };
-        let (entry_point, [fifth, sixth]) = match gpu.kernels {
-            Kernels::Vectors => ("blend_vectors", [&self.slots.buffer, v_image]),
-            _ => ("blend_bwd", [v_image, &self.slots.buffer]),
+        let errors = variant.collected == Collected::PixelErrors;
+        let (slots, totals) = (&self.slots.buffer, &self.totals.buffer);
+        let (entry_point, mut bindings) = match gpu.kernels {
+            _ if self.orders_by_pixel() => {
+                commands.encoder().clear_buffer(totals, 0, None);
+                let lists = [&self.step, &self.tile_start.buffer, &self.queue.buffer];
+                ("blend_by_depth", [&lists[..], &[&self.status, v_image, image, slots, totals]].concat())
+            }
+            Kernels::Vectors => ("blend_vectors", [&self.lists()[..], &[slots, v_image]].concat()),
+            _ => ("blend_bwd", [&self.lists()[..], &[v_image, slots]].concat()),
         };
-        let mut bindings = self.lists().to_vec();
-        bindings.extend([fifth, sixth]);
-        if variant.over {
-            bindings.push(&self.image.buffer);
+        if (variant.over || errors) && !self.orders_by_pixel() {
+            bindings.push(image);
+        }
+        if errors {
+            bindings.push(target);
         }
         dispatch(gpu, commands, entry_point, variant, &bindings, gpu.groups(self.count()).into());
     }
@@ -59,10 +76,10 @@ impl Tiles {
         target: &Target,
         loss: Loss,
     ) -> Result<(), Error> {
-        if !fuses(gpu, loss) {
+        if !self.fuses(gpu, loss) {
             self.encode_blend(gpu, commands);
             self.encode_loss(gpu, commands, target, Some(loss))?;
-            self.encode_blend_bwd(gpu, commands, Differentiated::Loss);
+            self.encode_blend_bwd(gpu, commands, Differentiated::Loss(target));
             return Ok(());
         }
         let kind = if loss == Loss::L2 { 1 } else { 2 };

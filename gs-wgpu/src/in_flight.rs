@@ -167,6 +167,7 @@ impl<S: Kind> InFlight<S> {
             self.sent.push_front(oldest);
             return Ok(false);
         };
+        status.check()?;
         if status.overflow == 0 {
             self.losses.push(status.loss);
             self.free.push(oldest.slot);

@@ -1,6 +1,11 @@
 //! The structs that host and shaders share: `shaders/shared.wgsl` declares them again, and a test holds every offset against naga's.
 
+use std::mem::offset_of;
+
 use bytemuck::{Pod, Zeroable};
+use gs_core::Error;
+
+use crate::gpu::backend_error;
 
 /// A planar Gaussian's parameters.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
@@ -111,7 +116,30 @@ pub(crate) struct Status {
     pub(crate) not_finite: u32,
     pub(crate) degenerate: u32,
     pub(crate) transparent: u32,
+    /// Pixels that gave up on putting their Gaussians in order.
+    pub(crate) unfinished: u32,
     pub(crate) outside: u32,
+}
+
+impl Status {
+    /// Where the counts begin, bytes.
+    pub(crate) const COUNTS: u64 = offset_of!(Self, near) as u64;
+
+    /// Bytes of the counts that every pass makes anew; and with the last of them, which it takes new lists to count.
+    pub(crate) const COUNTS_BYTES: [u64; 2] =
+        [offset_of!(Self, outside) as u64 - Self::COUNTS, size_of::<Self>() as u64 - Self::COUNTS];
+
+    /// Fails where pixels could not be finished.
+    pub(crate) fn check(&self) -> Result<(), Error> {
+        if self.unfinished == 0 {
+            return Ok(());
+        }
+        let pixels = self.unfinished;
+        Err(backend_error(format!(
+            "{pixels} pixels see more Gaussians than can be put in the order of their depths there: use the order of tile depths, fewer \
+             or smaller Gaussians, or the CPU backend"
+        )))
+    }
 }
 
 /// Where a slot of edited arrays takes its contents from; [`Source::NONE`] leaves zeros.
@@ -155,7 +183,7 @@ pub struct Step {
     /// SH coefficients of a Gaussian; 0 in planar scenes.
     pub(crate) coefficients: u32,
     pub(crate) sh_degree: u32,
-    pub(crate) unused: u32,
+    pub(crate) depth_bits: u32,
     /// Per group: learning rate, β₁, β₂, 1 − β₁.
     pub(crate) rates: [[f32; 4]; 6],
     /// Per group: ln β₁, ln β₂, 1 − β₂, and of scales and opacities what one number's penalty weighs.
@@ -168,12 +196,18 @@ pub(crate) const CONJUGATE_BYTES: u64 = 64;
 /// Bytes of `Splat`.
 pub(crate) const SPLAT_BYTES: u64 = 48;
 
+/// Bytes of `Queued`.
+pub(crate) const QUEUED_BYTES: u64 = 64;
+
 #[cfg(test)]
 mod tests {
-    use std::mem::offset_of;
+    use std::collections::HashSet;
 
     use super::*;
-    use crate::shaders::{Kernels, Pass, SHADERS, Variant};
+    use crate::{
+        collect::Collected,
+        shaders::{Kernels, Pass, SHADERS, Variant},
+    };
 
     fn module(text: &str) -> naga::Module {
         naga::front::wgsl::parse_str(text).unwrap_or_else(|e| panic!("{}", e.emit_to_string(text)))
@@ -209,7 +243,10 @@ mod tests {
         same_layout!(m, EllipsoidMoments { first, second });
         same_layout!(m, EllipsoidGradient { mean, opacity_logit, log_scale, device_norm, rotation, visible, unused });
         same_layout!(m, Source { parameters, moments, steps, statistics, is_fresh });
-        same_layout!(m, Status { entries, overflow, loss, near, not_finite, degenerate, transparent, outside });
+        same_layout!(
+            m,
+            Status { entries, overflow, loss, near, not_finite, degenerate, transparent, unfinished, outside }
+        );
         same_layout!(
             m,
             Step {
@@ -234,12 +271,13 @@ mod tests {
                 visible_only,
                 coefficients,
                 sh_degree,
-                unused,
+                depth_bits,
                 rates,
                 decays,
             }
         );
         assert_eq!(u64::from(in_shader(m, "Splat").1), SPLAT_BYTES);
+        assert_eq!(u64::from(in_shader(m, "Queued").1), QUEUED_BYTES);
         let m = &module(&shader("planar/solve_colors").text(Variant::default()));
         assert_eq!(u64::from(in_shader(m, "Conjugate").1), CONJUGATE_BYTES);
         assert_eq!(in_shader(m, "Scalars").1, 64);
@@ -276,14 +314,17 @@ mod tests {
 
     /// Every combination of the flags that pick lines.
     fn variants() -> impl Iterator<Item = Variant> {
-        (0..288).map(|bits: u32| Variant {
+        (0..1728).map(|bits: u32| Variant {
             over: bits & 1 != 0,
             local_frame: bits & 2 != 0,
             lists: bits & 4 != 0,
             on_cpu: bits & 8 != 0,
             spatial: bits & 16 != 0,
             kernels: [Kernels::Portable, Kernels::Subgroups, Kernels::Vectors][(bits >> 5) as usize % 3],
-            pass: [Pass::Forward, Pass::Backward, Pass::Fused][(bits >> 5) as usize / 3],
+            pass: [Pass::Forward, Pass::Backward, Pass::Fused][(bits >> 5) as usize / 3 % 3],
+            collected: [Collected::Nothing, Collected::AbsoluteGradients, Collected::PixelErrors]
+                [(bits >> 5) as usize / 9 % 3],
+            by_pixel: bits >= 864,
             ..Variant::default()
         })
     }
@@ -291,8 +332,13 @@ mod tests {
     #[test]
     fn every_variant_is_valid_and_within_the_default_limits() {
         let limits = wgpu::Limits::default();
+        let mut seen = HashSet::new();
         for (shader, variant) in SHADERS.iter().flat_map(|s| variants().map(move |v| (s, v))) {
-            let module = module(&shader.text(variant));
+            let text = shader.text(variant);
+            if (shader.name == "blend_by_depth" && !variant.over) || !seen.insert(text.clone()) {
+                continue; // Never compiled; or a variant that this shader does not tell apart.
+            }
+            let module = module(&text);
             let flags = naga::valid::ValidationFlags::all();
             // Subgroups are asked for only where the adapter has them.
             let capabilities = match (shader.name, variant.kernels) {

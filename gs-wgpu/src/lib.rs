@@ -1,7 +1,11 @@
 //! The [`Rasterizer`](gs_core::Rasterizer) on any GPU that wgpu reaches: Vulkan, Metal and DirectX 12, a software driver included.
 //!
 //! Every stage is one WGSL file of `shaders/`; `workspace.rs` says in which order they run, on which buffers. All state stays on the device,
-//! and reductions have a fixed order, so one adapter repeats itself bit for bit.
+//! and reductions have a fixed order, or are of integers, so one adapter repeats itself bit for bit.
+//!
+//! Every order, blend and statistic is offered. What is not, is an [`Error::Unsupported`](gs_core::Error::Unsupported) that names it: outputs
+//! besides colour, lenses that bend rays, exposure, the smooth cut, antialiasing of planar scenes, and for spatial ones the chart `LocalFrame`
+//! and solving for colours.
 //!
 //! ```no_run
 //! use gs_core::{Blend, Canvas, PlanarScene, Rasterizer, RenderSettings};
@@ -15,6 +19,7 @@
 
 mod blend;
 mod cloud;
+mod collect;
 mod dispatch;
 mod frame;
 mod gpu;

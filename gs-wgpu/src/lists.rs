@@ -3,6 +3,7 @@
 use crate::{
     dispatch::{Commands, Groups, dispatch, dispatch_some},
     gpu::Gpu,
+    layout::Status,
     shaders::Variant,
     tiles::{BY_ENTRY, BY_GAUSSIAN, BY_HISTOGRAM, BY_SORT_BLOCK, Growing, Tiles, groups_of},
 };
@@ -40,7 +41,8 @@ impl Tiles {
     /// Before the kind's own stages: forgets how many were left out, and for new lists the tiles' starts.
     pub(crate) fn encode_clear(&self, commands: &mut Commands, lists: bool) {
         // Without lists it is not known again who touches no tile.
-        commands.encoder().clear_buffer(&self.status, 12, Some(if lists { 20 } else { 16 }));
+        let bytes = Status::COUNTS_BYTES[usize::from(lists)];
+        commands.encoder().clear_buffer(&self.status, Status::COUNTS, Some(bytes));
         if lists {
             // What `ranges` writes to, cleared here so that all the stages are one pass.
             commands.encoder().clear_buffer(&self.tile_start.buffer, 0, None);
@@ -60,8 +62,14 @@ impl Tiles {
     /// Stage `bin`.
     pub(crate) fn encode_bin(&self, gpu: &Gpu, commands: &mut Commands) {
         let (keys, order) = (&self.keys[0].buffer, &self.order[0].buffer);
-        let bindings = [&self.step, &self.splats.buffer, &self.offsets.buffer, keys, order, &self.entries.buffer];
-        dispatch(gpu, commands, "bin", self.variant(), &bindings, self.indirect(BY_GAUSSIAN));
+        let by_pixel = self.orders_by_pixel();
+        let mut bindings =
+            vec![&self.step, &self.splats.buffer, &self.offsets.buffer, keys, order, &self.entries.buffer];
+        if by_pixel {
+            bindings.push(&self.depths.buffer);
+        }
+        let variant = Variant { by_pixel, over: self.variant().over, ..Variant::default() };
+        dispatch(gpu, commands, "bin", variant, &bindings, self.indirect(BY_GAUSSIAN));
     }
 
     /// Stage `sort`.
@@ -88,10 +96,17 @@ impl Tiles {
         }
     }
 
-    /// Stage `ranges`.
+    /// Stage `ranges`, and `queue` where pixels have an order of their own.
     pub(crate) fn encode_ranges(&self, gpu: &Gpu, commands: &mut Commands) {
         let bindings = [&self.step, &self.status, &self.keys[self.sorted()].buffer, &self.tile_start.buffer];
         dispatch(gpu, commands, "ranges", Variant::default(), &bindings, self.indirect(BY_ENTRY));
+        if self.orders_by_pixel() {
+            let (tile_start, order) = (&self.tile_start.buffer, &self.order[self.sorted()].buffer);
+            let (entries, splats) = (&self.entries.buffer, &self.splats.buffer);
+            let [depths, queue] = [&self.depths.buffer, &self.queue.buffer];
+            let bindings = [&self.step, tile_start, order, entries, splats, depths, queue];
+            dispatch(gpu, commands, "queue_up", Variant::default(), &bindings, gpu.groups(self.count()).into());
+        }
     }
 
     /// Which of the two buffers sorting ends in.

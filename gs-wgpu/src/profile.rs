@@ -9,16 +9,8 @@ use gs_core::{
 };
 
 use crate::{
-    WgpuRasterizer,
-    blend::{Differentiated, fuses},
-    cloud::Cloud,
-    dispatch::Commands,
-    gpu::Gpu,
-    kind::Kind,
-    target::Target,
-    timestamps::Timestamps,
-    traffic,
-    workspace::Workspace,
+    WgpuRasterizer, blend::Differentiated, cloud::Cloud, dispatch::Commands, gpu::Gpu, kind::Kind, target::Target,
+    timestamps::Timestamps, traffic, workspace::Workspace,
 };
 
 /// The stages in their order; `scan` includes `sizes`.
@@ -103,7 +95,7 @@ impl<S: Kind> Pass<'_, S> {
             Stage::Ranges => workspace.tiles.encode_ranges(gpu, commands),
             Stage::Blend => workspace.tiles.encode_blend(gpu, commands),
             Stage::Loss => workspace.tiles.encode_loss(gpu, commands, target, Some(*loss))?,
-            Stage::BlendBwd => workspace.tiles.encode_blend_bwd(gpu, commands, Differentiated::Loss),
+            Stage::BlendBwd => workspace.tiles.encode_blend_bwd(gpu, commands, Differentiated::Loss(target)),
             Stage::Fused => workspace.tiles.encode_image_and_gradient(gpu, commands, target, *loss)?,
             Stage::ProjectBwd => S::encode_project_bwd(workspace, gpu, commands, cloud),
             Stage::Adam => workspace.encode_adam(gpu, commands, cloud),
@@ -192,7 +184,7 @@ impl WgpuRasterizer {
         let status = self.with_lists(&mut workspace, cloud, describe, |_, _| Ok(()))?;
         workspace.write_step(gpu, &describe(&workspace));
         let stages: Vec<Stage> =
-            Stage::ALL.into_iter().filter(|&stage| stage != Stage::Fused || fuses(gpu, loss)).collect();
+            Stage::ALL.into_iter().filter(|&s| s != Stage::Fused || workspace.tiles.fuses(gpu, loss)).collect();
         let mut pass = Pass { rasterizer: self, workspace, cloud, target, loss, stages };
         // Every pipeline that is measured is there.
         pass.by_host()?;
@@ -234,7 +226,7 @@ mod tests {
     use gs_core::{Blend, Canvas, Chart, Image, PlanarGaussian, PlanarScene, Rasterizer};
 
     use super::*;
-    use crate::WgpuSettings;
+    use crate::{Kernels, WgpuSettings};
 
     #[test]
     fn timestamps_that_cannot_be_right_are_not_believed() {
@@ -275,7 +267,7 @@ mod tests {
                 assert_eq!(by_device.clock, Clock::Device);
             }
             assert_eq!(names(&by_device), names(&by_host));
-            assert_eq!(names(&by_host).contains(&"fused"), fuses(&wgpu.gpu, loss));
+            assert_eq!(names(&by_host).contains(&"fused"), wgpu.gpu.kernels == Kernels::Vectors && loss == Loss::L2);
             assert_eq!((by_device.pairs, by_device.entries), (by_host.pairs, by_host.entries));
             assert!(by_device.stages.iter().all(|s| s.seconds.len() == 3));
         }

@@ -4,10 +4,7 @@ use std::sync::{Arc, PoisonError};
 
 use gs_core::{
     AdamRates, Chart, CloudState, DensityStatistics, EditPlan, Error, Image, Loss, PlanarScene, Rasterizer,
-    RenderSettings, SpatialScene, TrainStep, Wait,
-    effects::{Outputs, Statistics},
-    profile::Profiler,
-    settings::Cut,
+    RenderSettings, SpatialScene, TrainStep, Wait, effects::Outputs, profile::Profiler, settings::Cut,
     statistics::Culled,
 };
 
@@ -111,6 +108,7 @@ impl WgpuRasterizer {
             commands.submit(&self.gpu);
             let status = workspace.tiles.read_status(&self.gpu)?;
             if status.overflow == 0 {
+                status.check()?;
                 workspace.edition = Some(cloud.edition);
                 return Ok(status);
             }
@@ -130,10 +128,6 @@ pub(crate) fn check_settings(settings: &RenderSettings) -> Result<(), Error> {
     let effects = &settings.effects;
     if effects.outputs != Outputs::Color {
         return Err(unsupported(format!("outputs {:?}", effects.outputs)));
-    }
-    if let Statistics::AbsoluteGradient | Statistics::PixelError = effects.statistics {
-        let sums = "which its kernels do not sum; a policy by mean gradient, or the CPU, does without";
-        return Err(unsupported(format!("statistics {:?}, {sums}", effects.statistics)));
     }
     if settings.accuracy.cut != Cut::Hard {
         return Err(unsupported("a smooth cut, which would touch every pixel"));
@@ -221,7 +215,7 @@ impl<S: Kind> Rasterizer<S> for WgpuRasterizer {
         workspace.write_step(gpu, &workspace.describe(cloud, Some(*loss), None));
         let mut commands = Commands::new(gpu);
         workspace.tiles.encode_loss(gpu, &mut commands, target, Some(*loss))?;
-        workspace.tiles.encode_blend_bwd(gpu, &mut commands, Differentiated::Loss);
+        workspace.tiles.encode_blend_bwd(gpu, &mut commands, Differentiated::Loss(target));
         S::encode_project_bwd(workspace, gpu, &mut commands, cloud);
         let mut buffers = Vec::new();
         for source in workspace.gradient_buffers() {

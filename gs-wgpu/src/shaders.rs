@@ -7,6 +7,8 @@ use gs_core::constants::{
     MIN_DETERMINANT_PX4, MIN_QUATERNION_NORM2, SH_C0, SH_C1, SH_C2, SH_C3, SSIM_C1, SSIM_C2, SSIM_SIGMA, SSIM_WINDOW,
 };
 
+use crate::collect::Collected;
+
 /// Columns of a tile.
 pub(crate) const TILE_COLUMNS: u32 = 16;
 
@@ -16,7 +18,7 @@ pub(crate) const SORT_BLOCK: u32 = 1024;
 /// Digits of a sorting pass: bits.
 pub(crate) const SORT_BITS: u32 = 4;
 
-/// What `blend_vectors` does in one pass over the tiles.
+/// What a kernel that is for more than one pass does in one over the tiles.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub(crate) enum Pass {
     /// The image.
@@ -39,12 +41,16 @@ pub(crate) struct Variant {
     pub(crate) spatial: bool,
     /// `project` counts tiles, for lists made anew.
     pub(crate) lists: bool,
+    /// Blending is in the order of depth at each pixel.
+    pub(crate) by_pixel: bool,
     /// The adapter computes on a CPU.
     pub(crate) on_cpu: bool,
     /// How the pixels' kernels are written.
     pub(crate) kernels: Kernels,
-    /// What `blend_vectors` does in one pass over the tiles.
+    /// What `blend_vectors` or `blend_by_depth` does in one pass over the tiles.
     pub(crate) pass: Pass,
+    /// What the backward kernels sum up besides the gradients.
+    pub(crate) collected: Collected,
     /// The entry point's override, if it has one.
     pub(crate) constant: Option<(&'static str, u32)>,
 }
@@ -54,6 +60,10 @@ pub(crate) const LANES: u32 = 8;
 
 /// Rows of the blocks that the recurrence runs through, from the middle row up and down.
 const BLOCK: u32 = 8;
+
+/// Gaussians that a pixel of `blend_by_depth` holds in the order of its own depths. More take registers, and time at each insertion; fewer
+/// let a pixel walk along its tile's queue more often.
+const HELD: u32 = 8;
 
 /// Invocations of a work group of D-SSIM's kernels.
 pub(crate) const DSSIM_GROUP: u32 = 64;
@@ -129,11 +139,13 @@ shaders! {
     "spatial/place": ["place"],
     "scan": ["scan_blocks", "scan_sums", "scan_spread"],
     "sizes": ["sizes"],
-    "bin": ["bin"],
+    "bin" after "least_depth": ["bin"],
     "sort": ["sort_count", "sort_scatter"],
     "ranges": ["ranges"],
     "blend": ["blend"],
     "blend_vectors": ["blend_vectors"],
+    "queue" after "least_depth": ["queue_up"],
+    "blend_by_depth" after "counted": ["blend_by_depth"],
     "loss": ["loss", "loss_sum"],
     "dssim": ["dssim_moments", "dssim_derivatives", "dssim_gradient"],
     "blend_bwd": ["blend_bwd"],
@@ -158,8 +170,13 @@ pub(crate) fn shader_of(entry_point: &str) -> &'static Shader {
 }
 
 /// Numbers per entry that `blend_bwd` yields.
-pub(crate) fn stride(over: bool) -> u32 {
-    if over { 9 } else { 8 }
+pub(crate) fn stride(variant: Variant) -> u32 {
+    gradients(variant) + variant.collected.numbers()
+}
+
+/// Those of them that are gradients.
+fn gradients(variant: Variant) -> u32 {
+    if variant.over { 9 } else { 8 }
 }
 
 impl Shader {
@@ -179,13 +196,13 @@ fn prelude(variant: Variant) -> String {
     let Tiling { tile_rows, rows, columns, classes, ssim_segment, ssim_block } = tiling(variant.kernels);
     let lanes = TILE_COLUMNS / columns;
     // As many entries at a time as their partial sums have room for in 16 KiB.
-    let stride = stride(variant.over);
+    let (gradients, stride) = (gradients(variant), stride(variant));
     let invocations = lanes * (tile_rows / rows);
     let parts = if variant.kernels == Kernels::Subgroups { invocations / 4 } else { invocations };
     let batch = (16 * 1024 / 4 / (stride * parts)).min(8);
     let mut text = format!(
         "const TILE_COLUMNS: u32 = {TILE_COLUMNS}u;\nconst TILE_ROWS: u32 = {tile_rows}u;\nconst ROWS: u32 = {rows}u;\n\
-         const LANES: u32 = {lanes}u;\nconst CLASSES: u32 = {classes}u;\nconst BLOCK: u32 = {BLOCK}u;\nconst STRIDE: u32 = {stride}u;\nconst BATCH: u32 = {batch}u;\n\
+         const LANES: u32 = {lanes}u;\nconst CLASSES: u32 = {classes}u;\nconst BLOCK: u32 = {BLOCK}u;\nconst HELD: u32 = {HELD}u;\nconst STRIDE: u32 = {stride}u;\nconst GRADIENTS: u32 = {gradients}u;\nconst BATCH: u32 = {batch}u;\n\
          const SORT_BLOCK: u32 = {SORT_BLOCK}u;\nconst MIN_DETERMINANT_PX4: f32 = {MIN_DETERMINANT_PX4:?};\n\
          const SSIM_SEGMENT: u32 = {ssim_segment}u;\nconst SSIM_BLOCK: u32 = {ssim_block}u;\nconst DSSIM_GROUP: u32 = {DSSIM_GROUP}u;\nconst SSIM_RADIUS: u32 = {SSIM_RADIUS}u;\n\
          const SSIM_C1: f32 = {SSIM_C1:?};\nconst SSIM_C2: f32 = {SSIM_C2:?};\n",
@@ -222,9 +239,14 @@ fn preprocess(source: &str, variant: Variant) -> String {
         "LOCAL_FRAME" => variant.local_frame,
         "LISTS" => variant.lists,
         "SPATIAL" => variant.spatial,
+        "PIXEL_DEPTH" => variant.by_pixel,
         "ON_CPU" => variant.on_cpu,
         "FORWARD" => variant.pass != Pass::Backward,
         "BACKWARD" => variant.pass != Pass::Forward,
+        "ABSOLUTE" => variant.collected == Collected::AbsoluteGradients,
+        "ERROR" => variant.collected == Collected::PixelErrors,
+        "COLLECTS" => variant.collected != Collected::Nothing,
+        "OVER_OR_ERROR" => variant.over || variant.collected == Collected::PixelErrors,
         "VECTORS" => variant.kernels == Kernels::Vectors,
         "SUBGROUPS" => variant.kernels == Kernels::Subgroups,
         other => panic!("a shader asks for {other}, which is no variant"),
@@ -264,6 +286,8 @@ fn repeat(source: &str, tiling: Tiling) -> String {
             "COLUMNS" => (0..tiling.columns).collect(),
             "BLOCK" => (0..BLOCK).collect(),
             "EIGHT" => (0..8).collect(),
+            "HELD" => (0..HELD).collect(),
+            "HELD_LESS_ONE" => (0..HELD - 1).collect(),
             "STAGES" => (0..3).collect(),
             "BLOCKS" => (0..tiling.rows / BLOCK).collect(),
             "ROWS4" => (0..tiling.rows / 4).collect(),

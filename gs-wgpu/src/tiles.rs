@@ -1,12 +1,13 @@
 //! What passes of every kind of scene have: splats, the tiles' lists, the image, and their buffers, which grow on demand and are used again.
 
-use gs_core::{AdamRates, Blend, Error, Loss, Participants, RenderSettings, adam::Rate, effects};
+use gs_core::{AdamRates, Blend, Error, Loss, Participants, RenderSettings, adam::Rate, effects, effects::Order};
 
 use crate::{
     cloud::UNIFORM,
+    collect::Collected,
     dispatch::{Commands, Groups},
     gpu::{Gpu, STORAGE},
-    layout::{SPLAT_BYTES, Status, Step},
+    layout::{QUEUED_BYTES, SPLAT_BYTES, Status, Step},
     shaders::{SORT_BITS, SORT_BLOCK, TILE_COLUMNS, Tiling, Variant, stride, tiling},
 };
 
@@ -23,6 +24,15 @@ const FIRST_CAPACITY: u64 = 1 << 14;
 
 /// Bytes of a pixel: RGB and one more.
 pub(crate) const PIXEL_BYTES: u64 = 16;
+
+/// Bytes of a splat's depth: at its mean, its slope, and the index.
+pub(crate) const DEPTH_BYTES: u64 = 16;
+
+/// Steps of 3e-4 of the depth: Gaussians of a surface are not much farther apart.
+const LEAST_DEPTH_BITS: u32 = 16;
+
+/// Those of an `f32` between 2⁻⁸ and 2²⁴.
+const MOST_DEPTH_BITS: u32 = 28;
 
 /// A buffer that is replaced by a larger one when that is needed; its contents are lost then.
 #[derive(Debug)]
@@ -68,6 +78,11 @@ pub(crate) struct Tiles {
     pub(crate) tile_start: Growing,
     /// What each entry's Gaussian receives.
     pub(crate) slots: Growing,
+    /// In the order of depth at each pixel: depths of the splats, the tiles' entries in a queue, and what each of those receives, in
+    /// fixed-point numbers.
+    pub(crate) depths: Growing,
+    pub(crate) queue: Growing,
+    pub(crate) totals: Growing,
     pub(crate) image: Growing,
     pub(crate) v_image: Growing,
     /// Partial sums of the loss, and of dot products.
@@ -107,6 +122,9 @@ impl Tiles {
             histograms: growing("sorting histograms")?,
             tile_start: growing("tile starts")?,
             slots: growing("gradients of tile entries")?,
+            depths: growing("depths by pixel")?,
+            queue: growing("queues of tile entries")?,
+            totals: growing("sums of tile entries")?,
             image: growing("the image")?,
             v_image: growing("the image's gradient")?,
             partial: growing("partial sums")?,
@@ -137,13 +155,36 @@ impl Tiles {
     }
 
     pub(crate) fn variant(&self) -> Variant {
-        Variant { over: self.settings.effects.blend == Blend::Over, ..Variant::default() }
+        let effects = &self.settings.effects;
+        let (over, collected) = (effects.blend == Blend::Over, Collected::of(effects.statistics));
+        Variant { over, collected, ..Variant::default() }
     }
 
-    /// Passes of the sort: as many digits as the last tile's number has.
+    /// Whether each pixel has an order of its own.
+    pub(crate) fn orders_by_pixel(&self) -> bool {
+        let effects = &self.settings.effects;
+        effects.blend == Blend::Over && effects.order == Order::PixelDepth
+    }
+
+    /// Passes of the sort: as many digits as the last tile's number has, and an entry's depth.
     pub(crate) fn sort_passes(&self) -> u32 {
+        (self.list_bits() + self.depth_bits()).div_ceil(SORT_BITS)
+    }
+
+    /// Of the last list's number.
+    fn list_bits(&self) -> u32 {
         let last = (self.list_count() - 1) as u32;
-        (u32::BITS - last.leading_zeros()).div_ceil(SORT_BITS)
+        u32::BITS - last.leading_zeros()
+    }
+
+    /// By which entries are sorted within a list, where pixels have orders of their own.
+    fn depth_bits(&self) -> u32 {
+        if !self.orders_by_pixel() {
+            return 0;
+        }
+        // As many as the last pass has room for.
+        let bits = (self.list_bits() + LEAST_DEPTH_BITS).next_multiple_of(SORT_BITS).min(u32::BITS) - self.list_bits();
+        bits.min(MOST_DEPTH_BITS)
     }
 
     pub(crate) fn indirect(&self, offset: u64) -> Groups<'_> {
@@ -165,10 +206,14 @@ impl Tiles {
         self.scan_sums.ensure(gpu, (n + 1).div_ceil(1024) * 4)?;
         self.tile_start.ensure(gpu, (self.list_count() + 1) * 4)?;
         self.image.ensure(gpu, self.pixels() * PIXEL_BYTES)?;
-        if self.capacity == 0 {
-            self.grow(gpu, FIRST_CAPACITY.max(4 * n))?;
+        if self.orders_by_pixel() {
+            self.depths.ensure(gpu, n * DEPTH_BYTES)?;
         }
-        Ok(())
+        match self.capacity {
+            0 => self.grow(gpu, FIRST_CAPACITY.max(4 * n)),
+            // Another pass may have needed less of each.
+            capacity => self.ensure_entries(gpu, capacity),
+        }
     }
 
     /// Makes room for so many entries; lists that there were are lost.
@@ -177,9 +222,20 @@ impl Tiles {
             growing.ensure(gpu, entries * 4)?;
         }
         self.entries.ensure(gpu, entries * 8)?;
-        self.slots.ensure(gpu, entries * u64::from(stride(true)) * 4)?;
+        self.ensure_entries(gpu, entries)?;
         self.ensure_sorting(gpu, entries)?;
         self.capacity = entries;
+        Ok(())
+    }
+
+    /// Makes room for what this pass's effects need of so many entries.
+    fn ensure_entries(&mut self, gpu: &Gpu, entries: u64) -> Result<(), Error> {
+        let numbers = entries * u64::from(stride(self.variant()));
+        self.slots.ensure(gpu, numbers * 4)?;
+        if self.orders_by_pixel() {
+            self.queue.ensure(gpu, entries * QUEUED_BYTES)?;
+            self.totals.ensure(gpu, numbers * 8)?;
+        }
         Ok(())
     }
 
@@ -209,6 +265,7 @@ impl Tiles {
             pointwise_scale: (pointwise / values) as f32,
             dssim_scale: (dssim / values) as f32,
             per_value: (1.0 / values) as f32,
+            depth_bits: self.depth_bits(),
             opaque: u32::from(self.settings.effects.blend == Blend::Sum),
             collect: u32::from(self.settings.effects.statistics != effects::Statistics::None),
             ..Step::default()

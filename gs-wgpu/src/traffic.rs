@@ -7,11 +7,11 @@ use crate::{
     cloud::Cloud,
     gpu::Gpu,
     kind::Kind,
-    layout::SPLAT_BYTES,
+    layout::{QUEUED_BYTES, SPLAT_BYTES},
     loss::MOMENTS_BYTES,
     profile::Stage,
     shaders::{Kernels, TILE_COLUMNS, stride, tiling},
-    tiles::{PIXEL_BYTES, Tiles},
+    tiles::{DEPTH_BYTES, PIXEL_BYTES, Tiles},
     workspace::Workspace,
 };
 
@@ -42,9 +42,14 @@ pub(crate) fn of<S: Kind>(
     let n = cloud.len as u64;
     let image = tiles.pixels() * PIXEL_BYTES;
     let moments = 3 * tiles.pixels() * MOMENTS_BYTES;
-    let slots = entries * u64::from(stride(over)) * size::<f32>();
-    // Of the lists: each entry by its sorted number, with its Gaussian's splat.
-    let lists = entries * (INDEX + ENTRY + SPLAT_BYTES);
+    let slots = entries * u64::from(stride(tiles.variant())) * size::<f32>();
+    // Of the lists: each entry by its sorted number, with its Gaussian's splat; or as it stands in a queue, which is made of those.
+    let listed = entries * (INDEX + ENTRY + SPLAT_BYTES);
+    let queued = if tiles.orders_by_pixel() { entries * QUEUED_BYTES } else { 0 };
+    let (lists, queue, totals) = match queued {
+        0 => (listed, 0, 0),
+        _ => (queued, listed + entries * DEPTH_BYTES, 2 * slots),
+    };
     let (read, written) = match stage {
         Stage::Project | Stage::Adam => return S::traffic(stage, workspace, cloud),
         // Sums of blocks, then their insides.
@@ -55,14 +60,14 @@ pub(crate) fn of<S: Kind>(
             let passes = u64::from(tiles.sort_passes());
             (passes * entries * 3 * INDEX, passes * entries * 2 * INDEX)
         }
-        Stage::Ranges => (entries * INDEX, 0),
+        Stage::Ranges => (entries * INDEX + queue, queued),
         Stage::Blend => (lists, image),
         Stage::Loss => match loss {
             Loss::L1 | Loss::L2 => (2 * image, image),
             // Moments down; along, and derivatives, those along again; down, with the image and the target once more.
             Loss::L1Dssim { .. } => (4 * image + 2 * moments, 2 * moments + image),
         },
-        Stage::BlendBwd => (lists + image + if over { image } else { 0 }, slots),
+        Stage::BlendBwd => (lists + totals + image + if over { image } else { 0 }, slots + 2 * totals),
         Stage::Fused => (lists + image, slots),
         Stage::ProjectBwd => {
             let Traffic { read, written } = S::traffic(stage, workspace, cloud);
@@ -76,7 +81,7 @@ pub(crate) fn of<S: Kind>(
 /// where lanes are those of a CPU's vector, which pass over nothing.
 pub(crate) fn pairs(gpu: &Gpu, tiles: &Tiles, entries: usize) -> Result<u64, Error> {
     let tile_rows = u64::from(tiling(gpu.kernels).tile_rows);
-    if gpu.kernels == Kernels::Vectors {
+    if gpu.kernels == Kernels::Vectors || tiles.orders_by_pixel() {
         return Ok(entries as u64 * tile_rows * u64::from(TILE_COLUMNS));
     }
     let entries: Vec<[u32; 2]> = gpu.read(&tiles.entries.buffer, entries)?;

@@ -56,6 +56,16 @@ fn another() -> WgpuRasterizer {
     WgpuRasterizer::new(WgpuSettings::default()).unwrap()
 }
 
+/// The suite lets a backend refuse them; this one does not.
+#[test]
+fn all_statistics_are_offered() {
+    let mut draw = Draw::new(Kind::Typical, Blend::Over, 5, (20, 20), 3);
+    for statistics in [Statistics::MeanGradient, Statistics::AbsoluteGradient, Statistics::PixelError] {
+        draw.settings.effects.statistics = statistics;
+        rasterizer().render(&draw.scene, &draw.view, &draw.settings).unwrap();
+    }
+}
+
 #[test]
 fn conforms_with_all_kernels() {
     for (kernels, rasterizer) in rasterizers() {

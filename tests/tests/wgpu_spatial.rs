@@ -3,15 +3,16 @@
 
 use std::{collections::BTreeMap, num::NonZero, sync::OnceLock};
 
+use glam::Vec3;
 use gs_conformance::{
     Failure,
     conformance::{check_gradients, check_image, spatial_cases},
     scenes::{Draw, SpatialKind, spatial_draws},
 };
 use gs_core::{
-    Adam, AdamRates, Binning, Blend, Chart, CloudState, Error, Image, Loss, Participants, Penalty, Rasterizer,
-    SpatialScene, TrainStep, Wait,
-    effects::{Order, Statistics},
+    Adam, AdamRates, Binning, Blend, Camera, Chart, CloudState, Error, Image, Loss, Participants, Penalty, Rasterizer,
+    RenderSettings, Scene, SpatialGaussian, SpatialScene, TrainStep, Wait,
+    effects::{Lens, Order, Outputs, Statistics},
     state::TensorData,
 };
 use gs_cpu::{CpuRasterizer, CpuSettings};
@@ -49,6 +50,8 @@ fn conforms_with_all_kernels() {
     }
 }
 
+const ORDERS: [Order; 3] = [Order::Index, Order::TileDepth, Order::PixelDepth];
+
 /// More Gaussians than two sorting blocks, of which many cover many tiles.
 fn many(order: Order) -> Draw<SpatialScene> {
     let mut draw = Draw::spatial(SpatialKind::Typical, Blend::Over, 2500, (173, 141), 42).on([0.1, 0.5, 0.3]);
@@ -69,7 +72,7 @@ fn root_mean_square(a: &Image, b: &Image) -> f32 {
 /// A wrong order of two Gaussians in a thousand would be seen.
 #[test]
 fn images_of_many_are_those_of_the_cpu() {
-    for order in [Order::Index, Order::TileDepth] {
+    for order in ORDERS {
         let draw = many(order);
         let expected = cpu().render(&draw.scene, &draw.view, &draw.settings).unwrap();
         for (kernels, r) in rasterizers() {
@@ -78,9 +81,48 @@ fn images_of_many_are_those_of_the_cpu() {
             assert!(apart < 1e-5, "{kernels:?}, {order:?}: {apart}");
         }
     }
-    let [by_index, by_depth] = [Order::Index, Order::TileDepth].map(many);
-    let [by_index, by_depth] = [by_index, by_depth].map(|d| cpu().render(&d.scene, &d.view, &d.settings).unwrap());
-    assert!(root_mean_square(&by_index, &by_depth) > 1e-3, "the order makes no difference: the comparison cannot fail");
+    let images = ORDERS.map(many).map(|d| cpu().render(&d.scene, &d.view, &d.settings).unwrap());
+    for (one, other) in [(0, 1), (1, 2)] {
+        let apart = root_mean_square(&images[one], &images[other]);
+        assert!(apart > 1e-3, "{:?} is all but {:?}: the comparison cannot fail", ORDERS[one], ORDERS[other]);
+    }
+}
+
+/// More entries in a tile than software drivers let an invocation loop over, one by one.
+#[test]
+fn a_tile_of_many_is_that_of_the_cpu() {
+    let view = Camera::looking_forward(16, 16, 1.0);
+    let mut scene = SpatialScene::default();
+    // Between -½ and ½.
+    let mut state = 1u32;
+    let mut number = || {
+        state = state.wrapping_mul(747_796_405).wrapping_add(2_891_336_453);
+        (state >> 8) as f32 / (1 << 24) as f32 - 0.5
+    };
+    for _ in 0..70_000 {
+        let z = 6.0 + 2.0 * number();
+        let size = z / view.focal.x;
+        scene.push(SpatialGaussian {
+            mean: Vec3::new(number() * 15.0 * size, number() * 15.0 * size, z),
+            // Half a pixel wide, and at a pixel about as deep as they are apart there.
+            log_scale: Vec3::new(0.4 * size, 0.5 * size, 0.0005).map(f32::ln),
+            rotation: [1.0, 0.02 * number(), 0.02 * number(), 0.0],
+            opacity_logit: -4.5,
+            sh: vec![Vec3::new(number(), number(), number())],
+        });
+    }
+    let mut settings = RenderSettings::blended(Blend::Over);
+    settings.effects.order = Order::PixelDepth;
+    let expected = cpu().render(&scene, &view, &settings).unwrap();
+    let (_, r) = &rasterizers()[0];
+    let cloud = r.upload(&scene, Chart::ScaleRotation).unwrap();
+    let frame = r.forward(&cloud, &view, &settings).unwrap();
+    assert!(frame.entries() > 65_535, "{} entries", frame.entries());
+    let apart = root_mean_square(&r.image(&frame).unwrap(), &expected);
+    assert!(apart < 1e-5, "{apart}");
+    settings.effects.order = Order::Index;
+    let by_index = cpu().render(&scene, &view, &settings).unwrap();
+    assert!(root_mean_square(&by_index, &expected) > 1e-3, "the order makes no difference");
 }
 
 fn bits(state: &CloudState) -> BTreeMap<&str, Vec<u32>> {
@@ -117,17 +159,18 @@ fn trained<R: Rasterizer<SpatialScene>>(
 
 #[test]
 fn repeats_itself_bit_for_bit_whether_or_not_steps_have_to_be_sent_again() {
-    let draw = many(Order::TileDepth);
-    for kernels in rasterizers().iter().map(|&(kernels, _)| kernels) {
+    let by_depth = [Order::TileDepth, Order::PixelDepth].map(many);
+    let kernels = rasterizers().iter().map(|&(kernels, _)| kernels);
+    for (kernels, draw) in kernels.flat_map(|kernels| by_depth.iter().map(move |draw| (kernels, draw))) {
         let other = || WgpuRasterizer::new(WgpuSettings { kernels: Some(kernels), ..WgpuSettings::default() }).unwrap();
         let (cold, roomy) = (other(), other());
         roomy.render(&draw.scene, &draw.view, &draw.settings).unwrap();
-        let [(one, losses), (two, again)] = [cold, roomy].map(|r| trained(&r, &draw, &rates(Participants::All), 5));
+        let [(one, losses), (two, again)] = [cold, roomy].map(|r| trained(&r, draw, &rates(Participants::All), 5));
         assert_eq!(bits(&one), bits(&two), "{kernels:?}");
         assert_eq!((losses.len(), &losses), (5, &again), "{kernels:?}");
         assert!(losses[4] < losses[0], "{kernels:?}: {losses:?}");
         let (_, r) = &rasterizers()[0];
-        assert_ne!(bits(&one), bits(&trained(r, &draw, &rates(Participants::All), 4).0), "a step changes nothing");
+        assert_ne!(bits(&one), bits(&trained(r, draw, &rates(Participants::All), 4).0), "a step changes nothing");
     }
 }
 
@@ -186,15 +229,67 @@ fn a_training_step_moves_few_bytes_however_many_gaussians_there_are() {
     assert!(few > 0 && few <= 5 * 512, "{few} bytes in 5 steps");
 }
 
+/// The suite lets a backend refuse them; this one does not.
+#[test]
+fn all_orders_and_statistics_are_offered() {
+    let (_, r) = &rasterizers()[0];
+    let mut draw = Draw::spatial(SpatialKind::Typical, Blend::Over, 5, (20, 20), 3);
+    for order in ORDERS {
+        for statistics in [Statistics::MeanGradient, Statistics::AbsoluteGradient, Statistics::PixelError] {
+            (draw.settings.effects.order, draw.settings.effects.statistics) = (order, statistics);
+            r.render(&draw.scene, &draw.view, &draw.settings).unwrap();
+        }
+    }
+}
+
+/// What a step collects in the order of depth at each pixel, whose kernel has sums of its own, against gs-cpu.
+#[test]
+fn statistics_by_pixel_are_those_of_the_cpu() {
+    let mut draw = Draw::spatial(SpatialKind::Overlapping, Blend::Over, 40, (60, 44), 12).on([0.3, 0.2, 0.6]);
+    draw.settings.effects.order = Order::PixelDepth;
+    let all = rates(Participants::All);
+    for statistics in [Statistics::MeanGradient, Statistics::AbsoluteGradient, Statistics::PixelError] {
+        draw.settings.effects.statistics = statistics;
+        let sums = |state: &CloudState| state.rows::<1>("gradient_sum").unwrap();
+        let expected = sums(&trained(cpu().spatial(), &draw, &all, 1).0);
+        let found = sums(&trained(&rasterizers()[0].1, &draw, &all, 1).0);
+        let largest = expected.iter().fold(0.0f32, |most, &[sum]| most.max(sum));
+        assert!(largest > 0.0);
+        for (i, ([a], [b])) in expected.iter().zip(&found).enumerate() {
+            assert!((a - b).abs() <= 1e-3 * (a + 1e-2 * largest), "{statistics:?} of Gaussian {i}: {a} and {b}");
+        }
+    }
+}
+
+#[test]
+fn more_than_a_pixel_can_put_in_order_is_an_error() {
+    let (_, r) = &rasterizers()[0];
+    let g = SpatialGaussian {
+        mean: Vec3::new(0.0, 0.0, 4.0),
+        log_scale: Vec3::splat(0.0),
+        rotation: [1.0, 0.0, 0.0, 0.0],
+        opacity_logit: -11.0,
+        sh: vec![Vec3::ONE],
+    };
+    let at = |i: u16| SpatialGaussian { mean: g.mean + Vec3::Z * (f32::from(i) / 65_535.0), ..g.clone() };
+    let mut scene = SpatialScene::default();
+    (0..60_000).for_each(|i| scene.push(at(i)));
+    let mut settings = RenderSettings::blended(Blend::Over);
+    settings.effects.order = Order::PixelDepth;
+    (settings.accuracy.alpha_cut, settings.accuracy.transmittance_min) = (1e-6, 0.0);
+    let error = r.render(&scene, &Camera::looking_forward(1, 1, 1.0), &settings).unwrap_err();
+    assert!(error.to_string().contains("order of their depths"), "{error}");
+}
+
 #[test]
 fn what_is_not_offered_is_an_error_that_names_it() {
     let (_, r) = &rasterizers()[0];
     let draw = Draw::spatial(SpatialKind::Typical, Blend::Over, 5, (20, 20), 3);
-    let mut by_pixel = draw.settings;
-    by_pixel.effects.order = Order::PixelDepth;
-    let mut by_error = draw.settings;
-    by_error.effects.statistics = Statistics::PixelError;
-    for (settings, named) in [(by_pixel, "PixelDepth"), (by_error, "PixelError")] {
+    let mut with_depth = draw.settings;
+    with_depth.effects.outputs = Outputs::ColorAlphaDepth;
+    let mut bent = draw.settings;
+    bent.effects.lens = Lens::Distorted;
+    for (settings, named) in [(with_depth, "ColorAlphaDepth"), (bent, "Distorted")] {
         let error = r.render(&draw.scene, &draw.view, &settings).unwrap_err();
         assert!(matches!(&error, Error::Unsupported { backend: "wgpu", effect } if effect.contains(named)), "{error}");
     }
@@ -202,7 +297,7 @@ fn what_is_not_offered_is_an_error_that_names_it() {
     assert!(matches!(&error, Error::Unsupported { effect, .. } if effect.contains("LocalFrame")), "{error}");
 }
 
-/// A scene in which there is nothing to compare counts as rejected, of which there may be only so many; so does what is not offered.
+/// A scene in which there is nothing to compare counts as rejected, of which there may be only so many.
 fn judge<T>(result: Result<T, Failure>) -> Result<(), TestCaseError> {
     match result {
         Ok(_) => Ok(()),
@@ -222,28 +317,18 @@ fn repeatable(cases: u32) -> ProptestConfig {
     }
 }
 
-/// As drawn, but in an order that this backend has.
-fn offered() -> impl Strategy<Value = Draw<SpatialScene>> {
-    spatial_draws().prop_map(|mut draw| {
-        if draw.settings.effects.order == Order::PixelDepth {
-            draw.settings.effects.order = Order::TileDepth;
-        }
-        draw
-    })
-}
-
 proptest! {
     #![proptest_config(repeatable(200))]
 
     #[test]
-    fn drawn_images_match(draw in offered()) {
+    fn drawn_images_match(draw in spatial_draws()) {
         for (_, rasterizer) in rasterizers() {
             judge(check_image(rasterizer, &draw))?;
         }
     }
 
     #[test]
-    fn drawn_gradients_match(draw in offered(), loss in prop_oneof![Just(Loss::L2), Just(Loss::L1), Just(Loss::PAPER)]) {
+    fn drawn_gradients_match(draw in spatial_draws(), loss in prop_oneof![Just(Loss::L2), Just(Loss::L1), Just(Loss::PAPER)]) {
         for (_, rasterizer) in rasterizers() {
             judge(check_gradients(rasterizer, &draw, &loss, Chart::ScaleRotation))?;
         }

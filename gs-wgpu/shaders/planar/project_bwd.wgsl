@@ -35,7 +35,7 @@ fn project_bwd(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) gro
         gradient.visible = 1u;
         gradient.opacity_logit = sums.zeroth * (1.0 - s.opacity);
         if step.collect == 1u {
-            gradient.device_norm = length(solve_transposed(l, gradient.xi) * vec2f(step.size) * 0.5);
+            gradient.device_norm = statistic_of(sums, solve_transposed(l, gradient.xi));
         }
     }
     gradients[index] = gradient;

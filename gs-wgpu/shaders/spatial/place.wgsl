@@ -8,6 +8,10 @@
 @group(0) @binding(4) var<storage, read_write> splats: array<Splat>;
 // [N + 1]
 @group(0) @binding(5) var<storage, read_write> placed_counts: array<u32>;
+#if PIXEL_DEPTH
+@group(0) @binding(6) var<storage, read> pixel_depths: array<vec4f>;
+@group(0) @binding(7) var<storage, read_write> placed_depths: array<vec4f>;
+#endif
 
 @compute @workgroup_size(64)
 fn place(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
@@ -20,6 +24,9 @@ fn place(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: v
         let index = order[at];
         splats[at] = projected[index];
         count = counts[index];
+#if PIXEL_DEPTH
+        placed_depths[at] = pixel_depths[index];
+#endif
     }
     placed_counts[at] = count;
 }

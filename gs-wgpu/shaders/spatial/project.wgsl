@@ -11,6 +11,10 @@
 @group(0) @binding(6) var<storage, read_write> depths: array<u32>;
 @group(0) @binding(7) var<storage, read_write> order: array<u32>;
 @group(0) @binding(8) var<storage, read_write> status: Counted;
+#if PIXEL_DEPTH
+// By index: depth of the mean, its slope by px, and the bits of the index.
+@group(0) @binding(9) var<storage, read_write> pixel_depths: array<vec4f>;
+#endif
 
 fn color_of(index: u32, mean: vec3f) -> vec3f {
     var y_k = basis(towards(camera, mean).xyz);
@@ -24,8 +28,8 @@ fn color_of(index: u32, mean: vec3f) -> vec3f {
     return select(sum, vec3f(0.0), sum < vec3f(0.0));
 }
 
-// Without its colour.
-fn project_one(e: Ellipsoid, p: vec3f) -> Splat {
+// Without its colour. `depth_slope`: by how much the depth at a pixel grows with a px, where anything is drawn.
+fn project_one(e: Ellipsoid, p: vec3f, depth_slope: ptr<function, vec2f>) -> Splat {
     let norm2 = dot(e.rotation, e.rotation);
     if !(all_finite(e.mean) && all_finite(e.log_scale) && is_finite(norm2)) || is_nan(e.opacity_logit)
         || is_nan(p.x) || is_nan(p.y) || is_nan(p.z) {
@@ -68,6 +72,10 @@ fn project_one(e: Ellipsoid, p: vec3f) -> Splat {
         atomicAdd(&status.transparent, 1u);
         return culled();
     }
+#if PIXEL_DEPTH
+    let undilated_slope = vec2f(dot(i.m[2], cross(i.r1, n)), dot(i.m[2], cross(n, i.r0)));
+    *depth_slope = (undilated_slope + delta * vec2f(dot(i.m[2], i.r0), dot(i.m[2], i.r1))) / det;
+#endif
     return splat_of(mean, covariance, det, opacity, vec3f(0.0));
 }
 
@@ -79,7 +87,8 @@ fn spatial_project(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups)
     }
     let e = ellipsoids[index];
     let p = in_camera(camera, e.mean);
-    var splat = project_one(e, p);
+    var depth_slope = vec2f(0.0);
+    var splat = project_one(e, p, &depth_slope);
     var touched = tiles_of(splat);
     if splat.half_x >= 0.0 {
         if touched == 0u {
@@ -98,4 +107,7 @@ fn spatial_project(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups)
     counts[index] = touched;
     depths[index] = bitcast<u32>(max(p.z, 0.0));
     order[index] = index;
+#if PIXEL_DEPTH
+    pixel_depths[index] = vec4f(p.z, depth_slope, bitcast<f32>(index));
+#endif
 }

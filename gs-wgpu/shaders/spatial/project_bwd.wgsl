@@ -151,7 +151,7 @@ fn spatial_project_bwd(@builtin(workgroup_id) group: vec3u, @builtin(num_workgro
         gradient = geometry_bwd(e, v_mean, vec3f(v_covariance[0].xy, v_covariance[1].y), sums.zeroth);
         gradient.mean += color_bwd(index, e.mean, sums.color);
         if step.collect == 1u {
-            gradient.device_norm = length(v_mean * vec2f(step.size) * 0.5);
+            gradient.device_norm = statistic_of(sums, v_mean);
         }
     }
     gradients[index] = gradient;

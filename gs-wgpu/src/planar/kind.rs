@@ -162,7 +162,7 @@ impl Kind for PlanarScene {
         ];
         let invocations = if gpu.kernels == Kernels::Vectors { LANES } else { 64 };
         let groups = groups_of(gpu, u64::from(tiles.gaussians), invocations.into());
-        let variant = Variant { over: tiles.variant().over, ..in_chart(cloud) };
+        let variant = Variant { local_frame: in_chart(cloud).local_frame, ..tiles.variant() };
         dispatch(gpu, commands, "project_bwd", variant, &bindings, groups);
     }
 

@@ -1,6 +1,6 @@
 //! Solving for the colours under `Sum`, as commands: conjugate gradients on the normal equations.
 
-use gs_core::{Blend, Canvas, Error, PlanarScene, RenderSettings};
+use gs_core::{Blend, Canvas, Error, PlanarScene, RenderSettings, effects::Statistics};
 
 use crate::{
     WgpuRasterizer,
@@ -30,10 +30,13 @@ pub(crate) fn solve_colors(
             effect: "solving for colours under `over`, where the image is not linear in them".to_owned(),
         });
     }
+    // Nothing is collected.
+    let mut settings = *settings;
+    settings.effects.statistics = Statistics::None;
     let gpu = &rasterizer.gpu;
     cloud.settle(gpu)?;
     let mut workspace = rasterizer.planar.take(gpu)?;
-    workspace.set(gpu, cloud, view, settings)?;
+    workspace.set(gpu, cloud, view, &settings)?;
     let describe = |w: &Workspace<PlanarScene>| w.describe(cloud, None, None);
     rasterizer.with_lists(&mut workspace, cloud, describe, |_, _| Ok(()))?;
     let step = describe(&workspace);
@@ -63,7 +66,7 @@ impl Workspace<PlanarScene> {
         self.tiles.partial.ensure(gpu, n.div_ceil(256) * 16)?;
         self.tiles.encode_blend(gpu, commands);
         self.tiles.encode_loss(gpu, commands, target, None)?;
-        self.tiles.encode_blend_bwd(gpu, commands, Differentiated::Loss);
+        self.tiles.encode_blend_bwd(gpu, commands, Differentiated::Loss(target));
         self.encode_solver(gpu, commands, cloud, "solve_start", None);
         self.encode_solver(gpu, commands, cloud, "solve_scalars", Some(0));
         // From here on the image is that of a direction, on nothing.

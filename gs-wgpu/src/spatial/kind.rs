@@ -5,7 +5,7 @@ use std::sync::Arc;
 use glam::Vec3;
 use gs_core::{
     AdamRates, Camera, Chart, CloudState, Error, RenderSettings, SpatialGaussian, SpatialScene,
-    effects::{Exposure, Lens, Order, Statistics as Collected},
+    effects::{Exposure, Lens, Statistics as Collected},
     profile::Traffic,
 };
 
@@ -24,6 +24,7 @@ use crate::{
     profile::Stage,
     rasterizer::{check_settings, unsupported},
     target::Target,
+    tiles::DEPTH_BYTES,
     traffic::{INDEX, size},
     workspace::Workspace,
 };
@@ -38,9 +39,6 @@ impl Kind for SpatialScene {
         camera.validate()?;
         check_settings(settings)?;
         let effects = &settings.effects;
-        if effects.order == Order::PixelDepth {
-            return Err(unsupported("order PixelDepth, which its kernels do not sort by; the CPU does"));
-        }
         if effects.lens != Lens::Pinhole {
             return Err(unsupported(format!("lens {:?}; undistort the images", effects.lens)));
         }
@@ -105,6 +103,9 @@ impl Kind for SpatialScene {
         tiles.ensure_sorting(gpu, n)?;
         own.projected.ensure(gpu, n * SPLAT_BYTES)?;
         own.counts.ensure(gpu, n * INDEX)?;
+        if tiles.orders_by_pixel() {
+            own.pixel_depths.ensure(gpu, n * DEPTH_BYTES)?;
+        }
         own.depths.iter_mut().chain(&mut own.order).try_for_each(|growing| growing.ensure(gpu, n * INDEX))
     }
 

@@ -27,6 +27,8 @@ pub struct SpatialOwn {
     /// Splats by index, and how many tiles each touches.
     pub(crate) projected: Growing,
     pub(crate) counts: Growing,
+    /// With slopes and indices, for the order of depth at each pixel.
+    pub(crate) pixel_depths: Growing,
     pub(crate) depths: [Growing; 2],
     /// Place → index.
     pub(crate) order: [Growing; 2],
@@ -39,6 +41,7 @@ impl SpatialOwn {
             camera: gpu.allocate("camera", size_of::<layout::Camera>() as u64, UNIFORM)?,
             projected: growing("splats by index")?,
             counts: growing("tile counts")?,
+            pixel_depths: growing("depths by pixel")?,
             depths: [growing("depths")?, growing("depths")?],
             order: [growing("order of depth")?, growing("order of depth")?],
         })
@@ -70,7 +73,9 @@ impl Workspace<SpatialScene> {
     pub(crate) fn encode_splats(&self, gpu: &Gpu, commands: &mut Commands, cloud: &Cloud<SpatialScene>) {
         let Self { tiles, own, .. } = self;
         let n = u64::from(tiles.gaussians);
-        let bindings = [
+        let by_pixel = tiles.orders_by_pixel();
+        let variant = Variant { by_pixel, ..Variant::default() };
+        let mut bindings = vec![
             &tiles.step,
             &own.camera,
             &cloud.state.ellipsoids,
@@ -81,7 +86,10 @@ impl Workspace<SpatialScene> {
             &own.order[0].buffer,
             &tiles.status,
         ];
-        dispatch(gpu, commands, "spatial_project", Variant::default(), &bindings, groups_of(gpu, n, 64));
+        if by_pixel {
+            bindings.push(&own.pixel_depths.buffer);
+        }
+        dispatch(gpu, commands, "spatial_project", variant, &bindings, groups_of(gpu, n, 64));
         let passes = self.depth_passes();
         if passes > 0 {
             let blocks = n.div_ceil(SORT_BLOCK.into());
@@ -90,7 +98,7 @@ impl Workspace<SpatialScene> {
             let sorting = Sorting { which: Which::Gaussians, keys, order, passes, groups };
             tiles.encode_sorting(gpu, commands, &sorting);
         }
-        let bindings = [
+        let mut bindings = vec![
             &tiles.step,
             &own.order[0].buffer,
             &own.projected.buffer,
@@ -98,7 +106,10 @@ impl Workspace<SpatialScene> {
             &tiles.splats.buffer,
             &tiles.offsets.buffer,
         ];
-        dispatch(gpu, commands, "place", Variant::default(), &bindings, groups_of(gpu, n + 1, 64));
+        if by_pixel {
+            bindings.extend([&own.pixel_depths.buffer, &tiles.depths.buffer]);
+        }
+        dispatch(gpu, commands, "place", variant, &bindings, groups_of(gpu, n + 1, 64));
     }
 
     /// Passes of sorting by depth: none where the order is the scene's.

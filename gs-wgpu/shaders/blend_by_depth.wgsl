@@ -1,0 +1,388 @@
+// Stages `blend` and `blend_bwd` under `Over` in the order of depth at each pixel: exact, whatever interpenetrates. A work group a tile, an
+// invocation a pixel.
+//
+// A pixel walks along its tile's queue, which is almost in its own order, and holds the HELD nearest Gaussians that it met and has not
+// blended. When another comes while it holds as many, the nearest is blended, if nothing further along the queue can be nearer; otherwise
+// the farthest is put off, and with it all that are farther, to the next walk, which begins at the first that was put off. Each walk
+// blends HELD Gaussians at least, so there are few.
+//
+// BACKWARD: pixels come to an entry in any order, but a sum of integers does not depend on it. So what an entry's Gaussian receives is
+// summed in fixed-point numbers of 64 bits, whose unit is 2^-53 of what a pixel of the tile can give at most; lengths in them are in
+// powers of two of px, so that nothing is rounded but to that unit.
+//
+// Legend: as in `blend_bwd`.
+
+@group(0) @binding(1) var<storage, read> tile_start: array<u32>;
+@group(0) @binding(2) var<storage, read> queue: array<Queued>;
+@group(0) @binding(3) var<storage, read_write> status: Counted;
+#if BACKWARD
+@group(0) @binding(4) var<storage, read> v_image: array<vec4f>;
+@group(0) @binding(5) var<storage, read> image: array<vec4f>;
+@group(0) @binding(6) var<storage, read_write> slots: array<f32>;
+// [entries, STRIDE], by their place in the queue: low and high half.
+@group(0) @binding(7) var<storage, read_write> totals: array<atomic<u32>>;
+#if ERROR
+@group(0) @binding(8) var<storage, read> target_image: array<vec4f>;
+#endif
+#else
+// RGB and transmittance.
+@group(0) @binding(4) var<storage, read_write> image: array<vec4f>;
+#endif
+
+// Times that a pixel goes round its loops before it gives up. Software drivers end all loops after 65,535 rounds, of an invocation or its
+// neighbours in a vector: a pixel that finds itself out of a loop and not done has met with that.
+const MOST_STEPS: u32 = 56000u;
+
+// A Gaussian as a pixel sees it.
+struct Seen {
+    depth: f32,
+    // In the scene, which decides ties.
+    index: u32,
+    // Its place in the queue.
+    at: u32,
+    // Opacity times weight.
+    uncut: f32,
+}
+
+fn nobody() -> Seen {
+    return Seen(NO_DEPTH, 0xffffffffu, 0u, 0.0);
+}
+
+fn is_somebody(seen: Seen) -> bool {
+    return seen.depth < NO_DEPTH;
+}
+
+fn is_nearer(a: Seen, b: Seen) -> bool {
+    return a.depth < b.depth || (a.depth == b.depth && a.index < b.index);
+}
+
+// Twice sigma at d from the mean.
+fn twice_sigma(q: Queued, d: vec2f) -> f32 {
+    let u = d.y - q.slope * d.x;
+    return d.x * d.x * q.inverse_xx + u * u * q.c;
+}
+
+fn seen_at(at: u32, q: Queued, d: vec2f) -> Seen {
+    let u = d.y - q.slope * d.x;
+    let across = d.x * d.x * (-0.5 * LOG2_E * q.inverse_xx);
+    let w = weights(vec4f(fma(u * u, -0.5 * LOG2_E * q.c, across))).x;
+    let depth = fma(d.x, q.depth_slope.x, fma(d.y, q.depth_slope.y, q.depth));
+    return Seen(select(clamp(depth, -FARTHEST, FARTHEST), FARTHEST, is_nan(depth)), q.index, at, w * q.opacity);
+}
+
+// What the pixel has, and what it is still to get.
+struct Pixel {
+    center: vec2f,
+    transmittance: f32,
+#if BACKWARD
+    v: vec3f,
+    // v_C . (what is behind).
+    rest: f32,
+    unit: Unit,
+#if ERROR
+    error: f32,
+    error_unit: Unit,
+#endif
+#else
+    color: vec3f,
+#endif
+}
+
+#if BACKWARD
+// Of all pixels of the tile: v_C, the error; of all its Gaussians and the backdrop: the colour. Bits of numbers that are not negative.
+var<workgroup> most_v: atomic<u32>;
+var<workgroup> most_error: atomic<u32>;
+var<workgroup> most_color: atomic<u32>;
+
+// A power of two, and its inverse.
+struct Unit {
+    scale: f32,
+    inverse: f32,
+}
+
+fn power_of_two(exponent: i32) -> f32 {
+    return bitcast<f32>(u32(clamp(exponent, -126, 127) + 127) << 23u);
+}
+
+// For numbers no larger than `most`, so that they come to 2^53.
+fn unit_for(most: f32) -> Unit {
+    let exponent = clamp(53 + 126 - i32(bitcast<u32>(most) >> 23u), -126, 126);
+    // Sums of what is not finite are not finite.
+    return Unit(power_of_two(exponent), select(power_of_two(-exponent), most, !is_finite(most)));
+}
+
+// The power of two next below the square root, or that itself.
+fn binary_root(x: f32) -> f32 {
+    return bitcast<f32>((((bitcast<u32>(x) >> 23u) + 127u) >> 1u) << 23u);
+}
+
+// Lengths of a Gaussian, in powers of two of px: by which dx and u, and the halves of Sigma'^-1 d, are multiplied.
+struct Lengths {
+    whiten: vec2f,
+    pull: vec2f,
+}
+
+fn lengths_of(q: Queued) -> Lengths {
+    let whiten = vec2f(binary_root(q.inverse_xx), binary_root(q.c));
+    let across = 2.0 * (whiten.x + abs(q.slope) * whiten.y);
+    return Lengths(whiten, vec2f(power_of_two(126 - i32(bitcast<u32>(across) >> 23u)), 0.5 / whiten.y));
+}
+
+// `x`: in units.
+fn add(total: u32, x: f32) {
+    // Twice what it should be at most.
+    let y = min(abs(x), 18014398509481984.0);
+    let above = floor(y * (1.0 / 4294967296.0));
+    var high = u32(above);
+    var low = u32(y - above * 4294967296.0);
+    if (low | high) == 0u {
+        return;
+    }
+    if x < 0.0 {
+        low = ~low + 1u;
+        high = ~high + select(0u, 1u, low == 0u);
+    }
+    let before = atomicAdd(&totals[2u * total], low);
+    let carried = high + select(0u, 1u, before + low < before);
+    if carried != 0u {
+        atomicAdd(&totals[2u * total + 1u], carried);
+    }
+}
+
+fn sum_of(total: u32, unit: Unit) -> f32 {
+    var low = atomicLoad(&totals[2u * total]);
+    var high = atomicLoad(&totals[2u * total + 1u]);
+    let is_negative = high >> 31u == 1u;
+    if is_negative {
+        low = ~low + 1u;
+        high = ~high + select(0u, 1u, low == 0u);
+    }
+    let size = (f32(high) * 4294967296.0 + f32(low)) * unit.inverse;
+    return select(size, -size, is_negative);
+}
+#endif
+
+// Blends a Gaussian behind what is there; whether that was possible without the pixel being full.
+fn blend_one(pixel: ptr<function, Pixel>, seen: Seen) -> bool {
+    let q = queue[seen.at];
+    let alpha = min(seen.uncut, step.alpha_max);
+    let before = (*pixel).transmittance;
+    let share = before * alpha;
+    let behind = before - share;
+    if !(behind >= step.transmittance_min) {
+        return false;
+    }
+    (*pixel).transmittance = behind;
+#if BACKWARD
+    let v = (*pixel).v;
+    let v_w = dot(v, q.color);
+    (*pixel).rest -= share * v_w;
+    let v_alpha = before * v_w - (*pixel).rest / (1.0 - alpha);
+    // The gradient of a clamped alpha is zero.
+    let t = select(0.0, v_alpha * alpha, seen.uncut <= step.alpha_max);
+    let d = (*pixel).center - q.mean;
+    let u = d.y - q.slope * d.x;
+    let lengths = lengths_of(q);
+    let z = vec2f(d.x, u) * lengths.whiten;
+    let total = seen.at * STRIDE;
+    let unit = (*pixel).unit.scale;
+    add(total, share * v.x * unit);
+    add(total + 1u, share * v.y * unit);
+    add(total + 2u, share * v.z * unit);
+    add(total + 3u, t * z.x * unit);
+    add(total + 4u, t * z.y * unit);
+    add(total + 5u, t * z.x * z.x * unit);
+    add(total + 6u, t * z.x * z.y * unit);
+    add(total + 7u, t * z.y * z.y * unit);
+    add(total + 8u, t * unit);
+#if ABSOLUTE
+    let down = q.c * u;
+    add(total + GRADIENTS, abs(t * (q.inverse_xx * d.x - q.slope * down) * lengths.pull.x) * unit);
+    add(total + GRADIENTS + 1u, abs(t * down * lengths.pull.y) * unit);
+#endif
+#if ERROR
+    add(total + GRADIENTS, share * (*pixel).error * (*pixel).error_unit.scale);
+#endif
+#else
+    (*pixel).color += share * q.color;
+#endif
+    return true;
+}
+
+@compute @workgroup_size(TILE_COLUMNS, TILE_ROWS)
+fn blend_by_depth(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_id) lane: vec3u,
+    @builtin(local_invocation_index) invocation: u32,
+) {
+    let tile = flat(group, groups);
+    if tile >= step.tiles.x * step.tiles.y {
+        return;
+    }
+    let corner = vec2u(tile % step.tiles.x, tile / step.tiles.x) * vec2u(TILE_COLUMNS, TILE_ROWS);
+    let column = corner.x + lane.x;
+    let row = corner.y + lane.y;
+    let is_inside = column < step.size.x && row < step.size.y;
+    let place = row * step.size.x + column;
+    let start = tile_start[tile * CLASSES];
+    let end = tile_start[(tile + 1u) * CLASSES];
+    var pixel: Pixel;
+    pixel.center = vec2f(vec2u(column, row)) + 0.5;
+    pixel.transmittance = 1.0;
+#if BACKWARD
+    if invocation == 0u {
+        atomicStore(&most_v, 0u);
+        atomicStore(&most_error, 0u);
+        let backdrop = abs(step.backdrop);
+        atomicStore(&most_color, bitcast<u32>(max(max(backdrop.x, backdrop.y), backdrop.z)));
+    }
+    workgroupBarrier();
+    if is_inside {
+        let color = image[place].xyz;
+        pixel.v = v_image[place].xyz;
+        pixel.rest = dot(pixel.v, color);
+#if ERROR
+        pixel.error = dot(abs(color - target_image[place].xyz), vec3f(1.0 / 3.0));
+#endif
+        let v = bitcast<vec3u>(abs(pixel.v));
+        atomicMax(&most_v, max(max(v.x, v.y), v.z));
+#if ERROR
+        atomicMax(&most_error, bitcast<u32>(pixel.error));
+#endif
+    }
+    for (var at = start + invocation; at < end; at += TILE_COLUMNS * TILE_ROWS) {
+        let color = bitcast<vec3u>(abs(queue[at].color));
+        atomicMax(&most_color, max(max(color.x, color.y), color.z));
+    }
+    workgroupBarrier();
+    // |t| <= 3 |v| |c - what is behind|, and a number of `blend_bwd` is t times at most twice sigma.
+    let widest = max(1.0, -2.0 * log(step.alpha_cut));
+    let most_t = 6.0 * bitcast<f32>(atomicLoad(&most_color)) * widest;
+    pixel.unit = unit_for(bitcast<f32>(atomicLoad(&most_v)) * max(1.0, most_t));
+#if ERROR
+    pixel.error_unit = unit_for(bitcast<f32>(atomicLoad(&most_error)));
+#endif
+#endif
+    // Held, nearest first.
+    var held: array<Seen, HELD>;
+#each k HELD
+    held[@k] = nobody();
+#end
+    // The nearest that was put off; where the first of those stands; and the one that this walk begins with.
+    var put_off = nobody();
+    var resume = end;
+    var nearest = Seen(-NO_DEPTH, 0u, 0u, 0.0);
+    var cursor = start;
+    var is_done = !is_inside || start == end;
+    var steps = 0u;
+    // Walk after walk, eight entries at a time. Loops end at their tails, because software drivers run their bodies once more otherwise.
+    if !is_done {
+        loop {
+            let first = cursor;
+            var reaching = 0u;
+#each e EIGHT
+            {
+                let q = queue[min(first + @eu, end - 1u)];
+                let reaches = first + @eu < end && twice_sigma(q, pixel.center - q.mean) <= q.reach;
+                reaching |= select(0u, 1u << @eu, reaches);
+            }
+#end
+            cursor += 8u;
+            // Nothing further along can come before what was put off.
+            let ends = cursor >= end || queue[min(cursor, end - 1u)].lower > put_off.depth;
+            // Each of the eight that reaches the pixel; at the end of a walk also all that are held.
+            loop {
+                var next = nobody();
+                var lower = NO_DEPTH;
+                if reaching != 0u {
+                    let at = first + firstTrailingBit(reaching);
+                    reaching &= reaching - 1u;
+                    let q = queue[at];
+                    let seen = seen_at(at, q, pixel.center - q.mean);
+                    if seen.uncut >= step.alpha_cut && !is_nearer(seen, nearest) {
+                        next = seen;
+                        lower = q.lower;
+                    }
+                }
+                let is_next = is_somebody(next);
+                let makes_room = is_next && is_somebody(held[HELD - 1u]) && held[0].depth < lower;
+                let leaves = ends && reaching == 0u && !is_next && is_somebody(held[0]);
+                if makes_room || leaves {
+                    is_done = !blend_one(&pixel, held[0]);
+#each k HELD_LESS_ONE
+                    held[@k] = held[@k + 1];
+#end
+                    held[HELD - 1u] = nobody();
+                }
+                if is_next {
+                    let comes_before = is_nearer(next, put_off);
+                    resume = select(min(resume, next.at), resume, comes_before);
+                    if comes_before {
+#each k HELD
+                        if is_nearer(next, held[@k]) {
+                            let farther = held[@k];
+                            held[@k] = next;
+                            next = farther;
+                        }
+#end
+                        if is_somebody(next) {
+                            put_off = next;
+                            resume = min(resume, next.at);
+                        }
+                    }
+                }
+                steps++;
+                continuing {
+                    break if is_done || (reaching == 0u && !(ends && is_somebody(held[0])));
+                }
+            }
+            if ends && !is_done && reaching == 0u && !is_somebody(held[0]) {
+                is_done = !is_somebody(put_off);
+                nearest = put_off;
+                cursor = resume;
+                put_off = nobody();
+                resume = end;
+            }
+            steps++;
+            continuing {
+                break if is_done || steps >= MOST_STEPS;
+            }
+        }
+    }
+#if BACKWARD
+    storageBarrier();
+    var at = start + invocation;
+    for (; at < end; at += TILE_COLUMNS * TILE_ROWS) {
+        let q = queue[at];
+        let lengths = lengths_of(q);
+        let px = 1.0 / lengths.whiten;
+        let total = at * STRIDE;
+        let slot = q.slot * STRIDE;
+        slots[slot] = sum_of(total, pixel.unit);
+        slots[slot + 1u] = sum_of(total + 1u, pixel.unit);
+        slots[slot + 2u] = sum_of(total + 2u, pixel.unit);
+        slots[slot + 3u] = sum_of(total + 3u, pixel.unit) * px.x;
+        slots[slot + 4u] = sum_of(total + 4u, pixel.unit) * px.y;
+        slots[slot + 5u] = sum_of(total + 5u, pixel.unit) * px.x * px.x;
+        slots[slot + 6u] = sum_of(total + 6u, pixel.unit) * px.x * px.y;
+        slots[slot + 7u] = sum_of(total + 7u, pixel.unit) * px.y * px.y;
+        slots[slot + 8u] = sum_of(total + 8u, pixel.unit);
+#if ABSOLUTE
+        slots[slot + GRADIENTS] = sum_of(total + GRADIENTS, pixel.unit) / lengths.pull.x;
+        slots[slot + GRADIENTS + 1u] = sum_of(total + GRADIENTS + 1u, pixel.unit) / lengths.pull.y;
+#endif
+#if ERROR
+        slots[slot + GRADIENTS] = sum_of(total + GRADIENTS, pixel.error_unit);
+#endif
+    }
+    is_done &= at >= end;
+#else
+    if is_inside {
+        image[place] = vec4f(pixel.color + pixel.transmittance * step.backdrop, pixel.transmittance);
+    }
+#endif
+    if !is_done {
+        atomicAdd(&status.unfinished, 1u);
+    }
+}
