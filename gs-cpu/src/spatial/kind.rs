@@ -136,7 +136,7 @@ impl Kind for SpatialScene {
         workspace.len = cloud.len();
         workspace.tiles.set(Self::size(camera), settings);
         let degree = settings.effects.sh_degree.min(cloud.sh_degree);
-        workspace.own.eye = Some(Eye { perspective: Perspective::new(camera, settings), degree });
+        workspace.own.eye = Some(Eye { perspective: Perspective::new(camera, settings), degree, chart: cloud.chart });
         Self::project(workspace, cloud);
         Self::sort(workspace, cloud);
         workspace.tiles.bin()?;
@@ -192,9 +192,9 @@ impl Kind for SpatialScene {
         let zeros = vec![0.0; pitch];
         let row = |index: usize| match workspace.lists(index) {
             true => &workspace.own.gradients[index * pitch..][..pitch],
-            false => &zeros,
+            false => &zeros[..],
         };
-        cloud.scene_of((0..cloud.len()).map(row))
+        cloud.scene_of((0..cloud.len()).map(|index| (cloud.seen_gradient(index, row(index)), row(index))))
     }
 
     fn adam(
