@@ -106,9 +106,11 @@ fn parameters_that_training_has_lost_are_counted_and_draw_nothing() {
     let cpu = rasterizer(1);
     let cpu = cpu.spatial();
     let settings = settings(Order::TileDepth, 1);
-    let sound = cpu.save(&cpu.upload(&scene(9, 1, 4.0), Chart::ScaleRotation).unwrap()).unwrap();
-    for what in ["mean", "log_scale", "rotation", "opacity_logit", "sh"] {
-        let cloud = cpu.restore(&spoilt(&sound, what, f32::NAN)).unwrap();
+    let in_chart = |chart| cpu.save(&cpu.upload(&scene(9, 1, 4.0), chart).unwrap()).unwrap();
+    let (sound, framed) = (in_chart(Chart::ScaleRotation), in_chart(Chart::LocalFrame));
+    let all = ["mean", "log_scale", "rotation", "opacity_logit", "sh"].map(|what| (&sound, what));
+    for (sound, what) in all.into_iter().chain([(&framed, "mean"), (&framed, "frame")]) {
+        let cloud = cpu.restore(&spoilt(sound, what, f32::NAN)).unwrap();
         let frame = cpu.forward(&cloud, &camera(40, 30), &settings).unwrap();
         assert_eq!(cpu.culled(&frame).unwrap(), Culled { not_finite: 9, ..Culled::default() }, "{what}");
         assert!(cpu.image(&frame).unwrap().pixels().iter().all(|&p| p == settings.backdrop()));

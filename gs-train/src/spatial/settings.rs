@@ -6,7 +6,7 @@ use gs_core::{
 use gs_density::{DensityPolicy, Policy};
 use serde::{Deserialize, Serialize};
 
-use super::{init::PointInit, resolution::Resolution};
+use super::{init::PointInit, presets::geometric_groups, resolution::Resolution};
 use crate::{course::RunSettings, rounds::Rounds, settings::validate_adam};
 
 /// What is behind the scene while it is trained.
@@ -46,7 +46,7 @@ pub struct SpatialSettings {
     pub sh_degree_every: u32,
     /// What is minimised.
     pub loss: Loss,
-    /// The optimiser. The learning rate of means and the bounds of scales are in units of the extent.
+    /// The optimiser. The bounds of scales, and in [`Chart::ScaleRotation`] the learning rate of means, are in units of the extent.
     pub adam: Adam,
     /// How the first Gaussians are made of points.
     pub init: PointInit,
@@ -71,10 +71,23 @@ impl SpatialSettings {
     /// Adam's numbers after `step` steps, in world units.
     pub fn rates_at(&self, step: u32, extent: f32) -> AdamRates {
         let mut rates = self.adam.at(step as f32 / self.iterations.max(1) as f32);
-        rates.mean.learning_rate *= extent;
+        if self.chart == Chart::ScaleRotation {
+            rates.mean.learning_rate *= extent;
+        }
         rates.min_scale *= extent;
         rates.max_scale *= extent;
         rates
+    }
+
+    /// The same training with steps in another chart, and the learning rates of mean and shape that are known to work there.
+    #[must_use]
+    pub fn moving_in(mut self, chart: Chart) -> Self {
+        if self.chart != chart {
+            self.chart = chart;
+            let Adam { mean, scale, rotation, .. } = &mut self.adam;
+            [*mean, *scale, *rotation] = geometric_groups(chart);
+        }
+        self
     }
 
     /// The same training under another policy. What is pruned, and when opacities are reset, stays as these settings have it, or as 3DGS
