@@ -175,8 +175,10 @@ pub fn by_scale_rotation(frame: Mat3, stretch: Symmetric3) -> (Vec3, [f32; 4]) {
     let v = turn.transpose() * symmetric(stretch).as_dmat3() * turn;
     let [a, b, c] = log_scale.as_dvec3().to_array();
     let v_turn = DVec3::new(v.y_axis.z * (b - c).sinh(), v.z_axis.x * (c - a).sinh(), v.x_axis.y * (a - b).sinh());
+    // A turn of what has no extent is none.
+    let v_turn = if v_turn.is_finite() { principal.axes * v_turn * 2.0 } else { DVec3::ZERO };
     let v_log_scale = DVec3::new(v.x_axis.x, v.y_axis.y, v.z_axis.z);
-    (v_log_scale.as_vec3(), quaternion_vjp(rotation, 1.0, (principal.axes * v_turn * 2.0).as_vec3()))
+    (v_log_scale.as_vec3(), quaternion_vjp(rotation, 1.0, v_turn.as_vec3()))
 }
 
 fn symmetric([a, b, c, d, e, f]: Symmetric3) -> Mat3 {

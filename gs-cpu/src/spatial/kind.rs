@@ -7,7 +7,7 @@ use gs_core::{
     AdamRates, Binning, Blend, Camera, Chart, CloudState, EditPlan, Error, RenderSettings, SpatialGaussian,
     SpatialScene,
     effects::{Exposure, Lens, Order},
-    perspective::Perspective,
+    perspective::{Ellipsoid, Perspective},
     profile::Traffic,
 };
 use rayon::prelude::*;
@@ -191,10 +191,13 @@ impl Kind for SpatialScene {
         let pitch = cloud.pitch();
         let zeros = vec![0.0; pitch];
         let row = |index: usize| match workspace.lists(index) {
-            true => &workspace.own.gradients[index * pitch..][..pitch],
-            false => &zeros[..],
+            true => {
+                let row = &workspace.own.gradients[index * pitch..][..pitch];
+                (cloud.seen_gradient(index, row), row)
+            }
+            false => (Ellipsoid::default(), &zeros[..]),
         };
-        cloud.scene_of((0..cloud.len()).map(|index| (cloud.seen_gradient(index, row(index)), row(index))))
+        cloud.scene_of((0..cloud.len()).map(row))
     }
 
     fn adam(
