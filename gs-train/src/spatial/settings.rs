@@ -201,6 +201,19 @@ mod tests {
     }
 
     #[test]
+    fn learning_rates_follow_the_chart() {
+        let usual = SpatialPreset::ThreeDgs.settings(Some(100));
+        let local = usual.clone().moving_in(Chart::LocalFrame);
+        assert_eq!(usual.clone().moving_in(usual.chart), usual);
+        assert_eq!(local.clone().moving_in(usual.chart), usual);
+        // In standard deviations, whatever the extent; the bounds of scales are lengths still.
+        assert_eq!(local.rates_at(0, 5.0).mean.learning_rate, local.adam.mean.learning_rate);
+        assert_eq!(local.rates_at(0, 5.0).max_scale, 5.0 * local.adam.max_scale);
+        assert_eq!((local.adam.opacity, local.adam.color), (usual.adam.opacity, usual.adam.color));
+        local.validate().unwrap();
+    }
+
+    #[test]
     fn another_policy_prunes_and_resets_as_before() {
         for preset in SpatialPreset::ALL {
             for name in Policy::NAMES {
