@@ -28,28 +28,23 @@ const CHUNK: usize = 256;
 const VANISHING: f32 = 1e-30;
 
 /// The group of each number in a row's first vector, by chart; all that follow are of the last group. What a chart leaves empty stays 0.
-const fn groups_of(chart: Chart) -> [usize; LANES] {
-    let mut groups = [GROUPS - 1; LANES];
-    let mut lane = 0;
-    while lane < SH + 3 {
-        groups[lane] = match (lane, chart) {
-            (0..3, _) => 0,
-            (3..6, _) | (6..12, Chart::LocalFrame) => 1,
-            (6..12, Chart::ScaleRotation) => 2,
-            (OPACITY, _) => 3,
-            _ => 4,
-        };
-        lane += 1;
-    }
-    groups
+fn groups_of(chart: Chart) -> [usize; LANES] {
+    std::array::from_fn(|lane| match (lane, chart) {
+        (0..3, _) => 0,
+        (3..6, _) | (6..12, Chart::LocalFrame) => 1,
+        (6..12, Chart::ScaleRotation) => 2,
+        (OPACITY, _) => 3,
+        _ => 4,
+    })
 }
 
-const _: () = assert!(MEAN.end == 3 && LOG_SCALE.end == 6 && ROTATION.start == 6 && OPACITY == 12 && SH == 13);
+const _: () = assert!(MEAN.end == 3 && LOG_SCALE.end == 6 && ROTATION.start == 6 && OPACITY == 12 && SH + 3 == LANES);
 
 /// What all Gaussians of one step share.
 struct Step<'a> {
     chart: Chart,
     groups: [Rate; GROUPS],
+    group_of: [usize; LANES],
     rates: &'a AdamRates,
     bias: &'a BiasTable<GROUPS>,
     /// ln of the smallest and largest scale.
@@ -83,7 +78,16 @@ pub(crate) fn step(
     let count = cloud.steps.len().max(1) as f32;
     let Penalty { opacity, scale } = rates.penalty;
     let penalty = (rates.penalty != Penalty::NONE).then_some([opacity / count, scale / (3.0 * count)]);
-    let step = Step { chart: cloud.chart, groups, rates, bias: table, log_scales, penalty, collect };
+    let step = Step {
+        chart: cloud.chart,
+        groups,
+        group_of: groups_of(cloud.chart),
+        rates,
+        bias: table,
+        log_scales,
+        penalty,
+        collect,
+    };
     let pitch = cloud.pitch();
     let SpatialCloud { parameters, moments: [first, second], steps, shared, .. } = cloud;
     let statistics = &mut shared.statistics;
@@ -218,7 +222,7 @@ impl<S: Simd> Lanes<S> {
     fn of_first(simd: S, step: &Step<'_>, bias: &Bias<GROUPS>) -> Self {
         let (mut rate, mut beta1, mut beta2) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
         let (mut first, mut second) = ([0.0; LANES], [0.0; LANES]);
-        for (lane, group) in groups_of(step.chart).into_iter().enumerate() {
+        for (lane, group) in step.group_of.into_iter().enumerate() {
             let of = &step.groups[group];
             (rate[lane], beta1[lane], beta2[lane]) = (of.learning_rate, of.beta1, of.beta2);
             (first[lane], second[lane]) = (bias.first[group], bias.second[group]);

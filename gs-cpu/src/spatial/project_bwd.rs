@@ -79,6 +79,7 @@ fn gradient(
             let v = eye.perspective.project_framed_vjp(&cloud::framed(parameters), &upstream);
             (v.mean + by_direction).write_to_slice(&mut row[MEAN]);
             row[STRETCH].copy_from_slice(&v.stretch);
+            row[STRETCH.end..OPACITY].fill(0.0);
             row[OPACITY] = v.opacity_logit;
         }
     }

@@ -9,9 +9,6 @@ use gs_core::{
 
 use super::parameters::{OracleScene, Parameters, QUATERNION, SPATIAL_OPACITY, SPATIAL_SH};
 
-/// Entries of a row before the opacity: mean 3, and the columns of M.
-const GEOMETRY: usize = 12;
-
 /// Numbers that move the geometry: ξ, and η₀₀, η₀₁, η₀₂, η₁₁, η₁₂, η₂₂.
 const STEPS: usize = 9;
 
