@@ -12,7 +12,7 @@ pub enum Chart {
     #[default]
     ScaleRotation,
     /// The Gaussian's own whitened frame, Σ = L Lᵀ: μ ← μ + L ξ, L ← L (I + η + η²/2) with η symmetric. A step means the same
-    /// fraction of its extent for every Gaussian, however small or thin.
+    /// fraction of its extent for every Gaussian, however small or thin. In space: [`local_frame`](crate::local_frame).
     LocalFrame,
 }
 
@@ -107,7 +107,7 @@ impl Penalty {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, rename_all = "kebab-case")]
 pub struct Adam {
-    /// Mean: px, or ξ in the local frame.
+    /// Mean: px (spatial scenes: world units), or ξ in the local frame.
     pub mean: Group,
     /// ln-scale, or η in the local frame.
     pub scale: Group,

@@ -38,6 +38,11 @@ pub const MIN_DETERMINANT_PX4: f32 = 1e-6;
 /// A quaternion whose squared norm is not at least this is culled and counted as degenerate. Unit: none.
 pub const MIN_QUATERNION_NORM2: f32 = 1e-6;
 
+/// Largest entry of η in one step of [`Chart::LocalFrame`](crate::Chart::LocalFrame). Unit: none.
+///
+/// exp(η) is taken to second order, which shrinks by ½ at an eigenvalue of −1 and less again beyond it.
+pub const MAX_ETA: f32 = 0.5;
+
 /// The near plane of a [`Camera`](crate::view::Camera). Unit: world units. *Source:* gsplat (3DGS: 0.2).
 pub const NEAR_WORLD: f32 = 0.01;
 

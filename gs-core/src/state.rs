@@ -29,9 +29,10 @@ pub struct Tensor {
 /// opaque); `moment1`, `moment2 [N,9]` in the order mean 2, shape 3, colour 3, opacity 1; `steps [N]` (u32);
 /// `gradient_sum [N]` (of whichever statistic is collected), `visible [N]` (u32).
 ///
-/// For spatial clouds, with K = (d + 1)² coefficients: `mean [N,3]`, `log_scale [N,3]`, `rotation [N,4]` (w, x, y, z),
-/// `opacity_logit [N]`, `sh [N,3K]` (coefficient by coefficient, each R, G, B); `moment1`, `moment2 [N,11+3K]` in the order mean 3,
-/// log-scale 3, rotation 4, opacity 1, SH 3K; `steps`, `gradient_sum` and `visible` as above.
+/// For spatial clouds, with K = (d + 1)² coefficients: `mean [N,3]`, `frame [N,9]` (columns of M; [`Chart::LocalFrame`]) or
+/// `log_scale [N,3]` and `rotation [N,4]` (w, x, y, z), `opacity_logit [N]`, `sh [N,3K]` (coefficient by coefficient, each R, G, B);
+/// `moment1`, `moment2` in the order mean 3, shape (`[N,11+3K]`: log-scale 3, rotation 4; `[N,10+3K]` of [`Chart::LocalFrame`]:
+/// η₀₀, η₀₁, η₀₂, η₁₁, η₁₂, η₂₂), opacity 1, SH 3K; `steps`, `gradient_sum` and `visible` as above.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CloudState {
     /// The coordinates in which the optimiser moves, which decide how the shape is held.

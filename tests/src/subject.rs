@@ -14,20 +14,20 @@ pub trait Subject: Scene<View: OracleView + PartialEq> {
     /// What is particular about a drawn scene.
     type Kind: Copy + Debug + PartialEq;
 
-    /// The charts that backends must train in.
+    /// The charts that backends train in. The first they must offer; another may be refused as unsupported.
     const CHARTS: &'static [Chart];
 
     /// Numbers of a mean.
     const DIMENSIONS: usize;
-
-    /// The column of the opacity in the saved moments.
-    const OPACITY_MOMENT: usize;
 
     /// Tensors of a saved state that may be missing: where all are opaque.
     const OPTIONAL_TENSORS: &'static [&'static str];
 
     /// Whether backends must solve for colours under [`Blend::Sum`].
     const SOLVES_COLORS: bool;
+
+    /// The column of the opacity in the saved moments of a cloud in this chart.
+    fn opacity_moment(chart: Chart) -> usize;
 
     /// Rates that move drawn scenes by a small part of what they are, and limits of the scales that they are within.
     fn adam() -> Adam;
@@ -66,9 +66,12 @@ impl Subject for PlanarScene {
 
     const CHARTS: &'static [Chart] = &[Chart::ScaleRotation, Chart::LocalFrame];
     const DIMENSIONS: usize = 2;
-    const OPACITY_MOMENT: usize = 8;
     const OPTIONAL_TENSORS: &'static [&'static str] = &["opacity_logit"];
     const SOLVES_COLORS: bool = true;
+
+    fn opacity_moment(_: Chart) -> usize {
+        8
+    }
 
     fn adam() -> Adam {
         Adam::default()
@@ -106,11 +109,17 @@ impl Subject for PlanarScene {
 impl Subject for SpatialScene {
     type Kind = SpatialKind;
 
-    const CHARTS: &'static [Chart] = &[Chart::ScaleRotation];
+    const CHARTS: &'static [Chart] = &[Chart::ScaleRotation, Chart::LocalFrame];
     const DIMENSIONS: usize = 3;
-    const OPACITY_MOMENT: usize = 10;
     const OPTIONAL_TENSORS: &'static [&'static str] = &[];
     const SOLVES_COLORS: bool = false;
+
+    fn opacity_moment(chart: Chart) -> usize {
+        match chart {
+            Chart::ScaleRotation => 10,
+            Chart::LocalFrame => 9,
+        }
+    }
 
     fn adam() -> Adam {
         let color_rest = Group::constant(2e-3);

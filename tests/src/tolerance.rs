@@ -38,6 +38,10 @@ pub const MEANINGFUL_SHARE: f64 = 0.1;
 /// itself. gs-cpu is within 1e-5 at every SIMD level.
 pub const ADAM_SHARE: f64 = 1e-4;
 
+/// Largest difference of a spatial Gaussian from Adam in `f64` in local frames, seen from its own frame, as a share of the step size, per
+/// step; beside 1e-5. It is that of the gradients downloaded, which are by another chart.
+pub const FRAME_SHARE: f64 = 2e-3;
+
 /// Largest relative difference of the losses, and of the parameters as a share of their movement, between fused training steps and
 /// their three stages. gs-cpu is within 2e-5.
 pub const FUSED_SHARE: f64 = 2e-4;

@@ -48,7 +48,9 @@ pub(crate) fn resolve(args: &TrainSettingsArgs, dataset: &Dataset) -> Result<Spa
     }
     settings.gaussians = args.gaussians.unwrap_or(settings.gaussians);
     settings.loss = args.loss.map_or(settings.loss, Into::into);
-    settings.chart = args.chart.map_or(settings.chart, Into::into);
+    if let Some(chart) = args.chart {
+        settings = settings.moving_in(chart.into());
+    }
     settings.seed = args.seed.unwrap_or(settings.seed);
     let effects = &mut settings.render.effects;
     effects.sh_degree = args.sh_degree.unwrap_or(effects.sh_degree);

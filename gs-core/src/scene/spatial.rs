@@ -1,10 +1,10 @@
 //! Gaussians in space (paper §2.1).
 
-use glam::{Mat3, Quat, Vec3, Vec4};
+use glam::{Mat3, Vec3};
 use serde::{Deserialize, Serialize};
 
 use super::{Scene, check_finite, check_len, check_logit};
-use crate::{constants::MIN_QUATERNION_NORM2, error::Error, view::Camera};
+use crate::{error::Error, local_frame::frame_of, view::Camera};
 
 /// N spatial Gaussians.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
@@ -40,14 +40,9 @@ pub struct SpatialGaussian {
 
 impl SpatialGaussian {
     /// A square root of Σ: M = R(q) S, so that Σ = M Mᵀ (paper eq. 5). `None` where q is too short to have a direction
-    /// ([`MIN_QUATERNION_NORM2`]).
+    /// ([`MIN_QUATERNION_NORM2`](crate::constants::MIN_QUATERNION_NORM2)).
     pub fn frame(&self) -> Option<Mat3> {
-        let [w, x, y, z] = self.rotation;
-        let q = Vec4::new(x, y, z, w);
-        if !(q.length_squared() >= MIN_QUATERNION_NORM2) {
-            return None;
-        }
-        Some(Mat3::from_quat(Quat::from_vec4(q).normalize()) * Mat3::from_diagonal(self.log_scale.map(f32::exp)))
+        frame_of(self.log_scale, self.rotation)
     }
 
     /// Σ = R S Sᵀ Rᵀ (paper eq. 5), world units²; `None` as for [`Self::frame`].

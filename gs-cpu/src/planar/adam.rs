@@ -5,16 +5,13 @@ use std::ops::Range;
 
 use fearless_simd::{Level, Simd, dispatch, f32x8, prelude::*};
 use glam::{Mat2, Vec2};
-use gs_core::{AdamRates, Participants, PlanarGaussian, effects::Statistics};
+use gs_core::{AdamRates, Participants, PlanarGaussian, constants::MAX_ETA, effects::Statistics};
 
 use super::{
     cloud::{PlanarCloud, Shapes, VECTOR},
     project_bwd::Gradient,
 };
 use crate::{bias::BiasTable, splat::CHUNK};
-
-/// Largest entry of η in one step; exp(η) is taken to second order.
-const MAX_ETA: f32 = 0.5;
 
 /// Moments below this are 0: denormals cost time and move nothing.
 const VANISHING: f32 = 1e-30;

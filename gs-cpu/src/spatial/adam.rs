@@ -1,10 +1,17 @@
 //! Stage `adam`: one step of every Gaussian, a vector of 16 parameters at a time, and its statistics. Parallel over Gaussians.
 
 use fearless_simd::{Level, Simd, dispatch, prelude::*};
-use gs_core::{AdamRates, Participants, Penalty, SpatialScene, adam::Rate, effects::Statistics, scene::sigmoid};
+use glam::Vec3;
+use gs_core::{
+    AdamRates, Chart, Participants, Penalty, SpatialScene,
+    adam::Rate,
+    effects::Statistics,
+    local_frame::{stretched, sum_of_scales_vjp},
+    scene::sigmoid,
+};
 use rayon::prelude::*;
 
-use super::cloud::{LOG_SCALE, MEAN, OPACITY, ROTATION, SH, SpatialCloud};
+use super::cloud::{self, FRAME, LOG_SCALE, MEAN, OPACITY, ROTATION, SH, STRETCH, SpatialCloud};
 use crate::{
     bias::{Bias, BiasTable},
     lanes::{LANES, Whole, load, splat, store},
@@ -20,28 +27,24 @@ const CHUNK: usize = 256;
 /// Moments below this are 0: denormals cost time and move nothing.
 const VANISHING: f32 = 1e-30;
 
-/// The group of each number in a row's first vector; all that follow are of the last group.
-const GROUP_OF: [usize; LANES] = {
-    let mut groups = [GROUPS - 1; LANES];
-    let mut lane = 0;
-    while lane < SH + 3 {
-        groups[lane] = match lane {
-            0..3 => 0,
-            3..6 => 1,
-            6..10 => 2,
-            10 => 3,
-            _ => 4,
-        };
-        lane += 1;
-    }
-    groups
-};
+/// The group of each number in a row's first vector, by chart; all that follow are of the last group. What a chart leaves empty stays 0.
+fn groups_of(chart: Chart) -> [usize; LANES] {
+    std::array::from_fn(|lane| match (lane, chart) {
+        (0..3, _) => 0,
+        (3..6, _) | (6..12, Chart::LocalFrame) => 1,
+        (6..12, Chart::ScaleRotation) => 2,
+        (OPACITY, _) => 3,
+        _ => 4,
+    })
+}
 
-const _: () = assert!(MEAN.end == 3 && LOG_SCALE.end == 6 && ROTATION.end == 10 && OPACITY == 10 && SH == 11);
+const _: () = assert!(MEAN.end == 3 && LOG_SCALE.end == 6 && ROTATION.start == 6 && OPACITY == 12 && SH + 3 == LANES);
 
 /// What all Gaussians of one step share.
 struct Step<'a> {
+    chart: Chart,
     groups: [Rate; GROUPS],
+    group_of: [usize; LANES],
     rates: &'a AdamRates,
     bias: &'a BiasTable<GROUPS>,
     /// ln of the smallest and largest scale.
@@ -75,7 +78,16 @@ pub(crate) fn step(
     let count = cloud.steps.len().max(1) as f32;
     let Penalty { opacity, scale } = rates.penalty;
     let penalty = (rates.penalty != Penalty::NONE).then_some([opacity / count, scale / (3.0 * count)]);
-    let step = Step { groups, rates, bias: table, log_scales, penalty, collect };
+    let step = Step {
+        chart: cloud.chart,
+        groups,
+        group_of: groups_of(cloud.chart),
+        rates,
+        bias: table,
+        log_scales,
+        penalty,
+        collect,
+    };
     let pitch = cloud.pitch();
     let SpatialCloud { parameters, moments: [first, second], steps, shared, .. } = cloud;
     let statistics = &mut shared.statistics;
@@ -119,10 +131,11 @@ fn move_row<S: Simd>(simd: S, row: Row<'_>, step: &Step<'_>, steps: u32) {
         if at == LANES {
             lanes = Lanes::of_rest(simd, step, bias);
         }
-        let mut g: Whole<S> = row.gradient.map_or(zero, |gradient| load(simd, gradient, at));
-        if let Some(weights) = step.penalty.filter(|_| at == 0) {
-            g += load::<S, Whole<S>>(simd, &pull(row.parameters, weights), 0);
-        }
+        let g: Whole<S> = match row.gradient {
+            _ if at == 0 => load(simd, &geometric(&row, step), 0),
+            Some(gradient) => load(simd, gradient, at),
+            None => zero,
+        };
         let m = load::<S, Whole<S>>(simd, row.first, at).mul_add(lanes.beta1, g * (1.0 - lanes.beta1));
         let m = m.abs().simd_lt(splat::<S, Whole<S>>(simd, VANISHING)).select(zero, m);
         let v = load::<S, Whole<S>>(simd, row.second, at).mul_add(lanes.beta2, g * g * (1.0 - lanes.beta2));
@@ -130,28 +143,68 @@ fn move_row<S: Simd>(simd: S, row: Row<'_>, step: &Step<'_>, steps: u32) {
         store(m, row.first, at);
         store(v, row.second, at);
         let moved = lanes.rate * (m * lanes.first) / ((v * lanes.second).sqrt() + epsilon);
-        store(load::<S, Whole<S>>(simd, row.parameters, at) - moved, row.parameters, at);
+        if at == 0 && step.chart == Chart::LocalFrame {
+            move_frame(row.parameters, moved.into(), step.rates);
+        } else {
+            store(load::<S, Whole<S>>(simd, row.parameters, at) - moved, row.parameters, at);
+        }
     }
-    let [floor, ceiling] = step.log_scales;
-    for scale in &mut row.parameters[LOG_SCALE] {
-        // NaN stays: it must be seen and pruned.
-        if *scale < floor {
-            *scale = floor;
-        } else if *scale > ceiling {
-            *scale = ceiling;
+    if step.chart == Chart::ScaleRotation {
+        let [floor, ceiling] = step.log_scales;
+        for scale in &mut row.parameters[LOG_SCALE] {
+            // NaN stays: it must be seen and pruned.
+            if *scale < floor {
+                *scale = floor;
+            } else if *scale > ceiling {
+                *scale = ceiling;
+            }
         }
     }
 }
 
-/// The penalty's gradient with respect to the first parameters of a row: w o (1 − o) for the opacity's logit, w s for each ln-scale.
-fn pull(parameters: &[f32], [opacity, scale]: [f32; 2]) -> [f32; LANES] {
+/// The gradient by the first numbers of a row, in the chart's coordinates, with what the penalty adds.
+#[inline(always)]
+fn geometric(row: &Row<'_>, step: &Step<'_>) -> [f32; LANES] {
     let mut gradient = [0.0; LANES];
-    if scale > 0.0 {
-        LOG_SCALE.for_each(|axis| gradient[axis] = scale * parameters[axis].exp());
+    if let Some(of_row) = row.gradient {
+        gradient.copy_from_slice(&of_row[..LANES]);
+        if step.chart == Chart::LocalFrame {
+            let by_xi = cloud::frame(row.parameters).transpose() * cloud::mean(of_row);
+            by_xi.write_to_slice(&mut gradient[MEAN]);
+        }
+    }
+    if let Some(weights) = step.penalty {
+        add_pull(row.parameters, step.chart, weights, &mut gradient);
+    }
+    gradient
+}
+
+/// Adds the penalty's gradient with respect to the first numbers of a row: w o (1 − o) for the opacity's logit, w s for each ln-scale, or in
+/// a frame w V S Vᵀ.
+fn add_pull(parameters: &[f32], chart: Chart, [opacity, scale]: [f32; 2], gradient: &mut [f32; LANES]) {
+    match chart {
+        _ if !(scale > 0.0) => {}
+        Chart::ScaleRotation => LOG_SCALE.for_each(|axis| gradient[axis] += scale * parameters[axis].exp()),
+        Chart::LocalFrame => {
+            let by_stretch = sum_of_scales_vjp(cloud::frame(parameters));
+            STRETCH.zip(by_stretch).for_each(|(at, by)| gradient[at] += scale * by);
+        }
     }
     let o = sigmoid(parameters[OPACITY]);
-    gradient[OPACITY] = opacity * o * (1.0 - o);
-    gradient
+    gradient[OPACITY] += opacity * o * (1.0 - o);
+}
+
+/// Moves the first numbers of a row in its own frame: −`moved` is ξ and η, and what opacity and colour change by.
+#[inline(always)]
+fn move_frame(parameters: &mut [f32], moved: [f32; LANES], rates: &AdamRates) {
+    let frame = cloud::frame(parameters);
+    let mean = cloud::mean(parameters) - frame * Vec3::from_slice(&moved[MEAN]);
+    mean.write_to_slice(&mut parameters[MEAN]);
+    let eta = std::array::from_fn(|k| -moved[STRETCH.start + k]);
+    parameters[FRAME].copy_from_slice(&stretched(frame, eta, rates).to_cols_array());
+    for at in OPACITY..LANES {
+        parameters[at] -= moved[at];
+    }
 }
 
 /// Adam's numbers for 16 parameters of a row.
@@ -169,7 +222,7 @@ impl<S: Simd> Lanes<S> {
     fn of_first(simd: S, step: &Step<'_>, bias: &Bias<GROUPS>) -> Self {
         let (mut rate, mut beta1, mut beta2) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
         let (mut first, mut second) = ([0.0; LANES], [0.0; LANES]);
-        for (lane, &group) in GROUP_OF.iter().enumerate() {
+        for (lane, group) in step.group_of.into_iter().enumerate() {
             let of = &step.groups[group];
             (rate[lane], beta1[lane], beta2[lane]) = (of.learning_rate, of.beta1, of.beta2);
             (first[lane], second[lane]) = (bias.first[group], bias.second[group]);

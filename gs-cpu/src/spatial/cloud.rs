@@ -1,31 +1,40 @@
 //! The Gaussians where this backend computes, one row each, and how edits and checkpoints treat them.
 //!
-//! A row holds mean 3, log-scale 3, rotation 4, opacity logit, then the SH coefficients, R, G, B each; it is filled with zeros to whole
-//! vectors. A Gaussian is thus a few neighbouring cache lines, and Adam runs over rows without knowing what is in them.
+//! A row holds mean 3, shape 9, opacity logit, then the SH coefficients, R, G, B each; it is filled with zeros to whole vectors. The shape is
+//! log-scale 3 and rotation 4, or the three columns of a frame, as the chart moves it. A Gaussian is thus a few neighbouring cache lines, and
+//! Adam runs over rows without knowing what is in them.
 
 use std::ops::Range;
 
-use glam::Vec3;
+use glam::{Mat3, Vec3};
 use gs_core::{
     Chart, CloudState, DensityStatistics, EditPlan, Error, Scene, SpatialGaussian, SpatialScene,
     edit::Source,
+    local_frame::{self, Framed, Symmetric3},
     perspective::Ellipsoid,
     scene::{logit, sigmoid},
     sh::coefficients,
 };
+use rayon::prelude::*;
 
-use crate::{kind::Shared, lanes::LANES, rasterizer::unsupported};
+use crate::{kind::Shared, lanes::LANES};
 
 /// Where a row holds what.
 pub(crate) const MEAN: Range<usize> = 0..3;
+/// In [`Chart::ScaleRotation`].
 pub(crate) const LOG_SCALE: Range<usize> = 3..6;
 pub(crate) const ROTATION: Range<usize> = 6..10;
-pub(crate) const OPACITY: usize = 10;
-pub(crate) const SH: usize = 11;
+/// In [`Chart::LocalFrame`]: of parameters the columns of M, of gradients and moments those by η.
+pub(crate) const FRAME: Range<usize> = 3..12;
+pub(crate) const STRETCH: Range<usize> = 3..9;
+/// In every chart.
+pub(crate) const OPACITY: usize = 12;
+pub(crate) const SH: usize = 13;
 
 /// Spatial Gaussians on the CPU, with their Adam moments and density statistics.
 #[derive(Debug)]
 pub struct SpatialCloud {
+    pub(crate) chart: Chart,
     pub(crate) sh_degree: u8,
     /// `[N, pitch]`.
     pub(crate) parameters: Vec<f32>,
@@ -36,20 +45,43 @@ pub struct SpatialCloud {
     pub(crate) shared: Shared<SpatialScene>,
 }
 
-/// Numbers in a row that are parameters.
+/// Numbers in a row before what fills it up.
 fn columns(sh_degree: u8) -> usize {
     SH + 3 * coefficients(sh_degree)
 }
 
-/// What a row holds besides its colour.
+/// A row's mean.
+#[inline(always)]
+pub(crate) fn mean(row: &[f32]) -> Vec3 {
+    Vec3::from_slice(&row[MEAN])
+}
+
+/// What a row of [`Chart::ScaleRotation`] holds besides its colour.
 #[inline(always)]
 pub(crate) fn ellipsoid(row: &[f32]) -> Ellipsoid {
     Ellipsoid {
-        mean: Vec3::from_slice(&row[MEAN]),
+        mean: mean(row),
         log_scale: Vec3::from_slice(&row[LOG_SCALE]),
         rotation: [row[6], row[7], row[8], row[9]],
         opacity_logit: row[OPACITY],
     }
+}
+
+/// What a row of [`Chart::LocalFrame`] holds besides its colour.
+#[inline(always)]
+pub(crate) fn framed(row: &[f32]) -> Framed {
+    Framed { mean: mean(row), frame: frame(row), opacity_logit: row[OPACITY] }
+}
+
+/// M of a row of [`Chart::LocalFrame`].
+#[inline(always)]
+pub(crate) fn frame(row: &[f32]) -> Mat3 {
+    Mat3::from_cols_slice(&row[FRAME])
+}
+
+/// A gradient by η in a row of [`Chart::LocalFrame`].
+pub(crate) fn stretch(row: &[f32]) -> Symmetric3 {
+    std::array::from_fn(|k| row[STRETCH.start + k])
 }
 
 /// The SH coefficients of a row, and what fills it up.
@@ -58,30 +90,30 @@ pub(crate) fn sh(row: &[f32]) -> &[[f32; 3]] {
     row[SH..].as_chunks().0
 }
 
-fn write(g: &SpatialGaussian, row: &mut [f32], columns: usize) {
-    g.mean.write_to_slice(&mut row[MEAN]);
-    g.log_scale.write_to_slice(&mut row[LOG_SCALE]);
-    row[ROTATION].copy_from_slice(&g.rotation);
-    row[OPACITY] = g.opacity_logit;
-    for (out, c) in row[SH..columns].as_chunks_mut::<3>().0.iter_mut().zip(&g.sh) {
-        *out = c.to_array();
+/// Puts a shape into a row. One without direction has none in a frame either: it becomes NaN there, and is culled and pruned.
+fn write_shape(chart: Chart, log_scale: Vec3, rotation: [f32; 4], row: &mut [f32]) {
+    match chart {
+        Chart::ScaleRotation => {
+            log_scale.write_to_slice(&mut row[LOG_SCALE]);
+            row[ROTATION].copy_from_slice(&rotation);
+        }
+        Chart::LocalFrame => {
+            let frame = local_frame::frame_of(log_scale, rotation).unwrap_or(Mat3::NAN);
+            row[FRAME].copy_from_slice(&frame.to_cols_array());
+        }
     }
 }
 
 impl SpatialCloud {
     pub(crate) fn new(scene: &SpatialScene, chart: Chart) -> Result<Self, Error> {
-        if chart != Chart::ScaleRotation {
-            return Err(unsupported(format!("chart {chart:?} for spatial scenes")));
-        }
         scene.validate()?;
         let n = scene.len();
-        let mut cloud = Self::zeros(n, scene.sh_degree);
+        let mut cloud = Self::zeros(n, scene.sh_degree, chart);
         let (pitch, columns) = (cloud.pitch(), columns(scene.sh_degree));
         let k = scene.sh_len();
         for (i, row) in cloud.parameters.chunks_exact_mut(pitch).enumerate() {
             scene.means[i].write_to_slice(&mut row[MEAN]);
-            scene.log_scales[i].write_to_slice(&mut row[LOG_SCALE]);
-            row[ROTATION].copy_from_slice(&scene.rotations[i]);
+            write_shape(chart, scene.log_scales[i], scene.rotations[i], row);
             row[OPACITY] = scene.opacity_logits[i];
             for (out, c) in row[SH..columns].as_chunks_mut::<3>().0.iter_mut().zip(&scene.sh[i * k..]) {
                 *out = c.to_array();
@@ -90,9 +122,10 @@ impl SpatialCloud {
         Ok(cloud)
     }
 
-    fn zeros(n: usize, sh_degree: u8) -> Self {
+    fn zeros(n: usize, sh_degree: u8, chart: Chart) -> Self {
         let numbers = n * columns(sh_degree).next_multiple_of(LANES);
         Self {
+            chart,
             sh_degree,
             parameters: vec![0.0; numbers],
             moments: [vec![0.0; numbers], vec![0.0; numbers]],
@@ -110,12 +143,36 @@ impl SpatialCloud {
         columns(self.sh_degree).next_multiple_of(LANES)
     }
 
-    /// Rows of parameters, or of what is laid out as they are, as a scene.
-    pub(crate) fn scene_of<'r>(&self, rows: impl Iterator<Item = &'r [f32]>) -> SpatialScene {
+    /// A row of parameters but for its colour, as a scene has it.
+    fn seen(&self, row: &[f32]) -> Ellipsoid {
+        match self.chart {
+            Chart::ScaleRotation => ellipsoid(row),
+            Chart::LocalFrame => {
+                let Framed { mean, frame, opacity_logit } = framed(row);
+                let (log_scale, rotation) = SpatialGaussian::shape_of_frame(frame);
+                Ellipsoid { mean, log_scale, rotation, opacity_logit }
+            }
+        }
+    }
+
+    /// A row of gradients of Gaussian `index` but for its colour, by what [`Self::seen`] tells of it.
+    pub(crate) fn seen_gradient(&self, index: usize, row: &[f32]) -> Ellipsoid {
+        let of_row = ellipsoid(row);
+        match self.chart {
+            Chart::ScaleRotation => of_row,
+            Chart::LocalFrame => {
+                let frame = frame(&self.parameters[index * self.pitch()..]);
+                let (log_scale, rotation) = local_frame::by_scale_rotation(frame, stretch(row));
+                Ellipsoid { log_scale, rotation, ..of_row }
+            }
+        }
+    }
+
+    /// Rows with what they hold but for their colour, as a scene.
+    pub(crate) fn scene_of<'r>(&self, rows: impl Iterator<Item = (Ellipsoid, &'r [f32])>) -> SpatialScene {
         let mut scene = SpatialScene { sh_degree: self.sh_degree, ..SpatialScene::default() };
         let k = coefficients(self.sh_degree);
-        for row in rows {
-            let g = ellipsoid(row);
+        for (g, row) in rows {
             scene.means.push(g.mean);
             scene.log_scales.push(g.log_scale);
             scene.rotations.push(g.rotation);
@@ -126,7 +183,8 @@ impl SpatialCloud {
     }
 
     pub(crate) fn scene(&self) -> SpatialScene {
-        self.scene_of(self.parameters.chunks_exact(self.pitch()))
+        let seen: Vec<Ellipsoid> = self.parameters.par_chunks_exact(self.pitch()).map(|row| self.seen(row)).collect();
+        self.scene_of(seen.into_iter().zip(self.parameters.chunks_exact(self.pitch())))
     }
 
     pub(crate) fn shift_means(&mut self, shifts: &[f32]) -> Result<(), Error> {
@@ -140,15 +198,25 @@ impl SpatialCloud {
         Ok(())
     }
 
+    fn write(&self, g: &SpatialGaussian, row: &mut [f32]) {
+        g.mean.write_to_slice(&mut row[MEAN]);
+        write_shape(self.chart, g.log_scale, g.rotation, row);
+        row[OPACITY] = g.opacity_logit;
+        let columns = columns(self.sh_degree);
+        for (out, c) in row[SH..columns].as_chunks_mut::<3>().0.iter_mut().zip(&g.sh) {
+            *out = c.to_array();
+        }
+    }
+
     pub(crate) fn edit(&mut self, plan: &EditPlan<SpatialGaussian>) -> Result<(), Error> {
         let sources = plan.sources(self.len())?;
-        let (pitch, columns) = (self.pitch(), columns(self.sh_degree));
+        let pitch = self.pitch();
         let mut parameters = vec![0.0; sources.len() * pitch];
         for (row, source) in parameters.chunks_exact_mut(pitch).zip(&sources) {
             match *source {
                 Source::Kept(i) => row.copy_from_slice(&self.parameters[i as usize * pitch..][..pitch]),
-                Source::Changed { change, .. } => write(&plan.changed[change as usize].gaussian, row, columns),
-                Source::Added(k) => write(&plan.added[k as usize].gaussian, row, columns),
+                Source::Changed { change, .. } => self.write(&plan.changed[change as usize].gaussian, row),
+                Source::Added(k) => self.write(&plan.added[k as usize].gaussian, row),
             }
         }
         self.parameters = parameters;
@@ -184,16 +252,17 @@ impl SpatialCloud {
     }
 
     pub(crate) fn save(&self) -> CloudState {
-        let (pitch, columns) = (self.pitch(), columns(self.sh_degree));
-        let mut state = CloudState::new(Chart::ScaleRotation);
-        let cut = |numbers: &[f32], range: Range<usize>| -> Vec<f32> {
-            numbers.chunks_exact(pitch).flat_map(|row| &row[range.clone()]).copied().collect()
+        let mut state = CloudState::new(self.chart);
+        let cut = |numbers: &[f32], places: &[Range<usize>]| -> Vec<f32> {
+            let rows = numbers.chunks_exact(self.pitch());
+            rows.flat_map(|row| places.iter().flat_map(|range| &row[range.clone()])).copied().collect()
         };
-        for (name, range) in tensors(columns) {
-            state.insert_matrix(name, range.len(), cut(&self.parameters, range));
+        for (name, range) in tensors(self.chart, self.sh_degree) {
+            state.insert_matrix(name, range.len(), cut(&self.parameters, &[range]));
         }
+        let places = moment_places(self.chart, self.sh_degree);
         for (name, moments) in ["moment1", "moment2"].into_iter().zip(&self.moments) {
-            state.insert_matrix(name, columns, cut(moments, 0..columns));
+            state.insert_matrix(name, width(&places), cut(moments, &places));
         }
         state.insert_u32("steps", self.steps.clone());
         state.insert("gradient_sum", self.shared.statistics.gradient_sum.iter().map(|&g| [g]));
@@ -202,32 +271,33 @@ impl SpatialCloud {
     }
 
     pub(crate) fn restore(state: &CloudState) -> Result<Self, Error> {
-        if state.chart != Chart::ScaleRotation {
-            return Err(unsupported(format!("chart {:?} for spatial scenes", state.chart)));
-        }
         let (sh_columns, _) = state.matrix("sh")?;
         let Some(sh_degree) = (0..=3).find(|&degree| 3 * coefficients(degree) == sh_columns) else {
             return Err(Error::State(format!("tensor `sh` has {sh_columns} columns, not 3, 12, 27 or 48")));
         };
         let steps = state.integers("steps")?;
-        let mut cloud = Self::zeros(steps.len(), sh_degree);
-        let (pitch, columns) = (cloud.pitch(), columns(sh_degree));
-        let paste = |name: &'static str, range: Range<usize>, into: &mut [f32]| {
+        let mut cloud = Self::zeros(steps.len(), sh_degree, state.chart);
+        let pitch = cloud.pitch();
+        let paste = |name: &'static str, places: &[Range<usize>], into: &mut [f32]| {
             let (found, numbers) = state.matrix(name)?;
-            if found != range.len() {
-                return Err(Error::State(format!("tensor `{name}` has {found} columns, not {}", range.len())));
+            if found != width(places) {
+                return Err(Error::State(format!("tensor `{name}` has {found} columns, not {}", width(places))));
             }
             check_len(name, steps.len(), numbers.len() / found)?;
-            for (row, values) in into.chunks_exact_mut(pitch).zip(numbers.chunks_exact(found)) {
-                row[range.clone()].copy_from_slice(values);
+            for (row, mut values) in into.chunks_exact_mut(pitch).zip(numbers.chunks_exact(found)) {
+                for range in places {
+                    let (here, rest) = values.split_at(range.len());
+                    row[range.clone()].copy_from_slice(here);
+                    values = rest;
+                }
             }
             Ok::<(), Error>(())
         };
-        for (name, range) in tensors(columns) {
-            paste(name, range, &mut cloud.parameters)?;
+        for (name, range) in tensors(state.chart, sh_degree) {
+            paste(name, &[range], &mut cloud.parameters)?;
         }
         for (name, moments) in ["moment1", "moment2"].into_iter().zip(&mut cloud.moments) {
-            paste(name, 0..columns, moments)?;
+            paste(name, &moment_places(state.chart, sh_degree), moments)?;
         }
         let statistics = DensityStatistics {
             gradient_sum: state.rows::<1>("gradient_sum")?.into_iter().flatten().collect(),
@@ -242,14 +312,26 @@ impl SpatialCloud {
 }
 
 /// The tensors of parameters, and where a row holds them.
-fn tensors(columns: usize) -> [(&'static str, Range<usize>); 5] {
-    [
-        ("mean", MEAN),
-        ("log_scale", LOG_SCALE),
-        ("rotation", ROTATION),
-        ("opacity_logit", OPACITY..OPACITY + 1),
-        ("sh", SH..columns),
-    ]
+fn tensors(chart: Chart, sh_degree: u8) -> Vec<(&'static str, Range<usize>)> {
+    let shape: &[(&'static str, Range<usize>)] = match chart {
+        Chart::ScaleRotation => &[("log_scale", LOG_SCALE), ("rotation", ROTATION)],
+        Chart::LocalFrame => &[("frame", FRAME)],
+    };
+    let color = [("opacity_logit", OPACITY..SH), ("sh", SH..columns(sh_degree))];
+    [("mean", MEAN)].iter().chain(shape).chain(&color).cloned().collect()
+}
+
+/// Where a row of moments holds those of mean, shape, opacity and SH, which are a tensor's row together.
+fn moment_places(chart: Chart, sh_degree: u8) -> [Range<usize>; 2] {
+    let shape = match chart {
+        Chart::ScaleRotation => ROTATION,
+        Chart::LocalFrame => STRETCH,
+    };
+    [MEAN.start..shape.end, OPACITY..columns(sh_degree)]
+}
+
+fn width(places: &[Range<usize>]) -> usize {
+    places.iter().map(ExactSizeIterator::len).sum()
 }
 
 fn check_len(what: &'static str, expected: usize, found: usize) -> Result<(), Error> {

@@ -7,7 +7,7 @@ use gs_core::{
     AdamRates, Binning, Blend, Camera, Chart, CloudState, EditPlan, Error, RenderSettings, SpatialGaussian,
     SpatialScene,
     effects::{Exposure, Lens, Order},
-    perspective::Perspective,
+    perspective::{Ellipsoid, Perspective},
     profile::Traffic,
 };
 use rayon::prelude::*;
@@ -136,7 +136,7 @@ impl Kind for SpatialScene {
         workspace.len = cloud.len();
         workspace.tiles.set(Self::size(camera), settings);
         let degree = settings.effects.sh_degree.min(cloud.sh_degree);
-        workspace.own.eye = Some(Eye { perspective: Perspective::new(camera, settings), degree });
+        workspace.own.eye = Some(Eye { perspective: Perspective::new(camera, settings), degree, chart: cloud.chart });
         Self::project(workspace, cloud);
         Self::sort(workspace, cloud);
         workspace.tiles.bin()?;
@@ -191,8 +191,11 @@ impl Kind for SpatialScene {
         let pitch = cloud.pitch();
         let zeros = vec![0.0; pitch];
         let row = |index: usize| match workspace.lists(index) {
-            true => &workspace.own.gradients[index * pitch..][..pitch],
-            false => &zeros,
+            true => {
+                let row = &workspace.own.gradients[index * pitch..][..pitch];
+                (cloud.seen_gradient(index, row), row)
+            }
+            false => (Ellipsoid::default(), &zeros[..]),
         };
         cloud.scene_of((0..cloud.len()).map(row))
     }

@@ -2,7 +2,7 @@
 //! where the ellipse's box touches the image, and nowhere else.
 
 use gs_core::{
-    RenderSettings,
+    Chart, RenderSettings,
     perspective::Perspective,
     sh,
     statistics::{Cause, Culled},
@@ -25,18 +25,22 @@ pub(crate) struct Eye {
     pub(crate) perspective: Perspective,
     /// Of the spherical harmonics.
     pub(crate) degree: u8,
+    /// How rows hold shapes.
+    pub(crate) chart: Chart,
 }
 
 fn project(eye: &Eye, row: &[f32], grid: &Grid, cut: f32) -> Result<(Splat, Depth), Cause> {
-    let g = cloud::ellipsoid(row);
-    let p = eye.perspective.project(&g)?;
+    let p = match eye.chart {
+        Chart::ScaleRotation => eye.perspective.project(&cloud::ellipsoid(row)),
+        Chart::LocalFrame => eye.perspective.project_framed(&cloud::framed(row)),
+    }?;
     let [xx, xy, yy] = p.covariance;
     let covariance = Covariance { xx, xy, yy, determinant: p.determinant };
     let mut splat = Splat::new(p.mean, covariance, [0.0; 3], p.opacity, cut);
     if !touches(&splat, (splat.reach * yy).sqrt(), grid) {
         return Err(Cause::Outside);
     }
-    splat.color = sh::color(eye.degree, eye.perspective.direction(g.mean), cloud::sh(row));
+    splat.color = sh::color(eye.degree, eye.perspective.direction(cloud::mean(row)), cloud::sh(row));
     if !splat.color.iter().all(|c| c.is_finite()) {
         return Err(Cause::NotFinite);
     }

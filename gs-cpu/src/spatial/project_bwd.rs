@@ -5,11 +5,11 @@
 use std::sync::atomic::Ordering::Relaxed;
 
 use glam::{Mat2, Vec2};
-use gs_core::{effects::Statistics, perspective::ProjectionGradient, sh};
+use gs_core::{Chart, effects::Statistics, perspective::ProjectionGradient, sh};
 use rayon::prelude::*;
 
 use super::{
-    cloud::{self, LOG_SCALE, MEAN, OPACITY, ROTATION, SH, SpatialCloud},
+    cloud::{self, LOG_SCALE, MEAN, OPACITY, ROTATION, SH, STRETCH, SpatialCloud},
     kind::{NO_PLACE, SpatialOwn},
     project::Eye,
 };
@@ -61,16 +61,28 @@ fn gradient(
         covariance: [v_covariance.x_axis.x, v_covariance.x_axis.y, v_covariance.y_axis.y],
         log_opacity: received.zeroth * scale,
     };
-    let g = cloud::ellipsoid(parameters);
-    let v = eye.perspective.project_vjp(&g, &upstream);
     let v_color = received.color.map(|v| v * scale);
     row[SH..].fill(0.0);
-    let (sh_row, direction) = (row[SH..].as_chunks_mut().0, eye.perspective.direction(g.mean));
+    let mean = cloud::mean(parameters);
+    let (sh_row, direction) = (row[SH..].as_chunks_mut().0, eye.perspective.direction(mean));
     let v_direction = sh::color_vjp(eye.degree, direction, cloud::sh(parameters), v_color, sh_row);
-    (v.mean + eye.perspective.direction_vjp(g.mean, v_direction)).write_to_slice(&mut row[MEAN]);
-    v.log_scale.write_to_slice(&mut row[LOG_SCALE]);
-    row[ROTATION].copy_from_slice(&v.rotation);
-    row[OPACITY] = v.opacity_logit;
+    let by_direction = eye.perspective.direction_vjp(mean, v_direction);
+    match eye.chart {
+        Chart::ScaleRotation => {
+            let v = eye.perspective.project_vjp(&cloud::ellipsoid(parameters), &upstream);
+            (v.mean + by_direction).write_to_slice(&mut row[MEAN]);
+            v.log_scale.write_to_slice(&mut row[LOG_SCALE]);
+            row[ROTATION].copy_from_slice(&v.rotation);
+            row[OPACITY] = v.opacity_logit;
+        }
+        Chart::LocalFrame => {
+            let v = eye.perspective.project_framed_vjp(&cloud::framed(parameters), &upstream);
+            (v.mean + by_direction).write_to_slice(&mut row[MEAN]);
+            row[STRETCH].copy_from_slice(&v.stretch);
+            row[STRETCH.end..OPACITY].fill(0.0);
+            row[OPACITY] = v.opacity_logit;
+        }
+    }
     match tiles.settings.effects.statistics {
         Statistics::None => 0.0,
         Statistics::MeanGradient => (v_mean * tiles.half_size()).length(),

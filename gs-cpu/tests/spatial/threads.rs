@@ -13,10 +13,11 @@ fn images_gradients_and_training_are_the_same_bits_for_every_number_of_threads()
     // More Gaussians than a task or a block of the sort takes at once.
     let scene = scene(9000, 1, 3.0);
     let (view, image) = (camera(150, 110), image(150, 110));
-    for (blend, order, antialias, statistics) in [
-        (Blend::Over, Order::TileDepth, Antialias::Mip, Statistics::MeanGradient),
-        (Blend::Over, Order::PixelDepth, Antialias::Dilate, Statistics::AbsoluteGradient),
-        (Blend::Sum, Order::Index, Antialias::None, Statistics::PixelError),
+    for (chart, blend, order, antialias, statistics) in [
+        (Chart::ScaleRotation, Blend::Over, Order::TileDepth, Antialias::Mip, Statistics::MeanGradient),
+        (Chart::ScaleRotation, Blend::Over, Order::PixelDepth, Antialias::Dilate, Statistics::AbsoluteGradient),
+        (Chart::ScaleRotation, Blend::Sum, Order::Index, Antialias::None, Statistics::PixelError),
+        (Chart::LocalFrame, Blend::Over, Order::TileDepth, Antialias::Mip, Statistics::MeanGradient),
     ] {
         let mut settings = settings(order, 1);
         settings.effects.blend = blend;
@@ -26,7 +27,7 @@ fn images_gradients_and_training_are_the_same_bits_for_every_number_of_threads()
             let r = rasterizer(threads);
             let r = r.spatial();
             let target = r.upload_target(&image).unwrap();
-            let mut cloud = r.upload(&scene, Chart::ScaleRotation).unwrap();
+            let mut cloud = r.upload(&scene, chart).unwrap();
             let frame = r.forward(&cloud, &view, &settings).unwrap();
             let rendered = r.image(&frame).unwrap();
             let (_, gradients) = r.backward(&cloud, frame, &target, &Loss::PAPER).unwrap();
@@ -43,7 +44,7 @@ fn images_gradients_and_training_are_the_same_bits_for_every_number_of_threads()
             (rendered, gradients, losses, r.save(&cloud).unwrap())
         });
         assert!(results[0].3.rows::<1>("gradient_sum").unwrap().iter().any(|[g]| *g > 0.0));
-        assert!(results[0] == results[1] && results[1] == results[2], "{blend:?} {order:?}");
+        assert!(results[0] == results[1] && results[1] == results[2], "{chart:?} {blend:?} {order:?}");
     }
 }
 

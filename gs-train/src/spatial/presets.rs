@@ -91,6 +91,7 @@ fn three_dgs(iterations: u32) -> SpatialSettings {
     };
     let densify = Densify { newcomers: Moments::Zeroed, ..Densify::default() };
     let actions = Actions { densify, prune, ..Actions::default() };
+    let [mean, scale, rotation] = geometric_groups(Chart::ScaleRotation);
     let mut render = RenderSettings::blended(Blend::Over).on([0.0; 3]);
     render.effects.order = Order::TileDepth;
     render.effects.antialias = Antialias::Dilate;
@@ -107,9 +108,9 @@ fn three_dgs(iterations: u32) -> SpatialSettings {
         sh_degree_every: (iterations / 7).clamp(1, 1_000),
         loss: Loss::PAPER,
         adam: Adam {
-            mean: Group { schedule: Schedule::Exponential { to: 0.01 }, ..Group::constant(1.6e-4) },
-            scale: Group::constant(5e-3),
-            rotation: Group::constant(1e-3),
+            mean,
+            scale,
+            rotation,
             opacity: Group::constant(5e-2),
             color: Group::constant(2.5e-3),
             color_rest: Group::constant(2.5e-3 / 20.0),
@@ -130,6 +131,16 @@ fn three_dgs(iterations: u32) -> SpatialSettings {
 fn published_rounds(iterations: u32, until_share: f64) -> Rounds {
     let length = if iterations < SHORTEST_AS_PUBLISHED { iterations } else { ITERATIONS };
     rounds(length, 500, until_share)
+}
+
+/// Adam's numbers for mean, scale and rotation in a chart: 3DGS's own, or those for local frames, where both are in standard deviations.
+pub(super) fn geometric_groups(chart: Chart) -> [Group; 3] {
+    let decaying =
+        |learning_rate| Group { schedule: Schedule::Exponential { to: 0.01 }, ..Group::constant(learning_rate) };
+    match chart {
+        Chart::ScaleRotation => [decaying(1.6e-4), Group::constant(5e-3), Group::constant(1e-3)],
+        Chart::LocalFrame => [decaying(0.05), Group::constant(0.01), Group::constant(0.01)],
+    }
 }
 
 /// Every 100 steps from `from` until that share of the run; closer together in runs of less than 3,000 steps.

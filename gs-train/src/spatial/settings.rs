@@ -4,7 +4,7 @@ use gs_core::{Adam, AdamRates, Chart, Error, Loss, RenderSettings, SpatialScene,
 use gs_density::{DensityPolicy, Policy};
 use serde::{Deserialize, Serialize};
 
-use super::{init::PointInit, resolution::Resolution};
+use super::{init::PointInit, presets::geometric_groups, resolution::Resolution};
 use crate::{course::RunSettings, rounds::Rounds, settings::validate_adam};
 
 /// What is behind the scene while it is trained.
@@ -46,7 +46,7 @@ pub struct SpatialSettings {
     pub sh_degree_every: u32,
     /// What is minimised.
     pub loss: Loss,
-    /// The optimiser. The learning rate of means and the bounds of scales are in units of the extent.
+    /// The optimiser. The bounds of scales, and in [`Chart::ScaleRotation`] the learning rate of means, are in units of the extent.
     pub adam: Adam,
     /// How the first Gaussians are made of points.
     pub init: PointInit,
@@ -71,7 +71,9 @@ impl SpatialSettings {
     /// Adam's numbers after `step` steps, in world units.
     pub fn rates_at(&self, step: u32, extent: f32) -> AdamRates {
         let mut rates = self.adam.at(self.decay_at(step));
-        rates.mean.learning_rate *= extent;
+        if self.chart == Chart::ScaleRotation {
+            rates.mean.learning_rate *= extent;
+        }
         rates.min_scale *= extent;
         rates.max_scale *= extent;
         rates
@@ -92,6 +94,17 @@ impl SpatialSettings {
         let first = self.rounds.from.next_multiple_of(self.rounds.every.max(1));
         if let Some(actions) = self.policy.actions_mut().filter(|actions| actions.reset.every > 0) {
             actions.reset.once_after = if background == [1.0; 3] { first } else { 0 };
+        }
+        self
+    }
+
+    /// The same training with steps in another chart, and the learning rates of mean and shape that are known to work there.
+    #[must_use]
+    pub fn moving_in(mut self, chart: Chart) -> Self {
+        if self.chart != chart {
+            self.chart = chart;
+            let Adam { mean, scale, rotation, .. } = &mut self.adam;
+            [*mean, *scale, *rotation] = geometric_groups(chart);
         }
         self
     }
@@ -216,6 +229,19 @@ mod tests {
         assert_eq!(once(&white.clone().on([0.0, 1.0, 0.0])), 0);
         let quick = SpatialPreset::Quick.settings(Some(2_000)).on([1.0; 3]);
         assert!(quick.rounds.progress(once(&quick), 2_000).is_some(), "{:?}", quick.rounds);
+    }
+
+    #[test]
+    fn learning_rates_follow_the_chart() {
+        let usual = SpatialPreset::ThreeDgs.settings(Some(100));
+        let local = usual.clone().moving_in(Chart::LocalFrame);
+        assert_eq!(usual.clone().moving_in(usual.chart), usual);
+        assert_eq!(local.clone().moving_in(usual.chart), usual);
+        // In standard deviations, whatever the extent; the bounds of scales are lengths still.
+        assert_eq!(local.rates_at(0, 5.0).mean.learning_rate, local.adam.mean.learning_rate);
+        assert_eq!(local.rates_at(0, 5.0).max_scale, 5.0 * local.adam.max_scale);
+        assert_eq!((local.adam.opacity, local.adam.color), (usual.adam.opacity, usual.adam.color));
+        local.validate().unwrap();
     }
 
     #[test]

@@ -10,6 +10,7 @@ use gs_core::{
     state::TensorData,
 };
 
+use super::charts;
 use crate::{failure::Failure, subject::Subject};
 
 /// All that a state holds about one Gaussian: the numbers of each tensor, integers by their bits.
@@ -107,7 +108,7 @@ fn plan<S: Subject>(newcomers: &S, statistics: AfterEdit) -> EditPlan<S::Gaussia
 /// # Errors
 /// [`Failure`] where the backend does not do so.
 pub fn edits_carry_everything_along<S: Subject, R: Rasterizer<S>>(rasterizer: &R) -> Result<(), Failure> {
-    for &chart in S::CHARTS {
+    for chart in charts::<S, R>(rasterizer)? {
         for blend in [Blend::Sum, Blend::Over] {
             for statistics in [AfterEdit::Keep, AfterEdit::Restart] {
                 let mut cloud = trained::<S, R>(rasterizer, blend, chart)?;
@@ -155,7 +156,7 @@ pub fn edits_carry_everything_along<S: Subject, R: Rasterizer<S>>(rasterizer: &R
                         row.entry("opacity_logit".to_owned())
                             .and_modify(|value| value[0] = value[0].min(logit(ceiling)));
                         for name in ["moment1", "moment2"] {
-                            row.entry(name.to_owned()).and_modify(|values| values[S::OPACITY_MOMENT] = 0.0);
+                            row.entry(name.to_owned()).and_modify(|values| values[S::opacity_moment(chart)] = 0.0);
                         }
                     }
                     compare(&expected, &rows(&rasterizer.save(&cloud)?)?, &format!("{place}, ceiling"))?;

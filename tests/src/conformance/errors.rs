@@ -164,7 +164,7 @@ pub fn mismatches_are_errors<S: Subject, R: Rasterizer<S>>(rasterizer: &R) -> Re
         refused(&format!("a state without `{name}`"), rasterizer.restore(&lacking), of_state)?;
     }
     let other = CloudState { chart: Chart::LocalFrame, ..before.clone() };
-    let of_chart = |error: &Error| of_state(error) || (!S::CHARTS.contains(&Chart::LocalFrame) && unsupported(error));
+    let of_chart = |error: &Error| of_state(error) || unsupported(error);
     refused("a state of the other chart", rasterizer.restore(&other), of_chart)?;
     Failure::unless(rasterizer.save(&cloud)? == before, || "what was refused changed the cloud".to_owned())
 }

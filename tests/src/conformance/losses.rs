@@ -6,7 +6,7 @@ use gs_core::{
     effects::{Blend, Statistics},
 };
 
-use super::losses_of;
+use super::{charts, losses_of};
 use crate::{failure::Failure, scenes::Draw, subject::Subject};
 
 /// More than any backend can be expected to have under way at once.
@@ -20,10 +20,10 @@ struct Training<S: Subject> {
 }
 
 impl<S: Subject> Training<S> {
-    fn new(blend: Blend) -> Result<Self, Failure> {
+    fn new<R: Rasterizer<S>>(rasterizer: &R, blend: Blend) -> Result<Self, Failure> {
         let mut draw = S::typical(blend, 15, (30, 24), 2001);
         draw.settings.effects.statistics = Statistics::MeanGradient;
-        let chart = S::CHARTS[S::CHARTS.len() - 1];
+        let chart = charts::<S, R>(rasterizer)?.pop().unwrap_or_default();
         Ok(Self { image: draw.target()?, draw, chart })
     }
 
@@ -65,7 +65,7 @@ fn same(what: &str, expected: &[f32], found: &[f32]) -> Result<(), Failure> {
 /// [`Failure`] where the backend does not do so.
 pub fn losses_are_told_once_and_in_order<S: Subject, R: Rasterizer<S>>(rasterizer: &R) -> Result<(), Failure> {
     for blend in [Blend::Sum, Blend::Over] {
-        let training = Training::<S>::new(blend)?;
+        let training = Training::<S>::new(rasterizer, blend)?;
         let mut cloud = training.upload(rasterizer)?;
         let mut waited_for = losses_of(rasterizer, &mut cloud)?;
         same("before any step", &[], &waited_for)?;
@@ -106,7 +106,7 @@ pub fn losses_are_told_once_and_in_order<S: Subject, R: Rasterizer<S>>(rasterize
 /// [`Failure`] where the backend does not do so.
 pub fn steps_under_way_are_seen_by_everything<S: Subject, R: Rasterizer<S>>(rasterizer: &R) -> Result<(), Failure> {
     for blend in [Blend::Sum, Blend::Over] {
-        let training = Training::<S>::new(blend)?;
+        let training = Training::<S>::new(rasterizer, blend)?;
         let target = rasterizer.upload_target(&training.image)?;
         let Draw { view, settings, .. } = &training.draw;
         let rates = S::adam().at(0.0);

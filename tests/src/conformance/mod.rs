@@ -21,6 +21,7 @@ mod losses;
 mod metamorphic;
 mod optimiser;
 mod spatial_errors;
+mod spatial_frames;
 mod spatial_gradients;
 mod spatial_images;
 mod spatial_metamorphic;
@@ -29,7 +30,9 @@ mod state;
 mod statistics;
 mod training;
 
-use gs_core::{Binning, Chart, Error, Image, Loss, PlanarScene, Rasterizer, SpatialScene, TrainStep, Wait};
+use gs_core::{
+    Binning, Blend, Chart, CloudState, Error, Image, Loss, PlanarScene, Rasterizer, SpatialScene, TrainStep, Wait,
+};
 
 pub use self::{
     editing::{edits_carry_everything_along, refused_edits_change_nothing},
@@ -43,6 +46,7 @@ pub use self::{
     metamorphic::{crops_are_parts_of_the_image, halves_make_the_whole, order_does_not_matter_under_sum},
     optimiser::{adam_matches, local_frame_steps_match},
     spatial_errors::{bad_cameras_and_settings_are_errors, spatial_scenes_that_are_not_finite_are_refused},
+    spatial_frames::{gradients_match_in_spatial_frames, spatial_frame_steps_match, spatial_frames_come_back},
     spatial_gradients::{
         antialiased_gradients_match, gradients_match_in_all_orders, harmonics_gradients_match, spatial_gradients_match,
     },
@@ -139,10 +143,13 @@ pub fn spatial_cases<R: Rasterizer<SpatialScene>>() -> Vec<Case<R>> {
         gradients_match_in_all_orders: gradients_match_in_all_orders::<R>,
         antialiased_gradients_match: antialiased_gradients_match::<R>,
         harmonics_gradients_match: harmonics_gradients_match::<R>,
+        gradients_match_in_spatial_frames: gradients_match_in_spatial_frames::<R>,
         spatial_scenes_come_back: spatial_scenes_come_back::<R>,
+        spatial_frames_come_back: spatial_frames_come_back::<R>,
         restored_clouds_continue_bit_for_bit: restored_clouds_continue_bit_for_bit::<SpatialScene, R>,
         steps_decrease_the_loss: steps_decrease_the_loss::<SpatialScene, R>,
         adam_matches: adam_matches::<SpatialScene, R>,
+        spatial_frame_steps_match: spatial_frame_steps_match::<R>,
         only_participants_move: only_participants_move::<R>,
         fused_steps_match_their_stages: fused_steps_match_their_stages::<SpatialScene, R>,
         reused_lists_are_good_for_what_stands_still: reused_lists_are_good_for_what_stands_still::<R>,
@@ -237,6 +244,27 @@ fn is_refused<S: Subject, R: Rasterizer<S>>(rasterizer: &R, draw: &Draw<S>) -> R
     let right = matches!(refused, Err(Error::Unsupported { .. })) && rasterizer.save(&cloud)? == before;
     Failure::unless(right, || format!("{}: refused in a forward pass, but not in a step", place(draw)))?;
     Ok(true)
+}
+
+/// Those of a kind's charts that the backend offers: the first, and all that it does not refuse as [`Error::Unsupported`] when a scene is
+/// uploaded. What it refuses it must not restore either.
+fn charts<S: Subject, R: Rasterizer<S>>(rasterizer: &R) -> Result<Vec<Chart>, Failure> {
+    let empty = S::typical(Blend::Over, 1, (8, 8), 1).scene.emptied();
+    let mut offered = Vec::new();
+    for &chart in S::CHARTS {
+        match rasterizer.upload(&empty, chart) {
+            Err(Error::Unsupported { .. }) if chart != S::CHARTS[0] => {
+                let state = CloudState { chart, ..rasterizer.save(&rasterizer.upload(&empty, S::CHARTS[0])?)? };
+                let refused = matches!(rasterizer.restore(&state), Err(Error::Unsupported { .. }));
+                Failure::unless(refused, || format!("{chart:?} is refused for a scene, but not for a saved state"))?;
+            }
+            cloud => {
+                cloud?;
+                offered.push(chart);
+            }
+        }
+    }
+    Ok(offered)
 }
 
 /// One backward pass of a fresh cloud.

@@ -5,7 +5,7 @@ use gs_core::{
     effects::{Blend, Statistics},
 };
 
-use super::{LOSSES, losses_of};
+use super::{LOSSES, charts, losses_of};
 use crate::{
     failure::Failure,
     scenes::{Draw, Kind},
@@ -49,7 +49,7 @@ fn same_shape(a: &PlanarGaussian, b: &PlanarGaussian) -> bool {
 /// # Errors
 /// [`Failure`] where the backend does not do so.
 pub fn restored_clouds_continue_bit_for_bit<S: Subject, R: Rasterizer<S>>(rasterizer: &R) -> Result<(), Failure> {
-    for &chart in S::CHARTS {
+    for chart in charts::<S, R>(rasterizer)? {
         for blend in [Blend::Sum, Blend::Over] {
             for loss in LOSSES {
                 let mut draw = S::typical(blend, 25, (34, 20), 1103);
@@ -104,7 +104,7 @@ fn check_moments(state: &CloudState) -> Result<(), Failure> {
 /// # Errors
 /// [`Failure`] where the backend does not do so.
 pub fn shifts_move_means_and_nothing_else<S: Subject, R: Rasterizer<S>>(rasterizer: &R) -> Result<(), Failure> {
-    for &chart in S::CHARTS {
+    for chart in charts::<S, R>(rasterizer)? {
         let mut draw = S::typical(Blend::Over, 9, (34, 20), 1151);
         draw.settings.effects.statistics = Statistics::MeanGradient;
         let target = rasterizer.upload_target(&draw.target()?)?;

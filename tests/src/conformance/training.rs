@@ -7,7 +7,7 @@ use gs_core::{
     effects::{Blend, Statistics},
 };
 
-use super::{LOSSES, losses_of};
+use super::{LOSSES, charts, losses_of};
 use crate::{
     failure::Failure,
     oracle::{Oracle, OracleScene, best_colors, rate_of, rows_of_gradients},
@@ -26,7 +26,7 @@ pub fn steps_decrease_the_loss<S: Subject, R: Rasterizer<S>>(rasterizer: &R) -> 
     let group = Group::constant(3e-3);
     let groups = Adam { mean: group, scale: group, rotation: group, ..S::adam() };
     let rates = Adam { opacity: group, color: group, color_rest: group, ..groups }.at(0.0);
-    for &chart in S::CHARTS {
+    for chart in charts::<S, R>(rasterizer)? {
         for blend in [Blend::Sum, Blend::Over] {
             for loss in LOSSES {
                 let draw = S::overlapping(blend, 12, (26, 22), 1403);
@@ -61,8 +61,9 @@ pub fn steps_decrease_the_loss<S: Subject, R: Rasterizer<S>>(rasterizer: &R) -> 
 pub fn fused_steps_match_their_stages<S: Subject, R: Rasterizer<S>>(rasterizer: &R) -> Result<(), Failure> {
     // ε keeps a step in proportion to a gradient that is hardly more than rounding.
     let rates = Adam { epsilon: 1e-3, ..S::adam() }.at(0.0);
-    let last = S::CHARTS[S::CHARTS.len() - 1];
-    for (chart, size) in S::CHARTS.iter().map(|&chart| (chart, (30, 24))).chain([(last, (43, 31))]) {
+    let charts = charts::<S, R>(rasterizer)?;
+    let last = charts.last().map(|&chart| (chart, (43, 31)));
+    for (chart, size) in charts.iter().map(|&chart| (chart, (30, 24))).chain(last) {
         for blend in [Blend::Sum, Blend::Over] {
             for loss in LOSSES {
                 let draw = S::typical(blend, 20, (30, 24), 1503).on([0.2, 0.4, 0.1]);

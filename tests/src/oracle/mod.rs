@@ -8,6 +8,7 @@
 
 mod adam;
 mod least_squares;
+mod local_frame;
 mod loss;
 mod parameters;
 mod perspective;
@@ -29,6 +30,7 @@ use gs_core::{
 pub use self::{
     adam::{AdamReference, rate_of},
     least_squares::best_colors,
+    local_frame::{FramedReference, framed_scene},
     parameters::{
         COLOR, OPACITY, OracleScene, PARAMETER_NAMES, Parameters, QUATERNION, ROTATION, SPATIAL_OPACITY, SPATIAL_SH,
         rows_of_gradients,

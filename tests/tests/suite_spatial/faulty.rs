@@ -1,7 +1,10 @@
 //! A backend that is the oracle itself, `f64` inside and `f32` in what it keeps and hands over, with one fault or none.
 
 use gs_conformance::{
-    oracle::{AdamReference, Oracle, OracleScene, Parameters, Rendering, SPATIAL_OPACITY, SPATIAL_SH},
+    oracle::{
+        AdamReference, FramedReference, Oracle, OracleScene, Parameters, Rendering, SPATIAL_OPACITY, SPATIAL_SH,
+        framed_scene,
+    },
     subject::Subject,
 };
 use gs_core::{
@@ -31,6 +34,9 @@ pub(crate) enum Fault {
     GradientsInWrongUnits,
     HoldsDirectionsFixed,
     NormalisesQuaternions,
+    RoundsFrames,
+    TurnsTheGradientsAxes,
+    MovesInTheWorld,
     ForgetsMomentsOnRestore,
     StepsUphill,
     OneRateForAllColours,
@@ -63,7 +69,9 @@ pub(crate) struct Faulty(pub(crate) Fault);
 
 #[derive(Clone, Default)]
 pub(crate) struct Cloud {
+    chart: Chart,
     sh_len: usize,
+    /// As the scene has them or, in local frames: mean, columns of M, opacity, SH.
     parameters: Vec<Vec<f32>>,
     first: Vec<Vec<f32>>,
     second: Vec<Vec<f32>>,
@@ -108,27 +116,80 @@ fn scene_of(rows: &[Vec<f32>], sh_len: usize) -> SpatialScene {
     scene
 }
 
-fn row_of(g: &SpatialGaussian, sh_len: usize) -> Vec<f32> {
-    let mut scene = SpatialScene { sh_degree: sh_len.isqrt() as u8 - 1, ..SpatialScene::default() };
-    scene.push(g.clone());
-    narrow(&scene.rows().gaussians).remove(0)
+/// A Gaussian in its own frame as a row of parameters.
+fn framed_row(g: &FramedReference) -> Vec<f32> {
+    let geometry = g.mean.to_array().into_iter().chain(g.frame.to_cols_array());
+    geometry.chain(g.rest.iter().copied()).map(|v| v as f32).collect()
+}
+
+/// The tensors of parameters in their order in a row, and their columns.
+fn tensors(chart: Chart, sh_columns: usize) -> Vec<(&'static str, usize)> {
+    let shape: &[_] = match chart {
+        Chart::ScaleRotation => &[("log_scale", 3), ("rotation", 4)],
+        Chart::LocalFrame => &[("frame", 9)],
+    };
+    [("mean", 3)].iter().chain(shape).chain(&[("opacity_logit", 1), ("sh", sh_columns)]).copied().collect()
 }
 
 impl Cloud {
-    fn of(scene: &SpatialScene) -> Self {
-        let parameters = narrow(&scene.rows().gaussians);
+    fn of(scene: &SpatialScene, chart: Chart) -> Self {
+        let empty = Self { chart, sh_len: scene.sh_len(), ..Self::default() };
+        let parameters: Vec<_> = (0..scene.len()).map(|i| empty.row_of(&scene.gaussian(i))).collect();
         let count = parameters.len();
-        let zeros = vec![vec![0.0; SPATIAL_SH + 3 * scene.sh_len()]; count];
+        let zeros = vec![vec![0.0; empty.moments()]; count];
         Self {
-            sh_len: scene.sh_len(),
             parameters,
             first: zeros.clone(),
             second: zeros,
             steps: vec![0; count],
             gradient_sum: vec![0.0; count],
             visible: vec![0; count],
-            losses: Vec::new(),
-            last_view: None,
+            ..empty
+        }
+    }
+
+    /// Numbers of a row of parameters before the opacity.
+    fn geometry(&self) -> usize {
+        if self.chart == Chart::LocalFrame { 12 } else { SPATIAL_OPACITY }
+    }
+
+    /// Moments of a Gaussian.
+    fn moments(&self) -> usize {
+        SpatialScene::opacity_moment(self.chart) + 1 + 3 * self.sh_len
+    }
+
+    fn row_of(&self, g: &SpatialGaussian) -> Vec<f32> {
+        let mut scene = SpatialScene { sh_degree: self.sh_len.isqrt() as u8 - 1, ..SpatialScene::default() };
+        scene.push(g.clone());
+        let row = scene.rows().gaussians.remove(0);
+        match self.chart {
+            Chart::ScaleRotation => row.iter().map(|&v| v as f32).collect(),
+            Chart::LocalFrame => framed_row(&FramedReference::new(&row)),
+        }
+    }
+
+    /// In their own frames.
+    fn framed(&self) -> Vec<FramedReference> {
+        let wide = |row: &[f32]| row.iter().map(|&v| f64::from(v)).collect::<Vec<_>>();
+        let framed = |g: usize| {
+            let row = wide(&self.parameters[g]);
+            FramedReference {
+                mean: glam::DVec3::from_slice(&row),
+                frame: glam::DMat3::from_cols_slice(&row[3..12]),
+                rest: row[12..].to_vec(),
+                first: wide(&self.first[g]),
+                second: wide(&self.second[g]),
+                steps: self.steps[g] as i32,
+            }
+        };
+        (0..self.parameters.len()).map(framed).collect()
+    }
+
+    /// As the oracle sees them.
+    fn rows(&self) -> OracleScene {
+        match self.chart {
+            Chart::ScaleRotation => OracleScene { gaussians: wide(&self.parameters) },
+            Chart::LocalFrame => framed_scene(&self.framed()),
         }
     }
 
@@ -136,7 +197,22 @@ impl Cloud {
         self.first.iter_mut().chain(&mut self.second).for_each(|row| row.fill(0.0));
     }
 
+    fn frames(&mut self, which: &[usize], gradients: &[Parameters], rates: &AdamRates) {
+        let mut framed = self.framed();
+        for &g in which {
+            let row = framed[g].row();
+            framed[g].step(&row, &gradients[g], rates);
+            self.parameters[g] = framed_row(&framed[g]);
+            let narrow = |moments: &[f64]| moments.iter().map(|&v| v as f32).collect();
+            (self.first[g], self.second[g]) = (narrow(&framed[g].first), narrow(&framed[g].second));
+            self.steps[g] += 1;
+        }
+    }
+
     fn adam(&mut self, which: &[usize], gradients: &[Parameters], rates: &AdamRates) {
+        if self.chart == Chart::LocalFrame {
+            return self.frames(which, gradients, rates);
+        }
         let steps = self.steps.iter().map(|&s| s as i32).collect();
         let scene = OracleScene { gaussians: wide(&self.parameters) };
         let mut adam = AdamReference::resumed(scene, wide(&self.first), wide(&self.second), steps);
@@ -163,8 +239,7 @@ impl Faulty {
         view: &Camera,
         settings: &RenderSettings,
     ) -> (OracleScene, Camera, RenderSettings) {
-        let (mut scene, mut view, mut settings) =
-            (OracleScene { gaussians: wide(&cloud.parameters) }, *view, *settings);
+        let (mut scene, mut view, mut settings) = (cloud.rows(), *view, *settings);
         let effects = &mut settings.effects;
         match self.0 {
             DrawsInTheScenesOrder => effects.order = Order::Index,
@@ -202,19 +277,19 @@ impl Rasterizer<SpatialScene> for Faulty {
             scene.means.iter_mut().filter(|mean| mean.is_nan()).for_each(|mean| *mean = glam::Vec3::ZERO);
         }
         scene.validate()?;
-        if chart != Chart::ScaleRotation {
-            return Err(Error::Unsupported { backend: "oracle", effect: format!("{chart:?}") });
-        }
         if self.is(NormalisesQuaternions) {
             for q in &mut scene.rotations {
                 *q = glam::Vec4::from_array(*q).normalize().to_array();
             }
         }
-        Ok(Cloud::of(&scene))
+        if self.is(RoundsFrames) && chart == Chart::LocalFrame {
+            scene.log_scales.iter_mut().for_each(|scales| *scales = (*scales * 100.0).round() / 100.0);
+        }
+        Ok(Cloud::of(&scene, chart))
     }
 
     fn download(&self, cloud: &Cloud) -> Result<SpatialScene, Error> {
-        Ok(scene_of(&cloud.parameters, cloud.sh_len))
+        Ok(scene_of(&narrow(&cloud.rows().gaussians), cloud.sh_len))
     }
 
     fn len(&self, cloud: &Cloud) -> usize {
@@ -226,16 +301,16 @@ impl Rasterizer<SpatialScene> for Faulty {
     }
 
     fn save(&self, cloud: &Cloud) -> Result<CloudState, Error> {
-        let mut state = CloudState::new(Chart::ScaleRotation);
+        let mut state = CloudState::new(cloud.chart);
         let columns = |range: std::ops::Range<usize>| -> Vec<f32> {
             cloud.parameters.iter().flat_map(|row| row[range.clone()].iter().copied()).collect()
         };
-        let width = SPATIAL_SH + 3 * cloud.sh_len;
-        for (name, range) in
-            [("mean", 0..3), ("log_scale", 3..6), ("rotation", 6..10), ("opacity_logit", 10..11), ("sh", 11..width)]
-        {
-            state.insert_matrix(name, range.len(), columns(range));
+        let mut from = 0;
+        for (name, columns_) in tensors(cloud.chart, 3 * cloud.sh_len) {
+            state.insert_matrix(name, columns_, columns(from..from + columns_));
+            from += columns_;
         }
+        let width = cloud.moments();
         state.insert_matrix("moment1", width, cloud.first.concat());
         state.insert_matrix("moment2", width, cloud.second.concat());
         state.insert_matrix("gradient_sum", 1, cloud.gradient_sum.clone());
@@ -246,9 +321,6 @@ impl Rasterizer<SpatialScene> for Faulty {
 
     fn restore(&self, state: &CloudState) -> Result<Cloud, Error> {
         let restored = || {
-            if state.chart != Chart::ScaleRotation {
-                return Err(Error::State("of another chart".to_owned()));
-            }
             let (sh_width, _) = state.matrix("sh")?;
             let rows = |name, width| match state.matrix(name)? {
                 (columns, values) if columns == width => {
@@ -256,11 +328,10 @@ impl Rasterizer<SpatialScene> for Faulty {
                 }
                 (columns, _) => Err(Error::State(format!("`{name}` has {columns} columns"))),
             };
-            let all = SPATIAL_SH + sh_width;
+            let empty = Cloud { chart: state.chart, sh_len: sh_width / 3, ..Cloud::default() };
+            let all = empty.moments();
             let mut parts = Vec::new();
-            for (name, width) in
-                [("mean", 3), ("log_scale", 3), ("rotation", 4), ("opacity_logit", 1), ("sh", sh_width)]
-            {
+            for (name, width) in tensors(state.chart, sh_width) {
                 parts.push(rows(name, width)?);
             }
             let (steps, visible) = (state.integers("steps")?, state.integers("visible")?);
@@ -272,7 +343,7 @@ impl Rasterizer<SpatialScene> for Faulty {
                 return Err(Error::State("tensors of different lengths".to_owned()));
             }
             let parameters = (0..count).map(|g| parts.iter().flat_map(|part| part[g].clone()).collect()).collect();
-            let cloud = Cloud { sh_len: sh_width / 3, parameters, first, second, steps, ..Cloud::default() };
+            let cloud = Cloud { parameters, first, second, steps, ..empty };
             Ok(Cloud { gradient_sum, visible, ..cloud })
         };
         match restored() {
@@ -336,6 +407,9 @@ impl Rasterizer<SpatialScene> for Faulty {
         let mut scene = scene_of(&narrow(&gradients.rows), cloud.sh_len);
         match self.0 {
             NegatesQuaternionGradients => scene.rotations.iter_mut().flatten().for_each(|v| *v = -*v),
+            TurnsTheGradientsAxes if cloud.chart == Chart::LocalFrame => {
+                scene.rotations.iter_mut().flatten().for_each(|v| *v *= 0.9);
+            }
             GradientsInWrongUnits => scene.means.iter_mut().for_each(|v| *v *= 1.01),
             _ => {}
         }
@@ -351,6 +425,7 @@ impl Rasterizer<SpatialScene> for Faulty {
             OneRateForAllColours => rates.color_rest = rates.color,
             MovesAll => rates.participants = Participants::All,
             MovesOnlyTheVisible => rates.participants = Participants::Visible,
+            MovesInTheWorld if cloud.chart == Chart::LocalFrame => rates.mean.learning_rate *= 0.9,
             ForgetsBiasCorrection => cloud.steps.iter_mut().for_each(|steps| *steps = 100_000),
             StepsUphill => {
                 let AdamRates { mean, scale, rotation, opacity, color, color_rest, .. } = &mut rates;
@@ -424,8 +499,8 @@ impl Rasterizer<SpatialScene> for Faulty {
             cloud.forget_moments();
         }
         let sources = sources?;
-        let width = SPATIAL_SH + 3 * cloud.sh_len;
-        cloud.parameters = plan.gather(&sources, &cloud.parameters, |g| row_of(g, cloud.sh_len));
+        let width = cloud.moments();
+        cloud.parameters = plan.gather(&sources, &cloud.parameters, |g| cloud.row_of(g));
         for moments in [&mut cloud.first, &mut cloud.second] {
             *moments = plan.gather_moments(&sources, moments);
             moments.iter_mut().for_each(|row| row.resize(width, 0.0));
@@ -434,10 +509,11 @@ impl Rasterizer<SpatialScene> for Faulty {
         cloud.gradient_sum = plan.gather_statistics(&sources, &cloud.gradient_sum);
         cloud.visible = plan.gather_statistics(&sources, &cloud.visible);
         if let Some(ceiling) = plan.opacity_ceiling {
+            let (place, moment) = (cloud.geometry(), SpatialScene::opacity_moment(cloud.chart));
             for g in 0..cloud.steps.len() {
-                let value = &mut cloud.parameters[g][SPATIAL_OPACITY];
+                let value = &mut cloud.parameters[g][place];
                 *value = value.min(logit(ceiling));
-                (cloud.first[g][SPATIAL_OPACITY], cloud.second[g][SPATIAL_OPACITY]) = (0.0, 0.0);
+                (cloud.first[g][moment], cloud.second[g][moment]) = (0.0, 0.0);
             }
         }
         match self.0 {

@@ -1,0 +1,145 @@
+//! Projections against their definition, and their VJPs against central differences.
+
+use super::*;
+use crate::scene::SpatialGaussian;
+
+fn camera() -> Camera {
+    let axis = Vec3::new(0.3, -0.8, 0.5).normalize();
+    Camera {
+        rotation: Mat3::from_axis_angle(axis, 0.4),
+        translation: Vec3::new(0.2, -0.1, 0.5),
+        focal: Vec2::new(90.0, 100.0),
+        center: Vec2::new(30.0, 27.0),
+        ..Camera::looking_forward(64, 48, 1.0)
+    }
+}
+
+fn ellipsoid(mean: Vec3) -> Ellipsoid {
+    Ellipsoid { mean, log_scale: Vec3::new(-1.2, -2.0, -0.7), rotation: [0.9, -0.4, 0.6, 0.3], opacity_logit: 0.4 }
+}
+
+fn settings(antialias: Antialias) -> RenderSettings {
+    let mut settings = RenderSettings::blended(Blend::Over);
+    settings.effects.antialias = antialias;
+    settings
+}
+
+/// In view, and beyond both clamps.
+const MEANS: [Vec3; 3] = [Vec3::new(0.4, 0.2, 2.5), Vec3::new(5.0, 0.4, 2.0), Vec3::new(-3.0, -4.0, 2.0)];
+
+#[test]
+fn the_projection_is_that_of_the_covariance() {
+    let perspective = Perspective::new(&camera(), &settings(Antialias::Dilate));
+    let g = ellipsoid(MEANS[0]);
+    let found = perspective.project(&g).unwrap();
+    let (mean, depth) = camera().project(g.mean).unwrap();
+    assert!((found.mean - mean).length() < 1e-4 && (found.depth - depth).abs() < 1e-6);
+    let gaussian = SpatialGaussian {
+        mean: g.mean,
+        log_scale: g.log_scale,
+        rotation: g.rotation,
+        opacity_logit: 0.0,
+        sh: Vec::new(),
+    };
+    let p = camera().to_camera(g.mean);
+    let sigma = camera().rotation * gaussian.covariance().unwrap() * camera().rotation.transpose();
+    let gradients = [
+        Vec3::new(90.0 / p.z, 0.0, -90.0 * p.x / (p.z * p.z)),
+        Vec3::new(0.0, 100.0 / p.z, -100.0 * p.y / (p.z * p.z)),
+    ];
+    let across = |a: usize, b: usize| gradients[a].dot(sigma * gradients[b]);
+    let expected = [across(0, 0) + 0.3, across(0, 1), across(1, 1) + 0.3];
+    for (found, expected) in found.covariance.iter().zip(expected) {
+        assert!((found - expected).abs() < 1e-3, "{found} {expected}");
+    }
+    let [xx, xy, yy] = found.covariance;
+    assert!((found.determinant / (xx * yy - xy * xy) - 1.0).abs() < 1e-4);
+    let by_z = Vec2::new((sigma * gradients[0]).z, (sigma * gradients[1]).z);
+    let back = Vec2::new(
+        xx * found.depth_slope.x + xy * found.depth_slope.y,
+        xy * found.depth_slope.x + yy * found.depth_slope.y,
+    );
+    assert!((back - by_z).length() < 1e-4, "{back} {by_z}");
+}
+
+#[test]
+fn gradients_are_central_differences() {
+    let v = ProjectionGradient { mean: Vec2::new(0.7, -0.4), covariance: [0.3, -0.2, 0.5], log_opacity: 0.9 };
+    for (antialias, mean) in
+        [Antialias::None, Antialias::Dilate, Antialias::Mip].into_iter().flat_map(|a| MEANS.map(|m| (a, m)))
+    {
+        let perspective = Perspective::new(&camera(), &settings(antialias));
+        let g = ellipsoid(mean);
+        let scale = perspective.project(&g).unwrap().covariance[0].max(1.0);
+        let loss = |g: &Ellipsoid| -> f64 {
+            let p = perspective.project(g).unwrap();
+            let [xx, xy, yy] = p.covariance.map(f64::from);
+            let [a, b, c] = v.covariance.map(|c| f64::from(c / scale));
+            f64::from(v.mean.dot(p.mean))
+                + a * xx
+                + 2.0 * b * xy
+                + c * yy
+                + f64::from(v.log_opacity) * f64::from(p.opacity).ln()
+        };
+        let scaled = ProjectionGradient { covariance: v.covariance.map(|c| c / scale), ..v };
+        let found = perspective.project_vjp(&g, &scaled);
+        let dot: f32 = found.rotation.iter().zip(g.rotation).map(|(a, b)| a * b).sum();
+        assert!(dot.abs() < 1e-4, "not orthogonal to q: {dot}");
+        let flat = |g: &Ellipsoid| -> [f32; 11] {
+            let [w, x, y, z] = g.rotation;
+            let (m, s) = (g.mean, g.log_scale);
+            [m.x, m.y, m.z, s.x, s.y, s.z, w, x, y, z, g.opacity_logit]
+        };
+        let built = |[a, b, c, d, e, f, w, x, y, z, o]: [f32; 11]| Ellipsoid {
+            mean: Vec3::new(a, b, c),
+            log_scale: Vec3::new(d, e, f),
+            rotation: [w, x, y, z],
+            opacity_logit: o,
+        };
+        let largest = flat(&found).iter().fold(0.0f32, |m, v| m.max(v.abs()));
+        for k in 0..11 {
+            let (mut up, mut down) = (flat(&g), flat(&g));
+            up[k] += 4e-3;
+            down[k] -= 4e-3;
+            let numeric = (loss(&built(up)) - loss(&built(down))) / f64::from(up[k] - down[k]);
+            let error = (f64::from(flat(&found)[k]) - numeric).abs();
+            assert!(error < 2e-3 * f64::from(largest), "{antialias:?} {mean} {k}: {} {numeric}", flat(&found)[k]);
+        }
+    }
+}
+
+#[test]
+fn directions_and_their_gradients() {
+    let perspective = Perspective::new(&camera(), &settings(Antialias::None));
+    let (mean, v) = (MEANS[0], Vec3::new(0.3, -0.5, 0.8));
+    let found = perspective.direction_vjp(mean, v);
+    for axis in 0..3 {
+        let h = Vec3::AXES[axis] * 1e-2;
+        let numeric = (perspective.direction(mean + h) - perspective.direction(mean - h)).dot(v) / 2e-2;
+        assert!((found[axis] - numeric).abs() < 1e-4);
+    }
+    let at_camera = camera().position();
+    assert_eq!(perspective.direction(at_camera), Vec3::Z);
+    assert_eq!(perspective.direction_vjp(at_camera, v), Vec3::ZERO);
+}
+
+#[test]
+fn what_is_left_out_has_a_cause() {
+    let perspective = Perspective::new(&camera(), &settings(Antialias::None));
+    let good = ellipsoid(MEANS[0]);
+    let cause = |g: Ellipsoid| perspective.project(&g).unwrap_err();
+    assert_eq!(cause(Ellipsoid { mean: Vec3::new(f32::NAN, 0.0, -9.0), ..good }), Cause::NotFinite);
+    assert_eq!(cause(Ellipsoid { mean: Vec3::new(0.0, 0.0, -9.0), ..good }), Cause::Near);
+    assert_eq!(cause(Ellipsoid { mean: camera().position(), ..good }), Cause::Near);
+    assert_eq!(cause(Ellipsoid { rotation: [0.0; 4], ..good }), Cause::Degenerate);
+    assert_eq!(cause(Ellipsoid { rotation: [f32::INFINITY; 4], ..good }), Cause::NotFinite);
+    assert_eq!(cause(Ellipsoid { log_scale: Vec3::splat(80.0), ..good }), Cause::NotFinite);
+    assert_eq!(cause(Ellipsoid { log_scale: Vec3::splat(-80.0), ..good }), Cause::Degenerate);
+    assert_eq!(cause(Ellipsoid { opacity_logit: f32::NEG_INFINITY, ..good }), Cause::Transparent);
+    assert_eq!(cause(Ellipsoid { opacity_logit: f32::NAN, ..good }), Cause::NotFinite);
+    assert_eq!(perspective.project(&Ellipsoid { opacity_logit: f32::INFINITY, ..good }).unwrap().opacity, 1.0);
+    let mip = Perspective::new(&camera(), &settings(Antialias::Mip));
+    let flat = Ellipsoid { log_scale: Vec3::new(-1.0, -200.0, -200.0), ..good };
+    assert_eq!(mip.project(&flat).unwrap_err(), Cause::Transparent);
+    assert!(mip.project_vjp(&flat, &ProjectionGradient { log_opacity: 1.0, ..Default::default() }).mean.is_finite());
+}

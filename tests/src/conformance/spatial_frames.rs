@@ -1,0 +1,172 @@
+//! Cases: the chart of local frames of spatial scenes: what comes back, gradients, and steps against `f64`.
+
+use glam::{DMat3, DVec3};
+use gs_core::{
+    AdamRates, Chart, EditPlan, Loss, Rasterizer, SpatialScene,
+    edit::{AfterEdit, Birth, Moments, Origin, Place},
+    effects::{Antialias, Blend},
+    scene::Scene,
+};
+
+use super::{
+    charts, check_gradients,
+    optimiser::{distinct, step},
+};
+use crate::{
+    failure::Failure,
+    oracle::{FramedReference, Parameters},
+    scenes::{Draw, SpatialKind},
+    subject::Subject,
+    tolerance::FRAME_SHARE,
+};
+
+/// Whether the backend trains spatial scenes in local frames, which it may refuse.
+fn offers_frames<R: Rasterizer<SpatialScene>>(rasterizer: &R) -> Result<bool, Failure> {
+    Ok(charts::<SpatialScene, R>(rasterizer)?.contains(&Chart::LocalFrame))
+}
+
+/// Scenes that are held as frames come back with the same covariances, and all else bit for bit.
+///
+/// # Errors
+/// [`Failure`] where the backend does not do so.
+pub fn spatial_frames_come_back<R: Rasterizer<SpatialScene>>(rasterizer: &R) -> Result<(), Failure> {
+    if !offers_frames(rasterizer)? {
+        return Ok(());
+    }
+    for (seed, kind) in (2700..).zip([SpatialKind::Typical, SpatialKind::Needles, SpatialKind::Opaque]) {
+        let scene = Draw::spatial(kind, Blend::Over, 37, (40, 30), seed).scene;
+        let cloud = rasterizer.upload(&scene, Chart::LocalFrame)?;
+        let back = rasterizer.download(&cloud)?;
+        let restored = rasterizer.download(&rasterizer.restore(&rasterizer.save(&cloud)?)?)?;
+        Failure::unless(back == restored, || format!("{kind:?}: restored as another scene"))?;
+        let same = (&back.means, &back.opacity_logits, &back.sh) == (&scene.means, &scene.opacity_logits, &scene.sh);
+        Failure::unless(same, || format!("{kind:?}: means, opacities or colours come back as others"))?;
+        for (i, (a, b)) in scene.rows().gaussians.iter().zip(&back.rows().gaussians).enumerate() {
+            let [a, b] = [a, b].map(|row| FramedReference::new(row).frame);
+            let whitened = a.inverse() * b;
+            let same = (whitened * whitened.transpose()).abs_diff_eq(DMat3::IDENTITY, 1e-4);
+            Failure::unless(same, || format!("{kind:?}: Gaussian {i} had the frame {a}, came back with {b}"))?;
+        }
+    }
+    Ok(())
+}
+
+/// The gradients are those of the scene's parameters in the chart of local frames, too.
+///
+/// # Errors
+/// [`Failure`] where the backend does not do so.
+pub fn gradients_match_in_spatial_frames<R: Rasterizer<SpatialScene>>(rasterizer: &R) -> Result<(), Failure> {
+    if !offers_frames(rasterizer)? {
+        return Ok(());
+    }
+    for blend in [Blend::Sum, Blend::Over] {
+        for antialias in [Antialias::None, Antialias::Dilate, Antialias::Mip] {
+            for (seed, kind) in (2710..).zip([SpatialKind::Typical, SpatialKind::Edge, SpatialKind::Opaque]) {
+                let draw = Draw::spatial(kind, blend, 20, (30, 30), seed).antialiased(antialias);
+                check_gradients(rasterizer, &draw, &Loss::L2, Chart::LocalFrame)?;
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Six steps in local frames, with a Gaussian born after the third, equal Adam in `f64`: ξ along M and η stretching it, each with the
+/// rates, betas and bias of its group; and the scales stay within their bounds.
+///
+/// # Errors
+/// [`Failure`] where the backend does not do so.
+pub fn spatial_frame_steps_match<R: Rasterizer<SpatialScene>>(rasterizer: &R) -> Result<(), Failure> {
+    if !offers_frames(rasterizer)? {
+        return Ok(());
+    }
+    for blend in [Blend::Sum, Blend::Over] {
+        let draw = SpatialScene::overlapping(blend, 12, (24, 20), 2723);
+        let newborn = SpatialScene::overlapping(blend, 1, (24, 20), 2727).scene;
+        let target = rasterizer.upload_target(&draw.target()?)?;
+        // ε keeps a step in proportion to a gradient that is hardly more than rounding.
+        let rates = distinct::<SpatialScene>(1e-3);
+        let mut cloud = rasterizer.upload(&draw.scene, Chart::LocalFrame)?;
+        let mut reference: Vec<_> = draw.scene.rows().gaussians.iter().map(FramedReference::new).collect();
+        for steps in 1..=6 {
+            if steps == 4 {
+                let birth = Birth {
+                    gaussian: newborn.gaussian(0),
+                    parent: None,
+                    moments: Moments::Fresh,
+                    origin: Origin::Seed,
+                    place: Place::Last,
+                };
+                let plan = EditPlan { added: vec![birth], statistics: AfterEdit::Keep, ..EditPlan::default() };
+                rasterizer.edit(&mut cloud, &plan)?;
+                reference.push(FramedReference::new(&newborn.rows().gaussians[0]));
+            }
+            let before = rasterizer.download(&cloud)?.rows();
+            let gradients = step(rasterizer, &mut cloud, &draw, &target, &rates)?;
+            let after = rasterizer.download(&cloud)?.rows();
+            let count = after.gaussians.len();
+            Failure::unless(count == reference.len(), || format!("{count} Gaussians, not {}", reference.len()))?;
+            for (g, reference) in reference.iter_mut().enumerate() {
+                reference.step(&before.gaussians[g], &gradients[g], &rates);
+                compare(reference, &after.gaussians[g], &rates)
+                    .map_err(|failure| failure.at(format!("{blend:?}, step {steps}, Gaussian {g}")))?;
+            }
+        }
+    }
+    bounds_hold(rasterizer)
+}
+
+/// Whether a row is what the reference says, seen from the reference's frame, within a share of what was moved.
+fn compare(reference: &FramedReference, found: &Parameters, rates: &AdamRates) -> Result<(), Failure> {
+    let steps = f64::from(reference.steps);
+    let whiten = reference.frame.inverse();
+    let place = whiten * (DVec3::from_slice(found) - reference.mean);
+    let shape = whiten * FramedReference::new(found).frame;
+    let shape = shape * shape.transpose();
+    let moved = |rate: f32| steps * (FRAME_SHARE * f64::from(rate) + 1e-5);
+    let check = |what: &str, difference: f64, tolerance: f64| {
+        let what = what.to_owned();
+        match difference <= tolerance {
+            true => Ok(()),
+            false => Err(Failure::Differs { what, expected: 0.0, found: difference, tolerance, others: 0 }),
+        }
+    };
+    check("whitened distance of the means", place.abs().max_element(), moved(rates.mean.learning_rate))?;
+    let largest = (shape - DMat3::IDENTITY).to_cols_array().into_iter().fold(0.0f64, |m, v| m.max(v.abs()));
+    check("whitened difference of the covariances", largest, moved(rates.scale.learning_rate))?;
+    for (k, (a, b)) in reference.rest.iter().zip(&found[found.len() - reference.rest.len()..]).enumerate() {
+        let rate = [rates.opacity, rates.color, rates.color_rest][if k == 0 {
+            0
+        } else if k < 4 {
+            1
+        } else {
+            2
+        }];
+        let difference = if a == b { 0.0 } else { (a - b).abs() };
+        check(&format!("entry {k} of opacity and colours"), difference, moved(rate.learning_rate))?;
+    }
+    Ok(())
+}
+
+/// Large steps lead no scale out of its bounds.
+fn bounds_hold<R: Rasterizer<SpatialScene>>(rasterizer: &R) -> Result<(), Failure> {
+    let draw = SpatialScene::overlapping(Blend::Over, 12, (24, 20), 2733);
+    let target = rasterizer.upload_target(&draw.target()?)?;
+    let mut rates = distinct::<SpatialScene>(1e-12);
+    (rates.scale.learning_rate, rates.mean.learning_rate) = (0.4, 0.0);
+    let scales = |scene: &SpatialScene| -> (f32, f32) {
+        let all = || scene.log_scales.iter().flat_map(|scales| scales.to_array()).map(f32::exp);
+        (all().fold(f32::INFINITY, f32::min), all().fold(0.0, f32::max))
+    };
+    let (smallest, largest) = scales(&draw.scene);
+    (rates.min_scale, rates.max_scale) = (0.8 * smallest, 1.25 * largest);
+    let mut cloud = rasterizer.upload(&draw.scene, Chart::LocalFrame)?;
+    for _ in 0..4 {
+        step(rasterizer, &mut cloud, &draw, &target, &rates)?;
+    }
+    let (low, high) = scales(&rasterizer.download(&cloud)?);
+    let within = low >= 0.999 * rates.min_scale && high <= 1.001 * rates.max_scale;
+    let at_them = low <= 1.001 * rates.min_scale || high >= 0.999 * rates.max_scale;
+    Failure::unless(within && at_them, || {
+        format!("scales of {low} to {high} with bounds {} and {}", rates.min_scale, rates.max_scale)
+    })
+}
