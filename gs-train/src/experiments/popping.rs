@@ -70,7 +70,7 @@ pub fn measure<R: Rasterizer<SpatialScene>>(laboratory: &mut Laboratory<'_, R>) 
     let caption = findings::caption("Two discs through each other", of_discs.finest().step_degrees);
     pictures.push(pictures::picture(rasterizer, &scene, &of_discs.moment, &render, ("discs", caption))?);
 
-    let sizes: &[f32] = extent.choose(&[16.0, 8.0, 4.0, 2.0, 1.0], &[8.0, 4.0, 2.0]);
+    let sizes: &[f32] = extent.choose(&[16.0, 8.0, 4.0, 2.0, 1.0], &[16.0, 8.0, 4.0, 2.0]);
     let (flight, first) = ball_flight(SIDE_PX, extent.choose(8, 4), extent.choose(25, 13), STEP_DEGREES);
     let mut ball = Vec::new();
     for &sigma_px in sizes {

@@ -1,9 +1,12 @@
 //! Both orders of blending before a camera that moves slowly: how much of what changes jumps.
 //!
-//! The measure is [`flicker`], the second difference of three frames, in 8-bit levels. Its sum over the frames of an arc, halved as each jump is
-//! in two triples, is what jumped there: of a step it is independent, while what moves smoothly contributes in proportion to the step. So
-//! each flight is looked at with three steps, and only what stays is popping. The coarser steps skip frames of the finest: all are made of
-//! the same pictures.
+//! The measure is [`flicker`], the second difference of three frames, in 8-bit levels. Its square, summed over the frames of an arc and halved, as each
+//! jump is in two triples, is what jumped there: it does not depend on the step, while motion contributes in proportion to the step's cube. So
+//! each flight is looked at with three steps, and what stays is popping. The coarser steps skip frames of the finest: all are made of the same
+//! pictures.
+//!
+//! Squares, because sharp edges between Gaussians that pass through each other sweep over the picture and make its pixels jump, one by one. Nobody
+//! sees that. Of an area that jumps at once and one whose pixels jump each at its own time the magnitudes have the same sum; the squares have not.
 
 use std::collections::VecDeque;
 
@@ -61,25 +64,25 @@ impl SlowOrbit {
 /// What jumped under one order, looked at with one step.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Popping {
-    /// What jumps while the camera turns by a degree: 8-bit levels, mean over pixels; one a stretch.
-    pub levels_per_degree: Vec<f64>,
+    /// The squares of what jumps while the camera turns by a degree: 8-bit levels², mean over pixels; one a stretch.
+    pub squares_per_degree: Vec<f64>,
     /// How often a pixel jumps visibly ([`VISIBLE_LEVELS`]) while the camera turns by a degree, mean over pixels; one a stretch.
     pub times_per_degree: Vec<f64>,
     /// The highest flicker of any window, 8-bit levels.
     pub highest: f64,
-    /// The mean flicker of each triple of frames, 8-bit levels, stretch after stretch.
+    /// The root mean square flicker of each triple of frames, 8-bit levels, stretch after stretch.
     pub course: Vec<f64>,
 }
 
 impl Popping {
-    /// What jumps while the camera turns by a degree, 8-bit levels, mean over pixels and stretches.
-    pub fn levels(&self) -> f64 {
-        mean(self.levels_per_degree.iter().copied())
+    /// The squares of what jumps while the camera turns by a degree, 8-bit levels², mean over pixels and stretches.
+    pub fn squares(&self) -> f64 {
+        mean(&self.squares_per_degree)
     }
 
     /// How often a pixel jumps visibly while the camera turns by a degree, mean over pixels and stretches.
     pub fn times(&self) -> f64 {
-        mean(self.times_per_degree.iter().copied())
+        mean(&self.times_per_degree)
     }
 }
 
@@ -199,7 +202,7 @@ fn greatest_excess(a: &Flicker, b: &Flicker) -> Option<(f64, (u32, u32))> {
 /// What is added up over triples.
 #[derive(Default)]
 struct Tally {
-    /// Mean flicker of each triple, levels, and the share of its windows that is visible; stretch by stretch.
+    /// Mean square flicker of each triple, levels², and the share of its windows that is visible; stretch by stretch.
     stretches: Vec<Vec<(f64, f64)>>,
     highest: f64,
 }
@@ -212,7 +215,7 @@ impl Tally {
     fn add(&mut self, found: &Flicker) {
         let highest = found.values().iter().copied().fold(0.0, f32::max);
         self.highest = self.highest.max(255.0 * f64::from(highest));
-        let triple = (255.0 * found.mean(), found.share_above(VISIBLE_LEVELS as f32 / 255.0));
+        let triple = (255.0 * 255.0 * found.mean_square(), found.share_above(VISIBLE_LEVELS as f32 / 255.0));
         if let Some(stretch) = self.stretches.last_mut() {
             stretch.push(triple);
         }
@@ -224,10 +227,10 @@ impl Tally {
             self.stretches.iter().map(|stretch| mean(stretch.iter().map(of)) / (2.0 * step_degrees)).collect()
         };
         Popping {
-            levels_per_degree: per_degree(|triple| triple.0),
+            squares_per_degree: per_degree(|triple| triple.0),
             times_per_degree: per_degree(|triple| triple.1),
             highest: self.highest,
-            course: self.stretches.iter().flatten().map(|triple| triple.0).collect(),
+            course: self.stretches.iter().flatten().map(|triple| triple.0.sqrt()).collect(),
         }
     }
 }

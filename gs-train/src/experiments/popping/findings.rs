@@ -8,9 +8,6 @@ pub(super) const DIFFERENCE_GAIN: f32 = 4.0;
 /// Of a jump's highest flicker, half the step leaves at least this much; of motion's a quarter.
 const STAYS: f64 = 0.8;
 
-/// Of what is not there but for motion, half the step leaves at most this much of the highest flicker.
-const GOES: f64 = 0.5;
-
 /// What a picture of [`pictures::picture`] shows.
 pub(super) fn caption(what: &str, step_degrees: f64) -> String {
     format!(
@@ -27,7 +24,7 @@ impl Comparison {
             method: format!(
                 "{what}: {} stretches of an orbit, frames {step_degrees:.4}° apart, rendered in both orders. What jumps is the second difference \
                  of three frames, averaged under SSIM's window: half the step leaves a quarter of motion's, and all of a jump's.",
-                orders[0].levels_per_degree.len(),
+                orders[0].squares_per_degree.len(),
             ),
             claims: Vec::new(),
             charts: vec![course_chart(what, self)],
@@ -58,7 +55,7 @@ impl Comparison {
 }
 
 const STEP_COLUMNS: [&str; 5] =
-    ["step, °", "order", "jumps, levels per degree", "visible jumps per pixel and degree", "highest flicker, levels"];
+    ["step, °", "order", "jumps, levels² per degree", "visible jumps per pixel and degree", "highest flicker, levels"];
 
 fn table(name: &'static str, title: String, columns: &[&'static str]) -> Table {
     Table { name, title, columns: columns.to_vec(), rows: Vec::new() }
@@ -79,7 +76,7 @@ fn rows(comparison: &Comparison) -> Vec<Vec<Cell>> {
             vec![
                 Cell::Significant(at.step_degrees, 3),
                 order_name(order).into(),
-                Cell::Significant(popping.levels(), 3),
+                Cell::Significant(popping.squares(), 3),
                 Cell::Significant(popping.times(), 3),
                 Cell::Significant(popping.highest, 3),
             ]
@@ -98,7 +95,7 @@ fn course_chart(what: &str, comparison: &Comparison) -> Chart {
         name: "flicker",
         title: format!("{what}: flicker, frame by frame"),
         x: Axis::linear("frame, stretch after stretch"),
-        y: Axis::linear("mean second difference, 8-bit levels"),
+        y: Axis::linear("root mean square second difference, 8-bit levels"),
         series: ORDERS.into_iter().zip(&comparison.finest().orders).map(curve).collect(),
     }
 }
@@ -125,10 +122,10 @@ impl PoppingMeasured {
     }
 
     fn pops_claim(&self) -> Claim {
-        let [tile, pixel] = self.discs.left_by_half_a_step();
+        let [tile, _] = self.discs.left_by_half_a_step();
         let highest = self.discs.finest().orders.each_ref().map(|popping| popping.highest);
         let coarse = self.ball[0].comparison.finest();
-        let places = coarse.tile().times_per_degree.iter().zip(&coarse.pixel().times_per_degree);
+        let places = coarse.tile().squares_per_degree.iter().zip(&coarse.pixel().squares_per_degree);
         Claim {
             name: "colours-pop",
             statement: "Sorting by one depth per Gaussian and tile can make colours pop where Gaussians intersect or tiles meet, as the order \
@@ -136,89 +133,100 @@ impl PoppingMeasured {
             section: "§5.4",
             circumstances: vec![
                 Circumstance::once("two discs through each other jump, whatever the step", tile >= STAYS),
-                Circumstance::once("sorted by the depth at each pixel they do not", pixel <= GOES),
+                Circumstance::once(
+                    "sorted by the depth at each pixel nothing jumps visibly",
+                    highest[1] < VISIBLE_LEVELS,
+                ),
                 Circumstance::counted(
-                    "places around the ball in the sea at which more jumps visibly by one depth a Gaussian",
+                    "places around the ball in the sea at which more jumps by one depth a Gaussian",
                     places.map(|(tile, pixel)| tile > pixel),
                 ),
                 Circumstance::once("where tiles meet is seen in the picture", self.grid_trace > 1.0),
             ],
             measured: format!(
                 "As the means of the discs change their order of depth, the flicker of a window rises to {:.0} of 255 levels, and half the step \
-                 leaves {:.0} % of it; by the depth at each pixel it is {:.2} levels, of which half the step leaves {:.0} %. The ball in \
-                 the sea, of Gaussians of {} px, jumps by {:.3} levels per degree and pixel, against {:.3}. Tiles leave no trace: with \
-                 their grid elsewhere no pixel differs by more than {:.4} levels, as a Gaussian has the same depth in every tile.",
+                 leaves {:.0} % of it; by the depth at each pixel it is {:.2} levels. Around the ball in the sea, of Gaussians of {} px, flicker \
+                 rises to {:.1} levels against {:.1}, and the squares of what jumps come to {:.3} levels² per degree against {:.3}. Tiles \
+                 leave no trace: with their grid elsewhere no pixel differs by more than {:.4} levels, as a Gaussian has the same depth in \
+                 every tile.",
                 highest[0],
                 100.0 * tile,
                 highest[1],
-                100.0 * pixel,
                 self.ball[0].sigma_px,
-                coarse.tile().levels(),
-                coarse.pixel().levels(),
+                coarse.tile().highest,
+                coarse.pixel().highest,
+                coarse.tile().squares(),
+                coarse.pixel().squares(),
                 self.grid_trace
             ),
             numbers: vec![
                 Number::new("highest flicker of the discs, tile-depth", highest[0], "levels"),
                 Number::new("highest flicker of the discs, pixel-depth", highest[1], "levels"),
                 Number::new("left by half the step, tile-depth", tile, ""),
-                Number::new("left by half the step, pixel-depth", pixel, ""),
-                Number::new("jumps of the ball in the sea, tile-depth", coarse.tile().levels(), "levels per degree"),
-                Number::new("jumps of the ball in the sea, pixel-depth", coarse.pixel().levels(), "levels per degree"),
+                Number::new(
+                    "jumps around the ball in the sea, tile-depth",
+                    coarse.tile().squares(),
+                    "levels² per degree",
+                ),
+                Number::new(
+                    "jumps around the ball in the sea, pixel-depth",
+                    coarse.pixel().squares(),
+                    "levels² per degree",
+                ),
                 Number::new("difference by where tiles meet", self.grid_trace, "levels"),
             ],
         }
     }
 
     fn size_claim(&self) -> Claim {
-        let levels: Vec<f64> = self.ball.iter().map(|of| of.comparison.finest().tile().levels()).collect();
+        let squares: Vec<f64> = self.ball.iter().map(|of| of.comparison.finest().tile().squares()).collect();
         let (largest, smallest) = (&self.ball[0], &self.ball[self.ball.len() - 1]);
-        let times = smallest.comparison.finest().tile().times();
+        let highest = [largest, smallest].map(|of| of.comparison.finest().tile().highest);
+        let numbers = self.ball.iter().zip(&squares).map(|(of, &squares)| {
+            Number::new(format!("jumps with Gaussians of {} px", of.sigma_px), squares, "levels² per degree")
+        });
         Claim {
             name: "negligible-at-pixel-size",
-            statement: "That one depth per Gaussian is not right at every pixel becomes negligible as Gaussians converge to the size of pixels.",
+            statement: "That one depth per Gaussian is not right at every pixel becomes negligible as Gaussians converge to the size of \
+                        pixels.",
             section: "§2.3.1",
             circumstances: vec![
                 Circumstance::counted(
-                    "halvings of σ with which less jumps",
-                    levels.windows(2).map(|pair| pair[1] < pair[0]),
+                    "halvings of σ after which less jumps",
+                    squares.windows(2).map(|pair| pair[1] < pair[0]),
                 ),
                 Circumstance::once(
-                    format!("at {} px nothing jumps visibly", smallest.sigma_px),
-                    smallest.comparison.finest().tile().highest < 2.0 * VISIBLE_LEVELS,
+                    format!("with Gaussians of {} px nothing jumps visibly", smallest.sigma_px),
+                    highest[1] < VISIBLE_LEVELS,
                 ),
             ],
             measured: format!(
-                "The same ball in the same sea jumps by {:.3} levels per degree with {} Gaussians of {} px, and by {:.3} with {} of {} px, whose \
-                 pixels jump visibly {times:.1e} times per degree.",
-                levels[0],
+                "The same ball in the same sea, sorted by one depth a Gaussian: of {} Gaussians of {} px the squares of what jumps come to \
+                 {:.3} levels² per degree and flicker rises to {:.1} levels, of {} Gaussians of {} px to {:.4} and {:.1}.",
                 largest.gaussians,
                 largest.sigma_px,
-                levels[levels.len() - 1],
+                squares[0],
+                highest[0],
                 smallest.gaussians,
                 smallest.sigma_px,
+                squares[squares.len() - 1],
+                highest[1],
             ),
-            numbers: self
-                .ball
-                .iter()
-                .zip(&levels)
-                .map(|(of, &levels)| {
-                    Number::new(format!("jumps with Gaussians of {} px", of.sigma_px), levels, "levels per degree")
-                })
-                .collect(),
+            numbers: numbers.collect(),
         }
     }
 
     fn size_chart(&self) -> Chart {
         let curve = |order: usize| {
             let points = self.ball.iter().rev();
-            let levels = points.map(|of| (of.sigma_px.into(), of.comparison.finest().orders[order].levels()));
-            Series::dotted(order_name(ORDERS[order]), levels.collect())
+            let squares = points.map(|of| (of.sigma_px.into(), of.comparison.finest().orders[order].squares()));
+            Series::dotted(order_name(ORDERS[order]), squares.collect())
         };
         Chart {
             name: "size",
             title: "A ball in a sea: what jumps, by the size of the Gaussians".to_owned(),
             x: Axis::logarithmic("σ, px"),
-            y: Axis::logarithmic("8-bit levels per degree"),
+            y: Axis::logarithmic("jumps, 8-bit levels² per degree"),
             series: vec![curve(0), curve(1)],
         }
     }

@@ -88,7 +88,7 @@ pub fn ball_flight(side: u32, places: u32, frames: u32, step_degrees: f32) -> (S
 }
 
 /// How many px a world unit at the scenes' middle has in a picture of `side` px.
-pub fn px_per_unit(side: u32) -> f32 {
+pub(super) fn px_per_unit(side: u32) -> f32 {
     Camera::looking_forward(side, side, FIELD_OF_VIEW).focal.x / DISTANCE
 }
 
