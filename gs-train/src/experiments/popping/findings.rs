@@ -125,7 +125,7 @@ impl PoppingMeasured {
         let [tile, _] = self.discs.left_by_half_a_step();
         let highest = self.discs.finest().orders.each_ref().map(|popping| popping.highest);
         let coarse = self.ball[0].comparison.finest();
-        let places = coarse.tile().squares_per_degree.iter().zip(&coarse.pixel().squares_per_degree);
+        let more = |of: &OfSize| of.comparison.finest().tile().squares() > of.comparison.finest().pixel().squares();
         Claim {
             name: "colours-pop",
             statement: "Sorting by one depth per Gaussian and tile can make colours pop where Gaussians intersect or tiles meet, as the order \
@@ -138,8 +138,8 @@ impl PoppingMeasured {
                     highest[1] < VISIBLE_LEVELS,
                 ),
                 Circumstance::counted(
-                    "places around the ball in the sea at which more jumps by one depth a Gaussian",
-                    places.map(|(tile, pixel)| tile > pixel),
+                    "sizes of the Gaussians of the ball in the sea at which more jumps by one depth a Gaussian",
+                    self.ball.iter().map(more),
                 ),
                 Circumstance::once("where tiles meet is seen in the picture", self.grid_trace > 1.0),
             ],
