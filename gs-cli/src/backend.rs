@@ -65,13 +65,13 @@ enum AnyRasterizer {
     Wgpu(Box<WgpuRasterizer>),
 }
 
-/// Work that any rasterizer of planar scenes can do.
+/// Work that any backend can do. What needs of it planar scenes alone says so in its own `run`.
 pub(crate) trait Task {
     /// What comes of it.
     type Output;
 
     /// Does it on this rasterizer.
-    fn run<R: Profiler<PlanarScene>>(self, rasterizer: &R) -> Self::Output;
+    fn run<R: Profiler<PlanarScene> + Rasterizer<SpatialScene>>(self, rasterizer: &R) -> Self::Output;
 }
 
 /// Work that any rasterizer of scenes in space can do.

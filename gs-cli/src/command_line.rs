@@ -5,7 +5,7 @@ use std::process::ExitCode;
 use clap::{Parser, Subcommand, error::ErrorKind};
 
 use crate::{
-    commands::{convert::ConvertArgs, eval::EvalArgs, info::InfoArgs, render::RenderArgs},
+    commands::{convert::ConvertArgs, eval::EvalArgs, info::InfoArgs, popping::PoppingArgs, render::RenderArgs},
     failure::Failure,
     fit::arguments::FitArgs,
     paper::PaperArgs,
@@ -32,6 +32,7 @@ Examples:
   gs profile photo.png --backend cpu            where the time of a training step goes
   gs profile out/scene.gs2d.safetensors --backend wgpu -o profile
   gs paper -o paper                             the paper's experiments, as a page
+  gs popping scene.ply -o popping               what jumps in a scene while the camera moves, in both orders of blending
   gs study absolute-vs-percentile --data photographs -o study   which policy is better, and how sure that is
   gs study replay study 17                      row 17 of its runs.csv again, the same scene bit for bit
 
@@ -65,6 +66,8 @@ pub(crate) enum Command {
     Profile(Box<ProfileArgs>),
     /// Repeat the paper's experiments, and set what it says beside what is measured
     Paper(Box<PaperArgs>),
+    /// Tell how much jumps in a scene in space while the camera moves, by either order of blending
+    Popping(Box<PoppingArgs>),
     /// Compare density policies over images, budgets and seeds, with intervals and a report
     Study(Box<StudyArgs>),
 }
@@ -103,7 +106,8 @@ pub(crate) fn parse() -> Result<Parsed, Failure> {
     }
 }
 
-const COMMANDS: [&str; 9] = ["fit", "train", "render", "eval", "convert", "info", "profile", "paper", "study"];
+const COMMANDS: [&str; 10] =
+    ["fit", "train", "render", "eval", "convert", "info", "profile", "paper", "popping", "study"];
 
 /// The parser's message without its usage, its pointer to the help and its own "error:".
 fn essence(message: &str) -> String {

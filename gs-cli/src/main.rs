@@ -48,6 +48,7 @@ fn run(parsed: Parsed) -> Result<ExitCode, Failure> {
         Parsed::Command(Command::Info(args)) => commands::info::run(&args),
         Parsed::Command(Command::Profile(args)) => profile::run(&args),
         Parsed::Command(Command::Paper(args)) => paper::run(&args),
+        Parsed::Command(Command::Popping(args)) => commands::popping::run(&args),
         Parsed::Command(Command::Study(args)) => study::run(&args),
     }?;
     Ok(ExitCode::SUCCESS)

@@ -36,6 +36,11 @@ impl ShownArgs {
         background.is_some() || sh_degree.is_some() || order.is_some() || antialias.is_some()
     }
 
+    /// Whether an order is asked for, which some commands have to choose themselves.
+    pub(crate) fn has_order(&self) -> bool {
+        self.order.is_some()
+    }
+
     /// How the scene is shown; before black, if nothing else is asked for.
     pub(crate) fn settings(&self, scene: &SpatialScene) -> RenderSettings {
         let mut render = RenderSettings::blended(Blend::Over).on(self.background.map_or([0.0; 3], |color| color.0));

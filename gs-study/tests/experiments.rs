@@ -38,8 +38,8 @@ fn check(name: &str, arms: &[MadeBy<'_>], others: &[&str]) {
 const FULL: Extent = Extent::Full;
 
 #[test]
-fn every_experiment_is_a_study() {
-    for experiment in Experiment::ALL {
+fn every_experiment_that_fits_is_a_study() {
+    for experiment in Experiment::ALL.into_iter().filter(|&experiment| experiment != Experiment::Popping) {
         let study = built_in(experiment.name()).unwrap();
         assert!(study.images.iter().all(|image| gs_train::SyntheticTarget::from_name(image).is_ok()), "{experiment}");
     }

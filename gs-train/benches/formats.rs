@@ -1,4 +1,4 @@
-//! What a Gaussian takes on disk in each format, and how long reading and writing take.
+//! What a Gaussian takes on disk in each format, at each SH degree, and how long reading and writing take (paper §5.3).
 //!
 //! `GS_DATA=../shared/data cargo bench -p gs-train --bench formats -- [--quick]`
 
@@ -7,10 +7,8 @@
 mod measure;
 
 use clap::Parser;
-use gs_core::Scene;
-use gs_io::{
-    GltfBuffer, SpatialFile, SpatialOptions, SpatialWritten, SpzOptions, SpzVersion, read_spatial, write_spatial,
-};
+use gs_core::{Scene, SpatialScene};
+use gs_io::{GltfBuffer, SpatialOptions, SpatialWritten, SpzOptions, SpzVersion, read_spatial, write_spatial};
 use measure::{
     Options, Outcome, Quantiles, count, ms, number, photographs::data_folder, print_columns, print_head, print_row,
     print_section, try_time,
@@ -26,7 +24,7 @@ fn main() -> Outcome {
         "Formats of spatial scenes",
         &options,
         &[1],
-        "public scene files; each is read, and written in every format",
+        "public scene files; each is read, cut to every degree that it has, and written in every format",
     );
     let folder = tempfile::tempdir()?;
     for name in SCENES {
@@ -36,43 +34,76 @@ fn main() -> Outcome {
             continue;
         }
         let file = read_spatial(&path)?;
-        let (gaussians, degree) = (count(file.scene.len() as u64), file.scene.sh_degree);
-        print_section(&format!("{name}: {gaussians} Gaussians, SH degree {degree}"));
-        print_columns(&["format", "bytes", "bytes a Gaussian", "writing, ms", "reading, ms"]);
         let reading = ms(Quantiles::of(&try_time(repetitions(&options), || read_spatial(&path))?));
-        print_sizes(&format!("{}, as it came", file.format), file.bytes, &file, "–", &reading);
-        let spz =
-            |version| SpatialOptions { spz: SpzOptions { version, ..SpzOptions::default() }, ..Default::default() };
-        let plain = SpatialOptions::default();
-        for (format, name, settings) in [
-            ("PLY", "a.ply", plain),
-            ("`.splat`", "a.splat", plain),
-            ("SPZ 4", "a.spz", spz(SpzVersion::V4)),
-            ("SPZ 3", "a.spz", spz(SpzVersion::V3)),
-            ("`.glb`", "a.glb", plain),
-            ("`.gltf`, buffer inside", "a.gltf", plain),
-            ("`.gltf`, buffer beside", "a.gltf", SpatialOptions { gltf_buffer: GltfBuffer::Beside, ..plain }),
-        ] {
-            let to = folder.path().join(name);
-            let writing = try_time(repetitions(&options), || write_spatial(&to, &file.scene, &settings))?;
-            let SpatialWritten { beside, .. } = write_spatial(&to, &file.scene, &settings)?;
-            let reading = try_time(repetitions(&options), || read_spatial(&to))?;
-            let mut bytes = std::fs::metadata(&to)?.len();
-            if let Some(beside) = beside {
-                bytes += std::fs::metadata(beside)?.len();
+        let as_it_came =
+            Row {
+                format: format!("{}, as it came", file.format), bytes: file.bytes, times: ["–".to_owned(), reading]
+            };
+        for degree in (0..=file.scene.sh_degree).rev() {
+            let scene = of_degree(&file.scene, degree);
+            print_section(&format!("{name}: {} Gaussians, SH degree {degree}", count(scene.len() as u64)));
+            print_columns(&["format", "bytes", "bytes a Gaussian", "of PLY's", "writing, ms", "reading, ms"]);
+            let rows = written(&scene, folder.path(), repetitions(&options))?;
+            let ply = rows[0].bytes;
+            if degree == file.scene.sh_degree {
+                as_it_came.print(scene.len(), ply);
             }
-            let [writing, reading] = [writing, reading].map(|seconds| ms(Quantiles::of(&seconds)));
-            print_sizes(format, bytes, &file, &writing, &reading);
+            rows.iter().for_each(|row| row.print(scene.len(), ply));
         }
     }
     Ok(())
 }
 
-fn repetitions(options: &Options) -> usize {
-    options.pick(9, 2)
+/// A scene without the harmonics above a degree.
+fn of_degree(scene: &SpatialScene, sh_degree: u8) -> SpatialScene {
+    let mut cut = SpatialScene { sh_degree, ..SpatialScene::default() };
+    (0..scene.len()).for_each(|index| cut.push(scene.gaussian(index)));
+    cut
 }
 
-fn print_sizes(format: &str, bytes: u64, file: &SpatialFile, writing: &str, reading: &str) {
-    let each = bytes as f64 / file.scene.len() as f64;
-    print_row(&[format, &count(bytes), &number(each), writing, reading]);
+/// One format's.
+struct Row {
+    format: String,
+    bytes: u64,
+    /// Of writing and reading, as a table's cells.
+    times: [String; 2],
+}
+
+impl Row {
+    fn print(&self, gaussians: usize, ply: u64) {
+        let Self { format, bytes, times: [writing, reading] } = self;
+        let (each, share) = (*bytes as f64 / gaussians as f64, *bytes as f64 / ply as f64);
+        print_row(&[format, &count(*bytes), &number(each), &number(share), writing, reading]);
+    }
+}
+
+/// Writes a scene in every format, 3DGS's PLY first, and reads it again.
+fn written(scene: &SpatialScene, folder: &Path, repetitions: usize) -> Result<Vec<Row>, gs_io::Error> {
+    let plain = SpatialOptions::default();
+    let spz = |version| SpatialOptions { spz: SpzOptions { version, ..SpzOptions::default() }, ..plain };
+    let beside = SpatialOptions { gltf_buffer: GltfBuffer::Beside, ..plain };
+    let formats = [
+        ("PLY", "a.ply", plain),
+        ("`.splat`", "a.splat", plain),
+        ("SPZ 4", "a.spz", spz(SpzVersion::V4)),
+        ("SPZ 3", "a.spz", spz(SpzVersion::V3)),
+        ("`.glb`", "a.glb", plain),
+        ("`.gltf`, buffer inside", "a.gltf", plain),
+        ("`.gltf`, buffer beside", "a.gltf", beside),
+    ];
+    let row = |(format, name, options): (&str, &str, SpatialOptions)| {
+        let to = folder.join(name);
+        let writing = try_time(repetitions, || write_spatial(&to, scene, &options))?;
+        let SpatialWritten { beside, .. } = write_spatial(&to, scene, &options)?;
+        let reading = try_time(repetitions, || read_spatial(&to))?;
+        let size = |file: &Path| std::fs::metadata(file).map_or(0, |file| file.len());
+        let bytes = size(&to) + beside.as_deref().map_or(0, size);
+        let times = [writing, reading].map(|seconds| ms(Quantiles::of(&seconds)));
+        Ok(Row { format: format.to_owned(), bytes, times })
+    };
+    formats.into_iter().map(row).collect()
+}
+
+fn repetitions(options: &Options) -> usize {
+    options.pick(9, 2)
 }

@@ -13,6 +13,7 @@ use gs_train::{
         edges::{self, EdgesMeasured, Zone},
         instability::{self, Guard, InstabilityMeasured},
         lazy_convergence::{self, Case, Criterion, LazyMeasured, Variation},
+        popping::{self, PoppingMeasured, VISIBLE_LEVELS},
         set_up::{self, SetUpMeasured},
     },
 };
@@ -295,5 +296,104 @@ mod edges_and_blobs {
         let count = |zones: [Zone; 2]| zones.map(|zone| m.population(zone).count).iter().sum::<f64>();
         let (disc, square) = (count([Zone::DiscEdge, Zone::DiscInside]), count([Zone::SquareEdge, Zone::SquareInside]));
         assert!(disc < square && disc + square > 450.0, "{disc} {square}");
+    }
+}
+
+mod popping_of_colours {
+    use glam::Vec3;
+    use gs_core::{Blend, RenderSettings, Scene, SpatialScene, effects::Antialias};
+    use gs_train::experiments::popping::{Comparison, SlowOrbit, compare, discs, discs_flight};
+
+    use super::*;
+
+    #[test]
+    fn claims() {
+        let measured = popping::measure(&mut Laboratory::new(&cpu(None), Extent::Quick, &mut ())).unwrap();
+        check_claims(
+            &measured,
+            &measured.findings(),
+            &[
+                ("colours-pop", Verdict::Partly, colours_pop),
+                ("negligible-at-pixel-size", Verdict::Confirmed, negligible_at_pixel_size),
+            ],
+        );
+    }
+
+    fn colours_pop(m: &PoppingMeasured) {
+        // By one depth a Gaussian the discs jump at once by more than a third of the range; by the depth at each pixel not at all.
+        let [tile, pixel] = m.discs.finest().orders.each_ref().map(|popping| popping.highest);
+        assert!(tile > 85.0 && pixel < 0.5, "{tile} {pixel}");
+        // The jump is one of a third of the pixels, and is counted once, whatever the step.
+        let left = m.discs.left_by_half_a_step()[0];
+        assert!((0.98..1.02).contains(&left), "{left}");
+        let largest = m.ball[0].comparison.finest();
+        assert!(largest.tile().highest > VISIBLE_LEVELS && largest.pixel().highest < VISIBLE_LEVELS, "{largest:?}");
+        assert!(largest.tile().squares() > 2.0 * largest.pixel().squares(), "{largest:?}");
+        assert!(m.grid_trace < 0.1, "{}", m.grid_trace);
+    }
+
+    fn negligible_at_pixel_size(m: &PoppingMeasured) {
+        let squares: Vec<f64> = m.ball.iter().map(|of| of.comparison.finest().tile().squares()).collect();
+        assert!(squares[0] > 3.0 * squares[3], "{squares:?}");
+        assert!(m.ball.windows(2).all(|pair| pair[1].gaussians > 3 * pair[0].gaussians));
+    }
+
+    fn flown(scene: &SpatialScene, step_degrees: f32) -> Comparison {
+        let (flight, first) = discs_flight(96, 16, step_degrees);
+        let mut render = RenderSettings::blended(Blend::Over);
+        render.effects.antialias = Antialias::Dilate;
+        // The rim of the α cut is an edge, too, if a faint one.
+        render.accuracy.alpha_cut = 1e-6;
+        compare(cpu(None).spatial(), scene, &flight, &first, &render).unwrap()
+    }
+
+    /// One disc has no order: what the camera's motion alone comes to falls to a quarter with half the step, and orders agree. Two jump, and
+    /// stay.
+    #[test]
+    fn motion_goes_with_the_step_and_a_jump_stays() {
+        let one: SpatialScene = {
+            let mut scene = SpatialScene::default();
+            // Off the axis, so that it crosses the picture.
+            let gaussian = discs().gaussian(0);
+            scene.push(gs_core::SpatialGaussian { mean: Vec3::new(0.3, 0.0, -1.0), ..gaussian });
+            scene
+        };
+        let moved = flown(&one, 0.5);
+        let [tile, pixel] = moved.finest().orders.each_ref().map(|popping| popping.highest);
+        assert!(tile > 0.05 && (tile - pixel).abs() < 1e-3 * tile, "{tile} {pixel}");
+        for steps in moved.steps.windows(2) {
+            let left = steps[0].tile().highest / steps[1].tile().highest;
+            assert!((0.2..0.3).contains(&left), "{left}");
+            // In squares, by a degree, an eighth.
+            let left = steps[0].tile().squares() / steps[1].tile().squares();
+            assert!((0.08..0.17).contains(&left), "{left}");
+        }
+        let jumped = flown(&discs(), 0.05);
+        for steps in jumped.steps.windows(2) {
+            let left = steps[0].tile().highest / steps[1].tile().highest;
+            assert!((0.98..1.02).contains(&left), "{left}");
+        }
+        // The camera turns by 15 steps, in which everybody's jump is one.
+        let turned = 15.0 * 0.05;
+        let share = jumped.finest().tile().times() * turned;
+        assert!((0.1..0.5).contains(&share), "{share}");
+        assert_eq!(jumped.finest().pixel().times(), 0.0);
+        let middle = jumped.moment.pixel;
+        assert!(middle.0.abs_diff(48) < 16 && middle.1.abs_diff(48) < 16, "{middle:?}");
+    }
+
+    #[test]
+    fn a_flight_that_is_not_possible_is_refused() {
+        let (flight, first) = discs_flight(16, 9, 1.0);
+        assert_eq!(flight.stretches(&first).unwrap()[0].len(), 9);
+        for bad in [
+            SlowOrbit { frames: 8, ..flight },
+            SlowOrbit { frames: 1_000_000, ..flight },
+            SlowOrbit { step_degrees: 0.0, ..flight },
+            SlowOrbit { step_degrees: f32::NAN, ..flight },
+            SlowOrbit { orbit: gs_train::spatial::Orbit { frames: 0, ..flight.orbit }, ..flight },
+        ] {
+            assert!(bad.stretches(&first).is_err(), "{bad:?}");
+        }
     }
 }

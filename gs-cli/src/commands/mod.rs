@@ -4,4 +4,5 @@ pub(crate) mod adapters;
 pub(crate) mod convert;
 pub(crate) mod eval;
 pub(crate) mod info;
+pub(crate) mod popping;
 pub(crate) mod render;

@@ -14,7 +14,7 @@ use crate::{
 };
 
 /// What the page shows of an experiment's figures, in the order of its findings.
-pub(super) struct Figures {
+pub(crate) struct Figures {
     /// The charts as SVG.
     pub(super) charts: Vec<String>,
     /// The pictures as data URIs.
@@ -30,12 +30,19 @@ pub(super) fn write_experiment(
     experiment: Experiment,
     findings: &Findings,
 ) -> Result<Figures, Failure> {
-    let folder = OutputFolder::prepare(&folder.file(experiment.name()), "--output")?;
+    write_findings(&OutputFolder::prepare(&folder.file(experiment.name()), "--output")?, findings)
+}
+
+/// Writes tables, charts and pictures.
+///
+/// # Errors
+/// Where a file cannot be written or a chart not be drawn.
+pub(crate) fn write_findings(folder: &OutputFolder, findings: &Findings) -> Result<Figures, Failure> {
     for table in &findings.tables {
         write_text(&folder.file(&format!("{}.csv", table.name)), &table_csv(table))?;
     }
-    let charts = findings.charts.iter().map(|chart| write_chart(&folder, chart)).collect::<Result<_, _>>()?;
-    let pictures = findings.pictures.iter().map(|picture| write_picture(&folder, picture)).collect::<Result<_, _>>()?;
+    let charts = findings.charts.iter().map(|chart| write_chart(folder, chart)).collect::<Result<_, _>>()?;
+    let pictures = findings.pictures.iter().map(|picture| write_picture(folder, picture)).collect::<Result<_, _>>()?;
     Ok(Figures { charts, pictures })
 }
 

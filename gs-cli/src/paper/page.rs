@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use gs_train::experiments::{Circumstance, Claim, Experiment, Extent, PENDING, Table, Verdict};
+use gs_train::experiments::{Circumstance, Claim, ELSEWHERE, Experiment, Extent, Picture, Table, Verdict};
 
 use crate::{paper::Chapter, report::chart};
 
@@ -27,7 +27,7 @@ pub(super) fn page(chapters: &[Chapter], setting: &Setting<'_>) -> String {
         section(&mut body, chapter);
     }
     if setting.only.is_none() {
-        pending(&mut body);
+        elsewhere(&mut body);
     }
     format!(
         "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n<meta name=\"viewport\" content=\"width=device-width, \
@@ -101,13 +101,19 @@ fn section(page: &mut String, chapter: &Chapter) {
     add!(page, "</div>\n<div class=\"pictures\">\n");
     for (picture, uri) in findings.pictures.iter().zip(&figures.pictures) {
         let caption = escaped(&picture.caption);
-        add!(page, "<figure><img src=\"{uri}\" alt=\"{caption}\"><figcaption>{caption}</figcaption></figure>\n");
+        let class = if is_wide(picture) { " class=\"broad\"" } else { "" };
+        add!(page, "<figure{class}><img src=\"{uri}\" alt=\"{caption}\"><figcaption>{caption}</figcaption></figure>\n");
     }
     add!(page, "</div>\n");
     for shown in findings.tables.iter().filter(|table| !table.rows.is_empty()) {
         table(page, shown);
     }
     add!(page, "</section>\n");
+}
+
+/// Whether a picture is of several side by side, and has to be larger to be seen.
+fn is_wide(picture: &Picture) -> bool {
+    picture.image.width() > picture.image.height()
 }
 
 fn claim_card(page: &mut String, claim: &Claim) {
@@ -165,17 +171,17 @@ fn table(page: &mut String, table: &Table) {
     add!(page, "</table></div>{}\n", if fold { "</details>" } else { "" });
 }
 
-fn pending(page: &mut String) {
-    add!(page, "<section id=\"pending\">\n<h2>Not measured yet</h2>\n");
-    for pending in PENDING {
+fn elsewhere(page: &mut String) {
+    add!(page, "<section id=\"elsewhere\">\n<h2>Measured elsewhere</h2>\n");
+    for elsewhere in ELSEWHERE {
         add!(
             page,
             "<div class=\"claim\"><div><h3>The paper says <span class=\"where\">{}</span></h3><p><b>{}.</b> {}</p></div><div><h3>Measured \
-             here <span class=\"badge\">– not yet</span></h3><p>{}</p></div></div>\n",
-            pending.section,
-            pending.title,
-            escaped(pending.statement),
-            escaped(pending.why)
+             <span class=\"badge\">– not here</span></h3><p>{}</p></div></div>\n",
+            elsewhere.section,
+            elsewhere.title,
+            escaped(elsewhere.statement),
+            escaped(elsewhere.by)
         );
     }
     add!(page, "</section>\n");
@@ -223,6 +229,8 @@ figure{margin:0;background:var(--surface);border:1px solid var(--line);border-ra
 .charts figcaption{font-weight:600;font-size:15px}
 .pictures figure{width:213px}
 .pictures img{width:100%;aspect-ratio:1;display:block;margin-bottom:6px}
+.pictures .broad{width:642px}
+.pictures .broad img{aspect-ratio:auto}
 .pictures figcaption{font-size:13px;color:var(--soft)}
 svg{width:100%;height:auto;display:block}
 .wide{overflow-x:auto}
@@ -288,13 +296,13 @@ mod tests {
             "held &lt; of: 1 of 2",
             "<svg",
             "20 rows",
-            "Sorting artefacts",
+            "Memory and storage",
             "Quick form",
         ] {
             assert!(whole.contains(part), "{part}");
         }
         let outside = whole.replace("http://www.w3.org/2000/svg", "");
         assert!(!outside.contains("http") && !outside.contains("<script") && !outside.contains("url("), "no network");
-        assert!(!page(&[chapter()], &setting(Some(Experiment::Edges))).contains("Sorting artefacts"));
+        assert!(!page(&[chapter()], &setting(Some(Experiment::Edges))).contains("Memory and storage"));
     }
 }

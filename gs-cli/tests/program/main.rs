@@ -6,6 +6,7 @@ mod convert;
 mod datasets;
 mod fit;
 mod paper;
+mod popping;
 mod process;
 mod profile;
 mod scenes;

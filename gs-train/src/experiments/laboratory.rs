@@ -39,7 +39,7 @@ impl Extent {
 
 /// Someone who waits for the experiments. `()` does not mind.
 pub trait Watch {
-    /// A fit begins.
+    /// A fit begins, or a flight around a scene.
     fn on_fit(&mut self, label: &str) {
         let _ = label;
     }
@@ -75,7 +75,7 @@ pub(crate) struct Run {
     pub(crate) counts: Vec<u32>,
 }
 
-impl<'a, R: Rasterizer<PlanarScene>> Laboratory<'a, R> {
+impl<'a, R> Laboratory<'a, R> {
     /// A laboratory on this backend.
     pub fn new(rasterizer: &'a R, extent: Extent, watch: &'a mut dyn Watch) -> Self {
         Self { rasterizer, extent, watch }
@@ -95,7 +95,9 @@ impl<'a, R: Rasterizer<PlanarScene>> Laboratory<'a, R> {
     pub(crate) fn watch(&mut self) -> &mut dyn Watch {
         self.watch
     }
+}
 
+impl<R: Rasterizer<PlanarScene>> Laboratory<'_, R> {
     /// A fit from its settings.
     pub(crate) fn fit(&mut self, label: &str, target: &Image, settings: FitSettings) -> Result<Run, Error> {
         let mut trainer = Trainer::new(self.rasterizer, target, settings)?;

@@ -37,15 +37,16 @@ pub struct Orbit {
 impl Orbit {
     /// The camera turned around the axis, evenly, once; it is itself the first. Seen from the tip of the axis it goes counter-clockwise.
     pub fn cameras(&self, first: &Camera) -> Vec<Camera> {
-        let axis = self.axis.normalize_or(Vec3::NEG_Y);
-        let offset = first.position() - self.center;
-        let turned = |frame: u32| {
-            let angle = std::f32::consts::TAU * frame as f32 / self.frames as f32;
-            let turn = Mat3::from_quat(Quat::from_axis_angle(axis, angle));
-            let (rotation, position) = (first.rotation * turn.transpose(), self.center + turn * offset);
-            Camera { rotation, translation: -(rotation * position), ..*first }
-        };
-        (0..self.frames).map(turned).collect()
+        let angle = |frame: u32| std::f32::consts::TAU * frame as f32 / self.frames as f32;
+        (0..self.frames).map(|frame| self.turned(first, angle(frame))).collect()
+    }
+
+    /// The camera turned around the axis by an angle, rad.
+    pub fn turned(&self, camera: &Camera, angle: f32) -> Camera {
+        let turn = Mat3::from_quat(Quat::from_axis_angle(self.axis.normalize_or(Vec3::NEG_Y), angle));
+        let rotation = camera.rotation * turn.transpose();
+        let position = self.center + turn * (camera.position() - self.center);
+        Camera { rotation, translation: -(rotation * position), ..*camera }
     }
 }
 

@@ -17,7 +17,7 @@ use crate::{
     failure::Failure,
     fit::folder::OutputFolder,
     output,
-    values::{Size, ViewName},
+    values::{Axis, Size, ViewName},
 };
 
 /// Size of the picture where nothing says another.
@@ -59,18 +59,29 @@ fn cameras(args: &CameraArgs, size: Option<Size>, scene: &SpatialScene) -> Resul
             Some(frames) => around(&dataset, args, frames, &camera),
         });
     }
+    let (orbit, camera) = overview(scene, size, args.up, args.orbit.unwrap_or(1))?;
+    Ok(orbit.cameras(&camera))
+}
+
+/// An orbit of so many frames around the bulk of a scene, and its first camera, from a little above.
+///
+/// # Errors
+/// Where nothing of the scene could be seen.
+pub(crate) fn overview(
+    scene: &SpatialScene,
+    size: Option<Size>,
+    up: Option<Axis>,
+    frames: u32,
+) -> Result<(Orbit, Camera), Failure> {
     let Some(bulk) = Bulk::of(scene) else {
         return Err(Failure::failed("the scene has no Gaussian that could be seen"));
     };
-    let up = args.up.map_or(Vec3::NEG_Y, |axis| axis.0);
+    let up = up.map_or(Vec3::NEG_Y, |axis| axis.0);
     let Size { width, height } = size.unwrap_or(SIZE);
     let Some(camera) = bulk.overview(width, height, FIELD_OF_VIEW, up) else {
         return Err(Failure::failed("the scene's extent is not finite").mend("name a camera with --camera or --path"));
     };
-    Ok(match args.orbit {
-        None => vec![camera],
-        Some(frames) => Orbit { center: bulk.center, axis: up, frames }.cameras(&camera),
-    })
+    Ok((Orbit { center: bulk.center, axis: up, frames }, camera))
 }
 
 /// The camera taken around what the cameras of its data set look at; where they look nowhere in common, around what is ahead of it.
