@@ -17,11 +17,12 @@ use std::path::PathBuf;
 
 use clap::Args;
 use glam::Vec3;
-use gs_core::{Camera, Rasterizer, RenderSettings, Scene, SpatialScene};
+use gs_core::{Camera, Rasterizer, RenderSettings, Scene, SpatialScene, image::check_size};
 use gs_io::{
     dataset::{DatasetSettings, read_dataset},
     read_spatial,
 };
+use gs_train::spatial::Bulk;
 
 use crate::{
     backend::{Backend, BackendArgs, SpatialTask},
@@ -37,16 +38,16 @@ const LARGEST: Size = Size { width: 1280, height: 800 };
 
 const AFTER_HELP: &str = "\
 In the window:
-  drag               turn around the point looked at; in flight, look around
-  right or shift+drag  pan
-  wheel              zoom; in flight, slower and faster
-  F                  orbit or fly: W A S D forward, left, back, right; Q E down, up; shift four times as fast
-  arrow keys         turn
-  R                  back to the first camera
-  O, or 1 2          order of blending: by tile depth, by pixel depth
-  A, or 3 4 5        antialiasing: none, dilate, mip (in flight, A is a direction)
-  H                  hide the text
-  Esc                close
+  drag           turn around the point looked at; in flight, look around
+  shift+drag     pan; so does the right button
+  wheel          zoom; in flight, slower and faster
+  F              orbit or fly: W A S D forward, left, back, right; Q E down, up; shift four times as fast
+  arrow keys     turn
+  R              back to the first camera
+  O, or 1 2      order of blending: by tile depth, by pixel depth
+  A, or 3 4 5    antialiasing: none, dilate, mip (in flight, A is a direction)
+  H              hide the text
+  Esc            close
 
 If frames take longer than 50 ms, they are drawn in fewer pixels while the picture moves, and whole again at rest; the text says so.
 
@@ -88,11 +89,13 @@ struct Start {
 /// Where the scene or the data set cannot be read, there is no display, or the backend fails.
 pub(crate) fn run(args: &ViewArgs) -> Result<(), Failure> {
     let scene = read(args)?;
-    let start = start(args, &scene)?;
+    let bulk = cameras::bulk_of(&scene)?;
+    let start = start(args, &scene, &bulk)?;
     start.camera.validate().map_err(|error| Failure::usage(error).at("--camera or --size"))?;
+    let size = args.size.unwrap_or_else(|| usual_size(&start.camera));
+    check_size(size.width, size.height).map_err(|error| Failure::usage(error).at("--size"))?;
     let desktop = Desktop::connect()?;
     let backend = Backend::start(&args.backend)?;
-    let bulk = cameras::bulk_of(&scene)?;
     // What turns go around has to be ahead; a point beside the axis is taken at its depth.
     let depth = start.camera.to_camera(start.target).z;
     let distance = if depth > 0.0 { depth } else { bulk.radius };
@@ -103,7 +106,7 @@ pub(crate) fn run(args: &ViewArgs) -> Result<(), Failure> {
         sh_degree: scene.sh_degree,
         machine: backend.run_spatial(Describe),
     };
-    desktop.show(&backend, &scene, subject, session, args.size.unwrap_or_else(|| usual_size(&start.camera)))
+    desktop.show(&backend, &scene, subject, session, size)
 }
 
 /// The size of a window for the picture of this camera.
@@ -136,11 +139,11 @@ fn read(args: &ViewArgs) -> Result<SpatialScene, Failure> {
     Err(Failure::usage(message).at(args.scene.display()).mend(mend))
 }
 
-fn start(args: &ViewArgs, scene: &SpatialScene) -> Result<Start, Failure> {
+fn start(args: &ViewArgs, scene: &SpatialScene, bulk: &Bulk) -> Result<Start, Failure> {
     let up = args.up.map(|axis| axis.0);
     let Some(name) = &args.camera else {
-        let (bulk, up) = (cameras::bulk_of(scene)?, up.unwrap_or(cameras::UP));
-        let camera = cameras::overview(&bulk, args.size, up)?;
+        let up = up.unwrap_or(cameras::UP);
+        let camera = cameras::overview(bulk, args.size, up)?;
         return Ok(Start { camera, target: bulk.center, up, settings: args.shown.settings(scene) });
     };
     let dataset = read_dataset(&name.dataset, &DatasetSettings::default())?;

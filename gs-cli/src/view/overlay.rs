@@ -108,3 +108,78 @@ fn background(session: &Session) -> String {
         color => Color(color).to_string(),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::time::{Duration, Instant};
+
+    use glam::{Vec2, Vec3};
+    use gs_core::{Blend, Image, RenderSettings};
+    use gs_train::spatial::Bulk;
+
+    use super::*;
+    use crate::view::{
+        keys::Command,
+        navigation::{Drag, Navigator},
+        painter::{Answer, Painted},
+        pixels::Picture,
+    };
+
+    /// A window onto a scene, and what it says after `frames` frames that each took so long, the first at rest, the others moving.
+    fn said(frames: u32, milliseconds: u64, commands: &[Command]) -> (Vec<String>, String) {
+        let bulk = Bulk { center: Vec3::ZERO, radius: 1.0 };
+        let camera = bulk.overview(80, 60, 0.9, Vec3::NEG_Y).unwrap();
+        let mut settings = RenderSettings::blended(Blend::Over).on([1.0; 3]);
+        settings.effects.sh_degree = 3;
+        settings.effects.antialias = Antialias::Dilate;
+        let mut session = Session::new(Navigator::new(&camera, 3.0, Vec3::NEG_Y, bulk), settings);
+        session.resize(80, 60);
+        commands.iter().for_each(|&command| session.obey(command));
+        session.grab(Drag::Turn);
+        let mut now = Instant::now();
+        for frame in 0..frames {
+            let request = session.next(now).request.unwrap();
+            let image = Image::filled(request.size().0, request.size().1, [0.0; 3]).unwrap();
+            let took = Duration::from_millis(milliseconds);
+            session.take(Answer { request, result: Ok(Painted { picture: Picture::of(&image), took }) }).unwrap();
+            now += Duration::from_millis(20);
+            session.point(Vec2::splat(frame as f32 + 1.0), now);
+        }
+        let machine = "cpu (avx2, 2 threads)".to_owned();
+        let subject = Subject { name: "a.ply".to_owned(), gaussians: 12, sh_degree: 2, machine };
+        (lines(&subject, &session), title(&subject, &session))
+    }
+
+    #[track_caller]
+    fn holds(text: &str, parts: &[&str]) {
+        for part in parts {
+            assert!(text.contains(part), "{part} is not in {text}");
+        }
+    }
+
+    #[test]
+    fn time_effects_and_machine_are_told_in_the_picture_and_in_the_title() {
+        holds(&said(0, 0, &[]).0.join("\n"), &["drawing the first frame"]);
+        let order = Command::Order(Order::PixelDepth);
+        let (lines, title) = said(3, 12, &[order]);
+        let effects = ["pixel-depth", "dilate", "background white", "cpu (avx2, 2 threads)", "12.0 ms", "a.ply"];
+        holds(&title, &effects);
+        holds(&title, &["SH 2"]);
+        holds(&lines.join("\n"), &effects);
+        holds(
+            &lines.join("\n"),
+            &["median of 3 frames", "80x60 px", "SH degree 2 of 2", "12 Gaussians", "F orbit/fly"],
+        );
+        assert!(!lines.join("\n").contains("resolution"), "none is given up: {lines:?}");
+        let (lines, _) = said(1, 12, &[Command::SwitchMode]);
+        holds(&lines.join("\n"), &["one frame", "WASD", "antialias dilate (3 4 5)"]);
+    }
+
+    #[test]
+    fn a_lower_resolution_is_explained() {
+        let (lines, _) = said(2, 180, &[]);
+        let last = lines.last().unwrap();
+        holds(last, &["1/2 of the resolution while it moves", "a whole frame takes 180 ms", "more than 50", "at rest"]);
+        holds(&lines.join("\n"), &["40x30 px"]);
+    }
+}

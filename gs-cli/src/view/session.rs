@@ -227,10 +227,10 @@ impl Session {
                 if shown.as_ref().map(kind) != Some(kind(&request)) {
                     self.times.clear();
                 }
-                if shown.is_none_or(|shown| {
-                    shown.settings != request.settings || shown.camera.focal != request.camera.focal
-                }) {
+                let cost = |request: &Request| (request.camera.width, request.camera.height, request.settings);
+                if shown.as_ref().map(cost) != Some(cost(&request)) {
                     self.pace.forget();
+                    self.whole_ms = None;
                 }
                 self.times.add(milliseconds);
                 self.pace.measured(request.divisor, milliseconds);

@@ -11,3 +11,4 @@ mod profile;
 mod scenes;
 mod study;
 mod train;
+mod view;

@@ -63,7 +63,7 @@ impl Viewpoint {
         } else {
             f32::atan2(right.dot(horizon.ahead), -right.dot(horizon.aside))
         };
-        let pitch = forward.dot(horizon.up).clamp(-1.0, 1.0).asin();
+        let pitch = f32::atan2(forward.dot(horizon.up), level.length());
         let target = camera.position() + distance * forward;
         let mut viewpoint = Self { target, distance, yaw, pitch, roll: 0.0, horizon };
         let upright = viewpoint.axes();
@@ -244,7 +244,6 @@ mod tests {
     fn looking_around_stays_on_the_spot() {
         let mut viewpoint = start();
         let eye = viewpoint.eye();
-        let before = viewpoint.axes().forward;
         for i in 0..500 {
             viewpoint.look(Vec2::new(0.03, 0.01 * (i as f32).sin()));
         }
@@ -252,7 +251,6 @@ mod tests {
         let mut right = start();
         right.look(Vec2::new(0.1, 0.0));
         assert!(right.axes().forward.dot(start().axes().right) > 0.05);
-        assert!(right.axes().forward.dot(before) < 0.999);
     }
 
     #[test]
