@@ -87,11 +87,6 @@ impl Viewpoint {
         self.target - self.distance * self.axes().forward
     }
 
-    /// What is up, of unit length.
-    pub(crate) fn up(&self) -> Vec3 {
-        self.horizon.up
-    }
-
     /// The camera here, with the intrinsics of `lens`.
     pub(crate) fn camera(&self, lens: &Camera) -> Camera {
         let Axes { right, down, forward } = self.axes();
@@ -235,8 +230,8 @@ mod tests {
                 _ => viewpoint.walk(0.1 * angles.extend(t.cos())),
             }
             // The picture's right is level.
-            assert!(viewpoint.axes().right.dot(viewpoint.up()).abs() < 1e-5, "{i}");
-            assert!(viewpoint.axes().down.dot(viewpoint.up()) < 1e-5, "{i}: upside down");
+            assert!(viewpoint.axes().right.dot(viewpoint.horizon.up).abs() < 1e-5, "{i}");
+            assert!(viewpoint.axes().down.dot(viewpoint.horizon.up) < 1e-5, "{i}: upside down");
         }
     }
 
@@ -261,13 +256,13 @@ mod tests {
                 viewpoint.orbit(Vec2::new(0.0, 0.1 * down));
                 viewpoint.camera(&lens()).validate().unwrap();
             }
-            assert!((viewpoint.axes().forward.dot(viewpoint.up()) + down).abs() < 1e-6, "straight down or up");
+            assert!((viewpoint.axes().forward.dot(viewpoint.horizon.up) + down).abs() < 1e-6, "straight down or up");
             // There a turn is one of the picture, and the way back is as long.
             let before = viewpoint.axes().right;
             viewpoint.orbit(Vec2::new(FRAC_PI_2, 0.0));
             assert!(viewpoint.axes().right.dot(before).abs() < 1e-5);
             viewpoint.orbit(Vec2::new(0.0, -0.1 * down));
-            assert!(viewpoint.axes().forward.dot(viewpoint.up()).abs() < 0.9999);
+            assert!(viewpoint.axes().forward.dot(viewpoint.horizon.up).abs() < 0.9999);
             let again = Viewpoint::of(&viewpoint.camera(&lens()), viewpoint.distance, Vec3::NEG_Y);
             assert!(close(&again.camera(&lens()), &viewpoint.camera(&lens()), 1e-4));
         }
