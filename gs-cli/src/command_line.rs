@@ -12,6 +12,7 @@ use crate::{
     profile::ProfileArgs,
     study::arguments::StudyArgs,
     train::TrainArgs,
+    view::ViewArgs,
 };
 
 const EXAMPLES: &str = "\
@@ -23,6 +24,7 @@ Examples:
   gs train photographs/ -o out --preset quick   a first look at what will come of it
   gs render out/scene.gs2d.safetensors -o big.png --size 3072x2048
   gs render out/scene.ply -o turn.apng --orbit 60   a scene in space, all the way round
+  gs view out/scene.ply                         a scene in space in a window, to move through
   gs eval photo.png out/reconstruction.png      PSNR, SSIM, MS-SSIM
   gs eval out/scene.ply photographs/            the same of a scene in space, view by view
   gs convert scene.ply scene.spz                a spatial scene in another format, and what that loses
@@ -56,6 +58,8 @@ pub(crate) enum Command {
     Train(Box<TrainArgs>),
     /// Draw a scene as a PNG of any size, or from moving cameras
     Render(Box<RenderArgs>),
+    /// Show a scene in space in a window, and move through it
+    View(Box<ViewArgs>),
     /// Compare two images, or a scene with photographs: PSNR, SSIM, L1
     Eval(EvalArgs),
     /// Turn a spatial scene into another format: PLY, .splat, SPZ, glTF
@@ -106,8 +110,8 @@ pub(crate) fn parse() -> Result<Parsed, Failure> {
     }
 }
 
-const COMMANDS: [&str; 10] =
-    ["fit", "train", "render", "eval", "convert", "info", "profile", "paper", "popping", "study"];
+const COMMANDS: [&str; 11] =
+    ["fit", "train", "render", "view", "eval", "convert", "info", "profile", "paper", "popping", "study"];
 
 /// The parser's message without its usage, its pointer to the help and its own "error:".
 fn essence(message: &str) -> String {

@@ -4,6 +4,7 @@
 //! 1 failed, 2 bad usage, 130 stopped by Ctrl-C; a reader that closes our output early is no failure.
 
 mod backend;
+mod cameras;
 mod command_line;
 mod commands;
 mod failure;
@@ -17,6 +18,7 @@ mod shown;
 mod study;
 mod train;
 mod values;
+mod view;
 
 use std::process::ExitCode;
 
@@ -43,6 +45,7 @@ fn run(parsed: Parsed) -> Result<ExitCode, Failure> {
         Parsed::Command(Command::Fit(args)) => fit::run(&args),
         Parsed::Command(Command::Train(args)) => train::run(&args),
         Parsed::Command(Command::Render(args)) => commands::render::run(&args),
+        Parsed::Command(Command::View(args)) => view::run(&args),
         Parsed::Command(Command::Eval(args)) => commands::eval::run(&args),
         Parsed::Command(Command::Convert(args)) => commands::convert::run(&args),
         Parsed::Command(Command::Info(args)) => commands::info::run(&args),

@@ -5,14 +5,17 @@ use std::path::PathBuf;
 use clap::Args;
 use gs_core::{Camera, Rasterizer, RenderSettings, Scene, SpatialScene};
 use gs_io::read_spatial;
-use gs_train::experiments::{
-    Findings, Table,
-    popping::{Comparison, STRIDES, SlowOrbit, compare},
+use gs_train::{
+    experiments::{
+        Findings, Table,
+        popping::{Comparison, STRIDES, SlowOrbit, compare},
+    },
+    spatial::Orbit,
 };
 
-use super::render::overview;
 use crate::{
     backend::{Backend, BackendArgs, SpatialTask},
+    cameras,
     failure::Failure,
     fit::folder::OutputFolder,
     output,
@@ -69,7 +72,10 @@ pub(crate) fn run(args: &PoppingArgs) -> Result<(), Failure> {
         return Err(Failure::usage("--order: both orders are compared").mend("leave it out"));
     }
     let scene = read_spatial(&args.scene)?.scene;
-    let (orbit, first) = overview(&scene, args.size, args.up, args.places)?;
+    let bulk = cameras::bulk_of(&scene)?;
+    let up = args.up.map_or(cameras::UP, |axis| axis.0);
+    let first = cameras::overview(&bulk, args.size, up)?;
+    let orbit = Orbit { center: bulk.center, axis: up, frames: args.places };
     first.validate().map_err(|error| Failure::usage(error).at("--size"))?;
     let flight = SlowOrbit { orbit, frames: args.frames, step_degrees: args.step / STRIDES[STRIDES.len() - 1] as f32 };
     flight.stretches(&first).map_err(|error| Failure::usage(error).at("--step"))?;

@@ -12,3 +12,4 @@ mod profile;
 mod scenes;
 mod study;
 mod train;
+mod view;

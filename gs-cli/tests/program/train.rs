@@ -33,7 +33,7 @@ fn scene() -> SpatialScene {
 }
 
 /// Writes eight photographs of the scene before black as a Nerfstudio data set, and the scene itself.
-fn photographed(place: &Path) -> (PathBuf, PathBuf) {
+pub(crate) fn photographed(place: &Path) -> (PathBuf, PathBuf) {
     let (dataset, file) = (place.join("photographs"), place.join("true.ply"));
     fs::create_dir_all(dataset.join("images")).unwrap();
     gs_io::write_spatial(&file, &scene(), &gs_io::SpatialOptions::default()).unwrap();

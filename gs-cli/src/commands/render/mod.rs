@@ -7,7 +7,6 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-pub(crate) use self::spatial::overview;
 use crate::{
     backend::BackendArgs,
     failure::Failure,

@@ -2,29 +2,23 @@
 
 use std::{fs, path::Path};
 
-use glam::Vec3;
 use gs_core::{Camera, Image, Rasterizer, RenderSettings, SpatialScene};
 use gs_io::{
     Animation,
     dataset::{Dataset, DatasetSettings, read_dataset},
     read_spatial, write_animation, write_png,
 };
-use gs_train::spatial::{Bulk, CameraPath, Focus, Orbit, resized};
+use gs_train::spatial::{CameraPath, Orbit, resized};
 
 use super::{CameraArgs, RenderArgs};
 use crate::{
     backend::{Backend, SpatialTask},
+    cameras,
     failure::Failure,
     fit::folder::OutputFolder,
     output,
-    values::{Axis, Size, ViewName},
+    values::Size,
 };
-
-/// Size of the picture where nothing says another.
-const SIZE: Size = Size { width: 800, height: 600 };
-
-/// Field of view across where no data set says another, rad.
-const FIELD_OF_VIEW: f32 = 0.9;
 
 /// Renders a scene from each camera.
 ///
@@ -53,66 +47,25 @@ fn cameras(args: &CameraArgs, size: Option<Size>, scene: &SpatialScene) -> Resul
     let sized = |camera: Camera| size.map_or(camera, |Size { width, height }| resized(&camera, width, height));
     if let Some(name) = &args.camera {
         let dataset = read_dataset(&name.dataset, &DatasetSettings::default())?;
-        let camera = sized(view(&dataset, name)?);
+        let camera = sized(cameras::of_view(&dataset, name)?);
         return Ok(match args.orbit {
             None => vec![camera],
             Some(frames) => around(&dataset, args, frames, &camera),
         });
     }
-    let (orbit, camera) = overview(scene, size, args.up, args.orbit.unwrap_or(1))?;
-    Ok(orbit.cameras(&camera))
+    let bulk = cameras::bulk_of(scene)?;
+    let up = args.up.map_or(cameras::UP, |axis| axis.0);
+    let camera = cameras::overview(&bulk, size, up)?;
+    Ok(match args.orbit {
+        None => vec![camera],
+        Some(frames) => Orbit { center: bulk.center, axis: up, frames }.cameras(&camera),
+    })
 }
 
-/// An orbit of so many frames around the bulk of a scene, and its first camera, from a little above.
-///
-/// # Errors
-/// Where nothing of the scene could be seen.
-pub(crate) fn overview(
-    scene: &SpatialScene,
-    size: Option<Size>,
-    up: Option<Axis>,
-    frames: u32,
-) -> Result<(Orbit, Camera), Failure> {
-    let Some(bulk) = Bulk::of(scene) else {
-        return Err(Failure::failed("the scene has no Gaussian that could be seen"));
-    };
-    let up = up.map_or(Vec3::NEG_Y, |axis| axis.0);
-    let Size { width, height } = size.unwrap_or(SIZE);
-    let Some(camera) = bulk.overview(width, height, FIELD_OF_VIEW, up) else {
-        return Err(Failure::failed("the scene's extent is not finite").mend("name a camera with --camera or --path"));
-    };
-    Ok((Orbit { center: bulk.center, axis: up, frames }, camera))
-}
-
-/// The camera taken around what the cameras of its data set look at; where they look nowhere in common, around what is ahead of it.
+/// The camera taken around what the cameras of its data set look at.
 fn around(dataset: &Dataset, args: &CameraArgs, frames: u32, camera: &Camera) -> Vec<Camera> {
-    let cameras: Vec<Camera> = dataset.views.iter().map(|view| view.camera).collect();
-    let center = Focus::of(&cameras).map_or_else(
-        || {
-            let extent = gs_train::spatial::extent_of(&cameras, None);
-            camera.position() + camera.rotation.row(2) * extent
-        },
-        |focus| focus.point,
-    );
-    // What is up for most photographers is up.
-    let up: Vec3 = cameras.iter().map(|camera| -camera.rotation.row(1)).sum();
-    Orbit { center, axis: args.up.map_or(up, |axis| axis.0), frames }.cameras(camera)
-}
-
-fn view(dataset: &Dataset, name: &ViewName) -> Result<Camera, Failure> {
-    let stem = |text: &str| Path::new(text).file_stem().map(|stem| stem.to_string_lossy().into_owned());
-    let exact = dataset.views.iter().find(|view| view.name == name.view);
-    // A view may be called by its file alone, if that says which.
-    let mut alike = dataset.views.iter().filter(|view| stem(&view.name) == stem(&name.view));
-    match exact.or_else(|| alike.next().filter(|_| alike.next().is_none())) {
-        Some(view) => Ok(view.camera),
-        None => {
-            let names: Vec<&str> = dataset.views.iter().take(5).map(|view| view.name.as_str()).collect();
-            let more = if dataset.views.len() > 5 { ", ..." } else { "" };
-            let what = format_args!("{}: has no view `{}`, or several", name.dataset.display(), name.view);
-            Err(Failure::usage(what).mend(format_args!("its views are {}{more}", names.join(", "))))
-        }
-    }
+    let axis = args.up.map_or_else(|| cameras::up_of(dataset), |axis| axis.0);
+    Orbit { center: cameras::looked_at(dataset, camera), axis, frames }.cameras(camera)
 }
 
 fn read_path(file: &Path) -> Result<CameraPath, Failure> {

@@ -1,0 +1,137 @@
+//! What keys mean. Commands go by what is printed on a key; flight goes by where the key is, so that W, A, S and D are a cross on every
+//! keyboard.
+
+use std::collections::HashSet;
+
+use glam::{Vec2, Vec3};
+use gs_core::effects::{Antialias, Order};
+use winit::keyboard::{Key, KeyCode, NamedKey};
+
+use crate::view::navigation::{Mode, Motion};
+
+/// How many times faster it goes with the shift key.
+const HASTE: f32 = 4.0;
+
+/// What a key asks for when it is pressed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Command {
+    /// From orbiting to flying, and back.
+    SwitchMode,
+    /// Back to the first camera.
+    Reset,
+    /// The next order of blending.
+    NextOrder,
+    /// This order of blending.
+    Order(Order),
+    /// The next antialiasing.
+    NextAntialias,
+    /// This antialiasing.
+    Antialias(Antialias),
+    /// Text away, or back.
+    Text,
+    /// The end.
+    Close,
+}
+
+/// The command of a key; in flight, A is a direction and no command.
+pub(crate) fn command(key: &Key, mode: Mode) -> Option<Command> {
+    let text = match key {
+        Key::Named(NamedKey::Escape) => return Some(Command::Close),
+        Key::Character(text) => text.to_lowercase(),
+        _ => return None,
+    };
+    Some(match (text.as_str(), mode) {
+        ("f", _) => Command::SwitchMode,
+        ("r", _) => Command::Reset,
+        ("h", _) => Command::Text,
+        ("o", _) => Command::NextOrder,
+        ("1", _) => Command::Order(Order::TileDepth),
+        ("2", _) => Command::Order(Order::PixelDepth),
+        ("a", Mode::Orbit) => Command::NextAntialias,
+        ("3", _) => Command::Antialias(Antialias::None),
+        ("4", _) => Command::Antialias(Antialias::Dilate),
+        ("5", _) => Command::Antialias(Antialias::Mip),
+        _ => return None,
+    })
+}
+
+/// The keys that are held down.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct HeldKeys(HashSet<KeyCode>);
+
+impl HeldKeys {
+    /// This one is held from now on.
+    pub(crate) fn press(&mut self, key: KeyCode) {
+        self.0.insert(key);
+    }
+
+    /// This one is not any more.
+    pub(crate) fn release(&mut self, key: KeyCode) {
+        self.0.remove(&key);
+    }
+
+    /// None is: the window hears of no key any more.
+    pub(crate) fn release_all(&mut self) {
+        self.0.clear();
+    }
+
+    /// Whether a shift key is among them.
+    pub(crate) fn shift(&self) -> bool {
+        self.any(&[KeyCode::ShiftLeft, KeyCode::ShiftRight])
+    }
+
+    /// Where they ask to go.
+    pub(crate) fn motion(&self, mode: Mode) -> Motion {
+        use KeyCode::{ArrowDown, ArrowLeft, ArrowRight, ArrowUp, KeyA, KeyD, KeyE, KeyQ, KeyS, KeyW};
+        let axis = |more: KeyCode, less: KeyCode| f32::from(self.any(&[more])) - f32::from(self.any(&[less]));
+        let way = match mode {
+            Mode::Orbit => Vec3::ZERO,
+            Mode::Fly => Vec3::new(axis(KeyD, KeyA), axis(KeyE, KeyQ), axis(KeyW, KeyS)),
+        };
+        let turn = Vec2::new(axis(ArrowRight, ArrowLeft), axis(ArrowDown, ArrowUp));
+        Motion { way, turn, haste: if self.shift() { HASTE } else { 1.0 } }
+    }
+
+    fn any(&self, keys: &[KeyCode]) -> bool {
+        keys.iter().any(|key| self.0.contains(key))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn character(text: &str) -> Key {
+        Key::Character(text.into())
+    }
+
+    #[test]
+    fn letters_are_commands_in_either_case_but_a_flies() {
+        for (key, expected) in [("f", Command::SwitchMode), ("R", Command::Reset), ("o", Command::NextOrder)] {
+            assert_eq!(command(&character(key), Mode::Orbit), Some(expected));
+            assert_eq!(command(&character(key), Mode::Fly), Some(expected));
+        }
+        assert_eq!(command(&character("a"), Mode::Orbit), Some(Command::NextAntialias));
+        assert_eq!(command(&character("a"), Mode::Fly), None);
+        assert_eq!(command(&character("5"), Mode::Fly), Some(Command::Antialias(Antialias::Mip)));
+        assert_eq!(command(&Key::Named(NamedKey::Escape), Mode::Fly), Some(Command::Close));
+        assert_eq!(command(&character("w"), Mode::Orbit), None);
+    }
+
+    #[test]
+    fn held_keys_add_up() {
+        let mut held = HeldKeys::default();
+        assert!(held.motion(Mode::Fly).is_none());
+        [KeyCode::KeyW, KeyCode::KeyD, KeyCode::ArrowUp].into_iter().for_each(|key| held.press(key));
+        assert_eq!(held.motion(Mode::Fly), Motion { way: Vec3::new(1.0, 0.0, 1.0), turn: -Vec2::Y, haste: 1.0 });
+        assert_eq!(held.motion(Mode::Orbit).way, Vec3::ZERO);
+        held.press(KeyCode::KeyA);
+        held.press(KeyCode::ShiftRight);
+        let motion = held.motion(Mode::Fly);
+        assert_eq!((motion.way, motion.haste), (Vec3::Z, HASTE), "left and right cancel");
+        held.release(KeyCode::KeyD);
+        assert_eq!(held.motion(Mode::Fly).way, Vec3::new(-1.0, 0.0, 1.0));
+        held.release_all();
+        assert!(held.motion(Mode::Fly).is_none() && !held.shift());
+    }
+}

@@ -1,0 +1,185 @@
+//! The words over the picture and in the title: how long frames take, with which effects, on what.
+
+use gs_core::effects::{Antialias, Order};
+
+use crate::{
+    values::Color,
+    view::{navigation::Mode, pace::BUDGET_MS, session::Session},
+};
+
+/// What does not change while the window is open.
+#[derive(Debug, Clone)]
+pub(crate) struct Subject {
+    /// The scene's name for people.
+    pub(crate) name: String,
+    /// How many Gaussians it has.
+    pub(crate) gaussians: usize,
+    /// Degree of its spherical harmonics.
+    pub(crate) sh_degree: u8,
+    /// The backend, and what it runs on.
+    pub(crate) machine: String,
+}
+
+/// The lines over the picture, most important first.
+pub(crate) fn lines(subject: &Subject, session: &Session) -> Vec<String> {
+    let Subject { name, gaussians, sh_degree, machine } = subject;
+    let effects = &session.settings.effects;
+    let antialias_keys = match session.navigator.mode() {
+        Mode::Orbit => "A",
+        Mode::Fly => "3 4 5",
+    };
+    let mut lines = vec![
+        format!("{name} · {gaussians} Gaussians · {machine}"),
+        frame(session),
+        format!(
+            "order {} (O) · antialias {} ({antialias_keys}) · SH degree {} of {sh_degree} · background {}",
+            order(effects.order),
+            antialias(effects.antialias),
+            effects.sh_degree.min(*sh_degree),
+            background(session),
+        ),
+        match session.navigator.mode() {
+            Mode::Orbit => "orbit: drag turns, right or shift+drag pans, wheel zooms, arrows turn".to_owned(),
+            Mode::Fly => {
+                let speed = session.navigator.speed();
+                format!("fly: WASD QE move, shift faster, drag or arrows look, wheel sets the speed ({speed:.3}/s)")
+            }
+        },
+        "F orbit/fly · R reset · H hides this · Esc closes".to_owned(),
+    ];
+    if let Some(shown) = session.shown().filter(|shown| shown.divisor > 1) {
+        let divisor = shown.divisor;
+        let whole = session.whole_ms.map_or(String::new(), |whole| format!(": a whole frame takes {whole:.0} ms"));
+        let why =
+            format!("1/{divisor} of the resolution while it moves{whole}, and more than {BUDGET_MS} is no motion");
+        lines.push(format!("{why}; whole again at rest"));
+    }
+    lines.extend(session.notice.clone());
+    lines
+}
+
+/// The window's title.
+pub(crate) fn title(subject: &Subject, session: &Session) -> String {
+    let effects = &session.settings.effects;
+    let time = session.times.median().map_or(String::new(), |time| format!(" {time:.1} ms,"));
+    format!(
+        "gs view {}:{time} {}, {}, SH {}, background {}, {}",
+        subject.name,
+        order(effects.order),
+        antialias(effects.antialias),
+        effects.sh_degree.min(subject.sh_degree),
+        background(session),
+        subject.machine,
+    )
+}
+
+fn frame(session: &Session) -> String {
+    let (Some(median), Some(shown)) = (session.times.median(), session.shown()) else {
+        return "drawing the first frame".to_owned();
+    };
+    let of = match session.times.len() {
+        1 => "one frame".to_owned(),
+        frames => format!("median of {frames} frames"),
+    };
+    let (width, height) = shown.size();
+    format!("{median:.1} ms a frame ({of}) · {width}x{height} px")
+}
+
+fn order(order: Order) -> &'static str {
+    match order {
+        Order::Index => "index",
+        Order::TileDepth => "tile-depth",
+        Order::PixelDepth => "pixel-depth",
+    }
+}
+
+fn antialias(antialias: Antialias) -> &'static str {
+    match antialias {
+        Antialias::None => "none",
+        Antialias::Dilate => "dilate",
+        Antialias::Mip => "mip",
+    }
+}
+
+fn background(session: &Session) -> String {
+    match session.settings.backdrop() {
+        [0.0, 0.0, 0.0] => "black".to_owned(),
+        [1.0, 1.0, 1.0] => "white".to_owned(),
+        color => Color(color).to_string(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::{Duration, Instant};
+
+    use glam::{Vec2, Vec3};
+    use gs_core::{Blend, Image, RenderSettings};
+    use gs_train::spatial::Bulk;
+
+    use super::*;
+    use crate::view::{
+        keys::Command,
+        navigation::{Drag, Navigator},
+        painter::{Answer, Painted},
+        pixels::Picture,
+    };
+
+    /// A window onto a scene, and what it says after `frames` frames that each took so long, the first at rest, the others moving.
+    fn said(frames: u32, milliseconds: u64, commands: &[Command]) -> (Vec<String>, String) {
+        let bulk = Bulk { center: Vec3::ZERO, radius: 1.0 };
+        let camera = bulk.overview(80, 60, 0.9, Vec3::NEG_Y).unwrap();
+        let mut settings = RenderSettings::blended(Blend::Over).on([1.0; 3]);
+        settings.effects.sh_degree = 3;
+        settings.effects.antialias = Antialias::Dilate;
+        let mut session = Session::new(Navigator::new(&camera, 3.0, Vec3::NEG_Y, bulk), settings);
+        session.resize(80, 60);
+        commands.iter().for_each(|&command| session.obey(command));
+        session.grab(Drag::Turn);
+        let mut now = Instant::now();
+        for frame in 0..frames {
+            let request = session.next(now).request.unwrap();
+            let image = Image::filled(request.size().0, request.size().1, [0.0; 3]).unwrap();
+            let took = Duration::from_millis(milliseconds);
+            session.take(Answer { request, result: Ok(Painted { picture: Picture::of(&image), took }) }).unwrap();
+            now += Duration::from_millis(20);
+            session.point(Vec2::splat(frame as f32 + 1.0), now);
+        }
+        let machine = "cpu (avx2, 2 threads)".to_owned();
+        let subject = Subject { name: "a.ply".to_owned(), gaussians: 12, sh_degree: 2, machine };
+        (lines(&subject, &session), title(&subject, &session))
+    }
+
+    #[track_caller]
+    fn holds(text: &str, parts: &[&str]) {
+        for part in parts {
+            assert!(text.contains(part), "{part} is not in {text}");
+        }
+    }
+
+    #[test]
+    fn time_effects_and_machine_are_told_in_the_picture_and_in_the_title() {
+        holds(&said(0, 0, &[]).0.join("\n"), &["drawing the first frame"]);
+        let order = Command::Order(Order::PixelDepth);
+        let (lines, title) = said(3, 12, &[order]);
+        let effects = ["pixel-depth", "dilate", "background white", "cpu (avx2, 2 threads)", "12.0 ms", "a.ply"];
+        holds(&title, &effects);
+        holds(&title, &["SH 2"]);
+        holds(&lines.join("\n"), &effects);
+        holds(
+            &lines.join("\n"),
+            &["median of 3 frames", "80x60 px", "SH degree 2 of 2", "12 Gaussians", "F orbit/fly"],
+        );
+        assert!(!lines.join("\n").contains("resolution"), "none is given up: {lines:?}");
+        let (lines, _) = said(1, 12, &[Command::SwitchMode]);
+        holds(&lines.join("\n"), &["one frame", "WASD", "antialias dilate (3 4 5)"]);
+    }
+
+    #[test]
+    fn a_lower_resolution_is_explained() {
+        let (lines, _) = said(2, 180, &[]);
+        let last = lines.last().unwrap();
+        holds(last, &["1/2 of the resolution while it moves", "a whole frame takes 180 ms", "more than 50", "at rest"]);
+        holds(&lines.join("\n"), &["40x30 px"]);
+    }
+}

@@ -1,0 +1,80 @@
+//! Frames, off the window's thread: the chosen backend holds the scene and draws what it is sent, one frame at a time.
+
+use std::{
+    sync::mpsc::Receiver,
+    time::{Duration, Instant},
+};
+
+use gs_core::{Camera, Chart, Rasterizer, RenderSettings, SpatialScene};
+use gs_train::spatial::resized;
+
+use crate::{backend::SpatialTask, failure::Failure, view::pixels::Picture};
+
+/// A frame to draw.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Request {
+    /// The camera of the whole window.
+    pub(crate) camera: Camera,
+    /// Effects and background.
+    pub(crate) settings: RenderSettings,
+    /// By what the sides of the picture are divided, at least 1.
+    pub(crate) divisor: u32,
+}
+
+impl Request {
+    /// Size of the picture that is drawn, px.
+    pub(crate) fn size(&self) -> (u32, u32) {
+        (self.camera.width.div_ceil(self.divisor), self.camera.height.div_ceil(self.divisor))
+    }
+}
+
+/// What came of a request.
+#[derive(Debug)]
+pub(crate) struct Answer {
+    /// What was asked for.
+    pub(crate) request: Request,
+    /// The picture, or why there is none.
+    pub(crate) result: Result<Painted, Failure>,
+}
+
+/// A frame.
+#[derive(Debug)]
+pub(crate) struct Painted {
+    /// What is to be seen.
+    pub(crate) picture: Picture,
+    /// From the request to the image on the host.
+    pub(crate) took: Duration,
+}
+
+/// Draws until nobody asks any more, or nobody wants the answer.
+pub(crate) struct Painter<'a, A> {
+    /// What is drawn.
+    pub(crate) scene: &'a SpatialScene,
+    /// What is asked for.
+    pub(crate) requests: Receiver<Request>,
+    /// Takes the answers; false where nobody is there any more.
+    pub(crate) answer: A,
+}
+
+impl<A: Fn(Answer) -> bool> SpatialTask for Painter<'_, A> {
+    type Output = ();
+
+    fn run<R: Rasterizer<SpatialScene>>(self, rasterizer: &R) {
+        // What fails here is told to whoever asks for the first frame.
+        let cloud = rasterizer.upload(self.scene, Chart::ScaleRotation);
+        let draw = |request: &Request| -> Result<Painted, Failure> {
+            let cloud = cloud.as_ref().map_err(|error| Failure::from(error.clone()))?;
+            let (width, height) = request.size();
+            let start = Instant::now();
+            let frame = rasterizer.forward(cloud, &resized(&request.camera, width, height), &request.settings)?;
+            let image = rasterizer.image(&frame)?;
+            let took = start.elapsed();
+            Ok(Painted { picture: Picture::of(&image), took })
+        };
+        for request in self.requests {
+            if !(self.answer)(Answer { request, result: draw(&request) }) {
+                return;
+            }
+        }
+    }
+}

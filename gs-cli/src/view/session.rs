@@ -1,0 +1,379 @@
+//! What goes on in the window, without the window: what input does, which frame is wanted next and when, what an answer changes. Time is
+//! told, never asked for.
+
+use std::time::{Duration, Instant};
+
+use glam::Vec2;
+use gs_core::{
+    RenderSettings,
+    constants::MAX_SIDE_PX,
+    effects::{Antialias, Order},
+};
+use winit::keyboard::KeyCode;
+
+use crate::{
+    failure::Failure,
+    view::{
+        keys::{Command, HeldKeys},
+        navigation::{Drag, Navigator},
+        pace::{FrameTimes, Pace},
+        painter::{Answer, Request},
+        pixels::Picture,
+    },
+};
+
+/// So long after the last movement the picture is at rest, and shown at its whole resolution.
+const REST_AFTER: Duration = Duration::from_millis(150);
+
+/// No more often than this are frames asked for, however fast they are.
+const SHORTEST_FRAME: Duration = Duration::from_millis(8);
+
+/// How far keys carry before the first frame of a flight.
+const FIRST_STEP: Duration = Duration::from_millis(16);
+
+/// Whether there is text over the picture.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Text {
+    Shown,
+    Hidden,
+}
+
+/// What the window is to do now.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(crate) struct Next {
+    /// The frame to send to the painter.
+    pub(crate) request: Option<Request>,
+    /// When to ask again, if nothing happens before.
+    pub(crate) wake: Option<Instant>,
+}
+
+/// The state of a window.
+#[derive(Debug)]
+pub(crate) struct Session {
+    pub(crate) navigator: Navigator,
+    pub(crate) settings: RenderSettings,
+    pub(crate) text: Text,
+    /// What went wrong last, to be told once.
+    pub(crate) notice: Option<String>,
+    /// Frames of the kind that is shown.
+    pub(crate) times: FrameTimes,
+    /// What a frame at rest took last, ms.
+    pub(crate) whole_ms: Option<f32>,
+    /// What is on the screen.
+    shown: Option<Request>,
+    in_flight: Option<Request>,
+    /// Size of the window, px; `None` while it has none.
+    size: Option<(u32, u32)>,
+    pace: Pace,
+    keys: HeldKeys,
+    pointer: Vec2,
+    drag: Option<Drag>,
+    moved: Option<Instant>,
+    stepped: Option<Instant>,
+    asked: Option<Instant>,
+}
+
+impl Session {
+    /// Begins; nothing is drawn before the window has a size.
+    pub(crate) fn new(navigator: Navigator, settings: RenderSettings) -> Self {
+        Self {
+            navigator,
+            settings,
+            text: Text::Shown,
+            notice: None,
+            times: FrameTimes::default(),
+            whole_ms: None,
+            shown: None,
+            in_flight: None,
+            size: None,
+            pace: Pace::default(),
+            keys: HeldKeys::default(),
+            pointer: Vec2::ZERO,
+            drag: None,
+            moved: None,
+            stepped: None,
+            asked: None,
+        }
+    }
+
+    /// What is on the screen.
+    pub(crate) fn shown(&self) -> Option<&Request> {
+        self.shown.as_ref()
+    }
+
+    /// The window has this size, px; 0 while it is not there.
+    pub(crate) fn resize(&mut self, width: u32, height: u32) {
+        self.size = (width > 0 && height > 0).then_some((width.min(MAX_SIDE_PX), height.min(MAX_SIDE_PX)));
+        if let Some((width, height)) = self.size {
+            self.navigator.resize(width, height);
+        }
+    }
+
+    /// A button of the pointer went down that drags so; with the shift key it always pans.
+    pub(crate) fn grab(&mut self, drag: Drag) {
+        self.drag = Some(if self.keys.shift() { Drag::Pan } else { drag });
+    }
+
+    /// The button went up.
+    pub(crate) fn let_go(&mut self) {
+        self.drag = None;
+    }
+
+    /// The pointer is here, px from the window's top-left corner.
+    pub(crate) fn point(&mut self, place: Vec2, now: Instant) {
+        let shift = place - std::mem::replace(&mut self.pointer, place);
+        if let Some(drag) = self.drag.filter(|_| shift != Vec2::ZERO) {
+            self.navigator.drag(drag, shift);
+            self.moved = Some(now);
+        }
+    }
+
+    /// The wheel was turned, away from oneself if positive.
+    pub(crate) fn wheel(&mut self, notches: f32, now: Instant) {
+        self.navigator.wheel(notches);
+        self.moved = Some(now);
+    }
+
+    /// A key is held from now on.
+    pub(crate) fn press(&mut self, key: KeyCode) {
+        self.keys.press(key);
+    }
+
+    /// A key is not held any more.
+    pub(crate) fn release(&mut self, key: KeyCode) {
+        self.keys.release(key);
+    }
+
+    /// The window hears of keys and buttons no more.
+    pub(crate) fn lose_focus(&mut self) {
+        self.keys.release_all();
+        self.drag = None;
+    }
+
+    /// Does what a key asks for; but for [`Command::Close`], which is the window's.
+    pub(crate) fn obey(&mut self, command: Command) {
+        self.notice = None;
+        let effects = &mut self.settings.effects;
+        match command {
+            Command::SwitchMode => self.navigator.switch_mode(),
+            Command::Reset => self.navigator.reset(),
+            Command::Order(order) => effects.order = order,
+            Command::NextOrder => {
+                effects.order = match effects.order {
+                    Order::PixelDepth => Order::TileDepth,
+                    Order::TileDepth | Order::Index => Order::PixelDepth,
+                }
+            }
+            Command::Antialias(antialias) => effects.antialias = antialias,
+            Command::NextAntialias => {
+                effects.antialias = match effects.antialias {
+                    Antialias::None => Antialias::Dilate,
+                    Antialias::Dilate => Antialias::Mip,
+                    Antialias::Mip => Antialias::None,
+                }
+            }
+            Command::Text => {
+                self.text = match self.text {
+                    Text::Shown => Text::Hidden,
+                    Text::Hidden => Text::Shown,
+                }
+            }
+            Command::Close => {}
+        }
+    }
+
+    /// Goes on to `now`, and says what is to be done. A request that is handed over counts as sent.
+    pub(crate) fn next(&mut self, now: Instant) -> Next {
+        let motion = self.keys.motion(self.navigator.mode());
+        if motion.is_none() {
+            self.stepped = None;
+        } else {
+            let since = self.stepped.map_or(FIRST_STEP, |last| now.saturating_duration_since(last));
+            self.navigator.advance(&motion, since.as_secs_f32());
+            (self.stepped, self.moved) = (Some(now), Some(now));
+        }
+        // The answer to what is under way wakes whoever waits.
+        if self.size.is_none() || self.in_flight.is_some() {
+            return Next::default();
+        }
+        let rest = self.moved.map(|moved| moved + REST_AFTER).filter(|rest| now < *rest);
+        let divisor = if rest.is_some() { self.pace.divisor() } else { 1 };
+        let request = Request { camera: self.navigator.camera(), settings: self.settings, divisor };
+        let is_shown = |shown: &Request| shown.divisor <= divisor && Request { divisor, ..*shown } == request;
+        if self.shown.as_ref().is_some_and(is_shown) {
+            let wake = if motion.is_none() { rest } else { Some(now + SHORTEST_FRAME) };
+            return Next { request: None, wake };
+        }
+        let earliest = self.asked.map(|asked| asked + SHORTEST_FRAME);
+        if earliest.is_some_and(|earliest| now < earliest) {
+            return Next { request: None, wake: earliest };
+        }
+        (self.in_flight, self.asked) = (Some(request), Some(now));
+        Next { request: Some(request), wake: None }
+    }
+
+    /// Takes what the painter says: a picture for the screen, or `None` where there was none and the last stays.
+    ///
+    /// # Errors
+    /// Where there will not be any more pictures. A backend that does not offer what was just switched on is no such case: it is switched
+    /// off again, and told.
+    pub(crate) fn take(&mut self, answer: Answer) -> Result<Option<Picture>, Failure> {
+        self.in_flight = None;
+        let Answer { request, result } = answer;
+        match (result, &self.shown) {
+            (Ok(painted), shown) => {
+                let milliseconds = painted.took.as_secs_f32() * 1e3;
+                let kind = |request: &Request| (request.size(), request.settings);
+                if shown.as_ref().map(kind) != Some(kind(&request)) {
+                    self.times.clear();
+                }
+                let cost = |request: &Request| (request.camera.width, request.camera.height, request.settings);
+                if shown.as_ref().map(cost) != Some(cost(&request)) {
+                    self.pace.forget();
+                    self.whole_ms = None;
+                }
+                self.times.add(milliseconds);
+                self.pace.measured(request.divisor, milliseconds);
+                if request.divisor == 1 {
+                    self.whole_ms = Some(milliseconds);
+                }
+                self.shown = Some(request);
+                Ok(Some(painted.picture))
+            }
+            (Err(failure), Some(shown)) if shown.settings != request.settings && !failure.is_of_backend() => {
+                self.settings = shown.settings;
+                self.notice = failure.line();
+                Ok(None)
+            }
+            (Err(failure), _) => Err(failure),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::Vec3;
+    use gs_core::{Blend, Image};
+    use gs_train::spatial::Bulk;
+
+    use super::*;
+    use crate::view::painter::Painted;
+
+    fn session() -> Session {
+        let bulk = Bulk { center: Vec3::ZERO, radius: 1.0 };
+        let camera = bulk.overview(80, 60, 0.9, Vec3::NEG_Y).unwrap();
+        let mut settings = RenderSettings::blended(Blend::Over);
+        settings.effects.order = Order::TileDepth;
+        Session::new(Navigator::new(&camera, camera.position().length(), Vec3::NEG_Y, bulk), settings)
+    }
+
+    fn painted(request: Request, milliseconds: u64) -> Answer {
+        let image = Image::filled(request.size().0, request.size().1, [0.5; 3]).unwrap();
+        let took = Duration::from_millis(milliseconds);
+        Answer { request, result: Ok(Painted { picture: Picture::of(&image), took }) }
+    }
+
+    /// A session that shows its first frame, which took so long; and the clock.
+    fn showing(milliseconds: u64) -> (Session, Instant) {
+        let mut session = session();
+        session.resize(80, 60);
+        let now = Instant::now();
+        let request = session.next(now).request.unwrap();
+        assert_eq!((request.divisor, request.size()), (1, (80, 60)));
+        assert_eq!(session.next(now), Next::default(), "one at a time");
+        assert!(session.take(painted(request, milliseconds)).unwrap().is_some());
+        (session, now + Duration::from_secs(1))
+    }
+
+    #[test]
+    fn without_a_size_nothing_is_drawn_and_at_rest_nothing_again() {
+        let now = Instant::now();
+        assert_eq!(session().next(now), Next::default());
+        let (mut session, now) = showing(5);
+        assert_eq!(session.next(now), Next::default());
+        session.resize(0, 60);
+        assert_eq!(session.next(now), Next::default());
+        session.resize(90, 60);
+        assert_eq!(session.next(now).request.unwrap().size(), (90, 60));
+    }
+
+    #[test]
+    fn moving_slow_pictures_are_coarse_and_at_rest_whole() {
+        let (mut session, now) = showing(400);
+        session.grab(Drag::Turn);
+        session.point(Vec2::new(5.0, 0.0), now);
+        let coarse = session.next(now).request.unwrap();
+        assert!(coarse.divisor > 1, "{}", coarse.divisor);
+        session.take(painted(coarse, 30)).unwrap();
+        let then = now + Duration::from_millis(40);
+        assert_eq!(session.next(then), Next { request: None, wake: Some(now + REST_AFTER) });
+        let whole = session.next(now + REST_AFTER).request.unwrap();
+        assert_eq!(whole, Request { divisor: 1, ..coarse });
+        session.take(painted(whole, 410)).unwrap();
+        assert_eq!(session.whole_ms, Some(410.0));
+        assert_eq!(session.next(now + 2 * REST_AFTER), Next::default());
+        // What is whole is not made coarse again by a wheel that changes nothing.
+        session.wheel(0.0, now + 3 * REST_AFTER);
+        assert_eq!(session.next(now + 3 * REST_AFTER).request, None);
+    }
+
+    #[test]
+    fn fast_pictures_stay_whole_and_are_not_asked_for_too_often() {
+        let (mut session, now) = showing(5);
+        session.grab(Drag::Pan);
+        session.point(Vec2::new(5.0, 0.0), now);
+        let request = session.next(now).request.unwrap();
+        assert_eq!(request.divisor, 1);
+        session.take(painted(request, 2)).unwrap();
+        let soon = now + Duration::from_millis(2);
+        session.point(Vec2::new(9.0, 0.0), soon);
+        assert_eq!(session.next(soon), Next { request: None, wake: Some(now + SHORTEST_FRAME) });
+        assert!(session.next(now + SHORTEST_FRAME).request.is_some());
+        session.let_go();
+        let before = session.navigator.camera();
+        session.point(Vec2::new(50.0, 50.0), soon);
+        assert_eq!(session.navigator.camera(), before, "nothing is held");
+    }
+
+    #[test]
+    fn keys_carry_on_until_they_are_let_go_or_forgotten() {
+        let (mut session, mut now) = showing(5);
+        session.obey(Command::SwitchMode);
+        session.press(KeyCode::KeyW);
+        let mut last = session.navigator.camera().position();
+        for _ in 0..3 {
+            let request = session.next(now).request.unwrap();
+            assert!(request.camera.position().distance(last) > 1e-3);
+            last = request.camera.position();
+            session.take(painted(request, 5)).unwrap();
+            now += Duration::from_millis(20);
+        }
+        session.lose_focus();
+        now += REST_AFTER;
+        assert_eq!(session.next(now), Next::default());
+    }
+
+    #[test]
+    fn what_a_backend_does_not_offer_is_switched_off_again_and_told() {
+        let (mut session, now) = showing(5);
+        session.obey(Command::NextOrder);
+        let request = session.next(now).request.unwrap();
+        assert_eq!(request.settings.effects.order, Order::PixelDepth);
+        let refused = || gs_core::Error::Unsupported { backend: "wgpu", effect: "Order::PixelDepth".to_owned() };
+        let answer = Answer { request, result: Err(refused().into()) };
+        assert!(session.take(answer).unwrap().is_none());
+        assert_eq!(session.settings.effects.order, Order::TileDepth);
+        assert!(session.notice.as_ref().is_some_and(|notice| notice.contains("PixelDepth")));
+        assert_eq!(session.next(now + REST_AFTER), Next::default(), "what is shown is what is wanted");
+        session.obey(Command::Text);
+        assert_eq!((session.notice.is_none(), session.text), (true, Text::Hidden));
+        // The same of what was shown before is the end, and so is a device that is lost.
+        session.obey(Command::Reset);
+        let request = Request { settings: session.settings, ..request };
+        assert!(session.take(Answer { request, result: Err(refused().into()) }).is_err());
+        session.obey(Command::NextAntialias);
+        let request = Request { settings: session.settings, ..request };
+        let lost = gs_core::Error::Backend { backend: "wgpu", message: "the device is lost".to_owned() };
+        assert!(session.take(Answer { request, result: Err(lost.into()) }).is_err());
+    }
+}
