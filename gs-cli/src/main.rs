@@ -15,6 +15,7 @@ mod profile;
 mod report;
 mod shown;
 mod study;
+mod text_file;
 mod train;
 mod values;
 

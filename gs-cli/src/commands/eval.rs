@@ -51,7 +51,8 @@ struct Comparison {
 /// # Errors
 /// Where one cannot be read, or images differ in size.
 pub(crate) fn run(args: &EvalArgs) -> Result<(), Failure> {
-    if may_be_dataset(&args.b) {
+    // A scene is judged by a data set; what stands in its place is told to be none.
+    if may_be_dataset(&args.b) || matches!(gs_io::spatial_format(&args.a), Ok(Some(_))) {
         return judge(args);
     }
     let (a, b) = (read(&args.a)?, read(&args.b)?);
@@ -85,7 +86,7 @@ fn read(path: &Path) -> Result<Image, Failure> {
 
 /// Judges a scene by the test views of a data set; by all, where none is held out.
 fn judge(args: &EvalArgs) -> Result<(), Failure> {
-    let scene = gs_io::read_spatial(&args.a)?.scene;
+    let scene = gs_io::read_spatial(&args.a).map_err(Failure::of_scene)?.scene;
     let dataset = read_dataset(&args.b, &args.photographs.settings())?;
     let render = args.shown.settings_beside(&scene, &dataset);
     let Views { train, test, .. } = Views::of_dataset(&dataset);
