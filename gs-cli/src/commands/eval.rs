@@ -93,6 +93,11 @@ fn judge(args: &EvalArgs) -> Result<(), Failure> {
     let views = if test.is_empty() { train } else { test };
     let backend = Backend::start(&args.backend)?;
     let evaluation = backend.run_spatial(Judge { scene: &scene, views: &views, render: &render })?;
+    if evaluation.culled.total() == scene.len() as u64 * views.len() as u64 {
+        output::note(
+            "note: nothing of the scene is in sight of any view: are its axes and its unit those of the data set?",
+        );
+    }
     if args.json {
         return output::json(&evaluation);
     }

@@ -244,4 +244,6 @@ fn cameras_that_look_away_are_the_data_sets_fault() {
     let line = run.stderr.lines().last().unwrap();
     assert!(line.contains("photographs: none of the 8 first Gaussians is in sight of any of the 7 views"), "{line}");
     assert!(!out.exists());
+    let eval = gs(["eval", text(&file), text(&dataset)]).done();
+    assert!(eval.stderr.contains("nothing of the scene is in sight") && eval.stdout.contains("mean of 1 views"), "{eval:?}");
 }
