@@ -22,6 +22,14 @@ fn main() -> io::Result<()> {
         r#""camera_angle_x": 0.7, "is_fisheye": true, "k2": -0.02, "applied_scale": 2.0, "test_filenames": ["a.png"]"#,
     ] {
         write("transforms", format!("{{{camera}, \"frames\": [{frame}]}}").as_bytes())?;
+        let json = format!("{{{camera}, \"ply_file_path\": \"a.ply\", \"frames\": [{frame}]}}\0");
+        for kind in ["ascii", "binary_little_endian"] {
+            let points = format!(
+                "ply\nformat {kind} 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
+                 property uchar red\nproperty uchar green\nproperty uchar blue\nend_header\n1 2 3 4 5 6\n7 8 9 0 1 2\n3 4 5 6 7 8\n9 0 1 2 3"
+            );
+            write("transforms", (json.clone() + &points).as_bytes())?;
+        }
     }
     Ok(())
 }

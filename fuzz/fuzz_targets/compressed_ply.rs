@@ -1,5 +1,5 @@
-//! The reader of compressed PLY; the reader is that of `ply`, the seeds are others.
+//! The reader of compressed PLY.
 
 #![no_main]
 
-libfuzzer_sys::fuzz_target!(|bytes: &[u8]| gs_fuzz::decode(gs_io::SpatialFormat::CompressedPly, bytes));
+libfuzzer_sys::fuzz_target!(|bytes: &[u8]| gs_fuzz::targets::compressed_ply(bytes));

@@ -2,4 +2,4 @@
 
 #![no_main]
 
-libfuzzer_sys::fuzz_target!(|bytes: &[u8]| gs_fuzz::decode(gs_io::SpatialFormat::Gltf, bytes));
+libfuzzer_sys::fuzz_target!(|bytes: &[u8]| gs_fuzz::targets::gltf(bytes));

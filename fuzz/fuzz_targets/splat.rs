@@ -2,4 +2,4 @@
 
 #![no_main]
 
-libfuzzer_sys::fuzz_target!(|bytes: &[u8]| gs_fuzz::decode(gs_io::SpatialFormat::Splat, bytes));
+libfuzzer_sys::fuzz_target!(|bytes: &[u8]| gs_fuzz::targets::splat(bytes));

@@ -43,6 +43,16 @@ impl Failure {
         Self { kind: Kind::Interrupted, message: one_line(message) }
     }
 
+    /// A scene in space could not be read or written; where its content is broken, Gaussians can be left out.
+    pub(crate) fn of_scene(error: gs_io::Error) -> Self {
+        match error {
+            gs_io::Error::Content { .. } => {
+                Self::from(error).mend("gs convert FROM TO --drop-broken leaves such Gaussians out")
+            }
+            _ => error.into(),
+        }
+    }
+
     /// Standard output could not be written.
     pub(crate) fn output(source: io::Error) -> Self {
         match source.kind() {

@@ -16,6 +16,7 @@ mod profile;
 mod report;
 mod shown;
 mod study;
+mod text_file;
 mod train;
 mod values;
 mod view;

@@ -17,7 +17,7 @@ pub enum Error {
         found: usize,
     },
     /// A value that must be finite is NaN or infinite.
-    #[error("{what} of Gaussian {index} is not finite ({value}); `EditPlan` or a repaired file must remove it")]
+    #[error("{what} of Gaussian {index} is not finite ({value}); repair it, or remove that Gaussian")]
     NotFinite {
         /// The parameter.
         what: &'static str,

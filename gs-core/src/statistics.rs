@@ -70,14 +70,33 @@ impl Culled {
         } += 1;
     }
 
-    /// The counts of two parts of a scene together.
+    /// The counts of two parts of a scene, or of two views, together; they stay at the largest number that there is.
     pub fn plus(self, other: Self) -> Self {
         Self {
-            not_finite: self.not_finite + other.not_finite,
-            near: self.near + other.near,
-            degenerate: self.degenerate + other.degenerate,
-            transparent: self.transparent + other.transparent,
-            outside: self.outside + other.outside,
+            not_finite: self.not_finite.saturating_add(other.not_finite),
+            near: self.near.saturating_add(other.near),
+            degenerate: self.degenerate.saturating_add(other.degenerate),
+            transparent: self.transparent.saturating_add(other.transparent),
+            outside: self.outside.saturating_add(other.outside),
         }
+    }
+
+    /// All causes together.
+    pub fn total(self) -> u64 {
+        let Self { not_finite, near, degenerate, transparent, outside } = self;
+        [not_finite, near, degenerate, transparent, outside].map(u64::from).iter().sum()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn counts_of_many_views_do_not_overflow() {
+        let many = Culled { near: u32::MAX, outside: 3, ..Culled::default() };
+        let both = many.plus(Culled { near: 1, transparent: 2, ..Culled::default() });
+        assert_eq!(both, Culled { near: u32::MAX, transparent: 2, outside: 3, ..Culled::default() });
+        assert_eq!(both.total(), u64::from(u32::MAX) + 5);
     }
 }

@@ -137,9 +137,10 @@ pub(crate) fn read<C: DeserializeOwned>(path: &Path, kind: &'static Kind) -> Res
     if file_bytes < LENGTH_BYTES {
         return Err(cut_short(LENGTH_BYTES));
     }
-    let header_bytes = read(&mut file, LENGTH_BYTES)?.first_chunk().map_or(0, |length| u64::from_le_bytes(*length));
+    let length = read(&mut file, LENGTH_BYTES)?;
+    let header_bytes = length.first_chunk().map_or(0, |length| u64::from_le_bytes(*length));
     if header_bytes > MAX_HEADER_BYTES {
-        return Err(damaged(0, format!("a header of at most {MAX_HEADER_BYTES} bytes"), format!("{header_bytes}")));
+        return Err(damaged(0, "the length of a safetensors header".to_owned(), Error::found(&length)));
     }
     let data_start = LENGTH_BYTES + header_bytes;
     if file_bytes < data_start {

@@ -289,6 +289,15 @@ impl Error {
         Self::ImageShape { path: path.to_owned(), width, height, expected_width, expected_height }
     }
 
+    /// What a file that is of no known kind seems to be, by its first bytes.
+    pub(crate) fn found(start: &[u8]) -> String {
+        match start {
+            [] => "an empty file".to_owned(),
+            start if start.iter().all(|b| b.is_ascii_graphic() || b.is_ascii_whitespace()) => "text".to_owned(),
+            start => format!("bytes {:02x?}", &start[..start.len().min(8)]),
+        }
+    }
+
     /// Content that the core refuses.
     pub(crate) fn content(path: &Path) -> impl Fn(gs_core::Error) -> Self {
         move |source| Self::Content { path: path.to_owned(), source }

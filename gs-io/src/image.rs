@@ -236,9 +236,7 @@ fn format_of(path: &Path, reader: &mut (impl Read + Seek)) -> Result<ImageFormat
     let found = match image::guess_format(&start) {
         Ok(format) if format.reading_enabled() => return Ok(format),
         Ok(other) => format!("{other:?}, which is not supported"),
-        Err(_) if start.is_empty() => "an empty file".to_owned(),
-        Err(_) if start.iter().all(|b| b.is_ascii_graphic() || b.is_ascii_whitespace()) => "text".to_owned(),
-        Err(_) => format!("bytes {:02x?}", &start[..start.len().min(8)]),
+        Err(_) => Error::found(&start),
     };
     Err(Error::NotAnImage { path: path.to_owned(), found })
 }

@@ -27,6 +27,17 @@ pub enum Error {
         /// The Gaussian that most probably did it.
         suspect: Option<Box<Suspect>>,
     },
+    /// No view that is trained with looks at any of the first Gaussians.
+    #[error(
+        "none of the {gaussians} first Gaussians is in sight of any of the {views} views to train with: the cameras look away, or the \
+         points are in another world than they; mend the poses, or start with Gaussians where the cameras look (--start random)"
+    )]
+    NothingInView {
+        /// First Gaussians.
+        gaussians: usize,
+        /// Views that are trained with.
+        views: usize,
+    },
     /// A checkpoint was made for another target than the one given.
     #[error("the checkpoint belongs to another target: it was made for {expected}, but this is {found}")]
     WrongTarget {

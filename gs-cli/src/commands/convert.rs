@@ -88,7 +88,7 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<(), Failure> {
     }
     let file =
         if args.drop_broken { gs_io::read_spatial_unchecked(&args.from) } else { gs_io::read_spatial(&args.from) };
-    let file = file.map_err(|error| broken(error, "--drop-broken leaves such Gaussians out"))?;
+    let file = file.map_err(Failure::of_scene)?;
     let all = file.scene.len();
     let scene = if args.drop_broken { whole(&file.scene) } else { file.scene };
     let options = SpatialOptions {
@@ -104,8 +104,7 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<(), Failure> {
             Buffer::Beside => GltfBuffer::Beside,
         },
     };
-    let written = gs_io::write_spatial(&args.to, &scene, &options)
-        .map_err(|error| broken(error, "--drop-broken leaves such Gaussians out"))?;
+    let written = gs_io::write_spatial(&args.to, &scene, &options).map_err(Failure::of_scene)?;
     let size = |path: &Path| std::fs::metadata(path).map_or(0, |file| file.len());
     let bytes = size(&args.to) + written.beside.as_deref().map_or(0, size);
     let conversion = Conversion {
@@ -117,13 +116,6 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<(), Failure> {
         lost: file.losses.iter().chain(&written.losses).map(Loss::to_string).collect(),
     };
     if args.json { output::json(&conversion) } else { output::result(text(&conversion)) }
-}
-
-/// The failure of an error; one of content can be mended by leaving Gaussians out.
-fn broken(error: gs_io::Error, mend: &str) -> Failure {
-    let is_content = matches!(error, gs_io::Error::Content { .. });
-    let failure = Failure::from(error);
-    if is_content { failure.mend(mend) } else { failure }
 }
 
 /// The Gaussians that can be drawn.

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use gs_core::{Image, Rasterizer, RenderSettings, SpatialScene, metrics};
+use gs_core::{Image, Rasterizer, RenderSettings, Scene, SpatialScene, metrics};
 use gs_io::dataset::{may_be_dataset, read_dataset};
 use gs_train::spatial::{Evaluation, PosedView, ViewQuality, Views, evaluate};
 use serde::Serialize;
@@ -51,7 +51,8 @@ struct Comparison {
 /// # Errors
 /// Where one cannot be read, or images differ in size.
 pub(crate) fn run(args: &EvalArgs) -> Result<(), Failure> {
-    if may_be_dataset(&args.b) {
+    // A scene is judged by a data set; what stands in its place is told to be none.
+    if may_be_dataset(&args.b) || matches!(gs_io::spatial_format(&args.a), Ok(Some(_))) {
         return judge(args);
     }
     let (a, b) = (read(&args.a)?, read(&args.b)?);
@@ -85,13 +86,18 @@ fn read(path: &Path) -> Result<Image, Failure> {
 
 /// Judges a scene by the test views of a data set; by all, where none is held out.
 fn judge(args: &EvalArgs) -> Result<(), Failure> {
-    let scene = gs_io::read_spatial(&args.a)?.scene;
+    let scene = gs_io::read_spatial(&args.a).map_err(Failure::of_scene)?.scene;
     let dataset = read_dataset(&args.b, &args.photographs.settings())?;
     let render = args.shown.settings_beside(&scene, &dataset);
     let Views { train, test, .. } = Views::of_dataset(&dataset);
     let views = if test.is_empty() { train } else { test };
     let backend = Backend::start(&args.backend)?;
     let evaluation = backend.run_spatial(Judge { scene: &scene, views: &views, render: &render })?;
+    if evaluation.culled.total() == scene.len() as u64 * views.len() as u64 {
+        output::note(
+            "note: nothing of the scene is in sight of any view: are its axes and its unit those of the data set?",
+        );
+    }
     if args.json {
         return output::json(&evaluation);
     }

@@ -1,7 +1,7 @@
 //! From flags to the settings of a fit: a preset or a file is the start, flags replace parts of it, and what depends on a
 //! replaced part follows.
 
-use std::{fs, path::Path};
+use std::path::Path;
 
 use clap::ValueEnum;
 use gs_core::{Adam, Blend, Chart, Image, Loss, RenderSettings, adam::Group, effects::Background};
@@ -18,6 +18,7 @@ use crate::{
         arguments::{BlendName, ChartName, InitName, LossName, PolicyName, PresetName, SettingsArgs},
         target::Target,
     },
+    text_file::read_text,
     values::Color,
 };
 
@@ -113,9 +114,7 @@ fn read(file: &Path) -> Result<FitSettings, Failure> {
 /// Where it cannot be read, or is not of this kind.
 pub(crate) fn read_toml<T: DeserializeOwned>(file: &Path, mend: &str) -> Result<T, Failure> {
     let at = |failure: Failure| failure.at(file.display());
-    let text = fs::read_to_string(file).map_err(|error| {
-        at(Failure::failed(format_args!("cannot be read: {error}")).mend("name a file of settings"))
-    })?;
+    let text = read_text(file, "name a file of settings")?;
     toml::from_str(&text).map_err(|error| {
         let line = error.span().map_or(1, |span| 1 + text[..span.start.min(text.len())].matches('\n').count());
         at(Failure::usage(format_args!("line {line}: {}", error.message())).mend(mend))

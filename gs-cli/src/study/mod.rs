@@ -5,7 +5,7 @@ mod progress;
 mod replay;
 
 use std::{
-    env, fs,
+    env,
     path::{Path, PathBuf},
 };
 
@@ -25,6 +25,7 @@ use crate::{
         arguments::{ConductArgs, StudyAction, StudyArgs},
         progress::Display,
     },
+    text_file::read_text,
 };
 
 /// Conducts a study and writes its tables and its report, or replays one of its rows.
@@ -113,11 +114,7 @@ fn read(name: &Path) -> Result<(Study, Option<PathBuf>), Failure> {
             None => Err(Failure::failed("there is no such file").at(name.display()).mend("name a study, or its file")),
         };
     }
-    let text = fs::read_to_string(name).map_err(|error| {
-        Failure::failed(format_args!("cannot be read: {error}"))
-            .at(name.display())
-            .mend("name the TOML file of a study")
-    })?;
+    let text = read_text(name, "name the TOML file of a study")?;
     let study = Study::from_toml(&text, &name.display().to_string())?;
     Ok((study, name.parent().map(Path::to_owned)))
 }

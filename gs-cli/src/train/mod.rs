@@ -71,12 +71,14 @@ impl Begin {
     fn begin<'r, R: Rasterizer<SpatialScene>>(
         self,
         rasterizer: &'r R,
-        views: Views,
+        dataset: &Dataset,
     ) -> Result<(SpatialTrainer<'r, R>, MetricsLog, String), Failure> {
+        let views = Views::of_dataset(dataset);
         match self {
             Self::Fresh { settings, start, told } => {
                 let log = MetricsLog::for_steps(settings.iterations);
-                Ok((SpatialTrainer::from_views(rasterizer, views, start, *settings)?, log, told))
+                let trainer = SpatialTrainer::from_views(rasterizer, views, start, *settings);
+                Ok((trainer.map_err(|error| not_begun(error, &dataset.root))?, log, told))
             }
             Self::Resumed(checkpoint, file) => {
                 let failed = |error| not_resumed(error, &file);
@@ -105,7 +107,7 @@ impl SpatialTask for Train<'_> {
         let Self { args, dataset, begin, backend, started } = self;
         output::note(&backend.reason);
         dataset.remarks.iter().for_each(|remark| output::note(format_args!("note: {remark}")));
-        let (mut trainer, mut log, told) = begin.begin(rasterizer, Views::of_dataset(dataset))?;
+        let (mut trainer, mut log, told) = begin.begin(rasterizer, dataset)?;
         let folder = OutputFolder::prepare(&args.output, "--output")?;
         let mut checkpoints = checkpoints(&args.checkpoints, &folder, trainer.settings().iterations)?;
         announce(args, dataset, &told, &trainer);
@@ -132,6 +134,13 @@ impl SpatialTask for Train<'_> {
             ))),
         }
     }
+}
+
+/// Poses and points that do not belong together are the data set's; what else is wrong says so itself.
+fn not_begun(error: gs_train::Error, dataset: &Path) -> Failure {
+    let in_dataset = matches!(error, gs_train::Error::NothingInView { .. });
+    let failure = Failure::from(error);
+    if in_dataset { failure.at(dataset.display()) } else { failure }
 }
 
 /// Another data set than the checkpoint's can be mended by the caller; what else is wrong says so itself.

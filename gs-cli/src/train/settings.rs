@@ -97,7 +97,7 @@ pub(crate) fn start(args: &TrainSettingsArgs, dataset: &Dataset) -> Result<(Star
         None if dataset.points.is_empty() => Ok((Start::Random, "random points, as the data set has none".to_owned())),
         None | Some("points") => Ok(points()),
         Some(file) => {
-            let scene = gs_io::read_spatial(Path::new(file))?.scene;
+            let scene = gs_io::read_spatial(Path::new(file)).map_err(Failure::of_scene)?.scene;
             let told = format!("the Gaussians of {file}");
             Ok((Start::Scene(scene), told))
         }

@@ -199,6 +199,11 @@ fn what_cannot_be_shown_or_trained_is_refused_in_one_line() {
     let path = place.path().join("path.json");
     fs::write(&path, "{ \"width\": 8 }").unwrap();
     let nobody = format!("{dataset}:nobody");
+    let (jpeg, nowhere) = (place.path().join("out.jpg"), place.path().join("nowhere"));
+    let broken = place.path().join("broken.ply");
+    let mut bytes = fs::read(scene).unwrap();
+    bytes.splice(bytes.len() - 4.., f32::NAN.to_le_bytes());
+    fs::write(&broken, bytes).unwrap();
     for (words, expected) in [
         (&["render", scene, "-o", out, "--camera", &nobody][..], "its views are images/0.png"),
         (&["render", scene, "-o", out, "--camera", "nowhere"], "DATASET:VIEW"),
@@ -211,10 +216,37 @@ fn what_cannot_be_shown_or_trained_is_refused_in_one_line() {
         (&["train", dataset, "-o", out, "--coarse", "3"], "2, 4 or 8"),
         (&["train", scene, "-o", out], "true.ply"),
         (&["train", dataset, "-o", out, "--backend", "wgpu", "--simd", "avx2"], "leave out one of the two"),
+        (&["render", scene, "-o", text(&jpeg)], "let its name end in .png"),
+        (&["render", text(&broken), "-o", out], "--drop-broken leaves such Gaussians out"),
+        (&["render", scene, "-o", out, "--path", "/dev/zero"], "/dev/zero: "),
+        (&["train", dataset, "-o", out, "--start", text(&broken)], "--drop-broken leaves such Gaussians out"),
         (&["eval", dataset, dataset], "photographs"),
+        (&["eval", text(&broken), dataset], "--drop-broken leaves such Gaussians out"),
+        (&["eval", scene, text(&nowhere)], "nowhere: no such file"),
+        (&["eval", scene, scene], "true.ply: is no data set"),
     ] {
         let run = gs(words.iter().copied());
         assert!(run.refusal().contains(expected), "{words:?}: {run:?}");
         assert!(!Path::new(out).exists(), "{words:?}");
     }
+}
+
+#[test]
+fn cameras_that_look_away_are_the_data_sets_fault() {
+    let place = folder();
+    let (dataset, file) = photographed(place.path());
+    let mut away = scene();
+    away.means.iter_mut().for_each(|mean| mean.z += 1e4);
+    gs_io::write_spatial(&file, &away, &gs_io::SpatialOptions::default()).unwrap();
+    let out = place.path().join("out");
+    let run = gs([&small(&dataset, &out)[..], &["--start", text(&file)]].concat());
+    assert_eq!(run.status, Some(1), "{run:?}");
+    let line = run.stderr.lines().last().unwrap();
+    assert!(line.contains("photographs: none of the 8 first Gaussians is in sight of any of the 7 views"), "{line}");
+    assert!(!out.exists());
+    let eval = gs(["eval", text(&file), text(&dataset)]).done();
+    assert!(
+        eval.stderr.contains("nothing of the scene is in sight") && eval.stdout.contains("mean of 1 views"),
+        "{eval:?}"
+    );
 }

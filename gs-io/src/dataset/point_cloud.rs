@@ -15,8 +15,12 @@ struct Row {
     x: f64,
     y: f64,
     z: f64,
+    // `default` for binary files: their rows come as sequences, in which what is missing is no `None` by itself.
+    #[serde(default)]
     red: Option<f64>,
+    #[serde(default)]
     green: Option<f64>,
+    #[serde(default)]
     blue: Option<f64>,
 }
 
@@ -92,6 +96,12 @@ mod tests {
         let points = parse(&ply("ascii", POSITIONS, 1, b"1 2 3\n")).unwrap();
         assert_eq!(points[0].color, [0.5; 3]);
         assert_eq!(parse(&ply("ascii", POSITIONS, 0, b"")).unwrap(), []);
+        let row: Vec<u8> = [1.0_f32, 2.0, 3.0].iter().flat_map(|v| v.to_le_bytes()).collect();
+        let points = parse(&ply("binary_little_endian", POSITIONS, 1, &row)).unwrap();
+        assert_eq!(points, [Point { position: Vec3::new(1.0, 2.0, 3.0), color: [0.5; 3] }]);
+        let partly = format!("{POSITIONS}property uchar green\n");
+        let points = parse(&ply("binary_little_endian", &partly, 1, &[&row[..], &[255]].concat())).unwrap();
+        assert_eq!(points[0].color, [0.5, 1.0, 0.5]);
     }
 
     #[test]

@@ -167,12 +167,7 @@ pub fn read_spatial_unchecked(path: impl AsRef<Path>) -> Result<SpatialFile, Err
     let bytes = read_exactly(&mut file, metadata.len()).map_err(|source| Error::read(path, source))?;
     let start = &bytes[..bytes.len().min(START_BYTES)];
     let Some(format) = SpatialFormat::recognise(start, path) else {
-        let found = match start {
-            [] => "an empty file".to_owned(),
-            start if start.iter().all(|b| b.is_ascii_graphic() || b.is_ascii_whitespace()) => "text".to_owned(),
-            start => format!("bytes {:02x?}", &start[..start.len().min(8)]),
-        };
-        return Err(Error::NotASpatialScene { path: path.to_owned(), found });
+        return Err(Error::NotASpatialScene { path: path.to_owned(), found: Error::found(start) });
     };
     decode_spatial(format, &bytes, path)
 }

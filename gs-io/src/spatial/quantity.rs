@@ -7,6 +7,11 @@ pub(crate) fn log_of_scale(scale: f32) -> f32 {
     if scale >= 0.0 { f64::from(scale.max(f32::MIN_POSITIVE)).ln() as f32 } else { f32::NAN }
 }
 
+/// A logarithm of a scale as a file has it; of a scale of 0, which is −∞, that of [`log_of_scale`], and any other as it is.
+pub(crate) fn finite_log(log: f32) -> f32 {
+    if log == f32::NEG_INFINITY { log_of_scale(0.0) } else { log }
+}
+
 /// The scale of a logarithm, kept among the normal numbers.
 pub(crate) fn scale_of_log(log: f32) -> f32 {
     (f64::from(log).exp() as f32).clamp(f32::MIN_POSITIVE, f32::MAX)
@@ -41,7 +46,9 @@ mod tests {
     #[test]
     fn what_vanishes_stays_finite_and_what_cannot_be_is_seen() {
         assert!(log_of_scale(0.0).is_finite() && log_of_scale(1e-42) == log_of_scale(0.0));
-        assert!(log_of_scale(-1.0).is_nan() && log_of_scale(f32::NAN).is_nan());
+        assert_eq!(finite_log(f32::NEG_INFINITY), log_of_scale(0.0));
+        assert_eq!((finite_log(-200.0), finite_log(f32::INFINITY)), (-200.0, f32::INFINITY));
+        assert!(log_of_scale(-1.0).is_nan() && finite_log(f32::NAN).is_nan() && log_of_scale(f32::NAN).is_nan());
         assert!(logit_of_opacity(1.5).is_nan() && logit_of_opacity(-0.5).is_nan());
         assert_eq!((scale_of_log(200.0), scale_of_log(-200.0)), (f32::MAX, f32::MIN_POSITIVE));
     }

@@ -2,7 +2,7 @@
 
 use std::fs;
 
-use gs_core::SpatialScene;
+use gs_core::{Scene, SpatialScene};
 use gs_io::{
     Error, SpatialFormat, SpatialOptions, SpzOptions, SpzVersion, read_spatial, read_spatial_unchecked, spatial_format,
     write_spatial,
@@ -73,6 +73,16 @@ fn the_first_number_that_is_none_is_named() {
         assert!(text.contains(&format!("{what} of Gaussian 3 is not finite (NaN)")), "{text}");
         assert_eq!(read_spatial_unchecked(&path).unwrap().scene.means.len(), 5);
     }
+}
+
+#[test]
+fn a_ply_with_scales_of_zero_vanishes_and_is_whole() {
+    let mut bytes = written("a.ply", &scene(5, 0), &SpatialOptions::default());
+    let at = bytes.len() - 2 * 4 * 17 + 4 * 10;
+    bytes[at..at + 4].copy_from_slice(&f32::NEG_INFINITY.to_le_bytes());
+    let read = read(&bytes, "a.ply").unwrap().scene;
+    read.validate().unwrap();
+    assert!(read.log_scales[3].x.exp() < 1e-37 && read.log_scales[3].x.is_finite(), "{}", read.log_scales[3]);
 }
 
 #[test]

@@ -26,8 +26,8 @@ impl<'a, R: Rasterizer<SpatialScene>> Trainer<'a, R, SpatialScene> {
     /// Begins a training.
     ///
     /// # Errors
-    /// [`gs_core::Error::Setting`] where a setting, a camera or the start is not possible, or where no view to train with sees any of the
-    /// first Gaussians; those of the backend.
+    /// [`gs_core::Error::Setting`] where a setting, a camera or the start is not possible; [`Error::NothingInView`] where no view to train
+    /// with sees any of the first Gaussians; those of the backend.
     pub fn from_views(
         rasterizer: &'a R,
         views: Views,
@@ -41,8 +41,7 @@ impl<'a, R: Rasterizer<SpatialScene>> Trainer<'a, R, SpatialScene> {
         let (budget, degree) = (settings.gaussians as usize, settings.render.effects.sh_degree);
         let scene = start.scene(&cameras, &settings.init, budget, degree, &mut random(settings.seed, 0))?;
         if !scene.means.iter().any(|&mean| cameras.iter().any(|camera| sees(camera, mean))) {
-            let allowed = "at least 1: the poses of the cameras and the points do not belong together";
-            return Err(gs_core::Error::setting("the number of first Gaussians that some view sees", 0, allowed).into());
+            return Err(Error::NothingInView { gaussians: scene.len(), views: cameras.len() });
         }
         let extent = *settings.extent.get_or_insert_with(|| extent_of(&cameras, depth_of(&scene, &cameras)));
         settings.validate()?;

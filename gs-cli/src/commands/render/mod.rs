@@ -70,11 +70,19 @@ struct CameraArgs {
     fps: u16,
 }
 
+/// Endings of pictures and films that are not written: a PNG under such a name would be taken for one.
+const OTHER_PICTURES: [&str; 10] = ["jpg", "jpeg", "gif", "webp", "avif", "bmp", "tif", "tiff", "exr", "mp4"];
+
 /// Renders a scene.
 ///
 /// # Errors
 /// Where the scene cannot be read, what is asked for is not possible, or the pictures cannot be written.
 pub(crate) fn run(args: &RenderArgs) -> Result<(), Failure> {
+    let ending = args.output.extension().map(|ending| ending.to_string_lossy().to_lowercase());
+    if ending.is_some_and(|ending| OTHER_PICTURES.contains(&ending.as_str())) {
+        let failure = Failure::usage("a picture is written as PNG").at(args.output.display());
+        return Err(failure.mend("let its name end in .png, of an animation in .apng"));
+    }
     if gs_io::spatial_format(&args.scene)?.is_some() {
         return spatial::run(args);
     }

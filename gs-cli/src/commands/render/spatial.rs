@@ -1,6 +1,6 @@
 //! `gs render` of a scene in space: the cameras that are asked for, and a picture from each.
 
-use std::{fs, path::Path};
+use std::path::Path;
 
 use gs_core::{Camera, Image, Rasterizer, RenderSettings, SpatialScene};
 use gs_io::{
@@ -17,6 +17,7 @@ use crate::{
     failure::Failure,
     fit::folder::OutputFolder,
     output,
+    text_file::read_text,
     values::Size,
 };
 
@@ -29,7 +30,7 @@ pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
         let message = "--region is for the scene of an image, but this is one in space";
         return Err(Failure::usage(message).at(args.scene.display()).mend("leave it out"));
     }
-    let scene = read_spatial(&args.scene)?.scene;
+    let scene = read_spatial(&args.scene).map_err(Failure::of_scene)?.scene;
     let cameras = cameras(&args.cameras, args.size, &scene)?;
     for camera in &cameras {
         camera.validate().map_err(|error| Failure::usage(error).at("--camera, --path or --size"))?;
@@ -69,11 +70,9 @@ fn around(dataset: &Dataset, args: &CameraArgs, frames: u32, camera: &Camera) ->
 }
 
 fn read_path(file: &Path) -> Result<CameraPath, Failure> {
-    let at = |failure: Failure| failure.at(file.display());
-    let text = fs::read_to_string(file).map_err(|error| {
-        at(Failure::failed(format_args!("cannot be read: {error}")).mend("name a path with --path"))
-    })?;
-    serde_json::from_str(&text).map_err(|error| at(Failure::usage(error).mend("gs render --help shows one")))
+    let text = read_text(file, "name a path with --path")?;
+    serde_json::from_str(&text)
+        .map_err(|error| Failure::usage(error).at(file.display()).mend("gs render --help shows one"))
 }
 
 struct Frames<'a> {

@@ -1,0 +1,56 @@
+//! Text that the user wrote: settings, studies, paths of cameras. It may come through a pipe, but not without end.
+
+use std::{
+    fs::File,
+    io::{self, Read},
+    path::Path,
+};
+
+use crate::failure::Failure;
+
+/// The longest text that is read, bytes; a camera path of 100,000 keys has about 10 MB.
+const MAX_BYTES: u64 = 64 << 20;
+
+/// Reads a file of text; `mend` is what helps where there is none.
+///
+/// # Errors
+/// Where it cannot be read, is no text, or longer than 64 MiB, such as a device that never ends.
+pub(crate) fn read_text(file: &Path, mend: &str) -> Result<String, Failure> {
+    let read = || -> io::Result<String> {
+        let mut text = String::new();
+        File::open(file)?.take(MAX_BYTES + 1).read_to_string(&mut text)?;
+        Ok(text)
+    };
+    let failed = |why: String| Failure::failed(why).at(file.display()).mend(mend);
+    match read() {
+        Ok(text) if text.len() as u64 > MAX_BYTES => Err(failed(format!("is longer than {} MiB", MAX_BYTES >> 20))),
+        Ok(text) => Ok(text),
+        Err(error) => Err(failed(format!("cannot be read: {error}"))),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn text_is_read_and_what_is_none_is_refused_with_its_name() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("a.toml");
+        std::fs::write(&file, "a = 1\n").unwrap();
+        assert_eq!(read_text(&file, "name another").unwrap(), "a = 1\n");
+        std::fs::write(&file, [0xff, 0xfe]).unwrap();
+        for place in [&file, &folder.path().join("absent"), &folder.path().to_owned()] {
+            let line = read_text(place, "name another").unwrap_err().line().unwrap();
+            let start = format!("error: {}: cannot be read: ", place.display());
+            assert!(line.starts_with(&start) && line.ends_with(": name another"), "{line}");
+        }
+    }
+
+    #[test]
+    #[cfg(unix)]
+    fn a_file_that_never_ends_is_refused() {
+        let line = read_text(Path::new("/dev/zero"), "name another").unwrap_err().line().unwrap();
+        assert_eq!(line, "error: /dev/zero: is longer than 64 MiB: name another");
+    }
+}

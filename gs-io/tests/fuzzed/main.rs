@@ -1,0 +1,20 @@
+//! A short run of what the fuzzers ran: the inputs of `corpus/`, each of which reaches code that no other does, or was once a finding.
+//! `fuzz/README.md` says how they came to be.
+
+pub mod targets;
+
+use std::{fs, path::Path};
+
+#[test]
+fn the_corpus_is_read_or_refused() {
+    for (target, run) in targets::TARGETS {
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fuzzed/corpus").join(target);
+        let inputs: Vec<_> = fs::read_dir(&folder).unwrap().map(|entry| entry.unwrap().path()).collect();
+        assert!(inputs.len() > 3, "{target}: only {} inputs", inputs.len());
+        for input in inputs {
+            // Shown if this input fails.
+            println!("{}", input.display());
+            run(&fs::read(&input).unwrap());
+        }
+    }
+}

@@ -1,0 +1,131 @@
+//! What each fuzz target does with its bytes. The fuzz targets themselves, in `fuzz/`, and the test that runs their corpus are of this
+//! file, so that both mean the same.
+//!
+//! Either outcome is right, what was read being possible, or an error of one line; a panic, an endless loop, or memory beyond what the
+//! fuzzer allows is a finding.
+
+use std::{fs, path::Path, sync::LazyLock};
+
+use glam::dvec2;
+use gs_core::{Image, Scene};
+use gs_io::{
+    Error, SpatialFormat,
+    dataset::{CameraModel, ColmapCamera, ColmapModel, DatasetSettings, read_dataset},
+    decode_spatial,
+};
+
+/// The targets by their names, which are those of the files in `fuzz/fuzz_targets` and of the corpus's folders.
+pub const TARGETS: [(&str, fn(&[u8])); 9] = [
+    ("colmap_binary", colmap_binary),
+    ("colmap_text", colmap_text),
+    ("compressed_ply", compressed_ply),
+    ("gltf", gltf),
+    ("lens", lens),
+    ("ply", ply),
+    ("splat", splat),
+    ("spz", spz),
+    ("transforms", transforms),
+];
+
+/// 3DGS PLY, in text and binary.
+pub fn ply(bytes: &[u8]) {
+    spatial(SpatialFormat::Ply, bytes);
+}
+
+/// Compressed PLY; the reader is that of [`ply`], the seeds are others.
+pub fn compressed_ply(bytes: &[u8]) {
+    spatial(SpatialFormat::CompressedPly, bytes);
+}
+
+/// `.splat`.
+pub fn splat(bytes: &[u8]) {
+    spatial(SpatialFormat::Splat, bytes);
+}
+
+/// SPZ of every version.
+pub fn spz(bytes: &[u8]) {
+    spatial(SpatialFormat::Spz, bytes);
+}
+
+/// `.gltf` and `.glb`.
+pub fn gltf(bytes: &[u8]) {
+    spatial(SpatialFormat::Gltf, bytes);
+}
+
+/// COLMAP's binary models: the length of `cameras.bin` and that of `images.bin`, two bytes each, then both files, then `points3D.bin`.
+pub fn colmap_binary(bytes: &[u8]) {
+    let Some((lengths, files)) = bytes.split_first_chunk::<4>() else { return };
+    let [a, b, c, d] = *lengths;
+    let (cameras, rest) = files.split_at(files.len().min(u16::from_le_bytes([a, b]).into()));
+    let (images, points) = rest.split_at(rest.len().min(u16::from_le_bytes([c, d]).into()));
+    colmap(ColmapModel::from_binary("fuzzed".as_ref(), cameras, images, Some(points)));
+}
+
+/// COLMAP's text models: `cameras.txt`, `images.txt` and `points3D.txt` with a 0 byte between them.
+pub fn colmap_text(bytes: &[u8]) {
+    let mut files = bytes.splitn(3, |byte| *byte == 0);
+    let (Some(cameras), Some(images)) = (files.next(), files.next()) else { return };
+    colmap(ColmapModel::from_text("fuzzed".as_ref(), cameras, images, files.next()));
+}
+
+/// Lenses of any coefficients, looked through both ways: the number of COLMAP's camera model and its parameters.
+pub fn lens(bytes: &[u8]) {
+    let Some((id, rest)) = bytes.split_first() else { return };
+    let Some(model) = CameraModel::from_id((*id).into()) else { return };
+    let parameters = rest.as_chunks::<8>().0.iter().map(|chunk| f64::from_le_bytes(*chunk)).collect();
+    let Ok(source) = (ColmapCamera { model, width: 64, height: 48, parameters }).source() else { return };
+    for (x, y) in [(0.0, 0.0), (32.0, 24.0), (64.0, 1.0), (1e3, -1e9)] {
+        if let Some(ray) = source.to_ray(dvec2(x, y)) {
+            assert!(source.to_pixel(ray).is_none_or(|pixel| pixel.is_finite()) || !source.focal.is_finite());
+        }
+    }
+    let picture = source.pinhole();
+    assert!(picture.width <= 128 && picture.height <= 96);
+}
+
+static FOLDER: LazyLock<tempfile::TempDir> = LazyLock::new(|| {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let picture = Image::filled(20, 10, [0.5; 3]).expect("a small image");
+    gs_io::write_png(folder.path().join("a.png"), &picture).expect("an image that can be written");
+    folder
+});
+
+/// Data sets with a `transforms.json`, photographs and points included: that file and `a.ply`, with a 0 byte between them; beside them is
+/// one photograph, `a.png`.
+pub fn transforms(bytes: &[u8]) {
+    let file = FOLDER.path().join("transforms.json");
+    let (json, points) = match bytes.iter().position(|byte| *byte == 0) {
+        Some(end) => (&bytes[..end], &bytes[end + 1..]),
+        None => (bytes, &[][..]),
+    };
+    fs::write(&file, json).expect("a file that can be written");
+    fs::write(FOLDER.path().join("a.ply"), points).expect("a file that can be written");
+    let Some(dataset) = one_line(read_dataset(&file, &DatasetSettings::default())) else { return };
+    assert!(dataset.points.iter().all(|point| point.position.is_finite()));
+    for view in dataset.views {
+        view.camera.validate().expect("a possible camera");
+        let photograph = view.read_image().expect("a photograph that is there");
+        assert_eq!(photograph.image.size(), (view.camera.width, view.camera.height));
+    }
+}
+
+fn spatial(format: SpatialFormat, bytes: &[u8]) {
+    if let Some(file) = one_line(decode_spatial(format, bytes, Path::new("fuzzed"))) {
+        // Arrays of lengths that do not match would be a reader's mistake, not the file's.
+        assert!(!matches!(file.scene.validate(), Err(gs_core::Error::Length { .. })));
+    }
+}
+
+fn colmap(model: Result<ColmapModel, Error>) {
+    if let Some(model) = one_line(model) {
+        // Every camera is possible or is not; to find out must end.
+        for camera in model.cameras.values() {
+            let _ = camera.source();
+        }
+    }
+}
+
+/// What was read, if anything was.
+fn one_line<T>(read: Result<T, Error>) -> Option<T> {
+    read.inspect_err(|error| assert!(!error.to_string().contains('\n'), "{error:?}")).ok()
+}
