@@ -126,7 +126,7 @@ pub(super) fn geometric_groups(chart: Chart) -> [Group; 3] {
         |learning_rate| Group { schedule: Schedule::Exponential { to: 0.01 }, ..Group::constant(learning_rate) };
     match chart {
         Chart::ScaleRotation => [decaying(1.6e-4), Group::constant(5e-3), Group::constant(1e-3)],
-        Chart::LocalFrame => [decaying(0.05), Group::constant(0.01), Group::constant(0.01)],
+        Chart::LocalFrame => [decaying(0.1), Group::constant(0.02), Group::constant(0.02)],
     }
 }
 
