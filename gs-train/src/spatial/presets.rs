@@ -121,6 +121,9 @@ fn three_dgs(iterations: u32) -> SpatialSettings {
 }
 
 /// Adam's numbers for mean, scale and rotation in a chart: 3DGS's own, or those for local frames, where both are in standard deviations.
+///
+/// Chosen on 12 photographs of an object, in 500 steps: half of either is 2.2 dB worse, twice of both 1.1 dB better, which is as much as the
+/// steps of short runs gain in the other chart too.
 pub(super) fn geometric_groups(chart: Chart) -> [Group; 3] {
     let decaying =
         |learning_rate| Group { schedule: Schedule::Exponential { to: 0.01 }, ..Group::constant(learning_rate) };
