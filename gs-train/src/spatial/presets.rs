@@ -134,12 +134,15 @@ fn published_rounds(iterations: u32, until_share: f64) -> Rounds {
 }
 
 /// Adam's numbers for mean, scale and rotation in a chart: 3DGS's own, or those for local frames, where both are in standard deviations.
+///
+/// Chosen on 12 photographs (800×532 px) in 500 steps: half of both is 2.2 dB worse, twice of both about 1 dB better. 3DGS's own rates gain as
+/// much there when they are multiplied, so what short runs gain is owed to larger steps, in whichever chart.
 pub(super) fn geometric_groups(chart: Chart) -> [Group; 3] {
     let decaying =
         |learning_rate| Group { schedule: Schedule::Exponential { to: 0.01 }, ..Group::constant(learning_rate) };
     match chart {
         Chart::ScaleRotation => [decaying(1.6e-4), Group::constant(5e-3), Group::constant(1e-3)],
-        Chart::LocalFrame => [decaying(0.05), Group::constant(0.01), Group::constant(0.01)],
+        Chart::LocalFrame => [decaying(0.1), Group::constant(0.02), Group::constant(0.02)],
     }
 }
 
