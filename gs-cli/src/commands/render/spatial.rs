@@ -79,7 +79,7 @@ pub(crate) fn overview(
     let up = up.map_or(Vec3::NEG_Y, |axis| axis.0);
     let Size { width, height } = size.unwrap_or(SIZE);
     let Some(camera) = bulk.overview(width, height, FIELD_OF_VIEW, up) else {
-        return Err(Failure::failed("the scene's extent is not finite").mend("name a camera with --camera or --path"));
+        return Err(Failure::failed("the scene's extent is not finite").mend("gs info tells what is in it"));
     };
     Ok((Orbit { center: bulk.center, axis: up, frames }, camera))
 }
