@@ -107,10 +107,10 @@ fn main() -> Outcome {
                     print_row(&[
                         format!("{width}x{height}"),
                         number(scale_px.into()),
-                        count(gaussians.into()),
+                        count(found.case.gaussians.into()),
                         count(found.entries as u64),
                         number(found.bytes as f64 / 1e6),
-                        number(found.bytes as f64 / f64::from(gaussians)),
+                        number(found.bytes as f64 / f64::from(found.case.gaussians)),
                     ]);
                     measured.push(found);
                 }
