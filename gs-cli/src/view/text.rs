@@ -158,7 +158,7 @@ mod tests {
     fn what_does_not_fit_is_cut_off() {
         let long = "a long line ".repeat(1000);
         for (width, height) in [(1, 1), (7, 3), (50, 200)] {
-            written(&[&long; 50], 3.0, width, height);
+            written(&[long.as_str(); 50], 3.0, width, height);
         }
         written(&[&long], f64::NAN, 20, 20);
         written(&[&long], 1e300, 20, 20);
