@@ -117,9 +117,9 @@ mod tests {
 
     #[test]
     fn half_the_step_leaves_a_quarter_of_motion_and_all_of_a_jump() {
-        let motion = [1.0, 0.5, 0.25].map(|step| highest(step, 0.8, 0.0));
+        let motion = [0.5, 0.25, 0.125].map(|step| highest(step, 0.8, 0.0));
         assert!(motion.is_sorted_by(|a, b| (3.0..5.0).contains(&(a / b))), "{motion:?}");
-        let jump = [1.0, 0.5, 0.25].map(|step| highest(step, 0.8, 0.1));
+        let jump = [0.5, 0.25, 0.125].map(|step| highest(step, 0.8, 0.1));
         assert!(jump.iter().all(|height| (0.09..0.125).contains(height)), "{jump:?}");
         assert!((highest(1.0, 0.0, 0.1) - 0.1).abs() < 1e-5, "a jump alone is as high as it is");
         assert!(highest(1.0, 0.0, 0.0) == 0.0 && motion[2] < 0.002, "{motion:?}");
