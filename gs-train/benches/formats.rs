@@ -6,6 +6,8 @@
 
 mod measure;
 
+use std::path::Path;
+
 use clap::Parser;
 use gs_core::{Scene, SpatialScene};
 use gs_io::{GltfBuffer, SpatialOptions, SpatialWritten, SpzOptions, SpzVersion, read_spatial, write_spatial};
