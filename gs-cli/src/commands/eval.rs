@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use gs_core::{Image, Rasterizer, RenderSettings, SpatialScene, metrics};
+use gs_core::{Image, Rasterizer, RenderSettings, Scene, SpatialScene, metrics};
 use gs_io::dataset::{may_be_dataset, read_dataset};
 use gs_train::spatial::{Evaluation, PosedView, ViewQuality, Views, evaluate};
 use serde::Serialize;
