@@ -13,7 +13,7 @@ fn the_corpus_is_read_or_refused() {
         assert!(inputs.len() > 3, "{target}: only {} inputs", inputs.len());
         for input in inputs {
             // Shown if this input fails.
-            println!("{}", input.display());
+            eprintln!("{}", input.display());
             run(&fs::read(&input).unwrap());
         }
     }

@@ -14,8 +14,11 @@ use gs_io::{
     decode_spatial,
 };
 
+/// What a target does with bytes.
+pub type Target = fn(&[u8]);
+
 /// The targets by their names, which are those of the files in `fuzz/fuzz_targets` and of the corpus's folders.
-pub const TARGETS: [(&str, fn(&[u8])); 9] = [
+pub const TARGETS: [(&str, Target); 9] = [
     ("colmap_binary", colmap_binary),
     ("colmap_text", colmap_text),
     ("compressed_ply", compressed_ply),
