@@ -1,4 +1,4 @@
-//! A short run of what the fuzzers ran: the inputs of `corpus/`, each of which reaches code that no other does, or was once a finding.
+//! A short run of what the fuzzers ran: the inputs of `corpus/`, which together reach most of what the fuzzers reached.
 //! `fuzz/README.md` says how they came to be.
 
 pub mod targets;

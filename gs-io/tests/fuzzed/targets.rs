@@ -14,7 +14,7 @@ use gs_io::{
     decode_spatial,
 };
 
-/// A target: what it does with the bytes that a fuzzer makes up.
+/// What a target does with bytes.
 pub type Target = fn(&[u8]);
 
 /// The targets by their names, which are those of the files in `fuzz/fuzz_targets` and of the corpus's folders.
