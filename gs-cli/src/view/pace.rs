@@ -9,7 +9,7 @@ pub(crate) const BUDGET_MS: f32 = 50.0;
 const MARGIN: f32 = 0.8;
 
 /// Where no resolution is fast enough, the finest that is not this many times slower than the fastest.
-const WORTHWHILE: f32 = 1.3;
+const WORTHWHILE: f32 = 2.0;
 
 /// By what the sides of the picture are divided, finest first.
 const DIVISORS: [u32; 6] = [1, 2, 3, 4, 6, 8];

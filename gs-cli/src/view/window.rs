@@ -54,8 +54,10 @@ impl Desktop {
     /// # Errors
     /// Where there is no display.
     pub(crate) fn connect() -> Result<Self, Failure> {
-        let events = EventLoop::with_user_event().build().map_err(|error| {
-            Failure::failed(format_args!("gs view has no display to open its window on: {error}")).mend(WITHOUT)
+        // What winit says is where in its own source it gave up.
+        let events = EventLoop::with_user_event().build().map_err(|_| {
+            let what = "gs view has no display to open its window on, or it cannot be reached";
+            Failure::failed(what).mend(WITHOUT)
         })?;
         Ok(Self { events })
     }

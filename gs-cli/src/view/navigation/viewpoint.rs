@@ -127,7 +127,8 @@ impl Viewpoint {
 
 /// The same angle from −π to π, so that it stays exact however often one turns.
 fn wrapped(angle: f32) -> f32 {
-    (angle + PI).rem_euclid(TAU) - PI
+    // Where nothing is to be wrapped nothing is rounded either: no turn is no change.
+    if angle.abs() <= PI { angle } else { (angle + PI).rem_euclid(TAU) - PI }
 }
 
 #[cfg(test)]
