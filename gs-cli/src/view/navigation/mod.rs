@@ -267,7 +267,8 @@ mod tests {
         let turned = flying.camera().rotation.row(2).dot(before.rotation.row(0));
         assert!(turned < -0.05, "to the left: {turned}");
         flying.switch_mode();
-        assert_eq!(flying.camera().position(), flying.viewpoint.eye(), "a switch moves nothing");
+        let eye = flying.viewpoint.eye();
+        assert!(flying.camera().position().distance(eye) < 1e-5, "a switch moves nothing: {eye}");
     }
 
     #[test]
