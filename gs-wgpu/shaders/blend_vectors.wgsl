@@ -24,9 +24,15 @@
 // One number a tile.
 @group(0) @binding(7) var<storage, read_write> partial: array<f32>;
 #else
+// With the image, it keeps the pixels' state between SEGMENTED walks under `Over`.
+#if CARRIES
+@group(0) @binding(6) var<storage, read_write> v_image: array<vec4f>;
+@group(0) @binding(7) var<storage, read_write> image: array<vec4f>;
+#else
 @group(0) @binding(6) var<storage, read> v_image: array<vec4f>;
 #if OVER_OR_ERROR
 @group(0) @binding(7) var<storage, read> image: array<vec4f>;
+#endif
 #endif
 #if ERROR
 @group(0) @binding(8) var<storage, read> target_image: array<vec4f>;
@@ -243,9 +249,13 @@ fn blend_vectors(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) g
     let corner = vec2u(tile % step.tiles.x, tile / step.tiles.x) * vec2u(TILE_COLUMNS, TILE_ROWS);
     let first_y = f32(corner.y) + 0.5;
     let middle_y = first_y + 0.5 * f32(BLOCK);
-    let start = tile_start[2u * tile];
-    let steep = tile_start[2u * tile + 1u];
-    let end = tile_start[2u * tile + 2u];
+    let walk = walk_along(tile_start[2u * tile], tile_start[2u * tile + 2u]);
+    if !is_due(walk) {
+        return;
+    }
+    let start = walk.first;
+    let end = walk.end;
+    let steep = clamp(tile_start[2u * tile + 1u], start, end);
 #each c COLUMNS
     let column_@c = corner.x + lane + @cu * LANES;
     let x_@c = f32(column_@c) + 0.5;
@@ -257,6 +267,15 @@ fn blend_vectors(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) g
     var p_@c_@b@r: Pixel;
 #if OVER
     p_@c_@b@r.transmittance = 1.0;
+#endif
+#if SEGMENTED
+    if !walk.begins && column_@c < step.size.x && corner.y + @bu * BLOCK + @ru < step.size.y {
+        let before = image[(corner.y + @bu * BLOCK + @ru) * step.size.x + column_@c];
+        p_@c_@b@r.color = before.xyz;
+#if OVER
+        p_@c_@b@r.transmittance = before.w;
+#endif
+    }
 #endif
 #end
 #end
@@ -358,11 +377,13 @@ fn blend_vectors(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) g
 #each r BLOCK
     if column_@c < step.size.x && corner.y + @bu * BLOCK + @ru < step.size.y {
 #if OVER
-        let left = abs(p_@c_@b@r.transmittance);
-        image[(corner.y + @bu * BLOCK + @ru) * step.size.x + column_@c] = vec4f(p_@c_@b@r.color + left * step.backdrop, left);
+        let left = p_@c_@b@r.transmittance;
+        let drawn = vec4f(p_@c_@b@r.color + abs(left) * step.backdrop, abs(left));
 #else
-        image[(corner.y + @bu * BLOCK + @ru) * step.size.x + column_@c] = vec4f(p_@c_@b@r.color + step.backdrop, 0.0);
+        let left = 0.0;
+        let drawn = vec4f(p_@c_@b@r.color + step.backdrop, 0.0);
 #endif
+        image[(corner.y + @bu * BLOCK + @ru) * step.size.x + column_@c] = select(vec4f(p_@c_@b@r.color, left), drawn, walk.ends);
     }
 #end
 #end
@@ -386,6 +407,10 @@ fn blend_vectors(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) g
     var error_@c: array<f32, ROWS>;
 #endif
 #endif
+#if CARRIES
+    // Transmittance and rest.
+    var carried_@c: array<vec2f, ROWS>;
+#endif
 #end
     let rows = min(ROWS, step.size.y - corner.y);
     var row = 0u;
@@ -402,6 +427,9 @@ fn blend_vectors(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) g
 #endif
 #if ERROR
             error_@c[row] = dot(abs(color_@c[row] - target_image[pixel + column_@c].xyz), vec3f(1.0 / 3.0));
+#endif
+#if CARRIES
+            carried_@c[row] = vec2f(image[pixel + column_@c].w, v_image[pixel + column_@c].w);
 #endif
 #endif
         }
@@ -443,6 +471,12 @@ fn blend_vectors(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) g
 #if OVER
         v_@c_@b@r.transmittance = 1.0;
         v_@c_@b@r.rest = dot(v_@c_@b@r.v, color);
+#endif
+#if CARRIES
+        if !walk.begins {
+            v_@c_@b@r.transmittance = carried_@c[@bu * BLOCK + @ru].x;
+            v_@c_@b@r.rest = carried_@c[@bu * BLOCK + @ru].y;
+        }
 #endif
     }
 #end
@@ -592,6 +626,21 @@ fn blend_vectors(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) g
             }
         }
     }
+#if CARRIES
+    if !walk.ends {
+#each c COLUMNS
+#each b BLOCKS
+#each r BLOCK
+        if column_@c < step.size.x && corner.y + @bu * BLOCK + @ru < step.size.y {
+            let pixel = (corner.y + @bu * BLOCK + @ru) * step.size.x + column_@c;
+            image[pixel].w = v_@c_@b@r.transmittance;
+            v_image[pixel].w = v_@c_@b@r.rest;
+        }
+#end
+#end
+#end
+    }
+#endif
 #endif
 }
 

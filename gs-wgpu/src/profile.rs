@@ -179,7 +179,7 @@ impl WgpuRasterizer {
         cloud.settle(gpu)?;
         let mut workspace = S::pool(self).take(gpu)?;
         workspace.set(gpu, cloud, view, settings)?;
-        let describe = |w: &Workspace<S>| w.describe(cloud, Some(loss), Some(&rates));
+        let describe = |w: &Workspace<S>| w.describe(gpu, cloud, Some(loss), Some(&rates));
         // All that depends on how many entries there are has room from here on.
         let status = self.with_lists(&mut workspace, cloud, describe, |_, _| Ok(()))?;
         workspace.write_step(gpu, &describe(&workspace));

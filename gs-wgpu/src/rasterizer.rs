@@ -180,7 +180,7 @@ impl<S: Kind> Rasterizer<S> for WgpuRasterizer {
         let status = self.with_lists(
             &mut workspace,
             cloud,
-            |w| w.describe(cloud, None, None),
+            |w| w.describe(&self.gpu, cloud, None, None),
             |w, commands| {
                 w.tiles.encode_blend(&self.gpu, commands);
                 Ok(())
@@ -212,7 +212,7 @@ impl<S: Kind> Rasterizer<S> for WgpuRasterizer {
             return Err(Error::State("the frame is of another cloud, or of this one before an edit".to_owned()));
         }
         cloud.settle(gpu)?;
-        workspace.write_step(gpu, &workspace.describe(cloud, Some(*loss), None));
+        workspace.write_step(gpu, &workspace.describe(gpu, cloud, Some(*loss), None));
         let mut commands = Commands::new(gpu);
         workspace.tiles.encode_loss(gpu, &mut commands, target, Some(*loss))?;
         workspace.tiles.encode_blend_bwd(gpu, &mut commands, Differentiated::Loss(target));
@@ -242,7 +242,7 @@ impl<S: Kind> Rasterizer<S> for WgpuRasterizer {
         cloud.settle(gpu)?;
         let mut workspace = S::pool(self).take(gpu)?;
         workspace.set(gpu, cloud, &gradients.view, &gradients.settings)?;
-        let step = workspace.describe(cloud, None, Some(rates));
+        let step = workspace.describe(gpu, cloud, None, Some(rates));
         let uniform = gpu.allocate("step", size_of::<Step>() as u64, UNIFORM)?;
         gpu.write(&uniform, bytemuck::bytes_of(&step));
         let mut commands = Commands::new(gpu);

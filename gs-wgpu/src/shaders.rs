@@ -49,6 +49,8 @@ pub(crate) struct Variant {
     pub(crate) kernels: Kernels,
     /// What `blend_vectors` or `blend_by_depth` does in one pass over the tiles.
     pub(crate) pass: Pass,
+    /// The blend kernels walk along lists in several dispatches.
+    pub(crate) segmented: bool,
     /// What the backward kernels sum up besides the gradients.
     pub(crate) collected: Collected,
     /// The entry point's override, if it has one.
@@ -141,14 +143,14 @@ shaders! {
     "sizes": ["sizes"],
     "bin" after "least_depth": ["bin"],
     "sort": ["sort_count", "sort_scatter"],
-    "ranges": ["ranges"],
-    "blend": ["blend"],
-    "blend_vectors": ["blend_vectors"],
+    "ranges" after "counted": ["ranges"],
+    "blend" after "walk": ["blend"],
+    "blend_vectors" after "walk": ["blend_vectors"],
     "queue" after "least_depth": ["queue_up"],
     "blend_by_depth" after "counted": ["blend_by_depth"],
     "loss": ["loss", "loss_sum"],
     "dssim": ["dssim_moments", "dssim_derivatives", "dssim_gradient"],
-    "blend_bwd": ["blend_bwd"],
+    "blend_bwd" after "walk": ["blend_bwd"],
     "planar/project_bwd" after "received": ["project_bwd"],
     "spatial/project_bwd" after "received" after "spatial/spatial": ["spatial_project_bwd"],
     "planar/adam" after "moments": ["adam"],
@@ -246,6 +248,8 @@ fn preprocess(source: &str, variant: Variant) -> String {
         "ABSOLUTE" => variant.collected == Collected::AbsoluteGradients,
         "ERROR" => variant.collected == Collected::PixelErrors,
         "COLLECTS" => variant.collected != Collected::Nothing,
+        "SEGMENTED" => variant.segmented && variant.pass != Pass::Fused,
+        "CARRIES" => variant.segmented && variant.over && variant.pass == Pass::Backward,
         "OVER_OR_ERROR" => variant.over || variant.collected == Collected::PixelErrors,
         "VECTORS" => variant.kernels == Kernels::Vectors,
         "SUBGROUPS" => variant.kernels == Kernels::Subgroups,

@@ -39,7 +39,8 @@ fn poisoned(kernels: Option<Kernels>) -> Result<WgpuRasterizer, Error> {
     // With few work groups in a row, every dispatch has more than fit in one: no adapter that is tested has memory for as many as
     // 65,535, the usual limit.
     let most_groups = if kernels.is_some() { NonZero::new(3) } else { None };
-    WgpuRasterizer::new(WgpuSettings { fresh_buffers: FreshBuffers::Poison, kernels, most_groups, adapter: None })
+    let fresh_buffers = FreshBuffers::Poison;
+    WgpuRasterizer::new(WgpuSettings { fresh_buffers, kernels, most_groups, ..WgpuSettings::default() })
 }
 
 /// A device for each kind of kernels that the adapter can run.
@@ -466,10 +467,15 @@ fn what_does_not_fit_is_refused_with_numbers() {
     let mut huge = huge;
     huge.log_scales.iter_mut().for_each(|s| *s = glam::Vec2::splat(9.0));
     let error = r
-        .render(&huge, &gs_core::Canvas::new(4096, 4096), &RenderSettings::blended(Blend::Sum))
+        .render(&huge, &gs_core::Canvas::new(4000, 4000), &RenderSettings::blended(Blend::Sum))
         .unwrap_err()
         .to_string();
     assert!(error.contains("MiB") && error.contains(&r.adapter().name), "{error}");
+    if r.adapter().kind == "CPU" {
+        let error = r.render(&huge, &gs_core::Canvas::new(4096, 4096), &RenderSettings::blended(Blend::Sum));
+        let error = error.unwrap_err().to_string();
+        assert!(error.contains("4096x4096") && error.contains("CPU backend"), "{error}");
+    }
 }
 
 /// A scene in which there is nothing to compare counts as rejected, of which there may be only so many.

@@ -27,9 +27,12 @@ fn rasterizers() -> &'static [(Kernels, WgpuRasterizer)] {
     static RASTERIZERS: OnceLock<Vec<(Kernels, WgpuRasterizer)>> = OnceLock::new();
     RASTERIZERS.get_or_init(|| {
         let rasterizer = |kernels| {
-            let fresh_buffers = FreshBuffers::Poison;
-            let settings =
-                WgpuSettings { fresh_buffers, kernels: Some(kernels), most_groups: NonZero::new(3), adapter: None };
+            let settings = WgpuSettings {
+                fresh_buffers: FreshBuffers::Poison,
+                kernels: Some(kernels),
+                most_groups: NonZero::new(3),
+                ..WgpuSettings::default()
+            };
             Some((kernels, WgpuRasterizer::new(settings).ok()?))
         };
         let kernels = [Kernels::Portable, Kernels::Subgroups, Kernels::Vectors];
@@ -86,43 +89,6 @@ fn images_of_many_are_those_of_the_cpu() {
         let apart = root_mean_square(&images[one], &images[other]);
         assert!(apart > 1e-3, "{:?} is all but {:?}: the comparison cannot fail", ORDERS[one], ORDERS[other]);
     }
-}
-
-/// More entries in a tile than software drivers let an invocation loop over, one by one.
-#[test]
-fn a_tile_of_many_is_that_of_the_cpu() {
-    let view = Camera::looking_forward(16, 16, 1.0);
-    let mut scene = SpatialScene::default();
-    // Between -½ and ½.
-    let mut state = 1u32;
-    let mut number = || {
-        state = state.wrapping_mul(747_796_405).wrapping_add(2_891_336_453);
-        (state >> 8) as f32 / (1 << 24) as f32 - 0.5
-    };
-    for _ in 0..70_000 {
-        let z = 6.0 + 2.0 * number();
-        let size = z / view.focal.x;
-        scene.push(SpatialGaussian {
-            mean: Vec3::new(number() * 15.0 * size, number() * 15.0 * size, z),
-            // Half a pixel wide, and at a pixel about as deep as they are apart there.
-            log_scale: Vec3::new(0.4 * size, 0.5 * size, 0.0005).map(f32::ln),
-            rotation: [1.0, 0.02 * number(), 0.02 * number(), 0.0],
-            opacity_logit: -4.5,
-            sh: vec![Vec3::new(number(), number(), number())],
-        });
-    }
-    let mut settings = RenderSettings::blended(Blend::Over);
-    settings.effects.order = Order::PixelDepth;
-    let expected = cpu().render(&scene, &view, &settings).unwrap();
-    let (_, r) = &rasterizers()[0];
-    let cloud = r.upload(&scene, Chart::ScaleRotation).unwrap();
-    let frame = r.forward(&cloud, &view, &settings).unwrap();
-    assert!(frame.entries() > 65_535, "{} entries", frame.entries());
-    let apart = root_mean_square(&r.image(&frame).unwrap(), &expected);
-    assert!(apart < 1e-5, "{apart}");
-    settings.effects.order = Order::Index;
-    let by_index = cpu().render(&scene, &view, &settings).unwrap();
-    assert!(root_mean_square(&by_index, &expected) > 1e-3, "the order makes no difference");
 }
 
 fn bits(state: &CloudState) -> BTreeMap<&str, Vec<u32>> {

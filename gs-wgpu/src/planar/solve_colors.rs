@@ -37,7 +37,7 @@ pub(crate) fn solve_colors(
     cloud.settle(gpu)?;
     let mut workspace = rasterizer.planar.take(gpu)?;
     workspace.set(gpu, cloud, view, &settings)?;
-    let describe = |w: &Workspace<PlanarScene>| w.describe(cloud, None, None);
+    let describe = |w: &Workspace<PlanarScene>| w.describe(gpu, cloud, None, None);
     rasterizer.with_lists(&mut workspace, cloud, describe, |_, _| Ok(()))?;
     let step = describe(&workspace);
     let without_backdrop = gpu.storage("step", &[Step { backdrop: [0.0; 3], ..step }])?;
