@@ -64,7 +64,13 @@ impl Tiles {
     }
 
     /// Stage `blend_bwd`, from `v_image`, or from the image itself.
-    pub(crate) fn encode_blend_bwd(&self, gpu: &Gpu, commands: &mut Commands, of: Differentiated<'_>) {
+    pub(crate) fn encode_blend_bwd(
+        &mut self,
+        gpu: &Gpu,
+        commands: &mut Commands,
+        of: Differentiated<'_>,
+    ) -> Result<(), Error> {
+        self.ensure_slots(gpu)?;
         let variant = Variant { pass: Pass::Backward, ..self.variant() };
         let image = &self.image.buffer;
         // An image that is differentiated itself is compared with nothing, and nothing is collected of it.
@@ -90,9 +96,11 @@ impl Tiles {
             bindings.push(target);
         }
         if self.orders_by_pixel() {
-            return dispatch(gpu, commands, entry_point, variant, &bindings, gpu.groups(self.count()).into());
+            dispatch(gpu, commands, entry_point, variant, &bindings, gpu.groups(self.count()).into());
+        } else {
+            self.encode_walks(gpu, commands, entry_point, variant, &bindings);
         }
-        self.encode_walks(gpu, commands, entry_point, variant, &bindings);
+        Ok(())
     }
 
     /// Stages `blend` to `blend_bwd` for a training step: in one pass where adapter and loss allow it.
@@ -106,9 +114,9 @@ impl Tiles {
         if !self.fuses(gpu, loss) {
             self.encode_blend(gpu, commands);
             self.encode_loss(gpu, commands, target, Some(loss))?;
-            self.encode_blend_bwd(gpu, commands, Differentiated::Loss(target));
-            return Ok(());
+            return self.encode_blend_bwd(gpu, commands, Differentiated::Loss(target));
         }
+        self.ensure_slots(gpu)?;
         let kind = if loss == Loss::L2 { 1 } else { 2 };
         let tiles = self.count();
         self.partial.ensure(gpu, tiles * 4)?;

@@ -215,7 +215,7 @@ impl<S: Kind> Rasterizer<S> for WgpuRasterizer {
         workspace.write_step(gpu, &workspace.describe(gpu, cloud, Some(*loss), None));
         let mut commands = Commands::new(gpu);
         workspace.tiles.encode_loss(gpu, &mut commands, target, Some(*loss))?;
-        workspace.tiles.encode_blend_bwd(gpu, &mut commands, Differentiated::Loss(target));
+        workspace.tiles.encode_blend_bwd(gpu, &mut commands, Differentiated::Loss(target))?;
         S::encode_project_bwd(workspace, gpu, &mut commands, cloud);
         let mut buffers = Vec::new();
         for source in workspace.gradient_buffers() {
@@ -240,6 +240,7 @@ impl<S: Kind> Rasterizer<S> for WgpuRasterizer {
         S::check_rates(rates)?;
         let gpu = &self.gpu;
         cloud.settle(gpu)?;
+        S::prepare(gpu, &mut cloud.state, cloud.len)?;
         let mut workspace = S::pool(self).take(gpu)?;
         workspace.set(gpu, cloud, &gradients.view, &gradients.settings)?;
         let step = workspace.describe(gpu, cloud, None, Some(rates));
@@ -264,6 +265,7 @@ impl<S: Kind> Rasterizer<S> for WgpuRasterizer {
         step.loss.validate()?;
         S::check_rates(step.rates)?;
         target.check_size(S::size(view))?;
+        S::prepare(&self.gpu, &mut cloud.state, cloud.len)?;
         cloud.in_flight().train(&self.gpu, S::pool(self), cloud, Request::new(view, target, step))
     }
 

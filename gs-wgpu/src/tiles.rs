@@ -220,7 +220,7 @@ impl Tiles {
             self.depths.ensure(gpu, n * DEPTH_BYTES)?;
         }
         match self.capacity {
-            0 => self.grow(gpu, FIRST_CAPACITY.max(4 * n)),
+            0 => self.grow(gpu, FIRST_CAPACITY.max(2 * n)),
             // Another pass may have needed less of each.
             capacity => self.ensure_entries(gpu, capacity),
         }
@@ -238,15 +238,16 @@ impl Tiles {
         Ok(())
     }
 
-    /// Makes room for what this pass's effects need of so many entries.
+    /// Makes room for what this pass's order needs of so many entries.
     fn ensure_entries(&mut self, gpu: &Gpu, entries: u64) -> Result<(), Error> {
-        let numbers = entries * u64::from(stride(self.variant()));
+        if self.orders_by_pixel() { self.queue.ensure(gpu, entries * QUEUED_BYTES) } else { Ok(()) }
+    }
+
+    /// Makes room for what all entries' Gaussians receive: a pass that is only looked at needs none.
+    pub(crate) fn ensure_slots(&mut self, gpu: &Gpu) -> Result<(), Error> {
+        let numbers = self.capacity * u64::from(stride(self.variant()));
         self.slots.ensure(gpu, numbers * 4)?;
-        if self.orders_by_pixel() {
-            self.queue.ensure(gpu, entries * QUEUED_BYTES)?;
-            self.totals.ensure(gpu, numbers * 8)?;
-        }
-        Ok(())
+        if self.orders_by_pixel() { self.totals.ensure(gpu, numbers * 8) } else { Ok(()) }
     }
 
     /// Makes room to sort so many keys.
@@ -309,7 +310,11 @@ impl Tiles {
     /// Makes room for what a pass asked for in vain, or has longer lists walked along in more dispatches, and forgets that it asked.
     pub(crate) fn make_room(&mut self, gpu: &Gpu, status: &Status) -> Result<(), Error> {
         match status.longest {
-            0 => self.grow(gpu, u64::from(status.overflow) + u64::from(status.overflow) / 4)?,
+            0 => {
+                let entries = u64::from(status.overflow);
+                // With room for some more, if there is so much memory.
+                self.grow(gpu, entries + entries / 4).or_else(|_| self.grow(gpu, entries))?;
+            }
             longest => self.segment(gpu, longest)?,
         }
         gpu.write(&self.status, bytemuck::bytes_of(&Status::default()));

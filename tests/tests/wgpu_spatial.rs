@@ -10,8 +10,8 @@ use gs_conformance::{
     scenes::{Draw, SpatialKind, spatial_draws},
 };
 use gs_core::{
-    Adam, AdamRates, Binning, Blend, Camera, Chart, CloudState, Error, Image, Loss, Participants, Penalty, Rasterizer,
-    RenderSettings, Scene, SpatialGaussian, SpatialScene, TrainStep, Wait,
+    Adam, AdamRates, Binning, Blend, Camera, Chart, CloudState, EditPlan, Error, Image, Loss, Participants, Penalty,
+    Rasterizer, RenderSettings, Scene, SpatialGaussian, SpatialScene, TrainStep, Wait,
     effects::{Lens, Order, Outputs, Statistics},
     state::TensorData,
 };
@@ -89,6 +89,44 @@ fn images_of_many_are_those_of_the_cpu() {
         let apart = root_mean_square(&images[one], &images[other]);
         assert!(apart > 1e-3, "{:?} is all but {:?}: the comparison cannot fail", ORDERS[one], ORDERS[other]);
     }
+}
+
+/// What no one trains needs no moments, and moments of SH coefficients no larger a buffer than those: software drivers allow 128 MiB.
+#[test]
+fn scenes_of_every_size_that_fits_are_drawn_and_trained() {
+    let (_, r) = &rasterizers()[0];
+    let view = Camera::looking_forward(16, 16, 1.0);
+    let mut scene = SpatialScene { sh_degree: 3, ..SpatialScene::default() };
+    let gaussian = SpatialGaussian {
+        mean: Vec3::new(0.0, 0.0, 5.0),
+        log_scale: Vec3::splat(-1.0),
+        rotation: [1.0, 0.0, 0.0, 0.0],
+        opacity_logit: 0.0,
+        sh: vec![Vec3::splat(0.5); 16],
+    };
+    scene.push(gaussian.clone());
+    // Behind the camera.
+    let behind = SpatialGaussian { mean: Vec3::new(0.0, 0.0, -5.0), ..gaussian };
+    for _ in 0..400_000 {
+        scene.push(behind.clone());
+    }
+    let settings = RenderSettings::blended(Blend::Over);
+    let target = r.spatial().upload_target(&Image::filled(16, 16, [0.2; 3]).unwrap()).unwrap();
+    let mut cloud = r.upload(&scene, Chart::ScaleRotation).unwrap();
+    let frame = r.forward(&cloud, &view, &settings).unwrap();
+    let drawn = r.image(&frame).unwrap();
+    assert!(drawn.pixels().iter().any(|p| p[0] > 0.1));
+    let rates = Adam::default().at(0.0);
+    let step = TrainStep { settings: &settings, loss: Loss::L2, rates: &rates, binning: Binning::Fresh };
+    r.train_step(&mut cloud, &view, &target, &step).unwrap();
+    r.losses(&mut cloud, Wait::All, &mut Vec::new()).unwrap();
+    let after = r.download(&cloud).unwrap();
+    assert_ne!(after.sh[0], scene.sh[0]);
+    assert_eq!(after.sh[16..], scene.sh[16..]);
+    // And an edit of what was never trained has moments to hand on.
+    let mut untouched = r.upload(&scene, Chart::ScaleRotation).unwrap();
+    r.edit(&mut untouched, &EditPlan::default()).unwrap();
+    assert!(r.save(&untouched).unwrap().matrix("moment1").unwrap().1.iter().all(|&m| m == 0.0));
 }
 
 fn bits(state: &CloudState) -> BTreeMap<&str, Vec<u32>> {
