@@ -145,7 +145,7 @@ shaders! {
     "sort": ["sort_count", "sort_scatter"],
     "ranges" after "counted": ["ranges"],
     "blend" after "walk": ["blend"],
-    "blend_vectors" after "walk": ["blend_vectors"],
+    "blend_vectors" after "walk" after "vectors": ["blend_vectors"],
     "queue" after "least_depth": ["queue_up"],
     "blend_by_depth" after "counted": ["blend_by_depth"],
     "loss": ["loss", "loss_sum"],
