@@ -43,11 +43,11 @@ impl Failure {
         Self { kind: Kind::Interrupted, message: one_line(message) }
     }
 
-    /// A scene in space could not be read or written; where its content is broken, Gaussians can be left out.
+    /// A scene could not be read or written; where its content is broken, the doctor mends it.
     pub(crate) fn of_scene(error: gs_io::Error) -> Self {
         match error {
             gs_io::Error::Content { .. } => {
-                Self::from(error).mend("gs convert FROM TO --drop-broken leaves such Gaussians out")
+                Self::from(error).mend("gs doctor SCENE tells what is broken, and --fix -o OUT mends it")
             }
             _ => error.into(),
         }
