@@ -99,7 +99,15 @@ pub(crate) fn run(args: &DoctorArgs) -> Result<(), Failure> {
             let file = gs_io::read_spatial_unchecked(&args.scene)?;
             (format!("spatial scene, {}", file.format), Patient::Spatial(file))
         }
-        None => ("planar scene".to_owned(), Patient::Planar(gs_io::read_scene_unchecked(&args.scene)?)),
+        None => {
+            let has_ending =
+                |path: &&Path| path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("safetensors"));
+            if let Some(output) = args.output.as_deref().filter(|output| !has_ending(output)) {
+                let failure = Failure::usage("a planar scene is not written in this format").at(output.display());
+                return Err(failure.mend(format_args!("let its name end in .{}", gs_io::SCENE_EXTENSION)));
+            }
+            ("planar scene".to_owned(), Patient::Planar(gs_io::read_scene_unchecked(&args.scene)?))
+        }
     };
     let examination = match &patient {
         Patient::Planar(file) => examine(&file.scene)?,
@@ -127,11 +135,6 @@ impl Patient {
         match self {
             Self::Planar(mut file) => {
                 let repair = mend(&mut file.scene, output)?;
-                let ending = output.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("safetensors"));
-                if !ending {
-                    let failure = Failure::usage("a planar scene is not written in this format").at(output.display());
-                    return Err(failure.mend(format_args!("let its name end in .{}", gs_io::SCENE_EXTENSION)));
-                }
                 gs_io::write_scene(output, &file)?;
                 Ok(Fixed::new(output, file.scene.len(), repair, &[]))
             }
