@@ -5,7 +5,10 @@ use std::process::ExitCode;
 use clap::{Parser, Subcommand, error::ErrorKind};
 
 use crate::{
-    commands::{convert::ConvertArgs, eval::EvalArgs, info::InfoArgs, popping::PoppingArgs, render::RenderArgs},
+    commands::{
+        convert::ConvertArgs, doctor::DoctorArgs, eval::EvalArgs, info::InfoArgs, popping::PoppingArgs,
+        render::RenderArgs,
+    },
     failure::Failure,
     fit::arguments::FitArgs,
     paper::PaperArgs,
@@ -31,6 +34,8 @@ Examples:
   gs info out/scene.gs2d.safetensors            what is in a scene
   gs info photographs/                          what is in a COLMAP, Nerfstudio or Blender data set
   gs info --adapters                            the GPUs that were found
+  gs doctor scene.ply                           what is wrong with a scene: NaN, needles, duplicates
+  gs doctor scene.ply --fix -o mended.ply       the same, mended
   gs profile photo.png --backend cpu            where the time of a training step goes
   gs profile out/scene.gs2d.safetensors --backend wgpu -o profile
   gs paper -o paper                             the paper's experiments, as a page
@@ -66,6 +71,8 @@ pub(crate) enum Command {
     Convert(ConvertArgs),
     /// Tell what is in a scene, a checkpoint or a data set, or which GPUs there are
     Info(InfoArgs),
+    /// Tell what is wrong with a scene, and mend it
+    Doctor(DoctorArgs),
     /// Tell where the time of a training step goes, stage by stage
     Profile(Box<ProfileArgs>),
     /// Repeat the paper's experiments, and set what it says beside what is measured
@@ -110,8 +117,8 @@ pub(crate) fn parse() -> Result<Parsed, Failure> {
     }
 }
 
-const COMMANDS: [&str; 11] =
-    ["fit", "train", "render", "view", "eval", "convert", "info", "profile", "paper", "popping", "study"];
+const COMMANDS: [&str; 12] =
+    ["fit", "train", "render", "view", "eval", "convert", "info", "doctor", "profile", "paper", "popping", "study"];
 
 /// The parser's message without its usage, its pointer to the help and its own "error:".
 fn essence(message: &str) -> String {

@@ -50,6 +50,7 @@ fn run(parsed: Parsed) -> Result<ExitCode, Failure> {
         Parsed::Command(Command::Eval(args)) => commands::eval::run(&args),
         Parsed::Command(Command::Convert(args)) => commands::convert::run(&args),
         Parsed::Command(Command::Info(args)) => commands::info::run(&args),
+        Parsed::Command(Command::Doctor(args)) => commands::doctor::run(&args),
         Parsed::Command(Command::Profile(args)) => profile::run(&args),
         Parsed::Command(Command::Paper(args)) => paper::run(&args),
         Parsed::Command(Command::Popping(args)) => commands::popping::run(&args),

@@ -38,6 +38,15 @@ pub enum Error {
         /// Views that are trained with.
         views: usize,
     },
+    /// No pixel counts of any view by which a scene is to be judged.
+    #[error(
+        "the masks of all {views} views to judge by leave out every pixel, so there is nothing to compare: mend the masks, or hold out \
+         other views"
+    )]
+    NothingCounts {
+        /// Views to judge by.
+        views: usize,
+    },
     /// A checkpoint was made for another target than the one given.
     #[error("the checkpoint belongs to another target: it was made for {expected}, but this is {found}")]
     WrongTarget {

@@ -2,12 +2,14 @@
 //!
 //! A new backend's tests call [`conformance::conformance`]. What it compares with is [`oracle::Oracle`]; how near the two must come is
 //! in [`tolerance`]; what is drawn is in [`scenes`].
+//! What fuzzers draw, and what a backend owes even that, is in [`fuzzed`].
 
 // Guards are phrased so that NaN fails them: `!(x > 0.0)` is not `x <= 0.0`.
 #![allow(clippy::neg_cmp_op_on_partial_ord)]
 
 pub mod conformance;
 pub mod failure;
+pub mod fuzzed;
 pub mod oracle;
 pub mod scenes;
 pub mod subject;

@@ -106,6 +106,7 @@ fn judge(args: &EvalArgs) -> Result<(), Failure> {
     for ViewQuality { name, psnr, ssim, l1 } in &evaluation.views {
         text += &row(name, *psnr, *ssim, *l1);
     }
+    evaluation.unmeasured.iter().for_each(|name| text += &format!("{:>33}  {name}\n", "no pixel counts"));
     let mean = format!("mean of {} views", evaluation.views.len());
     output::result(text + row(&mean, evaluation.psnr, evaluation.ssim, evaluation.l1).trim_end())
 }

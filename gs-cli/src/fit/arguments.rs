@@ -13,7 +13,8 @@ DIR then holds:
   scene.ply               the same as a flat scene for any viewer of 3D Gaussian splats
   ellipses.png            the Gaussians drawn as ellipses over the reconstruction
   metrics.csv             count, edits and loss at every 100th part of the steps and at each round of density
-                          control; L1 and PSNR, which cost a rendering, at every 20th part and at both ends
+                          control; at every 20th part and at both ends also L1, PSNR, what was culled and what was
+                          clamped, which cost a rendering; rows come as the fit goes on
   curve.png               count and loss over the steps
   settings.toml           all settings, to repeat the fit with --settings
   summary.json            what --json prints

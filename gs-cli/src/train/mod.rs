@@ -29,7 +29,7 @@ pub(crate) use self::{
 use crate::{
     backend::{Backend, SpatialTask},
     failure::Failure,
-    fit::{check_checkpoint_file, checkpoints, folder::OutputFolder, follow, quoted, way_on},
+    fit::{check_checkpoint_file, checkpoints, folder::OutputFolder, follow, quoted, with_way_on},
     output::{self, Format},
     train::results::Results,
 };
@@ -113,13 +113,13 @@ impl SpatialTask for Train<'_> {
         announce(args, dataset, &told, &trainer);
 
         let results = Results { args, folder: &folder, backend, started };
-        let ended = follow(args.detail(), &mut trainer, &mut log, &mut checkpoints).and_then(|(outcome, curve)| {
+        let ended = follow(args.detail(), &mut trainer, &mut log, &folder, &mut checkpoints);
+        let ended = ended.and_then(|(outcome, curve)| {
             let summary = results.write(&trainer, &log.to_csv(), &curve.0)?;
             Ok((outcome, summary))
         });
-        let (outcome, summary) = ended.map_err(|failure| match failure.is_of_backend() {
-            true => failure.mend(way_on(&checkpoints, args.resume.as_deref(), |file| resuming(args, file))),
-            false => failure,
+        let (outcome, summary) = ended.map_err(|failure| {
+            with_way_on(failure, &checkpoints, args.resume.as_deref(), |file| resuming(args, file))
         })?;
         match args.format() {
             Format::Json => output::json(&summary)?,

@@ -15,7 +15,7 @@ use serde::Serialize;
 use crate::{
     backend::Backend,
     failure::Failure,
-    fit::{folder::OutputFolder, settings},
+    fit::{folder::OutputFolder, results::sound, settings, trouble::Trouble},
     output,
     report::curve::{self, Point},
     train::arguments::TrainArgs,
@@ -41,14 +41,20 @@ pub(crate) struct Summary {
 impl Summary {
     /// The summary for people.
     pub(crate) fn text(&self, folder: &Path) -> String {
-        let SpatialSummary { gaussians, iterations, seconds, evaluation, test_views, .. } = &self.training;
+        let SpatialSummary { gaussians, iterations, seconds, evaluation, test_views, edits, clamped, .. } =
+            &self.training;
+        let trouble = Trouble::new(edits, evaluation.culled, *clamped);
+        let unmeasured = match evaluation.unmeasured.len() {
+            0 => String::new(),
+            count => format!(", without {count} of which no pixel counts"),
+        };
         let whose = match test_views {
             0 => "views that it trained with".to_owned(),
             count => format!("{count} held-out views"),
         };
         format!(
             "{gaussians} Gaussians after {iterations} steps in {seconds:.1} s ({:.1} s in all): PSNR {:.2} dB, SSIM {:.4} over \
-             {whose}; see {}",
+             {whose}{unmeasured}{trouble}; see {}",
             self.total_seconds,
             evaluation.psnr,
             evaluation.ssim,
@@ -67,7 +73,7 @@ pub(crate) struct Results<'a> {
 }
 
 impl Results<'_> {
-    /// Writes them all.
+    /// Writes them all, the scene first.
     ///
     /// # Errors
     /// Where a file cannot be written, a photograph not be read, or the backend fails.
@@ -77,17 +83,21 @@ impl Results<'_> {
         metrics: &str,
         points: &[Point],
     ) -> Result<Summary, Failure> {
-        self.write_scene(&trainer.scene()?)?;
-        self.folder.write_text("metrics.csv", metrics)?;
-        self.folder.write_text("settings.toml", &settings::to_toml(trainer.settings())?)?;
+        // Before anything else: all the rest can be made of it again.
+        let scene = sound(trainer.scene()?)?;
+        Failure::first_of([
+            self.write_scene(&scene),
+            self.folder.write_text("metrics.csv", metrics),
+            self.folder.write_text("settings.toml", &settings::to_toml(trainer.settings())?),
+            match self.args.no_report {
+                true => self.folder.leave_out("curve.png"),
+                false => self.write_curve(trainer.count(), points),
+            },
+        ])?;
         let views = self.empty_folder_of_views()?;
         let evaluation = if self.args.no_report {
-            self.folder.leave_out("curve.png")?;
             trainer.evaluate(&mut |_, _| Ok(()))?
         } else {
-            let title = format!("{}: {} Gaussians", self.args.dataset.display(), trainer.count());
-            let picture = curve::draw(points, &title).map_err(|error| Failure::failed(error).at("curve.png"))?;
-            write_png(self.folder.file("curve.png"), &picture)?;
             let background = trainer.shown().backdrop();
             fs::create_dir_all(&views).map_err(|error| Failure::failed(error).at(views.display()))?;
             trainer.evaluate(&mut |view, rendered| {
@@ -96,7 +106,7 @@ impl Results<'_> {
             })?
         };
         self.folder.write_json("evaluation.json", &evaluation)?;
-        let training = SpatialSummary::new(trainer, evaluation);
+        let training = SpatialSummary::new(trainer, evaluation)?;
         let summary = Summary {
             training: SpatialSummary {
                 backend: self.backend.name.to_owned(),
@@ -117,8 +127,14 @@ impl Results<'_> {
             output::note("note: no Gaussian is left, so there is no scene.ply");
             return self.folder.leave_out("scene.ply");
         }
-        write_spatial(self.folder.file("scene.ply"), scene, &SpatialOptions::default())?;
-        Ok(())
+        let write = |path: &Path| write_spatial(path, scene, &SpatialOptions::default()).map(drop);
+        self.folder.write_precious("scene.ply", write)
+    }
+
+    fn write_curve(&self, count: u32, points: &[Point]) -> Result<(), Failure> {
+        let title = format!("{}: {count} Gaussians", self.args.dataset.display());
+        let picture = curve::draw(points, &title).map_err(|error| Failure::failed(error).at("curve.png"))?;
+        Ok(write_png(self.folder.file("curve.png"), &picture)?)
     }
 
     /// Where the pictures of views go, without those of an earlier training.

@@ -4,6 +4,7 @@ mod backends;
 mod bad_input;
 mod convert;
 mod datasets;
+mod doctor;
 mod fit;
 mod paper;
 mod popping;

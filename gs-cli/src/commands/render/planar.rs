@@ -17,7 +17,7 @@ use crate::{
 /// # Errors
 /// Where the scene cannot be read, the size is not possible, or the picture cannot be written.
 pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
-    let file = gs_io::read_scene(&args.scene)?;
+    let file = gs_io::read_scene(&args.scene).map_err(Failure::of_scene)?;
     let canvas = canvas(&file, args);
     canvas.validate().map_err(|error| Failure::usage(error).at("--size or --region"))?;
     let image = Backend::start(&args.backend)?.run(Render { file: &file, canvas: &canvas })?;
