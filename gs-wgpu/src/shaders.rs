@@ -4,7 +4,7 @@
 use std::fmt::Write;
 
 use gs_core::constants::{
-    MIN_DETERMINANT_PX4, MIN_QUATERNION_NORM2, SH_C0, SH_C1, SH_C2, SH_C3, SSIM_C1, SSIM_C2, SSIM_SIGMA, SSIM_WINDOW,
+    MAX_DERIVATIVE, MIN_DETERMINANT_PX4, MIN_QUATERNION_NORM2, QUATERNION_SHRINK, SAFE_SQUARES, SH_C0, SH_C1, SH_C2, SH_C3, SSIM_C1, SSIM_C2, SSIM_SIGMA, SSIM_WINDOW,
 };
 
 use crate::collect::Collected;
@@ -208,9 +208,12 @@ fn prelude(variant: Variant) -> String {
          const SSIM_C1: f32 = {SSIM_C1:?};\nconst SSIM_C2: f32 = {SSIM_C2:?};\n",
     );
     let list = |numbers: &[f32]| numbers.iter().map(|c| format!("{c:?}")).collect::<Vec<_>>().join(", ");
+    let [least, most] = SAFE_SQUARES;
     write!(
         text,
-        "const MIN_QUATERNION_NORM2: f32 = {MIN_QUATERNION_NORM2:?};\nconst SH_C0: f32 = {SH_C0:?};\n\
+        "const MAX_DERIVATIVE: f32 = {MAX_DERIVATIVE:?};\nconst QUATERNION_SHRINK: f32 = {QUATERNION_SHRINK:?};\n\
+         const SAFE_SQUARE_LEAST: f32 = {least:?};\nconst SAFE_SQUARE_MOST: f32 = {most:?};\n\
+         const MIN_QUATERNION_NORM2: f32 = {MIN_QUATERNION_NORM2:?};\nconst SH_C0: f32 = {SH_C0:?};\n\
          const SH_C1: f32 = {SH_C1:?};\nconst SH_C2 = array<f32, 5>({});\nconst SH_C3 = array<f32, 7>({});\n",
         list(&SH_C2),
         list(&SH_C3),

@@ -5,13 +5,13 @@ use std::ops::Range;
 
 use fearless_simd::{Level, Simd, dispatch, f32x8, prelude::*};
 use glam::{Mat2, Vec2};
-use gs_core::{AdamRates, Participants, PlanarGaussian, constants::MAX_ETA, effects::Statistics};
+use gs_core::{AdamRates, Participants, PlanarGaussian, constants::{MAX_DERIVATIVE, MAX_ETA}, effects::Statistics};
 
 use super::{
     cloud::{PlanarCloud, Shapes, VECTOR},
     project_bwd::Gradient,
 };
-use crate::{bias::BiasTable, splat::CHUNK};
+use crate::{bias::BiasTable, lanes::bounded_derivative, splat::CHUNK};
 
 /// Moments below this are 0: denormals cost time and move nothing.
 const VANISHING: f32 = 1e-30;
@@ -169,6 +169,7 @@ fn step_all<'g, S: Simd>(
         };
         let [r, g, b] = gradient.color;
         let g = lane([by_mean.x, by_mean.y, by_shape[0], by_shape[1], by_shape[2], r, g, b]);
+        let g = bounded_derivative(simd, g);
         slices.steps[i] = slices.steps[i].saturating_add(1);
         let bias = step.bias.at(slices.steps[i]);
         let (first, second) =
@@ -207,7 +208,9 @@ fn step_all<'g, S: Simd>(
         }
         if let Some(logit) = slices.opacity_logits.get_mut(i) {
             let [m, v] = &mut slices.opacity_moments[i];
-            let (g, rate) = (gradient.opacity_logit, step.rates.opacity);
+            let g = gradient.opacity_logit;
+            let g = if g.abs() > MAX_DERIVATIVE { MAX_DERIVATIVE.copysign(g) } else { g };
+            let rate = step.rates.opacity;
             *m = rate.beta1 * *m + (1.0 - rate.beta1) * g;
             *v = rate.beta2 * *v + (1.0 - rate.beta2) * g * g;
             *logit -= rate.learning_rate * (*m * bias.first[VECTOR])

@@ -30,7 +30,8 @@ fn color_of(index: u32, mean: vec3f) -> vec3f {
 
 // Without its colour. `depth_slope`: by how much the depth at a pixel grows with a px, where anything is drawn.
 fn project_one(e: Ellipsoid, p: vec3f, depth_slope: ptr<function, vec2f>) -> Splat {
-    let norm2 = dot(e.rotation, e.rotation);
+    let q = quaternion(e.rotation);
+    let norm2 = dot(q.scaled, q.scaled);
     if !(all_finite(e.mean) && all_finite(e.log_scale) && is_finite(norm2)) || is_nan(e.opacity_logit)
         || is_nan(p.x) || is_nan(p.y) || is_nan(p.z) {
         atomicAdd(&status.not_finite, 1u);
