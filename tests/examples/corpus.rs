@@ -29,7 +29,12 @@ impl Tally {
     }
 
     /// All cases whose names contain `word`.
-    fn backend<R: Rasterizer<PlanarScene> + Rasterizer<SpatialScene>>(&mut self, name: &str, rasterizer: &R, word: &str) {
+    fn backend<R: Rasterizer<PlanarScene> + Rasterizer<SpatialScene>>(
+        &mut self,
+        name: &str,
+        rasterizer: &R,
+        word: &str,
+    ) {
         println!("{name}");
         println!(" planar scenes");
         for case in planar_corpus().iter().filter(|case| case.name.contains(word)) {

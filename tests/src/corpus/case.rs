@@ -137,7 +137,19 @@ impl<S: Subject> Case<S> {
     ) -> Self {
         let expected = Expected::Drawn(Drawn::default());
         let (goal, adam) = (Goal::Likeness(11), S::adam());
-        Self { name: name.into(), why, source, scene, view, settings, goal, loss: Loss::L2, adam, steps: STEPS, expected }
+        Self {
+            name: name.into(),
+            why,
+            source,
+            scene,
+            view,
+            settings,
+            goal,
+            loss: Loss::L2,
+            adam,
+            steps: STEPS,
+            expected,
+        }
     }
 
     /// The same, of which a frame leaves out these.

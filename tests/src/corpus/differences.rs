@@ -171,10 +171,7 @@ impl Quotient {
         let mut best = Self { value: 0.0, uncertainty: f64::INFINITY };
         for exponent in [3, 5, 7, 9, 11] {
             let step = 10f64.powi(-exponent) * place.abs().max(1.0);
-            let (whole, half) = (
-                (at(step)? - at(-step)?) / (2.0 * step),
-                (at(0.5 * step)? - at(-0.5 * step)?) / step,
-            );
+            let (whole, half) = ((at(step)? - at(-step)?) / (2.0 * step), (at(0.5 * step)? - at(-0.5 * step)?) / step);
             let uncertainty = (whole - half).abs() + LOSS_ROUNDING * height / step;
             if uncertainty < best.uncertainty {
                 best = Self { value: half + (half - whole) / 3.0, uncertainty };

@@ -41,12 +41,18 @@ pub const VALUES: [f32; 22] = [
 
 /// Puts every value into every slot of planar inputs; a record for each slot.
 pub fn poison_planar<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Vec<Record> {
-    inputs::planar().iter().flat_map(|(name, inputs)| poison(rasterizer, name, inputs, &inputs::planar_slots())).collect()
+    inputs::planar()
+        .iter()
+        .flat_map(|(name, inputs)| poison(rasterizer, name, inputs, &inputs::planar_slots()))
+        .collect()
 }
 
 /// Puts every value into every slot of spatial inputs; a record for each slot.
 pub fn poison_spatial<R: Rasterizer<SpatialScene>>(rasterizer: &R) -> Vec<Record> {
-    inputs::spatial().iter().flat_map(|(name, inputs)| poison(rasterizer, name, inputs, &inputs::spatial_slots())).collect()
+    inputs::spatial()
+        .iter()
+        .flat_map(|(name, inputs)| poison(rasterizer, name, inputs, &inputs::spatial_slots()))
+        .collect()
 }
 
 fn poison<S: Subject, R: Rasterizer<S>>(
@@ -58,7 +64,12 @@ fn poison<S: Subject, R: Rasterizer<S>>(
     let record = |slot: &str, outcome: &mut dyn FnMut() -> Result<usize, Failure>| {
         let start = Instant::now();
         let outcome = outcome().map(|runs| Observed { runs, ..Observed::default() });
-        Record { case: format!("poison, {name}: {slot}"), backend: rasterizer.describe(), outcome, took: start.elapsed() }
+        Record {
+            case: format!("poison, {name}: {slot}"),
+            backend: rasterizer.describe(),
+            outcome,
+            took: start.elapsed(),
+        }
     };
     let mut records = Vec::new();
     match state::slots(rasterizer, inputs) {

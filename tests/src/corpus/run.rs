@@ -37,7 +37,7 @@ fn outcome<S: Subject, R: Rasterizer<S>>(rasterizer: &R, case: &Case<S>) -> Resu
         }
     };
     let mut observed = Observed { runs: 1, ..Observed::default() };
-    for chart in crate::conformance::charts(rasterizer)? {
+    for chart in crate::conformance::charts::<S, R>(rasterizer)? {
         let in_chart = |failure: Failure| failure.at(format!("{chart:?}"));
         let shown = forward(rasterizer, case, drawn, chart, &mut observed).map_err(in_chart)?;
         backward(rasterizer, case, drawn, chart, &shown, &mut observed).map_err(in_chart)?;

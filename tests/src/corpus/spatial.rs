@@ -65,22 +65,30 @@ fn case(
 /// The same with another treatment of what is narrower than a pixel, and the name of that.
 fn antialiased(mut case: Case<SpatialScene>, antialias: Antialias) -> Case<SpatialScene> {
     case.settings.effects.antialias = antialias;
-    case.name = format!("{}, {}", case.name, match antialias {
-        Antialias::None => "not antialiased",
-        Antialias::Dilate => "dilated",
-        Antialias::Mip => "mip",
-    });
+    case.name = format!(
+        "{}, {}",
+        case.name,
+        match antialias {
+            Antialias::None => "not antialiased",
+            Antialias::Dilate => "dilated",
+            Antialias::Mip => "mip",
+        }
+    );
     case
 }
 
 /// The same in another order, and the name of that.
 fn ordered(mut case: Case<SpatialScene>, order: Order) -> Case<SpatialScene> {
     case.settings.effects.order = order;
-    case.name = format!("{}, {}", case.name, match order {
-        Order::Index => "by index",
-        Order::TileDepth => "by depth of the mean",
-        Order::PixelDepth => "by depth at each pixel",
-    });
+    case.name = format!(
+        "{}, {}",
+        case.name,
+        match order {
+            Order::Index => "by index",
+            Order::TileDepth => "by depth of the mean",
+            Order::PixelDepth => "by depth at each pixel",
+        }
+    );
     case
 }
 

@@ -1,10 +1,10 @@
 //! Images of awkward sizes, counts of Gaussians at either end.
 
 use glam::{Vec2, Vec3};
-use gs_core::{Canvas, Image, PlanarGaussian, PlanarScene, effects::Blend};
+use gs_core::{Canvas, Image, Loss, PlanarGaussian, PlanarScene, effects::Blend};
 
-use super::{BLENDS, PLAIN, case, named};
-use crate::corpus::case::{Case, Picture, Slopes, Source, Training};
+use super::{BLENDS, PLAIN, case};
+use crate::corpus::case::{Case, Goal, Picture, Slopes, Source, Training};
 
 /// "Millions of entries in one tile": 2²¹.
 const MILLIONS: usize = 1 << 21;
@@ -43,10 +43,7 @@ pub(super) fn cases() -> Vec<Case<PlanarScene>> {
                 blend,
                 gaussians,
             );
-            cases.push(Case { view: Canvas::new(width, height), ..case }.after(
-                crate::corpus::case::Goal::Likeness(5),
-                gs_core::Loss::PAPER,
-            ));
+            cases.push(Case { view: Canvas::new(width, height), ..case }.after(Goal::Likeness(5), Loss::PAPER));
         }
     }
     cases.extend([millions(Blend::Sum), millions(Blend::Over)]);
@@ -73,7 +70,6 @@ fn millions(blend: Blend) -> Case<PlanarScene> {
         // 13 halves leave 2⁻¹³; the next would leave less than the least transmittance of 10⁻⁴.
         Blend::Over => 0.5 * (1.0 - 2f32.powi(-13)),
     };
-    debug_assert!(case.name.ends_with(named(blend)));
     case.showing(Picture::Exact(Image::filled(1, 1, [shown; 3]).expect("one pixel is a possible size")))
         .sloping(Slopes::Finite("a dense oracle would take minutes"))
         .training(Training::Finite("two steps"))

@@ -77,7 +77,8 @@ fn edges() -> Vec<Case<PlanarScene>> {
     for (name, opacity) in [("1/255", 1.0 / 255.0), ("0.999", 0.999f32)] {
         let at = logit(opacity);
         for (side, logit) in [("", at), (" − ulp", at.next_down()), (" + ulp", at.next_up())] {
-            let gaussian = PlanarGaussian { mean: Vec2::new(8.5, 8.5), opacity_logit: logit, log_scale: Vec2::ZERO, ..PLAIN };
+            let gaussian =
+                PlanarGaussian { mean: Vec2::new(8.5, 8.5), opacity_logit: logit, log_scale: Vec2::ZERO, ..PLAIN };
             // Another one, so that there is always something to compare.
             let beside = PlanarGaussian { mean: Vec2::new(16.0, 8.0), ..PLAIN };
             let source = Source::Definition("constants::ALPHA_MAX");

@@ -59,18 +59,21 @@ pub(super) fn cases() -> Vec<Case<PlanarScene>> {
             )
             .training(Training::Finite("no scale is above 10⁴ px in training: they are cut to it in the first step")),
         );
-        cases.push(case(
-            "needles along the diagonal",
-            "Σxx Σyy − Σxy² cancels most where Σxx = Σyy",
-            Source::Report("https://github.com/aras-p/UnityGaussianSplatting/pull/14"),
-            blend,
-            [2.0, 3.0, 4.0, 5.0, 6.0].iter().enumerate().map(|(i, &decades)| PlanarGaussian {
-                mean: Vec2::new(4.0 + 4.0 * i as f32, 9.0),
-                log_scale: Vec2::new(0.4 * 10f32.powf(decades), 0.4).map(f32::ln),
-                rotation: 0.5 * FRAC_PI_2,
-                ..PLAIN
-            }),
-        ).training(Training::Finite("no scale is above 10⁴ px in training: they are cut to it in the first step")));
+        cases.push(
+            case(
+                "needles along the diagonal",
+                "Σxx Σyy − Σxy² cancels most where Σxx = Σyy",
+                Source::Report("https://github.com/aras-p/UnityGaussianSplatting/pull/14"),
+                blend,
+                [2.0, 3.0, 4.0, 5.0, 6.0].iter().enumerate().map(|(i, &decades)| PlanarGaussian {
+                    mean: Vec2::new(4.0 + 4.0 * i as f32, 9.0),
+                    log_scale: Vec2::new(0.4 * 10f32.powf(decades), 0.4).map(f32::ln),
+                    rotation: 0.5 * FRAC_PI_2,
+                    ..PLAIN
+                }),
+            )
+            .training(Training::Finite("no scale is above 10⁴ px in training: they are cut to it in the first step")),
+        );
         cases.push(case(
             "axis-aligned",
             "the off-diagonal is exactly 0, and with it the eigenvector that some compute from it",
@@ -111,21 +114,28 @@ pub(super) fn cases() -> Vec<Case<PlanarScene>> {
                 }),
             )
             .leaving_out(Culled { outside: 1, ..Culled::default() })
-            .training(Training::Finite("no scale is above 10⁴ px in training: those that reach the image do so no more")),
+            .training(Training::Finite(
+                "no scale is above 10⁴ px in training: those that reach the image do so no more",
+            )),
         );
         let far = Canvas::new(VIEW.0, VIEW.1).showing(Vec2::splat(16_777_216.0), Vec2::new(24.0, 19.0));
-        cases.push(Case { view: far, ..case(
-            "coordinates without sub-pixel bits",
-            "from 2²⁴ px on, a mean is a whole number of pixels, and a step of Adam is lost or is a pixel",
-            Source::Report("https://github.com/mkkellogg/GaussianSplats3D/issues/336"),
-            blend,
-            (0..4).map(|i| PlanarGaussian {
-                mean: Vec2::splat(16_777_216.0) + Vec2::new(4.0 + 4.0 * i as f32, 8.0),
-                ..PLAIN
-            }),
-        )}
-        .sloping(Slopes::Finite("the analysis allows for means that are off by their own rounding, 2 px"))
-        .training(Training::Finite("means move by whole pixels or not at all")));
+        cases.push(
+            Case {
+                view: far,
+                ..case(
+                    "coordinates without sub-pixel bits",
+                    "from 2²⁴ px on, a mean is a whole number of pixels, and a step of Adam is lost or is a pixel",
+                    Source::Report("https://github.com/mkkellogg/GaussianSplats3D/issues/336"),
+                    blend,
+                    (0..4).map(|i| PlanarGaussian {
+                        mean: Vec2::splat(16_777_216.0) + Vec2::new(4.0 + 4.0 * i as f32, 8.0),
+                        ..PLAIN
+                    }),
+                )
+            }
+            .sloping(Slopes::Finite("the analysis allows for means that are off by their own rounding, 2 px"))
+            .training(Training::Finite("means move by whole pixels or not at all")),
+        );
         cases.push(case(
             "denormal parameters",
             "GPUs flush them to 0, and a quotient of two is anything",

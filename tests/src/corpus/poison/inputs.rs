@@ -2,8 +2,8 @@
 
 use glam::{Vec2, Vec3};
 use gs_core::{
-    Adam, AdamRates, Binning, Camera, Canvas, Chart, Error, Image, Loss, PlanarScene, Rasterizer, RenderSettings, Scene,
-    SpatialScene, TrainStep, Wait,
+    Adam, AdamRates, Binning, Camera, Canvas, Chart, Error, Image, Loss, PlanarScene, Rasterizer, RenderSettings,
+    Scene, SpatialScene, TrainStep, Wait,
     effects::{Blend, Order},
 };
 
@@ -65,41 +65,43 @@ fn inputs<S: Subject>(scene: S, view: S::View, settings: RenderSettings) -> Inpu
 
 /// Three small Gaussians in a row, so that the poisoned one in the middle touches neither.
 pub(super) fn planar() -> Vec<(&'static str, Inputs<PlanarScene>)> {
-    [("sum", Blend::Sum), ("over", Blend::Over)].map(|(name, blend)| {
-        let gaussian = |i: usize| gs_core::PlanarGaussian {
-            mean: Vec2::new(3.2 + 6.6 * i as f32, 6.3),
-            log_scale: Vec2::new(-0.4, -0.2),
-            rotation: 0.4,
-            opacity_logit: if blend == Blend::Sum { f32::INFINITY } else { 0.7 },
-            color: Vec3::new(0.8, 0.3 * i as f32, 0.4),
-        };
-        let scene = (0..3).map(gaussian).collect();
-        (name, inputs(scene, Canvas::new(SIZE.0, SIZE.1), RenderSettings::blended(blend)))
-    })
-    .into()
+    [("sum", Blend::Sum), ("over", Blend::Over)]
+        .map(|(name, blend)| {
+            let gaussian = |i: usize| gs_core::PlanarGaussian {
+                mean: Vec2::new(3.2 + 6.6 * i as f32, 6.3),
+                log_scale: Vec2::new(-0.4, -0.2),
+                rotation: 0.4,
+                opacity_logit: if blend == Blend::Sum { f32::INFINITY } else { 0.7 },
+                color: Vec3::new(0.8, 0.3 * i as f32, 0.4),
+            };
+            let scene = (0..3).map(gaussian).collect();
+            (name, inputs(scene, Canvas::new(SIZE.0, SIZE.1), RenderSettings::blended(blend)))
+        })
+        .into()
 }
 
 /// The same in space, in two orders.
 pub(super) fn spatial() -> Vec<(&'static str, Inputs<SpatialScene>)> {
-    [("by mean depth", Order::TileDepth), ("by pixel depth", Order::PixelDepth)].map(|(name, order)| {
-        let view = Camera { near: 0.2, ..Camera::looking_forward(SIZE.0, SIZE.1, 0.9) };
-        let mut scene = SpatialScene { sh_degree: 1, ..SpatialScene::default() };
-        for i in 0..3 {
-            let pixel = Vec2::new(3.2 + 6.6 * i as f32, 6.3);
-            scene.push(gs_core::SpatialGaussian {
-                mean: ((pixel - view.center) / view.focal).extend(1.0) * (2.0 + 0.5 * i as f32),
-                log_scale: Vec3::new(-3.2, -3.0, -3.1),
-                rotation: [0.9, 0.1, -0.3, 0.2],
-                opacity_logit: 0.7,
-                sh: vec![Vec3::new(0.8, 0.3 * i as f32, 0.4), Vec3::splat(0.1), Vec3::splat(-0.1), Vec3::X],
-            });
-        }
-        let mut settings = RenderSettings::blended(Blend::Over);
-        settings.effects.order = order;
-        settings.effects.sh_degree = 3;
-        (name, inputs(scene, view, settings))
-    })
-    .into()
+    [("by mean depth", Order::TileDepth), ("by pixel depth", Order::PixelDepth)]
+        .map(|(name, order)| {
+            let view = Camera { near: 0.2, ..Camera::looking_forward(SIZE.0, SIZE.1, 0.9) };
+            let mut scene = SpatialScene { sh_degree: 1, ..SpatialScene::default() };
+            for i in 0..3 {
+                let pixel = Vec2::new(3.2 + 6.6 * i as f32, 6.3);
+                scene.push(gs_core::SpatialGaussian {
+                    mean: ((pixel - view.center) / view.focal).extend(1.0) * (2.0 + 0.5 * i as f32),
+                    log_scale: Vec3::new(-3.2, -3.0, -3.1),
+                    rotation: [0.9, 0.1, -0.3, 0.2],
+                    opacity_logit: 0.7,
+                    sh: vec![Vec3::new(0.8, 0.3 * i as f32, 0.4), Vec3::splat(0.1), Vec3::splat(-0.1), Vec3::X],
+                });
+            }
+            let mut settings = RenderSettings::blended(Blend::Over);
+            settings.effects.order = order;
+            settings.effects.sh_degree = 3;
+            (name, inputs(scene, view, settings))
+        })
+        .into()
 }
 
 macro_rules! slots {
@@ -183,7 +185,7 @@ pub(super) fn spatial_slots() -> Vec<Slot<SpatialScene>> {
 
 /// Whether an error says that an input is not possible.
 fn is_refusal(error: &Error) -> bool {
-    matches!(error, Error::Setting { .. } | Error::Size { .. } | Error::NotFinite { .. } | Error::Unsupported { .. })
+    matches!(error, Error::Setting { .. } | Error::Size { .. } | Error::Pixel { .. } | Error::Unsupported { .. })
 }
 
 /// Puts all values into one slot; how many runs that were.

@@ -4,9 +4,7 @@
 use std::fmt;
 
 use gs_core::{
-    Binning, Chart, CloudState, Error, Image, Rasterizer, TrainStep, Wait,
-    state::TensorData,
-    statistics::Culled,
+    Binning, Chart, CloudState, Error, Image, Rasterizer, TrainStep, Wait, state::TensorData, statistics::Culled,
 };
 
 use super::{VALUES, inputs::Inputs};
@@ -42,7 +40,10 @@ impl fmt::Display for StateSlot {
 const PARAMETERS: [&str; 6] = ["mean", "log_scale", "rotation", "opacity_logit", "color", "sh"];
 
 /// All numbers that are kept of one Gaussian.
-pub(super) fn slots<S: Subject, R: Rasterizer<S>>(rasterizer: &R, inputs: &Inputs<S>) -> Result<Vec<StateSlot>, Failure> {
+pub(super) fn slots<S: Subject, R: Rasterizer<S>>(
+    rasterizer: &R,
+    inputs: &Inputs<S>,
+) -> Result<Vec<StateSlot>, Failure> {
     let state = rasterizer.save(&rasterizer.upload(&inputs.scene, Chart::ScaleRotation)?)?;
     let columns = |name: &str| state.matrix(name).map_or(0, |(columns, _)| columns);
     let mut slots = Vec::new();
@@ -51,7 +52,8 @@ pub(super) fn slots<S: Subject, R: Rasterizer<S>>(rasterizer: &R, inputs: &Input
         for column in 0..columns(tensor) {
             slots.push(StateSlot { tensor: tensor.to_owned(), column, parameter: Some(parameter + column) });
         }
-        parameter += columns(tensor);
+        // A row of the oracle's has an opacity even where none is stored.
+        parameter += if tensor == "opacity_logit" { 1 } else { columns(tensor) };
     }
     for tensor in state.tensors.keys().filter(|name| !PARAMETERS.contains(&name.as_str())) {
         let floats = matches!(state.tensors[tensor].data, TensorData::F32(_));
@@ -74,7 +76,8 @@ pub(super) fn poison<S: Subject, R: Rasterizer<S>>(
     let without = After::of(rasterizer, inputs, &rasterizer.upload(&others, Chart::ScaleRotation)?, 1)?;
     for value in VALUES {
         let poisoned = with(&state, slot, value);
-        one(rasterizer, inputs, slot, value, &poisoned, &without).map_err(|failure| failure.at(format!("{value:e}")))?;
+        one(rasterizer, inputs, slot, value, &poisoned, &without)
+            .map_err(|failure| failure.at(format!("{value:e}")))?;
     }
     Ok(VALUES.len())
 }
@@ -112,12 +115,8 @@ impl<S: Subject> After<S> {
         let (image, culled) = (rasterizer.image(&frame)?, rasterizer.culled(&frame)?);
         let mut cloud = rasterizer.restore(&rasterizer.save(cloud)?)?;
         let target = rasterizer.upload_target(&inputs.target)?;
-        let step = TrainStep {
-            settings: &inputs.settings,
-            loss: inputs.loss,
-            rates: &inputs.rates,
-            binning: Binning::Fresh,
-        };
+        let step =
+            TrainStep { settings: &inputs.settings, loss: inputs.loss, rates: &inputs.rates, binning: Binning::Fresh };
         let mut losses = Vec::new();
         rasterizer.train_step(&mut cloud, &inputs.view, &target, &step)?;
         let stepped = rasterizer.download(&cloud)?;

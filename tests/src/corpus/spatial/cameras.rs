@@ -1,10 +1,10 @@
 //! Cameras and what stands where they cannot look: on them, behind them, at the edge of their field of view, far from the origin.
 
 use glam::{Mat3, Vec2, Vec3};
-use gs_core::{Camera, SpatialGaussian, SpatialScene, statistics::Culled};
+use gs_core::{Camera, Loss, SpatialGaussian, SpatialScene, statistics::Culled};
 
 use super::{camera, case, plain, seen};
-use crate::corpus::case::{Case, Slopes, Source, Training};
+use crate::corpus::case::{Case, Goal, Slopes, Source, Training};
 
 pub(super) fn cases() -> Vec<Case<SpatialScene>> {
     [depths(), edges(), places(), images()].into_iter().flatten().collect()
@@ -28,13 +28,13 @@ fn depths() -> Vec<Case<SpatialScene>> {
             "on the near plane, an ulp either side",
             "z ≥ near is decided once, forward and backward",
             Source::Report("https://github.com/graphdeco-inria/diff-gaussian-rasterization/pull/88"),
-            [near, near.next_up(), near.next_down(), 0.5 * near].map(|z| SpatialGaussian {
-                log_scale: Vec3::splat(-5.0),
-                ..at_depth(z)
-            }),
+            [near, near.next_up(), near.next_down(), 0.5 * near]
+                .map(|z| SpatialGaussian { log_scale: Vec3::splat(-5.0), ..at_depth(z) }),
         )
         .leaving_out(Culled { near: 2, ..Culled::default() })
-        .training(Training::Finite("those on the plane are in front of it after one step, and behind it after another")),
+        .training(Training::Finite(
+            "those on the plane are in front of it after one step, and behind it after another",
+        )),
     ]
 }
 
@@ -52,9 +52,24 @@ fn edges() -> Vec<Case<SpatialScene>> {
     let turned = "clamps that assume a principal point in the middle are wrong on either side of it";
     let mut cases = Vec::new();
     for (name, why, report, center) in [
-        ("at the edge of the field of view", clamped, "https://github.com/graphdeco-inria/diff-gaussian-rasterization/issues/75", Vec2::new(12.0, 9.5)),
-        ("with an off-centre principal point", turned, "https://github.com/nerfstudio-project/gsplat/pull/305", Vec2::new(2.5, 15.0)),
-        ("with a principal point outside the image", turned, "https://github.com/nerfstudio-project/gsplat/pull/305", Vec2::new(-40.0, 31.0)),
+        (
+            "at the edge of the field of view",
+            clamped,
+            "https://github.com/graphdeco-inria/diff-gaussian-rasterization/issues/75",
+            Vec2::new(12.0, 9.5),
+        ),
+        (
+            "with an off-centre principal point",
+            turned,
+            "https://github.com/nerfstudio-project/gsplat/pull/305",
+            Vec2::new(2.5, 15.0),
+        ),
+        (
+            "with a principal point outside the image",
+            turned,
+            "https://github.com/nerfstudio-project/gsplat/pull/305",
+            Vec2::new(-40.0, 31.0),
+        ),
     ] {
         let view = Camera { center, ..camera() };
         cases.push(Case { view, ..case(name, why, Source::Report(report), around(view)) });
@@ -72,14 +87,19 @@ fn places() -> Vec<Case<SpatialScene>> {
             SpatialGaussian { mean: g.mean.round() + offset, ..g }
         });
         let view = Camera { translation: -offset, ..camera() };
-        cases.push(Case { view, ..case(
-            format!("{name} world units from the origin"),
-            "coordinates of surveys: p = W μ + t is a small difference of large numbers",
-            Source::Report("https://github.com/sparkjsdev/spark/issues/287"),
-            moved,
-        )}
-        .sloping(Slopes::Finite("the analysis allows for means that are off by their own rounding"))
-        .training(Training::Finite("a step of Adam is less than the distance between neighbouring numbers")));
+        cases.push(
+            Case {
+                view,
+                ..case(
+                    format!("{name} world units from the origin"),
+                    "coordinates of surveys: p = W μ + t is a small difference of large numbers",
+                    Source::Report("https://github.com/sparkjsdev/spark/issues/287"),
+                    moved,
+                )
+            }
+            .sloping(Slopes::Finite("the analysis allows for means that are off by their own rounding"))
+            .training(Training::Finite("a step of Adam is less than the distance between neighbouring numbers")),
+        );
     }
     // A world of 10⁻²⁵ units: the same picture, were it not for numbers that underflow when squared.
     let small = 1e-25f32;
@@ -89,21 +109,29 @@ fn places() -> Vec<Case<SpatialScene>> {
         SpatialGaussian { mean: g.mean * small, log_scale: g.log_scale + small.ln(), sh, ..g }
     });
     let view = Camera { near: 0.1 * small, ..camera() };
-    cases.push(Case { view, ..case(
-        "viewing direction whose length underflows",
-        "|μ − o|² is 0 in f32 although |μ − o| is not: the direction is 0/0",
-        Source::Report("https://github.com/graphdeco-inria/diff-gaussian-rasterization/pull/88"),
-        world,
-    )}
-    .training(Training::Finite("steps of world units in a world of 10⁻²⁵")));
+    cases.push(
+        Case {
+            view,
+            ..case(
+                "viewing direction whose length underflows",
+                "|μ − o|² is 0 in f32 although |μ − o| is not: the direction is 0/0",
+                Source::Report("https://github.com/graphdeco-inria/diff-gaussian-rasterization/pull/88"),
+                world,
+            )
+        }
+        .training(Training::Finite("steps of world units in a world of 10⁻²⁵")),
+    );
     let turned = Mat3::from_rotation_z(0.5) * Mat3::from_rotation_x(std::f32::consts::PI);
     let view = Camera { rotation: turned, translation: Vec3::new(0.0, 0.0, 3.0), ..camera() };
-    cases.push(Case { view, ..case(
-        "camera upside down, Gaussian on the world's origin",
-        "Gaussians exactly on coordinate axes of the camera",
-        Source::Report("https://github.com/LioQing/wgpu-3dgs-viewer/pull/18"),
-        [SpatialGaussian { mean: Vec3::ZERO, ..plain() }, SpatialGaussian { mean: Vec3::Z, ..plain() }],
-    )});
+    cases.push(Case {
+        view,
+        ..case(
+            "camera upside down, Gaussian on the world's origin",
+            "Gaussians exactly on coordinate axes of the camera",
+            Source::Report("https://github.com/LioQing/wgpu-3dgs-viewer/pull/18"),
+            [SpatialGaussian { mean: Vec3::ZERO, ..plain() }, SpatialGaussian { mean: Vec3::Z, ..plain() }],
+        )
+    });
     cases
 }
 
@@ -112,17 +140,32 @@ fn images() -> Vec<Case<SpatialScene>> {
     let of_size = |(width, height): (u32, u32)| {
         let center = Vec2::new(width as f32, height as f32) * 0.5;
         let view = Camera { center, width, height, ..camera() };
-        Case { view, ..case(
-            format!("image of {width}×{height} px"),
-            "tiles and vectors that are partly beyond the image; SSIM's window wider than it",
-            Source::Report("https://github.com/graphdeco-inria/gaussian-splatting/issues/781"),
-            (0..5).map(|i| SpatialGaussian { mean: Vec3::new(0.1 * i as f32 - 0.2, 0.05, 2.0 + 0.3 * i as f32), ..plain() }),
-        )}
-        .after(crate::corpus::case::Goal::Likeness(5), gs_core::Loss::PAPER)
+        Case {
+            view,
+            ..case(
+                format!("image of {width}×{height} px"),
+                "tiles and vectors that are partly beyond the image; SSIM's window wider than it",
+                Source::Report("https://github.com/graphdeco-inria/gaussian-splatting/issues/781"),
+                (0..5).map(|i| SpatialGaussian {
+                    mean: Vec3::new(0.1 * i as f32 - 0.2, 0.05, 2.0 + 0.3 * i as f32),
+                    ..plain()
+                }),
+            )
+        }
+        .after(Goal::Likeness(5), Loss::PAPER)
     };
-    let none = case("no Gaussian", "buffers of no length, launches of no threads",
-        Source::Report("https://github.com/nerfstudio-project/gsplat/pull/100"), []).sloping(Slopes::Zero);
-    let one = case("one Gaussian", "the smallest scene that there is",
-        Source::Report("https://github.com/nerfstudio-project/gsplat/issues/571"), [plain()]);
+    let none = case(
+        "no Gaussian",
+        "buffers of no length, launches of no threads",
+        Source::Report("https://github.com/nerfstudio-project/gsplat/pull/100"),
+        [],
+    )
+    .sloping(Slopes::Zero);
+    let one = case(
+        "one Gaussian",
+        "the smallest scene that there is",
+        Source::Report("https://github.com/nerfstudio-project/gsplat/issues/571"),
+        [plain()],
+    );
     [none, one].into_iter().chain(sizes.map(of_size)).collect()
 }

@@ -21,36 +21,55 @@ pub(super) fn cases() -> Vec<Case<SpatialScene>> {
             sh: hue(i),
             ..seen(Vec2::new(9.0 + 0.5 * i as f32, 9.5), [2.0, 3.0][i % 2], Vec3::new(3.0, 2.0, 1.0))
         });
-        cases.push(ordered(case(
-            "equal depths",
-            "of equal keys the order is whatever the sort makes of it: images that flicker",
-            Source::Report("https://github.com/huggingface/gsplat.js/issues/48"),
-            equal,
-        ), order).training(swaps));
+        cases.push(
+            ordered(
+                case(
+                    "equal depths",
+                    "of equal keys the order is whatever the sort makes of it: images that flicker",
+                    Source::Report("https://github.com/huggingface/gsplat.js/issues/48"),
+                    equal,
+                ),
+                order,
+            )
+            .training(swaps),
+        );
         let crossed = [0.7f32, -0.7].into_iter().enumerate().map(|(i, turn)| SpatialGaussian {
             rotation: [turn.cos(), 0.0, turn.sin(), 0.0],
             opacity_logit: 3.0,
             sh: hue(i),
             ..seen(Vec2::new(12.0, 9.5), 3.0 + 1e-3 * i as f32, Vec3::new(8.0, 4.0, 0.4))
         });
-        cases.push(ordered(case(
-            "two that interpenetrate",
-            "neither is in front: with one depth each, the picture pops when the camera turns",
-            Source::Paper("§5.4"),
-            crossed,
-        ), order).training(swaps));
+        cases.push(
+            ordered(
+                case(
+                    "two that interpenetrate",
+                    "neither is in front: with one depth each, the picture pops when the camera turns",
+                    Source::Paper("§5.4"),
+                    crossed,
+                ),
+                order,
+            )
+            .training(swaps),
+        );
         let place = |z: f32, i: usize| {
             let g = seen(Vec2::new(12.0 + i as f32, 9.5), z, Vec3::splat(2.5));
             SpatialGaussian { sh: hue(i), ..g }
         };
         let near = camera().near;
-        let limits = [1e18, near, near.next_up(), 1.0, 1f32.next_up(), 1f32.next_down(), 3e9, 2f32.powi(24), 1e18f32.next_up()];
-        cases.push(ordered(case(
-            "sort keys at their limits",
-            "depths that differ by one bit, the least and the largest that there are",
-            Source::Report("https://github.com/matiaszanolli/ByroRedux/issues/306"),
-            limits.into_iter().enumerate().map(|(i, z)| place(z, i)),
-        ), order).training(swaps));
+        let limits =
+            [1e18, near, near.next_up(), 1.0, 1f32.next_up(), 1f32.next_down(), 3e9, 2f32.powi(24), 1e18f32.next_up()];
+        cases.push(
+            ordered(
+                case(
+                    "sort keys at their limits",
+                    "depths that differ by one bit, the least and the largest that there are",
+                    Source::Report("https://github.com/matiaszanolli/ByroRedux/issues/306"),
+                    limits.into_iter().enumerate().map(|(i, z)| place(z, i)),
+                ),
+                order,
+            )
+            .training(swaps),
+        );
     }
     cases.extend(stacks());
     cases
@@ -82,10 +101,12 @@ fn stacks() -> Vec<Case<SpatialScene>> {
             "opacity logits ±∞, ±88, ±10⁴",
             "exp overflows, ∞/∞ is NaN, and 1 − o is 0",
             Source::Report("https://github.com/MrNeRF/LichtFeld-Studio/pull/1615"),
-            [f32::INFINITY, 88.0, 1e4, f32::NEG_INFINITY, -88.0, -1e4, 17.0].into_iter().enumerate().map(|(i, logit)| {
-                let pixel = Vec2::new(3.0 + 3.0 * i as f32, 4.0 + 1.5 * i as f32);
-                SpatialGaussian { opacity_logit: logit, ..seen(pixel, 3.0, Vec3::new(3.0, 2.0, 1.0)) }
-            }),
+            [f32::INFINITY, 88.0, 1e4, f32::NEG_INFINITY, -88.0, -1e4, 17.0].into_iter().enumerate().map(
+                |(i, logit)| {
+                    let pixel = Vec2::new(3.0 + 3.0 * i as f32, 4.0 + 1.5 * i as f32);
+                    SpatialGaussian { opacity_logit: logit, ..seen(pixel, 3.0, Vec3::new(3.0, 2.0, 1.0)) }
+                },
+            ),
         )
         .leaving_out(Culled { transparent: 3, ..Culled::default() }),
         case("coincident", "equal in everything: neither depth nor shape tells them apart", source, vec![plain(); 7]),

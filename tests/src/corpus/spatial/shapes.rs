@@ -17,7 +17,7 @@ fn quaternion(q: Quat) -> [f32; 4] {
 }
 
 fn thin() -> Vec<Case<SpatialScene>> {
-    // Discs of a scale along their axis that ends at 0 in f32, seen from the front, obliquely and edge-on.
+    // Discs of a scale along their axis that ends at 0 in f32, seen from the front, obliquely and, at the height of the camera, edge-on.
     let discs = || {
         let thin = [1e-2, 1e-6, 1e-20, 0.0];
         let turns = [0.0, 0.8, 0.5 * PI];
@@ -25,14 +25,15 @@ fn thin() -> Vec<Case<SpatialScene>> {
             turns.into_iter().enumerate().map(move |(k, turn)| SpatialGaussian {
                 log_scale: Vec3::new(-0.8, -0.9, if thin > 0.0 { f32::ln(thin) } else { -120.0 }),
                 rotation: quaternion(Quat::from_rotation_x(turn)),
-                ..seen(Vec2::new(3.0 + 5.0 * i as f32, 3.5 + 6.0 * k as f32), 4.0 + k as f32, Vec3::ONE)
+                ..seen(Vec2::new(3.0 + 5.0 * i as f32, [4.0, 15.0, 9.5][k]), 4.0 + k as f32, Vec3::ONE)
             })
         })
     };
     let points = || {
-        [0.3f32, 0.05, 1e-3, 1e-10, 1e-30].into_iter().enumerate().map(|(i, scale)| {
-            seen(Vec2::new(3.5 + 4.0 * i as f32, 8.5), 2.0, Vec3::splat(scale))
-        })
+        [0.3f32, 0.05, 1e-3, 1e-10, 1e-30]
+            .into_iter()
+            .enumerate()
+            .map(|(i, scale)| seen(Vec2::new(3.5 + 4.0 * i as f32, 8.5), 2.0, Vec3::splat(scale)))
     };
     let mut cases = Vec::new();
     for antialias in ANTIALIASES {
@@ -49,10 +50,19 @@ fn thin() -> Vec<Case<SpatialScene>> {
             }
         };
         let of_paper = Source::Paper("§3.4.2");
-        cases.push(antialiased(case("scale → 0 in one axis", singular, of_paper, discs()), antialias).leaving_out(discs_left));
         cases.push(
-            antialiased(case("scale → 0 in all axes", "Σ is 0, and so is what its inverse is divided by",
-                Source::Report("https://github.com/graphdeco-inria/gaussian-splatting/issues/41"), points()), antialias)
+            antialiased(case("scale → 0 in one axis", singular, of_paper, discs()), antialias).leaving_out(discs_left),
+        );
+        cases.push(
+            antialiased(
+                case(
+                    "scale → 0 in all axes",
+                    "Σ is 0, and so is what its inverse is divided by",
+                    Source::Report("https://github.com/graphdeco-inria/gaussian-splatting/issues/41"),
+                    points(),
+                ),
+                antialias,
+            )
             .leaving_out(points_left),
         );
     }
@@ -75,14 +85,18 @@ fn needles() -> Vec<Case<SpatialScene>> {
         let across = case("needles of aspect 10⁶ across the view", why, source, (0..24).map(across));
         cases.push(antialiased(across, antialias).training(trained));
         let along = case("needles of aspect 10⁶ in all directions", why, source, (0..24).map(along));
-        cases.push(antialiased(along, antialias).training(trained)
-            .sloping(Slopes::Finite("rounding of the quaternion alone turns these needles by more than their width")));
+        cases.push(
+            antialiased(along, antialias).training(trained).sloping(Slopes::Finite(
+                "rounding of the quaternion alone turns these needles by more than their width",
+            )),
+        );
     }
     cases
 }
 
 fn sizes() -> Vec<Case<SpatialScene>> {
-    let large = [1e2f32, 1e4, 1e6, 1e8].map(|scale| seen(Vec2::new(9.0, 12.0), 5.0, Vec3::new(scale, 0.5 * scale, scale)));
+    let large =
+        [1e2f32, 1e4, 1e6, 1e8].map(|scale| seen(Vec2::new(9.0, 12.0), 5.0, Vec3::new(scale, 0.5 * scale, scale)));
     let far = [1.0f32, 3e5, 1e6].iter().enumerate().map(|(i, &scale)| {
         seen(Vec2::new(12.0, 9.5) + Vec2::from_angle(2.0 * i as f32) * 1e6, 5.0, Vec3::splat(scale))
     });
@@ -98,7 +112,8 @@ fn sizes() -> Vec<Case<SpatialScene>> {
         "every tile lists each of them, and the camera is inside",
         Source::Report("https://github.com/MrNeRF/LichtFeld-Studio/pull/2185"),
         large,
-    ).training(Training::Finite("the affine approximation of what surrounds the camera has no optimum"));
+    )
+    .training(Training::Finite("the affine approximation of what surrounds the camera has no optimum"));
     vec![
         summed(over.clone()),
         over,
@@ -131,6 +146,11 @@ fn quaternions() -> Vec<Case<SpatialScene>> {
         )
         .leaving_out(Culled { degenerate: 5, ..Culled::default() })
         .training(Training::Finite("a short quaternion turns by any angle in one step")),
-        case("a huge quaternion", "|q|² is ∞ from 2·10¹⁹ on", source, [1e5, 1e10, 1e15, 1e18, 1e19, 1e20, 1e30, 1e38].map(of_length)),
+        case(
+            "a huge quaternion",
+            "|q|² is ∞ from 2·10¹⁹ on",
+            source,
+            [1e5, 1e10, 1e15, 1e18, 1e19, 1e20, 1e30, 1e38].map(of_length),
+        ),
     ]
 }
