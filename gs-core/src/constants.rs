@@ -56,6 +56,17 @@ pub const MAX_ETA: f32 = 0.5;
 /// Beyond 1.8e19 a square is ∞, v̂ with it for ever after, and the parameter never moves again. Nothing that is not to overflow soon is near.
 pub const MAX_DERIVATIVE: f32 = 1e18;
 
+/// L2 is differentiated as if C − Y were within ± this. Unit: of the image.
+///
+/// Kernels multiply ∂L/∂C by the weights of all Gaussians that a tile lists, 0 where one does not reach a pixel: 0·∞ would be NaN in Gaussians
+/// that have nothing to do with it. The loss itself is not bounded; it overflows, and stops the run.
+pub const MAX_RESIDUAL: f32 = 1e18;
+
+/// SSIM takes what is beyond ± this for it. Unit: of the image.
+///
+/// SSIM is a quotient of fourth powers: of 1e10 they are ∞, and ∞/∞ is NaN in the whole window.
+pub const SSIM_MAX: f32 = 1e9;
+
 /// The near plane of a [`Camera`](crate::view::Camera). Unit: world units. *Source:* gsplat (3DGS: 0.2).
 pub const NEAR_WORLD: f32 = 0.01;
 

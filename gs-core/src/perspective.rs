@@ -158,7 +158,8 @@ impl Perspective {
     pub fn project(&self, g: &Ellipsoid) -> Result<Projection, Cause> {
         let quaternion = Quaternion::new(g.rotation);
         // A sum is finite only if all its terms are.
-        if !(g.mean.is_finite() && g.log_scale.is_finite() && quaternion.norm2.is_finite()) || g.opacity_logit.is_nan() {
+        if !(g.mean.is_finite() && g.log_scale.is_finite() && quaternion.norm2.is_finite()) || g.opacity_logit.is_nan()
+        {
             return Err(Cause::NotFinite);
         }
         let p = self.in_front(g.mean)?;

@@ -5,7 +5,11 @@ use std::ops::Range;
 
 use fearless_simd::{Level, Simd, dispatch, f32x8, prelude::*};
 use glam::{Mat2, Vec2};
-use gs_core::{AdamRates, Participants, PlanarGaussian, constants::{MAX_DERIVATIVE, MAX_ETA}, effects::Statistics};
+use gs_core::{
+    AdamRates, Participants, PlanarGaussian,
+    constants::{MAX_DERIVATIVE, MAX_ETA},
+    effects::Statistics,
+};
 
 use super::{
     cloud::{PlanarCloud, Shapes, VECTOR},
