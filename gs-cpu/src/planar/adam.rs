@@ -238,7 +238,7 @@ fn turn(l: Mat2, moved: [f32; 3], rates: &AdamRates) -> Mat2 {
     let l = Mat2::from_cols(l.x_axis * xx + l.y_axis * xy, l.x_axis * xy + l.y_axis * yy);
     // The larger scale is at most the Frobenius norm, and the smaller is |det|/(the larger).
     let frobenius = (l.x_axis.length_squared() + l.y_axis.length_squared()).sqrt();
-    let suspicious = l.determinant().abs() < rates.min_scale * frobenius || frobenius > rates.max_scale;
+    let suspicious = l.determinant().abs() <= rates.min_scale * frobenius || frobenius > rates.max_scale;
     if suspicious { bounded(l, rates) } else { l }
 }
 
@@ -277,6 +277,8 @@ mod tests {
         }
         let scale = scales(bounded(Mat2::from_cols(Vec2::X, Vec2::X), &rates));
         assert!(scale.y > 0.2499);
+        let scale = scales(turn(Mat2::ZERO, [0.0; 3], &rates));
+        assert!((scale - 0.25).abs().max_element() < 1e-6, "without extent, and no gradient: {scale}");
         assert!(turn(Mat2::NAN, [0.0; 3], &rates).is_nan());
     }
 }

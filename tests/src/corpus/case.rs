@@ -89,11 +89,16 @@ pub enum Picture {
     Within(Image, f32),
 }
 
+/// The share of a Gaussian's largest gradient that [`Slopes::Leading`] is not exact about.
+pub const NEGLIGIBLE: f64 = 1e-4;
+
 /// What is expected of gradients.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Slopes {
     /// The oracle's, as images.
     Oracle,
+    /// As [`Self::Oracle`], but for what is less than [`NEGLIGIBLE`] of the largest of the same Gaussian, for this reason.
+    Leading(&'static str),
     /// Finite, and no more: rounding may change them beyond what could be compared, for this reason.
     Finite(&'static str),
     /// All exactly 0.
@@ -101,14 +106,16 @@ pub enum Slopes {
 }
 
 /// What is expected of a training run: losses and parameters that are finite after every number of steps, and this.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Training {
     /// The last loss is no worse than the first.
     Improves,
     /// Nothing more, for this reason.
     Finite(&'static str),
-    /// No parameter changes, and every loss is 0.
+    /// No parameter changes, and no loss.
     StandsStill,
+    /// Losses are below this at every step.
+    StaysBelow(f32),
     /// Losses are not representable: +∞, never NaN. Parameters stay finite.
     Overflows,
 }

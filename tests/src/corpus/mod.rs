@@ -27,7 +27,7 @@ mod run;
 mod spatial;
 
 pub use self::{
-    case::{Case, Drawn, Expected, Goal, Picture, STEPS, Slopes, Source, Training},
+    case::{Case, Drawn, Expected, Goal, NEGLIGIBLE, Picture, STEPS, Slopes, Source, Training},
     differences::{BACKEND_SHARE, Differences, ILL_CONDITIONED_SHARE, ORACLE_SHARE, check_backend, check_oracle},
     hardship::{Hardship, hard_planar, hard_spatial},
     planar::planar_corpus,

@@ -1,10 +1,13 @@
 //! Opacities, weights and transmittances at the edges of what they are defined by.
 
 use glam::{Vec2, Vec3};
-use gs_core::{Canvas, Image, PlanarGaussian, PlanarScene, effects::Blend, scene::logit, statistics::Culled};
+use gs_core::{Canvas, Image, PlanarGaussian, PlanarScene, Scene, effects::Blend, scene::logit, statistics::Culled};
 
 use super::{PLAIN, case};
-use crate::corpus::case::{Case, Picture, Slopes, Source, Training};
+use crate::{
+    corpus::case::{Case, Picture, Slopes, Source, Training},
+    oracle::{Oracle, OracleScene},
+};
 
 pub(super) fn cases() -> Vec<Case<PlanarScene>> {
     [logits(), edges(), stacks()].into_iter().flatten().collect()
@@ -68,22 +71,22 @@ fn edges() -> Vec<Case<PlanarScene>> {
     let mut cases = vec![
         at_cut("α = cut", 0.0, 0.5).sloping(uncertain),
         at_cut("α one ulp below the cut", BELOW_HALF, 0.0).leaving_out(transparent).sloping(Slopes::Zero),
-        at_cut("α above the cut", 1e-3, 0.500_25).showing(Picture::Oracle),
+        at_cut("α above the cut", 1e-3, 0.500_25).showing(Picture::Oracle).sloping(uncertain),
         at_clamp("α = clamp", 0.0, 0.5).sloping(uncertain),
         at_clamp("α one ulp below the clamp", BELOW_HALF, JUST_BELOW_HALF).sloping(uncertain),
         at_clamp("α above the clamp", 1e-3, 0.5),
     ];
-    // At the values that are used, an ulp of the logit either side; which side it falls on is rounding's choice, and the oracle allows for it.
-    for (name, opacity) in [("1/255", 1.0 / 255.0), ("0.999", 0.999f32)] {
+    // At the values that are used, as near as any sigmoid that is right to a few ulps can tell from them.
+    for (name, opacity, transparent) in [("1/255", 1.0 / 255.0, 1), ("0.999", 0.999f32, 0)] {
         let at = logit(opacity);
-        for (side, logit) in [("", at), (" − ulp", at.next_down()), (" + ulp", at.next_up())] {
+        for (side, logit, transparent) in [("below", at - 1e-5, transparent), ("above", at + 1e-5, 0)] {
             let gaussian =
                 PlanarGaussian { mean: Vec2::new(8.5, 8.5), opacity_logit: logit, log_scale: Vec2::ZERO, ..PLAIN };
             // Another one, so that there is always something to compare.
             let beside = PlanarGaussian { mean: Vec2::new(16.0, 8.0), ..PLAIN };
             let source = Source::Definition("constants::ALPHA_MAX");
-            let case = case(format!("o = {opacity}{side}"), cut, source, Blend::Over, [gaussian, beside]);
-            cases.push(case.sloping(uncertain));
+            let case = case(format!("o a hair {side} {name}"), cut, source, Blend::Over, [gaussian, beside]);
+            cases.push(case.leaving_out(Culled { transparent, ..Culled::default() }).sloping(uncertain));
         }
     }
     cases
@@ -110,7 +113,18 @@ fn stacks() -> Vec<Case<PlanarScene>> {
         small(case("10,000 on one pixel, all opaque", why, source, Blend::Over, at(f32::INFINITY, 1.0)))
             .sloping(Slopes::Finite("10,000 clamped Gaussians in a pixel that two fill")),
         small(case("10,000 on one pixel, all at α = 1/255", why, source, Blend::Over, at(logit(1.02 / 255.0), 0.25))),
-        small(case("10,000 on one pixel", why, source, Blend::Sum, at(f32::INFINITY, 1.0)))
-            .training(Training::Finite("10,000 colours that all move by a step overshoot 10,000 times")),
+        summed(small(case("10,000 on one pixel", why, source, Blend::Sum, at(f32::INFINITY, 1.0)))),
     ]
+}
+
+/// Of Gaussians that differ in colour alone, the sum is that of one which has all their colours.
+fn summed(case: Case<PlanarScene>) -> Case<PlanarScene> {
+    let color = case.scene.colors.iter().map(|color| color.as_dvec3()).sum::<glam::DVec3>().as_vec3();
+    let one: PlanarScene = [PlanarGaussian { color, ..case.scene.gaussian(0) }].into_iter().collect();
+    let oracle = Oracle::new(case.view, case.settings).expect("a possible view");
+    // A sum of n equal terms may be rounded to the same side n times.
+    let worst = case.scene.len() as f32 * f32::EPSILON;
+    case.showing(Picture::Within(oracle.render(&OracleScene::from(&one)).image(), worst))
+        .sloping(Slopes::Finite("a sum of n equal terms may be rounded to the same side n times"))
+        .training(Training::Finite("10,000 colours that all move by a step overshoot 10,000 times"))
 }

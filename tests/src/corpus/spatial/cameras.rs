@@ -40,12 +40,12 @@ fn depths() -> Vec<Case<SpatialScene>> {
 
 fn edges() -> Vec<Case<SpatialScene>> {
     let around = |camera: Camera| {
-        let beyond = [-30.0f32, -9.0, -7.2, -0.5, 0.5, 1.0, 1.3, 2.0];
+        let beyond = [-1.6f32, -1.2, -0.9, -0.5, 0.5, 1.0, 1.3, 2.0];
         beyond.into_iter().enumerate().map(move |(i, share)| {
             let size = Vec2::new(24.0, 19.0);
             let pixel = if i % 2 == 0 { size * Vec2::new(share, 0.4) } else { size * Vec2::new(0.6, share) };
             let ray = ((pixel - camera.center) / camera.focal).extend(1.0);
-            SpatialGaussian { mean: ray * 3.0, log_scale: Vec3::new(0.4, 0.7, 0.2), ..plain() }
+            SpatialGaussian { mean: ray * 3.0, log_scale: Vec3::new(0.9, 1.2, 0.7), ..plain() }
         })
     };
     let clamped = "beyond the edge of the field of view the affine approximation is clamped, and gradients with it";
