@@ -24,8 +24,8 @@ fn color_of(index: u32, mean: vec3f) -> vec3f {
         sum += vec3f(sh[at], sh[at + 1u], sh[at + 2u]) * y_k[k];
         at += 3u;
     }
-    // NaN stays.
-    return select(sum, vec3f(0.0), sum < vec3f(0.0));
+    // What is not finite stays so: it must be seen, not drawn as black.
+    return select(sum, vec3f(0.0), (sum < vec3f(0.0)) & (sum >= vec3f(-3.4028235e38)));
 }
 
 // Without its colour. `depth_slope`: by how much the depth at a pixel grows with a px, where anything is drawn.
