@@ -116,8 +116,8 @@ pub enum Training {
     StandsStill,
     /// Losses are below this at every step.
     StaysBelow(f32),
-    /// Losses are not representable: +∞, never NaN. Parameters stay finite.
-    Overflows,
+    /// Losses may overflow: +∞, never NaN. Parameters stay finite, and those of every Gaussian still change in the last step.
+    Moves,
 }
 
 impl Default for Drawn {

@@ -3,6 +3,7 @@
 mod images;
 mod opacities;
 mod optimiser;
+mod refusals;
 mod shapes;
 
 use glam::{Vec2, Vec3};
@@ -18,7 +19,10 @@ const VIEW: (u32, u32) = (24, 19);
 
 /// All planar cases.
 pub fn planar_corpus() -> Vec<Case<PlanarScene>> {
-    [shapes::cases(), opacities::cases(), images::cases(), optimiser::cases()].into_iter().flatten().collect()
+    [shapes::cases(), opacities::cases(), images::cases(), optimiser::cases(), refusals::cases()]
+        .into_iter()
+        .flatten()
+        .collect()
 }
 
 /// Half opaque, in the middle of the image, 3 px by 2 px.

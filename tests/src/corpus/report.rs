@@ -65,7 +65,11 @@ impl fmt::Display for Observed {
         }
         for (what, agreement) in [("image", self.image), ("gradients", self.gradients)] {
             if let Some(Agreement { worst_roundings, worst_share, .. }) = agreement {
-                write!(f, ", {what} {worst_roundings:.2} roundings ({worst_share:.0e})")?;
+                write!(f, ", {what} {worst_roundings:.2} roundings")?;
+                // Of a parameter by which all gradients are 0, nothing is a share.
+                if worst_share < 1.0 {
+                    write!(f, " ({worst_share:.0e})")?;
+                }
             }
         }
         if let Some([first, last]) = self.losses {

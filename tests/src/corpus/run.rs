@@ -127,7 +127,7 @@ fn backward<S: Subject, R: Rasterizer<S>>(
             format!("gradient of Gaussian {g}, {}, is {:e}, not {what}", S::parameter_name(i), rows[g][i])
         })
     };
-    if drawn.training != Training::Overflows {
+    if drawn.training != Training::Moves {
         named(|v| !v.is_finite(), "finite")?;
         Failure::unless(loss.is_finite(), || format!("the loss is {loss}"))?;
     }
@@ -169,14 +169,18 @@ fn train<S: Subject, R: Rasterizer<S>>(
     let before = rasterizer.download(&cloud)?;
     let rates = case.adam.at(0.0);
     let step = TrainStep { settings: &case.settings, loss: case.loss, rates: &rates, binning: Binning::Fresh };
-    for _ in 0..case.steps {
+    let mut last_but_one = before.clone();
+    for i in 0..case.steps {
+        if i + 1 == case.steps && drawn.training == Training::Moves {
+            last_but_one = rasterizer.download(&cloud)?;
+        }
         rasterizer.train_step(&mut cloud, &case.view, &target, &step)?;
     }
     let mut losses = Vec::new();
     rasterizer.losses(&mut cloud, Wait::All, &mut losses)?;
     Failure::unless(losses.len() == case.steps, || format!("{} losses of {} steps", losses.len(), case.steps))?;
     let wrong = losses.iter().position(|loss| match drawn.training {
-        Training::Overflows => loss.is_nan(),
+        Training::Moves => loss.is_nan(),
         _ => !loss.is_finite(),
     });
     Failure::unless(wrong.is_none(), || {
@@ -188,7 +192,11 @@ fn train<S: Subject, R: Rasterizer<S>>(
     let (Some(&first), Some(&last)) = (losses.first(), losses.last()) else { return Ok(()) };
     observed.losses = Some([first, last]);
     match drawn.training {
-        Training::Finite(_) | Training::Overflows => Ok(()),
+        Training::Finite(_) => Ok(()),
+        Training::Moves => {
+            let still = (0..after.len()).find(|&i| after.gaussian(i) == last_but_one.gaussian(i));
+            Failure::unless(still.is_none(), || format!("Gaussian {} moves no more", still.unwrap_or_default()))
+        }
         Training::Improves => {
             Failure::unless(last <= first * (1.0 + NO_WORSE), || format!("the loss went from {first:e} to {last:e}"))
         }

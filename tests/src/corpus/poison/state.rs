@@ -141,6 +141,9 @@ fn one<S: Subject, R: Rasterizer<S>>(
         Err(Error::State(_) | Error::NotFinite { .. }) if !value.is_finite() => return Ok(()),
         cloud => cloud?,
     };
+    if slot.parameter.is_some() {
+        accepts_what_is_valid(rasterizer, &cloud)?;
+    }
     let found = After::of(rasterizer, inputs, &cloud, STEPS)?;
     let mut rows = inputs.scene.rows();
     if let Some(parameter) = slot.parameter {
@@ -169,6 +172,22 @@ fn one<S: Subject, R: Rasterizer<S>>(
         others.validate().map_err(|error| Failure::from(error).at(format!("the others after {STEPS} steps")))?;
     }
     Ok(())
+}
+
+/// A scene that holds the value is accepted, and comes back to the bit, or refused with an error that says where it is.
+fn accepts_what_is_valid<S: Subject, R: Rasterizer<S>>(rasterizer: &R, cloud: &R::Cloud) -> Result<(), Failure> {
+    let scene = rasterizer.download(cloud)?;
+    match (scene.validate(), rasterizer.upload(&scene, Chart::ScaleRotation)) {
+        (Err(_), Err(Error::NotFinite { index: VICTIM, .. })) => Ok(()),
+        (Ok(()), Ok(uploaded)) => {
+            let back = rasterizer.download(&uploaded)?;
+            Failure::unless(back == scene, || "a scene does not come back as it was".to_owned())
+        }
+        (valid, accepted) => {
+            let accepted = accepted.map(|_| ());
+            Err(Failure::Broken(format!("a scene that is {valid:?} is met with {accepted:?}")))
+        }
+    }
 }
 
 /// Whether as many are left out for the same causes. A scale of ln 0 is no size as much as it is no number; and a backend may list a Gaussian
