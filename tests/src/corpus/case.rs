@@ -89,7 +89,7 @@ pub enum Picture {
     Within(Image, f32),
 }
 
-/// The share of a Gaussian's largest gradient that [`Slopes::Leading`] is not exact about.
+/// The share of a Gaussian's largest gradient below which its gradients are measured against that.
 pub const NEGLIGIBLE: f64 = 1e-4;
 
 /// What is expected of gradients.

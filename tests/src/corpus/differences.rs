@@ -10,6 +10,7 @@
 
 use gs_core::{Chart, Image, Loss, Rasterizer, RenderSettings, settings::Cut};
 
+use super::case::NEGLIGIBLE;
 use crate::{
     failure::Failure,
     oracle::{Gradients, Oracle, OracleScene},
@@ -32,9 +33,6 @@ const FINEST_CUT: f32 = 1e-6;
 
 /// Relative rounding of a loss in `f64`, a sum over pixels.
 const LOSS_ROUNDING: f64 = 1e-14;
-
-/// Gradients below this share of the largest of the same Gaussian are measured against that.
-const NEGLIGIBLE: f64 = 1e-4;
 
 /// How a set of gradients compares with difference quotients.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -71,37 +69,88 @@ impl Differences {
     }
 }
 
-/// Holds the oracle's gradients of a drawing against difference quotients of its loss.
-///
-/// # Errors
-/// [`Failure::Differs`] naming the worst; what the oracle refuses.
-pub fn check_oracle<S: Subject>(draw: &Draw<S>, loss: &Loss) -> Result<Differences, Failure> {
-    let oracle = Oracle::new(draw.view, smooth(draw.settings))?;
-    let (target, scene) = (draw.target()?, draw.scene.rows());
-    let found = oracle.gradients(&scene, &target, loss)?;
-    compare::<S>(&oracle, &scene, &target, loss, &found, &found.values, (ORACLE_SHARE, 0.0))
+/// The difference quotients of one drawing, by all parameters of all Gaussians, to hold any number of backends against.
+#[derive(Debug, Clone)]
+pub struct Quotients<S: Subject> {
+    draw: Draw<S>,
+    loss: Loss,
+    target: Image,
+    /// The oracle's own gradients, and what it says about rounding.
+    analysis: Gradients,
+    /// `[N]` rows; none by a parameter that is infinite.
+    rows: Vec<Vec<Option<Quotient>>>,
 }
 
-/// Holds a backend's gradients of a drawing against difference quotients of the oracle's loss.
-///
-/// # Errors
-/// [`Failure::Differs`] naming the worst; what backend or oracle refuse.
-pub fn check_backend<S: Subject, R: Rasterizer<S>>(
-    rasterizer: &R,
-    draw: &Draw<S>,
-    loss: &Loss,
-) -> Result<Differences, Failure> {
-    let mut settings = smooth(draw.settings);
-    (settings.accuracy.cut, settings.accuracy.alpha_cut) = (Cut::Hard, FINEST_CUT);
-    let target = draw.target()?;
-    let cloud = rasterizer.upload(&draw.scene, Chart::ScaleRotation)?;
-    let frame = rasterizer.forward(&cloud, &draw.view, &settings)?;
-    let (_, gradients) = rasterizer.backward(&cloud, frame, &rasterizer.upload_target(&target)?, loss)?;
-    let found = rasterizer.download_gradients(&cloud, &gradients)?.rows_of_gradients();
-    let oracle = Oracle::new(draw.view, smooth(draw.settings))?;
-    let scene = draw.scene.rows();
-    let analysis = oracle.gradients(&scene, &target, loss)?;
-    compare::<S>(&oracle, &scene, &target, loss, &analysis, &found, (BACKEND_SHARE, ROUNDINGS))
+impl<S: Subject> Quotients<S> {
+    /// Those of a drawing's loss.
+    ///
+    /// # Errors
+    /// What the oracle refuses.
+    pub fn new(draw: Draw<S>, loss: Loss) -> Result<Self, Failure> {
+        let oracle = Oracle::new(draw.view, smooth(draw.settings))?;
+        let (target, scene) = (draw.target()?, draw.scene.rows());
+        let analysis = oracle.gradients(&scene, &target, &loss)?;
+        let mut rows = Vec::new();
+        for (g, row) in scene.gaussians.iter().enumerate() {
+            let mut quotients = Vec::new();
+            for (i, value) in row.iter().enumerate() {
+                let quotient = || Quotient::of(&oracle, &scene, &target, &loss, (g, i));
+                quotients.push(value.is_finite().then(quotient).transpose()?);
+            }
+            rows.push(quotients);
+        }
+        Ok(Self { draw, loss, target, analysis, rows })
+    }
+
+    /// Holds the oracle's gradients against them.
+    ///
+    /// # Errors
+    /// [`Failure::Differs`] naming the first that is too far off.
+    pub fn check_oracle(&self) -> Result<Differences, Failure> {
+        self.compare(&self.analysis.values, (ORACLE_SHARE, 0.0))
+    }
+
+    /// Holds a backend's gradients against them.
+    ///
+    /// # Errors
+    /// [`Failure::Differs`] naming the first that is too far off; what the backend refuses.
+    pub fn check_backend<R: Rasterizer<S>>(&self, rasterizer: &R) -> Result<Differences, Failure> {
+        let mut settings = smooth(self.draw.settings);
+        (settings.accuracy.cut, settings.accuracy.alpha_cut) = (Cut::Hard, FINEST_CUT);
+        let cloud = rasterizer.upload(&self.draw.scene, Chart::ScaleRotation)?;
+        let frame = rasterizer.forward(&cloud, &self.draw.view, &settings)?;
+        let target = rasterizer.upload_target(&self.target)?;
+        let (_, gradients) = rasterizer.backward(&cloud, frame, &target, &self.loss)?;
+        let found = rasterizer.download_gradients(&cloud, &gradients)?.rows_of_gradients();
+        self.compare(&found, (BACKEND_SHARE, ROUNDINGS))
+    }
+
+    /// `share`, `roundings`: what a gradient may be off by, relative, and in roundings of the analysis.
+    fn compare(&self, found: &[Vec<f64>], (share, roundings): (f64, f64)) -> Result<Differences, Failure> {
+        let Self { analysis, rows, .. } = self;
+        let mut differences = Differences::default();
+        for (g, row) in rows.iter().enumerate() {
+            let size = analysis.values[g].iter().fold(0.0f64, |most, v| most.max(v.abs()));
+            for (i, quotient) in row.iter().enumerate() {
+                let Some(quotient) = quotient else { continue };
+                let scale = quotient.value.abs().max(NEGLIGIBLE * size).max(1e-12);
+                let uncertain = quotient.uncertainty + roundings * analysis.rounding[g][i] + analysis.flip[g][i];
+                let off = (found[g][i] - quotient.value).abs();
+                if !(off <= share * scale + uncertain) {
+                    let what = format!("gradient of Gaussian {g}, {}", S::parameter_name(i));
+                    let (expected, tolerance) = (quotient.value, share * scale + uncertain);
+                    return Err(Failure::Differs { what, expected, found: found[g][i], tolerance, others: 0 });
+                }
+                differences.compared += 1;
+                if uncertain > share * scale {
+                    differences.ill_conditioned += 1;
+                } else {
+                    differences.worst = differences.worst.max(off / scale);
+                }
+            }
+        }
+        Ok(differences)
+    }
 }
 
 /// Differentiable settings: no cut, never full.
@@ -111,41 +160,8 @@ fn smooth(mut settings: RenderSettings) -> RenderSettings {
     settings
 }
 
-/// `share`: what a gradient may be off by, relative, and in roundings of `analysis`.
-fn compare<S: Subject>(
-    oracle: &Oracle<S::View>,
-    scene: &OracleScene,
-    target: &Image,
-    loss: &Loss,
-    analysis: &Gradients,
-    found: &[Vec<f64>],
-    (share, roundings): (f64, f64),
-) -> Result<Differences, Failure> {
-    let mut differences = Differences::default();
-    for (g, row) in scene.gaussians.iter().enumerate() {
-        let size = analysis.values[g].iter().fold(0.0f64, |most, v| most.max(v.abs()));
-        for i in (0..row.len()).filter(|&i| row[i].is_finite()) {
-            let quotient = Quotient::of(oracle, scene, target, loss, (g, i))?;
-            let scale = quotient.value.abs().max(NEGLIGIBLE * size).max(1e-12);
-            let uncertain = quotient.uncertainty + roundings * analysis.rounding[g][i] + analysis.flip[g][i];
-            let off = (found[g][i] - quotient.value).abs();
-            if !(off <= share * scale + uncertain) {
-                let what = format!("gradient of Gaussian {g}, {}", S::parameter_name(i));
-                let (expected, tolerance) = (quotient.value, share * scale + uncertain);
-                return Err(Failure::Differs { what, expected, found: found[g][i], tolerance, others: 0 });
-            }
-            differences.compared += 1;
-            if uncertain > share * scale {
-                differences.ill_conditioned += 1;
-            } else {
-                differences.worst = differences.worst.max(off / scale);
-            }
-        }
-    }
-    Ok(differences)
-}
-
 /// A central difference quotient, and how far it is to be believed.
+#[derive(Debug, Clone, Copy)]
 struct Quotient {
     value: f64,
     uncertainty: f64,

@@ -28,7 +28,7 @@ mod spatial;
 
 pub use self::{
     case::{Case, Drawn, Expected, Goal, NEGLIGIBLE, Picture, STEPS, Slopes, Source, Training},
-    differences::{BACKEND_SHARE, Differences, ILL_CONDITIONED_SHARE, ORACLE_SHARE, check_backend, check_oracle},
+    differences::{BACKEND_SHARE, Differences, ILL_CONDITIONED_SHARE, ORACLE_SHARE, Quotients},
     hardship::{Hardship, hard_planar, hard_spatial},
     planar::planar_corpus,
     poison::{Infinite, Inputs, Slot, VALUES, poison_planar, poison_spatial},

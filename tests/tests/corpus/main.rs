@@ -8,9 +8,10 @@ use std::collections::HashSet;
 use gs_conformance::{
     Failure,
     corpus::{
-        Differences, Hardship, Record, Source, check_backend, check_oracle, hard_planar, hard_spatial, planar_corpus,
-        poison_planar, poison_spatial, run, spatial_corpus,
+        Differences, Hardship, Quotients, Record, Source, hard_planar, hard_spatial, planar_corpus, poison_planar,
+        poison_spatial, run, spatial_corpus,
     },
+    subject::Subject,
 };
 use gs_core::{Loss, PlanarScene, Rasterizer, SpatialScene, effects::Blend};
 use gs_cpu::{CpuRasterizer, CpuSettings, SimdLevel};
@@ -125,57 +126,76 @@ fn faults_are_found() {
 }
 
 /// Seeds of each hardship.
-const SEEDS: u64 = 4;
+const SEEDS: u64 = 3;
 
-fn all_hard(
-    mut planar: impl FnMut(Hardship, Blend, u64) -> Result<Differences, Failure>,
-    mut spatial: impl FnMut(Hardship, u64) -> Result<Differences, Failure>,
-) -> Vec<(String, Differences)> {
-    let mut sets = Vec::new();
-    for hardship in Hardship::ALL {
-        for blend in [Blend::Sum, Blend::Over] {
-            let name = format!("{hardship:?}, {blend:?}");
-            let each =
-                (0..SEEDS).map(|seed| planar(hardship, blend, seed).unwrap_or_else(|f| panic!("{name} {seed}: {f}")));
-            sets.push((name.clone(), each.fold(Differences::default(), Differences::and)));
+/// Gradients of hard scenes by difference quotients, by what is hard about them.
+struct Sets {
+    planar: Vec<(String, Vec<Quotients<PlanarScene>>)>,
+    spatial: Vec<(String, Vec<Quotients<SpatialScene>>)>,
+}
+
+impl Sets {
+    fn new(loss: Loss) -> Self {
+        let (mut planar, mut spatial) = (Vec::new(), Vec::new());
+        for hardship in Hardship::ALL {
+            for blend in [Blend::Sum, Blend::Over] {
+                let of = |seed| Quotients::new(hard_planar(hardship, blend, seed), loss).unwrap();
+                planar.push((format!("{hardship:?}, {blend:?}, {loss:?}"), (0..SEEDS).map(of).collect()));
+            }
+            let of = |seed| Quotients::new(hard_spatial(hardship, seed), loss).unwrap();
+            spatial.push((format!("{hardship:?}, in space, {loss:?}"), (0..SEEDS).map(of).collect()));
         }
-        let name = format!("{hardship:?}, in space");
-        let each = (0..SEEDS).map(|seed| spatial(hardship, seed).unwrap_or_else(|f| panic!("{name} {seed}: {f}")));
-        sets.push((name.clone(), each.fold(Differences::default(), Differences::and)));
+        Self { planar, spatial }
     }
-    sets
+}
+
+/// All of one kind that are not what they should be, and sets that say too little.
+fn wrong<S: Subject>(
+    sets: &[(String, Vec<Quotients<S>>)],
+    check: impl Fn(&Quotients<S>) -> Result<Differences, Failure>,
+) -> Vec<String> {
+    let mut wrong = Vec::new();
+    for (name, set) in sets {
+        let mut all = Differences::default();
+        for (seed, quotients) in set.iter().enumerate() {
+            match check(quotients) {
+                Ok(differences) => all = all.and(differences),
+                Err(failure) => wrong.push(format!("{name}, seed {seed}: {failure}")),
+            }
+        }
+        println!("{name}: {all:?}");
+        wrong.extend(all.means_something().err().map(|failure| format!("{name}: {failure}")));
+    }
+    wrong
 }
 
 #[test]
-fn the_oracles_gradients_of_hard_scenes_are_difference_quotients() {
+fn gradients_of_hard_scenes_are_difference_quotients() {
     for loss in [Loss::L2, Loss::PAPER] {
-        let sets = all_hard(
-            |hardship, blend, seed| check_oracle(&hard_planar(hardship, blend, seed), &loss),
-            |hardship, seed| check_oracle(&hard_spatial(hardship, seed), &loss),
-        );
-        for (name, differences) in sets {
-            differences.means_something().unwrap_or_else(|failure| panic!("{name}, {loss:?}: {failure}"));
+        let sets = Sets::new(loss);
+        let mut failures = wrong(&sets.planar, Quotients::check_oracle);
+        failures.extend(wrong(&sets.spatial, Quotients::check_oracle));
+        for level in SimdLevel::available() {
+            let rasterizer = cpu(level);
+            failures.extend(wrong(&sets.planar, |quotients| quotients.check_backend(&rasterizer)));
+            failures.extend(wrong(&sets.spatial, |quotients| quotients.check_backend(&rasterizer)));
         }
+        for (_, rasterizer) in wgpu() {
+            failures.extend(wrong(&sets.planar, |quotients| quotients.check_backend(&rasterizer)));
+            failures.extend(wrong(&sets.spatial, |quotients| quotients.check_backend(&rasterizer)));
+        }
+        assert!(failures.is_empty(), "{}", failures.join("\n"));
     }
 }
 
-fn quotients_of<R: Rasterizer<PlanarScene> + Rasterizer<SpatialScene>>(name: &str, rasterizer: &R) {
-    let loss = Loss::L2;
-    let sets = all_hard(
-        |hardship, blend, seed| check_backend(rasterizer, &hard_planar(hardship, blend, seed), &loss),
-        |hardship, seed| check_backend(rasterizer, &hard_spatial(hardship, seed), &loss),
-    );
-    for (set, differences) in sets {
-        differences.means_something().unwrap_or_else(|failure| panic!("{name}, {set}: {failure}"));
-    }
-}
-
+/// The comparison with difference quotients can fail: gradients of one scene are not those of another.
 #[test]
-fn backends_gradients_of_hard_scenes_are_difference_quotients() {
-    for level in SimdLevel::available() {
-        quotients_of(&level.to_string(), &cpu(level));
-    }
-    for (kernels, rasterizer) in wgpu() {
-        quotients_of(&format!("{kernels:?}"), &rasterizer);
+fn gradients_of_other_scenes_are_not_these_difference_quotients() {
+    let inner = cpu(SimdLevel::best());
+    let faulty = Faulty { inner: &inner, fault: Fault::MixesGradients };
+    for hardship in [Hardship::Needles, Hardship::Bright] {
+        let quotients = Quotients::new(hard_planar(hardship, Blend::Over, 1), Loss::L2).unwrap();
+        quotients.check_backend(&inner).unwrap();
+        assert!(matches!(quotients.check_backend(&faulty), Err(Failure::Differs { .. })), "{hardship:?}");
     }
 }
