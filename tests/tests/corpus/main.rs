@@ -163,7 +163,6 @@ fn wrong<S: Subject>(
                 Err(failure) => wrong.push(format!("{name}, seed {seed}: {failure}")),
             }
         }
-        println!("{name}: {all:?}");
         wrong.extend(all.means_something().err().map(|failure| format!("{name}: {failure}")));
     }
     wrong
