@@ -268,7 +268,8 @@ fn blend_vectors(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) g
 #if ERROR
         v_@c_@b@r.error = dot(abs(d), vec3f(1.0 / 3.0));
 #endif
-        v_@c_@b@r.v = step.pointwise_scale * select(sign(d), 2.0 * d, is_square);
+        let bounded = clamp(d, vec3f(-MAX_RESIDUAL), vec3f(MAX_RESIDUAL));
+        v_@c_@b@r.v = step.pointwise_scale * select(sign(d), 2.0 * bounded, is_square);
 #else
         v_@c_@b@r.v = read_@c[@bu * BLOCK + @ru];
 #if ERROR

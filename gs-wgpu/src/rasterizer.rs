@@ -160,6 +160,7 @@ impl<S: Kind> Rasterizer<S> for WgpuRasterizer {
     }
 
     fn upload_target(&self, image: &Image) -> Result<Target, Error> {
+        image.check_finite("the target")?;
         Target::new(&self.gpu, image)
     }
 
@@ -237,6 +238,7 @@ impl<S: Kind> Rasterizer<S> for WgpuRasterizer {
 
     fn step(&self, cloud: &mut Cloud<S>, gradients: &Gradients<S>, rates: &AdamRates) -> Result<(), Error> {
         gradients.check_len(cloud)?;
+        rates.validate()?;
         S::check_rates(rates)?;
         let gpu = &self.gpu;
         cloud.settle(gpu)?;
@@ -263,6 +265,7 @@ impl<S: Kind> Rasterizer<S> for WgpuRasterizer {
     ) -> Result<(), Error> {
         S::check(view, step.settings)?;
         step.loss.validate()?;
+        step.rates.validate()?;
         S::check_rates(step.rates)?;
         target.check_size(S::size(view))?;
         S::prepare(&self.gpu, &mut cloud.state, cloud.len)?;
