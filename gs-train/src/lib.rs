@@ -9,6 +9,7 @@
 
 mod checkpoint;
 mod course;
+pub mod effects;
 mod error;
 pub mod experiments;
 mod fit;

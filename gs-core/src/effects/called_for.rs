@@ -123,27 +123,9 @@ fn background(settings: &RenderSettings) -> (Effects, String) {
     }
 }
 
-/// A count with commas between thousands.
-fn thousands(count: usize) -> String {
-    let digits = count.to_string();
-    let mut text = String::with_capacity(digits.len() * 4 / 3);
-    for (place, digit) in digits.chars().enumerate() {
-        if place > 0 && (digits.len() - place).is_multiple_of(3) {
-            text.push(',');
-        }
-        text.push(digit);
-    }
-    text
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn thousands_are_set_apart() {
-        assert_eq!([7, 999, 1_000, 48_112, 1_234_567].map(thousands), ["7", "999", "1,000", "48,112", "1,234,567"]);
-    }
 
     #[test]
     fn an_answer_is_about_what_is_wanted() {

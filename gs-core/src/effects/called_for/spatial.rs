@@ -2,12 +2,12 @@
 
 use glam::Vec3;
 
-use super::{CallsForEffects, background, overlap::Shown, thousands};
+use super::{CallsForEffects, background, overlap::Shown};
 use crate::{
     constants::HALF_DISPLAY_STEP,
     effects::{Antialias, Blend, Effect, Effects, Order},
     perspective::Perspective,
-    scene::{Scene, SpatialScene, sigmoid},
+    scene::{SpatialScene, sigmoid},
     settings::RenderSettings,
     sh,
     view::Camera,
@@ -61,11 +61,11 @@ fn order(scene: &SpatialScene, views: &[Camera], settings: &RenderSettings) -> (
         };
         for (number, camera) in views.iter().enumerate() {
             let shown = Shown::of(scene, camera, settings);
-            let drawn = thousands(shown.drawn.len());
+            let drawn = shown.drawn.len();
             match shown.out_of_order(left.order, cheaper.order) {
                 Some(0) => {}
                 Some(count) => {
-                    let found = format!("{} of {drawn} Gaussians {what} in view {}", thousands(count), number + 1);
+                    let found = format!("{} of {drawn} Gaussians {what} in view {}", count, number + 1);
                     return (left, if reason.is_empty() { found } else { format!("{reason}; but {found}") });
                 }
                 None => return (left, format!("{drawn} Gaussians overlap too much in view {} to tell", number + 1)),
@@ -156,7 +156,7 @@ fn degree(scene: &SpatialScene, views: &[Camera], settings: &RenderSettings) -> 
         _ => "higher coefficients are 0".to_owned(),
     };
     let does_not = |less: &Change, seen: &str| {
-        let beyond = thousands(less.beyond);
+        let beyond = less.beyond;
         format!("without it, the colours of {beyond} Gaussians change by up to {:.4} {seen}", less.most)
     };
 
@@ -188,7 +188,7 @@ fn antialias(scene: &SpatialScene, views: &[Camera], settings: &RenderSettings) 
         drawn += shown.len();
         let narrow = shown.iter().filter(|drawn| drawn.narrow).count();
         if narrow > 0 {
-            let narrow = format!("{} Gaussians are narrower than a pixel in view {}", thousands(narrow), number + 1);
+            let narrow = format!("{} Gaussians are narrower than a pixel in view {}", narrow, number + 1);
             return match effects.antialias {
                 Antialias::None => (effects, format!("none is asked for, though {narrow}")),
                 _ => (effects, narrow),

@@ -5,7 +5,7 @@ use glam::Vec3;
 use super::*;
 use crate::{
     effects::called_for::{Answer, CalledFor},
-    scene::{SpatialGaussian, logit},
+    scene::{Scene, SpatialGaussian, logit},
 };
 
 /// A round Gaussian two units ahead of the origin, or farther.
