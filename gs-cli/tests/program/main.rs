@@ -4,6 +4,7 @@ mod backends;
 mod bad_input;
 mod convert;
 mod datasets;
+mod effects;
 mod fit;
 mod paper;
 mod popping;
