@@ -9,6 +9,7 @@ use crate::{
         convert::ConvertArgs, doctor::DoctorArgs, eval::EvalArgs, info::InfoArgs, popping::PoppingArgs,
         render::RenderArgs,
     },
+    effects::EffectsCommandArgs,
     failure::Failure,
     fit::arguments::FitArgs,
     paper::PaperArgs,
@@ -37,6 +38,7 @@ Examples:
   gs doctor scene.ply                           what is wrong with a scene: NaN, needles, duplicates
   gs doctor scene.ply --fix -o mended.ply       the same, mended
   gs profile photo.png --backend cpu            where the time of a training step goes
+  gs effects out/scene.ply photographs/         what a scene calls for, and what each effect costs
   gs profile out/scene.gs2d.safetensors --backend wgpu -o profile
   gs paper -o paper                             the paper's experiments, as a page
   gs popping scene.ply -o popping               what jumps in a scene while the camera moves, in both orders of blending
@@ -75,6 +77,8 @@ pub(crate) enum Command {
     Doctor(DoctorArgs),
     /// Tell where the time of a training step goes, stage by stage
     Profile(Box<ProfileArgs>),
+    /// Tell which effects a scene calls for, and what each one costs and changes
+    Effects(Box<EffectsCommandArgs>),
     /// Repeat the paper's experiments, and set what it says beside what is measured
     Paper(Box<PaperArgs>),
     /// Tell how much jumps in a scene in space while the camera moves, by either order of blending
@@ -117,8 +121,10 @@ pub(crate) fn parse() -> Result<Parsed, Failure> {
     }
 }
 
-const COMMANDS: [&str; 12] =
-    ["fit", "train", "render", "view", "eval", "convert", "info", "doctor", "profile", "paper", "popping", "study"];
+const COMMANDS: [&str; 13] = [
+    "fit", "train", "render", "view", "eval", "convert", "info", "doctor", "profile", "effects", "paper", "popping",
+    "study",
+];
 
 /// The parser's message without its usage, its pointer to the help and its own "error:".
 fn essence(message: &str) -> String {

@@ -7,6 +7,7 @@ mod backend;
 mod cameras;
 mod command_line;
 mod commands;
+mod effects;
 mod failure;
 mod fit;
 mod interrupt;
@@ -52,6 +53,7 @@ fn run(parsed: Parsed) -> Result<ExitCode, Failure> {
         Parsed::Command(Command::Info(args)) => commands::info::run(&args),
         Parsed::Command(Command::Doctor(args)) => commands::doctor::run(&args),
         Parsed::Command(Command::Profile(args)) => profile::run(&args),
+        Parsed::Command(Command::Effects(args)) => effects::run(&args),
         Parsed::Command(Command::Paper(args)) => paper::run(&args),
         Parsed::Command(Command::Popping(args)) => commands::popping::run(&args),
         Parsed::Command(Command::Study(args)) => study::run(&args),

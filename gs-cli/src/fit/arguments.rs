@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 
-use crate::{backend::BackendArgs, output::Format, values::Color};
+use crate::{backend::BackendArgs, effects::choice::EffectsArgs, output::Format, values::Color};
 
 const AFTER_HELP: &str = "\
 DIR then holds:
@@ -55,8 +55,10 @@ pub(crate) struct FitArgs {
     #[command(flatten)]
     pub(crate) checkpoints: CheckpointArgs,
     /// Go on with a fit from its checkpoint, given the same image; it ends as if it had never stopped
-    #[arg(long, value_name = "FILE", conflicts_with_all = SETTLED, help_heading = "Checkpoints")]
+    #[arg(long, value_name = "FILE", conflicts_with_all = SETTLED, conflicts_with = "effects", help_heading = "Checkpoints")]
     pub(crate) resume: Option<PathBuf>,
+    #[command(flatten)]
+    pub(crate) effects: EffectsArgs,
     #[command(flatten)]
     pub(crate) backend: BackendArgs,
 }

@@ -7,6 +7,7 @@ use gs_io::dataset::{AlphaMeaning, DatasetSettings};
 
 use crate::{
     backend::BackendArgs,
+    effects::choice::EffectsArgs,
     fit::arguments::{ChartName, CheckpointArgs, Detail, LossName, PolicyName},
     output::Format,
     values::Backing,
@@ -77,8 +78,10 @@ pub(crate) struct TrainArgs {
     #[command(flatten)]
     pub(crate) checkpoints: CheckpointArgs,
     /// Go on with a training from its checkpoint, given the same data set; it ends as if it had never stopped
-    #[arg(long, value_name = "FILE", conflicts_with_all = SETTLED, help_heading = "Checkpoints")]
+    #[arg(long, value_name = "FILE", conflicts_with_all = SETTLED, conflicts_with = "effects", help_heading = "Checkpoints")]
     pub(crate) resume: Option<PathBuf>,
+    #[command(flatten)]
+    pub(crate) effects: EffectsArgs,
     #[command(flatten)]
     pub(crate) backend: BackendArgs,
 }

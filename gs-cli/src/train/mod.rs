@@ -48,7 +48,8 @@ pub(crate) fn run(args: &TrainArgs) -> Result<(), Failure> {
     let begin = match &args.resume {
         Some(file) => Begin::Resumed(Box::new(read_checkpoint(file)?), file.clone()),
         None => {
-            let settings = settings::resolve(&args.settings, &dataset)?;
+            let mut settings = settings::resolve(&args.settings, &dataset)?;
+            settings.render = args.effects.before(&settings.render);
             let (start, told) = settings::start(&args.settings, &dataset)?;
             Begin::Fresh { settings: Box::new(settings), start, told }
         }

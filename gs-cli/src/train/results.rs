@@ -7,13 +7,18 @@ use std::{
     time::Instant,
 };
 
-use gs_core::{Image, Rasterizer, Scene, SpatialScene, constants::MAX_SIDE_PX};
+use gs_core::{Camera, Image, Rasterizer, Scene, SpatialScene, constants::MAX_SIDE_PX, effects::called_for::Verdict};
 use gs_io::{SpatialOptions, write_png, write_spatial};
-use gs_train::{SpatialTrainer, spatial::SpatialSummary};
+use gs_train::{
+    SpatialTrainer,
+    effects::sampled,
+    spatial::{SpatialSummary, Views},
+};
 use serde::Serialize;
 
 use crate::{
     backend::Backend,
+    effects::choice::told,
     failure::Failure,
     fit::{folder::OutputFolder, results::sound, settings, trouble::Trouble},
     output,
@@ -23,6 +28,9 @@ use crate::{
 
 /// Columns between a photograph and its rendering, px.
 const GAP_PX: u32 = 4;
+
+/// The most views in which a scene is asked what it calls for.
+const ASKED_VIEWS: usize = 8;
 
 /// What `summary.json` holds and `--json` prints.
 #[derive(Debug, Serialize)]
@@ -36,6 +44,8 @@ pub(crate) struct Summary {
     /// The whole time of the program, pictures included, s.
     total_seconds: f64,
     dataset: String,
+    /// Which effects the scene calls for in the views that it is judged by, and why.
+    effects: Vec<Verdict>,
 }
 
 impl Summary {
@@ -54,11 +64,12 @@ impl Summary {
         };
         format!(
             "{gaussians} Gaussians after {iterations} steps in {seconds:.1} s ({:.1} s in all): PSNR {:.2} dB, SSIM {:.4} over \
-             {whose}{unmeasured}{trouble}; see {}",
+             {whose}{unmeasured}{trouble}; see {}\n{}",
             self.total_seconds,
             evaluation.psnr,
             evaluation.ssim,
-            folder.display()
+            folder.display(),
+            told(&self.effects)
         )
     }
 }
@@ -117,6 +128,7 @@ impl Results<'_> {
             simd: self.backend.simd.clone(),
             total_seconds: self.started.elapsed().as_secs_f64(),
             dataset: self.args.dataset.display().to_string(),
+            effects: self.args.effects.choose(&scene, &cameras(trainer.views()), &trainer.shown()).verdicts,
         };
         self.folder.write_json("summary.json", &summary)?;
         Ok(summary)
@@ -148,6 +160,12 @@ impl Results<'_> {
         }
         Ok(views)
     }
+}
+
+/// Some of the cameras by which a scene is judged, or that it was trained with.
+fn cameras(views: &Views) -> Vec<Camera> {
+    let judges = if views.test.is_empty() { &views.train } else { &views.test };
+    sampled(&judges.iter().map(|view| view.camera).collect::<Vec<_>>(), ASKED_VIEWS)
 }
 
 /// A photograph with its rendering to its right, both clamped.

@@ -5,6 +5,7 @@ mod bad_input;
 mod convert;
 mod datasets;
 mod doctor;
+mod effects;
 mod fit;
 mod paper;
 mod popping;

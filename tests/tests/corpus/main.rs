@@ -26,12 +26,8 @@ fn cpu(level: SimdLevel) -> CpuRasterizer {
 /// A device for each kind of kernels that the adapter can run, with fresh buffers full of NaN.
 fn wgpu() -> Vec<(Kernels, WgpuRasterizer)> {
     let of = |kernels| {
-        let settings = WgpuSettings {
-            fresh_buffers: FreshBuffers::Poison,
-            kernels: Some(kernels),
-            most_groups: None,
-            adapter: None,
-        };
+        let settings =
+            WgpuSettings { fresh_buffers: FreshBuffers::Poison, kernels: Some(kernels), ..WgpuSettings::default() };
         Some((kernels, WgpuRasterizer::new(settings).ok()?))
     };
     let found: Vec<_> = [Kernels::Portable, Kernels::Subgroups, Kernels::Vectors].into_iter().filter_map(of).collect();

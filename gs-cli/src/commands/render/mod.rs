@@ -9,6 +9,7 @@ use clap::Args;
 
 use crate::{
     backend::BackendArgs,
+    effects::choice::EffectsArgs,
     failure::Failure,
     shown::ShownArgs,
     values::{Axis, Region, Size, ViewName},
@@ -43,6 +44,8 @@ pub(crate) struct RenderArgs {
     region: Option<Region>,
     #[command(flatten)]
     cameras: CameraArgs,
+    #[command(flatten)]
+    effects: EffectsArgs,
     #[command(flatten)]
     shown: ShownArgs,
     #[command(flatten)]

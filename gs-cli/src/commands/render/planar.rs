@@ -1,12 +1,13 @@
 //! `gs render` of an image's scene: a picture of any size, or a part of it.
 
 use glam::Vec2;
-use gs_core::{Canvas, Image, PlanarScene, Rasterizer};
+use gs_core::{Canvas, Image, PlanarScene, Rasterizer, RenderSettings, effects::CalledFor};
 use gs_io::PlanarFile;
 
 use super::RenderArgs;
 use crate::{
     backend::{Backend, Task},
+    effects::choice::told,
     failure::Failure,
     output,
     values::{Region, Size},
@@ -20,8 +21,10 @@ pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
     let file = gs_io::read_scene(&args.scene).map_err(Failure::of_scene)?;
     let canvas = canvas(&file, args);
     canvas.validate().map_err(|error| Failure::usage(error).at("--size or --region"))?;
-    let image = Backend::start(&args.backend)?.run(Render { file: &file, canvas: &canvas })?;
+    let CalledFor { settings, verdicts } = args.effects.choose(&file.scene, &[canvas], &file.settings);
+    let image = Backend::start(&args.backend)?.run(Render { file: &file, canvas: &canvas, settings: &settings })?;
     gs_io::write_png(&args.output, &image)?;
+    output::note(told(&verdicts));
     output::note(format_args!("wrote {}, {}x{} px", args.output.display(), canvas.width, canvas.height));
     Ok(())
 }
@@ -38,12 +41,13 @@ fn canvas(file: &PlanarFile, args: &RenderArgs) -> Canvas {
 struct Render<'a> {
     file: &'a PlanarFile,
     canvas: &'a Canvas,
+    settings: &'a RenderSettings,
 }
 
 impl Task for Render<'_> {
     type Output = Result<Image, gs_core::Error>;
 
     fn run<R: Rasterizer<PlanarScene>>(self, rasterizer: &R) -> Self::Output {
-        rasterizer.render(&self.file.scene, self.canvas, &self.file.settings)
+        rasterizer.render(&self.file.scene, self.canvas, self.settings)
     }
 }

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use gs_core::{Camera, Image, Rasterizer, RenderSettings, SpatialScene};
+use gs_core::{Camera, Image, Rasterizer, RenderSettings, SpatialScene, effects::CalledFor};
 use gs_io::{
     Animation,
     dataset::{Dataset, DatasetSettings, read_dataset},
@@ -14,6 +14,7 @@ use super::{CameraArgs, RenderArgs};
 use crate::{
     backend::{Backend, SpatialTask},
     cameras,
+    effects::choice::told,
     failure::Failure,
     fit::folder::OutputFolder,
     output,
@@ -36,8 +37,9 @@ pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
         camera.validate().map_err(|error| Failure::usage(error).at("--camera, --path or --size"))?;
     }
     let backend = Backend::start(&args.backend)?;
-    let render = args.shown.settings(&scene);
-    backend.run_spatial(Frames { args, scene: &scene, cameras: &cameras, render: &render })
+    let CalledFor { settings, verdicts } = args.effects.choose(&scene, &cameras, &args.shown.settings(&scene));
+    output::note(told(&verdicts));
+    backend.run_spatial(Frames { args, scene: &scene, cameras: &cameras, render: &settings })
 }
 
 /// The cameras, at least one.
