@@ -6,12 +6,12 @@
 //!
 //! Symmetric matrices are six numbers: (00, 01, 02, 11, 12, 22); as gradients, those beside the diagonal are by each of the two entries.
 
-use glam::{DMat3, DQuat, DVec3, Mat3, Quat, Vec3, Vec4};
+use glam::{DMat3, DQuat, DVec3, Mat3, Quat, Vec3};
 
 use crate::{
     adam::AdamRates,
     constants::{MAX_ETA, MIN_QUATERNION_NORM2},
-    perspective::quaternion_vjp,
+    perspective::{Quaternion, quaternion_vjp},
     scene::SpatialGaussian,
 };
 
@@ -118,12 +118,11 @@ fn completed(columns: [DVec3; 3], scales: DVec3) -> DMat3 {
 
 /// R(q/|q|) S: a square root of Σ (paper eq. 5), world units. `None` where q is too short to have a direction ([`MIN_QUATERNION_NORM2`]).
 pub fn frame_of(log_scale: Vec3, rotation: [f32; 4]) -> Option<Mat3> {
-    let [w, x, y, z] = rotation;
-    let q = Vec4::new(x, y, z, w);
-    if !(q.length_squared() >= MIN_QUATERNION_NORM2) {
+    let Quaternion { scaled: [w, x, y, z], norm2, .. } = Quaternion::new(rotation);
+    if !(norm2 >= MIN_QUATERNION_NORM2) {
         return None;
     }
-    Some(Mat3::from_quat(Quat::from_vec4(q).normalize()) * Mat3::from_diagonal(log_scale.map(f32::exp)))
+    Some(Mat3::from_quat(Quat::from_xyzw(x, y, z, w).normalize()) * Mat3::from_diagonal(log_scale.map(f32::exp)))
 }
 
 impl SpatialGaussian {

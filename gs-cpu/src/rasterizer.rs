@@ -138,6 +138,7 @@ impl<S: Kind> Rasterizer<S> for CpuRasterizer {
     }
 
     fn upload_target(&self, image: &Image) -> Result<Target, Error> {
+        image.check_finite("the target")?;
         Ok(Target::new(image))
     }
 
@@ -198,6 +199,7 @@ impl<S: Kind> Rasterizer<S> for CpuRasterizer {
 
     fn step(&self, cloud: &mut S::Cloud, gradients: &Gradients<S>, rates: &AdamRates) -> Result<(), Error> {
         check_len::<S>(gradients, cloud)?;
+        rates.validate()?;
         S::check_rates(rates)?;
         let mut bias = S::resources(self).bias.lock().unwrap_or_else(PoisonError::into_inner);
         let bias = &mut *bias;
@@ -213,6 +215,7 @@ impl<S: Kind> Rasterizer<S> for CpuRasterizer {
         step: &TrainStep<'_>,
     ) -> Result<(), Error> {
         S::check(view, step.settings)?;
+        step.rates.validate()?;
         S::check_rates(step.rates)?;
         step.loss.validate()?;
         target.check_size(S::size(view))?;

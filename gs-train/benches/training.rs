@@ -33,20 +33,19 @@ fn main() -> Outcome {
     let about = format!("banana: {} views, {} points", banana.views.len(), banana.points.len());
     print_head("Training in space", &options, &[options.threads()], &about);
     let cpu = options.rasterizer(options.threads())?;
+    let (degrees, epochs) = ([0, 3], options.pick(20, 2));
+    let on_cpu = degrees.map(|degree| steps(&cpu, &banana, degree, epochs));
+    // Before a software driver has taken memory of the same process.
+    if let Some(bytes) = memory::peak() {
+        println!("- peak memory of gs-cpu's training, with all photographs: {} MB", bytes / 1_000_000);
+    }
     let wgpu = WgpuRasterizer::new(WgpuSettings::default())?;
     println!("- adapter: {}; {}", wgpu.adapter(), wgpu.reason());
 
     print_section("One training step of banana, from its points, L1 + D-SSIM, means over the 12 views of an epoch");
     print_columns(&["harmonics", "cpu, ms", "wgpu, ms", "wgpu/cpu"]);
-    for degree in [0, 3] {
-        let epochs = options.pick(20, 2);
-        let on_cpu = steps(&cpu, &banana, degree, epochs)?;
-        if degree == 3
-            && let Some(bytes) = memory::peak()
-        {
-            println!("(peak memory until here, with all photographs: {} MB)", bytes / 1_000_000);
-        }
-        let on_wgpu = steps(&wgpu, &banana, degree, epochs)?;
+    for (degree, on_cpu) in degrees.into_iter().zip(on_cpu) {
+        let (on_cpu, on_wgpu) = (on_cpu?, steps(&wgpu, &banana, degree, epochs)?);
         print_row(&[degree.to_string(), ms(on_cpu), ms(on_wgpu), number(on_wgpu.median / on_cpu.median)]);
     }
 

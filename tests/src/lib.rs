@@ -8,6 +8,7 @@
 #![allow(clippy::neg_cmp_op_on_partial_ord)]
 
 pub mod conformance;
+pub mod corpus;
 pub mod failure;
 pub mod fuzzed;
 pub mod oracle;

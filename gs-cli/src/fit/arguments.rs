@@ -139,12 +139,20 @@ pub(crate) struct SettingsArgs {
 #[derive(Debug, Clone, Args)]
 #[command(next_help_heading = "Checkpoints")]
 pub(crate) struct CheckpointArgs {
-    /// Where checkpoints go [default: DIR/checkpoint.safetensors, on Ctrl-C only]
+    /// Where checkpoints go [default: DIR/checkpoint.safetensors, on Ctrl-C; gs train also stores some on the way, and removes the file when it
+    /// is done]
     #[arg(long, value_name = "FILE")]
     pub(crate) checkpoint: Option<PathBuf>,
-    /// Save one about every so many steps [default: a tenth of all, if --checkpoint is given]
+    /// Save one about every so many steps [default: a tenth of all, if --checkpoint is given or a training has 2000 or more]
     #[arg(long, value_name = "STEPS", value_parser = clap::value_parser!(u32).range(1..))]
     pub(crate) checkpoint_every: Option<u32>,
+}
+
+impl CheckpointArgs {
+    /// Whether a flag asks for checkpoints.
+    pub(crate) fn are_asked_for(&self) -> bool {
+        self.checkpoint.is_some() || self.checkpoint_every.is_some()
+    }
 }
 
 /// Settings that belong together.

@@ -97,7 +97,7 @@ impl Task for Fit<'_> {
         let Self { args, target, start, backend, started } = self;
         let (mut trainer, mut log) = start.begin(rasterizer, target)?;
         let folder = OutputFolder::prepare(&args.output, "--output")?;
-        let mut checkpoints = checkpoints(&args.checkpoints, &folder, trainer.settings().iterations)?;
+        let mut checkpoints = checkpoints(&args.checkpoints, &folder, trainer.settings().iterations, None)?;
         announce(args, target, backend, &trainer);
 
         let results = Results { folder: &folder, target, backend, pictures: args.pictures(), started };
@@ -171,11 +171,12 @@ fn not_resumed(error: gs_train::Error, file: &Path) -> Failure {
     if wrong_target { failure.mend("give the same image and --background") } else { failure }
 }
 
-/// Where checkpoints go and how often, in a folder that is known to take them.
+/// Where checkpoints go and how often, in a folder that is known to take them; `unasked` is how often where no flag says so.
 pub(crate) fn checkpoints(
     args: &CheckpointArgs,
     folder: &OutputFolder,
     iterations: u32,
+    unasked: Option<u32>,
 ) -> Result<Checkpoints, Failure> {
     let CheckpointArgs { checkpoint, checkpoint_every } = args;
     let file = checkpoint_file(args, folder.path());
@@ -183,7 +184,7 @@ pub(crate) fn checkpoints(
         OutputFolder::prepare(parent, "--checkpoint")?;
     }
     let tenth = checkpoint.as_ref().map(|_| (iterations / 10).max(1));
-    Ok(Checkpoints { file, every: checkpoint_every.or(tenth), stored: false })
+    Ok(Checkpoints { file, every: checkpoint_every.or(tenth).or(unasked), stored: false })
 }
 
 fn announce<R: Rasterizer<PlanarScene>>(args: &FitArgs, target: &Target, backend: &Backend, trainer: &Trainer<'_, R>) {

@@ -147,7 +147,7 @@ pub(crate) struct TrainSettingsArgs {
     /// The most Gaussians there may be
     #[arg(short = 'n', long = "max-gaussians", value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     pub(crate) gaussians: Option<u32>,
-    /// Steps of the optimiser, one view each; the preset's schedules follow [default: 30000, quick: 2000]
+    /// Steps of the optimiser, one view each; the preset's schedules follow [default: 30000, short: 6000, quick: 2000]
     #[arg(short, long, value_name = "K")]
     pub(crate) iterations: Option<u32>,
     /// Which Gaussians grow and which go; residual and image-gs are for images only
@@ -199,6 +199,8 @@ pub(crate) enum TrainPresetName {
     ThreeDgs,
     /// 3DGS-MCMC: a fixed number of Gaussians, moved to where they are needed
     Mcmc,
+    /// For runs of minutes: as 3dgs, with longer steps, and all schedules within the run
+    Short,
     /// For a first look
     Quick,
 }

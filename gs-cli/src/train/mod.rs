@@ -34,6 +34,9 @@ use crate::{
     train::results::Results,
 };
 
+/// Steps from which on a training is too long to be lost: it stores checkpoints without being asked.
+const LONG: u32 = 2_000;
+
 /// Trains a scene from a data set and writes the results.
 ///
 /// # Errors
@@ -109,7 +112,9 @@ impl SpatialTask for Train<'_> {
         dataset.remarks.iter().for_each(|remark| output::note(format_args!("note: {remark}")));
         let (mut trainer, mut log, told) = begin.begin(rasterizer, dataset)?;
         let folder = OutputFolder::prepare(&args.output, "--output")?;
-        let mut checkpoints = checkpoints(&args.checkpoints, &folder, trainer.settings().iterations)?;
+        let iterations = trainer.settings().iterations;
+        let unasked = (iterations >= LONG).then_some(iterations / 10);
+        let mut checkpoints = checkpoints(&args.checkpoints, &folder, iterations, unasked)?;
         announce(args, dataset, &told, &trainer);
 
         let results = Results { args, folder: &folder, backend, started };
@@ -121,6 +126,10 @@ impl SpatialTask for Train<'_> {
         let (outcome, summary) = ended.map_err(|failure| {
             with_way_on(failure, &checkpoints, args.resume.as_deref(), |file| resuming(args, file))
         })?;
+        if outcome == Outcome::Finished && checkpoints.stored && !args.checkpoints.are_asked_for() {
+            // What stays behind is no harm.
+            let _ = std::fs::remove_file(&checkpoints.file);
+        }
         match args.format() {
             Format::Json => output::json(&summary)?,
             Format::Text => output::note(summary.text(folder.path())),

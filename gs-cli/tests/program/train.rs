@@ -153,6 +153,29 @@ fn ctrl_c_saves_a_checkpoint_and_what_there_is() {
     assert!(output.join("scene.ply").exists());
 }
 
+/// Nobody asked for checkpoints: what is lost is a tenth of the work, and of a training that is done nothing needs to be kept.
+#[test]
+fn a_long_training_that_is_killed_can_go_on() {
+    let place = folder();
+    let (dataset, _) = photographed(place.path());
+    let output = place.path().join("out");
+    let checkpoint = output.join("checkpoint.safetensors");
+    let words = ["train", text(&dataset), "-o", text(&output), "-i", "2000", "-n", "40", "--no-report"];
+    let words = words.into_iter().chain(["--backend", "cpu", "--policy", "none"]);
+    let mut child = command().args(words.clone()).stderr(Stdio::null()).spawn().unwrap();
+    while !checkpoint.exists() {
+        assert!(child.try_wait().unwrap().is_none(), "it ended without a checkpoint");
+        std::thread::sleep(std::time::Duration::from_millis(2));
+    }
+    child.kill().unwrap();
+    child.wait().unwrap();
+    assert!(!output.join("scene.ply").exists(), "it was killed too late");
+    let words = ["train", text(&dataset), "-o", text(&output), "--backend", "cpu", "--no-report"];
+    let run = gs(words.into_iter().chain(["--resume", text(&checkpoint)])).done();
+    assert!(run.stderr.contains("after 2000 steps"), "{}", run.stderr);
+    assert!(output.join("scene.ply").exists() && !checkpoint.exists());
+}
+
 #[test]
 fn a_scene_is_shown_from_views_orbits_and_paths() {
     let place = folder();

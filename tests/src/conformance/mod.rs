@@ -248,7 +248,7 @@ fn is_refused<S: Subject, R: Rasterizer<S>>(rasterizer: &R, draw: &Draw<S>) -> R
 
 /// Those of a kind's charts that the backend offers: the first, and all that it does not refuse as [`Error::Unsupported`] when a scene is
 /// uploaded. What it refuses it must not restore either.
-fn charts<S: Subject, R: Rasterizer<S>>(rasterizer: &R) -> Result<Vec<Chart>, Failure> {
+pub(crate) fn charts<S: Subject, R: Rasterizer<S>>(rasterizer: &R) -> Result<Vec<Chart>, Failure> {
     let empty = S::typical(Blend::Over, 1, (8, 8), 1).scene.emptied();
     let mut offered = Vec::new();
     for &chart in S::CHARTS {

@@ -1,7 +1,8 @@
 //! Both orders of blending before a camera that moves slowly: how much of what changes jumps.
 //!
 //! The measure is [`flicker`], the second difference of three frames, in 8-bit levels. Its square, summed over the frames of an arc and halved, as each
-//! jump is in two triples, is what jumped there: it does not depend on the step, while motion contributes in proportion to the step's cube. So
+//! jump is in two triples, is what jumped there: on average over the places of a stretch that a jump may have, it does not depend on the step (the
+//! coarser triples of a short stretch see its middle more often than its ends), while motion contributes in proportion to the step's cube. So
 //! each flight is looked at with three steps, and what stays is popping. The coarser steps skip frames of the finest: all are made of the same
 //! pictures.
 //!
