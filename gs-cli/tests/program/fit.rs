@@ -329,3 +329,22 @@ fn a_fit_that_diverges_says_where_and_leaves_its_table() {
     assert_eq!(names_in(&output), ["metrics.csv"]);
     assert!(fs::read_to_string(output.join("metrics.csv")).unwrap().lines().nth(1).unwrap().starts_with("1,"));
 }
+
+#[test]
+fn gaussians_that_are_lost_are_told_as_it_goes_and_in_the_end() {
+    let place = folder();
+    let (image, output) = (picture(place.path(), 32, 24), place.path().join("out"));
+    let settings = place.path().join("wild.toml");
+    fs::write(&settings, "gaussians = 20\niterations = 30\n[adam.mean]\nlearning-rate = 2e38\n").unwrap();
+    let words =
+        ["fit", image.to_str().unwrap(), "-o", output.to_str().unwrap(), "--settings", settings.to_str().unwrap()];
+    let run = gs(words.into_iter().chain(["--backend", "cpu"])).done();
+    let told = run.stderr.lines().filter(|line| line.contains(" removed as not finite")).count();
+    assert!(told >= 2, "the last line of progress and the summary: {run:?}");
+    let summary: Value = serde_json::from_slice(&fs::read(output.join("summary.json")).unwrap()).unwrap();
+    let removed = summary["edits"]["pruned_not_finite"].as_u64().unwrap();
+    let metrics = fs::read_to_string(output.join("metrics.csv")).unwrap();
+    let column = metrics.lines().next().unwrap().split(',').position(|name| name == "pruned_not_finite").unwrap();
+    let rows = metrics.lines().skip(1).map(|row| row.split(',').nth(column).unwrap().parse::<u64>().unwrap());
+    assert!(removed > 0 && rows.sum::<u64>() == removed, "{metrics}");
+}

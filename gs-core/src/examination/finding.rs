@@ -7,13 +7,14 @@ use serde::Serialize;
 /// A Gaussian whose axes differ more than this is a needle: in the plane the longer against the shorter, in space the longest against
 /// the middle one (flat Gaussians are what surfaces are made of). Unit: none.
 ///
-/// This project's choice: of 286,000 Gaussians of published scenes 13 are longer. Lower counts what training makes on edges, higher
-/// misses what shows as a hair across a picture.
+/// This project's choice: a training by 3DGS's own code has none above 54 among 9,080; a scene that another tool has made has 14,456 among 124,495, as
+/// thin as a millionth of their length.
 pub const NEEDLE_ASPECT: f32 = 1000.0;
 
 /// A Gaussian is an outlier if it is so many times as far from the scene's middle as half of the Gaussians are. Unit: none.
 ///
-/// This project's choice: skies lie a hundred times as far as what stands before them.
+/// This project's choice: what is trained from photographs reaches about as far as the sky is put, tens of times; a mean that has run away is
+/// further off.
 pub const OUTLIER_DISTANCES: f32 = 1000.0;
 
 /// A finite opacity logit beyond this, either way, is out of range. Unit: none.

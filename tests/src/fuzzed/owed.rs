@@ -12,8 +12,11 @@ use crate::failure::Failure;
 /// Training steps of each drawn scene.
 const STEPS: usize = 3;
 
-/// Parameters and targets up to this are moderate: what is made of them must be finite.
-const MODERATE: f64 = 1e5;
+/// Numbers up to this are moderate, and so is their reciprocal: what is made of them must be finite.
+const MODERATE: f32 = 1e4;
+
+/// So are logarithms of scales up to this, either way.
+const MODERATE_LOG: f32 = 12.0;
 
 /// A rounded mixture may be beyond its bounds by this share of them.
 const ROUNDING: f64 = 1e-3;
@@ -26,14 +29,21 @@ pub trait Bounded: Scene {
     /// The largest magnitude of each Gaussian's colour in any direction.
     fn largest_colors(&self) -> Vec<f64>;
 
-    /// The largest magnitude among finite parameters.
-    fn largest_parameter(&self) -> f64;
+    /// Whether all parameters are moderate; opacities are, whatever they are.
+    fn is_moderate(&self) -> bool;
 
     /// Whether this view can be looked through.
     fn view_is_possible(view: &Self::View) -> bool;
 
+    /// Whether it also has no numbers that are beyond measure.
+    fn view_is_moderate(view: &Self::View) -> bool;
+
     /// Columns and rows.
     fn size(view: &Self::View) -> (u32, u32);
+}
+
+fn all_moderate(values: impl IntoIterator<Item = f32>) -> bool {
+    values.into_iter().all(|value| value.abs() <= MODERATE)
 }
 
 impl Bounded for PlanarScene {
@@ -41,16 +51,20 @@ impl Bounded for PlanarScene {
         self.colors.iter().map(|color| f64::from(color.abs().max_element())).collect()
     }
 
-    fn largest_parameter(&self) -> f64 {
-        let values = self.iter().flat_map(|g| {
-            let shape = [g.mean.x, g.mean.y, g.log_scale.x, g.log_scale.y, g.rotation];
-            shape.into_iter().chain(g.color.to_array())
-        });
-        values.fold(0.0, |largest, value| largest.max(f64::from(value.abs())))
+    fn is_moderate(&self) -> bool {
+        let scales = self.log_scales.iter().all(|log| log.abs().max_element() <= MODERATE_LOG);
+        let means = self.means.iter().flat_map(|mean| mean.to_array());
+        let colors = self.colors.iter().flat_map(|color| color.to_array());
+        scales && all_moderate(means.chain(colors).chain(self.rotations.iter().copied()))
     }
 
     fn view_is_possible(view: &Self::View) -> bool {
         view.validate().is_ok()
+    }
+
+    fn view_is_moderate(view: &Self::View) -> bool {
+        let (scale, origin) = (view.scale(), view.origin);
+        all_moderate([scale.x, scale.y, 1.0 / scale.x, 1.0 / scale.y, origin.x, origin.y])
     }
 
     fn size(view: &Self::View) -> (u32, u32) {
@@ -67,14 +81,20 @@ impl Bounded for SpatialScene {
         self.sh.chunks(self.sh_len()).map(largest).collect()
     }
 
-    fn largest_parameter(&self) -> f64 {
-        let shapes = self.means.iter().chain(&self.log_scales).chain(&self.sh).flat_map(|v| v.to_array());
-        let values = shapes.chain(self.rotations.iter().flatten().copied());
-        values.fold(0.0, |largest, value| largest.max(f64::from(value.abs())))
+    fn is_moderate(&self) -> bool {
+        let scales = self.log_scales.iter().all(|log| log.abs().max_element() <= MODERATE_LOG);
+        let vectors = self.means.iter().chain(&self.sh).flat_map(|v| v.to_array());
+        scales && all_moderate(vectors.chain(self.rotations.iter().flatten().copied()))
     }
 
     fn view_is_possible(view: &Self::View) -> bool {
         view.validate().is_ok()
+    }
+
+    fn view_is_moderate(view: &Self::View) -> bool {
+        let (focal, translation) = (view.focal, view.translation);
+        let lens = [focal.x, focal.y, 1.0 / focal.x, 1.0 / focal.y, view.center.x, view.center.y, 1.0 / view.near];
+        all_moderate(lens.into_iter().chain(translation.to_array()))
     }
 
     fn size(view: &Self::View) -> (u32, u32) {
@@ -119,8 +139,7 @@ pub fn owes<S: Bounded, R: Rasterizer<S>>(rasterizer: &R, drawn: &Fuzzed<S>) -> 
     let (value, gradients) = rasterizer.backward(&cloud, frame, &target_on, loss)?;
     let derivatives = rasterizer.download_gradients(&cloud, &gradients)?;
     Failure::unless(derivatives.len() == scene.len(), || format!("{} derivatives", derivatives.len()))?;
-    let backdrop = settings.backdrop().into_iter().fold(0.0, |largest: f64, v| largest.max(f64::from(v.abs())));
-    let moderate = scene.largest_parameter() <= MODERATE && backdrop <= MODERATE;
+    let moderate = scene.is_moderate() && S::view_is_moderate(view) && all_moderate(settings.backdrop());
     if moderate {
         Failure::unless(value.is_finite() && value >= 0.0, || format!("the loss is {value}"))?;
         Failure::unless(derivatives.validate().is_ok(), || format!("derivatives: {:?}", derivatives.validate()))?;
