@@ -99,7 +99,8 @@ impl Task for Fit<'_> {
         let mut checkpoints = checkpoints(&args.checkpoints, &folder, trainer.settings().iterations)?;
         announce(args, target, backend, &trainer);
 
-        let results = Results { folder: &folder, target, backend, pictures: args.pictures(), started };
+        let seconds_before = args.resume.as_ref().map_or(0.0, |_| trainer.seconds());
+        let results = Results { folder: &folder, target, backend, pictures: args.pictures(), started, seconds_before };
         let ended = follow(args.detail(), &mut trainer, &mut log, &mut checkpoints).and_then(|(outcome, curve)| {
             let summary = results.write(rasterizer, &trainer, &log.to_csv(), &curve.0)?;
             Ok((outcome, summary))

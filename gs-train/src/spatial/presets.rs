@@ -59,7 +59,7 @@ impl SpatialPreset {
     ///
     /// The published presets are what was published, however many steps are made of it: density is controlled from step 500 to 15,000 (MCMC:
     /// 25,000), and the position's learning rate decays over 30,000. A run of 7,000 steps is the beginning of one of 30,000, as it is in the
-    /// code of 3DGS. Only a run too short for such rhythms, of less than 3,000 steps, has its own: all of it then happens within the run.
+    /// code of 3DGS. Only a run too short for such rhythms, of less than 3,500 steps, has its own: all of it then happens within the run.
     /// The other presets follow the length of the run.
     pub fn settings(self, iterations: Option<u32>) -> SpatialSettings {
         match self {
