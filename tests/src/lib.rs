@@ -1,12 +1,13 @@
 //! The 64-bit oracle and the conformance suite that any [`Rasterizer`](gs_core::Rasterizer) can be put through.
 //!
 //! A new backend's tests call [`conformance::conformance`]. What it compares with is [`oracle::Oracle`]; how near the two must come is
-//! in [`tolerance`]; what is drawn is in [`scenes`].
+//! in [`tolerance`]; what is drawn is in [`scenes`]. Tests on real photographs and scenes find them by [`data`].
 
 // Guards are phrased so that NaN fails them: `!(x > 0.0)` is not `x <= 0.0`.
 #![allow(clippy::neg_cmp_op_on_partial_ord)]
 
 pub mod conformance;
+pub mod data;
 pub mod failure;
 pub mod oracle;
 pub mod scenes;
