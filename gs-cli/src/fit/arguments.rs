@@ -195,7 +195,7 @@ pub(crate) enum PolicyName {
     LongAxis,
     /// The paper's experiment: the top percents together with the fixed threshold
     Paper,
-    /// Move the transparent to the opaque and add 5 % a round, with noise between steps (3DGS-MCMC); for --blend over
+    /// Move the transparent to the opaque and add 5 % a round, with noise between steps (3DGS-MCMC); needs opacities, so for images --blend over
     Mcmc,
     /// Start with half, add the rest in four parts in proportion to the error (Image-GS)
     ImageGs,
@@ -243,7 +243,7 @@ pub(crate) enum BlendName {
 /// In which coordinates the optimiser moves a Gaussian.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(crate) enum ChartName {
-    /// Pixels, ln-scale and angle (3DGS)
+    /// Position, ln-scale and rotation (3DGS)
     ScaleRotation,
     /// The Gaussian's own frame: a step is the same fraction of every Gaussian
     LocalFrame,

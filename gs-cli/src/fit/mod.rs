@@ -105,7 +105,8 @@ impl Task for Fit<'_> {
         announce(args, target, backend, &trainer);
 
         let (effects, pictures) = (&args.effects, args.pictures());
-        let results = Results { folder: &folder, target, backend, effects, pictures, started };
+        let seconds_before = args.resume.as_ref().map_or(0.0, |_| trainer.seconds());
+        let results = Results { folder: &folder, target, backend, effects, pictures, started, seconds_before };
         let ended = follow(args.detail(), &mut trainer, &mut log, &folder, &mut checkpoints);
         let ended = ended.and_then(|(outcome, curve)| {
             let summary = results.write(rasterizer, &trainer, &log.to_csv(), &curve.0)?;

@@ -33,7 +33,7 @@ pub(crate) struct Summary {
     adapter: Option<String>,
     /// SIMD level; none on a GPU.
     simd: Option<String>,
-    /// The whole time of the program, pictures included, s.
+    /// The whole time of the program, pictures included, and that of the fit before it was resumed, s.
     total_seconds: f64,
     /// The image; none is the paper's circle and square.
     image: Option<String>,
@@ -66,6 +66,8 @@ pub(crate) struct Results<'a> {
     pub(crate) pictures: Pictures,
     /// When the program began.
     pub(crate) started: Instant,
+    /// Time spent before, as the checkpoint that was resumed has it, s.
+    pub(crate) seconds_before: f64,
 }
 
 impl Results<'_> {
@@ -133,7 +135,7 @@ impl Results<'_> {
             },
             adapter: self.backend.adapter.clone(),
             simd: self.backend.simd.clone(),
-            total_seconds: self.started.elapsed().as_secs_f64(),
+            total_seconds: self.seconds_before + self.started.elapsed().as_secs_f64(),
             image: self.target.file.as_ref().map(|file| file.display().to_string()),
             effects: self.effects.choose(scene, &[Canvas::new(width, height)], &render).verdicts,
         };

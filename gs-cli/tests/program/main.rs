@@ -14,4 +14,5 @@ mod profile;
 mod scenes;
 mod study;
 mod train;
+mod training_folder;
 mod view;
