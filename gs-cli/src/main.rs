@@ -5,10 +5,12 @@
 
 mod backend;
 mod cameras;
+mod chosen;
 mod command_line;
 mod commands;
 mod failure;
 mod fit;
+mod frontier;
 mod interrupt;
 mod output;
 mod paper;
@@ -54,6 +56,7 @@ fn run(parsed: Parsed) -> Result<ExitCode, Failure> {
         Parsed::Command(Command::Paper(args)) => paper::run(&args),
         Parsed::Command(Command::Popping(args)) => commands::popping::run(&args),
         Parsed::Command(Command::Study(args)) => study::run(&args),
+        Parsed::Command(Command::Frontier(args)) => frontier::run(&args),
     }?;
     Ok(ExitCode::SUCCESS)
 }

@@ -12,6 +12,7 @@ mod digest;
 mod error;
 mod export;
 pub mod figure;
+pub mod frontier;
 mod folder;
 mod machine;
 mod overrides;

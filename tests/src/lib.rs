@@ -1,6 +1,6 @@
 //! The 64-bit oracle and the conformance suite that any [`Rasterizer`](gs_core::Rasterizer) can be put through.
 //!
-//! A new backend's tests call [`conformance::conformance`]. What it compares with is [`oracle::Oracle`]; how near the two must come is
+//! A new backend's tests call [`conformance::conformance`]. What it compares with is [`Oracle`](oracle::Oracle); how near the two must come is
 //! in [`tolerance`]; what is drawn is in [`scenes`].
 
 // Guards are phrased so that NaN fails them: `!(x > 0.0)` is not `x <= 0.0`.
@@ -8,9 +8,10 @@
 
 pub mod conformance;
 pub mod failure;
-pub mod oracle;
 pub mod scenes;
 pub mod subject;
 pub mod tolerance;
+
+pub use gs_oracle as oracle;
 
 pub use crate::failure::Failure;

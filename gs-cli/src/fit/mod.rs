@@ -47,7 +47,8 @@ pub(crate) fn run(args: &FitArgs) -> Result<(), Failure> {
         Some(file) => Start::Resumed(Box::new(read_checkpoint(file)?), file.clone()),
         None => Start::Fresh(Box::new(settings::resolve(&args.settings, &target)?)),
     };
-    let backend = Backend::start(&args.backend)?;
+    let chosen = settings::chosen(&args.settings)?;
+    let backend = Backend::start(&args.backend.or_chosen(chosen.as_ref().map(|chosen| &chosen.machine)))?;
     backend.run(Fit { args, target: &target, start, backend: &backend, started })
 }
 

@@ -14,6 +14,7 @@ use super::{CameraArgs, RenderArgs};
 use crate::{
     backend::{Backend, SpatialTask},
     cameras,
+    chosen::ChosenSettings,
     failure::Failure,
     fit::folder::OutputFolder,
     output,
@@ -35,8 +36,10 @@ pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
     for camera in &cameras {
         camera.validate().map_err(|error| Failure::usage(error).at("--camera, --path or --size"))?;
     }
-    let backend = Backend::start(&args.backend)?;
+    let chosen = args.settings.as_deref().map(ChosenSettings::read).transpose()?;
+    let backend = Backend::start(&args.backend.or_chosen(chosen.as_ref().map(|chosen| &chosen.machine)))?;
     let render = args.shown.settings(&scene);
+    let render = chosen.map_or(render, |chosen| args.shown.overriding(chosen.applied_to(render), &render));
     backend.run_spatial(Frames { args, scene: &scene, cameras: &cameras, render: &render })
 }
 
