@@ -49,10 +49,10 @@ pub(crate) struct BackendArgs {
     pub(crate) simd: Option<String>,
     /// How the cpu backend goes about its work; from a file of settings alone.
     #[arg(skip)]
-    tuning: CpuTuning,
+    pub(crate) tuning: CpuTuning,
     /// How the wgpu backend's kernels are written; from a file of settings alone.
     #[arg(skip)]
-    kernels: Option<Kernels>,
+    pub(crate) kernels: Option<Kernels>,
 }
 
 /// A backend that is ready to compute, and why it is this one.

@@ -18,9 +18,9 @@ pub(crate) const OPACITY_SHARE: usize = 5;
 pub(crate) const COLOR_SHARE: usize = 6;
 
 /// What the oracle looks through.
-pub trait OracleView: Copy + Debug {
+pub trait OracleView: Copy + Debug + Send + Sync {
     /// One Gaussian as it is seen.
-    type Splat: Splat;
+    type Splat: Splat + Send + Sync;
 
     /// Fails for an impossible view, and for effects that the oracle does not have for this kind of view.
     ///

@@ -48,7 +48,7 @@ fn field(scene: &PlanarScene, blend: Blend) -> Field<'_, PlanarScene> {
             backend: "cpu".to_owned(),
             name: "one thread".to_owned(),
             change: value.map(|value| Change { axis: "handicap".to_owned(), value: value.to_owned() }),
-            renderer: Box::new(Handicapped(Loaded { rasterizer, cloud }, slower, off)),
+            renderer: Box::new(Handicapped(Loaded::<CpuRasterizer, PlanarScene> { rasterizer, cloud }, slower, off)),
         }
     };
     let (none, long) = (Duration::ZERO, Duration::from_millis(20));

@@ -3,10 +3,11 @@
 
 use gs_conformance::{
     Failure,
-    conformance::{Agreement, check_gradients, check_image},
+    conformance::{check_gradients, check_image},
     oracle::{Oracle, OracleView},
     scenes::{Draw, Kind, SpatialKind},
     subject::Subject,
+    tolerance::Agreement,
 };
 use gs_core::{
     Accuracy, Blend, Chart, Loss, PlanarScene, Rasterizer, SpatialScene,

@@ -6,10 +6,10 @@ mod subject;
 use std::path::PathBuf;
 
 use clap::Args;
-use gs_core::{Rasterizer, Scene};
+use gs_core::Rasterizer;
 use gs_cpu::CpuRasterizer;
-use gs_oracle::{OracleScene, OracleView, Projection};
-use gs_study::frontier::{Budget, Chosen, Field, Frontier, Pace, figure, search, to_csv, to_text};
+use gs_oracle::OracleView;
+use gs_study::frontier::{Budget, Chosen, Field, Frontier, Pace, Verifiable, figure, search, to_csv, to_text};
 use gs_wgpu::WgpuRasterizer;
 use serde::Serialize;
 
@@ -123,9 +123,7 @@ pub(crate) fn run(args: &FrontierArgs) -> Result<(), Failure> {
 
 fn measure<S>(args: &FrontierArgs, seen: &Seen<S>, folder: Option<&OutputFolder>) -> Result<(), Failure>
 where
-    S: Scene<View: OracleView + Sync>,
-    for<'s> OracleScene: From<&'s S>,
-    Projection<<S::View as OracleView>::Splat>: Send + Sync,
+    S: Verifiable,
     CpuRasterizer: Rasterizer<S>,
     WgpuRasterizer: Rasterizer<S>,
 {

@@ -5,6 +5,7 @@ mod bad_input;
 mod convert;
 mod datasets;
 mod fit;
+mod frontier;
 mod paper;
 mod popping;
 mod process;

@@ -1,12 +1,11 @@
 //! A budget is answered: the quickest settings that are exact enough, or the most exact that are quick enough, held against views that
 //! the search has not seen.
 
-use gs_core::{Error, Scene};
-use gs_oracle::{OracleScene, OracleView, Projection};
+use gs_core::Error;
 use gs_train::statistics::median;
 use serde::Serialize;
 
-use super::{Field, Frontier, Measured, PictureError};
+use super::{Field, Frontier, Measured, PictureError, Verifiable};
 
 /// What must be kept.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -82,18 +81,13 @@ impl Budget {
     ///
     /// # Errors
     /// Those of rendering, and of the oracle.
-    pub fn choose<S>(
+    pub fn choose<S: Verifiable>(
         self,
         field: &Field<'_, S>,
         frontier: &Frontier,
         unseen: &[S::View],
         seconds: f64,
-    ) -> Result<Chosen, Error>
-    where
-        S: Scene<View: OracleView + Sync>,
-        for<'s> OracleScene: From<&'s S>,
-        Projection<<S::View as OracleView>::Splat>: Send + Sync,
-    {
+    ) -> Result<Chosen, Error> {
         let truths = field.truths(unseen)?;
         let candidates = self.candidates(frontier);
         for (failed, &row) in candidates.iter().enumerate() {

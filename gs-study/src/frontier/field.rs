@@ -1,10 +1,9 @@
 //! The search: who is measured, in which order, and what becomes of it.
 
 use gs_core::{Accuracy, Error, RenderSettings, Scene, settings::Extent};
-use gs_oracle::{OracleScene, OracleView, Projection};
 
 use super::{
-    Comparison, Contender, Frontier, Measured, Noise, PictureError, Role, Setting, Truth, alternatives, frontier_of,
+    Comparison, Contender, Frontier, Measured, Noise, PictureError, Role, Setting, Truth, Verifiable, alternatives, frontier_of,
     outcome::{BackendNoise, Refused},
     predict::{Alone, combinations},
     timing::{Candidate, interleaved},
@@ -46,12 +45,7 @@ struct Entry {
     changes: Vec<super::Change>,
 }
 
-impl<S> Field<'_, S>
-where
-    S: Scene<View: OracleView + Sync>,
-    for<'s> OracleScene: From<&'s S>,
-    Projection<<S::View as OracleView>::Splat>: Send + Sync,
-{
+impl<S: Verifiable> Field<'_, S> {
     /// The settings without cut-offs that the true picture has.
     fn tightest(&self) -> RenderSettings {
         RenderSettings { accuracy: Accuracy::TIGHTEST, ..self.shown }
@@ -62,7 +56,7 @@ where
     /// # Errors
     /// Those of rendering, and of the oracle for effects that it does not have.
     pub fn truths(&self, views: &[S::View]) -> Result<Vec<Truth<S>>, Error> {
-        let (scene, settings) = (OracleScene::from(self.scene), self.tightest());
+        let (scene, settings) = (self.scene.rows(), self.tightest());
         let truth = |view: &S::View| {
             let tightest = self.contenders[0].renderer.image(view, &settings)?;
             Truth::new(&scene, view, &settings, tightest, views.len())
@@ -207,17 +201,12 @@ where
 ///
 /// # Errors
 /// Those of rendering, and of the oracle for effects that it does not have; [`Error::Setting`] without a view or a contender.
-pub fn search<S>(
+pub fn search<S: Verifiable>(
     field: &Field<'_, S>,
     views: &[S::View],
     pace: Pace,
     watch: &mut dyn FnMut(&str),
-) -> Result<Frontier, Error>
-where
-    S: Scene<View: OracleView + Sync>,
-    for<'s> OracleScene: From<&'s S>,
-    Projection<<S::View as OracleView>::Splat>: Send + Sync,
-{
+) -> Result<Frontier, Error> {
     if views.is_empty() || field.contenders.is_empty() {
         return Err(Error::setting("the number of views or contenders", 0, "at least 1"));
     }

@@ -36,5 +36,5 @@ pub use self::{
     pareto::frontier_of,
     picture_error::PictureError,
     setting::{Change, Setting, alternatives},
-    truth::Truth,
+    truth::{Truth, Verifiable},
 };

@@ -5,7 +5,7 @@
 
 use std::{cell::RefCell, collections::HashMap};
 
-use gs_core::{Error, Image, RenderSettings, Scene};
+use gs_core::{Error, Image, PlanarScene, RenderSettings, Scene, SpatialScene};
 use gs_oracle::{Oracle, OracleScene, OracleView, Projection};
 use rayon::prelude::*;
 
@@ -20,10 +20,28 @@ const SAMPLE: [usize; 2] = [128, 8192];
 /// The largest lag between neighbours in the sample; no divisor of usual widths.
 const GOLDEN: f64 = 0.618_033_988_749_894_9;
 
+/// A kind of scene that the oracle can render.
+pub trait Verifiable: Scene<View: OracleView> {
+    /// The scene as the oracle sees it.
+    fn rows(&self) -> OracleScene;
+}
+
+impl Verifiable for PlanarScene {
+    fn rows(&self) -> OracleScene {
+        self.into()
+    }
+}
+
+impl Verifiable for SpatialScene {
+    fn rows(&self) -> OracleScene {
+        self.into()
+    }
+}
+
 type SplatOf<S> = <<S as Scene>::View as OracleView>::Splat;
 
 /// One view's picture as it should be.
-pub struct Truth<S: Scene<View: OracleView>> {
+pub struct Truth<S: Verifiable> {
     oracle: Oracle<S::View>,
     projected: Vec<Projection<SplatOf<S>>>,
     /// Without cut-offs, by a backend.
@@ -34,24 +52,18 @@ pub struct Truth<S: Scene<View: OracleView>> {
     worst: RefCell<HashMap<[u32; 2], [f64; 3]>>,
 }
 
-impl<S: Scene<View: OracleView>> std::fmt::Debug for Truth<S> {
+impl<S: Verifiable> std::fmt::Debug for Truth<S> {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("Truth").field("sample", &self.sample.len()).finish_non_exhaustive()
     }
 }
 
-impl<S: Scene<View: OracleView>> Truth<S>
-where
-    SplatOf<S>: Send + Sync,
-{
+impl<S: Verifiable> Truth<S> {
     /// The truth of one of `views` views of a scene; `settings` are without cut-offs, and `tightest` is their picture by a backend.
     ///
     /// # Errors
     /// Those of [`Oracle::new`], where the oracle does not have an effect.
-    pub fn new(scene: &OracleScene, view: &S::View, settings: &RenderSettings, tightest: Image, views: usize) -> Result<Self, Error>
-    where
-        S::View: Sync,
-    {
+    pub fn new(scene: &OracleScene, view: &S::View, settings: &RenderSettings, tightest: Image, views: usize) -> Result<Self, Error> {
         let oracle = Oracle::new(*view, *settings)?;
         let projected = oracle.project(scene);
         let (width, height) = tightest.size();
