@@ -139,7 +139,9 @@ mod tests {
     fn what_is_not_possible_is_refused_and_other_settings_are_left_to_others() {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("settings.toml");
-        for bad in ["[machine]\n[accuracy]\nalpha-cut = 7\n", "[machine]\ncpu = { tile-rows = 3 }\n", "[machine]\nx = 1\n"] {
+        for bad in
+            ["[machine]\n[accuracy]\nalpha-cut = 7\n", "[machine]\ncpu = { tile-rows = 3 }\n", "[machine]\nx = 1\n"]
+        {
             std::fs::write(&file, bad).unwrap();
             assert!(ChosenSettings::read_if_chosen(&file).is_err(), "{bad}");
         }

@@ -115,9 +115,8 @@ pub(crate) fn parse() -> Result<Parsed, Failure> {
     }
 }
 
-const COMMANDS: [&str; 12] = [
-    "fit", "train", "render", "view", "eval", "convert", "info", "profile", "paper", "popping", "frontier", "study",
-];
+const COMMANDS: [&str; 12] =
+    ["fit", "train", "render", "view", "eval", "convert", "info", "profile", "paper", "popping", "frontier", "study"];
 
 /// The parser's message without its usage, its pointer to the help and its own "error:".
 fn essence(message: &str) -> String {

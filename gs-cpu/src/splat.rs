@@ -74,7 +74,13 @@ impl Splat {
 
     /// A Gaussian whose covariance is not degenerate and whose opacity is at least `cut`; the recurrence runs along `longest` rows at most.
     #[inline]
-    pub(crate) fn new(mean: Vec2, covariance: Covariance, color: [f32; 3], (opacity, cut): (f32, f32), longest: f32) -> Self {
+    pub(crate) fn new(
+        mean: Vec2,
+        covariance: Covariance,
+        color: [f32; 3],
+        (opacity, cut): (f32, f32),
+        longest: f32,
+    ) -> Self {
         let Covariance { xx, xy, yy, determinant } = covariance;
         let reach = 2.0 * (opacity / cut).ln();
         let c = xx / determinant;

@@ -4,7 +4,10 @@ use std::sync::{Arc, PoisonError};
 
 use gs_core::{
     AdamRates, Chart, CloudState, DensityStatistics, EditPlan, Error, Image, Loss, PlanarScene, Rasterizer,
-    RenderSettings, SpatialScene, TrainStep, Wait, effects::Outputs, profile::Profiler, settings::{Cut, Extent},
+    RenderSettings, SpatialScene, TrainStep, Wait,
+    effects::Outputs,
+    profile::Profiler,
+    settings::{Cut, Extent},
     statistics::Culled,
 };
 
@@ -133,7 +136,9 @@ pub(crate) fn check_settings(settings: &RenderSettings) -> Result<(), Error> {
         return Err(unsupported("a smooth cut, which would touch every pixel"));
     }
     if let Extent::Sigmas(k) = settings.accuracy.extent {
-        return Err(unsupported(format!("an extent of {k} standard deviations: its kernels have one cut for all Gaussians")));
+        return Err(unsupported(format!(
+            "an extent of {k} standard deviations: its kernels have one cut for all Gaussians"
+        )));
     }
     Ok(())
 }

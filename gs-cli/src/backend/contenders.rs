@@ -45,7 +45,12 @@ where
 
 type Lists<'l, 'a, V> = (&'l mut Vec<Contender<'a, V>>, &'l mut Vec<ChosenMachine>);
 
-fn add_cpu<'a, S>(base: Backend, scene: &S, blend: Blend, (all, machines): Lists<'_, 'a, S::View>) -> Result<(), Failure>
+fn add_cpu<'a, S>(
+    base: Backend,
+    scene: &S,
+    blend: Blend,
+    (all, machines): Lists<'_, 'a, S::View>,
+) -> Result<(), Failure>
 where
     S: Scene + 'a,
     CpuRasterizer: Rasterizer<S>,
@@ -66,7 +71,9 @@ where
         machines.push(ChosenMachine { flags, cpu, kernels: None });
     };
     add(*rasterizer, None, chosen.clone());
-    let start = |threads: usize, level: SimdLevel| CpuRasterizer::new(CpuSettings { threads: Some(threads), level: Some(level) });
+    let start = |threads: usize, level: SimdLevel| {
+        CpuRasterizer::new(CpuSettings { threads: Some(threads), level: Some(level) })
+    };
     for other in SimdLevel::available().into_iter().filter(|&other| other != level) {
         let flags = ["--backend", "cpu", "--simd", &other.to_string()].map(str::to_owned).to_vec();
         add(start(threads, other)?, Some(("SIMD", other.to_string())), flags);
@@ -115,7 +122,8 @@ where
         all.push(Contender {
             backend: "wgpu".to_owned(),
             name: rasterizer.describe(),
-            change: kernels.map(|name| Change { axis: "kernels".to_owned(), value: format!("{name:?}").to_lowercase() }),
+            change: kernels
+                .map(|name| Change { axis: "kernels".to_owned(), value: format!("{name:?}").to_lowercase() }),
             renderer: Box::new(Loaded { rasterizer, cloud }),
         });
         machines.push(ChosenMachine { flags: flags.clone(), cpu: None, kernels });

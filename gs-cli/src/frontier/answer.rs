@@ -39,13 +39,9 @@ impl Answer {
     ) -> Result<Self, Failure> {
         let row = &frontier.rows[choice.row];
         let RenderSettings { accuracy, effects, .. } = row.settings;
-        let shown =
-            ChosenEffects { order: effects.order, antialias: effects.antialias, sh_degree: effects.sh_degree };
-        let settings = ChosenSettings {
-            accuracy,
-            effects: in_space.then_some(shown),
-            machine: machines[row.contender].clone(),
-        };
+        let shown = ChosenEffects { order: effects.order, antialias: effects.antialias, sh_degree: effects.sh_degree };
+        let settings =
+            ChosenSettings { accuracy, effects: in_space.then_some(shown), machine: machines[row.contender].clone() };
         let file = settings.to_file(&comment(budget, choice, row, what))?;
         Ok(Self { budget, settings: row.name(), machine: row.machine.clone(), choice: choice.clone(), file })
     }

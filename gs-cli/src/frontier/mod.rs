@@ -62,7 +62,7 @@ pub(crate) struct FrontierArgs {
     /// Print JSON on standard output, and nothing else there
     #[arg(long, conflicts_with_all = ["max_error", "max_ms"])]
     json: bool,
-    /// Seconds that go into timing; at least twelve rounds are made, however long they take
+    /// Seconds that go into timing; at least seven rounds are made, however long they take
     #[arg(long, value_name = "S", default_value_t = 24, value_parser = clap::value_parser!(u32).range(1..=3600))]
     seconds: u32,
     /// Size of the pictures [default: that of the image or of the data set; in space else 800x600]

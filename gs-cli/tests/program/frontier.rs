@@ -42,7 +42,9 @@ fn a_picture_is_fitted_and_its_settings_are_priced() {
     let image = picture(place.path(), 48, 32);
     let output = place.path().join("out");
     let run = frontier(&image, &["-n", "30", "-o", output.to_str().unwrap()]).done();
-    for expected in ["30 Gaussians, 48x32 px", "default, again", "3DGS", "no cut-offs", "alpha cut 1/512", "64-bit oracle"] {
+    for expected in
+        ["30 Gaussians, 48x32 px", "default, again", "3DGS", "no cut-offs", "alpha cut 1/512", "64-bit oracle"]
+    {
         assert!(run.stdout.contains(expected), "{expected}: {}", run.stdout);
     }
     assert_eq!(names_in(&output), ["frontier.csv", "frontier.json", "frontier.png", "frontier.svg"]);
@@ -81,7 +83,11 @@ fn a_budget_is_answered_by_a_file_that_render_and_fit_take() {
     assert!(gs_core::metrics::psnr(&usual, &chosen).unwrap() > 35.0);
     // That the file is heeded: nothing is left of a picture whose cut is half.
     let coarse = place.path().join("coarse.toml");
-    fs::write(&coarse, "[accuracy]\nalpha-cut = 0.5\n[machine]\nflags = [\"--backend\", \"cpu\", \"--simd\", \"scalar\"]\n").unwrap();
+    fs::write(
+        &coarse,
+        "[accuracy]\nalpha-cut = 0.5\n[machine]\nflags = [\"--backend\", \"cpu\", \"--simd\", \"scalar\"]\n",
+    )
+    .unwrap();
     let coarse_picture = render("coarse.png", &["--settings", coarse.to_str().unwrap()]);
     assert!(gs_core::metrics::psnr(&usual, &coarse_picture).unwrap() < 30.0);
 
@@ -97,12 +103,8 @@ fn scenes_in_space_have_orders_and_harmonics_to_choose() {
     let place = folder();
     let scene = in_space(place.path());
     let json = frontier(&scene, &["--size", "60x40", "--views", "2", "--json"]).json();
-    let axes: Vec<&str> = json["rows"]
-        .as_array()
-        .unwrap()
-        .iter()
-        .filter_map(|row| row["changes"][0]["axis"].as_str())
-        .collect();
+    let axes: Vec<&str> =
+        json["rows"].as_array().unwrap().iter().filter_map(|row| row["changes"][0]["axis"].as_str()).collect();
     for expected in ["order", "antialias", "SH degree", "full below", "extent", "tile rows", "exp", "bounds"] {
         assert!(axes.contains(&expected), "{expected}: {axes:?}");
     }

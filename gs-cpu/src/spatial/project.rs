@@ -30,7 +30,12 @@ pub(crate) struct Eye {
     pub(crate) chart: Chart,
 }
 
-fn project(eye: &Eye, row: &[f32], grid: &Grid, (accuracy, longest): (&Accuracy, f32)) -> Result<(Splat, Depth), Cause> {
+fn project(
+    eye: &Eye,
+    row: &[f32],
+    grid: &Grid,
+    (accuracy, longest): (&Accuracy, f32),
+) -> Result<(Splat, Depth), Cause> {
     let p = match eye.chart {
         Chart::ScaleRotation => eye.perspective.project(&cloud::ellipsoid(row)),
         Chart::LocalFrame => eye.perspective.project_framed(&cloud::framed(row)),

@@ -3,7 +3,8 @@
 use gs_core::{Accuracy, Error, RenderSettings, Scene, settings::Extent};
 
 use super::{
-    Comparison, Contender, Frontier, Measured, Noise, PictureError, Role, Setting, Truth, Verifiable, alternatives, frontier_of,
+    Comparison, Contender, Frontier, Measured, Noise, PictureError, Role, Setting, Truth, Verifiable, alternatives,
+    frontier_of,
     outcome::{BackendNoise, Refused},
     predict::{Alone, combinations},
     timing::{Candidate, interleaved},
@@ -26,7 +27,7 @@ pub struct Field<'a, S: Scene> {
 /// How much is measured.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Pace {
-    /// Seconds for timing; at least twelve rounds are made, however long they take.
+    /// Seconds for timing; at least seven rounds are made, however long they take.
     pub seconds: f64,
     /// Most combinations of settings for each backend.
     pub combinations: usize,
@@ -148,43 +149,51 @@ impl<S: Verifiable> Field<'_, S> {
         Ok(all)
     }
 
-    /// The combinations that are worth measuring, on whichever contender of the backend is quickest without being less exact.
+    /// The largest error of each setting's values where that is the only approximation, the default's among them.
+    fn only(&self, views: &[S::View], truths: &[Truth<S>]) -> Result<Vec<(Setting, f64)>, Error> {
+        let tightest = self.tightest();
+        let mut all: Vec<(Setting, f64)> = Vec::new();
+        for setting in alternatives(&self.shown).into_iter().flat_map(|setting| [setting.of(&self.shown), setting]) {
+            let settings = setting.applied_to(&tightest);
+            let is_known = all.iter().any(|(known, _)| *known == setting);
+            if !is_known && self.refusal(0, &settings, &views[0])?.is_none() {
+                all.push((setting, self.error(0, &settings, views, truths)?.max));
+            }
+        }
+        Ok(all)
+    }
+
+    /// The combinations that are worth measuring, on whichever contender of the backend is quickest.
     fn together(
         &self,
         base: usize,
         scouted: &[(Entry, f64)],
         noise: Noise,
         most: usize,
-        (views, truths): (&[S::View], &[Truth<S>]),
-    ) -> Result<Vec<Entry>, Error> {
-        let tightest = self.tightest();
+        only: &[(Setting, f64)],
+    ) -> Vec<Entry> {
         let default = scouted.iter().find(|(entry, _)| entry.role == Role::Default).map_or(1.0, |(_, time)| *time);
-        // What each value does where it is the only approximation.
-        let error = |setting: Setting| self.error(base, &setting.applied_to(&tightest), views, truths).map(|e| e.max);
+        let error = |setting: Setting| only.iter().find(|(s, _)| *s == setting).map_or(0.0, |(_, error)| *error);
         let mut axes: Vec<(String, Vec<Alone>)> = Vec::new();
         for setting in alternatives(&self.shown) {
             let settings = setting.applied_to(&self.shown);
-            let Some((_, time)) = scouted.iter().find(|(e, _)| e.role == Role::Alone && e.candidate.settings == settings)
+            let Some((_, time)) =
+                scouted.iter().find(|(e, _)| e.role == Role::Alone && e.candidate.settings == settings)
             else {
                 continue;
             };
             let axis = setting.change().axis;
             if axes.last().is_none_or(|(last, _)| *last != axis) {
-                let usual = error(setting.of(&self.shown))?;
+                let usual = error(setting.of(&self.shown));
                 axes.push((axis, vec![Alone { setting: None, ratio: 1.0, error: usual }]));
             }
-            let alone = Alone { setting: Some(setting), ratio: time / default, error: error(setting)? };
+            let alone = Alone { setting: Some(setting), ratio: time / default, error: error(setting) };
             axes.last_mut().into_iter().for_each(|(_, values)| values.push(alone));
         }
-        let exact = self.error(base, &tightest, views, truths)?.max;
         let mut quickest = (base, default);
-        for (entry, time) in scouted {
-            let contender = entry.candidate.contender;
-            if self.contenders[contender].change.is_some()
-                && noise.compare(*time, quickest.1) == Comparison::Faster
-                && self.error(contender, &tightest, views, truths)?.max <= 2.0 * exact + 1e-5
-            {
-                quickest = (contender, *time);
+        for (Entry { candidate: Candidate { contender, .. }, .. }, time) in scouted {
+            if self.contenders[*contender].change.is_some() && noise.compare(*time, quickest.1) == Comparison::Faster {
+                quickest = (*contender, *time);
             }
         }
         let values: Vec<Vec<Alone>> = axes.into_iter().map(|(_, values)| values).collect();
@@ -193,7 +202,7 @@ impl<S: Verifiable> Field<'_, S> {
             let is_new = combination.settings.len() > 1 || (quickest.0 != base && !combination.settings.is_empty());
             is_new.then(|| self.entry(quickest.0, settings, Role::Together, &combination.settings))
         });
-        Ok(found.collect())
+        found.collect()
     }
 }
 
@@ -223,6 +232,8 @@ pub fn search<S: Verifiable>(
     watch(&format!("looking at {} settings", entries.len()));
     let candidates = |entries: &[Entry]| entries.iter().map(|entry| entry.candidate.clone()).collect::<Vec<_>>();
     let scouted = interleaved(&field.contenders, &candidates(&entries), views, SCOUTING * pace.seconds)?;
+    watch("finding out which combinations are worth measuring");
+    let only = field.only(views, &truths)?;
     let mut all = Vec::new();
     let mut scouted = entries.into_iter().zip(scouted);
     for (&base, group) in bases.iter().zip(groups) {
@@ -235,7 +246,7 @@ pub fn search<S: Verifiable>(
                 (entry, median)
             })
             .collect();
-        let together = field.together(base, &medians, noise, pace.combinations, (views, &truths))?;
+        let together = field.together(base, &medians, noise, pace.combinations, &only);
         all.extend(medians.into_iter().map(|(entry, _)| entry).chain(together));
     }
     watch(&format!("measuring {} settings in turn", all.len()));

@@ -28,7 +28,8 @@ impl PictureError {
     pub(super) fn of(differences: impl Iterator<Item = [f64; 3]>) -> Self {
         let (mut error, mut pixels) = (Self::default(), 0u64);
         for difference in differences {
-            let largest = difference.iter().fold(0.0, |m: f64, v| if v.is_nan() { f64::INFINITY } else { m.max(v.abs()) });
+            let largest =
+                difference.iter().fold(0.0, |m: f64, v| if v.is_nan() { f64::INFINITY } else { m.max(v.abs()) });
             error.max = error.max.max(largest);
             error.mean += difference.iter().map(|v| v.abs()).sum::<f64>() / 3.0;
             error.mean_squared += difference.iter().map(|v| v * v).sum::<f64>() / 3.0;

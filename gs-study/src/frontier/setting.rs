@@ -115,7 +115,13 @@ fn fraction(value: f32) -> String {
     let n = (1.0 / value).round();
     let is_fraction = (2.0..1e5).contains(&n) && (1.0 / n - value).abs() <= f32::EPSILON * value && value < 0.1;
     let decimal = value.to_string();
-    if is_fraction && decimal.len() > 6 { format!("1/{n}") } else if value > 0.0 && value < 1e-3 { format!("{value:e}") } else { decimal }
+    if is_fraction && decimal.len() > 6 {
+        format!("1/{n}")
+    } else if value > 0.0 && value < 1e-3 {
+        format!("{value:e}")
+    } else {
+        decimal
+    }
 }
 
 fn order_name(order: Order) -> &'static str {

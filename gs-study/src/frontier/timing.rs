@@ -5,10 +5,13 @@ use gs_core::{Error, RenderSettings};
 use super::Contender;
 
 /// Fewest and most rounds.
-const ROUNDS: [usize; 2] = [12, 60];
+const ROUNDS: [usize; 2] = [7, 60];
 
-/// A candidate that takes longer than this many times the quickest is measured in every second round, or fourth.
-const SLOW: f64 = 6.0;
+/// A candidate that takes longer than this many times the quickest of its backend is measured in every second round; four times that, in every fourth.
+const SLOW: f64 = 4.0;
+
+/// Fewest times of a candidate.
+const FEWEST: usize = 3;
 
 /// Who renders with which settings.
 #[derive(Debug, Clone, PartialEq)]
@@ -18,7 +21,7 @@ pub(super) struct Candidate {
     pub(super) settings: RenderSettings,
 }
 
-/// Seconds a view of each candidate, one for each round that it was in; as many rounds as fit into `seconds`, but at least twelve, after one that does not
+/// Seconds a view of each candidate, one for each round that it was in; as many rounds as fit into `seconds`, but at least seven, after one that does not
 /// count. Every second round goes backwards, so that nobody always follows the same neighbour.
 ///
 /// # Errors
@@ -36,10 +39,13 @@ pub(super) fn interleaved<V>(
         Ok(all / views.len().max(1) as f64)
     };
     let warm = candidates.iter().map(once).collect::<Result<Vec<f64>, Error>>()?;
-    let quickest = warm.iter().copied().fold(f64::INFINITY, f64::min);
-    let every: Vec<usize> = warm
-        .iter()
-        .map(|&time| match time / quickest {
+    let backend = |at: usize| &contenders[candidates[at].contender].backend;
+    let quickest = |of: usize| {
+        let own = (0..warm.len()).filter(|&other| backend(other) == backend(of)).map(|other| warm[other]);
+        own.fold(f64::INFINITY, f64::min)
+    };
+    let mut every: Vec<usize> = (0..warm.len())
+        .map(|at| match warm[at] / quickest(at) {
             ratio if ratio > 4.0 * SLOW => 4,
             ratio if ratio > SLOW => 2,
             _ => 1,
@@ -47,6 +53,7 @@ pub(super) fn interleaved<V>(
         .collect();
     let round: f64 = warm.iter().zip(&every).map(|(time, &every)| time * views.len() as f64 / every as f64).sum();
     let rounds = ((seconds / round) as usize).clamp(ROUNDS[0], ROUNDS[1]);
+    every.iter_mut().for_each(|every| *every = (*every).min(rounds / FEWEST));
     let mut times = vec![Vec::with_capacity(rounds); candidates.len()];
     for round in 0..rounds {
         for step in 0..candidates.len() {

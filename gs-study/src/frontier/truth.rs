@@ -63,7 +63,13 @@ impl<S: Verifiable> Truth<S> {
     ///
     /// # Errors
     /// Those of [`Oracle::new`], where the oracle does not have an effect.
-    pub fn new(scene: &OracleScene, view: &S::View, settings: &RenderSettings, tightest: Image, views: usize) -> Result<Self, Error> {
+    pub fn new(
+        scene: &OracleScene,
+        view: &S::View,
+        settings: &RenderSettings,
+        tightest: Image,
+        views: usize,
+    ) -> Result<Self, Error> {
         let oracle = Oracle::new(*view, *settings)?;
         let projected = oracle.project(scene);
         let (width, height) = tightest.size();
