@@ -1,5 +1,8 @@
 //! Accuracy as a setting: extents in standard deviations are what the oracle says they are, forward and backward; however the cpu backend goes
-//! about its work, the picture is the same; and the oracle's quick way to colours is its way to pictures.
+//! about its work, the picture is the same; and the oracle's quick way to colours is its way to pictures. And what the
+//! default's cut-offs change, and finer ones don't.
+
+use std::path::PathBuf;
 
 use gs_conformance::{
     Failure,
@@ -10,11 +13,12 @@ use gs_conformance::{
     tolerance::Agreement,
 };
 use gs_core::{
-    Accuracy, Blend, Chart, Loss, PlanarScene, Rasterizer, SpatialScene,
-    effects::Order,
+    Accuracy, Blend, Chart, Loss, PlanarScene, Rasterizer, RenderSettings, SpatialScene,
+    effects::{Antialias, Order},
     settings::{Cut, Extent},
 };
 use gs_cpu::{Bounds, CpuRasterizer, CpuSettings, CpuTuning, SimdLevel};
+use gs_train::spatial::Bulk;
 
 const BLENDS: [Blend; 2] = [Blend::Sum, Blend::Over];
 
@@ -164,4 +168,73 @@ fn the_oracle_says_the_same_colours_either_way() {
             }
         }
     }
+}
+
+/// Half a display step: no eye and no 8-bit file sees less.
+const HALF_A_STEP: f64 = 1.0 / 512.0;
+
+/// Cut-offs that together stay below it; the default's cut of 1/255, which fits and trainings are made with, does not.
+const INVISIBLE: Accuracy = Accuracy {
+    alpha_cut: 1.0 / 4096.0,
+    cut: Cut::Hard,
+    alpha_max: 0.9999,
+    transmittance_min: 1e-4,
+    extent: Extent::AlphaCut,
+};
+
+/// The largest differences that cut-offs make at these pixels, by the oracle: the default's, and those of [`INVISIBLE`].
+fn cut_off<S: Subject>(scene: &S, view: S::View, settings: RenderSettings, pixels: &[[u32; 2]]) -> [f64; 2] {
+    let rows = scene.rows();
+    let colors = |accuracy: Accuracy| {
+        let oracle = Oracle::new(view, RenderSettings { accuracy, ..settings }).unwrap();
+        oracle.colors_at(&oracle.project(&rows), pixels)
+    };
+    let exact = colors(Accuracy::TIGHTEST);
+    [Accuracy::default(), INVISIBLE].map(|accuracy| {
+        let pairs = colors(accuracy).into_iter().zip(&exact);
+        pairs.flat_map(|(a, b)| (0..3).map(move |k| (a[k] - b[k]).abs())).fold(0.0, f64::max)
+    })
+}
+
+fn every_pixel((width, height): (u32, u32), step: usize) -> Vec<[u32; 2]> {
+    (0..height).step_by(step).flat_map(|y| (0..width).step_by(step).map(move |x| [x, y])).collect()
+}
+
+#[test]
+fn a_cut_of_a_4096th_changes_no_pixel_by_half_a_display_step() {
+    let (mut usual, mut fine) = (0.0f64, 0.0f64);
+    let mut note = |[default, invisible]: [f64; 2]| {
+        usual = usual.max(default);
+        fine = fine.max(invisible);
+    };
+    // Where n Gaussians overlap under `Sum`, n cuts add up: no cut is invisible in a crowd that is large enough.
+    for (seed, blend) in [(11, Blend::Sum), (12, Blend::Over)] {
+        let draw = planar(blend, seed);
+        note(cut_off(&draw.scene, draw.view, draw.settings, &every_pixel(draw.view.size(), 1)));
+        let draw = spatial(blend, Order::TileDepth, seed);
+        note(cut_off(&draw.scene, draw.view, draw.settings, &every_pixel(draw.view.size(), 1)));
+    }
+    let data = std::env::var_os("GS_DATA")
+        .map_or_else(|| PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../shared/data"), PathBuf::from);
+    for name in ["kacytran_iter7000_point_cloud.ply", "biker.compressed.ply", "victor_model.splat"] {
+        let path = data.join("splats").join(name);
+        if !path.exists() {
+            eprintln!("skipped: no test data");
+            continue;
+        }
+        let scene = gs_io::read_spatial(path).unwrap().scene;
+        let mut settings = RenderSettings::blended(Blend::Over);
+        settings.effects.order = Order::TileDepth;
+        settings.effects.antialias = Antialias::Dilate;
+        settings.effects.sh_degree = scene.sh_degree;
+        let view = Bulk::of(&scene).unwrap().overview(320, 240, 1.0, glam::Vec3::NEG_Y).unwrap();
+        let [default, invisible] = cut_off(&scene, view, settings, &every_pixel((320, 240), 24));
+        eprintln!("{name}: the default's cut-offs change a pixel by {default:.1e}, the finer ones by {invisible:.1e}");
+        note([default, invisible]);
+    }
+    assert!(fine < HALF_A_STEP, "{fine:e}");
+    assert!(
+        usual > HALF_A_STEP,
+        "the default cut has become invisible, {usual:e}: what of it is said is no longer true"
+    );
 }
