@@ -12,6 +12,7 @@ use crate::{
     effects::EffectsCommandArgs,
     failure::Failure,
     fit::arguments::FitArgs,
+    frontier::FrontierArgs,
     paper::PaperArgs,
     profile::ProfileArgs,
     study::arguments::StudyArgs,
@@ -42,6 +43,8 @@ Examples:
   gs profile out/scene.gs2d.safetensors --backend wgpu -o profile
   gs paper -o paper                             the paper's experiments, as a page
   gs popping scene.ply -o popping               what jumps in a scene while the camera moves, in both orders of blending
+  gs frontier out/scene.ply -o frontier         what each approximation buys, on this machine
+  gs frontier out/scene.ply --max-error 1/255 -o frontier   the quickest settings that keep it, for gs render --settings
   gs study absolute-vs-percentile --data photographs -o study   which policy is better, and how sure that is
   gs study replay study 17                      row 17 of its runs.csv again, the same scene bit for bit
 
@@ -83,6 +86,8 @@ pub(crate) enum Command {
     Paper(Box<PaperArgs>),
     /// Tell how much jumps in a scene in space while the camera moves, by either order of blending
     Popping(Box<PoppingArgs>),
+    /// Tell what accuracy costs in time, and choose settings that keep a budget of either
+    Frontier(Box<FrontierArgs>),
     /// Compare density policies over images, budgets and seeds, with intervals and a report
     Study(Box<StudyArgs>),
 }
@@ -121,9 +126,9 @@ pub(crate) fn parse() -> Result<Parsed, Failure> {
     }
 }
 
-const COMMANDS: [&str; 13] = [
+const COMMANDS: [&str; 14] = [
     "fit", "train", "render", "view", "eval", "convert", "info", "doctor", "profile", "effects", "paper", "popping",
-    "study",
+    "frontier", "study",
 ];
 
 /// The parser's message without its usage, its pointer to the help and its own "error:".

@@ -5,11 +5,13 @@
 
 mod backend;
 mod cameras;
+mod chosen;
 mod command_line;
 mod commands;
 mod effects;
 mod failure;
 mod fit;
+mod frontier;
 mod interrupt;
 mod output;
 mod paper;
@@ -57,6 +59,7 @@ fn run(parsed: Parsed) -> Result<ExitCode, Failure> {
         Parsed::Command(Command::Paper(args)) => paper::run(&args),
         Parsed::Command(Command::Popping(args)) => commands::popping::run(&args),
         Parsed::Command(Command::Study(args)) => study::run(&args),
+        Parsed::Command(Command::Frontier(args)) => frontier::run(&args),
     }?;
     Ok(ExitCode::SUCCESS)
 }

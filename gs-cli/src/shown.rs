@@ -52,6 +52,15 @@ impl ShownArgs {
         render
     }
 
+    /// `chosen`, with what the flags ask for as it is in `asked`.
+    pub(crate) fn overriding(&self, mut chosen: RenderSettings, asked: &RenderSettings) -> RenderSettings {
+        let (effects, asked) = (&mut chosen.effects, &asked.effects);
+        effects.order = if self.order.is_some() { asked.order } else { effects.order };
+        effects.antialias = if self.antialias.is_some() { asked.antialias } else { effects.antialias };
+        effects.sh_degree = if self.sh_degree.is_some() { asked.sh_degree } else { effects.sh_degree };
+        chosen
+    }
+
     /// The same; before white if the photographs are of an object without surroundings, unless something else is asked for.
     pub(crate) fn settings_beside(&self, scene: &SpatialScene, dataset: &Dataset) -> RenderSettings {
         let render = self.settings(scene);

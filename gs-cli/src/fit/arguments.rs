@@ -105,7 +105,7 @@ pub(crate) struct SettingsArgs {
     /// Where to start from [default: standard, or paper without an image]
     #[arg(long, visible_alias = "quality", value_enum, value_name = "PRESET")]
     pub(crate) preset: Option<PresetName>,
-    /// Take all settings from a file, such as a settings.toml that a fit has written; flags override it
+    /// Take all settings from a file, such as a settings.toml that a fit has written, or accuracy and backend from one of gs frontier; flags override it
     #[arg(long, value_name = "FILE.toml", conflicts_with = "preset")]
     pub(crate) settings: Option<PathBuf>,
     /// The most Gaussians there may be

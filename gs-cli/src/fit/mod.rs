@@ -52,7 +52,8 @@ pub(crate) fn run(args: &FitArgs) -> Result<(), Failure> {
             Start::Fresh(Box::new(settings))
         }
     };
-    let backend = Backend::start(&args.backend)?;
+    let chosen = settings::chosen(&args.settings)?;
+    let backend = Backend::start(&args.backend.or_chosen(chosen.as_ref().map(|chosen| &chosen.machine)))?;
     backend.run(Fit { args, target: &target, start, backend: &backend, started })
 }
 

@@ -7,6 +7,7 @@ mod datasets;
 mod doctor;
 mod effects;
 mod fit;
+mod frontier;
 mod paper;
 mod popping;
 mod process;

@@ -14,6 +14,7 @@ use super::{CameraArgs, RenderArgs};
 use crate::{
     backend::{Backend, SpatialTask},
     cameras,
+    chosen::ChosenSettings,
     effects::choice::told,
     failure::Failure,
     fit::folder::OutputFolder,
@@ -42,7 +43,9 @@ pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
         Some(dataset) => args.shown.settings_beside(&scene, dataset),
         None => args.shown.settings(&scene),
     };
-    let backend = Backend::start(&args.backend)?;
+    let chosen = args.settings.as_deref().map(ChosenSettings::read).transpose()?;
+    let backend = Backend::start(&args.backend.or_chosen(chosen.as_ref().map(|chosen| &chosen.machine)))?;
+    let render = chosen.map_or(render, |chosen| args.shown.overriding(chosen.applied_to(render), &render));
     let CalledFor { settings, verdicts } = args.effects.choose(&scene, &cameras, &render);
     output::note(told(&verdicts));
     backend.run_spatial(Frames { args, scene: &scene, cameras: &cameras, render: &settings })
