@@ -175,7 +175,7 @@ const HALF_A_STEP: f64 = 1.0 / 512.0;
 
 /// Cut-offs that together stay below it; the default's cut of 1/255, which fits and trainings are made with, does not.
 const INVISIBLE: Accuracy = Accuracy {
-    alpha_cut: 1.0 / 4096.0,
+    alpha_cut: 1.0 / 8192.0,
     cut: Cut::Hard,
     alpha_max: 0.9999,
     transmittance_min: 1e-4,
@@ -201,7 +201,7 @@ fn every_pixel((width, height): (u32, u32), step: usize) -> Vec<[u32; 2]> {
 }
 
 #[test]
-fn a_cut_of_a_4096th_changes_no_pixel_by_half_a_display_step() {
+fn a_cut_of_an_8192nd_changes_no_pixel_by_half_a_display_step() {
     let (mut usual, mut fine) = (0.0f64, 0.0f64);
     let mut note = |[default, invisible]: [f64; 2]| {
         usual = usual.max(default);
