@@ -38,8 +38,9 @@ pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
     }
     let backend = Backend::start(&args.backend)?;
     let CalledFor { settings, verdicts } = args.effects.choose(&scene, &cameras, &args.shown.settings(&scene));
+    backend.run_spatial(Frames { args, scene: &scene, cameras: &cameras, render: &settings })?;
     output::note(told(&verdicts));
-    backend.run_spatial(Frames { args, scene: &scene, cameras: &cameras, render: &settings })
+    Ok(())
 }
 
 /// The cameras, at least one.
