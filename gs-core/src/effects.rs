@@ -115,7 +115,37 @@ pub enum Statistics {
     PixelError,
 }
 
+impl Order {
+    /// As settings files and flags have it.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Index => "index",
+            Self::TileDepth => "tile-depth",
+            Self::PixelDepth => "pixel-depth",
+        }
+    }
+}
+
+impl Blend {
+    /// As settings files and flags have it.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Sum => "sum",
+            Self::Over => "over",
+        }
+    }
+}
+
 impl Antialias {
+    /// As settings files and flags have it.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::None => "none",
+            Self::Dilate => "dilate",
+            Self::Mip => "mip",
+        }
+    }
+
     /// What is added to the diagonal of Σ′, px².
     pub fn dilation(self) -> f32 {
         match self {

@@ -138,7 +138,7 @@ impl SpatialTask for Describe {
 /// The scene, which must be one in space.
 fn read(args: &ViewArgs) -> Result<SpatialScene, Failure> {
     if gs_io::spatial_format(&args.scene)?.is_some() {
-        return Ok(read_spatial(&args.scene)?.scene);
+        return Ok(read_spatial(&args.scene).map_err(Failure::of_scene)?.scene);
     }
     gs_io::read_scene(&args.scene)?;
     let message = "is the scene of an image, which has no depth to move through";
@@ -150,7 +150,7 @@ fn start(args: &ViewArgs, scene: &SpatialScene, bulk: &Bulk) -> Result<Start, Fa
     let up = args.up.map(|axis| axis.0);
     let Some(name) = &args.camera else {
         let up = up.unwrap_or(cameras::UP);
-        let camera = cameras::overview(bulk, args.size, up)?;
+        let camera = cameras::overview(bulk, args.size, up).map_err(cameras::or_name_one)?;
         return Ok(Start { camera, target: bulk.center, up, settings: args.shown.settings(scene) });
     };
     let dataset = read_dataset(&name.dataset, &DatasetSettings::default())?;

@@ -44,6 +44,9 @@ pub(crate) struct RenderArgs {
     region: Option<Region>,
     #[command(flatten)]
     cameras: CameraArgs,
+    /// Take accuracy, effects and backend from a file that gs frontier has written; flags override it
+    #[arg(long, value_name = "FILE.toml")]
+    settings: Option<PathBuf>,
     #[command(flatten)]
     effects: EffectsArgs,
     #[command(flatten)]

@@ -7,6 +7,7 @@ use gs_io::PlanarFile;
 use super::RenderArgs;
 use crate::{
     backend::{Backend, Task},
+    chosen::ChosenSettings,
     effects::choice::told,
     failure::Failure,
     output,
@@ -18,11 +19,16 @@ use crate::{
 /// # Errors
 /// Where the scene cannot be read, the size is not possible, or the picture cannot be written.
 pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
-    let file = gs_io::read_scene(&args.scene)?;
+    let mut file = gs_io::read_scene(&args.scene).map_err(Failure::of_scene)?;
     let canvas = canvas(&file, args);
     canvas.validate().map_err(|error| Failure::usage(error).at("--size or --region"))?;
+    let chosen = args.settings.as_deref().map(ChosenSettings::read).transpose()?;
+    if let Some(ChosenSettings { accuracy, .. }) = &chosen {
+        file.settings.accuracy = *accuracy;
+    }
     let CalledFor { settings, verdicts } = args.effects.choose(&file.scene, &[canvas], &file.settings);
-    let image = Backend::start(&args.backend)?.run(Render { file: &file, canvas: &canvas, settings: &settings })?;
+    let backend = Backend::start(&args.backend.or_chosen(chosen.as_ref().map(|chosen| &chosen.machine)))?;
+    let image = backend.run(Render { file: &file, canvas: &canvas, settings: &settings })?;
     gs_io::write_png(&args.output, &image)?;
     output::note(told(&verdicts));
     output::note(format_args!("wrote {}, {}x{} px", args.output.display(), canvas.width, canvas.height));

@@ -1,0 +1,69 @@
+//! Puts random scenes, views and settings through gs-cpu: `cargo run --release -p gs-conformance --example fuzzed_scenes -- [COUNT] [SEED]`.
+//! Half of them are planar, half in space. Tells each that fails, and of the first all that it is.
+
+#![allow(clippy::print_stdout)]
+
+use std::{env, process::ExitCode, time::Instant};
+
+use gs_conformance::{
+    Failure,
+    fuzzed::{Fuzzed, owes, planar, spatial},
+};
+use gs_cpu::{CpuRasterizer, CpuSettings};
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64;
+
+/// Enough for the largest scene there is.
+const MOST_BYTES: usize = 800;
+
+fn main() -> ExitCode {
+    let number = |position: usize, usual: u64| match env::args().nth(position) {
+        None => Ok(usual),
+        Some(word) => word.parse().map_err(|error| format!("`{word}`: {error}")),
+    };
+    let run = || -> Result<String, String> {
+        let (count, seed) = (number(1, 10_000)?, number(2, 0)?);
+        let cpu =
+            CpuRasterizer::new(CpuSettings { threads: Some(1), level: None }).map_err(|error| error.to_string())?;
+        let (mut rng, started) = (Pcg64::seed_from_u64(seed), Instant::now());
+        let mut failed = 0u64;
+        for index in 0..count {
+            let bytes: Vec<u8> = (0..rng.random_range(20..MOST_BYTES)).map(|_| rng.random()).collect();
+            if let Err(failure) = try_one(&cpu, index, &bytes) {
+                eprintln!("scene {index}: {failure}");
+                if failed == 0 {
+                    eprintln!("{}", told(index, &bytes));
+                }
+                failed += 1;
+            }
+        }
+        let told =
+            format!("{count} scenes from seed {seed}, {failed} failed, {:.1} s", started.elapsed().as_secs_f64());
+        if failed == 0 { Ok(told) } else { Err(told) }
+    };
+    match run() {
+        Ok(told) => {
+            println!("{told}");
+            ExitCode::SUCCESS
+        }
+        Err(told) => {
+            eprintln!("{told}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn try_one(cpu: &CpuRasterizer, index: u64, bytes: &[u8]) -> Result<(), Failure> {
+    if index.is_multiple_of(2) { owes(cpu, &planar(bytes)) } else { owes(cpu, &spatial(bytes)) }
+}
+
+/// What was drawn, but for the target, which is long.
+fn told(index: u64, bytes: &[u8]) -> String {
+    if index.is_multiple_of(2) {
+        let Fuzzed { scene, view, settings, loss, chart, rates, .. } = planar(bytes);
+        format!("{scene:#?}\n{view:?}\n{settings:?}\n{loss:?}, {chart:?}\n{rates:?}")
+    } else {
+        let Fuzzed { scene, view, settings, loss, chart, rates, .. } = spatial(bytes);
+        format!("{scene:#?}\n{view:?}\n{settings:?}\n{loss:?}, {chart:?}\n{rates:?}")
+    }
+}
