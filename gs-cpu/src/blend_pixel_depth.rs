@@ -1,17 +1,12 @@
 //! Stages `blend` and `blend_bwd` under `Over` in the order of depth at each pixel: exact, whatever interpenetrates. One task per tile.
 //!
-//! Row by row, the weights and depths of the entries that reach the row are computed a vector at a time, a batch of entries after the other in
-//! the tile's order, that of mean depth. Each pixel gathers those above the cut and sorts them; those that are nearer than any entry to come
-//! can be at the tile's pixels are settled, and are blended front to back; the others wait. A pixel that is full gathers no more, and a row of
-//! such pixels ends: what is hidden is not put in order. The backward pass does the same again, and adds what every pixel finds to its entry's
-//! slot: one task, one order of sums.
+//! Row by row, the weights and depths of all entries that reach the row are computed a vector at a time; each pixel gathers those above
+//! the cut, sorts them, and blends them front to back. Tiles come in the order of mean depth, so what is to be sorted is nearly sorted.
+//! The backward pass does the same again, and adds what every pixel finds to its entry's slot: one task, one order of sums.
 //!
 //! Legend: as in `blend_over`.
 
-use std::{
-    ops::Range,
-    sync::{Mutex, PoisonError},
-};
+use std::sync::{Mutex, PoisonError};
 
 use fearless_simd::{Level, Simd, dispatch};
 use gs_core::splat::over::{self, Backward, Forward};
@@ -46,24 +41,9 @@ struct Seen {
     uncut: f32,
 }
 
-/// Entries that are gathered before pixels look at what is settled.
-const BATCH: usize = 24;
-
-/// By how much, relative to the numbers that it is computed from, a depth may be less than its bound.
-const DEPTH_ROUNDING: f32 = 8.0 * f32::EPSILON;
-
-/// Whether a pixel takes more Gaussians.
-enum Room {
-    Left,
-    None,
-}
-
 /// What a task works with.
 #[derive(Debug, Default)]
 pub(crate) struct Scratch {
-    /// Of each entry and all that follow it in the tile: the least that the bits of their depths are at the tile's pixels, in their order. One
-    /// more for the end.
-    nearest: Vec<u64>,
     /// Where the entries of each row begin in `reaching`; one more for the end.
     row_start: Vec<u32>,
     /// Which entries reach a row, in their order.
@@ -121,62 +101,20 @@ impl Scratch {
         }
     }
 
-    /// Finds how near the entries from each one on come.
-    fn bound_depths(&mut self, sight: &Sight<'_>) {
-        self.nearest.clear();
-        self.nearest.resize(sight.entries.len() + 1, u64::MAX);
-        let last_column = sight.first_column + sight.lanes_inside - 1;
-        for (number, entry) in sight.entries.iter().enumerate().rev() {
-            let (s, at) = (&sight.splats[entry.place as usize], &sight.depths[entry.place as usize]);
-            let dx = [sight.first_column, last_column].map(|column| column as f32 + 0.5 - s.mean[0]);
-            let dy = [entry.rows[0], entry.rows[1] - 1].map(|row| f32::from(row) + 0.5 - s.mean[1]);
-            // The ellipse's, and a little more for roundings.
-            let half_x = s.half_x + 0.01;
-            let across = dx.map(|dx| at.slope[0] * dx.max(-half_x).min(half_x));
-            let down = dy.map(|dy| at.slope[1] * dy);
-            let size = at.depth.abs()
-                + (at.slope[0] * dx[0]).abs().max((at.slope[0] * dx[1]).abs())
-                + down[0].abs().max(down[1].abs());
-            let depth = at.depth + across[0].min(across[1]) + down[0].min(down[1]) - DEPTH_ROUNDING * size;
-            // Where numbers are out of bounds, so is this one: then nothing is settled before the end.
-            let bits = if depth.is_nan() { 0 } else { u64::from(ordered(depth)) };
-            self.nearest[number] = bits.min(self.nearest[number + 1]);
+    /// What the pixels of row `row` of the tile see, nearest first.
+    fn look(&mut self, level: Level, sight: &Sight<'_>, row: usize) {
+        dispatch!(level, simd => self.look_at(simd, sight, row));
+        for seen in &mut self.seen {
+            seen.sort_unstable_by_key(|seen| seen.key);
         }
     }
 
-    /// Shows each pixel of row `row` of the tile what it sees, nearest first, until it has no room left.
-    fn walk(&mut self, level: Level, sight: &Sight<'_>, row: usize, mut show: impl FnMut(usize, &Seen) -> Room) {
-        self.seen.iter_mut().for_each(Vec::clear);
-        let mut open = u32::MAX >> (u32::BITS as usize - sight.lanes_inside);
-        let (mut first, end) = (self.row_start[row] as usize, self.row_start[row + 1] as usize);
-        while first < end && open != 0 {
-            let next = (first + BATCH).min(end);
-            dispatch!(level, simd => self.gather(simd, sight, row, first..next, open));
-            // Of the entries from the next one on, those that do not reach the row only make this less.
-            let bound = if next < end { self.nearest[self.reaching[next] as usize] } else { u64::MAX };
-            let mut left = open;
-            while left != 0 {
-                let lane = left.trailing_zeros() as usize;
-                left &= left - 1;
-                let seen = &mut self.seen[lane];
-                seen.sort_unstable_by_key(|seen| seen.key);
-                let settled = seen.partition_point(|seen| seen.key >> 32 < bound);
-                let full = seen[..settled].iter().any(|seen| matches!(show(lane, seen), Room::None));
-                if full {
-                    open &= !(1 << lane);
-                } else {
-                    seen.drain(..settled);
-                }
-            }
-            first = next;
-        }
-    }
-
-    /// Adds what some of the entries that reach row `row` are to those of the tile's pixels that are open.
+    /// What the pixels of row `row` of the tile see, in the order of the lists.
     #[inline(always)]
-    fn gather<S: Simd>(&mut self, simd: S, sight: &Sight<'_>, row: usize, entries: Range<usize>, open: u32) {
+    fn look_at<S: Simd>(&mut self, simd: S, sight: &Sight<'_>, row: usize) {
+        self.seen.iter_mut().for_each(Vec::clear);
         let (mut uncut_lanes, mut depth_lanes) = ([0.0; LANES], [0.0; LANES]);
-        for &number in &self.reaching[entries] {
+        for &number in &self.reaching[self.row_start[row] as usize..self.row_start[row + 1] as usize] {
             let place = sight.entries[number as usize].place as usize;
             let (s, at) = (&sight.splats[place], &sight.depths[place]);
             let dx = iota::<S, Whole<S>>(simd, 0) + (sight.first_column as f32 + 0.5 - s.mean[0]);
@@ -188,7 +126,7 @@ impl Scratch {
             store(uncut, &mut uncut_lanes, 0);
             store(depth, &mut depth_lanes, 0);
             for lane in 0..LANES {
-                if uncut_lanes[lane] >= s.cut && open >> lane & 1 == 1 {
+                if uncut_lanes[lane] >= s.cut {
                     let key = u64::from(ordered(depth_lanes[lane])) << 32 | u64::from(at.index);
                     self.seen[lane].push(Seen { key, entry: number, uncut: uncut_lanes[lane] });
                 }
@@ -207,15 +145,17 @@ pub(crate) fn forward(
     backdrop: [f32; 3],
 ) {
     scratch.list_rows(sight, rows.len());
-    scratch.bound_depths(sight);
     for (row, (Row(pixels), ScalarRow(left))) in rows.iter_mut().zip(transmittance).enumerate() {
-        let mut row_pixels = [Forward::default(); LANES];
-        scratch.walk(level, sight, row, |lane, seen| {
-            let (pixel, s) = (&mut row_pixels[lane], &sight.splats[sight.entries[seen.entry as usize].place as usize]);
-            over::blend_fwd(pixel, over::alpha(seen.uncut, sight.accuracy), s.color, sight.accuracy);
-            if pixel.full { Room::None } else { Room::Left }
-        });
-        for (lane, pixel) in row_pixels.iter().enumerate() {
+        scratch.look(level, sight, row);
+        for (lane, seen) in scratch.seen.iter().enumerate() {
+            let mut pixel = Forward::default();
+            for seen in seen {
+                let s = &sight.splats[sight.entries[seen.entry as usize].place as usize];
+                over::blend_fwd(&mut pixel, over::alpha(seen.uncut, sight.accuracy), s.color, sight.accuracy);
+                if pixel.full {
+                    break;
+                }
+            }
             left[lane] = pixel.transmittance;
             for k in 0..3 {
                 pixels[k][lane] = pixel.color[k] + pixel.transmittance * backdrop[k];
@@ -237,36 +177,35 @@ pub(crate) fn backward<K: Collect>(
 ) {
     slots.fill(0.0);
     scratch.list_rows(sight, rows.len());
-    scratch.bound_depths(sight);
     for (row, (Row(pixels), Row(v))) in rows.iter().zip(v_rows).enumerate() {
-        let at = |channels: &[[f32; LANES]; 3], lane: usize| [channels[0][lane], channels[1][lane], channels[2][lane]];
-        let mut row_pixels: [Backward; LANES] =
-            std::array::from_fn(|lane| Backward::new(at(v, lane), at(pixels, lane)));
-        scratch.walk(level, sight, row, |lane, seen| {
-            let pixel = &mut row_pixels[lane];
-            let s = &sight.splats[sight.entries[seen.entry as usize].place as usize];
-            let alpha = over::alpha(seen.uncut, sight.accuracy);
-            let before = pixel.transmittance;
-            let Some((v_alpha, v_color)) = over::blend_bwd(pixel, alpha, s.color, sight.accuracy) else {
-                return Room::None;
-            };
-            // The gradient of a clamped α is zero.
-            let t = if seen.uncut <= sight.accuracy.alpha_max { v_alpha * alpha } else { 0.0 };
-            let dx = (sight.first_column + lane) as f32 + 0.5 - s.mean[0];
-            let u = (sight.first_row + row) as f32 + 0.5 - s.mean[1] - s.slope * dx;
-            let slot = &mut slots[seen.entry as usize * (STRIDE + K::NUMBERS)..][..STRIDE + K::NUMBERS];
-            let [r, g, b] = v_color;
-            let nine = [r, g, b, t * dx, t * u, t * dx * dx, t * dx * u, t * u * u, t];
-            slot.iter_mut().zip(nine).for_each(|(total, value)| *total += value);
-            if K::ABSOLUTE {
-                let down = s.c * u;
-                slot[STRIDE] += t.abs() * (s.inverse_xx * dx - s.slope * down).abs();
-                slot[STRIDE + 1] += t.abs() * down.abs();
+        scratch.look(level, sight, row);
+        for (lane, seen) in scratch.seen.iter().enumerate() {
+            let at = |channels: &[[f32; LANES]; 3]| [channels[0][lane], channels[1][lane], channels[2][lane]];
+            let mut pixel = Backward::new(at(v), at(pixels));
+            for seen in seen {
+                let s = &sight.splats[sight.entries[seen.entry as usize].place as usize];
+                let alpha = over::alpha(seen.uncut, sight.accuracy);
+                let before = pixel.transmittance;
+                let Some((v_alpha, v_color)) = over::blend_bwd(&mut pixel, alpha, s.color, sight.accuracy) else {
+                    break;
+                };
+                // The gradient of a clamped α is zero.
+                let t = if seen.uncut <= sight.accuracy.alpha_max { v_alpha * alpha } else { 0.0 };
+                let dx = (sight.first_column + lane) as f32 + 0.5 - s.mean[0];
+                let u = (sight.first_row + row) as f32 + 0.5 - s.mean[1] - s.slope * dx;
+                let slot = &mut slots[seen.entry as usize * (STRIDE + K::NUMBERS)..][..STRIDE + K::NUMBERS];
+                let [r, g, b] = v_color;
+                let nine = [r, g, b, t * dx, t * u, t * dx * dx, t * dx * u, t * u * u, t];
+                slot.iter_mut().zip(nine).for_each(|(total, value)| *total += value);
+                if K::ABSOLUTE {
+                    let down = s.c * u;
+                    slot[STRIDE] += t.abs() * (s.inverse_xx * dx - s.slope * down).abs();
+                    slot[STRIDE + 1] += t.abs() * down.abs();
+                }
+                if K::ERROR {
+                    slot[STRIDE] += before * alpha * errors[row].0[lane];
+                }
             }
-            if K::ERROR {
-                slot[STRIDE] += before * alpha * errors[row].0[lane];
-            }
-            Room::Left
-        });
+        }
     }
 }

@@ -47,8 +47,9 @@ pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
     let backend = Backend::start(&args.backend.or_chosen(chosen.as_ref().map(|chosen| &chosen.machine)))?;
     let render = chosen.map_or(render, |chosen| args.shown.overriding(chosen.applied_to(render), &render));
     let CalledFor { settings, verdicts } = args.effects.choose(&scene, &cameras, &render);
+    backend.run_spatial(Frames { args, scene: &scene, cameras: &cameras, render: &settings })?;
     output::note(told(&verdicts));
-    backend.run_spatial(Frames { args, scene: &scene, cameras: &cameras, render: &settings })
+    Ok(())
 }
 
 /// What is written, by the name of the output and the number of frames.
