@@ -112,7 +112,11 @@ mod tests {
         let pictures = sight.pictures(&wanted).unwrap();
         assert!(sight.difference(&wrong.settings, &pictures).unwrap().most > HALF_DISPLAY_STEP);
         let (mended, difference) = borne_out(wrong, &sight, &wanted, &pictures).unwrap();
-        assert_eq!(mended.settings.effects, Effects { background: wanted.effects.background, ..wanted.effects });
+        assert_eq!(
+            mended.settings.effects,
+            Effects { background: Background::None, ..wanted.effects },
+            "black stays left out"
+        );
         assert_eq!(difference.most, 0.0);
         let verdict = &mended.verdicts[3];
         assert_eq!((verdict.effect, verdict.answer), (Effect::Antialias, Answer::CalledFor));
