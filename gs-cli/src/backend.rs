@@ -1,6 +1,7 @@
 //! The backends of this build, and the only place where one is chosen at run time. Everything else is generic over the
 //! rasterizer: a command hands over a [`Task`], and the chosen backend runs it.
 
+mod contenders;
 mod fastest;
 mod team;
 
@@ -8,12 +9,15 @@ use std::{env::consts, num::NonZero, thread::available_parallelism};
 
 use clap::{Args, Parser, ValueEnum, builder::NonEmptyStringValueParser};
 use gs_core::{PlanarScene, Rasterizer, SpatialScene, profile::Profiler};
-use gs_cpu::{CpuRasterizer, CpuSettings, SimdLevel};
+use gs_cpu::{CpuRasterizer, CpuSettings, CpuTuning, SimdLevel};
 use gs_study::Machine;
-use gs_wgpu::{AdapterSummary, WgpuRasterizer, WgpuSettings};
+use gs_wgpu::{AdapterSummary, Kernels, WgpuRasterizer, WgpuSettings};
 
-pub(crate) use self::team::{Team, TeamTask};
-use crate::{backend::fastest::Fastest, failure::Failure};
+pub(crate) use self::{
+    contenders::contenders,
+    team::{Team, TeamTask},
+};
+use crate::{backend::fastest::Fastest, chosen::ChosenMachine, failure::Failure};
 
 /// Which backend to use.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
@@ -43,6 +47,12 @@ pub(crate) struct BackendArgs {
     /// SIMD level of the cpu backend: scalar, sse4.2, avx2, avx512 or native [default: the fastest of this machine]
     #[arg(long, value_name = "LEVEL")]
     pub(crate) simd: Option<String>,
+    /// How the cpu backend goes about its work; from a file of settings alone.
+    #[arg(skip)]
+    pub(crate) tuning: CpuTuning,
+    /// How the wgpu backend's kernels are written; from a file of settings alone.
+    #[arg(skip)]
+    pub(crate) kernels: Option<Kernels>,
 }
 
 /// A backend that is ready to compute, and why it is this one.
@@ -80,7 +90,7 @@ pub(crate) trait SpatialTask {
     type Output;
 
     /// Does it on this rasterizer.
-    fn run<R: Rasterizer<SpatialScene>>(self, rasterizer: &R) -> Self::Output;
+    fn run<R: Profiler<SpatialScene>>(self, rasterizer: &R) -> Self::Output;
 }
 
 /// What the flags come to when they are taken together.
@@ -109,11 +119,11 @@ impl Backend {
             None => Threads { count: available_parallelism().map_or(1, NonZero::get), why: "one thread a core" },
         };
         let backend = match wanted(args)? {
-            Wanted::Cpu { why } => Self::cpu(args.simd.as_deref(), &threads, why),
-            Wanted::Wgpu { adapter } => Ok(Self::wgpu(named(adapter)?, &threads, "as asked")),
+            Wanted::Cpu { why } => Self::cpu(args.simd.as_deref(), args.tuning, &threads, why),
+            Wanted::Wgpu { adapter } => Ok(Self::wgpu(named(adapter, args.kernels)?, &threads, "as asked")),
             Wanted::Fastest => match fastest::find() {
                 Fastest::Gpu(gpu) => Ok(Self::wgpu(*gpu, &threads, "a GPU was found")),
-                Fastest::Cpu { why } => Self::cpu(None, &threads, &why),
+                Fastest::Cpu { why } => Self::cpu(None, args.tuning, &threads, &why),
             },
         }?;
         // Seeding between steps runs on rayon's global threads, whatever the backend. That they are as many is a matter of manners,
@@ -122,9 +132,10 @@ impl Backend {
         Ok(backend)
     }
 
-    fn cpu(simd: Option<&str>, threads: &Threads, why: &str) -> Result<Self, Failure> {
+    fn cpu(simd: Option<&str>, tuning: CpuTuning, threads: &Threads, why: &str) -> Result<Self, Failure> {
         let (level, why_level) = simd_level(simd)?;
-        let rasterizer = CpuRasterizer::new(CpuSettings { threads: Some(threads.count), level: Some(level) })?;
+        let settings = CpuSettings { threads: Some(threads.count), level: Some(level) };
+        let rasterizer = CpuRasterizer::new(settings)?.with_tuning(tuning)?;
         let what = Rasterizer::<PlanarScene>::describe(&rasterizer);
         Ok(Self {
             reason: format!("{what}: {why}, {why_level}, {}", threads.why),
@@ -191,14 +202,37 @@ struct Recorded {
     backend: BackendArgs,
 }
 
+impl Recorded {
+    /// Nothing where they are no flags of this version.
+    fn of(flags: &[String]) -> Option<BackendArgs> {
+        let words = std::iter::once("gs").chain(flags.iter().map(String::as_str));
+        Self::try_parse_from(words).ok().map(|recorded| recorded.backend)
+    }
+}
+
 impl BackendArgs {
     /// The same where they say what computes; where they leave it open, what was recorded. Threads are those of these flags.
     pub(crate) fn or_recorded(&self, machine: &Machine) -> Self {
-        let is_open = self.backend == Choice::Auto && self.adapter.is_none() && self.simd.is_none();
-        let words = std::iter::once("gs").chain(machine.flags.iter().map(String::as_str));
-        match Recorded::try_parse_from(words) {
-            Ok(recorded) if is_open => Self { threads: self.threads, ..recorded.backend },
+        match Recorded::of(&machine.flags) {
+            Some(recorded) if self.is_open() => Self { threads: self.threads, ..recorded },
             _ => self.clone(),
+        }
+    }
+
+    /// Whether they leave open what computes.
+    fn is_open(&self) -> bool {
+        self.backend == Choice::Auto && self.adapter.is_none() && self.simd.is_none()
+    }
+
+    /// The same where they say what computes; where they leave it open, what a file of settings has chosen, if there is one.
+    pub(crate) fn or_chosen(&self, chosen: Option<&ChosenMachine>) -> Self {
+        let Some(ChosenMachine { flags, cpu, kernels }) = chosen else { return self.clone() };
+        let (tuning, kernels) = (cpu.unwrap_or_default(), kernels.map(Into::into));
+        match Recorded::of(flags) {
+            Some(recorded) if self.is_open() => {
+                Self { threads: self.threads.or(recorded.threads), tuning, kernels, ..recorded }
+            }
+            _ => Self { tuning, kernels, ..self.clone() },
         }
     }
 }
@@ -224,8 +258,8 @@ fn wanted(args: &BackendArgs) -> Result<Wanted<'_>, Failure> {
 }
 
 /// The adapter of that name, or the first.
-fn named(adapter: Option<&str>) -> Result<WgpuRasterizer, Failure> {
-    let settings = WgpuSettings { adapter: adapter.map(str::to_owned), ..WgpuSettings::default() };
+fn named(adapter: Option<&str>, kernels: Option<Kernels>) -> Result<WgpuRasterizer, Failure> {
+    let settings = WgpuSettings { adapter: adapter.map(str::to_owned), kernels, ..WgpuSettings::default() };
     let error = match WgpuRasterizer::new(settings) {
         Ok(rasterizer) => return Ok(rasterizer),
         Err(error) => Failure::from(error),
@@ -263,7 +297,7 @@ mod tests {
 
     fn args(backend: Choice, adapter: Option<&str>, simd: Option<&str>) -> BackendArgs {
         let owned = |text: Option<&str>| text.map(str::to_owned);
-        BackendArgs { backend, adapter: owned(adapter), simd: owned(simd), threads: None }
+        BackendArgs { backend, adapter: owned(adapter), simd: owned(simd), ..BackendArgs::default() }
     }
 
     #[test]

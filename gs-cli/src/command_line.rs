@@ -9,8 +9,10 @@ use crate::{
         convert::ConvertArgs, doctor::DoctorArgs, eval::EvalArgs, info::InfoArgs, popping::PoppingArgs,
         render::RenderArgs,
     },
+    effects::EffectsCommandArgs,
     failure::Failure,
     fit::arguments::FitArgs,
+    frontier::FrontierArgs,
     paper::PaperArgs,
     profile::ProfileArgs,
     study::arguments::StudyArgs,
@@ -37,9 +39,12 @@ Examples:
   gs doctor scene.ply                           what is wrong with a scene: NaN, needles, duplicates
   gs doctor scene.ply --fix -o mended.ply       the same, mended
   gs profile photo.png --backend cpu            where the time of a training step goes
+  gs effects out/scene.ply photographs/         what a scene calls for, and what each effect costs
   gs profile out/scene.gs2d.safetensors --backend wgpu -o profile
   gs paper -o paper                             the paper's experiments, as a page
   gs popping scene.ply -o popping               what jumps in a scene while the camera moves, in both orders of blending
+  gs frontier out/scene.ply -o frontier         what each approximation buys, on this machine
+  gs frontier out/scene.ply --max-error 1/255 -o frontier   the quickest settings that keep it, for gs render --settings
   gs study absolute-vs-percentile --data photographs -o study   which policy is better, and how sure that is
   gs study replay study 17                      row 17 of its runs.csv again, the same scene bit for bit
 
@@ -75,10 +80,14 @@ pub(crate) enum Command {
     Doctor(DoctorArgs),
     /// Tell where the time of a training step goes, stage by stage
     Profile(Box<ProfileArgs>),
+    /// Tell which effects a scene calls for, and what each one costs and changes
+    Effects(Box<EffectsCommandArgs>),
     /// Repeat the paper's experiments, and set what it says beside what is measured
     Paper(Box<PaperArgs>),
     /// Tell how much jumps in a scene in space while the camera moves, by either order of blending
     Popping(Box<PoppingArgs>),
+    /// Tell what accuracy costs in time, and choose settings that keep a budget of either
+    Frontier(Box<FrontierArgs>),
     /// Compare density policies over images, budgets and seeds, with intervals and a report
     Study(Box<StudyArgs>),
 }
@@ -117,8 +126,10 @@ pub(crate) fn parse() -> Result<Parsed, Failure> {
     }
 }
 
-const COMMANDS: [&str; 12] =
-    ["fit", "train", "render", "view", "eval", "convert", "info", "doctor", "profile", "paper", "popping", "study"];
+const COMMANDS: [&str; 14] = [
+    "fit", "train", "render", "view", "eval", "convert", "info", "doctor", "profile", "effects", "paper", "popping",
+    "frontier", "study",
+];
 
 /// The parser's message without its usage, its pointer to the help and its own "error:".
 fn essence(message: &str) -> String {

@@ -5,10 +5,13 @@
 
 mod backend;
 mod cameras;
+mod chosen;
 mod command_line;
 mod commands;
+mod effects;
 mod failure;
 mod fit;
+mod frontier;
 mod interrupt;
 mod output;
 mod paper;
@@ -52,9 +55,11 @@ fn run(parsed: Parsed) -> Result<ExitCode, Failure> {
         Parsed::Command(Command::Info(args)) => commands::info::run(&args),
         Parsed::Command(Command::Doctor(args)) => commands::doctor::run(&args),
         Parsed::Command(Command::Profile(args)) => profile::run(&args),
+        Parsed::Command(Command::Effects(args)) => effects::run(&args),
         Parsed::Command(Command::Paper(args)) => paper::run(&args),
         Parsed::Command(Command::Popping(args)) => commands::popping::run(&args),
         Parsed::Command(Command::Study(args)) => study::run(&args),
+        Parsed::Command(Command::Frontier(args)) => frontier::run(&args),
     }?;
     Ok(ExitCode::SUCCESS)
 }

@@ -69,8 +69,11 @@ impl FromStr for Color {
 
 impl fmt::Display for Color {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let [r, g, b] = self.0;
-        write!(f, "{r},{g},{b}")
+        match self.0 {
+            [0.0, 0.0, 0.0] => f.write_str("black"),
+            [1.0, 1.0, 1.0] => f.write_str("white"),
+            [r, g, b] => write!(f, "{r},{g},{b}"),
+        }
     }
 }
 
@@ -121,6 +124,26 @@ impl FromStr for ViewName {
     }
 }
 
+/// A positive number, also as a fraction such as 1/255.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Tolerance(pub(crate) f64);
+
+impl FromStr for Tolerance {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let number = |text: &str| text.trim().parse::<f64>().ok();
+        let value = match text.split_once('/') {
+            Some((above, below)) => number(above).zip(number(below)).map(|(above, below)| above / below),
+            None => number(text),
+        };
+        match value {
+            Some(value) if value > 0.0 && value.is_finite() => Ok(Self(value)),
+            _ => Err("write a positive number, or a fraction such as 1/255".into()),
+        }
+    }
+}
+
 /// An axis of space, written x, y, z, -x, -y or -z.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Axis(pub(crate) Vec3);
@@ -159,6 +182,10 @@ mod tests {
         assert_eq!("0,1,0".parse(), Ok(Backing::Solid(Color([0.0, 1.0, 0.0]))));
         assert_eq!("white".parse(), Ok(Backing::Solid(Color([1.0; 3]))));
         assert_eq!("random".parse(), Ok(Backing::Random));
+        assert_eq!(("1/250".parse(), "0.004".parse()), (Ok(Tolerance(0.004)), Ok(Tolerance(0.004))));
+        for bad in ["1/0", "0", "-1", "x", "nan", "1/"] {
+            assert!(bad.parse::<Tolerance>().is_err(), "{bad}");
+        }
         let view = ViewName { dataset: "C:/photographs".into(), view: "a/b.png".to_owned() };
         assert_eq!("C:/photographs:a/b.png".parse(), Ok(view));
         assert_eq!("-y".parse(), Ok(Axis(Vec3::NEG_Y)));

@@ -19,6 +19,16 @@ pub enum Chart {
     LocalFrame,
 }
 
+impl Chart {
+    /// As settings files and flags have it.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::ScaleRotation => "scale-rotation",
+            Self::LocalFrame => "local-frame",
+        }
+    }
+}
+
 /// How a learning rate changes over a run, as a factor of its first value.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]

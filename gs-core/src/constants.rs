@@ -8,6 +8,18 @@
 /// [`Cut::Smooth`](crate::settings::Cut). Smaller values widen every Gaussian (radius `√(2 ln(1/cut))` σ: 3.33 σ here) and with it the time.
 pub const ALPHA_CUT: f32 = 1.0 / 255.0;
 
+/// Half a step of an 8-bit display: a pixel that changes by no more than this may look the same. Unit: colour, 0 to 1.
+///
+/// By it, it is decided which effects a scene calls for ([`Effects::called_for`](crate::Effects::called_for)). More, and effects are left out
+/// whose absence shows.
+pub const HALF_DISPLAY_STEP: f32 = 1.0 / 512.0;
+
+/// A Gaussian is narrower than a pixel where its standard deviation is below this in some direction. Unit: px.
+///
+/// Twice that, across its middle, is a pixel's side. Such Gaussians change with where they lie between pixel centres, unless an
+/// [`Antialias`](crate::effects::Antialias) widens them.
+pub const NARROW_PX: f32 = 0.5;
+
 /// α never exceeds this under [`Blend::Over`](crate::effects::Blend). Unit: none.
 ///
 /// *Source:* gsplat (3DGS itself has 0.99). The gradient of a clamped α is zero, so forward and backward must use the

@@ -173,9 +173,10 @@ pub fn by_scale_rotation(frame: Mat3, stretch: Symmetric3) -> (Vec3, [f32; 4]) {
     let turn = principal.turn;
     let v = turn.transpose() * symmetric(stretch).as_dmat3() * turn;
     let [a, b, c] = log_scale.as_dvec3().to_array();
-    let v_turn = DVec3::new(v.y_axis.z * (b - c).sinh(), v.z_axis.x * (c - a).sinh(), v.x_axis.y * (a - b).sinh());
-    // A turn of what has no extent is none.
-    let v_turn = if v_turn.is_finite() { principal.axes * v_turn * 2.0 } else { DVec3::ZERO };
+    // A turn between two axes of which one has no extent (ln 0) is none.
+    let about = |v: f64, log_ratio: f64| Some(2.0 * v * log_ratio.sinh()).filter(|v| v.is_finite()).unwrap_or(0.0);
+    let v_turn = DVec3::new(about(v.y_axis.z, b - c), about(v.z_axis.x, c - a), about(v.x_axis.y, a - b));
+    let v_turn = principal.axes * v_turn;
     let v_log_scale = DVec3::new(v.x_axis.x, v.y_axis.y, v.z_axis.z);
     (v_log_scale.as_vec3(), quaternion_vjp(rotation, 1.0, v_turn.as_vec3()))
 }

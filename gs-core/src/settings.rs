@@ -19,6 +19,19 @@ pub enum Cut {
     Smooth,
 }
 
+/// How far from its mean a Gaussian is looked at.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Extent {
+    /// To the ellipse on which α falls to [`Accuracy::alpha_cut`]: nothing that is above the cut is lost. It reaches
+    /// √(2 ln(o / cut)) σ, so that a faint Gaussian is a small one.
+    #[default]
+    AlphaCut,
+    /// Also to no more than so many standard deviations, 1 to 6: dᵀ Σ′⁻¹ d ≤ k², whatever α is there. 3DGS takes 3 for the square by which
+    /// it picks tiles. Opaque Gaussians get a step of exp(−k²/2) at their edge. Backends may refuse it.
+    Sigmas(f32),
+}
+
 /// The approximations of a rendering, each with its error and its price.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, rename_all = "kebab-case")]
@@ -31,11 +44,44 @@ pub struct Accuracy {
     pub alpha_max: f32,
     /// A pixel is full when its transmittance would fall below this. 0..=0.5, default [`TRANSMITTANCE_MIN`].
     pub transmittance_min: f32,
+    /// How far from its mean a Gaussian is looked at. Default: as far as the cut lets it be seen.
+    pub extent: Extent,
 }
 
 impl Default for Accuracy {
     fn default() -> Self {
-        Self { alpha_cut: ALPHA_CUT, cut: Cut::Hard, alpha_max: ALPHA_MAX, transmittance_min: TRANSMITTANCE_MIN }
+        Self {
+            alpha_cut: ALPHA_CUT,
+            cut: Cut::Hard,
+            alpha_max: ALPHA_MAX,
+            transmittance_min: TRANSMITTANCE_MIN,
+            extent: Extent::AlphaCut,
+        }
+    }
+}
+
+impl Accuracy {
+    /// The least approximation that [`RenderSettings::validate`] allows with a hard cut: what errors are measured from. With n Gaussians at
+    /// a pixel, what it cuts off changes the pixel by less than n · 1e-6, and what it clamps, by 1e-4.
+    pub const TIGHTEST: Self =
+        Self { alpha_cut: 1e-6, cut: Cut::Hard, alpha_max: 0.9999, transmittance_min: 0.0, extent: Extent::AlphaCut };
+
+    /// Those of 3DGS: α up to 0.99, and three standard deviations. *Source:* Kerbl et al. 2023, `forward.cu`. There the three standard
+    /// deviations pick tiles, so that a pixel beyond them is drawn where its tile is listed; here they are sharp.
+    pub const THREE_DGS: Self = Self {
+        alpha_cut: ALPHA_CUT,
+        cut: Cut::Hard,
+        alpha_max: 0.99,
+        transmittance_min: TRANSMITTANCE_MIN,
+        extent: Extent::Sigmas(3.0),
+    };
+
+    /// What α = o·w of a Gaussian of opacity `o` (under [`Blend::Sum`]: 1) must reach to count: the cut, or its value at the extent's edge.
+    pub fn cut_of(&self, opacity: f32) -> f32 {
+        match self.extent {
+            Extent::AlphaCut => self.alpha_cut,
+            Extent::Sigmas(k) => self.alpha_cut.max(opacity * (-0.5 * k * k).exp()),
+        }
     }
 }
 
@@ -87,6 +133,11 @@ impl RenderSettings {
         if !(0.0..=0.5).contains(&a.transmittance_min) {
             return Err(Error::setting("transmittance-min", a.transmittance_min, "0 to 0.5"));
         }
+        if let Extent::Sigmas(k) = a.extent
+            && !(1.0..=6.0).contains(&k)
+        {
+            return Err(Error::setting("extent", format!("{k} standard deviations"), "1 to 6"));
+        }
         if self.effects.sh_degree > 3 {
             return Err(Error::setting("sh-degree", self.effects.sh_degree, "0 to 3"));
         }
@@ -94,5 +145,31 @@ impl RenderSettings {
             return Err(Error::setting("background", format!("{:?}", self.background), "finite"));
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_extent_is_a_cut_of_its_own_for_each_opacity() {
+        let three = Accuracy { extent: Extent::Sigmas(3.0), ..Accuracy::default() };
+        assert_eq!(Accuracy::default().cut_of(1.0), ALPHA_CUT);
+        assert!((three.cut_of(1.0) - 0.011_109).abs() < 1e-6);
+        // The ellipse of a faint Gaussian's cut is within three standard deviations anyway.
+        assert_eq!(three.cut_of(0.3), ALPHA_CUT);
+    }
+
+    #[test]
+    fn the_named_accuracies_are_possible_and_come_back_from_a_file() {
+        for accuracy in [Accuracy::default(), Accuracy::TIGHTEST, Accuracy::THREE_DGS] {
+            let settings = RenderSettings { accuracy, ..RenderSettings::default() };
+            settings.validate().unwrap();
+        }
+        for k in [0.5, 7.0, f32::NAN] {
+            let accuracy = Accuracy { extent: Extent::Sigmas(k), ..Accuracy::default() };
+            assert!(RenderSettings { accuracy, ..RenderSettings::default() }.validate().is_err(), "{k}");
+        }
     }
 }

@@ -46,6 +46,23 @@ pub fn basis(degree: u8, d: Vec3) -> [f32; MOST_COEFFICIENTS] {
     y_k
 }
 
+/// The most by which leaving out all coefficients above `degree` changes a channel of ½ + SH, over all directions; `sh` holds those of one
+/// Gaussian, whole degrees.
+///
+/// Σ over the degrees l left out of √((2l + 1)/4π)·‖coefficients of degree l‖, as Σ Y_k² = (2l + 1)/4π over a degree's functions in every
+/// direction (Unsöld's theorem) and by the inequality of Cauchy and Schwarz.
+pub fn change_bound(degree: u8, sh: &[Vec3]) -> f32 {
+    let kept = usize::from(degree) + 1;
+    let mut sum = Vec3::ZERO;
+    for l in kept..kept + 3 {
+        let Some(of_degree) = sh.get(l * l..(l + 1) * (l + 1)) else { break };
+        let norm2 = of_degree.iter().fold(Vec3::ZERO, |sum, &c| sum + c * c);
+        let factor = (2 * l + 1) as f32 / (4.0 * std::f32::consts::PI);
+        sum += (norm2 * factor).map(f32::sqrt);
+    }
+    sum.max_element()
+}
+
 /// Σ a_k ∇Y_k(d), in the three components of d as if they were free; the caller keeps what is tangential.
 #[inline(always)]
 fn weighted_gradients(degree: u8, d: Vec3, a: &[f32; MOST_COEFFICIENTS]) -> Vec3 {

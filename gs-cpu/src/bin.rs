@@ -1,6 +1,6 @@
 //! Stage `bin`: which Gaussian touches which rows of which tile. Parallel over Gaussians, then over groups of tiles.
 //!
-//! Bounds are tight: an entry stands for the rows in which the ellipse of the α cut meets the tile's columns, so no tile is
+//! Bounds are tight, if nothing else is asked for: an entry stands for the rows in which the ellipse of the α cut meets the tile's columns, so no tile is
 //! listed that a Gaussian cannot touch above the cut. Entries of a tile stand in the order of places, whatever the number of
 //! threads.
 
@@ -12,6 +12,7 @@ use crate::{
     layout::Grid,
     rasterizer::BACKEND,
     splat::{CHUNK, Splat},
+    tuning::Bounds,
 };
 
 /// One Gaussian in one tile.
@@ -92,13 +93,13 @@ impl Bins {
     ///
     /// # Errors
     /// [`Error::Backend`] where there are more entries than [`Self::most_entries`]; the lists are then of no use.
-    pub(crate) fn fill(&mut self, splats: &[Splat], grid: &Grid) -> Result<(), Error> {
+    pub(crate) fn fill(&mut self, splats: &[Splat], grid: &Grid, bounds: Bounds) -> Result<(), Error> {
         let tiles = grid.tiles();
         self.chunk_len = CHUNK.max(splats.len().div_ceil(MOST_CHUNKS));
         let chunk_len = self.chunk_len;
         self.chunks.resize_with(splats.len().div_ceil(chunk_len), Chunk::default);
         self.chunks.par_iter_mut().zip(splats.par_chunks(chunk_len)).enumerate().for_each(|(i, (chunk, splats))| {
-            chunk.find(splats, (i * chunk_len) as u32, grid);
+            chunk.find(splats, (i * chunk_len) as u32, grid, bounds);
         });
         self.outside = self.chunks.iter().map(|c| c.outside).sum::<u32>();
 
@@ -134,7 +135,7 @@ fn count_entries(counts: impl Iterator<Item = u32>, most: u32) -> Result<u32, Er
 }
 
 impl Chunk {
-    fn find(&mut self, splats: &[Splat], first_place: u32, grid: &Grid) {
+    fn find(&mut self, splats: &[Splat], first_place: u32, grid: &Grid, bounds: Bounds) {
         self.found.clear();
         self.starts.clear();
         self.starts.push(0);
@@ -144,14 +145,14 @@ impl Chunk {
         for (i, splat) in splats.iter().enumerate() {
             let before = self.found.len();
             if !splat.is_culled() {
-                self.find_one(splat, first_place + i as u32, grid);
+                self.find_one(splat, first_place + i as u32, grid, bounds);
                 self.outside += u32::from(self.found.len() == before);
             }
             self.starts.push(self.found.len() as u32);
         }
     }
 
-    fn find_one(&mut self, splat: &Splat, place: u32, grid: &Grid) {
+    fn find_one(&mut self, splat: &Splat, place: u32, grid: &Grid, bounds: Bounds) {
         let bands = grid.bands();
         let Some((first_column, end_column)) = pixels(splat.mean[0], splat.half_x, splat.half_x, grid.width) else {
             return;
@@ -159,7 +160,10 @@ impl Chunk {
         for strip in first_column / LANES..=(end_column - 1) / LANES {
             let left = (strip * LANES).max(first_column) as f32 + 0.5 - splat.mean[0];
             let right = ((strip + 1) * LANES).min(end_column) as f32 - 0.5 - splat.mean[0];
-            let (top, bottom) = vertical_extent(splat, left, right);
+            let (top, bottom) = match bounds {
+                Bounds::Tight => vertical_extent(splat, left, right),
+                Bounds::Box => (-splat.half_y(), splat.half_y()),
+            };
             let Some((first_row, end_row)) = pixels(splat.mean[1], -top, bottom, grid.height) else {
                 continue;
             };

@@ -9,6 +9,9 @@ use gs_core::Image;
 
 use crate::lanes::LANES;
 
+/// Most rows of a tile under `Over`, whose open rows are the bits of a number.
+pub(crate) const MOST_ROWS_OVER: usize = 64;
+
 /// One row of a strip: 16 reds, 16 greens, 16 blues. Aligned to a cache line, which unaligned 64-byte loads would straddle.
 #[derive(Debug, Clone, Copy)]
 #[repr(C, align(64))]

@@ -28,6 +28,7 @@ mod spatial;
 mod splat;
 mod tiles;
 mod traffic;
+mod tuning;
 mod workspace;
 
 pub use level::SimdLevel;
@@ -35,4 +36,5 @@ pub use loss::Target;
 pub use planar::PlanarCloud;
 pub use rasterizer::{CpuRasterizer, CpuSettings};
 pub use spatial::SpatialCloud;
+pub use tuning::{Bounds, CpuTuning};
 pub use workspace::{Frame, Gradients, PlanarFrame, PlanarGradients, SpatialFrame, SpatialGradients};

@@ -115,7 +115,7 @@ impl<S: Kind> Profiler<S> for CpuRasterizer {
         let mut samples: Vec<(Stage, Vec<f64>)> =
             stages.map(|stage| (stage, Vec::with_capacity(repetitions))).collect();
         let pool = &S::resources(self).pool;
-        let (workspace, bias) = (pool.take(), S::Bias::default());
+        let (workspace, bias) = (pool.take().tuned(self.tuning), S::Bias::default());
         let mut pass = Pass::<S> { rasterizer: self, workspace, cloud, target, loss, rates: still(), bias };
         self.threads.install(|| {
             S::prepare(&mut pass.workspace, pass.cloud, view, settings, Binning::Fresh)?;

@@ -13,6 +13,7 @@ use crate::{
     kind::{Kind, Resources},
     loss,
     tiles::Tiles,
+    tuning::CpuTuning,
     workspace::{Frame, Gradients},
 };
 
@@ -33,6 +34,7 @@ pub struct CpuRasterizer {
     pub(crate) threads: rayon::ThreadPool,
     simd: SimdLevel,
     pub(crate) level: Level,
+    pub(crate) tuning: CpuTuning,
     pub(crate) planar: Resources<PlanarScene>,
     pub(crate) spatial: Resources<SpatialScene>,
 }
@@ -56,7 +58,28 @@ impl CpuRasterizer {
             .thread_name(|i| format!("gs-cpu-{i}"))
             .build()
             .map_err(|e| Error::Backend { backend: BACKEND, message: format!("threads cannot be started: {e}") })?;
-        Ok(Self { threads, simd, level, planar: Resources::default(), spatial: Resources::default() })
+        Ok(Self {
+            threads,
+            simd,
+            level,
+            tuning: CpuTuning::default(),
+            planar: Resources::default(),
+            spatial: Resources::default(),
+        })
+    }
+
+    /// The same rasterizer, going about its work in another way.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] where a number of the tuning is outside its range.
+    pub fn with_tuning(self, tuning: CpuTuning) -> Result<Self, Error> {
+        tuning.validate()?;
+        Ok(Self { tuning, ..self })
+    }
+
+    /// How it goes about its work.
+    pub fn tuning(&self) -> CpuTuning {
+        self.tuning
     }
 
     /// This rasterizer for planar scenes alone, where the types of the arguments do not say which kind of scene is meant.
@@ -153,7 +176,7 @@ impl<S: Kind> Rasterizer<S> for CpuRasterizer {
     fn forward(&self, cloud: &S::Cloud, view: &S::View, settings: &RenderSettings) -> Result<Frame<S>, Error> {
         S::check(view, settings)?;
         let pool = &S::resources(self).pool;
-        let mut workspace = pool.take();
+        let mut workspace = pool.take().tuned(self.tuning);
         self.threads.install(|| {
             S::prepare(&mut workspace, cloud, view, settings, Binning::Fresh)?;
             workspace.tiles.blend(self.level);
@@ -220,7 +243,8 @@ impl<S: Kind> Rasterizer<S> for CpuRasterizer {
         step.loss.validate()?;
         target.check_size(S::size(view))?;
         let Resources { pool, bias } = S::resources(self);
-        let mut workspace = S::shared_mut(cloud).workspace.take().unwrap_or_else(|| pool.take());
+        let workspace = S::shared_mut(cloud).workspace.take().unwrap_or_else(|| pool.take());
+        let mut workspace = workspace.tuned(self.tuning);
         let mut bias = bias.lock().unwrap_or_else(PoisonError::into_inner);
         let bias = &mut *bias;
         let value = self.threads.install(|| {

@@ -12,9 +12,6 @@ pub(crate) const CHUNK: usize = 1024;
 /// Largest |exponent| that the kernels' recurrence may start from, well inside the range of `f32`'s exponent.
 const SAFE_EXPONENT: f32 = 80.0;
 
-/// Most rows that the recurrence runs before it starts afresh; its error grows with the square of the number of rows.
-const MAX_RESTART_ROWS: f32 = 32.0;
-
 /// Gaussians with a smaller c hold the ratio of successive rows' weights less 1: near 1, the ratio's own rounding would add up with the
 /// square of the number of rows. With a larger one there are few rows, and the ratio comes near 0, where less 1 would lose its digits.
 const WIDE: f32 = 0.5;
@@ -44,7 +41,7 @@ pub(crate) struct Splat {
     pub(crate) half_x: f32,
     /// dx of the ellipse's lowest point (−dx of its highest).
     pub(crate) lowest_dx: f32,
-    /// Rows after which the kernels' recurrence starts afresh, 1 to 32.
+    /// Rows after which the kernels' recurrence starts afresh.
     pub(crate) restart_rows: u32,
 }
 
@@ -75,14 +72,20 @@ impl Splat {
         restart_rows: 1,
     };
 
-    /// A Gaussian whose covariance is not degenerate and whose opacity is at least `cut`.
+    /// A Gaussian whose covariance is not degenerate and whose opacity is at least `cut`; the recurrence runs along `longest` rows at most.
     #[inline]
-    pub(crate) fn new(mean: Vec2, covariance: Covariance, color: [f32; 3], opacity: f32, cut: f32) -> Self {
+    pub(crate) fn new(
+        mean: Vec2,
+        covariance: Covariance,
+        color: [f32; 3],
+        (opacity, cut): (f32, f32),
+        longest: f32,
+    ) -> Self {
         let Covariance { xx, xy, yy, determinant } = covariance;
         let reach = 2.0 * (opacity / cut).ln();
         let c = xx / determinant;
         // A row whose weight is above the cut has σ ≤ reach/2; going back n rows adds at most n √(c/2) to √σ.
-        let restart = ((SAFE_EXPONENT.sqrt() - (0.5 * reach).sqrt()) / (0.5 * c).sqrt()).clamp(1.0, MAX_RESTART_ROWS);
+        let restart = ((SAFE_EXPONENT.sqrt() - (0.5 * reach).sqrt()) / (0.5 * c).sqrt()).clamp(1.0, longest);
         let half_y = (reach * yy).sqrt();
         Self {
             mean: mean.to_array(),
@@ -103,6 +106,12 @@ impl Splat {
 
     pub(crate) fn is_culled(&self) -> bool {
         self.half_x < 0.0
+    }
+
+    /// How far up and down the ellipse of the cut reaches.
+    #[inline]
+    pub(crate) fn half_y(&self) -> f32 {
+        (self.reach * (self.slope * self.slope / self.inverse_xx + 1.0 / self.c)).sqrt()
     }
 
     /// A with Σ′⁻¹ d = A (dx, u): what leads from the kernels' sums over (dx, u) to gradients by mean and covariance.

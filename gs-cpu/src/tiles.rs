@@ -16,20 +16,23 @@ use crate::{
     blend_sum,
     collect::{Nothing, collecting, numbers},
     dssim,
-    layout::{Cuts, Grid, Row, ScalarRow, TileBuffers, for_each_tile},
+    layout::{Cuts, Grid, MOST_ROWS_OVER, Row, ScalarRow, TileBuffers, for_each_tile},
     splat::{Received, Splat},
+    tuning::CpuTuning,
 };
 
 /// Rows of a tile under `Sum`: strips are kept whole as long as they fit into the second-level cache.
 const SUM_BAND_ROWS: usize = 1024;
 
 /// Rows of a tile under `Over`, where entries come in an order that jumps about the tile: it should stay in the first-level cache.
-const OVER_BAND_ROWS: usize = 64;
+const OVER_BAND_ROWS: usize = MOST_ROWS_OVER;
 
 /// Splats, their lists per tile, images, and what comes back. A *place* is a splat's rank in the order in which tiles see them.
 #[derive(Debug, Default)]
 pub(crate) struct Tiles {
     pub(crate) settings: RenderSettings,
+    /// How the work is gone about.
+    pub(crate) tuning: CpuTuning,
     pub(crate) grid: Grid,
     /// By place.
     pub(crate) splats: Vec<Splat>,
@@ -109,10 +112,11 @@ impl<'a> Lists<'a> {
 impl Tiles {
     /// Takes an image's size and settings.
     pub(crate) fn set(&mut self, size: (u32, u32), settings: &RenderSettings) {
-        let band_rows = match settings.effects.blend {
+        let usual = match settings.effects.blend {
             Blend::Sum => SUM_BAND_ROWS,
             Blend::Over => OVER_BAND_ROWS,
         };
+        let band_rows = self.tuning.tile_rows.map_or(usual, usize::from);
         self.settings = *settings;
         self.grid = Grid::new(size, band_rows);
     }
@@ -157,7 +161,7 @@ impl Tiles {
     /// # Errors
     /// Those of [`Bins::fill`].
     pub(crate) fn bin(&mut self) -> Result<(), Error> {
-        self.bins.fill(&self.splats, &self.grid)
+        self.bins.fill(&self.splats, &self.grid, self.tuning.bounds)
     }
 
     /// Stage `blend`: the image, into `rows`.

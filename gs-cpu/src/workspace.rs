@@ -8,7 +8,7 @@ use std::{
 
 use gs_core::{Image, PlanarScene, SpatialScene};
 
-use crate::{kind::Kind, tiles::Tiles};
+use crate::{kind::Kind, tiles::Tiles, tuning::CpuTuning};
 
 /// One pass's inputs and results.
 #[derive(Debug)]
@@ -25,6 +25,17 @@ pub struct Workspace<S: Kind> {
 impl<S: Kind> Default for Workspace<S> {
     fn default() -> Self {
         Self { tiles: Tiles::default(), own: S::Own::default(), len: 0, edition: None }
+    }
+}
+
+impl<S: Kind> Workspace<S> {
+    /// For work that is gone about like this; lists that were made otherwise are of no use then.
+    pub(crate) fn tuned(mut self, tuning: CpuTuning) -> Self {
+        if self.tiles.tuning != tuning {
+            self.tiles.tuning = tuning;
+            self.edition = None;
+        }
+        self
     }
 }
 

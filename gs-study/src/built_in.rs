@@ -1,9 +1,9 @@
-//! The studies that come with the program: one for each experiment of the paper, and two on photographs.
+//! The studies that come with the program: one for each experiment of the paper, and three on photographs.
 
 use crate::{error::Error, study::Study};
 
 /// Their names, and their files.
-pub const BUILT_IN: [(&str, &str); 7] = [
+pub const BUILT_IN: [(&str, &str); 8] = [
     ("set-up", include_str!("../studies/set-up.toml")),
     ("cold-start", include_str!("../studies/cold-start.toml")),
     ("lazy-convergence", include_str!("../studies/lazy-convergence.toml")),
@@ -11,6 +11,7 @@ pub const BUILT_IN: [(&str, &str); 7] = [
     ("edges", include_str!("../studies/edges.toml")),
     ("absolute-vs-percentile", include_str!("../studies/absolute-vs-percentile.toml")),
     ("all-policies", include_str!("../studies/all-policies.toml")),
+    ("accuracy-in-training", include_str!("../studies/accuracy-in-training.toml")),
 ];
 
 /// Other names, and what they stand for: the paper's experiment as a whole is its set-up.

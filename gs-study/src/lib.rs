@@ -13,6 +13,7 @@ mod error;
 mod export;
 pub mod figure;
 mod folder;
+pub mod frontier;
 mod machine;
 mod overrides;
 mod plan;

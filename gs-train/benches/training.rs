@@ -9,6 +9,7 @@ mod measure;
 use std::time::Instant;
 
 use clap::Parser;
+use gs_conformance::data;
 use gs_core::{Rasterizer, SpatialScene};
 use gs_io::dataset::{Dataset, DatasetSettings, read_dataset};
 use gs_train::{
@@ -16,10 +17,7 @@ use gs_train::{
     spatial::{Start, Views},
 };
 use gs_wgpu::{WgpuRasterizer, WgpuSettings};
-use measure::{
-    Options, Outcome, Quantiles, memory, ms, number, photographs::data_folder, print_columns, print_head, print_row,
-    print_section,
-};
+use measure::{Options, Outcome, Quantiles, memory, ms, number, print_columns, print_head, print_row, print_section};
 
 /// Every 7th view of banana is held out, as the test data's own figures have it; lego says itself which are.
 const HOLDOUT: u32 = 7;
@@ -81,7 +79,7 @@ fn main() -> Outcome {
 
 fn dataset(name: &str) -> Result<Dataset, gs_io::Error> {
     let settings = DatasetSettings { test_every: HOLDOUT.try_into().ok(), ..DatasetSettings::default() };
-    read_dataset(data_folder().join(name), &settings)
+    read_dataset(data::folder().join(name), &settings)
 }
 
 fn start(data: &Dataset) -> Start {

@@ -30,7 +30,7 @@ pub enum Error {
     /// No view that is trained with looks at any of the first Gaussians.
     #[error(
         "none of the {gaussians} first Gaussians is in sight of any of the {views} views to train with: the cameras look away, or the \
-         points are in another world than they; mend the poses, or start with Gaussians where the cameras look (--start random)"
+         points are in another world than they; mend the poses, or start with Gaussians where the cameras look"
     )]
     NothingInView {
         /// First Gaussians.

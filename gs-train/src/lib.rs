@@ -10,6 +10,7 @@
 mod checkpoint;
 mod clamped;
 mod course;
+pub mod effects;
 mod error;
 pub mod experiments;
 mod fit;

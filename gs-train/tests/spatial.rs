@@ -140,6 +140,13 @@ fn a_checkpoint_of_other_views_or_of_an_image_is_refused() {
     fewer.train.pop();
     let refused = SpatialTrainer::resume_views(&rasterizer, fewer, checkpoint.clone()).unwrap_err();
     assert!(matches!(refused, Error::WrongTarget { .. }), "{refused}");
+    let all = |_, photograph: Photograph| {
+        let mask = Some(vec![true; photograph.image.pixels().len()]);
+        Photograph { mask, ..photograph }
+    };
+    let masked = changed(views(&rasterizer), all);
+    let refused = SpatialTrainer::resume_views(&rasterizer, masked, checkpoint.clone()).unwrap_err();
+    assert!(matches!(refused, Error::WrongTarget { .. }), "{refused}");
     let mut flat = checkpoint;
     flat.metadata.insert("format".to_owned(), "planar-fit-1".to_owned());
     let refused = SpatialTrainer::resume_views(&rasterizer, views(&rasterizer), flat).unwrap_err();

@@ -4,7 +4,7 @@
 //! and reductions have a fixed order, or are of integers, so one adapter repeats itself bit for bit.
 //!
 //! Every order, blend and statistic is offered. What is not, is an [`Error::Unsupported`](gs_core::Error::Unsupported) that names it: outputs
-//! besides colour, lenses that bend rays, exposure, the smooth cut, antialiasing of planar scenes, and for spatial ones the chart `LocalFrame`
+//! besides colour, lenses that bend rays, exposure, the smooth cut, extents in standard deviations, antialiasing of planar scenes, and for spatial ones the chart `LocalFrame`
 //! and solving for colours.
 //!
 //! # How large a scene may be

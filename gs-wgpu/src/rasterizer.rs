@@ -4,7 +4,10 @@ use std::sync::{Arc, PoisonError};
 
 use gs_core::{
     AdamRates, Chart, CloudState, DensityStatistics, EditPlan, Error, Image, Loss, PlanarScene, Rasterizer,
-    RenderSettings, SpatialScene, TrainStep, Wait, effects::Outputs, profile::Profiler, settings::Cut,
+    RenderSettings, SpatialScene, TrainStep, Wait,
+    effects::Outputs,
+    profile::Profiler,
+    settings::{Cut, Extent},
     statistics::Culled,
 };
 
@@ -131,6 +134,11 @@ pub(crate) fn check_settings(settings: &RenderSettings) -> Result<(), Error> {
     }
     if settings.accuracy.cut != Cut::Hard {
         return Err(unsupported("a smooth cut, which would touch every pixel"));
+    }
+    if let Extent::Sigmas(k) = settings.accuracy.extent {
+        return Err(unsupported(format!(
+            "an extent of {k} standard deviations: its kernels have one cut for all Gaussians"
+        )));
     }
     Ok(())
 }
@@ -303,5 +311,21 @@ impl<S: Kind> Rasterizer<S> for WgpuRasterizer {
     fn edit(&self, cloud: &mut Cloud<S>, plan: &EditPlan<S::Gaussian>) -> Result<(), Error> {
         cloud.settle(&self.gpu)?;
         cloud.edit(&self.gpu, plan)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use gs_core::Accuracy;
+
+    use super::*;
+
+    #[test]
+    fn an_extent_in_standard_deviations_is_refused_by_its_name() {
+        let mut settings = RenderSettings::default();
+        check_settings(&settings).unwrap();
+        settings.accuracy = Accuracy { extent: Extent::Sigmas(3.0), ..Accuracy::default() };
+        let message = check_settings(&settings).unwrap_err().to_string();
+        assert!(message.contains("wgpu") && message.contains("3 standard deviations"), "{message}");
     }
 }

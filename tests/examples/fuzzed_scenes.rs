@@ -1,6 +1,8 @@
 //! Puts random scenes, views and settings through gs-cpu: `cargo run --release -p gs-conformance --example fuzzed_scenes -- [COUNT] [SEED]`.
 //! Half of them are planar, half in space. Tells each that fails, and of the first all that it is.
 
+#![allow(clippy::print_stdout)]
+
 use std::{env, process::ExitCode, time::Instant};
 
 use gs_conformance::{

@@ -1,7 +1,7 @@
 //! The 64-bit oracle and the conformance suite that any [`Rasterizer`](gs_core::Rasterizer) can be put through.
 //!
-//! A new backend's tests call [`conformance::conformance`]. What it compares with is [`oracle::Oracle`]; how near the two must come is
-//! in [`tolerance`]; what is drawn is in [`scenes`].
+//! A new backend's tests call [`conformance::conformance`]. What it compares with is [`Oracle`](oracle::Oracle); how near the two must come is
+//! in [`tolerance`]; what is drawn is in [`scenes`]. Tests on real photographs and scenes find them by [`data`].
 //! What fuzzers draw, and what a backend owes even that, is in [`fuzzed`].
 
 // Guards are phrased so that NaN fails them: `!(x > 0.0)` is not `x <= 0.0`.
@@ -9,11 +9,13 @@
 
 pub mod conformance;
 pub mod corpus;
+pub mod data;
 pub mod failure;
 pub mod fuzzed;
-pub mod oracle;
 pub mod scenes;
 pub mod subject;
 pub mod tolerance;
+
+pub use gs_oracle as oracle;
 
 pub use crate::failure::Failure;

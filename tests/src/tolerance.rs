@@ -6,22 +6,13 @@
 //! excused beyond that, by no more than the discontinuity's height, and only so many of them.
 
 use gs_core::Image;
+pub use gs_oracle::{NEAR_CUT, ROUNDINGS};
 
 use crate::{
     failure::Failure,
     oracle::{Gradients, Parameters, Rendering},
     subject::Subject,
 };
-
-/// Most roundings that an image, a loss or a gradient may be off.
-///
-/// Worst measured, gs-cpu at four SIMD levels and gs-wgpu with three kinds of kernels, 30 scenes of each kind and blend (24 Gaussians on
-/// 35×26 px): images 5.6, which are 5.7e-6; gradients 14.2 (`Opaque` under `Over`, L1), 9.2 (the same, L2), 5.2 (all else), all within
-/// 1.8e-4 of the largest by the same parameter. `cargo run -p gs-conformance --example worst_cases` measures it.
-pub const ROUNDINGS: f64 = 24.0;
-
-/// A decision is near when its value is within this, relative, of its threshold (or within [`ROUNDINGS`], where that is more).
-pub const NEAR_CUT: f64 = 1e-3;
 
 /// Largest share of an image's values that may need the allowance for discontinuities; one pixel's three always may. Worst
 /// measured: one pixel.

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 
-use crate::{backend::BackendArgs, output::Format, values::Color};
+use crate::{backend::BackendArgs, effects::choice::EffectsArgs, output::Format, values::Color};
 
 const AFTER_HELP: &str = "\
 DIR then holds:
@@ -55,8 +55,10 @@ pub(crate) struct FitArgs {
     #[command(flatten)]
     pub(crate) checkpoints: CheckpointArgs,
     /// Go on with a fit from its checkpoint, given the same image; it ends as if it had never stopped
-    #[arg(long, value_name = "FILE", conflicts_with_all = SETTLED, help_heading = "Checkpoints")]
+    #[arg(long, value_name = "FILE", conflicts_with_all = SETTLED, conflicts_with = "effects", help_heading = "Checkpoints")]
     pub(crate) resume: Option<PathBuf>,
+    #[command(flatten)]
+    pub(crate) effects: EffectsArgs,
     #[command(flatten)]
     pub(crate) backend: BackendArgs,
 }
@@ -103,7 +105,7 @@ pub(crate) struct SettingsArgs {
     /// Where to start from [default: standard, or paper without an image]
     #[arg(long, visible_alias = "quality", value_enum, value_name = "PRESET")]
     pub(crate) preset: Option<PresetName>,
-    /// Take all settings from a file, such as a settings.toml that a fit has written; flags override it
+    /// Take all settings from a file, such as a settings.toml that a fit has written, or accuracy and backend from one of gs frontier; flags override it
     #[arg(long, value_name = "FILE.toml", conflicts_with = "preset")]
     pub(crate) settings: Option<PathBuf>,
     /// The most Gaussians there may be
@@ -193,7 +195,7 @@ pub(crate) enum PolicyName {
     LongAxis,
     /// The paper's experiment: the top percents together with the fixed threshold
     Paper,
-    /// Move the transparent to the opaque and add 5 % a round, with noise between steps (3DGS-MCMC); for --blend over
+    /// Move the transparent to the opaque and add 5 % a round, with noise between steps (3DGS-MCMC); needs opacities, so for images --blend over
     Mcmc,
     /// Start with half, add the rest in four parts in proportion to the error (Image-GS)
     ImageGs,
@@ -241,7 +243,7 @@ pub(crate) enum BlendName {
 /// In which coordinates the optimiser moves a Gaussian.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(crate) enum ChartName {
-    /// Pixels, ln-scale and angle (3DGS)
+    /// Position, ln-scale and rotation (3DGS)
     ScaleRotation,
     /// The Gaussian's own frame: a step is the same fraction of every Gaussian
     LocalFrame,

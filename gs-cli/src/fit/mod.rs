@@ -46,9 +46,14 @@ pub(crate) fn run(args: &FitArgs) -> Result<(), Failure> {
     let target = Target::load(args.image.as_deref(), settings::background(&args.settings)?)?;
     let start = match &args.resume {
         Some(file) => Start::Resumed(Box::new(read_checkpoint(file)?), file.clone()),
-        None => Start::Fresh(Box::new(settings::resolve(&args.settings, &target)?)),
+        None => {
+            let mut settings = settings::resolve(&args.settings, &target)?;
+            settings.render = args.effects.before(&settings.render);
+            Start::Fresh(Box::new(settings))
+        }
     };
-    let backend = Backend::start(&args.backend)?;
+    let chosen = settings::chosen(&args.settings)?;
+    let backend = Backend::start(&args.backend.or_chosen(chosen.as_ref().map(|chosen| &chosen.machine)))?;
     backend.run(Fit { args, target: &target, start, backend: &backend, started })
 }
 
@@ -100,7 +105,9 @@ impl Task for Fit<'_> {
         let mut checkpoints = checkpoints(&args.checkpoints, &folder, trainer.settings().iterations, None)?;
         announce(args, target, backend, &trainer);
 
-        let results = Results { folder: &folder, target, backend, pictures: args.pictures(), started };
+        let (effects, pictures) = (&args.effects, args.pictures());
+        let seconds_before = args.resume.as_ref().map_or(0.0, |_| trainer.seconds());
+        let results = Results { folder: &folder, target, backend, effects, pictures, started, seconds_before };
         let ended = follow(args.detail(), &mut trainer, &mut log, &folder, &mut checkpoints);
         let ended = ended.and_then(|(outcome, curve)| {
             let summary = results.write(rasterizer, &trainer, &log.to_csv(), &curve.0)?;

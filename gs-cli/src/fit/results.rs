@@ -5,7 +5,7 @@ use std::{path::Path, thread, time::Instant};
 
 use gs_core::{
     Blend, Canvas, Image, PlanarScene, Rasterizer, RenderSettings, Scene,
-    effects::Statistics,
+    effects::{Statistics, called_for::Verdict},
     examination::{self, Examinable},
 };
 use gs_io::{PlanarFile, PlyColors, write_ply, write_png, write_scene};
@@ -14,6 +14,7 @@ use serde::Serialize;
 
 use crate::{
     backend::Backend,
+    effects::choice::{EffectsArgs, told},
     failure::Failure,
     fit::{arguments::Pictures, folder::OutputFolder, settings, target::Target, trouble::Trouble},
     output,
@@ -32,10 +33,12 @@ pub(crate) struct Summary {
     adapter: Option<String>,
     /// SIMD level; none on a GPU.
     simd: Option<String>,
-    /// The whole time of the program, pictures included, s.
+    /// The whole time of the program, pictures included, and that of the fit before it was resumed, s.
     total_seconds: f64,
     /// The image; none is the paper's circle and square.
     image: Option<String>,
+    /// Which effects the scene calls for at the image's size, and why.
+    effects: Vec<Verdict>,
 }
 
 impl Summary {
@@ -46,9 +49,10 @@ impl Summary {
         let ms_ssim = ms_ssim.map_or_else(String::new, |value| format!(", MS-SSIM {value:.4}"));
         format!(
             "{gaussians} Gaussians after {iterations} steps in {seconds:.2} s ({:.2} s in all): PSNR {psnr:.2} dB, SSIM \
-             {ssim:.4}{ms_ssim}{trouble}; see {}",
+             {ssim:.4}{ms_ssim}{trouble}; see {}\n{}",
             self.total_seconds,
-            folder.display()
+            folder.display(),
+            told(&self.effects)
         )
     }
 }
@@ -58,9 +62,12 @@ pub(crate) struct Results<'a> {
     pub(crate) folder: &'a OutputFolder,
     pub(crate) target: &'a Target,
     pub(crate) backend: &'a Backend,
+    pub(crate) effects: &'a EffectsArgs,
     pub(crate) pictures: Pictures,
     /// When the program began.
     pub(crate) started: Instant,
+    /// Time spent before, as the checkpoint that was resumed has it, s.
+    pub(crate) seconds_before: f64,
 }
 
 impl Results<'_> {
@@ -128,8 +135,9 @@ impl Results<'_> {
             },
             adapter: self.backend.adapter.clone(),
             simd: self.backend.simd.clone(),
-            total_seconds: self.started.elapsed().as_secs_f64(),
+            total_seconds: self.seconds_before + self.started.elapsed().as_secs_f64(),
             image: self.target.file.as_ref().map(|file| file.display().to_string()),
+            effects: self.effects.choose(scene, &[Canvas::new(width, height)], &render).verdicts,
         };
         self.folder.write_json("summary.json", &summary)?;
         Ok(summary)

@@ -13,6 +13,7 @@ use gs_train::{
 use serde::{Serialize, de::DeserializeOwned};
 
 use crate::{
+    chosen::ChosenSettings,
     failure::Failure,
     fit::{
         arguments::{BlendName, ChartName, InitName, LossName, PolicyName, PresetName, SettingsArgs},
@@ -32,15 +33,19 @@ const LOCAL_FRAME_RATE: f32 = 0.15;
 /// # Errors
 /// Where a file of settings cannot be read, or the settings are not possible.
 pub(crate) fn resolve(args: &SettingsArgs, target: &Target) -> Result<FitSettings, Failure> {
+    let chosen = chosen(args)?;
     let mut settings = match &args.settings {
-        Some(file) => {
+        Some(file) if chosen.is_none() => {
             let settings = read(file)?;
             let gaussians = args.gaussians.unwrap_or(settings.gaussians);
             let iterations = args.iterations.unwrap_or(settings.iterations);
             FitSettings { gaussians, ..settings }.with_iterations(iterations)
         }
-        None => from_preset(args, target.image.size(), args.preset.map_or(target.preset(), Preset::from)),
+        _ => from_preset(args, target.image.size(), args.preset.map_or(target.preset(), Preset::from)),
     };
+    if let Some(ChosenSettings { accuracy, .. }) = chosen {
+        settings.render.accuracy = accuracy;
+    }
     if let InitialCount::Fixed(count) = &mut settings.initial {
         *count = (*count).min(settings.gaussians);
     }
@@ -67,13 +72,21 @@ pub(crate) fn resolve(args: &SettingsArgs, target: &Target) -> Result<FitSetting
     Ok(settings)
 }
 
+/// What `gs frontier` has chosen, if the file of settings is one of its own.
+///
+/// # Errors
+/// Where it cannot be read, or a number in it is not possible.
+pub(crate) fn chosen(args: &SettingsArgs) -> Result<Option<ChosenSettings>, Failure> {
+    Ok(args.settings.as_deref().map(ChosenSettings::read_if_chosen).transpose()?.flatten())
+}
+
 /// The colour that transparent pixels of the target are seen on: the flag's, or else that of a file of settings that has one.
 ///
 /// # Errors
 /// Where the file of settings cannot be read.
 pub(crate) fn background(args: &SettingsArgs) -> Result<Option<Color>, Failure> {
     match (args.background, &args.settings) {
-        (None, Some(file)) => {
+        (None, Some(file)) if chosen(args)?.is_none() => {
             let render = read(file)?.render;
             Ok((render.effects.background == Background::Solid).then_some(Color(render.background)))
         }

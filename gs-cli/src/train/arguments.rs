@@ -7,6 +7,7 @@ use gs_io::dataset::{AlphaMeaning, DatasetSettings};
 
 use crate::{
     backend::BackendArgs,
+    effects::choice::EffectsArgs,
     fit::arguments::{ChartName, CheckpointArgs, Detail, LossName, PolicyName},
     output::Format,
     values::Backing,
@@ -18,6 +19,7 @@ DATASET is a folder that COLMAP, Nerfstudio or Blender wrote, or a transforms.js
 DIR then holds:
   scene.ply        the Gaussians, for any viewer of splats; gs convert makes other formats of it
   views/           each held-out view: the photograph, and beside it the rendering
+  ellipses.png     the first of these views, with Gaussians drawn over it as ellipses; of many, an even choice
   evaluation.json  PSNR, SSIM and L1 of each held-out view, and their means
   metrics.csv      count, edits and loss at every 100th part of the steps and at each round of density control; at every
                    20th part and at both ends also PSNR, L1 and what was culled, over the held-out views, and what was
@@ -25,6 +27,9 @@ DIR then holds:
   curve.png        count and loss over the steps
   settings.toml    all settings, to repeat the training with --settings
   summary.json     what --json prints
+
+Files of an earlier training in DIR are replaced, or removed where this one has none of the kind; checkpoints stay, and so does whatever no
+training wrote into views/. DIR cannot be the data set's own folder, nor hold its photographs.
 
 A data set that does not say which views are for tests has every 8th held out (--holdout). Without any, a few of the views that it
 trains with tell how good the scene is.
@@ -64,7 +69,7 @@ pub(crate) struct TrainArgs {
     /// Print the summary as JSON on standard output, and nothing else there
     #[arg(long)]
     json: bool,
-    /// Leave out the pictures: views/ and curve.png
+    /// Leave out the pictures: views/, ellipses.png and curve.png
     #[arg(long)]
     pub(crate) no_report: bool,
     /// Tell of each round of density control as it happens; metrics.csv has them all, too
@@ -77,8 +82,10 @@ pub(crate) struct TrainArgs {
     #[command(flatten)]
     pub(crate) checkpoints: CheckpointArgs,
     /// Go on with a training from its checkpoint, given the same data set; it ends as if it had never stopped
-    #[arg(long, value_name = "FILE", conflicts_with_all = SETTLED, help_heading = "Checkpoints")]
+    #[arg(long, value_name = "FILE", conflicts_with_all = SETTLED, conflicts_with = "effects", help_heading = "Checkpoints")]
     pub(crate) resume: Option<PathBuf>,
+    #[command(flatten)]
+    pub(crate) effects: EffectsArgs,
     #[command(flatten)]
     pub(crate) backend: BackendArgs,
 }

@@ -123,7 +123,7 @@ fn a_study_of_which_every_run_fails_has_failed() {
     let place = folder();
     let file = study(place.path());
     let output = place.path().join("out");
-    let diverging = STUDY.replace("[settings]", "[settings]\nadam.color.learning-rate = 1e30");
+    let diverging = STUDY.replace("[settings]", "[settings]\nadam.color.learning-rate = 1e38");
     fs::write(&file, diverging).unwrap();
     let run = gs(arguments(&file, &output));
     let last = run.stderr.lines().last().unwrap();
@@ -157,7 +157,8 @@ fn what_cannot_be_studied_is_refused_in_one_line_before_any_work() {
     }
     let line = |words: &[&str]| gs(["study"].iter().chain(words)).refusal().to_owned();
     assert!(line(&["all-policy"]).contains(
-        "those are set-up, cold-start, lazy-convergence, instability, edges, absolute-vs-percentile, all-policies"
+        "those are set-up, cold-start, lazy-convergence, instability, edges, absolute-vs-percentile, all-policies, \
+         accuracy-in-training"
     ));
     assert!(line(&["no/such.toml"]).contains("no/such.toml: there is no such file"));
     assert!(line(&[place.path().to_str().unwrap()]).contains("is a folder: name the TOML file of a study"));

@@ -145,7 +145,7 @@ impl Kind for PlanarScene {
 
     fn project(workspace: &mut Workspace<Self>, cloud: &PlanarCloud) {
         let Workspace { tiles, own, .. } = workspace;
-        tiles.culled = project::project_all(cloud, &own.canvas, &tiles.settings, &own.order, &mut tiles.splats);
+        project::project_all(cloud, &own.canvas, &own.order, tiles);
     }
 
     /// By index where that matters, else by row, so that neighbours in a tile's list are neighbours in the cache.
@@ -209,7 +209,7 @@ impl Kind for PlanarScene {
         if settings.effects.blend != Blend::Sum {
             return Err(unsupported("solving for colours under `over`, where the image is not linear in them"));
         }
-        let mut workspace = rasterizer.planar.pool.take();
+        let mut workspace = rasterizer.planar.pool.take().tuned(rasterizer.tuning);
         rasterizer.threads.install(|| {
             Self::prepare(&mut workspace, cloud, view, settings, Binning::Fresh)?;
             solve_colors::solve(&mut workspace, cloud, target, rasterizer.level, iterations);

@@ -13,7 +13,10 @@ use gs_core::{
 use rayon::prelude::*;
 
 use super::cloud::PlanarCloud;
-use crate::splat::{CHUNK, Covariance, Splat};
+use crate::{
+    splat::{CHUNK, Covariance, Splat},
+    tiles::Tiles,
+};
 
 /// L′ and the mean on the canvas: plane coordinates scaled to pixels.
 pub(crate) fn on_canvas(canvas: &Canvas, mean: Vec2, frame: Mat2) -> (Vec2, Mat2) {
@@ -22,7 +25,13 @@ pub(crate) fn on_canvas(canvas: &Canvas, mean: Vec2, frame: Mat2) -> (Vec2, Mat2
 }
 
 /// One Gaussian's splat, or why it has none.
-fn project(mean: Vec2, l: Mat2, color: [f32; 3], opacity: f32, settings: &RenderSettings) -> Result<Splat, Cause> {
+fn project(
+    mean: Vec2,
+    l: Mat2,
+    color: [f32; 3],
+    opacity: f32,
+    (settings, longest): (&RenderSettings, f32),
+) -> Result<Splat, Cause> {
     let antialias = settings.effects.antialias;
     let delta = antialias.dilation();
     let xx = l.x_axis.x * l.x_axis.x + l.y_axis.x * l.y_axis.x;
@@ -42,23 +51,19 @@ fn project(mean: Vec2, l: Mat2, color: [f32; 3], opacity: f32, settings: &Render
         (Blend::Over, Antialias::Mip) => opacity * (undilated / determinant).sqrt(),
         _ => opacity,
     };
-    let cut = settings.accuracy.alpha_cut;
-    if !(opacity >= cut) {
+    if !(opacity >= settings.accuracy.alpha_cut) {
         return Err(Cause::Transparent);
     }
-    Ok(Splat::new(mean, Covariance { xx, xy, yy, determinant }, color, opacity, cut))
+    let cut = settings.accuracy.cut_of(opacity);
+    Ok(Splat::new(mean, Covariance { xx, xy, yy, determinant }, color, (opacity, cut), longest))
 }
 
-/// Projects all Gaussians of `cloud`, in the order `order` (place → index), into `splats`.
-pub(crate) fn project_all(
-    cloud: &PlanarCloud,
-    canvas: &Canvas,
-    settings: &RenderSettings,
-    order: &[u32],
-    splats: &mut Vec<Splat>,
-) -> Culled {
+/// Projects all Gaussians of `cloud`, in the order `order` (place → index), into the tiles' splats, and counts those that it left out.
+pub(crate) fn project_all(cloud: &PlanarCloud, canvas: &Canvas, order: &[u32], tiles: &mut Tiles) {
+    let Tiles { settings, tuning, splats, .. } = tiles;
+    let settings = (&*settings, f32::from(tuning.recurrence_rows));
     splats.resize(order.len(), Splat::CULLED);
-    let opaque = settings.effects.blend == Blend::Sum || cloud.opacity_logits.is_empty();
+    let opaque = settings.0.effects.blend == Blend::Sum || cloud.opacity_logits.is_empty();
     let chunk = |(out, order): (&mut [Splat], &[u32])| {
         let mut culled = Culled::default();
         for (splat, &index) in out.iter_mut().zip(order) {
@@ -72,5 +77,6 @@ pub(crate) fn project_all(
         }
         culled
     };
-    splats.par_chunks_mut(CHUNK).zip(order.par_chunks(CHUNK)).map(chunk).reduce(Culled::default, Culled::plus)
+    let chunks = splats.par_chunks_mut(CHUNK).zip(order.par_chunks(CHUNK)).map(chunk);
+    tiles.culled = chunks.reduce(Culled::default, Culled::plus);
 }

@@ -149,7 +149,7 @@ impl Kind for SpatialScene {
         let Workspace { tiles, own, .. } = workspace;
         let Some(eye) = &own.eye else { return };
         let (splats, depths) = (&mut own.projected, &mut own.depths);
-        tiles.culled = project::project_all(cloud, eye, &tiles.grid, &tiles.settings, splats, depths);
+        tiles.culled = project::project_all(cloud, eye, tiles, splats, depths);
     }
 
     fn sort(workspace: &mut Workspace<Self>, _: &SpatialCloud) {

@@ -2,7 +2,7 @@
 //! where the ellipse's box touches the image, and nowhere else.
 
 use gs_core::{
-    Chart, RenderSettings,
+    Accuracy, Chart,
     perspective::Perspective,
     sh,
     statistics::{Cause, Culled},
@@ -14,6 +14,7 @@ use crate::{
     bin::touches,
     layout::Grid,
     splat::{CHUNK, Covariance, Splat},
+    tiles::Tiles,
 };
 
 /// Depth of a Gaussian that is drawn, z and its slopes per px; `[0; 3]` of one that is not.
@@ -29,14 +30,19 @@ pub(crate) struct Eye {
     pub(crate) chart: Chart,
 }
 
-fn project(eye: &Eye, row: &[f32], grid: &Grid, cut: f32) -> Result<(Splat, Depth), Cause> {
+fn project(
+    eye: &Eye,
+    row: &[f32],
+    grid: &Grid,
+    (accuracy, longest): (&Accuracy, f32),
+) -> Result<(Splat, Depth), Cause> {
     let p = match eye.chart {
         Chart::ScaleRotation => eye.perspective.project(&cloud::ellipsoid(row)),
         Chart::LocalFrame => eye.perspective.project_framed(&cloud::framed(row)),
     }?;
     let [xx, xy, yy] = p.covariance;
     let covariance = Covariance { xx, xy, yy, determinant: p.determinant };
-    let mut splat = Splat::new(p.mean, covariance, [0.0; 3], p.opacity, cut);
+    let mut splat = Splat::new(p.mean, covariance, [0.0; 3], (p.opacity, accuracy.cut_of(p.opacity)), longest);
     if !touches(&splat, (splat.reach * yy).sqrt(), grid) {
         return Err(Cause::Outside);
     }
@@ -47,22 +53,21 @@ fn project(eye: &Eye, row: &[f32], grid: &Grid, cut: f32) -> Result<(Splat, Dept
     Ok((splat, [p.depth, p.depth_slope.x, p.depth_slope.y]))
 }
 
-/// Projects all Gaussians of `cloud`, by index.
+/// Projects all Gaussians of `cloud`, by index, for these tiles.
 pub(crate) fn project_all(
     cloud: &SpatialCloud,
     eye: &Eye,
-    grid: &Grid,
-    settings: &RenderSettings,
+    tiles: &Tiles,
     splats: &mut Vec<Splat>,
     depths: &mut Vec<Depth>,
 ) -> Culled {
     splats.resize(cloud.len(), Splat::CULLED);
     depths.resize(cloud.len(), [0.0; 3]);
-    let cut = settings.accuracy.alpha_cut;
+    let (grid, how) = (&tiles.grid, (&tiles.settings.accuracy, f32::from(tiles.tuning.recurrence_rows)));
     let chunk = |((splats, depths), rows): ((&mut [Splat], &mut [Depth]), &[f32])| {
         let mut culled = Culled::default();
         for ((splat, depth), row) in splats.iter_mut().zip(depths).zip(rows.chunks_exact(cloud.pitch())) {
-            match project(eye, row, grid, cut) {
+            match project(eye, row, grid, how) {
                 Ok(found) => (*splat, *depth) = found,
                 Err(cause) => {
                     culled.count(cause);

@@ -61,11 +61,12 @@ impl Figure {
             let line: Vec<(f64, f64)> = points.iter().map(|point| (point.x, point.y)).collect();
             let pen = color(*style).stroke_width(2 * zoom);
             match is_dashed(*style) {
+                _ if *dots == Dots::Alone => chart.draw_series(Vec::<PathElement<(f64, f64)>>::new())?,
                 true => chart.draw_series(DashedLineSeries::new(line.clone(), 6 * zoom, 4 * zoom, pen))?,
                 // Segment by segment: where a noisy line is drawn in one piece, its pointed corners shoot far beyond it.
                 false => chart.draw_series(line.windows(2).map(|ends| PathElement::new(ends.to_vec(), pen)))?,
             };
-            let marked = if *dots == Dots::All { &line[..] } else { &line[line.len() - 1..] };
+            let marked = if *dots == Dots::Last { &line[line.len() - 1..] } else { &line[..] };
             for &place in marked {
                 let pixel = chart.backend_coord(&place);
                 mark(area, *style, pixel, 4 * zoom as i32)?;

@@ -105,6 +105,8 @@ pub enum Dots {
     All,
     /// The last.
     Last,
+    /// Every one, and no line between them.
+    Alone,
 }
 
 /// A line and its band.

@@ -21,6 +21,8 @@ use cloud::{Cloud, Frame, Gradients, narrow, scene_of, tensors};
 pub(crate) enum Fault {
     /// Nothing: what passes.
     Faultless,
+    /// Nothing either: a backend may.
+    RefusesFrames,
     ShiftsImages,
     DimsImages,
     DrawsInTheScenesOrder,
@@ -73,6 +75,15 @@ impl Faulty {
         self.0 == fault
     }
 
+    fn check_chart(&self, chart: Chart) -> Result<(), Error> {
+        match chart {
+            Chart::LocalFrame if self.is(RefusesFrames) => {
+                Err(Error::Unsupported { backend: "oracle", effect: "chart LocalFrame".to_owned() })
+            }
+            _ => Ok(()),
+        }
+    }
+
     /// What it renders with instead of what it is told.
     fn altered(
         &self,
@@ -118,6 +129,7 @@ impl Rasterizer<SpatialScene> for Faulty {
             scene.means.iter_mut().filter(|mean| mean.is_nan()).for_each(|mean| *mean = glam::Vec3::ZERO);
         }
         scene.validate()?;
+        self.check_chart(chart)?;
         if self.is(NormalisesQuaternions) {
             for q in &mut scene.rotations {
                 *q = glam::Vec4::from_array(*q).normalize().to_array();
@@ -161,6 +173,7 @@ impl Rasterizer<SpatialScene> for Faulty {
     }
 
     fn restore(&self, state: &CloudState) -> Result<Cloud, Error> {
+        self.check_chart(state.chart)?;
         let restored = || {
             let (sh_width, _) = state.matrix("sh")?;
             let rows = |name, width| match state.matrix(name)? {

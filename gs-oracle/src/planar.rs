@@ -145,6 +145,12 @@ impl Splat for PlanarSplat {
         }
     }
 
+    fn sigma(&self, p: [f64; 2]) -> f64 {
+        let [a, b, c] = self.precision;
+        let d = [p[0] - self.center[0], p[1] - self.center[1]];
+        0.5 * ((a * d[0] + b * d[1]) * d[0] + (b * d[0] + c * d[1]) * d[1])
+    }
+
     fn appearance(&self) -> &Appearance {
         &self.appearance
     }

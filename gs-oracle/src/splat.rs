@@ -6,7 +6,7 @@ use std::fmt::Debug;
 use gs_core::{Error, RenderSettings, effects::Order, statistics::Cause};
 
 use super::rounded::Rounded;
-use crate::tolerance::ROUNDINGS;
+use crate::ROUNDINGS;
 
 /// What one Gaussian is on the image, or what there is once for each of that: five numbers of its shape, which of them
 /// [`Exponent::derivatives`] says, then its opacity ([`Appearance::opacity_slope`]), red, green, blue.
@@ -18,9 +18,9 @@ pub(crate) const OPACITY_SHARE: usize = 5;
 pub(crate) const COLOR_SHARE: usize = 6;
 
 /// What the oracle looks through.
-pub trait OracleView: Copy + Debug {
+pub trait OracleView: Copy + Debug + Send + Sync {
     /// One Gaussian as it is seen.
-    type Splat: Splat;
+    type Splat: Splat + Send + Sync;
 
     /// Fails for an impossible view, and for effects that the oracle does not have for this kind of view.
     ///
@@ -51,6 +51,9 @@ pub enum Projection<T> {
 pub trait Splat: Debug + Clone {
     /// σ at the pixel centre `p`.
     fn exponent(&self, p: [f64; 2]) -> Exponent;
+
+    /// σ at the pixel centre `p`, and nothing of its derivatives.
+    fn sigma(&self, p: [f64; 2]) -> f64;
 
     /// What does not depend on the pixel.
     fn appearance(&self) -> &Appearance;

@@ -7,14 +7,14 @@
 use gs_core::{
     RenderSettings,
     effects::{Blend, Order},
-    settings::{Accuracy, Cut},
+    settings::{Accuracy, Cut, Extent},
 };
 
 use super::{
     rounded::F32_ROUNDING,
     splat::{COLOR_SHARE, Depth, Exponent, Lean, OPACITY_SHARE, Share, Splat},
 };
-use crate::tolerance::{NEAR_CUT, ROUNDINGS};
+use crate::{NEAR_CUT, ROUNDINGS};
 
 /// Roundings of one weight besides those of its σ: the exponential, products, sums.
 const OPERATIONS: f64 = 8.0;
@@ -106,7 +106,7 @@ impl Pixel {
             let w = (-exponent.sigma).exp();
             let value_rounding = exponent.rounding + OPERATIONS * F32_ROUNDING;
             let change = seen.color.map(|c| w * c.abs());
-            if !self.survives_cut(w, value_rounding, accuracy, lean, change) {
+            if !self.survives_cut(w, 1.0, value_rounding, accuracy, lean, change) {
                 continue;
             }
             self.take_note(seen.undecided, change);
@@ -145,7 +145,7 @@ impl Pixel {
             let (seen, value, value_rounding) = (candidate.splat.appearance(), candidate.value, candidate.rounding);
             // Including it or not replaces α of what is behind by its own colour.
             let change = brightest.map(|b| 2.0 * t * value * b);
-            if !self.survives_cut(value, value_rounding, accuracy, lean, change) {
+            if !self.survives_cut(value, seen.opacity, value_rounding, accuracy, lean, change) {
                 continue;
             }
             self.take_note(seen.undecided, change);
@@ -207,11 +207,19 @@ impl Pixel {
     }
 
     /// The cut, taking note where it is within rounding; `change` is what it decides about.
-    fn survives_cut(&mut self, value: f64, rounding: f64, accuracy: &Accuracy, lean: Lean, change: [f64; 3]) -> bool {
+    fn survives_cut(
+        &mut self,
+        value: f64,
+        opacity: f64,
+        rounding: f64,
+        accuracy: &Accuracy,
+        lean: Lean,
+        change: [f64; 3],
+    ) -> bool {
         if accuracy.cut == Cut::Smooth {
             return true;
         }
-        let cut = f64::from(accuracy.alpha_cut);
+        let cut = cut_of(accuracy, opacity);
         let band = NEAR_CUT.max(ROUNDINGS * rounding);
         self.take_note((value / cut - 1.0).abs() <= band, change);
         lean.reaches(value, cut, band)
@@ -329,6 +337,15 @@ impl Pixel {
     }
 }
 
+/// What o·w of a Gaussian of this opacity must reach to count.
+pub(crate) fn cut_of(accuracy: &Accuracy, opacity: f64) -> f64 {
+    let cut = f64::from(accuracy.alpha_cut);
+    match accuracy.extent {
+        Extent::AlphaCut => cut,
+        Extent::Sigmas(k) => cut.max(opacity * (-0.5 * f64::from(k) * f64::from(k)).exp()),
+    }
+}
+
 /// All that may survive the cut at the pixel centre `p`, in the order of the scene.
 fn candidates<'s, T: Splat>(splats: &'s [Option<T>], p: [f64; 2], accuracy: &Accuracy) -> Vec<Candidate<'s, T>> {
     let there = splats.iter().enumerate().filter_map(|(i, splat)| splat.as_ref().map(|s| (i, s)));
@@ -338,8 +355,8 @@ fn candidates<'s, T: Splat>(splats: &'s [Option<T>], p: [f64; 2], accuracy: &Acc
         let rounding = exponent.rounding + seen.opacity_rounding + OPERATIONS * F32_ROUNDING;
         Candidate { index, splat, exponent, weight, value: seen.opacity * weight, rounding, tied: false }
     });
-    let cut = f64::from(accuracy.alpha_cut);
     all.filter(|c| {
+        let cut = cut_of(accuracy, c.splat.appearance().opacity);
         let band = NEAR_CUT.max(ROUNDINGS * c.rounding);
         accuracy.cut == Cut::Smooth || Lean::More.reaches(c.value, cut, band) || c.value >= cut * (1.0 - band)
     })

@@ -8,7 +8,7 @@ use std::ops::{Add, Div, Mul, Neg, Sub};
 pub(crate) const F32_ROUNDING: f64 = 5.960_464_477_539_063e-8;
 
 /// What is counted for one operation, relative. Single roundings are at most [`F32_ROUNDING`] and seldom all fall to one side, as this
-/// analysis adds them up; with an eighth of it for each, the same [`ROUNDINGS`](crate::tolerance::ROUNDINGS) fit both kinds of scenes.
+/// analysis adds them up; with an eighth of it for each, the same [`ROUNDINGS`](crate::ROUNDINGS) fit both kinds of scenes.
 const OPERATION: f64 = F32_ROUNDING / 8.0;
 
 /// Roundings of a square root or an exponential.

@@ -18,7 +18,7 @@ use super::{
     spherical_harmonics,
     splat::{Appearance, Depth, Exponent, Lean, OracleView, Projection, Splat},
 };
-use crate::tolerance::ROUNDINGS;
+use crate::ROUNDINGS;
 
 /// How far beyond the image's edge slopes are followed, as a share of half the image: 3DGS's 1.3 times the tangent of half the field of view.
 const MARGIN: f64 = 0.3;
@@ -284,6 +284,12 @@ impl Splat for SpatialSplat {
             derivative_rounding: magnitudes.map(|v| OPERATIONS * F32_ROUNDING * v.abs()),
             displaced,
         }
+    }
+
+    fn sigma(&self, p: [f64; 2]) -> f64 {
+        let d = self.offset(p);
+        let [a, b, c] = self.precision;
+        0.5 * ((a * d[0] + b * d[1]) * d[0] + (b * d[0] + c * d[1]) * d[1])
     }
 
     fn appearance(&self) -> &Appearance {

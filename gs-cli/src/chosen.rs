@@ -1,0 +1,151 @@
+//! Settings that `gs frontier` has chosen, as a file: how exactly to render, and on what. `gs render` and `gs fit` take it with --settings.
+
+use std::path::Path;
+
+use gs_core::{
+    Accuracy, RenderSettings,
+    effects::{Antialias, Order},
+};
+use gs_cpu::CpuTuning;
+use serde::{Deserialize, Serialize};
+
+use crate::{
+    failure::Failure,
+    fit::settings::{read_toml, to_toml},
+    text_file::read_text,
+};
+
+/// What helps where such a file is wrong.
+const MEND: &str = "gs frontier with --max-error or --max-ms writes such a file";
+
+/// How exactly to render, and on what.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, rename_all = "kebab-case")]
+pub(crate) struct ChosenSettings {
+    /// The approximations.
+    #[serde(default)]
+    pub(crate) accuracy: Accuracy,
+    /// Which effects a scene in space is shown with; an image's scene has its own.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) effects: Option<ChosenEffects>,
+    /// What computes.
+    pub(crate) machine: ChosenMachine,
+}
+
+/// The effects that are a matter of choice.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, rename_all = "kebab-case")]
+pub(crate) struct ChosenEffects {
+    /// In which order Gaussians are blended.
+    pub(crate) order: Order,
+    /// What is done about those narrower than a pixel.
+    pub(crate) antialias: Antialias,
+    /// Highest degree of the spherical harmonics; of a scene that has fewer, those that it has.
+    pub(crate) sh_degree: u8,
+}
+
+/// What computes.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
+pub(crate) struct ChosenMachine {
+    /// The flags that choose it; where flags are given, they count instead.
+    pub(crate) flags: Vec<String>,
+    /// How the cpu backend goes about its work.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) cpu: Option<CpuTuning>,
+    /// How the wgpu backend's kernels are written, if not as the adapter likes them best: portable, subgroups or vectors.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) kernels: Option<KernelsName>,
+}
+
+/// How the wgpu backend's kernels are written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum KernelsName {
+    Portable,
+    Subgroups,
+    Vectors,
+}
+
+impl ChosenSettings {
+    /// Reads such a file.
+    ///
+    /// # Errors
+    /// Where it cannot be read, is not of this kind, or a number in it is not possible.
+    pub(crate) fn read(file: &Path) -> Result<Self, Failure> {
+        let chosen: Self = read_toml(file, MEND)?;
+        let failed = |error| Failure::usage(error).at(file.display()).mend(MEND);
+        chosen.applied_to(RenderSettings::default()).validate().map_err(failed)?;
+        chosen.machine.cpu.unwrap_or_default().validate().map_err(failed)?;
+        Ok(chosen)
+    }
+
+    /// Reads such a file if it is one: nothing of a file of other settings, which has no machine.
+    ///
+    /// # Errors
+    /// As [`Self::read`].
+    pub(crate) fn read_if_chosen(file: &Path) -> Result<Option<Self>, Failure> {
+        let text = read_text(file, "name a file of settings")?;
+        let is_chosen = text.parse::<toml::Table>().is_ok_and(|table| table.contains_key("machine"));
+        is_chosen.then(|| Self::read(file)).transpose()
+    }
+
+    /// The same rendering, as exactly as was chosen, and with the effects if there are any.
+    pub(crate) fn applied_to(&self, mut render: RenderSettings) -> RenderSettings {
+        render.accuracy = self.accuracy;
+        if let Some(ChosenEffects { order, antialias, sh_degree }) = self.effects {
+            (render.effects.order, render.effects.antialias, render.effects.sh_degree) = (order, antialias, sh_degree);
+        }
+        render
+    }
+
+    /// As a file, under these lines of comment.
+    ///
+    /// # Errors
+    /// Where it cannot be written as TOML.
+    pub(crate) fn to_file(&self, comment: &str) -> Result<String, Failure> {
+        let comment: String = comment.lines().map(|line| format!("# {line}\n")).collect();
+        Ok(comment + "\n" + &to_toml(self)?)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use gs_core::settings::Extent;
+    use gs_cpu::Bounds;
+
+    use super::*;
+
+    #[test]
+    fn a_file_comes_back_as_it_was_written() {
+        let accuracy = Accuracy { alpha_cut: 1.0 / 1024.0, extent: Extent::Sigmas(3.5), ..Accuracy::default() };
+        let effects = ChosenEffects { order: Order::PixelDepth, antialias: Antialias::Mip, sh_degree: 2 };
+        let cpu = CpuTuning { bounds: Bounds::Box, tile_rows: Some(16), ..CpuTuning::default() };
+        let flags = ["--backend", "cpu"].map(str::to_owned).to_vec();
+        for (effects, cpu, kernels) in
+            [(Some(effects), Some(cpu), None), (None, None, Some(KernelsName::Portable)), (None, None, None)]
+        {
+            let machine = ChosenMachine { flags: flags.clone(), cpu, kernels };
+            let chosen = ChosenSettings { accuracy, effects, machine };
+            let folder = tempfile::tempdir().unwrap();
+            let file = folder.path().join("settings.toml");
+            std::fs::write(&file, chosen.to_file("two\nlines").unwrap()).unwrap();
+            assert_eq!(ChosenSettings::read(&file).unwrap(), chosen);
+            assert_eq!(ChosenSettings::read_if_chosen(&file).unwrap(), Some(chosen));
+        }
+    }
+
+    #[test]
+    fn what_is_not_possible_is_refused_and_other_settings_are_left_to_others() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("settings.toml");
+        for bad in
+            ["[machine]\n[accuracy]\nalpha-cut = 7\n", "[machine]\ncpu = { tile-rows = 3 }\n", "[machine]\nx = 1\n"]
+        {
+            std::fs::write(&file, bad).unwrap();
+            assert!(ChosenSettings::read_if_chosen(&file).is_err(), "{bad}");
+        }
+        std::fs::write(&file, "iterations = 7\n").unwrap();
+        assert_eq!(ChosenSettings::read_if_chosen(&file).unwrap(), None);
+    }
+}

@@ -1,0 +1,176 @@
+//! `gs frontier`: what accuracy costs in time on this scene and this machine, and the settings that keep a budget of either.
+
+mod answer;
+mod subject;
+
+use std::path::PathBuf;
+
+use clap::Args;
+use gs_core::Rasterizer;
+use gs_cpu::CpuRasterizer;
+use gs_oracle::OracleView;
+use gs_study::frontier::{Budget, Chosen, Field, Frontier, Pace, Verifiable, figure, search, to_csv, to_text};
+use gs_wgpu::WgpuRasterizer;
+use serde::Serialize;
+
+use crate::{
+    backend::{BackendArgs, contenders},
+    failure::Failure,
+    fit::folder::OutputFolder,
+    frontier::{
+        answer::Answer,
+        subject::{Seen, Subject},
+    },
+    output,
+    shown::ShownArgs,
+    values::{Axis, Size, Tolerance},
+};
+
+const AFTER_HELP: &str = "\
+INPUT is taken as it comes: a scene, of an image or in space, is measured as it is; an image is fitted first. A scene in space is seen from \
+views of --dataset, or from an orbit around it.
+
+Every setting is measured alone, and those combinations that lie on the frontier if times multiply and errors add up: cut of alpha, extent, \
+full pixels, order, antialiasing, SH degree; on the processor every SIMD level, one thread, exp in place of the recurrence, tiles, bounds; on \
+a GPU every kind of kernels. Runs are in turn, after a warm-up. The default is measured twice as if it were two settings; what those differ \
+by is the noise, and differences within it are `no difference`. Errors are of the largest channel of any pixel, not clamped, against the \
+64-bit oracle without any cut-off, with the effects that the scene is shown with; other effects are other pictures, priced by how much they \
+differ.
+
+With --max-error or --max-ms the answer is a file of settings that gs render --settings and gs fit --settings take: the quickest that are \
+exact enough, or the most exact that are quick enough, of all backends that are measured, verified on views that the search did not see. It \
+is printed on standard output, and everything else on standard error.
+
+DIR then holds frontier.csv, the table; frontier.json, the same with all times; frontier.svg and .png, error against time; and settings.toml, \
+if a budget was given.";
+
+/// The flags of `gs frontier`.
+#[derive(Debug, Clone, Args)]
+#[command(after_help = AFTER_HELP)]
+pub(crate) struct FrontierArgs {
+    /// A scene of an image, a scene in space, or an image to which Gaussians are fitted first
+    input: PathBuf,
+    /// Folder for the results; made if it is not there [default: they are only printed]
+    #[arg(short, long, value_name = "DIR")]
+    output: Option<PathBuf>,
+    /// Choose the quickest settings whose error is at most this at every pixel: a number, or a fraction such as 1/255
+    #[arg(long, value_name = "E", conflicts_with = "max_ms")]
+    max_error: Option<Tolerance>,
+    /// Choose the most exact settings that take at most so many milliseconds a view
+    #[arg(long, value_name = "T")]
+    max_ms: Option<Tolerance>,
+    /// Print JSON on standard output, and nothing else there
+    #[arg(long, conflicts_with_all = ["max_error", "max_ms"])]
+    json: bool,
+    /// Seconds that go into timing; at least seven rounds are made, however long they take
+    #[arg(long, value_name = "S", default_value_t = 24, value_parser = clap::value_parser!(u32).range(1..=3600))]
+    seconds: u32,
+    /// Size of the pictures [default: that of the image or of the data set; in space else 800x600]
+    #[arg(long, value_name = "WxH")]
+    size: Option<Size>,
+    /// The most Gaussians that an image is fitted with [default: 9000 for each 768x512 px]
+    #[arg(short = 'n', long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    gaussians: Option<u32>,
+    /// Look at a scene in space from views of this data set
+    #[arg(long, value_name = "DATASET")]
+    dataset: Option<PathBuf>,
+    /// Views of a scene in space for the search, and as many again to verify
+    #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=100))]
+    views: u32,
+    /// The axis that an orbit goes around and that is up in the picture: x, y, z, or -x, -y, -z [default: -y]
+    #[arg(long, value_name = "AXIS", allow_hyphen_values = true)]
+    up: Option<Axis>,
+    #[command(flatten)]
+    shown: ShownArgs,
+    #[command(flatten)]
+    backend: BackendArgs,
+}
+
+impl FrontierArgs {
+    fn budget(&self) -> Option<Budget> {
+        let error = self.max_error.map(|most| Budget::MaxError(most.0));
+        error.or(self.max_ms.map(|most| Budget::MaxSeconds(1e-3 * most.0)))
+    }
+}
+
+/// What `frontier.json` holds and `--json` prints.
+#[derive(Debug, Serialize)]
+#[serde(rename_all = "kebab-case")]
+struct Report<'a> {
+    /// The file.
+    input: String,
+    gaussians: usize,
+    width: u32,
+    height: u32,
+    #[serde(flatten)]
+    frontier: &'a Frontier,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    answer: Option<&'a Answer>,
+}
+
+/// Measures, prints and writes.
+///
+/// # Errors
+/// Where input, flags or the output folder are not possible, a backend fails, or nothing keeps the budget.
+pub(crate) fn run(args: &FrontierArgs) -> Result<(), Failure> {
+    let subject = Subject::load(args)?;
+    let folder = args.output.as_ref().map(|path| OutputFolder::prepare(path, "--output")).transpose()?;
+    match subject {
+        Subject::Planar(seen) => measure(args, &seen, folder.as_ref()),
+        Subject::Spatial(seen) => measure(args, &seen, folder.as_ref()),
+    }
+}
+
+fn measure<S>(args: &FrontierArgs, seen: &Seen<S>, folder: Option<&OutputFolder>) -> Result<(), Failure>
+where
+    S: Verifiable,
+    CpuRasterizer: Rasterizer<S>,
+    WgpuRasterizer: Rasterizer<S>,
+{
+    let (contenders, machines) = contenders(&args.backend, &seen.scene, seen.shown.effects.blend)?;
+    let field = Field { scene: &seen.scene, contenders, shown: seen.shown };
+    let pace = Pace { seconds: f64::from(args.seconds), ..Pace::default() };
+    let frontier = search(&field, &seen.views, pace, &mut |what| output::note(what))?;
+    let (width, height) = seen.views[0].size();
+    let what = format!("{}: {} Gaussians, {width}x{height} px", seen.name, seen.scene.len());
+    let answer = match args.budget() {
+        None => None,
+        Some(budget) => {
+            output::note(format_args!("verifying on {} views that the search has not seen", seen.unseen.len()));
+            let chosen = match budget.choose(&field, &frontier, &seen.unseen, 0.1 * pace.seconds)? {
+                Chosen::Kept(choice) => choice,
+                Chosen::OutOfReach(best) => return Err(answer::out_of_reach(budget, best)),
+            };
+            Some(Answer::new(budget, &chosen, &frontier, &machines, &what, seen.in_space)?)
+        }
+    };
+    let report = Report {
+        input: args.input.display().to_string(),
+        gaussians: seen.scene.len(),
+        width,
+        height,
+        frontier: &frontier,
+        answer: answer.as_ref(),
+    };
+    if let Some(folder) = folder {
+        let figure = figure(&frontier, &what);
+        folder.write_text("frontier.csv", &to_csv(&frontier))?;
+        folder.write_json("frontier.json", &report)?;
+        folder.write_text("frontier.svg", &figure.svg_file()?)?;
+        gs_io::write_png(folder.file("frontier.png"), &figure.image()?)?;
+        match &answer {
+            Some(answer) => folder.write_text("settings.toml", &answer.file)?,
+            None => folder.leave_out("settings.toml")?,
+        }
+        output::note(format_args!("wrote the frontier in {}", folder.path().display()));
+    }
+    let text = format!("{what}\n\n{}", to_text(&frontier));
+    match answer {
+        _ if args.json => output::json(&report),
+        None => output::result(text),
+        Some(answer) => {
+            output::note(text);
+            output::result(answer.file.trim_end())
+        }
+    }
+}

@@ -1,0 +1,175 @@
+//! What is measured: a scene, how it is shown, the views of the search, and others to verify what it finds.
+
+use std::path::Path;
+
+use glam::Vec2;
+use gs_core::{Camera, Canvas, PlanarScene, RenderSettings, Scene, SpatialScene};
+use gs_io::{
+    PlanarFile,
+    dataset::{DatasetSettings, read_dataset},
+    read_spatial,
+};
+use gs_train::{
+    Trainer,
+    spatial::{Orbit, resized},
+};
+
+use crate::{
+    backend::{Backend, Task},
+    cameras,
+    failure::Failure,
+    fit::{arguments::SettingsArgs, settings, target::Target},
+    frontier::FrontierArgs,
+    output,
+    values::Size,
+};
+
+/// A scene of either kind.
+pub(crate) enum Subject {
+    Planar(Seen<PlanarScene>),
+    Spatial(Seen<SpatialScene>),
+}
+
+/// A scene and its views.
+pub(crate) struct Seen<S: Scene> {
+    /// Its name for people.
+    pub(crate) name: String,
+    pub(crate) scene: S,
+    /// How it is shown.
+    pub(crate) shown: RenderSettings,
+    /// Of the search, at least one, all of one size.
+    pub(crate) views: Vec<S::View>,
+    /// Others.
+    pub(crate) unseen: Vec<S::View>,
+    /// Whether it is in space.
+    pub(crate) in_space: bool,
+}
+
+impl Subject {
+    /// Reads what the flags name; fits an image.
+    ///
+    /// # Errors
+    /// Where a file cannot be read, a flag does not go with what it holds, or a fit fails.
+    pub(crate) fn load(args: &FrontierArgs) -> Result<Self, Failure> {
+        let path = &args.input;
+        if gs_io::spatial_format(path)?.is_some() {
+            return spatial(args).map(Self::Spatial);
+        }
+        if args.dataset.is_some() || args.up.is_some() || args.shown.is_some() {
+            let message = "is an image or the scene of one, which has no data set, order or background to choose";
+            return Err(Failure::usage(message).at(path.display()).mend("leave the flags for scenes in space out"));
+        }
+        let (scene, shown, size) = match gs_io::read_scene(path) {
+            Ok(PlanarFile { scene, settings, width, height, .. }) => {
+                if args.gaussians.is_some() {
+                    let message = "--gaussians is for images, which are fitted first, but this is a scene";
+                    return Err(Failure::usage(message).at(path.display()).mend("leave it out"));
+                }
+                (scene, settings, (width, height))
+            }
+            // Whatever is called one is meant to be a scene.
+            Err(error) if path.extension().is_some_and(|extension| extension == "safetensors") => {
+                return Err(error.into());
+            }
+            Err(_) => fitted(args)?,
+        };
+        let own = Canvas::new(size.0, size.1);
+        let canvas = args.size.map_or(own, |Size { width, height }| own.resized(width, height));
+        canvas.validate().map_err(|error| Failure::usage(error).at("--size"))?;
+        Ok(Self::Planar(Seen {
+            name: name_of(path),
+            scene,
+            shown,
+            views: vec![canvas],
+            unseen: other_canvases(canvas),
+            in_space: false,
+        }))
+    }
+}
+
+fn name_of(path: &Path) -> String {
+    path.file_name().map_or_else(|| path.display().to_string(), |name| name.to_string_lossy().into_owned())
+}
+
+/// The same at half the size, and two parts of it at twice: another grid of pixels each time.
+fn other_canvases(canvas: Canvas) -> Vec<Canvas> {
+    let Canvas { width, height, origin, extent } = canvas;
+    let part = |at: Vec2| canvas.showing(origin + at * extent, 0.5 * extent);
+    let half = canvas.resized(width.div_ceil(2), height.div_ceil(2));
+    vec![half, part(Vec2::splat(0.25)), part(Vec2::new(0.47, 0.03))]
+}
+
+/// Gaussians fitted to an image by the usual settings.
+fn fitted(args: &FrontierArgs) -> Result<(PlanarScene, RenderSettings, (u32, u32)), Failure> {
+    let target = Target::load(Some(&args.input), None).map_err(|error| match error {
+        gs_io::Error::NotAnImage { .. } => Failure::from(error).mend("or name a scene that a fit has written"),
+        error => error.into(),
+    })?;
+    if let Some(remark) = &target.remark {
+        output::note(remark);
+    }
+    let flags = SettingsArgs { gaussians: args.gaussians, ..SettingsArgs::default() };
+    let fit = settings::resolve(&flags, &target)?;
+    output::note(format_args!(
+        "fitting {} with at most {} Gaussians in {} steps first",
+        target.name(),
+        fit.gaussians,
+        fit.iterations
+    ));
+    let (shown, size) = (fit.render, target.image.size());
+    let scene = Backend::start(&args.backend)?.run(Fit { target: &target, settings: fit })?;
+    Ok((scene, shown, size))
+}
+
+struct Fit<'a> {
+    target: &'a Target,
+    settings: gs_train::FitSettings,
+}
+
+impl Task for Fit<'_> {
+    type Output = Result<PlanarScene, Failure>;
+
+    fn run<R: gs_core::Rasterizer<PlanarScene>>(self, rasterizer: &R) -> Self::Output {
+        let mut trainer = Trainer::new(rasterizer, &self.target.image, self.settings)?;
+        trainer.run(&mut ())?;
+        Ok(trainer.scene()?)
+    }
+}
+
+fn spatial(args: &FrontierArgs) -> Result<Seen<SpatialScene>, Failure> {
+    if args.gaussians.is_some() {
+        let message = "--gaussians is for images, which are fitted first, but this is a scene";
+        return Err(Failure::usage(message).at(args.input.display()).mend("leave it out"));
+    }
+    let scene = read_spatial(&args.input).map_err(Failure::of_scene)?.scene;
+    let count = args.views as usize;
+    let (all, shown): (Vec<Camera>, RenderSettings) = match &args.dataset {
+        Some(path) => {
+            let dataset = read_dataset(path, &DatasetSettings::default())?;
+            let cameras: Vec<Camera> = dataset.views.iter().map(|view| view.camera).collect();
+            let most = (2 * count).min(cameras.len());
+            let even = (0..most).map(|i| cameras[i * cameras.len() / most]);
+            let sized = |camera| args.size.map_or(camera, |Size { width, height }| resized(&camera, width, height));
+            (even.map(sized).collect(), args.shown.settings_beside(&scene, &dataset))
+        }
+        None => {
+            let bulk = cameras::bulk_of(&scene)?;
+            let axis = args.up.map_or(cameras::UP, |axis| axis.0);
+            let first = cameras::overview(&bulk, args.size, axis)?;
+            let orbit = Orbit { center: bulk.center, axis, frames: 2 * args.views };
+            (orbit.cameras(&first), args.shown.settings(&scene))
+        }
+    };
+    for camera in &all {
+        camera.validate().map_err(|error| Failure::usage(error).at("--dataset or --size"))?;
+    }
+    let every_second = |first: usize| all.iter().copied().skip(first).step_by(2).collect::<Vec<_>>();
+    let (views, mut unseen) = (every_second(0), every_second(1));
+    if views.is_empty() {
+        return Err(Failure::failed("the data set has no view").mend("name another with --dataset"));
+    }
+    if unseen.is_empty() {
+        unseen = views.clone();
+    }
+    Ok(Seen { name: name_of(&args.input), scene, shown, views, unseen, in_space: true })
+}

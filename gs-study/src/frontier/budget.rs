@@ -1,0 +1,108 @@
+//! A budget is answered: the quickest settings that are exact enough, or the most exact that are quick enough, held against views that
+//! the search has not seen.
+
+use gs_core::Error;
+use gs_train::statistics::median;
+use serde::Serialize;
+
+use super::{Field, Frontier, Measured, PictureError, Verifiable};
+
+/// What must be kept.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Budget {
+    /// The largest error of any channel of any pixel.
+    MaxError(f64),
+    /// Seconds a view.
+    MaxSeconds(f64),
+}
+
+/// How settings did on views that the search has not seen.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct Verification {
+    /// Views.
+    pub views: usize,
+    /// How far their pictures are from what they should be.
+    pub error: PictureError,
+    /// Median seconds a view.
+    pub seconds: f64,
+}
+
+/// Settings that keep a budget, also on views that the search has not seen.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct Choice {
+    /// Their row.
+    #[serde(skip)]
+    pub row: usize,
+    /// How they did on other views.
+    pub verification: Verification,
+    /// How many kept the budget on the search's views, and not on the others.
+    pub failed: usize,
+}
+
+/// What comes of a budget.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Chosen {
+    /// It can be kept.
+    Kept(Choice),
+    /// Nothing that was measured keeps it: the least error, or the fewest seconds, that there is.
+    OutOfReach(f64),
+}
+
+impl Budget {
+    fn is_kept(self, error: f64, seconds: f64) -> bool {
+        match self {
+            Self::MaxError(most) => error <= most,
+            Self::MaxSeconds(most) => seconds <= most,
+        }
+    }
+
+    /// The rows that keep it, the best first.
+    fn candidates(self, frontier: &Frontier) -> Vec<usize> {
+        let of = |row: &Measured| (row.times().median, row.error.max);
+        let is_kept = |&i: &usize| {
+            let (seconds, error) = of(&frontier.rows[i]);
+            frontier.rows[i].on_frontier && self.is_kept(error, seconds)
+        };
+        let mut rows: Vec<usize> = (0..frontier.rows.len()).filter(is_kept).collect();
+        rows.sort_by(|&a, &b| {
+            let ((a_seconds, a_error), (b_seconds, b_error)) = (of(&frontier.rows[a]), of(&frontier.rows[b]));
+            match self {
+                Self::MaxError(_) => a_seconds.total_cmp(&b_seconds),
+                Self::MaxSeconds(_) => a_error.total_cmp(&b_error),
+            }
+        });
+        rows
+    }
+
+    /// The best settings of a frontier that keep the budget on its views and on `unseen` ones too, which get `seconds` for timing.
+    ///
+    /// # Errors
+    /// Those of rendering, and of the oracle.
+    pub fn choose<S: Verifiable>(
+        self,
+        field: &Field<'_, S>,
+        frontier: &Frontier,
+        unseen: &[S::View],
+        seconds: f64,
+    ) -> Result<Chosen, Error> {
+        let truths = field.truths(unseen)?;
+        let candidates = self.candidates(frontier);
+        for (failed, &row) in candidates.iter().enumerate() {
+            let measured = &frontier.rows[row];
+            let error = field.error(measured.contender, &measured.settings, unseen, &truths)?;
+            let times = field.times(&[measured], unseen, seconds / candidates.len() as f64)?;
+            let verification = Verification { views: unseen.len(), error, seconds: median(&times[0]) };
+            if self.is_kept(error.max, verification.seconds) {
+                return Ok(Chosen::Kept(Choice { row, verification, failed }));
+            }
+        }
+        let least = |of: fn(&Measured) -> f64| frontier.rows.iter().map(of).fold(f64::INFINITY, f64::min);
+        Ok(Chosen::OutOfReach(match self {
+            Self::MaxError(_) => least(|row| row.error.max),
+            Self::MaxSeconds(_) => least(|row| row.times().median),
+        }))
+    }
+}

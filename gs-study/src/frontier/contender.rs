@@ -1,0 +1,63 @@
+//! Who renders: a backend, at one instruction set and going about its work in one way, that has the scene ready.
+
+use std::{rc::Rc, time::Instant};
+
+use gs_core::{Error, Image, Rasterizer, RenderSettings, Scene};
+
+use super::Change;
+
+/// A rasterizer with its scene, whatever its type.
+pub trait Renderer<V> {
+    /// Seconds of one forward pass, until the backend is done with it; the image stays where it is.
+    ///
+    /// # Errors
+    /// Those of [`Rasterizer::forward`].
+    fn seconds(&self, view: &V, settings: &RenderSettings) -> Result<f64, Error>;
+
+    /// The picture.
+    ///
+    /// # Errors
+    /// Those of [`Rasterizer::forward`].
+    fn image(&self, view: &V, settings: &RenderSettings) -> Result<Image, Error>;
+}
+
+/// A rasterizer, and a cloud that it may share with others of its type.
+#[derive(Debug)]
+pub struct Loaded<R: Rasterizer<S>, S: Scene> {
+    /// What renders.
+    pub rasterizer: R,
+    /// What is rendered.
+    pub cloud: Rc<R::Cloud>,
+}
+
+impl<R: Rasterizer<S>, S: Scene> Renderer<S::View> for Loaded<R, S> {
+    fn seconds(&self, view: &S::View, settings: &RenderSettings) -> Result<f64, Error> {
+        let start = Instant::now();
+        let frame = self.rasterizer.forward(&self.cloud, view, settings)?;
+        // What a device counts is known when it is done.
+        self.rasterizer.culled(&frame)?;
+        Ok(start.elapsed().as_secs_f64())
+    }
+
+    fn image(&self, view: &S::View, settings: &RenderSettings) -> Result<Image, Error> {
+        self.rasterizer.image(&self.rasterizer.forward(&self.cloud, view, settings)?)
+    }
+}
+
+/// A renderer among others.
+pub struct Contender<'a, V> {
+    /// The backend that it belongs to; the first of a backend is the one that its default is measured on.
+    pub backend: String,
+    /// What it computes with, for reports: "cpu (avx512, 2 threads)".
+    pub name: String,
+    /// In what it differs from the first of its backend; nothing for the first.
+    pub change: Option<Change>,
+    /// What renders.
+    pub renderer: Box<dyn Renderer<V> + 'a>,
+}
+
+impl<V> std::fmt::Debug for Contender<'_, V> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Contender").field("backend", &self.backend).field("name", &self.name).finish_non_exhaustive()
+    }
+}

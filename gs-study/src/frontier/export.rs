@@ -1,0 +1,133 @@
+//! A frontier as a table for people, as comma-separated values, and as a figure. All show the same numbers; JSON is its serialised form.
+
+use std::fmt::Write;
+
+use gs_core::profile::Quantiles;
+
+use super::{Frontier, Measured, Role};
+use crate::figure::{Axis, Dots, Figure, Marks, Point, Series};
+
+/// Errors are shown from here on: less is rounding.
+const LEAST_ERROR: f64 = 1e-8;
+
+/// All rows, times in seconds; `changes` are separated by semicolons.
+pub fn to_csv(frontier: &Frontier) -> String {
+    let mut csv = String::from(
+        "backend,machine,role,changes,seconds,seconds_low,seconds_high,rounds,compared_with_default,max_error,mean_error,psnr_db,\
+         share_visible,on_frontier\n",
+    );
+    for row in &frontier.rows {
+        let Quantiles { low, median, high } = row.times();
+        let changes = row.changes.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ");
+        let Measured { backend, machine, error, .. } = row;
+        let _ = writeln!(
+            csv,
+            "{backend},\"{machine}\",{},\"{changes}\",{median},{low},{high},{},{},{},{},{},{},{}",
+            role_name(row.role),
+            row.seconds.len(),
+            row.comparison.words(),
+            error.max,
+            error.mean,
+            error.psnr(),
+            error.share_visible,
+            row.on_frontier
+        );
+    }
+    csv
+}
+
+/// A table for each backend, quickest first; `*` marks the steps of its frontier.
+pub fn to_text(frontier: &Frontier) -> String {
+    let mut text = String::new();
+    let widest = frontier.rows.iter().map(|row| row.name().chars().count()).max().unwrap_or(0).max(8);
+    for backend in &frontier.noise {
+        let own = || frontier.rows.iter().filter(|row| row.backend == backend.backend);
+        let default = own().find(|row| row.role == Role::Default);
+        let usual = default.map_or(f64::NAN, |row| row.times().median);
+        let machine = default.map_or(backend.backend.as_str(), |row| row.machine.as_str());
+        let _ = writeln!(
+            text,
+            "{machine}: times less than {:.1} % apart are no difference (the default measured again: {:+.1} %)\n",
+            100.0 * (backend.noise.factor - 1.0),
+            100.0 * (backend.noise.again - 1.0)
+        );
+        let _ = writeln!(
+            text,
+            "  {:<widest$}{:>9}{:>9}{:>9}{:>8}  {:<14}{:>10}{:>10}{:>8}{:>10}",
+            "settings", "ms", "10 %", "90 %", "x", "than default", "max error", "mean", "PSNR", "> 1/255"
+        );
+        for row in own() {
+            let Quantiles { low, median, high } = row.times().times(1e3);
+            let _ = writeln!(
+                text,
+                "{} {:<widest$}{median:>9.3}{low:>9.3}{high:>9.3}{:>8.2}  {:<14}{:>10.1e}{:>10.1e}{:>8.1}{:>8.2} %",
+                if row.on_frontier { "*" } else { " " },
+                row.name(),
+                1e-3 * median / usual,
+                row.comparison.words(),
+                row.error.max,
+                row.error.mean,
+                row.error.psnr(),
+                100.0 * row.error.share_visible
+            );
+        }
+        for refused in frontier.refused.iter().filter(|refused| refused.backend == backend.backend) {
+            let _ = writeln!(text, "  {}: not offered ({})", refused.what, refused.why);
+        }
+        text.push('\n');
+    }
+    let _ = write!(
+        text,
+        "*: on the frontier. x: by the default's median. Errors are those of the largest channel of any pixel, of {} {}, against the 64-bit \
+         oracle, which was asked at {} pixels and wherever a picture is worst; where that is, says a rendering that is itself within {:.0e} of it.",
+        frontier.views,
+        if frontier.views == 1 { "view" } else { "views" },
+        frontier.sampled,
+        frontier.uncertainty
+    );
+    text
+}
+
+/// Largest error against time, both logarithmic: the frontier of each backend as a line, all else as points, the default and 3DGS marked.
+pub fn figure(frontier: &Frontier, title: &str) -> Figure {
+    let point = |row: &Measured| {
+        let (x, y) = (1e3 * row.times().median, row.error.max.max(LEAST_ERROR));
+        Point { x, y, low: y, high: y }
+    };
+    let mut series = Vec::new();
+    let mut style = 0;
+    for backend in frontier.noise.iter().map(|noise| &noise.backend) {
+        let own = || frontier.rows.iter().filter(|row| row.backend == *backend);
+        let mut add = |name: String, points: Vec<Point>, dots: Dots| {
+            if !points.is_empty() {
+                series.push(Series { style, name, points, dots });
+            }
+            style += 1;
+        };
+        let steps: Vec<Point> = own().filter(|row| row.on_frontier).map(point).collect();
+        add(format!("{backend}: frontier"), steps, Dots::All);
+        let others = own().filter(|row| !row.on_frontier && row.role != Role::Again).map(point).collect();
+        add("no step of it".to_owned(), others, Dots::Alone);
+        for (role, name) in [(Role::Default, "default"), (Role::ThreeDgs, "3DGS")] {
+            add(name.to_owned(), own().filter(|row| row.role == role).map(point).collect(), Dots::Alone);
+        }
+    }
+    Figure {
+        name: "frontier".to_owned(),
+        title: title.to_owned(),
+        x: Axis::logarithmic("time of a view, ms"),
+        y: Axis::logarithmic("largest error"),
+        marks: Marks::Lines(series),
+    }
+}
+
+fn role_name(role: Role) -> &'static str {
+    match role {
+        Role::Default => "default",
+        Role::Again => "again",
+        Role::ThreeDgs => "3dgs",
+        Role::Tightest => "tightest",
+        Role::Alone => "alone",
+        Role::Together => "together",
+    }
+}

@@ -1,0 +1,75 @@
+//! How far a picture is from what it should be.
+
+use serde::Serialize;
+
+/// One display step of 8 bits.
+const DISPLAY_STEP: f64 = 1.0 / 255.0;
+
+/// How far pictures are from the truth, over all channels of all their pixels, not clamped.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
+pub struct PictureError {
+    /// Largest absolute difference.
+    pub max: f64,
+    /// Mean absolute difference.
+    pub mean: f64,
+    /// Mean squared difference.
+    pub mean_squared: f64,
+    /// Share of the pixels of which some channel is off by more than a display step, 1/255.
+    pub share_visible: f64,
+}
+
+impl PictureError {
+    /// Peak signal-to-noise ratio, dB, with peak 1; ∞ where there is no difference.
+    pub fn psnr(&self) -> f64 {
+        -10.0 * self.mean_squared.log10()
+    }
+
+    /// Of the differences of these pixels; all 0 of none.
+    pub(super) fn of(differences: impl Iterator<Item = [f64; 3]>) -> Self {
+        let (mut error, mut pixels) = (Self::default(), 0u64);
+        for difference in differences {
+            let largest =
+                difference.iter().fold(0.0, |m: f64, v| if v.is_nan() { f64::INFINITY } else { m.max(v.abs()) });
+            error.max = error.max.max(largest);
+            error.mean += difference.iter().map(|v| v.abs()).sum::<f64>() / 3.0;
+            error.mean_squared += difference.iter().map(|v| v * v).sum::<f64>() / 3.0;
+            error.share_visible += f64::from(u8::from(largest > DISPLAY_STEP));
+            pixels += 1;
+        }
+        let share = 1.0 / pixels.max(1) as f64;
+        Self {
+            mean: error.mean * share,
+            mean_squared: error.mean_squared * share,
+            share_visible: error.share_visible * share,
+            ..error
+        }
+    }
+
+    /// Of several views of one size: the largest difference, and means of means.
+    pub(super) fn of_views(views: &[Self]) -> Self {
+        let share = 1.0 / views.len().max(1) as f64;
+        let mut all = Self::default();
+        for view in views {
+            all.max = all.max.max(view.max);
+            all.mean += share * view.mean;
+            all.mean_squared += share * view.mean_squared;
+            all.share_visible += share * view.share_visible;
+        }
+        all
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn differences_are_summed_up_as_they_are_documented() {
+        let error = PictureError::of([[0.0; 3], [0.3, 0.0, -0.6]].into_iter());
+        assert_eq!((error.max, error.share_visible), (0.6, 0.5));
+        assert!((error.mean - 0.15).abs() < 1e-12 && (error.mean_squared - 0.075).abs() < 1e-12);
+        assert!((error.psnr() - 11.249).abs() < 1e-3);
+        assert_eq!(PictureError::of([[f64::NAN; 3]].into_iter()).max, f64::INFINITY);
+        assert_eq!(PictureError::of(std::iter::empty()), PictureError::default());
+    }
+}

@@ -1,0 +1,178 @@
+//! The settings that are priced, each by a name and a value, and which values of each are tried.
+
+use std::fmt;
+
+use gs_core::{
+    RenderSettings,
+    effects::{Antialias, Order},
+    settings::Extent,
+};
+
+/// One setting of a rendering and its value.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Setting {
+    /// α below this adds nothing.
+    AlphaCut(f32),
+    /// A pixel is full when its transmittance would fall below this.
+    TransmittanceMin(f32),
+    /// α is clamped to this.
+    AlphaMax(f32),
+    /// How far from its mean a Gaussian is looked at.
+    Extent(Extent),
+    /// In which order Gaussians are blended.
+    Order(Order),
+    /// What is done about those narrower than a pixel.
+    Antialias(Antialias),
+    /// Highest degree of the spherical harmonics.
+    ShDegree(u8),
+}
+
+impl Setting {
+    /// The settings that it makes of others.
+    pub fn applied_to(self, settings: &RenderSettings) -> RenderSettings {
+        let mut settings = *settings;
+        let RenderSettings { effects, accuracy, .. } = &mut settings;
+        match self {
+            Self::AlphaCut(cut) => accuracy.alpha_cut = cut,
+            Self::TransmittanceMin(minimum) => accuracy.transmittance_min = minimum,
+            Self::AlphaMax(clamp) => accuracy.alpha_max = clamp,
+            Self::Extent(extent) => accuracy.extent = extent,
+            Self::Order(order) => effects.order = order,
+            Self::Antialias(antialias) => effects.antialias = antialias,
+            Self::ShDegree(degree) => effects.sh_degree = degree,
+        }
+        settings
+    }
+
+    /// The value that `settings` have of the same setting.
+    pub fn of(self, settings: &RenderSettings) -> Self {
+        let RenderSettings { effects, accuracy, .. } = settings;
+        match self {
+            Self::AlphaCut(_) => Self::AlphaCut(accuracy.alpha_cut),
+            Self::TransmittanceMin(_) => Self::TransmittanceMin(accuracy.transmittance_min),
+            Self::AlphaMax(_) => Self::AlphaMax(accuracy.alpha_max),
+            Self::Extent(_) => Self::Extent(accuracy.extent),
+            Self::Order(_) => Self::Order(effects.order),
+            Self::Antialias(_) => Self::Antialias(effects.antialias),
+            Self::ShDegree(_) => Self::ShDegree(effects.sh_degree),
+        }
+    }
+
+    /// As it is said.
+    pub fn change(self) -> Change {
+        let (axis, value) = match self {
+            Self::AlphaCut(cut) => ("alpha cut", fraction(cut)),
+            Self::TransmittanceMin(minimum) => ("full below", fraction(minimum)),
+            Self::AlphaMax(clamp) => ("alpha max", clamp.to_string()),
+            Self::Extent(Extent::AlphaCut) => ("extent", "of the cut".to_owned()),
+            Self::Extent(Extent::Sigmas(k)) => ("extent", format!("{k} sigma")),
+            Self::Order(order) => ("order", order_name(order).to_owned()),
+            Self::Antialias(antialias) => ("antialias", antialias_name(antialias).to_owned()),
+            Self::ShDegree(degree) => ("SH degree", degree.to_string()),
+        };
+        Change { axis: axis.to_owned(), value }
+    }
+}
+
+/// What differs from a backend's default: a setting of the rendering, or of the backend.
+#[derive(Debug, Clone, PartialEq, Eq, serde::Serialize)]
+pub struct Change {
+    /// The setting: "alpha cut".
+    pub axis: String,
+    /// Its value: "1/1024".
+    pub value: String,
+}
+
+impl fmt::Display for Change {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} {}", self.axis, self.value)
+    }
+}
+
+/// Values of each setting that are tried instead of those of `base`, which is shown with the scene's SH degree, or fewer. Of a scene whose
+/// Gaussians are not hidden by each other (`Blend::Sum`), nothing becomes full or opaque; of one in the plane, nothing has an order or SH.
+pub fn alternatives(base: &RenderSettings) -> Vec<Setting> {
+    let over = base.effects.blend == gs_core::Blend::Over;
+    let in_space = base.effects.order != Order::Index;
+    let cuts = [16, 32, 64, 128, 255, 512, 1024, 2048, 4096, 16384].map(|n| 1.0 / n as f32);
+    let mut all: Vec<Setting> = cuts.into_iter().chain([1e-6]).map(Setting::AlphaCut).collect();
+    all.extend([2.0, 2.5, 3.0, 4.0].map(|k| Setting::Extent(Extent::Sigmas(k))));
+    if over {
+        all.extend([0.1, 0.03, 1e-2, 1e-3, 1e-4, 1e-5, 0.0].map(Setting::TransmittanceMin));
+        all.extend([0.99, 0.999, 0.9999].map(Setting::AlphaMax));
+    }
+    if in_space {
+        all.extend([Order::Index, Order::TileDepth, Order::PixelDepth].map(Setting::Order));
+        all.extend([Antialias::None, Antialias::Dilate, Antialias::Mip].map(Setting::Antialias));
+        all.extend((0..base.effects.sh_degree).map(Setting::ShDegree));
+    }
+    all.retain(|setting| setting.applied_to(base) != *base);
+    all
+}
+
+/// 1/n where that is what is meant.
+fn fraction(value: f32) -> String {
+    let n = (1.0 / value).round();
+    let is_fraction = (2.0..1e5).contains(&n) && (1.0 / n - value).abs() <= f32::EPSILON * value && value < 0.1;
+    let decimal = value.to_string();
+    if is_fraction && decimal.len() > 6 {
+        format!("1/{n}")
+    } else if value > 0.0 && value < 1e-3 {
+        format!("{value:e}")
+    } else {
+        decimal
+    }
+}
+
+fn order_name(order: Order) -> &'static str {
+    match order {
+        Order::Index => "index",
+        Order::TileDepth => "tile-depth",
+        Order::PixelDepth => "pixel-depth",
+    }
+}
+
+fn antialias_name(antialias: Antialias) -> &'static str {
+    match antialias {
+        Antialias::None => "none",
+        Antialias::Dilate => "dilate",
+        Antialias::Mip => "mip",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use gs_core::Blend;
+
+    use super::*;
+
+    #[test]
+    fn values_are_said_as_they_are_meant() {
+        let said = |setting: Setting| setting.change().to_string();
+        assert_eq!(said(Setting::AlphaCut(1.0 / 255.0)), "alpha cut 1/255");
+        assert_eq!(said(Setting::AlphaCut(1e-6)), "alpha cut 1e-6");
+        assert_eq!(said(Setting::AlphaCut(1.0 / 16.0)), "alpha cut 0.0625");
+        assert_eq!(said(Setting::TransmittanceMin(0.0)), "full below 0");
+        assert_eq!(said(Setting::TransmittanceMin(1e-4)), "full below 1e-4");
+        assert_eq!(said(Setting::Extent(Extent::Sigmas(2.5))), "extent 2.5 sigma");
+    }
+
+    #[test]
+    fn only_what_a_scene_can_have_is_tried_and_never_what_it_has() {
+        let sum = RenderSettings::blended(Blend::Sum);
+        let tried = alternatives(&sum);
+        assert!(tried.iter().all(|s| matches!(s, Setting::AlphaCut(_) | Setting::Extent(_))), "{tried:?}");
+        let mut space = RenderSettings::blended(Blend::Over);
+        space.effects.order = Order::TileDepth;
+        space.effects.sh_degree = 2;
+        let tried = alternatives(&space);
+        for expected in [Setting::Order(Order::PixelDepth), Setting::ShDegree(1), Setting::TransmittanceMin(0.0)] {
+            assert!(tried.contains(&expected), "{expected:?}");
+        }
+        for setting in tried {
+            let settings = setting.applied_to(&space);
+            settings.validate().unwrap();
+            assert_ne!(settings, space);
+        }
+    }
+}

@@ -1,0 +1,240 @@
+//! Accuracy as a setting: extents in standard deviations are what the oracle says they are, forward and backward; however the cpu backend goes
+//! about its work, the picture is the same; and the oracle's quick way to colours is its way to pictures. And what the
+//! default's cut-offs change, and finer ones don't.
+
+use std::path::PathBuf;
+
+use gs_conformance::{
+    Failure,
+    conformance::{check_gradients, check_image},
+    oracle::{Oracle, OracleView},
+    scenes::{Draw, Kind, SpatialKind},
+    subject::Subject,
+    tolerance::Agreement,
+};
+use gs_core::{
+    Accuracy, Blend, Chart, Loss, PlanarScene, Rasterizer, RenderSettings, SpatialScene,
+    effects::{Antialias, Order},
+    settings::{Cut, Extent},
+};
+use gs_cpu::{Bounds, CpuRasterizer, CpuSettings, CpuTuning, SimdLevel};
+use gs_train::spatial::Bulk;
+
+const BLENDS: [Blend; 2] = [Blend::Sum, Blend::Over];
+
+fn cpu(level: SimdLevel, tuning: CpuTuning) -> CpuRasterizer {
+    let settings = CpuSettings { threads: Some(2), level: Some(level) };
+    CpuRasterizer::new(settings).unwrap().with_tuning(tuning).unwrap()
+}
+
+fn planar(blend: Blend, seed: u64) -> Draw {
+    Draw::new(Kind::Typical, blend, 30, (40, 30), seed)
+}
+
+fn spatial(blend: Blend, order: Order, seed: u64) -> Draw<SpatialScene> {
+    let mut draw = Draw::spatial(SpatialKind::Typical, blend, 30, (40, 30), seed);
+    draw.settings.effects.order = order;
+    draw
+}
+
+/// Images and gradients against the oracle; a drawing in which there is nothing to compare does not count.
+fn check<S: Subject>(cpu: &CpuRasterizer, draw: &Draw<S>) -> usize
+where
+    CpuRasterizer: Rasterizer<S>,
+{
+    let judge = |result: Result<Agreement, Failure>| match result {
+        Ok(_) => 1,
+        Err(Failure::Nothing(_)) => 0,
+        Err(failure) => panic!("{:?}: {failure}", draw.settings.accuracy),
+    };
+    judge(check_image(cpu, draw)) + judge(check_gradients(cpu, draw, &Loss::L2, Chart::ScaleRotation))
+}
+
+#[test]
+fn extents_in_standard_deviations_match_the_oracle() {
+    let mut compared = 0;
+    for level in SimdLevel::available() {
+        let cpu = cpu(level, CpuTuning::default());
+        for (seed, sigmas) in (900..).zip([1.0, 1.7, 3.0]) {
+            let accuracy = Accuracy { extent: Extent::Sigmas(sigmas), alpha_cut: 1e-3, ..Accuracy::default() };
+            for blend in BLENDS {
+                let mut draw = planar(blend, seed);
+                draw.settings.accuracy = accuracy;
+                compared += check(&cpu, &draw);
+                for order in [Order::TileDepth, Order::PixelDepth] {
+                    let mut draw = spatial(blend, order, seed);
+                    draw.settings.accuracy = accuracy;
+                    compared += check(&cpu, &draw);
+                }
+            }
+        }
+    }
+    assert!(compared > 12 * SimdLevel::available().len(), "only {compared} comparisons");
+}
+
+/// That the extent does anything: it is the only difference, and cuts what the α cut leaves.
+#[test]
+fn an_extent_cuts_what_is_beyond_it() {
+    let draw = planar(Blend::Sum, 7);
+    let mut narrow = draw.clone();
+    narrow.settings.accuracy.extent = Extent::Sigmas(1.0);
+    let cpu = cpu(SimdLevel::best(), CpuTuning::default());
+    let [wide, narrow] = [draw, narrow].map(|d| cpu.planar().render(&d.scene, &d.view, &d.settings).unwrap());
+    assert!(gs_core::metrics::psnr(&wide, &narrow).unwrap() < 40.0);
+}
+
+#[test]
+fn however_the_work_is_gone_about_the_picture_is_the_same() {
+    let usual = CpuTuning::default();
+    let tunings = [
+        CpuTuning { recurrence_rows: 1, ..usual },
+        CpuTuning { recurrence_rows: 5, ..usual },
+        CpuTuning { bounds: Bounds::Box, ..usual },
+        CpuTuning { tile_rows: Some(8), ..usual },
+        CpuTuning { tile_rows: Some(17), bounds: Bounds::Box, ..usual },
+    ];
+    let mut compared = 0;
+    for level in SimdLevel::available() {
+        for tuning in tunings {
+            let cpu = cpu(level, tuning);
+            for blend in BLENDS {
+                compared += check(&cpu, &planar(blend, 31));
+                compared += check(&cpu, &spatial(blend, Order::TileDepth, 32));
+            }
+            compared += check(&cpu, &spatial(Blend::Over, Order::PixelDepth, 33));
+        }
+    }
+    assert!(compared > 30 * SimdLevel::available().len(), "only {compared} comparisons");
+}
+
+#[test]
+fn a_longer_recurrence_is_less_exact_and_a_tuning_out_of_range_is_refused() {
+    let mut draw = planar(Blend::Sum, 5);
+    // Large ones, so that there are rows to go along.
+    draw.scene.log_scales.iter_mut().for_each(|s| *s += glam::Vec2::splat(2.5));
+    let view = gs_core::Canvas::new(40, 300);
+    let draw = draw.through(view);
+    let exact = Oracle::new(draw.view, draw.settings).unwrap().render(&draw.scene.rows()).image();
+    let error = |recurrence_rows: u16| {
+        let cpu = cpu(SimdLevel::best(), CpuTuning { recurrence_rows, ..CpuTuning::default() });
+        let image = cpu.planar().render(&draw.scene, &draw.view, &draw.settings).unwrap();
+        gs_core::metrics::mean_absolute_error(&image, &exact).unwrap()
+    };
+    let [short, usual, long] = [1, 32, 256].map(error);
+    assert!(short < 1e-6 && usual < 1e-5, "{short:e} {usual:e}");
+    assert!(long > usual, "{usual:e} {long:e}");
+    let usual = CpuTuning::default();
+    for bad in [
+        CpuTuning { recurrence_rows: 0, ..usual },
+        CpuTuning { recurrence_rows: 257, ..usual },
+        CpuTuning { tile_rows: Some(7), ..usual },
+        CpuTuning { tile_rows: Some(65), ..usual },
+    ] {
+        assert!(CpuRasterizer::new(CpuSettings::default()).unwrap().with_tuning(bad).is_err(), "{bad:?}");
+    }
+}
+
+/// Every pixel of a drawing, by both of the oracle's ways.
+fn same_colors<S: Subject>(draw: &Draw<S>) {
+    let oracle = Oracle::new(draw.view, draw.settings).unwrap();
+    let rows = draw.scene.rows();
+    let rendering = oracle.render(&rows);
+    let (width, height) = draw.view.size();
+    let pixels: Vec<[u32; 2]> = (0..height).flat_map(|y| (0..width).map(move |x| [x, y])).collect();
+    let colors = oracle.colors_at(&oracle.project(&rows), &pixels);
+    let mut lit = 0;
+    for (found, expected) in colors.iter().zip(&rendering.pixels) {
+        for k in 0..3 {
+            assert!((found[k] - expected[k]).abs() < 1e-12, "{:?}: {found:?} {expected:?}", draw.settings);
+        }
+        lit += usize::from(expected.iter().any(|&v| v > 0.01));
+    }
+    assert!(lit > 50, "an empty picture compares nothing");
+}
+
+#[test]
+fn the_oracle_says_the_same_colours_either_way() {
+    let tightest = Accuracy::TIGHTEST;
+    let smooth = Accuracy { cut: Cut::Smooth, ..Accuracy::default() };
+    for accuracy in [Accuracy::default(), Accuracy::THREE_DGS, tightest, smooth] {
+        for blend in BLENDS {
+            let mut draw: Draw<PlanarScene> = planar(blend, 3).on([0.1, 0.4, 0.2]);
+            draw.settings.accuracy = accuracy;
+            same_colors(&draw);
+            for order in [Order::Index, Order::TileDepth, Order::PixelDepth] {
+                let mut draw = spatial(blend, order, 4);
+                draw.settings.accuracy = accuracy;
+                same_colors(&draw);
+            }
+        }
+    }
+}
+
+/// Half a display step: no eye and no 8-bit file sees less.
+const HALF_A_STEP: f64 = 1.0 / 512.0;
+
+/// Cut-offs that together stay below it; the default's cut of 1/255, which fits and trainings are made with, does not.
+const INVISIBLE: Accuracy = Accuracy {
+    alpha_cut: 1.0 / 8192.0,
+    cut: Cut::Hard,
+    alpha_max: 0.9999,
+    transmittance_min: 1e-4,
+    extent: Extent::AlphaCut,
+};
+
+/// The largest differences that cut-offs make at these pixels, by the oracle: the default's, and those of [`INVISIBLE`].
+fn cut_off<S: Subject>(scene: &S, view: S::View, settings: RenderSettings, pixels: &[[u32; 2]]) -> [f64; 2] {
+    let rows = scene.rows();
+    let colors = |accuracy: Accuracy| {
+        let oracle = Oracle::new(view, RenderSettings { accuracy, ..settings }).unwrap();
+        oracle.colors_at(&oracle.project(&rows), pixels)
+    };
+    let exact = colors(Accuracy::TIGHTEST);
+    [Accuracy::default(), INVISIBLE].map(|accuracy| {
+        let pairs = colors(accuracy).into_iter().zip(&exact);
+        pairs.flat_map(|(a, b)| (0..3).map(move |k| (a[k] - b[k]).abs())).fold(0.0, f64::max)
+    })
+}
+
+fn every_pixel((width, height): (u32, u32), step: usize) -> Vec<[u32; 2]> {
+    (0..height).step_by(step).flat_map(|y| (0..width).step_by(step).map(move |x| [x, y])).collect()
+}
+
+#[test]
+fn a_cut_of_an_8192nd_changes_no_pixel_by_half_a_display_step() {
+    let (mut usual, mut fine) = (0.0f64, 0.0f64);
+    let mut note = |[default, invisible]: [f64; 2]| {
+        usual = usual.max(default);
+        fine = fine.max(invisible);
+    };
+    // Where n Gaussians overlap under `Sum`, n cuts add up: no cut is invisible in a crowd that is large enough.
+    for (seed, blend) in [(11, Blend::Sum), (12, Blend::Over)] {
+        let draw = planar(blend, seed);
+        note(cut_off(&draw.scene, draw.view, draw.settings, &every_pixel(draw.view.size(), 1)));
+        let draw = spatial(blend, Order::TileDepth, seed);
+        note(cut_off(&draw.scene, draw.view, draw.settings, &every_pixel(draw.view.size(), 1)));
+    }
+    let data = std::env::var_os("GS_DATA")
+        .map_or_else(|| PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../shared/data"), PathBuf::from);
+    for name in ["kacytran_iter7000_point_cloud.ply", "biker.compressed.ply", "victor_model.splat"] {
+        let path = data.join("splats").join(name);
+        if !path.exists() {
+            eprintln!("skipped: no test data");
+            continue;
+        }
+        let scene = gs_io::read_spatial(path).unwrap().scene;
+        let mut settings = RenderSettings::blended(Blend::Over);
+        settings.effects.order = Order::TileDepth;
+        settings.effects.antialias = Antialias::Dilate;
+        settings.effects.sh_degree = scene.sh_degree;
+        let view = Bulk::of(&scene).unwrap().overview(320, 240, 1.0, glam::Vec3::NEG_Y).unwrap();
+        let [default, invisible] = cut_off(&scene, view, settings, &every_pixel((320, 240), 24));
+        eprintln!("{name}: the default's cut-offs change a pixel by {default:.1e}, the finer ones by {invisible:.1e}");
+        note([default, invisible]);
+    }
+    assert!(fine < HALF_A_STEP, "{fine:e}");
+    assert!(
+        usual > HALF_A_STEP,
+        "the default cut has become invisible, {usual:e}: what of it is said is no longer true"
+    );
+}
