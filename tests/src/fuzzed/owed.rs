@@ -2,6 +2,7 @@
 
 use gs_core::{
     Binning, CloudState, Error, Image, PlanarScene, Rasterizer, RenderSettings, Scene, SpatialScene, TrainStep, Wait,
+    constants::MIN_QUATERNION_NORM2,
     effects::{Blend, Order},
     state::TensorData,
 };
@@ -84,7 +85,9 @@ impl Bounded for SpatialScene {
     fn is_moderate(&self) -> bool {
         let scales = self.log_scales.iter().all(|log| log.abs().max_element() <= MODERATE_LOG);
         let vectors = self.means.iter().chain(&self.sh).flat_map(|v| v.to_array());
-        scales && all_moderate(vectors.chain(self.rotations.iter().flatten().copied()))
+        // Without a direction a Gaussian has no local frame: there it becomes NaN, which draws nothing, is counted and pruned.
+        let turned = self.rotations.iter().all(|q| q.iter().map(|v| v * v).sum::<f32>() >= MIN_QUATERNION_NORM2);
+        turned && scales && all_moderate(vectors.chain(self.rotations.iter().flatten().copied()))
     }
 
     fn view_is_possible(view: &Self::View) -> bool {
