@@ -1,4 +1,7 @@
-//! What the fuzz targets do: the same as the test of their corpus, `gs-io/tests/fuzzed`.
+//! What the fuzz targets do. Those of readers do the same as the test of their corpus, `gs-io/tests/fuzzed`; those of scenes the same as
+//! gs-conformance's tests.
+
+pub mod scenes;
 
 #[path = "../../gs-io/tests/fuzzed/targets.rs"]
 pub mod targets;

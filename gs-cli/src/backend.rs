@@ -90,7 +90,7 @@ pub(crate) trait SpatialTask {
     type Output;
 
     /// Does it on this rasterizer.
-    fn run<R: Rasterizer<SpatialScene>>(self, rasterizer: &R) -> Self::Output;
+    fn run<R: Profiler<SpatialScene>>(self, rasterizer: &R) -> Self::Output;
 }
 
 /// What the flags come to when they are taken together.

@@ -36,8 +36,13 @@ pub(crate) fn bulk_of(scene: &SpatialScene) -> Result<Bulk, Failure> {
 pub(crate) fn overview(bulk: &Bulk, size: Option<Size>, up: Vec3) -> Result<Camera, Failure> {
     let Size { width, height } = size.unwrap_or(SIZE);
     bulk.overview(width, height, FIELD_OF_VIEW, up).ok_or_else(|| {
-        Failure::failed("the scene's extent is not finite").mend("name a camera with --camera DATASET:VIEW")
+        Failure::failed("the scene's extent is beyond what can be looked at from outside; gs info tells of it")
     })
+}
+
+/// Commands that show a scene from where they are told have another way than the overview.
+pub(crate) fn or_name_one(failure: Failure) -> Failure {
+    failure.mend("name a camera with --camera DATASET:VIEW")
 }
 
 /// The camera of the view that is called so.

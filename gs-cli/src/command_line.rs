@@ -5,7 +5,11 @@ use std::process::ExitCode;
 use clap::{Parser, Subcommand, error::ErrorKind};
 
 use crate::{
-    commands::{convert::ConvertArgs, eval::EvalArgs, info::InfoArgs, popping::PoppingArgs, render::RenderArgs},
+    commands::{
+        convert::ConvertArgs, doctor::DoctorArgs, eval::EvalArgs, info::InfoArgs, popping::PoppingArgs,
+        render::RenderArgs,
+    },
+    effects::EffectsCommandArgs,
     failure::Failure,
     fit::arguments::FitArgs,
     frontier::FrontierArgs,
@@ -32,7 +36,10 @@ Examples:
   gs info out/scene.gs2d.safetensors            what is in a scene
   gs info photographs/                          what is in a COLMAP, Nerfstudio or Blender data set
   gs info --adapters                            the GPUs that were found
+  gs doctor scene.ply                           what is wrong with a scene: NaN, needles, duplicates
+  gs doctor scene.ply --fix -o mended.ply       the same, mended
   gs profile photo.png --backend cpu            where the time of a training step goes
+  gs effects out/scene.ply photographs/         what a scene calls for, and what each effect costs
   gs profile out/scene.gs2d.safetensors --backend wgpu -o profile
   gs paper -o paper                             the paper's experiments, as a page
   gs popping scene.ply -o popping               what jumps in a scene while the camera moves, in both orders of blending
@@ -69,8 +76,12 @@ pub(crate) enum Command {
     Convert(ConvertArgs),
     /// Tell what is in a scene, a checkpoint or a data set, or which GPUs there are
     Info(InfoArgs),
+    /// Tell what is wrong with a scene, and mend it
+    Doctor(DoctorArgs),
     /// Tell where the time of a training step goes, stage by stage
     Profile(Box<ProfileArgs>),
+    /// Tell which effects a scene calls for, and what each one costs and changes
+    Effects(Box<EffectsCommandArgs>),
     /// Repeat the paper's experiments, and set what it says beside what is measured
     Paper(Box<PaperArgs>),
     /// Tell how much jumps in a scene in space while the camera moves, by either order of blending
@@ -115,8 +126,10 @@ pub(crate) fn parse() -> Result<Parsed, Failure> {
     }
 }
 
-const COMMANDS: [&str; 12] =
-    ["fit", "train", "render", "view", "eval", "convert", "info", "profile", "paper", "popping", "frontier", "study"];
+const COMMANDS: [&str; 14] = [
+    "fit", "train", "render", "view", "eval", "convert", "info", "doctor", "profile", "effects", "paper", "popping",
+    "frontier", "study",
+];
 
 /// The parser's message without its usage, its pointer to the help and its own "error:".
 fn essence(message: &str) -> String {

@@ -14,6 +14,8 @@ enum Kind {
     Failed,
     /// The backend failed, such as a GPU that is gone: status 1. What was stored before is as good as ever.
     Backend,
+    /// The training diverged: status 1. What was stored before is as good as ever.
+    Diverged,
     /// Ctrl-C: status 130.
     Interrupted,
     /// Whoever read our output has read enough: status 0, and no message.
@@ -43,11 +45,11 @@ impl Failure {
         Self { kind: Kind::Interrupted, message: one_line(message) }
     }
 
-    /// A scene in space could not be read or written; where its content is broken, Gaussians can be left out.
+    /// A scene could not be read or written; where its content is broken, the doctor mends it.
     pub(crate) fn of_scene(error: gs_io::Error) -> Self {
         match error {
             gs_io::Error::Content { .. } => {
-                Self::from(error).mend("gs convert FROM TO --drop-broken leaves such Gaussians out")
+                Self::from(error).mend("gs doctor SCENE tells what is broken, and --fix -o OUT mends it")
             }
             _ => error.into(),
         }
@@ -78,10 +80,28 @@ impl Failure {
         self.kind == Kind::Backend
     }
 
+    /// Whether the training diverged, so that going on as before would end as before.
+    pub(crate) fn is_divergence(&self) -> bool {
+        self.kind == Kind::Diverged
+    }
+
+    /// The first failure of several pieces of work that were all tried, and how many others failed too.
+    ///
+    /// # Errors
+    /// Where there is one.
+    pub(crate) fn first_of(tried: impl IntoIterator<Item = Result<(), Self>>) -> Result<(), Self> {
+        let mut failures = tried.into_iter().filter_map(Result::err);
+        let Some(first) = failures.next() else { return Ok(()) };
+        match failures.count() {
+            0 => Err(first),
+            others => Err(first.mend(format_args!("{others} more of the results failed, too"))),
+        }
+    }
+
     /// The line for standard error, without its line break; `None` where nothing needs saying.
     pub(crate) fn line(&self) -> Option<String> {
         match self.kind {
-            Kind::Usage | Kind::Failed | Kind::Backend => Some(format!("error: {}", self.message)),
+            Kind::Usage | Kind::Failed | Kind::Backend | Kind::Diverged => Some(format!("error: {}", self.message)),
             Kind::Interrupted => Some(self.message.clone()),
             Kind::BrokenPipe => None,
         }
@@ -91,7 +111,7 @@ impl Failure {
     pub(crate) fn status(&self) -> ExitCode {
         match self.kind {
             Kind::Usage => ExitCode::from(2),
-            Kind::Failed | Kind::Backend => ExitCode::FAILURE,
+            Kind::Failed | Kind::Backend | Kind::Diverged => ExitCode::FAILURE,
             Kind::Interrupted => ExitCode::from(INTERRUPTED),
             Kind::BrokenPipe => ExitCode::SUCCESS,
         }
@@ -121,6 +141,7 @@ impl From<gs_train::Error> for Failure {
     fn from(error: gs_train::Error) -> Self {
         match error {
             gs_train::Error::Core(error) => error.into(),
+            gs_train::Error::Diverged { .. } => Self { kind: Kind::Diverged, message: one_line(error) },
             _ => Self::failed(error),
         }
     }
@@ -162,6 +183,15 @@ mod tests {
     fn a_failure_is_one_line_in_the_order_where_what_how() {
         let failure = Failure::failed("is a\n folder").at("out/x").mend("name a file");
         assert_eq!(failure.line().as_deref(), Some("error: out/x: is a folder: name a file"));
+    }
+
+    #[test]
+    fn of_several_failures_the_first_is_told_and_the_others_counted() {
+        assert_eq!(Failure::first_of([Ok(()), Ok(())]), Ok(()));
+        let failed = |name| Err(Failure::failed(name));
+        assert_eq!(Failure::first_of([Ok(()), failed("a")]), failed("a"));
+        let line = Failure::first_of([failed("a"), Ok(()), failed("b"), failed("c")]).unwrap_err().line().unwrap();
+        assert_eq!(line, "error: a: 2 more of the results failed, too");
     }
 
     #[test]

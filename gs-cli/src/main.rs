@@ -8,6 +8,7 @@ mod cameras;
 mod chosen;
 mod command_line;
 mod commands;
+mod effects;
 mod failure;
 mod fit;
 mod frontier;
@@ -52,7 +53,9 @@ fn run(parsed: Parsed) -> Result<ExitCode, Failure> {
         Parsed::Command(Command::Eval(args)) => commands::eval::run(&args),
         Parsed::Command(Command::Convert(args)) => commands::convert::run(&args),
         Parsed::Command(Command::Info(args)) => commands::info::run(&args),
+        Parsed::Command(Command::Doctor(args)) => commands::doctor::run(&args),
         Parsed::Command(Command::Profile(args)) => profile::run(&args),
+        Parsed::Command(Command::Effects(args)) => effects::run(&args),
         Parsed::Command(Command::Paper(args)) => paper::run(&args),
         Parsed::Command(Command::Popping(args)) => commands::popping::run(&args),
         Parsed::Command(Command::Study(args)) => study::run(&args),

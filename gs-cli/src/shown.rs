@@ -4,7 +4,9 @@ use clap::Args;
 use gs_core::{
     Blend, RenderSettings, SpatialScene,
     effects::{Antialias, Order},
+    statistics::Culled,
 };
+use gs_io::dataset::Dataset;
 
 use crate::{
     train::{AntialiasName, OrderName},
@@ -60,11 +62,70 @@ impl ShownArgs {
     }
 
     /// The same; before white if the photographs are of an object without surroundings, unless something else is asked for.
-    pub(crate) fn settings_beside(&self, scene: &SpatialScene, dataset: &gs_io::dataset::Dataset) -> RenderSettings {
+    pub(crate) fn settings_beside(&self, scene: &SpatialScene, dataset: &Dataset) -> RenderSettings {
         let render = self.settings(scene);
         match self.background {
             None => render.on(crate::train::usual_background(dataset)),
             Some(_) => render,
         }
+    }
+}
+
+/// The effects that a scene is shown with, in the words of the flags: files do not say which it was trained with.
+pub(crate) fn effects(render: &RenderSettings) -> String {
+    let effects = &render.effects;
+    let (order, antialias) = (effects.order.name(), effects.antialias.name());
+    format!(
+        "order {order}, antialias {antialias}, SH degree {}, background {}",
+        effects.sh_degree,
+        Color(render.backdrop())
+    )
+}
+
+/// Why nothing of a scene is to be seen, if that is so: `culled` of `frames` renderings together.
+pub(crate) fn why_empty(culled: Culled, gaussians: usize, frames: usize) -> Option<String> {
+    if culled.total() < gaussians as u64 * frames as u64 {
+        return None;
+    }
+    let Culled { not_finite, near, degenerate, transparent, outside } = culled;
+    let causes = [
+        (not_finite, "not finite"),
+        (near, "behind the camera or too near"),
+        (degenerate, "without rotation or extent"),
+        (transparent, "transparent"),
+        (outside, "outside of the picture or too faint"),
+    ];
+    let causes: Vec<String> = causes
+        .iter()
+        .filter(|(count, _)| *count > 0)
+        .map(|(count, cause)| format!("{} {cause}", u64::from(*count).div_ceil(frames.max(1) as u64)))
+        .collect();
+    Some(format!("of {gaussians} Gaussians {}", causes.join(", ")))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::ValueEnum;
+
+    #[test]
+    fn flags_and_settings_files_have_the_same_names() {
+        let flag = |name: &dyn Fn() -> Option<clap::builder::PossibleValue>| name().unwrap().get_name().to_owned();
+        for name in OrderName::value_variants() {
+            assert_eq!(flag(&|| name.to_possible_value()), Order::from(*name).name());
+        }
+        for name in AntialiasName::value_variants() {
+            assert_eq!(flag(&|| name.to_possible_value()), Antialias::from(*name).name());
+        }
+    }
+
+    #[test]
+    fn an_empty_picture_has_its_causes_told() {
+        let culled = Culled { degenerate: 6, transparent: 4, ..Culled::default() };
+        assert_eq!(
+            why_empty(culled, 5, 2).as_deref(),
+            Some("of 5 Gaussians 3 without rotation or extent, 2 transparent")
+        );
+        assert_eq!(why_empty(culled, 6, 2), None, "two are drawn");
     }
 }

@@ -25,6 +25,9 @@ pub(crate) fn read_text(file: &Path, mend: &str) -> Result<String, Failure> {
     match read() {
         Ok(text) if text.len() as u64 > MAX_BYTES => Err(failed(format!("is longer than {} MiB", MAX_BYTES >> 20))),
         Ok(text) => Ok(text),
+        Err(error) if error.kind() == io::ErrorKind::NotFound => {
+            Err(gs_io::Error::Missing { path: file.to_owned() }.into())
+        }
         Err(error) => Err(failed(format!("cannot be read: {error}"))),
     }
 }
@@ -40,11 +43,13 @@ mod tests {
         std::fs::write(&file, "a = 1\n").unwrap();
         assert_eq!(read_text(&file, "name another").unwrap(), "a = 1\n");
         std::fs::write(&file, [0xff, 0xfe]).unwrap();
-        for place in [&file, &folder.path().join("absent"), &folder.path().to_owned()] {
+        for place in [&file, &folder.path().to_owned()] {
             let line = read_text(place, "name another").unwrap_err().line().unwrap();
             let start = format!("error: {}: cannot be read: ", place.display());
             assert!(line.starts_with(&start) && line.ends_with(": name another"), "{line}");
         }
+        let line = read_text(&folder.path().join("absent"), "name another").unwrap_err().line().unwrap();
+        assert!(line.ends_with("absent: no such file; check the path"), "{line}");
     }
 
     #[test]

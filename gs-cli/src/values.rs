@@ -69,8 +69,11 @@ impl FromStr for Color {
 
 impl fmt::Display for Color {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let [r, g, b] = self.0;
-        write!(f, "{r},{g},{b}")
+        match self.0 {
+            [0.0, 0.0, 0.0] => f.write_str("black"),
+            [1.0, 1.0, 1.0] => f.write_str("white"),
+            [r, g, b] => write!(f, "{r},{g},{b}"),
+        }
     }
 }
 

@@ -2,7 +2,10 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::constants::{MAX_SCALE_PX, MIN_SCALE_PX};
+use crate::{
+    constants::{MAX_SCALE_PX, MIN_SCALE_PX},
+    error::Error,
+};
 
 /// In which coordinates the optimiser moves a Gaussian.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
@@ -14,6 +17,16 @@ pub enum Chart {
     /// The Gaussian's own whitened frame, Σ = L Lᵀ: μ ← μ + L ξ, L ← L (I + η + η²/2) with η symmetric. A step means the same
     /// fraction of its extent for every Gaussian, however small or thin. In space: [`local_frame`](crate::local_frame).
     LocalFrame,
+}
+
+impl Chart {
+    /// As settings files and flags have it.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::ScaleRotation => "scale-rotation",
+            Self::LocalFrame => "local-frame",
+        }
+    }
 }
 
 /// How a learning rate changes over a run, as a factor of its first value.
@@ -187,6 +200,39 @@ pub struct AdamRates {
     pub penalty: Penalty,
 }
 
+impl AdamRates {
+    /// Fails where a number is outside its range: backends check what they are given before they move anything.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] naming the first offender.
+    pub fn validate(&self) -> Result<(), Error> {
+        let not_negative = |what, value: f32| {
+            let right = value >= 0.0 && value.is_finite();
+            if right { Ok(()) } else { Err(Error::setting(what, value, "finite and not negative")) }
+        };
+        for rate in [self.mean, self.scale, self.rotation, self.opacity, self.color, self.color_rest] {
+            not_negative("learning rate", rate.learning_rate)?;
+            for (what, beta) in [("beta1", rate.beta1), ("beta2", rate.beta2)] {
+                if !(0.0..1.0).contains(&beta) {
+                    return Err(Error::setting(what, beta, "at least 0 and below 1"));
+                }
+            }
+        }
+        // Where no gradient has ever been, a step is 0/ε.
+        if !(self.epsilon >= f32::MIN_POSITIVE && self.epsilon.is_finite()) {
+            return Err(Error::setting("epsilon", self.epsilon, "finite and at least 1.2e-38"));
+        }
+        if !(self.min_scale >= 0.0 && self.min_scale < f32::INFINITY) {
+            return Err(Error::setting("min-scale", self.min_scale, "finite and not negative"));
+        }
+        if !(self.max_scale > 0.0 && self.max_scale >= self.min_scale) {
+            return Err(Error::setting("max-scale", self.max_scale, "positive and no less than min-scale"));
+        }
+        not_negative("penalty on opacities", self.penalty.opacity)?;
+        not_negative("penalty on scales", self.penalty.scale)
+    }
+}
+
 impl Adam {
     /// The numbers at `progress` in 0..=1 of the run.
     pub fn at(&self, progress: f32) -> AdamRates {
@@ -214,6 +260,27 @@ impl Adam {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn rates_that_would_make_what_is_not_a_number_are_refused() {
+        let good = Adam::default();
+        good.at(0.0).validate().unwrap();
+        Adam { min_scale: 0.0, max_scale: f32::INFINITY, ..good }.at(0.0).validate().unwrap();
+        let wrong = [
+            Adam { mean: Group::constant(f32::NAN), ..good },
+            Adam { opacity: Group::constant(f32::INFINITY), ..good },
+            Adam { color: Group { beta1: 1.0, ..good.color }, ..good },
+            Adam { scale: Group { beta2: f32::NAN, ..good.scale }, ..good },
+            Adam { epsilon: 0.0, ..good },
+            Adam { min_scale: 3.0, max_scale: 2.0, ..good },
+            Adam { max_scale: f32::NAN, ..good },
+            Adam { penalty: Penalty { opacity: -1.0, ..Penalty::NONE }, ..good },
+        ];
+        for adam in wrong {
+            let refused = adam.at(0.0).validate();
+            assert!(matches!(refused, Err(Error::Setting { .. })), "{adam:?}");
+        }
+    }
 
     #[test]
     fn schedules_start_at_one_and_end_where_they_say() {

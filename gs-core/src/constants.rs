@@ -8,6 +8,18 @@
 /// [`Cut::Smooth`](crate::settings::Cut). Smaller values widen every Gaussian (radius `√(2 ln(1/cut))` σ: 3.33 σ here) and with it the time.
 pub const ALPHA_CUT: f32 = 1.0 / 255.0;
 
+/// Half a step of an 8-bit display: a pixel that changes by no more than this may look the same. Unit: colour, 0 to 1.
+///
+/// By it, it is decided which effects a scene calls for ([`Effects::called_for`](crate::Effects::called_for)). More, and effects are left out
+/// whose absence shows.
+pub const HALF_DISPLAY_STEP: f32 = 1.0 / 512.0;
+
+/// A Gaussian is narrower than a pixel where its standard deviation is below this in some direction. Unit: px.
+///
+/// Twice that, across its middle, is a pixel's side. Such Gaussians change with where they lie between pixel centres, unless an
+/// [`Antialias`](crate::effects::Antialias) widens them.
+pub const NARROW_PX: f32 = 0.5;
+
 /// α never exceeds this under [`Blend::Over`](crate::effects::Blend). Unit: none.
 ///
 /// *Source:* gsplat (3DGS itself has 0.99). The gradient of a clamped α is zero, so forward and backward must use the
@@ -38,10 +50,34 @@ pub const MIN_DETERMINANT_PX4: f32 = 1e-6;
 /// A quaternion whose squared norm is not at least this is culled and counted as degenerate. Unit: none.
 pub const MIN_QUATERNION_NORM2: f32 = 1e-6;
 
+/// A quaternion whose square is beyond `f32` is taken times this, 2⁻⁶⁶: it has the same direction. Unit: none.
+///
+/// What overflows is at least 2⁶³ long, and at most 2¹²⁹; after this it is between 2⁻³ and 2⁶³, whose squares are normal numbers.
+pub const QUATERNION_SHRINK: f32 = 1.355_252_7e-20;
+
+/// Between these, the square of a length has all its digits, and so has the direction that is found by it. Unit: world units².
+pub const SAFE_SQUARES: [f32; 2] = [1e-30, 1e37];
+
 /// Largest entry of η in one step of [`Chart::LocalFrame`](crate::Chart::LocalFrame). Unit: none.
 ///
 /// exp(η) is taken to second order, which shrinks by ½ at an eigenvalue of −1 and less again beyond it.
 pub const MAX_ETA: f32 = 0.5;
+
+/// Adam takes a larger derivative for this, of the same sign. Unit: loss per unit of the parameter.
+///
+/// Beyond 1.8e19 a square is ∞, v̂ with it for ever after, and the parameter never moves again. Nothing that is not to overflow soon is near.
+pub const MAX_DERIVATIVE: f32 = 1e18;
+
+/// L2 is differentiated as if C − Y were within ± this. Unit: of the image.
+///
+/// Kernels multiply ∂L/∂C by the weights of all Gaussians that a tile lists, 0 where one does not reach a pixel: 0·∞ would be NaN in Gaussians
+/// that have nothing to do with it. The loss itself is not bounded; it overflows, and stops the run.
+pub const MAX_RESIDUAL: f32 = 1e18;
+
+/// SSIM takes what is beyond ± this for it. Unit: of the image.
+///
+/// SSIM is a quotient of fourth powers: of 1e10 they are ∞, and ∞/∞ is NaN in the whole window.
+pub const SSIM_MAX: f32 = 1e9;
 
 /// The near plane of a [`Camera`](crate::view::Camera). Unit: world units. *Source:* gsplat (3DGS: 0.2).
 pub const NEAR_WORLD: f32 = 0.01;

@@ -1,8 +1,12 @@
 //! Which effects a rendering simulates. An effect that is off costs nothing: backends turn an [`Effects`] value into a
-//! type or a pipeline, never into a branch per pixel.
+//! type or a pipeline, never into a branch per pixel. Which ones a scene calls for says [`Effects::called_for`].
+
+pub mod called_for;
+mod effect;
 
 use serde::{Deserialize, Serialize};
 
+pub use self::{called_for::CalledFor, effect::Effect};
 use crate::constants::{DILATION_PX2, MIP_DILATION_PX2};
 
 /// In which order Gaussians are blended at a pixel. Matters under [`Blend::Over`] only.
@@ -111,7 +115,37 @@ pub enum Statistics {
     PixelError,
 }
 
+impl Order {
+    /// As settings files and flags have it.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Index => "index",
+            Self::TileDepth => "tile-depth",
+            Self::PixelDepth => "pixel-depth",
+        }
+    }
+}
+
+impl Blend {
+    /// As settings files and flags have it.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Sum => "sum",
+            Self::Over => "over",
+        }
+    }
+}
+
 impl Antialias {
+    /// As settings files and flags have it.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::None => "none",
+            Self::Dilate => "dilate",
+            Self::Mip => "mip",
+        }
+    }
+
     /// What is added to the diagonal of Σ′, px².
     pub fn dilation(self) -> f32 {
         match self {

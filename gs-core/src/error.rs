@@ -58,6 +58,18 @@ pub enum Error {
         /// Rows of the second.
         right_height: u32,
     },
+    /// A pixel that must be finite is NaN or infinite.
+    #[error("{what} is not finite ({value}) in column {column} of row {row}; repair the image, or leave it out")]
+    Pixel {
+        /// The image.
+        what: &'static str,
+        /// The pixel's column, from 0.
+        column: u32,
+        /// The pixel's row, from 0.
+        row: u32,
+        /// The value found.
+        value: f32,
+    },
     /// An edit plan that does not fit its cloud.
     #[error("edit plan: {0}")]
     Plan(String),

@@ -83,6 +83,17 @@ impl Image {
         Self { pixels, ..*self }
     }
 
+    /// Fails unless every value is finite; `what` is what the image is.
+    ///
+    /// # Errors
+    /// [`Error::Pixel`] naming the first that is not.
+    pub fn check_finite(&self, what: &'static str) -> Result<(), Error> {
+        let Some(at) = self.pixels.as_flattened().iter().position(|v| !v.is_finite()) else { return Ok(()) };
+        let (pixel, width) = (at / 3, self.width as usize);
+        let (column, row) = ((pixel % width) as u32, (pixel / width) as u32);
+        Err(Error::Pixel { what, column, row, value: self.pixels[pixel][at % 3] })
+    }
+
     /// Fails unless `other` has the same size.
     ///
     /// # Errors
@@ -109,4 +120,18 @@ pub fn check_size(width: u32, height: u32) -> Result<(), Error> {
         return Err(Error::Size { width, height, limit: MAX_SIDE_PX });
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_first_value_that_is_not_finite_is_named() {
+        let mut image = Image::filled(5, 4, [0.5; 3]).unwrap();
+        image.check_finite("the target").unwrap();
+        image.pixels_mut()[5 * 2 + 3][1] = f32::NAN;
+        let message = image.check_finite("the target").unwrap_err().to_string();
+        assert!(message.starts_with("the target is not finite (NaN) in column 3 of row 2"), "{message}");
+    }
 }

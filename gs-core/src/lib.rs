@@ -12,6 +12,7 @@ pub mod constants;
 pub mod edit;
 pub mod effects;
 pub mod error;
+pub mod examination;
 pub mod image;
 pub mod local_frame;
 pub mod loss;

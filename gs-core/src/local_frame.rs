@@ -6,12 +6,12 @@
 //!
 //! Symmetric matrices are six numbers: (00, 01, 02, 11, 12, 22); as gradients, those beside the diagonal are by each of the two entries.
 
-use glam::{DMat3, DQuat, DVec3, Mat3, Quat, Vec3, Vec4};
+use glam::{DMat3, DQuat, DVec3, Mat3, Quat, Vec3};
 
 use crate::{
     adam::AdamRates,
     constants::{MAX_ETA, MIN_QUATERNION_NORM2},
-    perspective::quaternion_vjp,
+    perspective::{Quaternion, quaternion_vjp},
     scene::SpatialGaussian,
 };
 
@@ -118,12 +118,11 @@ fn completed(columns: [DVec3; 3], scales: DVec3) -> DMat3 {
 
 /// R(q/|q|) S: a square root of Σ (paper eq. 5), world units. `None` where q is too short to have a direction ([`MIN_QUATERNION_NORM2`]).
 pub fn frame_of(log_scale: Vec3, rotation: [f32; 4]) -> Option<Mat3> {
-    let [w, x, y, z] = rotation;
-    let q = Vec4::new(x, y, z, w);
-    if !(q.length_squared() >= MIN_QUATERNION_NORM2) {
+    let Quaternion { scaled: [w, x, y, z], norm2, .. } = Quaternion::new(rotation);
+    if !(norm2 >= MIN_QUATERNION_NORM2) {
         return None;
     }
-    Some(Mat3::from_quat(Quat::from_vec4(q).normalize()) * Mat3::from_diagonal(log_scale.map(f32::exp)))
+    Some(Mat3::from_quat(Quat::from_xyzw(x, y, z, w).normalize()) * Mat3::from_diagonal(log_scale.map(f32::exp)))
 }
 
 impl SpatialGaussian {
@@ -174,9 +173,10 @@ pub fn by_scale_rotation(frame: Mat3, stretch: Symmetric3) -> (Vec3, [f32; 4]) {
     let turn = principal.turn;
     let v = turn.transpose() * symmetric(stretch).as_dmat3() * turn;
     let [a, b, c] = log_scale.as_dvec3().to_array();
-    let v_turn = DVec3::new(v.y_axis.z * (b - c).sinh(), v.z_axis.x * (c - a).sinh(), v.x_axis.y * (a - b).sinh());
-    // A turn of what has no extent is none.
-    let v_turn = if v_turn.is_finite() { principal.axes * v_turn * 2.0 } else { DVec3::ZERO };
+    // A turn between two axes of which one has no extent (ln 0) is none.
+    let about = |v: f64, log_ratio: f64| Some(2.0 * v * log_ratio.sinh()).filter(|v| v.is_finite()).unwrap_or(0.0);
+    let v_turn = DVec3::new(about(v.y_axis.z, b - c), about(v.z_axis.x, c - a), about(v.x_axis.y, a - b));
+    let v_turn = principal.axes * v_turn;
     let v_log_scale = DVec3::new(v.x_axis.x, v.y_axis.y, v.z_axis.z);
     (v_log_scale.as_vec3(), quaternion_vjp(rotation, 1.0, v_turn.as_vec3()))
 }

@@ -25,6 +25,15 @@ impl Loss {
     /// The paper's: λ = 0.2.
     pub const PAPER: Self = Self::L1Dssim { lambda: DSSIM_LAMBDA };
 
+    /// Its kind, as flags have it.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::L2 => "l2",
+            Self::L1 => "l1",
+            Self::L1Dssim { .. } => "l1-dssim",
+        }
+    }
+
     /// Fails where λ is outside 0..=1.
     ///
     /// # Errors

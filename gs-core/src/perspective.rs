@@ -14,7 +14,7 @@
 use glam::{Mat3, Vec2, Vec3};
 
 use crate::{
-    constants::{JACOBIAN_MARGIN, MIN_DETERMINANT_PX4, MIN_QUATERNION_NORM2},
+    constants::{JACOBIAN_MARGIN, MIN_DETERMINANT_PX4, MIN_QUATERNION_NORM2, QUATERNION_SHRINK, SAFE_SQUARES},
     effects::{Antialias, Blend},
     local_frame::{Framed, FramedGradient},
     scene::sigmoid,
@@ -105,6 +105,16 @@ struct Returned {
     opacity_logit: f32,
 }
 
+/// A quaternion times a power of two that keeps its square finite, and that square.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Quaternion {
+    pub(crate) scaled: [f32; 4],
+    /// |scaled|²: of a quaternion that is not scaled, |q|² as it is; NaN or infinite where a component is.
+    pub(crate) norm2: f32,
+    /// 1 or [`QUATERNION_SHRINK`].
+    pub(crate) scale: f32,
+}
+
 /// A rotation and what it is made of.
 struct Turned {
     /// R(q/|q|).
@@ -146,17 +156,17 @@ impl Perspective {
     /// The first [`Cause`] that applies.
     #[inline]
     pub fn project(&self, g: &Ellipsoid) -> Result<Projection, Cause> {
-        let [qw, qx, qy, qz] = g.rotation;
-        let norm2 = qw * qw + qx * qx + qy * qy + qz * qz;
+        let quaternion = Quaternion::new(g.rotation);
         // A sum is finite only if all its terms are.
-        if !(g.mean.is_finite() && g.log_scale.is_finite() && norm2.is_finite()) || g.opacity_logit.is_nan() {
+        if !(g.mean.is_finite() && g.log_scale.is_finite() && quaternion.norm2.is_finite()) || g.opacity_logit.is_nan()
+        {
             return Err(Cause::NotFinite);
         }
         let p = self.in_front(g.mean)?;
-        if !(norm2 >= MIN_QUATERNION_NORM2) {
+        if !(quaternion.norm2 >= MIN_QUATERNION_NORM2) {
             return Err(Cause::Degenerate);
         }
-        self.project_rows(p, self.rows(&turned(g.rotation, norm2).rotation, g.log_scale), g.opacity_logit)
+        self.project_rows(p, self.rows(&turned(&quaternion).rotation, g.log_scale), g.opacity_logit)
     }
 
     /// The same of a Gaussian whose shape is held as a frame.
@@ -177,8 +187,7 @@ impl Perspective {
     #[inline]
     pub fn project_vjp(&self, g: &Ellipsoid, v: &ProjectionGradient) -> Ellipsoid {
         let p = self.rotation * g.mean + self.translation;
-        let norm2 = g.rotation.iter().map(|c| c * c).sum();
-        let turned = turned(g.rotation, norm2);
+        let turned = turned(&Quaternion::new(g.rotation));
         let rows = self.rows(&turned.rotation, g.log_scale);
         let Returned { v_p, projected: [r0, r1], v_projected: [v_r0, v_r1], v_rows, opacity_logit } =
             self.project_rows_vjp(p, &rows, g.opacity_logit, v);
@@ -308,8 +317,12 @@ impl Perspective {
     #[inline(always)]
     fn towards(&self, mean: Vec3) -> (Vec3, f32) {
         let offset = mean - self.position;
-        let inverse = offset.length_recip();
-        if inverse.is_finite() { (offset * inverse, inverse) } else { (Vec3::Z, 0.0) }
+        let norm2 = offset.length_squared();
+        if (SAFE_SQUARES[0]..=SAFE_SQUARES[1]).contains(&norm2) {
+            let inverse = 1.0 / norm2.sqrt();
+            return (offset * inverse, inverse);
+        }
+        towards_extremes(offset)
     }
 
     /// W R with every column scaled: m₀, m₁, m₂.
@@ -330,15 +343,41 @@ impl Perspective {
     }
 }
 
+/// [`Perspective::direction`] and 1/|offset| where |offset|² underflows or overflows.
+#[cold]
+fn towards_extremes(offset: Vec3) -> (Vec3, f32) {
+    let largest = offset.abs().max_element();
+    if largest == 0.0 {
+        return (Vec3::Z, 0.0);
+    }
+    let scaled = offset / largest;
+    let inverse = 1.0 / scaled.length();
+    (scaled * inverse, (inverse / largest).min(f32::MAX))
+}
+
 #[inline(always)]
 fn rows_of(matrix: &Mat3) -> [Vec3; 3] {
     [matrix.row(0), matrix.row(1), matrix.row(2)]
 }
 
+impl Quaternion {
+    #[inline(always)]
+    pub(crate) fn new(q: [f32; 4]) -> Self {
+        let norm2 = |[w, x, y, z]: [f32; 4]| w * w + x * x + y * y + z * z;
+        let plain = Self { scaled: q, norm2: norm2(q), scale: 1.0 };
+        if plain.norm2 < f32::INFINITY {
+            return plain;
+        }
+        let scaled = q.map(|c| c * QUATERNION_SHRINK);
+        Self { scaled, norm2: norm2(scaled), scale: QUATERNION_SHRINK }
+    }
+}
+
 #[inline(always)]
-fn turned(rotation: [f32; 4], norm2: f32) -> Turned {
-    let inverse_norm = 1.0 / norm2.sqrt();
-    let unit = rotation.map(|c| c * inverse_norm);
+fn turned(quaternion: &Quaternion) -> Turned {
+    let inverse_norm = 1.0 / quaternion.norm2.sqrt();
+    let unit = quaternion.scaled.map(|c| c * inverse_norm);
+    let inverse_norm = inverse_norm * quaternion.scale;
     let [w, x, y, z] = unit;
     let rotation = Mat3::from_cols(
         Vec3::new(1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y)),

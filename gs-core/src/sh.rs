@@ -46,6 +46,23 @@ pub fn basis(degree: u8, d: Vec3) -> [f32; MOST_COEFFICIENTS] {
     y_k
 }
 
+/// The most by which leaving out all coefficients above `degree` changes a channel of ½ + SH, over all directions; `sh` holds those of one
+/// Gaussian, whole degrees.
+///
+/// Σ over the degrees l left out of √((2l + 1)/4π)·‖coefficients of degree l‖, as Σ Y_k² = (2l + 1)/4π over a degree's functions in every
+/// direction (Unsöld's theorem) and by the inequality of Cauchy and Schwarz.
+pub fn change_bound(degree: u8, sh: &[Vec3]) -> f32 {
+    let kept = usize::from(degree) + 1;
+    let mut sum = Vec3::ZERO;
+    for l in kept..kept + 3 {
+        let Some(of_degree) = sh.get(l * l..(l + 1) * (l + 1)) else { break };
+        let norm2 = of_degree.iter().fold(Vec3::ZERO, |sum, &c| sum + c * c);
+        let factor = (2 * l + 1) as f32 / (4.0 * std::f32::consts::PI);
+        sum += (norm2 * factor).map(f32::sqrt);
+    }
+    sum.max_element()
+}
+
 /// Σ a_k ∇Y_k(d), in the three components of d as if they were free; the caller keeps what is tangential.
 #[inline(always)]
 fn weighted_gradients(degree: u8, d: Vec3, a: &[f32; MOST_COEFFICIENTS]) -> Vec3 {
@@ -84,12 +101,12 @@ fn weighted_gradients(degree: u8, d: Vec3, a: &[f32; MOST_COEFFICIENTS]) -> Vec3
 }
 
 /// c = max(0, ½ + Σ Y_k(d) sh_k), channel by channel; `sh` holds at least the coefficients of `degree`, as
-/// [`Vec3`] or arrays. NaN stays NaN.
+/// [`Vec3`] or arrays. What is not finite stays so, −∞ too: it must be seen, not drawn as black.
 #[inline(always)]
 pub fn color<C: Copy + Into<Vec3>>(degree: u8, d: Vec3, sh: &[C]) -> [f32; 3] {
     let y_k = basis(degree, d);
     let sum = sh[..coefficients(degree)].iter().zip(y_k).fold(Vec3::splat(0.5), |sum, (&c, y)| sum + c.into() * y);
-    sum.to_array().map(|c| if c < 0.0 { 0.0 } else { c })
+    sum.to_array().map(|c| if (f32::MIN..0.0).contains(&c) { 0.0 } else { c })
 }
 
 /// From v_c to (v_d, v_sh): v_d tangential or not, v_sh written over the first (degree + 1)² of `v_sh`. Channels whose colour is clamped,
@@ -180,6 +197,8 @@ mod tests {
         let mut v_sh = [Vec3::NAN];
         color_vjp(0, Vec3::Z, &sh, [1.0; 3], &mut v_sh);
         assert_eq!(v_sh[0], Vec3::new(0.0, SH_C0, SH_C0));
-        assert!(color(0, Vec3::Z, &[Vec3::NAN]).iter().all(|c| c.is_nan()));
+        for broken in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
+            assert!(!color(0, Vec3::Z, &[Vec3::splat(broken)]).iter().any(|c| c.is_finite()), "{broken}");
+        }
     }
 }

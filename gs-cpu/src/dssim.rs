@@ -6,7 +6,7 @@
 
 use fearless_simd::{Level, Simd, dispatch, prelude::*};
 use gs_core::{
-    constants::{SSIM_C1, SSIM_C2, SSIM_SIGMA, SSIM_WINDOW},
+    constants::{SSIM_C1, SSIM_C2, SSIM_MAX, SSIM_SIGMA, SSIM_WINDOW},
     profile::Traffic,
 };
 use rayon::prelude::*;
@@ -53,7 +53,9 @@ impl Plane {
         self.values.par_chunks_mut(3 * self.pitch).enumerate().for_each(|(y, lines)| {
             for (k, line) in lines.chunks_mut(self.pitch).enumerate() {
                 for (strip, columns) in line[RADIUS..][..grid.width].chunks_mut(LANES).enumerate() {
-                    columns.copy_from_slice(&rows[strip * grid.height + y].0[k][..columns.len()]);
+                    for (out, value) in columns.iter_mut().zip(&rows[strip * grid.height + y].0[k]) {
+                        *out = value.clamp(-SSIM_MAX, SSIM_MAX);
+                    }
                 }
             }
         });
@@ -272,9 +274,12 @@ fn derivative_lines<S: Simd>(
             let square_y: S::f32s = load(simd, &blurred.square.values, line + x);
             let (xx, yy, xy) = (mx * mx, my * my, mx * my);
             let a1 = xy * 2.0 + SSIM_C1;
-            let a2 = (product - xy) * 2.0 + SSIM_C2;
             let b1 = xx + yy + SSIM_C1;
-            let b2 = square - xx + square_y - yy + SSIM_C2;
+            // σx² + σy² and 2 σxy of a window that is nearly constant are what rounding leaves of large numbers: more than C2 where colours are
+            // beyond 100. So bounded, as they are by their definition, SSIM stays within ±1.
+            let variances = (square - xx + square_y - yy).max(zero);
+            let a2 = ((product - xy) * 2.0).max(zero - variances).min(variances) + SSIM_C2;
+            let b2 = variances + SSIM_C2;
             // Lanes beyond the image: 0.
             let beyond = iota::<S, S::f32s>(simd, 0).simd_ge(splat::<S, S::f32s>(simd, (grid.width - x) as f32));
             let inverse = beyond.select(zero, one / (b1 * b2));

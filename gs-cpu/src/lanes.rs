@@ -6,6 +6,7 @@
 use std::ops::{BitAnd, Shl};
 
 use fearless_simd::{Select, Simd, f32x16, prelude::*};
+use gs_core::constants::MAX_DERIVATIVE;
 
 /// Columns in a strip, and the most pixels in a vector.
 pub(crate) const LANES: usize = 16;
@@ -118,6 +119,13 @@ pub(crate) fn exp<S: Simd, V: Floats<S>>(simd: S, x: V) -> V {
 pub(crate) fn exp_less<S: Simd, V: Floats<S>>(simd: S, x: V, base: f32) -> V {
     let (power, rest) = exp_parts(simd, x);
     power.mul_add(rest, power - base)
+}
+
+/// A derivative as Adam takes it: within ±[`MAX_DERIVATIVE`]. NaN stays: it must be seen and pruned.
+#[inline(always)]
+pub(crate) fn bounded_derivative<S: Simd, V: Floats<S>>(simd: S, g: V) -> V {
+    let most: V = splat(simd, MAX_DERIVATIVE);
+    g.abs().simd_gt(most).select(most.copysign(g), g)
 }
 
 /// The vector where the bits of `mask` are set, else 0.

@@ -3,7 +3,7 @@
 use std::sync::OnceLock;
 
 use fearless_simd::{Level, dispatch};
-use gs_core::{Error, Image, Loss};
+use gs_core::{Error, Image, Loss, constants::MAX_RESIDUAL};
 
 use crate::{
     dssim::{self, BlurredTarget},
@@ -106,7 +106,7 @@ fn pointwise(tiles: &mut Tiles, target: &Target, level: Level, kind: Pointwise) 
         let inside = grid.lanes_inside(tile);
         buffers.sums[0] = dispatch!(level, _simd => match kind {
             Pointwise::Square { scale } => {
-                each(image, target, buffers.rows, inside, |d| (d * d, d * scale))
+                each(image, target, buffers.rows, inside, |d| (d * d, d.clamp(-MAX_RESIDUAL, MAX_RESIDUAL) * scale))
             }
             Pointwise::Absolute { scale } => {
                 each(image, target, buffers.rows, inside, |d| {

@@ -161,6 +161,7 @@ impl<S: Kind> Rasterizer<S> for CpuRasterizer {
     }
 
     fn upload_target(&self, image: &Image) -> Result<Target, Error> {
+        image.check_finite("the target")?;
         Ok(Target::new(image))
     }
 
@@ -221,6 +222,7 @@ impl<S: Kind> Rasterizer<S> for CpuRasterizer {
 
     fn step(&self, cloud: &mut S::Cloud, gradients: &Gradients<S>, rates: &AdamRates) -> Result<(), Error> {
         check_len::<S>(gradients, cloud)?;
+        rates.validate()?;
         S::check_rates(rates)?;
         let mut bias = S::resources(self).bias.lock().unwrap_or_else(PoisonError::into_inner);
         let bias = &mut *bias;
@@ -236,6 +238,7 @@ impl<S: Kind> Rasterizer<S> for CpuRasterizer {
         step: &TrainStep<'_>,
     ) -> Result<(), Error> {
         S::check(view, step.settings)?;
+        step.rates.validate()?;
         S::check_rates(step.rates)?;
         step.loss.validate()?;
         target.check_size(S::size(view))?;

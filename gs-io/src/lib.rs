@@ -35,7 +35,7 @@ pub use crate::{
     error::Error,
     image::{AlphaMode, LoadedImage, Orientation, Transparency, read_image, read_image_with, write_png},
     ply::{PlyColors, write_ply},
-    scene_file::{PlanarFile, SCENE_EXTENSION, read_scene, write_scene},
+    scene_file::{PlanarFile, SCENE_EXTENSION, read_scene, read_scene_unchecked, write_scene},
     spatial::{
         GltfBuffer, Loss, SpatialFile, SpatialFormat, SpatialOptions, SpatialWritten, SpzOptions, SpzVersion,
         decode_spatial, read_spatial, read_spatial_unchecked, spatial_format, write_spatial,

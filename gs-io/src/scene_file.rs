@@ -47,9 +47,13 @@ impl PlanarFile {
     /// # Errors
     /// Those of [`PlanarScene::validate`](Scene::validate), [`check_size`] and [`RenderSettings::validate`].
     pub fn validate(&self) -> Result<(), gs_core::Error> {
-        check_size(self.width, self.height)?;
-        self.settings.validate()?;
+        self.validate_view()?;
         self.scene.validate()
+    }
+
+    fn validate_view(&self) -> Result<(), gs_core::Error> {
+        check_size(self.width, self.height)?;
+        self.settings.validate()
     }
 }
 
@@ -87,10 +91,21 @@ pub fn write_scene(path: impl AsRef<Path>, file: &PlanarFile) -> Result<(), Erro
 /// Reads what [`write_scene`] wrote: the same scene, bit for bit. A scene without Gaussians is allowed.
 ///
 /// # Errors
+/// Those of [`read_scene_unchecked`]; [`Error::Content`] for values that are not possible (NaN).
+pub fn read_scene(path: impl AsRef<Path>) -> Result<PlanarFile, Error> {
+    let path = path.as_ref();
+    let file = read_scene_unchecked(path)?;
+    file.validate().map_err(Error::content(path))?;
+    Ok(file)
+}
+
+/// As [`read_scene`], but Gaussians' values may be NaN or infinite: for those who look into a broken scene, or mend it.
+///
+/// # Errors
 /// [`Error::Missing`], [`Error::NotAFile`] or [`Error::Read`]; [`Error::Damaged`] for a file that is cut short or something else,
 /// [`Error::TooNew`] for one of a later version, [`Error::Tensor`] for a tensor of the wrong type or shape, [`Error::Content`]
-/// for values that are not possible (NaN).
-pub fn read_scene(path: impl AsRef<Path>) -> Result<PlanarFile, Error> {
+/// for an impossible canvas or settings.
+pub fn read_scene_unchecked(path: impl AsRef<Path>) -> Result<PlanarFile, Error> {
     let path = path.as_ref();
     let file = container::read::<Content>(path, &KIND)?;
     let Some(&[n, 2]) = file.shape("mean") else {
@@ -112,6 +127,6 @@ pub fn read_scene(path: impl AsRef<Path>) -> Result<PlanarFile, Error> {
     };
     let Content { width, height, settings } = file.content;
     let file = PlanarFile { scene, width, height, settings };
-    file.validate().map_err(Error::content(path))?;
+    file.validate_view().map_err(Error::content(path))?;
     Ok(file)
 }

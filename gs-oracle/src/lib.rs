@@ -145,6 +145,12 @@ impl<V: OracleView> Oracle<V> {
         self.rendering(scene, &self.blend(scene, Lean::Exact))
     }
 
+    /// Whether a Gaussian, were it alone, would count at each pixel, `[H · W]`; where that is within rounding, it is said to.
+    pub fn footprint(&self, gaussian: &Parameters) -> Vec<bool> {
+        let alone = OracleScene { gaussians: vec![gaussian.clone()] };
+        self.blend(&alone, Lean::More).iter().map(|pixel| pixel.near > 0 || pixel.touched().next().is_some()).collect()
+    }
+
     /// What each Gaussian is on the image, or why it is left out by a guard; `[N]`.
     pub fn project(&self, scene: &OracleScene) -> Vec<Projection<V::Splat>> {
         scene.gaussians.iter().map(|g| self.view.project(g, &self.settings, Lean::Exact)).collect()

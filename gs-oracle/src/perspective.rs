@@ -239,7 +239,10 @@ fn sigmoid(logit: f64) -> Rounded {
     if logit.is_infinite() {
         return Rounded::exact(f64::from(u8::from(logit > 0.0)));
     }
-    Rounded::ONE / (Rounded::ONE + Rounded::exact(-logit).exp())
+    // Of the two forms the one whose exponential does not overflow.
+    let small = Rounded::exact(-logit.abs()).exp();
+    let part = if logit < 0.0 { small } else { Rounded::ONE };
+    part / (Rounded::ONE + small)
 }
 
 /// R of a unit quaternion (w, x, y, z).

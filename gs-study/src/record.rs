@@ -131,6 +131,7 @@ pub(crate) mod tests {
             l1: None,
             psnr,
             culled: None,
+            clamped: None,
         };
         Finished {
             gaussians: 100,

@@ -71,6 +71,7 @@ fn rising(psnr: f64, seconds: f64) -> Finished {
             l1: None,
             psnr: Some(part * psnr),
             culled: None,
+            clamped: None,
         }
     };
     Finished {

@@ -9,11 +9,11 @@ mod measure;
 use std::path::Path;
 
 use clap::Parser;
+use gs_conformance::data;
 use gs_core::{Scene, SpatialScene};
 use gs_io::{GltfBuffer, SpatialOptions, SpatialWritten, SpzOptions, SpzVersion, read_spatial, write_spatial};
 use measure::{
-    Options, Outcome, Quantiles, count, ms, number, photographs::data_folder, print_columns, print_head, print_row,
-    print_section, try_time,
+    Options, Outcome, Quantiles, count, ms, number, print_columns, print_head, print_row, print_section, try_time,
 };
 
 /// The scenes: one with all harmonics from 3DGS's own code, one without any that was quantised before.
@@ -21,7 +21,7 @@ const SCENES: [&str; 2] = ["kacytran_iter7000_point_cloud.ply", "biker.compresse
 
 fn main() -> Outcome {
     let options = Options::parse();
-    let data = data_folder();
+    let data = data::folder();
     print_head(
         "Formats of spatial scenes",
         &options,

@@ -9,6 +9,7 @@ mod measure;
 use std::time::Instant;
 
 use clap::Parser;
+use gs_conformance::data;
 use gs_core::{Rasterizer, SpatialScene};
 use gs_io::dataset::{Dataset, DatasetSettings, read_dataset};
 use gs_train::{
@@ -16,10 +17,7 @@ use gs_train::{
     spatial::{Start, Views},
 };
 use gs_wgpu::{WgpuRasterizer, WgpuSettings};
-use measure::{
-    Options, Outcome, Quantiles, memory, ms, number, photographs::data_folder, print_columns, print_head, print_row,
-    print_section,
-};
+use measure::{Options, Outcome, Quantiles, memory, ms, number, print_columns, print_head, print_row, print_section};
 
 /// Every 7th view of banana is held out, as the test data's own figures have it; lego says itself which are.
 const HOLDOUT: u32 = 7;
@@ -33,20 +31,19 @@ fn main() -> Outcome {
     let about = format!("banana: {} views, {} points", banana.views.len(), banana.points.len());
     print_head("Training in space", &options, &[options.threads()], &about);
     let cpu = options.rasterizer(options.threads())?;
+    let (degrees, epochs) = ([0, 3], options.pick(20, 2));
+    let on_cpu = degrees.map(|degree| steps(&cpu, &banana, degree, epochs));
+    // Before a software driver has taken memory of the same process.
+    if let Some(bytes) = memory::peak() {
+        println!("- peak memory of gs-cpu's training, with all photographs: {} MB", bytes / 1_000_000);
+    }
     let wgpu = WgpuRasterizer::new(WgpuSettings::default())?;
     println!("- adapter: {}; {}", wgpu.adapter(), wgpu.reason());
 
     print_section("One training step of banana, from its points, L1 + D-SSIM, means over the 12 views of an epoch");
     print_columns(&["harmonics", "cpu, ms", "wgpu, ms", "wgpu/cpu"]);
-    for degree in [0, 3] {
-        let epochs = options.pick(20, 2);
-        let on_cpu = steps(&cpu, &banana, degree, epochs)?;
-        if degree == 3
-            && let Some(bytes) = memory::peak()
-        {
-            println!("(peak memory until here, with all photographs: {} MB)", bytes / 1_000_000);
-        }
-        let on_wgpu = steps(&wgpu, &banana, degree, epochs)?;
+    for (degree, on_cpu) in degrees.into_iter().zip(on_cpu) {
+        let (on_cpu, on_wgpu) = (on_cpu?, steps(&wgpu, &banana, degree, epochs)?);
         print_row(&[degree.to_string(), ms(on_cpu), ms(on_wgpu), number(on_wgpu.median / on_cpu.median)]);
     }
 
@@ -82,7 +79,7 @@ fn main() -> Outcome {
 
 fn dataset(name: &str) -> Result<Dataset, gs_io::Error> {
     let settings = DatasetSettings { test_every: HOLDOUT.try_into().ok(), ..DatasetSettings::default() };
-    read_dataset(data_folder().join(name), &settings)
+    read_dataset(data::folder().join(name), &settings)
 }
 
 fn start(data: &Dataset) -> Start {

@@ -17,6 +17,12 @@ pub trait Trainable: DensityScene {
 
     /// All parameters of a Gaussian but its opacity, with their names and units, for people.
     fn parameters(gaussian: &Self::Gaussian) -> Vec<(&'static str, Vec<f32>)>;
+
+    /// The smallest and the largest ln-scale of Gaussian `index`.
+    ///
+    /// # Panics
+    /// When there is no such Gaussian.
+    fn log_scale_range(&self, index: usize) -> (f32, f32);
 }
 
 /// What the loop must know of a run's settings.
@@ -41,6 +47,8 @@ pub trait RunSettings<S: Trainable>: Clone + Debug + PartialEq + Serialize + Des
     fn policy(&self) -> &dyn DensityPolicy<S>;
     /// What the position's learning rate has become after `step` steps, as a multiple of what it was at first.
     fn mean_factor(&self, step: u32) -> f32;
+    /// Between what the optimiser keeps every scale, in the scene's unit.
+    fn scale_bounds(&self) -> (f32, f32);
     /// PSNR as this loss tells it, dB, where it does.
     fn psnr_estimate(&self, loss: f32) -> Option<f32>;
     /// Whether the step that follows `step` steps makes its lists anew, whatever came before.
@@ -81,7 +89,7 @@ pub trait Course<R: Rasterizer<S>, S: Trainable> {
     /// Those of the backend.
     fn after_edit(&mut self, on: &R, cloud: &mut R::Cloud, settings: &S::Settings) -> Result<(), Error>;
 
-    /// How good the scene is after `step` steps.
+    /// How good the scene is after `step` steps; [`Quality::clamped`] is left to the loop.
     ///
     /// # Errors
     /// Those of the backend, and of reading a picture.

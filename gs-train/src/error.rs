@@ -30,12 +30,21 @@ pub enum Error {
     /// No view that is trained with looks at any of the first Gaussians.
     #[error(
         "none of the {gaussians} first Gaussians is in sight of any of the {views} views to train with: the cameras look away, or the \
-         points are in another world than they; mend the poses, or start with Gaussians where the cameras look (--start random)"
+         points are in another world than they; mend the poses, or start with Gaussians where the cameras look"
     )]
     NothingInView {
         /// First Gaussians.
         gaussians: usize,
         /// Views that are trained with.
+        views: usize,
+    },
+    /// No pixel counts of any view by which a scene is to be judged.
+    #[error(
+        "the masks of all {views} views to judge by leave out every pixel, so there is nothing to compare: mend the masks, or hold out \
+         other views"
+    )]
+    NothingCounts {
+        /// Views to judge by.
         views: usize,
     },
     /// A checkpoint was made for another target than the one given.

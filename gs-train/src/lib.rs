@@ -8,7 +8,9 @@
 #![allow(clippy::neg_cmp_op_on_partial_ord)]
 
 mod checkpoint;
+mod clamped;
 mod course;
+pub mod effects;
 mod error;
 pub mod experiments;
 mod fit;
@@ -33,6 +35,7 @@ mod trainer;
 struct Readme;
 
 pub use crate::{
+    clamped::Clamped,
     course::{Course, Due, RunSettings, Trainable},
     error::{Error, Suspect},
     fit::{Fit, fit},

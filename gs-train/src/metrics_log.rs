@@ -1,9 +1,6 @@
 //! A table of how a fit went: the numbers behind its curves of count, loss and quality.
 
-use std::{
-    collections::{BTreeMap, VecDeque},
-    fmt::Write,
-};
+use std::collections::{BTreeMap, VecDeque};
 
 use gs_core::{edit::EditCounts, statistics::Culled};
 use gs_io::Checkpoint;
@@ -11,6 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::{
     checkpoint::step_of,
+    clamped::Clamped,
     error::Error,
     observer::{Control, Observer, Progress},
     settings::FitSettings,
@@ -24,7 +22,7 @@ const MOST_KEPT_ROWS: usize = 50_000;
 
 const HEADINGS: &str = "step,seconds,count,cloned,split,seeded,pruned_transparent,pruned_too_large,pruned_not_finite,\
                         pruned_unimportant,loss,l1,psnr,culled_not_finite,culled_near,culled_degenerate,culled_transparent,\
-                        culled_outside";
+                        culled_outside,clamped_smallest,clamped_largest";
 
 /// One row of a [`MetricsLog`].
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -48,6 +46,9 @@ pub struct MetricsRow {
     /// What the renderings by which it was measured left out.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub culled: Option<Culled>,
+    /// Gaussians with a scale at a bound; where it was measured.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub clamped: Option<Clamped>,
 }
 
 /// An observer that keeps a row for the first step, every `every` steps, every round of density control, and the last step.
@@ -105,6 +106,11 @@ impl MetricsLog {
         csv(&self.rows)
     }
 
+    /// The lines of [`Self::to_csv`] from row `first` on, without headings: what there is to add to a table that has the rows before.
+    pub fn csv_from(&self, first: usize) -> String {
+        self.rows.iter().skip(first).map(line).collect()
+    }
+
     fn is_due(&self, progress: &Progress) -> bool {
         progress.step == 1 || progress.step.is_multiple_of(self.every) || progress.edits.is_some() || progress.is_last()
     }
@@ -117,26 +123,30 @@ impl MetricsLog {
 
 fn csv(rows: &[MetricsRow]) -> String {
     let mut csv = format!("{HEADINGS}\n");
-    for MetricsRow { step, seconds, count, edits: e, loss, l1, psnr, culled } in rows {
-        let (cloned, split, seeded) = (e.cloned, e.split, e.seeded);
-        let (transparent, too_large) = (e.pruned_transparent, e.pruned_too_large);
-        let (not_finite, unimportant) = (e.pruned_not_finite, e.pruned_unimportant);
-        let l1 = l1.map_or_else(String::new, |l1| format!("{l1:.7}"));
-        let psnr = psnr.map_or_else(String::new, |psnr| format!("{psnr:.4}"));
-        let culled = culled.map_or_else(
-            || ",,,,".to_owned(),
-            |Culled { not_finite, near, degenerate, transparent, outside }| {
-                format!("{not_finite},{near},{degenerate},{transparent},{outside}")
-            },
-        );
-        let written = writeln!(
-            csv,
-            "{step},{seconds:.6},{count},{cloned},{split},{seeded},{transparent},{too_large},{not_finite},\
-             {unimportant},{loss},{l1},{psnr},{culled}"
-        );
-        debug_assert!(written.is_ok(), "a string can always be written to");
-    }
+    csv.extend(rows.iter().map(line));
     csv
+}
+
+/// A row with its line break.
+fn line(row: &MetricsRow) -> String {
+    let MetricsRow { step, seconds, count, edits: e, loss, l1, psnr, culled, clamped } = row;
+    let (cloned, split, seeded) = (e.cloned, e.split, e.seeded);
+    let (transparent, too_large) = (e.pruned_transparent, e.pruned_too_large);
+    let (not_finite, unimportant) = (e.pruned_not_finite, e.pruned_unimportant);
+    let l1 = l1.map_or_else(String::new, |l1| format!("{l1:.7}"));
+    let psnr = psnr.map_or_else(String::new, |psnr| format!("{psnr:.4}"));
+    let culled = culled.map_or_else(
+        || ",,,,".to_owned(),
+        |Culled { not_finite, near, degenerate, transparent, outside }| {
+            format!("{not_finite},{near},{degenerate},{transparent},{outside}")
+        },
+    );
+    let clamped =
+        clamped.map_or_else(|| ",".to_owned(), |Clamped { smallest, largest }| format!("{smallest},{largest}"));
+    format!(
+        "{step},{seconds:.6},{count},{cloned},{split},{seeded},{transparent},{too_large},{not_finite},{unimportant},\
+         {loss},{l1},{psnr},{culled},{clamped}\n"
+    )
 }
 
 /// The rows of a table, which must be in order and not beyond `last_step`.
@@ -161,7 +171,7 @@ fn row_of(text: &str) -> Option<MetricsRow> {
     let cells: Vec<&str> = text.split(',').collect();
     let (
         &[step, seconds, count, cloned, split, seeded, transparent, too_large, not_finite, unimportant, loss, l1, psnr],
-        culled,
+        measurements,
     ) = cells.split_first_chunk::<13>()?;
     let whole = |cell: &str| cell.parse::<u32>().ok();
     let measured = |cell: &str| if cell.is_empty() { Some(None) } else { cell.parse().ok().map(Some) };
@@ -176,18 +186,21 @@ fn row_of(text: &str) -> Option<MetricsRow> {
     };
     let (seconds, loss) = (seconds.parse().ok()?, loss.parse().ok()?);
     let (l1, psnr) = (measured(l1)?, measured(psnr)?);
-    let culled = match culled {
-        ["", "", "", "", ""] => None,
-        &[not_finite, near, degenerate, transparent, outside] => Some(Culled {
-            not_finite: whole(not_finite)?,
-            near: whole(near)?,
-            degenerate: whole(degenerate)?,
-            transparent: whole(transparent)?,
-            outside: whole(outside)?,
-        }),
+    let (culled, clamped) = match measurements {
+        ["", "", "", "", "", "", ""] => (None, None),
+        &[not_finite, near, degenerate, transparent, outside, smallest, largest] => {
+            let culled = Culled {
+                not_finite: whole(not_finite)?,
+                near: whole(near)?,
+                degenerate: whole(degenerate)?,
+                transparent: whole(transparent)?,
+                outside: whole(outside)?,
+            };
+            (Some(culled), Some(Clamped { smallest: whole(smallest)?, largest: whole(largest)? }))
+        }
         _ => return None,
     };
-    Some(MetricsRow { step: whole(step)?, seconds, count: whole(count)?, edits, loss, l1, psnr, culled })
+    Some(MetricsRow { step: whole(step)?, seconds, count: whole(count)?, edits, loss, l1, psnr, culled, clamped })
 }
 
 impl Observer for MetricsLog {
@@ -212,6 +225,7 @@ impl Observer for MetricsLog {
                 l1: quality.map(|q| q.l1),
                 psnr: quality.map(|q| q.psnr),
                 culled: quality.map(|q| q.culled),
+                clamped: quality.map(|q| q.clamped),
             });
         }
         Control::Continue
@@ -241,7 +255,8 @@ mod tests {
         let (seconds, loss) = (0.125 * f64::from(step), 0.1 / step as f32);
         let (l1, psnr) = if step == 2 { (None, None) } else { (Some(0.25), Some(f64::INFINITY)) };
         let culled = psnr.map(|_| Culled { outside: step, near: 3, ..Culled::default() });
-        MetricsRow { step, seconds, count: 20 + step, edits, loss, l1, psnr, culled }
+        let clamped = psnr.map(|_| Clamped { smallest: 2 * step, largest: 1 });
+        MetricsRow { step, seconds, count: 20 + step, edits, loss, l1, psnr, culled, clamped }
     }
 
     #[test]
@@ -249,6 +264,11 @@ mod tests {
         let rows: Vec<MetricsRow> = (1..4).map(row).collect();
         assert_eq!(rows_of(&csv(&rows), 3).unwrap(), rows);
         assert_eq!(rows_of(&csv(&[]), 0).unwrap(), []);
+        let log = MetricsLog { rows, ..MetricsLog::new(1) };
+        assert_eq!(
+            log.csv_from(1) + &log.csv_from(9),
+            log.to_csv().lines().skip(2).map(|l| format!("{l}\n")).collect::<String>()
+        );
     }
 
     #[test]
@@ -258,9 +278,9 @@ mod tests {
             (good.replace("loss", "cost"), "line 1"),
             (String::new(), "line 1"),
             (good.clone() + "3,x\n", "line 4 of its `metrics` is no row"),
-            (good.clone() + "2,0.1,1,0,0,0,0,0,0,0,0.5,,,,,,,\n", "out of order"),
-            (good.clone() + "10,0.1,1,0,0,0,0,0,0,0,0.5,,,,,,,\n", "step 10 of a fit at step 9"),
-            (good + "3,0.1,-1,0,0,0,0,0,0,0,0.5,,,,,,,\n", "line 4"),
+            (good.clone() + "2,0.1,1,0,0,0,0,0,0,0,0.5,,,,,,,,,\n", "out of order"),
+            (good.clone() + "10,0.1,1,0,0,0,0,0,0,0,0.5,,,,,,,,,\n", "step 10 of a fit at step 9"),
+            (good + "3,0.1,-1,0,0,0,0,0,0,0,0.5,,,,,,,,,\n", "line 4"),
         ] {
             let message = rows_of(&bad, 9).unwrap_err().to_string();
             assert!(message.contains(expected), "{message}");

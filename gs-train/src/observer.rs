@@ -3,7 +3,7 @@
 use gs_core::{edit::EditCounts, statistics::Culled};
 use gs_io::Checkpoint;
 
-use crate::error::Error;
+use crate::{clamped::Clamped, error::Error};
 
 /// Whether to go on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -24,6 +24,8 @@ pub struct Quality {
     pub psnr: f64,
     /// Gaussians that the rendering left out.
     pub culled: Culled,
+    /// Gaussians whose scales are held back.
+    pub clamped: Clamped,
 }
 
 /// Where a fit stands after a step and the density control that may follow it.

@@ -11,6 +11,7 @@ use gs_io::Checkpoint;
 
 use crate::{
     checkpoint::{Record, fingerprint},
+    clamped::Clamped,
     course::{Course, Due, RunSettings, Trainable},
     error::Error,
     observer::Quality,
@@ -47,6 +48,10 @@ impl Trainable for PlanarScene {
             ("colour", g.color.to_array().to_vec()),
         ]
     }
+
+    fn log_scale_range(&self, index: usize) -> (f32, f32) {
+        (self.log_scales[index].min_element(), self.log_scales[index].max_element())
+    }
 }
 
 impl RunSettings<PlanarScene> for FitSettings {
@@ -78,6 +83,10 @@ impl RunSettings<PlanarScene> for FitSettings {
 
     fn mean_factor(&self, step: u32) -> f32 {
         self.adam.mean.schedule.factor(step as f32 / self.iterations as f32)
+    }
+
+    fn scale_bounds(&self) -> (f32, f32) {
+        (self.adam.min_scale, self.adam.max_scale)
     }
 
     fn psnr_estimate(&self, loss: f32) -> Option<f32> {
@@ -114,7 +123,7 @@ impl<R: Rasterizer<PlanarScene>> Course<R, PlanarScene> for ImageCourse<R> {
     fn quality(&self, on: &R, cloud: &R::Cloud, settings: &FitSettings, _: u32) -> Result<Quality, Error> {
         let (image, culled) = self.render(on, cloud, settings)?;
         let (l1, psnr) = l1_and_psnr(&image, &self.residual.target);
-        Ok(Quality { l1, psnr, culled })
+        Ok(Quality { l1, psnr, culled, clamped: Clamped::default() })
     }
 }
 

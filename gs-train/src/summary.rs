@@ -3,7 +3,7 @@
 use gs_core::{Image, PlanarScene, Rasterizer, edit::EditCounts, metrics, statistics::Culled};
 use serde::{Deserialize, Deserializer, Serialize};
 
-use crate::{error::Error, settings::FitSettings, trainer::Trainer};
+use crate::{clamped::Clamped, error::Error, settings::FitSettings, trainer::Trainer};
 
 /// What a fit cost and what came of it. Qualities are those of the final rendering against the target, both clamped to 0..=1.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -40,6 +40,9 @@ pub struct FitSummary {
     pub edits: EditCounts,
     /// Gaussians that the final rendering left out.
     pub culled: Culled,
+    /// Gaussians whose scales are at a bound.
+    #[serde(default)]
+    pub clamped: Clamped,
     /// All settings, to repeat the fit.
     pub settings: FitSettings,
 }
@@ -48,7 +51,7 @@ impl FitSummary {
     /// The summary of a fit as it stands, whose scene looks like `rendered` and from which `culled` were left out.
     ///
     /// # Errors
-    /// [`gs_core::Error::SizesDiffer`] where `rendered` is not of the target's size.
+    /// [`gs_core::Error::SizesDiffer`] where `rendered` is not of the target's size; those of the backend.
     pub fn new<R: Rasterizer<PlanarScene>>(
         trainer: &Trainer<'_, R>,
         rendered: &Image,
@@ -71,6 +74,7 @@ impl FitSummary {
             loss: trainer.loss(),
             edits: *trainer.edits(),
             culled,
+            clamped: trainer.clamped()?,
             settings: trainer.settings().clone(),
         })
     }

@@ -14,6 +14,7 @@ use rand::SeedableRng;
 
 use crate::{
     checkpoint::Record,
+    clamped::Clamped,
     course::{Course, Due, RunSettings, Trainable},
     error::{Error, Suspect},
     losses::Losses,
@@ -298,7 +299,16 @@ impl<'a, R: Rasterizer<S>, S: Trainable> Trainer<'a, R, S> {
     /// # Errors
     /// Those of the backend, and of reading a picture.
     pub fn quality(&self) -> Result<Quality, Error> {
-        self.course.quality(self.rasterizer, &self.cloud, &self.record.settings, self.record.step)
+        let quality = self.course.quality(self.rasterizer, &self.cloud, &self.record.settings, self.record.step)?;
+        Ok(Quality { clamped: self.clamped()?, ..quality })
+    }
+
+    /// How many Gaussians have a scale at one of the optimiser's bounds.
+    ///
+    /// # Errors
+    /// Those of the backend.
+    pub fn clamped(&self) -> Result<Clamped, Error> {
+        Ok(Clamped::of(&self.scene()?, &self.record.settings))
     }
 
     /// The scene as it is now.

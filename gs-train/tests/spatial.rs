@@ -140,6 +140,13 @@ fn a_checkpoint_of_other_views_or_of_an_image_is_refused() {
     fewer.train.pop();
     let refused = SpatialTrainer::resume_views(&rasterizer, fewer, checkpoint.clone()).unwrap_err();
     assert!(matches!(refused, Error::WrongTarget { .. }), "{refused}");
+    let all = |_, photograph: Photograph| {
+        let mask = Some(vec![true; photograph.image.pixels().len()]);
+        Photograph { mask, ..photograph }
+    };
+    let masked = changed(views(&rasterizer), all);
+    let refused = SpatialTrainer::resume_views(&rasterizer, masked, checkpoint.clone()).unwrap_err();
+    assert!(matches!(refused, Error::WrongTarget { .. }), "{refused}");
     let mut flat = checkpoint;
     flat.metadata.insert("format".to_owned(), "planar-fit-1".to_owned());
     let refused = SpatialTrainer::resume_views(&rasterizer, views(&rasterizer), flat).unwrap_err();
@@ -280,4 +287,45 @@ fn pictures_that_there_is_no_room_for_are_read_again() {
     let rasterizer = rasterizer();
     let with = |keep_bytes| trained(short(30), Views { keep_bytes, ..views(&rasterizer) }, Start::Random).0;
     assert!(bits(&with(0)) == bits(&with(u64::MAX)));
+}
+
+#[test]
+fn a_test_view_of_which_no_pixel_counts_is_in_no_mean() {
+    let rasterizer = rasterizer();
+    let masked = |hidden: usize| {
+        let mut views = views(&rasterizer);
+        for view in &mut views.test[..hidden] {
+            let photograph = view.photograph().unwrap();
+            let mask = Some(vec![false; photograph.image.pixels().len()]);
+            view.source = Box::new(Photograph { mask, ..photograph });
+        }
+        views
+    };
+    let judged = |hidden| evaluate(&rasterizer, &thirty(), &masked(hidden).test, &render());
+    let two = judged(1).unwrap();
+    assert_eq!((two.views.len(), two.unmeasured.as_slice()), (2, &["view-12".to_owned()][..]));
+    let all = judged(0).unwrap();
+    assert!((two.ssim - (all.views[1].ssim + all.views[2].ssim) / 2.0).abs() < 1e-12 && two.psnr.is_finite());
+    assert!(matches!(judged(3), Err(Error::NothingCounts { views: 3 })));
+    // While it trains, too.
+    let quality = |hidden| {
+        SpatialTrainer::from_views(&rasterizer, masked(hidden), Start::Scene(thirty()), short(40)).unwrap().quality()
+    };
+    assert!(quality(2).unwrap().psnr.is_finite());
+    assert!(matches!(quality(3), Err(Error::NothingCounts { views: 3 })));
+}
+
+#[test]
+fn a_training_in_space_that_diverges_names_step_and_gaussian() {
+    let rasterizer = rasterizer();
+    let mut settings = short(40);
+    (settings.adam.color.learning_rate, settings.rounds) = (1e38, gs_train::Rounds::NEVER);
+    let mut trainer =
+        SpatialTrainer::from_views(&rasterizer, views(&rasterizer), Start::Scene(thirty()), settings).unwrap();
+    let Err(Error::Diverged { step, loss, suspect }) = trainer.run(&mut ()) else { panic!("it did not diverge") };
+    assert!(!loss.is_finite() && (1..=40).contains(&step));
+    let suspect = suspect.expect("there are Gaussians");
+    assert!(suspect.index < 30 && suspect.to_string().contains("harmonics"), "{suspect}");
+    // No checkpoint is made of what came of it.
+    assert!(matches!(trainer.checkpoint(), Err(Error::Diverged { .. })));
 }

@@ -37,13 +37,36 @@ fn blend_rows(pixels: ptr<function, Pixels>, s: Splat, u: vec4f, across: f32, cu
     (*pixels).blue = fma(share, vec4f(s.color.z), (*pixels).blue);
 }
 
-fn store(pixels: Pixels, column: u32, row: u32) {
+#if SEGMENTED
+// As the walk before this one left them.
+fn resumed(column: u32, row: u32) -> Pixels {
+    var pixels: Pixels;
+    for (var k = 0u; k < 4u; k++) {
+        if column < step.size.x && row + k < step.size.y {
+            let pixel = image[(row + k) * step.size.x + column];
+            pixels.red[k] = pixel.x;
+            pixels.green[k] = pixel.y;
+            pixels.blue[k] = pixel.z;
+            pixels.transmittance[k] = pixel.w;
+        }
+    }
+    return pixels;
+}
+#endif
+
+fn store(pixels: Pixels, column: u32, row: u32, walk: Walk) {
     if column >= step.size.x {
         return;
     }
     for (var k = 0u; k < 4u; k++) {
         if row + k < step.size.y {
             var color = vec3f(pixels.red[k], pixels.green[k], pixels.blue[k]);
+#if SEGMENTED
+            if !walk.ends {
+                image[(row + k) * step.size.x + column] = vec4f(color, pixels.transmittance[k]);
+                continue;
+            }
+#endif
 #if OVER
             let left = abs(pixels.transmittance[k]);
             color += left * step.backdrop;
@@ -62,6 +85,10 @@ fn blend(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: v
     if tile >= step.tiles.x * step.tiles.y {
         return;
     }
+    let walk = walk_along(tile_start[tile * CLASSES], tile_start[(tile + 1u) * CLASSES]);
+    if !is_due(walk) {
+        return;
+    }
     let corner = vec2u(tile % step.tiles.x, tile / step.tiles.x) * vec2u(TILE_COLUMNS, TILE_ROWS);
     let within = lane.y * ROWS;
     let y = vec4f(f32(corner.y + within) + 0.5) + vec4f(0.0, 1.0, 2.0, 3.0);
@@ -70,10 +97,14 @@ fn blend(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: v
     let x_@c = f32(column_@c) + 0.5;
 #each r ROWS4
     var p_@c_@r = Pixels(vec4f(0.0), vec4f(0.0), vec4f(0.0), vec4f(1.0));
+#if SEGMENTED
+    if !walk.begins {
+        p_@c_@r = resumed(column_@c, corner.y + within + 4u * @ru);
+    }
+#endif
 #end
 #end
-    let end = tile_start[(tile + 1u) * CLASSES];
-    for (var i = tile_start[tile * CLASSES]; i < end; i++) {
+    for (var i = walk.first; i < walk.end; i++) {
         let entry = entries[order[i]];
         let first = entry.y & 0xffffu;
         let last = entry.y >> 16u;
@@ -94,7 +125,7 @@ fn blend(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: v
     }
 #each c COLUMNS
 #each r ROWS4
-    store(p_@c_@r, column_@c, corner.y + within + 4u * @ru);
+    store(p_@c_@r, column_@c, corner.y + within + 4u * @ru, walk);
 #end
 #end
 }

@@ -10,10 +10,19 @@
 @group(0) @binding(2) var<storage, read> order: array<u32>;
 @group(0) @binding(3) var<storage, read> entries: array<vec2u>;
 @group(0) @binding(4) var<storage, read> splats: array<Splat>;
+// With the image, it keeps the pixels' state between SEGMENTED walks under `Over`.
+#if CARRIES
+@group(0) @binding(5) var<storage, read_write> v_image: array<vec4f>;
+#else
 @group(0) @binding(5) var<storage, read> v_image: array<vec4f>;
+#endif
 @group(0) @binding(6) var<storage, read_write> slots: array<f32>;
+#if CARRIES
+@group(0) @binding(7) var<storage, read_write> image: array<vec4f>;
+#else
 #if OVER_OR_ERROR
 @group(0) @binding(7) var<storage, read> image: array<vec4f>;
+#endif
 #endif
 #if ERROR
 @group(0) @binding(8) var<storage, read> target_image: array<vec4f>;
@@ -51,7 +60,7 @@ const PARTS: u32 = INVOCATIONS;
 // Sums of an invocation or of a subgroup.
 var<workgroup> partial: array<f32, BATCH * STRIDE * PARTS>;
 
-fn load(column: u32, row: u32) -> Rows {
+fn load(column: u32, row: u32, walk: Walk) -> Rows {
     var rows = Rows(vec4f(0.0), vec4f(0.0), vec4f(0.0), vec4f(1.0), vec4f(0.0), vec4f(0.0));
     for (var k = 0u; k < 4u; k++) {
         if column < step.size.x && row + k < step.size.y {
@@ -63,6 +72,12 @@ fn load(column: u32, row: u32) -> Rows {
 #if OVER
             rows.rest[k] = dot(v.xyz, image[at].xyz);
 #endif
+#if CARRIES
+            if !walk.begins {
+                rows.transmittance[k] = image[at].w;
+                rows.rest[k] = v.w;
+            }
+#endif
 #if ERROR
             rows.error[k] = dot(abs(image[at].xyz - target_image[at].xyz), vec3f(1.0 / 3.0));
 #endif
@@ -70,6 +85,19 @@ fn load(column: u32, row: u32) -> Rows {
     }
     return rows;
 }
+
+#if CARRIES
+// For the walk after this one.
+fn leave(rows: Rows, column: u32, row: u32) {
+    for (var k = 0u; k < 4u; k++) {
+        if column < step.size.x && row + k < step.size.y {
+            let at = (row + k) * step.size.x + column;
+            image[at].w = rows.transmittance[k];
+            v_image[at].w = rows.rest[k];
+        }
+    }
+}
+#endif
 
 fn total(v: vec4f) -> f32 {
     return (v.x + v.y) + (v.z + v.w);
@@ -154,6 +182,10 @@ fn blend_bwd(
     if tile >= step.tiles.x * step.tiles.y {
         return;
     }
+    let walk = walk_along(tile_start[tile * CLASSES], tile_start[(tile + 1u) * CLASSES]);
+    if !is_due(walk) {
+        return;
+    }
     let corner = vec2u(tile % step.tiles.x, tile / step.tiles.x) * vec2u(TILE_COLUMNS, TILE_ROWS);
     let within = lane.y * ROWS;
     let y = vec4f(f32(corner.y + within) + 0.5) + vec4f(0.0, 1.0, 2.0, 3.0);
@@ -161,11 +193,11 @@ fn blend_bwd(
     let column_@c = corner.x + lane.x + @cu * LANES;
     let x_@c = f32(column_@c) + 0.5;
 #each r ROWS4
-    var r_@c_@r = load(column_@c, corner.y + within + 4u * @ru);
+    var r_@c_@r = load(column_@c, corner.y + within + 4u * @ru, walk);
 #end
 #end
-    let end = tile_start[(tile + 1u) * CLASSES];
-    for (var first_of_batch = tile_start[tile * CLASSES]; first_of_batch < end; first_of_batch += BATCH) {
+    let end = walk.end;
+    for (var first_of_batch = walk.first; first_of_batch < end; first_of_batch += BATCH) {
         for (var b = 0u; b < BATCH; b++) {
             if first_of_batch + b >= end {
                 break;
@@ -234,4 +266,13 @@ fn blend_bwd(
         }
         workgroupBarrier();
     }
+#if CARRIES
+    if !walk.ends {
+#each c COLUMNS
+#each r ROWS4
+        leave(r_@c_@r, column_@c, corner.y + within + 4u * @ru);
+#end
+#end
+    }
+#endif
 }

@@ -24,9 +24,15 @@
 // One number a tile.
 @group(0) @binding(7) var<storage, read_write> partial: array<f32>;
 #else
+// With the image, it keeps the pixels' state between SEGMENTED walks under `Over`.
+#if CARRIES
+@group(0) @binding(6) var<storage, read_write> v_image: array<vec4f>;
+@group(0) @binding(7) var<storage, read_write> image: array<vec4f>;
+#else
 @group(0) @binding(6) var<storage, read> v_image: array<vec4f>;
 #if OVER_OR_ERROR
 @group(0) @binding(7) var<storage, read> image: array<vec4f>;
+#endif
 #endif
 #if ERROR
 @group(0) @binding(8) var<storage, read> target_image: array<vec4f>;
@@ -44,196 +50,6 @@ override KIND: u32 = 1u;
 #endif
 #endif
 
-// An entry's Gaussian: the exponent of 2 is across dx² + curve u², with u = dy - slope dx; under `Over` with log2 of the opacity added.
-struct Fetched {
-    mean: vec2f,
-    across: f32,
-    slope: f32,
-    curve: f32,
-    // Under `Sum`, how the growth from row to row itself grows; under `Over`, log2 of the opacity.
-    extra: f32,
-    color: vec3f,
-    slot: u32,
-}
-
-fn fetch(place: u32) -> Fetched {
-    let slot = order[place];
-    let entry = entries[slot];
-    let s = splats[entry.x];
-    // An entry without rows is far away.
-    let mean = select(s.mean, vec2f(1e15), entry.y == 0u);
-    let curve = -0.5 * LOG2_E * s.c;
-#if OVER
-    let extra = log2(s.opacity);
-#else
-    let extra = exp2_exact(2.0 * curve);
-#endif
-    return Fetched(mean, -0.5 * LOG2_E * s.inverse_xx, s.slope, curve, extra, s.color, slot);
-}
-
-fn of_lane(f: Fetched, lane: u32) -> Fetched {
-    return Fetched(
-        vec2f(subgroupShuffle(f.mean.x, lane), subgroupShuffle(f.mean.y, lane)),
-        subgroupShuffle(f.across, lane),
-        subgroupShuffle(f.slope, lane),
-        subgroupShuffle(f.curve, lane),
-        subgroupShuffle(f.extra, lane),
-        vec3f(subgroupShuffle(f.color.x, lane), subgroupShuffle(f.color.y, lane), subgroupShuffle(f.color.z, lane)),
-        subgroupShuffle(f.slot, lane),
-    );
-}
-
-// A pixel while entries are blended: what it has got, and its transmittance under `Over`, with the sign turned once it is full.
-struct Pixel {
-    color: vec3f,
-#if OVER
-    transmittance: f32,
-#endif
-}
-
-#if OVER
-struct Share {
-    // Of the colour.
-    share: f32,
-    alpha: f32,
-    transmittance: f32,
-    before: f32,
-    counted: bool,
-    clamped: bool,
-}
-
-fn share_of(uncut: f32, before: f32) -> Share {
-    let alpha = min(uncut, step.alpha_max);
-    let behind = before - before * alpha;
-    let touches = uncut >= step.alpha_cut;
-    let counts = behind >= step.transmittance_min;
-    let counted = touches & counts;
-    let transmittance = select(before, select(-abs(before), behind, counts), touches);
-    return Share(select(0.0, before * alpha, counted), alpha, transmittance, before, counted, uncut > step.alpha_max);
-}
-#endif
-
-fn with_share(pixel: Pixel, w: f32, color: vec3f) -> Pixel {
-#if OVER
-    let share = share_of(w, pixel.transmittance);
-    return Pixel(pixel.color + share.share * color, share.transmittance);
-#else
-    return Pixel(pixel.color + select(0.0, w, w >= step.alpha_cut) * color);
-#endif
-}
-
-#if BACKWARD
-// A pixel while gradients are gathered: v_C; under `Over` also the transmittance in front, and v_C . (what is behind).
-struct Gathering {
-    v: vec3f,
-#if OVER
-    transmittance: f32,
-    rest: f32,
-#endif
-#if ERROR
-    error: f32,
-#endif
-}
-
-// Of one column.
-struct Sums {
-    color: vec3f,
-    t: f32,
-    tu: f32,
-    tuu: f32,
-#if COLLECTS
-    collected: vec2f,
-#endif
-}
-
-fn no_sums() -> Sums {
-    var sums: Sums;
-    return sums;
-}
-
-// Adds to what statistics need: of a pixel that shows so much of the Gaussian, and t.
-fn collect_besides(sums: ptr<function, Sums>, pixel: Gathering, share: f32, t: f32, u: f32, s: Fetched, dx: f32) {
-#if ABSOLUTE
-    // Both halves of the conic stand in `s` times -½ log2 e.
-    let down = s.curve * u;
-    (*sums).collected += abs(t * vec2f(s.across * dx - s.slope * down, down));
-#endif
-#if ERROR
-    (*sums).collected.x += share * pixel.error;
-#endif
-}
-
-#if OVER
-// Adds to the sums; the pixel as the next Gaussian finds it.
-fn gather(pixel: Gathering, sums: ptr<function, Sums>, w: f32, u: f32, s: Fetched, dx: f32) -> Gathering {
-    let share = share_of(w, pixel.transmittance);
-    let v_w = dot(pixel.v, s.color);
-    let rest = pixel.rest - share.share * v_w;
-    let v_alpha = share.before * v_w - rest / (1.0 - share.alpha);
-    // The gradient of a clamped alpha is zero.
-    let t = select(0.0, v_alpha * share.alpha, share.counted & !share.clamped);
-    (*sums).t += t;
-    collect(sums, pixel.v, share.share, t * u, u);
-    collect_besides(sums, pixel, share.share, t, u, s, dx);
-    var behind = pixel;
-    behind.transmittance = share.transmittance;
-    behind.rest = rest;
-    return behind;
-}
-#else
-fn gather(pixel: Gathering, sums: ptr<function, Sums>, w: f32, u: f32, s: Fetched, dx: f32) {
-    let share = select(0.0, w, w >= step.alpha_cut);
-    let t = share * dot(pixel.v, s.color);
-    collect(sums, pixel.v, share, t * u, u);
-    collect_besides(sums, pixel, share, t, u, s, dx);
-}
-#endif
-
-fn collect(sums: ptr<function, Sums>, v: vec3f, share: f32, tu: f32, u: f32) {
-    (*sums).color += share * v;
-    (*sums).tu += tu;
-    (*sums).tuu += tu * u;
-}
-
-fn fold(a: f32, b: f32, lane: u32, bit: u32) -> f32 {
-    let upper = (lane & bit) != 0u;
-    return select(a, b, upper) + subgroupShuffleXor(select(b, a, upper), bit);
-}
-
-// The sums over all lanes: the k-th in lane k.
-fn sums_by_lane(a: vec4f, b: vec4f, lane: u32) -> f32 {
-    let low = fold(fold(a.x, a.y, lane, 1u), fold(a.z, a.w, lane, 1u), lane, 2u);
-    let high = fold(fold(b.x, b.y, lane, 1u), fold(b.z, b.w, lane, 1u), lane, 2u);
-    return fold(low, high, lane, 4u);
-}
-
-fn sum_of_lanes(x: f32) -> f32 {
-    let pairs = x + subgroupShuffleXor(x, 1u);
-    let fours = pairs + subgroupShuffleXor(pairs, 2u);
-    return fours + subgroupShuffleXor(fours, 4u);
-}
-
-#if COLLECTS
-// What is collected of an entry, by all lanes.
-fn store_collected(slot: u32, collected: vec2f, lane: u32) {
-    let at = slot * STRIDE + GRADIENTS;
-    let first = sum_of_lanes(collected.x);
-#if ABSOLUTE
-    let second = sum_of_lanes(collected.y);
-    if lane == 0u {
-        // What the conic stood times.
-        slots[at] = first * (2.0 / LOG2_E);
-        slots[at + 1u] = second * (2.0 / LOG2_E);
-    }
-#else
-    if lane == 0u {
-        slots[at] = first;
-    }
-#endif
-}
-#endif
-#endif
-
 @compute @workgroup_size(LANES)
 fn blend_vectors(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
     let tile = flat(group, groups);
@@ -243,9 +59,13 @@ fn blend_vectors(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) g
     let corner = vec2u(tile % step.tiles.x, tile / step.tiles.x) * vec2u(TILE_COLUMNS, TILE_ROWS);
     let first_y = f32(corner.y) + 0.5;
     let middle_y = first_y + 0.5 * f32(BLOCK);
-    let start = tile_start[2u * tile];
-    let steep = tile_start[2u * tile + 1u];
-    let end = tile_start[2u * tile + 2u];
+    let walk = walk_along(tile_start[2u * tile], tile_start[2u * tile + 2u]);
+    if !is_due(walk) {
+        return;
+    }
+    let start = walk.first;
+    let end = walk.end;
+    let steep = clamp(tile_start[2u * tile + 1u], start, end);
 #each c COLUMNS
     let column_@c = corner.x + lane + @cu * LANES;
     let x_@c = f32(column_@c) + 0.5;
@@ -257,6 +77,15 @@ fn blend_vectors(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) g
     var p_@c_@b@r: Pixel;
 #if OVER
     p_@c_@b@r.transmittance = 1.0;
+#endif
+#if SEGMENTED
+    if !walk.begins && column_@c < step.size.x && corner.y + @bu * BLOCK + @ru < step.size.y {
+        let before = image[(corner.y + @bu * BLOCK + @ru) * step.size.x + column_@c];
+        p_@c_@b@r.color = before.xyz;
+#if OVER
+        p_@c_@b@r.transmittance = before.w;
+#endif
+    }
 #endif
 #end
 #end
@@ -358,11 +187,13 @@ fn blend_vectors(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) g
 #each r BLOCK
     if column_@c < step.size.x && corner.y + @bu * BLOCK + @ru < step.size.y {
 #if OVER
-        let left = abs(p_@c_@b@r.transmittance);
-        image[(corner.y + @bu * BLOCK + @ru) * step.size.x + column_@c] = vec4f(p_@c_@b@r.color + left * step.backdrop, left);
+        let left = p_@c_@b@r.transmittance;
+        let drawn = vec4f(p_@c_@b@r.color + abs(left) * step.backdrop, abs(left));
 #else
-        image[(corner.y + @bu * BLOCK + @ru) * step.size.x + column_@c] = vec4f(p_@c_@b@r.color + step.backdrop, 0.0);
+        let left = 0.0;
+        let drawn = vec4f(p_@c_@b@r.color + step.backdrop, 0.0);
 #endif
+        image[(corner.y + @bu * BLOCK + @ru) * step.size.x + column_@c] = select(vec4f(p_@c_@b@r.color, left), drawn, walk.ends);
     }
 #end
 #end
@@ -386,6 +217,10 @@ fn blend_vectors(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) g
     var error_@c: array<f32, ROWS>;
 #endif
 #endif
+#if CARRIES
+    // Transmittance and rest.
+    var carried_@c: array<vec2f, ROWS>;
+#endif
 #end
     let rows = min(ROWS, step.size.y - corner.y);
     var row = 0u;
@@ -402,6 +237,9 @@ fn blend_vectors(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) g
 #endif
 #if ERROR
             error_@c[row] = dot(abs(color_@c[row] - target_image[pixel + column_@c].xyz), vec3f(1.0 / 3.0));
+#endif
+#if CARRIES
+            carried_@c[row] = vec2f(image[pixel + column_@c].w, v_image[pixel + column_@c].w);
 #endif
 #endif
         }
@@ -430,7 +268,8 @@ fn blend_vectors(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) g
 #if ERROR
         v_@c_@b@r.error = dot(abs(d), vec3f(1.0 / 3.0));
 #endif
-        v_@c_@b@r.v = step.pointwise_scale * select(sign(d), 2.0 * d, is_square);
+        let bounded = clamp(d, vec3f(-MAX_RESIDUAL), vec3f(MAX_RESIDUAL));
+        v_@c_@b@r.v = step.pointwise_scale * select(sign(d), 2.0 * bounded, is_square);
 #else
         v_@c_@b@r.v = read_@c[@bu * BLOCK + @ru];
 #if ERROR
@@ -443,6 +282,12 @@ fn blend_vectors(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) g
 #if OVER
         v_@c_@b@r.transmittance = 1.0;
         v_@c_@b@r.rest = dot(v_@c_@b@r.v, color);
+#endif
+#if CARRIES
+        if !walk.begins {
+            v_@c_@b@r.transmittance = carried_@c[@bu * BLOCK + @ru].x;
+            v_@c_@b@r.rest = carried_@c[@bu * BLOCK + @ru].y;
+        }
 #endif
     }
 #end
@@ -592,17 +437,20 @@ fn blend_vectors(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) g
             }
         }
     }
+#if CARRIES
+    if !walk.ends {
+#each c COLUMNS
+#each b BLOCKS
+#each r BLOCK
+        if column_@c < step.size.x && corner.y + @bu * BLOCK + @ru < step.size.y {
+            let pixel = (corner.y + @bu * BLOCK + @ru) * step.size.x + column_@c;
+            image[pixel].w = v_@c_@b@r.transmittance;
+            v_image[pixel].w = v_@c_@b@r.rest;
+        }
+#end
+#end
+#end
+    }
 #endif
-}
-
-fn square(x: f32) -> f32 {
-    return x * x;
-}
-
-fn exponent_across(s: Fetched, dx: f32) -> f32 {
-#if OVER
-    return dx * dx * s.across + s.extra;
-#else
-    return dx * dx * s.across;
 #endif
 }

@@ -3,7 +3,8 @@
 // `Status`, where many add to it.
 struct Counted {
     entries: u32,
-    overflow: u32,
+    overflow: atomic<u32>,
+    longest: atomic<u32>,
     loss: f32,
     near: atomic<u32>,
     not_finite: atomic<u32>,

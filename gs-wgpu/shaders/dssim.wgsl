@@ -87,9 +87,14 @@ fn whole(v: f32) -> f32 {
 #endif
 }
 
+// SSIM is a quotient of fourth powers, which must be finite.
+fn within_ssim(value: f32) -> f32 {
+    return clamp(value, -SSIM_MAX, SSIM_MAX);
+}
+
 fn products(at: u32) -> vec4f {
-    let x = image[at];
-    let y = target_image[at];
+    let x = within_ssim(image[at]);
+    let y = within_ssim(target_image[at]);
     return vec4f(x, y, x * x + y * y, x * y);
 }
 
@@ -125,9 +130,11 @@ fn ssim(m: vec4f) -> vec4f {
     let product = m.x * m.y;
     let squares = m.x * m.x + m.y * m.y;
     let a = 2.0 * product + SSIM_C1;
-    let b = 2.0 * (m.w - product) + SSIM_C2;
+    // What rounding leaves of large numbers where a window is nearly constant: bounded as by its definition, so that SSIM stays within ±1.
+    let variances = max(m.z - squares, 0.0);
+    let b = clamp(2.0 * (m.w - product), -variances, variances) + SSIM_C2;
     let c = squares + SSIM_C1;
-    let d = (m.z - squares) + SSIM_C2;
+    let d = variances + SSIM_C2;
     let inverse = 1.0 / (c * d);
     let s = a * b * inverse;
     // dS/db(x² + y²) = -S/d; dS/db(xy) = 2a/(c d); dS/db(x) collects the means.
@@ -198,7 +205,8 @@ fn dssim_gradient(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) 
                 let y = target_image[at];
                 let v = blur(&by, @ku);
                 difference += abs(x - y);
-                v_image[at] = whole(step.pointwise_scale * sign(x - y) - step.dssim_scale * (v.x + 2.0 * x * v.y + y * v.z));
+                let by_ssim = v.x + 2.0 * within_ssim(x) * v.y + within_ssim(y) * v.z;
+                v_image[at] = whole(step.pointwise_scale * sign(x - y) - step.dssim_scale * by_ssim);
             }
 #end
             continuing {

@@ -41,7 +41,7 @@ fn loss(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: ve
             if KIND == 1u {
                 let squares = d * d;
                 sum += squares.x + squares.y + squares.z;
-                v = d * (2.0 * step.pointwise_scale);
+                v = clamp(d, vec3f(-MAX_RESIDUAL), vec3f(MAX_RESIDUAL)) * (2.0 * step.pointwise_scale);
             }
             if KIND == 2u {
                 let sizes = abs(d);

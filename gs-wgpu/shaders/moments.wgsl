@@ -28,8 +28,10 @@ fn rates_of(groups: vec4u, steps: f32) -> Rates {
 }
 
 fn moved(first: ptr<function, vec4f>, second: ptr<function, vec4f>, gradient: vec4f, r: Rates) -> vec4f {
-    let m = r.beta1 * *first + r.rest1 * gradient;
-    let v = r.beta2 * *second + r.rest2 * gradient * gradient;
+    // The square of a larger one is infinite. NaN stays: it must be seen and pruned.
+    let g = select(gradient, sign(gradient) * MAX_DERIVATIVE, abs(gradient) > vec4f(MAX_DERIVATIVE));
+    let m = r.beta1 * *first + r.rest1 * g;
+    let v = r.beta2 * *second + r.rest2 * g * g;
     // Denormals cost time and move nothing.
     *first = select(m, vec4f(0.0), abs(m) < vec4f(1e-30));
     *second = v;

@@ -1,25 +1,49 @@
-// Stage `ranges`: where each tile's entries begin in the sorted list; before that all are 0. One invocation an entry.
+// Stage `ranges`: where each tile's entries stand in the sorted list. An invocation a tile, which looks its lists up by halves.
 
-@group(0) @binding(1) var<storage, read> status: Status;
+@group(0) @binding(1) var<storage, read_write> status: Counted;
 @group(0) @binding(2) var<storage, read> keys: array<u32>;
-// [tiles + 1]
+// [lists + 1]
 @group(0) @binding(3) var<storage, read_write> tile_start: array<u32>;
+// As in `sizes.wgsl`; Adam's are for Gaussians and for SH coefficients.
+@group(0) @binding(4) var<storage, read_write> indirect: array<atomic<u32>>;
+
+// The first place, from `low` on, of an entry of this list or of a later one.
+fn place_of(list: u32, low: u32) -> u32 {
+    var first = low;
+    var end = status.entries;
+    while first < end {
+        let middle = first + (end - first) / 2u;
+        if (keys[middle] >> step.depth_bits) < list {
+            first = middle + 1u;
+        } else {
+            end = middle;
+        }
+    }
+    return first;
+}
 
 @compute @workgroup_size(64)
 fn ranges(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
-    let index = flat(group, groups) * 64u + lane;
-    if index >= status.entries {
+    let tile = flat(group, groups) * 64u + lane;
+    if tile >= step.tiles.x * step.tiles.y {
         return;
     }
-    let tile = keys[index] >> step.depth_bits;
-    if index > 0u {
-        for (var t = (keys[index - 1u] >> step.depth_bits) + 1u; t <= tile; t++) {
-            tile_start[t] = index;
-        }
+    let start = place_of(tile * CLASSES, 0u);
+    var end = start;
+    for (var k = 0u; k < CLASSES; k++) {
+        tile_start[tile * CLASSES + k] = end;
+        end = place_of(tile * CLASSES + k + 1u, end);
     }
-    if index + 1u == status.entries {
-        for (var t = tile + 1u; t <= step.tiles.x * step.tiles.y * CLASSES; t++) {
-            tile_start[t] = status.entries;
+    if tile + 1u == step.tiles.x * step.tiles.y {
+        tile_start[(tile + 1u) * CLASSES] = end;
+    }
+    if end - start > step.longest_list {
+        // As where entries do not fit, nothing changes, in this pass or those behind it, until the host knows.
+        atomicMax(&status.longest, end - start);
+        atomicMax(&status.overflow, status.entries);
+        for (var axis = 0u; axis < 3u; axis++) {
+            atomicStore(&indirect[axis], 0u);
+            atomicStore(&indirect[9u + axis], 0u);
         }
     }
 }

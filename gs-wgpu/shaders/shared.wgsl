@@ -29,6 +29,10 @@ struct Step {
     sh_degree: u32,
     // Low bits of a tile's entries' keys that are their depth.
     depth_bits: u32,
+    // Entries of a tile that this pass's dispatches can walk along.
+    longest_list: u32,
+    unused: u32,
+    unused_too: vec2u,
     // Adam: mean, scale, rotation, opacity, colour, SH above degree 0. Learning rate, beta1, beta2, and 1 - beta1; ln beta1, ln beta2, 1 - beta2,
     // and of scales and opacities what one number's penalty weighs.
     rates: array<vec4f, 6>,
@@ -145,6 +149,8 @@ struct Status {
     entries: u32,
     // Entries that were asked for, once they were more than there is room for; 0 otherwise. Nothing is trained while it is not 0.
     overflow: u32,
+    // Entries of the longest list, where a tile's was longer than the pass's dispatches walk along: then `overflow` is not 0, either.
+    longest: u32,
     loss: f32,
     near: u32,
     not_finite: u32,

@@ -2,7 +2,7 @@
 
 @group(0) @binding(1) var<storage, read> offsets: array<u32>;
 @group(0) @binding(2) var<storage, read_write> status: Status;
-// Groups along x, y, z: Gaussians, entries, sorting blocks, blocks of the sorting histograms' scan, SH coefficients.
+// Groups along x, y, z: Gaussians, sorting blocks, blocks of the sorting histograms' scan, SH coefficients.
 @group(0) @binding(3) var<storage, read_write> indirect: array<u32>;
 
 // Most groups along an axis.
@@ -18,6 +18,7 @@ fn put(at: u32, groups: u32) {
 @compute @workgroup_size(1)
 fn sizes() {
     let entries = offsets[step.gaussians];
+    status.longest = 0u;
     if entries > step.entry_capacity || status.overflow != 0u {
         status.overflow = max(status.overflow, entries);
         status.entries = 0u;
@@ -25,14 +26,12 @@ fn sizes() {
         put(3u, 0u);
         put(6u, 0u);
         put(9u, 0u);
-        put(12u, 0u);
         return;
     }
     status.entries = entries;
     let blocks = (entries + SORT_BLOCK - 1u) / SORT_BLOCK;
     put(0u, (step.gaussians + 63u) / 64u);
-    put(3u, (entries + 63u) / 64u);
-    put(6u, blocks);
-    put(9u, (16u * blocks + 1023u) / 1024u);
-    put(12u, (step.gaussians * step.coefficients + 63u) / 64u);
+    put(3u, blocks);
+    put(6u, (16u * blocks + 1023u) / 1024u);
+    put(9u, (step.gaussians * step.coefficients + 63u) / 64u);
 }

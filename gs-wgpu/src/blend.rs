@@ -4,13 +4,16 @@ use gs_core::{Error, Loss};
 
 use crate::{
     collect::Collected,
-    dispatch::{Commands, dispatch},
+    dispatch::{Commands, dispatch, dispatch_some},
     gpu::Gpu,
     loss::LossSum,
     shaders::{Kernels, Pass, Variant},
     target::Target,
     tiles::Tiles,
 };
+
+/// Where `walk.wgsl` has the part of the lists that a dispatch walks along: after all bindings of any blend kernel.
+const SEGMENT: u32 = 9;
 
 /// What `blend_bwd` differentiates: the loss by this target, or half the image's square.
 #[derive(Debug, Clone, Copy)]
@@ -21,9 +24,30 @@ pub(crate) enum Differentiated<'a> {
 
 impl Tiles {
     /// Whether a training step blends, compares and differentiates in one pass: where lanes are a CPU's, the loss is one of each pixel alone,
-    /// and the order that of the lists.
+    /// the order that of the lists, and none of those too long for one walk.
     pub(crate) fn fuses(&self, gpu: &Gpu, loss: Loss) -> bool {
-        gpu.kernels == Kernels::Vectors && !matches!(loss, Loss::L1Dssim { .. }) && !self.orders_by_pixel()
+        let pointwise = !matches!(loss, Loss::L1Dssim { .. });
+        gpu.kernels == Kernels::Vectors && pointwise && !self.orders_by_pixel() && self.segments.is_empty()
+    }
+
+    /// A kernel that walks along the tiles' lists, as often as it takes to reach their ends.
+    fn encode_walks(
+        &self,
+        gpu: &Gpu,
+        commands: &mut Commands,
+        entry_point: &'static str,
+        variant: Variant,
+        bindings: &[&wgpu::Buffer],
+    ) {
+        let groups = || gpu.groups(self.count()).into();
+        if self.segments.is_empty() {
+            return dispatch(gpu, commands, entry_point, variant, bindings, groups());
+        }
+        let numbers: Vec<u32> = (0..bindings.len() as u32).chain([SEGMENT]).collect();
+        for segment in &self.segments {
+            let buffers = [bindings, &[segment]].concat();
+            dispatch_some(gpu, commands, entry_point, variant, (&numbers, &buffers), groups());
+        }
     }
 
     /// Stage `blend`.
@@ -36,11 +60,17 @@ impl Tiles {
         let mut bindings = self.lists().to_vec();
         bindings.push(&self.image.buffer);
         let entry_point = if gpu.kernels == Kernels::Vectors { "blend_vectors" } else { "blend" };
-        dispatch(gpu, commands, entry_point, self.variant(), &bindings, gpu.groups(self.count()).into());
+        self.encode_walks(gpu, commands, entry_point, self.variant(), &bindings);
     }
 
     /// Stage `blend_bwd`, from `v_image`, or from the image itself.
-    pub(crate) fn encode_blend_bwd(&self, gpu: &Gpu, commands: &mut Commands, of: Differentiated<'_>) {
+    pub(crate) fn encode_blend_bwd(
+        &mut self,
+        gpu: &Gpu,
+        commands: &mut Commands,
+        of: Differentiated<'_>,
+    ) -> Result<(), Error> {
+        self.ensure_slots(gpu)?;
         let variant = Variant { pass: Pass::Backward, ..self.variant() };
         let image = &self.image.buffer;
         // An image that is differentiated itself is compared with nothing, and nothing is collected of it.
@@ -65,7 +95,12 @@ impl Tiles {
         if errors {
             bindings.push(target);
         }
-        dispatch(gpu, commands, entry_point, variant, &bindings, gpu.groups(self.count()).into());
+        if self.orders_by_pixel() {
+            dispatch(gpu, commands, entry_point, variant, &bindings, gpu.groups(self.count()).into());
+        } else {
+            self.encode_walks(gpu, commands, entry_point, variant, &bindings);
+        }
+        Ok(())
     }
 
     /// Stages `blend` to `blend_bwd` for a training step: in one pass where adapter and loss allow it.
@@ -79,9 +114,9 @@ impl Tiles {
         if !self.fuses(gpu, loss) {
             self.encode_blend(gpu, commands);
             self.encode_loss(gpu, commands, target, Some(loss))?;
-            self.encode_blend_bwd(gpu, commands, Differentiated::Loss(target));
-            return Ok(());
+            return self.encode_blend_bwd(gpu, commands, Differentiated::Loss(target));
         }
+        self.ensure_slots(gpu)?;
         let kind = if loss == Loss::L2 { 1 } else { 2 };
         let tiles = self.count();
         self.partial.ensure(gpu, tiles * 4)?;

@@ -106,6 +106,7 @@ impl<S: Kind> Cloud<S> {
             fresh,
             statistics: [&self.statistics, &statistics],
         };
+        S::prepare(gpu, &mut self.state, self.len)?;
         let mut commands = Commands::new(gpu);
         let state = S::edit(gpu, &mut commands, &self.state, &edit)?;
         commands.submit(gpu);

@@ -22,7 +22,11 @@ impl<S: Kind> Default for Pool<S> {
 impl<S: Kind> Pool<S> {
     pub(crate) fn take(&self, gpu: &Gpu) -> Result<Workspace<S>, Error> {
         match self.0.lock().unwrap_or_else(PoisonError::into_inner).pop() {
-            Some(workspace) => Ok(workspace),
+            Some(mut workspace) => {
+                // So that results don't depend on what it served for before.
+                workspace.tiles.segments.clear();
+                Ok(workspace)
+            }
             None => Workspace::new(gpu),
         }
     }

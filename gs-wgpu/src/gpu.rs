@@ -63,6 +63,9 @@ pub struct WgpuSettings {
     /// Most work groups along an axis of a dispatch; what has more goes into several rows. `None`, or more than the adapter allows: as
     /// many as it allows.
     pub most_groups: Option<NonZero<u32>>,
+    /// Most entries of a tile's list that one dispatch of a blend kernel walks along; longer lists take several. `None`, or more than the
+    /// adapter can: as many as it can, which on GPUs is all.
+    pub longest_walk: Option<NonZero<u32>>,
 }
 
 /// How long the device may take to hand over what it has finished.
@@ -126,6 +129,8 @@ pub struct Gpu {
     limits: wgpu::Limits,
     /// Most work groups along an axis of a dispatch.
     pub(crate) most_groups: u32,
+    /// Most entries of a tile's list that one dispatch of a blend kernel walks along.
+    pub(crate) longest_walk: u32,
     /// Whether the adapter computes on a CPU.
     pub(crate) on_cpu: bool,
     /// How the kernels that visit every pixel are written.
@@ -216,6 +221,7 @@ impl Gpu {
                 .most_groups
                 .map_or(u32::MAX, NonZero::get)
                 .min(limits.max_compute_workgroups_per_dimension),
+            longest_walk: settings.longest_walk.map_or(u32::MAX, NonZero::get).min(longest_walk(on_cpu, kernels)),
             limits,
             on_cpu,
             kernels,
@@ -435,6 +441,22 @@ pub(crate) const STORAGE: wgpu::BufferUsages =
 
 /// Invocations of a subgroup that `blend_bwd.wgsl` has room for the sums of.
 const LEAST_SUBGROUP: u32 = 4;
+
+/// Iterations of all loops of an invocation together after which Mesa's llvmpipe ends every loop, silently
+/// (`LP_MAX_TGSI_LOOP_ITERATIONS`).
+pub(crate) const MOST_ITERATIONS: u32 = 65_535;
+
+/// Most entries of a list that a dispatch may walk along. Where drivers end loops, each kind of kernels has its iterations for an entry, at
+/// most: in `blend_vectors` 9/8, twice where passes are fused; in `blend_bwd` also those of the sums over all parts of a tile, so that they
+/// are about 15, or 4 with subgroups of eight.
+fn longest_walk(on_cpu: bool, kernels: Kernels) -> u32 {
+    match kernels {
+        _ if !on_cpu => u32::MAX,
+        Kernels::Portable => MOST_ITERATIONS / 20,
+        Kernels::Subgroups => MOST_ITERATIONS / 6,
+        Kernels::Vectors => 2 * (MOST_ITERATIONS / 5),
+    }
+}
 
 /// The kernels that were asked for, or the fastest.
 fn kernels(wanted: Option<Kernels>, info: &wgpu::AdapterInfo, features: wgpu::Features) -> Result<Kernels, Error> {

@@ -198,7 +198,7 @@ impl<S: Kind> InFlight<S> {
         }
         let slot = self.free.pop().map_or_else(|| Slot::new(gpu), Ok)?;
         // Written when this step is submitted, behind those before it: each sees its own.
-        workspace.write_step(gpu, &workspace.describe(cloud, Some(request.loss), Some(&request.rates)));
+        workspace.write_step(gpu, &workspace.describe(gpu, cloud, Some(request.loss), Some(&request.rates)));
         let mut commands = Commands::new(gpu);
         workspace.encode_lists(gpu, &mut commands, cloud, fresh);
         workspace.tiles.encode_image_and_gradient(gpu, &mut commands, &request.target, request.loss)?;

@@ -42,6 +42,9 @@ pub trait Kind: Scene<View: PartialEq> + 'static {
     /// The state of a cloud of this valid scene.
     fn upload(gpu: &Gpu, scene: &Self, chart: Chart) -> Result<Self::State, Error>;
 
+    /// Makes what it takes to move or edit the state's `len` Gaussians, but not to look at them; to be called before either.
+    fn prepare(gpu: &Gpu, state: &mut Self::State, len: usize) -> Result<(), Error>;
+
     /// The parameters of `len` Gaussians.
     fn download(gpu: &Gpu, state: &Self::State, len: usize) -> Result<Self, Error>;
 

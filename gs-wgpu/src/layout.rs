@@ -111,6 +111,8 @@ pub(crate) struct Status {
     pub(crate) entries: u32,
     /// Entries that were asked for where that were more than there is room for; else 0.
     pub(crate) overflow: u32,
+    /// Entries of the longest list, where a tile's was longer than the pass's dispatches walk along; else 0. Then `overflow` is not 0, either.
+    pub(crate) longest: u32,
     pub(crate) loss: f32,
     pub(crate) near: u32,
     pub(crate) not_finite: u32,
@@ -184,6 +186,9 @@ pub struct Step {
     pub(crate) coefficients: u32,
     pub(crate) sh_degree: u32,
     pub(crate) depth_bits: u32,
+    pub(crate) longest_list: u32,
+    pub(crate) unused: u32,
+    pub(crate) unused_too: [u32; 2],
     /// Per group: learning rate, β₁, β₂, 1 − β₁.
     pub(crate) rates: [[f32; 4]; 6],
     /// Per group: ln β₁, ln β₂, 1 − β₂, and of scales and opacities what one number's penalty weighs.
@@ -245,7 +250,7 @@ mod tests {
         same_layout!(m, Source { parameters, moments, steps, statistics, is_fresh });
         same_layout!(
             m,
-            Status { entries, overflow, loss, near, not_finite, degenerate, transparent, unfinished, outside }
+            Status { entries, overflow, longest, loss, near, not_finite, degenerate, transparent, unfinished, outside }
         );
         same_layout!(
             m,
@@ -272,6 +277,9 @@ mod tests {
                 coefficients,
                 sh_degree,
                 depth_bits,
+                longest_list,
+                unused,
+                unused_too,
                 rates,
                 decays,
             }
@@ -314,7 +322,7 @@ mod tests {
 
     /// Every combination of the flags that pick lines.
     fn variants() -> impl Iterator<Item = Variant> {
-        (0..1728).map(|bits: u32| Variant {
+        (0..3456).map(|bits: u32| Variant {
             over: bits & 1 != 0,
             local_frame: bits & 2 != 0,
             lists: bits & 4 != 0,
@@ -324,7 +332,8 @@ mod tests {
             pass: [Pass::Forward, Pass::Backward, Pass::Fused][(bits >> 5) as usize / 3 % 3],
             collected: [Collected::Nothing, Collected::AbsoluteGradients, Collected::PixelErrors]
                 [(bits >> 5) as usize / 9 % 3],
-            by_pixel: bits >= 864,
+            by_pixel: (bits / 864) & 1 != 0,
+            segmented: bits >= 1728,
             ..Variant::default()
         })
     }

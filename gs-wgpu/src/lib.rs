@@ -7,6 +7,14 @@
 //! besides colour, lenses that bend rays, exposure, the smooth cut, extents in standard deviations, antialiasing of planar scenes, and for spatial ones the chart `LocalFrame`
 //! and solving for colours.
 //!
+//! # How large a scene may be
+//!
+//! Each array is one buffer, and adapters bound how large one is: GPUs at 2 GiB or more, Mesa's software driver at 128 MiB. The largest by Gaussian is
+//! that of the SH coefficients, and each of Adam's moments of those: 192 bytes at degree 3, so 699,050 Gaussians in 128 MiB and 11 million in 2 GiB.
+//! The largest by tile entry (one per Gaussian and tile of 16×16 px) has 8 bytes where a scene is drawn (64 in the order of depth at each pixel), and
+//! 32 to 44 where it is trained (72 to 88), so 3 to 4 million entries in 128 MiB. What does not fit is an [`Error::Backend`](gs_core::Error::Backend)
+//! with both sizes. Moments and gradients are made when a scene is first trained: to look at one takes a third of the memory.
+//!
 //! ```no_run
 //! use gs_core::{Blend, Canvas, PlanarScene, Rasterizer, RenderSettings};
 //! use gs_wgpu::{WgpuRasterizer, WgpuSettings};

@@ -5,7 +5,7 @@ use crate::{
     gpu::Gpu,
     layout::Status,
     shaders::Variant,
-    tiles::{BY_ENTRY, BY_GAUSSIAN, BY_HISTOGRAM, BY_SORT_BLOCK, Growing, Tiles, groups_of},
+    tiles::{BY_GAUSSIAN, BY_HISTOGRAM, BY_SORT_BLOCK, Growing, Tiles, groups_of},
 };
 
 /// What is sorted or summed up: numbers that `scan.wgsl` and `sort.wgsl` tell apart by their override `WHICH`.
@@ -38,15 +38,11 @@ pub(crate) struct Sorting<'a> {
 }
 
 impl Tiles {
-    /// Before the kind's own stages: forgets how many were left out, and for new lists the tiles' starts.
+    /// Before the kind's own stages: forgets how many were left out.
     pub(crate) fn encode_clear(&self, commands: &mut Commands, lists: bool) {
         // Without lists it is not known again who touches no tile.
         let bytes = Status::COUNTS_BYTES[usize::from(lists)];
         commands.encoder().clear_buffer(&self.status, Status::COUNTS, Some(bytes));
-        if lists {
-            // What `ranges` writes to, cleared here so that all the stages are one pass.
-            commands.encoder().clear_buffer(&self.tile_start.buffer, 0, None);
-        }
     }
 
     /// Stages `scan`, of the counts, and `sizes`.
@@ -98,8 +94,9 @@ impl Tiles {
 
     /// Stage `ranges`, and `queue` where pixels have an order of their own.
     pub(crate) fn encode_ranges(&self, gpu: &Gpu, commands: &mut Commands) {
-        let bindings = [&self.step, &self.status, &self.keys[self.sorted()].buffer, &self.tile_start.buffer];
-        dispatch(gpu, commands, "ranges", Variant::default(), &bindings, self.indirect(BY_ENTRY));
+        let keys = &self.keys[self.sorted()].buffer;
+        let bindings = [&self.step, &self.status, keys, &self.tile_start.buffer, &self.indirect];
+        dispatch(gpu, commands, "ranges", Variant::default(), &bindings, groups_of(gpu, self.count(), 64));
         if self.orders_by_pixel() {
             let (tile_start, order) = (&self.tile_start.buffer, &self.order[self.sorted()].buffer);
             let (entries, splats) = (&self.entries.buffer, &self.splats.buffer);

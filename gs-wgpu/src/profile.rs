@@ -95,7 +95,7 @@ impl<S: Kind> Pass<'_, S> {
             Stage::Ranges => workspace.tiles.encode_ranges(gpu, commands),
             Stage::Blend => workspace.tiles.encode_blend(gpu, commands),
             Stage::Loss => workspace.tiles.encode_loss(gpu, commands, target, Some(*loss))?,
-            Stage::BlendBwd => workspace.tiles.encode_blend_bwd(gpu, commands, Differentiated::Loss(target)),
+            Stage::BlendBwd => workspace.tiles.encode_blend_bwd(gpu, commands, Differentiated::Loss(target))?,
             Stage::Fused => workspace.tiles.encode_image_and_gradient(gpu, commands, target, *loss)?,
             Stage::ProjectBwd => S::encode_project_bwd(workspace, gpu, commands, cloud),
             Stage::Adam => workspace.encode_adam(gpu, commands, cloud),
@@ -179,7 +179,7 @@ impl WgpuRasterizer {
         cloud.settle(gpu)?;
         let mut workspace = S::pool(self).take(gpu)?;
         workspace.set(gpu, cloud, view, settings)?;
-        let describe = |w: &Workspace<S>| w.describe(cloud, Some(loss), Some(&rates));
+        let describe = |w: &Workspace<S>| w.describe(gpu, cloud, Some(loss), Some(&rates));
         // All that depends on how many entries there are has room from here on.
         let status = self.with_lists(&mut workspace, cloud, describe, |_, _| Ok(()))?;
         workspace.write_step(gpu, &describe(&workspace));
@@ -216,6 +216,7 @@ impl<S: Kind> Profiler<S> for WgpuRasterizer {
         loss: Loss,
         repetitions: usize,
     ) -> Result<Profile, Error> {
+        S::prepare(&self.gpu, &mut cloud.state, cloud.len)?;
         self.profile_by(Timestamps::new, cloud, (view, target), settings, loss, repetitions)
     }
 }

@@ -168,6 +168,7 @@ impl<S: Kind> Rasterizer<S> for WgpuRasterizer {
     }
 
     fn upload_target(&self, image: &Image) -> Result<Target, Error> {
+        image.check_finite("the target")?;
         Target::new(&self.gpu, image)
     }
 
@@ -188,7 +189,7 @@ impl<S: Kind> Rasterizer<S> for WgpuRasterizer {
         let status = self.with_lists(
             &mut workspace,
             cloud,
-            |w| w.describe(cloud, None, None),
+            |w| w.describe(&self.gpu, cloud, None, None),
             |w, commands| {
                 w.tiles.encode_blend(&self.gpu, commands);
                 Ok(())
@@ -220,10 +221,10 @@ impl<S: Kind> Rasterizer<S> for WgpuRasterizer {
             return Err(Error::State("the frame is of another cloud, or of this one before an edit".to_owned()));
         }
         cloud.settle(gpu)?;
-        workspace.write_step(gpu, &workspace.describe(cloud, Some(*loss), None));
+        workspace.write_step(gpu, &workspace.describe(gpu, cloud, Some(*loss), None));
         let mut commands = Commands::new(gpu);
         workspace.tiles.encode_loss(gpu, &mut commands, target, Some(*loss))?;
-        workspace.tiles.encode_blend_bwd(gpu, &mut commands, Differentiated::Loss(target));
+        workspace.tiles.encode_blend_bwd(gpu, &mut commands, Differentiated::Loss(target))?;
         S::encode_project_bwd(workspace, gpu, &mut commands, cloud);
         let mut buffers = Vec::new();
         for source in workspace.gradient_buffers() {
@@ -245,12 +246,14 @@ impl<S: Kind> Rasterizer<S> for WgpuRasterizer {
 
     fn step(&self, cloud: &mut Cloud<S>, gradients: &Gradients<S>, rates: &AdamRates) -> Result<(), Error> {
         gradients.check_len(cloud)?;
+        rates.validate()?;
         S::check_rates(rates)?;
         let gpu = &self.gpu;
         cloud.settle(gpu)?;
+        S::prepare(gpu, &mut cloud.state, cloud.len)?;
         let mut workspace = S::pool(self).take(gpu)?;
         workspace.set(gpu, cloud, &gradients.view, &gradients.settings)?;
-        let step = workspace.describe(cloud, None, Some(rates));
+        let step = workspace.describe(gpu, cloud, None, Some(rates));
         let uniform = gpu.allocate("step", size_of::<Step>() as u64, UNIFORM)?;
         gpu.write(&uniform, bytemuck::bytes_of(&step));
         let mut commands = Commands::new(gpu);
@@ -270,8 +273,10 @@ impl<S: Kind> Rasterizer<S> for WgpuRasterizer {
     ) -> Result<(), Error> {
         S::check(view, step.settings)?;
         step.loss.validate()?;
+        step.rates.validate()?;
         S::check_rates(step.rates)?;
         target.check_size(S::size(view))?;
+        S::prepare(&self.gpu, &mut cloud.state, cloud.len)?;
         cloud.in_flight().train(&self.gpu, S::pool(self), cloud, Request::new(view, target, step))
     }
 

@@ -4,7 +4,8 @@
 use std::fmt::Write;
 
 use gs_core::constants::{
-    MIN_DETERMINANT_PX4, MIN_QUATERNION_NORM2, SH_C0, SH_C1, SH_C2, SH_C3, SSIM_C1, SSIM_C2, SSIM_SIGMA, SSIM_WINDOW,
+    MAX_DERIVATIVE, MAX_RESIDUAL, MIN_DETERMINANT_PX4, MIN_QUATERNION_NORM2, QUATERNION_SHRINK, SAFE_SQUARES, SH_C0,
+    SH_C1, SH_C2, SH_C3, SSIM_C1, SSIM_C2, SSIM_MAX, SSIM_SIGMA, SSIM_WINDOW,
 };
 
 use crate::collect::Collected;
@@ -49,6 +50,8 @@ pub(crate) struct Variant {
     pub(crate) kernels: Kernels,
     /// What `blend_vectors` or `blend_by_depth` does in one pass over the tiles.
     pub(crate) pass: Pass,
+    /// The blend kernels walk along lists in several dispatches.
+    pub(crate) segmented: bool,
     /// What the backward kernels sum up besides the gradients.
     pub(crate) collected: Collected,
     /// The entry point's override, if it has one.
@@ -141,14 +144,14 @@ shaders! {
     "sizes": ["sizes"],
     "bin" after "least_depth": ["bin"],
     "sort": ["sort_count", "sort_scatter"],
-    "ranges": ["ranges"],
-    "blend": ["blend"],
-    "blend_vectors": ["blend_vectors"],
+    "ranges" after "counted": ["ranges"],
+    "blend" after "walk": ["blend"],
+    "blend_vectors" after "walk" after "vectors": ["blend_vectors"],
     "queue" after "least_depth": ["queue_up"],
     "blend_by_depth" after "counted": ["blend_by_depth"],
     "loss": ["loss", "loss_sum"],
     "dssim": ["dssim_moments", "dssim_derivatives", "dssim_gradient"],
-    "blend_bwd": ["blend_bwd"],
+    "blend_bwd" after "walk": ["blend_bwd"],
     "planar/project_bwd" after "received": ["project_bwd"],
     "spatial/project_bwd" after "received" after "spatial/spatial": ["spatial_project_bwd"],
     "planar/adam" after "moments": ["adam"],
@@ -205,12 +208,16 @@ fn prelude(variant: Variant) -> String {
          const LANES: u32 = {lanes}u;\nconst CLASSES: u32 = {classes}u;\nconst BLOCK: u32 = {BLOCK}u;\nconst HELD: u32 = {HELD}u;\nconst STRIDE: u32 = {stride}u;\nconst GRADIENTS: u32 = {gradients}u;\nconst BATCH: u32 = {batch}u;\n\
          const SORT_BLOCK: u32 = {SORT_BLOCK}u;\nconst MIN_DETERMINANT_PX4: f32 = {MIN_DETERMINANT_PX4:?};\n\
          const SSIM_SEGMENT: u32 = {ssim_segment}u;\nconst SSIM_BLOCK: u32 = {ssim_block}u;\nconst DSSIM_GROUP: u32 = {DSSIM_GROUP}u;\nconst SSIM_RADIUS: u32 = {SSIM_RADIUS}u;\n\
-         const SSIM_C1: f32 = {SSIM_C1:?};\nconst SSIM_C2: f32 = {SSIM_C2:?};\n",
+         const SSIM_C1: f32 = {SSIM_C1:?};\nconst SSIM_C2: f32 = {SSIM_C2:?};\nconst SSIM_MAX: f32 = {SSIM_MAX:?};\n\
+         const MAX_RESIDUAL: f32 = {MAX_RESIDUAL:?};\n",
     );
     let list = |numbers: &[f32]| numbers.iter().map(|c| format!("{c:?}")).collect::<Vec<_>>().join(", ");
+    let [least, most] = SAFE_SQUARES;
     write!(
         text,
-        "const MIN_QUATERNION_NORM2: f32 = {MIN_QUATERNION_NORM2:?};\nconst SH_C0: f32 = {SH_C0:?};\n\
+        "const MAX_DERIVATIVE: f32 = {MAX_DERIVATIVE:?};\nconst QUATERNION_SHRINK: f32 = {QUATERNION_SHRINK:?};\n\
+         const SAFE_SQUARE_LEAST: f32 = {least:?};\nconst SAFE_SQUARE_MOST: f32 = {most:?};\n\
+         const MIN_QUATERNION_NORM2: f32 = {MIN_QUATERNION_NORM2:?};\nconst SH_C0: f32 = {SH_C0:?};\n\
          const SH_C1: f32 = {SH_C1:?};\nconst SH_C2 = array<f32, 5>({});\nconst SH_C3 = array<f32, 7>({});\n",
         list(&SH_C2),
         list(&SH_C3),
@@ -246,6 +253,8 @@ fn preprocess(source: &str, variant: Variant) -> String {
         "ABSOLUTE" => variant.collected == Collected::AbsoluteGradients,
         "ERROR" => variant.collected == Collected::PixelErrors,
         "COLLECTS" => variant.collected != Collected::Nothing,
+        "SEGMENTED" => variant.segmented && variant.pass != Pass::Fused,
+        "CARRIES" => variant.segmented && variant.over && variant.pass == Pass::Backward,
         "OVER_OR_ERROR" => variant.over || variant.collected == Collected::PixelErrors,
         "VECTORS" => variant.kernels == Kernels::Vectors,
         "SUBGROUPS" => variant.kernels == Kernels::Subgroups,

@@ -6,18 +6,17 @@ use crate::{
     cloud::UNIFORM,
     collect::Collected,
     dispatch::{Commands, Groups},
-    gpu::{Gpu, STORAGE},
+    gpu::{Gpu, MOST_ITERATIONS, STORAGE, backend_error},
     layout::{QUEUED_BYTES, SPLAT_BYTES, Status, Step},
     shaders::{SORT_BITS, SORT_BLOCK, TILE_COLUMNS, Tiling, Variant, stride, tiling},
 };
 
-/// Where in `indirect` the sizes of a dispatch stand, bytes: an invocation a Gaussian, an invocation an entry, a group a block of sorting,
-/// a group a block of the scan of sorting's histograms, an invocation an SH coefficient.
+/// Where in `indirect` the sizes of a dispatch stand, bytes: an invocation a Gaussian, a group a block of sorting, a group a block of the
+/// scan of sorting's histograms, an invocation an SH coefficient.
 pub(crate) const BY_GAUSSIAN: u64 = 0;
-pub(crate) const BY_ENTRY: u64 = 12;
-pub(crate) const BY_SORT_BLOCK: u64 = 24;
-pub(crate) const BY_HISTOGRAM: u64 = 36;
-pub(crate) const BY_COEFFICIENT: u64 = 48;
+pub(crate) const BY_SORT_BLOCK: u64 = 12;
+pub(crate) const BY_HISTOGRAM: u64 = 24;
+pub(crate) const BY_COEFFICIENT: u64 = 36;
 
 /// Entries there is room for at first, at least.
 const FIRST_CAPACITY: u64 = 1 << 14;
@@ -33,6 +32,9 @@ const LEAST_DEPTH_BITS: u32 = 16;
 
 /// Those of an `f32` between 2⁻⁸ and 2²⁴.
 const MOST_DEPTH_BITS: u32 = 28;
+
+/// Entries of a tile's list that stage `queue` can put into a queue where drivers end loops: it takes nine iterations for 256.
+const LONGEST_QUEUE: u32 = 1 << 20;
 
 /// A buffer that is replaced by a larger one when that is needed; its contents are lost then.
 #[derive(Debug)]
@@ -94,6 +96,8 @@ pub(crate) struct Tiles {
     pub(crate) tiling: Tiling,
     /// Entries that there is room for.
     capacity: u64,
+    /// What each dispatch of a blend kernel is told of its part of the lists, where lists are longer than one can walk along; else none.
+    pub(crate) segments: Vec<wgpu::Buffer>,
 }
 
 /// Work groups of `size` invocations for `count`.
@@ -112,7 +116,7 @@ impl Tiles {
             gaussians: 0,
             step: gpu.allocate("step", size_of::<Step>() as u64, UNIFORM)?,
             status,
-            indirect: gpu.allocate("dispatch sizes", 60, STORAGE | wgpu::BufferUsages::INDIRECT)?,
+            indirect: gpu.allocate("dispatch sizes", 48, STORAGE | wgpu::BufferUsages::INDIRECT)?,
             splats: growing("splats")?,
             offsets: growing("entry offsets")?,
             scan_sums: growing("scan sums")?,
@@ -132,6 +136,7 @@ impl Tiles {
             derivatives: growing("D-SSIM's derivatives")?,
             tiling: tiling(gpu.kernels),
             capacity: 0,
+            segments: Vec::new(),
         })
     }
 
@@ -157,7 +162,7 @@ impl Tiles {
     pub(crate) fn variant(&self) -> Variant {
         let effects = &self.settings.effects;
         let (over, collected) = (effects.blend == Blend::Over, Collected::of(effects.statistics));
-        Variant { over, collected, ..Variant::default() }
+        Variant { over, collected, segmented: !self.segments.is_empty(), ..Variant::default() }
     }
 
     /// Whether each pixel has an order of its own.
@@ -199,7 +204,12 @@ impl Tiles {
         size: [u32; 2],
         settings: &RenderSettings,
     ) -> Result<(), Error> {
+        if (self.size, self.gaussians) != (size, gaussians as u32) {
+            // Lists may have become shorter.
+            self.segments.clear();
+        }
         (self.size, self.settings, self.gaussians) = (size, *settings, gaussians as u32);
+        self.check_count(gpu)?;
         let n = gaussians as u64;
         self.splats.ensure(gpu, n * SPLAT_BYTES)?;
         self.offsets.ensure(gpu, (n + 1) * 4)?;
@@ -210,7 +220,7 @@ impl Tiles {
             self.depths.ensure(gpu, n * DEPTH_BYTES)?;
         }
         match self.capacity {
-            0 => self.grow(gpu, FIRST_CAPACITY.max(4 * n)),
+            0 => self.grow(gpu, FIRST_CAPACITY.max(2 * n)),
             // Another pass may have needed less of each.
             capacity => self.ensure_entries(gpu, capacity),
         }
@@ -228,15 +238,16 @@ impl Tiles {
         Ok(())
     }
 
-    /// Makes room for what this pass's effects need of so many entries.
+    /// Makes room for what this pass's order needs of so many entries.
     fn ensure_entries(&mut self, gpu: &Gpu, entries: u64) -> Result<(), Error> {
-        let numbers = entries * u64::from(stride(self.variant()));
+        if self.orders_by_pixel() { self.queue.ensure(gpu, entries * QUEUED_BYTES) } else { Ok(()) }
+    }
+
+    /// Makes room for what all entries' Gaussians receive: a pass that is only looked at needs none.
+    pub(crate) fn ensure_slots(&mut self, gpu: &Gpu) -> Result<(), Error> {
+        let numbers = self.capacity * u64::from(stride(self.variant()));
         self.slots.ensure(gpu, numbers * 4)?;
-        if self.orders_by_pixel() {
-            self.queue.ensure(gpu, entries * QUEUED_BYTES)?;
-            self.totals.ensure(gpu, numbers * 8)?;
-        }
-        Ok(())
+        if self.orders_by_pixel() { self.totals.ensure(gpu, numbers * 8) } else { Ok(()) }
     }
 
     /// Makes room to sort so many keys.
@@ -247,7 +258,7 @@ impl Tiles {
     }
 
     /// What this pass tells the device, but for what the kind of scene adds.
-    pub(crate) fn describe(&self, loss: Option<Loss>, rates: Option<&AdamRates>) -> Step {
+    pub(crate) fn describe(&self, gpu: &Gpu, loss: Option<Loss>, rates: Option<&AdamRates>) -> Step {
         let (accuracy, values) = (&self.settings.accuracy, 3.0 * self.pixels() as f64);
         let (pointwise, dssim) = match loss {
             Some(Loss::L1Dssim { lambda }) => (1.0 - f64::from(lambda), f64::from(lambda)),
@@ -266,6 +277,7 @@ impl Tiles {
             dssim_scale: (dssim / values) as f32,
             per_value: (1.0 / values) as f32,
             depth_bits: self.depth_bits(),
+            longest_list: self.longest_list(gpu),
             opaque: u32::from(self.settings.effects.blend == Blend::Sum),
             collect: u32::from(self.settings.effects.statistics != effects::Statistics::None),
             ..Step::default()
@@ -295,10 +307,57 @@ impl Tiles {
         Ok(gpu.read(&self.status, 1)?[0])
     }
 
-    /// Makes room for what a pass asked for in vain, and forgets that it did.
+    /// Makes room for what a pass asked for in vain, or has longer lists walked along in more dispatches, and forgets that it asked.
     pub(crate) fn make_room(&mut self, gpu: &Gpu, status: &Status) -> Result<(), Error> {
-        self.grow(gpu, u64::from(status.overflow) + u64::from(status.overflow) / 4)?;
+        match status.longest {
+            0 => {
+                let entries = u64::from(status.overflow);
+                // With room for some more, if there is so much memory.
+                self.grow(gpu, entries + entries / 4).or_else(|_| self.grow(gpu, entries))?;
+            }
+            longest => self.segment(gpu, longest)?,
+        }
         gpu.write(&self.status, bytemuck::bytes_of(&Status::default()));
         Ok(())
+    }
+
+    /// Entries of a tile that this pass's dispatches can walk along.
+    fn longest_list(&self, gpu: &Gpu) -> u32 {
+        match self.segments.len() as u32 {
+            _ if self.orders_by_pixel() && gpu.on_cpu => LONGEST_QUEUE,
+            _ if self.orders_by_pixel() => u32::MAX,
+            segments => gpu.longest_walk.saturating_mul(segments.max(1)),
+        }
+    }
+
+    /// Makes the blend kernels' dispatches as many as it takes to walk along so many entries.
+    fn segment(&mut self, gpu: &Gpu, longest: u32) -> Result<(), Error> {
+        if self.orders_by_pixel() {
+            return Err(backend_error(format!(
+                "a tile of {TILE_COLUMNS}x{} px has {longest} Gaussians, and on {} no more than {LONGEST_QUEUE} can be put in the order of \
+                 their depths at each pixel: use the order of tile depths, fewer or smaller Gaussians, or the CPU backend",
+                self.tiling.tile_rows, gpu.adapter.name
+            )));
+        }
+        let uniform = wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST;
+        for segment in self.segments.len() as u32..longest.div_ceil(gpu.longest_walk) {
+            let buffer = gpu.allocate("a part of long lists", 16, uniform)?;
+            gpu.write(&buffer, bytemuck::bytes_of(&[segment * gpu.longest_walk, gpu.longest_walk, 0, 0]));
+            self.segments.push(buffer);
+        }
+        Ok(())
+    }
+
+    /// Fails where a software driver would end the loops over all tiles of one Gaussian.
+    fn check_count(&self, gpu: &Gpu) -> Result<(), Error> {
+        let [across, _] = self.across_and_down();
+        if !gpu.on_cpu || self.count() + u64::from(across) <= u64::from(MOST_ITERATIONS) {
+            return Ok(());
+        }
+        let [width, height] = self.size;
+        Err(backend_error(format!(
+            "an image of {width}x{height} px has more tiles than {} can loop over: make it smaller, or use the CPU backend",
+            gpu.adapter.name
+        )))
     }
 }

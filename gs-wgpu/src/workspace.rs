@@ -54,8 +54,8 @@ impl<S: Kind> Workspace<S> {
     }
 
     /// What this pass tells the device.
-    pub(crate) fn describe(&self, cloud: &Cloud<S>, loss: Option<Loss>, rates: Option<&AdamRates>) -> Step {
-        let mut step = self.tiles.describe(loss, rates);
+    pub(crate) fn describe(&self, gpu: &Gpu, cloud: &Cloud<S>, loss: Option<Loss>, rates: Option<&AdamRates>) -> Step {
+        let mut step = self.tiles.describe(gpu, loss, rates);
         if let Some(view) = &self.view {
             S::describe(view, &self.tiles.settings, cloud, &mut step);
         }

@@ -1,11 +1,10 @@
 //! Scenes that others have trained and published, where they are there (`$GS_DATA/splats` or `../shared/data/splats`): both backends draw
 //! them as the oracle does, in small windows of a screen, and alike on all of it.
 
-use std::path::PathBuf;
-
 use glam::{Vec2, Vec3};
 use gs_conformance::{
     conformance::check_image,
+    data,
     scenes::{Draw, SpatialKind},
 };
 use gs_core::{
@@ -31,14 +30,7 @@ const SCREEN: (u32, u32) = (640, 480);
 
 /// A scene with its settings; `None`, and a line that says so, where there is no such file.
 fn scene(name: &str) -> Option<(SpatialScene, RenderSettings)> {
-    let data = std::env::var_os("GS_DATA")
-        .map_or_else(|| PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../shared/data"), PathBuf::from);
-    let path = data.join("splats").join(name);
-    if !path.exists() {
-        eprintln!("skipped: no test data");
-        return None;
-    }
-    let scene = gs_io::read_spatial(path).unwrap().scene;
+    let scene = gs_io::read_spatial(data::find(&format!("splats/{name}"))?).unwrap().scene;
     let mut settings = RenderSettings::blended(Blend::Over).on([0.2, 0.3, 0.4]);
     settings.effects.order = Order::TileDepth;
     settings.effects.antialias = Antialias::Dilate;

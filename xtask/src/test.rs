@@ -37,6 +37,7 @@ pub(crate) fn run(scope: Scope) -> Result<(), String> {
 /// gs-wgpu's tests need a graphics adapter: where there is none, a software Vulkan driver is installed. Tests on real photographs use a
 /// folder that may be absent; whether they have it is said, so that no one takes a skipped test for a passed one.
 fn prepare() -> Result<(), String> {
+    // The rule of gs_conformance::data; this program builds before everything else, and so depends on nothing.
     let data = env::var_os("GS_DATA").map_or_else(|| workspace().join("../shared/data"), PathBuf::from);
     if data.is_dir() {
         eprintln!("real test data: {}", data.display());

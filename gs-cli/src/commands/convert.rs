@@ -6,7 +6,7 @@ use std::{
 };
 
 use clap::{Args, ValueEnum};
-use gs_core::{Scene, SpatialScene, constants::MIN_QUATERNION_NORM2};
+use gs_core::{Scene, examination};
 use gs_io::{GltfBuffer, Loss, SpatialFormat, SpatialOptions, SpzOptions, SpzVersion};
 use serde::Serialize;
 
@@ -25,7 +25,7 @@ pub(crate) struct ConvertArgs {
     /// Where the numbers of a .gltf go
     #[arg(long, value_name = "PLACE", default_value = "inside")]
     gltf_buffer: Buffer,
-    /// Leave out Gaussians whose numbers are NaN or infinite, or whose quaternion is no rotation, and say how many
+    /// Leave out Gaussians that cannot be drawn, and say how many; gs doctor tells which and why
     #[arg(long)]
     drop_broken: bool,
     /// Print JSON
@@ -89,8 +89,10 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<(), Failure> {
     let file =
         if args.drop_broken { gs_io::read_spatial_unchecked(&args.from) } else { gs_io::read_spatial(&args.from) };
     let file = file.map_err(Failure::of_scene)?;
-    let all = file.scene.len();
-    let scene = if args.drop_broken { whole(&file.scene) } else { file.scene };
+    let (all, mut scene) = (file.scene.len(), file.scene);
+    if args.drop_broken {
+        examination::repair(&mut scene)?;
+    }
     let options = SpatialOptions {
         spz: SpzOptions {
             version: match args.spz_version {
@@ -118,29 +120,6 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<(), Failure> {
     if args.json { output::json(&conversion) } else { output::result(text(&conversion)) }
 }
 
-/// The Gaussians that can be drawn.
-fn whole(scene: &SpatialScene) -> SpatialScene {
-    let mut kept = SpatialScene { sh_degree: scene.sh_degree, ..SpatialScene::default() };
-    let len = scene.sh_len();
-    for i in 0..scene.len() {
-        let coefficients = &scene.sh[i * len..][..len];
-        let q = scene.rotations[i];
-        let finite = scene.means[i].is_finite()
-            && scene.log_scales[i].is_finite()
-            && q.iter().all(|v| v.is_finite())
-            && coefficients.iter().all(|c| c.is_finite());
-        let turns = q.iter().map(|v| v * v).sum::<f32>() >= MIN_QUATERNION_NORM2;
-        if finite && turns && !scene.opacity_logits[i].is_nan() {
-            kept.means.push(scene.means[i]);
-            kept.log_scales.push(scene.log_scales[i]);
-            kept.rotations.push(q);
-            kept.opacity_logits.push(scene.opacity_logits[i]);
-            kept.sh.extend(coefficients);
-        }
-    }
-    kept
-}
-
 fn text(conversion: &Conversion) -> String {
     let Conversion { read, written, gaussians, sh_degree, dropped, lost } = conversion;
     let side = |Side { file, format, bytes, bytes_per_gaussian }: &Side| {
@@ -148,7 +127,7 @@ fn text(conversion: &Conversion) -> String {
     };
     let mut text = format!("read        {}\nGaussians   {gaussians}, SH degree {sh_degree}\n", side(read));
     if *dropped > 0 {
-        let _ = writeln!(text, "dropped     {dropped} Gaussians that are not finite or have no rotation");
+        let _ = writeln!(text, "dropped     {dropped} Gaussians that cannot be drawn");
     }
     let _ = write!(text, "wrote       {}", side(written));
     if lost.is_empty() {

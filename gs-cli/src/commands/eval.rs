@@ -12,7 +12,7 @@ use crate::{
     backend::{Backend, BackendArgs, SpatialTask},
     failure::Failure,
     output,
-    shown::ShownArgs,
+    shown::{ShownArgs, effects, why_empty},
     train::DatasetArgs,
 };
 
@@ -93,10 +93,11 @@ fn judge(args: &EvalArgs) -> Result<(), Failure> {
     let views = if test.is_empty() { train } else { test };
     let backend = Backend::start(&args.backend)?;
     let evaluation = backend.run_spatial(Judge { scene: &scene, views: &views, render: &render })?;
-    if evaluation.culled.total() == scene.len() as u64 * views.len() as u64 {
-        output::note(
-            "note: nothing of the scene is in sight of any view: are its axes and its unit those of the data set?",
-        );
+    output::note(format_args!("shown with {}", effects(&render)));
+    if let Some(why) = why_empty(evaluation.culled, scene.len(), views.len()) {
+        output::note(format_args!(
+            "note: nothing of the scene is in sight of any view: {why}; are its axes and its unit those of the data set?"
+        ));
     }
     if args.json {
         return output::json(&evaluation);
@@ -106,6 +107,7 @@ fn judge(args: &EvalArgs) -> Result<(), Failure> {
     for ViewQuality { name, psnr, ssim, l1 } in &evaluation.views {
         text += &row(name, *psnr, *ssim, *l1);
     }
+    evaluation.unmeasured.iter().for_each(|name| text += &format!("{:>33}  {name}\n", "no pixel counts"));
     let mean = format!("mean of {} views", evaluation.views.len());
     output::result(text + row(&mean, evaluation.psnr, evaluation.ssim, evaluation.l1).trim_end())
 }

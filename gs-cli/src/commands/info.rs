@@ -10,11 +10,13 @@ use std::{
 };
 
 use clap::Args;
-use gs_core::{PlanarScene, Rasterizer, RenderSettings, Scene, scene::sigmoid, state::CloudState};
+use gs_core::{PlanarScene, Rasterizer, RenderSettings, Scene, SpatialScene, scene::sigmoid, state::CloudState};
+use gs_io::{Checkpoint, SpatialFormat};
+use gs_train::{RunSettings, SpatialSettings, experiments::Cell};
 use serde::Serialize;
 
 use crate::{
-    backend::{Backend, BackendArgs, Choice, Task},
+    backend::{Backend, BackendArgs, Choice, SpatialTask, Task},
     commands::adapters,
     failure::Failure,
     output::{self, Format},
@@ -85,33 +87,70 @@ pub(crate) fn run(args: &InfoArgs) -> Result<(), Failure> {
     if gs_io::spatial_format(file)?.is_some() {
         return spatial::run(file, format);
     }
-    let info = read(file)?;
+    let bytes = std::fs::metadata(file).map_or(0, |file| file.len());
+    let info = match read(file)? {
+        Content::Scene(planar) => {
+            let about = Info::of(Kind::Scene, bytes, &planar.scene);
+            let (width, height) = (Some(planar.width), Some(planar.height));
+            Info { width, height, render: Some(planar.settings), ..about }
+        }
+        Content::Checkpoint(checkpoint) => {
+            let backend = Backend::start(&BackendArgs { backend: Choice::Cpu, ..BackendArgs::default() })?;
+            let broken = |error: gs_core::Error| Failure::failed(error).at(file.display());
+            if is_spatial(&checkpoint) {
+                let scene = backend.run_spatial(Restore(&checkpoint.state)).map_err(broken)?;
+                return spatial::of_checkpoint(&scene, checkpoint.metadata, bytes, format);
+            }
+            let scene = backend.run(Restore(&checkpoint.state)).map_err(broken)?;
+            Info { metadata: checkpoint.metadata, ..Info::of(Kind::Checkpoint, bytes, &scene) }
+        }
+    };
     match format {
         Format::Json => output::json(&info),
         Format::Text => output::result(text(&info)),
     }
 }
 
-fn read(path: &Path) -> Result<Info, Failure> {
-    let bytes = std::fs::metadata(path).map_or(0, |file| file.len());
+/// What a file holds that is no spatial scene.
+enum Content {
+    Scene(Box<gs_io::PlanarFile>),
+    Checkpoint(Box<Checkpoint>),
+}
+
+fn read(path: &Path) -> Result<Content, Failure> {
     let not_a_scene = match gs_io::read_scene(path) {
-        Ok(file) => {
-            let about = Info::of(Kind::Scene, bytes, &file.scene);
-            let (width, height) = (Some(file.width), Some(file.height));
-            return Ok(Info { width, height, render: Some(file.settings), ..about });
-        }
+        Ok(file) => return Ok(Content::Scene(Box::new(file))),
         Err(error) => error,
     };
-    let Ok(checkpoint) = gs_io::read_checkpoint(path) else {
-        return Err(not_a_scene.into());
-    };
-    let backend = Backend::start(&BackendArgs { backend: Choice::Cpu, ..BackendArgs::default() })?;
-    let scene = backend.run(Restore(&checkpoint.state)).map_err(|error| Failure::failed(error).at(path.display()))?;
-    Ok(Info { metadata: checkpoint.metadata, ..Info::of(Kind::Checkpoint, bytes, &scene) })
+    match gs_io::read_checkpoint(path) {
+        Ok(checkpoint) => Ok(Content::Checkpoint(Box::new(checkpoint))),
+        // What is called a spatial scene is meant to be one; its bytes say why it is none.
+        Err(_) if SpatialFormat::to_write(path).is_some() => match gs_io::read_spatial_unchecked(path) {
+            Err(not_spatial) => Err(not_spatial.into()),
+            Ok(_) => Err(not_a_scene.into()),
+        },
+        Err(_) => Err(not_a_scene.into()),
+    }
+}
+
+/// Whether a checkpoint is of a training in space; any other is taken for one of a planar fit.
+fn is_spatial(checkpoint: &Checkpoint) -> bool {
+    checkpoint
+        .metadata
+        .get("format")
+        .is_some_and(|format| format == <SpatialSettings as RunSettings<SpatialScene>>::FORMAT)
 }
 
 /// The scene that a backend's state holds.
 struct Restore<'a>(&'a CloudState);
+
+impl SpatialTask for Restore<'_> {
+    type Output = Result<SpatialScene, gs_core::Error>;
+
+    fn run<R: Rasterizer<SpatialScene>>(self, rasterizer: &R) -> Self::Output {
+        rasterizer.download(&rasterizer.restore(self.0)?)
+    }
+}
 
 impl Task for Restore<'_> {
     type Output = Result<PlanarScene, gs_core::Error>;
@@ -177,7 +216,7 @@ fn text(info: &Info) -> String {
     let each = info.bytes_per_gaussian.map_or_else(String::new, |each| format!(", {each:.1} a Gaussian"));
     rows.push(("size", format!("{} bytes{each}", info.bytes)));
     if let Some(render) = &info.render {
-        rows.push(("blend", format!("{:?}", render.effects.blend).to_lowercase()));
+        rows.push(("blend", render.effects.blend.name().to_owned()));
         rows.push(("background", format!("{:?}", render.backdrop())));
     }
     rows.push(("not finite", info.not_finite.to_string()));
@@ -186,15 +225,28 @@ fn text(info: &Info) -> String {
         let _ = writeln!(text, "{name:<20}{value}");
     }
     for (name, Range { min, median, max }) in &info.ranges {
-        let _ = writeln!(text, "{name:<20}{min:.4} to {max:.4}, median {median:.4}");
+        let [min, median, max] = [min, median, max].map(|value| number(*value));
+        let _ = writeln!(text, "{name:<20}{min} to {max}, median {median}");
     }
-    for (name, value) in &info.metadata {
+    text += &metadata_text(&info.metadata);
+    text.truncate(text.trim_end().len());
+    text
+}
+
+/// A value of a parameter, in as many digits as tell anything.
+fn number(value: f32) -> String {
+    Cell::Significant(value.into(), 5).to_string()
+}
+
+/// What a checkpoint says of itself, a line for each entry.
+fn metadata_text(metadata: &BTreeMap<String, String>) -> String {
+    let mut text = String::new();
+    for (name, value) in metadata {
         let _ = match name.as_str() {
             "metrics" => writeln!(text, "{name:<20}{} rows", value.lines().skip(1).count()),
             _ => writeln!(text, "{name:<20}{value}"),
         };
     }
-    text.truncate(text.trim_end().len());
     text
 }
 

@@ -2,6 +2,7 @@
 
 pub(crate) mod adapters;
 pub(crate) mod convert;
+pub(crate) mod doctor;
 pub(crate) mod eval;
 pub(crate) mod info;
 pub(crate) mod popping;

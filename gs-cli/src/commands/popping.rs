@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use gs_core::{Camera, Rasterizer, RenderSettings, Scene, SpatialScene};
+use gs_core::{Camera, Chart, Rasterizer, RenderSettings, Scene, SpatialScene};
 use gs_io::read_spatial;
 use gs_train::{
     experiments::{
@@ -20,7 +20,7 @@ use crate::{
     fit::folder::OutputFolder,
     output,
     paper::files,
-    shown::ShownArgs,
+    shown::{ShownArgs, why_empty},
     values::{Axis, Size},
 };
 
@@ -71,14 +71,14 @@ pub(crate) fn run(args: &PoppingArgs) -> Result<(), Failure> {
     if args.shown.has_order() {
         return Err(Failure::usage("--order: both orders are compared").mend("leave it out"));
     }
-    let scene = read_spatial(&args.scene)?.scene;
+    let scene = read_spatial(&args.scene).map_err(Failure::of_scene)?.scene;
     let bulk = cameras::bulk_of(&scene)?;
     let up = args.up.map_or(cameras::UP, |axis| axis.0);
     let first = cameras::overview(&bulk, args.size, up)?;
     let orbit = Orbit { center: bulk.center, axis: up, frames: args.places };
     first.validate().map_err(|error| Failure::usage(error).at("--size"))?;
     let flight = SlowOrbit { orbit, frames: args.frames, step_degrees: args.step / STRIDES[STRIDES.len() - 1] as f32 };
-    flight.stretches(&first).map_err(|error| Failure::usage(error).at("--step"))?;
+    flight.stretches(&first).map_err(|error| Failure::usage(error).at("--size, --step, --frames or --places"))?;
     let folder = OutputFolder::prepare(&args.output, "--output")?;
     let backend = Backend::start(&args.backend)?;
     output::note(&backend.reason);
@@ -107,6 +107,11 @@ impl SpatialTask for Fly<'_> {
 
     fn run<R: Rasterizer<SpatialScene>>(self, rasterizer: &R) -> Self::Output {
         let Self { scene, flight, first, render, what } = self;
+        let frame = rasterizer.forward(&rasterizer.upload(scene, Chart::ScaleRotation)?, &first, &render)?;
+        if let Some(why) = why_empty(rasterizer.culled(&frame)?, scene.len(), 1) {
+            output::note(format_args!("note: nothing of the scene is in the first frame: {why}"));
+        }
+        drop(frame);
         let compared: Comparison = compare(rasterizer, scene, &flight, &first, &render)?;
         let picture = compared.picture(rasterizer, scene, &render, &what)?;
         Ok(compared.findings(&what, picture))

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 
-use crate::{backend::BackendArgs, output::Format, values::Color};
+use crate::{backend::BackendArgs, effects::choice::EffectsArgs, output::Format, values::Color};
 
 const AFTER_HELP: &str = "\
 DIR then holds:
@@ -13,7 +13,8 @@ DIR then holds:
   scene.ply               the same as a flat scene for any viewer of 3D Gaussian splats
   ellipses.png            the Gaussians drawn as ellipses over the reconstruction
   metrics.csv             count, edits and loss at every 100th part of the steps and at each round of density
-                          control; L1 and PSNR, which cost a rendering, at every 20th part and at both ends
+                          control; at every 20th part and at both ends also L1, PSNR, what was culled and what was
+                          clamped, which cost a rendering; rows come as the fit goes on
   curve.png               count and loss over the steps
   settings.toml           all settings, to repeat the fit with --settings
   summary.json            what --json prints
@@ -54,8 +55,10 @@ pub(crate) struct FitArgs {
     #[command(flatten)]
     pub(crate) checkpoints: CheckpointArgs,
     /// Go on with a fit from its checkpoint, given the same image; it ends as if it had never stopped
-    #[arg(long, value_name = "FILE", conflicts_with_all = SETTLED, help_heading = "Checkpoints")]
+    #[arg(long, value_name = "FILE", conflicts_with_all = SETTLED, conflicts_with = "effects", help_heading = "Checkpoints")]
     pub(crate) resume: Option<PathBuf>,
+    #[command(flatten)]
+    pub(crate) effects: EffectsArgs,
     #[command(flatten)]
     pub(crate) backend: BackendArgs,
 }
@@ -138,12 +141,20 @@ pub(crate) struct SettingsArgs {
 #[derive(Debug, Clone, Args)]
 #[command(next_help_heading = "Checkpoints")]
 pub(crate) struct CheckpointArgs {
-    /// Where checkpoints go [default: DIR/checkpoint.safetensors, on Ctrl-C only]
+    /// Where checkpoints go [default: DIR/checkpoint.safetensors, on Ctrl-C; gs train also stores some on the way, and removes the file when it
+    /// is done]
     #[arg(long, value_name = "FILE")]
     pub(crate) checkpoint: Option<PathBuf>,
-    /// Save one about every so many steps [default: a tenth of all, if --checkpoint is given]
+    /// Save one about every so many steps [default: a tenth of all, if --checkpoint is given or a training has 2000 or more]
     #[arg(long, value_name = "STEPS", value_parser = clap::value_parser!(u32).range(1..))]
     pub(crate) checkpoint_every: Option<u32>,
+}
+
+impl CheckpointArgs {
+    /// Whether a flag asks for checkpoints.
+    pub(crate) fn are_asked_for(&self) -> bool {
+        self.checkpoint.is_some() || self.checkpoint_every.is_some()
+    }
 }
 
 /// Settings that belong together.
@@ -184,7 +195,7 @@ pub(crate) enum PolicyName {
     LongAxis,
     /// The paper's experiment: the top percents together with the fixed threshold
     Paper,
-    /// Move the transparent to the opaque and add 5 % a round, with noise between steps (3DGS-MCMC); for --blend over
+    /// Move the transparent to the opaque and add 5 % a round, with noise between steps (3DGS-MCMC); needs opacities, so for images --blend over
     Mcmc,
     /// Start with half, add the rest in four parts in proportion to the error (Image-GS)
     ImageGs,
@@ -232,7 +243,7 @@ pub(crate) enum BlendName {
 /// In which coordinates the optimiser moves a Gaussian.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(crate) enum ChartName {
-    /// Pixels, ln-scale and angle (3DGS)
+    /// Position, ln-scale and rotation (3DGS)
     ScaleRotation,
     /// The Gaussian's own frame: a step is the same fraction of every Gaussian
     LocalFrame,

@@ -1,8 +1,9 @@
 //! The folder that a command writes its results into.
 
 use std::{
-    fs, io,
+    env, fs, io,
     path::{Path, PathBuf},
+    process,
 };
 
 use gs_io::write_atomically;
@@ -26,7 +27,7 @@ impl OutputFolder {
                 .mend(format_args!("choose another folder with {flag}"))
         };
         fs::create_dir_all(path).map_err(failed)?;
-        let trial = path.join(format!(".gs-trial-{}", std::process::id()));
+        let trial = path.join(format!(".gs-trial-{}", process::id()));
         fs::write(&trial, []).and_then(|()| fs::remove_file(&trial)).map_err(failed)?;
         Ok(Self(path.to_owned()))
     }
@@ -47,6 +48,24 @@ impl OutputFolder {
     /// Where it cannot be written.
     pub(crate) fn write_text(&self, name: &str, text: &str) -> Result<(), Failure> {
         Ok(write_atomically(self.file(name), |file| file.write_all(text.as_bytes()))?)
+    }
+
+    /// Writes what cannot be made again without doing all the work again. Where the folder does not take it, as on a full disk, it goes into
+    /// the system's folder for temporary files.
+    ///
+    /// # Errors
+    /// Where it cannot be written into this folder, even if it could be saved elsewhere; then the failure says where it is.
+    pub(crate) fn write_precious(
+        &self,
+        name: &str,
+        write: impl Fn(&Path) -> Result<(), gs_io::Error>,
+    ) -> Result<(), Failure> {
+        let Err(error) = write(&self.file(name)) else { return Ok(()) };
+        let elsewhere = env::temp_dir().join(format!("gs-{}-{name}", process::id()));
+        Err(match write(&elsewhere) {
+            Ok(()) => Failure::from(error).mend(format_args!("it has been saved as {} instead", elsewhere.display())),
+            Err(_) => error.into(),
+        })
     }
 
     /// Writes a value as JSON.

@@ -6,10 +6,11 @@ pub(crate) mod arguments;
 pub(crate) mod folder;
 pub(crate) mod observers;
 pub(crate) mod progress;
-mod results;
+pub(crate) mod results;
 pub(crate) mod settings;
 pub(crate) mod target;
 pub(crate) mod terminal;
+pub(crate) mod trouble;
 
 use std::{
     path::{Path, PathBuf},
@@ -26,7 +27,7 @@ use crate::{
     fit::{
         arguments::{CheckpointArgs, Detail, FitArgs},
         folder::OutputFolder,
-        observers::{Checkpoints, Curve, StopOnInterrupt},
+        observers::{Checkpoints, Curve, LogFile, StopOnInterrupt},
         progress::Display,
         results::Results,
         target::Target,
@@ -45,7 +46,11 @@ pub(crate) fn run(args: &FitArgs) -> Result<(), Failure> {
     let target = Target::load(args.image.as_deref(), settings::background(&args.settings)?)?;
     let start = match &args.resume {
         Some(file) => Start::Resumed(Box::new(read_checkpoint(file)?), file.clone()),
-        None => Start::Fresh(Box::new(settings::resolve(&args.settings, &target)?)),
+        None => {
+            let mut settings = settings::resolve(&args.settings, &target)?;
+            settings.render = args.effects.before(&settings.render);
+            Start::Fresh(Box::new(settings))
+        }
     };
     let chosen = settings::chosen(&args.settings)?;
     let backend = Backend::start(&args.backend.or_chosen(chosen.as_ref().map(|chosen| &chosen.machine)))?;
@@ -97,17 +102,19 @@ impl Task for Fit<'_> {
         let Self { args, target, start, backend, started } = self;
         let (mut trainer, mut log) = start.begin(rasterizer, target)?;
         let folder = OutputFolder::prepare(&args.output, "--output")?;
-        let mut checkpoints = checkpoints(&args.checkpoints, &folder, trainer.settings().iterations)?;
+        let mut checkpoints = checkpoints(&args.checkpoints, &folder, trainer.settings().iterations, None)?;
         announce(args, target, backend, &trainer);
 
-        let results = Results { folder: &folder, target, backend, pictures: args.pictures(), started };
-        let ended = follow(args.detail(), &mut trainer, &mut log, &mut checkpoints).and_then(|(outcome, curve)| {
+        let (effects, pictures) = (&args.effects, args.pictures());
+        let seconds_before = args.resume.as_ref().map_or(0.0, |_| trainer.seconds());
+        let results = Results { folder: &folder, target, backend, effects, pictures, started, seconds_before };
+        let ended = follow(args.detail(), &mut trainer, &mut log, &folder, &mut checkpoints);
+        let ended = ended.and_then(|(outcome, curve)| {
             let summary = results.write(rasterizer, &trainer, &log.to_csv(), &curve.0)?;
             Ok((outcome, summary))
         });
-        let (outcome, summary) = ended.map_err(|failure| match failure.is_of_backend() {
-            true => failure.mend(way_on(&checkpoints, args.resume.as_deref(), |file| resuming(args, target, file))),
-            false => failure,
+        let (outcome, summary) = ended.map_err(|failure| {
+            with_way_on(failure, &checkpoints, args.resume.as_deref(), |file| resuming(args, target, file))
         })?;
         match args.format() {
             Format::Json => output::json(&summary)?,
@@ -129,6 +136,7 @@ pub(crate) fn follow<R: Rasterizer<S>, S: Trainable>(
     detail: Detail,
     trainer: &mut Trainer<'_, R, S>,
     log: &mut MetricsLog,
+    folder: &OutputFolder,
     checkpoints: &mut Checkpoints,
 ) -> Result<(Outcome, Curve), Failure> {
     let mut display = Display::new(trainer.step(), trainer.settings().iterations(), detail);
@@ -136,7 +144,8 @@ pub(crate) fn follow<R: Rasterizer<S>, S: Trainable>(
     let interrupt = Interrupt::listen(voice.clone());
     let mut curve = Curve::begun_by(log);
     let stop = StopOnInterrupt(&interrupt);
-    let outcome = trainer.run(&mut ((&mut display, &mut *log), (&mut curve, (&mut *checkpoints, stop))));
+    let mut file = LogFile::begin(folder.file("metrics.csv"), log, voice.clone())?;
+    let outcome = trainer.run(&mut ((&mut display, &mut file), (&mut curve, (&mut *checkpoints, stop))));
     voice.clear();
     let outcome = outcome?;
     if outcome == Outcome::Stopped {
@@ -169,11 +178,12 @@ fn not_resumed(error: gs_train::Error, file: &Path) -> Failure {
     if wrong_target { failure.mend("give the same image and --background") } else { failure }
 }
 
-/// Where checkpoints go and how often, in a folder that is known to take them.
+/// Where checkpoints go and how often, in a folder that is known to take them; `unasked` is how often where no flag says so.
 pub(crate) fn checkpoints(
     args: &CheckpointArgs,
     folder: &OutputFolder,
     iterations: u32,
+    unasked: Option<u32>,
 ) -> Result<Checkpoints, Failure> {
     let CheckpointArgs { checkpoint, checkpoint_every } = args;
     let file = checkpoint_file(args, folder.path());
@@ -181,7 +191,7 @@ pub(crate) fn checkpoints(
         OutputFolder::prepare(parent, "--checkpoint")?;
     }
     let tenth = checkpoint.as_ref().map(|_| (iterations / 10).max(1));
-    Ok(Checkpoints { file, every: checkpoint_every.or(tenth), stored: false })
+    Ok(Checkpoints { file, every: checkpoint_every.or(tenth).or(unasked), stored: false })
 }
 
 fn announce<R: Rasterizer<PlanarScene>>(args: &FitArgs, target: &Target, backend: &Backend, trainer: &Trainer<'_, R>) {
@@ -201,12 +211,25 @@ fn announce<R: Rasterizer<PlanarScene>>(args: &FitArgs, target: &Target, backend
     ));
 }
 
-/// How to go on where the backend failed under way: from the last checkpoint, which is as it was.
-pub(crate) fn way_on(checkpoints: &Checkpoints, resumed: Option<&Path>, resuming: impl Fn(&Path) -> String) -> String {
-    match if checkpoints.stored { Some(checkpoints.file.as_path()) } else { resumed } {
+/// Adds to a failure under way how to go on: from the last checkpoint, which is as it was. Nothing to another failure.
+pub(crate) fn with_way_on(
+    failure: Failure,
+    checkpoints: &Checkpoints,
+    resumed: Option<&Path>,
+    resuming: impl Fn(&Path) -> String,
+) -> Failure {
+    if !failure.is_of_backend() && !failure.is_divergence() {
+        return failure;
+    }
+    let last = if checkpoints.stored { Some(checkpoints.file.as_path()) } else { resumed };
+    let way = match last {
+        Some(file) if failure.is_divergence() => {
+            format!("the last good checkpoint is {}, from which it would end the same", quoted(file))
+        }
         Some(file) => format!("to go on from the last checkpoint: {}", resuming(file)),
         None => "no checkpoint was stored yet; --checkpoint FILE stores some as the work goes on".to_owned(),
-    }
+    };
+    failure.mend(way)
 }
 
 /// The command that goes on from a checkpoint.
@@ -274,21 +297,43 @@ mod tests {
         assert_eq!(failure.status(), ExitCode::FAILURE);
         assert!(read_checkpoint(&state).is_ok());
         assert_eq!(place.path().read_dir().unwrap().count(), 2, "the folder and the checkpoint");
-        assert_eq!(output.read_dir().unwrap().count(), 0, "no results, and nothing half-written");
+        let left: Vec<_> = output.read_dir().unwrap().map(|entry| entry.unwrap().file_name()).collect();
+        assert_eq!(left, ["metrics.csv"], "no results, and nothing half-written");
+        let metrics = std::fs::read_to_string(output.join("metrics.csv")).unwrap();
+        assert!(metrics.lines().nth(1).is_some_and(|row| row.starts_with("1,")), "{metrics}");
     }
 
     #[test]
     fn the_way_on_begins_from_the_last_checkpoint_there_is() {
         let target = Target { image: paper_target(), file: Some("a b.png".into()), behind: None, remark: None };
+        let lost = Failure::from(gs_core::Error::Backend { backend: "wgpu", message: "lost".to_owned() });
         let way_on = |words: &[&str], stored| {
             let args = flags(words);
             let checkpoints = Checkpoints { file: "new".into(), every: Some(1), stored };
-            way_on(&checkpoints, args.resume.as_deref(), |file| resuming(&args, &target, file))
+            let resuming = |file: &Path| resuming(&args, &target, file);
+            with_way_on(lost.clone(), &checkpoints, args.resume.as_deref(), resuming).line().unwrap()
         };
         assert!(way_on(&[], false).contains("no checkpoint was stored yet; --checkpoint FILE"));
         assert!(way_on(&[], true).ends_with(": gs fit 'a b.png' -o gs-out --resume new"));
         assert!(way_on(&["--resume", "old"], false).ends_with("--resume old"));
         assert!(way_on(&["--resume", "old"], true).ends_with("--resume new"));
+    }
+
+    #[test]
+    fn after_a_divergence_the_last_good_checkpoint_is_named() {
+        let line = |error: gs_train::Error, stored| {
+            let checkpoints = Checkpoints { file: "new".into(), every: Some(1), stored };
+            with_way_on(error.into(), &checkpoints, None, |_| unreachable!("nothing is gained by going on"))
+                .line()
+                .unwrap()
+        };
+        let diverged = || gs_train::Error::Diverged { step: 7, loss: f32::NAN, suspect: None };
+        assert!(line(diverged(), true).contains("at step 7") && line(diverged(), true).contains("checkpoint is new,"));
+        assert!(line(diverged(), false).contains("no checkpoint was stored yet"));
+        assert_eq!(
+            line(gs_train::Error::Checkpoint("x".to_owned()), true),
+            "error: the checkpoint cannot be resumed: x"
+        );
     }
 
     #[test]

@@ -1,11 +1,77 @@
 //! The observers of a fit besides its display: one for each thing that happens while it runs.
 
-use std::path::PathBuf;
+use std::{fs::File, io::Write, path::PathBuf};
 
+use gs_core::edit::EditCounts;
 use gs_io::{Checkpoint, write_checkpoint};
 use gs_train::{Control, Error, MetricsLog, Observer, Progress};
 
-use crate::{interrupt::Interrupt, report::curve::Point};
+use crate::{failure::Failure, fit::progress::Voice, interrupt::Interrupt, report::curve::Point};
+
+/// Adds the rows of a log to its file as they come, so that whatever ends the work leaves them behind.
+pub(crate) struct LogFile<'a> {
+    log: &'a mut MetricsLog,
+    /// None once it took no more.
+    file: Option<File>,
+    path: PathBuf,
+    /// Rows that it has.
+    written: usize,
+    voice: Voice,
+}
+
+impl<'a> LogFile<'a> {
+    /// Begins the file anew, with the rows that the log has already.
+    ///
+    /// # Errors
+    /// Where it cannot be written.
+    pub(crate) fn begin(path: PathBuf, log: &'a mut MetricsLog, voice: Voice) -> Result<Self, Failure> {
+        let begun = File::create(&path).and_then(|mut file| {
+            file.write_all(log.to_csv().as_bytes())?;
+            Ok(file)
+        });
+        match begun {
+            Ok(file) => Ok(Self { written: log.rows().len(), log, file: Some(file), path, voice }),
+            Err(error) => {
+                let mend = "choose another folder with --output";
+                Err(Failure::failed(format_args!("cannot be written: {error}")).at(path.display()).mend(mend))
+            }
+        }
+    }
+
+    /// Adds what is new. A full disk is no reason to lose the work: the rest of the table is written at the end, with the results.
+    fn catch_up(&mut self) {
+        let Some(file) = self.file.as_mut().filter(|_| self.log.rows().len() > self.written) else { return };
+        if let Err(error) = file.write_all(self.log.csv_from(self.written).as_bytes()) {
+            let path = self.path.display();
+            self.voice.say(format_args!("note: {path}: cannot be written: {error}; the work goes on without it"));
+            self.file = None;
+        }
+        self.written = self.log.rows().len();
+    }
+}
+
+impl Observer for LogFile<'_> {
+    fn on_edit(&mut self, progress: &Progress, counts: &EditCounts) {
+        self.log.on_edit(progress, counts);
+    }
+
+    fn wants_quality(&mut self, progress: &Progress) -> bool {
+        self.log.wants_quality(progress)
+    }
+
+    fn on_step(&mut self, progress: &Progress) -> Control {
+        self.log.on_step(progress)
+    }
+
+    fn on_losses(&mut self, first_step: u32, losses: &[f32]) {
+        self.log.on_losses(first_step, losses);
+        self.catch_up();
+    }
+
+    fn on_checkpoint(&mut self, checkpoint: &mut Checkpoint) -> Result<(), Error> {
+        self.log.on_checkpoint(checkpoint)
+    }
+}
 
 /// Stops the fit on Ctrl-C.
 pub(crate) struct StopOnInterrupt<'a>(pub(crate) &'a Interrupt);

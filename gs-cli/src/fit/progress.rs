@@ -11,7 +11,7 @@ use gs_train::{Control, Observer, Progress};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use crate::{
-    fit::{arguments::Detail, terminal::Terminal},
+    fit::{arguments::Detail, terminal::Terminal, trouble::Trouble},
     output,
 };
 
@@ -37,6 +37,10 @@ pub(crate) struct Display {
     measure_at: Instant,
     /// The last PSNR that was measured or estimated, dB.
     psnr: Option<f64>,
+    /// What is wrong, as far as it is known.
+    trouble: Trouble,
+    /// Whether that has been said above a bar, in which there is no room for it.
+    warned: bool,
 }
 
 /// Says something from any thread, above the bar where there is one.
@@ -85,7 +89,18 @@ impl Display {
             Kind::Lines(0)
         };
         let now = Instant::now();
-        Self { kind, detail, started: now, first_step: step, drawn: now, measured: None, measure_at: now, psnr: None }
+        Self {
+            kind,
+            detail,
+            started: now,
+            first_step: step,
+            drawn: now,
+            measured: None,
+            measure_at: now,
+            psnr: None,
+            trouble: Trouble::default(),
+            warned: false,
+        }
     }
 
     /// What speaks without disturbing the display.
@@ -108,7 +123,15 @@ impl Display {
 
     fn line(&self, progress: &Progress) -> String {
         let Progress { step, iterations, .. } = progress;
-        format!("step {step}/{iterations}  {}", self.state(progress))
+        format!("step {step}/{iterations}  {}{}", self.state(progress), self.trouble)
+    }
+
+    /// Says once that something is wrong where there is a bar; lines have room to say it in each.
+    fn warn(&mut self, progress: &Progress) {
+        if !self.warned && self.trouble.is_serious() && matches!(self.kind, Kind::Bar(_)) {
+            self.voice().say(format_args!("note: step {}{}", progress.step, self.trouble));
+            self.warned = true;
+        }
     }
 
     /// Steps per second of this run, which may not be the first of its fit.
@@ -136,6 +159,7 @@ fn round(progress: &Progress, counts: &EditCounts) -> String {
 
 impl Observer for Display {
     fn on_edit(&mut self, progress: &Progress, counts: &EditCounts) {
+        self.trouble.add_edits(counts);
         if self.detail == Detail::Rounds {
             self.voice().say(round(progress, counts));
         }
@@ -150,6 +174,10 @@ impl Observer for Display {
 
     fn on_step(&mut self, progress: &Progress) -> Control {
         self.psnr = progress.psnr().or(self.psnr);
+        if let Some(quality) = &progress.quality {
+            self.trouble.see(quality.culled, quality.clamped);
+        }
+        self.warn(progress);
         if let Some(measured) = self.measured.take() {
             let pause = MEASURE.max(measured.elapsed() * MEASURE_SHARE);
             self.measure_at = Instant::now() + pause;

@@ -3,15 +3,20 @@
 
 use std::{path::Path, thread, time::Instant};
 
-use gs_core::{Blend, Canvas, Image, PlanarScene, Rasterizer, RenderSettings, Scene, effects::Statistics};
+use gs_core::{
+    Blend, Canvas, Image, PlanarScene, Rasterizer, RenderSettings, Scene,
+    effects::{Statistics, called_for::Verdict},
+    examination::{self, Examinable},
+};
 use gs_io::{PlanarFile, PlyColors, write_ply, write_png, write_scene};
 use gs_train::{FitSummary, Trainer};
 use serde::Serialize;
 
 use crate::{
     backend::Backend,
+    effects::choice::{EffectsArgs, told},
     failure::Failure,
-    fit::{arguments::Pictures, folder::OutputFolder, settings, target::Target},
+    fit::{arguments::Pictures, folder::OutputFolder, settings, target::Target, trouble::Trouble},
     output,
     report::{
         curve::{self, Point},
@@ -28,22 +33,26 @@ pub(crate) struct Summary {
     adapter: Option<String>,
     /// SIMD level; none on a GPU.
     simd: Option<String>,
-    /// The whole time of the program, pictures included, s.
+    /// The whole time of the program, pictures included, and that of the fit before it was resumed, s.
     total_seconds: f64,
     /// The image; none is the paper's circle and square.
     image: Option<String>,
+    /// Which effects the scene calls for at the image's size, and why.
+    effects: Vec<Verdict>,
 }
 
 impl Summary {
     /// The summary for people.
     pub(crate) fn text(&self, folder: &Path) -> String {
-        let FitSummary { gaussians, iterations, seconds, psnr, ssim, ms_ssim, .. } = &self.fit;
+        let FitSummary { gaussians, iterations, seconds, psnr, ssim, ms_ssim, edits, culled, clamped, .. } = &self.fit;
+        let trouble = Trouble::new(edits, *culled, *clamped);
         let ms_ssim = ms_ssim.map_or_else(String::new, |value| format!(", MS-SSIM {value:.4}"));
         format!(
             "{gaussians} Gaussians after {iterations} steps in {seconds:.2} s ({:.2} s in all): PSNR {psnr:.2} dB, SSIM \
-             {ssim:.4}{ms_ssim}; see {}",
+             {ssim:.4}{ms_ssim}{trouble}; see {}\n{}",
             self.total_seconds,
-            folder.display()
+            folder.display(),
+            told(&self.effects)
         )
     }
 }
@@ -53,13 +62,17 @@ pub(crate) struct Results<'a> {
     pub(crate) folder: &'a OutputFolder,
     pub(crate) target: &'a Target,
     pub(crate) backend: &'a Backend,
+    pub(crate) effects: &'a EffectsArgs,
     pub(crate) pictures: Pictures,
     /// When the program began.
     pub(crate) started: Instant,
+    /// Time spent before, as the checkpoint that was resumed has it, s.
+    pub(crate) seconds_before: f64,
 }
 
 impl Results<'_> {
-    /// Writes them all; pictures are made and packed side by side with the measuring of the quality.
+    /// Writes them all, the scene first, and the others even where one fails; pictures are made and packed side by side with the measuring of
+    /// the quality.
     ///
     /// # Errors
     /// Where a file cannot be written.
@@ -70,10 +83,12 @@ impl Results<'_> {
         metrics: &str,
         points: &[Point],
     ) -> Result<Summary, Failure> {
-        let (reconstruction, culled) = trainer.render()?;
-        let (width, height) = reconstruction.size();
         let render = shown(trainer.settings().render);
-        let file = PlanarFile { scene: trainer.scene()?, width, height, settings: render };
+        let (width, height) = trainer.target().size();
+        let file = PlanarFile { scene: sound(trainer.scene()?)?, width, height, settings: render };
+        // Before anything else: all the rest can be made of it again.
+        let saved = self.folder.write_precious("scene.gs2d.safetensors", |path| write_scene(path, &file));
+        let (reconstruction, culled) = trainer.render()?;
         let large = ellipses::canvas_for(Canvas::new(width, height));
         let backdrop = match self.pictures {
             Pictures::All => Some(rasterizer.render(&file.scene, &large, &render)?),
@@ -91,21 +106,25 @@ impl Results<'_> {
                 })
             });
             let files = scope.spawn(|| {
-                write_png(self.folder.file("reconstruction.png"), &reconstruction)?;
-                self.write_scene(&file, &reconstruction)?;
-                self.folder.write_text("metrics.csv", metrics)?;
-                self.folder.write_text("settings.toml", &settings)?;
-                match self.pictures {
-                    Pictures::All => self.write_curve(points, &title),
-                    Pictures::Reconstruction => {
-                        ["ellipses.png", "curve.png"].iter().try_for_each(|name| self.folder.leave_out(name))
-                    }
-                }
+                Failure::first_of([
+                    saved,
+                    write_png(self.folder.file("reconstruction.png"), &reconstruction).map_err(Failure::from),
+                    self.write_ply(&file, &reconstruction),
+                    self.folder.write_text("metrics.csv", metrics),
+                    self.folder.write_text("settings.toml", &settings),
+                    match self.pictures {
+                        Pictures::All => self.write_curve(points, &title),
+                        Pictures::Reconstruction => {
+                            ["ellipses.png", "curve.png"].iter().try_for_each(|name| self.folder.leave_out(name))
+                        }
+                    },
+                ])
             });
             let fit = FitSummary::new(trainer, &reconstruction, culled).map_err(Failure::from);
-            for thread in ellipses.into_iter().chain([files]) {
-                thread.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))?;
-            }
+            let threads = [files].into_iter().chain(ellipses);
+            Failure::first_of(
+                threads.map(|thread| thread.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))),
+            )?;
             fit
         })?;
         let summary = Summary {
@@ -116,15 +135,15 @@ impl Results<'_> {
             },
             adapter: self.backend.adapter.clone(),
             simd: self.backend.simd.clone(),
-            total_seconds: self.started.elapsed().as_secs_f64(),
+            total_seconds: self.seconds_before + self.started.elapsed().as_secs_f64(),
             image: self.target.file.as_ref().map(|file| file.display().to_string()),
+            effects: self.effects.choose(scene, &[Canvas::new(width, height)], &render).verdicts,
         };
         self.folder.write_json("summary.json", &summary)?;
         Ok(summary)
     }
 
-    fn write_scene(&self, file: &PlanarFile, reconstruction: &Image) -> Result<(), Failure> {
-        write_scene(self.folder.file("scene.gs2d.safetensors"), file)?;
+    fn write_ply(&self, file: &PlanarFile, reconstruction: &Image) -> Result<(), Failure> {
         if file.scene.is_empty() {
             output::note("note: no Gaussian is left, so there is no scene.ply");
             return self.folder.leave_out("scene.ply");
@@ -140,6 +159,15 @@ impl Results<'_> {
         let picture = curve::draw(points, title).map_err(|error| Failure::failed(error).at("curve.png"))?;
         Ok(write_png(self.folder.file("curve.png"), &picture)?)
     }
+}
+
+/// The scene without what cannot be drawn, which a fit that was stopped may hold, and which no file takes; told where there is any.
+pub(crate) fn sound<S: Examinable>(mut scene: S) -> Result<S, Failure> {
+    match examination::repair(&mut scene)?.removed {
+        0 => {}
+        removed => output::note(format_args!("note: {removed} Gaussians are not finite and are left out of the scene")),
+    }
+    Ok(scene)
 }
 
 /// What a scene is shown with: statistics are a matter of training.

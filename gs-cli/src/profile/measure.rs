@@ -3,16 +3,17 @@
 use std::time::Instant;
 
 use gs_core::{
-    Binning, Canvas, Error, PlanarScene, Rasterizer, Scene, TrainStep, Wait,
+    Binning, Chart, Error, Loss, PlanarScene, Rasterizer, RenderSettings, Scene, SpatialScene, TrainStep, Wait,
     profile::{Profiler, still},
 };
 
 use crate::{
-    backend::{Backend, Task},
+    backend::{Backend, SpatialTask, Task},
     failure::Failure,
     profile::{
         report::{Facts, Report},
-        subject::Subject,
+        space::SpatialSubject,
+        subject::{Compared, Subject},
     },
 };
 
@@ -20,10 +21,22 @@ use crate::{
 const STEPS: u32 = 4;
 
 /// Profiling as a task for any backend.
-pub(crate) struct Measure<'a> {
-    pub(crate) subject: Subject,
+pub(crate) struct Measure<'a, S> {
+    pub(crate) subject: S,
     pub(crate) backend: &'a Backend,
     pub(crate) repetitions: usize,
+}
+
+/// The Gaussians, where they are seen from, and the image that they are compared with.
+pub(crate) struct Ready<S: Scene> {
+    pub(crate) scene: S,
+    pub(crate) view: S::View,
+    pub(crate) target: Compared,
+    pub(crate) render: RenderSettings,
+    pub(crate) loss: Loss,
+    pub(crate) chart: Chart,
+    /// Steps in which they were fitted.
+    pub(crate) fitted_steps: Option<u32>,
 }
 
 /// Seconds of whole passes, one each per repetition; of training steps, means over [`STEPS`].
@@ -37,27 +50,56 @@ pub(crate) struct Whole {
     pub(crate) forward: Vec<f64>,
 }
 
-impl Task for Measure<'_> {
+impl Task for Measure<'_, Subject> {
     type Output = Result<Report, Failure>;
 
     fn run<R: Profiler<PlanarScene>>(self, rasterizer: &R) -> Result<Report, Failure> {
-        let Self { mut subject, backend, repetitions } = self;
-        let ready = subject.prepare(rasterizer)?;
-        let Subject { canvas, render, loss, chart, .. } = subject;
-        let mut cloud = rasterizer.upload(&ready.scene, chart)?;
-        let target = rasterizer.upload_target(&ready.target)?;
-        let profile = rasterizer.profile(&mut cloud, &canvas, &target, &render, loss, repetitions)?;
+        let Self { subject, backend, repetitions } = self;
+        let about = About { input: subject.file.clone(), name: subject.name.clone(), repetitions };
+        about.report(rasterizer, subject.prepare(rasterizer)?, backend)
+    }
+}
+
+impl SpatialTask for Measure<'_, SpatialSubject> {
+    type Output = Result<Report, Failure>;
+
+    fn run<R: Profiler<SpatialScene>>(self, rasterizer: &R) -> Result<Report, Failure> {
+        let Self { subject, backend, repetitions } = self;
+        let about = About { input: Some(subject.name.clone()), name: subject.name.clone(), repetitions };
+        about.report(rasterizer, subject.prepare(rasterizer)?, backend)
+    }
+}
+
+/// What of a report is the same for both kinds of scenes.
+struct About {
+    input: Option<String>,
+    name: String,
+    repetitions: usize,
+}
+
+impl About {
+    fn report<S: Scene, R: Profiler<S>>(
+        self,
+        rasterizer: &R,
+        ready: Ready<S>,
+        backend: &Backend,
+    ) -> Result<Report, Failure> {
+        let Self { input, name, repetitions } = self;
+        let Ready { scene, view, target, render, loss, chart, fitted_steps } = ready;
+        let mut cloud = rasterizer.upload(&scene, chart)?;
+        let uploaded = rasterizer.upload_target(&target.image)?;
+        let profile = rasterizer.profile(&mut cloud, &view, &uploaded, &render, loss, repetitions)?;
         let rates = still();
         let step = TrainStep { settings: &render, loss, rates: &rates, binning: Binning::Fresh };
-        let whole = whole(rasterizer, &mut cloud, (&canvas, &target), &step, repetitions)?;
+        let whole = whole(rasterizer, &mut cloud, (&view, &uploaded), &step, repetitions)?;
         let facts = Facts {
-            input: subject.file,
-            name: subject.name,
-            gaussians: ready.scene.len(),
-            fitted_steps: ready.fitted_steps,
-            target: ready.target_name,
-            canvas,
-            blend: render.effects.blend,
+            input,
+            name,
+            gaussians: scene.len(),
+            fitted_steps,
+            target: target.name,
+            size: target.image.size(),
+            effects: render.effects,
             loss,
             chart,
             repetitions,
@@ -68,10 +110,10 @@ impl Task for Measure<'_> {
 
 /// Runs whole passes, interleaved, after one of each without looking at the clock. The rates of `step` should be such that the
 /// Gaussians stay where they are.
-fn whole<R: Rasterizer<PlanarScene>>(
+fn whole<S: Scene, R: Rasterizer<S>>(
     rasterizer: &R,
     cloud: &mut R::Cloud,
-    (canvas, target): (&Canvas, &R::Target),
+    (view, target): (&S::View, &R::Target),
     step: &TrainStep<'_>,
     repetitions: usize,
 ) -> Result<Whole, Error> {
@@ -79,7 +121,7 @@ fn whole<R: Rasterizer<PlanarScene>>(
     let mut train = |cloud: &mut R::Cloud, binning: Binning| {
         let start = Instant::now();
         for _ in 0..STEPS {
-            rasterizer.train_step(cloud, canvas, target, &TrainStep { binning, ..*step })?;
+            rasterizer.train_step(cloud, view, target, &TrainStep { binning, ..*step })?;
         }
         losses.clear();
         rasterizer.losses(cloud, Wait::All, &mut losses)?;
@@ -90,7 +132,7 @@ fn whole<R: Rasterizer<PlanarScene>>(
         let fresh = train(cloud, Binning::Fresh)?;
         let reused = train(cloud, Binning::Reuse)?;
         let start = Instant::now();
-        let frame = rasterizer.forward(cloud, canvas, step.settings)?;
+        let frame = rasterizer.forward(cloud, view, step.settings)?;
         let forward = start.elapsed().as_secs_f64();
         drop(frame);
         if repetition > 0 {

@@ -2,6 +2,7 @@
 
 mod measure;
 mod report;
+mod space;
 mod subject;
 
 use std::path::PathBuf;
@@ -17,19 +18,21 @@ use crate::{
         folder::OutputFolder,
     },
     output,
-    profile::{measure::Measure, subject::Subject},
-    values::Size,
+    profile::{measure::Measure, space::SpatialSubject, subject::Subject},
+    shown::ShownArgs,
+    values::{Size, ViewName},
 };
 
 const AFTER_HELP: &str = "\
-INPUT is taken as it comes: a scene is profiled as it is; an image, or the circle and square, is fitted first, in a few steps and on the \
-same backend, and then profiled with the Gaussians as they are. No step that is measured moves them.
+INPUT is taken as it comes: a scene is profiled as it is, one in space (PLY, .splat, SPZ, glTF) from a view of a data set or from where it \
+is seen whole; an image, or the circle and square, is fitted first, in a few steps and on the same backend, and then profiled with the \
+Gaussians as they are. No step that is measured moves them.
 
 A row of the table is a stage of a training step: its median time and 10 % and 90 % quantiles; its share of the sum; the pairs of a \
 pixel and a Gaussian that it visits in a second; the bytes that it reads and writes at least, counted from the sizes of its arrays and \
 not measured (each entry of a tile's list with its Gaussian, and each other array once in each pass), and their rate. A stage that a \
 training step does not run, because another one does its work in the same pass, has no share. Below stand whole training steps (means \
-over 4, sent one behind the other as in a fit), with lists made anew and with those of the step before, and the forward pass alone, as \
+over 4, sent one behind the other as in a fit), with lists made anew and with those of the step before (in space always anew), and the forward pass alone, as \
 a caller sees them.
 
 On a GPU the stages' times are the device's own where the adapter has timestamps, and those of the host otherwise, waiting after each \
@@ -52,7 +55,7 @@ pub(crate) struct ProfileArgs {
     /// How often each stage is measured
     #[arg(short, long, value_name = "R", default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..=100_000))]
     repetitions: u32,
-    /// Size of the canvas [default: that of the image, or of the one that the scene was made for]
+    /// Size of the canvas [default: that of the image, or of the one that the scene was made for; in space that of the view, or 800x600]
     #[arg(long, value_name = "WxH")]
     size: Option<Size>,
     /// What a scene is compared with, an image of the canvas' size [default: its own rendering]
@@ -64,17 +67,28 @@ pub(crate) struct ProfileArgs {
     /// Steps in which an image is fitted [default: 100]
     #[arg(short, long, value_name = "K")]
     iterations: Option<u32>,
-    /// What is minimised [default: l2, or the paper's for the circle and square]
+    /// What is minimised [default: l2; l1-dssim for the circle and square and in space]
     #[arg(long, value_enum, value_name = "LOSS")]
     loss: Option<LossName>,
-    /// How the Gaussians at a pixel become its colour [default: as the scene has it; sum for images]
+    /// How the Gaussians at a pixel become its colour [default: as the scene has it; sum for images, over in space]
     #[arg(long, value_enum, value_name = "BLEND")]
     blend: Option<BlendName>,
-    /// In which coordinates the optimiser moves [default: local-frame, or the paper's for the circle and square]
+    /// In which coordinates the optimiser moves [default: local-frame; scale-rotation for the circle and square and in space]
     #[arg(long, value_enum, value_name = "CHART")]
     chart: Option<ChartName>,
+    /// From where a photograph of a data set was taken [default: the whole scene from a little above]
+    #[arg(long, value_name = "DATASET:VIEW", help_heading = "Scenes in space")]
+    camera: Option<ViewName>,
+    #[command(flatten)]
+    shown: ShownArgs,
     #[command(flatten)]
     backend: BackendArgs,
+}
+
+/// What is profiled, of either kind.
+enum AnySubject {
+    Planar(Box<Subject>),
+    Spatial(Box<SpatialSubject>),
 }
 
 /// Profiles a scene or an image, prints the table, and writes it to files if a folder for them is named.
@@ -82,10 +96,21 @@ pub(crate) struct ProfileArgs {
 /// # Errors
 /// Where input, flags or the output folder are not possible, or the backend fails.
 pub(crate) fn run(args: &ProfileArgs) -> Result<(), Failure> {
-    let subject = Subject::load(args)?;
+    let subject = match &args.input {
+        Some(path) if gs_io::spatial_format(path)?.is_some() => {
+            AnySubject::Spatial(Box::new(SpatialSubject::load(path, args)?))
+        }
+        _ => AnySubject::Planar(Box::new(Subject::load(args)?)),
+    };
     let backend = Backend::start(&args.backend)?;
     let folder = args.output.as_ref().map(|path| OutputFolder::prepare(path, "--output")).transpose()?;
-    let report = backend.run(Measure { subject, backend: &backend, repetitions: args.repetitions as usize })?;
+    let repetitions = args.repetitions as usize;
+    let report = match subject {
+        AnySubject::Planar(subject) => backend.run(Measure { subject: *subject, backend: &backend, repetitions }),
+        AnySubject::Spatial(subject) => {
+            backend.run_spatial(Measure { subject: *subject, backend: &backend, repetitions })
+        }
+    }?;
     if let Some(folder) = &folder {
         let write = |name: &str, text: String| {
             write_atomically(folder.file(name), |file| file.write_all(text.as_bytes())).map_err(Failure::from)

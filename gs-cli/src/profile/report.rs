@@ -3,7 +3,8 @@
 use std::fmt::Write;
 
 use gs_core::{
-    Blend, Canvas, Chart, Loss,
+    Blend, Chart, Effects, Loss,
+    effects::{Antialias, Order},
     profile::{Clock, Profile, Quantiles, StageTime},
 };
 use serde::Serialize;
@@ -17,8 +18,9 @@ pub(crate) struct Facts {
     pub(crate) gaussians: usize,
     pub(crate) fitted_steps: Option<u32>,
     pub(crate) target: String,
-    pub(crate) canvas: Canvas,
-    pub(crate) blend: Blend,
+    /// Columns and rows, px.
+    pub(crate) size: (u32, u32),
+    pub(crate) effects: Effects,
     pub(crate) loss: Loss,
     pub(crate) chart: Chart,
     pub(crate) repetitions: usize,
@@ -39,6 +41,9 @@ pub(crate) struct Report {
     width: u32,
     height: u32,
     blend: Blend,
+    order: Order,
+    antialias: Antialias,
+    sh_degree: u8,
     loss: Loss,
     chart: Chart,
     /// Entries of all tiles' lists.
@@ -136,16 +141,19 @@ impl Report {
             Clock::RoundTrip { why } => (ClockName::RoundTrip, Some(why.clone())),
             Clock::Device => (ClockName::Device, None),
         };
-        let Facts { input, name, gaussians, fitted_steps, target, canvas, blend, loss, chart, repetitions } = facts;
+        let Facts { input, name, gaussians, fitted_steps, target, size, effects, loss, chart, repetitions } = facts;
         Self {
             input,
             name,
             gaussians,
             fitted_steps,
             target,
-            width: canvas.width,
-            height: canvas.height,
-            blend,
+            width: size.0,
+            height: size.1,
+            blend: effects.blend,
+            order: effects.order,
+            antialias: effects.antialias,
+            sh_degree: effects.sh_degree,
             loss,
             chart,
             entries: profile.entries,
@@ -233,21 +241,16 @@ impl Report {
     fn head(&self) -> String {
         let Self { reason, name, width, height, target, clock_text, repetitions, .. } = self;
         let fitted = self.fitted_steps.map_or_else(String::new, |steps| format!(", fitted in {steps} steps"));
-        let blend = match self.blend {
-            Blend::Sum => "sum",
-            Blend::Over => "over",
-        };
-        let loss = match self.loss {
-            Loss::L1 => "l1",
-            Loss::L2 => "l2",
-            Loss::L1Dssim { .. } => "l1-dssim",
-        };
-        let chart = match self.chart {
-            Chart::ScaleRotation => "scale-rotation",
-            Chart::LocalFrame => "local-frame",
+        let (blend, loss, chart) = (self.blend.name(), self.loss.name(), self.chart.name());
+        // What an image's scene never needs is not told of one.
+        let effects = match self.order {
+            Order::Index => String::new(),
+            order => {
+                format!(", order {}, antialias {}, SH degree {}", order.name(), self.antialias.name(), self.sh_degree)
+            }
         };
         format!(
-            "{reason}\n{name}: {} Gaussians{fitted}; {width}x{height} px, {blend}, {loss}, {chart}; target: {target}\n\
+            "{reason}\n{name}: {} Gaussians{fitted}; {width}x{height} px, {blend}{effects}, {loss}, {chart}; target: {target}\n\
              {} entries in tiles' lists, {} pairs of a pixel and a Gaussian\nclock of the stages: {clock_text}; \
              {repetitions} repetitions\n",
             self.gaussians, self.entries, self.pairs

@@ -1,4 +1,4 @@
-//! What is profiled: Gaussians on a canvas, from a scene or fitted to an image, and what they are compared with.
+//! What is profiled of images: Gaussians on a canvas, from a scene or fitted to an image, and what they are compared with.
 
 use std::path::Path;
 
@@ -10,7 +10,7 @@ use crate::{
     failure::Failure,
     fit::{arguments::SettingsArgs, settings, target::Target},
     output,
-    profile::ProfileArgs,
+    profile::{ProfileArgs, measure::Ready},
 };
 
 /// Steps in which an image is fitted: enough that the Gaussians are as many, as large and as crowded as those of a whole fit.
@@ -41,19 +41,9 @@ enum Source {
 }
 
 /// An image, and its name for people.
-struct Compared {
-    image: Image,
-    name: String,
-}
-
-/// The Gaussians and the image that they are compared with.
-pub(crate) struct Ready {
-    pub(crate) scene: PlanarScene,
-    pub(crate) target: Image,
-    /// The target's name for people.
-    pub(crate) target_name: String,
-    /// Steps in which they were fitted.
-    pub(crate) fitted_steps: Option<u32>,
+pub(super) struct Compared {
+    pub(super) image: Image,
+    pub(super) name: String,
 }
 
 impl Subject {
@@ -62,6 +52,10 @@ impl Subject {
     /// # Errors
     /// Where a file cannot be read, or a flag does not go with what it holds.
     pub(crate) fn load(args: &ProfileArgs) -> Result<Self, Failure> {
+        if args.shown.is_some() || args.camera.is_some() {
+            let message = "--camera, --background, --sh-degree, --order and --antialias are for scenes in space";
+            return Err(Failure::usage(message).mend("leave them out"));
+        }
         let Some(path) = &args.input else { return Self::of_image(None, args) };
         match gs_io::read_scene(path) {
             Ok(file) => Self::of_scene(path, file, args),
@@ -73,14 +67,9 @@ impl Subject {
 
     fn of_scene(path: &Path, file: PlanarFile, args: &ProfileArgs) -> Result<Self, Failure> {
         let name = path.display().to_string();
-        for (flag, given) in [("--gaussians", args.gaussians), ("--iterations", args.iterations)] {
-            if given.is_some() {
-                let message = format_args!("{flag} is for images, which are fitted first, but {name} is a scene");
-                return Err(Failure::usage(message).mend("leave it out"));
-            }
-        }
+        check_is_not_fitted(args, &name)?;
         let canvas = canvas((file.width, file.height), args)?;
-        let target = args.image.as_deref().map(|image| compared(image, canvas)).transpose()?;
+        let target = args.image.as_deref().map(|image| compared(image, (canvas.width, canvas.height))).transpose()?;
         let mut render = file.settings;
         if let Some(blend) = args.blend {
             render.effects.blend = blend.into();
@@ -138,32 +127,49 @@ impl Subject {
     ///
     /// # Errors
     /// Where the fit diverges or the backend fails.
-    pub(crate) fn prepare<R: Rasterizer<PlanarScene>>(&mut self, rasterizer: &R) -> Result<Ready, Failure> {
-        let (scene, fitted_steps) = match &mut self.source {
-            Source::Scene(scene) => (std::mem::take(scene), None),
+    pub(crate) fn prepare<R: Rasterizer<PlanarScene>>(self, rasterizer: &R) -> Result<Ready<PlanarScene>, Failure> {
+        let Self { name, canvas, render, loss, chart, source, target, .. } = self;
+        let (scene, fitted_steps) = match source {
+            Source::Scene(scene) => (scene, None),
             Source::Fit { image, settings } => {
                 output::note(format_args!(
                     "fitting {} ({}x{} px) with at most {} Gaussians in {} steps first",
-                    self.name,
+                    name,
                     image.width(),
                     image.height(),
                     settings.gaussians,
                     settings.iterations
                 ));
-                let mut trainer = Trainer::new(rasterizer, image, settings.as_ref().clone())?;
+                let iterations = settings.iterations;
+                let mut trainer = Trainer::new(rasterizer, &image, *settings)?;
                 trainer.run(&mut ())?;
-                (trainer.scene()?, Some(settings.iterations))
+                (trainer.scene()?, Some(iterations))
             }
         };
-        let (target, target_name) = match self.target.take() {
-            Some(Compared { image, name }) => (image, name),
-            None => {
-                let rendering = rasterizer.render(&scene, &self.canvas, &self.render)?;
-                (rendering, "its own rendering".to_owned())
-            }
+        let target = match target {
+            Some(target) => target,
+            None => Compared::own(rasterizer.render(&scene, &canvas, &render)?),
         };
-        Ok(Ready { scene, target, target_name, fitted_steps })
+        Ok(Ready { scene, view: canvas, target, render, loss, chart, fitted_steps })
     }
+}
+
+impl Compared {
+    /// What a scene is compared with where no image is named.
+    pub(super) fn own(rendering: Image) -> Self {
+        Self { image: rendering, name: "its own rendering".to_owned() }
+    }
+}
+
+/// Refuses flags that say how an image is fitted, for a scene.
+pub(super) fn check_is_not_fitted(args: &ProfileArgs, name: &str) -> Result<(), Failure> {
+    for (flag, given) in [("--gaussians", args.gaussians), ("--iterations", args.iterations)] {
+        if given.is_some() {
+            let message = format_args!("{flag} is for images, which are fitted first, but {name} is a scene");
+            return Err(Failure::usage(message).mend("leave it out"));
+        }
+    }
+    Ok(())
 }
 
 /// The whole of a plane of this size, in as many pixels or as the flag says.
@@ -175,17 +181,15 @@ fn canvas((width, height): (u32, u32), args: &ProfileArgs) -> Result<Canvas, Fai
     Ok(canvas)
 }
 
-/// An image to compare with, which must have the canvas' size.
-fn compared(path: &Path, canvas: Canvas) -> Result<Compared, Failure> {
+/// An image to compare with, which must have the size of what is rendered.
+pub(super) fn compared(path: &Path, (width, height): (u32, u32)) -> Result<Compared, Failure> {
     let image = Target::load(Some(path), None)?.image;
     let name = path.display().to_string();
-    if image.size() != (canvas.width, canvas.height) {
+    if image.size() != (width, height) {
         let message = format!(
-            "--image {name} is {}x{} px, but the canvas is {}x{} px",
+            "--image {name} is {}x{} px, but the canvas is {width}x{height} px",
             image.width(),
             image.height(),
-            canvas.width,
-            canvas.height
         );
         return Err(Failure::usage(message).mend(format_args!("give --size {}x{}", image.width(), image.height())));
     }

@@ -1,15 +1,24 @@
-//! The Gaussians of a planar scene drawn as ellipses over its picture (paper Fig. 7): the outline at one standard
-//! deviation, and the centre.
+//! The Gaussians of a scene drawn as ellipses over its picture (paper Fig. 7): the outline at one standard deviation, and the centre; of a scene in
+//! space, of its projection.
 //!
 //! An outline is drawn from its distance field, not as a polygon: pixel `p` lies about (|z| − 1) / |∇|z|| from the ellipse,
 //! where z = L⁻¹ (p − μ) is the whitened offset. Each line is therefore smooth and of even width at any size, and the time
 //! grows with the ellipses' area alone.
 
 use glam::{Mat2, Vec2};
-use gs_core::{Canvas, Image, PlanarGaussian, PlanarScene};
+use gs_core::{
+    Camera, Canvas, Image, PlanarScene, RenderSettings, Scene, SpatialScene,
+    perspective::{Ellipsoid, Perspective, Projection},
+};
 
 /// Above this many Gaussians lines are thin and centres are left out, or the picture would be all lines.
 const DENSE: usize = 2_000;
+
+/// Most Gaussians that are drawn of a scene in space, where they lie behind each other; of more, every n-th of those in sight.
+const MOST_IN_SPACE: usize = 2_000;
+
+/// What is fainter than this is not drawn in space.
+const FAINT: f32 = 0.1;
 
 /// The canvas to draw on: the fit's own, enlarged by a whole factor where it is so small that lines would hide the picture.
 pub(crate) fn canvas_for(canvas: Canvas) -> Canvas {
@@ -21,14 +30,42 @@ pub(crate) fn canvas_for(canvas: Canvas) -> Canvas {
 
 /// Draws every Gaussian of `scene` onto `picture`, a rendering through `canvas`. Gaussians that are not finite are left out.
 pub(crate) fn draw(picture: &mut Image, scene: &PlanarScene, canvas: &Canvas) {
-    let pen = if scene.means.len() > DENSE {
+    let grid = Mat2::from_diagonal(canvas.scale());
+    let outlines = scene.iter().map(|g| (grid * (g.mean - canvas.origin), grid * g.frame()));
+    draw_outlines(picture, outlines.collect());
+}
+
+/// Draws Gaussians of `scene` that are to be seen onto `picture`, a rendering through `camera` with `render`: all that are not faint and whose
+/// mean is in it, or an even choice of [`MOST_IN_SPACE`] of them at most.
+pub(crate) fn draw_in_space(picture: &mut Image, scene: &SpatialScene, camera: &Camera, render: &RenderSettings) {
+    let perspective = Perspective::new(camera, render);
+    let size = Vec2::new(camera.width as f32, camera.height as f32);
+    let seen = |index: usize| {
+        let (log_scale, rotation) = (scene.log_scales[index], scene.rotations[index]);
+        let ellipsoid =
+            Ellipsoid { mean: scene.means[index], log_scale, rotation, opacity_logit: scene.opacity_logits[index] };
+        let Projection { mean, covariance: [a, b, c], opacity, .. } = perspective.project(&ellipsoid).ok()?;
+        // Cholesky's factor of the covariance.
+        let (width, shear) = (a.sqrt(), b / a.sqrt());
+        let frame = Mat2::from_cols(Vec2::new(width, shear), Vec2::new(0.0, (c - shear * shear).sqrt()));
+        let inside = mean.cmpge(Vec2::ZERO).all() && mean.cmplt(size).all();
+        (inside && opacity > FAINT).then_some((mean, frame))
+    };
+    let outlines: Vec<(Vec2, Mat2)> = (0..scene.len()).filter_map(seen).collect();
+    let every = outlines.len().div_ceil(MOST_IN_SPACE).max(1);
+    draw_outlines(picture, outlines.into_iter().step_by(every).collect());
+}
+
+/// Draws ellipses of these means and frames L, with L Lᵀ the covariance, in px of the picture.
+fn draw_outlines(picture: &mut Image, outlines: Vec<(Vec2, Mat2)>) {
+    let pen = if outlines.len() > DENSE {
         Pen { half_width_px: 0.3, dot_radius_px: 0.0, strength: 0.7 }
     } else {
         Pen { half_width_px: 0.6, dot_radius_px: 1.5, strength: 0.9 }
     };
-    let grid = Mat2::from_diagonal(canvas.scale());
     // Contrast is judged against the picture, not against lines drawn before.
-    let inks: Vec<Option<Ellipse>> = scene.iter().map(|g| Ellipse::of(&g, canvas, grid, picture)).collect();
+    let inks: Vec<Option<Ellipse>> =
+        outlines.into_iter().map(|(mean, frame)| Ellipse::of(mean, frame, picture)).collect();
     for ellipse in inks.iter().flatten() {
         pen.trace(picture, ellipse);
     }
@@ -46,9 +83,7 @@ struct Ellipse {
 }
 
 impl Ellipse {
-    fn of(gaussian: &PlanarGaussian, canvas: &Canvas, grid: Mat2, picture: &Image) -> Option<Self> {
-        let mean = grid * (gaussian.mean - canvas.origin);
-        let frame = grid * gaussian.frame();
+    fn of(mean: Vec2, frame: Mat2, picture: &Image) -> Option<Self> {
         let whiten = frame.inverse();
         let rows = frame.transpose();
         let reach = Vec2::new(rows.x_axis.length(), rows.y_axis.length());
@@ -110,6 +145,7 @@ impl Pen {
 mod tests {
     use super::*;
     use glam::Vec3;
+    use gs_core::{Blend, PlanarGaussian, SpatialGaussian};
 
     fn circle(x: f32, y: f32, sigma_px: f32) -> PlanarGaussian {
         PlanarGaussian {
@@ -130,6 +166,32 @@ mod tests {
         assert!(value(28, 20) < 0.2 && value(20, 12) < 0.2, "the outline is dark on white");
         assert!(value(20, 20) < 0.2, "so is the centre");
         assert_eq!([value(24, 20), value(33, 20), value(0, 0)], [1.0; 3], "and nothing else");
+    }
+
+    #[test]
+    fn a_scene_in_space_is_outlined_as_it_is_projected() {
+        let camera = Camera::looking_forward(40, 40, 1.0);
+        // A disc of 8 px on its axis, and one that is too faint.
+        let sigma = 8.0 / camera.focal.x * 5.0;
+        let disc = |x, opacity_logit| SpatialGaussian {
+            mean: Vec3::new(x, 0.0, 5.0),
+            log_scale: Vec3::new(sigma, sigma, 1e-3).map(f32::ln),
+            rotation: [1.0, 0.0, 0.0, 0.0],
+            opacity_logit,
+            sh: vec![Vec3::ZERO],
+        };
+        let mut scene = SpatialScene::default();
+        [disc(0.0, 3.0), disc(0.3, -6.0)].into_iter().for_each(|gaussian| scene.push(gaussian));
+        let mut picture = Image::filled(40, 40, [1.0; 3]).unwrap();
+        draw_in_space(&mut picture, &scene, &camera, &RenderSettings::blended(Blend::Over));
+        let value = |x, y| picture.pixel(x, y)[0];
+        assert!(
+            value(28, 20) < 0.3 && value(20, 11) < 0.3 && value(20, 20) < 0.3,
+            "{} {}",
+            value(28, 20),
+            value(20, 11)
+        );
+        assert_eq!([value(24, 20), value(35, 20), value(2, 2)], [1.0; 3]);
     }
 
     #[test]

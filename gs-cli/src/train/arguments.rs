@@ -7,6 +7,7 @@ use gs_io::dataset::{AlphaMeaning, DatasetSettings};
 
 use crate::{
     backend::BackendArgs,
+    effects::choice::EffectsArgs,
     fit::arguments::{ChartName, CheckpointArgs, Detail, LossName, PolicyName},
     output::Format,
     values::Backing,
@@ -18,12 +19,17 @@ DATASET is a folder that COLMAP, Nerfstudio or Blender wrote, or a transforms.js
 DIR then holds:
   scene.ply        the Gaussians, for any viewer of splats; gs convert makes other formats of it
   views/           each held-out view: the photograph, and beside it the rendering
+  ellipses.png     the first of these views, with Gaussians drawn over it as ellipses; of many, an even choice
   evaluation.json  PSNR, SSIM and L1 of each held-out view, and their means
   metrics.csv      count, edits and loss at every 100th part of the steps and at each round of density control; at every
-                   20th part and at both ends also PSNR, L1 and what was culled, over the held-out views
+                   20th part and at both ends also PSNR, L1 and what was culled, over the held-out views, and what was
+                   clamped; rows come as the training goes on
   curve.png        count and loss over the steps
   settings.toml    all settings, to repeat the training with --settings
   summary.json     what --json prints
+
+Files of an earlier training in DIR are replaced, or removed where this one has none of the kind; checkpoints stay, and so does whatever no
+training wrote into views/. DIR cannot be the data set's own folder, nor hold its photographs.
 
 A data set that does not say which views are for tests has every 8th held out (--holdout). Without any, a few of the views that it
 trains with tell how good the scene is.
@@ -63,7 +69,7 @@ pub(crate) struct TrainArgs {
     /// Print the summary as JSON on standard output, and nothing else there
     #[arg(long)]
     json: bool,
-    /// Leave out the pictures: views/ and curve.png
+    /// Leave out the pictures: views/, ellipses.png and curve.png
     #[arg(long)]
     pub(crate) no_report: bool,
     /// Tell of each round of density control as it happens; metrics.csv has them all, too
@@ -76,8 +82,10 @@ pub(crate) struct TrainArgs {
     #[command(flatten)]
     pub(crate) checkpoints: CheckpointArgs,
     /// Go on with a training from its checkpoint, given the same data set; it ends as if it had never stopped
-    #[arg(long, value_name = "FILE", conflicts_with_all = SETTLED, help_heading = "Checkpoints")]
+    #[arg(long, value_name = "FILE", conflicts_with_all = SETTLED, conflicts_with = "effects", help_heading = "Checkpoints")]
     pub(crate) resume: Option<PathBuf>,
+    #[command(flatten)]
+    pub(crate) effects: EffectsArgs,
     #[command(flatten)]
     pub(crate) backend: BackendArgs,
 }
@@ -146,7 +154,7 @@ pub(crate) struct TrainSettingsArgs {
     /// The most Gaussians there may be
     #[arg(short = 'n', long = "max-gaussians", value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     pub(crate) gaussians: Option<u32>,
-    /// Steps of the optimiser, one view each; the preset's schedules follow [default: 30000, quick: 2000]
+    /// Steps of the optimiser, one view each; the preset's schedules follow [default: 30000, short: 6000, quick: 2000]
     #[arg(short, long, value_name = "K")]
     pub(crate) iterations: Option<u32>,
     /// Which Gaussians grow and which go; residual and image-gs are for images only
@@ -198,6 +206,8 @@ pub(crate) enum TrainPresetName {
     ThreeDgs,
     /// 3DGS-MCMC: a fixed number of Gaussians, moved to where they are needed
     Mcmc,
+    /// For runs of minutes: as 3dgs, with longer steps, and all schedules within the run
+    Short,
     /// For a first look
     Quick,
 }

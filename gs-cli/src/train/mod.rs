@@ -3,6 +3,7 @@
 //! Whatever can be refused is refused before the output folder is touched, and the folder before the first step is made.
 
 mod arguments;
+mod pictures;
 mod results;
 mod settings;
 
@@ -29,10 +30,13 @@ pub(crate) use self::{
 use crate::{
     backend::{Backend, SpatialTask},
     failure::Failure,
-    fit::{check_checkpoint_file, checkpoints, folder::OutputFolder, follow, quoted, way_on},
+    fit::{check_checkpoint_file, checkpoints, folder::OutputFolder, follow, quoted, with_way_on},
     output::{self, Format},
     train::results::Results,
 };
+
+/// Steps from which on a training is too long to be lost: it stores checkpoints without being asked.
+const LONG: u32 = 2_000;
 
 /// Trains a scene from a data set and writes the results.
 ///
@@ -42,10 +46,12 @@ pub(crate) fn run(args: &TrainArgs) -> Result<(), Failure> {
     let started = Instant::now();
     check_checkpoint_file(&args.checkpoints, &args.output)?;
     let dataset = read_dataset(&args.dataset, &args.photographs.settings())?;
+    pictures::keep_off(&dataset, &args.output)?;
     let begin = match &args.resume {
         Some(file) => Begin::Resumed(Box::new(read_checkpoint(file)?), file.clone()),
         None => {
-            let settings = settings::resolve(&args.settings, &dataset)?;
+            let mut settings = settings::resolve(&args.settings, &dataset)?;
+            settings.render = args.effects.before(&settings.render);
             let (start, told) = settings::start(&args.settings, &dataset)?;
             Begin::Fresh { settings: Box::new(settings), start, told }
         }
@@ -109,18 +115,25 @@ impl SpatialTask for Train<'_> {
         dataset.remarks.iter().for_each(|remark| output::note(format_args!("note: {remark}")));
         let (mut trainer, mut log, told) = begin.begin(rasterizer, dataset)?;
         let folder = OutputFolder::prepare(&args.output, "--output")?;
-        let mut checkpoints = checkpoints(&args.checkpoints, &folder, trainer.settings().iterations)?;
+        let iterations = trainer.settings().iterations;
+        let unasked = (iterations >= LONG).then_some(iterations / 10);
+        let mut checkpoints = checkpoints(&args.checkpoints, &folder, iterations, unasked)?;
         announce(args, dataset, &told, &trainer);
 
-        let results = Results { args, folder: &folder, backend, started };
-        let ended = follow(args.detail(), &mut trainer, &mut log, &mut checkpoints).and_then(|(outcome, curve)| {
+        let seconds_before = args.resume.as_ref().map_or(0.0, |_| trainer.seconds());
+        let results = Results { args, folder: &folder, backend, started, seconds_before };
+        let ended = follow(args.detail(), &mut trainer, &mut log, &folder, &mut checkpoints);
+        let ended = ended.and_then(|(outcome, curve)| {
             let summary = results.write(&trainer, &log.to_csv(), &curve.0)?;
             Ok((outcome, summary))
         });
-        let (outcome, summary) = ended.map_err(|failure| match failure.is_of_backend() {
-            true => failure.mend(way_on(&checkpoints, args.resume.as_deref(), |file| resuming(args, file))),
-            false => failure,
+        let (outcome, summary) = ended.map_err(|failure| {
+            with_way_on(failure, &checkpoints, args.resume.as_deref(), |file| resuming(args, file))
         })?;
+        if outcome == Outcome::Finished && checkpoints.stored && !args.checkpoints.are_asked_for() {
+            // What stays behind is no harm.
+            let _ = std::fs::remove_file(&checkpoints.file);
+        }
         match args.format() {
             Format::Json => output::json(&summary)?,
             Format::Text => output::note(summary.text(folder.path())),
@@ -140,14 +153,14 @@ impl SpatialTask for Train<'_> {
 fn not_begun(error: gs_train::Error, dataset: &Path) -> Failure {
     let in_dataset = matches!(error, gs_train::Error::NothingInView { .. });
     let failure = Failure::from(error);
-    if in_dataset { failure.at(dataset.display()) } else { failure }
+    if in_dataset { failure.at(dataset.display()).mend("--start random begins there") } else { failure }
 }
 
 /// Another data set than the checkpoint's can be mended by the caller; what else is wrong says so itself.
 fn not_resumed(error: gs_train::Error, file: &Path) -> Failure {
     let wrong_views = matches!(error, gs_train::Error::WrongTarget { .. });
     let failure = Failure::from(error).at(file.display());
-    if wrong_views { failure.mend("give the same data set, --holdout and --images") } else { failure }
+    if wrong_views { failure.mend("give the same data set, masks, --holdout, --images and --alpha") } else { failure }
 }
 
 fn announce<R: Rasterizer<SpatialScene>>(

@@ -109,6 +109,7 @@ impl From<TrainPresetName> for SpatialPreset {
         match name {
             TrainPresetName::ThreeDgs => Self::ThreeDgs,
             TrainPresetName::Mcmc => Self::Mcmc,
+            TrainPresetName::Short => Self::Short,
             TrainPresetName::Quick => Self::Quick,
         }
     }

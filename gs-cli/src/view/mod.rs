@@ -17,7 +17,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 use glam::Vec3;
-use gs_core::{Camera, Rasterizer, RenderSettings, Scene, SpatialScene, image::check_size};
+use gs_core::{Camera, Rasterizer, RenderSettings, Scene, SpatialScene, effects::CalledFor, image::check_size};
 use gs_io::{
     dataset::{DatasetSettings, read_dataset},
     read_spatial,
@@ -27,7 +27,9 @@ use gs_train::spatial::Bulk;
 use crate::{
     backend::{Backend, BackendArgs, SpatialTask},
     cameras,
+    effects::choice::{EffectsArgs, told},
     failure::Failure,
+    output,
     shown::ShownArgs,
     values::{Axis, Size, ViewName},
     view::{navigation::Navigator, overlay::Subject, session::Session, window::Desktop},
@@ -69,6 +71,8 @@ pub(crate) struct ViewArgs {
     #[arg(long, value_name = "AXIS", allow_hyphen_values = true, help_heading = "Camera")]
     up: Option<Axis>,
     #[command(flatten)]
+    effects: EffectsArgs,
+    #[command(flatten)]
     shown: ShownArgs,
     #[command(flatten)]
     backend: BackendArgs,
@@ -99,7 +103,10 @@ pub(crate) fn run(args: &ViewArgs) -> Result<(), Failure> {
     // What turns go around has to be ahead; a point beside the axis is taken at its depth.
     let depth = start.camera.to_camera(start.target).z;
     let distance = if depth > 0.0 { depth } else { bulk.radius };
-    let session = Session::new(Navigator::new(&start.camera, distance, start.up, bulk), start.settings);
+    // One may move to wherever one likes.
+    let CalledFor { settings, verdicts } = args.effects.choose(&scene, &[], &start.settings);
+    output::note(told(&verdicts));
+    let session = Session::new(Navigator::new(&start.camera, distance, start.up, bulk), settings);
     let subject = Subject {
         name: args.scene.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned()),
         gaussians: scene.len(),
@@ -131,7 +138,7 @@ impl SpatialTask for Describe {
 /// The scene, which must be one in space.
 fn read(args: &ViewArgs) -> Result<SpatialScene, Failure> {
     if gs_io::spatial_format(&args.scene)?.is_some() {
-        return Ok(read_spatial(&args.scene)?.scene);
+        return Ok(read_spatial(&args.scene).map_err(Failure::of_scene)?.scene);
     }
     gs_io::read_scene(&args.scene)?;
     let message = "is the scene of an image, which has no depth to move through";
@@ -143,7 +150,7 @@ fn start(args: &ViewArgs, scene: &SpatialScene, bulk: &Bulk) -> Result<Start, Fa
     let up = args.up.map(|axis| axis.0);
     let Some(name) = &args.camera else {
         let up = up.unwrap_or(cameras::UP);
-        let camera = cameras::overview(bulk, args.size, up)?;
+        let camera = cameras::overview(bulk, args.size, up).map_err(cameras::or_name_one)?;
         return Ok(Start { camera, target: bulk.center, up, settings: args.shown.settings(scene) });
     };
     let dataset = read_dataset(&name.dataset, &DatasetSettings::default())?;

@@ -1,7 +1,5 @@
 //! The words over the picture and in the title: how long frames take, with which effects, on what.
 
-use gs_core::effects::{Antialias, Order};
-
 use crate::{
     values::Color,
     view::{navigation::Mode, pace::BUDGET_MS, session::Session},
@@ -33,8 +31,8 @@ pub(crate) fn lines(subject: &Subject, session: &Session) -> Vec<String> {
         frame(session),
         format!(
             "order {} (O) · antialias {} ({antialias_keys}) · SH degree {} of {sh_degree} · background {}",
-            order(effects.order),
-            antialias(effects.antialias),
+            effects.order.name(),
+            effects.antialias.name(),
             effects.sh_degree.min(*sh_degree),
             background(session),
         ),
@@ -64,8 +62,8 @@ pub(crate) fn title(subject: &Subject, session: &Session) -> String {
     format!(
         "gs view {}:{time} {}, {}, SH {}, background {}, {}",
         subject.name,
-        order(effects.order),
-        antialias(effects.antialias),
+        effects.order.name(),
+        effects.antialias.name(),
         effects.sh_degree.min(subject.sh_degree),
         background(session),
         subject.machine,
@@ -84,28 +82,8 @@ fn frame(session: &Session) -> String {
     format!("{median:.1} ms a frame ({of}) · {width}x{height} px")
 }
 
-fn order(order: Order) -> &'static str {
-    match order {
-        Order::Index => "index",
-        Order::TileDepth => "tile-depth",
-        Order::PixelDepth => "pixel-depth",
-    }
-}
-
-fn antialias(antialias: Antialias) -> &'static str {
-    match antialias {
-        Antialias::None => "none",
-        Antialias::Dilate => "dilate",
-        Antialias::Mip => "mip",
-    }
-}
-
 fn background(session: &Session) -> String {
-    match session.settings.backdrop() {
-        [0.0, 0.0, 0.0] => "black".to_owned(),
-        [1.0, 1.0, 1.0] => "white".to_owned(),
-        color => Color(color).to_string(),
-    }
+    Color(session.settings.backdrop()).to_string()
 }
 
 #[cfg(test)]
@@ -113,7 +91,10 @@ mod tests {
     use std::time::{Duration, Instant};
 
     use glam::{Vec2, Vec3};
-    use gs_core::{Blend, Image, RenderSettings};
+    use gs_core::{
+        Blend, Image, RenderSettings,
+        effects::{Antialias, Order},
+    };
     use gs_train::spatial::Bulk;
 
     use super::*;

@@ -1,6 +1,7 @@
 //! Frames, off the window's thread: the chosen backend holds the scene and draws what it is sent, one frame at a time.
 
 use std::{
+    panic::{AssertUnwindSafe, catch_unwind},
     sync::mpsc::Receiver,
     time::{Duration, Instant},
 };
@@ -61,9 +62,9 @@ impl<A: Fn(Answer) -> bool> SpatialTask for Painter<'_, A> {
 
     fn run<R: Rasterizer<SpatialScene>>(self, rasterizer: &R) {
         // What fails here is told to whoever asks for the first frame.
-        let cloud = rasterizer.upload(self.scene, Chart::ScaleRotation);
+        let cloud = caught(|| Ok(rasterizer.upload(self.scene, Chart::ScaleRotation)?));
         let draw = |request: &Request| -> Result<Painted, Failure> {
-            let cloud = cloud.as_ref().map_err(|error| Failure::from(error.clone()))?;
+            let cloud = cloud.as_ref().map_err(Failure::clone)?;
             let (width, height) = request.size();
             let start = Instant::now();
             let frame = rasterizer.forward(cloud, &resized(&request.camera, width, height), &request.settings)?;
@@ -72,9 +73,31 @@ impl<A: Fn(Answer) -> bool> SpatialTask for Painter<'_, A> {
             Ok(Painted { picture: Picture::of(&image), took })
         };
         for request in self.requests {
-            if !(self.answer)(Answer { request, result: draw(&request) }) {
+            if !(self.answer)(Answer { request, result: caught(|| draw(&request)) }) {
                 return;
             }
         }
+    }
+}
+
+/// What `draw` comes to; a panic as the failure of a backend, which ends the program: without an answer the window would wait for ever.
+fn caught<T>(draw: impl FnOnce() -> Result<T, Failure>) -> Result<T, Failure> {
+    catch_unwind(AssertUnwindSafe(draw)).unwrap_or_else(|panic| {
+        let words = panic.downcast_ref::<String>().map(String::as_str).or(panic.downcast_ref::<&str>().copied());
+        let message = format!("it panicked while it drew: {}", words.unwrap_or("without words"));
+        Err(gs_core::Error::Backend { backend: "view", message }.into())
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_panic_is_an_answer_like_any_other() {
+        let failure = caught::<()>(|| panic!("no frame {}", 7)).unwrap_err();
+        assert!(failure.is_of_backend());
+        assert!(failure.line().is_some_and(|line| line.contains("no frame 7")), "{failure:?}");
+        assert_eq!(caught(|| Ok(3)), Ok(3));
     }
 }

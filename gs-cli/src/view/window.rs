@@ -49,7 +49,7 @@ pub(crate) struct Desktop {
 }
 
 impl Desktop {
-    /// Connects, before anything takes long.
+    /// Connects, once what is to be shown is known to be all right, and before a backend is started.
     ///
     /// # Errors
     /// Where there is no display.

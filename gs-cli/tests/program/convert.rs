@@ -72,6 +72,8 @@ fn a_scene_goes_through_every_format() {
     assert!(old.stdout.contains("SPZ") && fs::read(path("old.spz")).unwrap().starts_with(&[0x1f, 0x8b]));
     convert(&first, &path("d.gltf"), &["--gltf-buffer", "beside"]).done();
     assert!(path("d.bin").exists() && read_spatial(path("d.gltf")).unwrap().scene.len() == 10);
+    let both = ["d.gltf", "d.bin"].map(|name| fs::metadata(path(name)).unwrap().len()).iter().sum::<u64>();
+    assert_eq!(read_spatial(path("d.gltf")).unwrap().bytes, both);
 }
 
 #[test]
@@ -104,7 +106,7 @@ fn what_is_broken_is_named_counted_and_dropped_when_told() {
     let refused = convert(&first, &to, &[]);
     assert_eq!(refused.status, Some(1));
     let line = refused.refusal();
-    assert!(line.contains("opacity logit of Gaussian 3 is not finite") && line.contains("--drop-broken"), "{line}");
+    assert!(line.contains("opacity logit of Gaussian 3 is not finite") && line.contains("gs doctor"), "{line}");
     assert!(!to.exists());
     let text = gs(["info", first.to_str().unwrap()]).done().stdout;
     assert!(text.contains("1: opacities 1") && text.contains("without rotation    1"), "{text}");
@@ -121,6 +123,8 @@ fn what_cannot_be_converted_is_refused() {
     fs::write(path("text.ply"), "ply\nThis is not a scene.\n").unwrap();
     fs::write(path("table.csv"), "a,b\n1,2\n").unwrap();
     fs::write(path("short.ply"), &fs::read(&first).unwrap()[..2000]).unwrap();
+    fs::write(path("junk.ply"), "no\nscene\n").unwrap();
+    fs::write(path("empty.spz"), "").unwrap();
     let before = names_in(place.path());
     for (from, to, status, expected) in [
         (&first, "a.obj", 2, "use .ply, .splat, .spz, .gltf or .glb"),
@@ -141,5 +145,9 @@ fn what_cannot_be_converted_is_refused() {
     assert!(run.refusal().contains("possible values: 3, 4"), "{run:?}");
     let broken = gs(["info", path("short.ply").to_str().unwrap()]);
     assert!(broken.refusal().contains("10 rows of element vertex"), "{broken:?}");
+    for (name, expected) in [("junk.ply", "expected a scene (PLY"), ("empty.spz", "found an empty file")] {
+        let run = gs(["info", path(name).to_str().unwrap()]);
+        assert!(run.refusal().contains(expected), "{run:?}");
+    }
     assert_eq!(names_in(place.path()), before);
 }

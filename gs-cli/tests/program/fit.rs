@@ -9,7 +9,7 @@ use std::{
 
 use serde_json::Value;
 
-use crate::process::{command, folder, gs, names_in, picture};
+use crate::process::{Run, command, folder, gs, names_in, picture};
 
 const RESULTS: [&str; 8] = [
     "curve.png",
@@ -57,7 +57,8 @@ fn an_image_becomes_results_and_a_summary() {
     assert_eq!(
         rows.next().unwrap(),
         "step,seconds,count,cloned,split,seeded,pruned_transparent,pruned_too_large,pruned_not_finite,\
-         pruned_unimportant,loss,l1,psnr,culled_not_finite,culled_near,culled_degenerate,culled_transparent,culled_outside"
+         pruned_unimportant,loss,l1,psnr,culled_not_finite,culled_near,culled_degenerate,culled_transparent,culled_outside,\
+         clamped_smallest,clamped_largest"
     );
     assert!(rows.next_back().unwrap().starts_with("20,"), "{metrics}");
     assert_eq!(gs_io::read_image(output.join("reconstruction.png")).unwrap().image.size(), (32, 24));
@@ -271,4 +272,79 @@ fn ctrl_c_saves_a_checkpoint_and_what_there_is() {
     assert!(info["metadata"]["step"].as_str().unwrap().parse::<u32>().unwrap() > 0, "{info}");
     let names = names_in(&output);
     assert!(RESULTS.iter().all(|name| names.contains(&(*name).to_owned())), "{names:?}");
+}
+
+#[test]
+fn results_that_cannot_be_written_do_not_take_the_others_with_them() {
+    let place = folder();
+    let (image, output, elsewhere) =
+        (picture(place.path(), 32, 24), place.path().join("out"), place.path().join("tmp"));
+    fs::create_dir_all(output.join("reconstruction.png")).unwrap();
+    fs::create_dir_all(output.join("settings.toml")).unwrap();
+    fs::create_dir(&elsewhere).unwrap();
+    let fit = || Run::of(command().args(small(&image, &output)).env("TMPDIR", &elsewhere));
+    let run = fit();
+    assert_eq!(run.status, Some(1));
+    let line = run.stderr.lines().last().unwrap();
+    assert!(line.contains("reconstruction.png") && line.ends_with("1 more of the results failed, too"), "{run:?}");
+    gs_io::read_scene(output.join("scene.gs2d.safetensors")).unwrap();
+    for name in ["scene.ply", "curve.png", "ellipses.png", "metrics.csv"] {
+        assert!(output.join(name).is_file(), "{name}");
+    }
+    assert!(!output.join("summary.json").exists(), "it comes last, when all is well");
+
+    // The scene itself is saved wherever there is room.
+    fs::remove_file(output.join("scene.gs2d.safetensors")).unwrap();
+    fs::create_dir(output.join("scene.gs2d.safetensors")).unwrap();
+    let run = fit();
+    let line = run.stderr.lines().last().unwrap();
+    let (_, saved) = line.split_once("it has been saved as ").unwrap_or_else(|| panic!("{run:?}"));
+    let saved = Path::new(saved.split_once(" instead").unwrap().0);
+    assert!(saved.starts_with(&elsewhere) && !gs_io::read_scene(saved).unwrap().scene.means.is_empty());
+}
+
+#[test]
+fn a_fit_that_diverges_says_where_and_leaves_its_table() {
+    let place = folder();
+    let (image, output) = (picture(place.path(), 32, 24), place.path().join("out"));
+    let settings = place.path().join("wild.toml");
+    fs::write(&settings, "gaussians = 40\niterations = 500\n[adam.color]\nlearning-rate = 1e38\n").unwrap();
+    let state = place.path().join("state");
+    let words =
+        ["fit", image.to_str().unwrap(), "-o", output.to_str().unwrap(), "--settings", settings.to_str().unwrap()];
+    let checkpoints = ["--checkpoint", state.to_str().unwrap(), "--checkpoint-every", "1", "--backend", "cpu"];
+    let run = gs(words.into_iter().chain(checkpoints));
+    assert_eq!(run.status, Some(1), "{run:?}");
+    let line = run.stderr.lines().last().unwrap();
+    for part in [
+        "error: the training diverged: the loss is ",
+        " at step ",
+        "Gaussian ",
+        "colour [",
+        "the last good checkpoint is ",
+    ] {
+        assert!(line.contains(part), "{part}: {line}");
+    }
+    gs_io::read_checkpoint(&state).unwrap();
+    assert_eq!(names_in(&output), ["metrics.csv"]);
+    assert!(fs::read_to_string(output.join("metrics.csv")).unwrap().lines().nth(1).unwrap().starts_with("1,"));
+}
+
+#[test]
+fn gaussians_that_are_lost_are_told_as_it_goes_and_in_the_end() {
+    let place = folder();
+    let (image, output) = (picture(place.path(), 32, 24), place.path().join("out"));
+    let settings = place.path().join("wild.toml");
+    fs::write(&settings, "gaussians = 20\niterations = 30\n[adam.mean]\nlearning-rate = 2e38\n").unwrap();
+    let words =
+        ["fit", image.to_str().unwrap(), "-o", output.to_str().unwrap(), "--settings", settings.to_str().unwrap()];
+    let run = gs(words.into_iter().chain(["--backend", "cpu"])).done();
+    let told = run.stderr.lines().filter(|line| line.contains(" removed as not finite")).count();
+    assert!(told >= 2, "the last line of progress and the summary: {run:?}");
+    let summary: Value = serde_json::from_slice(&fs::read(output.join("summary.json")).unwrap()).unwrap();
+    let removed = summary["edits"]["pruned_not_finite"].as_u64().unwrap();
+    let metrics = fs::read_to_string(output.join("metrics.csv")).unwrap();
+    let column = metrics.lines().next().unwrap().split(',').position(|name| name == "pruned_not_finite").unwrap();
+    let rows = metrics.lines().skip(1).map(|row| row.split(',').nth(column).unwrap().parse::<u64>().unwrap());
+    assert!(removed > 0 && rows.sum::<u64>() == removed, "{metrics}");
 }

@@ -38,6 +38,7 @@ fn what_is_not_possible_is_refused_in_one_line() {
         (["--step", "NaN"], "above 0"),
         (["--frames", "3"], "--frames"),
         (["--size", "99999x9"], "--size"),
+        (["--size", "16384x16384"], "pixels of a frame"),
     ] {
         let run = gs(["popping", scene].into_iter().chain(flags));
         assert_eq!(run.status, Some(2), "{flags:?}: {}", run.stderr);

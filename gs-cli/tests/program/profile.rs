@@ -4,7 +4,10 @@ use std::{collections::BTreeMap, fs, path::Path};
 
 use serde_json::{Value, json};
 
-use crate::process::{Run, folder, gs, names_in, picture};
+use crate::{
+    process::{Run, folder, gs, names_in, picture},
+    train::photographed,
+};
 
 /// The stages that every backend has.
 const STAGES: [&str; 8] = ["project", "bin", "sort", "blend", "loss", "blend_bwd", "project_bwd", "adam"];
@@ -245,4 +248,30 @@ fn what_cannot_be_profiled_is_refused_before_anything_is_written() {
     let run = gs(["profile", &scene, "-o", output.join("in").to_str().unwrap()]);
     assert_eq!(run.status, Some(1), "{run:?}");
     assert!(run.refusal().contains("choose another folder with --output"), "{run:?}");
+}
+
+#[test]
+fn a_scene_in_space_is_profiled_on_both_backends() {
+    let place = folder();
+    let (dataset, scene) = photographed(place.path());
+    let (scene, view) = (scene.to_str().unwrap(), format!("{}:3", dataset.display()));
+    for backend in ["cpu", "wgpu"] {
+        let output = place.path().join(backend);
+        let flags = ["--size", "40x30", "--order", "pixel-depth", "--backend", backend, "-o", output.to_str().unwrap()];
+        let run = profile(&[&[scene], &flags[..]].concat()).done();
+        assert!(run.stdout.contains("8 Gaussians; 40x30 px, over, order pixel-depth, antialias dilate, SH degree 0"));
+        let json: Value = serde_json::from_slice(&fs::read(output.join("profile.json")).unwrap()).unwrap();
+        check(&json, &fs::read_to_string(output.join("profile.csv")).unwrap());
+        let told = ["order", "loss", "chart", "target"].map(|key| json[key].clone());
+        let loss = json!({ "l1-dssim": { "lambda": 0.2 } });
+        assert_eq!(told, [json!("pixel-depth"), loss, json!("scale-rotation"), json!("its own rendering")]);
+    }
+    let of_view = profile(&[scene, "--camera", &view, "--backend", "cpu", "--json"]).json();
+    assert_eq!((&of_view["width"], &of_view["order"]), (&json!(32), &json!("tile-depth")));
+    for (flags, part) in [(&["-n", "5"][..], "is a scene"), (&["--camera", "nowhere"], "DATASET:VIEW")] {
+        let refused = profile(&[&[scene], flags].concat());
+        assert!(refused.refusal().contains(part), "{refused:?}");
+    }
+    let refused = profile(&["--order", "tile-depth"]);
+    assert!(refused.refusal().contains("are for scenes in space"), "{refused:?}");
 }

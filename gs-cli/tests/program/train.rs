@@ -62,12 +62,12 @@ pub(crate) fn photographed(place: &Path) -> (PathBuf, PathBuf) {
     (dataset, file)
 }
 
-fn text(path: &Path) -> &str {
+pub(crate) fn text(path: &Path) -> &str {
     path.to_str().unwrap()
 }
 
 /// A short training from few random points, on the processor.
-fn small<'a>(dataset: &'a Path, output: &'a Path) -> Vec<&'a str> {
+pub(crate) fn small<'a>(dataset: &'a Path, output: &'a Path) -> Vec<&'a str> {
     let words =
         ["-i", "40", "-n", "300", "--policy", "percentile", "--sh-degree", "1", "--seed", "7", "--backend", "cpu"];
     [&["train", text(dataset), "-o", text(output)], &words[..]].concat()
@@ -87,10 +87,19 @@ fn photographs_become_a_scene_and_a_summary() {
     assert!(summary["gaussians"].as_u64().is_some_and(|count| (1..=300).contains(&count)), "{summary}");
     assert_eq!(summary["evaluation"]["views"].as_array().unwrap().len(), 2);
     assert!(summary["evaluation"]["psnr"].as_f64().unwrap() > 12.0, "{summary}");
-    let expected =
-        ["curve.png", "evaluation.json", "metrics.csv", "scene.ply", "settings.toml", "summary.json", "views"];
+    let expected = [
+        "curve.png",
+        "ellipses.png",
+        "evaluation.json",
+        "metrics.csv",
+        "scene.ply",
+        "settings.toml",
+        "summary.json",
+        "views",
+    ];
     assert_eq!(names_in(&output), expected);
-    assert_eq!(names_in(&output.join("views")), ["images_0.png", "images_4.png"]);
+    assert_eq!(gs_io::read_image(output.join("ellipses.png")).unwrap().image.size(), (256, 192));
+    assert_eq!(names_in(&output.join("views")), ["gs-train.json", "images_0.png", "images_4.png"]);
     assert_eq!(gs_io::read_image(output.join("views/images_0.png")).unwrap().image.size(), (68, 24));
     let evaluation: Value = serde_json::from_slice(&fs::read(output.join("evaluation.json")).unwrap()).unwrap();
     assert_eq!(evaluation, summary["evaluation"]);
@@ -125,8 +134,24 @@ fn a_stopped_training_goes_on_to_the_same_scene() {
     let run = gs(words).done();
     assert!(run.stderr.contains("from step 25 of"), "{}", run.stderr);
     assert_eq!(fs::read(rest.join("scene.ply")).unwrap(), fs::read(whole.join("scene.ply")).unwrap());
+    let mut slow = gs_io::read_checkpoint(&checkpoint).unwrap();
+    slow.metadata.insert("seconds".to_owned(), "1000".to_owned());
+    gs_io::write_checkpoint(place.path().join("slow"), &slow).unwrap();
+    let slow = place.path().join("slow");
+    let summary =
+        gs(["train", text(&dataset), "-o", text(&rest), "--resume", text(&slow), "--no-report", "--json"]).json();
+    let [training, total] = ["seconds", "total_seconds"].map(|key| summary[key].as_f64().unwrap());
+    assert!(1000.0 < training && training < total, "the whole time holds that of the training: {summary}");
+
+    let info = gs(["info", text(&checkpoint), "--json"]).json();
+    assert_eq!((&info["kind"], &info["sh_degree"]), (&"checkpoint of a training in space".into(), &1.into()));
+    assert_eq!((&info["metadata"]["step"], &info["not_finite"]["gaussians"]), (&"25".into(), &0.into()));
+    let told = gs(["info", text(&checkpoint)]).done().stdout;
+    assert!(told.contains("largest scale") && told.contains("spatial-training-1"), "{told}");
     let refused = gs(words.into_iter().chain(["--holdout", "3"]));
     assert!(refused.status == Some(1) && refused.stderr.contains("give the same data set"), "{refused:?}");
+    let refused = gs(words.into_iter().chain(["--alpha", "mask"]));
+    assert!(refused.status == Some(1) && refused.stderr.contains("--images and --alpha"), "{refused:?}");
     let refused = gs(words.into_iter().chain(["--seed", "3"]));
     assert_eq!(refused.status, Some(2), "{refused:?}");
 }
@@ -153,6 +178,29 @@ fn ctrl_c_saves_a_checkpoint_and_what_there_is() {
     assert!(output.join("scene.ply").exists());
 }
 
+/// Nobody asked for checkpoints: what is lost is a tenth of the work, and of a training that is done nothing needs to be kept.
+#[test]
+fn a_long_training_that_is_killed_can_go_on() {
+    let place = folder();
+    let (dataset, _) = photographed(place.path());
+    let output = place.path().join("out");
+    let checkpoint = output.join("checkpoint.safetensors");
+    let words = ["train", text(&dataset), "-o", text(&output), "-i", "2000", "-n", "40", "--no-report"];
+    let words = words.into_iter().chain(["--backend", "cpu", "--policy", "none"]);
+    let mut child = command().args(words.clone()).stderr(Stdio::null()).spawn().unwrap();
+    while !checkpoint.exists() {
+        assert!(child.try_wait().unwrap().is_none(), "it ended without a checkpoint");
+        std::thread::sleep(std::time::Duration::from_millis(2));
+    }
+    child.kill().unwrap();
+    child.wait().unwrap();
+    assert!(!output.join("scene.ply").exists(), "it was killed too late");
+    let words = ["train", text(&dataset), "-o", text(&output), "--backend", "cpu", "--no-report"];
+    let run = gs(words.into_iter().chain(["--resume", text(&checkpoint)])).done();
+    assert!(run.stderr.contains("after 2000 steps"), "{}", run.stderr);
+    assert!(output.join("scene.ply").exists() && !checkpoint.exists());
+}
+
 #[test]
 fn a_scene_is_shown_from_views_orbits_and_paths() {
     let place = folder();
@@ -171,13 +219,18 @@ fn a_scene_is_shown_from_views_orbits_and_paths() {
     assert_eq!(size(&picture), (64, 48));
 
     let overview = at("overview.png");
-    gs(["render", text(&scene), "-o", text(&overview), "--size", "40x30", "--up", "z", "--background", "white"]).done();
+    let flags = ["--size", "40x30", "--up", "z", "--background", "white", "--antialias", "mip"];
+    let run = gs(["render", text(&scene), "-o", text(&overview)].into_iter().chain(flags)).done();
+    assert!(run.stderr.contains("order tile-depth, antialias mip, SH degree 0, background white"), "{run:?}");
     let seen = gs_io::read_image(&overview).unwrap().image;
     assert!(seen.pixels().iter().any(|p| p[0] < 0.5) && seen.pixel(0, 0) == [1.0; 3], "something, before white");
 
     let frames = at("frames");
     gs(["render", text(&scene), "-o", text(&frames), "--orbit", "3", "--camera", &view]).done();
     assert_eq!(names_in(&frames), ["frame-00000.png", "frame-00001.png", "frame-00002.png"]);
+    let shorter = gs(["render", text(&scene), "-o", text(&frames), "--orbit", "2"]);
+    assert!(shorter.refusal().contains("frame-00002.png, which would go on"), "{shorter:?}");
+    gs(["render", text(&scene), "-o", text(&frames), "--orbit", "3", "--size", "8x8"]).done();
     let animation = at("turn.apng");
     gs(["render", text(&scene), "-o", text(&animation), "--orbit", "4", "--size", "20x20"]).done();
     assert_eq!(size(&animation), (20, 20));
@@ -188,6 +241,41 @@ fn a_scene_is_shown_from_views_orbits_and_paths() {
     let flown = at("flown");
     gs(["render", text(&scene), "-o", text(&flown), "--path", text(&path)]).done();
     assert_eq!(size(&flown.join("frame-00001.png")), (16, 12));
+}
+
+#[test]
+fn an_object_without_surroundings_is_shown_before_white() {
+    let place = folder();
+    let (dataset, scene) = photographed(place.path());
+    let transforms: Value = serde_json::from_slice(&fs::read(dataset.join("transforms.json")).unwrap()).unwrap();
+    let blender = json!({ "camera_angle_x": 0.7, "frames": transforms["frames"] });
+    fs::write(dataset.join("transforms_train.json"), blender.to_string()).unwrap();
+    let (picture, view) = (place.path().join("view.png"), format!("{}:3", text(&dataset)));
+    let corner = |flags: &[&str]| {
+        let words = ["render", text(&scene), "-o", text(&picture), "--camera", &view];
+        gs(words.iter().chain(flags)).done();
+        gs_io::read_image(&picture).unwrap().image.pixel(0, 0)
+    };
+    assert_eq!(corner(&[]), [1.0; 3]);
+    assert_eq!(corner(&["--background", "black"]), [0.0; 3]);
+}
+
+#[test]
+fn a_scene_of_which_nothing_is_to_be_seen_says_why() {
+    let place = folder();
+    let mut nothing = scene();
+    nothing.rotations.iter_mut().take(3).for_each(|q| *q = [0.0; 4]);
+    nothing.opacity_logits.iter_mut().skip(3).for_each(|logit| *logit = -100.0);
+    let (file, picture) = (place.path().join("nothing.ply"), place.path().join("nothing.png"));
+    gs_io::write_spatial(&file, &nothing, &gs_io::SpatialOptions::default()).unwrap();
+    let flags = ["--size", "48x40", "--backend", "cpu"];
+    let run = gs(["render", text(&file), "-o", text(&picture)].into_iter().chain(flags)).done();
+    let why = "of 8 Gaussians 3 without rotation or extent, 5 transparent";
+    assert!(run.stderr.contains(why), "{run:?}");
+    let out = place.path().join("popping");
+    let small = ["--frames", "9", "--places", "1"];
+    let run = gs(["popping", text(&file), "-o", text(&out)].into_iter().chain(flags).chain(small)).done();
+    assert!(run.stderr.contains(why), "{run:?}");
 }
 
 #[test]
@@ -217,11 +305,13 @@ fn what_cannot_be_shown_or_trained_is_refused_in_one_line() {
         (&["train", scene, "-o", out], "true.ply"),
         (&["train", dataset, "-o", out, "--backend", "wgpu", "--simd", "avx2"], "leave out one of the two"),
         (&["render", scene, "-o", text(&jpeg)], "let its name end in .png"),
-        (&["render", text(&broken), "-o", out], "--drop-broken leaves such Gaussians out"),
+        (&["render", text(&broken), "-o", out], "gs doctor SCENE tells what is broken"),
         (&["render", scene, "-o", out, "--path", "/dev/zero"], "/dev/zero: "),
-        (&["train", dataset, "-o", out, "--start", text(&broken)], "--drop-broken leaves such Gaussians out"),
+        (&["train", dataset, "-o", out, "--start", text(&broken)], "gs doctor SCENE tells what is broken"),
         (&["eval", dataset, dataset], "photographs"),
-        (&["eval", text(&broken), dataset], "--drop-broken leaves such Gaussians out"),
+        (&["eval", text(&broken), dataset], "gs doctor SCENE tells what is broken"),
+        (&["popping", text(&broken), "-o", out], "gs doctor SCENE tells what is broken"),
+        (&["view", text(&broken)], "gs doctor SCENE tells what is broken"),
         (&["eval", scene, text(&nowhere)], "nowhere: no such file"),
         (&["eval", scene, scene], "true.ply: is no data set"),
     ] {

@@ -110,6 +110,16 @@ fn a_frame_is_seen_as_its_scales_and_rotation_are() {
 }
 
 #[test]
+fn an_axis_without_extent_leaves_the_turn_between_the_others() {
+    let between_y_and_z = [0.0, 0.0, 0.0, 0.0, 0.3, 0.0];
+    let turn_of = |x: f32| by_scale_rotation(Mat3::from_diagonal(Vec3::new(x, 1.0, 3.0)), between_y_and_z).1;
+    assert_eq!(turn_of(0.0), turn_of(0.5));
+    assert!(turn_of(0.0)[1].abs() > 0.1, "{:?}", turn_of(0.0));
+    let with_x = by_scale_rotation(Mat3::from_diagonal(Vec3::new(0.0, 1.0, 3.0)), [0.0, 0.5, 0.5, 0.0, 0.3, 0.0]).1;
+    assert_eq!(with_x, turn_of(0.0), "turns of what has no extent are none");
+}
+
+#[test]
 fn gradients_are_central_differences() {
     let rates = Adam { min_scale: 1e-6, max_scale: 1e6, ..Adam::default() }.at(0.0);
     let h = 4e-3f32;

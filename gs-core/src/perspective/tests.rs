@@ -143,3 +143,40 @@ fn what_is_left_out_has_a_cause() {
     assert_eq!(mip.project(&flat).unwrap_err(), Cause::Transparent);
     assert!(mip.project_vjp(&flat, &ProjectionGradient { log_opacity: 1.0, ..Default::default() }).mean.is_finite());
 }
+
+#[test]
+fn quaternions_of_every_length_turn_alike() {
+    let perspective = Perspective::new(&camera(), &settings(Antialias::None));
+    let good = ellipsoid(MEANS[0]);
+    let expected = perspective.project(&good).unwrap();
+    let v = ProjectionGradient { mean: Vec2::ONE, covariance: [0.3, -0.2, 0.1], log_opacity: 0.5 };
+    let length = good.rotation.iter().map(|c| c * c).sum::<f32>().sqrt();
+    let gradient = perspective.project_vjp(&good, &v);
+    for longer in [1e10, 1e18, 1e20, 1e30, 1e38] {
+        let factor = longer / length;
+        let long = Ellipsoid { rotation: good.rotation.map(|c| c * factor), ..good };
+        let found = perspective.project(&long).unwrap();
+        for (a, b) in found.covariance.into_iter().zip(expected.covariance) {
+            assert!((a - b).abs() <= 1e-5 * b.abs().max(1.0), "{longer:e}: {found:?} {expected:?}");
+        }
+        let found = perspective.project_vjp(&long, &v);
+        for (a, b) in found.rotation.into_iter().zip(gradient.rotation) {
+            let b = f64::from(b) / f64::from(factor);
+            assert!((f64::from(a) - b).abs() <= 1e-4 * b.abs() + 1e-37, "{longer:e}: {a:e} {b:e}");
+        }
+    }
+}
+
+#[test]
+fn directions_have_length_one_from_any_distance() {
+    let perspective = Perspective::new(&Camera::looking_forward(4, 4, 1.0), &settings(Antialias::None));
+    let expected = Vec3::new(0.48, -0.6, 0.64);
+    for distance in [1e-37, 1e-25, 1e-16, 1.0, 1e16, 1e25, 1e37] {
+        let (mean, v) = (expected * distance, Vec3::new(0.3, -0.5, 0.8));
+        let found = perspective.direction(mean);
+        assert!((found - expected).length() < 1e-6, "{distance:e}: {found}");
+        let tangential = v - expected * expected.dot(v);
+        let v_mean = perspective.direction_vjp(mean, v) * distance;
+        assert!((v_mean - tangential).length() < 1e-5, "{distance:e}: {v_mean}");
+    }
+}

@@ -80,6 +80,18 @@ impl PlanarScene {
         !self.opacity_logits.is_empty()
     }
 
+    /// Fails unless all arrays describe the same number of Gaussians.
+    pub(crate) fn check_lengths(&self) -> Result<(), Error> {
+        let n = self.len();
+        check_len("log_scales", n, self.log_scales.len())?;
+        check_len("rotations", n, self.rotations.len())?;
+        check_len("colors", n, self.colors.len())?;
+        if self.has_opacity() {
+            check_len("opacity_logits", n, self.opacity_logits.len())?;
+        }
+        Ok(())
+    }
+
     /// All Gaussians in order.
     pub fn iter(&self) -> impl ExactSizeIterator<Item = PlanarGaussian> + '_ {
         (0..self.len()).map(|i| self.gaussian(i))
@@ -125,13 +137,7 @@ impl Scene for PlanarScene {
     }
 
     fn validate(&self) -> Result<(), Error> {
-        let n = self.len();
-        check_len("log_scales", n, self.log_scales.len())?;
-        check_len("rotations", n, self.rotations.len())?;
-        check_len("colors", n, self.colors.len())?;
-        if self.has_opacity() {
-            check_len("opacity_logits", n, self.opacity_logits.len())?;
-        }
+        self.check_lengths()?;
         for (i, g) in self.iter().enumerate() {
             check_finite("mean", i, &g.mean.to_array())?;
             check_finite("log-scale", i, &g.log_scale.to_array())?;

@@ -56,6 +56,19 @@ impl SpatialScene {
     pub fn sh_len(&self) -> usize {
         (self.sh_degree as usize + 1).pow(2)
     }
+
+    /// Fails unless all arrays describe the same number of Gaussians.
+    pub(crate) fn check_lengths(&self) -> Result<(), Error> {
+        let n = self.len();
+        if self.sh_degree > 3 {
+            return Err(Error::setting("sh_degree", self.sh_degree, "0 to 3"));
+        }
+        check_len("log_scales", n, self.log_scales.len())?;
+        check_len("rotations", n, self.rotations.len())?;
+        check_len("opacity_logits", n, self.opacity_logits.len())?;
+        check_len("sh", n * self.sh_len(), self.sh.len())?;
+        Ok(())
+    }
 }
 
 impl Scene for SpatialScene {
@@ -89,15 +102,8 @@ impl Scene for SpatialScene {
     }
 
     fn validate(&self) -> Result<(), Error> {
-        let n = self.len();
-        if self.sh_degree > 3 {
-            return Err(Error::setting("sh_degree", self.sh_degree, "0 to 3"));
-        }
-        check_len("log_scales", n, self.log_scales.len())?;
-        check_len("rotations", n, self.rotations.len())?;
-        check_len("opacity_logits", n, self.opacity_logits.len())?;
-        check_len("sh", n * self.sh_len(), self.sh.len())?;
-        for i in 0..n {
+        self.check_lengths()?;
+        for i in 0..self.len() {
             check_finite("mean", i, &self.means[i].to_array())?;
             check_finite("log-scale", i, &self.log_scales[i].to_array())?;
             check_finite("rotation", i, &self.rotations[i])?;

@@ -69,8 +69,9 @@ impl Camera {
         if !(self.focal.min_element() > 0.0) || !self.focal.is_finite() || !self.center.is_finite() {
             return Err(Error::setting("camera intrinsics", self.focal, "finite, with positive focal lengths"));
         }
-        if !(self.near > 0.0) {
-            return Err(Error::setting("near plane", self.near, "positive"));
+        // Distances that are not normal numbers have no inverse.
+        if !(self.near >= f32::MIN_POSITIVE && self.near.is_finite()) {
+            return Err(Error::setting("near plane", self.near, "finite and at least 1.2e-38"));
         }
         Ok(())
     }

@@ -5,13 +5,17 @@ use std::ops::Range;
 
 use fearless_simd::{Level, Simd, dispatch, f32x8, prelude::*};
 use glam::{Mat2, Vec2};
-use gs_core::{AdamRates, Participants, PlanarGaussian, constants::MAX_ETA, effects::Statistics};
+use gs_core::{
+    AdamRates, Participants, PlanarGaussian,
+    constants::{MAX_DERIVATIVE, MAX_ETA},
+    effects::Statistics,
+};
 
 use super::{
     cloud::{PlanarCloud, Shapes, VECTOR},
     project_bwd::Gradient,
 };
-use crate::{bias::BiasTable, splat::CHUNK};
+use crate::{bias::BiasTable, lanes::bounded_derivative, splat::CHUNK};
 
 /// Moments below this are 0: denormals cost time and move nothing.
 const VANISHING: f32 = 1e-30;
@@ -169,6 +173,7 @@ fn step_all<'g, S: Simd>(
         };
         let [r, g, b] = gradient.color;
         let g = lane([by_mean.x, by_mean.y, by_shape[0], by_shape[1], by_shape[2], r, g, b]);
+        let g = bounded_derivative(simd, g);
         slices.steps[i] = slices.steps[i].saturating_add(1);
         let bias = step.bias.at(slices.steps[i]);
         let (first, second) =
@@ -207,7 +212,9 @@ fn step_all<'g, S: Simd>(
         }
         if let Some(logit) = slices.opacity_logits.get_mut(i) {
             let [m, v] = &mut slices.opacity_moments[i];
-            let (g, rate) = (gradient.opacity_logit, step.rates.opacity);
+            let g = gradient.opacity_logit;
+            let g = if g.abs() > MAX_DERIVATIVE { MAX_DERIVATIVE.copysign(g) } else { g };
+            let rate = step.rates.opacity;
             *m = rate.beta1 * *m + (1.0 - rate.beta1) * g;
             *v = rate.beta2 * *v + (1.0 - rate.beta2) * g * g;
             *logit -= rate.learning_rate * (*m * bias.first[VECTOR])
@@ -231,7 +238,7 @@ fn turn(l: Mat2, moved: [f32; 3], rates: &AdamRates) -> Mat2 {
     let l = Mat2::from_cols(l.x_axis * xx + l.y_axis * xy, l.x_axis * xy + l.y_axis * yy);
     // The larger scale is at most the Frobenius norm, and the smaller is |det|/(the larger).
     let frobenius = (l.x_axis.length_squared() + l.y_axis.length_squared()).sqrt();
-    let suspicious = l.determinant().abs() < rates.min_scale * frobenius || frobenius > rates.max_scale;
+    let suspicious = l.determinant().abs() <= rates.min_scale * frobenius || frobenius > rates.max_scale;
     if suspicious { bounded(l, rates) } else { l }
 }
 
@@ -270,6 +277,8 @@ mod tests {
         }
         let scale = scales(bounded(Mat2::from_cols(Vec2::X, Vec2::X), &rates));
         assert!(scale.y > 0.2499);
+        let scale = scales(turn(Mat2::ZERO, [0.0; 3], &rates));
+        assert!((scale - 0.25).abs().max_element() < 1e-6, "without extent, and no gradient: {scale}");
         assert!(turn(Mat2::NAN, [0.0; 3], &rates).is_nan());
     }
 }

@@ -14,7 +14,7 @@ use rayon::prelude::*;
 use super::cloud::{self, FRAME, LOG_SCALE, MEAN, OPACITY, ROTATION, SH, STRETCH, SpatialCloud};
 use crate::{
     bias::{Bias, BiasTable},
-    lanes::{LANES, Whole, load, splat, store},
+    lanes::{LANES, Whole, bounded_derivative, load, splat, store},
     workspace::Workspace,
 };
 
@@ -136,6 +136,7 @@ fn move_row<S: Simd>(simd: S, row: Row<'_>, step: &Step<'_>, steps: u32) {
             Some(gradient) => load(simd, gradient, at),
             None => zero,
         };
+        let g = bounded_derivative(simd, g);
         let m = load::<S, Whole<S>>(simd, row.first, at).mul_add(lanes.beta1, g * (1.0 - lanes.beta1));
         let m = m.abs().simd_lt(splat::<S, Whole<S>>(simd, VANISHING)).select(zero, m);
         let v = load::<S, Whole<S>>(simd, row.second, at).mul_add(lanes.beta2, g * g * (1.0 - lanes.beta2));

@@ -1,5 +1,6 @@
-//! Spatial scenes on the CPU: images, gradients, reproducibility, edits and state, and scenes that mean harm.
+//! Spatial scenes on the CPU: images, effects, gradients, reproducibility, edits and state, and scenes that mean harm.
 
+mod effects;
 mod gradients;
 mod hostile;
 mod images;

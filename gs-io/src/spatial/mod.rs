@@ -127,7 +127,7 @@ pub struct SpatialFile {
     pub scene: SpatialScene,
     /// What the file was.
     pub format: SpatialFormat,
-    /// Size of the file itself, bytes.
+    /// Size of the file, with those beside it that it refers to, bytes.
     pub bytes: u64,
     /// What of the file is not in the scene.
     pub losses: Vec<Loss>,
@@ -181,6 +181,7 @@ pub fn read_spatial_unchecked(path: impl AsRef<Path>) -> Result<SpatialFile, Err
 /// [`Error::NotASpatialScene`] for a glTF of something else; for a glTF's buffer those of opening it.
 pub fn decode_spatial(format: SpatialFormat, bytes: &[u8], path: &Path) -> Result<SpatialFile, Error> {
     let source = Source { path, what: format.what(), bytes };
+    let mut size = bytes.len() as u64;
     let (scene, format, losses) = match format {
         SpatialFormat::Ply | SpatialFormat::CompressedPly => {
             let ply::Read { scene, format, losses } = ply::read(&source)?;
@@ -192,14 +193,15 @@ pub fn decode_spatial(format: SpatialFormat, bytes: &[u8], path: &Path) -> Resul
             (scene, format, losses)
         }
         SpatialFormat::Gltf | SpatialFormat::Glb => {
-            let (scene, losses) = gltf::read(&source)?;
+            let gltf::Read { scene, losses, bytes_beside } = gltf::read(&source)?;
+            size = size.saturating_add(bytes_beside);
             (scene, format, losses)
         }
     };
     if scene.is_empty() {
         return Err(Error::Empty { path: path.to_owned() });
     }
-    Ok(SpatialFile { scene, format, bytes: bytes.len() as u64, losses })
+    Ok(SpatialFile { scene, format, bytes: size, losses })
 }
 
 /// How scenes are written, by format.

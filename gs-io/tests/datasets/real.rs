@@ -1,22 +1,12 @@
 //! Real data sets, in `$GS_DATA` or `../shared/data`, where they are there.
 
-use std::{collections::HashMap, path::PathBuf};
+use std::collections::HashMap;
 
 use glam::{DVec3, Vec2};
+use gs_conformance::data;
 use gs_io::dataset::{ColmapModel, Dataset, DatasetKind, Distortion, Remark, Split};
 
 use crate::made::read;
-
-fn data(name: &str) -> Option<PathBuf> {
-    let data = std::env::var_os("GS_DATA")
-        .map_or_else(|| PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../shared/data"), PathBuf::from);
-    let folder = data.join(name);
-    if !folder.is_dir() {
-        eprintln!("skipped: no test data {}", folder.display());
-        return None;
-    }
-    Some(folder)
-}
 
 /// Mean distance from where the model's points project to where they were observed: with the lens into the full-size photograph, and as
 /// the engine sees them, through the views' pinholes; both in px at full size. And how many were compared.
@@ -44,7 +34,7 @@ fn reprojection_errors(dataset: &Dataset, model: &ColmapModel) -> (f64, f64, usi
 
 #[test]
 fn banana() {
-    let Some(folder) = data("banana") else { return };
+    let Some(folder) = data::find("banana") else { return };
     let dataset = read(&folder);
     assert_eq!((dataset.kind, dataset.views.len(), dataset.points.len()), (DatasetKind::Colmap, 14, 6277));
     assert_eq!((dataset.views_of(Split::Test).count(), dataset.views_of(Split::Train).count()), (2, 12));
@@ -63,7 +53,7 @@ fn banana() {
 
 #[test]
 fn lund_door() {
-    let Some(folder) = data("lund_door") else { return };
+    let Some(folder) = data::find("lund_door") else { return };
     let dataset = read(&folder);
     assert_eq!((dataset.kind, dataset.views.len(), dataset.points.len()), (DatasetKind::Colmap, 12, 11_384));
     assert_eq!(dataset.remarks, [Remark::Undistorted { count: 12, lens: "Brown-Conrady" }]);
@@ -103,7 +93,7 @@ fn lund_door() {
 
 #[test]
 fn lego() {
-    let Some(folder) = data("lego") else { return };
+    let Some(folder) = data::find("lego") else { return };
     let dataset = read(&folder);
     assert_eq!((dataset.kind, dataset.points.len()), (DatasetKind::Blender, 0));
     assert_eq!((dataset.views_of(Split::Train).count(), dataset.views_of(Split::Test).count()), (100, 25));

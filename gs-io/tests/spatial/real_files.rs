@@ -1,7 +1,5 @@
 //! Files that others have made, where they are there.
 
-use std::path::PathBuf;
-
 use glam::Vec3;
 use gs_core::{Scene, SpatialScene, scene::sigmoid};
 use gs_io::{Loss, SpatialFile, SpatialFormat, SpatialOptions, read_spatial};
@@ -10,14 +8,7 @@ use crate::samples;
 
 /// A file of `$GS_DATA/splats` or `../shared/data/splats`, read; `None`, and a line that says so, where there is none.
 fn file(name: &str) -> Option<SpatialFile> {
-    let data = std::env::var_os("GS_DATA")
-        .map_or_else(|| PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../shared/data"), PathBuf::from);
-    let path = data.join("splats").join(name);
-    if !path.exists() {
-        eprintln!("skipped: no test data");
-        return None;
-    }
-    Some(read_spatial(path).unwrap())
+    gs_conformance::data::find(&format!("splats/{name}")).map(|path| read_spatial(path).unwrap())
 }
 
 #[track_caller]

@@ -1,17 +1,9 @@
 //! Which images benchmarks fit: real photographs where they are, else one that a formula makes.
 
-use std::{
-    error::Error,
-    path::{Path, PathBuf},
-};
+use std::{error::Error, path::PathBuf};
 
+use gs_conformance::data;
 use gs_core::Image;
-
-/// The folder of test data: `$GS_DATA`, or, where that is not set, `../shared/data` beside the workspace.
-pub(crate) fn data_folder() -> PathBuf {
-    std::env::var_os("GS_DATA")
-        .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data"), PathBuf::from)
-}
 
 /// An image and its name.
 #[derive(Debug, Clone)]
@@ -32,9 +24,9 @@ pub(crate) struct Photographs {
 }
 
 impl Photographs {
-    /// Those of the Kodak test set in `kodak` of the [`data_folder`]; where there are none, a single synthetic image of the same size.
+    /// Those of the Kodak test set in `kodak` of the test data; where there are none, a single synthetic image of the same size.
     pub(crate) fn load() -> Result<Self, Box<dyn Error>> {
-        let mut paths: Vec<PathBuf> = match std::fs::read_dir(data_folder().join("kodak")) {
+        let mut paths: Vec<PathBuf> = match std::fs::read_dir(data::folder().join("kodak")) {
             Ok(folder) => folder.map(|entry| Ok(entry?.path())).collect::<Result<_, std::io::Error>>()?,
             Err(_) => Vec::new(),
         };

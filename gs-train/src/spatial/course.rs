@@ -5,6 +5,7 @@ use std::fmt;
 use gs_core::{
     Camera, Image, Rasterizer, RenderSettings, SpatialGaussian, SpatialScene, TrainStep, Wait,
     effects::{Background, Statistics},
+    statistics::Culled,
 };
 use gs_density::{Residual, Rng};
 use rand::{RngExt, SeedableRng};
@@ -18,9 +19,11 @@ use super::{
     views::{PosedView, Views},
 };
 use crate::{
+    clamped::Clamped,
     course::{Course, Due, Trainable},
     error::Error,
     observer::Quality,
+    statistics::mean,
 };
 
 /// Which of the generator's streams the backgrounds are drawn from.
@@ -54,6 +57,10 @@ impl Trainable for SpatialScene {
             ("rotation", g.rotation.to_vec()),
             ("harmonics", g.sh.iter().flat_map(|c| c.to_array()).collect()),
         ]
+    }
+
+    fn log_scale_range(&self, index: usize) -> (f32, f32) {
+        (self.log_scales[index].min_element(), self.log_scales[index].max_element())
     }
 }
 
@@ -159,20 +166,25 @@ impl<R: Rasterizer<SpatialScene>> Course<R, SpatialScene> for ViewsCourse<R> {
         Ok(())
     }
 
-    /// Means over the test views (or those that stand in for them), and what was left out in all of them together.
+    /// Means over the test views (or those that stand in for them) of which some pixel counts, and what was left out in all of them
+    /// together.
     fn quality(&self, on: &R, cloud: &R::Cloud, settings: &SpatialSettings, step: u32) -> Result<Quality, Error> {
         let render = shown(settings, step);
         let judges = self.judges();
-        let mut sum = Quality { l1: 0.0, psnr: 0.0, culled: Default::default() };
+        let (mut l1, mut psnr, mut culled) = (Vec::new(), Vec::new(), Culled::default());
         for view in &judges {
             let frame = on.forward(cloud, &view.camera, &render)?;
-            let (l1, psnr) = measure(&on.image(&frame)?, view.photograph()?, render.backdrop()).l1_and_psnr();
-            sum.l1 += l1;
-            sum.psnr += psnr;
-            sum.culled = sum.culled.plus(on.culled(&frame)?);
+            culled = culled.plus(on.culled(&frame)?);
+            if let Some(pair) = measure(&on.image(&frame)?, view.photograph()?, render.backdrop()) {
+                let measured = pair.l1_and_psnr();
+                l1.push(measured.0);
+                psnr.push(measured.1);
+            }
         }
-        let count = judges.len() as f64;
-        Ok(Quality { l1: sum.l1 / count, psnr: sum.psnr / count, ..sum })
+        if l1.is_empty() {
+            return Err(Error::NothingCounts { views: judges.len() });
+        }
+        Ok(Quality { l1: mean(l1), psnr: mean(psnr), culled, clamped: Clamped::default() })
     }
 }
 

@@ -5,7 +5,7 @@ use gs_io::dataset::Photograph;
 use serde::{Deserialize, Serialize};
 
 use super::{course::where_masked, views::PosedView};
-use crate::{error::Error, quality::l1_and_psnr, summary::infinite_where_null};
+use crate::{error::Error, quality::l1_and_psnr, statistics::mean, summary::infinite_where_null};
 
 /// How good one view is.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -35,8 +35,11 @@ pub struct Evaluation {
     pub l1: f64,
     /// Gaussians that the renderings left out, all views together.
     pub culled: Culled,
-    /// View by view.
+    /// View by view, those of which some pixel counts.
     pub views: Vec<ViewQuality>,
+    /// The views of which no pixel counts, because their masks leave out all. Nothing can be said of them, and they are in no mean.
+    #[serde(default)]
+    pub unmeasured: Vec<String>,
 }
 
 /// A rendering beside its photograph, both clamped, the photograph before the same background and as rendered where it does not count.
@@ -47,18 +50,22 @@ pub(super) struct Pair {
     share: f64,
 }
 
-pub(super) fn measure(rendered: &Image, photograph: Photograph, backdrop: [f32; 3]) -> Pair {
+/// Puts them side by side; `None` where no pixel counts.
+pub(super) fn measure(rendered: &Image, photograph: Photograph, backdrop: [f32; 3]) -> Option<Pair> {
     let rendered = rendered.clamped();
     let mask = photograph.mask.clone();
     let target = photograph.over(backdrop).clamped();
     let (target, share) = match mask {
         None => (target, 1.0),
         Some(mask) => {
-            let counted = mask.iter().filter(|counts| **counts).count().max(1);
+            let counted = mask.iter().filter(|counts| **counts).count();
+            if counted == 0 {
+                return None;
+            }
             (where_masked(target, &mask, &rendered), mask.len() as f64 / counted as f64)
         }
     };
-    Pair { rendered, target, share }
+    Some(Pair { rendered, target, share })
 }
 
 impl Pair {
@@ -71,7 +78,8 @@ impl Pair {
 /// Judges a scene by views; `render` is how it is shown.
 ///
 /// # Errors
-/// Those of the backend and of reading a photograph; [`gs_core::Error::Setting`] without a view.
+/// Those of the backend and of reading a photograph; [`gs_core::Error::Setting`] without a view, and [`Error::NothingCounts`] where no pixel
+/// of any counts.
 pub fn evaluate<R: Rasterizer<SpatialScene>>(
     rasterizer: &R,
     scene: &SpatialScene,
@@ -94,19 +102,26 @@ pub(super) fn evaluate_cloud<R: Rasterizer<SpatialScene>>(
         return Err(gs_core::Error::setting("the number of views to judge by", 0, "at least 1").into());
     }
     let mut culled = Culled::default();
-    let mut qualities = Vec::with_capacity(views.len());
+    let (mut qualities, mut unmeasured) = (Vec::with_capacity(views.len()), Vec::new());
     for view in views {
         let frame = rasterizer.forward(cloud, &view.camera, render)?;
         let rendered = rasterizer.image(&frame)?;
         culled = culled.plus(rasterizer.culled(&frame)?);
         look(view, &rendered)?;
-        let pair = measure(&rendered, view.photograph()?, render.backdrop());
+        let Some(pair) = measure(&rendered, view.photograph()?, render.backdrop()) else {
+            unmeasured.push(view.name.clone());
+            continue;
+        };
         let (l1, psnr) = pair.l1_and_psnr();
         let ssim = metrics::ssim(&pair.rendered, &pair.target)?;
         qualities.push(ViewQuality { name: view.name.clone(), psnr, ssim, l1 });
     }
-    let mean = |of: fn(&ViewQuality) -> f64| qualities.iter().map(of).sum::<f64>() / qualities.len() as f64;
-    Ok(Evaluation { psnr: mean(|v| v.psnr), ssim: mean(|v| v.ssim), l1: mean(|v| v.l1), culled, views: qualities })
+    if qualities.is_empty() {
+        return Err(Error::NothingCounts { views: views.len() });
+    }
+    let mean = |of: fn(&ViewQuality) -> f64| mean(qualities.iter().map(of));
+    let (psnr, ssim, l1) = (mean(|v| v.psnr), mean(|v| v.ssim), mean(|v| v.l1));
+    Ok(Evaluation { psnr, ssim, l1, culled, views: qualities, unmeasured })
 }
 
 #[cfg(test)]
@@ -118,8 +133,11 @@ mod tests {
         let rendered = Image::filled(4, 4, [0.5; 3]).unwrap();
         let image = Image::from_fn(4, 4, |x, _| if x < 2 { [0.6; 3] } else { [0.0; 3] }).unwrap();
         let mask: Vec<bool> = (0..16).map(|i| i % 4 < 2).collect();
-        let masked = measure(&rendered, Photograph { image, alpha: None, mask: Some(mask) }, [0.0; 3]).l1_and_psnr();
+        let photograph = Photograph { image, alpha: None, mask: Some(mask) };
+        let masked = measure(&rendered, photograph.clone(), [0.0; 3]).unwrap().l1_and_psnr();
         assert!((masked.0 - 0.1).abs() < 1e-6 && (masked.1 - 20.0).abs() < 1e-4, "{masked:?}");
+        let nothing = Photograph { mask: Some(vec![false; 16]), ..photograph };
+        assert!(measure(&rendered, nothing, [0.0; 3]).is_none());
     }
 
     #[test]
@@ -127,6 +145,6 @@ mod tests {
         let rendered = Image::filled(3, 3, [1.0; 3]).unwrap();
         let image = Image::filled(3, 3, [0.0; 3]).unwrap();
         let glass = Photograph { image, alpha: Some(vec![0.0; 9]), mask: None };
-        assert_eq!(measure(&rendered, glass, [1.0; 3]).l1_and_psnr(), (0.0, f64::INFINITY));
+        assert_eq!(measure(&rendered, glass, [1.0; 3]).unwrap().l1_and_psnr(), (0.0, f64::INFINITY));
     }
 }

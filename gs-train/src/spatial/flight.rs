@@ -11,6 +11,9 @@ const MOST_FRAMES: u32 = 100_000;
 /// and so looks larger.
 const AROUND: f32 = 1.35;
 
+/// Standard deviations of a Gaussian that are taken for its extent: beyond two, an opaque one covers less than an eighth.
+const REACH: f32 = 2.0;
+
 /// The camera moved to `position` and turned towards `target`, with `up` upwards in its picture; `None` where these do not say how: a target
 /// at the position, or straight up or down from it.
 pub fn looking_at(camera: &Camera, position: Vec3, target: Vec3, up: Vec3) -> Option<Camera> {
@@ -55,7 +58,7 @@ impl Orbit {
 pub struct Bulk {
     /// The median of the means, axis by axis, world units.
     pub center: Vec3,
-    /// The distance from there within which nine tenths of them are, world units.
+    /// The distance from there within which nine tenths of them are, each out to two standard deviations, world units.
     pub radius: f32,
 }
 
@@ -75,7 +78,9 @@ impl Bulk {
         };
         let median = |axis: usize| quantile(seen.iter().map(|&index| scene.means[index][axis]).collect(), 0.5);
         let center = Vec3::new(median(0)?, median(1)?, median(2)?);
-        let radius = quantile(seen.iter().map(|&index| scene.means[index].distance(center)).collect(), 0.9)?;
+        let farthest =
+            |index: usize| scene.means[index].distance(center) + REACH * scene.log_scales[index].max_element().exp();
+        let radius = quantile(seen.iter().map(|&index| farthest(index)).collect(), 0.9)?;
         Some(Self { center, radius: if radius > 0.0 { radius } else { 1.0 } })
     }
 
@@ -262,7 +267,7 @@ mod tests {
         let mut scene = SpatialScene::default();
         let at = |mean: Vec3| SpatialGaussian {
             mean,
-            log_scale: Vec3::ZERO,
+            log_scale: Vec3::splat(-7.0),
             rotation: [1.0, 0.0, 0.0, 0.0],
             opacity_logit: 2.0,
             sh: Vec::new(),
@@ -283,6 +288,26 @@ mod tests {
         };
         assert!(scene.means.iter().filter(inside).count() >= 95);
         assert_eq!(Bulk::of(&SpatialScene::default()), None);
+    }
+
+    #[test]
+    fn an_overview_shows_gaussians_whole_where_all_are_in_one_place() {
+        let gaussian = |scale: f32| SpatialGaussian {
+            mean: Vec3::ONE,
+            log_scale: Vec3::new(scale, 0.1, 0.1).map(f32::ln),
+            rotation: [1.0, 0.0, 0.0, 0.0],
+            opacity_logit: 2.0,
+            sh: Vec::new(),
+        };
+        let mut scene = SpatialScene::default();
+        (0..20).for_each(|i| scene.push(gaussian(if i < 10 { 1.0 } else { 50.0 })));
+        let bulk = Bulk::of(&scene).unwrap();
+        assert!((bulk.radius - 100.0).abs() < 1e-3, "{bulk:?}");
+        let camera = bulk.overview(64, 48, 0.9, Vec3::NEG_Y).unwrap();
+        for end in [-100.0, 100.0] {
+            let (at, _) = camera.project(Vec3::ONE + end * Vec3::X).unwrap();
+            assert!(at.cmpge(Vec2::ZERO).all() && at.cmple(Vec2::new(64.0, 48.0)).all(), "{at}");
+        }
     }
 
     #[test]

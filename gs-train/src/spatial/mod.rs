@@ -30,5 +30,5 @@ pub use self::{
     settings::{Backdrop, SpatialSettings},
     summary::SpatialSummary,
     trainer::SpatialTrainer,
-    views::{PhotographSource, PosedView, Views},
+    views::{Counting, PhotographSource, PosedView, Views},
 };

@@ -173,6 +173,11 @@ impl RunSettings<SpatialScene> for SpatialSettings {
         self.adam.mean.schedule.factor(self.decay_at(step))
     }
 
+    fn scale_bounds(&self) -> (f32, f32) {
+        let rates = self.rates_at(0, self.extent.unwrap_or(1.0));
+        (rates.min_scale, rates.max_scale)
+    }
+
     /// None: the loss is that of another view in each step.
     fn psnr_estimate(&self, _: f32) -> Option<f32> {
         None

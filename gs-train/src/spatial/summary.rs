@@ -3,6 +3,8 @@
 use gs_core::{Rasterizer, SpatialScene, edit::EditCounts};
 use serde::{Deserialize, Serialize};
 
+use crate::{clamped::Clamped, error::Error};
+
 use super::{evaluation::Evaluation, settings::SpatialSettings, trainer::SpatialTrainer};
 
 /// What a training cost and what came of it.
@@ -28,6 +30,9 @@ pub struct SpatialSummary {
     pub loss: Option<f32>,
     /// What density control did, all rounds together.
     pub edits: EditCounts,
+    /// Gaussians whose scales are at a bound.
+    #[serde(default)]
+    pub clamped: Clamped,
     /// How good the scene is.
     pub evaluation: Evaluation,
     /// All settings, to repeat the training.
@@ -36,8 +41,14 @@ pub struct SpatialSummary {
 
 impl SpatialSummary {
     /// The summary of a training as it stands, whose scene is as good as `evaluation` says.
-    pub fn new<R: Rasterizer<SpatialScene>>(trainer: &SpatialTrainer<'_, R>, evaluation: Evaluation) -> Self {
-        Self {
+    ///
+    /// # Errors
+    /// Those of the backend.
+    pub fn new<R: Rasterizer<SpatialScene>>(
+        trainer: &SpatialTrainer<'_, R>,
+        evaluation: Evaluation,
+    ) -> Result<Self, Error> {
+        Ok(Self {
             gaussians: trainer.count(),
             iterations: trainer.step(),
             seconds: trainer.seconds(),
@@ -48,8 +59,9 @@ impl SpatialSummary {
             seed: trainer.settings().seed,
             loss: trainer.loss(),
             edits: *trainer.edits(),
+            clamped: trainer.clamped()?,
             evaluation,
             settings: trainer.settings().clone(),
-        }
+        })
     }
 }

@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use gs_core::{Camera, Image, Rasterizer, RenderSettings, Scene, SpatialScene, edit::EditCounts};
-use gs_io::Checkpoint;
+use gs_io::{Checkpoint, dataset::AlphaMeaning};
 
 use super::{
     course::{ViewsCourse, shown},
@@ -11,7 +11,7 @@ use super::{
     geometry::extent_of,
     init::Start,
     settings::SpatialSettings,
-    views::{PosedView, Views},
+    views::{Counting, PosedView, Views},
 };
 use crate::{
     checkpoint::{Record, digest},
@@ -77,6 +77,11 @@ impl<'a, R: Rasterizer<SpatialScene>> Trainer<'a, R, SpatialScene> {
         self.course.views()
     }
 
+    /// The views by which the scene is judged: the test views; without any, a few of those it is trained with.
+    pub fn judges(&self) -> Vec<&PosedView> {
+        self.course.judges()
+    }
+
     /// How the scene is shown now.
     pub fn shown(&self) -> RenderSettings {
         shown(&self.record.settings, self.record.step)
@@ -90,7 +95,7 @@ impl<'a, R: Rasterizer<SpatialScene>> Trainer<'a, R, SpatialScene> {
         Ok(self.rasterizer.image(&self.rasterizer.forward(&self.cloud, camera, &self.shown())?)?)
     }
 
-    /// Judges the scene by its test views; without any, by a few of those it is trained with. `look` sees each view and its rendering.
+    /// Judges the scene by [`Self::judges`]; `look` sees each of them, in their order, and its rendering.
     ///
     /// # Errors
     /// Those of the backend, of reading a photograph, and of `look`.
@@ -112,12 +117,19 @@ fn depth_of(scene: &SpatialScene, cameras: &[Camera]) -> Option<f32> {
     distances.get(scene.len() / 2).copied()
 }
 
-/// What tells these views from others: names, cameras and what they are for. Not their pixels, which would all have to be read.
+/// What tells these views from others: names, cameras, what they are for and which of their pixels count. Not the pixels themselves, which would
+/// all have to be read.
 fn fingerprint(views: &Views) -> String {
     let mut bytes = Vec::new();
     for (role, views) in [(0, &views.train), (1, &views.test)] {
-        for PosedView { name, camera, .. } in views {
+        for PosedView { name, camera, source } in views {
             bytes.push(role);
+            let Counting { alpha, masked } = source.counting();
+            match (alpha, masked) {
+                (AlphaMeaning::Opacity, false) => {}
+                (AlphaMeaning::Opacity, true) => bytes.push(1),
+                (AlphaMeaning::Mask, masked) => bytes.push(2 + u8::from(masked)),
+            }
             bytes.extend(name.as_bytes());
             let numbers = camera.rotation.to_cols_array().into_iter().chain(camera.translation.to_array());
             let intrinsics = camera.focal.to_array().into_iter().chain(camera.center.to_array()).chain([camera.near]);

@@ -3,7 +3,7 @@
 use std::fmt;
 
 use gs_core::{Camera, Image};
-use gs_io::dataset::{Dataset, Photograph, Split, View};
+use gs_io::dataset::{AlphaMeaning, Dataset, Photograph, Split, View};
 
 use crate::error::Error;
 
@@ -14,17 +14,39 @@ pub trait PhotographSource: Send + Sync {
     /// # Errors
     /// Those of reading a file.
     fn read(&self) -> Result<Photograph, gs_io::Error>;
+
+    /// Which of its pixels count, and for how much, as far as is known without reading it.
+    fn counting(&self) -> Counting {
+        Counting::default()
+    }
+}
+
+/// Which pixels of a photograph count, and for how much: with the same names and cameras, these make other targets.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Counting {
+    /// What its alpha channel means, if it has one.
+    pub alpha: AlphaMeaning,
+    /// Whether a mask leaves pixels out.
+    pub masked: bool,
 }
 
 impl PhotographSource for Photograph {
     fn read(&self) -> Result<Photograph, gs_io::Error> {
         Ok(self.clone())
     }
+
+    fn counting(&self) -> Counting {
+        Counting { masked: self.mask.is_some(), ..Counting::default() }
+    }
 }
 
 impl PhotographSource for View {
     fn read(&self) -> Result<Photograph, gs_io::Error> {
         self.read_image()
+    }
+
+    fn counting(&self) -> Counting {
+        Counting { alpha: self.alpha, masked: self.mask.is_some() }
     }
 }
 

@@ -50,7 +50,7 @@ fn turn(l: mat2x2f, by: vec3f) -> mat2x2f {
     let xy = eta.y + 0.5 * eta.y * (eta.x + eta.z);
     let turned = mat2x2f(l[0] * xx + l[1] * xy, l[0] * xy + l[1] * yy);
     let frobenius = sqrt(dot(turned[0], turned[0]) + dot(turned[1], turned[1]));
-    if abs(determinant_of(turned)) < step.min_scale * frobenius || frobenius > step.max_scale {
+    if abs(determinant_of(turned)) <= step.min_scale * frobenius || frobenius > step.max_scale {
         return bounded(turned);
     }
     return turned;

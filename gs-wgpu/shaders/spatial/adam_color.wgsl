@@ -7,7 +7,8 @@
 @group(0) @binding(3) var<storage, read> v_sh: array<f32>;
 @group(0) @binding(4) var<storage, read_write> sh: array<f32>;
 // First and second moments.
-@group(0) @binding(5) var<storage, read_write> moments: array<vec2f>;
+@group(0) @binding(5) var<storage, read_write> first_moments: array<f32>;
+@group(0) @binding(6) var<storage, read_write> second_moments: array<f32>;
 
 @compute @workgroup_size(64)
 fn spatial_adam_color(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
@@ -26,12 +27,12 @@ fn spatial_adam_color(@builtin(workgroup_id) group: vec3u, @builtin(num_workgrou
     if visible {
         gradient = vec4f(v_sh[first], v_sh[first + 1u], v_sh[first + 2u], 0.0);
     }
-    let before = array<vec2f, 3>(moments[first], moments[first + 1u], moments[first + 2u]);
-    var m = vec4f(before[0].x, before[1].x, before[2].x, 0.0);
-    var v = vec4f(before[0].y, before[1].y, before[2].y, 0.0);
+    var m = vec4f(first_moments[first], first_moments[first + 1u], first_moments[first + 2u], 0.0);
+    var v = vec4f(second_moments[first], second_moments[first + 1u], second_moments[first + 2u], 0.0);
     let by = moved(&m, &v, gradient, rates);
     for (var channel = 0u; channel < 3u; channel++) {
         sh[first + channel] -= by[channel];
-        moments[first + channel] = vec2f(m[channel], v[channel]);
+        first_moments[first + channel] = m[channel];
+        second_moments[first + channel] = v[channel];
     }
 }

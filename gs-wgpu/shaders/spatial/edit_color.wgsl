@@ -4,9 +4,11 @@
 // Each [.., coefficients, 3].
 @group(0) @binding(2) var<storage, read> fresh: array<f32>;
 @group(0) @binding(3) var<storage, read> sh: array<f32>;
-@group(0) @binding(4) var<storage, read> moments: array<vec2f>;
-@group(0) @binding(5) var<storage, read_write> edited_sh: array<f32>;
-@group(0) @binding(6) var<storage, read_write> edited_moments: array<vec2f>;
+@group(0) @binding(4) var<storage, read> first_moments: array<f32>;
+@group(0) @binding(5) var<storage, read> second_moments: array<f32>;
+@group(0) @binding(6) var<storage, read_write> edited_sh: array<f32>;
+@group(0) @binding(7) var<storage, read_write> edited_first: array<f32>;
+@group(0) @binding(8) var<storage, read_write> edited_second: array<f32>;
 
 @compute @workgroup_size(64)
 fn edit_color(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
@@ -25,11 +27,12 @@ fn edit_color(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) grou
         } else {
             value = sh[place + channel];
         }
-        var moment = vec2f(0.0);
+        var moments = vec2f(0.0);
         if source.moments != NONE {
-            moment = moments[heritage + channel];
+            moments = vec2f(first_moments[heritage + channel], second_moments[heritage + channel]);
         }
         edited_sh[3u * at + channel] = value;
-        edited_moments[3u * at + channel] = moment;
+        edited_first[3u * at + channel] = moments.x;
+        edited_second[3u * at + channel] = moments.y;
     }
 }

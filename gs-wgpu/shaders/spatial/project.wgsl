@@ -24,13 +24,14 @@ fn color_of(index: u32, mean: vec3f) -> vec3f {
         sum += vec3f(sh[at], sh[at + 1u], sh[at + 2u]) * y_k[k];
         at += 3u;
     }
-    // NaN stays.
-    return select(sum, vec3f(0.0), sum < vec3f(0.0));
+    // What is not finite stays so: it must be seen, not drawn as black.
+    return select(sum, vec3f(0.0), (sum < vec3f(0.0)) & (sum >= vec3f(-3.4028235e38)));
 }
 
 // Without its colour. `depth_slope`: by how much the depth at a pixel grows with a px, where anything is drawn.
 fn project_one(e: Ellipsoid, p: vec3f, depth_slope: ptr<function, vec2f>) -> Splat {
-    let norm2 = dot(e.rotation, e.rotation);
+    let q = quaternion(e.rotation);
+    let norm2 = dot(q.scaled, q.scaled);
     if !(all_finite(e.mean) && all_finite(e.log_scale) && is_finite(norm2)) || is_nan(e.opacity_logit)
         || is_nan(p.x) || is_nan(p.y) || is_nan(p.z) {
         atomicAdd(&status.not_finite, 1u);

@@ -31,6 +31,18 @@ fn in_world(camera: Camera, v: vec3f) -> vec3f {
     return w[0].xyz * v.x + w[1].xyz * v.y + w[2].xyz * v.z;
 }
 
+// A quaternion times a power of two that keeps its square finite, and that power.
+struct Quaternion {
+    scaled: vec4f,
+    scale: f32,
+}
+
+fn quaternion(q: vec4f) -> Quaternion {
+    let huge = !is_finite(dot(q, q));
+    let scale = select(1.0, QUATERNION_SHRINK, huge);
+    return Quaternion(q * scale, scale);
+}
+
 // Legend: m = rows of W R S, r = rows of M' = J W R S.
 struct Intermediate {
     m: array<vec3f, 3>,
@@ -46,8 +58,10 @@ struct Intermediate {
 
 fn intermediate(camera: Camera, e: Ellipsoid, p: vec3f) -> Intermediate {
     var i: Intermediate;
-    i.inverse_norm = 1.0 / sqrt(dot(e.rotation, e.rotation));
-    i.unit = e.rotation * i.inverse_norm;
+    let q = quaternion(e.rotation);
+    i.inverse_norm = 1.0 / sqrt(dot(q.scaled, q.scaled));
+    i.unit = q.scaled * i.inverse_norm;
+    i.inverse_norm *= q.scale;
     let w = i.unit.x;
     let x = i.unit.y;
     let y = i.unit.z;
@@ -71,11 +85,18 @@ fn intermediate(camera: Camera, e: Ellipsoid, p: vec3f) -> Intermediate {
 // (mean - camera)/|...| and 1/|...|; +z and 0 where the camera is at the mean.
 fn towards(camera: Camera, mean: vec3f) -> vec4f {
     let offset = mean - camera.position;
-    let inverse = 1.0 / length(offset);
-    if is_finite(inverse) {
+    let norm2 = dot(offset, offset);
+    if norm2 >= SAFE_SQUARE_LEAST && norm2 <= SAFE_SQUARE_MOST {
+        let inverse = 1.0 / sqrt(norm2);
         return vec4f(offset * inverse, inverse);
     }
-    return vec4f(0.0, 0.0, 1.0, 0.0);
+    let largest = max(max(abs(offset.x), abs(offset.y)), abs(offset.z));
+    if largest == 0.0 {
+        return vec4f(0.0, 0.0, 1.0, 0.0);
+    }
+    let scaled = offset / largest;
+    let inverse = 1.0 / length(scaled);
+    return vec4f(scaled * inverse, inverse / largest);
 }
 
 // Coefficients of the degree that is evaluated.

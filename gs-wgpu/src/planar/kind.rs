@@ -77,6 +77,10 @@ impl Kind for PlanarScene {
         PlanarState::new(gpu, scene, chart)
     }
 
+    fn prepare(_: &Gpu, _: &mut PlanarState, _: usize) -> Result<(), Error> {
+        Ok(())
+    }
+
     fn download(gpu: &Gpu, state: &PlanarState, len: usize) -> Result<Self, Error> {
         state.scene(gpu, len)
     }

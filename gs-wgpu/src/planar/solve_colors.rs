@@ -37,7 +37,7 @@ pub(crate) fn solve_colors(
     cloud.settle(gpu)?;
     let mut workspace = rasterizer.planar.take(gpu)?;
     workspace.set(gpu, cloud, view, &settings)?;
-    let describe = |w: &Workspace<PlanarScene>| w.describe(cloud, None, None);
+    let describe = |w: &Workspace<PlanarScene>| w.describe(gpu, cloud, None, None);
     rasterizer.with_lists(&mut workspace, cloud, describe, |_, _| Ok(()))?;
     let step = describe(&workspace);
     let without_backdrop = gpu.storage("step", &[Step { backdrop: [0.0; 3], ..step }])?;
@@ -66,14 +66,14 @@ impl Workspace<PlanarScene> {
         self.tiles.partial.ensure(gpu, n.div_ceil(256) * 16)?;
         self.tiles.encode_blend(gpu, commands);
         self.tiles.encode_loss(gpu, commands, target, None)?;
-        self.tiles.encode_blend_bwd(gpu, commands, Differentiated::Loss(target));
+        self.tiles.encode_blend_bwd(gpu, commands, Differentiated::Loss(target))?;
         self.encode_solver(gpu, commands, cloud, "solve_start", None);
         self.encode_solver(gpu, commands, cloud, "solve_scalars", Some(0));
         // From here on the image is that of a direction, on nothing.
         commands.encoder().copy_buffer_to_buffer(without_backdrop, 0, &self.tiles.step, 0, size_of::<Step>() as u64);
         for _ in 0..iterations {
             self.tiles.encode_blend(gpu, commands);
-            self.tiles.encode_blend_bwd(gpu, commands, Differentiated::Image);
+            self.tiles.encode_blend_bwd(gpu, commands, Differentiated::Image)?;
             self.encode_solver(gpu, commands, cloud, "solve_product", None);
             self.encode_solver(gpu, commands, cloud, "solve_scalars", Some(1));
             self.encode_solver(gpu, commands, cloud, "solve_step", None);

@@ -64,6 +64,10 @@ impl Kind for SpatialScene {
         SpatialState::new(gpu, scene, chart)
     }
 
+    fn prepare(gpu: &Gpu, state: &mut SpatialState, len: usize) -> Result<(), Error> {
+        state.make_moments(gpu, len)
+    }
+
     fn download(gpu: &Gpu, state: &SpatialState, len: usize) -> Result<Self, Error> {
         state.scene(gpu, len)
     }

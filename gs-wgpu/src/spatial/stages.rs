@@ -153,9 +153,11 @@ pub(crate) fn encode_adam(
         Some(sizes) => Groups::Indirect(sizes, offset),
         None => groups_of(gpu, count, 64),
     };
-    let bindings = [step, gradients[0], &state.ellipsoids, &state.moments, &cloud.statistics];
+    let moments = state.moments();
+    let bindings = [step, gradients[0], &state.ellipsoids, &moments.geometry, &cloud.statistics];
     dispatch(gpu, commands, "spatial_adam", Variant::default(), &bindings, groups(BY_GAUSSIAN, n));
-    let bindings = [step, gradients[0], &state.ellipsoids, gradients[1], &state.sh, &state.sh_moments];
+    let [first, second] = &moments.sh;
+    let bindings = [step, gradients[0], &state.ellipsoids, gradients[1], &state.sh, first, second];
     let by_coefficient = groups(BY_COEFFICIENT, n * state.coefficients() as u64);
     dispatch(gpu, commands, "spatial_adam_color", Variant::default(), &bindings, by_coefficient);
 }

@@ -25,11 +25,37 @@ const GEOMETRY: usize = 11;
 pub struct SpatialState {
     pub(crate) sh_degree: u8,
     pub(crate) ellipsoids: wgpu::Buffer,
-    pub(crate) moments: wgpu::Buffer,
     /// `[N, K, 3]`.
     pub(crate) sh: wgpu::Buffer,
-    /// First and second moments, `[N, K, 3, 2]`.
-    pub(crate) sh_moments: wgpu::Buffer,
+    /// Once a step was to be taken: a scene that is only looked at needs none.
+    moments: Option<Moments>,
+}
+
+/// Adam moments.
+#[derive(Debug)]
+pub(crate) struct Moments {
+    pub(crate) geometry: wgpu::Buffer,
+    /// First and second ones, each `[N, K, 3]`: as large a buffer as any that a scene has.
+    pub(crate) sh: [wgpu::Buffer; 2],
+}
+
+impl Moments {
+    fn allocate(gpu: &Gpu, n: u64, coefficients: u64) -> Result<Self, Error> {
+        let sh = || gpu.allocate("Adam moments of SH coefficients", n * coefficients * COLOR_BYTES, STORAGE);
+        let geometry = gpu.allocate("Adam moments", n * size_of::<EllipsoidMoments>() as u64, STORAGE)?;
+        Ok(Self { geometry, sh: [sh()?, sh()?] })
+    }
+
+    /// Of Gaussians that have not moved yet.
+    fn zeros(gpu: &Gpu, n: u64, coefficients: u64) -> Result<Self, Error> {
+        let moments = Self::allocate(gpu, n, coefficients)?;
+        let mut commands = Commands::new(gpu);
+        for buffer in [&moments.geometry].into_iter().chain(&moments.sh) {
+            commands.encoder().clear_buffer(buffer, 0, None);
+        }
+        commands.submit(gpu);
+        Ok(moments)
+    }
 }
 
 /// A Gaussian as the device holds it, without its colour.
@@ -55,9 +81,7 @@ fn check_chart(chart: Chart) -> Result<(), Error> {
 struct Parts {
     sh_degree: u8,
     ellipsoids: Vec<Ellipsoid>,
-    moments: Vec<EllipsoidMoments>,
     sh: Vec<[f32; 3]>,
-    sh_moments: Vec<[f32; 2]>,
 }
 
 /// Moments of a Gaussian but for its colour, in the order of saved states: mean 3, log-scale 3, rotation 4, opacity 1.
@@ -81,25 +105,34 @@ impl SpatialState {
             steps: 0,
             rotation: scene.rotations[i],
         };
-        let n = scene.len();
         let parts = Parts {
             sh_degree: scene.sh_degree,
-            ellipsoids: (0..n).map(ellipsoid).collect(),
-            moments: vec![EllipsoidMoments::default(); n],
+            ellipsoids: (0..scene.len()).map(ellipsoid).collect(),
             sh: scene.sh.iter().map(Vec3::to_array).collect(),
-            sh_moments: vec![[0.0; 2]; 3 * scene.sh.len()],
         };
-        Self::from_parts(gpu, &parts)
+        Self::from_parts(gpu, &parts, None)
     }
 
-    fn from_parts(gpu: &Gpu, parts: &Parts) -> Result<Self, Error> {
+    fn from_parts(gpu: &Gpu, parts: &Parts, moments: Option<Moments>) -> Result<Self, Error> {
         Ok(Self {
             sh_degree: parts.sh_degree,
             ellipsoids: gpu.storage("Gaussians", &parts.ellipsoids)?,
-            moments: gpu.storage("Adam moments", &parts.moments)?,
             sh: gpu.storage("SH coefficients", &parts.sh)?,
-            sh_moments: gpu.storage("Adam moments of SH coefficients", &parts.sh_moments)?,
+            moments,
         })
+    }
+
+    /// Makes the moments of `len` Gaussians, if there are none yet.
+    pub(crate) fn make_moments(&mut self, gpu: &Gpu, len: usize) -> Result<(), Error> {
+        if self.moments.is_none() {
+            self.moments = Some(Moments::zeros(gpu, len as u64, self.coefficients() as u64)?);
+        }
+        Ok(())
+    }
+
+    /// The moments, in whatever moves or edits Gaussians.
+    pub(crate) fn moments(&self) -> &Moments {
+        self.moments.as_ref().expect("moments are made before Gaussians are moved or edited")
     }
 
     /// K, of a Gaussian.
@@ -137,39 +170,42 @@ impl SpatialState {
         let fresh_sh: Vec<[f32; 3]> = edit.fresh.iter().flat_map(color).collect();
         let (fresh, fresh_sh) = (gpu.storage("new Gaussians", &fresh)?, gpu.storage("new colours", &fresh_sh)?);
         let (n, numbers) = (edit.len as u64, (edit.len * k) as u64);
-        let edited = Self {
-            sh_degree: self.sh_degree,
-            ellipsoids: gpu.allocate("Gaussians", n * size_of::<Ellipsoid>() as u64, STORAGE)?,
-            moments: gpu.allocate("Adam moments", n * size_of::<EllipsoidMoments>() as u64, STORAGE)?,
-            sh: gpu.allocate("SH coefficients", numbers * COLOR_BYTES, STORAGE)?,
-            sh_moments: gpu.allocate("Adam moments of SH coefficients", 2 * numbers * COLOR_BYTES, STORAGE)?,
-        };
+        let ellipsoids = gpu.allocate("Gaussians", n * size_of::<Ellipsoid>() as u64, STORAGE)?;
+        let sh = gpu.allocate("SH coefficients", numbers * COLOR_BYTES, STORAGE)?;
+        let (moments, edited) = (self.moments(), Moments::allocate(gpu, n, k as u64)?);
         let [statistics, edited_statistics] = edit.statistics;
         let bindings = [
             &edit.step,
             &edit.sources,
             &fresh,
             &self.ellipsoids,
-            &self.moments,
+            &moments.geometry,
             statistics,
-            &edited.ellipsoids,
-            &edited.moments,
+            &ellipsoids,
+            &edited.geometry,
             edited_statistics,
         ];
         let spatial = Variant { spatial: true, ..Variant::default() };
         dispatch(gpu, commands, "edit", spatial, &bindings, groups_of(gpu, n, 64));
+        let [first, second] = &moments.sh;
+        let [edited_first, edited_second] = &edited.sh;
         let bindings =
-            [&edit.step, &edit.sources, &fresh_sh, &self.sh, &self.sh_moments, &edited.sh, &edited.sh_moments];
+            [&edit.step, &edit.sources, &fresh_sh, &self.sh, first, second, &sh, edited_first, edited_second];
         dispatch(gpu, commands, "edit_color", Variant::default(), &bindings, groups_of(gpu, numbers, 64));
-        Ok(edited)
+        Ok(Self { sh_degree: self.sh_degree, ellipsoids, sh, moments: Some(edited) })
     }
 
     pub(crate) fn save(&self, gpu: &Gpu, len: usize) -> Result<CloudState, Error> {
         let columns = 3 * self.coefficients();
         let ellipsoids: Vec<Ellipsoid> = gpu.read(&self.ellipsoids, len)?;
-        let moments: Vec<EllipsoidMoments> = gpu.read(&self.moments, len)?;
         let sh: Vec<f32> = gpu.read(&self.sh, len * columns)?;
-        let sh_moments: Vec<[f32; 2]> = gpu.read(&self.sh_moments, len * columns)?;
+        let (moments, sh_moments) = match &self.moments {
+            None => (vec![EllipsoidMoments::default(); len], [0, 1].map(|_| vec![0.0; len * columns])),
+            Some(Moments { geometry, sh: [first, second] }) => {
+                let sh = [gpu.read::<f32>(first, len * columns)?, gpu.read(second, len * columns)?];
+                (gpu.read(geometry, len)?, sh)
+            }
+        };
         let mut state = CloudState::new(Chart::ScaleRotation);
         state.insert("mean", ellipsoids.iter().map(|g| g.mean));
         state.insert("log_scale", ellipsoids.iter().map(|g| g.log_scale));
@@ -178,9 +214,9 @@ impl SpatialState {
         state.insert_matrix("sh", columns, sh);
         for (which, name) in ["moment1", "moment2"].into_iter().enumerate() {
             let mut rows = Vec::with_capacity(len * (GEOMETRY + columns));
-            for (m, colors) in moments.iter().zip(sh_moments.chunks_exact(columns)) {
+            for (m, colors) in moments.iter().zip(sh_moments[which].chunks_exact(columns)) {
                 rows.extend(geometry(if which == 0 { &m.first } else { &m.second }));
-                rows.extend(colors.iter().map(|both| both[which]));
+                rows.extend(colors);
             }
             state.insert_matrix(name, GEOMETRY + columns, rows);
         }
@@ -216,13 +252,9 @@ impl SpatialState {
         };
         let rows = [moments_of("moment1")?, moments_of("moment2")?].map(|m| m.chunks_exact(GEOMETRY + columns));
         let [first, second] = rows;
-        let mut parts = Parts {
-            sh_degree,
-            ellipsoids: Vec::with_capacity(n),
-            moments: Vec::with_capacity(n),
-            sh: sh.as_chunks().0.to_vec(),
-            sh_moments: Vec::with_capacity(n * columns),
-        };
+        let mut parts = Parts { sh_degree, ellipsoids: Vec::with_capacity(n), sh: sh.as_chunks().0.to_vec() };
+        let mut geometry = Vec::with_capacity(n);
+        let mut sh_moments = [0, 1].map(|_| Vec::with_capacity(n * columns));
         for (i, (first, second)) in first.zip(second).enumerate() {
             parts.ellipsoids.push(Ellipsoid {
                 mean: means[i],
@@ -231,9 +263,15 @@ impl SpatialState {
                 steps: steps[i],
                 rotation: rotations[i],
             });
-            parts.moments.push(EllipsoidMoments { first: on_device(first), second: on_device(second) });
-            parts.sh_moments.extend(first[GEOMETRY..].iter().zip(&second[GEOMETRY..]).map(|(&m, &v)| [m, v]));
+            geometry.push(EllipsoidMoments { first: on_device(first), second: on_device(second) });
+            sh_moments[0].extend(&first[GEOMETRY..]);
+            sh_moments[1].extend(&second[GEOMETRY..]);
         }
-        Self::from_parts(gpu, &parts)
+        let of_sh = |moments: &Vec<f32>| gpu.storage("Adam moments of SH coefficients", moments);
+        let moments = Moments {
+            geometry: gpu.storage("Adam moments", &geometry)?,
+            sh: [of_sh(&sh_moments[0])?, of_sh(&sh_moments[1])?],
+        };
+        Self::from_parts(gpu, &parts, Some(moments))
     }
 }

@@ -9,7 +9,10 @@
 //! use gs_core::{PlanarScene, Rasterizer};
 //!
 //! fn my_backend_conforms(backend: &impl Rasterizer<PlanarScene>) -> Result<(), Failure> {
-//!     conformance(backend)
+//!     for skipped in conformance(backend)? {
+//!         eprintln!("{skipped}");
+//!     }
+//!     Ok(())
 //! }
 //! ```
 
@@ -29,6 +32,8 @@ mod spatial_training;
 mod state;
 mod statistics;
 mod training;
+
+use std::fmt;
 
 use gs_core::{
     Binning, Blend, Chart, CloudState, Error, Image, Loss, PlanarScene, Rasterizer, SpatialScene, TrainStep, Wait,
@@ -85,11 +90,44 @@ pub struct Case<R> {
     /// Its name: the function's.
     pub name: &'static str,
     /// Runs it.
-    pub run: fn(&R) -> Result<(), Failure>,
+    pub run: fn(&R) -> Result<Outcome, Failure>,
+}
+
+/// What came of a case that did not fail.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Outcome {
+    /// The backend does what it must.
+    Passed,
+    /// The backend refuses, as it may, all that the case would have looked at: what.
+    Skipped(String),
+}
+
+/// Cases that can only pass or fail say nothing.
+impl From<()> for Outcome {
+    fn from((): ()) -> Self {
+        Self::Passed
+    }
+}
+
+/// A case in which nothing was looked at.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Skipped {
+    /// Its name.
+    pub case: &'static str,
+    /// What the backend refuses.
+    pub refused: String,
+}
+
+impl fmt::Display for Skipped {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "case {}: skipped, as the backend refuses {}", self.case, self.refused)
+    }
 }
 
 macro_rules! named {
-    ($($case:ident: $function:expr),* $(,)?) => { vec![$(Case { name: stringify!($case), run: $function }),*] };
+    ($($case:ident: $function:expr),* $(,)?) => {
+        vec![$(Case { name: stringify!($case), run: |rasterizer| Ok($function(rasterizer)?.into()) }),*]
+    };
 }
 
 /// All cases for planar scenes.
@@ -172,31 +210,32 @@ pub fn spatial_cases<R: Rasterizer<SpatialScene>>() -> Vec<Case<R>> {
     ]
 }
 
-/// Runs all cases for planar scenes.
+/// Runs all cases for planar scenes, and says which were skipped: none where the backend offers everything.
 ///
 /// # Errors
 /// [`Failure::Several`] of [`Failure::Case`]s: all that fail.
-pub fn conformance<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Result<(), Failure> {
+pub fn conformance<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Result<Vec<Skipped>, Failure> {
     run_all(rasterizer, cases::<R>())
 }
 
-/// Runs all cases for spatial scenes.
+/// Runs all cases for spatial scenes, and says which were skipped: none where the backend offers everything.
 ///
 /// # Errors
 /// [`Failure::Several`] of [`Failure::Case`]s: all that fail.
-pub fn spatial_conformance<R: Rasterizer<SpatialScene>>(rasterizer: &R) -> Result<(), Failure> {
+pub fn spatial_conformance<R: Rasterizer<SpatialScene>>(rasterizer: &R) -> Result<Vec<Skipped>, Failure> {
     run_all(rasterizer, spatial_cases::<R>())
 }
 
-fn run_all<R>(rasterizer: &R, cases: Vec<Case<R>>) -> Result<(), Failure> {
-    let failures: Vec<Failure> = cases
-        .into_iter()
-        .filter_map(|case| {
-            let cause = (case.run)(rasterizer).err()?;
-            Some(Failure::Case { case: case.name, cause: Box::new(cause) })
-        })
-        .collect();
-    if failures.is_empty() { Ok(()) } else { Err(Failure::Several(failures)) }
+fn run_all<R>(rasterizer: &R, cases: Vec<Case<R>>) -> Result<Vec<Skipped>, Failure> {
+    let (mut skipped, mut failures) = (Vec::new(), Vec::new());
+    for Case { name: case, run } in cases {
+        match run(rasterizer) {
+            Ok(Outcome::Passed) => {}
+            Ok(Outcome::Skipped(refused)) => skipped.push(Skipped { case, refused }),
+            Err(cause) => failures.push(Failure::Case { case, cause: Box::new(cause) }),
+        }
+    }
+    if failures.is_empty() { Ok(skipped) } else { Err(Failure::Several(failures)) }
 }
 
 /// Renders a drawing and holds its image against the oracle's.
@@ -248,7 +287,7 @@ fn is_refused<S: Subject, R: Rasterizer<S>>(rasterizer: &R, draw: &Draw<S>) -> R
 
 /// Those of a kind's charts that the backend offers: the first, and all that it does not refuse as [`Error::Unsupported`] when a scene is
 /// uploaded. What it refuses it must not restore either.
-fn charts<S: Subject, R: Rasterizer<S>>(rasterizer: &R) -> Result<Vec<Chart>, Failure> {
+pub(crate) fn charts<S: Subject, R: Rasterizer<S>>(rasterizer: &R) -> Result<Vec<Chart>, Failure> {
     let empty = S::typical(Blend::Over, 1, (8, 8), 1).scene.emptied();
     let mut offered = Vec::new();
     for &chart in S::CHARTS {

@@ -9,7 +9,7 @@ use gs_core::{
 };
 
 use super::{
-    charts, check_gradients,
+    Outcome, charts, check_gradients,
     optimiser::{distinct, step},
 };
 use crate::{
@@ -20,18 +20,19 @@ use crate::{
     tolerance::FRAME_SHARE,
 };
 
-/// Whether the backend trains spatial scenes in local frames, which it may refuse.
-fn offers_frames<R: Rasterizer<SpatialScene>>(rasterizer: &R) -> Result<bool, Failure> {
-    Ok(charts::<SpatialScene, R>(rasterizer)?.contains(&Chart::LocalFrame))
+/// That a case is skipped, where the backend does not train spatial scenes in local frames, which it may refuse.
+fn without_frames<R: Rasterizer<SpatialScene>>(rasterizer: &R) -> Result<Option<Outcome>, Failure> {
+    let offered = charts::<SpatialScene, R>(rasterizer)?.contains(&Chart::LocalFrame);
+    Ok((!offered).then(|| Outcome::Skipped(format!("chart {} for spatial scenes", Chart::LocalFrame.name()))))
 }
 
 /// Scenes that are held as frames come back with the same covariances, and all else bit for bit.
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
-pub fn spatial_frames_come_back<R: Rasterizer<SpatialScene>>(rasterizer: &R) -> Result<(), Failure> {
-    if !offers_frames(rasterizer)? {
-        return Ok(());
+pub fn spatial_frames_come_back<R: Rasterizer<SpatialScene>>(rasterizer: &R) -> Result<Outcome, Failure> {
+    if let Some(skipped) = without_frames(rasterizer)? {
+        return Ok(skipped);
     }
     for (seed, kind) in (2700..).zip([SpatialKind::Typical, SpatialKind::Needles, SpatialKind::Opaque]) {
         let scene = Draw::spatial(kind, Blend::Over, 37, (40, 30), seed).scene;
@@ -48,16 +49,16 @@ pub fn spatial_frames_come_back<R: Rasterizer<SpatialScene>>(rasterizer: &R) -> 
             Failure::unless(same, || format!("{kind:?}: Gaussian {i} had the frame {a}, came back with {b}"))?;
         }
     }
-    Ok(())
+    Ok(Outcome::Passed)
 }
 
 /// The gradients are those of the scene's parameters in the chart of local frames, too.
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
-pub fn gradients_match_in_spatial_frames<R: Rasterizer<SpatialScene>>(rasterizer: &R) -> Result<(), Failure> {
-    if !offers_frames(rasterizer)? {
-        return Ok(());
+pub fn gradients_match_in_spatial_frames<R: Rasterizer<SpatialScene>>(rasterizer: &R) -> Result<Outcome, Failure> {
+    if let Some(skipped) = without_frames(rasterizer)? {
+        return Ok(skipped);
     }
     for blend in [Blend::Sum, Blend::Over] {
         for antialias in [Antialias::None, Antialias::Dilate, Antialias::Mip] {
@@ -67,7 +68,7 @@ pub fn gradients_match_in_spatial_frames<R: Rasterizer<SpatialScene>>(rasterizer
             }
         }
     }
-    Ok(())
+    Ok(Outcome::Passed)
 }
 
 /// Six steps in local frames, with a Gaussian born after the third, equal Adam in `f64`: ξ along M and η stretching it, each with the
@@ -75,9 +76,9 @@ pub fn gradients_match_in_spatial_frames<R: Rasterizer<SpatialScene>>(rasterizer
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
-pub fn spatial_frame_steps_match<R: Rasterizer<SpatialScene>>(rasterizer: &R) -> Result<(), Failure> {
-    if !offers_frames(rasterizer)? {
-        return Ok(());
+pub fn spatial_frame_steps_match<R: Rasterizer<SpatialScene>>(rasterizer: &R) -> Result<Outcome, Failure> {
+    if let Some(skipped) = without_frames(rasterizer)? {
+        return Ok(skipped);
     }
     for blend in [Blend::Sum, Blend::Over] {
         let draw = SpatialScene::overlapping(blend, 12, (24, 20), 2723);
@@ -112,7 +113,7 @@ pub fn spatial_frame_steps_match<R: Rasterizer<SpatialScene>>(rasterizer: &R) ->
             }
         }
     }
-    bounds_hold(rasterizer)
+    bounds_hold(rasterizer).map(Outcome::from)
 }
 
 /// Whether a row is what the reference says, seen from the reference's frame, within a share of what was moved.

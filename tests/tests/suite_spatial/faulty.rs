@@ -1,10 +1,7 @@
 //! A backend that is the oracle itself, `f64` inside and `f32` in what it keeps and hands over, with one fault or none.
 
 use gs_conformance::{
-    oracle::{
-        AdamReference, FramedReference, Oracle, OracleScene, Parameters, Rendering, SPATIAL_OPACITY, SPATIAL_SH,
-        framed_scene,
-    },
+    oracle::{Oracle, OracleScene, SPATIAL_SH},
     subject::Subject,
 };
 use gs_core::{
@@ -15,11 +12,17 @@ use gs_core::{
     statistics::Culled,
 };
 
+mod cloud;
+
+use cloud::{Cloud, Frame, Gradients, narrow, scene_of, tensors};
+
 /// What is wrong with the backend.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Fault {
     /// Nothing: what passes.
     Faultless,
+    /// Nothing either: a backend may.
+    RefusesFrames,
     ShiftsImages,
     DimsImages,
     DrawsInTheScenesOrder,
@@ -67,169 +70,18 @@ use Fault::*;
 /// The oracle as a backend: `f64` inside, `f32` in what it keeps and hands over.
 pub(crate) struct Faulty(pub(crate) Fault);
 
-#[derive(Clone, Default)]
-pub(crate) struct Cloud {
-    chart: Chart,
-    sh_len: usize,
-    /// As the scene has them or, in local frames: mean, columns of M, opacity, SH.
-    parameters: Vec<Vec<f32>>,
-    first: Vec<Vec<f32>>,
-    second: Vec<Vec<f32>>,
-    steps: Vec<u32>,
-    gradient_sum: Vec<f32>,
-    visible: Vec<u32>,
-    losses: Vec<f32>,
-    last_view: Option<Camera>,
-}
-
-pub(crate) struct Frame {
-    oracle: Oracle<Camera>,
-    scene: OracleScene,
-    rendering: Rendering,
-}
-
-pub(crate) struct Gradients {
-    rows: Vec<Parameters>,
-    statistic: Vec<f64>,
-    drawn: Vec<bool>,
-}
-
-fn narrow(rows: &[Parameters]) -> Vec<Vec<f32>> {
-    rows.iter().map(|row| row.iter().map(|&v| v as f32).collect()).collect()
-}
-
-fn wide(rows: &[Vec<f32>]) -> Vec<Parameters> {
-    rows.iter().map(|row| row.iter().map(|&v| f64::from(v)).collect()).collect()
-}
-
-fn scene_of(rows: &[Vec<f32>], sh_len: usize) -> SpatialScene {
-    let mut scene = SpatialScene { sh_degree: sh_len.isqrt() as u8 - 1, ..SpatialScene::default() };
-    for row in rows {
-        scene.push(SpatialGaussian {
-            mean: glam::Vec3::from_slice(&row[0..3]),
-            log_scale: glam::Vec3::from_slice(&row[3..6]),
-            rotation: [row[6], row[7], row[8], row[9]],
-            opacity_logit: row[SPATIAL_OPACITY],
-            sh: row[SPATIAL_SH..].chunks_exact(3).map(glam::Vec3::from_slice).collect(),
-        });
-    }
-    scene
-}
-
-/// A Gaussian in its own frame as a row of parameters.
-fn framed_row(g: &FramedReference) -> Vec<f32> {
-    let geometry = g.mean.to_array().into_iter().chain(g.frame.to_cols_array());
-    geometry.chain(g.rest.iter().copied()).map(|v| v as f32).collect()
-}
-
-/// The tensors of parameters in their order in a row, and their columns.
-fn tensors(chart: Chart, sh_columns: usize) -> Vec<(&'static str, usize)> {
-    let shape: &[_] = match chart {
-        Chart::ScaleRotation => &[("log_scale", 3), ("rotation", 4)],
-        Chart::LocalFrame => &[("frame", 9)],
-    };
-    [("mean", 3)].iter().chain(shape).chain(&[("opacity_logit", 1), ("sh", sh_columns)]).copied().collect()
-}
-
-impl Cloud {
-    fn of(scene: &SpatialScene, chart: Chart) -> Self {
-        let empty = Self { chart, sh_len: scene.sh_len(), ..Self::default() };
-        let parameters: Vec<_> = (0..scene.len()).map(|i| empty.row_of(&scene.gaussian(i))).collect();
-        let count = parameters.len();
-        let zeros = vec![vec![0.0; empty.moments()]; count];
-        Self {
-            parameters,
-            first: zeros.clone(),
-            second: zeros,
-            steps: vec![0; count],
-            gradient_sum: vec![0.0; count],
-            visible: vec![0; count],
-            ..empty
-        }
-    }
-
-    /// Numbers of a row of parameters before the opacity.
-    fn geometry(&self) -> usize {
-        if self.chart == Chart::LocalFrame { 12 } else { SPATIAL_OPACITY }
-    }
-
-    /// Moments of a Gaussian.
-    fn moments(&self) -> usize {
-        SpatialScene::opacity_moment(self.chart) + 1 + 3 * self.sh_len
-    }
-
-    fn row_of(&self, g: &SpatialGaussian) -> Vec<f32> {
-        let mut scene = SpatialScene { sh_degree: self.sh_len.isqrt() as u8 - 1, ..SpatialScene::default() };
-        scene.push(g.clone());
-        let row = scene.rows().gaussians.remove(0);
-        match self.chart {
-            Chart::ScaleRotation => row.iter().map(|&v| v as f32).collect(),
-            Chart::LocalFrame => framed_row(&FramedReference::new(&row)),
-        }
-    }
-
-    /// In their own frames.
-    fn framed(&self) -> Vec<FramedReference> {
-        let wide = |row: &[f32]| row.iter().map(|&v| f64::from(v)).collect::<Vec<_>>();
-        let framed = |g: usize| {
-            let row = wide(&self.parameters[g]);
-            FramedReference {
-                mean: glam::DVec3::from_slice(&row),
-                frame: glam::DMat3::from_cols_slice(&row[3..12]),
-                rest: row[12..].to_vec(),
-                first: wide(&self.first[g]),
-                second: wide(&self.second[g]),
-                steps: self.steps[g] as i32,
-            }
-        };
-        (0..self.parameters.len()).map(framed).collect()
-    }
-
-    /// As the oracle sees them.
-    fn rows(&self) -> OracleScene {
-        match self.chart {
-            Chart::ScaleRotation => OracleScene { gaussians: wide(&self.parameters) },
-            Chart::LocalFrame => framed_scene(&self.framed()),
-        }
-    }
-
-    fn forget_moments(&mut self) {
-        self.first.iter_mut().chain(&mut self.second).for_each(|row| row.fill(0.0));
-    }
-
-    fn frames(&mut self, which: &[usize], gradients: &[Parameters], rates: &AdamRates) {
-        let mut framed = self.framed();
-        for &g in which {
-            let row = framed[g].row();
-            framed[g].step(&row, &gradients[g], rates);
-            self.parameters[g] = framed_row(&framed[g]);
-            let narrow = |moments: &[f64]| moments.iter().map(|&v| v as f32).collect();
-            (self.first[g], self.second[g]) = (narrow(&framed[g].first), narrow(&framed[g].second));
-            self.steps[g] += 1;
-        }
-    }
-
-    fn adam(&mut self, which: &[usize], gradients: &[Parameters], rates: &AdamRates) {
-        if self.chart == Chart::LocalFrame {
-            return self.frames(which, gradients, rates);
-        }
-        let steps = self.steps.iter().map(|&s| s as i32).collect();
-        let scene = OracleScene { gaussians: wide(&self.parameters) };
-        let mut adam = AdamReference::resumed(scene, wide(&self.first), wide(&self.second), steps);
-        adam.step_some(which, gradients, rates);
-        self.parameters = narrow(&adam.scene.gaussians);
-        for g in 0..self.steps.len() {
-            let (first, second, steps) = adam.moments(g);
-            self.first[g] = first.iter().map(|&v| v as f32).collect();
-            self.second[g] = second.iter().map(|&v| v as f32).collect();
-            self.steps[g] = steps as u32;
-        }
-    }
-}
-
 impl Faulty {
     fn is(&self, fault: Fault) -> bool {
         self.0 == fault
+    }
+
+    fn check_chart(&self, chart: Chart) -> Result<(), Error> {
+        match chart {
+            Chart::LocalFrame if self.is(RefusesFrames) => {
+                Err(Error::Unsupported { backend: "oracle", effect: "chart LocalFrame".to_owned() })
+            }
+            _ => Ok(()),
+        }
     }
 
     /// What it renders with instead of what it is told.
@@ -277,6 +129,7 @@ impl Rasterizer<SpatialScene> for Faulty {
             scene.means.iter_mut().filter(|mean| mean.is_nan()).for_each(|mean| *mean = glam::Vec3::ZERO);
         }
         scene.validate()?;
+        self.check_chart(chart)?;
         if self.is(NormalisesQuaternions) {
             for q in &mut scene.rotations {
                 *q = glam::Vec4::from_array(*q).normalize().to_array();
@@ -320,6 +173,7 @@ impl Rasterizer<SpatialScene> for Faulty {
     }
 
     fn restore(&self, state: &CloudState) -> Result<Cloud, Error> {
+        self.check_chart(state.chart)?;
         let restored = || {
             let (sh_width, _) = state.matrix("sh")?;
             let rows = |name, width| match state.matrix(name)? {

@@ -3,7 +3,7 @@
 
 mod faulty;
 
-use gs_conformance::conformance::spatial_cases;
+use gs_conformance::conformance::{Skipped, spatial_cases, spatial_conformance};
 
 use crate::faulty::{Fault::*, Faulty};
 
@@ -72,4 +72,14 @@ fn every_fault_is_caught_by_its_case() {
     assert!(missed.is_empty(), "not caught: {missed:?}");
     let unguarded: Vec<_> = cases.iter().map(|c| c.name).filter(|n| !caught_by.iter().any(|(_, m)| m == n)).collect();
     assert!(unguarded.is_empty(), "cases without a negative control: {unguarded:?}");
+}
+
+#[test]
+fn what_a_backend_refuses_is_skipped_and_not_passed() {
+    assert_eq!(spatial_conformance(&Faulty(Faultless)), Ok(Vec::new()));
+    let skipped = spatial_conformance(&Faulty(RefusesFrames)).unwrap();
+    let cases: Vec<&str> = skipped.iter().map(|skipped| skipped.case).collect();
+    assert_eq!(cases, ["gradients_match_in_spatial_frames", "spatial_frames_come_back", "spatial_frame_steps_match"]);
+    let told = skipped.first().map(Skipped::to_string).unwrap_or_default();
+    assert!(told.ends_with("skipped, as the backend refuses chart local-frame for spatial scenes"), "{told}");
 }

@@ -1,4 +1,4 @@
-//! `gs info` of a spatial scene in any format: how many Gaussians, where, how large, how opaque.
+//! `gs info` of a spatial scene in any format, or of a checkpoint of one: how many Gaussians, where, how large, how opaque.
 
 use std::{collections::BTreeMap, fmt::Write, path::Path};
 
@@ -7,6 +7,7 @@ use gs_core::{Scene, SpatialScene, constants::MIN_QUATERNION_NORM2, scene::sigmo
 use gs_io::SpatialFile;
 use serde::Serialize;
 
+use super::{metadata_text, number};
 use crate::{
     failure::Failure,
     output::{self, Format},
@@ -16,10 +17,12 @@ use crate::{
 #[derive(Debug, Serialize)]
 struct Info {
     kind: &'static str,
-    format: String,
-    /// Size of the file.
+    /// `null` of a checkpoint.
+    format: Option<String>,
+    /// Size of the file, with those beside a glTF.
     bytes: u64,
-    bytes_per_gaussian: f64,
+    /// `null` of a checkpoint without Gaussians.
+    bytes_per_gaussian: Option<f64>,
     gaussians: usize,
     sh_degree: u8,
     /// Of the means that are finite, world units; `null` where none is.
@@ -32,6 +35,9 @@ struct Info {
     without_rotation: usize,
     /// What of the file is not in the scene.
     losses: Vec<String>,
+    /// What a checkpoint says of itself.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    metadata: BTreeMap<String, String>,
 }
 
 #[derive(Debug, PartialEq, Serialize)]
@@ -66,16 +72,33 @@ struct NotFinite {
 /// # Errors
 /// Where its file cannot be read.
 pub(super) fn run(path: &Path, format: Format) -> Result<(), Failure> {
-    let info = Info::of(&gs_io::read_spatial_unchecked(path)?);
-    match format {
-        Format::Json => output::json(&info),
-        Format::Text => output::result(text(&info)),
-    }
+    let SpatialFile { scene, format: kind, bytes, losses } = gs_io::read_spatial_unchecked(path)?;
+    let losses = losses.iter().map(ToString::to_string).collect();
+    Info { format: Some(kind.to_string()), losses, ..Info::of("spatial scene", bytes, &scene) }.print(format)
+}
+
+/// Tells what is in a checkpoint of a training in space, of which this is the scene.
+///
+/// # Errors
+/// Where nothing can be printed.
+pub(super) fn of_checkpoint(
+    scene: &SpatialScene,
+    metadata: BTreeMap<String, String>,
+    bytes: u64,
+    format: Format,
+) -> Result<(), Failure> {
+    Info { metadata, ..Info::of("checkpoint of a training in space", bytes, scene) }.print(format)
 }
 
 impl Info {
-    fn of(file: &SpatialFile) -> Self {
-        let SpatialFile { scene, format, bytes, losses } = file;
+    fn print(&self, format: Format) -> Result<(), Failure> {
+        match format {
+            Format::Json => output::json(self),
+            Format::Text => output::result(text(self)),
+        }
+    }
+
+    fn of(kind: &'static str, bytes: u64, scene: &SpatialScene) -> Self {
         let finite = scene.means.iter().filter(|mean| mean.is_finite());
         let bounds = finite.fold(None, |bounds: Option<(Vec3, Vec3)>, &mean| {
             Some(bounds.map_or((mean, mean), |(min, max)| (min.min(mean), max.max(mean))))
@@ -87,17 +110,18 @@ impl Info {
         add("smallest scale", scene.log_scales.iter().map(|s| s.min_element().exp()).collect());
         let norm2 = |q: &[f32; 4]| q.iter().map(|v| v * v).sum::<f32>();
         Self {
-            kind: "spatial scene",
-            format: format.to_string(),
-            bytes: *bytes,
-            bytes_per_gaussian: *bytes as f64 / scene.len() as f64,
+            kind,
+            format: None,
+            bytes,
+            bytes_per_gaussian: (!scene.is_empty()).then(|| bytes as f64 / scene.len() as f64),
             gaussians: scene.len(),
             sh_degree: scene.sh_degree,
             bounds: bounds.map(|(min, max)| Bounds { min: min.to_array(), max: max.to_array() }),
             quantiles,
             not_finite: NotFinite::of(scene),
             without_rotation: scene.rotations.iter().filter(|q| norm2(q) < MIN_QUATERNION_NORM2).count(),
-            losses: losses.iter().map(ToString::to_string).collect(),
+            losses: Vec::new(),
+            metadata: BTreeMap::new(),
         }
     }
 }
@@ -136,18 +160,21 @@ impl NotFinite {
 }
 
 fn text(info: &Info) -> String {
+    let kind = info.format.as_ref().map_or_else(|| info.kind.to_owned(), |format| format!("{}, {format}", info.kind));
+    let each = info.bytes_per_gaussian.map_or_else(String::new, |each| format!(", {each:.1} a Gaussian"));
     let mut rows = vec![
-        ("kind", format!("{}, {}", info.kind, info.format)),
+        ("kind", kind),
         ("Gaussians", info.gaussians.to_string()),
         ("SH degree", info.sh_degree.to_string()),
-        ("size", format!("{} bytes, {:.1} a Gaussian", info.bytes, info.bytes_per_gaussian)),
+        ("size", format!("{} bytes{each}", info.bytes)),
     ];
     if let Some(Bounds { min, max }) = &info.bounds {
-        let side = |axis: usize| format!("{:.4} to {:.4}", min[axis], max[axis]);
+        let side = |axis: usize| format!("{} to {}", number(min[axis]), number(max[axis]));
         rows.extend([("x", side(0)), ("y", side(1)), ("z", side(2))]);
     }
     for (name, Quantiles { min, low, median, high, max }) in &info.quantiles {
-        let quantiles = format!("{min:.4} to {max:.4}; 5 % {low:.4}, median {median:.4}, 95 % {high:.4}");
+        let [min, low, median, high, max] = [min, low, median, high, max].map(|value| number(*value));
+        let quantiles = format!("{min} to {max}; 5 % {low}, median {median}, 95 % {high}");
         rows.push((name, quantiles));
     }
     let NotFinite { gaussians, means, scales, rotations, opacities, colors } = info.not_finite;
@@ -163,6 +190,7 @@ fn text(info: &Info) -> String {
     for (name, value) in &rows {
         let _ = writeln!(text, "{name:<20}{value}");
     }
+    text += &metadata_text(&info.metadata);
     text.truncate(text.trim_end().len());
     text
 }
@@ -171,27 +199,34 @@ fn text(info: &Info) -> String {
 mod tests {
     use super::*;
     use gs_core::SpatialGaussian;
-    use gs_io::SpatialFormat;
 
-    fn file(gaussians: impl IntoIterator<Item = (f32, f32, [f32; 4])>) -> SpatialFile {
+    fn scene(gaussians: impl IntoIterator<Item = (f32, f32, [f32; 4])>) -> SpatialScene {
         let mut scene = SpatialScene::default();
         for (x, opacity_logit, rotation) in gaussians {
             let (mean, log_scale) = (Vec3::new(x, 1.0, 2.0), Vec3::new(0.0, x, -1.0));
             scene.push(SpatialGaussian { mean, log_scale, rotation, opacity_logit, sh: vec![Vec3::ZERO] });
         }
-        SpatialFile { scene, format: SpatialFormat::Ply, bytes: 300, losses: Vec::new() }
+        scene
     }
 
     #[test]
     fn what_is_broken_is_counted_and_left_out_of_the_rest() {
         let unit = [1.0, 0.0, 0.0, 0.0];
-        let info =
-            Info::of(&file([(0.0, f32::INFINITY, unit), (f32::NAN, 0.0, [f32::NAN; 4]), (1.0, f32::NAN, [0.0; 4])]));
+        let broken = scene([(0.0, f32::INFINITY, unit), (f32::NAN, 0.0, [f32::NAN; 4]), (1.0, f32::NAN, [0.0; 4])]);
+        let info = Info::of("spatial scene", 300, &broken);
         let expected = NotFinite { gaussians: 2, means: 1, scales: 1, rotations: 1, opacities: 1, colors: 0 };
-        assert_eq!((info.not_finite, info.without_rotation, info.bytes_per_gaussian), (expected, 1, 100.0));
+        assert_eq!((info.not_finite, info.without_rotation, info.bytes_per_gaussian), (expected, 1, Some(100.0)));
         assert_eq!(info.bounds, Some(Bounds { min: [0.0, 1.0, 2.0], max: [1.0, 1.0, 2.0] }));
         let Quantiles { min, median, max, .. } = info.quantiles["opacity"];
         assert_eq!((min, median, max), (0.5, 1.0, 1.0));
+    }
+
+    #[test]
+    fn numbers_of_any_size_are_short() {
+        let unit = [1.0, 0.0, 0.0, 0.0];
+        let far = scene([(-2.2e37, 0.0, unit), (12.345_678, 0.0, unit)]);
+        let text = text(&Info::of("spatial scene", 300, &far));
+        assert!(text.contains("-2.2000e37 to 12.346"), "{text}");
     }
 
     #[test]

@@ -9,6 +9,7 @@ use clap::Args;
 
 use crate::{
     backend::BackendArgs,
+    effects::choice::EffectsArgs,
     failure::Failure,
     shown::ShownArgs,
     values::{Axis, Region, Size, ViewName},
@@ -46,6 +47,8 @@ pub(crate) struct RenderArgs {
     /// Take accuracy, effects and backend from a file that gs frontier has written; flags override it
     #[arg(long, value_name = "FILE.toml")]
     settings: Option<PathBuf>,
+    #[command(flatten)]
+    effects: EffectsArgs,
     #[command(flatten)]
     shown: ShownArgs,
     #[command(flatten)]

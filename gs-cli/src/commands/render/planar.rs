@@ -1,13 +1,14 @@
 //! `gs render` of an image's scene: a picture of any size, or a part of it.
 
 use glam::Vec2;
-use gs_core::{Canvas, Image, PlanarScene, Rasterizer};
+use gs_core::{Canvas, Image, PlanarScene, Rasterizer, RenderSettings, effects::CalledFor};
 use gs_io::PlanarFile;
 
 use super::RenderArgs;
 use crate::{
     backend::{Backend, Task},
     chosen::ChosenSettings,
+    effects::choice::told,
     failure::Failure,
     output,
     values::{Region, Size},
@@ -18,16 +19,18 @@ use crate::{
 /// # Errors
 /// Where the scene cannot be read, the size is not possible, or the picture cannot be written.
 pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
-    let mut file = gs_io::read_scene(&args.scene)?;
+    let mut file = gs_io::read_scene(&args.scene).map_err(Failure::of_scene)?;
     let canvas = canvas(&file, args);
     canvas.validate().map_err(|error| Failure::usage(error).at("--size or --region"))?;
     let chosen = args.settings.as_deref().map(ChosenSettings::read).transpose()?;
     if let Some(ChosenSettings { accuracy, .. }) = &chosen {
         file.settings.accuracy = *accuracy;
     }
+    let CalledFor { settings, verdicts } = args.effects.choose(&file.scene, &[canvas], &file.settings);
     let backend = Backend::start(&args.backend.or_chosen(chosen.as_ref().map(|chosen| &chosen.machine)))?;
-    let image = backend.run(Render { file: &file, canvas: &canvas })?;
+    let image = backend.run(Render { file: &file, canvas: &canvas, settings: &settings })?;
     gs_io::write_png(&args.output, &image)?;
+    output::note(told(&verdicts));
     output::note(format_args!("wrote {}, {}x{} px", args.output.display(), canvas.width, canvas.height));
     Ok(())
 }
@@ -44,12 +47,13 @@ fn canvas(file: &PlanarFile, args: &RenderArgs) -> Canvas {
 struct Render<'a> {
     file: &'a PlanarFile,
     canvas: &'a Canvas,
+    settings: &'a RenderSettings,
 }
 
 impl Task for Render<'_> {
     type Output = Result<Image, gs_core::Error>;
 
     fn run<R: Rasterizer<PlanarScene>>(self, rasterizer: &R) -> Self::Output {
-        rasterizer.render(&self.file.scene, self.canvas, &self.file.settings)
+        rasterizer.render(&self.file.scene, self.canvas, self.settings)
     }
 }

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use gs_core::{Camera, Image, Rasterizer, RenderSettings, SpatialScene};
+use gs_core::{Camera, Image, Rasterizer, RenderSettings, Scene, SpatialScene, effects::CalledFor, statistics::Culled};
 use gs_io::{
     Animation,
     dataset::{Dataset, DatasetSettings, read_dataset},
@@ -15,9 +15,11 @@ use crate::{
     backend::{Backend, SpatialTask},
     cameras,
     chosen::ChosenSettings,
+    effects::choice::told,
     failure::Failure,
     fit::folder::OutputFolder,
     output,
+    shown::{effects, why_empty},
     text_file::read_text,
     values::Size,
 };
@@ -32,38 +34,90 @@ pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
         return Err(Failure::usage(message).at(args.scene.display()).mend("leave it out"));
     }
     let scene = read_spatial(&args.scene).map_err(Failure::of_scene)?.scene;
-    let cameras = cameras(&args.cameras, args.size, &scene)?;
+    let (cameras, dataset) = cameras(&args.cameras, args.size, &scene)?;
     for camera in &cameras {
         camera.validate().map_err(|error| Failure::usage(error).at("--camera, --path or --size"))?;
     }
+    check_output(&args.output, cameras.len())?;
+    let asked = match &dataset {
+        Some(dataset) => args.shown.settings_beside(&scene, dataset),
+        None => args.shown.settings(&scene),
+    };
     let chosen = args.settings.as_deref().map(ChosenSettings::read).transpose()?;
     let backend = Backend::start(&args.backend.or_chosen(chosen.as_ref().map(|chosen| &chosen.machine)))?;
-    let render = args.shown.settings(&scene);
-    let render = chosen.map_or(render, |chosen| args.shown.overriding(chosen.applied_to(render), &render));
-    backend.run_spatial(Frames { args, scene: &scene, cameras: &cameras, render: &render })
+    let render = chosen.map_or(asked, |chosen| args.shown.overriding(chosen.applied_to(asked), &asked));
+    let CalledFor { settings, verdicts } = args.effects.choose(&scene, &cameras, &render);
+    output::note(told(&verdicts));
+    backend.run_spatial(Frames { args, scene: &scene, cameras: &cameras, render: &settings })
 }
 
-/// The cameras, at least one.
-fn cameras(args: &CameraArgs, size: Option<Size>, scene: &SpatialScene) -> Result<Vec<Camera>, Failure> {
+/// What is written, by the name of the output and the number of frames.
+enum Output {
+    Picture,
+    Animation,
+    /// Frame by frame.
+    Folder,
+}
+
+impl Output {
+    fn of(path: &Path, frames: usize) -> Result<Self, Failure> {
+        match (path.extension().and_then(|ending| ending.to_str()), frames) {
+            (Some("apng"), _) => Ok(Self::Animation),
+            (_, 1) => Ok(Self::Picture),
+            (Some("png"), _) => {
+                let message = format!("--output {}: one PNG cannot hold {frames} frames", path.display());
+                Err(Failure::usage(message).mend("name a folder, or an animated PNG that ends in .apng"))
+            }
+            _ => Ok(Self::Folder),
+        }
+    }
+}
+
+/// The name of a frame's file.
+fn frame_name(number: usize) -> String {
+    format!("frame-{number:05}.png")
+}
+
+/// Refuses, before anything is rendered, an output that cannot hold the frames, and a folder in which a longer film would go on after them:
+/// whoever plays it would see the end of the other. Whose frames these are is not known, so they are not removed.
+fn check_output(path: &Path, frames: usize) -> Result<(), Failure> {
+    if !matches!(Output::of(path, frames)?, Output::Folder) || !path.join(frame_name(frames)).exists() {
+        return Ok(());
+    }
+    let message = format_args!("holds {}, which would go on after these {frames} frames", frame_name(frames));
+    Err(Failure::failed(message)
+        .at(path.display())
+        .mend("remove it and those after it, or name another folder with --output"))
+}
+
+/// The cameras, at least one, and the data set that they are from, if they are.
+fn cameras(
+    args: &CameraArgs,
+    size: Option<Size>,
+    scene: &SpatialScene,
+) -> Result<(Vec<Camera>, Option<Dataset>), Failure> {
     if let Some(file) = &args.path {
-        return read_path(file)?.cameras().map_err(|error| Failure::usage(error).at(file.display()));
+        let cameras = read_path(file)?.cameras().map_err(|error| Failure::usage(error).at(file.display()))?;
+        return Ok((cameras, None));
     }
     let sized = |camera: Camera| size.map_or(camera, |Size { width, height }| resized(&camera, width, height));
     if let Some(name) = &args.camera {
         let dataset = read_dataset(&name.dataset, &DatasetSettings::default())?;
         let camera = sized(cameras::of_view(&dataset, name)?);
-        return Ok(match args.orbit {
+        let cameras = match args.orbit {
             None => vec![camera],
             Some(frames) => around(&dataset, args, frames, &camera),
-        });
+        };
+        return Ok((cameras, Some(dataset)));
     }
     let bulk = cameras::bulk_of(scene)?;
     let up = args.up.map_or(cameras::UP, |axis| axis.0);
-    let camera = cameras::overview(&bulk, size, up)?;
-    Ok(match args.orbit {
+    let camera = cameras::overview(&bulk, size, up).map_err(cameras::or_name_one)?;
+    let cameras = match args.orbit {
         None => vec![camera],
         Some(frames) => Orbit { center: bulk.center, axis: up, frames }.cameras(&camera),
-    })
+    };
+    Ok((cameras, None))
 }
 
 /// The camera taken around what the cameras of its data set look at.
@@ -91,34 +145,35 @@ impl SpatialTask for Frames<'_> {
     fn run<R: Rasterizer<SpatialScene>>(self, rasterizer: &R) -> Result<(), Failure> {
         let Self { args, scene, cameras, render } = self;
         let cloud = rasterizer.upload(scene, gs_core::Chart::ScaleRotation)?;
-        let frame = |camera: &Camera| -> Result<Image, Failure> {
-            Ok(rasterizer.image(&rasterizer.forward(&cloud, camera, render)?)?)
+        let mut culled = Culled::default();
+        let mut frame = |camera: &Camera| -> Result<Image, Failure> {
+            let frame = rasterizer.forward(&cloud, camera, render)?;
+            culled = culled.plus(rasterizer.culled(&frame)?);
+            Ok(rasterizer.image(&frame)?)
         };
-        let (output, ending) = (&args.output, args.output.extension().and_then(|ending| ending.to_str()));
         let Camera { width, height, .. } = cameras[0];
-        let written = match (ending, cameras) {
-            (Some("apng"), _) => {
+        let output = &args.output;
+        match Output::of(output, cameras.len())? {
+            Output::Animation => {
                 let animation = Animation { width, height, frames: cameras.len() as u32, fps: args.cameras.fps };
                 write_animation(output, animation, |number| frame(&cameras[number as usize]))?;
-                format!("{} frames of {width}x{height} px", cameras.len())
             }
-            (_, [camera]) => {
-                write_png(output, &frame(camera)?)?;
-                format!("{width}x{height} px")
-            }
-            (Some("png"), _) => {
-                let message = format!("--output {}: one PNG cannot hold {} frames", output.display(), cameras.len());
-                return Err(Failure::usage(message).mend("name a folder, or an animated PNG that ends in .apng"));
-            }
-            _ => {
+            Output::Picture => write_png(output, &frame(&cameras[0])?)?,
+            Output::Folder => {
                 let folder = OutputFolder::prepare(output, "--output")?;
                 for (number, camera) in cameras.iter().enumerate() {
-                    write_png(folder.file(&format!("frame-{number:05}.png")), &frame(camera)?)?;
+                    write_png(folder.file(&frame_name(number)), &frame(camera)?)?;
                 }
-                format!("{} frames of {width}x{height} px", cameras.len())
             }
+        }
+        let size = match cameras.len() {
+            1 => format!("{width}x{height} px"),
+            frames => format!("{frames} frames of {width}x{height} px"),
         };
-        output::note(format_args!("wrote {}, {written}", output.display()));
+        output::note(format_args!("wrote {}, {size}: {}", output.display(), effects(render)));
+        if let Some(why) = why_empty(culled, scene.len(), cameras.len()) {
+            output::note(format_args!("note: nothing of the scene is to be seen: {why}"));
+        }
         Ok(())
     }
 }

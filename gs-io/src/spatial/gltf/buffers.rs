@@ -2,6 +2,7 @@
 
 use std::{
     borrow::Cow,
+    collections::BTreeMap,
     io::Read,
     path::{Component, Path, PathBuf},
 };
@@ -53,14 +54,18 @@ fn chunk<'a>(file: &Source<'a>, start: usize, kind: [u8; 4]) -> Result<&'a [u8],
 
 /// All buffers of a document.
 #[derive(Debug)]
-pub(super) struct Buffers<'a>(Vec<Cow<'a, [u8]>>);
+pub(super) struct Buffers<'a> {
+    contents: Vec<Cow<'a, [u8]>>,
+    /// Sizes of the files beside the glTF, each once.
+    files: BTreeMap<PathBuf, u64>,
+}
 
 impl<'a> Buffers<'a> {
     pub(super) fn read(source: &Source<'a>, document: &Document, binary: Option<&'a [u8]>) -> Result<Self, Error> {
-        let mut buffers = Vec::new();
+        let (mut contents, mut files) = (Vec::new(), BTreeMap::new());
         for (number, buffer) in document.buffers.iter().enumerate() {
             let bytes = match &buffer.uri {
-                Some(uri) => of_uri(source, uri, buffer)?.into(),
+                Some(uri) => of_uri(source, uri, buffer, &mut files)?.into(),
                 None => binary.filter(|_| number == 0).map(Cow::Borrowed).ok_or_else(|| {
                     source.damaged(0, format!("a uri for buffer {number}"), "none, nor a binary chunk for it")
                 })?,
@@ -69,22 +74,32 @@ impl<'a> Buffers<'a> {
                 let expected = format!("{} bytes in buffer {number}", buffer.byte_length);
                 return Err(source.damaged(0, expected, bytes.len().to_string()));
             }
-            buffers.push(bytes);
+            contents.push(bytes);
         }
-        Ok(Self(buffers))
+        Ok(Self { contents, files })
     }
 
     pub(super) fn get(&self, number: usize) -> Option<&[u8]> {
-        self.0.get(number).map(AsRef::as_ref)
+        self.contents.get(number).map(AsRef::as_ref)
     }
 
-    /// Bytes of all of them that are not in the file itself.
+    /// Bytes of all of them that are not in the file itself as they are.
     pub(super) fn bytes_beside(&self) -> u64 {
-        self.0.iter().filter(|b| matches!(b, Cow::Owned(_))).map(|b| b.len() as u64).sum()
+        self.contents.iter().filter(|b| matches!(b, Cow::Owned(_))).map(|b| b.len() as u64).sum()
+    }
+
+    /// Bytes of the files beside the glTF, whole.
+    pub(super) fn file_bytes(&self) -> u64 {
+        self.files.values().fold(0, |sum, bytes| sum.saturating_add(*bytes))
     }
 }
 
-fn of_uri(source: &Source<'_>, uri: &str, buffer: &Buffer) -> Result<Vec<u8>, Error> {
+fn of_uri(
+    source: &Source<'_>,
+    uri: &str,
+    buffer: &Buffer,
+    files: &mut BTreeMap<PathBuf, u64>,
+) -> Result<Vec<u8>, Error> {
     if let Some(data) = uri.strip_prefix("data:") {
         let bytes = data.split_once(";base64,").and_then(|(_, text)| STANDARD.decode(text).ok());
         return bytes.ok_or_else(|| source.damaged(0, "a data uri in base64", "one that is not"));
@@ -94,9 +109,10 @@ fn of_uri(source: &Source<'_>, uri: &str, buffer: &Buffer) -> Result<Vec<u8>, Er
         what: format!("the buffer {:?}, which is no file beside it", uri.chars().take(60).collect::<String>()),
         mend: "put the buffer beside the glTF, or convert it to .glb",
     })?;
-    let (file, _) = open(&path, "a glTF's buffer")?;
+    let (file, metadata) = open(&path, "a glTF's buffer")?;
     let mut bytes = Vec::new();
     file.take(buffer.byte_length).read_to_end(&mut bytes).map_err(|error| Error::read(&path, error))?;
+    files.insert(path, metadata.len());
     Ok(bytes)
 }
 

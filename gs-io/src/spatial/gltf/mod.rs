@@ -52,8 +52,16 @@ pub(crate) fn recognises(start: &[u8]) -> bool {
         || (visible.next() == Some(&b'{') && matches!(visible.next(), Some(b'"' | b'}')))
 }
 
+/// What was read of a glTF.
+pub(crate) struct Read {
+    pub(crate) scene: SpatialScene,
+    pub(crate) losses: Vec<Loss>,
+    /// Bytes of the files beside it.
+    pub(crate) bytes_beside: u64,
+}
+
 /// Reads all Gaussians of the default scene, and says what of them was not kept.
-pub(crate) fn read(source: &Source<'_>) -> Result<(SpatialScene, Vec<Loss>), Error> {
+pub(crate) fn read(source: &Source<'_>) -> Result<Read, Error> {
     let (json_start, json, binary) = buffers::split(source)?;
     let document: Document = serde_json::from_slice(json).map_err(|error| {
         let line_start = json.split_inclusive(|&b| b == b'\n').take(error.line().saturating_sub(1)).map(<[u8]>::len);
@@ -101,7 +109,7 @@ pub(crate) fn read(source: &Source<'_>) -> Result<(SpatialScene, Vec<Loss>), Err
             once.push(loss)
         }
     });
-    Ok((whole, once))
+    Ok(Read { scene: whole, losses: once, bytes_beside: buffers.file_bytes() })
 }
 
 /// A primitive of Gaussians, and from its coordinates to the scene's.

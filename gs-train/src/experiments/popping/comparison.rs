@@ -1,7 +1,8 @@
 //! Both orders of blending before a camera that moves slowly: how much of what changes jumps.
 //!
 //! The measure is [`flicker`], the second difference of three frames, in 8-bit levels. Its square, summed over the frames of an arc and halved, as each
-//! jump is in two triples, is what jumped there: it does not depend on the step, while motion contributes in proportion to the step's cube. So
+//! jump is in two triples, is what jumped there: on average over the places of a stretch that a jump may have, it does not depend on the step (the
+//! coarser triples of a short stretch see its middle more often than its ends), while motion contributes in proportion to the step's cube. So
 //! each flight is looked at with three steps, and what stays is popping. The coarser steps skip frames of the finest: all are made of the same
 //! pictures.
 //!
@@ -28,6 +29,12 @@ pub const VISIBLE_LEVELS: f64 = 4.0;
 /// Most frames of a stretch.
 const MOST_FRAMES: u32 = 10_000;
 
+/// Most frames of all stretches together.
+const MOST_FRAMES_IN_ALL: u64 = 1_000_000;
+
+/// Most pixels of a frame: 4K fits. What is held of a stretch at a time takes some 300 bytes a pixel, of these 2.5 GB.
+const MOST_PIXELS: u64 = 1 << 23;
+
 /// Short stretches of an orbit, slowly.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SlowOrbit {
@@ -43,7 +50,7 @@ impl SlowOrbit {
     /// The cameras of each stretch; the first begins with `first`.
     ///
     /// # Errors
-    /// [`CoreError::Setting`] where frames or step are not possible.
+    /// [`CoreError::Setting`] where frames or step are not possible, or would take too much memory.
     pub fn stretches(&self, first: &Camera) -> Result<Vec<Vec<Camera>>, CoreError> {
         let least = 2 * STRIDES[STRIDES.len() - 1] as u32 + 1;
         if !(least..=MOST_FRAMES).contains(&self.frames) {
@@ -54,6 +61,14 @@ impl SlowOrbit {
         }
         if !(self.step_degrees > 0.0 && self.step_degrees <= 5.0) {
             return Err(CoreError::setting("the step between frames", self.step_degrees, "above 0, at most 5 degrees"));
+        }
+        let in_all = u64::from(self.frames) * u64::from(self.orbit.frames);
+        if in_all > MOST_FRAMES_IN_ALL {
+            return Err(CoreError::setting("frames of all stretches together", in_all, "at most 1,000,000"));
+        }
+        let pixels = u64::from(first.width) * u64::from(first.height);
+        if pixels > MOST_PIXELS {
+            return Err(CoreError::setting("pixels of a frame", pixels, "at most 8,388,608, such as 3840x2160"));
         }
         let angle = |frame: u32| (self.step_degrees * frame as f32).to_radians();
         let stretch = |begin| (0..self.frames).map(|frame| self.orbit.turned(begin, angle(frame))).collect();

@@ -61,21 +61,12 @@ fn table(name: &'static str, title: String, columns: &[&'static str]) -> Table {
     Table { name, title, columns: columns.to_vec(), rows: Vec::new() }
 }
 
-/// Name of an order, as flags have it.
-fn order_name(order: Order) -> &'static str {
-    match order {
-        Order::Index => "index",
-        Order::TileDepth => "tile-depth",
-        Order::PixelDepth => "pixel-depth",
-    }
-}
-
 fn rows(comparison: &Comparison) -> Vec<Vec<Cell>> {
     let of_step = |at: &AtStep| {
         let of_order = |(order, popping): (Order, &Popping)| -> Vec<Cell> {
             vec![
                 Cell::Significant(at.step_degrees, 3),
-                order_name(order).into(),
+                order.name().into(),
                 Cell::Significant(popping.squares(), 3),
                 Cell::Significant(popping.times(), 3),
                 Cell::Significant(popping.highest, 3),
@@ -89,7 +80,7 @@ fn rows(comparison: &Comparison) -> Vec<Vec<Cell>> {
 fn course_chart(what: &str, comparison: &Comparison) -> Chart {
     let curve = |(order, popping): (Order, &Popping)| {
         let points = (1..).zip(&popping.course).map(|(triple, &levels)| (f64::from(triple), levels));
-        Series::line(order_name(order), points.collect())
+        Series::line(order.name(), points.collect())
     };
     Chart {
         name: "flicker",
@@ -220,7 +211,7 @@ impl PoppingMeasured {
         let curve = |order: usize| {
             let points = self.ball.iter().rev();
             let squares = points.map(|of| (of.sigma_px.into(), of.comparison.finest().orders[order].squares()));
-            Series::dotted(order_name(ORDERS[order]), squares.collect())
+            Series::dotted(ORDERS[order].name(), squares.collect())
         };
         Chart {
             name: "size",

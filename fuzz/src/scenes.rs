@@ -1,0 +1,27 @@
+//! What the targets that draw scenes do: what gs-conformance says that a backend owes a drawn scene is asked of gs-cpu.
+
+use std::sync::LazyLock;
+
+use gs_conformance::{Failure, fuzzed};
+use gs_cpu::{CpuRasterizer, CpuSettings};
+
+/// One thread: the images are too small for more.
+static RASTERIZER: LazyLock<CpuRasterizer> = LazyLock::new(|| {
+    CpuRasterizer::new(CpuSettings { threads: Some(1), level: None }).expect("a thread can be started")
+});
+
+/// A planar scene from bytes.
+pub fn planar_scene(bytes: &[u8]) {
+    sound(fuzzed::owes(&*RASTERIZER, &fuzzed::planar(bytes)));
+}
+
+/// A scene in space from bytes.
+pub fn spatial_scene(bytes: &[u8]) {
+    sound(fuzzed::owes(&*RASTERIZER, &fuzzed::spatial(bytes)));
+}
+
+fn sound(result: Result<(), Failure>) {
+    if let Err(failure) = result {
+        panic!("{failure}");
+    }
+}

@@ -1,0 +1,151 @@
+//! The flag `--effects`: whether the scene is asked which effects it calls for, and what was answered, in words.
+
+use std::{fmt::Write, str::FromStr};
+
+use clap::Args;
+use gs_core::{
+    Effects, RenderSettings,
+    effects::{
+        CalledFor, Effect,
+        called_for::{Answer, CallsForEffects, Verdict},
+    },
+};
+
+/// The flag of commands that show something.
+#[derive(Debug, Clone, Default, Args)]
+pub(crate) struct EffectsArgs {
+    /// Which effects are simulated: auto (what the scene calls for; the rest changes no pixel by more than 1/512), all, or a list of
+    /// order, sh-degree, antialias and background, without those that are not in it; gs effects tells what each one costs
+    #[arg(long, value_name = "auto|all|LIST", default_value = "auto")]
+    effects: Choice,
+}
+
+/// Which of the wanted effects are simulated.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+enum Choice {
+    /// Those that the scene calls for.
+    #[default]
+    Auto,
+    /// All.
+    All,
+    /// These. What is blended is not among them: no scene is meant both ways.
+    Only(Vec<Effect>),
+}
+
+impl FromStr for Choice {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        match text {
+            "auto" => return Ok(Self::Auto),
+            "all" => return Ok(Self::All),
+            _ => {}
+        }
+        let named = |name: &str| name.trim().parse().ok().filter(|effect| *effect != Effect::Blend);
+        let list: Option<Vec<Effect>> = text.split(',').map(named).collect();
+        list.map(Self::Only)
+            .ok_or_else(|| "write auto, all, or a list of order, sh-degree, antialias and background".to_owned())
+    }
+}
+
+impl EffectsArgs {
+    /// What of these settings a scene is trained with that is not there yet, and so cannot be asked.
+    pub(crate) fn before(&self, wanted: &RenderSettings) -> RenderSettings {
+        match &self.effects {
+            Choice::Auto | Choice::All => *wanted,
+            Choice::Only(list) => listed(list, wanted).settings,
+        }
+    }
+
+    /// What a scene is shown with in these views (without any: in whatever view), and why.
+    pub(crate) fn choose<S: CallsForEffects>(
+        &self,
+        scene: &S,
+        views: &[S::View],
+        wanted: &RenderSettings,
+    ) -> CalledFor {
+        match &self.effects {
+            Choice::Auto => Effects::called_for(scene, views, wanted),
+            Choice::All => as_said(wanted, |_| Said { stays: wanted.effects, why: "--effects all" }),
+            Choice::Only(list) => listed(list, wanted),
+        }
+    }
+}
+
+fn listed(list: &[Effect], wanted: &RenderSettings) -> CalledFor {
+    as_said(wanted, |effect| match effect {
+        Effect::Blend => Said { stays: wanted.effects, why: "as the scene is meant" },
+        _ if list.contains(&effect) => Said { stays: wanted.effects, why: "in --effects" },
+        _ => Said { stays: effect.off(&wanted.effects), why: "not in --effects" },
+    })
+}
+
+/// What the flag says of an effect.
+struct Said {
+    stays: Effects,
+    why: &'static str,
+}
+
+fn as_said(wanted: &RenderSettings, said: impl Fn(Effect) -> Said) -> CalledFor {
+    let mut settings = *wanted;
+    let verdicts = Effect::ALL.into_iter().map(|effect| {
+        let Said { stays, why } = said(effect);
+        settings.effects = effect.copied(&stays, &settings.effects);
+        Verdict::new(effect, &wanted.effects, &stays, why.to_owned())
+    });
+    let verdicts = verdicts.collect();
+    CalledFor { settings, verdicts }
+}
+
+/// Which effects are in use and which are left out, each with its reason; those that nobody asked for are not told of.
+pub(crate) fn told(verdicts: &[Verdict]) -> String {
+    let mut text = "effects:".to_owned();
+    let mut separator = " ";
+    for Verdict { effect, wanted, value, answer, reason } in verdicts {
+        let written = match answer {
+            Answer::Off => continue,
+            Answer::CalledFor => write!(text, "{separator}{effect} {value} ({reason})"),
+            Answer::InPart => write!(text, "{separator}{effect} {value} instead of {wanted} ({reason})"),
+            Answer::NotCalledFor => write!(text, "{separator}no {effect} {wanted} ({reason})"),
+        };
+        debug_assert!(written.is_ok(), "a string can always be written to");
+        separator = "; ";
+    }
+    if separator == " " { "effects: none but sums".to_owned() } else { text }
+}
+
+#[cfg(test)]
+mod tests {
+    use gs_core::{Blend, PlanarScene, effects::Antialias};
+
+    use super::*;
+
+    fn chosen(text: &str) -> CalledFor {
+        let mut wanted = RenderSettings::blended(Blend::Over).on([0.0; 3]);
+        wanted.effects.antialias = Antialias::Mip;
+        wanted.effects.sh_degree = 3;
+        let args = EffectsArgs { effects: text.parse().unwrap() };
+        args.choose(&PlanarScene::default(), &[], &wanted)
+    }
+
+    #[test]
+    fn a_flag_says_what_stays() {
+        assert_eq!(chosen("all").settings.effects.sh_degree, 3);
+        let only = chosen("antialias, background").settings.effects;
+        let expected = Effects { antialias: Antialias::Mip, blend: Blend::Over, ..chosen("all").settings.effects };
+        assert_eq!(only, Effects { sh_degree: 0, ..expected });
+        assert_eq!(chosen("order").settings.effects, Effects { blend: Blend::Over, ..Effects::default() });
+        assert_eq!(chosen("auto").settings.effects.sh_degree, 0);
+        for wrong in ["", "none", "blend", "order,", "Auto"] {
+            assert!(wrong.parse::<Choice>().is_err(), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn what_is_told_names_each_with_its_reason() {
+        let text = told(&chosen("auto").verdicts);
+        assert!(text.starts_with("effects: blend over (the scene is empty); no sh-degree 3 ("), "{text}");
+        assert!(text.ends_with("no background solid (black is what none looks like)"), "{text}");
+        assert!(told(&chosen("order").verdicts).contains("no antialias mip (not in --effects)"));
+    }
+}

@@ -1,0 +1,185 @@
+//! The pictures of views in `DIR/views`: what they are called, and which of the files there are an earlier training's to remove. Whatever else
+//! lies there, photographs above all, is somebody's, and stays as it is.
+
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    fs, io,
+    path::{Component, Path, PathBuf},
+};
+
+use gs_core::{Image, constants::MAX_SIDE_PX};
+use gs_io::{
+    dataset::{Dataset, View},
+    write_png,
+};
+
+use crate::{failure::Failure, fit::folder::OutputFolder};
+
+/// The folder among the results.
+const FOLDER: &str = "views";
+
+/// In it, the name of each picture that a training wrote and that of its view: what the next training may remove.
+const INDEX: &str = "gs-train.json";
+
+/// Columns between a photograph and its rendering, px.
+const GAP_PX: u32 = 4;
+
+/// Endings of photographs' names, which their pictures do not keep.
+const ENDINGS: [&str; 10] = [".png", ".jpg", ".jpeg", ".PNG", ".JPG", ".JPEG", ".webp", ".tiff", ".tif", ".bmp"];
+
+/// Refuses results among the data set's own files, which they could replace: in its folder, beside its photographs, or where these lie in the
+/// folder for pictures of views.
+///
+/// # Errors
+/// Bad usage, naming the file.
+pub(super) fn keep_off(dataset: &Dataset, output: &Path) -> Result<(), Failure> {
+    // A folder that is not there yet holds nothing.
+    let Ok(folder) = fs::canonicalize(output) else { return Ok(()) };
+    let refused = |what: &Path| {
+        let why = format_args!("results could replace files of the data set ({})", what.display());
+        let other = output.join("results");
+        Err(Failure::usage(why)
+            .at(output.display())
+            .mend(format_args!("choose another folder with --output, such as {}", other.display())))
+    };
+    let root = if dataset.root.as_os_str().is_empty() { Path::new(".") } else { &dataset.root };
+    if fs::canonicalize(root).is_ok_and(|root| root == folder) {
+        return refused(root);
+    }
+    let views = fs::canonicalize(folder.join(FOLDER)).unwrap_or_else(|_| folder.join(FOLDER));
+    let is_there = |file: &&PathBuf| {
+        fs::canonicalize(file).is_ok_and(|file| file.starts_with(&views) || file.parent() == Some(&folder))
+    };
+    let files = |view: &'_ View| [Some(view.image.clone()), view.mask.clone()].into_iter().flatten();
+    let files: BTreeSet<PathBuf> = dataset.views.iter().flat_map(files).collect();
+    files.iter().find(is_there).map_or(Ok(()), |file| refused(file))
+}
+
+/// The folder of pictures, in which none of an earlier training is left.
+#[derive(Debug)]
+pub(super) struct ViewPictures {
+    folder: OutputFolder,
+}
+
+impl ViewPictures {
+    /// Removes the pictures of an earlier training, and the folder where nothing else is in it.
+    ///
+    /// # Errors
+    /// Where one of them cannot be removed.
+    pub(super) fn clear(output: &OutputFolder) -> Result<(), Failure> {
+        let folder = output.file(FOLDER);
+        let Ok(index) = fs::read(folder.join(INDEX)) else { return Ok(()) };
+        let of_earlier: BTreeMap<String, String> = serde_json::from_slice(&index).unwrap_or_default();
+        for name in of_earlier.keys().filter(|name| is_picture(name)).map(String::as_str).chain([INDEX]) {
+            output.leave_out(&format!("{FOLDER}/{name}"))?;
+        }
+        // Fails where there is more in it, as it should.
+        let _ = fs::remove_dir(folder);
+        Ok(())
+    }
+
+    /// Takes pictures of these views, none of which replaces a file that is there.
+    ///
+    /// # Errors
+    /// Where the folder takes no files.
+    pub(super) fn prepare<'v>(
+        output: &OutputFolder,
+        views: impl IntoIterator<Item = &'v str>,
+    ) -> Result<(Self, Vec<String>), Failure> {
+        Self::clear(output)?;
+        let folder = OutputFolder::prepare(&output.file(FOLDER), "--output")?;
+        let failed = |error: io::Error| Failure::failed(error).at(folder.path().display());
+        let there = fs::read_dir(folder.path()).map_err(failed)?.flatten();
+        let mut taken = there.map(|entry| entry.file_name().to_string_lossy().to_lowercase()).collect();
+        let views: Vec<&str> = views.into_iter().collect();
+        let names: Vec<String> = views.iter().map(|view| free_name(view, &mut taken)).collect();
+        // Before the pictures: whatever ends the program between them, the next training knows them all.
+        folder.write_json(INDEX, &names.iter().zip(&views).collect::<BTreeMap<_, _>>())?;
+        Ok((Self { folder }, names))
+    }
+
+    /// Writes a photograph with its rendering to its right, both clamped.
+    ///
+    /// # Errors
+    /// Where the file cannot be written.
+    pub(super) fn write(&self, name: &str, photograph: Image, rendered: &Image) -> Result<(), gs_train::Error> {
+        Ok(write_png(self.folder.file(name), &beside(photograph, rendered)?)?)
+    }
+}
+
+/// Whether a name from an index is one that pictures are given: that of a PNG, and no path to elsewhere.
+fn is_picture(name: &str) -> bool {
+    let mut parts = Path::new(name).components();
+    matches!((parts.next(), parts.next()), (Some(Component::Normal(_)), None)) && name.ends_with(".png")
+}
+
+/// A name for a view's picture that no file has, in whatever case.
+fn free_name(view: &str, taken: &mut BTreeSet<String>) -> String {
+    let bare = bare_name(view);
+    let numbered = (2u64..).map(|number| format!("{bare}-{number}.png"));
+    let name = std::iter::once(format!("{bare}.png")).chain(numbered).find(|name| taken.insert(name.to_lowercase()));
+    name.expect("there are more numbers than files")
+}
+
+/// The name of a view as that of a file, without the photograph's ending: views' names may hold folders.
+fn bare_name(view: &str) -> String {
+    let plain = |c: char| if c.is_alphanumeric() || "-_.".contains(c) { c } else { '_' };
+    let bare = ENDINGS.iter().find_map(|ending| view.strip_suffix(ending)).unwrap_or(view);
+    let name: String = bare.chars().map(plain).collect();
+    name.trim_matches('.').to_owned()
+}
+
+fn beside(photograph: Image, rendered: &Image) -> Result<Image, gs_core::Error> {
+    let (width, height) = photograph.size();
+    let total = 2 * width + GAP_PX;
+    if total > MAX_SIDE_PX {
+        return Ok(rendered.clamped());
+    }
+    let rendered = rendered.clamped();
+    Image::from_fn(total, height, |x, y| match x.checked_sub(width + GAP_PX) {
+        Some(x) => rendered.pixel(x, y),
+        None if x < width => photograph.pixel(x, y),
+        None => [1.0; 3],
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_of_views_stay_in_their_folder() {
+        assert_eq!(bare_name("test/r_0"), "test_r_0");
+        assert_eq!(bare_name("../../etc/passwd"), "_.._etc_passwd");
+        assert_eq!(bare_name("IMG 1.jpg"), "IMG_1");
+        assert!(is_picture("IMG_1.png"));
+        for elsewhere in ["../a.png", "/a.png", "a/b.png", "..", "", "a.jpg", "gs-train.json"] {
+            assert!(!is_picture(elsewhere), "{elsewhere}");
+        }
+    }
+
+    #[test]
+    fn no_two_views_share_a_picture_and_none_takes_a_file_that_is_there() {
+        let place = tempfile::tempdir().unwrap();
+        let output = OutputFolder::prepare(place.path(), "--output").unwrap();
+        let views = place.path().join(FOLDER);
+        fs::create_dir(&views).unwrap();
+        fs::write(views.join("B.png"), b"mine").unwrap();
+        let (pictures, names) = ViewPictures::prepare(&output, ["a.png", "a.jpg", "x/y", "x_y", "b.jpg"]).unwrap();
+        assert_eq!(names, ["a.png", "a-2.png", "x_y.png", "x_y-2.png", "b-2.png"]);
+        let image = Image::filled(2, 2, [0.5; 3]).unwrap();
+        names.iter().for_each(|name| pictures.write(name, image.clone(), &image).unwrap());
+        ViewPictures::clear(&output).unwrap();
+        assert_eq!(fs::read_dir(&views).unwrap().count(), 1);
+        assert_eq!(fs::read(views.join("B.png")).unwrap(), b"mine");
+    }
+
+    #[test]
+    fn photograph_and_rendering_stand_side_by_side() {
+        let photograph = Image::filled(3, 2, [0.5; 3]).unwrap();
+        let rendered = Image::filled(3, 2, [2.0, 0.0, -1.0]).unwrap();
+        let both = beside(photograph, &rendered).unwrap();
+        assert_eq!(both.size(), (10, 2));
+        assert_eq!([both.pixel(2, 1), both.pixel(4, 0), both.pixel(9, 1)], [[0.5; 3], [1.0; 3], [1.0, 0.0, 0.0]]);
+    }
+}

@@ -1,0 +1,152 @@
+//! `gs doctor` on scenes that are sound, broken and doubtful, planar and spatial.
+
+use std::{fs, path::Path};
+
+use glam::{Vec2, Vec3};
+use gs_core::{PlanarGaussian, PlanarScene, Scene, SpatialGaussian, SpatialScene};
+use gs_io::{SpatialOptions, read_scene, read_spatial, write_spatial};
+
+use crate::process::{Run, folder, gs, names_in};
+
+fn spatial() -> SpatialScene {
+    let mut scene = SpatialScene { sh_degree: 1, ..SpatialScene::default() };
+    for i in 0..10 {
+        let t = i as f32;
+        scene.push(SpatialGaussian {
+            mean: Vec3::new(t, -t, 0.5),
+            log_scale: Vec3::new(-3.0, -2.0, -1.0),
+            rotation: [1.0, 0.1 * t, 0.0, 0.0],
+            opacity_logit: if i == 0 { f32::INFINITY } else { t - 4.0 },
+            sh: (0..4).map(|k| Vec3::splat(0.1 * k as f32)).collect(),
+        });
+    }
+    scene
+}
+
+/// Writes numbers into the row of a vertex of a PLY of [`spatial`]; `from_end` counts numbers from the row's end.
+fn break_ply(path: &Path, vertex: usize, from_end: usize, values: &[f32]) {
+    const ROW: usize = 4 * (9 + 9 + 8);
+    let mut bytes = fs::read(path).unwrap();
+    let at = bytes.len() - (10 - vertex - 1) * ROW - 4 * from_end;
+    let new: Vec<u8> = values.iter().flat_map(|v| v.to_le_bytes()).collect();
+    bytes[at..at + new.len()].copy_from_slice(&new);
+    fs::write(path, bytes).unwrap();
+}
+
+fn doctor(scene: &Path, flags: &[&str]) -> Run {
+    gs([Path::new("doctor"), scene].into_iter().chain(flags.iter().map(Path::new)))
+}
+
+#[test]
+fn a_broken_scene_is_told_and_mended_and_what_is_sound_stays_bit_for_bit() {
+    let place = folder();
+    let (path, mended) = (place.path().join("scene.ply"), place.path().join("mended.ply"));
+    let scene = spatial();
+    write_spatial(&path, &scene, &SpatialOptions::default()).unwrap();
+    let sound = doctor(&path, &[]).done();
+    assert!(
+        sound.stdout.contains("spatial scene, 3DGS PLY, 10 Gaussians\nbroken      none\ndoubtful    none"),
+        "{sound:?}"
+    );
+
+    break_ply(&path, 3, 8, &[f32::NAN]); // opacity
+    break_ply(&path, 7, 4, &[0.0; 4]); // rotation
+    break_ply(&path, 8, 7, &[9.0]); // a scale
+    let before = fs::read(&path).unwrap();
+    let sick = doctor(&path, &[]);
+    assert_eq!(sick.status, Some(1));
+    for part in [
+        "1 whose opacity is NaN, first Gaussian 3: --fix removes them",
+        "1 whose quaternion is 0, first Gaussian 7: --fix removes them",
+        "doubtful    1 whose shape is a needle",
+    ] {
+        assert!(sick.stdout.contains(part), "{part}: {sick:?}");
+    }
+    assert!(
+        sick.stderr.contains("2 of 10 Gaussians are broken: gs doctor") && sick.stderr.lines().count() == 1,
+        "{sick:?}"
+    );
+
+    let json = doctor(&path, &["--fix", "-o", mended.to_str().unwrap(), "--json"]).json();
+    assert_eq!((&json["broken"], &json["gaussians"]), (&2.into(), &10.into()), "{json}");
+    assert_eq!(json["findings"][0]["finding"], "opacity-not-a-number");
+    assert_eq!((&json["fixed"]["removed"], &json["fixed"]["widened"]), (&2.into(), &0.into()), "{json}");
+    assert_eq!((&json["fixed"]["gaussians"], &json["fixed"]["lost"]), (&8.into(), &serde_json::json!([])), "{json}");
+    assert_eq!(fs::read(&path).unwrap(), before, "the examined file stays");
+    let mended = read_spatial(&mended).unwrap().scene;
+    // Of the eighth the test changed a scale, and its place in the mended scene is the sixth.
+    for (after, index) in [0, 1, 2, 4, 5, 6].into_iter().enumerate().chain([(7, 9)]) {
+        assert_eq!(mended.gaussian(after), scene.gaussian(index));
+    }
+    // In place, and then there is nothing more to do.
+    let flags = ["--fix", "-o", path.to_str().unwrap()];
+    assert!(doctor(&path, &flags).done().stdout.contains("2 removed; 8 Gaussians"));
+    let again = fs::read(&path).unwrap();
+    assert!(doctor(&path, &flags).done().stdout.contains("nothing to mend; 8 Gaussians"));
+    assert_eq!(fs::read(&path).unwrap(), again);
+}
+
+#[test]
+fn a_planar_scene_is_mended_too() {
+    let place = folder();
+    let (path, mended) = (place.path().join("a.gs2d.safetensors"), place.path().join("b.gs2d.safetensors"));
+    let gaussian = |x: f32| PlanarGaussian {
+        mean: Vec2::new(x, 3.0),
+        log_scale: Vec2::new(0.5, 0.25),
+        rotation: 0.125,
+        opacity_logit: f32::INFINITY,
+        color: Vec3::splat(x / 8.0),
+    };
+    let marked = 77.125_f32;
+    let scene: PlanarScene = [1.0, 2.0, marked, 4.0, 4.0].map(gaussian).into_iter().collect();
+    let file = gs_io::PlanarFile { scene, width: 8, height: 8, settings: Default::default() };
+    gs_io::write_scene(&path, &file).unwrap();
+    let mut bytes = fs::read(&path).unwrap();
+    let at = bytes.windows(4).position(|word| word == marked.to_le_bytes()).unwrap();
+    bytes[at..at + 4].copy_from_slice(&f32::NAN.to_le_bytes());
+    fs::write(&path, bytes).unwrap();
+
+    let refused = gs(["render", path.to_str().unwrap(), "-o", place.path().join("a.png").to_str().unwrap()]);
+    assert!(refused.refusal().contains("gs doctor SCENE"), "{refused:?}");
+    let text = doctor(&path, &["--fix", "-o", mended.to_str().unwrap()]).done().stdout;
+    assert!(
+        text.contains("planar scene, 5 Gaussians")
+            && text.contains("1 whose mean is NaN or infinite, first Gaussian 2"),
+        "{text}"
+    );
+    assert!(
+        text.contains("doubtful    1 whose place and shape are those of an earlier one, first Gaussian 4"),
+        "{text}"
+    );
+    let expected: PlanarScene = [1.0, 2.0, 4.0, 4.0].map(gaussian).into_iter().collect();
+    assert_eq!(read_scene(&mended).unwrap(), gs_io::PlanarFile { scene: expected, ..file });
+}
+
+#[test]
+fn what_cannot_be_examined_or_mended_is_refused() {
+    let place = folder();
+    let path = place.path().join("scene.ply");
+    write_spatial(&path, &spatial(), &SpatialOptions::default()).unwrap();
+    let absent = place.path().join("absent.ply");
+    let empty = place.path().join("out.ply");
+    fs::write(place.path().join("note.txt"), "hello").unwrap();
+    for vertex in 0..10 {
+        break_ply(&path, vertex, 8, &[f32::NAN]);
+    }
+    let before = names_in(place.path());
+    let obj = place.path().join("a.obj");
+    for (scene, flags, status, expected) in [
+        (&path, &["--fix"][..], 2, "--output"),
+        (&path, &["-o", "x.ply"], 2, "--fix"),
+        (&path, &["--fix", "-o", obj.to_str().unwrap()], 2, "use .ply"),
+        (&path, &["--fix", "-o", empty.to_str().unwrap()], 1, "none of 10 Gaussians can be drawn"),
+        (&absent, &[], 1, "no such file"),
+        (&place.path().join("note.txt"), &[], 1, "note.txt"),
+        (&place.path().join("note.txt"), &["--fix", "-o", obj.to_str().unwrap()], 2, ".gs2d.safetensors"),
+    ] {
+        let run = doctor(scene, flags);
+        assert_eq!(run.status, Some(status), "{run:?}");
+        assert!(run.refusal().contains(expected), "{flags:?}: {run:?}");
+    }
+    assert_eq!(names_in(place.path()), before);
+}

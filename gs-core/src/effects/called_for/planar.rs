@@ -1,0 +1,90 @@
+//! What a planar scene calls for: no depth and no harmonics, whatever is wanted; for the rest see the [module](super).
+
+use super::{CallsForEffects, background};
+use crate::{
+    constants::NARROW_PX,
+    effects::{Antialias, Blend, Effect, Effects},
+    scene::{PlanarScene, Scene},
+    settings::RenderSettings,
+    view::Canvas,
+};
+
+impl CallsForEffects for PlanarScene {
+    fn decide(&self, effect: Effect, views: &[Canvas], settings: &RenderSettings) -> (Effects, String) {
+        let effects = &settings.effects;
+        let off = effect.off(effects);
+        match effect {
+            Effect::Order => (off, "no depth order: the scene is planar".to_owned()),
+            Effect::ShDegree => (off, "a planar Gaussian has one colour, from wherever it is seen".to_owned()),
+            Effect::Blend => match effects.blend {
+                Blend::Sum => (off, "Gaussians are added up, as the scene is made".to_owned()),
+                Blend::Over if self.is_empty() => (*effects, "the scene is empty".to_owned()),
+                Blend::Over => (*effects, "one Gaussian may hide another, as the scene is made".to_owned()),
+            },
+            Effect::Antialias => match (effects.antialias, narrow(self, views)) {
+                (Antialias::None, None) => (off, "none is asked for".to_owned()),
+                (Antialias::None, Some(narrow)) => (off, format!("none is asked for, though {narrow}")),
+                (_, None) => (*effects, "it widens every Gaussian, as is asked for".to_owned()),
+                (_, Some(narrow)) => (*effects, narrow),
+            },
+            Effect::Background => background(settings),
+        }
+    }
+}
+
+/// How many Gaussians are narrower than a pixel, in the first view where some are.
+fn narrow(scene: &PlanarScene, views: &[Canvas]) -> Option<String> {
+    views.iter().enumerate().find_map(|(number, canvas)| {
+        let scale = canvas.scale().min_element();
+        let width = |log_scale: &glam::Vec2| scale * log_scale.min_element().exp();
+        let count = scene.log_scales.iter().filter(|log_scale| width(log_scale) < NARROW_PX).count();
+        (count > 0).then(|| format!("{} Gaussians are narrower than a pixel in view {}", count, number + 1))
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::{Vec2, Vec3};
+
+    use super::*;
+    use crate::{
+        effects::{Order, called_for::Answer},
+        scene::PlanarGaussian,
+    };
+
+    fn scene() -> PlanarScene {
+        let gaussian = |x: f32| PlanarGaussian {
+            mean: Vec2::new(x, 8.0),
+            log_scale: Vec2::new(1.0, 0.0),
+            rotation: 0.4,
+            opacity_logit: 0.0,
+            color: Vec3::splat(0.5),
+        };
+        [gaussian(3.0), gaussian(9.0)].into_iter().collect()
+    }
+
+    #[test]
+    fn a_planar_scene_has_no_depth_and_no_harmonics() {
+        let mut wanted = RenderSettings::blended(Blend::Over).on([1.0; 3]);
+        wanted.effects.order = Order::PixelDepth;
+        wanted.effects.sh_degree = 3;
+        wanted.effects.antialias = Antialias::Mip;
+        let called = Effects::called_for(&scene(), &[Canvas::new(16, 16)], &wanted);
+        let answers: Vec<Answer> = called.verdicts.iter().map(|verdict| verdict.answer).collect();
+        use Answer::{CalledFor, NotCalledFor};
+        assert_eq!(answers, [NotCalledFor, CalledFor, NotCalledFor, CalledFor, CalledFor]);
+        let expected = Effects { order: Order::Index, sh_degree: 0, ..wanted.effects };
+        assert_eq!(called.settings, RenderSettings { effects: expected, ..wanted });
+    }
+
+    #[test]
+    fn gaussians_become_narrow_where_the_picture_is_small() {
+        let reason = |canvas: Canvas| {
+            let wanted = RenderSettings::blended(Blend::Sum);
+            Effects::called_for(&scene(), &[canvas], &wanted).verdicts[3].reason.clone()
+        };
+        assert_eq!(reason(Canvas::new(16, 16)), "none is asked for");
+        let small = reason(Canvas::new(16, 16).resized(4, 4));
+        assert!(small.contains("2 Gaussians are narrower than a pixel in view 1"), "{small}");
+    }
+}

@@ -1,0 +1,179 @@
+//! Scenes of which it is known what they call for.
+
+use glam::Vec3;
+
+use super::*;
+use crate::{
+    effects::called_for::{Answer, CalledFor},
+    scene::{Scene, SpatialGaussian, logit},
+};
+
+/// A round Gaussian two units ahead of the origin, or farther.
+fn ball(x: f32, z: f32) -> SpatialGaussian {
+    SpatialGaussian {
+        mean: Vec3::new(x, 0.0, z),
+        log_scale: Vec3::splat(0.05f32.ln()),
+        rotation: [1.0, 0.0, 0.0, 0.0],
+        opacity_logit: logit(0.8),
+        sh: vec![Vec3::splat(0.3)],
+    }
+}
+
+fn scene(degree: u8, gaussians: impl IntoIterator<Item = SpatialGaussian>) -> SpatialScene {
+    let mut scene = SpatialScene { sh_degree: degree, ..SpatialScene::default() };
+    gaussians.into_iter().for_each(|g| scene.push(g));
+    scene
+}
+
+fn ahead() -> Camera {
+    Camera::looking_forward(64, 48, 0.9)
+}
+
+fn wanted(order: Order) -> RenderSettings {
+    let mut settings = RenderSettings::blended(Blend::Over).on([1.0; 3]);
+    settings.effects = Effects { order, sh_degree: 3, antialias: Antialias::Dilate, ..settings.effects };
+    settings
+}
+
+fn order_of(scene: &SpatialScene, order: Order) -> (Order, String) {
+    let called = Effects::called_for(scene, &[ahead()], &wanted(order));
+    (called.settings.effects.order, called.verdicts[0].reason.clone())
+}
+
+#[test]
+fn gaussians_side_by_side_need_no_order() {
+    let apart = scene(0, [ball(-0.6, 3.0), ball(0.6, 2.0)]);
+    assert_eq!(order_of(&apart, Order::TileDepth).0, Order::Index);
+    assert_eq!(order_of(&apart, Order::PixelDepth).0, Order::Index);
+}
+
+#[test]
+fn the_order_of_the_scene_will_do_if_it_is_that_of_depth() {
+    let sorted = scene(0, [ball(0.0, 2.0), ball(0.02, 3.0)]);
+    assert_eq!(order_of(&sorted, Order::TileDepth).0, Order::Index);
+    let reversed = scene(0, [ball(0.0, 3.0), ball(0.02, 2.0)]);
+    let (order, reason) = order_of(&reversed, Order::TileDepth);
+    assert_eq!(order, Order::TileDepth);
+    assert_eq!(reason, "2 of 2 Gaussians are hidden out of the order of the scene in view 1");
+    // They are a whole unit apart in depth, so that one depth each tells who hides whom at every pixel.
+    let (order, reason) = order_of(&reversed, Order::PixelDepth);
+    assert_eq!(order, Order::TileDepth);
+    assert!(
+        reason.starts_with("one depth a Gaussian will do: none interpenetrate in this view; but 2 of 2"),
+        "{reason}"
+    );
+}
+
+#[test]
+fn gaussians_through_each_other_need_the_depth_at_each_pixel() {
+    let slanted = |angle: f32| SpatialGaussian {
+        log_scale: Vec3::new(0.3f32.ln(), 0.05f32.ln(), 0.01f32.ln()),
+        rotation: [(angle / 2.0).cos(), 0.0, (angle / 2.0).sin(), 0.0],
+        ..ball(0.0, 2.0)
+    };
+    let crossed = scene(0, [slanted(0.6), slanted(-0.6)]);
+    let (order, reason) = order_of(&crossed, Order::PixelDepth);
+    assert_eq!(
+        (order, reason.as_str()),
+        (Order::PixelDepth, "2 of 2 Gaussians interpenetrate others in depth in view 1")
+    );
+    // Where sums are formed, nobody hides anybody.
+    let mut sum = wanted(Order::PixelDepth);
+    sum.effects.blend = Blend::Sum;
+    assert_eq!(Effects::called_for(&crossed, &[ahead()], &sum).settings.effects.order, Order::Index);
+    // Without a view nothing is known.
+    let blind = Effects::called_for(&crossed, &[], &wanted(Order::PixelDepth));
+    assert_eq!(blind.settings.effects.order, Order::PixelDepth);
+}
+
+fn with_coefficient(k: usize, value: f32) -> SpatialScene {
+    let mut gaussian = ball(0.0, 2.0);
+    gaussian.sh.resize(16, Vec3::ZERO);
+    gaussian.sh[k].y = value;
+    scene(3, [ball(0.3, 2.0), gaussian])
+}
+
+fn degree_of(scene: &SpatialScene, views: &[Camera]) -> (CalledFor, u8) {
+    let called = Effects::called_for(scene, views, &wanted(Order::TileDepth));
+    let degree = called.settings.effects.sh_degree;
+    (called, degree)
+}
+
+#[test]
+fn harmonics_are_called_for_by_what_they_change() {
+    for (k, value, expected) in [(1, 0.0, 0), (2, 1e-3, 0), (2, 0.1, 1), (5, 2e-3, 0), (5, 0.1, 2), (15, 0.1, 3)] {
+        let (called, degree) = degree_of(&with_coefficient(k, value), &[]);
+        assert_eq!(degree, expected, "coefficient {k} of {value}: {}", called.verdicts[2].reason);
+    }
+    let (called, _) = degree_of(&with_coefficient(2, 1e-3), &[]);
+    assert_eq!(called.verdicts[2].answer, Answer::NotCalledFor);
+    assert_eq!(called.verdicts[2].reason, "higher coefficients change no pixel by more than 0.00049 in any view");
+    let (called, _) = degree_of(&with_coefficient(5, 0.1), &[]);
+    assert_eq!(called.verdicts[2].answer, Answer::InPart);
+    assert_eq!(
+        called.verdicts[2].reason,
+        "without it, the colours of 1 Gaussians change by up to 0.0631 in some direction"
+    );
+}
+
+#[test]
+fn what_a_view_does_not_show_of_harmonics_it_does_not_call_for() {
+    // −C x: ahead, x is 0.
+    let sideways = with_coefficient(3, 0.1);
+    assert_eq!(degree_of(&sideways, &[]).1, 1);
+    let (called, degree) = degree_of(&sideways, &[ahead()]);
+    assert_eq!((degree, called.verdicts[2].answer), (0, Answer::NotCalledFor), "{}", called.verdicts[2].reason);
+    // Sums are more than one share each.
+    let mut sum = wanted(Order::Index);
+    sum.effects.blend = Blend::Sum;
+    assert_eq!(Effects::called_for(&sideways, &[ahead()], &sum).settings.effects.sh_degree, 1);
+    assert_eq!(Effects::called_for(&with_coefficient(3, 0.0), &[ahead()], &sum).settings.effects.sh_degree, 0);
+}
+
+#[test]
+fn the_bound_holds_in_every_direction_and_is_reached() {
+    let mut worst = 0.0f32;
+    let mut sh = vec![Vec3::ZERO; 16];
+    for (k, c) in sh.iter_mut().enumerate().skip(9) {
+        c.x = if k == 12 { 1.0 } else { 0.0 };
+    }
+    let bound = sh::change_bound(2, &sh);
+    for step in 0..=100 {
+        let z = step as f32 / 50.0 - 1.0;
+        let d = Vec3::new((1.0 - z * z).sqrt(), 0.0, z);
+        worst = worst.max((sh::color(3, d, &sh)[0] - sh::color(2, d, &sh)[0]).abs());
+    }
+    // Y of degree 3 and order 0 is greatest at the poles, where all others of its degree are 0; below ½ the colour is clamped.
+    assert!(worst <= bound && worst > 0.999 * bound, "{worst} {bound}");
+    assert_eq!(sh::change_bound(3, &sh), 0.0);
+}
+
+#[test]
+fn antialiasing_stays_wherever_something_is_drawn() {
+    let verdict = |scene: &SpatialScene| {
+        let called = Effects::called_for(scene, &[ahead()], &wanted(Order::TileDepth));
+        (called.settings.effects.antialias, called.verdicts[3].reason.clone())
+    };
+    let wide = scene(0, [ball(0.0, 2.0)]);
+    assert_eq!(verdict(&wide), (Antialias::Dilate, "it widens every Gaussian, as is asked for".to_owned()));
+    let far = scene(0, [ball(0.0, 2.0), ball(0.0, 9.0)]);
+    assert_eq!(verdict(&far), (Antialias::Dilate, "1 Gaussians are narrower than a pixel in view 1".to_owned()));
+    let behind = scene(0, [ball(0.0, -2.0)]);
+    assert_eq!(verdict(&behind), (Antialias::None, "nothing is drawn in this view".to_owned()));
+}
+
+#[test]
+fn black_is_no_background() {
+    let on = |color: [f32; 3]| Effects::called_for(&scene(0, [ball(0.0, 2.0)]), &[], &wanted(Order::Index).on(color));
+    assert_eq!(on([0.0; 3]).verdicts[4].answer, Answer::NotCalledFor);
+    let white = on([1.0; 3]);
+    assert_eq!((white.verdicts[4].answer, white.settings.background), (Answer::CalledFor, [1.0; 3]));
+    assert!(white.verdicts[4].reason.starts_with("1,1,1 shows"));
+}
+
+#[test]
+fn impossible_views_show_nothing() {
+    let broken = Camera { focal: glam::Vec2::ZERO, ..ahead() };
+    let called = Effects::called_for(&scene(0, [ball(0.0, 2.0)]), &[broken], &wanted(Order::PixelDepth));
+    assert_eq!(called.settings.effects.order, Order::Index);
+}

@@ -1,0 +1,171 @@
+//! The effects one by one: their names, their values in words, and what the next cheaper value is, so that a table or a flag can go through
+//! them all.
+
+use std::{fmt, str::FromStr};
+
+use serde::{Deserialize, Serialize};
+
+use super::{Antialias, Background, Blend, Effects, Order};
+use crate::error::Error;
+
+/// One of the effects that a scene may call for. What a caller asks a frame for besides (outputs, statistics), and what belongs to the data
+/// set (lens, exposure), are none of these.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Effect {
+    /// [`Effects::order`].
+    Order,
+    /// [`Effects::blend`].
+    Blend,
+    /// [`Effects::sh_degree`].
+    ShDegree,
+    /// [`Effects::antialias`].
+    Antialias,
+    /// [`Effects::background`].
+    Background,
+}
+
+impl Effect {
+    /// All of them.
+    pub const ALL: [Self; 5] = [Self::Order, Self::Blend, Self::ShDegree, Self::Antialias, Self::Background];
+
+    /// Its name, as flags and files have it.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Order => "order",
+            Self::Blend => "blend",
+            Self::ShDegree => "sh-degree",
+            Self::Antialias => "antialias",
+            Self::Background => "background",
+        }
+    }
+
+    /// Its value in `effects`, in a word.
+    pub fn value(self, effects: &Effects) -> &'static str {
+        match self {
+            Self::Order => match effects.order {
+                Order::Index => "index",
+                Order::TileDepth => "tile-depth",
+                Order::PixelDepth => "pixel-depth",
+            },
+            Self::Blend => match effects.blend {
+                Blend::Sum => "sum",
+                Blend::Over => "over",
+            },
+            Self::ShDegree => match effects.sh_degree {
+                0 => "0",
+                1 => "1",
+                2 => "2",
+                _ => "3",
+            },
+            Self::Antialias => match effects.antialias {
+                Antialias::None => "none",
+                Antialias::Dilate => "dilate",
+                Antialias::Mip => "mip",
+            },
+            Self::Background => match effects.background {
+                Background::None => "none",
+                Background::Solid => "solid",
+            },
+        }
+    }
+
+    /// The effects with this one a step cheaper; `None` where it is off.
+    pub fn cheaper(self, effects: &Effects) -> Option<Effects> {
+        let mut cheaper = *effects;
+        match self {
+            Self::Order => {
+                cheaper.order = match effects.order {
+                    Order::Index => return None,
+                    Order::TileDepth => Order::Index,
+                    Order::PixelDepth => Order::TileDepth,
+                }
+            }
+            Self::Blend => {
+                cheaper.blend = match effects.blend {
+                    Blend::Sum => return None,
+                    Blend::Over => Blend::Sum,
+                }
+            }
+            Self::ShDegree => cheaper.sh_degree = effects.sh_degree.checked_sub(1)?,
+            Self::Antialias => {
+                cheaper.antialias = match effects.antialias {
+                    Antialias::None => return None,
+                    Antialias::Dilate | Antialias::Mip => Antialias::None,
+                }
+            }
+            Self::Background => {
+                cheaper.background = match effects.background {
+                    Background::None => return None,
+                    Background::Solid => Background::None,
+                }
+            }
+        }
+        Some(cheaper)
+    }
+
+    /// The effects with this one off, all the way.
+    pub fn off(self, effects: &Effects) -> Effects {
+        let mut left = *effects;
+        while let Some(cheaper) = self.cheaper(&left) {
+            left = cheaper;
+        }
+        left
+    }
+
+    /// `effects` with this one's value as `source` has it.
+    pub fn copied(self, source: &Effects, effects: &Effects) -> Effects {
+        let mut copy = *effects;
+        match self {
+            Self::Order => copy.order = source.order,
+            Self::Blend => copy.blend = source.blend,
+            Self::ShDegree => copy.sh_degree = source.sh_degree,
+            Self::Antialias => copy.antialias = source.antialias,
+            Self::Background => copy.background = source.background,
+        }
+        copy
+    }
+}
+
+impl fmt::Display for Effect {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+impl FromStr for Effect {
+    type Err = Error;
+
+    fn from_str(name: &str) -> Result<Self, Error> {
+        let found = Self::ALL.into_iter().find(|effect| effect.name() == name);
+        found.ok_or_else(|| Error::setting("an effect", name, "order, blend, sh-degree, antialias or background"))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_effect_goes_down_to_off_step_by_step() {
+        let all = Effects {
+            order: Order::PixelDepth,
+            blend: Blend::Over,
+            sh_degree: 3,
+            antialias: Antialias::Mip,
+            background: Background::Solid,
+            ..Effects::default()
+        };
+        for (effect, steps) in Effect::ALL.into_iter().zip([2, 1, 3, 1, 1]) {
+            let down: Vec<Effects> =
+                std::iter::successors(Some(all), |effects| effect.cheaper(effects)).skip(1).collect();
+            assert_eq!(down.len(), steps, "{effect}");
+            assert_eq!(down.last(), Some(&effect.off(&all)));
+            assert_eq!(effect.copied(&all, &effect.off(&all)), all);
+            let values: Vec<&str> = down.iter().map(|effects| effect.value(effects)).collect();
+            assert!(!values.contains(&effect.value(&all)), "{effect}: {values:?}");
+            assert_eq!(effect.name().parse::<Effect>().unwrap(), effect);
+        }
+        assert!("sparkle".parse::<Effect>().unwrap_err().to_string().contains("sh-degree"));
+    }
+}

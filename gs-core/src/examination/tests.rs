@@ -1,0 +1,156 @@
+//! Every finding is made where it should be and nowhere else, and a repair touches nothing that can be drawn.
+
+use glam::{Vec2, Vec3};
+
+use super::*;
+use crate::scene::{PlanarGaussian, PlanarScene, Scene, SpatialGaussian, SpatialScene};
+
+fn spatial(x: f32) -> SpatialGaussian {
+    SpatialGaussian {
+        mean: Vec3::new(x, 1.0, 2.0),
+        log_scale: Vec3::new(-1.0, -2.0, -9.0),
+        rotation: [2.0, 0.0, 0.5, 0.0],
+        opacity_logit: 0.5,
+        sh: vec![Vec3::splat(0.25); 4],
+    }
+}
+
+fn planar(x: f32) -> PlanarGaussian {
+    PlanarGaussian {
+        mean: Vec2::new(x, 1.0),
+        log_scale: Vec2::new(1.0, -1.0),
+        rotation: 0.3,
+        opacity_logit: f32::INFINITY,
+        color: Vec3::splat(0.5),
+    }
+}
+
+/// Ten sound Gaussians of degree 1, and between them a spoilt one, which is the fifth.
+fn with_spoilt(spoil: impl Fn(&mut SpatialGaussian)) -> SpatialScene {
+    let mut scene = SpatialScene { sh_degree: 1, ..Default::default() };
+    for i in 0..10 {
+        if i == 4 {
+            let mut spoilt = spatial(3.5);
+            spoil(&mut spoilt);
+            scene.push(spoilt);
+        }
+        scene.push(spatial(i as f32));
+    }
+    scene
+}
+
+#[test]
+fn a_sound_scene_has_nothing_and_stays_bit_for_bit() {
+    let scene = with_spoilt(|g| g.opacity_logit = f32::INFINITY);
+    let examination = examine(&scene).unwrap();
+    assert_eq!((examination.gaussians, examination.is_sound()), (11, true));
+    assert_eq!(examination.cases, []);
+    let mut repaired = scene.clone();
+    assert_eq!(repair(&mut repaired).unwrap(), Repair::default());
+    assert_eq!(repaired, scene);
+}
+
+#[test]
+fn each_fault_is_found_in_space() {
+    type Spoil = fn(&mut SpatialGaussian);
+    let cases: [(Finding, Spoil); 17] = [
+        (Finding::MeanNotFinite, |g| g.mean.y = f32::NEG_INFINITY),
+        (Finding::ScaleNotFinite, |g| g.log_scale.z = f32::NAN),
+        (Finding::ScaleNotFinite, |g| g.log_scale.z = 45.0),
+        (Finding::RotationNotFinite, |g| g.rotation[3] = f32::NAN),
+        (Finding::OpacityNotANumber, |g| g.opacity_logit = f32::NAN),
+        (Finding::ColorNotFinite, |g| g.sh[3].x = f32::NAN),
+        (Finding::ColorNotFinite, |g| g.sh[0].y = f32::INFINITY),
+        (Finding::NoRotation, |g| g.rotation = [0.0, -0.0, 1e-4, 0.0]),
+        (Finding::ZeroScale, |g| g.log_scale.y = f32::NEG_INFINITY),
+        (Finding::Vanishing, |g| g.log_scale = Vec3::splat(-20.0)),
+        (Finding::Needle, |g| g.log_scale = Vec3::new(-1.0, 6.0, -2.0)),
+        (Finding::Transparent, |g| g.opacity_logit = -6.0),
+        (Finding::Transparent, |g| g.opacity_logit = f32::NEG_INFINITY),
+        (Finding::OpacityOutOfRange, |g| g.opacity_logit = 1e4),
+        (Finding::ExtremeColor, |g| g.sh[2].z = -2e3),
+        (Finding::Outlier, |g| g.mean.z = 1e5),
+        (Finding::Duplicate, |g| *g = SpatialGaussian { opacity_logit: 2.0, sh: vec![Vec3::ZERO; 4], ..spatial(3.0) }),
+    ];
+    for (finding, spoil) in cases {
+        let scene = with_spoilt(spoil);
+        let examination = examine(&scene).unwrap();
+        assert_eq!(examination.cases, [Case { finding, count: 1, first: 4 }], "{finding:?}");
+        assert_eq!(examination.is_sound(), !finding.is_broken(), "{finding:?}");
+        let mut repaired = scene.clone();
+        let Repair { removed, widened } = repair(&mut repaired).unwrap();
+        let remedy = finding.remedy();
+        assert_eq!((removed, widened), (usize::from(remedy == Remedy::Remove), usize::from(remedy == Remedy::Widen)));
+        assert_eq!(repaired.len(), 11 - removed);
+        assert!(examine(&repaired).unwrap().is_sound() && repaired.validate().is_ok(), "{finding:?}");
+        for index in (0..11).filter(|&index| index != 4) {
+            let after = if index > 4 { index - removed } else { index };
+            assert_eq!(repaired.gaussian(after), scene.gaussian(index), "{finding:?}");
+        }
+        if remedy == Remedy::Leave {
+            assert_eq!(repaired, scene, "{finding:?}");
+        }
+    }
+}
+
+#[test]
+fn each_fault_is_found_in_the_plane() {
+    type Spoil = fn(&mut PlanarGaussian);
+    let cases: [(Finding, Spoil); 9] = [
+        (Finding::MeanNotFinite, |g| g.mean.x = f32::NAN),
+        (Finding::ScaleNotFinite, |g| g.log_scale.y = f32::INFINITY),
+        (Finding::RotationNotFinite, |g| g.rotation = f32::INFINITY),
+        (Finding::ColorNotFinite, |g| g.color.z = f32::NAN),
+        (Finding::OpacityNotANumber, |g| g.opacity_logit = f32::NAN),
+        (Finding::ZeroScale, |g| g.log_scale.x = f32::NEG_INFINITY),
+        (Finding::Vanishing, |g| g.log_scale = Vec2::new(-4.0, -3.5)),
+        (Finding::Needle, |g| g.log_scale = Vec2::new(7.0, -0.5)),
+        (Finding::Duplicate, |g| *g = PlanarGaussian { color: Vec3::ONE, ..planar(1.0) }),
+    ];
+    for (finding, spoil) in cases {
+        let mut gaussians: Vec<PlanarGaussian> = (0..5).map(|i| planar(i as f32)).collect();
+        spoil(&mut gaussians[2]);
+        let scene: PlanarScene = gaussians.into_iter().collect();
+        assert_eq!(examine(&scene).unwrap().cases, [Case { finding, count: 1, first: 2 }]);
+        let mut repaired = scene.clone();
+        repair(&mut repaired).unwrap();
+        repaired.validate().unwrap();
+        assert!(examine(&repaired).unwrap().is_sound());
+    }
+}
+
+#[test]
+fn a_gaussian_may_have_several_faults_and_goes_once() {
+    let scene = with_spoilt(|g| {
+        g.mean = Vec3::NAN;
+        g.rotation = [0.0; 4];
+        g.log_scale.x = f32::NEG_INFINITY;
+    });
+    let examination = examine(&scene).unwrap();
+    let found: Vec<Finding> = examination.cases.iter().map(|case| case.finding).collect();
+    assert_eq!(found, [Finding::MeanNotFinite, Finding::NoRotation, Finding::ZeroScale]);
+    assert_eq!((examination.removed, examination.widened), (vec![4], vec![]));
+}
+
+#[test]
+fn arrays_that_do_not_fit_are_refused_and_an_empty_scene_is_sound() {
+    let mut scene = with_spoilt(|_| ());
+    scene.sh.pop();
+    assert!(matches!(examine(&scene), Err(Error::Length { what: "sh", .. })));
+    assert!(matches!(repair(&mut scene), Err(Error::Length { .. })));
+    assert!(examine(&SpatialScene::default()).unwrap().is_sound());
+    assert!(examine(&PlanarScene::default()).unwrap().is_sound());
+}
+
+#[test]
+fn a_repair_keeps_that_opacities_are_stored() {
+    let mut scene: PlanarScene =
+        [planar(0.0), PlanarGaussian { opacity_logit: f32::NAN, ..planar(1.0) }].into_iter().collect();
+    repair(&mut scene).unwrap();
+    assert_eq!(scene.opacity_logits, [f32::INFINITY]);
+}
+
+#[test]
+fn the_smallest_scale_is_that_of_the_smallest_number() {
+    assert_eq!(SMALLEST_LOG_SCALE, f64::from(f32::MIN_POSITIVE).ln() as f32);
+}

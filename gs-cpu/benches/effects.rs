@@ -1,0 +1,159 @@
+//! What effects cost: the time of a picture with each on and off, beside a scene that never had it; and of the same Gaussians in the plane and as a
+//! scene in space, seen through a camera.
+//!
+//! `cargo bench -p gs-cpu --bench effects`. The measurements of a table take turns; a row is the median, with the median of its difference from
+//! the first row, and what two measurements of the first row differ by is the noise. Everything is drawn from a fixed seed.
+
+#![allow(clippy::print_stdout)]
+
+mod garden;
+
+use std::time::Instant;
+
+use garden::{Random, SEED, garden};
+use glam::{Vec2, Vec3};
+use gs_core::{
+    Blend, Camera, Canvas, Chart, Effects, Error, PlanarGaussian, PlanarScene, Rasterizer, RenderSettings, Scene,
+    SpatialGaussian, SpatialScene,
+    constants::SH_C0,
+    effects::{Antialias, Background, Order},
+    profile::Quantiles,
+    scene::logit,
+};
+use gs_cpu::{CpuRasterizer, CpuSettings};
+
+/// Measurements of a row.
+const ROUNDS: usize = 15;
+
+/// A row: its name, and what is measured.
+type Row<'a> = (String, Box<dyn Fn() -> Result<(), Error> + 'a>);
+
+/// Measures rows in turns, after each once without looking at the clock, and prints them.
+fn table(title: &str, rows: &[Row<'_>]) -> Result<(), Error> {
+    let milliseconds = |row: &Row<'_>| {
+        let started = Instant::now();
+        row.1().map(|()| started.elapsed().as_secs_f64() * 1e3)
+    };
+    let mut times = vec![Vec::new(); rows.len()];
+    let mut again = Vec::new();
+    for round in 0..=ROUNDS {
+        for (row, times) in rows.iter().zip(&mut times) {
+            let time = milliseconds(row)?;
+            if round > 0 {
+                times.push(time);
+            }
+        }
+        let time = milliseconds(&rows[0])?;
+        if round > 0 {
+            again.push(time);
+        }
+    }
+    let apart =
+        |other: &[f64]| -> Vec<f64> { other.iter().zip(&times[0]).map(|(other, first)| other - first).collect() };
+    let noise: Vec<f64> = apart(&again).into_iter().map(f64::abs).collect();
+    println!(
+        "\n## {title}\n\nnoise {:.2} ms\n\n| | ms | more than the first, ms | times the first |\n|---|---|---|---|",
+        Quantiles::of(&noise).median
+    );
+    for ((name, _), times) in rows.iter().zip(&times) {
+        let (time, more) = (Quantiles::of(times).median, Quantiles::of(&apart(times)).median);
+        let ratios: Vec<f64> = times.iter().zip(&again).map(|(time, first)| time / first).collect();
+        println!("| {name} | {time:.2} | {more:+.2} | {:.2} |", Quantiles::of(&ratios).median);
+    }
+    Ok(())
+}
+
+/// A picture of a scene, again and again.
+fn picture<'a, S: Scene, R: Rasterizer<S>>(
+    name: &str,
+    on: &'a R,
+    scene: &S,
+    view: &'a S::View,
+    settings: RenderSettings,
+) -> Result<Row<'a>, Error>
+where
+    R::Cloud: 'a,
+{
+    let cloud = on.upload(scene, Chart::ScaleRotation)?;
+    Ok((name.to_owned(), Box::new(move || on.forward(&cloud, view, &settings).map(drop))))
+}
+
+fn in_space(cpu: &impl Rasterizer<SpatialScene>) -> Result<(), Error> {
+    let (scene, camera) = garden(250_000, (1920, 1080));
+    let mut plain = scene.clone();
+    plain.sh = scene.sh.chunks_exact(scene.sh_len()).map(|of_one| of_one[0]).collect();
+    plain.sh_degree = 0;
+    let none = Effects { blend: Blend::Over, order: Order::Index, ..Effects::default() };
+    let with = |effects: Effects| RenderSettings { effects, ..RenderSettings::default() };
+    let row = |name: &str, scene: &SpatialScene, effects: Effects| picture(name, cpu, scene, &camera, with(effects));
+    let mut white = RenderSettings { effects: none, ..RenderSettings::default() }.on([1.0; 3]);
+    white.effects.background = Background::Solid;
+    let rows = [
+        row("all off", &scene, none)?,
+        row("a scene that never had harmonics", &plain, none)?,
+        row("sh-degree 1", &scene, Effects { sh_degree: 1, ..none })?,
+        row("sh-degree 2", &scene, Effects { sh_degree: 2, ..none })?,
+        row("sh-degree 3", &scene, Effects { sh_degree: 3, ..none })?,
+        row("order tile-depth", &scene, Effects { order: Order::TileDepth, ..none })?,
+        row("order pixel-depth", &scene, Effects { order: Order::PixelDepth, ..none })?,
+        row("antialias dilate", &scene, Effects { antialias: Antialias::Dilate, ..none })?,
+        row("antialias mip", &scene, Effects { antialias: Antialias::Mip, ..none })?,
+        picture("background solid", cpu, &scene, &camera, white)?,
+    ];
+    table("250,000 Gaussians in space, 1920x1080 px, over", &rows)
+}
+
+/// As fitted to a photograph: 9,000 Gaussians over 768x512 px.
+fn planar() -> (PlanarScene, Canvas) {
+    let mut random = Random(SEED);
+    let (width, height) = (768, 512);
+    let gaussian = |random: &mut Random| PlanarGaussian {
+        mean: Vec2::new(random.unit() * width as f32, random.unit() * height as f32),
+        log_scale: Vec2::new(1.6 + 0.5 * random.normal(), 0.9 + 0.5 * random.normal()),
+        rotation: std::f32::consts::PI * random.unit(),
+        opacity_logit: logit(0.3 + 0.65 * random.unit()),
+        color: Vec3::new(random.unit(), random.unit(), random.unit()),
+    };
+    ((0..9_000).map(|_| gaussian(&mut random)).collect(), Canvas::new(width, height))
+}
+
+/// The same Gaussians on a plane before a camera, one behind the other by a little, so that their order is that of the plane.
+fn before_a_camera(scene: &PlanarScene, canvas: &Canvas) -> (SpatialScene, Camera) {
+    let camera = Camera::looking_forward(canvas.width, canvas.height, 0.3);
+    let mut flat = SpatialScene { sh_degree: 3, ..SpatialScene::default() };
+    for (index, g) in scene.iter().enumerate() {
+        let depth = 1.0 + 1e-6 * index as f32;
+        let (sin, cos) = (0.5 * g.rotation).sin_cos();
+        flat.push(SpatialGaussian {
+            mean: ((g.mean - camera.center) / camera.focal * depth).extend(depth),
+            log_scale: (g.log_scale + (depth / camera.focal.x).ln()).extend(-20.0),
+            rotation: [cos, 0.0, 0.0, sin],
+            opacity_logit: g.opacity_logit,
+            sh: vec![(g.color - 0.5) / SH_C0],
+        });
+    }
+    (flat, camera)
+}
+
+fn in_the_plane(cpu: &CpuRasterizer) -> Result<(), Error> {
+    let (scene, canvas) = planar();
+    let (flat, camera) = before_a_camera(&scene, &canvas);
+    let mut all = RenderSettings::blended(Blend::Over).on([1.0; 3]);
+    all.effects = Effects { order: Order::TileDepth, sh_degree: 3, antialias: Antialias::Dilate, ..all.effects };
+    let mut some = all;
+    some.effects = Effects { sh_degree: 0, antialias: Antialias::None, ..all.effects };
+    let rows = [
+        picture("in the plane, sum", cpu.planar(), &scene, &canvas, RenderSettings::blended(Blend::Sum))?,
+        picture("in the plane, over", cpu.planar(), &scene, &canvas, RenderSettings::blended(Blend::Over))?,
+        picture("through a camera, tile-depth", cpu.spatial(), &flat, &camera, some)?,
+        picture("through a camera, tile-depth, sh-degree 3, dilate", cpu.spatial(), &flat, &camera, all)?,
+    ];
+    table("9,000 Gaussians of an image, 768x512 px", &rows)
+}
+
+fn main() -> Result<(), Error> {
+    let cpu = CpuRasterizer::new(CpuSettings::default())?;
+    println!("{}, seed {SEED}", cpu.spatial().describe());
+    in_space(cpu.spatial())?;
+    in_the_plane(&cpu)
+}

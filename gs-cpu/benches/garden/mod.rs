@@ -1,0 +1,52 @@
+//! Random numbers, and a scene made of them that is like a trained one; what benchmarks of spatial scenes share.
+
+use glam::Vec3;
+use gs_core::{Camera, Scene, SpatialGaussian, SpatialScene, scene::logit};
+
+/// Where all random numbers come from.
+pub(crate) const SEED: u64 = 20_261_121;
+
+/// SplitMix64 (Steele et al. 2014).
+pub(crate) struct Random(pub(crate) u64);
+
+impl Random {
+    /// 0 to 1.
+    pub(crate) fn unit(&mut self) -> f32 {
+        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let z = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        let z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        ((z ^ (z >> 31)) >> 40) as f32 / (1u64 << 24) as f32
+    }
+
+    /// Standard normal.
+    pub(crate) fn normal(&mut self) -> f32 {
+        (-2.0 * (1.0 - self.unit()).ln()).sqrt() * (std::f32::consts::TAU * self.unit()).cos()
+    }
+
+    /// Evenly over the sphere.
+    pub(crate) fn direction(&mut self) -> Vec3 {
+        Vec3::new(self.normal(), self.normal(), self.normal()).normalize_or(Vec3::Z)
+    }
+}
+
+/// As a trained outdoor scene: surfaces at all depths, flat Gaussians of a few pixels with a long tail, most of them nearly opaque or nearly
+/// transparent, colours of degree 3.
+pub(crate) fn garden(count: usize, (width, height): (u32, u32)) -> (SpatialScene, Camera) {
+    let mut random = Random(SEED);
+    let camera = Camera::looking_forward(width, height, 1.2);
+    let mut scene = SpatialScene { sh_degree: 3, ..SpatialScene::default() };
+    for _ in 0..count {
+        let depth = 1.5 * (2.5 * random.unit()).exp();
+        let (x, y) = (1.2 * random.unit() - 0.1, 1.2 * random.unit() - 0.1);
+        let (x, y) = (x * width as f32, y * height as f32);
+        let mean =
+            Vec3::new((x - camera.center.x) / camera.focal.x, (y - camera.center.y) / camera.focal.y, 1.0) * depth;
+        let px = 2.0 * (0.6 * random.normal()).exp() * depth / camera.focal.x;
+        let log_scale = Vec3::new(px.ln(), px.ln() - random.unit(), px.ln() - 1.0 - 2.0 * random.unit());
+        let opacity = if random.unit() < 0.5 { 0.7 + 0.29 * random.unit() } else { 0.02 + 0.5 * random.unit() };
+        let sh = (0..16).map(|k| random.direction() * if k == 0 { 1.0 } else { 0.1 }).collect();
+        let rotation = [random.normal(), random.normal(), random.normal(), random.normal() + 1e-3];
+        scene.push(SpatialGaussian { mean, log_scale, rotation, opacity_logit: logit(opacity), sh });
+    }
+    (scene, camera)
+}

@@ -1,0 +1,121 @@
+//! Whether pictures bear out what was decided about effects by bounds.
+
+use gs_core::{
+    Effects, Error, Image, Rasterizer, RenderSettings,
+    constants::HALF_DISPLAY_STEP,
+    effects::{
+        CalledFor, Effect,
+        called_for::{CallsForEffects, Verdict},
+    },
+};
+use serde::Serialize;
+
+use super::{Difference, Sight};
+
+/// What is called for, with the pictures that show it.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct Proof {
+    /// As [`Effects::called_for`] has it, but for effects whose absence was seen: they stay.
+    pub called: CalledFor,
+    /// How far the pictures with what is called for are from those with all that is wanted.
+    pub difference: Difference,
+    /// How many views were rendered both ways.
+    pub views: usize,
+}
+
+/// Asks a scene which effects of the `wanted` settings it calls for in these views, and renders them both ways. Where the pictures
+/// contradict, the effect stays.
+///
+/// # Errors
+/// Those of [`Rasterizer::forward`].
+pub fn prove<S, R>(scene: &S, sight: &Sight<'_, S, R>, wanted: &RenderSettings) -> Result<Proof, Error>
+where
+    S: CallsForEffects,
+    R: Rasterizer<S>,
+{
+    let called = Effects::called_for(scene, sight.views, wanted);
+    let pictures = sight.pictures(wanted)?;
+    let (called, difference) = borne_out(called, sight, wanted, &pictures)?;
+    Ok(Proof { called, difference, views: sight.views.len() })
+}
+
+fn borne_out<S, R>(
+    mut called: CalledFor,
+    sight: &Sight<'_, S, R>,
+    wanted: &RenderSettings,
+    pictures: &[Image],
+) -> Result<(CalledFor, Difference), Error>
+where
+    S: CallsForEffects,
+    R: Rasterizer<S>,
+{
+    let mut difference = sight.difference(&called.settings, pictures)?;
+    for effect in Effect::ALL {
+        if difference.most <= HALF_DISPLAY_STEP {
+            break;
+        }
+        let left = &mut called.settings.effects;
+        if effect.value(left) == effect.value(&wanted.effects) {
+            continue;
+        }
+        *left = effect.copied(&wanted.effects, left);
+        let found = sight.difference(&called.settings, pictures)?;
+        let reason = format!("without it, a pixel changes by {:.4}, which was not foreseen", difference.most);
+        for verdict in called.verdicts.iter_mut().filter(|verdict| verdict.effect == effect) {
+            *verdict = Verdict::new(effect, &wanted.effects, &wanted.effects, reason.clone());
+        }
+        difference = found;
+    }
+    Ok((called, difference))
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::{Vec2, Vec3};
+    use gs_core::{
+        Blend, Canvas, Chart, PlanarGaussian, PlanarScene,
+        effects::{Antialias, Background, called_for::Answer},
+    };
+    use gs_cpu::{CpuRasterizer, CpuSettings};
+
+    use super::*;
+
+    fn scene() -> PlanarScene {
+        let gaussian = |x: f32| PlanarGaussian {
+            mean: Vec2::new(x, 9.0),
+            log_scale: Vec2::new(0.5, -1.0),
+            rotation: 0.3,
+            opacity_logit: 1.0,
+            color: Vec3::new(0.9, 0.2, 0.5),
+        };
+        [gaussian(7.0), gaussian(9.5), gaussian(14.0)].into_iter().collect()
+    }
+
+    #[test]
+    fn pictures_bear_out_what_is_right_and_overrule_what_is_wrong() {
+        let cpu = CpuRasterizer::new(CpuSettings { threads: Some(1), level: None }).unwrap();
+        let cpu = cpu.planar();
+        let cloud = cpu.upload(&scene(), Chart::ScaleRotation).unwrap();
+        let views = [Canvas::new(24, 18), Canvas::new(9, 7).showing(Vec2::ZERO, Vec2::new(24.0, 18.0))];
+        let sight = Sight { on: cpu, cloud: &cloud, views: &views };
+        let mut wanted = RenderSettings::blended(Blend::Over).on([0.0; 3]);
+        wanted.effects.antialias = Antialias::Dilate;
+
+        let proof = prove(&scene(), &sight, &wanted).unwrap();
+        assert_eq!((proof.difference, proof.views), (Difference { most: 0.0, psnr: f64::INFINITY }, 2));
+        assert_eq!(proof.called.settings.effects.background, Background::None);
+
+        // Somebody leaves out what shows.
+        let mut wrong = proof.called.clone();
+        wrong.settings.effects.antialias = Antialias::None;
+        let pictures = sight.pictures(&wanted).unwrap();
+        assert!(sight.difference(&wrong.settings, &pictures).unwrap().most > HALF_DISPLAY_STEP);
+        let (mended, difference) = borne_out(wrong, &sight, &wanted, &pictures).unwrap();
+        assert_eq!(mended.settings.effects, Effects { background: wanted.effects.background, ..wanted.effects });
+        assert_eq!(difference.most, 0.0);
+        let verdict = &mended.verdicts[3];
+        assert_eq!((verdict.effect, verdict.answer), (Effect::Antialias, Answer::CalledFor));
+        assert!(verdict.reason.contains("not foreseen"), "{}", verdict.reason);
+    }
+}

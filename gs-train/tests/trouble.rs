@@ -1,0 +1,66 @@
+//! Trouble in training is counted by cause, wherever a run is told of: in its progress, its metrics and its summary.
+
+mod scenes;
+
+use gs_core::{Blend, Scene};
+use gs_density::Policy;
+use gs_train::{Clamped, Control, FitSettings, MetricsLog, Observer, Progress, Rounds, fit};
+use scenes::{rasterizer, small_fit, small_target};
+
+/// What an observer is told of Gaussians that are not finite.
+#[derive(Default)]
+struct Told {
+    left_out: u32,
+    removed: u32,
+}
+
+impl Observer for Told {
+    fn on_step(&mut self, progress: &Progress) -> Control {
+        self.left_out = self.left_out.max(progress.quality.map_or(0, |quality| quality.culled.not_finite));
+        Control::Continue
+    }
+
+    fn on_edit(&mut self, _: &Progress, counts: &gs_core::edit::EditCounts) {
+        self.removed += counts.pruned_not_finite;
+    }
+}
+
+#[test]
+fn gaussians_that_stop_being_finite_are_counted_everywhere_and_removed() {
+    for blend in [Blend::Sum, Blend::Over] {
+        for rounds in [Rounds::NEVER, Rounds::until(10, 30)] {
+            // Each step is as long as numbers go: after two, means are infinite, and nothing is drawn; the loss is that of an empty image.
+            let mut settings = FitSettings { rounds, ..small_fit(blend) };
+            settings.adam.mean.learning_rate = 2e38;
+            let (mut log, mut told) = (MetricsLog::new(1), Told::default());
+            let result = fit(&rasterizer(), &small_target(), settings, &mut (&mut log, &mut told)).unwrap();
+            assert!(
+                told.left_out > 0 && told.removed > 0,
+                "{blend:?}, {rounds:?}: {}, {}",
+                told.left_out,
+                told.removed
+            );
+            assert_eq!(result.summary.edits.pruned_not_finite, told.removed, "{blend:?}, {rounds:?}");
+            let of_rows = |of: fn(&gs_train::MetricsRow) -> u32| log.rows().iter().map(of).collect::<Vec<u32>>();
+            assert_eq!(of_rows(|row| row.edits.pruned_not_finite).iter().sum::<u32>(), told.removed);
+            assert_eq!(of_rows(|row| row.culled.map_or(0, |c| c.not_finite)).into_iter().max(), Some(told.left_out));
+            result.scene.validate().unwrap();
+            assert_eq!(result.summary.culled.not_finite, 0, "none is left in the end");
+        }
+    }
+}
+
+#[test]
+fn scales_that_bounds_hold_are_counted() {
+    let clamped = |bounds: (f32, f32)| {
+        let mut settings = FitSettings { policy: Policy::None, rounds: Rounds::NEVER, ..small_fit(Blend::Sum) };
+        (settings.adam.min_scale, settings.adam.max_scale) = bounds;
+        let mut log = MetricsLog::new(10);
+        let result = fit(&rasterizer(), &small_target(), settings, &mut log).unwrap();
+        assert_eq!(log.rows().last().unwrap().clamped, Some(result.summary.clamped));
+        result.summary.clamped
+    };
+    assert_eq!(clamped((1e-3, 1e4)), Clamped::default());
+    let held = clamped((2.0, 2.5));
+    assert!(held.smallest > 0 && held.largest > 0 && held.total() <= 40, "{held:?}");
+}

@@ -1,0 +1,65 @@
+//! Planar hard cases by theme, and what they are made of.
+
+mod images;
+mod opacities;
+mod optimiser;
+mod refusals;
+mod shapes;
+
+use glam::{Vec2, Vec3};
+use gs_core::{Canvas, PlanarGaussian, PlanarScene, RenderSettings, effects::Blend};
+
+use super::case::{Case, Source};
+
+/// Both blends: their kernels have nothing in common.
+const BLENDS: [Blend; 2] = [Blend::Sum, Blend::Over];
+
+/// Of neither a whole tile nor a whole vector.
+const VIEW: (u32, u32) = (24, 19);
+
+/// All planar cases.
+pub fn planar_corpus() -> Vec<Case<PlanarScene>> {
+    [shapes::cases(), opacities::cases(), images::cases(), optimiser::cases(), refusals::cases()]
+        .into_iter()
+        .flatten()
+        .collect()
+}
+
+/// Half opaque, in the middle of the image, 3 px by 2 px.
+const PLAIN: PlanarGaussian = PlanarGaussian {
+    mean: Vec2::new(11.3, 9.6),
+    log_scale: Vec2::new(1.1, 0.7),
+    rotation: 0.4,
+    opacity_logit: 0.3,
+    color: Vec3::new(0.7, 0.4, 0.9),
+};
+
+/// These Gaussians as a blend has them: without opacities under `Sum`.
+fn scene(blend: Blend, gaussians: impl IntoIterator<Item = PlanarGaussian>) -> PlanarScene {
+    let opaque = |g: PlanarGaussian| match blend {
+        Blend::Sum => PlanarGaussian { opacity_logit: f32::INFINITY, ..g },
+        Blend::Over => g,
+    };
+    gaussians.into_iter().map(opaque).collect()
+}
+
+/// A case through [`VIEW`], before a background that is not black.
+fn case(
+    name: impl std::fmt::Display,
+    why: &'static str,
+    source: Source,
+    blend: Blend,
+    gaussians: impl IntoIterator<Item = PlanarGaussian>,
+) -> Case<PlanarScene> {
+    let settings = RenderSettings::blended(blend).on([0.2, 0.3, 0.1]);
+    let name = format!("{name}, {}", named(blend));
+    Case::new(name, why, source, scene(blend, gaussians), Canvas::new(VIEW.0, VIEW.1), settings)
+}
+
+/// A blend in the name of a case.
+fn named(blend: Blend) -> &'static str {
+    match blend {
+        Blend::Sum => "sum",
+        Blend::Over => "over",
+    }
+}

@@ -1,0 +1,76 @@
+//! Images of awkward sizes, counts of Gaussians at either end.
+
+use glam::{Vec2, Vec3};
+use gs_core::{Canvas, Image, Loss, PlanarGaussian, PlanarScene, effects::Blend};
+
+use super::{BLENDS, PLAIN, case};
+use crate::corpus::case::{Case, Goal, Picture, Slopes, Source, Training};
+
+/// "Millions of entries in one tile": 2²¹.
+const MILLIONS: usize = 1 << 21;
+
+pub(super) fn cases() -> Vec<Case<PlanarScene>> {
+    let mut cases = Vec::new();
+    for blend in BLENDS {
+        cases.push(
+            case(
+                "no Gaussian",
+                "buffers of no length, launches of no threads",
+                Source::Report("https://github.com/nerfstudio-project/gsplat/pull/100"),
+                blend,
+                [],
+            )
+            .sloping(Slopes::Zero),
+        );
+        cases.push(case(
+            "one Gaussian",
+            "the smallest scene that there is",
+            Source::Report("https://github.com/nerfstudio-project/gsplat/issues/571"),
+            blend,
+            [PLAIN],
+        ));
+        for (width, height) in [(1, 1), (1, 17), (17, 1), (15, 15), (16, 16), (17, 17), (257, 3)] {
+            let size = Vec2::new(width as f32, height as f32);
+            let gaussians = (0..5).map(|i| PlanarGaussian {
+                mean: size * (0.1 + 0.2 * i as f32),
+                rotation: 0.7 * i as f32,
+                ..PLAIN
+            });
+            let case = case(
+                format!("image of {width}×{height} px"),
+                "tiles and vectors that are partly beyond the image; SSIM's window wider than it",
+                Source::Report("https://github.com/graphdeco-inria/gaussian-splatting/issues/781"),
+                blend,
+                gaussians,
+            );
+            cases.push(Case { view: Canvas::new(width, height), ..case }.after(Goal::Likeness(5), Loss::PAPER));
+        }
+    }
+    cases.extend([millions(Blend::Sum), millions(Blend::Over)]);
+    cases
+}
+
+/// 2²¹ equal Gaussians on the centre of one pixel, of which the sum is exactly 1; under `Over` the first fills the pixel.
+fn millions(blend: Blend) -> Case<PlanarScene> {
+    let gaussian = PlanarGaussian {
+        mean: Vec2::splat(0.5),
+        log_scale: Vec2::ZERO,
+        rotation: 0.0,
+        opacity_logit: 0.0,
+        color: Vec3::splat(if blend == Blend::Sum { 1.0 / MILLIONS as f32 } else { 0.5 }),
+    };
+    let why = "counts of entries beyond 16 bits, sums of millions, and loops that drivers cut short";
+    let source = Source::Report("https://github.com/openvdb/fvdb-core/pull/708");
+    let mut case = case("millions of entries in one tile", why, source, blend, std::iter::repeat_n(gaussian, MILLIONS));
+    case.view = Canvas::new(1, 1);
+    case.settings.effects.background = Default::default();
+    case.steps = 2;
+    let shown = match blend {
+        Blend::Sum => 1.0,
+        // 13 halves leave 2⁻¹³; the next would leave less than the least transmittance of 10⁻⁴.
+        Blend::Over => 0.5 * (1.0 - 2f32.powi(-13)),
+    };
+    case.showing(Picture::Exact(Image::filled(1, 1, [shown; 3]).expect("one pixel is a possible size")))
+        .sloping(Slopes::Finite("a dense oracle would take minutes"))
+        .training(Training::Finite("two steps"))
+}

@@ -1,0 +1,104 @@
+//! Losses and optimisers at the edges: nothing to gain, everything to lose.
+
+use glam::Vec2;
+use gs_core::{Image, Loss, PlanarGaussian, PlanarScene, statistics::Culled};
+
+use super::{BLENDS, PLAIN, VIEW, case};
+use crate::corpus::case::{Case, Goal, Picture, Slopes, Source, Training};
+
+fn flat(value: f32) -> Goal {
+    Goal::Image(Image::filled(VIEW.0, VIEW.1, [value; 3]).expect("a possible size"))
+}
+
+fn some() -> impl Iterator<Item = PlanarGaussian> {
+    (0..5).map(|i| PlanarGaussian {
+        mean: Vec2::new(4.0 + 4.0 * i as f32, 14.0 - 2.0 * i as f32),
+        rotation: i as f32,
+        ..PLAIN
+    })
+}
+
+pub(super) fn cases() -> Vec<Case<PlanarScene>> {
+    let mut cases = Vec::new();
+    for blend in BLENDS {
+        // A fused step may see another image by a rounding, which is a gradient, and a step, however small.
+        for (name, loss, most) in [("L2", Loss::L2, 1e-6), ("L1", Loss::L1, 1e-2)] {
+            let case = case(
+                format!("loss exactly 0 ({name})"),
+                "√v̂ is 0 where no gradient has ever been: Adam divides 0 by ε",
+                Source::Report("https://github.com/nerfstudio-project/gsplat/issues/248"),
+                blend,
+                some(),
+            );
+            cases.push(case.after(Goal::Itself, loss).sloping(Slopes::Zero).training(Training::StaysBelow(most)));
+        }
+        for (name, value) in [("black", 0.0), ("white", 1.0)] {
+            let case = case(
+                format!("constant {name} image in SSIM"),
+                "variances are 0, or rounding makes them negative",
+                Source::Report("https://github.com/rahul-goel/fused-ssim/pull/37"),
+                blend,
+                some(),
+            );
+            cases.push(case.after(flat(value), Loss::L1Dssim { lambda: 1.0 }));
+        }
+        for exponent in [4, 30] {
+            let case = case(
+                format!("constant image of 10^{exponent} in SSIM"),
+                "variances of HDR values are differences of their squares, which rounding makes negative, or which overflow",
+                Source::Report("https://github.com/rahul-goel/fused-ssim/pull/37"),
+                blend,
+                some(),
+            );
+            let trained = Training::Finite("at 10⁴, what rounding leaves of a variance is more than C2");
+            cases.push(
+                case.after(flat(10f32.powi(exponent)), Loss::PAPER)
+                    .sloping(Slopes::Finite("SSIM's squares leave no digits"))
+                    .training(trained),
+            );
+        }
+        let backdrop = case(
+            "constant image of the background in SSIM",
+            "both images are constant and equal: SSIM is 0/0 but for its constants",
+            Source::Report("https://github.com/rahul-goel/fused-ssim/pull/37"),
+            blend,
+            [],
+        );
+        let settings = backdrop.settings.on([0.6; 3]);
+        let equal = Image::filled(VIEW.0, VIEW.1, [0.6; 3]).expect("a possible size");
+        cases.push(
+            Case { settings, ..backdrop }
+                .after(flat(0.6), Loss::PAPER)
+                .showing(Picture::Exact(equal))
+                .sloping(Slopes::Zero)
+                .training(Training::Finite("1 − SSIM is a rounding off 0")),
+        );
+        cases.push(
+            case(
+                "Adam with gradients of 0",
+                "moments decay to denormals, and 0/0",
+                Source::Report("https://github.com/nerfstudio-project/gsplat/pull/214"),
+                blend,
+                [900.0, 1e4].map(|far| PlanarGaussian { mean: Vec2::splat(far), ..PLAIN }),
+            )
+            .leaving_out(Culled { outside: 2, ..Culled::default() })
+            .sloping(Slopes::Zero)
+            .training(Training::StandsStill),
+        );
+        for exponent in [10, 18, 30] {
+            cases.push(
+                case(
+                    format!("Adam with gradients of 10^{exponent}"),
+                    "g² overflows from 2·10¹⁹ on: v̂ is ∞ for ever after, and g/√v̂ is 0 or NaN",
+                    Source::Report("https://github.com/graphdeco-inria/gaussian-splatting/issues/41"),
+                    blend,
+                    some(),
+                )
+                .after(flat(10f32.powi(exponent)), Loss::L2)
+                .sloping(Slopes::Finite("beyond f32's range in the loss, if not in the gradients"))
+                .training(Training::Moves),
+            );
+        }
+    }
+    cases
+}

@@ -1,0 +1,87 @@
+//! Values that nobody would write down, in every slot of every input: they are refused, or drawn as the oracle draws them, or quarantined and
+//! counted; and they change no pixel that the Gaussian does not touch, which holds one.
+
+mod inputs;
+mod state;
+
+use std::time::Instant;
+
+use gs_core::{PlanarScene, Rasterizer, SpatialScene};
+
+use super::report::{Observed, Record};
+use crate::{failure::Failure, subject::Subject};
+
+pub use self::inputs::{Infinite, Inputs, Slot};
+
+/// What is put into a slot: not numbers, infinities, the ends of `f32`, where exp and squares overflow, zeros, and what is flushed to zero.
+pub const VALUES: [f32; 22] = [
+    f32::NAN,
+    -f32::NAN,
+    f32::INFINITY,
+    f32::NEG_INFINITY,
+    f32::MAX,
+    f32::MIN,
+    1e30,
+    -1e30,
+    1e19,
+    -1e19,
+    1e10,
+    -1e10,
+    88.8,
+    -88.8,
+    0.0,
+    -0.0,
+    1e-20,
+    -1e-20,
+    f32::MIN_POSITIVE,
+    -f32::MIN_POSITIVE,
+    1e-45,
+    -1e-45,
+];
+
+/// Puts every value into every slot of planar inputs; a record for each slot.
+pub fn poison_planar<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Vec<Record> {
+    inputs::planar()
+        .iter()
+        .flat_map(|(name, inputs)| poison(rasterizer, name, inputs, &inputs::planar_slots()))
+        .collect()
+}
+
+/// Puts every value into every slot of spatial inputs; a record for each slot.
+pub fn poison_spatial<R: Rasterizer<SpatialScene>>(rasterizer: &R) -> Vec<Record> {
+    inputs::spatial()
+        .iter()
+        .flat_map(|(name, inputs)| poison(rasterizer, name, inputs, &inputs::spatial_slots()))
+        .collect()
+}
+
+fn poison<S: Subject, R: Rasterizer<S>>(
+    rasterizer: &R,
+    name: &str,
+    inputs: &Inputs<S>,
+    slots: &[Slot<S>],
+) -> Vec<Record> {
+    let record = |slot: &str, outcome: &mut dyn FnMut() -> Result<usize, Failure>| {
+        let start = Instant::now();
+        let outcome = outcome().map(|runs| Observed { runs, ..Observed::default() });
+        Record {
+            case: format!("poison, {name}: {slot}"),
+            backend: rasterizer.describe(),
+            outcome,
+            took: start.elapsed(),
+        }
+    };
+    let mut records = Vec::new();
+    match state::slots(rasterizer, inputs) {
+        Ok(of_state) => {
+            for slot in of_state {
+                records.push(record(&slot.to_string(), &mut || state::poison(rasterizer, inputs, &slot)));
+            }
+        }
+        Err(failure) => records.push(record("state", &mut || Err(failure.clone()))),
+    }
+    for slot in slots {
+        records.push(record(slot.name, &mut || inputs::poison(rasterizer, inputs, slot)));
+    }
+    records
+}

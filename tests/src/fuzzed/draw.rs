@@ -1,0 +1,164 @@
+//! What is drawn from bytes: a scene, what it is seen through, how it is rendered, and how it is trained.
+
+use std::array;
+
+use glam::{Mat3, Quat, Vec2, Vec3};
+use gs_core::{
+    Adam, AdamRates, Camera, Canvas, Chart, Image, Loss, PlanarGaussian, PlanarScene, RenderSettings, Scene,
+    SpatialGaussian, SpatialScene,
+    adam::{Group, Participants, Penalty},
+    effects::{Antialias, Blend, Order, Statistics},
+};
+
+use super::bytes::Bytes;
+
+/// Images have at most so many columns and rows: a tile of every backend, and a bit of the next.
+const MOST_COLUMNS: usize = 20;
+const MOST_ROWS: usize = 18;
+
+/// Scenes have at most so many Gaussians.
+const MOST_GAUSSIANS: usize = 6;
+
+/// One number in so many is hostile.
+const RARITY: u8 = 16;
+
+/// All that a few training steps depend on. Nothing of it need be possible.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Fuzzed<S: Scene> {
+    /// The Gaussians.
+    pub scene: S,
+    /// What they are seen through.
+    pub view: S::View,
+    /// Effects, accuracy and background.
+    pub settings: RenderSettings,
+    /// What is to be reached; always finite, and of the view's size where that is possible.
+    pub target: Image,
+    /// What is minimised.
+    pub loss: Loss,
+    /// In which coordinates the optimiser steps.
+    pub chart: Chart,
+    /// How it steps.
+    pub rates: AdamRates,
+}
+
+/// A planar scene before a canvas, from bytes.
+pub fn planar(bytes: &[u8]) -> Fuzzed<PlanarScene> {
+    let mut bytes = Bytes::new(bytes);
+    let view = canvas(&mut bytes);
+    let settings = settings(&mut bytes, [Order::Index; 3]);
+    let (target, loss, chart, rates) = training(&mut bytes, (view.width, view.height));
+    let mut scene = PlanarScene::default();
+    while scene.len() < MOST_GAUSSIANS && !bytes.is_empty() {
+        scene.push(PlanarGaussian {
+            mean: Vec2::new(bytes.wild(-4.0..24.0, RARITY), bytes.wild(-4.0..22.0, RARITY)),
+            log_scale: Vec2::new(bytes.wild(-2.0..3.0, RARITY), bytes.wild(-2.0..3.0, RARITY)),
+            rotation: bytes.wild(-4.0..4.0, RARITY),
+            opacity_logit: if settings.effects.blend == Blend::Sum {
+                f32::INFINITY
+            } else {
+                bytes.wild(-7.0..9.0, RARITY)
+            },
+            color: Vec3::from_array(array::from_fn(|_| bytes.wild(-0.5..1.5, RARITY))),
+        });
+    }
+    Fuzzed { scene, view, settings, target, loss, chart, rates }
+}
+
+/// A scene in space before a camera, from bytes.
+pub fn spatial(bytes: &[u8]) -> Fuzzed<SpatialScene> {
+    let mut bytes = Bytes::new(bytes);
+    let view = camera(&mut bytes);
+    let settings = settings(&mut bytes, [Order::Index, Order::TileDepth, Order::PixelDepth]);
+    let (target, loss, chart, rates) = training(&mut bytes, (view.width, view.height));
+    let mut scene = SpatialScene { sh_degree: bytes.below(4) as u8, ..SpatialScene::default() };
+    while scene.len() < MOST_GAUSSIANS && !bytes.is_empty() {
+        let ray = Vec3::new(bytes.wild(-0.8..0.8, RARITY), bytes.wild(-0.8..0.8, RARITY), 1.0);
+        let mean = view.rotation.transpose() * (ray * bytes.wild(-0.5..6.0, RARITY) - view.translation);
+        scene.push(SpatialGaussian {
+            mean,
+            log_scale: Vec3::from_array(array::from_fn(|_| bytes.wild(-6.0..1.0, RARITY))),
+            rotation: array::from_fn(|_| bytes.wild(-1.0..1.0, RARITY)),
+            opacity_logit: bytes.wild(-7.0..9.0, RARITY),
+            sh: (0..scene.sh_len()).map(|_| Vec3::from_array(array::from_fn(|_| bytes.wild(-2.0..2.0, 64)))).collect(),
+        });
+    }
+    Fuzzed { scene, view, settings, target, loss, chart, rates }
+}
+
+fn size(bytes: &mut Bytes<'_>) -> (u32, u32) {
+    ((1 + bytes.below(MOST_COLUMNS)) as u32, (1 + bytes.below(MOST_ROWS)) as u32)
+}
+
+fn canvas(bytes: &mut Bytes<'_>) -> Canvas {
+    let (width, height) = size(bytes);
+    let canvas = Canvas::new(width, height);
+    match bytes.below(4) {
+        0 => {
+            let origin = Vec2::new(bytes.wild(-8.0..8.0, RARITY), bytes.wild(-8.0..8.0, RARITY));
+            canvas.showing(origin, Vec2::new(bytes.wild(1.0..40.0, RARITY), bytes.wild(1.0..40.0, RARITY)))
+        }
+        _ => canvas,
+    }
+}
+
+fn camera(bytes: &mut Bytes<'_>) -> Camera {
+    let (width, height) = size(bytes);
+    let [x, y, z, w] = array::from_fn(|_| bytes.within(-1.0..1.0));
+    let turn = Quat::from_xyzw(x, y, z, w);
+    let rotation = if turn.length_squared() > 0.01 { Mat3::from_quat(turn.normalize()) } else { Mat3::IDENTITY };
+    Camera {
+        rotation,
+        translation: Vec3::from_array(array::from_fn(|_| bytes.wild(-3.0..3.0, 32))),
+        focal: Vec2::new(bytes.wild(4.0..60.0, 32), bytes.wild(4.0..60.0, 32)),
+        center: Vec2::new(bytes.wild(0.0..20.0, 32), bytes.wild(0.0..18.0, 32)),
+        width,
+        height,
+        near: bytes.wild(0.005..0.3, 32),
+    }
+}
+
+fn settings(bytes: &mut Bytes<'_>, orders: [Order; 3]) -> RenderSettings {
+    let mut settings = RenderSettings::blended(bytes.pick([Blend::Over, Blend::Over, Blend::Sum]));
+    settings.effects.order = bytes.pick(orders);
+    settings.effects.antialias = bytes.pick([Antialias::None, Antialias::Dilate, Antialias::Mip]);
+    settings.effects.sh_degree = bytes.below(4) as u8;
+    settings.effects.statistics =
+        bytes.pick([Statistics::None, Statistics::MeanGradient, Statistics::AbsoluteGradient, Statistics::PixelError]);
+    if bytes.below(2) == 1 {
+        settings = settings.on(array::from_fn(|_| bytes.wild(0.0..1.0, 64)));
+    }
+    if bytes.below(8) == 1 {
+        settings.accuracy.alpha_cut = bytes.wild(1e-6..0.5, RARITY);
+        settings.accuracy.alpha_max = bytes.wild(0.5..0.9999, RARITY);
+        settings.accuracy.transmittance_min = bytes.wild(0.0..0.5, RARITY);
+    }
+    settings
+}
+
+fn training(bytes: &mut Bytes<'_>, (width, height): (u32, u32)) -> (Image, Loss, Chart, AdamRates) {
+    let brightness = bytes.pick([0.0, 1.0, 1.0, 1e4]);
+    let checked = bytes.below(2) == 1;
+    let pixel = |x: u32, y: u32| {
+        let value = if checked { (x + y) % 2 } else { x % 3 } as f32;
+        [value, 0.5 * value, 1.0 - value].map(|v| brightness * v)
+    };
+    let target = Image::from_fn(width, height, pixel).expect("a drawn size is possible");
+    let lambda = bytes.wild(0.0..1.0, 64);
+    let loss = bytes.pick([Loss::L2, Loss::L1, Loss::PAPER, Loss::L1Dssim { lambda }]);
+    let chart = bytes.pick([Chart::ScaleRotation, Chart::LocalFrame]);
+    let mut group = || Group::constant(bytes.pick([0.0, 1e-3, 0.1, 10.0]));
+    let adam = Adam {
+        mean: group(),
+        scale: group(),
+        rotation: group(),
+        opacity: group(),
+        color: group(),
+        color_rest: group(),
+        min_scale: 1e-6,
+        max_scale: 1e6,
+        participants: bytes.pick([Participants::All, Participants::Visible]),
+        penalty: bytes.pick([Penalty::NONE, Penalty { opacity: 0.01, scale: 0.01 }]),
+        ..Adam::default()
+    };
+    (target, loss, chart, adam.at(0.0))
+}

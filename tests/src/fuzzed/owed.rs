@@ -1,0 +1,222 @@
+//! What a backend owes a drawn scene, whatever it is.
+
+use gs_core::{
+    Binning, CloudState, Error, Image, PlanarScene, Rasterizer, RenderSettings, Scene, SpatialScene, TrainStep, Wait,
+    effects::{Blend, Order},
+    state::TensorData,
+};
+
+use super::draw::Fuzzed;
+use crate::failure::Failure;
+
+/// Training steps of each drawn scene.
+const STEPS: usize = 3;
+
+/// Numbers up to this are moderate, and so is their reciprocal: what is made of them must be finite.
+const MODERATE: f32 = 1e4;
+
+/// So are logarithms of scales up to this, either way.
+const MODERATE_LOG: f32 = 12.0;
+
+/// A rounded mixture may be beyond its bounds by this share of them.
+const ROUNDING: f64 = 1e-3;
+
+/// |Y| of the real spherical harmonics up to degree 3 is nowhere more than this.
+const HIGHEST_HARMONIC: f64 = 1.1;
+
+/// A kind of scene whose pixels have known bounds.
+pub trait Bounded: Scene {
+    /// The largest magnitude of each Gaussian's colour in any direction.
+    fn largest_colors(&self) -> Vec<f64>;
+
+    /// Whether all parameters are moderate; opacities are, whatever they are.
+    fn is_moderate(&self) -> bool;
+
+    /// Whether this view can be looked through.
+    fn view_is_possible(view: &Self::View) -> bool;
+
+    /// Whether it also has no numbers that are beyond measure.
+    fn view_is_moderate(view: &Self::View) -> bool;
+
+    /// Columns and rows.
+    fn size(view: &Self::View) -> (u32, u32);
+}
+
+fn all_moderate(values: impl IntoIterator<Item = f32>) -> bool {
+    values.into_iter().all(|value| value.abs() <= MODERATE)
+}
+
+impl Bounded for PlanarScene {
+    fn largest_colors(&self) -> Vec<f64> {
+        self.colors.iter().map(|color| f64::from(color.abs().max_element())).collect()
+    }
+
+    fn is_moderate(&self) -> bool {
+        let scales = self.log_scales.iter().all(|log| log.abs().max_element() <= MODERATE_LOG);
+        let means = self.means.iter().flat_map(|mean| mean.to_array());
+        let colors = self.colors.iter().flat_map(|color| color.to_array());
+        scales && all_moderate(means.chain(colors).chain(self.rotations.iter().copied()))
+    }
+
+    fn view_is_possible(view: &Self::View) -> bool {
+        view.validate().is_ok()
+    }
+
+    fn view_is_moderate(view: &Self::View) -> bool {
+        let (scale, origin) = (view.scale(), view.origin);
+        all_moderate([scale.x, scale.y, 1.0 / scale.x, 1.0 / scale.y, origin.x, origin.y])
+    }
+
+    fn size(view: &Self::View) -> (u32, u32) {
+        (view.width, view.height)
+    }
+}
+
+impl Bounded for SpatialScene {
+    fn largest_colors(&self) -> Vec<f64> {
+        let largest = |sh: &[glam::Vec3]| {
+            let sum: f64 = sh.iter().map(|value| f64::from(value.abs().max_element())).sum();
+            0.5 + HIGHEST_HARMONIC * sum
+        };
+        self.sh.chunks(self.sh_len()).map(largest).collect()
+    }
+
+    fn is_moderate(&self) -> bool {
+        let scales = self.log_scales.iter().all(|log| log.abs().max_element() <= MODERATE_LOG);
+        let vectors = self.means.iter().chain(&self.sh).flat_map(|v| v.to_array());
+        scales && all_moderate(vectors.chain(self.rotations.iter().flatten().copied()))
+    }
+
+    fn view_is_possible(view: &Self::View) -> bool {
+        view.validate().is_ok()
+    }
+
+    fn view_is_moderate(view: &Self::View) -> bool {
+        let (focal, translation) = (view.focal, view.translation);
+        let lens = [focal.x, focal.y, 1.0 / focal.x, 1.0 / focal.y, view.center.x, view.center.y, 1.0 / view.near];
+        all_moderate(lens.into_iter().chain(translation.to_array()))
+    }
+
+    fn size(view: &Self::View) -> (u32, u32) {
+        (view.width, view.height)
+    }
+}
+
+/// Puts a drawn scene through a backend: accepted where it is one and refused where it is none, rendered, differentiated, trained for a few
+/// steps, saved and restored.
+///
+/// # Errors
+/// [`Failure::Broken`] for what must not be; [`Failure::Backend`] for an error where there was no reason for one.
+pub fn owes<S: Bounded, R: Rasterizer<S>>(rasterizer: &R, drawn: &Fuzzed<S>) -> Result<(), Failure> {
+    let Fuzzed { scene, view, settings, target, loss, chart, rates } = drawn;
+    let is_scene = scene.validate().is_ok();
+    let mut cloud = match rasterizer.upload(scene, *chart) {
+        Err(Error::Unsupported { .. }) => return Ok(()),
+        uploaded => match accepted("the scene", is_scene, uploaded)? {
+            Some(cloud) => cloud,
+            None => return Ok(()),
+        },
+    };
+    let possible = S::view_is_possible(view) && settings.validate().is_ok();
+    let frame = match rasterizer.forward(&cloud, view, settings) {
+        Err(Error::Unsupported { .. }) => return Ok(()),
+        frame => match accepted("the view and the settings", possible, frame)? {
+            Some(frame) => frame,
+            None => return Ok(()),
+        },
+    };
+    let image = rasterizer.image(&frame)?;
+    image_is_sound(scene, S::size(view), settings, &image)?;
+    let again = rasterizer.image(&rasterizer.forward(&cloud, view, settings)?)?;
+    Failure::unless(same_bits(&image, &again), || "the same frame has other bits the second time".to_owned())?;
+    let culled = rasterizer.culled(&frame)?;
+    Failure::unless(culled.total() <= scene.len() as u64, || format!("{culled:?} of {} Gaussians", scene.len()))?;
+
+    if loss.validate().is_err() {
+        return Ok(());
+    }
+    let target_on = rasterizer.upload_target(target)?;
+    let (value, gradients) = rasterizer.backward(&cloud, frame, &target_on, loss)?;
+    let derivatives = rasterizer.download_gradients(&cloud, &gradients)?;
+    Failure::unless(derivatives.len() == scene.len(), || format!("{} derivatives", derivatives.len()))?;
+    let moderate = scene.is_moderate() && S::view_is_moderate(view) && all_moderate(settings.backdrop());
+    if moderate {
+        Failure::unless(value.is_finite() && value >= 0.0, || format!("the loss is {value}"))?;
+        Failure::unless(derivatives.validate().is_ok(), || format!("derivatives: {:?}", derivatives.validate()))?;
+    }
+    let step = TrainStep { settings, loss: *loss, rates, binning: Binning::Fresh };
+    for _ in 0..STEPS {
+        rasterizer.train_step(&mut cloud, view, &target_on, &step)?;
+    }
+    let mut losses = Vec::new();
+    rasterizer.losses(&mut cloud, Wait::All, &mut losses)?;
+    Failure::unless(losses.len() == STEPS, || format!("{} losses of {STEPS} steps", losses.len()))?;
+    let trained = rasterizer.download(&cloud)?;
+    Failure::unless(trained.len() == scene.len(), || "training alone has changed the count".to_owned())?;
+    if moderate {
+        Failure::unless(trained.validate().is_ok(), || format!("after {STEPS} steps: {:?}", trained.validate()))?;
+    }
+    let state = rasterizer.save(&cloud)?;
+    let restored = rasterizer.save(&rasterizer.restore(&state)?)?;
+    Failure::unless(same_state(&state, &restored), || "a restored state is another".to_owned())
+}
+
+/// What came of an offer that should be accepted or refused; nothing where it was refused rightly.
+fn accepted<T>(what: &str, possible: bool, answer: Result<T, Error>) -> Result<Option<T>, Failure> {
+    match (possible, answer) {
+        (true, answer) => Ok(Some(answer?)),
+        (false, Err(_)) => Ok(None),
+        (false, Ok(_)) => Err(Failure::Broken(format!("{what} should have been refused"))),
+    }
+}
+
+/// Holds an image against what its scene can give: under [`Blend::Over`] every pixel is a mixture of colours and background, under
+/// [`Blend::Sum`] a sum of parts of them.
+///
+/// # Errors
+/// [`Failure::Broken`] for the first pixel that is NaN or out of bounds.
+pub fn image_is_sound<S: Bounded>(
+    scene: &S,
+    size: (u32, u32),
+    settings: &RenderSettings,
+    image: &Image,
+) -> Result<(), Failure> {
+    Failure::unless(image.size() == size, || format!("the image is of {:?} px, not {size:?}", image.size()))?;
+    let backdrop = settings.backdrop().into_iter().fold(0.0, |largest: f64, v| largest.max(f64::from(v.abs())));
+    let colors = scene.largest_colors();
+    let bound = match settings.effects.blend {
+        Blend::Sum => backdrop + colors.iter().sum::<f64>(),
+        Blend::Over => colors.into_iter().fold(backdrop, f64::max),
+    };
+    // Sums of numbers that are nearly infinite are nobody's to bound.
+    if bound >= f64::from(f32::MAX) / 64.0 {
+        return Ok(());
+    }
+    let bound = bound * (1.0 + ROUNDING);
+    let outside = image.pixels().as_flattened().iter().position(|value| !(f64::from(value.abs()) <= bound));
+    match outside {
+        None => Ok(()),
+        Some(at) => {
+            let (value, order) = (image.pixels().as_flattened()[at], settings.effects.order);
+            let kind = if order == Order::PixelDepth { " by depth at each pixel" } else { "" };
+            Err(Failure::Broken(format!("value {at} of the image{kind} is {value}, beyond ±{bound}")))
+        }
+    }
+}
+
+fn same_bits(a: &Image, b: &Image) -> bool {
+    let bits = |image: &Image| image.pixels().as_flattened().iter().map(|v| v.to_bits()).collect::<Vec<u32>>();
+    bits(a) == bits(b)
+}
+
+/// Equal, NaN included.
+fn same_state(a: &CloudState, b: &CloudState) -> bool {
+    let bits = |state: &CloudState| {
+        let bits = |data: &TensorData| match data {
+            TensorData::F32(values) => values.iter().map(|value| value.to_bits()).collect(),
+            TensorData::U32(values) => values.clone(),
+        };
+        state.tensors.iter().map(|(name, tensor)| (name.clone(), bits(&tensor.data))).collect::<Vec<_>>()
+    };
+    a.chart == b.chart && bits(a) == bits(b)
+}

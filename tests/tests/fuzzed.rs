@@ -1,0 +1,81 @@
+//! Scenes from random bytes on every backend: a short run of what the fuzz targets do, and proof that it would see a fault.
+
+use gs_conformance::fuzzed::{image_is_sound, owes, planar, spatial};
+use gs_core::{Image, Scene};
+use gs_cpu::{CpuRasterizer, CpuSettings};
+use gs_wgpu::{WgpuRasterizer, WgpuSettings};
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64;
+
+/// Random inputs of up to 400 bytes, the same in each run.
+fn inputs(count: usize, seed: u64) -> impl Iterator<Item = Vec<u8>> {
+    let mut rng = Pcg64::seed_from_u64(seed);
+    (0..count).map(move |_| (0..rng.random_range(20..400)).map(|_| rng.random()).collect())
+}
+
+fn cpu() -> CpuRasterizer {
+    CpuRasterizer::new(CpuSettings { threads: Some(1), level: None }).expect("a thread can be started")
+}
+
+#[test]
+fn the_processor_owes_nothing_to_planar_scenes() {
+    let cpu = cpu();
+    for input in inputs(3000, 1) {
+        let drawn = planar(&input);
+        owes(&cpu, &drawn).unwrap_or_else(|failure| panic!("{failure}: {drawn:?}"));
+    }
+}
+
+#[test]
+fn the_processor_owes_nothing_to_scenes_in_space() {
+    let cpu = cpu();
+    for input in inputs(3000, 2) {
+        let drawn = spatial(&input);
+        owes(&cpu, &drawn).unwrap_or_else(|failure| panic!("{failure}: {drawn:?}"));
+    }
+}
+
+#[test]
+fn a_gpu_owes_nothing_either() {
+    let wgpu = WgpuRasterizer::new(WgpuSettings::default()).expect("`cargo xtask test` installs a driver");
+    for input in inputs(40, 3) {
+        let (flat, deep) = (planar(&input), spatial(&input));
+        owes(&wgpu, &flat).unwrap_or_else(|failure| panic!("{failure}: {flat:?}"));
+        owes(&wgpu, &deep).unwrap_or_else(|failure| panic!("{failure}: {deep:?}"));
+    }
+}
+
+#[test]
+fn drawn_scenes_are_worth_drawing() {
+    let cpu = cpu();
+    let (mut scenes, mut views, mut seen) = (0, 0, 0);
+    for drawn in inputs(1000, 4).map(|input| spatial(&input)) {
+        let possible = drawn.view.validate().is_ok() && drawn.settings.validate().is_ok();
+        scenes += usize::from(drawn.scene.validate().is_ok());
+        views += usize::from(possible);
+        if possible && drawn.scene.validate().is_ok() {
+            let image = gs_core::Rasterizer::render(&cpu, &drawn.scene, &drawn.view, &drawn.settings).unwrap();
+            let backdrop = drawn.settings.backdrop();
+            seen += usize::from(image.pixels().iter().any(|pixel| *pixel != backdrop));
+        }
+    }
+    // Of each there are enough of the other kind, too.
+    assert!((200..900).contains(&scenes) && (400..990).contains(&views) && seen > 100, "{scenes} {views} {seen}");
+}
+
+#[test]
+fn what_no_mixture_gives_is_rejected() {
+    let drawn = inputs(1000, 5)
+        .map(|input| planar(&input))
+        .find(|drawn| drawn.scene.validate().is_ok() && drawn.scene.colors.iter().all(|c| c.abs().max_element() < 10.0))
+        .unwrap();
+    let size = (drawn.view.width, drawn.view.height);
+    let sound = |image: &Image| image_is_sound(&drawn.scene, size, &drawn.settings, image);
+    let mut image = Image::filled(size.0, size.1, [0.0; 3]).unwrap();
+    sound(&image).unwrap();
+    for wrong in [f32::NAN, f32::INFINITY, 1e4, -1e4] {
+        image.pixels_mut()[0][1] = wrong;
+        assert!(sound(&image).is_err(), "{wrong}");
+    }
+    assert!(sound(&Image::filled(size.0 + 1, size.1, [0.0; 3]).unwrap()).is_err());
+}

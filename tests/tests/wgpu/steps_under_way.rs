@@ -1,0 +1,255 @@
+//! Training steps that are sent ahead of the device: when the host waits, what is sent again, and what a lost device does to them.
+
+use super::*;
+
+/// A cloud that is trained on one device, and how.
+struct Training<'r> {
+    r: &'r WgpuRasterizer,
+    draw: Draw,
+    target: Target,
+    cloud: PlanarCloud,
+}
+
+impl<'r> Training<'r> {
+    fn new(r: &'r WgpuRasterizer, draw: Draw) -> Self {
+        let target = r.planar().upload_target(&draw.target().unwrap()).unwrap();
+        let cloud = r.upload(&draw.scene, Chart::LocalFrame).unwrap();
+        Self { r, draw, target, cloud }
+    }
+
+    /// Sends a step that draws the Gaussians down to this α.
+    fn try_send(&mut self, alpha_cut: f32, binning: Binning) -> Result<(), Error> {
+        let mut settings = self.draw.settings;
+        settings.accuracy.alpha_cut = alpha_cut;
+        let rates = Adam { epsilon: 1e-6, ..Adam::default() }.at(0.0);
+        let step = TrainStep { settings: &settings, loss: Loss::L2, rates: &rates, binning };
+        self.r.train_step(&mut self.cloud, &self.draw.view, &self.target, &step)
+    }
+
+    fn send(&mut self, steps: usize) {
+        (0..steps).for_each(|_| self.try_send(ALPHA_CUT, Binning::Fresh).unwrap());
+    }
+
+    fn losses(&mut self, wait: Wait) -> Vec<f32> {
+        let mut losses = Vec::new();
+        self.r.losses(&mut self.cloud, wait, &mut losses).unwrap();
+        losses
+    }
+}
+
+/// The bytes that `steps` training steps of `gaussians` move.
+fn bytes_of_steps(gaussians: usize, steps: usize) -> u64 {
+    let r = another();
+    let mut training = Training::new(&r, Draw::new(Kind::Typical, Blend::Sum, gaussians, (120, 80), 3));
+    // Buffers grow in the first.
+    training.send(1);
+    assert_eq!(training.losses(Wait::All).len(), 1);
+    let before = r.bytes_moved();
+    training.send(steps);
+    assert_eq!(training.losses(Wait::All).len(), steps);
+    r.bytes_moved() - before
+}
+
+#[test]
+fn a_training_step_moves_few_bytes_however_many_gaussians_there_are() {
+    let [few, many] = [30, 3000].map(|gaussians| bytes_of_steps(gaussians, 5));
+    assert_eq!(few, many);
+    assert!(few > 0 && few <= 5 * 512, "{few} bytes in 5 steps");
+    assert!(bytes_of_steps(30, 6) > few, "bytes are not counted");
+}
+
+#[test]
+fn a_training_step_waits_only_where_enough_are_under_way() {
+    let r = another();
+    let mut training = Training::new(&r, Draw::new(Kind::Typical, Blend::Over, 200, (120, 80), 3));
+    training.send(1);
+    training.losses(Wait::All);
+    let waits = r.waits();
+    for sent in 1..=STEPS_IN_FLIGHT {
+        training.send(1);
+        assert_eq!((training.cloud.steps_in_flight(), r.waits()), (sent, waits));
+    }
+    let one_by_one: u64 = (0..5)
+        .map(|_| {
+            let waits = r.waits();
+            training.send(1);
+            assert_eq!(training.cloud.steps_in_flight(), STEPS_IN_FLIGHT, "only the oldest is waited for");
+            r.waits() - waits
+        })
+        .sum();
+    assert!(one_by_one <= 5, "{one_by_one} waits for 5 steps");
+    let waits = r.waits();
+    let mut losses = training.losses(Wait::Arrived);
+    assert_eq!(r.waits(), waits, "what has arrived is not waited for");
+    losses.extend(training.losses(Wait::All));
+    assert_eq!((losses.len(), training.cloud.steps_in_flight()), (STEPS_IN_FLIGHT + 5, 0));
+    r.download(&training.cloud).unwrap();
+    assert!(r.waits() > waits, "waits are not counted");
+}
+
+/// Losses, state and bytes moved after steps of which some need far more room than those before; `roomy` where there is room at once.
+fn trained_with_room(blend: Blend, roomy: bool) -> (Vec<f32>, CloudState, u64) {
+    let r = another();
+    let draw = Draw::new(Kind::Large, blend, 800, (173, 141), 42).on([0.1, 0.5, 0.3]);
+    if roomy {
+        // Its buffers come into the pool, from which training takes them.
+        r.render(&draw.scene, &draw.view, &draw.settings).unwrap();
+    }
+    let mut training = Training::new(&r, draw);
+    let before = r.bytes_moved();
+    let mut losses = Vec::new();
+    // Under `Over` the first ones fit. Then lists are made for more entries, as those there are were made with another cut, and are used
+    // again; all of that is under way when the host learns of it. Under `Sum` nothing fits.
+    for (alpha_cut, fresh) in [(0.5, true), (0.5, false), (ALPHA_CUT, false), (ALPHA_CUT, false), (ALPHA_CUT, false)] {
+        training.try_send(alpha_cut, if fresh { Binning::Fresh } else { Binning::Reuse }).unwrap();
+    }
+    losses.extend(training.losses(Wait::Arrived));
+    for step in 0..6 {
+        training.try_send(ALPHA_CUT, if step == 4 { Binning::Fresh } else { Binning::Reuse }).unwrap();
+    }
+    let state = r.save(&training.cloud).unwrap();
+    losses.extend(training.losses(Wait::All));
+    (losses, state, r.bytes_moved() - before)
+}
+
+#[test]
+fn steps_that_have_to_be_sent_again_end_at_the_same_bits() {
+    for blend in [Blend::Sum, Blend::Over] {
+        let (losses, state, bytes) = trained_with_room(blend, true);
+        let (again, found, more_bytes) = trained_with_room(blend, false);
+        assert!(more_bytes > bytes, "{blend:?}: nothing was sent again");
+        assert_eq!(losses.len(), 11);
+        assert!(losses.iter().all(|&loss| loss > 0.0 && loss.is_finite()), "{losses:?}");
+        let loss_bits = |losses: &[f32]| losses.iter().map(|v| v.to_bits()).collect::<Vec<_>>();
+        assert_eq!(loss_bits(&again), loss_bits(&losses), "{blend:?}");
+        assert_eq!(bits(&found), bits(&state), "{blend:?}");
+    }
+}
+
+/// What is seen of, or done to, a cloud whose last steps are still under way; gradients are of before.
+type Look = fn(&mut Training<'_>, &PlanarGradients) -> Vec<f32>;
+
+fn numbers(state: &CloudState) -> Vec<f32> {
+    bits(state).into_values().flatten().map(f32::from_bits).collect()
+}
+
+const LOOKS: [(&str, Look); 7] = [
+    ("save", |t, _| numbers(&t.r.save(&t.cloud).unwrap())),
+    ("download", |t, _| t.r.download(&t.cloud).unwrap().colors.iter().flat_map(glam::Vec3::to_array).collect()),
+    ("statistics", |t, _| t.r.statistics(&t.cloud).unwrap().gradient_sum),
+    ("forward", |t, _| {
+        let frame = t.r.forward(&t.cloud, &t.draw.view, &t.draw.settings).unwrap();
+        t.r.image(&frame).unwrap().pixels().as_flattened().to_vec()
+    }),
+    ("step", |t, gradients| {
+        t.r.step(&mut t.cloud, gradients, &Adam::default().at(0.0)).unwrap();
+        numbers(&t.r.save(&t.cloud).unwrap())
+    }),
+    ("edit", |t, _| {
+        let removed = vec![Removal { index: 3, cause: PruneCause::Unimportant }];
+        t.r.edit(&mut t.cloud, &EditPlan { removed, statistics: AfterEdit::Keep, ..EditPlan::default() }).unwrap();
+        numbers(&t.r.save(&t.cloud).unwrap())
+    }),
+    ("solve_colors", |t, _| {
+        t.r.solve_colors(&mut t.cloud, &t.draw.view, &t.target, &t.draw.settings, 2).unwrap();
+        numbers(&t.r.save(&t.cloud).unwrap())
+    }),
+];
+
+/// What is seen after two steps, by their bits, and the bytes that it took to see it.
+fn seen_after_two_steps(look: Look, roomy: bool) -> (Vec<u32>, u64) {
+    let r = another();
+    // Each of them touches every tile.
+    let mut draw = Draw::new(Kind::Large, Blend::Sum, 1200, (160, 144), 43);
+    draw.scene.log_scales.fill(glam::Vec2::splat(5.0));
+    draw.settings.effects.statistics = Statistics::MeanGradient;
+    if roomy {
+        r.render(&draw.scene, &draw.view, &draw.settings).unwrap();
+    }
+    let mut training = Training::new(&r, draw);
+    let Training { draw, target, cloud, .. } = &training;
+    let elsewhere = draw.view.showing(glam::Vec2::splat(1e5), glam::Vec2::ONE);
+    let frame = r.forward(cloud, &elsewhere, &draw.settings).unwrap();
+    assert_eq!(frame.entries(), 0, "its buffers stay as small as they are");
+    let (_, gradients) = r.backward(cloud, frame, target, &Loss::L2).unwrap();
+    training.send(2);
+    assert_eq!(training.cloud.steps_in_flight(), 2);
+    let before = r.bytes_moved();
+    let seen = look(&mut training, &gradients).into_iter().map(f32::to_bits).collect();
+    assert_eq!(training.losses(Wait::Arrived).len(), 2);
+    (seen, r.bytes_moved() - before)
+}
+
+#[test]
+fn steps_that_have_to_be_sent_again_are_seen_by_everything() {
+    for (what, look) in LOOKS {
+        let (expected, bytes) = seen_after_two_steps(look, true);
+        let (found, more_bytes) = seen_after_two_steps(look, false);
+        assert!(more_bytes > bytes, "{what}: nothing was sent again");
+        assert!(found == expected, "{what}");
+    }
+}
+
+#[test]
+fn a_cloud_can_be_dropped_with_steps_under_way() {
+    let r = another();
+    let draw = || Draw::new(Kind::Typical, Blend::Sum, 200, (120, 80), 3);
+    let mut expected = Training::new(&r, draw());
+    expected.send(3);
+    let expected = expected.losses(Wait::All);
+    for _ in 0..3 {
+        let mut dropped = Training::new(&r, draw());
+        dropped.send(STEPS_IN_FLIGHT);
+        drop(dropped);
+        let mut next = Training::new(&r, draw());
+        next.send(3);
+        assert_eq!(next.losses(Wait::All), expected);
+    }
+}
+
+#[test]
+fn steps_under_way_on_a_lost_device_are_an_error_later() {
+    for wait in [Wait::Arrived, Wait::All] {
+        let r = another();
+        let mut training = Training::new(&r, Draw::new(Kind::Typical, Blend::Sum, 200, (120, 80), 3));
+        training.send(3);
+        r.lose_device();
+        for _ in 0..2 {
+            let outcomes = [
+                r.losses(&mut training.cloud, wait, &mut Vec::new()).unwrap_err(),
+                training.try_send(ALPHA_CUT, Binning::Fresh).unwrap_err(),
+                r.statistics(&training.cloud).unwrap_err(),
+            ];
+            for error in outcomes {
+                assert!(matches!(&error, Error::Backend { message, .. } if message.contains("lost")), "{error}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_lost_device_is_an_error_at_every_call() {
+    let r = another();
+    let draw = Draw::new(Kind::Typical, Blend::Sum, 20, (40, 30), 5);
+    let image = draw.target().unwrap();
+    let target = r.planar().upload_target(&image).unwrap();
+    let mut cloud = r.upload(&draw.scene, Chart::LocalFrame).unwrap();
+    r.lose_device();
+    let rates = Adam::default().at(0.0);
+    let step = TrainStep { settings: &draw.settings, loss: Loss::L2, rates: &rates, binning: Binning::Fresh };
+    let outcomes = [
+        r.train_step(&mut cloud, &draw.view, &target, &step).err(),
+        r.losses(&mut cloud, Wait::All, &mut Vec::new()).err(),
+        r.download(&cloud).err(),
+        r.save(&cloud).err(),
+        r.upload(&draw.scene, Chart::LocalFrame).err(),
+        r.planar().upload_target(&image).err(),
+        r.forward(&cloud, &draw.view, &draw.settings).err(),
+    ];
+    for (call, error) in outcomes.into_iter().enumerate() {
+        assert!(
+            matches!(&error, Some(Error::Backend { backend: "wgpu", message }) if message.contains("lost")),
+            "call {call}: {error:?}"
+        );
+    }
+}

@@ -1,0 +1,253 @@
+//! gs-wgpu where a tile's list is longer than one dispatch walks along: the conformance suite with walks of a few entries, and lists so long
+//! that software drivers would end their loops, silently, against gs-cpu.
+
+use std::num::NonZero;
+
+use glam::{Vec2, Vec3};
+use gs_conformance::{
+    conformance::{cases, spatial_cases},
+    scenes::{Draw, Kind},
+};
+use gs_core::{
+    Adam, Binning, Blend, Camera, Canvas, Chart, Image, Loss, PlanarGaussian, PlanarScene, Rasterizer, RenderSettings,
+    Scene, SpatialGaussian, SpatialScene, TrainStep, Wait,
+    effects::{Order, Statistics},
+};
+use gs_cpu::{CpuRasterizer, CpuSettings};
+use gs_wgpu::{FreshBuffers, Kernels, WgpuRasterizer, WgpuSettings};
+
+/// A rasterizer of each kind of kernels that the adapter can run, whose dispatches walk along so many entries; `None`: as many as it can.
+fn rasterizers(longest_walk: Option<u32>) -> Vec<(Kernels, WgpuRasterizer)> {
+    let rasterizer = |kernels| {
+        let settings = WgpuSettings {
+            fresh_buffers: FreshBuffers::Poison,
+            kernels: Some(kernels),
+            longest_walk: longest_walk.and_then(NonZero::new),
+            ..WgpuSettings::default()
+        };
+        Some((kernels, WgpuRasterizer::new(settings).ok()?))
+    };
+    let found: Vec<_> =
+        [Kernels::Portable, Kernels::Subgroups, Kernels::Vectors].into_iter().filter_map(rasterizer).collect();
+    assert!(!found.is_empty(), "`cargo xtask test` installs a software driver where there is no adapter");
+    found
+}
+
+/// Seven is no multiple of the batches that any kernel has.
+#[test]
+fn planar_scenes_conform_in_walks_of_seven_entries() {
+    for (kernels, rasterizer) in rasterizers(Some(7)) {
+        let failures: Vec<String> = cases::<WgpuRasterizer>()
+            .into_iter()
+            .filter_map(|case| Some(format!("{}: {}", case.name, (case.run)(&rasterizer).err()?)))
+            .collect();
+        assert!(failures.is_empty(), "{kernels:?}:\n{}", failures.join("\n"));
+    }
+}
+
+#[test]
+fn spatial_scenes_conform_in_walks_of_seven_entries() {
+    for (kernels, rasterizer) in rasterizers(Some(7)) {
+        let failures: Vec<String> = spatial_cases::<WgpuRasterizer>()
+            .into_iter()
+            .filter_map(|case| Some(format!("{}: {}", case.name, (case.run)(&rasterizer).err()?)))
+            .collect();
+        assert!(failures.is_empty(), "{kernels:?}:\n{}", failures.join("\n"));
+    }
+}
+
+/// Where passes are not fused anyhow, the same numbers are added in the same order, whatever the walks.
+#[test]
+fn walks_change_no_bit() {
+    let draw = Draw::new(Kind::Typical, Blend::Over, 300, (40, 30), 9).on([0.2, 0.4, 0.6]);
+    for ((kernels, whole), (_, in_walks)) in rasterizers(None).iter().zip(&rasterizers(Some(7))) {
+        let scene_after = |r: &WgpuRasterizer| {
+            let target = r.planar().upload_target(&draw.target().unwrap()).unwrap();
+            let mut cloud = r.upload(&draw.scene, Chart::ScaleRotation).unwrap();
+            let rates = Adam::default().at(0.0);
+            for _ in 0..10 {
+                let loss = Loss::L1Dssim { lambda: 0.2 };
+                let step = TrainStep { settings: &draw.settings, loss, rates: &rates, binning: Binning::Fresh };
+                r.train_step(&mut cloud, &draw.view, &target, &step).unwrap();
+            }
+            let mut losses = Vec::new();
+            r.losses(&mut cloud, Wait::All, &mut losses).unwrap();
+            (losses, r.download(&cloud).unwrap())
+        };
+        let (expected, found) = (scene_after(whole), scene_after(in_walks));
+        assert_ne!(expected.1, draw.scene, "nothing moved");
+        assert!(expected == found, "{kernels:?}");
+    }
+}
+
+/// Numbers between -½ and ½.
+struct Numbers(u32);
+
+impl Numbers {
+    fn next(&mut self) -> f32 {
+        self.0 = self.0.wrapping_mul(747_796_405).wrapping_add(2_891_336_453);
+        (self.0 >> 8) as f32 / (1 << 24) as f32 - 0.5
+    }
+}
+
+const MANY: usize = 70_000;
+
+/// More Gaussians in one tile than software drivers let an invocation loop over, half a pixel wide and hardly opaque, so that the last ones
+/// are seen, too.
+fn planar() -> (PlanarScene, Canvas) {
+    let mut numbers = Numbers(1);
+    let gaussian = |_| PlanarGaussian {
+        mean: Vec2::new(8.0 + 15.0 * numbers.next(), 8.0 + 15.0 * numbers.next()),
+        log_scale: Vec2::new(0.4, 0.5).map(f32::ln),
+        rotation: 3.0 * numbers.next(),
+        opacity_logit: -4.5,
+        color: Vec3::new(numbers.next(), numbers.next(), numbers.next()),
+    };
+    ((0..MANY).map(gaussian).collect(), Canvas::new(16, 16))
+}
+
+/// The same in space, at a pixel about as deep as they are apart there.
+fn spatial() -> (SpatialScene, Camera) {
+    let view = Camera::looking_forward(16, 16, 1.0);
+    let mut scene = SpatialScene::default();
+    let mut numbers = Numbers(1);
+    for _ in 0..MANY {
+        let z = 6.0 + 2.0 * numbers.next();
+        let size = z / view.focal.x;
+        scene.push(SpatialGaussian {
+            mean: Vec3::new(numbers.next() * 15.0 * size, numbers.next() * 15.0 * size, z),
+            log_scale: Vec3::new(0.4 * size, 0.5 * size, 0.0005).map(f32::ln),
+            rotation: [1.0, 0.02 * numbers.next(), 0.02 * numbers.next(), 0.0],
+            opacity_logit: -4.5,
+            sh: vec![Vec3::new(numbers.next(), numbers.next(), numbers.next())],
+        });
+    }
+    (scene, view)
+}
+
+fn cpu() -> CpuRasterizer {
+    CpuRasterizer::new(CpuSettings { threads: Some(2), level: None }).unwrap()
+}
+
+/// How far `found` is from `expected`, as a share of how large that is.
+fn apart(found: impl Iterator<Item = f32>, expected: impl Iterator<Item = f32>) -> f64 {
+    let (mut squares, mut all) = (0.0, 0.0);
+    for (found, expected) in found.zip(expected) {
+        squares += f64::from(found - expected).powi(2);
+        all += f64::from(expected).powi(2);
+    }
+    assert!(all > 0.0, "there is nothing to compare");
+    (squares / all).sqrt()
+}
+
+fn numbers(image: &Image) -> impl Iterator<Item = f32> {
+    image.pixels().iter().flatten().copied()
+}
+
+/// Image, loss and gradients, the last as rows of numbers.
+fn outcome<S: Scene, R: Rasterizer<S>>(
+    r: &R,
+    (scene, view): (&S, &S::View),
+    target: &Image,
+    settings: &RenderSettings,
+) -> (Image, f32, S) {
+    let cloud = r.upload(scene, Chart::ScaleRotation).unwrap();
+    let target = r.upload_target(target).unwrap();
+    let frame = r.forward(&cloud, view, settings).unwrap();
+    let image = r.image(&frame).unwrap();
+    let (loss, gradients) = r.backward(&cloud, frame, &target, &Loss::L2).unwrap();
+    (image, loss, r.download_gradients(&cloud, &gradients).unwrap())
+}
+
+/// What rounding may come to; 1.9e-6 was the most that was measured.
+const APART: f64 = 1e-5;
+
+#[test]
+fn a_tile_of_many_planar_gaussians_is_that_of_the_cpu() {
+    let (scene, view) = planar();
+    let target = Image::filled(16, 16, [0.3, 0.1, -0.2]).unwrap();
+    for blend in [Blend::Sum, Blend::Over] {
+        let settings = RenderSettings::blended(blend).on([0.1, 0.2, 0.3]);
+        let expected = outcome(&cpu(), (&scene, &view), &target, &settings);
+        for (kernels, r) in rasterizers(None) {
+            let found = outcome(&r, (&scene, &view), &target, &settings);
+            let image = apart(numbers(&found.0), numbers(&expected.0));
+            let of = |scene: &PlanarScene| scene.means.iter().flat_map(|m| m.to_array()).collect::<Vec<_>>();
+            let means = apart(of(&found.2).into_iter(), of(&expected.2).into_iter());
+            let of = |scene: &PlanarScene| scene.colors.iter().flat_map(|c| c.to_array()).collect::<Vec<_>>();
+            let colors = apart(of(&found.2).into_iter(), of(&expected.2).into_iter());
+            assert!(
+                image < APART && means < APART && colors < APART,
+                "{kernels:?}, {blend:?}: {image}, {means}, {colors}"
+            );
+        }
+    }
+}
+
+#[test]
+fn training_steps_in_a_tile_of_many_are_those_of_the_cpu() {
+    let (scene, view) = planar();
+    let target = Image::filled(16, 16, [0.3, 0.1, -0.2]).unwrap();
+    let mut settings = RenderSettings::blended(Blend::Over);
+    settings.effects.statistics = Statistics::PixelError;
+    let rates = Adam::default().at(0.0);
+    fn steps<R: Rasterizer<PlanarScene>>(
+        r: &R,
+        scene: &PlanarScene,
+        (view, target): (&Canvas, &Image),
+        step: &TrainStep<'_>,
+    ) -> Vec<f32> {
+        let mut cloud = r.upload(scene, Chart::ScaleRotation).unwrap();
+        let target = r.upload_target(target).unwrap();
+        for _ in 0..3 {
+            r.train_step(&mut cloud, view, &target, step).unwrap();
+        }
+        let mut losses = Vec::new();
+        r.losses(&mut cloud, Wait::All, &mut losses).unwrap();
+        losses.extend(r.statistics(&cloud).unwrap().gradient_sum);
+        losses
+    }
+    let step = TrainStep { settings: &settings, loss: Loss::L2, rates: &rates, binning: Binning::Fresh };
+    let expected = steps(&cpu(), &scene, (&view, &target), &step);
+    for (kernels, r) in rasterizers(None) {
+        let found = steps(&r, &scene, (&view, &target), &step);
+        assert_eq!(found.len(), 3 + MANY);
+        let apart = apart(found.into_iter(), expected.iter().copied());
+        // Adam's first steps are as long for the smallest gradient as for the largest: 7e-4 was measured.
+        assert!(apart < 5e-3, "{kernels:?}: {apart}");
+    }
+}
+
+#[test]
+fn a_tile_of_many_spatial_gaussians_is_that_of_the_cpu() {
+    let (scene, view) = spatial();
+    let target = Image::filled(16, 16, [0.3, 0.1, 0.2]).unwrap();
+    let mut images = Vec::new();
+    for order in [Order::Index, Order::TileDepth, Order::PixelDepth] {
+        let mut settings = RenderSettings::blended(Blend::Over);
+        settings.effects.order = order;
+        let expected = outcome(&cpu(), (&scene, &view), &target, &settings);
+        for (kernels, r) in rasterizers(None) {
+            // There is one kernel for the order of pixels.
+            if order == Order::PixelDepth && kernels != Kernels::Portable {
+                continue;
+            }
+            let frame = r.forward(&r.upload(&scene, Chart::ScaleRotation).unwrap(), &view, &settings).unwrap();
+            assert!(frame.entries() > 65_535, "{} entries", frame.entries());
+            let image = apart(numbers(&r.image(&frame).unwrap()), numbers(&expected.0));
+            assert!(image < APART, "{kernels:?}, {order:?}: {image}");
+            if order == Order::PixelDepth {
+                continue; // Half a minute on a software driver; its gradients are held against the oracle's on smaller scenes.
+            }
+            let found = outcome(&r, (&scene, &view), &target, &settings);
+            let of = |scene: &SpatialScene| scene.means.iter().flat_map(|m| m.to_array()).collect::<Vec<_>>();
+            let means = apart(of(&found.2).into_iter(), of(&expected.2).into_iter());
+            assert!(means < APART, "{kernels:?}, {order:?}: {means}");
+        }
+        images.push(expected.0);
+    }
+    for (one, other) in [(0, 1), (1, 2), (0, 2)] {
+        let apart = apart(numbers(&images[one]), numbers(&images[other]));
+        assert!(apart > 3.0 * APART, "the order makes no difference: {apart}");
+    }
+}
