@@ -288,7 +288,7 @@ fn noise_of<'t>(rows: impl Iterator<Item = (Role, &'t [f64])> + Clone) -> Noise 
 }
 
 /// Sorts rows by backend and time, finds each backend's noise, and what lies on its frontier.
-fn judge(rows: &mut Vec<Measured>) -> Vec<BackendNoise> {
+fn judge(rows: &mut [Measured]) -> Vec<BackendNoise> {
     let mut backends: Vec<String> = Vec::new();
     for row in rows.iter() {
         if !backends.contains(&row.backend) {

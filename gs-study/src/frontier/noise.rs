@@ -14,7 +14,7 @@ const DRAWS: usize = 2000;
 const CONFIDENCE: f64 = 0.95;
 
 /// Where the draws come from; fixed, so that equal times give equal verdicts.
-const SEED: u64 = 0x6e6f_6973_65;
+const SEED: u64 = 0x006e_6f69_7365;
 
 /// What two medians of one and the same setting differ by.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
