@@ -142,11 +142,14 @@ fn in_the_plane(cpu: &CpuRasterizer) -> Result<(), Error> {
     all.effects = Effects { order: Order::TileDepth, sh_degree: 3, antialias: Antialias::Dilate, ..all.effects };
     let mut some = all;
     some.effects = Effects { sh_degree: 0, antialias: Antialias::None, ..all.effects };
+    let mut exact = all;
+    exact.effects.order = Order::PixelDepth;
     let rows = [
         picture("in the plane, sum", cpu.planar(), &scene, &canvas, RenderSettings::blended(Blend::Sum))?,
         picture("in the plane, over", cpu.planar(), &scene, &canvas, RenderSettings::blended(Blend::Over))?,
         picture("through a camera, tile-depth", cpu.spatial(), &flat, &camera, some)?,
         picture("through a camera, tile-depth, sh-degree 3, dilate", cpu.spatial(), &flat, &camera, all)?,
+        picture("through a camera, pixel-depth, sh-degree 3, dilate", cpu.spatial(), &flat, &camera, exact)?,
     ];
     table("9,000 Gaussians of an image, 768x512 px", &rows)
 }

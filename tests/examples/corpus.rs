@@ -1,6 +1,6 @@
 //! Puts every backend of this repository through the corpus of hard cases and prints what became of each: gs-cpu at every SIMD level of this
-//! machine, gs-wgpu with every kind of kernels that its adapter has. `cargo run -p gs-conformance --example corpus [WORD]`, where only
-//! cases are run whose names contain the word. Exits with 1 if anything is not as expected.
+//! machine, gs-wgpu with every kind of kernels that its adapter has. `cargo run -p gs-conformance --example corpus [CASES] [BACKENDS]`, where
+//! only cases and backends are run whose names contain the words. Exits with 1 if anything is not as expected.
 
 #![allow(clippy::print_stdout)]
 
@@ -51,18 +51,26 @@ impl Tally {
 }
 
 fn main() -> Result<ExitCode, Failure> {
-    let word = std::env::args().nth(1).unwrap_or_default();
+    let [word, backends] = [1, 2].map(|n| std::env::args().nth(n).unwrap_or_default());
     let start = Instant::now();
     let mut tally = Tally::default();
     for level in SimdLevel::available() {
+        let name = format!("gs-cpu, {level}");
+        if !name.contains(&backends) {
+            continue;
+        }
         // The cases' images are small: what threads would do there is wait for each other.
         let rasterizer = CpuRasterizer::new(CpuSettings { threads: Some(1), level: Some(level) })?;
-        tally.backend(&format!("gs-cpu, {level}"), &rasterizer, &word);
+        tally.backend(&name, &rasterizer, &word);
     }
     for kernels in [Kernels::Portable, Kernels::Subgroups, Kernels::Vectors] {
+        let name = format!("gs-wgpu, {kernels:?}");
+        if !name.contains(&backends) {
+            continue;
+        }
         match WgpuRasterizer::new(WgpuSettings { kernels: Some(kernels), ..WgpuSettings::default() }) {
-            Ok(rasterizer) => tally.backend(&format!("gs-wgpu, {kernels:?}"), &rasterizer, &word),
-            Err(error) => println!("gs-wgpu, {kernels:?}: {error}"),
+            Ok(rasterizer) => tally.backend(&name, &rasterizer, &word),
+            Err(error) => println!("{name}: {error}"),
         }
     }
     println!("{} cases, {} not as expected, {:.0} s", tally.run, tally.unexpected, start.elapsed().as_secs_f64());

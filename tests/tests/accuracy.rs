@@ -176,7 +176,7 @@ const HALF_A_STEP: f64 = 1.0 / 512.0;
 /// Cut-offs that together stay below it; the default's, which fits and trainings are made with, do not. That no pixel is called full is part of
 /// it: the Gaussian that would fill it does not count, and what is then missing is not the least transmittance but up to 1/(1 − α) times that.
 const INVISIBLE: Accuracy = Accuracy {
-    alpha_cut: 1e-5,
+    alpha_cut: 1.0 / 8192.0,
     cut: Cut::Hard,
     alpha_max: 0.9999,
     transmittance_min: 0.0,
@@ -202,7 +202,7 @@ fn every_pixel((width, height): (u32, u32), step: usize) -> Vec<[u32; 2]> {
 }
 
 #[test]
-fn a_cut_of_a_hundred_thousandth_changes_no_pixel_by_half_a_display_step() {
+fn a_cut_of_an_8192nd_changes_no_pixel_by_half_a_display_step() {
     let (mut usual, mut fine) = (0.0f64, 0.0f64);
     let mut note = |[default, invisible]: [f64; 2]| {
         usual = usual.max(default);

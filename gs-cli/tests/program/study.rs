@@ -123,7 +123,7 @@ fn a_study_of_which_every_run_fails_has_failed() {
     let place = folder();
     let file = study(place.path());
     let output = place.path().join("out");
-    let diverging = STUDY.replace("[settings]", "[settings]\nadam.color.learning-rate = 1e30");
+    let diverging = STUDY.replace("[settings]", "[settings]\nadam.color.learning-rate = 1e38");
     fs::write(&file, diverging).unwrap();
     let run = gs(arguments(&file, &output));
     let last = run.stderr.lines().last().unwrap();

@@ -77,7 +77,9 @@ pub fn prices<S: Scene, R: Rasterizer<S>>(
         price.milliseconds = Quantiles::of(saved).median;
         price.share = price.milliseconds / milliseconds;
     }
-    let (called_for_milliseconds, noise) = (Quantiles::of(&called).median, Quantiles::of(&apart).median);
+    // What is the same costs the same; chance would tell them apart.
+    let called_for_milliseconds = if called_for == wanted { milliseconds } else { Quantiles::of(&called).median };
+    let noise = Quantiles::of(&apart).median;
     Ok(Prices { milliseconds, called_for_milliseconds, noise, each })
 }
 

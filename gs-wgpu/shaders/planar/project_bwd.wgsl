@@ -33,7 +33,8 @@ fn project_bwd(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) gro
         gradient.xi = q * whitened;
         gradient.eta = vec3f(moment[0].x, moment[0].y, moment[1].y);
         gradient.visible = 1u;
-        gradient.opacity_logit = sums.zeroth * (1.0 - s.opacity);
+        // Not 1 - o: of an opacity near 1 nothing is left of that.
+        gradient.opacity_logit = sums.zeroth * sigmoid(-gaussians[index].opacity_logit);
         if step.collect == 1u {
             gradient.device_norm = statistic_of(sums, solve_transposed(l, gradient.xi));
         }

@@ -47,6 +47,8 @@ pub fn planar(bytes: &[u8]) -> Fuzzed<PlanarScene> {
     let view = canvas(&mut bytes);
     let settings = settings(&mut bytes, [Order::Index; 3]);
     let (target, loss, chart, rates) = training(&mut bytes, (view.width, view.height));
+    // Penalties are for scenes in space.
+    let rates = AdamRates { penalty: Penalty::NONE, ..rates };
     let mut scene = PlanarScene::default();
     while scene.len() < MOST_GAUSSIANS && !bytes.is_empty() {
         scene.push(PlanarGaussian {

@@ -98,7 +98,7 @@ fn faults_are_found() {
         (TakesAnyRates, "learning rate"),
         (ClampsElsewhere, "logits"),
         (CutsAnUlpHigher, "α one ulp below the cut"),
-        (DropsLargeGradients, "one Gaussian"),
+        (DropsLargeGradients, "axis-aligned"),
         (LosesItsLosses, "one Gaussian"),
         (LosesItsLoss, "one Gaussian"),
         (Creeps, "loss exactly 0"),

@@ -39,16 +39,17 @@ pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
         camera.validate().map_err(|error| Failure::usage(error).at("--camera, --path or --size"))?;
     }
     check_output(&args.output, cameras.len())?;
-    let asked = match &dataset {
+    let render = match &dataset {
         Some(dataset) => args.shown.settings_beside(&scene, dataset),
         None => args.shown.settings(&scene),
     };
     let chosen = args.settings.as_deref().map(ChosenSettings::read).transpose()?;
     let backend = Backend::start(&args.backend.or_chosen(chosen.as_ref().map(|chosen| &chosen.machine)))?;
-    let render = chosen.map_or(asked, |chosen| args.shown.overriding(chosen.applied_to(asked), &asked));
+    let render = chosen.map_or(render, |chosen| args.shown.overriding(chosen.applied_to(render), &render));
     let CalledFor { settings, verdicts } = args.effects.choose(&scene, &cameras, &render);
+    backend.run_spatial(Frames { args, scene: &scene, cameras: &cameras, render: &settings })?;
     output::note(told(&verdicts));
-    backend.run_spatial(Frames { args, scene: &scene, cameras: &cameras, render: &settings })
+    Ok(())
 }
 
 /// What is written, by the name of the output and the number of frames.

@@ -38,7 +38,7 @@ fn narrow(scene: &PlanarScene, views: &[Canvas]) -> Option<String> {
         let scale = canvas.scale().min_element();
         let width = |log_scale: &glam::Vec2| scale * log_scale.min_element().exp();
         let count = scene.log_scales.iter().filter(|log_scale| width(log_scale) < NARROW_PX).count();
-        (count > 0).then(|| format!("{} Gaussians are narrower than a pixel in view {}", count, number + 1))
+        (count > 0).then(|| format!("{count} Gaussians are narrower than a pixel in view {}", number + 1))
     })
 }
 

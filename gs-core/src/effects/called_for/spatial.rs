@@ -65,7 +65,7 @@ fn order(scene: &SpatialScene, views: &[Camera], settings: &RenderSettings) -> (
             match shown.out_of_order(left.order, cheaper.order) {
                 Some(0) => {}
                 Some(count) => {
-                    let found = format!("{} of {drawn} Gaussians {what} in view {}", count, number + 1);
+                    let found = format!("{count} of {drawn} Gaussians {what} in view {}", number + 1);
                     return (left, if reason.is_empty() { found } else { format!("{reason}; but {found}") });
                 }
                 None => return (left, format!("{drawn} Gaussians overlap too much in view {} to tell", number + 1)),
@@ -188,7 +188,7 @@ fn antialias(scene: &SpatialScene, views: &[Camera], settings: &RenderSettings) 
         drawn += shown.len();
         let narrow = shown.iter().filter(|drawn| drawn.narrow).count();
         if narrow > 0 {
-            let narrow = format!("{} Gaussians are narrower than a pixel in view {}", narrow, number + 1);
+            let narrow = format!("{narrow} Gaussians are narrower than a pixel in view {}", number + 1);
             return match effects.antialias {
                 Antialias::None => (effects, format!("none is asked for, though {narrow}")),
                 _ => (effects, narrow),

@@ -96,6 +96,7 @@ fn stacks() -> Vec<Case<SpatialScene>> {
             .sloping(Slopes::Finite("10,000 clamped Gaussians in a pixel that two fill"))
             .training(Training::Finite("whoever comes to the front decides about the pixel")),
         small(case("10,000 on one pixel, all at α = 1/255", why, source, faint))
+            .sloping(Slopes::Leading("by a mean on a pixel's centre it is 0, or a rounding of the mean"))
             .training(Training::Finite("whoever comes to the front decides about the pixel")),
         case(
             "opacity logits ±∞, ±88, ±10⁴",
