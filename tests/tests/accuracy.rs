@@ -173,12 +173,13 @@ fn the_oracle_says_the_same_colours_either_way() {
 /// Half a display step: no eye and no 8-bit file sees less.
 const HALF_A_STEP: f64 = 1.0 / 512.0;
 
-/// Cut-offs that together stay below it; the default's cut of 1/255, which fits and trainings are made with, does not.
+/// Cut-offs that together stay below it; the default's, which fits and trainings are made with, do not. That no pixel is called full is part of
+/// it: the Gaussian that would fill it does not count, and what is then missing is not the least transmittance but up to 1/(1 − α) times that.
 const INVISIBLE: Accuracy = Accuracy {
     alpha_cut: 1.0 / 8192.0,
     cut: Cut::Hard,
     alpha_max: 0.9999,
-    transmittance_min: 1e-4,
+    transmittance_min: 0.0,
     extent: Extent::AlphaCut,
 };
 

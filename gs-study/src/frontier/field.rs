@@ -105,7 +105,7 @@ impl<S: Verifiable> Field<'_, S> {
     }
 
     /// What stands in every table of a backend.
-    fn landmarks(&self, base: usize, view: &S::View) -> Result<Vec<Entry>, Error> {
+    fn landmarks(&self, base: usize, views: &[S::View]) -> Result<Vec<Entry>, Error> {
         let three_dgs = RenderSettings { accuracy: Accuracy::THREE_DGS, ..self.shown };
         let without_extent = Setting::Extent(Extent::AlphaCut).applied_to(&three_dgs);
         let mut all = vec![
@@ -114,7 +114,7 @@ impl<S: Verifiable> Field<'_, S> {
             self.entry(base, self.tightest(), Role::Tightest, &[]),
         ];
         for settings in [three_dgs, without_extent] {
-            if self.refusal(base, &settings, view)?.is_none() {
+            if self.refusal(base, &settings, views)?.is_none() {
                 all.push(self.entry(base, settings, Role::ThreeDgs, &[]));
                 break;
             }
@@ -122,21 +122,27 @@ impl<S: Verifiable> Field<'_, S> {
         Ok(all)
     }
 
-    /// What a contender says that it does not offer.
-    fn refusal(&self, contender: usize, settings: &RenderSettings, view: &S::View) -> Result<Option<String>, Error> {
-        match self.contenders[contender].renderer.seconds(view, settings) {
-            Err(Error::Unsupported { effect, .. }) => Ok(Some(effect)),
-            result => result.map(|_| None),
+    /// Why a contender cannot render these views with these settings: it does not offer them, or not for so much.
+    fn refusal(&self, contender: usize, settings: &RenderSettings, views: &[S::View]) -> Result<Option<String>, Error> {
+        for view in views {
+            match self.contenders[contender].renderer.seconds(view, settings) {
+                Err(Error::Unsupported { effect, .. }) => return Ok(Some(effect)),
+                // Such as more Gaussians at a pixel than can be put in order. A device that is lost fails for all settings, the default's too.
+                Err(Error::Backend { message, .. }) => return Ok(Some(message)),
+                Err(error) => return Err(error),
+                Ok(_) => {}
+            }
         }
+        Ok(None)
     }
 
     /// Every setting alone, and every contender.
-    fn alone(&self, base: usize, view: &S::View, refused: &mut Vec<Refused>) -> Result<Vec<Entry>, Error> {
+    fn alone(&self, base: usize, views: &[S::View], refused: &mut Vec<Refused>) -> Result<Vec<Entry>, Error> {
         let backend = &self.contenders[base].backend;
         let mut all = Vec::new();
         for setting in alternatives(&self.shown) {
             let settings = setting.applied_to(&self.shown);
-            match self.refusal(base, &settings, view)? {
+            match self.refusal(base, &settings, views)? {
                 None => all.push(self.entry(base, settings, Role::Alone, &[setting])),
                 Some(why) => {
                     let what = setting.change().to_string();
@@ -156,7 +162,7 @@ impl<S: Verifiable> Field<'_, S> {
         for setting in alternatives(&self.shown).into_iter().flat_map(|setting| [setting.of(&self.shown), setting]) {
             let settings = setting.applied_to(&tightest);
             let is_known = all.iter().any(|(known, _)| *known == setting);
-            if !is_known && self.refusal(0, &settings, &views[0])?.is_none() {
+            if !is_known && self.refusal(0, &settings, views)?.is_none() {
                 all.push((setting, self.error(0, &settings, views, truths)?.max));
             }
         }
@@ -224,8 +230,8 @@ pub fn search<S: Verifiable>(
     let bases = field.bases();
     let (mut refused, mut entries, mut groups) = (Vec::new(), Vec::new(), Vec::new());
     for &base in &bases {
-        let mut own = field.landmarks(base, &views[0])?;
-        own.extend(field.alone(base, &views[0], &mut refused)?);
+        let mut own = field.landmarks(base, views)?;
+        own.extend(field.alone(base, views, &mut refused)?);
         groups.push(own.len());
         entries.extend(own);
     }
@@ -316,6 +322,17 @@ fn judge(rows: &mut [Measured]) -> Vec<BackendNoise> {
         for (row, on_frontier) in own.iter_mut().zip(frontier_of(&points, noise)) {
             row.on_frontier = on_frontier && row.role != Role::Again;
             row.comparison = noise.compare(row.times().median, default);
+        }
+        // Steps that make the same picture count once: the one that changes least.
+        for place in 0..own.len() {
+            let simpler = |other: usize| {
+                let (changes, others) = (own[place].changes.len(), own[other].changes.len());
+                let same = own[other].on_frontier && own[other].error == own[place].error;
+                same && (others < changes || (others == changes && other < place))
+            };
+            if (0..own.len()).any(simpler) {
+                own[place].on_frontier = false;
+            }
         }
         all.push(BackendNoise { backend: backend.clone(), noise });
     }

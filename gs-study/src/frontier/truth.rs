@@ -17,7 +17,7 @@ const PAIRS: usize = 200_000_000;
 /// Fewest and most pixels of a view that it is asked at.
 const SAMPLE: [usize; 2] = [128, 8192];
 
-/// The largest lag between neighbours in the sample; no divisor of usual widths.
+/// The part of the width that neighbours in the sample lie apart: the golden ratio, by which any number of them is evenly spread.
 const GOLDEN: f64 = 0.618_033_988_749_894_9;
 
 /// A kind of scene that the oracle can render.
@@ -135,6 +135,9 @@ impl<S: Verifiable> Truth<S> {
 /// `count` pixels of a picture, evenly spread by the golden ratio, all different.
 fn spread(width: u32, height: u32, count: usize) -> Vec<[u32; 2]> {
     let all = u64::from(width) * u64::from(height);
+    if count as u64 >= all {
+        return (0..height).flat_map(|y| (0..width).map(move |x| [x, y])).collect();
+    }
     let mut places: Vec<u64> = (0..count as u64)
         .map(|i| {
             // Rows one after the other, columns by the golden ratio.
@@ -163,5 +166,6 @@ mod tests {
             assert!((85..=115).contains(&count), "{count} in quarter {quarter}");
         }
         assert_eq!(spread(1, 1, 1), [[0, 0]]);
+        assert_eq!(spread(2, 2, 4), [[0, 0], [1, 0], [0, 1], [1, 1]]);
     }
 }
