@@ -25,9 +25,9 @@ pub const ORACLE_SHARE: f64 = 1e-3;
 /// Largest relative difference of a backend's gradients from difference quotients.
 pub const BACKEND_SHARE: f64 = 1e-2;
 
-/// Largest share of a set's gradients that may be uncertain by more than their own share. Worst measured: 0.38, of needles in space and of
-/// spatial Gaussians far beyond the field of view.
-pub const ILL_CONDITIONED_SHARE: f64 = 0.4;
+/// Largest share of a set's gradients that may be uncertain by more than their own share. Worst measured: 0.38 with L2 and 0.44
+/// with L1 and D-SSIM, of needles in space and of spatial Gaussians far beyond the field of view.
+pub const ILL_CONDITIONED_SHARE: f64 = 0.5;
 
 /// The smallest hard cut: what is below it in a smooth one is less than a rounding beside what is above.
 const FINEST_CUT: f32 = 1e-6;
