@@ -68,11 +68,13 @@ fn stands_all(kernels: Kernels) {
 }
 
 #[test]
+#[ignore = "minutes on a software driver; `cargo xtask test --slow` runs it"]
 fn the_gpu_stands_all_with_portable_kernels() {
     stands_all(Kernels::Portable);
 }
 
 #[test]
+#[ignore = "minutes on a software driver; `cargo xtask test --slow` runs it"]
 fn the_gpu_stands_all_with_subgroups() {
     stands_all(Kernels::Subgroups);
 }
