@@ -2,6 +2,7 @@
 
 mod scenes;
 
+use gs_conformance::bits::bits;
 use gs_core::{Blend, Chart, CloudState, Image};
 use gs_density::Policy;
 use gs_train::{Control, Error, FitSettings, MetricsLog, Observer, Outcome, Progress, Rounds, Trainer};
@@ -43,15 +44,6 @@ fn end_state_in_pieces(settings: FitSettings, target: &Image, stops: &[u32]) -> 
     }
     assert_eq!(pieces, stops.len() + 1);
     checkpoint.state
-}
-
-/// The bits of every tensor, so that −0 is not 0.
-fn bits(state: &CloudState) -> Vec<(String, Vec<u32>)> {
-    let bits = |data: &gs_core::state::TensorData| match data {
-        gs_core::state::TensorData::F32(values) => values.iter().map(|v| v.to_bits()).collect(),
-        gs_core::state::TensorData::U32(values) => values.clone(),
-    };
-    state.tensors.iter().map(|(name, tensor)| (name.clone(), bits(&tensor.data))).collect()
 }
 
 #[test]

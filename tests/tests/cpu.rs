@@ -1,24 +1,19 @@
 //! gs-cpu: the conformance suite at every SIMD level of this machine with 1, 2 and 7 threads, the same bits for every number of threads,
 //! and drawn scenes against the oracle.
 
-use std::collections::BTreeMap;
-
 use gs_conformance::{
-    Failure,
+    bits::bits,
     conformance::{check_gradients, check_image, conformance},
+    properties::{judge, losses, repeatable},
     scenes::{Draw, Kind, draws},
 };
 use gs_core::{
     Adam, Binning, Chart, CloudState, EditPlan, Loss, Rasterizer, Scene, TrainStep,
     edit::{Birth, Moments, Origin, Place, PruneCause, Removal},
     effects::{Blend, Statistics},
-    state::TensorData,
 };
 use gs_cpu::{CpuRasterizer, CpuSettings, SimdLevel};
-use proptest::{
-    prelude::*,
-    test_runner::{RngSeed, TestCaseError},
-};
+use proptest::prelude::*;
 
 const THREADS: [usize; 3] = [1, 2, 7];
 
@@ -41,15 +36,6 @@ fn conforms_at_every_level_and_number_of_threads() {
         }
     }
     assert!(failures.is_empty(), "{}", failures.join("\n"));
-}
-
-/// All numbers of a state as bits: equal numbers of other bits (0 and −0) differ, NaN is equal to itself.
-fn bits(state: &CloudState) -> BTreeMap<&str, Vec<u32>> {
-    let of = |data: &TensorData| match data {
-        TensorData::F32(values) => values.iter().map(|v| v.to_bits()).collect(),
-        TensorData::U32(values) => values.clone(),
-    };
-    state.tensors.iter().map(|(name, tensor)| (name.as_str(), of(&tensor.data))).collect()
 }
 
 /// More Gaussians than a task takes at once, over more tiles than there are threads.
@@ -134,32 +120,8 @@ fn training_runs_are_the_same_bits_for_every_number_of_threads() {
     }
 }
 
-/// A scene in which there is nothing to compare counts as rejected, of which there may be only so many.
-fn judge<T>(result: Result<T, Failure>) -> Result<(), TestCaseError> {
-    match result {
-        Ok(_) => Ok(()),
-        Err(Failure::Nothing(text)) => Err(TestCaseError::reject(text)),
-        Err(failure) => Err(TestCaseError::fail(failure.to_string())),
-    }
-}
-
-fn repeatable(cases: u32) -> ProptestConfig {
-    ProptestConfig {
-        cases,
-        max_global_rejects: cases / 2,
-        rng_seed: RngSeed::Fixed(2026),
-        failure_persistence: None,
-        max_shrink_iters: 200,
-        ..ProptestConfig::default()
-    }
-}
-
 fn levels() -> impl Strategy<Value = SimdLevel> {
     proptest::sample::select(SimdLevel::available())
-}
-
-fn losses() -> impl Strategy<Value = Loss> {
-    prop_oneof![Just(Loss::L2), Just(Loss::L1), (0.0f32..=1.0).prop_map(|lambda| Loss::L1Dssim { lambda })]
 }
 
 proptest! {

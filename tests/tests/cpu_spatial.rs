@@ -2,16 +2,13 @@
 //! the oracle.
 
 use gs_conformance::{
-    Failure,
     conformance::{check_gradients, check_image, spatial_conformance},
+    properties::{judge, losses, repeatable},
     scenes::spatial_draws,
 };
-use gs_core::{Chart, Loss};
+use gs_core::Chart;
 use gs_cpu::{CpuRasterizer, CpuSettings, SimdLevel};
-use proptest::{
-    prelude::*,
-    test_runner::{RngSeed, TestCaseError},
-};
+use proptest::prelude::*;
 
 fn rasterizer(level: SimdLevel, threads: usize) -> CpuRasterizer {
     CpuRasterizer::new(CpuSettings { threads: Some(threads), level: Some(level) }).unwrap()
@@ -31,32 +28,8 @@ fn conforms_at_every_level_and_number_of_threads() {
     assert!(failures.is_empty(), "{}", failures.join("\n"));
 }
 
-/// A scene in which there is nothing to compare counts as rejected, of which there may be only so many.
-fn judge<T>(result: Result<T, Failure>) -> Result<(), TestCaseError> {
-    match result {
-        Ok(_) => Ok(()),
-        Err(Failure::Nothing(text)) => Err(TestCaseError::reject(text)),
-        Err(failure) => Err(TestCaseError::fail(failure.to_string())),
-    }
-}
-
-fn repeatable(cases: u32) -> ProptestConfig {
-    ProptestConfig {
-        cases,
-        max_global_rejects: cases / 2,
-        rng_seed: RngSeed::Fixed(2026),
-        failure_persistence: None,
-        max_shrink_iters: 200,
-        ..ProptestConfig::default()
-    }
-}
-
 fn levels() -> impl Strategy<Value = SimdLevel> {
     proptest::sample::select(SimdLevel::available())
-}
-
-fn losses() -> impl Strategy<Value = Loss> {
-    prop_oneof![Just(Loss::L2), Just(Loss::L1), (0.0f32..=1.0).prop_map(|lambda| Loss::L1Dssim { lambda })]
 }
 
 proptest! {

@@ -80,6 +80,32 @@ fn walks_change_no_bit() {
     }
 }
 
+/// Lists that a rendering left behind belong to it, not to the first step after it.
+#[test]
+fn a_step_that_reuses_lists_owes_nothing_to_a_rendering_before_it() {
+    let draw = Draw::new(Kind::Large, Blend::Over, 100, (40, 30), 9).on([0.2, 0.4, 0.6]);
+    let rates = Adam::default().at(0.0);
+    for (kernels, r) in &rasterizers(Some(7)) {
+        let target = r.planar().upload_target(&draw.target().unwrap()).unwrap();
+        let scene_after = |rendered: bool| {
+            let mut cloud = r.upload(&draw.scene, Chart::ScaleRotation).unwrap();
+            if rendered {
+                r.forward(&cloud, &draw.view, &draw.settings).unwrap();
+            }
+            for _ in 0..3 {
+                let step =
+                    TrainStep { settings: &draw.settings, loss: Loss::L2, rates: &rates, binning: Binning::Reuse };
+                r.train_step(&mut cloud, &draw.view, &target, &step).unwrap();
+            }
+            let mut losses = Vec::new();
+            r.losses(&mut cloud, Wait::All, &mut losses).unwrap();
+            (losses, r.download(&cloud).unwrap())
+        };
+        let (expected, found) = (scene_after(false), scene_after(true));
+        assert!(expected == found, "{kernels:?}: losses {:?} instead of {:?}", found.0, expected.0);
+    }
+}
+
 /// Numbers between -½ and ½.
 struct Numbers(u32);
 

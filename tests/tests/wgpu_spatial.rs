@@ -1,26 +1,23 @@
 //! gs-wgpu's spatial scenes: the conformance suite with all kinds of kernels, drawn scenes against the oracle and against gs-cpu, and that
 //! they repeat themselves bit for bit.
 
-use std::{collections::BTreeMap, num::NonZero, sync::OnceLock};
+use std::{num::NonZero, sync::OnceLock};
 
 use glam::Vec3;
 use gs_conformance::{
-    Failure,
+    bits::bits,
     conformance::{check_gradients, check_image, spatial_conformance},
+    properties::{judge, repeatable},
     scenes::{Draw, SpatialKind, spatial_draws},
 };
 use gs_core::{
     Adam, AdamRates, Binning, Blend, Camera, Chart, CloudState, EditPlan, Error, Image, Loss, Participants, Penalty,
     Rasterizer, RenderSettings, Scene, SpatialGaussian, SpatialScene, TrainStep, Wait,
     effects::{Lens, Order, Outputs, Statistics},
-    state::TensorData,
 };
 use gs_cpu::{CpuRasterizer, CpuSettings};
 use gs_wgpu::{FreshBuffers, Kernels, WgpuRasterizer, WgpuSettings};
-use proptest::{
-    prelude::*,
-    test_runner::{RngSeed, TestCaseError},
-};
+use proptest::prelude::*;
 
 /// A device for each kind of kernels that the adapter can run, with few work groups in a row and fresh buffers full of NaN.
 fn rasterizers() -> &'static [(Kernels, WgpuRasterizer)] {
@@ -126,14 +123,6 @@ fn scenes_of_every_size_that_fits_are_drawn_and_trained() {
     let mut untouched = r.upload(&scene, Chart::ScaleRotation).unwrap();
     r.edit(&mut untouched, &EditPlan::default()).unwrap();
     assert!(r.save(&untouched).unwrap().matrix("moment1").unwrap().1.iter().all(|&m| m == 0.0));
-}
-
-fn bits(state: &CloudState) -> BTreeMap<&str, Vec<u32>> {
-    let of = |data: &TensorData| match data {
-        TensorData::F32(values) => values.iter().map(|v| v.to_bits()).collect(),
-        TensorData::U32(values) => values.clone(),
-    };
-    state.tensors.iter().map(|(name, tensor)| (name.as_str(), of(&tensor.data))).collect()
 }
 
 /// Steps that are small beside the scene, and whose gradients of mere rounding do not become whole steps.
@@ -298,26 +287,6 @@ fn what_is_not_offered_is_an_error_that_names_it() {
     }
     let error = r.upload(&draw.scene, Chart::LocalFrame).unwrap_err();
     assert!(matches!(&error, Error::Unsupported { effect, .. } if effect.contains("LocalFrame")), "{error}");
-}
-
-/// A scene in which there is nothing to compare counts as rejected, of which there may be only so many.
-fn judge<T>(result: Result<T, Failure>) -> Result<(), TestCaseError> {
-    match result {
-        Ok(_) => Ok(()),
-        Err(Failure::Nothing(text)) => Err(TestCaseError::reject(text)),
-        Err(failure) => Err(TestCaseError::fail(failure.to_string())),
-    }
-}
-
-fn repeatable(cases: u32) -> ProptestConfig {
-    ProptestConfig {
-        cases,
-        max_global_rejects: cases / 2,
-        rng_seed: RngSeed::Fixed(2027),
-        failure_persistence: None,
-        max_shrink_iters: 100,
-        ..ProptestConfig::default()
-    }
 }
 
 proptest! {

@@ -9,7 +9,10 @@ use glam::Vec3;
 use gs_core::{Scene, SpatialGaussian, SpatialScene};
 use gs_io::{SpatialOptions, read_spatial, write_spatial};
 
-use crate::process::{Run, folder, gs, names_in};
+use crate::{
+    ply::break_ply,
+    process::{Run, folder, gs, names_in},
+};
 
 /// Writes a PLY of ten Gaussians of degree 2 and returns its path.
 fn ply(folder: &Path) -> PathBuf {
@@ -27,16 +30,6 @@ fn ply(folder: &Path) -> PathBuf {
     let path = folder.join("scene.ply");
     write_spatial(&path, &scene, &SpatialOptions::default()).unwrap();
     path
-}
-
-/// Overwrites one number of a vertex in the file of [`ply`], counted from the end of the row.
-fn break_ply(path: &Path, vertex: usize, from_end: usize, values: &[f32]) {
-    const ROW: usize = 4 * (9 + 24 + 8);
-    let mut bytes = fs::read(path).unwrap();
-    let at = bytes.len() - (10 - vertex - 1) * ROW - 4 * from_end;
-    let new: Vec<u8> = values.iter().flat_map(|v| v.to_le_bytes()).collect();
-    bytes[at..at + new.len()].copy_from_slice(&new);
-    fs::write(path, bytes).unwrap();
 }
 
 fn convert(from: &Path, to: &Path, flags: &[&str]) -> Run {

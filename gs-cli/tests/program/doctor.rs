@@ -6,7 +6,10 @@ use glam::{Vec2, Vec3};
 use gs_core::{PlanarGaussian, PlanarScene, Scene, SpatialGaussian, SpatialScene};
 use gs_io::{SpatialOptions, read_scene, read_spatial, write_spatial};
 
-use crate::process::{Run, folder, gs, names_in};
+use crate::{
+    ply::break_ply,
+    process::{Run, folder, gs, names_in},
+};
 
 fn spatial() -> SpatialScene {
     let mut scene = SpatialScene { sh_degree: 1, ..SpatialScene::default() };
@@ -21,16 +24,6 @@ fn spatial() -> SpatialScene {
         });
     }
     scene
-}
-
-/// Writes numbers into the row of a vertex of a PLY of [`spatial`]; `from_end` counts numbers from the row's end.
-fn break_ply(path: &Path, vertex: usize, from_end: usize, values: &[f32]) {
-    const ROW: usize = 4 * (9 + 9 + 8);
-    let mut bytes = fs::read(path).unwrap();
-    let at = bytes.len() - (10 - vertex - 1) * ROW - 4 * from_end;
-    let new: Vec<u8> = values.iter().flat_map(|v| v.to_le_bytes()).collect();
-    bytes[at..at + new.len()].copy_from_slice(&new);
-    fs::write(path, bytes).unwrap();
 }
 
 fn doctor(scene: &Path, flags: &[&str]) -> Run {

@@ -2,30 +2,6 @@
 
 use super::*;
 
-/// A scene in which there is nothing to compare counts as rejected, of which there may be only so many.
-fn judge<T>(result: Result<T, Failure>) -> Result<(), TestCaseError> {
-    match result {
-        Ok(_) => Ok(()),
-        Err(Failure::Nothing(text)) => Err(TestCaseError::reject(text)),
-        Err(failure) => Err(TestCaseError::fail(failure.to_string())),
-    }
-}
-
-fn repeatable(cases: u32) -> ProptestConfig {
-    ProptestConfig {
-        cases,
-        max_global_rejects: cases / 2,
-        rng_seed: RngSeed::Fixed(2027),
-        failure_persistence: None,
-        max_shrink_iters: 100,
-        ..ProptestConfig::default()
-    }
-}
-
-fn losses() -> impl Strategy<Value = Loss> {
-    prop_oneof![Just(Loss::L2), Just(Loss::L1), (0.0f32..=1.0).prop_map(|lambda| Loss::L1Dssim { lambda })]
-}
-
 fn cpu() -> CpuRasterizer {
     CpuRasterizer::new(CpuSettings { threads: Some(2), level: None }).unwrap()
 }

@@ -1,11 +1,12 @@
 //! gs-wgpu: the conformance suite, drawn scenes against the oracle and against gs-cpu, and that it repeats itself bit for bit.
 
-use std::{collections::BTreeMap, num::NonZero, sync::OnceLock};
+use std::{num::NonZero, sync::OnceLock};
 
 use gs_conformance::{
-    Failure,
+    bits::bits,
     conformance::{cases, check_gradients, check_image},
     oracle::{AdamReference, Oracle, OracleScene},
+    properties::{judge, losses, repeatable},
     scenes::{Draw, Kind, draws},
 };
 use gs_core::{
@@ -15,17 +16,13 @@ use gs_core::{
     constants::ALPHA_CUT,
     edit::{AfterEdit, PruneCause, Removal},
     effects::Statistics,
-    state::TensorData,
 };
 use gs_cpu::{CpuRasterizer, CpuSettings};
 use gs_wgpu::{
     FreshBuffers, Kernels, PlanarCloud, PlanarGradients, STEPS_IN_FLIGHT, Target, WgpuRasterizer, WgpuSettings,
     adapters,
 };
-use proptest::{
-    prelude::*,
-    test_runner::{RngSeed, TestCaseError},
-};
+use proptest::prelude::*;
 
 mod drawn;
 mod steps_under_way;
@@ -142,15 +139,6 @@ fn kernels_that_the_adapter_cannot_run_are_refused() {
     if rasterizer().adapter().name.starts_with("llvmpipe") {
         assert_eq!(found.len(), 3, "lavapipe has subgroups of eight, so that all are tested");
     }
-}
-
-/// All numbers of a state as bits.
-fn bits(state: &CloudState) -> BTreeMap<&str, Vec<u32>> {
-    let of = |data: &TensorData| match data {
-        TensorData::F32(values) => values.iter().map(|v| v.to_bits()).collect(),
-        TensorData::U32(values) => values.clone(),
-    };
-    state.tensors.iter().map(|(name, tensor)| (name.as_str(), of(&tensor.data))).collect()
 }
 
 /// More Gaussians than a work group, and more entries than a sorting block and the first buffers hold.
