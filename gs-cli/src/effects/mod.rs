@@ -22,7 +22,11 @@ use crate::{
     cameras,
     effects::report::{Facts, Report},
     failure::Failure,
-    fit::{arguments::SettingsArgs, settings, target::Target},
+    fit::{
+        arguments::SettingsArgs,
+        settings::{self, Given},
+        target::Target,
+    },
     output,
     shown::ShownArgs,
     values::{Axis, Size},
@@ -175,7 +179,7 @@ impl Task for Examine<'_> {
             }
             Subject::Image { target, size } => {
                 let flags = SettingsArgs { iterations: Some(ITERATIONS), ..SettingsArgs::default() };
-                let settings = settings::resolve(&flags, &target)?;
+                let settings = settings::resolve(&flags, &Given::Nothing, &target)?;
                 let (steps, wanted) = (settings.iterations, settings.render);
                 output::note(format_args!("fitting {} in {steps} steps first", target.name()));
                 let mut trainer = Trainer::new(rasterizer, &target.image, settings)?;

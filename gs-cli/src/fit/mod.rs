@@ -32,6 +32,7 @@ use crate::{
         results::Results,
         target::Target,
     },
+        settings::Given,
     interrupt::Interrupt,
     output::{self, Format},
 };
@@ -42,18 +43,18 @@ use crate::{
 /// Where input, flags or the output folder are not possible, where the fit diverges or loses its GPU, or where Ctrl-C stopped it.
 pub(crate) fn run(args: &FitArgs) -> Result<(), Failure> {
     let started = Instant::now();
-    check_checkpoint_file(&args.checkpoints, &args.output)?;
-    let target = Target::load(args.image.as_deref(), settings::background(&args.settings)?)?;
+    check_checkpoint_file(&args.checkpoints)?;
+    let given = Given::read(&args.settings)?;
+    let target = Target::load(args.image.as_deref(), given.background(&args.settings))?;
     let start = match &args.resume {
         Some(file) => Start::Resumed(Box::new(read_checkpoint(file)?), file.clone()),
         None => {
-            let mut settings = settings::resolve(&args.settings, &target)?;
+            let mut settings = settings::resolve(&args.settings, &given, &target)?;
             settings.render = args.effects.before(&settings.render);
             Start::Fresh(Box::new(settings))
         }
     };
-    let chosen = settings::chosen(&args.settings)?;
-    let backend = Backend::start(&args.backend.or_chosen(chosen.as_ref().map(|chosen| &chosen.machine)))?;
+    let backend = Backend::start(&args.backend.or_chosen(given.machine()))?;
     backend.run(Fit { args, target: &target, start, backend: &backend, started })
 }
 
@@ -278,7 +279,7 @@ mod tests {
         let words = ["-o", output_flag, "-n", "30", "-i", "1000000", "--checkpoint", state_flag];
         let args = flags(&[&words[..], &["--checkpoint-every", "10"]].concat());
         let target = Target::load(None, None).unwrap();
-        let start = Start::Fresh(Box::new(settings::resolve(&args.settings, &target).unwrap()));
+        let start = Start::Fresh(Box::new(settings::resolve(&args.settings, &Given::Nothing, &target).unwrap()));
         let backend = Backend::start(&BackendArgs { backend: Choice::Cpu, ..BackendArgs::default() }).unwrap();
         let wgpu = WgpuRasterizer::new(WgpuSettings::default()).expect("`cargo xtask test` installs a driver");
         let failure = thread::scope(|scope| {

@@ -8,7 +8,11 @@ use gs_train::{FitSettings, Trainer};
 
 use crate::{
     failure::Failure,
-    fit::{arguments::SettingsArgs, settings, target::Target},
+    fit::{
+        arguments::SettingsArgs,
+        settings::{self, Given},
+        target::Target,
+    },
     output,
     profile::{ProfileArgs, measure::Ready},
 };
@@ -107,8 +111,8 @@ impl Subject {
             chart: args.chart,
             ..SettingsArgs::default()
         };
-        let settings = settings::resolve(&flags, &image)?;
-        let canvas = canvas(image.image.size(), args)?;
+        let settings = settings::resolve(&flags, &Given::Nothing, &image)?;
+        let canvas = canvas(image.image.size(), args.size)?;
         let name = image.name();
         let same_size = (canvas.width, canvas.height) == image.image.size();
         Ok(Self {

@@ -149,6 +149,30 @@ fn a_resumed_fit_ends_as_if_it_had_never_stopped() {
     assert!(!output.exists());
 }
 
+/// A pipe can be read once only.
+#[cfg(unix)]
+#[test]
+fn settings_may_come_through_a_pipe() {
+    let place = folder();
+    let image = picture(place.path(), 32, 24);
+    let output = place.path().join("out");
+    let fit = ["fit", image.to_str().unwrap(), "-o", output.to_str().unwrap(), "--settings", "/dev/stdin", "--json"];
+    let own = Run::fed(&fit, "gaussians = 25\niterations = 12\n").json();
+    assert_eq!((&own["gaussians"], &own["iterations"]), (&25.into(), &12.into()));
+
+    let chosen = "[machine]\nflags = ['--backend', 'cpu', '--simd', 'scalar']\n[accuracy]\nalpha-cut = 0.25\n";
+    let fitted = Run::fed(&[&fit[..], &["-n", "20", "-i", "10"]].concat(), chosen).json();
+    assert_eq!(
+        (&fitted["simd"], &fitted["settings"]["render"]["accuracy"]["alpha-cut"]),
+        (&"scalar".into(), &0.25.into())
+    );
+    let scene = output.join("scene.gs2d.safetensors");
+    let picture = place.path().join("picture.png");
+    let render = ["render", scene.to_str().unwrap(), "-o", picture.to_str().unwrap(), "--settings", "/dev/stdin"];
+    let run = Run::fed(&render, chosen).done();
+    assert!(run.stderr.contains("scalar"), "{run:?}");
+}
+
 #[test]
 fn a_transparent_image_is_resumed_and_repeated_on_its_background() {
     let place = folder();

@@ -14,7 +14,7 @@ use gs_cpu::{CpuRasterizer, CpuSettings};
 use gs_train::spatial::looking_at;
 use serde_json::{Value, json};
 
-use crate::process::{command, folder, gs, names_in};
+use crate::process::{Run, command, folder, gs, names_in};
 
 /// A few Gaussians of different colours around the origin.
 fn scene() -> SpatialScene {
@@ -179,6 +179,18 @@ fn ctrl_c_saves_a_checkpoint_and_what_there_is() {
 }
 
 /// Nobody asked for checkpoints: what is lost is a tenth of the work, and of a training that is done nothing needs to be kept.
+/// A pipe can be read once only.
+#[cfg(unix)]
+#[test]
+fn settings_may_come_through_a_pipe() {
+    let place = folder();
+    let (dataset, _) = photographed(place.path());
+    let output = place.path().join("out");
+    let words = ["train", text(&dataset), "-o", text(&output), "--settings", "/dev/stdin", "--no-report", "--json"];
+    let summary = Run::fed(&words, "gaussians = 50\niterations = 3\n").json();
+    assert_eq!((&summary["iterations"], &summary["settings"]["gaussians"]), (&3.into(), &50.into()));
+}
+
 #[test]
 fn a_long_training_that_is_killed_can_go_on() {
     let place = folder();
