@@ -141,8 +141,8 @@ pub(crate) struct SettingsArgs {
 #[derive(Debug, Clone, Args)]
 #[command(next_help_heading = "Checkpoints")]
 pub(crate) struct CheckpointArgs {
-    /// Where checkpoints go [default: DIR/checkpoint.safetensors, on Ctrl-C; gs train also stores some on the way, and removes the file when it
-    /// is done]
+    /// Where checkpoints go [default: DIR/checkpoint.safetensors, or checkpoint-2 and so on where another run's is there, on Ctrl-C; gs train
+    /// also stores some on the way, and removes its file when it is done]
     #[arg(long, value_name = "FILE")]
     pub(crate) checkpoint: Option<PathBuf>,
     /// Save one about every so many steps [default: a tenth of all, if --checkpoint is given or a training has 2000 or more]

@@ -3,7 +3,7 @@
 use std::{fs::File, io::Write, path::PathBuf};
 
 use gs_core::edit::EditCounts;
-use gs_io::{Checkpoint, write_checkpoint};
+use gs_io::Checkpoint;
 use gs_train::{Control, Error, MetricsLog, Observer, Progress};
 
 use crate::{failure::Failure, fit::progress::Voice, interrupt::Interrupt, report::curve::Point};
@@ -79,28 +79,6 @@ pub(crate) struct StopOnInterrupt<'a>(pub(crate) &'a Interrupt);
 impl Observer for StopOnInterrupt<'_> {
     fn on_step(&mut self, _: &Progress) -> Control {
         if self.0.requested() { Control::Stop } else { Control::Continue }
-    }
-}
-
-/// Stores checkpoints as the fit goes on, each in place of the one before. It stands behind the observers that add to them.
-pub(crate) struct Checkpoints {
-    /// Where.
-    pub(crate) file: PathBuf,
-    /// Every so many steps; never where there is none.
-    pub(crate) every: Option<u32>,
-    /// Whether this run has stored one.
-    pub(crate) stored: bool,
-}
-
-impl Observer for Checkpoints {
-    fn wants_checkpoint(&mut self, progress: &Progress) -> bool {
-        self.every.is_some_and(|every| progress.step.is_multiple_of(every))
-    }
-
-    fn on_checkpoint(&mut self, checkpoint: &mut Checkpoint) -> Result<(), Error> {
-        write_checkpoint(&self.file, checkpoint)?;
-        self.stored = true;
-        Ok(())
     }
 }
 

@@ -28,7 +28,7 @@ DIR then holds:
   settings.toml    all settings, to repeat the training with --settings
   summary.json     what --json prints
 
-Files of an earlier training in DIR are replaced, or removed where this one has none of the kind; checkpoints stay, and so does whatever no
+Files of an earlier training in DIR are replaced, or removed where this one has none of the kind; its checkpoints stay, and so does whatever no
 training wrote into views/. DIR cannot be the data set's own folder, nor hold its photographs.
 
 A data set that does not say which views are for tests has every 8th held out (--holdout). Without any, a few of the views that it

@@ -274,21 +274,29 @@ fn every_override_fits() {
 
 /// Starts a fit that would take for ever, interrupts it once it runs, and lets it come to its end.
 #[cfg(unix)]
-#[test]
-fn ctrl_c_saves_a_checkpoint_and_what_there_is() {
-    let place = folder();
-    let image = picture(place.path(), 24, 24);
-    let output = place.path().join("out");
+fn interrupted(place: &Path, flags: &[&str]) -> (Option<i32>, Vec<String>) {
+    let image = picture(place, 24, 24);
+    let output = place.join("out");
     let arguments = ["fit", image.to_str().unwrap(), "-o", output.to_str().unwrap(), "-n", "30", "-i", "4000000"];
-    let mut child = command().args(arguments).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    let mut fit = command();
+    let mut child = fit.args(arguments).args(flags).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     let mut lines = BufReader::new(child.stderr.take().unwrap()).lines().map(Result::unwrap);
     assert!(lines.any(|line| line.starts_with("fitting ")));
     std::thread::sleep(std::time::Duration::from_millis(300)); // the handler is set right after that line
     let sent = Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
     assert!(sent.success());
     let said: Vec<String> = lines.collect();
-    assert_eq!(child.wait().unwrap().code(), Some(130), "{said:?}");
+    (child.wait().unwrap().code(), said)
+}
 
+#[cfg(unix)]
+#[test]
+fn ctrl_c_saves_a_checkpoint_and_what_there_is() {
+    let place = folder();
+    let (status, said) = interrupted(place.path(), &[]);
+    assert_eq!(status, Some(130), "{said:?}");
+
+    let output = place.path().join("out");
     let checkpoint = output.join("checkpoint.safetensors");
     let way_on = format!("--resume {}", checkpoint.display());
     assert!(said.last().unwrap().contains(&way_on), "{said:?}");
@@ -296,6 +304,37 @@ fn ctrl_c_saves_a_checkpoint_and_what_there_is() {
     assert!(info["metadata"]["step"].as_str().unwrap().parse::<u32>().unwrap() > 0, "{info}");
     let names = names_in(&output);
     assert!(RESULTS.iter().all(|name| names.contains(&(*name).to_owned())), "{names:?}");
+}
+
+/// A file that no system takes: as on a full disk, nothing tells before the first checkpoint.
+fn file_of_a_too_long_name(place: &Path) -> String {
+    place.join("long".repeat(100)).to_str().unwrap().to_owned()
+}
+
+#[test]
+fn a_checkpoint_that_cannot_be_stored_does_not_take_the_fit_with_it() {
+    let place = folder();
+    let (image, output) = (picture(place.path(), 32, 24), place.path().join("out"));
+    let file = file_of_a_too_long_name(place.path());
+    let flags = ["--checkpoint", &file, "--checkpoint-every", "1"];
+    let run = gs(small(&image, &output).into_iter().chain(flags));
+    assert_eq!(run.status, Some(1), "{run:?}");
+    assert_eq!(run.stderr.matches("note: no checkpoint was stored: ").count(), 1, "{run:?}");
+    let line = run.stderr.lines().last().unwrap();
+    assert!(line.starts_with("error: ") && line.contains(&file) && line.contains("all results are written"), "{line}");
+    assert_eq!(names_in(&output), RESULTS);
+}
+
+#[cfg(unix)]
+#[test]
+fn ctrl_c_leaves_results_even_without_a_checkpoint() {
+    let place = folder();
+    let file = file_of_a_too_long_name(place.path());
+    let (status, said) = interrupted(place.path(), &["--checkpoint", &file]);
+    assert_eq!(status, Some(1), "{said:?}");
+    let line = said.last().unwrap();
+    assert!(line.contains("with results, but without this checkpoint") && line.ends_with("go on from"), "{line}");
+    assert_eq!(names_in(&place.path().join("out")), RESULTS);
 }
 
 #[test]

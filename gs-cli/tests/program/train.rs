@@ -196,7 +196,10 @@ fn a_long_training_that_is_killed_can_go_on() {
     let place = folder();
     let (dataset, _) = photographed(place.path());
     let output = place.path().join("out");
-    let checkpoint = output.join("checkpoint.safetensors");
+    fs::create_dir(&output).unwrap();
+    let earlier = output.join("checkpoint.safetensors");
+    fs::write(&earlier, "another run's").unwrap();
+    let checkpoint = output.join("checkpoint-2.safetensors");
     let words = ["train", text(&dataset), "-o", text(&output), "-i", "2000", "-n", "40", "--no-report"];
     let words = words.into_iter().chain(["--backend", "cpu", "--policy", "none"]);
     let mut child = command().args(words.clone()).stderr(Stdio::null()).spawn().unwrap();
@@ -234,6 +237,7 @@ fn a_scene_is_shown_from_views_orbits_and_paths() {
     let flags = ["--size", "40x30", "--up", "z", "--background", "white", "--antialias", "mip"];
     let run = gs(["render", text(&scene), "-o", text(&overview)].into_iter().chain(flags)).done();
     assert!(run.stderr.contains("order tile-depth, antialias mip, SH degree 0, background white"), "{run:?}");
+    assert_eq!(fs::read(&earlier).unwrap(), b"another run's");
     let seen = gs_io::read_image(&overview).unwrap().image;
     assert!(seen.pixels().iter().any(|p| p[0] < 0.5) && seen.pixel(0, 0) == [1.0; 3], "something, before white");
 
