@@ -14,7 +14,8 @@ DIR then holds:
   ellipses.png            the Gaussians drawn as ellipses over the reconstruction
   metrics.csv             count, edits and loss at every 100th part of the steps and at each round of density
                           control; at every 20th part and at both ends also L1, PSNR, what was culled and what was
-                          clamped, which cost a rendering; rows come as the fit goes on
+                          clamped, which cost a rendering; rows come as the fit goes on, in metrics.part.csv until it
+                          ends well
   curve.png               count and loss over the steps
   settings.toml           all settings, to repeat the fit with --settings
   summary.json            what --json prints

@@ -32,9 +32,9 @@ use crate::{
         observers::{Curve, LogFile, StopOnInterrupt},
         progress::Display,
         results::Results,
+        settings::Given,
         target::Target,
     },
-        settings::Given,
     interrupt::Interrupt,
     output::{self, Format},
 };
@@ -114,7 +114,7 @@ impl Task for Fit<'_> {
         let results = Results { folder: &folder, target, backend, effects, pictures, started, seconds_before };
         let ended = follow(args.detail(), &mut trainer, &mut log, &folder, &mut checkpoints);
         let ended = ended.and_then(|(outcome, curve)| {
-            let summary = results.write(rasterizer, &trainer, &log.to_csv(), &curve.0)?;
+            let summary = results.write(rasterizer, &trainer, &log, &curve.0)?;
             Ok((outcome, summary))
         });
         let resuming = |file: &Path| resuming(args, target, file);
@@ -248,8 +248,8 @@ mod tests {
         assert!(read_checkpoint(&state).is_ok());
         assert_eq!(place.path().read_dir().unwrap().count(), 2, "the folder and the checkpoint");
         let left: Vec<_> = output.read_dir().unwrap().map(|entry| entry.unwrap().file_name()).collect();
-        assert_eq!(left, ["metrics.csv"], "no results, and nothing half-written");
-        let metrics = std::fs::read_to_string(output.join("metrics.csv")).unwrap();
+        assert_eq!(left, ["metrics.part.csv"], "no results, and nothing half-written");
+        let metrics = std::fs::read_to_string(output.join("metrics.part.csv")).unwrap();
         assert!(metrics.lines().nth(1).is_some_and(|row| row.starts_with("1,")), "{metrics}");
     }
 

@@ -129,7 +129,7 @@ impl SpatialTask for Train<'_> {
         let results = Results { args, folder: &folder, backend, started, seconds_before };
         let ended = follow(args.detail(), &mut trainer, &mut log, &folder, &mut checkpoints);
         let ended = ended.and_then(|(outcome, curve)| {
-            let summary = results.write(&trainer, &log.to_csv(), &curve.0)?;
+            let summary = results.write(&trainer, &log, &curve.0)?;
             Ok((outcome, summary))
         });
         let resuming = |file: &Path| resuming(args, file);

@@ -272,7 +272,7 @@ fn every_override_fits() {
     }
 }
 
-/// Starts a fit that would take for ever, interrupts it once it runs, and lets it come to its end.
+/// Starts a fit that would take for ever, interrupts it once it runs, lets it come to its end, and returns its status and its lines.
 #[cfg(unix)]
 fn interrupted(place: &Path, flags: &[&str]) -> (Option<i32>, Vec<String>) {
     let image = picture(place, 24, 24);
@@ -351,10 +351,9 @@ fn results_that_cannot_be_written_do_not_take_the_others_with_them() {
     let line = run.stderr.lines().last().unwrap();
     assert!(line.contains("reconstruction.png") && line.ends_with("1 more of the results failed, too"), "{run:?}");
     gs_io::read_scene(output.join("scene.gs2d.safetensors")).unwrap();
-    for name in ["scene.ply", "curve.png", "ellipses.png", "metrics.csv"] {
+    for name in ["scene.ply", "curve.png", "ellipses.png", "metrics.csv", "summary.json"] {
         assert!(output.join(name).is_file(), "{name}");
     }
-    assert!(!output.join("summary.json").exists(), "it comes last, when all is well");
 
     // The scene itself is saved wherever there is room.
     fs::remove_file(output.join("scene.gs2d.safetensors")).unwrap();
@@ -390,8 +389,15 @@ fn a_fit_that_diverges_says_where_and_leaves_its_table() {
         assert!(line.contains(part), "{part}: {line}");
     }
     gs_io::read_checkpoint(&state).unwrap();
-    assert_eq!(names_in(&output), ["metrics.csv"]);
-    assert!(fs::read_to_string(output.join("metrics.csv")).unwrap().lines().nth(1).unwrap().starts_with("1,"));
+    assert_eq!(names_in(&output), ["metrics.part.csv"]);
+    assert!(fs::read_to_string(output.join("metrics.part.csv")).unwrap().lines().nth(1).unwrap().starts_with("1,"));
+
+    // An earlier fit's results stay whole beside it, until there are others.
+    gs(small(&image, &output)).done();
+    assert_eq!(names_in(&output), RESULTS);
+    let table = fs::read(output.join("metrics.csv")).unwrap();
+    assert_eq!(gs(words.into_iter().chain(["--backend", "cpu"])).status, Some(1));
+    assert!(fs::read(output.join("metrics.csv")).unwrap() == table && output.join("metrics.part.csv").exists());
 }
 
 #[test]
