@@ -29,7 +29,7 @@ use crate::{
     },
     output,
     shown::ShownArgs,
-    values::{Axis, Size},
+    values::{Axis, Size, canvas},
 };
 
 const AFTER_HELP: &str = "\
@@ -139,14 +139,6 @@ impl Subject {
         let seen = format!("{} of {} {which} of {}", cameras.len(), all.len(), path.display());
         Ok(Self::Spatial { scene, cameras, wanted, seen })
     }
-}
-
-/// The whole of a plane of this size, in as many pixels or as the flag says.
-fn canvas((width, height): (u32, u32), size: Option<Size>) -> Result<Canvas, Failure> {
-    let whole = Canvas::new(width, height);
-    let canvas = size.map_or(whole, |Size { width, height }| whole.resized(width, height));
-    canvas.validate().map_err(|error| Failure::usage(error).at("--size"))?;
-    Ok(canvas)
 }
 
 struct Examine<'a> {
