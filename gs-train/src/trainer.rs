@@ -8,7 +8,7 @@ use gs_core::{
     edit::{AfterEdit, EditCounts, PruneCause, Removal},
     effects::Statistics,
 };
-use gs_density::{DensityPolicy, Observation, Rng};
+use gs_density::{DensityGaussian, DensityPolicy, Observation, Rng};
 use gs_io::Checkpoint;
 use rand::SeedableRng;
 
