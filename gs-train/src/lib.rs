@@ -26,6 +26,7 @@ mod settings;
 pub mod spatial;
 pub mod statistics;
 mod summary;
+mod suspect;
 mod targets;
 mod trainer;
 
@@ -37,7 +38,7 @@ struct Readme;
 pub use crate::{
     clamped::Clamped,
     course::{Course, Due, RunSettings, Trainable},
-    error::{Error, Suspect},
+    error::Error,
     fit::{Fit, fit},
     init::Init,
     metrics_log::{MetricsLog, MetricsRow},
@@ -48,6 +49,7 @@ pub use crate::{
     settings::{ColorSolve, FitSettings, InitialCount},
     spatial::{SpatialPreset, SpatialSettings, SpatialTrainer},
     summary::FitSummary,
+    suspect::Suspect,
     targets::{
         DiscAndSquare, Fill, PAPER_DISC, PAPER_SIDE_PX, PAPER_SQUARE, SyntheticTarget, paper_target, thin_lines,
     },

@@ -16,9 +16,10 @@ use crate::{
     checkpoint::Record,
     clamped::Clamped,
     course::{Course, Due, RunSettings, Trainable},
-    error::{Error, Suspect},
+    error::Error,
     losses::Losses,
     observer::{Control, Observer, Progress, Quality},
+    suspect::Suspect,
 };
 
 /// How a run ended.
@@ -201,7 +202,11 @@ impl<'a, R: Rasterizer<S>, S: Trainable> Trainer<'a, R, S> {
     fn check_divergence(&self) -> Result<(), Error> {
         match self.losses.diverged() {
             None => Ok(()),
-            Some((step, loss)) => Err(Error::Diverged { step, loss, suspect: self.suspect() }),
+            Some((step, loss)) => Err(Error::Diverged {
+                step,
+                loss,
+                suspect: self.scene().ok().and_then(|scene| Suspect::of(&scene)).map(Box::new),
+            }),
         }
     }
 
@@ -274,24 +279,6 @@ impl<'a, R: Rasterizer<S>, S: Trainable> Trainer<'a, R, S> {
             edits.get_or_insert_default().accumulate(&counts);
         }
         Ok(())
-    }
-
-    /// The Gaussian to name when the loss is not finite: the first whose parameters are not, or else the one with the largest.
-    fn suspect(&self) -> Option<Box<Suspect>> {
-        let scene = self.scene().ok()?;
-        let worst = |index: usize| {
-            let gaussian = scene.gaussian(index);
-            let values = S::parameters(&gaussian).into_iter().flat_map(|(_, values)| values);
-            let largest = values.fold(0.0f32, |m, v| if v.is_finite() { m.max(v.abs()) } else { f32::INFINITY });
-            if gaussian.opacity_logit().is_nan() { f32::INFINITY } else { largest }
-        };
-        let worst: Vec<f32> = (0..scene.len()).map(worst).collect();
-        let not_finite = worst.iter().filter(|&&worst| worst == f32::INFINITY).count();
-        // The first of several equals.
-        let index = (0..scene.len()).reduce(|a, b| if worst[b] > worst[a] { b } else { a })?;
-        let gaussian = scene.gaussian(index);
-        let (parameters, opacity_logit) = (S::parameters(&gaussian), gaussian.opacity_logit());
-        Some(Box::new(Suspect { index, parameters, opacity_logit, not_finite }))
     }
 
     /// How good the scene is now, from renderings made for it.

@@ -14,7 +14,8 @@ DIR then holds:
   ellipses.png            the Gaussians drawn as ellipses over the reconstruction
   metrics.csv             count, edits and loss at every 100th part of the steps and at each round of density
                           control; at every 20th part and at both ends also L1, PSNR, what was culled and what was
-                          clamped, which cost a rendering; rows come as the fit goes on
+                          clamped, which cost a rendering; rows come as the fit goes on, in metrics.part.csv until it
+                          ends well
   curve.png               count and loss over the steps
   settings.toml           all settings, to repeat the fit with --settings
   summary.json            what --json prints
@@ -141,8 +142,8 @@ pub(crate) struct SettingsArgs {
 #[derive(Debug, Clone, Args)]
 #[command(next_help_heading = "Checkpoints")]
 pub(crate) struct CheckpointArgs {
-    /// Where checkpoints go [default: DIR/checkpoint.safetensors, on Ctrl-C; gs train also stores some on the way, and removes the file when it
-    /// is done]
+    /// Where checkpoints go [default: DIR/checkpoint.safetensors, or checkpoint-2 and so on where another run's is there, on Ctrl-C; gs train
+    /// also stores some on the way, and removes its file when it is done]
     #[arg(long, value_name = "FILE")]
     pub(crate) checkpoint: Option<PathBuf>,
     /// Save one about every so many steps [default: a tenth of all, if --checkpoint is given or a training has 2000 or more]

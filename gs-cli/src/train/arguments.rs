@@ -23,12 +23,12 @@ DIR then holds:
   evaluation.json  PSNR, SSIM and L1 of each held-out view, and their means
   metrics.csv      count, edits and loss at every 100th part of the steps and at each round of density control; at every
                    20th part and at both ends also PSNR, L1 and what was culled, over the held-out views, and what was
-                   clamped; rows come as the training goes on
+                   clamped; rows come as the training goes on, in metrics.part.csv until it ends well
   curve.png        count and loss over the steps
   settings.toml    all settings, to repeat the training with --settings
   summary.json     what --json prints
 
-Files of an earlier training in DIR are replaced, or removed where this one has none of the kind; checkpoints stay, and so does whatever no
+Files of an earlier training in DIR are replaced, or removed where this one has none of the kind; its checkpoints stay, and so does whatever no
 training wrote into views/. DIR cannot be the data set's own folder, nor hold its photographs.
 
 A data set that does not say which views are for tests has every 8th held out (--holdout). Without any, a few of the views that it

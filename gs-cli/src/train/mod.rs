@@ -30,7 +30,11 @@ pub(crate) use self::{
 use crate::{
     backend::{Backend, SpatialTask},
     failure::Failure,
-    fit::{check_checkpoint_file, checkpoints, folder::OutputFolder, follow, quoted, with_way_on},
+    fit::{
+        checkpoints::{Checkpoints, check_checkpoint_file},
+        folder::OutputFolder,
+        follow, quoted,
+    },
     output::{self, Format},
     train::results::Results,
 };
@@ -44,7 +48,7 @@ const LONG: u32 = 2_000;
 /// Where data set, flags or output folder are not possible, where the training diverges or loses its GPU, or where Ctrl-C stopped it.
 pub(crate) fn run(args: &TrainArgs) -> Result<(), Failure> {
     let started = Instant::now();
-    check_checkpoint_file(&args.checkpoints, &args.output)?;
+    check_checkpoint_file(&args.checkpoints)?;
     let dataset = read_dataset(&args.dataset, &args.photographs.settings())?;
     pictures::keep_off(&dataset, &args.output)?;
     let begin = match &args.resume {
@@ -117,19 +121,19 @@ impl SpatialTask for Train<'_> {
         let folder = OutputFolder::prepare(&args.output, "--output")?;
         let iterations = trainer.settings().iterations;
         let unasked = (iterations >= LONG).then_some(iterations / 10);
-        let mut checkpoints = checkpoints(&args.checkpoints, &folder, iterations, unasked)?;
+        let resumed = args.resume.as_deref();
+        let mut checkpoints = Checkpoints::prepare(&args.checkpoints, &folder, iterations, unasked, resumed)?;
         announce(args, dataset, &told, &trainer);
 
         let seconds_before = args.resume.as_ref().map_or(0.0, |_| trainer.seconds());
         let results = Results { args, folder: &folder, backend, started, seconds_before };
         let ended = follow(args.detail(), &mut trainer, &mut log, &folder, &mut checkpoints);
         let ended = ended.and_then(|(outcome, curve)| {
-            let summary = results.write(&trainer, &log.to_csv(), &curve.0)?;
+            let summary = results.write(&trainer, &log, &curve.0)?;
             Ok((outcome, summary))
         });
-        let (outcome, summary) = ended.map_err(|failure| {
-            with_way_on(failure, &checkpoints, args.resume.as_deref(), |file| resuming(args, file))
-        })?;
+        let resuming = |file: &Path| resuming(args, file);
+        let (outcome, summary) = ended.map_err(|failure| checkpoints.with_way_on(failure, resuming))?;
         if outcome == Outcome::Finished && checkpoints.stored && !args.checkpoints.are_asked_for() {
             // What stays behind is no harm.
             let _ = std::fs::remove_file(&checkpoints.file);
@@ -138,14 +142,7 @@ impl SpatialTask for Train<'_> {
             Format::Json => output::json(&summary)?,
             Format::Text => output::note(summary.text(folder.path())),
         }
-        match outcome {
-            Outcome::Finished => Ok(()),
-            Outcome::Stopped => Err(Failure::interrupted(format_args!(
-                "stopped after step {}; to go on: {}",
-                trainer.step(),
-                resuming(args, &checkpoints.file)
-            ))),
-        }
+        checkpoints.conclude(outcome, trainer.step(), &args.checkpoints, resuming)
     }
 }
 
