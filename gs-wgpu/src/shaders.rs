@@ -141,7 +141,7 @@ shaders! {
     "spatial/project" after "counted" after "spatial/spatial": ["spatial_project"],
     "spatial/place": ["place"],
     "scan": ["scan_blocks", "scan_sums", "scan_spread"],
-    "sizes": ["sizes"],
+    "sizes": ["sizes", "stop_unfinished"],
     "bin" after "least_depth": ["bin"],
     "sort": ["sort_count", "sort_scatter"],
     "ranges" after "counted": ["ranges"],
