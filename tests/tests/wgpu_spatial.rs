@@ -303,8 +303,7 @@ fn a_step_that_cannot_put_all_in_order_changes_nothing() {
     assert!(r.save(&cloud).unwrap() == before, "the cloud has changed");
 
     // The cloud goes on from there.
-    let step =
-        TrainStep { settings: &in_order_of_means, loss: Loss::L2, rates: &rates, binning: Binning::Fresh };
+    let step = TrainStep { settings: &in_order_of_means, loss: Loss::L2, rates: &rates, binning: Binning::Fresh };
     r.train_step(&mut cloud, &view, &target, &step).unwrap();
     r.losses(&mut cloud, Wait::All, &mut losses).unwrap();
     assert!(losses.len() == 1 && r.save(&cloud).unwrap() != before, "{losses:?}");
