@@ -3,6 +3,7 @@
 use std::{num::NonZero, sync::OnceLock};
 
 use gs_conformance::{
+    Failure,
     bits::bits,
     conformance::{cases, check_gradients, check_image},
     oracle::{AdamReference, Oracle, OracleScene},
