@@ -8,7 +8,7 @@ mod team;
 use std::{env::consts, num::NonZero, thread::available_parallelism};
 
 use clap::{Args, Parser, ValueEnum, builder::NonEmptyStringValueParser};
-use gs_core::{PlanarScene, Rasterizer, SpatialScene, profile::Profiler};
+use gs_core::{Chart, Error, PlanarScene, Rasterizer, SpatialScene, profile::Profiler};
 use gs_cpu::{CpuRasterizer, CpuSettings, CpuTuning, SimdLevel};
 use gs_study::Machine;
 use gs_wgpu::{AdapterSummary, Kernels, WgpuRasterizer, WgpuSettings};
@@ -114,6 +114,22 @@ impl Backend {
     /// Bad usage where flags contradict each other, the machine has no such SIMD level or adapter, or cannot start so many
     /// threads; a failure where there is no adapter at all, or it gives no device.
     pub(crate) fn start(args: &BackendArgs) -> Result<Self, Failure> {
+        Self::start_suited(args, |_| Ok(()))
+    }
+
+    /// The same for training in space in this chart: where the flags leave open what computes, a GPU that does not offer the chart is passed by.
+    ///
+    /// # Errors
+    /// As [`Self::start`].
+    pub(crate) fn start_in_space(args: &BackendArgs, chart: Chart) -> Result<Self, Failure> {
+        Self::start_suited(args, |gpu| gpu.upload(&SpatialScene::default(), chart).map(drop))
+    }
+
+    /// A GPU of which `suits` is an error is passed by, unless it was asked for.
+    fn start_suited(
+        args: &BackendArgs,
+        suits: impl FnOnce(&WgpuRasterizer) -> Result<(), Error>,
+    ) -> Result<Self, Failure> {
         let threads = match args.threads {
             Some(count) => Threads { count: count.into(), why: "threads as asked" },
             None => Threads { count: available_parallelism().map_or(1, NonZero::get), why: "one thread a core" },
@@ -121,7 +137,7 @@ impl Backend {
         let backend = match wanted(args)? {
             Wanted::Cpu { why } => Self::cpu(args.simd.as_deref(), args.tuning, &threads, why),
             Wanted::Wgpu { adapter } => Ok(Self::wgpu(named(adapter, args.kernels)?, &threads, "as asked")),
-            Wanted::Fastest => match fastest::find() {
+            Wanted::Fastest => match fastest::find(suits) {
                 Fastest::Gpu(gpu) => Ok(Self::wgpu(*gpu, &threads, "a GPU was found")),
                 Fastest::Cpu { why } => Self::cpu(None, args.tuning, &threads, &why),
             },

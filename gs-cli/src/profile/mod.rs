@@ -101,7 +101,10 @@ pub(crate) fn run(args: &ProfileArgs) -> Result<(), Failure> {
         }
         _ => AnySubject::Planar(Box::new(Subject::load(args)?)),
     };
-    let backend = Backend::start(&args.backend)?;
+    let backend = match &subject {
+        AnySubject::Planar(_) => Backend::start(&args.backend),
+        AnySubject::Spatial(subject) => Backend::start_in_space(&args.backend, subject.chart),
+    }?;
     let folder = args.output.as_ref().map(|path| OutputFolder::prepare(path, "--output")).transpose()?;
     let repetitions = args.repetitions as usize;
     let report = match subject {

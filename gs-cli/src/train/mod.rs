@@ -12,7 +12,7 @@ use std::{
     time::Instant,
 };
 
-use gs_core::{Rasterizer, SpatialScene};
+use gs_core::{Chart, Rasterizer, SpatialScene};
 use gs_io::{
     Checkpoint,
     dataset::{Dataset, Split, read_dataset},
@@ -60,7 +60,7 @@ pub(crate) fn run(args: &TrainArgs) -> Result<(), Failure> {
             Begin::Fresh { settings: Box::new(settings), start, told }
         }
     };
-    let backend = Backend::start(&args.backend)?;
+    let backend = Backend::start_in_space(&args.backend, begin.chart())?;
     backend.run_spatial(Train { args, dataset: &dataset, begin, backend: &backend, started })
 }
 
@@ -77,6 +77,13 @@ enum Begin {
 }
 
 impl Begin {
+    fn chart(&self) -> Chart {
+        match self {
+            Self::Fresh { settings, .. } => settings.chart,
+            Self::Resumed(checkpoint, _) => checkpoint.state.chart,
+        }
+    }
+
     /// The training where it begins, its log up to there, and the beginning in words.
     fn begin<'r, R: Rasterizer<SpatialScene>>(
         self,

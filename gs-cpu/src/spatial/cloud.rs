@@ -9,7 +9,7 @@ use std::ops::Range;
 use glam::{Mat3, Vec3};
 use gs_core::{
     Chart, CloudState, DensityStatistics, EditPlan, Error, Scene, SpatialGaussian, SpatialScene,
-    edit::Source,
+    edit::{Moments, Source},
     local_frame::{self, Framed, Symmetric3},
     perspective::Ellipsoid,
     scene::{logit, sigmoid},
@@ -90,7 +90,7 @@ pub(crate) fn sh(row: &[f32]) -> &[[f32; 3]] {
     row[SH..].as_chunks().0
 }
 
-/// Puts a shape into a row. One without direction has none in a frame either: it becomes NaN there, and is culled and pruned.
+/// Puts a shape into a row. One without direction has no frame: that is zeros.
 fn write_shape(chart: Chart, log_scale: Vec3, rotation: [f32; 4], row: &mut [f32]) {
     match chart {
         Chart::ScaleRotation => {
@@ -98,7 +98,7 @@ fn write_shape(chart: Chart, log_scale: Vec3, rotation: [f32; 4], row: &mut [f32
             row[ROTATION].copy_from_slice(&rotation);
         }
         Chart::LocalFrame => {
-            let frame = local_frame::frame_of(log_scale, rotation).unwrap_or(Mat3::NAN);
+            let frame = local_frame::frame_of(log_scale, rotation).unwrap_or(Mat3::ZERO);
             row[FRAME].copy_from_slice(&frame.to_cols_array());
         }
     }
@@ -217,6 +217,12 @@ impl SpatialCloud {
                 Source::Kept(i) => row.copy_from_slice(&self.parameters[i as usize * pitch..][..pitch]),
                 Source::Changed { change, .. } => self.write(&plan.changed[change as usize].gaussian, row),
                 Source::Added(k) => self.write(&plan.added[k as usize].gaussian, row),
+            }
+            let heir_of = plan.origin(source, Moments::heir_of).filter(|_| !matches!(source, Source::Kept(_)));
+            if let (Chart::LocalFrame, Some(i)) = (self.chart, heir_of) {
+                let parent = frame(&self.parameters[i as usize * pitch..]);
+                let aligned = local_frame::aligned(frame(row), parent);
+                row[FRAME].copy_from_slice(&aligned.to_cols_array());
             }
         }
         self.parameters = parameters;
