@@ -7,6 +7,7 @@
 //! Legend: K = what is collected besides (`collect`); t = w·v_w; S = Σ over the entry's pixels of t times 1, dx, u, dx², dx·u, u².
 
 use fearless_simd::{Simd, prelude::*};
+use gs_core::guards::Guard;
 
 use crate::{
     bin::Entry,
@@ -65,7 +66,9 @@ impl<V> Weights<V> {
         let cu = u * self.c;
         self.w = exp(simd, fma(cu * u, splat(simd, -0.5), self.across));
         // Lanes that the lower clamp touches do not come above the cut before the next start.
-        let fall = (cu + 0.5 * self.c).max(splat::<S, V>(simd, -80.0)).min(splat::<S, V>(simd, 80.0));
+        let fall = cu + 0.5 * self.c;
+        let within = fall.max(splat::<S, V>(simd, -80.0)).min(splat::<S, V>(simd, 80.0));
+        let fall = if Guard::GrowthRange.is_on() { within } else { fall };
         self.growth = exp_less(simd, -fall, self.base);
     }
 

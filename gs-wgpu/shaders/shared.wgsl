@@ -203,13 +203,13 @@ fn exp2_exact4(x: vec4f) -> vec4f {
     p = fma(p, r, vec4f(2.402264791363012e-1));
     p = fma(p, r, vec4f(6.931472028550421e-1));
     p = fma(p, r, vec4f(1.0));
-    let power = bitcast<vec4f>(vec4u(vec4i(max(n, vec4f(-126.0))) + 127) << vec4u(23u));
-    return select(vec4f(0.0), p * power, x >= vec4f(-126.0));
+    let power = bitcast<vec4f>(vec4u(vec4i(max(n, vec4f(-MAX_EXPONENT_2))) + 127) << vec4u(23u));
+    return select(vec4f(0.0), p * power, x >= vec4f(-MAX_EXPONENT_2));
 }
 
 // 2^x of x within [-126, 126], and outside of the nearer bound.
 fn exp2_within(x: f32) -> f32 {
-    let y = clamp(x, -126.0, 126.0);
+    let y = clamp(x, -MAX_EXPONENT_2, MAX_EXPONENT_2);
     let n = round(y);
     let r = y - n;
     var p = fma(1.535336188319500e-4, r, 1.339887440266574e-3);
@@ -223,7 +223,7 @@ fn exp2_within(x: f32) -> f32 {
 
 // 2^x of x <= 0; 0 below 2^-126.
 fn exp2_exact(x: f32) -> f32 {
-    return select(0.0, exp2_within(x), x >= -126.0);
+    return select(0.0, exp2_within(x), x >= -MAX_EXPONENT_2);
 }
 
 fn weights(exponent: vec4f) -> vec4f {
@@ -236,7 +236,7 @@ fn weights(exponent: vec4f) -> vec4f {
 
 // e^x, |x| clamped to 87.
 fn exp_exact(x: f32) -> f32 {
-    let y = clamp(x, -87.0, 87.0);
+    let y = clamp(x, -MAX_EXPONENT_E, MAX_EXPONENT_E);
     let n = round(y * LOG2_E);
     let r = fma(n, 2.12194440e-4, fma(n, -0.693359375, y));
     var p = fma(1.9875691500e-4, r, 1.3981999507e-3);
@@ -366,13 +366,18 @@ fn tile_columns(s: Splat) -> vec2u {
     return vec2u(columns.x / TILE_COLUMNS, (columns.y - 1u) / TILE_COLUMNS + 1u);
 }
 
+// What rounding has made negative, as 0.
+fn not_negative(square: f32) -> f32 {
+    return select(square, max(square, 0.0), GUARD_ELLIPSE_ROOT);
+}
+
 // First and end of the image rows in which the cut's ellipse meets a column of tiles.
 fn rows_in_column(s: Splat, column: u32) -> vec2u {
     let left = max(f32(column * TILE_COLUMNS) + 0.5 - s.mean.x, -s.half_x);
     let right = min(f32((column + 1u) * TILE_COLUMNS) - 0.5 - s.mean.x, s.half_x);
     let bottom_dx = clamp(s.lowest_dx, left, right);
     let top_dx = clamp(-s.lowest_dx, left, right);
-    let up = sqrt(max(s.reach - top_dx * top_dx * s.inverse_xx, 0.0) / s.c) - s.slope * top_dx;
-    let down = sqrt(max(s.reach - bottom_dx * bottom_dx * s.inverse_xx, 0.0) / s.c) + s.slope * bottom_dx;
+    let up = sqrt(not_negative(s.reach - top_dx * top_dx * s.inverse_xx) / s.c) - s.slope * top_dx;
+    let down = sqrt(not_negative(s.reach - bottom_dx * bottom_dx * s.inverse_xx) / s.c) + s.slope * bottom_dx;
     return pixels_between(s.mean.y, up, down, step.size.y);
 }
