@@ -54,16 +54,12 @@ guards! {
     ZeroDirection = "zero-direction",
     /// A gradient through a frame that dilation alone gives an area is 0: L′⁻¹ does not exist.
     SingularFrame = "singular-frame",
-    /// The dx at which the cut's ellipse is asked for its height may be beyond it by a rounding: √ of what is negative.
-    EllipseRoot = "ellipse-root",
     /// α is no more than [`ALPHA_MAX`](crate::constants::ALPHA_MAX): the backward pass divides by 1 − α.
     AlphaMax = "alpha-max",
     /// A pixel is full below [`TRANSMITTANCE_MIN`](crate::constants::TRANSMITTANCE_MIN).
     Full = "full",
     /// Exponentials that are made from the bits of their result are 0, or the smallest or largest there is, where that has no bits.
     ExponentRange = "exponent-range",
-    /// The factor from row to row that the recurrence of weights starts with is within e^±80.
-    GrowthRange = "growth-range",
     /// The recurrence of weights starts afresh before it can leave the range of `f32`, and does not run along narrow Gaussians.
     Restart = "restart",
     /// The recurrence's factor is held less 1 where it is near 1, so that its rounding does not add up.

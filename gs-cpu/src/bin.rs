@@ -4,7 +4,7 @@
 //! listed that a Gaussian cannot touch above the cut. Entries of a tile stand in the order of places, whatever the number of
 //! threads.
 
-use gs_core::{Error, guards::Guard};
+use gs_core::Error;
 use rayon::prelude::*;
 
 use crate::{
@@ -204,8 +204,7 @@ fn pixels(mean: f32, before: f32, after: f32, side: usize) -> Option<(usize, usi
 
 /// Lowest and highest dy of the cut's ellipse over dx in [left, right], which it meets.
 fn vertical_extent(splat: &Splat, left: f32, right: f32) -> (f32, f32) {
-    let least = if Guard::EllipseRoot.is_on() { 0.0 } else { f32::NEG_INFINITY };
-    let offset_at = |dx: f32| ((splat.reach - dx * dx * splat.inverse_xx).max(least) / splat.c).sqrt();
+    let offset_at = |dx: f32| ((splat.reach - dx * dx * splat.inverse_xx).max(0.0) / splat.c).sqrt();
     let bottom_dx = splat.lowest_dx.clamp(left, right);
     let top_dx = (-splat.lowest_dx).clamp(left, right);
     (splat.slope * top_dx - offset_at(top_dx), splat.slope * bottom_dx + offset_at(bottom_dx))

@@ -366,18 +366,13 @@ fn tile_columns(s: Splat) -> vec2u {
     return vec2u(columns.x / TILE_COLUMNS, (columns.y - 1u) / TILE_COLUMNS + 1u);
 }
 
-// What rounding has made negative, as 0.
-fn not_negative(square: f32) -> f32 {
-    return select(square, max(square, 0.0), GUARD_ELLIPSE_ROOT);
-}
-
 // First and end of the image rows in which the cut's ellipse meets a column of tiles.
 fn rows_in_column(s: Splat, column: u32) -> vec2u {
     let left = max(f32(column * TILE_COLUMNS) + 0.5 - s.mean.x, -s.half_x);
     let right = min(f32((column + 1u) * TILE_COLUMNS) - 0.5 - s.mean.x, s.half_x);
     let bottom_dx = clamp(s.lowest_dx, left, right);
     let top_dx = clamp(-s.lowest_dx, left, right);
-    let up = sqrt(not_negative(s.reach - top_dx * top_dx * s.inverse_xx) / s.c) - s.slope * top_dx;
-    let down = sqrt(not_negative(s.reach - bottom_dx * bottom_dx * s.inverse_xx) / s.c) + s.slope * bottom_dx;
+    let up = sqrt(max(s.reach - top_dx * top_dx * s.inverse_xx, 0.0) / s.c) - s.slope * top_dx;
+    let down = sqrt(max(s.reach - bottom_dx * bottom_dx * s.inverse_xx, 0.0) / s.c) + s.slope * bottom_dx;
     return pixels_between(s.mean.y, up, down, step.size.y);
 }
