@@ -13,6 +13,7 @@ use glam::{DMat3, DQuat, DVec3, Mat3, Quat, Vec3};
 use crate::{
     adam::AdamRates,
     constants::{MAX_ETA, MIN_QUATERNION_NORM2},
+    guards::Guard,
     perspective::{Quaternion, quaternion_vjp},
     scene::SpatialGaussian,
 };
@@ -166,13 +167,14 @@ impl SpatialGaussian {
 /// not finite stays so: it must be seen and pruned; and so does one of zeros, which has no direction to grow in.
 #[inline]
 pub fn stretched(frame: Mat3, eta: Symmetric3, rates: &AdamRates) -> Mat3 {
-    let eta = symmetric(eta.map(|entry| entry.clamp(-MAX_ETA, MAX_ETA)));
+    let most = if Guard::MaxEta.is_on() { MAX_ETA } else { f32::INFINITY };
+    let eta = symmetric(eta.map(|entry| entry.clamp(-most, most)));
     let m = frame + frame * (eta + eta * eta * 0.5);
     // The largest scale is at most the Frobenius norm of M, and the inverse of the smallest that of M⁻¹ = (cofactors of M)ᵀ/|M|.
     let cofactors = Mat3::from_cols(m.y_axis.cross(m.z_axis), m.z_axis.cross(m.x_axis), m.x_axis.cross(m.y_axis));
     let determinant = m.x_axis.dot(cofactors.x_axis);
     let suspicious = determinant.abs() <= rates.min_scale * frobenius(&cofactors) || frobenius(&m) > rates.max_scale;
-    if suspicious { bounded(m, rates) } else { m }
+    if suspicious && Guard::ScaleBounds.is_on() { bounded(m, rates) } else { m }
 }
 
 /// M with its scales moved into their bounds, its axes on either side as they are.
@@ -203,7 +205,10 @@ pub fn by_scale_rotation(frame: Mat3, stretch: Symmetric3) -> (Vec3, [f32; 4]) {
     let v = turn.transpose() * symmetric(stretch).as_dmat3() * turn;
     let [a, b, c] = log_scale.as_dvec3().to_array();
     // A turn between two axes of which one has no extent (ln 0) is none.
-    let about = |v: f64, log_ratio: f64| Some(2.0 * v * log_ratio.sinh()).filter(|v| v.is_finite()).unwrap_or(0.0);
+    let about = |v: f64, log_ratio: f64| {
+        let turned = 2.0 * v * log_ratio.sinh();
+        if turned.is_finite() || !Guard::FlatTurn.is_on() { turned } else { 0.0 }
+    };
     let v_turn = DVec3::new(about(v.y_axis.z, b - c), about(v.z_axis.x, c - a), about(v.x_axis.y, a - b));
     let v_turn = principal.axes * v_turn;
     let v_log_scale = DVec3::new(v.x_axis.x, v.y_axis.y, v.z_axis.z);

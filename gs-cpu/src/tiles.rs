@@ -4,7 +4,6 @@ use fearless_simd::{Level, dispatch};
 use glam::Vec2;
 use gs_core::{
     Accuracy, Blend, Effects, Error, Loss, RenderSettings,
-    constants::MAX_RESIDUAL,
     effects::{Order, Statistics},
     statistics::Culled,
 };
@@ -17,6 +16,7 @@ use crate::{
     collect::{Nothing, collecting, numbers},
     dssim,
     layout::{Cuts, Grid, MOST_ROWS_OVER, Row, ScalarRow, TileBuffers, for_each_tile},
+    loss::bounded_residual,
     splat::{Received, Splat},
     tuning::CpuTuning,
 };
@@ -274,8 +274,7 @@ impl Tiles {
     }
 }
 
-/// Takes the target off a tile's values: Σ of the squares of what remains, which is then put within ±[`MAX_RESIDUAL`]; lanes beyond the image
-/// become 0.
+/// Takes the target off a tile's values: Σ of the squares of what remains, which is then bounded as L2 bounds it; lanes beyond the image become 0.
 #[inline(always)]
 fn square_sum(rows: &mut [Row], target: &[Row], inside: usize) -> f64 {
     let mut lanes = [0.0f32; 16];
@@ -289,7 +288,7 @@ fn square_sum(rows: &mut [Row], target: &[Row], inside: usize) -> f64 {
                 channel[inside..].fill(0.0);
                 for i in 0..16 {
                     lanes[i] += channel[i] * channel[i];
-                    channel[i] = channel[i].clamp(-MAX_RESIDUAL, MAX_RESIDUAL);
+                    channel[i] = bounded_residual(channel[i]);
                 }
             }
         }

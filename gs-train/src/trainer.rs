@@ -7,6 +7,7 @@ use gs_core::{
     Binning, DensityStatistics, EditPlan, PlanarScene, Rasterizer, Wait,
     edit::{AfterEdit, EditCounts, PruneCause, Removal},
     effects::Statistics,
+    guards::Guard,
 };
 use gs_density::{DensityGaussian, DensityPolicy, Observation, Rng};
 use gs_io::Checkpoint;
@@ -268,7 +269,8 @@ impl<'a, R: Rasterizer<S>, S: Trainable> Trainer<'a, R, S> {
     /// Takes out what has become NaN or infinite since the last round; it draws nothing, and no file would take it.
     fn drop_not_finite(&mut self, edits: &mut Option<EditCounts>) -> Result<(), Error> {
         let scene = self.rasterizer.download(&self.cloud)?;
-        let lost = (0..scene.len()).filter(|&index| !scene.gaussian(index).is_finite());
+        let lost =
+            (0..scene.len()).filter(|&index| !scene.gaussian(index).is_finite() && Guard::PruneNotFinite.is_on());
         let removed: Vec<Removal> =
             lost.map(|index| Removal { index: index as u32, cause: PruneCause::NotFinite }).collect();
         if !removed.is_empty() {

@@ -265,6 +265,7 @@ impl Tiles {
     /// What this pass tells the device, but for what the kind of scene adds.
     pub(crate) fn describe(&self, gpu: &Gpu, loss: Option<Loss>, rates: Option<&AdamRates>) -> Step {
         let (accuracy, values) = (&self.settings.accuracy, 3.0 * self.pixels() as f64);
+        let (alpha_max, transmittance_min) = accuracy.guarded_limits();
         let (pointwise, dssim) = match loss {
             Some(Loss::L1Dssim { lambda }) => (1.0 - f64::from(lambda), f64::from(lambda)),
             _ => (1.0, 0.0),
@@ -275,8 +276,8 @@ impl Tiles {
             backdrop: self.settings.backdrop(),
             gaussians: self.gaussians,
             alpha_cut: accuracy.alpha_cut,
-            alpha_max: accuracy.alpha_max,
-            transmittance_min: accuracy.transmittance_min,
+            alpha_max,
+            transmittance_min,
             entry_capacity: self.capacity as u32,
             pointwise_scale: (pointwise / values) as f32,
             dssim_scale: (dssim / values) as f32,

@@ -5,7 +5,9 @@ use glam::Vec3;
 use gs_core::{
     AdamRates, Chart, Participants, Penalty, SpatialScene,
     adam::Rate,
+    constants::VANISHING_MOMENT,
     effects::Statistics,
+    guards::Guard,
     local_frame::{stretched, sum_of_scales_vjp},
     scene::sigmoid,
 };
@@ -23,9 +25,6 @@ pub(crate) const GROUPS: usize = 6;
 
 /// Gaussians a task handles.
 const CHUNK: usize = 256;
-
-/// Moments below this are 0: denormals cost time and move nothing.
-const VANISHING: f32 = 1e-30;
 
 /// The group of each number in a row's first vector, by chart; all that follow are of the last group. What a chart leaves empty stays 0.
 fn groups_of(chart: Chart) -> [usize; LANES] {
@@ -127,6 +126,7 @@ fn move_row<S: Simd>(simd: S, row: Row<'_>, step: &Step<'_>, steps: u32) {
     let mut lanes = Lanes::<S>::of_first(simd, step, bias);
     let zero: Whole<S> = splat(simd, 0.0);
     let epsilon: Whole<S> = splat(simd, step.rates.epsilon);
+    let vanishing: Whole<S> = splat(simd, if Guard::VanishingMoment.is_on() { VANISHING_MOMENT } else { 0.0 });
     for at in (0..row.parameters.len()).step_by(LANES) {
         if at == LANES {
             lanes = Lanes::of_rest(simd, step, bias);
@@ -138,9 +138,8 @@ fn move_row<S: Simd>(simd: S, row: Row<'_>, step: &Step<'_>, steps: u32) {
         };
         let g = bounded_derivative(simd, g);
         let m = load::<S, Whole<S>>(simd, row.first, at).mul_add(lanes.beta1, g * (1.0 - lanes.beta1));
-        let m = m.abs().simd_lt(splat::<S, Whole<S>>(simd, VANISHING)).select(zero, m);
+        let m = m.abs().simd_lt(vanishing).select(zero, m);
         let v = load::<S, Whole<S>>(simd, row.second, at).mul_add(lanes.beta2, g * g * (1.0 - lanes.beta2));
-        let v = v.simd_lt(splat::<S, Whole<S>>(simd, VANISHING * VANISHING)).select(zero, v);
         store(m, row.first, at);
         store(v, row.second, at);
         let moved = lanes.rate * (m * lanes.first) / ((v * lanes.second).sqrt() + epsilon);
@@ -154,7 +153,9 @@ fn move_row<S: Simd>(simd: S, row: Row<'_>, step: &Step<'_>, steps: u32) {
         let [floor, ceiling] = step.log_scales;
         for scale in &mut row.parameters[LOG_SCALE] {
             // NaN stays: it must be seen and pruned.
-            if *scale < floor {
+            if !Guard::ScaleBounds.is_on() {
+                break;
+            } else if *scale < floor {
                 *scale = floor;
             } else if *scale > ceiling {
                 *scale = ceiling;

@@ -2,7 +2,7 @@
 
 use std::fs;
 
-use gs_core::{Scene, SpatialScene, examination::SMALLEST_LOG_SCALE};
+use gs_core::{SpatialScene, examination::SMALLEST_LOG_SCALE};
 use gs_io::{
     Error, Loss, SpatialFormat, SpatialOptions, SpzOptions, SpzVersion, read_spatial, read_spatial_unchecked,
     spatial_format, write_spatial,

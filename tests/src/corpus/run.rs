@@ -195,6 +195,7 @@ fn train<S: Subject, R: Rasterizer<S>>(
     })?;
     let after = rasterizer.download(&cloud)?;
     stay_finite(rasterizer, case, drawn, &cloud, &after)?;
+    stay_bounded(case, &after)?;
     let (Some(&first), Some(&last)) = (losses.first(), losses.last()) else { return Ok(()) };
     observed.losses = Some([first, last]);
     match drawn.training {
@@ -212,6 +213,29 @@ fn train<S: Subject, R: Rasterizer<S>>(
             Failure::unless(before == after, || "Gaussians without a gradient moved".to_owned())
         }
     }
+}
+
+/// How far beyond their bounds scales may be, as a difference of logarithms: those of a frame are found again with roundings.
+const BEYOND: f64 = 1e-2;
+
+/// The scales of all Gaussians that are finite are within the optimiser's bounds after training.
+fn stay_bounded<S: Subject>(case: &Case<S>, after: &S) -> Result<(), Failure> {
+    if case.steps == 0 {
+        return Ok(());
+    }
+    let bounds = [case.adam.min_scale, case.adam.max_scale].map(|scale| f64::from(scale).ln());
+    for (g, row) in after.rows().gaussians.iter().enumerate() {
+        for (i, &value) in
+            row.iter().enumerate().filter(|&(i, v)| v.is_finite() && S::parameter_name(i).starts_with("ln-"))
+        {
+            let within = value >= bounds[0] - BEYOND && value <= bounds[1] + BEYOND;
+            Failure::unless(within, || {
+                let what = S::parameter_name(i);
+                format!("after {} steps, {what} of Gaussian {g} is {value:e}, beyond {bounds:?}", case.steps)
+            })?;
+        }
+    }
+    Ok(())
 }
 
 /// All Gaussians are finite after training, but those that were left out from the start, because they have no direction or no size; of these,
