@@ -133,6 +133,8 @@ impl Observer for Curve {
 
 #[cfg(test)]
 mod tests {
+    use gs_train::Joined;
+
     use super::*;
 
     #[test]
@@ -146,6 +148,7 @@ mod tests {
             loss: 0.5,
             loss_step: 10,
             edits: None,
+            joined: Joined::default(),
             psnr_estimate: None,
             quality: None,
         };
