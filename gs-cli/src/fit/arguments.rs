@@ -4,9 +4,7 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 
-use crate::{
-    backend::BackendArgs, effects::choice::EffectsArgs, output::Format, train::AntialiasName, values::Color,
-};
+use crate::{backend::BackendArgs, effects::choice::EffectsArgs, output::Format, train::AntialiasName, values::Color};
 
 const AFTER_HELP: &str = "\
 DIR then holds:
