@@ -1,7 +1,7 @@
 //! Effects join a training when they are called for, and not before: harmonics where colours depend on the view, antialiasing where Gaussians
 //! become narrower than a pixel. A run that is stopped before a joining ends bit for bit as one that never was.
 
-mod scenes;
+#[allow(dead_code)]
 mod space;
 
 use glam::Vec3;
