@@ -108,8 +108,7 @@ fn what_the_first_scene_has_is_there_from_the_first_step() {
 fn by_the_clock_nothing_is_asked() {
     let rasterizer = rasterizer();
     let settings = SpatialSettings { joining: Joining::Scheduled, ..settings() };
-    let mut trainer =
-        SpatialTrainer::from_views(&rasterizer, views_of(&thirty()), start(), settings.clone()).unwrap();
+    let mut trainer = SpatialTrainer::from_views(&rasterizer, views_of(&thirty()), start(), settings.clone()).unwrap();
     trainer.run(&mut ()).unwrap();
     assert!(trainer.joins().joins.is_empty());
     assert_eq!(trainer.effects().sh_degree, settings.render.effects.sh_degree);
