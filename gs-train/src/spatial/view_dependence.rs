@@ -23,7 +23,7 @@ pub(super) struct Residuals {
 /// How the residuals of Gaussians vary between views.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct ViewDependence {
-    /// The share of it that harmonics of one degree explain; at most 1, and below 0 where they do worse than chance.
+    /// The share of it that harmonics of one degree explain; about 0 by chance, sometimes a little below, and about 1 at most.
     pub share: f32,
     /// Gaussians that were seen in enough views.
     pub gaussians: usize,
