@@ -51,9 +51,9 @@ impl Default for Calls {
 }
 
 impl Joining {
-    /// [`Self::WhenCalledFor`] with the usual bounds.
-    pub fn when_called_for() -> Self {
-        Self::WhenCalledFor(Calls::default())
+    /// [`Self::WhenCalledFor`] with the usual bounds, for a run of so many steps: in short ones, antialiasing is asked for more often.
+    pub fn when_called_for(iterations: u32) -> Self {
+        Self::WhenCalledFor(Calls { every: (iterations / 30).clamp(1, 100), ..Calls::default() })
     }
 
     /// Fails where a number is outside its range.

@@ -61,7 +61,7 @@ pub(crate) fn resolve(args: &SettingsArgs, target: &Target) -> Result<FitSetting
     if let Some(antialias) = args.antialias {
         settings.render.effects.antialias = antialias.into();
     }
-    settings.joining = joining(args.joining, settings.joining);
+    settings.joining = joining(args.joining, settings.joining, settings.iterations);
     if let Some(color) = args.background {
         settings.render = settings.render.on(color.0);
     }
@@ -194,10 +194,10 @@ fn blend_by(settings: &mut FitSettings, blend: Blend, target: &Target) {
 }
 
 /// The flag's, with the bounds of the settings where these have some already.
-pub(crate) fn joining(name: Option<JoiningName>, settings: Joining) -> Joining {
+pub(crate) fn joining(name: Option<JoiningName>, settings: Joining, iterations: u32) -> Joining {
     match (name, settings) {
         (None, _) | (Some(JoiningName::WhenCalledFor), Joining::WhenCalledFor(_)) => settings,
-        (Some(JoiningName::WhenCalledFor), Joining::Scheduled) => Joining::when_called_for(),
+        (Some(JoiningName::WhenCalledFor), Joining::Scheduled) => Joining::when_called_for(iterations),
         (Some(JoiningName::Scheduled), _) => Joining::Scheduled,
     }
 }
