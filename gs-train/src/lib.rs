@@ -15,6 +15,7 @@ mod error;
 pub mod experiments;
 mod fit;
 pub mod init;
+pub mod joining;
 mod losses;
 mod metrics_log;
 mod observer;
@@ -41,6 +42,7 @@ pub use crate::{
     error::Error,
     fit::{Fit, fit},
     init::Init,
+    joining::{Calls, Join, Joined, Joining, Joins},
     metrics_log::{MetricsLog, MetricsRow},
     observer::{Control, Observer, Progress, Quality},
     planar::ImageCourse,

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 
-use crate::{backend::BackendArgs, effects::choice::EffectsArgs, output::Format, values::Color};
+use crate::{backend::BackendArgs, effects::choice::EffectsArgs, output::Format, train::AntialiasName, values::Color};
 
 const AFTER_HELP: &str = "\
 DIR then holds:
@@ -30,8 +30,20 @@ of metrics.csv up to it, so that a resumed fit has the whole table, in any folde
 
 /// The flags of [`SettingsArgs`] that a checkpoint settles: all but the background, which a resumed fit needs to see a transparent
 /// image as before.
-const SETTLED: [&str; 10] =
-    ["preset", "settings", "gaussians", "iterations", "policy", "init", "loss", "blend", "chart", "seed"];
+const SETTLED: [&str; 12] = [
+    "preset",
+    "settings",
+    "gaussians",
+    "iterations",
+    "policy",
+    "init",
+    "loss",
+    "blend",
+    "antialias",
+    "joining",
+    "chart",
+    "seed",
+];
 
 /// The flags of `gs fit`.
 #[derive(Debug, Clone, Args)]
@@ -127,6 +139,12 @@ pub(crate) struct SettingsArgs {
     /// How the Gaussians at a pixel become its colour
     #[arg(long, value_enum, value_name = "BLEND")]
     pub(crate) blend: Option<BlendName>,
+    /// What is done about Gaussians narrower than a pixel [default: none]
+    #[arg(long, value_enum, value_name = "ANTIALIAS")]
+    pub(crate) antialias: Option<AntialiasName>,
+    /// When antialiasing joins, if there is to be any; what blends is settled from the first step on
+    #[arg(long, value_enum, value_name = "WHEN")]
+    pub(crate) joining: Option<JoiningName>,
     /// In which coordinates the optimiser moves
     #[arg(long, value_enum, value_name = "CHART")]
     pub(crate) chart: Option<ChartName>,
@@ -239,6 +257,15 @@ pub(crate) enum BlendName {
     Sum,
     /// Front to back with opacities, as splat viewers do
     Over,
+}
+
+/// When effects join.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum JoiningName {
+    /// By the clock: antialiasing from the first step, harmonics degree by degree (3DGS)
+    Scheduled,
+    /// When they are called for: antialiasing when Gaussians become narrower than a pixel, harmonics when residuals depend on the view
+    WhenCalledFor,
 }
 
 /// In which coordinates the optimiser moves a Gaussian.

@@ -137,6 +137,8 @@ impl Observer for Curve {
 
 #[cfg(test)]
 mod tests {
+    use gs_train::Joined;
+
     use super::*;
 
     #[test]
@@ -150,6 +152,7 @@ mod tests {
             loss: 0.5,
             loss_step: 10,
             edits: None,
+            joined: Joined::default(),
             psnr_estimate: None,
             quality: None,
         };

@@ -7,7 +7,7 @@ use std::{
 };
 
 use gs_core::edit::EditCounts;
-use gs_train::{Control, Observer, Progress};
+use gs_train::{Control, Joined, Observer, Progress};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use crate::{
@@ -163,6 +163,10 @@ impl Observer for Display {
         if self.detail == Detail::Rounds {
             self.voice().say(round(progress, counts));
         }
+    }
+
+    fn on_join(&mut self, progress: &Progress, joined: &Joined) {
+        self.voice().say(format_args!("step {}: {joined}", progress.step));
     }
 
     fn wants_quality(&mut self, progress: &Progress) -> bool {

@@ -96,7 +96,7 @@ impl Results<'_> {
         log: &MetricsLog,
         points: &[Point],
     ) -> Result<Summary, Failure> {
-        let render = shown(trainer.settings().render);
+        let render = trainer.shown();
         let (width, height) = trainer.target().size();
         let file = PlanarFile { scene: sound(trainer.scene()?)?, width, height, settings: render };
         // Before anything else: all the rest can be made of it again.
@@ -209,10 +209,4 @@ pub(crate) fn sound<S: Examinable>(mut scene: S) -> Result<S, Failure> {
         removed => output::note(format_args!("note: {removed} Gaussians are not finite and are left out of the scene")),
     }
     Ok(scene)
-}
-
-/// What a scene is shown with: statistics are a matter of training.
-fn shown(mut render: RenderSettings) -> RenderSettings {
-    render.effects.statistics = Statistics::None;
-    render
 }

@@ -8,7 +8,7 @@ use gs_io::dataset::{AlphaMeaning, DatasetSettings};
 use crate::{
     backend::BackendArgs,
     effects::choice::EffectsArgs,
-    fit::arguments::{ChartName, CheckpointArgs, Detail, LossName, PolicyName},
+    fit::arguments::{ChartName, CheckpointArgs, Detail, JoiningName, LossName, PolicyName},
     output::Format,
     values::Backing,
 };
@@ -37,7 +37,7 @@ trains with tell how good the scene is.
 Ctrl-C stops the training, saves a checkpoint, and writes what there is so far; a second one quits at once.";
 
 /// The flags that a checkpoint settles.
-const SETTLED: [&str; 17] = [
+const SETTLED: [&str; 18] = [
     "preset",
     "settings",
     "gaussians",
@@ -49,6 +49,7 @@ const SETTLED: [&str; 17] = [
     "sh_degree",
     "order",
     "antialias",
+    "joining",
     "background",
     "coarse",
     "participants",
@@ -178,6 +179,9 @@ pub(crate) struct TrainSettingsArgs {
     /// What is done about Gaussians narrower than a pixel
     #[arg(long, value_enum, value_name = "ANTIALIAS")]
     pub(crate) antialias: Option<AntialiasName>,
+    /// When harmonics and antialiasing join
+    #[arg(long, value_enum, value_name = "WHEN")]
+    pub(crate) joining: Option<JoiningName>,
     /// What is behind: black, white, random (another colour in each step), or R,G,B [default: white for Blender, else black]
     #[arg(long, value_name = "COLOUR")]
     pub(crate) background: Option<Backing>,

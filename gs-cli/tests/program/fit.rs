@@ -7,6 +7,7 @@ use std::{
     process::{Command, Stdio},
 };
 
+use gs_core::Image;
 use serde_json::Value;
 
 use crate::process::{Run, command, folder, gs, names_in, picture};
@@ -58,12 +59,38 @@ fn an_image_becomes_results_and_a_summary() {
         rows.next().unwrap(),
         "step,seconds,count,cloned,split,seeded,pruned_transparent,pruned_too_large,pruned_not_finite,\
          pruned_unimportant,loss,l1,psnr,culled_not_finite,culled_near,culled_degenerate,culled_transparent,culled_outside,\
-         clamped_smallest,clamped_largest"
+         clamped_smallest,clamped_largest,joined_sh_degree,sh_explains,joined_antialias,narrow,shown"
     );
     assert!(rows.next_back().unwrap().starts_with("20,"), "{metrics}");
     assert_eq!(gs_io::read_image(output.join("reconstruction.png")).unwrap().image.size(), (32, 24));
     assert_eq!(gs_io::read_image(output.join("ellipses.png")).unwrap().image.size(), (256, 192));
     assert!(fs::read(output.join("scene.ply")).unwrap().starts_with(b"ply\n"));
+}
+
+#[test]
+fn effects_that_join_are_told() {
+    let place = folder();
+    let stripes = Image::from_fn(40, 32, |x, _| if x % 3 == 0 { [0.9; 3] } else { [0.1; 3] }).unwrap();
+    let (image, output) = (place.path().join("stripes.png"), place.path().join("out"));
+    gs_io::write_png(&image, &stripes).unwrap();
+    let fit = |joining: &'static str| {
+        let more = ["-n", "300", "--antialias", "mip", "--joining", joining, "--json", "--no-report"];
+        gs(small(&image, &output).into_iter().filter(|&arg| !["-n", "60"].contains(&arg)).chain(more))
+    };
+    let run = fit("when-called-for");
+    let line = run.stderr.lines().find(|line| line.contains("antialiasing (mip) joins: "));
+    let line = line.unwrap_or_else(|| panic!("{}", run.stderr)).to_owned();
+    let join = run.json()["joins"][0].clone();
+    assert_eq!(join["antialias"]["antialias"], "mip");
+    let step = join["step"].as_u64().unwrap().max(1);
+    assert!(line.starts_with(&format!("step {step}: ")), "{line}");
+    let metrics = fs::read_to_string(output.join("metrics.csv")).unwrap();
+    let row = metrics.lines().find(|row| row.starts_with(&format!("{step},"))).unwrap();
+    assert!(row.contains(&format!(",mip,{},", join["antialias"]["narrow"])), "{row}");
+
+    let by_the_clock = fit("scheduled");
+    assert!(!by_the_clock.stderr.contains("joins"), "{}", by_the_clock.stderr);
+    assert_eq!(by_the_clock.json()["joins"].as_array().map(Vec::len), Some(0));
 }
 
 #[test]

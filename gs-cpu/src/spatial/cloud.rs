@@ -50,6 +50,11 @@ fn columns(sh_degree: u8) -> usize {
     SH + 3 * coefficients(sh_degree)
 }
 
+/// Numbers of a row with harmonics of this degree, filled up. A row of a lower degree is the beginning of one of a higher.
+pub(crate) fn pitch_of(sh_degree: u8) -> usize {
+    columns(sh_degree).next_multiple_of(LANES)
+}
+
 /// A row's mean.
 #[inline(always)]
 pub(crate) fn mean(row: &[f32]) -> Vec3 {
@@ -123,7 +128,7 @@ impl SpatialCloud {
     }
 
     fn zeros(n: usize, sh_degree: u8, chart: Chart) -> Self {
-        let numbers = n * columns(sh_degree).next_multiple_of(LANES);
+        let numbers = n * pitch_of(sh_degree);
         Self {
             chart,
             sh_degree,
@@ -140,7 +145,7 @@ impl SpatialCloud {
 
     /// Numbers from a row to the next.
     pub(crate) fn pitch(&self) -> usize {
-        columns(self.sh_degree).next_multiple_of(LANES)
+        pitch_of(self.sh_degree)
     }
 
     /// A row of parameters but for its colour, as a scene has it.
@@ -168,7 +173,7 @@ impl SpatialCloud {
         }
     }
 
-    /// Rows with what they hold but for their colour, as a scene.
+    /// Rows with what they hold but for their colour, as a scene; harmonics that a row does not hold are 0.
     pub(crate) fn scene_of<'r>(&self, rows: impl Iterator<Item = (Ellipsoid, &'r [f32])>) -> SpatialScene {
         let mut scene = SpatialScene { sh_degree: self.sh_degree, ..SpatialScene::default() };
         let k = coefficients(self.sh_degree);
@@ -177,7 +182,8 @@ impl SpatialCloud {
             scene.log_scales.push(g.log_scale);
             scene.rotations.push(g.rotation);
             scene.opacity_logits.push(g.opacity_logit);
-            scene.sh.extend(sh(row)[..k].iter().map(|&c| Vec3::from_array(c)));
+            let held = sh(row).iter().take(k).map(|&c| Vec3::from_array(c));
+            scene.sh.extend(held.chain(std::iter::repeat(Vec3::ZERO)).take(k));
         }
         scene
     }
