@@ -10,7 +10,7 @@ use super::{
 };
 use crate::{
     failure::Failure,
-    oracle::{Gradients, Oracle},
+    oracle::{Gradients, Oracle, Parameters},
     subject::Subject,
     tolerance::{Agreement, ROUNDINGS, compare_gradients, compare_images, compare_loss},
 };
@@ -215,16 +215,23 @@ fn train<S: Subject, R: Rasterizer<S>>(
     }
 }
 
-/// How far beyond their bounds scales may be, as a difference of logarithms: those of a frame are found again with roundings.
-const BEYOND: f64 = 1e-2;
+/// How far beyond their bounds scales may be, as a difference of logarithms: those of a frame are found again with roundings, of the smallest as
+/// many times more as the largest is larger. A millionth of a largest scale of 1 is a few dozen roundings.
+const BEYOND: f64 = 1e-1;
 
-/// The scales of all Gaussians that are finite are within the optimiser's bounds after training.
+/// The scales of all Gaussians that are finite are within the optimiser's bounds after training, but of those that have no direction, and so are
+/// never trained.
 fn stay_bounded<S: Subject>(case: &Case<S>, after: &S) -> Result<(), Failure> {
     if case.steps == 0 {
         return Ok(());
     }
     let bounds = [case.adam.min_scale, case.adam.max_scale].map(|scale| f64::from(scale).ln());
-    for (g, row) in after.rows().gaussians.iter().enumerate() {
+    let has_direction = |row: &Parameters| {
+        let mut quaternion = (0..row.len()).filter(|&i| S::parameter_name(i).starts_with("quaternion")).peekable();
+        quaternion.peek().is_none() || quaternion.any(|i| row[i] != 0.0)
+    };
+    let rows = after.rows();
+    for (g, row) in rows.gaussians.iter().enumerate().filter(|(_, row)| has_direction(row)) {
         for (i, &value) in
             row.iter().enumerate().filter(|&(i, v)| v.is_finite() && S::parameter_name(i).starts_with("ln-"))
         {

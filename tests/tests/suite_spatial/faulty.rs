@@ -354,7 +354,19 @@ impl Rasterizer<SpatialScene> for Faulty {
         }
         let sources = sources?;
         let width = cloud.moments();
-        cloud.parameters = plan.gather(&sources, &cloud.parameters, |g| cloud.row_of(g));
+        let before = cloud.parameters.clone();
+        cloud.parameters = plan.gather(&sources, &before, |g| cloud.row_of(g));
+        if cloud.chart == Chart::LocalFrame {
+            // The frame of an heir is the one in whose coordinates the moments are.
+            let is_heir = |source: &Source| !matches!(source, Source::Kept(_));
+            for (row, source) in cloud.parameters.iter_mut().zip(&sources).filter(|(_, source)| is_heir(source)) {
+                if let Some(parent) = plan.origin(source, Moments::heir_of) {
+                    let parent = &before[parent as usize][FRAME];
+                    let aligned = SpatialScene::aligned(&row[FRAME], parent);
+                    row[FRAME].copy_from_slice(&aligned);
+                }
+            }
+        }
         for moments in [&mut cloud.first, &mut cloud.second] {
             *moments = plan.gather_moments(&sources, moments);
             moments.iter_mut().for_each(|row| row.resize(width, 0.0));
