@@ -13,11 +13,12 @@ use gs_core::{
 
 use crate::{
     PlanarCloud, PlanarFrame, PlanarGradients, SpatialCloud, SpatialFrame, SpatialGradients, WgpuSettings,
+    adapter::AdapterSummary,
     blend::Differentiated,
     cloud::{Cloud, UNIFORM},
     dispatch::Commands,
     frame::{Frame, Gradients, Pool},
-    gpu::{AdapterSummary, BACKEND, Gpu, STORAGE},
+    gpu::{BACKEND, Gpu, STORAGE},
     in_flight::Request,
     kind::Kind,
     layout::{Status, Step},

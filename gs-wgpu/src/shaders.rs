@@ -8,7 +8,11 @@ use gs_core::constants::{
     SH_C1, SH_C2, SH_C3, SSIM_C1, SSIM_C2, SSIM_MAX, SSIM_SIGMA, SSIM_WINDOW,
 };
 
-use crate::collect::Collected;
+use crate::{
+    collect::Collected,
+    iterations::LONGEST_LOOP,
+    tiles::{BY_COEFFICIENT, BY_GAUSSIAN, BY_HISTOGRAM, BY_SORT_BLOCK},
+};
 
 /// Columns of a tile.
 pub(crate) const TILE_COLUMNS: u32 = 16;
@@ -223,6 +227,16 @@ fn prelude(variant: Variant) -> String {
         list(&SH_C3),
     )
     .expect("a string takes everything");
+    let words = size_of::<u32>() as u64;
+    for (name, bytes) in [
+        ("BY_GAUSSIAN", BY_GAUSSIAN),
+        ("BY_SORT_BLOCK", BY_SORT_BLOCK),
+        ("BY_HISTOGRAM", BY_HISTOGRAM),
+        ("BY_COEFFICIENT", BY_COEFFICIENT),
+    ] {
+        writeln!(text, "const {name}: u32 = {}u;", bytes / words).expect("a string takes everything");
+    }
+    writeln!(text, "const LONGEST_LOOP: u32 = {LONGEST_LOOP}u;").expect("a string takes everything");
     writeln!(text, "const WINDOW = array<f32, {SSIM_WINDOW}>({});", list(&ssim_window()))
         .expect("a string takes everything");
     text
