@@ -226,7 +226,7 @@ impl<S: Kind> Rasterizer<S> for WgpuRasterizer {
         let mut commands = Commands::new(gpu);
         workspace.tiles.encode_loss(gpu, &mut commands, target, Some(*loss))?;
         workspace.tiles.encode_blend_bwd(gpu, &mut commands, Differentiated::Loss(target))?;
-        S::encode_project_bwd(workspace, gpu, &mut commands, cloud);
+        workspace.encode_project_bwd(gpu, &mut commands, cloud)?;
         let mut buffers = Vec::new();
         for source in workspace.gradient_buffers() {
             let buffer = gpu.allocate("gradients", source.size(), STORAGE)?;
