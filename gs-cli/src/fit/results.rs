@@ -137,7 +137,7 @@ impl Results<'_> {
             simd: self.backend.simd.clone(),
             total_seconds: self.seconds_before + self.started.elapsed().as_secs_f64(),
             image: self.target.file.as_ref().map(|file| file.display().to_string()),
-            effects: self.effects.choose(scene, &[Canvas::new(width, height)], &render).verdicts,
+            effects: self.effects.choose(scene, &[Canvas::new(width, height)], &render)?.verdicts,
         };
         self.folder.write_json("summary.json", &summary)?;
         Ok(summary)

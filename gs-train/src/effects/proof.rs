@@ -34,7 +34,7 @@ where
     S: CallsForEffects,
     R: Rasterizer<S>,
 {
-    let called = Effects::called_for(scene, sight.views, wanted);
+    let called = Effects::called_for(scene, sight.views, wanted)?;
     let pictures = sight.pictures(wanted)?;
     let (called, difference) = borne_out(called, sight, wanted, &pictures)?;
     Ok(Proof { called, difference, views: sight.views.len() })
