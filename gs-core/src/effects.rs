@@ -156,6 +156,16 @@ impl Antialias {
     }
 }
 
+impl Background {
+    /// As settings files and flags have it.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::None => "none",
+            Self::Solid => "solid",
+        }
+    }
+}
+
 /// The effects of a rendering, together.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
 #[serde(default, rename_all = "kebab-case")]

@@ -176,6 +176,8 @@ mod tests {
         for accuracy in [Accuracy::default(), Accuracy::TIGHTEST, Accuracy::THREE_DGS] {
             let settings = RenderSettings { accuracy, ..RenderSettings::default() };
             settings.validate().unwrap();
+            let file = serde_json::to_string(&settings).unwrap();
+            assert_eq!(serde_json::from_str::<RenderSettings>(&file).unwrap(), settings, "{file}");
         }
         for k in [0.5, 7.0, f32::NAN] {
             let accuracy = Accuracy { extent: Extent::Sigmas(k), ..Accuracy::default() };

@@ -50,8 +50,10 @@ impl<S: Kind> Default for Pool<S> {
 }
 
 impl<S: Kind> Pool<S> {
+    /// One whose lists are nobody's: a step with `Binning::Reuse` takes up none that others left behind.
     pub(crate) fn take(&self) -> Workspace<S> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).pop().unwrap_or_default()
+        let taken = self.0.lock().unwrap_or_else(PoisonError::into_inner).pop().unwrap_or_default();
+        Workspace { edition: None, ..taken }
     }
 
     pub(crate) fn give(&self, workspace: Workspace<S>) {

@@ -15,7 +15,7 @@ use crate::{
     gaussian::{DensityGaussian, DensityScene},
     noise::Noise,
     observation::{DensityPolicy, Observation, Rng},
-    percentile::check_percent,
+    percentile::{check_percent, share_of},
     prune::Prune,
 };
 
@@ -70,8 +70,7 @@ impl Mcmc {
 
     /// How many there should be, of `len` Gaussians.
     fn target(&self, len: usize, budget: usize) -> usize {
-        let growth = (len as f64 * f64::from(self.percent) / 100.0 * (1.0 - f64::from(f32::EPSILON))).ceil() as usize;
-        (len + growth).min(budget)
+        (len + share_of(len, self.percent)).min(budget)
     }
 }
 

@@ -3,6 +3,8 @@
 use gs_core::guards::Guard;
 use serde::{Deserialize, Serialize};
 
+use crate::percentile::share_of;
+
 /// What growth by rank does with Gaussians that have no gradient, among which there is no ranking.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -51,10 +53,7 @@ impl Ranking {
 
     /// The first `percent` % of the population, rounded up (so at least one, unless `percent` is 0), as far as there are candidates.
     pub fn top_percent(&self, percent: f32) -> &[u32] {
-        let exact = self.population as f64 * f64::from(percent) / 100.0;
-        // A percentage that f32 holds a little too large, such as 0.1, must not round a whole number up to the next.
-        let share = (exact * (1.0 - f64::from(f32::EPSILON))).ceil();
-        &self.indices[..(share as usize).min(self.indices.len())]
+        &self.indices[..share_of(self.population, percent).min(self.indices.len())]
     }
 }
 

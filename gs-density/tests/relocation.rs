@@ -190,18 +190,17 @@ proptest! {
     #[test]
     fn budgets_are_met_exactly_and_what_is_broken_goes(
         opacities in proptest::collection::vec(proptest::option::weighted(0.9, 0.0001f32..0.999), 1..60),
-        budget in 1usize..120, percent in 0f32..=100.0, additions in 1u32..6, progress in 0.01f32..=1.0,
+        budget in 1usize..120, percent in 0u8..=100, additions in 1u32..6, progress in 0.01f32..=1.0,
     ) {
         let broken = PlanarGaussian { mean: Vec2::NAN, ..gaussian(0.5) };
         let scene: PlanarScene = opacities.iter().map(|o| o.map_or(broken, gaussian)).collect();
         let finite = opacities.iter().flatten().count();
         let living = opacities.iter().flatten().filter(|&&o| o > 0.005).count();
 
-        let relocated = after(&plan(&Mcmc { percent, ..Mcmc::default() }, &scene, None, progress, budget), &scene);
+        let relocated = after(&plan(&Mcmc { percent: percent.into(), ..Mcmc::default() }, &scene, None, progress, budget), &scene);
         prop_assert!(relocated.means.iter().all(|m| m.is_finite()));
-        // Of `percent`, a rounding of f32 doesn't count as a Gaussian more.
-        let growth = opacities.len() as f64 * f64::from(percent) / 100.0 * (1.0 - f64::from(f32::EPSILON));
-        let target = (opacities.len() + growth.ceil() as usize).min(budget);
+        let growth = (opacities.len() * usize::from(percent)).div_ceil(100);
+        let target = (opacities.len() + growth).min(budget);
         if living > 0 {
             prop_assert_eq!(relocated.len(), target.max(living));
             prop_assert!(relocated.opacity_logits.iter().all(|l| l.is_finite()));

@@ -1,5 +1,6 @@
 // Stage `loss`: the pointwise loss of each pixel and its gradient, `loss`, and the sum of everybody's, `loss_sum`, in a fixed order.
-// KIND: 0, the difference itself (for solving colours); 1, its square (L2); 2, its absolute value (L1).
+// KIND: 0, the difference itself (for solving colours); 1, its square (L2); 2, its absolute value (L1). Pixels are summed by blocks, or by
+// tiles where invocations are lanes of a CPU's vector.
 
 @group(0) @binding(1) var<storage, read> image: array<vec4f>;
 @group(0) @binding(2) var<storage, read> target_image: array<vec4f>;
@@ -28,6 +29,46 @@ fn sum_group(lane: u32, value: f32) -> f32 {
     return lanes[0];
 }
 
+// A pixel's loss before it is scaled; its gradient goes into `v_image`.
+fn compare(pixel: u32) -> f32 {
+    let d = image[pixel].xyz - target_image[pixel].xyz;
+    var v = d;
+    var values = vec3f(0.0);
+    if KIND == 1u {
+        values = d * d;
+        v = step.pointwise_scale * (2.0 * clamp(d, vec3f(-MAX_RESIDUAL), vec3f(MAX_RESIDUAL)));
+    }
+    if KIND == 2u {
+        values = abs(d);
+        v = step.pointwise_scale * sign(d);
+    }
+    v_image[pixel] = vec4f(v, 0.0);
+    return values.x + values.y + values.z;
+}
+
+#if VECTORS
+// A tile a work group, its pixels in the order in which `blend_vectors` goes through them where it does all in one pass: a step's loss is
+// the same, bit for bit, whether lists are short enough for that or not.
+@compute @workgroup_size(LANES)
+fn loss(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
+    let tile = flat(group, groups);
+    if tile >= step.tiles.x * step.tiles.y {
+        return;
+    }
+    let corner = vec2u(tile % step.tiles.x, tile / step.tiles.x) * vec2u(TILE_COLUMNS, TILE_ROWS);
+    let end = min(corner + vec2u(TILE_COLUMNS, TILE_ROWS), step.size);
+    var sum = 0.0;
+    for (var column = corner.x + lane; column < end.x; column += LANES) {
+        for (var row = corner.y; row < end.y; row++) {
+            sum += compare(row * step.size.x + column);
+        }
+    }
+    let total = sum_of_lanes(sum);
+    if lane == 0u {
+        partial[tile] = total;
+    }
+}
+#else
 @compute @workgroup_size(256)
 fn loss(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
     let block = flat(group, groups);
@@ -36,19 +77,7 @@ fn loss(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: ve
     for (var k = 0u; k < PER_LANE; k++) {
         let pixel = (block * PER_LANE + k) * 256u + lane;
         if pixel < pixels {
-            let d = image[pixel].xyz - target_image[pixel].xyz;
-            var v = d;
-            if KIND == 1u {
-                let squares = d * d;
-                sum += squares.x + squares.y + squares.z;
-                v = clamp(d, vec3f(-MAX_RESIDUAL), vec3f(MAX_RESIDUAL)) * (2.0 * step.pointwise_scale);
-            }
-            if KIND == 2u {
-                let sizes = abs(d);
-                sum += sizes.x + sizes.y + sizes.z;
-                v = sign(d) * step.pointwise_scale;
-            }
-            v_image[pixel] = vec4f(v, 0.0);
+            sum += compare(pixel);
         }
     }
     let total = sum_group(lane, sum);
@@ -56,6 +85,7 @@ fn loss(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: ve
         partial[block] = total;
     }
 }
+#endif
 
 fn sum_partial(lane: u32, count: u32) -> f32 {
     var sum = 0.0;

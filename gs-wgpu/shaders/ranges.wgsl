@@ -4,7 +4,7 @@
 @group(0) @binding(2) var<storage, read> keys: array<u32>;
 // [lists + 1]
 @group(0) @binding(3) var<storage, read_write> tile_start: array<u32>;
-// As in `sizes.wgsl`; Adam's are for Gaussians and for SH coefficients.
+// As in `sizes.wgsl`.
 @group(0) @binding(4) var<storage, read_write> indirect: array<atomic<u32>>;
 
 // The first place, from `low` on, of an entry of this list or of a later one.
@@ -38,12 +38,12 @@ fn ranges(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: 
         tile_start[(tile + 1u) * CLASSES] = end;
     }
     if end - start > step.longest_list {
-        // As where entries do not fit, nothing changes, in this pass or those behind it, until the host knows.
+        // As where entries do not fit, Adam changes nothing, in this pass or those behind it, until the host knows.
         atomicMax(&status.longest, end - start);
         atomicMax(&status.overflow, status.entries);
         for (var axis = 0u; axis < 3u; axis++) {
-            atomicStore(&indirect[axis], 0u);
-            atomicStore(&indirect[9u + axis], 0u);
+            atomicStore(&indirect[BY_GAUSSIAN + axis], 0u);
+            atomicStore(&indirect[BY_COEFFICIENT + axis], 0u);
         }
     }
 }

@@ -1,5 +1,6 @@
 // What a Gaussian received from the pixels: the sums over its entries' slots, which stand side by side. Where invocations are lanes of a CPU's
-// vector, they add up eight Gaussians' slots together, because a Gaussian with many entries would keep the others' lanes waiting.
+// vector, they add up eight Gaussians' slots together, because a Gaussian with many entries would keep the others' lanes waiting; but not
+// where those have more entries than such a driver lets one invocation loop over. The sums are the same, bit for bit.
 
 @group(0) @binding(2) var<storage, read> splats: array<Splat>;
 @group(0) @binding(3) var<storage, read> offsets: array<u32>;
@@ -55,18 +56,42 @@ fn transposed(rows: array<f32, 8>, lane: u32) -> array<f32, 8> {
 const INVOCATIONS: u32 = 64u;
 #endif
 
-// Of splat `first_of_group + lane`; to be called by all lanes of a work group, those of no splat included.
-fn received(first_of_group: u32, lane: u32) -> Received {
+// The sums of a splat's slots.
+struct Sums {
+    gradients: array<f32, GRADIENTS>,
+    collected: vec2f,
+}
+
+// Of splat `place`, by one invocation.
+fn sums_of(place: u32) -> Sums {
+    var sums: Sums;
+    let end = offsets[place + 1u];
+    for (var e = offsets[place]; e < end; e++) {
+#each k EIGHT
+        sums.gradients[@k] += slots[e * STRIDE + @ku];
+#end
+#if OVER
+        sums.gradients[8] += slots[e * STRIDE + 8u];
+#endif
+        sums.collected += collected_of(e);
+    }
+    return sums;
+}
+
 #if VECTORS
-    // Each lane one number of every entry of the eight Gaussians; then each lane all of one Gaussian.
-    var by_gaussian: array<f32, 8>;
-    var last = 0.0;
-    var collected = vec2f(0.0);
+// The first entry of splat `place`, and the end of the last splat's for those that are beyond it.
+fn first_entry(place: u32) -> u32 {
+    return offsets[min(place, step.gaussians)];
+}
+
+// Of splat `first_of_group + lane`, by all lanes: each sums one number of every entry of the eight splats, and then takes all of one splat.
+fn sums_together(first_of_group: u32, lane: u32) -> Sums {
+    var by_splat: array<f32, 8>;
+    var sums: Sums;
 #each g EIGHT
     {
-        let gaussian = min(first_of_group + @gu, step.gaussians - 1u);
-        let end = offsets[gaussian + 1u];
-        var e = offsets[gaussian];
+        let end = first_entry(first_of_group + @gu + 1u);
+        var e = first_entry(first_of_group + @gu);
         var sum = 0.0;
 #if OVER
         var sum_of_last = 0.0;
@@ -85,38 +110,41 @@ fn received(first_of_group: u32, lane: u32) -> Received {
                 }
             }
         }
-        by_gaussian[@g] = sum;
+        by_splat[@g] = sum;
 #if OVER
-        last = select(last, sum_of_last, lane == @gu);
+        sums.gradients[8] = select(sums.gradients[8], sum_of_last, lane == @gu);
 #endif
-        collected = select(collected, sum_of_collected, lane == @gu);
+        sums.collected = select(sums.collected, sum_of_collected, lane == @gu);
     }
 #end
-    let sums = transposed(by_gaussian, lane);
-#else
-    var sums: array<f32, GRADIENTS>;
-    var collected = vec2f(0.0);
-    let gaussian = min(first_of_group + lane, step.gaussians - 1u);
-    let end = offsets[gaussian + 1u];
-    for (var e = offsets[gaussian]; e < end; e++) {
-        for (var k = 0u; k < GRADIENTS; k++) {
-            sums[k] += slots[e * STRIDE + k];
-        }
-        collected += collected_of(e);
+    let mine = transposed(by_splat, lane);
+#each k EIGHT
+    sums.gradients[@k] = mine[@k];
+#end
+    return sums;
+}
+#endif
+
+// Of splat `first_of_group + lane`; to be called by all lanes of a work group, those of no splat included.
+fn received(first_of_group: u32, lane: u32) -> Received {
+    let place = min(first_of_group + lane, step.gaussians - 1u);
+    var sums: Sums;
+#if VECTORS
+    if first_entry(first_of_group + LANES) - first_entry(first_of_group) <= LONGEST_LOOP {
+        sums = sums_together(first_of_group, lane);
+    } else {
+        sums = sums_of(place);
     }
-#if OVER
-    let last = sums[8];
 #else
-    let last = 0.0;
+    sums = sums_of(place);
 #endif
+    let s = sums.gradients;
+#if OVER
+    let zeroth = s[8];
+#else
+    let zeroth = 0.0;
 #endif
-    return Received(
-        vec3f(sums[0], sums[1], sums[2]),
-        vec2f(sums[3], sums[4]),
-        vec3f(sums[5], sums[6], sums[7]),
-        last,
-        collected,
-    );
+    return Received(vec3f(s[0], s[1], s[2]), vec2f(s[3], s[4]), vec3f(s[5], s[6], s[7]), zeroth, sums.collected);
 }
 
 // The statistic that a training step collects of a Gaussian, from v_mean, px^-1.

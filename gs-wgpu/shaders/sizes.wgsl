@@ -3,7 +3,7 @@
 
 @group(0) @binding(1) var<storage, read> offsets: array<u32>;
 @group(0) @binding(2) var<storage, read_write> status: Status;
-// Groups along x, y, z: Gaussians, sorting blocks, blocks of the sorting histograms' scan, SH coefficients.
+// Groups along x, y, z, from each of the BY_… on.
 @group(0) @binding(3) var<storage, read_write> indirect: array<u32>;
 
 // Most groups along an axis.
@@ -23,18 +23,18 @@ fn sizes() {
     if entries > step.entry_capacity || status.overflow != 0u {
         status.overflow = max(status.overflow, entries);
         status.entries = 0u;
-        put(0u, 0u);
-        put(3u, 0u);
-        put(6u, 0u);
-        put(9u, 0u);
+        put(BY_GAUSSIAN, 0u);
+        put(BY_SORT_BLOCK, 0u);
+        put(BY_HISTOGRAM, 0u);
+        put(BY_COEFFICIENT, 0u);
         return;
     }
     status.entries = entries;
     let blocks = (entries + SORT_BLOCK - 1u) / SORT_BLOCK;
-    put(0u, (step.gaussians + 63u) / 64u);
-    put(3u, blocks);
-    put(6u, (16u * blocks + 1023u) / 1024u);
-    put(9u, (step.gaussians * step.coefficients + 63u) / 64u);
+    put(BY_GAUSSIAN, (step.gaussians + 63u) / 64u);
+    put(BY_SORT_BLOCK, blocks);
+    put(BY_HISTOGRAM, (16u * blocks + 1023u) / 1024u);
+    put(BY_COEFFICIENT, (step.gaussians * step.coefficients + 63u) / 64u);
 }
 
 // Before `adam`, in the order of depth at each pixel: if a pixel gave up, as where entries do not fit, nothing changes in this pass or those

@@ -163,12 +163,6 @@ fn sums_by_lane(a: vec4f, b: vec4f, lane: u32) -> f32 {
     return fold(low, high, lane, 4u);
 }
 
-fn sum_of_lanes(x: f32) -> f32 {
-    let pairs = x + subgroupShuffleXor(x, 1u);
-    let fours = pairs + subgroupShuffleXor(pairs, 2u);
-    return fours + subgroupShuffleXor(fours, 4u);
-}
-
 #if COLLECTS
 // What is collected of an entry, by all lanes.
 fn store_collected(slot: u32, collected: vec2f, lane: u32) {

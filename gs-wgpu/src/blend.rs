@@ -24,7 +24,8 @@ pub(crate) enum Differentiated<'a> {
 
 impl Tiles {
     /// Whether a training step blends, compares and differentiates in one pass: where lanes are a CPU's, the loss is one of each pixel alone,
-    /// the order that of the lists, and none of those too long for one walk.
+    /// the order that of the lists, and none of those too long for one walk. The numbers are the same as in three passes, bit for bit: whether
+    /// lists are too long is found out again by a run that resumes.
     pub(crate) fn fuses(&self, gpu: &Gpu, loss: Loss) -> bool {
         let pointwise = !matches!(loss, Loss::L1Dssim { .. });
         gpu.kernels == Kernels::Vectors && pointwise && !self.orders_by_pixel() && self.segments.is_empty()

@@ -1,4 +1,4 @@
-//! The device: how an adapter is found and chosen, what was asked of it, how its faults become errors, and its pipelines.
+//! The device: what is asked of an adapter, how its faults become errors, its buffers and pipelines.
 
 use std::{
     collections::HashMap,
@@ -14,32 +14,13 @@ use std::{
 use gs_core::Error;
 use wgpu::util::{BufferInitDescriptor, DeviceExt};
 
-use crate::shaders::{Kernels, LANES, SORT_BITS, Variant, shader_of};
+use crate::{
+    adapter::{self, AdapterSummary},
+    iterations::longest_walk,
+    shaders::{Kernels, SORT_BITS, Variant, shader_of},
+};
 
 pub(crate) const BACKEND: &str = "wgpu";
-
-/// What to install where there is no adapter at all.
-const INSTALL: &str = "install a graphics driver with Vulkan, Metal or DirectX 12; without a GPU, a software one will do \
-                       (Debian and Ubuntu: apt-get install mesa-vulkan-drivers)";
-
-/// An adapter that was found.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct AdapterSummary {
-    /// Its name, by which [`WgpuSettings::adapter`] finds it.
-    pub name: String,
-    /// "discrete GPU", "integrated GPU", "virtual GPU", "CPU" (a software driver) or "other".
-    pub kind: &'static str,
-    /// The interface: "vulkan", "metal", "dx12".
-    pub interface: String,
-    /// The driver and its version.
-    pub driver: String,
-}
-
-impl fmt::Display for AdapterSummary {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{} ({}, {}, {})", self.name, self.kind, self.interface, self.driver)
-    }
-}
 
 /// What fresh buffers hold.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -73,50 +54,6 @@ pub(crate) const MOST_PATIENCE: Duration = Duration::from_secs(60);
 
 pub(crate) fn backend_error(message: impl Into<String>) -> Error {
     Error::Backend { backend: BACKEND, message: message.into() }
-}
-
-fn instance() -> wgpu::Instance {
-    // Not OpenGL: as a silent fallback it takes minutes to compile what it then runs slowly.
-    let backends = wgpu::Backends::VULKAN | wgpu::Backends::METAL | wgpu::Backends::DX12;
-    let defaults = wgpu::InstanceDescriptor::new_without_display_handle();
-    // Indirect dispatches are ours alone, and `sizes.wgsl` keeps them within limits; checking each would take a dispatch of its own.
-    let flags = defaults.flags.difference(wgpu::InstanceFlags::VALIDATION_INDIRECT_CALL);
-    let descriptor = wgpu::InstanceDescriptor { backends, flags, ..defaults };
-    wgpu::Instance::new(descriptor)
-}
-
-fn summary_of(info: &wgpu::AdapterInfo) -> AdapterSummary {
-    let kind = match info.device_type {
-        wgpu::DeviceType::DiscreteGpu => "discrete GPU",
-        wgpu::DeviceType::IntegratedGpu => "integrated GPU",
-        wgpu::DeviceType::VirtualGpu => "virtual GPU",
-        wgpu::DeviceType::Cpu => "CPU",
-        wgpu::DeviceType::Other => "other",
-    };
-    let driver = [info.driver.as_str(), info.driver_info.as_str()].join(" ").trim().to_owned();
-    AdapterSummary { name: info.name.clone(), kind, interface: info.backend.to_str().to_owned(), driver }
-}
-
-/// How much an adapter is worth: a GPU before a driver that computes on the CPU.
-fn rank(info: &wgpu::AdapterInfo) -> u32 {
-    match info.device_type {
-        wgpu::DeviceType::DiscreteGpu => 0,
-        wgpu::DeviceType::IntegratedGpu => 1,
-        wgpu::DeviceType::VirtualGpu => 2,
-        wgpu::DeviceType::Other => 3,
-        wgpu::DeviceType::Cpu => 4,
-    }
-}
-
-fn found(instance: &wgpu::Instance) -> Vec<wgpu::Adapter> {
-    let mut adapters = pollster::block_on(instance.enumerate_adapters(wgpu::Backends::all()));
-    adapters.sort_by_key(|a| rank(&a.get_info()));
-    adapters
-}
-
-/// The adapters of this machine, the one that is taken unless another is named first.
-pub fn adapters() -> Vec<AdapterSummary> {
-    found(&instance()).iter().map(|a| summary_of(&a.get_info())).collect()
 }
 
 /// Device, queue and pipelines of one adapter.
@@ -155,24 +92,7 @@ impl fmt::Debug for Gpu {
 
 impl Gpu {
     pub(crate) fn new(settings: &WgpuSettings) -> Result<Self, Error> {
-        let instance = instance();
-        let adapters = found(&instance);
-        let names = || adapters.iter().map(|a| a.get_info().name).collect::<Vec<_>>().join(", ");
-        if adapters.is_empty() {
-            return Err(backend_error(format!(
-                "no adapter was found (looked for Vulkan, Metal and DirectX 12): {INSTALL}"
-            )));
-        }
-        let (adapter, reason) = match &settings.adapter {
-            None => (&adapters[0], choice_reason(&adapters)),
-            Some(wanted) => {
-                let matches = |a: &&wgpu::Adapter| a.get_info().name.to_lowercase().contains(&wanted.to_lowercase());
-                let adapter = adapters.iter().find(matches).ok_or_else(|| {
-                    backend_error(format!("no adapter's name contains \"{wanted}\"; found: {}", names()))
-                })?;
-                (adapter, format!("its name contains \"{wanted}\""))
-            }
-        };
+        let (adapter, reason) = adapter::choose(settings.adapter.as_deref())?;
         let info = adapter.get_info();
         let offered = adapter.limits();
         let offered_features = adapter.features();
@@ -192,7 +112,7 @@ impl Gpu {
         let (device, queue) = pollster::block_on(adapter.request_device(&descriptor))
             .map_err(|e| backend_error(format!("{} gives no device: {e}", info.name)))?;
         let on_cpu = info.device_type == wgpu::DeviceType::Cpu;
-        let kernels = kernels(settings.kernels, &info, offered_features)?;
+        let kernels = adapter::kernels(settings.kernels, &info, offered_features)?;
         let faults = Arc::new(Mutex::new(None));
         let note = |faults: &Mutex<Option<String>>, text: String| {
             faults.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(text);
@@ -215,7 +135,7 @@ impl Gpu {
         Ok(Self {
             device,
             queue,
-            adapter: summary_of(&info),
+            adapter: adapter::summary_of(&info),
             reason,
             most_groups: settings
                 .most_groups
@@ -438,51 +358,3 @@ const LONGEST_WAIT: Duration = Duration::from_secs(600);
 /// Usage of a buffer that shaders read and write and the host fills and reads.
 pub(crate) const STORAGE: wgpu::BufferUsages =
     wgpu::BufferUsages::STORAGE.union(wgpu::BufferUsages::COPY_DST).union(wgpu::BufferUsages::COPY_SRC);
-
-/// Invocations of a subgroup that `blend_bwd.wgsl` has room for the sums of.
-const LEAST_SUBGROUP: u32 = 4;
-
-/// Iterations of all loops of an invocation together after which Mesa's llvmpipe ends every loop, silently
-/// (`LP_MAX_TGSI_LOOP_ITERATIONS`).
-pub(crate) const MOST_ITERATIONS: u32 = 65_535;
-
-/// Most entries of a list that a dispatch may walk along. Where drivers end loops, each kind of kernels has its iterations for an entry, at
-/// most: in `blend_vectors` 9/8, twice where passes are fused; in `blend_bwd` also those of the sums over all parts of a tile, so that they
-/// are about 15, or 4 with subgroups of eight.
-fn longest_walk(on_cpu: bool, kernels: Kernels) -> u32 {
-    match kernels {
-        _ if !on_cpu => u32::MAX,
-        Kernels::Portable => MOST_ITERATIONS / 20,
-        Kernels::Subgroups => MOST_ITERATIONS / 6,
-        Kernels::Vectors => 2 * (MOST_ITERATIONS / 5),
-    }
-}
-
-/// The kernels that were asked for, or the fastest.
-fn kernels(wanted: Option<Kernels>, info: &wgpu::AdapterInfo, features: wgpu::Features) -> Result<Kernels, Error> {
-    let subgroups = features.contains(wgpu::Features::SUBGROUP);
-    let vectors = subgroups && info.device_type == wgpu::DeviceType::Cpu && info.subgroup_min_size >= LANES;
-    let subgroups = subgroups && info.subgroup_min_size >= LEAST_SUBGROUP;
-    match wanted {
-        None if vectors => Ok(Kernels::Vectors),
-        None if subgroups => Ok(Kernels::Subgroups),
-        None | Some(Kernels::Portable) => Ok(Kernels::Portable),
-        Some(Kernels::Subgroups) if subgroups => Ok(Kernels::Subgroups),
-        Some(Kernels::Vectors) if vectors => Ok(Kernels::Vectors),
-        Some(kernels) => {
-            let needs = match kernels {
-                Kernels::Vectors => format!("a driver that computes on a CPU, with subgroups of {LANES} or more"),
-                _ => format!("subgroups of {LEAST_SUBGROUP} or more"),
-            };
-            Err(backend_error(format!("{} has no {kernels:?} kernels: they need {needs}", info.name)))
-        }
-    }
-}
-
-fn choice_reason(adapters: &[wgpu::Adapter]) -> String {
-    match adapters {
-        [_] => "the only adapter".to_owned(),
-        [first, ..] if first.get_info().device_type == wgpu::DeviceType::Cpu => "no GPU was found".to_owned(),
-        _ => format!("the fastest kind of {} adapters", adapters.len()),
-    }
-}

@@ -203,7 +203,7 @@ impl<S: Kind> InFlight<S> {
         let mut commands = Commands::new(gpu);
         workspace.encode_lists(gpu, &mut commands, cloud, fresh);
         workspace.tiles.encode_image_and_gradient(gpu, &mut commands, &request.target, request.loss)?;
-        S::encode_project_bwd(workspace, gpu, &mut commands, cloud);
+        workspace.encode_project_bwd(gpu, &mut commands, cloud)?;
         workspace.encode_adam(gpu, &mut commands, cloud);
         workspace.tiles.encode_status(&mut commands, &slot.staging);
         let submission = commands.submit(gpu);

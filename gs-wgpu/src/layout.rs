@@ -344,16 +344,20 @@ mod tests {
         let mut seen = HashSet::new();
         for (shader, variant) in SHADERS.iter().flat_map(|s| variants().map(move |v| (s, v))) {
             let text = shader.text(variant);
-            if (shader.name == "blend_by_depth" && !variant.over) || !seen.insert(text.clone()) {
-                continue; // Never compiled; or a variant that this shader does not tell apart.
+            let is_compiled = match shader.name {
+                "blend_by_depth" => variant.over,
+                "blend_vectors" => variant.kernels == Kernels::Vectors,
+                _ => true,
+            };
+            if !is_compiled || !seen.insert(text.clone()) {
+                continue; // Or a variant that this shader does not tell apart.
             }
             let module = module(&text);
             let flags = naga::valid::ValidationFlags::all();
             // Subgroups are asked for only where the adapter has them.
             let capabilities = match (shader.name, variant.kernels) {
-                ("blend_vectors", _)
-                | ("blend_bwd", Kernels::Subgroups)
-                | ("planar/project_bwd" | "spatial/project_bwd", Kernels::Vectors) => {
+                ("blend_bwd", Kernels::Subgroups)
+                | ("blend_vectors" | "loss" | "planar/project_bwd" | "spatial/project_bwd", Kernels::Vectors) => {
                     naga::valid::Capabilities::SUBGROUP
                 }
                 _ => naga::valid::Capabilities::empty(),

@@ -25,6 +25,7 @@
 //! # Ok(()) }
 //! ```
 
+mod adapter;
 mod blend;
 mod cloud;
 mod collect;
@@ -32,6 +33,7 @@ mod dispatch;
 mod frame;
 mod gpu;
 mod in_flight;
+mod iterations;
 mod kind;
 mod layout;
 mod lists;
@@ -50,9 +52,10 @@ mod workspace;
 use gs_core::{PlanarScene, SpatialScene};
 
 pub use crate::{
+    adapter::{AdapterSummary, adapters},
     cloud::Cloud,
     frame::{Frame, Gradients},
-    gpu::{AdapterSummary, FreshBuffers, WgpuSettings, adapters},
+    gpu::{FreshBuffers, WgpuSettings},
     in_flight::STEPS_IN_FLIGHT,
     rasterizer::WgpuRasterizer,
     shaders::Kernels,

@@ -5,9 +5,9 @@ use gs_core::{Error, Loss};
 use crate::{
     dispatch::{Commands, Groups, dispatch, dispatch_some},
     gpu::Gpu,
-    shaders::{DSSIM_GROUP, Variant},
+    shaders::{DSSIM_GROUP, Kernels, Variant},
     target::Target,
-    tiles::{PIXEL_BYTES, Tiles, groups_of},
+    tiles::{PIXEL_BYTES, Tiles},
 };
 
 /// Bytes of a channel of a pixel in D-SSIM's moments, and in its derivatives, which are one number less and room for it.
@@ -19,11 +19,11 @@ const STRIP: u64 = 8;
 /// Which partial sums make the loss, as `loss_sum` has it.
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum LossSum {
-    /// Those of `loss`.
+    /// Those of `loss`, by blocks of pixels.
     Pixels = 0,
     /// Those of `dssim_derivatives` and `dssim_gradient`.
     Dssim = 1,
-    /// One a tile.
+    /// One a tile: those of `loss`, and of `blend_vectors`, where invocations are lanes of a CPU's vector.
     Tiles = 2,
 }
 
@@ -44,12 +44,16 @@ impl Tiles {
             Some(Loss::L1) => 2,
             Some(Loss::L1Dssim { .. }) => return self.encode_dssim(gpu, commands, target),
         };
-        self.partial.ensure(gpu, pixels.div_ceil(1024) * 4)?;
+        let (groups, sum) = match gpu.kernels {
+            Kernels::Vectors => (self.count(), LossSum::Tiles),
+            _ => (pixels.div_ceil(1024), LossSum::Pixels),
+        };
+        self.partial.ensure(gpu, groups * 4)?;
         let variant = Variant { constant: Some(("KIND", kind)), ..Variant::default() };
         let bindings = [&self.step, &self.image.buffer, &target.buffer, &self.v_image.buffer, &self.partial.buffer];
-        dispatch(gpu, commands, "loss", variant, &bindings, groups_of(gpu, pixels, 1024));
+        dispatch(gpu, commands, "loss", variant, &bindings, gpu.groups(groups).into());
         if loss.is_some() {
-            self.encode_loss_sum(gpu, commands, LossSum::Pixels);
+            self.encode_loss_sum(gpu, commands, sum);
         }
         Ok(())
     }

@@ -97,7 +97,7 @@ impl<S: Kind> Pass<'_, S> {
             Stage::Loss => workspace.tiles.encode_loss(gpu, commands, target, Some(*loss))?,
             Stage::BlendBwd => workspace.tiles.encode_blend_bwd(gpu, commands, Differentiated::Loss(target))?,
             Stage::Fused => workspace.tiles.encode_image_and_gradient(gpu, commands, target, *loss)?,
-            Stage::ProjectBwd => S::encode_project_bwd(workspace, gpu, commands, cloud),
+            Stage::ProjectBwd => workspace.encode_project_bwd(gpu, commands, cloud)?,
             Stage::Adam => workspace.encode_adam(gpu, commands, cloud),
         }
         Ok(())

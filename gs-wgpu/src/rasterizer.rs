@@ -13,11 +13,12 @@ use gs_core::{
 
 use crate::{
     PlanarCloud, PlanarFrame, PlanarGradients, SpatialCloud, SpatialFrame, SpatialGradients, WgpuSettings,
+    adapter::AdapterSummary,
     blend::Differentiated,
     cloud::{Cloud, UNIFORM},
     dispatch::Commands,
     frame::{Frame, Gradients, Pool},
-    gpu::{AdapterSummary, BACKEND, Gpu, STORAGE},
+    gpu::{BACKEND, Gpu, STORAGE},
     in_flight::Request,
     kind::Kind,
     layout::{Status, Step},
@@ -225,7 +226,7 @@ impl<S: Kind> Rasterizer<S> for WgpuRasterizer {
         let mut commands = Commands::new(gpu);
         workspace.tiles.encode_loss(gpu, &mut commands, target, Some(*loss))?;
         workspace.tiles.encode_blend_bwd(gpu, &mut commands, Differentiated::Loss(target))?;
-        S::encode_project_bwd(workspace, gpu, &mut commands, cloud);
+        workspace.encode_project_bwd(gpu, &mut commands, cloud)?;
         let mut buffers = Vec::new();
         for source in workspace.gradient_buffers() {
             let buffer = gpu.allocate("gradients", source.size(), STORAGE)?;

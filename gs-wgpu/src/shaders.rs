@@ -12,7 +12,11 @@ use gs_core::{
     guards::Guard,
 };
 
-use crate::collect::Collected;
+use crate::{
+    collect::Collected,
+    iterations::LONGEST_LOOP,
+    tiles::{BY_COEFFICIENT, BY_GAUSSIAN, BY_HISTOGRAM, BY_SORT_BLOCK},
+};
 
 /// Columns of a tile.
 pub(crate) const TILE_COLUMNS: u32 = 16;
@@ -150,11 +154,11 @@ shaders! {
     "sort": ["sort_count", "sort_scatter"],
     "ranges" after "counted": ["ranges"],
     "blend" after "walk": ["blend"],
-    "blend_vectors" after "walk" after "vectors": ["blend_vectors"],
+    "blend_vectors" after "walk" after "lanes" after "vectors": ["blend_vectors"],
     "queue" after "least_depth": ["queue_up"],
     "units" after "queued": ["units"],
     "blend_by_depth" after "counted" after "queued": ["blend_by_depth"],
-    "loss": ["loss", "loss_sum"],
+    "loss" after "lanes": ["loss", "loss_sum"],
     "dssim": ["dssim_moments", "dssim_derivatives", "dssim_gradient"],
     "blend_bwd" after "walk": ["blend_bwd"],
     "planar/project_bwd" after "received": ["project_bwd"],
@@ -223,6 +227,16 @@ fn prelude(variant: Variant) -> String {
         list(&SH_C3),
     )
     .expect("a string takes everything");
+    let words = size_of::<u32>() as u64;
+    for (name, bytes) in [
+        ("BY_GAUSSIAN", BY_GAUSSIAN),
+        ("BY_SORT_BLOCK", BY_SORT_BLOCK),
+        ("BY_HISTOGRAM", BY_HISTOGRAM),
+        ("BY_COEFFICIENT", BY_COEFFICIENT),
+    ] {
+        writeln!(text, "const {name}: u32 = {}u;", bytes / words).expect("a string takes everything");
+    }
+    writeln!(text, "const LONGEST_LOOP: u32 = {LONGEST_LOOP}u;").expect("a string takes everything");
     writeln!(text, "const WINDOW = array<f32, {SSIM_WINDOW}>({});", list(&ssim_window()))
         .expect("a string takes everything");
     guards(&mut text);

@@ -6,13 +6,14 @@ use crate::{
     cloud::UNIFORM,
     collect::Collected,
     dispatch::{Commands, Groups},
-    gpu::{Gpu, MOST_ITERATIONS, STORAGE, backend_error},
+    gpu::{Gpu, STORAGE, backend_error},
+    iterations::check_tiles,
     layout::{QUEUED_BYTES, SPLAT_BYTES, Status, Step},
     shaders::{SORT_BITS, SORT_BLOCK, TILE_COLUMNS, Tiling, Variant, stride, tiling},
 };
 
-/// Where in `indirect` the sizes of a dispatch stand, bytes: an invocation a Gaussian, a group a block of sorting, a group a block of the
-/// scan of sorting's histograms, an invocation an SH coefficient.
+/// Where in `indirect` the sizes of a dispatch stand, bytes (in the shaders: words): an invocation a Gaussian, a group a block of sorting, a
+/// group a block of the scan of sorting's histograms, an invocation an SH coefficient.
 pub(crate) const BY_GAUSSIAN: u64 = 0;
 pub(crate) const BY_SORT_BLOCK: u64 = 12;
 pub(crate) const BY_HISTOGRAM: u64 = 24;
@@ -214,7 +215,7 @@ impl Tiles {
             self.segments.clear();
         }
         (self.size, self.settings, self.gaussians) = (size, *settings, gaussians as u32);
-        self.check_count(gpu)?;
+        check_tiles(gpu, size, self.across_and_down())?;
         let n = gaussians as u64;
         self.splats.ensure(gpu, n * SPLAT_BYTES)?;
         self.offsets.ensure(gpu, (n + 1) * 4)?;
@@ -352,18 +353,5 @@ impl Tiles {
             self.segments.push(buffer);
         }
         Ok(())
-    }
-
-    /// Fails where a software driver would end the loops over all tiles of one Gaussian.
-    fn check_count(&self, gpu: &Gpu) -> Result<(), Error> {
-        let [across, _] = self.across_and_down();
-        if !gpu.on_cpu || self.count() + u64::from(across) <= u64::from(MOST_ITERATIONS) {
-            return Ok(());
-        }
-        let [width, height] = self.size;
-        Err(backend_error(format!(
-            "an image of {width}x{height} px has more tiles than {} can loop over: make it smaller, or use the CPU backend",
-            gpu.adapter.name
-        )))
     }
 }

@@ -18,7 +18,7 @@ pub struct Workspace<S: Kind> {
     /// Once there was a pass.
     pub(crate) view: Option<S::View>,
     pub(crate) own: S::Own,
-    /// As many as the kind of scene has.
+    /// As many as the kind of scene has, once there was a backward pass.
     pub(crate) gradients: Vec<Growing>,
     /// The cloud's edition that the lists were made for.
     pub(crate) edition: Option<u64>,
@@ -43,13 +43,6 @@ impl<S: Kind> Workspace<S> {
         }
         self.view = Some(view.clone());
         self.tiles.set(gpu, cloud.len, S::size(view), settings)?;
-        let sizes = S::gradient_bytes(cloud);
-        while self.gradients.len() < sizes.len() {
-            self.gradients.push(Growing::new(gpu, "gradients")?);
-        }
-        for (gradients, bytes) in self.gradients.iter_mut().zip(sizes) {
-            gradients.ensure(gpu, bytes)?;
-        }
         S::ensure(self, gpu, cloud)
     }
 
@@ -86,6 +79,24 @@ impl<S: Kind> Workspace<S> {
         S::encode_project(self, gpu, commands, cloud, lists);
     }
 
+    /// Stage `project_bwd`, and room for the gradients that it leaves: a pass that is only looked at needs none.
+    pub(crate) fn encode_project_bwd(
+        &mut self,
+        gpu: &Gpu,
+        commands: &mut Commands,
+        cloud: &Cloud<S>,
+    ) -> Result<(), Error> {
+        let sizes = S::gradient_bytes(cloud);
+        while self.gradients.len() < sizes.len() {
+            self.gradients.push(Growing::new(gpu, "gradients")?);
+        }
+        for (gradients, bytes) in self.gradients.iter_mut().zip(sizes) {
+            gradients.ensure(gpu, bytes)?;
+        }
+        S::encode_project_bwd(self, gpu, commands, cloud);
+        Ok(())
+    }
+
     /// The gradients that `project_bwd` leaves.
     pub(crate) fn gradient_buffers(&self) -> Vec<&wgpu::Buffer> {
         self.gradients.iter().map(|growing| &growing.buffer).collect()
@@ -102,5 +113,32 @@ impl<S: Kind> Workspace<S> {
     pub(crate) fn make_room(&mut self, gpu: &Gpu, status: &Status) -> Result<(), Error> {
         self.edition = None;
         self.tiles.make_room(gpu, status)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::{Vec2, Vec3};
+    use gs_core::{Canvas, Chart, Image, Loss, PlanarGaussian, PlanarScene, Rasterizer, RenderSettings};
+
+    use crate::{WgpuRasterizer, WgpuSettings};
+
+    #[test]
+    fn what_is_only_looked_at_has_no_room_for_gradients() {
+        let wgpu = WgpuRasterizer::new(WgpuSettings::default()).expect("`cargo xtask test` installs a driver");
+        let gaussian = PlanarGaussian {
+            mean: Vec2::splat(8.0),
+            log_scale: Vec2::ONE,
+            rotation: 0.0,
+            opacity_logit: 0.0,
+            color: Vec3::ONE,
+        };
+        let scene: PlanarScene = [gaussian].into_iter().collect();
+        let cloud = wgpu.upload(&scene, Chart::ScaleRotation).unwrap();
+        let frame = wgpu.forward(&cloud, &Canvas::new(16, 16), &RenderSettings::default()).unwrap();
+        assert!(frame.workspace().gradients.is_empty());
+        let target = wgpu.planar().upload_target(&Image::filled(16, 16, [0.5; 3]).unwrap()).unwrap();
+        let (_, gradients) = wgpu.backward(&cloud, frame, &target, &Loss::L2).unwrap();
+        assert_ne!(wgpu.download_gradients(&cloud, &gradients).unwrap().colors, [Vec3::ZERO]);
     }
 }

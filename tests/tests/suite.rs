@@ -318,6 +318,7 @@ fn every_fault_is_caught_by_its_case() {
         (DoublesLosses, "steps_decrease_the_loss"),
         (LosesTheLastGaussian, "scenes_come_back"),
         (ForgetsMomentsOnRestore, "restored_clouds_continue_bit_for_bit"),
+        (ForgetsMomentsOnRestore, "first_steps_owe_nothing_to_renderings"),
         (StepsUphill, "steps_decrease_the_loss"),
         (StepsUphill, "local_frame_steps_match"),
         (ForgetsBiasCorrection, "adam_matches"),

@@ -9,12 +9,12 @@ use gs_conformance::{
     scenes::{Draw, Kind},
 };
 use gs_core::{
-    Adam, Binning, Blend, Camera, Canvas, Chart, Image, Loss, PlanarGaussian, PlanarScene, Rasterizer, RenderSettings,
-    Scene, SpatialGaussian, SpatialScene, TrainStep, Wait,
+    Adam, Binning, Blend, Camera, Canvas, Chart, CloudState, Image, Loss, PlanarGaussian, PlanarScene, Rasterizer,
+    RenderSettings, Scene, SpatialGaussian, SpatialScene, TrainStep, Wait,
     effects::{Order, Statistics},
 };
 use gs_cpu::{CpuRasterizer, CpuSettings};
-use gs_wgpu::{FreshBuffers, Kernels, WgpuRasterizer, WgpuSettings};
+use gs_wgpu::{FreshBuffers, Kernels, PlanarCloud, Target, WgpuRasterizer, WgpuSettings};
 
 /// A rasterizer of each kind of kernels that the adapter can run, whose dispatches walk along so many entries; `None`: as many as it can.
 fn rasterizers(longest_walk: Option<u32>) -> Vec<(Kernels, WgpuRasterizer)> {
@@ -50,27 +50,81 @@ fn spatial_scenes_conform_in_walks_of_seven_entries() {
     }
 }
 
-/// Where passes are not fused anyhow, the same numbers are added in the same order, whatever the walks.
+/// A step on `view` towards `target`.
+fn train(
+    r: &WgpuRasterizer,
+    cloud: &mut PlanarCloud,
+    (view, target): (&Canvas, &Target),
+    (settings, loss): (&RenderSettings, Loss),
+) {
+    let rates = Adam::default().at(0.0);
+    let step = TrainStep { settings, loss, rates: &rates, binning: Binning::Fresh };
+    r.train_step(cloud, view, target, &step).unwrap();
+}
+
+/// The losses since they were asked for last, and the whole state.
+fn state(r: &WgpuRasterizer, cloud: &mut PlanarCloud) -> (Vec<f32>, CloudState) {
+    let mut losses = Vec::new();
+    r.losses(cloud, Wait::All, &mut losses).unwrap();
+    (losses, r.save(cloud).unwrap())
+}
+
+/// The same numbers are added in the same order, whatever the walks, and whether a step takes one pass for it or three.
 #[test]
 fn walks_change_no_bit() {
-    let draw = Draw::new(Kind::Typical, Blend::Over, 300, (40, 30), 9).on([0.2, 0.4, 0.6]);
-    for ((kernels, whole), (_, in_walks)) in rasterizers(None).iter().zip(&rasterizers(Some(7))) {
-        let scene_after = |r: &WgpuRasterizer| {
-            let target = r.planar().upload_target(&draw.target().unwrap()).unwrap();
-            let mut cloud = r.upload(&draw.scene, Chart::ScaleRotation).unwrap();
-            let rates = Adam::default().at(0.0);
-            for _ in 0..10 {
-                let loss = Loss::L1Dssim { lambda: 0.2 };
-                let step = TrainStep { settings: &draw.settings, loss, rates: &rates, binning: Binning::Fresh };
-                r.train_step(&mut cloud, &draw.view, &target, &step).unwrap();
+    for blend in [Blend::Sum, Blend::Over] {
+        let draw = Draw::new(Kind::Typical, blend, 300, (40, 30), 9).on([0.2, 0.4, 0.6]);
+        for loss in [Loss::L2, Loss::L1, Loss::L1Dssim { lambda: 0.2 }] {
+            for ((kernels, whole), (_, in_walks)) in rasterizers(None).iter().zip(&rasterizers(Some(7))) {
+                let after = |r: &WgpuRasterizer| {
+                    let target = r.planar().upload_target(&draw.target().unwrap()).unwrap();
+                    let mut cloud = r.upload(&draw.scene, Chart::ScaleRotation).unwrap();
+                    for _ in 0..5 {
+                        train(r, &mut cloud, (&draw.view, &target), (&draw.settings, loss));
+                    }
+                    assert_ne!(r.download(&cloud).unwrap(), draw.scene, "nothing moved");
+                    state(r, &mut cloud)
+                };
+                let (expected, found) = (after(whole), after(in_walks));
+                assert!(expected == found, "{kernels:?}, {blend:?}, {loss:?}: {:?}, not {:?}", found.0, expected.0);
             }
-            let mut losses = Vec::new();
-            r.losses(&mut cloud, Wait::All, &mut losses).unwrap();
-            (losses, r.download(&cloud).unwrap())
-        };
-        let (expected, found) = (scene_after(whole), scene_after(in_walks));
-        assert_ne!(expected.1, draw.scene, "nothing moved");
-        assert!(expected == found, "{kernels:?}");
+        }
+    }
+}
+
+/// A run that has met long lists goes on as one that was stored behind them, and has not.
+#[test]
+fn a_run_that_is_resumed_behind_long_lists_goes_on_bit_for_bit() {
+    let gaussian = |i: u32| PlanarGaussian {
+        // Twenty to the left, three to the right.
+        mean: Vec2::new(if i < 20 { 8.3 } else { 108.0 } + 0.5 * (i % 5) as f32, 6.0 + 0.25 * i as f32),
+        log_scale: Vec2::new(1.1, 0.6),
+        rotation: i as f32,
+        opacity_logit: 0.5,
+        color: Vec3::new(0.1, 0.05, 0.01 * i as f32),
+    };
+    let scene: PlanarScene = (0..23).map(gaussian).collect();
+    let left = Canvas::new(16, 16);
+    let right = left.showing(Vec2::new(100.0, 0.0), Vec2::splat(16.0));
+    let image = Image::filled(16, 16, [0.3, 0.1, 0.2]).unwrap();
+    for blend in [Blend::Sum, Blend::Over] {
+        let settings = RenderSettings::blended(blend);
+        for (kernels, r) in rasterizers(Some(7)) {
+            let target = r.planar().upload_target(&image).unwrap();
+            let mut cloud = r.upload(&scene, Chart::ScaleRotation).unwrap();
+            train(&r, &mut cloud, (&left, &target), (&settings, Loss::L2));
+            let (_, stored) = state(&r, &mut cloud);
+            let mut resumed = r.restore(&stored).unwrap();
+            let after = |cloud: &mut _| {
+                for _ in 0..3 {
+                    train(&r, cloud, (&right, &target), (&settings, Loss::L2));
+                }
+                state(&r, cloud)
+            };
+            let (expected, found) = (after(&mut cloud), after(&mut resumed));
+            assert_ne!(expected.1, stored, "nothing moved");
+            assert!(expected == found, "{kernels:?}, {blend:?}: {:?}, not {:?}", found.0, expected.0);
+        }
     }
 }
 
@@ -178,30 +232,33 @@ fn a_tile_of_many_planar_gaussians_is_that_of_the_cpu() {
     }
 }
 
-/// Lists that a rendering left behind belong to it, not to the first step after it.
+/// Neighbours in the scene that cover ten thousand tiles each: together more than a software driver lets an invocation loop over, where one
+/// adds up what eight of them receive.
 #[test]
-fn a_step_that_reuses_lists_owes_nothing_to_a_rendering_before_it() {
-    let (scene, view) = planar();
-    let target = Image::filled(16, 16, [0.3, 0.1, -0.2]).unwrap();
-    let settings = RenderSettings::blended(Blend::Sum);
-    let rates = Adam::default().at(0.0);
-    let step = TrainStep { settings: &settings, loss: Loss::L2, rates: &rates, binning: Binning::Reuse };
+fn gaussians_that_cover_many_tiles_receive_what_they_do_on_the_cpu() {
+    let gaussian = |i: usize| PlanarGaussian {
+        mean: Vec2::new(200.0 + 170.0 * i as f32, 1500.0 - 150.0 * i as f32),
+        log_scale: Vec2::splat(3000.0f32.ln()),
+        rotation: 0.3 * i as f32,
+        opacity_logit: -1.5,
+        color: Vec3::new(0.9, 0.1 * i as f32, 0.5),
+    };
+    let (scene, view): (PlanarScene, _) = ((0..8).map(gaussian).collect(), Canvas::new(1600, 1600));
+    let target = Image::filled(1600, 1600, [0.3, 0.1, 0.2]).unwrap();
+    let settings = RenderSettings::blended(Blend::Over);
+    let expected = outcome(&cpu(), (&scene, &view), &target, &settings).2;
     for (kernels, r) in rasterizers(None) {
-        let target = r.planar().upload_target(&target).unwrap();
-        let scene_after = |rendered: bool| {
-            let mut cloud = r.upload(&scene, Chart::ScaleRotation).unwrap();
-            if rendered {
-                r.forward(&cloud, &view, &settings).unwrap();
-            }
-            for _ in 0..2 {
-                r.train_step(&mut cloud, &view, &target, &step).unwrap();
-            }
-            let mut losses = Vec::new();
-            r.losses(&mut cloud, Wait::All, &mut losses).unwrap();
-            (losses, r.download(&cloud).unwrap())
-        };
-        let (expected, found) = (scene_after(false), scene_after(true));
-        assert!(expected == found, "{kernels:?}: losses {:?} instead of {:?}", found.0, expected.0);
+        let found = outcome(&r, (&scene, &view), &target, &settings).2;
+        for i in 0..8 {
+            let of = |scene: &PlanarScene| {
+                let g = scene.gaussian(i);
+                [g.color.to_array().to_vec(), g.mean.to_array().to_vec(), vec![g.opacity_logit]].concat()
+            };
+            let (found, expected) = (of(&found), of(&expected));
+            let apart = apart(found.iter().copied(), expected.iter().copied());
+            // Sums of 2.6 million pixels.
+            assert!(apart < 1e-3, "{kernels:?}, Gaussian {i}: {found:?} instead of {expected:?}");
+        }
     }
 }
 

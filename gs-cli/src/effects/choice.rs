@@ -68,18 +68,21 @@ impl EffectsArgs {
     }
 
     /// What a scene is shown with in these views (without any: in whatever view), and why.
+    ///
+    /// # Errors
+    /// Where the scene is asked, those of [`RenderSettings::validate`].
     pub(crate) fn choose<S: CallsForEffects>(
         &self,
         scene: &S,
         views: &[S::View],
         wanted: &RenderSettings,
-    ) -> CalledFor {
-        match self.choice() {
-            Choice::Auto => Effects::called_for(scene, views, wanted),
+    ) -> Result<CalledFor, gs_core::Error> {
+        Ok(match self.choice() {
+            Choice::Auto => Effects::called_for(scene, views, wanted)?,
             Choice::All => as_said(wanted, |_| Said { stays: wanted.effects, why: "--effects all" }),
             Choice::AsChosen => as_said(wanted, |_| Said { stays: wanted.effects, why: "as the settings have it" }),
             Choice::Only(list) => listed(list, wanted),
-        }
+        })
     }
 }
 
@@ -136,7 +139,7 @@ mod tests {
         wanted.effects.antialias = Antialias::Mip;
         wanted.effects.sh_degree = 3;
         let args = EffectsArgs { effects: Some(text.parse().unwrap()) };
-        args.choose(&PlanarScene::default(), &[], &wanted)
+        args.choose(&PlanarScene::default(), &[], &wanted).unwrap()
     }
 
     #[test]

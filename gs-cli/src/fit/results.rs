@@ -131,7 +131,7 @@ impl Results<'_> {
             }
             fit
         });
-        let summary = fit.map(|fit| self.summary(fit, &file));
+        let summary = fit.and_then(|fit| self.summary(fit, &file));
         match &summary {
             Ok(summary) => tried.push(self.folder.write_json("summary.json", summary)),
             Err(failure) => tried.extend([Err(failure.clone()), self.folder.leave_out("summary.json")]),
@@ -158,9 +158,9 @@ impl Results<'_> {
         Ok(Looks { reconstruction, culled, backdrop })
     }
 
-    fn summary(&self, fit: FitSummary, file: &PlanarFile) -> Summary {
+    fn summary(&self, fit: FitSummary, file: &PlanarFile) -> Result<Summary, Failure> {
         let canvas = Canvas::new(file.width, file.height);
-        Summary {
+        Ok(Summary {
             fit: FitSummary {
                 backend: self.backend.name.to_owned(),
                 threads: u32::try_from(self.backend.threads).ok(),
@@ -170,8 +170,8 @@ impl Results<'_> {
             simd: self.backend.simd.clone(),
             total_seconds: self.seconds_before + self.started.elapsed().as_secs_f64(),
             image: self.target.file.as_ref().map(|file| file.display().to_string()),
-            effects: self.effects.choose(&file.scene, &[canvas], &file.settings).verdicts,
-        }
+            effects: self.effects.choose(&file.scene, &[canvas], &file.settings)?.verdicts,
+        })
     }
 
     fn write_looks(&self, file: &PlanarFile, looks: &Looks) -> Vec<Result<(), Failure>> {

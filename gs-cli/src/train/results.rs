@@ -171,7 +171,7 @@ impl Results<'_> {
             simd: self.backend.simd.clone(),
             total_seconds: self.seconds_before + self.started.elapsed().as_secs_f64(),
             dataset: self.args.dataset.display().to_string(),
-            effects: self.args.effects.choose(scene, &cameras(trainer.views()), &trainer.shown()).verdicts,
+            effects: self.args.effects.choose(scene, &cameras(trainer.views()), &trainer.shown())?.verdicts,
         })
     }
 

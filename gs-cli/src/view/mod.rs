@@ -104,7 +104,7 @@ pub(crate) fn run(args: &ViewArgs) -> Result<(), Failure> {
     let depth = start.camera.to_camera(start.target).z;
     let distance = if depth > 0.0 { depth } else { bulk.radius };
     // One may move to wherever one likes.
-    let CalledFor { settings, verdicts } = args.effects.choose(&scene, &[], &start.settings);
+    let CalledFor { settings, verdicts } = args.effects.choose(&scene, &[], &start.settings)?;
     output::note(told(&verdicts));
     let session = Session::new(Navigator::new(&start.camera, distance, start.up, bulk), settings);
     let subject = Subject {

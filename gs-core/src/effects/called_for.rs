@@ -24,7 +24,7 @@ use crate::{
     constants::{HALF_DISPLAY_STEP, NARROW_PX},
     sh,
 };
-use crate::{scene::Scene, settings::RenderSettings};
+use crate::{error::Error, scene::Scene, settings::RenderSettings};
 
 /// Settings without what a scene does not call for, and how that was decided.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -66,11 +66,13 @@ pub enum Answer {
     Off,
 }
 
+/// The wanted effects with what is left of one of them, and why.
+pub type Decision = (Effects, String);
+
 /// A scene that can be asked which effects it calls for.
 pub trait CallsForEffects: Scene {
-    /// Says of one effect what is called for, given settings in which the effects before it in [`Effect::ALL`] have been decided: the effects
-    /// that are left, and why.
-    fn decide(&self, effect: Effect, views: &[Self::View], settings: &RenderSettings) -> (Effects, String);
+    /// Says of each effect, in the order of [`Effect::ALL`], what of it is called for where these settings, which are valid, are wanted.
+    fn decide(&self, views: &[Self::View], settings: &RenderSettings) -> [Decision; Effect::ALL.len()];
 
     /// How many of the Gaussians that a view shows are narrower than a pixel, before `settings` widen them; none, where the view is not
     /// possible.
@@ -102,23 +104,32 @@ impl Effects {
     /// are no `views`; in these, if there are. Rendering with the settings that are returned and with the wanted ones shows what the difference
     /// is in fact.
     ///
+    /// # Errors
+    /// Those of [`RenderSettings::validate`], of the wanted settings.
+    ///
     /// ```
     /// use gs_core::{Blend, Effects, PlanarScene, RenderSettings, effects::{Antialias, Order}};
     ///
     /// let mut wanted = RenderSettings::blended(Blend::Over).on([0.0; 3]);
     /// wanted.effects.order = Order::TileDepth;
-    /// let called = Effects::called_for(&PlanarScene::default(), &[], &wanted);
+    /// let called = Effects::called_for(&PlanarScene::default(), &[], &wanted)?;
     /// assert_eq!(called.settings.effects, Effects { blend: Blend::Over, ..Effects::default() });
+    /// # Ok::<(), gs_core::Error>(())
     /// ```
-    pub fn called_for<S: CallsForEffects>(scene: &S, views: &[S::View], wanted: &RenderSettings) -> CalledFor {
+    pub fn called_for<S: CallsForEffects>(
+        scene: &S,
+        views: &[S::View],
+        wanted: &RenderSettings,
+    ) -> Result<CalledFor, Error> {
+        wanted.validate()?;
         let mut settings = *wanted;
-        let verdicts = Effect::ALL.into_iter().map(|effect| {
-            let (effects, reason) = scene.decide(effect, views, &settings);
+        let decisions = Effect::ALL.into_iter().zip(scene.decide(views, wanted));
+        let verdicts = decisions.map(|(effect, (effects, reason))| {
             settings.effects = effect.copied(&effects, &settings.effects);
             Verdict::new(effect, &wanted.effects, &settings.effects, reason)
         });
         let verdicts = verdicts.collect();
-        CalledFor { settings, verdicts }
+        Ok(CalledFor { settings, verdicts })
     }
 }
 
@@ -138,7 +149,7 @@ impl Verdict {
 }
 
 /// What is said of a background, whatever the scene.
-fn background(settings: &RenderSettings) -> (Effects, String) {
+fn background(settings: &RenderSettings) -> Decision {
     let without = Effect::Background.off(&settings.effects);
     match settings.backdrop() {
         _ if without == settings.effects => (without, "none is asked for".to_owned()),
@@ -150,6 +161,15 @@ fn background(settings: &RenderSettings) -> (Effects, String) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scene::PlanarScene;
+
+    #[test]
+    fn settings_that_are_not_possible_call_for_nothing() {
+        let mut wanted = RenderSettings::default();
+        wanted.effects.sh_degree = 4;
+        let refused = Effects::called_for(&PlanarScene::default(), &[], &wanted).unwrap_err();
+        assert_eq!(refused, RenderSettings::validate(&wanted).unwrap_err());
+    }
 
     #[test]
     fn an_answer_is_about_what_is_wanted() {

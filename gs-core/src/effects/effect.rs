@@ -25,6 +25,9 @@ pub enum Effect {
     Background,
 }
 
+/// The degrees of harmonics, in a word.
+const DEGREES: [&str; 4] = ["0", "1", "2", "3"];
+
 impl Effect {
     /// All of them.
     pub const ALL: [Self; 5] = [Self::Order, Self::Blend, Self::ShDegree, Self::Antialias, Self::Background];
@@ -43,30 +46,11 @@ impl Effect {
     /// Its value in `effects`, in a word.
     pub fn value(self, effects: &Effects) -> &'static str {
         match self {
-            Self::Order => match effects.order {
-                Order::Index => "index",
-                Order::TileDepth => "tile-depth",
-                Order::PixelDepth => "pixel-depth",
-            },
-            Self::Blend => match effects.blend {
-                Blend::Sum => "sum",
-                Blend::Over => "over",
-            },
-            Self::ShDegree => match effects.sh_degree {
-                0 => "0",
-                1 => "1",
-                2 => "2",
-                _ => "3",
-            },
-            Self::Antialias => match effects.antialias {
-                Antialias::None => "none",
-                Antialias::Dilate => "dilate",
-                Antialias::Mip => "mip",
-            },
-            Self::Background => match effects.background {
-                Background::None => "none",
-                Background::Solid => "solid",
-            },
+            Self::Order => effects.order.name(),
+            Self::Blend => effects.blend.name(),
+            Self::ShDegree => DEGREES.get(usize::from(effects.sh_degree)).copied().unwrap_or("beyond 3"),
+            Self::Antialias => effects.antialias.name(),
+            Self::Background => effects.background.name(),
         }
     }
 
@@ -165,6 +149,9 @@ mod tests {
             let values: Vec<&str> = down.iter().map(|effects| effect.value(effects)).collect();
             assert!(!values.contains(&effect.value(&all)), "{effect}: {values:?}");
             assert_eq!(effect.name().parse::<Effect>().unwrap(), effect);
+            // In the words of settings files.
+            let in_a_file = serde_json::to_value(all).unwrap()[effect.name()].clone();
+            assert_eq!(in_a_file.to_string().trim_matches('"'), effect.value(&all));
         }
         assert!("sparkle".parse::<Effect>().unwrap_err().to_string().contains("sh-degree"));
     }

@@ -35,7 +35,7 @@ pub const SMALLEST_LOG_SCALE: f32 = -87.336_55;
 pub enum Finding {
     /// Its mean is NaN or infinite.
     MeanNotFinite,
-    /// A ln-scale is NaN or +∞, or so large that its variance is infinite in `f32`.
+    /// A ln-scale is NaN or +∞, or so large that the scale is infinite in `f32`.
     ScaleNotFinite,
     /// Its rotation is NaN or infinite.
     RotationNotFinite,
@@ -48,9 +48,13 @@ pub enum Finding {
     NoRotation,
     /// A scale is exactly 0: its ln is −∞.
     ZeroScale,
-    /// Too small to be drawn: its longest axis is shorter than the distance between neighbouring `f32` at its mean, or, in the plane, det Σ is below
-    /// [`MIN_DETERMINANT_PX4`](crate::constants::MIN_DETERMINANT_PX4).
+    /// Too small to be resolved: its longest axis is shorter than the distance between neighbouring `f32` at its mean, or, in the plane, det Σ is
+    /// below [`MIN_DETERMINANT_PX4`](crate::constants::MIN_DETERMINANT_PX4). It is drawn only if an [`Antialias`](crate::effects::Antialias)
+    /// widens it, or magnified.
     Vanishing,
+    /// So large that its variance is infinite in `f32`, though the scale is not: it is drawn only if it is seen from so far that it is smaller
+    /// in pixels.
+    Enormous,
     /// Its axes differ by more than [`NEEDLE_ASPECT`].
     Needle,
     /// Mean, scales and rotation are those of an earlier Gaussian, bit for bit (0 and −0 are the same); opacity and colour may differ.
@@ -89,6 +93,7 @@ impl Finding {
             | Self::NoRotation => Remedy::Remove,
             Self::ZeroScale => Remedy::Widen,
             Self::Vanishing
+            | Self::Enormous
             | Self::Needle
             | Self::Duplicate
             | Self::Transparent
@@ -115,7 +120,8 @@ impl fmt::Display for Finding {
             Self::ColorNotFinite => f.write_str("colour is NaN or infinite"),
             Self::NoRotation => f.write_str("quaternion is 0"),
             Self::ZeroScale => f.write_str("scale is 0"),
-            Self::Vanishing => f.write_str("size is too small to be drawn"),
+            Self::Vanishing => f.write_str("size is too small to be resolved; drawn only if widened"),
+            Self::Enormous => f.write_str("size is too large for its square; drawn only from afar"),
             Self::Needle => write!(f, "shape is a needle, more than {NEEDLE_ASPECT} times as long as wide"),
             Self::Duplicate => f.write_str("place and shape are those of an earlier one"),
             Self::Transparent => f.write_str("opacity is below 1/255, never seen"),

@@ -133,14 +133,16 @@ fn found_if(it_is: bool, finding: Finding, found: &mut dyn FnMut(Finding)) {
     }
 }
 
-/// Whether all ln-scales are finite and their variances, too; otherwise tells why not.
+/// Whether all scales and their ln are finite; otherwise tells why not.
 fn scales_are_sound(log_scales: &[f32], found: &mut dyn FnMut(Finding)) -> bool {
-    // −∞ has a variance of 0, and NaN none.
-    let too_large = log_scales.iter().any(|log| !(2.0 * log).exp().is_finite());
+    // −∞ is a scale of 0, and NaN none.
+    let not_finite = log_scales.iter().any(|log| !log.exp().is_finite());
     let zero = log_scales.contains(&f32::NEG_INFINITY);
-    found_if(too_large, Finding::ScaleNotFinite, found);
-    found_if(zero && !too_large, Finding::ZeroScale, found);
-    !too_large && !zero
+    found_if(not_finite, Finding::ScaleNotFinite, found);
+    found_if(zero && !not_finite, Finding::ZeroScale, found);
+    let enormous = log_scales.iter().any(|log| !(2.0 * log).exp().is_finite());
+    found_if(enormous && !not_finite && !zero, Finding::Enormous, found);
+    !not_finite && !zero
 }
 
 fn examine_opacity(logit: f32, found: &mut dyn FnMut(Finding)) {

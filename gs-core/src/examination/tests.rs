@@ -3,7 +3,13 @@
 use glam::{Vec2, Vec3};
 
 use super::*;
-use crate::scene::{PlanarGaussian, PlanarScene, Scene, SpatialGaussian, SpatialScene};
+use crate::{
+    effects::Blend,
+    perspective::{Ellipsoid, Perspective},
+    scene::{PlanarGaussian, PlanarScene, Scene, SpatialGaussian, SpatialScene},
+    settings::RenderSettings,
+    view::Camera,
+};
 
 fn spatial(x: f32) -> SpatialGaussian {
     SpatialGaussian {
@@ -53,10 +59,10 @@ fn a_sound_scene_has_nothing_and_stays_bit_for_bit() {
 #[test]
 fn each_fault_is_found_in_space() {
     type Spoil = fn(&mut SpatialGaussian);
-    let cases: [(Finding, Spoil); 17] = [
+    let cases: [(Finding, Spoil); 18] = [
         (Finding::MeanNotFinite, |g| g.mean.y = f32::NEG_INFINITY),
         (Finding::ScaleNotFinite, |g| g.log_scale.z = f32::NAN),
-        (Finding::ScaleNotFinite, |g| g.log_scale.z = 45.0),
+        (Finding::ScaleNotFinite, |g| g.log_scale.z = 89.0),
         (Finding::RotationNotFinite, |g| g.rotation[3] = f32::NAN),
         (Finding::OpacityNotANumber, |g| g.opacity_logit = f32::NAN),
         (Finding::ColorNotFinite, |g| g.sh[3].x = f32::NAN),
@@ -64,6 +70,7 @@ fn each_fault_is_found_in_space() {
         (Finding::NoRotation, |g| g.rotation = [0.0, -0.0, 1e-4, 0.0]),
         (Finding::ZeroScale, |g| g.log_scale.y = f32::NEG_INFINITY),
         (Finding::Vanishing, |g| g.log_scale = Vec3::splat(-20.0)),
+        (Finding::Enormous, |g| g.log_scale = Vec3::new(44.5, 44.4, -2.0)),
         (Finding::Needle, |g| g.log_scale = Vec3::new(-1.0, 6.0, -2.0)),
         (Finding::Transparent, |g| g.opacity_logit = -6.0),
         (Finding::Transparent, |g| g.opacity_logit = f32::NEG_INFINITY),
@@ -117,6 +124,27 @@ fn each_fault_is_found_in_the_plane() {
         repaired.validate().unwrap();
         assert!(examine(&repaired).unwrap().is_sound());
     }
+}
+
+/// Whose variance overflows may be drawn all the same, and stays; whose scale overflows cannot.
+#[test]
+fn what_is_drawn_from_afar_stays_however_large_it_is() {
+    let camera = Camera::looking_forward(64, 48, 1.0);
+    let perspective = Perspective::new(&camera, &RenderSettings::blended(Blend::Over));
+    let drawn = |log_scale: f32| {
+        let log_scale = Vec3::new(log_scale, log_scale, 0.0);
+        let g = SpatialGaussian { mean: Vec3::new(0.0, 0.0, 2e12), log_scale, ..spatial(0.0) };
+        let SpatialGaussian { mean, rotation, opacity_logit, .. } = g;
+        let is_drawn = perspective.project(&Ellipsoid { mean, log_scale, rotation, opacity_logit }).is_ok();
+        let mut scene = SpatialScene { sh_degree: 1, ..Default::default() };
+        scene.push(g);
+        let findings: Vec<Finding> = examine(&scene).unwrap().cases.iter().map(|case| case.finding).collect();
+        repair(&mut scene).unwrap();
+        (is_drawn, findings, scene.len())
+    };
+    assert_eq!(drawn(30.0), (true, vec![], 1));
+    assert_eq!(drawn(44.5), (true, vec![Finding::Enormous], 1));
+    assert_eq!(drawn(88.8), (false, vec![Finding::ScaleNotFinite], 0));
 }
 
 #[test]

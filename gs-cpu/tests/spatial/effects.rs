@@ -34,7 +34,7 @@ fn what_is_not_called_for_is_not_seen() {
             wanted = wanted.on([0.0; 3]);
         }
         for views in [&[view][..], &[]] {
-            let called = Effects::called_for(&scene, views, &wanted);
+            let called = Effects::called_for(&scene, views, &wanted).unwrap();
             let picture = |settings: &RenderSettings| cpu.render(&scene, &view, settings).unwrap();
             let (whole, less) = (picture(&wanted), picture(&called.settings));
             let pixels = whole.pixels().as_flattened().iter().zip(less.pixels().as_flattened());
@@ -69,7 +69,7 @@ fn an_order_that_is_called_for_would_be_missed() {
     let view = camera(64, 48);
     let crowd = scene(60, 0, 9.0);
     let wanted = settings(Order::PixelDepth, 0);
-    let called = Effects::called_for(&crowd, &[view], &wanted);
+    let called = Effects::called_for(&crowd, &[view], &wanted).unwrap();
     assert_eq!(called.settings.effects.order, Order::PixelDepth, "{:#?}", called.verdicts);
     let mut cheaper = wanted;
     cheaper.effects.order = Order::TileDepth;

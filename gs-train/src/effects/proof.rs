@@ -34,7 +34,7 @@ where
     S: CallsForEffects,
     R: Rasterizer<S>,
 {
-    borne_out(Effects::called_for(scene, sight.views, wanted), sight, wanted)
+    borne_out(Effects::called_for(scene, sight.views, wanted)?, sight, wanted)
 }
 
 /// While the pictures show that something is missing, gives back the effect whose return brings them closest to the wanted ones, measured for

@@ -6,7 +6,7 @@ use glam::Vec3;
 use gs_core::{
     Camera, Effects, Image, Loss, Rasterizer, RenderSettings, SpatialGaussian, SpatialScene, TrainStep, Wait,
     effects::{
-        Background, Effect,
+        Background,
         called_for::{CallsForEffects, Narrow},
     },
     statistics::Culled,
@@ -275,7 +275,7 @@ impl<R: Rasterizer<SpatialScene>> Course<R, SpatialScene> for ViewsCourse<R> {
         }
         if let Some((calls, next)) = asks_for_harmonics {
             let (degree, explains) = if step == 0 {
-                (scene.decide(Effect::ShDegree, &[], wanted).0.sh_degree, None)
+                (Effects::called_for(&scene, &[], wanted)?.settings.effects.sh_degree, None)
             } else {
                 let effects = settings.effects_after(step, joins);
                 let mut render = backdrop(settings, step);

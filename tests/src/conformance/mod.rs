@@ -69,8 +69,8 @@ pub use self::{
     state::{restored_clouds_continue_bit_for_bit, scenes_come_back, shifts_move_means_and_nothing_else},
     statistics::{absolute_gradients_match, mean_gradients_match, pixel_errors_match},
     training::{
-        fused_steps_match_their_stages, solved_colors_are_the_best, statistics_are_the_positional_gradients,
-        steps_decrease_the_loss,
+        first_steps_owe_nothing_to_renderings, fused_steps_match_their_stages, solved_colors_are_the_best,
+        statistics_are_the_positional_gradients, steps_decrease_the_loss,
     },
 };
 use crate::{
@@ -148,6 +148,7 @@ pub fn cases<R: Rasterizer<PlanarScene>>() -> Vec<Case<R>> {
         adam_matches: adam_matches::<PlanarScene, R>,
         local_frame_steps_match: local_frame_steps_match::<R>,
         fused_steps_match_their_stages: fused_steps_match_their_stages::<PlanarScene, R>,
+        first_steps_owe_nothing_to_renderings: first_steps_owe_nothing_to_renderings::<R>,
         losses_are_told_once_and_in_order: losses_are_told_once_and_in_order::<PlanarScene, R>,
         steps_under_way_are_seen_by_everything: steps_under_way_are_seen_by_everything::<PlanarScene, R>,
         statistics_are_the_positional_gradients: statistics_are_the_positional_gradients::<R>,

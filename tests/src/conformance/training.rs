@@ -53,6 +53,36 @@ pub fn steps_decrease_the_loss<S: Subject, R: Rasterizer<S>>(rasterizer: &R) -> 
     Ok(())
 }
 
+/// Lists that a rendering left behind are not those of a step with [`Binning::Reuse`] after it: the Gaussians may have moved since. The step
+/// is that of a cloud which was stored and restored in between, bit for bit.
+///
+/// # Errors
+/// [`Failure`] where the backend does not do so.
+pub fn first_steps_owe_nothing_to_renderings<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Result<(), Failure> {
+    // Further than most reach.
+    let rates = Adam { mean: Group::constant(8.0), ..Adam::default() }.at(0.0);
+    for blend in [Blend::Sum, Blend::Over] {
+        let draw = Draw::new(Kind::Typical, blend, 20, (70, 50), 1603);
+        let target = rasterizer.upload_target(&draw.target()?)?;
+        let mut rendered = rasterizer.upload(&draw.scene, Chart::ScaleRotation)?;
+        let frame = rasterizer.forward(&rendered, &draw.view, &draw.settings)?;
+        let (_, gradients) = rasterizer.backward(&rendered, frame, &target, &Loss::L2)?;
+        rasterizer.step(&mut rendered, &gradients, &rates)?;
+        // With the gradients goes what held the lists.
+        drop(gradients);
+        let mut restored = rasterizer.restore(&rasterizer.save(&rendered)?)?;
+        let step = TrainStep { settings: &draw.settings, loss: Loss::L2, rates: &rates, binning: Binning::Reuse };
+        let after = |cloud: &mut R::Cloud| -> Result<_, Failure> {
+            rasterizer.train_step(cloud, &draw.view, &target, &step)?;
+            Ok((losses_of(rasterizer, cloud)?, rasterizer.save(cloud)?))
+        };
+        let (found, expected) = (after(&mut rendered)?, after(&mut restored)?);
+        let place = || format!("{blend:?}: the loss is {:?} instead of {:?}", found.0, expected.0);
+        Failure::unless(found == expected, place)?;
+    }
+    Ok(())
+}
+
 /// `train_step` does what `forward`, `backward` and `step` do, over five steps, in every chart, blend and loss, through a canvas of
 /// another scale too.
 ///

@@ -7,6 +7,7 @@ use gs_conformance::{
 use gs_core::{
     AdamRates, Camera, Chart, CloudState, DensityStatistics, EditPlan, Error, Image, Loss, Participants, Rasterizer,
     RenderSettings, Scene, SpatialGaussian, SpatialScene, TrainStep, Wait,
+    edit::{Moments, Source},
     effects::{Antialias, Background, Order, Statistics},
     scene::logit,
     statistics::Culled,
@@ -14,7 +15,7 @@ use gs_core::{
 
 mod cloud;
 
-use cloud::{Cloud, Frame, Gradients, narrow, scene_of, tensors};
+use cloud::{Cloud, FRAME, Frame, Gradients, narrow, scene_of, tensors};
 
 /// What is wrong with the backend.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

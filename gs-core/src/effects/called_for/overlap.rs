@@ -4,6 +4,9 @@
 //! range of the keys that the wanted order sorts them by: of pixels' depths, which are linear across a Gaussian, that over the part of its box
 //! that is in the tile; of one depth a Gaussian, that depth. While no range begins before the end of an earlier one, the two orders agree at
 //! each of the tile's pixels.
+//!
+//! Backends round depths otherwise than this module, so every range is as much longer as roundings may differ, and two Gaussians whose
+//! ranges touch are out of order: unless their depths are computed from the same numbers, and so are the same everywhere.
 
 use glam::Vec2;
 
@@ -22,8 +25,18 @@ const TILE: u32 = 16;
 /// Most pairs of a Gaussian and a tile that are looked at: 256 MB of them.
 const MOST_PAIRS: usize = 1 << 26;
 
-/// By how much, relative to the numbers that it is computed from, a pixel's depth may differ from what it should be.
+/// By how much, relative to the numbers that it is computed from, a depth may differ from what it should be.
 const DEPTH_ROUNDING: f32 = 8.0 * f32::EPSILON;
+
+/// By how much, relative to the numbers that it is computed from, the border of a box may differ from where it should be: WGSL allows exp and
+/// division some units in the last place.
+const BORDER_ROUNDING: f32 = 64.0 * f32::EPSILON;
+
+/// The same of what does not depend on those numbers, px.
+const BORDER_SLACK: f32 = 2e-3;
+
+/// α just below the cut may be just above it elsewhere: relative.
+const CUT_ROUNDING: f32 = 1e-4;
 
 /// A Gaussian of which a view may show something.
 #[derive(Debug, Clone, Copy)]
@@ -36,6 +49,10 @@ pub(super) struct Drawn {
     /// World units, and by px.
     depth: f32,
     slope: Vec2,
+    /// By how much the depth may differ elsewhere.
+    depth_rounding: f32,
+    /// Bits of what it is computed from: of those coordinates of the mean that the camera's axis has a part in.
+    depth_terms: [u32; 3],
     /// Whether it is narrower than a pixel before it is widened.
     pub(super) narrow: bool,
 }
@@ -53,8 +70,10 @@ impl Shown {
         let size = (camera.width, camera.height);
         let mut drawn = Vec::new();
         if camera.validate().is_ok() {
-            let perspective = Perspective::new(camera, settings);
-            drawn.extend((0..scene.len()).filter_map(|index| Drawn::of(scene, index, &perspective, size, settings)));
+            let mut settings = *settings;
+            settings.accuracy.alpha_cut *= 1.0 - CUT_ROUNDING;
+            let through = Through { camera, settings: &settings, perspective: Perspective::new(camera, &settings) };
+            drawn.extend((0..scene.len()).filter_map(|index| Drawn::of(scene, index, &through)));
         }
         Self { drawn, size }
     }
@@ -95,23 +114,19 @@ impl Shown {
         let mut first = 0;
         for (tile, end) in ends.into_iter().enumerate() {
             let corner = [tile as u32 % across * TILE, tile as u32 / across * TILE];
-            // The farthest so far, ties by index, and who that is.
-            let mut farthest: Option<(f32, usize, u32)> = None;
+            let mut mark =
+                |pair: Option<[u32; 2]>| pair.into_iter().flatten().for_each(|at| is_out[at as usize] = true);
+            let (mut by_depth, mut by_pixel) = (Farthest::default(), Farthest::default());
             for &place in &lists[first..end] {
                 let drawn = &self.drawn[place as usize];
-                let [near, far] = match wanted {
-                    Order::PixelDepth => drawn.depths_in(corner),
-                    Order::TileDepth | Order::Index => [drawn.depth; 2],
-                };
-                match farthest {
-                    Some((depth, index, other)) if (depth, index) > (near, drawn.index) => {
-                        is_out[place as usize] = true;
-                        is_out[other as usize] = true;
-                    }
-                    _ => {}
-                }
-                if farthest.is_none_or(|(depth, index, _)| (far, drawn.index) > (depth, index)) {
-                    farthest = Some((far, drawn.index, place));
+                let terms = Among::Terms(drawn.depth_terms);
+                if wanted == Order::PixelDepth {
+                    let flat = (drawn.slope == Vec2::ZERO).then_some(Among::Flat);
+                    mark(by_pixel.next(drawn.depths_in(corner), flat.unwrap_or(Among::None(place)), place));
+                    // Nor must the cheaper order be another elsewhere.
+                    mark(by_depth.next(drawn.depths(), flat.unwrap_or(terms), place));
+                } else {
+                    mark(by_depth.next(drawn.depths(), terms, place));
                 }
             }
             first = end;
@@ -120,14 +135,58 @@ impl Shown {
     }
 }
 
+/// Who is in a fixed order with whom, however near they are: those that are equal here, by what both orders go by.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Among {
+    /// Their depth is computed from the same numbers, so that their indices decide.
+    Terms([u32; 3]),
+    /// Their depth is the same at all pixels, so that both orders go by the same number.
+    Flat,
+    /// This one is in a fixed order with nobody.
+    None(u32),
+}
+
+/// A range's end, whose it is, and among whom.
+type End = (f32, Among, u32);
+
+/// The farthest ends so far, of two that are not in a fixed order.
+#[derive(Debug, Default)]
+struct Farthest {
+    first: Option<End>,
+    /// Of those that are not among the first one's.
+    second: Option<End>,
+}
+
+impl Farthest {
+    /// Takes up the next one's range; the two that may change places, if there are such.
+    fn next(&mut self, [near, far]: [f32; 2], among: Among, place: u32) -> Option<[u32; 2]> {
+        let before = [self.first, self.second].into_iter().flatten().find(|end| end.1 != among);
+        let end = Some((far, among, place));
+        match self.first {
+            Some((farthest, other, _)) if other == among => {
+                if far > farthest {
+                    self.first = end;
+                }
+            }
+            Some((farthest, ..)) if far > farthest => (self.first, self.second) = (end, self.first),
+            Some(_) if self.second.is_none_or(|(second, ..)| far > second) => self.second = end,
+            Some(_) => {}
+            None => self.first = end,
+        }
+        before.filter(|&(farthest, ..)| farthest >= near).map(|(.., other)| [other, place])
+    }
+}
+
+/// What Gaussians are seen through.
+struct Through<'a> {
+    camera: &'a Camera,
+    settings: &'a RenderSettings,
+    perspective: Perspective,
+}
+
 impl Drawn {
-    fn of(
-        scene: &SpatialScene,
-        index: usize,
-        perspective: &Perspective,
-        (width, height): (u32, u32),
-        settings: &RenderSettings,
-    ) -> Option<Self> {
+    fn of(scene: &SpatialScene, index: usize, through: &Through<'_>) -> Option<Self> {
+        let Through { camera, settings, perspective } = through;
         let ellipsoid = Ellipsoid {
             mean: scene.means[index],
             log_scale: scene.log_scales[index],
@@ -137,11 +196,13 @@ impl Drawn {
         let p = perspective.project(&ellipsoid).ok()?;
         let reach = 2.0 * (p.opacity / settings.accuracy.alpha_cut).ln();
         let [xx, xy, yy] = p.covariance;
-        let columns = pixels(p.mean.x, (reach * xx).sqrt(), width)?;
-        let rows = pixels(p.mean.y, (reach * yy).sqrt(), height)?;
+        let columns = pixels(p.mean.x, (reach * xx).sqrt(), camera.width)?;
+        let rows = pixels(p.mean.y, (reach * yy).sqrt(), camera.height)?;
         // The smaller eigenvalue, by way of the larger, so that it does not cancel in needles.
         let larger = 0.5 * (xx + yy) + (0.25 * (xx - yy) * (xx - yy) + xy * xy).sqrt();
         let variance = p.determinant / larger - settings.effects.antialias.dilation();
+        let (axis, mean) = (camera.rotation.row(2), ellipsoid.mean);
+        let terms = (axis * mean).abs().element_sum() + camera.translation.z.abs();
         Some(Self {
             index,
             mean: p.mean,
@@ -149,6 +210,8 @@ impl Drawn {
             rows,
             depth: p.depth,
             slope: p.depth_slope,
+            depth_rounding: terms * DEPTH_ROUNDING,
+            depth_terms: [0, 1, 2].map(|i| if axis[i] == 0.0 { 0 } else { mean[i].to_bits() }),
             narrow: variance < NARROW_PX * NARROW_PX,
         })
     }
@@ -157,6 +220,11 @@ impl Drawn {
     fn tiles(&self, across: u32) -> impl Iterator<Item = usize> {
         let [columns, rows] = [self.columns, self.rows].map(|[first, end]| first / TILE..(end - 1) / TILE + 1);
         rows.flat_map(move |row| columns.clone().map(move |column| (row * across + column) as usize))
+    }
+
+    /// The least and the greatest that its one depth may be.
+    fn depths(&self) -> [f32; 2] {
+        [self.depth - self.depth_rounding, self.depth + self.depth_rounding]
     }
 
     /// The least and the greatest depth at those pixels of its box that are in the tile with this corner.
@@ -168,8 +236,7 @@ impl Drawn {
         let ((x, half_x), (y, half_y)) = (within(self.columns, corner[0]), within(self.rows, corner[1]));
         let away = Vec2::new(x, y) - self.mean;
         let half = Vec2::new(half_x, half_y).dot(self.slope.abs());
-        let size = self.depth.abs() + away.abs().dot(self.slope.abs()) + half;
-        let half = half + if self.slope == Vec2::ZERO { 0.0 } else { size * DEPTH_ROUNDING };
+        let half = half + self.depth_rounding + (away.abs().dot(self.slope.abs()) + half) * DEPTH_ROUNDING;
         let middle = self.depth + self.slope.dot(away);
         [middle - half, middle + half]
     }
@@ -177,8 +244,34 @@ impl Drawn {
 
 /// The pixels whose centres lie within `half` of the mean, a little more for roundings; `None` where there are none.
 fn pixels(mean: f32, half: f32, side: u32) -> Option<[u32; 2]> {
-    const SLACK: f32 = 2e-3;
-    let first = (mean - half - 0.5 - SLACK).ceil().clamp(0.0, side as f32);
-    let end = ((mean + half - 0.5 + SLACK).floor() + 1.0).clamp(0.0, side as f32);
+    let slack = BORDER_SLACK + (mean.abs() + half) * BORDER_ROUNDING;
+    let first = (mean - half - 0.5 - slack).ceil().clamp(0.0, side as f32);
+    let end = ((mean + half - 0.5 + slack).floor() + 1.0).clamp(0.0, side as f32);
     (first < end).then_some([first as u32, end as u32])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_border_is_as_uncertain_as_the_numbers_that_it_is_made_of() {
+        assert_eq!(pixels(8.0, 2.5 - 0.01, 16), Some([6, 10]));
+        assert_eq!(pixels(8.0, 2.5 - 0.001, 16), Some([5, 11]), "its pixels' centres are 2.5 px away");
+        // A Gaussian of a million px, whose border misses the first centre by less than f32 can tell there.
+        assert_eq!(pixels(-1e6, 1e6 + 0.25, 16).map(|[first, _]| first), Some(0));
+        assert_eq!(pixels(-1e6, 1e6 - 1e3, 16), None);
+    }
+
+    #[test]
+    fn the_farthest_of_others_is_remembered_behind_the_farthest() {
+        let [one, other] = [Among::Terms([1; 3]), Among::Terms([2; 3])];
+        let mut farthest = Farthest::default();
+        assert_eq!(farthest.next([1.0, 3.0], one, 0), None);
+        assert_eq!(farthest.next([4.0, 4.0], other, 1), None);
+        assert_eq!(farthest.next([4.0, 5.0], other, 2), None, "its like");
+        assert_eq!(farthest.next([2.5, 2.6], other, 3), Some([0, 3]), "not its like, and as far as 3");
+        assert_eq!(farthest.next([4.5, 4.5], one, 4), Some([2, 4]));
+        assert_eq!(farthest.next([6.0, 6.0], one, 5), None);
+    }
 }

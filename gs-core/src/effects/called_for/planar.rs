@@ -1,34 +1,17 @@
 //! What a planar scene calls for: no depth and no harmonics, whatever is wanted; for the rest see the [module](super).
 
-use super::{CallsForEffects, Narrow, background};
+use super::{CallsForEffects, Decision, Narrow, background};
 use crate::{
     constants::NARROW_PX,
-    effects::{Antialias, Blend, Effect, Effects},
+    effects::{Antialias, Blend, Effect},
     scene::{PlanarScene, Scene},
     settings::RenderSettings,
     view::Canvas,
 };
 
 impl CallsForEffects for PlanarScene {
-    fn decide(&self, effect: Effect, views: &[Canvas], settings: &RenderSettings) -> (Effects, String) {
-        let effects = &settings.effects;
-        let off = effect.off(effects);
-        match effect {
-            Effect::Order => (off, "no depth order: the scene is planar".to_owned()),
-            Effect::ShDegree => (off, "a planar Gaussian has one colour, from wherever it is seen".to_owned()),
-            Effect::Blend => match effects.blend {
-                Blend::Sum => (off, "Gaussians are added up, as the scene is made".to_owned()),
-                Blend::Over if self.is_empty() => (*effects, "the scene is empty".to_owned()),
-                Blend::Over => (*effects, "one Gaussian may hide another, as the scene is made".to_owned()),
-            },
-            Effect::Antialias => match (effects.antialias, narrow(self, views, settings)) {
-                (Antialias::None, None) => (off, "none is asked for".to_owned()),
-                (Antialias::None, Some(narrow)) => (off, format!("none is asked for, though {narrow}")),
-                (_, None) => (*effects, "it widens every Gaussian, as is asked for".to_owned()),
-                (_, Some(narrow)) => (*effects, narrow),
-            },
-            Effect::Background => background(settings),
-        }
+    fn decide(&self, views: &[Canvas], settings: &RenderSettings) -> [Decision; Effect::ALL.len()] {
+        Effect::ALL.map(|effect| decide(self, effect, views, settings))
     }
 
     /// All are taken for shown.
@@ -37,6 +20,27 @@ impl CallsForEffects for PlanarScene {
         let width = |log_scale: &glam::Vec2| scale * log_scale.min_element().exp();
         let narrow = self.log_scales.iter().filter(|log_scale| width(log_scale) < NARROW_PX).count();
         Narrow { narrow, shown: self.len() }
+    }
+}
+
+fn decide(scene: &PlanarScene, effect: Effect, views: &[Canvas], settings: &RenderSettings) -> Decision {
+    let effects = &settings.effects;
+    let off = effect.off(effects);
+    match effect {
+        Effect::Order => (off, "no depth order: the scene is planar".to_owned()),
+        Effect::ShDegree => (off, "a planar Gaussian has one colour, from wherever it is seen".to_owned()),
+        Effect::Blend => match effects.blend {
+            Blend::Sum => (off, "Gaussians are added up, as the scene is made".to_owned()),
+            Blend::Over if scene.is_empty() => (*effects, "the scene is empty".to_owned()),
+            Blend::Over => (*effects, "one Gaussian may hide another, as the scene is made".to_owned()),
+        },
+        Effect::Antialias => match (effects.antialias, narrow(scene, views, settings)) {
+            (Antialias::None, None) => (off, "none is asked for".to_owned()),
+            (Antialias::None, Some(narrow)) => (off, format!("none is asked for, though {narrow}")),
+            (_, None) => (*effects, "it widens every Gaussian, as is asked for".to_owned()),
+            (_, Some(narrow)) => (*effects, narrow),
+        },
+        Effect::Background => background(settings),
     }
 }
 
@@ -54,7 +58,7 @@ mod tests {
 
     use super::*;
     use crate::{
-        effects::{Order, called_for::Answer},
+        effects::{Effects, Order, called_for::Answer},
         scene::PlanarGaussian,
     };
 
@@ -75,7 +79,7 @@ mod tests {
         wanted.effects.order = Order::PixelDepth;
         wanted.effects.sh_degree = 3;
         wanted.effects.antialias = Antialias::Mip;
-        let called = Effects::called_for(&scene(), &[Canvas::new(16, 16)], &wanted);
+        let called = Effects::called_for(&scene(), &[Canvas::new(16, 16)], &wanted).unwrap();
         let answers: Vec<Answer> = called.verdicts.iter().map(|verdict| verdict.answer).collect();
         use Answer::{CalledFor, NotCalledFor};
         assert_eq!(answers, [NotCalledFor, CalledFor, NotCalledFor, CalledFor, CalledFor]);
@@ -87,7 +91,7 @@ mod tests {
     fn gaussians_become_narrow_where_the_picture_is_small() {
         let reason = |canvas: Canvas| {
             let wanted = RenderSettings::blended(Blend::Sum);
-            Effects::called_for(&scene(), &[canvas], &wanted).verdicts[3].reason.clone()
+            Effects::called_for(&scene(), &[canvas], &wanted).unwrap().verdicts[3].reason.clone()
         };
         assert_eq!(reason(Canvas::new(16, 16)), "none is asked for");
         let small = reason(Canvas::new(16, 16).resized(4, 4));

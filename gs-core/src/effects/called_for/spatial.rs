@@ -1,37 +1,43 @@
-//! What a spatial scene calls for, as the [module](super) has it.
+//! What a spatial scene calls for, as the [module](super) has it. Every view is projected once, and each effect's question put to what it shows.
 
-use glam::Vec3;
+mod harmonics;
 
-use super::{CallsForEffects, Narrow, background, overlap::Shown};
+use self::harmonics::Harmonics;
+use super::{CallsForEffects, Decision, Narrow, background, overlap::Shown};
 use crate::{
-    constants::HALF_DISPLAY_STEP,
     effects::{Antialias, Blend, Effect, Effects, Order},
-    perspective::Perspective,
-    scene::{SpatialScene, sigmoid},
+    scene::SpatialScene,
     settings::RenderSettings,
-    sh,
     view::Camera,
 };
 
-/// What is kept of the half step for the roundings of rendering.
-const ROUNDING: f32 = 1e-5;
-
 impl CallsForEffects for SpatialScene {
-    fn decide(&self, effect: Effect, views: &[Camera], settings: &RenderSettings) -> (Effects, String) {
+    fn decide(&self, views: &[Camera], settings: &RenderSettings) -> [Decision; Effect::ALL.len()] {
         let effects = settings.effects;
-        match effect {
-            Effect::Order => order(self, views, settings),
-            Effect::Blend => match effects.blend {
-                Blend::Sum => (effects, "Gaussians are added up, as is asked for".to_owned()),
-                Blend::Over => (effects, "one Gaussian may hide another".to_owned()),
-            },
-            Effect::ShDegree => {
-                let (degree, reason) = degree(self, views, settings);
-                (Effects { sh_degree: degree, ..effects }, reason)
+        let mut order = Orders::of(views, settings);
+        let mut harmonics = Harmonics::of(self, views, settings);
+        let mut widths = Widths::default();
+        for (number, camera) in (1..).zip(views) {
+            if order.is_settled() && harmonics.is_settled() && widths.is_settled() {
+                break;
             }
-            Effect::Antialias => antialias(self, views, settings),
-            Effect::Background => background(settings),
+            let shown = Shown::of(self, camera, settings);
+            order.look(number, &shown);
+            harmonics.look(number, camera, &shown);
+            widths.look(number, &shown);
         }
+        let blend = match effects.blend {
+            Blend::Sum => "Gaussians are added up, as is asked for",
+            Blend::Over => "one Gaussian may hide another",
+        };
+        let (sh_degree, reason) = harmonics.decided(views);
+        [
+            order.decided(views),
+            (effects, blend.to_owned()),
+            (Effects { sh_degree, ..effects }, reason),
+            widths.decided(self, views, settings),
+            background(settings),
+        ]
     }
 
     fn narrow(&self, camera: &Camera, settings: &RenderSettings) -> Narrow {
@@ -40,46 +46,107 @@ impl CallsForEffects for SpatialScene {
     }
 }
 
-fn order(scene: &SpatialScene, views: &[Camera], settings: &RenderSettings) -> (Effects, String) {
-    let effects = settings.effects;
-    let off = Effect::Order.off(&effects);
-    if effects.order == Order::Index {
-        return (off, "none is asked for but the scene's own".to_owned());
+/// One kind of sorting and the next cheaper one, and what is known of whether that does.
+struct Cheaper {
+    wanted: Effects,
+    cheaper: Effects,
+    /// Why it does not.
+    refuted: Option<Refuted>,
+}
+
+enum Refuted {
+    /// So many of those drawn come out of order in a view of this number.
+    By { out: usize, drawn: usize, number: usize },
+    /// There are too many drawn to tell.
+    Unknown { drawn: usize, number: usize },
+}
+
+impl Cheaper {
+    fn look(&mut self, number: usize, shown: &Shown) {
+        let drawn = shown.drawn.len();
+        self.refuted = match shown.out_of_order(self.wanted.order, self.cheaper.order) {
+            Some(0) => return,
+            Some(out) => Some(Refuted::By { out, drawn, number }),
+            None => Some(Refuted::Unknown { drawn, number }),
+        };
     }
-    if effects.blend == Blend::Sum {
-        return (off, "sums do not depend on it".to_owned());
-    }
-    if views.is_empty() {
-        return (effects, "without a view, nobody knows who hides whom".to_owned());
-    }
-    let mut left = effects;
-    let mut reason = String::new();
-    while let Some(cheaper) = Effect::Order.cheaper(&left) {
-        let (what, so) = match left.order {
+
+    /// What is wrong with those that the cheaper kind has out of order, and what is said where there are none.
+    fn words(&self) -> [&'static str; 2] {
+        match self.wanted.order {
             Order::PixelDepth => {
-                ("interpenetrate others in depth", "one depth a Gaussian will do: none interpenetrate")
+                ["interpenetrate others in depth", "one depth a Gaussian will do: none interpenetrate"]
             }
-            _ => (
+            _ => [
                 "are hidden out of the order of the scene",
                 "no depth order: nothing hides what the scene has before it",
-            ),
+            ],
+        }
+    }
+}
+
+/// What is known of the order that is called for, view by view.
+struct Orders {
+    wanted: Effects,
+    /// From the wanted kind of sorting down; none where no view has to be asked.
+    steps: Vec<Cheaper>,
+    /// What is decided without a view.
+    at_once: Option<(Effects, &'static str)>,
+}
+
+impl Orders {
+    fn of(views: &[Camera], settings: &RenderSettings) -> Self {
+        let wanted = settings.effects;
+        let off = Effect::Order.off(&wanted);
+        let at_once = match (wanted.order, wanted.blend) {
+            (Order::Index, _) => Some((off, "none is asked for but the scene's own")),
+            (_, Blend::Sum) => Some((off, "sums do not depend on it")),
+            _ if views.is_empty() => Some((wanted, "without a view, nobody knows who hides whom")),
+            _ => None,
         };
-        for (number, camera) in views.iter().enumerate() {
-            let shown = Shown::of(scene, camera, settings);
-            let drawn = shown.drawn.len();
-            match shown.out_of_order(left.order, cheaper.order) {
-                Some(0) => {}
-                Some(count) => {
-                    let found = format!("{count} of {drawn} Gaussians {what} in view {}", number + 1);
-                    return (left, if reason.is_empty() { found } else { format!("{reason}; but {found}") });
-                }
-                None => return (left, format!("{drawn} Gaussians overlap too much in view {} to tell", number + 1)),
+        let down = std::iter::successors(Some(wanted), |effects| Effect::Order.cheaper(effects));
+        let steps = down.clone().zip(down.skip(1));
+        let steps = steps.map(|(wanted, cheaper)| Cheaper { wanted, cheaper, refuted: None });
+        Self { wanted, steps: if at_once.is_some() { Vec::new() } else { steps.collect() }, at_once }
+    }
+
+    fn is_settled(&self) -> bool {
+        // Behind a step that is not possible nobody asks for the next.
+        self.steps.first().is_none_or(|step| step.refuted.is_some())
+    }
+
+    fn look(&mut self, number: usize, shown: &Shown) {
+        for step in &mut self.steps {
+            if step.refuted.is_none() {
+                step.look(number, shown);
+            }
+            if step.refuted.is_some() {
+                break;
             }
         }
-        reason = format!("{so} {}", in_views(views));
-        left = cheaper;
     }
-    (left, reason)
+
+    /// For these views, all of which have been looked at.
+    fn decided(self, views: &[Camera]) -> Decision {
+        if let Some((effects, reason)) = self.at_once {
+            return (effects, reason.to_owned());
+        }
+        let mut left = (self.wanted, String::new());
+        for step in self.steps {
+            let [what, so] = step.words();
+            match step.refuted {
+                None => left = (step.cheaper, format!("{so} {}", in_views(views))),
+                Some(Refuted::Unknown { drawn, number }) => {
+                    return (left.0, format!("{drawn} Gaussians overlap too much in view {number} to tell"));
+                }
+                Some(Refuted::By { out, drawn, number }) => {
+                    let found = format!("{out} of {drawn} Gaussians {what} in view {number}");
+                    return (left.0, if left.1.is_empty() { found } else { format!("{}; but {found}", left.1) });
+                }
+            }
+        }
+        left
+    }
 }
 
 /// The views, in words.
@@ -91,121 +158,54 @@ fn in_views(views: &[Camera]) -> String {
     }
 }
 
-/// By how much leaving out harmonics changes colours.
-#[derive(Debug, Clone, Copy, Default)]
-struct Change {
-    /// At most.
-    most: f32,
-    /// How many Gaussians change by more than they may.
-    beyond: usize,
+/// What is known of what antialiasing does, view by view.
+#[derive(Default)]
+struct Widths {
+    /// In all views so far.
+    drawn: usize,
+    /// The first view in which Gaussians are narrower than a pixel.
+    narrow: Option<String>,
 }
 
-/// By how much the colours change, of all Gaussians that may be drawn, where nothing above degree 0, 1 or 2 is evaluated.
-type Changes = [Change; 3];
+impl Widths {
+    fn is_settled(&self) -> bool {
+        self.narrow.is_some()
+    }
 
-/// Adds one Gaussian's, by the degree that is kept.
-fn note(changes: &mut Changes, found: impl Fn(u8) -> f32, tolerance: f32) {
-    for (degree, change) in (0..).zip(changes) {
-        let found = found(degree);
-        change.most = change.most.max(found);
-        // NaN is beyond.
-        change.beyond += usize::from(!(found <= tolerance));
+    fn look(&mut self, number: usize, shown: &Shown) {
+        self.drawn += shown.drawn.len();
+        let narrow = shown.drawn.iter().filter(|drawn| drawn.narrow).count();
+        if narrow > 0 && self.narrow.is_none() {
+            self.narrow = Some(format!("{narrow} Gaussians are narrower than a pixel in view {number}"));
+        }
+    }
+
+    /// For these views, all of which have been looked at.
+    fn decided(self, scene: &SpatialScene, views: &[Camera], settings: &RenderSettings) -> Decision {
+        let effects = settings.effects;
+        match (effects.antialias, self.narrow) {
+            (Antialias::None, None) => (effects, "none is asked for".to_owned()),
+            (Antialias::None, Some(narrow)) => (effects, format!("none is asked for, though {narrow}")),
+            (_, Some(narrow)) => (effects, narrow),
+            (_, None) if self.drawn == 0 && !views.is_empty() => {
+                let off = Effect::Antialias.off(&effects);
+                // What fades as it is widened, and is not drawn for that, would be drawn without.
+                match first_drawn(scene, views, &RenderSettings { effects: off, ..*settings }) {
+                    None => (off, format!("nothing is drawn {}", in_views(views))),
+                    Some((number, count)) => {
+                        (effects, format!("without it {count} Gaussians come to be drawn in view {number}"))
+                    }
+                }
+            }
+            (_, None) => (effects, "it widens every Gaussian, as is asked for".to_owned()),
+        }
     }
 }
 
-/// Over all directions.
-fn changes_in_any_view(scene: &SpatialScene, settings: &RenderSettings, tolerance: f32) -> Changes {
-    let mut changes = Changes::default();
-    let kept = sh::coefficients(settings.effects.sh_degree.min(scene.sh_degree));
-    for (of_one, &logit) in scene.sh.chunks_exact(scene.sh_len()).zip(&scene.opacity_logits) {
-        if settings.effects.blend == Blend::Sum || sigmoid(logit) >= settings.accuracy.alpha_cut {
-            note(&mut changes, |degree| sh::change_bound(degree, &of_one[..kept]), tolerance);
-        }
-    }
-    changes
-}
-
-/// In the direction from which a view sees each.
-fn changes_in(scene: &SpatialScene, camera: &Camera, settings: &RenderSettings, tolerance: f32) -> Changes {
-    let mut changes = Changes::default();
-    let highest = settings.effects.sh_degree.min(scene.sh_degree);
-    let perspective = Perspective::new(camera, settings);
-    for drawn in Shown::of(scene, camera, settings).drawn {
-        let of_one = &scene.sh[drawn.index * scene.sh_len()..][..scene.sh_len()];
-        let direction = perspective.direction(scene.means[drawn.index]);
-        let color = |degree: u8| Vec3::from_array(sh::color(degree.min(highest), direction, of_one));
-        let whole = color(highest);
-        note(&mut changes, |degree| (color(degree) - whole).abs().max_element(), tolerance);
-    }
-    changes
-}
-
-/// The least degree that does, and why.
-fn degree(scene: &SpatialScene, views: &[Camera], settings: &RenderSettings) -> (u8, String) {
-    let highest = settings.effects.sh_degree.min(scene.sh_degree);
-    // Sums may show a Gaussian's colour more than once.
-    let tolerance = match settings.effects.blend {
-        Blend::Sum => 0.0,
-        Blend::Over => HALF_DISPLAY_STEP - ROUNDING,
-    };
-    let least = |changes: &Changes| {
-        let does = |degree: &u8| *degree == highest || changes[usize::from(*degree)].beyond == 0;
-        (0..=highest).find(does).unwrap_or(highest)
-    };
-    let does = |degree: u8, changes: &Changes, seen: &str| match changes.get(usize::from(degree)) {
-        _ if degree == settings.effects.sh_degree => "no higher one is asked for".to_owned(),
-        _ if degree == scene.sh_degree => "the scene has no higher one".to_owned(),
-        Some(Change { most, .. }) if *most > 0.0 => {
-            format!("higher coefficients change no pixel by more than {most:.5} {seen}")
-        }
-        _ => "higher coefficients are 0".to_owned(),
-    };
-    let does_not = |less: &Change, seen: &str| {
-        let beyond = less.beyond;
-        format!("without it, the colours of {beyond} Gaussians change by up to {:.4} {seen}", less.most)
-    };
-
-    let everywhere = changes_in_any_view(scene, settings, tolerance);
-    let found = least(&everywhere);
-    let Some(below) = usize::from(found).checked_sub(1) else { return (0, does(0, &everywhere, "in any view")) };
-    if views.is_empty() || settings.effects.blend == Blend::Sum {
-        return (found, does_not(&everywhere[below], "in some direction"));
-    }
-    let mut in_all = Changes::default();
-    for (number, camera) in views.iter().enumerate() {
-        let here = changes_in(scene, camera, settings, tolerance);
-        if here[below].beyond > 0 {
-            return (found, does_not(&here[below], &format!("in view {}", number + 1)));
-        }
-        for (all, here) in in_all.iter_mut().zip(here) {
-            *all = Change { most: all.most.max(here.most), beyond: all.beyond + here.beyond };
-        }
-    }
-    let found = least(&in_all);
-    (found, does(found, &in_all, &in_views(views)))
-}
-
-fn antialias(scene: &SpatialScene, views: &[Camera], settings: &RenderSettings) -> (Effects, String) {
-    let effects = settings.effects;
-    let mut drawn = 0;
-    for (number, camera) in views.iter().enumerate() {
-        let Narrow { narrow, shown } = scene.narrow(camera, settings);
-        drawn += shown;
-        if narrow > 0 {
-            let narrow = format!("{narrow} Gaussians are narrower than a pixel in view {}", number + 1);
-            return match effects.antialias {
-                Antialias::None => (effects, format!("none is asked for, though {narrow}")),
-                _ => (effects, narrow),
-            };
-        }
-    }
-    match effects.antialias {
-        Antialias::None => (effects, "none is asked for".to_owned()),
-        _ if drawn == 0 && !views.is_empty() => {
-            (Effect::Antialias.off(&effects), format!("nothing is drawn {}", in_views(views)))
-        }
-        _ => (effects, "it widens every Gaussian, as is asked for".to_owned()),
-    }
+/// The number of the first view in which something is drawn, and how many Gaussians.
+fn first_drawn(scene: &SpatialScene, views: &[Camera], settings: &RenderSettings) -> Option<(usize, usize)> {
+    let counts = views.iter().map(|camera| Shown::of(scene, camera, settings).drawn.len());
+    (1..).zip(counts).find(|&(_, count)| count > 0)
 }
 
 #[cfg(test)]

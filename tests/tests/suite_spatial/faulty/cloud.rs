@@ -13,7 +13,10 @@ use gs_core::{AdamRates, Camera, Chart, Scene, SpatialGaussian, SpatialScene};
 pub(crate) struct Cloud {
     pub(super) chart: Chart,
     pub(super) sh_len: usize,
-    /// As the scene has them or, in local frames: mean, columns of M, opacity, SH.
+    /// Where M stands in a row of local frames, column by column.
+pub(super) const FRAME: std::ops::Range<usize> = 3..12;
+
+/// As the scene has them or, in local frames: mean, columns of M, opacity, SH.
     pub(super) parameters: Vec<Vec<f32>>,
     pub(super) first: Vec<Vec<f32>>,
     pub(super) second: Vec<Vec<f32>>,
@@ -117,7 +120,7 @@ impl Cloud {
             let row = wide(&self.parameters[g]);
             FramedReference {
                 mean: glam::DVec3::from_slice(&row),
-                frame: glam::DMat3::from_cols_slice(&row[3..12]),
+                frame: glam::DMat3::from_cols_slice(&row[FRAME]),
                 rest: row[12..].to_vec(),
                 first: wide(&self.first[g]),
                 second: wide(&self.second[g]),

@@ -6,6 +6,7 @@ use super::*;
 use crate::{
     effects::called_for::{Answer, CalledFor},
     scene::{Scene, SpatialGaussian, logit},
+    sh,
 };
 
 /// A round Gaussian two units ahead of the origin, or farther.
@@ -25,6 +26,10 @@ fn scene(degree: u8, gaussians: impl IntoIterator<Item = SpatialGaussian>) -> Sp
     scene
 }
 
+fn called_for(scene: &SpatialScene, views: &[Camera], wanted: &RenderSettings) -> CalledFor {
+    Effects::called_for(scene, views, wanted).unwrap()
+}
+
 fn ahead() -> Camera {
     Camera::looking_forward(64, 48, 0.9)
 }
@@ -35,8 +40,15 @@ fn wanted(order: Order) -> RenderSettings {
     settings
 }
 
+/// Two round Gaussians at the middle of the image, the second farther by less than depths are exact to where coordinates are some tens.
+fn nearly_level(camera: &Camera) -> SpatialScene {
+    let to_world = |p: Vec3| camera.rotation.transpose() * (p - camera.translation);
+    let at = |z: f32| SpatialGaussian { mean: to_world(Vec3::new(0.0, 0.0, z)), ..ball(0.0, 2.0) };
+    scene(0, [at(2.0), at(2.0 + 3e-5)])
+}
+
 fn order_of(scene: &SpatialScene, order: Order) -> (Order, String) {
-    let called = Effects::called_for(scene, &[ahead()], &wanted(order));
+    let called = called_for(scene, &[ahead()], &wanted(order));
     (called.settings.effects.order, called.verdicts[0].reason.clone())
 }
 
@@ -65,6 +77,28 @@ fn the_order_of_the_scene_will_do_if_it_is_that_of_depth() {
 }
 
 #[test]
+fn depths_that_another_rounding_would_exchange_are_out_of_order() {
+    let called = |scene: &SpatialScene, camera: &Camera, order| {
+        called_for(scene, &[*camera], &wanted(order)).settings.effects.order
+    };
+    let turned = Camera {
+        rotation: glam::Mat3::from_axis_angle(Vec3::new(1.0, 2.0, 3.0).normalize(), 0.7),
+        translation: Vec3::new(3.0, -5.0, 40.0),
+        ..ahead()
+    };
+    assert_eq!(called(&nearly_level(&turned), &turned, Order::TileDepth), Order::TileDepth);
+    assert_eq!(called(&nearly_level(&turned), &turned, Order::PixelDepth), Order::PixelDepth);
+    // What is computed from the same numbers is the same everywhere: means that are equal, and for a camera that looks along an axis those
+    // that are equal along it.
+    let twice = |camera: &Camera| {
+        let first = nearly_level(camera).gaussian(0);
+        scene(0, [first.clone(), first])
+    };
+    assert_eq!(called(&twice(&turned), &turned, Order::TileDepth), Order::Index);
+    assert_eq!(called(&scene(0, [ball(0.0, 2.0), ball(0.01, 2.0)]), &ahead(), Order::TileDepth), Order::Index);
+}
+
+#[test]
 fn gaussians_through_each_other_need_the_depth_at_each_pixel() {
     let slanted = |angle: f32| SpatialGaussian {
         log_scale: Vec3::new(0.3f32.ln(), 0.05f32.ln(), 0.01f32.ln()),
@@ -80,9 +114,9 @@ fn gaussians_through_each_other_need_the_depth_at_each_pixel() {
     // Where sums are formed, nobody hides anybody.
     let mut sum = wanted(Order::PixelDepth);
     sum.effects.blend = Blend::Sum;
-    assert_eq!(Effects::called_for(&crossed, &[ahead()], &sum).settings.effects.order, Order::Index);
+    assert_eq!(called_for(&crossed, &[ahead()], &sum).settings.effects.order, Order::Index);
     // Without a view nothing is known.
-    let blind = Effects::called_for(&crossed, &[], &wanted(Order::PixelDepth));
+    let blind = called_for(&crossed, &[], &wanted(Order::PixelDepth));
     assert_eq!(blind.settings.effects.order, Order::PixelDepth);
 }
 
@@ -94,7 +128,7 @@ fn with_coefficient(k: usize, value: f32) -> SpatialScene {
 }
 
 fn degree_of(scene: &SpatialScene, views: &[Camera]) -> (CalledFor, u8) {
-    let called = Effects::called_for(scene, views, &wanted(Order::TileDepth));
+    let called = called_for(scene, views, &wanted(Order::TileDepth));
     let degree = called.settings.effects.sh_degree;
     (called, degree)
 }
@@ -126,8 +160,8 @@ fn what_a_view_does_not_show_of_harmonics_it_does_not_call_for() {
     // Sums are more than one share each.
     let mut sum = wanted(Order::Index);
     sum.effects.blend = Blend::Sum;
-    assert_eq!(Effects::called_for(&sideways, &[ahead()], &sum).settings.effects.sh_degree, 1);
-    assert_eq!(Effects::called_for(&with_coefficient(3, 0.0), &[ahead()], &sum).settings.effects.sh_degree, 0);
+    assert_eq!(called_for(&sideways, &[ahead()], &sum).settings.effects.sh_degree, 1);
+    assert_eq!(called_for(&with_coefficient(3, 0.0), &[ahead()], &sum).settings.effects.sh_degree, 0);
 }
 
 #[test]
@@ -151,7 +185,7 @@ fn the_bound_holds_in_every_direction_and_is_reached() {
 #[test]
 fn antialiasing_stays_wherever_something_is_drawn() {
     let verdict = |scene: &SpatialScene| {
-        let called = Effects::called_for(scene, &[ahead()], &wanted(Order::TileDepth));
+        let called = called_for(scene, &[ahead()], &wanted(Order::TileDepth));
         (called.settings.effects.antialias, called.verdicts[3].reason.clone())
     };
     let wide = scene(0, [ball(0.0, 2.0)]);
@@ -163,8 +197,30 @@ fn antialiasing_stays_wherever_something_is_drawn() {
 }
 
 #[test]
+fn antialiasing_stays_where_nothing_is_drawn_because_of_it() {
+    // A twentieth of a pixel wide, at a pixel's centre: Mip leaves a fortieth of its opacity, which is less than the cut.
+    let tiny = |z: f32| {
+        let size = z / ahead().focal.x;
+        let mean = Vec3::new(0.5 * size, 0.5 * size, z);
+        SpatialGaussian { mean, log_scale: Vec3::splat((0.05 * size).ln()), opacity_logit: logit(0.1), ..ball(0.0, z) }
+    };
+    let hidden = scene(0, [tiny(10.0), tiny(9.0)]);
+    let called = |antialias| {
+        let mut wanted = wanted(Order::TileDepth);
+        wanted.effects.antialias = antialias;
+        let called = called_for(&hidden, &[ahead()], &wanted);
+        (called.settings.effects.antialias, called.settings.effects.order, called.verdicts[3].reason.clone())
+    };
+    let (antialias, order, reason) = called(Antialias::Mip);
+    assert_eq!((antialias, order), (Antialias::Mip, Order::Index), "{reason}");
+    assert_eq!(reason, "without it 2 Gaussians come to be drawn in view 1");
+    // Where they are drawn, their order counts: the nearer one comes last.
+    assert_eq!(called(Antialias::None).1, Order::TileDepth);
+}
+
+#[test]
 fn black_is_no_background() {
-    let on = |color: [f32; 3]| Effects::called_for(&scene(0, [ball(0.0, 2.0)]), &[], &wanted(Order::Index).on(color));
+    let on = |color: [f32; 3]| called_for(&scene(0, [ball(0.0, 2.0)]), &[], &wanted(Order::Index).on(color));
     assert_eq!(on([0.0; 3]).verdicts[4].answer, Answer::NotCalledFor);
     let white = on([1.0; 3]);
     assert_eq!((white.verdicts[4].answer, white.settings.background), (Answer::CalledFor, [1.0; 3]));
@@ -174,6 +230,6 @@ fn black_is_no_background() {
 #[test]
 fn impossible_views_show_nothing() {
     let broken = Camera { focal: glam::Vec2::ZERO, ..ahead() };
-    let called = Effects::called_for(&scene(0, [ball(0.0, 2.0)]), &[broken], &wanted(Order::PixelDepth));
+    let called = called_for(&scene(0, [ball(0.0, 2.0)]), &[broken], &wanted(Order::PixelDepth));
     assert_eq!(called.settings.effects.order, Order::Index);
 }

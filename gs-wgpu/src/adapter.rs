@@ -1,0 +1,134 @@
+//! The adapters of a machine: which there are, which one is taken, and which kernels it runs.
+
+use std::fmt;
+
+use gs_core::Error;
+
+use crate::{
+    gpu::backend_error,
+    shaders::{Kernels, LANES},
+};
+
+/// What to install where there is no adapter at all.
+const INSTALL: &str = "install a graphics driver with Vulkan, Metal or DirectX 12; without a GPU, a software one will do \
+                       (Debian and Ubuntu: apt-get install mesa-vulkan-drivers)";
+
+/// Invocations of a subgroup that `blend_bwd.wgsl` has room for the sums of.
+const LEAST_SUBGROUP: u32 = 4;
+
+/// An adapter that was found.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct AdapterSummary {
+    /// Its name, by which [`WgpuSettings::adapter`](crate::WgpuSettings::adapter) finds it.
+    pub name: String,
+    /// "discrete GPU", "integrated GPU", "virtual GPU", "CPU" (a software driver) or "other".
+    pub kind: &'static str,
+    /// The interface: "vulkan", "metal", "dx12".
+    pub interface: String,
+    /// The driver and its version.
+    pub driver: String,
+}
+
+impl fmt::Display for AdapterSummary {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} ({}, {}, {})", self.name, self.kind, self.interface, self.driver)
+    }
+}
+
+fn instance() -> wgpu::Instance {
+    // Not OpenGL: as a silent fallback it takes minutes to compile what it then runs slowly.
+    let backends = wgpu::Backends::VULKAN | wgpu::Backends::METAL | wgpu::Backends::DX12;
+    let defaults = wgpu::InstanceDescriptor::new_without_display_handle();
+    // Indirect dispatches are ours alone, and `sizes.wgsl` keeps them within limits; checking each would take a dispatch of its own.
+    let flags = defaults.flags.difference(wgpu::InstanceFlags::VALIDATION_INDIRECT_CALL);
+    let descriptor = wgpu::InstanceDescriptor { backends, flags, ..defaults };
+    wgpu::Instance::new(descriptor)
+}
+
+pub(crate) fn summary_of(info: &wgpu::AdapterInfo) -> AdapterSummary {
+    let kind = match info.device_type {
+        wgpu::DeviceType::DiscreteGpu => "discrete GPU",
+        wgpu::DeviceType::IntegratedGpu => "integrated GPU",
+        wgpu::DeviceType::VirtualGpu => "virtual GPU",
+        wgpu::DeviceType::Cpu => "CPU",
+        wgpu::DeviceType::Other => "other",
+    };
+    let driver = [info.driver.as_str(), info.driver_info.as_str()].join(" ").trim().to_owned();
+    AdapterSummary { name: info.name.clone(), kind, interface: info.backend.to_str().to_owned(), driver }
+}
+
+/// How much an adapter is worth: a GPU before a driver that computes on the CPU.
+fn rank(info: &wgpu::AdapterInfo) -> u32 {
+    match info.device_type {
+        wgpu::DeviceType::DiscreteGpu => 0,
+        wgpu::DeviceType::IntegratedGpu => 1,
+        wgpu::DeviceType::VirtualGpu => 2,
+        wgpu::DeviceType::Other => 3,
+        wgpu::DeviceType::Cpu => 4,
+    }
+}
+
+fn found(instance: &wgpu::Instance) -> Vec<wgpu::Adapter> {
+    let mut adapters = pollster::block_on(instance.enumerate_adapters(wgpu::Backends::all()));
+    adapters.sort_by_key(|a| rank(&a.get_info()));
+    adapters
+}
+
+/// The adapters of this machine, the one that is taken unless another is named first.
+pub fn adapters() -> Vec<AdapterSummary> {
+    found(&instance()).iter().map(|a| summary_of(&a.get_info())).collect()
+}
+
+/// The adapter whose name contains `wanted`, or the fastest kind there is; and why it.
+pub(crate) fn choose(wanted: Option<&str>) -> Result<(wgpu::Adapter, String), Error> {
+    let mut adapters = found(&instance());
+    let (index, reason) = match wanted {
+        _ if adapters.is_empty() => {
+            let none = "no adapter was found (looked for Vulkan, Metal and DirectX 12)";
+            return Err(backend_error(format!("{none}: {INSTALL}")));
+        }
+        None => (0, choice_reason(&adapters)),
+        Some(wanted) => {
+            let matches = |a: &wgpu::Adapter| a.get_info().name.to_lowercase().contains(&wanted.to_lowercase());
+            let index = adapters.iter().position(matches).ok_or_else(|| {
+                let names: Vec<String> = adapters.iter().map(|a| a.get_info().name).collect();
+                backend_error(format!("no adapter's name contains \"{wanted}\"; found: {}", names.join(", ")))
+            })?;
+            (index, format!("its name contains \"{wanted}\""))
+        }
+    };
+    Ok((adapters.swap_remove(index), reason))
+}
+
+fn choice_reason(adapters: &[wgpu::Adapter]) -> String {
+    match adapters {
+        [_] => "the only adapter".to_owned(),
+        [first, ..] if first.get_info().device_type == wgpu::DeviceType::Cpu => "no GPU was found".to_owned(),
+        _ => format!("the fastest kind of {} adapters", adapters.len()),
+    }
+}
+
+/// The kernels that were asked for, or the fastest.
+pub(crate) fn kernels(
+    wanted: Option<Kernels>,
+    info: &wgpu::AdapterInfo,
+    features: wgpu::Features,
+) -> Result<Kernels, Error> {
+    let subgroups = features.contains(wgpu::Features::SUBGROUP);
+    let vectors = subgroups && info.device_type == wgpu::DeviceType::Cpu && info.subgroup_min_size >= LANES;
+    let subgroups = subgroups && info.subgroup_min_size >= LEAST_SUBGROUP;
+    match wanted {
+        None if vectors => Ok(Kernels::Vectors),
+        None if subgroups => Ok(Kernels::Subgroups),
+        None | Some(Kernels::Portable) => Ok(Kernels::Portable),
+        Some(Kernels::Subgroups) if subgroups => Ok(Kernels::Subgroups),
+        Some(Kernels::Vectors) if vectors => Ok(Kernels::Vectors),
+        Some(kernels) => {
+            let needs = match kernels {
+                Kernels::Vectors => format!("a driver that computes on a CPU, with subgroups of {LANES} or more"),
+                _ => format!("subgroups of {LEAST_SUBGROUP} or more"),
+            };
+            Err(backend_error(format!("{} has no {kernels:?} kernels: they need {needs}", info.name)))
+        }
+    }
+}
