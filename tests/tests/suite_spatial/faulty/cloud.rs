@@ -9,14 +9,14 @@ use gs_conformance::{
 };
 use gs_core::{AdamRates, Camera, Chart, Scene, SpatialGaussian, SpatialScene};
 
+/// Where M stands in a row of local frames, column by column.
+pub(super) const FRAME: std::ops::Range<usize> = 3..12;
+
 #[derive(Clone, Default)]
 pub(crate) struct Cloud {
     pub(super) chart: Chart,
     pub(super) sh_len: usize,
-    /// Where M stands in a row of local frames, column by column.
-pub(super) const FRAME: std::ops::Range<usize> = 3..12;
-
-/// As the scene has them or, in local frames: mean, columns of M, opacity, SH.
+    /// As the scene has them or, in local frames: mean, columns of M, opacity, SH.
     pub(super) parameters: Vec<Vec<f32>>,
     pub(super) first: Vec<Vec<f32>>,
     pub(super) second: Vec<Vec<f32>>,
