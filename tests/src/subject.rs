@@ -105,8 +105,13 @@ impl Subject for PlanarScene {
             let frame = Mat2::from_cols_array(&[a, b, c, d]);
             let PrincipalAxes { axes, scales, .. } = PrincipalAxes::of(Mat3::from_mat2(frame));
             if scales.min_element() > 0.0 {
-                let angle = axes.x_axis.y.atan2(axes.x_axis.x);
-                row[2..5].copy_from_slice(&[scales.x.ln(), scales.y.ln(), angle]);
+                // The larger first, as `PlanarGaussian::shape_of_frame` has it.
+                let (large, small, axis) = if scales.x < scales.y {
+                    (scales.y, scales.x, axes.y_axis)
+                } else {
+                    (scales.x, scales.y, axes.x_axis)
+                };
+                row[2..5].copy_from_slice(&[large.ln(), small.ln(), axis.y.atan2(axis.x)]);
             }
         }
         rows

@@ -1,6 +1,6 @@
 //! Puts a backend through a case: forward, backward, and training in every chart that the backend offers.
 
-use std::time::Instant;
+use std::{ops::RangeInclusive, time::Instant};
 
 use gs_core::{Binning, Chart, Image, Rasterizer, TrainStep, Wait, statistics::Culled};
 
@@ -10,7 +10,7 @@ use super::{
 };
 use crate::{
     failure::Failure,
-    oracle::{Gradients, Oracle, Parameters},
+    oracle::{Gradients, Oracle, OracleScene, Parameters},
     subject::Subject,
     tolerance::{Agreement, ROUNDINGS, compare_gradients, compare_images, compare_loss},
 };
@@ -46,10 +46,31 @@ fn outcome<S: Subject, R: Rasterizer<S>>(rasterizer: &R, case: &Case<S>) -> Resu
     Ok(observed)
 }
 
-/// Whether gradients are by what the scene says, number by number. In local frames they are not: axes are found from a frame that is rounded
-/// itself, which turns a needle by as much as its aspect times the rounding, and those of what is round are any.
-fn is_comparable(chart: Chart) -> bool {
-    chart == Chart::ScaleRotation
+/// The case's Gaussians as the oracle is to see them, which must be those of the cloud.
+fn rows_of<S: Subject, R: Rasterizer<S>>(
+    rasterizer: &R,
+    case: &Case<S>,
+    cloud: &R::Cloud,
+    chart: Chart,
+) -> Result<OracleScene, Failure> {
+    Ok(match chart {
+        Chart::ScaleRotation => case.scene.rows(),
+        Chart::LocalFrame => case.scene.rows_of_frames(rasterizer.save(cloud)?.matrix("frame")?.1),
+    })
+}
+
+/// What ratios of a Gaussian's scales may be for its axes to be read from a rounded frame: those of what is round are any, and those of a needle are
+/// turned by as much as its aspect times the rounding.
+const TELLING_RATIOS: RangeInclusive<f64> = 1.05..=100.0;
+
+/// Whether gradients are by what the rows say, number by number.
+fn is_comparable<S: Subject>(rows: &OracleScene, chart: Chart) -> bool {
+    let has_axes = |row: &Parameters| {
+        let mut log_scales = row[S::DIMENSIONS..2 * S::DIMENSIONS].to_vec();
+        log_scales.sort_by(f64::total_cmp);
+        log_scales.array_windows().all(|[a, b]| TELLING_RATIOS.contains(&(b - a).exp()))
+    };
+    chart == Chart::ScaleRotation || rows.gaussians.iter().all(has_axes)
 }
 
 /// Takes the agreement in one more chart into account.
@@ -73,11 +94,7 @@ fn forward<S: Subject, R: Rasterizer<S>>(
     observed.drawn = [case.scene.len() as u64 - culled.total(), culled.total()];
     match &drawn.picture {
         Picture::Oracle => {
-            let rows = match chart {
-                Chart::ScaleRotation => case.scene.rows(),
-                Chart::LocalFrame => case.scene.rows_of_frames(rasterizer.save(&cloud)?.matrix("frame")?.1),
-            };
-            let expected = Oracle::new(case.view, case.settings)?.render(&rows);
+            let expected = Oracle::new(case.view, case.settings)?.render(&rows_of(rasterizer, case, &cloud, chart)?);
             // To the oracle, those behind full pixels are as much outside as those beyond the image; a backend's lists have them.
             let hidden = expected.culled.outside.saturating_sub(drawn.culled.outside);
             let agreed = Culled { outside: expected.culled.outside - hidden, ..expected.culled } == drawn.culled;
@@ -140,15 +157,18 @@ fn backward<S: Subject, R: Rasterizer<S>>(
     match drawn.slopes {
         Slopes::Finite(_) => {}
         Slopes::Zero => named(|v| v != 0.0, "0")?,
-        Slopes::Oracle | Slopes::Leading(_) if !is_comparable(chart) => {}
         Slopes::Oracle | Slopes::Leading(_) => {
+            let shapes = rows_of(rasterizer, case, &cloud, chart)?;
+            if !is_comparable::<S>(&shapes, chart) {
+                return Ok(());
+            }
             let oracle = Oracle::new(case.view, case.settings)?;
-            let mut expected = oracle.gradients(&case.scene.rows(), &goal, &case.loss)?;
+            let mut expected = oracle.gradients(&shapes, &goal, &case.loss)?;
             if drawn.slopes != Slopes::Oracle {
                 allow_for_negligible(&mut expected);
             }
             compare_loss(&expected, loss)?;
-            observed.gradients = Some(compare_gradients(&expected, &gradients)?);
+            add(&mut observed.gradients, compare_gradients(&expected, &gradients)?);
         }
     }
     Ok(())
