@@ -182,6 +182,10 @@ impl Perspective {
             return Err(Cause::NotFinite);
         }
         let p = self.in_front(g.mean)?;
+        // Made of a quaternion without direction.
+        if g.frame == Mat3::ZERO {
+            return Err(Cause::Degenerate);
+        }
         self.project_rows(p, rows_of(&(self.rotation * g.frame)), g.opacity_logit)
     }
 

@@ -40,16 +40,44 @@ impl<V, R: Renderer<V>> Renderer<V> for Handicapped<R> {
     }
 }
 
-fn field(scene: &PlanarScene, blend: Blend) -> Field<'_, PlanarScene> {
-    let contender = |value: Option<&str>, slower: Duration, off: f32| {
-        let rasterizer = CpuRasterizer::new(CpuSettings { threads: Some(1), level: None }).unwrap();
-        let cloud = Rc::new(rasterizer.planar().upload(scene, Chart::ScaleRotation).unwrap());
-        Contender {
-            backend: "cpu".to_owned(),
-            name: "one thread".to_owned(),
-            change: value.map(|value| Change { axis: "handicap".to_owned(), value: value.to_owned() }),
-            renderer: Box::new(Handicapped(Loaded::<CpuRasterizer, PlanarScene> { rasterizer, cloud }, slower, off)),
+/// A renderer that does not offer everything: not the settings that this says.
+struct Choosy<R>(R, Refuses);
+
+type Refuses = fn(&RenderSettings) -> bool;
+
+impl<R> Choosy<R> {
+    fn check(&self, settings: &RenderSettings) -> Result<(), Error> {
+        if (self.1)(settings) {
+            return Err(Error::Unsupported { backend: "choosy", effect: "what it does not like".to_owned() });
         }
+        Ok(())
+    }
+}
+
+impl<V, R: Renderer<V>> Renderer<V> for Choosy<R> {
+    fn seconds(&self, view: &V, settings: &RenderSettings) -> Result<f64, Error> {
+        self.check(settings)?;
+        self.0.seconds(view, settings)
+    }
+
+    fn image(&self, view: &V, settings: &RenderSettings) -> Result<Image, Error> {
+        self.check(settings)?;
+        self.0.image(view, settings)
+    }
+}
+
+fn loaded(scene: &PlanarScene) -> Loaded<CpuRasterizer, PlanarScene> {
+    let rasterizer = CpuRasterizer::new(CpuSettings { threads: Some(1), level: None }).unwrap();
+    let cloud = Rc::new(rasterizer.planar().upload(scene, Chart::ScaleRotation).unwrap());
+    Loaded { rasterizer, cloud }
+}
+
+fn field(scene: &PlanarScene, blend: Blend) -> Field<'_, PlanarScene> {
+    let contender = |value: Option<&str>, slower: Duration, off: f32| Contender {
+        backend: "cpu".to_owned(),
+        name: "one thread".to_owned(),
+        change: value.map(|value| Change { axis: "handicap".to_owned(), value: value.to_owned() }),
+        renderer: Box::new(Handicapped(loaded(scene), slower, off)),
     };
     let (none, long) = (Duration::ZERO, Duration::from_millis(20));
     let contenders =
@@ -135,6 +163,81 @@ fn a_budget_is_kept_on_other_views_too_or_said_to_be_out_of_reach() {
     let Chosen::OutOfReach(best) = choose(Budget::MaxError(1e-12)) else { panic!("rounding is more") };
     assert!(best > 1e-12 && best < 1e-5);
     assert!(matches!(choose(Budget::MaxSeconds(1e-9)), Chosen::OutOfReach(_)));
+    assert!(Budget::MaxError(2e-3).choose(&field, &frontier, &[], 0.05).is_err(), "nothing is verified by no view");
+    // Whatever was measured can be had, whether or not noise and rounding leave it on the frontier.
+    for row in frontier.rows.iter().filter(|row| row.role != Role::Again) {
+        let found = choose(Budget::MaxError(row.error.max));
+        assert!(!matches!(found, Chosen::OutOfReach(_)), "{}: {found:?}", row.name());
+    }
+}
+
+#[test]
+fn what_keeps_a_budget_on_no_other_view_is_told_apart() {
+    let scene = scene();
+    let shown = RenderSettings::blended(Blend::Over);
+    let contender = |off: f32| Contender {
+        backend: "cpu".to_owned(),
+        name: "one thread".to_owned(),
+        change: None,
+        renderer: Box::new(Handicapped(loaded(&scene), Duration::ZERO, off)),
+    };
+    let field = |off: f32| Field { scene: &scene, contenders: vec![contender(off)], shown };
+    let frontier = search(&field(0.0), &[Canvas::new(64, 48)], PACE, &mut |_| ()).unwrap();
+    let chosen = Budget::MaxError(0.1).choose(&field(0.5), &frontier, &[Canvas::new(40, 30)], 0.05).unwrap();
+    assert!(matches!(chosen, Chosen::NotElsewhere(count) if count > 3), "{chosen:?}");
+}
+
+/// Alone, together or without cut-offs: what a backend does not offer is listed, and the search goes on.
+#[test]
+fn what_a_backend_does_not_offer_is_listed_and_ends_no_search() {
+    let scene = scene();
+    let shown = RenderSettings::blended(Blend::Over);
+    let refusals: [(Refuses, &str); 3] = [
+        (|settings| settings.accuracy.alpha_cut < 1e-5, "no cut-offs"),
+        (|settings| settings.accuracy.alpha_cut == 1.0 / 32.0, "alpha cut 1/32"),
+        (
+            |settings| {
+                let (accuracy, usual) = (settings.accuracy, RenderSettings::blended(Blend::Over).accuracy);
+                accuracy.alpha_cut > usual.alpha_cut && accuracy.transmittance_min != usual.transmittance_min
+            },
+            ", ",
+        ),
+    ];
+    for (refuses, expected) in refusals {
+        let contender = |backend: &str, renderer: Box<dyn Renderer<Canvas>>| Contender {
+            backend: backend.to_owned(),
+            name: backend.to_owned(),
+            change: None,
+            renderer,
+        };
+        let contenders = vec![
+            contender("choosy", Box::new(Choosy(loaded(&scene), refuses))),
+            contender("cpu", Box::new(loaded(&scene))),
+        ];
+        let field = Field { scene: &scene, contenders, shown };
+        let frontier = search(&field, &[Canvas::new(64, 48)], PACE, &mut |_| ()).unwrap();
+        let refused: Vec<&str> = frontier.refused.iter().map(|refused| refused.what.as_str()).collect();
+        assert!(refused.iter().any(|what| what.contains(expected)), "{expected}: {refused:?}");
+        assert!(frontier.rows.iter().any(|row| row.backend == "choosy" && row.on_frontier));
+        assert!(to_text(&frontier).contains("not offered"));
+    }
+}
+
+/// A picture that holds no number at some pixel is as far off as can be, wherever the oracle is asked.
+#[test]
+fn what_is_not_a_number_is_not_exact() {
+    let scene = scene();
+    let field = field(&scene, Blend::Sum);
+    let view = Canvas::new(64, 48);
+    let truths = field.truths(&[view]).unwrap();
+    for broken in [f32::NAN, f32::INFINITY] {
+        for at in [0, 1234, 64 * 48 - 1] {
+            let mut picture = field.contenders[0].renderer.image(&view, &field.shown).unwrap();
+            picture.pixels_mut()[at][2] = broken;
+            let error = truths[0].error(&picture).unwrap();
+            assert_eq!((error.max, error.mean), (f64::INFINITY, f64::INFINITY), "{broken} at {at}");
+        }
+    }
 }
 
 #[test]

@@ -163,6 +163,11 @@ struct Status {
 
 @group(0) @binding(0) var<uniform> step: Step;
 
+// SH coefficients of the degree that is evaluated.
+fn evaluated() -> u32 {
+    return (step.sh_degree + 1u) * (step.sh_degree + 1u);
+}
+
 const LOG2_E: f32 = 1.4426950408889634;
 
 // Work groups come as rows of at most 65,535.

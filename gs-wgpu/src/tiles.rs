@@ -36,6 +36,11 @@ const MOST_DEPTH_BITS: u32 = 28;
 /// Entries of a tile's list that stage `queue` can put into a queue where drivers end loops: it takes nine iterations for 256.
 const LONGEST_QUEUE: u32 = 1 << 20;
 
+/// Bytes of an entry's sums of so many numbers, in fixed-point numbers of 64 bits, and of their units.
+pub(crate) fn totals_bytes(stride: u64) -> u64 {
+    8 * stride + 4
+}
+
 /// A buffer that is replaced by a larger one when that is needed; its contents are lost then.
 #[derive(Debug)]
 pub(crate) struct Growing {
@@ -245,9 +250,9 @@ impl Tiles {
 
     /// Makes room for what all entries' Gaussians receive: a pass that is only looked at needs none.
     pub(crate) fn ensure_slots(&mut self, gpu: &Gpu) -> Result<(), Error> {
-        let numbers = self.capacity * u64::from(stride(self.variant()));
-        self.slots.ensure(gpu, numbers * 4)?;
-        if self.orders_by_pixel() { self.totals.ensure(gpu, numbers * 8) } else { Ok(()) }
+        let stride = u64::from(stride(self.variant()));
+        self.slots.ensure(gpu, self.capacity * stride * 4)?;
+        if self.orders_by_pixel() { self.totals.ensure(gpu, self.capacity * totals_bytes(stride)) } else { Ok(()) }
     }
 
     /// Makes room to sort so many keys.

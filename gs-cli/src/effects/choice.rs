@@ -15,19 +15,20 @@ use gs_core::{
 #[derive(Debug, Clone, Default, Args)]
 pub(crate) struct EffectsArgs {
     /// Which effects are simulated: auto (what the scene calls for; the rest changes no pixel by more than 1/512), all, or a list of
-    /// order, sh-degree, antialias and background, without those that are not in it; gs effects tells what each one costs
-    #[arg(long, value_name = "auto|all|LIST", default_value = "auto")]
-    effects: Choice,
+    /// order, sh-degree, antialias and background, without those that are not in it; gs effects tells what each one costs [default: auto]
+    #[arg(long, value_name = "auto|all|LIST")]
+    effects: Option<Choice>,
 }
 
 /// Which of the wanted effects are simulated.
-#[derive(Debug, Clone, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 enum Choice {
     /// Those that the scene calls for.
-    #[default]
     Auto,
     /// All.
     All,
+    /// All, as a file of settings says.
+    AsChosen,
     /// These. What is blended is not among them: no scene is meant both ways.
     Only(Vec<Effect>),
 }
@@ -49,10 +50,19 @@ impl FromStr for Choice {
 }
 
 impl EffectsArgs {
+    /// The flag, where it is given; else the effects of a file of settings stay as it has them: what they change is in its budget.
+    pub(crate) fn or_as_chosen(&self) -> Self {
+        Self { effects: Some(self.effects.clone().unwrap_or(Choice::AsChosen)) }
+    }
+
+    fn choice(&self) -> &Choice {
+        self.effects.as_ref().unwrap_or(&Choice::Auto)
+    }
+
     /// What of these settings a scene is trained with that is not there yet, and so cannot be asked.
     pub(crate) fn before(&self, wanted: &RenderSettings) -> RenderSettings {
-        match &self.effects {
-            Choice::Auto | Choice::All => *wanted,
+        match self.choice() {
+            Choice::Auto | Choice::All | Choice::AsChosen => *wanted,
             Choice::Only(list) => listed(list, wanted).settings,
         }
     }
@@ -64,9 +74,10 @@ impl EffectsArgs {
         views: &[S::View],
         wanted: &RenderSettings,
     ) -> CalledFor {
-        match &self.effects {
+        match self.choice() {
             Choice::Auto => Effects::called_for(scene, views, wanted),
             Choice::All => as_said(wanted, |_| Said { stays: wanted.effects, why: "--effects all" }),
+            Choice::AsChosen => as_said(wanted, |_| Said { stays: wanted.effects, why: "as the settings have it" }),
             Choice::Only(list) => listed(list, wanted),
         }
     }
@@ -124,7 +135,7 @@ mod tests {
         let mut wanted = RenderSettings::blended(Blend::Over).on([0.0; 3]);
         wanted.effects.antialias = Antialias::Mip;
         wanted.effects.sh_degree = 3;
-        let args = EffectsArgs { effects: text.parse().unwrap() };
+        let args = EffectsArgs { effects: Some(text.parse().unwrap()) };
         args.choose(&PlanarScene::default(), &[], &wanted)
     }
 

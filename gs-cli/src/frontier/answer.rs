@@ -1,6 +1,6 @@
 //! The answer to a budget: a file of settings, with what it promises and how it did on other views.
 
-use gs_core::{RenderSettings, profile::Quantiles};
+use gs_core::{Effects, RenderSettings, profile::Quantiles};
 use gs_study::frontier::{Budget, Choice, Frontier, Measured, Verification};
 use serde::Serialize;
 
@@ -25,7 +25,7 @@ pub(crate) struct Answer {
 }
 
 impl Answer {
-    /// The answer for `what`; effects are written for scenes in space only.
+    /// The answer for `what`, with the effects that its kind of scene has to choose.
     ///
     /// # Errors
     /// Where the settings cannot be written as TOML.
@@ -34,30 +34,46 @@ impl Answer {
         choice: &Choice,
         frontier: &Frontier,
         machines: &[ChosenMachine],
+        chooses_effects: fn(&Effects) -> Option<ChosenEffects>,
         what: &str,
-        in_space: bool,
     ) -> Result<Self, Failure> {
         let row = &frontier.rows[choice.row];
         let RenderSettings { accuracy, effects, .. } = row.settings;
-        let shown = ChosenEffects { order: effects.order, antialias: effects.antialias, sh_degree: effects.sh_degree };
-        let settings =
-            ChosenSettings { accuracy, effects: in_space.then_some(shown), machine: machines[row.contender].clone() };
+        let effects = chooses_effects(&effects);
+        let settings = ChosenSettings { accuracy, effects, machine: machines[row.contender].clone() };
         let file = settings.to_file(&comment(budget, choice, row, what))?;
         Ok(Self { budget, settings: row.name(), machine: row.machine.clone(), choice: choice.clone(), file })
     }
 }
 
-/// Why nothing is chosen.
+/// Why nothing is chosen where the best settings do no better than this.
 pub(crate) fn out_of_reach(budget: Budget, best: f64) -> Failure {
-    let (message, flag) = match budget {
-        Budget::MaxError(most) => {
-            (format!("--max-error {most}: the most exact settings are off by {best:.1e}"), "--max-error")
-        }
-        Budget::MaxSeconds(most) => {
-            (format!("--max-ms {}: the quickest settings take {:.3} ms", 1e3 * most, 1e3 * best), "--max-ms")
-        }
+    let (flag, most) = asked(budget);
+    let best = match budget {
+        Budget::MaxError(_) => format!("the most exact settings are off by {best:.1e}"),
+        Budget::MaxSeconds(_) => format!("the quickest settings take {:.3} ms", 1e3 * best),
     };
-    Failure::failed(message).mend(format_args!("give a larger {flag}, or leave a margin for other views"))
+    Failure::failed(format_args!("{flag} {most}: {best}")).mend(format_args!("give a larger {flag}"))
+}
+
+/// Why nothing is chosen where so many settings kept the budget, but on the search's views alone.
+pub(crate) fn not_elsewhere(budget: Budget, count: usize, views: usize) -> Failure {
+    let (flag, most) = asked(budget);
+    let settings =
+        if count == 1 { "what keeps it".to_owned() } else { format!("none of {count} settings that keep it") };
+    let verb = if count == 1 { "does not keep" } else { "keeps" };
+    Failure::failed(format_args!("{flag} {most}: {settings} on the views of the search {verb} it on {views} others"))
+        .mend(format_args!(
+            "give a larger {flag}, as a margin for other views, or let the search see more with --views"
+        ))
+}
+
+/// The flag of a budget, and the number that it was given.
+fn asked(budget: Budget) -> (&'static str, f64) {
+    match budget {
+        Budget::MaxError(most) => ("--max-error", most),
+        Budget::MaxSeconds(most) => ("--max-ms", 1e3 * most),
+    }
 }
 
 fn comment(budget: Budget, choice: &Choice, row: &Measured, what: &str) -> String {

@@ -133,16 +133,18 @@ where
     let frontier = search(&field, &seen.views, pace, &mut |what| output::note(what))?;
     let (width, height) = seen.views[0].size();
     let what = format!("{}: {} Gaussians, {width}x{height} px", seen.name, seen.scene.len());
-    let answer = match args.budget() {
-        None => None,
-        Some(budget) => {
-            output::note(format_args!("verifying on {} views that the search has not seen", seen.unseen.len()));
-            let chosen = match budget.choose(&field, &frontier, &seen.unseen, 0.1 * pace.seconds)? {
-                Chosen::Kept(choice) => choice,
-                Chosen::OutOfReach(best) => return Err(answer::out_of_reach(budget, best)),
-            };
-            Some(Answer::new(budget, &chosen, &frontier, &machines, &what, seen.in_space)?)
+    // What was found is told and written also where the budget cannot be kept.
+    let answer = args.budget().map(|budget| -> Result<Answer, Failure> {
+        output::note(format_args!("verifying on {} views that the search has not seen", seen.unseen.len()));
+        match budget.choose(&field, &frontier, &seen.unseen, 0.1 * pace.seconds)? {
+            Chosen::Kept(choice) => Answer::new(budget, &choice, &frontier, &machines, seen.chooses, &what),
+            Chosen::OutOfReach(best) => Err(answer::out_of_reach(budget, best)),
+            Chosen::NotElsewhere(count) => Err(answer::not_elsewhere(budget, count, seen.unseen.len())),
         }
+    });
+    let (answer, failure) = match answer.transpose() {
+        Ok(answer) => (answer, None),
+        Err(failure) => (None, Some(failure)),
     };
     let report = Report {
         input: args.input.display().to_string(),
@@ -152,6 +154,15 @@ where
         frontier: &frontier,
         answer: answer.as_ref(),
     };
+    let text = format!("{what}\n\n{}", to_text(&frontier));
+    match &answer {
+        _ if args.json => output::json(&report),
+        None => output::result(text),
+        Some(answer) => {
+            output::note(text);
+            output::result(answer.file.trim_end())
+        }
+    }?;
     if let Some(folder) = folder {
         let figure = figure(&frontier, &what);
         folder.write_text("frontier.csv", &to_csv(&frontier))?;
@@ -164,13 +175,5 @@ where
         }
         output::note(format_args!("wrote the frontier in {}", folder.path().display()));
     }
-    let text = format!("{what}\n\n{}", to_text(&frontier));
-    match answer {
-        _ if args.json => output::json(&report),
-        None => output::result(text),
-        Some(answer) => {
-            output::note(text);
-            output::result(answer.file.trim_end())
-        }
-    }
+    failure.map_or(Ok(()), Err)
 }

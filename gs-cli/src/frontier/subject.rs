@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use glam::Vec2;
-use gs_core::{Camera, Canvas, PlanarScene, RenderSettings, Scene, SpatialScene};
+use gs_core::{Camera, Canvas, Effects, PlanarScene, RenderSettings, Scene, SpatialScene};
 use gs_io::{
     PlanarFile,
     dataset::{DatasetSettings, read_dataset},
@@ -11,14 +11,20 @@ use gs_io::{
 };
 use gs_train::{
     Trainer,
+    effects::sampled,
     spatial::{Orbit, resized},
 };
 
 use crate::{
     backend::{Backend, Task},
     cameras,
+    chosen::ChosenEffects,
     failure::Failure,
-    fit::{arguments::SettingsArgs, settings, target::Target},
+    fit::{
+        arguments::SettingsArgs,
+        settings::{self, Given},
+        target::Target,
+    },
     frontier::FrontierArgs,
     output,
     values::Size,
@@ -41,8 +47,8 @@ pub(crate) struct Seen<S: Scene> {
     pub(crate) views: Vec<S::View>,
     /// Others.
     pub(crate) unseen: Vec<S::View>,
-    /// Whether it is in space.
-    pub(crate) in_space: bool,
+    /// The effects that there are to choose for its kind.
+    pub(crate) chooses: fn(&Effects) -> Option<ChosenEffects>,
 }
 
 impl Subject {
@@ -82,7 +88,7 @@ impl Subject {
             shown,
             views: vec![canvas],
             unseen: other_canvases(canvas),
-            in_space: false,
+            chooses: |_| None,
         }))
     }
 }
@@ -109,7 +115,7 @@ fn fitted(args: &FrontierArgs) -> Result<(PlanarScene, RenderSettings, (u32, u32
         output::note(remark);
     }
     let flags = SettingsArgs { gaussians: args.gaussians, ..SettingsArgs::default() };
-    let fit = settings::resolve(&flags, &target)?;
+    let fit = settings::resolve(&flags, &Given::Nothing, &target)?;
     output::note(format_args!(
         "fitting {} with at most {} Gaussians in {} steps first",
         target.name(),
@@ -136,6 +142,11 @@ impl Task for Fit<'_> {
     }
 }
 
+/// All effects of a scene in space that have a choice.
+fn chooses(&Effects { order, antialias, sh_degree, .. }: &Effects) -> Option<ChosenEffects> {
+    Some(ChosenEffects { order, antialias, sh_degree })
+}
+
 fn spatial(args: &FrontierArgs) -> Result<Seen<SpatialScene>, Failure> {
     if args.gaussians.is_some() {
         let message = "--gaussians is for images, which are fitted first, but this is a scene";
@@ -147,8 +158,7 @@ fn spatial(args: &FrontierArgs) -> Result<Seen<SpatialScene>, Failure> {
         Some(path) => {
             let dataset = read_dataset(path, &DatasetSettings::default())?;
             let cameras: Vec<Camera> = dataset.views.iter().map(|view| view.camera).collect();
-            let most = (2 * count).min(cameras.len());
-            let even = (0..most).map(|i| cameras[i * cameras.len() / most]);
+            let even = sampled(&cameras, 2 * count).into_iter();
             let sized = |camera| args.size.map_or(camera, |Size { width, height }| resized(&camera, width, height));
             (even.map(sized).collect(), args.shown.settings_beside(&scene, &dataset))
         }
@@ -169,7 +179,9 @@ fn spatial(args: &FrontierArgs) -> Result<Seen<SpatialScene>, Failure> {
         return Err(Failure::failed("the data set has no view").mend("name another with --dataset"));
     }
     if unseen.is_empty() {
-        unseen = views.clone();
+        // There is one view: its pixels at half the size are others.
+        let Camera { width, height, .. } = views[0];
+        unseen.push(resized(&views[0], width.div_ceil(2), height.div_ceil(2)));
     }
-    Ok(Seen { name: name_of(&args.input), scene, shown, views, unseen, in_space: true })
+    Ok(Seen { name: name_of(&args.input), scene, shown, views, unseen, chooses })
 }

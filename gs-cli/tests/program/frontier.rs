@@ -115,7 +115,8 @@ fn scenes_in_space_have_orders_and_harmonics_to_choose() {
     assert!(run.stdout.contains("[effects]"), "{}", run.stdout);
     let png = place.path().join("a.png");
     let [scene, png, file] = [&scene, &png, &file].map(|path| path.to_str().unwrap());
-    gs(["render", scene, "-o", png, "--size", "30x20", "--settings", file]).done();
+    let run = gs(["render", scene, "-o", png, "--size", "30x20", "--settings", file]).done();
+    assert!(run.stderr.contains("as the settings have it"), "{}", run.stderr);
 }
 
 #[test]
@@ -134,9 +135,17 @@ fn what_cannot_be_is_refused() {
         let run = frontier(input, flags);
         assert!(run.refusal().contains(expected), "{flags:?}: {run:?}");
     }
-    let run = frontier(&scene, &["--size", "60x40", "--max-error", "1e-15"]);
+    // What was measured is told and written all the same, and no earlier answer stays beside it.
+    let output = place.path().join("out");
+    fs::create_dir(&output).unwrap();
+    let budgeted = ["--size", "60x40", "-o", output.to_str().unwrap()];
+    frontier(&scene, &[&budgeted[..], &["--max-ms", "1e5"]].concat()).done();
+    assert!(output.join("settings.toml").exists());
+    let run = frontier(&scene, &[&budgeted[..], &["--max-error", "1e-15"]].concat());
     assert_eq!(run.status, Some(1));
     assert!(run.stderr.lines().last().unwrap().contains("--max-error"), "{run:?}");
+    assert!(run.stdout.contains("on the frontier"), "{run:?}");
+    assert!(output.join("frontier.csv").exists() && !output.join("settings.toml").exists());
     let file = place.path().join("settings.toml");
     fs::write(&file, "[machine]\n[accuracy]\nalpha-cut = 9\n").unwrap();
     let run = gs(["render", scene.to_str().unwrap(), "-o", "a.png", "--settings", file.to_str().unwrap()]);

@@ -62,7 +62,8 @@ struct Row<'a> {
     gradient: Option<&'a [f32]>,
 }
 
-/// One Adam step along the workspace's gradients; adds to the statistics if they are to be collected.
+/// One Adam step along the workspace's gradients; adds to the statistics if they are to be collected. Harmonics above the degree that was
+/// evaluated are left where they are, moments included, to whole vectors: they cost nothing.
 pub(crate) fn step(
     cloud: &mut SpatialCloud,
     table: &mut BiasTable<GROUPS>,
@@ -88,6 +89,7 @@ pub(crate) fn step(
         collect,
     };
     let pitch = cloud.pitch();
+    let moved = workspace.own.gradient_pitch().min(pitch);
     let SpatialCloud { parameters, moments: [first, second], steps, shared, .. } = cloud;
     let statistics = &mut shared.statistics;
     let rows = parameters
@@ -104,12 +106,12 @@ pub(crate) fn step(
                 continue;
             }
             steps[i] = steps[i].saturating_add(1);
-            let of = i * pitch..(i + 1) * pitch;
+            let of = i * pitch..i * pitch + moved;
             let row = Row {
                 parameters: &mut parameters[of.clone()],
                 first: &mut first[of.clone()],
                 second: &mut second[of],
-                gradient: listed.then(|| &workspace.own.gradients[index * pitch..][..pitch]),
+                gradient: listed.then(|| workspace.own.gradient(index)),
             };
             dispatch!(level, simd => move_row(simd, row, &step, steps[i]));
             if step.collect && listed {

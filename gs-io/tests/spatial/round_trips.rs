@@ -176,6 +176,19 @@ fn a_compressed_ply_reads_as_its_ranges_say() {
     assert!(scene.rotations[0][0] > 0.999 && scene.rotations[1][3] > 0.999, "{:?}", scene.rotations);
 }
 
+/// Found by fuzzing: rows of no bytes were rows of no coefficients, so that Gaussians had not even those of degree 0.
+#[test]
+fn harmonics_of_no_columns_leave_the_colours() {
+    let header_end = |bytes: &[u8]| bytes.windows(7).position(|w| w == b"end_hea").unwrap();
+    let whole = samples::compressed_ply();
+    let columns = whole.windows(20).position(|w| w == b"property uchar f_res").unwrap();
+    let bytes = [&whole[..columns], &whole[header_end(&whole)..whole.len() - 27]].concat();
+    let scene = samples::read(&bytes, "a.ply").unwrap().scene;
+    scene.validate().unwrap();
+    let colors: Vec<Vec3> = samples::read(&whole, "a.ply").unwrap().scene.sh.iter().step_by(4).copied().collect();
+    assert_eq!((scene.sh_degree, scene.sh), (0, colors));
+}
+
 #[test]
 fn an_spz_of_version_2_reads_with_our_axes() {
     let scene = samples::read(&samples::spz_of_version_2(), "a.spz").unwrap().scene;

@@ -5,7 +5,7 @@ use gs_core::Error;
 use gs_train::statistics::median;
 use serde::Serialize;
 
-use super::{Field, Frontier, Measured, PictureError, Verifiable};
+use super::{Field, Frontier, Measured, PictureError, Role, Verifiable};
 
 /// What must be kept.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -49,6 +49,8 @@ pub enum Chosen {
     Kept(Choice),
     /// Nothing that was measured keeps it: the least error, or the fewest seconds, that there is.
     OutOfReach(f64),
+    /// So many settings keep it on the views of the search, and none of them on the others.
+    NotElsewhere(usize),
 }
 
 impl Budget {
@@ -59,28 +61,32 @@ impl Budget {
         }
     }
 
-    /// The rows that keep it, the best first.
+    /// The rows that keep it, the best first: those of the frontier, and then those that noise or rounding alone keeps off it.
     fn candidates(self, frontier: &Frontier) -> Vec<usize> {
         let of = |row: &Measured| (row.times().median, row.error.max);
         let is_kept = |&i: &usize| {
             let (seconds, error) = of(&frontier.rows[i]);
-            frontier.rows[i].on_frontier && self.is_kept(error, seconds)
+            frontier.rows[i].role != Role::Again && self.is_kept(error, seconds)
         };
         let mut rows: Vec<usize> = (0..frontier.rows.len()).filter(is_kept).collect();
         rows.sort_by(|&a, &b| {
-            let ((a_seconds, a_error), (b_seconds, b_error)) = (of(&frontier.rows[a]), of(&frontier.rows[b]));
-            match self {
+            let (a, b) = (&frontier.rows[a], &frontier.rows[b]);
+            let ((a_seconds, a_error), (b_seconds, b_error)) = (of(a), of(b));
+            let better = match self {
                 Self::MaxError(_) => a_seconds.total_cmp(&b_seconds),
                 Self::MaxSeconds(_) => a_error.total_cmp(&b_error),
-            }
+            };
+            b.on_frontier.cmp(&a.on_frontier).then(better)
         });
         rows
     }
 
     /// The best settings of a frontier that keep the budget on its views and on `unseen` ones too, which get `seconds` for timing.
     ///
+    /// Settings with which a backend cannot render the unseen views do not keep it.
+    ///
     /// # Errors
-    /// Those of rendering, and of the oracle.
+    /// Those of rendering, and of the oracle; [`Error::Setting`] without an unseen view.
     pub fn choose<S: Verifiable>(
         self,
         field: &Field<'_, S>,
@@ -88,16 +94,25 @@ impl Budget {
         unseen: &[S::View],
         seconds: f64,
     ) -> Result<Chosen, Error> {
+        if unseen.is_empty() {
+            return Err(Error::setting("the number of views to verify on", 0, "at least 1"));
+        }
         let truths = field.truths(unseen)?;
         let candidates = self.candidates(frontier);
         for (failed, &row) in candidates.iter().enumerate() {
             let measured = &frontier.rows[row];
+            if field.refusal(measured.contender, &measured.settings, unseen)?.is_some() {
+                continue;
+            }
             let error = field.error(measured.contender, &measured.settings, unseen, &truths)?;
             let times = field.times(&[measured], unseen, seconds / candidates.len() as f64)?;
             let verification = Verification { views: unseen.len(), error, seconds: median(&times[0]) };
             if self.is_kept(error.max, verification.seconds) {
                 return Ok(Chosen::Kept(Choice { row, verification, failed }));
             }
+        }
+        if !candidates.is_empty() {
+            return Ok(Chosen::NotElsewhere(candidates.len()));
         }
         let least = |of: fn(&Measured) -> f64| frontier.rows.iter().map(of).fold(f64::INFINITY, f64::min);
         Ok(Chosen::OutOfReach(match self {

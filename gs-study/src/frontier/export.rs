@@ -1,4 +1,5 @@
-//! A frontier as a table for people, as comma-separated values, and as a figure. All show the same numbers; JSON is its serialised form.
+//! A frontier as a table for people, as comma-separated values, and as a figure. All show the same numbers; the table also has what was refused,
+//! and JSON, its serialised form, has all there is.
 
 use std::fmt::Write;
 
@@ -10,11 +11,11 @@ use crate::figure::{Axis, Dots, Figure, Marks, Point, Series};
 /// Errors are shown from here on: less is rounding.
 const LEAST_ERROR: f64 = 1e-8;
 
-/// All rows, times in seconds; `changes` are separated by semicolons.
+/// All rows, times in seconds; `changes` are separated by semicolons. Times of a backend whose ratio is below `noise` do not differ.
 pub fn to_csv(frontier: &Frontier) -> String {
     let mut csv = String::from(
         "backend,machine,role,changes,seconds,seconds_low,seconds_high,rounds,compared_with_default,max_error,mean_error,psnr_db,\
-         share_visible,on_frontier\n",
+         share_visible,on_frontier,noise\n",
     );
     for row in &frontier.rows {
         let Quantiles { low, median, high } = row.times();
@@ -22,7 +23,7 @@ pub fn to_csv(frontier: &Frontier) -> String {
         let Measured { backend, machine, error, .. } = row;
         let _ = writeln!(
             csv,
-            "{backend},\"{machine}\",{},\"{changes}\",{median},{low},{high},{},{},{},{},{},{},{}",
+            "{backend},\"{machine}\",{},\"{changes}\",{median},{low},{high},{},{},{},{},{},{},{},{}",
             role_name(row.role),
             row.seconds.len(),
             row.comparison.words(),
@@ -30,7 +31,8 @@ pub fn to_csv(frontier: &Frontier) -> String {
             error.mean,
             error.psnr(),
             error.share_visible,
-            row.on_frontier
+            row.on_frontier,
+            frontier.noise_of(backend).factor
         );
     }
     csv

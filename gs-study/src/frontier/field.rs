@@ -5,7 +5,7 @@ use gs_core::{Accuracy, Error, RenderSettings, Scene, settings::Extent};
 use super::{
     Comparison, Contender, Frontier, Measured, Noise, PictureError, Role, Setting, Truth, Verifiable, alternatives,
     frontier_of,
-    outcome::{BackendNoise, Refused},
+    outcome::{BackendNoise, Refused, name},
     predict::{Alone, combinations},
     timing::{Candidate, interleaved},
 };
@@ -52,14 +52,15 @@ impl<S: Verifiable> Field<'_, S> {
         RenderSettings { accuracy: Accuracy::TIGHTEST, ..self.shown }
     }
 
-    /// The true pictures of views: where they are worst to look at is found on the first contender.
+    /// The true pictures of views: where they are worst to look at is found on the first backend that can do without cut-offs.
     ///
     /// # Errors
     /// Those of rendering, and of the oracle for effects that it does not have.
     pub fn truths(&self, views: &[S::View]) -> Result<Vec<Truth<S>>, Error> {
         let (scene, settings) = (self.scene.rows(), self.tightest());
+        let able = self.able(&settings, views)?.unwrap_or_default();
         let truth = |view: &S::View| {
-            let tightest = self.contenders[0].renderer.image(view, &settings)?;
+            let tightest = self.contenders[able].renderer.image(view, &settings)?;
             Truth::new(&scene, view, &settings, tightest, views.len())
         };
         views.iter().map(truth).collect()
@@ -104,26 +105,54 @@ impl<S: Verifiable> Field<'_, S> {
         Entry { candidate: Candidate { contender, settings }, role, changes }
     }
 
-    /// What stands in every table of a backend.
-    fn landmarks(&self, base: usize, views: &[S::View]) -> Result<Vec<Entry>, Error> {
-        let three_dgs = RenderSettings { accuracy: Accuracy::THREE_DGS, ..self.shown };
-        let without_extent = Setting::Extent(Extent::AlphaCut).applied_to(&three_dgs);
-        let mut all = vec![
-            self.entry(base, self.shown, Role::Default, &[]),
-            self.entry(base, self.shown, Role::Again, &[]),
-            self.entry(base, self.tightest(), Role::Tightest, &[]),
-        ];
-        for settings in [three_dgs, without_extent] {
-            if self.refusal(base, &settings, views)?.is_none() {
-                all.push(self.entry(base, settings, Role::ThreeDgs, &[]));
-                break;
+    /// The first backend that can render these views with these settings.
+    fn able(&self, settings: &RenderSettings, views: &[S::View]) -> Result<Option<usize>, Error> {
+        for base in self.bases() {
+            if self.refusal(base, settings, views)?.is_none() {
+                return Ok(Some(base));
             }
         }
+        Ok(None)
+    }
+
+    /// Takes up an entry that its contender can render, and tells of one that it cannot.
+    fn admit(
+        &self,
+        entry: Entry,
+        views: &[S::View],
+        admitted: &mut Vec<Entry>,
+        refused: &mut Vec<Refused>,
+    ) -> Result<(), Error> {
+        let Candidate { contender, settings } = &entry.candidate;
+        match self.refusal(*contender, settings, views)? {
+            None => admitted.push(entry),
+            Some(why) => {
+                let (backend, what) = (self.contenders[*contender].backend.clone(), name(entry.role, &entry.changes));
+                refused.push(Refused { backend, what, why });
+            }
+        }
+        Ok(())
+    }
+
+    /// What stands in every table of a backend.
+    fn landmarks(&self, base: usize, views: &[S::View], refused: &mut Vec<Refused>) -> Result<Vec<Entry>, Error> {
+        let three_dgs = RenderSettings { accuracy: Accuracy::THREE_DGS, ..self.shown };
+        let without_extent = Setting::Extent(Extent::AlphaCut).applied_to(&three_dgs);
+        let mut all =
+            vec![self.entry(base, self.shown, Role::Default, &[]), self.entry(base, self.shown, Role::Again, &[])];
+        self.admit(self.entry(base, self.tightest(), Role::Tightest, &[]), views, &mut all, refused)?;
+        let closest = if self.refusal(base, &three_dgs, views)?.is_none() { three_dgs } else { without_extent };
+        self.admit(self.entry(base, closest, Role::ThreeDgs, &[]), views, &mut all, refused)?;
         Ok(all)
     }
 
     /// Why a contender cannot render these views with these settings: it does not offer them, or not for so much.
-    fn refusal(&self, contender: usize, settings: &RenderSettings, views: &[S::View]) -> Result<Option<String>, Error> {
+    pub(super) fn refusal(
+        &self,
+        contender: usize,
+        settings: &RenderSettings,
+        views: &[S::View],
+    ) -> Result<Option<String>, Error> {
         for view in views {
             match self.contenders[contender].renderer.seconds(view, settings) {
                 Err(Error::Unsupported { effect, .. }) => return Ok(Some(effect)),
@@ -141,29 +170,27 @@ impl<S: Verifiable> Field<'_, S> {
         let backend = &self.contenders[base].backend;
         let mut all = Vec::new();
         for setting in alternatives(&self.shown) {
-            let settings = setting.applied_to(&self.shown);
-            match self.refusal(base, &settings, views)? {
-                None => all.push(self.entry(base, settings, Role::Alone, &[setting])),
-                Some(why) => {
-                    let what = setting.change().to_string();
-                    refused.push(Refused { backend: backend.clone(), what, why });
-                }
-            }
+            let entry = self.entry(base, setting.applied_to(&self.shown), Role::Alone, &[setting]);
+            self.admit(entry, views, &mut all, refused)?;
         }
-        let others = (0..self.contenders.len()).filter(|&i| i != base && self.contenders[i].backend == *backend);
-        all.extend(others.map(|other| self.entry(other, self.shown, Role::Alone, &[])));
+        for other in (0..self.contenders.len()).filter(|&i| i != base && self.contenders[i].backend == *backend) {
+            self.admit(self.entry(other, self.shown, Role::Alone, &[]), views, &mut all, refused)?;
+        }
         Ok(all)
     }
 
-    /// The largest error of each setting's values where that is the only approximation, the default's among them.
+    /// The largest error of each setting's values where that is the only approximation, the default's among them, on the first backend that
+    /// offers it.
     fn only(&self, views: &[S::View], truths: &[Truth<S>]) -> Result<Vec<(Setting, f64)>, Error> {
         let tightest = self.tightest();
         let mut all: Vec<(Setting, f64)> = Vec::new();
         for setting in alternatives(&self.shown).into_iter().flat_map(|setting| [setting.of(&self.shown), setting]) {
             let settings = setting.applied_to(&tightest);
-            let is_known = all.iter().any(|(known, _)| *known == setting);
-            if !is_known && self.refusal(0, &settings, views)?.is_none() {
-                all.push((setting, self.error(0, &settings, views, truths)?.max));
+            if all.iter().any(|(known, _)| *known == setting) {
+                continue;
+            }
+            if let Some(able) = self.able(&settings, views)? {
+                all.push((setting, self.error(able, &settings, views, truths)?.max));
             }
         }
         Ok(all)
@@ -179,7 +206,7 @@ impl<S: Verifiable> Field<'_, S> {
         only: &[(Setting, f64)],
     ) -> Vec<Entry> {
         let default = scouted.iter().find(|(entry, _)| entry.role == Role::Default).map_or(1.0, |(_, time)| *time);
-        let error = |setting: Setting| only.iter().find(|(s, _)| *s == setting).map_or(0.0, |(_, error)| *error);
+        let error = |setting: Setting| only.iter().find(|(s, _)| *s == setting).map(|(_, error)| *error);
         let mut axes: Vec<(String, Vec<Alone>)> = Vec::new();
         for setting in alternatives(&self.shown) {
             let settings = setting.applied_to(&self.shown);
@@ -188,12 +215,15 @@ impl<S: Verifiable> Field<'_, S> {
             else {
                 continue;
             };
+            // What no backend can do without other approximations has no price of its own.
+            let (Some(usual), Some(error)) = (error(setting.of(&self.shown)), error(setting)) else {
+                continue;
+            };
             let axis = setting.change().axis;
             if axes.last().is_none_or(|(last, _)| *last != axis) {
-                let usual = error(setting.of(&self.shown));
                 axes.push((axis, vec![Alone { setting: None, ratio: 1.0, error: usual }]));
             }
-            let alone = Alone { setting: Some(setting), ratio: time / default, error: error(setting) };
+            let alone = Alone { setting: Some(setting), ratio: time / default, error };
             axes.last_mut().into_iter().for_each(|(_, values)| values.push(alone));
         }
         let mut quickest = (base, default);
@@ -230,7 +260,7 @@ pub fn search<S: Verifiable>(
     let bases = field.bases();
     let (mut refused, mut entries, mut groups) = (Vec::new(), Vec::new(), Vec::new());
     for &base in &bases {
-        let mut own = field.landmarks(base, views)?;
+        let mut own = field.landmarks(base, views, &mut refused)?;
         own.extend(field.alone(base, views, &mut refused)?);
         groups.push(own.len());
         entries.extend(own);
@@ -253,7 +283,10 @@ pub fn search<S: Verifiable>(
             })
             .collect();
         let together = field.together(base, &medians, noise, pace.combinations, &only);
-        all.extend(medians.into_iter().map(|(entry, _)| entry).chain(together));
+        all.extend(medians.into_iter().map(|(entry, _)| entry));
+        for entry in together {
+            field.admit(entry, views, &mut all, &mut refused)?;
+        }
     }
     watch(&format!("measuring {} settings in turn", all.len()));
     let times = interleaved(&field.contenders, &candidates(&all), views, (1.0 - SCOUTING) * pace.seconds)?;

@@ -58,14 +58,18 @@ impl Measured {
 
     /// What differs from the default, in words.
     pub fn name(&self) -> String {
-        let changes = || self.changes.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");
-        match self.role {
-            Role::Default => "default".to_owned(),
-            Role::Again => "default, again".to_owned(),
-            Role::ThreeDgs => "3DGS".to_owned(),
-            Role::Tightest => "no cut-offs".to_owned(),
-            Role::Alone | Role::Together => changes(),
-        }
+        name(self.role, &self.changes)
+    }
+}
+
+/// What differs from the default, in words.
+pub(super) fn name(role: Role, changes: &[Change]) -> String {
+    match role {
+        Role::Default => "default".to_owned(),
+        Role::Again => "default, again".to_owned(),
+        Role::ThreeDgs => "3DGS".to_owned(),
+        Role::Tightest => "no cut-offs".to_owned(),
+        Role::Alone | Role::Together => changes.iter().map(ToString::to_string).collect::<Vec<_>>().join(", "),
     }
 }
 

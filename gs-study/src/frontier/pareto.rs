@@ -8,15 +8,26 @@ const ROUNDING: f64 = 1e-5;
 /// An error must be less than this part of another to be less.
 const LESS: f64 = 0.98;
 
-/// Which of these (seconds, largest error) lie on the frontier. One does not where another is no less exact and quicker by more than the noise,
-/// or more exact and not slower by more than the noise.
+/// Which of these (seconds, largest error) lie on the frontier. One does not where another that lies on it is no less exact and quicker by more
+/// than the noise, or more exact and not slower by more than the noise.
+///
+/// What is beaten itself beats nothing: else a row of points, each within the noise of the next, would leave only its most exact one.
 pub fn frontier_of(points: &[(f64, f64)], noise: Noise) -> Vec<bool> {
-    let error = |e: f64| e.max(ROUNDING);
-    let beats = |&(t, e): &(f64, f64), &(other_t, other_e): &(f64, f64)| {
-        let (e, other_e) = (error(e), error(other_e));
-        e <= other_e && (t * noise.factor < other_t || (e < LESS * other_e && t <= other_t * noise.factor))
+    let error = |place: usize| points[place].1.max(ROUNDING);
+    let beats = |one: usize, other: usize| {
+        let (time, other_time) = (points[one].0, points[other].0);
+        error(one) <= error(other)
+            && (time * noise.factor < other_time
+                || (error(one) < LESS * error(other) && time <= other_time * noise.factor))
     };
-    points.iter().map(|point| !points.iter().any(|other| beats(other, point))).collect()
+    // Nothing is beaten by what comes later in this order.
+    let mut order: Vec<usize> = (0..points.len()).collect();
+    order.sort_by(|&a, &b| error(a).total_cmp(&error(b)).then(points[a].0.total_cmp(&points[b].0)));
+    let mut on_frontier = vec![false; points.len()];
+    for place in order {
+        on_frontier[place] = !(0..points.len()).any(|other| on_frontier[other] && beats(other, place));
+    }
+    on_frontier
 }
 
 #[cfg(test)]
@@ -37,5 +48,10 @@ mod tests {
         ];
         assert_eq!(frontier_of(&points, noise), [true, false, false, true, true, true, false]);
         assert!(frontier_of(&[], noise).is_empty());
+        // Each within the noise of the next: the third is beaten by nothing that is not beaten by the first.
+        let chain: Vec<(f64, f64)> = (0..6).map(|i| (10.0 * 0.96f64.powi(i), 1e-3 * 2f64.powi(i))).collect();
+        assert_eq!(frontier_of(&chain, noise), [true, false, true, false, true, false]);
+        let much = Noise { factor: 3.8, again: 1.0 };
+        assert_eq!(frontier_of(&[(23.4, 1e-6), (6.9, 1e-2), (2.06, 1e-1)], much), [true, false, true]);
     }
 }

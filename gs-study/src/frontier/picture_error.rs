@@ -24,7 +24,7 @@ impl PictureError {
         -10.0 * self.mean_squared.log10()
     }
 
-    /// Of the differences of these pixels; all 0 of none.
+    /// Of the differences of these pixels; all 0 of none. What is not a number is ∞.
     pub(super) fn of(differences: impl Iterator<Item = [f64; 3]>) -> Self {
         let (mut error, mut pixels) = (Self::default(), 0u64);
         for difference in differences {
@@ -37,9 +37,10 @@ impl PictureError {
             pixels += 1;
         }
         let share = 1.0 / pixels.max(1) as f64;
+        let mean = |sum: f64| if sum.is_nan() { f64::INFINITY } else { sum * share };
         Self {
-            mean: error.mean * share,
-            mean_squared: error.mean_squared * share,
+            mean: mean(error.mean),
+            mean_squared: mean(error.mean_squared),
             share_visible: error.share_visible * share,
             ..error
         }
@@ -69,7 +70,8 @@ mod tests {
         assert_eq!((error.max, error.share_visible), (0.6, 0.5));
         assert!((error.mean - 0.15).abs() < 1e-12 && (error.mean_squared - 0.075).abs() < 1e-12);
         assert!((error.psnr() - 11.249).abs() < 1e-3);
-        assert_eq!(PictureError::of([[f64::NAN; 3]].into_iter()).max, f64::INFINITY);
+        let broken = PictureError::of([[f64::NAN; 3], [0.0; 3]].into_iter());
+        assert_eq!((broken.max, broken.mean, broken.mean_squared), (f64::INFINITY, f64::INFINITY, f64::INFINITY));
         assert_eq!(PictureError::of(std::iter::empty()), PictureError::default());
     }
 }

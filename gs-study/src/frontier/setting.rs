@@ -66,8 +66,8 @@ impl Setting {
             Self::AlphaMax(clamp) => ("alpha max", clamp.to_string()),
             Self::Extent(Extent::AlphaCut) => ("extent", "of the cut".to_owned()),
             Self::Extent(Extent::Sigmas(k)) => ("extent", format!("{k} sigma")),
-            Self::Order(order) => ("order", order_name(order).to_owned()),
-            Self::Antialias(antialias) => ("antialias", antialias_name(antialias).to_owned()),
+            Self::Order(order) => ("order", order.name().to_owned()),
+            Self::Antialias(antialias) => ("antialias", antialias.name().to_owned()),
             Self::ShDegree(degree) => ("SH degree", degree.to_string()),
         };
         Change { axis: axis.to_owned(), value }
@@ -121,22 +121,6 @@ fn fraction(value: f32) -> String {
         format!("{value:e}")
     } else {
         decimal
-    }
-}
-
-fn order_name(order: Order) -> &'static str {
-    match order {
-        Order::Index => "index",
-        Order::TileDepth => "tile-depth",
-        Order::PixelDepth => "pixel-depth",
-    }
-}
-
-fn antialias_name(antialias: Antialias) -> &'static str {
-    match antialias {
-        Antialias::None => "none",
-        Antialias::Dilate => "dilate",
-        Antialias::Mip => "mip",
     }
 }
 

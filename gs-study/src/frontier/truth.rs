@@ -101,7 +101,11 @@ impl<S: Verifiable> Truth<S> {
         let pairs = picture.pixels().iter().zip(self.tightest.pixels());
         let everywhere =
             PictureError::of(pairs.clone().map(|(a, b)| [0, 1, 2].map(|k| f64::from(a[k]) - f64::from(b[k]))));
-        let largest = |(a, b): (&[f32; 3], &[f32; 3])| (0..3).map(|k| (a[k] - b[k]).abs()).fold(0.0, f32::max);
+        let largest = |(a, b): (&[f32; 3], &[f32; 3])| {
+            (0..3)
+                .map(|k| (a[k] - b[k]).abs())
+                .fold(0.0f32, |most, v| if v.is_nan() { f32::INFINITY } else { most.max(v) })
+        };
         let worst = pairs.map(largest).enumerate().max_by(|a, b| a.1.total_cmp(&b.1)).map_or(0, |(index, _)| index);
         let width = picture.width() as usize;
         let place = [(worst % width) as u32, (worst / width) as u32];

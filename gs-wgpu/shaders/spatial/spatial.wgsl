@@ -99,11 +99,6 @@ fn towards(camera: Camera, mean: vec3f) -> vec4f {
     return vec4f(scaled * inverse, inverse / largest);
 }
 
-// Coefficients of the degree that is evaluated.
-fn evaluated() -> u32 {
-    return (step.sh_degree + 1u) * (step.sh_degree + 1u);
-}
-
 // Y_k(d); of those above the degree that is evaluated, anything.
 fn basis(d: vec3f) -> array<f32, 16> {
     let x = d.x;

@@ -8,6 +8,7 @@ use std::time::Instant;
 
 use gs_core::{PlanarScene, Rasterizer, SpatialScene};
 
+use self::state::Clean;
 use super::report::{Observed, Record};
 use crate::{failure::Failure, subject::Subject};
 
@@ -87,10 +88,11 @@ fn poison<S: Subject, R: Rasterizer<S>>(
         })
     };
     let mut records = Vec::new();
-    match state::slots(rasterizer, inputs) {
-        Ok(of_state) => {
+    let clean = Clean::new(rasterizer, inputs);
+    match clean.and_then(|clean| Ok((state::slots(&clean.state)?, clean))) {
+        Ok((of_state, clean)) => {
             for slot in of_state {
-                records.extend(record(&slot.to_string(), &mut || state::poison(rasterizer, inputs, &slot)));
+                records.extend(record(&slot.to_string(), &mut || state::poison(rasterizer, inputs, &clean, &slot)));
             }
         }
         Err(failure) => records.extend(record("state", &mut || Err(failure.clone()))),

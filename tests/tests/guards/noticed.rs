@@ -1,5 +1,7 @@
 //! Which guard is noticed by what, on which backends.
 
+#![cfg_attr(not(guards = "can-be-off"), allow(dead_code, reason = "guards are switched off in another build"))]
+
 use gs_conformance::corpus::{planar_corpus, poison_planar_slots, poison_spatial_slots, run, spatial_corpus};
 use gs_core::{PlanarScene, Rasterizer, SpatialScene, guards::Guard};
 use gs_cpu::{CpuRasterizer, CpuSettings};

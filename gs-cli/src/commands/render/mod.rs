@@ -55,6 +55,13 @@ pub(crate) struct RenderArgs {
     backend: BackendArgs,
 }
 
+impl RenderArgs {
+    /// Which effects are simulated: with a file of settings, those that it has, unless the flag says otherwise.
+    fn effects(&self) -> EffectsArgs {
+        if self.settings.is_some() { self.effects.or_as_chosen() } else { self.effects.clone() }
+    }
+}
+
 /// Where a scene in space is seen from.
 #[derive(Debug, Clone, Args)]
 #[command(next_help_heading = "Camera")]

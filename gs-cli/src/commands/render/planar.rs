@@ -26,7 +26,7 @@ pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
     if let Some(ChosenSettings { accuracy, .. }) = &chosen {
         file.settings.accuracy = *accuracy;
     }
-    let CalledFor { settings, verdicts } = args.effects.choose(&file.scene, &[canvas], &file.settings);
+    let CalledFor { settings, verdicts } = args.effects().choose(&file.scene, &[canvas], &file.settings);
     let backend = Backend::start(&args.backend.or_chosen(chosen.as_ref().map(|chosen| &chosen.machine)))?;
     let image = backend.run(Render { file: &file, canvas: &canvas, settings: &settings })?;
     gs_io::write_png(&args.output, &image)?;

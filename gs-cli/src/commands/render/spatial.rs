@@ -46,7 +46,7 @@ pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
     let chosen = args.settings.as_deref().map(ChosenSettings::read).transpose()?;
     let backend = Backend::start(&args.backend.or_chosen(chosen.as_ref().map(|chosen| &chosen.machine)))?;
     let render = chosen.map_or(render, |chosen| args.shown.overriding(chosen.applied_to(render), &render));
-    let CalledFor { settings, verdicts } = args.effects.choose(&scene, &cameras, &render);
+    let CalledFor { settings, verdicts } = args.effects().choose(&scene, &cameras, &render);
     backend.run_spatial(Frames { args, scene: &scene, cameras: &cameras, render: &settings })?;
     output::note(told(&verdicts));
     Ok(())

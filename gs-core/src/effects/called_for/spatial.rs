@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 
-use super::{CallsForEffects, background, overlap::Shown};
+use super::{CallsForEffects, Narrow, background, overlap::Shown};
 use crate::{
     constants::HALF_DISPLAY_STEP,
     effects::{Antialias, Blend, Effect, Effects, Order},
@@ -32,6 +32,11 @@ impl CallsForEffects for SpatialScene {
             Effect::Antialias => antialias(self, views, settings),
             Effect::Background => background(settings),
         }
+    }
+
+    fn narrow(&self, camera: &Camera, settings: &RenderSettings) -> Narrow {
+        let shown = Shown::of(self, camera, settings).drawn;
+        Narrow { narrow: shown.iter().filter(|drawn| drawn.narrow).count(), shown: shown.len() }
     }
 }
 
@@ -184,9 +189,8 @@ fn antialias(scene: &SpatialScene, views: &[Camera], settings: &RenderSettings) 
     let effects = settings.effects;
     let mut drawn = 0;
     for (number, camera) in views.iter().enumerate() {
-        let shown = Shown::of(scene, camera, settings).drawn;
-        drawn += shown.len();
-        let narrow = shown.iter().filter(|drawn| drawn.narrow).count();
+        let Narrow { narrow, shown } = scene.narrow(camera, settings);
+        drawn += shown;
         if narrow > 0 {
             let narrow = format!("{narrow} Gaussians are narrower than a pixel in view {}", number + 1);
             return match effects.antialias {

@@ -114,6 +114,11 @@ fn read_harmonics(
         return Err(source.damaged(0, format!("{} rows of element sh", dc.len()), format!("{}", element.count)));
     }
     let wanted = rest_columns(source, element)?;
+    if wanted.is_empty() {
+        // Rows may then be of no bytes, of which there is nothing to read.
+        scene.sh = dc.to_vec();
+        return Ok(Vec::new());
+    }
     let file_degree = degree_of_rest(wanted.len()).unwrap_or(0);
     scene.sh_degree = file_degree.min(MAX_DEGREE);
     let (kept, per_channel) = (scene.sh_len() - 1, wanted.len() / 3);
