@@ -104,7 +104,7 @@ impl Guard {
     /// Whether it guards: in this build those alone without which ordinary scenes would not be rendered as they are.
     #[inline(always)]
     pub const fn is_on(self) -> bool {
-        matches!(self, Self::Restart)
+        matches!(self, Self::Restart | Self::ExponentRange)
     }
 }
 

@@ -120,6 +120,8 @@ fn stacks() -> Vec<Case<PlanarScene>> {
     vec![
         small(case("10,000 on one pixel, all opaque", why, source, Blend::Over, at(f32::INFINITY, 1.0)))
             .sloping(Slopes::Finite("10,000 clamped Gaussians in a pixel that two fill")),
+        small(case("12 on one pixel, nearly opaque", why, source, Blend::Over, at(6.0, 1.0).take(12)))
+            .sloping(Slopes::Finite("what is behind the second is 10⁻⁵ of a pixel")),
         small(case("10,000 on one pixel, all at α = 1/255", why, source, Blend::Over, at(logit(1.02 / 255.0), 0.25))),
         summed(small(case("10,000 on one pixel", why, source, Blend::Sum, at(f32::INFINITY, 1.0)))),
     ]

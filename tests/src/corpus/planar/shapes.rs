@@ -104,6 +104,20 @@ pub(super) fn cases() -> Vec<Case<PlanarScene>> {
             .leaving_out(Culled { not_finite: 1, ..Culled::default() })
             .training(Training::Finite("no scale is above 10⁴ px in training")),
         );
+        // e^(−1/σ²), by which a weight's growth itself grows from row to row, is half way between 1 and the number below it.
+        let wide = case(
+            "a wide Gaussian down a tall image",
+            "weights that follow from those of the row before multiply roundings with each other, hundreds of rows long",
+            Source::Definition("constants::ALPHA_CUT"),
+            blend,
+            [PlanarGaussian {
+                mean: Vec2::new(2.3, 90.0),
+                log_scale: Vec2::splat(5793.0f32.ln()),
+                rotation: 0.0,
+                ..PLAIN
+            }],
+        );
+        cases.push(Case { view: Canvas::new(5, 257), steps: 50, ..wide });
         cases.push(
             case(
                 "10⁶ px away",

@@ -138,6 +138,7 @@ fn places() -> Vec<Case<SpatialScene>> {
                 [at_camera],
             )
         }
+        .sloping(Slopes::Finite("a derivative by the mean would be one of a direction that is none"))
         .training(Training::Finite("the smallest step makes a direction of none")),
     );
     let turned = Mat3::from_rotation_z(0.5) * Mat3::from_rotation_x(std::f32::consts::PI);
