@@ -4,8 +4,8 @@
 use std::{path::Path, thread, time::Instant};
 
 use gs_core::{
-    Blend, Canvas, Image, PlanarScene, Rasterizer, RenderSettings, Scene,
-    effects::{Statistics, called_for::Verdict},
+    Blend, Canvas, Image, PlanarScene, Rasterizer, Scene,
+    effects::called_for::Verdict,
     examination::{self, Examinable},
 };
 use gs_io::{PlanarFile, PlyColors, write_ply, write_png, write_scene};

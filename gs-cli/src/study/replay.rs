@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use gs_core::{PlanarScene, Rasterizer, effects::Statistics};
+use gs_core::{PlanarScene, Rasterizer};
 use gs_io::{PlanarFile, write_atomically, write_png, write_scene};
 use gs_study::{Machine, Places, Plan, Replayed, Study, StudyFolder, replay};
 
