@@ -40,13 +40,14 @@ pub struct Calls {
     /// Antialiasing joins when, in some view, more than this share of the Gaussians are narrower than a pixel, 0 to 1.
     pub narrow: f32,
     /// The harmonics of the next degree join when they explain more than this share of how residuals vary between views, 0 to 1
-    /// ([`ViewDependence`]).
+    /// ([`ViewDependence`]), and that by more than half a step of a display. Residuals of shapes and places that are still wrong depend on the view, too, and are not told apart: while a scene
+    /// is far from its photographs, harmonics may join that it will not need.
     pub view_dependence: f32,
 }
 
 impl Default for Calls {
     fn default() -> Self {
-        Self { every: 100, narrow: 0.01, view_dependence: 0.05 }
+        Self { every: 100, narrow: 0.01, view_dependence: 0.25 }
     }
 }
 

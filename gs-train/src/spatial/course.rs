@@ -5,6 +5,7 @@ use std::fmt;
 use glam::Vec3;
 use gs_core::{
     Camera, Effects, Image, Loss, Rasterizer, RenderSettings, SpatialGaussian, SpatialScene, TrainStep, Wait,
+    constants::HALF_DISPLAY_STEP,
     effects::{
         Background,
         called_for::{CallsForEffects, Narrow},
@@ -21,7 +22,7 @@ use super::{
     pictures::{Picture, Pictures},
     resolution::{possible, reduced_camera},
     settings::{Backdrop, SpatialSettings},
-    view_dependence::{Residuals, ViewDependence},
+    view_dependence::{Residuals, Seen, ViewDependence},
     views::{PosedView, Views},
 };
 use crate::{
@@ -39,7 +40,7 @@ const BACKDROP_STREAM: u64 = 0x6261_636b;
 /// Without test views, so many of the training views, evenly spread, tell how good a scene is.
 const STAND_INS: usize = 8;
 
-/// In so many views, residuals are asked how they depend on the view: as dear as so many steps without the optimiser.
+/// In so many views, residuals are asked how they depend on the view: as dear as twice so many steps without the optimiser.
 const ASKED_VIEWS: u32 = 8;
 
 /// Most Gaussians that are asked, evenly spread: enough for any share that matters.
@@ -153,6 +154,9 @@ impl<R: Rasterizer<SpatialScene>> ViewsCourse<R> {
         for index in asked {
             let (camera, factor) = self.reduced(index, settings, step);
             let frame = on.forward(cloud, &camera, render)?;
+            // Compared with what is darker by 1 everywhere, each Gaussian's gradient is what it shows.
+            let mut darker = on.image(&frame)?;
+            darker.pixels_mut().iter_mut().for_each(|pixel| *pixel = pixel.map(|value| value - 1.0));
             let (_, gradients) = match self.pictures.get(on, &self.views.train[index], index, factor, fixed)? {
                 Picture::Target(target) => on.backward(cloud, frame, target, &Loss::L2)?,
                 Picture::Photograph(photograph) => {
@@ -160,10 +164,16 @@ impl<R: Rasterizer<SpatialScene>> ViewsCourse<R> {
                     on.backward(cloud, frame, &target, &Loss::L2)?
                 }
             };
-            let gradients = on.download_gradients(cloud, &gradients)?;
-            let (position, of_one) = (camera.position(), gradients.sh_len());
-            let direction = |mean: Vec3| (mean - position).normalize_or_zero();
-            let seen = (0..means.len()).step_by(stride).map(|i| (direction(means[i]), gradients.sh[i * of_one]));
+            let pulls = on.download_gradients(cloud, &gradients)?;
+            let again = on.forward(cloud, &camera, render)?;
+            let (_, gradients) = on.backward(cloud, again, &on.upload_target(&darker)?, &Loss::L2)?;
+            let shown = on.download_gradients(cloud, &gradients)?;
+            let (position, of_one) = (camera.position(), pulls.sh_len());
+            let seen = (0..means.len()).step_by(stride).map(|index| Seen {
+                direction: (means[index] - position).normalize_or_zero(),
+                pull: pulls.sh[index * of_one],
+                shown: shown.sh[index * of_one].max_element(),
+            });
             residuals.add(seen);
         }
         Ok(residuals.explained_by(degree))
@@ -274,17 +284,17 @@ impl<R: Rasterizer<SpatialScene>> Course<R, SpatialScene> for ViewsCourse<R> {
                 (narrow.share() > calls.narrow).then(|| AntialiasJoin::new(wanted.effects.antialias, narrow));
         }
         if let Some((calls, next)) = asks_for_harmonics {
-            let (degree, explains) = if step == 0 {
-                (Effects::called_for(&scene, &[], wanted)?.settings.effects.sh_degree, None)
+            joined.harmonics = if step == 0 {
+                let degree = Effects::called_for(&scene, &[], wanted)?.settings.effects.sh_degree;
+                (degree > 0).then_some(HarmonicsJoin { degree, explains: None })
             } else {
                 let effects = settings.effects_after(step, joins);
                 let mut render = backdrop(settings, step);
                 render.effects = Effects { background: render.effects.background, ..effects };
                 let found = self.view_dependence(on, cloud, settings, (step, next), &render, &scene.means)?;
-                (next, Some(found.share))
+                let called = found.share > calls.view_dependence && found.amplitude > HALF_DISPLAY_STEP;
+                called.then_some(HarmonicsJoin { degree: next, explains: Some(found.share) })
             };
-            let called = explains.map_or(degree > 0, |share| share > calls.view_dependence);
-            joined.harmonics = called.then_some(HarmonicsJoin { degree, explains });
         }
         Ok(joined)
     }
