@@ -8,13 +8,13 @@ use proptest::{
 
 use crate::Failure;
 
-/// So many cases, the same ones in each run, and no file of failures: a failing case fails again, and prints what it shrank to.
+/// So many cases, those of a seed, and no file of failures: a failing case fails again, and prints what it shrank to.
 #[must_use]
-pub fn repeatable(cases: u32) -> ProptestConfig {
+pub fn repeatable(cases: u32, seed: u64) -> ProptestConfig {
     ProptestConfig {
         cases,
         max_global_rejects: cases / 2,
-        rng_seed: RngSeed::Fixed(2026),
+        rng_seed: RngSeed::Fixed(seed),
         failure_persistence: None,
         max_shrink_iters: 100,
         ..ProptestConfig::default()

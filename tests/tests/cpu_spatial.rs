@@ -33,7 +33,7 @@ fn levels() -> impl Strategy<Value = SimdLevel> {
 }
 
 proptest! {
-    #![proptest_config(repeatable(300))]
+    #![proptest_config(repeatable(300, 2026))]
 
     #[test]
     fn drawn_images_match(draw in spatial_draws(), level in levels()) {

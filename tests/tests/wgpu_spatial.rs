@@ -326,7 +326,7 @@ fn what_is_not_offered_is_an_error_that_names_it() {
 }
 
 proptest! {
-    #![proptest_config(repeatable(200))]
+    #![proptest_config(repeatable(200, 2027))]
 
     #[test]
     fn drawn_images_match(draw in spatial_draws()) {
