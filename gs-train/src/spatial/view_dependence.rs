@@ -126,7 +126,7 @@ fn moments(views: &[Seen], degree: u8) -> Option<Moments> {
     // All from one direction: no degree could tell.
     let chance = trace / (count - 1.0);
     let most = if trace > 1e-9 { square / trace } else { chance };
-    (most > chance * (1.0 + 1e-6)).then(|| Moments {
+    (most > chance * (1.0 + 1e-6)).then_some(Moments {
         above: form - energy * chance,
         most: energy * (most - chance),
         energy,
