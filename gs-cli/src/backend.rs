@@ -8,7 +8,7 @@ mod team;
 use std::{env::consts, num::NonZero, thread::available_parallelism};
 
 use clap::{Args, Parser, ValueEnum, builder::NonEmptyStringValueParser};
-use gs_core::{PlanarScene, Rasterizer, SpatialScene, profile::Profiler};
+use gs_core::{Chart, Error, PlanarScene, Rasterizer, SpatialScene, profile::Profiler};
 use gs_cpu::{CpuRasterizer, CpuSettings, CpuTuning, SimdLevel};
 use gs_study::Machine;
 use gs_wgpu::{AdapterSummary, Kernels, WgpuRasterizer, WgpuSettings};
@@ -114,6 +114,22 @@ impl Backend {
     /// Bad usage where flags contradict each other, the machine has no such SIMD level or adapter, or cannot start so many
     /// threads; a failure where there is no adapter at all, or it gives no device.
     pub(crate) fn start(args: &BackendArgs) -> Result<Self, Failure> {
+        Self::start_suited(args, |_| Ok(()))
+    }
+
+    /// The same for training in space in this chart: where the flags leave open what computes, a GPU that does not offer the chart is passed by.
+    ///
+    /// # Errors
+    /// As [`Self::start`].
+    pub(crate) fn start_in_space(args: &BackendArgs, chart: Chart) -> Result<Self, Failure> {
+        Self::start_suited(args, |gpu| gpu.upload(&SpatialScene::default(), chart).map(drop))
+    }
+
+    /// A GPU of which `suits` is an error is passed by, unless it was asked for.
+    fn start_suited(
+        args: &BackendArgs,
+        suits: impl FnOnce(&WgpuRasterizer) -> Result<(), Error>,
+    ) -> Result<Self, Failure> {
         let threads = match args.threads {
             Some(count) => Threads { count: count.into(), why: "threads as asked" },
             None => Threads { count: available_parallelism().map_or(1, NonZero::get), why: "one thread a core" },
@@ -121,7 +137,7 @@ impl Backend {
         let backend = match wanted(args)? {
             Wanted::Cpu { why } => Self::cpu(args.simd.as_deref(), args.tuning, &threads, why),
             Wanted::Wgpu { adapter } => Ok(Self::wgpu(named(adapter, args.kernels)?, &threads, "as asked")),
-            Wanted::Fastest => match fastest::find() {
+            Wanted::Fastest => match fastest::find(suits) {
                 Fastest::Gpu(gpu) => Ok(Self::wgpu(*gpu, &threads, "a GPU was found")),
                 Fastest::Cpu { why } => Self::cpu(None, args.tuning, &threads, &why),
             },
@@ -203,10 +219,10 @@ struct Recorded {
 }
 
 impl Recorded {
-    /// Nothing where they are no flags of this version.
-    fn of(flags: &[String]) -> Option<BackendArgs> {
+    /// Fails where they are no flags of this version.
+    fn of(flags: &[String]) -> Result<BackendArgs, clap::Error> {
         let words = std::iter::once("gs").chain(flags.iter().map(String::as_str));
-        Self::try_parse_from(words).ok().map(|recorded| recorded.backend)
+        Self::try_parse_from(words).map(|recorded| recorded.backend)
     }
 }
 
@@ -214,7 +230,7 @@ impl BackendArgs {
     /// The same where they say what computes; where they leave it open, what was recorded. Threads are those of these flags.
     pub(crate) fn or_recorded(&self, machine: &Machine) -> Self {
         match Recorded::of(&machine.flags) {
-            Some(recorded) if self.is_open() => Self { threads: self.threads, ..recorded },
+            Ok(recorded) if self.is_open() => Self { threads: self.threads, ..recorded },
             _ => self.clone(),
         }
     }
@@ -224,17 +240,36 @@ impl BackendArgs {
         self.backend == Choice::Auto && self.adapter.is_none() && self.simd.is_none()
     }
 
-    /// The same where they say what computes; where they leave it open, what a file of settings has chosen, if there is one.
+    /// The same where they say what computes; where they leave it open, what a file of settings has chosen, if there is one. How that machine is
+    /// made to work best says nothing of another.
     pub(crate) fn or_chosen(&self, chosen: Option<&ChosenMachine>) -> Self {
-        let Some(ChosenMachine { flags, cpu, kernels }) = chosen else { return self.clone() };
-        let (tuning, kernels) = (cpu.unwrap_or_default(), kernels.map(Into::into));
+        let Some(ChosenMachine { flags, cpu, kernels }) = chosen.filter(|_| self.is_open()) else {
+            return self.clone();
+        };
         match Recorded::of(flags) {
-            Some(recorded) if self.is_open() => {
-                Self { threads: self.threads.or(recorded.threads), tuning, kernels, ..recorded }
-            }
-            _ => Self { tuning, kernels, ..self.clone() },
+            Ok(recorded) => Self {
+                threads: self.threads.or(recorded.threads),
+                tuning: cpu.unwrap_or_default(),
+                kernels: kernels.map(Into::into),
+                ..recorded
+            },
+            Err(_) => self.clone(),
         }
     }
+}
+
+/// Checks flags of a file of settings, which nobody has parsed.
+///
+/// # Errors
+/// Bad usage where they are no flags of this version, or contradict each other.
+pub(crate) fn check_flags(flags: &[String]) -> Result<(), Failure> {
+    let refused = |why: String| Failure::usage(format_args!("machine.flags {flags:?}: {why}"));
+    let first_line = |error: clap::Error| {
+        let text = error.render().to_string();
+        let line = text.lines().next().unwrap_or_default();
+        refused(line.strip_prefix("error: ").unwrap_or("are not those that choose a backend").to_owned())
+    };
+    wanted(&Recorded::of(flags).map_err(first_line)?).map(drop).map_err(|failure| refused(failure.message().to_owned()))
 }
 
 /// An adapter names its backend, and so does a SIMD level; both may not.
@@ -313,6 +348,19 @@ mod tests {
         assert_eq!((said.backend, said.simd.as_deref()), (Choice::Auto, Some("avx2")));
         let unknown = Machine { flags: vec!["--abacus".to_owned()], ..recorded };
         assert_eq!(open.or_recorded(&unknown).backend, Choice::Auto);
+    }
+
+    #[test]
+    fn how_a_chosen_machine_works_best_is_for_it_alone() {
+        let flags = ["--backend", "cpu", "--simd", "scalar", "--threads", "2"].map(str::to_owned).to_vec();
+        let cpu = CpuTuning { tile_rows: Some(16), ..CpuTuning::default() };
+        let chosen = ChosenMachine { flags, cpu: Some(cpu), kernels: None };
+        let open = BackendArgs::default().or_chosen(Some(&chosen));
+        assert_eq!((open.simd.as_deref(), open.threads, open.tuning), (Some("scalar"), Some(2), cpu));
+        let said = args(Choice::Cpu, None, None).or_chosen(Some(&chosen));
+        assert_eq!((said.simd.as_deref(), said.threads, said.tuning), (None, None, CpuTuning::default()));
+        let none = BackendArgs::default().or_chosen(None);
+        assert_eq!((none.backend, none.tuning), (Choice::Auto, CpuTuning::default()));
     }
 
     #[test]

@@ -10,9 +10,9 @@ use gs_cpu::CpuTuning;
 use serde::{Deserialize, Serialize};
 
 use crate::{
+    backend::check_flags,
     failure::Failure,
-    fit::settings::{read_toml, to_toml},
-    text_file::read_text,
+    fit::settings::{parse_toml, read_toml, to_toml},
 };
 
 /// What helps where such a file is wrong.
@@ -73,21 +73,24 @@ impl ChosenSettings {
     /// # Errors
     /// Where it cannot be read, is not of this kind, or a number in it is not possible.
     pub(crate) fn read(file: &Path) -> Result<Self, Failure> {
-        let chosen: Self = read_toml(file, MEND)?;
-        let failed = |error| Failure::usage(error).at(file.display()).mend(MEND);
-        chosen.applied_to(RenderSettings::default()).validate().map_err(failed)?;
-        chosen.machine.cpu.unwrap_or_default().validate().map_err(failed)?;
-        Ok(chosen)
+        read_toml::<Self>(file, MEND)?.checked(file)
     }
 
-    /// Reads such a file if it is one: nothing of a file of other settings, which has no machine.
+    /// What the text of a file says if it is such a file: nothing of a file of other settings, which has no machine.
     ///
     /// # Errors
-    /// As [`Self::read`].
-    pub(crate) fn read_if_chosen(file: &Path) -> Result<Option<Self>, Failure> {
-        let text = read_text(file, "name a file of settings")?;
+    /// Where it is not of this kind, or a number in it is not possible.
+    pub(crate) fn parse_if_chosen(text: &str, file: &Path) -> Result<Option<Self>, Failure> {
         let is_chosen = text.parse::<toml::Table>().is_ok_and(|table| table.contains_key("machine"));
-        is_chosen.then(|| Self::read(file)).transpose()
+        is_chosen.then(|| parse_toml::<Self>(text, file, MEND)?.checked(file)).transpose()
+    }
+
+    fn checked(self, file: &Path) -> Result<Self, Failure> {
+        let failed = |error| Failure::usage(error).at(file.display()).mend(MEND);
+        self.applied_to(RenderSettings::default()).validate().map_err(failed)?;
+        self.machine.cpu.unwrap_or_default().validate().map_err(failed)?;
+        check_flags(&self.machine.flags).map_err(|failure| failure.at(file.display()).mend(MEND))?;
+        Ok(self)
     }
 
     /// The same rendering, as exactly as was chosen, and with the effects if there are any.
@@ -111,6 +114,8 @@ impl ChosenSettings {
 
 #[cfg(test)]
 mod tests {
+    use std::process::ExitCode;
+
     use gs_core::settings::Extent;
     use gs_cpu::Bounds;
 
@@ -129,23 +134,32 @@ mod tests {
             let chosen = ChosenSettings { accuracy, effects, machine };
             let folder = tempfile::tempdir().unwrap();
             let file = folder.path().join("settings.toml");
-            std::fs::write(&file, chosen.to_file("two\nlines").unwrap()).unwrap();
+            let text = chosen.to_file("two\nlines").unwrap();
+            std::fs::write(&file, &text).unwrap();
             assert_eq!(ChosenSettings::read(&file).unwrap(), chosen);
-            assert_eq!(ChosenSettings::read_if_chosen(&file).unwrap(), Some(chosen));
+            assert_eq!(ChosenSettings::parse_if_chosen(&text, &file).unwrap(), Some(chosen));
         }
     }
 
     #[test]
     fn what_is_not_possible_is_refused_and_other_settings_are_left_to_others() {
-        let folder = tempfile::tempdir().unwrap();
-        let file = folder.path().join("settings.toml");
+        let parse = |text: &str| ChosenSettings::parse_if_chosen(text, Path::new("settings.toml"));
         for bad in
             ["[machine]\n[accuracy]\nalpha-cut = 7\n", "[machine]\ncpu = { tile-rows = 3 }\n", "[machine]\nx = 1\n"]
         {
-            std::fs::write(&file, bad).unwrap();
-            assert!(ChosenSettings::read_if_chosen(&file).is_err(), "{bad}");
+            assert!(parse(bad).is_err(), "{bad}");
         }
-        std::fs::write(&file, "iterations = 7\n").unwrap();
-        assert_eq!(ChosenSettings::read_if_chosen(&file).unwrap(), None);
+        for (flags, why) in [
+            ("'--backend', 'cuda'", "invalid value 'cuda'"),
+            ("'--abacus'", "unexpected argument '--abacus'"),
+            ("'--help'", "are not those that choose a backend"),
+            ("'--backend', 'wgpu', '--simd', 'avx2'", "leave out one of the two"),
+        ] {
+            let refused = parse(&format!("machine.flags = [{flags}]\n")).unwrap_err();
+            let line = refused.line().unwrap();
+            assert!(line.starts_with("error: settings.toml: machine.flags [") && line.contains(why), "{line}");
+            assert_eq!(refused.status(), ExitCode::from(2));
+        }
+        assert_eq!(parse("iterations = 7\n").unwrap(), None);
     }
 }

@@ -98,6 +98,11 @@ impl Failure {
         }
     }
 
+    /// What it says, for a line that goes on.
+    pub(crate) fn message(&self) -> &str {
+        &self.message
+    }
+
     /// The line for standard error, without its line break; `None` where nothing needs saying.
     pub(crate) fn line(&self) -> Option<String> {
         match self.kind {

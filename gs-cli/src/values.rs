@@ -3,6 +3,9 @@
 use std::{fmt, path::PathBuf, str::FromStr};
 
 use glam::{Vec2, Vec3};
+use gs_core::Canvas;
+
+use crate::failure::Failure;
 
 /// A size in pixels, written WxH.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -23,6 +26,17 @@ impl FromStr for Size {
             _ => Err("write it as WIDTHxHEIGHT in whole pixels, such as 1536x1024".into()),
         }
     }
+}
+
+/// The whole of a plane of this size, in as many pixels or as the flag says.
+///
+/// # Errors
+/// Where no canvas is as large as the flag says.
+pub(crate) fn canvas((width, height): (u32, u32), size: Option<Size>) -> Result<Canvas, Failure> {
+    let whole = Canvas::new(width, height);
+    let canvas = size.map_or(whole, |Size { width, height }| whole.resized(width, height));
+    canvas.validate().map_err(|error| Failure::usage(error).at("--size"))?;
+    Ok(canvas)
 }
 
 /// A rectangle of the plane, written X,Y,W,H.

@@ -68,6 +68,12 @@ pub const MAX_ETA: f32 = 0.5;
 /// Beyond 1.8e19 a square is ∞, v̂ with it for ever after, and the parameter never moves again. Nothing that is not to overflow soon is near.
 pub const MAX_DERIVATIVE: f32 = 1e18;
 
+/// Adam's first moments below this become 0. Unit: loss per unit of the parameter.
+///
+/// Where no gradient comes any more they would decay to denormals, which take many times as long; what is lost is less than a step of 1e-15 where
+/// gradients are of the size of 1e-15, and else nothing.
+pub const VANISHING_MOMENT: f32 = 1e-30;
+
 /// L2 is differentiated as if C − Y were within ± this. Unit: of the image.
 ///
 /// Kernels multiply ∂L/∂C by the weights of all Gaussians that a tile lists, 0 where one does not reach a pixel: 0·∞ would be NaN in Gaussians

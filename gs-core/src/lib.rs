@@ -13,6 +13,7 @@ pub mod edit;
 pub mod effects;
 pub mod error;
 pub mod examination;
+pub mod guards;
 pub mod image;
 pub mod local_frame;
 pub mod loss;

@@ -4,6 +4,8 @@
 //! the antisymmetric part would turn the frame and leave Σ as it is. ξ and η have no unit, so that one learning rate is the same fraction of
 //! every Gaussian's extent, along each of its axes. ∂L/∂ξ = Mᵀ ∂L/∂μ, and ∂L/∂η = 2 Mᵀ (∂L/∂Σ) M.
 //!
+//! A Gaussian whose quaternion has no direction has no frame: it is held as one of zeros, drawn nowhere, and told as a quaternion of zeros again.
+//!
 //! Symmetric matrices are six numbers: (00, 01, 02, 11, 12, 22); as gradients, those beside the diagonal are by each of the two entries.
 
 use glam::{DMat3, DQuat, DVec3, Mat3, Quat, Vec3};
@@ -11,6 +13,7 @@ use glam::{DMat3, DQuat, DVec3, Mat3, Quat, Vec3};
 use crate::{
     adam::AdamRates,
     constants::{MAX_ETA, MIN_QUATERNION_NORM2},
+    guards::Guard,
     perspective::{Quaternion, quaternion_vjp},
     scene::SpatialGaussian,
 };
@@ -54,6 +57,10 @@ pub struct PrincipalAxes {
 /// Sweeps of the Jacobi method; it converges quadratically, and 3×3 matrices need four to six.
 const SWEEPS: usize = 16;
 
+/// Scales are no smaller in a frame, world units: it is that of a Gaussian with a direction, and has its axes, while their squares are 0 all the
+/// same.
+const LEAST_SCALE: f32 = 1e-30;
+
 /// Columns whose cosine is below this are orthogonal.
 const ORTHOGONAL: f64 = 1e-15;
 
@@ -62,7 +69,10 @@ impl PrincipalAxes {
     ///
     /// One-sided Jacobi (Hestenes 1958) in `f64`: each scale is right to its own last digits, however thin the ellipsoid.
     pub fn of(frame: Mat3) -> Self {
-        let frame = frame.as_dmat3();
+        Self::of_exact(frame.as_dmat3())
+    }
+
+    fn of_exact(frame: DMat3) -> Self {
         let mut columns = [frame.x_axis, frame.y_axis, frame.z_axis];
         let mut turn = [DVec3::X, DVec3::Y, DVec3::Z];
         for _ in 0..SWEEPS {
@@ -116,34 +126,55 @@ fn completed(columns: [DVec3; 3], scales: DVec3) -> DMat3 {
     DMat3::from_cols(x, y, z)
 }
 
-/// R(q/|q|) S: a square root of Σ (paper eq. 5), world units. `None` where q is too short to have a direction ([`MIN_QUATERNION_NORM2`]).
+/// R(q/|q|) S: a square root of Σ (paper eq. 5), world units, never of zeros. `None` where q is too short to have a direction
+/// ([`MIN_QUATERNION_NORM2`]).
 pub fn frame_of(log_scale: Vec3, rotation: [f32; 4]) -> Option<Mat3> {
     let Quaternion { scaled: [w, x, y, z], norm2, .. } = Quaternion::new(rotation);
     if !(norm2 >= MIN_QUATERNION_NORM2) {
         return None;
     }
-    Some(Mat3::from_quat(Quat::from_xyzw(x, y, z, w).normalize()) * Mat3::from_diagonal(log_scale.map(f32::exp)))
+    // NaN stays: it must be seen and pruned.
+    let scales = log_scale.map(f32::exp).map(|scale| if scale < LEAST_SCALE { LEAST_SCALE } else { scale });
+    Some(Mat3::from_quat(Quat::from_xyzw(x, y, z, w).normalize()) * Mat3::from_diagonal(scales))
+}
+
+/// Of all frames M Q of one Σ, with Q orthogonal, the one nearest to `parent`: in its coordinates, moments that were gathered in those of `parent`
+/// mean the same. `frame` itself where one of the two is not finite.
+///
+/// Q is the orthogonal factor of the polar decomposition of Mᵀ `parent` (the orthogonal Procrustes problem, Schönemann 1966).
+#[must_use]
+pub fn aligned(frame: Mat3, parent: Mat3) -> Mat3 {
+    if !(frame.is_finite() && parent.is_finite()) {
+        return frame;
+    }
+    let wide = frame.as_dmat3();
+    let PrincipalAxes { axes, turn, .. } = PrincipalAxes::of_exact(wide.transpose() * parent.as_dmat3());
+    (wide * axes * turn.transpose()).as_mat3()
 }
 
 impl SpatialGaussian {
     /// ln-scales and rotation (a quaternion of length 1) of Σ = M Mᵀ. The scales stand in the order of M's columns where these are orthogonal and
-    /// of different lengths; one along which the frame has no extent is ln 0.
+    /// of different lengths; one along which the frame has no extent is ln 0. A frame of zeros has no direction, and scales that show nothing.
     pub fn shape_of_frame(m: Mat3) -> (Vec3, [f32; 4]) {
+        if m == Mat3::ZERO {
+            return (Vec3::splat(LEAST_SCALE.ln()), [0.0; 4]);
+        }
         PrincipalAxes::of(m).shape()
     }
 }
 
 /// One step: M (I + η + η²/2), with each entry of η within ±[`MAX_ETA`], and then the scales within the bounds that `rates` set. A frame that is
-/// not finite stays so: it must be seen and pruned.
+/// not finite stays so: it must be seen and pruned; and so does one of zeros, which has no direction to grow in.
 #[inline]
 pub fn stretched(frame: Mat3, eta: Symmetric3, rates: &AdamRates) -> Mat3 {
-    let eta = symmetric(eta.map(|entry| entry.clamp(-MAX_ETA, MAX_ETA)));
+    let most = if Guard::MaxEta.is_on() { MAX_ETA } else { f32::INFINITY };
+    let eta = symmetric(eta.map(|entry| entry.clamp(-most, most)));
     let m = frame + frame * (eta + eta * eta * 0.5);
     // The largest scale is at most the Frobenius norm of M, and the inverse of the smallest that of M⁻¹ = (cofactors of M)ᵀ/|M|.
     let cofactors = Mat3::from_cols(m.y_axis.cross(m.z_axis), m.z_axis.cross(m.x_axis), m.x_axis.cross(m.y_axis));
     let determinant = m.x_axis.dot(cofactors.x_axis);
     let suspicious = determinant.abs() <= rates.min_scale * frobenius(&cofactors) || frobenius(&m) > rates.max_scale;
-    if suspicious { bounded(m, rates) } else { m }
+    if suspicious && Guard::ScaleBounds.is_on() { bounded(m, rates) } else { m }
 }
 
 /// M with its scales moved into their bounds, its axes on either side as they are.
@@ -151,7 +182,7 @@ pub fn stretched(frame: Mat3, eta: Symmetric3, rates: &AdamRates) -> Mat3 {
 fn bounded(m: Mat3, rates: &AdamRates) -> Mat3 {
     let PrincipalAxes { axes, scales, turn } = PrincipalAxes::of(m);
     let within = scales.clamp(DVec3::splat(rates.min_scale.into()), DVec3::splat(rates.max_scale.into()));
-    if within == scales || !scales.is_finite() {
+    if within == scales || !scales.is_finite() || m == Mat3::ZERO {
         return m;
     }
     (axes * DMat3::from_diagonal(within) * turn.transpose()).as_mat3()
@@ -169,12 +200,15 @@ pub fn sum_of_scales_vjp(frame: Mat3) -> Symmetric3 {
 /// ω s₀/s₁ and −ω s₁/s₀, whence v_ω = 2 sinh(ln s₀ − ln s₁) v₀₁; and so on.
 pub fn by_scale_rotation(frame: Mat3, stretch: Symmetric3) -> (Vec3, [f32; 4]) {
     let principal = PrincipalAxes::of(frame);
-    let (log_scale, rotation) = principal.shape();
+    let (log_scale, rotation) = SpatialGaussian::shape_of_frame(frame);
     let turn = principal.turn;
     let v = turn.transpose() * symmetric(stretch).as_dmat3() * turn;
     let [a, b, c] = log_scale.as_dvec3().to_array();
     // A turn between two axes of which one has no extent (ln 0) is none.
-    let about = |v: f64, log_ratio: f64| Some(2.0 * v * log_ratio.sinh()).filter(|v| v.is_finite()).unwrap_or(0.0);
+    let about = |v: f64, log_ratio: f64| {
+        let turned = 2.0 * v * log_ratio.sinh();
+        if turned.is_finite() || !Guard::FlatTurn.is_on() { turned } else { 0.0 }
+    };
     let v_turn = DVec3::new(about(v.y_axis.z, b - c), about(v.z_axis.x, c - a), about(v.x_axis.y, a - b));
     let v_turn = principal.axes * v_turn;
     let v_log_scale = DVec3::new(v.x_axis.x, v.y_axis.y, v.z_axis.z);

@@ -16,6 +16,7 @@ use glam::{Mat3, Vec2, Vec3};
 use crate::{
     constants::{JACOBIAN_MARGIN, MIN_DETERMINANT_PX4, MIN_QUATERNION_NORM2, QUATERNION_SHRINK, SAFE_SQUARES},
     effects::{Antialias, Blend},
+    guards::Guard,
     local_frame::{Framed, FramedGradient},
     scene::sigmoid,
     settings::RenderSettings,
@@ -128,7 +129,8 @@ impl Perspective {
     /// A valid camera's, with valid settings.
     pub fn new(camera: &Camera, settings: &RenderSettings) -> Self {
         let size = Vec2::new(camera.width as f32, camera.height as f32);
-        let margin = JACOBIAN_MARGIN * 0.5 * size / camera.focal;
+        let margin = if Guard::JacobianClamp.is_on() { JACOBIAN_MARGIN } else { f32::INFINITY };
+        let margin = margin * 0.5 * size / camera.focal;
         let effects = &settings.effects;
         Self {
             rotation: camera.rotation,
@@ -136,7 +138,7 @@ impl Perspective {
             position: camera.position(),
             focal: camera.focal,
             center: camera.center,
-            near: camera.near,
+            near: camera.guarded_near(),
             slopes: [-(camera.center / camera.focal) - margin, (size - camera.center) / camera.focal + margin],
             dilation: effects.antialias.dilation(),
             antialias: effects.antialias,
@@ -158,12 +160,12 @@ impl Perspective {
     pub fn project(&self, g: &Ellipsoid) -> Result<Projection, Cause> {
         let quaternion = Quaternion::new(g.rotation);
         // A sum is finite only if all its terms are.
-        if !(g.mean.is_finite() && g.log_scale.is_finite() && quaternion.norm2.is_finite()) || g.opacity_logit.is_nan()
-        {
+        let finite = g.mean.is_finite() && g.log_scale.is_finite() && quaternion.norm2.is_finite();
+        if Guard::FiniteParameters.is_on() && (!finite || g.opacity_logit.is_nan()) {
             return Err(Cause::NotFinite);
         }
         let p = self.in_front(g.mean)?;
-        if !(quaternion.norm2 >= MIN_QUATERNION_NORM2) {
+        if Guard::QuaternionNorm.is_on() && !(quaternion.norm2 >= MIN_QUATERNION_NORM2) {
             return Err(Cause::Degenerate);
         }
         self.project_rows(p, self.rows(&turned(&quaternion).rotation, g.log_scale), g.opacity_logit)
@@ -175,10 +177,15 @@ impl Perspective {
     /// The first [`Cause`] that applies.
     #[inline]
     pub fn project_framed(&self, g: &Framed) -> Result<Projection, Cause> {
-        if !(g.mean.is_finite() && g.frame.is_finite()) || g.opacity_logit.is_nan() {
+        let finite = g.mean.is_finite() && g.frame.is_finite();
+        if Guard::FiniteParameters.is_on() && (!finite || g.opacity_logit.is_nan()) {
             return Err(Cause::NotFinite);
         }
         let p = self.in_front(g.mean)?;
+        // Made of a quaternion without direction.
+        if g.frame == Mat3::ZERO {
+            return Err(Cause::Degenerate);
+        }
         self.project_rows(p, rows_of(&(self.rotation * g.frame)), g.opacity_logit)
     }
 
@@ -223,7 +230,7 @@ impl Perspective {
     #[inline(always)]
     fn in_front(&self, mean: Vec3) -> Result<Vec3, Cause> {
         let p = self.rotation * mean + self.translation;
-        if p.is_nan() {
+        if Guard::FiniteProjection.is_on() && p.is_nan() {
             return Err(Cause::NotFinite);
         }
         if !(p.z >= self.near) {
@@ -242,10 +249,11 @@ impl Perspective {
         let undilated = minors.length_squared();
         let determinant = undilated + delta * (xx + yy) + delta * delta;
         let (xx, yy) = (xx + delta, yy + delta);
-        if !(mean.is_finite() && (xx * yy).is_finite() && determinant.is_finite()) {
+        let finite = mean.is_finite() && (xx * yy).is_finite() && determinant.is_finite();
+        if Guard::FiniteProjection.is_on() && !finite {
             return Err(Cause::NotFinite);
         }
-        if !(determinant >= MIN_DETERMINANT_PX4) {
+        if Guard::Determinant.is_on() && !(determinant >= MIN_DETERMINANT_PX4) {
             return Err(Cause::Degenerate);
         }
         let opacity = match (self.blend, self.antialias) {
@@ -253,7 +261,7 @@ impl Perspective {
             (Blend::Over, Antialias::Mip) => sigmoid(opacity_logit) * (undilated / determinant).sqrt(),
             (Blend::Over, _) => sigmoid(opacity_logit),
         };
-        if !(opacity >= self.alpha_cut) {
+        if Guard::Transparent.is_on() && !(opacity >= self.alpha_cut) {
             return Err(Cause::Transparent);
         }
         let (zu, zv) = (rows[2].dot(r0), rows[2].dot(r1));
@@ -274,12 +282,11 @@ impl Perspective {
             // ln ρ = ½ (ln D − ln D′), D = |n|², D′ = D + δ (|r₀|² + |r₁|²) + δ².
             let n = r0.cross(r1);
             let (det, trace, delta) = (n.length_squared(), r0.length_squared() + r1.length_squared(), self.dilation);
-            if det > 0.0 {
-                let grown = delta * trace + delta * delta;
-                let (by_minors, by_trace) = (grown / (det * (det + grown)), delta / (det + grown));
-                v_r0 += v.log_opacity * (by_minors * r1.cross(n) - by_trace * r0);
-                v_r1 += v.log_opacity * (by_minors * n.cross(r0) - by_trace * r1);
-            }
+            // ρ is no less than the cut of α, or this Gaussian would not be drawn; so D is not 0.
+            let grown = delta * trace + delta * delta;
+            let (by_minors, by_trace) = (grown / (det * (det + grown)), delta / (det + grown));
+            v_r0 += v.log_opacity * (by_minors * r1.cross(n) - by_trace * r0);
+            v_r1 += v.log_opacity * (by_minors * n.cross(r0) - by_trace * r1);
         }
         // r₀ = fx/z (m₀ − tx m₂), r₁ = fy/z (m₁ − ty m₂).
         let scale = self.focal * inverse_z;
@@ -318,7 +325,7 @@ impl Perspective {
     fn towards(&self, mean: Vec3) -> (Vec3, f32) {
         let offset = mean - self.position;
         let norm2 = offset.length_squared();
-        if (SAFE_SQUARES[0]..=SAFE_SQUARES[1]).contains(&norm2) {
+        if (SAFE_SQUARES[0]..=SAFE_SQUARES[1]).contains(&norm2) || !Guard::SafeSquares.is_on() {
             let inverse = 1.0 / norm2.sqrt();
             return (offset * inverse, inverse);
         }
@@ -347,7 +354,7 @@ impl Perspective {
 #[cold]
 fn towards_extremes(offset: Vec3) -> (Vec3, f32) {
     let largest = offset.abs().max_element();
-    if largest == 0.0 {
+    if Guard::ZeroDirection.is_on() && largest == 0.0 {
         return (Vec3::Z, 0.0);
     }
     let scaled = offset / largest;
@@ -365,7 +372,7 @@ impl Quaternion {
     pub(crate) fn new(q: [f32; 4]) -> Self {
         let norm2 = |[w, x, y, z]: [f32; 4]| w * w + x * x + y * y + z * z;
         let plain = Self { scaled: q, norm2: norm2(q), scale: 1.0 };
-        if plain.norm2 < f32::INFINITY {
+        if plain.norm2 < f32::INFINITY || !Guard::QuaternionShrink.is_on() {
             return plain;
         }
         let scaled = q.map(|c| c * QUATERNION_SHRINK);

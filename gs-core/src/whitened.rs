@@ -5,7 +5,7 @@
 
 use glam::{Mat2, Vec2};
 
-use crate::scene::PlanarGaussian;
+use crate::{guards::Guard, scene::PlanarGaussian};
 
 /// ∂L/∂(ξ, η) of one planar Gaussian.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -38,10 +38,27 @@ impl WhitenedGradient {
     }
 }
 
+/// Of all frames L Q of one Σ, with Q a rotation or a reflection, the one nearest to `parent`: in its coordinates, moments that were gathered in
+/// those of `parent` mean the same. `frame` itself where one of the two is not finite or 0.
+///
+/// Q maximises the trace of Qᵀ Lᵀ `parent` (the orthogonal Procrustes problem, Schönemann 1966).
+#[must_use]
+pub fn aligned(frame: Mat2, parent: Mat2) -> Mat2 {
+    let a = frame.transpose() * parent;
+    let side = if a.determinant() < 0.0 { -1.0 } else { 1.0 };
+    let first = Vec2::new(a.x_axis.x + side * a.y_axis.y, a.x_axis.y - side * a.y_axis.x);
+    let length = first.length();
+    if !(length > 0.0 && length.is_finite()) {
+        return frame;
+    }
+    let first = first / length;
+    frame * Mat2::from_cols(first, side * first.perp())
+}
+
 /// L⁻ᵀ v; 0 where L is singular, which a dilated Gaussian's may be.
 pub fn solve_transposed(l: Mat2, v: Vec2) -> Vec2 {
     let inverse = 1.0 / l.determinant();
-    if inverse.is_infinite() {
+    if Guard::SingularFrame.is_on() && inverse.is_infinite() {
         return Vec2::ZERO;
     }
     Vec2::new(l.y_axis.y * v.x - l.x_axis.y * v.y, l.x_axis.x * v.y - l.y_axis.x * v.x) * inverse
@@ -50,6 +67,27 @@ pub fn solve_transposed(l: Mat2, v: Vec2) -> Vec2 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn an_aligned_frame_is_of_the_same_covariance_and_the_parent_itself_where_that_is_too() {
+        let parent = Mat2::from_angle(0.4) * Mat2::from_diagonal(Vec2::new(3.0, 0.2)) * Mat2::from_angle(2.1);
+        for mirror in [1.0, -1.0] {
+            let other = parent * Mat2::from_angle(-1.3) * Mat2::from_diagonal(Vec2::new(1.0, mirror));
+            assert!(aligned(other, parent).abs_diff_eq(parent, 1e-5), "{mirror}");
+            let wider = Mat2::from_diagonal(Vec2::new(1.5, 0.9)) * other;
+            let found = aligned(wider, parent);
+            let [before, after] = [wider, found].map(|l| l * l.transpose());
+            assert!(after.abs_diff_eq(before, 1e-4), "{mirror}");
+            assert!(distance(found, parent) < distance(wider, parent));
+        }
+        assert_eq!(aligned(parent, Mat2::ZERO), parent);
+        assert_eq!(aligned(parent, Mat2::NAN), parent);
+    }
+
+    fn distance(a: Mat2, b: Mat2) -> f32 {
+        let d = a - b;
+        d.x_axis.length_squared() + d.y_axis.length_squared()
+    }
 
     #[test]
     fn the_same_gradient_in_another_frame_of_the_same_covariance() {

@@ -64,9 +64,10 @@ impl<V> Weights<V> {
     {
         let cu = u * self.c;
         self.w = exp(simd, fma(cu * u, splat(simd, -0.5), self.across));
-        // Lanes that the lower clamp touches do not come above the cut before the next start.
-        let fall = (cu + 0.5 * self.c).max(splat::<S, V>(simd, -80.0)).min(splat::<S, V>(simd, 80.0));
-        self.growth = exp_less(simd, -fall, self.base);
+        // Beyond ±87 this is some other number, but not where it matters: with c(|u| + ½) > 87, w is 0 here, or c is more than 30. Where w is 0, it
+        // is 0 or NaN up to the next start, and should be below the cut. And where c is more than 30, that is after two rows at most, and what the
+        // second row has is negative. Neither comes above the cut.
+        self.growth = exp_less(simd, -(cu + 0.5 * self.c), self.base);
     }
 
     /// Goes to the next row: w (base + growth), (base + growth) ratio − base.

@@ -7,6 +7,7 @@
 use fearless_simd::{Level, Simd, dispatch, prelude::*};
 use gs_core::{
     constants::{SSIM_C1, SSIM_C2, SSIM_MAX, SSIM_SIGMA, SSIM_WINDOW},
+    guards::Guard,
     profile::Traffic,
 };
 use rayon::prelude::*;
@@ -50,11 +51,12 @@ impl Plane {
 
     fn fill_from(&mut self, grid: &Grid, rows: &[Row]) {
         self.resize(grid);
+        let most = if Guard::SsimMax.is_on() { SSIM_MAX } else { f32::INFINITY };
         self.values.par_chunks_mut(3 * self.pitch).enumerate().for_each(|(y, lines)| {
             for (k, line) in lines.chunks_mut(self.pitch).enumerate() {
                 for (strip, columns) in line[RADIUS..][..grid.width].chunks_mut(LANES).enumerate() {
                     for (out, value) in columns.iter_mut().zip(&rows[strip * grid.height + y].0[k]) {
-                        *out = value.clamp(-SSIM_MAX, SSIM_MAX);
+                        *out = value.clamp(-most, most);
                     }
                 }
             }
@@ -277,8 +279,14 @@ fn derivative_lines<S: Simd>(
             let b1 = xx + yy + SSIM_C1;
             // σx² + σy² and 2 σxy of a window that is nearly constant are what rounding leaves of large numbers: more than C2 where colours are
             // beyond 100. So bounded, as they are by their definition, SSIM stays within ±1.
-            let variances = (square - xx + square_y - yy).max(zero);
-            let a2 = ((product - xy) * 2.0).max(zero - variances).min(variances) + SSIM_C2;
+            let (variances, covariance) = (square - xx + square_y - yy, (product - xy) * 2.0);
+            let (variances, covariance) = if Guard::SsimVariances.is_on() {
+                let variances = variances.max(zero);
+                (variances, covariance.max(zero - variances).min(variances))
+            } else {
+                (variances, covariance)
+            };
+            let a2 = covariance + SSIM_C2;
             let b2 = variances + SSIM_C2;
             // Lanes beyond the image: 0.
             let beyond = iota::<S, S::f32s>(simd, 0).simd_ge(splat::<S, S::f32s>(simd, (grid.width - x) as f32));

@@ -3,7 +3,7 @@
 use std::sync::OnceLock;
 
 use fearless_simd::{Level, dispatch};
-use gs_core::{Error, Image, Loss, constants::MAX_RESIDUAL};
+use gs_core::{Error, Image, Loss, constants::MAX_RESIDUAL, guards::Guard};
 
 use crate::{
     dssim::{self, BlurredTarget},
@@ -62,6 +62,12 @@ pub(crate) fn loss(tiles: &mut Tiles, target: &Target, loss: &Loss, level: Level
     }
 }
 
+/// C − Y as L2 is differentiated by it: within ±[`MAX_RESIDUAL`].
+#[inline(always)]
+pub(crate) fn bounded_residual(residual: f32) -> f32 {
+    if Guard::MaxResidual.is_on() { residual.clamp(-MAX_RESIDUAL, MAX_RESIDUAL) } else { residual }
+}
+
 /// The errors of `tiles.rows`, into `tiles.errors`.
 fn errors(tiles: &mut Tiles, target: &Target) {
     let grid = tiles.grid;
@@ -106,7 +112,7 @@ fn pointwise(tiles: &mut Tiles, target: &Target, level: Level, kind: Pointwise) 
         let inside = grid.lanes_inside(tile);
         buffers.sums[0] = dispatch!(level, _simd => match kind {
             Pointwise::Square { scale } => {
-                each(image, target, buffers.rows, inside, |d| (d * d, d.clamp(-MAX_RESIDUAL, MAX_RESIDUAL) * scale))
+                each(image, target, buffers.rows, inside, |d| (d * d, bounded_residual(d) * scale))
             }
             Pointwise::Absolute { scale } => {
                 each(image, target, buffers.rows, inside, |d| {

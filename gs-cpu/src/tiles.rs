@@ -4,7 +4,6 @@ use fearless_simd::{Level, dispatch};
 use glam::Vec2;
 use gs_core::{
     Accuracy, Blend, Effects, Error, Loss, RenderSettings,
-    constants::MAX_RESIDUAL,
     effects::{Order, Statistics},
     statistics::Culled,
 };
@@ -17,6 +16,7 @@ use crate::{
     collect::{Nothing, collecting, numbers},
     dssim,
     layout::{Cuts, Grid, MOST_ROWS_OVER, Row, ScalarRow, TileBuffers, for_each_tile},
+    loss::bounded_residual,
     splat::{Received, Splat},
     tuning::CpuTuning,
 };
@@ -228,7 +228,8 @@ impl Tiles {
     }
 
     /// Stages `blend`, `loss` (L2) and `blend_bwd` in one pass over the tiles, which stay in the cache; `Sum` only. Returns
-    /// Σ (C − Y)²; `slots` receive the gradients of half of that.
+    /// Σ (C − Y)²; `slots` receive the gradients of half of that. C is to the bit what [`Self::blend`] shows, so that both are exactly 0 where
+    /// that is the target: Adam would make whole steps of a rounding.
     pub(crate) fn blend_l2_fused(&mut self, level: Level, target: &[Row]) -> f64 {
         let backdrop = self.settings.backdrop();
         self.slots.resize(self.bins.entries.len() * self.stride, 0.0);
@@ -239,9 +240,9 @@ impl Tiles {
             let Sight { entries, splats, first_column: column, first_row, lanes_inside: inside, .. } = lists.of(tile);
             let target = &target[grid.first_row(tile)..][..buffers.rows.len()];
             dispatch!(level, simd => {
-                blend_sum::start(simd, backdrop, target, buffers.rows);
+                buffers.rows.fill(Row(backdrop.map(|c| [c; 16])));
                 blend_sum::forward(simd, entries, splats, column, first_row, buffers.rows);
-                buffers.sums[0] = square_sum(buffers.rows, inside);
+                buffers.sums[0] = square_sum(buffers.rows, target, inside);
                 blend_sum::backward::<_, Nothing>(
                     simd, entries, splats, column, first_row, buffers.rows, &[], buffers.slots,
                 );
@@ -273,18 +274,21 @@ impl Tiles {
     }
 }
 
-/// Σ of the squares of a tile's values, which are then put within ±[`MAX_RESIDUAL`]; lanes beyond the image become 0.
+/// Takes the target off a tile's values: Σ of the squares of what remains, which is then bounded as L2 bounds it; lanes beyond the image become 0.
 #[inline(always)]
-fn square_sum(rows: &mut [Row], inside: usize) -> f64 {
+fn square_sum(rows: &mut [Row], target: &[Row], inside: usize) -> f64 {
     let mut lanes = [0.0f32; 16];
     let mut sum = 0.0;
-    for chunk in rows.chunks_mut(64) {
-        for Row(pixels) in chunk {
-            for channel in pixels {
+    for (chunk, target) in rows.chunks_mut(64).zip(target.chunks(64)) {
+        for (Row(pixels), Row(target)) in chunk.iter_mut().zip(target) {
+            for (channel, target) in pixels.iter_mut().zip(target) {
+                for i in 0..16 {
+                    channel[i] -= target[i];
+                }
                 channel[inside..].fill(0.0);
                 for i in 0..16 {
                     lanes[i] += channel[i] * channel[i];
-                    channel[i] = channel[i].clamp(-MAX_RESIDUAL, MAX_RESIDUAL);
+                    channel[i] = bounded_residual(channel[i]);
                 }
             }
         }

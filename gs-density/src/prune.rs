@@ -4,6 +4,7 @@ use gs_core::{
     Error,
     constants::PRUNE_OPACITY,
     edit::{PruneCause, Removal},
+    guards::Guard,
     scene::sigmoid,
 };
 use serde::{Deserialize, Serialize};
@@ -49,7 +50,7 @@ impl Prune {
     pub fn cause(&self, gaussian: &impl DensityGaussian, extent: f32, step: u32) -> Option<PruneCause> {
         let too_large =
             || step > self.larger_after && self.larger_than.is_some_and(|b| b.is_exceeded(gaussian, extent));
-        if !gaussian.is_finite() {
+        if Guard::PruneNotFinite.is_on() && !gaussian.is_finite() {
             Some(PruneCause::NotFinite)
         } else if sigmoid(gaussian.opacity_logit()) < self.opacity {
             Some(PruneCause::Transparent)

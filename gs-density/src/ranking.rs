@@ -1,5 +1,6 @@
 //! Gaussians ranked by how much they call for growth; every criterion picks the first few of one ranking.
 
+use gs_core::guards::Guard;
 use serde::{Deserialize, Serialize};
 
 use crate::percentile::share_of;
@@ -31,7 +32,8 @@ impl Ranking {
         let mut pairs: Vec<(u32, f32)> = scores
             .into_iter()
             .inspect(|_| population += 1)
-            .filter(|&(_, score)| score.is_finite() && (score > 0.0 || (score == 0.0 && when_flat == WhenFlat::Forced)))
+            .filter(|&(_, score)| score.is_finite() || !Guard::FiniteScore.is_on())
+            .filter(|&(_, score)| score > 0.0 || (score == 0.0 && when_flat == WhenFlat::Forced))
             .map(|(index, score)| (index, score.abs())) // no −0, which would rank below 0
             .collect();
         pairs.sort_unstable_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));

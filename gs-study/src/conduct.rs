@@ -21,6 +21,7 @@ use crate::{
     folder::StudyFolder,
     plan::{Plan, Run, VERSION},
     record::{Finished, Outcome, Record},
+    replay::Replayed,
 };
 
 /// Someone who watches a study, from several threads; `()` watches nothing.
@@ -166,7 +167,7 @@ fn attempt<R: Rasterizer<PlanarScene>>(
     // A fit that panicked leaves nothing behind that another looks at: its trainer is gone with it.
     let fitted = catch_unwind(AssertUnwindSafe(|| fit(plan, run, rasterizer, watcher)));
     match fitted {
-        Ok(Ok(Some((_, image, finished)))) => {
+        Ok(Ok(Some(Replayed { image, finished, .. }))) => {
             let finished = Finished { side_by_side, ..finished };
             Ok(Some((Outcome::Finished(Box::new(finished)), Some(image))))
         }
@@ -191,7 +192,7 @@ pub(crate) fn fit<R: Rasterizer<PlanarScene>>(
     run: &Run,
     rasterizer: &R,
     watcher: &dyn Watcher,
-) -> Result<Option<(PlanarScene, Image, Finished)>, FitError> {
+) -> Result<Option<Replayed>, FitError> {
     let mut trainer = Trainer::new(rasterizer, &plan.target(run).image, run.settings.clone())?;
     if let Some(own) = &plan.arm(run).own_policy {
         trainer = trainer.controlled_by(own.policy.clone());
@@ -220,7 +221,7 @@ pub(crate) fn fit<R: Rasterizer<PlanarScene>>(
         side_by_side: 1,
         course: log.rows().to_vec(),
     };
-    Ok(Some((scene, image, finished)))
+    Ok(Some(Replayed { scene, image, settings: trainer.shown(), finished }))
 }
 
 struct StopWith<'a>(&'a dyn Watcher);

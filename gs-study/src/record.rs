@@ -118,6 +118,8 @@ impl Finished {
 
 #[cfg(test)]
 pub(crate) mod tests {
+    use gs_train::Joined;
+
     use super::*;
 
     /// A run that ended with `psnr` after 100 steps and 2 s, in a straight line from 10 dB after 20 steps and 1 s.
@@ -132,6 +134,7 @@ pub(crate) mod tests {
             psnr,
             culled: None,
             clamped: None,
+            joined: Joined::default(),
         };
         Finished {
             gaussians: 100,

@@ -1,6 +1,6 @@
 //! A row of a study, done again: it ends in the recorded scene, bit for bit, or the difference is an error.
 
-use gs_core::{Image, PlanarScene, Rasterizer};
+use gs_core::{Image, PlanarScene, Rasterizer, RenderSettings};
 
 use crate::{
     conduct,
@@ -12,13 +12,15 @@ use crate::{
     record::Finished,
 };
 
-/// What came of a replay.
+/// A run, whole, and what came of it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Replayed {
     /// The scene: the recorded one.
     pub scene: PlanarScene,
     /// What it looks like at the target's size, not clamped.
     pub image: Image,
+    /// How it is rendered so: with the effects that it was fitted with.
+    pub settings: RenderSettings,
     /// The numbers; times are those of the replay.
     pub finished: Finished,
 }
@@ -61,12 +63,12 @@ pub fn replay<R: Rasterizer<PlanarScene>>(
         recorded: recorded.to_owned(),
         found: found.to_owned(),
     };
-    let (scene, image, finished) = conduct::fit(plan, run, rasterizer, &())?
+    let replayed = conduct::fit(plan, run, rasterizer, &())?
         .ok_or_else(|| differs(end.scene.as_deref().unwrap_or("none"), "none"))?;
     match &end.scene {
-        Some(recorded) if *recorded != finished.scene => Err(differs(recorded, &finished.scene)),
-        None => Err(differs("none: the run failed", &finished.scene)),
-        Some(_) => Ok(Replayed { scene, image, finished }),
+        Some(recorded) if *recorded != replayed.finished.scene => Err(differs(recorded, &replayed.finished.scene)),
+        None => Err(differs("none: the run failed", &replayed.finished.scene)),
+        Some(_) => Ok(replayed),
     }
 }
 

@@ -4,7 +4,7 @@ use gs_core::{Image, edit::EditCounts, statistics::Culled};
 use gs_study::{
     Difference, Finished, Matching, Metric, Outcome, Places, Plan, Record, Remark, Results, Run, Study, Verdict, report,
 };
-use gs_train::MetricsRow;
+use gs_train::{Joined, MetricsRow};
 
 /// A study of that many images and seeds, with arms `a`, `b`, ….
 struct Scenario {
@@ -72,6 +72,7 @@ fn rising(psnr: f64, seconds: f64) -> Finished {
             psnr: Some(part * psnr),
             culled: None,
             clamped: None,
+            joined: Joined::default(),
         }
     };
     Finished {

@@ -8,6 +8,7 @@ use serde::de::DeserializeOwned;
 use crate::{
     course::{RunSettings, Trainable},
     error::Error,
+    joining::Joins,
 };
 
 /// All of a [`Trainer`](crate::Trainer)'s state that is not in its cloud.
@@ -18,11 +19,18 @@ pub(crate) struct Record<C> {
     pub(crate) step: u32,
     pub(crate) seconds: f64,
     pub(crate) edits: EditCounts,
+    /// The effects that have joined; none where all come by the clock.
+    pub(crate) joins: Joins,
     /// What tells the pictures to reach from others, such as the [`fingerprint`] of a target.
     pub(crate) pictures: String,
 }
 
 impl<C> Record<C> {
+    /// That of a run before its first step.
+    pub(crate) fn beginning(settings: C, pictures: String) -> Self {
+        Self { settings, step: 0, seconds: 0.0, edits: EditCounts::default(), joins: Joins::default(), pictures }
+    }
+
     pub(crate) fn to_metadata<S: Trainable<Settings = C>>(&self) -> Result<BTreeMap<String, String>, Error>
     where
         C: RunSettings<S>,
@@ -34,6 +42,7 @@ impl<C> Record<C> {
             ("step", self.step.to_string()),
             ("seconds", format!("{:?}", self.seconds)),
             ("edits", toml::to_string(&self.edits).map_err(unwritable)?),
+            ("joins", toml::to_string(&self.joins).map_err(unwritable)?),
             ("target", self.pictures.clone()),
         ]
         .map(|(key, value)| (key.to_owned(), value))
@@ -55,8 +64,16 @@ impl<C> Record<C> {
             step: step_of(metadata)?,
             seconds: parsed(metadata, "seconds")?,
             edits: table(metadata, "edits")?,
+            joins: match metadata.contains_key("joins") {
+                true => table(metadata, "joins")?,
+                // Made before effects could join.
+                false => Joins::default(),
+            },
             pictures: value(metadata, "target")?.to_owned(),
         };
+        if let Some(join) = record.joins.joins.iter().find(|join| join.step > record.step) {
+            return Err(Error::Checkpoint(format!("an effect joined it at step {}, after its own", join.step)));
+        }
         let iterations = record.settings.iterations();
         if record.step > iterations {
             return Err(Error::Checkpoint(format!("it stands at step {} of {iterations}", record.step)));
@@ -103,18 +120,26 @@ pub(crate) fn digest(bytes: impl IntoIterator<Item = u8>) -> u64 {
 
 #[cfg(test)]
 mod tests {
-    use gs_core::PlanarScene;
+    use gs_core::{PlanarScene, effects::Antialias};
     use gs_density::{AbsoluteThreshold, Policy};
 
     use super::*;
-    use crate::settings::FitSettings;
+    use crate::{
+        joining::{AntialiasJoin, HarmonicsJoin, Join, Joined},
+        settings::FitSettings,
+    };
 
     fn record() -> Record<FitSettings> {
+        let joined = Joined {
+            harmonics: Some(HarmonicsJoin { degree: 1, explains: Some(0.1 + 0.2) }),
+            antialias: Some(AntialiasJoin { antialias: Antialias::Mip, narrow: 3, shown: 7 }),
+        };
         Record {
             settings: FitSettings::paper(),
             step: 300,
             seconds: 0.1 + 0.2,
             edits: EditCounts { seeded: 7, pruned_unimportant: 2, ..EditCounts::default() },
+            joins: Joins { joins: vec![Join { step: 100, joined }] },
             pictures: "1x1 px, 0".to_owned(),
         }
     }
@@ -138,12 +163,13 @@ mod tests {
             ("step", "2501"),
             ("seconds", "NaN"),
             ("edits", "cloned = -1"),
+            ("joins", "joins = [{ step = 301 }]"),
         ] {
             let mut metadata = good.clone();
             metadata.insert(key.to_owned(), bad.to_owned());
             assert!(Record::from_metadata::<PlanarScene>(&metadata).is_err(), "{key} = {bad}");
             metadata.remove(key);
-            assert!(Record::from_metadata::<PlanarScene>(&metadata).is_err(), "no {key}");
+            assert_eq!(Record::from_metadata::<PlanarScene>(&metadata).is_ok(), key == "joins", "no {key}");
         }
     }
 

@@ -2,11 +2,16 @@
 
 use std::fmt::Debug;
 
-use gs_core::{Rasterizer, effects::Statistics};
+use gs_core::{Effects, Rasterizer};
 use gs_density::{DensityPolicy, DensityScene, Residual};
 use serde::{Serialize, de::DeserializeOwned};
 
-use crate::{error::Error, observer::Quality, rounds::Rounds};
+use crate::{
+    error::Error,
+    joining::{Joined, Joins},
+    observer::Quality,
+    rounds::Rounds,
+};
 
 /// A kind of scene that [`Trainer`](crate::Trainer) can train.
 pub trait Trainable: DensityScene {
@@ -45,6 +50,8 @@ pub trait RunSettings<S: Trainable>: Clone + Debug + PartialEq + Serialize + Des
     fn rounds(&self) -> &Rounds;
     /// How it is.
     fn policy(&self) -> &dyn DensityPolicy<S>;
+    /// The effects of the step that follows `step` steps, as far as they have joined; statistics are a matter of the policy.
+    fn effects_after(&self, step: u32, joins: &Joins) -> Effects;
     /// What the position's learning rate has become after `step` steps, as a multiple of what it was at first.
     fn mean_factor(&self, step: u32) -> f32;
     /// Between what the optimiser keeps every scale, in the scene's unit.
@@ -60,8 +67,8 @@ pub trait RunSettings<S: Trainable>: Clone + Debug + PartialEq + Serialize + Des
 pub struct Due {
     /// Steps done before it.
     pub step: u32,
-    /// What density control wants collected.
-    pub statistics: Statistics,
+    /// What has joined, and the statistics that density control wants.
+    pub effects: Effects,
     /// Whether lists may be used again.
     pub binning: gs_core::Binning,
 }
@@ -81,17 +88,43 @@ pub trait Course<R: Rasterizer<S>, S: Trainable> {
     ///
     /// # Errors
     /// Those of the backend.
-    fn residual(&mut self, on: &R, cloud: &R::Cloud, settings: &S::Settings) -> Result<Option<&Residual>, Error>;
+    fn residual(
+        &mut self,
+        on: &R,
+        cloud: &R::Cloud,
+        settings: &S::Settings,
+        effects: &Effects,
+    ) -> Result<Option<&Residual>, Error>;
 
     /// Follows an edit of density control.
     ///
     /// # Errors
     /// Those of the backend.
-    fn after_edit(&mut self, on: &R, cloud: &mut R::Cloud, settings: &S::Settings) -> Result<(), Error>;
+    fn after_edit(
+        &mut self,
+        on: &R,
+        cloud: &mut R::Cloud,
+        settings: &S::Settings,
+        effects: &Effects,
+    ) -> Result<(), Error>;
 
-    /// How good the scene is after `step` steps; [`Quality::clamped`] is left to the loop.
+    /// What joins after `step` steps, where the settings let effects join when they are called for; a function of what is passed and of the
+    /// pictures alone.
     ///
     /// # Errors
     /// Those of the backend, and of reading a picture.
-    fn quality(&self, on: &R, cloud: &R::Cloud, settings: &S::Settings, step: u32) -> Result<Quality, Error>;
+    fn called_for(
+        &mut self,
+        on: &R,
+        cloud: &R::Cloud,
+        settings: &S::Settings,
+        step: u32,
+        joins: &Joins,
+    ) -> Result<Joined, Error>;
+
+    /// How good the scene is with these effects; [`Quality::clamped`] is left to the loop.
+    ///
+    /// # Errors
+    /// Those of the backend, and of reading a picture.
+    fn quality(&self, on: &R, cloud: &R::Cloud, settings: &S::Settings, effects: &Effects) -> Result<Quality, Error>;
 }

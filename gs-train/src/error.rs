@@ -1,8 +1,8 @@
 //! What can go wrong in a fit, beyond what the engine and the files report themselves.
 
-use std::fmt;
-
 use thiserror::Error;
+
+use crate::suspect::Suspect;
 
 /// An error of training.
 #[derive(Debug, Error)]
@@ -75,36 +75,4 @@ pub enum Error {
     /// An observer could not do its work.
     #[error("observer: {0}")]
     Observer(String),
-}
-
-/// A Gaussian suspected of a divergence: the first whose parameters are not finite, or else the one with the largest.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Suspect {
-    /// Its index in the scene.
-    pub index: usize,
-    /// Its parameters but the opacity, by name and unit, when the loss was seen: after the step, or, where the backend tells losses late, a
-    /// few steps later.
-    pub parameters: Vec<(&'static str, Vec<f32>)>,
-    /// Its opacity's logit then.
-    pub opacity_logit: f32,
-    /// How many Gaussians of the scene have parameters that are not finite.
-    pub not_finite: usize,
-}
-
-impl fmt::Display for Suspect {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "Gaussian {} (", self.index)?;
-        for (name, values) in &self.parameters {
-            match values.as_slice() {
-                [value] => write!(f, "{name} {value}, ")?,
-                // Of many, such as SH coefficients, the first few tell enough.
-                values => write!(f, "{name} {:?}, ", &values[..values.len().min(6)])?,
-            }
-        }
-        write!(f, "opacity logit {})", self.opacity_logit)?;
-        if self.not_finite > 1 {
-            write!(f, " or another of the {} that are not finite", self.not_finite)?;
-        }
-        Ok(())
-    }
 }

@@ -15,6 +15,7 @@ mod error;
 pub mod experiments;
 mod fit;
 pub mod init;
+pub mod joining;
 mod losses;
 mod metrics_log;
 mod observer;
@@ -26,6 +27,7 @@ mod settings;
 pub mod spatial;
 pub mod statistics;
 mod summary;
+mod suspect;
 mod targets;
 mod trainer;
 
@@ -37,9 +39,10 @@ struct Readme;
 pub use crate::{
     clamped::Clamped,
     course::{Course, Due, RunSettings, Trainable},
-    error::{Error, Suspect},
+    error::Error,
     fit::{Fit, fit},
     init::Init,
+    joining::{Calls, Join, Joined, Joining, Joins},
     metrics_log::{MetricsLog, MetricsRow},
     observer::{Control, Observer, Progress, Quality},
     planar::ImageCourse,
@@ -48,6 +51,7 @@ pub use crate::{
     settings::{ColorSolve, FitSettings, InitialCount},
     spatial::{SpatialPreset, SpatialSettings, SpatialTrainer},
     summary::FitSummary,
+    suspect::Suspect,
     targets::{
         DiscAndSquare, Fill, PAPER_DISC, PAPER_SIDE_PX, PAPER_SQUARE, SyntheticTarget, paper_target, thin_lines,
     },

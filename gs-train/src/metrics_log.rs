@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, VecDeque};
 
-use gs_core::{edit::EditCounts, statistics::Culled};
+use gs_core::{edit::EditCounts, effects::Antialias, statistics::Culled};
 use gs_io::Checkpoint;
 use serde::{Deserialize, Serialize};
 
@@ -10,6 +10,7 @@ use crate::{
     checkpoint::step_of,
     clamped::Clamped,
     error::Error,
+    joining::{AntialiasJoin, HarmonicsJoin, Joined},
     observer::{Control, Observer, Progress},
     settings::FitSettings,
 };
@@ -22,7 +23,7 @@ const MOST_KEPT_ROWS: usize = 50_000;
 
 const HEADINGS: &str = "step,seconds,count,cloned,split,seeded,pruned_transparent,pruned_too_large,pruned_not_finite,\
                         pruned_unimportant,loss,l1,psnr,culled_not_finite,culled_near,culled_degenerate,culled_transparent,\
-                        culled_outside,clamped_smallest,clamped_largest";
+                        culled_outside,clamped_smallest,clamped_largest,joined_sh_degree,sh_explains,joined_antialias,narrow,shown";
 
 /// One row of a [`MetricsLog`].
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -49,9 +50,13 @@ pub struct MetricsRow {
     /// Gaussians with a scale at a bound; where it was measured.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub clamped: Option<Clamped>,
+    /// What joined after the step because it was called for, and why.
+    #[serde(default, skip_serializing_if = "Joined::is_empty")]
+    pub joined: Joined,
 }
 
-/// An observer that keeps a row for the first step, every `every` steps, every round of density control, and the last step.
+/// An observer that keeps a row for the first step, every `every` steps, every round of density control, whenever an effect joins, and the last
+/// step.
 ///
 /// A checkpoint that is taken while it watches holds its rows, so that the log of a resumed fit can go on with them:
 /// [`MetricsLog::resumed`].
@@ -112,7 +117,8 @@ impl MetricsLog {
     }
 
     fn is_due(&self, progress: &Progress) -> bool {
-        progress.step == 1 || progress.step.is_multiple_of(self.every) || progress.edits.is_some() || progress.is_last()
+        let regular = progress.step == 1 || progress.step.is_multiple_of(self.every) || progress.is_last();
+        regular || progress.edits.is_some() || !progress.joined.is_empty()
     }
 
     fn is_measured(&self, progress: &Progress) -> bool {
@@ -129,7 +135,7 @@ fn csv(rows: &[MetricsRow]) -> String {
 
 /// A row with its line break.
 fn line(row: &MetricsRow) -> String {
-    let MetricsRow { step, seconds, count, edits: e, loss, l1, psnr, culled, clamped } = row;
+    let MetricsRow { step, seconds, count, edits: e, loss, l1, psnr, culled, clamped, joined } = row;
     let (cloned, split, seeded) = (e.cloned, e.split, e.seeded);
     let (transparent, too_large) = (e.pruned_transparent, e.pruned_too_large);
     let (not_finite, unimportant) = (e.pruned_not_finite, e.pruned_unimportant);
@@ -143,9 +149,19 @@ fn line(row: &MetricsRow) -> String {
     );
     let clamped =
         clamped.map_or_else(|| ",".to_owned(), |Clamped { smallest, largest }| format!("{smallest},{largest}"));
+    let harmonics = joined.harmonics.map_or_else(
+        || ",".to_owned(),
+        |HarmonicsJoin { degree, explains }| {
+            format!("{degree},{}", explains.map_or_else(String::new, |share| share.to_string()))
+        },
+    );
+    let antialias = joined.antialias.map_or_else(
+        || ",,".to_owned(),
+        |AntialiasJoin { antialias, narrow, shown }| format!("{},{narrow},{shown}", antialias.name()),
+    );
     format!(
         "{step},{seconds:.6},{count},{cloned},{split},{seeded},{transparent},{too_large},{not_finite},{unimportant},\
-         {loss},{l1},{psnr},{culled},{clamped}\n"
+         {loss},{l1},{psnr},{culled},{clamped},{harmonics},{antialias}\n"
     )
 }
 
@@ -186,9 +202,10 @@ fn row_of(text: &str) -> Option<MetricsRow> {
     };
     let (seconds, loss) = (seconds.parse().ok()?, loss.parse().ok()?);
     let (l1, psnr) = (measured(l1)?, measured(psnr)?);
-    let (culled, clamped) = match measurements {
+    let (measurements, joined) = measurements.split_first_chunk::<7>()?;
+    let (culled, clamped) = match *measurements {
         ["", "", "", "", "", "", ""] => (None, None),
-        &[not_finite, near, degenerate, transparent, outside, smallest, largest] => {
+        [not_finite, near, degenerate, transparent, outside, smallest, largest] => {
             let culled = Culled {
                 not_finite: whole(not_finite)?,
                 near: whole(near)?,
@@ -198,9 +215,27 @@ fn row_of(text: &str) -> Option<MetricsRow> {
             };
             (Some(culled), Some(Clamped { smallest: whole(smallest)?, largest: whole(largest)? }))
         }
-        _ => return None,
     };
-    Some(MetricsRow { step: whole(step)?, seconds, count: whole(count)?, edits, loss, l1, psnr, culled, clamped })
+    let (step, count, joined) = (whole(step)?, whole(count)?, joined_of(joined)?);
+    Some(MetricsRow { step, seconds, count, edits, loss, l1, psnr, culled, clamped, joined })
+}
+
+/// What the last five cells of a row tell.
+fn joined_of(cells: &[&str]) -> Option<Joined> {
+    let &[degree, explains, antialias, narrow, shown] = cells else { return None };
+    let harmonics = match (degree, explains) {
+        ("", "") => None,
+        (degree, "") => Some(HarmonicsJoin { degree: degree.parse().ok()?, explains: None }),
+        (degree, share) => Some(HarmonicsJoin { degree: degree.parse().ok()?, explains: Some(share.parse().ok()?) }),
+    };
+    let named = |name: &str| [Antialias::Dilate, Antialias::Mip].into_iter().find(|kind| kind.name() == name);
+    let antialias = match (antialias, narrow, shown) {
+        ("", "", "") => None,
+        (name, narrow, shown) => {
+            Some(AntialiasJoin { antialias: named(name)?, narrow: narrow.parse().ok()?, shown: shown.parse().ok()? })
+        }
+    };
+    Some(Joined { harmonics, antialias })
 }
 
 impl Observer for MetricsLog {
@@ -226,6 +261,7 @@ impl Observer for MetricsLog {
                 psnr: quality.map(|q| q.psnr),
                 culled: quality.map(|q| q.culled),
                 clamped: quality.map(|q| q.clamped),
+                joined: progress.joined,
             });
         }
         Control::Continue
@@ -256,7 +292,12 @@ mod tests {
         let (l1, psnr) = if step == 2 { (None, None) } else { (Some(0.25), Some(f64::INFINITY)) };
         let culled = psnr.map(|_| Culled { outside: step, near: 3, ..Culled::default() });
         let clamped = psnr.map(|_| Clamped { smallest: 2 * step, largest: 1 });
-        MetricsRow { step, seconds, count: 20 + step, edits, loss, l1, psnr, culled, clamped }
+        let explains = (step == 1).then_some(0.1 + 0.2);
+        let joined = Joined {
+            harmonics: (step < 3).then_some(HarmonicsJoin { degree: 3 - step as u8, explains }),
+            antialias: (step > 1).then_some(AntialiasJoin { antialias: Antialias::Mip, narrow: step, shown: 9 }),
+        };
+        MetricsRow { step, seconds, count: 20 + step, edits, loss, l1, psnr, culled, clamped, joined }
     }
 
     #[test]
@@ -278,9 +319,10 @@ mod tests {
             (good.replace("loss", "cost"), "line 1"),
             (String::new(), "line 1"),
             (good.clone() + "3,x\n", "line 4 of its `metrics` is no row"),
-            (good.clone() + "2,0.1,1,0,0,0,0,0,0,0,0.5,,,,,,,,,\n", "out of order"),
-            (good.clone() + "10,0.1,1,0,0,0,0,0,0,0,0.5,,,,,,,,,\n", "step 10 of a fit at step 9"),
-            (good + "3,0.1,-1,0,0,0,0,0,0,0,0.5,,,,,,,,,\n", "line 4"),
+            (good.clone() + "2,0.1,1,0,0,0,0,0,0,0,0.5,,,,,,,,,,,,,,\n", "out of order"),
+            (good.clone() + "3,0.1,1,0,0,0,0,0,0,0,0.5,,,,,,,,,,,blur,1,2\n", "line 4"),
+            (good.clone() + "10,0.1,1,0,0,0,0,0,0,0,0.5,,,,,,,,,,,,,,\n", "step 10 of a fit at step 9"),
+            (good + "3,0.1,-1,0,0,0,0,0,0,0,0.5,,,,,,,,,,,,,,\n", "line 4"),
         ] {
             let message = rows_of(&bad, 9).unwrap_err().to_string();
             assert!(message.contains(expected), "{message}");

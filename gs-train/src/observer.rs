@@ -3,7 +3,7 @@
 use gs_core::{edit::EditCounts, statistics::Culled};
 use gs_io::Checkpoint;
 
-use crate::{clamped::Clamped, error::Error};
+use crate::{clamped::Clamped, error::Error, joining::Joined};
 
 /// Whether to go on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -48,6 +48,8 @@ pub struct Progress {
     pub loss_step: u32,
     /// What density control did after the step, where it ran.
     pub edits: Option<EditCounts>,
+    /// What joined after the step because it was called for; with the first step also what joined before it.
+    pub joined: Joined,
     /// PSNR before step `loss_step` as the loss tells it, dB, where the loss is L2. Not clamped, so a little below [`Quality::psnr`].
     pub psnr_estimate: Option<f32>,
     /// How good the scene is after all that, where an observer asked.
@@ -68,13 +70,18 @@ impl Progress {
 
 /// Someone who watches a fit. Every method has a default that asks for nothing; `()` is an observer.
 ///
-/// After each step: [`on_edit`](Self::on_edit) where density control ran, [`wants_quality`](Self::wants_quality),
+/// After each step: [`on_edit`](Self::on_edit) where density control ran, [`on_join`](Self::on_join) where an effect joined, [`wants_quality`](Self::wants_quality),
 /// [`on_step`](Self::on_step), [`wants_checkpoint`](Self::wants_checkpoint) and, at once or a few steps later,
 /// [`on_losses`](Self::on_losses) and [`on_checkpoint`](Self::on_checkpoint).
 pub trait Observer {
     /// Density control ran after the step; `counts` are also in `progress.edits`.
     fn on_edit(&mut self, progress: &Progress, counts: &EditCounts) {
         let _ = (progress, counts);
+    }
+
+    /// Effects have joined after the step; they are also in `progress.joined`.
+    fn on_join(&mut self, progress: &Progress, joined: &Joined) {
+        let _ = (progress, joined);
     }
 
     /// Whether to measure the quality now; it will be in the `progress` of [`on_step`](Self::on_step).
@@ -119,6 +126,10 @@ impl<O: Observer + ?Sized> Observer for &mut O {
         (**self).on_edit(progress, counts);
     }
 
+    fn on_join(&mut self, progress: &Progress, joined: &Joined) {
+        (**self).on_join(progress, joined);
+    }
+
     fn wants_quality(&mut self, progress: &Progress) -> bool {
         (**self).wants_quality(progress)
     }
@@ -145,6 +156,11 @@ impl<A: Observer, B: Observer> Observer for (A, B) {
     fn on_edit(&mut self, progress: &Progress, counts: &EditCounts) {
         self.0.on_edit(progress, counts);
         self.1.on_edit(progress, counts);
+    }
+
+    fn on_join(&mut self, progress: &Progress, joined: &Joined) {
+        self.0.on_join(progress, joined);
+        self.1.on_join(progress, joined);
     }
 
     fn wants_quality(&mut self, progress: &Progress) -> bool {

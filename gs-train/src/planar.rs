@@ -3,8 +3,8 @@
 use std::time::Instant;
 
 use gs_core::{
-    Blend, Canvas, Image, Loss, PlanarGaussian, PlanarScene, Rasterizer, Scene, TrainStep, edit::EditCounts,
-    effects::Statistics, statistics::Culled,
+    Blend, Canvas, Effects, Image, Loss, PlanarGaussian, PlanarScene, Rasterizer, RenderSettings, Scene, TrainStep,
+    effects::called_for::CallsForEffects, statistics::Culled,
 };
 use gs_density::{DensityPolicy, Residual};
 use gs_io::Checkpoint;
@@ -14,6 +14,7 @@ use crate::{
     clamped::Clamped,
     course::{Course, Due, RunSettings, Trainable},
     error::Error,
+    joining::{AntialiasJoin, Joined, Joins},
     observer::Quality,
     quality::l1_and_psnr,
     rounds::Rounds,
@@ -81,6 +82,10 @@ impl RunSettings<PlanarScene> for FitSettings {
         &self.policy
     }
 
+    fn effects_after(&self, step: u32, joins: &Joins) -> Effects {
+        self.joining.effects_after(step, &self.render.effects, joins)
+    }
+
     fn mean_factor(&self, step: u32) -> f32 {
         self.adam.mean.schedule.factor(step as f32 / self.iterations as f32)
     }
@@ -104,24 +109,54 @@ impl<R: Rasterizer<PlanarScene>> Course<R, PlanarScene> for ImageCourse<R> {
     }
 
     fn send(&mut self, on: &R, cloud: &mut R::Cloud, settings: &FitSettings, due: Due) -> Result<(), Error> {
-        let mut render = settings.render;
-        render.effects.statistics = due.statistics;
+        let render = RenderSettings { effects: due.effects, ..settings.render };
         let rates = settings.adam.at(due.step as f32 / settings.iterations as f32);
         let step = TrainStep { settings: &render, loss: settings.loss, rates: &rates, binning: due.binning };
         Ok(on.train_step(cloud, &self.canvas, &self.target, &step)?)
     }
 
-    fn residual(&mut self, on: &R, cloud: &R::Cloud, settings: &FitSettings) -> Result<Option<&Residual>, Error> {
-        self.residual.rendered = self.render(on, cloud, settings)?.0;
+    fn residual(
+        &mut self,
+        on: &R,
+        cloud: &R::Cloud,
+        settings: &FitSettings,
+        effects: &Effects,
+    ) -> Result<Option<&Residual>, Error> {
+        self.residual.rendered = self.render(on, cloud, settings, effects)?.0;
         Ok(Some(&self.residual))
     }
 
-    fn after_edit(&mut self, on: &R, cloud: &mut R::Cloud, settings: &FitSettings) -> Result<(), Error> {
-        self.solve_colors(on, cloud, settings, settings.color_solve.after_edit)
+    fn after_edit(
+        &mut self,
+        on: &R,
+        cloud: &mut R::Cloud,
+        settings: &FitSettings,
+        effects: &Effects,
+    ) -> Result<(), Error> {
+        self.solve_colors(on, cloud, settings, effects, settings.color_solve.after_edit)
     }
 
-    fn quality(&self, on: &R, cloud: &R::Cloud, settings: &FitSettings, _: u32) -> Result<Quality, Error> {
-        let (image, culled) = self.render(on, cloud, settings)?;
+    /// Antialiasing; an image calls for nothing else that could join.
+    fn called_for(
+        &mut self,
+        on: &R,
+        cloud: &R::Cloud,
+        settings: &FitSettings,
+        step: u32,
+        joins: &Joins,
+    ) -> Result<Joined, Error> {
+        let wanted = &settings.render;
+        let Some(calls) = settings.joining.asks_for_antialias(step, &wanted.effects, joins) else {
+            return Ok(Joined::default());
+        };
+        let narrow = on.download(cloud)?.narrow(&self.canvas, wanted);
+        let called = narrow.share() > calls.narrow;
+        let antialias = called.then(|| AntialiasJoin::new(wanted.effects.antialias, narrow));
+        Ok(Joined { antialias, ..Joined::default() })
+    }
+
+    fn quality(&self, on: &R, cloud: &R::Cloud, settings: &FitSettings, effects: &Effects) -> Result<Quality, Error> {
+        let (image, culled) = self.render(on, cloud, settings, effects)?;
         let (l1, psnr) = l1_and_psnr(&image, &self.residual.target);
         Ok(Quality { l1, psnr, culled, clamped: Clamped::default() })
     }
@@ -134,15 +169,27 @@ impl<R: Rasterizer<PlanarScene>> ImageCourse<R> {
         Ok(Self { canvas, target: on.upload_target(target)?, residual })
     }
 
-    fn render(&self, on: &R, cloud: &R::Cloud, settings: &FitSettings) -> Result<(Image, Culled), Error> {
-        let mut render = settings.render;
-        render.effects.statistics = Statistics::None;
+    fn render(
+        &self,
+        on: &R,
+        cloud: &R::Cloud,
+        settings: &FitSettings,
+        effects: &Effects,
+    ) -> Result<(Image, Culled), Error> {
+        let render = RenderSettings { effects: *effects, ..settings.render };
         let frame = on.forward(cloud, &self.canvas, &render)?;
         Ok((on.image(&frame)?, on.culled(&frame)?))
     }
 
-    fn solve_colors(&self, on: &R, cloud: &mut R::Cloud, settings: &FitSettings, iterations: u32) -> Result<(), Error> {
-        let render = settings.render;
+    fn solve_colors(
+        &self,
+        on: &R,
+        cloud: &mut R::Cloud,
+        settings: &FitSettings,
+        effects: &Effects,
+        iterations: u32,
+    ) -> Result<(), Error> {
+        let render = RenderSettings { effects: *effects, ..settings.render };
         if iterations > 0 && render.effects.blend == Blend::Sum && on.len(cloud) > 0 {
             on.solve_colors(cloud, &self.canvas, &self.target, &render, iterations)?;
         }
@@ -186,11 +233,12 @@ impl<'a, R: Rasterizer<PlanarScene>> Trainer<'a, R> {
         }
         let started = Instant::now();
         let cloud = rasterizer.upload(scene, settings.chart)?;
-        let record =
-            Record { settings, step: 0, seconds: 0.0, edits: EditCounts::default(), pictures: fingerprint(target) };
+        let record = Record::beginning(settings, fingerprint(target));
         let mut trainer = Self::assemble(rasterizer, record, cloud, ImageCourse::new(rasterizer, target)?);
+        trainer.join_effects()?;
+        let effects = trainer.effects();
         let Self { course, cloud, record, .. } = &mut trainer;
-        course.solve_colors(rasterizer, cloud, &record.settings, record.settings.color_solve.at_start)?;
+        course.solve_colors(rasterizer, cloud, &record.settings, &effects, record.settings.color_solve.at_start)?;
         trainer.record.seconds = started.elapsed().as_secs_f64();
         Ok(trainer)
     }
@@ -225,7 +273,12 @@ impl<'a, R: Rasterizer<PlanarScene>> Trainer<'a, R> {
     /// # Errors
     /// Those of the backend.
     pub fn render(&self) -> Result<(Image, Culled), Error> {
-        self.course.render(self.rasterizer, &self.cloud, &self.record.settings)
+        self.course.render(self.rasterizer, &self.cloud, &self.record.settings, &self.effects())
+    }
+
+    /// How the scene is shown now: with the effects that it has been fitted with.
+    pub fn shown(&self) -> RenderSettings {
+        RenderSettings { effects: self.effects(), ..self.record.settings.render }
     }
 
     /// The target, as given.

@@ -11,6 +11,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::{
     init::{Init, Random},
+    joining::Joining,
     rounds::Rounds,
     settings::{ColorSolve, FitSettings, InitialCount},
 };
@@ -98,6 +99,7 @@ impl FitSettings {
             seed: 0,
             chart: Chart::ScaleRotation,
             render: RenderSettings::blended(Blend::Over).on([1.0; 3]),
+            joining: Joining::Scheduled,
             loss: Loss::PAPER,
             adam: Adam::default(),
             init: Init::Random(Random::default()),
@@ -152,6 +154,7 @@ impl FitSettings {
             seed: 0,
             chart: Chart::LocalFrame,
             render: RenderSettings::blended(Blend::Sum),
+            joining: Joining::Scheduled,
             loss: Loss::L2,
             adam: Adam {
                 mean: shape,

@@ -4,7 +4,7 @@ use gs_core::{Adam, Chart, Error, Loss, RenderSettings, adam::Group, adam::Sched
 use gs_density::Policy;
 use serde::{Deserialize, Serialize};
 
-use crate::{init::Init, rounds::Rounds};
+use crate::{init::Init, joining::Joining, rounds::Rounds};
 
 /// The settings of a planar fit. Two fits with equal settings, target and backend give equal results, bit for bit.
 ///
@@ -24,6 +24,8 @@ pub struct FitSettings {
     pub chart: Chart,
     /// Blending, background and accuracy. Its `effects.statistics` are overruled by what the policy asks for.
     pub render: RenderSettings,
+    /// When antialiasing joins, if `render` has it. Blending is as `render` says from the first step on.
+    pub joining: Joining,
     /// What is minimised.
     pub loss: Loss,
     /// The optimiser.
@@ -104,6 +106,7 @@ impl FitSettings {
         self.policy.validate()?;
         self.rounds.validate()?;
         self.render.validate()?;
+        self.joining.validate()?;
         self.loss.validate()?;
         validate_adam(&self.adam)
     }

@@ -3,7 +3,7 @@
 use gs_core::{Image, PlanarScene, Rasterizer, edit::EditCounts, metrics, statistics::Culled};
 use serde::{Deserialize, Deserializer, Serialize};
 
-use crate::{clamped::Clamped, error::Error, settings::FitSettings, trainer::Trainer};
+use crate::{clamped::Clamped, error::Error, joining::Join, settings::FitSettings, trainer::Trainer};
 
 /// What a fit cost and what came of it. Qualities are those of the final rendering against the target, both clamped to 0..=1.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -38,6 +38,9 @@ pub struct FitSummary {
     pub loss: Option<f32>,
     /// What density control did, all rounds together.
     pub edits: EditCounts,
+    /// The effects that joined because they were called for.
+    #[serde(default)]
+    pub joins: Vec<Join>,
     /// Gaussians that the final rendering left out.
     pub culled: Culled,
     /// Gaussians whose scales are at a bound.
@@ -73,6 +76,7 @@ impl FitSummary {
             seed: trainer.settings().seed,
             loss: trainer.loss(),
             edits: *trainer.edits(),
+            joins: trainer.joins().joins.clone(),
             culled,
             clamped: trainer.clamped()?,
             settings: trainer.settings().clone(),

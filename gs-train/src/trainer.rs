@@ -4,9 +4,10 @@
 use std::{fmt, sync::Arc, time::Instant};
 
 use gs_core::{
-    Binning, DensityStatistics, EditPlan, PlanarScene, Rasterizer, Wait,
+    Binning, DensityStatistics, EditPlan, Effects, PlanarScene, Rasterizer, Wait,
     edit::{AfterEdit, EditCounts, PruneCause, Removal},
     effects::Statistics,
+    guards::Guard,
 };
 use gs_density::{DensityGaussian, DensityPolicy, Observation, Rng};
 use gs_io::Checkpoint;
@@ -16,9 +17,11 @@ use crate::{
     checkpoint::Record,
     clamped::Clamped,
     course::{Course, Due, RunSettings, Trainable},
-    error::{Error, Suspect},
+    error::Error,
+    joining::{Join, Joined, Joins},
     losses::Losses,
     observer::{Control, Observer, Progress, Quality},
+    suspect::Suspect,
 };
 
 /// How a run ended.
@@ -95,9 +98,13 @@ impl<'a, R: Rasterizer<S>, S: Trainable> Trainer<'a, R, S> {
             if let Some(counts) = &progress.edits {
                 observer.on_edit(&progress, counts);
             }
+            if !progress.joined.is_empty() {
+                observer.on_join(&progress, &progress.joined);
+            }
             if observer.wants_quality(&progress) {
                 self.settle()?;
-                progress = Progress { quality: Some(self.quality()?), ..self.progress(progress.edits)? };
+                progress =
+                    Progress { quality: Some(self.quality()?), ..self.progress(progress.edits, progress.joined)? };
             }
             stop |= observer.on_step(&progress) == Control::Stop;
             checkpoint |= observer.wants_checkpoint(&progress);
@@ -143,12 +150,29 @@ impl<'a, R: Rasterizer<S>, S: Trainable> Trainer<'a, R, S> {
         if self.is_finished() {
             self.drop_not_finite(&mut edits)?;
         }
+        let joined = self.join_effects()?;
         self.record.seconds += started.elapsed().as_secs_f64();
-        self.progress(edits)
+        // What joined before the first step is told with it.
+        let before = if self.record.step == 1 { self.record.joins.at(0) } else { Joined::default() };
+        self.progress(edits, joined.or(before))
+    }
+
+    /// Lets join what is called for now; not after the last step, which nothing would follow.
+    pub(crate) fn join_effects(&mut self) -> Result<Joined, Error> {
+        if self.is_finished() {
+            return Ok(Joined::default());
+        }
+        let Record { settings, step, joins, .. } = &mut self.record;
+        let joined = self.course.called_for(self.rasterizer, &self.cloud, settings, *step, joins)?;
+        if !joined.is_empty() {
+            joins.joins.push(Join { step: *step, joined });
+            self.binning = Binning::Fresh;
+        }
+        Ok(joined)
     }
 
     /// Where the run stands.
-    fn progress(&self, edits: Option<EditCounts>) -> Result<Progress, Error> {
+    fn progress(&self, edits: Option<EditCounts>, joined: Joined) -> Result<Progress, Error> {
         let loss = self.losses.last().ok_or_else(|| self.missing_losses())?;
         Ok(Progress {
             step: self.record.step,
@@ -158,6 +182,7 @@ impl<'a, R: Rasterizer<S>, S: Trainable> Trainer<'a, R, S> {
             loss,
             loss_step: self.losses.seen(),
             edits,
+            joined,
             psnr_estimate: self.record.settings.psnr_estimate(loss),
             quality: None,
         })
@@ -165,13 +190,14 @@ impl<'a, R: Rasterizer<S>, S: Trainable> Trainer<'a, R, S> {
 
     /// Forward, backward and Adam, sent on their way.
     fn optimise(&mut self) -> Result<(), Error> {
-        let Record { settings, step, .. } = &self.record;
+        let Record { settings, step, joins, .. } = &self.record;
         // Statistics that no round will look at are not collected.
         let statistics = match *step < settings.rounds().last(settings.iterations()) {
             true => self.policy().statistics(),
             false => Statistics::None,
         };
-        let due = Due { step: *step, statistics, binning: self.binning };
+        let effects = Effects { statistics, ..settings.effects_after(*step, joins) };
+        let due = Due { step: *step, effects, binning: self.binning };
         self.course.send(self.rasterizer, &mut self.cloud, settings, due)
     }
 
@@ -201,7 +227,11 @@ impl<'a, R: Rasterizer<S>, S: Trainable> Trainer<'a, R, S> {
     fn check_divergence(&self) -> Result<(), Error> {
         match self.losses.diverged() {
             None => Ok(()),
-            Some((step, loss)) => Err(Error::Diverged { step, loss, suspect: self.suspect() }),
+            Some((step, loss)) => Err(Error::Diverged {
+                step,
+                loss,
+                suspect: self.scene().ok().and_then(|scene| Suspect::of(&scene)).map(Box::new),
+            }),
         }
     }
 
@@ -223,8 +253,9 @@ impl<'a, R: Rasterizer<S>, S: Trainable> Trainer<'a, R, S> {
             _ => self.rasterizer.statistics(&self.cloud)?,
         };
         let extent = self.course.extent();
+        let effects = self.effects();
         let residual = match policy.needs_residual() {
-            true => self.course.residual(self.rasterizer, &self.cloud, settings)?,
+            true => self.course.residual(self.rasterizer, &self.cloud, settings, &effects)?,
             false => None,
         };
         let observation = Observation {
@@ -241,7 +272,7 @@ impl<'a, R: Rasterizer<S>, S: Trainable> Trainer<'a, R, S> {
         self.rasterizer.edit(&mut self.cloud, &plan)?;
         self.record.edits.accumulate(&counts);
         self.binning = Binning::Fresh;
-        self.course.after_edit(self.rasterizer, &mut self.cloud, &self.record.settings)?;
+        self.course.after_edit(self.rasterizer, &mut self.cloud, &self.record.settings, &effects)?;
         Ok(counts)
     }
 
@@ -263,7 +294,8 @@ impl<'a, R: Rasterizer<S>, S: Trainable> Trainer<'a, R, S> {
     /// Takes out what has become NaN or infinite since the last round; it draws nothing, and no file would take it.
     fn drop_not_finite(&mut self, edits: &mut Option<EditCounts>) -> Result<(), Error> {
         let scene = self.rasterizer.download(&self.cloud)?;
-        let lost = (0..scene.len()).filter(|&index| !scene.gaussian(index).is_finite());
+        let lost =
+            (0..scene.len()).filter(|&index| !scene.gaussian(index).is_finite() && Guard::PruneNotFinite.is_on());
         let removed: Vec<Removal> =
             lost.map(|index| Removal { index: index as u32, cause: PruneCause::NotFinite }).collect();
         if !removed.is_empty() {
@@ -276,30 +308,12 @@ impl<'a, R: Rasterizer<S>, S: Trainable> Trainer<'a, R, S> {
         Ok(())
     }
 
-    /// The Gaussian to name when the loss is not finite: the first whose parameters are not, or else the one with the largest.
-    fn suspect(&self) -> Option<Box<Suspect>> {
-        let scene = self.scene().ok()?;
-        let worst = |index: usize| {
-            let gaussian = scene.gaussian(index);
-            let values = S::parameters(&gaussian).into_iter().flat_map(|(_, values)| values);
-            let largest = values.fold(0.0f32, |m, v| if v.is_finite() { m.max(v.abs()) } else { f32::INFINITY });
-            if gaussian.opacity_logit().is_nan() { f32::INFINITY } else { largest }
-        };
-        let worst: Vec<f32> = (0..scene.len()).map(worst).collect();
-        let not_finite = worst.iter().filter(|&&worst| worst == f32::INFINITY).count();
-        // The first of several equals.
-        let index = (0..scene.len()).reduce(|a, b| if worst[b] > worst[a] { b } else { a })?;
-        let gaussian = scene.gaussian(index);
-        let (parameters, opacity_logit) = (S::parameters(&gaussian), gaussian.opacity_logit());
-        Some(Box::new(Suspect { index, parameters, opacity_logit, not_finite }))
-    }
-
     /// How good the scene is now, from renderings made for it.
     ///
     /// # Errors
     /// Those of the backend, and of reading a picture.
     pub fn quality(&self) -> Result<Quality, Error> {
-        let quality = self.course.quality(self.rasterizer, &self.cloud, &self.record.settings, self.record.step)?;
+        let quality = self.course.quality(self.rasterizer, &self.cloud, &self.record.settings, &self.effects())?;
         Ok(Quality { clamped: self.clamped()?, ..quality })
     }
 
@@ -369,6 +383,17 @@ impl<'a, R: Rasterizer<S>, S: Trainable> Trainer<'a, R, S> {
     /// What density control has done so far, all rounds together.
     pub fn edits(&self) -> &EditCounts {
         &self.record.edits
+    }
+
+    /// The effects that the scene is trained with as it is now: those of the last step, or of the first one where none is done.
+    pub fn effects(&self) -> Effects {
+        let Record { settings, step, joins, .. } = &self.record;
+        Effects { statistics: Statistics::None, ..settings.effects_after(step.saturating_sub(1), joins) }
+    }
+
+    /// What has joined so far because it was called for, and why; see [`Joining`](crate::Joining).
+    pub fn joins(&self) -> &Joins {
+        &self.record.joins
     }
 
     /// The loss before the last step whose loss has come, as in [`Progress::loss`]; nothing where this run, resumed or not, has made no

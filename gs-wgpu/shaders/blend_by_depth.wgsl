@@ -7,8 +7,8 @@
 // blends HELD Gaussians at least, so there are few.
 //
 // BACKWARD: pixels come to an entry in any order, but a sum of integers does not depend on it. So what an entry's Gaussian receives is
-// summed in fixed-point numbers of 64 bits, whose unit is 2^-53 of what a pixel of the tile can give at most; lengths in them are in
-// powers of two of px, so that nothing is rounded but to that unit.
+// summed in fixed-point numbers of 64 bits, whose units `units` has found; lengths in them are in powers of two of px, so that nothing is
+// rounded but to those units.
 //
 // Legend: as in `blend_bwd`.
 
@@ -19,7 +19,7 @@
 @group(0) @binding(4) var<storage, read> v_image: array<vec4f>;
 @group(0) @binding(5) var<storage, read> image: array<vec4f>;
 @group(0) @binding(6) var<storage, read_write> slots: array<f32>;
-// [entries, STRIDE], by their place in the queue: low and high half.
+// [entries, WORDS], by their place in the queue.
 @group(0) @binding(7) var<storage, read_write> totals: array<atomic<u32>>;
 #if ERROR
 @group(0) @binding(8) var<storage, read> target_image: array<vec4f>;
@@ -56,12 +56,6 @@ fn is_nearer(a: Seen, b: Seen) -> bool {
     return a.depth < b.depth || (a.depth == b.depth && a.index < b.index);
 }
 
-// Twice sigma at d from the mean.
-fn twice_sigma(q: Queued, d: vec2f) -> f32 {
-    let u = d.y - q.slope * d.x;
-    return d.x * d.x * q.inverse_xx + u * u * q.c;
-}
-
 fn seen_at(at: u32, q: Queued, d: vec2f) -> Seen {
     let u = d.y - q.slope * d.x;
     let across = d.x * d.x * (-0.5 * LOG2_E * q.inverse_xx);
@@ -78,10 +72,8 @@ struct Pixel {
     v: vec3f,
     // v_C . (what is behind).
     rest: f32,
-    unit: Unit,
 #if ERROR
     error: f32,
-    error_unit: Unit,
 #endif
 #else
     color: vec3f,
@@ -89,28 +81,6 @@ struct Pixel {
 }
 
 #if BACKWARD
-// Of all pixels of the tile: v_C, the error; of all its Gaussians and the backdrop: the colour. Bits of numbers that are not negative.
-var<workgroup> most_v: atomic<u32>;
-var<workgroup> most_error: atomic<u32>;
-var<workgroup> most_color: atomic<u32>;
-
-// A power of two, and its inverse.
-struct Unit {
-    scale: f32,
-    inverse: f32,
-}
-
-fn power_of_two(exponent: i32) -> f32 {
-    return bitcast<f32>(u32(clamp(exponent, -126, 127) + 127) << 23u);
-}
-
-// For numbers no larger than `most`, so that they come to 2^53.
-fn unit_for(most: f32) -> Unit {
-    let exponent = clamp(53 + 126 - i32(bitcast<u32>(most) >> 23u), -126, 126);
-    // Sums of what is not finite are not finite.
-    return Unit(power_of_two(exponent), select(power_of_two(-exponent), most, !is_finite(most)));
-}
-
 // The power of two next below the square root, or that itself.
 fn binary_root(x: f32) -> f32 {
     return bitcast<f32>((((bitcast<u32>(x) >> 23u) + 127u) >> 1u) << 23u);
@@ -128,10 +98,11 @@ fn lengths_of(q: Queued) -> Lengths {
     return Lengths(whiten, vec2f(power_of_two(126 - i32(bitcast<u32>(across) >> 23u)), 0.5 / whiten.y));
 }
 
-// `x`: in units.
+// `x`: in units. `total`: where the sum's low half stands.
 fn add(total: u32, x: f32) {
-    // Twice what it should be at most.
-    let y = min(abs(x), 18014398509481984.0);
+    // Twice what it should be at most; more is an overflow, which the sum then is, too.
+    let most = 18014398509481984.0;
+    let y = select(most, abs(x), abs(x) <= most);
     let above = floor(y * (1.0 / 4294967296.0));
     var high = u32(above);
     var low = u32(y - above * 4294967296.0);
@@ -142,22 +113,22 @@ fn add(total: u32, x: f32) {
         low = ~low + 1u;
         high = ~high + select(0u, 1u, low == 0u);
     }
-    let before = atomicAdd(&totals[2u * total], low);
+    let before = atomicAdd(&totals[total], low);
     let carried = high + select(0u, 1u, before + low < before);
     if carried != 0u {
-        atomicAdd(&totals[2u * total + 1u], carried);
+        atomicAdd(&totals[total + 1u], carried);
     }
 }
 
 fn sum_of(total: u32, unit: Unit) -> f32 {
-    var low = atomicLoad(&totals[2u * total]);
-    var high = atomicLoad(&totals[2u * total + 1u]);
+    var low = atomicLoad(&totals[total]);
+    var high = atomicLoad(&totals[total + 1u]);
     let is_negative = high >> 31u == 1u;
     if is_negative {
         low = ~low + 1u;
         high = ~high + select(0u, 1u, low == 0u);
     }
-    let size = (f32(high) * 4294967296.0 + f32(low)) * unit.inverse;
+    let size = (f32(high) * 4294967296.0 + f32(low)) * unit.size;
     return select(size, -size, is_negative);
 }
 #endif
@@ -184,24 +155,26 @@ fn blend_one(pixel: ptr<function, Pixel>, seen: Seen) -> bool {
     let u = d.y - q.slope * d.x;
     let lengths = lengths_of(q);
     let z = vec2f(d.x, u) * lengths.whiten;
-    let total = seen.at * STRIDE;
-    let unit = (*pixel).unit.scale;
-    add(total, share * v.x * unit);
-    add(total + 1u, share * v.y * unit);
-    add(total + 2u, share * v.z * unit);
-    add(total + 3u, t * z.x * unit);
-    add(total + 4u, t * z.y * unit);
-    add(total + 5u, t * z.x * z.x * unit);
-    add(total + 6u, t * z.x * z.y * unit);
-    add(total + 7u, t * z.y * z.y * unit);
-    add(total + 8u, t * unit);
+    let total = seen.at * WORDS;
+    let units = atomicLoad(&totals[total + UNITS]);
+    let of_color = unit_of(units, 0u).scale;
+    let unit = unit_of(units, 1u).scale;
+    add(total, share * v.x * of_color);
+    add(total + 2u, share * v.y * of_color);
+    add(total + 4u, share * v.z * of_color);
+    add(total + 6u, t * z.x * unit);
+    add(total + 8u, t * z.y * unit);
+    add(total + 10u, t * z.x * z.x * unit);
+    add(total + 12u, t * z.x * z.y * unit);
+    add(total + 14u, t * z.y * z.y * unit);
+    add(total + 16u, t * unit);
 #if ABSOLUTE
     let down = q.c * u;
-    add(total + GRADIENTS, abs(t * (q.inverse_xx * d.x - q.slope * down) * lengths.pull.x) * unit);
-    add(total + GRADIENTS + 1u, abs(t * down * lengths.pull.y) * unit);
+    add(total + 2u * GRADIENTS, abs(t * (q.inverse_xx * d.x - q.slope * down) * lengths.pull.x) * unit);
+    add(total + 2u * GRADIENTS + 2u, abs(t * down * lengths.pull.y) * unit);
 #endif
 #if ERROR
-    add(total + GRADIENTS, share * (*pixel).error * (*pixel).error_unit.scale);
+    add(total + 2u * GRADIENTS, share * (*pixel).error * unit_of(units, 2u).scale);
 #endif
 #else
     (*pixel).color += share * q.color;
@@ -231,13 +204,6 @@ fn blend_by_depth(
     pixel.center = vec2f(vec2u(column, row)) + 0.5;
     pixel.transmittance = 1.0;
 #if BACKWARD
-    if invocation == 0u {
-        atomicStore(&most_v, 0u);
-        atomicStore(&most_error, 0u);
-        let backdrop = abs(step.backdrop);
-        atomicStore(&most_color, bitcast<u32>(max(max(backdrop.x, backdrop.y), backdrop.z)));
-    }
-    workgroupBarrier();
     if is_inside {
         let color = image[place].xyz;
         pixel.v = v_image[place].xyz;
@@ -245,24 +211,7 @@ fn blend_by_depth(
 #if ERROR
         pixel.error = dot(abs(color - target_image[place].xyz), vec3f(1.0 / 3.0));
 #endif
-        let v = bitcast<vec3u>(abs(pixel.v));
-        atomicMax(&most_v, max(max(v.x, v.y), v.z));
-#if ERROR
-        atomicMax(&most_error, bitcast<u32>(pixel.error));
-#endif
     }
-    for (var at = start + invocation; at < end; at += TILE_COLUMNS * TILE_ROWS) {
-        let color = bitcast<vec3u>(abs(queue[at].color));
-        atomicMax(&most_color, max(max(color.x, color.y), color.z));
-    }
-    workgroupBarrier();
-    // |t| <= 3 |v| |c - what is behind|, and a number of `blend_bwd` is t times at most twice sigma.
-    let widest = max(1.0, -2.0 * log(step.alpha_cut));
-    let most_t = 6.0 * bitcast<f32>(atomicLoad(&most_color)) * widest;
-    pixel.unit = unit_for(bitcast<f32>(atomicLoad(&most_v)) * max(1.0, most_t));
-#if ERROR
-    pixel.error_unit = unit_for(bitcast<f32>(atomicLoad(&most_error)));
-#endif
 #endif
     // Held, nearest first.
     var held: array<Seen, HELD>;
@@ -357,23 +306,26 @@ fn blend_by_depth(
         let q = queue[at];
         let lengths = lengths_of(q);
         let px = 1.0 / lengths.whiten;
-        let total = at * STRIDE;
+        let total = at * WORDS;
+        let units = atomicLoad(&totals[total + UNITS]);
+        let of_color = unit_of(units, 0u);
+        let unit = unit_of(units, 1u);
         let slot = q.slot * STRIDE;
-        slots[slot] = sum_of(total, pixel.unit);
-        slots[slot + 1u] = sum_of(total + 1u, pixel.unit);
-        slots[slot + 2u] = sum_of(total + 2u, pixel.unit);
-        slots[slot + 3u] = sum_of(total + 3u, pixel.unit) * px.x;
-        slots[slot + 4u] = sum_of(total + 4u, pixel.unit) * px.y;
-        slots[slot + 5u] = sum_of(total + 5u, pixel.unit) * px.x * px.x;
-        slots[slot + 6u] = sum_of(total + 6u, pixel.unit) * px.x * px.y;
-        slots[slot + 7u] = sum_of(total + 7u, pixel.unit) * px.y * px.y;
-        slots[slot + 8u] = sum_of(total + 8u, pixel.unit);
+        slots[slot] = sum_of(total, of_color);
+        slots[slot + 1u] = sum_of(total + 2u, of_color);
+        slots[slot + 2u] = sum_of(total + 4u, of_color);
+        slots[slot + 3u] = sum_of(total + 6u, unit) * px.x;
+        slots[slot + 4u] = sum_of(total + 8u, unit) * px.y;
+        slots[slot + 5u] = sum_of(total + 10u, unit) * px.x * px.x;
+        slots[slot + 6u] = sum_of(total + 12u, unit) * px.x * px.y;
+        slots[slot + 7u] = sum_of(total + 14u, unit) * px.y * px.y;
+        slots[slot + 8u] = sum_of(total + 16u, unit);
 #if ABSOLUTE
-        slots[slot + GRADIENTS] = sum_of(total + GRADIENTS, pixel.unit) / lengths.pull.x;
-        slots[slot + GRADIENTS + 1u] = sum_of(total + GRADIENTS + 1u, pixel.unit) / lengths.pull.y;
+        slots[slot + GRADIENTS] = sum_of(total + 2u * GRADIENTS, unit) / lengths.pull.x;
+        slots[slot + GRADIENTS + 1u] = sum_of(total + 2u * GRADIENTS + 2u, unit) / lengths.pull.y;
 #endif
 #if ERROR
-        slots[slot + GRADIENTS] = sum_of(total + GRADIENTS, pixel.error_unit);
+        slots[slot + GRADIENTS] = sum_of(total + 2u * GRADIENTS, unit_of(units, 2u));
 #endif
     }
     is_done &= at >= end;

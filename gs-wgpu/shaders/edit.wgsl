@@ -17,6 +17,24 @@ alias Moved = Moments;
 @group(0) @binding(7) var<storage, read_write> edited_moments: array<Moved>;
 @group(0) @binding(8) var<storage, read_write> edited_statistics: array<Statistics>;
 
+#if SPATIAL
+#else
+#if LOCAL_FRAME
+// Of all frames of one Sigma, the one nearest to `parent`, in whose coordinates moments were gathered: as `whitened::aligned` in gs-core.
+fn aligned(frame: mat2x2f, parent: mat2x2f) -> mat2x2f {
+    let a = transpose(frame) * parent;
+    let side = select(1.0, -1.0, determinant(a) < 0.0);
+    let first = vec2f(a[0].x + side * a[1].y, a[0].y - side * a[1].x);
+    let size = length(first);
+    if !(size > 0.0 && is_finite(size)) {
+        return frame;
+    }
+    let unit = first / size;
+    return frame * mat2x2f(unit, side * vec2f(-unit.y, unit.x));
+}
+#endif
+#endif
+
 @compute @workgroup_size(64)
 fn edit(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
     let slot = flat(group, groups) * 64u + lane;
@@ -27,6 +45,15 @@ fn edit(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: ve
     var g: Parameters;
     if source.is_fresh == 1u {
         g = fresh[source.parameters];
+#if SPATIAL
+#else
+#if LOCAL_FRAME
+        if source.moments != NONE {
+            let frame = aligned(frame_of(g.shape), frame_of(gaussians[source.moments].shape));
+            g.shape = vec4f(frame[0], frame[1]);
+        }
+#endif
+#endif
     } else {
         g = gaussians[source.parameters];
     }

@@ -33,7 +33,7 @@ fn moved(first: ptr<function, vec4f>, second: ptr<function, vec4f>, gradient: ve
     let m = r.beta1 * *first + r.rest1 * g;
     let v = r.beta2 * *second + r.rest2 * g * g;
     // Denormals cost time and move nothing.
-    *first = select(m, vec4f(0.0), abs(m) < vec4f(1e-30));
+    *first = select(m, vec4f(0.0), abs(m) < vec4f(VANISHING_MOMENT));
     *second = v;
     return r.rate * (*first * r.bias1) / (sqrt(*second * r.bias2) + step.epsilon);
 }

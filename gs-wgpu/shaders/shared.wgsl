@@ -163,6 +163,11 @@ struct Status {
 
 @group(0) @binding(0) var<uniform> step: Step;
 
+// SH coefficients of the degree that is evaluated.
+fn evaluated() -> u32 {
+    return (step.sh_degree + 1u) * (step.sh_degree + 1u);
+}
+
 const LOG2_E: f32 = 1.4426950408889634;
 
 // Work groups come as rows of at most 65,535.
@@ -203,13 +208,13 @@ fn exp2_exact4(x: vec4f) -> vec4f {
     p = fma(p, r, vec4f(2.402264791363012e-1));
     p = fma(p, r, vec4f(6.931472028550421e-1));
     p = fma(p, r, vec4f(1.0));
-    let power = bitcast<vec4f>(vec4u(vec4i(max(n, vec4f(-126.0))) + 127) << vec4u(23u));
-    return select(vec4f(0.0), p * power, x >= vec4f(-126.0));
+    let power = bitcast<vec4f>(vec4u(vec4i(max(n, vec4f(-MAX_EXPONENT_2))) + 127) << vec4u(23u));
+    return select(vec4f(0.0), p * power, x >= vec4f(-MAX_EXPONENT_2));
 }
 
 // 2^x of x within [-126, 126], and outside of the nearer bound.
 fn exp2_within(x: f32) -> f32 {
-    let y = clamp(x, -126.0, 126.0);
+    let y = clamp(x, -MAX_EXPONENT_2, MAX_EXPONENT_2);
     let n = round(y);
     let r = y - n;
     var p = fma(1.535336188319500e-4, r, 1.339887440266574e-3);
@@ -223,7 +228,7 @@ fn exp2_within(x: f32) -> f32 {
 
 // 2^x of x <= 0; 0 below 2^-126.
 fn exp2_exact(x: f32) -> f32 {
-    return select(0.0, exp2_within(x), x >= -126.0);
+    return select(0.0, exp2_within(x), x >= -MAX_EXPONENT_2);
 }
 
 fn weights(exponent: vec4f) -> vec4f {
@@ -236,7 +241,7 @@ fn weights(exponent: vec4f) -> vec4f {
 
 // e^x, |x| clamped to 87.
 fn exp_exact(x: f32) -> f32 {
-    let y = clamp(x, -87.0, 87.0);
+    let y = clamp(x, -MAX_EXPONENT_E, MAX_EXPONENT_E);
     let n = round(y * LOG2_E);
     let r = fma(n, 2.12194440e-4, fma(n, -0.693359375, y));
     var p = fma(1.9875691500e-4, r, 1.3981999507e-3);

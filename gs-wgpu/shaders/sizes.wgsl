@@ -1,4 +1,5 @@
-// Stage `sizes`: how many entries there are, whether they fit, and the sizes of the dispatches that depend on it. One invocation.
+// Stage `sizes`: how many entries there are, whether they fit, and the sizes of the dispatches that depend on it; and, before `adam`, whether
+// the step is taken. One invocation each.
 
 @group(0) @binding(1) var<storage, read> offsets: array<u32>;
 @group(0) @binding(2) var<storage, read_write> status: Status;
@@ -34,4 +35,15 @@ fn sizes() {
     put(BY_SORT_BLOCK, blocks);
     put(BY_HISTOGRAM, (16u * blocks + 1023u) / 1024u);
     put(BY_COEFFICIENT, (step.gaussians * step.coefficients + 63u) / 64u);
+}
+
+// Before `adam`, in the order of depth at each pixel: if a pixel gave up, as where entries do not fit, nothing changes in this pass or those
+// behind it.
+@compute @workgroup_size(1)
+fn stop_unfinished() {
+    if status.unfinished != 0u {
+        status.overflow = max(status.entries, 1u);
+        put(0u, 0u);
+        put(9u, 0u);
+    }
 }

@@ -85,6 +85,11 @@ impl Tiles {
             _ if self.orders_by_pixel() => {
                 commands.encoder().clear_buffer(totals, 0, None);
                 let lists = [&self.step, &self.tile_start.buffer, &self.queue.buffer];
+                let mut reads = [&lists[..], &[v_image, image, totals]].concat();
+                if errors {
+                    reads.push(target);
+                }
+                dispatch(gpu, commands, "units", variant, &reads, gpu.groups(self.count()).into());
                 ("blend_by_depth", [&lists[..], &[&self.status, v_image, image, slots, totals]].concat())
             }
             Kernels::Vectors => ("blend_vectors", [&self.lists()[..], &[slots, v_image]].concat()),

@@ -2,7 +2,8 @@
 //!
 //! Each step ends by copying its status into a small buffer of its own, which is mapped when the device is done with it. The host reads
 //! them in order, as late as it can. A step whose lists do not fit changes nothing, nor do those behind it (`shaders/sizes.wgsl`): when
-//! the host learns of it, it makes room and sends them all again, so the cloud ends as if there had always been room.
+//! the host learns of it, it makes room and sends them all again, so the cloud ends as if there had always been room. A step in which a pixel
+//! gives up changes nothing, either, nor do those behind it; it is an error, and sent no more.
 
 use std::{
     collections::VecDeque,

@@ -55,6 +55,15 @@ impl Tiles {
         dispatch(gpu, commands, "sizes", sizes, &bindings, Groups::Direct(1, 1));
     }
 
+    /// Whether `adam` is due, where a pixel may give up on the order of its Gaussians: part of that stage.
+    pub(crate) fn encode_stop(&self, gpu: &Gpu, commands: &mut Commands) {
+        if self.orders_by_pixel() {
+            let (numbers, buffers) = ([2, 3], [&self.status, &self.indirect]);
+            let variant = Variant::default();
+            dispatch_some(gpu, commands, "stop_unfinished", variant, (&numbers, &buffers), Groups::Direct(1, 1));
+        }
+    }
+
     /// Stage `bin`.
     pub(crate) fn encode_bin(&self, gpu: &Gpu, commands: &mut Commands) {
         let (keys, order) = (&self.keys[0].buffer, &self.order[0].buffer);

@@ -234,9 +234,10 @@ impl<S: Kind> Rasterizer<S> for WgpuRasterizer {
             buffers.push(buffer);
         }
         commands.submit(gpu);
-        let value = workspace.tiles.read_status(gpu)?.loss;
+        let status = workspace.tiles.read_status(gpu)?;
+        status.check()?;
         let view = workspace.view.clone().expect("a frame has a view");
-        Ok((value, Gradients { buffers, len: cloud.len, view, settings: workspace.tiles.settings }))
+        Ok((status.loss, Gradients { buffers, len: cloud.len, view, settings: workspace.tiles.settings }))
     }
 
     fn download_gradients(&self, cloud: &Cloud<S>, gradients: &Gradients<S>) -> Result<S, Error> {

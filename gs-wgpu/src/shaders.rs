@@ -3,9 +3,13 @@
 
 use std::fmt::Write;
 
-use gs_core::constants::{
-    MAX_DERIVATIVE, MAX_RESIDUAL, MIN_DETERMINANT_PX4, MIN_QUATERNION_NORM2, QUATERNION_SHRINK, SAFE_SQUARES, SH_C0,
-    SH_C1, SH_C2, SH_C3, SSIM_C1, SSIM_C2, SSIM_MAX, SSIM_SIGMA, SSIM_WINDOW,
+use gs_core::{
+    constants::{
+        MAX_DERIVATIVE, MAX_ETA, MAX_RESIDUAL, MIN_DETERMINANT_PX4, MIN_QUATERNION_NORM2, QUATERNION_SHRINK,
+        SAFE_SQUARES, SH_C0, SH_C1, SH_C2, SH_C3, SSIM_C1, SSIM_C2, SSIM_MAX, SSIM_SIGMA, SSIM_WINDOW,
+        VANISHING_MOMENT,
+    },
+    guards::Guard,
 };
 
 use crate::{
@@ -145,14 +149,15 @@ shaders! {
     "spatial/project" after "counted" after "spatial/spatial": ["spatial_project"],
     "spatial/place": ["place"],
     "scan": ["scan_blocks", "scan_sums", "scan_spread"],
-    "sizes": ["sizes"],
+    "sizes": ["sizes", "stop_unfinished"],
     "bin" after "least_depth": ["bin"],
     "sort": ["sort_count", "sort_scatter"],
     "ranges" after "counted": ["ranges"],
     "blend" after "walk": ["blend"],
     "blend_vectors" after "walk" after "lanes" after "vectors": ["blend_vectors"],
     "queue" after "least_depth": ["queue_up"],
-    "blend_by_depth" after "counted": ["blend_by_depth"],
+    "units" after "queued": ["units"],
+    "blend_by_depth" after "counted" after "queued": ["blend_by_depth"],
     "loss" after "lanes": ["loss", "loss_sum"],
     "dssim": ["dssim_moments", "dssim_derivatives", "dssim_gradient"],
     "blend_bwd" after "walk": ["blend_bwd"],
@@ -210,19 +215,14 @@ fn prelude(variant: Variant) -> String {
     let mut text = format!(
         "const TILE_COLUMNS: u32 = {TILE_COLUMNS}u;\nconst TILE_ROWS: u32 = {tile_rows}u;\nconst ROWS: u32 = {rows}u;\n\
          const LANES: u32 = {lanes}u;\nconst CLASSES: u32 = {classes}u;\nconst BLOCK: u32 = {BLOCK}u;\nconst HELD: u32 = {HELD}u;\nconst STRIDE: u32 = {stride}u;\nconst GRADIENTS: u32 = {gradients}u;\nconst BATCH: u32 = {batch}u;\n\
-         const SORT_BLOCK: u32 = {SORT_BLOCK}u;\nconst MIN_DETERMINANT_PX4: f32 = {MIN_DETERMINANT_PX4:?};\n\
+         const SORT_BLOCK: u32 = {SORT_BLOCK}u;\n\
          const SSIM_SEGMENT: u32 = {ssim_segment}u;\nconst SSIM_BLOCK: u32 = {ssim_block}u;\nconst DSSIM_GROUP: u32 = {DSSIM_GROUP}u;\nconst SSIM_RADIUS: u32 = {SSIM_RADIUS}u;\n\
-         const SSIM_C1: f32 = {SSIM_C1:?};\nconst SSIM_C2: f32 = {SSIM_C2:?};\nconst SSIM_MAX: f32 = {SSIM_MAX:?};\n\
-         const MAX_RESIDUAL: f32 = {MAX_RESIDUAL:?};\n",
+         const SSIM_C1: f32 = {SSIM_C1:?};\nconst SSIM_C2: f32 = {SSIM_C2:?};\n",
     );
     let list = |numbers: &[f32]| numbers.iter().map(|c| format!("{c:?}")).collect::<Vec<_>>().join(", ");
-    let [least, most] = SAFE_SQUARES;
     write!(
         text,
-        "const MAX_DERIVATIVE: f32 = {MAX_DERIVATIVE:?};\nconst QUATERNION_SHRINK: f32 = {QUATERNION_SHRINK:?};\n\
-         const SAFE_SQUARE_LEAST: f32 = {least:?};\nconst SAFE_SQUARE_MOST: f32 = {most:?};\n\
-         const MIN_QUATERNION_NORM2: f32 = {MIN_QUATERNION_NORM2:?};\nconst SH_C0: f32 = {SH_C0:?};\n\
-         const SH_C1: f32 = {SH_C1:?};\nconst SH_C2 = array<f32, 5>({});\nconst SH_C3 = array<f32, 7>({});\n",
+        "const SH_C0: f32 = {SH_C0:?};\nconst SH_C1: f32 = {SH_C1:?};\nconst SH_C2 = array<f32, 5>({});\nconst SH_C3 = array<f32, 7>({});\n",
         list(&SH_C2),
         list(&SH_C3),
     )
@@ -239,7 +239,35 @@ fn prelude(variant: Variant) -> String {
     writeln!(text, "const LONGEST_LOOP: u32 = {LONGEST_LOOP}u;").expect("a string takes everything");
     writeln!(text, "const WINDOW = array<f32, {SSIM_WINDOW}>({});", list(&ssim_window()))
         .expect("a string takes everything");
+    guards(&mut text);
     text
+}
+
+/// What the shaders' guards compare with, and for those that compare with nothing, whether they are on.
+fn guards(text: &mut String) {
+    let [safe_least, safe_most] = SAFE_SQUARES;
+    // Of a guard that is off, what everything is on the right side of.
+    for (name, value, guard, unguarded) in [
+        ("MIN_DETERMINANT_PX4", MIN_DETERMINANT_PX4, Guard::Determinant, f32::MIN),
+        ("MIN_QUATERNION_NORM2", MIN_QUATERNION_NORM2, Guard::QuaternionNorm, f32::MIN),
+        ("QUATERNION_SHRINK", QUATERNION_SHRINK, Guard::QuaternionShrink, 1.0),
+        ("SAFE_SQUARE_LEAST", safe_least, Guard::SafeSquares, f32::MIN),
+        ("SAFE_SQUARE_MOST", safe_most, Guard::SafeSquares, f32::MAX),
+        ("MAX_EXPONENT_2", 126.0, Guard::ExponentRange, f32::MAX),
+        ("MAX_EXPONENT_E", 87.0, Guard::ExponentRange, f32::MAX),
+        ("MAX_RESIDUAL", MAX_RESIDUAL, Guard::MaxResidual, f32::MAX),
+        ("SSIM_MAX", SSIM_MAX, Guard::SsimMax, f32::MAX),
+        ("MAX_DERIVATIVE", MAX_DERIVATIVE, Guard::MaxDerivative, f32::MAX),
+        ("MAX_ETA", MAX_ETA, Guard::MaxEta, f32::MAX),
+        ("VANISHING_MOMENT", VANISHING_MOMENT, Guard::VanishingMoment, 0.0),
+    ] {
+        let value = if guard.is_on() { value } else { unguarded };
+        writeln!(text, "const {name}: f32 = {value:?};").expect("a string takes everything");
+    }
+    for guard in Guard::ALL {
+        let name = guard.name().to_uppercase().replace('-', "_");
+        writeln!(text, "const GUARD_{name}: bool = {};", guard.is_on()).expect("a string takes everything");
+    }
 }
 
 /// SSIM's Gaussian window, `[SSIM_WINDOW]`, sum 1.

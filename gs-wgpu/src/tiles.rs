@@ -37,6 +37,11 @@ const MOST_DEPTH_BITS: u32 = 28;
 /// Entries of a tile's list that stage `queue` can put into a queue where drivers end loops: it takes nine iterations for 256.
 const LONGEST_QUEUE: u32 = 1 << 20;
 
+/// Bytes of an entry's sums of so many numbers, in fixed-point numbers of 64 bits, and of their units.
+pub(crate) fn totals_bytes(stride: u64) -> u64 {
+    8 * stride + 4
+}
+
 /// A buffer that is replaced by a larger one when that is needed; its contents are lost then.
 #[derive(Debug)]
 pub(crate) struct Growing {
@@ -246,9 +251,9 @@ impl Tiles {
 
     /// Makes room for what all entries' Gaussians receive: a pass that is only looked at needs none.
     pub(crate) fn ensure_slots(&mut self, gpu: &Gpu) -> Result<(), Error> {
-        let numbers = self.capacity * u64::from(stride(self.variant()));
-        self.slots.ensure(gpu, numbers * 4)?;
-        if self.orders_by_pixel() { self.totals.ensure(gpu, numbers * 8) } else { Ok(()) }
+        let stride = u64::from(stride(self.variant()));
+        self.slots.ensure(gpu, self.capacity * stride * 4)?;
+        if self.orders_by_pixel() { self.totals.ensure(gpu, self.capacity * totals_bytes(stride)) } else { Ok(()) }
     }
 
     /// Makes room to sort so many keys.
@@ -261,6 +266,7 @@ impl Tiles {
     /// What this pass tells the device, but for what the kind of scene adds.
     pub(crate) fn describe(&self, gpu: &Gpu, loss: Option<Loss>, rates: Option<&AdamRates>) -> Step {
         let (accuracy, values) = (&self.settings.accuracy, 3.0 * self.pixels() as f64);
+        let (alpha_max, transmittance_min) = accuracy.guarded_limits();
         let (pointwise, dssim) = match loss {
             Some(Loss::L1Dssim { lambda }) => (1.0 - f64::from(lambda), f64::from(lambda)),
             _ => (1.0, 0.0),
@@ -271,8 +277,8 @@ impl Tiles {
             backdrop: self.settings.backdrop(),
             gaussians: self.gaussians,
             alpha_cut: accuracy.alpha_cut,
-            alpha_max: accuracy.alpha_max,
-            transmittance_min: accuracy.transmittance_min,
+            alpha_max,
+            transmittance_min,
             entry_capacity: self.capacity as u32,
             pointwise_scale: (pointwise / values) as f32,
             dssim_scale: (dssim / values) as f32,

@@ -11,7 +11,7 @@ use crate::{
     loss::MOMENTS_BYTES,
     profile::Stage,
     shaders::{Kernels, TILE_COLUMNS, stride, tiling},
-    tiles::{DEPTH_BYTES, PIXEL_BYTES, Tiles},
+    tiles::{DEPTH_BYTES, PIXEL_BYTES, Tiles, totals_bytes},
     workspace::Workspace,
 };
 
@@ -42,13 +42,14 @@ pub(crate) fn of<S: Kind>(
     let n = cloud.len as u64;
     let image = tiles.pixels() * PIXEL_BYTES;
     let moments = 3 * tiles.pixels() * MOMENTS_BYTES;
-    let slots = entries * u64::from(stride(tiles.variant())) * size::<f32>();
+    let stride = u64::from(stride(tiles.variant()));
+    let slots = entries * stride * size::<f32>();
     // Of the lists: each entry by its sorted number, with its Gaussian's splat; or as it stands in a queue, which is made of those.
     let listed = entries * (INDEX + ENTRY + SPLAT_BYTES);
     let queued = if tiles.orders_by_pixel() { entries * QUEUED_BYTES } else { 0 };
     let (lists, queue, totals) = match queued {
         0 => (listed, 0, 0),
-        _ => (queued, listed + entries * DEPTH_BYTES, 2 * slots),
+        _ => (queued, listed + entries * DEPTH_BYTES, entries * totals_bytes(stride)),
     };
     let (read, written) = match stage {
         Stage::Project | Stage::Adam => return S::traffic(stage, workspace, cloud),
@@ -67,7 +68,9 @@ pub(crate) fn of<S: Kind>(
             // Moments down; along, and derivatives, those along again; down, with the image and the target once more.
             Loss::L1Dssim { .. } => (4 * image + 2 * moments, 2 * moments + image),
         },
-        Stage::BlendBwd => (lists + totals + image + if over { image } else { 0 }, slots + 2 * totals),
+        // In the order of depth at each pixel, the sums' units are found first.
+        Stage::BlendBwd if totals > 0 => (2 * (lists + 2 * image) + totals, slots + 2 * totals),
+        Stage::BlendBwd => (lists + image + if over { image } else { 0 }, slots),
         Stage::Fused => (lists + image, slots),
         Stage::ProjectBwd => {
             let Traffic { read, written } = S::traffic(stage, workspace, cloud);

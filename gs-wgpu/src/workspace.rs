@@ -102,8 +102,9 @@ impl<S: Kind> Workspace<S> {
         self.gradients.iter().map(|growing| &growing.buffer).collect()
     }
 
-    /// Stage `adam`, in a pass whose lists may not have fitted: then it does nothing.
+    /// Stage `adam`, in a pass whose lists may not have fitted, or whose pixels may have given up: then it does nothing.
     pub(crate) fn encode_adam(&self, gpu: &Gpu, commands: &mut Commands, cloud: &Cloud<S>) {
+        self.tiles.encode_stop(gpu, commands);
         let Tiles { step, indirect, .. } = &self.tiles;
         S::encode_adam(gpu, commands, cloud, step, &self.gradient_buffers(), Some(indirect));
     }

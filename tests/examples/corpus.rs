@@ -1,10 +1,19 @@
 //! Puts every backend of this repository through the corpus of hard cases and prints what became of each: gs-cpu at every SIMD level of this
-//! machine, gs-wgpu with every kind of kernels that its adapter has. `cargo run -p gs-conformance --example corpus [CASES] [BACKENDS]`, where
-//! only cases and backends are run whose names contain the words. Exits with 1 if anything is not as expected.
+//! machine, gs-wgpu with every kind of kernels that its adapter has. `cargo run --release -p gs-conformance --example corpus [CASES] [BACKENDS]`,
+//! where only cases and backends are run whose names contain the words. Exits with 1 if anything is not as expected.
+//!
+//! Images are so small that a backend alone keeps no processor busy: so there are as many backends at a time as there are processors, and each
+//! table is printed when it is whole.
 
 #![allow(clippy::print_stdout)]
 
-use std::{process::ExitCode, time::Instant};
+use std::{
+    fmt,
+    process::ExitCode,
+    sync::Mutex,
+    thread::{available_parallelism, scope},
+    time::Instant,
+};
 
 use gs_conformance::{
     Failure,
@@ -14,6 +23,55 @@ use gs_core::{PlanarScene, Rasterizer, SpatialScene};
 use gs_cpu::{CpuRasterizer, CpuSettings, SimdLevel};
 use gs_wgpu::{Kernels, WgpuRasterizer, WgpuSettings};
 
+/// A backend to be put through the corpus.
+#[derive(Clone, Copy)]
+enum Backend {
+    Cpu(SimdLevel),
+    Wgpu(Kernels),
+}
+
+impl fmt::Display for Backend {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Cpu(level) => write!(f, "gs-cpu, {level}"),
+            Self::Wgpu(kernels) => write!(f, "gs-wgpu, {kernels:?}"),
+        }
+    }
+}
+
+impl Backend {
+    /// Those that take longest first.
+    fn all() -> Vec<Self> {
+        let wgpu = [Kernels::Portable, Kernels::Subgroups, Kernels::Vectors].map(Self::Wgpu);
+        wgpu.into_iter().chain(SimdLevel::available().into_iter().map(Self::Cpu)).collect()
+    }
+
+    /// All cases whose names contain `word`; an error where this machine has no such backend.
+    fn records(self, word: &str) -> Result<Vec<Record>, gs_core::Error> {
+        Ok(match self {
+            // What threads would do on such images is wait for each other.
+            Self::Cpu(level) => {
+                records(&CpuRasterizer::new(CpuSettings { threads: Some(1), level: Some(level) })?, word)
+            }
+            Self::Wgpu(kernels) => {
+                records(&WgpuRasterizer::new(WgpuSettings { kernels: Some(kernels), ..WgpuSettings::default() })?, word)
+            }
+        })
+    }
+}
+
+fn records<R: Rasterizer<PlanarScene> + Rasterizer<SpatialScene>>(rasterizer: &R, word: &str) -> Vec<Record> {
+    let planar = planar_corpus().into_iter().filter(|case| case.name.contains(word));
+    let spatial = spatial_corpus().into_iter().filter(|case| case.name.contains(word));
+    let mut records: Vec<Record> = planar.map(|case| run(rasterizer, &case)).collect();
+    records.extend(spatial.map(|case| run(rasterizer, &case)));
+    if "poison".contains(word) {
+        records.extend(poison_planar(rasterizer));
+        records.extend(poison_spatial(rasterizer));
+    }
+    records
+}
+
 /// How many cases were run, and how many were not as expected.
 #[derive(Default)]
 struct Tally {
@@ -22,30 +80,16 @@ struct Tally {
 }
 
 impl Tally {
-    fn add(&mut self, record: &Record) {
-        self.run += 1;
-        self.unexpected += usize::from(!record.is_as_expected());
-        println!("  {record}");
-    }
-
-    /// All cases whose names contain `word`.
-    fn backend<R: Rasterizer<PlanarScene> + Rasterizer<SpatialScene>>(
-        &mut self,
-        name: &str,
-        rasterizer: &R,
-        word: &str,
-    ) {
-        println!("{name}");
-        println!(" planar scenes");
-        for case in planar_corpus().iter().filter(|case| case.name.contains(word)) {
-            self.add(&run(rasterizer, case));
-        }
-        println!(" spatial scenes");
-        for case in spatial_corpus().iter().filter(|case| case.name.contains(word)) {
-            self.add(&run(rasterizer, case));
-        }
-        if "poison".contains(word) {
-            poison_planar(rasterizer).iter().chain(&poison_spatial(rasterizer)).for_each(|record| self.add(record));
+    fn add(&mut self, backend: Backend, start: Instant, records: Result<Vec<Record>, gs_core::Error>) {
+        let records = match records {
+            Ok(records) => records,
+            Err(error) => return println!("{backend}: {error}"),
+        };
+        println!("{backend}, {:.0} s", start.elapsed().as_secs_f64());
+        for record in records {
+            self.run += 1;
+            self.unexpected += usize::from(!record.is_as_expected());
+            println!("  {record}");
         }
     }
 }
@@ -53,26 +97,23 @@ impl Tally {
 fn main() -> Result<ExitCode, Failure> {
     let [word, backends] = [1, 2].map(|n| std::env::args().nth(n).unwrap_or_default());
     let start = Instant::now();
-    let mut tally = Tally::default();
-    for level in SimdLevel::available() {
-        let name = format!("gs-cpu, {level}");
-        if !name.contains(&backends) {
-            continue;
+    let due = Backend::all().into_iter().filter(|backend| backend.to_string().contains(&backends));
+    let (due, tally) = (Mutex::new(due), Mutex::new(Tally::default()));
+    let next = || due.lock().ok()?.next();
+    scope(|scope| {
+        for _ in 0..available_parallelism().map_or(1, usize::from) {
+            scope.spawn(|| {
+                while let Some(backend) = next() {
+                    let start = Instant::now();
+                    let records = backend.records(&word);
+                    if let Ok(mut tally) = tally.lock() {
+                        tally.add(backend, start, records);
+                    }
+                }
+            });
         }
-        // The cases' images are small: what threads would do there is wait for each other.
-        let rasterizer = CpuRasterizer::new(CpuSettings { threads: Some(1), level: Some(level) })?;
-        tally.backend(&name, &rasterizer, &word);
-    }
-    for kernels in [Kernels::Portable, Kernels::Subgroups, Kernels::Vectors] {
-        let name = format!("gs-wgpu, {kernels:?}");
-        if !name.contains(&backends) {
-            continue;
-        }
-        match WgpuRasterizer::new(WgpuSettings { kernels: Some(kernels), ..WgpuSettings::default() }) {
-            Ok(rasterizer) => tally.backend(&name, &rasterizer, &word),
-            Err(error) => println!("{name}: {error}"),
-        }
-    }
-    println!("{} cases, {} not as expected, {:.0} s", tally.run, tally.unexpected, start.elapsed().as_secs_f64());
-    Ok(if tally.unexpected == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+    });
+    let Tally { run, unexpected } = tally.into_inner().unwrap_or_default();
+    println!("{run} cases, {unexpected} not as expected, {:.0} s", start.elapsed().as_secs_f64());
+    Ok(if unexpected == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }

@@ -2,7 +2,14 @@
 
 use std::fmt::Debug;
 
-use gs_core::{Adam, Chart, PlanarScene, Scene, SpatialScene, adam::Group, effects::Blend};
+use glam::{DQuat, Mat2, Mat3};
+use gs_core::{
+    Adam, Chart, PlanarScene, Scene, SpatialScene,
+    adam::Group,
+    effects::Blend,
+    local_frame::{self, PrincipalAxes},
+    whitened,
+};
 
 use crate::{
     oracle::{OracleScene, OracleView, PARAMETER_NAMES, Parameters, SPATIAL_SH, rows_of_gradients},
@@ -34,6 +41,13 @@ pub trait Subject: Scene<View: OracleView + PartialEq> {
 
     /// The scene as the oracle sees it.
     fn rows(&self) -> OracleScene;
+
+    /// The same with the shapes of these frames, as a cloud in [`Chart::LocalFrame`] saves them, in `f64`: in `f32`, a shape that is read from a
+    /// frame has a needle turned by as much as its aspect times the rounding. A frame without extent along an axis leaves the row as it is.
+    fn rows_of_frames(&self, frames: &[f32]) -> OracleScene;
+
+    /// A frame as it is beside moments of this parent, both as a cloud in [`Chart::LocalFrame`] saves them.
+    fn aligned(frame: &[f32], parent: &[f32]) -> Vec<f32>;
 
     /// No Gaussians of the same kind, SH degree included.
     fn emptied(&self) -> Self;
@@ -85,6 +99,24 @@ impl Subject for PlanarScene {
         OracleScene::from(self)
     }
 
+    fn rows_of_frames(&self, frames: &[f32]) -> OracleScene {
+        let mut rows = self.rows();
+        for (row, &[a, b, c, d]) in rows.gaussians.iter_mut().zip(frames.as_chunks().0) {
+            let frame = Mat2::from_cols_array(&[a, b, c, d]);
+            let PrincipalAxes { axes, scales, .. } = PrincipalAxes::of(Mat3::from_mat2(frame));
+            if scales.min_element() > 0.0 {
+                let angle = axes.x_axis.y.atan2(axes.x_axis.x);
+                row[2..5].copy_from_slice(&[scales.x.ln(), scales.y.ln(), angle]);
+            }
+        }
+        rows
+    }
+
+    fn aligned(frame: &[f32], parent: &[f32]) -> Vec<f32> {
+        let [frame, parent] = [frame, parent].map(Mat2::from_cols_slice);
+        whitened::aligned(frame, parent).to_cols_array().to_vec()
+    }
+
     fn rows_of_gradients(&self) -> Vec<Parameters> {
         rows_of_gradients(self)
     }
@@ -132,6 +164,24 @@ impl Subject for SpatialScene {
 
     fn rows(&self) -> OracleScene {
         OracleScene::from(self)
+    }
+
+    fn rows_of_frames(&self, frames: &[f32]) -> OracleScene {
+        let mut rows = self.rows();
+        for (row, frame) in rows.gaussians.iter_mut().zip(frames.as_chunks::<9>().0) {
+            let PrincipalAxes { axes, scales, .. } = PrincipalAxes::of(Mat3::from_cols_array(frame));
+            if scales.min_element() > 0.0 {
+                let q = DQuat::from_mat3(&axes);
+                row[3..6].copy_from_slice(&scales.map(f64::ln).to_array());
+                row[6..10].copy_from_slice(&[q.w, q.x, q.y, q.z]);
+            }
+        }
+        rows
+    }
+
+    fn aligned(frame: &[f32], parent: &[f32]) -> Vec<f32> {
+        let [frame, parent] = [frame, parent].map(Mat3::from_cols_slice);
+        local_frame::aligned(frame, parent).to_cols_array().to_vec()
     }
 
     fn rows_of_gradients(&self) -> Vec<Parameters> {

@@ -2,11 +2,10 @@
 //! about its work, the picture is the same; and the oracle's quick way to colours is its way to pictures. And what the
 //! default's cut-offs change, and finer ones don't.
 
-use std::path::PathBuf;
-
 use gs_conformance::{
     Failure,
     conformance::{check_gradients, check_image},
+    data,
     oracle::{Oracle, OracleView},
     scenes::{Draw, Kind, SpatialKind},
     subject::Subject,
@@ -14,6 +13,7 @@ use gs_conformance::{
 };
 use gs_core::{
     Accuracy, Blend, Chart, Loss, PlanarScene, Rasterizer, RenderSettings, SpatialScene,
+    constants::HALF_DISPLAY_STEP,
     effects::{Antialias, Order},
     settings::{Cut, Extent},
 };
@@ -170,10 +170,7 @@ fn the_oracle_says_the_same_colours_either_way() {
     }
 }
 
-/// Half a display step: no eye and no 8-bit file sees less.
-const HALF_A_STEP: f64 = 1.0 / 512.0;
-
-/// Cut-offs that together stay below it; the default's, which fits and trainings are made with, do not. That no pixel is called full is part of
+/// Cut-offs that together stay below half a display step; the default's, which fits and trainings are made with, do not. That no pixel is called full is part of
 /// it: the Gaussian that would fill it does not count, and what is then missing is not the least transmittance but up to 1/(1 − α) times that.
 const INVISIBLE: Accuracy = Accuracy {
     alpha_cut: 1.0 / 8192.0,
@@ -215,14 +212,8 @@ fn a_cut_of_an_8192nd_changes_no_pixel_by_half_a_display_step() {
         let draw = spatial(blend, Order::TileDepth, seed);
         note(cut_off(&draw.scene, draw.view, draw.settings, &every_pixel(draw.view.size(), 1)));
     }
-    let data = std::env::var_os("GS_DATA")
-        .map_or_else(|| PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../shared/data"), PathBuf::from);
     for name in ["kacytran_iter7000_point_cloud.ply", "biker.compressed.ply", "victor_model.splat"] {
-        let path = data.join("splats").join(name);
-        if !path.exists() {
-            eprintln!("skipped: no test data");
-            continue;
-        }
+        let Some(path) = data::find(&format!("splats/{name}")) else { continue };
         let scene = gs_io::read_spatial(path).unwrap().scene;
         let mut settings = RenderSettings::blended(Blend::Over);
         settings.effects.order = Order::TileDepth;
@@ -233,9 +224,9 @@ fn a_cut_of_an_8192nd_changes_no_pixel_by_half_a_display_step() {
         eprintln!("{name}: the default's cut-offs change a pixel by {default:.1e}, the finer ones by {invisible:.1e}");
         note([default, invisible]);
     }
-    assert!(fine < HALF_A_STEP, "{fine:e}");
+    assert!(fine < f64::from(HALF_DISPLAY_STEP), "{fine:e}");
     assert!(
-        usual > HALF_A_STEP,
+        usual > f64::from(HALF_DISPLAY_STEP),
         "the default cut has become invisible, {usual:e}: what of it is said is no longer true"
     );
 }

@@ -336,6 +336,7 @@ fn every_fault_is_caught_by_its_case() {
         (ShiftsAreSteps, "shifts_move_means_and_nothing_else"),
         (SolvesNothing, "solved_colors_are_the_best"),
         (ForgetsMomentsOnEdit, "edits_carry_everything_along"),
+        (ForgetsMomentsOnEdit, "changes_that_inherit_go_on"),
         (ForgetsMomentsOnEdit, "adam_matches"),
         (ForgetsStatisticsOnEdit, "edits_carry_everything_along"),
         (EditsEvenWhenItRefuses, "refused_edits_change_nothing"),

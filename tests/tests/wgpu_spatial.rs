@@ -253,9 +253,8 @@ fn statistics_by_pixel_are_those_of_the_cpu() {
     }
 }
 
-#[test]
-fn more_than_a_pixel_can_put_in_order_is_an_error() {
-    let (_, r) = &rasterizers()[0];
+/// 60,000 Gaussians that one pixel sees, all hardly visible: more than it can put in order.
+fn too_many_to_order() -> (SpatialScene, Camera, RenderSettings) {
     let g = SpatialGaussian {
         mean: Vec3::new(0.0, 0.0, 4.0),
         log_scale: Vec3::splat(0.0),
@@ -269,8 +268,45 @@ fn more_than_a_pixel_can_put_in_order_is_an_error() {
     let mut settings = RenderSettings::blended(Blend::Over);
     settings.effects.order = Order::PixelDepth;
     (settings.accuracy.alpha_cut, settings.accuracy.transmittance_min) = (1e-6, 0.0);
-    let error = r.render(&scene, &Camera::looking_forward(1, 1, 1.0), &settings).unwrap_err();
+    (scene, Camera::looking_forward(1, 1, 1.0), settings)
+}
+
+#[test]
+fn more_than_a_pixel_can_put_in_order_is_an_error() {
+    let (_, r) = &rasterizers()[0];
+    let (scene, view, settings) = too_many_to_order();
+    let error = r.render(&scene, &view, &settings).unwrap_err();
     assert!(error.to_string().contains("order of their depths"), "{error}");
+}
+
+/// Nor do the steps behind it, which were sent before its outcome was known.
+#[test]
+fn a_step_that_cannot_put_all_in_order_changes_nothing() {
+    let (_, r) = &rasterizers()[0];
+    let (scene, view, settings) = too_many_to_order();
+    let target = r.spatial().upload_target(&Image::filled(1, 1, [0.5; 3]).unwrap()).unwrap();
+    let mut cloud = r.upload(&scene, Chart::ScaleRotation).unwrap();
+    let before = r.save(&cloud).unwrap();
+    let rates = rates(Participants::All);
+    let mut step = |settings: &RenderSettings| {
+        let step = TrainStep { settings, loss: Loss::L2, rates: &rates, binning: Binning::Fresh };
+        r.train_step(&mut cloud, &view, &target, &step).unwrap();
+    };
+    step(&settings);
+    let mut in_order_of_means = settings;
+    in_order_of_means.effects.order = Order::TileDepth;
+    step(&in_order_of_means);
+    let mut losses = Vec::new();
+    let error = r.losses(&mut cloud, Wait::All, &mut losses).unwrap_err();
+    assert!(error.to_string().contains("order of their depths"), "{error}");
+    assert!(losses.is_empty());
+    assert!(r.save(&cloud).unwrap() == before, "the cloud has changed");
+
+    // The cloud goes on from there.
+    let step = TrainStep { settings: &in_order_of_means, loss: Loss::L2, rates: &rates, binning: Binning::Fresh };
+    r.train_step(&mut cloud, &view, &target, &step).unwrap();
+    r.losses(&mut cloud, Wait::All, &mut losses).unwrap();
+    assert!(losses.len() == 1 && r.save(&cloud).unwrap() != before, "{losses:?}");
 }
 
 #[test]

@@ -1,5 +1,6 @@
 //! The chores of this project. It uses no crate, so that it compiles in a second on a fresh machine.
 
+mod guards;
 mod test;
 
 use std::process::ExitCode;
@@ -8,17 +9,23 @@ const HELP: &str = "\
 The chores of this project.
 
 Usage: cargo xtask test [--slow]
+       cargo xtask guards
 
   test          run every test of the workspace, documentation tests included, and install first what they need
   test --slow   then also run the slow tests (marked #[ignore]), in the release profile
+  guards        switch each guard of the arithmetic off, and see that what needs it fails
   help          print this";
 
 fn main() -> ExitCode {
+    if let Some(code) = guards::compile() {
+        return code;
+    }
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let words: Vec<&str> = arguments.iter().map(String::as_str).collect();
     let outcome = match words[..] {
         ["test"] => test::run(test::Scope::Ordinary),
         ["test", "--slow"] => test::run(test::Scope::AlsoSlow),
+        ["guards"] => guards::run(),
         [] | ["help" | "-h" | "--help"] => {
             eprintln!("{HELP}");
             return ExitCode::SUCCESS;

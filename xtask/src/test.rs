@@ -36,7 +36,7 @@ pub(crate) fn run(scope: Scope) -> Result<(), String> {
 ///
 /// gs-wgpu's tests need a graphics adapter: where there is none, a software Vulkan driver is installed. Tests on real photographs use a
 /// folder that may be absent; whether they have it is said, so that no one takes a skipped test for a passed one.
-fn prepare() -> Result<(), String> {
+pub(crate) fn prepare() -> Result<(), String> {
     // The rule of gs_conformance::data; this program builds before everything else, and so depends on nothing.
     let data = env::var_os("GS_DATA").map_or_else(|| workspace().join("../shared/data"), PathBuf::from);
     if data.is_dir() {
@@ -83,11 +83,15 @@ fn has_nextest() -> bool {
 }
 
 fn cargo(arguments: &[&str]) -> Result<(), String> {
+    cargo_with(arguments, |cargo| cargo)
+}
+
+/// Runs cargo in the workspace, with what `prepare` adds.
+pub(crate) fn cargo_with(arguments: &[&str], prepare: impl FnOnce(&mut Command) -> &mut Command) -> Result<(), String> {
     let line = format!("cargo {}", arguments.join(" "));
     eprintln!("== {line}");
-    let status = Command::new(cargo_program())
-        .args(arguments)
-        .current_dir(workspace())
+    let mut cargo = Command::new(cargo_program());
+    let status = prepare(cargo.args(arguments).current_dir(workspace()))
         .status()
         .map_err(|source| format!("{line}: could not be started: {source}"))?;
     if status.success() { Ok(()) } else { Err(format!("{line}: {status}")) }

@@ -19,8 +19,8 @@ pub(super) enum Fastest {
 /// How the names of GPUs begin in Linux' device folder: NVIDIA's own driver, Windows' under WSL, and those of phones and boards.
 const GPUS: [&str; 5] = ["nvidia", "dxg", "mali", "kgsl", "pvr"];
 
-/// Finds what is fastest on this machine.
-pub(super) fn find() -> Fastest {
+/// Finds what is fastest on this machine. A GPU of which `suits` is an error is passed by.
+pub(super) fn find(suits: impl FnOnce(&WgpuRasterizer) -> Result<(), Error>) -> Fastest {
     let none = "no GPU was found";
     if cfg!(target_os = "linux") && !may_have_gpu(Path::new("/dev")) {
         return Fastest::Cpu { why: none.to_owned() };
@@ -30,9 +30,16 @@ pub(super) fn find() -> Fastest {
         Ok(first) if first.adapter().kind == "CPU" => {
             Fastest::Cpu { why: format!("{none}, only a software driver ({})", first.adapter().name) }
         }
-        Ok(gpu) => Fastest::Gpu(Box::new(gpu)),
+        Ok(gpu) => if_suited(gpu, suits),
         Err(Error::Backend { message, .. }) => Fastest::Cpu { why: format!("no GPU can be used ({message})") },
         Err(error) => Fastest::Cpu { why: format!("no GPU can be used ({error})") },
+    }
+}
+
+fn if_suited(gpu: WgpuRasterizer, suits: impl FnOnce(&WgpuRasterizer) -> Result<(), Error>) -> Fastest {
+    match suits(&gpu) {
+        Ok(()) => Fastest::Gpu(Box::new(gpu)),
+        Err(error) => Fastest::Cpu { why: format!("{} is passed by ({error})", gpu.adapter().name) },
     }
 }
 
@@ -49,7 +56,21 @@ fn has_name(folder: &Path, beginnings: &[&str]) -> bool {
 
 #[cfg(test)]
 mod tests {
+    use gs_core::{Chart, Rasterizer, SpatialScene};
+
     use super::*;
+
+    /// The driver that the tests have stands in for a GPU.
+    #[test]
+    fn a_gpu_that_does_not_offer_what_is_needed_is_passed_by() {
+        let found = |chart| {
+            let gpu = WgpuRasterizer::new(WgpuSettings::default()).expect("`cargo xtask test` installs a driver");
+            if_suited(gpu, |gpu| gpu.upload(&SpatialScene::default(), chart).map(drop))
+        };
+        assert!(matches!(found(Chart::ScaleRotation), Fastest::Gpu(_)));
+        let Fastest::Cpu { why } = found(Chart::LocalFrame) else { panic!("local frames in space are offered") };
+        assert!(why.contains("passed by") && why.contains("LocalFrame"), "{why}");
+    }
 
     #[test]
     fn gpus_are_known_by_their_devices() {

@@ -6,7 +6,10 @@ use std::{
 };
 
 use clap::{Args, ValueEnum};
-use gs_core::{Scene, examination};
+use gs_core::{
+    Scene,
+    examination::{self, Repair},
+};
 use gs_io::{GltfBuffer, Loss, SpatialFormat, SpatialOptions, SpzOptions, SpzVersion};
 use serde::Serialize;
 
@@ -89,9 +92,10 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<(), Failure> {
     let file =
         if args.drop_broken { gs_io::read_spatial_unchecked(&args.from) } else { gs_io::read_spatial(&args.from) };
     let file = file.map_err(Failure::of_scene)?;
-    let (all, mut scene) = (file.scene.len(), file.scene);
+    let (all, mut scene, mut losses) = (file.scene.len(), file.scene, file.losses);
     if args.drop_broken {
-        examination::repair(&mut scene)?;
+        let Repair { widened, .. } = examination::repair(&mut scene)?;
+        losses.extend((widened > 0).then_some(Loss::ZeroScales { gaussians: widened }));
     }
     let options = SpatialOptions {
         spz: SpzOptions {
@@ -115,7 +119,7 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<(), Failure> {
         gaussians: scene.len(),
         sh_degree: scene.sh_degree,
         dropped: all - scene.len(),
-        lost: file.losses.iter().chain(&written.losses).map(Loss::to_string).collect(),
+        lost: losses.iter().chain(&written.losses).map(Loss::to_string).collect(),
     };
     if args.json { output::json(&conversion) } else { output::result(text(&conversion)) }
 }

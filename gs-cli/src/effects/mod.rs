@@ -22,10 +22,14 @@ use crate::{
     cameras,
     effects::report::{Facts, Report},
     failure::Failure,
-    fit::{arguments::SettingsArgs, settings, target::Target},
+    fit::{
+        arguments::SettingsArgs,
+        settings::{self, Given},
+        target::Target,
+    },
     output,
     shown::ShownArgs,
-    values::{Axis, Size},
+    values::{Axis, Size, canvas},
 };
 
 const AFTER_HELP: &str = "\
@@ -137,14 +141,6 @@ impl Subject {
     }
 }
 
-/// The whole of a plane of this size, in as many pixels or as the flag says.
-fn canvas((width, height): (u32, u32), size: Option<Size>) -> Result<Canvas, Failure> {
-    let whole = Canvas::new(width, height);
-    let canvas = size.map_or(whole, |Size { width, height }| whole.resized(width, height));
-    canvas.validate().map_err(|error| Failure::usage(error).at("--size"))?;
-    Ok(canvas)
-}
-
 struct Examine<'a> {
     subject: Subject,
     args: &'a EffectsCommandArgs,
@@ -175,7 +171,7 @@ impl Task for Examine<'_> {
             }
             Subject::Image { target, size } => {
                 let flags = SettingsArgs { iterations: Some(ITERATIONS), ..SettingsArgs::default() };
-                let settings = settings::resolve(&flags, &target)?;
+                let settings = settings::resolve(&flags, &Given::Nothing, &target)?;
                 let (steps, wanted) = (settings.iterations, settings.render);
                 output::note(format_args!("fitting {} in {steps} steps first", target.name()));
                 let mut trainer = Trainer::new(rasterizer, &target.image, settings)?;

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 
-use crate::{backend::BackendArgs, effects::choice::EffectsArgs, output::Format, values::Color};
+use crate::{backend::BackendArgs, effects::choice::EffectsArgs, output::Format, train::AntialiasName, values::Color};
 
 const AFTER_HELP: &str = "\
 DIR then holds:
@@ -14,7 +14,8 @@ DIR then holds:
   ellipses.png            the Gaussians drawn as ellipses over the reconstruction
   metrics.csv             count, edits and loss at every 100th part of the steps and at each round of density
                           control; at every 20th part and at both ends also L1, PSNR, what was culled and what was
-                          clamped, which cost a rendering; rows come as the fit goes on
+                          clamped, which cost a rendering; rows come as the fit goes on, in metrics.part.csv until it
+                          ends well
   curve.png               count and loss over the steps
   settings.toml           all settings, to repeat the fit with --settings
   summary.json            what --json prints
@@ -29,8 +30,20 @@ of metrics.csv up to it, so that a resumed fit has the whole table, in any folde
 
 /// The flags of [`SettingsArgs`] that a checkpoint settles: all but the background, which a resumed fit needs to see a transparent
 /// image as before.
-const SETTLED: [&str; 10] =
-    ["preset", "settings", "gaussians", "iterations", "policy", "init", "loss", "blend", "chart", "seed"];
+const SETTLED: [&str; 12] = [
+    "preset",
+    "settings",
+    "gaussians",
+    "iterations",
+    "policy",
+    "init",
+    "loss",
+    "blend",
+    "antialias",
+    "joining",
+    "chart",
+    "seed",
+];
 
 /// The flags of `gs fit`.
 #[derive(Debug, Clone, Args)]
@@ -126,6 +139,12 @@ pub(crate) struct SettingsArgs {
     /// How the Gaussians at a pixel become its colour
     #[arg(long, value_enum, value_name = "BLEND")]
     pub(crate) blend: Option<BlendName>,
+    /// What is done about Gaussians narrower than a pixel [default: none]
+    #[arg(long, value_enum, value_name = "ANTIALIAS")]
+    pub(crate) antialias: Option<AntialiasName>,
+    /// When antialiasing joins, if there is to be any; what blends is settled from the first step on
+    #[arg(long, value_enum, value_name = "WHEN")]
+    pub(crate) joining: Option<JoiningName>,
     /// In which coordinates the optimiser moves
     #[arg(long, value_enum, value_name = "CHART")]
     pub(crate) chart: Option<ChartName>,
@@ -141,8 +160,8 @@ pub(crate) struct SettingsArgs {
 #[derive(Debug, Clone, Args)]
 #[command(next_help_heading = "Checkpoints")]
 pub(crate) struct CheckpointArgs {
-    /// Where checkpoints go [default: DIR/checkpoint.safetensors, on Ctrl-C; gs train also stores some on the way, and removes the file when it
-    /// is done]
+    /// Where checkpoints go [default: DIR/checkpoint.safetensors, or checkpoint-2 and so on where another run's is there, on Ctrl-C; gs train
+    /// also stores some on the way, and removes its file when it is done]
     #[arg(long, value_name = "FILE")]
     pub(crate) checkpoint: Option<PathBuf>,
     /// Save one about every so many steps [default: a tenth of all, if --checkpoint is given or a training has 2000 or more]
@@ -238,6 +257,15 @@ pub(crate) enum BlendName {
     Sum,
     /// Front to back with opacities, as splat viewers do
     Over,
+}
+
+/// When effects join.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum JoiningName {
+    /// By the clock: antialiasing from the first step, harmonics degree by degree (3DGS)
+    Scheduled,
+    /// When they are called for: antialiasing when Gaussians become narrower than a pixel, harmonics when residuals depend on the view
+    WhenCalledFor,
 }
 
 /// In which coordinates the optimiser moves a Gaussian.

@@ -3,6 +3,7 @@
 //! Whatever can be refused is refused before the output folder is touched, and the folder before the first step is made.
 
 pub(crate) mod arguments;
+pub(crate) mod checkpoints;
 pub(crate) mod folder;
 pub(crate) mod observers;
 pub(crate) mod progress;
@@ -25,11 +26,13 @@ use crate::{
     backend::{Backend, Task},
     failure::Failure,
     fit::{
-        arguments::{CheckpointArgs, Detail, FitArgs},
+        arguments::{Detail, FitArgs},
+        checkpoints::{Checkpoints, Storing, check_checkpoint_file},
         folder::OutputFolder,
-        observers::{Checkpoints, Curve, LogFile, StopOnInterrupt},
+        observers::{Curve, LogFile, StopOnInterrupt},
         progress::Display,
         results::Results,
+        settings::Given,
         target::Target,
     },
     interrupt::Interrupt,
@@ -42,18 +45,18 @@ use crate::{
 /// Where input, flags or the output folder are not possible, where the fit diverges or loses its GPU, or where Ctrl-C stopped it.
 pub(crate) fn run(args: &FitArgs) -> Result<(), Failure> {
     let started = Instant::now();
-    check_checkpoint_file(&args.checkpoints, &args.output)?;
-    let target = Target::load(args.image.as_deref(), settings::background(&args.settings)?)?;
+    check_checkpoint_file(&args.checkpoints)?;
+    let given = Given::read(&args.settings)?;
+    let target = Target::load(args.image.as_deref(), given.background(&args.settings))?;
     let start = match &args.resume {
         Some(file) => Start::Resumed(Box::new(read_checkpoint(file)?), file.clone()),
         None => {
-            let mut settings = settings::resolve(&args.settings, &target)?;
+            let mut settings = settings::resolve(&args.settings, &given, &target)?;
             settings.render = args.effects.before(&settings.render);
             Start::Fresh(Box::new(settings))
         }
     };
-    let chosen = settings::chosen(&args.settings)?;
-    let backend = Backend::start(&args.backend.or_chosen(chosen.as_ref().map(|chosen| &chosen.machine)))?;
+    let backend = Backend::start(&args.backend.or_chosen(given.machine()))?;
     backend.run(Fit { args, target: &target, start, backend: &backend, started })
 }
 
@@ -102,7 +105,8 @@ impl Task for Fit<'_> {
         let Self { args, target, start, backend, started } = self;
         let (mut trainer, mut log) = start.begin(rasterizer, target)?;
         let folder = OutputFolder::prepare(&args.output, "--output")?;
-        let mut checkpoints = checkpoints(&args.checkpoints, &folder, trainer.settings().iterations, None)?;
+        let (iterations, resumed) = (trainer.settings().iterations, args.resume.as_deref());
+        let mut checkpoints = Checkpoints::prepare(&args.checkpoints, &folder, iterations, None, resumed)?;
         announce(args, target, backend, &trainer);
 
         let (effects, pictures) = (&args.effects, args.pictures());
@@ -110,24 +114,16 @@ impl Task for Fit<'_> {
         let results = Results { folder: &folder, target, backend, effects, pictures, started, seconds_before };
         let ended = follow(args.detail(), &mut trainer, &mut log, &folder, &mut checkpoints);
         let ended = ended.and_then(|(outcome, curve)| {
-            let summary = results.write(rasterizer, &trainer, &log.to_csv(), &curve.0)?;
+            let summary = results.write(rasterizer, &trainer, &log, &curve.0)?;
             Ok((outcome, summary))
         });
-        let (outcome, summary) = ended.map_err(|failure| {
-            with_way_on(failure, &checkpoints, args.resume.as_deref(), |file| resuming(args, target, file))
-        })?;
+        let resuming = |file: &Path| resuming(args, target, file);
+        let (outcome, summary) = ended.map_err(|failure| checkpoints.with_way_on(failure, resuming))?;
         match args.format() {
             Format::Json => output::json(&summary)?,
             Format::Text => output::note(summary.text(folder.path())),
         }
-        match outcome {
-            Outcome::Finished => Ok(()),
-            Outcome::Stopped => Err(Failure::interrupted(format_args!(
-                "stopped after step {}; to go on: {}",
-                trainer.step(),
-                resuming(args, target, &checkpoints.file)
-            ))),
-        }
+        checkpoints.conclude(outcome, trainer.step(), &args.checkpoints, resuming)
     }
 }
 
@@ -144,31 +140,23 @@ pub(crate) fn follow<R: Rasterizer<S>, S: Trainable>(
     let interrupt = Interrupt::listen(voice.clone());
     let mut curve = Curve::begun_by(log);
     let stop = StopOnInterrupt(&interrupt);
-    let mut file = LogFile::begin(folder.file("metrics.csv"), log, voice.clone())?;
-    let outcome = trainer.run(&mut ((&mut display, &mut file), (&mut curve, (&mut *checkpoints, stop))));
+    let mut file = LogFile::begin(folder, log, voice.clone())?;
+    let storing = Storing { checkpoints, voice: voice.clone() };
+    let outcome = trainer.run(&mut ((&mut display, &mut file), (&mut curve, (storing, stop))));
     voice.clear();
     let outcome = outcome?;
     if outcome == Outcome::Stopped {
-        let mut checkpoint = trainer.checkpoint()?;
-        log.on_checkpoint(&mut checkpoint)?;
-        checkpoints.on_checkpoint(&mut checkpoint)?;
+        // Results come next, whatever becomes of it.
+        let taken = trainer.checkpoint().and_then(|mut checkpoint| {
+            log.on_checkpoint(&mut checkpoint)?;
+            Ok(checkpoint)
+        });
+        match taken {
+            Ok(checkpoint) => checkpoints.store(&checkpoint),
+            Err(error) => checkpoints.failure = Some(error.into()),
+        }
     }
     Ok((outcome, curve))
-}
-
-/// Refuses a folder in place of a file, before any work is spent on what would go there.
-pub(crate) fn check_checkpoint_file(args: &CheckpointArgs, output: &Path) -> Result<(), Failure> {
-    let checkpoint = checkpoint_file(args, output);
-    if checkpoint.is_dir() {
-        let mend = "name a file with --checkpoint";
-        return Err(Failure::usage("is a folder, not a file for checkpoints").at(checkpoint.display()).mend(mend));
-    }
-    Ok(())
-}
-
-/// The file for checkpoints, by default one among the results.
-fn checkpoint_file(args: &CheckpointArgs, output: &Path) -> PathBuf {
-    args.checkpoint.clone().unwrap_or_else(|| output.join("checkpoint.safetensors"))
 }
 
 /// Another image than the checkpoint's can be mended by the caller; what else is wrong says so itself.
@@ -176,22 +164,6 @@ fn not_resumed(error: gs_train::Error, file: &Path) -> Failure {
     let wrong_target = matches!(error, gs_train::Error::WrongTarget { .. });
     let failure = Failure::from(error).at(file.display());
     if wrong_target { failure.mend("give the same image and --background") } else { failure }
-}
-
-/// Where checkpoints go and how often, in a folder that is known to take them; `unasked` is how often where no flag says so.
-pub(crate) fn checkpoints(
-    args: &CheckpointArgs,
-    folder: &OutputFolder,
-    iterations: u32,
-    unasked: Option<u32>,
-) -> Result<Checkpoints, Failure> {
-    let CheckpointArgs { checkpoint, checkpoint_every } = args;
-    let file = checkpoint_file(args, folder.path());
-    if let Some(parent) = file.parent().filter(|parent| !parent.as_os_str().is_empty()) {
-        OutputFolder::prepare(parent, "--checkpoint")?;
-    }
-    let tenth = checkpoint.as_ref().map(|_| (iterations / 10).max(1));
-    Ok(Checkpoints { file, every: checkpoint_every.or(tenth).or(unasked), stored: false })
 }
 
 fn announce<R: Rasterizer<PlanarScene>>(args: &FitArgs, target: &Target, backend: &Backend, trainer: &Trainer<'_, R>) {
@@ -209,27 +181,6 @@ fn announce<R: Rasterizer<PlanarScene>>(args: &FitArgs, target: &Target, backend
         settings.iterations - trainer.step(),
         args.output.display()
     ));
-}
-
-/// Adds to a failure under way how to go on: from the last checkpoint, which is as it was. Nothing to another failure.
-pub(crate) fn with_way_on(
-    failure: Failure,
-    checkpoints: &Checkpoints,
-    resumed: Option<&Path>,
-    resuming: impl Fn(&Path) -> String,
-) -> Failure {
-    if !failure.is_of_backend() && !failure.is_divergence() {
-        return failure;
-    }
-    let last = if checkpoints.stored { Some(checkpoints.file.as_path()) } else { resumed };
-    let way = match last {
-        Some(file) if failure.is_divergence() => {
-            format!("the last good checkpoint is {}, from which it would end the same", quoted(file))
-        }
-        Some(file) => format!("to go on from the last checkpoint: {}", resuming(file)),
-        None => "no checkpoint was stored yet; --checkpoint FILE stores some as the work goes on".to_owned(),
-    };
-    failure.mend(way)
 }
 
 /// The command that goes on from a checkpoint.
@@ -254,7 +205,6 @@ mod tests {
     use std::{process::ExitCode, thread, time::Duration};
 
     use clap::Parser;
-    use gs_train::paper_target;
     use gs_wgpu::{WgpuRasterizer, WgpuSettings};
 
     use super::*;
@@ -278,7 +228,7 @@ mod tests {
         let words = ["-o", output_flag, "-n", "30", "-i", "1000000", "--checkpoint", state_flag];
         let args = flags(&[&words[..], &["--checkpoint-every", "10"]].concat());
         let target = Target::load(None, None).unwrap();
-        let start = Start::Fresh(Box::new(settings::resolve(&args.settings, &target).unwrap()));
+        let start = Start::Fresh(Box::new(settings::resolve(&args.settings, &Given::Nothing, &target).unwrap()));
         let backend = Backend::start(&BackendArgs { backend: Choice::Cpu, ..BackendArgs::default() }).unwrap();
         let wgpu = WgpuRasterizer::new(WgpuSettings::default()).expect("`cargo xtask test` installs a driver");
         let failure = thread::scope(|scope| {
@@ -298,42 +248,9 @@ mod tests {
         assert!(read_checkpoint(&state).is_ok());
         assert_eq!(place.path().read_dir().unwrap().count(), 2, "the folder and the checkpoint");
         let left: Vec<_> = output.read_dir().unwrap().map(|entry| entry.unwrap().file_name()).collect();
-        assert_eq!(left, ["metrics.csv"], "no results, and nothing half-written");
-        let metrics = std::fs::read_to_string(output.join("metrics.csv")).unwrap();
+        assert_eq!(left, ["metrics.part.csv"], "no results, and nothing half-written");
+        let metrics = std::fs::read_to_string(output.join("metrics.part.csv")).unwrap();
         assert!(metrics.lines().nth(1).is_some_and(|row| row.starts_with("1,")), "{metrics}");
-    }
-
-    #[test]
-    fn the_way_on_begins_from_the_last_checkpoint_there_is() {
-        let target = Target { image: paper_target(), file: Some("a b.png".into()), behind: None, remark: None };
-        let lost = Failure::from(gs_core::Error::Backend { backend: "wgpu", message: "lost".to_owned() });
-        let way_on = |words: &[&str], stored| {
-            let args = flags(words);
-            let checkpoints = Checkpoints { file: "new".into(), every: Some(1), stored };
-            let resuming = |file: &Path| resuming(&args, &target, file);
-            with_way_on(lost.clone(), &checkpoints, args.resume.as_deref(), resuming).line().unwrap()
-        };
-        assert!(way_on(&[], false).contains("no checkpoint was stored yet; --checkpoint FILE"));
-        assert!(way_on(&[], true).ends_with(": gs fit 'a b.png' -o gs-out --resume new"));
-        assert!(way_on(&["--resume", "old"], false).ends_with("--resume old"));
-        assert!(way_on(&["--resume", "old"], true).ends_with("--resume new"));
-    }
-
-    #[test]
-    fn after_a_divergence_the_last_good_checkpoint_is_named() {
-        let line = |error: gs_train::Error, stored| {
-            let checkpoints = Checkpoints { file: "new".into(), every: Some(1), stored };
-            with_way_on(error.into(), &checkpoints, None, |_| unreachable!("nothing is gained by going on"))
-                .line()
-                .unwrap()
-        };
-        let diverged = || gs_train::Error::Diverged { step: 7, loss: f32::NAN, suspect: None };
-        assert!(line(diverged(), true).contains("at step 7") && line(diverged(), true).contains("checkpoint is new,"));
-        assert!(line(diverged(), false).contains("no checkpoint was stored yet"));
-        assert_eq!(
-            line(gs_train::Error::Checkpoint("x".to_owned()), true),
-            "error: the checkpoint cannot be resumed: x"
-        );
     }
 
     #[test]

@@ -1,14 +1,28 @@
 //! The observers of a fit besides its display: one for each thing that happens while it runs.
 
-use std::{fs::File, io::Write, path::PathBuf};
+use std::{
+    fs::{self, File},
+    io::Write,
+    path::PathBuf,
+};
 
 use gs_core::edit::EditCounts;
-use gs_io::{Checkpoint, write_checkpoint};
+use gs_io::Checkpoint;
 use gs_train::{Control, Error, MetricsLog, Observer, Progress};
 
-use crate::{failure::Failure, fit::progress::Voice, interrupt::Interrupt, report::curve::Point};
+use crate::{
+    failure::Failure,
+    fit::{folder::OutputFolder, progress::Voice},
+    interrupt::Interrupt,
+    report::curve::Point,
+};
 
-/// Adds the rows of a log to its file as they come, so that whatever ends the work leaves them behind.
+/// The table of a run that has come to its end.
+const TABLE: &str = "metrics.csv";
+/// The rows of a run under way, or of one that has failed: an earlier run's results, its table among them, are whole until there are others.
+const ROWS: &str = "metrics.part.csv";
+
+/// Adds the rows of a log to a file as they come, so that whatever ends the work leaves them behind.
 pub(crate) struct LogFile<'a> {
     log: &'a mut MetricsLog,
     /// None once it took no more.
@@ -24,7 +38,8 @@ impl<'a> LogFile<'a> {
     ///
     /// # Errors
     /// Where it cannot be written.
-    pub(crate) fn begin(path: PathBuf, log: &'a mut MetricsLog, voice: Voice) -> Result<Self, Failure> {
+    pub(crate) fn begin(folder: &OutputFolder, log: &'a mut MetricsLog, voice: Voice) -> Result<Self, Failure> {
+        let path = folder.file(ROWS);
         let begun = File::create(&path).and_then(|mut file| {
             file.write_all(log.to_csv().as_bytes())?;
             Ok(file)
@@ -48,6 +63,17 @@ impl<'a> LogFile<'a> {
         }
         self.written = self.log.rows().len();
     }
+}
+
+/// Writes the whole table among the results, in place of the rows that came before.
+///
+/// # Errors
+/// Where it cannot be written.
+pub(crate) fn write_table(folder: &OutputFolder, log: &MetricsLog) -> Result<(), Failure> {
+    folder.write_text(TABLE, &log.to_csv())?;
+    // What stays behind is no harm: the table has it all.
+    let _ = fs::remove_file(folder.file(ROWS));
+    Ok(())
 }
 
 impl Observer for LogFile<'_> {
@@ -82,28 +108,6 @@ impl Observer for StopOnInterrupt<'_> {
     }
 }
 
-/// Stores checkpoints as the fit goes on, each in place of the one before. It stands behind the observers that add to them.
-pub(crate) struct Checkpoints {
-    /// Where.
-    pub(crate) file: PathBuf,
-    /// Every so many steps; never where there is none.
-    pub(crate) every: Option<u32>,
-    /// Whether this run has stored one.
-    pub(crate) stored: bool,
-}
-
-impl Observer for Checkpoints {
-    fn wants_checkpoint(&mut self, progress: &Progress) -> bool {
-        self.every.is_some_and(|every| progress.step.is_multiple_of(every))
-    }
-
-    fn on_checkpoint(&mut self, checkpoint: &mut Checkpoint) -> Result<(), Error> {
-        write_checkpoint(&self.file, checkpoint)?;
-        self.stored = true;
-        Ok(())
-    }
-}
-
 /// Collects the points of the curve: the count comes with every step, the loss with it or a little later.
 #[derive(Debug, Default)]
 pub(crate) struct Curve(pub(crate) Vec<Point>);
@@ -133,6 +137,8 @@ impl Observer for Curve {
 
 #[cfg(test)]
 mod tests {
+    use gs_train::Joined;
+
     use super::*;
 
     #[test]
@@ -146,6 +152,7 @@ mod tests {
             loss: 0.5,
             loss_step: 10,
             edits: None,
+            joined: Joined::default(),
             psnr_estimate: None,
             quality: None,
         };

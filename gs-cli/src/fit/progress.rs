@@ -7,7 +7,7 @@ use std::{
 };
 
 use gs_core::edit::EditCounts;
-use gs_train::{Control, Observer, Progress};
+use gs_train::{Control, Joined, Observer, Progress};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use crate::{
@@ -39,8 +39,8 @@ pub(crate) struct Display {
     psnr: Option<f64>,
     /// What is wrong, as far as it is known.
     trouble: Trouble,
-    /// Whether that has been said above a bar, in which there is no room for it.
-    warned: bool,
+    /// The worst of it that has been said above a bar, in which there is no room for it.
+    warned: Trouble,
 }
 
 /// Says something from any thread, above the bar where there is one.
@@ -99,7 +99,7 @@ impl Display {
             measure_at: now,
             psnr: None,
             trouble: Trouble::default(),
-            warned: false,
+            warned: Trouble::default(),
         }
     }
 
@@ -126,11 +126,11 @@ impl Display {
         format!("step {step}/{iterations}  {}{}", self.state(progress), self.trouble)
     }
 
-    /// Says once that something is wrong where there is a bar; lines have room to say it in each.
+    /// Says what is wrong, and that it has become worse, where there is a bar; lines have room to say it in each.
     fn warn(&mut self, progress: &Progress) {
-        if !self.warned && self.trouble.is_serious() && matches!(self.kind, Kind::Bar(_)) {
+        if matches!(self.kind, Kind::Bar(_)) && self.trouble.is_news_after(&self.warned) {
             self.voice().say(format_args!("note: step {}{}", progress.step, self.trouble));
-            self.warned = true;
+            self.warned = self.trouble.worst(&self.warned);
         }
     }
 
@@ -163,6 +163,10 @@ impl Observer for Display {
         if self.detail == Detail::Rounds {
             self.voice().say(round(progress, counts));
         }
+    }
+
+    fn on_join(&mut self, progress: &Progress, joined: &Joined) {
+        self.voice().say(format_args!("step {}: {joined}", progress.step));
     }
 
     fn wants_quality(&mut self, progress: &Progress) -> bool {

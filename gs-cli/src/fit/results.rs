@@ -1,22 +1,25 @@
-//! What a fit leaves behind in its folder. Each file appears complete or not at all, and none of an earlier fit stays beside them;
-//! the summary comes last, so that whoever sees it finds the rest.
+//! What a fit leaves behind in its folder. Each file appears complete or not at all, none of an earlier fit stays beside them, and none that
+//! fails takes another with it; the summary comes last.
 
 use std::{path::Path, thread, time::Instant};
 
 use gs_core::{
-    Blend, Canvas, Image, PlanarScene, Rasterizer, RenderSettings, Scene,
-    effects::{Statistics, called_for::Verdict},
+    Blend, Canvas, Image, PlanarScene, Rasterizer, Scene,
+    effects::called_for::Verdict,
     examination::{self, Examinable},
+    statistics::Culled,
 };
 use gs_io::{PlanarFile, PlyColors, write_ply, write_png, write_scene};
-use gs_train::{FitSummary, Trainer};
+use gs_train::{FitSummary, MetricsLog, Trainer};
 use serde::Serialize;
 
 use crate::{
     backend::Backend,
     effects::choice::{EffectsArgs, told},
     failure::Failure,
-    fit::{arguments::Pictures, folder::OutputFolder, settings, target::Target, trouble::Trouble},
+    fit::{
+        arguments::Pictures, folder::OutputFolder, observers::write_table, settings, target::Target, trouble::Trouble,
+    },
     output,
     report::{
         curve::{self, Point},
@@ -57,6 +60,16 @@ impl Summary {
     }
 }
 
+/// How the scene looks.
+struct Looks {
+    /// At the image's size.
+    reconstruction: Image,
+    /// Gaussians that it was rendered without.
+    culled: Culled,
+    /// What ellipses are drawn over, where they are, and its canvas.
+    backdrop: Option<(Image, Canvas)>,
+}
+
 /// Where results go and what they tell of besides the fit.
 pub(crate) struct Results<'a> {
     pub(crate) folder: &'a OutputFolder,
@@ -75,59 +88,79 @@ impl Results<'_> {
     /// the quality.
     ///
     /// # Errors
-    /// Where a file cannot be written.
+    /// The first of what failed: where a file cannot be written, or the backend fails.
     pub(crate) fn write<R: Rasterizer<PlanarScene>>(
         &self,
         rasterizer: &R,
         trainer: &Trainer<'_, R>,
-        metrics: &str,
+        log: &MetricsLog,
         points: &[Point],
     ) -> Result<Summary, Failure> {
-        let render = shown(trainer.settings().render);
+        let render = trainer.shown();
         let (width, height) = trainer.target().size();
         let file = PlanarFile { scene: sound(trainer.scene()?)?, width, height, settings: render };
         // Before anything else: all the rest can be made of it again.
-        let saved = self.folder.write_precious("scene.gs2d.safetensors", |path| write_scene(path, &file));
-        let (reconstruction, culled) = trainer.render()?;
-        let large = ellipses::canvas_for(Canvas::new(width, height));
-        let backdrop = match self.pictures {
-            Pictures::All => Some(rasterizer.render(&file.scene, &large, &render)?),
-            Pictures::Reconstruction => None,
-        };
-        let settings = settings::to_toml(trainer.settings())?;
+        let mut tried = vec![self.folder.write_precious("scene.gs2d.safetensors", |path| write_scene(path, &file))];
+        let mut looks = self.look(rasterizer, trainer, &file);
+        let backdrop = looks.as_mut().ok().and_then(|looks| looks.backdrop.take());
+        let settings = settings::to_toml(trainer.settings());
         let title = format!("{}: {} Gaussians", self.target.name(), trainer.count());
 
-        let scene = &file.scene;
         let fit = thread::scope(|scope| {
-            let ellipses = backdrop.map(|mut picture| {
-                scope.spawn(move || {
-                    ellipses::draw(&mut picture, scene, &large);
-                    write_png(self.folder.file("ellipses.png"), &picture).map_err(Failure::from)
-                })
-            });
-            let files = scope.spawn(|| {
-                Failure::first_of([
-                    saved,
-                    write_png(self.folder.file("reconstruction.png"), &reconstruction).map_err(Failure::from),
-                    self.write_ply(&file, &reconstruction),
-                    self.folder.write_text("metrics.csv", metrics),
-                    self.folder.write_text("settings.toml", &settings),
+            let (file, looks) = (&file, looks.as_ref());
+            let drawn = looks.ok().map(|looks| scope.spawn(move || self.write_looks(file, looks)));
+            let ellipses = backdrop
+                .map(|(picture, canvas)| scope.spawn(move || vec![self.write_ellipses(&file.scene, picture, &canvas)]));
+            let others = scope.spawn(|| {
+                vec![
+                    write_table(self.folder, log),
+                    settings.and_then(|text| self.folder.write_text("settings.toml", &text)),
                     match self.pictures {
                         Pictures::All => self.write_curve(points, &title),
                         Pictures::Reconstruction => {
                             ["ellipses.png", "curve.png"].iter().try_for_each(|name| self.folder.leave_out(name))
                         }
                     },
-                ])
+                ]
             });
-            let fit = FitSummary::new(trainer, &reconstruction, culled).map_err(Failure::from);
-            let threads = [files].into_iter().chain(ellipses);
-            Failure::first_of(
-                threads.map(|thread| thread.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))),
-            )?;
+            let fit = looks.map_err(Failure::clone).and_then(|Looks { reconstruction, culled, .. }| {
+                FitSummary::new(trainer, reconstruction, *culled).map_err(Failure::from)
+            });
+            for thread in drawn.into_iter().chain([others]).chain(ellipses) {
+                tried.extend(thread.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)));
+            }
             fit
-        })?;
-        let summary = Summary {
+        });
+        let summary = fit.and_then(|fit| self.summary(fit, &file));
+        match &summary {
+            Ok(summary) => tried.push(self.folder.write_json("summary.json", summary)),
+            Err(failure) => tried.extend([Err(failure.clone()), self.folder.leave_out("summary.json")]),
+        }
+        Failure::first_of(tried)?;
+        summary
+    }
+
+    /// What needs the backend, which may fail where no file does.
+    fn look<R: Rasterizer<PlanarScene>>(
+        &self,
+        rasterizer: &R,
+        trainer: &Trainer<'_, R>,
+        file: &PlanarFile,
+    ) -> Result<Looks, Failure> {
+        let (reconstruction, culled) = trainer.render()?;
+        let backdrop = match self.pictures {
+            Pictures::All => {
+                let large = ellipses::canvas_for(Canvas::new(file.width, file.height));
+                Some((rasterizer.render(&file.scene, &large, &file.settings)?, large))
+            }
+            Pictures::Reconstruction => None,
+        };
+        Ok(Looks { reconstruction, culled, backdrop })
+    }
+
+    fn summary(&self, fit: FitSummary, file: &PlanarFile) -> Result<Summary, Failure> {
+        let canvas = Canvas::new(file.width, file.height);
+        Ok(Summary {
             fit: FitSummary {
                 backend: self.backend.name.to_owned(),
                 threads: u32::try_from(self.backend.threads).ok(),
@@ -137,10 +170,18 @@ impl Results<'_> {
             simd: self.backend.simd.clone(),
             total_seconds: self.seconds_before + self.started.elapsed().as_secs_f64(),
             image: self.target.file.as_ref().map(|file| file.display().to_string()),
-            effects: self.effects.choose(scene, &[Canvas::new(width, height)], &render)?.verdicts,
-        };
-        self.folder.write_json("summary.json", &summary)?;
-        Ok(summary)
+            effects: self.effects.choose(&file.scene, &[canvas], &file.settings)?.verdicts,
+        })
+    }
+
+    fn write_looks(&self, file: &PlanarFile, looks: &Looks) -> Vec<Result<(), Failure>> {
+        let reconstruction = write_png(self.folder.file("reconstruction.png"), &looks.reconstruction);
+        vec![reconstruction.map_err(Failure::from), self.write_ply(file, &looks.reconstruction)]
+    }
+
+    fn write_ellipses(&self, scene: &PlanarScene, mut picture: Image, canvas: &Canvas) -> Result<(), Failure> {
+        ellipses::draw(&mut picture, scene, canvas);
+        Ok(write_png(self.folder.file("ellipses.png"), &picture)?)
     }
 
     fn write_ply(&self, file: &PlanarFile, reconstruction: &Image) -> Result<(), Failure> {
@@ -168,10 +209,4 @@ pub(crate) fn sound<S: Examinable>(mut scene: S) -> Result<S, Failure> {
         removed => output::note(format_args!("note: {removed} Gaussians are not finite and are left out of the scene")),
     }
     Ok(scene)
-}
-
-/// What a scene is shown with: statistics are a matter of training.
-fn shown(mut render: RenderSettings) -> RenderSettings {
-    render.effects.statistics = Statistics::None;
-    render
 }

@@ -7,44 +7,90 @@ use clap::ValueEnum;
 use gs_core::{Adam, Blend, Chart, Image, Loss, RenderSettings, adam::Group, effects::Background};
 use gs_density::Policy;
 use gs_train::{
-    FitSettings, Init, InitialCount, Preset,
+    FitSettings, Init, InitialCount, Joining, Preset,
     init::{Colors, Grid, Guided, Periphery, Random},
 };
 use serde::{Serialize, de::DeserializeOwned};
 
 use crate::{
-    chosen::ChosenSettings,
+    chosen::{ChosenMachine, ChosenSettings},
     failure::Failure,
     fit::{
-        arguments::{BlendName, ChartName, InitName, LossName, PolicyName, PresetName, SettingsArgs},
+        arguments::{BlendName, ChartName, InitName, JoiningName, LossName, PolicyName, PresetName, SettingsArgs},
         target::Target,
     },
     text_file::read_text,
     values::Color,
 };
 
+/// What helps where there is no file of settings.
+const MEND_FILE: &str = "name a file of settings";
 /// Step size of opacity logits where a preset without opacities is blended front to back.
 const OPACITY_RATE: f32 = 0.05;
 /// Step size in standard deviations where a preset for pixels is moved to the local frame.
 const LOCAL_FRAME_RATE: f32 = 0.15;
 
-/// The settings that the flags ask for, for this target.
+/// What the file of settings holds, if there is one. It is read once: it may be a pipe.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) enum Given {
+    /// No file is named.
+    Nothing,
+    /// All settings of a fit.
+    Fit(Box<FitSettings>),
+    /// What `gs frontier` has chosen.
+    Chosen(Box<ChosenSettings>),
+}
+
+impl Given {
+    /// Reads the file that the flags name.
+    ///
+    /// # Errors
+    /// Where it cannot be read, or a number in it is not possible.
+    pub(crate) fn read(args: &SettingsArgs) -> Result<Self, Failure> {
+        let Some(file) = args.settings.as_deref() else { return Ok(Self::Nothing) };
+        let text = read_text(file, MEND_FILE)?;
+        if let Some(chosen) = ChosenSettings::parse_if_chosen(&text, file)? {
+            return Ok(Self::Chosen(Box::new(chosen)));
+        }
+        let settings: FitSettings = parse_toml(&text, file, "compare it with the settings.toml that a fit writes")?;
+        settings.validate().map_err(|error| Failure::usage(error).at(file.display()))?;
+        Ok(Self::Fit(Box::new(settings)))
+    }
+
+    /// The colour that transparent pixels of the target are seen on: the flag's, or else that of the settings if they have one.
+    pub(crate) fn background(&self, args: &SettingsArgs) -> Option<Color> {
+        args.background.or_else(|| match self {
+            Self::Fit(settings) if settings.render.effects.background == Background::Solid => {
+                Some(Color(settings.render.background))
+            }
+            _ => None,
+        })
+    }
+
+    /// What computes, if that was chosen.
+    pub(crate) fn machine(&self) -> Option<&ChosenMachine> {
+        match self {
+            Self::Chosen(chosen) => Some(&chosen.machine),
+            Self::Nothing | Self::Fit(_) => None,
+        }
+    }
+}
+
+/// The settings that the flags and the file ask for, for this target.
 ///
 /// # Errors
-/// Where a file of settings cannot be read, or the settings are not possible.
-pub(crate) fn resolve(args: &SettingsArgs, target: &Target) -> Result<FitSettings, Failure> {
-    let chosen = chosen(args)?;
-    let mut settings = match &args.settings {
-        Some(file) if chosen.is_none() => {
-            let settings = read(file)?;
+/// Where the settings are not possible.
+pub(crate) fn resolve(args: &SettingsArgs, given: &Given, target: &Target) -> Result<FitSettings, Failure> {
+    let mut settings = match given {
+        Given::Fit(settings) => {
             let gaussians = args.gaussians.unwrap_or(settings.gaussians);
             let iterations = args.iterations.unwrap_or(settings.iterations);
-            FitSettings { gaussians, ..settings }.with_iterations(iterations)
+            FitSettings { gaussians, ..(**settings).clone() }.with_iterations(iterations)
         }
         _ => from_preset(args, target.image.size(), args.preset.map_or(target.preset(), Preset::from)),
     };
-    if let Some(ChosenSettings { accuracy, .. }) = chosen {
-        settings.render.accuracy = accuracy;
+    if let Given::Chosen(chosen) = given {
+        settings.render.accuracy = chosen.accuracy;
     }
     if let InitialCount::Fixed(count) = &mut settings.initial {
         *count = (*count).min(settings.gaussians);
@@ -58,6 +104,10 @@ pub(crate) fn resolve(args: &SettingsArgs, target: &Target) -> Result<FitSetting
     if let Some(blend) = args.blend {
         blend_by(&mut settings, blend.into(), target);
     }
+    if let Some(antialias) = args.antialias {
+        settings.render.effects.antialias = antialias.into();
+    }
+    settings.joining = joining(args.joining, settings.joining, settings.iterations);
     if let Some(color) = args.background {
         settings.render = settings.render.on(color.0);
     }
@@ -70,28 +120,6 @@ pub(crate) fn resolve(args: &SettingsArgs, target: &Target) -> Result<FitSetting
     settings.seed = args.seed.unwrap_or(settings.seed);
     settings.validate()?;
     Ok(settings)
-}
-
-/// What `gs frontier` has chosen, if the file of settings is one of its own.
-///
-/// # Errors
-/// Where it cannot be read, or a number in it is not possible.
-pub(crate) fn chosen(args: &SettingsArgs) -> Result<Option<ChosenSettings>, Failure> {
-    Ok(args.settings.as_deref().map(ChosenSettings::read_if_chosen).transpose()?.flatten())
-}
-
-/// The colour that transparent pixels of the target are seen on: the flag's, or else that of a file of settings that has one.
-///
-/// # Errors
-/// Where the file of settings cannot be read.
-pub(crate) fn background(args: &SettingsArgs) -> Result<Option<Color>, Failure> {
-    match (args.background, &args.settings) {
-        (None, Some(file)) if chosen(args)?.is_none() => {
-            let render = read(file)?.render;
-            Ok((render.effects.background == Background::Solid).then_some(Color(render.background)))
-        }
-        (color, _) => Ok(color),
-    }
 }
 
 /// The settings as TOML, for [`SettingsArgs::settings`] to read. Numbers have as many digits as tell them apart as `f32`.
@@ -115,22 +143,22 @@ fn shorten(value: &mut toml::Value) {
     }
 }
 
-fn read(file: &Path) -> Result<FitSettings, Failure> {
-    let settings: FitSettings = read_toml(file, "compare it with the settings.toml that a fit writes")?;
-    settings.validate().map_err(|error| Failure::usage(error).at(file.display()))?;
-    Ok(settings)
-}
-
 /// Reads a file of settings of any kind; `mend` is what helps where its content is wrong.
 ///
 /// # Errors
 /// Where it cannot be read, or is not of this kind.
 pub(crate) fn read_toml<T: DeserializeOwned>(file: &Path, mend: &str) -> Result<T, Failure> {
-    let at = |failure: Failure| failure.at(file.display());
-    let text = read_text(file, "name a file of settings")?;
-    toml::from_str(&text).map_err(|error| {
+    parse_toml(&read_text(file, MEND_FILE)?, file, mend)
+}
+
+/// The same of the text of a file that was read.
+///
+/// # Errors
+/// Where it is not of this kind.
+pub(crate) fn parse_toml<T: DeserializeOwned>(text: &str, file: &Path, mend: &str) -> Result<T, Failure> {
+    toml::from_str(text).map_err(|error| {
         let line = error.span().map_or(1, |span| 1 + text[..span.start.min(text.len())].matches('\n').count());
-        at(Failure::usage(format_args!("line {line}: {}", error.message())).mend(mend))
+        Failure::usage(format_args!("line {line}: {}", error.message())).mend(mend).at(file.display())
     })
 }
 
@@ -186,6 +214,15 @@ fn blend_by(settings: &mut FitSettings, blend: Blend, target: &Target) {
             settings.render = RenderSettings { accuracy, ..RenderSettings::blended(blend) }.on(behind);
             settings.adam.opacity.learning_rate = OPACITY_RATE;
         }
+    }
+}
+
+/// The flag's, with the bounds of the settings where these have some already.
+pub(crate) fn joining(name: Option<JoiningName>, settings: Joining, iterations: u32) -> Joining {
+    match (name, settings) {
+        (None, _) | (Some(JoiningName::WhenCalledFor), Joining::WhenCalledFor(_)) => settings,
+        (Some(JoiningName::WhenCalledFor), Joining::Scheduled) => Joining::when_called_for(iterations),
+        (Some(JoiningName::Scheduled), _) => Joining::Scheduled,
     }
 }
 
@@ -278,7 +315,7 @@ mod tests {
     }
 
     fn resolved(args: &SettingsArgs) -> FitSettings {
-        resolve(args, &target()).unwrap()
+        resolve(args, &Given::Nothing, &target()).unwrap()
     }
 
     #[test]

@@ -36,23 +36,42 @@ impl Trouble {
         (self.not_finite, self.degenerate, self.clamped) = (culled.not_finite, culled.degenerate, clamped);
     }
 
-    /// Whether Gaussians are lost by it. Being held at a bound is what bounds are for.
-    pub(crate) fn is_serious(&self) -> bool {
-        self.removed > 0 || self.not_finite > 0 || self.degenerate > 0
+    /// Whether it is worth saying again after the worst that was told: a cause is new, or its count has doubled.
+    pub(crate) fn is_news_after(&self, told: &Self) -> bool {
+        let mut pairs = self.causes().into_iter().zip(told.causes());
+        pairs.any(|((now, _), (told, _))| now > 0 && u64::from(now) >= 2 * u64::from(told))
+    }
+
+    /// The larger of each count.
+    pub(crate) fn worst(&self, other: &Self) -> Self {
+        let Clamped { smallest, largest } = self.clamped;
+        Self {
+            removed: self.removed.max(other.removed),
+            not_finite: self.not_finite.max(other.not_finite),
+            degenerate: self.degenerate.max(other.degenerate),
+            clamped: Clamped {
+                smallest: smallest.max(other.clamped.smallest),
+                largest: largest.max(other.clamped.largest),
+            },
+        }
+    }
+
+    fn causes(&self) -> [(u32, &'static str); 5] {
+        let Self { removed, not_finite, degenerate, clamped: Clamped { smallest, largest } } = *self;
+        [
+            (removed, "removed as not finite"),
+            (not_finite, "left out as not finite"),
+            (degenerate, "left out as degenerate"),
+            (smallest, "as small as may be"),
+            (largest, "as large as may be"),
+        ]
     }
 }
 
 /// To be put behind other words: nothing where nothing is wrong.
 impl fmt::Display for Trouble {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { removed, not_finite, degenerate, clamped: Clamped { smallest, largest } } = *self;
-        let causes = [
-            (removed, "removed as not finite"),
-            (not_finite, "left out as not finite"),
-            (degenerate, "left out as degenerate"),
-            (smallest, "as small as may be"),
-            (largest, "as large as may be"),
-        ];
+        let causes = self.causes();
         causes.iter().filter(|(count, _)| *count > 0).try_for_each(|(count, cause)| write!(f, ", {count} {cause}"))
     }
 }
@@ -64,14 +83,28 @@ mod tests {
     #[test]
     fn what_is_zero_is_not_told() {
         let mut trouble = Trouble::default();
-        assert_eq!((trouble.to_string(), trouble.is_serious()), (String::new(), false));
+        assert_eq!(trouble.to_string(), "");
         trouble.see(Culled { outside: 7, ..Culled::default() }, Clamped { smallest: 3, largest: 0 });
-        assert_eq!((trouble.to_string().as_str(), trouble.is_serious()), (", 3 as small as may be", false));
+        assert_eq!(trouble.to_string(), ", 3 as small as may be");
         let lost = EditCounts { pruned_not_finite: 2, cloned: 9, ..EditCounts::default() };
         trouble.add_edits(&lost);
         trouble.add_edits(&lost);
         trouble.see(Culled { degenerate: 1, ..Culled::default() }, Clamped::default());
         assert_eq!(trouble.to_string(), ", 4 removed as not finite, 1 left out as degenerate");
-        assert!(trouble.is_serious());
+    }
+
+    #[test]
+    fn a_new_cause_and_a_doubled_count_are_news_and_nothing_else_is() {
+        let clamped = |smallest| Trouble { clamped: Clamped { smallest, largest: 0 }, ..Trouble::default() };
+        let mut told = Trouble::default();
+        assert!(!Trouble::default().is_news_after(&told) && clamped(1).is_news_after(&told));
+        told = clamped(3).worst(&told);
+        assert!(!clamped(5).is_news_after(&told) && clamped(6).is_news_after(&told));
+        // What comes and goes is told once.
+        told = clamped(0).worst(&told);
+        assert!(!clamped(3).is_news_after(&told));
+        assert!(Trouble { degenerate: 1, ..clamped(3) }.is_news_after(&told));
+        let most = clamped(u32::MAX);
+        assert!(!most.is_news_after(&most.worst(&told)), "counts that cannot double");
     }
 }

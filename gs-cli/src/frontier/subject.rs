@@ -20,7 +20,11 @@ use crate::{
     cameras,
     chosen::ChosenEffects,
     failure::Failure,
-    fit::{arguments::SettingsArgs, settings, target::Target},
+    fit::{
+        arguments::SettingsArgs,
+        settings::{self, Given},
+        target::Target,
+    },
     frontier::FrontierArgs,
     output,
     values::Size,
@@ -111,7 +115,7 @@ fn fitted(args: &FrontierArgs) -> Result<(PlanarScene, RenderSettings, (u32, u32
         output::note(remark);
     }
     let flags = SettingsArgs { gaussians: args.gaussians, ..SettingsArgs::default() };
-    let fit = settings::resolve(&flags, &target)?;
+    let fit = settings::resolve(&flags, &Given::Nothing, &target)?;
     output::note(format_args!(
         "fitting {} with at most {} Gaussians in {} steps first",
         target.name(),

@@ -11,7 +11,7 @@ use crate::{
     backend::{Backend, SpatialTask, Task},
     failure::Failure,
     profile::{
-        report::{Facts, Report},
+        report::{Facts, Report, SceneKind},
         space::SpatialSubject,
         subject::{Compared, Subject},
     },
@@ -55,7 +55,8 @@ impl Task for Measure<'_, Subject> {
 
     fn run<R: Profiler<PlanarScene>>(self, rasterizer: &R) -> Result<Report, Failure> {
         let Self { subject, backend, repetitions } = self;
-        let about = About { input: subject.file.clone(), name: subject.name.clone(), repetitions };
+        let about =
+            About { kind: SceneKind::Planar, input: subject.file.clone(), name: subject.name.clone(), repetitions };
         about.report(rasterizer, subject.prepare(rasterizer)?, backend)
     }
 }
@@ -65,13 +66,19 @@ impl SpatialTask for Measure<'_, SpatialSubject> {
 
     fn run<R: Profiler<SpatialScene>>(self, rasterizer: &R) -> Result<Report, Failure> {
         let Self { subject, backend, repetitions } = self;
-        let about = About { input: Some(subject.name.clone()), name: subject.name.clone(), repetitions };
+        let about = About {
+            kind: SceneKind::Spatial,
+            input: Some(subject.name.clone()),
+            name: subject.name.clone(),
+            repetitions,
+        };
         about.report(rasterizer, subject.prepare(rasterizer)?, backend)
     }
 }
 
 /// What of a report is the same for both kinds of scenes.
 struct About {
+    kind: SceneKind,
     input: Option<String>,
     name: String,
     repetitions: usize,
@@ -84,7 +91,7 @@ impl About {
         ready: Ready<S>,
         backend: &Backend,
     ) -> Result<Report, Failure> {
-        let Self { input, name, repetitions } = self;
+        let Self { kind, input, name, repetitions } = self;
         let Ready { scene, view, target, render, loss, chart, fitted_steps } = ready;
         let mut cloud = rasterizer.upload(&scene, chart)?;
         let uploaded = rasterizer.upload_target(&target.image)?;
@@ -93,6 +100,7 @@ impl About {
         let step = TrainStep { settings: &render, loss, rates: &rates, binning: Binning::Fresh };
         let whole = whole(rasterizer, &mut cloud, (&view, &uploaded), &step, repetitions)?;
         let facts = Facts {
+            kind,
             input,
             name,
             gaussians: scene.len(),

@@ -8,7 +8,6 @@ mod subject;
 use std::path::PathBuf;
 
 use clap::Args;
-use gs_io::write_atomically;
 
 use crate::{
     backend::{Backend, BackendArgs},
@@ -102,7 +101,10 @@ pub(crate) fn run(args: &ProfileArgs) -> Result<(), Failure> {
         }
         _ => AnySubject::Planar(Box::new(Subject::load(args)?)),
     };
-    let backend = Backend::start(&args.backend)?;
+    let backend = match &subject {
+        AnySubject::Planar(_) => Backend::start(&args.backend),
+        AnySubject::Spatial(subject) => Backend::start_in_space(&args.backend, subject.chart),
+    }?;
     let folder = args.output.as_ref().map(|path| OutputFolder::prepare(path, "--output")).transpose()?;
     let repetitions = args.repetitions as usize;
     let report = match subject {
@@ -112,12 +114,8 @@ pub(crate) fn run(args: &ProfileArgs) -> Result<(), Failure> {
         }
     }?;
     if let Some(folder) = &folder {
-        let write = |name: &str, text: String| {
-            write_atomically(folder.file(name), |file| file.write_all(text.as_bytes())).map_err(Failure::from)
-        };
-        write("profile.csv", report.csv())?;
-        let json = serde_json::to_string_pretty(&report).map_err(|error| Failure::failed(error).at("profile.json"))?;
-        write("profile.json", json + "\n")?;
+        folder.write_text("profile.csv", &report.csv())?;
+        folder.write_json("profile.json", &report)?;
         output::note(format_args!("wrote profile.csv and profile.json in {}", folder.path().display()));
     }
     if args.json { output::json(&report) } else { output::result(report.text()) }

@@ -11,8 +11,18 @@ use serde::Serialize;
 
 use crate::{backend::Backend, profile::measure::Whole};
 
+/// A kind of scenes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum SceneKind {
+    /// Of an image.
+    Planar,
+    /// In space.
+    Spatial,
+}
+
 /// What was profiled.
 pub(crate) struct Facts {
+    pub(crate) kind: SceneKind,
     pub(crate) input: Option<String>,
     pub(crate) name: String,
     pub(crate) gaussians: usize,
@@ -31,6 +41,8 @@ pub(crate) struct Facts {
 pub(crate) struct Report {
     /// The scene or the image; none is the paper's circle and square.
     input: Option<String>,
+    #[serde(skip)]
+    kind: SceneKind,
     #[serde(skip)]
     name: String,
     gaussians: usize,
@@ -141,9 +153,11 @@ impl Report {
             Clock::RoundTrip { why } => (ClockName::RoundTrip, Some(why.clone())),
             Clock::Device => (ClockName::Device, None),
         };
-        let Facts { input, name, gaussians, fitted_steps, target, size, effects, loss, chart, repetitions } = facts;
+        let Facts { kind, input, name, gaussians, fitted_steps, target, size, effects, loss, chart, repetitions } =
+            facts;
         Self {
             input,
+            kind,
             name,
             gaussians,
             fitted_steps,
@@ -243,10 +257,11 @@ impl Report {
         let fitted = self.fitted_steps.map_or_else(String::new, |steps| format!(", fitted in {steps} steps"));
         let (blend, loss, chart) = (self.blend.name(), self.loss.name(), self.chart.name());
         // What an image's scene never needs is not told of one.
-        let effects = match self.order {
-            Order::Index => String::new(),
-            order => {
-                format!(", order {}, antialias {}, SH degree {}", order.name(), self.antialias.name(), self.sh_degree)
+        let effects = match self.kind {
+            SceneKind::Planar => String::new(),
+            SceneKind::Spatial => {
+                let (order, antialias) = (self.order.name(), self.antialias.name());
+                format!(", order {order}, antialias {antialias}, SH degree {}", self.sh_degree)
             }
         };
         format!(

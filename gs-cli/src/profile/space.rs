@@ -28,7 +28,8 @@ pub(crate) struct SpatialSubject {
     camera: Camera,
     render: RenderSettings,
     loss: Loss,
-    chart: Chart,
+    /// In which it is trained.
+    pub(crate) chart: Chart,
     /// What it is compared with; none is its own rendering.
     target: Option<Compared>,
 }

@@ -8,9 +8,14 @@ use gs_train::{FitSettings, Trainer};
 
 use crate::{
     failure::Failure,
-    fit::{arguments::SettingsArgs, settings, target::Target},
+    fit::{
+        arguments::SettingsArgs,
+        settings::{self, Given},
+        target::Target,
+    },
     output,
     profile::{ProfileArgs, measure::Ready},
+    values::canvas,
 };
 
 /// Steps in which an image is fitted: enough that the Gaussians are as many, as large and as crowded as those of a whole fit.
@@ -68,7 +73,7 @@ impl Subject {
     fn of_scene(path: &Path, file: PlanarFile, args: &ProfileArgs) -> Result<Self, Failure> {
         let name = path.display().to_string();
         check_is_not_fitted(args, &name)?;
-        let canvas = canvas((file.width, file.height), args)?;
+        let canvas = canvas((file.width, file.height), args.size)?;
         let target = args.image.as_deref().map(|image| compared(image, (canvas.width, canvas.height))).transpose()?;
         let mut render = file.settings;
         if let Some(blend) = args.blend {
@@ -107,8 +112,8 @@ impl Subject {
             chart: args.chart,
             ..SettingsArgs::default()
         };
-        let settings = settings::resolve(&flags, &image)?;
-        let canvas = canvas(image.image.size(), args)?;
+        let settings = settings::resolve(&flags, &Given::Nothing, &image)?;
+        let canvas = canvas(image.image.size(), args.size)?;
         let name = image.name();
         let same_size = (canvas.width, canvas.height) == image.image.size();
         Ok(Self {
@@ -170,15 +175,6 @@ pub(super) fn check_is_not_fitted(args: &ProfileArgs, name: &str) -> Result<(), 
         }
     }
     Ok(())
-}
-
-/// The whole of a plane of this size, in as many pixels or as the flag says.
-fn canvas((width, height): (u32, u32), args: &ProfileArgs) -> Result<Canvas, Failure> {
-    let whole = Canvas::new(width, height);
-    let Some(size) = args.size else { return Ok(whole) };
-    let canvas = whole.resized(size.width, size.height);
-    canvas.validate().map_err(|error| Failure::usage(error).at("--size"))?;
-    Ok(canvas)
 }
 
 /// An image to compare with, which must have the size of what is rendered.

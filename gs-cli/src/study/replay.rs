@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use gs_core::{PlanarScene, Rasterizer, effects::Statistics};
+use gs_core::{PlanarScene, Rasterizer};
 use gs_io::{PlanarFile, write_atomically, write_png, write_scene};
 use gs_study::{Machine, Places, Plan, Replayed, Study, StudyFolder, replay};
 
@@ -63,15 +63,13 @@ impl Task for Again<'_> {
 
 /// What `gs fit` writes, without what explains it.
 fn write(plan: &Plan, row: usize, replayed: &Replayed, output: &Path) -> Result<(), Failure> {
-    let Replayed { scene, image, finished } = replayed;
+    let Replayed { scene, image, settings: render, finished } = replayed;
     let run = plan.run(row)?;
     let folder = OutputFolder::prepare(output, "--output")?;
-    let mut render = run.settings.render;
-    render.effects.statistics = Statistics::None;
     let (width, height) = image.size();
     write_scene(
         folder.file("scene.gs2d.safetensors"),
-        &PlanarFile { scene: scene.clone(), width, height, settings: render },
+        &PlanarFile { scene: scene.clone(), width, height, settings: *render },
     )?;
     write_png(folder.file("reconstruction.png"), image)?;
     let text = settings::to_toml(&run.settings)?;

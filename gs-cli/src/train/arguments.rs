@@ -8,7 +8,7 @@ use gs_io::dataset::{AlphaMeaning, DatasetSettings};
 use crate::{
     backend::BackendArgs,
     effects::choice::EffectsArgs,
-    fit::arguments::{ChartName, CheckpointArgs, Detail, LossName, PolicyName},
+    fit::arguments::{ChartName, CheckpointArgs, Detail, JoiningName, LossName, PolicyName},
     output::Format,
     values::Backing,
 };
@@ -23,12 +23,12 @@ DIR then holds:
   evaluation.json  PSNR, SSIM and L1 of each held-out view, and their means
   metrics.csv      count, edits and loss at every 100th part of the steps and at each round of density control; at every
                    20th part and at both ends also PSNR, L1 and what was culled, over the held-out views, and what was
-                   clamped; rows come as the training goes on
+                   clamped; rows come as the training goes on, in metrics.part.csv until it ends well
   curve.png        count and loss over the steps
   settings.toml    all settings, to repeat the training with --settings
   summary.json     what --json prints
 
-Files of an earlier training in DIR are replaced, or removed where this one has none of the kind; checkpoints stay, and so does whatever no
+Files of an earlier training in DIR are replaced, or removed where this one has none of the kind; its checkpoints stay, and so does whatever no
 training wrote into views/. DIR cannot be the data set's own folder, nor hold its photographs.
 
 A data set that does not say which views are for tests has every 8th held out (--holdout). Without any, a few of the views that it
@@ -37,7 +37,7 @@ trains with tell how good the scene is.
 Ctrl-C stops the training, saves a checkpoint, and writes what there is so far; a second one quits at once.";
 
 /// The flags that a checkpoint settles.
-const SETTLED: [&str; 17] = [
+const SETTLED: [&str; 18] = [
     "preset",
     "settings",
     "gaussians",
@@ -49,6 +49,7 @@ const SETTLED: [&str; 17] = [
     "sh_degree",
     "order",
     "antialias",
+    "joining",
     "background",
     "coarse",
     "participants",
@@ -178,6 +179,9 @@ pub(crate) struct TrainSettingsArgs {
     /// What is done about Gaussians narrower than a pixel
     #[arg(long, value_enum, value_name = "ANTIALIAS")]
     pub(crate) antialias: Option<AntialiasName>,
+    /// When harmonics and antialiasing join
+    #[arg(long, value_enum, value_name = "WHEN")]
+    pub(crate) joining: Option<JoiningName>,
     /// What is behind: black, white, random (another colour in each step), or R,G,B [default: white for Blender, else black]
     #[arg(long, value_name = "COLOUR")]
     pub(crate) background: Option<Backing>,

@@ -12,7 +12,7 @@ use std::{
     time::Instant,
 };
 
-use gs_core::{Rasterizer, SpatialScene};
+use gs_core::{Chart, Rasterizer, SpatialScene};
 use gs_io::{
     Checkpoint,
     dataset::{Dataset, Split, read_dataset},
@@ -30,7 +30,11 @@ pub(crate) use self::{
 use crate::{
     backend::{Backend, SpatialTask},
     failure::Failure,
-    fit::{check_checkpoint_file, checkpoints, folder::OutputFolder, follow, quoted, with_way_on},
+    fit::{
+        checkpoints::{Checkpoints, check_checkpoint_file},
+        folder::OutputFolder,
+        follow, quoted,
+    },
     output::{self, Format},
     train::results::Results,
 };
@@ -44,7 +48,7 @@ const LONG: u32 = 2_000;
 /// Where data set, flags or output folder are not possible, where the training diverges or loses its GPU, or where Ctrl-C stopped it.
 pub(crate) fn run(args: &TrainArgs) -> Result<(), Failure> {
     let started = Instant::now();
-    check_checkpoint_file(&args.checkpoints, &args.output)?;
+    check_checkpoint_file(&args.checkpoints)?;
     let dataset = read_dataset(&args.dataset, &args.photographs.settings())?;
     pictures::keep_off(&dataset, &args.output)?;
     let begin = match &args.resume {
@@ -56,7 +60,7 @@ pub(crate) fn run(args: &TrainArgs) -> Result<(), Failure> {
             Begin::Fresh { settings: Box::new(settings), start, told }
         }
     };
-    let backend = Backend::start(&args.backend)?;
+    let backend = Backend::start_in_space(&args.backend, begin.chart())?;
     backend.run_spatial(Train { args, dataset: &dataset, begin, backend: &backend, started })
 }
 
@@ -73,6 +77,13 @@ enum Begin {
 }
 
 impl Begin {
+    fn chart(&self) -> Chart {
+        match self {
+            Self::Fresh { settings, .. } => settings.chart,
+            Self::Resumed(checkpoint, _) => checkpoint.state.chart,
+        }
+    }
+
     /// The training where it begins, its log up to there, and the beginning in words.
     fn begin<'r, R: Rasterizer<SpatialScene>>(
         self,
@@ -117,19 +128,19 @@ impl SpatialTask for Train<'_> {
         let folder = OutputFolder::prepare(&args.output, "--output")?;
         let iterations = trainer.settings().iterations;
         let unasked = (iterations >= LONG).then_some(iterations / 10);
-        let mut checkpoints = checkpoints(&args.checkpoints, &folder, iterations, unasked)?;
+        let resumed = args.resume.as_deref();
+        let mut checkpoints = Checkpoints::prepare(&args.checkpoints, &folder, iterations, unasked, resumed)?;
         announce(args, dataset, &told, &trainer);
 
         let seconds_before = args.resume.as_ref().map_or(0.0, |_| trainer.seconds());
         let results = Results { args, folder: &folder, backend, started, seconds_before };
         let ended = follow(args.detail(), &mut trainer, &mut log, &folder, &mut checkpoints);
         let ended = ended.and_then(|(outcome, curve)| {
-            let summary = results.write(&trainer, &log.to_csv(), &curve.0)?;
+            let summary = results.write(&trainer, &log, &curve.0)?;
             Ok((outcome, summary))
         });
-        let (outcome, summary) = ended.map_err(|failure| {
-            with_way_on(failure, &checkpoints, args.resume.as_deref(), |file| resuming(args, file))
-        })?;
+        let resuming = |file: &Path| resuming(args, file);
+        let (outcome, summary) = ended.map_err(|failure| checkpoints.with_way_on(failure, resuming))?;
         if outcome == Outcome::Finished && checkpoints.stored && !args.checkpoints.are_asked_for() {
             // What stays behind is no harm.
             let _ = std::fs::remove_file(&checkpoints.file);
@@ -138,14 +149,7 @@ impl SpatialTask for Train<'_> {
             Format::Json => output::json(&summary)?,
             Format::Text => output::note(summary.text(folder.path())),
         }
-        match outcome {
-            Outcome::Finished => Ok(()),
-            Outcome::Stopped => Err(Failure::interrupted(format_args!(
-                "stopped after step {}; to go on: {}",
-                trainer.step(),
-                resuming(args, &checkpoints.file)
-            ))),
-        }
+        checkpoints.conclude(outcome, trainer.step(), &args.checkpoints, resuming)
     }
 }
 

@@ -1,14 +1,14 @@
-//! What a training leaves behind in its folder. Each file appears complete or not at all; the summary comes last, so that whoever sees it
-//! finds the rest.
+//! What a training leaves behind in its folder. Each file appears complete or not at all, and none takes another with it; the summary comes
+//! last.
 
 use std::{path::Path, time::Instant};
 
 use gs_core::{Camera, Canvas, Rasterizer, Scene, SpatialScene, effects::called_for::Verdict};
 use gs_io::{SpatialOptions, write_png, write_spatial};
 use gs_train::{
-    SpatialTrainer,
+    MetricsLog, SpatialTrainer,
     effects::sampled,
-    spatial::{SpatialSummary, Views, resized},
+    spatial::{Evaluation, SpatialSummary, Views, resized},
 };
 use serde::Serialize;
 
@@ -16,7 +16,7 @@ use crate::{
     backend::Backend,
     effects::choice::told,
     failure::Failure,
-    fit::{folder::OutputFolder, results::sound, settings, trouble::Trouble},
+    fit::{folder::OutputFolder, observers::write_table, results::sound, settings, trouble::Trouble},
     output,
     report::{
         curve::{self, Point},
@@ -82,57 +82,97 @@ pub(crate) struct Results<'a> {
 }
 
 impl Results<'_> {
-    /// Writes them all, the scene first.
+    /// Writes them all, the scene first, and the others even where one fails.
     ///
     /// # Errors
-    /// Where a file cannot be written, a photograph not be read, or the backend fails.
+    /// The first of what failed: where a file cannot be written, a photograph not be read, or the backend fails.
     pub(crate) fn write<R: Rasterizer<SpatialScene>>(
         &self,
         trainer: &SpatialTrainer<'_, R>,
-        metrics: &str,
+        log: &MetricsLog,
         points: &[Point],
     ) -> Result<Summary, Failure> {
         // Before anything else: all the rest can be made of it again.
         let scene = sound(trainer.scene()?)?;
-        Failure::first_of([
+        let mut tried = vec![
             self.write_scene(&scene),
-            self.folder.write_text("metrics.csv", metrics),
-            self.folder.write_text("settings.toml", &settings::to_toml(trainer.settings())?),
+            write_table(self.folder, log),
+            settings::to_toml(trainer.settings()).and_then(|text| self.folder.write_text("settings.toml", &text)),
             match self.args.no_report {
                 true => ["ellipses.png", "curve.png"].iter().try_for_each(|name| self.folder.leave_out(name)),
                 false => self.write_curve(trainer.count(), points),
             },
-        ])?;
-        let evaluation = if self.args.no_report {
-            ViewPictures::clear(self.folder)?;
-            trainer.evaluate(&mut |_, _| Ok(()))?
-        } else {
-            self.write_ellipses(trainer, &scene)?;
-            let background = trainer.shown().backdrop();
-            let judges = trainer.judges().into_iter().map(|view| view.name.as_str());
-            let (pictures, names) = ViewPictures::prepare(self.folder, judges)?;
-            let mut names = names.iter();
-            trainer.evaluate(&mut |view, rendered| match names.next() {
-                Some(name) => pictures.write(name, view.photograph()?.over(background), rendered),
-                None => Ok(()),
-            })?
+        ];
+        let evaluation = match self.args.no_report {
+            true => {
+                tried.push(ViewPictures::clear(self.folder));
+                trainer.evaluate(&mut |_, _| Ok(())).map_err(Failure::from)
+            }
+            false => {
+                tried.push(self.write_ellipses(trainer, &scene));
+                self.write_views(trainer, &mut tried)
+            }
         };
-        self.folder.write_json("evaluation.json", &evaluation)?;
-        let training = SpatialSummary::new(trainer, evaluation)?;
-        let summary = Summary {
+        let summary = evaluation.and_then(|evaluation| {
+            tried.push(self.folder.write_json("evaluation.json", &evaluation));
+            self.summary(trainer, &scene, evaluation)
+        });
+        match &summary {
+            Ok(summary) => tried.push(self.folder.write_json("summary.json", summary)),
+            Err(failure) => tried.extend([
+                Err(failure.clone()),
+                ["evaluation.json", "summary.json"].iter().try_for_each(|name| self.folder.leave_out(name)),
+            ]),
+        }
+        Failure::first_of(tried)?;
+        summary
+    }
+
+    /// Judges the scene and writes its views beside their photographs. A picture that cannot be written is no reason not to judge: what became of
+    /// them is added to `tried`.
+    fn write_views<R: Rasterizer<SpatialScene>>(
+        &self,
+        trainer: &SpatialTrainer<'_, R>,
+        tried: &mut Vec<Result<(), Failure>>,
+    ) -> Result<Evaluation, Failure> {
+        let background = trainer.shown().backdrop();
+        let judges = trainer.judges().into_iter().map(|view| view.name.as_str());
+        let (pictures, names) = match ViewPictures::prepare(self.folder, judges) {
+            Ok((pictures, names)) => (Some(pictures), names),
+            Err(failure) => {
+                tried.push(Err(failure));
+                (None, Vec::new())
+            }
+        };
+        let mut names = names.iter();
+        let evaluation = trainer.evaluate(&mut |view, rendered| {
+            if let Some((pictures, name)) = pictures.as_ref().zip(names.next()) {
+                let photograph = view.photograph()?.over(background);
+                tried.push(pictures.write(name, photograph, rendered).map_err(Failure::from));
+            }
+            Ok(())
+        });
+        Ok(evaluation?)
+    }
+
+    fn summary<R: Rasterizer<SpatialScene>>(
+        &self,
+        trainer: &SpatialTrainer<'_, R>,
+        scene: &SpatialScene,
+        evaluation: Evaluation,
+    ) -> Result<Summary, Failure> {
+        Ok(Summary {
             training: SpatialSummary {
                 backend: self.backend.name.to_owned(),
                 threads: u32::try_from(self.backend.threads).ok(),
-                ..training
+                ..SpatialSummary::new(trainer, evaluation)?
             },
             adapter: self.backend.adapter.clone(),
             simd: self.backend.simd.clone(),
             total_seconds: self.seconds_before + self.started.elapsed().as_secs_f64(),
             dataset: self.args.dataset.display().to_string(),
-            effects: self.args.effects.choose(&scene, &cameras(trainer.views()), &trainer.shown())?.verdicts,
-        };
-        self.folder.write_json("summary.json", &summary)?;
-        Ok(summary)
+            effects: self.args.effects.choose(scene, &cameras(trainer.views()), &trainer.shown())?.verdicts,
+        })
     }
 
     /// The first of the views that judge, with Gaussians drawn over it.

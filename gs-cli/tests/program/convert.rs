@@ -109,6 +109,20 @@ fn what_is_broken_is_named_counted_and_dropped_when_told() {
 }
 
 #[test]
+fn scales_of_zero_are_raised_and_told() {
+    let place = folder();
+    let (first, to) = (ply(place.path()), place.path().join("b.ply"));
+    break_ply(&first, 3, 7, &[f32::NEG_INFINITY]);
+    for flags in [&["--json"][..], &["--json", "--drop-broken"]] {
+        let json = convert(&first, &to, flags).json();
+        assert_eq!((&json["gaussians"], &json["dropped"]), (&10.into(), &0.into()), "{json}");
+        let lost = "scales of 0 are raised to the smallest number above it: 1 Gaussians";
+        assert_eq!(json["lost"], serde_json::json!([lost]), "{flags:?}");
+        assert!(read_spatial(&to).unwrap().losses.is_empty());
+    }
+}
+
+#[test]
 fn what_cannot_be_converted_is_refused() {
     let place = folder();
     let path = |name: &str| place.path().join(name);

@@ -80,6 +80,20 @@ fn a_broken_scene_is_told_and_mended_and_what_is_sound_stays_bit_for_bit() {
 }
 
 #[test]
+fn scales_of_zero_are_found_and_raised() {
+    let place = folder();
+    let (path, mended) = (place.path().join("scene.ply"), place.path().join("mended.ply"));
+    write_spatial(&path, &spatial(), &SpatialOptions::default()).unwrap();
+    break_ply(&path, 3, 7, &[f32::NEG_INFINITY]);
+    let sick = doctor(&path, &[]);
+    assert_eq!(sick.status, Some(1));
+    assert!(sick.stdout.contains("1 whose scale is 0, first Gaussian 3"), "{sick:?}");
+    let json = doctor(&path, &["--fix", "-o", mended.to_str().unwrap(), "--json"]).json();
+    assert_eq!((&json["fixed"]["removed"], &json["fixed"]["widened"]), (&0.into(), &1.into()), "{json}");
+    assert!(read_spatial(&mended).unwrap().losses.is_empty());
+}
+
+#[test]
 fn a_planar_scene_is_mended_too() {
     let place = folder();
     let (path, mended) = (place.path().join("a.gs2d.safetensors"), place.path().join("b.gs2d.safetensors"));

@@ -7,6 +7,7 @@ use std::{
     process::{Command, Stdio},
 };
 
+use gs_core::Image;
 use serde_json::Value;
 
 use crate::process::{Run, command, folder, gs, names_in, picture};
@@ -58,12 +59,38 @@ fn an_image_becomes_results_and_a_summary() {
         rows.next().unwrap(),
         "step,seconds,count,cloned,split,seeded,pruned_transparent,pruned_too_large,pruned_not_finite,\
          pruned_unimportant,loss,l1,psnr,culled_not_finite,culled_near,culled_degenerate,culled_transparent,culled_outside,\
-         clamped_smallest,clamped_largest"
+         clamped_smallest,clamped_largest,joined_sh_degree,sh_explains,joined_antialias,narrow,shown"
     );
     assert!(rows.next_back().unwrap().starts_with("20,"), "{metrics}");
     assert_eq!(gs_io::read_image(output.join("reconstruction.png")).unwrap().image.size(), (32, 24));
     assert_eq!(gs_io::read_image(output.join("ellipses.png")).unwrap().image.size(), (256, 192));
     assert!(fs::read(output.join("scene.ply")).unwrap().starts_with(b"ply\n"));
+}
+
+#[test]
+fn effects_that_join_are_told() {
+    let place = folder();
+    let stripes = Image::from_fn(40, 32, |x, _| if x % 3 == 0 { [0.9; 3] } else { [0.1; 3] }).unwrap();
+    let (image, output) = (place.path().join("stripes.png"), place.path().join("out"));
+    gs_io::write_png(&image, &stripes).unwrap();
+    let fit = |joining: &'static str| {
+        let more = ["-n", "300", "--antialias", "mip", "--joining", joining, "--json", "--no-report"];
+        gs(small(&image, &output).into_iter().filter(|&arg| !["-n", "60"].contains(&arg)).chain(more))
+    };
+    let run = fit("when-called-for");
+    let line = run.stderr.lines().find(|line| line.contains("antialiasing (mip) joins: "));
+    let line = line.unwrap_or_else(|| panic!("{}", run.stderr)).to_owned();
+    let join = run.json()["joins"][0].clone();
+    assert_eq!(join["antialias"]["antialias"], "mip");
+    let step = join["step"].as_u64().unwrap().max(1);
+    assert!(line.starts_with(&format!("step {step}: ")), "{line}");
+    let metrics = fs::read_to_string(output.join("metrics.csv")).unwrap();
+    let row = metrics.lines().find(|row| row.starts_with(&format!("{step},"))).unwrap();
+    assert!(row.contains(&format!(",mip,{},", join["antialias"]["narrow"])), "{row}");
+
+    let by_the_clock = fit("scheduled");
+    assert!(!by_the_clock.stderr.contains("joins"), "{}", by_the_clock.stderr);
+    assert_eq!(by_the_clock.json()["joins"].as_array().map(Vec::len), Some(0));
 }
 
 #[test]
@@ -147,6 +174,30 @@ fn a_resumed_fit_ends_as_if_it_had_never_stopped() {
         gs(["fit", other.to_str().unwrap(), "-o", output.to_str().unwrap(), "--resume", checkpoint.to_str().unwrap()]);
     assert!(wrong.refusal().contains("32x31"), "{wrong:?}");
     assert!(!output.exists());
+}
+
+/// A pipe can be read once only.
+#[cfg(unix)]
+#[test]
+fn settings_may_come_through_a_pipe() {
+    let place = folder();
+    let image = picture(place.path(), 32, 24);
+    let output = place.path().join("out");
+    let fit = ["fit", image.to_str().unwrap(), "-o", output.to_str().unwrap(), "--settings", "/dev/stdin", "--json"];
+    let own = Run::fed(&fit, "gaussians = 25\niterations = 12\n").json();
+    assert_eq!((&own["gaussians"], &own["iterations"]), (&25.into(), &12.into()));
+
+    let chosen = "[machine]\nflags = ['--backend', 'cpu', '--simd', 'scalar']\n[accuracy]\nalpha-cut = 0.25\n";
+    let fitted = Run::fed(&[&fit[..], &["-n", "20", "-i", "10"]].concat(), chosen).json();
+    assert_eq!(
+        (&fitted["simd"], &fitted["settings"]["render"]["accuracy"]["alpha-cut"]),
+        (&"scalar".into(), &0.25.into())
+    );
+    let scene = output.join("scene.gs2d.safetensors");
+    let picture = place.path().join("picture.png");
+    let render = ["render", scene.to_str().unwrap(), "-o", picture.to_str().unwrap(), "--settings", "/dev/stdin"];
+    let run = Run::fed(&render, chosen).done();
+    assert!(run.stderr.contains("scalar"), "{run:?}");
 }
 
 #[test]
@@ -248,23 +299,31 @@ fn every_override_fits() {
     }
 }
 
-/// Starts a fit that would take for ever, interrupts it once it runs, and lets it come to its end.
+/// Starts a fit that would take for ever, interrupts it once it runs, lets it come to its end, and returns its status and its lines.
 #[cfg(unix)]
-#[test]
-fn ctrl_c_saves_a_checkpoint_and_what_there_is() {
-    let place = folder();
-    let image = picture(place.path(), 24, 24);
-    let output = place.path().join("out");
+fn interrupted(place: &Path, flags: &[&str]) -> (Option<i32>, Vec<String>) {
+    let image = picture(place, 24, 24);
+    let output = place.join("out");
     let arguments = ["fit", image.to_str().unwrap(), "-o", output.to_str().unwrap(), "-n", "30", "-i", "4000000"];
-    let mut child = command().args(arguments).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    let mut fit = command();
+    let mut child = fit.args(arguments).args(flags).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     let mut lines = BufReader::new(child.stderr.take().unwrap()).lines().map(Result::unwrap);
     assert!(lines.any(|line| line.starts_with("fitting ")));
     std::thread::sleep(std::time::Duration::from_millis(300)); // the handler is set right after that line
     let sent = Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
     assert!(sent.success());
     let said: Vec<String> = lines.collect();
-    assert_eq!(child.wait().unwrap().code(), Some(130), "{said:?}");
+    (child.wait().unwrap().code(), said)
+}
 
+#[cfg(unix)]
+#[test]
+fn ctrl_c_saves_a_checkpoint_and_what_there_is() {
+    let place = folder();
+    let (status, said) = interrupted(place.path(), &[]);
+    assert_eq!(status, Some(130), "{said:?}");
+
+    let output = place.path().join("out");
     let checkpoint = output.join("checkpoint.safetensors");
     let way_on = format!("--resume {}", checkpoint.display());
     assert!(said.last().unwrap().contains(&way_on), "{said:?}");
@@ -272,6 +331,37 @@ fn ctrl_c_saves_a_checkpoint_and_what_there_is() {
     assert!(info["metadata"]["step"].as_str().unwrap().parse::<u32>().unwrap() > 0, "{info}");
     let names = names_in(&output);
     assert!(RESULTS.iter().all(|name| names.contains(&(*name).to_owned())), "{names:?}");
+}
+
+/// A file that no system takes: as on a full disk, nothing tells before the first checkpoint.
+fn file_of_a_too_long_name(place: &Path) -> String {
+    place.join("long".repeat(100)).to_str().unwrap().to_owned()
+}
+
+#[test]
+fn a_checkpoint_that_cannot_be_stored_does_not_take_the_fit_with_it() {
+    let place = folder();
+    let (image, output) = (picture(place.path(), 32, 24), place.path().join("out"));
+    let file = file_of_a_too_long_name(place.path());
+    let flags = ["--checkpoint", &file, "--checkpoint-every", "1"];
+    let run = gs(small(&image, &output).into_iter().chain(flags));
+    assert_eq!(run.status, Some(1), "{run:?}");
+    assert_eq!(run.stderr.matches("note: no checkpoint was stored: ").count(), 1, "{run:?}");
+    let line = run.stderr.lines().last().unwrap();
+    assert!(line.starts_with("error: ") && line.contains(&file) && line.contains("all results are written"), "{line}");
+    assert_eq!(names_in(&output), RESULTS);
+}
+
+#[cfg(unix)]
+#[test]
+fn ctrl_c_leaves_results_even_without_a_checkpoint() {
+    let place = folder();
+    let file = file_of_a_too_long_name(place.path());
+    let (status, said) = interrupted(place.path(), &["--checkpoint", &file]);
+    assert_eq!(status, Some(1), "{said:?}");
+    let line = said.last().unwrap();
+    assert!(line.contains("with results, but without this checkpoint") && line.ends_with("go on from"), "{line}");
+    assert_eq!(names_in(&place.path().join("out")), RESULTS);
 }
 
 #[test]
@@ -288,10 +378,9 @@ fn results_that_cannot_be_written_do_not_take_the_others_with_them() {
     let line = run.stderr.lines().last().unwrap();
     assert!(line.contains("reconstruction.png") && line.ends_with("1 more of the results failed, too"), "{run:?}");
     gs_io::read_scene(output.join("scene.gs2d.safetensors")).unwrap();
-    for name in ["scene.ply", "curve.png", "ellipses.png", "metrics.csv"] {
+    for name in ["scene.ply", "curve.png", "ellipses.png", "metrics.csv", "summary.json"] {
         assert!(output.join(name).is_file(), "{name}");
     }
-    assert!(!output.join("summary.json").exists(), "it comes last, when all is well");
 
     // The scene itself is saved wherever there is room.
     fs::remove_file(output.join("scene.gs2d.safetensors")).unwrap();
@@ -327,8 +416,15 @@ fn a_fit_that_diverges_says_where_and_leaves_its_table() {
         assert!(line.contains(part), "{part}: {line}");
     }
     gs_io::read_checkpoint(&state).unwrap();
-    assert_eq!(names_in(&output), ["metrics.csv"]);
-    assert!(fs::read_to_string(output.join("metrics.csv")).unwrap().lines().nth(1).unwrap().starts_with("1,"));
+    assert_eq!(names_in(&output), ["metrics.part.csv"]);
+    assert!(fs::read_to_string(output.join("metrics.part.csv")).unwrap().lines().nth(1).unwrap().starts_with("1,"));
+
+    // An earlier fit's results stay whole beside it, until there are others.
+    gs(small(&image, &output)).done();
+    assert_eq!(names_in(&output), RESULTS);
+    let table = fs::read(output.join("metrics.csv")).unwrap();
+    assert_eq!(gs(words.into_iter().chain(["--backend", "cpu"])).status, Some(1));
+    assert!(fs::read(output.join("metrics.csv")).unwrap() == table && output.join("metrics.part.csv").exists());
 }
 
 #[test]

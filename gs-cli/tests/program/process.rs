@@ -4,7 +4,7 @@ use std::{
     ffi::OsStr,
     fs,
     path::{Path, PathBuf},
-    process::{Command, Stdio},
+    process::{Command, Output, Stdio},
 };
 
 use gs_core::Image;
@@ -34,7 +34,21 @@ pub(crate) fn command() -> Command {
 impl Run {
     /// Runs the program as it stands.
     pub(crate) fn of(command: &mut Command) -> Self {
-        let output = command.output().expect("the program starts");
+        Self::ended(command.output().expect("the program starts"))
+    }
+
+    /// Runs `gs` with these arguments and this on standard input, which `/dev/stdin` names.
+    #[cfg(unix)]
+    pub(crate) fn fed(arguments: &[&str], input: &str) -> Self {
+        let mut command = command();
+        command.args(arguments).stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        let mut child = command.spawn().expect("the program starts");
+        // Whether it reads it all is for its results to tell.
+        let _ = std::io::Write::write_all(&mut child.stdin.take().expect("it is piped"), input.as_bytes());
+        Self::ended(child.wait_with_output().expect("the program ends"))
+    }
+
+    fn ended(output: Output) -> Self {
         Self {
             status: output.status.code(),
             stdout: String::from_utf8(output.stdout).expect("standard output is UTF-8"),

@@ -14,7 +14,7 @@ use gs_cpu::{CpuRasterizer, CpuSettings};
 use gs_train::spatial::looking_at;
 use serde_json::{Value, json};
 
-use crate::process::{command, folder, gs, names_in};
+use crate::process::{Run, command, folder, gs, names_in};
 
 /// A few Gaussians of different colours around the origin.
 fn scene() -> SpatialScene {
@@ -122,6 +122,29 @@ fn photographs_become_a_scene_and_a_summary() {
 }
 
 #[test]
+fn results_that_cannot_be_written_do_not_take_the_others_with_them() {
+    let place = folder();
+    let (dataset, _) = photographed(place.path());
+    let output = place.path().join("out");
+    fs::create_dir_all(output.join("curve.png")).unwrap();
+    let run = gs(small(&dataset, &output));
+    assert_eq!(run.status, Some(1), "{run:?}");
+    assert!(run.stderr.lines().last().unwrap().contains("curve.png: "), "{run:?}");
+    assert_eq!(names_in(&output.join("views")), ["gs-train.json", "images_0.png"]);
+
+    fs::remove_dir_all(output.join("views")).unwrap();
+    fs::write(output.join("views"), "no folder").unwrap();
+    let earlier = fs::read(output.join("summary.json")).unwrap();
+    fs::remove_file(output.join("evaluation.json")).unwrap();
+    let run = gs(small(&dataset, &output));
+    assert!(run.stderr.lines().last().unwrap().ends_with("1 more of the results failed, too"), "{run:?}");
+    let evaluation: Value = serde_json::from_slice(&fs::read(output.join("evaluation.json")).unwrap()).unwrap();
+    let summary = fs::read(output.join("summary.json")).unwrap();
+    assert_ne!(summary, earlier, "times differ");
+    assert_eq!(serde_json::from_slice::<Value>(&summary).unwrap()["evaluation"], evaluation);
+}
+
+#[test]
 fn a_stopped_training_goes_on_to_the_same_scene() {
     let place = folder();
     let (dataset, _) = photographed(place.path());
@@ -156,6 +179,18 @@ fn a_stopped_training_goes_on_to_the_same_scene() {
     assert_eq!(refused.status, Some(2), "{refused:?}");
 }
 
+/// A pipe can be read once only.
+#[cfg(unix)]
+#[test]
+fn settings_may_come_through_a_pipe() {
+    let place = folder();
+    let (dataset, _) = photographed(place.path());
+    let output = place.path().join("out");
+    let words = ["train", text(&dataset), "-o", text(&output), "--settings", "/dev/stdin", "--no-report", "--json"];
+    let summary = Run::fed(&words, "gaussians = 50\niterations = 3\n").json();
+    assert_eq!((&summary["iterations"], &summary["settings"]["gaussians"]), (&3.into(), &50.into()));
+}
+
 #[cfg(unix)]
 #[test]
 fn ctrl_c_saves_a_checkpoint_and_what_there_is() {
@@ -184,7 +219,10 @@ fn a_long_training_that_is_killed_can_go_on() {
     let place = folder();
     let (dataset, _) = photographed(place.path());
     let output = place.path().join("out");
-    let checkpoint = output.join("checkpoint.safetensors");
+    fs::create_dir(&output).unwrap();
+    let earlier = output.join("checkpoint.safetensors");
+    fs::write(&earlier, "another run's").unwrap();
+    let checkpoint = output.join("checkpoint-2.safetensors");
     let words = ["train", text(&dataset), "-o", text(&output), "-i", "2000", "-n", "40", "--no-report"];
     let words = words.into_iter().chain(["--backend", "cpu", "--policy", "none"]);
     let mut child = command().args(words.clone()).stderr(Stdio::null()).spawn().unwrap();
@@ -199,6 +237,7 @@ fn a_long_training_that_is_killed_can_go_on() {
     let run = gs(words.into_iter().chain(["--resume", text(&checkpoint)])).done();
     assert!(run.stderr.contains("after 2000 steps"), "{}", run.stderr);
     assert!(output.join("scene.ply").exists() && !checkpoint.exists());
+    assert_eq!(fs::read(&earlier).unwrap(), b"another run's");
 }
 
 #[test]

@@ -6,6 +6,7 @@ use crate::{
     effects::{Antialias, Blend},
     perspective::{Ellipsoid, Perspective, ProjectionGradient},
     settings::RenderSettings,
+    statistics::Cause,
     view::Camera,
 };
 
@@ -69,6 +70,40 @@ fn shapes_come_back_in_their_order_and_thin_ones_keep_their_digits() {
         let same = SpatialGaussian { log_scale: found, rotation: q, ..g }.frame().unwrap();
         assert!(same.x_axis.abs_diff_eq(m.x_axis, 1e-6) && same.y_axis.abs_diff_eq(m.y_axis, 1e-6));
     }
+}
+
+#[test]
+fn an_aligned_frame_is_of_the_same_covariance_and_the_parent_itself_where_that_is_too() {
+    for (parent, turn) in frames().into_iter().zip(frames()) {
+        let other = parent * PrincipalAxes::of(turn).axes.as_mat3();
+        assert!(aligned(other, parent).abs_diff_eq(parent, 1e-6));
+        let wider = Mat3::from_diagonal(Vec3::new(1.5, 0.9, 1.1)) * other;
+        let found = aligned(wider, parent);
+        let [before, after] = [wider, found].map(|m| m * m.transpose());
+        assert!(after.abs_diff_eq(before, 1e-6));
+        assert!(frobenius(&(found - parent)) < frobenius(&(wider - parent)));
+    }
+    let [frame, ..] = frames();
+    assert_eq!(aligned(frame, Mat3::NAN), frame);
+}
+
+/// It is drawn nowhere, stays as it is in training, and is told as it was; one of hardly any size is another thing.
+#[test]
+fn what_has_no_direction_has_no_frame() {
+    let rates = Adam::default().at(0.0);
+    assert_eq!(frame_of(Vec3::ZERO, [0.0; 4]), None);
+    for antialias in [Antialias::None, Antialias::Dilate, Antialias::Mip] {
+        let found = perspective(antialias).project_framed(&framed(Mat3::ZERO));
+        assert_eq!(found, Err(Cause::Degenerate), "{antialias:?}");
+    }
+    assert_eq!(stretched(Mat3::ZERO, [0.1; 6], &rates), Mat3::ZERO);
+    let (log_scale, rotation) = SpatialGaussian::shape_of_frame(Mat3::ZERO);
+    assert!(log_scale.is_finite() && rotation == [0.0; 4]);
+    assert_eq!(by_scale_rotation(Mat3::ZERO, [0.0; 6]), (Vec3::ZERO, [0.0; 4]));
+
+    let tiny = frame_of(Vec3::splat(-200.0), [1.0, 0.0, 0.0, 0.0]).unwrap();
+    assert!(perspective(Antialias::Dilate).project_framed(&framed(tiny)).is_ok());
+    assert!(SpatialGaussian::shape_of_frame(tiny).0.is_finite());
 }
 
 #[test]

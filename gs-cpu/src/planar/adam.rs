@@ -7,8 +7,9 @@ use fearless_simd::{Level, Simd, dispatch, f32x8, prelude::*};
 use glam::{Mat2, Vec2};
 use gs_core::{
     AdamRates, Participants, PlanarGaussian,
-    constants::{MAX_DERIVATIVE, MAX_ETA},
+    constants::{MAX_DERIVATIVE, MAX_ETA, VANISHING_MOMENT},
     effects::Statistics,
+    guards::Guard,
 };
 
 use super::{
@@ -16,9 +17,6 @@ use super::{
     project_bwd::Gradient,
 };
 use crate::{bias::BiasTable, lanes::bounded_derivative, splat::CHUNK};
-
-/// Moments below this are 0: denormals cost time and move nothing.
-const VANISHING: f32 = 1e-30;
 
 /// Adam's numbers, lane by lane.
 #[derive(Debug, Clone, Copy)]
@@ -156,6 +154,7 @@ fn step_all<'g, S: Simd>(
     let (rate, beta1, beta2) = (lane(step.lanes.rate), lane(step.lanes.beta1), lane(step.lanes.beta2));
     let (rest1, rest2) = (1.0 - beta1, 1.0 - beta2);
     let (zero, epsilon) = (f32x8::splat(simd, 0.0), f32x8::splat(simd, step.rates.epsilon));
+    let vanishing = f32x8::splat(simd, if Guard::VanishingMoment.is_on() { VANISHING_MOMENT } else { 0.0 });
     for (i, index) in indices.enumerate() {
         let gradient = gradient_of(index);
         if !gradient.visible && step.rates.participants == Participants::Visible {
@@ -180,9 +179,8 @@ fn step_all<'g, S: Simd>(
             (f32x8::from_slice(simd, &bias.first[..VECTOR]), f32x8::from_slice(simd, &bias.second[..VECTOR]));
 
         let m = lane(slices.first[i]).mul_add(beta1, g * rest1);
-        let m = m.abs().simd_lt(f32x8::splat(simd, VANISHING)).select(zero, m);
+        let m = m.abs().simd_lt(vanishing).select(zero, m);
         let v = lane(slices.second[i]).mul_add(beta2, g * g * rest2);
-        let v = v.simd_lt(f32x8::splat(simd, VANISHING * VANISHING)).select(zero, v);
         m.store_array(&mut slices.first[i]);
         v.store_array(&mut slices.second[i]);
         let moved = rate * (m * first) / ((v * second).sqrt() + epsilon);
@@ -203,7 +201,9 @@ fn step_all<'g, S: Simd>(
             let (floor, ceiling) = (step.rates.min_scale.ln(), step.rates.max_scale.ln());
             for scale in &mut shape[..2] {
                 // NaN stays: it must be seen and pruned.
-                if *scale < floor {
+                if !Guard::ScaleBounds.is_on() {
+                    break;
+                } else if *scale < floor {
                     *scale = floor;
                 } else if *scale > ceiling {
                     *scale = ceiling;
@@ -213,7 +213,8 @@ fn step_all<'g, S: Simd>(
         if let Some(logit) = slices.opacity_logits.get_mut(i) {
             let [m, v] = &mut slices.opacity_moments[i];
             let g = gradient.opacity_logit;
-            let g = if g.abs() > MAX_DERIVATIVE { MAX_DERIVATIVE.copysign(g) } else { g };
+            let is_large = Guard::MaxDerivative.is_on() && g.abs() > MAX_DERIVATIVE;
+            let g = if is_large { MAX_DERIVATIVE.copysign(g) } else { g };
             let rate = step.rates.opacity;
             *m = rate.beta1 * *m + (1.0 - rate.beta1) * g;
             *v = rate.beta2 * *v + (1.0 - rate.beta2) * g * g;
@@ -230,7 +231,8 @@ fn step_all<'g, S: Simd>(
 /// L (I + η + η²/2) with η = −`moved` (η₀₀, η₀₁, η₁₁), and scales within their bounds.
 #[inline(always)]
 fn turn(l: Mat2, moved: [f32; 3], rates: &AdamRates) -> Mat2 {
-    let [a, b, d] = moved.map(|v| (-v).clamp(-MAX_ETA, MAX_ETA));
+    let most = if Guard::MaxEta.is_on() { MAX_ETA } else { f32::INFINITY };
+    let [a, b, d] = moved.map(|v| (-v).clamp(-most, most));
     // I + η + η²/2, symmetric.
     let b2 = b * b;
     let (xx, yy) = (1.0 + a + 0.5 * (a * a + b2), 1.0 + d + 0.5 * (d * d + b2));
@@ -239,7 +241,7 @@ fn turn(l: Mat2, moved: [f32; 3], rates: &AdamRates) -> Mat2 {
     // The larger scale is at most the Frobenius norm, and the smaller is |det|/(the larger).
     let frobenius = (l.x_axis.length_squared() + l.y_axis.length_squared()).sqrt();
     let suspicious = l.determinant().abs() <= rates.min_scale * frobenius || frobenius > rates.max_scale;
-    if suspicious { bounded(l, rates) } else { l }
+    if suspicious && Guard::ScaleBounds.is_on() { bounded(l, rates) } else { l }
 }
 
 /// L with its scales moved into their bounds, its axes and its right-hand rotation as they are.

@@ -3,7 +3,9 @@
 use glam::{Mat2, Vec2, Vec3};
 use gs_core::{
     Chart, CloudState, DensityStatistics, EditPlan, Error, PlanarGaussian, PlanarScene, Scene,
+    edit::{Moments, Source},
     scene::{logit, sigmoid},
+    whitened::aligned,
 };
 
 use crate::kind::Shared;
@@ -105,7 +107,16 @@ impl PlanarCloud {
         self.means = plan.gather(&sources, &self.means, |g| g.mean);
         self.shapes = match &self.shapes {
             Shapes::ScaleRotation(shapes) => Shapes::ScaleRotation(plan.gather(&sources, shapes, scale_rotation)),
-            Shapes::LocalFrame(frames) => Shapes::LocalFrame(plan.gather(&sources, frames, PlanarGaussian::frame)),
+            Shapes::LocalFrame(frames) => {
+                let mut edited = plan.gather(&sources, frames, PlanarGaussian::frame);
+                for (frame, source) in edited.iter_mut().zip(&sources) {
+                    let heir_of = plan.origin(source, Moments::heir_of).filter(|_| !matches!(source, Source::Kept(_)));
+                    if let Some(i) = heir_of {
+                        *frame = aligned(*frame, frames[i as usize]);
+                    }
+                }
+                Shapes::LocalFrame(edited)
+            }
         };
         self.colors = plan.gather(&sources, &self.colors, |g| g.color.to_array());
         if !self.opacity_logits.is_empty() {

@@ -7,6 +7,7 @@ use gs_core::{
     Blend, Canvas, RenderSettings,
     constants::MIN_DETERMINANT_PX4,
     effects::Antialias,
+    guards::Guard,
     scene::sigmoid,
     statistics::{Cause, Culled},
 };
@@ -40,18 +41,20 @@ fn project(
     let undilated = l.determinant().powi(2);
     let determinant = undilated + delta * (xx + yy) + delta * delta;
     let (xx, yy) = (xx + delta, yy + delta);
-    let finite = mean.is_finite() && determinant.is_finite() && (xx * yy).is_finite() && !opacity.is_nan();
-    if !finite || !color.iter().all(|c| c.is_finite()) {
+    let broken = (Guard::FiniteParameters.is_on() && (!mean.is_finite() || opacity.is_nan()))
+        || (Guard::FiniteProjection.is_on() && !(determinant.is_finite() && (xx * yy).is_finite()))
+        || (Guard::FiniteColor.is_on() && !color.iter().all(|c| c.is_finite()));
+    if broken {
         return Err(Cause::NotFinite);
     }
-    if !(determinant >= MIN_DETERMINANT_PX4) {
+    if Guard::Determinant.is_on() && !(determinant >= MIN_DETERMINANT_PX4) {
         return Err(Cause::Degenerate);
     }
     let opacity = match (settings.effects.blend, antialias) {
         (Blend::Over, Antialias::Mip) => opacity * (undilated / determinant).sqrt(),
         _ => opacity,
     };
-    if !(opacity >= settings.accuracy.alpha_cut) {
+    if Guard::Transparent.is_on() && !(opacity >= settings.accuracy.alpha_cut) {
         return Err(Cause::Transparent);
     }
     let cut = settings.accuracy.cut_of(opacity);

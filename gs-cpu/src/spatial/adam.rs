@@ -5,7 +5,9 @@ use glam::Vec3;
 use gs_core::{
     AdamRates, Chart, Participants, Penalty, SpatialScene,
     adam::Rate,
+    constants::VANISHING_MOMENT,
     effects::Statistics,
+    guards::Guard,
     local_frame::{stretched, sum_of_scales_vjp},
     scene::sigmoid,
 };
@@ -23,9 +25,6 @@ pub(crate) const GROUPS: usize = 6;
 
 /// Gaussians a task handles.
 const CHUNK: usize = 256;
-
-/// Moments below this are 0: denormals cost time and move nothing.
-const VANISHING: f32 = 1e-30;
 
 /// The group of each number in a row's first vector, by chart; all that follow are of the last group. What a chart leaves empty stays 0.
 fn groups_of(chart: Chart) -> [usize; LANES] {
@@ -63,7 +62,8 @@ struct Row<'a> {
     gradient: Option<&'a [f32]>,
 }
 
-/// One Adam step along the workspace's gradients; adds to the statistics if they are to be collected.
+/// One Adam step along the workspace's gradients; adds to the statistics if they are to be collected. Harmonics above the degree that was
+/// evaluated are left where they are, moments included, to whole vectors: they cost nothing.
 pub(crate) fn step(
     cloud: &mut SpatialCloud,
     table: &mut BiasTable<GROUPS>,
@@ -89,6 +89,7 @@ pub(crate) fn step(
         collect,
     };
     let pitch = cloud.pitch();
+    let moved = workspace.own.gradient_pitch().min(pitch);
     let SpatialCloud { parameters, moments: [first, second], steps, shared, .. } = cloud;
     let statistics = &mut shared.statistics;
     let rows = parameters
@@ -105,12 +106,12 @@ pub(crate) fn step(
                 continue;
             }
             steps[i] = steps[i].saturating_add(1);
-            let of = i * pitch..(i + 1) * pitch;
+            let of = i * pitch..i * pitch + moved;
             let row = Row {
                 parameters: &mut parameters[of.clone()],
                 first: &mut first[of.clone()],
                 second: &mut second[of],
-                gradient: listed.then(|| &workspace.own.gradients[index * pitch..][..pitch]),
+                gradient: listed.then(|| workspace.own.gradient(index)),
             };
             dispatch!(level, simd => move_row(simd, row, &step, steps[i]));
             if step.collect && listed {
@@ -127,6 +128,7 @@ fn move_row<S: Simd>(simd: S, row: Row<'_>, step: &Step<'_>, steps: u32) {
     let mut lanes = Lanes::<S>::of_first(simd, step, bias);
     let zero: Whole<S> = splat(simd, 0.0);
     let epsilon: Whole<S> = splat(simd, step.rates.epsilon);
+    let vanishing: Whole<S> = splat(simd, if Guard::VanishingMoment.is_on() { VANISHING_MOMENT } else { 0.0 });
     for at in (0..row.parameters.len()).step_by(LANES) {
         if at == LANES {
             lanes = Lanes::of_rest(simd, step, bias);
@@ -138,9 +140,8 @@ fn move_row<S: Simd>(simd: S, row: Row<'_>, step: &Step<'_>, steps: u32) {
         };
         let g = bounded_derivative(simd, g);
         let m = load::<S, Whole<S>>(simd, row.first, at).mul_add(lanes.beta1, g * (1.0 - lanes.beta1));
-        let m = m.abs().simd_lt(splat::<S, Whole<S>>(simd, VANISHING)).select(zero, m);
+        let m = m.abs().simd_lt(vanishing).select(zero, m);
         let v = load::<S, Whole<S>>(simd, row.second, at).mul_add(lanes.beta2, g * g * (1.0 - lanes.beta2));
-        let v = v.simd_lt(splat::<S, Whole<S>>(simd, VANISHING * VANISHING)).select(zero, v);
         store(m, row.first, at);
         store(v, row.second, at);
         let moved = lanes.rate * (m * lanes.first) / ((v * lanes.second).sqrt() + epsilon);
@@ -154,7 +155,9 @@ fn move_row<S: Simd>(simd: S, row: Row<'_>, step: &Step<'_>, steps: u32) {
         let [floor, ceiling] = step.log_scales;
         for scale in &mut row.parameters[LOG_SCALE] {
             // NaN stays: it must be seen and pruned.
-            if *scale < floor {
+            if !Guard::ScaleBounds.is_on() {
+                break;
+            } else if *scale < floor {
                 *scale = floor;
             } else if *scale > ceiling {
                 *scale = ceiling;

@@ -9,7 +9,7 @@ use std::ops::Range;
 use glam::{Mat3, Vec3};
 use gs_core::{
     Chart, CloudState, DensityStatistics, EditPlan, Error, Scene, SpatialGaussian, SpatialScene,
-    edit::Source,
+    edit::{Moments, Source},
     local_frame::{self, Framed, Symmetric3},
     perspective::Ellipsoid,
     scene::{logit, sigmoid},
@@ -48,6 +48,11 @@ pub struct SpatialCloud {
 /// Numbers in a row before what fills it up.
 fn columns(sh_degree: u8) -> usize {
     SH + 3 * coefficients(sh_degree)
+}
+
+/// Numbers of a row with harmonics of this degree, filled up. A row of a lower degree is the beginning of one of a higher.
+pub(crate) fn pitch_of(sh_degree: u8) -> usize {
+    columns(sh_degree).next_multiple_of(LANES)
 }
 
 /// A row's mean.
@@ -90,7 +95,7 @@ pub(crate) fn sh(row: &[f32]) -> &[[f32; 3]] {
     row[SH..].as_chunks().0
 }
 
-/// Puts a shape into a row. One without direction has none in a frame either: it becomes NaN there, and is culled and pruned.
+/// Puts a shape into a row. One without direction has no frame: that is zeros.
 fn write_shape(chart: Chart, log_scale: Vec3, rotation: [f32; 4], row: &mut [f32]) {
     match chart {
         Chart::ScaleRotation => {
@@ -98,7 +103,7 @@ fn write_shape(chart: Chart, log_scale: Vec3, rotation: [f32; 4], row: &mut [f32
             row[ROTATION].copy_from_slice(&rotation);
         }
         Chart::LocalFrame => {
-            let frame = local_frame::frame_of(log_scale, rotation).unwrap_or(Mat3::NAN);
+            let frame = local_frame::frame_of(log_scale, rotation).unwrap_or(Mat3::ZERO);
             row[FRAME].copy_from_slice(&frame.to_cols_array());
         }
     }
@@ -123,7 +128,7 @@ impl SpatialCloud {
     }
 
     fn zeros(n: usize, sh_degree: u8, chart: Chart) -> Self {
-        let numbers = n * columns(sh_degree).next_multiple_of(LANES);
+        let numbers = n * pitch_of(sh_degree);
         Self {
             chart,
             sh_degree,
@@ -140,7 +145,7 @@ impl SpatialCloud {
 
     /// Numbers from a row to the next.
     pub(crate) fn pitch(&self) -> usize {
-        columns(self.sh_degree).next_multiple_of(LANES)
+        pitch_of(self.sh_degree)
     }
 
     /// A row of parameters but for its colour, as a scene has it.
@@ -168,7 +173,7 @@ impl SpatialCloud {
         }
     }
 
-    /// Rows with what they hold but for their colour, as a scene.
+    /// Rows with what they hold but for their colour, as a scene; harmonics that a row does not hold are 0.
     pub(crate) fn scene_of<'r>(&self, rows: impl Iterator<Item = (Ellipsoid, &'r [f32])>) -> SpatialScene {
         let mut scene = SpatialScene { sh_degree: self.sh_degree, ..SpatialScene::default() };
         let k = coefficients(self.sh_degree);
@@ -177,7 +182,8 @@ impl SpatialCloud {
             scene.log_scales.push(g.log_scale);
             scene.rotations.push(g.rotation);
             scene.opacity_logits.push(g.opacity_logit);
-            scene.sh.extend(sh(row)[..k].iter().map(|&c| Vec3::from_array(c)));
+            let held = sh(row).iter().take(k).map(|&c| Vec3::from_array(c));
+            scene.sh.extend(held.chain(std::iter::repeat(Vec3::ZERO)).take(k));
         }
         scene
     }
@@ -217,6 +223,12 @@ impl SpatialCloud {
                 Source::Kept(i) => row.copy_from_slice(&self.parameters[i as usize * pitch..][..pitch]),
                 Source::Changed { change, .. } => self.write(&plan.changed[change as usize].gaussian, row),
                 Source::Added(k) => self.write(&plan.added[k as usize].gaussian, row),
+            }
+            let heir_of = plan.origin(source, Moments::heir_of).filter(|_| !matches!(source, Source::Kept(_)));
+            if let (Chart::LocalFrame, Some(i)) = (self.chart, heir_of) {
+                let parent = frame(&self.parameters[i as usize * pitch..]);
+                let aligned = local_frame::aligned(frame(row), parent);
+                row[FRAME].copy_from_slice(&aligned.to_cols_array());
             }
         }
         self.parameters = parameters;

@@ -14,7 +14,7 @@ use rayon::prelude::*;
 
 use super::{
     SpatialCloud, adam,
-    cloud::SH,
+    cloud::{SH, pitch_of},
     depth_sort::DepthSort,
     project::{self, Depth, Eye},
     project_bwd,
@@ -45,10 +45,25 @@ pub struct SpatialOwn {
     pub(crate) depth_sort: DepthSort,
     /// Gaussian → place, or [`NO_PLACE`].
     pub(crate) place_of: Vec<AtomicU32>,
-    /// By index, laid out as the cloud's parameters; of those that no tile lists, anything.
+    /// By index, each row the beginning of one of the cloud's parameters, up to the harmonics that are evaluated; of those that no tile lists,
+    /// anything.
     pub(crate) gradients: Vec<f32>,
     /// This step's shares of the statistic that is asked for, by index; of those that no tile lists, anything.
     pub(crate) shares: Vec<f32>,
+}
+
+impl SpatialOwn {
+    /// Numbers of a row of gradients: what stands behind them in a row of parameters is not moved.
+    pub(crate) fn gradient_pitch(&self) -> usize {
+        pitch_of(self.eye.map_or(0, |eye| eye.degree))
+    }
+
+    /// The gradient of a Gaussian that some tile lists.
+    #[inline(always)]
+    pub(crate) fn gradient(&self, index: usize) -> &[f32] {
+        let pitch = self.gradient_pitch();
+        &self.gradients[index * pitch..][..pitch]
+    }
 }
 
 impl Workspace<SpatialScene> {
@@ -188,11 +203,10 @@ impl Kind for SpatialScene {
     }
 
     fn derivatives(workspace: &Workspace<Self>, cloud: &SpatialCloud) -> Self {
-        let pitch = cloud.pitch();
-        let zeros = vec![0.0; pitch];
+        let zeros = vec![0.0; cloud.pitch()];
         let row = |index: usize| match workspace.lists(index) {
             true => {
-                let row = &workspace.own.gradients[index * pitch..][..pitch];
+                let row = workspace.own.gradient(index);
                 (cloud.seen_gradient(index, row), row)
             }
             false => (Ellipsoid::default(), &zeros[..]),
@@ -224,7 +238,8 @@ impl Kind for SpatialScene {
     fn traffic(stage: Stage, workspace: &Workspace<Self>, cloud: &SpatialCloud) -> Traffic {
         let tiles = &workspace.tiles;
         let (n, drawn, entries) = (cloud.len() as u64, tiles.splats.len() as u64, tiles.bins.entries.len() as u64);
-        let row = cloud.pitch() as u64 * size::<f32>();
+        // Up to the harmonics that are evaluated.
+        let row = workspace.own.gradient_pitch() as u64 * size::<f32>();
         let key = size::<u64>();
         let slots = entries * tiles.stride as u64 * size::<f32>();
         let (read, written) = match stage {

@@ -3,6 +3,7 @@
 
 use gs_core::{
     Accuracy, Chart,
+    guards::Guard,
     perspective::Perspective,
     sh,
     statistics::{Cause, Culled},
@@ -47,7 +48,7 @@ fn project(
         return Err(Cause::Outside);
     }
     splat.color = sh::color(eye.degree, eye.perspective.direction(cloud::mean(row)), cloud::sh(row));
-    if !splat.color.iter().all(|c| c.is_finite()) {
+    if Guard::FiniteColor.is_on() && !splat.color.iter().all(|c| c.is_finite()) {
         return Err(Cause::NotFinite);
     }
     Ok((splat, [p.depth, p.depth_slope.x, p.depth_slope.y]))

@@ -18,12 +18,12 @@ use crate::{
     tiles::Tiles,
 };
 
-/// The gradients of all Gaussians that tiles list, times `scale`, into `own.gradients` (by index, laid out as the parameters) and
-/// `own.shares`; nothing is written for the others.
+/// The gradients of all Gaussians that tiles list, times `scale`, into `own.gradients` and `own.shares`, by index; nothing is written for the
+/// others.
 pub(crate) fn all(tiles: &Tiles, own: &mut SpatialOwn, cloud: &SpatialCloud, scale: f32) {
     let Some(eye) = own.eye else { return };
-    let pitch = cloud.pitch();
-    own.gradients.resize(cloud.parameters.len(), 0.0);
+    let (pitch, of_parameters) = (own.gradient_pitch(), cloud.pitch());
+    own.gradients.resize(cloud.len() * pitch, 0.0);
     own.shares.resize(cloud.len(), 0.0);
     let (splats, place_of) = (&own.projected, &own.place_of);
     let out = own.gradients.par_chunks_mut(CHUNK * pitch).zip(own.shares.par_chunks_mut(CHUNK)).enumerate();
@@ -32,7 +32,7 @@ pub(crate) fn all(tiles: &Tiles, own: &mut SpatialOwn, cloud: &SpatialCloud, sca
             let index = chunk * CHUNK + i;
             let place = place_of[index].load(Relaxed);
             if place != NO_PLACE {
-                let parameters = &cloud.parameters[index * pitch..][..pitch];
+                let parameters = &cloud.parameters[index * of_parameters..][..of_parameters];
                 *share = gradient(tiles, &eye, place as usize, &splats[index], parameters, scale, row);
             }
         }

@@ -31,6 +31,11 @@ pub enum Loss {
         /// The largest.
         high: f32,
     },
+    /// Scales of 0, of which there is no logarithm, were raised to the smallest normal number; what is drawn is the same.
+    ZeroScales {
+        /// How many Gaussians have such a scale.
+        gaussians: usize,
+    },
     /// Quaternions were brought to unit length; the rotations that they stand for are the same.
     QuaternionLengths,
     /// Colours were converted from linear light: the constant part exactly, what depends on the direction to first order, and
@@ -53,6 +58,9 @@ impl fmt::Display for Loss {
             Self::Rounded { what, to } => write!(f, "{what} are rounded to {to}"),
             Self::Clamped { what, values, low, high } => {
                 write!(f, "{what} outside {low}..{high} are clamped: {values} values")
+            }
+            Self::ZeroScales { gaussians } => {
+                write!(f, "scales of 0 are raised to the smallest number above it: {gaussians} Gaussians")
             }
             Self::QuaternionLengths => f.write_str("the lengths of quaternions, which mean nothing"),
             Self::LinearLight => f.write_str("colours in linear light are converted to sRGB to first order"),

@@ -29,7 +29,8 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use gs_core::{Scene, SpatialScene};
+use glam::Vec3;
+use gs_core::{Scene, SpatialScene, examination::Examinable};
 
 pub use self::{
     gltf::GltfBuffer,
@@ -144,19 +145,28 @@ pub fn spatial_format(path: impl AsRef<Path>) -> Result<Option<SpatialFormat>, E
     Ok(SpatialFormat::recognise(&start, path))
 }
 
-/// Reads a scene of any kind, told by content first and ending second; every value is checked.
+/// Reads a scene of any kind, told by content first and ending second; every value is checked, and scales of 0, which no scene can hold, are
+/// raised: [`Loss::ZeroScales`].
 ///
 /// # Errors
 /// Those of [`read_spatial_unchecked`]; [`Error::Content`] for the first value that is NaN or infinite (opacity logits of ±∞ are
 /// legitimate).
 pub fn read_spatial(path: impl AsRef<Path>) -> Result<SpatialFile, Error> {
     let path = path.as_ref();
-    let file = read_spatial_unchecked(path)?;
+    let mut file = read_spatial_unchecked(path)?;
+    file.losses.extend(raise_zero_scales(&mut file.scene));
     file.scene.validate().map_err(Error::content(path))?;
     Ok(file)
 }
 
-/// As [`read_spatial`], but values may be NaN or infinite: for those who look into a broken scene, or mend it.
+fn raise_zero_scales(scene: &mut SpatialScene) -> Option<Loss> {
+    let is_zero = |scales: &Vec3| scales.to_array().contains(&f32::NEG_INFINITY);
+    let zero: Vec<usize> = (0..scene.len()).filter(|&index| is_zero(&scene.log_scales[index])).collect();
+    zero.iter().for_each(|&index| scene.widen(index));
+    (!zero.is_empty()).then_some(Loss::ZeroScales { gaussians: zero.len() })
+}
+
+/// As [`read_spatial`], but values may be NaN or infinite, ln-scales −∞ among them: for those who look into a broken scene, or mend it.
 ///
 /// # Errors
 /// [`Error::Missing`], [`Error::NotAFile`] or [`Error::Read`]; [`Error::NotASpatialScene`] for another kind of file; those of

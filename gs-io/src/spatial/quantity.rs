@@ -1,15 +1,13 @@
 //! Conversions between what scenes hold (logits, logarithms) and what some formats do (opacities, scales), in `f64`, so that they
 //! add no error beyond the rounding of the result.
 
-/// ln of a scale; of 0, and of what is too small for a normal number, ln of the smallest normal number: it vanishes either way, and
-/// stays finite. A negative scale gives NaN.
+/// ln of a scale: −∞ of 0; of what is too small for a normal number, ln of the smallest normal number. A negative scale gives NaN.
 pub(crate) fn log_of_scale(scale: f32) -> f32 {
-    if scale >= 0.0 { f64::from(scale.max(f32::MIN_POSITIVE)).ln() as f32 } else { f32::NAN }
-}
-
-/// A logarithm of a scale as a file has it; of a scale of 0, which is −∞, that of [`log_of_scale`], and any other as it is.
-pub(crate) fn finite_log(log: f32) -> f32 {
-    if log == f32::NEG_INFINITY { log_of_scale(0.0) } else { log }
+    match scale {
+        0.0 => f32::NEG_INFINITY,
+        _ if scale > 0.0 => f64::from(scale.max(f32::MIN_POSITIVE)).ln() as f32,
+        _ => f32::NAN,
+    }
 }
 
 /// The scale of a logarithm, kept among the normal numbers.
@@ -44,11 +42,10 @@ mod tests {
     }
 
     #[test]
-    fn what_vanishes_stays_finite_and_what_cannot_be_is_seen() {
-        assert!(log_of_scale(0.0).is_finite() && log_of_scale(1e-42) == log_of_scale(0.0));
-        assert_eq!(finite_log(f32::NEG_INFINITY), log_of_scale(0.0));
-        assert_eq!((finite_log(-200.0), finite_log(f32::INFINITY)), (-200.0, f32::INFINITY));
-        assert!(log_of_scale(-1.0).is_nan() && finite_log(f32::NAN).is_nan() && log_of_scale(f32::NAN).is_nan());
+    fn what_is_almost_nothing_has_a_logarithm_and_what_cannot_be_is_seen() {
+        assert_eq!((log_of_scale(0.0), log_of_scale(-0.0)), (f32::NEG_INFINITY, f32::NEG_INFINITY));
+        assert_eq!(log_of_scale(1e-42), gs_core::examination::SMALLEST_LOG_SCALE);
+        assert!(log_of_scale(-1.0).is_nan() && log_of_scale(f32::NAN).is_nan());
         assert!(logit_of_opacity(1.5).is_nan() && logit_of_opacity(-0.5).is_nan());
         assert_eq!((scale_of_log(200.0), scale_of_log(-200.0)), (f32::MAX, f32::MIN_POSITIVE));
     }

@@ -39,7 +39,7 @@ pub(crate) fn apply(scene: &mut SpatialScene, map: &DAffine3) -> Option<Loss> {
         } else if q.length_squared() >= f64::from(MIN_QUATERNION_NORM2) {
             let scales = scene.log_scales[i].as_dvec3().map(f64::exp);
             let Svd { u, s, .. } = Svd::of(matrix * DMat3::from_quat(q.normalize()) * DMat3::from_diagonal(scales));
-            scene.log_scales[i] = s.map(|s| s.max(f64::from(f32::MIN_POSITIVE)).ln()).as_vec3();
+            scene.log_scales[i] = s.map(log_of_axis).as_vec3();
             // The axes of an ellipsoid have no sign.
             let proper = if u.determinant() < 0.0 { DMat3::from_cols(u.x_axis, u.y_axis, -u.z_axis) } else { u };
             scene.rotations[i] = wxyz(DQuat::from_mat3(&proper));
@@ -56,6 +56,11 @@ pub(crate) fn apply(scene: &mut SpatialScene, map: &DAffine3) -> Option<Loss> {
         }
     });
     (!similar).then_some(Loss::Stretched)
+}
+
+/// ln of the length of an axis, as [`log_of_scale`](super::quantity::log_of_scale) has it.
+fn log_of_axis(length: f64) -> f64 {
+    if length > 0.0 { length.max(f64::from(f32::MIN_POSITIVE)).ln() } else { f64::NEG_INFINITY }
 }
 
 fn wxyz(q: DQuat) -> [f32; 4] {

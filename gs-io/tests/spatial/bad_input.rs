@@ -2,10 +2,10 @@
 
 use std::fs;
 
-use gs_core::{Scene, SpatialScene};
+use gs_core::{SpatialScene, examination::SMALLEST_LOG_SCALE};
 use gs_io::{
-    Error, SpatialFormat, SpatialOptions, SpzOptions, SpzVersion, read_spatial, read_spatial_unchecked, spatial_format,
-    write_spatial,
+    Error, Loss, SpatialFormat, SpatialOptions, SpzOptions, SpzVersion, read_spatial, read_spatial_unchecked,
+    spatial_format, write_spatial,
 };
 
 use crate::samples::{self, compressed_ply, gzip, read, scene, text_ply, written};
@@ -76,13 +76,20 @@ fn the_first_number_that_is_none_is_named() {
 }
 
 #[test]
-fn a_ply_with_scales_of_zero_vanishes_and_is_whole() {
-    let mut bytes = written("a.ply", &scene(5, 0), &SpatialOptions::default());
-    let at = bytes.len() - 2 * 4 * 17 + 4 * 10;
-    bytes[at..at + 4].copy_from_slice(&f32::NEG_INFINITY.to_le_bytes());
-    let read = read(&bytes, "a.ply").unwrap().scene;
-    read.validate().unwrap();
-    assert!(read.log_scales[3].x.exp() < 1e-37 && read.log_scales[3].x.is_finite(), "{}", read.log_scales[3]);
+fn scales_of_zero_are_raised_and_told_but_for_those_who_look_for_them() {
+    let folder = tempfile::tempdir().unwrap();
+    for (name, number, zero) in [("a.ply", 10, f32::NEG_INFINITY), ("a.splat", 3, 0.0)] {
+        let path = folder.path().join(name);
+        let mut bytes = written(name, &scene(5, 0), &SpatialOptions::default());
+        let row = if name == "a.ply" { 4 * 17 } else { 32 };
+        let at = bytes.len() - 2 * row + 4 * number;
+        bytes[at..at + 4].copy_from_slice(&zero.to_le_bytes());
+        fs::write(&path, &bytes).unwrap();
+        assert_eq!(read_spatial_unchecked(&path).unwrap().scene.log_scales[3].x, f32::NEG_INFINITY, "{name}");
+        let read = read_spatial(&path).unwrap();
+        assert_eq!(read.losses, [Loss::ZeroScales { gaussians: 1 }], "{name}");
+        assert_eq!(read.scene.log_scales[3].x, SMALLEST_LOG_SCALE, "{name}");
+    }
 }
 
 #[test]

@@ -32,8 +32,9 @@ pub(super) fn interleaved<V>(
     views: &[V],
     seconds: f64,
 ) -> Result<Vec<Vec<f64>>, Error> {
+    let renderer = |contender: usize| &contenders[contender].renderer;
     let once = |candidate: &Candidate| -> Result<f64, Error> {
-        let renderer = &contenders[candidate.contender].renderer;
+        let renderer = renderer(candidate.contender);
         let all: f64 =
             views.iter().map(|view| renderer.seconds(view, &candidate.settings)).sum::<Result<f64, Error>>()?;
         Ok(all / views.len().max(1) as f64)
@@ -55,11 +56,17 @@ pub(super) fn interleaved<V>(
     let rounds = ((seconds / round) as usize).clamp(ROUNDS[0], ROUNDS[1]);
     every.iter_mut().for_each(|every| *every = (*every).min(rounds / FEWEST));
     let mut times = vec![Vec::with_capacity(rounds); candidates.len()];
+    let mut last = None;
     for round in 0..rounds {
         for step in 0..candidates.len() {
             let at = if round % 2 == 0 { step } else { candidates.len() - 1 - step };
             // Slow ones take turns, too.
             if (round + at) % every[at] == 0 {
+                let Candidate { contender, settings } = &candidates[at];
+                // Threads that have slept while another's worked wake up first, as they do in a row of frames.
+                if last.replace(*contender) != Some(*contender) {
+                    renderer(*contender).seconds(&views[0], settings)?;
+                }
                 times[at].push(once(&candidates[at])?);
             }
         }

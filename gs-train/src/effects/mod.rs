@@ -36,33 +36,48 @@ pub struct Sight<'a, S: Scene, R: Rasterizer<S>> {
 }
 
 impl<S: Scene, R: Rasterizer<S>> Sight<'_, S, R> {
-    /// Its pictures.
+    /// How far the pictures with each of these settings are from those with the `wanted`; view by view, so that no more than two pictures are
+    /// held, however many views there are.
     ///
     /// # Errors
     /// Those of [`Rasterizer::forward`].
-    pub fn pictures(&self, settings: &RenderSettings) -> Result<Vec<Image>, Error> {
-        self.views.iter().map(|view| self.on.image(&self.on.forward(self.cloud, view, settings)?)).collect()
+    pub fn differences(&self, wanted: &RenderSettings, others: &[RenderSettings]) -> Result<Vec<Difference>, Error> {
+        let mut sums = vec![Sum::default(); others.len()];
+        for view in self.views {
+            let picture = |settings: &RenderSettings| self.on.image(&self.on.forward(self.cloud, view, settings)?);
+            let expected = picture(wanted)?;
+            for (settings, sum) in others.iter().zip(&mut sums) {
+                sum.add(&picture(settings)?, &expected);
+            }
+        }
+        Ok(sums.iter().map(Sum::difference).collect())
+    }
+}
+
+/// A [`Difference`] as far as it is known.
+#[derive(Debug, Clone, Copy, Default)]
+struct Sum {
+    most: f32,
+    squares: f64,
+    values: usize,
+}
+
+impl Sum {
+    /// Adds a view: two pictures of one size.
+    fn add(&mut self, image: &Image, expected: &Image) {
+        debug_assert_eq!(image.size(), expected.size());
+        for (a, b) in image.pixels().as_flattened().iter().zip(expected.pixels().as_flattened()) {
+            let difference = (a - b).abs();
+            // What is not a number is as far as can be.
+            self.most = if difference <= self.most { self.most } else { difference };
+            self.squares += f64::from(difference).powi(2);
+        }
+        self.values += 3 * image.pixels().len();
     }
 
-    /// How far the pictures with these settings are from others, one of each view.
-    ///
-    /// # Errors
-    /// Those of [`Rasterizer::forward`], and [`Error::SizesDiffer`].
-    pub fn difference(&self, settings: &RenderSettings, pictures: &[Image]) -> Result<Difference, Error> {
-        let (mut most, mut squares, mut values) = (0.0f32, 0.0f64, 0usize);
-        for (view, picture) in self.views.iter().zip(pictures) {
-            let image = self.on.image(&self.on.forward(self.cloud, view, settings)?)?;
-            image.same_size(picture)?;
-            for (a, b) in image.pixels().as_flattened().iter().zip(picture.pixels().as_flattened()) {
-                let difference = (a - b).abs();
-                // What is not a number is as far as can be.
-                most = if difference <= most { most } else { difference };
-                squares += f64::from(difference).powi(2);
-            }
-            values += 3 * image.pixels().len();
-        }
-        let most = if most.is_nan() { f32::INFINITY } else { most };
-        Ok(Difference { most, psnr: -10.0 * (squares / values.max(1) as f64).log10() })
+    fn difference(&self) -> Difference {
+        let most = if self.most.is_nan() { f32::INFINITY } else { self.most };
+        Difference { most, psnr: -10.0 * (self.squares / self.values.max(1) as f64).log10() }
     }
 }
 

@@ -53,19 +53,18 @@ pub fn prices<S: Scene, R: Rasterizer<S>>(
     let with = |effects: Effects| RenderSettings { effects, ..*wanted };
     let cheaper: Vec<(Effect, Effects)> =
         Effect::ALL.into_iter().filter_map(|effect| Some((effect, effect.cheaper(&wanted.effects)?))).collect();
-    let pictures = sight.pictures(wanted)?;
+    let without: Vec<RenderSettings> = cheaper.iter().map(|(_, effects)| with(*effects)).collect();
     let mut each = Vec::with_capacity(cheaper.len());
-    for (effect, effects) in &cheaper {
+    for ((effect, effects), change) in cheaper.iter().zip(sight.differences(wanted, &without)?) {
         let (value, cheaper) = (effect.value(&wanted.effects), effect.value(effects));
-        let change = sight.difference(&with(*effects), &pictures)?;
         each.push(Price { effect: *effect, value, cheaper, milliseconds: 0.0, share: 0.0, change });
     }
     let (mut whole, mut apart, mut called) = (Vec::new(), Vec::new(), Vec::new());
     let mut saved = vec![Vec::new(); cheaper.len()];
     for _ in 0..rounds.max(1) {
         let first = sight.milliseconds(wanted)?;
-        for ((_, effects), saved) in cheaper.iter().zip(&mut saved) {
-            saved.push(first - sight.milliseconds(&with(*effects))?);
+        for (without, saved) in without.iter().zip(&mut saved) {
+            saved.push(first - sight.milliseconds(without)?);
         }
         called.push(sight.milliseconds(called_for)?);
         let second = sight.milliseconds(wanted)?;

@@ -1,7 +1,7 @@
 //! Whether pictures bear out what was decided about effects by bounds.
 
 use gs_core::{
-    Effects, Error, Image, Rasterizer, RenderSettings,
+    Effects, Error, Rasterizer, RenderSettings,
     constants::HALF_DISPLAY_STEP,
     effects::{
         CalledFor, Effect,
@@ -25,7 +25,7 @@ pub struct Proof {
 }
 
 /// Asks a scene which effects of the `wanted` settings it calls for in these views, and renders them both ways. Where the pictures
-/// contradict, the effect stays.
+/// contradict, the effect to blame stays.
 ///
 /// # Errors
 /// Those of [`Rasterizer::forward`].
@@ -34,40 +34,37 @@ where
     S: CallsForEffects,
     R: Rasterizer<S>,
 {
-    let called = Effects::called_for(scene, sight.views, wanted)?;
-    let pictures = sight.pictures(wanted)?;
-    let (called, difference) = borne_out(called, sight, wanted, &pictures)?;
-    Ok(Proof { called, difference, views: sight.views.len() })
+    borne_out(Effects::called_for(scene, sight.views, wanted)?, sight, wanted)
 }
 
-fn borne_out<S, R>(
-    mut called: CalledFor,
-    sight: &Sight<'_, S, R>,
-    wanted: &RenderSettings,
-    pictures: &[Image],
-) -> Result<(CalledFor, Difference), Error>
+/// While the pictures show that something is missing, gives back the effect whose return brings them closest to the wanted ones, measured for
+/// each that is left out by itself.
+fn borne_out<S, R>(mut called: CalledFor, sight: &Sight<'_, S, R>, wanted: &RenderSettings) -> Result<Proof, Error>
 where
     S: CallsForEffects,
     R: Rasterizer<S>,
 {
-    let mut difference = sight.difference(&called.settings, pictures)?;
-    for effect in Effect::ALL {
-        if difference.most <= HALF_DISPLAY_STEP {
-            break;
-        }
-        let left = &mut called.settings.effects;
-        if effect.value(left) == effect.value(&wanted.effects) {
-            continue;
-        }
-        *left = effect.copied(&wanted.effects, left);
-        let found = sight.difference(&called.settings, pictures)?;
+    let mut difference = sight.differences(wanted, &[called.settings])?[0];
+    while difference.most > HALF_DISPLAY_STEP {
+        let left = called.settings.effects;
+        let is_out = |effect: &Effect| effect.value(&left) != effect.value(&wanted.effects);
+        let out: Vec<Effect> = Effect::ALL.into_iter().filter(is_out).collect();
+        let with =
+            |effect: &Effect| RenderSettings { effects: effect.copied(&wanted.effects, &left), ..called.settings };
+        let restored: Vec<RenderSettings> = out.iter().map(with).collect();
+        let found = sight.differences(wanted, &restored)?;
+        let closer = |a: &usize, b: &usize| {
+            let (a, b): (Difference, Difference) = (found[*a], found[*b]);
+            a.most.total_cmp(&b.most).then(b.psnr.total_cmp(&a.psnr))
+        };
+        let Some(guilty) = (0..out.len()).min_by(closer) else { break };
         let reason = format!("without it, a pixel changes by {:.4}, which was not foreseen", difference.most);
-        for verdict in called.verdicts.iter_mut().filter(|verdict| verdict.effect == effect) {
-            *verdict = Verdict::new(effect, &wanted.effects, &wanted.effects, reason.clone());
+        for verdict in called.verdicts.iter_mut().filter(|verdict| verdict.effect == out[guilty]) {
+            *verdict = Verdict::new(out[guilty], &wanted.effects, &wanted.effects, reason.clone());
         }
-        difference = found;
+        (called.settings, difference) = (restored[guilty], found[guilty]);
     }
-    Ok((called, difference))
+    Ok(Proof { called, difference, views: sight.views.len() })
 }
 
 #[cfg(test)]
@@ -101,21 +98,21 @@ mod tests {
         let sight = Sight { on: cpu, cloud: &cloud, views: &views };
         let mut wanted = RenderSettings::blended(Blend::Over).on([0.0; 3]);
         wanted.effects.antialias = Antialias::Dilate;
+        wanted.effects.sh_degree = 2;
 
         let proof = prove(&scene(), &sight, &wanted).unwrap();
         assert_eq!((proof.difference, proof.views), (Difference { most: 0.0, psnr: f64::INFINITY }, 2));
         assert_eq!(proof.called.settings.effects.background, Background::None);
 
-        // Somebody leaves out what shows.
+        // Somebody leaves out what shows, besides what does not: harmonics, which come first, and black.
         let mut wrong = proof.called.clone();
         wrong.settings.effects.antialias = Antialias::None;
-        let pictures = sight.pictures(&wanted).unwrap();
-        assert!(sight.difference(&wrong.settings, &pictures).unwrap().most > HALF_DISPLAY_STEP);
-        let (mended, difference) = borne_out(wrong, &sight, &wanted, &pictures).unwrap();
+        assert!(sight.differences(&wanted, &[wrong.settings]).unwrap()[0].most > HALF_DISPLAY_STEP);
+        let Proof { called: mended, difference, .. } = borne_out(wrong, &sight, &wanted).unwrap();
         assert_eq!(
             mended.settings.effects,
-            Effects { background: Background::None, ..wanted.effects },
-            "black stays left out"
+            Effects { background: Background::None, sh_degree: 0, ..wanted.effects },
+            "what is not to blame stays left out"
         );
         assert_eq!(difference.most, 0.0);
         let verdict = &mended.verdicts[3];

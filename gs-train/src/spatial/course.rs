@@ -2,12 +2,17 @@
 
 use std::fmt;
 
+use glam::Vec3;
 use gs_core::{
-    Camera, Image, Rasterizer, RenderSettings, SpatialGaussian, SpatialScene, TrainStep, Wait,
-    effects::{Background, Statistics},
+    Camera, Effects, Image, Loss, Rasterizer, RenderSettings, SpatialGaussian, SpatialScene, TrainStep, Wait,
+    effects::{
+        Background,
+        called_for::{CallsForEffects, Narrow},
+    },
     statistics::Culled,
 };
 use gs_density::{Residual, Rng};
+use gs_io::dataset::Photograph;
 use rand::{RngExt, SeedableRng};
 
 use super::{
@@ -16,12 +21,14 @@ use super::{
     pictures::{Picture, Pictures},
     resolution::{possible, reduced_camera},
     settings::{Backdrop, SpatialSettings},
+    view_dependence::{Residuals, ViewDependence},
     views::{PosedView, Views},
 };
 use crate::{
     clamped::Clamped,
-    course::{Course, Due, Trainable},
+    course::{Course, Due, RunSettings, Trainable},
     error::Error,
+    joining::{AntialiasJoin, HarmonicsJoin, Joined, Joins},
     observer::Quality,
     statistics::mean,
 };
@@ -31,6 +38,15 @@ const BACKDROP_STREAM: u64 = 0x6261_636b;
 
 /// Without test views, so many of the training views, evenly spread, tell how good a scene is.
 const STAND_INS: usize = 8;
+
+/// In so many views, residuals are asked how they depend on the view: as dear as so many steps without the optimiser.
+const ASKED_VIEWS: u32 = 8;
+
+/// Most Gaussians that are asked, evenly spread: enough for any share that matters.
+const ASKED_GAUSSIANS: usize = 50_000;
+
+/// In so many views, evenly spread, Gaussians narrower than a pixel are counted.
+const COUNTED_VIEWS: usize = 4;
 
 /// Views to train from, and their photographs as far as they have been read.
 pub struct ViewsCourse<R: Rasterizer<SpatialScene>> {
@@ -84,16 +100,85 @@ impl<R: Rasterizer<SpatialScene>> ViewsCourse<R> {
         train.iter().step_by(train.len().div_ceil(STAND_INS)).collect()
     }
 
-    /// A step whose loss leaves out what the mask does: there the target is what is rendered, so that nothing pulls.
+    /// What a frame is compared with: the photograph before these settings' background, but where the mask says that it does not count, what
+    /// is rendered, so that nothing pulls.
+    fn target(
+        on: &R,
+        frame: &R::Frame,
+        photograph: &Photograph,
+        settings: &RenderSettings,
+    ) -> Result<R::Target, Error> {
+        let target = photograph.clone().over(settings.backdrop());
+        let target = match &photograph.mask {
+            Some(mask) => where_masked(target, mask, &on.image(frame)?),
+            None => target,
+        };
+        Ok(on.upload_target(&target)?)
+    }
+
+    /// The camera of a training view as the step after `step` steps sees it, and by what its sides are divided.
+    fn reduced(&self, index: usize, settings: &SpatialSettings, step: u32) -> (Camera, u32) {
+        let camera = &self.views.train[index].camera;
+        let factor = possible(camera, settings.resolution.factor(step as f32 / settings.iterations as f32));
+        (if factor > 1 { reduced_camera(camera, factor) } else { *camera }, factor)
+    }
+
+    /// The largest share of Gaussians narrower than a pixel, over some of the views.
+    fn narrowest(&self, scene: &SpatialScene, settings: &SpatialSettings, step: u32) -> Narrow {
+        let count = self.views.train.len();
+        let asked = count.min(COUNTED_VIEWS);
+        let views = (0..asked).map(|k| self.reduced(k * count / asked, settings, step).0);
+        let found = views.map(|camera| scene.narrow(&camera, &settings.render));
+        found.max_by(|a, b| a.share().total_cmp(&b.share())).unwrap_or_default()
+    }
+
+    /// How residuals depend on the view, by harmonics of this degree, in the views of the next few steps.
+    fn view_dependence(
+        &mut self,
+        on: &R,
+        cloud: &R::Cloud,
+        settings: &SpatialSettings,
+        (step, degree): (u32, u8),
+        render: &RenderSettings,
+        means: &[Vec3],
+    ) -> Result<ViewDependence, Error> {
+        let count = self.views.train.len();
+        let mut asked: Vec<usize> =
+            (step..step.saturating_add(ASKED_VIEWS)).map(|at| self.order.view(settings.seed, at, count)).collect();
+        asked.sort_unstable();
+        asked.dedup();
+        let stride = means.len().div_ceil(ASKED_GAUSSIANS).max(1);
+        let mut residuals = Residuals::of(means.len().div_ceil(stride));
+        let fixed = (settings.backdrop == Backdrop::Same).then(|| render.backdrop());
+        for index in asked {
+            let (camera, factor) = self.reduced(index, settings, step);
+            let frame = on.forward(cloud, &camera, render)?;
+            let (_, gradients) = match self.pictures.get(on, &self.views.train[index], index, factor, fixed)? {
+                Picture::Target(target) => on.backward(cloud, frame, target, &Loss::L2)?,
+                Picture::Photograph(photograph) => {
+                    let target = Self::target(on, &frame, photograph, render)?;
+                    on.backward(cloud, frame, &target, &Loss::L2)?
+                }
+            };
+            let gradients = on.download_gradients(cloud, &gradients)?;
+            let (position, of_one) = (camera.position(), gradients.sh_len());
+            let direction = |mean: Vec3| (mean - position).normalize_or_zero();
+            let seen = (0..means.len()).step_by(stride).map(|i| (direction(means[i]), gradients.sh[i * of_one]));
+            residuals.add(seen);
+        }
+        Ok(residuals.explained_by(degree))
+    }
+
+    /// A step whose loss leaves out what the mask does.
     fn masked_step(
         on: &R,
         cloud: &mut R::Cloud,
         camera: &Camera,
-        (target, mask): (Image, &[bool]),
+        photograph: &Photograph,
         step: &TrainStep<'_>,
     ) -> Result<(), Error> {
         let frame = on.forward(cloud, camera, step.settings)?;
-        let target = on.upload_target(&where_masked(target, mask, &on.image(&frame)?))?;
+        let target = Self::target(on, &frame, photograph, step.settings)?;
         let (loss, gradients) = on.backward(cloud, frame, &target, &step.loss)?;
         on.step(cloud, &gradients, step.rates)?;
         // Losses are told in the order of their steps, and some may still be under way.
@@ -133,43 +218,87 @@ impl<R: Rasterizer<SpatialScene>> Course<R, SpatialScene> for ViewsCourse<R> {
     }
 
     fn send(&mut self, on: &R, cloud: &mut R::Cloud, settings: &SpatialSettings, due: Due) -> Result<(), Error> {
-        let Due { step, statistics, binning } = due;
+        let Due { step, effects, binning } = due;
         let index = self.order.view(settings.seed, step, self.views.train.len());
+        let (camera, factor) = self.reduced(index, settings, step);
         let view = &self.views.train[index];
-        let factor = possible(&view.camera, settings.resolution.factor(step as f32 / settings.iterations as f32));
-        let camera = if factor > 1 { reduced_camera(&view.camera, factor) } else { view.camera };
         let mut render = backdrop(settings, step);
-        render.effects.statistics = statistics;
-        render.effects.sh_degree = settings.sh_degree_at(step);
+        let background = render.effects.background;
+        render.effects = Effects { background, ..effects };
         let rates = settings.rates_at(step, self.extent);
         let step = TrainStep { settings: &render, loss: settings.loss, rates: &rates, binning };
 
         let fixed = (settings.backdrop == Backdrop::Same).then(|| render.backdrop());
         match self.pictures.get(on, view, index, factor, fixed)? {
             Picture::Target(target) => on.train_step(cloud, &camera, target, &step)?,
+            Picture::Photograph(photograph) if photograph.mask.is_some() => {
+                Self::masked_step(on, cloud, &camera, photograph, &step)?;
+            }
             Picture::Photograph(photograph) => {
                 let target = photograph.clone().over(render.backdrop());
-                match &photograph.mask {
-                    Some(mask) => Self::masked_step(on, cloud, &camera, (target, mask), &step)?,
-                    None => on.train_step(cloud, &camera, &on.upload_target(&target)?, &step)?,
-                }
+                on.train_step(cloud, &camera, &on.upload_target(&target)?, &step)?;
             }
         }
         Ok(())
     }
 
-    fn residual(&mut self, _: &R, _: &R::Cloud, _: &SpatialSettings) -> Result<Option<&Residual>, Error> {
+    fn residual(&mut self, _: &R, _: &R::Cloud, _: &SpatialSettings, _: &Effects) -> Result<Option<&Residual>, Error> {
         Ok(None)
     }
 
-    fn after_edit(&mut self, _: &R, _: &mut R::Cloud, _: &SpatialSettings) -> Result<(), Error> {
+    fn after_edit(&mut self, _: &R, _: &mut R::Cloud, _: &SpatialSettings, _: &Effects) -> Result<(), Error> {
         Ok(())
+    }
+
+    /// Antialiasing by the widths of Gaussians, harmonics by how residuals depend on the view. Before the first step there are no residuals worth
+    /// asking: then those degrees join that the first scene has.
+    fn called_for(
+        &mut self,
+        on: &R,
+        cloud: &R::Cloud,
+        settings: &SpatialSettings,
+        step: u32,
+        joins: &Joins,
+    ) -> Result<Joined, Error> {
+        let wanted = &settings.render;
+        let asks_for_antialias = settings.joining.asks_for_antialias(step, &wanted.effects, joins);
+        let asks_for_harmonics = settings.asks_for_harmonics(step, joins);
+        let mut joined = Joined::default();
+        if asks_for_antialias.is_none() && asks_for_harmonics.is_none() {
+            return Ok(joined);
+        }
+        let scene = on.download(cloud)?;
+        if let Some(calls) = asks_for_antialias {
+            let narrow = self.narrowest(&scene, settings, step);
+            joined.antialias =
+                (narrow.share() > calls.narrow).then(|| AntialiasJoin::new(wanted.effects.antialias, narrow));
+        }
+        if let Some((calls, next)) = asks_for_harmonics {
+            let (degree, explains) = if step == 0 {
+                (Effects::called_for(&scene, &[], wanted)?.settings.effects.sh_degree, None)
+            } else {
+                let effects = settings.effects_after(step, joins);
+                let mut render = backdrop(settings, step);
+                render.effects = Effects { background: render.effects.background, ..effects };
+                let found = self.view_dependence(on, cloud, settings, (step, next), &render, &scene.means)?;
+                (next, Some(found.share))
+            };
+            let called = explains.map_or(degree > 0, |share| share > calls.view_dependence);
+            joined.harmonics = called.then_some(HarmonicsJoin { degree, explains });
+        }
+        Ok(joined)
     }
 
     /// Means over the test views (or those that stand in for them) of which some pixel counts, and what was left out in all of them
     /// together.
-    fn quality(&self, on: &R, cloud: &R::Cloud, settings: &SpatialSettings, step: u32) -> Result<Quality, Error> {
-        let render = shown(settings, step);
+    fn quality(
+        &self,
+        on: &R,
+        cloud: &R::Cloud,
+        settings: &SpatialSettings,
+        effects: &Effects,
+    ) -> Result<Quality, Error> {
+        let render = shown(settings, effects);
         let judges = self.judges();
         let (mut l1, mut psnr, mut culled) = (Vec::new(), Vec::new(), Culled::default());
         for view in &judges {
@@ -188,11 +317,9 @@ impl<R: Rasterizer<SpatialScene>> Course<R, SpatialScene> for ViewsCourse<R> {
     }
 }
 
-/// How the scene is shown after `step` steps: with the harmonics that have been trained, before the background of the settings.
-pub(super) fn shown(settings: &SpatialSettings, step: u32) -> RenderSettings {
-    let mut render = settings.render;
-    render.effects.statistics = Statistics::None;
-    render.effects.sh_degree = settings.sh_degree_at(step.saturating_sub(1));
+/// How a scene is shown that has been trained with these effects: before the background of the settings.
+pub(super) fn shown(settings: &SpatialSettings, effects: &Effects) -> RenderSettings {
+    let mut render = RenderSettings { effects: *effects, ..settings.render };
     if settings.backdrop == Backdrop::Random {
         render.effects.background = Background::Solid;
     }

@@ -16,6 +16,7 @@ mod resolution;
 mod settings;
 mod summary;
 mod trainer;
+mod view_dependence;
 mod views;
 
 pub use self::{
@@ -30,5 +31,6 @@ pub use self::{
     settings::{Backdrop, SpatialSettings},
     summary::SpatialSummary,
     trainer::SpatialTrainer,
+    view_dependence::ViewDependence,
     views::{Counting, PhotographSource, PosedView, Views},
 };

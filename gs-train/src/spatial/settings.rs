@@ -1,11 +1,16 @@
 //! Everything that the training of a scene in space depends on besides its views: one value that can be stored, compared and sent along.
 
-use gs_core::{Adam, AdamRates, Chart, Error, Loss, RenderSettings, SpatialScene, constants::MAX_GAUSSIANS};
+use gs_core::{Adam, AdamRates, Chart, Effects, Error, Loss, RenderSettings, SpatialScene, constants::MAX_GAUSSIANS};
 use gs_density::{DensityPolicy, Policy};
 use serde::{Deserialize, Serialize};
 
 use super::{init::PointInit, presets::geometric_groups, resolution::Resolution};
-use crate::{course::RunSettings, rounds::Rounds, settings::validate_adam};
+use crate::{
+    course::RunSettings,
+    joining::{Calls, Joining, Joins},
+    rounds::Rounds,
+    settings::validate_adam,
+};
 
 /// What is behind the scene while it is trained.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
@@ -42,7 +47,10 @@ pub struct SpatialSettings {
     pub render: RenderSettings,
     /// What is behind in training.
     pub backdrop: Backdrop,
-    /// The degree of the harmonics grows by one every so many steps, from 0; 0 begins with the highest. Default 1000 (3DGS).
+    /// When harmonics and antialiasing join.
+    pub joining: Joining,
+    /// The degree of the harmonics grows by one every so many steps, from 0, or is asked about where it grows when it is called for; 0 begins
+    /// with the highest. Default 1000 (3DGS).
     pub sh_degree_every: u32,
     /// What is minimised.
     pub loss: Loss,
@@ -59,13 +67,21 @@ pub struct SpatialSettings {
 }
 
 impl SpatialSettings {
-    /// The highest degree of harmonics that the step after `step` steps evaluates.
+    /// The highest degree of harmonics that the step after `step` steps evaluates where degrees join by the clock.
     pub fn sh_degree_at(&self, step: u32) -> u8 {
         let highest = self.render.effects.sh_degree;
         match self.sh_degree_every {
             0 => highest,
             every => u8::try_from(step.saturating_add(1) / every).unwrap_or(u8::MAX).min(highest),
         }
+    }
+
+    /// Whether, and by which bounds, harmonics of one more degree than have joined are asked for after `step` steps, and of which degree.
+    pub(super) fn asks_for_harmonics(&self, step: u32, joins: &Joins) -> Option<(Calls, u8)> {
+        let Joining::WhenCalledFor(calls) = self.joining else { return None };
+        let next = joins.sh_degree() + 1;
+        let is_due = self.sh_degree_every > 0 && step.is_multiple_of(self.sh_degree_every);
+        (is_due && next <= self.render.effects.sh_degree).then_some((calls, next))
     }
 
     /// Adam's numbers after `step` steps, in world units.
@@ -137,6 +153,7 @@ impl SpatialSettings {
         self.rounds.validate()?;
         self.resolution.validate()?;
         self.render.validate()?;
+        self.joining.validate()?;
         self.loss.validate()?;
         validate_adam(&self.adam)
     }
@@ -167,6 +184,15 @@ impl RunSettings<SpatialScene> for SpatialSettings {
 
     fn policy(&self) -> &dyn DensityPolicy<SpatialScene> {
         &self.policy
+    }
+
+    fn effects_after(&self, step: u32, joins: &Joins) -> Effects {
+        let joined = self.joining.effects_after(step, &self.render.effects, joins);
+        let sh_degree = match self.joining {
+            Joining::WhenCalledFor(_) if self.sh_degree_every > 0 => joined.sh_degree,
+            _ => self.sh_degree_at(step),
+        };
+        Effects { sh_degree, ..joined }
     }
 
     fn mean_factor(&self, step: u32) -> f32 {

@@ -3,7 +3,7 @@
 use gs_core::{Rasterizer, SpatialScene, edit::EditCounts};
 use serde::{Deserialize, Serialize};
 
-use crate::{clamped::Clamped, error::Error};
+use crate::{clamped::Clamped, error::Error, joining::Join};
 
 use super::{evaluation::Evaluation, settings::SpatialSettings, trainer::SpatialTrainer};
 
@@ -30,6 +30,9 @@ pub struct SpatialSummary {
     pub loss: Option<f32>,
     /// What density control did, all rounds together.
     pub edits: EditCounts,
+    /// The effects that joined because they were called for.
+    #[serde(default)]
+    pub joins: Vec<Join>,
     /// Gaussians whose scales are at a bound.
     #[serde(default)]
     pub clamped: Clamped,
@@ -59,6 +62,7 @@ impl SpatialSummary {
             seed: trainer.settings().seed,
             loss: trainer.loss(),
             edits: *trainer.edits(),
+            joins: trainer.joins().joins.clone(),
             clamped: trainer.clamped()?,
             evaluation,
             settings: trainer.settings().clone(),

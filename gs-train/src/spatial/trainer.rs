@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use gs_core::{Camera, Image, Rasterizer, RenderSettings, Scene, SpatialScene, edit::EditCounts};
+use gs_core::{Camera, Image, Rasterizer, RenderSettings, Scene, SpatialScene};
 use gs_io::{Checkpoint, dataset::AlphaMeaning};
 
 use super::{
@@ -47,8 +47,9 @@ impl<'a, R: Rasterizer<SpatialScene>> Trainer<'a, R, SpatialScene> {
         settings.validate()?;
         let cloud = rasterizer.upload(&scene, settings.chart)?;
         let pictures = fingerprint(&views);
-        let record = Record { settings, step: 0, seconds: 0.0, edits: EditCounts::default(), pictures };
+        let record = Record::beginning(settings, pictures);
         let mut trainer = Self::assemble(rasterizer, record, cloud, ViewsCourse::new(views, extent));
+        trainer.join_effects()?;
         trainer.record.seconds = started.elapsed().as_secs_f64();
         Ok(trainer)
     }
@@ -84,7 +85,7 @@ impl<'a, R: Rasterizer<SpatialScene>> Trainer<'a, R, SpatialScene> {
 
     /// How the scene is shown now.
     pub fn shown(&self) -> RenderSettings {
-        shown(&self.record.settings, self.record.step)
+        shown(&self.record.settings, &self.effects())
     }
 
     /// The scene as it looks now to a camera, not clamped.

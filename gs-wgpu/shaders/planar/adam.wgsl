@@ -5,9 +5,6 @@
 @group(0) @binding(3) var<storage, read_write> moments: array<Moments>;
 @group(0) @binding(4) var<storage, read_write> statistics: array<Statistics>;
 
-// Largest entry of eta in one step; exp(eta) is taken to second order.
-const MAX_ETA: f32 = 0.5;
-
 // The square root of a unit complex number.
 fn half_way(z: vec2f) -> vec2f {
     if z.x >= 0.0 {
@@ -50,7 +47,8 @@ fn turn(l: mat2x2f, by: vec3f) -> mat2x2f {
     let xy = eta.y + 0.5 * eta.y * (eta.x + eta.z);
     let turned = mat2x2f(l[0] * xx + l[1] * xy, l[0] * xy + l[1] * yy);
     let frobenius = sqrt(dot(turned[0], turned[0]) + dot(turned[1], turned[1]));
-    if abs(determinant_of(turned)) <= step.min_scale * frobenius || frobenius > step.max_scale {
+    let suspicious = abs(determinant_of(turned)) <= step.min_scale * frobenius || frobenius > step.max_scale;
+    if GUARD_SCALE_BOUNDS && suspicious {
         return bounded(turned);
     }
     return turned;
@@ -108,8 +106,10 @@ fn adam(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: ve
     let ceiling = log(step.max_scale);
     var scales = g.shape.xy - place.zw;
     // NaN stays: it must be seen and pruned.
-    scales = select(scales, vec2f(floor_), scales < vec2f(floor_));
-    scales = select(scales, vec2f(ceiling), scales > vec2f(ceiling));
+    if GUARD_SCALE_BOUNDS {
+        scales = select(scales, vec2f(floor_), scales < vec2f(floor_));
+        scales = select(scales, vec2f(ceiling), scales > vec2f(ceiling));
+    }
     g.shape = vec4f(scales, g.shape.z - rest.x, 0.0);
 #endif
     if step.opaque == 0u {

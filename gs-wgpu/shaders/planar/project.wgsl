@@ -17,10 +17,10 @@ fn project_one(g: Gaussian) -> Splat {
     let xy = l[0].x * l[0].y + l[1].x * l[1].y;
     let root = determinant_of(l);
     let det = root * root;
-    let finite = is_finite(mean.x) && is_finite(mean.y) && is_finite(det) && is_finite(xx * yy)
-        && (step.opaque == 1u || !is_nan(g.opacity_logit))
-        && is_finite(g.color.x) && is_finite(g.color.y) && is_finite(g.color.z);
-    if !finite {
+    let placed = is_finite(mean.x) && is_finite(mean.y) && (step.opaque == 1u || !is_nan(g.opacity_logit));
+    let sized = is_finite(det) && is_finite(xx * yy);
+    let colored = is_finite(g.color.x) && is_finite(g.color.y) && is_finite(g.color.z);
+    if (GUARD_FINITE_PARAMETERS && !placed) || (GUARD_FINITE_PROJECTION && !sized) || (GUARD_FINITE_COLOR && !colored) {
         atomicAdd(&status.not_finite, 1u);
         return culled();
     }
@@ -28,7 +28,7 @@ fn project_one(g: Gaussian) -> Splat {
         atomicAdd(&status.degenerate, 1u);
         return culled();
     }
-    if !(opacity >= step.alpha_cut) {
+    if GUARD_TRANSPARENT && !(opacity >= step.alpha_cut) {
         atomicAdd(&status.transparent, 1u);
         return culled();
     }

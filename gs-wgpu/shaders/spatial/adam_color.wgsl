@@ -1,5 +1,5 @@
-// Stage `adam` of spatial scenes, after the Gaussians' own: one step of every SH coefficient. One invocation a coefficient, its three
-// channels together.
+// Stage `adam` of spatial scenes, after the Gaussians' own: one step of every SH coefficient that was evaluated; the others are left where they
+// are, moments included. One invocation a coefficient, its three channels together.
 
 @group(0) @binding(1) var<storage, read> gradients: array<EllipsoidGradient>;
 @group(0) @binding(2) var<storage, read> ellipsoids: array<Ellipsoid>;
@@ -16,12 +16,16 @@ fn spatial_adam_color(@builtin(workgroup_id) group: vec3u, @builtin(num_workgrou
     if at >= step.gaussians * step.coefficients {
         return;
     }
+    let k = at % step.coefficients;
+    if k >= evaluated() {
+        return;
+    }
     let index = at / step.coefficients;
     let visible = gradients[index].visible == 1u;
     if step.visible_only == 1u && !visible {
         return;
     }
-    let rates = rates_of(vec4u(select(5u, 4u, at % step.coefficients == 0u)), f32(ellipsoids[index].steps));
+    let rates = rates_of(vec4u(select(5u, 4u, k == 0u)), f32(ellipsoids[index].steps));
     let first = 3u * at;
     var gradient = vec4f(0.0);
     if visible {

@@ -32,8 +32,8 @@ fn color_of(index: u32, mean: vec3f) -> vec3f {
 fn project_one(e: Ellipsoid, p: vec3f, depth_slope: ptr<function, vec2f>) -> Splat {
     let q = quaternion(e.rotation);
     let norm2 = dot(q.scaled, q.scaled);
-    if !(all_finite(e.mean) && all_finite(e.log_scale) && is_finite(norm2)) || is_nan(e.opacity_logit)
-        || is_nan(p.x) || is_nan(p.y) || is_nan(p.z) {
+    let finite = all_finite(e.mean) && all_finite(e.log_scale) && is_finite(norm2) && !is_nan(e.opacity_logit);
+    if (GUARD_FINITE_PARAMETERS && !finite) || (GUARD_FINITE_PROJECTION && (is_nan(p.x) || is_nan(p.y) || is_nan(p.z))) {
         atomicAdd(&status.not_finite, 1u);
         return culled();
     }
@@ -54,7 +54,8 @@ fn project_one(e: Ellipsoid, p: vec3f, depth_slope: ptr<function, vec2f>) -> Spl
     let delta = camera.dilation;
     let det = undilated + delta * (xx + yy) + delta * delta;
     let covariance = vec3f(xx + delta, dot(i.r0, i.r1), yy + delta);
-    if !(is_finite(mean.x) && is_finite(mean.y) && is_finite(covariance.x * covariance.z) && is_finite(det)) {
+    let sized = is_finite(mean.x) && is_finite(mean.y) && is_finite(covariance.x * covariance.z) && is_finite(det);
+    if GUARD_FINITE_PROJECTION && !sized {
         atomicAdd(&status.not_finite, 1u);
         return culled();
     }
@@ -69,7 +70,7 @@ fn project_one(e: Ellipsoid, p: vec3f, depth_slope: ptr<function, vec2f>) -> Spl
             opacity *= sqrt(undilated / det);
         }
     }
-    if !(opacity >= step.alpha_cut) {
+    if GUARD_TRANSPARENT && !(opacity >= step.alpha_cut) {
         atomicAdd(&status.transparent, 1u);
         return culled();
     }
@@ -97,7 +98,7 @@ fn spatial_project(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups)
             splat = culled();
         } else {
             splat.color = color_of(index, e.mean);
-            if !all_finite(splat.color) {
+            if GUARD_FINITE_COLOR && !all_finite(splat.color) {
                 atomicAdd(&status.not_finite, 1u);
                 splat = culled();
                 touched = 0u;

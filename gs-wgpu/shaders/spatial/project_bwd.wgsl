@@ -96,13 +96,12 @@ fn geometry_bwd(e: Ellipsoid, v_mean: vec2f, v_covariance: vec3f, v_log_opacity:
         let n = cross(i.r0, i.r1);
         let det = dot(n, n);
         let delta = camera.dilation;
-        if det > 0.0 {
-            let grown = delta * (dot(i.r0, i.r0) + dot(i.r1, i.r1)) + delta * delta;
-            let by_minors = grown / (det * (det + grown));
-            let by_trace = delta / (det + grown);
-            v_r0 += v_log_opacity * (by_minors * cross(i.r1, n) - by_trace * i.r0);
-            v_r1 += v_log_opacity * (by_minors * cross(n, i.r0) - by_trace * i.r1);
-        }
+        // The compensation is no less than the cut of alpha, or this Gaussian would not be drawn; so D is not 0.
+        let grown = delta * (dot(i.r0, i.r0) + dot(i.r1, i.r1)) + delta * delta;
+        let by_minors = grown / (det * (det + grown));
+        let by_trace = delta / (det + grown);
+        v_r0 += v_log_opacity * (by_minors * cross(i.r1, n) - by_trace * i.r0);
+        v_r1 += v_log_opacity * (by_minors * cross(n, i.r0) - by_trace * i.r1);
     }
     // r0 = fx/z (m0 - tx m2), r1 = fy/z (m1 - ty m2).
     let scale = camera.focal * i.inverse_z;

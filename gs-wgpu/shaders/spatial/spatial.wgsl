@@ -91,17 +91,12 @@ fn towards(camera: Camera, mean: vec3f) -> vec4f {
         return vec4f(offset * inverse, inverse);
     }
     let largest = max(max(abs(offset.x), abs(offset.y)), abs(offset.z));
-    if largest == 0.0 {
+    if GUARD_ZERO_DIRECTION && largest == 0.0 {
         return vec4f(0.0, 0.0, 1.0, 0.0);
     }
     let scaled = offset / largest;
     let inverse = 1.0 / length(scaled);
     return vec4f(scaled * inverse, inverse / largest);
-}
-
-// Coefficients of the degree that is evaluated.
-fn evaluated() -> u32 {
-    return (step.sh_degree + 1u) * (step.sh_degree + 1u);
 }
 
 // Y_k(d); of those above the degree that is evaluated, anything.

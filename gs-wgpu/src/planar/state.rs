@@ -122,7 +122,8 @@ impl PlanarState {
             &edited.moments,
             edited_statistics,
         ];
-        dispatch(gpu, commands, "edit", Variant::default(), &bindings, groups_of(gpu, edit.len as u64, 64));
+        let variant = Variant { local_frame: self.chart == Chart::LocalFrame, ..Variant::default() };
+        dispatch(gpu, commands, "edit", variant, &bindings, groups_of(gpu, edit.len as u64, 64));
         Ok(edited)
     }
 

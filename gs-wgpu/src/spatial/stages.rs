@@ -55,7 +55,7 @@ impl SpatialOwn {
         let camera = layout::Camera {
             world_to_camera: [row(0), row(1), row(2)],
             position: camera.position().to_array(),
-            near: camera.near,
+            near: camera.guarded_near(),
             focal: camera.focal.to_array(),
             center: camera.center.to_array(),
             least_slope: least_slope.to_array(),

@@ -11,7 +11,7 @@ use gs_core::{
 };
 
 use super::charts;
-use crate::{failure::Failure, subject::Subject};
+use crate::{failure::Failure, oracle::OracleScene, subject::Subject};
 
 /// All that a state holds about one Gaussian: the numbers of each tensor, integers by their bits.
 type Row = BTreeMap<String, Vec<f32>>;
@@ -43,6 +43,15 @@ fn with(row: &Row, names: &[&str], from: &Row) -> Row {
     let mut row = row.clone();
     for name in names {
         row.insert((*name).to_owned(), from[*name].clone());
+    }
+    row
+}
+
+/// A new row that inherits moments: in local frames, those are in the coordinates of a frame, and so its own is the nearest to that.
+fn heir<S: Subject>(new: &Row, parent: &Row) -> Row {
+    let mut row = with(new, &MOMENTS, parent);
+    if let Some(frame) = row.get_mut("frame") {
+        *frame = S::aligned(frame, &parent["frame"]);
     }
     row
 }
@@ -128,12 +137,12 @@ pub fn edits_carry_everything_along<S: Subject, R: Rasterizer<S>>(rasterizer: &R
                     with(&with(&new[6], &STEPS, &before[1]), &STATISTICS, &before[1]),
                     before[3].clone(),
                     before[4].clone(),
-                    with(&with(&new[0], &MOMENTS, &before[5]), &STATISTICS, &before[5]),
+                    with(&heir::<S>(&new[0], &before[5]), &STATISTICS, &before[5]),
                     before[6].clone(),
-                    with(&with(&new[2], &MOMENTS, &before[7]), &STATISTICS, &before[7]),
+                    with(&heir::<S>(&new[2], &before[7]), &STATISTICS, &before[7]),
                     before[8].clone(),
                     new[4].clone(),
-                    with(&with(&new[5], &MOMENTS, &before[1]), &STATISTICS, &before[1]),
+                    with(&heir::<S>(&new[5], &before[1]), &STATISTICS, &before[1]),
                 ];
                 if statistics == AfterEdit::Restart {
                     expected = expected.iter().map(|row| without(row, &STATISTICS)).collect();
@@ -166,6 +175,50 @@ pub fn edits_carry_everything_along<S: Subject, R: Rasterizer<S>>(rasterizer: &R
     }
     Ok(())
 }
+
+/// A Gaussian that is changed in place into what it is, and inherits its moments, goes on as if nothing had happened, in every chart.
+///
+/// # Errors
+/// [`Failure`] where the backend does not do so.
+pub fn changes_that_inherit_go_on<S: Subject, R: Rasterizer<S>>(rasterizer: &R) -> Result<(), Failure> {
+    let draw = S::overlapping(Blend::Over, 9, (24, 20), 1811);
+    let target = rasterizer.upload_target(&draw.target()?)?;
+    let rates = S::adam().at(0.0);
+    let step = TrainStep { settings: &draw.settings, loss: Loss::L2, rates: &rates, binning: Binning::Fresh };
+    for chart in charts::<S, R>(rasterizer)? {
+        let mut after = Vec::new();
+        let mut before = draw.scene.emptied();
+        for edited in [false, true] {
+            let mut cloud = rasterizer.upload(&draw.scene, chart)?;
+            (0..20).try_for_each(|_| rasterizer.train_step(&mut cloud, &draw.view, &target, &step))?;
+            before = rasterizer.download(&cloud)?;
+            if edited {
+                let change =
+                    |i: usize| Change { index: i as u32, gaussian: before.gaussian(i), moments: Moments::Inherit };
+                let changed = (0..before.len()).map(change).collect();
+                rasterizer.edit(&mut cloud, &EditPlan { changed, ..EditPlan::default() })?;
+            }
+            (0..5).try_for_each(|_| rasterizer.train_step(&mut cloud, &draw.view, &target, &step))?;
+            after.push(rasterizer.download(&cloud)?.rows());
+        }
+        let means = |rows: &OracleScene| -> Vec<f64> {
+            rows.gaussians.iter().flat_map(|row| row[..S::DIMENSIONS].to_vec()).collect()
+        };
+        let apart = |a: &OracleScene, b: &OracleScene| {
+            means(a).iter().zip(means(b)).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt()
+        };
+        let (moved, off) = (apart(&after[0], &before.rows()), apart(&after[0], &after[1]));
+        Failure::unless(moved > 0.0 && off <= ASTRAY * moved, || {
+            format!(
+                "{chart:?}: where means move by {moved:e}, those that were changed into themselves are {off:e} astray"
+            )
+        })?;
+    }
+    Ok(())
+}
+
+/// Share of the way that rounding may lead astray.
+const ASTRAY: f64 = 0.02;
 
 fn compare(expected: &[Row], found: &[Row], place: &str) -> Result<(), Failure> {
     Failure::unless(expected.len() == found.len(), || {

@@ -40,7 +40,7 @@ use gs_core::{
 };
 
 pub use self::{
-    editing::{edits_carry_everything_along, refused_edits_change_nothing},
+    editing::{changes_that_inherit_go_on, edits_carry_everything_along, refused_edits_change_nothing},
     errors::{bad_views_and_settings_are_errors, mismatches_are_errors, scenes_that_are_not_finite_are_refused},
     gradients::{gradients_match, gradients_match_in_local_frames, gradients_match_through_canvases},
     images::{
@@ -157,6 +157,7 @@ pub fn cases<R: Rasterizer<PlanarScene>>() -> Vec<Case<R>> {
         shifts_move_means_and_nothing_else: shifts_move_means_and_nothing_else::<PlanarScene, R>,
         solved_colors_are_the_best: solved_colors_are_the_best::<R>,
         edits_carry_everything_along: edits_carry_everything_along::<PlanarScene, R>,
+        changes_that_inherit_go_on: changes_that_inherit_go_on::<PlanarScene, R>,
         refused_edits_change_nothing: refused_edits_change_nothing::<PlanarScene, R>,
         scenes_that_are_not_finite_are_refused: scenes_that_are_not_finite_are_refused::<R>,
         bad_views_and_settings_are_errors: bad_views_and_settings_are_errors::<R>,
@@ -200,6 +201,7 @@ pub fn spatial_cases<R: Rasterizer<SpatialScene>>() -> Vec<Case<R>> {
         visible_are_counted: visible_are_counted::<R>,
         shifts_move_means_and_nothing_else: shifts_move_means_and_nothing_else::<SpatialScene, R>,
         edits_carry_everything_along: edits_carry_everything_along::<SpatialScene, R>,
+        changes_that_inherit_go_on: changes_that_inherit_go_on::<SpatialScene, R>,
         refused_edits_change_nothing: refused_edits_change_nothing::<SpatialScene, R>,
         spatial_scenes_that_are_not_finite_are_refused: spatial_scenes_that_are_not_finite_are_refused::<R>,
         bad_cameras_and_settings_are_errors: bad_cameras_and_settings_are_errors::<R>,

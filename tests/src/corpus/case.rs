@@ -114,8 +114,6 @@ pub enum Training {
     Finite(&'static str),
     /// No parameter changes, and no loss.
     StandsStill,
-    /// Losses are below this at every step.
-    StaysBelow(f32),
     /// Losses may overflow: +∞, never NaN. Parameters stay finite, and those of every Gaussian still change in the last step.
     Moves,
 }

@@ -31,7 +31,9 @@ pub use self::{
     differences::{BACKEND_SHARE, Differences, ILL_CONDITIONED_SHARE, ORACLE_SHARE, Quotients},
     hardship::{Hardship, hard_planar, hard_spatial},
     planar::planar_corpus,
-    poison::{Infinite, Inputs, Slot, VALUES, poison_planar, poison_spatial},
+    poison::{
+        Infinite, Inputs, Slot, VALUES, poison_planar, poison_planar_slots, poison_spatial, poison_spatial_slots,
+    },
     report::{Observed, Record},
     run::run,
     spatial::spatial_corpus,

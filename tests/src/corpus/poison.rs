@@ -8,6 +8,7 @@ use std::time::Instant;
 
 use gs_core::{PlanarScene, Rasterizer, SpatialScene};
 
+use self::state::Clean;
 use super::report::{Observed, Record};
 use crate::{failure::Failure, subject::Subject};
 
@@ -41,17 +42,33 @@ pub const VALUES: [f32; 22] = [
 
 /// Puts every value into every slot of planar inputs; a record for each slot.
 pub fn poison_planar<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Vec<Record> {
+    poison_planar_slots(rasterizer, |_| true)
+}
+
+/// [`poison_planar`], but for those slots alone of whose records' names `wanted` is true.
+pub fn poison_planar_slots<R: Rasterizer<PlanarScene>>(
+    rasterizer: &R,
+    wanted: impl Fn(&str) -> bool + Copy,
+) -> Vec<Record> {
     inputs::planar()
         .iter()
-        .flat_map(|(name, inputs)| poison(rasterizer, name, inputs, &inputs::planar_slots()))
+        .flat_map(|(name, inputs)| poison(rasterizer, name, inputs, &inputs::planar_slots(), wanted))
         .collect()
 }
 
 /// Puts every value into every slot of spatial inputs; a record for each slot.
 pub fn poison_spatial<R: Rasterizer<SpatialScene>>(rasterizer: &R) -> Vec<Record> {
+    poison_spatial_slots(rasterizer, |_| true)
+}
+
+/// [`poison_spatial`], but for those slots alone of whose records' names `wanted` is true.
+pub fn poison_spatial_slots<R: Rasterizer<SpatialScene>>(
+    rasterizer: &R,
+    wanted: impl Fn(&str) -> bool + Copy,
+) -> Vec<Record> {
     inputs::spatial()
         .iter()
-        .flat_map(|(name, inputs)| poison(rasterizer, name, inputs, &inputs::spatial_slots()))
+        .flat_map(|(name, inputs)| poison(rasterizer, name, inputs, &inputs::spatial_slots(), wanted))
         .collect()
 }
 
@@ -60,28 +77,28 @@ fn poison<S: Subject, R: Rasterizer<S>>(
     name: &str,
     inputs: &Inputs<S>,
     slots: &[Slot<S>],
+    wanted: impl Fn(&str) -> bool,
 ) -> Vec<Record> {
     let record = |slot: &str, outcome: &mut dyn FnMut() -> Result<usize, Failure>| {
-        let start = Instant::now();
-        let outcome = outcome().map(|runs| Observed { runs, ..Observed::default() });
-        Record {
-            case: format!("poison, {name}: {slot}"),
-            backend: rasterizer.describe(),
-            outcome,
-            took: start.elapsed(),
-        }
+        let case = format!("poison, {name}: {slot}");
+        wanted(&case).then(|| {
+            let start = Instant::now();
+            let outcome = outcome().map(|runs| Observed { runs, ..Observed::default() });
+            Record { case, backend: rasterizer.describe(), outcome, took: start.elapsed() }
+        })
     };
     let mut records = Vec::new();
-    match state::slots(rasterizer, inputs) {
-        Ok(of_state) => {
+    let clean = Clean::new(rasterizer, inputs);
+    match clean.and_then(|clean| Ok((state::slots(&clean.state)?, clean))) {
+        Ok((of_state, clean)) => {
             for slot in of_state {
-                records.push(record(&slot.to_string(), &mut || state::poison(rasterizer, inputs, &slot)));
+                records.extend(record(&slot.to_string(), &mut || state::poison(rasterizer, inputs, &clean, &slot)));
             }
         }
-        Err(failure) => records.push(record("state", &mut || Err(failure.clone()))),
+        Err(failure) => records.extend(record("state", &mut || Err(failure.clone()))),
     }
     for slot in slots {
-        records.push(record(slot.name, &mut || inputs::poison(rasterizer, inputs, slot)));
+        records.extend(record(slot.name, &mut || inputs::poison(rasterizer, inputs, slot)));
     }
     records
 }

@@ -4,10 +4,11 @@ use std::array;
 
 use glam::{Mat3, Quat, Vec2, Vec3};
 use gs_core::{
-    Adam, AdamRates, Camera, Canvas, Chart, Image, Loss, PlanarGaussian, PlanarScene, RenderSettings, Scene,
+    Adam, AdamRates, Binning, Camera, Canvas, Chart, Image, Loss, PlanarGaussian, PlanarScene, RenderSettings, Scene,
     SpatialGaussian, SpatialScene,
     adam::{Group, Participants, Penalty},
     effects::{Antialias, Blend, Order, Statistics},
+    settings::Extent,
 };
 
 use super::bytes::Bytes;
@@ -39,6 +40,8 @@ pub struct Fuzzed<S: Scene> {
     pub chart: Chart,
     /// How it steps.
     pub rates: AdamRates,
+    /// Whose tile lists steps after the first take.
+    pub binning: Binning,
 }
 
 /// A planar scene before a canvas, from bytes.
@@ -47,6 +50,7 @@ pub fn planar(bytes: &[u8]) -> Fuzzed<PlanarScene> {
     let view = canvas(&mut bytes);
     let settings = settings(&mut bytes, [Order::Index; 3]);
     let (target, loss, chart, rates) = training(&mut bytes, (view.width, view.height));
+    let binning = bytes.pick([Binning::Fresh, Binning::Reuse]);
     // Penalties are for scenes in space.
     let rates = AdamRates { penalty: Penalty::NONE, ..rates };
     let mut scene = PlanarScene::default();
@@ -63,7 +67,7 @@ pub fn planar(bytes: &[u8]) -> Fuzzed<PlanarScene> {
             color: Vec3::from_array(array::from_fn(|_| bytes.wild(-0.5..1.5, RARITY))),
         });
     }
-    Fuzzed { scene, view, settings, target, loss, chart, rates }
+    Fuzzed { scene, view, settings, target, loss, chart, rates, binning }
 }
 
 /// A scene in space before a camera, from bytes.
@@ -72,6 +76,7 @@ pub fn spatial(bytes: &[u8]) -> Fuzzed<SpatialScene> {
     let view = camera(&mut bytes);
     let settings = settings(&mut bytes, [Order::Index, Order::TileDepth, Order::PixelDepth]);
     let (target, loss, chart, rates) = training(&mut bytes, (view.width, view.height));
+    let binning = bytes.pick([Binning::Fresh, Binning::Reuse]);
     let mut scene = SpatialScene { sh_degree: bytes.below(4) as u8, ..SpatialScene::default() };
     while scene.len() < MOST_GAUSSIANS && !bytes.is_empty() {
         let ray = Vec3::new(bytes.wild(-0.8..0.8, RARITY), bytes.wild(-0.8..0.8, RARITY), 1.0);
@@ -84,7 +89,7 @@ pub fn spatial(bytes: &[u8]) -> Fuzzed<SpatialScene> {
             sh: (0..scene.sh_len()).map(|_| Vec3::from_array(array::from_fn(|_| bytes.wild(-2.0..2.0, 64)))).collect(),
         });
     }
-    Fuzzed { scene, view, settings, target, loss, chart, rates }
+    Fuzzed { scene, view, settings, target, loss, chart, rates, binning }
 }
 
 fn size(bytes: &mut Bytes<'_>) -> (u32, u32) {
@@ -133,6 +138,9 @@ fn settings(bytes: &mut Bytes<'_>, orders: [Order; 3]) -> RenderSettings {
         settings.accuracy.alpha_cut = bytes.wild(1e-6..0.5, RARITY);
         settings.accuracy.alpha_max = bytes.wild(0.5..0.9999, RARITY);
         settings.accuracy.transmittance_min = bytes.wild(0.0..0.5, RARITY);
+    }
+    if bytes.below(8) == 1 {
+        settings.accuracy.extent = Extent::Sigmas(bytes.wild(1.0..6.0, RARITY));
     }
     settings
 }

@@ -1,14 +1,13 @@
 //! What a backend owes a drawn scene, whatever it is.
 
 use gs_core::{
-    Binning, CloudState, Error, Image, PlanarScene, Rasterizer, RenderSettings, Scene, SpatialScene, TrainStep, Wait,
+    Error, Image, PlanarScene, Rasterizer, RenderSettings, Scene, SpatialScene, TrainStep, Wait,
     constants::MIN_QUATERNION_NORM2,
     effects::{Blend, Order},
-    state::TensorData,
 };
 
 use super::draw::Fuzzed;
-use crate::failure::Failure;
+use crate::{bits::bits, failure::Failure};
 
 /// Training steps of each drawn scene.
 const STEPS: usize = 3;
@@ -111,7 +110,7 @@ impl Bounded for SpatialScene {
 /// # Errors
 /// [`Failure::Broken`] for what must not be; [`Failure::Backend`] for an error where there was no reason for one.
 pub fn owes<S: Bounded, R: Rasterizer<S>>(rasterizer: &R, drawn: &Fuzzed<S>) -> Result<(), Failure> {
-    let Fuzzed { scene, view, settings, target, loss, chart, rates } = drawn;
+    let Fuzzed { scene, view, settings, target, loss, chart, rates, binning } = drawn;
     let is_scene = scene.validate().is_ok();
     let mut cloud = match rasterizer.upload(scene, *chart) {
         Err(Error::Unsupported { .. }) => return Ok(()),
@@ -135,11 +134,9 @@ pub fn owes<S: Bounded, R: Rasterizer<S>>(rasterizer: &R, drawn: &Fuzzed<S>) -> 
     let culled = rasterizer.culled(&frame)?;
     Failure::unless(culled.total() <= scene.len() as u64, || format!("{culled:?} of {} Gaussians", scene.len()))?;
 
-    if loss.validate().is_err() {
-        return Ok(());
-    }
     let target_on = rasterizer.upload_target(target)?;
-    let (value, gradients) = rasterizer.backward(&cloud, frame, &target_on, loss)?;
+    let answer = rasterizer.backward(&cloud, frame, &target_on, loss);
+    let Some((value, gradients)) = accepted("the loss", loss.validate().is_ok(), answer)? else { return Ok(()) };
     let derivatives = rasterizer.download_gradients(&cloud, &gradients)?;
     Failure::unless(derivatives.len() == scene.len(), || format!("{} derivatives", derivatives.len()))?;
     let moderate = scene.is_moderate() && S::view_is_moderate(view) && all_moderate(settings.backdrop());
@@ -147,7 +144,7 @@ pub fn owes<S: Bounded, R: Rasterizer<S>>(rasterizer: &R, drawn: &Fuzzed<S>) -> 
         Failure::unless(value.is_finite() && value >= 0.0, || format!("the loss is {value}"))?;
         Failure::unless(derivatives.validate().is_ok(), || format!("derivatives: {:?}", derivatives.validate()))?;
     }
-    let step = TrainStep { settings, loss: *loss, rates, binning: Binning::Fresh };
+    let step = TrainStep { settings, loss: *loss, rates, binning: *binning };
     for _ in 0..STEPS {
         rasterizer.train_step(&mut cloud, view, &target_on, &step)?;
     }
@@ -161,7 +158,9 @@ pub fn owes<S: Bounded, R: Rasterizer<S>>(rasterizer: &R, drawn: &Fuzzed<S>) -> 
     }
     let state = rasterizer.save(&cloud)?;
     let restored = rasterizer.save(&rasterizer.restore(&state)?)?;
-    Failure::unless(same_state(&state, &restored), || "a restored state is another".to_owned())
+    Failure::unless(state.chart == restored.chart && bits(&state) == bits(&restored), || {
+        "a restored state is another".to_owned()
+    })
 }
 
 /// What came of an offer that should be accepted or refused; nothing where it was refused rightly.
@@ -210,16 +209,4 @@ pub fn image_is_sound<S: Bounded>(
 fn same_bits(a: &Image, b: &Image) -> bool {
     let bits = |image: &Image| image.pixels().as_flattened().iter().map(|v| v.to_bits()).collect::<Vec<u32>>();
     bits(a) == bits(b)
-}
-
-/// Equal, NaN included.
-fn same_state(a: &CloudState, b: &CloudState) -> bool {
-    let bits = |state: &CloudState| {
-        let bits = |data: &TensorData| match data {
-            TensorData::F32(values) => values.iter().map(|value| value.to_bits()).collect(),
-            TensorData::U32(values) => values.clone(),
-        };
-        state.tensors.iter().map(|(name, tensor)| (name.clone(), bits(&tensor.data))).collect::<Vec<_>>()
-    };
-    a.chart == b.chart && bits(a) == bits(b)
 }

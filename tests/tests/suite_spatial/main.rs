@@ -50,6 +50,7 @@ fn every_fault_is_caught_by_its_case() {
         (SeesEverything, "visible_are_counted"),
         (ShiftsAreSteps, "shifts_move_means_and_nothing_else"),
         (ForgetsMomentsOnEdit, "edits_carry_everything_along"),
+        (ForgetsMomentsOnEdit, "changes_that_inherit_go_on"),
         (EditsEvenWhenItRefuses, "refused_edits_change_nothing"),
         (AcceptsNan, "spatial_scenes_that_are_not_finite_are_refused"),
         (SwallowsBadSettings, "bad_cameras_and_settings_are_errors"),

@@ -1,6 +1,6 @@
 //! What a planar scene calls for: no depth and no harmonics, whatever is wanted; for the rest see the [module](super).
 
-use super::{CallsForEffects, Decision, background};
+use super::{CallsForEffects, Decision, Narrow, background};
 use crate::{
     constants::NARROW_PX,
     effects::{Antialias, Blend, Effect},
@@ -12,6 +12,14 @@ use crate::{
 impl CallsForEffects for PlanarScene {
     fn decide(&self, views: &[Canvas], settings: &RenderSettings) -> [Decision; Effect::ALL.len()] {
         Effect::ALL.map(|effect| decide(self, effect, views, settings))
+    }
+
+    /// All are taken for shown.
+    fn narrow(&self, canvas: &Canvas, _: &RenderSettings) -> Narrow {
+        let scale = canvas.scale().min_element();
+        let width = |log_scale: &glam::Vec2| scale * log_scale.min_element().exp();
+        let narrow = self.log_scales.iter().filter(|log_scale| width(log_scale) < NARROW_PX).count();
+        Narrow { narrow, shown: self.len() }
     }
 }
 
@@ -26,7 +34,7 @@ fn decide(scene: &PlanarScene, effect: Effect, views: &[Canvas], settings: &Rend
             Blend::Over if scene.is_empty() => (*effects, "the scene is empty".to_owned()),
             Blend::Over => (*effects, "one Gaussian may hide another, as the scene is made".to_owned()),
         },
-        Effect::Antialias => match (effects.antialias, narrow(scene, views)) {
+        Effect::Antialias => match (effects.antialias, narrow(scene, views, settings)) {
             (Antialias::None, None) => (off, "none is asked for".to_owned()),
             (Antialias::None, Some(narrow)) => (off, format!("none is asked for, though {narrow}")),
             (_, None) => (*effects, "it widens every Gaussian, as is asked for".to_owned()),
@@ -37,12 +45,10 @@ fn decide(scene: &PlanarScene, effect: Effect, views: &[Canvas], settings: &Rend
 }
 
 /// How many Gaussians are narrower than a pixel, in the first view where some are.
-fn narrow(scene: &PlanarScene, views: &[Canvas]) -> Option<String> {
+fn narrow(scene: &PlanarScene, views: &[Canvas], settings: &RenderSettings) -> Option<String> {
     views.iter().enumerate().find_map(|(number, canvas)| {
-        let scale = canvas.scale().min_element();
-        let width = |log_scale: &glam::Vec2| scale * log_scale.min_element().exp();
-        let count = scene.log_scales.iter().filter(|log_scale| width(log_scale) < NARROW_PX).count();
-        (count > 0).then(|| format!("{count} Gaussians are narrower than a pixel in view {}", number + 1))
+        let Narrow { narrow, .. } = scene.narrow(canvas, settings);
+        (narrow > 0).then(|| format!("{narrow} Gaussians are narrower than a pixel in view {}", number + 1))
     })
 }
 

@@ -3,7 +3,7 @@
 mod harmonics;
 
 use self::harmonics::Harmonics;
-use super::{CallsForEffects, Decision, background, overlap::Shown};
+use super::{CallsForEffects, Decision, Narrow, background, overlap::Shown};
 use crate::{
     effects::{Antialias, Blend, Effect, Effects, Order},
     scene::SpatialScene,
@@ -39,6 +39,10 @@ impl CallsForEffects for SpatialScene {
             background(settings),
         ]
     }
+}
+
+fn narrow_of(shown: &Shown) -> Narrow {
+    Narrow { narrow: shown.drawn.iter().filter(|drawn| drawn.narrow).count(), shown: shown.drawn.len() }
 }
 
 /// One kind of sorting and the next cheaper one, and what is known of whether that does.
@@ -77,6 +81,10 @@ impl Cheaper {
                 "no depth order: nothing hides what the scene has before it",
             ],
         }
+    }
+
+    fn narrow(&self, camera: &Camera, settings: &RenderSettings) -> Narrow {
+        narrow_of(&Shown::of(self, camera, settings))
     }
 }
 
@@ -168,8 +176,8 @@ impl Widths {
     }
 
     fn look(&mut self, number: usize, shown: &Shown) {
-        self.drawn += shown.drawn.len();
-        let narrow = shown.drawn.iter().filter(|drawn| drawn.narrow).count();
+        let Narrow { narrow, shown } = narrow_of(shown);
+        self.drawn += shown;
         if narrow > 0 && self.narrow.is_none() {
             self.narrow = Some(format!("{narrow} Gaussians are narrower than a pixel in view {number}"));
         }

@@ -84,7 +84,7 @@ impl<'a> Buffers<'a> {
     }
 
     /// Bytes of all of them that are not in the file itself as they are.
-    pub(super) fn bytes_beside(&self) -> u64 {
+    pub(super) fn decoded_bytes(&self) -> u64 {
         self.contents.iter().filter(|b| matches!(b, Cow::Owned(_))).map(|b| b.len() as u64).sum()
     }
 

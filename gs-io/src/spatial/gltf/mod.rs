@@ -167,7 +167,7 @@ fn check_claims(accessors: &Accessors<'_>, places: &[Place<'_>]) -> Result<(), E
             11 + 3 * place.primitive.attributes.keys().filter(|name| name.contains(":SH_DEGREE_")).count() as u64;
         claimed = claimed.saturating_add(rows.saturating_mul(4 * numbers));
     }
-    source.check_claim(source.bytes.len() as u64 + accessors.buffers.bytes_beside(), claimed)
+    source.check_claim(source.bytes.len() as u64 + accessors.buffers.decoded_bytes(), claimed)
 }
 
 /// The Gaussians of a primitive, in its own coordinates; scales are as they are stored.

@@ -16,7 +16,6 @@ use self::header::{Element, Header};
 use super::{
     SpatialFormat,
     loss::Loss,
-    quantity::finite_log,
     sh_degree::{MAX_DEGREE, degree_of_rest},
     source::Source,
 };
@@ -56,7 +55,7 @@ pub(crate) fn read(source: &Source<'_>) -> Result<Read, Error> {
     rows::read(source, &header, element, start, &wanted, |row| {
         let value = |k: usize| row[k] as f32;
         scene.means.push([value(0), value(1), value(2)].into());
-        scene.log_scales.push([value(3), value(4), value(5)].map(finite_log).into());
+        scene.log_scales.push([value(3), value(4), value(5)].into());
         scene.rotations.push([value(6), value(7), value(8), value(9)]);
         scene.opacity_logits.push(value(10));
         scene.sh.push([value(11), value(12), value(13)].into());

@@ -1,7 +1,7 @@
 //! Losses and optimisers at the edges: nothing to gain, everything to lose.
 
 use glam::Vec2;
-use gs_core::{Image, Loss, PlanarGaussian, PlanarScene, statistics::Culled};
+use gs_core::{Adam, Image, Loss, PlanarGaussian, PlanarScene, adam::Group, statistics::Culled};
 
 use super::{BLENDS, PLAIN, VIEW, case};
 use crate::corpus::case::{Case, Goal, Picture, Slopes, Source, Training};
@@ -21,7 +21,7 @@ fn some() -> impl Iterator<Item = PlanarGaussian> {
 pub(super) fn cases() -> Vec<Case<PlanarScene>> {
     let mut cases = Vec::new();
     for blend in BLENDS {
-        // A fused step may see another image by a rounding. That is a gradient, and of Adam, whose ε is 1e-15, a whole step.
+        // A step that sees another image by a rounding has a gradient, and of Adam, whose ε is 1e-15, that is a whole step.
         for (name, loss) in [("L2", Loss::L2), ("L1", Loss::L1)] {
             let case = case(
                 format!("loss exactly 0 ({name})"),
@@ -30,7 +30,7 @@ pub(super) fn cases() -> Vec<Case<PlanarScene>> {
                 blend,
                 some(),
             );
-            cases.push(case.after(Goal::Itself, loss).sloping(Slopes::Zero).training(Training::StaysBelow(1e-2)));
+            cases.push(case.after(Goal::Itself, loss).sloping(Slopes::Zero).training(Training::StandsStill));
         }
         for (name, value) in [("black", 0.0), ("white", 1.0)] {
             let case = case(
@@ -85,7 +85,18 @@ pub(super) fn cases() -> Vec<Case<PlanarScene>> {
             .sloping(Slopes::Zero)
             .training(Training::StandsStill),
         );
-        for exponent in [10, 18, 30] {
+        // Nothing but the background is wanted, so that a Gaussian should shrink; alone, so that it is seen whether it does.
+        let nothing = Image::filled(VIEW.0, VIEW.1, [0.2, 0.3, 0.1]).expect("a possible size");
+        let shrinking = case(
+            "steps of e⁴ in scale",
+            "exp(η) to second order is 5 at η = −4: what should shrink grows, and more with each step",
+            Source::Definition("constants::MAX_ETA"),
+            blend,
+            [PLAIN],
+        )
+        .after(Goal::Image(nothing), Loss::L2);
+        cases.push(Case { adam: Adam { scale: Group::constant(4.0), ..shrinking.adam }, steps: 2, ..shrinking });
+        for exponent in [10, 18, 30, 38] {
             cases.push(
                 case(
                     format!("Adam with gradients of 10^{exponent}"),

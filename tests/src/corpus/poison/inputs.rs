@@ -211,7 +211,6 @@ pub(super) fn poison<S: Subject, R: Rasterizer<S>>(
 /// left out and counted.
 fn one<S: Subject, R: Rasterizer<S>>(rasterizer: &R, inputs: &Inputs<S>) -> Result<(), Failure> {
     let mut cloud = rasterizer.upload(&inputs.scene, Chart::ScaleRotation)?;
-    let before = rasterizer.save(&cloud)?;
     let frame = rasterizer.forward(&cloud, &inputs.view, &inputs.settings)?;
     let (image, culled) = (rasterizer.image(&frame)?, rasterizer.culled(&frame)?);
     let expected = Oracle::new(inputs.view, inputs.settings)?.render(&inputs.scene.rows());
@@ -230,7 +229,8 @@ fn one<S: Subject, R: Rasterizer<S>>(rasterizer: &R, inputs: &Inputs<S>) -> Resu
         TrainStep { settings: &inputs.settings, loss: inputs.loss, rates: &inputs.rates, binning: Binning::Fresh };
     for _ in 0..2 {
         if let Err(error) = rasterizer.train_step(&mut cloud, &inputs.view, &target, &step) {
-            let kept = rasterizer.save(&cloud)? == before;
+            let before = rasterizer.upload(&inputs.scene, Chart::ScaleRotation)?;
+            let kept = rasterizer.save(&cloud)? == rasterizer.save(&before)?;
             Failure::unless(kept, || format!("a step that was refused ({error}) changed the cloud"))?;
             return Err(error.into());
         }

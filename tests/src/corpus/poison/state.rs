@@ -10,7 +10,7 @@ use gs_core::{
 use super::{VALUES, inputs::Inputs};
 use crate::{
     failure::Failure,
-    oracle::{Oracle, OracleScene},
+    oracle::{Oracle, OracleScene, OracleView},
     subject::Subject,
     tolerance::compare_images,
 };
@@ -39,12 +39,29 @@ impl fmt::Display for StateSlot {
 /// The tensors of parameters, in their order in a row of the oracle's.
 const PARAMETERS: [&str; 6] = ["mean", "log_scale", "rotation", "opacity_logit", "color", "sh"];
 
+/// What all runs with the same inputs share.
+pub(super) struct Clean<S: Subject, R: Rasterizer<S>> {
+    pub(super) state: CloudState,
+    target: R::Target,
+    /// What becomes of the scene without the victim.
+    image: Image,
+    stepped: S,
+}
+
+impl<S: Subject, R: Rasterizer<S>> Clean<S, R> {
+    pub(super) fn new(rasterizer: &R, inputs: &Inputs<S>) -> Result<Self, Failure> {
+        let state = rasterizer.save(&rasterizer.upload(&inputs.scene, Chart::ScaleRotation)?)?;
+        let target = rasterizer.upload_target(&inputs.target)?;
+        let others = inputs.scene.picked((0..inputs.scene.len()).filter(|&i| i != VICTIM));
+        let cloud = rasterizer.upload(&others, Chart::ScaleRotation)?;
+        let (image, _) = seen(rasterizer, inputs, &cloud)?;
+        let Trained { stepped, .. } = Trained::of(rasterizer, inputs, cloud, &target, 1)?;
+        Ok(Self { state, target, image, stepped })
+    }
+}
+
 /// All numbers that are kept of one Gaussian.
-pub(super) fn slots<S: Subject, R: Rasterizer<S>>(
-    rasterizer: &R,
-    inputs: &Inputs<S>,
-) -> Result<Vec<StateSlot>, Failure> {
-    let state = rasterizer.save(&rasterizer.upload(&inputs.scene, Chart::ScaleRotation)?)?;
+pub(super) fn slots(state: &CloudState) -> Result<Vec<StateSlot>, Failure> {
     let columns = |name: &str| state.matrix(name).map_or(0, |(columns, _)| columns);
     let mut slots = Vec::new();
     let mut parameter = 0;
@@ -68,16 +85,11 @@ pub(super) fn slots<S: Subject, R: Rasterizer<S>>(
 pub(super) fn poison<S: Subject, R: Rasterizer<S>>(
     rasterizer: &R,
     inputs: &Inputs<S>,
+    clean: &Clean<S, R>,
     slot: &StateSlot,
 ) -> Result<usize, Failure> {
-    let clean = rasterizer.upload(&inputs.scene, Chart::ScaleRotation)?;
-    let state = rasterizer.save(&clean)?;
-    let others = inputs.scene.picked((0..inputs.scene.len()).filter(|&i| i != VICTIM));
-    let without = After::of(rasterizer, inputs, &rasterizer.upload(&others, Chart::ScaleRotation)?, 1)?;
     for value in VALUES {
-        let poisoned = with(&state, slot, value);
-        one(rasterizer, inputs, slot, value, &poisoned, &without)
-            .map_err(|failure| failure.at(format!("{value:e}")))?;
+        one(rasterizer, inputs, clean, slot, value).map_err(|failure| failure.at(format!("{value:e}")))?;
     }
     Ok(VALUES.len())
 }
@@ -93,66 +105,72 @@ fn with(state: &CloudState, slot: &StateSlot, value: f32) -> CloudState {
     state
 }
 
-/// What a cloud shows, and what becomes of it.
-struct After<S> {
-    image: Image,
-    culled: Culled,
-    /// After the first training step.
+/// What a cloud shows, and what that leaves out.
+fn seen<S: Subject, R: Rasterizer<S>>(
+    rasterizer: &R,
+    inputs: &Inputs<S>,
+    cloud: &R::Cloud,
+) -> Result<(Image, Culled), Failure> {
+    let frame = rasterizer.forward(cloud, &inputs.view, &inputs.settings)?;
+    Ok((rasterizer.image(&frame)?, rasterizer.culled(&frame)?))
+}
+
+/// What becomes of a cloud in training.
+struct Trained<S> {
+    /// After the first step.
     stepped: S,
     losses: Vec<f32>,
     /// After the last.
     scene: S,
 }
 
-impl<S: Subject> After<S> {
+impl<S: Subject> Trained<S> {
     fn of<R: Rasterizer<S>>(
         rasterizer: &R,
         inputs: &Inputs<S>,
-        cloud: &R::Cloud,
+        mut cloud: R::Cloud,
+        target: &R::Target,
         steps: usize,
     ) -> Result<Self, Failure> {
-        let frame = rasterizer.forward(cloud, &inputs.view, &inputs.settings)?;
-        let (image, culled) = (rasterizer.image(&frame)?, rasterizer.culled(&frame)?);
-        let mut cloud = rasterizer.restore(&rasterizer.save(cloud)?)?;
-        let target = rasterizer.upload_target(&inputs.target)?;
         let step =
             TrainStep { settings: &inputs.settings, loss: inputs.loss, rates: &inputs.rates, binning: Binning::Fresh };
         let mut losses = Vec::new();
-        rasterizer.train_step(&mut cloud, &inputs.view, &target, &step)?;
+        rasterizer.train_step(&mut cloud, &inputs.view, target, &step)?;
         let stepped = rasterizer.download(&cloud)?;
         for _ in 1..steps {
-            rasterizer.train_step(&mut cloud, &inputs.view, &target, &step)?;
+            rasterizer.train_step(&mut cloud, &inputs.view, target, &step)?;
         }
         rasterizer.losses(&mut cloud, Wait::All, &mut losses)?;
         let scene = rasterizer.download(&cloud)?;
-        Ok(Self { image, culled, stepped, losses, scene })
+        Ok(Self { stepped, losses, scene })
     }
 }
 
 fn one<S: Subject, R: Rasterizer<S>>(
     rasterizer: &R,
     inputs: &Inputs<S>,
+    clean: &Clean<S, R>,
     slot: &StateSlot,
     value: f32,
-    state: &CloudState,
-    without: &After<S>,
 ) -> Result<(), Failure> {
-    let cloud = match rasterizer.restore(state) {
+    let cloud = match rasterizer.restore(&with(&clean.state, slot, value)) {
         Err(Error::State(_) | Error::NotFinite { .. }) if !value.is_finite() => return Ok(()),
         cloud => cloud?,
     };
-    if slot.parameter.is_some() {
-        accepts_what_is_valid(rasterizer, &cloud)?;
-    }
-    let found = After::of(rasterizer, inputs, &cloud, STEPS)?;
     let mut rows = inputs.scene.rows();
-    if let Some(parameter) = slot.parameter {
-        rows.gaussians[VICTIM][parameter] = f64::from(value);
-    }
     let oracle = Oracle::new(inputs.view, inputs.settings)?;
-    let footprint = shown(&oracle, &rows, &found, &without.image)?;
+    // What is kept besides parameters has no part in pictures.
+    let footprint = match slot.parameter {
+        None => oracle.footprint(&rows.gaussians[VICTIM]),
+        Some(parameter) => {
+            accepts_what_is_valid(rasterizer, &cloud)?;
+            rows.gaussians[VICTIM][parameter] = f64::from(value);
+            shown(&oracle, &rows, &seen(rasterizer, inputs, &cloud)?, &clean.image)?
+        }
+    };
 
     // A Gaussian that shares no pixel with the victim takes the very step that it would have taken without it.
+    let trained = Trained::of(rasterizer, inputs, cloud, &clean.target, STEPS)?;
     let mut apart = 0;
     for (i, other) in (0..inputs.scene.len()).filter(|&i| i != VICTIM).enumerate() {
         let own = oracle.footprint(&rows.gaussians[other]);
@@ -160,15 +178,16 @@ fn one<S: Subject, R: Rasterizer<S>>(
             continue;
         }
         apart += 1;
-        let same = found.stepped.gaussian(other) == without.stepped.gaussian(i);
+        let same = trained.stepped.gaussian(other) == clean.stepped.gaussian(i);
         Failure::unless(same, || format!("Gaussian {other} took another step, which shares no pixel with it"))?;
     }
     Failure::unless(apart > 0 || footprint.iter().any(|&touched| touched), || "nothing was compared".to_owned())?;
 
     // Sums that a colour of 10³⁰ makes overflow are what they are; but where the losses are finite, so are the others.
-    Failure::unless(!found.losses.iter().any(|loss| loss.is_nan()), || format!("losses {:?}", found.losses))?;
-    if found.losses.iter().all(|loss| loss.is_finite()) {
-        let others = found.scene.picked((0..inputs.scene.len()).filter(|&i| i != VICTIM));
+    let Trained { losses, scene, .. } = &trained;
+    Failure::unless(!losses.iter().any(|loss| loss.is_nan()), || format!("losses {losses:?}"))?;
+    if losses.iter().all(|loss| loss.is_finite()) {
+        let others = scene.picked((0..inputs.scene.len()).filter(|&i| i != VICTIM));
         others.validate().map_err(|error| Failure::from(error).at(format!("the others after {STEPS} steps")))?;
     }
     Ok(())
@@ -202,24 +221,24 @@ pub(super) fn same_causes(found: Culled, expected: Culled) -> bool {
 
 /// Holds the picture of a poisoned scene against the oracle's, and off the poisoned Gaussian's footprint, to the bit, against the one without it;
 /// the footprint.
-fn shown<S: Subject>(
-    oracle: &Oracle<S::View>,
+fn shown<V: OracleView>(
+    oracle: &Oracle<V>,
     rows: &OracleScene,
-    found: &After<S>,
+    (found, culled): &(Image, Culled),
     without: &Image,
 ) -> Result<Vec<bool>, Failure> {
     let expected = oracle.render(rows);
-    Failure::unless(same_causes(found.culled, expected.culled), || {
-        format!("left out {:?}, the oracle {:?}", found.culled, expected.culled)
+    Failure::unless(same_causes(*culled, expected.culled), || {
+        format!("left out {culled:?}, the oracle {:?}", expected.culled)
     })?;
     let footprint = oracle.footprint(&rows.gaussians[VICTIM]);
     for (p, touched) in footprint.iter().enumerate() {
-        let (seen, alone) = (found.image.pixels()[p], without.pixels()[p]);
+        let (seen, alone) = (found.pixels()[p], without.pixels()[p]);
         let finite = seen.iter().all(|v| v.is_finite());
         Failure::unless(finite, || format!("pixel {p} is {seen:?}"))?;
         let same = *touched || seen.map(f32::to_bits) == alone.map(f32::to_bits);
         Failure::unless(same, || format!("pixel {p}, which it does not touch, is {seen:?}, without it {alone:?}"))?;
     }
-    compare_images(&expected, &found.image)?;
+    compare_images(&expected, found)?;
     Ok(footprint)
 }

@@ -121,6 +121,25 @@ fn places() -> Vec<Case<SpatialScene>> {
         }
         .training(Training::Finite("steps of world units in a world of 10⁻²⁵")),
     );
+    // W may be off a rotation by a thousandth. By half of that it is here, so that 1024 world units from the origin the camera itself, −Wᵀ t, is
+    // 1 in front of the camera, to the bit.
+    let stretched = 1.0 + 2f32.powi(-11);
+    let view =
+        Camera { rotation: Mat3::from_diagonal(Vec3::splat(stretched)), translation: Vec3::NEG_Z * 1024.0, ..camera() };
+    let sh = (0..16).map(|k| Vec3::new(0.5, -0.3, 0.2) * (k as f32 + 1.0).recip()).collect();
+    let at_camera = SpatialGaussian { mean: view.position(), log_scale: Vec3::splat(-2.5), sh, ..plain() };
+    cases.push(
+        Case {
+            view,
+            ..case(
+                "viewing direction of length zero",
+                "from a point to itself there is no direction: 0/0, and a gradient that divides by it",
+                Source::Definition("perspective::Perspective::direction"),
+                [at_camera],
+            )
+        }
+        .training(Training::Finite("the smallest step makes a direction of none")),
+    );
     let turned = Mat3::from_rotation_z(0.5) * Mat3::from_rotation_x(std::f32::consts::PI);
     let view = Camera { rotation: turned, translation: Vec3::new(0.0, 0.0, 3.0), ..camera() };
     cases.push(Case {

@@ -1,0 +1,251 @@
+//! Where the state of a fit or a training is stored as it goes on, and how it ends with what is stored: a checkpoint that cannot be written is
+//! told, but takes neither the work nor its results with it.
+
+use std::{
+    fs, iter,
+    path::{Path, PathBuf},
+};
+
+use gs_io::{Checkpoint, write_checkpoint};
+use gs_train::{Error, Observer, Outcome, Progress};
+
+use crate::{
+    failure::Failure,
+    fit::{arguments::CheckpointArgs, folder::OutputFolder, progress::Voice, quoted},
+};
+
+/// Refuses a folder in place of a file, before any work is spent on what would go there.
+pub(crate) fn check_checkpoint_file(args: &CheckpointArgs) -> Result<(), Failure> {
+    match &args.checkpoint {
+        Some(file) if file.is_dir() => {
+            let mend = "name a file with --checkpoint";
+            Err(Failure::usage("is a folder, not a file for checkpoints").at(file.display()).mend(mend))
+        }
+        _ => Ok(()),
+    }
+}
+
+/// The file among the results for checkpoints that no flag names a file for. Nobody asked for it, so it takes the place of no other run's
+/// checkpoint: only of that from which this run goes on.
+fn unnamed_file(output: &Path, resumed: Option<&Path>) -> PathBuf {
+    let resumed = resumed.and_then(|file| fs::canonicalize(file).ok());
+    let is_free = |file: &PathBuf| match fs::canonicalize(file) {
+        Ok(file) => resumed.as_ref() == Some(&file),
+        Err(_) => fs::symlink_metadata(file).is_err(),
+    };
+    let numbered = (2u64..).map(|number| output.join(format!("checkpoint-{number}.safetensors")));
+    let file = iter::once(output.join("checkpoint.safetensors")).chain(numbered).find(is_free);
+    file.expect("there are more numbers than files")
+}
+
+/// Where checkpoints go, how often, and what has become of them; each takes the place of the one before.
+#[derive(Debug)]
+pub(crate) struct Checkpoints {
+    /// Where.
+    pub(crate) file: PathBuf,
+    /// Every so many steps; never where there is none.
+    pub(crate) every: Option<u32>,
+    /// Whether this run has stored one.
+    pub(crate) stored: bool,
+    /// The file that the run began from.
+    pub(crate) resumed: Option<PathBuf>,
+    /// Why the last one that was due could not be stored.
+    pub(crate) failure: Option<Failure>,
+}
+
+impl Checkpoints {
+    /// Where the flags say, in a folder that is known to take them; `unasked` is how often where no flag says so.
+    ///
+    /// # Errors
+    /// Where the folder takes no files.
+    pub(crate) fn prepare(
+        args: &CheckpointArgs,
+        folder: &OutputFolder,
+        iterations: u32,
+        unasked: Option<u32>,
+        resumed: Option<&Path>,
+    ) -> Result<Self, Failure> {
+        let CheckpointArgs { checkpoint, checkpoint_every } = args;
+        let file = checkpoint.clone().unwrap_or_else(|| unnamed_file(folder.path(), resumed));
+        if let Some(parent) = file.parent().filter(|parent| !parent.as_os_str().is_empty()) {
+            OutputFolder::prepare(parent, "--checkpoint")?;
+        }
+        let tenth = checkpoint.as_ref().map(|_| (iterations / 10).max(1));
+        let every = checkpoint_every.or(tenth).or(unasked);
+        Ok(Self { file, every, stored: false, resumed: resumed.map(Path::to_owned), failure: None })
+    }
+
+    /// Stores one; where it cannot be, [`Self::failure`] says why until another is stored.
+    pub(crate) fn store(&mut self, checkpoint: &Checkpoint) {
+        self.failure = write_checkpoint(&self.file, checkpoint).err().map(Failure::from);
+        self.stored |= self.failure.is_none();
+    }
+
+    /// The last one there is, from an earlier run where this one has stored none.
+    fn last(&self) -> Option<&Path> {
+        if self.stored { Some(&self.file) } else { self.resumed.as_deref() }
+    }
+
+    /// Adds to a failure under way how to go on: from the last checkpoint, which is as it was. Nothing to another failure.
+    pub(crate) fn with_way_on(&self, failure: Failure, resuming: impl Fn(&Path) -> String) -> Failure {
+        if !failure.is_of_backend() && !failure.is_divergence() {
+            return failure;
+        }
+        let way = match (self.last(), &self.failure) {
+            (Some(file), _) if failure.is_divergence() => {
+                format!("the last good checkpoint is {}, from which it would end the same", quoted(file))
+            }
+            (Some(file), _) => to_go_on(resuming(file)),
+            (None, Some(_)) => "no checkpoint could be stored".to_owned(),
+            (None, None) => {
+                "no checkpoint was stored yet; --checkpoint FILE stores some as the work goes on".to_owned()
+            }
+        };
+        failure.mend(way)
+    }
+
+    /// How a run ends that has its results, after so many steps: a checkpoint that somebody needs and that could not be stored is told last.
+    ///
+    /// # Errors
+    /// That one, and the interruption where Ctrl-C stopped the run.
+    pub(crate) fn conclude(
+        &self,
+        outcome: Outcome,
+        step: u32,
+        args: &CheckpointArgs,
+        resuming: impl Fn(&Path) -> String,
+    ) -> Result<(), Failure> {
+        match (outcome, &self.failure) {
+            (Outcome::Finished, Some(failure)) if args.are_asked_for() => {
+                Err(failure.clone().mend("all results are written; name another file with --checkpoint"))
+            }
+            (Outcome::Finished, _) => Ok(()),
+            (Outcome::Stopped, None) => {
+                let way = resuming(&self.file);
+                Err(Failure::interrupted(format_args!("stopped after step {step}; to go on: {way}")))
+            }
+            (Outcome::Stopped, Some(failure)) => {
+                let way =
+                    self.last().map_or_else(|| "there is none to go on from".to_owned(), |f| to_go_on(resuming(f)));
+                let stopped = format!("stopped after step {step} with results, but without this checkpoint; {way}");
+                Err(failure.clone().mend(stopped))
+            }
+        }
+    }
+}
+
+fn to_go_on(resuming: String) -> String {
+    format!("to go on from the last checkpoint: {resuming}")
+}
+
+/// Stores checkpoints as the work goes on. It stands behind the observers that add to them.
+#[derive(Debug)]
+pub(crate) struct Storing<'a> {
+    pub(crate) checkpoints: &'a mut Checkpoints,
+    pub(crate) voice: Voice,
+}
+
+impl Observer for Storing<'_> {
+    fn wants_checkpoint(&mut self, progress: &Progress) -> bool {
+        self.checkpoints.every.is_some_and(|every| progress.step.is_multiple_of(every))
+    }
+
+    /// A full disk is no reason to lose the work: the next one may find room, and the end says it again.
+    fn on_checkpoint(&mut self, checkpoint: &mut Checkpoint) -> Result<(), Error> {
+        let known = self.checkpoints.failure.take();
+        self.checkpoints.store(checkpoint);
+        if let Some(failure) = self.checkpoints.failure.as_ref().filter(|failure| known.as_ref() != Some(failure)) {
+            self.voice.say(format_args!("note: no checkpoint was stored: {}; the work goes on", failure.message()));
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::process::ExitCode;
+
+    use super::*;
+
+    fn checkpoints(stored: bool, resumed: Option<&str>) -> Checkpoints {
+        Checkpoints { file: "new".into(), every: Some(1), stored, resumed: resumed.map(Into::into), failure: None }
+    }
+
+    fn command(file: &Path) -> String {
+        format!("gs fit --resume {}", quoted(file))
+    }
+
+    #[test]
+    fn no_other_runs_checkpoint_is_replaced_unasked() {
+        let place = tempfile::tempdir().unwrap();
+        let folder = OutputFolder::prepare(place.path(), "--output").unwrap();
+        let unasked = CheckpointArgs { checkpoint: None, checkpoint_every: None };
+        let name = |args: &CheckpointArgs, resumed: Option<&Path>| {
+            let file = Checkpoints::prepare(args, &folder, 100, None, resumed).unwrap().file;
+            file.file_name().unwrap().to_str().unwrap().to_owned()
+        };
+        assert_eq!(name(&unasked, None), "checkpoint.safetensors");
+        let [first, second] = ["checkpoint.safetensors", "checkpoint-2.safetensors"].map(|name| folder.file(name));
+        fs::write(&first, "of an earlier run").unwrap();
+        assert_eq!(name(&unasked, None), "checkpoint-2.safetensors");
+        assert_eq!(name(&unasked, Some(&first)), "checkpoint.safetensors");
+        fs::create_dir(&second).unwrap();
+        assert_eq!(name(&unasked, None), "checkpoint-3.safetensors");
+        let asked = CheckpointArgs { checkpoint: Some(first.clone()), ..unasked };
+        assert_eq!(name(&asked, None), "checkpoint.safetensors");
+    }
+
+    #[test]
+    fn the_way_on_begins_from_the_last_checkpoint_there_is() {
+        let lost = Failure::from(gs_core::Error::Backend { backend: "wgpu", message: "lost".to_owned() });
+        let way_on = |stored, resumed: Option<&str>| {
+            checkpoints(stored, resumed).with_way_on(lost.clone(), command).line().unwrap()
+        };
+        assert!(way_on(false, None).contains("no checkpoint was stored yet; --checkpoint FILE"));
+        assert!(way_on(true, None).ends_with(": gs fit --resume new"));
+        assert!(way_on(false, Some("old")).ends_with("--resume old"));
+        assert!(way_on(true, Some("old")).ends_with("--resume new"));
+        let unstored = Checkpoints { failure: Some(Failure::failed("full")), ..checkpoints(false, None) };
+        assert!(unstored.with_way_on(lost.clone(), command).line().unwrap().ends_with("no checkpoint could be stored"));
+    }
+
+    #[test]
+    fn after_a_divergence_the_last_good_checkpoint_is_named() {
+        let line = |error: gs_train::Error, stored| {
+            let nothing_gained = |_: &Path| unreachable!("nothing is gained by going on");
+            checkpoints(stored, None).with_way_on(error.into(), nothing_gained).line().unwrap()
+        };
+        let diverged = || gs_train::Error::Diverged { step: 7, loss: f32::NAN, suspect: None };
+        assert!(line(diverged(), true).contains("at step 7") && line(diverged(), true).contains("checkpoint is new,"));
+        assert!(line(diverged(), false).contains("no checkpoint was stored yet"));
+        assert_eq!(
+            line(gs_train::Error::Checkpoint("x".to_owned()), true),
+            "error: the checkpoint cannot be resumed: x"
+        );
+    }
+
+    #[test]
+    fn a_checkpoint_that_somebody_needs_is_missed_at_the_end() {
+        let unasked = CheckpointArgs { checkpoint: None, checkpoint_every: None };
+        let asked = CheckpointArgs { checkpoint_every: Some(5), ..unasked.clone() };
+        let full = |stored| Checkpoints { failure: Some(Failure::failed("full")), ..checkpoints(stored, None) };
+        let line = |checkpoints: Checkpoints, outcome, args: &CheckpointArgs| {
+            let ended = checkpoints.conclude(outcome, 9, args, command);
+            ended.err().map(|failure| (failure.line().unwrap(), failure.status()))
+        };
+        let failed = ExitCode::FAILURE;
+        assert_eq!(line(full(true), Outcome::Finished, &unasked), None, "it would be removed now");
+        assert_eq!(line(checkpoints(true, None), Outcome::Finished, &asked), None);
+        let (told, status) = line(full(true), Outcome::Finished, &asked).unwrap();
+        assert!(told.starts_with("error: full: all results are written") && status == failed, "{told}");
+        let (told, status) = line(full(true), Outcome::Stopped, &unasked).unwrap();
+        assert!(told.contains("stopped after step 9 with results") && status == failed, "{told}");
+        assert!(told.ends_with("to go on from the last checkpoint: gs fit --resume new"), "{told}");
+        assert!(line(full(false), Outcome::Stopped, &unasked).unwrap().0.ends_with("none to go on from"));
+        let (told, status) = line(checkpoints(true, None), Outcome::Stopped, &unasked).unwrap();
+        assert_eq!(
+            (told.as_str(), status),
+            ("stopped after step 9; to go on: gs fit --resume new", ExitCode::from(130))
+        );
+    }
+}

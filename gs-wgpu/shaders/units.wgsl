@@ -1,0 +1,75 @@
+// The first part of `blend_bwd` in the order of depth at each pixel: the units that each entry's sums are counted in, from what the pixels can
+// give which it reaches. A work group a tile, an invocation a pixel; then an entry, which looks at all pixels.
+
+@group(0) @binding(1) var<storage, read> tile_start: array<u32>;
+@group(0) @binding(2) var<storage, read> queue: array<Queued>;
+@group(0) @binding(3) var<storage, read> v_image: array<vec4f>;
+// RGB and transmittance.
+@group(0) @binding(4) var<storage, read> image: array<vec4f>;
+// [entries, WORDS], by their place in the queue.
+@group(0) @binding(5) var<storage, read_write> totals: array<u32>;
+#if ERROR
+@group(0) @binding(6) var<storage, read> target_image: array<vec4f>;
+#endif
+
+// What each pixel can give at most, in the order of `packed_units`.
+var<workgroup> most: array<vec3f, TILE_COLUMNS * TILE_ROWS>;
+
+fn largest(v: vec3f) -> f32 {
+    return max(max(v.x, v.y), v.z);
+}
+
+// Of `blend_one`'s numbers. Colours are not negative: all that is behind a Gaussian, times the transmittance there, is no more than the pixel's
+// colour C; so |t| <= 3 |v| C (1 + alpha/(1 - alpha)), and 1 - alpha is no less than what a pixel keeps of its transmittance. t is
+// multiplied by no more than twice sigma.
+fn most_of(place: u32) -> vec3f {
+    let v = largest(abs(v_image[place].xyz));
+    let shown = image[place];
+    // A backdrop may be negative.
+    let color = largest(shown.xyz + shown.w * (abs(step.backdrop) - step.backdrop));
+    let widest = max(1.0, -2.0 * log(step.alpha_cut));
+    let t = v * color * (3.0 * widest / max(1.0 - step.alpha_max, step.transmittance_min));
+#if ERROR
+    let error = dot(abs(shown.xyz - target_image[place].xyz), vec3f(1.0 / 3.0));
+#else
+    let error = 0.0;
+#endif
+    let found = vec3f(v, t, error);
+    // What overflows itself is too large for these units, too, and so are its sums.
+    return select(vec3f(3.4e38), found, found <= vec3f(3.4e38));
+}
+
+@compute @workgroup_size(TILE_COLUMNS, TILE_ROWS)
+fn units(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_id) lane: vec3u,
+    @builtin(local_invocation_index) invocation: u32,
+) {
+    let tile = flat(group, groups);
+    if tile >= step.tiles.x * step.tiles.y {
+        return;
+    }
+    let corner = vec2u(tile % step.tiles.x, tile / step.tiles.x) * vec2u(TILE_COLUMNS, TILE_ROWS);
+    let pixel = corner + lane.xy;
+    most[invocation] = vec3f(0.0);
+    if all(pixel < step.size) {
+        most[invocation] = most_of(pixel.y * step.size.x + pixel.x);
+    }
+    workgroupBarrier();
+    let end = tile_start[(tile + 1u) * CLASSES];
+    for (var at = tile_start[tile * CLASSES] + invocation; at < end; at += TILE_COLUMNS * TILE_ROWS) {
+        let q = queue[at];
+        var found = vec3f(0.0);
+        // Eight pixels at a time, so that software drivers do not end the loops before those of `blend_by_depth`.
+        for (var first = 0u; first < TILE_COLUMNS * TILE_ROWS; first += 8u) {
+            let before = vec2f(corner + vec2u(first % TILE_COLUMNS, first / TILE_COLUMNS)) + 0.5 - q.mean;
+#each k EIGHT
+            if twice_sigma(q, before + vec2f(@k.0, 0.0)) <= q.reach {
+                found = max(found, most[first + @ku]);
+            }
+#end
+        }
+        totals[at * WORDS + UNITS] = packed_units(found);
+    }
+}
