@@ -39,6 +39,10 @@ impl CallsForEffects for SpatialScene {
             background(settings),
         ]
     }
+
+    fn narrow(&self, camera: &Camera, settings: &RenderSettings) -> Narrow {
+        narrow_of(&Shown::of(self, camera, settings))
+    }
 }
 
 fn narrow_of(shown: &Shown) -> Narrow {
@@ -81,10 +85,6 @@ impl Cheaper {
                 "no depth order: nothing hides what the scene has before it",
             ],
         }
-    }
-
-    fn narrow(&self, camera: &Camera, settings: &RenderSettings) -> Narrow {
-        narrow_of(&Shown::of(self, camera, settings))
     }
 }
 
