@@ -7,6 +7,7 @@ use gs_conformance::{
 use gs_core::{
     AdamRates, Camera, Chart, CloudState, DensityStatistics, EditPlan, Error, Image, Loss, Participants, Rasterizer,
     RenderSettings, Scene, SpatialGaussian, SpatialScene, TrainStep, Wait,
+    edit::{Moments, Source},
     effects::{Antialias, Background, Order, Statistics},
     scene::logit,
     statistics::Culled,
@@ -354,7 +355,16 @@ impl Rasterizer<SpatialScene> for Faulty {
         }
         let sources = sources?;
         let width = cloud.moments();
-        cloud.parameters = plan.gather(&sources, &cloud.parameters, |g| cloud.row_of(g));
+        let edited = plan.gather(&sources, &cloud.parameters, |g| cloud.row_of(g));
+        let before = std::mem::replace(&mut cloud.parameters, edited);
+        if cloud.chart == Chart::LocalFrame {
+            for (row, source) in cloud.parameters.iter_mut().zip(&sources) {
+                let heir_of = plan.origin(source, Moments::heir_of).filter(|_| !matches!(source, Source::Kept(_)));
+                let Some(parent) = heir_of else { continue };
+                let aligned = SpatialScene::aligned(&row[3..12], &before[parent as usize][3..12]);
+                row[3..12].copy_from_slice(&aligned);
+            }
+        }
         for moments in [&mut cloud.first, &mut cloud.second] {
             *moments = plan.gather_moments(&sources, moments);
             moments.iter_mut().for_each(|row| row.resize(width, 0.0));
