@@ -282,11 +282,13 @@ impl Perspective {
             // ln ρ = ½ (ln D − ln D′), D = |n|², D′ = D + δ (|r₀|² + |r₁|²) + δ².
             let n = r0.cross(r1);
             let (det, trace, delta) = (n.length_squared(), r0.length_squared() + r1.length_squared(), self.dilation);
-            // ρ is no less than the cut of α, or this Gaussian would not be drawn; so D is not 0.
-            let grown = delta * trace + delta * delta;
-            let (by_minors, by_trace) = (grown / (det * (det + grown)), delta / (det + grown));
-            v_r0 += v.log_opacity * (by_minors * r1.cross(n) - by_trace * r0);
-            v_r1 += v.log_opacity * (by_minors * n.cross(r0) - by_trace * r1);
+            // ρ of what is drawn is no less than the cut of α, so that D is not 0; of what is not drawn, there is nothing to differentiate.
+            if det > 0.0 {
+                let grown = delta * trace + delta * delta;
+                let (by_minors, by_trace) = (grown / (det * (det + grown)), delta / (det + grown));
+                v_r0 += v.log_opacity * (by_minors * r1.cross(n) - by_trace * r0);
+                v_r1 += v.log_opacity * (by_minors * n.cross(r0) - by_trace * r1);
+            }
         }
         // r₀ = fx/z (m₀ − tx m₂), r₁ = fy/z (m₁ − ty m₂).
         let scale = self.focal * inverse_z;

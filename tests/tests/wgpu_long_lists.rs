@@ -46,7 +46,9 @@ fn planar_scenes_conform_in_walks_of_seven_entries() {
 fn spatial_scenes_conform_in_walks_of_seven_entries() {
     for (kernels, rasterizer) in rasterizers(Some(7)) {
         let skipped = spatial_conformance(&rasterizer).unwrap_or_else(|failure| panic!("{kernels:?}:\n{failure}"));
-        assert_eq!(skipped, [], "{kernels:?}");
+        // There are no local frames for spatial scenes.
+        let others: Vec<_> = skipped.iter().filter(|skipped| !skipped.refused.contains("local-frame")).collect();
+        assert!(others.is_empty(), "{kernels:?}: {others:?}");
     }
 }
 
