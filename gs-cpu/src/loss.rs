@@ -2,12 +2,12 @@
 
 use std::sync::OnceLock;
 
-use fearless_simd::{Level, dispatch};
+use fearless_simd::{Level, Simd, dispatch, prelude::*};
 use gs_core::{Error, Image, Loss, constants::MAX_RESIDUAL, guards::Guard};
 
 use crate::{
     dssim::{self, BlurredTarget},
-    lanes::LANES,
+    lanes::{LANES, Whole, fma, iota, load, splat, splat3, store},
     layout::{Cuts, Grid, Row, ScalarRow, TileBuffers, for_each_tile},
     tiles::Tiles,
 };
@@ -62,12 +62,6 @@ pub(crate) fn loss(tiles: &mut Tiles, target: &Target, loss: &Loss, level: Level
     }
 }
 
-/// C − Y as L2 is differentiated by it: within ±[`MAX_RESIDUAL`].
-#[inline(always)]
-pub(crate) fn bounded_residual(residual: f32) -> f32 {
-    if Guard::MaxResidual.is_on() { residual.clamp(-MAX_RESIDUAL, MAX_RESIDUAL) } else { residual }
-}
-
 /// The errors of `tiles.rows`, into `tiles.errors`.
 fn errors(tiles: &mut Tiles, target: &Target) {
     let grid = tiles.grid;
@@ -110,35 +104,77 @@ fn pointwise(tiles: &mut Tiles, target: &Target, level: Level, kind: Pointwise) 
         let image = &image[first..first + buffers.rows.len()];
         let target = &target.rows[first..first + buffers.rows.len()];
         let inside = grid.lanes_inside(tile);
-        buffers.sums[0] = dispatch!(level, _simd => match kind {
-            Pointwise::Square { scale } => {
-                each(image, target, buffers.rows, inside, |d| (d * d, bounded_residual(d) * scale))
-            }
-            Pointwise::Absolute { scale } => {
-                each(image, target, buffers.rows, inside, |d| {
-                    (d.abs(), if d > 0.0 { scale } else if d < 0.0 { -scale } else { 0.0 })
-                })
-            }
-        });
+        buffers.sums[0] = dispatch!(level, simd => each(simd, image, target, buffers.rows, inside, kind));
     });
     tiles.sums.iter().sum()
 }
 
-/// Applies `(loss, gradient) = f(C − Y)` to a tile; returns the sum of the losses.
-#[inline(always)]
-fn each(image: &[Row], target: &[Row], v_rows: &mut [Row], inside: usize, f: impl Fn(f32) -> (f32, f32) + Copy) -> f64 {
-    let mut total = 0.0;
-    for ((Row(c), Row(y)), Row(v)) in image.iter().zip(target).zip(v_rows) {
-        let mut sum = [0.0f32; LANES];
-        for k in 0..3 {
-            for i in 0..LANES {
-                let (loss, gradient) = f(c[k][i] - y[k][i]);
-                sum[i] += loss;
-                v[k][i] = gradient;
+impl Pointwise {
+    /// The losses of residuals C − Y, and their gradients; both are 0 of 0.
+    #[inline(always)]
+    fn of<S: Simd>(self, simd: S, residual: Whole<S>) -> (Whole<S>, Whole<S>) {
+        match self {
+            Self::Square { scale } => (residual * residual, residual * scale),
+            Self::Absolute { scale } => {
+                let [zero, below, above] = splat3(simd, [0.0, -scale, scale]);
+                let sign = residual.simd_lt(zero).select(below, zero);
+                (residual.abs(), residual.simd_gt(zero).select(above, sign))
             }
-            v[k][inside..].fill(0.0);
         }
-        total += f64::from(sum[..inside].iter().sum::<f32>());
     }
+}
+
+/// C − Y of a channel of a row; 0 in lanes beyond the image.
+#[inline(always)]
+fn residual<S: Simd>(simd: S, c: &[f32; LANES], y: &[f32; LANES], inside: usize) -> Whole<S> {
+    let [c, y]: [Whole<S>; 2] = [load(simd, c, 0), load(simd, y, 0)];
+    let (column, columns): (Whole<S>, Whole<S>) = (iota(simd, 0), splat(simd, inside as f32));
+    column.simd_lt(columns).select(c - y, splat(simd, 0.0))
+}
+
+/// Bounds `scale` times residuals as if these were within ±[`MAX_RESIDUAL`]; NaN stays. `squares` is the sum of the residuals' squares.
+#[inline(always)]
+fn bound_residuals(scaled: &mut [Row], scale: f32, squares: f64) {
+    // No residual is larger than the root of the sum, so that nearly always none has to be looked at.
+    let (bound, most) = (f64::from(MAX_RESIDUAL), MAX_RESIDUAL * scale);
+    if Guard::MaxResidual.is_on() && !(squares <= bound * bound) {
+        let values = scaled.iter_mut().flat_map(|Row(channels)| channels.as_flattened_mut());
+        values.for_each(|value| *value = value.clamp(-most, most));
+    }
+}
+
+/// Gradients of a tile into `v_rows`; returns the sum of the losses.
+#[inline(always)]
+fn each<S: Simd>(simd: S, image: &[Row], target: &[Row], v_rows: &mut [Row], inside: usize, kind: Pointwise) -> f64 {
+    let mut total = 0.0;
+    for ((Row(c), Row(y)), Row(v)) in image.iter().zip(target).zip(&mut *v_rows) {
+        let mut losses: Whole<S> = splat(simd, 0.0);
+        for k in 0..3 {
+            let (loss, gradient) = kind.of(simd, residual(simd, &c[k], &y[k], inside));
+            losses += loss;
+            store(gradient, &mut v[k], 0);
+        }
+        total += f64::from(losses.reduce_sum());
+    }
+    if let Pointwise::Square { scale } = kind {
+        bound_residuals(v_rows, scale, total);
+    }
+    total
+}
+
+/// Takes the target off a tile's values: Σ of the squares of what remains, which is then bounded as L2 bounds it.
+#[inline(always)]
+pub(crate) fn squares_in_place<S: Simd>(simd: S, rows: &mut [Row], target: &[Row], inside: usize) -> f64 {
+    let mut total = 0.0;
+    for (Row(c), Row(y)) in rows.iter_mut().zip(target) {
+        let mut squares: Whole<S> = splat(simd, 0.0);
+        for (c, y) in c.iter_mut().zip(y) {
+            let residual = residual(simd, c, y, inside);
+            squares = fma(residual, residual, squares);
+            store(residual, c, 0);
+        }
+        total += f64::from(squares.reduce_sum());
+    }
+    bound_residuals(rows, 1.0, total);
     total
 }

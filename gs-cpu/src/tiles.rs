@@ -16,7 +16,7 @@ use crate::{
     collect::{Nothing, collecting, numbers},
     dssim,
     layout::{Cuts, Grid, MOST_ROWS_OVER, Row, ScalarRow, TileBuffers, for_each_tile},
-    loss::bounded_residual,
+    loss::squares_in_place,
     splat::{Received, Splat},
     tuning::CpuTuning,
 };
@@ -242,7 +242,7 @@ impl Tiles {
             dispatch!(level, simd => {
                 buffers.rows.fill(Row(backdrop.map(|c| [c; 16])));
                 blend_sum::forward(simd, entries, splats, column, first_row, buffers.rows);
-                buffers.sums[0] = square_sum(buffers.rows, target, inside);
+                buffers.sums[0] = squares_in_place(simd, buffers.rows, target, inside);
                 blend_sum::backward::<_, Nothing>(
                     simd, entries, splats, column, first_row, buffers.rows, &[], buffers.slots,
                 );
@@ -272,28 +272,4 @@ impl Tiles {
         let [r, g, b, x, u, xx, xu, uu, zeroth] = sum;
         Some(Received { color: [r, g, b], first: Vec2::new(x, u), second: [xx, xu, uu], zeroth, collected })
     }
-}
-
-/// Takes the target off a tile's values: Σ of the squares of what remains, which is then bounded as L2 bounds it; lanes beyond the image become 0.
-#[inline(always)]
-fn square_sum(rows: &mut [Row], target: &[Row], inside: usize) -> f64 {
-    let mut lanes = [0.0f32; 16];
-    let mut sum = 0.0;
-    for (chunk, target) in rows.chunks_mut(64).zip(target.chunks(64)) {
-        for (Row(pixels), Row(target)) in chunk.iter_mut().zip(target) {
-            for (channel, target) in pixels.iter_mut().zip(target) {
-                for i in 0..16 {
-                    channel[i] -= target[i];
-                }
-                channel[inside..].fill(0.0);
-                for i in 0..16 {
-                    lanes[i] += channel[i] * channel[i];
-                    channel[i] = bounded_residual(channel[i]);
-                }
-            }
-        }
-        sum += lanes.iter().map(|&v| f64::from(v)).sum::<f64>();
-        lanes = [0.0; 16];
-    }
-    sum
 }

@@ -7,14 +7,11 @@
 mod measure;
 
 use clap::Parser;
-use gs_core::{AdamRates, Binning, Canvas, Image, Rasterizer, TrainStep};
-use gs_cpu::CpuRasterizer;
 use measure::{
-    Options, Outcome, Quantiles, count, ms, number,
+    Options, Outcome, count, ms, number,
     photographs::{Photographs, cropped, halved},
     print_columns, print_head, print_row, print_section,
-    scenes::{Fitted, OVER_L1_DSSIM, OVER_L2, SUM_L2, Variant},
-    try_time,
+    scenes::{OVER_L1_DSSIM, OVER_L2, SUM_L2},
 };
 
 const GAUSSIANS: u32 = 10_000;
@@ -49,9 +46,8 @@ fn main() -> Outcome {
             for threads in options.thread_counts() {
                 let rasterizer = options.rasterizer(threads)?;
                 let repetitions = options.pick(60, 3);
-                let usual =
-                    iterations(&rasterizer, &variant, image, &fitted, fitted.settings.rebin_every, repetitions)?;
-                let fresh = iterations(&rasterizer, &variant, image, &fitted, 1, repetitions)?;
+                let seconds = |rebin_every| fitted.iterations(&rasterizer, image, rebin_every, repetitions);
+                let [usual, fresh] = [seconds(fitted.settings.rebin_every)?, seconds(1)?];
                 print_row(&[
                     variant.name.to_owned(),
                     threads.to_string(),
@@ -69,32 +65,4 @@ fn main() -> Outcome {
         options.pick(100, 20),
     );
     Ok(())
-}
-
-/// Seconds per iteration, as means over so many that lists are made anew once.
-fn iterations(
-    rasterizer: &CpuRasterizer,
-    variant: &Variant,
-    image: &Image,
-    fitted: &Fitted,
-    rebin_every: u32,
-    repetitions: usize,
-) -> Result<Quantiles, gs_core::Error> {
-    let mut cloud = rasterizer.upload(&fitted.scene, fitted.settings.chart)?;
-    let rasterizer = rasterizer.planar();
-    let target = rasterizer.upload_target(image)?;
-    let view = Canvas::new(image.width(), image.height());
-    // The rates of the end: the scene goes on as it is.
-    let rates: AdamRates = fitted.settings.adam.at(1.0);
-    let mut round = || {
-        for step in 0..rebin_every {
-            let binning = if step == 0 { Binning::Fresh } else { Binning::Reuse };
-            let step = TrainStep { settings: &fitted.settings.render, loss: variant.loss, rates: &rates, binning };
-            rasterizer.train_step(&mut cloud, &view, &target, &step)?;
-        }
-        Ok(())
-    };
-    round()?;
-    let seconds = try_time(repetitions * 4 / rebin_every as usize, round)?;
-    Ok(Quantiles::of(&seconds).times(1.0 / f64::from(rebin_every)))
 }

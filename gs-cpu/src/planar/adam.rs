@@ -4,7 +4,7 @@
 use std::ops::Range;
 
 use fearless_simd::{Level, Simd, dispatch, f32x8, prelude::*};
-use glam::{Mat2, Vec2};
+use glam::{DMat2, DVec2, Mat2, Vec2};
 use gs_core::{
     AdamRates, Participants, PlanarGaussian,
     constants::{MAX_DERIVATIVE, MAX_ETA, VANISHING_MOMENT},
@@ -232,36 +232,51 @@ fn step_all<'g, S: Simd>(
 #[inline(always)]
 fn turn(l: Mat2, moved: [f32; 3], rates: &AdamRates) -> Mat2 {
     let most = if Guard::MaxEta.is_on() { MAX_ETA } else { f32::INFINITY };
-    let [a, b, d] = moved.map(|v| (-v).clamp(-most, most));
+    let [a, b, d] = moved;
+    let [a, b, d] = [(-a).clamp(-most, most), (-b).clamp(-most, most), (-d).clamp(-most, most)];
     // I + η + η²/2, symmetric.
     let b2 = b * b;
     let (xx, yy) = (1.0 + a + 0.5 * (a * a + b2), 1.0 + d + 0.5 * (d * d + b2));
     let xy = b + 0.5 * b * (a + d);
     let l = Mat2::from_cols(l.x_axis * xx + l.y_axis * xy, l.x_axis * xy + l.y_axis * yy);
-    // The larger scale is at most the Frobenius norm, and the smaller is |det|/(the larger).
-    let frobenius = (l.x_axis.length_squared() + l.y_axis.length_squared()).sqrt();
-    let suspicious = l.determinant().abs() <= rates.min_scale * frobenius || frobenius > rates.max_scale;
-    if suspicious && Guard::ScaleBounds.is_on() { bounded(l, rates) } else { l }
+    // The sum of the squared scales, and their product. Where the least is `floor`, the other is their sum less that.
+    let (sum, product) = (l.x_axis.length_squared() + l.y_axis.length_squared(), l.determinant().powi(2));
+    let floor = rates.min_scale * rates.min_scale;
+    let is_small = product < floor * (sum - floor) || sum < 2.0 * floor;
+    let is_large = sum > rates.max_scale * rates.max_scale;
+    if (is_small || is_large) && Guard::ScaleBounds.is_on() { bounded(l, rates) } else { l }
 }
 
-/// L with its scales moved into their bounds, its axes and its right-hand rotation as they are.
+/// L with its scales moved into their bounds, its axes and its right-hand rotation as they are. In f64, where det L of a needle has digits.
 #[cold]
 fn bounded(l: Mat2, rates: &AdamRates) -> Mat2 {
-    let (log_scale, angle) = PlanarGaussian::shape_of_frame(l);
-    let scale = log_scale.map(f32::exp);
-    let within = scale.clamp(Vec2::splat(rates.min_scale), Vec2::splat(rates.max_scale));
-    if within == scale || !angle.is_finite() {
+    let wide = l.as_dmat2();
+    // L = U S Vᵀ, and L Lᵀ = U S² Uᵀ = ½ (S₀² + S₁²) I + ½ (S₀² − S₁²) R, where R mirrors at the first axis.
+    let square = wide * wide.transpose();
+    let mean = 0.5 * (square.x_axis.x + square.y_axis.y);
+    let mirror = square - DMat2::from_diagonal(DVec2::splat(mean));
+    let spread = mirror.x_axis.length();
+    let large = (mean + spread).sqrt();
+    let scale = DVec2::new(large, wide.determinant().abs() / large);
+    let within = scale.clamp(DVec2::splat(rates.min_scale.into()), DVec2::splat(rates.max_scale.into()));
+    if within == scale {
         return l;
     }
-    let (sin, cos) = angle.sin_cos();
-    let axes = Mat2::from_cols(Vec2::new(cos, sin), Vec2::new(-sin, cos));
-    // L = U S Vᵀ; U S′ Vᵀ = U (S′/S) Uᵀ L, but S may be 0 or too large: then V is taken as the identity.
+    // U S′ Vᵀ = U (S′/S) Uᵀ L, but S may be 0.
     let factor = within / scale;
-    if factor.is_finite() && scale.is_finite() {
-        axes * Mat2::from_diagonal(factor) * axes.transpose() * l
-    } else {
-        axes * Mat2::from_diagonal(within)
+    if !factor.is_finite() {
+        return bounded_without_inverse(l, rates);
     }
+    let along = if spread > 0.0 { 0.5 * (factor.x - factor.y) / spread } else { 0.0 };
+    let stretch = DMat2::from_diagonal(DVec2::splat(0.5 * (factor.x + factor.y))) + mirror * along;
+    (stretch * wide).as_mat2()
+}
+
+/// As [`bounded`], where S has a zero or is not finite: V is taken as the identity.
+fn bounded_without_inverse(l: Mat2, rates: &AdamRates) -> Mat2 {
+    let (log_scale, angle) = PlanarGaussian::shape_of_frame(l);
+    let within = log_scale.map(f32::exp).clamp(Vec2::splat(rates.min_scale), Vec2::splat(rates.max_scale));
+    if angle.is_finite() { Mat2::from_angle(angle) * Mat2::from_diagonal(within) } else { l }
 }
 
 #[cfg(test)]
@@ -279,6 +294,13 @@ mod tests {
         }
         let scale = scales(bounded(Mat2::from_cols(Vec2::X, Vec2::X), &rates));
         assert!(scale.y > 0.2499);
+        // What is not at fault stays: the axes, the other scale, and the turn on the right.
+        let [axes, turned] = [0.7, -1.1].map(Mat2::from_angle);
+        for (scale, within) in [([5.0, 0.01], [5.0, 0.25]), ([4e4, 1e-3], [10.0, 0.25]), ([0.1, 0.1], [0.25, 0.25])] {
+            let [found, expected] = [scale, within].map(|s| axes * Mat2::from_diagonal(s.into()) * turned);
+            let found = bounded(found, &rates);
+            assert!(found.abs_diff_eq(expected, 1e-6 * within[0]), "{scale:?}: {found} instead of {expected}");
+        }
         let scale = scales(turn(Mat2::ZERO, [0.0; 3], &rates));
         assert!((scale - 0.25).abs().max_element() < 1e-6, "without extent, and no gradient: {scale}");
         assert!(turn(Mat2::NAN, [0.0; 3], &rates).is_nan());

@@ -1,7 +1,10 @@
 //! Scenes as a fit makes them, for measurements of a single stage or step.
 
-use gs_core::{Blend, Image, Loss, PlanarScene, Rasterizer, RenderSettings};
+use gs_core::{AdamRates, Binning, Blend, Canvas, Image, Loss, PlanarScene, Rasterizer, RenderSettings, TrainStep};
+use gs_cpu::CpuRasterizer;
 use gs_train::{FitSettings, Preset, fit};
+
+use super::{Quantiles, try_time};
 
 /// A blending and a loss.
 #[derive(Debug, Clone, Copy)]
@@ -38,7 +41,13 @@ pub(crate) struct Fitted {
 }
 
 impl Variant {
-    /// Fits `image` by the standard preset in so many steps, with this blending and loss.
+    /// The standard preset in so many steps, with this blending and loss.
+    pub(crate) fn settings(&self, image: &Image, gaussians: u32, iterations: u32) -> FitSettings {
+        let standard = Preset::Standard.settings(gaussians, image.size()).with_iterations(iterations);
+        FitSettings { render: RenderSettings::blended(self.blend), loss: self.loss, ..standard }
+    }
+
+    /// Fits `image` by [`Self::settings`].
     pub(crate) fn fit(
         &self,
         rasterizer: &impl Rasterizer<PlanarScene>,
@@ -46,9 +55,38 @@ impl Variant {
         gaussians: u32,
         iterations: u32,
     ) -> Result<Fitted, gs_train::Error> {
-        let standard = Preset::Standard.settings(gaussians, image.size()).with_iterations(iterations);
-        let settings = FitSettings { render: RenderSettings::blended(self.blend), loss: self.loss, ..standard };
+        let settings = self.settings(image, gaussians, iterations);
         let fit = fit(rasterizer, image, settings.clone(), &mut ())?;
         Ok(Fitted { scene: fit.scene, settings, psnr: fit.summary.psnr })
+    }
+}
+
+impl Fitted {
+    /// Seconds per iteration of going on with the fit of `image`, as means over so many iterations that lists are made anew once.
+    pub(crate) fn iterations(
+        &self,
+        rasterizer: &CpuRasterizer,
+        image: &Image,
+        rebin_every: u32,
+        repetitions: usize,
+    ) -> Result<Quantiles, gs_core::Error> {
+        let FitSettings { render: settings, loss, adam, chart, .. } = &self.settings;
+        let mut cloud = rasterizer.upload(&self.scene, *chart)?;
+        let rasterizer = rasterizer.planar();
+        let target = rasterizer.upload_target(image)?;
+        let view = Canvas::new(image.width(), image.height());
+        // The rates of the end: the scene goes on as it is.
+        let rates: AdamRates = adam.at(1.0);
+        let mut round = || {
+            for step in 0..rebin_every {
+                let binning = if step == 0 { Binning::Fresh } else { Binning::Reuse };
+                let step = TrainStep { settings, loss: *loss, rates: &rates, binning };
+                rasterizer.train_step(&mut cloud, &view, &target, &step)?;
+            }
+            Ok(())
+        };
+        round()?;
+        let seconds = try_time(repetitions * 4 / rebin_every as usize, round)?;
+        Ok(Quantiles::of(&seconds).times(1.0 / f64::from(rebin_every)))
     }
 }
