@@ -15,7 +15,7 @@ A study is arms (settings that differ) x images x budgets x seeds, in a TOML fil
   edges                   hard edges and soft ones, with growth and without
   absolute-vs-percentile  growth above a threshold or by rank, on photographs of the Kodak test set (--data)
   all-policies            every policy with its source's numbers, on the same photographs
-  accuracy-in-training    what exactness costs and buys in training: cuts, lists, steps, rounds, losses; on four of them
+  accuracy-in-training    what exactness costs and buys in training: cuts, lists, steps, rounds, losses; on the same
 
 Its images are files, or synthetic targets, which need none:
   paper                   the paper's circle and square; in 8 bits a channel: paper-8bit
