@@ -148,7 +148,9 @@ impl OracleView for Camera {
         let thin = minor(0, 1).squared() + minor(0, 2).squared() + minor(1, 2).squared();
         let determinant = thin + dilation * (uu + vv) + dilation.squared();
         let (wide_uu, wide_vv) = (uu + dilation, vv + dilation);
-        if ![wide_uu, uv, wide_vv, determinant, center[0], center[1]].into_iter().all(Rounded::is_finite) {
+        // The product, too: what is finite is so in all that backends make of it.
+        let guarded = [wide_uu, uv, wide_vv, wide_uu * wide_vv, determinant, center[0], center[1]];
+        if !guarded.into_iter().all(Rounded::is_finite) {
             return Projection::Left(Cause::NotFinite);
         }
         if !guards.reaches(determinant, f64::from(MIN_DETERMINANT_PX4)) {

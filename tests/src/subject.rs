@@ -4,7 +4,7 @@ use std::fmt::Debug;
 
 use glam::{DQuat, Mat2, Mat3};
 use gs_core::{
-    Adam, Chart, PlanarScene, Scene, SpatialScene,
+    Adam, Chart, Error, PlanarScene, Scene, SpatialScene,
     adam::Group,
     effects::Blend,
     local_frame::{self, PrincipalAxes},
@@ -39,11 +39,18 @@ pub trait Subject: Scene<View: OracleView + PartialEq> {
     /// Rates that move drawn scenes by a small part of what they are, and limits of the scales that they are within.
     fn adam() -> Adam;
 
+    /// Fails where a view cannot be looked through.
+    ///
+    /// # Errors
+    /// What gs-core finds.
+    fn check_view(view: &Self::View) -> Result<(), Error>;
+
     /// The scene as the oracle sees it.
     fn rows(&self) -> OracleScene;
 
     /// The same with the shapes of these frames, as a cloud in [`Chart::LocalFrame`] saves them, in `f64`: in `f32`, a shape that is read from a
-    /// frame has a needle turned by as much as its aspect times the rounding. A frame without extent along an axis leaves the row as it is.
+    /// frame has a needle turned by as much as its aspect times the rounding. A frame without extent along an axis leaves the row as it is; one
+    /// that is not finite has scales that are not.
     fn rows_of_frames(&self, frames: &[f32]) -> OracleScene;
 
     /// A frame as it is beside moments of this parent, both as a cloud in [`Chart::LocalFrame`] saves them.
@@ -91,6 +98,10 @@ impl Subject for PlanarScene {
         Adam::default()
     }
 
+    fn check_view(view: &Self::View) -> Result<(), Error> {
+        view.validate()
+    }
+
     fn emptied(&self) -> Self {
         Self::default()
     }
@@ -104,7 +115,9 @@ impl Subject for PlanarScene {
         for (row, &[a, b, c, d]) in rows.gaussians.iter_mut().zip(frames.as_chunks().0) {
             let frame = Mat2::from_cols_array(&[a, b, c, d]);
             let PrincipalAxes { axes, scales, .. } = PrincipalAxes::of(Mat3::from_mat2(frame));
-            if scales.min_element() > 0.0 {
+            if !frame.is_finite() {
+                row[2..4].fill(f64::NAN);
+            } else if scales.min_element() > 0.0 {
                 // The larger first, as `PlanarGaussian::shape_of_frame` has it.
                 let (large, small, axis) = if scales.x < scales.y {
                     (scales.y, scales.x, axes.y_axis)
@@ -163,6 +176,10 @@ impl Subject for SpatialScene {
         Adam { mean: Group::constant(0.01), color_rest, min_scale: 1e-6, max_scale: 1e6, ..Adam::default() }
     }
 
+    fn check_view(view: &Self::View) -> Result<(), Error> {
+        view.validate()
+    }
+
     fn emptied(&self) -> Self {
         Self { sh_degree: self.sh_degree, ..Self::default() }
     }
@@ -174,8 +191,11 @@ impl Subject for SpatialScene {
     fn rows_of_frames(&self, frames: &[f32]) -> OracleScene {
         let mut rows = self.rows();
         for (row, frame) in rows.gaussians.iter_mut().zip(frames.as_chunks::<9>().0) {
-            let PrincipalAxes { axes, scales, .. } = PrincipalAxes::of(Mat3::from_cols_array(frame));
-            if scales.min_element() > 0.0 {
+            let frame = Mat3::from_cols_array(frame);
+            let PrincipalAxes { axes, scales, .. } = PrincipalAxes::of(frame);
+            if !frame.is_finite() {
+                row[3..6].fill(f64::NAN);
+            } else if scales.min_element() > 0.0 {
                 let q = DQuat::from_mat3(&axes);
                 row[3..6].copy_from_slice(&scales.map(f64::ln).to_array());
                 row[6..10].copy_from_slice(&[q.w, q.x, q.y, q.z]);

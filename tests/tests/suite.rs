@@ -4,7 +4,9 @@ use glam::Vec2Swizzles;
 use gs_conformance::conformance::cases;
 use gs_core::{
     AdamRates, Canvas, Chart, CloudState, DensityStatistics, EditPlan, Error, Image, Loss, PlanarGaussian, PlanarScene,
-    Rasterizer, RenderSettings, Scene, TrainStep, Wait, effects::Statistics, statistics::Culled,
+    Rasterizer, RenderSettings, Scene, TrainStep, Wait,
+    effects::{Blend, Statistics},
+    statistics::Culled,
 };
 use gs_cpu::{CpuRasterizer, CpuSettings, PlanarCloud, PlanarFrame, PlanarGradients, Target};
 
@@ -38,6 +40,7 @@ enum Fault {
     DoublesStatistics,
     LetsGradientsCancel,
     MistakesErrorsForGradients,
+    CollectsUnderOneBlend,
     ShiftsAreSteps,
     SolvesNothing,
     ForgetsMomentsOnEdit,
@@ -140,6 +143,10 @@ impl Rasterizer<PlanarScene> for Sabotaged {
 
     fn forward(&self, cloud: &Self::Cloud, view: &Canvas, settings: &RenderSettings) -> Result<Self::Frame, Error> {
         let (mut view, mut settings) = (*view, *settings);
+        let collects = !matches!(settings.effects.statistics, Statistics::None | Statistics::MeanGradient);
+        if self.is(CollectsUnderOneBlend) && collects && settings.effects.blend == Blend::Over {
+            return Err(Error::Unsupported { backend: "sabotaged", effect: "statistics in an order".to_owned() });
+        }
         match self.fault {
             ForgetsTheBackground => settings.effects.background = gs_core::effects::Background::None,
             ForgetsTheCanvas => view = Canvas::new(view.width, view.height),
@@ -333,6 +340,8 @@ fn every_fault_is_caught_by_its_case() {
         (DoublesStatistics, "statistics_are_the_positional_gradients"),
         (LetsGradientsCancel, "absolute_gradients_match"),
         (MistakesErrorsForGradients, "pixel_errors_match"),
+        (CollectsUnderOneBlend, "absolute_gradients_match"),
+        (CollectsUnderOneBlend, "pixel_errors_match"),
         (ShiftsAreSteps, "shifts_move_means_and_nothing_else"),
         (SolvesNothing, "solved_colors_are_the_best"),
         (ForgetsMomentsOnEdit, "edits_carry_everything_along"),

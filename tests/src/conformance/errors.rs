@@ -15,7 +15,7 @@ use crate::{
     subject::Subject,
 };
 
-pub(super) fn refused<T>(what: &str, result: Result<T, Error>, right: impl Fn(&Error) -> bool) -> Result<(), Failure> {
+pub(crate) fn refused<T>(what: &str, result: Result<T, Error>, right: impl Fn(&Error) -> bool) -> Result<(), Failure> {
     match result {
         Ok(_) => Err(Failure::Broken(format!("{what} is accepted"))),
         Err(error) if right(&error) => Ok(()),

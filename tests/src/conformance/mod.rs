@@ -35,6 +35,7 @@ mod training;
 
 use std::fmt;
 
+pub(crate) use self::errors::refused;
 use gs_core::{
     Binning, Blend, Chart, CloudState, Error, Image, Loss, PlanarScene, Rasterizer, SpatialScene, TrainStep, Wait,
 };

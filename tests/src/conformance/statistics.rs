@@ -11,6 +11,7 @@ use super::{Outcome, is_refused};
 use crate::{
     failure::Failure,
     oracle::{Oracle, StepStatistics},
+    scenes::Draw,
     subject::Subject,
     tolerance::COLLECTED_SHARE,
 };
@@ -40,75 +41,113 @@ pub fn pixel_errors_match<S: Subject, R: Rasterizer<S>>(rasterizer: &R) -> Resul
     check(rasterizer, Statistics::PixelError, |step| &step.pixel_error)
 }
 
-fn check<S: Subject, R: Rasterizer<S>>(
-    rasterizer: &R,
-    statistics: Statistics,
-    of_step: impl Fn(&StepStatistics) -> &Vec<f64>,
-) -> Result<Outcome, Failure> {
-    let still = Group::constant(1e-4);
-    let groups = Adam { mean: still, scale: still, rotation: still, opacity: still, ..S::adam() };
-    let rates = Adam { color: still, color_rest: still, ..groups }.at(0.0);
-    let mut outcome = Outcome::Skipped(format!("{statistics:?}"));
-    for (blend, loss, through) in [
+/// Gaussians of a drawing.
+const COUNT: usize = 12;
+
+/// What is drawn, and the loss that is differentiated.
+fn drawings<S: Subject>(statistics: Statistics) -> Vec<(Draw<S>, Loss)> {
+    let draw = |(blend, loss, through)| {
+        let draw = match through {
+            None => S::typical(blend, COUNT, (37, 70), 1651),
+            Some(size) => {
+                let draw = S::overlapping(blend, COUNT, (30, 24), 1651);
+                let view = S::resized(&draw.view, size);
+                draw.through(view)
+            }
+        };
+        let mut draw = draw.on([0.3, 0.5, 0.2]);
+        draw.settings.effects.statistics = statistics;
+        (draw, loss)
+    };
+    [
         (Blend::Sum, Loss::L2, None),
         (Blend::Sum, Loss::PAPER, None),
         (Blend::Sum, Loss::L2, Some((44, 20))),
         (Blend::Over, Loss::L2, None),
         (Blend::Over, Loss::PAPER, None),
         (Blend::Over, Loss::L1, Some((44, 20))),
-    ] {
-        let mut draw = match through {
-            None => S::typical(blend, 12, (37, 70), 1651),
-            Some(size) => {
-                let draw = S::overlapping(blend, 12, (30, 24), 1651);
-                let view = S::resized(&draw.view, size);
-                draw.through(view)
-            }
-        }
-        .on([0.3, 0.5, 0.2]);
-        draw.settings.effects.statistics = statistics;
+    ]
+    .map(draw)
+    .into()
+}
+
+/// All drawings, or none of those that the backend draws where nothing is collected.
+fn check<S: Subject, R: Rasterizer<S>>(
+    rasterizer: &R,
+    statistics: Statistics,
+    of_step: impl Fn(&StepStatistics) -> &Vec<f64>,
+) -> Result<Outcome, Failure> {
+    let (mut collected, mut refused) = (Vec::new(), Vec::new());
+    for (draw, loss) in drawings::<S>(statistics) {
+        let place = format!("{statistics:?}, {:?}, {loss:?}, {:?}", draw.settings.effects.blend, draw.view);
         if statistics != Statistics::MeanGradient && is_refused(rasterizer, &draw)? {
+            let mut plain = draw;
+            plain.settings.effects.statistics = Statistics::None;
+            if !is_refused(rasterizer, &plain)? {
+                refused.push(place);
+            }
             continue;
         }
-        outcome = Outcome::Passed;
-        let view = draw.view;
-        let place = format!("{statistics:?}, {blend:?}, {loss:?}, {view:?}");
-        let image = draw.target()?;
-        let target = rasterizer.upload_target(&image)?;
-        let mut cloud = rasterizer.upload(&draw.scene, Chart::ScaleRotation)?;
-        let step = TrainStep { settings: &draw.settings, loss, rates: &rates, binning: Binning::Fresh };
+        collected_match(rasterizer, &draw, loss, &of_step).map_err(|failure| failure.at(&place))?;
+        collected.push(place);
+    }
+    match (&collected[..], &refused[..]) {
+        ([], []) => Err(Failure::Nothing(format!("no drawing is offered for {statistics:?}"))),
+        ([], _) => Ok(Outcome::Skipped(format!("{statistics:?}"))),
+        (_, []) => Ok(Outcome::Passed),
+        _ => Err(Failure::Broken(format!("collected are {collected:?}, but {refused:?} are refused"))),
+    }
+}
 
-        let frame = rasterizer.forward(&cloud, &view, &draw.settings)?;
-        // One step in stages and one whole.
-        let oracle = Oracle::new(view, draw.settings)?;
-        let mut expected = [0.0; 12];
-        let mut drawn = [0u32; 12];
-        let (_, gradients) = rasterizer.backward(&cloud, frame, &target, &loss)?;
-        for whole in [false, true] {
-            let scene = rasterizer.download(&cloud)?.rows();
-            let collected = oracle.statistics(&scene, &image, &loss)?;
-            for (g, value) in of_step(&collected).iter().enumerate() {
-                expected[g] += value;
-                drawn[g] += u32::from(collected.pixel_error[g] > 0.0);
-            }
-            if whole {
-                rasterizer.train_step(&mut cloud, &view, &target, &step)?;
-            } else {
-                rasterizer.step(&mut cloud, &gradients, &rates)?;
-            }
+/// Two steps of one drawing, one in stages and one whole.
+fn collected_match<S: Subject, R: Rasterizer<S>>(
+    rasterizer: &R,
+    draw: &Draw<S>,
+    loss: Loss,
+    of_step: impl Fn(&StepStatistics) -> &Vec<f64>,
+) -> Result<(), Failure> {
+    let still = Group::constant(1e-4);
+    let groups = Adam { mean: still, scale: still, rotation: still, opacity: still, ..S::adam() };
+    let rates = Adam { color: still, color_rest: still, ..groups }.at(0.0);
+    let image = draw.target()?;
+    let target = rasterizer.upload_target(&image)?;
+    let mut cloud = rasterizer.upload(&draw.scene, Chart::ScaleRotation)?;
+    let step = TrainStep { settings: &draw.settings, loss, rates: &rates, binning: Binning::Fresh };
+
+    let frame = rasterizer.forward(&cloud, &draw.view, &draw.settings)?;
+    let oracle = Oracle::new(draw.view, draw.settings)?;
+    let (mut expected, mut drawn) = ([0.0; COUNT], [0u32; COUNT]);
+    let (_, gradients) = rasterizer.backward(&cloud, frame, &target, &loss)?;
+    for whole in [false, true] {
+        let scene = rasterizer.download(&cloud)?.rows();
+        let collected = oracle.statistics(&scene, &image, &loss)?;
+        for (g, value) in of_step(&collected).iter().enumerate() {
+            expected[g] += value;
+            drawn[g] += u32::from(collected.pixel_error[g] > 0.0);
         }
-        let found = rasterizer.statistics(&cloud)?;
-        let largest = expected.iter().fold(0.0f64, |m, v| m.max(*v));
-        if !(largest > 0.0) || drawn.iter().filter(|&&n| n == 2).count() < 8 {
-            return Err(Failure::Nothing(format!("{place}: hardly a Gaussian is drawn: {drawn:?}")));
-        }
-        for (g, (a, &b)) in expected.iter().zip(&found.gradient_sum).enumerate() {
-            let tolerance = COLLECTED_SHARE * (a + 1e-3 * largest);
-            if !((a - f64::from(b)).abs() <= tolerance) {
-                let what = format!("{place}: statistic of Gaussian {g}");
-                return Err(Failure::Differs { what, expected: *a, found: f64::from(b), tolerance, others: 0 });
-            }
+        if whole {
+            rasterizer.train_step(&mut cloud, &draw.view, &target, &step)?;
+        } else {
+            rasterizer.step(&mut cloud, &gradients, &rates)?;
         }
     }
-    Ok(outcome)
+    if drawn.iter().filter(|&&n| n == 2).count() < 8 {
+        return Err(Failure::Nothing(format!("hardly a Gaussian is drawn: {drawn:?}")));
+    }
+    sums_match(&expected, &rasterizer.statistics(&cloud)?.gradient_sum)
+}
+
+fn sums_match(expected: &[f64], found: &[f32]) -> Result<(), Failure> {
+    let largest = expected.iter().fold(0.0f64, |m, v| m.max(*v));
+    if !(largest > 0.0) {
+        return Err(Failure::Nothing("all statistics are 0".to_owned()));
+    }
+    for (g, (a, &b)) in expected.iter().zip(found).enumerate() {
+        let tolerance = COLLECTED_SHARE * (a + 1e-3 * largest);
+        if !((a - f64::from(b)).abs() <= tolerance) {
+            let what = format!("statistic of Gaussian {g}");
+            return Err(Failure::Differs { what, expected: *a, found: f64::from(b), tolerance, others: 0 });
+        }
+    }
+    Ok(())
 }

@@ -7,6 +7,9 @@ use crate::{scenes, subject::Subject};
 /// Training steps of a case, unless it says otherwise.
 pub const STEPS: usize = 200;
 
+/// Those of a case with thousands of Gaussians at a pixel, whose steps take a hundred times as long.
+pub(super) const STACK_STEPS: usize = 20;
+
 /// Where it is known from that a case is hard.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Source {

@@ -32,7 +32,8 @@ pub use self::{
     hardship::{Hardship, hard_planar, hard_spatial},
     planar::planar_corpus,
     poison::{
-        Infinite, Inputs, Slot, VALUES, poison_planar, poison_planar_slots, poison_spatial, poison_spatial_slots,
+        Breadth, Inputs, Offered, Slot, VALUES, poison_planar, poison_planar_slots, poison_spatial,
+        poison_spatial_slots,
     },
     report::{Observed, Record},
     run::run,

@@ -4,15 +4,15 @@
 mod inputs;
 mod state;
 
-use std::time::Instant;
+use std::{cell::OnceCell, fmt::Display, time::Instant};
 
-use gs_core::{PlanarScene, Rasterizer, SpatialScene};
+use gs_core::{Chart, PlanarScene, Rasterizer, SpatialScene};
 
 use self::state::Clean;
 use super::report::{Observed, Record};
-use crate::{failure::Failure, subject::Subject};
+use crate::{conformance::charts, failure::Failure, subject::Subject};
 
-pub use self::inputs::{Infinite, Inputs, Slot};
+pub use self::inputs::{Breadth, Inputs, Offered, Slot};
 
 /// What is put into a slot: not numbers, infinities, the ends of `f32`, where exp and squares overflow, zeros, and what is flushed to zero.
 pub const VALUES: [f32; 22] = [
@@ -50,10 +50,8 @@ pub fn poison_planar_slots<R: Rasterizer<PlanarScene>>(
     rasterizer: &R,
     wanted: impl Fn(&str) -> bool + Copy,
 ) -> Vec<Record> {
-    inputs::planar()
-        .iter()
-        .flat_map(|(name, inputs)| poison(rasterizer, name, inputs, &inputs::planar_slots(), wanted))
-        .collect()
+    let views = inputs::canvas_slots();
+    inputs::planar().iter().flat_map(|inputs| poison(rasterizer, inputs, &views, wanted)).collect()
 }
 
 /// Puts every value into every slot of spatial inputs; a record for each slot.
@@ -66,21 +64,19 @@ pub fn poison_spatial_slots<R: Rasterizer<SpatialScene>>(
     rasterizer: &R,
     wanted: impl Fn(&str) -> bool + Copy,
 ) -> Vec<Record> {
-    inputs::spatial()
-        .iter()
-        .flat_map(|(name, inputs)| poison(rasterizer, name, inputs, &inputs::spatial_slots(), wanted))
-        .collect()
+    let views = inputs::camera_slots();
+    inputs::spatial().iter().flat_map(|inputs| poison(rasterizer, inputs, &views, wanted)).collect()
 }
 
+/// `views`: the slots of their views.
 fn poison<S: Subject, R: Rasterizer<S>>(
     rasterizer: &R,
-    name: &str,
     inputs: &Inputs<S>,
-    slots: &[Slot<S>],
+    views: &[Slot<S>],
     wanted: impl Fn(&str) -> bool,
 ) -> Vec<Record> {
-    let record = |slot: &str, outcome: &mut dyn FnMut() -> Result<usize, Failure>| {
-        let case = format!("poison, {name}: {slot}");
+    let record = |slot: &dyn Display, outcome: &mut dyn FnMut() -> Result<usize, Failure>| {
+        let case = format!("poison, {}: {slot}", inputs.name);
         wanted(&case).then(|| {
             let start = Instant::now();
             let outcome = outcome().map(|runs| Observed { runs, ..Observed::default() });
@@ -88,17 +84,34 @@ fn poison<S: Subject, R: Rasterizer<S>>(
         })
     };
     let mut records = Vec::new();
-    let clean = Clean::new(rasterizer, inputs);
-    match clean.and_then(|clean| Ok((state::slots(&clean.state)?, clean))) {
-        Ok((of_state, clean)) => {
-            for slot in of_state {
-                records.extend(record(&slot.to_string(), &mut || state::poison(rasterizer, inputs, &clean, &slot)));
+    let charts = charts::<S, R>(rasterizer).unwrap_or_else(|failure| {
+        records.extend(record(&"charts", &mut || Err(failure.clone())));
+        Vec::new()
+    });
+    for chart in charts {
+        // Shared by all slots, and made only where one of them is wanted.
+        let clean = OnceCell::new();
+        let clean = || clean.get_or_init(|| Clean::new(rasterizer, inputs, chart)).as_ref().map_err(Failure::clone);
+        match state::slots(rasterizer, inputs, chart) {
+            Ok(of_state) => {
+                for slot in of_state {
+                    let name = in_chart(&slot, chart);
+                    records.extend(record(&name, &mut || state::poison(rasterizer, inputs, clean()?, &slot)));
+                }
             }
+            Err(failure) => records.extend(record(&in_chart(&"state", chart), &mut || Err(failure.clone()))),
         }
-        Err(failure) => records.extend(record("state", &mut || Err(failure.clone()))),
     }
-    for slot in slots {
-        records.extend(record(slot.name, &mut || inputs::poison(rasterizer, inputs, slot)));
+    for slot in views.iter().chain(&inputs.slots()) {
+        records.extend(record(&slot.name, &mut || inputs::poison(rasterizer, inputs, slot)));
     }
     records
+}
+
+/// The name of what is done in a chart.
+fn in_chart(what: &dyn Display, chart: Chart) -> String {
+    match chart {
+        Chart::ScaleRotation => what.to_string(),
+        Chart::LocalFrame => format!("{what}, in local frames"),
+    }
 }

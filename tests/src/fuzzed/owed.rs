@@ -1,13 +1,13 @@
 //! What a backend owes a drawn scene, whatever it is.
 
 use gs_core::{
-    Error, Image, PlanarScene, Rasterizer, RenderSettings, Scene, SpatialScene, TrainStep, Wait,
+    Error, Image, PlanarScene, Rasterizer, RenderSettings, SpatialScene, TrainStep, Wait,
     constants::MIN_QUATERNION_NORM2,
     effects::{Blend, Order},
 };
 
 use super::draw::Fuzzed;
-use crate::{bits::bits, failure::Failure};
+use crate::{bits::bits, failure::Failure, subject::Subject};
 
 /// Training steps of each drawn scene.
 const STEPS: usize = 3;
@@ -25,17 +25,14 @@ const ROUNDING: f64 = 1e-3;
 const HIGHEST_HARMONIC: f64 = 1.1;
 
 /// A kind of scene whose pixels have known bounds.
-pub trait Bounded: Scene {
+pub trait Bounded: Subject {
     /// The largest magnitude of each Gaussian's colour in any direction.
     fn largest_colors(&self) -> Vec<f64>;
 
     /// Whether all parameters are moderate; opacities are, whatever they are.
     fn is_moderate(&self) -> bool;
 
-    /// Whether this view can be looked through.
-    fn view_is_possible(view: &Self::View) -> bool;
-
-    /// Whether it also has no numbers that are beyond measure.
+    /// Whether a view has no numbers that are beyond measure.
     fn view_is_moderate(view: &Self::View) -> bool;
 
     /// Columns and rows.
@@ -56,10 +53,6 @@ impl Bounded for PlanarScene {
         let means = self.means.iter().flat_map(|mean| mean.to_array());
         let colors = self.colors.iter().flat_map(|color| color.to_array());
         scales && all_moderate(means.chain(colors).chain(self.rotations.iter().copied()))
-    }
-
-    fn view_is_possible(view: &Self::View) -> bool {
-        view.validate().is_ok()
     }
 
     fn view_is_moderate(view: &Self::View) -> bool {
@@ -89,10 +82,6 @@ impl Bounded for SpatialScene {
         turned && scales && all_moderate(vectors.chain(self.rotations.iter().flatten().copied()))
     }
 
-    fn view_is_possible(view: &Self::View) -> bool {
-        view.validate().is_ok()
-    }
-
     fn view_is_moderate(view: &Self::View) -> bool {
         let (focal, translation) = (view.focal, view.translation);
         let lens = [focal.x, focal.y, 1.0 / focal.x, 1.0 / focal.y, view.center.x, view.center.y, 1.0 / view.near];
@@ -119,7 +108,7 @@ pub fn owes<S: Bounded, R: Rasterizer<S>>(rasterizer: &R, drawn: &Fuzzed<S>) -> 
             None => return Ok(()),
         },
     };
-    let possible = S::view_is_possible(view) && settings.validate().is_ok();
+    let possible = S::check_view(view).is_ok() && settings.validate().is_ok();
     let frame = match rasterizer.forward(&cloud, view, settings) {
         Err(Error::Unsupported { .. }) => return Ok(()),
         frame => match accepted("the view and the settings", possible, frame)? {

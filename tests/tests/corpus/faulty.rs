@@ -1,10 +1,17 @@
 //! A backend with one of the faults that hard cases bring out in engines, or none, around one without.
 
-use gs_conformance::subject::Subject;
+mod fallible;
+
 use gs_core::{
     AdamRates, Chart, CloudState, DensityStatistics, EditPlan, Error, Image, Loss, Rasterizer, RenderSettings,
-    TrainStep, Wait, state::TensorData, statistics::Culled,
+    TrainStep, Wait,
+    effects::{Antialias, Order},
+    settings::Extent,
+    state::TensorData,
+    statistics::Culled,
 };
+
+use self::fallible::Fallible;
 
 /// What is wrong with the backend.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -27,11 +34,19 @@ pub(crate) enum Fault {
     TakesAnyTarget,
     /// Rates out of range are replaced.
     TakesAnyRates,
+    /// Losses out of range are replaced.
+    TakesAnyLoss,
+    /// Settings are refused that nobody uses, but that are possible.
+    RefusesTheUnusual,
+    /// Gaussians are looked at as far as the cut, whatever number of standard deviations is asked for.
+    IgnoresTheExtent,
     /// α is clamped elsewhere.
     ClampsElsewhere,
-    /// The cut is an ulp higher.
-    CutsAnUlpHigher,
-    /// Gradients above 1000 are made 0.
+    /// The cut is two ulps lower.
+    CutsTwoUlpsLower,
+    /// α must be above the cut, not only at it; as α is not a wrapper's, opacities of exactly ½ are two ulps less.
+    CutsWhatIsAtTheCut,
+    /// The gradients of a Gaussian of which one is a thousandth or more are made 0.
     DropsLargeGradients,
     /// Losses are told as 0 from the hundredth step on.
     LosesItsLosses,
@@ -39,8 +54,28 @@ pub(crate) enum Fault {
     LosesItsLoss,
     /// Means creep, gradient or none.
     Creeps,
+    /// Training tells losses, and that is all.
+    NeverSteps,
     /// Gradients are those of other Gaussians.
     MixesGradients,
+    /// What is nearer than the near plane is drawn.
+    IgnoresTheNearPlane,
+    /// Gaussians are blended in the scene's order.
+    OrdersByIndex,
+    /// One depth is all that a Gaussian has.
+    OrdersByMean,
+    /// The Jacobian is followed further beyond the field of view.
+    FollowsTheJacobian,
+    /// The principal point is taken to be in the middle.
+    CentresThePrincipalPoint,
+    /// Pixels are taken to be squares.
+    SquaresPixels,
+    /// Harmonics of the third degree are left out.
+    DropsHarmonics,
+    /// Gaussians are dilated, whether that is wanted or not.
+    Dilates,
+    /// What is dilated stays as opaque as it was.
+    ForgetsCompensation,
 }
 
 use Fault::*;
@@ -57,17 +92,41 @@ impl<R> Faulty<'_, R> {
     }
 
     fn altered(&self, settings: &RenderSettings) -> RenderSettings {
+        let is_possible = settings.validate().is_ok();
         let mut settings = *settings;
-        let accuracy = &mut settings.accuracy;
+        let RenderSettings { accuracy, effects, .. } = &mut settings;
         match self.fault {
             ClampsElsewhere => accuracy.alpha_max = accuracy.alpha_max.min(0.99),
-            CutsAnUlpHigher if accuracy.alpha_cut < 0.5 => accuracy.alpha_cut = accuracy.alpha_cut.next_up(),
-            // There is nothing above ½.
-            CutsAnUlpHigher => accuracy.alpha_cut = 0.499,
+            CutsTwoUlpsLower => accuracy.alpha_cut = accuracy.alpha_cut.next_down().next_down(),
+            IgnoresTheExtent if is_possible => accuracy.extent = Extent::AlphaCut,
+            OrdersByIndex => effects.order = Order::Index,
+            OrdersByMean if effects.order == Order::PixelDepth => effects.order = Order::TileDepth,
+            DropsHarmonics => effects.sh_degree = effects.sh_degree.min(2),
+            Dilates if effects.antialias == Antialias::None => effects.antialias = Antialias::Dilate,
+            ForgetsCompensation if effects.antialias == Antialias::Mip => effects.antialias = Antialias::Dilate,
             _ => {}
         }
         settings
     }
+
+    fn refuses(&self, settings: &RenderSettings) -> Result<(), Error> {
+        let alpha_max = settings.accuracy.alpha_max;
+        if self.is(RefusesTheUnusual) && alpha_max < 0.9 {
+            return Err(Error::setting("alpha-max", alpha_max, "0.9 to 0.9999"));
+        }
+        Ok(())
+    }
+
+    /// What is in place of a loss.
+    fn heard(&self, loss: Loss) -> Loss {
+        if self.is(TakesAnyLoss) && loss.validate().is_err() { Loss::L2 } else { loss }
+    }
+}
+
+/// A frame, and the image that is shown in its place.
+pub(crate) struct Frame<F> {
+    drawn: F,
+    instead: Option<Image>,
 }
 
 /// Whether a row of parameters has an axis a thousand times another.
@@ -76,9 +135,9 @@ fn is_extreme(log_scales: &[f64]) -> bool {
     most - least > 6.9
 }
 
-impl<S: Subject, R: Rasterizer<S>> Rasterizer<S> for Faulty<'_, R> {
+impl<S: Fallible, R: Rasterizer<S>> Rasterizer<S> for Faulty<'_, R> {
     type Cloud = R::Cloud;
-    type Frame = R::Frame;
+    type Frame = Frame<R::Frame>;
     type Gradients = R::Gradients;
     type Target = R::Target;
 
@@ -92,6 +151,12 @@ impl<S: Subject, R: Rasterizer<S>> Rasterizer<S> for Faulty<'_, R> {
             let scales = S::DIMENSIONS..2 * S::DIMENSIONS;
             let kept = (0..scene.len()).filter(|&i| !is_extreme(&rows[i][scales.clone()]));
             return self.inner.upload(&scene.picked(kept), chart);
+        }
+        if self.is(CutsWhatIsAtTheCut) {
+            let mut scene = scene.clone();
+            // 1 / (1 + e⁻ˣ) of this is 1 / (2 + 2⁻²²).
+            scene.opacity_logits_mut().iter_mut().filter(|x| **x == 0.0).for_each(|x| *x = -2.0 * f32::EPSILON);
+            return self.inner.upload(&scene, chart);
         }
         self.inner.upload(scene, chart)
     }
@@ -130,13 +195,24 @@ impl<S: Subject, R: Rasterizer<S>> Rasterizer<S> for Faulty<'_, R> {
         self.inner.restore(&state)
     }
 
-    fn forward(&self, cloud: &R::Cloud, view: &S::View, settings: &RenderSettings) -> Result<R::Frame, Error> {
-        self.inner.forward(cloud, view, &self.altered(settings))
+    fn forward(&self, cloud: &R::Cloud, view: &S::View, settings: &RenderSettings) -> Result<Self::Frame, Error> {
+        self.refuses(settings)?;
+        let (view, settings) = (S::altered_view(self.fault, view), self.altered(settings));
+        let drawn = self.inner.forward(cloud, &view, &settings)?;
+        let mut instead = None;
+        if self.is(FollowsTheJacobian)
+            && let Some(wider) = S::widened(&view)
+        {
+            let image = self.inner.image(&self.inner.forward(cloud, &wider, &settings)?)?;
+            let (width, height) = self.inner.image(&drawn)?.size();
+            instead = Some(Image::from_fn(width, height, |x, y| image.pixel(x, y))?);
+        }
+        Ok(Frame { drawn, instead })
     }
 
-    fn image(&self, frame: &R::Frame) -> Result<Image, Error> {
-        let mut image = self.inner.image(frame)?;
-        let culled = self.inner.culled(frame)?;
+    fn image(&self, Frame { drawn, instead }: &Self::Frame) -> Result<Image, Error> {
+        let mut image = instead.clone().map_or_else(|| self.inner.image(drawn), Ok)?;
+        let culled = self.inner.culled(drawn)?;
         let last = image.pixels().len() - 1;
         let pixels = image.pixels_mut();
         match self.fault {
@@ -148,18 +224,18 @@ impl<S: Subject, R: Rasterizer<S>> Rasterizer<S> for Faulty<'_, R> {
         Ok(image)
     }
 
-    fn culled(&self, frame: &R::Frame) -> Result<Culled, Error> {
-        if self.is(CountsNothing) { Ok(Culled::default()) } else { self.inner.culled(frame) }
+    fn culled(&self, frame: &Self::Frame) -> Result<Culled, Error> {
+        if self.is(CountsNothing) { Ok(Culled::default()) } else { self.inner.culled(&frame.drawn) }
     }
 
     fn backward(
         &self,
         cloud: &R::Cloud,
-        frame: R::Frame,
+        frame: Self::Frame,
         target: &R::Target,
         loss: &Loss,
     ) -> Result<(f32, R::Gradients), Error> {
-        self.inner.backward(cloud, frame, target, loss)
+        self.inner.backward(cloud, frame.drawn, target, &self.heard(*loss))
     }
 
     fn download_gradients(&self, cloud: &R::Cloud, gradients: &R::Gradients) -> Result<S, Error> {
@@ -167,8 +243,12 @@ impl<S: Subject, R: Rasterizer<S>> Rasterizer<S> for Faulty<'_, R> {
         let rows = gradients.rows_of_gradients();
         match self.fault {
             DropsLargeGradients => {
-                let small = |row: &Vec<f64>| row.iter().all(|v| v.abs() < 1e-3);
-                Ok(gradients.picked((0..rows.len()).map(|i| if small(&rows[i]) { i } else { 0 })))
+                let mut dropped = gradients.emptied();
+                for (i, row) in rows.iter().enumerate() {
+                    let is_large = row.iter().any(|v| v.abs() >= 1e-3);
+                    dropped.push(if is_large { gradients.zero() } else { gradients.gaussian(i) });
+                }
+                Ok(dropped)
             }
             MixesGradients => Ok(gradients.picked((0..rows.len()).rev())),
             _ => Ok(gradients),
@@ -186,11 +266,19 @@ impl<S: Subject, R: Rasterizer<S>> Rasterizer<S> for Faulty<'_, R> {
         target: &R::Target,
         step: &TrainStep<'_>,
     ) -> Result<(), Error> {
+        self.refuses(step.settings)?;
         let usual = S::adam().at(0.0);
         let replaced = self.is(TakesAnyRates) && step.rates.validate().is_err();
         let rates = if replaced { &usual } else { step.rates };
-        let settings = self.altered(step.settings);
-        self.inner.train_step(cloud, view, target, &TrainStep { settings: &settings, rates, ..*step })?;
+        let (view, settings, loss) =
+            (S::altered_view(self.fault, view), self.altered(step.settings), self.heard(step.loss));
+        if self.is(NeverSteps) {
+            let frame = self.inner.forward(cloud, &view, &settings)?;
+            let (loss, _) = self.inner.backward(cloud, frame, target, &loss)?;
+            self.inner.unread_losses(cloud).push(loss);
+            return Ok(());
+        }
+        self.inner.train_step(cloud, &view, target, &TrainStep { settings: &settings, loss, rates, ..*step })?;
         if self.is(Creeps) {
             self.inner.shift_means(cloud, &vec![1e-3; S::DIMENSIONS * self.inner.len(cloud)])?;
         }

@@ -3,19 +3,21 @@
 use glam::{Vec2, Vec3};
 use gs_conformance::Failure;
 use gs_core::{
-    Adam, Binning, Blend, Canvas, Chart, Error, Image, Loss, PlanarGaussian, PlanarScene, Rasterizer, RenderSettings,
-    Scene, TrainStep, effects::Antialias, state::TensorData,
+    Adam, Binning, Blend, Camera, Canvas, Chart, CloudState, Error, Image, Loss, PlanarGaussian, PlanarScene,
+    Rasterizer, RenderSettings, Scene, SpatialGaussian, SpatialScene, TrainStep, effects::Antialias, state::TensorData,
 };
 use gs_density::{Policy, Ranking, WhenFlat};
 use gs_train::{FitSettings, InitialCount, Rounds, fit};
 
-/// A check, which any backend of planar scenes can be put through.
+/// A check, which any backend of both kinds of scenes can be put through.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Check {
     /// 1 − SSIM of constant images that are nearly equal, however bright, is within 0 to 2.
     SsimOfConstants,
     /// Gradients are finite through frames that have an area by dilation alone.
     SingularFrames,
+    /// Gradients are finite through frames that have no extent at all along an axis.
+    FlatFrames,
     /// Squares of derivatives stay finite.
     SecondMoments,
     /// Moments that no gradient renews do not decay to denormals.
@@ -32,10 +34,11 @@ pub(crate) enum Check {
 
 impl Check {
     /// All of them.
-    pub(crate) const ALL: [Self; 8] = [
+    pub(crate) const ALL: [Self; 9] = [
         Self::SecondMoments,
         Self::SsimOfConstants,
         Self::SingularFrames,
+        Self::FlatFrames,
         Self::MomentsVanish,
         Self::EpsilonOfZero,
         Self::FitsEndFinite,
@@ -48,6 +51,7 @@ impl Check {
         match self {
             Self::SsimOfConstants => "SSIM of constants",
             Self::SingularFrames => "singular frames",
+            Self::FlatFrames => "flat frames",
             Self::SecondMoments => "second moments",
             Self::MomentsVanish => "moments vanish",
             Self::EpsilonOfZero => "epsilon of 0",
@@ -57,10 +61,14 @@ impl Check {
         }
     }
 
-    pub(crate) fn run<R: Rasterizer<PlanarScene>>(self, rasterizer: &R) -> Result<(), Failure> {
+    pub(crate) fn run<R>(self, rasterizer: &R) -> Result<(), Failure>
+    where
+        R: Rasterizer<PlanarScene> + Rasterizer<SpatialScene>,
+    {
         match self {
             Self::SsimOfConstants => ssim_of_constants(rasterizer),
             Self::SingularFrames => singular_frames(rasterizer),
+            Self::FlatFrames => flat_frames(rasterizer),
             Self::SecondMoments => second_moments(rasterizer),
             Self::MomentsVanish => moments_vanish(rasterizer),
             Self::EpsilonOfZero => epsilon_of_zero(rasterizer),
@@ -91,6 +99,14 @@ fn target() -> Result<Image, Error> {
     Image::filled(SIZE.0, SIZE.1, [0.5, 0.1, 0.3])
 }
 
+/// The numbers of a tensor.
+fn floats<'s>(state: &'s mut CloudState, name: &str) -> Result<&'s mut Vec<f32>, Failure> {
+    match state.tensors.get_mut(name).map(|tensor| &mut tensor.data) {
+        Some(TensorData::F32(values)) => Ok(values),
+        _ => Err(Failure::Broken(format!("a state without {name}"))),
+    }
+}
+
 fn ssim_of_constants<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Result<(), Failure> {
     let cloud = rasterizer.upload(&plain(Vec2::splat(1e4), 1.0), Chart::ScaleRotation)?;
     for k in 0..24 {
@@ -117,6 +133,31 @@ fn singular_frames<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Result<(), Fai
     Ok(gradients.validate()?)
 }
 
+fn flat_frames<R: Rasterizer<SpatialScene>>(rasterizer: &R) -> Result<(), Failure> {
+    let gaussian = SpatialGaussian {
+        mean: Vec3::new(0.1, -0.1, 3.0),
+        log_scale: Vec3::new(-1.0, -1.3, -1.6),
+        rotation: [0.9, 0.2, -0.3, 0.1],
+        opacity_logit: 0.3,
+        sh: vec![Vec3::new(0.7, -0.4, 1.1)],
+    };
+    let mut scene = SpatialScene::default();
+    scene.push(gaussian);
+    let mut state = rasterizer.save(&rasterizer.upload(&scene, Chart::LocalFrame)?)?;
+    // No scene has a scale of 0, as its logarithm is not finite; but a frame may have lost an axis to rounding.
+    let frame = floats(&mut state, "frame")?;
+    frame[6..].fill(0.0);
+    let cloud = rasterizer.restore(&state)?;
+    let mut settings = RenderSettings::blended(Blend::Over);
+    settings.effects.antialias = Antialias::Dilate;
+    let seen = rasterizer.forward(&cloud, &Camera::looking_forward(SIZE.0, SIZE.1, 0.9), &settings)?;
+    let culled = rasterizer.culled(&seen)?.total();
+    Failure::unless(culled == 0, || "what has no extent along one axis is not drawn".to_owned())?;
+    let target = rasterizer.upload_target(&target()?)?;
+    let (_, gradients) = rasterizer.backward(&cloud, seen, &target, &Loss::L2)?;
+    Ok(rasterizer.download_gradients(&cloud, &gradients)?.validate()?)
+}
+
 fn second_moments<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Result<(), Failure> {
     let mut scene = plain(Vec2::new(8.3, 8.6), 1.0);
     scene.colors[0] = Vec3::splat(1e10);
@@ -134,11 +175,8 @@ fn second_moments<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Result<(), Fail
 fn moments_vanish<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Result<(), Failure> {
     let settings = RenderSettings::blended(Blend::Sum);
     let mut state = rasterizer.save(&rasterizer.upload(&plain(Vec2::splat(1e4), 1.0), Chart::ScaleRotation)?)?;
-    let Some(TensorData::F32(moments)) = state.tensors.get_mut("moment1").map(|tensor| &mut tensor.data) else {
-        return Err(Failure::Broken("a state without moments".to_owned()));
-    };
     // A step takes a tenth off, and with it, these are below the least that is kept.
-    moments.fill(1.05e-30);
+    floats(&mut state, "moment1")?.fill(1.05e-30);
     let mut cloud = rasterizer.restore(&state)?;
     let rates = Adam::default().at(0.0);
     let step = TrainStep { settings: &settings, loss: Loss::L2, rates: &rates, binning: Binning::Fresh };

@@ -129,7 +129,7 @@ pub(crate) const NOTICED: &[Noticed] = &[
     by(Guard::VanishingMoment, Notice::Check(Check::MomentsVanish), EVERYWHERE),
     by(Guard::Epsilon, Notice::Check(Check::EpsilonOfZero), EVERYWHERE),
     by(Guard::ScaleBounds, Case("larger than the image, sum"), EVERYWHERE),
-    by(Guard::FlatTurn, Case("scale → 0 in one axis, dilated"), &[Cpu]),
+    by(Guard::FlatTurn, Notice::Check(Check::FlatFrames), &[Cpu]),
     by(Guard::PruneNotFinite, Notice::Check(Check::FitsEndFinite), &[Cpu]),
     by(Guard::FiniteScore, Notice::Check(Check::InfiniteScores), &[Cpu]),
     by(Guard::FiniteLoss, Notice::Check(Check::InfiniteLosses), &[Cpu]),

@@ -87,14 +87,30 @@ fn a_training_step_waits_only_where_enough_are_under_way() {
     assert!(r.waits() > waits, "waits are not counted");
 }
 
-/// Losses, state and bytes moved after steps of which some need far more room than those before; `roomy` where there is room at once.
-fn trained_with_room(blend: Blend, roomy: bool) -> (Vec<f32>, CloudState, u64) {
-    let r = another();
-    let draw = Draw::new(Kind::Large, blend, 800, (173, 141), 42).on([0.1, 0.5, 0.3]);
-    if roomy {
-        // Its buffers come into the pool, from which training takes them.
-        r.render(&draw.scene, &draw.view, &draw.settings).unwrap();
+/// Whether a device has room for what is drawn on it before it is drawn.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Room {
+    /// There is: its buffers have come into the pool, from which training takes them.
+    AtOnce,
+    /// It is made when it turns out not to be enough, and steps are sent again.
+    WhenNeeded,
+}
+
+impl Room {
+    /// A device of its own.
+    fn device_for(self, draw: &Draw) -> WgpuRasterizer {
+        let r = another();
+        if self == Self::AtOnce {
+            r.render(&draw.scene, &draw.view, &draw.settings).unwrap();
+        }
+        r
     }
+}
+
+/// Losses, state and bytes moved after steps of which some need far more room than those before.
+fn trained_with_room(blend: Blend, room: Room) -> (Vec<f32>, CloudState, u64) {
+    let draw = Draw::new(Kind::Large, blend, 800, (173, 141), 42).on([0.1, 0.5, 0.3]);
+    let r = room.device_for(&draw);
     let mut training = Training::new(&r, draw);
     let before = r.bytes_moved();
     let mut losses = Vec::new();
@@ -115,8 +131,8 @@ fn trained_with_room(blend: Blend, roomy: bool) -> (Vec<f32>, CloudState, u64) {
 #[test]
 fn steps_that_have_to_be_sent_again_end_at_the_same_bits() {
     for blend in [Blend::Sum, Blend::Over] {
-        let (losses, state, bytes) = trained_with_room(blend, true);
-        let (again, found, more_bytes) = trained_with_room(blend, false);
+        let (losses, state, bytes) = trained_with_room(blend, Room::AtOnce);
+        let (again, found, more_bytes) = trained_with_room(blend, Room::WhenNeeded);
         assert!(more_bytes > bytes, "{blend:?}: nothing was sent again");
         assert_eq!(losses.len(), 11);
         assert!(losses.iter().all(|&loss| loss > 0.0 && loss.is_finite()), "{losses:?}");
@@ -157,15 +173,12 @@ const LOOKS: [(&str, Look); 7] = [
 ];
 
 /// What is seen after two steps, by their bits, and the bytes that it took to see it.
-fn seen_after_two_steps(look: Look, roomy: bool) -> (Vec<u32>, u64) {
-    let r = another();
+fn seen_after_two_steps(look: Look, room: Room) -> (Vec<u32>, u64) {
     // Each of them touches every tile.
     let mut draw = Draw::new(Kind::Large, Blend::Sum, 1200, (160, 144), 43);
     draw.scene.log_scales.fill(glam::Vec2::splat(5.0));
     draw.settings.effects.statistics = Statistics::MeanGradient;
-    if roomy {
-        r.render(&draw.scene, &draw.view, &draw.settings).unwrap();
-    }
+    let r = room.device_for(&draw);
     let mut training = Training::new(&r, draw);
     let Training { draw, target, cloud, .. } = &training;
     let elsewhere = draw.view.showing(glam::Vec2::splat(1e5), glam::Vec2::ONE);
@@ -183,8 +196,8 @@ fn seen_after_two_steps(look: Look, roomy: bool) -> (Vec<u32>, u64) {
 #[test]
 fn steps_that_have_to_be_sent_again_are_seen_by_everything() {
     for (what, look) in LOOKS {
-        let (expected, bytes) = seen_after_two_steps(look, true);
-        let (found, more_bytes) = seen_after_two_steps(look, false);
+        let (expected, bytes) = seen_after_two_steps(look, Room::AtOnce);
+        let (found, more_bytes) = seen_after_two_steps(look, Room::WhenNeeded);
         assert!(more_bytes > bytes, "{what}: nothing was sent again");
         assert!(found == expected, "{what}");
     }

@@ -67,7 +67,7 @@ fn million(blend: Blend) -> Case<PlanarScene> {
     let mut case = case("a million entries in one tile", why, source, blend, std::iter::repeat_n(gaussian, MILLION));
     case.view = Canvas::new(1, 1);
     case.settings.effects.background = Default::default();
-    case.steps = 2;
+    case.steps = 1;
     let all = |shown| Image::filled(1, 1, [shown; 3]).expect("one pixel is a possible size");
     let picture = match blend {
         Blend::Sum => Picture::Within(all(1.0), UNSEEN / MILLION as f32),
@@ -76,5 +76,5 @@ fn million(blend: Blend) -> Case<PlanarScene> {
     };
     case.showing(picture)
         .sloping(Slopes::Finite("a dense oracle would take minutes"))
-        .training(Training::Finite("two steps"))
+        .training(Training::Finite("one step"))
 }

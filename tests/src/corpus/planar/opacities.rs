@@ -5,7 +5,7 @@ use gs_core::{Canvas, Image, PlanarGaussian, PlanarScene, Scene, effects::Blend,
 
 use super::{PLAIN, case};
 use crate::{
-    corpus::case::{Case, Picture, Slopes, Source, Training},
+    corpus::case::{Case, Picture, STACK_STEPS, Slopes, Source, Training},
     oracle::{Oracle, OracleScene},
 };
 
@@ -53,9 +53,13 @@ fn all(shown: f32) -> Image {
     Image::filled(1, 1, [shown; 3]).expect("one pixel is a possible size")
 }
 
-/// sigmoid(0) is ½ to the bit, and sigmoid of this is 1/(2 + 2⁻²²): an ulp or two below ½.
+/// sigmoid(0) is ½ to the bit, and sigmoid of this is 1/(2 + 2⁻²²): two ulps below ½. No opacity is nearer, as 1 + e⁻ˣ is a number above 2, and
+/// these are 2⁻²² apart.
 const BELOW_HALF: f32 = -2.384_185_8e-7;
 const JUST_BELOW_HALF: f32 = 0.499_999_94;
+
+/// Ulps of an opacity that is a hair beside another. Four are the rounding of a logit of −5.5, as many that of an exponential and a quotient.
+const HAIR_ULPS: f32 = 16.0;
 
 fn edges() -> Vec<Case<PlanarScene>> {
     let cut = "the cut is a step in the image: whether α = cut counts must be the same forward, backward and in every backend";
@@ -75,19 +79,20 @@ fn edges() -> Vec<Case<PlanarScene>> {
     let uncertain = Slopes::Finite("one rounding decides between two gradients");
     let mut cases = vec![
         at_cut("α = cut", 0.0, 0.5).sloping(uncertain),
-        at_cut("α one ulp below the cut", BELOW_HALF, 0.0).leaving_out(transparent).sloping(Slopes::Zero),
+        at_cut("α two ulps below the cut", BELOW_HALF, 0.0).leaving_out(transparent).sloping(Slopes::Zero),
         at_cut("α above the cut", 1e-3, 0.500_25).showing(Picture::Oracle).sloping(uncertain),
         at_clamp("α = clamp", 0.0, 0.5).sloping(uncertain),
-        // Less than two ulps: not the clamp itself.
-        at_clamp("α one ulp below the clamp", BELOW_HALF, JUST_BELOW_HALF)
+        // To less than two ulps: not the clamp itself.
+        at_clamp("α two ulps below the clamp", BELOW_HALF, JUST_BELOW_HALF)
             .showing(Picture::Within(all(JUST_BELOW_HALF), f32::EPSILON))
             .sloping(uncertain),
         at_clamp("α above the clamp", 1e-3, 0.5),
     ];
-    // At the values that are used, as near as any sigmoid that is right to a few ulps can tell from them.
+    // At the values that are used, as near as sigmoids can be told from them that are right to a few ulps.
     for (name, opacity, transparent) in [("1/255", 1.0 / 255.0, 1), ("0.999", 0.999f32, 0)] {
-        let at = logit(opacity);
-        for (side, logit, transparent) in [("below", at - 1e-5, transparent), ("above", at + 1e-5, 0)] {
+        let (at, ulp) = (logit(opacity), opacity.next_up() - opacity);
+        let hair = HAIR_ULPS * ulp / (opacity * (1.0 - opacity));
+        for (side, logit, transparent) in [("below", at - hair, transparent), ("above", at + hair, 0)] {
             let gaussian =
                 PlanarGaussian { mean: Vec2::new(8.5, 8.5), opacity_logit: logit, log_scale: Vec2::ZERO, ..PLAIN };
             // Another one, so that there is always something to compare.
@@ -115,6 +120,7 @@ fn stacks() -> Vec<Case<PlanarScene>> {
     let source = Source::Report("https://github.com/nerfstudio-project/gsplat/issues/571");
     let small = |mut case: Case<PlanarScene>| {
         case.view = Canvas::new(5, 4);
+        case.steps = STACK_STEPS;
         case
     };
     vec![

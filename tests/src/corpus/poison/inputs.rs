@@ -5,10 +5,12 @@ use gs_core::{
     Adam, AdamRates, Binning, Camera, Canvas, Chart, Error, Image, Loss, PlanarScene, Rasterizer, RenderSettings,
     Scene, SpatialScene, TrainStep, Wait,
     effects::{Blend, Order},
+    settings::Extent,
 };
 
-use super::{VALUES, state::same_causes};
+use super::{super::run::rows_of, VALUES, state::same_causes};
 use crate::{
+    conformance::{charts, refused},
     failure::Failure,
     oracle::{Oracle, OracleView},
     scenes,
@@ -19,6 +21,10 @@ use crate::{
 /// Everything that a training step depends on.
 #[derive(Debug, Clone)]
 pub struct Inputs<S: Scene> {
+    /// Their name.
+    pub name: &'static str,
+    /// How many of their slots are poisoned.
+    pub breadth: Breadth,
     /// The Gaussians.
     pub scene: S,
     /// What they are seen through.
@@ -33,13 +39,23 @@ pub struct Inputs<S: Scene> {
     pub rates: AdamRates,
 }
 
-/// What +∞ is in a slot.
+/// How many slots are poisoned.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Infinite {
-    /// No more than NaN is.
-    Nothing,
-    /// "Unlimited".
-    Means,
+pub enum Breadth {
+    /// All.
+    Whole,
+    /// Those on which pictures and losses depend. The others are the same however Gaussians are blended: what moves them, and what is accepted
+    /// as a scene.
+    Pictures,
+}
+
+/// Whether backends must offer what a number is part of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Offered {
+    /// They must.
+    Always,
+    /// They may refuse it as unsupported; but then with all values that are possible.
+    Optionally,
 }
 
 /// A number of the inputs.
@@ -47,26 +63,56 @@ pub enum Infinite {
 pub struct Slot<S: Scene> {
     /// Its name.
     pub name: &'static str,
-    /// What +∞ is there.
-    pub infinite: Infinite,
+    /// Whether backends must offer it.
+    pub offered: Offered,
+    /// Ends of the range in which it is possible, where [`VALUES`] are not on both sides of each.
+    pub ends: &'static [f32],
     /// Puts a value there.
     pub put: fn(&mut Inputs<S>, f32),
 }
 
+impl<S: Scene> Slot<S> {
+    /// What is put there: [`VALUES`], the ends of its range, and the numbers beside each end.
+    fn values(&self) -> impl Iterator<Item = f32> {
+        let ends = self.ends.iter().flat_map(|end| [end.next_down(), *end, end.next_up()]);
+        VALUES.into_iter().chain(ends)
+    }
+}
+
+impl<S: Scene> Inputs<S> {
+    /// A training step of all this.
+    pub(super) fn step(&self) -> TrainStep<'_> {
+        TrainStep { settings: &self.settings, loss: self.loss, rates: &self.rates, binning: Binning::Fresh }
+    }
+
+    /// The slots that are poisoned, but for those of the view.
+    pub(super) fn slots(&self) -> Vec<Slot<S>> {
+        match self.breadth {
+            Breadth::Pictures => pictures(),
+            Breadth::Whole => pictures().into_iter().chain(rates()).collect(),
+        }
+    }
+}
+
 const SIZE: (u32, u32) = (20, 13);
 
-fn inputs<S: Subject>(scene: S, view: S::View, settings: RenderSettings) -> Inputs<S> {
+fn inputs<S: Subject>(
+    (name, breadth): (&'static str, Breadth),
+    scene: S,
+    view: S::View,
+    settings: RenderSettings,
+) -> Inputs<S> {
     let (width, height) = view.size();
     let target = scenes::target(width, height, 3).expect("a possible size");
     // A gradient that is mere rounding must not become a whole step.
     let rates = Adam { epsilon: 1e-6, ..S::adam() }.at(0.0);
-    Inputs { scene, view, settings: settings.on([0.3, 0.2, 0.4]), target, loss: Loss::L2, rates }
+    Inputs { name, breadth, scene, view, settings: settings.on([0.3, 0.2, 0.4]), target, loss: Loss::L2, rates }
 }
 
 /// Three small Gaussians in a row, so that the poisoned one in the middle touches neither.
-pub(super) fn planar() -> Vec<(&'static str, Inputs<PlanarScene>)> {
-    [("sum", Blend::Sum), ("over", Blend::Over)]
-        .map(|(name, blend)| {
+pub(super) fn planar() -> Vec<Inputs<PlanarScene>> {
+    [("sum", Breadth::Pictures, Blend::Sum), ("over", Breadth::Whole, Blend::Over)]
+        .map(|(name, breadth, blend)| {
             let gaussian = |i: usize| gs_core::PlanarGaussian {
                 mean: Vec2::new(3.2 + 6.6 * i as f32, 6.3),
                 log_scale: Vec2::new(-0.4, -0.2),
@@ -75,15 +121,17 @@ pub(super) fn planar() -> Vec<(&'static str, Inputs<PlanarScene>)> {
                 color: Vec3::new(0.8, 0.3 * i as f32, 0.4),
             };
             let scene = (0..3).map(gaussian).collect();
-            (name, inputs(scene, Canvas::new(SIZE.0, SIZE.1), RenderSettings::blended(blend)))
+            inputs((name, breadth), scene, Canvas::new(SIZE.0, SIZE.1), RenderSettings::blended(blend))
         })
         .into()
 }
 
 /// The same in space, in two orders.
-pub(super) fn spatial() -> Vec<(&'static str, Inputs<SpatialScene>)> {
-    [("by mean depth", Order::TileDepth), ("by pixel depth", Order::PixelDepth)]
-        .map(|(name, order)| {
+pub(super) fn spatial() -> Vec<Inputs<SpatialScene>> {
+    let orders =
+        [("by mean depth", Breadth::Whole, Order::TileDepth), ("by pixel depth", Breadth::Pictures, Order::PixelDepth)];
+    orders
+        .map(|(name, breadth, order)| {
             let view = Camera { near: 0.2, ..Camera::looking_forward(SIZE.0, SIZE.1, 0.9) };
             let mut scene = SpatialScene { sh_degree: 1, ..SpatialScene::default() };
             for i in 0..3 {
@@ -99,78 +147,92 @@ pub(super) fn spatial() -> Vec<(&'static str, Inputs<SpatialScene>)> {
             let mut settings = RenderSettings::blended(Blend::Over);
             settings.effects.order = order;
             settings.effects.sh_degree = 3;
-            (name, inputs(scene, view, settings))
+            inputs((name, breadth), scene, view, settings)
         })
         .into()
 }
 
 macro_rules! slots {
-    ($($name:literal: $slot:expr),* $(,)?) => {
-        [$(Slot { name: $name, infinite: if $name == "max_scale" { Infinite::Means } else { Infinite::Nothing }, put: $slot }),*]
+    ($($name:literal $([$($end:literal),*])?: $slot:expr),* $(,)?) => {
+        [$(Slot { name: $name, offered: Offered::Always, ends: &[$($($end),*)?], put: $slot }),*]
     };
 }
 
-/// What both kinds of scenes have.
-fn common<S: Scene>() -> Vec<Slot<S>> {
-    slots![
-        "alpha_cut": |i, v| i.settings.accuracy.alpha_cut = v,
-        "alpha_max": |i, v| i.settings.accuracy.alpha_max = v,
-        "transmittance_min": |i, v| i.settings.accuracy.transmittance_min = v,
+/// What a picture and its loss depend on, whatever the view.
+fn pictures<S: Scene>() -> Vec<Slot<S>> {
+    let slots: [Slot<S>; 10] = slots![
+        "alpha_cut" [1e-6, 0.5]: |i, v| i.settings.accuracy.alpha_cut = v,
+        "alpha_max" [0.5, 0.9999]: |i, v| i.settings.accuracy.alpha_max = v,
+        "transmittance_min" [0.5]: |i, v| i.settings.accuracy.transmittance_min = v,
         "background red": |i, v| i.settings.background[0] = v,
         "background green": |i, v| i.settings.background[1] = v,
         "background blue": |i, v| i.settings.background[2] = v,
         "target red": |i, v| i.target.pixels_mut()[7][0] = v,
         "target green": |i, v| i.target.pixels_mut()[7][1] = v,
         "target blue": |i, v| i.target.pixels_mut()[7][2] = v,
-        "lambda": |i, v| i.loss = Loss::L1Dssim { lambda: v },
+        "lambda" [1.0]: |i, v| i.loss = Loss::L1Dssim { lambda: v },
+    ];
+    let extent: [Slot<S>; 1] = slots!["extent" [1.0, 6.0]: |i, v| i.settings.accuracy.extent = Extent::Sigmas(v)];
+    slots.into_iter().chain(optional(extent)).collect()
+}
+
+/// What a step depends on besides.
+fn rates<S: Scene>() -> Vec<Slot<S>> {
+    let slots: [Slot<S>; 21] = slots![
         "learning rate of means": |i, v| i.rates.mean.learning_rate = v,
-        "beta1 of means": |i, v| i.rates.mean.beta1 = v,
-        "beta2 of means": |i, v| i.rates.mean.beta2 = v,
+        "beta1 of means" [1.0]: |i, v| i.rates.mean.beta1 = v,
+        "beta2 of means" [1.0]: |i, v| i.rates.mean.beta2 = v,
         "learning rate of scales": |i, v| i.rates.scale.learning_rate = v,
-        "beta1 of scales": |i, v| i.rates.scale.beta1 = v,
-        "beta2 of scales": |i, v| i.rates.scale.beta2 = v,
+        "beta1 of scales" [1.0]: |i, v| i.rates.scale.beta1 = v,
+        "beta2 of scales" [1.0]: |i, v| i.rates.scale.beta2 = v,
         "learning rate of rotations": |i, v| i.rates.rotation.learning_rate = v,
-        "beta1 of rotations": |i, v| i.rates.rotation.beta1 = v,
-        "beta2 of rotations": |i, v| i.rates.rotation.beta2 = v,
+        "beta1 of rotations" [1.0]: |i, v| i.rates.rotation.beta1 = v,
+        "beta2 of rotations" [1.0]: |i, v| i.rates.rotation.beta2 = v,
         "learning rate of opacities": |i, v| i.rates.opacity.learning_rate = v,
-        "beta1 of opacities": |i, v| i.rates.opacity.beta1 = v,
-        "beta2 of opacities": |i, v| i.rates.opacity.beta2 = v,
+        "beta1 of opacities" [1.0]: |i, v| i.rates.opacity.beta1 = v,
+        "beta2 of opacities" [1.0]: |i, v| i.rates.opacity.beta2 = v,
         "learning rate of colours": |i, v| i.rates.color.learning_rate = v,
-        "beta1 of colours": |i, v| i.rates.color.beta1 = v,
-        "beta2 of colours": |i, v| i.rates.color.beta2 = v,
+        "beta1 of colours" [1.0]: |i, v| i.rates.color.beta1 = v,
+        "beta2 of colours" [1.0]: |i, v| i.rates.color.beta2 = v,
         "learning rate of higher SH": |i, v| i.rates.color_rest.learning_rate = v,
-        "beta1 of higher SH": |i, v| i.rates.color_rest.beta1 = v,
-        "beta2 of higher SH": |i, v| i.rates.color_rest.beta2 = v,
+        "beta1 of higher SH" [1.0]: |i, v| i.rates.color_rest.beta1 = v,
+        "beta2 of higher SH" [1.0]: |i, v| i.rates.color_rest.beta2 = v,
         "epsilon": |i, v| i.rates.epsilon = v,
         "min_scale": |i, v| i.rates.min_scale = v,
         "max_scale": |i, v| i.rates.max_scale = v,
+    ];
+    let penalties: [Slot<S>; 2] = slots![
         "penalty on opacities": |i, v| i.rates.penalty.opacity = v,
         "penalty on scales": |i, v| i.rates.penalty.scale = v,
-    ]
-    .into()
+    ];
+    slots.into_iter().chain(optional(penalties)).collect()
 }
 
-pub(super) fn planar_slots() -> Vec<Slot<PlanarScene>> {
-    let canvas: [Slot<PlanarScene>; 4] = slots![
+/// The same, which backends may refuse.
+fn optional<S: Scene, const N: usize>(slots: [Slot<S>; N]) -> [Slot<S>; N] {
+    slots.map(|slot| Slot { offered: Offered::Optionally, ..slot })
+}
+
+pub(super) fn canvas_slots() -> [Slot<PlanarScene>; 4] {
+    slots![
         "canvas origin x": |i, v| i.view.origin.x = v,
         "canvas origin y": |i, v| i.view.origin.y = v,
         "canvas extent x": |i, v| i.view.extent.x = v,
         "canvas extent y": |i, v| i.view.extent.y = v,
-    ];
-    canvas.into_iter().chain(common()).collect()
+    ]
 }
 
-pub(super) fn spatial_slots() -> Vec<Slot<SpatialScene>> {
-    let camera: [Slot<SpatialScene>; 17] = slots![
-        "camera rotation 00": |i, v| i.view.rotation.x_axis.x = v,
+pub(super) fn camera_slots() -> [Slot<SpatialScene>; 17] {
+    slots![
+        "camera rotation 00" [1.0]: |i, v| i.view.rotation.x_axis.x = v,
         "camera rotation 10": |i, v| i.view.rotation.x_axis.y = v,
         "camera rotation 20": |i, v| i.view.rotation.x_axis.z = v,
         "camera rotation 01": |i, v| i.view.rotation.y_axis.x = v,
-        "camera rotation 11": |i, v| i.view.rotation.y_axis.y = v,
+        "camera rotation 11" [1.0]: |i, v| i.view.rotation.y_axis.y = v,
         "camera rotation 21": |i, v| i.view.rotation.y_axis.z = v,
         "camera rotation 02": |i, v| i.view.rotation.z_axis.x = v,
         "camera rotation 12": |i, v| i.view.rotation.z_axis.y = v,
-        "camera rotation 22": |i, v| i.view.rotation.z_axis.z = v,
+        "camera rotation 22" [1.0]: |i, v| i.view.rotation.z_axis.z = v,
         "camera translation x": |i, v| i.view.translation.x = v,
         "camera translation y": |i, v| i.view.translation.y = v,
         "camera translation z": |i, v| i.view.translation.z = v,
@@ -179,57 +241,134 @@ pub(super) fn spatial_slots() -> Vec<Slot<SpatialScene>> {
         "principal point x": |i, v| i.view.center.x = v,
         "principal point y": |i, v| i.view.center.y = v,
         "near plane": |i, v| i.view.near = v,
-    ];
-    camera.into_iter().chain(common()).collect()
+    ]
 }
 
-/// Whether an error says that an input is not possible.
-fn is_refusal(error: &Error) -> bool {
-    matches!(error, Error::Setting { .. } | Error::Size { .. } | Error::Pixel { .. } | Error::Unsupported { .. })
+/// What became of the values that were put into a slot.
+#[derive(Debug, Default)]
+struct Tally {
+    accepted: usize,
+    refused: usize,
+    unsupported: usize,
 }
 
-/// Puts all values into one slot; how many runs that were.
+impl Tally {
+    /// How many values there were; an error where they say nothing about the slot.
+    fn values(&self, offered: Offered) -> Result<usize, Failure> {
+        let &Self { accepted, refused, unsupported } = self;
+        let settled = accepted == 0 || unsupported == 0;
+        Failure::unless(settled, || format!("{accepted} values are accepted, and {unsupported} are not supported"))?;
+        let needed = if offered == Offered::Optionally { accepted + unsupported } else { accepted };
+        if needed == 0 || refused == 0 {
+            return Err(Failure::Nothing(format!("{accepted} values are possible, {refused} are not")));
+        }
+        Ok(accepted + refused + unsupported)
+    }
+}
+
+/// Puts all values into one slot, in every chart that the backend offers; how many runs that were. What gs-core says is possible must be accepted,
+/// and what it says is not, refused.
 pub(super) fn poison<S: Subject, R: Rasterizer<S>>(
     rasterizer: &R,
     inputs: &Inputs<S>,
     slot: &Slot<S>,
 ) -> Result<usize, Failure> {
-    for value in VALUES {
-        let mut poisoned = inputs.clone();
-        (slot.put)(&mut poisoned, value);
-        let meaningful = value.is_finite() || slot.infinite == Infinite::Means && value == f32::INFINITY;
-        match one(rasterizer, &poisoned) {
-            Err(Failure::Backend(error)) if is_refusal(&error) => {}
-            Ok(()) if !meaningful => return Err(Failure::Broken(format!("{value:e} is accepted"))),
-            outcome => outcome.map_err(|failure| failure.at(format!("{value:e}")))?,
+    let mut runs = 0;
+    for chart in charts::<S, R>(rasterizer)? {
+        let mut tally = Tally::default();
+        for value in slot.values() {
+            let mut poisoned = inputs.clone();
+            (slot.put)(&mut poisoned, value);
+            let outcome = if check(&poisoned).is_err() {
+                tally.refused += 1;
+                refuses(rasterizer, &poisoned, chart)
+            } else {
+                match stands(rasterizer, inputs, &poisoned, chart) {
+                    Err(Failure::Backend(Error::Unsupported { .. })) if slot.offered == Offered::Optionally => {
+                        tally.unsupported += 1;
+                        Ok(())
+                    }
+                    outcome => {
+                        // A penalty of 0 is none.
+                        tally.accepted += usize::from(differ(inputs, &poisoned));
+                        outcome
+                    }
+                }
+            };
+            outcome.map_err(|failure| failure.at(format!("{value:e}, {chart:?}")))?;
         }
+        runs += tally.values(slot.offered)?;
     }
-    Ok(VALUES.len())
+    Ok(runs)
 }
 
-/// What is not refused is drawn as the oracle draws it, and trained without a loss that is not a number; a Gaussian that does not stay finite is
-/// left out and counted.
-fn one<S: Subject, R: Rasterizer<S>>(rasterizer: &R, inputs: &Inputs<S>) -> Result<(), Failure> {
-    let mut cloud = rasterizer.upload(&inputs.scene, Chart::ScaleRotation)?;
-    let frame = rasterizer.forward(&cloud, &inputs.view, &inputs.settings)?;
-    let (image, culled) = (rasterizer.image(&frame)?, rasterizer.culled(&frame)?);
-    let expected = Oracle::new(inputs.view, inputs.settings)?.render(&inputs.scene.rows());
-    let same = same_causes(culled, expected.culled);
-    Failure::unless(same, || format!("left out {culled:?}, the oracle {:?}", expected.culled))?;
-    match compare_images(&expected, &image) {
-        Err(Failure::Nothing(_)) => {
-            let finite = image.pixels().as_flattened().iter().all(|v| v.is_finite());
-            Failure::unless(finite, || "an image of the background alone is not finite".to_owned())?;
-        }
-        agreement => drop(agreement?),
-    }
+/// Whether gs-core says that all is possible.
+fn check<S: Subject>(inputs: &Inputs<S>) -> Result<(), Error> {
+    check_picture(inputs)?;
+    inputs.target.check_finite("the target")?;
+    inputs.loss.validate()?;
+    inputs.rates.validate()
+}
 
+/// What a picture depends on, sizes first.
+fn check_picture<S: Subject>(inputs: &Inputs<S>) -> Result<(), Error> {
+    S::check_view(&inputs.view)?;
+    inputs.settings.validate()
+}
+
+/// Whether two inputs with the same Gaussians differ.
+fn differ<S: Subject>(a: &Inputs<S>, b: &Inputs<S>) -> bool {
+    show_differently(a, b) || a.target != b.target || a.loss != b.loss || a.rates != b.rates
+}
+
+/// Whether their pictures do.
+fn show_differently<S: Subject>(a: &Inputs<S>, b: &Inputs<S>) -> bool {
+    a.view != b.view || a.settings != b.settings
+}
+
+/// Every call refuses what is not possible, and a step that does leaves the cloud as it was.
+fn refuses<S: Subject, R: Rasterizer<S>>(rasterizer: &R, inputs: &Inputs<S>, chart: Chart) -> Result<(), Failure> {
+    let refusal = |error: &Error| matches!(error, Error::Setting { .. } | Error::Size { .. } | Error::Pixel { .. });
+    let target = rasterizer.upload_target(&inputs.target);
+    if inputs.target.check_finite("the target").is_err() {
+        return refused("the target", target, refusal);
+    }
+    let target = target?;
+    let mut cloud = rasterizer.upload(&inputs.scene, chart)?;
+    let before = rasterizer.save(&cloud)?;
+    let frame = rasterizer.forward(&cloud, &inputs.view, &inputs.settings);
+    if check_picture(inputs).is_err() {
+        refused("a forward pass", frame, refusal)?;
+    } else {
+        let backward = rasterizer.backward(&cloud, frame?, &target, &inputs.loss);
+        if inputs.loss.validate().is_err() {
+            refused("a backward pass", backward, refusal)?;
+        } else {
+            let (_, gradients) = backward?;
+            refused("a step", rasterizer.step(&mut cloud, &gradients, &inputs.rates), refusal)?;
+        }
+    }
+    refused("a training step", rasterizer.train_step(&mut cloud, &inputs.view, &target, &inputs.step()), refusal)?;
+    let kept = rasterizer.save(&cloud)? == before;
+    Failure::unless(kept, || "a step that was refused changed the cloud".to_owned())
+}
+
+/// What is possible is drawn as the oracle draws it, and trained without a loss that is not a number; a Gaussian that does not stay finite is left
+/// out and counted.
+fn stands<S: Subject, R: Rasterizer<S>>(
+    rasterizer: &R,
+    clean: &Inputs<S>,
+    inputs: &Inputs<S>,
+    chart: Chart,
+) -> Result<(), Failure> {
+    let mut cloud = rasterizer.upload(&inputs.scene, chart)?;
+    if show_differently(clean, inputs) {
+        is_drawn(rasterizer, inputs, &cloud, chart)?;
+    }
     let target = rasterizer.upload_target(&inputs.target)?;
-    let step =
-        TrainStep { settings: &inputs.settings, loss: inputs.loss, rates: &inputs.rates, binning: Binning::Fresh };
     for _ in 0..2 {
-        if let Err(error) = rasterizer.train_step(&mut cloud, &inputs.view, &target, &step) {
-            let before = rasterizer.upload(&inputs.scene, Chart::ScaleRotation)?;
+        if let Err(error) = rasterizer.train_step(&mut cloud, &inputs.view, &target, &inputs.step()) {
+            let before = rasterizer.upload(&inputs.scene, chart)?;
             let kept = rasterizer.save(&cloud)? == rasterizer.save(&before)?;
             Failure::unless(kept, || format!("a step that was refused ({error}) changed the cloud"))?;
             return Err(error.into());
@@ -240,11 +379,33 @@ fn one<S: Subject, R: Rasterizer<S>>(rasterizer: &R, inputs: &Inputs<S>) -> Resu
     Failure::unless(!losses.iter().any(|loss| loss.is_nan()), || format!("losses {losses:?}"))?;
     let frame = rasterizer.forward(&cloud, &inputs.view, &inputs.settings)?;
     let (image, culled) = (rasterizer.image(&frame)?, rasterizer.culled(&frame)?);
-    let finite = image.pixels().as_flattened().iter().all(|v| v.is_finite());
-    Failure::unless(finite, || "after two steps, the image is not finite".to_owned())?;
+    is_finite(&image).map_err(|failure| failure.at("after two steps"))?;
     let after = rasterizer.download(&cloud)?;
     let broken = (0..after.len()).filter(|&i| after.picked([i]).validate().is_err()).count();
     Failure::unless(culled.not_finite as usize >= broken, || {
         format!("after two steps, {broken} Gaussians are not finite, and {} are counted", culled.not_finite)
     })
+}
+
+/// The picture is the oracle's, and so is what it leaves out.
+fn is_drawn<S: Subject, R: Rasterizer<S>>(
+    rasterizer: &R,
+    inputs: &Inputs<S>,
+    cloud: &R::Cloud,
+    chart: Chart,
+) -> Result<(), Failure> {
+    let frame = rasterizer.forward(cloud, &inputs.view, &inputs.settings)?;
+    let (image, culled) = (rasterizer.image(&frame)?, rasterizer.culled(&frame)?);
+    let rows = rows_of(rasterizer, &inputs.scene, cloud, chart)?;
+    let expected = Oracle::new(inputs.view, inputs.settings)?.render(&rows);
+    let same = same_causes(culled, expected.culled);
+    Failure::unless(same, || format!("left out {culled:?}, the oracle {:?}", expected.culled))?;
+    match compare_images(&expected, &image) {
+        Err(Failure::Nothing(_)) => is_finite(&image).map_err(|failure| failure.at("the background alone")),
+        agreement => agreement.map(drop),
+    }
+}
+
+fn is_finite(image: &Image) -> Result<(), Failure> {
+    Ok(image.check_finite("the image")?)
 }

@@ -3,11 +3,13 @@
 
 use std::fmt;
 
-use gs_core::{
-    Binning, Chart, CloudState, Error, Image, Rasterizer, TrainStep, Wait, state::TensorData, statistics::Culled,
-};
+use gs_core::{Chart, CloudState, Error, Image, Rasterizer, Wait, state::TensorData, statistics::Culled};
 
-use super::{VALUES, inputs::Inputs};
+use super::{
+    super::run::rows_of,
+    VALUES,
+    inputs::{Breadth, Inputs},
+};
 use crate::{
     failure::Failure,
     oracle::{Oracle, OracleScene, OracleView},
@@ -26,8 +28,18 @@ const STEPS: usize = 3;
 pub(super) struct StateSlot {
     tensor: String,
     column: usize,
-    /// The entry of a row of parameters that it is.
-    parameter: Option<usize>,
+    kept: Kept,
+}
+
+/// What a number that is kept of a Gaussian is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Kept {
+    /// An entry of a row of the oracle's parameters.
+    Parameter(usize),
+    /// An entry of its frame.
+    Frame(usize),
+    /// No parameter: it has no part in pictures.
+    Beside,
 }
 
 impl fmt::Display for StateSlot {
@@ -36,48 +48,82 @@ impl fmt::Display for StateSlot {
     }
 }
 
-/// The tensors of parameters, in their order in a row of the oracle's.
-const PARAMETERS: [&str; 6] = ["mean", "log_scale", "rotation", "opacity_logit", "color", "sh"];
-
-/// What all runs with the same inputs share.
+/// What all runs with the same inputs in the same chart share.
 pub(super) struct Clean<S: Subject, R: Rasterizer<S>> {
-    pub(super) state: CloudState,
+    state: CloudState,
     target: R::Target,
+    /// The Gaussians as the oracle sees them.
+    rows: OracleScene,
     /// What becomes of the scene without the victim.
     image: Image,
     stepped: S,
 }
 
 impl<S: Subject, R: Rasterizer<S>> Clean<S, R> {
-    pub(super) fn new(rasterizer: &R, inputs: &Inputs<S>) -> Result<Self, Failure> {
-        let state = rasterizer.save(&rasterizer.upload(&inputs.scene, Chart::ScaleRotation)?)?;
+    pub(super) fn new(rasterizer: &R, inputs: &Inputs<S>, chart: Chart) -> Result<Self, Failure> {
+        let cloud = rasterizer.upload(&inputs.scene, chart)?;
+        let (state, rows) = (rasterizer.save(&cloud)?, rows_of(rasterizer, &inputs.scene, &cloud, chart)?);
         let target = rasterizer.upload_target(&inputs.target)?;
         let others = inputs.scene.picked((0..inputs.scene.len()).filter(|&i| i != VICTIM));
-        let cloud = rasterizer.upload(&others, Chart::ScaleRotation)?;
+        let cloud = rasterizer.upload(&others, chart)?;
         let (image, _) = seen(rasterizer, inputs, &cloud)?;
         let Trained { stepped, .. } = Trained::of(rasterizer, inputs, cloud, &target, 1)?;
-        Ok(Self { state, target, image, stepped })
+        Ok(Self { state, target, rows, image, stepped })
+    }
+
+    /// The Gaussians with a value in a slot, as the oracle sees them.
+    fn rows_with(&self, inputs: &Inputs<S>, slot: &StateSlot, value: f32) -> Result<OracleScene, Failure> {
+        let mut rows = self.rows.clone();
+        match slot.kept {
+            Kept::Parameter(entry) => rows.gaussians[VICTIM][entry] = f64::from(value),
+            Kept::Frame(_) => {
+                rows = inputs.scene.rows_of_frames(with(&self.state, slot, value).matrix(FRAME)?.1);
+            }
+            Kept::Beside => {}
+        }
+        Ok(rows)
     }
 }
 
-/// All numbers that are kept of one Gaussian.
-pub(super) fn slots(state: &CloudState) -> Result<Vec<StateSlot>, Failure> {
-    let columns = |name: &str| state.matrix(name).map_or(0, |(columns, _)| columns);
-    let mut slots = Vec::new();
-    let mut parameter = 0;
-    for tensor in PARAMETERS {
-        for column in 0..columns(tensor) {
-            slots.push(StateSlot { tensor: tensor.to_owned(), column, parameter: Some(parameter + column) });
-        }
+/// The tensor of frames.
+const FRAME: &str = "frame";
+
+/// What the columns of a tensor are, from the first on.
+fn kept_in<S: Subject>(tensor: &str) -> impl Fn(usize) -> Kept {
+    let opacity = (0..).find(|&i| S::parameter_name(i) == "opacity logit").unwrap_or_default();
+    let first = match tensor {
+        "mean" => Some(0),
+        "log_scale" => Some(S::DIMENSIONS),
+        "rotation" => Some(2 * S::DIMENSIONS),
+        "opacity_logit" => Some(opacity),
         // A row of the oracle's has an opacity even where none is stored.
-        parameter += if tensor == "opacity_logit" { 1 } else { columns(tensor) };
+        "color" | "sh" => Some(opacity + 1),
+        _ => None,
+    };
+    let is_frame = tensor == FRAME;
+    move |column| match first {
+        Some(first) => Kept::Parameter(first + column),
+        None if is_frame => Kept::Frame(column),
+        None => Kept::Beside,
     }
-    for tensor in state.tensors.keys().filter(|name| !PARAMETERS.contains(&name.as_str())) {
-        let floats = matches!(state.tensors[tensor].data, TensorData::F32(_));
-        let columns = if floats { columns(tensor).max(1) } else { 0 };
-        slots.extend((0..columns).map(|column| StateSlot { tensor: tensor.clone(), column, parameter: None }));
+}
+
+/// The numbers that are kept of one Gaussian: all, or those that have a part in pictures.
+pub(super) fn slots<S: Subject, R: Rasterizer<S>>(
+    rasterizer: &R,
+    inputs: &Inputs<S>,
+    chart: Chart,
+) -> Result<Vec<StateSlot>, Failure> {
+    let state = rasterizer.save(&rasterizer.upload(&inputs.scene, chart)?)?;
+    let mut slots = Vec::new();
+    for (name, tensor) in &state.tensors {
+        if matches!(tensor.data, TensorData::F32(_)) {
+            let (columns, kept) = (tensor.shape.iter().skip(1).product(), kept_in::<S>(name));
+            slots.extend((0..columns).map(|column| StateSlot { tensor: name.clone(), column, kept: kept(column) }));
+        }
     }
     Failure::unless(slots.len() > 20, || format!("a state of {} numbers a Gaussian", slots.len()))?;
+    slots.retain(|slot| inputs.breadth == Breadth::Whole || slot.kept != Kept::Beside);
     Ok(slots)
 }
 
@@ -132,9 +178,7 @@ impl<S: Subject> Trained<S> {
         target: &R::Target,
         steps: usize,
     ) -> Result<Self, Failure> {
-        let step =
-            TrainStep { settings: &inputs.settings, loss: inputs.loss, rates: &inputs.rates, binning: Binning::Fresh };
-        let mut losses = Vec::new();
+        let (step, mut losses) = (inputs.step(), Vec::new());
         rasterizer.train_step(&mut cloud, &inputs.view, target, &step)?;
         let stepped = rasterizer.download(&cloud)?;
         for _ in 1..steps {
@@ -157,16 +201,15 @@ fn one<S: Subject, R: Rasterizer<S>>(
         Err(Error::State(_) | Error::NotFinite { .. }) if !value.is_finite() => return Ok(()),
         cloud => cloud?,
     };
-    let mut rows = inputs.scene.rows();
+    let rows = clean.rows_with(inputs, slot, value)?;
     let oracle = Oracle::new(inputs.view, inputs.settings)?;
-    // What is kept besides parameters has no part in pictures.
-    let footprint = match slot.parameter {
-        None => oracle.footprint(&rows.gaussians[VICTIM]),
-        Some(parameter) => {
+    let footprint = if slot.kept == Kept::Beside {
+        oracle.footprint(&rows.gaussians[VICTIM])
+    } else {
+        if inputs.breadth == Breadth::Whole {
             accepts_what_is_valid(rasterizer, &cloud)?;
-            rows.gaussians[VICTIM][parameter] = f64::from(value);
-            shown(&oracle, &rows, &seen(rasterizer, inputs, &cloud)?, &clean.image)?
         }
+        shown(&oracle, &rows, &seen(rasterizer, inputs, &cloud)?, &clean.image)?
     };
 
     // A Gaussian that shares no pixel with the victim takes the very step that it would have taken without it.

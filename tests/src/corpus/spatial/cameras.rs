@@ -7,7 +7,7 @@ use super::{camera, case, plain, seen};
 use crate::corpus::case::{Case, Goal, Slopes, Source, Training};
 
 pub(super) fn cases() -> Vec<Case<SpatialScene>> {
-    [depths(), edges(), places(), images()].into_iter().flatten().collect()
+    [depths(), edges(), places(), directions(), images()].into_iter().flatten().collect()
 }
 
 fn at_depth(z: f32) -> SpatialGaussian {
@@ -74,9 +74,14 @@ fn edges() -> Vec<Case<SpatialScene>> {
         let view = Camera { center, ..camera() };
         cases.push(Case { view, ..case(name, why, Source::Report(report), around(view)) });
     }
+    let view = Camera { focal: Vec2::new(20.0, 31.0), ..camera() };
+    let why = "with one focal length for both axes, places are right along one of them";
+    let source = Source::Report("https://github.com/BabylonJS/Babylon.js/pull/18921");
+    cases.push(Case { view, ..case("pixels that are not square", why, source, around(view)) });
     cases
 }
 
+/// Far from the origin, and exactly on it.
 fn places() -> Vec<Case<SpatialScene>> {
     let mut cases = Vec::new();
     for (name, distance) in [("10⁴", 1e4f32), ("10⁷", 1e7)] {
@@ -101,6 +106,23 @@ fn places() -> Vec<Case<SpatialScene>> {
             .training(Training::Finite("a step of Adam is less than the distance between neighbouring numbers")),
         );
     }
+    let turned = Mat3::from_rotation_z(0.5) * Mat3::from_rotation_x(std::f32::consts::PI);
+    let view = Camera { rotation: turned, translation: Vec3::new(0.0, 0.0, 3.0), ..camera() };
+    cases.push(Case {
+        view,
+        ..case(
+            "camera upside down, Gaussian on the world's origin",
+            "Gaussians exactly on coordinate axes of the camera",
+            Source::Report("https://github.com/LioQing/wgpu-3dgs-viewer/pull/18"),
+            [SpatialGaussian { mean: Vec3::ZERO, ..plain() }, SpatialGaussian { mean: Vec3::Z, ..plain() }],
+        )
+    });
+    cases
+}
+
+/// Viewing directions that are hardly any.
+fn directions() -> Vec<Case<SpatialScene>> {
+    let mut cases = Vec::new();
     // A world of 10⁻²⁵ units: the same picture, were it not for numbers that underflow when squared.
     let small = 1e-25f32;
     let world = (0..4).map(|i| {
@@ -141,17 +163,6 @@ fn places() -> Vec<Case<SpatialScene>> {
         .sloping(Slopes::Finite("a derivative by the mean would be one of a direction that is none"))
         .training(Training::Finite("the smallest step makes a direction of none")),
     );
-    let turned = Mat3::from_rotation_z(0.5) * Mat3::from_rotation_x(std::f32::consts::PI);
-    let view = Camera { rotation: turned, translation: Vec3::new(0.0, 0.0, 3.0), ..camera() };
-    cases.push(Case {
-        view,
-        ..case(
-            "camera upside down, Gaussian on the world's origin",
-            "Gaussians exactly on coordinate axes of the camera",
-            Source::Report("https://github.com/LioQing/wgpu-3dgs-viewer/pull/18"),
-            [SpatialGaussian { mean: Vec3::ZERO, ..plain() }, SpatialGaussian { mean: Vec3::Z, ..plain() }],
-        )
-    });
     cases
 }
 

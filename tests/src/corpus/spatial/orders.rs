@@ -4,7 +4,7 @@ use glam::{Vec2, Vec3};
 use gs_core::{SpatialGaussian, SpatialScene, effects::Order, scene::logit, statistics::Culled};
 
 use super::{camera, case, ordered, plain, seen};
-use crate::corpus::case::{Case, Slopes, Source, Training};
+use crate::corpus::case::{Case, STACK_STEPS, Slopes, Source, Training};
 
 const ORDERS: [Order; 3] = [Order::Index, Order::TileDepth, Order::PixelDepth];
 
@@ -88,6 +88,7 @@ fn stacks() -> Vec<Case<SpatialScene>> {
     // The stack of `seen` is where the whole camera has its pixel (2, 1): a crop has it there too.
     let small = |mut case: Case<SpatialScene>| {
         (case.view.width, case.view.height) = (5, 4);
+        case.steps = STACK_STEPS;
         case
     };
     let faint = stack(logit(1.02 / 255.0), 0.25);
@@ -104,7 +105,8 @@ fn stacks() -> Vec<Case<SpatialScene>> {
             Source::Report("https://github.com/MrNeRF/LichtFeld-Studio/pull/1615"),
             [f32::INFINITY, 88.0, 1e4, f32::NEG_INFINITY, -88.0, -1e4, 17.0].into_iter().enumerate().map(
                 |(i, logit)| {
-                    let pixel = Vec2::new(3.0 + 3.0 * i as f32, 4.0 + 1.5 * i as f32);
+                    // On pixels' centres, where what is opaque is clamped.
+                    let pixel = Vec2::new(3.5 + 3.0 * i as f32, 4.5 + 2.0 * i as f32);
                     SpatialGaussian { opacity_logit: logit, ..seen(pixel, 3.0, Vec3::new(3.0, 2.0, 1.0)) }
                 },
             ),

@@ -1,0 +1,69 @@
+//! What a faulty backend must know about a kind of scene.
+
+use glam::{Vec2, Vec3};
+use gs_conformance::subject::Subject;
+use gs_core::{Camera, Canvas, PlanarGaussian, PlanarScene, SpatialGaussian, SpatialScene};
+
+use super::Fault;
+
+/// A kind of scene that a faulty backend can draw.
+pub(crate) trait Fallible: Subject {
+    /// A view as a fault sees it.
+    fn altered_view(fault: Fault, view: &Self::View) -> Self::View;
+
+    /// A view of which `view` is the first columns and rows, where the field of view has a part in what is seen there.
+    fn widened(view: &Self::View) -> Option<Self::View>;
+
+    fn opacity_logits_mut(&mut self) -> &mut [f32];
+
+    /// All parameters 0.
+    fn zero(&self) -> Self::Gaussian;
+}
+
+impl Fallible for PlanarScene {
+    fn altered_view(_: Fault, view: &Canvas) -> Canvas {
+        *view
+    }
+
+    fn widened(_: &Canvas) -> Option<Canvas> {
+        None
+    }
+
+    fn opacity_logits_mut(&mut self) -> &mut [f32] {
+        &mut self.opacity_logits
+    }
+
+    fn zero(&self) -> PlanarGaussian {
+        PlanarGaussian { mean: Vec2::ZERO, log_scale: Vec2::ZERO, rotation: 0.0, opacity_logit: 0.0, color: Vec3::ZERO }
+    }
+}
+
+impl Fallible for SpatialScene {
+    fn altered_view(fault: Fault, view: &Camera) -> Camera {
+        let middle = Vec2::new(view.width as f32, view.height as f32) * 0.5;
+        match fault {
+            Fault::IgnoresTheNearPlane => Camera { near: f32::MIN_POSITIVE, ..*view },
+            Fault::CentresThePrincipalPoint => Camera { center: middle, ..*view },
+            Fault::SquaresPixels => Camera { focal: Vec2::splat(view.focal.x), ..*view },
+            _ => *view,
+        }
+    }
+
+    fn widened(view: &Camera) -> Option<Camera> {
+        Some(Camera { width: 2 * view.width, height: 2 * view.height, ..*view })
+    }
+
+    fn opacity_logits_mut(&mut self) -> &mut [f32] {
+        &mut self.opacity_logits
+    }
+
+    fn zero(&self) -> SpatialGaussian {
+        SpatialGaussian {
+            mean: Vec3::ZERO,
+            log_scale: Vec3::ZERO,
+            rotation: [0.0; 4],
+            opacity_logit: 0.0,
+            sh: vec![Vec3::ZERO; self.sh_len()],
+        }
+    }
+}
