@@ -3,6 +3,7 @@
 use std::collections::BTreeSet;
 
 use glam::{Vec2, Vec3};
+use gs_conformance::properties::fresh;
 use gs_core::{DensityStatistics, EditPlan, Error, PlanarGaussian, PlanarScene, constants::TAU_POSITION, scene::logit};
 use gs_density::{
     AbsoluteThreshold, Actions, DensityPolicy, Hybrid, Observation, OpacityReset, Paper, Policy, Prune,
@@ -215,6 +216,8 @@ fn any_policy() -> impl Strategy<Value = Policy> {
 }
 
 proptest! {
+    #![proptest_config(fresh(256))]
+
     #[test]
     fn permuting_the_gaussians_permutes_the_plan(
         ((gaussians, gradients), order) in any_scene().prop_flat_map(|pair| {

@@ -6,6 +6,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use gs_conformance::properties::fresh;
 use gs_core::{
     Blend, Chart, CloudState, PlanarScene, RenderSettings,
     state::{Tensor, TensorData},
@@ -128,6 +129,8 @@ fn edited(bytes: &[u8], from: &str, to: &str) -> Vec<u8> {
 }
 
 proptest! {
+    #![proptest_config(fresh(256))]
+
     #[test]
     fn scenes_survive_a_round_trip_bit_for_bit(file in scene_files()) {
         let first = written(|path| write_scene(path, &file).unwrap());

@@ -7,6 +7,9 @@ use gs_wgpu::{WgpuRasterizer, WgpuSettings};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
+/// How many scenes of each kind are drawn; few under Miri, to which one is a few seconds.
+const SCENES: usize = if cfg!(miri) { 12 } else { 3000 };
+
 /// Random inputs of up to 400 bytes, the same in each run.
 fn inputs(count: usize, seed: u64) -> impl Iterator<Item = Vec<u8>> {
     let mut rng = Pcg64::seed_from_u64(seed);
@@ -20,7 +23,7 @@ fn cpu() -> CpuRasterizer {
 #[test]
 fn the_processor_owes_nothing_to_planar_scenes() {
     let cpu = cpu();
-    for input in inputs(3000, 1) {
+    for input in inputs(SCENES, 1) {
         let drawn = planar(&input);
         owes(&cpu, &drawn).unwrap_or_else(|failure| panic!("{failure}: {drawn:?}"));
     }
@@ -29,13 +32,14 @@ fn the_processor_owes_nothing_to_planar_scenes() {
 #[test]
 fn the_processor_owes_nothing_to_scenes_in_space() {
     let cpu = cpu();
-    for input in inputs(3000, 2) {
+    for input in inputs(SCENES, 2) {
         let drawn = spatial(&input);
         owes(&cpu, &drawn).unwrap_or_else(|failure| panic!("{failure}: {drawn:?}"));
     }
 }
 
 #[test]
+#[cfg_attr(miri, ignore = "drivers are not interpreted")]
 fn a_gpu_owes_nothing_either() {
     let wgpu = WgpuRasterizer::new(WgpuSettings::default()).expect("`cargo xtask test` installs a driver");
     for input in inputs(40, 3) {
@@ -46,6 +50,7 @@ fn a_gpu_owes_nothing_either() {
 }
 
 #[test]
+#[cfg_attr(miri, ignore = "minutes: counts how many of a thousand are")]
 fn drawn_scenes_are_worth_drawing() {
     let cpu = cpu();
     let (mut scenes, mut views, mut seen) = (0, 0, 0);

@@ -1,6 +1,7 @@
 //! The chores of this project. It uses no crate, so that it compiles in a second on a fresh machine.
 
 mod guards;
+mod miri;
 mod test;
 
 use std::process::ExitCode;
@@ -10,10 +11,12 @@ The chores of this project.
 
 Usage: cargo xtask test [--slow]
        cargo xtask guards
+       cargo xtask miri
 
   test          run every test of the workspace, documentation tests included, and install first what they need
   test --slow   then also run the slow tests (marked #[ignore]), in the release profile
   guards        switch each guard of the arithmetic off, and see that what needs it fails
+  miri          run the tests that drive vectors, threads and views of bytes hardest under Miri, which sees undefined behaviour
   help          print this";
 
 fn main() -> ExitCode {
@@ -26,6 +29,7 @@ fn main() -> ExitCode {
         ["test"] => test::run(test::Scope::Ordinary),
         ["test", "--slow"] => test::run(test::Scope::AlsoSlow),
         ["guards"] => guards::run(),
+        ["miri"] => miri::run(),
         [] | ["help" | "-h" | "--help"] => {
             eprintln!("{HELP}");
             return ExitCode::SUCCESS;

@@ -76,7 +76,8 @@ fn install(package: &str) -> Result<(), String> {
     apt(&["install", package]).or_else(|_| apt(&["update"]).and_then(|()| apt(&["install", package])))
 }
 
-fn has_nextest() -> bool {
+/// Whether cargo has nextest, which runs each test in a process of its own, several at a time.
+pub(crate) fn has_nextest() -> bool {
     let mut version = Command::new(cargo_program());
     version.args(["nextest", "--version"]).stdout(Stdio::null()).stderr(Stdio::null());
     version.status().is_ok_and(|status| status.success())
@@ -88,10 +89,15 @@ fn cargo(arguments: &[&str]) -> Result<(), String> {
 
 /// Runs cargo in the workspace, with what `prepare` adds.
 pub(crate) fn cargo_with(arguments: &[&str], prepare: impl FnOnce(&mut Command) -> &mut Command) -> Result<(), String> {
-    let line = format!("cargo {}", arguments.join(" "));
-    eprintln!("== {line}");
     let mut cargo = Command::new(cargo_program());
-    let status = prepare(cargo.args(arguments).current_dir(workspace()))
+    run_in_workspace(&format!("cargo {}", arguments.join(" ")), prepare(cargo.args(arguments)))
+}
+
+/// Runs a command in the workspace, under the line that says what it is.
+pub(crate) fn run_in_workspace(line: &str, command: &mut Command) -> Result<(), String> {
+    eprintln!("== {line}");
+    let status = command
+        .current_dir(workspace())
         .status()
         .map_err(|source| format!("{line}: could not be started: {source}"))?;
     if status.success() { Ok(()) } else { Err(format!("{line}: {status}")) }

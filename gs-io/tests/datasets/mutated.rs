@@ -2,6 +2,7 @@
 
 use std::fs;
 
+use gs_conformance::properties::fresh;
 use gs_io::dataset::{ColmapModel, DatasetSettings, read_dataset};
 use proptest::prelude::*;
 
@@ -31,7 +32,7 @@ fn changed(bytes: &[u8], changes: &[(f64, u8, u8)]) -> Vec<u8> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(400))]
+    #![proptest_config(fresh(400))]
 
     #[test]
     fn mutated_binary_models(which in 0..3_usize, changes in any_changes()) {
@@ -51,7 +52,7 @@ proptest! {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(60))]
+    #![proptest_config(fresh(60))]
 
     /// The whole way, photographs included.
     #[test]

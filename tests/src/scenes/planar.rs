@@ -8,7 +8,7 @@ use proptest::prelude::*;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
-use super::{Draw, blends};
+use super::{Draw, blends, counts, sizes};
 
 /// What is particular about a scene's Gaussians. Scales are standard deviations in px of the plane.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -102,19 +102,19 @@ pub fn kinds() -> impl Strategy<Value = Kind> {
     proptest::sample::select(Kind::ALL.as_slice())
 }
 
-/// Canvases of up to 48 × 40 px: of the plane's own size, or a zoomed and shifted part of it.
+/// Canvases of up to 48 × 40 px (fewer under Miri): of the plane's own size, or a zoomed and shifted part of it.
 pub fn views() -> impl Strategy<Value = Canvas> {
-    let own = (1u32..=48, 1u32..=40).prop_map(|(w, h)| Canvas::new(w, h));
+    let own = sizes(48, 40).prop_map(|(w, h)| Canvas::new(w, h));
     let part = (own.clone(), -10.0f32..20.0, -10.0f32..20.0, 0.5f32..2.5, 0.5f32..2.5)
         .prop_map(|(own, x, y, zoom_x, zoom_y)| own.showing(Vec2::new(x, y), own.extent / Vec2::new(zoom_x, zoom_y)));
     prop_oneof![2 => own, 1 => part]
 }
 
-/// Scenes of up to 24 Gaussians with a view, both blends, with and without background. The Gaussians are spread over the part of the
+/// Scenes of up to 24 Gaussians (fewer under Miri) with a view, both blends, with and without background. The Gaussians are spread over the part of the
 /// plane that the view shows.
 pub fn draws() -> impl Strategy<Value = Draw> {
     let background = proptest::option::of(proptest::array::uniform3(0.0f32..1.0));
-    (kinds(), blends(), views(), 1usize..=24, any::<u64>(), background).prop_map(
+    (kinds(), blends(), views(), counts(), any::<u64>(), background).prop_map(
         |(kind, blend, view, count, seed, background)| {
             let mut scene = scene(kind, blend, count, view.extent, seed);
             scene.means.iter_mut().for_each(|mean| *mean += view.origin);

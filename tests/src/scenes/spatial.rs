@@ -12,7 +12,7 @@ use proptest::prelude::*;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
-use super::{Draw, blends};
+use super::{Draw, blends, counts, sizes};
 
 /// What is particular about a scene and its camera. Scales are standard deviations in px of the image; quaternions are of any length.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -176,14 +176,14 @@ pub fn spatial_kinds() -> impl Strategy<Value = SpatialKind> {
     proptest::sample::select(SpatialKind::ALL.as_slice())
 }
 
-/// Scenes of up to 24 Gaussians before cameras of up to 40 × 32 px: all kinds, blends, orders, treatments of aliasing, degrees of SH in the
+/// Scenes of up to 24 Gaussians before cameras of up to 40 × 32 px (fewer of both under Miri): all kinds, blends, orders, treatments of aliasing, degrees of SH in the
 /// scene and in the rendering, with and without background.
 pub fn spatial_draws() -> impl Strategy<Value = Draw<SpatialScene>> {
     let orders = proptest::sample::select([Order::Index, Order::TileDepth, Order::PixelDepth].as_slice());
     let antialiases = proptest::sample::select([Antialias::None, Antialias::Dilate, Antialias::Mip].as_slice());
     let effects = (blends(), orders, antialiases, 0u8..=3);
     let background = proptest::option::of(proptest::array::uniform3(0.0f32..1.0));
-    (spatial_kinds(), effects, (1u32..=40, 1u32..=32), 1usize..=24, any::<u64>(), background).prop_map(
+    (spatial_kinds(), effects, sizes(40, 32), counts(), any::<u64>(), background).prop_map(
         |(kind, (blend, order, antialias, sh_degree), size, count, seed, background)| {
             let mut draw = Draw::spatial(kind, blend, count, size, seed).in_order(order).antialiased(antialias);
             draw.settings.effects.sh_degree = sh_degree;
