@@ -17,8 +17,8 @@ use super::{
 /// Roundings of a derivative of σ, in its own terms.
 const OPERATIONS: f64 = 8.0;
 
-/// Roundings of sums that are turned into other axes: few, seldom all to one side.
-const TURNING: f64 = 0.125;
+/// Of these, what sums that are turned into other axes are counted for: a few operations, seldom rounded to one side.
+const TURNING: f64 = 1.0 / 64.0;
 
 /// A Gaussian in pixels of the canvas. Its share of a pixel is in its parameters as they are.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -128,14 +128,13 @@ impl Splat for PlanarSplat {
         let [v1, v2] = self.variances;
         let sigma = 0.5 * (q[0] * d[0] + q[1] * d[1]);
         // Sums over pixels may be kept in other axes than the Gaussian's own, and turned into these at the end: what is next to nothing along one
-        // of them is then a difference of numbers as large as 2σ. A turn has the ratio of the scales beside it.
+        // of them is then a difference of numbers as large as 2σ.
         let turned = TURNING * 2.0 * sigma;
-        let turned = [0.0, 0.0, turned, turned, turned * (v1 - v2).abs() / (v1 * v2).sqrt()];
         let magnitudes = [
             plane_magnitude[0],
             plane_magnitude[1],
-            v1 * along_magnitude[0].powi(2),
-            v2 * along_magnitude[1].powi(2),
+            v1 * along_magnitude[0].powi(2) + turned,
+            v2 * along_magnitude[1].powi(2) + turned,
             (v1 - v2).abs() * along_magnitude[0] * along_magnitude[1],
         ];
         Exponent {
@@ -148,7 +147,7 @@ impl Splat for PlanarSplat {
                 -v2 * along[1] * along[1],
                 -(v1 - v2) * along[0] * along[1],
             ],
-            derivative_rounding: std::array::from_fn(|i| F32_ROUNDING * (OPERATIONS * magnitudes[i] + turned[i])),
+            derivative_rounding: magnitudes.map(|magnitude| OPERATIONS * F32_ROUNDING * magnitude),
             displaced: [[0.0; 5]; 2], // The centre is as certain as the terms above.
         }
     }
