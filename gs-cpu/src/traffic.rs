@@ -111,6 +111,7 @@ mod tests {
     }
 
     #[test]
+    #[cfg_attr(miri, ignore = "minutes: windows of 121 pixels, timed step by step")]
     fn blending_over_and_structure_cost_more() {
         let (sum, over) = (profiled(Blend::Sum, Loss::L1), profiled(Blend::Over, Loss::PAPER));
         let transmittance = 20 * 64;

@@ -7,8 +7,8 @@ use gs_wgpu::{WgpuRasterizer, WgpuSettings};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
-/// How many scenes of each kind are drawn; few under Miri, to which one is a few seconds.
-const SCENES: usize = if cfg!(miri) { 12 } else { 3000 };
+/// How many scenes of each kind are drawn; few under Miri, to which one is half a minute.
+const SCENES: usize = if cfg!(miri) { 4 } else { 3000 };
 
 /// Random inputs of up to 400 bytes, the same in each run.
 fn inputs(count: usize, seed: u64) -> impl Iterator<Item = Vec<u8>> {

@@ -16,7 +16,7 @@ Usage: cargo xtask test [--slow]
   test          run every test of the workspace, documentation tests included, and install first what they need
   test --slow   then also run the slow tests (marked #[ignore]), in the release profile
   guards        switch each guard of the arithmetic off, and see that what needs it fails
-  miri          run the tests that drive vectors, threads and views of bytes hardest under Miri, which sees undefined behaviour
+  miri          run property tests and others under Miri, which sees undefined behaviour in what the libraries rest on
   help          print this";
 
 fn main() -> ExitCode {
