@@ -53,12 +53,7 @@ pub(crate) fn loss(tiles: &mut Tiles, target: &Target, loss: &Loss, level: Level
     match *loss {
         Loss::L2 => pointwise(tiles, target, level, Pointwise::Square { scale: (2.0 / count) as f32 }) / count,
         Loss::L1 => pointwise(tiles, target, level, Pointwise::Absolute { scale: (1.0 / count) as f32 }) / count,
-        Loss::L1Dssim { lambda } => {
-            let scale = ((1.0 - f64::from(lambda)) / count) as f32;
-            let l1 = pointwise(tiles, target, level, Pointwise::Absolute { scale }) / count;
-            let dssim = dssim::add(tiles, target, level, lambda);
-            (1.0 - f64::from(lambda)) * l1 + f64::from(lambda) * dssim
-        }
+        Loss::L1Dssim { lambda } => dssim::loss(tiles, target, level, lambda),
     }
 }
 
@@ -87,7 +82,7 @@ fn mean_magnitude([r, g, b]: &[[f32; LANES]; 3]) -> [f32; LANES] {
 
 /// A loss that is a sum over pixels and channels; its gradient is scaled by `scale`.
 #[derive(Debug, Clone, Copy)]
-enum Pointwise {
+pub(crate) enum Pointwise {
     Square { scale: f32 },
     Absolute { scale: f32 },
 }
@@ -112,7 +107,7 @@ fn pointwise(tiles: &mut Tiles, target: &Target, level: Level, kind: Pointwise) 
 impl Pointwise {
     /// The losses of residuals C − Y, and their gradients; both are 0 of 0.
     #[inline(always)]
-    fn of<S: Simd>(self, simd: S, residual: Whole<S>) -> (Whole<S>, Whole<S>) {
+    pub(crate) fn of<S: Simd>(self, simd: S, residual: Whole<S>) -> (Whole<S>, Whole<S>) {
         match self {
             Self::Square { scale } => (residual * residual, residual * scale),
             Self::Absolute { scale } => {

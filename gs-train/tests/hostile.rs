@@ -3,6 +3,10 @@
 //!
 //! The slow tests run 20,000 steps from each of 20 seeds; the ordinary ones a few hundred from two.
 
+/// Shared with benchmarks, which use all of it.
+#[allow(dead_code)]
+#[path = "../benches/measure/memory.rs"]
+mod memory;
 /// Shared with other tests, which use all of it.
 #[allow(dead_code)]
 mod space;
@@ -94,6 +98,9 @@ struct Length {
 const SHORT: Length = Length { steps: 300, seeds: 2, worst: 2.0 };
 const LONG: Length = Length { steps: 20_000, seeds: 20, worst: 1.001 };
 
+/// What a process may have had at most after all its fits, of 60 Gaussians on 192 pixels, where the system tells.
+const MOST_BYTES: u64 = 256 << 20;
+
 /// Of the steps, this part at the end is what the loss has come to: one step may have another view than the first, or be a stumble.
 const END: usize = 10;
 
@@ -146,6 +153,8 @@ fn endure_all(length: Length, fit: impl Fn(Hostility, u32) -> Result<(), String>
         }
     }
     assert!(failures.is_empty(), "{} fits failed:\n{}", failures.len(), failures.join("\n"));
+    let peak = memory::peak().unwrap_or(0);
+    assert!(peak <= MOST_BYTES, "{peak} bytes");
 }
 
 const PLANE: (u32, u32) = (16, 12);

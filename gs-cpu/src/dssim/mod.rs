@@ -1,346 +1,365 @@
-//! D-SSIM (1 − SSIM) and its gradient, for stage `loss`. Parallel over image rows.
+//! L1 + D-SSIM, of which D-SSIM is 1 − SSIM, and its gradient, for stage `loss`.
 //!
 //! SSIM = (2 μx μy + C1)(2 σxy + C2) / ((μx² + μy² + C1)(σx² + σy² + C2)) at every pixel and channel (Wang et al. 2004), with an 11×11
 //! Gaussian window and borders padded with zeros (3DGS). With b(·) the blur by the window, which is its own adjoint, and x the
 //! image, S depends on x through b(x), b(x²) and b(x y); so v_x = b(∂S/∂b(x)) + 2x·b(∂S/∂b(x²)) + y·b(∂S/∂b(xy)).
+//!
+//! Parallel over bands of rows. A band goes down its rows once for each channel and keeps, of what is blurred along rows, the lines that the
+//! blur down columns still needs: that stays in the second-level cache, and nothing of the image's size is written but the gradient. What a
+//! band needs from beyond its rows it computes itself, by the same operations: the bits do not depend on where bands end.
+
+mod blur;
 
 use fearless_simd::{Level, Simd, dispatch, prelude::*};
 use gs_core::{
-    constants::{SSIM_C1, SSIM_C2, SSIM_MAX, SSIM_SIGMA, SSIM_WINDOW},
+    constants::{SSIM_C1, SSIM_C2, SSIM_MAX},
     guards::Guard,
     profile::Traffic,
 };
 use rayon::prelude::*;
 
 use crate::{
-    lanes::{LANES, fma, iota, load, splat, store},
-    layout::{Cuts, Grid, Row, TileBuffers, for_each_tile},
-    loss::Target,
+    lanes::{LANES, Whole, iota, load, splat, store},
+    layout::{Grid, Row, ScalarRow},
+    loss::{Pointwise, Target},
     tiles::Tiles,
 };
+use blur::{Line, RADIUS, Ring, Window, window};
 
-const RADIUS: usize = SSIM_WINDOW / 2;
+/// Bands of fewer rows would mostly compute what their neighbours do.
+const LEAST_BAND_ROWS: usize = 32;
 
-type Window = [f32; SSIM_WINDOW];
-
-/// Three channels, row by row, one after the other: row y of channel k is line 3y + k. A line holds whole strips, 0 beyond the
-/// image, with [`RADIUS`] zeros before and after them.
-#[derive(Debug, Default)]
-struct Plane {
-    pitch: usize,
-    values: Vec<f32>,
-}
-
-impl Plane {
-    fn pitch(grid: &Grid) -> usize {
-        grid.strips() * LANES + 2 * RADIUS
-    }
-
-    fn len(grid: &Grid) -> usize {
-        Self::pitch(grid) * 3 * grid.height
-    }
-
-    fn resize(&mut self, grid: &Grid) {
-        let (pitch, len) = (Self::pitch(grid), Self::len(grid));
-        if self.pitch != pitch || self.values.len() != len {
-            self.pitch = pitch;
-            self.values.clear();
-            self.values.resize(len, 0.0);
-        }
-    }
-
-    fn fill_from(&mut self, grid: &Grid, rows: &[Row]) {
-        self.resize(grid);
-        let most = if Guard::SsimMax.is_on() { SSIM_MAX } else { f32::INFINITY };
-        self.values.par_chunks_mut(3 * self.pitch).enumerate().for_each(|(y, lines)| {
-            for (k, line) in lines.chunks_mut(self.pitch).enumerate() {
-                for (strip, columns) in line[RADIUS..][..grid.width].chunks_mut(LANES).enumerate() {
-                    for (out, value) in columns.iter_mut().zip(&rows[strip * grid.height + y].0[k]) {
-                        *out = value.clamp(-most, most);
-                    }
-                }
-            }
-        });
-    }
-}
-
-/// b(y) and b(y²) of a target y, and y itself.
+/// A target y, b(y) and b(y²), row by row, a channel after the other: as a band goes through them.
 #[derive(Debug)]
 pub(crate) struct BlurredTarget {
-    y: Plane,
-    mean: Plane,
-    square: Plane,
+    y: Vec<ScalarRow>,
+    mean: Vec<ScalarRow>,
+    square: Vec<ScalarRow>,
 }
 
-/// Buffers of [`add`], kept between iterations.
+/// Buffers of [`loss`], kept between iterations.
 #[derive(Debug, Default)]
 pub(crate) struct Scratch {
-    x: Plane,
-    /// Horizontally blurred, three kinds.
-    across: [Plane; 3],
-    /// Derivatives by b(x), b(x²), b(xy).
-    by: [Plane; 3],
-    /// The gradient.
-    v: Plane,
-    /// SSIM summed over each image row.
-    row_sums: Vec<f64>,
+    bands: Vec<BandScratch>,
+    /// Of each line.
+    sums: Vec<Sums>,
+    /// Empty: only the memory of a list is kept.
+    gradients: Vec<&'static mut [Row]>,
 }
 
-fn window() -> Window {
-    let raw: [f64; SSIM_WINDOW] = std::array::from_fn(|i| {
-        let d = i as f64 - RADIUS as f64;
-        (-d * d / (2.0 * f64::from(SSIM_SIGMA).powi(2))).exp()
-    });
-    let sum: f64 = raw.iter().sum();
-    raw.map(|v| (v / sum) as f32)
+/// What is summed over the pixels of a line.
+#[derive(Debug, Clone, Copy, Default)]
+struct Sums {
+    ssim: f64,
+    l1: f64,
 }
 
-/// Blurs three lines, each along itself.
-#[inline(always)]
-fn blur_lines<S: Simd>(simd: S, inputs: [&[f32]; 3], outputs: [&mut [f32]; 3], window: &Window) {
-    for (input, output) in inputs.into_iter().zip(outputs) {
-        for x in (0..input.len() - 2 * RADIUS).step_by(S::f32s::LEN) {
-            let mut sum: S::f32s = splat(simd, 0.0);
-            for j in 0..SSIM_WINDOW {
-                sum = fma(load(simd, input, x + j), splat(simd, window[j]), sum);
+/// What a band remembers.
+#[derive(Debug, Default)]
+struct BandScratch {
+    /// A line of the image, and of the target.
+    pair: [Line; 2],
+    /// b(x), b(x²), b(xy), as far as they are blurred along lines.
+    products: Ring,
+    /// The derivatives of a line by these.
+    by: [Line; 3],
+    /// Those, blurred along lines.
+    derivatives: Ring,
+}
+
+impl BandScratch {
+    fn fit(&mut self, strips: usize) {
+        self.pair.iter_mut().for_each(|line| line.fit(strips));
+        self.products.fit(strips);
+        self.by.iter_mut().for_each(|line| line.fit(strips));
+        self.derivatives.fit(strips);
+    }
+
+    /// Line `number` of the products is that of image row `row`, or nothing where that is not in the image.
+    #[inline(always)]
+    fn put_products<S: Simd>(&mut self, simd: S, pair: Pair<'_>, number: usize, row: Option<usize>, window: &Window) {
+        match row.filter(|&row| row < pair.grid.height) {
+            Some(row) => {
+                pair.lines(simd, row, &mut self.pair);
+                self.products.put_products(simd, number, &self.pair, window);
             }
-            store(sum, output, RADIUS + x);
+            None => self.products.put_nothing(number),
         }
     }
 }
 
-/// Blurs x, x² and x·y along a line.
-#[inline(always)]
-fn blur_products<S: Simd>(simd: S, x: &[f32], y: &[f32], outputs: [&mut [f32]; 3], window: &Window) {
-    let [mean, square, product] = outputs;
-    for i in (0..x.len() - 2 * RADIUS).step_by(S::f32s::LEN) {
-        let mut sums: [S::f32s; 3] = [splat(simd, 0.0); 3];
-        for j in 0..SSIM_WINDOW {
-            let (x, y): (S::f32s, S::f32s) = (load(simd, x, i + j), load(simd, y, i + j));
-            let weighted = x * window[j];
-            sums[0] += weighted;
-            sums[1] = fma(weighted, x, sums[1]);
-            sums[2] = fma(weighted, y, sums[2]);
+/// A channel of an image, in strips, and of a target.
+#[derive(Clone, Copy)]
+struct Pair<'a> {
+    grid: &'a Grid,
+    image: &'a [Row],
+    target: &'a BlurredTarget,
+    channel: usize,
+}
+
+impl Pair<'_> {
+    /// A strip's row of the target's part.
+    #[inline(always)]
+    fn at(&self, strip: usize, row: usize) -> usize {
+        (self.channel * self.grid.height + row) * self.grid.strips() + strip
+    }
+
+    /// A strip's row.
+    #[inline(always)]
+    fn strip<S: Simd>(&self, simd: S, strip: usize, row: usize) -> [Whole<S>; 2] {
+        let x = &self.image[strip * self.grid.height + row].0[self.channel];
+        let y = &self.target.y[self.at(strip, row)].0;
+        [load(simd, x, 0), load(simd, y, 0)]
+    }
+
+    /// A row as lines, within what SSIM takes.
+    #[inline(always)]
+    fn lines<S: Simd>(&self, simd: S, row: usize, [x_line, y_line]: &mut [Line; 2]) {
+        let zero: Whole<S> = splat(simd, 0.0);
+        for (strip, (x_out, y_out)) in x_line.strips_mut().zip(y_line.strips_mut()).enumerate() {
+            let [x, y] = self.strip(simd, strip, row);
+            let beyond = self.beyond(simd, strip);
+            store(beyond.select(zero, bounded(simd, x)), x_out, 0);
+            store(beyond.select(zero, bounded(simd, y)), y_out, 0);
         }
-        store(sums[0], mean, RADIUS + i);
-        store(sums[1], square, RADIUS + i);
-        store(sums[2], product, RADIUS + i);
+    }
+
+    /// Which lanes of a strip are beyond the image.
+    #[inline(always)]
+    fn beyond<S: Simd>(&self, simd: S, strip: usize) -> <Whole<S> as SimdBase<S>>::Mask {
+        let columns: Whole<S> = splat(simd, (self.grid.width - strip * LANES) as f32);
+        iota::<S, Whole<S>>(simd, 0).simd_ge(columns)
     }
 }
 
-/// The vertical blurs of three planes.
+/// Values within ±[`SSIM_MAX`]; NaN stays.
 #[inline(always)]
-fn blur_columns<S: Simd>(
-    simd: S,
-    [a, b, c]: &[Plane; 3],
-    place: (usize, usize),
-    height: usize,
-    x: usize,
-    window: &Window,
-) -> [S::f32s; 3] {
-    [
-        blur_column(simd, a, place, height, x, window),
-        blur_column(simd, b, place, height, x, window),
-        blur_column(simd, c, place, height, x, window),
-    ]
+fn bounded<S: Simd>(simd: S, values: Whole<S>) -> Whole<S> {
+    let most: Whole<S> = splat(simd, if Guard::SsimMax.is_on() { SSIM_MAX } else { f32::INFINITY });
+    values.abs().simd_gt(most).select(most.copysign(values), values)
 }
 
-/// The vertical blur of `plane` at row `y`, channel `k`, and the sixteen columns from `x` on.
-#[inline(always)]
-fn blur_column<S: Simd>(
-    simd: S,
-    plane: &Plane,
-    (y, k): (usize, usize),
-    height: usize,
-    x: usize,
-    window: &Window,
-) -> S::f32s {
-    let mut sum: S::f32s = splat(simd, 0.0);
-    let first = y.saturating_sub(RADIUS);
-    for row in first..(y + RADIUS + 1).min(height) {
-        let at = (3 * row + k) * plane.pitch + RADIUS + x;
-        sum = fma(load(simd, &plane.values, at), splat(simd, window[row + RADIUS - y]), sum);
-    }
-    sum
+/// How many rows a band has: enough bands for every thread to have two.
+fn band_rows(grid: &Grid) -> usize {
+    grid.height.div_ceil(2 * rayon::current_num_threads()).max(LEAST_BAND_ROWS)
 }
 
-/// The vertical blur of a whole line of a plane.
-#[inline(always)]
-fn blur_down<S: Simd>(simd: S, grid: &Grid, plane: &Plane, line: usize, out: &mut [f32], window: &Window) {
-    for x in (0..plane.pitch - 2 * RADIUS).step_by(S::f32s::LEN) {
-        store(blur_column(simd, plane, (line / 3, line % 3), grid.height, x, window), out, RADIUS + x);
-    }
+/// A list without elements, in the memory of another.
+fn emptied<'a>(mut list: Vec<&mut [Row]>) -> Vec<&'a mut [Row]> {
+    list.clear();
+    list.into_iter().map(|_| -> &mut [Row] { unreachable!("the list is empty") }).collect()
 }
 
-fn blur_target(grid: &Grid, target: &Target, level: Level) -> BlurredTarget {
-    let window = window();
-    let mut blurred = BlurredTarget { y: Plane::default(), mean: Plane::default(), square: Plane::default() };
-    blurred.y.fill_from(grid, &target.rows);
-    let mut across = [Plane::default(), Plane::default(), Plane::default()];
-    horizontal_products(grid, &blurred.y, &blurred.y, &mut across, level, &window);
-    for (out, across) in [(&mut blurred.mean, &across[0]), (&mut blurred.square, &across[1])] {
-        out.resize(grid);
-        let pitch = out.pitch;
-        out.values.par_chunks_mut(pitch).enumerate().for_each(|(line, out)| {
-            dispatch!(level, simd => blur_down(simd, grid, across, line, out, &window));
-        });
-    }
-    blurred
-}
-
-fn horizontal_products(grid: &Grid, x: &Plane, y: &Plane, out: &mut [Plane; 3], level: Level, window: &Window) {
-    out.iter_mut().for_each(|plane| plane.resize(grid));
-    let pitch = x.pitch;
-    let [a, b, c] = out.each_mut().map(|plane| plane.values.par_chunks_mut(pitch));
-    a.zip(b).zip(c).with_min_len(8).enumerate().for_each(|(line, ((a, b), c))| {
-        let (x, y) = (&x.values[line * pitch..][..pitch], &y.values[line * pitch..][..pitch]);
-        dispatch!(level, simd => blur_products(simd, x, y, [a, b, c], window));
-    });
-}
-
-/// What [`add`] moves at least, once the target's part is there.
+/// What [`loss`] moves at least, once the target's part is there.
 pub(crate) fn traffic(grid: &Grid) -> Traffic {
-    let (image, plane) = (grid.rows() * size_of::<Row>(), Plane::len(grid) * size_of::<f32>());
-    // Image to lines; products blurred along lines; down, and the derivatives; those along lines; down, and the gradient; to strips.
-    let read = image + 2 * plane + (3 + 2) * plane + 3 * plane + (3 + 2) * plane + (plane + image);
-    let written = plane + 3 * plane + 3 * plane + 3 * plane + plane + image;
-    Traffic { read: read as u64, written: written as u64 }
+    let image = (grid.rows() * size_of::<Row>()) as u64;
+    // The image, the target, and its blurred mean and square.
+    Traffic { read: 4 * image, written: image }
 }
 
-/// Adds λ·∂(1 − SSIM)/∂C to `tiles.v_rows`; returns 1 − SSIM.
-pub(crate) fn add(tiles: &mut Tiles, target: &Target, level: Level, lambda: f32) -> f64 {
-    let window = window();
-    let grid = tiles.grid;
+/// (1 − λ) L1 + λ (1 − SSIM); its gradient into `tiles.v_rows`, 0 in lanes beyond the image.
+pub(crate) fn loss(tiles: &mut Tiles, target: &Target, level: Level, lambda: f32) -> f64 {
+    let (grid, window) = (tiles.grid, window());
+    let blurred = target.blurred.get_or_init(|| blur_target(&grid, target, level, &window));
     let count = (3 * grid.width * grid.height) as f64;
-    let blurred = target.blurred.get_or_init(|| blur_target(&grid, target, level));
-    let mut scratch = std::mem::take(&mut tiles.dssim);
-    scratch.x.fill_from(&grid, &tiles.rows);
-    horizontal_products(&grid, &scratch.x, &blurred.y, &mut scratch.across, level, &window);
-    let ssim = derivatives(&grid, blurred, &mut scratch, level, &window) / count;
+    let lambda = f64::from(lambda);
+    let l1 = Pointwise::Absolute { scale: ((1.0 - lambda) / count) as f32 };
+    let scale = (-lambda / count) as f32;
+    let (strips, rows) = (grid.strips(), band_rows(&grid));
+    let bands = grid.height.div_ceil(rows);
 
-    horizontal(&grid, &scratch.by, &mut scratch.across, level, &window);
-    let scale = (-f64::from(lambda) / count) as f32;
-    gradient(&grid, blurred, &mut scratch, level, scale, &window);
+    let Scratch { bands: scratches, sums, gradients: memory } = &mut tiles.dssim;
+    scratches.resize_with(bands, BandScratch::default);
+    sums.resize(3 * grid.height, Sums::default());
+    // Of every band: its rows of every strip of the gradient.
+    tiles.v_rows.resize(grid.rows(), Row::ZERO);
+    let mut gradients = emptied(std::mem::take(memory));
+    gradients.resize_with(bands * strips, Default::default);
+    for (strip, of_strip) in tiles.v_rows.chunks_mut(grid.height).enumerate() {
+        for (band, of_band) in of_strip.chunks_mut(rows).enumerate() {
+            gradients[band * strips + strip] = of_band;
+        }
+    }
+    let outputs = gradients.par_chunks_mut(strips).zip(sums.par_chunks_mut(3 * rows));
+    outputs.zip(&mut *scratches).enumerate().for_each(|(index, ((gradient, sums), scratch))| {
+        scratch.fit(strips);
+        let band = Band { first: index * rows, l1, scale, window: &window };
+        let pair = Pair { grid: &grid, image: &tiles.rows, target: blurred, channel: 0 };
+        dispatch!(level, simd => band.run(simd, pair, scratch, Output { gradient, sums }));
+    });
+    *memory = emptied(gradients);
+    let mean = |of: fn(&Sums) -> f64| sums.iter().map(of).sum::<f64>() / count;
+    (1.0 - lambda) * mean(|line| line.l1) + lambda * (1.0 - mean(|line| line.ssim))
+}
 
-    let v = &scratch.v;
-    let cuts = Cuts { grid: &grid, tile_start: &tiles.bins.tile_start, stride: 0 };
-    let buffers = TileBuffers { rows: &mut tiles.v_rows, scalars: &mut [], slots: &mut [], sums: &mut [] };
-    for_each_tile(0..grid.tiles(), buffers, cuts, &|tile, buffers| {
-        let (column, rows) = grid.place(tile);
-        let inside = grid.lanes_inside(tile);
-        for (Row(out), y) in buffers.rows.iter_mut().zip(rows) {
-            for k in 0..3 {
-                let line = &v.values[(3 * y + k) * v.pitch + RADIUS + column..][..inside];
-                for (out, &v) in out[k].iter_mut().zip(line) {
-                    *out += v;
+/// The target's part, a task for each channel.
+fn blur_target(grid: &Grid, target: &Target, level: Level, window: &Window) -> BlurredTarget {
+    let of_channel = grid.height * grid.strips();
+    let nothing = || vec![ScalarRow([0.0; LANES]); 3 * of_channel];
+    let (mut mean, mut square) = (nothing(), nothing());
+    let mut blurred = BlurredTarget { y: nothing(), mean: Vec::new(), square: Vec::new() };
+    for (at, ScalarRow(y)) in blurred.y.iter_mut().enumerate() {
+        let (line, strip) = (at / grid.strips(), at % grid.strips());
+        *y = target.rows[strip * grid.height + line % grid.height].0[line / grid.height];
+    }
+    let outputs = mean.par_chunks_mut(of_channel).zip(square.par_chunks_mut(of_channel));
+    outputs.enumerate().for_each(|(channel, outputs)| {
+        let mut scratch = BandScratch::default();
+        scratch.fit(grid.strips());
+        let pair = Pair { grid, image: &target.rows, target: &blurred, channel };
+        dispatch!(level, simd => blur_target_channel(simd, pair, &mut scratch, outputs, window));
+    });
+    BlurredTarget { mean, square, ..blurred }
+}
+
+/// A channel of [`blur_target`].
+#[inline(always)]
+fn blur_target_channel<S: Simd>(
+    simd: S,
+    pair: Pair<'_>,
+    scratch: &mut BandScratch,
+    (means, squares): (&mut [ScalarRow], &mut [ScalarRow]),
+    window: &Window,
+) {
+    let strips = pair.grid.strips();
+    // Numbered as the image's products are, so that what is equal has equal bits.
+    for number in RADIUS..pair.grid.height + 3 * RADIUS {
+        scratch.put_products(simd, pair, number, number.checked_sub(2 * RADIUS), window);
+        let Some(row) = number.checked_sub(3 * RADIUS) else { continue };
+        let weights = Ring::weights(row + RADIUS, window);
+        for strip in 0..strips {
+            let [mean, square, _] = scratch.products.down(simd, strip, &weights);
+            store(mean, &mut means[row * strips + strip].0, 0);
+            store(square, &mut squares[row * strips + strip].0, 0);
+        }
+    }
+}
+
+/// What a band writes: its rows of every strip of the gradient, and the sums over its lines.
+struct Output<'a, 'g> {
+    gradient: &'a mut [&'g mut [Row]],
+    sums: &'a mut [Sums],
+}
+
+/// A part of the image's rows, and what is asked of it.
+struct Band<'a> {
+    /// Its first row.
+    first: usize,
+    l1: Pointwise,
+    /// What ∂SSIM/∂C is multiplied by.
+    scale: f32,
+    window: &'a Window,
+}
+
+impl Band<'_> {
+    /// Three stages follow each other down the image: the derivatives of a row need the products of [`RADIUS`] rows more, and the gradient as
+    /// many derivatives. A stage's lines are numbered from the first that row 0 of the gradient needs.
+    #[inline(always)]
+    fn run<S: Simd>(&self, simd: S, pair: Pair<'_>, scratch: &mut BandScratch, output: Output<'_, '_>) {
+        let (first, rows) = (self.first, output.sums.len() / 3);
+        for channel in 0..3 {
+            let pair = Pair { channel, ..pair };
+            for number in first..first + rows + 4 * RADIUS {
+                let row = number.checked_sub(2 * RADIUS);
+                scratch.put_products(simd, pair, number, row, self.window);
+
+                let Some(number) = row.filter(|&number| number >= first) else { continue };
+                match number.checked_sub(RADIUS).filter(|&row| row < pair.grid.height) {
+                    Some(row) => {
+                        let ssim = self.derivatives(simd, pair, number, row, scratch);
+                        let inside = row.checked_sub(first).and_then(|row| output.sums.get_mut(3 * row + channel));
+                        inside.into_iter().for_each(|sums| sums.ssim = ssim);
+                    }
+                    None => scratch.derivatives.put_nothing(number),
+                }
+
+                if let Some(row) = number.checked_sub(first + 2 * RADIUS) {
+                    output.sums[3 * row + channel].l1 = self.gradient(simd, pair, row, scratch, output.gradient);
                 }
             }
         }
-    });
-    tiles.dssim = scratch;
-    1.0 - ssim
-}
+    }
 
-/// Blurs vertically, and writes ∂SSIM/∂b(x), ∂b(x²), ∂b(xy) of every pixel; returns Σ SSIM.
-fn derivatives(grid: &Grid, blurred: &BlurredTarget, scratch: &mut Scratch, level: Level, window: &Window) -> f64 {
-    let Scratch { across, by, row_sums, .. } = scratch;
-    by.iter_mut().for_each(|plane| plane.resize(grid));
-    row_sums.resize(grid.height, 0.0);
-    let pitch = blurred.mean.pitch;
-    let [a, b, c] = by.each_mut().map(|plane| plane.values.par_chunks_mut(3 * pitch));
-    a.zip(b).zip(c).zip(row_sums.par_iter_mut()).enumerate().for_each(|(y, (((a, b), c), sum))| {
-        *sum = dispatch!(level, simd => derivative_lines(simd, grid, blurred, across, y, [a, b, c], window));
-    });
-    row_sums.iter().sum()
-}
-
-#[inline(always)]
-fn derivative_lines<S: Simd>(
-    simd: S,
-    grid: &Grid,
-    blurred: &BlurredTarget,
-    across: &[Plane; 3],
-    y: usize,
-    out: [&mut [f32]; 3],
-    window: &Window,
-) -> f64 {
-    let pitch = blurred.mean.pitch;
-    let (zero, one): (S::f32s, S::f32s) = (splat(simd, 0.0), splat(simd, 1.0));
-    let mut total = 0.0;
-    for k in 0..3 {
-        let line = (3 * y + k) * pitch + RADIUS;
-        let mut sum = zero;
-        for x in (0..grid.width).step_by(S::f32s::LEN) {
-            let [mx, square, product] = blur_columns(simd, across, (y, k), grid.height, x, window);
-            let my: S::f32s = load(simd, &blurred.mean.values, line + x);
-            let square_y: S::f32s = load(simd, &blurred.square.values, line + x);
-            let (xx, yy, xy) = (mx * mx, my * my, mx * my);
-            let a1 = xy * 2.0 + SSIM_C1;
-            let b1 = xx + yy + SSIM_C1;
-            // σx² + σy² and 2 σxy of a window that is nearly constant are what rounding leaves of large numbers: more than C2 where colours are
-            // beyond 100. So bounded, as they are by their definition, SSIM stays within ±1.
-            let (variances, covariance) = (square - xx + square_y - yy, (product - xy) * 2.0);
-            let (variances, covariance) = if Guard::SsimVariances.is_on() {
-                let variances = variances.max(zero);
-                (variances, covariance.max(zero - variances).min(variances))
-            } else {
-                (variances, covariance)
-            };
-            let a2 = covariance + SSIM_C2;
-            let b2 = variances + SSIM_C2;
-            // Lanes beyond the image: 0.
-            let beyond = iota::<S, S::f32s>(simd, 0).simd_ge(splat::<S, S::f32s>(simd, (grid.width - x) as f32));
-            let inverse = beyond.select(zero, one / (b1 * b2));
-            let s = a1 * a2 * inverse;
-            sum += s;
-            let by_mean = my * 2.0 * (a2 - a1) * inverse - mx * 2.0 * s * (one / b1 - one / b2);
-            let at = k * pitch + RADIUS + x;
-            store(by_mean, out[0], at);
-            store(-s / b2, out[1], at);
-            store(a1 * 2.0 * inverse, out[2], at);
+    /// Line `number` of the derivatives, that of image row `row`; returns Σ SSIM of the row.
+    #[inline(always)]
+    fn derivatives<S: Simd>(
+        &self,
+        simd: S,
+        pair: Pair<'_>,
+        number: usize,
+        row: usize,
+        scratch: &mut BandScratch,
+    ) -> f64 {
+        let weights = Ring::weights(number, self.window);
+        let mut total: Whole<S> = splat(simd, 0.0);
+        let [means, squares, products] = scratch.by.each_mut().map(Line::strips_mut);
+        for (strip, ((by_mean, by_square), by_product)) in means.zip(squares).zip(products).enumerate() {
+            let blurred = scratch.products.down(simd, strip, &weights);
+            let (ssim, by) = derivatives(simd, blurred, pair, strip, row);
+            total += ssim;
+            store(by[0], by_mean, 0);
+            store(by[1], by_square, 0);
+            store(by[2], by_product, 0);
         }
-        total += f64::from(sum.reduce_sum());
+        scratch.derivatives.put_lines(simd, number, &scratch.by, self.window);
+        f64::from(total.reduce_sum())
     }
-    total
+
+    /// The band's row `row` of the gradient: that of L1, and scale · (b(∂b(x)) + 2x b(∂b(x²)) + y b(∂b(xy))). Returns Σ |x − y| of it.
+    #[inline(always)]
+    fn gradient<S: Simd>(
+        &self,
+        simd: S,
+        pair: Pair<'_>,
+        row: usize,
+        scratch: &BandScratch,
+        gradient: &mut [&mut [Row]],
+    ) -> f64 {
+        let weights = Ring::weights(self.first + row, self.window);
+        let zero: Whole<S> = splat(simd, 0.0);
+        let mut total = zero;
+        for (strip, rows) in gradient.iter_mut().enumerate() {
+            let [a, b, c] = scratch.derivatives.down(simd, strip, &weights);
+            let [x, y] = pair.strip(simd, strip, self.first + row);
+            let beyond = pair.beyond(simd, strip);
+            let (losses, l1) = self.l1.of(simd, beyond.select(zero, x - y));
+            total += losses;
+            let dssim = (a + bounded(simd, x) * 2.0 * b + bounded(simd, y) * c) * self.scale;
+            store(beyond.select(zero, l1 + dssim), &mut rows[row].0[pair.channel], 0);
+        }
+        f64::from(total.reduce_sum())
+    }
 }
 
-fn horizontal(grid: &Grid, input: &[Plane; 3], out: &mut [Plane; 3], level: Level, window: &Window) {
-    let pitch = input[0].pitch;
-    out.iter_mut().for_each(|plane| plane.resize(grid));
-    let [a, b, c] = out.each_mut().map(|plane| plane.values.par_chunks_mut(pitch));
-    a.zip(b).zip(c).with_min_len(8).enumerate().for_each(|(line, ((a, b), c))| {
-        let input = input.each_ref().map(|plane| &plane.values[line * pitch..][..pitch]);
-        dispatch!(level, simd => blur_lines(simd, input, [a, b, c], window));
-    });
-}
-
-/// scale · (b(∂b(x)) + 2x b(∂b(x²)) + y b(∂b(xy))), into `scratch.v`.
-fn gradient(grid: &Grid, blurred: &BlurredTarget, scratch: &mut Scratch, level: Level, scale: f32, window: &Window) {
-    let Scratch { across, x: image, v, .. } = scratch;
-    v.resize(grid);
-    let pitch = v.pitch;
-    v.values.par_chunks_mut(pitch).enumerate().for_each(|(line, out)| {
-        dispatch!(level, simd => gradient_line(simd, grid, [image, &blurred.y], across, line, scale, out, window));
-    });
-}
-
-/// One line of [`gradient`].
-#[expect(clippy::too_many_arguments, reason = "a kernel's inputs are slices of different owners")]
+/// SSIM of a strip's row, and its derivatives by b(x), b(x²) and b(xy); 0 in lanes beyond the image.
 #[inline(always)]
-fn gradient_line<S: Simd>(
+fn derivatives<S: Simd>(
     simd: S,
-    grid: &Grid,
-    [image, target]: [&Plane; 2],
-    across: &[Plane; 3],
-    line: usize,
-    scale: f32,
-    out: &mut [f32],
-    window: &Window,
-) {
-    for x in (0..grid.width).step_by(S::f32s::LEN) {
-        let [a, b, c] = blur_columns(simd, across, (line / 3, line % 3), grid.height, x, window);
-        let at = line * image.pitch + RADIUS + x;
-        let (xs, ys): (S::f32s, S::f32s) = (load(simd, &image.values, at), load(simd, &target.values, at));
-        store((a + xs * 2.0 * b + ys * c) * scale, out, RADIUS + x);
-    }
+    [mx, square, product]: [Whole<S>; 3],
+    pair: Pair<'_>,
+    strip: usize,
+    row: usize,
+) -> (Whole<S>, [Whole<S>; 3]) {
+    let (zero, one): (Whole<S>, Whole<S>) = (splat(simd, 0.0), splat(simd, 1.0));
+    let my: Whole<S> = load(simd, &pair.target.mean[pair.at(strip, row)].0, 0);
+    let square_y: Whole<S> = load(simd, &pair.target.square[pair.at(strip, row)].0, 0);
+    let (xx, yy, xy) = (mx * mx, my * my, mx * my);
+    let a1 = xy * 2.0 + SSIM_C1;
+    let b1 = xx + yy + SSIM_C1;
+    // σx² + σy² and 2 σxy of a window that is nearly constant are what rounding leaves of large numbers: more than C2 where colours are
+    // beyond 100. So bounded, as they are by their definition, SSIM stays within ±1.
+    let (variances, covariance) = (square - xx + square_y - yy, (product - xy) * 2.0);
+    let (variances, covariance) = if Guard::SsimVariances.is_on() {
+        let variances = variances.max(zero);
+        (variances, covariance.max(zero - variances).min(variances))
+    } else {
+        (variances, covariance)
+    };
+    let a2 = covariance + SSIM_C2;
+    let b2 = variances + SSIM_C2;
+    let inverse = pair.beyond(simd, strip).select(zero, one / (b1 * b2));
+    let s = a1 * a2 * inverse;
+    // 1/b1 − 1/b2 and 1/b2 by the same division.
+    let by_mean = (my * (a2 - a1) - mx * s * (b2 - b1)) * inverse * 2.0;
+    (s, [by_mean, zero - s * b1 * inverse, a1 * 2.0 * inverse])
 }
