@@ -122,11 +122,13 @@ impl Observer for Course {
     }
 }
 
-/// Runs a fit to its end and finds what must not be.
+/// Runs a fit to its end and finds what must not be. With rates that are too high every Gaussian may leave the picture, or vanish: such a fit
+/// may end at the loss of `nothing`.
 fn endure<R: Rasterizer<S>, S: Trainable>(
     mut trainer: Trainer<'_, R, S>,
     budget: u32,
     length: Length,
+    nothing: Option<f32>,
 ) -> Result<(), String> {
     let mut course = Course::default();
     trainer.run(&mut course).map_err(|error| error.to_string())?;
@@ -139,7 +141,11 @@ fn endure<R: Rasterizer<S>, S: Trainable>(
     let mean = |losses: &[f32]| losses.iter().map(|&loss| f64::from(loss)).sum::<f64>() / losses.len() as f64;
     // As many steps at the start would hide a fit that is worse than what it began with.
     let (first, last) = (mean(&course.losses[..part.min(4)]), mean(&course.losses[course.losses.len() - part..]));
-    if last <= first * length.worst { Ok(()) } else { Err(format!("the loss was {first:e} and is {last:e}")) }
+    if last <= first.max(nothing.unwrap_or(0.0).into()) * length.worst {
+        return Ok(());
+    }
+    let least = course.losses.iter().copied().fold(f32::INFINITY, f32::min);
+    Err(format!("the loss was {first:e}, {least:e} at its least, and is {last:e}, of {} Gaussians", scene.len()))
 }
 
 /// Runs every hostility from every seed and tells of all that failed.
@@ -183,11 +189,23 @@ fn planar(
                 opacity_logit: if blend == Blend::Over { -30.0 } else { f32::INFINITY },
                 color: Vec3::ZERO,
             };
-            Trainer::from_scene(rasterizer, &target, &(0..8).map(unseen).collect::<PlanarScene>(), settings)
+            Trainer::from_scene(rasterizer, &target, &(0..8).map(unseen).collect::<PlanarScene>(), settings.clone())
         }
-        _ => Trainer::new(rasterizer, &target, settings),
+        _ => Trainer::new(rasterizer, &target, settings.clone()),
     };
-    endure(trainer.map_err(|error| error.to_string())?, 24, length)
+    let nothing = match hostility {
+        Hostility::Rates | Hostility::BrightRates => Some(loss_of_nothing(rasterizer, &target, &settings)?),
+        _ => None,
+    };
+    endure(trainer.map_err(|error| error.to_string())?, 24, length, nothing)
+}
+
+/// The loss of a picture without Gaussians.
+fn loss_of_nothing(rasterizer: &CpuRasterizer, target: &Image, settings: &FitSettings) -> Result<f32, String> {
+    Trainer::from_scene(rasterizer, target, &PlanarScene::default(), settings.clone())
+        .and_then(|mut trainer| trainer.step_once())
+        .map(|progress| progress.loss)
+        .map_err(|error| error.to_string())
 }
 
 /// Two views of nearly the same, by the settings of 3DGS.
@@ -206,7 +224,7 @@ fn spatial(rasterizer: &CpuRasterizer, hostility: Hostility, length: Length, see
     }
     let views = Views::new((0..2).map(view).collect(), Vec::new());
     let trainer = SpatialTrainer::from_views(rasterizer, views, Start::Scene(start), settings);
-    endure(trainer.map_err(|error| error.to_string())?, 60, length)
+    endure(trainer.map_err(|error| error.to_string())?, 60, length, None)
 }
 
 /// One thread: the images are too small for more.
