@@ -72,6 +72,8 @@ guards! {
     SsimVariances = "ssim-variances",
     /// [`MAX_DERIVATIVE`](crate::constants::MAX_DERIVATIVE): Adam squares derivatives.
     MaxDerivative = "max-derivative",
+    /// [`MAX_XI`](crate::constants::MAX_XI): a step in a local frame goes no further than the Gaussian reaches.
+    MaxXi = "max-xi",
     /// [`MAX_ETA`](crate::constants::MAX_ETA): a step in a local frame is exp(η) to second order.
     MaxEta = "max-eta",
     /// First moments below 1e-30 become 0, before they are denormal.

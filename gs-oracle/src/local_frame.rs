@@ -4,7 +4,7 @@
 use glam::{DMat3, DQuat, DVec3};
 use gs_core::{
     adam::{AdamRates, Rate},
-    constants::MAX_ETA,
+    constants::{MAX_ETA, MAX_XI},
 };
 
 use super::parameters::{OracleScene, Parameters, QUATERNION, SPATIAL_OPACITY, SPATIAL_SH};
@@ -58,7 +58,8 @@ impl FramedReference {
         let by_eta = self.by_eta(row, gradient);
         let slopes = by_xi.to_array().into_iter().chain(by_eta).chain(gradient[SPATIAL_OPACITY..].iter().copied());
         let moved: Vec<f64> = slopes.enumerate().map(|(i, slope)| self.moved(i, slope, rates)).collect();
-        self.mean -= self.frame * DVec3::from_slice(&moved);
+        let most = f64::from(MAX_XI);
+        self.mean -= self.frame * DVec3::from_slice(&moved).map(|entry| entry.clamp(-most, most));
         let mut eta = [[0.0; 3]; 3];
         for (k, (i, j)) in ENTRIES.into_iter().enumerate() {
             let entry = (-moved[3 + k]).clamp(-f64::from(MAX_ETA), f64::from(MAX_ETA));

@@ -5,7 +5,7 @@ use std::fmt::Write;
 
 use gs_core::{
     constants::{
-        MAX_DERIVATIVE, MAX_ETA, MAX_RESIDUAL, MIN_DETERMINANT_PX4, MIN_QUATERNION_NORM2, QUATERNION_SHRINK,
+        MAX_DERIVATIVE, MAX_ETA, MAX_RESIDUAL, MAX_XI, MIN_DETERMINANT_PX4, MIN_QUATERNION_NORM2, QUATERNION_SHRINK,
         SAFE_SQUARES, SH_C0, SH_C1, SH_C2, SH_C3, SSIM_C1, SSIM_C2, SSIM_MAX, SSIM_SIGMA, SSIM_WINDOW,
         VANISHING_MOMENT,
     },
@@ -258,6 +258,7 @@ fn guards(text: &mut String) {
         ("MAX_RESIDUAL", MAX_RESIDUAL, Guard::MaxResidual, f32::MAX),
         ("SSIM_MAX", SSIM_MAX, Guard::SsimMax, f32::MAX),
         ("MAX_DERIVATIVE", MAX_DERIVATIVE, Guard::MaxDerivative, f32::MAX),
+        ("MAX_XI", MAX_XI, Guard::MaxXi, f32::MAX),
         ("MAX_ETA", MAX_ETA, Guard::MaxEta, f32::MAX),
         ("VANISHING_MOMENT", VANISHING_MOMENT, Guard::VanishingMoment, 0.0),
     ] {

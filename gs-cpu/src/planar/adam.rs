@@ -7,7 +7,7 @@ use fearless_simd::{Level, Simd, dispatch, f32x8, prelude::*};
 use glam::{DMat2, DVec2, Mat2, Vec2};
 use gs_core::{
     AdamRates, Participants, PlanarGaussian,
-    constants::{MAX_DERIVATIVE, MAX_ETA, VANISHING_MOMENT},
+    constants::{MAX_DERIVATIVE, MAX_ETA, MAX_XI, VANISHING_MOMENT},
     effects::Statistics,
     guards::Guard,
 };
@@ -192,7 +192,8 @@ fn step_all<'g, S: Simd>(
         }
         if local {
             let l = slices.frames[i];
-            slices.means[i] -= l * Vec2::new(u, w);
+            let most = if Guard::MaxXi.is_on() { MAX_XI } else { f32::INFINITY };
+            slices.means[i] -= l * Vec2::new(u.clamp(-most, most), w.clamp(-most, most));
             slices.frames[i] = turn(l, [s0, s1, s2], step.rates);
         } else {
             slices.means[i] -= Vec2::new(u, w);

@@ -5,7 +5,7 @@ use glam::Vec3;
 use gs_core::{
     AdamRates, Chart, Participants, Penalty, SpatialScene,
     adam::Rate,
-    constants::VANISHING_MOMENT,
+    constants::{MAX_XI, VANISHING_MOMENT},
     effects::Statistics,
     guards::Guard,
     local_frame::{stretched, sum_of_scales_vjp},
@@ -202,7 +202,9 @@ fn add_pull(parameters: &[f32], chart: Chart, [opacity, scale]: [f32; 2], gradie
 #[inline(always)]
 fn move_frame(parameters: &mut [f32], moved: [f32; LANES], rates: &AdamRates) {
     let frame = cloud::frame(parameters);
-    let mean = cloud::mean(parameters) - frame * Vec3::from_slice(&moved[MEAN]);
+    let most = if Guard::MaxXi.is_on() { MAX_XI } else { f32::INFINITY };
+    let xi = Vec3::from_slice(&moved[MEAN]).map(|entry| entry.clamp(-most, most));
+    let mean = cloud::mean(parameters) - frame * xi;
     mean.write_to_slice(&mut parameters[MEAN]);
     let eta = std::array::from_fn(|k| -moved[STRETCH.start + k]);
     parameters[FRAME].copy_from_slice(&stretched(frame, eta, rates).to_cols_array());

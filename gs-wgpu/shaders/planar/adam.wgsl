@@ -97,7 +97,7 @@ fn adam(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: ve
     m.second = array<vec4f, 2>(v0, v1);
     g.color -= rest.yzw;
 #if LOCAL_FRAME
-    g.mean -= l * place.xy;
+    g.mean -= l * clamp(place.xy, vec2f(-MAX_XI), vec2f(MAX_XI));
     let turned = turn(l, vec3f(place.zw, rest.x));
     g.shape = vec4f(turned[0], turned[1]);
 #else

@@ -4,7 +4,8 @@ use glam::{Vec2, Vec3};
 use gs_conformance::Failure;
 use gs_core::{
     Adam, Binning, Blend, Camera, Canvas, Chart, CloudState, Error, Image, Loss, PlanarGaussian, PlanarScene,
-    Rasterizer, RenderSettings, Scene, SpatialGaussian, SpatialScene, TrainStep, effects::Antialias, state::TensorData,
+    Rasterizer, RenderSettings, Scene, SpatialGaussian, SpatialScene, TrainStep, adam::Group, constants::MAX_XI,
+    effects::Antialias, state::TensorData,
 };
 use gs_density::{Policy, Ranking, WhenFlat};
 use gs_train::{FitSettings, InitialCount, Rounds, fit};
@@ -20,6 +21,8 @@ pub(crate) enum Check {
     FlatFrames,
     /// Squares of derivatives stay finite.
     SecondMoments,
+    /// A step in a local frame goes no further than the Gaussian reaches.
+    StepsWithinReach,
     /// Moments that no gradient renews do not decay to denormals.
     MomentsVanish,
     /// An ε of 0 is refused.
@@ -34,11 +37,12 @@ pub(crate) enum Check {
 
 impl Check {
     /// All of them.
-    pub(crate) const ALL: [Self; 9] = [
+    pub(crate) const ALL: [Self; 10] = [
         Self::SecondMoments,
         Self::SsimOfConstants,
         Self::SingularFrames,
         Self::FlatFrames,
+        Self::StepsWithinReach,
         Self::MomentsVanish,
         Self::EpsilonOfZero,
         Self::FitsEndFinite,
@@ -53,6 +57,7 @@ impl Check {
             Self::SingularFrames => "singular frames",
             Self::FlatFrames => "flat frames",
             Self::SecondMoments => "second moments",
+            Self::StepsWithinReach => "steps within reach",
             Self::MomentsVanish => "moments vanish",
             Self::EpsilonOfZero => "epsilon of 0",
             Self::FitsEndFinite => "fits end finite",
@@ -70,6 +75,7 @@ impl Check {
             Self::SingularFrames => singular_frames(rasterizer),
             Self::FlatFrames => flat_frames(rasterizer),
             Self::SecondMoments => second_moments(rasterizer),
+            Self::StepsWithinReach => steps_within_reach(rasterizer),
             Self::MomentsVanish => moments_vanish(rasterizer),
             Self::EpsilonOfZero => epsilon_of_zero(rasterizer),
             Self::FitsEndFinite => fits_end_finite(rasterizer),
@@ -172,6 +178,20 @@ fn second_moments<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Result<(), Fail
     Failure::unless(moments.iter().all(|moment| moment.is_finite()), || format!("second moments {moments:?}"))
 }
 
+fn steps_within_reach<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Result<(), Failure> {
+    let before = plain(Vec2::new(8.3, 8.6), 1.0);
+    let mut cloud = rasterizer.upload(&before, Chart::LocalFrame)?;
+    let adam = Adam { mean: Group::constant(20.0), ..Adam::default() };
+    let (settings, rates) = (RenderSettings::blended(Blend::Sum), adam.at(0.0));
+    let step = TrainStep { settings: &settings, loss: Loss::L2, rates: &rates, binning: Binning::Fresh };
+    let target = rasterizer.upload_target(&target()?)?;
+    rasterizer.train_step(&mut cloud, &Canvas::new(SIZE.0, SIZE.1), &target, &step)?;
+    let moved = (rasterizer.download(&cloud)?.means[0] - before.means[0]).length();
+    // Along both axes, of e¹ px each; what the guard holds back is a step of 20 times that.
+    let reach = MAX_XI * std::f32::consts::SQRT_2 * 1f32.exp();
+    Failure::unless(moved > 0.0 && moved <= 1.001 * reach, || format!("a step of {moved} px, by a reach of {reach} px"))
+}
+
 fn moments_vanish<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Result<(), Failure> {
     let settings = RenderSettings::blended(Blend::Sum);
     let mut state = rasterizer.save(&rasterizer.upload(&plain(Vec2::splat(1e4), 1.0), Chart::ScaleRotation)?)?;
@@ -211,7 +231,8 @@ fn small_fit() -> FitSettings {
 
 fn fits_end_finite<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Result<(), Failure> {
     // What is not finite goes at the end, whatever the policy.
-    let mut settings = FitSettings { rounds: Rounds::NEVER, policy: Policy::None, ..small_fit() };
+    let mut settings =
+        FitSettings { rounds: Rounds::NEVER, policy: Policy::None, chart: Chart::ScaleRotation, ..small_fit() };
     // Each step is as long as numbers go: after two, means are infinite.
     settings.adam.mean.learning_rate = 2e38;
     let fitted = fit(rasterizer, &target()?, settings, &mut ()).map_err(|error| Failure::Broken(error.to_string()))?;

@@ -125,6 +125,7 @@ pub(crate) const NOTICED: &[Noticed] = &[
     by(Guard::SsimMax, Case("constant image of 10^30 in SSIM, sum"), EVERYWHERE),
     by(Guard::SsimVariances, Notice::Check(Check::SsimOfConstants), EVERYWHERE),
     by(Guard::MaxDerivative, Notice::Check(Check::SecondMoments), EVERYWHERE),
+    by(Guard::MaxXi, Notice::Check(Check::StepsWithinReach), EVERYWHERE),
     by(Guard::MaxEta, Case("steps of e⁴ in scale, sum"), EVERYWHERE),
     by(Guard::VanishingMoment, Notice::Check(Check::MomentsVanish), EVERYWHERE),
     by(Guard::Epsilon, Notice::Check(Check::EpsilonOfZero), EVERYWHERE),
