@@ -231,7 +231,7 @@ fn spatial(rasterizer: &CpuRasterizer, hostility: Hostility, length: Length, see
         SpatialTrainer::from_views(rasterizer, views, Start::Scene(scene), settings)
     };
     let trainer = train(start, settings.clone());
-    // 3DGS prunes what is larger than a tenth of the scene, and a white picture is nothing else.
+    // 3DGS prunes what is larger than a tenth of the scene, and a white picture is made of nothing else: what is left is seen by no view.
     let nothing = match hostility.is_hasty() || hostility == Hostility::White {
         true => Some(first_loss(train(unseen, settings))?),
         false => None,
