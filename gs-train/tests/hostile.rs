@@ -263,21 +263,21 @@ fn short_hostile_trainings_in_space_end_well() {
 }
 
 #[test]
-#[ignore = "slow: 160 fits of 20,000 steps"]
+#[ignore = "slow: 160 fits of 20,000 steps; `cargo xtask test --slow` runs it"]
 fn long_hostile_fits_under_sum_end_well() {
     let rasterizer = rasterizer();
     endure_all(LONG, |hostility, seed| planar(&rasterizer, hostility, Blend::Sum, LONG, seed));
 }
 
 #[test]
-#[ignore = "slow: 160 fits of 20,000 steps"]
+#[ignore = "slow: 160 fits of 20,000 steps; `cargo xtask test --slow` runs it"]
 fn long_hostile_fits_under_over_end_well() {
     let rasterizer = rasterizer();
     endure_all(LONG, |hostility, seed| planar(&rasterizer, hostility, Blend::Over, LONG, seed));
 }
 
 #[test]
-#[ignore = "slow: 160 trainings of 20,000 steps"]
+#[ignore = "slow: 160 trainings of 20,000 steps; `cargo xtask test --slow` runs it"]
 fn long_hostile_trainings_in_space_end_well() {
     let rasterizer = rasterizer();
     endure_all(LONG_IN_SPACE, |hostility, seed| spatial(&rasterizer, hostility, LONG_IN_SPACE, seed));

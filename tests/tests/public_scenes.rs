@@ -84,7 +84,7 @@ fn both_backends_draw_a_published_scene_as_the_oracle_does() {
 }
 
 #[test]
-#[ignore = "slow: the oracle visits each of 277,000 Gaussians at each pixel"]
+#[ignore = "slow: the oracle visits each of 277,000 Gaussians at each pixel; `cargo xtask test --slow` runs it"]
 fn both_backends_draw_large_published_scenes_as_the_oracle_does() {
     hold_against_the_oracle(&[PERSON, ROOM]);
 }
