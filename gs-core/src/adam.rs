@@ -202,6 +202,16 @@ pub struct AdamRates {
 }
 
 impl AdamRates {
+    /// The same with all learning rates multiplied by `factor`.
+    #[must_use]
+    pub fn times(mut self, factor: f32) -> Self {
+        let Self { mean, scale, rotation, opacity, color, color_rest, .. } = &mut self;
+        for rate in [mean, scale, rotation, opacity, color, color_rest] {
+            rate.learning_rate *= factor;
+        }
+        self
+    }
+
     /// Fails where a number is outside its range: backends check what they are given before they move anything.
     ///
     /// # Errors

@@ -3,6 +3,7 @@
 
 pub mod called_for;
 mod effect;
+pub mod written;
 
 use serde::{Deserialize, Serialize};
 

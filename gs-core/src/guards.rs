@@ -86,6 +86,8 @@ guards! {
     FlatTurn = "flat-turn",
     /// What is not finite is pruned at the next round of densification, and at the next checkpoint.
     PruneNotFinite = "prune-not-finite",
+    /// A run that has become worse than it was at first begins again: no gradient leads back to where nothing is drawn.
+    FreshStart = "fresh-start",
     /// Densities, errors and gradients that are not finite make no Gaussian grow.
     FiniteScore = "finite-score",
     /// A loss that is not finite ends a run.

@@ -1,7 +1,7 @@
 //! What effects cost: the time of a picture with each on and off, beside a scene that never had it; and of the same Gaussians in the plane and as a
 //! scene in space, seen through a camera.
 //!
-//! `cargo bench -p gs-cpu --bench effects`. The measurements of a table take turns; a row is the median, with the median of its difference from
+//! `cargo bench -p gs-cpu --bench effects`; `cargo xtask effects` compares kernels in which an effect was never written. The measurements of a table take turns; a row is the median, with the median of its difference from
 //! the first row, and what two measurements of the first row differ by is the noise. Everything is drawn from a fixed seed.
 
 #![allow(clippy::print_stdout)]
@@ -28,14 +28,21 @@ const ROUNDS: usize = 15;
 /// A row: its name, and what is measured.
 type Row<'a> = (String, Box<dyn Fn() -> Result<(), Error> + 'a>);
 
+/// All off that a picture can do without.
+fn all_off() -> Effects {
+    Effects { blend: Blend::Over, order: Order::Index, ..Effects::default() }
+}
+
+/// The time of a row, ms, after one that is not measured.
+fn milliseconds((_, run): &Row<'_>) -> Result<f64, Error> {
+    run()?;
+    let started = Instant::now();
+    run().map(|()| started.elapsed().as_secs_f64() * 1e3)
+}
+
 /// Measures rows in turns and prints them. Each runs once before it is measured, so that none finds its data in the cache, or not there, for
 /// the sake of the row before it; the first is measured again after the last.
 fn table(title: &str, rows: &[Row<'_>]) -> Result<(), Error> {
-    let milliseconds = |(_, run): &Row<'_>| {
-        run()?;
-        let started = Instant::now();
-        run().map(|()| started.elapsed().as_secs_f64() * 1e3)
-    };
     let mut times = vec![Vec::new(); rows.len()];
     let mut again = Vec::new();
     for _ in 0..ROUNDS {
@@ -79,7 +86,7 @@ fn in_space(cpu: &impl Rasterizer<SpatialScene>) -> Result<(), Error> {
     let mut plain = scene.clone();
     plain.sh = scene.sh.chunks_exact(scene.sh_len()).map(|of_one| of_one[0]).collect();
     plain.sh_degree = 0;
-    let none = Effects { blend: Blend::Over, order: Order::Index, ..Effects::default() };
+    let none = all_off();
     let with = |effects: Effects| RenderSettings { effects, ..RenderSettings::default() };
     let row = |name: &str, scene: &SpatialScene, effects: Effects| picture(name, cpu, scene, &camera, with(effects));
     let mut white = RenderSettings { effects: none, ..RenderSettings::default() }.on([1.0; 3]);
@@ -151,8 +158,26 @@ fn in_the_plane(cpu: &CpuRasterizer, count: u32) -> Result<(), Error> {
     table(&format!("{count} Gaussians of an image, 768x512 px"), &rows)
 }
 
+/// The time of a picture with all effects off, ms, on a line for each scene: what `cargo xtask effects` compares with kernels in which an effect
+/// was never written.
+fn off(cpu: &CpuRasterizer) -> Result<(), Error> {
+    let median = |row: Row<'_>| {
+        let times = (0..=2 * ROUNDS).map(|_| milliseconds(&row)).collect::<Result<Vec<f64>, Error>>()?;
+        println!("{}", Quantiles::of(&times).median);
+        Ok::<_, Error>(())
+    };
+    let (scene, camera) = garden(250_000, (1920, 1080));
+    let none = RenderSettings { effects: all_off(), ..RenderSettings::default() };
+    median(picture("", cpu.spatial(), &scene, &camera, none)?)?;
+    let (scene, canvas) = planar(70_000);
+    median(picture("", cpu.planar(), &scene, &canvas, none)?)
+}
+
 fn main() -> Result<(), Error> {
     let cpu = CpuRasterizer::new(CpuSettings::default())?;
+    if std::env::args().any(|argument| argument == "off") {
+        return off(&cpu);
+    }
     println!("{}, seed {SEED}", cpu.spatial().describe());
     in_space(cpu.spatial())?;
     [1_000, 9_000, 70_000].into_iter().try_for_each(|count| in_the_plane(&cpu, count))

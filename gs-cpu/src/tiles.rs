@@ -4,7 +4,7 @@ use fearless_simd::{Level, dispatch};
 use glam::Vec2;
 use gs_core::{
     Accuracy, Blend, Effects, Error, Loss, RenderSettings,
-    effects::{Order, Statistics},
+    effects::{Order, Statistics, written},
     statistics::Culled,
 };
 
@@ -156,6 +156,12 @@ impl Tiles {
         self.culled.plus(Culled { outside: self.bins.outside, ..Culled::default() })
     }
 
+    /// Those that kernels are written for.
+    fn effects(&self) -> Effects {
+        let order = if written::ORDER { self.settings.effects.order } else { Order::Index };
+        Effects { order, ..self.settings.effects }
+    }
+
     /// Stage `bin`.
     ///
     /// # Errors
@@ -166,7 +172,7 @@ impl Tiles {
 
     /// Stage `blend`: the image, into `rows`.
     pub(crate) fn blend(&mut self, level: Level) {
-        let Effects { blend, order, .. } = self.settings.effects;
+        let Effects { blend, order, .. } = self.effects();
         let backdrop = self.settings.backdrop();
         let transmittances = if blend == Blend::Over { self.grid.rows() } else { 0 };
         self.transmittance.resize(transmittances, ScalarRow([1.0; 16]));
@@ -194,7 +200,7 @@ impl Tiles {
 
     /// Stage `blend_bwd`: from `v_rows` (and, under `Over`, the image, which is used up) into `slots`.
     pub(crate) fn blend_bwd(&mut self, level: Level) {
-        let Effects { blend, order, statistics, .. } = self.settings.effects;
+        let Effects { blend, order, statistics, .. } = self.effects();
         self.slots.resize(self.bins.entries.len() * self.stride, 0.0);
         let Self { settings, grid, splats, depths, bins, rows, v_rows, errors, slots, scratches, .. } = self;
         let lists = Lists { settings, grid, splats, depths, bins };

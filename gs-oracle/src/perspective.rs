@@ -7,7 +7,7 @@
 use gs_core::{
     Camera, Error, RenderSettings,
     constants::{DILATION_PX2, MIN_DETERMINANT_PX4, MIN_QUATERNION_NORM2, MIP_DILATION_PX2},
-    effects::{Antialias, Blend, Exposure, Lens, Order, Outputs},
+    effects::{Antialias, Blend, Effects, Exposure, Lens, Order, Outputs},
     statistics::Cause,
 };
 
@@ -84,30 +84,109 @@ impl OracleView for Camera {
     }
 
     fn project(&self, g: &[f64], settings: &RenderSettings, lean: Lean) -> Projection<SpatialSplat> {
-        let finite = g.iter().enumerate().filter(|&(i, _)| i != SPATIAL_OPACITY).all(|(_, v)| v.is_finite());
-        if !finite || g[SPATIAL_OPACITY].is_nan() {
-            return Projection::Left(Cause::NotFinite);
+        match projected(self, g, settings.effects, lean) {
+            Ok(splat) => Projection::Drawable(splat),
+            Err(cause) => Projection::Left(cause),
         }
-        let mut guards = Guards { lean, undecided: false };
-        let at = |i: usize| Rounded::exact(g[i]);
+    }
+}
+
+/// What a camera sees of a Gaussian, or why it is left out.
+fn projected(camera: &Camera, g: &[f64], effects: Effects, lean: Lean) -> Result<SpatialSplat, Cause> {
+    let finite = g.iter().enumerate().filter(|&(i, _)| i != SPATIAL_OPACITY).all(|(_, v)| v.is_finite());
+    if !finite || g[SPATIAL_OPACITY].is_nan() {
+        return Err(Cause::NotFinite);
+    }
+    let mut guards = Guards { lean, undecided: false };
+    let pinhole = Pinhole::new(camera);
+    let mean = [0, 1, 2].map(|i| Rounded::exact(g[i]));
+    let point = pinhole.in_front(&mean, &mut guards)?;
+    let center = pinhole.center(&point);
+    let (slopes, clamped) = pinhole.slopes(&point);
+    let jacobian = pinhole.jacobian(point[2], &slopes);
+
+    let Ellipsoid { quaternion, quaternion_length, scales, frame } = Ellipsoid::new(g, &mut guards)?;
+    let seen = product(&pinhole.world, &frame);
+    let footprint = product(&jacobian, &seen);
+    let covariance = Covariance::new(&footprint, &center, effects.antialias, &mut guards)?;
+    let opacity = Opacity::new(g[SPATIAL_OPACITY], effects, &covariance);
+    let (direction, distance) = pinhole.direction(&mean);
+    let shading = Shading::new(g, &direction, effects.sh_degree)?;
+
+    Ok(SpatialSplat {
+        center,
+        precision: covariance.precision.map(|v| v.value),
+        point,
+        depth_covariance: [0, 1].map(|i| dot(&seen[2], &footprint[i])),
+        appearance: appearance(&opacity, &shading, guards.undecided),
+        chain: Chain {
+            world: pinhole.world,
+            focal: pinhole.focal,
+            slopes,
+            clamped,
+            jacobian,
+            quaternion,
+            quaternion_length,
+            scales,
+            frame,
+            seen,
+            footprint,
+            opacity: opacity.stored,
+            compensation: opacity.compensation,
+            compensation_slope: opacity.compensation_slope,
+            direction,
+            distance,
+            sh: shading.sh,
+            sh_len: sh_len(g),
+            shows: shading.shows,
+        },
+    })
+}
+
+/// A camera's numbers.
+struct Pinhole {
+    /// W.
+    world: Matrix<3, 3>,
+    /// t.
+    translation: [Rounded; 3],
+    focal: [Rounded; 2],
+    principal: [Rounded; 2],
+    /// Columns and rows, px.
+    size: [f64; 2],
+    near: f64,
+}
+
+impl Pinhole {
+    fn new(camera: &Camera) -> Self {
         let exact = |v: f32| Rounded::exact(f64::from(v));
-
-        let world: Matrix<3, 3> = std::array::from_fn(|i| std::array::from_fn(|j| exact(self.rotation.col(j)[i])));
-        let translation = self.translation.to_array().map(exact);
-        let mean = [at(0), at(1), at(2)];
-        let turned = applied(&world, &mean);
-        let point: [Rounded; 3] = std::array::from_fn(|i| turned[i] + translation[i]);
-        let [x, y, z] = point;
-        if !guards.reaches(z, f64::from(self.near)) {
-            return Projection::Left(Cause::Near);
+        Self {
+            world: std::array::from_fn(|i| std::array::from_fn(|j| exact(camera.rotation.col(j)[i]))),
+            translation: camera.translation.to_array().map(exact),
+            focal: camera.focal.to_array().map(exact),
+            principal: camera.center.to_array().map(exact),
+            size: [camera.width, camera.height].map(f64::from),
+            near: f64::from(camera.near),
         }
+    }
 
-        let (focal, principal) = (self.focal.to_array().map(exact), self.center.to_array().map(exact));
-        let size = [self.width, self.height].map(f64::from);
-        let center: [Rounded; 2] = std::array::from_fn(|i| focal[i] * point[i] / z + principal[i]);
+    /// p of a mean that is in front of the near plane.
+    fn in_front(&self, mean: &[Rounded; 3], guards: &mut Guards) -> Result<[Rounded; 3], Cause> {
+        let turned = applied(&self.world, mean);
+        let point: [Rounded; 3] = std::array::from_fn(|i| turned[i] + self.translation[i]);
+        if guards.reaches(point[2], self.near) { Ok(point) } else { Err(Cause::Near) }
+    }
+
+    /// u, v of p.
+    fn center(&self, point: &[Rounded; 3]) -> [Rounded; 2] {
+        std::array::from_fn(|i| self.focal[i] * point[i] / point[2] + self.principal[i])
+    }
+
+    /// tx, ty at which J is taken: those of p, clamped to the image and its margin; and which of them are clamped.
+    fn slopes(&self, point: &[Rounded; 3]) -> ([Rounded; 2], [bool; 2]) {
+        let Self { focal, principal, size, .. } = self;
         let (mut slopes, mut clamped) = ([Rounded::ZERO; 2], [false; 2]);
         for i in 0..2 {
-            let slope = [x, y][i] / z;
+            let slope = point[i] / point[2];
             let margin = Rounded::exact(MARGIN * 0.5 * size[i]) / focal[i];
             let least = -(principal[i] / focal[i] + margin);
             let most = (Rounded::exact(size[i]) - principal[i]) / focal[i] + margin;
@@ -120,25 +199,79 @@ impl OracleView for Camera {
                 slope
             };
         }
-        let [fx, fy] = focal;
-        let jacobian = [[fx / z, Rounded::ZERO, -(fx * slopes[0] / z)], [Rounded::ZERO, fy / z, -(fy * slopes[1] / z)]];
+        (slopes, clamped)
+    }
 
+    /// J.
+    fn jacobian(&self, z: Rounded, slopes: &[Rounded; 2]) -> Matrix<2, 3> {
+        let [fx, fy] = self.focal;
+        [[fx / z, Rounded::ZERO, -(fx * slopes[0] / z)], [Rounded::ZERO, fy / z, -(fy * slopes[1] / z)]]
+    }
+
+    /// Unit vector from the camera to a mean, and how far that is; forward, where the mean is at the camera.
+    fn direction(&self, mean: &[Rounded; 3]) -> ([Rounded; 3], Rounded) {
+        let position = applied(&transposed(&self.world), &self.translation).map(|v| -v);
+        let away: [Rounded; 3] = std::array::from_fn(|i| mean[i] - position[i]);
+        let distance = dot(&away, &away).sqrt();
+        let direction = if distance.value > 0.0 {
+            away.map(|v| v / distance)
+        } else {
+            [Rounded::ZERO, Rounded::ZERO, Rounded::ONE]
+        };
+        (direction, distance)
+    }
+}
+
+/// A Gaussian's axes in the world.
+struct Ellipsoid {
+    /// q/|q|.
+    quaternion: [Rounded; 4],
+    quaternion_length: Rounded,
+    scales: [Rounded; 3],
+    /// R S.
+    frame: Matrix<3, 3>,
+}
+
+impl Ellipsoid {
+    fn new(g: &[f64], guards: &mut Guards) -> Result<Self, Cause> {
+        let at = |i: usize| Rounded::exact(g[i]);
         let raw = [at(6), at(7), at(8), at(9)];
         let norm2 = dot(&raw, &raw);
         if !guards.reaches(norm2, f64::from(MIN_QUATERNION_NORM2)) {
-            return Projection::Left(Cause::Degenerate);
+            return Err(Cause::Degenerate);
         }
         let quaternion_length = norm2.sqrt();
         let quaternion = raw.map(|v| v / quaternion_length);
         let rotation = rotation_of(&quaternion);
         let scales = [at(3), at(4), at(5)].map(Rounded::exp);
-        let frame: Matrix<3, 3> = std::array::from_fn(|i| std::array::from_fn(|k| rotation[i][k] * scales[k]));
-        let seen = product(&world, &frame);
-        let footprint = product(&jacobian, &seen);
+        let frame = std::array::from_fn(|i| std::array::from_fn(|k| rotation[i][k] * scales[k]));
+        Ok(Self { quaternion, quaternion_length, scales, frame })
+    }
+}
 
+/// Σ and Σ′, their determinants, and Σ′⁻¹.
+struct Covariance {
+    /// Σ as (uu, uv, vv), px².
+    spread: [Rounded; 3],
+    /// det Σ, px⁴.
+    thin: Rounded,
+    /// det Σ′, px⁴.
+    determinant: Rounded,
+    /// Σ′⁻¹ as (uu, uv, vv), px⁻².
+    precision: [Rounded; 3],
+}
+
+impl Covariance {
+    /// Of M′ and the centre, which must be finite, too.
+    fn new(
+        footprint: &Matrix<2, 3>,
+        center: &[Rounded; 2],
+        antialias: Antialias,
+        guards: &mut Guards,
+    ) -> Result<Self, Cause> {
         let spread = |i: usize, j: usize| dot(&footprint[i], &footprint[j]);
         let minor = |a: usize, b: usize| footprint[0][a] * footprint[1][b] - footprint[0][b] * footprint[1][a];
-        let dilation = Rounded::exact(match settings.effects.antialias {
+        let dilation = Rounded::exact(match antialias {
             Antialias::None => 0.0,
             Antialias::Dilate => f64::from(DILATION_PX2),
             Antialias::Mip => f64::from(MIP_DILATION_PX2),
@@ -151,88 +284,98 @@ impl OracleView for Camera {
         // The product, too: what is finite is so in all that backends make of it.
         let guarded = [wide_uu, uv, wide_vv, wide_uu * wide_vv, determinant, center[0], center[1]];
         if !guarded.into_iter().all(Rounded::is_finite) {
-            return Projection::Left(Cause::NotFinite);
+            return Err(Cause::NotFinite);
         }
         if !guards.reaches(determinant, f64::from(MIN_DETERMINANT_PX4)) {
-            return Projection::Left(Cause::Degenerate);
+            return Err(Cause::Degenerate);
         }
         let precision = [wide_vv / determinant, -(uv / determinant), wide_uu / determinant];
+        Ok(Self { spread: [uu, uv, vv], thin, determinant, precision })
+    }
 
-        let mips = settings.effects.antialias == Antialias::Mip && thin.value > 0.0;
-        let (mut compensation, mut compensation_slope) = (Rounded::ONE, [Rounded::ZERO; 3]);
-        if settings.effects.antialias == Antialias::Mip {
-            compensation = (thin / determinant).sqrt();
+    /// ρ = √(det Σ / det Σ′) of Mip and ∂ρ/∂Σ, where uv stands for both entries; 1 and 0 without.
+    fn compensation(&self, antialias: Antialias) -> (Rounded, [Rounded; 3]) {
+        let &Self { spread: [uu, uv, vv], thin, determinant, precision } = self;
+        if antialias != Antialias::Mip {
+            return (Rounded::ONE, [Rounded::ZERO; 3]);
         }
-        if mips {
-            // ρ = √(det Σ / det Σ′): dρ = ½ ρ tr((Σ⁻¹ − Σ′⁻¹) dΣ), and ρ Σ⁻¹ = adj Σ / √(det Σ det Σ′).
-            let root = (thin * determinant).sqrt();
-            let half = |adjugate: Rounded, wide: Rounded| 0.5 * (adjugate / root - compensation * wide);
-            compensation_slope = [half(vv, precision[0]), 2.0 * half(-uv, precision[1]), half(uu, precision[2])];
+        let compensation = (thin / determinant).sqrt();
+        if !(thin.value > 0.0) {
+            return (compensation, [Rounded::ZERO; 3]);
         }
-        // Under `Sum` there is no opacity, so nothing to compensate.
-        let opaque = settings.effects.blend == Blend::Sum;
-        let opacity = if opaque { Rounded::ONE } else { sigmoid(g[SPATIAL_OPACITY]) };
-        let shown = if opaque { Rounded::ONE } else { opacity * compensation };
+        // dρ = ½ ρ tr((Σ⁻¹ − Σ′⁻¹) dΣ), and ρ Σ⁻¹ = adj Σ / √(det Σ det Σ′).
+        let root = (thin * determinant).sqrt();
+        let half = |adjugate: Rounded, wide: Rounded| 0.5 * (adjugate / root - compensation * wide);
+        (compensation, [half(vv, precision[0]), 2.0 * half(-uv, precision[1]), half(uu, precision[2])])
+    }
+}
 
-        let position = applied(&transposed(&world), &translation).map(|v| -v);
-        let away: [Rounded; 3] = std::array::from_fn(|i| mean[i] - position[i]);
-        let distance = dot(&away, &away).sqrt();
-        let direction = if distance.value > 0.0 {
-            away.map(|v| v / distance)
-        } else {
-            [Rounded::ZERO, Rounded::ZERO, Rounded::ONE]
+/// How opaque a Gaussian is.
+struct Opacity {
+    /// sigmoid(logit), or 1.
+    stored: Rounded,
+    compensation: Rounded,
+    /// ∂(compensation)/∂Σ, where uv stands for both entries.
+    compensation_slope: [Rounded; 3],
+    /// What pixels have of it.
+    shown: Rounded,
+    /// ∂(shown)/∂(what stands for the opacity in a share).
+    slope: f64,
+}
+
+impl Opacity {
+    fn new(logit: f64, effects: Effects, covariance: &Covariance) -> Self {
+        let (compensation, compensation_slope) = covariance.compensation(effects.antialias);
+        let (stored, shown, slope) = match effects.blend {
+            // Without an opacity there is nothing to compensate.
+            Blend::Sum => (Rounded::ONE, Rounded::ONE, 0.0),
+            Blend::Over => {
+                let stored = sigmoid(logit);
+                (stored, stored * compensation, 1.0)
+            }
         };
-        let sh_len = sh_len(g);
-        let evaluated = sh_len.min((usize::from(settings.effects.sh_degree) + 1).pow(2));
+        Self { stored, compensation, compensation_slope, shown, slope }
+    }
+}
+
+/// A Gaussian's colour from where the camera is.
+struct Shading {
+    /// Coefficients that are evaluated, `[k][channel]`.
+    sh: Vec<[f64; 3]>,
+    /// RGB, clamped at 0.
+    color: [Rounded; 3],
+    /// Channels that are not clamped.
+    shows: [bool; 3],
+}
+
+impl Shading {
+    fn new(g: &[f64], direction: &[Rounded; 3], degree: u8) -> Result<Self, Cause> {
+        let evaluated = sh_len(g).min((usize::from(degree) + 1).pow(2));
         let sh: Vec<[f64; 3]> =
             (0..evaluated).map(|k| [0, 1, 2].map(|channel| g[SPATIAL_SH + 3 * k + channel])).collect();
         let color = [0, 1, 2].map(|channel| {
             let harmonics = (0..evaluated)
-                .map(|k| Rounded::exact(sh[k][channel]) * spherical_harmonics::basis(k, &direction))
+                .map(|k| Rounded::exact(sh[k][channel]) * spherical_harmonics::basis(k, direction))
                 .sum::<Rounded>();
             Rounded::exact(0.5) + harmonics
         });
         if !color.into_iter().all(Rounded::is_finite) {
-            return Projection::Left(Cause::NotFinite);
+            return Err(Cause::NotFinite);
         }
         let shows = color.map(|c| c.value > 0.0);
-        let visible = [0, 1, 2].map(|k| if shows[k] { color[k] } else { Rounded::ZERO });
+        let color = [0, 1, 2].map(|k| if shows[k] { color[k] } else { Rounded::ZERO });
+        Ok(Self { sh, color, shows })
+    }
+}
 
-        Projection::Drawable(SpatialSplat {
-            center,
-            precision: precision.map(|v| v.value),
-            point,
-            depth_covariance: [0, 1].map(|i| dot(&seen[2], &footprint[i])),
-            appearance: Appearance {
-                opacity: shown.value,
-                opacity_rounding: shown.relative(),
-                opacity_slope: if opaque { 0.0 } else { 1.0 },
-                color: visible.map(|c| c.value),
-                color_rounding: visible.map(|c| c.error),
-                undecided: guards.undecided,
-            },
-            chain: Chain {
-                world,
-                focal,
-                slopes,
-                clamped,
-                jacobian,
-                quaternion,
-                quaternion_length,
-                scales,
-                frame,
-                seen,
-                footprint,
-                opacity,
-                compensation,
-                compensation_slope,
-                direction,
-                distance,
-                sh,
-                sh_len,
-                shows,
-            },
-        })
+fn appearance(opacity: &Opacity, shading: &Shading, undecided: bool) -> Appearance {
+    Appearance {
+        opacity: opacity.shown.value,
+        opacity_rounding: opacity.shown.relative(),
+        opacity_slope: opacity.slope,
+        color: shading.color.map(|c| c.value),
+        color_rounding: shading.color.map(|c| c.error),
+        undecided,
     }
 }
 

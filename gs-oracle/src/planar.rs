@@ -77,7 +77,8 @@ impl OracleView for Canvas {
         };
         let (xx, xy, yy) = (entry(0, 0), entry(0, 1), entry(1, 1));
         let determinant = variances[0] * variances[1] * (zoom[0] * zoom[1]).powi(2);
-        if ![xx, xy, yy, determinant].into_iter().all(finite_in_f32) {
+        // The product, too: what is finite is so in all that backends make of it.
+        if ![xx, xy, yy, xx * yy, determinant].into_iter().all(finite_in_f32) {
             return Projection::Left(Cause::NotFinite);
         }
         if determinant < f64::from(MIN_DETERMINANT_PX4) {
@@ -168,5 +169,25 @@ impl Splat for PlanarSplat {
 
     fn jacobian(&self) -> Vec<[Rounded; 9]> {
         (0..9).map(|i| std::array::from_fn(|j| if i == j { Rounded::ONE } else { Rounded::ZERO })).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::FRAC_PI_4;
+
+    use super::*;
+
+    #[test]
+    fn what_only_the_product_of_variances_takes_beyond_f32_is_left_out() {
+        // Turned by 45°, Σ′xx = Σ′yy = ½ s₁², and det Σ′ = s₁² s₂². Of these the product ¼ s₁⁴ is beyond f32 from s₁ = e^22.5 on, ½ s₁² from
+        // e^44.7 on, and det Σ′ from e^64.3 on.
+        let projected = |ln_scale: f64| {
+            let g = [4.0, 4.0, ln_scale, -20.0, FRAC_PI_4, 0.0, 1.0, 1.0, 1.0];
+            Canvas::new(8, 8).project(&g, &RenderSettings::default(), Lean::Exact)
+        };
+        assert!(matches!(projected(22.0), Projection::Drawable(_)));
+        assert_eq!(projected(23.0), Projection::Left(Cause::NotFinite));
+        assert_eq!(projected(43.0), Projection::Left(Cause::NotFinite));
     }
 }

@@ -135,6 +135,7 @@ pub(crate) mod tests {
             culled: None,
             clamped: None,
             joined: Joined::default(),
+            fresh_start: None,
         };
         Finished {
             gaussians: 100,

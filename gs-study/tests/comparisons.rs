@@ -73,6 +73,7 @@ fn rising(psnr: f64, seconds: f64) -> Finished {
             culled: None,
             clamped: None,
             joined: Joined::default(),
+            fresh_start: None,
         }
     };
     Finished {

@@ -3,12 +3,13 @@
 use std::{collections::BTreeMap, fmt::Display, str::FromStr};
 
 use gs_core::{Image, edit::EditCounts};
-use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize, de::DeserializeOwned};
 
 use crate::{
     course::{RunSettings, Trainable},
     error::Error,
     joining::Joins,
+    recovery::{FreshStart, Watch},
 };
 
 /// All of a [`Trainer`](crate::Trainer)'s state that is not in its cloud.
@@ -21,6 +22,10 @@ pub(crate) struct Record<C> {
     pub(crate) edits: EditCounts,
     /// The effects that have joined; none where all come by the clock.
     pub(crate) joins: Joins,
+    /// How it has gone so far.
+    pub(crate) watch: Watch,
+    /// How often it has begun again.
+    pub(crate) fresh_starts: Vec<FreshStart>,
     /// What tells the pictures to reach from others, such as the [`fingerprint`] of a target.
     pub(crate) pictures: String,
 }
@@ -28,7 +33,16 @@ pub(crate) struct Record<C> {
 impl<C> Record<C> {
     /// That of a run before its first step.
     pub(crate) fn beginning(settings: C, pictures: String) -> Self {
-        Self { settings, step: 0, seconds: 0.0, edits: EditCounts::default(), joins: Joins::default(), pictures }
+        Self {
+            settings,
+            step: 0,
+            seconds: 0.0,
+            edits: EditCounts::default(),
+            joins: Joins::default(),
+            watch: Watch::default(),
+            fresh_starts: Vec::new(),
+            pictures,
+        }
     }
 
     pub(crate) fn to_metadata<S: Trainable<Settings = C>>(&self) -> Result<BTreeMap<String, String>, Error>
@@ -43,6 +57,7 @@ impl<C> Record<C> {
             ("seconds", format!("{:?}", self.seconds)),
             ("edits", toml::to_string(&self.edits).map_err(unwritable)?),
             ("joins", toml::to_string(&self.joins).map_err(unwritable)?),
+            ("health", toml::to_string(&Health::of(self)).map_err(unwritable)?),
             ("target", self.pictures.clone()),
         ]
         .map(|(key, value)| (key.to_owned(), value))
@@ -59,20 +74,23 @@ impl<C> Record<C> {
         }
         let settings: C = table(metadata, "settings")?;
         settings.validate()?;
+        // Both were added later.
+        let health: Health = table_or_default(metadata, "health")?;
         let record = Self {
             settings,
             step: step_of(metadata)?,
             seconds: parsed(metadata, "seconds")?,
             edits: table(metadata, "edits")?,
-            joins: match metadata.contains_key("joins") {
-                true => table(metadata, "joins")?,
-                // Made before effects could join.
-                false => Joins::default(),
-            },
+            joins: table_or_default(metadata, "joins")?,
+            watch: health.watch,
+            fresh_starts: health.fresh_starts,
             pictures: value(metadata, "target")?.to_owned(),
         };
         if let Some(join) = record.joins.joins.iter().find(|join| join.step > record.step) {
             return Err(Error::Checkpoint(format!("an effect joined it at step {}, after its own", join.step)));
+        }
+        if let Some(start) = record.fresh_starts.iter().find(|start| start.step > record.step) {
+            return Err(Error::Checkpoint(format!("it began again at step {}, after its own", start.step)));
         }
         let iterations = record.settings.iterations();
         if record.step > iterations {
@@ -82,6 +100,20 @@ impl<C> Record<C> {
             return Err(Error::Checkpoint(format!("its time is {} s", record.seconds)));
         }
         Ok(record)
+    }
+}
+
+/// Whether a run is going well, as a table of its own.
+#[derive(Default, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
+struct Health {
+    watch: Watch,
+    fresh_starts: Vec<FreshStart>,
+}
+
+impl Health {
+    fn of<C>(record: &Record<C>) -> Self {
+        Self { watch: record.watch, fresh_starts: record.fresh_starts.clone() }
     }
 }
 
@@ -98,6 +130,10 @@ fn value<'a>(metadata: &'a BTreeMap<String, String>, key: &str) -> Result<&'a st
 fn parsed<T: FromStr<Err: Display>>(metadata: &BTreeMap<String, String>, key: &str) -> Result<T, Error> {
     let text = value(metadata, key)?;
     text.parse().map_err(|e| Error::Checkpoint(format!("its `{key}` is `{text}`: {e}")))
+}
+
+fn table_or_default<T: DeserializeOwned + Default>(metadata: &BTreeMap<String, String>, key: &str) -> Result<T, Error> {
+    if metadata.contains_key(key) { table(metadata, key) } else { Ok(T::default()) }
 }
 
 fn table<T: DeserializeOwned>(metadata: &BTreeMap<String, String>, key: &str) -> Result<T, Error> {
@@ -140,6 +176,12 @@ mod tests {
             seconds: 0.1 + 0.2,
             edits: EditCounts { seeded: 7, pruned_unimportant: 2, ..EditCounts::default() },
             joins: Joins { joins: vec![Join { step: 100, joined }] },
+            watch: {
+                let mut watch = Watch::default();
+                [0.1, 0.2].iter().for_each(|&loss| watch.hear(loss, 1));
+                watch
+            },
+            fresh_starts: vec![FreshStart { step: 200, loss: 0.1 + 0.2, first: 0.1 }],
             pictures: "1x1 px, 0".to_owned(),
         }
     }
@@ -164,12 +206,17 @@ mod tests {
             ("seconds", "NaN"),
             ("edits", "cloned = -1"),
             ("joins", "joins = [{ step = 301 }]"),
+            ("health", "fresh-starts = [{ step = 301, loss = 1.0, first = 0.5 }]"),
         ] {
             let mut metadata = good.clone();
             metadata.insert(key.to_owned(), bad.to_owned());
             assert!(Record::from_metadata::<PlanarScene>(&metadata).is_err(), "{key} = {bad}");
             metadata.remove(key);
-            assert_eq!(Record::from_metadata::<PlanarScene>(&metadata).is_ok(), key == "joins", "no {key}");
+            assert_eq!(
+                Record::from_metadata::<PlanarScene>(&metadata).is_ok(),
+                matches!(key, "joins" | "health"),
+                "no {key}"
+            );
         }
     }
 

@@ -2,7 +2,7 @@
 
 use std::fmt::Debug;
 
-use gs_core::{Effects, Rasterizer};
+use gs_core::{Chart, Effects, Rasterizer};
 use gs_density::{DensityPolicy, DensityScene, Residual};
 use serde::{Serialize, de::DeserializeOwned};
 
@@ -10,6 +10,7 @@ use crate::{
     error::Error,
     joining::{Joined, Joins},
     observer::Quality,
+    recovery::Recovery,
     rounds::Rounds,
 };
 
@@ -48,6 +49,8 @@ pub trait RunSettings<S: Trainable>: Clone + Debug + PartialEq + Serialize + Des
     fn budget(&self) -> u32;
     /// When density is controlled.
     fn rounds(&self) -> &Rounds;
+    /// In which coordinates the optimiser moves.
+    fn chart(&self) -> Chart;
     /// How it is.
     fn policy(&self) -> &dyn DensityPolicy<S>;
     /// The effects of the step that follows `step` steps, as far as they have joined; statistics are a matter of the policy.
@@ -58,6 +61,8 @@ pub trait RunSettings<S: Trainable>: Clone + Debug + PartialEq + Serialize + Des
     fn scale_bounds(&self) -> (f32, f32);
     /// PSNR as this loss tells it, dB, where it does.
     fn psnr_estimate(&self, loss: f32) -> Option<f32>;
+    /// What becomes of a run that has become worse than it was at first.
+    fn recovery(&self) -> Recovery;
     /// Whether the step that follows `step` steps makes its lists anew, whatever came before.
     fn bins_afresh_after(&self, step: u32) -> bool;
 }
@@ -69,6 +74,8 @@ pub struct Due {
     pub step: u32,
     /// What has joined, and the statistics that density control wants.
     pub effects: Effects,
+    /// What is left of the learning rates of the settings: 1 unless the run had to begin again.
+    pub pace: f32,
     /// Whether lists may be used again.
     pub binning: gs_core::Binning,
 }
@@ -77,6 +84,9 @@ pub struct Due {
 pub trait Course<R: Rasterizer<S>, S: Trainable> {
     /// The scene's extent as [`Observation`](gs_density::Observation) has it.
     fn extent(&self) -> f32;
+
+    /// How many pictures there are to train with.
+    fn pictures(&self) -> u32;
 
     /// Sends one step of the optimiser.
     ///

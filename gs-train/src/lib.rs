@@ -22,6 +22,7 @@ mod observer;
 mod planar;
 pub mod presets;
 mod quality;
+pub mod recovery;
 mod rounds;
 mod settings;
 pub mod spatial;
@@ -47,6 +48,7 @@ pub use crate::{
     observer::{Control, Observer, Progress, Quality},
     planar::ImageCourse,
     presets::Preset,
+    recovery::{FreshStart, Recovery},
     rounds::Rounds,
     settings::{ColorSolve, FitSettings, InitialCount},
     spatial::{SpatialPreset, SpatialSettings, SpatialTrainer},

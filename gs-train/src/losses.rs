@@ -37,8 +37,12 @@ impl Losses {
         self.diverged
     }
 
-    /// Takes note of the losses that `add` adds to the end of a list.
-    pub(crate) fn see<E>(&mut self, add: impl FnOnce(&mut Vec<f32>) -> Result<(), E>) -> Result<(), E> {
+    /// Takes note of the losses that `add` adds to the end of a list, and `hear` hears of those that are finite.
+    pub(crate) fn see<E>(
+        &mut self,
+        add: impl FnOnce(&mut Vec<f32>) -> Result<(), E>,
+        hear: impl FnMut(f32),
+    ) -> Result<(), E> {
         let known = self.untold.len();
         let added = add(&mut self.untold);
         let broken = |loss: &f32| Guard::FiniteLoss.is_on() && !loss.is_finite();
@@ -48,6 +52,7 @@ impl Losses {
             self.untold.truncate(known + finite);
         }
         self.seen += (self.untold.len() - known) as u32;
+        self.untold[known..].iter().copied().for_each(hear);
         self.last = self.untold.last().copied().or(self.last);
         added
     }
@@ -72,7 +77,7 @@ mod tests {
             list.extend(new);
             Ok(())
         };
-        losses.see(add).unwrap();
+        losses.see(add, |_| {}).unwrap();
     }
 
     #[test]

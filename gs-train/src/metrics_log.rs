@@ -12,6 +12,7 @@ use crate::{
     error::Error,
     joining::{AntialiasJoin, HarmonicsJoin, Joined},
     observer::{Control, Observer, Progress},
+    recovery::FreshStart,
     settings::FitSettings,
 };
 
@@ -23,7 +24,7 @@ const MOST_KEPT_ROWS: usize = 50_000;
 
 const HEADINGS: &str = "step,seconds,count,cloned,split,seeded,pruned_transparent,pruned_too_large,pruned_not_finite,\
                         pruned_unimportant,loss,l1,psnr,culled_not_finite,culled_near,culled_degenerate,culled_transparent,\
-                        culled_outside,clamped_smallest,clamped_largest,joined_sh_degree,sh_explains,joined_antialias,narrow,shown";
+                        culled_outside,clamped_smallest,clamped_largest,joined_sh_degree,sh_explains,joined_antialias,narrow,shown,began_again_at_loss,first_loss";
 
 /// One row of a [`MetricsLog`].
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -53,10 +54,13 @@ pub struct MetricsRow {
     /// What joined after the step because it was called for, and why.
     #[serde(default, skip_serializing_if = "Joined::is_empty")]
     pub joined: Joined,
+    /// That the run began again after the step, and why.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub fresh_start: Option<FreshStart>,
 }
 
-/// An observer that keeps a row for the first step, every `every` steps, every round of density control, whenever an effect joins, and the last
-/// step.
+/// An observer that keeps a row for the first step, every `every` steps, every round of density control, whenever an effect joins or the run begins again, and
+/// the last step.
 ///
 /// A checkpoint that is taken while it watches holds its rows, so that the log of a resumed fit can go on with them:
 /// [`MetricsLog::resumed`].
@@ -118,7 +122,7 @@ impl MetricsLog {
 
     fn is_due(&self, progress: &Progress) -> bool {
         let regular = progress.step == 1 || progress.step.is_multiple_of(self.every) || progress.is_last();
-        regular || progress.edits.is_some() || !progress.joined.is_empty()
+        regular || progress.edits.is_some() || !progress.joined.is_empty() || progress.fresh_start.is_some()
     }
 
     fn is_measured(&self, progress: &Progress) -> bool {
@@ -135,7 +139,7 @@ fn csv(rows: &[MetricsRow]) -> String {
 
 /// A row with its line break.
 fn line(row: &MetricsRow) -> String {
-    let MetricsRow { step, seconds, count, edits: e, loss, l1, psnr, culled, clamped, joined } = row;
+    let MetricsRow { step, seconds, count, edits: e, loss, l1, psnr, culled, clamped, joined, fresh_start } = row;
     let (cloned, split, seeded) = (e.cloned, e.split, e.seeded);
     let (transparent, too_large) = (e.pruned_transparent, e.pruned_too_large);
     let (not_finite, unimportant) = (e.pruned_not_finite, e.pruned_unimportant);
@@ -159,9 +163,10 @@ fn line(row: &MetricsRow) -> String {
         || ",,".to_owned(),
         |AntialiasJoin { antialias, narrow, shown }| format!("{},{narrow},{shown}", antialias.name()),
     );
+    let began_again = fresh_start.map_or_else(|| ",".to_owned(), |start| format!("{},{}", start.loss, start.first));
     format!(
         "{step},{seconds:.6},{count},{cloned},{split},{seeded},{transparent},{too_large},{not_finite},{unimportant},\
-         {loss},{l1},{psnr},{culled},{clamped},{harmonics},{antialias}\n"
+         {loss},{l1},{psnr},{culled},{clamped},{harmonics},{antialias},{began_again}\n"
     )
 }
 
@@ -216,11 +221,18 @@ fn row_of(text: &str) -> Option<MetricsRow> {
             (Some(culled), Some(Clamped { smallest: whole(smallest)?, largest: whole(largest)? }))
         }
     };
-    let (step, count, joined) = (whole(step)?, whole(count)?, joined_of(joined)?);
-    Some(MetricsRow { step, seconds, count, edits, loss, l1, psnr, culled, clamped, joined })
+    let (step, count) = (whole(step)?, whole(count)?);
+    let (joined, fresh_start) = joined.split_at_checked(5)?;
+    let joined = joined_of(joined)?;
+    let fresh_start = match *fresh_start {
+        ["", ""] => None,
+        [loss, first] => Some(FreshStart { step, loss: loss.parse().ok()?, first: first.parse().ok()? }),
+        _ => return None,
+    };
+    Some(MetricsRow { step, seconds, count, edits, loss, l1, psnr, culled, clamped, joined, fresh_start })
 }
 
-/// What the last five cells of a row tell.
+/// What five cells of a row tell.
 fn joined_of(cells: &[&str]) -> Option<Joined> {
     let &[degree, explains, antialias, narrow, shown] = cells else { return None };
     let harmonics = match (degree, explains) {
@@ -262,6 +274,7 @@ impl Observer for MetricsLog {
                 culled: quality.map(|q| q.culled),
                 clamped: quality.map(|q| q.clamped),
                 joined: progress.joined,
+                fresh_start: progress.fresh_start,
             });
         }
         Control::Continue
@@ -297,7 +310,8 @@ mod tests {
             harmonics: (step < 3).then_some(HarmonicsJoin { degree: 3 - step as u8, explains }),
             antialias: (step > 1).then_some(AntialiasJoin { antialias: Antialias::Mip, narrow: step, shown: 9 }),
         };
-        MetricsRow { step, seconds, count: 20 + step, edits, loss, l1, psnr, culled, clamped, joined }
+        let fresh_start = (step == 2).then_some(FreshStart { step, loss: 0.1 + 0.2, first: 0.1 });
+        MetricsRow { step, seconds, count: 20 + step, edits, loss, l1, psnr, culled, clamped, joined, fresh_start }
     }
 
     #[test]
@@ -319,10 +333,10 @@ mod tests {
             (good.replace("loss", "cost"), "line 1"),
             (String::new(), "line 1"),
             (good.clone() + "3,x\n", "line 4 of its `metrics` is no row"),
-            (good.clone() + "2,0.1,1,0,0,0,0,0,0,0,0.5,,,,,,,,,,,,,,\n", "out of order"),
-            (good.clone() + "3,0.1,1,0,0,0,0,0,0,0,0.5,,,,,,,,,,,blur,1,2\n", "line 4"),
-            (good.clone() + "10,0.1,1,0,0,0,0,0,0,0,0.5,,,,,,,,,,,,,,\n", "step 10 of a fit at step 9"),
-            (good + "3,0.1,-1,0,0,0,0,0,0,0,0.5,,,,,,,,,,,,,,\n", "line 4"),
+            (good.clone() + "2,0.1,1,0,0,0,0,0,0,0,0.5,,,,,,,,,,,,,,,,\n", "out of order"),
+            (good.clone() + "3,0.1,1,0,0,0,0,0,0,0,0.5,,,,,,,,,,,blur,1,2,,\n", "line 4"),
+            (good.clone() + "10,0.1,1,0,0,0,0,0,0,0,0.5,,,,,,,,,,,,,,,,\n", "step 10 of a fit at step 9"),
+            (good + "3,0.1,-1,0,0,0,0,0,0,0,0.5,,,,,,,,,,,,,,,,\n", "line 4"),
         ] {
             let message = rows_of(&bad, 9).unwrap_err().to_string();
             assert!(message.contains(expected), "{message}");

@@ -3,7 +3,7 @@
 use gs_core::{edit::EditCounts, statistics::Culled};
 use gs_io::Checkpoint;
 
-use crate::{clamped::Clamped, error::Error, joining::Joined};
+use crate::{clamped::Clamped, error::Error, joining::Joined, recovery::FreshStart};
 
 /// Whether to go on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -50,6 +50,9 @@ pub struct Progress {
     pub edits: Option<EditCounts>,
     /// What joined after the step because it was called for; with the first step also what joined before it.
     pub joined: Joined,
+    /// That the run begins again after the step, where it has become worse than it was at first; the count is that of the Gaussians it
+    /// goes on with.
+    pub fresh_start: Option<FreshStart>,
     /// PSNR before step `loss_step` as the loss tells it, dB, where the loss is L2. Not clamped, so a little below [`Quality::psnr`].
     pub psnr_estimate: Option<f32>,
     /// How good the scene is after all that, where an observer asked.
@@ -70,7 +73,8 @@ impl Progress {
 
 /// Someone who watches a fit. Every method has a default that asks for nothing; `()` is an observer.
 ///
-/// After each step: [`on_edit`](Self::on_edit) where density control ran, [`on_join`](Self::on_join) where an effect joined, [`wants_quality`](Self::wants_quality),
+/// After each step: [`on_edit`](Self::on_edit) where density control ran, [`on_join`](Self::on_join) where an effect joined,
+/// [`on_fresh_start`](Self::on_fresh_start) where the run begins again, [`wants_quality`](Self::wants_quality),
 /// [`on_step`](Self::on_step), [`wants_checkpoint`](Self::wants_checkpoint) and, at once or a few steps later,
 /// [`on_losses`](Self::on_losses) and [`on_checkpoint`](Self::on_checkpoint).
 pub trait Observer {
@@ -82,6 +86,11 @@ pub trait Observer {
     /// Effects have joined after the step; they are also in `progress.joined`.
     fn on_join(&mut self, progress: &Progress, joined: &Joined) {
         let _ = (progress, joined);
+    }
+
+    /// The run begins again after the step; `fresh_start` is also in `progress`.
+    fn on_fresh_start(&mut self, progress: &Progress, fresh_start: &FreshStart) {
+        let _ = (progress, fresh_start);
     }
 
     /// Whether to measure the quality now; it will be in the `progress` of [`on_step`](Self::on_step).
@@ -130,6 +139,10 @@ impl<O: Observer + ?Sized> Observer for &mut O {
         (**self).on_join(progress, joined);
     }
 
+    fn on_fresh_start(&mut self, progress: &Progress, fresh_start: &FreshStart) {
+        (**self).on_fresh_start(progress, fresh_start);
+    }
+
     fn wants_quality(&mut self, progress: &Progress) -> bool {
         (**self).wants_quality(progress)
     }
@@ -161,6 +174,11 @@ impl<A: Observer, B: Observer> Observer for (A, B) {
     fn on_join(&mut self, progress: &Progress, joined: &Joined) {
         self.0.on_join(progress, joined);
         self.1.on_join(progress, joined);
+    }
+
+    fn on_fresh_start(&mut self, progress: &Progress, fresh_start: &FreshStart) {
+        self.0.on_fresh_start(progress, fresh_start);
+        self.1.on_fresh_start(progress, fresh_start);
     }
 
     fn wants_quality(&mut self, progress: &Progress) -> bool {

@@ -3,8 +3,8 @@
 use std::time::Instant;
 
 use gs_core::{
-    Blend, Canvas, Effects, Image, Loss, PlanarGaussian, PlanarScene, Rasterizer, RenderSettings, Scene, TrainStep,
-    effects::called_for::CallsForEffects, statistics::Culled,
+    Blend, Canvas, Chart, Effects, Image, Loss, PlanarGaussian, PlanarScene, Rasterizer, RenderSettings, Scene,
+    TrainStep, effects::called_for::CallsForEffects, statistics::Culled,
 };
 use gs_density::{DensityPolicy, Residual};
 use gs_io::Checkpoint;
@@ -17,6 +17,7 @@ use crate::{
     joining::{AntialiasJoin, Joined, Joins},
     observer::Quality,
     quality::l1_and_psnr,
+    recovery::Recovery,
     rounds::Rounds,
     settings::FitSettings,
     summary::FitSummary,
@@ -98,6 +99,14 @@ impl RunSettings<PlanarScene> for FitSettings {
         (self.loss == Loss::L2).then(|| -10.0 * loss.log10())
     }
 
+    fn chart(&self) -> Chart {
+        self.chart
+    }
+
+    fn recovery(&self) -> Recovery {
+        self.recovery
+    }
+
     fn bins_afresh_after(&self, step: u32) -> bool {
         step.is_multiple_of(self.rebin_every) || step.saturating_add(self.rebin_every) >= self.iterations
     }
@@ -108,9 +117,13 @@ impl<R: Rasterizer<PlanarScene>> Course<R, PlanarScene> for ImageCourse<R> {
         self.canvas.width.max(self.canvas.height) as f32
     }
 
+    fn pictures(&self) -> u32 {
+        1
+    }
+
     fn send(&mut self, on: &R, cloud: &mut R::Cloud, settings: &FitSettings, due: Due) -> Result<(), Error> {
         let render = RenderSettings { effects: due.effects, ..settings.render };
-        let rates = settings.adam.at(due.step as f32 / settings.iterations as f32);
+        let rates = settings.adam.at(due.step as f32 / settings.iterations as f32).times(due.pace);
         let step = TrainStep { settings: &render, loss: settings.loss, rates: &rates, binning: due.binning };
         Ok(on.train_step(cloud, &self.canvas, &self.target, &step)?)
     }

@@ -12,6 +12,7 @@ use serde::{Deserialize, Serialize};
 use crate::{
     init::{Init, Random},
     joining::Joining,
+    recovery::Recovery,
     rounds::Rounds,
     settings::{ColorSolve, FitSettings, InitialCount},
 };
@@ -105,6 +106,7 @@ impl FitSettings {
             init: Init::Random(Random::default()),
             policy: Policy::Paper(Paper::default()),
             rounds: Rounds::until(100, 1000),
+            recovery: Recovery::BeginAgain,
             rebin_every: 1,
             color_solve: ColorSolve::default(),
         }
@@ -169,6 +171,7 @@ impl FitSettings {
             init: Init::default(),
             policy: Policy::Residual(ResidualGrowth::default()),
             rounds: Rounds::until(every, every * rounds as u32),
+            recovery: Recovery::BeginAgain,
             rebin_every: 4,
             color_solve: ColorSolve { at_start: 20, after_edit: 1 },
         }

@@ -4,7 +4,7 @@ use gs_core::{Adam, Chart, Error, Loss, RenderSettings, adam::Group, adam::Sched
 use gs_density::Policy;
 use serde::{Deserialize, Serialize};
 
-use crate::{init::Init, joining::Joining, rounds::Rounds};
+use crate::{init::Init, joining::Joining, recovery::Recovery, rounds::Rounds};
 
 /// The settings of a planar fit. Two fits with equal settings, target and backend give equal results, bit for bit.
 ///
@@ -41,6 +41,9 @@ pub struct FitSettings {
     /// and training does not see what it does there: 4 saves time for no visible loss, provided that the end is exact (without
     /// that, a single Gaussian of strong colour that drifted in the very last steps has cost 1.8 dB).
     pub rebin_every: u32,
+    /// What becomes of a fit that has become worse than it was at first.
+    #[serde(skip_serializing_if = "Recovery::is_default")]
+    pub recovery: Recovery,
     /// Least-squares colours; without effect unless blending is [`Blend::Sum`](gs_core::Blend::Sum), where the image is linear in
     /// them.
     pub color_solve: ColorSolve,

@@ -3,7 +3,9 @@
 use gs_core::{Image, PlanarScene, Rasterizer, edit::EditCounts, metrics, statistics::Culled};
 use serde::{Deserialize, Deserializer, Serialize};
 
-use crate::{clamped::Clamped, error::Error, joining::Join, settings::FitSettings, trainer::Trainer};
+use crate::{
+    clamped::Clamped, error::Error, joining::Join, recovery::FreshStart, settings::FitSettings, trainer::Trainer,
+};
 
 /// What a fit cost and what came of it. Qualities are those of the final rendering against the target, both clamped to 0..=1.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -41,6 +43,9 @@ pub struct FitSummary {
     /// The effects that joined because they were called for.
     #[serde(default)]
     pub joins: Vec<Join>,
+    /// How often the fit began again, and why.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub fresh_starts: Vec<FreshStart>,
     /// Gaussians that the final rendering left out.
     pub culled: Culled,
     /// Gaussians whose scales are at a bound.
@@ -77,6 +82,7 @@ impl FitSummary {
             loss: trainer.loss(),
             edits: *trainer.edits(),
             joins: trainer.joins().joins.clone(),
+            fresh_starts: trainer.fresh_starts().to_vec(),
             culled,
             clamped: trainer.clamped()?,
             settings: trainer.settings().clone(),

@@ -1,15 +1,13 @@
 //! The training loop: steps of the optimiser, rounds of density control between them, and checkpoints from which a run goes on
 //! bit for bit. Shared by every kind of training; what they differ in is their [`Course`].
 
+mod density;
+mod fresh_start;
+
 use std::{fmt, sync::Arc, time::Instant};
 
-use gs_core::{
-    Binning, DensityStatistics, EditPlan, Effects, PlanarScene, Rasterizer, Wait,
-    edit::{AfterEdit, EditCounts, PruneCause, Removal},
-    effects::Statistics,
-    guards::Guard,
-};
-use gs_density::{DensityGaussian, DensityPolicy, Observation, Rng};
+use gs_core::{Binning, Effects, PlanarScene, Rasterizer, Wait, edit::EditCounts, effects::Statistics};
+use gs_density::{DensityPolicy, Rng};
 use gs_io::Checkpoint;
 use rand::SeedableRng;
 
@@ -21,6 +19,8 @@ use crate::{
     joining::{Join, Joined, Joins},
     losses::Losses,
     observer::{Control, Observer, Progress, Quality},
+    recovery::{FreshStart, pace},
+    rounds::Rounds,
     suspect::Suspect,
 };
 
@@ -47,6 +47,8 @@ pub struct Trainer<'a, R: Rasterizer<S>, S: Trainable = PlanarScene> {
     /// What the next step does about its lists.
     binning: Binning,
     losses: Losses,
+    /// The Gaussians that this run, resumed or not, began with.
+    start: Option<S>,
     /// In place of the settings' policy.
     foreign: Option<ForeignPolicy<S>>,
 }
@@ -73,7 +75,7 @@ impl<'a, R: Rasterizer<S>, S: Trainable> Trainer<'a, R, S> {
         course: S::Course<R>,
     ) -> Self {
         let losses = Losses::after(record.step);
-        Self { rasterizer, record, cloud, course, binning: Binning::Fresh, losses, foreign: None }
+        Self { rasterizer, record, cloud, course, binning: Binning::Fresh, losses, start: None, foreign: None }
     }
 
     /// The same run with its density controlled by another policy, one of your own, in place of that of its settings.
@@ -101,10 +103,13 @@ impl<'a, R: Rasterizer<S>, S: Trainable> Trainer<'a, R, S> {
             if !progress.joined.is_empty() {
                 observer.on_join(&progress, &progress.joined);
             }
+            if let Some(fresh_start) = &progress.fresh_start {
+                observer.on_fresh_start(&progress, fresh_start);
+            }
             if observer.wants_quality(&progress) {
                 self.settle()?;
-                progress =
-                    Progress { quality: Some(self.quality()?), ..self.progress(progress.edits, progress.joined)? };
+                let Progress { edits, joined, fresh_start, .. } = progress;
+                progress = Progress { quality: Some(self.quality()?), ..self.progress(edits, joined, fresh_start)? };
             }
             stop |= observer.on_step(&progress) == Control::Stop;
             checkpoint |= observer.wants_checkpoint(&progress);
@@ -138,10 +143,11 @@ impl<'a, R: Rasterizer<S>, S: Trainable> Trainer<'a, R, S> {
         self.check_divergence()?;
         self.losses.forget_untold();
         let started = Instant::now();
+        self.keep_start()?;
         self.optimise()?;
         self.record.step += 1;
-        let due = self.record.settings.rounds().progress(self.record.step, iterations);
-        let settled = due.is_some() || self.is_finished() || self.losses.last().is_none();
+        let due = self.rounds().progress(self.record.step, iterations);
+        let settled = due.is_some() || self.is_judged() || self.is_finished() || self.losses.last().is_none();
         self.see_losses(if settled { Wait::All } else { Wait::Arrived })?;
         let fresh = self.record.settings.bins_afresh_after(self.record.step);
         self.binning = if fresh { Binning::Fresh } else { Binning::Reuse };
@@ -151,10 +157,11 @@ impl<'a, R: Rasterizer<S>, S: Trainable> Trainer<'a, R, S> {
             self.drop_not_finite(&mut edits)?;
         }
         let joined = self.join_effects()?;
+        let fresh_start = self.begin_again()?;
         self.record.seconds += started.elapsed().as_secs_f64();
         // What joined before the first step is told with it.
         let before = if self.record.step == 1 { self.record.joins.at(0) } else { Joined::default() };
-        self.progress(edits, joined.or(before))
+        self.progress(edits, joined.or(before), fresh_start)
     }
 
     /// Lets join what is called for now; not after the last step, which nothing would follow.
@@ -172,7 +179,12 @@ impl<'a, R: Rasterizer<S>, S: Trainable> Trainer<'a, R, S> {
     }
 
     /// Where the run stands.
-    fn progress(&self, edits: Option<EditCounts>, joined: Joined) -> Result<Progress, Error> {
+    fn progress(
+        &self,
+        edits: Option<EditCounts>,
+        joined: Joined,
+        fresh_start: Option<FreshStart>,
+    ) -> Result<Progress, Error> {
         let loss = self.losses.last().ok_or_else(|| self.missing_losses())?;
         Ok(Progress {
             step: self.record.step,
@@ -183,27 +195,43 @@ impl<'a, R: Rasterizer<S>, S: Trainable> Trainer<'a, R, S> {
             loss_step: self.losses.seen(),
             edits,
             joined,
+            fresh_start,
             psnr_estimate: self.record.settings.psnr_estimate(loss),
             quality: None,
         })
+    }
+
+    /// When density is controlled: no more in a run that has begun again twice.
+    fn rounds(&self) -> &Rounds {
+        match self.record.fresh_starts.len() {
+            0 | 1 => self.record.settings.rounds(),
+            _ => &Rounds::NEVER,
+        }
+    }
+
+    /// What is left of the settings' learning rates.
+    fn pace(&self) -> f32 {
+        pace(self.record.fresh_starts.len())
     }
 
     /// Forward, backward and Adam, sent on their way.
     fn optimise(&mut self) -> Result<(), Error> {
         let Record { settings, step, joins, .. } = &self.record;
         // Statistics that no round will look at are not collected.
-        let statistics = match *step < settings.rounds().last(settings.iterations()) {
+        let statistics = match *step < self.rounds().last(settings.iterations()) {
             true => self.policy().statistics(),
             false => Statistics::None,
         };
         let effects = Effects { statistics, ..settings.effects_after(*step, joins) };
-        let due = Due { step: *step, effects, binning: self.binning };
+        let due = Due { step: *step, effects, pace: self.pace(), binning: self.binning };
         self.course.send(self.rasterizer, &mut self.cloud, settings, due)
     }
 
     /// Looks at the losses that have come, or waits for all.
     fn see_losses(&mut self, wait: Wait) -> Result<(), Error> {
-        self.losses.see(|list| self.rasterizer.losses(&mut self.cloud, wait, list))?;
+        let (pictures, watch) = (self.course.pictures(), &mut self.record.watch);
+        let seen = |list: &mut Vec<f32>| self.rasterizer.losses(&mut self.cloud, wait, list);
+        self.losses.see(seen, |loss| watch.hear(loss, pictures))?;
         self.check_divergence()?;
         match wait == Wait::All && self.losses.seen() != self.record.step {
             true => Err(self.missing_losses()),
@@ -241,71 +269,6 @@ impl<'a, R: Rasterizer<S>, S: Trainable> Trainer<'a, R, S> {
             observer.on_losses(first_step, losses);
             self.losses.forget_untold();
         }
-    }
-
-    /// Shows the scene to the policy and does what it says; `progress` as in [`Observation`].
-    fn control_density(&mut self, progress: f32) -> Result<EditCounts, Error> {
-        let Record { settings, step, .. } = &self.record;
-        let policy = policy(&self.foreign, settings);
-        let scene = self.rasterizer.download(&self.cloud)?;
-        let statistics = match policy.statistics() {
-            Statistics::None => DensityStatistics::zeros(scene.len()),
-            _ => self.rasterizer.statistics(&self.cloud)?,
-        };
-        let extent = self.course.extent();
-        let effects = self.effects();
-        let residual = match policy.needs_residual() {
-            true => self.course.residual(self.rasterizer, &self.cloud, settings, &effects)?,
-            false => None,
-        };
-        let observation = Observation {
-            scene: &scene,
-            statistics: &statistics,
-            residual,
-            extent,
-            step: step - 1,
-            progress,
-            budget: settings.budget() as usize,
-        };
-        let plan = policy.plan(&observation, &mut random(settings.seed(), *step))?;
-        let counts = plan.counts();
-        self.rasterizer.edit(&mut self.cloud, &plan)?;
-        self.record.edits.accumulate(&counts);
-        self.binning = Binning::Fresh;
-        self.course.after_edit(self.rasterizer, &mut self.cloud, &self.record.settings, &effects)?;
-        Ok(counts)
-    }
-
-    /// Adds the noise that the policy asks for after this step; not after the last, which nothing would mend.
-    fn add_noise(&mut self) -> Result<(), Error> {
-        let Record { settings, step, .. } = &self.record;
-        let Some(noise) = self.policy().noise().filter(|noise| noise.is_due(*step) && !self.is_finished()) else {
-            return Ok(());
-        };
-        let rate = settings.mean_factor(*step);
-        let scene = self.rasterizer.download(&self.cloud)?;
-        let mut rng = Rng::new(u128::from(settings.seed()) << 32 | u128::from(*step), NOISE_STREAM);
-        if let Some(shifts) = noise.shifts(&scene, self.course.extent(), rate, &mut rng) {
-            self.rasterizer.shift_means(&mut self.cloud, &shifts)?;
-        }
-        Ok(())
-    }
-
-    /// Takes out what has become NaN or infinite since the last round; it draws nothing, and no file would take it.
-    fn drop_not_finite(&mut self, edits: &mut Option<EditCounts>) -> Result<(), Error> {
-        let scene = self.rasterizer.download(&self.cloud)?;
-        let lost =
-            (0..scene.len()).filter(|&index| !scene.gaussian(index).is_finite() && Guard::PruneNotFinite.is_on());
-        let removed: Vec<Removal> =
-            lost.map(|index| Removal { index: index as u32, cause: PruneCause::NotFinite }).collect();
-        if !removed.is_empty() {
-            let plan = EditPlan { removed, statistics: AfterEdit::Keep, ..EditPlan::default() };
-            self.rasterizer.edit(&mut self.cloud, &plan)?;
-            let counts = plan.counts();
-            self.record.edits.accumulate(&counts);
-            edits.get_or_insert_default().accumulate(&counts);
-        }
-        Ok(())
     }
 
     /// How good the scene is now, from renderings made for it.
@@ -396,6 +359,11 @@ impl<'a, R: Rasterizer<S>, S: Trainable> Trainer<'a, R, S> {
         &self.record.joins
     }
 
+    /// How often the run has begun again, and why; see [`Recovery`](crate::Recovery).
+    pub fn fresh_starts(&self) -> &[FreshStart] {
+        &self.record.fresh_starts
+    }
+
     /// The loss before the last step whose loss has come, as in [`Progress::loss`]; nothing where this run, resumed or not, has made no
     /// step yet.
     pub fn loss(&self) -> Option<f32> {
@@ -413,9 +381,6 @@ impl<'a, R: Rasterizer<S>, S: Trainable> Trainer<'a, R, S> {
         self.record.seconds
     }
 }
-
-/// Which of the generator's streams the noise between steps is drawn from, so that it is independent of the rounds' draws.
-const NOISE_STREAM: u128 = 0x6e_6f69_7365;
 
 fn policy<'p, S: Trainable>(
     foreign: &'p Option<ForeignPolicy<S>>,

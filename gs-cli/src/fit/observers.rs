@@ -153,6 +153,7 @@ mod tests {
             loss_step: 10,
             edits: None,
             joined: Joined::default(),
+            fresh_start: None,
             psnr_estimate: None,
             quality: None,
         };

@@ -7,7 +7,7 @@ use std::{
 };
 
 use gs_core::edit::EditCounts;
-use gs_train::{Control, Joined, Observer, Progress};
+use gs_train::{Control, FreshStart, Joined, Observer, Progress};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use crate::{
@@ -167,6 +167,10 @@ impl Observer for Display {
 
     fn on_join(&mut self, progress: &Progress, joined: &Joined) {
         self.voice().say(format_args!("step {}: {joined}", progress.step));
+    }
+
+    fn on_fresh_start(&mut self, progress: &Progress, fresh_start: &FreshStart) {
+        self.voice().say(format_args!("note: step {}: {fresh_start}", progress.step));
     }
 
     fn wants_quality(&mut self, progress: &Progress) -> bool {

@@ -47,8 +47,20 @@ pub(crate) struct Summary {
 impl Summary {
     /// The summary for people.
     pub(crate) fn text(&self, folder: &Path) -> String {
-        let FitSummary { gaussians, iterations, seconds, psnr, ssim, ms_ssim, edits, culled, clamped, .. } = &self.fit;
-        let trouble = Trouble::new(edits, *culled, *clamped);
+        let FitSummary {
+            gaussians,
+            iterations,
+            seconds,
+            psnr,
+            ssim,
+            ms_ssim,
+            edits,
+            culled,
+            clamped,
+            fresh_starts,
+            ..
+        } = &self.fit;
+        let trouble = Trouble::new(edits, *culled, *clamped, fresh_starts);
         let ms_ssim = ms_ssim.map_or_else(String::new, |value| format!(", MS-SSIM {value:.4}"));
         format!(
             "{gaussians} Gaussians after {iterations} steps in {seconds:.2} s ({:.2} s in all): PSNR {psnr:.2} dB, SSIM \

@@ -3,9 +3,9 @@
 use std::fmt;
 
 use gs_core::{edit::EditCounts, statistics::Culled};
-use gs_train::Clamped;
+use gs_train::{Clamped, FreshStart};
 
-/// Gaussians with which something is wrong.
+/// Gaussians with which something is wrong, and how often the whole training went wrong.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(crate) struct Trouble {
     /// Those that stopped being finite and were removed, so far.
@@ -15,12 +15,14 @@ pub(crate) struct Trouble {
     degenerate: u32,
     /// Those whose scales the optimiser's bounds held then.
     clamped: Clamped,
+    /// How often it began again.
+    fresh_starts: u32,
 }
 
 impl Trouble {
     /// That of a finished training.
-    pub(crate) fn new(edits: &EditCounts, culled: Culled, clamped: Clamped) -> Self {
-        let mut trouble = Self::default();
+    pub(crate) fn new(edits: &EditCounts, culled: Culled, clamped: Clamped, fresh_starts: &[FreshStart]) -> Self {
+        let mut trouble = Self { fresh_starts: fresh_starts.len() as u32, ..Self::default() };
         trouble.add_edits(edits);
         trouble.see(culled, clamped);
         trouble
@@ -53,17 +55,19 @@ impl Trouble {
                 smallest: smallest.max(other.clamped.smallest),
                 largest: largest.max(other.clamped.largest),
             },
+            fresh_starts: self.fresh_starts.max(other.fresh_starts),
         }
     }
 
-    fn causes(&self) -> [(u32, &'static str); 5] {
-        let Self { removed, not_finite, degenerate, clamped: Clamped { smallest, largest } } = *self;
+    fn causes(&self) -> [(u32, &'static str); 6] {
+        let Self { removed, not_finite, degenerate, clamped: Clamped { smallest, largest }, fresh_starts } = *self;
         [
             (removed, "removed as not finite"),
             (not_finite, "left out as not finite"),
             (degenerate, "left out as degenerate"),
             (smallest, "as small as may be"),
             (largest, "as large as may be"),
+            (fresh_starts, if fresh_starts == 1 { "fresh start" } else { "fresh starts" }),
         ]
     }
 }

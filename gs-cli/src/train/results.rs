@@ -47,9 +47,10 @@ pub(crate) struct Summary {
 impl Summary {
     /// The summary for people.
     pub(crate) fn text(&self, folder: &Path) -> String {
-        let SpatialSummary { gaussians, iterations, seconds, evaluation, test_views, edits, clamped, .. } =
-            &self.training;
-        let trouble = Trouble::new(edits, evaluation.culled, *clamped);
+        let SpatialSummary {
+            gaussians, iterations, seconds, evaluation, test_views, edits, clamped, fresh_starts, ..
+        } = &self.training;
+        let trouble = Trouble::new(edits, evaluation.culled, *clamped, fresh_starts);
         let unmeasured = match evaluation.unmeasured.len() {
             0 => String::new(),
             count => format!(", without {count} of which no pixel counts"),

@@ -59,7 +59,8 @@ fn an_image_becomes_results_and_a_summary() {
         rows.next().unwrap(),
         "step,seconds,count,cloned,split,seeded,pruned_transparent,pruned_too_large,pruned_not_finite,\
          pruned_unimportant,loss,l1,psnr,culled_not_finite,culled_near,culled_degenerate,culled_transparent,culled_outside,\
-         clamped_smallest,clamped_largest,joined_sh_degree,sh_explains,joined_antialias,narrow,shown"
+         clamped_smallest,clamped_largest,joined_sh_degree,sh_explains,joined_antialias,narrow,shown,began_again_at_loss,\
+         first_loss"
     );
     assert!(rows.next_back().unwrap().starts_with("20,"), "{metrics}");
     assert_eq!(gs_io::read_image(output.join("reconstruction.png")).unwrap().image.size(), (32, 24));

@@ -6,7 +6,7 @@ use glam::{Mat2, Vec2};
 use gs_core::{
     Blend, Canvas, RenderSettings,
     constants::MIN_DETERMINANT_PX4,
-    effects::Antialias,
+    effects::{Antialias, written},
     guards::Guard,
     scene::sigmoid,
     statistics::{Cause, Culled},
@@ -33,7 +33,7 @@ fn project(
     opacity: f32,
     (settings, longest): (&RenderSettings, f32),
 ) -> Result<Splat, Cause> {
-    let antialias = settings.effects.antialias;
+    let antialias = if written::ANTIALIAS { settings.effects.antialias } else { Antialias::None };
     let delta = antialias.dilation();
     let xx = l.x_axis.x * l.x_axis.x + l.y_axis.x * l.y_axis.x;
     let yy = l.x_axis.y * l.x_axis.y + l.y_axis.y * l.y_axis.y;

@@ -7,7 +7,7 @@
 use glam::{Mat2, Vec2};
 use gs_core::{
     Blend, PlanarScene,
-    effects::{Antialias, Statistics},
+    effects::{Antialias, Statistics, written},
     scene::sigmoid,
     whitened::{WhitenedGradient, solve_transposed},
 };
@@ -58,7 +58,10 @@ pub(crate) fn all(workspace: &mut Workspace<PlanarScene>, cloud: &PlanarCloud, s
 #[inline(always)]
 fn gradient(workspace: &Workspace<PlanarScene>, cloud: &PlanarCloud, place: usize, scale: f32) -> Option<Gradient> {
     let Workspace { tiles, own, .. } = workspace;
-    let effects = &tiles.settings.effects;
+    let mut effects = tiles.settings.effects;
+    if !written::ANTIALIAS {
+        effects.antialias = Antialias::None;
+    }
     let index = own.order[place] as usize;
     let splat = &tiles.splats[place];
     let received = tiles.received(place).filter(|_| !splat.is_culled())?;

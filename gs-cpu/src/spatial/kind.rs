@@ -6,7 +6,7 @@ use fearless_simd::Level;
 use gs_core::{
     AdamRates, Binning, Blend, Camera, Chart, CloudState, EditPlan, Error, RenderSettings, SpatialGaussian,
     SpatialScene,
-    effects::{Exposure, Lens, Order},
+    effects::{Exposure, Lens, Order, written},
     perspective::{Ellipsoid, Perspective},
     profile::Traffic,
 };
@@ -170,9 +170,10 @@ impl Kind for SpatialScene {
     fn sort(workspace: &mut Workspace<Self>, _: &SpatialCloud) {
         let Workspace { tiles, own, .. } = workspace;
         let SpatialOwn { projected, depths, depth_sort, place_of, .. } = own;
-        let effects = &tiles.settings.effects;
+        let blend = tiles.settings.effects.blend;
+        let order = if written::ORDER { tiles.settings.effects.order } else { Order::Index };
         let depth = |index: usize| depths[index][0];
-        match (effects.blend, effects.order) {
+        match (blend, order) {
             (Blend::Sum, _) | (Blend::Over, Order::Index) => depth_sort.collect(&depth, depths.len()),
             (Blend::Over, Order::TileDepth | Order::PixelDepth) => depth_sort.sort(depth, depths.len()),
         }
@@ -188,7 +189,7 @@ impl Kind for SpatialScene {
             }
         });
         tiles.depths.clear();
-        if (effects.blend, effects.order) == (Blend::Over, Order::PixelDepth) {
+        if (blend, order) == (Blend::Over, Order::PixelDepth) {
             let at = |place| {
                 let index = depth_sort.at(place);
                 let [depth, x, y] = depths[index as usize];

@@ -3,6 +3,7 @@
 
 use gs_core::{
     Accuracy, Chart,
+    effects::written,
     guards::Guard,
     perspective::Perspective,
     sh,
@@ -31,6 +32,13 @@ pub(crate) struct Eye {
     pub(crate) chart: Chart,
 }
 
+impl Eye {
+    #[inline(always)]
+    pub(crate) fn degree(&self) -> u8 {
+        if written::HARMONICS { self.degree } else { 0 }
+    }
+}
+
 fn project(
     eye: &Eye,
     row: &[f32],
@@ -47,7 +55,7 @@ fn project(
     if !touches(&splat, (splat.reach * yy).sqrt(), grid) {
         return Err(Cause::Outside);
     }
-    splat.color = sh::color(eye.degree, eye.perspective.direction(cloud::mean(row)), cloud::sh(row));
+    splat.color = sh::color(eye.degree(), eye.perspective.direction(cloud::mean(row)), cloud::sh(row));
     if Guard::FiniteColor.is_on() && !splat.color.iter().all(|c| c.is_finite()) {
         return Err(Cause::NotFinite);
     }

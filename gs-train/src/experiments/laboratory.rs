@@ -7,6 +7,7 @@ use crate::{
     error::Error,
     fit::Fit,
     observer::{Control, Observer, Progress},
+    recovery::Recovery,
     settings::FitSettings,
     summary::FitSummary,
     trainer::Trainer,
@@ -98,8 +99,9 @@ impl<'a, R> Laboratory<'a, R> {
 }
 
 impl<R: Rasterizer<PlanarScene>> Laboratory<'_, R> {
-    /// A fit from its settings.
+    /// A fit from its settings, but one that fails is left alone: failures are what is looked at.
     pub(crate) fn fit(&mut self, label: &str, target: &Image, settings: FitSettings) -> Result<Run, Error> {
+        let settings = FitSettings { recovery: Recovery::Never, ..settings };
         let mut trainer = Trainer::new(self.rasterizer, target, settings)?;
         self.watch.on_fit(label);
         let mut record = Record { losses: Vec::new(), counts: Vec::new(), watch: self.watch };

@@ -227,15 +227,19 @@ impl<R: Rasterizer<SpatialScene>> Course<R, SpatialScene> for ViewsCourse<R> {
         self.extent
     }
 
+    fn pictures(&self) -> u32 {
+        self.views.train.len() as u32
+    }
+
     fn send(&mut self, on: &R, cloud: &mut R::Cloud, settings: &SpatialSettings, due: Due) -> Result<(), Error> {
-        let Due { step, effects, binning } = due;
+        let Due { step, effects, pace, binning } = due;
         let index = self.order.view(settings.seed, step, self.views.train.len());
         let (camera, factor) = self.reduced(index, settings, step);
         let view = &self.views.train[index];
         let mut render = backdrop(settings, step);
         let background = render.effects.background;
         render.effects = Effects { background, ..effects };
-        let rates = settings.rates_at(step, self.extent);
+        let rates = settings.rates_at(step, self.extent).times(pace);
         let step = TrainStep { settings: &render, loss: settings.loss, rates: &rates, binning };
 
         let fixed = (settings.backdrop == Backdrop::Same).then(|| render.backdrop());

@@ -17,7 +17,7 @@ use super::{
     resolution::Resolution,
     settings::{Backdrop, SpatialSettings},
 };
-use crate::{joining::Joining, rounds::Rounds};
+use crate::{joining::Joining, recovery::Recovery, rounds::Rounds};
 
 /// Settings by name.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
@@ -114,6 +114,7 @@ fn three_dgs(iterations: u32) -> SpatialSettings {
         chart: Chart::ScaleRotation,
         render,
         backdrop: Backdrop::Same,
+        recovery: Recovery::BeginAgain,
         joining: Joining::Scheduled,
         sh_degree_every: (iterations / 7).clamp(1, 1_000),
         loss: Loss::PAPER,

@@ -8,6 +8,7 @@ use super::{init::PointInit, presets::geometric_groups, resolution::Resolution};
 use crate::{
     course::RunSettings,
     joining::{Calls, Joining, Joins},
+    recovery::Recovery,
     rounds::Rounds,
     settings::validate_adam,
 };
@@ -62,6 +63,9 @@ pub struct SpatialSettings {
     pub policy: Policy,
     /// When the policy is asked.
     pub rounds: Rounds,
+    /// What becomes of a training that has become worse than it was at first.
+    #[serde(skip_serializing_if = "Recovery::is_default")]
+    pub recovery: Recovery,
     /// At which resolution the steps see their photographs.
     pub resolution: Resolution,
 }
@@ -210,6 +214,14 @@ impl RunSettings<SpatialScene> for SpatialSettings {
     }
 
     /// Always: each step has another view.
+    fn chart(&self) -> Chart {
+        self.chart
+    }
+
+    fn recovery(&self) -> Recovery {
+        self.recovery
+    }
+
     fn bins_afresh_after(&self, _: u32) -> bool {
         true
     }

@@ -3,7 +3,7 @@
 use gs_core::{Rasterizer, SpatialScene, edit::EditCounts};
 use serde::{Deserialize, Serialize};
 
-use crate::{clamped::Clamped, error::Error, joining::Join};
+use crate::{clamped::Clamped, error::Error, joining::Join, recovery::FreshStart};
 
 use super::{evaluation::Evaluation, settings::SpatialSettings, trainer::SpatialTrainer};
 
@@ -33,6 +33,9 @@ pub struct SpatialSummary {
     /// The effects that joined because they were called for.
     #[serde(default)]
     pub joins: Vec<Join>,
+    /// How often the training began again, and why.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub fresh_starts: Vec<FreshStart>,
     /// Gaussians whose scales are at a bound.
     #[serde(default)]
     pub clamped: Clamped,
@@ -63,6 +66,7 @@ impl SpatialSummary {
             loss: trainer.loss(),
             edits: *trainer.edits(),
             joins: trainer.joins().joins.clone(),
+            fresh_starts: trainer.fresh_starts().to_vec(),
             clamped: trainer.clamped()?,
             evaluation,
             settings: trainer.settings().clone(),

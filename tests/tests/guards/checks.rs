@@ -5,10 +5,10 @@ use gs_conformance::Failure;
 use gs_core::{
     Adam, Binning, Blend, Camera, Canvas, Chart, CloudState, Error, Image, Loss, PlanarGaussian, PlanarScene,
     Rasterizer, RenderSettings, Scene, SpatialGaussian, SpatialScene, TrainStep, adam::Group, constants::MAX_XI,
-    effects::Antialias, state::TensorData,
+    effects::Antialias, metrics, state::TensorData,
 };
 use gs_density::{Policy, Ranking, WhenFlat};
-use gs_train::{FitSettings, InitialCount, Rounds, fit};
+use gs_train::{FitSettings, InitialCount, Recovery, Rounds, Trainer, fit};
 
 /// A check, which any backend of both kinds of scenes can be put through.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -29,6 +29,8 @@ pub(crate) enum Check {
     EpsilonOfZero,
     /// What stops being finite in a fit is not in the scene that comes of it.
     FitsEndFinite,
+    /// A fit whose Gaussians leave the picture ends no worse than it began.
+    FitsEndNoWorse,
     /// An infinite score is no reason to grow.
     InfiniteScores,
     /// A fit whose loss overflows ends with an error.
@@ -37,7 +39,7 @@ pub(crate) enum Check {
 
 impl Check {
     /// All of them.
-    pub(crate) const ALL: [Self; 10] = [
+    pub(crate) const ALL: [Self; 11] = [
         Self::SecondMoments,
         Self::SsimOfConstants,
         Self::SingularFrames,
@@ -46,6 +48,7 @@ impl Check {
         Self::MomentsVanish,
         Self::EpsilonOfZero,
         Self::FitsEndFinite,
+        Self::FitsEndNoWorse,
         Self::InfiniteScores,
         Self::InfiniteLosses,
     ];
@@ -61,6 +64,7 @@ impl Check {
             Self::MomentsVanish => "moments vanish",
             Self::EpsilonOfZero => "epsilon of 0",
             Self::FitsEndFinite => "fits end finite",
+            Self::FitsEndNoWorse => "fits end no worse",
             Self::InfiniteScores => "infinite scores",
             Self::InfiniteLosses => "infinite losses",
         }
@@ -79,6 +83,7 @@ impl Check {
             Self::MomentsVanish => moments_vanish(rasterizer),
             Self::EpsilonOfZero => epsilon_of_zero(rasterizer),
             Self::FitsEndFinite => fits_end_finite(rasterizer),
+            Self::FitsEndNoWorse => fits_end_no_worse(rasterizer),
             Self::InfiniteScores => {
                 let ranking = Ranking::new([(0, f32::INFINITY), (1, 0.5), (2, f32::NAN)], WhenFlat::Nothing);
                 Failure::unless(ranking.all() == [1], || format!("{:?} are to grow", ranking.all()))
@@ -229,14 +234,38 @@ fn small_fit() -> FitSettings {
     settings
 }
 
+fn small_fit_without_rounds() -> FitSettings {
+    FitSettings { rounds: Rounds::NEVER, policy: Policy::None, chart: Chart::ScaleRotation, ..small_fit() }
+}
+
 fn fits_end_finite<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Result<(), Failure> {
     // What is not finite goes at the end, whatever the policy.
-    let mut settings =
-        FitSettings { rounds: Rounds::NEVER, policy: Policy::None, chart: Chart::ScaleRotation, ..small_fit() };
+    let mut settings = FitSettings { recovery: Recovery::Never, ..small_fit_without_rounds() };
     // Each step is as long as numbers go: after two, means are infinite.
     settings.adam.mean.learning_rate = 2e38;
     let fitted = fit(rasterizer, &target()?, settings, &mut ()).map_err(|error| Failure::Broken(error.to_string()))?;
     Ok(fitted.scene.validate()?)
+}
+
+fn fits_end_no_worse<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Result<(), Failure> {
+    let mut settings = FitSettings { iterations: 150, ..small_fit_without_rounds() };
+    // Each step is longer than the picture, from which nothing leads back.
+    settings.adam.mean.learning_rate = 1e3;
+    let target = target()?;
+    let render = settings.render;
+    let (first, last) = Trainer::new(rasterizer, &target, settings)
+        .and_then(|mut trainer| {
+            let first = trainer.scene()?;
+            trainer.run(&mut ())?;
+            Ok((first, trainer.scene()?))
+        })
+        .map_err(|error| Failure::Broken(error.to_string()))?;
+    let error = |scene: &PlanarScene| {
+        let image = rasterizer.render(scene, &Canvas::new(SIZE.0, SIZE.1), &render)?;
+        metrics::mean_absolute_error(&image, &target)
+    };
+    let (first, last) = (error(&first)?, error(&last)?);
+    Failure::unless(last <= first, || format!("the mean error was {first} and is {last}"))
 }
 
 fn infinite_losses<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Result<(), Failure> {

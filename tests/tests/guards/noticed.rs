@@ -132,6 +132,7 @@ pub(crate) const NOTICED: &[Noticed] = &[
     by(Guard::ScaleBounds, Case("larger than the image, sum"), EVERYWHERE),
     by(Guard::FlatTurn, Notice::Check(Check::FlatFrames), &[Cpu]),
     by(Guard::PruneNotFinite, Notice::Check(Check::FitsEndFinite), &[Cpu]),
+    by(Guard::FreshStart, Notice::Check(Check::FitsEndNoWorse), &[Cpu]),
     by(Guard::FiniteScore, Notice::Check(Check::InfiniteScores), &[Cpu]),
     by(Guard::FiniteLoss, Notice::Check(Check::InfiniteLosses), &[Cpu]),
 ];

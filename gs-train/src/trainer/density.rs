@@ -1,0 +1,89 @@
+//! What happens to the set of Gaussians between the steps of a run: rounds of density control, noise, and the removal of what is broken.
+
+use gs_core::{
+    Binning, DensityStatistics, EditPlan, Rasterizer,
+    edit::{AfterEdit, EditCounts, PruneCause, Removal},
+    effects::Statistics,
+    guards::Guard,
+};
+use gs_density::{DensityGaussian, Observation, Rng};
+
+use super::{Trainer, policy, random};
+use crate::{
+    checkpoint::Record,
+    course::{Course, RunSettings, Trainable},
+    error::Error,
+};
+
+/// Which of the generator's streams the noise between steps is drawn from, so that it is independent of the rounds' draws.
+const NOISE_STREAM: u128 = 0x6e_6f69_7365;
+
+impl<R: Rasterizer<S>, S: Trainable> Trainer<'_, R, S> {
+    /// Shows the scene to the policy and does what it says; `progress` as in [`Observation`].
+    pub(super) fn control_density(&mut self, progress: f32) -> Result<EditCounts, Error> {
+        let Record { settings, step, .. } = &self.record;
+        let policy = policy(&self.foreign, settings);
+        let scene = self.rasterizer.download(&self.cloud)?;
+        let statistics = match policy.statistics() {
+            Statistics::None => DensityStatistics::zeros(scene.len()),
+            _ => self.rasterizer.statistics(&self.cloud)?,
+        };
+        let extent = self.course.extent();
+        let effects = self.effects();
+        let residual = match policy.needs_residual() {
+            true => self.course.residual(self.rasterizer, &self.cloud, settings, &effects)?,
+            false => None,
+        };
+        let observation = Observation {
+            scene: &scene,
+            statistics: &statistics,
+            residual,
+            extent,
+            step: step - 1,
+            progress,
+            budget: settings.budget() as usize,
+        };
+        let plan = policy.plan(&observation, &mut random(settings.seed(), *step))?;
+        let counts = plan.counts();
+        self.rasterizer.edit(&mut self.cloud, &plan)?;
+        if plan.opacity_ceiling.is_some() {
+            self.record.watch.hear_reset(self.record.step);
+        }
+        self.record.edits.accumulate(&counts);
+        self.binning = Binning::Fresh;
+        self.course.after_edit(self.rasterizer, &mut self.cloud, &self.record.settings, &effects)?;
+        Ok(counts)
+    }
+
+    /// Adds the noise that the policy asks for after this step; not after the last, which nothing would mend.
+    pub(super) fn add_noise(&mut self) -> Result<(), Error> {
+        let Record { settings, step, .. } = &self.record;
+        let Some(noise) = self.policy().noise().filter(|noise| noise.is_due(*step) && !self.is_finished()) else {
+            return Ok(());
+        };
+        let rate = self.pace() * settings.mean_factor(*step);
+        let scene = self.rasterizer.download(&self.cloud)?;
+        let mut rng = Rng::new(u128::from(settings.seed()) << 32 | u128::from(*step), NOISE_STREAM);
+        if let Some(shifts) = noise.shifts(&scene, self.course.extent(), rate, &mut rng) {
+            self.rasterizer.shift_means(&mut self.cloud, &shifts)?;
+        }
+        Ok(())
+    }
+
+    /// Takes out what has become NaN or infinite since the last round; it draws nothing, and no file would take it.
+    pub(super) fn drop_not_finite(&mut self, edits: &mut Option<EditCounts>) -> Result<(), Error> {
+        let scene = self.rasterizer.download(&self.cloud)?;
+        let lost =
+            (0..scene.len()).filter(|&index| !scene.gaussian(index).is_finite() && Guard::PruneNotFinite.is_on());
+        let removed: Vec<Removal> =
+            lost.map(|index| Removal { index: index as u32, cause: PruneCause::NotFinite }).collect();
+        if !removed.is_empty() {
+            let plan = EditPlan { removed, statistics: AfterEdit::Keep, ..EditPlan::default() };
+            self.rasterizer.edit(&mut self.cloud, &plan)?;
+            let counts = plan.counts();
+            self.record.edits.accumulate(&counts);
+            edits.get_or_insert_default().accumulate(&counts);
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,83 @@
+//! `cargo xtask effects`: what an effect costs that is off, beside kernels in which it was never written.
+//!
+//! The benchmark `effects` of gs-cpu is built as it is, and once for each effect with `--cfg never_written`, which leaves that effect out of the
+//! kernels. These programs take turns, so that what else the machine does meets all of them.
+
+use std::{env, path::PathBuf, process::Command};
+
+use crate::{test, wrapper};
+
+const EFFECTS: [&str; 4] = ["order", "harmonics", "antialias", "background"];
+
+/// Turns; each is of a median of its own.
+const TURNS: usize = 11;
+
+/// Builds the benchmarks and prints the table.
+#[expect(clippy::print_stdout, reason = "the table is what is asked for")]
+pub(crate) fn run() -> Result<(), String> {
+    let mut programs = vec![("as it is, all effects off".to_owned(), build(None)?)];
+    for effect in EFFECTS {
+        programs.push((format!("{effect} never written"), build(Some(effect))?));
+    }
+    // What two of the same differ by is the noise.
+    programs.push(("as it is, once more".to_owned(), programs[0].1.clone()));
+    let mut times = vec![Vec::new(); programs.len()];
+    for turn in 0..TURNS {
+        eprintln!("== turn {} of {TURNS}", turn + 1);
+        for ((_, program), times) in programs.iter().zip(&mut times) {
+            times.push(measure(program)?);
+        }
+    }
+    let [scenes, rows] = [times[0][0].len(), times.len()];
+    for scene in 0..scenes {
+        println!("\n| {} | ms | times the first, median (quartiles) |\n|---|---|---|", SCENES[scene]);
+        for row in 0..rows {
+            let of = |row: usize| times[row].iter().map(move |times| times[scene]);
+            let ratios = sorted(of(row).zip(of(0)).map(|(time, first)| time / first));
+            let [low, middle, high] = [1, 2, 3].map(|quarter| ratios[(ratios.len() - 1) * quarter / 4]);
+            let time = sorted(of(row))[TURNS / 2];
+            println!("| {} | {time:.2} | {middle:.3} ({low:.3} to {high:.3}) |", programs[row].0);
+        }
+    }
+    Ok(())
+}
+
+/// What the benchmark measures where it is asked for what is off, in its order.
+const SCENES: [&str; 2] = ["250,000 Gaussians in space", "70,000 Gaussians in the plane"];
+
+fn sorted(values: impl Iterator<Item = f64>) -> Vec<f64> {
+    let mut values: Vec<f64> = values.collect();
+    values.sort_by(f64::total_cmp);
+    values
+}
+
+/// Builds the benchmark without an effect in its kernels, if one is named; where it is then.
+fn build(never_written: Option<&str>) -> Result<PathBuf, String> {
+    let folder = test::workspace().join("target").join("never-written").join(never_written.unwrap_or("none"));
+    let folder = folder.to_str().ok_or_else(|| format!("{}: not UTF-8", folder.display()))?.to_owned();
+    let environment = never_written.map(|effect| wrapper::environment(&format!("never_written=\"{effect}\"")));
+    let arguments = ["bench", "--package", "gs-cpu", "--bench", "effects", "--no-run", "--target-dir", &folder];
+    let environment = environment.transpose()?.into_iter().flatten();
+    test::cargo_with(&arguments, |cargo| cargo.envs(environment))?;
+    let built = PathBuf::from(&folder).join("release").join("deps");
+    let found = std::fs::read_dir(&built).map_err(|source| format!("{}: {source}", built.display()))?;
+    let programs = found.flatten().map(|entry| entry.path()).filter(|path| {
+        let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+        let is_program = path.extension().is_none_or(|extension| extension == env::consts::EXE_EXTENSION);
+        name.starts_with("effects-") && is_program
+    });
+    let newest = programs.max_by_key(|path| path.metadata().and_then(|metadata| metadata.modified()).ok());
+    newest.ok_or_else(|| format!("{}: the benchmark is not there", built.display()))
+}
+
+/// Milliseconds of each scene.
+fn measure(program: &PathBuf) -> Result<Vec<f64>, String> {
+    let told =
+        Command::new(program).arg("off").output().map_err(|source| format!("{}: {source}", program.display()))?;
+    let text = String::from_utf8_lossy(&told.stdout);
+    let times: Vec<f64> = text.lines().filter_map(|line| line.parse().ok()).collect();
+    match told.status.success() && times.len() == SCENES.len() {
+        true => Ok(times),
+        false => Err(format!("{}: {}: {text}", program.display(), told.status)),
+    }
+}
