@@ -1,6 +1,7 @@
 //! Stage `project`: every Gaussian's parameters become what the pixels need ([`Splat`]). Parallel over Gaussians. Colours are evaluated
 //! where the ellipse's box touches the image, and nowhere else.
 
+use glam::Vec3;
 use gs_core::{
     Accuracy, Chart,
     effects::written,
@@ -37,6 +38,18 @@ impl Eye {
     pub(crate) fn degree(&self) -> u8 {
         if written::HARMONICS { self.degree } else { 0 }
     }
+
+    /// Where a Gaussian is seen from, as a direction; any, where no colour depends on it.
+    #[inline(always)]
+    pub(crate) fn direction(&self, mean: Vec3) -> Vec3 {
+        if self.degree() == 0 { Vec3::Z } else { self.perspective.direction(mean) }
+    }
+
+    /// From v_d to v_μ.
+    #[inline(always)]
+    pub(crate) fn direction_vjp(&self, mean: Vec3, v_direction: Vec3) -> Vec3 {
+        if self.degree() == 0 { Vec3::ZERO } else { self.perspective.direction_vjp(mean, v_direction) }
+    }
 }
 
 fn project(
@@ -55,7 +68,7 @@ fn project(
     if !touches(&splat, (splat.reach * yy).sqrt(), grid) {
         return Err(Cause::Outside);
     }
-    splat.color = sh::color(eye.degree(), eye.perspective.direction(cloud::mean(row)), cloud::sh(row));
+    splat.color = sh::color(eye.degree(), eye.direction(cloud::mean(row)), cloud::sh(row));
     if Guard::FiniteColor.is_on() && !splat.color.iter().all(|c| c.is_finite()) {
         return Err(Cause::NotFinite);
     }

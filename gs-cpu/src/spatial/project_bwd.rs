@@ -64,9 +64,9 @@ fn gradient(
     let v_color = received.color.map(|v| v * scale);
     row[SH..].fill(0.0);
     let mean = cloud::mean(parameters);
-    let (sh_row, direction) = (row[SH..].as_chunks_mut().0, eye.perspective.direction(mean));
+    let (sh_row, direction) = (row[SH..].as_chunks_mut().0, eye.direction(mean));
     let v_direction = sh::color_vjp(eye.degree(), direction, cloud::sh(parameters), v_color, sh_row);
-    let by_direction = eye.perspective.direction_vjp(mean, v_direction);
+    let by_direction = eye.direction_vjp(mean, v_direction);
     match eye.chart {
         Chart::ScaleRotation => {
             let v = eye.perspective.project_vjp(&cloud::ellipsoid(parameters), &upstream);
