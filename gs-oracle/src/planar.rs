@@ -1,6 +1,8 @@
 //! One Gaussian seen through a canvas, in `f64`: its centre and precision matrix in pixels, and how σ = ½ dᵀ Σ′⁻¹ d depends on
 //! each of its parameters (paper eq. 3, 5, 7).
 
+use std::f64::consts::PI;
+
 use gs_core::{
     Canvas, Error, RenderSettings,
     constants::MIN_DETERMINANT_PX4,
@@ -68,7 +70,7 @@ impl OracleView for Canvas {
         let origin = [f64::from(self.origin.x), f64::from(self.origin.y)];
         let zoom =
             [f64::from(self.width) / f64::from(self.extent.x), f64::from(self.height) / f64::from(self.extent.y)];
-        let (sin, cos) = g[ROTATION].sin_cos();
+        let (sin, cos) = sin_cos(g[ROTATION]);
         let axes = [[cos, sin], [-sin, cos]];
         let variances = [(2.0 * g[2]).exp(), (2.0 * g[3]).exp()];
         // Σ′ᵢⱼ = zoomᵢ zoomⱼ Σₖ varianceₖ axisₖᵢ axisₖⱼ
@@ -104,6 +106,14 @@ impl OracleView for Canvas {
             },
         })
     }
+}
+
+/// Sine and cosine, 0 where they are no more than rounding of the angle: a needle along an axis of the canvas has no extent across but its width.
+fn sin_cos(angle: f64) -> (f64, f64) {
+    let rounding = f64::EPSILON * angle.abs().min(PI);
+    let told = |v: f64| if v.abs() < rounding { 0.0 } else { v };
+    let (sin, cos) = angle.sin_cos();
+    (told(sin), told(cos))
 }
 
 impl Splat for PlanarSplat {
@@ -174,20 +184,31 @@ impl Splat for PlanarSplat {
 
 #[cfg(test)]
 mod tests {
-    use std::f64::consts::FRAC_PI_4;
+    use std::f64::consts::{FRAC_PI_2, FRAC_PI_4};
 
     use super::*;
+
+    fn projected(log_scales: [f64; 2], rotation: f64) -> Projection<PlanarSplat> {
+        let g = [4.0, 4.0, log_scales[0], log_scales[1], rotation, 0.0, 1.0, 1.0, 1.0];
+        Canvas::new(8, 8).project(&g, &RenderSettings::default(), Lean::Exact)
+    }
 
     #[test]
     fn what_only_the_product_of_variances_takes_beyond_f32_is_left_out() {
         // Turned by 45°, Σ′xx = Σ′yy = ½ s₁², and det Σ′ = s₁² s₂². Of these the product ¼ s₁⁴ is beyond f32 from s₁ = e^22.5 on, ½ s₁² from
         // e^44.7 on, and det Σ′ from e^64.3 on.
-        let projected = |ln_scale: f64| {
-            let g = [4.0, 4.0, ln_scale, -20.0, FRAC_PI_4, 0.0, 1.0, 1.0, 1.0];
-            Canvas::new(8, 8).project(&g, &RenderSettings::default(), Lean::Exact)
-        };
-        assert!(matches!(projected(22.0), Projection::Drawable(_)));
-        assert_eq!(projected(23.0), Projection::Left(Cause::NotFinite));
-        assert_eq!(projected(43.0), Projection::Left(Cause::NotFinite));
+        assert!(matches!(projected([22.0, -20.0], FRAC_PI_4), Projection::Drawable(_)));
+        for long in [23.0, 43.0] {
+            assert_eq!(projected([long, -20.0], FRAC_PI_4), Projection::Left(Cause::NotFinite));
+        }
+    }
+
+    #[test]
+    fn the_product_of_variances_is_not_that_of_an_angle_s_rounding() {
+        // s₁² s₂² is finite in f32. With a sine of 10⁻¹⁶ for that of π, Σ′yy would be 10⁶.
+        for quarter in -4..=4 {
+            let needle = projected([43.75, -0.5], f64::from(quarter) * FRAC_PI_2);
+            assert!(matches!(needle, Projection::Drawable(_)), "{quarter}");
+        }
     }
 }
