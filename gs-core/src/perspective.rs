@@ -257,8 +257,10 @@ impl Perspective {
         let (xx, yy, xy) = (r0.length_squared(), r1.length_squared(), r0.dot(r1));
         let minors = r0.cross(r1);
         let undilated = minors.length_squared();
-        let determinant = undilated + delta * (xx + yy) + delta * delta;
-        let (xx, yy) = (xx + delta, yy + delta);
+        let (determinant, xx, yy) = match written::ANTIALIAS {
+            true => (undilated + delta * (xx + yy) + delta * delta, xx + delta, yy + delta),
+            false => (undilated, xx, yy),
+        };
         let finite = mean.is_finite() && (xx * yy).is_finite() && determinant.is_finite();
         if Guard::FiniteProjection.is_on() && !finite {
             return Err(Cause::NotFinite);

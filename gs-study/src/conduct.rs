@@ -13,7 +13,9 @@ use std::{
 use gs_core::{
     Blend, Canvas, Chart, Error as CoreError, Image, PlanarGaussian, PlanarScene, Rasterizer, RenderSettings,
 };
-use gs_train::{Control, Error as FitError, FitSummary, MetricsLog, Observer, Progress, Trainer};
+use gs_train::{
+    Control, Error as FitError, FitSettings, FitSummary, MetricsLog, Observer, Progress, Recovery, Trainer,
+};
 
 use crate::{
     digest,
@@ -193,7 +195,9 @@ pub(crate) fn fit<R: Rasterizer<PlanarScene>>(
     rasterizer: &R,
     watcher: &dyn Watcher,
 ) -> Result<Option<Replayed>, FitError> {
-    let mut trainer = Trainer::new(rasterizer, &plan.target(run).image, run.settings.clone())?;
+    // An arm that fails is seen to fail.
+    let settings = FitSettings { recovery: Recovery::Never, ..run.settings.clone() };
+    let mut trainer = Trainer::new(rasterizer, &plan.target(run).image, settings)?;
     if let Some(own) = &plan.arm(run).own_policy {
         trainer = trainer.controlled_by(own.policy.clone());
     }

@@ -9,7 +9,7 @@ use crate::{
     course::{RunSettings, Trainable},
     error::Error,
     joining::Joins,
-    recovery::{FreshStart, Watch},
+    recovery::FreshStart,
 };
 
 /// All of a [`Trainer`](crate::Trainer)'s state that is not in its cloud.
@@ -22,8 +22,6 @@ pub(crate) struct Record<C> {
     pub(crate) edits: EditCounts,
     /// The effects that have joined; none where all come by the clock.
     pub(crate) joins: Joins,
-    /// How it has gone so far.
-    pub(crate) watch: Watch,
     /// How often it has begun again.
     pub(crate) fresh_starts: Vec<FreshStart>,
     /// What tells the pictures to reach from others, such as the [`fingerprint`] of a target.
@@ -39,7 +37,6 @@ impl<C> Record<C> {
             seconds: 0.0,
             edits: EditCounts::default(),
             joins: Joins::default(),
-            watch: Watch::default(),
             fresh_starts: Vec::new(),
             pictures,
         }
@@ -82,7 +79,6 @@ impl<C> Record<C> {
             seconds: parsed(metadata, "seconds")?,
             edits: table(metadata, "edits")?,
             joins: table_or_default(metadata, "joins")?,
-            watch: health.watch,
             fresh_starts: health.fresh_starts,
             pictures: value(metadata, "target")?.to_owned(),
         };
@@ -107,13 +103,12 @@ impl<C> Record<C> {
 #[derive(Default, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
 struct Health {
-    watch: Watch,
     fresh_starts: Vec<FreshStart>,
 }
 
 impl Health {
     fn of<C>(record: &Record<C>) -> Self {
-        Self { watch: record.watch, fresh_starts: record.fresh_starts.clone() }
+        Self { fresh_starts: record.fresh_starts.clone() }
     }
 }
 
@@ -176,11 +171,6 @@ mod tests {
             seconds: 0.1 + 0.2,
             edits: EditCounts { seeded: 7, pruned_unimportant: 2, ..EditCounts::default() },
             joins: Joins { joins: vec![Join { step: 100, joined }] },
-            watch: {
-                let mut watch = Watch::default();
-                [0.1, 0.2].iter().for_each(|&loss| watch.hear(loss, 1));
-                watch
-            },
             fresh_starts: vec![FreshStart { step: 200, loss: 0.1 + 0.2, first: 0.1 }],
             pictures: "1x1 px, 0".to_owned(),
         }

@@ -37,11 +37,11 @@ impl Losses {
         self.diverged
     }
 
-    /// Takes note of the losses that `add` adds to the end of a list, and `hear` hears of those that are finite.
+    /// Takes note of the losses that `add` adds to the end of a list, and `hear` hears of those that are finite, each with its step.
     pub(crate) fn see<E>(
         &mut self,
         add: impl FnOnce(&mut Vec<f32>) -> Result<(), E>,
-        hear: impl FnMut(f32),
+        mut hear: impl FnMut(u32, f32),
     ) -> Result<(), E> {
         let known = self.untold.len();
         let added = add(&mut self.untold);
@@ -51,8 +51,10 @@ impl Losses {
             self.diverged.get_or_insert((step, self.untold[known + finite]));
             self.untold.truncate(known + finite);
         }
-        self.seen += (self.untold.len() - known) as u32;
-        self.untold[known..].iter().copied().for_each(hear);
+        for &loss in &self.untold[known..] {
+            self.seen += 1;
+            hear(self.seen, loss);
+        }
         self.last = self.untold.last().copied().or(self.last);
         added
     }
@@ -77,7 +79,7 @@ mod tests {
             list.extend(new);
             Ok(())
         };
-        losses.see(add, |_| {}).unwrap();
+        losses.see(add, |_, _| {}).unwrap();
     }
 
     #[test]

@@ -26,6 +26,8 @@ const HEADINGS: &str = "step,seconds,count,cloned,split,seeded,pruned_transparen
                         pruned_unimportant,loss,l1,psnr,culled_not_finite,culled_near,culled_degenerate,culled_transparent,\
                         culled_outside,clamped_smallest,clamped_largest,joined_sh_degree,sh_explains,joined_antialias,narrow,shown,began_again_at_loss,first_loss";
 
+const FRESH_START_HEADINGS: &str = ",began_again_at_loss,first_loss";
+
 /// One row of a [`MetricsLog`].
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -174,12 +176,16 @@ fn line(row: &MetricsRow) -> String {
 fn rows_of(csv: &str, last_step: u32) -> Result<Vec<MetricsRow>, Error> {
     let wrong = |line: usize, what: &str| Error::Checkpoint(format!("line {line} of its `{KEY}` {what}"));
     let mut lines = csv.lines();
-    if lines.next() != Some(HEADINGS) {
-        return Err(wrong(1, "does not name the columns of a table of metrics"));
-    }
+    // A table of before runs could begin again has no columns for it.
+    let missing = match lines.next() {
+        Some(HEADINGS) => "",
+        Some(headings) if HEADINGS.strip_prefix(headings) == Some(FRESH_START_HEADINGS) => ",,",
+        _ => return Err(wrong(1, "does not name the columns of a table of metrics")),
+    };
     let mut rows: Vec<MetricsRow> = Vec::new();
     for (line, text) in lines.enumerate().map(|(i, text)| (i + 2, text)) {
-        let row = row_of(text).ok_or_else(|| wrong(line, &format!("is no row of metrics: `{text}`")))?;
+        let row = row_of(&format!("{text}{missing}"))
+            .ok_or_else(|| wrong(line, &format!("is no row of metrics: `{text}`")))?;
         if rows.last().is_some_and(|before| before.step >= row.step) || row.step > last_step {
             return Err(wrong(line, &format!("is out of order: step {} of a fit at step {last_step}", row.step)));
         }
@@ -319,6 +325,8 @@ mod tests {
         let rows: Vec<MetricsRow> = (1..4).map(row).collect();
         assert_eq!(rows_of(&csv(&rows), 3).unwrap(), rows);
         assert_eq!(rows_of(&csv(&[]), 0).unwrap(), []);
+        let before = csv(&rows[..1]).replace(FRESH_START_HEADINGS, "").replace(",,\n", "\n");
+        assert_eq!(rows_of(&before, 3).unwrap(), rows[..1], "{before}");
         let log = MetricsLog { rows, ..MetricsLog::new(1) };
         assert_eq!(
             log.csv_from(1) + &log.csv_from(9),

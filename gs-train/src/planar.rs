@@ -256,7 +256,8 @@ impl<'a, R: Rasterizer<PlanarScene>> Trainer<'a, R> {
         Ok(trainer)
     }
 
-    /// Goes on with a fit where a checkpoint left it; on the same backend it ends bit for bit as if it had never stopped.
+    /// Goes on with a fit where a checkpoint left it; on the same backend it ends bit for bit as if it had never stopped,
+    /// unless it fails and begins again ([`Recovery`](crate::Recovery)).
     ///
     /// # Errors
     /// [`Error::WrongTarget`] for an image of another size or content, [`Error::Checkpoint`] for metadata that are not those of

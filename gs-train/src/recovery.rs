@@ -10,14 +10,18 @@ use serde::{Deserialize, Serialize};
 /// Whether a run that has failed begins again.
 ///
 /// A run has failed when its mean loss over a window of steps (a twentieth of the run, but of 50 steps at least, and all of a run that is
-/// shorter) is higher than at its start (each picture once, before any was looked at twice), and more than a quarter of that of an empty
-/// picture: a good scene that is trained on may well get worse for a while. Nor is a run judged in the 500 steps after all opacities have been reset.
+/// shorter) is higher by a twentieth than at its start (the first steps, as many as there are pictures, 50 at most), and more than a quarter of
+/// that of an empty picture: a good scene that is trained on may well get worse for a while. The 500 steps after all opacities have been reset
+/// do not count.
+///
+/// To go back, the host keeps a copy of the Gaussians that the run began with; for a resumed run these are those it was resumed with, and its
+/// start is where it was resumed. So a run that fails ends otherwise where it was resumed than where it was not.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Recovery {
-    /// It goes on with the Gaussians that it began with (a resumed run: those that it was resumed with), at a tenth of the learning rates
-    /// it had, down to a thousandth of those of the settings; from the second time on without density control, which may be what undid it.
-    /// One that has failed after its last step ends with its first Gaussians.
+    /// It goes on with the Gaussians that it began with, and the effects, at a tenth of the learning rates it had, down to a thousandth of those
+    /// of the settings; from the second time on without density control, which may be what undid it. After the last step the last scene is
+    /// compared with the first where the last window was no better than the start, and the better is the result.
     #[default]
     BeginAgain,
     /// It goes on. For who studies failures.
@@ -59,8 +63,7 @@ pub(crate) fn pace(fresh_starts: usize) -> f32 {
 }
 
 /// The mean of some losses.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Mean {
     sum: f64,
     count: u32,
@@ -78,7 +81,7 @@ impl Mean {
     }
 }
 
-/// Within so many steps after all opacities have been reset, a run is not judged: it has yet to come back.
+/// So many steps after all opacities have been reset are not judged: the scene has yet to come back.
 const RESET_STEPS: u32 = 500;
 
 /// Steps of the shortest window.
@@ -87,25 +90,50 @@ const SHORTEST_WINDOW: u32 = 50;
 /// Windows of the longest run.
 const MOST_WINDOWS: u32 = 20;
 
+/// What is higher than the start by less than this factor is not worse.
+const MARGIN: f64 = 1.05;
+
 /// The losses by which a run is judged.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[derive(Debug, Default)]
 pub(crate) struct Watch {
     /// Those of the start.
     first: Mean,
-    /// Those of the window under way.
+    /// Those of the window under way that count.
     window: Mean,
-    /// Windows that end before this step are not judged.
-    settled_at: u32,
+    /// Those of steps up to this one do not.
+    settled_after: u32,
+}
+
+/// How a window has gone.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Judgement {
+    /// The mean loss.
+    pub(crate) loss: f64,
+    /// That of the start.
+    pub(crate) first: f64,
+}
+
+impl Judgement {
+    /// Whether the run has become worse, if an empty picture has not four times the loss.
+    pub(crate) fn is_worse(self) -> bool {
+        self.loss > MARGIN * self.first
+    }
 }
 
 impl Watch {
-    /// Hears the next loss of a run of so many pictures.
-    pub(crate) fn hear(&mut self, loss: f32, pictures: u32) {
+    /// Hears the loss of step `step`, counted from 1, of a run of so many pictures.
+    pub(crate) fn hear(&mut self, step: u32, loss: f32, pictures: u32) {
         if self.first.count < pictures.clamp(1, SHORTEST_WINDOW) {
             self.first.add(loss);
         }
-        self.window.add(loss);
+        if step > self.settled_after {
+            self.window.add(loss);
+        }
+    }
+
+    /// Hears that all opacities are reset after step `step`.
+    pub(crate) fn hear_reset(&mut self, step: u32) {
+        self.settled_after = step.saturating_add(RESET_STEPS);
     }
 
     /// Whether a window ends with step `step`, counted from 1, of so many.
@@ -115,16 +143,10 @@ impl Watch {
         step > 0 && window(step) > window(step - 1)
     }
 
-    /// Hears that all opacities are reset after step `step`.
-    pub(crate) fn hear_reset(&mut self, step: u32) {
-        self.settled_at = step.saturating_add(RESET_STEPS);
-    }
-
-    /// Ends a window with step `step`: how many steps it had, and their mean loss and that of the start where the first is higher.
-    pub(crate) fn end_window(&mut self, step: u32) -> Option<(u32, f64, f64)> {
+    /// Ends a window: how it has gone, where any of its losses count.
+    pub(crate) fn end_window(&mut self) -> Option<Judgement> {
         let window = std::mem::take(&mut self.window);
-        let (loss, first) = (window.value(), self.first.value());
-        (loss > first && step >= self.settled_at).then_some((window.count, loss, first))
+        (window.count > 0).then(|| Judgement { loss: window.value(), first: self.first.value() })
     }
 }
 
@@ -146,18 +168,29 @@ mod tests {
     }
 
     #[test]
-    fn the_start_is_each_picture_once() {
+    fn the_start_is_as_many_steps_as_there_are_pictures() {
         let mut watch = Watch::default();
-        [0.5, 0.25, 9.0, 9.0].iter().for_each(|&loss| watch.hear(loss, 2));
-        assert_eq!(watch.end_window(4), Some((4, 4.6875, 0.375)));
-        watch.hear(0.375, 2);
-        assert_eq!(watch.end_window(5), None, "no worse than at first");
-        watch.hear(0.5, 2);
-        assert_eq!(watch.end_window(6), Some((1, 0.5, 0.375)));
-        watch.hear_reset(6);
-        watch.hear(0.5, 2);
-        assert_eq!(watch.end_window(505), None, "opacities have been reset");
-        watch.hear(0.5, 2);
-        assert_eq!(watch.end_window(506), Some((1, 0.5, 0.375)));
+        [0.5, 0.25, 9.0, 9.0].iter().zip(1..).for_each(|(&loss, step)| watch.hear(step, loss, 2));
+        let judgement = watch.end_window().unwrap();
+        assert_eq!(judgement, Judgement { loss: 4.6875, first: 0.375 });
+        assert!(judgement.is_worse());
+        watch.hear(5, 0.39, 2);
+        assert!(!watch.end_window().unwrap().is_worse(), "by less than a twentieth");
+        let mut many = Watch::default();
+        (1..=80).for_each(|step| many.hear(step, if step <= 50 { 1.0 } else { 2.0 }, 1000));
+        assert_eq!(many.end_window().unwrap().first, 1.0, "no more than are in the shortest window");
+    }
+
+    #[test]
+    fn what_follows_a_reset_does_not_count() {
+        let mut watch = Watch::default();
+        watch.hear(1, 0.5, 1);
+        watch.hear(2, 0.25, 1);
+        watch.hear_reset(2);
+        assert_eq!(watch.end_window(), Some(Judgement { loss: 0.375, first: 0.5 }), "what came before does");
+        (3..=502).for_each(|step| watch.hear(step, 9.0, 1));
+        assert_eq!(watch.end_window(), None);
+        (503..=504).for_each(|step| watch.hear(step, 0.25, 1));
+        assert_eq!(watch.end_window(), Some(Judgement { loss: 0.25, first: 0.5 }));
     }
 }

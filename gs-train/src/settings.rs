@@ -167,8 +167,10 @@ mod tests {
         for preset in Preset::ALL {
             let settings = preset.settings(9_000, (768, 512));
             settings.validate().unwrap();
-            let json = serde_json::to_string(&settings).unwrap();
-            assert_eq!(serde_json::from_str::<FitSettings>(&json).unwrap(), settings, "{json}");
+            for settings in [FitSettings { recovery: Recovery::Never, ..settings.clone() }, settings] {
+                let json = serde_json::to_string(&settings).unwrap();
+                assert_eq!(serde_json::from_str::<FitSettings>(&json).unwrap(), settings, "{json}");
+            }
         }
     }
 

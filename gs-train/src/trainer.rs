@@ -11,6 +11,8 @@ use gs_density::{DensityPolicy, Rng};
 use gs_io::Checkpoint;
 use rand::SeedableRng;
 
+use fresh_start::Start;
+
 use crate::{
     checkpoint::Record,
     clamped::Clamped,
@@ -19,7 +21,7 @@ use crate::{
     joining::{Join, Joined, Joins},
     losses::Losses,
     observer::{Control, Observer, Progress, Quality},
-    recovery::{FreshStart, pace},
+    recovery::{FreshStart, Watch, pace},
     rounds::Rounds,
     suspect::Suspect,
 };
@@ -47,8 +49,9 @@ pub struct Trainer<'a, R: Rasterizer<S>, S: Trainable = PlanarScene> {
     /// What the next step does about its lists.
     binning: Binning,
     losses: Losses,
-    /// The Gaussians that this run, resumed or not, began with.
-    start: Option<S>,
+    /// How it goes, and what this run, resumed or not, began with.
+    watch: Watch,
+    start: Option<Start<S>>,
     /// In place of the settings' policy.
     foreign: Option<ForeignPolicy<S>>,
 }
@@ -75,7 +78,17 @@ impl<'a, R: Rasterizer<S>, S: Trainable> Trainer<'a, R, S> {
         course: S::Course<R>,
     ) -> Self {
         let losses = Losses::after(record.step);
-        Self { rasterizer, record, cloud, course, binning: Binning::Fresh, losses, start: None, foreign: None }
+        Self {
+            rasterizer,
+            record,
+            cloud,
+            course,
+            binning: Binning::Fresh,
+            losses,
+            watch: Watch::default(),
+            start: None,
+            foreign: None,
+        }
     }
 
     /// The same run with its density controlled by another policy, one of your own, in place of that of its settings.
@@ -130,7 +143,8 @@ impl<'a, R: Rasterizer<S>, S: Trainable> Trainer<'a, R, S> {
     }
 
     /// One step of the optimiser, and the round of density control that follows it, if one is due. The step itself may still be under
-    /// way; a round, the first step of a run and its last wait for all that there are.
+    /// way; a round, the first step of a run, its last, and those after which it is judged (`Recovery`) wait for all
+    /// that there are.
     ///
     /// # Errors
     /// [`Error::Diverged`] where the loss of this or of an earlier step is not finite, [`Error::Finished`] after the last step, and those
@@ -156,8 +170,8 @@ impl<'a, R: Rasterizer<S>, S: Trainable> Trainer<'a, R, S> {
         if self.is_finished() {
             self.drop_not_finite(&mut edits)?;
         }
-        let joined = self.join_effects()?;
         let fresh_start = self.begin_again()?;
+        let joined = self.join_effects()?;
         self.record.seconds += started.elapsed().as_secs_f64();
         // What joined before the first step is told with it.
         let before = if self.record.step == 1 { self.record.joins.at(0) } else { Joined::default() };
@@ -229,9 +243,9 @@ impl<'a, R: Rasterizer<S>, S: Trainable> Trainer<'a, R, S> {
 
     /// Looks at the losses that have come, or waits for all.
     fn see_losses(&mut self, wait: Wait) -> Result<(), Error> {
-        let (pictures, watch) = (self.course.pictures(), &mut self.record.watch);
+        let (pictures, watch) = (self.course.pictures(), &mut self.watch);
         let seen = |list: &mut Vec<f32>| self.rasterizer.losses(&mut self.cloud, wait, list);
-        self.losses.see(seen, |loss| watch.hear(loss, pictures))?;
+        self.losses.see(seen, |step, loss| watch.hear(step, loss, pictures))?;
         self.check_divergence()?;
         match wait == Wait::All && self.losses.seen() != self.record.step {
             true => Err(self.missing_losses()),

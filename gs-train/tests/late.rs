@@ -225,6 +225,18 @@ fn losses_that_come_late_make_no_difference() {
 }
 
 #[test]
+fn a_fit_begins_again_at_the_same_step_however_late_its_losses_come() {
+    let mut settings = FitSettings { iterations: 100, chart: Chart::ScaleRotation, ..small_fit(Blend::Over) };
+    settings.adam.mean.learning_rate = 200.0;
+    let (expected, _) = fit(&rasterizer(), settings.clone(), None);
+    let begun_again = expected.rows.iter().filter(|row| !row[row.len() - 1].is_empty()).count();
+    assert!(begun_again > 1, "besides the headings");
+    for by in [1, 100] {
+        assert_eq!(fit(&Late { sound: rasterizer(), by }, settings.clone(), None).0, expected, "{by} steps late");
+    }
+}
+
+#[test]
 fn fits_on_a_gpu_repeat_themselves_in_every_row() {
     let run = || {
         let wgpu = WgpuRasterizer::new(WgpuSettings::default()).expect("`cargo xtask test` installs a driver");

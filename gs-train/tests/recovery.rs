@@ -1,10 +1,16 @@
 //! A run that has become worse than it was at first begins again, says so wherever a run is told of, and ends no worse.
 
 mod scenes;
+/// Shared with other tests, which use all of it.
+#[allow(dead_code)]
+mod space;
 
-use gs_core::{Blend, Chart};
+use gs_core::{Blend, Chart, edit::EditCounts};
 use gs_density::Policy;
-use gs_train::{Control, FitSettings, FreshStart, MetricsLog, Observer, Progress, Recovery, Rounds, Trainer, fit};
+use gs_train::{
+    Control, FitSettings, FreshStart, MetricsLog, Observer, Outcome, Progress, Recovery, Rounds, SpatialSettings,
+    SpatialTrainer, Trainer, fit, spatial::Start,
+};
 use scenes::{rasterizer, small_fit, small_target};
 
 /// Two windows, whose first begins with steps longer than the picture.
@@ -76,21 +82,80 @@ impl Observer for StopAt {
 }
 
 #[test]
-fn a_resumed_fit_is_judged_by_its_start_and_goes_back_to_what_it_was_resumed_with() {
+fn a_training_whose_opacities_are_reset_is_not_taken_for_one_that_failed() {
+    let rasterizer = space::rasterizer();
+    let mut settings = SpatialSettings { iterations: 1200, ..space::short(1200) };
+    settings.rounds = Rounds { every: 100, from: 100, until: 900 };
+    settings.policy.actions_mut().expect("that of 3DGS has actions").reset.every = 300;
+    let alone = SpatialSettings { recovery: Recovery::Never, ..settings.clone() };
+    let [watched, alone] = [settings, alone].map(|settings| {
+        let views = space::views(&rasterizer);
+        let mut trainer = SpatialTrainer::from_views(&rasterizer, views, Start::Random, settings).unwrap();
+        trainer.run(&mut ()).unwrap();
+        (trainer.scene().unwrap(), trainer.fresh_starts().len())
+    });
+    assert_eq!(watched.1, 0);
+    assert!(watched.0 == alone.0);
+}
+
+#[test]
+fn a_fit_that_fails_again_and_again_goes_on_without_density_control() {
+    #[derive(Default)]
+    struct Steps {
+        rounds: Vec<u32>,
+        fresh_starts: Vec<u32>,
+    }
+    impl Observer for Steps {
+        fn on_edit(&mut self, progress: &Progress, _: &EditCounts) {
+            self.rounds.push(progress.step);
+        }
+        fn on_fresh_start(&mut self, progress: &Progress, _: &FreshStart) {
+            self.fresh_starts.push(progress.step);
+        }
+    }
+    let mut settings = FitSettings { iterations: 250, ..hasty(Recovery::BeginAgain) };
+    settings.rounds = Rounds::until(20, 240);
+    settings.adam.mean.learning_rate = 1e6;
+    let mut steps = Steps::default();
+    let rasterizer = rasterizer();
+    let mut trainer = Trainer::new(&rasterizer, &small_target(), settings).unwrap();
+    let start = trainer.scene().unwrap();
+    trainer.run(&mut steps).unwrap();
+    assert_eq!(steps.fresh_starts, [50, 100, 150, 200, 250], "a thousandth of these rates is too much, too");
+    assert_eq!(steps.rounds, [20, 40, 60, 80, 100]);
+    assert_eq!(trainer.scene().unwrap(), start);
+}
+
+#[test]
+fn a_fit_that_is_resumed_after_it_began_again_ends_as_one_that_was_not_stopped() {
     let (rasterizer, target) = (rasterizer(), small_target());
-    let settings = FitSettings { rebin_every: 1, iterations: 50, ..hasty(Recovery::BeginAgain) };
+    let settings = FitSettings { rebin_every: 1, ..hasty(Recovery::BeginAgain) };
     let mut trainer = Trainer::new(&rasterizer, &target, settings).unwrap();
-    trainer.run(&mut StopAt(7)).unwrap();
-    let (begun, kept) = (trainer.checkpoint().unwrap(), trainer.scene().unwrap());
+    assert_eq!(trainer.run(&mut StopAt(60)).unwrap(), Outcome::Stopped);
+    assert_eq!(trainer.fresh_starts().len(), 1);
+    let checkpoint = trainer.checkpoint().unwrap();
     trainer.run(&mut ()).unwrap();
-    let mut resumed = Trainer::resume(&rasterizer, &target, begun).unwrap();
+    let mut resumed = Trainer::resume(&rasterizer, &target, checkpoint).unwrap();
     resumed.run(&mut ()).unwrap();
-    assert_eq!(
-        resumed.fresh_starts(),
-        trainer.fresh_starts(),
-        "the losses are the same, those of the start among them"
-    );
+    assert_eq!(resumed.scene().unwrap(), trainer.scene().unwrap(), "its steps are as short");
+    assert_eq!(resumed.fresh_starts(), trainer.fresh_starts());
+}
+
+#[test]
+fn a_resumed_fit_goes_back_to_what_it_was_resumed_with() {
+    let (rasterizer, target) = (rasterizer(), small_target());
+    let calm = FitSettings { rebin_every: 1, iterations: 50, ..hasty(Recovery::BeginAgain) };
+    let mut settings = calm.clone();
+    settings.adam.mean.learning_rate = 0.2;
+    let mut trainer = Trainer::new(&rasterizer, &target, settings.clone()).unwrap();
+    trainer.run(&mut StopAt(7)).unwrap();
+    let (mut checkpoint, kept) = (trainer.checkpoint().unwrap(), trainer.scene().unwrap());
+    // From here on, it is hasty.
+    let hasty = checkpoint.metadata["settings"].replace("learning-rate = 0.2", "learning-rate = 200.0");
+    assert_ne!(checkpoint.metadata["settings"], hasty);
+    checkpoint.metadata.insert("settings".to_owned(), hasty);
+    let mut resumed = Trainer::resume(&rasterizer, &target, checkpoint).unwrap();
+    resumed.run(&mut ()).unwrap();
+    assert_eq!(resumed.fresh_starts().len(), 1);
     assert_eq!(resumed.scene().unwrap(), kept);
-    let again = Trainer::resume(&rasterizer, &target, resumed.checkpoint().unwrap()).unwrap();
-    assert_eq!(again.fresh_starts(), trainer.fresh_starts(), "a checkpoint knows of them");
 }

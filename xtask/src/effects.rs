@@ -3,7 +3,10 @@
 //! The benchmark `effects` of gs-cpu is built as it is, and once for each effect with `--cfg never_written`, which leaves that effect out of the
 //! kernels. These programs take turns, so that what else the machine does meets all of them.
 
-use std::{env, path::PathBuf, process::Command};
+use std::{
+    path::PathBuf,
+    process::{Command, Stdio},
+};
 
 use crate::{test, wrapper};
 
@@ -35,8 +38,8 @@ pub(crate) fn run() -> Result<(), String> {
         for row in 0..rows {
             let of = |row: usize| times[row].iter().map(move |times| times[scene]);
             let ratios = sorted(of(row).zip(of(0)).map(|(time, first)| time / first));
-            let [low, middle, high] = [1, 2, 3].map(|quarter| ratios[(ratios.len() - 1) * quarter / 4]);
-            let time = sorted(of(row))[TURNS / 2];
+            let [low, middle, high] = [0.25, 0.5, 0.75].map(|part| quantile(&ratios, part));
+            let time = quantile(&sorted(of(row)), 0.5);
             println!("| {} | {time:.2} | {middle:.3} ({low:.3} to {high:.3}) |", programs[row].0);
         }
     }
@@ -52,23 +55,30 @@ fn sorted(values: impl Iterator<Item = f64>) -> Vec<f64> {
     values
 }
 
+/// Between two values in proportion.
+fn quantile(sorted: &[f64], part: f64) -> f64 {
+    let place = (sorted.len() - 1) as f64 * part;
+    let (below, above) = (place.floor() as usize, place.ceil() as usize);
+    sorted[below] + (sorted[above] - sorted[below]) * place.fract()
+}
+
 /// Builds the benchmark without an effect in its kernels, if one is named; where it is then.
 fn build(never_written: Option<&str>) -> Result<PathBuf, String> {
     let folder = test::workspace().join("target").join("never-written").join(never_written.unwrap_or("none"));
-    let folder = folder.to_str().ok_or_else(|| format!("{}: not UTF-8", folder.display()))?.to_owned();
-    let environment = never_written.map(|effect| wrapper::environment(&format!("never_written=\"{effect}\"")));
-    let arguments = ["bench", "--package", "gs-cpu", "--bench", "effects", "--no-run", "--target-dir", &folder];
-    let environment = environment.transpose()?.into_iter().flatten();
-    test::cargo_with(&arguments, |cargo| cargo.envs(environment))?;
-    let built = PathBuf::from(&folder).join("release").join("deps");
-    let found = std::fs::read_dir(&built).map_err(|source| format!("{}: {source}", built.display()))?;
-    let programs = found.flatten().map(|entry| entry.path()).filter(|path| {
-        let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-        let is_program = path.extension().is_none_or(|extension| extension == env::consts::EXE_EXTENSION);
-        name.starts_with("effects-") && is_program
-    });
-    let newest = programs.max_by_key(|path| path.metadata().and_then(|metadata| metadata.modified()).ok());
-    newest.ok_or_else(|| format!("{}: the benchmark is not there", built.display()))
+    let mut cargo = Command::new(test::cargo_program());
+    cargo.current_dir(test::workspace()).args(["bench", "--package", "gs-cpu", "--bench", "effects", "--no-run"]);
+    cargo.args(["--message-format", "json-render-diagnostics", "--target-dir"]).arg(&folder).stderr(Stdio::inherit());
+    if let Some(effect) = never_written {
+        cargo.envs(wrapper::environment(&format!("never_written=\"{effect}\""))?);
+    }
+    eprintln!("== {cargo:?}");
+    let built = cargo.output().map_err(|source| format!("cargo: {source}"))?;
+    let told = String::from_utf8_lossy(&built.stdout);
+    let program = told.split("\"executable\":\"").skip(1).filter_map(|rest| rest.split('"').next()).last();
+    match program {
+        Some(program) if built.status.success() => Ok(program.into()),
+        _ => Err(format!("the benchmark could not be built: {}", built.status)),
+    }
 }
 
 /// Milliseconds of each scene.

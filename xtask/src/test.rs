@@ -104,7 +104,7 @@ pub(crate) fn run_in_workspace(line: &str, command: &mut Command) -> Result<(), 
 }
 
 /// The cargo that runs this program, so that both use one toolchain.
-fn cargo_program() -> OsString {
+pub(crate) fn cargo_program() -> OsString {
     env::var_os("CARGO").unwrap_or_else(|| "cargo".into())
 }
 

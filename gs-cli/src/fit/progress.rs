@@ -170,7 +170,16 @@ impl Observer for Display {
     }
 
     fn on_fresh_start(&mut self, progress: &Progress, fresh_start: &FreshStart) {
-        self.voice().say(format_args!("note: step {}: {fresh_start}", progress.step));
+        // Said here, so there is no need to warn of it.
+        self.trouble.add_fresh_start();
+        self.warned.add_fresh_start();
+        if progress.is_last() {
+            self.voice().say(
+                "note: the last Gaussians are worse than the first, which are the result: lower the learning rates",
+            );
+        } else {
+            self.voice().say(format_args!("note: step {}: {fresh_start}", progress.step));
+        }
     }
 
     fn wants_quality(&mut self, progress: &Progress) -> bool {

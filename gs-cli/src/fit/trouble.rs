@@ -33,6 +33,11 @@ impl Trouble {
         self.removed = self.removed.saturating_add(counts.pruned_not_finite);
     }
 
+    /// Counts that the training begins again.
+    pub(crate) fn add_fresh_start(&mut self) {
+        self.fresh_starts = self.fresh_starts.saturating_add(1);
+    }
+
     /// Takes note of a measurement. What is outside, near or transparent is no trouble: so are views.
     pub(crate) fn see(&mut self, culled: Culled, clamped: Clamped) {
         (self.not_finite, self.degenerate, self.clamped) = (culled.not_finite, culled.degenerate, clamped);

@@ -39,8 +39,10 @@ fn project(
     let yy = l.x_axis.y * l.x_axis.y + l.y_axis.y * l.y_axis.y;
     let xy = l.x_axis.x * l.x_axis.y + l.y_axis.x * l.y_axis.y;
     let undilated = l.determinant().powi(2);
-    let determinant = undilated + delta * (xx + yy) + delta * delta;
-    let (xx, yy) = (xx + delta, yy + delta);
+    let (determinant, xx, yy) = match written::ANTIALIAS {
+        true => (undilated + delta * (xx + yy) + delta * delta, xx + delta, yy + delta),
+        false => (undilated, xx, yy),
+    };
     let broken = (Guard::FiniteParameters.is_on() && (!mean.is_finite() || opacity.is_nan()))
         || (Guard::FiniteProjection.is_on() && !(determinant.is_finite() && (xx * yy).is_finite()))
         || (Guard::FiniteColor.is_on() && !color.iter().all(|c| c.is_finite()));

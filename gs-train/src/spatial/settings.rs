@@ -213,7 +213,6 @@ impl RunSettings<SpatialScene> for SpatialSettings {
         None
     }
 
-    /// Always: each step has another view.
     fn chart(&self) -> Chart {
         self.chart
     }
@@ -222,6 +221,7 @@ impl RunSettings<SpatialScene> for SpatialSettings {
         self.recovery
     }
 
+    /// Always: each step has another view.
     fn bins_afresh_after(&self, _: u32) -> bool {
         true
     }

@@ -54,7 +54,8 @@ impl<'a, R: Rasterizer<SpatialScene>> Trainer<'a, R, SpatialScene> {
         Ok(trainer)
     }
 
-    /// Goes on with a training where a checkpoint left it; on the same backend it ends bit for bit as if it had never stopped.
+    /// Goes on with a training where a checkpoint left it; on the same backend it ends bit for bit as if it had never stopped,
+    /// unless it fails and begins again ([`Recovery`](crate::Recovery)).
     ///
     /// # Errors
     /// [`Error::WrongTarget`] for other views, [`Error::Checkpoint`] for metadata that are not those of a training in space, and those of

@@ -47,7 +47,7 @@ impl<R: Rasterizer<S>, S: Trainable> Trainer<'_, R, S> {
         let counts = plan.counts();
         self.rasterizer.edit(&mut self.cloud, &plan)?;
         if plan.opacity_ceiling.is_some() {
-            self.record.watch.hear_reset(self.record.step);
+            self.watch.hear_reset(self.record.step);
         }
         self.record.edits.accumulate(&counts);
         self.binning = Binning::Fresh;

@@ -6,11 +6,18 @@ use super::Trainer;
 use crate::{
     course::{Course, Due, RunSettings, Trainable},
     error::Error,
-    recovery::{FreshStart, Recovery, Watch},
+    recovery::{FreshStart, Judgement, Recovery, Watch},
 };
 
-/// Of so many steps at most the loss of an empty picture is the mean: no picture's differs so much from the others'.
-const MOST_EMPTY_STEPS: u32 = 50;
+/// A scene's loss is the mean of at most so many steps.
+const MOST_STEPS: u32 = 50;
+
+/// What a run began with.
+pub(super) struct Start<S> {
+    scene: S,
+    /// Steps done before.
+    step: u32,
+}
 
 impl<R: Rasterizer<S>, S: Trainable> Trainer<'_, R, S> {
     /// Whether the run is judged after the step just done.
@@ -25,7 +32,7 @@ impl<R: Rasterizer<S>, S: Trainable> Trainer<'_, R, S> {
     /// Keeps the Gaussians that this run begins with, where it may have to go back to them.
     pub(super) fn keep_start(&mut self) -> Result<(), Error> {
         if self.start.is_none() && self.recovers() {
-            self.start = Some(self.rasterizer.download(&self.cloud)?);
+            self.start = Some(Start { scene: self.rasterizer.download(&self.cloud)?, step: self.record.step });
         }
         Ok(())
     }
@@ -35,27 +42,52 @@ impl<R: Rasterizer<S>, S: Trainable> Trainer<'_, R, S> {
         if !self.is_judged() {
             return Ok(None);
         }
-        let Some((steps, loss, first)) = self.record.watch.end_window(self.record.step) else { return Ok(None) };
+        let Some(judgement) = self.watch.end_window() else { return Ok(None) };
         let Some(start) = self.start.take() else { return Ok(None) };
-        if loss > self.loss_of_nothing(steps.min(MOST_EMPTY_STEPS))? / 4.0 {
-            self.cloud = self.rasterizer.upload(&start, self.record.settings.chart())?;
-            self.record.fresh_starts.push(FreshStart { step: self.record.step, loss, first });
-            self.binning = Binning::Fresh;
-        }
+        let failed = self.has_failed(judgement, &start.scene);
+        let cloud = match failed {
+            Ok(true) => self.rasterizer.upload(&start.scene, self.record.settings.chart()).map(Some),
+            _ => Ok(None),
+        };
+        let begun = start.step;
         self.start = Some(start);
-        Ok(self.record.fresh_starts.last().copied().filter(|start| start.step == self.record.step))
+        let (true, Some(cloud)) = (failed?, cloud?) else { return Ok(None) };
+        self.cloud = cloud;
+        self.binning = Binning::Fresh;
+        self.record.joins.joins.retain(|join| join.step <= begun);
+        let fresh_start = FreshStart { step: self.record.step, loss: judgement.loss, first: judgement.first };
+        self.record.fresh_starts.push(fresh_start);
+        Ok(Some(fresh_start))
     }
 
-    /// The mean loss of an empty scene in the last so many steps.
-    fn loss_of_nothing(&mut self, steps: u32) -> Result<f64, Error> {
+    /// Whether what there is, is worse than the start: by the window; after the last step, which no other follows, by the scene itself.
+    fn has_failed(&mut self, judgement: Judgement, start: &S) -> Result<bool, Error> {
+        let doubtful = judgement.is_worse() || self.is_finished() && judgement.loss > judgement.first;
+        if !doubtful {
+            return Ok(false);
+        }
+        if judgement.loss <= self.loss_of(&S::default())? / 4.0 {
+            return Ok(false);
+        }
+        if !self.is_finished() {
+            return Ok(true);
+        }
+        let scene = self.rasterizer.download(&self.cloud)?;
+        Ok(self.loss_of(&scene)? > self.loss_of(start)?)
+    }
+
+    /// The mean loss of a scene in the last steps, as many as there are pictures.
+    fn loss_of(&mut self, scene: &S) -> Result<f64, Error> {
         let settings = &self.record.settings;
-        let mut empty = self.rasterizer.upload(&S::default(), settings.chart())?;
+        let mut cloud = self.rasterizer.upload(scene, settings.chart())?;
         let mut losses = Vec::new();
-        for step in self.record.step - steps..self.record.step {
+        let steps = self.course.pictures().min(MOST_STEPS);
+        for step in self.record.step.saturating_sub(steps)..self.record.step {
             let effects = settings.effects_after(step, &self.record.joins);
+            // The loss is that before the step, so it does not matter where the step leads; it may not lead far, as there are others.
             let due = Due { step, effects, pace: 0.0, binning: Binning::Fresh };
-            self.course.send(self.rasterizer, &mut empty, settings, due)?;
-            self.rasterizer.losses(&mut empty, Wait::All, &mut losses)?;
+            self.course.send(self.rasterizer, &mut cloud, settings, due)?;
+            self.rasterizer.losses(&mut cloud, Wait::All, &mut losses)?;
         }
         Ok(losses.iter().map(|&loss| f64::from(loss)).sum::<f64>() / losses.len() as f64)
     }
