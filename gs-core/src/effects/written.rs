@@ -2,7 +2,7 @@
 //! a kernel in which it never was.
 //!
 //! In every ordinary build all are `true`. With `--cfg never_written="antialias"`, kernels take that effect for off whatever settings say, and
-//! are compiled without a trace of it; pictures with it are wrong then, and such a build is for measuring alone.
+//! are compiled without what it alone needs; pictures with it are wrong then, and such a build is for measuring alone.
 
 /// An order other than that of the scene's list: the depths by which Gaussians or pixels' lists are sorted.
 pub const ORDER: bool = cfg!(not(never_written = "order"));

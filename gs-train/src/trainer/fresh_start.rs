@@ -44,17 +44,18 @@ impl<R: Rasterizer<S>, S: Trainable> Trainer<'_, R, S> {
         }
         let Some(judgement) = self.watch.end_window() else { return Ok(None) };
         let Some(start) = self.start.take() else { return Ok(None) };
-        let failed = self.has_failed(judgement, &start.scene);
-        let cloud = match failed {
-            Ok(true) => self.rasterizer.upload(&start.scene, self.record.settings.chart()).map(Some),
-            _ => Ok(None),
-        };
-        let begun = start.step;
+        let outcome = self.go_back_if_failed(judgement, &start);
         self.start = Some(start);
-        let (true, Some(cloud)) = (failed?, cloud?) else { return Ok(None) };
-        self.cloud = cloud;
+        outcome
+    }
+
+    fn go_back_if_failed(&mut self, judgement: Judgement, start: &Start<S>) -> Result<Option<FreshStart>, Error> {
+        if !self.has_failed(judgement, &start.scene)? {
+            return Ok(None);
+        }
+        self.cloud = self.rasterizer.upload(&start.scene, self.record.settings.chart())?;
         self.binning = Binning::Fresh;
-        self.record.joins.joins.retain(|join| join.step <= begun);
+        self.record.joins.joins.retain(|join| join.step <= start.step);
         let fresh_start = FreshStart { step: self.record.step, loss: judgement.loss, first: judgement.first };
         self.record.fresh_starts.push(fresh_start);
         Ok(Some(fresh_start))
