@@ -1,4 +1,4 @@
-//! How a scene in space is shown: what its files do not say.
+//! How a scene in space is shown: as flags ask, otherwise as its file says that it was trained.
 
 use clap::Args;
 use gs_core::{
@@ -6,9 +6,10 @@ use gs_core::{
     effects::{Antialias, Order},
     statistics::Culled,
 };
-use gs_io::dataset::Dataset;
+use gs_io::{TrainedWith, dataset::Dataset};
 
 use crate::{
+    output,
     train::{AntialiasName, OrderName},
     values::Color,
 };
@@ -23,10 +24,10 @@ pub(crate) struct ShownArgs {
     /// Highest degree of the spherical harmonics, 0 to 3 [default: the scene's]
     #[arg(long, value_name = "D", value_parser = clap::value_parser!(u8).range(0..=3))]
     sh_degree: Option<u8>,
-    /// In which order Gaussians are blended [default: tile-depth]
+    /// In which order Gaussians are blended [default: as the file says, otherwise tile-depth]
     #[arg(long, value_enum, value_name = "ORDER")]
     order: Option<OrderName>,
-    /// What is done about Gaussians narrower than a pixel [default: dilate]
+    /// What is done about Gaussians narrower than a pixel [default: as the file says, otherwise dilate]
     #[arg(long, value_enum, value_name = "ANTIALIAS")]
     antialias: Option<AntialiasName>,
 }
@@ -43,12 +44,36 @@ impl ShownArgs {
         self.order.is_some()
     }
 
+    /// Whether something is asked for that no scene's file says.
+    pub(crate) fn is_of_pictures(&self) -> bool {
+        self.background.is_some() || self.sh_degree.is_some()
+    }
+
+    /// How a scene was trained: as flags say, otherwise as its file does.
+    pub(crate) fn trained_with(&self, file: TrainedWith) -> TrainedWith {
+        TrainedWith {
+            antialias: self.antialias.map(Into::into).or(file.antialias),
+            order: self.order.map(Into::into).or(file.order),
+        }
+    }
+
+    /// Notes on standard error that the antialiasing is a guess, where neither the file nor a flag says it.
+    pub(crate) fn note_guess(&self, file: TrainedWith) {
+        if self.trained_with(file).antialias.is_none() {
+            output::note(
+                "note: the file does not say how the scene was antialiased in training; dilate, as in 3DGS, is assumed: \
+                 --antialias names another",
+            );
+        }
+    }
+
     /// How the scene is shown; before black, if nothing else is asked for.
-    pub(crate) fn settings(&self, scene: &SpatialScene) -> RenderSettings {
+    pub(crate) fn settings(&self, scene: &SpatialScene, file: TrainedWith) -> RenderSettings {
+        let TrainedWith { antialias, order } = self.trained_with(file);
         let mut render = RenderSettings::blended(Blend::Over).on(self.background.map_or([0.0; 3], |color| color.0));
         render.effects.sh_degree = self.sh_degree.unwrap_or(scene.sh_degree);
-        render.effects.order = self.order.map_or(Order::TileDepth, Into::into);
-        render.effects.antialias = self.antialias.map_or(Antialias::Dilate, Into::into);
+        render.effects.order = order.unwrap_or(Order::TileDepth);
+        render.effects.antialias = antialias.unwrap_or(Antialias::Dilate);
         render
     }
 
@@ -62,8 +87,8 @@ impl ShownArgs {
     }
 
     /// The same; before white if the photographs are of an object without surroundings, unless something else is asked for.
-    pub(crate) fn settings_beside(&self, scene: &SpatialScene, dataset: &Dataset) -> RenderSettings {
-        let render = self.settings(scene);
+    pub(crate) fn settings_beside(&self, scene: &SpatialScene, file: TrainedWith, dataset: &Dataset) -> RenderSettings {
+        let render = self.settings(scene, file);
         match self.background {
             None => render.on(crate::train::usual_background(dataset)),
             Some(_) => render,
@@ -71,7 +96,13 @@ impl ShownArgs {
     }
 }
 
-/// The effects that a scene is shown with, in the words of the flags: files do not say which it was trained with.
+/// How a scene was trained that was rendered so in training.
+pub(crate) fn trained_with(render: &RenderSettings) -> TrainedWith {
+    let effects = &render.effects;
+    TrainedWith { antialias: Some(effects.antialias), order: Some(effects.order) }
+}
+
+/// The effects that a scene is shown with, in the words of the flags.
 pub(crate) fn effects(render: &RenderSettings) -> String {
     let effects = &render.effects;
     let (order, antialias) = (effects.order.name(), effects.antialias.name());

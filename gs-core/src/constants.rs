@@ -31,9 +31,9 @@ pub const ALPHA_MAX: f32 = 0.999;
 /// *Source:* 3DGS. The Gaussian that would cross it does not count, forward and backward alike.
 pub const TRANSMITTANCE_MIN: f32 = 1e-4;
 
-/// What [`Antialias::Dilate`](crate::effects::Antialias) adds to the diagonal of Σ′. Unit: px².
+/// What [`Antialias::Dilate` and `Compensated`](crate::effects::Antialias) add to the diagonal of Σ′. Unit: px².
 ///
-/// *Source:* 3DGS. Smaller lets sub-pixel Gaussians fall between pixel centres and flicker.
+/// *Source:* 3DGS; gsplat with `rasterize_mode="antialiased"`. Smaller lets sub-pixel Gaussians fall between pixel centres and flicker.
 pub const DILATION_PX2: f32 = 0.3;
 
 /// What [`Antialias::Mip`](crate::effects::Antialias) adds to the diagonal of Σ′ before its opacity compensation. Unit: px².

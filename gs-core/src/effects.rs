@@ -47,6 +47,8 @@ pub enum Antialias {
     /// Σ′ + 0.1 px² · I with the opacity scaled by √(det Σ′ / det(Σ′ + 0.1 I)) (Mip-Splatting). Under [`Blend::Sum`], which has no
     /// opacity, nothing is scaled.
     Mip,
+    /// As [`Self::Mip`], but with 0.3 px² (gsplat's `antialiased`, which Nerfstudio, PlayCanvas and others also have).
+    Compensated,
 }
 
 /// What is behind the last Gaussian.
@@ -117,6 +119,14 @@ pub enum Statistics {
 }
 
 impl Order {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Index, Self::TileDepth, Self::PixelDepth];
+
+    /// The order of this name; `None` where there is none.
+    pub fn named(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|order| order.name() == name)
+    }
+
     /// As settings files and flags have it.
     pub const fn name(self) -> &'static str {
         match self {
@@ -138,12 +148,21 @@ impl Blend {
 }
 
 impl Antialias {
+    /// All of them.
+    pub const ALL: [Self; 4] = [Self::None, Self::Dilate, Self::Mip, Self::Compensated];
+
+    /// The treatment of this name; `None` where there is none.
+    pub fn named(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|antialias| antialias.name() == name)
+    }
+
     /// As settings files and flags have it.
     pub const fn name(self) -> &'static str {
         match self {
             Self::None => "none",
             Self::Dilate => "dilate",
             Self::Mip => "mip",
+            Self::Compensated => "compensated",
         }
     }
 
@@ -151,9 +170,14 @@ impl Antialias {
     pub fn dilation(self) -> f32 {
         match self {
             Self::None => 0.0,
-            Self::Dilate => DILATION_PX2,
+            Self::Dilate | Self::Compensated => DILATION_PX2,
             Self::Mip => MIP_DILATION_PX2,
         }
+    }
+
+    /// Whether the opacity is scaled by ρ = √(det Σ′ before dilation / det Σ′ after), so that a widened Gaussian adds as much light.
+    pub const fn compensates(self) -> bool {
+        matches!(self, Self::Mip | Self::Compensated)
     }
 }
 

@@ -9,7 +9,7 @@
 //! backend finds, touching no pixel, and a colour that is not finite.
 //!
 //! Legend: s = slopes (x/z, y/z), t = s clamped, m₀ m₁ m₂ = rows of W M, r₀ r₁ = rows of M′, n = r₀ × r₁ the minors, D = det Σ,
-//! D′ = det Σ′, ρ = √(D/D′) the compensation of [`Antialias::Mip`], `v_x` = ∂L/∂x.
+//! D′ = det Σ′, ρ = √(D/D′) the compensation of the opacity ([`Antialias::compensates`]), `v_x` = ∂L/∂x.
 
 use glam::{Mat3, Vec2, Vec3};
 
@@ -48,7 +48,7 @@ pub struct Projection {
     pub covariance: [f32; 3],
     /// det Σ′, px⁴.
     pub determinant: f32,
-    /// o: the sigmoid of the logit, under [`Antialias::Mip`] times ρ; 1 under [`Blend::Sum`].
+    /// o: the sigmoid of the logit, times ρ where [`Antialias::compensates`]; 1 under [`Blend::Sum`].
     pub opacity: f32,
     /// cov(z, (u, v)) Σ′⁻¹, world units per px: where a pixel's centre is d away from the mean, the mean of z given that the ray goes
     /// through it is `depth` + `depth_slope` · d (compare RaDe-GS and StopThePop; exact for the affine approximation). It orders Gaussians under
@@ -270,7 +270,9 @@ impl Perspective {
         }
         let opacity = match (self.blend, self.antialias()) {
             (Blend::Sum, _) => 1.0,
-            (Blend::Over, Antialias::Mip) => sigmoid(opacity_logit) * (undilated / determinant).sqrt(),
+            (Blend::Over, antialias) if antialias.compensates() => {
+                sigmoid(opacity_logit) * (undilated / determinant).sqrt()
+            }
             (Blend::Over, _) => sigmoid(opacity_logit),
         };
         if Guard::Transparent.is_on() && !(opacity >= self.alpha_cut) {
@@ -294,7 +296,7 @@ impl Perspective {
         let [v_xx, v_xy, v_yy] = v.covariance;
         let mut v_r0 = 2.0 * (v_xx * r0 + v_xy * r1);
         let mut v_r1 = 2.0 * (v_xy * r0 + v_yy * r1);
-        if self.antialias() == Antialias::Mip && self.blend == Blend::Over {
+        if self.antialias().compensates() && self.blend == Blend::Over {
             // ln ρ = ½ (ln D − ln D′), D = |n|², D′ = D + δ (|r₀|² + |r₁|²) + δ².
             let n = r0.cross(r1);
             let (det, trace, delta) = (n.length_squared(), r0.length_squared() + r1.length_squared(), self.dilation());

@@ -218,6 +218,16 @@ pub enum Error {
         /// What its first bytes or its content say.
         found: String,
     },
+    /// A scene, a mesh or the like of a known kind that is not read.
+    #[error("{}: is {what}, which is not read; {mend}", path.display())]
+    ForeignScene {
+        /// The file.
+        path: PathBuf,
+        /// "a SOG scene" or the like.
+        what: &'static str,
+        /// How to come by a scene that is read.
+        mend: &'static str,
+    },
     /// A PLY without properties that every Gaussian must have.
     #[error("{}: its vertices have no {}; it is not a scene of Gaussians: export it as a 3DGS PLY", path.display(), names.join(", "))]
     MissingProperties {

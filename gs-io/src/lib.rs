@@ -38,6 +38,6 @@ pub use crate::{
     scene_file::{PlanarFile, SCENE_EXTENSION, read_scene, read_scene_unchecked, write_scene},
     spatial::{
         GltfBuffer, Loss, SpatialFile, SpatialFormat, SpatialOptions, SpatialWritten, SpzOptions, SpzVersion,
-        decode_spatial, read_spatial, read_spatial_unchecked, spatial_format, write_spatial,
+        TrainedWith, decode_spatial, read_spatial, read_spatial_unchecked, spatial_format, write_spatial,
     },
 };

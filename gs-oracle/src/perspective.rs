@@ -273,7 +273,7 @@ impl Covariance {
         let minor = |a: usize, b: usize| footprint[0][a] * footprint[1][b] - footprint[0][b] * footprint[1][a];
         let dilation = Rounded::exact(match antialias {
             Antialias::None => 0.0,
-            Antialias::Dilate => f64::from(DILATION_PX2),
+            Antialias::Dilate | Antialias::Compensated => f64::from(DILATION_PX2),
             Antialias::Mip => f64::from(MIP_DILATION_PX2),
         });
         let (uu, uv, vv) = (spread(0, 0), spread(0, 1), spread(1, 1));
@@ -293,10 +293,10 @@ impl Covariance {
         Ok(Self { spread: [uu, uv, vv], thin, determinant, precision })
     }
 
-    /// ρ = √(det Σ / det Σ′) of Mip and ∂ρ/∂Σ, where uv stands for both entries; 1 and 0 without.
+    /// ρ = √(det Σ / det Σ′) of Mip and Compensated and ∂ρ/∂Σ, where uv stands for both entries; 1 and 0 without.
     fn compensation(&self, antialias: Antialias) -> (Rounded, [Rounded; 3]) {
         let &Self { spread: [uu, uv, vv], thin, determinant, precision } = self;
-        if antialias != Antialias::Mip {
+        if !matches!(antialias, Antialias::Mip | Antialias::Compensated) {
             return (Rounded::ONE, [Rounded::ZERO; 3]);
         }
         let compensation = (thin / determinant).sqrt();

@@ -59,7 +59,7 @@ fn main() -> Outcome {
 /// A scene without the harmonics above a degree.
 fn of_degree(scene: &SpatialScene, sh_degree: u8) -> SpatialScene {
     let mut cut = SpatialScene { sh_degree, ..SpatialScene::default() };
-    (0..scene.len()).for_each(|index| cut.push(scene.gaussian(index)));
+    (0..scene.len()).for_each(|index| cut.push(scene.gaussian(index).with_degree(sh_degree)));
     cut
 }
 

@@ -246,12 +246,13 @@ fn joined_of(cells: &[&str]) -> Option<Joined> {
         (degree, "") => Some(HarmonicsJoin { degree: degree.parse().ok()?, explains: None }),
         (degree, share) => Some(HarmonicsJoin { degree: degree.parse().ok()?, explains: Some(share.parse().ok()?) }),
     };
-    let named = |name: &str| [Antialias::Dilate, Antialias::Mip].into_iter().find(|kind| kind.name() == name);
     let antialias = match (antialias, narrow, shown) {
         ("", "", "") => None,
-        (name, narrow, shown) => {
-            Some(AntialiasJoin { antialias: named(name)?, narrow: narrow.parse().ok()?, shown: shown.parse().ok()? })
-        }
+        (name, narrow, shown) => Some(AntialiasJoin {
+            antialias: Antialias::named(name)?,
+            narrow: narrow.parse().ok()?,
+            shown: shown.parse().ok()?,
+        }),
     };
     Some(Joined { harmonics, antialias })
 }

@@ -80,6 +80,7 @@ fn gradients_hold_through_antialiasing_and_in_every_order() {
         (Antialias::Dilate, Order::TileDepth),
         (Antialias::Mip, Order::TileDepth),
         (Antialias::Mip, Order::PixelDepth),
+        (Antialias::Compensated, Order::TileDepth),
         (Antialias::None, Order::PixelDepth),
         (Antialias::None, Order::Index),
     ] {
@@ -240,11 +241,14 @@ fn hand_calculation_of_a_sphere_on_the_axis() {
     let dilation = f64::from(0.1f32);
     let alpha = 0.5 * 4.0 / (4.0 + dilation) * (-0.5 * 5.0 / (4.0 + dilation)).exp();
     assert!((image.pixels[5 * 9 + 6][0] - (alpha * red + (1.0 - alpha) * 0.25)).abs() < 1e-9);
-    // With Dilate it is 4.3 I and the opacity stays.
-    settings.effects.antialias = Antialias::Dilate;
-    let image = Oracle::new(view, settings).unwrap().render(&one(sphere).rows());
-    let alpha = 0.5 * (-0.5 * 5.0 / (4.0 + f64::from(0.3f32))).exp();
-    assert!((image.pixels[5 * 9 + 6][0] - (alpha * red + (1.0 - alpha) * 0.25)).abs() < 1e-9);
+    // With Dilate it is 4.3 I and the opacity stays; with Compensated the opacity is scaled by 4/4.3.
+    let dilation = f64::from(0.3f32);
+    for (antialias, opacity) in [(Antialias::Dilate, 0.5), (Antialias::Compensated, 0.5 * 4.0 / (4.0 + dilation))] {
+        settings.effects.antialias = antialias;
+        let image = Oracle::new(view, settings).unwrap().render(&one(sphere.clone()).rows());
+        let alpha = opacity * (-0.5 * 5.0 / (4.0 + dilation)).exp();
+        assert!((image.pixels[5 * 9 + 6][0] - (alpha * red + (1.0 - alpha) * 0.25)).abs() < 1e-9, "{antialias:?}");
+    }
 }
 
 /// A red and a blue ball, the blue one further away but listed first.

@@ -1,5 +1,8 @@
 //! `gs convert`: a spatial scene from one format into another, and what of it is lost on the way.
 
+mod cost;
+mod rounding;
+
 use std::{
     fmt::Write,
     path::{Path, PathBuf},
@@ -10,9 +13,13 @@ use gs_core::{
     Scene,
     examination::{self, Repair},
 };
-use gs_io::{GltfBuffer, Loss, SpatialFormat, SpatialOptions, SpzOptions, SpzVersion};
+use gs_io::{GltfBuffer, Loss, SpatialFile, SpatialFormat, SpatialOptions, SpzOptions, SpzVersion};
 use serde::Serialize;
 
+use self::{
+    cost::{Cost, CostArgs},
+    rounding::Rounding,
+};
 use crate::{failure::Failure, output};
 
 /// The flags of `gs convert`.
@@ -34,6 +41,8 @@ pub(crate) struct ConvertArgs {
     /// Print JSON
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    cost: CostArgs,
 }
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
@@ -63,6 +72,10 @@ struct Conversion {
     dropped: usize,
     /// What of the read file is not in the written one, in words.
     lost: Vec<String>,
+    /// How far the written numbers are from those that were read.
+    rounding: Vec<Rounding>,
+    /// How much further it is from the images of `--dataset`.
+    cost: Option<Cost>,
 }
 
 #[derive(Debug, Serialize)]
@@ -89,15 +102,18 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<(), Failure> {
     if SpatialFormat::to_write(&args.to).is_none() {
         return Err(gs_io::Error::UnknownEnding { path: args.to.clone() }.into());
     }
+    args.cost.check()?;
     let file =
         if args.drop_broken { gs_io::read_spatial_unchecked(&args.from) } else { gs_io::read_spatial(&args.from) };
-    let file = file.map_err(Failure::of_scene)?;
-    let (all, mut scene, mut losses) = (file.scene.len(), file.scene, file.losses);
+    let mut file = file.map_err(Failure::of_scene)?;
+    let (all, mut losses) = (file.scene.len(), std::mem::take(&mut file.losses));
     if args.drop_broken {
-        let Repair { widened, .. } = examination::repair(&mut scene)?;
+        let Repair { widened, .. } = examination::repair(&mut file.scene)?;
         losses.extend((widened > 0).then_some(Loss::ZeroScales { gaussians: widened }));
     }
+    file.trained_with = args.cost.trained_with(file.trained_with);
     let options = SpatialOptions {
+        trained_with: file.trained_with,
         spz: SpzOptions {
             version: match args.spz_version {
                 Version::V3 => SpzVersion::V3,
@@ -110,7 +126,9 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<(), Failure> {
             Buffer::Beside => GltfBuffer::Beside,
         },
     };
-    let written = gs_io::write_spatial(&args.to, &scene, &options).map_err(Failure::of_scene)?;
+    let SpatialFile { scene, .. } = &file;
+    let written = gs_io::write_spatial(&args.to, scene, &options).map_err(Failure::of_scene)?;
+    let after = gs_io::read_spatial(&args.to).map_err(Failure::of_scene)?;
     let size = |path: &Path| std::fs::metadata(path).map_or(0, |file| file.len());
     let bytes = size(&args.to) + written.beside.as_deref().map_or(0, size);
     let conversion = Conversion {
@@ -120,12 +138,14 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<(), Failure> {
         sh_degree: scene.sh_degree,
         dropped: all - scene.len(),
         lost: losses.iter().chain(&written.losses).map(Loss::to_string).collect(),
+        rounding: rounding::between(scene, &after.scene),
+        cost: args.cost.measure(&file, &after)?,
     };
     if args.json { output::json(&conversion) } else { output::result(text(&conversion)) }
 }
 
 fn text(conversion: &Conversion) -> String {
-    let Conversion { read, written, gaussians, sh_degree, dropped, lost } = conversion;
+    let Conversion { read, written, gaussians, sh_degree, dropped, lost, rounding, cost } = conversion;
     let side = |Side { file, format, bytes, bytes_per_gaussian }: &Side| {
         format!("{file}: {format}, {bytes} bytes, {bytes_per_gaussian:.1} a Gaussian")
     };
@@ -134,9 +154,11 @@ fn text(conversion: &Conversion) -> String {
         let _ = writeln!(text, "dropped     {dropped} Gaussians that cannot be drawn");
     }
     let _ = write!(text, "wrote       {}", side(written));
-    if lost.is_empty() {
+    if lost.is_empty() && rounding.is_empty() {
         text += "\nlost        nothing";
     }
     lost.iter().for_each(|loss| _ = write!(text, "\nlost        {loss}"));
+    rounding.iter().for_each(|rounding| _ = write!(text, "\nmoved       {rounding}"));
+    cost.iter().for_each(|cost| _ = write!(text, "\nquality     {cost}"));
     text
 }

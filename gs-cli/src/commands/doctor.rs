@@ -140,7 +140,8 @@ impl Patient {
             }
             Self::Spatial(mut file) => {
                 let repair = mend(&mut file.scene, output)?;
-                let written = gs_io::write_spatial(output, &file.scene, &SpatialOptions::default())?;
+                let options = SpatialOptions { trained_with: file.trained_with, ..SpatialOptions::default() };
+                let written = gs_io::write_spatial(output, &file.scene, &options)?;
                 let losses = [file.losses, written.losses].concat();
                 Ok(Fixed::new(output, file.scene.len(), repair, &losses))
             }

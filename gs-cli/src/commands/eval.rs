@@ -4,7 +4,10 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use gs_core::{Image, Rasterizer, RenderSettings, Scene, SpatialScene, metrics};
-use gs_io::dataset::{may_be_dataset, read_dataset};
+use gs_io::{
+    SpatialFile,
+    dataset::{may_be_dataset, read_dataset},
+};
 use gs_train::spatial::{Evaluation, PosedView, ViewQuality, Views, evaluate};
 use serde::Serialize;
 
@@ -86,13 +89,14 @@ fn read(path: &Path) -> Result<Image, Failure> {
 
 /// Judges a scene by the test views of a data set; by all, where none is held out.
 fn judge(args: &EvalArgs) -> Result<(), Failure> {
-    let scene = gs_io::read_spatial(&args.a).map_err(Failure::of_scene)?.scene;
+    let SpatialFile { scene, trained_with, .. } = gs_io::read_spatial(&args.a).map_err(Failure::of_scene)?;
     let dataset = read_dataset(&args.b, &args.photographs.settings())?;
-    let render = args.shown.settings_beside(&scene, &dataset);
+    let render = args.shown.settings_beside(&scene, trained_with, &dataset);
     let Views { train, test, .. } = Views::of_dataset(&dataset);
     let views = if test.is_empty() { train } else { test };
     let backend = Backend::start(&args.backend)?;
     let evaluation = backend.run_spatial(Judge { scene: &scene, views: &views, render: &render })?;
+    args.shown.note_guess(trained_with);
     output::note(format_args!("shown with {}", effects(&render)));
     if let Some(why) = why_empty(evaluation.culled, scene.len(), views.len()) {
         output::note(format_args!(
@@ -112,10 +116,11 @@ fn judge(args: &EvalArgs) -> Result<(), Failure> {
     output::result(text + row(&mean, evaluation.psnr, evaluation.ssim, evaluation.l1).trim_end())
 }
 
-struct Judge<'a> {
-    scene: &'a SpatialScene,
-    views: &'a [PosedView],
-    render: &'a RenderSettings,
+/// Judges a scene by views of a data set.
+pub(crate) struct Judge<'a> {
+    pub(crate) scene: &'a SpatialScene,
+    pub(crate) views: &'a [PosedView],
+    pub(crate) render: &'a RenderSettings,
 }
 
 impl SpatialTask for Judge<'_> {

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 use gs_core::{Camera, Chart, Rasterizer, RenderSettings, Scene, SpatialScene};
-use gs_io::read_spatial;
+use gs_io::{SpatialFile, read_spatial};
 use gs_train::{
     experiments::{
         Findings, Table,
@@ -71,7 +71,7 @@ pub(crate) fn run(args: &PoppingArgs) -> Result<(), Failure> {
     if args.shown.has_order() {
         return Err(Failure::usage("--order: both orders are compared").mend("leave it out"));
     }
-    let scene = read_spatial(&args.scene).map_err(Failure::of_scene)?.scene;
+    let SpatialFile { scene, trained_with, .. } = read_spatial(&args.scene).map_err(Failure::of_scene)?;
     let bulk = cameras::bulk_of(&scene)?;
     let up = args.up.map_or(cameras::UP, |axis| axis.0);
     let first = cameras::overview(&bulk, args.size, up)?;
@@ -82,7 +82,8 @@ pub(crate) fn run(args: &PoppingArgs) -> Result<(), Failure> {
     let folder = OutputFolder::prepare(&args.output, "--output")?;
     let backend = Backend::start(&args.backend)?;
     output::note(&backend.reason);
-    let render = args.shown.settings(&scene);
+    args.shown.note_guess(trained_with);
+    let render = args.shown.settings(&scene, trained_with);
     let name = args.scene.file_stem().map_or_else(|| "scene".into(), |stem| stem.to_string_lossy());
     let what = format!("{name}, {} Gaussians", scene.len());
     let findings = backend.run_spatial(Fly { scene: &scene, flight, first, render, what })?;

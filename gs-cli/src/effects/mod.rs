@@ -115,7 +115,8 @@ impl Subject {
     }
 
     fn in_space(args: &EffectsCommandArgs) -> Result<Self, Failure> {
-        let scene = gs_io::read_spatial(&args.input).map_err(Failure::of_scene)?.scene;
+        let file = gs_io::read_spatial(&args.input).map_err(Failure::of_scene)?;
+        let gs_io::SpatialFile { scene, trained_with, .. } = file;
         let most = args.views as usize;
         let Some(path) = &args.dataset else {
             let up = args.up.map_or(cameras::UP, |axis| axis.0);
@@ -123,11 +124,13 @@ impl Subject {
             let first = cameras::overview(&bulk, args.size, up)?;
             first.validate().map_err(|error| Failure::usage(error).at("--size"))?;
             let cameras = Orbit { center: bulk.center, axis: up, frames: args.views }.cameras(&first);
-            let (wanted, seen) = (args.shown.settings(&scene), format!("{most} places around it"));
+            let wanted = args.shown.settings(&scene, trained_with);
+            let seen = format!("{most} places around it");
+            args.shown.note_guess(trained_with);
             return Ok(Self::Spatial { scene, cameras, wanted, seen });
         };
         let dataset = read_dataset(path, &DatasetSettings::default())?;
-        let wanted = args.shown.settings_beside(&scene, &dataset);
+        let wanted = args.shown.settings_beside(&scene, trained_with, &dataset);
         let Views { train, test, .. } = Views::of_dataset(&dataset);
         let (views, which) = if test.is_empty() { (train, "views") } else { (test, "test views") };
         let all: Vec<Camera> = views.iter().map(|PosedView { camera, .. }| *camera).collect();
@@ -137,6 +140,7 @@ impl Subject {
             camera.validate().map_err(|error| Failure::usage(error).at("--size"))?;
         }
         let seen = format!("{} of {} {which} of {}", cameras.len(), all.len(), path.display());
+        args.shown.note_guess(trained_with);
         Ok(Self::Spatial { scene, cameras, wanted, seen })
     }
 }

@@ -5,7 +5,7 @@ use std::path::Path;
 use glam::Vec2;
 use gs_core::{Camera, Canvas, Effects, PlanarScene, RenderSettings, Scene, SpatialScene};
 use gs_io::{
-    PlanarFile,
+    PlanarFile, SpatialFile,
     dataset::{DatasetSettings, read_dataset},
     read_spatial,
 };
@@ -152,7 +152,7 @@ fn spatial(args: &FrontierArgs) -> Result<Seen<SpatialScene>, Failure> {
         let message = "--gaussians is for images, which are fitted first, but this is a scene";
         return Err(Failure::usage(message).at(args.input.display()).mend("leave it out"));
     }
-    let scene = read_spatial(&args.input).map_err(Failure::of_scene)?.scene;
+    let SpatialFile { scene, trained_with, .. } = read_spatial(&args.input).map_err(Failure::of_scene)?;
     let count = args.views as usize;
     let (all, shown): (Vec<Camera>, RenderSettings) = match &args.dataset {
         Some(path) => {
@@ -160,14 +160,14 @@ fn spatial(args: &FrontierArgs) -> Result<Seen<SpatialScene>, Failure> {
             let cameras: Vec<Camera> = dataset.views.iter().map(|view| view.camera).collect();
             let even = sampled(&cameras, 2 * count).into_iter();
             let sized = |camera| args.size.map_or(camera, |Size { width, height }| resized(&camera, width, height));
-            (even.map(sized).collect(), args.shown.settings_beside(&scene, &dataset))
+            (even.map(sized).collect(), args.shown.settings_beside(&scene, trained_with, &dataset))
         }
         None => {
             let bulk = cameras::bulk_of(&scene)?;
             let axis = args.up.map_or(cameras::UP, |axis| axis.0);
             let first = cameras::overview(&bulk, args.size, axis)?;
             let orbit = Orbit { center: bulk.center, axis, frames: 2 * args.views };
-            (orbit.cameras(&first), args.shown.settings(&scene))
+            (orbit.cameras(&first), args.shown.settings(&scene, trained_with))
         }
     };
     for camera in &all {
@@ -183,5 +183,6 @@ fn spatial(args: &FrontierArgs) -> Result<Seen<SpatialScene>, Failure> {
         let Camera { width, height, .. } = views[0];
         unseen.push(resized(&views[0], width.div_ceil(2), height.div_ceil(2)));
     }
+    args.shown.note_guess(trained_with);
     Ok(Seen { name: name_of(&args.input), scene, shown, views, unseen, chooses })
 }

@@ -4,6 +4,7 @@ use std::path::Path;
 
 use gs_core::{Camera, Chart, Loss, Rasterizer, RenderSettings, SpatialScene};
 use gs_io::{
+    SpatialFile,
     dataset::{DatasetSettings, read_dataset},
     read_spatial,
 };
@@ -42,20 +43,21 @@ impl SpatialSubject {
     pub(crate) fn load(path: &Path, args: &ProfileArgs) -> Result<Self, Failure> {
         let name = path.display().to_string();
         check_is_not_fitted(args, &name)?;
-        let scene = read_spatial(path).map_err(Failure::of_scene)?.scene;
+        let SpatialFile { scene, trained_with, .. } = read_spatial(path).map_err(Failure::of_scene)?;
         let (camera, mut render) = match &args.camera {
             Some(view) => {
                 let dataset = read_dataset(&view.dataset, &DatasetSettings::default())?;
                 let camera = cameras::of_view(&dataset, view)?;
                 let sized = |Size { width, height }: Size| resized(&camera, width, height);
-                (args.size.map_or(camera, sized), args.shown.settings_beside(&scene, &dataset))
+                (args.size.map_or(camera, sized), args.shown.settings_beside(&scene, trained_with, &dataset))
             }
             None => {
                 let overview = cameras::overview(&cameras::bulk_of(&scene)?, args.size, cameras::UP);
-                (overview.map_err(cameras::or_name_one)?, args.shown.settings(&scene))
+                (overview.map_err(cameras::or_name_one)?, args.shown.settings(&scene, trained_with))
             }
         };
         camera.validate().map_err(|error| Failure::usage(error).at("--camera or --size"))?;
+        args.shown.note_guess(trained_with);
         if let Some(blend) = args.blend {
             render.effects.blend = blend.into();
         }

@@ -234,6 +234,8 @@ pub(crate) enum AntialiasName {
     Dilate,
     /// Widened by 0.1 px², and fainter for it (Mip-Splatting)
     Mip,
+    /// Widened by 0.3 px², and fainter for it (gsplat's and Nerfstudio's `antialiased`)
+    Compensated,
 }
 
 /// Who takes part in a step of Adam.

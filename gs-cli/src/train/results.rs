@@ -3,7 +3,7 @@
 
 use std::{path::Path, time::Instant};
 
-use gs_core::{Camera, Canvas, Rasterizer, Scene, SpatialScene, effects::called_for::Verdict};
+use gs_core::{Camera, Canvas, Rasterizer, RenderSettings, Scene, SpatialScene, effects::called_for::Verdict};
 use gs_io::{SpatialOptions, write_png, write_spatial};
 use gs_train::{
     MetricsLog, SpatialTrainer,
@@ -22,6 +22,7 @@ use crate::{
         curve::{self, Point},
         ellipses,
     },
+    shown::trained_with,
     train::{arguments::TrainArgs, pictures::ViewPictures},
 };
 
@@ -96,7 +97,7 @@ impl Results<'_> {
         // Before anything else: all the rest can be made of it again.
         let scene = sound(trainer.scene()?)?;
         let mut tried = vec![
-            self.write_scene(&scene),
+            self.write_scene(&scene, &trainer.shown()),
             write_table(self.folder, log),
             settings::to_toml(trainer.settings()).and_then(|text| self.folder.write_text("settings.toml", &text)),
             match self.args.no_report {
@@ -190,12 +191,13 @@ impl Results<'_> {
         Ok(write_png(self.folder.file("ellipses.png"), &picture)?)
     }
 
-    fn write_scene(&self, scene: &SpatialScene) -> Result<(), Failure> {
+    fn write_scene(&self, scene: &SpatialScene, shown: &RenderSettings) -> Result<(), Failure> {
         if scene.is_empty() {
             output::note("note: no Gaussian is left, so there is no scene.ply");
             return self.folder.leave_out("scene.ply");
         }
-        let write = |path: &Path| write_spatial(path, scene, &SpatialOptions::default()).map(drop);
+        let options = SpatialOptions { trained_with: trained_with(shown), ..SpatialOptions::default() };
+        let write = |path: &Path| write_spatial(path, scene, &options).map(drop);
         self.folder.write_precious("scene.ply", write)
     }
 

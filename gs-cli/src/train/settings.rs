@@ -131,6 +131,7 @@ impl From<AntialiasName> for Antialias {
             AntialiasName::None => Self::None,
             AntialiasName::Dilate => Self::Dilate,
             AntialiasName::Mip => Self::Mip,
+            AntialiasName::Compensated => Self::Compensated,
         }
     }
 }

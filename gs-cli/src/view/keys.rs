@@ -51,6 +51,7 @@ pub(crate) fn command(key: &Key, mode: Mode) -> Option<Command> {
         ("3", _) => Command::Antialias(Antialias::None),
         ("4", _) => Command::Antialias(Antialias::Dilate),
         ("5", _) => Command::Antialias(Antialias::Mip),
+        ("6", _) => Command::Antialias(Antialias::Compensated),
         _ => return None,
     })
 }
@@ -114,6 +115,7 @@ mod tests {
         assert_eq!(command(&character("a"), Mode::Orbit), Some(Command::NextAntialias));
         assert_eq!(command(&character("a"), Mode::Fly), None);
         assert_eq!(command(&character("5"), Mode::Fly), Some(Command::Antialias(Antialias::Mip)));
+        assert_eq!(command(&character("6"), Mode::Fly), Some(Command::Antialias(Antialias::Compensated)));
         assert_eq!(command(&Key::Named(NamedKey::Escape), Mode::Fly), Some(Command::Close));
         assert_eq!(command(&character("w"), Mode::Orbit), None);
     }

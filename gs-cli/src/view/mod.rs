@@ -19,6 +19,7 @@ use clap::Args;
 use glam::Vec3;
 use gs_core::{Camera, Rasterizer, RenderSettings, Scene, SpatialScene, effects::CalledFor, image::check_size};
 use gs_io::{
+    SpatialFile, TrainedWith,
     dataset::{DatasetSettings, read_dataset},
     read_spatial,
 };
@@ -47,7 +48,7 @@ In the window:
   arrow keys     turn
   R              back to the first camera
   O, or 1 2      order of blending: by tile depth, by pixel depth
-  A, or 3 4 5    antialiasing: none, dilate, mip (in flight, A is a direction)
+  A, or 3 4 5 6  antialiasing: none, dilate, mip, compensated (in flight, A is a direction)
   H              hide the text
   Esc            close
 
@@ -92,9 +93,9 @@ struct Start {
 /// # Errors
 /// Where the scene or the data set cannot be read, there is no display, or the backend fails.
 pub(crate) fn run(args: &ViewArgs) -> Result<(), Failure> {
-    let scene = read(args)?;
+    let SpatialFile { scene, trained_with, .. } = read(args)?;
     let bulk = cameras::bulk_of(&scene)?;
-    let start = start(args, &scene, &bulk)?;
+    let start = start(args, &scene, trained_with, &bulk)?;
     start.camera.validate().map_err(|error| Failure::usage(error).at("--camera or --size"))?;
     let size = args.size.unwrap_or_else(|| usual_size(&start.camera));
     check_size(size.width, size.height).map_err(|error| Failure::usage(error).at("--size"))?;
@@ -105,6 +106,7 @@ pub(crate) fn run(args: &ViewArgs) -> Result<(), Failure> {
     let distance = if depth > 0.0 { depth } else { bulk.radius };
     // One may move to wherever one likes.
     let CalledFor { settings, verdicts } = args.effects.choose(&scene, &[], &start.settings)?;
+    args.shown.note_guess(trained_with);
     output::note(told(&verdicts));
     let session = Session::new(Navigator::new(&start.camera, distance, start.up, bulk), settings);
     let subject = Subject {
@@ -136,9 +138,9 @@ impl SpatialTask for Describe {
 }
 
 /// The scene, which must be one in space.
-fn read(args: &ViewArgs) -> Result<SpatialScene, Failure> {
+fn read(args: &ViewArgs) -> Result<SpatialFile, Failure> {
     if gs_io::spatial_format(&args.scene)?.is_some() {
-        return Ok(read_spatial(&args.scene).map_err(Failure::of_scene)?.scene);
+        return read_spatial(&args.scene).map_err(Failure::of_scene);
     }
     gs_io::read_scene(&args.scene)?;
     let message = "is the scene of an image, which has no depth to move through";
@@ -146,12 +148,12 @@ fn read(args: &ViewArgs) -> Result<SpatialScene, Failure> {
     Err(Failure::usage(message).at(args.scene.display()).mend(mend))
 }
 
-fn start(args: &ViewArgs, scene: &SpatialScene, bulk: &Bulk) -> Result<Start, Failure> {
+fn start(args: &ViewArgs, scene: &SpatialScene, trained_with: TrainedWith, bulk: &Bulk) -> Result<Start, Failure> {
     let up = args.up.map(|axis| axis.0);
     let Some(name) = &args.camera else {
         let up = up.unwrap_or(cameras::UP);
         let camera = cameras::overview(bulk, args.size, up).map_err(cameras::or_name_one)?;
-        return Ok(Start { camera, target: bulk.center, up, settings: args.shown.settings(scene) });
+        return Ok(Start { camera, target: bulk.center, up, settings: args.shown.settings(scene, trained_with) });
     };
     let dataset = read_dataset(&name.dataset, &DatasetSettings::default())?;
     let camera = cameras::of_view(&dataset, name)?;
@@ -159,7 +161,7 @@ fn start(args: &ViewArgs, scene: &SpatialScene, bulk: &Bulk) -> Result<Start, Fa
         camera,
         target: cameras::looked_at(&dataset, &camera),
         up: up.unwrap_or_else(|| cameras::up_of(&dataset)),
-        settings: args.shown.settings_beside(scene, &dataset),
+        settings: args.shown.settings_beside(scene, trained_with, &dataset),
     })
 }
 

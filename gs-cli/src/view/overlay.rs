@@ -24,7 +24,7 @@ pub(crate) fn lines(subject: &Subject, session: &Session) -> Vec<String> {
     let effects = &session.settings.effects;
     let antialias_keys = match session.navigator.mode() {
         Mode::Orbit => "A",
-        Mode::Fly => "3 4 5",
+        Mode::Fly => "3 4 5 6",
     };
     let mut lines = vec![
         format!("{name} · {gaussians} Gaussians · {machine}"),
@@ -152,7 +152,7 @@ mod tests {
         );
         assert!(!lines.join("\n").contains("resolution"), "none is given up: {lines:?}");
         let (lines, _) = said(1, 12, &[Command::SwitchMode]);
-        holds(&lines.join("\n"), &["one frame", "WASD", "antialias dilate (3 4 5)"]);
+        holds(&lines.join("\n"), &["one frame", "WASD", "antialias dilate (3 4 5 6)"]);
     }
 
     #[test]

@@ -169,7 +169,8 @@ impl Session {
                 effects.antialias = match effects.antialias {
                     Antialias::None => Antialias::Dilate,
                     Antialias::Dilate => Antialias::Mip,
-                    Antialias::Mip => Antialias::None,
+                    Antialias::Mip => Antialias::Compensated,
+                    Antialias::Compensated => Antialias::None,
                 }
             }
             Command::Text => {

@@ -12,6 +12,7 @@ use gs_io::{SpatialOptions, read_spatial, write_spatial};
 use crate::{
     ply::break_ply,
     process::{Run, folder, gs, names_in},
+    train::{photographed, text},
 };
 
 /// Writes a PLY of ten Gaussians of degree 2 and returns its path.
@@ -67,6 +68,77 @@ fn a_scene_goes_through_every_format() {
     assert!(path("d.bin").exists() && read_spatial(path("d.gltf")).unwrap().scene.len() == 10);
     let both = ["d.gltf", "d.bin"].map(|name| fs::metadata(path(name)).unwrap().len()).iter().sum::<u64>();
     assert_eq!(read_spatial(path("d.gltf")).unwrap().bytes, both);
+}
+
+#[test]
+fn rounding_is_measured() {
+    let place = folder();
+    let path = |name: &str| place.path().join(name);
+    let first = ply(place.path());
+    let json = convert(&first, &path("a.spz"), &["--json"]).json();
+    let rounding = json["rounding"].as_array().unwrap();
+    let quantities: Vec<&str> = rounding.iter().map(|row| row["quantity"].as_str().unwrap()).collect();
+    // Means and scales of this scene are multiples of the steps.
+    assert_eq!(quantities, ["rotations", "opacities", "colours", "higher SH coefficients"], "{json}");
+    let opacities = &rounding[1];
+    let (mean, largest) = (opacities["mean"].as_f64().unwrap(), opacities["largest"].as_f64().unwrap());
+    assert!(mean > 1e-5 && mean < largest && largest < 0.501 / 255.0, "{opacities}");
+    let same = convert(&first, &path("b.ply"), &["--json"]).json();
+    assert_eq!((&same["rounding"], &same["cost"]), (&serde_json::json!([]), &serde_json::Value::Null));
+    let told = convert(&first, &path("a.splat"), &[]).done().stdout;
+    assert!(told.contains("moved       opacities by 0.") && told.contains(" of 1 at most"), "{told}");
+}
+
+#[test]
+fn what_a_conversion_costs_is_measured_on_held_out_views() {
+    let place = folder();
+    let (dataset, scene) = photographed(place.path());
+    let to = place.path().join("a.splat");
+    let flags = ["--backend", "cpu", "--dataset", text(&dataset)];
+    let json = convert(&scene, &to, &[&flags[..], &["--json"]].concat()).json();
+    let psnr = |key: &str| json["cost"][key].as_f64().unwrap();
+    assert_eq!(json["cost"]["views"], 1);
+    assert!(psnr("psnr_before") > psnr("psnr_after") && psnr("psnr_after") > 35.0, "{json}");
+    let eval = gs(["eval", text(&to), text(&dataset), "--json", "--backend", "cpu"]).json();
+    assert_eq!(eval["psnr"], json["cost"]["psnr_after"], "{eval}");
+    let told = convert(&scene, &to, &flags).done().stdout;
+    assert!(told.contains("dB before, ") && told.contains(" dB after, mean over 1 views of "), "{told}");
+    let refused = convert(&scene, &to, &["--background", "white"]);
+    assert!(refused.refusal().contains("add --dataset"), "{refused:?}");
+}
+
+#[test]
+fn how_a_scene_was_trained_goes_along() {
+    let place = folder();
+    let path = |name: &str| place.path().join(name);
+    let first = ply(place.path());
+    let info = |name: &str| gs(["info", text(&path(name)), "--json"]).json();
+    assert_eq!(info("scene.ply")["antialias"], serde_json::Value::Null);
+    let picture = path("seen.png");
+    let render = |name: &str, flags: &[&str]| {
+        let scene = path(name);
+        let words = ["render", text(&scene), "-o", text(&picture), "--size", "16x12", "--backend", "cpu"];
+        gs(words.iter().chain(flags)).done().stderr
+    };
+    let guess = "does not say how the scene was antialiased in training";
+    assert!(render("scene.ply", &[]).contains(guess));
+    assert!(!render("scene.ply", &["--antialias", "dilate"]).contains(guess));
+
+    // A flag says what the file does not; each further format keeps it.
+    convert(&first, &path("a.ply"), &["--antialias", "compensated", "--order", "pixel-depth"]).done();
+    convert(&path("a.ply"), &path("a.glb"), &[]).done();
+    let kept = info("a.glb");
+    assert_eq!((&kept["antialias"], &kept["order"]), (&"compensated".into(), &"pixel-depth".into()));
+    let told = render("a.glb", &[]);
+    assert!(told.contains("order pixel-depth, antialias compensated") && !told.contains(guess), "{told}");
+    let lost = convert(&path("a.glb"), &path("a.spz"), &[]).done().stdout;
+    assert!(
+        lost.contains("lost        how the scene was trained, with antialias compensated, order pixel-depth"),
+        "{lost}"
+    );
+    assert_eq!(info("a.spz")["antialias"], "mip");
+    let text = gs(["info", text(&path("a.ply"))]).done().stdout;
+    assert!(text.contains("antialias           compensated in training"), "{text}");
 }
 
 #[test]
@@ -139,7 +211,7 @@ fn what_cannot_be_converted_is_refused() {
         (&first, "no/such/a.ply", 1, "no folder"),
         (&path("absent.ply"), "a.spz", 1, "no such file"),
         (&path("text.ply"), "a.spz", 1, "a line of a PLY header"),
-        (&path("table.csv"), "a.spz", 1, "found text"),
+        (&path("table.csv"), "a.spz", 1, "is a table of numbers, which is not read; export a PLY"),
         (&path("short.ply"), "a.spz", 1, "10 rows of element vertex"),
         (&place.path().to_owned(), "a.spz", 1, "is a folder"),
     ] {

@@ -300,6 +300,23 @@ fn an_object_without_surroundings_is_shown_before_white() {
 }
 
 #[test]
+fn a_scene_is_judged_as_it_was_trained() {
+    let place = folder();
+    let (dataset, _) = photographed(place.path());
+    let output = place.path().join("out");
+    for antialias in ["mip", "compensated"] {
+        let flags = ["--antialias", antialias, "--no-report", "--json"];
+        let summary = gs(small(&dataset, &output).into_iter().chain(flags)).json();
+        let scene = output.join("scene.ply");
+        let eval = gs(["eval", text(&scene), text(&dataset), "--json", "--backend", "cpu"]).done();
+        assert!(eval.stderr.contains(&format!("antialias {antialias}")) && !eval.stderr.contains("note:"), "{eval:?}");
+        let (trained, judged) =
+            (summary["evaluation"]["psnr"].as_f64().unwrap(), eval.json()["psnr"].as_f64().unwrap());
+        assert!((trained - judged).abs() < 1e-3, "{antialias}: {trained} {judged}");
+    }
+}
+
+#[test]
 fn a_scene_of_which_nothing_is_to_be_seen_says_why() {
     let place = folder();
     let mut nothing = scene();

@@ -75,7 +75,7 @@ impl Effect {
             Self::Antialias => {
                 cheaper.antialias = match effects.antialias {
                     Antialias::None => return None,
-                    Antialias::Dilate | Antialias::Mip => Antialias::None,
+                    Antialias::Dilate | Antialias::Mip | Antialias::Compensated => Antialias::None,
                 }
             }
             Self::Background => {

@@ -92,7 +92,7 @@ fn an_aligned_frame_is_of_the_same_covariance_and_the_parent_itself_where_that_i
 fn what_has_no_direction_has_no_frame() {
     let rates = Adam::default().at(0.0);
     assert_eq!(frame_of(Vec3::ZERO, [0.0; 4]), None);
-    for antialias in [Antialias::None, Antialias::Dilate, Antialias::Mip] {
+    for antialias in Antialias::ALL {
         let found = perspective(antialias).project_framed(&framed(Mat3::ZERO));
         assert_eq!(found, Err(Cause::Degenerate), "{antialias:?}");
     }
@@ -119,7 +119,7 @@ fn frames_without_extent_have_axes() {
 
 #[test]
 fn a_frame_is_seen_as_its_scales_and_rotation_are() {
-    for antialias in [Antialias::None, Antialias::Dilate, Antialias::Mip] {
+    for antialias in Antialias::ALL {
         let perspective = perspective(antialias);
         for frame in frames() {
             let g = framed(frame);
@@ -158,7 +158,7 @@ fn an_axis_without_extent_leaves_the_turn_between_the_others() {
 fn gradients_are_central_differences() {
     let rates = Adam { min_scale: 1e-6, max_scale: 1e6, ..Adam::default() }.at(0.0);
     let h = 4e-3f32;
-    for antialias in [Antialias::None, Antialias::Dilate, Antialias::Mip] {
+    for antialias in Antialias::ALL {
         let perspective = perspective(antialias);
         for frame in frames() {
             let g = framed(frame);

@@ -32,6 +32,9 @@ pub trait Scene: Clone + Debug + Default + PartialEq + Send + Sync {
     fn gaussian(&self, index: usize) -> Self::Gaussian;
 
     /// Appends one Gaussian.
+    ///
+    /// # Panics
+    /// Where it is not of this scene's kind, such as a spatial one with coefficients of another degree.
     fn push(&mut self, gaussian: Self::Gaussian);
 
     /// Fails unless all arrays describe the same number of Gaussians and all values are finite (opacity logits may be ±∞:

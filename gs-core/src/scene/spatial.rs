@@ -4,7 +4,7 @@ use glam::{Mat3, Vec3};
 use serde::{Deserialize, Serialize};
 
 use super::{Scene, check_finite, check_len, check_logit};
-use crate::{error::Error, local_frame::frame_of, view::Camera};
+use crate::{error::Error, local_frame::frame_of, sh::coefficients, view::Camera};
 
 /// N spatial Gaussians.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
@@ -45,6 +45,13 @@ impl SpatialGaussian {
         frame_of(self.log_scale, self.rotation)
     }
 
+    /// The same Gaussian with harmonics of another degree: coefficients beyond it are dropped, those that are missing are 0.
+    #[must_use]
+    pub fn with_degree(mut self, sh_degree: u8) -> Self {
+        self.sh.resize(coefficients(sh_degree), Vec3::ZERO);
+        self
+    }
+
     /// Σ = R S Sᵀ Rᵀ (paper eq. 5), world units²; `None` as for [`Self::frame`].
     pub fn covariance(&self) -> Option<Mat3> {
         self.frame().map(|m| m * m.transpose())
@@ -54,7 +61,7 @@ impl SpatialGaussian {
 impl SpatialScene {
     /// Coefficients per Gaussian and channel, K = (d + 1)².
     pub fn sh_len(&self) -> usize {
-        (self.sh_degree as usize + 1).pow(2)
+        coefficients(self.sh_degree)
     }
 
     /// Fails unless all arrays describe the same number of Gaussians.
@@ -90,11 +97,14 @@ impl Scene for SpatialScene {
         }
     }
 
-    /// Appends one Gaussian; its coefficients are cut or filled with 0 to the scene's degree.
+    /// Appends one Gaussian.
+    ///
+    /// # Panics
+    /// Where it has not exactly [`sh_len`](SpatialScene::sh_len) coefficients; [`SpatialGaussian::with_degree`] makes them fit.
     fn push(&mut self, g: SpatialGaussian) {
-        let end = self.sh.len() + self.sh_len();
-        self.sh.extend(g.sh.into_iter().take(self.sh_len()));
-        self.sh.resize(end, Vec3::ZERO);
+        let (found, degree) = (g.sh.len(), self.sh_degree);
+        assert_eq!(found, self.sh_len(), "a Gaussian of SH degree {degree} has {} coefficients", self.sh_len());
+        self.sh.extend(g.sh);
         self.means.push(g.mean);
         self.log_scales.push(g.log_scale);
         self.rotations.push(g.rotation);
@@ -136,16 +146,27 @@ mod tests {
     }
 
     #[test]
-    fn push_fits_coefficients_to_the_degree() {
+    fn a_gaussian_of_another_degree_is_converted_first() {
         let mut scene = SpatialScene { sh_degree: 1, ..Default::default() };
-        scene.push(SpatialGaussian {
+        scene.push(of_degree_0().with_degree(1));
+        scene.validate().unwrap();
+        assert_eq!(scene.gaussian(0).sh, [Vec3::ONE, Vec3::ZERO, Vec3::ZERO, Vec3::ZERO]);
+        assert_eq!(scene.gaussian(0).with_degree(0), of_degree_0());
+    }
+
+    #[test]
+    #[should_panic(expected = "a Gaussian of SH degree 1 has 4 coefficients")]
+    fn a_gaussian_of_another_degree_is_not_taken() {
+        SpatialScene { sh_degree: 1, ..Default::default() }.push(of_degree_0());
+    }
+
+    fn of_degree_0() -> SpatialGaussian {
+        SpatialGaussian {
             mean: Vec3::ZERO,
             log_scale: Vec3::ZERO,
             rotation: [1.0, 0.0, 0.0, 0.0],
             opacity_logit: f32::INFINITY,
             sh: vec![Vec3::ONE],
-        });
-        scene.validate().unwrap();
-        assert_eq!(scene.gaussian(0).sh, [Vec3::ONE, Vec3::ZERO, Vec3::ZERO, Vec3::ZERO]);
+        }
     }
 }

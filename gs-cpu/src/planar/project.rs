@@ -53,7 +53,7 @@ fn project(
         return Err(Cause::Degenerate);
     }
     let opacity = match (settings.effects.blend, antialias) {
-        (Blend::Over, Antialias::Mip) => opacity * (undilated / determinant).sqrt(),
+        (Blend::Over, antialias) if antialias.compensates() => opacity * (undilated / determinant).sqrt(),
         _ => opacity,
     };
     if Guard::Transparent.is_on() && !(opacity >= settings.accuracy.alpha_cut) {

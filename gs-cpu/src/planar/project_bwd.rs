@@ -78,10 +78,10 @@ fn gradient(workspace: &Workspace<PlanarScene>, cloud: &PlanarCloud, place: usiz
             (q * e, q * Mat2::from_cols_array(&[e_00, e_01, e_01, e_11]) * q.transpose())
         }
         // L′ is not a root of Σ′ any more, which the dilation keeps from being a needle.
-        Antialias::Dilate | Antialias::Mip => {
+        Antialias::Dilate | Antialias::Mip | Antialias::Compensated => {
             let q = l.transpose() * splat.conic_of_ridge();
             let mut moment = q * Mat2::from_cols_array(&[xx, xu, xu, uu]) * q.transpose();
-            if effects.antialias == Antialias::Mip && effects.blend == Blend::Over {
+            if effects.antialias.compensates() && effects.blend == Blend::Over {
                 // ln ρ = ½ (ln D − ln D′) with D = det² L′ and D′ = D + δ tr L′ L′ᵀ + δ².
                 let (det, delta) = (l.determinant().powi(2), effects.antialias.dilation());
                 let trace = l.x_axis.length_squared() + l.y_axis.length_squared();

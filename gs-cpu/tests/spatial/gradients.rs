@@ -48,6 +48,7 @@ fn gradients_are_central_differences() {
         (Blend::Over, Order::TileDepth, Antialias::None, 2),
         (Blend::Over, Order::TileDepth, Antialias::Dilate, 0),
         (Blend::Over, Order::TileDepth, Antialias::Mip, 1),
+        (Blend::Over, Order::TileDepth, Antialias::Compensated, 1),
         (Blend::Over, Order::Index, Antialias::Mip, 3),
         (Blend::Sum, Order::Index, Antialias::Dilate, 3),
     ] {

@@ -70,7 +70,7 @@ fn hostile_gaussians_leave_pictures_and_gradients_finite() {
     let (view, target) = (camera(40, 30), cpu.upload_target(&image(40, 30)).unwrap());
     let orders = [(Blend::Sum, Order::Index), (Blend::Over, Order::TileDepth), (Blend::Over, Order::PixelDepth)];
     for ((blend, order), chart) in orders.iter().copied().flat_map(|o| CHARTS.map(|chart| (o, chart))) {
-        for antialias in [Antialias::None, Antialias::Dilate, Antialias::Mip] {
+        for antialias in Antialias::ALL {
             let mut settings = settings(order, 1);
             settings.effects.blend = blend;
             settings.effects.antialias = antialias;

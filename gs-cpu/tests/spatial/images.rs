@@ -75,7 +75,7 @@ fn images_are_those_of_one_gaussian_at_one_pixel() {
             (Blend::Over, Order::PixelDepth),
             (Blend::Sum, Order::Index),
         ] {
-            for antialias in [Antialias::None, Antialias::Dilate, Antialias::Mip] {
+            for antialias in Antialias::ALL {
                 let mut settings = settings(order, 3);
                 settings.effects.blend = blend;
                 settings.effects.antialias = antialias;

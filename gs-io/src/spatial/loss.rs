@@ -2,6 +2,8 @@
 
 use std::fmt;
 
+use super::trained_with::TrainedWith;
+
 /// Something that was dropped or rounded when a scene was read or written. Its text completes "lost: …".
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
@@ -36,6 +38,13 @@ pub enum Loss {
         /// How many Gaussians have such a scale.
         gaussians: usize,
     },
+    /// Logits of ±∞, opacities of exactly 1 and 0, were made finite; what is drawn is the same.
+    InfiniteLogits {
+        /// How many Gaussians have one.
+        gaussians: usize,
+    },
+    /// How the scene was trained, of which the file has no room to tell: readers will show it otherwise.
+    TrainedWith(TrainedWith),
     /// Quaternions were brought to unit length; the rotations that they stand for are the same.
     QuaternionLengths,
     /// Colours were converted from linear light: the constant part exactly, what depends on the direction to first order, and
@@ -61,6 +70,15 @@ impl fmt::Display for Loss {
             }
             Self::ZeroScales { gaussians } => {
                 write!(f, "scales of 0 are raised to the smallest number above it: {gaussians} Gaussians")
+            }
+            Self::InfiniteLogits { gaussians } => {
+                write!(f, "infinite opacity logits are made finite, which draws the same: {gaussians} Gaussians")
+            }
+            Self::TrainedWith(TrainedWith { antialias, order }) => {
+                let antialias = antialias.map(|antialias| format!("antialias {}", antialias.name()));
+                let order = order.map(|order| format!("order {}", order.name()));
+                let trained_with = antialias.into_iter().chain(order).collect::<Vec<_>>().join(", ");
+                write!(f, "how the scene was trained, with {trained_with}: viewers must be told")
             }
             Self::QuaternionLengths => f.write_str("the lengths of quaternions, which mean nothing"),
             Self::LinearLight => f.write_str("colours in linear light are converted to sRGB to first order"),

@@ -2,7 +2,7 @@
 //!
 //! | format | read | written | keeps |
 //! |---|---|---|---|
-//! | 3DGS PLY: text, binary of either byte order | any degree up to 4 (3 kept) | binary little endian | everything, bit for bit |
+//! | 3DGS PLY: text, binary of either byte order | any degree up to 4 (3 kept) | binary little endian | everything, bit for bit, but infinite logits |
 //! | PlayCanvas compressed PLY | yes | – | 16 bytes a Gaussian, and one for each higher coefficient |
 //! | `.splat` | yes | yes | means and scales; degree 0 only, colours, opacities and rotations to 8 bits |
 //! | SPZ | versions 2, 3, 4 | versions 4, 3 | all degrees, everything rounded |
@@ -12,6 +12,7 @@
 //! by custom; SPZ (right, up, back) and glTF (left, up, forward) are turned on the way in and out.
 
 mod flips;
+mod foreign;
 mod gltf;
 mod harmonic_rotation;
 mod loss;
@@ -21,6 +22,7 @@ mod sh_degree;
 mod source;
 mod splat;
 mod spz;
+mod trained_with;
 mod transform;
 mod unit;
 
@@ -36,8 +38,9 @@ pub use self::{
     gltf::GltfBuffer,
     loss::Loss,
     spz::{SpzOptions, SpzVersion},
+    trained_with::TrainedWith,
 };
-use self::{gltf::GltfFile, source::Source, unit::UnitRotations};
+use self::{gltf::GltfFile, quantity::finite_logit, source::Source, unit::UnitRotations};
 use crate::{
     atomic::{open, write_atomically},
     container::read_exactly,
@@ -132,29 +135,35 @@ pub struct SpatialFile {
     pub bytes: u64,
     /// What of the file is not in the scene.
     pub losses: Vec<Loss>,
+    /// How the scene was trained, as far as the file says.
+    pub trained_with: TrainedWith,
 }
 
 /// The kind of scene that a file holds, by its content; `None` where it is none of these.
 ///
 /// # Errors
-/// [`Error::Missing`], [`Error::NotAFile`] or [`Error::Read`].
+/// [`Error::Missing`], [`Error::NotAFile`] or [`Error::Read`]; [`Error::ForeignScene`] for a known kind that is not read.
 pub fn spatial_format(path: impl AsRef<Path>) -> Result<Option<SpatialFormat>, Error> {
     let path = path.as_ref();
     let (mut file, metadata) = open(path, WANTED)?;
     let start = read_exactly(&mut file, metadata.len().min(START_BYTES as u64)).map_err(|e| Error::read(path, e))?;
-    Ok(SpatialFormat::recognise(&start, path))
+    match SpatialFormat::recognise(&start, path) {
+        Some(format) => Ok(Some(format)),
+        None => foreign::refusal(&start, path).map_or(Ok(None), Err),
+    }
 }
 
-/// Reads a scene of any kind, told by content first and ending second; every value is checked, and scales of 0, which no scene can hold, are
-/// raised: [`Loss::ZeroScales`].
+/// Reads a scene of any kind, told by content first and ending second; every value is checked. Scales of 0, which no scene can hold, are
+/// raised ([`Loss::ZeroScales`]), and infinite opacity logits made finite ([`Loss::InfiniteLogits`]).
 ///
 /// # Errors
-/// Those of [`read_spatial_unchecked`]; [`Error::Content`] for the first value that is NaN or infinite (opacity logits of ±∞ are
-/// legitimate).
+/// Those of [`read_spatial_unchecked`]; [`Error::Content`] for the first other value that is NaN or infinite.
 pub fn read_spatial(path: impl AsRef<Path>) -> Result<SpatialFile, Error> {
     let path = path.as_ref();
     let mut file = read_spatial_unchecked(path)?;
     file.losses.extend(raise_zero_scales(&mut file.scene));
+    file.losses.extend(infinite_logits(&file.scene));
+    file.scene.opacity_logits.iter_mut().for_each(|logit| *logit = finite_logit(*logit));
     file.scene.validate().map_err(Error::content(path))?;
     Ok(file)
 }
@@ -166,18 +175,24 @@ fn raise_zero_scales(scene: &mut SpatialScene) -> Option<Loss> {
     (!zero.is_empty()).then_some(Loss::ZeroScales { gaussians: zero.len() })
 }
 
+fn infinite_logits(scene: &SpatialScene) -> Option<Loss> {
+    let gaussians = scene.opacity_logits.iter().filter(|logit| logit.is_infinite()).count();
+    (gaussians > 0).then_some(Loss::InfiniteLogits { gaussians })
+}
+
 /// As [`read_spatial`], but values may be NaN or infinite, ln-scales −∞ among them: for those who look into a broken scene, or mend it.
 ///
 /// # Errors
-/// [`Error::Missing`], [`Error::NotAFile`] or [`Error::Read`]; [`Error::NotASpatialScene`] for another kind of file; those of
-/// [`decode_spatial`].
+/// [`Error::Missing`], [`Error::NotAFile`] or [`Error::Read`]; [`Error::ForeignScene`] or [`Error::NotASpatialScene`] for another kind
+/// of file; those of [`decode_spatial`].
 pub fn read_spatial_unchecked(path: impl AsRef<Path>) -> Result<SpatialFile, Error> {
     let path = path.as_ref();
     let (mut file, metadata) = open(path, WANTED)?;
     let bytes = read_exactly(&mut file, metadata.len()).map_err(|source| Error::read(path, source))?;
     let start = &bytes[..bytes.len().min(START_BYTES)];
     let Some(format) = SpatialFormat::recognise(start, path) else {
-        return Err(Error::NotASpatialScene { path: path.to_owned(), found: Error::found(start) });
+        let unknown = || Error::NotASpatialScene { path: path.to_owned(), found: Error::found(start) };
+        return Err(foreign::refusal(start, path).unwrap_or_else(unknown));
     };
     decode_spatial(format, &bytes, path)
 }
@@ -192,31 +207,33 @@ pub fn read_spatial_unchecked(path: impl AsRef<Path>) -> Result<SpatialFile, Err
 pub fn decode_spatial(format: SpatialFormat, bytes: &[u8], path: &Path) -> Result<SpatialFile, Error> {
     let source = Source { path, what: format.what(), bytes };
     let mut size = bytes.len() as u64;
-    let (scene, format, losses) = match format {
+    let (scene, format, losses, trained_with) = match format {
         SpatialFormat::Ply | SpatialFormat::CompressedPly => {
-            let ply::Read { scene, format, losses } = ply::read(&source)?;
-            (scene, format, losses)
+            let ply::Read { scene, format, losses, trained_with } = ply::read(&source)?;
+            (scene, format, losses, trained_with)
         }
-        SpatialFormat::Splat => (splat::read(&source)?, format, Vec::new()),
+        SpatialFormat::Splat => (splat::read(&source)?, format, Vec::new(), TrainedWith::default()),
         SpatialFormat::Spz => {
-            let (scene, losses) = spz::read(&source)?;
-            (scene, format, losses)
+            let (scene, losses, trained_with) = spz::read(&source)?;
+            (scene, format, losses, trained_with)
         }
         SpatialFormat::Gltf | SpatialFormat::Glb => {
-            let gltf::Read { scene, losses, bytes_beside } = gltf::read(&source)?;
+            let gltf::Read { scene, losses, trained_with, bytes_beside } = gltf::read(&source)?;
             size = size.saturating_add(bytes_beside);
-            (scene, format, losses)
+            (scene, format, losses, trained_with)
         }
     };
     if scene.is_empty() {
         return Err(Error::Empty { path: path.to_owned() });
     }
-    Ok(SpatialFile { scene, format, bytes: size, losses })
+    Ok(SpatialFile { scene, format, bytes: size, losses, trained_with })
 }
 
-/// How scenes are written, by format.
+/// How scenes are written, by format, and what is said of them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct SpatialOptions {
+    /// How the scene was trained, which the file says where the format has room for it.
+    pub trained_with: TrainedWith,
     /// Of SPZ.
     pub spz: SpzOptions,
     /// Of `.gltf`.
@@ -234,7 +251,8 @@ pub struct SpatialWritten {
     pub beside: Option<PathBuf>,
 }
 
-/// Writes a scene, atomically, in the format that the ending of the name says: `.ply`, `.splat`, `.spz`, `.gltf` or `.glb`.
+/// Writes a scene, atomically, in the format that the ending of the name says: `.ply`, `.splat`, `.spz`, `.gltf` or `.glb`. Infinite
+/// opacity logits are written as finite ones that draw the same.
 ///
 /// # Errors
 /// [`Error::UnknownEnding`]; [`Error::Content`] where [`SpatialScene::validate`](Scene::validate) fails, or a quaternion is too short
@@ -254,17 +272,18 @@ pub fn write_spatial(
         return Err(Error::Empty { path: path.to_owned() });
     }
     if format == SpatialFormat::Ply {
-        write_atomically(path, |file| ply::write(scene, file))?;
-        return Ok(SpatialWritten { format, losses: Vec::new(), beside: None });
+        write_atomically(path, |file| ply::write(scene, &options.trained_with, file))?;
+        let losses = infinite_logits(scene).into_iter().collect();
+        return Ok(SpatialWritten { format, losses, beside: None });
     }
     let rotations = UnitRotations::new(scene, path)?;
     let mut beside = None;
     let (bytes, losses) = match format {
-        SpatialFormat::Spz => spz::encode(path, scene, &rotations, options.spz)?,
+        SpatialFormat::Spz => spz::encode(path, scene, &rotations, options)?,
         SpatialFormat::Gltf | SpatialFormat::Glb => {
             let kind =
                 if format == SpatialFormat::Glb { GltfFile::Binary } else { GltfFile::Text(options.gltf_buffer) };
-            let encoded = gltf::encode(path, scene, &rotations, kind)?;
+            let encoded = gltf::encode(path, scene, &rotations, &options.trained_with, kind)?;
             if let Some(buffer) = encoded.beside {
                 let name = path.with_extension("bin");
                 write_atomically(&name, |file| file.write_all(&buffer))?;
@@ -272,7 +291,7 @@ pub fn write_spatial(
             }
             (encoded.file, encoded.losses)
         }
-        _ => splat::encode(scene, &rotations),
+        _ => splat::encode(scene, &rotations, &options.trained_with),
     };
     write_atomically(path, |file| file.write_all(&bytes))?;
     Ok(SpatialWritten { format, losses, beside })

@@ -9,15 +9,12 @@
 //!
 //! Little endian; axes are those of the PLY it was made from. There is no header, so its name alone tells it.
 
-use gs_core::{
-    Scene, SpatialScene,
-    scene::{logit, sigmoid},
-};
+use gs_core::{Scene, SpatialScene};
 
 use super::{
-    SH_0,
+    SH_0, TrainedWith,
     loss::{Clamp, Loss},
-    quantity::{log_of_scale, scale_of_log},
+    quantity::{byte_of_logit, log_of_scale, logit_of_step, scale_of_log},
     source::Source,
     unit::UnitRotations,
 };
@@ -40,14 +37,18 @@ pub(crate) fn read(source: &Source<'_>) -> Result<SpatialScene, Error> {
         scene.means.push([number(0), number(1), number(2)].into());
         scene.log_scales.push([number(3), number(4), number(5)].map(log_of_scale).into());
         scene.sh.push([24, 25, 26].map(|k| (share(k) - 0.5) / SH_0).into());
-        scene.opacity_logits.push(logit(share(27)));
+        scene.opacity_logits.push(logit_of_step(record[27].into(), 255));
         scene.rotations.push([28, 29, 30, 31].map(|k: usize| (f32::from(record[k]) - 128.0) / 128.0));
     }
     Ok(scene)
 }
 
 /// Makes the file's bytes.
-pub(crate) fn encode(scene: &SpatialScene, rotations: &UnitRotations<'_>) -> (Vec<u8>, Vec<Loss>) {
+pub(crate) fn encode(
+    scene: &SpatialScene,
+    rotations: &UnitRotations<'_>,
+    trained_with: &TrainedWith,
+) -> (Vec<u8>, Vec<Loss>) {
     let mut bytes = Vec::with_capacity(scene.len() * RECORD_BYTES);
     let mut clamp = Clamp::new("colours", 0.0, 1.0, 0.5 / 255.0);
     let byte = |share: f32| (share * 255.0).round() as u8;
@@ -56,7 +57,7 @@ pub(crate) fn encode(scene: &SpatialScene, rotations: &UnitRotations<'_>) -> (Ve
         bytes.extend(numbers.flat_map(f32::to_le_bytes));
         let color = scene.sh[i * scene.sh_len()].to_array().map(|c| clamp.apply(0.5 + SH_0 * c));
         bytes.extend(color.map(byte));
-        bytes.push(byte(sigmoid(scene.opacity_logits[i])));
+        bytes.push(byte_of_logit(scene.opacity_logits[i]));
         // A saturating cast: 1 becomes 255, which is 127/128; readers normalise.
         bytes.extend(rotations.get(i).map(|q| (q * 128.0 + 128.0).round() as u8));
     }
@@ -67,5 +68,6 @@ pub(crate) fn encode(scene: &SpatialScene, rotations: &UnitRotations<'_>) -> (Ve
     let rounded = |what| Loss::Rounded { what, to: "8 bits".to_owned() };
     losses.extend(["colours", "opacities", "the parts of quaternions"].map(rounded));
     losses.extend(clamp.loss());
+    losses.extend(trained_with.lost(&TrainedWith::default()));
     (bytes, losses)
 }

@@ -25,6 +25,41 @@ fn refused(bytes: &[u8], name: &str, expected: &str) -> Error {
 }
 
 #[test]
+fn scenes_and_meshes_of_other_kinds_are_named() {
+    let folder = tempfile::tempdir().unwrap();
+    for (name, bytes, expected) in [
+        (
+            "a.sog",
+            &b"PK\x03\x04...."[..],
+            "is a SOG scene, which is not read; convert it with PlayCanvas's splat-transform",
+        ),
+        ("a.KSPLAT", &[0, 1, 0, 0], "is a .ksplat scene"),
+        ("a.lcc", b"{\"version\": \"1.1\"}", "is an XGrids .lcc scene"),
+        (
+            "meta.json",
+            b"{\"means\": {}, \"scales\": {}, \"quats\": {}, \"sh0\": {}}",
+            "is the meta.json of a SOG scene",
+        ),
+        ("splats.ckpt", b"PK\x03\x04....", "is a PyTorch checkpoint, which is not read; export a PLY"),
+        ("scene.zip", b"PK\x03\x04....", "is a ZIP archive"),
+        ("a.csv", b"x,y,z\n1,2,3\n", "is a table of numbers"),
+        ("a.obj", b"v 1 2 3\n", "is a mesh, which is not read; it holds no Gaussians"),
+        ("points.las", b"LASF....", "is a LAS point cloud"),
+        ("cameras.json", b"[{\"id\": 0}]", "such as the cameras.json of 3DGS"),
+    ] {
+        let path = folder.path().join(name);
+        fs::write(&path, bytes).unwrap();
+        for error in [
+            read_spatial(&path).unwrap_err(),
+            spatial_format(&path).err().unwrap_or_else(|| read_spatial(&path).unwrap_err()),
+        ] {
+            let text = error.to_string();
+            assert!(matches!(error, Error::ForeignScene { .. }) && text.contains(expected), "{text}");
+        }
+    }
+}
+
+#[test]
 fn lying_ply_headers() {
     let binary = written("a.ply", &scene(3, 0), &SpatialOptions::default());
     for count in ["4", "4294967296", "18446744073709551615", "1000000000000"] {

@@ -4,8 +4,12 @@ use std::fs;
 
 use glam::Vec3;
 use gs_conformance::properties::fresh;
-use gs_core::{Scene, SpatialScene, scene::sigmoid};
-use gs_io::{GltfBuffer, Loss, SpatialFormat, SpatialOptions, SpzVersion, read_spatial, write_spatial};
+use gs_core::{
+    Scene, SpatialScene,
+    effects::{Antialias, Order},
+    scene::sigmoid,
+};
+use gs_io::{GltfBuffer, Loss, SpatialFormat, SpatialOptions, SpzVersion, TrainedWith, read_spatial, write_spatial};
 use proptest::{collection::vec, prelude::*};
 
 use crate::samples;
@@ -67,6 +71,11 @@ fn back(name: &str, scene: &SpatialScene, options: &SpatialOptions) -> SpatialSc
     read.scene
 }
 
+/// What an infinite logit is read and written as where opacities are not rounded.
+fn read_infinite(logit: f32) -> f32 {
+    if logit > 0.0 { 18.021_827 } else { -88.0 }
+}
+
 /// The cosine of half the angle between two rotations; 1 for q and −q.
 fn cosine(a: [f32; 4], b: [f32; 4]) -> f64 {
     let dot = |a: [f32; 4], b: [f32; 4]| a.iter().zip(b).map(|(&a, b)| f64::from(a) * f64::from(b)).sum::<f64>();
@@ -86,6 +95,8 @@ proptest! {
         let mut scene = scene;
         scene.rotations[0] = q; // of any length, 0 too: PLY keeps it
         let read = back("a.ply", &scene, &SpatialOptions::default());
+        let finite = |logit: &mut f32| *logit = if logit.is_infinite() { read_infinite(*logit) } else { *logit };
+        scene.opacity_logits.iter_mut().for_each(finite);
         prop_assert_eq!(format!("{read:?}"), format!("{scene:?}"));
         let numbers = |s: &SpatialScene| [bits(&s.means), bits(&s.log_scales), bits(&s.sh)].concat();
         prop_assert_eq!(numbers(&read), numbers(&scene));
@@ -103,7 +114,7 @@ proptest! {
         for i in 0..scene.len() {
             assert_near("log-scale", read.log_scales[i], scene.log_scales[i], 1e-6);
             let (a, b) = (read.opacity_logits[i], scene.opacity_logits[i]);
-            prop_assert!(a == b || (sigmoid(a) - sigmoid(b)).abs() <= 1.2e-7, "{} {}", a, b);
+            prop_assert!((sigmoid(a) - sigmoid(b)).abs() <= 1.2e-7, "{} {}", a, b);
         }
     }
 
@@ -170,7 +181,9 @@ fn a_compressed_ply_reads_as_its_ranges_say() {
     assert_eq!((scene.means[0], scene.means[1]), (Vec3::new(-1.0, -2.0, -3.0), Vec3::new(1.0, 2.0, 3.0)));
     assert!(scene.means[2].x.abs() < 1e-3 && scene.means[2].y == -2.0);
     assert_eq!((scene.log_scales[0].x, scene.log_scales[1].z), (-9.0, -1.0));
-    assert_eq!((scene.opacity_logits[0], scene.opacity_logits[1]), (f32::NEG_INFINITY, f32::INFINITY));
+    // The last quarter of a step of 255.
+    let ends = [scene.opacity_logits[0], scene.opacity_logits[1]].map(|logit| 255.0 * sigmoid(logit));
+    assert!((ends[0] - 0.25).abs() < 1e-4 && (ends[1] - 254.75).abs() < 1e-4, "{ends:?}");
     assert!((sigmoid(scene.opacity_logits[2]) - 128.0 / 255.0).abs() < 1e-6);
     let color = |i: usize| 0.5 + 0.282_094_79 * scene.sh[4 * i];
     assert_near("darkest", color(0), Vec3::new(0.0, 0.1, 0.2), 1e-6);
@@ -197,7 +210,7 @@ fn harmonics_of_no_columns_leave_the_colours() {
 fn an_spz_of_version_2_reads_with_our_axes() {
     let scene = samples::read(&samples::spz_of_version_2(), "a.spz").unwrap().scene;
     assert_eq!(scene.means, [Vec3::new(1.0, -2.0, 3.0)]);
-    assert_eq!(scene.opacity_logits, [f32::INFINITY]);
+    assert!((sigmoid(scene.opacity_logits[0]) - 254.75 / 255.0).abs() < 1e-6, "{:?}", scene.opacity_logits);
     assert_eq!(scene.log_scales, [Vec3::new(0.0, -1.0, -2.0)]);
     assert_near("colour", scene.sh[0], Vec3::new(-0.5, 128.0 / 255.0 - 0.5, 0.5) / 0.15, 1e-6);
     assert!(cosine(scene.rotations[0], [0.0, 1.0, 0.0, 0.0]) > 0.999_9, "{:?}", scene.rotations);
@@ -238,7 +251,7 @@ fn what_is_lost_is_said() {
     scene.log_scales[2].x = -20.0;
     let losses =
         |name: &str| write_spatial(folder.path().join(name), &scene, &SpatialOptions::default()).unwrap().losses;
-    assert_eq!(losses("a.ply"), []);
+    assert_eq!(losses("a.ply"), [Loss::InfiniteLogits { gaussians: 3 }]);
     let has = |losses: &[Loss], text: &str| losses.iter().any(|loss| loss.to_string().contains(text));
     let splat = losses("a.splat");
     assert!(
@@ -250,6 +263,71 @@ fn what_is_lost_is_said() {
     assert!(has(&spz, "means are rounded to 0.00024414063 units") && has(&spz, "lengths of quaternions"), "{spz:?}");
     let glb = losses("a.glb");
     assert!(has(&glb, "lengths of quaternions") && has(&glb, "opacities"), "{glb:?}");
+}
+
+/// Opacities of exactly 0 and 1 among them.
+#[test]
+fn logits_are_finite_and_opacities_come_back_to_the_byte() {
+    let scene = samples::scene(12, 0);
+    assert!(scene.opacity_logits.contains(&f32::INFINITY) && scene.opacity_logits.contains(&f32::NEG_INFINITY));
+    for (name, options) in [
+        ("a.ply", SpatialOptions::default()),
+        ("a.splat", SpatialOptions::default()),
+        ("a.spz", SpatialOptions::default()),
+        ("a.spz", samples::spz(SpzVersion::V3)),
+        ("a.gltf", SpatialOptions::default()),
+        ("a.glb", SpatialOptions::default()),
+    ] {
+        let once = back(name, &scene, &options);
+        assert!(once.opacity_logits.iter().all(|logit| logit.is_finite()), "{name}: {:?}", once.opacity_logits);
+        let twice = back(name, &once, &options);
+        assert_eq!(once.opacity_logits, twice.opacity_logits, "{name}");
+        let largest = scene.opacity_logits.iter().zip(&once.opacity_logits);
+        let largest = largest.map(|(&a, &b)| (sigmoid(a) - sigmoid(b)).abs()).fold(0.0, f32::max);
+        assert!(largest < 0.501 / 255.0, "{name}: {largest}");
+    }
+}
+
+#[test]
+fn infinite_logits_of_other_programs_are_made_finite_and_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.ply");
+    fs::write(&path, samples::text_ply()).unwrap();
+    let read = read_spatial(&path).unwrap();
+    assert_eq!(read.losses, [Loss::InfiniteLogits { gaussians: 1 }]);
+    assert_eq!(read.scene.opacity_logits, [read_infinite(f32::INFINITY), -1.5]);
+}
+
+#[test]
+fn a_scene_remembers_how_it_was_trained() {
+    let scene = samples::scene(2, 1);
+    let folder = tempfile::tempdir().unwrap();
+    for (antialias, order) in
+        Antialias::ALL.into_iter().flat_map(|a| [Order::TileDepth, Order::PixelDepth].map(|o| (a, o)))
+    {
+        let trained_with = TrainedWith { antialias: Some(antialias), order: Some(order) };
+        for name in ["a.ply", "a.gltf", "a.glb", "a.spz", "a.splat"] {
+            let path = folder.path().join(name);
+            let options = SpatialOptions { trained_with, ..SpatialOptions::default() };
+            let losses = write_spatial(&path, &scene, &options).unwrap().losses;
+            let read = read_spatial(&path).unwrap().trained_with;
+            let said = read.antialias.unwrap_or(Antialias::Dilate) == antialias
+                && read.order.unwrap_or(Order::TileDepth) == order;
+            let lost = losses.iter().any(|loss| matches!(loss, Loss::TrainedWith(_)));
+            assert_eq!(lost, !said, "{name} {trained_with:?} {read:?}");
+            match name {
+                "a.spz" => assert_eq!(
+                    read.antialias,
+                    Some(if antialias.compensates() { Antialias::Mip } else { Antialias::Dilate })
+                ),
+                "a.splat" => assert_eq!(read, TrainedWith::default()),
+                _ => assert_eq!(read, trained_with, "{name}"),
+            }
+        }
+    }
+    let unsaid = back("a.ply", &scene, &SpatialOptions::default());
+    assert_eq!(unsaid.len(), 2);
+    assert!(!samples::written("a.ply", &scene, &SpatialOptions::default()).windows(7).any(|part| part == b"comment"));
 }
 
 #[test]

@@ -14,13 +14,14 @@ pub(crate) fn scene(count: usize, sh_degree: u8) -> SpatialScene {
         let t = i as f32;
         let wave = |k: usize| (1.7 * t + 0.9 * k as f32).sin();
         let length = (0..4).map(|k| wave(k).powi(2)).sum::<f32>().sqrt();
-        scene.push(SpatialGaussian {
+        let gaussian = SpatialGaussian {
             mean: Vec3::new(3.0 * wave(1), t - 2.0, 0.25 * wave(2)),
             log_scale: Vec3::new(-4.0 + wave(3), -2.5, 0.1 * t),
             rotation: [0, 1, 2, 3].map(|k| wave(k) / length),
             opacity_logit: [f32::INFINITY, 0.3 * t, f32::NEG_INFINITY][i % 3],
             sh: (0..16).map(|k| Vec3::new(0.9 * wave(k), 0.5 * wave(2 * k), -0.01 * k as f32)).collect(),
-        });
+        };
+        scene.push(gaussian.with_degree(sh_degree));
     }
     scene
 }

@@ -103,7 +103,7 @@ pub fn alternatives(base: &RenderSettings) -> Vec<Setting> {
     }
     if in_space {
         all.extend([Order::Index, Order::TileDepth, Order::PixelDepth].map(Setting::Order));
-        all.extend([Antialias::None, Antialias::Dilate, Antialias::Mip].map(Setting::Antialias));
+        all.extend(Antialias::ALL.map(Setting::Antialias));
         all.extend((0..base.effects.sh_degree).map(Setting::ShDegree));
     }
     all.retain(|setting| setting.applied_to(base) != *base);

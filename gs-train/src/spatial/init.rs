@@ -112,7 +112,7 @@ impl Start {
 
 fn with_degree(scene: &SpatialScene, sh_degree: u8) -> SpatialScene {
     let mut other = SpatialScene { sh_degree, ..SpatialScene::default() };
-    (0..scene.len()).for_each(|index| other.push(scene.gaussian(index)));
+    (0..scene.len()).for_each(|index| other.push(scene.gaussian(index).with_degree(sh_degree)));
     other
 }
 
@@ -125,13 +125,14 @@ pub fn gaussians_at(points: &[Point], init: &PointInit, sh_degree: u8) -> Spatia
     let mut scene = SpatialScene { sh_degree, ..SpatialScene::default() };
     scene.sh.reserve(points.len() * sh::coefficients(sh_degree));
     for (point, sigma) in points.iter().zip(sigmas) {
-        scene.push(SpatialGaussian {
+        let gaussian = SpatialGaussian {
             mean: point.position,
             log_scale: Vec3::splat(sigma.ln()),
             rotation: [1.0, 0.0, 0.0, 0.0],
             opacity_logit: logit(init.opacity),
             sh: vec![(Vec3::from_array(point.color) - 0.5) / SH_C0],
-        });
+        };
+        scene.push(gaussian.with_degree(sh_degree));
     }
     scene
 }

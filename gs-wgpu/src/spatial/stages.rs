@@ -1,10 +1,6 @@
 //! The stages that only spatial scenes have, as commands, and their buffers.
 
-use gs_core::{
-    Camera, Error, RenderSettings, SpatialScene,
-    effects::{Antialias, Order},
-    perspective::Perspective,
-};
+use gs_core::{Camera, Error, RenderSettings, SpatialScene, effects::Order, perspective::Perspective};
 
 use crate::{
     cloud::{Cloud, UNIFORM},
@@ -61,7 +57,7 @@ impl SpatialOwn {
             least_slope: least_slope.to_array(),
             most_slope: most_slope.to_array(),
             dilation: antialias.dilation(),
-            compensates: u32::from(antialias == Antialias::Mip),
+            compensates: u32::from(antialias.compensates()),
             unused: [0; 2],
         };
         gpu.write(&self.camera, bytemuck::bytes_of(&camera));

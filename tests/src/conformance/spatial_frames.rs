@@ -61,7 +61,7 @@ pub fn gradients_match_in_spatial_frames<R: Rasterizer<SpatialScene>>(rasterizer
         return Ok(skipped);
     }
     for blend in [Blend::Sum, Blend::Over] {
-        for antialias in [Antialias::None, Antialias::Dilate, Antialias::Mip] {
+        for antialias in Antialias::ALL {
             for (seed, kind) in (2710..).zip([SpatialKind::Typical, SpatialKind::Edge, SpatialKind::Opaque]) {
                 let draw = Draw::spatial(kind, blend, 20, (30, 30), seed).antialiased(antialias);
                 check_gradients(rasterizer, &draw, &Loss::L2, Chart::LocalFrame)?;

@@ -50,9 +50,12 @@ pub fn gradients_match_in_all_orders<R: Rasterizer<SpatialScene>>(rasterizer: &R
 /// # Errors
 /// [`Failure`] where the backend does not do so.
 pub fn antialiased_gradients_match<R: Rasterizer<SpatialScene>>(rasterizer: &R) -> Result<(), Failure> {
-    for (antialias, blend) in
-        [(Antialias::Dilate, Blend::Over), (Antialias::Mip, Blend::Over), (Antialias::Mip, Blend::Sum)]
-    {
+    for (antialias, blend) in [
+        (Antialias::Dilate, Blend::Over),
+        (Antialias::Mip, Blend::Over),
+        (Antialias::Mip, Blend::Sum),
+        (Antialias::Compensated, Blend::Over),
+    ] {
         for (seed, kind) in
             (2340..).zip([SpatialKind::Typical, SpatialKind::Tiny, SpatialKind::Needles, SpatialKind::Edge])
         {

@@ -54,9 +54,12 @@ pub fn orders_match<R: Rasterizer<SpatialScene>>(rasterizer: &R) -> Result<(), F
 /// # Errors
 /// [`Failure`] where the backend does not do so.
 pub fn antialiased_images_match<R: Rasterizer<SpatialScene>>(rasterizer: &R) -> Result<(), Failure> {
-    for (antialias, blend) in
-        [(Antialias::Dilate, Blend::Over), (Antialias::Mip, Blend::Over), (Antialias::Mip, Blend::Sum)]
-    {
+    for (antialias, blend) in [
+        (Antialias::Dilate, Blend::Over),
+        (Antialias::Mip, Blend::Over),
+        (Antialias::Mip, Blend::Sum),
+        (Antialias::Compensated, Blend::Over),
+    ] {
         for (seed, kind) in (2140..).zip(SpatialKind::ALL) {
             check_image(rasterizer, &Draw::spatial(kind, blend, 40, (48, 37), seed).antialiased(antialias))?;
         }

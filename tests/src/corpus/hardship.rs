@@ -84,7 +84,7 @@ pub fn hard_planar(hardship: Hardship, blend: Blend, seed: u64) -> Draw<PlanarSc
 /// A spatial scene that is hard in one way; the same for the same seed, which also chooses how it is antialiased.
 pub fn hard_spatial(hardship: Hardship, seed: u64) -> Draw<SpatialScene> {
     let mut draw = Draw::spatial(SpatialKind::Typical, Blend::Over, COUNT, SIZE, seed).on([0.3, 0.9, 0.1]);
-    draw = draw.antialiased([Antialias::None, Antialias::Dilate, Antialias::Mip][(seed % 3) as usize]);
+    draw = draw.antialiased(Antialias::ALL[(seed % 4) as usize]);
     draw.settings.effects.order = Order::Index;
     let mut rng = Pcg64::seed_from_u64(seed ^ 0x4a2d);
     let mut within = |least: f32, most: f32| rng.random_range(least..most);

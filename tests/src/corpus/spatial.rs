@@ -19,7 +19,7 @@ pub fn spatial_corpus() -> Vec<Case<SpatialScene>> {
 }
 
 /// All treatments of what is narrower than a pixel.
-const ANTIALIASES: [Antialias; 3] = [Antialias::None, Antialias::Dilate, Antialias::Mip];
+const ANTIALIASES: [Antialias; 4] = Antialias::ALL;
 
 /// An unturned camera at the origin, so that camera and world coordinates are the same numbers; 24×19 px, of neither a whole tile nor a whole
 /// vector, focal length 20 px.
@@ -72,6 +72,7 @@ fn antialiased(mut case: Case<SpatialScene>, antialias: Antialias) -> Case<Spati
             Antialias::None => "not antialiased",
             Antialias::Dilate => "dilated",
             Antialias::Mip => "mip",
+            Antialias::Compensated => "compensated",
         }
     );
     case

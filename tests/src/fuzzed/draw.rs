@@ -127,7 +127,7 @@ fn camera(bytes: &mut Bytes<'_>) -> Camera {
 fn settings(bytes: &mut Bytes<'_>, orders: [Order; 3]) -> RenderSettings {
     let mut settings = RenderSettings::blended(bytes.pick([Blend::Over, Blend::Over, Blend::Sum]));
     settings.effects.order = bytes.pick(orders);
-    settings.effects.antialias = bytes.pick([Antialias::None, Antialias::Dilate, Antialias::Mip]);
+    settings.effects.antialias = bytes.pick(Antialias::ALL);
     settings.effects.sh_degree = bytes.below(4) as u8;
     settings.effects.statistics =
         bytes.pick([Statistics::None, Statistics::MeanGradient, Statistics::AbsoluteGradient, Statistics::PixelError]);

@@ -129,14 +129,11 @@ pub fn spatial_scene(kind: SpatialKind, count: usize, camera: &Camera, sh_degree
         };
         // Mean colours of −0.1 to 1, so that some are clamped in some directions.
         let mut color = |scale: Range<f32>| Vec3::new(within(scale.clone()), within(scale.clone()), within(scale));
+        // As many of every degree, so that all else is the same.
         let sh = (0..16).map(|k| if k == 0 { color(-2.1..1.7) } else { color(-0.2..0.2) }).collect();
-        scene.push(SpatialGaussian {
-            mean,
-            log_scale: (scales * world_per_pixel).map(f32::ln),
-            rotation: turn,
-            opacity_logit,
-            sh,
-        });
+        let log_scale = (scales * world_per_pixel).map(f32::ln);
+        let gaussian = SpatialGaussian { mean, log_scale, rotation: turn, opacity_logit, sh };
+        scene.push(gaussian.with_degree(sh_degree));
         if kind == SpatialKind::EqualDepths && i % 4 == 3 {
             let last = scene.means.len() - 1;
             scene.means[last] = scene.means[last - 3];
@@ -180,7 +177,7 @@ pub fn spatial_kinds() -> impl Strategy<Value = SpatialKind> {
 /// scene and in the rendering, with and without background.
 pub fn spatial_draws() -> impl Strategy<Value = Draw<SpatialScene>> {
     let orders = proptest::sample::select([Order::Index, Order::TileDepth, Order::PixelDepth].as_slice());
-    let antialiases = proptest::sample::select([Antialias::None, Antialias::Dilate, Antialias::Mip].as_slice());
+    let antialiases = proptest::sample::select(Antialias::ALL.as_slice());
     let effects = (blends(), orders, antialiases, 0u8..=3);
     let background = proptest::option::of(proptest::array::uniform3(0.0f32..1.0));
     (spatial_kinds(), effects, sizes(40, 32), counts(), any::<u64>(), background).prop_map(

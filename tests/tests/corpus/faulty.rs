@@ -103,7 +103,7 @@ impl<R> Faulty<'_, R> {
             OrdersByMean if effects.order == Order::PixelDepth => effects.order = Order::TileDepth,
             DropsHarmonics => effects.sh_degree = effects.sh_degree.min(2),
             Dilates if effects.antialias == Antialias::None => effects.antialias = Antialias::Dilate,
-            ForgetsCompensation if effects.antialias == Antialias::Mip => effects.antialias = Antialias::Dilate,
+            ForgetsCompensation if effects.antialias.compensates() => effects.antialias = Antialias::Dilate,
             _ => {}
         }
         settings

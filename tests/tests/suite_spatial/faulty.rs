@@ -98,7 +98,7 @@ impl Faulty {
             DrawsInTheScenesOrder => effects.order = Order::Index,
             OrdersByMean if effects.order == Order::PixelDepth => effects.order = Order::TileDepth,
             ForgetsAntialiasing => effects.antialias = Antialias::None,
-            ForgetsCompensation if effects.antialias == Antialias::Mip => effects.antialias = Antialias::Dilate,
+            ForgetsCompensation if effects.antialias.compensates() => effects.antialias = Antialias::Dilate,
             IgnoresTheDegree => effects.sh_degree = 3,
             ForgetsTheAccuracy => settings.accuracy = gs_core::Accuracy::default(),
             ForgetsTheBackground => effects.background = Background::None,

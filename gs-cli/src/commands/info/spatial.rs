@@ -3,7 +3,12 @@
 use std::{collections::BTreeMap, fmt::Write, path::Path};
 
 use glam::Vec3;
-use gs_core::{Scene, SpatialScene, constants::MIN_QUATERNION_NORM2, scene::sigmoid};
+use gs_core::{
+    Scene, SpatialScene,
+    constants::MIN_QUATERNION_NORM2,
+    effects::{Antialias, Order},
+    scene::sigmoid,
+};
 use gs_io::SpatialFile;
 use serde::Serialize;
 
@@ -33,6 +38,10 @@ struct Info {
     not_finite: NotFinite,
     /// Gaussians whose quaternion is too short to be a rotation: they are never drawn.
     without_rotation: usize,
+    /// How the scene was trained, as far as its file says: the treatment of Gaussians narrower than a pixel.
+    antialias: Option<&'static str>,
+    /// The order of blending.
+    order: Option<&'static str>,
     /// What of the file is not in the scene.
     losses: Vec<String>,
     /// What a checkpoint says of itself.
@@ -72,9 +81,11 @@ struct NotFinite {
 /// # Errors
 /// Where its file cannot be read.
 pub(super) fn run(path: &Path, format: Format) -> Result<(), Failure> {
-    let SpatialFile { scene, format: kind, bytes, losses } = gs_io::read_spatial_unchecked(path)?;
+    let SpatialFile { scene, format: kind, bytes, losses, trained_with } = gs_io::read_spatial_unchecked(path)?;
     let losses = losses.iter().map(ToString::to_string).collect();
-    Info { format: Some(kind.to_string()), losses, ..Info::of("spatial scene", bytes, &scene) }.print(format)
+    let (antialias, order) = (trained_with.antialias.map(Antialias::name), trained_with.order.map(Order::name));
+    let info = Info::of("spatial scene", bytes, &scene);
+    Info { format: Some(kind.to_string()), antialias, order, losses, ..info }.print(format)
 }
 
 /// Tells what is in a checkpoint of a training in space, of which this is the scene.
@@ -120,6 +131,8 @@ impl Info {
             quantiles,
             not_finite: NotFinite::of(scene),
             without_rotation: scene.rotations.iter().filter(|q| norm2(q) < MIN_QUATERNION_NORM2).count(),
+            antialias: None,
+            order: None,
             losses: Vec::new(),
             metadata: BTreeMap::new(),
         }
@@ -185,6 +198,8 @@ fn text(info: &Info) -> String {
     let parts = if parts.is_empty() { String::new() } else { format!(": {}", parts.join(", ")) };
     rows.push(("not finite", format!("{gaussians}{parts}")));
     rows.push(("without rotation", info.without_rotation.to_string()));
+    let trained_with = [("antialias", info.antialias), ("order", info.order)];
+    rows.extend(trained_with.into_iter().filter_map(|(name, value)| Some((name, format!("{} in training", value?)))));
     rows.extend(info.losses.iter().map(|loss| ("lost in reading", loss.clone())));
     let mut text = String::new();
     for (name, value) in &rows {

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use gs_core::{Camera, Image, Rasterizer, RenderSettings, Scene, SpatialScene, effects::CalledFor, statistics::Culled};
 use gs_io::{
-    Animation,
+    Animation, SpatialFile,
     dataset::{Dataset, DatasetSettings, read_dataset},
     read_spatial, write_animation, write_png,
 };
@@ -33,21 +33,24 @@ pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
         let message = "--region is for the scene of an image, but this is one in space";
         return Err(Failure::usage(message).at(args.scene.display()).mend("leave it out"));
     }
-    let scene = read_spatial(&args.scene).map_err(Failure::of_scene)?.scene;
+    let SpatialFile { scene, trained_with, .. } = read_spatial(&args.scene).map_err(Failure::of_scene)?;
     let (cameras, dataset) = cameras(&args.cameras, args.size, &scene)?;
     for camera in &cameras {
         camera.validate().map_err(|error| Failure::usage(error).at("--camera, --path or --size"))?;
     }
     check_output(&args.output, cameras.len())?;
     let render = match &dataset {
-        Some(dataset) => args.shown.settings_beside(&scene, dataset),
-        None => args.shown.settings(&scene),
+        Some(dataset) => args.shown.settings_beside(&scene, trained_with, dataset),
+        None => args.shown.settings(&scene, trained_with),
     };
     let chosen = args.settings.as_deref().map(ChosenSettings::read).transpose()?;
     let backend = Backend::start(&args.backend.or_chosen(chosen.as_ref().map(|chosen| &chosen.machine)))?;
     let render = chosen.map_or(render, |chosen| args.shown.overriding(chosen.applied_to(render), &render));
     let CalledFor { settings, verdicts } = args.effects().choose(&scene, &cameras, &render)?;
     backend.run_spatial(Frames { args, scene: &scene, cameras: &cameras, render: &settings })?;
+    if args.settings.is_none() {
+        args.shown.note_guess(trained_with);
+    }
     output::note(told(&verdicts));
     Ok(())
 }

@@ -36,17 +36,31 @@ impl Component {
         }
     }
 
+    /// The integer that stands for 1 where integers are normalised.
+    fn largest(self) -> Option<u16> {
+        match self {
+            Self::I8 => Some(127),
+            Self::U8 => Some(255),
+            Self::I16 => Some(32_767),
+            Self::U16 => Some(65_535),
+            Self::F32 => None,
+        }
+    }
+
     /// The number at the start of `bytes`; a normalised integer stands for −1..1 or 0..1.
     fn decode(self, bytes: &[u8], normalized: bool) -> f32 {
         let two = || [bytes[0], bytes[1]];
-        let (value, largest) = match self {
-            Self::I8 => (f32::from(bytes[0].cast_signed()), 127.0),
-            Self::U8 => (f32::from(bytes[0]), 255.0),
-            Self::I16 => (f32::from(i16::from_le_bytes(two())), 32767.0),
-            Self::U16 => (f32::from(u16::from_le_bytes(two())), 65535.0),
-            Self::F32 => return f32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]]),
+        let value = match self {
+            Self::I8 => f32::from(bytes[0].cast_signed()),
+            Self::U8 => f32::from(bytes[0]),
+            Self::I16 => f32::from(i16::from_le_bytes(two())),
+            Self::U16 => f32::from(u16::from_le_bytes(two())),
+            Self::F32 => f32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]]),
         };
-        if normalized { (value / largest).max(-1.0) } else { value }
+        match self.largest().filter(|_| normalized) {
+            Some(largest) => (value / f32::from(largest)).max(-1.0),
+            None => value,
+        }
     }
 }
 
@@ -62,6 +76,12 @@ impl Accessors<'_> {
     /// How many rows accessor `number` claims to have.
     pub(super) fn count(&self, number: usize) -> Result<u64, Error> {
         Ok(self.accessor(number)?.count)
+    }
+
+    /// Into how many equal steps accessor `number` divides the numbers from 0 to 1; `None` where it has floats, or integers as they are.
+    pub(super) fn steps(&self, number: usize) -> Result<Option<u16>, Error> {
+        let accessor = self.accessor(number)?;
+        Ok(Component::numbered(accessor.component_type).and_then(Component::largest).filter(|_| accessor.normalized))
     }
 
     /// All rows of accessor `number`, each of N numbers; `name` is for messages.

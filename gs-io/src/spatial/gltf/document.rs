@@ -73,6 +73,8 @@ pub(super) struct Mesh {
 pub(super) struct Primitive {
     pub(super) attributes: BTreeMap<String, usize>,
     extensions: BTreeMap<String, serde_json::Value>,
+    /// Whatever a program has to say besides.
+    pub(super) extras: serde_json::Value,
 }
 
 /// The extension's object in a primitive.

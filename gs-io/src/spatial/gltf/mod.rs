@@ -25,9 +25,11 @@ use self::{
     document::{Document, EXTENSION, Primitive, Splatting},
 };
 use super::{
+    TrainedWith,
     flips::Flips,
+    foreign,
     loss::Loss,
-    quantity::{log_of_scale, logit_of_opacity},
+    quantity::{log_of_scale, logit_of_opacity, logit_of_step},
     sh_degree::MAX_DEGREE,
     source::Source,
     transform,
@@ -56,6 +58,7 @@ pub(crate) fn recognises(start: &[u8]) -> bool {
 pub(crate) struct Read {
     pub(crate) scene: SpatialScene,
     pub(crate) losses: Vec<Loss>,
+    pub(crate) trained_with: TrainedWith,
     /// Bytes of the files beside it.
     pub(crate) bytes_beside: u64,
 }
@@ -74,7 +77,8 @@ pub(crate) fn read(source: &Source<'_>) -> Result<Read, Error> {
     let places = places(source, &document)?;
     if places.is_empty() {
         let found = format!("a glTF without {EXTENSION} in its scene");
-        return Err(Error::NotASpatialScene { path: source.path.to_owned(), found });
+        let unknown = || Error::NotASpatialScene { path: source.path.to_owned(), found };
+        return Err(foreign::refusal_of_json(json, source.path).unwrap_or_else(unknown));
     }
     let buffers = Buffers::read(source, &document, binary)?;
     let accessors = Accessors { source, document: &document, buffers: &buffers };
@@ -109,7 +113,9 @@ pub(crate) fn read(source: &Source<'_>) -> Result<Read, Error> {
             once.push(loss)
         }
     });
-    Ok(Read { scene: whole, losses: once, bytes_beside: buffers.file_bytes() })
+    let said = places.iter().map(|place| TrainedWith::of_extras(&place.primitive.extras));
+    let trained_with = said.reduce(TrainedWith::in_common).unwrap_or_default();
+    Ok(Read { scene: whole, losses: once, trained_with, bytes_beside: buffers.file_bytes() })
 }
 
 /// A primitive of Gaussians, and from its coordinates to the scene's.
@@ -202,7 +208,9 @@ fn read_part(accessors: &Accessors<'_>, place: &Place<'_>) -> Result<Part, Error
     same_count("ROTATION", rotations.len())?;
     let scales = accessors.rows::<3>(named(&ours("SCALE"))?, "SCALE")?;
     same_count("SCALE", scales.len())?;
-    let opacities = accessors.rows::<1>(named(&ours("OPACITY"))?, "OPACITY")?;
+    let opacity = named(&ours("OPACITY"))?;
+    let opacities = accessors.rows::<1>(opacity, "OPACITY")?;
+    let steps = accessors.steps(opacity)?;
     same_count("OPACITY", opacities.len())?;
 
     let degree_of = |name: &String| name.strip_prefix(&ours("SH_DEGREE_"))?.split('_').next()?.parse::<u8>().ok();
@@ -223,7 +231,11 @@ fn read_part(accessors: &Accessors<'_>, place: &Place<'_>) -> Result<Part, Error
     }
     scene.means = means.into_iter().map(Vec3::from).collect();
     scene.rotations = rotations.into_iter().map(|[x, y, z, w]| [w, x, y, z]).collect();
-    scene.opacity_logits = opacities.into_iter().map(|[opacity]| logit_of_opacity(opacity)).collect();
+    let logit = |[opacity]: [f32; 1]| match steps {
+        Some(steps) if opacity >= 0.0 => logit_of_step((opacity * f32::from(steps)).round() as u16, steps),
+        _ => logit_of_opacity(opacity),
+    };
+    scene.opacity_logits = opacities.into_iter().map(logit).collect();
     scene.log_scales = vec![Vec3::ZERO; count];
     Ok(Part { scene, scales, linear_light })
 }

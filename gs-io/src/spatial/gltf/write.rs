@@ -14,6 +14,7 @@ use super::{
 use crate::{
     error::Error,
     spatial::{
+        TrainedWith,
         loss::Loss,
         quantity::{opacity_of_logit, scale_of_log},
         unit::UnitRotations,
@@ -51,9 +52,13 @@ pub(crate) fn encode(
     path: &Path,
     scene: &SpatialScene,
     rotations: &UnitRotations<'_>,
+    trained_with: &TrainedWith,
     kind: GltfFile,
 ) -> Result<Encoded, Error> {
     let (mut json, buffer) = document(scene, rotations);
+    if let Some(extras) = trained_with.extras() {
+        json["meshes"][0]["primitives"][0]["extras"] = extras;
+    }
     let mut beside = None;
     let file = match kind {
         GltfFile::Text(place) => {

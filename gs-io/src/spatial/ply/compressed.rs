@@ -8,7 +8,7 @@
 //!
 //! *Source:* PlayCanvas engine, `gsplat-compressed-data`.
 
-use gs_core::{SpatialScene, scene::logit};
+use gs_core::SpatialScene;
 
 use super::{Read, columns, element_start, header::Header, rest_columns, rows};
 use crate::{
@@ -16,6 +16,7 @@ use crate::{
     spatial::{
         SH_0, SpatialFormat,
         loss::Loss,
+        quantity::logit_of_step,
         sh_degree::{MAX_DEGREE, degree_of_rest},
         source::Source,
     },
@@ -69,9 +70,10 @@ pub(super) fn read(source: &Source<'_>, header: &Header) -> Result<Read, Error> 
         scene.means.push(between(&chunk.position, unpack_111011(position)).into());
         scene.log_scales.push(between(&chunk.log_scale, unpack_111011(scale)).into());
         scene.rotations.push(unpack_rotation(rotation));
-        let [red, green, blue, opacity] = color.to_be_bytes().map(|byte| f32::from(byte) / 255.0);
-        scene.opacity_logits.push(logit(opacity));
-        dc.push(glam::Vec3::from(between(&chunk.color, [red, green, blue]).map(|c| (c - 0.5) / SH_0)));
+        let [red, green, blue, opacity] = color.to_be_bytes();
+        scene.opacity_logits.push(logit_of_step(opacity.into(), 255));
+        let share = [red, green, blue].map(|byte| f32::from(byte) / 255.0);
+        dc.push(glam::Vec3::from(between(&chunk.color, share).map(|c| (c - 0.5) / SH_0)));
     })?;
     let losses = match header.find("sh") {
         None => {
@@ -80,7 +82,7 @@ pub(super) fn read(source: &Source<'_>, header: &Header) -> Result<Read, Error> 
         }
         Some(sh) => read_harmonics(source, header, sh, &mut scene, &dc)?,
     };
-    Ok(Read { scene, format: SpatialFormat::CompressedPly, losses })
+    Ok(Read { scene, format: SpatialFormat::CompressedPly, losses, trained_with: header.trained_with() })
 }
 
 fn read_chunks(source: &Source<'_>, header: &Header) -> Result<Vec<Chunk>, Error> {

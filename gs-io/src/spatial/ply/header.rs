@@ -3,7 +3,10 @@
 //! Read here and not by serde-ply, which writes our planar scenes: which properties there are is known at run time only, and every
 //! complaint names its byte.
 
-use crate::{error::Error, spatial::source::Source};
+use crate::{
+    error::Error,
+    spatial::{TrainedWith, source::Source},
+};
 
 /// How rows are stored.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -90,11 +93,18 @@ impl Element {
 pub(crate) struct Header {
     pub(crate) encoding: Encoding,
     pub(crate) elements: Vec<Element>,
+    /// What stands after `comment`, line by line.
+    pub(crate) comments: Vec<String>,
     /// Where the first row starts.
     pub(crate) data_start: usize,
 }
 
 impl Header {
+    /// What the comments say of how the scene was trained.
+    pub(crate) fn trained_with(&self) -> TrainedWith {
+        TrainedWith::of_comments(self.comments.iter().map(String::as_str))
+    }
+
     /// The place of an element among the tables.
     pub(crate) fn find(&self, name: &str) -> Option<usize> {
         self.elements.iter().position(|e| e.name == name)
@@ -108,14 +118,15 @@ impl Header {
             return Err(source.damaged(byte, "`ply`", quoted(line)));
         }
         let mut encoding = None;
-        let mut elements: Vec<Element> = Vec::new();
+        let (mut elements, mut comments) = (Vec::<Element>::new(), Vec::new());
         loop {
             let (byte, line) = lines.next()?;
             let bad = |expected: &str| source.damaged(byte, expected, quoted(line));
             let words: Vec<&str> = line.split_ascii_whitespace().collect();
             match words.as_slice() {
                 ["end_header", ..] => break,
-                [] | ["comment" | "obj_info", ..] => {}
+                ["comment", text @ ..] => comments.push(text.join(" ")),
+                [] | ["obj_info", ..] => {}
                 ["format", "ascii", _] => encoding = Some(Encoding::Ascii),
                 ["format", "binary_little_endian", _] => encoding = Some(Encoding::LittleEndian),
                 ["format", "binary_big_endian", _] => encoding = Some(Encoding::BigEndian),
@@ -137,7 +148,7 @@ impl Header {
             }
         }
         let missing = || source.damaged(0, "a line `format ascii 1.0` or the like", "none");
-        Ok(Self { encoding: encoding.ok_or_else(missing)?, elements, data_start: lines.next })
+        Ok(Self { encoding: encoding.ok_or_else(missing)?, elements, comments, data_start: lines.next })
     }
 }
 

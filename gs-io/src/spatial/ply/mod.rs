@@ -2,7 +2,8 @@
 //!
 //! Vertices of the 3DGS kind have, by name: `x y z` (mean), `nx ny nz` (unused), `f_dc_0..2` (SH of degree 0, RGB), `f_rest_*` (the
 //! others, all of red first, then green, then blue), `opacity` (logit), `scale_0..2` (logarithms), `rot_0..3` (quaternion w, x, y, z).
-//! Order does not matter to us, and properties that are not known are passed over; what is written has them in 3DGS's order.
+//! Order does not matter to us, and properties that are not known are passed over; what is written has them in 3DGS's order. Comments say
+//! how a scene was trained: see [`TrainedWith`].
 
 mod compressed;
 mod header;
@@ -14,8 +15,9 @@ use gs_core::{Scene, SpatialScene};
 
 use self::header::{Element, Header};
 use super::{
-    SpatialFormat,
+    SpatialFormat, TrainedWith,
     loss::Loss,
+    quantity::finite_logit,
     sh_degree::{MAX_DEGREE, degree_of_rest},
     source::Source,
 };
@@ -32,6 +34,7 @@ pub(crate) struct Read {
     pub(crate) scene: SpatialScene,
     pub(crate) format: SpatialFormat,
     pub(crate) losses: Vec<Loss>,
+    pub(crate) trained_with: TrainedWith,
 }
 
 /// Reads a PLY of either kind.
@@ -64,7 +67,7 @@ pub(crate) fn read(source: &Source<'_>) -> Result<Read, Error> {
     })?;
     let losses =
         if degree < file_degree { vec![Loss::Harmonics { from: file_degree, to: degree }] } else { Vec::new() };
-    Ok(Read { scene, format: SpatialFormat::Ply, losses })
+    Ok(Read { scene, format: SpatialFormat::Ply, losses, trained_with: header.trained_with() })
 }
 
 /// Where the rows of an element start: after those of all before it.
@@ -98,13 +101,15 @@ fn rest_columns(source: &Source<'_>, element: &Element) -> Result<Vec<usize>, Er
 }
 
 /// Writes a scene with the whole layout of 3DGS: 62 properties at degree 3, fewer `f_rest` below.
-pub(crate) fn write(scene: &SpatialScene, file: &mut dyn Write) -> io::Result<()> {
+pub(crate) fn write(scene: &SpatialScene, trained_with: &TrainedWith, file: &mut dyn Write) -> io::Result<()> {
     let rest = scene.sh_len() - 1;
     let mut names: Vec<String> =
         ["x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2"].map(str::to_owned).to_vec();
     names.extend((0..3 * rest).map(|k| format!("f_rest_{k}")));
     names.extend(["opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"].map(str::to_owned));
-    writeln!(file, "ply\nformat binary_little_endian 1.0\nelement vertex {}", scene.len())?;
+    writeln!(file, "ply\nformat binary_little_endian 1.0")?;
+    trained_with.comments().iter().try_for_each(|comment| writeln!(file, "comment {comment}"))?;
+    writeln!(file, "element vertex {}", scene.len())?;
     names.iter().try_for_each(|name| writeln!(file, "property float {name}"))?;
     writeln!(file, "end_header")?;
     let mut row = Vec::with_capacity(4 * names.len());
@@ -115,7 +120,7 @@ pub(crate) fn write(scene: &SpatialScene, file: &mut dyn Write) -> io::Result<()
         let (dc, higher) = scene.sh[i * scene.sh_len()..][..scene.sh_len()].split_at(1);
         dc[0].to_array().into_iter().for_each(&mut put);
         (0..3).for_each(|channel| higher.iter().for_each(|c| put(c[channel])));
-        put(scene.opacity_logits[i]);
+        put(finite_logit(scene.opacity_logits[i]));
         scene.log_scales[i].to_array().into_iter().chain(scene.rotations[i]).for_each(&mut put);
         file.write_all(&row)?;
     }

@@ -35,6 +35,9 @@ const NEWEST_VERSION: u32 = 4;
 /// The byte of the head that holds flags.
 const FLAGS: usize = 14;
 
+/// The flag of scenes that were trained with antialiasing; see [`TrainedWith`](crate::TrainedWith).
+const ANTIALIASED: u8 = 1;
+
 /// The flag of files that have extensions.
 const HAS_EXTENSIONS: u8 = 2;
 
@@ -54,6 +57,7 @@ pub(super) struct Head {
     pub(super) count: u32,
     pub(super) degree: u8,
     pub(super) fraction: FractionalBits,
+    pub(super) antialiased: bool,
 }
 
 /// The parameters of all Gaussians, one after the other.
@@ -129,7 +133,8 @@ impl Head {
         }
         let fraction = FractionalBits::new(bytes[13])
             .ok_or_else(|| bad(13, "at most 23 fractional bits", bytes[13].to_string()))?;
-        let head = Self { version, count, degree, fraction };
+        let antialiased = bytes[FLAGS] & ANTIALIASED != 0;
+        let head = Self { version, count, degree, fraction, antialiased };
         source.check_claim(source.bytes.len() as u64, head.sizes().iter().sum())?;
         Ok(head)
     }
@@ -231,7 +236,7 @@ pub(super) fn write(head: &Head, streams: &Streams<Vec<u8>>) -> io::Result<Vec<u
     let streams = [positions, opacities, colors, scales, rotations, harmonics];
     let mut start = MAGIC.to_vec();
     start.extend([head.version, head.count].map(u32::to_le_bytes).concat());
-    start.extend([head.degree, head.fraction.get(), 0]);
+    start.extend([head.degree, head.fraction.get(), if head.antialiased { ANTIALIASED } else { 0 }]);
     if head.version < NEWEST_VERSION {
         start.push(0);
         let mut stream = GzEncoder::new(Vec::new(), Compression::best());

@@ -19,6 +19,7 @@ use self::{
     quantum::FractionalBits,
 };
 use super::{
+    SpatialOptions, TrainedWith,
     flips::Flips,
     loss::Loss,
     sh_degree::{MAX_DEGREE, rest_of_degree},
@@ -59,8 +60,8 @@ impl Default for SpzOptions {
 /// The axes that files have which do not say otherwise: right, up, back.
 const AXES: Flips = Flips::new([1.0, -1.0, -1.0]);
 
-/// Reads a scene, and says what of it was not kept.
-pub(crate) fn read(source: &Source<'_>) -> Result<(SpatialScene, Vec<Loss>), Error> {
+/// Reads a scene, what of it was not kept, and how it was trained.
+pub(crate) fn read(source: &Source<'_>) -> Result<(SpatialScene, Vec<Loss>, TrainedWith), Error> {
     let packed = container::read(source)?;
     let head = packed.head;
     let streams = packed.streams();
@@ -86,7 +87,8 @@ pub(crate) fn read(source: &Source<'_>) -> Result<(SpatialScene, Vec<Loss>), Err
         Some(axes) => _ = transform::apply(&mut scene, &DAffine3::from_mat3(axes)),
     }
     let cut = degree < head.degree;
-    Ok((scene, if cut { vec![Loss::Harmonics { from: head.degree, to: degree }] } else { Vec::new() }))
+    let losses = if cut { vec![Loss::Harmonics { from: head.degree, to: degree }] } else { Vec::new() };
+    Ok((scene, losses, TrainedWith::of_spz_flag(head.antialiased)))
 }
 
 /// Makes the file's bytes.
@@ -94,8 +96,9 @@ pub(crate) fn encode(
     path: &Path,
     scene: &SpatialScene,
     rotations: &UnitRotations<'_>,
-    options: SpzOptions,
+    options: &SpatialOptions,
 ) -> Result<(Vec<u8>, Vec<Loss>), Error> {
+    let SpatialOptions { spz: options, trained_with, .. } = *options;
     let check = |bits: u8, what| match bits {
         1..=8 => Ok(()),
         _ => Err(Error::content(path)(gs_core::Error::setting(what, bits, "1 to 8"))),
@@ -130,7 +133,10 @@ pub(crate) fn encode(
         SpzVersion::V3 => 3,
         SpzVersion::V4 => 4,
     };
-    let head = Head { version, count, degree: scene.sh_degree, fraction };
+    let antialiased = trained_with.spz_flag();
+    let head = Head { version, count, degree: scene.sh_degree, fraction, antialiased };
     let bytes = container::write(&head, &streams).map_err(|source| Error::write(path, source))?;
-    Ok((bytes, packing.losses(scene.sh_degree, rotations)))
+    let mut losses = packing.losses(scene.sh_degree, rotations);
+    losses.extend(trained_with.lost(&TrainedWith::of_spz_flag(antialiased)));
+    Ok((bytes, losses))
 }

@@ -3,7 +3,7 @@
 //! | parameter | bytes | stored |
 //! |---|---|---|
 //! | mean | 3 × 3 | signed fixed point; how many bits are the fraction, the head says |
-//! | opacity | 1 | 0 to 255 for 0 to 1 |
+//! | opacity | 1 | 0 to 255 for 0 to 1; see `quantity` for the ends |
 //! | colour | 3 | 255 (½ + 0.15 c) of the coefficient c of degree 0, so that colours may lie somewhat outside 0..1 |
 //! | scale | 3 | 16 (logarithm + 10) |
 //! | rotation | 4 | the number of the largest of x, y, z, w in 2 bits; sign and 9 bits of each other's magnitude, over √½ |
@@ -13,11 +13,11 @@
 use std::f32::consts::FRAC_1_SQRT_2;
 
 use glam::Vec3;
-use gs_core::scene::{logit, sigmoid};
 
 use super::SpzOptions;
 use crate::spatial::{
     loss::{Clamp, Loss},
+    quantity::{byte_of_logit, logit_of_step},
     unit::UnitRotations,
 };
 
@@ -67,7 +67,7 @@ pub(super) fn position(bytes: &[u8; 9], fraction: FractionalBits) -> Vec3 {
 }
 
 pub(super) fn opacity_logit(byte: u8) -> f32 {
-    logit(f32::from(byte) / 255.0)
+    logit_of_step(byte.into(), 255)
 }
 
 pub(super) fn log_scale(byte: u8) -> f32 {
@@ -132,7 +132,7 @@ impl Packing {
     }
 
     pub(super) fn opacity(&self, logit: f32) -> u8 {
-        (sigmoid(logit) * 255.0).round() as u8
+        byte_of_logit(logit)
     }
 
     pub(super) fn log_scale(&mut self, log: Vec3) -> [u8; 3] {

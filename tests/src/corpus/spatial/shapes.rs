@@ -45,7 +45,7 @@ fn thin() -> Vec<Case<SpatialScene>> {
             }
             Antialias::Dilate => Default::default(),
             // Without area, ρ = 0 and with it the opacity.
-            Antialias::Mip => {
+            Antialias::Mip | Antialias::Compensated => {
                 (Culled { transparent: 3, ..Culled::default() }, Culled { transparent: 3, ..Culled::default() })
             }
         };

@@ -1,0 +1,74 @@
+//! Files that others call scenes and that are not read here: what they are, and what makes a PLY of them.
+
+use std::path::Path;
+
+use crate::error::Error;
+
+/// The tool that reads most of them.
+const SPLAT_TRANSFORM: &str =
+    "convert it with PlayCanvas's splat-transform: npx @playcanvas/splat-transform FILE scene.ply";
+const TRAIN: &str = "it holds no Gaussians; train a scene from images with gs train, or name a PLY of Gaussians";
+
+/// A kind of file by what its bytes start with, where that says it, and by the endings of its name, where these are needed to tell.
+struct Kind {
+    start: &'static [u8],
+    endings: &'static [&'static str],
+    what: &'static str,
+    mend: &'static str,
+}
+
+const ANY: &[&str] = &[];
+
+/// The first that fits counts.
+const KINDS: [Kind; 11] = [
+    Kind { start: b"", endings: &["sog", "sogs"], what: "a SOG scene", mend: SPLAT_TRANSFORM },
+    Kind { start: b"", endings: &["ksplat"], what: "a .ksplat scene", mend: SPLAT_TRANSFORM },
+    Kind { start: b"", endings: &["lcc"], what: "an XGrids .lcc scene", mend: SPLAT_TRANSFORM },
+    Kind {
+        start: b"PK\x03\x04",
+        endings: &["pt", "pth", "ckpt"],
+        what: "a PyTorch checkpoint",
+        mend: "export a PLY with the program that wrote it, such as Nerfstudio's ns-export gaussian-splat",
+    },
+    Kind { start: b"PK\x03\x04", endings: ANY, what: "a ZIP archive", mend: "unpack it and name the scene in it" },
+    Kind {
+        start: b"",
+        endings: &["csv", "tsv"],
+        what: "a table of numbers",
+        mend: "export a PLY with the program that wrote it",
+    },
+    Kind { start: b"", endings: &["obj", "stl", "fbx", "dae", "off"], what: "a mesh", mend: TRAIN },
+    Kind { start: b"LASF", endings: ANY, what: "a LAS point cloud", mend: TRAIN },
+    Kind { start: b"", endings: &["las", "laz", "e57", "pcd", "xyz"], what: "a point cloud", mend: TRAIN },
+    Kind { start: b"Kaydara FBX Binary", endings: ANY, what: "a mesh", mend: TRAIN },
+    Kind {
+        start: b"[",
+        endings: &["json"],
+        what: "a list in JSON, such as the cameras.json of 3DGS",
+        mend: "name the scene that belongs to it, such as point_cloud.ply",
+    },
+];
+
+/// What is wrong with a file that is none of the scenes that are read: that it is of another kind, if it is one that is known.
+pub(crate) fn refusal(start: &[u8], path: &Path) -> Option<Error> {
+    let has_ending = |ending: &&str| path.extension().is_some_and(|e| e.eq_ignore_ascii_case(ending));
+    let fits = |kind: &&Kind| {
+        start.starts_with(kind.start) && (kind.endings.is_empty() || kind.endings.iter().any(has_ending))
+    };
+    let Kind { what, mend, .. } = KINDS.iter().find(fits)?;
+    Some(Error::ForeignScene { path: path.to_owned(), what, mend })
+}
+
+/// The same of a JSON object that is no glTF of Gaussians.
+pub(crate) fn refusal_of_json(json: &[u8], path: &Path) -> Option<Error> {
+    let object: serde_json::Map<String, serde_json::Value> = serde_json::from_slice(json).ok()?;
+    let has = |keys: &[&str]| keys.iter().all(|key| object.contains_key(*key));
+    let (what, mend) = if has(&["means", "scales", "quats"]) {
+        ("the meta.json of a SOG scene", SPLAT_TRANSFORM)
+    } else if has(&["frames"]) {
+        ("a transforms.json, which belongs to a data set", "train a scene with gs train, or name a scene")
+    } else {
+        return refusal(json, path);
+    };
+    Some(Error::ForeignScene { path: path.to_owned(), what, mend })
+}
