@@ -137,6 +137,8 @@ impl From<gs_io::Error> for Failure {
     fn from(error: gs_io::Error) -> Self {
         match error {
             gs_io::Error::UnknownEnding { .. } => Self::usage(error),
+            gs_io::Error::LeavesDataset { .. } => Self::failed(error)
+                .mend("or read it all the same with --allow-outside, if you trust whoever made the data set"),
             _ => Self::failed(error),
         }
     }

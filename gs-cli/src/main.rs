@@ -8,6 +8,7 @@ mod cameras;
 mod chosen;
 mod command_line;
 mod commands;
+mod dataset;
 mod effects;
 mod failure;
 mod fit;

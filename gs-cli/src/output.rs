@@ -1,6 +1,10 @@
 //! What the program says: results on standard output, everything else on standard error.
+//!
+//! All text leaves through here. Names of files, what data sets hold and what parsers quote was written by others, and could steer the
+//! terminal; so characters that do not show are written as escapes.
 
 use std::{
+    borrow::Cow,
     fmt::Display,
     io::{self, Write},
 };
@@ -18,13 +22,45 @@ pub(crate) enum Format {
     Json,
 }
 
+/// Foreign text as one line: control characters, line breaks included, and characters that only change how others are
+/// shown (such as U+202E, which turns the rest of a line round) become escapes such as `\u{1b}`.
+///
+/// Everything that is printed goes through it line by line; texts of several lines put what is foreign through it beforehand, so that it
+/// cannot pretend to be a line of theirs.
+pub(crate) fn printable(text: &str) -> Cow<'_, str> {
+    escaped(text, |c, line| line.extend(c.escape_default()))
+}
+
+fn escaped(text: &str, escape: impl Fn(char, &mut String)) -> Cow<'_, str> {
+    if !text.contains(is_invisible) {
+        return Cow::Borrowed(text);
+    }
+    let mut line = String::with_capacity(text.len() + 16);
+    text.chars().for_each(|c| if is_invisible(c) { escape(c, &mut line) } else { line.push(c) });
+    Cow::Owned(line)
+}
+
+/// Unicode's control and format characters, and its separators of lines and paragraphs (categories Cc, Cf, Zl and Zp).
+fn is_invisible(c: char) -> bool {
+    c.is_control()
+        || matches!(c,
+            '\u{ad}' | '\u{600}'..='\u{605}' | '\u{61c}' | '\u{6dd}' | '\u{70f}' | '\u{890}' | '\u{891}' | '\u{8e2}'
+            | '\u{180e}' | '\u{200b}'..='\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2060}'..='\u{206f}' | '\u{feff}'
+            | '\u{fff9}'..='\u{fffb}' | '\u{110bd}' | '\u{110cd}' | '\u{13430}'..='\u{1343f}' | '\u{1bca0}'..='\u{1bca3}'
+            | '\u{1d173}'..='\u{1d17a}' | '\u{e0000}'..='\u{e007f}')
+}
+
+/// Lines that are safe to print.
+fn lines(text: impl Display) -> String {
+    text.to_string().split('\n').map(printable).collect::<Vec<_>>().join("\n")
+}
+
 /// Prints a result to standard output.
 ///
 /// # Errors
 /// Where it cannot be written; a closed pipe is the failure that is none.
 pub(crate) fn result(text: impl Display) -> Result<(), Failure> {
-    let mut stdout = io::stdout().lock();
-    writeln!(stdout, "{text}").and_then(|()| stdout.flush()).map_err(Failure::output)
+    write_result(&lines(text))
 }
 
 /// Prints a result as JSON to standard output. Numbers that JSON has no form for (∞, NaN) become `null`.
@@ -33,10 +69,48 @@ pub(crate) fn result(text: impl Display) -> Result<(), Failure> {
 /// As [`result`].
 pub(crate) fn json(value: &impl Serialize) -> Result<(), Failure> {
     let text = serde_json::to_string_pretty(value).map_err(|error| Failure::failed(error).at("summary"))?;
-    result(text)
+    let text: Vec<Cow<'_, str>> = text.split('\n').map(json_line).collect();
+    write_result(&text.join("\n"))
+}
+
+/// A line of JSON, whose strings may still hold characters that do not show: JSON prescribes escapes for the first 32 only.
+fn json_line(line: &str) -> Cow<'_, str> {
+    escaped(line, |c, line| c.encode_utf16(&mut [0; 2]).iter().for_each(|unit| *line += &format!("\\u{unit:04x}")))
+}
+
+fn write_result(text: &str) -> Result<(), Failure> {
+    let mut stdout = io::stdout().lock();
+    writeln!(stdout, "{text}").and_then(|()| stdout.flush()).map_err(Failure::output)
 }
 
 /// Prints a line to standard error. Where nobody listens there, nothing is lost.
 pub(crate) fn note(line: impl Display) {
-    let _ = writeln!(io::stderr().lock(), "{line}");
+    let _ = writeln!(io::stderr().lock(), "{}", lines(line));
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_does_not_show_is_written_as_an_escape() {
+        assert_eq!(printable("a\u{1b}]0;title\u{7}\r\nb\tc"), r"a\u{1b}]0;title\u{7}\r\nb\tc");
+        assert_eq!(
+            printable("gnp.\u{202e}exe\u{9b}2J\u{2028}\u{feff}\u{e0041}"),
+            r"gnp.\u{202e}exe\u{9b}2J\u{2028}\u{feff}\u{e0041}"
+        );
+        for shown in ["", "a b", "e\u{301}té – 写真.png", "it's \"quoted\" \\ here", "9.41\u{202f}AM"] {
+            assert!(matches!(printable(shown), Cow::Borrowed(same) if same == shown), "{shown}");
+        }
+        assert_eq!(lines("one\ntwo\r"), "one\ntwo\\r");
+    }
+
+    #[test]
+    fn json_stays_json() {
+        let hostile = "\u{1b}[2J\u{9b}2J \u{202e}\u{7f}\u{e0041}\n";
+        let text = serde_json::to_string(hostile).unwrap();
+        let safe = json_line(&text);
+        assert!(!safe.contains(is_invisible), "{safe:?}");
+        assert_eq!(serde_json::from_str::<String>(&safe).unwrap(), hostile);
+    }
 }

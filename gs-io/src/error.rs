@@ -52,12 +52,14 @@ pub enum Error {
         source: io::Error,
     },
     /// Not an image, or not one of a kind that can be read.
-    #[error("{}: expected an image (PNG, JPEG, BMP, TIFF, WebP or PNM), found {found}; convert it to PNG", path.display())]
+    #[error("{}: {found}; {mend}", path.display())]
     NotAnImage {
         /// The file.
         path: PathBuf,
-        /// What its first bytes say.
+        /// What it is instead: "is empty", "is a HEIC image, but …".
         found: String,
+        /// What to do.
+        mend: String,
     },
     /// An image of a known kind that is cut short or damaged.
     #[error("{}: damaged {format} image: {message}; fetch or export it again", path.display())]
@@ -94,13 +96,34 @@ pub enum Error {
         value: f32,
     },
     /// A folder in which none of the data sets' files was found.
-    #[error("{}: is no data set: looked for {looked_for}; name the folder that holds one of them", path.display())]
+    #[error("{}: is no data set: looked for {looked_for}; {mend}", path.display())]
     NotADataset {
         /// The folder.
         path: PathBuf,
         /// The files, in words.
         looked_for: &'static str,
+        /// What to do.
+        mend: String,
     },
+    /// A data set that names a file outside its folder.
+    #[error(
+        "{}: {key} `{name}` leads out of the data set's folder{}; copy what it needs into the folder",
+        path.display(),
+        if *more > 0 { format!(", and so do {more} other paths") } else { String::new() }
+    )]
+    LeavesDataset {
+        /// The file that names it.
+        path: PathBuf,
+        /// As what it is named.
+        key: &'static str,
+        /// The path that is named.
+        name: String,
+        /// How many others are outside.
+        more: usize,
+    },
+    /// A photograph of a data set whose content cannot be read.
+    #[error("{0}, or remove the file, and the view is left out")]
+    BadView(Box<Error>),
     /// A data set of which not one view can be used.
     #[error("{}: none of the {found} views of this {kind} data set can be used: {}", path.display(), skipped.join("; "))]
     NoViews {

@@ -2,7 +2,7 @@
 //!
 //! | what | read | written |
 //! |---|---|---|
-//! | images (PNG, JPEG, BMP, TIFF, WebP, PNM) | [`read_image`] | [`write_png`] |
+//! | images (PNG, JPEG, BMP, TIFF, WebP, GIF, PNM) | [`read_image`] | [`write_png`] |
 //! | moving pictures (APNG) | – | [`write_animation`] |
 //! | planar scenes, `.gs2d.safetensors`, lossless | [`read_scene`] | [`write_scene`] |
 //! | checkpoints of a training run, lossless | [`read_checkpoint`] | [`write_checkpoint`] |
@@ -33,7 +33,7 @@ pub use crate::{
     atomic::{abandon_writes, write_atomically},
     checkpoint::{Checkpoint, read_checkpoint, write_checkpoint},
     error::Error,
-    image::{AlphaMode, LoadedImage, Orientation, Transparency, read_image, read_image_with, write_png},
+    image::{AlphaMode, ImageRemark, LoadedImage, Orientation, Transparency, read_image, read_image_with, write_png},
     ply::{PlyColors, write_ply},
     scene_file::{PlanarFile, SCENE_EXTENSION, read_scene, read_scene_unchecked, write_scene},
     spatial::{

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use gs_core::{Image, Rasterizer, RenderSettings, Scene, SpatialScene, metrics};
 use gs_io::{
-    SpatialFile,
+    LoadedImage, SpatialFile,
     dataset::{may_be_dataset, read_dataset},
 };
 use gs_train::spatial::{Evaluation, PosedView, ViewQuality, Views, evaluate};
@@ -14,7 +14,7 @@ use serde::Serialize;
 use crate::{
     backend::{Backend, BackendArgs, SpatialTask},
     failure::Failure,
-    output,
+    output::{self, printable},
     shown::{ShownArgs, effects, why_empty},
     train::DatasetArgs,
 };
@@ -84,7 +84,9 @@ pub(crate) fn run(args: &EvalArgs) -> Result<(), Failure> {
 }
 
 fn read(path: &Path) -> Result<Image, Failure> {
-    Ok(gs_io::read_image(path)?.image)
+    let LoadedImage { image, remarks, .. } = gs_io::read_image(path)?;
+    remarks.iter().for_each(|remark| output::note(format_args!("note: {}: {remark}", path.display())));
+    Ok(image)
 }
 
 /// Judges a scene by the test views of a data set; by all, where none is held out.
@@ -106,12 +108,14 @@ fn judge(args: &EvalArgs) -> Result<(), Failure> {
     if args.json {
         return output::json(&evaluation);
     }
-    let row = |name: &str, psnr: f64, ssim: f64, l1: f64| format!("{psnr:>9.3} dB {ssim:>9.5} {l1:>10.6}  {name}\n");
+    let row = |name: &str, psnr: f64, ssim: f64, l1: f64| {
+        format!("{psnr:>9.3} dB {ssim:>9.5} {l1:>10.6}  {}\n", printable(name))
+    };
     let mut text = format!("{:>12} {:>9} {:>10}\n", "PSNR", "SSIM", "L1");
     for ViewQuality { name, psnr, ssim, l1 } in &evaluation.views {
         text += &row(name, *psnr, *ssim, *l1);
     }
-    evaluation.unmeasured.iter().for_each(|name| text += &format!("{:>33}  {name}\n", "no pixel counts"));
+    evaluation.unmeasured.iter().for_each(|name| text += &format!("{:>33}  {}\n", "no pixel counts", printable(name)));
     let mean = format!("mean of {} views", evaluation.views.len());
     output::result(text + row(&mean, evaluation.psnr, evaluation.ssim, evaluation.l1).trim_end())
 }

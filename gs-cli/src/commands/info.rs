@@ -18,8 +18,9 @@ use serde::Serialize;
 use crate::{
     backend::{Backend, BackendArgs, Choice, SpatialTask, Task},
     commands::adapters,
+    dataset::ReadingArgs,
     failure::Failure,
-    output::{self, Format},
+    output::{self, Format, printable},
 };
 
 /// The flags of `gs info`.
@@ -34,6 +35,8 @@ pub(crate) struct InfoArgs {
     /// Print JSON
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    reading: ReadingArgs,
 }
 
 /// What `gs info --json` prints.
@@ -82,7 +85,7 @@ pub(crate) fn run(args: &InfoArgs) -> Result<(), Failure> {
         return adapters::run(format);
     };
     if gs_io::dataset::may_be_dataset(file) {
-        return dataset::run(file, format);
+        return dataset::run(file, &args.reading, format);
     }
     if gs_io::spatial_format(file)?.is_some() {
         return spatial::run(file, format);
@@ -242,10 +245,14 @@ fn number(value: f32) -> String {
 fn metadata_text(metadata: &BTreeMap<String, String>) -> String {
     let mut text = String::new();
     for (name, value) in metadata {
-        let _ = match name.as_str() {
-            "metrics" => writeln!(text, "{name:<20}{} rows", value.lines().skip(1).count()),
-            _ => writeln!(text, "{name:<20}{value}"),
-        };
+        let name = printable(name);
+        if name == "metrics" {
+            let _ = writeln!(text, "{name:<20}{} rows", value.lines().skip(1).count());
+            continue;
+        }
+        for (i, line) in value.lines().enumerate() {
+            let _ = writeln!(text, "{:<20}{}", if i == 0 { name.as_ref() } else { "" }, printable(line));
+        }
     }
     text
 }

@@ -10,7 +10,6 @@ use gs_core::{
     Camera, Canvas, Chart, PlanarScene, Rasterizer, RenderSettings, Scene, SpatialScene,
     effects::called_for::CallsForEffects,
 };
-use gs_io::dataset::{DatasetSettings, read_dataset};
 use gs_train::{
     Trainer,
     effects::{Sight, prices, prove, sampled},
@@ -20,6 +19,7 @@ use gs_train::{
 use crate::{
     backend::{Backend, BackendArgs, Task},
     cameras,
+    dataset::ReadingArgs,
     effects::report::{Facts, Report},
     failure::Failure,
     fit::{
@@ -69,6 +69,8 @@ pub(crate) struct EffectsCommandArgs {
     #[arg(long, value_name = "AXIS", allow_hyphen_values = true)]
     up: Option<Axis>,
     #[command(flatten)]
+    reading: ReadingArgs,
+    #[command(flatten)]
     shown: ShownArgs,
     #[command(flatten)]
     backend: BackendArgs,
@@ -110,6 +112,7 @@ impl Subject {
             gs_io::Error::NotAnImage { .. } => Failure::from(error).mend("or name a scene that gs has written"),
             error => error.into(),
         })?;
+        target.remarks.iter().for_each(output::note);
         canvas(target.image.size(), args.size)?;
         Ok(Self::Image { target: Box::new(target), size: args.size })
     }
@@ -129,7 +132,7 @@ impl Subject {
             args.shown.note_guess(trained_with);
             return Ok(Self::Spatial { scene, cameras, wanted, seen });
         };
-        let dataset = read_dataset(path, &DatasetSettings::default())?;
+        let dataset = args.reading.read(path)?;
         let wanted = args.shown.settings_beside(&scene, trained_with, &dataset);
         let Views { train, test, .. } = Views::of_dataset(&dataset);
         let (views, which) = if test.is_empty() { (train, "views") } else { (test, "test views") };

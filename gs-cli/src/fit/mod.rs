@@ -168,9 +168,7 @@ fn not_resumed(error: gs_train::Error, file: &Path) -> Failure {
 
 fn announce<R: Rasterizer<PlanarScene>>(args: &FitArgs, target: &Target, backend: &Backend, trainer: &Trainer<'_, R>) {
     output::note(&backend.reason);
-    if let Some(remark) = &target.remark {
-        output::note(remark);
-    }
+    target.remarks.iter().for_each(output::note);
     let settings = trainer.settings();
     output::note(format_args!(
         "fitting {} ({}x{} px) with at most {} Gaussians in {} steps, into {}",

@@ -311,7 +311,7 @@ mod tests {
 
     fn target() -> Target {
         let image = Image::from_fn(64, 48, |x, _| [x as f32 / 63.0, 0.5, 0.25]).unwrap();
-        Target { image, file: Some("picture.png".into()), behind: None, remark: None }
+        Target { image, file: Some("picture.png".into()), behind: None, remarks: Vec::new() }
     }
 
     fn resolved(args: &SettingsArgs) -> FitSettings {

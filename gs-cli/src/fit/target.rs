@@ -17,8 +17,8 @@ pub(crate) struct Target {
     pub(crate) file: Option<PathBuf>,
     /// The colour that its transparent pixels were put on; none where it has none.
     pub(crate) behind: Option<Color>,
-    /// What is worth telling about the file.
-    pub(crate) remark: Option<String>,
+    /// What is worth telling about the file, a line each.
+    pub(crate) remarks: Vec<String>,
 }
 
 impl Target {
@@ -28,14 +28,17 @@ impl Target {
     /// Where the file is no image that can be read.
     pub(crate) fn load(file: Option<&Path>, background: Option<Color>) -> Result<Self, gs_io::Error> {
         let Some(path) = file else {
-            return Ok(Self { image: paper_target(), file: None, behind: None, remark: None });
+            return Ok(Self { image: paper_target(), file: None, behind: None, remarks: Vec::new() });
         };
         let behind = background.unwrap_or(Color([1.0; 3]));
         let loaded = read_image_with(path, AlphaMode::Composite(behind.0))?;
         let transparent = loaded.transparency != Transparency::None;
-        let remark = transparent
-            .then(|| format!("note: transparent pixels are fitted as they look on {behind} (--background R,G,B)"));
-        Ok(Self { image: loaded.image, file: Some(path.to_owned()), behind: transparent.then_some(behind), remark })
+        let mut remarks: Vec<String> = loaded.remarks.iter().map(|remark| format!("note: {remark}")).collect();
+        remarks.extend(
+            transparent
+                .then(|| format!("note: transparent pixels are fitted as they look on {behind} (--background R,G,B)")),
+        );
+        Ok(Self { image: loaded.image, file: Some(path.to_owned()), behind: transparent.then_some(behind), remarks })
     }
 
     /// The preset that suits it.

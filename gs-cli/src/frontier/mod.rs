@@ -15,6 +15,7 @@ use serde::Serialize;
 
 use crate::{
     backend::{BackendArgs, contenders},
+    dataset::ReadingArgs,
     failure::Failure,
     fit::folder::OutputFolder,
     frontier::{
@@ -80,6 +81,8 @@ pub(crate) struct FrontierArgs {
     /// The axis that an orbit goes around and that is up in the picture: x, y, z, or -x, -y, -z [default: -y]
     #[arg(long, value_name = "AXIS", allow_hyphen_values = true)]
     up: Option<Axis>,
+    #[command(flatten)]
+    reading: ReadingArgs,
     #[command(flatten)]
     shown: ShownArgs,
     #[command(flatten)]

@@ -4,11 +4,7 @@ use std::path::Path;
 
 use glam::Vec2;
 use gs_core::{Camera, Canvas, Effects, PlanarScene, RenderSettings, Scene, SpatialScene};
-use gs_io::{
-    PlanarFile, SpatialFile,
-    dataset::{DatasetSettings, read_dataset},
-    read_spatial,
-};
+use gs_io::{PlanarFile, SpatialFile, read_spatial};
 use gs_train::{
     Trainer,
     effects::sampled,
@@ -111,9 +107,7 @@ fn fitted(args: &FrontierArgs) -> Result<(PlanarScene, RenderSettings, (u32, u32
         gs_io::Error::NotAnImage { .. } => Failure::from(error).mend("or name a scene that a fit has written"),
         error => error.into(),
     })?;
-    if let Some(remark) = &target.remark {
-        output::note(remark);
-    }
+    target.remarks.iter().for_each(output::note);
     let flags = SettingsArgs { gaussians: args.gaussians, ..SettingsArgs::default() };
     let fit = settings::resolve(&flags, &Given::Nothing, &target)?;
     output::note(format_args!(
@@ -156,7 +150,7 @@ fn spatial(args: &FrontierArgs) -> Result<Seen<SpatialScene>, Failure> {
     let count = args.views as usize;
     let (all, shown): (Vec<Camera>, RenderSettings) = match &args.dataset {
         Some(path) => {
-            let dataset = read_dataset(path, &DatasetSettings::default())?;
+            let dataset = args.reading.read(path)?;
             let cameras: Vec<Camera> = dataset.views.iter().map(|view| view.camera).collect();
             let even = sampled(&cameras, 2 * count).into_iter();
             let sized = |camera| args.size.map_or(camera, |Size { width, height }| resized(&camera, width, height));

@@ -11,6 +11,7 @@ use clap::Args;
 
 use crate::{
     backend::{Backend, BackendArgs},
+    dataset::ReadingArgs,
     failure::Failure,
     fit::{
         arguments::{BlendName, ChartName, LossName},
@@ -78,6 +79,8 @@ pub(crate) struct ProfileArgs {
     /// From where a photograph of a data set was taken [default: the whole scene from a little above]
     #[arg(long, value_name = "DATASET:VIEW", help_heading = "Scenes in space")]
     camera: Option<ViewName>,
+    #[command(flatten)]
+    reading: ReadingArgs,
     #[command(flatten)]
     shown: ShownArgs,
     #[command(flatten)]

@@ -3,11 +3,7 @@
 use std::path::Path;
 
 use gs_core::{Camera, Chart, Loss, Rasterizer, RenderSettings, SpatialScene};
-use gs_io::{
-    SpatialFile,
-    dataset::{DatasetSettings, read_dataset},
-    read_spatial,
-};
+use gs_io::{SpatialFile, read_spatial};
 use gs_train::spatial::resized;
 
 use crate::{
@@ -46,7 +42,7 @@ impl SpatialSubject {
         let SpatialFile { scene, trained_with, .. } = read_spatial(path).map_err(Failure::of_scene)?;
         let (camera, mut render) = match &args.camera {
             Some(view) => {
-                let dataset = read_dataset(&view.dataset, &DatasetSettings::default())?;
+                let dataset = args.reading.read(&view.dataset)?;
                 let camera = cameras::of_view(&dataset, view)?;
                 let sized = |Size { width, height }: Size| resized(&camera, width, height);
                 (args.size.map_or(camera, sized), args.shown.settings_beside(&scene, trained_with, &dataset))

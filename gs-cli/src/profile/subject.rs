@@ -101,9 +101,7 @@ impl Subject {
             gs_io::Error::NotAnImage { .. } => Failure::from(error).mend("or name a scene that a fit has written"),
             error => error.into(),
         })?;
-        if let Some(remark) = &image.remark {
-            output::note(remark);
-        }
+        image.remarks.iter().for_each(output::note);
         let flags = SettingsArgs {
             gaussians: args.gaussians,
             iterations: Some(args.iterations.unwrap_or(ITERATIONS)),

@@ -7,6 +7,7 @@ use gs_io::dataset::{AlphaMeaning, DatasetSettings};
 
 use crate::{
     backend::BackendArgs,
+    dataset::ReadingArgs,
     effects::choice::EffectsArgs,
     fit::arguments::{ChartName, CheckpointArgs, Detail, JoiningName, LossName, PolicyName},
     output::Format,
@@ -116,6 +117,8 @@ pub(crate) struct DatasetArgs {
     /// What the photographs' alpha channel means
     #[arg(long, value_enum, default_value_t)]
     pub(crate) alpha: AlphaName,
+    #[command(flatten)]
+    pub(crate) reading: ReadingArgs,
 }
 
 impl DatasetArgs {
@@ -128,6 +131,7 @@ impl DatasetArgs {
                 AlphaName::Opacity => AlphaMeaning::Opacity,
                 AlphaName::Mask => AlphaMeaning::Mask,
             },
+            ..self.reading.settings()
         }
     }
 }

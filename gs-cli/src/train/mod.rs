@@ -15,7 +15,7 @@ use std::{
 use gs_core::{Chart, Rasterizer, SpatialScene};
 use gs_io::{
     Checkpoint,
-    dataset::{Dataset, Split, read_dataset},
+    dataset::{Dataset, Remark, Split, read_dataset},
     read_checkpoint,
 };
 use gs_train::{
@@ -29,6 +29,7 @@ pub(crate) use self::{
 };
 use crate::{
     backend::{Backend, SpatialTask},
+    dataset::remark_text,
     failure::Failure,
     fit::{
         checkpoints::{Checkpoints, check_checkpoint_file},
@@ -98,7 +99,7 @@ impl Begin {
                 Ok((trainer.map_err(|error| not_begun(error, &dataset.root))?, log, told))
             }
             Self::Resumed(checkpoint, file) => {
-                let failed = |error| not_resumed(error, &file);
+                let failed = |error| not_resumed(error, &file, dataset);
                 let metadata = checkpoint.metadata.clone();
                 let trainer = SpatialTrainer::resume_views(rasterizer, views, *checkpoint).map_err(failed)?;
                 let log = MetricsLog::for_steps(trainer.settings().iterations).resumed(&metadata).map_err(failed)?;
@@ -123,7 +124,7 @@ impl SpatialTask for Train<'_> {
     fn run<R: Rasterizer<SpatialScene>>(self, rasterizer: &R) -> Result<(), Failure> {
         let Self { args, dataset, begin, backend, started } = self;
         output::note(&backend.reason);
-        dataset.remarks.iter().for_each(|remark| output::note(format_args!("note: {remark}")));
+        dataset.remarks.iter().for_each(|remark| output::note(format_args!("note: {}", remark_text(remark))));
         let (mut trainer, mut log, told) = begin.begin(rasterizer, dataset)?;
         let folder = OutputFolder::prepare(&args.output, "--output")?;
         let iterations = trainer.settings().iterations;
@@ -161,10 +162,17 @@ fn not_begun(error: gs_train::Error, dataset: &Path) -> Failure {
 }
 
 /// Another data set than the checkpoint's can be mended by the caller; what else is wrong says so itself.
-fn not_resumed(error: gs_train::Error, file: &Path) -> Failure {
+fn not_resumed(error: gs_train::Error, file: &Path, dataset: &Dataset) -> Failure {
     let wrong_views = matches!(error, gs_train::Error::WrongTarget { .. });
     let failure = Failure::from(error).at(file.display());
-    if wrong_views { failure.mend("give the same data set, masks, --holdout, --images and --alpha") } else { failure }
+    if !wrong_views {
+        return failure;
+    }
+    let failure = failure.mend("give the same data set, masks, --holdout, --images, --alpha and --max-size");
+    match dataset.remarks.iter().any(|remark| matches!(remark, Remark::Reduced { .. })) {
+        true => failure.mend("--max-size none if the training saw its images at full size"),
+        false => failure,
+    }
 }
 
 fn announce<R: Rasterizer<SpatialScene>>(
@@ -189,10 +197,10 @@ fn announce<R: Rasterizer<SpatialScene>>(
 
 /// The command that goes on from a checkpoint.
 fn resuming(args: &TrainArgs, checkpoint: &Path) -> String {
-    let DatasetArgs { holdout, images, alpha } = &args.photographs;
+    let DatasetArgs { holdout, images, alpha, reading } = &args.photographs;
     let holdout = if *holdout == 8 { String::new() } else { format!(" --holdout {holdout}") };
     let images = images.as_ref().map_or_else(String::new, |images| format!(" --images {}", quoted(Path::new(images))));
     let alpha = if *alpha == arguments::AlphaName::Mask { " --alpha mask" } else { "" };
-    let (dataset, output) = (quoted(&args.dataset), quoted(&args.output));
-    format!("gs train {dataset}{holdout}{images}{alpha} -o {output} --resume {}", quoted(checkpoint))
+    let (dataset, output, reading) = (quoted(&args.dataset), quoted(&args.output), reading.flags());
+    format!("gs train {dataset}{holdout}{images}{alpha}{reading} -o {output} --resume {}", quoted(checkpoint))
 }

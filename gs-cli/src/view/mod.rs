@@ -18,16 +18,13 @@ use std::path::PathBuf;
 use clap::Args;
 use glam::Vec3;
 use gs_core::{Camera, Rasterizer, RenderSettings, Scene, SpatialScene, effects::CalledFor, image::check_size};
-use gs_io::{
-    SpatialFile, TrainedWith,
-    dataset::{DatasetSettings, read_dataset},
-    read_spatial,
-};
+use gs_io::{SpatialFile, TrainedWith, read_spatial};
 use gs_train::spatial::Bulk;
 
 use crate::{
     backend::{Backend, BackendArgs, SpatialTask},
     cameras,
+    dataset::ReadingArgs,
     effects::choice::{EffectsArgs, told},
     failure::Failure,
     output,
@@ -71,6 +68,8 @@ pub(crate) struct ViewArgs {
     /// What turns go around and what is up: x, y, z, or -x, -y, -z [default: -y, or that of the data set]
     #[arg(long, value_name = "AXIS", allow_hyphen_values = true, help_heading = "Camera")]
     up: Option<Axis>,
+    #[command(flatten)]
+    reading: ReadingArgs,
     #[command(flatten)]
     effects: EffectsArgs,
     #[command(flatten)]
@@ -155,7 +154,7 @@ fn start(args: &ViewArgs, scene: &SpatialScene, trained_with: TrainedWith, bulk:
         let camera = cameras::overview(bulk, args.size, up).map_err(cameras::or_name_one)?;
         return Ok(Start { camera, target: bulk.center, up, settings: args.shown.settings(scene, trained_with) });
     };
-    let dataset = read_dataset(&name.dataset, &DatasetSettings::default())?;
+    let dataset = args.reading.read(&name.dataset)?;
     let camera = cameras::of_view(&dataset, name)?;
     Ok(Start {
         camera,

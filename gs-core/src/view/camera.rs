@@ -61,7 +61,7 @@ impl Camera {
         (p.z >= self.near).then(|| (self.focal * p.truncate() / p.z + self.center, p.z))
     }
 
-    /// Fails unless the size is possible, the pose finite, the rotation orthonormal, focal lengths and near plane positive.
+    /// Fails unless the size is possible, the pose finite, the rotation orthonormal and no reflection, focal lengths and near plane positive.
     ///
     /// # Errors
     /// [`Error::Size`] or [`Error::Setting`].
@@ -70,6 +70,10 @@ impl Camera {
         let gram = self.rotation * self.rotation.transpose();
         if !gram.abs_diff_eq(Mat3::IDENTITY, 1e-3) || !self.translation.is_finite() {
             return Err(Error::setting("camera pose", self.rotation, "a rotation and a finite translation"));
+        }
+        // An orthonormal matrix has a determinant of 1 or of -1.
+        if !(self.rotation.determinant() > 0.0) {
+            return Err(Error::setting("camera pose", self.rotation, "a rotation and no reflection, of determinant 1"));
         }
         if !(self.focal.min_element() > 0.0) || !self.focal.is_finite() || !self.center.is_finite() {
             return Err(Error::setting("camera intrinsics", self.focal, "finite, with positive focal lengths"));
@@ -92,5 +96,16 @@ mod tests {
         camera.validate().unwrap();
         assert_eq!(camera.project(Vec3::new(0.0, 0.0, 3.0)), Some((Vec2::new(32.0, 24.0), 3.0)));
         assert_eq!(camera.project(Vec3::new(0.0, 0.0, -3.0)), None);
+    }
+
+    #[test]
+    fn a_mirrored_pose_is_refused() {
+        let camera = Camera::looking_forward(64, 48, 1.0);
+        for mirror in [Vec3::new(-1.0, 1.0, 1.0), Vec3::new(1.0, -1.0, 1.0), Vec3::NEG_ONE] {
+            let error = Camera { rotation: Mat3::from_diagonal(mirror), ..camera }.validate().unwrap_err().to_string();
+            assert!(error.contains("reflection"), "{error}");
+        }
+        let turned = Camera { rotation: Mat3::from_diagonal(Vec3::new(-1.0, -1.0, 1.0)), ..camera };
+        assert_eq!(turned.validate(), Ok(()));
     }
 }

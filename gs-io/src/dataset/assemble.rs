@@ -2,7 +2,8 @@
 //! counts what must be left out. The one path for every kind of data set.
 
 use std::{
-    collections::{BTreeMap, HashSet},
+    collections::HashSet,
+    fmt,
     path::{Path, PathBuf},
 };
 
@@ -11,11 +12,11 @@ use gs_core::{Camera, constants::NEAR_WORLD};
 
 use super::{
     Dataset, DatasetKind, DatasetSettings, Distortion, Lens, Point, Remark, Skip, SourceCamera, Split, View,
-    place::Place, pose::Pose,
+    place::Place, pose::Pose, shrink, tally::Tally,
 };
 use crate::{
     error::Error,
-    image::{ImageSize, Orientation, image_size},
+    image::{ImageHeader, ImageRemark, Orientation, read_header},
 };
 
 /// A view as the data set has it.
@@ -26,9 +27,30 @@ pub(super) struct Draft {
     pub(super) file: Option<PathBuf>,
     pub(super) mask: Option<PathBuf>,
     pub(super) intrinsics: Result<Intrinsics, Skip>,
+    /// What the intrinsics are from.
+    pub(super) stated: Stated,
     pub(super) pose: Option<Pose>,
     /// `None` where the data set says nothing.
     pub(super) split: Option<Split>,
+}
+
+/// A camera's numbers as a file has them, for messages.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Stated {
+    /// "transforms.json", "camera 7 of cameras.bin".
+    pub(super) place: String,
+    pub(super) numbers: Vec<(&'static str, f64)>,
+}
+
+impl fmt::Display for Stated {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let number = |(name, value): &(&str, f64)| match value.abs() {
+            1e-3..1e6 => format!("{name} = {value}"),
+            _ => format!("{name} = {value:e}"),
+        };
+        let numbers: Vec<String> = self.numbers.iter().filter(|(_, value)| *value != 0.0).map(number).collect();
+        write!(f, "{} has {}", self.place, numbers.join(", "))
+    }
 }
 
 /// A camera as it was calibrated.
@@ -100,7 +122,7 @@ pub(super) fn assemble(parts: Parts<'_>, settings: &DatasetSettings) -> Result<D
     drafts.retain(|draft| {
         let first = names.insert(draft.name.clone());
         if !first {
-            tally.skip(&draft.name, Skip::SameName);
+            tally.skip(&draft.name, Skip::SameName, None);
         }
         first
     });
@@ -109,12 +131,12 @@ pub(super) fn assemble(parts: Parts<'_>, settings: &DatasetSettings) -> Result<D
     let (mut views, mut stored_splits) = (Vec::new(), Vec::new());
     for draft in &drafts {
         match make_view(draft, place, settings, &mut lenses) {
-            Ok((view, calibrated)) => {
-                tally.count(&view, calibrated);
+            Ok(Made { view, calibrated, remarks }) => {
+                tally.count(&view, calibrated, &remarks);
                 views.push(view);
                 stored_splits.push(draft.split);
             }
-            Err(why) => tally.skip(&draft.name, why),
+            Err(Refusal { why, detail }) => tally.skip(&draft.name, why, detail),
         }
     }
     if views.is_empty() {
@@ -153,27 +175,77 @@ fn split(views: &mut [View], stored: &[Option<Split>], settings: &DatasetSetting
     }
 }
 
-/// A view with a photograph that fits its camera, and (columns, rows) of the camera's calibration.
+/// A view that can be used.
+struct Made {
+    view: View,
+    /// (columns, rows) of its camera's calibration.
+    calibrated: (u64, u64),
+    /// What is to be said of its file.
+    remarks: Vec<ImageRemark>,
+}
+
+/// Why a view cannot be used, and what exactly is wrong where more can be said.
+struct Refusal {
+    why: Skip,
+    detail: Option<String>,
+}
+
+impl From<Skip> for Refusal {
+    fn from(why: Skip) -> Self {
+        Self { why, detail: None }
+    }
+}
+
+impl Refusal {
+    /// A file that cannot be read; the error's text begins with the file's path, which the view's name stands for.
+    fn of_file(why: Skip, path: &Path, error: &Error) -> Self {
+        let text = error.to_string();
+        let detail = text.strip_prefix(&format!("{}: ", path.display())).unwrap_or(&text);
+        Self { why, detail: Some(detail.to_owned()) }
+    }
+}
+
+/// A view with a photograph that fits its camera.
 fn make_view(
     draft: &Draft,
     place: Option<&Place>,
     settings: &DatasetSettings,
     lenses: &mut Lenses,
-) -> Result<(View, (u64, u64)), Skip> {
+) -> Result<Made, Refusal> {
+    let bad_camera = |fault: &str| Refusal { why: Skip::BadCamera, detail: Some(format!("{fault}; {}", draft.stated)) };
     let intrinsics = draft.intrinsics?;
     let pose = draft.pose.ok_or(Skip::BadPose)?;
     let (place, file) = place.zip(draft.file.as_ref()).ok_or(Skip::NoImage)?;
     let image = place.find(file).ok_or(Skip::NoImage)?;
-    let sizes = image_size(&image).map_err(|_| Skip::BadImage)?;
-    let (orientation, (width, height), calibrated) = fit(&intrinsics, sizes, place.shrunk)?;
-    let lens = lenses.get(intrinsics.distortion).ok_or(Skip::BadCamera)?;
-    let source = intrinsics.source(calibrated, (width, height), lens);
-    // Before anything is made of it.
-    camera(&source, &pose)?;
-    let camera = camera(&source.pinhole(), &pose)?;
+    let header = read_header(&image).map_err(|error| Refusal::of_file(Skip::BadImage, &image, &error))?;
+    let (orientation, size, calibrated) = fit(&intrinsics, &header, place.shrunk)?;
+    if let Some(mask) = &draft.mask {
+        check_mask(mask, size)?;
+    }
+    let lens = lenses.get(intrinsics.distortion).ok_or_else(|| bad_camera("no such lens is possible"))?;
+    let source = intrinsics.source(calibrated, size, lens);
+    if let Some(fault) = source.fault() {
+        return Err(bad_camera(&fault));
+    }
+    let full = camera(&source.pinhole(), &pose)?;
+    let camera = match settings.max_side {
+        Some(max_side) => shrink::resized(&full, shrink::within((full.width, full.height), max_side.get())),
+        None => full,
+    };
     let (name, mask, alpha) = (draft.name.clone(), draft.mask.clone(), settings.alpha);
-    let view = View { name, camera, source, image, orientation, mask, alpha, split: Split::Train };
-    Ok((view, (calibrated.x.round() as u64, calibrated.y.round() as u64)))
+    let view = View { name, camera, full, source, image, orientation, mask, alpha, split: Split::Train };
+    let calibrated = (calibrated.x.round() as u64, calibrated.y.round() as u64);
+    Ok(Made { view, calibrated, remarks: header.remarks })
+}
+
+/// Fails unless a mask can be read and has the shape of its photograph.
+fn check_mask(mask: &Path, (width, height): (u32, u32)) -> Result<(), Refusal> {
+    let refused = |error: Error| Refusal::of_file(Skip::BadMask, mask, &error);
+    let stored = read_header(mask).map_err(refused)?.stored;
+    match same_shape(stored, (f64::from(width), f64::from(height))) {
+        true => Ok(()),
+        false => Err(refused(Error::image_shape(mask, stored, (width, height)))),
+    }
 }
 
 fn camera(pinhole: &SourceCamera, pose: &Pose) -> Result<Camera, Skip> {
@@ -190,7 +262,7 @@ fn camera(pinhole: &SourceCamera, pose: &Pose) -> Result<Camera, Skip> {
 }
 
 /// Which way up a photograph fits its camera, its size that way up, and the size of the camera's calibration.
-fn fit(intrinsics: &Intrinsics, sizes: ImageSize, shrunk: f64) -> Result<(Orientation, (u32, u32), DVec2), Skip> {
+fn fit(intrinsics: &Intrinsics, sizes: &ImageHeader, shrunk: f64) -> Result<(Orientation, (u32, u32), DVec2), Skip> {
     let ways = [(Orientation::AsStored, sizes.stored), (Orientation::Exif, sizes.upright)];
     let Some(size) = intrinsics.size else {
         let (width, height) = sizes.stored;
@@ -219,43 +291,5 @@ impl Lenses {
                 lens
             }
         }
-    }
-}
-
-/// Counts what is left out, scaled and undistorted.
-#[derive(Default)]
-struct Tally {
-    skipped: BTreeMap<Skip, (usize, String)>,
-    scaled: Option<Remark>,
-    bent: BTreeMap<&'static str, usize>,
-}
-
-impl Tally {
-    /// A view that is left out.
-    fn skip(&mut self, name: &str, why: Skip) {
-        self.skipped.entry(why).or_insert_with(|| (0, name.to_owned())).0 += 1;
-    }
-
-    /// A view that stays, whose camera was calibrated at this size.
-    fn count(&mut self, view: &View, calibrated: (u64, u64)) {
-        let SourceCamera { width, height, lens, .. } = view.source;
-        if !lens.is_pinhole() {
-            *self.bent.entry(lens.distortion().name()).or_default() += 1;
-        }
-        if calibrated != (u64::from(width), u64::from(height)) {
-            match &mut self.scaled {
-                Some(Remark::Scaled { count, .. }) => *count += 1,
-                _ => self.scaled = Some(Remark::Scaled { count: 1, from: calibrated, to: (width, height) }),
-            }
-        }
-    }
-
-    fn remarks(&self) -> Vec<Remark> {
-        let skipped = self.skipped.iter().map(|(&why, (count, first))| {
-            let (count, first) = (*count, first.clone());
-            Remark::Skipped { why, count, first }
-        });
-        let bent = self.bent.iter().map(|(&lens, &count)| Remark::Undistorted { count, lens });
-        skipped.chain(self.scaled.clone()).chain(bent).collect()
     }
 }

@@ -22,7 +22,9 @@ mod point_cloud;
 mod pose;
 mod remark;
 mod resample;
+mod shrink;
 mod source_camera;
+mod tally;
 mod transforms;
 
 use std::{
@@ -63,11 +65,23 @@ pub struct DatasetSettings {
     pub test_every: Option<NonZeroU32>,
     /// What alpha channels of photographs mean.
     pub alpha: AlphaMeaning,
+    /// Photographs whose longer side has more pixels than this are scaled down to it when they are read, and intrinsics with them. `None`
+    /// leaves them as they are.
+    pub max_side: Option<NonZeroU32>,
+    /// Whether files outside the data set's folder are read where the data set names them: by absolute paths, or through `..`. Without it
+    /// such a data set is refused. Links inside the folder are followed in either case.
+    pub allow_outside: bool,
 }
 
 impl Default for DatasetSettings {
     fn default() -> Self {
-        Self { image_folder: None, test_every: NonZeroU32::new(8), alpha: AlphaMeaning::Opacity }
+        Self {
+            image_folder: None,
+            test_every: NonZeroU32::new(8),
+            alpha: AlphaMeaning::Opacity,
+            max_side: None,
+            allow_outside: false,
+        }
     }
 }
 
@@ -147,6 +161,8 @@ pub struct View {
     pub name: String,
     /// The pinhole camera of what [`Self::read_image`] gives: pose, and intrinsics at that size.
     pub camera: Camera,
+    /// The same at the full size of the photograph, from which it may be scaled down ([`DatasetSettings::max_side`]).
+    pub full: Camera,
     /// The camera that took the photograph: size and intrinsics of the file, and its lens.
     pub source: SourceCamera,
     /// The file of the photograph.
@@ -178,14 +194,14 @@ pub fn may_be_dataset(path: &Path) -> bool {
 /// Reads a data set: a folder, of which the content tells the kind, or a `transforms.json`.
 ///
 /// # Errors
-/// [`Error::Missing`], [`Error::NotADataset`], [`Error::NoViews`]; for its files [`Error::Read`], [`Error::Damaged`],
+/// [`Error::Missing`], [`Error::NotADataset`], [`Error::NoViews`], [`Error::LeavesDataset`]; for its files [`Error::Read`], [`Error::Damaged`],
 /// [`Error::DamagedLine`], [`Error::DamagedJson`], [`Error::UnknownCameraModel`], [`Error::NotAPointCloud`].
 pub fn read_dataset(path: impl AsRef<Path>, settings: &DatasetSettings) -> Result<Dataset, Error> {
     let path = path.as_ref();
     let metadata = std::fs::metadata(path).map_err(|source| Error::read(path, source))?;
     if !metadata.is_dir() {
         if !may_be_dataset(path) {
-            return Err(Error::NotADataset { path: path.to_owned(), looked_for: LOOKED_FOR });
+            return Err(not_a_dataset(path));
         }
         let root = path.parent().unwrap_or(Path::new(""));
         return transforms::read_nerfstudio(root, path, settings);
@@ -199,8 +215,12 @@ pub fn read_dataset(path: impl AsRef<Path>, settings: &DatasetSettings) -> Resul
     }
     match colmap_folder(path) {
         Some(folder) => colmap::read(path, &folder, settings),
-        None => Err(Error::NotADataset { path: path.to_owned(), looked_for: LOOKED_FOR }),
+        None => Err(not_a_dataset(path)),
     }
+}
+
+fn not_a_dataset(path: &Path) -> Error {
+    Error::NotADataset { path: path.to_owned(), looked_for: LOOKED_FOR, mend: place::how_to_begin(path) }
 }
 
 /// The folder of a data set that holds a COLMAP model.

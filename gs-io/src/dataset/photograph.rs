@@ -2,10 +2,10 @@
 
 use gs_core::Image;
 
-use super::{AlphaMeaning, View, assemble::same_shape, resample::undistorted};
+use super::{AlphaMeaning, View, assemble::same_shape, resample::undistorted, shrink::shrunk};
 use crate::{
     error::Error,
-    image::{Orientation, composite, decode},
+    image::{composite, decode, decode_mask},
 };
 
 /// A photograph as a training step needs it: of the size of [`View::camera`], seen by a pinhole.
@@ -32,17 +32,18 @@ impl Photograph {
 }
 
 impl View {
-    /// Reads the photograph, undistorts it where its lens is distorted, and applies the mask. Nothing is kept: reading twice decodes
+    /// Reads the photograph, undistorts it where its lens is distorted, applies the mask, and scales it to the size of the view's camera.
+    /// Nothing is kept: reading twice decodes
     /// twice. Views can be read in parallel.
     ///
     /// Undistorted pixels are interpolated by Catmull-Rom's cubic, between premultiplied colours where there is alpha, and never leave the
     /// range of the pixels that they are made of.
     ///
     /// # Errors
-    /// Those of [`read_image_with`](crate::read_image_with), for the photograph and for its mask; [`Error::ImageShape`] where either
-    /// has another shape than when the data set was opened.
+    /// Those of [`read_image_with`](crate::read_image_with), for the photograph and for its mask, in [`Error::BadView`] where it is their
+    /// content; [`Error::ImageShape`] where either has another shape than when the data set was opened.
     pub fn read_image(&self) -> Result<Photograph, Error> {
-        let decoded = decode(&self.image, self.orientation)?;
+        let decoded = decode(&self.image, self.orientation).map_err(leave_out)?;
         let expected = (self.source.width, self.source.height);
         if decoded.image.size() != expected {
             return Err(Error::image_shape(&self.image, decoded.image.size(), expected));
@@ -58,17 +59,21 @@ impl View {
                 None
             }
         };
-        let photograph = Photograph { image: decoded.image, alpha, mask };
-        if self.source.lens.is_pinhole() {
-            return Ok(photograph);
+        let mut photograph = Photograph { image: decoded.image, alpha, mask };
+        if !self.source.lens.is_pinhole() {
+            photograph = undistorted(&photograph, &self.source, &self.full).map_err(Error::content(&self.image))?;
         }
-        undistorted(&photograph, &self.source, &self.camera).map_err(Error::content(&self.image))
+        let size = (self.camera.width, self.camera.height);
+        if photograph.image.size() != size {
+            photograph = shrunk(&photograph, size).map_err(Error::content(&self.image))?;
+        }
+        Ok(photograph)
     }
 
     /// The mask file, at the photograph's size: a pixel counts where it is lighter than mid-grey.
     fn read_mask(&self) -> Result<Vec<bool>, Error> {
         let Some(path) = &self.mask else { return Ok(Vec::new()) };
-        let mask = decode(path, Orientation::AsStored)?.image;
+        let mask = decode_mask(path).map_err(leave_out)?;
         let (width, height) = (self.source.width, self.source.height);
         if !same_shape(mask.size(), (f64::from(width), f64::from(height))) {
             return Err(Error::image_shape(path, mask.size(), (width, height)));
@@ -81,5 +86,15 @@ impl View {
             pixel.iter().sum::<f32>() >= 1.5
         };
         Ok((0..height).flat_map(|y| (0..width).map(move |x| (x, y))).map(|(x, y)| counts(x, y)).collect())
+    }
+}
+
+/// What can be done about a file that was whole by its looks when the data set was opened.
+fn leave_out(error: Error) -> Error {
+    match error {
+        Error::DamagedImage { .. } | Error::NotAnImage { .. } | Error::ImageNotFinite { .. } => {
+            Error::BadView(Box::new(error))
+        }
+        other => other,
     }
 }

@@ -1,7 +1,7 @@
 //! Where photographs are: the folders of a data set, and names that lack an extension or have an old one.
 
 use std::{
-    fs,
+    fs, io,
     path::{Component, Path, PathBuf},
 };
 
@@ -75,7 +75,75 @@ pub(super) fn find_image(path: &Path) -> Option<PathBuf> {
     appended.chain(replaced).find(|path| path.is_file())
 }
 
-/// Whether a name stays below the folder that it is joined to.
-pub(super) fn stays_below(name: &Path) -> bool {
-    name.components().all(|part| matches!(part, Component::Normal(_) | Component::CurDir))
+/// Fails where a data set names a file outside its folder `root`, unless the settings allow it. `file` holds the names, each with the key
+/// that it stands at.
+///
+/// # Errors
+/// [`Error::LeavesDataset`] with the first.
+pub(super) fn check_inside<'n>(
+    root: &Path,
+    file: &Path,
+    names: impl IntoIterator<Item = (&'static str, &'n str)>,
+    settings: &DatasetSettings,
+) -> Result<(), Error> {
+    let mut leaving = names.into_iter().filter(|(_, name)| !settings.allow_outside && leaves(root, Path::new(name)));
+    let Some((key, name)) = leaving.next() else { return Ok(()) };
+    let more = leaving.count();
+    Err(Error::LeavesDataset { path: file.to_owned(), key, name: name.to_owned(), more })
+}
+
+/// Whether a path, joined to a folder, leads out of it. Links are not looked into: a link inside the folder was put there by whoever may put
+/// files there.
+fn leaves(folder: &Path, path: &Path) -> bool {
+    let up = |part| matches!(part, Component::ParentDir);
+    if path.is_absolute() {
+        let inside = |folder: io::Result<PathBuf>| folder.is_ok_and(|folder| path.starts_with(folder));
+        return path.components().any(up) || !(inside(std::path::absolute(folder)) || inside(fs::canonicalize(folder)));
+    }
+    let mut depth = 0_usize;
+    path.components().any(|part| match part {
+        Component::Prefix(_) | Component::RootDir => true,
+        Component::CurDir => false,
+        Component::Normal(_) => {
+            depth += 1;
+            false
+        }
+        Component::ParentDir => match depth.checked_sub(1) {
+            Some(less) => {
+                depth = less;
+                false
+            }
+            None => true,
+        },
+    })
+}
+
+/// What to do about a folder that is no data set: for one that holds photographs, how their cameras are found.
+pub(super) fn how_to_begin(folder: &Path) -> String {
+    let is_image = |name: &Path| {
+        let ending = name.extension().map(|ending| ending.to_string_lossy().to_lowercase());
+        ending.is_some_and(|ending| EXTENSIONS.contains(&ending.as_str()))
+    };
+    let images_in = |folder: &Path| {
+        fs::read_dir(folder).map_or(0, |entries| entries.flatten().filter(|entry| is_image(&entry.path())).count())
+    };
+    let places = [folder.to_owned(), folder.join(IMAGE_FOLDERS[0])];
+    match places.iter().map(|place| (images_in(place), place)).find(|(count, _)| *count > 1) {
+        None => "name the folder that holds one of them".to_owned(),
+        Some((count, images)) => format!(
+            "it holds {count} images without camera poses: estimate these first, for example with COLMAP: \
+             colmap automatic_reconstructor --workspace_path {} --image_path {} --dense 0",
+            quoted(folder),
+            quoted(images)
+        ),
+    }
+}
+
+/// A path as one word of a command.
+fn quoted(path: &Path) -> String {
+    let text = path.display().to_string();
+    match text.contains(|c: char| c.is_whitespace() || "'\"$&;()<>|*?`!#".contains(c)) {
+        false => text,
+        true => format!("'{}'", text.replace('\'', r"'\''")),
+    }
 }

@@ -4,6 +4,8 @@ use std::fmt;
 
 use serde::Serialize;
 
+use crate::image::ImageRemark;
+
 /// Something worth knowing about a data set that was read.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
@@ -17,6 +19,40 @@ pub enum Remark {
         count: usize,
         /// The name of the first, in the order of the data set.
         first: String,
+        /// What exactly is wrong with the first, where more can be said.
+        detail: Option<String>,
+    },
+    /// Something that is to be said of photographs' files.
+    Image {
+        /// What.
+        remark: ImageRemark,
+        /// Of how many.
+        count: usize,
+        /// The name of the first.
+        first: String,
+    },
+    /// Photographs that are scaled down when they are read.
+    Reduced {
+        /// How many.
+        count: usize,
+        /// The most pixels that their longer side keeps.
+        max_side: u32,
+        /// (columns, rows) of the first one.
+        from: (u32, u32),
+        /// (columns, rows) that it gets.
+        to: (u32, u32),
+    },
+    /// Masks that the data set names are not there, so that every pixel of their photographs counts.
+    MasksMissing {
+        /// How many.
+        count: usize,
+        /// The first, as the data set names it.
+        first: String,
+    },
+    /// The data set names images of depths, which nothing here makes use of.
+    DepthsUnused {
+        /// How many.
+        count: usize,
     },
     /// Photographs that are undistorted when they are read.
     Undistorted {
@@ -62,8 +98,10 @@ pub enum Remark {
 pub enum Skip {
     /// There is no image file of its name.
     NoImage,
-    /// The image file's header cannot be read.
+    /// The image file cannot be read, or is cut short.
     BadImage,
+    /// The mask cannot be read, or has another shape than the image.
+    BadMask,
     /// The image has another shape than the camera that is said to have taken it.
     OtherShape,
     /// The model has no camera of its number.
@@ -83,6 +121,7 @@ impl fmt::Display for Skip {
         f.write_str(match self {
             Self::NoImage => "no image file",
             Self::BadImage => "the image file cannot be read",
+            Self::BadMask => "the mask cannot be read, or has another shape than the image",
             Self::OtherShape => "the image has another shape than its camera",
             Self::NoCamera => "the camera is not in the model",
             Self::BadCamera => "the camera's size, focal lengths or lens are not possible",
@@ -96,7 +135,20 @@ impl fmt::Display for Skip {
 impl fmt::Display for Remark {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Skipped { why, count, first } => write!(f, "{count} skipped: {why} (first: {first})"),
+            Self::Skipped { why, count, first, detail: None } => write!(f, "{count} skipped: {why} (first: {first})"),
+            Self::Skipped { why, count, first, detail: Some(detail) } => {
+                write!(f, "{count} skipped: {why} (first: {first}: {detail})")
+            }
+            Self::Image { remark, count, first } => write!(f, "{count} images: {remark} (first: {first})"),
+            Self::Reduced { count, max_side, from, to } => {
+                let ((w, h), (width, height)) = (from, to);
+                write!(
+                    f,
+                    "{count} scaled down to {max_side} px on the longer side (first: {w}x{h} to {width}x{height} px)"
+                )
+            }
+            Self::MasksMissing { count, first } => write!(f, "{count} without the mask that is named (first: {first})"),
+            Self::DepthsUnused { count } => write!(f, "{count} with a depth image, which is not used"),
             Self::Undistorted { count, lens } => write!(f, "{count} undistorted when read ({lens} lens)"),
             Self::Scaled { count, from, to } => {
                 let ((w, h), (width, height)) = (from, to);

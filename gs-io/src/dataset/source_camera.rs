@@ -9,6 +9,13 @@ use super::lens::Lens;
 /// side: together 2 times to a fifth, the limits of COLMAP's undistortion.
 const SIDE_RANGE: (f64, f64) = (-0.5, 0.4);
 
+/// Focal lengths that a camera may have, in parts of the longer side of its images: an angle of 178.9 degrees from side to side, and one of
+/// 20 arc seconds.
+const FOCAL_RANGE: (f64, f64) = (0.01, 1e4);
+
+/// How far from the middle of the image the principal point may be, in parts of the image's longer side. Only of cut-outs it is outside.
+const CENTER_RANGE: f64 = 100.0;
+
 /// Points of each border of the photograph that are looked at.
 const BORDER_POINTS: u32 = 256;
 
@@ -45,7 +52,49 @@ impl SourceCamera {
         if self.lens.is_pinhole() {
             return *self;
         }
-        let size = dvec2(f64::from(self.width), f64::from(self.height));
+        let size = self.size();
+        let (low, high) = self.seen();
+        let low = low.min(size * SIDE_RANGE.1);
+        let high = high.max(size * (1.0 - SIDE_RANGE.1));
+        // A sliver less than a pixel is no column; what is left over is shared by both sides.
+        let sides = (high - low + 1e-6).floor().clamp(DVec2::ONE, DVec2::splat(f64::from(MAX_SIDE_PX)));
+        let corner = low + 0.5 * (high - low - sides);
+        let (width, height) = (sides.x as u32, sides.y as u32);
+        Self { width, height, focal: self.focal, center: self.center - corner, lens: Lens::default() }
+    }
+
+    /// What no camera can be, in words for people: a focal length or a principal point far beyond those of any camera, or a lens that shows
+    /// less than a fifth of the photograph's width or height.
+    pub(super) fn fault(&self) -> Option<String> {
+        let (size, longer) = (self.size(), self.size().max_element());
+        let of = format!("for an image of {}x{} px", self.width, self.height);
+        let shares = self.focal / longer;
+        // Phrased so that NaN fails them.
+        if !(shares.min_element() >= FOCAL_RANGE.0 && shares.max_element() <= FOCAL_RANGE.1) {
+            let DVec2 { x, y } = self.focal;
+            return Some(format!("focal lengths of {x:e} and {y:e} px {of}"));
+        }
+        if !((self.center - 0.5 * size).abs().max_element() <= CENTER_RANGE * longer) {
+            let DVec2 { x, y } = self.center;
+            return Some(format!("a principal point at {x:e}, {y:e} px {of}"));
+        }
+        if self.lens.is_pinhole() {
+            return None;
+        }
+        let (low, high) = self.seen();
+        let least = 1.0 - 2.0 * SIDE_RANGE.1;
+        (!((high - low) / size).cmpge(DVec2::splat(least - 1e-9)).all())
+            .then(|| format!("a lens that shows less than a fifth of the width or height {of}"))
+    }
+
+    fn size(&self) -> DVec2 {
+        dvec2(f64::from(self.width), f64::from(self.height))
+    }
+
+    /// Opposite corners of the largest frame in the plane of the picture in which every pixel comes from the photograph, at most twice as
+    /// large as that.
+    fn seen(&self) -> (DVec2, DVec2) {
+        let size = self.size();
         // Beyond the largest angle there is nothing to show.
         let reach = self.lens.max_angle().tan() * self.focal;
         let mut low = (size * SIDE_RANGE.0).max(self.center - reach);
@@ -60,12 +109,6 @@ impl SourceCamera {
             high.x = side(seen(size.x, along.y), |p| p.x).map_or(high.x, |x| high.x.min(x));
             high.y = side(seen(along.x, size.y), |p| p.y).map_or(high.y, |y| high.y.min(y));
         }
-        low = low.min(size * SIDE_RANGE.1);
-        high = high.max(size * (1.0 - SIDE_RANGE.1));
-        // A sliver less than a pixel is no column; what is left over is shared by both sides.
-        let sides = (high - low + 1e-6).floor().clamp(DVec2::ONE, DVec2::splat(f64::from(MAX_SIDE_PX)));
-        let corner = low + 0.5 * (high - low - sides);
-        let (width, height) = (sides.x as u32, sides.y as u32);
-        Self { width, height, focal: self.focal, center: self.center - corner, lens: Lens::default() }
+        (low, high)
     }
 }

@@ -16,9 +16,9 @@ use serde::{Deserialize, de::DeserializeOwned};
 
 use super::{
     BrownConrady, Dataset, DatasetKind, DatasetSettings, Distortion, Fisheye, Point, Remark, Skip, Split,
-    assemble::{Draft, Focal, Intrinsics, Parts, assemble},
+    assemble::{Draft, Focal, Intrinsics, Parts, Stated, assemble},
     colmap::{ColmapModel, points_of},
-    place::{IMAGE_FOLDERS, NamePart, Place, find_image},
+    place::{IMAGE_FOLDERS, NamePart, Place, check_inside, find_image},
     point_cloud,
     pose::{Pose, affine},
     read_file,
@@ -62,6 +62,7 @@ struct Frame {
     file_path: String,
     transform_matrix: Vec<Vec<f64>>,
     mask_path: Option<String>,
+    depth_file_path: Option<String>,
     #[serde(flatten)]
     camera: CameraFields,
 }
@@ -110,6 +111,30 @@ impl CameraFields {
         }
     }
 
+    /// The numbers that there are, by their keys.
+    fn numbers(&self) -> Vec<(&'static str, f64)> {
+        let Self { camera_model: _, is_fisheye: _, camera_angle_x, camera_angle_y, fl_x, fl_y, cx, cy, w, h, .. } =
+            self;
+        let Self { k1, k2, k3, k4, p1, p2, .. } = self;
+        let all = [
+            ("camera_angle_x", camera_angle_x),
+            ("camera_angle_y", camera_angle_y),
+            ("fl_x", fl_x),
+            ("fl_y", fl_y),
+            ("cx", cx),
+            ("cy", cy),
+            ("w", w),
+            ("h", h),
+            ("k1", k1),
+            ("k2", k2),
+            ("k3", k3),
+            ("k4", k4),
+            ("p1", p1),
+            ("p2", p2),
+        ];
+        all.into_iter().filter_map(|(key, value)| Some((key, (*value)?))).collect()
+    }
+
     /// # Errors
     /// [`Error::UnknownCameraModel`]; what a frame lacks is its own matter, in the inner result.
     fn intrinsics(&self, path: &Path) -> Result<Result<Intrinsics, Skip>, Error> {
@@ -152,15 +177,38 @@ const PANORAMA: &str = "EQUIRECTANGULAR";
 impl Frame {
     fn draft(&self, root: &Path, file: &Path, shared: &CameraFields, split: Option<Split>) -> Result<Draft, Error> {
         let name = self.file_path.trim_start_matches("./").to_owned();
+        let camera = self.camera.or(shared);
+        let place = file.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
         Ok(Draft {
             file: Some(PathBuf::from(&name)),
             name,
             mask: self.mask_path.as_ref().and_then(|mask| find_image(&root.join(mask))),
-            intrinsics: self.camera.or(shared).intrinsics(file)?,
+            intrinsics: camera.intrinsics(file)?,
+            stated: Stated { place, numbers: camera.numbers() },
             pose: Pose::camera_to_world(&self.transform_matrix),
             split,
         })
     }
+}
+
+impl Transforms {
+    /// # Errors
+    /// [`Error::LeavesDataset`].
+    fn check_inside(&self, root: &Path, path: &Path, settings: &DatasetSettings) -> Result<(), Error> {
+        let images = self.frames.iter().map(|frame| ("file_path", frame.file_path.as_str()));
+        let masks = self.frames.iter().filter_map(|frame| Some(("mask_path", frame.mask_path.as_deref()?)));
+        let points = self.ply_file_path.as_deref().map(|points| ("ply_file_path", points));
+        check_inside(root, path, images.chain(masks).chain(points), settings)
+    }
+}
+
+/// What frames name and nobody reads: masks that are not there, and depths.
+fn unused(frames: &[Frame], drafts: &[Draft]) -> Vec<Remark> {
+    let has_none = |(frame, draft): (&Frame, &Draft)| frame.mask_path.clone().filter(|_| draft.mask.is_none());
+    let missing: Vec<String> = frames.iter().zip(drafts).filter_map(has_none).collect();
+    let masks = missing.first().map(|first| Remark::MasksMissing { count: missing.len(), first: first.clone() });
+    let depths = frames.iter().filter(|frame| frame.depth_file_path.is_some()).count();
+    masks.into_iter().chain((depths > 0).then_some(Remark::DepthsUnused { count: depths })).collect()
 }
 
 /// Reads NeRF-synthetic and its like.
@@ -175,9 +223,12 @@ pub(super) fn read_blender(root: &Path, settings: &DatasetSettings) -> Result<Da
             continue;
         }
         let file: Transforms = parse(&path)?;
+        file.check_inside(root, &path, settings)?;
+        let first = drafts.len();
         for frame in &file.frames {
             drafts.push(frame.draft(root, &path, &file.camera, Some(split))?);
         }
+        remarks.extend(unused(&file.frames, &drafts[first..]));
         if points.is_empty() {
             points = listed_points(root, &file, &mut remarks)?.unwrap_or_default();
         }
@@ -193,6 +244,7 @@ pub(super) fn read_blender(root: &Path, settings: &DatasetSettings) -> Result<Da
 /// [`ColmapModel::read`] for the model beside it.
 pub(super) fn read_nerfstudio(root: &Path, path: &Path, settings: &DatasetSettings) -> Result<Dataset, Error> {
     let file: Transforms = parse(path)?;
+    file.check_inside(root, path, settings)?;
     let split_of = |names: &Option<Vec<String>>| -> HashSet<String> {
         names.iter().flatten().map(|name| name.trim_start_matches("./").to_owned()).collect()
     };
@@ -208,7 +260,7 @@ pub(super) fn read_nerfstudio(root: &Path, path: &Path, settings: &DatasetSettin
         });
         drafts.push(draft);
     }
-    let mut remarks = Vec::new();
+    let mut remarks = unused(&file.frames, &drafts);
     let points = match listed_points(root, &file, &mut remarks)? {
         Some(points) => points,
         None => colmap_points(root, &file)?,

@@ -54,6 +54,7 @@ pub fn bad_cameras_and_settings_are_errors<R: Rasterizer<SpatialScene>>(rasteriz
         ("a camera of no columns", Camera { width: 0, ..view }, SIZE),
         ("a camera of 20000 rows", Camera { height: 20_000, ..view }, SIZE),
         ("a camera that stretches", Camera { rotation: view.rotation * 1.1, ..view }, SETTING),
+        ("a mirrored camera", Camera { rotation: -view.rotation, ..view }, SETTING),
         ("a camera of NaN rotation", Camera { rotation: Mat3::NAN, ..view }, SETTING),
         ("a camera at infinity", Camera { translation: Vec3::INFINITY, ..view }, SETTING),
         ("a camera of no focal length", Camera { focal: Vec2::new(0.0, 9.0), ..view }, SETTING),

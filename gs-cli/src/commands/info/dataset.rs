@@ -2,12 +2,13 @@
 
 use std::{fmt::Write, path::Path};
 
-use gs_io::dataset::{Dataset, DatasetKind, DatasetSettings, SourceCamera, Split, View, read_dataset};
+use gs_io::dataset::{Dataset, DatasetKind, Distortion, SourceCamera, Split, View};
 use serde::Serialize;
 
 use crate::{
+    dataset::{ReadingArgs, remark_text},
     failure::Failure,
-    output::{self, Format},
+    output::{self, Format, printable},
 };
 
 /// Cameras that are printed in full; of data sets with one a view, the others are counted.
@@ -34,7 +35,7 @@ struct CameraInfo {
     views: usize,
     /// Columns and rows of its photographs, px.
     photograph: [u32; 2],
-    /// Columns and rows of what they become when they are read, px.
+    /// Columns and rows of what they become when they are read, undistorted and scaled down, px.
     undistorted: [u32; 2],
     /// Focal lengths in x and y, px.
     focal: [f64; 2],
@@ -47,8 +48,8 @@ struct CameraInfo {
 ///
 /// # Errors
 /// Where it is none, or a broken one.
-pub(crate) fn run(path: &Path, format: Format) -> Result<(), Failure> {
-    let info = Info::of(&read_dataset(path, &DatasetSettings::default())?);
+pub(crate) fn run(path: &Path, reading: &ReadingArgs, format: Format) -> Result<(), Failure> {
+    let info = Info::of(&reading.read(path)?);
     match format {
         Format::Json => output::json(&info),
         Format::Text => output::result(text(&info)),
@@ -75,7 +76,7 @@ impl Info {
             cameras: cameras.into_iter().map(|(_, camera)| camera).collect(),
             points: dataset.points.len(),
             masks: dataset.views.iter().filter(|view| view.mask.is_some()).count(),
-            remarks: dataset.remarks.iter().map(ToString::to_string).collect(),
+            remarks: dataset.remarks.iter().map(remark_text).collect(),
         }
     }
 }
@@ -112,7 +113,8 @@ fn text(info: &Info) -> String {
             format!("{width}x{height} px, focal {fx:.1}, {fy:.1} px, {x:.1} x {y:.1} degrees, {}", camera.lens);
         if camera.undistorted != camera.photograph {
             let [width, height] = camera.undistorted;
-            let _ = write!(line, ", undistorted to {width}x{height} px");
+            let done = if camera.lens == Distortion::None.name() { "scaled" } else { "undistorted" };
+            let _ = write!(line, ", {done} to {width}x{height} px");
         }
         let _ = write!(line, " ({} views)", camera.views);
         rows.push(("camera", line));
@@ -125,6 +127,6 @@ fn text(info: &Info) -> String {
         rows.push(("masks", info.masks.to_string()));
     }
     rows.extend(info.remarks.iter().map(|remark| ("remark", remark.clone())));
-    let lines: Vec<String> = rows.iter().map(|(name, value)| format!("{name:<20}{value}")).collect();
+    let lines: Vec<String> = rows.iter().map(|(name, value)| format!("{name:<20}{}", printable(value))).collect();
     lines.join("\n")
 }

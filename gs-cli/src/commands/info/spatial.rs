@@ -15,7 +15,7 @@ use serde::Serialize;
 use super::{metadata_text, number};
 use crate::{
     failure::Failure,
-    output::{self, Format},
+    output::{self, Format, printable},
 };
 
 /// What `gs info --json` prints of a spatial scene.
@@ -203,7 +203,7 @@ fn text(info: &Info) -> String {
     rows.extend(info.losses.iter().map(|loss| ("lost in reading", loss.clone())));
     let mut text = String::new();
     for (name, value) in &rows {
-        let _ = writeln!(text, "{name:<20}{value}");
+        let _ = writeln!(text, "{name:<20}{}", printable(value));
     }
     text += &metadata_text(&info.metadata);
     text.truncate(text.trim_end().len());

@@ -9,6 +9,7 @@ use clap::Args;
 
 use crate::{
     backend::BackendArgs,
+    dataset::ReadingArgs,
     effects::choice::EffectsArgs,
     failure::Failure,
     shown::ShownArgs,
@@ -81,6 +82,8 @@ struct CameraArgs {
     /// Frames per second of an animated PNG
     #[arg(long, value_name = "F", default_value_t = 24, value_parser = clap::value_parser!(u16).range(1..=240))]
     fps: u16,
+    #[command(flatten)]
+    reading: ReadingArgs,
 }
 
 /// Endings of pictures and films that are not written: a PNG under such a name would be taken for one.

@@ -3,11 +3,7 @@
 use std::path::Path;
 
 use gs_core::{Camera, Image, Rasterizer, RenderSettings, Scene, SpatialScene, effects::CalledFor, statistics::Culled};
-use gs_io::{
-    Animation, SpatialFile,
-    dataset::{Dataset, DatasetSettings, read_dataset},
-    read_spatial, write_animation, write_png,
-};
+use gs_io::{Animation, SpatialFile, dataset::Dataset, read_spatial, write_animation, write_png};
 use gs_train::spatial::{CameraPath, Orbit, resized};
 
 use super::{CameraArgs, RenderArgs};
@@ -106,7 +102,7 @@ fn cameras(
     }
     let sized = |camera: Camera| size.map_or(camera, |Size { width, height }| resized(&camera, width, height));
     if let Some(name) = &args.camera {
-        let dataset = read_dataset(&name.dataset, &DatasetSettings::default())?;
+        let dataset = args.reading.read(&name.dataset)?;
         let camera = sized(cameras::of_view(&dataset, name)?);
         let cameras = match args.orbit {
             None => vec![camera],

@@ -18,8 +18,8 @@ use glam::{DQuat, DVec2, DVec3, dvec2};
 pub use self::camera_model::CameraModel;
 use super::{
     Dataset, DatasetKind, DatasetSettings, Lens, Point, Remark, Skip, SourceCamera,
-    assemble::{Draft, Parts, assemble},
-    place::{IMAGE_FOLDERS, NamePart, Place, find_image, stays_below},
+    assemble::{Draft, Parts, Stated, assemble},
+    place::{IMAGE_FOLDERS, NamePart, Place, check_inside, find_image},
     pose::Pose,
     read_file,
 };
@@ -66,8 +66,7 @@ impl ColmapCamera {
         let lens = Lens::new(intrinsics.distortion).ok_or(Skip::BadCamera)?;
         let sides = u32::try_from(self.width).ok().zip(u32::try_from(self.height).ok()).ok_or(Skip::BadCamera)?;
         let source = intrinsics.source(size, sides, lens);
-        let possible = source.focal.is_finite() && source.focal.min_element() > 0.0 && source.center.is_finite();
-        possible.then_some(source).ok_or(Skip::BadCamera)
+        source.fault().is_none().then_some(source).ok_or(Skip::BadCamera)
     }
 }
 
@@ -117,15 +116,14 @@ impl ColmapModel {
     /// # Errors
     /// [`Error::Missing`] or [`Error::Read`]; those of [`Self::from_binary`] or [`Self::from_text`].
     pub fn read(folder: &Path) -> Result<Self, Error> {
-        let binary = folder.join("cameras.bin").is_file();
-        let extension = if binary { "bin" } else { "txt" };
+        let extension = extension(folder);
         let bytes = |name: &str| read_file(&folder.join(name).with_extension(extension));
         let (cameras, images) = (bytes("cameras")?, bytes("images")?);
         let points = match bytes("points3D") {
             Err(Error::Missing { .. }) => None,
             other => Some(other?),
         };
-        let parse = if binary { Self::from_binary } else { Self::from_text };
+        let parse = if extension == "bin" { Self::from_binary } else { Self::from_text };
         parse(folder, &cameras, &images, points.as_deref())
     }
 
@@ -156,17 +154,27 @@ impl ColmapModel {
         })
     }
 
-    fn draft(&self, masks: Option<&Path>, image: &ColmapImage) -> Draft {
+    /// `file` is that of the cameras.
+    fn draft(&self, masks: Option<&Path>, file: &str, image: &ColmapImage) -> Draft {
         let intrinsics = self.cameras.get(&image.camera_id).ok_or(Skip::NoCamera).and_then(|camera| {
             let size = dvec2(camera.width as f64, camera.height as f64);
             camera.model.intrinsics(&camera.parameters, size)
         });
-        // A name that leads out of the data set names no photograph of it.
-        let file = Some(PathBuf::from(&image.name)).filter(|file| stays_below(file));
+        let stated = self.cameras.get(&image.camera_id).map(|camera| {
+            let numbers = camera.model.parameter_names().iter().copied().zip(camera.parameters.iter().copied());
+            Stated { place: format!("camera {} of {file}", image.camera_id), numbers: numbers.collect() }
+        });
+        let file = Some(PathBuf::from(&image.name));
         let mask = masks.zip(file.as_ref()).and_then(|(masks, file)| find_image(&masks.join(file)));
         let pose = Pose::world_to_camera(image.rotation, image.translation);
-        Draft { name: image.name.clone(), file, mask, intrinsics, pose, split: None }
+        let (name, stated) = (image.name.clone(), stated.unwrap_or_default());
+        Draft { name, file, mask, intrinsics, stated, pose, split: None }
     }
+}
+
+/// What the names of a model's files end in.
+fn extension(folder: &Path) -> &'static str {
+    if folder.join("cameras.bin").is_file() { "bin" } else { "txt" }
 }
 
 /// Points as the engine has them; what is not finite is left to be counted.
@@ -182,12 +190,20 @@ pub(super) fn points_of(points: &[ColmapPoint]) -> impl Iterator<Item = Point> {
 /// Those of [`ColmapModel::read`], [`Error::NoViews`], [`Error::Missing`] for an image folder that the settings name.
 pub(super) fn read(root: &Path, folder: &Path, settings: &DatasetSettings) -> Result<Dataset, Error> {
     let model = ColmapModel::read(folder)?;
+    let extension = extension(folder);
+    let names = model.images.iter().map(|image| ("the image name", image.name.as_str()));
+    check_inside(root, &folder.join("images").with_extension(extension), names, settings)?;
     let places = match Place::chosen(root, settings, NamePart::Path)? {
         Some(place) => vec![place],
-        None => IMAGE_FOLDERS.map(|name| Place::new(root, name, NamePart::Path)).into(),
+        None => {
+            // COLMAP may have been given the folder of the photographs itself to work in.
+            let own = Place { folder: root.to_owned(), part: NamePart::Path, shrunk: 1.0 };
+            IMAGE_FOLDERS.map(|name| Place::new(root, name, NamePart::Path)).into_iter().chain([own]).collect()
+        }
     };
     let masks = Some(root.join(MASK_FOLDER)).filter(|masks| masks.is_dir());
-    let drafts = model.images.iter().map(|image| model.draft(masks.as_deref(), image)).collect();
+    let cameras = format!("cameras.{extension}");
+    let drafts = model.images.iter().map(|image| model.draft(masks.as_deref(), &cameras, image)).collect();
     let remarks = other_models(folder).into_iter().collect();
     let points = points_of(&model.points).collect();
     assemble(Parts { kind: DatasetKind::Colmap, root, drafts, points, places, remarks }, settings)

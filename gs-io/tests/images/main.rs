@@ -1,5 +1,8 @@
 //! Images made here are read as they are meant, and everything that is not an image is refused in one line.
 
+mod colors;
+mod kinds;
+
 use std::{
     fs,
     io::Cursor,
@@ -224,31 +227,6 @@ fn a_header_that_claims_too_much_is_refused_by_its_size() {
         let error = refusal(folder.path(), name, &bytes);
         assert!(matches!(error, Error::ImageSize { limit: 16_384, .. }), "{error}");
     }
-}
-
-#[test]
-fn what_is_no_image_is_said_to_be_none() {
-    let folder = folder();
-    let gif = encoded_gif();
-    for (name, bytes, found) in [
-        ("text.png", b"Not an image, only its name says so.".as_slice(), "text"),
-        ("empty.png", b"", "an empty file"),
-        ("noise.png", &[0x00, 0xfe, 0x13], "[00, fe, 13]"),
-        ("a.gif", &gif, "Gif"),
-    ] {
-        let error = refusal(folder.path(), name, bytes);
-        assert!(matches!(error, Error::NotAnImage { .. }) && error.to_string().contains(found), "{error}");
-    }
-    let error = read_image(folder.path()).unwrap_err();
-    assert!(matches!(error, Error::NotAFile { found: "a folder", .. }), "{error}");
-    let error = read_image(folder.path().join("absent.png")).unwrap_err();
-    assert!(matches!(error, Error::Missing { .. }), "{error}");
-    let error = read_image(folder.path().join("text.png/inside.png")).unwrap_err();
-    assert!(matches!(error, Error::Missing { .. }), "{error}");
-}
-
-fn encoded_gif() -> Vec<u8> {
-    b"GIF89a\x01\0\x01\0\x80\0\0\xff\xff\xff\0\0\0,\0\0\0\0\x01\0\x01\0\0\x02\x02D\x01\0;".to_vec()
 }
 
 #[test]

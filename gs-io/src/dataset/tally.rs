@@ -1,0 +1,66 @@
+//! Counts what is to be said of a data set's views: of each kind how many, and which was the first.
+
+use std::collections::BTreeMap;
+
+use gs_core::Camera;
+
+use super::{Remark, Skip, SourceCamera, View};
+use crate::image::ImageRemark;
+
+/// Views so far.
+#[derive(Default)]
+pub(super) struct Tally {
+    skipped: BTreeMap<Skip, Remark>,
+    images: BTreeMap<ImageRemark, Remark>,
+    scaled: Option<Remark>,
+    reduced: Option<Remark>,
+    bent: BTreeMap<&'static str, Remark>,
+}
+
+impl Tally {
+    /// A view that is left out.
+    pub(super) fn skip(&mut self, name: &str, why: Skip, detail: Option<String>) {
+        let first = || Remark::Skipped { why, count: 0, first: name.to_owned(), detail };
+        add(self.skipped.entry(why).or_insert_with(first));
+    }
+
+    /// A view that stays, whose camera was calibrated at this size, and what is to be said of its file.
+    pub(super) fn count(&mut self, view: &View, calibrated: (u64, u64), remarks: &[ImageRemark]) {
+        let SourceCamera { width, height, lens, .. } = view.source;
+        if !lens.is_pinhole() {
+            let lens = lens.distortion().name();
+            add(self.bent.entry(lens).or_insert(Remark::Undistorted { count: 0, lens }));
+        }
+        if calibrated != (u64::from(width), u64::from(height)) {
+            add(self.scaled.get_or_insert(Remark::Scaled { count: 0, from: calibrated, to: (width, height) }));
+        }
+        let size = |camera: &Camera| (camera.width, camera.height);
+        let (from, to) = (size(&view.full), size(&view.camera));
+        if from != to {
+            add(self.reduced.get_or_insert(Remark::Reduced { count: 0, max_side: to.0.max(to.1), from, to }));
+        }
+        for remark in remarks {
+            let first = || Remark::Image { remark: remark.clone(), count: 0, first: view.name.clone() };
+            add(self.images.entry(remark.clone()).or_insert_with(first));
+        }
+    }
+
+    /// What there is to say.
+    pub(super) fn remarks(self) -> Vec<Remark> {
+        let images = self.images.into_values();
+        let sizes = self.scaled.into_iter().chain(self.reduced);
+        self.skipped.into_values().chain(images).chain(sizes).chain(self.bent.into_values()).collect()
+    }
+}
+
+/// One more.
+fn add(remark: &mut Remark) {
+    if let Remark::Skipped { count, .. }
+    | Remark::Image { count, .. }
+    | Remark::Scaled { count, .. }
+    | Remark::Reduced { count, .. }
+    | Remark::Undistorted { count, .. } = remark
+    {
+        *count += 1;
+    }
+}

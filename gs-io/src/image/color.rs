@@ -1,0 +1,192 @@
+//! What an image's numbers stand for: what its file declares, and the conversion of that to sRGB.
+//!
+//! In PNG, cICP counts before an ICC profile, that before sRGB, and that before gAMA and cHRM. *Source:* the PNG specification, third
+//! edition, §4.3.
+
+use std::sync::Arc;
+
+use moxcms::{
+    Chromaticity, CicpProfile, ColorPrimaries, ColorProfile, DataColorSpace, Layout, MatrixCoefficients, ProfileText,
+    RenderingIntent, ToneReprCurve, TransformF32Executor, TransformOptions, XyY,
+};
+
+use super::ImageRemark;
+
+/// Where a conversion changes no colour by more than this, colours stay as they are, bit for bit: one step of 8 bits. A profile's own
+/// numbers are rounded, and so are those of the conversion.
+const SAME: f32 = 1.0 / 255.0;
+
+/// How far a PNG's gamma may be from 1/2.2, in parts of it, to stand for sRGB; libpng's threshold. Files have 0.45455 for sRGB.
+const GAMMA_TOLERANCE: f64 = 0.05;
+
+/// Pixels that are converted at once.
+const CHUNK: usize = 4096;
+
+/// The transfer functions of HDR (ITU-T H.273): PQ and HLG.
+const HDR: [u8; 2] = [16, 18];
+
+/// What becomes of an image's colours.
+pub(super) enum Colors {
+    /// They are sRGB, or nothing says what they are.
+    AsStored,
+    /// They are converted.
+    Converted(Conversion),
+    /// They are something else that cannot be converted, for this reason.
+    Ignored(String),
+}
+
+/// A conversion to sRGB.
+pub(super) struct Conversion {
+    transform: Arc<TransformF32Executor>,
+    /// Whether it converts grey values.
+    grey: bool,
+    from: String,
+}
+
+impl Colors {
+    /// Those of an image with this ICC profile.
+    pub(super) fn of_profile(icc: &[u8]) -> Self {
+        match ColorProfile::new_from_slice(icc) {
+            Ok(profile) => Self::of(&profile, name_of(&profile)),
+            Err(error) => Self::Ignored(format!("the file has a colour profile, which is damaged ({error})")),
+        }
+    }
+
+    /// Those that the chunks of a PNG declare.
+    pub(super) fn of_png(info: &png::Info<'_>) -> Self {
+        if let Some(points) = info.coding_independent_code_points {
+            return Self::of_code_points(points);
+        }
+        match (&info.icc_profile, info.srgb) {
+            (Some(icc), _) => Self::of_profile(icc),
+            (None, Some(_)) => Self::AsStored,
+            (None, None) => Self::of_gamma(info),
+        }
+    }
+
+    fn of_code_points(points: png::CodingIndependentCodePoints) -> Self {
+        let png::CodingIndependentCodePoints { color_primaries, transfer_function, .. } = points;
+        let name = format!("CICP {color_primaries}/{transfer_function}");
+        if HDR.contains(&transfer_function) || !points.is_video_full_range_image {
+            return Self::Ignored(format!("the file says {name}, which is HDR or video and has no place in sRGB"));
+        }
+        let profile = color_primaries.try_into().and_then(|color_primaries| {
+            Ok(ColorProfile::new_from_cicp(CicpProfile {
+                color_primaries,
+                transfer_characteristics: transfer_function.try_into()?,
+                matrix_coefficients: MatrixCoefficients::Bt709,
+                full_range: true,
+            }))
+        });
+        match profile {
+            Ok(profile) => Self::of(&profile, name),
+            Err(_) => Self::Ignored(format!("the file says {name}, which is not known")),
+        }
+    }
+
+    /// By gAMA and cHRM; where there is only one of them, the other is that of sRGB.
+    fn of_gamma(info: &png::Info<'_>) -> Self {
+        let gamma = info.gama_chunk.map(|gamma| f64::from(gamma.into_scaled()) / 1e5);
+        let gamma = gamma.filter(|gamma| (gamma * 2.2 - 1.0).abs() > GAMMA_TOLERANCE);
+        let mut profile = ColorProfile::new_srgb();
+        let mut names = Vec::new();
+        if let Some(png::SourceChromaticities { white, red, green, blue }) = info.chrm_chunk {
+            let point =
+                |(x, y): (png::ScaledFloat, png::ScaledFloat)| Chromaticity::new(x.into_value(), y.into_value());
+            let white = XyY::new(white.0.into_value().into(), white.1.into_value().into(), 1.0);
+            let primaries = ColorPrimaries { red: point(red), green: point(green), blue: point(blue) };
+            profile.update_rgb_colorimetry(white, primaries);
+            names.push("other primaries (cHRM)".to_owned());
+        }
+        if let Some(gamma) = gamma {
+            let curve = ToneReprCurve::Parametric(vec![(1.0 / gamma) as f32]);
+            profile.cicp = None;
+            profile.red_trc = Some(curve.clone());
+            profile.green_trc = Some(curve.clone());
+            profile.blue_trc = Some(curve);
+            names.insert(0, format!("gamma {:.2} (gAMA)", 1.0 / gamma));
+        }
+        if names.is_empty() { Self::AsStored } else { Self::of(&profile, names.join(" and ")) }
+    }
+
+    /// Those of a profile, which is called so.
+    fn of(profile: &ColorProfile, name: String) -> Self {
+        let layout = match profile.color_space {
+            DataColorSpace::Rgb => Layout::Rgb,
+            DataColorSpace::Gray => Layout::Gray,
+            _ => return Self::Ignored(format!("the file has {name}, which is not for RGB or grey")),
+        };
+        let intents = [RenderingIntent::RelativeColorimetric, RenderingIntent::Perceptual, RenderingIntent::Saturation];
+        let transform = intents.into_iter().find_map(|rendering_intent| {
+            let options = TransformOptions { rendering_intent, prefer_fixed_point: false, ..Default::default() };
+            profile.create_transform_f32(layout, &ColorProfile::new_srgb(), Layout::Rgb, options).ok()
+        });
+        let Some(transform) = transform else {
+            return Self::Ignored(format!("the file has {name}, which cannot be converted"));
+        };
+        let conversion = Conversion { transform, grey: layout == Layout::Gray, from: name };
+        let probes = probes(conversion.grey);
+        let mut converted = probes.clone();
+        conversion.apply(&mut converted);
+        let differences = probes.as_flattened().iter().zip(converted.as_flattened()).map(|(a, b)| (a - b).abs());
+        if differences.fold(0.0, f32::max) <= SAME { Self::AsStored } else { Self::Converted(conversion) }
+    }
+
+    /// The pixels in sRGB. What sRGB has no numbers for becomes the nearest that it has, channel by channel.
+    pub(super) fn apply(&self, pixels: &mut [[f32; 3]]) {
+        if let Self::Converted(conversion) = self {
+            conversion.apply(pixels);
+        }
+    }
+
+    /// What is to be said about it.
+    pub(super) fn remark(&self) -> Option<ImageRemark> {
+        match self {
+            Self::AsStored => None,
+            Self::Converted(Conversion { from, .. }) => Some(ImageRemark::Converted { from: from.clone() }),
+            Self::Ignored(why) => Some(ImageRemark::ProfileIgnored { why: why.clone() }),
+        }
+    }
+}
+
+impl Conversion {
+    fn apply(&self, pixels: &mut [[f32; 3]]) {
+        let mut stored = Vec::with_capacity(3 * CHUNK);
+        for pixels in pixels.chunks_mut(CHUNK) {
+            stored.clear();
+            if self.grey {
+                stored.extend(pixels.iter().map(|pixel| pixel[0]));
+            } else {
+                stored.extend_from_slice(pixels.as_flattened());
+            }
+            // The lengths match, which is all that it can complain about.
+            if self.transform.transform(&stored, pixels.as_flattened_mut()).is_ok() {
+                // In this order NaN becomes 0.
+                pixels.as_flattened_mut().iter_mut().for_each(|value| *value = value.max(0.0).min(1.0));
+            }
+        }
+    }
+}
+
+/// Colours by which a conversion is told from none: all greys of 8 bits, and a coarse cube.
+fn probes(grey: bool) -> Vec<[f32; 3]> {
+    let greys = (0..256_u16).map(|value| [f32::from(value) / 255.0; 3]);
+    if grey {
+        return greys.collect();
+    }
+    let level = |i: u16| f32::from(i) / 8.0;
+    let cube = (0..9 * 9 * 9).map(|i| [level(i / 81), level(i / 9 % 9), level(i % 9)]);
+    greys.chain(cube).collect()
+}
+
+/// What a profile calls itself.
+fn name_of(profile: &ColorProfile) -> String {
+    let name = match &profile.description {
+        Some(ProfileText::PlainString(text)) => text.as_str(),
+        Some(ProfileText::Localizable(texts)) => texts.first().map_or("", |text| text.value.as_str()),
+        Some(ProfileText::Description(text)) => text.ascii_string.as_str(),
+        None => "",
+    };
+    let name: String = name.trim_matches(['\0', ' ']).chars().take(60).collect();
+    if name.is_empty() { "a colour profile without a name".to_owned() } else { format!("the colour profile {name}") }
+}

@@ -1,0 +1,245 @@
+//! From a file to pixels: the format is found, the file checked, decoded, and its colours made sRGB.
+
+use std::{
+    fs::File,
+    io::{BufRead, BufReader, Seek},
+    path::Path,
+};
+
+use gs_core::{Image, constants::MAX_SIDE_PX, image::check_size};
+use image::{
+    DynamicImage, ExtendedColorType, ImageDecoder, ImageError, ImageFormat, ImageReader, Limits,
+    codecs::tiff::TiffDecoder, metadata::Orientation as Turn,
+};
+
+use super::{Decoded, ImageHeader, ImageRemark, Orientation, color::Colors, kind, whole};
+use crate::{atomic::open, error::Error};
+
+/// The most memory a decoder may ask for: an image of the largest size with four 16-bit channels (2 GiB), and half as much
+/// again for its own tables.
+const MAX_DECODER_BYTES: u64 = 3 * (MAX_SIDE_PX as u64) * (MAX_SIDE_PX as u64) * 4;
+
+/// The header of an image. Its pixels are decoded only where the file seems to end too early, to know whether it does.
+///
+/// # Errors
+/// Those of [`read_image_with`](crate::read_image_with).
+pub(crate) fn read_header(path: &Path) -> Result<ImageHeader, Error> {
+    let mut file = ImageFile::open(path)?;
+    if !whole::seems_whole(file.format, &mut file.reader).map_err(|error| Error::read(path, error))? {
+        decode(path, Orientation::AsStored)?;
+    }
+    let format = file.format;
+    let (mut decoder, colors, remarks) = file.into_decoder()?;
+    let (width, height) = decoder.dimensions();
+    let upright = match decoder.orientation().map_err(|error| decoder_error(path, format, error))? {
+        Turn::Rotate90 | Turn::Rotate270 | Turn::Rotate90FlipH | Turn::Rotate270FlipH => (height, width),
+        _ => (width, height),
+    };
+    Ok(ImageHeader { stored: (width, height), upright, remarks: with_remark(remarks, &colors) })
+}
+
+/// Reads an image, colour and alpha apart; what can be read is as for [`read_image_with`](crate::read_image_with).
+///
+/// # Errors
+/// Those of [`read_image_with`](crate::read_image_with).
+pub(crate) fn decode(path: &Path, orientation: Orientation) -> Result<Decoded, Error> {
+    let (mut pixels, colors, remarks) = read_pixels(path, orientation)?;
+    colors.apply(&mut pixels.colors);
+    let Pixels { width, height, colors: values, alpha, bits_per_channel } = pixels;
+    let image = Image::from_pixels(width, height, values).map_err(Error::content(path))?;
+    Ok(Decoded { image, alpha, bits_per_channel, remarks: with_remark(remarks, &colors) })
+}
+
+/// Reads a mask: an image whose numbers are no colours and stay as they are stored, as do rows and columns.
+///
+/// # Errors
+/// Those of [`read_image_with`](crate::read_image_with).
+pub(crate) fn decode_mask(path: &Path) -> Result<Image, Error> {
+    let (Pixels { width, height, colors, .. }, ..) = read_pixels(path, Orientation::AsStored)?;
+    Image::from_pixels(width, height, colors).map_err(Error::content(path))
+}
+
+fn with_remark(mut remarks: Vec<ImageRemark>, colors: &Colors) -> Vec<ImageRemark> {
+    remarks.extend(colors.remark());
+    remarks
+}
+
+/// The pixels as stored, what is to become of their colours, and what else is to be said of the file.
+fn read_pixels(path: &Path, orientation: Orientation) -> Result<(Pixels, Colors, Vec<ImageRemark>), Error> {
+    let mut file = ImageFile::open(path)?;
+    file.check_end()?;
+    let format = file.format;
+    let damaged = |error| decoder_error(path, format, error);
+    let (mut decoder, colors, remarks) = file.into_decoder()?;
+    let turned = decoder.orientation().map_err(damaged)?;
+    let mut decoded = DynamicImage::from_decoder(decoder).map_err(damaged)?;
+    if orientation == Orientation::Exif {
+        decoded.apply_orientation(turned);
+    }
+    let pixels = Pixels::of_image(decoded);
+    match pixels.first_not_finite() {
+        Some((x, y, value)) => Err(Error::ImageNotFinite { path: path.to_owned(), x, y, value }),
+        None => Ok((pixels, colors, remarks)),
+    }
+}
+
+/// A file whose first bytes are those of an image.
+struct ImageFile<'a> {
+    path: &'a Path,
+    format: ImageFormat,
+    reader: BufReader<File>,
+}
+
+impl<'a> ImageFile<'a> {
+    fn open(path: &'a Path) -> Result<Self, Error> {
+        let mut reader = BufReader::new(open(path, "an image file")?.0);
+        let format = kind::format_of(path, &mut reader)?;
+        Ok(Self { path, format, reader })
+    }
+
+    /// Fails where a JPEG ends before its end marker: decoders fill what is missing with grey and say nothing.
+    fn check_end(&mut self) -> Result<(), Error> {
+        if self.format != ImageFormat::Jpeg {
+            return Ok(());
+        }
+        match whole::jpeg_is_cut_at(&mut self.reader).map_err(|error| Error::read(self.path, error))? {
+            None => Ok(()),
+            Some(end) => {
+                let message = format!("it ends at byte {end}, in the middle of the picture");
+                Err(Error::DamagedImage { path: self.path.to_owned(), format: "JPEG", message })
+            }
+        }
+    }
+
+    /// A decoder that has read the header, of an image of a possible size; what is to become of its colours, and what else there is in the
+    /// file.
+    fn into_decoder(self) -> Result<(impl ImageDecoder + 'a, Colors, Vec<ImageRemark>), Error> {
+        let Self { path, format, mut reader } = self;
+        let read = |error| Error::read(path, error);
+        let mut remarks = Vec::from_iter(whole::more_than_one(format, &mut reader).map_err(read)?);
+        if format == ImageFormat::Jpeg && whole::jpeg_channels(&mut reader).map_err(read)? == Some(4) {
+            return Err(kind::cmyk(path, "jpg"));
+        }
+        let mut colors = Colors::AsStored;
+        if format == ImageFormat::Png {
+            // What is wrong with it the other decoder says.
+            if let Ok(png) = png::Decoder::new(&mut reader).read_info() {
+                colors = Colors::of_png(png.info());
+                let animated = png.info().animation_control.is_some_and(|animation| animation.num_frames > 1);
+                remarks.extend(animated.then_some(ImageRemark::FirstFrame));
+            }
+            reader.rewind().map_err(read)?;
+        }
+        // With limits, this decoder reads no profile that is larger than the image.
+        let tiff = (format == ImageFormat::Tiff).then(|| TiffDecoder::new(&mut reader)?.icc_profile());
+        reader.rewind().map_err(read)?;
+        let mut decoder = open_decoder(path, format, reader)?;
+        let original = decoder.original_color_type();
+        if matches!(original, ExtendedColorType::Cmyk8 | ExtendedColorType::Cmyk16) {
+            return Err(kind::cmyk(path, "tif"));
+        }
+        let profile = tiff.unwrap_or_else(|| decoder.icc_profile()).ok().flatten();
+        if let Some(icc) = profile.filter(|_| format != ImageFormat::Png) {
+            colors = match matches!(original, ExtendedColorType::Rgb32F | ExtendedColorType::Rgba32F) {
+                true => Colors::Ignored("the file has a colour profile: its numbers are floating point".to_owned()),
+                false => Colors::of_profile(&icc),
+            };
+        }
+        Ok((decoder, colors, remarks))
+    }
+}
+
+/// A decoder that has read the header, of an image of a possible size.
+fn open_decoder<'a>(
+    path: &Path,
+    format: ImageFormat,
+    reader: impl BufRead + Seek + 'a,
+) -> Result<impl ImageDecoder + 'a, Error> {
+    let mut reader = ImageReader::with_format(reader, format);
+    let mut limits = Limits::no_limits();
+    limits.max_alloc = Some(MAX_DECODER_BYTES);
+    reader.limits(limits);
+    let decoder = reader.into_decoder().map_err(|error| decoder_error(path, format, error))?;
+    let (width, height) = decoder.dimensions();
+    let limit = MAX_SIDE_PX;
+    check_size(width, height).map_err(|_| Error::ImageSize { path: path.to_owned(), width, height, limit })?;
+    Ok(decoder)
+}
+
+fn decoder_error(path: &Path, format: ImageFormat, error: ImageError) -> Error {
+    match error {
+        ImageError::IoError(source) if source.kind() != std::io::ErrorKind::UnexpectedEof => Error::read(path, source),
+        ImageError::Unsupported(error) => kind::not_supported(path, name_of(format), &one_line(&error.to_string())),
+        error => {
+            let message = one_line(&error.to_string());
+            Error::DamagedImage { path: path.to_owned(), format: name_of(format), message }
+        }
+    }
+}
+
+fn name_of(format: ImageFormat) -> &'static str {
+    match format {
+        ImageFormat::Png => "PNG",
+        ImageFormat::Jpeg => "JPEG",
+        ImageFormat::Bmp => "BMP",
+        ImageFormat::Tiff => "TIFF",
+        ImageFormat::WebP => "WebP",
+        ImageFormat::Gif => "GIF",
+        _ => "PNM",
+    }
+}
+
+fn one_line(message: &str) -> String {
+    message.split_whitespace().collect::<Vec<_>>().join(" ")
+}
+
+/// Colours and alpha made of stored samples.
+struct Pixels {
+    width: u32,
+    height: u32,
+    colors: Vec<[f32; 3]>,
+    alpha: Option<Vec<f32>>,
+    bits_per_channel: u8,
+}
+
+impl Pixels {
+    fn of_image(decoded: DynamicImage) -> Self {
+        let (width, height, color) = (decoded.width(), decoded.height(), decoded.color());
+        let (colors, alpha) = match decoded {
+            DynamicImage::ImageLuma8(b) => split::<1, u8>(b.as_raw(), 255.0),
+            DynamicImage::ImageLumaA8(b) => split::<2, u8>(b.as_raw(), 255.0),
+            DynamicImage::ImageRgb8(b) => split::<3, u8>(b.as_raw(), 255.0),
+            DynamicImage::ImageRgba8(b) => split::<4, u8>(b.as_raw(), 255.0),
+            DynamicImage::ImageLuma16(b) => split::<1, u16>(b.as_raw(), 65535.0),
+            DynamicImage::ImageLumaA16(b) => split::<2, u16>(b.as_raw(), 65535.0),
+            DynamicImage::ImageRgb16(b) => split::<3, u16>(b.as_raw(), 65535.0),
+            DynamicImage::ImageRgba16(b) => split::<4, u16>(b.as_raw(), 65535.0),
+            DynamicImage::ImageRgb32F(b) => split::<3, f32>(b.as_raw(), 1.0),
+            other => split::<4, f32>(other.into_rgba32f().as_raw(), 1.0),
+        };
+        let bits_per_channel = 8 * (color.bytes_per_pixel() / color.channel_count());
+        Self { width, height, colors, alpha, bits_per_channel }
+    }
+
+    /// Column and row of the first pixel with a value that is NaN or infinite, and that value.
+    fn first_not_finite(&self) -> Option<(u32, u32, f32)> {
+        let color =
+            self.colors.iter().flatten().position(|v| !v.is_finite()).map(|k| (k / 3, self.colors[k / 3][k % 3]));
+        let alpha = self.alpha.iter().flatten().position(|v| !v.is_finite());
+        let alpha = alpha.and_then(|k| Some((k, self.alpha.as_ref()?[k])));
+        let (pixel, value) = color.into_iter().chain(alpha).min_by_key(|(pixel, _)| *pixel)?;
+        Some((pixel as u32 % self.width, pixel as u32 / self.width, value))
+    }
+}
+
+/// Colours and alpha of `CHANNELS` = 1 (grey), 2 (grey, alpha), 3 (RGB) or 4 (RGB, alpha) samples a pixel, of which `white` stands for 1.
+fn split<const CHANNELS: usize, S: Copy + Into<f32>>(samples: &[S], white: f32) -> (Vec<[f32; 3]>, Option<Vec<f32>>) {
+    let pixels = samples.as_chunks::<CHANNELS>().0;
+    let value = |pixel: &[S; CHANNELS], k: usize| pixel[k].into() / white;
+    let colors = pixels.iter().map(|pixel| match CHANNELS {
+        1 | 2 => [value(pixel, 0); 3],
+        _ => [value(pixel, 0), value(pixel, 1), value(pixel, 2)],
+    });
+    let alpha = CHANNELS.is_multiple_of(2).then(|| pixels.iter().map(|pixel| value(pixel, CHANNELS - 1)).collect());
+    (colors.collect(), alpha)
+}

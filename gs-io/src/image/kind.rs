@@ -1,0 +1,140 @@
+//! What a file is by its first bytes: an image that can be read, or what else, and how to make one of it.
+
+use std::{
+    io::{Read, Seek, SeekFrom},
+    path::Path,
+};
+
+use image::ImageFormat;
+
+use crate::error::Error;
+
+/// The kinds of images that can be read, as messages list them.
+const READABLE: &str = "PNG, JPEG, BMP, TIFF, WebP, GIF and PNM";
+
+/// Bytes at both ends of a file by which its kind is told.
+const START_BYTES: u64 = 1024;
+const END_BYTES: u64 = 26;
+
+/// Kinds that are told by bytes at a place, with their usual extension.
+const SIGNATURES: [(usize, &[u8], &str, &str); 22] = [
+    (0, b"\xff\x0a", "a JPEG XL image", "jxl"),
+    (4, b"JXL \r\n\x87\n", "a JPEG XL image", "jxl"),
+    (4, b"jP  \r\n\x87\n", "a JPEG 2000 image", "jp2"),
+    (0, b"\xff\x4f\xff\x51", "a JPEG 2000 image", "j2k"),
+    (4, b"ftypavi", "an AVIF image", "avif"),
+    (4, b"ftyphe", "a HEIC image", "heic"),
+    (4, b"ftypmif1", "a HEIC or AVIF image", "heic"),
+    (4, b"ftypmsf1", "a HEIC or AVIF image", "heic"),
+    (4, b"ftypcrx ", "a camera's raw image", "cr3"),
+    (0, b"FUJIFILMCCD-RAW", "a camera's raw image", "raf"),
+    (0, b"IIRO", "a camera's raw image", "orf"),
+    (0, b"IIU\0", "a camera's raw image", "rw2"),
+    (0, b"8BPS", "a Photoshop document", "psd"),
+    (0, b"gimp xcf", "a GIMP document", "xcf"),
+    (0, b"%PDF", "a PDF document", "pdf"),
+    (0, b"\x76\x2f\x31\x01", "an OpenEXR image", "exr"),
+    (0, b"#?R", "a Radiance HDR image", "hdr"),
+    (0, b"qoif", "a QOI image", "qoi"),
+    (0, b"\0\0\x01\0", "an icon (ICO)", "ico"),
+    (0, b"DDS ", "a DDS texture", "dds"),
+    (0, b"farbfeld", "a farbfeld image", "ff"),
+    (0, b"BPG\xfb", "a BPG image", "bpg"),
+];
+
+/// Endings of raw images that are TIFF files, whose first picture is a thumbnail.
+const RAW_TIFF: [&str; 7] = ["dng", "nef", "arw", "cr2", "pef", "srw", "nrw"];
+
+/// The format that the content announces.
+///
+/// # Errors
+/// [`Error::NotAnImage`] where it is none that can be read.
+pub(super) fn format_of(path: &Path, reader: &mut (impl Read + Seek)) -> Result<ImageFormat, Error> {
+    let (start, end) = ends(reader).map_err(|error| Error::read(path, error))?;
+    let ending = path.extension().map_or_else(String::new, |ending| ending.to_string_lossy().to_lowercase());
+    match image::guess_format(&start) {
+        Ok(ImageFormat::Tiff) if RAW_TIFF.contains(&ending.as_str()) => {
+            Err(not_readable(path, "a camera's raw image", &ending))
+        }
+        Ok(format) if format.reading_enabled() => Ok(format),
+        _ => Err(no_image(path, &ending, &start, &end)),
+    }
+}
+
+/// An image of a kind that is known and cannot be read.
+fn not_readable(path: &Path, what: &str, extension: &str) -> Error {
+    let found = format!("is {what}, but {READABLE} are the images that can be read");
+    Error::NotAnImage { path: path.to_owned(), found, mend: convert(extension) }
+}
+
+/// An image of a kind that can be read, in a variant that cannot.
+pub(super) fn not_supported(path: &Path, format: &str, message: &str) -> Error {
+    let found = format!("is a {format} image of a kind that cannot be read ({message})");
+    Error::NotAnImage { path: path.to_owned(), found, mend: convert(&format.to_lowercase()) }
+}
+
+/// An image in the colours of a printer.
+pub(super) fn cmyk(path: &Path, extension: &str) -> Error {
+    let found = "is an image in CMYK, a printer's colours, which only its profile could turn into RGB".to_owned();
+    let mend = format!("{} -profile sRGB.icc photo.png", convert(extension).trim_end_matches(" photo.png"));
+    Error::NotAnImage { path: path.to_owned(), found, mend }
+}
+
+fn convert(extension: &str) -> String {
+    format!("convert it to PNG, for example with ImageMagick: magick photo.{extension} photo.png")
+}
+
+fn ends(reader: &mut (impl Read + Seek)) -> std::io::Result<(Vec<u8>, Vec<u8>)> {
+    let (mut start, mut end) = (Vec::new(), Vec::new());
+    let length = reader.seek(SeekFrom::End(0))?;
+    reader.seek(SeekFrom::Start(length.saturating_sub(END_BYTES)))?;
+    reader.take(END_BYTES).read_to_end(&mut end)?;
+    reader.rewind()?;
+    reader.take(START_BYTES).read_to_end(&mut start)?;
+    reader.rewind()?;
+    Ok((start, end))
+}
+
+fn no_image(path: &Path, ending: &str, start: &[u8], end: &[u8]) -> Error {
+    let error = |found: String, mend: &str| Error::NotAnImage { path: path.to_owned(), found, mend: mend.to_owned() };
+    if start.is_empty() {
+        return error("is empty".to_owned(), "fetch or export it again");
+    }
+    let known = SIGNATURES.iter().find(|(at, bytes, ..)| start.get(*at..).is_some_and(|rest| rest.starts_with(bytes)));
+    if let Some((_, _, what, extension)) = known {
+        return not_readable(path, what, extension);
+    }
+    if start.get(4..8) == Some(b"ftyp") {
+        return error(
+            "is a video, not an image".to_owned(),
+            "take a frame of it: ffmpeg -i video.mp4 -frames:v 1 frame.png",
+        );
+    }
+    // Only its newer version has a signature, and that at its end.
+    if end.starts_with(b"TRUEVISION-XFILE") || end.ends_with(b"TRUEVISION-XFILE.\0") || ending == "tga" {
+        return not_readable(path, "a TGA image", "tga");
+    }
+    if let Some(text) = text_of(start) {
+        let text = text.to_lowercase();
+        return match () {
+            () if text.contains("<svg") => not_readable(path, "an SVG drawing", "svg"),
+            () if text.contains("<html") || text.contains("<!doctype html") => {
+                error("is a web page, not an image".to_owned(), "fetch the image itself")
+            }
+            () => error("is text, not an image".to_owned(), "name an image file"),
+        };
+    }
+    let bytes: Vec<String> = start.iter().take(8).map(|byte| format!("{byte:02x}")).collect();
+    let found = format!("is no image of a known kind (it begins with the bytes {})", bytes.join(" "));
+    error(found, &format!("name an image; {READABLE} can be read"))
+}
+
+/// The first bytes as text, if they are; a character may be cut at their end.
+fn text_of(start: &[u8]) -> Option<&str> {
+    let text = match std::str::from_utf8(start) {
+        Ok(text) => text,
+        Err(error) if error.error_len().is_none() => std::str::from_utf8(&start[..error.valid_up_to()]).ok()?,
+        Err(_) => return None,
+    };
+    text.chars().all(|c| !c.is_control() || c.is_whitespace()).then_some(text)
+}

@@ -1,0 +1,139 @@
+//! What is said of files that are no images, of images that cannot be read, and of files with more than one.
+
+use std::{fs, io::Cursor};
+
+use gs_core::Image;
+use gs_io::{Animation, Error, ImageRemark, read_image, write_animation};
+use image::{Frame, ImageBuffer, ImageFormat, codecs::gif::GifEncoder};
+
+use crate::{encoded, folder, refusal, rgb_pattern, saved};
+
+#[test]
+fn what_is_no_image_is_said_to_be_none() {
+    let place = folder();
+    let long = "é".repeat(1000);
+    for (name, bytes, found) in [
+        ("text.png", b"Not an image, only its name says so.".as_slice(), "is text, not an image; name an image file"),
+        ("accents.png", &long.as_bytes()[..1023], "is text"),
+        ("page.jpg", b"<!DOCTYPE html><html></html>", "is a web page"),
+        ("drawing.svg", b"<?xml version=\"1.0\"?><svg></svg>", "is an SVG drawing"),
+        ("empty.png", b"", "empty.png: is empty; fetch or export it again"),
+        ("noise.png", &[0x00, 0xfe, 0x13], "begins with the bytes 00 fe 13"),
+        ("photo.jxl", b"\xff\x0a\x1f\x41", "is a JPEG XL image"),
+        ("photo2.jxl", b"\0\0\0\x0cJXL \r\n\x87\n", "magick photo.jxl photo.png"),
+        ("photo.jp2", b"\0\0\0\x0cjP  \r\n\x87\n", "is a JPEG 2000 image"),
+        ("photo.avif", b"\0\0\0\x1cftypavif\0\0\0\0", "is an AVIF image"),
+        ("photo.heic", b"\0\0\0\x18ftypheic\0\0\0\0", "is a HEIC image"),
+        ("photo.mp4", b"\0\0\0\x18ftypisom\0\0\0\0", "is a video"),
+        ("photo.cr3", b"\0\0\0\x18ftypcrx \0\0\0\x01", "is a camera's raw image"),
+        ("photo.nef", b"II\x2a\0\x08\0\0\0", "is a camera's raw image"),
+        ("photo.psd", b"8BPS\0\x01", "is a Photoshop document"),
+        ("photo.pdf", b"%PDF-1.7", "is a PDF document"),
+        ("photo.exr", b"\x76\x2f\x31\x01\x02\0\0\0", "is an OpenEXR image"),
+        ("photo.hdr", b"#?RADIANCE\n", "is a Radiance HDR image"),
+        ("photo.qoi", b"qoif\0\0\0\x01", "is a QOI image"),
+        ("photo.ico", b"\0\0\x01\0\x01\0", "is an icon"),
+        ("photo.dds", b"DDS \x7c\0\0\0", "is a DDS texture"),
+        ("photo.ff", b"farbfeld\0\0\0\x01", "is a farbfeld image"),
+        ("photo.tga", b"\0\0\x02\0\0\0\0\0\0\0\0\0\x01\0\x01\0\x18\0", "is a TGA image"),
+    ] {
+        let error = refusal(place.path(), name, bytes);
+        assert!(matches!(error, Error::NotAnImage { .. }) && error.to_string().contains(found), "{error}");
+    }
+    let footer = [&[0_u8; 60][..], b"TRUEVISION-XFILE.\0"].concat();
+    assert!(refusal(place.path(), "unnamed", &footer).to_string().contains("is a TGA image"));
+    let error = read_image(place.path()).unwrap_err();
+    assert!(matches!(error, Error::NotAFile { found: "a folder", .. }), "{error}");
+    let error = read_image(place.path().join("absent.png")).unwrap_err();
+    assert!(matches!(error, Error::Missing { .. }), "{error}");
+    let error = read_image(place.path().join("text.png/inside.png")).unwrap_err();
+    assert!(matches!(error, Error::Missing { .. }), "{error}");
+}
+
+#[test]
+fn a_printers_colours_are_refused() {
+    let place = folder();
+    let mut jpeg = encoded(&rgb_pattern(16, 16), ImageFormat::Jpeg);
+    let frame = jpeg.windows(2).position(|pair| pair == [0xff, 0xc0]).unwrap();
+    // The number of channels.
+    jpeg[frame + 9] = 4;
+    let error = refusal(place.path(), "a.jpg", &jpeg).to_string();
+    assert!(error.contains("CMYK") && error.ends_with("magick photo.jpg -profile sRGB.icc photo.png"), "{error}");
+}
+
+fn frames(count: u8) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    let mut encoder = GifEncoder::new(&mut bytes);
+    for i in 0..count {
+        let red = ImageBuffer::from_pixel(6, 4, image::Rgba([200 - 100 * i, 0, 0, 255]));
+        encoder.encode_frame(Frame::new(red)).unwrap();
+    }
+    drop(encoder);
+    bytes
+}
+
+/// A WebP animation of one frame, around the lossless image of a still one.
+fn animated_webp() -> Vec<u8> {
+    let still = encoded(&rgb_pattern(6, 4), ImageFormat::WebP);
+    let chunk = |name: &[u8; 4], data: &[u8]| {
+        let padding = if data.len().is_multiple_of(2) { &[][..] } else { &[0] };
+        [&name[..], &(data.len() as u32).to_le_bytes(), data, padding].concat()
+    };
+    let side = |pixels: u32| (pixels - 1).to_le_bytes()[..3].to_vec();
+    let size = [side(6), side(4)].concat();
+    // The place, 0 and 0, the size, a duration and no flags; then the image's own chunk.
+    let frame = [&[0; 6][..], &size, &[100, 0, 0, 0], &still[12..]].concat();
+    let chunks = [
+        chunk(b"VP8X", &[&[2, 0, 0, 0][..], &size].concat()),
+        chunk(b"ANIM", &[0; 6]),
+        chunk(b"ANMF", &frame),
+        chunk(b"ANMF", &frame),
+    ];
+    let content = [&b"WEBP"[..], &chunks.concat()].concat();
+    chunk(b"RIFF", &content)
+}
+
+#[test]
+fn of_an_animation_the_first_frame_is_read_and_that_is_said() {
+    let place = folder();
+    let path = place.path().join("a.png");
+    let animation = Animation { width: 6, height: 4, frames: 2, fps: 10 };
+    let frame = |number: u32| Ok::<_, gs_io::Error>(Image::filled(6, 4, [1.0 - number as f32, 0.5, 0.0]).unwrap());
+    write_animation(&path, animation, frame).unwrap();
+    let apng = fs::read(&path).unwrap();
+    for (bytes, red) in [(frames(2), 200.0 / 255.0), (apng, 1.0), (animated_webp(), 0.0)] {
+        let loaded = read_image(saved(place.path(), "a", &bytes)).unwrap();
+        assert_eq!(loaded.remarks, [ImageRemark::FirstFrame]);
+        assert_eq!((loaded.image.size(), loaded.image.pixel(0, 0)[0]), ((6, 4), red));
+    }
+    assert_eq!(read_image(saved(place.path(), "a", &frames(1))).unwrap().remarks, []);
+}
+
+#[test]
+fn of_several_pages_the_first_is_read_and_that_is_said() {
+    let place = folder();
+    let mut bytes = Cursor::new(Vec::new());
+    rgb_pattern(6, 4).write_to(&mut bytes, ImageFormat::Tiff).unwrap();
+    let mut bytes = bytes.into_inner();
+    assert_eq!(read_image(saved(place.path(), "a.tif", &bytes)).unwrap().remarks, []);
+    let number = |at: usize| u32::from_le_bytes(bytes[at..at + 4].try_into().unwrap()) as usize;
+    let directory = number(4);
+    let next = directory + 2 + 12 * (number(directory) & 0xffff);
+    let end = bytes.len() as u32;
+    let second = bytes[directory..next + 4].to_vec();
+    bytes[next..next + 4].copy_from_slice(&end.to_le_bytes());
+    bytes.extend(second);
+    assert_eq!(read_image(saved(place.path(), "a.tif", &bytes)).unwrap().remarks, [ImageRemark::FirstPage]);
+}
+
+#[test]
+fn a_gif_is_read_with_its_transparency() {
+    let place = folder();
+    let half = ImageBuffer::from_fn(4, 2, |x, _| image::Rgba(if x < 2 { [9, 200, 30, 255] } else { [0, 0, 0, 0] }));
+    let mut bytes = Vec::new();
+    GifEncoder::new(&mut bytes).encode_frame(Frame::new(half)).unwrap();
+    let loaded = read_image(saved(place.path(), "a.gif", &bytes)).unwrap();
+    assert_eq!((loaded.image.pixel(0, 0), loaded.image.pixel(3, 1)), ([9.0, 200.0, 30.0].map(|v| v / 255.0), [1.0; 3]));
+    let error = refusal(place.path(), "b.gif", &bytes[..bytes.len() / 2]);
+    assert!(matches!(error, Error::DamagedImage { format: "GIF", .. }), "{error}");
+}
