@@ -1,15 +1,12 @@
 //! Images: read from the usual formats into `f32`, written as PNG.
 
 use std::{
-    io::{BufRead, BufReader, Read, Seek},
+    io::{BufRead, BufReader, Read, Seek, Write},
     path::Path,
 };
 
-use gs_core::{Image, constants::MAX_SIDE_PX, image::check_size};
-use image::{
-    DynamicImage, ExtendedColorType, ImageDecoder, ImageEncoder, ImageError, ImageFormat, ImageReader, Limits,
-    codecs::png::PngEncoder,
-};
+use gs_core::{Image, constants::MAX_SIDE_PX, image::check_size, memory};
+use image::{DynamicImage, ImageDecoder, ImageError, ImageFormat, ImageReader, Limits};
 
 use crate::{
     atomic::{open, write_atomically},
@@ -164,6 +161,7 @@ pub(crate) fn decode(path: &Path, orientation: Orientation) -> Result<Decoded, E
     let damaged = |error| decoder_error(path, format, error);
     let mut decoder = open_decoder(path, format, reader)?;
     let turned = decoder.orientation().map_err(damaged)?;
+    check_memory(&decoder).map_err(Error::content(path))?;
     let mut decoded = DynamicImage::from_decoder(decoder).map_err(damaged)?;
     if orientation == Orientation::Exif {
         decoded.apply_orientation(turned);
@@ -191,6 +189,14 @@ pub(crate) fn decode(path: &Path, orientation: Orientation) -> Result<Decoded, E
     Ok(Decoded { image, alpha: pixels.alpha, bits_per_channel })
 }
 
+/// Asks for all the memory that decoding takes, and gives it back: decoders abort where they are refused it.
+fn check_memory(decoder: &impl ImageDecoder) -> Result<(), gs_core::Error> {
+    let (width, height) = decoder.dimensions();
+    let pixels = u64::from(width) * u64::from(height);
+    let bytes = decoder.total_bytes() + pixels * size_of::<[f32; 4]>() as u64;
+    memory::reserved::<u8>(usize::try_from(bytes).unwrap_or(usize::MAX), "decoding the image").map(drop)
+}
+
 /// A decoder that has read the header, of an image of a possible size.
 fn open_decoder<'a>(
     path: &Path,
@@ -213,20 +219,27 @@ fn open_decoder<'a>(
 /// # Errors
 /// Those of [`write_atomically`].
 pub fn write_png(path: impl AsRef<Path>, image: &Image) -> Result<(), Error> {
-    let bytes = bytes_of(image);
     write_atomically(path, |file| {
-        let encoder = PngEncoder::new(file);
-        encoder.write_image(&bytes, image.width(), image.height(), ExtendedColorType::Rgb8).map_err(|error| match error
-        {
-            ImageError::IoError(error) => error,
-            other => std::io::Error::other(other),
-        })
+        let mut encoder = png::Encoder::new(file, image.width(), image.height());
+        encoder.set_color(png::ColorType::Rgb);
+        encoder.set_depth(png::BitDepth::Eight);
+        encoder.set_compression(png::Compression::Fast);
+        encoder.set_filter(png::Filter::Adaptive);
+        let mut writer = encoder.write_header()?;
+        // Row by row: neither the bytes of a large image nor what they are packed into is in memory as a whole.
+        let mut stream = writer.stream_writer_with_size(CHUNK_BYTES)?;
+        (0..image.height()).try_for_each(|y| stream.write_all(&bytes_of(image.row(y))))?;
+        stream.finish()?;
+        Ok(writer.finish()?)
     })
 }
 
-/// The pixels in 8 bits a channel, as [`write_png`] has them.
-pub(crate) fn bytes_of(image: &Image) -> Vec<u8> {
-    image.pixels().as_flattened().iter().map(|v| (v.clamp(0.0, 1.0) * 255.0).round() as u8).collect()
+/// Bytes of a PNG that are packed before they are written.
+const CHUNK_BYTES: usize = 1 << 16;
+
+/// Pixels in 8 bits a channel, as [`write_png`] has them.
+pub(crate) fn bytes_of(pixels: &[[f32; 3]]) -> Vec<u8> {
+    pixels.as_flattened().iter().map(|v| (v.clamp(0.0, 1.0) * 255.0).round() as u8).collect()
 }
 
 /// The format that the first bytes announce.

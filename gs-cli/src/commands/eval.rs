@@ -62,13 +62,14 @@ pub(crate) fn run(args: &EvalArgs) -> Result<(), Failure> {
         let message = format!("sizes differ: {}, {}", size(&args.a, &a), size(&args.b, &b));
         return Err(Failure::failed(message).mend("compare images of one size; gs render --size makes one"));
     }
+    let found = metrics::compare((&a, |value| value), (&b, |value| value))?;
     let comparison = Comparison {
         width: a.width(),
         height: a.height(),
-        psnr: metrics::psnr(&a, &b)?,
-        ssim: metrics::ssim(&a, &b)?,
-        ms_ssim: metrics::ms_ssim(&a, &b)?,
-        l1: metrics::mean_absolute_error(&a, &b)?,
+        psnr: found.psnr,
+        ssim: found.ssim,
+        ms_ssim: found.ms_ssim,
+        l1: found.l1,
     };
     if args.json {
         return output::json(&comparison);

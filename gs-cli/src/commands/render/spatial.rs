@@ -148,9 +148,9 @@ impl SpatialTask for Frames<'_> {
         let cloud = rasterizer.upload(scene, gs_core::Chart::ScaleRotation)?;
         let mut culled = Culled::default();
         let mut frame = |camera: &Camera| -> Result<Image, Failure> {
-            let frame = rasterizer.forward(&cloud, camera, render)?;
-            culled = culled.plus(rasterizer.culled(&frame)?);
-            Ok(rasterizer.image(&frame)?)
+            let (image, left_out) = rasterizer.draw(&cloud, camera, render)?;
+            culled = culled.plus(left_out);
+            Ok(image)
         };
         let Camera { width, height, .. } = cameras[0];
         let output = &args.output;
