@@ -148,6 +148,14 @@ pub(crate) fn image_size(path: &Path) -> Result<ImageSize, Error> {
     Ok(ImageSize { stored: (width, height), upright })
 }
 
+/// Columns and rows of an image, upright, from its header alone.
+///
+/// # Errors
+/// Those of [`read_image_with`] that a header can have.
+pub fn read_image_size(path: impl AsRef<Path>) -> Result<(u32, u32), Error> {
+    Ok(image_size(path.as_ref())?.upright)
+}
+
 /// Reads an image, colour and alpha apart; what can be read is as for [`read_image_with`].
 ///
 /// # Errors

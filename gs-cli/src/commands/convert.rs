@@ -13,7 +13,7 @@ use gs_core::{
 use gs_io::{GltfBuffer, Loss, SpatialFormat, SpatialOptions, SpzOptions, SpzVersion};
 use serde::Serialize;
 
-use crate::{failure::Failure, output};
+use crate::{failure::Failure, memory, output};
 
 /// The flags of `gs convert`.
 #[derive(Debug, Clone, Args)]
@@ -89,6 +89,7 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<(), Failure> {
     if SpatialFormat::to_write(&args.to).is_none() {
         return Err(gs_io::Error::UnknownEnding { path: args.to.clone() }.into());
     }
+    memory::check_spatial(&args.from)?;
     let file =
         if args.drop_broken { gs_io::read_spatial_unchecked(&args.from) } else { gs_io::read_spatial(&args.from) };
     let file = file.map_err(Failure::of_scene)?;

@@ -11,7 +11,7 @@ use serde::Serialize;
 use crate::{
     backend::{Backend, BackendArgs, SpatialTask},
     failure::Failure,
-    output,
+    memory, output,
     shown::{ShownArgs, effects, why_empty},
     train::DatasetArgs,
 };
@@ -55,7 +55,8 @@ pub(crate) fn run(args: &EvalArgs) -> Result<(), Failure> {
     if may_be_dataset(&args.b) || matches!(gs_io::spatial_format(&args.a), Ok(Some(_))) {
         return judge(args);
     }
-    let (a, b) = (read(&args.a)?, read(&args.b)?);
+    let a = read(&args.a)?;
+    let b = read(&args.b)?;
     if a.size() != b.size() {
         let size =
             |path: &Path, image: &Image| format!("{} is {}x{} px", path.display(), image.width(), image.height());
@@ -82,6 +83,7 @@ pub(crate) fn run(args: &EvalArgs) -> Result<(), Failure> {
 }
 
 fn read(path: &Path) -> Result<Image, Failure> {
+    memory::check_image(path)?;
     Ok(gs_io::read_image(path)?.image)
 }
 

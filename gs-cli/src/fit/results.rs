@@ -20,7 +20,7 @@ use crate::{
     fit::{
         arguments::Pictures, folder::OutputFolder, observers::write_table, settings, target::Target, trouble::Trouble,
     },
-    output,
+    memory, output,
     report::{
         curve::{self, Point},
         ellipses,
@@ -38,6 +38,8 @@ pub(crate) struct Summary {
     simd: Option<String>,
     /// The whole time of the program, pictures included, and that of the fit before it was resumed, s.
     total_seconds: f64,
+    /// The most memory that the program has had, bytes; none where the system does not tell.
+    peak_memory: Option<u64>,
     /// The image; none is the paper's circle and square.
     image: Option<String>,
     /// Which effects the scene calls for at the image's size, and why.
@@ -184,6 +186,7 @@ impl Results<'_> {
             adapter: self.backend.adapter.clone(),
             simd: self.backend.simd.clone(),
             total_seconds: self.seconds_before + self.started.elapsed().as_secs_f64(),
+            peak_memory: memory::peak(),
             image: self.target.file.as_ref().map(|file| file.display().to_string()),
             effects: self.effects.choose(&file.scene, &[canvas], &file.settings)?.verdicts,
         })

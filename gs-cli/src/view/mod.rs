@@ -29,7 +29,7 @@ use crate::{
     cameras,
     effects::choice::{EffectsArgs, told},
     failure::Failure,
-    output,
+    memory, output,
     shown::ShownArgs,
     values::{Axis, Size, ViewName},
     view::{navigation::Navigator, overlay::Subject, session::Session, window::Desktop},
@@ -138,6 +138,7 @@ impl SpatialTask for Describe {
 /// The scene, which must be one in space.
 fn read(args: &ViewArgs) -> Result<SpatialScene, Failure> {
     if gs_io::spatial_format(&args.scene)?.is_some() {
+        memory::check_spatial(&args.scene)?;
         return Ok(read_spatial(&args.scene).map_err(Failure::of_scene)?.scene);
     }
     gs_io::read_scene(&args.scene)?;

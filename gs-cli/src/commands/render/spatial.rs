@@ -18,7 +18,7 @@ use crate::{
     effects::choice::told,
     failure::Failure,
     fit::folder::OutputFolder,
-    output,
+    memory, output,
     shown::{effects, why_empty},
     text_file::read_text,
     values::Size,
@@ -33,12 +33,15 @@ pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
         let message = "--region is for the scene of an image, but this is one in space";
         return Err(Failure::usage(message).at(args.scene.display()).mend("leave it out"));
     }
+    memory::check_spatial(&args.scene)?;
     let scene = read_spatial(&args.scene).map_err(Failure::of_scene)?.scene;
     let (cameras, dataset) = cameras(&args.cameras, args.size, &scene)?;
     for camera in &cameras {
         camera.validate().map_err(|error| Failure::usage(error).at("--camera, --path or --size"))?;
     }
     check_output(&args.output, cameras.len())?;
+    let Camera { width, height, .. } = cameras[0];
+    memory::check_picture(args.scene.display(), (width, height))?;
     let render = match &dataset {
         Some(dataset) => args.shown.settings_beside(&scene, dataset),
         None => args.shown.settings(&scene),
