@@ -14,6 +14,7 @@ mod failure;
 mod fit;
 mod frontier;
 mod interrupt;
+mod memory;
 mod output;
 mod paper;
 mod profile;

@@ -58,6 +58,14 @@ pub enum Error {
         /// Rows of the second.
         right_height: u32,
     },
+    /// The system refused memory for something large.
+    #[error("{what}: {} of memory were refused; make it smaller, or free memory", crate::memory::amount(*bytes))]
+    Memory {
+        /// What the memory was for.
+        what: &'static str,
+        /// How much was asked for.
+        bytes: u64,
+    },
     /// A pixel that must be finite is NaN or infinite.
     #[error("{what} is not finite ({value}) in column {column} of row {row}; repair the image, or leave it out")]
     Pixel {

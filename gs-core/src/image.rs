@@ -1,23 +1,28 @@
 //! An image in memory: RGB in `f32`, as the image file has it (no linearisation), 0 black, 1 white, not clamped.
 
-use crate::{constants::MAX_SIDE_PX, error::Error};
+use std::sync::Arc;
+
+use crate::{constants::MAX_SIDE_PX, error::Error, memory};
 
 /// An RGB image, row-major from the top-left corner, `[height, width, 3]`.
+///
+/// A clone shares the pixels; they are copied when one of the two is written to.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Image {
     width: u32,
     height: u32,
-    pixels: Vec<[f32; 3]>,
+    pixels: Arc<Vec<[f32; 3]>>,
 }
 
 impl Image {
     /// An image of one colour.
     ///
     /// # Errors
-    /// [`Error::Size`] when a side is 0 or longer than [`MAX_SIDE_PX`].
+    /// [`Error::Size`] when a side is 0 or longer than [`MAX_SIDE_PX`]; [`Error::Memory`].
     pub fn filled(width: u32, height: u32, color: [f32; 3]) -> Result<Self, Error> {
         check_size(width, height)?;
-        Ok(Self { width, height, pixels: vec![color; width as usize * height as usize] })
+        let pixels = memory::filled(width as usize * height as usize, color, "the pixels of an image")?;
+        Ok(Self { width, height, pixels: Arc::new(pixels) })
     }
 
     /// An image from its pixels, row-major.
@@ -30,17 +35,18 @@ impl Image {
         if pixels.len() != expected {
             return Err(Error::Length { what: "pixels", expected, found: pixels.len() });
         }
-        Ok(Self { width, height, pixels })
+        Ok(Self { width, height, pixels: Arc::new(pixels) })
     }
 
     /// An image whose pixel (column, row) is `color(column, row)`.
     ///
     /// # Errors
-    /// [`Error::Size`] for an impossible size.
+    /// [`Error::Size`] for an impossible size; [`Error::Memory`].
     pub fn from_fn(width: u32, height: u32, mut color: impl FnMut(u32, u32) -> [f32; 3]) -> Result<Self, Error> {
         check_size(width, height)?;
-        let pixels = (0..height).flat_map(|y| (0..width).map(move |x| (x, y))).map(|(x, y)| color(x, y)).collect();
-        Ok(Self { width, height, pixels })
+        let mut pixels = memory::reserved(width as usize * height as usize, "the pixels of an image")?;
+        pixels.extend((0..height).flat_map(|y| (0..width).map(move |x| (x, y))).map(|(x, y)| color(x, y)));
+        Ok(Self { width, height, pixels: Arc::new(pixels) })
     }
 
     /// Columns.
@@ -63,9 +69,18 @@ impl Image {
         &self.pixels
     }
 
-    /// All pixels, to write.
+    /// All pixels, to write; copied first where a clone shares them.
     pub fn pixels_mut(&mut self) -> &mut [[f32; 3]] {
-        &mut self.pixels
+        let pixels: &mut Vec<_> = Arc::make_mut(&mut self.pixels);
+        pixels
+    }
+
+    /// One row of pixels, `[width]`.
+    ///
+    /// # Panics
+    /// When it lies outside the image.
+    pub fn row(&self, y: u32) -> &[[f32; 3]] {
+        &self.pixels[y as usize * self.width as usize..][..self.width as usize]
     }
 
     /// The pixel in column `x` and row `y`.
@@ -79,8 +94,8 @@ impl Image {
 
     /// The same image with every value in 0..=1 (what a display or an 8-bit file shows).
     pub fn clamped(&self) -> Self {
-        let pixels = self.pixels.iter().map(|p| p.map(|v| v.clamp(0.0, 1.0))).collect();
-        Self { pixels, ..*self }
+        let pixels: Vec<_> = self.pixels.iter().map(|p| p.map(|v| v.clamp(0.0, 1.0))).collect();
+        Self { pixels: Arc::new(pixels), ..*self }
     }
 
     /// Fails unless every value is finite; `what` is what the image is.
@@ -125,6 +140,15 @@ pub fn check_size(width: u32, height: u32) -> Result<(), Error> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn clones_share_their_pixels_until_one_is_written_to() {
+        let image = Image::filled(3, 2, [0.5; 3]).unwrap();
+        let mut other = image.clone();
+        assert_eq!(other.pixels().as_ptr(), image.pixels().as_ptr());
+        other.pixels_mut()[4] = [1.0; 3];
+        assert_eq!((image.row(1), other.row(1)), (&[[0.5; 3]; 3][..], &[[0.5; 3], [1.0; 3], [0.5; 3]][..]));
+    }
 
     #[test]
     fn the_first_value_that_is_not_finite_is_named() {

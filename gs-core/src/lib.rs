@@ -17,6 +17,7 @@ pub mod guards;
 pub mod image;
 pub mod local_frame;
 pub mod loss;
+pub mod memory;
 pub mod metrics;
 pub mod perspective;
 pub mod profile;

@@ -120,6 +120,16 @@ pub trait Rasterizer<S: Scene> {
     /// [`Error::Backend`] where the device is lost.
     fn culled(&self, frame: &Self::Frame) -> Result<Culled, Error>;
 
+    /// The image of a cloud, not clamped, and how many Gaussians it leaves out, where no backward pass follows: what [`Self::forward`],
+    /// [`Self::image`] and [`Self::culled`] find, to the bit. Backends may need less memory for it.
+    ///
+    /// # Errors
+    /// Those of the three.
+    fn draw(&self, cloud: &Self::Cloud, view: &S::View, settings: &RenderSettings) -> Result<(Image, Culled), Error> {
+        let frame = self.forward(cloud, view, settings)?;
+        Ok((self.image(&frame)?, self.culled(&frame)?))
+    }
+
     /// Stages `loss`, `blend_bwd` and `project_bwd`: the loss and its gradients.
     ///
     /// # Errors
@@ -232,9 +242,8 @@ pub trait Rasterizer<S: Scene> {
     /// A picture of a scene, nothing else.
     ///
     /// # Errors
-    /// Those of [`Self::upload`] and [`Self::forward`].
+    /// Those of [`Self::upload`] and [`Self::draw`].
     fn render(&self, scene: &S, view: &S::View, settings: &RenderSettings) -> Result<Image, Error> {
-        let cloud = self.upload(scene, Chart::ScaleRotation)?;
-        self.image(&self.forward(&cloud, view, settings)?)
+        Ok(self.draw(&self.upload(scene, Chart::ScaleRotation)?, view, settings)?.0)
     }
 }

@@ -4,7 +4,7 @@
 //! listed that a Gaussian cannot touch above the cut. Entries of a tile stand in the order of places, whatever the number of
 //! threads.
 
-use gs_core::Error;
+use gs_core::{Error, memory};
 use rayon::prelude::*;
 
 use crate::{
@@ -92,7 +92,7 @@ impl Bins {
     /// Lists anew, and counts the Gaussians that touch no pixel.
     ///
     /// # Errors
-    /// [`Error::Backend`] where there are more entries than [`Self::most_entries`]; the lists are then of no use.
+    /// [`Error::Backend`] where there are more entries than [`Self::most_entries`], [`Error::Memory`]; the lists are then of no use.
     pub(crate) fn fill(&mut self, splats: &[Splat], grid: &Grid, bounds: Bounds) -> Result<(), Error> {
         let tiles = grid.tiles();
         self.chunk_len = CHUNK.max(splats.len().div_ceil(MOST_CHUNKS));
@@ -116,7 +116,8 @@ impl Bins {
         self.tile_start.push(next);
 
         self.chunks.par_iter_mut().for_each(Chunk::assign_slots);
-        self.entries.resize(total as usize, Entry::default());
+        let what = "the list of all pairs of a Gaussian and a tile";
+        memory::resize(&mut self.entries, total as usize, Entry::default(), what)?;
         scatter(0..tiles, &self.tile_start, &self.chunks, &mut self.entries, rayon::current_num_threads());
         Ok(())
     }

@@ -6,8 +6,6 @@
 //!
 //! Legend: as in `blend_over`.
 
-use std::sync::{Mutex, PoisonError};
-
 use fearless_simd::{Level, Simd, dispatch};
 use gs_core::splat::over::{self, Backward, Forward};
 
@@ -50,26 +48,6 @@ pub(crate) struct Scratch {
     reaching: Vec<u32>,
     /// What each pixel of a row sees.
     seen: [Vec<Seen>; LANES],
-}
-
-/// A scratch for every thread, so that warm passes allocate nothing.
-#[derive(Debug, Default)]
-pub(crate) struct Scratches(Vec<Mutex<Scratch>>);
-
-impl Scratches {
-    /// Makes sure of one for each of the current pool's threads.
-    pub(crate) fn fit(&mut self) {
-        self.0.resize_with(rayon::current_num_threads(), Mutex::default);
-    }
-
-    /// Runs `work` with this thread's.
-    pub(crate) fn with<T>(&self, work: impl FnOnce(&mut Scratch) -> T) -> T {
-        let own = rayon::current_thread_index().and_then(|thread| self.0.get(thread));
-        match own {
-            Some(scratch) => work(&mut scratch.lock().unwrap_or_else(PoisonError::into_inner)),
-            None => work(&mut Scratch::default()),
-        }
-    }
 }
 
 /// The bits of a number such that greater numbers have greater bits.

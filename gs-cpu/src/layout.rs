@@ -5,7 +5,7 @@
 
 use std::ops::Range;
 
-use gs_core::Image;
+use gs_core::{Error, Image, memory};
 
 use crate::lanes::LANES;
 
@@ -81,8 +81,8 @@ impl Grid {
     }
 
     /// An image's pixels as strips; lanes beyond the last column are 0.
-    pub(crate) fn strips_of(&self, image: &Image) -> Vec<Row> {
-        let mut rows = vec![Row::ZERO; self.rows()];
+    pub(crate) fn strips_of(&self, image: &Image) -> Result<Vec<Row>, Error> {
+        let mut rows = memory::filled(self.rows(), Row::ZERO, "a target")?;
         for (y, line) in image.pixels().chunks_exact(self.width).enumerate() {
             for (x, pixel) in line.iter().enumerate() {
                 let row = &mut rows[(x / LANES) * self.height + y];
@@ -91,19 +91,24 @@ impl Grid {
                 }
             }
         }
-        rows
+        Ok(rows)
     }
 
     /// Strips as an image.
-    pub(crate) fn image_of(&self, rows: &[Row]) -> Image {
-        let mut pixels = vec![[0.0; 3]; self.width * self.height];
-        for (y, line) in pixels.chunks_exact_mut(self.width).enumerate() {
-            for (x, pixel) in line.iter_mut().enumerate() {
-                let row = &rows[(x / LANES) * self.height + y].0;
-                *pixel = [0, 1, 2].map(|k| row[k][x % LANES]);
-            }
+    pub(crate) fn image_of(&self, rows: &[Row]) -> Result<Image, Error> {
+        let mut image = Image::filled(self.width as u32, self.height as u32, [0.0; 3])?;
+        for (y, line) in image.pixels_mut().chunks_exact_mut(self.width).enumerate() {
+            self.put_line(rows, y, line);
         }
-        Image::from_pixels(self.width as u32, self.height as u32, pixels).expect("a grid has the size of an image")
+        Ok(image)
+    }
+
+    /// Writes image row `y`, or a part of it that begins where a strip does, from strips of which the first is that part's first.
+    pub(crate) fn put_line(&self, rows: &[Row], y: usize, line: &mut [[f32; 3]]) {
+        for (x, pixel) in line.iter_mut().enumerate() {
+            let row = &rows[(x / LANES) * self.height + y].0;
+            *pixel = [0, 1, 2].map(|k| row[k][x % LANES]);
+        }
     }
 }
 
@@ -169,7 +174,7 @@ mod tests {
         for size in [(1, 1), (16, 3), (17, 5), (40, 9)] {
             let image = Image::from_fn(size.0, size.1, |x, y| [x as f32, y as f32, 0.5]).unwrap();
             let grid = Grid::new(size, 4);
-            assert_eq!(grid.image_of(&grid.strips_of(&image)), image);
+            assert_eq!(grid.image_of(&grid.strips_of(&image).unwrap()).unwrap(), image);
         }
     }
 

@@ -3,7 +3,7 @@
 use std::sync::OnceLock;
 
 use fearless_simd::{Level, Simd, dispatch, prelude::*};
-use gs_core::{Error, Image, Loss, constants::MAX_RESIDUAL, guards::Guard};
+use gs_core::{Error, Image, Loss, constants::MAX_RESIDUAL, guards::Guard, memory};
 
 use crate::{
     dssim::{self, BlurredTarget},
@@ -23,10 +23,10 @@ pub struct Target {
 }
 
 impl Target {
-    pub(crate) fn new(image: &Image) -> Self {
+    pub(crate) fn new(image: &Image) -> Result<Self, Error> {
         let (width, height) = image.size();
-        let rows = Grid::new((width, height), 1).strips_of(image);
-        Self { width, height, rows, blurred: OnceLock::new() }
+        let rows = Grid::new((width, height), 1).strips_of(image)?;
+        Ok(Self { width, height, rows, blurred: OnceLock::new() })
     }
 
     /// Fails unless the target has this size.
@@ -45,16 +45,22 @@ impl Target {
 
 /// The loss of `tiles.rows`, its gradient into `tiles.v_rows` (0 in lanes beyond the image); where they are asked for, the pixels'
 /// errors.
-pub(crate) fn loss(tiles: &mut Tiles, target: &Target, loss: &Loss, level: Level) -> f64 {
+///
+/// # Errors
+/// [`Error::Memory`].
+pub(crate) fn loss(tiles: &mut Tiles, target: &Target, loss: &Loss, level: Level) -> Result<f64, Error> {
+    let pixels = if tiles.collects_errors() { tiles.grid.rows() } else { 0 };
+    memory::resize(&mut tiles.errors, pixels, ScalarRow([0.0; LANES]), "the pixels' errors")?;
     if tiles.collects_errors() {
         errors(tiles, target);
     }
+    memory::resize(&mut tiles.v_rows, tiles.grid.rows(), Row::ZERO, "the gradient of an image")?;
     let count = 3.0 * f64::from(target.width) * f64::from(target.height);
-    match *loss {
+    Ok(match *loss {
         Loss::L2 => pointwise(tiles, target, level, Pointwise::Square { scale: (2.0 / count) as f32 }) / count,
         Loss::L1 => pointwise(tiles, target, level, Pointwise::Absolute { scale: (1.0 / count) as f32 }) / count,
-        Loss::L1Dssim { lambda } => dssim::loss(tiles, target, level, lambda),
-    }
+        Loss::L1Dssim { lambda } => dssim::loss(tiles, target, level, lambda)?,
+    })
 }
 
 /// The errors of `tiles.rows`, into `tiles.errors`.
@@ -87,10 +93,9 @@ pub(crate) enum Pointwise {
     Absolute { scale: f32 },
 }
 
-/// The sum of a pointwise loss, unscaled; its scaled gradient into `v_rows`.
+/// The sum of a pointwise loss, unscaled; its scaled gradient into `v_rows`, which has its size.
 fn pointwise(tiles: &mut Tiles, target: &Target, level: Level, kind: Pointwise) -> f64 {
     let grid = tiles.grid;
-    tiles.v_rows.resize(grid.rows(), Row::ZERO);
     let (image, bins) = (&tiles.rows, &tiles.bins);
     let cuts = Cuts { grid: &grid, tile_start: &bins.tile_start, stride: 0 };
     let buffers = TileBuffers { rows: &mut tiles.v_rows, scalars: &mut [], slots: &mut [], sums: &mut tiles.sums };

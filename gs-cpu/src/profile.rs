@@ -81,13 +81,13 @@ impl<S: Kind> Pass<'_, S> {
             Stage::Sort => S::sort(workspace, cloud),
             Stage::Project => S::project(workspace, cloud),
             Stage::Bin => workspace.tiles.bin()?,
-            Stage::Blend => workspace.tiles.blend(level),
+            Stage::Blend => workspace.tiles.blend(level)?,
             Stage::Loss => {
-                loss::loss(&mut workspace.tiles, target, &self.loss, level);
+                loss::loss(&mut workspace.tiles, target, &self.loss, level)?;
             }
-            Stage::BlendBwd => workspace.tiles.blend_bwd(level),
+            Stage::BlendBwd => workspace.tiles.blend_bwd(level)?,
             Stage::Fused => {
-                workspace.tiles.blend_l2_fused(level, &target.rows);
+                workspace.tiles.blend_l2_fused(level, &target.rows)?;
             }
             Stage::ProjectBwd => S::project_bwd(workspace, cloud, 1.0),
             Stage::Adam => S::adam(cloud, bias, &self.rates, level, workspace),

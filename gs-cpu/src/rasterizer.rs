@@ -162,7 +162,7 @@ impl<S: Kind> Rasterizer<S> for CpuRasterizer {
 
     fn upload_target(&self, image: &Image) -> Result<Target, Error> {
         image.check_finite("the target")?;
-        Ok(Target::new(image))
+        Target::new(image)
     }
 
     fn save(&self, cloud: &S::Cloud) -> Result<CloudState, Error> {
@@ -179,14 +179,26 @@ impl<S: Kind> Rasterizer<S> for CpuRasterizer {
         let mut workspace = pool.take().tuned(self.tuning);
         self.threads.install(|| {
             S::prepare(&mut workspace, cloud, view, settings, Binning::Fresh)?;
-            workspace.tiles.blend(self.level);
-            Ok::<(), Error>(())
+            workspace.tiles.blend(self.level)
         })?;
         Ok(Frame::new(workspace, pool))
     }
 
     fn image(&self, frame: &Frame<S>) -> Result<Image, Error> {
-        Ok(frame.image())
+        frame.image()
+    }
+
+    fn draw(&self, cloud: &S::Cloud, view: &S::View, settings: &RenderSettings) -> Result<(Image, Culled), Error> {
+        S::check(view, settings)?;
+        let pool = &S::resources(self).pool;
+        let mut workspace = pool.take().tuned(self.tuning);
+        let image = self.threads.install(|| {
+            S::prepare(&mut workspace, cloud, view, settings, Binning::Fresh)?;
+            workspace.tiles.draw(self.level)
+        })?;
+        let culled = workspace.tiles.culled();
+        pool.give(workspace);
+        Ok((image, culled))
     }
 
     fn culled(&self, frame: &Frame<S>) -> Result<Culled, Error> {
@@ -207,11 +219,11 @@ impl<S: Kind> Rasterizer<S> for CpuRasterizer {
             return Err(Error::State("the frame is of another cloud, or of this one before an edit".to_owned()));
         }
         let value = self.threads.install(|| {
-            let value = loss::loss(&mut workspace.tiles, target, loss, self.level);
-            workspace.tiles.blend_bwd(self.level);
+            let value = loss::loss(&mut workspace.tiles, target, loss, self.level)?;
+            workspace.tiles.blend_bwd(self.level)?;
             S::project_bwd(workspace, cloud, 1.0);
-            value
-        });
+            Ok::<f64, Error>(value)
+        })?;
         Ok((value as f32, frame.into_gradients()))
     }
 
@@ -252,11 +264,11 @@ impl<S: Kind> Rasterizer<S> for CpuRasterizer {
             let tiles = &mut workspace.tiles;
             let (value, scale) = if Tiles::is_fused(&step.settings.effects, step.loss) {
                 let count = 3.0 * tiles.grid.width as f64 * tiles.grid.height as f64;
-                (tiles.blend_l2_fused(self.level, &target.rows) / count, (2.0 / count) as f32)
+                (tiles.blend_l2_fused(self.level, &target.rows)? / count, (2.0 / count) as f32)
             } else {
-                tiles.blend(self.level);
-                let value = loss::loss(tiles, target, &step.loss, self.level);
-                tiles.blend_bwd(self.level);
+                tiles.blend(self.level)?;
+                let value = loss::loss(tiles, target, &step.loss, self.level)?;
+                tiles.blend_bwd(self.level)?;
                 (value, 1.0)
             };
             S::project_bwd(&mut workspace, cloud, scale);

@@ -1,22 +1,26 @@
 //! The buffers between projection and its way back, and the stages that work on them: the same for every kind of scene.
 
+use std::ops::Range;
+
 use fearless_simd::{Level, dispatch};
 use glam::Vec2;
 use gs_core::{
     Accuracy, Blend, Effects, Error, Loss, RenderSettings,
     effects::{Order, Statistics, written},
+    memory,
     statistics::Culled,
 };
 
 use crate::{
     bin::{Bins, Entry},
     blend_over,
-    blend_pixel_depth::{self, PixelDepth, Scratches},
+    blend_pixel_depth::{self, PixelDepth, Scratch},
     blend_sum,
     collect::{Nothing, collecting, numbers},
     dssim,
     layout::{Cuts, Grid, MOST_ROWS_OVER, Row, ScalarRow, TileBuffers, for_each_tile},
     loss::squares_in_place,
+    scratches::Scratches,
     splat::{Received, Splat},
     tuning::CpuTuning,
 };
@@ -38,9 +42,11 @@ pub(crate) struct Tiles {
     pub(crate) splats: Vec<Splat>,
     /// By place, where pixels have their own order.
     pub(crate) depths: Vec<PixelDepth>,
-    scratches: Scratches,
+    scratches: Scratches<Scratch>,
+    /// A tile's rows, for passes that use them up before they come to the next tile.
+    pub(crate) tile_rows: Scratches<Vec<Row>>,
     pub(crate) bins: Bins,
-    /// The image; under fused steps the residual.
+    /// The image, or the strips of it that were drawn last.
     pub(crate) rows: Vec<Row>,
     pub(crate) transmittance: Vec<ScalarRow>,
     /// ∂L/∂image.
@@ -121,13 +127,11 @@ impl Tiles {
         self.grid = Grid::new(size, band_rows);
     }
 
-    /// Gives the buffers of the stages from `blend` on their sizes.
+    /// Gives the buffers of the stages from `blend` on their sizes, but for those that one stage alone knows.
     pub(crate) fn fit(&mut self) {
         self.stride = self.gradient_stride() + numbers(self.settings.effects.statistics);
-        self.rows.resize(self.grid.rows(), Row::ZERO);
-        let errors = if self.collects_errors() { self.grid.rows() } else { 0 };
-        self.errors.resize(errors, ScalarRow([0.0; 16]));
         self.sums.resize(self.grid.tiles(), 0.0);
+        self.tile_rows.fit();
         if self.settings.effects.order == Order::PixelDepth {
             self.scratches.fit();
         }
@@ -171,15 +175,28 @@ impl Tiles {
     }
 
     /// Stage `blend`: the image, into `rows`.
-    pub(crate) fn blend(&mut self, level: Level) {
+    ///
+    /// # Errors
+    /// [`Error::Memory`].
+    pub(crate) fn blend(&mut self, level: Level) -> Result<(), Error> {
+        self.blend_tiles(level, 0..self.grid.tiles())
+    }
+
+    /// The image of these tiles, which are whole strips, into `rows`.
+    ///
+    /// # Errors
+    /// [`Error::Memory`].
+    pub(crate) fn blend_tiles(&mut self, level: Level, tiles: Range<usize>) -> Result<(), Error> {
         let Effects { blend, order, .. } = self.effects();
         let backdrop = self.settings.backdrop();
-        let transmittances = if blend == Blend::Over { self.grid.rows() } else { 0 };
-        self.transmittance.resize(transmittances, ScalarRow([1.0; 16]));
+        let count = self.grid.first_row(tiles.end) - self.grid.first_row(tiles.start);
+        memory::resize(&mut self.rows, count, Row::ZERO, "the strips of an image")?;
+        let transmittances = if blend == Blend::Over { count } else { 0 };
+        memory::resize(&mut self.transmittance, transmittances, ScalarRow([1.0; 16]), "the pixels' transmittances")?;
         let Self { settings, grid, splats, depths, bins, rows, transmittance, scratches, .. } = self;
         let lists = Lists { settings, grid, splats, depths, bins };
         let buffers = TileBuffers { rows, scalars: transmittance, slots: &mut [], sums: &mut [] };
-        for_each_tile(0..grid.tiles(), buffers, lists.cuts(0), &|tile, buffers| {
+        for_each_tile(tiles, buffers, lists.cuts(0), &|tile, buffers| {
             let TileBuffers { rows, scalars, .. } = buffers;
             let sight = lists.of(tile);
             match (blend, order) {
@@ -196,12 +213,25 @@ impl Tiles {
                 }
             }
         });
+        Ok(())
+    }
+
+    /// Gives `slots` their size, for so many numbers per entry.
+    ///
+    /// # Errors
+    /// [`Error::Memory`].
+    pub(crate) fn fit_slots(&mut self, stride: usize) -> Result<(), Error> {
+        let what = "the gradients of all pairs of a Gaussian and a tile";
+        memory::resize(&mut self.slots, self.bins.entries.len() * stride, 0.0, what)
     }
 
     /// Stage `blend_bwd`: from `v_rows` (and, under `Over`, the image, which is used up) into `slots`.
-    pub(crate) fn blend_bwd(&mut self, level: Level) {
+    ///
+    /// # Errors
+    /// [`Error::Memory`].
+    pub(crate) fn blend_bwd(&mut self, level: Level) -> Result<(), Error> {
         let Effects { blend, order, statistics, .. } = self.effects();
-        self.slots.resize(self.bins.entries.len() * self.stride, 0.0);
+        self.fit_slots(self.stride)?;
         let Self { settings, grid, splats, depths, bins, rows, v_rows, errors, slots, scratches, .. } = self;
         let lists = Lists { settings, grid, splats, depths, bins };
         let buffers = TileBuffers { rows, scalars: &mut [], slots, sums: &mut [] };
@@ -226,6 +256,7 @@ impl Tiles {
                 )),
             });
         });
+        Ok(())
     }
 
     /// Whether a training step blends, compares and differentiates in one pass: where the kernel for it is, without sums for statistics.
@@ -236,25 +267,31 @@ impl Tiles {
     /// Stages `blend`, `loss` (L2) and `blend_bwd` in one pass over the tiles, which stay in the cache; `Sum` only. Returns
     /// Σ (C − Y)²; `slots` receive the gradients of half of that. C is to the bit what [`Self::blend`] shows, so that both are exactly 0 where
     /// that is the target: Adam would make whole steps of a rounding.
-    pub(crate) fn blend_l2_fused(&mut self, level: Level, target: &[Row]) -> f64 {
+    ///
+    /// # Errors
+    /// [`Error::Memory`].
+    pub(crate) fn blend_l2_fused(&mut self, level: Level, target: &[Row]) -> Result<f64, Error> {
         let backdrop = self.settings.backdrop();
-        self.slots.resize(self.bins.entries.len() * self.stride, 0.0);
-        let Self { settings, grid, splats, depths, bins, rows, slots, sums, .. } = self;
+        self.fit_slots(self.stride)?;
+        let Self { settings, grid, splats, depths, bins, tile_rows, slots, sums, .. } = self;
         let lists = Lists { settings, grid, splats, depths, bins };
-        let buffers = TileBuffers { rows, scalars: &mut [], slots, sums };
+        let buffers = TileBuffers { rows: &mut [], scalars: &mut [], slots, sums };
         for_each_tile(0..grid.tiles(), buffers, lists.cuts(self.stride), &|tile, buffers| {
             let Sight { entries, splats, first_column: column, first_row, lanes_inside: inside, .. } = lists.of(tile);
-            let target = &target[grid.first_row(tile)..][..buffers.rows.len()];
-            dispatch!(level, simd => {
-                buffers.rows.fill(Row(backdrop.map(|c| [c; 16])));
-                blend_sum::forward(simd, entries, splats, column, first_row, buffers.rows);
-                buffers.sums[0] = squares_in_place(simd, buffers.rows, target, inside);
-                blend_sum::backward::<_, Nothing>(
-                    simd, entries, splats, column, first_row, buffers.rows, &[], buffers.slots,
-                );
+            let target = &target[grid.first_row(tile)..grid.first_row(tile + 1)];
+            tile_rows.with(|rows| {
+                rows.resize(target.len(), Row::ZERO);
+                dispatch!(level, simd => {
+                    rows.fill(Row(backdrop.map(|c| [c; 16])));
+                    blend_sum::forward(simd, entries, splats, column, first_row, rows);
+                    buffers.sums[0] = squares_in_place(simd, rows, target, inside);
+                    blend_sum::backward::<_, Nothing>(
+                        simd, entries, splats, column, first_row, rows, &[], buffers.slots,
+                    );
+                });
             });
         });
-        self.sums.iter().sum()
+        Ok(self.sums.iter().sum())
     }
 
     /// Sums what the entries of the splat at `place` received, in the order of its tiles; `None` where no tile lists it.

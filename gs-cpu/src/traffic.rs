@@ -56,7 +56,8 @@ pub(crate) fn of<S: Kind>(stage: Stage, workspace: &Workspace<S>, cloud: &S::Clo
         // Under `Over` the image's rows hold, from here on, what is behind.
         Stage::BlendBwd if over => (lists + 2 * image + errors, image + slots),
         Stage::BlendBwd => (lists + image + errors, slots),
-        Stage::Fused => (lists + image, image + slots),
+        // A tile's pixels stay in the cache.
+        Stage::Fused => (lists + image, slots),
         Stage::Sort | Stage::Project | Stage::ProjectBwd | Stage::Adam => return S::traffic(stage, workspace, cloud),
     };
     Traffic { read, written }
@@ -100,7 +101,7 @@ mod tests {
         assert_eq!(of("blend"), (3 * (8 + 64), 20 * 192));
         assert_eq!(of("loss"), (2 * 20 * 192, 20 * 192));
         assert_eq!(of("blend_bwd"), (3 * (8 + 64) + 20 * 192, 3 * 8 * 4));
-        assert_eq!(of("fused"), (3 * (8 + 64) + 20 * 192, 20 * 192 + 3 * 8 * 4));
+        assert_eq!(of("fused"), (3 * (8 + 64) + 20 * 192, 3 * 8 * 4));
         assert_eq!(of("project"), (2 * (4 + 8 + 16 + 12), 2 * 64));
         assert_eq!(of("project_bwd"), (2 * (4 + 4 + 64 + 8 + 16) + 3 * (4 + 8 * 4), 2 * 44));
         let state = 8 + 16 + 12 + 64 + 4;

@@ -6,7 +6,7 @@ use std::{
     sync::{Arc, Mutex, PoisonError},
 };
 
-use gs_core::{Image, PlanarScene, SpatialScene};
+use gs_core::{Error, Image, PlanarScene, SpatialScene};
 
 use crate::{kind::Kind, tiles::Tiles, tuning::CpuTuning};
 
@@ -118,7 +118,7 @@ impl<S: Kind> Frame<S> {
         Gradients(self.0)
     }
 
-    pub(crate) fn image(&self) -> Image {
+    pub(crate) fn image(&self) -> Result<Image, Error> {
         let tiles = &self.workspace().tiles;
         tiles.grid.image_of(&tiles.rows)
     }

@@ -30,7 +30,6 @@ fn main() -> Result<(), gs_core::Error> {
     let residual = Residual { target, rendered };
 
     report("Hilbert order", || HilbertOrder::new(WIDTH, HEIGHT));
-    report("structure (luminance)", || Structure::new(&residual.target));
     let weights = Structure::new(&residual.target).gradient_magnitude();
     report("gradient magnitude", || Structure::new(&residual.target).gradient_magnitude());
     report("smoothing, two passes", || {

@@ -33,7 +33,10 @@ pub use crate::{
     atomic::{abandon_writes, write_atomically},
     checkpoint::{Checkpoint, read_checkpoint, write_checkpoint},
     error::Error,
-    image::{AlphaMode, ImageRemark, LoadedImage, Orientation, Transparency, read_image, read_image_with, write_png},
+    image::{
+        AlphaMode, ImageRemark, LoadedImage, Orientation, Transparency, read_image, read_image_size, read_image_with,
+        write_png,
+    },
     ply::{PlyColors, write_ply},
     scene_file::{PlanarFile, SCENE_EXTENSION, read_scene, read_scene_unchecked, write_scene},
     spatial::{

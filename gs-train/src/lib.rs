@@ -17,6 +17,7 @@ mod fit;
 pub mod init;
 pub mod joining;
 mod losses;
+pub mod memory;
 mod metrics_log;
 mod observer;
 mod planar;

@@ -28,7 +28,7 @@ use crate::{
 pub struct ImageCourse<R: Rasterizer<PlanarScene>> {
     canvas: Canvas,
     target: R::Target,
-    /// The target on the host, beside the rendering that the policy last asked for (before that, a single pixel).
+    /// The target on the host, beside the rendering that a policy has asked for; outside of its round that is a single pixel.
     residual: Residual,
 }
 
@@ -146,6 +146,7 @@ impl<R: Rasterizer<PlanarScene>> Course<R, PlanarScene> for ImageCourse<R> {
         settings: &FitSettings,
         effects: &Effects,
     ) -> Result<(), Error> {
+        self.residual.rendered = nothing_rendered()?;
         self.solve_colors(on, cloud, settings, effects, settings.color_solve.after_edit)
     }
 
@@ -178,7 +179,7 @@ impl<R: Rasterizer<PlanarScene>> Course<R, PlanarScene> for ImageCourse<R> {
 impl<R: Rasterizer<PlanarScene>> ImageCourse<R> {
     fn new(on: &R, target: &Image) -> Result<Self, Error> {
         let canvas = Canvas::new(target.width(), target.height());
-        let residual = Residual { target: target.clone(), rendered: Image::filled(1, 1, [0.0; 3])? };
+        let residual = Residual { target: target.clone(), rendered: nothing_rendered()? };
         Ok(Self { canvas, target: on.upload_target(target)?, residual })
     }
 
@@ -190,8 +191,7 @@ impl<R: Rasterizer<PlanarScene>> ImageCourse<R> {
         effects: &Effects,
     ) -> Result<(Image, Culled), Error> {
         let render = RenderSettings { effects: *effects, ..settings.render };
-        let frame = on.forward(cloud, &self.canvas, &render)?;
-        Ok((on.image(&frame)?, on.culled(&frame)?))
+        Ok(on.draw(cloud, &self.canvas, &render)?)
     }
 
     fn solve_colors(
@@ -299,6 +299,11 @@ impl<'a, R: Rasterizer<PlanarScene>> Trainer<'a, R> {
     pub fn target(&self) -> &Image {
         &self.course.residual.target
     }
+}
+
+/// What stands for a rendering where there is none.
+fn nothing_rendered() -> Result<Image, gs_core::Error> {
+    Image::filled(1, 1, [0.0; 3])
 }
 
 fn validate_target(target: &Image) -> Result<(), gs_core::Error> {

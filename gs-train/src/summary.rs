@@ -65,17 +65,19 @@ impl FitSummary {
         rendered: &Image,
         culled: Culled,
     ) -> Result<Self, Error> {
-        let (image, target) = (rendered.clamped(), trainer.target().clamped());
+        let target = trainer.target();
+        let clamped = |value: f32| value.clamp(0.0, 1.0);
+        let quality = metrics::compare((rendered, clamped), (target, clamped))?;
         Ok(Self {
             width: target.width(),
             height: target.height(),
             gaussians: trainer.count(),
             iterations: trainer.step(),
             seconds: trainer.seconds(),
-            l1: metrics::mean_absolute_error(&image, &target)?,
-            psnr: metrics::psnr(&image, &target)?,
-            ssim: metrics::ssim(&image, &target)?,
-            ms_ssim: metrics::ms_ssim(&image, &target)?,
+            l1: quality.l1,
+            psnr: quality.psnr,
+            ssim: quality.ssim,
+            ms_ssim: quality.ms_ssim,
             backend: trainer.backend(),
             threads: None,
             seed: trainer.settings().seed,

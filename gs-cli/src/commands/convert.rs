@@ -20,7 +20,7 @@ use self::{
     cost::{Cost, CostArgs},
     rounding::Rounding,
 };
-use crate::{failure::Failure, output};
+use crate::{failure::Failure, memory, output};
 
 /// The flags of `gs convert`.
 #[derive(Debug, Clone, Args)]
@@ -103,6 +103,7 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<(), Failure> {
         return Err(gs_io::Error::UnknownEnding { path: args.to.clone() }.into());
     }
     args.cost.check()?;
+    memory::check_spatial(&args.from)?;
     let file =
         if args.drop_broken { gs_io::read_spatial_unchecked(&args.from) } else { gs_io::read_spatial(&args.from) };
     let mut file = file.map_err(Failure::of_scene)?;

@@ -14,6 +14,7 @@ use serde::Serialize;
 use crate::{
     backend::{Backend, BackendArgs, SpatialTask},
     failure::Failure,
+    memory,
     output::{self, printable},
     shown::{ShownArgs, effects, why_empty},
     train::DatasetArgs,
@@ -58,20 +59,22 @@ pub(crate) fn run(args: &EvalArgs) -> Result<(), Failure> {
     if may_be_dataset(&args.b) || matches!(gs_io::spatial_format(&args.a), Ok(Some(_))) {
         return judge(args);
     }
-    let (a, b) = (read(&args.a)?, read(&args.b)?);
+    let a = read(&args.a)?;
+    let b = read(&args.b)?;
     if a.size() != b.size() {
         let size =
             |path: &Path, image: &Image| format!("{} is {}x{} px", path.display(), image.width(), image.height());
         let message = format!("sizes differ: {}, {}", size(&args.a, &a), size(&args.b, &b));
         return Err(Failure::failed(message).mend("compare images of one size; gs render --size makes one"));
     }
+    let found = metrics::compare((&a, |value| value), (&b, |value| value))?;
     let comparison = Comparison {
         width: a.width(),
         height: a.height(),
-        psnr: metrics::psnr(&a, &b)?,
-        ssim: metrics::ssim(&a, &b)?,
-        ms_ssim: metrics::ms_ssim(&a, &b)?,
-        l1: metrics::mean_absolute_error(&a, &b)?,
+        psnr: found.psnr,
+        ssim: found.ssim,
+        ms_ssim: found.ms_ssim,
+        l1: found.l1,
     };
     if args.json {
         return output::json(&comparison);
@@ -84,6 +87,7 @@ pub(crate) fn run(args: &EvalArgs) -> Result<(), Failure> {
 }
 
 fn read(path: &Path) -> Result<Image, Failure> {
+    memory::check_image(path)?;
     let LoadedImage { image, remarks, .. } = gs_io::read_image(path)?;
     remarks.iter().for_each(|remark| output::note(format_args!("note: {}: {remark}", path.display())));
     Ok(image)

@@ -36,6 +36,7 @@ use crate::{
         target::Target,
     },
     interrupt::Interrupt,
+    memory::{self, Need},
     output::{self, Format},
 };
 
@@ -47,6 +48,7 @@ pub(crate) fn run(args: &FitArgs) -> Result<(), Failure> {
     let started = Instant::now();
     check_checkpoint_file(&args.checkpoints)?;
     let given = Given::read(&args.settings)?;
+    args.image.as_deref().map_or(Ok(()), memory::check_image)?;
     let target = Target::load(args.image.as_deref(), given.background(&args.settings))?;
     let start = match &args.resume {
         Some(file) => Start::Resumed(Box::new(read_checkpoint(file)?), file.clone()),
@@ -76,6 +78,7 @@ impl Start {
     ) -> Result<(Trainer<'r, R>, MetricsLog), Failure> {
         match self {
             Self::Fresh(settings) => {
+                check_memory(target, &settings)?;
                 let log = MetricsLog::for_settings(&settings);
                 Ok((Trainer::new(rasterizer, &target.image, *settings)?, log))
             }
@@ -83,6 +86,7 @@ impl Start {
                 let failed = |error| not_resumed(error, &file);
                 let metadata = checkpoint.metadata.clone();
                 let trainer = Trainer::resume(rasterizer, &target.image, *checkpoint).map_err(failed)?;
+                check_memory(target, trainer.settings())?;
                 let log = MetricsLog::for_settings(trainer.settings()).resumed(&metadata).map_err(failed)?;
                 Ok((trainer, log))
             }
@@ -157,6 +161,15 @@ pub(crate) fn follow<R: Rasterizer<S>, S: Trainable>(
         }
     }
     Ok((outcome, curve))
+}
+
+/// Fails where there is not the memory for a fit to this image.
+fn check_memory(target: &Target, settings: &FitSettings) -> Result<(), Failure> {
+    let (width, height) = target.image.size();
+    let held = size_of_val(target.image.pixels()) as u64;
+    let bytes = settings.peak_bytes((width, height)).saturating_sub(held);
+    let what = format!("fitting {} Gaussians to {} ({width}x{height} px)", settings.gaussians, target.name());
+    Need { what, bytes, less: "take a smaller image or fewer Gaussians" }.check_aloud()
 }
 
 /// Another image than the checkpoint's can be mended by the caller; what else is wrong says so itself.

@@ -20,7 +20,7 @@ use crate::{
     fit::{
         arguments::Pictures, folder::OutputFolder, observers::write_table, settings, target::Target, trouble::Trouble,
     },
-    output,
+    memory, output,
     report::{
         curve::{self, Point},
         ellipses,
@@ -38,6 +38,8 @@ pub(crate) struct Summary {
     simd: Option<String>,
     /// The whole time of the program, pictures included, and that of the fit before it was resumed, s.
     total_seconds: f64,
+    /// The most memory that the program has had, bytes; none where the system does not tell.
+    peak_memory: Option<u64>,
     /// The image; none is the paper's circle and square.
     image: Option<String>,
     /// Which effects the scene calls for at the image's size, and why.
@@ -78,7 +80,7 @@ struct Looks {
     reconstruction: Image,
     /// Gaussians that it was rendered without.
     culled: Culled,
-    /// What ellipses are drawn over, where they are, and its canvas.
+    /// What ellipses are drawn over, and its canvas, where the image is too small for them.
     backdrop: Option<(Image, Canvas)>,
 }
 
@@ -143,6 +145,9 @@ impl Results<'_> {
             }
             fit
         });
+        if let Ok(Looks { reconstruction, .. }) = looks {
+            tried.push(self.write_ellipses_over(&file, reconstruction));
+        }
         let summary = fit.and_then(|fit| self.summary(fit, &file));
         match &summary {
             Ok(summary) => tried.push(self.folder.write_json("summary.json", summary)),
@@ -160,18 +165,18 @@ impl Results<'_> {
         file: &PlanarFile,
     ) -> Result<Looks, Failure> {
         let (reconstruction, culled) = trainer.render()?;
+        let large = ellipses::canvas_for(canvas_of(file));
         let backdrop = match self.pictures {
-            Pictures::All => {
-                let large = ellipses::canvas_for(Canvas::new(file.width, file.height));
+            Pictures::All if large != canvas_of(file) => {
                 Some((rasterizer.render(&file.scene, &large, &file.settings)?, large))
             }
-            Pictures::Reconstruction => None,
+            Pictures::All | Pictures::Reconstruction => None,
         };
         Ok(Looks { reconstruction, culled, backdrop })
     }
 
     fn summary(&self, fit: FitSummary, file: &PlanarFile) -> Result<Summary, Failure> {
-        let canvas = Canvas::new(file.width, file.height);
+        let canvas = canvas_of(file);
         Ok(Summary {
             fit: FitSummary {
                 backend: self.backend.name.to_owned(),
@@ -181,6 +186,7 @@ impl Results<'_> {
             adapter: self.backend.adapter.clone(),
             simd: self.backend.simd.clone(),
             total_seconds: self.seconds_before + self.started.elapsed().as_secs_f64(),
+            peak_memory: memory::peak(),
             image: self.target.file.as_ref().map(|file| file.display().to_string()),
             effects: self.effects.choose(&file.scene, &[canvas], &file.settings)?.verdicts,
         })
@@ -194,6 +200,17 @@ impl Results<'_> {
     fn write_ellipses(&self, scene: &PlanarScene, mut picture: Image, canvas: &Canvas) -> Result<(), Failure> {
         ellipses::draw(&mut picture, scene, canvas);
         Ok(write_png(self.folder.file("ellipses.png"), &picture)?)
+    }
+
+    /// Draws the ellipses over the reconstruction itself, where that is large enough for them. It comes last: a large image is there only once.
+    fn write_ellipses_over(&self, file: &PlanarFile, reconstruction: Image) -> Result<(), Failure> {
+        let canvas = canvas_of(file);
+        match self.pictures {
+            Pictures::All if ellipses::canvas_for(canvas) == canvas => {
+                self.write_ellipses(&file.scene, reconstruction, &canvas)
+            }
+            Pictures::All | Pictures::Reconstruction => Ok(()),
+        }
     }
 
     fn write_ply(&self, file: &PlanarFile, reconstruction: &Image) -> Result<(), Failure> {
@@ -212,6 +229,11 @@ impl Results<'_> {
         let picture = curve::draw(points, title).map_err(|error| Failure::failed(error).at("curve.png"))?;
         Ok(write_png(self.folder.file("curve.png"), &picture)?)
     }
+}
+
+/// The image's own size.
+fn canvas_of(file: &PlanarFile) -> Canvas {
+    Canvas::new(file.width, file.height)
 }
 
 /// The scene without what cannot be drawn, which a fit that was stopped may hold, and which no file takes; told where there is any.

@@ -36,6 +36,7 @@ use crate::{
         folder::OutputFolder,
         follow, quoted,
     },
+    memory::Need,
     output::{self, Format},
     train::results::Results,
 };
@@ -126,6 +127,7 @@ impl SpatialTask for Train<'_> {
         output::note(&backend.reason);
         dataset.remarks.iter().for_each(|remark| output::note(format_args!("note: {}", remark_text(remark))));
         let (mut trainer, mut log, told) = begin.begin(rasterizer, dataset)?;
+        check_memory(args, &trainer)?;
         let folder = OutputFolder::prepare(&args.output, "--output")?;
         let iterations = trainer.settings().iterations;
         let unasked = (iterations >= LONG).then_some(iterations / 10);
@@ -152,6 +154,23 @@ impl SpatialTask for Train<'_> {
         }
         checkpoints.conclude(outcome, trainer.step(), &args.checkpoints, resuming)
     }
+}
+
+/// Fails where there is not the memory for the views and the Gaussians that there are; tells what all Gaussians that there may be take.
+fn check_memory<R: Rasterizer<SpatialScene>>(args: &TrainArgs, trainer: &SpatialTrainer<'_, R>) -> Result<(), Failure> {
+    let (views, settings) = (trainer.views(), trainer.settings());
+    let sizes = || views.train_cameras().map(|camera| (camera.width, camera.height));
+    let of = |gaussians: u32| Need {
+        what: format!("training on {} with {gaussians} Gaussians", args.dataset.display()),
+        bytes: settings.peak_bytes(sizes(), views.keep_bytes, gaussians.into()),
+        less: "take smaller or fewer views, or fewer --gaussians",
+    };
+    of(trainer.count()).check_aloud()?;
+    // They need not become so many.
+    if let Err(failure) = of(settings.gaussians).check() {
+        output::note(format_args!("note: {}", failure.message()));
+    }
+    Ok(())
 }
 
 /// Poses and points that do not belong together are the data set's; what else is wrong says so itself.

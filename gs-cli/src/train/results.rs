@@ -17,7 +17,7 @@ use crate::{
     effects::choice::told,
     failure::Failure,
     fit::{folder::OutputFolder, observers::write_table, results::sound, settings, trouble::Trouble},
-    output,
+    memory, output,
     report::{
         curve::{self, Point},
         ellipses,
@@ -40,6 +40,8 @@ pub(crate) struct Summary {
     simd: Option<String>,
     /// The whole time of the program, pictures included, and that of the training before it was resumed, s.
     total_seconds: f64,
+    /// The most memory that the program has had, bytes; none where the system does not tell.
+    peak_memory: Option<u64>,
     dataset: String,
     /// Which effects the scene calls for in the views that it is judged by, and why.
     effects: Vec<Verdict>,
@@ -172,6 +174,7 @@ impl Results<'_> {
             adapter: self.backend.adapter.clone(),
             simd: self.backend.simd.clone(),
             total_seconds: self.seconds_before + self.started.elapsed().as_secs_f64(),
+            peak_memory: memory::peak(),
             dataset: self.args.dataset.display().to_string(),
             effects: self.args.effects.choose(scene, &cameras(trainer.views()), &trainer.shown())?.verdicts,
         })

@@ -27,7 +27,7 @@ use crate::{
     dataset::ReadingArgs,
     effects::choice::{EffectsArgs, told},
     failure::Failure,
-    output,
+    memory, output,
     shown::ShownArgs,
     values::{Axis, Size, ViewName},
     view::{navigation::Navigator, overlay::Subject, session::Session, window::Desktop},
@@ -139,6 +139,7 @@ impl SpatialTask for Describe {
 /// The scene, which must be one in space.
 fn read(args: &ViewArgs) -> Result<SpatialFile, Failure> {
     if gs_io::spatial_format(&args.scene)?.is_some() {
+        memory::check_spatial(&args.scene)?;
         return read_spatial(&args.scene).map_err(Failure::of_scene);
     }
     gs_io::read_scene(&args.scene)?;

@@ -5,7 +5,7 @@ use std::{fs, path::Path};
 use crate::process::{command, folder, gs, names_in, picture};
 
 /// A PNG of this size by its header, with right checksums but hardly any pixels: what a decoder believes before it looks.
-fn png_without_pixels(width: u32, height: u32) -> Vec<u8> {
+pub(crate) fn png_without_pixels(width: u32, height: u32) -> Vec<u8> {
     let mut header = Vec::new();
     header.extend(width.to_be_bytes());
     header.extend(height.to_be_bytes());

@@ -8,6 +8,7 @@ mod doctor;
 mod effects;
 mod fit;
 mod frontier;
+mod memory;
 mod paper;
 mod ply;
 mod popping;

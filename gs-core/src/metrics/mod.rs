@@ -29,9 +29,78 @@ pub fn psnr(a: &Image, b: &Image) -> Result<f64, Error> {
     Ok(-10.0 * (sum / (3 * a.pixels().len()) as f64).log10())
 }
 
+/// All measures of how close two images are.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Comparison {
+    /// As [`mean_absolute_error`] has it.
+    pub l1: f64,
+    /// As [`psnr`] has it, dB.
+    pub psnr: f64,
+    /// As [`ssim()`] has it.
+    pub ssim: f64,
+    /// As [`ms_ssim()`] has it.
+    pub ms_ssim: Option<f64>,
+}
+
+/// All measures of two images in one pass over their rows. Each value of an image is taken as its function makes it, such as
+/// `|v| v.clamp(0.0, 1.0)`; no other image is made for it.
+///
+/// # Errors
+/// [`Error::SizesDiffer`].
+pub fn compare(
+    (a, value_of_a): (&Image, impl Fn(f32) -> f32),
+    (b, value_of_b): (&Image, impl Fn(f32) -> f32),
+) -> Result<Comparison, Error> {
+    a.same_size(b)?;
+    let mut scales = ms_ssim::Scale::all(a.width() as usize, a.height() as usize);
+    let (mut absolute, mut squared) = (0.0, 0.0);
+    let (mut row_a, mut row_b) = (vec![[0.0; 3]; a.width() as usize], vec![[0.0; 3]; a.width() as usize]);
+    for y in 0..a.height() {
+        row_a.iter_mut().zip(a.row(y)).for_each(|(out, pixel)| *out = pixel.map(&value_of_a));
+        row_b.iter_mut().zip(b.row(y)).for_each(|(out, pixel)| *out = pixel.map(&value_of_b));
+        for (&a, &b) in row_a.as_flattened().iter().zip(row_b.as_flattened()) {
+            let difference = f64::from(a) - f64::from(b);
+            absolute += difference.abs();
+            squared += difference * difference;
+        }
+        scales.push(&row_a, &row_b);
+    }
+    let values = (3 * a.pixels().len()) as f64;
+    Ok(Comparison {
+        l1: absolute / values,
+        psnr: -10.0 * (squared / values).log10(),
+        ssim: scales.finest().mean_ssim(),
+        ms_ssim: scales.has_coarser().then(|| scales.ms_ssim()),
+    })
+}
+
 fn differences<'a>(a: &'a Image, b: &'a Image) -> impl Iterator<Item = f64> + 'a {
     let (a, b) = (a.pixels().as_flattened(), b.pixels().as_flattened());
     a.iter().zip(b).map(|(&a, &b)| f64::from(a) - f64::from(b))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    #[cfg_attr(miri, ignore = "minutes: images of 160 px and more")]
+    fn one_pass_finds_what_each_measure_finds_by_itself() {
+        for (width, height) in [(40, 30), (161, 165)] {
+            let (a, noisy) = test_images::clean_and_noisy(width, height);
+            let b = Image::from_fn(width, height, |x, y| noisy.pixel(x, y).map(|v| 1.5 * v - 0.25)).unwrap();
+            let clamped = b.clamped();
+            let expected = Comparison {
+                l1: mean_absolute_error(&a, &clamped).unwrap(),
+                psnr: psnr(&a, &clamped).unwrap(),
+                ssim: ssim(&a, &clamped).unwrap(),
+                ms_ssim: ms_ssim(&a, &clamped).unwrap(),
+            };
+            let found = compare((&a, |v| v), (&b, |v| v.clamp(0.0, 1.0))).unwrap();
+            assert_eq!(found, expected, "{width}x{height}");
+            assert_ne!(compare((&a, |v| v), (&b, |v| v)).unwrap(), expected);
+        }
+    }
 }
 
 #[cfg(test)]

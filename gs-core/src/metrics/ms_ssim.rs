@@ -1,8 +1,6 @@
 //! Multi-scale structural similarity (MS-SSIM): SSIM's contrast and structure at five scales, its luminance at the coarsest.
 
-use std::borrow::Cow;
-
-use super::ssim::channel_means;
+use super::ssim::{ChannelMeans, RunningSsim};
 use crate::{constants::SSIM_WINDOW, error::Error, image::Image};
 
 /// The exponent of each scale, finest first. *Source:* Wang, Simoncelli & Bovik 2003, §3.2.
@@ -29,44 +27,95 @@ pub fn ms_ssim(a: &Image, b: &Image) -> Result<Option<f64>, Error> {
     if a.width().min(a.height()) <= TOO_SHORT_PX {
         return Ok(None);
     }
-    let mut width = a.width() as usize;
-    let (mut a, mut b) = (Cow::Borrowed(a.pixels()), Cow::Borrowed(b.pixels()));
-    let mut product = [1.0; 3];
-    for (scale, weight) in SCALE_WEIGHTS.into_iter().enumerate() {
-        let means = channel_means(width, &a, &b);
-        let is_coarsest = scale + 1 == SCALE_WEIGHTS.len();
-        let factors = if is_coarsest { means.ssim } else { means.contrast_structure };
-        for (product, factor) in product.iter_mut().zip(factors) {
-            // Not `max`, which would turn NaN into 0.
-            *product *= if factor < 0.0 { 0.0 } else { factor.powf(weight) };
-        }
-        if !is_coarsest {
-            (a, b) = (Cow::Owned(halved(width, &a)), Cow::Owned(halved(width, &b)));
-            width = width.div_ceil(2);
-        }
-    }
-    Ok(Some(product.iter().sum::<f64>() / 3.0))
+    let mut scales = Scale::all(a.width() as usize, a.height() as usize);
+    (0..a.height()).for_each(|y| scales.push(a.row(y), b.row(y)));
+    Ok(Some(scales.ms_ssim()))
 }
 
-/// The image `[H, width, 3]` at half its size, rounded up: means of 2×2 pixels. Along an odd side the
-/// pairs start one pixel early, at a zero.
-fn halved(width: usize, pixels: &[[f32; 3]]) -> Vec<[f32; 3]> {
-    let height = pixels.len() / width;
-    let (half_width, half_height) = (width.div_ceil(2), height.div_ceil(2));
-    let mut half = vec![[0.0; 3]; half_width * half_height];
-    for y in 0..height {
-        let row = &pixels[y * width..][..width];
-        let out = &mut half[(y + height % 2) / 2 * half_width..][..half_width];
-        let (first, pairs) = row.split_at(width % 2);
-        let (out_first, out_pairs) = out.split_at_mut(width % 2);
-        for (out, pixel) in out_first.iter_mut().zip(first) {
-            (0..3).for_each(|c| out[c] += 0.25 * pixel[c]);
-        }
-        for (out, [left, right]) in out_pairs.iter_mut().zip(pairs.as_chunks::<2>().0) {
-            (0..3).for_each(|c| out[c] += 0.25 * (left[c] + right[c]));
+/// A scale of two images whose rows come one after the other, and the coarser ones after it. A few rows of each are in memory.
+pub(super) struct Scale {
+    ssim: RunningSsim,
+    height: usize,
+    /// How many rows have come.
+    rows: usize,
+    coarser: Option<Box<Coarser>>,
+}
+
+/// The next coarser scale, and the row of it of each image that is under way.
+struct Coarser {
+    scale: Scale,
+    half: [Vec<[f32; 3]>; 2],
+}
+
+impl Scale {
+    /// All five of images of this size; or the finest alone where the window does not fit at the fifth.
+    pub(super) fn all(width: usize, height: usize) -> Self {
+        let is_defined = width.min(height) > TOO_SHORT_PX as usize;
+        Self::of(width, height, if is_defined { SCALE_WEIGHTS.len() - 1 } else { 0 })
+    }
+
+    fn of(width: usize, height: usize, coarser: usize) -> Self {
+        let coarser = coarser.checked_sub(1).map(|left| {
+            let (half_width, half_height) = (width.div_ceil(2), height.div_ceil(2));
+            let half = [(); 2].map(|()| vec![[0.0; 3]; half_width]);
+            Box::new(Coarser { scale: Self::of(half_width, half_height, left), half })
+        });
+        Self { ssim: RunningSsim::new(width, height), height, rows: 0, coarser }
+    }
+
+    /// The next row of each image.
+    pub(super) fn push(&mut self, a: &[[f32; 3]], b: &[[f32; 3]]) {
+        self.ssim.push(a, b);
+        let y = self.rows;
+        self.rows += 1;
+        let Some(Coarser { scale, half }) = self.coarser.as_deref_mut() else { return };
+        half.iter_mut().zip([a, b]).for_each(|(half, row)| add_halved(row, half));
+        // Along an odd side the pairs start one pixel early, at a row of zeros.
+        if (y + self.height % 2) % 2 == 1 {
+            scale.push(&half[0], &half[1]);
+            half.iter_mut().for_each(|half| half.fill([0.0; 3]));
         }
     }
-    half
+
+    /// What the finest scale has found, once all rows have come.
+    pub(super) fn finest(&self) -> ChannelMeans {
+        self.ssim.means()
+    }
+
+    /// Whether there are all five scales.
+    pub(super) fn has_coarser(&self) -> bool {
+        self.coarser.is_some()
+    }
+
+    /// The index over all scales, once all rows have come.
+    pub(super) fn ms_ssim(&self) -> f64 {
+        let mut product = [1.0; 3];
+        let mut scale = Some(self);
+        for weight in SCALE_WEIGHTS {
+            let Some(Self { ssim, coarser, .. }) = scale else { break };
+            let means = ssim.means();
+            let factors = if coarser.is_some() { means.contrast_structure } else { means.ssim };
+            for (product, factor) in product.iter_mut().zip(factors) {
+                // Not `max`, which would turn NaN into 0.
+                *product *= if factor < 0.0 { 0.0 } else { factor.powf(weight) };
+            }
+            scale = coarser.as_ref().map(|coarser| &coarser.scale);
+        }
+        product.iter().sum::<f64>() / 3.0
+    }
+}
+
+/// Adds a row to the row of half its length, rounded up, of which it is one of two: a quarter of each two neighbours. Along an odd side the
+/// pairs start one pixel early, at a zero.
+fn add_halved(row: &[[f32; 3]], half: &mut [[f32; 3]]) {
+    let (first, pairs) = row.split_at(row.len() % 2);
+    let (out_first, out_pairs) = half.split_at_mut(row.len() % 2);
+    for (out, pixel) in out_first.iter_mut().zip(first) {
+        (0..3).for_each(|c| out[c] += 0.25 * pixel[c]);
+    }
+    for (out, [left, right]) in out_pairs.iter_mut().zip(pairs.as_chunks::<2>().0) {
+        (0..3).for_each(|c| out[c] += 0.25 * (left[c] + right[c]));
+    }
 }
 
 #[cfg(test)]
@@ -115,8 +164,13 @@ mod tests {
 
     #[test]
     fn halving_pads_odd_sides_with_zeros_in_front() {
+        let halved = |rows: &[&[[f32; 3]]]| {
+            let mut half = vec![[0.0; 3]; rows[0].len().div_ceil(2)];
+            rows.iter().for_each(|row| add_halved(row, &mut half));
+            half
+        };
         let pixels = [[4.0; 3], [8.0; 3], [12.0; 3], [16.0; 3], [20.0; 3], [24.0; 3]];
-        assert_eq!(halved(3, &pixels), [[5.0; 3], [16.0; 3]]); // rows 4 8 12 and 16 20 24
-        assert_eq!(halved(2, &pixels), [[3.0; 3], [18.0; 3]]); // rows 4 8, 12 16 and 20 24
+        assert_eq!(halved(&[&pixels[..3], &pixels[3..]]), [[5.0; 3], [16.0; 3]]); // rows 4 8 12 and 16 20 24
+        assert_eq!(halved(&[&pixels[..2]]), [[3.0; 3]]); // row 4 8, with zeros above
     }
 }

@@ -23,8 +23,9 @@ use crate::{
 /// [`Error::SizesDiffer`].
 pub fn ssim(a: &Image, b: &Image) -> Result<f64, Error> {
     a.same_size(b)?;
-    let means = channel_means(a.width() as usize, a.pixels(), b.pixels());
-    Ok(means.ssim.iter().sum::<f64>() / 3.0)
+    let mut running = RunningSsim::new(a.width() as usize, a.height() as usize);
+    (0..a.height()).for_each(|y| running.push(a.row(y), b.row(y)));
+    Ok(running.means().mean_ssim())
 }
 
 /// Means over the image, per channel.
@@ -35,41 +36,75 @@ pub(super) struct ChannelMeans {
     pub(super) contrast_structure: [f64; 3],
 }
 
-/// [`ChannelMeans`] of two images `[H, width, 3]` of one size, neither empty.
-pub(super) fn channel_means(width: usize, a: &[[f32; 3]], b: &[[f32; 3]]) -> ChannelMeans {
-    let height = a.len() / width;
-    let window = window(width.min(height));
-    let (side, columns) = (window.len(), 3 * (width + 1 - window.len()));
-    let row = |y: usize| (a[y * width..][..width].as_flattened(), b[y * width..][..width].as_flattened());
+/// SSIM at one scale of two images whose rows come one after the other, from the top: what of them is in memory is as many rows as the
+/// window has.
+pub(super) struct RunningSsim {
+    height: usize,
+    window: Vec<f32>,
+    /// The last rows, as many as the window has; that of row y is number y modulo their count.
+    recent: Vec<Moments>,
+    vertical: Moments,
+    windowed: Moments,
+    /// Of each column, in f64: the rows of a large image add up without losing the last ones.
+    sums: (Vec<f64>, Vec<f64>),
+    /// How many rows have come.
+    rows: usize,
+}
 
-    let mut recent: Vec<Moments> = (0..side).map(|_| Moments::zeros(3 * width)).collect();
-    for y in 0..side - 1 {
-        recent[y].set(row(y));
+impl RunningSsim {
+    /// For images of this size, neither side 0.
+    pub(super) fn new(width: usize, height: usize) -> Self {
+        let window = window(width.min(height));
+        let (side, columns) = (window.len(), 3 * (width + 1 - window.len()));
+        Self {
+            height,
+            window,
+            recent: (0..side).map(|_| Moments::zeros(3 * width)).collect(),
+            vertical: Moments::zeros(3 * width),
+            windowed: Moments::zeros(columns),
+            sums: (vec![0.0; columns], vec![0.0; columns]),
+            rows: 0,
+        }
     }
-    let mut vertical = Moments::zeros(3 * width);
-    let mut windowed = Moments::zeros(columns);
-    // Column by column and in f64: the rows of a large image add up without losing the last ones.
-    let mut sums = (vec![0.0_f64; columns], vec![0.0_f64; columns]);
-    for y in side - 1..height {
-        recent[y % side].set(row(y));
+
+    /// The next row of each image.
+    pub(super) fn push(&mut self, a: &[[f32; 3]], b: &[[f32; 3]]) {
+        let Self { window, recent, vertical, windowed, sums, .. } = self;
+        let (side, columns, y) = (window.len(), sums.0.len(), self.rows);
+        self.rows += 1;
+        recent[y % side].set((a.as_flattened(), b.as_flattened()));
+        if self.rows < side {
+            return;
+        }
         for map in 0..Moments::COUNT {
             // The window is symmetric, so it does not matter at which row the ring starts; but each weight must meet its row.
             let rows: Vec<&[f32]> = (0..side).map(|k| &*recent[(y + 1 + k) % side].0[map]).collect();
-            weigh_rows(&mut vertical.0[map], &rows, &window);
+            weigh_rows(&mut vertical.0[map], &rows, window);
             let taps: Vec<&[f32]> = (0..side).map(|k| &vertical.0[map][3 * k..][..columns]).collect();
-            weigh_rows(&mut windowed.0[map], &taps, &window);
+            weigh_rows(&mut windowed.0[map], &taps, window);
         }
-        add_similarities(&mut sums, &windowed);
+        add_similarities(sums, windowed);
     }
-    let positions = (columns / 3 * (height + 1 - side)) as f64;
-    let mean = |sums: &[f64]| {
-        let mut total = [0.0; 3];
-        for pixel in sums.as_chunks::<3>().0 {
-            (0..3).for_each(|c| total[c] += pixel[c]);
-        }
-        total.map(|t| t / positions)
-    };
-    ChannelMeans { ssim: mean(&sums.0), contrast_structure: mean(&sums.1) }
+
+    /// The means, once all rows have come.
+    pub(super) fn means(&self) -> ChannelMeans {
+        let positions = (self.sums.0.len() / 3 * (self.height + 1 - self.window.len())) as f64;
+        let mean = |sums: &[f64]| {
+            let mut total = [0.0; 3];
+            for pixel in sums.as_chunks::<3>().0 {
+                (0..3).for_each(|c| total[c] += pixel[c]);
+            }
+            total.map(|t| t / positions)
+        };
+        ChannelMeans { ssim: mean(&self.sums.0), contrast_structure: mean(&self.sums.1) }
+    }
+}
+
+impl ChannelMeans {
+    /// The mean index over the channels.
+    pub(super) fn mean_ssim(&self) -> f64 {
+        self.ssim.iter().sum::<f64>() / 3.0
+    }
 }
 
 /// The normalised Gaussian window, as long as [`SSIM_WINDOW`] or, if that does not fit, the largest odd number ≤ `fit`.

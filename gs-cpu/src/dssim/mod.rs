@@ -12,8 +12,10 @@ mod blur;
 
 use fearless_simd::{Level, Simd, dispatch, prelude::*};
 use gs_core::{
+    Error,
     constants::{SSIM_C1, SSIM_C2, SSIM_MAX},
     guards::Guard,
+    memory,
     profile::Traffic,
 };
 use rayon::prelude::*;
@@ -157,10 +159,19 @@ pub(crate) fn traffic(grid: &Grid) -> Traffic {
     Traffic { read: 4 * image, written: image }
 }
 
-/// (1 − λ) L1 + λ (1 − SSIM); its gradient into `tiles.v_rows`, 0 in lanes beyond the image.
-pub(crate) fn loss(tiles: &mut Tiles, target: &Target, level: Level, lambda: f32) -> f64 {
+/// (1 − λ) L1 + λ (1 − SSIM); its gradient into `tiles.v_rows`, which has its size, 0 in lanes beyond the image.
+///
+/// # Errors
+/// [`Error::Memory`].
+pub(crate) fn loss(tiles: &mut Tiles, target: &Target, level: Level, lambda: f32) -> Result<f64, Error> {
     let (grid, window) = (tiles.grid, window());
-    let blurred = target.blurred.get_or_init(|| blur_target(&grid, target, level, &window));
+    let blurred = match target.blurred.get() {
+        Some(blurred) => blurred,
+        None => {
+            let blurred = blur_target(&grid, target, level, &window)?;
+            target.blurred.get_or_init(|| blurred)
+        }
+    };
     let count = (3 * grid.width * grid.height) as f64;
     let lambda = f64::from(lambda);
     let l1 = Pointwise::Absolute { scale: ((1.0 - lambda) / count) as f32 };
@@ -172,7 +183,6 @@ pub(crate) fn loss(tiles: &mut Tiles, target: &Target, level: Level, lambda: f32
     scratches.resize_with(bands, BandScratch::default);
     sums.resize(3 * grid.height, Sums::default());
     // Of every band: its rows of every strip of the gradient.
-    tiles.v_rows.resize(grid.rows(), Row::ZERO);
     let mut gradients = emptied(std::mem::take(memory));
     gradients.resize_with(bands * strips, Default::default);
     for (strip, of_strip) in tiles.v_rows.chunks_mut(grid.height).enumerate() {
@@ -189,15 +199,15 @@ pub(crate) fn loss(tiles: &mut Tiles, target: &Target, level: Level, lambda: f32
     });
     *memory = emptied(gradients);
     let mean = |of: fn(&Sums) -> f64| sums.iter().map(of).sum::<f64>() / count;
-    (1.0 - lambda) * mean(|line| line.l1) + lambda * (1.0 - mean(|line| line.ssim))
+    Ok((1.0 - lambda) * mean(|line| line.l1) + lambda * (1.0 - mean(|line| line.ssim)))
 }
 
 /// The target's part, a task for each channel.
-fn blur_target(grid: &Grid, target: &Target, level: Level, window: &Window) -> BlurredTarget {
+fn blur_target(grid: &Grid, target: &Target, level: Level, window: &Window) -> Result<BlurredTarget, Error> {
     let of_channel = grid.height * grid.strips();
-    let nothing = || vec![ScalarRow([0.0; LANES]); 3 * of_channel];
-    let (mut mean, mut square) = (nothing(), nothing());
-    let mut blurred = BlurredTarget { y: nothing(), mean: Vec::new(), square: Vec::new() };
+    let nothing = || memory::filled(3 * of_channel, ScalarRow([0.0; LANES]), "what D-SSIM needs of a target");
+    let (mut mean, mut square) = (nothing()?, nothing()?);
+    let mut blurred = BlurredTarget { y: nothing()?, mean: Vec::new(), square: Vec::new() };
     for (at, ScalarRow(y)) in blurred.y.iter_mut().enumerate() {
         let (line, strip) = (at / grid.strips(), at % grid.strips());
         *y = target.rows[strip * grid.height + line % grid.height].0[line / grid.height];
@@ -209,7 +219,7 @@ fn blur_target(grid: &Grid, target: &Target, level: Level, window: &Window) -> B
         let pair = Pair { grid, image: &target.rows, target: &blurred, channel };
         dispatch!(level, simd => blur_target_channel(simd, pair, &mut scratch, outputs, window));
     });
-    BlurredTarget { mean, square, ..blurred }
+    Ok(BlurredTarget { mean, square, ..blurred })
 }
 
 /// A channel of [`blur_target`].

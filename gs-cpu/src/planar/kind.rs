@@ -212,8 +212,7 @@ impl Kind for PlanarScene {
         let mut workspace = rasterizer.planar.pool.take().tuned(rasterizer.tuning);
         rasterizer.threads.install(|| {
             Self::prepare(&mut workspace, cloud, view, settings, Binning::Fresh)?;
-            solve_colors::solve(&mut workspace, cloud, target, rasterizer.level, iterations);
-            Ok::<(), Error>(())
+            solve_colors::solve(&mut workspace, cloud, target, rasterizer.level, iterations)
         })?;
         rasterizer.planar.pool.give(workspace);
         Ok(())

@@ -5,7 +5,7 @@
 //! the same matrix.
 
 use fearless_simd::{Level, dispatch};
-use gs_core::PlanarScene;
+use gs_core::{Error, PlanarScene};
 use rayon::prelude::*;
 
 use super::cloud::PlanarCloud;
@@ -19,13 +19,16 @@ use crate::{
 };
 
 /// Improves the colours of `cloud` by `iterations` steps; `workspace` has been prepared for it.
+///
+/// # Errors
+/// [`Error::Memory`].
 pub(crate) fn solve(
     workspace: &mut Workspace<PlanarScene>,
     cloud: &mut PlanarCloud,
     target: &Target,
     level: Level,
     iterations: u32,
-) {
+) -> Result<(), Error> {
     let Workspace { tiles, own, .. } = workspace;
     let n = own.order.len();
     let backdrop = tiles.settings.backdrop();
@@ -35,7 +38,7 @@ pub(crate) fn solve(
 
     // r = Aᵀ(y − A c); the pass yields Aᵀ(A c − (y − backdrop)).
     let mut residual = vec![[0.0f32; 3]; n];
-    normal_product(tiles, level, Some((&target.rows, backdrop)), &mut residual);
+    normal_product(tiles, level, Some((&target.rows, backdrop)), &mut residual)?;
     residual.par_iter_mut().for_each(|r| *r = r.map(|v| -v));
     let preconditioned =
         |r: &[[f32; 3]]| -> Vec<[f32; 3]> { r.iter().zip(&diagonal).map(|(r, d)| r.map(|v| v / d)).collect() };
@@ -47,7 +50,7 @@ pub(crate) fn solve(
         for (splat, d) in tiles.splats.iter_mut().zip(&direction) {
             splat.color = *d;
         }
-        normal_product(tiles, level, None, &mut product);
+        normal_product(tiles, level, None, &mut product)?;
         let curvature = dot(&direction, &product);
         let step = [0, 1, 2].map(|k| if curvature[k] > 0.0 { (rz[k] / curvature[k]) as f32 } else { 0.0 });
         for i in 0..n {
@@ -70,6 +73,7 @@ pub(crate) fn solve(
             cloud.colors[index as usize] = solution[place];
         }
     }
+    Ok(())
 }
 
 /// Per channel, the dot product of two vectors of colours.
@@ -84,28 +88,36 @@ fn dot(a: &[[f32; 3]], b: &[[f32; 3]]) -> [f64; 3] {
 }
 
 /// Aᵀ(A c − y), with c the splats' colours, y the target less the backdrop, or 0; by place.
-fn normal_product(tiles: &mut Tiles, level: Level, target: Option<(&[Row], [f32; 3])>, out: &mut [[f32; 3]]) {
-    let Tiles { splats, bins, grid, rows, slots, .. } = tiles;
-    slots.resize(bins.entries.len() * COLOR_STRIDE, 0.0);
+fn normal_product(
+    tiles: &mut Tiles,
+    level: Level,
+    target: Option<(&[Row], [f32; 3])>,
+    out: &mut [[f32; 3]],
+) -> Result<(), Error> {
+    tiles.fit_slots(COLOR_STRIDE)?;
+    let Tiles { splats, bins, grid, tile_rows, slots, .. } = tiles;
     let cuts = Cuts { grid, tile_start: &bins.tile_start, stride: COLOR_STRIDE };
-    let buffers = TileBuffers { rows, scalars: &mut [], slots, sums: &mut [] };
+    let buffers = TileBuffers { rows: &mut [], scalars: &mut [], slots, sums: &mut [] };
     for_each_tile(0..grid.tiles(), buffers, cuts, &|tile, buffers| {
         let entries = bins.of(tile);
-        let (column, rows) = grid.place(tile);
-        let target = target.map(|(target, backdrop)| (&target[grid.first_row(tile)..][..rows.len()], backdrop));
+        let (column, place) = grid.place(tile);
+        let target = target.map(|(target, backdrop)| (&target[grid.first_row(tile)..][..place.len()], backdrop));
         let inside = grid.lanes_inside(tile);
-        dispatch!(level, simd => {
-            match target {
-                None => buffers.rows.fill(Row::ZERO),
-                Some((target, backdrop)) => blend_sum::start(simd, backdrop, target, buffers.rows),
-            }
-            blend_sum::forward(simd, entries, splats, column, rows.start, buffers.rows);
-            if inside < 16 {
-                for Row(pixels) in buffers.rows.iter_mut() {
-                    pixels.iter_mut().for_each(|channel| channel[inside..].fill(0.0));
+        tile_rows.with(|rows| {
+            rows.resize(place.len(), Row::ZERO);
+            dispatch!(level, simd => {
+                match target {
+                    None => rows.fill(Row::ZERO),
+                    Some((target, backdrop)) => blend_sum::start(simd, backdrop, target, rows),
                 }
-            }
-            blend_sum::backward_colors(simd, entries, splats, column, rows.start, buffers.rows, buffers.slots);
+                blend_sum::forward(simd, entries, splats, column, place.start, rows);
+                if inside < 16 {
+                    for Row(pixels) in rows.iter_mut() {
+                        pixels.iter_mut().for_each(|channel| channel[inside..].fill(0.0));
+                    }
+                }
+                blend_sum::backward_colors(simd, entries, splats, column, place.start, rows, buffers.slots);
+            });
         });
     });
     let slots = &*slots;
@@ -119,4 +131,5 @@ fn normal_product(tiles: &mut Tiles, level: Level, target: Option<(&[Row], [f32;
             }
         }
     });
+    Ok(())
 }

@@ -31,7 +31,7 @@ pub struct SeedShape {
 pub fn seed_gaussians(
     positions: &[Vec2],
     density: &DensityMap,
-    structure: &Structure,
+    structure: &Structure<'_>,
     shape: &SeedShape,
     color: impl Fn(Vec2, f32) -> Vec3 + Sync,
 ) -> Vec<PlanarGaussian> {
@@ -108,7 +108,8 @@ mod tests {
 
     #[test]
     fn sigma_stays_in_its_range() {
-        let structure = Structure::new(&Image::filled(40, 40, [0.5; 3]).unwrap());
+        let image = Image::filled(40, 40, [0.5; 3]).unwrap();
+        let structure = Structure::new(&image);
         let sigma = |count| {
             let seeds = seed_gaussians(&[Vec2::ONE], &uniform(count), &structure, &SHAPE, |_, _| Vec3::ZERO);
             seeds[0].log_scale.x.exp()

@@ -18,6 +18,10 @@ pub struct HilbertOrder {
     pixels: Vec<u32>,
 }
 
+/// Orders of more pixels than these are made anew each time: steps on so large an image take longer than making the order does, and 64 MiB is
+/// enough to keep.
+const MOST_KEPT_PX: usize = 1 << 24;
+
 /// The order that was asked for last: a fit asks for one size, round after round, and making the order costs more than using it.
 static LAST: Mutex<Option<Arc<HilbertOrder>>> = Mutex::new(None);
 
@@ -33,8 +37,11 @@ impl HilbertOrder {
         Self { width, height, pixels }
     }
 
-    /// The same order, kept until another size is asked for.
+    /// The same order, kept until another size is asked for if it is of less than 17 megapixels.
     pub fn shared(width: u32, height: u32) -> Arc<Self> {
+        if width as usize * height as usize > MOST_KEPT_PX {
+            return Arc::new(Self::new(width, height));
+        }
         // The kept order is replaced whole, so a panic elsewhere cannot have left half of one.
         let mut last = LAST.lock().unwrap_or_else(PoisonError::into_inner);
         match &*last {
@@ -129,5 +136,6 @@ mod tests {
         assert_eq!(*a, HilbertOrder::new(12, 8));
         assert_eq!(HilbertOrder::shared(8, 12).size(), (8, 12));
         assert_eq!(*HilbertOrder::shared(12, 8), *a);
+        assert!(!Arc::ptr_eq(&HilbertOrder::shared(1 << 14, 1025), &HilbertOrder::shared(1 << 14, 1025)), "not kept");
     }
 }

@@ -8,8 +8,8 @@ use super::Plane;
 /// Half the side of the window that gradients are gathered in, px.
 const WINDOW_RADIUS: usize = 3;
 const WINDOW: usize = 2 * WINDOW_RADIUS + 1;
-/// One pixel more, for the central differences at the window's rim.
-const BORDER: usize = WINDOW_RADIUS + 1;
+/// The window, and one pixel more all around for the central differences at its rim.
+const PATCH: usize = WINDOW + 2;
 
 /// exp(−x²/2σ²) for σ = 1.5 px, one axis of the window.
 const WINDOW_WEIGHTS: [f32; WINDOW] = [0.135_335, 0.411_112, 0.800_737, 1.0, 0.800_737, 0.411_112, 0.135_335];
@@ -17,16 +17,12 @@ const WINDOW_WEIGHTS: [f32; WINDOW] = [0.135_335, 0.411_112, 0.800_737, 1.0, 0.8
 /// Variance of the gradient that counts as no edge: 1/255 per px, the step of an 8-bit image.
 const NOISE: f32 = 1.0 / (255.0 * 255.0);
 
-/// Luminance of an image, ready for structure tensors anywhere in it.
+/// The structure tensors of an image's luminance, (R + 2 G + B)/4, anywhere in it. Outside of the image its border pixels go on.
 ///
-/// A tensor costs some 50 pixels' work. Seeds are far fewer than pixels, so tensors are made for seeds, not for pixels.
-#[derive(Debug, Clone)]
-pub struct Structure {
-    /// With a border of [`BORDER`] repeated pixels all around.
-    luminance: Vec<f32>,
-    stride: usize,
-    width: usize,
-    height: usize,
+/// A tensor costs some hundred pixels' work. Seeds are far fewer than pixels, so tensors, and the luminance around them, are made for seeds.
+#[derive(Debug, Clone, Copy)]
+pub struct Structure<'a> {
+    image: &'a Image,
 }
 
 /// Which way the edge through a place runs.
@@ -42,27 +38,10 @@ pub struct Orientation {
     pub aspect: f32,
 }
 
-impl Structure {
-    /// The luminance (R + 2 G + B)/4 of an image.
-    pub fn new(image: &Image) -> Self {
-        let (width, height) = (image.width() as usize, image.height() as usize);
-        let stride = width + 2 * BORDER;
-        let mut luminance = vec![0.0; stride * (height + 2 * BORDER)];
-        for (y, pixels) in image.pixels().chunks_exact(width).enumerate() {
-            let row = &mut luminance[(y + BORDER) * stride..][..stride];
-            for (out, [r, g, b]) in row[BORDER..].iter_mut().zip(pixels) {
-                *out = 0.25 * (r + b) + 0.5 * g;
-            }
-            let (first, last) = (row[BORDER], row[BORDER + width - 1]);
-            row[..BORDER].fill(first);
-            row[BORDER + width..].fill(last);
-        }
-        let rows = height + 2 * BORDER;
-        for y in (0..BORDER).chain(rows - BORDER..rows) {
-            let from = y.clamp(BORDER, BORDER + height - 1) * stride;
-            luminance.copy_within(from..from + stride, y * stride);
-        }
-        Self { luminance, stride, width, height }
+impl<'a> Structure<'a> {
+    /// Of this image.
+    pub fn new(image: &'a Image) -> Self {
+        Self { image }
     }
 
     /// Orientation at a place of the image, px; outside it, at the nearest pixel.
@@ -78,15 +57,10 @@ impl Structure {
 
     /// Weighted mean of ∇Y ∇Yᵀ around a place: (xx, xy, yy), px⁻².
     fn tensor(&self, place: Vec2) -> [f32; 3] {
-        // `as` takes negative numbers and NaN to 0.
-        let (x, y) = ((place.x as usize).min(self.width - 1), (place.y as usize).min(self.height - 1));
+        let patch = self.luminance_around(place);
         let [mut xx, mut xy, mut yy] = [0.0f32; 3];
         for j in 0..WINDOW {
-            // The pixel (x, y) stands at (x + BORDER, y + BORDER), the window starts one right of and one below its border.
-            let start = (y + j + 1) * self.stride + x;
-            let here = &self.luminance[start..][..WINDOW + 2];
-            let above = &self.luminance[start - self.stride + 1..][..WINDOW];
-            let below = &self.luminance[start + self.stride + 1..][..WINDOW];
+            let (above, here, below) = (&patch[j][1..], &patch[j + 1], &patch[j + 2][1..]);
             let [mut row_xx, mut row_xy, mut row_yy] = [0.0f32; 3];
             for i in 0..WINDOW {
                 let gx = 0.5 * (here[i + 2] - here[i]);
@@ -103,19 +77,39 @@ impl Structure {
         [xx, xy, yy].map(|v| v / (total * total))
     }
 
+    /// Luminance around the pixel of a place, which is in the middle.
+    fn luminance_around(&self, place: Vec2) -> [[f32; PATCH]; PATCH] {
+        let (width, height) = self.image.size();
+        // `as` takes negative numbers and NaN to 0.
+        let (x, y) = ((place.x as u32).min(width - 1), (place.y as u32).min(height - 1));
+        let nth = |middle: u32, k: usize, side: u32| (middle + k as u32).saturating_sub(PATCH as u32 / 2).min(side - 1);
+        let columns: [usize; PATCH] = std::array::from_fn(|i| nth(x, i, width) as usize);
+        std::array::from_fn(|j| {
+            let row = self.image.row(nth(y, j, height));
+            columns.map(|column| luminance(row[column]))
+        })
+    }
+
     /// ‖∇Y‖ of every pixel, px⁻¹.
     pub fn gradient_magnitude(&self) -> Plane {
-        Plane::from_rows(self.width as u32, self.height as u32, |y, row| {
-            let start = (y + BORDER) * self.stride + BORDER;
-            let here = &self.luminance[start - 1..][..self.width + 2];
-            let above = &self.luminance[start - self.stride..][..self.width];
-            let below = &self.luminance[start + self.stride..][..self.width];
-            for (((out, here), above), below) in row.iter_mut().zip(here.windows(3)).zip(above).zip(below) {
-                let (gx, gy) = (0.5 * (here[2] - here[0]), 0.5 * (below - above));
+        let (width, height) = self.image.size();
+        let row_of = |y: usize| self.image.row((y as u32).min(height - 1)).iter().map(|&pixel| luminance(pixel));
+        Plane::from_rows(width, height, |y, row| {
+            let line = self.image.row(y as u32);
+            let (first, last) = (&line[..1], &line[line.len() - 1..]);
+            let here: Vec<f32> = first.iter().chain(line).chain(last).map(|&pixel| luminance(pixel)).collect();
+            let differences =
+                row_of(y + 1).zip(row_of(y.saturating_sub(1))).map(|(below, above)| 0.5 * (below - above));
+            for ((out, here), gy) in row.iter_mut().zip(here.windows(3)).zip(differences) {
+                let gx = 0.5 * (here[2] - here[0]);
                 *out = (gx * gx + gy * gy).sqrt();
             }
         })
     }
+}
+
+fn luminance([r, g, b]: [f32; 3]) -> f32 {
+    0.25 * (r + b) + 0.5 * g
 }
 
 #[cfg(test)]
@@ -125,19 +119,19 @@ mod tests {
     use super::*;
 
     /// A soft edge through the middle whose normal points to `angle`.
-    fn edge(angle: f32) -> Structure {
+    fn edge(angle: f32) -> Image {
         let (sin, cos) = angle.sin_cos();
         let image = Image::from_fn(33, 33, |x, y| {
             let across = (x as f32 - 16.0) * cos + (y as f32 - 16.0) * sin;
             [1.0 / (1.0 + (-across).exp()); 3]
         });
-        Structure::new(&image.unwrap())
+        image.unwrap()
     }
 
     #[test]
     fn orientation_runs_along_an_edge() {
         for normal in [0.0f32, 0.4, 0.8, 1.3, -0.6, FRAC_PI_2] {
-            let found = edge(normal).at(Vec2::splat(16.5));
+            let found = Structure::new(&edge(normal)).at(Vec2::splat(16.5));
             let off = (found.angle - (normal + FRAC_PI_2)).rem_euclid(PI);
             assert!(off.min(PI - off) < 0.03, "normal {normal}: found {}", found.angle);
             assert!(found.aspect > 3.0, "normal {normal}: aspect {}", found.aspect);
@@ -146,8 +140,8 @@ mod tests {
 
     #[test]
     fn flat_and_round_places_have_no_orientation() {
-        let flat = Structure::new(&Image::filled(5, 4, [0.3, 0.9, 0.1]).unwrap());
-        assert_eq!(flat.at(Vec2::new(2.0, 2.0)).aspect, 1.0);
+        let flat = Image::filled(5, 4, [0.3, 0.9, 0.1]).unwrap();
+        assert_eq!(Structure::new(&flat).at(Vec2::new(2.0, 2.0)).aspect, 1.0);
         let blob = Image::from_fn(33, 33, |x, y| {
             [(-(((x as f32 - 16.0).powi(2) + (y as f32 - 16.0).powi(2)) / 8.0)).exp(); 3]
         });
@@ -157,7 +151,8 @@ mod tests {
     #[test]
     fn every_place_of_any_image_can_be_asked() {
         for (w, h) in [(1, 1), (1, 9), (8, 2)] {
-            let structure = Structure::new(&Image::from_fn(w, h, |x, y| [x as f32, y as f32, 0.5]).unwrap());
+            let image = Image::from_fn(w, h, |x, y| [x as f32, y as f32, 0.5]).unwrap();
+            let structure = Structure::new(&image);
             assert_eq!(structure.gradient_magnitude().size(), (w, h));
             for place in [Vec2::ZERO, Vec2::new(w as f32, h as f32), Vec2::splat(-9.0), Vec2::splat(1e9), Vec2::NAN] {
                 let found = structure.at(place);

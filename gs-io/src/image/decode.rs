@@ -6,7 +6,7 @@ use std::{
     path::Path,
 };
 
-use gs_core::{Image, constants::MAX_SIDE_PX, image::check_size};
+use gs_core::{Image, constants::MAX_SIDE_PX, image::check_size, memory};
 use image::{
     DynamicImage, ExtendedColorType, ImageDecoder, ImageError, ImageFormat, ImageReader, Limits,
     codecs::tiff::TiffDecoder, metadata::Orientation as Turn,
@@ -72,6 +72,7 @@ fn read_pixels(path: &Path, orientation: Orientation) -> Result<(Pixels, Colors,
     let damaged = |error| decoder_error(path, format, error);
     let (mut decoder, colors, remarks) = file.into_decoder()?;
     let turned = decoder.orientation().map_err(damaged)?;
+    check_memory(&decoder).map_err(Error::content(path))?;
     let mut decoded = DynamicImage::from_decoder(decoder).map_err(damaged)?;
     if orientation == Orientation::Exif {
         decoded.apply_orientation(turned);
@@ -81,6 +82,14 @@ fn read_pixels(path: &Path, orientation: Orientation) -> Result<(Pixels, Colors,
         Some((x, y, value)) => Err(Error::ImageNotFinite { path: path.to_owned(), x, y, value }),
         None => Ok((pixels, colors, remarks)),
     }
+}
+
+/// Asks for all the memory that decoding takes, and gives it back: decoders abort where they are refused it.
+fn check_memory(decoder: &impl ImageDecoder) -> Result<(), gs_core::Error> {
+    let (width, height) = decoder.dimensions();
+    let pixels = u64::from(width) * u64::from(height);
+    let bytes = decoder.total_bytes() + pixels * size_of::<[f32; 4]>() as u64;
+    memory::reserved::<u8>(usize::try_from(bytes).unwrap_or(usize::MAX), "decoding the image").map(drop)
 }
 
 /// A file whose first bytes are those of an image.

@@ -6,10 +6,9 @@ mod kind;
 mod remark;
 mod whole;
 
-use std::path::Path;
+use std::{io::Write, path::Path};
 
 use gs_core::Image;
-use image::{ExtendedColorType, ImageEncoder, ImageError, codecs::png::PngEncoder};
 
 pub(crate) use self::decode::{decode, decode_mask, read_header};
 pub use self::remark::ImageRemark;
@@ -87,6 +86,14 @@ pub fn read_image_with(path: impl AsRef<Path>, alpha: AlphaMode) -> Result<Loade
     Ok(LoadedImage { image, bits_per_channel, transparency, remarks })
 }
 
+/// Columns and rows of an image, upright, from its header alone.
+///
+/// # Errors
+/// Those of [`read_image_with`] that a header can have.
+pub fn read_image_size(path: impl AsRef<Path>) -> Result<(u32, u32), Error> {
+    Ok(read_header(path.as_ref())?.upright)
+}
+
 /// Which way up the pixels of a file are taken.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Orientation {
@@ -142,18 +149,25 @@ pub(crate) fn composite(image: &mut Image, alpha: &[f32], behind: [f32; 3]) {
 /// # Errors
 /// Those of [`write_atomically`].
 pub fn write_png(path: impl AsRef<Path>, image: &Image) -> Result<(), Error> {
-    let bytes = bytes_of(image);
     write_atomically(path, |file| {
-        let encoder = PngEncoder::new(file);
-        encoder.write_image(&bytes, image.width(), image.height(), ExtendedColorType::Rgb8).map_err(|error| match error
-        {
-            ImageError::IoError(error) => error,
-            other => std::io::Error::other(other),
-        })
+        let mut encoder = png::Encoder::new(file, image.width(), image.height());
+        encoder.set_color(png::ColorType::Rgb);
+        encoder.set_depth(png::BitDepth::Eight);
+        encoder.set_compression(png::Compression::Fast);
+        encoder.set_filter(png::Filter::Adaptive);
+        let mut writer = encoder.write_header()?;
+        // Row by row: neither the bytes of a large image nor what they are packed into is in memory as a whole.
+        let mut stream = writer.stream_writer_with_size(CHUNK_BYTES)?;
+        (0..image.height()).try_for_each(|y| stream.write_all(&bytes_of(image.row(y))))?;
+        stream.finish()?;
+        Ok(writer.finish()?)
     })
 }
 
-/// The pixels in 8 bits a channel, as [`write_png`] has them.
-pub(crate) fn bytes_of(image: &Image) -> Vec<u8> {
-    image.pixels().as_flattened().iter().map(|v| (v.clamp(0.0, 1.0) * 255.0).round() as u8).collect()
+/// Bytes of a PNG that are packed before they are written.
+const CHUNK_BYTES: usize = 1 << 16;
+
+/// Pixels in 8 bits a channel, as [`write_png`] has them.
+pub(crate) fn bytes_of(pixels: &[[f32; 3]]) -> Vec<u8> {
+    pixels.as_flattened().iter().map(|v| (v.clamp(0.0, 1.0) * 255.0).round() as u8).collect()
 }

@@ -93,7 +93,7 @@ impl Guided {
     fn gaussians(
         &self,
         target: &Image,
-        structure: &Structure,
+        structure: &Structure<'_>,
         mut weights: Plane,
         count: usize,
         blend: Blend,

@@ -316,9 +316,9 @@ impl<R: Rasterizer<SpatialScene>> Course<R, SpatialScene> for ViewsCourse<R> {
         let judges = self.judges();
         let (mut l1, mut psnr, mut culled) = (Vec::new(), Vec::new(), Culled::default());
         for view in &judges {
-            let frame = on.forward(cloud, &view.camera, &render)?;
-            culled = culled.plus(on.culled(&frame)?);
-            if let Some(pair) = measure(&on.image(&frame)?, view.photograph()?, render.backdrop()) {
+            let (rendered, left_out) = on.draw(cloud, &view.camera, &render)?;
+            culled = culled.plus(left_out);
+            if let Some(pair) = measure(&rendered, view.photograph()?, render.backdrop()) {
                 let measured = pair.l1_and_psnr();
                 l1.push(measured.0);
                 psnr.push(measured.1);

@@ -104,9 +104,8 @@ pub(super) fn evaluate_cloud<R: Rasterizer<SpatialScene>>(
     let mut culled = Culled::default();
     let (mut qualities, mut unmeasured) = (Vec::with_capacity(views.len()), Vec::new());
     for view in views {
-        let frame = rasterizer.forward(cloud, &view.camera, render)?;
-        let rendered = rasterizer.image(&frame)?;
-        culled = culled.plus(rasterizer.culled(&frame)?);
+        let (rendered, left_out) = rasterizer.draw(cloud, &view.camera, render)?;
+        culled = culled.plus(left_out);
         look(view, &rendered)?;
         let Some(pair) = measure(&rendered, view.photograph()?, render.backdrop()) else {
             unmeasured.push(view.name.clone());

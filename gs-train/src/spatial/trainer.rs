@@ -94,7 +94,7 @@ impl<'a, R: Rasterizer<SpatialScene>> Trainer<'a, R, SpatialScene> {
     /// # Errors
     /// Those of the backend.
     pub fn render_view(&self, camera: &Camera) -> Result<Image, Error> {
-        Ok(self.rasterizer.image(&self.rasterizer.forward(&self.cloud, camera, &self.shown())?)?)
+        Ok(self.rasterizer.draw(&self.cloud, camera, &self.shown())?.0)
     }
 
     /// Judges the scene by [`Self::judges`]; `look` sees each of them, in their order, and its rendering.

@@ -10,7 +10,7 @@ use crate::{
     chosen::ChosenSettings,
     effects::choice::told,
     failure::Failure,
-    output,
+    memory, output,
     values::{Region, Size},
 };
 
@@ -22,6 +22,7 @@ pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
     let mut file = gs_io::read_scene(&args.scene).map_err(Failure::of_scene)?;
     let canvas = canvas(&file, args);
     canvas.validate().map_err(|error| Failure::usage(error).at("--size or --region"))?;
+    memory::check_picture(args.scene.display(), (canvas.width, canvas.height))?;
     let chosen = args.settings.as_deref().map(ChosenSettings::read).transpose()?;
     if let Some(ChosenSettings { accuracy, .. }) = &chosen {
         file.settings.accuracy = *accuracy;

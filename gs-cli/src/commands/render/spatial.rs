@@ -14,7 +14,7 @@ use crate::{
     effects::choice::told,
     failure::Failure,
     fit::folder::OutputFolder,
-    output,
+    memory, output,
     shown::{effects, why_empty},
     text_file::read_text,
     values::Size,
@@ -29,12 +29,15 @@ pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
         let message = "--region is for the scene of an image, but this is one in space";
         return Err(Failure::usage(message).at(args.scene.display()).mend("leave it out"));
     }
+    memory::check_spatial(&args.scene)?;
     let SpatialFile { scene, trained_with, .. } = read_spatial(&args.scene).map_err(Failure::of_scene)?;
     let (cameras, dataset) = cameras(&args.cameras, args.size, &scene)?;
     for camera in &cameras {
         camera.validate().map_err(|error| Failure::usage(error).at("--camera, --path or --size"))?;
     }
     check_output(&args.output, cameras.len())?;
+    let Camera { width, height, .. } = cameras[0];
+    memory::check_picture(args.scene.display(), (width, height))?;
     let render = match &dataset {
         Some(dataset) => args.shown.settings_beside(&scene, trained_with, dataset),
         None => args.shown.settings(&scene, trained_with),
@@ -147,9 +150,9 @@ impl SpatialTask for Frames<'_> {
         let cloud = rasterizer.upload(scene, gs_core::Chart::ScaleRotation)?;
         let mut culled = Culled::default();
         let mut frame = |camera: &Camera| -> Result<Image, Failure> {
-            let frame = rasterizer.forward(&cloud, camera, render)?;
-            culled = culled.plus(rasterizer.culled(&frame)?);
-            Ok(rasterizer.image(&frame)?)
+            let (image, left_out) = rasterizer.draw(&cloud, camera, render)?;
+            culled = culled.plus(left_out);
+            Ok(image)
         };
         let Camera { width, height, .. } = cameras[0];
         let output = &args.output;

@@ -1,0 +1,254 @@
+//! Whether the memory that a command takes at its peak can be had, asked before it begins: what is short of memory halfway ends as the system
+//! likes, and takes its work with it.
+//!
+//! Linux says what a process may have; elsewhere nothing is known, and nothing is refused.
+
+use std::{
+    fmt::Display,
+    fs,
+    path::{Path, PathBuf},
+};
+
+use gs_core::memory::amount;
+use gs_io::{SpatialFormat, spatial_format};
+
+use crate::{failure::Failure, output};
+
+/// What takes more is told.
+const LARGE: u64 = 1_000_000_000;
+
+/// Address space that threads which are yet to start reserve for their stacks and heaps. It is not used, but it is counted.
+const THREADS_TO_COME: u64 = 2 * 66_000_000;
+
+/// The memory that a piece of work takes at its peak.
+pub(crate) struct Need<'a> {
+    /// The work: "fitting photo.jpg (8000x6000 px)".
+    pub(crate) what: String,
+    /// What it takes beyond what is taken already.
+    pub(crate) bytes: u64,
+    /// How it takes less: "take a smaller image".
+    pub(crate) less: &'a str,
+}
+
+impl Need<'_> {
+    /// Fails where it is more than this process may have.
+    ///
+    /// # Errors
+    /// With the limit that is met first.
+    pub(crate) fn check(&self) -> Result<(), Failure> {
+        let Self { what, bytes, less } = self;
+        let Some(limit) = limits().into_iter().min_by_key(|limit| limit.left) else { return Ok(()) };
+        if *bytes <= limit.left {
+            return Ok(());
+        }
+        let Limit { whose, all, left } = limit;
+        let (needed, left, all) = (amount(*bytes), amount(left), amount(all));
+        let message = format_args!("takes about {needed} of memory, but of {whose} ({all}) only {left} are left");
+        Err(Failure::failed(message).at(what).mend(format_args!("{less}, or allow more")))
+    }
+
+    /// The same, and tells what is large.
+    ///
+    /// # Errors
+    /// As [`Self::check`].
+    pub(crate) fn check_aloud(&self) -> Result<(), Failure> {
+        self.check()?;
+        if self.bytes > LARGE {
+            output::note(format_args!("{} takes about {} of memory", self.what, amount(self.bytes)));
+        }
+        Ok(())
+    }
+}
+
+/// Fails where an image is too large to be read.
+///
+/// # Errors
+/// Those of its header, and of [`Need::check`].
+pub(crate) fn check_image(path: &Path) -> Result<(), Failure> {
+    let (width, height) = gs_io::read_image_size(path)?;
+    let what = format!("reading {} ({width}x{height} px)", path.display());
+    Need { what, bytes: gs_train::memory::reading((width, height)), less: "take a smaller image" }.check()
+}
+
+/// Fails where a picture is too large to be drawn; tells what is large.
+///
+/// # Errors
+/// Those of [`Need::check`].
+pub(crate) fn check_picture(what: impl Display, (width, height): (u32, u32)) -> Result<(), Failure> {
+    let what = format!("a picture of {what} of {width}x{height} px");
+    Need { what, bytes: gs_train::memory::drawing((width, height)), less: "make it smaller with --size" }.check_aloud()
+}
+
+/// Fails where a scene in space is too large to be read and worked with; what is none is left to its reader.
+///
+/// # Errors
+/// Those of opening it, and of [`Need::check`].
+pub(crate) fn check_spatial(path: &Path) -> Result<(), Failure> {
+    let Some(format) = spatial_format(path)? else { return Ok(()) };
+    // By what a Gaussian takes in the file, and in memory beside it: 56 bytes and 12 for each further coefficient.
+    let times = match format {
+        SpatialFormat::Splat => 4,
+        SpatialFormat::Spz => 14,
+        _ => 3,
+    };
+    let file = fs::metadata(path).map_or(0, |file| file.len());
+    let less = "prune the scene, or give it fewer spherical harmonics";
+    Need { what: format!("reading {}", path.display()), bytes: times * file, less }.check_aloud()
+}
+
+/// The most memory that this process has had so far, where the system tells.
+pub(crate) fn peak() -> Option<u64> {
+    kib(&text("/proc/self/status")?, "VmHWM")
+}
+
+/// Memory that may not be exceeded.
+#[derive(Debug, Clone, PartialEq, Eq)]
+struct Limit {
+    /// "the address space of this process".
+    whose: &'static str,
+    all: u64,
+    left: u64,
+}
+
+impl Limit {
+    fn new(whose: &'static str, all: u64, used: u64) -> Self {
+        Self { whose, all, left: all.saturating_sub(used) }
+    }
+}
+
+/// All that are known.
+fn limits() -> Vec<Limit> {
+    let mut found = Vec::new();
+    if let (Some(status), Some(limits)) = (text("/proc/self/status"), text("/proc/self/limits")) {
+        found.extend(of_process(&status, &limits));
+        let used = kib(&status, "VmRSS").unwrap_or(0);
+        found.extend(text("/proc/meminfo").and_then(|info| of_machine(&info, used)));
+    }
+    if let Some(listing) = text("/proc/self/cgroup") {
+        found.extend(of_cgroups(Path::new("/sys/fs/cgroup"), &listing));
+    }
+    found
+}
+
+/// The limits that `ulimit -v` and `ulimit -d` set.
+fn of_process(status: &str, limits: &str) -> Vec<Limit> {
+    let address_space = soft_limit(limits, "Max address space").zip(kib(status, "VmSize"));
+    let data = soft_limit(limits, "Max data size").zip(kib(status, "VmData"));
+    let address_space = address_space.map(|(all, used)| {
+        Limit::new("the address space that this process may have (ulimit -v)", all, used + THREADS_TO_COME)
+    });
+    let data = data.map(|(all, used)| Limit::new("the data that this process may have (ulimit -d)", all, used));
+    address_space.into_iter().chain(data).collect()
+}
+
+/// The machine's memory, which other programs may use, too: what they use now is no limit, as it may be free in a moment.
+fn of_machine(info: &str, used: u64) -> Option<Limit> {
+    let all = kib(info, "MemTotal")? + kib(info, "SwapTotal").unwrap_or(0);
+    Some(Limit::new("this machine's memory", all, used))
+}
+
+/// The limits of a process's control groups, of version 2 or 1, and of those that they are in.
+fn of_cgroups(root: &Path, listing: &str) -> Vec<Limit> {
+    let mut found = Vec::new();
+    for line in listing.lines() {
+        let mut parts = line.splitn(3, ':');
+        let (Some(number), Some(controllers), Some(path)) = (parts.next(), parts.next(), parts.next()) else {
+            continue;
+        };
+        let (mount, most, used, cache) = match (number, controllers.split(',').any(|name| name == "memory")) {
+            ("0", _) => (root.to_owned(), "memory.max", "memory.current", "inactive_file"),
+            (_, true) => {
+                let names = ("memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file");
+                (root.join("memory"), names.0, names.1, names.2)
+            }
+            _ => continue,
+        };
+        let groups = Path::new(path.trim_start_matches('/')).ancestors().map(|group| mount.join(group));
+        found.extend(groups.filter_map(|group| of_cgroup(&group, most, used, cache)));
+    }
+    found
+}
+
+fn of_cgroup(group: &Path, most: &str, used: &str, cache: &str) -> Option<Limit> {
+    let number = |name: &str| text(group.join(name))?.trim().parse::<u64>().ok();
+    let all = number(most)?;
+    // Pages of files are given back when there is need.
+    let stat = text(group.join("memory.stat")).unwrap_or_default();
+    let cached = stat.lines().find_map(|line| line.strip_prefix(cache)?.trim().parse().ok()).unwrap_or(0);
+    Some(Limit::new("this container's memory (cgroup)", all, number(used)?.saturating_sub(cached)))
+}
+
+fn text(path: impl Into<PathBuf>) -> Option<String> {
+    fs::read_to_string(path.into()).ok()
+}
+
+/// The value of a line such as "VmSize:     123 kB", bytes.
+fn kib(text: &str, name: &str) -> Option<u64> {
+    let value = text.lines().find_map(|line| line.strip_prefix(name)?.strip_prefix(':'))?;
+    value.trim().strip_suffix("kB")?.trim().parse::<u64>().ok()?.checked_mul(1024)
+}
+
+/// The soft limit of a line such as "Max data size     unlimited     unlimited     bytes"; none where it is unlimited.
+fn soft_limit(text: &str, name: &str) -> Option<u64> {
+    text.lines().find_map(|line| line.strip_prefix(name))?.split_whitespace().next()?.parse().ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const STATUS: &str = "Name:\tgs\nVmPeak:\t  900 kB\nVmSize:\t  400000 kB\nVmHWM:\t 50 kB\nVmData:\t  1000 kB\n";
+    const LIMITS: &str = "Limit                     Soft Limit           Hard Limit           Units     \n\
+        Max data size             2048000              unlimited            bytes     \n\
+        Max address space         4096000000           4096000000           bytes     \n";
+
+    #[test]
+    fn limits_of_the_process_are_what_it_has_not_used() {
+        let [address_space, data] = of_process(STATUS, LIMITS).try_into().unwrap();
+        assert_eq!(
+            (address_space.all, address_space.left),
+            (4_096_000_000, 4_096_000_000 - 409_600_000 - THREADS_TO_COME)
+        );
+        assert_eq!((data.all, data.left), (2_048_000, 1_024_000));
+        assert_eq!(of_process(STATUS, &LIMITS.replace("4096000000", "unlimited")).len(), 1);
+        assert_eq!(of_process("", LIMITS), []);
+        let machine = of_machine("MemTotal:  1000 kB\nMemFree:  1 kB\nSwapTotal:   24 kB\n", 1024).unwrap();
+        assert_eq!((machine.all, machine.left), (1024 * 1024, 1023 * 1024));
+    }
+
+    #[test]
+    fn limits_of_cgroups_are_those_of_all_that_the_process_is_in() {
+        let place = tempfile::tempdir().unwrap();
+        let write = |path: &str, text: &str| {
+            let path = place.path().join(path);
+            fs::create_dir_all(path.parent().unwrap()).unwrap();
+            fs::write(path, text).unwrap();
+        };
+        write("a/memory.max", "5000\n");
+        write("a/memory.current", "3000\n");
+        write("a/memory.stat", "anon 7\ninactive_file 1000\n");
+        write("a/b/memory.max", "max\n");
+        write("a/b/memory.current", "10\n");
+        let limits = |listing: &str| -> Vec<(u64, u64)> {
+            of_cgroups(place.path(), listing).iter().map(|limit| (limit.all, limit.left)).collect()
+        };
+        assert_eq!(limits("0::/a/b\n"), [(5000, 3000)]);
+        write("memory/c/memory.limit_in_bytes", "8000\n");
+        write("memory/c/memory.usage_in_bytes", "500\n");
+        assert_eq!(limits("5:cpu:/c\n4:memory:/c\n0::/\n"), [(8000, 7500)]);
+        assert_eq!(limits("nonsense"), []);
+    }
+
+    #[test]
+    #[cfg(target_os = "linux")]
+    fn this_process_has_used_some_and_has_some_left() {
+        assert!(peak().unwrap() > 1_000_000);
+        let limits = limits();
+        assert!(limits.iter().any(|limit| limit.whose.contains("machine") && limit.left > 0 && limit.left < limit.all));
+        let need = |bytes| Need { what: "a test".to_owned(), bytes, less: "test less" };
+        need(1).check_aloud().unwrap();
+        let line = need(u64::MAX).check().unwrap_err().line().unwrap();
+        let ends = line.ends_with("are left: test less, or allow more");
+        assert!(line.starts_with("error: a test: takes about 18446744073.7 GB of memory, but of ") && ends, "{line}");
+    }
+}
