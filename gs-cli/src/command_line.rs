@@ -2,7 +2,7 @@
 
 use std::process::ExitCode;
 
-use clap::{Parser, Subcommand, error::ErrorKind};
+use clap::{CommandFactory, FromArgMatches, Parser, Subcommand, error::ErrorKind};
 
 use crate::{
     commands::{
@@ -105,7 +105,8 @@ pub(crate) enum Parsed {
 /// # Errors
 /// Bad usage, in one line.
 pub(crate) fn parse() -> Result<Parsed, Failure> {
-    let error = match CommandLine::try_parse() {
+    let read = command().try_get_matches().and_then(|matches| CommandLine::from_arg_matches(&matches));
+    let error = match read {
         Ok(line) => return Ok(Parsed::Command(line.command)),
         Err(error) => error,
     };
@@ -126,6 +127,16 @@ pub(crate) fn parse() -> Result<Parsed, Failure> {
     }
 }
 
+/// The command line, with "-5" taken for the value of a flag and not for a flag of its own, so that what is wrong with it is said.
+fn command() -> clap::Command {
+    fn with_negative_numbers(command: clap::Command) -> clap::Command {
+        let takes_value = |arg: &clap::Arg| arg.get_action().takes_values() && !arg.is_positional();
+        let command = command.mut_args(|arg| if takes_value(&arg) { arg.allow_negative_numbers(true) } else { arg });
+        command.mut_subcommands(with_negative_numbers)
+    }
+    with_negative_numbers(CommandLine::command())
+}
+
 const COMMANDS: [&str; 14] = [
     "fit", "train", "render", "view", "eval", "convert", "info", "doctor", "profile", "effects", "paper", "popping",
     "frontier", "study",
@@ -143,12 +154,11 @@ fn essence(message: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use clap::CommandFactory;
 
     #[test]
     fn the_command_line_is_consistent() {
-        CommandLine::command().debug_assert();
-        let known: Vec<_> = CommandLine::command().get_subcommands().map(|c| c.get_name().to_owned()).collect();
+        command().debug_assert();
+        let known: Vec<_> = command().get_subcommands().map(|c| c.get_name().to_owned()).collect();
         assert_eq!(known, COMMANDS);
     }
 

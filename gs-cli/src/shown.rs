@@ -10,7 +10,7 @@ use gs_io::dataset::Dataset;
 
 use crate::{
     train::{AntialiasName, OrderName},
-    values::Color,
+    values::{Color, whole},
 };
 
 /// The flags of commands that show a scene in space.
@@ -21,7 +21,7 @@ pub(crate) struct ShownArgs {
     #[arg(long, value_name = "COLOUR")]
     background: Option<Color>,
     /// Highest degree of the spherical harmonics, 0 to 3 [default: the scene's]
-    #[arg(long, value_name = "D", value_parser = clap::value_parser!(u8).range(0..=3))]
+    #[arg(long, value_name = "D", value_parser = whole::<u8>(0..=3))]
     sh_degree: Option<u8>,
     /// In which order Gaussians are blended [default: tile-depth]
     #[arg(long, value_enum, value_name = "ORDER")]

@@ -21,7 +21,7 @@ use crate::{
     output,
     paper::files,
     shown::{ShownArgs, why_empty},
-    values::{Axis, Size},
+    values::{Axis, Size, whole},
 };
 
 const AFTER_HELP: &str = "\
@@ -52,10 +52,10 @@ pub(crate) struct PoppingArgs {
     #[arg(long, value_name = "DEGREES", default_value_t = 0.25)]
     step: f32,
     /// Frames of a stretch, a quarter of the step apart
-    #[arg(long, value_name = "N", default_value_t = 13, value_parser = clap::value_parser!(u32).range(9..=10_000))]
+    #[arg(long, value_name = "N", default_value_t = 13, value_parser = whole::<u32>(9..=10_000))]
     frames: u32,
     /// Stretches of the orbit, evenly spread
-    #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    #[arg(long, value_name = "N", default_value_t = 8, value_parser = whole::<u32>(1..=10_000))]
     places: u32,
     #[command(flatten)]
     shown: ShownArgs,

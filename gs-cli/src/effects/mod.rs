@@ -29,7 +29,7 @@ use crate::{
     },
     output,
     shown::ShownArgs,
-    values::{Axis, Size, canvas},
+    values::{Axis, Size, canvas, whole},
 };
 
 const AFTER_HELP: &str = "\
@@ -57,10 +57,10 @@ pub(crate) struct EffectsCommandArgs {
     #[arg(long)]
     json: bool,
     /// The most views that are looked at
-    #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    #[arg(long, value_name = "N", default_value_t = 8, value_parser = whole::<u32>(1..=10_000))]
     views: u32,
     /// How often each time is measured
-    #[arg(short, long, value_name = "R", default_value_t = 11, value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    #[arg(short, long, value_name = "R", default_value_t = 11, value_parser = whole::<u32>(1..=10_000))]
     repetitions: u32,
     /// Size of the pictures [default: that of the image or of the photographs; in space else 800x600]
     #[arg(long, value_name = "WxH")]
@@ -80,7 +80,10 @@ pub(crate) struct EffectsCommandArgs {
 /// Where input, data set or flags are not possible, or the backend fails.
 pub(crate) fn run(args: &EffectsCommandArgs) -> Result<(), Failure> {
     let subject = Subject::load(args)?;
-    let backend = Backend::start(&args.backend)?;
+    let backend = match &subject {
+        Subject::Planar { wanted, .. } => Backend::start_for_image(&args.backend, wanted),
+        Subject::Spatial { .. } | Subject::Image { .. } => Backend::start(&args.backend),
+    }?;
     let report = backend.run(Examine { subject, args, backend: &backend })?;
     if args.json { output::json(&report) } else { output::result(report.text()) }
 }

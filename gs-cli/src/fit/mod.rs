@@ -18,7 +18,7 @@ use std::{
     time::Instant,
 };
 
-use gs_core::{PlanarScene, Rasterizer};
+use gs_core::{PlanarScene, Rasterizer, RenderSettings};
 use gs_io::{Checkpoint, read_checkpoint};
 use gs_train::{FitSettings, MetricsLog, Observer, Outcome, RunSettings, Trainable, Trainer};
 
@@ -56,7 +56,7 @@ pub(crate) fn run(args: &FitArgs) -> Result<(), Failure> {
             Start::Fresh(Box::new(settings))
         }
     };
-    let backend = Backend::start(&args.backend.or_chosen(given.machine()))?;
+    let backend = Backend::start_for_image(&args.backend.or_chosen(given.machine()), &start.render())?;
     backend.run(Fit { args, target: &target, start, backend: &backend, started })
 }
 
@@ -68,6 +68,18 @@ enum Start {
 }
 
 impl Start {
+    /// How the fit is shown while it goes on; the usual where a checkpoint does not say, which is its reader's to tell.
+    fn render(&self) -> RenderSettings {
+        match self {
+            Self::Fresh(settings) => settings.render,
+            Self::Resumed(checkpoint, _) => {
+                let text = checkpoint.metadata.get("settings").map_or("", String::as_str);
+                toml::from_str::<FitSettings>(text)
+                    .map_or_else(|_| RenderSettings::default(), |settings| settings.render)
+            }
+        }
+    }
+
     /// The fit where it begins, and its log up to there.
     fn begin<'r, R: Rasterizer<PlanarScene>>(
         self,

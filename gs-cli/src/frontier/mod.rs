@@ -23,7 +23,7 @@ use crate::{
     },
     output,
     shown::ShownArgs,
-    values::{Axis, Size, Tolerance},
+    values::{Axis, Size, Tolerance, whole},
 };
 
 const AFTER_HELP: &str = "\
@@ -63,19 +63,19 @@ pub(crate) struct FrontierArgs {
     #[arg(long, conflicts_with_all = ["max_error", "max_ms"])]
     json: bool,
     /// Seconds that go into timing; at least seven rounds are made, however long they take
-    #[arg(long, value_name = "S", default_value_t = 24, value_parser = clap::value_parser!(u32).range(1..=3600))]
+    #[arg(long, value_name = "S", default_value_t = 24, value_parser = whole::<u32>(1..=3600))]
     seconds: u32,
     /// Size of the pictures [default: that of the image or of the data set; in space else 800x600]
     #[arg(long, value_name = "WxH")]
     size: Option<Size>,
     /// The most Gaussians that an image is fitted with [default: 9000 for each 768x512 px]
-    #[arg(short = 'n', long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    #[arg(short = 'n', long, value_name = "N", value_parser = whole::<u32>(1..))]
     gaussians: Option<u32>,
     /// Look at a scene in space from views of this data set
     #[arg(long, value_name = "DATASET")]
     dataset: Option<PathBuf>,
     /// Views of a scene in space for the search, and as many again to verify
-    #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=100))]
+    #[arg(long, value_name = "N", default_value_t = 3, value_parser = whole::<u32>(1..=100))]
     views: u32,
     /// The axis that an orbit goes around and that is up in the picture: x, y, z, or -x, -y, -z [default: -y]
     #[arg(long, value_name = "AXIS", allow_hyphen_values = true)]

@@ -123,7 +123,7 @@ fn fitted(args: &FrontierArgs) -> Result<(PlanarScene, RenderSettings, (u32, u32
         fit.iterations
     ));
     let (shown, size) = (fit.render, target.image.size());
-    let scene = Backend::start(&args.backend)?.run(Fit { target: &target, settings: fit })?;
+    let scene = Backend::start_for_image(&args.backend, &shown)?.run(Fit { target: &target, settings: fit })?;
     Ok((scene, shown, size))
 }
 

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
 
-use crate::backend::BackendArgs;
+use crate::{backend::BackendArgs, values::whole};
 
 const AFTER_HELP: &str = "\
 A study is arms (settings that differ) x images x budgets x seeds, in a TOML file; these come with the program:
@@ -66,7 +66,7 @@ pub(crate) struct ConductArgs {
     #[arg(long, value_name = "DIR")]
     pub(crate) data: Option<PathBuf>,
     /// How many runs go side by side, each on its share of the threads; the tables do not depend on it
-    #[arg(short, long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..=256))]
+    #[arg(short, long, value_name = "N", default_value_t = 1, value_parser = whole::<u16>(1..=256))]
     pub(crate) jobs: u16,
     /// Go on with the study that is in DIR; what is done is not done again
     #[arg(long)]
