@@ -392,6 +392,16 @@ mod tests {
     }
 
     #[test]
+    fn nobody_asked_for_the_backends_that_are_compared() {
+        for one in [Choice::Cpu, Choice::Wgpu] {
+            let reason = Backend::start_compared(&BackendArgs::default(), one).unwrap().reason;
+            assert!(reason.contains("to be compared") && !reason.contains("as asked"), "{reason}");
+            let asked = Backend::start_compared(&args(one, None, None), one).unwrap().reason;
+            assert!(asked.contains("as asked"), "{asked}");
+        }
+    }
+
+    #[test]
     fn every_combination_of_flags_is_a_choice_or_a_contradiction() {
         use Choice::{Auto, Cpu, Wgpu};
         let (adapter, level) = (Some("llvm"), Some("scalar"));

@@ -142,11 +142,12 @@ const COMMANDS: [&str; 14] = [
     "frontier", "study",
 ];
 
-/// The parser's message without its usage, its pointer to the help and its own "error:".
+/// The parser's message without its usage, its pointers to the help and to `--`, and its own "error:".
 fn essence(message: &str) -> String {
     let paragraphs = message.split("\n\n").map(str::trim);
-    let kept =
-        paragraphs.filter(|p| !p.is_empty() && !p.starts_with("Usage:") && !p.starts_with("For more information"));
+    // That a word could also be given behind `--` helps nobody who has misspelt a flag.
+    let left_out = ["Usage:", "For more information", "tip: to pass"];
+    let kept = paragraphs.filter(|p| !p.is_empty() && !left_out.iter().any(|beginning| p.starts_with(beginning)));
     let text = kept.collect::<Vec<_>>().join(": ");
     text.strip_prefix("error: ").unwrap_or(&text).to_owned()
 }
@@ -160,6 +161,12 @@ mod tests {
         command().debug_assert();
         let known: Vec<_> = command().get_subcommands().map(|c| c.get_name().to_owned()).collect();
         assert_eq!(known, COMMANDS);
+    }
+
+    #[test]
+    fn a_flag_that_does_not_exist_is_not_said_to_be_a_value() {
+        let error = command().try_get_matches_from(["gs", "fit", "--overwright"]).unwrap_err();
+        assert_eq!(essence(&error.to_string()), "unexpected argument '--overwright' found");
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 use clap::Args;
 use gs_core::{
-    Blend, RenderSettings, SpatialScene,
+    Blend, RenderSettings, SpatialScene, counted,
     effects::{Antialias, Order},
     statistics::Culled,
 };
@@ -100,7 +100,7 @@ pub(crate) fn why_empty(culled: Culled, gaussians: usize, frames: usize) -> Opti
         .filter(|(count, _)| *count > 0)
         .map(|(count, cause)| format!("{} {cause}", u64::from(*count).div_ceil(frames.max(1) as u64)))
         .collect();
-    Some(format!("of {gaussians} Gaussians {}", causes.join(", ")))
+    Some(format!("of {} {}", counted(gaussians, "Gaussian"), causes.join(", ")))
 }
 
 #[cfg(test)]

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use gs_core::{Camera, Chart, Rasterizer, RenderSettings, Scene, SpatialScene};
+use gs_core::{Camera, Chart, Rasterizer, RenderSettings, Scene, SpatialScene, counted};
 use gs_io::read_spatial;
 use gs_train::{
     experiments::{
@@ -84,7 +84,7 @@ pub(crate) fn run(args: &PoppingArgs) -> Result<(), Failure> {
     output::note(&backend.reason);
     let render = args.shown.settings(&scene);
     let name = args.scene.file_stem().map_or_else(|| "scene".into(), |stem| stem.to_string_lossy());
-    let what = format!("{name}, {} Gaussians", scene.len());
+    let what = format!("{name}, {}", counted(scene.len(), "Gaussian"));
     let findings = backend.run_spatial(Fly { scene: &scene, flight, first, render, what })?;
     files::write_findings(&folder, &findings)?;
     for table in &findings.tables {

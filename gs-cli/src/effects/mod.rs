@@ -7,7 +7,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 use gs_core::{
-    Camera, Canvas, Chart, PlanarScene, Rasterizer, RenderSettings, Scene, SpatialScene,
+    Camera, Canvas, Chart, PlanarScene, Rasterizer, RenderSettings, Scene, SpatialScene, counted,
     effects::called_for::CallsForEffects,
 };
 use gs_io::dataset::{DatasetSettings, read_dataset};
@@ -126,20 +126,20 @@ impl Subject {
             let first = cameras::overview(&bulk, args.size, up)?;
             first.validate().map_err(|error| Failure::usage(error).at("--size"))?;
             let cameras = Orbit { center: bulk.center, axis: up, frames: args.views }.cameras(&first);
-            let (wanted, seen) = (args.shown.settings(&scene), format!("{most} places around it"));
+            let (wanted, seen) = (args.shown.settings(&scene), format!("{} around it", counted(most, "place")));
             return Ok(Self::Spatial { scene, cameras, wanted, seen });
         };
         let dataset = read_dataset(path, &DatasetSettings::default())?;
         let wanted = args.shown.settings_beside(&scene, &dataset);
         let Views { train, test, .. } = Views::of_dataset(&dataset);
-        let (views, which) = if test.is_empty() { (train, "views") } else { (test, "test views") };
+        let (views, which) = if test.is_empty() { (train, "view") } else { (test, "test view") };
         let all: Vec<Camera> = views.iter().map(|PosedView { camera, .. }| *camera).collect();
         let sized = |camera: Camera| args.size.map_or(camera, |size| resized(&camera, size.width, size.height));
         let cameras: Vec<Camera> = sampled(&all, most).into_iter().map(sized).collect();
         for camera in &cameras {
             camera.validate().map_err(|error| Failure::usage(error).at("--size"))?;
         }
-        let seen = format!("{} of {} {which} of {}", cameras.len(), all.len(), path.display());
+        let seen = format!("{} of {} of {}", cameras.len(), counted(all.len(), which), path.display());
         Ok(Self::Spatial { scene, cameras, wanted, seen })
     }
 }
@@ -176,12 +176,12 @@ impl Task for Examine<'_> {
                 let flags = SettingsArgs { iterations: Some(ITERATIONS), ..SettingsArgs::default() };
                 let settings = settings::resolve(&flags, &Given::Nothing, &target)?;
                 let (steps, wanted) = (settings.iterations, settings.render);
-                output::note(format_args!("fitting {} in {steps} steps first", target.name()));
+                output::note(format_args!("fitting {} in {} first", target.name(), counted(steps, "step")));
                 let mut trainer = Trainer::new(rasterizer, &target.image, settings)?;
                 trainer.run(&mut ())?;
                 let scene = trainer.scene()?;
                 let canvas = canvas(target.image.size(), size)?;
-                let seen = format!("its canvas, after {steps} steps");
+                let seen = format!("its canvas, after {}", counted(steps, "step"));
                 let facts = facts(seen, scene.len(), canvas.width, canvas.height);
                 examine(rasterizer, &scene, &[canvas], &wanted, args, facts)
             }

@@ -22,7 +22,7 @@ DIR then holds:
                           control; at every 20th part and at both ends also L1, PSNR, what was culled and what was
                           clamped, which cost a rendering; rows come as the fit goes on, in metrics.part.csv until it
                           ends well
-  curve.png               count and loss over the steps
+  curve.png               count, loss and PSNR over the steps
   settings.toml           all settings, to repeat the fit with --settings
   summary.json            what --json prints
 
@@ -66,7 +66,7 @@ pub(crate) struct FitArgs {
     /// Leave out the two pictures that only explain: ellipses.png and curve.png
     #[arg(long)]
     no_report: bool,
-    /// Tell of each round of density control as it happens; metrics.csv has them all, too
+    /// Also print each round of density control, Gaussians whose size reaches a bound, and the effects that are simulated and why
     #[arg(short, long)]
     verbose: bool,
     #[command(flatten)]
@@ -100,11 +100,12 @@ impl FitArgs {
 }
 
 /// How much a fit tells while it runs.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(crate) enum Detail {
     /// How far it is.
+    #[default]
     Steps,
-    /// That, and a line for each round of density control.
+    /// That, a line for each round of density control, the Gaussians whose scales reach a bound, and the effects that are simulated.
     Rounds,
 }
 

@@ -9,6 +9,7 @@ pub(crate) mod observers;
 pub(crate) mod progress;
 pub(crate) mod results;
 pub(crate) mod settings;
+pub(crate) mod status;
 pub(crate) mod target;
 pub(crate) mod terminal;
 pub(crate) mod trouble;
@@ -18,7 +19,7 @@ use std::{
     time::Instant,
 };
 
-use gs_core::{PlanarScene, Rasterizer, RenderSettings};
+use gs_core::{PlanarScene, Rasterizer, RenderSettings, counted};
 use gs_io::{Checkpoint, read_checkpoint};
 use gs_train::{FitSettings, MetricsLog, Observer, Outcome, RunSettings, Trainable, Trainer};
 
@@ -133,7 +134,7 @@ impl Task for Fit<'_> {
         let (outcome, summary) = ended.map_err(|failure| checkpoints.with_way_on(failure, resuming))?;
         match args.format() {
             Format::Json => output::json(&summary)?,
-            Format::Text => output::note(summary.text(folder.path())),
+            Format::Text => output::note(summary.text(folder.path(), args.detail())),
         }
         checkpoints.conclude(outcome, trainer.step(), &args.checkpoints, resuming)
     }
@@ -185,12 +186,12 @@ fn announce<R: Rasterizer<PlanarScene>>(args: &FitArgs, target: &Target, backend
     }
     let settings = trainer.settings();
     output::note(format_args!(
-        "fitting {} ({}x{} px) with at most {} Gaussians in {} steps, into {}",
+        "fitting {} ({}x{} px) with at most {} in {}, into {}",
         target.name(),
         target.image.width(),
         target.image.height(),
-        settings.gaussians,
-        settings.iterations - trainer.step(),
+        counted(settings.gaussians, "Gaussian"),
+        counted(settings.iterations - trainer.step(), "step"),
         args.output.display()
     ));
 }

@@ -6,7 +6,7 @@ mod subject;
 use std::path::PathBuf;
 
 use clap::Args;
-use gs_core::Rasterizer;
+use gs_core::{Rasterizer, counted};
 use gs_cpu::CpuRasterizer;
 use gs_oracle::OracleView;
 use gs_study::frontier::{Budget, Chosen, Field, Frontier, Pace, Verifiable, figure, search, to_csv, to_text};
@@ -38,8 +38,8 @@ by is the noise, and differences within it are `no difference`. Errors are of th
 differ.
 
 With --max-error or --max-ms the answer is a file of settings that gs render --settings and gs fit --settings take: the quickest that are \
-exact enough, or the most exact that are quick enough, of all backends that are measured, verified on views that the search did not see. It \
-is printed on standard output, and everything else on standard error.
+exact enough, or the most exact that are quick enough, of all backends that are measured, verified on views that the search did not see. \
+Where the noise does not tell times apart, the lowest median is taken, and the answer says so. It is printed on standard output, and everything else on standard error.
 
 DIR then holds frontier.csv, the table; frontier.json, the same with all times; frontier.svg and .png, error against time; and settings.toml, \
 if a budget was given.";
@@ -132,10 +132,10 @@ where
     let pace = Pace { seconds: f64::from(args.seconds), ..Pace::default() };
     let frontier = search(&field, &seen.views, pace, &mut |what| output::note(what))?;
     let (width, height) = seen.views[0].size();
-    let what = format!("{}: {} Gaussians, {width}x{height} px", seen.name, seen.scene.len());
+    let what = format!("{}: {}, {width}x{height} px", seen.name, counted(seen.scene.len(), "Gaussian"));
     // What was found is told and written also where the budget cannot be kept.
     let answer = args.budget().map(|budget| -> Result<Answer, Failure> {
-        output::note(format_args!("verifying on {} views that the search has not seen", seen.unseen.len()));
+        output::note(format_args!("verifying on {} that the search has not seen", counted(seen.unseen.len(), "view")));
         match budget.choose(&field, &frontier, &seen.unseen, 0.1 * pace.seconds)? {
             Chosen::Kept(choice) => Answer::new(budget, &choice, &frontier, &machines, seen.chooses, &what),
             Chosen::OutOfReach(best) => Err(answer::out_of_reach(budget, best)),

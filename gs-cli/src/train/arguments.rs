@@ -24,7 +24,7 @@ DIR then holds:
   metrics.csv      count, edits and loss at every 100th part of the steps and at each round of density control; at every
                    20th part and at both ends also PSNR, L1 and what was culled, over the held-out views, and what was
                    clamped; rows come as the training goes on, in metrics.part.csv until it ends well
-  curve.png        count and loss over the steps
+  curve.png        count, loss and PSNR over the steps
   settings.toml    all settings, to repeat the training with --settings
   summary.json     what --json prints
 
@@ -73,7 +73,7 @@ pub(crate) struct TrainArgs {
     /// Leave out the pictures: views/, ellipses.png and curve.png
     #[arg(long)]
     pub(crate) no_report: bool,
-    /// Tell of each round of density control as it happens; metrics.csv has them all, too
+    /// Also print each round of density control, Gaussians whose size reaches a bound, and the effects that are simulated and why
     #[arg(short, long)]
     verbose: bool,
     #[command(flatten)]

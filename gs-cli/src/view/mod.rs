@@ -105,7 +105,9 @@ pub(crate) fn run(args: &ViewArgs) -> Result<(), Failure> {
     let distance = if depth > 0.0 { depth } else { bulk.radius };
     // One may move to wherever one likes.
     let CalledFor { settings, verdicts } = args.effects.choose(&scene, &[], &start.settings)?;
-    output::note(told(&verdicts));
+    if let Some(told) = told(&verdicts) {
+        output::note(told);
+    }
     let session = Session::new(Navigator::new(&start.camera, distance, start.up, bulk), settings);
     let subject = Subject {
         name: args.scene.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned()),

@@ -2,6 +2,8 @@
 
 use std::fmt;
 
+use gs_core::counted;
+
 /// Something that was dropped or rounded when a scene was read or written. Its text completes "lost: …".
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
@@ -57,10 +59,10 @@ impl fmt::Display for Loss {
             }
             Self::Rounded { what, to } => write!(f, "{what} are rounded to {to}"),
             Self::Clamped { what, values, low, high } => {
-                write!(f, "{what} outside {low}..{high} are clamped: {values} values")
+                write!(f, "{what} outside {low}..{high} are clamped: {}", counted(*values, "value"))
             }
             Self::ZeroScales { gaussians } => {
-                write!(f, "scales of 0 are raised to the smallest number above it: {gaussians} Gaussians")
+                write!(f, "scales of 0 are raised to the smallest number above it: {}", counted(*gaussians, "Gaussian"))
             }
             Self::QuaternionLengths => f.write_str("the lengths of quaternions, which mean nothing"),
             Self::LinearLight => f.write_str("colours in linear light are converted to sRGB to first order"),

@@ -2,6 +2,7 @@
 
 use std::{fmt::Write, path::Path};
 
+use gs_core::counted;
 use gs_io::dataset::{Dataset, DatasetKind, DatasetSettings, SourceCamera, Split, View, read_dataset};
 use serde::Serialize;
 
@@ -114,7 +115,7 @@ fn text(info: &Info) -> String {
             let [width, height] = camera.undistorted;
             let _ = write!(line, ", undistorted to {width}x{height} px");
         }
-        let _ = write!(line, " ({} views)", camera.views);
+        let _ = write!(line, " ({})", counted(camera.views, "view"));
         rows.push(("camera", line));
     }
     if info.cameras.len() > CAMERAS_SHOWN {

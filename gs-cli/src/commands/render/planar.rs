@@ -31,7 +31,9 @@ pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
     let backend = Backend::start_for_image(&flags, &settings)?;
     let image = backend.run(Render { file: &file, canvas: &canvas, settings: &settings })?;
     gs_io::write_png(&args.output, &image)?;
-    output::note(told(&verdicts));
+    if let Some(told) = told(&verdicts) {
+        output::note(told);
+    }
     output::note(format_args!("wrote {}, {}x{} px", args.output.display(), canvas.width, canvas.height));
     Ok(())
 }

@@ -50,7 +50,9 @@ pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
     let render = chosen.map_or(render, |chosen| args.shown.overriding(chosen.applied_to(render), &render));
     let CalledFor { settings, verdicts } = args.effects().choose(&scene, &cameras, &render)?;
     backend.run_spatial(Frames { args, scene: &scene, cameras: &cameras, render: &settings })?;
-    output::note(told(&verdicts));
+    if let Some(told) = told(&verdicts) {
+        output::note(told);
+    }
     Ok(())
 }
 
