@@ -4,11 +4,12 @@
 mod contenders;
 mod fastest;
 mod team;
+mod threads;
 
-use std::{env::consts, num::NonZero, thread::available_parallelism};
+use std::env::consts;
 
 use clap::{Args, Parser, ValueEnum, builder::NonEmptyStringValueParser};
-use gs_core::{Chart, Error, PlanarScene, Rasterizer, SpatialScene, profile::Profiler};
+use gs_core::{Canvas, Chart, Error, PlanarScene, Rasterizer, RenderSettings, SpatialScene, profile::Profiler};
 use gs_cpu::{CpuRasterizer, CpuSettings, CpuTuning, SimdLevel};
 use gs_study::Machine;
 use gs_wgpu::{AdapterSummary, Kernels, WgpuRasterizer, WgpuSettings};
@@ -17,7 +18,12 @@ pub(crate) use self::{
     contenders::contenders,
     team::{Team, TeamTask},
 };
-use crate::{backend::fastest::Fastest, chosen::ChosenMachine, failure::Failure};
+use crate::{
+    backend::{fastest::Fastest, threads::Threads},
+    chosen::ChosenMachine,
+    failure::Failure,
+    values::whole,
+};
 
 /// Which backend to use.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
@@ -41,8 +47,9 @@ pub(crate) struct BackendArgs {
     /// The GPU, by a part of its name, for the wgpu backend; gs info --adapters lists them [default: the fastest kind]
     #[arg(long, value_name = "NAME", value_parser = NonEmptyStringValueParser::new())]
     pub(crate) adapter: Option<String>,
-    /// Number of threads [default: one for each core that this program may use]; the result does not depend on it
-    #[arg(long, value_name = "T", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    /// Number of threads [default: RAYON_NUM_THREADS, or one for each core that this program may use]; the result does not depend
+    /// on it
+    #[arg(long, value_name = "T", value_parser = whole::<u16>(1..=1024))]
     pub(crate) threads: Option<u16>,
     /// SIMD level of the cpu backend: scalar, sse4.2, avx2, avx512 or native [default: the fastest of this machine]
     #[arg(long, value_name = "LEVEL")]
@@ -98,13 +105,7 @@ pub(crate) trait SpatialTask {
 enum Wanted<'a> {
     Fastest,
     Cpu { why: &'static str },
-    Wgpu { adapter: Option<&'a str> },
-}
-
-/// Threads on the host, and why so many.
-struct Threads {
-    count: usize,
-    why: &'static str,
+    Wgpu { adapter: Option<&'a str>, why: &'static str },
 }
 
 impl Backend {
@@ -114,7 +115,29 @@ impl Backend {
     /// Bad usage where flags contradict each other, the machine has no such SIMD level or adapter, or cannot start so many
     /// threads; a failure where there is no adapter at all, or it gives no device.
     pub(crate) fn start(args: &BackendArgs) -> Result<Self, Failure> {
-        Self::start_suited(args, |_| Ok(()))
+        Self::start_suited(args, wanted(args)?, |_| Ok(()))
+    }
+
+    /// Starts the backend that the flags ask for. Where they leave it open, a GPU that cannot show scenes of images in this way is not taken.
+    ///
+    /// # Errors
+    /// As [`Self::start`].
+    pub(crate) fn start_for_image(args: &BackendArgs, render: &RenderSettings) -> Result<Self, Failure> {
+        Self::start_suited(args, wanted(args)?, |gpu| shows_images(gpu, render))
+    }
+
+    /// Starts one of the backends that are compared, the processor or wgpu, whether the flags ask for it or for all.
+    ///
+    /// # Errors
+    /// As [`Self::start`].
+    fn start_compared(args: &BackendArgs, one: Choice) -> Result<Self, Failure> {
+        let compared = "to be compared";
+        let wanted = match wanted(args)? {
+            Wanted::Fastest if one == Choice::Cpu => Wanted::Cpu { why: compared },
+            Wanted::Fastest => Wanted::Wgpu { adapter: None, why: compared },
+            asked => asked,
+        };
+        Self::start_suited(args, wanted, |_| Ok(()))
     }
 
     /// The same for training in space in this chart: where the flags leave open what computes, a GPU that does not offer the chart is passed by.
@@ -122,21 +145,19 @@ impl Backend {
     /// # Errors
     /// As [`Self::start`].
     pub(crate) fn start_in_space(args: &BackendArgs, chart: Chart) -> Result<Self, Failure> {
-        Self::start_suited(args, |gpu| gpu.upload(&SpatialScene::default(), chart).map(drop))
+        Self::start_suited(args, wanted(args)?, |gpu| gpu.upload(&SpatialScene::default(), chart).map(drop))
     }
 
     /// A GPU of which `suits` is an error is passed by, unless it was asked for.
     fn start_suited(
         args: &BackendArgs,
+        wanted: Wanted<'_>,
         suits: impl FnOnce(&WgpuRasterizer) -> Result<(), Error>,
     ) -> Result<Self, Failure> {
-        let threads = match args.threads {
-            Some(count) => Threads { count: count.into(), why: "threads as asked" },
-            None => Threads { count: available_parallelism().map_or(1, NonZero::get), why: "one thread a core" },
-        };
-        let backend = match wanted(args)? {
+        let threads = Threads::of(args.threads)?;
+        let backend = match wanted {
             Wanted::Cpu { why } => Self::cpu(args.simd.as_deref(), args.tuning, &threads, why),
-            Wanted::Wgpu { adapter } => Ok(Self::wgpu(named(adapter, args.kernels)?, &threads, "as asked")),
+            Wanted::Wgpu { adapter, why } => Ok(Self::wgpu(named(adapter, args.kernels)?, &threads, why)),
             Wanted::Fastest => match fastest::find(suits) {
                 Fastest::Gpu(gpu) => Ok(Self::wgpu(*gpu, &threads, "a GPU was found")),
                 Fastest::Cpu { why } => Self::cpu(None, args.tuning, &threads, &why),
@@ -288,8 +309,15 @@ fn wanted(args: &BackendArgs) -> Result<Wanted<'_>, Failure> {
         (Choice::Auto, None, None) => Ok(Wanted::Fastest),
         (Choice::Auto, None, Some(_)) => Ok(Wanted::Cpu { why: "as --simd asks" }),
         (Choice::Cpu, None, _) => Ok(Wanted::Cpu { why: "as asked" }),
-        (Choice::Wgpu, adapter, None) | (Choice::Auto, adapter @ Some(_), None) => Ok(Wanted::Wgpu { adapter }),
+        (Choice::Wgpu, adapter, None) | (Choice::Auto, adapter @ Some(_), None) => {
+            Ok(Wanted::Wgpu { adapter, why: "as asked" })
+        }
     }
+}
+
+/// Fails where the GPU cannot show the scenes of images in this way.
+fn shows_images(gpu: &WgpuRasterizer, render: &RenderSettings) -> Result<(), Error> {
+    gpu.planar().render(&PlanarScene::default(), &Canvas::new(1, 1), render).map(drop)
 }
 
 /// The adapter of that name, or the first.
@@ -364,17 +392,27 @@ mod tests {
     }
 
     #[test]
+    fn nobody_asked_for_the_backends_that_are_compared() {
+        for one in [Choice::Cpu, Choice::Wgpu] {
+            let reason = Backend::start_compared(&BackendArgs::default(), one).unwrap().reason;
+            assert!(reason.contains("to be compared") && !reason.contains("as asked"), "{reason}");
+            let asked = Backend::start_compared(&args(one, None, None), one).unwrap().reason;
+            assert!(asked.contains("as asked"), "{asked}");
+        }
+    }
+
+    #[test]
     fn every_combination_of_flags_is_a_choice_or_a_contradiction() {
         use Choice::{Auto, Cpu, Wgpu};
         let (adapter, level) = (Some("llvm"), Some("scalar"));
         for (flags, expected) in [
             ((Auto, None, None), Wanted::Fastest),
             ((Auto, None, level), Wanted::Cpu { why: "as --simd asks" }),
-            ((Auto, adapter, None), Wanted::Wgpu { adapter }),
+            ((Auto, adapter, None), Wanted::Wgpu { adapter, why: "as asked" }),
             ((Cpu, None, None), Wanted::Cpu { why: "as asked" }),
             ((Cpu, None, level), Wanted::Cpu { why: "as asked" }),
-            ((Wgpu, None, None), Wanted::Wgpu { adapter: None }),
-            ((Wgpu, adapter, None), Wanted::Wgpu { adapter }),
+            ((Wgpu, None, None), Wanted::Wgpu { adapter: None, why: "as asked" }),
+            ((Wgpu, adapter, None), Wanted::Wgpu { adapter, why: "as asked" }),
         ] {
             assert_eq!(wanted(&args(flags.0, flags.1, flags.2)).unwrap(), expected, "{flags:?}");
         }

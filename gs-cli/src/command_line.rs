@@ -2,7 +2,7 @@
 
 use std::process::ExitCode;
 
-use clap::{Parser, Subcommand, error::ErrorKind};
+use clap::{CommandFactory, FromArgMatches, Parser, Subcommand, error::ErrorKind};
 
 use crate::{
     commands::{
@@ -105,7 +105,8 @@ pub(crate) enum Parsed {
 /// # Errors
 /// Bad usage, in one line.
 pub(crate) fn parse() -> Result<Parsed, Failure> {
-    let error = match CommandLine::try_parse() {
+    let read = command().try_get_matches().and_then(|matches| CommandLine::from_arg_matches(&matches));
+    let error = match read {
         Ok(line) => return Ok(Parsed::Command(line.command)),
         Err(error) => error,
     };
@@ -126,16 +127,27 @@ pub(crate) fn parse() -> Result<Parsed, Failure> {
     }
 }
 
+/// The command line, with "-5" taken for the value of a flag and not for a flag of its own, so that what is wrong with it is said.
+fn command() -> clap::Command {
+    fn with_negative_numbers(command: clap::Command) -> clap::Command {
+        let takes_value = |arg: &clap::Arg| arg.get_action().takes_values() && !arg.is_positional();
+        let command = command.mut_args(|arg| if takes_value(&arg) { arg.allow_negative_numbers(true) } else { arg });
+        command.mut_subcommands(with_negative_numbers)
+    }
+    with_negative_numbers(CommandLine::command())
+}
+
 const COMMANDS: [&str; 14] = [
     "fit", "train", "render", "view", "eval", "convert", "info", "doctor", "profile", "effects", "paper", "popping",
     "frontier", "study",
 ];
 
-/// The parser's message without its usage, its pointer to the help and its own "error:".
+/// The parser's message without its usage, its pointers to the help and to `--`, and its own "error:".
 fn essence(message: &str) -> String {
     let paragraphs = message.split("\n\n").map(str::trim);
-    let kept =
-        paragraphs.filter(|p| !p.is_empty() && !p.starts_with("Usage:") && !p.starts_with("For more information"));
+    // That a word could also be given behind `--` helps nobody who has misspelt a flag.
+    let left_out = ["Usage:", "For more information", "tip: to pass"];
+    let kept = paragraphs.filter(|p| !p.is_empty() && !left_out.iter().any(|beginning| p.starts_with(beginning)));
     let text = kept.collect::<Vec<_>>().join(": ");
     text.strip_prefix("error: ").unwrap_or(&text).to_owned()
 }
@@ -143,13 +155,18 @@ fn essence(message: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use clap::CommandFactory;
 
     #[test]
     fn the_command_line_is_consistent() {
-        CommandLine::command().debug_assert();
-        let known: Vec<_> = CommandLine::command().get_subcommands().map(|c| c.get_name().to_owned()).collect();
+        command().debug_assert();
+        let known: Vec<_> = command().get_subcommands().map(|c| c.get_name().to_owned()).collect();
         assert_eq!(known, COMMANDS);
+    }
+
+    #[test]
+    fn a_flag_that_does_not_exist_is_not_said_to_be_a_value() {
+        let error = command().try_get_matches_from(["gs", "fit", "--overwright"]).unwrap_err();
+        assert_eq!(essence(&error.to_string()), "unexpected argument '--overwright' found");
     }
 
     #[test]

@@ -34,6 +34,7 @@ use crate::{
 };
 
 fn main() -> ExitCode {
+    quiet_drivers();
     match command_line::parse().and_then(run) {
         Ok(status) => status,
         Err(failure) => {
@@ -41,6 +42,19 @@ fn main() -> ExitCode {
                 output::note(line);
             }
             failure.status()
+        }
+    }
+}
+
+/// Gives Mesa's graphics drivers the folder that they look for. Where there is none, as in containers, each look at the adapters makes them
+/// write a line to standard error.
+fn quiet_drivers() {
+    const VARIABLE: &str = "XDG_RUNTIME_DIR";
+    if cfg!(target_os = "linux") && std::env::var_os(VARIABLE).is_none() {
+        // SAFETY: this is the first thing that the program does: it has one thread, so nobody reads the environment meanwhile.
+        #[expect(unsafe_code, reason = "the drivers read the environment of the process, and setting it is unsafe")]
+        unsafe {
+            std::env::set_var(VARIABLE, std::env::temp_dir());
         }
     }
 }

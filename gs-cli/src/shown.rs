@@ -2,7 +2,7 @@
 
 use clap::Args;
 use gs_core::{
-    Blend, RenderSettings, SpatialScene,
+    Blend, RenderSettings, SpatialScene, counted,
     effects::{Antialias, Order},
     statistics::Culled,
 };
@@ -11,7 +11,7 @@ use gs_io::{TrainedWith, dataset::Dataset};
 use crate::{
     output,
     train::{AntialiasName, OrderName},
-    values::Color,
+    values::{Color, whole},
 };
 
 /// The flags of commands that show a scene in space.
@@ -22,7 +22,7 @@ pub(crate) struct ShownArgs {
     #[arg(long, value_name = "COLOUR")]
     background: Option<Color>,
     /// Highest degree of the spherical harmonics, 0 to 3 [default: the scene's]
-    #[arg(long, value_name = "D", value_parser = clap::value_parser!(u8).range(0..=3))]
+    #[arg(long, value_name = "D", value_parser = whole::<u8>(0..=3))]
     sh_degree: Option<u8>,
     /// In which order Gaussians are blended [default: as the file says, otherwise tile-depth]
     #[arg(long, value_enum, value_name = "ORDER")]
@@ -131,7 +131,7 @@ pub(crate) fn why_empty(culled: Culled, gaussians: usize, frames: usize) -> Opti
         .filter(|(count, _)| *count > 0)
         .map(|(count, cause)| format!("{} {cause}", u64::from(*count).div_ceil(frames.max(1) as u64)))
         .collect();
-    Some(format!("of {gaussians} Gaussians {}", causes.join(", ")))
+    Some(format!("of {} {}", counted(gaussians, "Gaussian"), causes.join(", ")))
 }
 
 #[cfg(test)]

@@ -1,11 +1,38 @@
 //! The flags' values that are more than a number or a name: sizes, rectangles, colours.
 
-use std::{fmt, path::PathBuf, str::FromStr};
+use std::{
+    fmt,
+    ops::{Bound, RangeBounds},
+    path::PathBuf,
+    str::FromStr,
+};
 
 use glam::{Vec2, Vec3};
 use gs_core::Canvas;
 
 use crate::failure::Failure;
+
+/// A parser of whole numbers in this range, whose error says what the number must be.
+pub(crate) fn whole<T: Copy + Into<i128> + TryFrom<i128>>(
+    range: impl RangeBounds<T>,
+) -> impl Fn(&str) -> Result<T, String> + Clone {
+    let end = |bound: Bound<&T>| match bound {
+        Bound::Included(&value) => Some(value.into()),
+        Bound::Excluded(&value) => Some(value.into() - 1),
+        Bound::Unbounded => None,
+    };
+    let (least, most): (i128, Option<i128>) = (end(range.start_bound()).unwrap_or(0), end(range.end_bound()));
+    move |text| {
+        let in_range = |value: &i128| *value >= least && most.is_none_or(|most| *value <= most);
+        let value = text.trim().parse::<i128>().map_err(|_| "must be a whole number".to_owned())?;
+        match (Some(value).filter(in_range).and_then(|value| T::try_from(value).ok()), most) {
+            (Some(value), _) => Ok(value),
+            (None, Some(most)) => Err(format!("must be from {least} to {most}")),
+            (None, None) if value < least => Err(format!("must be at least {least}")),
+            (None, None) => Err("is too large".to_owned()),
+        }
+    }
+}
 
 /// A size in pixels, written WxH.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -203,6 +230,24 @@ mod tests {
         let view = ViewName { dataset: "C:/photographs".into(), view: "a/b.png".to_owned() };
         assert_eq!("C:/photographs:a/b.png".parse(), Ok(view));
         assert_eq!("-y".parse(), Ok(Axis(Vec3::NEG_Y)));
+    }
+
+    #[test]
+    fn a_whole_number_out_of_its_range_is_told_the_range() {
+        let count = whole::<u32>(1..);
+        assert_eq!((count("7"), count("1")), (Ok(7), Ok(1)));
+        for (text, expected) in [
+            ("-5", "must be at least 1"),
+            ("0", "must be at least 1"),
+            ("4294967296", "is too large"),
+            ("1.5", "must be a whole number"),
+            ("", "must be a whole number"),
+        ] {
+            assert_eq!(count(text), Err(expected.to_owned()), "{text}");
+        }
+        let degree = whole::<u8>(0..=3);
+        assert_eq!((degree("3"), degree("4")), (Ok(3), Err("must be from 0 to 3".to_owned())));
+        assert_eq!(degree("-1"), Err("must be from 0 to 3".to_owned()));
     }
 
     #[test]

@@ -30,6 +30,7 @@ pub mod state;
 pub mod statistics;
 pub mod view;
 pub mod whitened;
+mod words;
 
 pub use crate::{
     adam::{Adam, AdamRates, Chart, Participants, Penalty},
@@ -44,4 +45,5 @@ pub use crate::{
     state::CloudState,
     statistics::DensityStatistics,
     view::{Camera, Canvas},
+    words::counted,
 };

@@ -5,7 +5,8 @@ use std::{fmt, sync::PoisonError};
 use fearless_simd::Level;
 use gs_core::{
     AdamRates, Binning, Chart, CloudState, DensityStatistics, EditPlan, Error, Image, Loss, PlanarScene, Rasterizer,
-    RenderSettings, SpatialScene, TrainStep, effects::Outputs, profile::Profiler, settings::Cut, statistics::Culled,
+    RenderSettings, SpatialScene, TrainStep, counted, effects::Outputs, profile::Profiler, settings::Cut,
+    statistics::Culled,
 };
 
 use crate::{
@@ -144,8 +145,7 @@ impl<S: Kind> Rasterizer<S> for CpuRasterizer {
     type Target = Target;
 
     fn describe(&self) -> String {
-        let threads = self.threads();
-        format!("cpu ({}, {threads} {})", self.simd, if threads == 1 { "thread" } else { "threads" })
+        format!("cpu ({}, {})", self.simd, counted(self.threads(), "thread"))
     }
 
     fn upload(&self, scene: &S, chart: Chart) -> Result<S::Cloud, Error> {

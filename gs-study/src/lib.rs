@@ -22,6 +22,7 @@ mod record;
 mod remark;
 mod replay;
 pub mod report;
+mod selection;
 #[cfg(test)]
 mod sources;
 mod study;
@@ -41,6 +42,7 @@ pub use crate::{
     record::{Finished, Outcome, Record},
     remark::{FEWEST_SEEDS, Pairing, Remark},
     replay::{Replayed, replay},
+    selection::Selection,
     study::{Arm, Matching, OwnPolicy, Study},
     tables::{Metric, Quality, Results, Spread},
     target::{Places, Target},

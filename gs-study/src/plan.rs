@@ -1,5 +1,6 @@
 //! A study laid out: every run that it asks for, in a fixed order, with all its settings and its address.
 
+use gs_core::counted;
 use gs_density::Policy;
 use gs_train::{FitSettings, InitialCount, Preset};
 
@@ -95,7 +96,8 @@ impl Plan {
     /// A run for people: "percentile, kodim04, 3000 Gaussians, seed 0".
     pub fn describe(&self, run: &Run) -> String {
         let Run { budget, seed, .. } = run;
-        format!("{}, {}, {budget} Gaussians, seed {seed}", self.arm(run).name, self.target(run).label())
+        let budget = counted(*budget, "Gaussian");
+        format!("{}, {}, {budget}, seed {seed}", self.arm(run).name, self.target(run).label())
     }
 }
 

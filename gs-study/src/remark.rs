@@ -2,6 +2,7 @@
 
 use std::fmt;
 
+use gs_core::counted;
 use gs_train::statistics::FEWEST;
 use serde::{Serialize, Serializer};
 
@@ -19,11 +20,18 @@ pub enum Pairing {
 }
 
 impl Pairing {
-    /// In a word.
+    /// In a word, for several.
     pub const fn words(self) -> &'static str {
         match self {
             Self::Images => "images",
             Self::Seeds => "seeds",
+        }
+    }
+
+    const fn word(self) -> &'static str {
+        match self {
+            Self::Images => "image",
+            Self::Seeds => "seed",
         }
     }
 }
@@ -83,34 +91,27 @@ impl Remark {
     pub const fn forbids_verdict(&self) -> bool {
         !matches!(self, Self::Incomplete { .. } | Self::FewSeeds { .. })
     }
-
-    /// Its kind, in a few words.
-    pub const fn kind(&self) -> &'static str {
-        match self {
-            Self::ImagesMissing { .. } => "images without finished runs",
-            Self::TooFew { pairing: Pairing::Images, .. } => "too few images",
-            Self::TooFew { pairing: Pairing::Seeds, .. } => "too few seeds",
-            Self::CountsDiffer { .. } => "counts differ",
-            Self::ClocksDiffer { .. } => "timed in different ways",
-            Self::Infinite { .. } => "PSNR is infinite",
-            Self::Incomplete { .. } => "runs failed or missing",
-            Self::FewSeeds { .. } => "few seeds",
-        }
-    }
 }
 
 impl fmt::Display for Remark {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::ImagesMissing { missing, of } => write!(f, "no pair of finished runs on {missing} of {of} images"),
-            Self::TooFew { pairs, pairing } => write!(f, "{pairs} {} are too few: {FEWEST} at least", pairing.words()),
+            Self::ImagesMissing { missing, of } => {
+                write!(f, "no pair of finished runs on {missing} of {}", counted(*of, "image"))
+            }
+            Self::TooFew { pairs, pairing } => {
+                let verb = if *pairs == 1 { "is" } else { "are" };
+                write!(f, "{} {verb} too few: {FEWEST} at least", counted(*pairs, pairing.word()))
+            }
             Self::CountsDiffer { arm, against, image } => {
                 write!(f, "counts differ: {arm:.0} against {against:.0}")?;
                 image.as_ref().map_or(Ok(()), |image| write!(f, " on image {image}"))
             }
             Self::ClocksDiffer { clocks } => write!(f, "timed in different ways: {}", clocks.join("; ")),
-            Self::Infinite { pairs } => write!(f, "PSNR is infinite in {pairs} pairs"),
-            Self::Incomplete { pairs, of } => write!(f, "{pairs} of {of} pairs: other runs failed or are missing"),
+            Self::Infinite { pairs } => write!(f, "PSNR is infinite in {}", counted(*pairs, "pair")),
+            Self::Incomplete { pairs, of } => {
+                write!(f, "{pairs} of {}: other runs failed or are missing", counted(*of, "pair"))
+            }
             Self::FewSeeds { seeds } => write!(f, "few seeds: {seeds}, {FEWEST_SEEDS} would do"),
         }
     }

@@ -149,7 +149,7 @@ fn runs_that_were_timed_in_other_ways_are_not_compared_by_time() {
         assert!(matches!(&by_time.remarks[..], [Remark::ClocksDiffer { clocks }] if clocks.len() == 2), "{by_time:?}");
         assert_eq!(at(&results, Matching::Iterations, 1, 0).verdict, Verdict::Better);
         let line = report::headlines(&results).pop().unwrap();
-        assert!(line.ends_with("not comparable, timed in different ways: a"), "{line}");
+        assert!(line.contains("; no verdict on a: timed in different ways: "), "{line}");
     }
 }
 
@@ -176,6 +176,17 @@ fn who_leads_is_held_against_the_others_where_it_leads() {
         assert_eq!(difference.verdict, Verdict::Better);
     }
     assert!(report::headlines(&results)[0].contains("b leads"));
+}
+
+#[test]
+fn a_headline_without_a_verdict_has_the_reason_that_the_tables_have() {
+    let scenario = Scenario::new(2, 5, 3);
+    let results = scenario.results(|run| finished(rising(30.0 + run.arm as f64 + wobble(run), 2.0)));
+    let reason = at(&results, Matching::Count, 1, 0).remarks[0].to_string();
+    assert_eq!(reason, "2 images are too few: 6 at least");
+    for line in report::headlines(&results) {
+        assert!(line.contains("c leads") && line.ends_with(&format!("; no verdict on a, b: {reason}")), "{line}");
+    }
 }
 
 #[test]
@@ -215,7 +226,8 @@ fn an_arm_that_fails_on_an_image_is_neither_judged_nor_ranked() {
     }
     let headline = report::headlines(&results)[0].clone();
     assert!(
-        headline.contains(": b leads with 28.") && headline.ends_with("images without finished runs: c"),
+        headline.contains(": b leads with 28.")
+            && headline.ends_with("; no verdict on c: no pair of finished runs on 1 of 8 images"),
         "{headline}"
     );
     assert_eq!(results.qualities().iter().map(|quality| quality.images).collect::<Vec<_>>(), [8, 8, 7]);

@@ -30,13 +30,13 @@ where
     let (mut all, mut machines) = (Vec::new(), Vec::new());
     let wants_cpu = args.backend != Choice::Wgpu && args.adapter.is_none();
     if wants_cpu {
-        let base = Backend::start(&BackendArgs { backend: Choice::Cpu, ..args.clone() })?;
+        let base = Backend::start_compared(args, Choice::Cpu)?;
         output::note(&base.reason);
         add_cpu(base, scene, blend, (&mut all, &mut machines))?;
     }
     let may_use_wgpu = args.backend != Choice::Cpu && args.simd.is_none();
     if may_use_wgpu && (args.backend == Choice::Wgpu || args.adapter.is_some() || !gs_wgpu::adapters().is_empty()) {
-        let base = Backend::start(&BackendArgs { backend: Choice::Wgpu, ..args.clone() })?;
+        let base = Backend::start_compared(args, Choice::Wgpu)?;
         output::note(&base.reason);
         add_wgpu(base, args, scene, (&mut all, &mut machines))?;
     }

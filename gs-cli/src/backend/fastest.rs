@@ -39,7 +39,7 @@ pub(super) fn find(suits: impl FnOnce(&WgpuRasterizer) -> Result<(), Error>) -> 
 fn if_suited(gpu: WgpuRasterizer, suits: impl FnOnce(&WgpuRasterizer) -> Result<(), Error>) -> Fastest {
     match suits(&gpu) {
         Ok(()) => Fastest::Gpu(Box::new(gpu)),
-        Err(error) => Fastest::Cpu { why: format!("{} is passed by ({error})", gpu.adapter().name) },
+        Err(error) => Fastest::Cpu { why: format!("the GPU {} is not used, as {error}", gpu.adapter().name) },
     }
 }
 
@@ -56,9 +56,10 @@ fn has_name(folder: &Path, beginnings: &[&str]) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use gs_core::{Chart, Rasterizer, SpatialScene};
+    use gs_core::{Chart, Rasterizer, RenderSettings, SpatialScene, effects::Antialias};
 
     use super::*;
+    use crate::backend::shows_images;
 
     /// The driver that the tests have stands in for a GPU.
     #[test]
@@ -69,7 +70,20 @@ mod tests {
         };
         assert!(matches!(found(Chart::ScaleRotation), Fastest::Gpu(_)));
         let Fastest::Cpu { why } = found(Chart::LocalFrame) else { panic!("local frames in space are offered") };
-        assert!(why.contains("passed by") && why.contains("LocalFrame"), "{why}");
+        assert!(why.contains("is not used") && why.contains("LocalFrame"), "{why}");
+    }
+
+    #[test]
+    fn a_gpu_is_taken_for_images_only_where_it_offers_the_effects() {
+        let found = |antialias| {
+            let gpu = WgpuRasterizer::new(WgpuSettings::default()).expect("`cargo xtask test` installs a driver");
+            let mut render = RenderSettings::default();
+            render.effects.antialias = antialias;
+            if_suited(gpu, |gpu| shows_images(gpu, &render))
+        };
+        assert!(matches!(found(Antialias::None), Fastest::Gpu(_)));
+        let Fastest::Cpu { why } = found(Antialias::Mip) else { panic!("wgpu has no antialiasing of images") };
+        assert!(why.starts_with("the GPU ") && why.contains("does not offer antialias Mip"), "{why}");
     }
 
     #[test]

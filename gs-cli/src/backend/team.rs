@@ -1,12 +1,10 @@
 //! Several rasterizers of one kind, for work that goes side by side.
 
-use std::{num::NonZero, thread::available_parallelism};
-
 use gs_core::{PlanarScene, Rasterizer};
 use gs_study::Machine;
 
 use crate::{
-    backend::{AnyRasterizer, Backend, BackendArgs, machine},
+    backend::{AnyRasterizer, Backend, BackendArgs, Threads, machine},
     failure::Failure,
 };
 
@@ -29,7 +27,7 @@ impl Team {
     /// As [`Backend::start`].
     pub(crate) fn start(args: &BackendArgs, size: usize) -> Result<Self, Failure> {
         let size = size.max(1);
-        let threads = args.threads.map_or_else(|| available_parallelism().map_or(1, NonZero::get), usize::from);
+        let threads = Threads::of(args.threads)?.count;
         // Seeding runs on rayon's global threads, which all of them share; whoever starts them first decides how many there are.
         let _already_built = rayon::ThreadPoolBuilder::new().num_threads(threads).build_global();
         let share = u16::try_from((threads / size).max(1)).unwrap_or(u16::MAX);

@@ -10,7 +10,7 @@ use std::{
 
 use clap::{Args, ValueEnum};
 use gs_core::{
-    Scene,
+    Scene, counted,
     examination::{self, Repair},
 };
 use gs_io::{GltfBuffer, Loss, SpatialFile, SpatialFormat, SpatialOptions, SpzOptions, SpzVersion};
@@ -152,7 +152,7 @@ fn text(conversion: &Conversion) -> String {
     };
     let mut text = format!("read        {}\nGaussians   {gaussians}, SH degree {sh_degree}\n", side(read));
     if *dropped > 0 {
-        let _ = writeln!(text, "dropped     {dropped} Gaussians that cannot be drawn");
+        let _ = writeln!(text, "dropped     {} that cannot be drawn", counted(*dropped, "Gaussian"));
     }
     let _ = write!(text, "wrote       {}", side(written));
     if lost.is_empty() && rounding.is_empty() {

@@ -7,7 +7,7 @@ use std::{
 
 use clap::Args;
 use gs_core::{
-    Scene,
+    Scene, counted,
     examination::{Examinable, Examination, Finding, Remedy, Repair, examine, repair},
 };
 use gs_io::{Loss, PlanarFile, SpatialFile, SpatialFormat, SpatialOptions};
@@ -124,7 +124,7 @@ pub(crate) fn run(args: &DoctorArgs) -> Result<(), Failure> {
         return Ok(());
     }
     let scene = quoted(&args.scene);
-    let what = format_args!("{} of {} Gaussians are broken", examination.broken(), examination.gaussians);
+    let what = format_args!("{} of {} are broken", examination.broken(), counted(examination.gaussians, "Gaussian"));
     let mend = format_args!("gs doctor {scene} --fix -o OUT writes a copy without");
     Err(Failure::failed(what).at(args.scene.display()).mend(mend))
 }
@@ -153,7 +153,7 @@ impl Patient {
 fn mend<S: Examinable>(scene: &mut S, output: &Path) -> Result<Repair, Failure> {
     let repair = repair(scene)?;
     match scene.is_empty() && repair.removed > 0 {
-        true => Err(Failure::failed(format_args!("none of {} Gaussians can be drawn", repair.removed))
+        true => Err(Failure::failed(format_args!("none of {} can be drawn", counted(repair.removed, "Gaussian")))
             .at(output.display())
             .mend("there is nothing to write; make the scene again")),
         false => Ok(repair),
@@ -189,7 +189,7 @@ impl Report {
 
 fn text(report: &Report) -> String {
     let Report { kind, gaussians, findings, fixed, .. } = report;
-    let mut text = format!("{:<12}{kind}, {gaussians} Gaussians\n", "scene");
+    let mut text = format!("{:<12}{kind}, {}\n", "scene", counted(*gaussians, "Gaussian"));
     let mut section = |name: &str, none: &str, is_broken: bool| {
         let mut name = name;
         for Line { meaning, count, first, remedy, .. } in
@@ -216,7 +216,7 @@ fn text(report: &Report) -> String {
             (0, widened) => format!("{widened} widened"),
             (removed, widened) => format!("{removed} removed, {widened} widened"),
         };
-        let _ = writeln!(text, "{:<12}{file}: {done}; {gaussians} Gaussians", "fixed");
+        let _ = writeln!(text, "{:<12}{file}: {done}; {}", "fixed", counted(*gaussians, "Gaussian"));
         lost.iter().for_each(|loss| _ = writeln!(text, "{:<12}{loss}", "lost"));
     }
     text.truncate(text.trim_end().len());

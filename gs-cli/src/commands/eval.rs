@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use gs_core::{Image, Rasterizer, RenderSettings, Scene, SpatialScene, metrics};
+use gs_core::{Image, Rasterizer, RenderSettings, Scene, SpatialScene, counted, metrics};
 use gs_io::{
     LoadedImage, SpatialFile,
     dataset::{may_be_dataset, read_dataset},
@@ -120,7 +120,7 @@ fn judge(args: &EvalArgs) -> Result<(), Failure> {
         text += &row(name, *psnr, *ssim, *l1);
     }
     evaluation.unmeasured.iter().for_each(|name| text += &format!("{:>33}  {}\n", "no pixel counts", printable(name)));
-    let mean = format!("mean of {} views", evaluation.views.len());
+    let mean = format!("mean of {}", counted(evaluation.views.len(), "view"));
     output::result(text + row(&mean, evaluation.psnr, evaluation.ssim, evaluation.l1).trim_end())
 }
 

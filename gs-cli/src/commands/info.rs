@@ -10,7 +10,9 @@ use std::{
 };
 
 use clap::Args;
-use gs_core::{PlanarScene, Rasterizer, RenderSettings, Scene, SpatialScene, scene::sigmoid, state::CloudState};
+use gs_core::{
+    PlanarScene, Rasterizer, RenderSettings, Scene, SpatialScene, counted, scene::sigmoid, state::CloudState,
+};
 use gs_io::{Checkpoint, SpatialFormat};
 use gs_train::{RunSettings, SpatialSettings, experiments::Cell};
 use serde::Serialize;
@@ -217,7 +219,7 @@ fn text(info: &Info) -> String {
         rows.push(("canvas", format!("{width}x{height} px")));
     }
     let each = info.bytes_per_gaussian.map_or_else(String::new, |each| format!(", {each:.1} a Gaussian"));
-    rows.push(("size", format!("{} bytes{each}", info.bytes)));
+    rows.push(("size", format!("{}{each}", counted(info.bytes, "byte"))));
     if let Some(render) = &info.render {
         rows.push(("blend", render.effects.blend.name().to_owned()));
         rows.push(("background", format!("{:?}", render.backdrop())));
@@ -247,7 +249,7 @@ fn metadata_text(metadata: &BTreeMap<String, String>) -> String {
     for (name, value) in metadata {
         let name = printable(name);
         if name == "metrics" {
-            let _ = writeln!(text, "{name:<20}{} rows", value.lines().skip(1).count());
+            let _ = writeln!(text, "{name:<20}{}", counted(value.lines().skip(1).count(), "row"));
             continue;
         }
         for (i, line) in value.lines().enumerate() {

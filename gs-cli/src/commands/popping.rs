@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use gs_core::{Camera, Chart, Rasterizer, RenderSettings, Scene, SpatialScene};
+use gs_core::{Camera, Chart, Rasterizer, RenderSettings, Scene, SpatialScene, counted};
 use gs_io::{SpatialFile, read_spatial};
 use gs_train::{
     experiments::{
@@ -21,7 +21,7 @@ use crate::{
     output,
     paper::files,
     shown::{ShownArgs, why_empty},
-    values::{Axis, Size},
+    values::{Axis, Size, whole},
 };
 
 const AFTER_HELP: &str = "\
@@ -52,10 +52,10 @@ pub(crate) struct PoppingArgs {
     #[arg(long, value_name = "DEGREES", default_value_t = 0.25)]
     step: f32,
     /// Frames of a stretch, a quarter of the step apart
-    #[arg(long, value_name = "N", default_value_t = 13, value_parser = clap::value_parser!(u32).range(9..=10_000))]
+    #[arg(long, value_name = "N", default_value_t = 13, value_parser = whole::<u32>(9..=10_000))]
     frames: u32,
     /// Stretches of the orbit, evenly spread
-    #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    #[arg(long, value_name = "N", default_value_t = 8, value_parser = whole::<u32>(1..=10_000))]
     places: u32,
     #[command(flatten)]
     shown: ShownArgs,
@@ -85,7 +85,7 @@ pub(crate) fn run(args: &PoppingArgs) -> Result<(), Failure> {
     args.shown.note_guess(trained_with);
     let render = args.shown.settings(&scene, trained_with);
     let name = args.scene.file_stem().map_or_else(|| "scene".into(), |stem| stem.to_string_lossy());
-    let what = format!("{name}, {} Gaussians", scene.len());
+    let what = format!("{name}, {}", counted(scene.len(), "Gaussian"));
     let findings = backend.run_spatial(Fly { scene: &scene, flight, first, render, what })?;
     files::write_findings(&folder, &findings)?;
     for table in &findings.tables {

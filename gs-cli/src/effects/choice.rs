@@ -11,6 +11,8 @@ use gs_core::{
     },
 };
 
+use crate::fit::arguments::Detail;
+
 /// The flag of commands that show something.
 #[derive(Debug, Clone, Default, Args)]
 pub(crate) struct EffectsArgs {
@@ -111,8 +113,8 @@ fn as_said(wanted: &RenderSettings, said: impl Fn(Effect) -> Said) -> CalledFor 
     CalledFor { settings, verdicts }
 }
 
-/// Which effects are in use and which are left out, each with its reason; those that nobody asked for are not told of.
-pub(crate) fn told(verdicts: &[Verdict]) -> String {
+/// Which effects are simulated and which are left out, each with its reason; nothing where nobody asked for any.
+pub(crate) fn told(verdicts: &[Verdict]) -> Option<String> {
     let mut text = "effects:".to_owned();
     let mut separator = " ";
     for Verdict { effect, wanted, value, answer, reason } in verdicts {
@@ -120,12 +122,23 @@ pub(crate) fn told(verdicts: &[Verdict]) -> String {
             Answer::Off => continue,
             Answer::CalledFor => write!(text, "{separator}{effect} {value} ({reason})"),
             Answer::InPart => write!(text, "{separator}{effect} {value} instead of {wanted} ({reason})"),
-            Answer::NotCalledFor => write!(text, "{separator}no {effect} {wanted} ({reason})"),
+            Answer::NotCalledFor => write!(text, "{separator}without {effect} {wanted} ({reason})"),
         };
         debug_assert!(written.is_ok(), "a string can always be written to");
         separator = "; ";
     }
-    if separator == " " { "effects: none but sums".to_owned() } else { text }
+    (separator != " ").then_some(text)
+}
+
+/// The same as a line below a summary, where all is to be said.
+pub(crate) fn told_in(detail: Detail, verdicts: &[Verdict]) -> String {
+    match detail {
+        Detail::Steps => String::new(),
+        Detail::Rounds => {
+            let none = || "effects: none; the Gaussians at a pixel are added up, in no order".to_owned();
+            format!("\n{}", told(verdicts).unwrap_or_else(none))
+        }
+    }
 }
 
 #[cfg(test)]
@@ -157,9 +170,12 @@ mod tests {
 
     #[test]
     fn what_is_told_names_each_with_its_reason() {
-        let text = told(&chosen("auto").verdicts);
-        assert!(text.starts_with("effects: blend over (the scene is empty); no sh-degree 3 ("), "{text}");
-        assert!(text.ends_with("no background solid (black is what none looks like)"), "{text}");
-        assert!(told(&chosen("order").verdicts).contains("no antialias mip (not in --effects)"));
+        let text = told(&chosen("auto").verdicts).unwrap();
+        assert!(text.starts_with("effects: blend over (the scene is empty); without sh-degree 3 ("), "{text}");
+        assert!(text.ends_with("without background solid (black is what none looks like)"), "{text}");
+        let listed = chosen("order").verdicts;
+        assert!(told(&listed).unwrap().contains("without antialias mip (not in --effects)"));
+        assert_eq!((told(&[]), told_in(Detail::Steps, &listed)), (None, String::new()));
+        assert!(told_in(Detail::Rounds, &[]).starts_with("\neffects: none; "));
     }
 }

@@ -7,7 +7,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 use gs_core::{
-    Camera, Canvas, Chart, PlanarScene, Rasterizer, RenderSettings, Scene, SpatialScene,
+    Camera, Canvas, Chart, PlanarScene, Rasterizer, RenderSettings, Scene, SpatialScene, counted,
     effects::called_for::CallsForEffects,
 };
 use gs_train::{
@@ -29,7 +29,7 @@ use crate::{
     },
     output,
     shown::ShownArgs,
-    values::{Axis, Size, canvas},
+    values::{Axis, Size, canvas, whole},
 };
 
 const AFTER_HELP: &str = "\
@@ -57,10 +57,10 @@ pub(crate) struct EffectsCommandArgs {
     #[arg(long)]
     json: bool,
     /// The most views that are looked at
-    #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    #[arg(long, value_name = "N", default_value_t = 8, value_parser = whole::<u32>(1..=10_000))]
     views: u32,
     /// How often each time is measured
-    #[arg(short, long, value_name = "R", default_value_t = 11, value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    #[arg(short, long, value_name = "R", default_value_t = 11, value_parser = whole::<u32>(1..=10_000))]
     repetitions: u32,
     /// Size of the pictures [default: that of the image or of the photographs; in space else 800x600]
     #[arg(long, value_name = "WxH")]
@@ -82,7 +82,10 @@ pub(crate) struct EffectsCommandArgs {
 /// Where input, data set or flags are not possible, or the backend fails.
 pub(crate) fn run(args: &EffectsCommandArgs) -> Result<(), Failure> {
     let subject = Subject::load(args)?;
-    let backend = Backend::start(&args.backend)?;
+    let backend = match &subject {
+        Subject::Planar { wanted, .. } => Backend::start_for_image(&args.backend, wanted),
+        Subject::Spatial { .. } | Subject::Image { .. } => Backend::start(&args.backend),
+    }?;
     let report = backend.run(Examine { subject, args, backend: &backend })?;
     if args.json { output::json(&report) } else { output::result(report.text()) }
 }
@@ -128,21 +131,21 @@ impl Subject {
             first.validate().map_err(|error| Failure::usage(error).at("--size"))?;
             let cameras = Orbit { center: bulk.center, axis: up, frames: args.views }.cameras(&first);
             let wanted = args.shown.settings(&scene, trained_with);
-            let seen = format!("{most} places around it");
+            let seen = format!("{} around it", counted(most, "place"));
             args.shown.note_guess(trained_with);
             return Ok(Self::Spatial { scene, cameras, wanted, seen });
         };
         let dataset = args.reading.read(path)?;
         let wanted = args.shown.settings_beside(&scene, trained_with, &dataset);
         let Views { train, test, .. } = Views::of_dataset(&dataset);
-        let (views, which) = if test.is_empty() { (train, "views") } else { (test, "test views") };
+        let (views, which) = if test.is_empty() { (train, "view") } else { (test, "test view") };
         let all: Vec<Camera> = views.iter().map(|PosedView { camera, .. }| *camera).collect();
         let sized = |camera: Camera| args.size.map_or(camera, |size| resized(&camera, size.width, size.height));
         let cameras: Vec<Camera> = sampled(&all, most).into_iter().map(sized).collect();
         for camera in &cameras {
             camera.validate().map_err(|error| Failure::usage(error).at("--size"))?;
         }
-        let seen = format!("{} of {} {which} of {}", cameras.len(), all.len(), path.display());
+        let seen = format!("{} of {} of {}", cameras.len(), counted(all.len(), which), path.display());
         args.shown.note_guess(trained_with);
         Ok(Self::Spatial { scene, cameras, wanted, seen })
     }
@@ -180,12 +183,12 @@ impl Task for Examine<'_> {
                 let flags = SettingsArgs { iterations: Some(ITERATIONS), ..SettingsArgs::default() };
                 let settings = settings::resolve(&flags, &Given::Nothing, &target)?;
                 let (steps, wanted) = (settings.iterations, settings.render);
-                output::note(format_args!("fitting {} in {steps} steps first", target.name()));
+                output::note(format_args!("fitting {} in {} first", target.name(), counted(steps, "step")));
                 let mut trainer = Trainer::new(rasterizer, &target.image, settings)?;
                 trainer.run(&mut ())?;
                 let scene = trainer.scene()?;
                 let canvas = canvas(target.image.size(), size)?;
-                let seen = format!("its canvas, after {steps} steps");
+                let seen = format!("its canvas, after {}", counted(steps, "step"));
                 let facts = facts(seen, scene.len(), canvas.width, canvas.height);
                 examine(rasterizer, &scene, &[canvas], &wanted, args, facts)
             }

@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use gs_core::effects::called_for::Verdict;
+use gs_core::{counted, effects::called_for::Verdict};
 use gs_train::effects::{Difference, Price, Prices, Proof};
 use serde::Serialize;
 
@@ -34,9 +34,9 @@ impl Report {
     /// The report for people.
     pub(crate) fn text(&self) -> String {
         let Self { facts: Facts { input, gaussians, seen, width, height, machine }, proof, prices } = self;
+        let gaussians = counted(*gaussians, "Gaussian");
         let Prices { milliseconds, called_for_milliseconds, noise, .. } = prices;
-        let mut text =
-            format!("{input}: {gaussians} Gaussians, seen through {seen}, {width}x{height} px\n{machine}\n\n");
+        let mut text = format!("{input}: {gaussians}, seen through {seen}, {width}x{height} px\n{machine}\n\n");
         let titles = ["effect", "wanted", "called for", "cost, ms", "%", "instead", "max error", "PSNR, dB", "why"];
         let rows: Vec<[String; 9]> = proof.called.verdicts.iter().map(|verdict| self.row(verdict)).collect();
         let width = |column: usize| {
@@ -57,10 +57,9 @@ impl Report {
         let _ = write!(
             text,
             "\na picture takes {milliseconds:.2} ms with all that is wanted, {called_for_milliseconds:.2} ms with what is called for \
-             ({:.2} times as fast); {noise:.2} ms are noise\nproof: in {} {}, both rendered, {}",
+             ({:.2} times as fast); {noise:.2} ms are noise\nproof: in {}, both rendered, {}",
             milliseconds / called_for_milliseconds,
-            proof.views,
-            if proof.views == 1 { "view" } else { "views" },
+            counted(proof.views, "view"),
             match proof.difference {
                 Difference { most: 0.0, .. } => "every pixel is the same".to_owned(),
                 Difference { most, psnr } => format!("no pixel differs by more than {most:.6} (PSNR {psnr:.1} dB)"),

@@ -4,7 +4,13 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 
-use crate::{backend::BackendArgs, effects::choice::EffectsArgs, output::Format, train::AntialiasName, values::Color};
+use crate::{
+    backend::BackendArgs,
+    effects::choice::EffectsArgs,
+    output::Format,
+    train::AntialiasName,
+    values::{Color, whole},
+};
 
 const AFTER_HELP: &str = "\
 DIR then holds:
@@ -16,7 +22,7 @@ DIR then holds:
                           control; at every 20th part and at both ends also L1, PSNR, what was culled and what was
                           clamped, which cost a rendering; rows come as the fit goes on, in metrics.part.csv until it
                           ends well
-  curve.png               count and loss over the steps
+  curve.png               count, loss and PSNR over the steps
   settings.toml           all settings, to repeat the fit with --settings
   summary.json            what --json prints
 
@@ -60,7 +66,7 @@ pub(crate) struct FitArgs {
     /// Leave out the two pictures that only explain: ellipses.png and curve.png
     #[arg(long)]
     no_report: bool,
-    /// Tell of each round of density control as it happens; metrics.csv has them all, too
+    /// Also print each round of density control, Gaussians whose size reaches a bound, and the effects that are simulated and why
     #[arg(short, long)]
     verbose: bool,
     #[command(flatten)]
@@ -94,11 +100,12 @@ impl FitArgs {
 }
 
 /// How much a fit tells while it runs.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(crate) enum Detail {
     /// How far it is.
+    #[default]
     Steps,
-    /// That, and a line for each round of density control.
+    /// That, a line for each round of density control, the Gaussians whose scales reach a bound, and the effects that are simulated.
     Rounds,
 }
 
@@ -122,10 +129,10 @@ pub(crate) struct SettingsArgs {
     #[arg(long, value_name = "FILE.toml", conflicts_with = "preset")]
     pub(crate) settings: Option<PathBuf>,
     /// The most Gaussians there may be
-    #[arg(short = 'n', long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    #[arg(short = 'n', long, value_name = "N", value_parser = whole::<u32>(1..))]
     pub(crate) gaussians: Option<u32>,
     /// Steps of the optimiser; 0 leaves the first Gaussians as they are
-    #[arg(short, long, value_name = "K")]
+    #[arg(short, long, value_name = "K", value_parser = whole::<u32>(0..))]
     pub(crate) iterations: Option<u32>,
     /// Which Gaussians grow and which go
     #[arg(long, value_enum, value_name = "POLICY")]
@@ -151,8 +158,8 @@ pub(crate) struct SettingsArgs {
     /// The colour behind, each part from 0 to 1, such as 1,1,1 for white; with --resume, of transparent pixels only
     #[arg(long, value_name = "R,G,B")]
     pub(crate) background: Option<Color>,
-    /// Where all random numbers come from; equal seeds give equal results
-    #[arg(long, value_name = "S")]
+    /// Seed of all random numbers. The same seed gives the same bits for any number of threads, on the same SIMD level or GPU
+    #[arg(long, value_name = "S", value_parser = whole::<u32>(0..))]
     pub(crate) seed: Option<u32>,
 }
 
@@ -165,7 +172,7 @@ pub(crate) struct CheckpointArgs {
     #[arg(long, value_name = "FILE")]
     pub(crate) checkpoint: Option<PathBuf>,
     /// Save one about every so many steps [default: a tenth of all, if --checkpoint is given or a training has 2000 or more]
-    #[arg(long, value_name = "STEPS", value_parser = clap::value_parser!(u32).range(1..))]
+    #[arg(long, value_name = "STEPS", value_parser = whole::<u32>(1..))]
     pub(crate) checkpoint_every: Option<u32>,
 }
 

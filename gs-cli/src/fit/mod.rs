@@ -9,6 +9,7 @@ pub(crate) mod observers;
 pub(crate) mod progress;
 pub(crate) mod results;
 pub(crate) mod settings;
+pub(crate) mod status;
 pub(crate) mod target;
 pub(crate) mod terminal;
 pub(crate) mod trouble;
@@ -18,7 +19,7 @@ use std::{
     time::Instant,
 };
 
-use gs_core::{PlanarScene, Rasterizer};
+use gs_core::{PlanarScene, Rasterizer, RenderSettings, counted};
 use gs_io::{Checkpoint, read_checkpoint};
 use gs_train::{FitSettings, MetricsLog, Observer, Outcome, RunSettings, Trainable, Trainer};
 
@@ -58,7 +59,7 @@ pub(crate) fn run(args: &FitArgs) -> Result<(), Failure> {
             Start::Fresh(Box::new(settings))
         }
     };
-    let backend = Backend::start(&args.backend.or_chosen(given.machine()))?;
+    let backend = Backend::start_for_image(&args.backend.or_chosen(given.machine()), &start.render())?;
     backend.run(Fit { args, target: &target, start, backend: &backend, started })
 }
 
@@ -70,6 +71,18 @@ enum Start {
 }
 
 impl Start {
+    /// How the fit is shown while it goes on; the usual where a checkpoint does not say, which is its reader's to tell.
+    fn render(&self) -> RenderSettings {
+        match self {
+            Self::Fresh(settings) => settings.render,
+            Self::Resumed(checkpoint, _) => {
+                let text = checkpoint.metadata.get("settings").map_or("", String::as_str);
+                toml::from_str::<FitSettings>(text)
+                    .map_or_else(|_| RenderSettings::default(), |settings| settings.render)
+            }
+        }
+    }
+
     /// The fit where it begins, and its log up to there.
     fn begin<'r, R: Rasterizer<PlanarScene>>(
         self,
@@ -125,7 +138,7 @@ impl Task for Fit<'_> {
         let (outcome, summary) = ended.map_err(|failure| checkpoints.with_way_on(failure, resuming))?;
         match args.format() {
             Format::Json => output::json(&summary)?,
-            Format::Text => output::note(summary.text(folder.path())),
+            Format::Text => output::note(summary.text(folder.path(), args.detail())),
         }
         checkpoints.conclude(outcome, trainer.step(), &args.checkpoints, resuming)
     }
@@ -184,12 +197,12 @@ fn announce<R: Rasterizer<PlanarScene>>(args: &FitArgs, target: &Target, backend
     target.remarks.iter().for_each(output::note);
     let settings = trainer.settings();
     output::note(format_args!(
-        "fitting {} ({}x{} px) with at most {} Gaussians in {} steps, into {}",
+        "fitting {} ({}x{} px) with at most {} in {}, into {}",
         target.name(),
         target.image.width(),
         target.image.height(),
-        settings.gaussians,
-        settings.iterations - trainer.step(),
+        counted(settings.gaussians, "Gaussian"),
+        counted(settings.iterations - trainer.step(), "step"),
         args.output.display()
     ));
 }

@@ -6,12 +6,12 @@ use std::{
     time::{Duration, Instant},
 };
 
-use gs_core::edit::EditCounts;
+use gs_core::{counted, edit::EditCounts};
 use gs_train::{Control, FreshStart, Joined, Observer, Progress};
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle, TermLike};
 
 use crate::{
-    fit::{arguments::Detail, terminal::Terminal, trouble::Trouble},
+    fit::{arguments::Detail, status::Status, terminal::Terminal, trouble::Trouble},
     output,
 };
 
@@ -35,7 +35,7 @@ pub(crate) struct Display {
     measured: Option<Instant>,
     /// When the next may be.
     measure_at: Instant,
-    /// The last PSNR that was measured or estimated, dB.
+    /// The last PSNR that was measured or estimated, dB; see [`Status::psnr`].
     psnr: Option<f64>,
     /// What is wrong, as far as it is known.
     trouble: Trouble,
@@ -81,7 +81,7 @@ impl Display {
         let kind = if stderr().is_terminal() {
             let target = ProgressDrawTarget::term_like_with_hz(Box::new(Terminal::default()), 10);
             let bar = ProgressBar::with_draw_target(Some(u64::from(iterations)), target).with_position(u64::from(step));
-            // All of it in one line of 80 columns: a line that is broken cannot be taken back.
+            // What follows the bar has as many words as fit the line: one that is broken cannot be taken back.
             let template = "{wide_bar} {pos}/{len}  {msg}";
             bar.set_style(ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar()));
             Kind::Bar(bar)
@@ -98,8 +98,8 @@ impl Display {
             measured: None,
             measure_at: now,
             psnr: None,
-            trouble: Trouble::default(),
-            warned: Trouble::default(),
+            trouble: Trouble::with(detail),
+            warned: Trouble::with(detail),
         }
     }
 
@@ -111,19 +111,16 @@ impl Display {
         })
     }
 
-    fn state(&self, progress: &Progress) -> String {
-        let psnr = self.psnr.map_or_else(String::new, |psnr| format!("  PSNR {psnr:.2} dB"));
-        let left = f64::from(progress.iterations - progress.step) / self.rate(progress).max(1e-9);
-        let Progress { count, loss, .. } = progress;
+    fn status(&self, progress: &Progress) -> Status {
+        let Progress { step, iterations, count, loss, .. } = *progress;
         let rate = self.rate(progress);
-        // Slow steps have a digit more.
-        let rate = if rate < 9.95 { format!("{rate:.1}") } else { format!("{rate:.0}") };
-        format!("{count} Gaussians  loss {loss:.2e}{psnr}  {rate} it/s  {left:.0} s left")
+        let left = f64::from(iterations - step) / rate.max(1e-9);
+        Status { steps: iterations, gaussians: count, loss, psnr: self.psnr, rate, left }
     }
 
     fn line(&self, progress: &Progress) -> String {
         let Progress { step, iterations, .. } = progress;
-        format!("step {step}/{iterations}  {}{}", self.state(progress), self.trouble)
+        format!("step {step}/{iterations}  {}{}", self.status(progress).whole(), self.trouble)
     }
 
     /// Says what is wrong, and that it has become worse, where there is a bar; lines have room to say it in each.
@@ -154,7 +151,7 @@ fn round(progress: &Progress, counts: &EditCounts) -> String {
     let told: Vec<String> =
         causes.iter().filter(|(_, count)| *count > 0).map(|(cause, count)| format!("{count} {cause}")).collect();
     let told = if told.is_empty() { "nothing to do".to_owned() } else { told.join(", ") };
-    format!("step {}: {told}; {} Gaussians", progress.step, progress.count)
+    format!("step {}: {told}; {}", progress.step, counted(progress.count, "Gaussian"))
 }
 
 impl Observer for Display {
@@ -203,7 +200,7 @@ impl Observer for Display {
         match &self.kind {
             Kind::Bar(bar) if since >= REDRAW || progress.is_last() => {
                 bar.set_position(u64::from(progress.step));
-                bar.set_message(self.state(progress));
+                bar.set_message(self.status(progress).within(Terminal::default().width().into()));
                 self.drawn = Instant::now();
             }
             Kind::Lines(told) => {

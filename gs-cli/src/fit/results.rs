@@ -4,7 +4,7 @@
 use std::{path::Path, thread, time::Instant};
 
 use gs_core::{
-    Blend, Canvas, Image, PlanarScene, Rasterizer, Scene,
+    Blend, Canvas, Image, PlanarScene, Rasterizer, Scene, counted,
     effects::called_for::Verdict,
     examination::{self, Examinable},
     statistics::Culled,
@@ -15,10 +15,15 @@ use serde::Serialize;
 
 use crate::{
     backend::Backend,
-    effects::choice::{EffectsArgs, told},
+    effects::choice::{EffectsArgs, told_in},
     failure::Failure,
     fit::{
-        arguments::Pictures, folder::OutputFolder, observers::write_table, settings, target::Target, trouble::Trouble,
+        arguments::{Detail, Pictures},
+        folder::OutputFolder,
+        observers::write_table,
+        settings,
+        target::Target,
+        trouble::Trouble,
     },
     memory, output,
     report::{
@@ -48,7 +53,7 @@ pub(crate) struct Summary {
 
 impl Summary {
     /// The summary for people.
-    pub(crate) fn text(&self, folder: &Path) -> String {
+    pub(crate) fn text(&self, folder: &Path, detail: Detail) -> String {
         let FitSummary {
             gaussians,
             iterations,
@@ -62,14 +67,15 @@ impl Summary {
             fresh_starts,
             ..
         } = &self.fit;
-        let trouble = Trouble::new(edits, *culled, *clamped, fresh_starts);
+        let trouble = Trouble::new(detail, edits, *culled, *clamped, fresh_starts);
         let ms_ssim = ms_ssim.map_or_else(String::new, |value| format!(", MS-SSIM {value:.4}"));
         format!(
-            "{gaussians} Gaussians after {iterations} steps in {seconds:.2} s ({:.2} s in all): PSNR {psnr:.2} dB, SSIM \
-             {ssim:.4}{ms_ssim}{trouble}; see {}\n{}",
+            "{} after {} in {seconds:.2} s ({:.2} s in all): PSNR {psnr:.2} dB, SSIM {ssim:.4}{ms_ssim}{trouble}; see {}{}",
+            counted(*gaussians, "Gaussian"),
+            counted(*iterations, "step"),
             self.total_seconds,
             folder.display(),
-            told(&self.effects)
+            told_in(detail, &self.effects)
         )
     }
 }
@@ -118,7 +124,7 @@ impl Results<'_> {
         let mut looks = self.look(rasterizer, trainer, &file);
         let backdrop = looks.as_mut().ok().and_then(|looks| looks.backdrop.take());
         let settings = settings::to_toml(trainer.settings());
-        let title = format!("{}: {} Gaussians", self.target.name(), trainer.count());
+        let title = format!("{}: {}", self.target.title(), counted(trainer.count(), "Gaussian"));
 
         let fit = thread::scope(|scope| {
             let (file, looks) = (&file, looks.as_ref());
@@ -130,7 +136,7 @@ impl Results<'_> {
                     write_table(self.folder, log),
                     settings.and_then(|text| self.folder.write_text("settings.toml", &text)),
                     match self.pictures {
-                        Pictures::All => self.write_curve(points, &title),
+                        Pictures::All => self.write_curve(points, log, &title),
                         Pictures::Reconstruction => {
                             ["ellipses.png", "curve.png"].iter().try_for_each(|name| self.folder.leave_out(name))
                         }
@@ -225,8 +231,9 @@ impl Results<'_> {
         Ok(write_ply(self.folder.file("scene.ply"), file, colors)?)
     }
 
-    fn write_curve(&self, points: &[Point], title: &str) -> Result<(), Failure> {
-        let picture = curve::draw(points, title).map_err(|error| Failure::failed(error).at("curve.png"))?;
+    fn write_curve(&self, points: &[Point], log: &MetricsLog, title: &str) -> Result<(), Failure> {
+        let picture = curve::draw(points, &curve::measured(log.rows()), title)
+            .map_err(|error| Failure::failed(error).at("curve.png"))?;
         Ok(write_png(self.folder.file("curve.png"), &picture)?)
     }
 }
@@ -240,6 +247,7 @@ fn canvas_of(file: &PlanarFile) -> Canvas {
 pub(crate) fn sound<S: Examinable>(mut scene: S) -> Result<S, Failure> {
     match examination::repair(&mut scene)?.removed {
         0 => {}
+        1 => output::note("note: 1 Gaussian is not finite and is left out of the scene"),
         removed => output::note(format_args!("note: {removed} Gaussians are not finite and are left out of the scene")),
     }
     Ok(scene)

@@ -46,6 +46,12 @@ impl Target {
         if self.file.is_some() { Preset::Standard } else { Preset::Paper }
     }
 
+    /// Its name for titles: that of its file, without folders.
+    pub(crate) fn title(&self) -> String {
+        let name = self.file.as_deref().and_then(Path::file_name).map(|name| name.to_string_lossy().into_owned());
+        name.unwrap_or_else(|| self.name())
+    }
+
     /// Its name for people.
     pub(crate) fn name(&self) -> String {
         self.file.as_ref().map_or_else(|| "circle and square".to_owned(), |file| file.display().to_string())

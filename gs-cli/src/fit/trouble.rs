@@ -1,13 +1,17 @@
-//! What goes wrong in a training without ending it, by cause: told where it is not zero, so that it is never hidden.
+//! What goes wrong in a training without ending it, by cause: said where it is not zero, so that it is never hidden.
 
 use std::fmt;
 
-use gs_core::{edit::EditCounts, statistics::Culled};
+use gs_core::{counted, edit::EditCounts, statistics::Culled};
 use gs_train::{Clamped, FreshStart};
+
+use crate::fit::arguments::Detail;
 
 /// Gaussians with which something is wrong, and how often the whole training went wrong.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(crate) struct Trouble {
+    /// Whether sizes at their bounds are said, too. They are no trouble: most trainings have some.
+    detail: Detail,
     /// Those that stopped being finite and were removed, so far.
     removed: u32,
     /// Those that the last measurement left out as not finite, and as degenerate.
@@ -20,9 +24,20 @@ pub(crate) struct Trouble {
 }
 
 impl Trouble {
+    /// None yet, to be said in this detail.
+    pub(crate) fn with(detail: Detail) -> Self {
+        Self { detail, ..Self::default() }
+    }
+
     /// That of a finished training.
-    pub(crate) fn new(edits: &EditCounts, culled: Culled, clamped: Clamped, fresh_starts: &[FreshStart]) -> Self {
-        let mut trouble = Self { fresh_starts: fresh_starts.len() as u32, ..Self::default() };
+    pub(crate) fn new(
+        detail: Detail,
+        edits: &EditCounts,
+        culled: Culled,
+        clamped: Clamped,
+        fresh_starts: &[FreshStart],
+    ) -> Self {
+        let mut trouble = Self { detail, fresh_starts: fresh_starts.len() as u32, ..Self::default() };
         trouble.add_edits(edits);
         trouble.see(culled, clamped);
         trouble
@@ -40,19 +55,23 @@ impl Trouble {
 
     /// Takes note of a measurement. What is outside, near or transparent is no trouble: so are views.
     pub(crate) fn see(&mut self, culled: Culled, clamped: Clamped) {
-        (self.not_finite, self.degenerate, self.clamped) = (culled.not_finite, culled.degenerate, clamped);
+        (self.not_finite, self.degenerate) = (culled.not_finite, culled.degenerate);
+        if self.detail == Detail::Rounds {
+            self.clamped = clamped;
+        }
     }
 
     /// Whether it is worth saying again after the worst that was told: a cause is new, or its count has doubled.
     pub(crate) fn is_news_after(&self, told: &Self) -> bool {
         let mut pairs = self.causes().into_iter().zip(told.causes());
-        pairs.any(|((now, _), (told, _))| now > 0 && u64::from(now) >= 2 * u64::from(told))
+        pairs.any(|((now, ..), (told, ..))| now > 0 && u64::from(now) >= 2 * u64::from(told))
     }
 
     /// The larger of each count.
     pub(crate) fn worst(&self, other: &Self) -> Self {
         let Clamped { smallest, largest } = self.clamped;
         Self {
+            detail: self.detail,
             removed: self.removed.max(other.removed),
             not_finite: self.not_finite.max(other.not_finite),
             degenerate: self.degenerate.max(other.degenerate),
@@ -64,15 +83,16 @@ impl Trouble {
         }
     }
 
-    fn causes(&self) -> [(u32, &'static str); 6] {
-        let Self { removed, not_finite, degenerate, clamped: Clamped { smallest, largest }, fresh_starts } = *self;
+    /// Each count with what it counts, and what is the matter with that.
+    fn causes(&self) -> [(u32, &'static str, &'static str); 6] {
+        let Self { removed, not_finite, degenerate, clamped: Clamped { smallest, largest }, fresh_starts, .. } = *self;
         [
-            (removed, "removed as not finite"),
-            (not_finite, "left out as not finite"),
-            (degenerate, "left out as degenerate"),
-            (smallest, "as small as may be"),
-            (largest, "as large as may be"),
-            (fresh_starts, if fresh_starts == 1 { "fresh start" } else { "fresh starts" }),
+            (removed, "Gaussian", " removed as not finite"),
+            (not_finite, "Gaussian", " not drawn, as not finite"),
+            (degenerate, "Gaussian", " not drawn, as without extent"),
+            (smallest, "Gaussian", " held at the smallest size allowed"),
+            (largest, "Gaussian", " held at the largest size allowed"),
+            (fresh_starts, "restart", " at a lower learning rate"),
         ]
     }
 }
@@ -81,7 +101,8 @@ impl Trouble {
 impl fmt::Display for Trouble {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let causes = self.causes();
-        causes.iter().filter(|(count, _)| *count > 0).try_for_each(|(count, cause)| write!(f, ", {count} {cause}"))
+        let mut there = causes.iter().filter(|(count, ..)| *count > 0);
+        there.try_for_each(|(count, noun, cause)| write!(f, ", {}{cause}", counted(*count, noun)))
     }
 }
 
@@ -91,15 +112,18 @@ mod tests {
 
     #[test]
     fn what_is_zero_is_not_told() {
-        let mut trouble = Trouble::default();
+        let mut trouble = Trouble::with(Detail::Rounds);
         assert_eq!(trouble.to_string(), "");
         trouble.see(Culled { outside: 7, ..Culled::default() }, Clamped { smallest: 3, largest: 0 });
-        assert_eq!(trouble.to_string(), ", 3 as small as may be");
+        assert_eq!(trouble.to_string(), ", 3 Gaussians held at the smallest size allowed");
         let lost = EditCounts { pruned_not_finite: 2, cloned: 9, ..EditCounts::default() };
         trouble.add_edits(&lost);
         trouble.add_edits(&lost);
         trouble.see(Culled { degenerate: 1, ..Culled::default() }, Clamped::default());
-        assert_eq!(trouble.to_string(), ", 4 removed as not finite, 1 left out as degenerate");
+        assert_eq!(trouble.to_string(), ", 4 Gaussians removed as not finite, 1 Gaussian not drawn, as without extent");
+        let mut brief = Trouble::with(Detail::Steps);
+        brief.see(Culled::default(), Clamped { smallest: 3, largest: 1 });
+        assert_eq!(brief.to_string(), "", "sizes at their bounds are said where all is");
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! The answer to a budget: a file of settings, with what it promises and how it did on other views.
 
-use gs_core::{Effects, RenderSettings, profile::Quantiles};
-use gs_study::frontier::{Budget, Choice, Frontier, Measured, Verification};
+use gs_core::{Effects, RenderSettings, counted, profile::Quantiles};
+use gs_study::frontier::{Budget, Choice, Frontier, Measured, Noise, Verification};
 use serde::Serialize;
 
 use crate::{
@@ -41,7 +41,8 @@ impl Answer {
         let RenderSettings { accuracy, effects, .. } = row.settings;
         let effects = chooses_effects(&effects);
         let settings = ChosenSettings { accuracy, effects, machine: machines[row.contender].clone() };
-        let file = settings.to_file(&comment(budget, choice, row, what))?;
+        let noise = frontier.noise_of(&row.backend);
+        let file = settings.to_file(&comment(budget, choice, row, noise, what))?;
         Ok(Self { budget, settings: row.name(), machine: row.machine.clone(), choice: choice.clone(), file })
     }
 }
@@ -62,10 +63,11 @@ pub(crate) fn not_elsewhere(budget: Budget, count: usize, views: usize) -> Failu
     let settings =
         if count == 1 { "what keeps it".to_owned() } else { format!("none of {count} settings that keep it") };
     let verb = if count == 1 { "does not keep" } else { "keeps" };
-    Failure::failed(format_args!("{flag} {most}: {settings} on the views of the search {verb} it on {views} others"))
-        .mend(format_args!(
-            "give a larger {flag}, as a margin for other views, or let the search see more with --views"
-        ))
+    Failure::failed(format_args!(
+        "{flag} {most}: {settings} on the views of the search {verb} it on {}",
+        counted(views, "other")
+    ))
+    .mend(format_args!("give a larger {flag}, as a margin for other views, or let the search see more with --views"))
 }
 
 /// The flag of a budget, and the number that it was given.
@@ -76,7 +78,7 @@ fn asked(budget: Budget) -> (&'static str, f64) {
     }
 }
 
-fn comment(budget: Budget, choice: &Choice, row: &Measured, what: &str) -> String {
+fn comment(budget: Budget, choice: &Choice, row: &Measured, noise: Noise, what: &str) -> String {
     let asked = match budget {
         Budget::MaxError(most) => format!("the quickest within {most:.2e} at every pixel"),
         Budget::MaxSeconds(most) => format!("the most exact within {:.3} ms a view", 1e3 * most),
@@ -87,13 +89,23 @@ fn comment(budget: Budget, choice: &Choice, row: &Measured, what: &str) -> Strin
         0 => String::new(),
         count => format!("; {count} that looked better did not keep it there"),
     };
+    let noise = match choice.within_noise {
+        0 => String::new(),
+        count => format!(
+            "\nThe noise is {:.0} %. {} the budget in times that differ by less, so that another run may choose another. This one had the lowest \
+             median.",
+            100.0 * (noise.factor - 1.0),
+            if count == 1 { "1 other setting keeps".to_owned() } else { format!("{count} other settings keep") }
+        ),
+    };
     format!(
-        "{what}: {asked}.\n{} on {}: {median:.3} ms ({low:.3} to {high:.3}), largest error {:.2e}, PSNR {:.1} dB.\nOn {views} other views: \
-         {:.3} ms, largest error {:.2e}, PSNR {:.1} dB{failed}.",
+        "{what}: {asked}.\n{} on {}: {median:.3} ms ({low:.3} to {high:.3}), largest error {:.2e}, PSNR {:.1} dB.\nOn {}: \
+         {:.3} ms, largest error {:.2e}, PSNR {:.1} dB{failed}.{noise}",
         row.name(),
         row.machine,
         row.error.max,
         row.error.psnr(),
+        counted(views, "other view"),
         1e3 * seconds,
         error.max,
         error.psnr()

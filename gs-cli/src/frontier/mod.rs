@@ -6,7 +6,7 @@ mod subject;
 use std::path::PathBuf;
 
 use clap::Args;
-use gs_core::Rasterizer;
+use gs_core::{Rasterizer, counted};
 use gs_cpu::CpuRasterizer;
 use gs_oracle::OracleView;
 use gs_study::frontier::{Budget, Chosen, Field, Frontier, Pace, Verifiable, figure, search, to_csv, to_text};
@@ -24,7 +24,7 @@ use crate::{
     },
     output,
     shown::ShownArgs,
-    values::{Axis, Size, Tolerance},
+    values::{Axis, Size, Tolerance, whole},
 };
 
 const AFTER_HELP: &str = "\
@@ -39,8 +39,8 @@ by is the noise, and differences within it are `no difference`. Errors are of th
 differ.
 
 With --max-error or --max-ms the answer is a file of settings that gs render --settings and gs fit --settings take: the quickest that are \
-exact enough, or the most exact that are quick enough, of all backends that are measured, verified on views that the search did not see. It \
-is printed on standard output, and everything else on standard error.
+exact enough, or the most exact that are quick enough, of all backends that are measured, verified on views that the search did not see. \
+Where the noise does not tell times apart, the lowest median is taken, and the answer says so. It is printed on standard output, and everything else on standard error.
 
 DIR then holds frontier.csv, the table; frontier.json, the same with all times; frontier.svg and .png, error against time; and settings.toml, \
 if a budget was given.";
@@ -64,19 +64,19 @@ pub(crate) struct FrontierArgs {
     #[arg(long, conflicts_with_all = ["max_error", "max_ms"])]
     json: bool,
     /// Seconds that go into timing; at least seven rounds are made, however long they take
-    #[arg(long, value_name = "S", default_value_t = 24, value_parser = clap::value_parser!(u32).range(1..=3600))]
+    #[arg(long, value_name = "S", default_value_t = 24, value_parser = whole::<u32>(1..=3600))]
     seconds: u32,
     /// Size of the pictures [default: that of the image or of the data set; in space else 800x600]
     #[arg(long, value_name = "WxH")]
     size: Option<Size>,
     /// The most Gaussians that an image is fitted with [default: 9000 for each 768x512 px]
-    #[arg(short = 'n', long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    #[arg(short = 'n', long, value_name = "N", value_parser = whole::<u32>(1..))]
     gaussians: Option<u32>,
     /// Look at a scene in space from views of this data set
     #[arg(long, value_name = "DATASET")]
     dataset: Option<PathBuf>,
     /// Views of a scene in space for the search, and as many again to verify
-    #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=100))]
+    #[arg(long, value_name = "N", default_value_t = 3, value_parser = whole::<u32>(1..=100))]
     views: u32,
     /// The axis that an orbit goes around and that is up in the picture: x, y, z, or -x, -y, -z [default: -y]
     #[arg(long, value_name = "AXIS", allow_hyphen_values = true)]
@@ -135,10 +135,10 @@ where
     let pace = Pace { seconds: f64::from(args.seconds), ..Pace::default() };
     let frontier = search(&field, &seen.views, pace, &mut |what| output::note(what))?;
     let (width, height) = seen.views[0].size();
-    let what = format!("{}: {} Gaussians, {width}x{height} px", seen.name, seen.scene.len());
+    let what = format!("{}: {}, {width}x{height} px", seen.name, counted(seen.scene.len(), "Gaussian"));
     // What was found is told and written also where the budget cannot be kept.
     let answer = args.budget().map(|budget| -> Result<Answer, Failure> {
-        output::note(format_args!("verifying on {} views that the search has not seen", seen.unseen.len()));
+        output::note(format_args!("verifying on {} that the search has not seen", counted(seen.unseen.len(), "view")));
         match budget.choose(&field, &frontier, &seen.unseen, 0.1 * pace.seconds)? {
             Chosen::Kept(choice) => Answer::new(budget, &choice, &frontier, &machines, seen.chooses, &what),
             Chosen::OutOfReach(best) => Err(answer::out_of_reach(budget, best)),

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use glam::Vec2;
-use gs_core::{Camera, Canvas, Effects, PlanarScene, RenderSettings, Scene, SpatialScene};
+use gs_core::{Camera, Canvas, Effects, PlanarScene, RenderSettings, Scene, SpatialScene, counted};
 use gs_io::{PlanarFile, SpatialFile, read_spatial};
 use gs_train::{
     Trainer,
@@ -111,13 +111,13 @@ fn fitted(args: &FrontierArgs) -> Result<(PlanarScene, RenderSettings, (u32, u32
     let flags = SettingsArgs { gaussians: args.gaussians, ..SettingsArgs::default() };
     let fit = settings::resolve(&flags, &Given::Nothing, &target)?;
     output::note(format_args!(
-        "fitting {} with at most {} Gaussians in {} steps first",
+        "fitting {} with at most {} in {} first",
         target.name(),
-        fit.gaussians,
-        fit.iterations
+        counted(fit.gaussians, "Gaussian"),
+        counted(fit.iterations, "step")
     ));
     let (shown, size) = (fit.render, target.image.size());
-    let scene = Backend::start(&args.backend)?.run(Fit { target: &target, settings: fit })?;
+    let scene = Backend::start_for_image(&args.backend, &shown)?.run(Fit { target: &target, settings: fit })?;
     Ok((scene, shown, size))
 }
 

@@ -10,7 +10,7 @@ use clap::{
     Args,
     builder::{PossibleValuesParser, TypedValueParser as _},
 };
-use gs_core::{PlanarScene, Rasterizer, SpatialScene, profile::Profiler};
+use gs_core::{PlanarScene, Rasterizer, SpatialScene, counted, profile::Profiler};
 use gs_train::experiments::{Experiment, Extent, Findings, Laboratory};
 
 use crate::{
@@ -44,7 +44,7 @@ pub(crate) struct PaperArgs {
     /// Make this experiment alone
     #[arg(long, value_name = "NAME", value_parser = experiment_parser())]
     only: Option<Experiment>,
-    /// Fewer seeds and steps: some twenty seconds instead of some minutes
+    /// Fewer seeds and steps, for a first look
     #[arg(long)]
     quick: bool,
     #[command(flatten)]
@@ -107,7 +107,7 @@ impl Task for Experiments<'_> {
         if let Err(error) = listening {
             output::note(format_args!("note: Ctrl-C may leave a temporary file: {error}"));
         }
-        let mut chapters = Vec::new();
+        let (mut chapters, count) = (Vec::new(), self.experiments.len());
         for experiment in self.experiments {
             let started = Instant::now();
             display.begin(experiment);
@@ -118,8 +118,12 @@ impl Task for Experiments<'_> {
             });
             let chapter = written.inspect_err(|_| voice.clear())?;
             let told = verdicts(&chapter.findings.claims);
-            voice.say(format_args!("{experiment}: {told}; {:.1} s", started.elapsed().as_secs_f64()));
             chapters.push(chapter);
+            let left = match count - chapters.len() {
+                0 => String::new(),
+                left => format!("; {} left", counted(left, "experiment")),
+            };
+            voice.say(format_args!("{experiment}: {told}; {:.1} s{left}", started.elapsed().as_secs_f64()));
         }
         voice.clear();
         Ok(chapters)
@@ -131,8 +135,8 @@ fn verdicts<'a>(claims: impl IntoIterator<Item = &'a gs_train::experiments::Clai
     use gs_train::experiments::Verdict::{Confirmed, Partly, Refuted};
     let claims: Vec<_> = claims.into_iter().collect();
     let of = |verdict| claims.iter().filter(|claim| claim.verdict() == verdict).count();
-    let counted = [Confirmed, Partly, Refuted].map(|verdict| (of(verdict), verdict));
+    let numbers = [Confirmed, Partly, Refuted].map(|verdict| (of(verdict), verdict));
     let told: Vec<String> =
-        counted.iter().filter(|(n, _)| *n > 0).map(|(n, verdict)| format!("{n} {verdict}")).collect();
-    format!("{} claims: {}", claims.len(), told.join(", "))
+        numbers.iter().filter(|(n, _)| *n > 0).map(|(n, verdict)| format!("{n} {verdict}")).collect();
+    format!("{}: {}", counted(claims.len(), "claim"), told.join(", "))
 }

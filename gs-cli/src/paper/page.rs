@@ -2,6 +2,7 @@
 
 use std::fmt::Write as _;
 
+use gs_core::counted;
 use gs_train::experiments::{Circumstance, Claim, ELSEWHERE, Experiment, Extent, Picture, Table, Verdict};
 
 use crate::{paper::Chapter, report::chart};
@@ -63,7 +64,7 @@ fn head(page: &mut String, chapters: &[Chapter], setting: &Setting<'_>) {
     }
     add!(
         page,
-        "<table class=\"overview\">\n<thead><tr><th>experiment</th><th>the paper says</th><th>verdict</th></tr></thead>\n"
+        "<div class=\"wide\"><table class=\"overview\">\n<thead><tr><th>experiment</th><th>the paper says</th><th>verdict</th></tr></thead>\n"
     );
     for Chapter { experiment, findings, .. } in chapters {
         for (i, claim) in findings.claims.iter().enumerate() {
@@ -78,7 +79,7 @@ fn head(page: &mut String, chapters: &[Chapter], setting: &Setting<'_>) {
             add!(page, "<tr>{first}<td>{}</td><td>{}</td></tr>\n", escaped(claim.statement), badge(claim.verdict()));
         }
     }
-    add!(page, "</table>\n");
+    add!(page, "</table></div>\n");
 }
 
 fn section(page: &mut String, chapter: &Chapter) {
@@ -153,7 +154,7 @@ fn table(page: &mut String, table: &Table) {
     let title = escaped(&table.title);
     let fold = table.rows.len() > MOST_OPEN_ROWS;
     match fold {
-        true => add!(page, "<details><summary>{title} ({} rows)</summary>", table.rows.len()),
+        true => add!(page, "<details><summary>{title} ({})</summary>", counted(table.rows.len(), "row")),
         false => add!(page, "<h4>{title}</h4>"),
     }
     add!(page, "<div class=\"wide\"><table><thead><tr>");
@@ -205,6 +206,7 @@ h2{font-size:23px;margin:48px 0 8px;padding-top:16px;border-top:2px solid var(--
 h3{font-size:13px;font-weight:600;color:var(--soft);margin:0 0 4px}
 h4,summary{font-size:15px;font-weight:600;margin:24px 0 6px}
 summary{cursor:pointer}
+p,li{overflow-wrap:anywhere}
 p{margin:0 0 8px}
 a{color:var(--link)}
 code{font:14px ui-monospace,monospace;background:var(--surface);border:1px solid var(--line);border-radius:4px;padding:0 4px}
@@ -222,14 +224,14 @@ padding:14px 18px;margin:10px 0}
 .claim ul{list-style:none;margin:0 0 6px;padding:0}
 .claim li{padding-left:22px;text-indent:-22px}
 .claim li span{display:inline-block;width:22px;text-indent:0;font-weight:600}
-.charts{display:grid;grid-template-columns:repeat(auto-fit,minmax(500px,1fr));gap:16px;margin:18px 0}
+.charts{display:grid;grid-template-columns:repeat(auto-fit,minmax(min(100%,500px),1fr));gap:16px;margin:18px 0}
 .pictures{display:flex;flex-wrap:wrap;gap:16px;margin:18px 0}
 figure{margin:0;background:var(--surface);border:1px solid var(--line);border-radius:8px;padding:12px}
 .charts figure{max-width:760px}
 .charts figcaption{font-weight:600;font-size:15px}
 .pictures figure{width:213px}
 .pictures img{width:100%;aspect-ratio:1;display:block;margin-bottom:6px}
-.pictures .broad{width:642px}
+.pictures .broad{width:642px;max-width:100%}
 .pictures .broad img{aspect-ratio:auto}
 .pictures figcaption{font-size:13px;color:var(--soft)}
 svg{width:100%;height:auto;display:block}
@@ -240,7 +242,8 @@ th{font-weight:600}
 th:first-child,td:first-child,.overview td,.overview th{text-align:left}
 thead th{color:var(--soft)}
 .overview{margin-top:16px;width:100%}
-@media(max-width:760px){.claim{grid-template-columns:1fr}.charts{grid-template-columns:1fr}}
+@media(max-width:760px){.claim,.charts{grid-template-columns:minmax(0,1fr)}main{padding:12px 12px 48px}.claim{padding:12px}
+.overview th,.overview td{padding:4px 6px}}
 ";
 
 #[cfg(test)]

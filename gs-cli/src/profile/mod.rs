@@ -20,7 +20,7 @@ use crate::{
     output,
     profile::{measure::Measure, space::SpatialSubject, subject::Subject},
     shown::ShownArgs,
-    values::{Size, ViewName},
+    values::{Size, ViewName, whole},
 };
 
 const AFTER_HELP: &str = "\
@@ -53,7 +53,7 @@ pub(crate) struct ProfileArgs {
     #[arg(long)]
     json: bool,
     /// How often each stage is measured
-    #[arg(short, long, value_name = "R", default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    #[arg(short, long, value_name = "R", default_value_t = 20, value_parser = whole::<u32>(1..=100_000))]
     repetitions: u32,
     /// Size of the canvas [default: that of the image, or of the one that the scene was made for; in space that of the view, or 800x600]
     #[arg(long, value_name = "WxH")]
@@ -62,10 +62,10 @@ pub(crate) struct ProfileArgs {
     #[arg(long, value_name = "IMAGE")]
     image: Option<PathBuf>,
     /// The most Gaussians that an image is fitted with [default: 9000 for each 768x512 px]
-    #[arg(short = 'n', long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    #[arg(short = 'n', long, value_name = "N", value_parser = whole::<u32>(1..))]
     gaussians: Option<u32>,
     /// Steps in which an image is fitted [default: 100]
-    #[arg(short, long, value_name = "K")]
+    #[arg(short, long, value_name = "K", value_parser = whole::<u32>(0..))]
     iterations: Option<u32>,
     /// What is minimised [default: l2; l1-dssim for the circle and square and in space]
     #[arg(long, value_enum, value_name = "LOSS")]
@@ -105,7 +105,7 @@ pub(crate) fn run(args: &ProfileArgs) -> Result<(), Failure> {
         _ => AnySubject::Planar(Box::new(Subject::load(args)?)),
     };
     let backend = match &subject {
-        AnySubject::Planar(_) => Backend::start(&args.backend),
+        AnySubject::Planar(subject) => Backend::start_for_image(&args.backend, &subject.render),
         AnySubject::Spatial(subject) => Backend::start_in_space(&args.backend, subject.chart),
     }?;
     let folder = args.output.as_ref().map(|path| OutputFolder::prepare(path, "--output")).transpose()?;

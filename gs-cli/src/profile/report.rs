@@ -3,7 +3,7 @@
 use std::fmt::Write;
 
 use gs_core::{
-    Blend, Chart, Effects, Loss,
+    Blend, Chart, Effects, Loss, counted,
     effects::{Antialias, Order},
     profile::{Clock, Profile, Quantiles, StageTime},
 };
@@ -254,7 +254,8 @@ impl Report {
 
     fn head(&self) -> String {
         let Self { reason, name, width, height, target, clock_text, repetitions, .. } = self;
-        let fitted = self.fitted_steps.map_or_else(String::new, |steps| format!(", fitted in {steps} steps"));
+        let fitted =
+            self.fitted_steps.map_or_else(String::new, |steps| format!(", fitted in {}", counted(steps, "step")));
         let (blend, loss, chart) = (self.blend.name(), self.loss.name(), self.chart.name());
         // What an image's scene never needs is not told of one.
         let effects = match self.kind {

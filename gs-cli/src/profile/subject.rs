@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use gs_core::{Canvas, Chart, Image, Loss, PlanarScene, Rasterizer, RenderSettings};
+use gs_core::{Canvas, Chart, Image, Loss, PlanarScene, Rasterizer, RenderSettings, counted};
 use gs_io::PlanarFile;
 use gs_train::{FitSettings, Trainer};
 
@@ -136,12 +136,12 @@ impl Subject {
             Source::Scene(scene) => (scene, None),
             Source::Fit { image, settings } => {
                 output::note(format_args!(
-                    "fitting {} ({}x{} px) with at most {} Gaussians in {} steps first",
+                    "fitting {} ({}x{} px) with at most {} in {} first",
                     name,
                     image.width(),
                     image.height(),
-                    settings.gaussians,
-                    settings.iterations
+                    counted(settings.gaussians, "Gaussian"),
+                    counted(settings.iterations, "step")
                 ));
                 let iterations = settings.iterations;
                 let mut trainer = Trainer::new(rasterizer, &image, *settings)?;

@@ -3,22 +3,35 @@
 //!
 //! An outline is drawn from its distance field, not as a polygon: pixel `p` lies about (|z| − 1) / |∇|z|| from the ellipse,
 //! where z = L⁻¹ (p − μ) is the whitened offset. Each line is therefore smooth and of even width at any size, and the time
-//! grows with the ellipses' area alone.
+//! grows with the ellipses' area alone. All lines have one colour and a dark seam, so that they are seen on any picture and no change of
+//! their colour is taken for an edge.
+
+use std::collections::HashSet;
 
 use glam::{Mat2, Vec2};
 use gs_core::{
     Camera, Canvas, Image, PlanarScene, RenderSettings, Scene, SpatialScene,
     perspective::{Ellipsoid, Perspective, Projection},
+    scene::sigmoid,
 };
 
-/// Above this many Gaussians lines are thin and centres are left out, or the picture would be all lines.
-const DENSE: usize = 2_000;
+/// Where a picture has fewer pixels than this for each Gaussian, not all of them are drawn.
+const PIXELS_EACH: usize = 1_000;
 
-/// Most Gaussians that are drawn of a scene in space, where they lie behind each other; of more, every n-th of those in sight.
-const MOST_IN_SPACE: usize = 2_000;
+/// Side of the squares of the picture, px, in each of which one is then drawn: that which matters most.
+const SQUARE_PX: f32 = 28.0;
+
+/// Above this many ellipses lines are thin and centres are left out.
+const DENSE: usize = 500;
 
 /// What is fainter than this is not drawn in space.
 const FAINT: f32 = 0.1;
+
+/// The colour of lines and centres: no common colour of photographs, and brighter than their seam.
+const INK: [f32; 3] = [1.0, 0.86, 0.1];
+
+/// The colour of the seam.
+const SEAM: [f32; 3] = [0.0; 3];
 
 /// The canvas to draw on: the fit's own, enlarged by a whole factor where it is so small that lines would hide the picture.
 pub(crate) fn canvas_for(canvas: Canvas) -> Canvas {
@@ -28,18 +41,23 @@ pub(crate) fn canvas_for(canvas: Canvas) -> Canvas {
     canvas.resized(canvas.width * factor, canvas.height * factor)
 }
 
-/// Draws every Gaussian of `scene` onto `picture`, a rendering through `canvas`. Gaussians that are not finite are left out.
+/// Draws the Gaussians of `scene` that matter most onto `picture`, a rendering through `canvas`: those that add the most to it, by area, opacity
+/// and, where they are added up, by how far their colour is from nothing.
 pub(crate) fn draw(picture: &mut Image, scene: &PlanarScene, canvas: &Canvas) {
     let grid = Mat2::from_diagonal(canvas.scale());
-    let outlines = scene.iter().map(|g| (grid * (g.mean - canvas.origin), grid * g.frame()));
-    draw_outlines(picture, outlines.collect());
+    let outline = |g: gs_core::PlanarGaussian| {
+        let frame = grid * g.frame();
+        // Under the sum nothing has an opacity.
+        let strength = if g.opacity_logit == f32::INFINITY { g.color.length() } else { sigmoid(g.opacity_logit) };
+        Outline { mean: grid * (g.mean - canvas.origin), frame, matters: frame.determinant().abs() * strength }
+    };
+    draw_outlines(picture, scene.iter().map(outline).collect());
 }
 
-/// Draws Gaussians of `scene` that are to be seen onto `picture`, a rendering through `camera` with `render`: all that are not faint and whose
-/// mean is in it, or an even choice of [`MOST_IN_SPACE`] of them at most.
+/// Draws Gaussians of `scene` that are to be seen onto `picture`, a rendering through `camera` with `render`: of those that are not
+/// faint, those that matter most, by area and opacity.
 pub(crate) fn draw_in_space(picture: &mut Image, scene: &SpatialScene, camera: &Camera, render: &RenderSettings) {
     let perspective = Perspective::new(camera, render);
-    let size = Vec2::new(camera.width as f32, camera.height as f32);
     let seen = |index: usize| {
         let (log_scale, rotation) = (scene.log_scales[index], scene.rotations[index]);
         let ellipsoid =
@@ -48,27 +66,54 @@ pub(crate) fn draw_in_space(picture: &mut Image, scene: &SpatialScene, camera: &
         // Cholesky's factor of the covariance.
         let (width, shear) = (a.sqrt(), b / a.sqrt());
         let frame = Mat2::from_cols(Vec2::new(width, shear), Vec2::new(0.0, (c - shear * shear).sqrt()));
-        let inside = mean.cmpge(Vec2::ZERO).all() && mean.cmplt(size).all();
-        (inside && opacity > FAINT).then_some((mean, frame))
+        let outline = Outline { mean, frame, matters: frame.determinant().abs() * opacity };
+        (opacity > FAINT).then_some(outline)
     };
-    let outlines: Vec<(Vec2, Mat2)> = (0..scene.len()).filter_map(seen).collect();
-    let every = outlines.len().div_ceil(MOST_IN_SPACE).max(1);
-    draw_outlines(picture, outlines.into_iter().step_by(every).collect());
+    draw_outlines(picture, (0..scene.len()).filter_map(seen).collect());
 }
 
-/// Draws ellipses of these means and frames L, with L Lᵀ the covariance, in px of the picture.
-fn draw_outlines(picture: &mut Image, outlines: Vec<(Vec2, Mat2)>) {
-    let pen = if outlines.len() > DENSE {
-        Pen { half_width_px: 0.3, dot_radius_px: 0.0, strength: 0.7 }
-    } else {
-        Pen { half_width_px: 0.6, dot_radius_px: 1.5, strength: 0.9 }
-    };
-    // Contrast is judged against the picture, not against lines drawn before.
-    let inks: Vec<Option<Ellipse>> =
-        outlines.into_iter().map(|(mean, frame)| Ellipse::of(mean, frame, picture)).collect();
-    for ellipse in inks.iter().flatten() {
-        pen.trace(picture, ellipse);
+/// A Gaussian in px of the picture.
+struct Outline {
+    mean: Vec2,
+    /// L, with L Lᵀ the covariance.
+    frame: Mat2,
+    /// How much it adds to the picture, beside others.
+    matters: f32,
+}
+
+/// Draws the ellipses whose centre is in the picture; of more than it has room for, those that matter most around them.
+fn draw_outlines(picture: &mut Image, mut outlines: Vec<Outline>) {
+    let size = Vec2::new(picture.width() as f32, picture.height() as f32);
+    let is_there = |mean: Vec2| mean.cmpge(Vec2::ZERO).all() && mean.cmplt(size).all();
+    outlines.retain(|outline| outline.matters.is_finite() && is_there(outline.mean));
+    outlines.sort_by(|a, b| b.matters.total_cmp(&a.matters));
+    if outlines.len() > picture.pixels().len().div_ceil(PIXELS_EACH) {
+        let mut taken = HashSet::new();
+        outlines.retain(|outline| taken.insert((outline.mean / SQUARE_PX).as_ivec2()));
     }
+    let pen = if outlines.len() > DENSE {
+        Pen { half_width_px: 0.4, dot_radius_px: 0.0 }
+    } else {
+        Pen { half_width_px: 0.7, dot_radius_px: 1.5 }
+    };
+    // Lines that cross are as dark and as bright as one alone.
+    let mut cover = vec![Cover::default(); picture.pixels().len()];
+    for ellipse in outlines.iter().filter_map(Ellipse::of) {
+        pen.trace(&mut cover, picture.size(), &ellipse);
+    }
+    for (pixel, Cover { ink, seam }) in picture.pixels_mut().iter_mut().zip(cover) {
+        let over = |v: f32, color: f32, part: f32| v + part * (color - v);
+        for (channel, v) in pixel.iter_mut().enumerate() {
+            *v = over(over(*v, SEAM[channel], 0.55 * seam), INK[channel], ink);
+        }
+    }
+}
+
+/// How much of a pixel lines cover, and their seams, 0 to 1.
+#[derive(Clone, Copy, Default)]
+struct Cover {
+    ink: f32,
+    seam: f32,
 }
 
 /// One Gaussian in pixels of the picture.
@@ -78,26 +123,16 @@ struct Ellipse {
     whiten: Mat2,
     /// Half the sides of the bounding box, px: √Σxx, √Σyy.
     reach: Vec2,
-    /// Black or white, whichever stands out.
-    ink: f32,
 }
 
 impl Ellipse {
-    fn of(mean: Vec2, frame: Mat2, picture: &Image) -> Option<Self> {
+    fn of(&Outline { mean, frame, .. }: &Outline) -> Option<Self> {
         let whiten = frame.inverse();
         let rows = frame.transpose();
         let reach = Vec2::new(rows.x_axis.length(), rows.y_axis.length());
         let finite = mean.is_finite() && whiten.is_finite() && reach.is_finite();
-        finite.then(|| Self { mean, whiten, reach, ink: contrasting_ink(picture, mean) })
+        finite.then_some(Self { mean, whiten, reach })
     }
-}
-
-/// White on dark, black on bright, judged by the luma (ITU-R BT.709) of the picture at the nearest pixel to `at`.
-fn contrasting_ink(picture: &Image, at: Vec2) -> f32 {
-    let last = Vec2::new((picture.width() - 1) as f32, (picture.height() - 1) as f32);
-    let nearest = at.floor().clamp(Vec2::ZERO, last);
-    let [r, g, b] = picture.pixel(nearest.x as u32, nearest.y as u32);
-    if 0.2126 * r + 0.7152 * g + 0.0722 * b > 0.5 { 0.0 } else { 1.0 }
 }
 
 /// How lines look.
@@ -105,30 +140,30 @@ struct Pen {
     half_width_px: f32,
     /// 0 draws no centre.
     dot_radius_px: f32,
-    /// How much of the ink covers the picture, 0 to 1.
-    strength: f32,
 }
 
 impl Pen {
-    fn trace(&self, picture: &mut Image, ellipse: &Ellipse) {
-        let margin = Vec2::splat(2.0 + self.dot_radius_px);
-        let size = Vec2::new(picture.width() as f32, picture.height() as f32);
+    /// How far a seam reaches beyond its line, px.
+    const SEAM_PX: f32 = 0.9;
+
+    fn trace(&self, cover: &mut [Cover], (width, height): (u32, u32), ellipse: &Ellipse) {
+        let margin = Vec2::splat(3.0 + self.dot_radius_px);
+        let size = Vec2::new(width as f32, height as f32);
         let from = (ellipse.mean - ellipse.reach - margin).floor().clamp(Vec2::ZERO, size);
         let to = (ellipse.mean + ellipse.reach + margin).ceil().clamp(Vec2::ZERO, size);
-        let width = picture.width() as usize;
         for y in from.y as usize..to.y as usize {
-            let row = &mut picture.pixels_mut()[y * width..][..width];
+            let row = &mut cover[y * width as usize..][..width as usize];
             for x in from.x as usize..to.x as usize {
-                let cover = self.strength * self.coverage(ellipse, Vec2::new(x as f32 + 0.5, y as f32 + 0.5));
-                if cover > 0.0 {
-                    row[x] = row[x].map(|v| v + cover * (ellipse.ink - v));
-                }
+                let inside = self.inside(ellipse, Vec2::new(x as f32 + 0.5, y as f32 + 0.5));
+                let Cover { ink, seam } = &mut row[x];
+                *ink = ink.max(inside.clamp(0.0, 1.0));
+                *seam = seam.max((inside + Self::SEAM_PX).clamp(0.0, 1.0));
             }
         }
     }
 
-    /// How much of the pixel centred at `p` the pen covers, 0 to 1.
-    fn coverage(&self, ellipse: &Ellipse, p: Vec2) -> f32 {
+    /// How far the pixel centred at `p` is inside of the line or the dot, px; from 0 to 1 the part that it covers.
+    fn inside(&self, ellipse: &Ellipse, p: Vec2) -> f32 {
         let offset = p - ellipse.mean;
         let z = ellipse.whiten * offset;
         let radius = z.length();
@@ -136,8 +171,8 @@ impl Pen {
         let gradient = (ellipse.whiten.transpose() * z).length() / radius;
         let outline = ((radius - 1.0).abs() / gradient).max(0.0);
         let line = self.half_width_px + 0.5 - outline;
-        let dot = if self.dot_radius_px > 0.0 { self.dot_radius_px + 0.5 - offset.length() } else { 0.0 };
-        line.max(dot).clamp(0.0, 1.0)
+        let dot = if self.dot_radius_px > 0.0 { self.dot_radius_px + 0.5 - offset.length() } else { f32::NEG_INFINITY };
+        line.max(dot)
     }
 }
 
@@ -147,13 +182,17 @@ mod tests {
     use glam::Vec3;
     use gs_core::{Blend, PlanarGaussian, SpatialGaussian};
 
+    fn is_ink(picture: &Image, x: u32, y: u32) -> bool {
+        picture.pixel(x, y).iter().zip(INK).all(|(v, ink)| (v - ink).abs() < 0.2)
+    }
+
     fn circle(x: f32, y: f32, sigma_px: f32) -> PlanarGaussian {
         PlanarGaussian {
             mean: Vec2::new(x, y),
             log_scale: Vec2::splat(sigma_px.ln()),
             rotation: 0.4,
             opacity_logit: f32::INFINITY,
-            color: Vec3::ZERO,
+            color: Vec3::ONE,
         }
     }
 
@@ -162,10 +201,11 @@ mod tests {
         let canvas = Canvas::new(40, 40);
         let mut picture = Image::filled(40, 40, [1.0; 3]).unwrap();
         draw(&mut picture, &[circle(20.5, 20.5, 8.0)].into_iter().collect(), &canvas);
-        let value = |x, y| picture.pixel(x, y)[0];
-        assert!(value(28, 20) < 0.2 && value(20, 12) < 0.2, "the outline is dark on white");
-        assert!(value(20, 20) < 0.2, "so is the centre");
-        assert_eq!([value(24, 20), value(33, 20), value(0, 0)], [1.0; 3], "and nothing else");
+        assert!(is_ink(&picture, 28, 20) && is_ink(&picture, 20, 12), "the outline");
+        assert!(is_ink(&picture, 20, 20), "the centre");
+        assert!(picture.pixel(29, 20)[2] < 0.6, "the seam around the line");
+        let value = |x, y| picture.pixel(x, y);
+        assert_eq!([value(24, 20), value(33, 20), value(0, 0)], [[1.0; 3]; 3], "and nothing else");
     }
 
     #[test]
@@ -185,22 +225,36 @@ mod tests {
         [disc(0.0, 3.0), disc(0.3, -6.0)].into_iter().for_each(|gaussian| scene.push(gaussian));
         let mut picture = Image::filled(40, 40, [1.0; 3]).unwrap();
         draw_in_space(&mut picture, &scene, &camera, &RenderSettings::blended(Blend::Over));
-        let value = |x, y| picture.pixel(x, y)[0];
-        assert!(value(28, 20) < 0.2 && value(20, 12) < 0.2 && value(20, 20) < 0.2);
-        assert_eq!([value(24, 20), value(35, 20), value(2, 2)], [1.0; 3]);
+        assert!(is_ink(&picture, 28, 20) && is_ink(&picture, 20, 12) && is_ink(&picture, 20, 20));
+        let value = |x, y| picture.pixel(x, y);
+        assert_eq!([value(24, 20), value(35, 20), value(2, 2)], [[1.0; 3]; 3]);
     }
 
     #[test]
-    fn ink_stands_out_and_what_is_not_finite_is_left_out() {
+    fn ink_is_of_one_colour_and_what_is_not_finite_is_left_out() {
         let canvas = Canvas::new(16, 16);
-        let mut dark = Image::filled(16, 16, [0.0; 3]).unwrap();
         let scene: PlanarScene =
             [circle(f32::NAN, 3.0, 2.0), circle(3.0, 3.0, 0.0), circle(8.5, 8.5, 4.0), circle(1e9, -1e9, 1e9)]
                 .into_iter()
                 .collect();
-        draw(&mut dark, &scene, &canvas);
-        assert!(dark.pixel(12, 8)[0] > 0.8);
-        assert!(dark.pixels().iter().flatten().all(|v| (0.0..=1.0).contains(v)));
+        for ground in [0.0, 0.5, 1.0] {
+            let mut picture = Image::filled(16, 16, [ground; 3]).unwrap();
+            draw(&mut picture, &scene, &canvas);
+            assert!(is_ink(&picture, 12, 8), "{ground}");
+            assert!(picture.pixels().iter().flatten().all(|v| (0.0..=1.0).contains(v)));
+        }
+    }
+
+    #[test]
+    fn of_many_gaussians_those_that_matter_most_are_drawn() {
+        let mut picture = Image::filled(64, 64, [1.0; 3]).unwrap();
+        let faint = |x, y, sigma| PlanarGaussian { opacity_logit: -9.0, ..circle(x, y, sigma) };
+        let mut scene: PlanarScene = (0..4000).map(|i| circle((i % 64) as f32, (i / 64) as f32, 0.3)).collect();
+        [faint(32.5, 32.5, 30.0), circle(32.5, 32.5, 12.0)].into_iter().for_each(|gaussian| scene.push(gaussian));
+        draw(&mut picture, &scene, &Canvas::new(64, 64));
+        assert!(is_ink(&picture, 44, 32) && !is_ink(&picture, 62, 32), "the large one, and not what is hardly there");
+        let drawn = picture.pixels().iter().filter(|pixel| **pixel != [1.0; 3]).count();
+        assert!(drawn < 900, "a picture of this size has nine squares: {drawn}");
     }
 
     #[test]

@@ -3,10 +3,12 @@
 use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
+use gs_study::Selection;
 
-use crate::backend::BackendArgs;
+use crate::{backend::BackendArgs, values::whole};
 
-const AFTER_HELP: &str = "\
+const AFTER_HELP: &str = concat!(
+    "\
 A study is arms (settings that differ) x images x budgets x seeds, in a TOML file; these come with the program:
   set-up (or: paper)      the paper's experiment, its two criteria one by one, and no growth; needs no file, as the next four
   cold-start              small Gaussians on the border, and what cures it
@@ -22,6 +24,14 @@ Its images are files, or synthetic targets, which need none:
   paper-64px, paper-256px; paper-contrast-50, -25, -10; paper-soft-4px; paper-stripes-20px, -10px, -5px
   thin-lines, thin-lines-24px
 
+A study of your own is a file such as this one; preset, iterations, policy and settings may stand for all arms or in one:
+
+",
+    include_str!("example.toml"),
+    "
+--images, --budgets, --seeds and --arms run a part of a study. Parts of a study add up in one folder: run another part, or the whole, into
+it with --resume, and only what is new is computed. Tables and report are about the part that was asked for last.
+
 DIR then holds:
   report.html             which arm wins where, with intervals, curves, pictures and all settings; needs no network
   quality.csv             each arm at each budget: mean over images, spread over seeds
@@ -34,7 +44,8 @@ DIR then holds:
   runs/, pictures/        what is stored of each run
 
 A run is stored when it has ended; whatever stops the program, Ctrl-C or worse, --resume goes on without doing it again. Tables are the
-same however often it was stopped, for any number of --jobs and --threads; times are comparable for --jobs 1 on a quiet machine.";
+same however often it was stopped, for any number of --jobs and --threads; times are comparable for --jobs 1 on a quiet machine."
+);
 
 /// The flags of `gs study`.
 #[derive(Debug, Clone, Args)]
@@ -66,13 +77,41 @@ pub(crate) struct ConductArgs {
     #[arg(long, value_name = "DIR")]
     pub(crate) data: Option<PathBuf>,
     /// How many runs go side by side, each on its share of the threads; the tables do not depend on it
-    #[arg(short, long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..=256))]
+    #[arg(short, long, value_name = "N", default_value_t = 1, value_parser = whole::<u16>(1..=256))]
     pub(crate) jobs: u16,
     /// Go on with the study that is in DIR; what is done is not done again
     #[arg(long)]
     pub(crate) resume: bool,
     #[command(flatten)]
+    pub(crate) part: PartArgs,
+    #[command(flatten)]
     pub(crate) backend: BackendArgs,
+}
+
+/// Which part of a study to run.
+#[derive(Debug, Clone, Default, Args)]
+#[command(next_help_heading = "Part of the study")]
+pub(crate) struct PartArgs {
+    /// Only these of its images, by name or file name [default: all]
+    #[arg(long, value_name = "NAMES", value_delimiter = ',')]
+    pub(crate) images: Vec<String>,
+    /// Only these of its budgets [default: all]
+    #[arg(long, value_name = "COUNTS", value_delimiter = ',', value_parser = whole::<u32>(1..))]
+    pub(crate) budgets: Vec<u32>,
+    /// Only these of its seeds [default: all]
+    #[arg(long, value_name = "SEEDS", value_delimiter = ',', value_parser = whole::<u32>(0..))]
+    pub(crate) seeds: Vec<u32>,
+    /// Only these of its arms [default: all]
+    #[arg(long, value_name = "NAMES", value_delimiter = ',')]
+    pub(crate) arms: Vec<String>,
+}
+
+impl PartArgs {
+    /// As the library has it.
+    pub(crate) fn selection(&self) -> Selection {
+        let Self { images, budgets, seeds, arms } = self.clone();
+        Selection { images, budgets, seeds, arms }
+    }
 }
 
 /// A row to do again.
@@ -95,7 +134,21 @@ pub(crate) struct ReplayArgs {
 
 #[cfg(test)]
 mod tests {
+    use gs_study::{Places, Plan, Study};
+
     use super::*;
+
+    const EXAMPLE: &str = include_str!("example.toml");
+
+    #[test]
+    fn the_example_in_the_help_is_a_study_that_can_be_run() {
+        assert!(AFTER_HELP.contains(EXAMPLE));
+        let study = Study::from_toml(EXAMPLE, "example.toml").unwrap();
+        assert_eq!((study.arms.len(), study.baseline_arm()), (2, 0));
+        // The photograph is nobody's.
+        let part = Selection { images: vec!["paper".to_owned()], ..Selection::default() };
+        assert_eq!(Plan::new(study.select(&part).unwrap(), &Places::default(), "test").unwrap().runs.len(), 20);
+    }
 
     #[test]
     fn the_help_names_all_studies_and_synthetic_targets() {

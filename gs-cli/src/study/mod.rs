@@ -9,7 +9,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use gs_core::{PlanarScene, Rasterizer};
+use gs_core::{PlanarScene, Rasterizer, counted};
 use gs_study::{
     Conducted, Existing, Outcome, Places, Plan, Results, Study, StudyFolder, built_in, conduct, refuse_unsupported,
     report, write_tables,
@@ -22,7 +22,7 @@ use crate::{
     interrupt::Interrupt,
     output,
     study::{
-        arguments::{ConductArgs, StudyAction, StudyArgs},
+        arguments::{ConductArgs, PartArgs, StudyAction, StudyArgs},
         progress::Display,
     },
     text_file::read_text,
@@ -41,7 +41,9 @@ pub(crate) fn run(args: &StudyArgs) -> Result<(), Failure> {
 
 fn conduct_study(args: &ConductArgs) -> Result<(), Failure> {
     let name = args.study.as_deref().ok_or_else(|| Failure::usage("no study is named").mend("see gs study --help"))?;
-    let (study, beside) = read(name)?;
+    let (whole, beside) = read(name)?;
+    let of = whole.runs();
+    let study = whole.select(&args.part.selection())?;
     let output = args.output.clone().unwrap_or_else(|| Path::new("gs-out").join(&study.name));
     let team = Team::start(&args.backend, args.jobs.into())?;
     let places = places(args.data.as_deref(), beside);
@@ -51,13 +53,16 @@ fn conduct_study(args: &ConductArgs) -> Result<(), Failure> {
     let folder = StudyFolder::prepare(&output, &plan, existing)?;
     output::note(team.reason());
     output::note(format_args!(
-        "{}: {} runs ({} arms, {} images, {} budgets, {} seeds), {} side by side, into {}",
+        "{}: {} ({}, {}, {}, {}), {} side by side, into {}",
         plan.study.name,
-        plan.runs.len(),
-        plan.study.arms.len(),
-        plan.targets.len(),
-        plan.study.budgets.len(),
-        plan.study.seeds.len(),
+        match plan.runs.len() {
+            all if all == of => counted(all, "run"),
+            part => format!("{part} of {}", counted(of, "run")),
+        },
+        counted(plan.study.arms.len(), "arm"),
+        counted(plan.targets.len(), "image"),
+        counted(plan.study.budgets.len(), "budget"),
+        counted(plan.study.seeds.len(), "seed"),
         args.jobs,
         output.display()
     ));
@@ -131,7 +136,17 @@ fn command(args: &ConductArgs, plan: &Plan, places: &Places, output: &Path) -> S
     let data = places.data.as_deref().map_or_else(String::new, |data| format!(" --data {}", quoted(data)));
     let jobs = if args.jobs > 1 { format!(" --jobs {}", args.jobs) } else { String::new() };
     let threads = args.backend.threads.map_or_else(String::new, |threads| format!(" --threads {threads}"));
-    format!("gs study {study} -o {}{data}{jobs} {}{threads}", quoted(output), plan.machine.typed_flags())
+    let part = part(&args.part);
+    format!("gs study {study}{part} -o {}{data}{jobs} {}{threads}", quoted(output), plan.machine.typed_flags())
+}
+
+/// The flags that name a part of the study.
+fn part(PartArgs { images, budgets, seeds, arms }: &PartArgs) -> String {
+    let numbers = |numbers: &[u32]| numbers.iter().map(ToString::to_string).collect::<Vec<_>>();
+    let lists =
+        [("images", images.clone()), ("budgets", numbers(budgets)), ("seeds", numbers(seeds)), ("arms", arms.clone())];
+    let given = lists.into_iter().filter(|(_, list)| !list.is_empty());
+    given.map(|(flag, list)| format!(" --{flag} {}", quoted(Path::new(&list.join(","))))).collect()
 }
 
 /// Says what came of the study.
@@ -150,15 +165,19 @@ fn conclude(results: &Results<'_>, folder: &StudyFolder) -> Result<(), Failure> 
         .collect();
     if let Some(first) = failed.first().filter(|_| failed.len() == results.plan.runs.len()) {
         let table = folder.file("runs.csv");
-        return Err(Failure::failed(format_args!("all {} runs failed, the first since {first}", failed.len()))
+        let all = counted(failed.len(), "run");
+        return Err(Failure::failed(format_args!("all {all} failed, the first since {first}"))
             .at(&results.plan.study.name)
             .mend(format_args!("see {}", table.display())));
     }
     for line in report::headlines(results) {
         output::result(line)?;
     }
-    let failures =
-        if failed.is_empty() { String::new() } else { format!("; {} runs failed, see runs.csv", failed.len()) };
+    let failures = if failed.is_empty() {
+        String::new()
+    } else {
+        format!("; {} failed, see runs.csv", counted(failed.len(), "run"))
+    };
     output::note(format_args!("see {}{failures}", folder.file("report.html").display()));
     Ok(())
 }

@@ -6,11 +6,12 @@ use std::{
     time::{Duration, Instant},
 };
 
+use gs_core::counted;
 use gs_study::{Outcome, Plan, Run, StudyFolder, Watcher};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use crate::{
-    fit::{progress::Voice, terminal::Terminal},
+    fit::{progress::Voice, status::time, terminal::Terminal},
     interrupt::Interrupt,
     output,
 };
@@ -75,7 +76,8 @@ impl<'a> Display<'a> {
             }
             None if state.told.elapsed() >= LINE || (state.done == self.plan.runs.len() && state.running == 0) => {
                 state.told = Instant::now();
-                output::note(format_args!("{}/{} runs  {message}", state.done, self.plan.runs.len()));
+                let runs = counted(self.plan.runs.len(), "run");
+                output::note(format_args!("{}/{runs}  {message}", state.done));
             }
             None => {}
         }
@@ -97,15 +99,6 @@ impl State {
 fn work(plan: &Plan, run: &Run) -> f64 {
     let pixels = plan.target(run).image.pixels().len() as f64;
     f64::from(run.settings.iterations.max(1)) * (pixels + 50.0 * f64::from(run.budget))
-}
-
-fn time(seconds: f64) -> String {
-    let seconds = seconds.round() as u64;
-    match seconds {
-        0..120 => format!("{seconds} s"),
-        120..7200 => format!("{} min", seconds.div_ceil(60)),
-        _ => format!("{} h {:02} min", seconds / 3600, seconds % 3600 / 60),
-    }
 }
 
 /// A display that also listens to Ctrl-C.
@@ -149,11 +142,6 @@ impl Watcher for Watched<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn times_are_as_precise_as_they_can_be() {
-        assert_eq!(["3 s", "2 min", "100 min", "2 h 05 min"], [3.2, 119.9, 6000.0, 7500.0].map(time));
-    }
 
     #[test]
     fn the_time_left_follows_the_work_and_not_the_number_of_runs() {

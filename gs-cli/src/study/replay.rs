@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use gs_core::{PlanarScene, Rasterizer};
+use gs_core::{PlanarScene, Rasterizer, counted};
 use gs_io::{PlanarFile, write_atomically, write_png, write_scene};
 use gs_study::{Machine, Places, Plan, Replayed, Study, StudyFolder, replay};
 
@@ -32,9 +32,9 @@ pub(super) fn run(args: &ReplayArgs) -> Result<(), Failure> {
     let output = args.output.clone().unwrap_or_else(|| args.folder.join(format!("replay-{}", args.row)));
     write(&plan, args.row, &replayed, &output)?;
     output::result(format_args!(
-        "row {}: the recorded scene, bit for bit: {} Gaussians, {:.2} dB; see {}",
+        "row {}: the recorded scene, bit for bit: {}, {:.2} dB; see {}",
         args.row,
-        replayed.finished.gaussians,
+        counted(replayed.finished.gaussians, "Gaussian"),
         replayed.finished.psnr,
         output.display()
     ))

@@ -2,7 +2,7 @@
 
 use std::{num::NonZeroU32, path::PathBuf};
 
-use clap::{Args, ValueEnum};
+use clap::{Args, ValueEnum, builder::PossibleValue};
 use gs_io::dataset::{AlphaMeaning, DatasetSettings};
 
 use crate::{
@@ -11,7 +11,7 @@ use crate::{
     effects::choice::EffectsArgs,
     fit::arguments::{ChartName, CheckpointArgs, Detail, JoiningName, LossName, PolicyName},
     output::Format,
-    values::Backing,
+    values::{Backing, whole},
 };
 
 const AFTER_HELP: &str = "\
@@ -25,7 +25,7 @@ DIR then holds:
   metrics.csv      count, edits and loss at every 100th part of the steps and at each round of density control; at every
                    20th part and at both ends also PSNR, L1 and what was culled, over the held-out views, and what was
                    clamped; rows come as the training goes on, in metrics.part.csv until it ends well
-  curve.png        count and loss over the steps
+  curve.png        count, loss and PSNR over the steps
   settings.toml    all settings, to repeat the training with --settings
   summary.json     what --json prints
 
@@ -74,7 +74,7 @@ pub(crate) struct TrainArgs {
     /// Leave out the pictures: views/, ellipses.png and curve.png
     #[arg(long)]
     pub(crate) no_report: bool,
-    /// Tell of each round of density control as it happens; metrics.csv has them all, too
+    /// Also print each round of density control, Gaussians whose size reaches a bound, and the effects that are simulated and why
     #[arg(short, long)]
     verbose: bool,
     #[command(flatten)]
@@ -109,7 +109,7 @@ impl TrainArgs {
 #[command(next_help_heading = "Photographs")]
 pub(crate) struct DatasetArgs {
     /// Hold out every N-th view by name for tests, if the data set does not say which; 0 holds out none
-    #[arg(long, value_name = "N", default_value_t = 8)]
+    #[arg(long, value_name = "N", default_value_t = 8, value_parser = whole::<u32>(0..))]
     pub(crate) holdout: u32,
     /// The folder of the data set to take photographs from, such as images_4 [default: the first that there is]
     #[arg(long, value_name = "FOLDER")]
@@ -157,14 +157,14 @@ pub(crate) struct TrainSettingsArgs {
     #[arg(long, value_name = "FILE.toml", conflicts_with_all = ["preset", "iterations"])]
     pub(crate) settings: Option<PathBuf>,
     /// The most Gaussians there may be
-    #[arg(short = 'n', long = "max-gaussians", value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    #[arg(short = 'n', long = "max-gaussians", value_name = "N", value_parser = whole::<u32>(1..))]
     pub(crate) gaussians: Option<u32>,
     /// Steps of the optimiser, one view each; the preset's schedules follow [default: 30000, short: 6000, quick: 2000]
-    #[arg(short, long, value_name = "K")]
+    #[arg(short, long, value_name = "K", value_parser = whole::<u32>(0..))]
     pub(crate) iterations: Option<u32>,
-    /// Which Gaussians grow and which go; residual and image-gs are for images only
+    /// Which Gaussians grow and which go
     #[arg(long, value_enum, value_name = "POLICY")]
-    pub(crate) policy: Option<PolicyName>,
+    pub(crate) policy: Option<SpatialPolicyName>,
     /// Where the first Gaussians come from: points of the data set, random, or a scene file [default: points if there are any]
     #[arg(long, value_name = "points|random|SCENE")]
     pub(crate) start: Option<String>,
@@ -175,7 +175,7 @@ pub(crate) struct TrainSettingsArgs {
     #[arg(long, value_enum, value_name = "CHART")]
     pub(crate) chart: Option<ChartName>,
     /// Highest degree of the spherical harmonics, 0 to 3
-    #[arg(long, value_name = "D", value_parser = clap::value_parser!(u8).range(0..=3))]
+    #[arg(long, value_name = "D", value_parser = whole::<u8>(0..=3))]
     pub(crate) sh_degree: Option<u8>,
     /// In which order Gaussians are blended
     #[arg(long, value_enum, value_name = "ORDER")]
@@ -190,7 +190,7 @@ pub(crate) struct TrainSettingsArgs {
     #[arg(long, value_name = "COLOUR")]
     pub(crate) background: Option<Backing>,
     /// Train with pictures of 1/F of their size first, then half of that, and so on: 1, 2, 4 or 8
-    #[arg(long, value_name = "F", value_parser = clap::value_parser!(u32).range(1..=8))]
+    #[arg(long, value_name = "F", value_parser = whole::<u32>(1..=8))]
     pub(crate) coarse: Option<u32>,
     /// Which Gaussians a step moves
     #[arg(long, value_enum, value_name = "WHICH")]
@@ -201,8 +201,8 @@ pub(crate) struct TrainSettingsArgs {
     /// Weight of the mean scale in the loss, as 3DGS-MCMC has it
     #[arg(long, value_name = "W")]
     pub(crate) scale_weight: Option<f32>,
-    /// Where all random numbers come from; equal seeds give equal results
-    #[arg(long, value_name = "S")]
+    /// Seed of all random numbers. The same seed gives the same bits for any number of threads, on the same SIMD level or GPU
+    #[arg(long, value_name = "S", value_parser = whole::<u32>(0..))]
     pub(crate) seed: Option<u32>,
 }
 
@@ -218,6 +218,36 @@ pub(crate) enum TrainPresetName {
     Short,
     /// For a first look
     Quick,
+}
+
+/// A way of controlling density that scenes in space have, too.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct SpatialPolicyName(PolicyName);
+
+impl ValueEnum for SpatialPolicyName {
+    fn value_variants<'a>() -> &'a [Self] {
+        // Without those that look at the residual of an image: residual and image-gs.
+        const ALL: [SpatialPolicyName; 13] = [
+            SpatialPolicyName(PolicyName::Absolute),
+            SpatialPolicyName(PolicyName::AbsGs),
+            SpatialPolicyName(PolicyName::AbsoluteError),
+            SpatialPolicyName(PolicyName::Percentile),
+            SpatialPolicyName(PolicyName::PercentileAbsGs),
+            SpatialPolicyName(PolicyName::PercentileError),
+            SpatialPolicyName(PolicyName::Hybrid),
+            SpatialPolicyName(PolicyName::HybridAbsGs),
+            SpatialPolicyName(PolicyName::HybridError),
+            SpatialPolicyName(PolicyName::LongAxis),
+            SpatialPolicyName(PolicyName::Paper),
+            SpatialPolicyName(PolicyName::Mcmc),
+            SpatialPolicyName(PolicyName::None),
+        ];
+        &ALL
+    }
+
+    fn to_possible_value(&self) -> Option<PossibleValue> {
+        self.0.to_possible_value()
+    }
 }
 
 /// An order of blending.
@@ -255,6 +285,20 @@ pub(crate) enum ParticipantsName {
 mod tests {
     use super::*;
     use clap::Command;
+    use gs_density::Policy;
+    use gs_train::SpatialPreset;
+
+    #[test]
+    fn the_policies_that_are_offered_are_those_that_can_train_in_space() {
+        let offered: Vec<String> = SpatialPolicyName::value_variants()
+            .iter()
+            .map(|name| name.to_possible_value().unwrap().get_name().to_owned())
+            .collect();
+        for name in Policy::NAMES {
+            let settings = SpatialPreset::default().settings(None).controlled_by(Policy::from_name(name).unwrap());
+            assert_eq!(offered.iter().any(|offered| offered == name), settings.validate().is_ok(), "{name}");
+        }
+    }
 
     #[test]
     fn a_checkpoint_settles_every_setting() {

@@ -12,7 +12,7 @@ use std::{
     time::Instant,
 };
 
-use gs_core::{Chart, Rasterizer, SpatialScene};
+use gs_core::{Chart, Rasterizer, SpatialScene, counted};
 use gs_io::{
     Checkpoint,
     dataset::{Dataset, Remark, Split, read_dataset},
@@ -150,7 +150,7 @@ impl SpatialTask for Train<'_> {
         }
         match args.format() {
             Format::Json => output::json(&summary)?,
-            Format::Text => output::note(summary.text(folder.path())),
+            Format::Text => output::note(summary.text(folder.path(), args.detail())),
         }
         checkpoints.conclude(outcome, trainer.step(), &args.checkpoints, resuming)
     }
@@ -202,14 +202,14 @@ fn announce<R: Rasterizer<SpatialScene>>(
 ) {
     let settings = trainer.settings();
     output::note(format_args!(
-        "training on {} of {} views of {} ({}, {} held out) from {told}, with at most {} Gaussians in {} steps, into {}",
+        "training on {} of {} of {} ({}, {} held out) from {told}, with at most {} in {}, into {}",
         trainer.views().train.len(),
-        dataset.views.len(),
+        counted(dataset.views.len(), "view"),
         args.dataset.display(),
         dataset.kind.name(),
         dataset.views_of(Split::Test).count(),
-        settings.gaussians,
-        settings.iterations - trainer.step(),
+        counted(settings.gaussians, "Gaussian"),
+        counted(settings.iterations - trainer.step(), "step"),
         args.output.display()
     ));
 }

@@ -3,7 +3,7 @@
 
 use std::{path::Path, time::Instant};
 
-use gs_core::{Camera, Canvas, Rasterizer, RenderSettings, Scene, SpatialScene, effects::called_for::Verdict};
+use gs_core::{Camera, Canvas, Rasterizer, RenderSettings, Scene, SpatialScene, counted, effects::called_for::Verdict};
 use gs_io::{SpatialOptions, write_png, write_spatial};
 use gs_train::{
     MetricsLog, SpatialTrainer,
@@ -14,9 +14,11 @@ use serde::Serialize;
 
 use crate::{
     backend::Backend,
-    effects::choice::told,
+    effects::choice::told_in,
     failure::Failure,
-    fit::{folder::OutputFolder, observers::write_table, results::sound, settings, trouble::Trouble},
+    fit::{
+        arguments::Detail, folder::OutputFolder, observers::write_table, results::sound, settings, trouble::Trouble,
+    },
     memory, output,
     report::{
         curve::{self, Point},
@@ -49,27 +51,29 @@ pub(crate) struct Summary {
 
 impl Summary {
     /// The summary for people.
-    pub(crate) fn text(&self, folder: &Path) -> String {
+    pub(crate) fn text(&self, folder: &Path, detail: Detail) -> String {
         let SpatialSummary {
             gaussians, iterations, seconds, evaluation, test_views, edits, clamped, fresh_starts, ..
         } = &self.training;
-        let trouble = Trouble::new(edits, evaluation.culled, *clamped, fresh_starts);
+        let trouble = Trouble::new(detail, edits, evaluation.culled, *clamped, fresh_starts);
         let unmeasured = match evaluation.unmeasured.len() {
             0 => String::new(),
             count => format!(", without {count} of which no pixel counts"),
         };
         let whose = match test_views {
             0 => "views that it trained with".to_owned(),
-            count => format!("{count} held-out views"),
+            count => counted(*count, "held-out view"),
         };
         format!(
-            "{gaussians} Gaussians after {iterations} steps in {seconds:.1} s ({:.1} s in all): PSNR {:.2} dB, SSIM {:.4} over \
-             {whose}{unmeasured}{trouble}; see {}\n{}",
+            "{} after {} in {seconds:.1} s ({:.1} s in all): PSNR {:.2} dB, SSIM {:.4} over {whose}{unmeasured}{trouble}; \
+             see {}{}",
+            counted(*gaussians, "Gaussian"),
+            counted(*iterations, "step"),
             self.total_seconds,
             evaluation.psnr,
             evaluation.ssim,
             folder.display(),
-            told(&self.effects)
+            told_in(detail, &self.effects)
         )
     }
 }
@@ -104,7 +108,7 @@ impl Results<'_> {
             settings::to_toml(trainer.settings()).and_then(|text| self.folder.write_text("settings.toml", &text)),
             match self.args.no_report {
                 true => ["ellipses.png", "curve.png"].iter().try_for_each(|name| self.folder.leave_out(name)),
-                false => self.write_curve(trainer.count(), points),
+                false => self.write_curve(trainer.count(), points, log),
             },
         ];
         let evaluation = match self.args.no_report {
@@ -204,9 +208,15 @@ impl Results<'_> {
         self.folder.write_precious("scene.ply", write)
     }
 
-    fn write_curve(&self, count: u32, points: &[Point]) -> Result<(), Failure> {
-        let title = format!("{}: {count} Gaussians", self.args.dataset.display());
-        let picture = curve::draw(points, &title).map_err(|error| Failure::failed(error).at("curve.png"))?;
+    fn write_curve(&self, count: u32, points: &[Point], log: &MetricsLog) -> Result<(), Failure> {
+        let dataset = &self.args.dataset;
+        // Without folders, also where it is called `.`.
+        let path = dataset.canonicalize().unwrap_or_else(|_| dataset.clone());
+        let name =
+            path.file_name().map_or_else(|| path.display().to_string(), |name| name.to_string_lossy().into_owned());
+        let title = format!("{name}: {}", counted(count, "Gaussian"));
+        let picture = curve::draw(points, &curve::measured(log.rows()), &title)
+            .map_err(|error| Failure::failed(error).at("curve.png"))?;
         Ok(write_png(self.folder.file("curve.png"), &picture)?)
     }
 }

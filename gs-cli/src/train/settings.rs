@@ -4,7 +4,7 @@ use std::path::Path;
 
 use clap::ValueEnum;
 use gs_core::{
-    Participants,
+    Participants, counted,
     effects::{Antialias, Order},
 };
 use gs_density::Policy;
@@ -89,7 +89,7 @@ pub(crate) fn usual_background(dataset: &Dataset) -> [f32; 3] {
 /// # Errors
 /// Where there are no points but they are asked for, or the file is no scene.
 pub(crate) fn start(args: &TrainSettingsArgs, dataset: &Dataset) -> Result<(Start, String), Failure> {
-    let points = || (Start::Points(dataset.points.clone()), format!("{} points", dataset.points.len()));
+    let points = || (Start::Points(dataset.points.clone()), counted(dataset.points.len(), "point"));
     match args.start.as_deref() {
         Some("random") => Ok((Start::Random, "random points".to_owned())),
         Some("points") if dataset.points.is_empty() => {

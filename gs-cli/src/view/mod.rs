@@ -106,7 +106,9 @@ pub(crate) fn run(args: &ViewArgs) -> Result<(), Failure> {
     // One may move to wherever one likes.
     let CalledFor { settings, verdicts } = args.effects.choose(&scene, &[], &start.settings)?;
     args.shown.note_guess(trained_with);
-    output::note(told(&verdicts));
+    if let Some(told) = told(&verdicts) {
+        output::note(told);
+    }
     let session = Session::new(Navigator::new(&start.camera, distance, start.up, bulk), settings);
     let subject = Subject {
         name: args.scene.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned()),

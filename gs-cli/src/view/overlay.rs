@@ -1,5 +1,7 @@
 //! The words over the picture and in the title: how long frames take, with which effects, on what.
 
+use gs_core::counted;
+
 use crate::{
     values::Color,
     view::{navigation::Mode, pace::BUDGET_MS, session::Session},
@@ -27,7 +29,7 @@ pub(crate) fn lines(subject: &Subject, session: &Session) -> Vec<String> {
         Mode::Fly => "3 4 5 6",
     };
     let mut lines = vec![
-        format!("{name} · {gaussians} Gaussians · {machine}"),
+        format!("{name} · {} · {machine}", counted(*gaussians, "Gaussian")),
         frame(session),
         format!(
             "order {} (O) · antialias {} ({antialias_keys}) · SH degree {} of {sh_degree} · background {}",
@@ -76,7 +78,7 @@ fn frame(session: &Session) -> String {
     };
     let of = match session.times.len() {
         1 => "one frame".to_owned(),
-        frames => format!("median of {frames} frames"),
+        frames => format!("median of {}", counted(frames, "frame")),
     };
     let (width, height) = shown.size();
     format!("{median:.1} ms a frame ({of}) · {width}x{height} px")

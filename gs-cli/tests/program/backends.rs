@@ -5,9 +5,7 @@ use std::path::Path;
 use gs_core::metrics;
 use serde_json::{Value, json};
 
-#[cfg(target_os = "linux")]
-use crate::process::command;
-use crate::process::{Run, folder, gs, picture};
+use crate::process::{Run, command, folder, gs, picture};
 
 /// The names of this machine's adapters.
 fn adapters() -> Vec<String> {
@@ -184,4 +182,18 @@ fn without_any_driver_wgpu_says_what_to_install_and_auto_computes_on_the_cpu() {
     assert!(listed["advice"].as_str().unwrap().contains("install"), "{listed}");
     let text = without_drivers(&["info", "--adapters"]).done().stdout;
     assert!(text.starts_with("no adapter was found") && text.lines().count() == 2, "{text}");
+}
+
+#[test]
+fn the_environment_says_how_many_threads_unless_a_flag_does() {
+    let place = folder();
+    let fit = |variable: &str, flags: &[&str]| {
+        let always = ["fit", "-o", place.path().to_str().unwrap(), "-n", "20", "-i", "2", "--no-report", "--json"];
+        Run::of(command().env("RAYON_NUM_THREADS", variable).args(always).args(["--backend", "cpu"]).args(flags))
+    };
+    let run = fit("3", &[]);
+    assert!(run.stderr.contains("threads as RAYON_NUM_THREADS says"), "{run:?}");
+    assert_eq!(run.json()["threads"], 3);
+    assert_eq!(fit("3", &["--threads", "2"]).json()["threads"], 2);
+    assert!(fit("many", &[]).refusal().contains("RAYON_NUM_THREADS is `many`, but must be a whole number"));
 }

@@ -157,3 +157,21 @@ fn help_and_version_are_results_and_nothing_is_bad_usage() {
     assert!(nothing.stderr.contains("Usage"));
     assert!(gs(["frobnicate"]).refusal().contains("frobnicate"));
 }
+
+#[test]
+fn a_number_out_of_its_range_is_told_the_range() {
+    for (words, expected) in [
+        (&["fit", "-n", "-5"][..], "invalid value '-5' for '--gaussians <N>': must be at least 1: see gs fit --help"),
+        (&["fit", "--iterations", "-1"], "'--iterations <K>': must be at least 0"),
+        (&["train", "x", "--sh-degree", "-2"], "must be from 0 to 3"),
+        (&["study", "replay", "x", "1", "--threads", "-1"], "must be from 1 to 1024"),
+        (&["frontier", "x", "--max-error", "-1"], "write a positive number"),
+        (&["train", "x", "--policy", "residual"], "invalid value 'residual' for '--policy <POLICY>'"),
+    ] {
+        let run = gs(words);
+        assert!(run.refusal().contains(expected) && run.status == Some(2), "{words:?}: {run:?}");
+        assert!(!run.stderr.contains("tip: "), "{run:?}");
+    }
+    let offered = gs(["train", "--help"]).done().stdout;
+    assert!(offered.contains("mcmc") && !offered.contains("image-gs"), "{offered}");
+}

@@ -188,7 +188,7 @@ fn scales_of_zero_are_raised_and_told() {
     for flags in [&["--json"][..], &["--json", "--drop-broken"]] {
         let json = convert(&first, &to, flags).json();
         assert_eq!((&json["gaussians"], &json["dropped"]), (&10.into(), &0.into()), "{json}");
-        let lost = "scales of 0 are raised to the smallest number above it: 1 Gaussians";
+        let lost = "scales of 0 are raised to the smallest number above it: 1 Gaussian";
         assert_eq!(json["lost"], serde_json::json!([lost]), "{flags:?}");
         assert!(read_spatial(&to).unwrap().losses.is_empty());
     }

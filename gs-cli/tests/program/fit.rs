@@ -449,3 +449,18 @@ fn gaussians_that_are_lost_are_told_as_it_goes_and_in_the_end() {
     let rows = metrics.lines().skip(1).map(|row| row.split(',').nth(column).unwrap().parse::<u64>().unwrap());
     assert!(removed > 0 && rows.sum::<u64>() == removed, "{metrics}");
 }
+
+#[test]
+fn a_newcomer_is_told_the_result_and_an_expert_the_rest() {
+    let place = folder();
+    let (image, output) = (picture(place.path(), 32, 24), place.path().join("out"));
+    let always = ["fit", image.to_str().unwrap(), "-o", output.to_str().unwrap(), "--backend", "cpu", "--no-report"];
+    let fit = |flags: &[&str]| gs(always.iter().chain(flags)).done().stderr;
+    let brief = fit(&["-n", "1", "-i", "1"]);
+    assert!(brief.contains(" with at most 1 Gaussian in 1 step, into "), "{brief}");
+    assert!(brief.contains("1 Gaussian after 1 step in "), "{brief}");
+    assert!(!brief.contains("effects") && !brief.contains("size allowed"), "{brief}");
+    let verbose = fit(&["-n", "60", "-i", "60", "--verbose"]);
+    assert!(verbose.contains("effects: none; the Gaussians at a pixel are added up, in no order"), "{verbose}");
+    assert!(verbose.contains("PSNR ~"), "an estimate is marked as one: {verbose}");
+}

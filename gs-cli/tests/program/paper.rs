@@ -60,4 +60,6 @@ fn what_cannot_be_done_is_refused_in_one_line() {
     let blocked = gs(["paper", "--quick", "--backend", "cpu", "-o", file.to_str().unwrap()]);
     assert_eq!(blocked.status, Some(1));
     assert!(blocked.refusal().contains("cannot be written to"), "{blocked:?}");
+    let help = gs(["paper", "--help"]).done().stdout;
+    assert!(help.contains("--quick") && !help.contains("seconds"), "no machine's time is promised: {help}");
 }

@@ -26,8 +26,8 @@ pub(crate) fn gs<A: AsRef<OsStr>>(arguments: impl IntoIterator<Item = A>) -> Run
 pub(crate) fn command() -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_gs"));
     command.stdin(Stdio::null());
-    // Without it, Linux' graphics drivers write a line of their own to standard error.
-    command.env("XDG_RUNTIME_DIR", std::env::temp_dir());
+    // As in a container, where Linux' graphics drivers would write a line of their own to standard error if the program let them.
+    command.env_remove("XDG_RUNTIME_DIR").env_remove("RAYON_NUM_THREADS");
     command
 }
 

@@ -71,8 +71,9 @@ fn a_study_leaves_tables_and_a_report_and_its_rows_can_be_replayed() {
     let output = place.path().join("out");
     let run = gs(arguments(&file, &output).into_iter().chain(["--jobs", "2"])).done();
     assert!(run.stdout.contains("40 Gaussians, after equal iterations: percentile leads with "), "{run:?}");
-    assert!(run.stderr.contains("12 runs (2 arms, 2 images, 1 budgets, 3 seeds), 2 side by side"), "{run:?}");
+    assert!(run.stderr.contains("12 runs (2 arms, 2 images, 1 budget, 3 seeds), 2 side by side"), "{run:?}");
     assert!(run.stderr.contains("12/12 runs  0 running  0 s left"), "{run:?}");
+    assert!(run.stdout.contains(": 2 images are too few: 6 at least"), "{run:?}");
     let page = fs::read_to_string(output.join("report.html")).unwrap();
     assert!(page.contains(&format!("gs study {} -o {} --jobs 2 --backend cpu", file.display(), output.display())));
 
@@ -88,6 +89,41 @@ fn a_study_leaves_tables_and_a_report_and_its_rows_can_be_replayed() {
     gs(["fit", "--backend", "cpu"].iter().chain(&fit)).done();
     let scene = |folder: &Path| fs::read(folder.join("scene.gs2d.safetensors")).unwrap();
     assert_eq!(scene(&replayed), scene(&fitted));
+}
+
+#[test]
+fn parts_of_a_study_add_up_to_the_whole() {
+    let place = folder();
+    let file = study(place.path());
+    let (whole, parts) = (place.path().join("whole"), place.path().join("parts"));
+    gs(arguments(&file, &whole)).done();
+    let part = |flags: &[&str]| gs(arguments(&file, &parts).iter().chain(flags));
+    let first = part(&["--images", "paper", "--seeds", "0,2", "--arms", "none"]).done();
+    assert!(
+        first.stderr.contains("small: 2 of 12 runs (1 arm, 1 image, 1 budget, 2 seeds), 1 side by side"),
+        "{first:?}"
+    );
+    let page = fs::read_to_string(parts.join("report.html")).unwrap();
+    assert!(page.contains(" --images paper --seeds 0,2 --arms none -o "), "the command is in the report");
+    assert_eq!(names_in(&parts.join("runs")).len(), 2);
+    assert!(part(&["--seeds", "1"]).refusal().contains("go on with it with --resume"));
+    part(&["--resume", "--images", "picture-32x24", "--budgets", "40"]).done();
+    assert_eq!(names_in(&parts.join("runs")).len(), 8);
+    part(&["--resume"]).done();
+    assert_eq!(tables(&parts), tables(&whole));
+    for (flags, expected) in [
+        (["--arms", "none,hybrid"], "there is no arm `hybrid`: it has none, percentile"),
+        (["--images", "kodim04"], "there is no image `kodim04`: it has paper, picture-32x24.png"),
+        (["--seeds", "3"], "there is no seed `3`: it has 0, 1, 2"),
+        (["--budgets", "-4"], "must be at least 1"),
+    ] {
+        let run = part(&flags);
+        assert!(run.refusal().contains(expected) && run.status == Some(2), "{flags:?}: {run:?}");
+    }
+    let help = gs(["study", "--help"]).done().stdout;
+    assert!(
+        help.contains("--arms <NAMES>") && help.contains("[[arm]]") && help.contains("settings.policy.percent = 5")
+    );
 }
 
 #[test]

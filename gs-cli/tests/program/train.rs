@@ -279,6 +279,13 @@ fn a_scene_is_shown_from_views_orbits_and_paths() {
     fs::write(&path, flight.to_string()).unwrap();
     let flown = at("flown");
     gs(["render", text(&scene), "-o", text(&flown), "--path", text(&path)]).done();
+    let single = place.path().join("single");
+    let run = gs(["render", text(&scene), "-o", text(&single), "--orbit", "1", "--size", "8x8"]).done();
+    assert_eq!(names_in(&single), ["frame-00000.png"], "a film of one frame is a film");
+    assert!(run.stderr.contains(", 1 frame of 8x8 px: "), "{run:?}");
+    let picture = place.path().join("single.png");
+    gs(["render", text(&scene), "-o", text(&picture), "--orbit", "1", "--size", "8x8"]).done();
+    assert!(picture.is_file());
     assert_eq!(size(&flown.join("frame-00001.png")), (16, 12));
 }
 

@@ -2,6 +2,7 @@
 
 use std::fmt;
 
+use gs_core::counted;
 use serde::Serialize;
 
 use crate::image::ImageRemark;
@@ -155,7 +156,7 @@ impl fmt::Display for Remark {
                 write!(f, "{count} with intrinsics scaled to the image (first: {w}x{h} to {width}x{height} px)")
             }
             Self::NoPoints => f.write_str("no points"),
-            Self::PointsNotFinite { count } => write!(f, "{count} points left out: not finite"),
+            Self::PointsNotFinite { count } => write!(f, "{} left out: not finite", counted(*count, "point")),
             Self::PointsMissing { file } => write!(f, "no points: there is no file {file}"),
             Self::OtherModels { count } => write!(f, "{count} more models beside this one, not read"),
             Self::NothingHeldOut => f.write_str("nothing held out: too few views"),

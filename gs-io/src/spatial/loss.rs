@@ -2,6 +2,8 @@
 
 use std::fmt;
 
+use gs_core::counted;
+
 use super::trained_with::TrainedWith;
 
 /// Something that was dropped or rounded when a scene was read or written. Its text completes "lost: …".
@@ -66,13 +68,13 @@ impl fmt::Display for Loss {
             }
             Self::Rounded { what, to } => write!(f, "{what} are rounded to {to}"),
             Self::Clamped { what, values, low, high } => {
-                write!(f, "{what} outside {low}..{high} are clamped: {values} values")
+                write!(f, "{what} outside {low}..{high} are clamped: {}", counted(*values, "value"))
             }
             Self::ZeroScales { gaussians } => {
-                write!(f, "scales of 0 are raised to the smallest number above it: {gaussians} Gaussians")
+                write!(f, "scales of 0 are raised to the smallest number above it: {}", counted(*gaussians, "Gaussian"))
             }
             Self::InfiniteLogits { gaussians } => {
-                write!(f, "infinite opacity logits are made finite, which draws the same: {gaussians} Gaussians")
+                write!(f, "infinite opacity logits are made finite, which draws the same: {}", counted(*gaussians, "Gaussian"))
             }
             Self::TrainedWith(TrainedWith { antialias, order }) => {
                 let antialias = antialias.map(|antialias| format!("antialias {}", antialias.name()));

@@ -13,14 +13,16 @@ use plotters::{
 use crate::figure::Scale;
 
 /// A linear axis with its ticks where they are wanted. Logarithmic axes are linear ones of logarithms.
-pub(super) struct Ticked {
-    axis: RangedCoordf64,
+#[derive(Debug, Clone)]
+pub struct Ticked {
+    range: Range<f64>,
     ticks: Vec<f64>,
 }
 
 impl Ticked {
-    pub(super) fn new(range: Range<f64>, ticks: Vec<f64>) -> Self {
-        Self { axis: range.into(), ticks }
+    /// An axis over this range.
+    pub fn new(range: Range<f64>, ticks: Vec<f64>) -> Self {
+        Self { range, ticks }
     }
 }
 
@@ -29,7 +31,7 @@ impl Ranged for Ticked {
     type ValueType = f64;
 
     fn map(&self, value: &f64, limit: (i32, i32)) -> i32 {
-        self.axis.map(value, limit)
+        RangedCoordf64::from(self.range.clone()).map(value, limit)
     }
 
     fn key_points<Hint: KeyPointHint>(&self, hint: Hint) -> Vec<f64> {
@@ -37,7 +39,7 @@ impl Ranged for Ticked {
     }
 
     fn range(&self) -> Range<f64> {
-        self.axis.range()
+        self.range.clone()
     }
 }
 
@@ -51,7 +53,8 @@ impl Scale {
         .filter(|place| place.is_finite())
     }
 
-    pub(super) fn ticks(self, range: &Range<f64>) -> Vec<f64> {
+    /// Round values in a range of places: a logarithmic axis has the decimal logarithms of round values.
+    pub fn ticks(self, range: &Range<f64>) -> Vec<f64> {
         match self {
             Self::Linear => ticks(range, 7),
             Self::Logarithmic => {
@@ -76,14 +79,7 @@ impl Scale {
     pub(super) fn label(self, place: f64, digits: usize) -> String {
         match self {
             Self::Linear => label(place, digits),
-            Self::Logarithmic => {
-                let value = 10f64.powf(place);
-                if !(1e-3..1e6).contains(&value) {
-                    return short_exponent(value);
-                }
-                let digits = (1.0 - value.log10().floor()).clamp(0.0, 9.0) as usize;
-                trimmed(format!("{value:.digits$}"))
-            }
+            Self::Logarithmic => human(10f64.powf(place)),
         }
     }
 }
@@ -119,17 +115,55 @@ pub(super) fn digits(ticks: &[f64]) -> usize {
 
 pub(super) fn label(value: f64, digits: usize) -> String {
     if value.abs() >= 1e7 || (value != 0.0 && digits > 5) {
-        return short_exponent(value);
+        return with_exponent(value);
     }
-    let text = format!("{value:.digits$}");
+    let text = grouped(&format!("{value:.digits$}"));
     // -0 is 0.
     if text.trim_start_matches('-').chars().all(|c| c == '0' || c == '.') { text.replace('-', "") } else { text }
 }
 
-/// "1e-5", "2.5e9".
-fn short_exponent(value: f64) -> String {
+/// A number as people write it, to three digits: "0", "0.002", "9,000", and beyond "10⁻⁵" and "2.5·10⁹".
+pub fn human(value: f64) -> String {
+    let size = value.abs();
+    if size != 0.0 && !(0.999e-3..0.9999e7).contains(&size) {
+        return with_exponent(value);
+    }
+    let digits = if size == 0.0 { 0 } else { (2.0 - (size * 1.0001).log10().floor()).clamp(0.0, 9.0) as usize };
+    trimmed(grouped(&format!("{value:.digits$}")))
+}
+
+/// "10⁻⁵", "2.5·10⁹".
+fn with_exponent(value: f64) -> String {
     let text = format!("{value:.1e}");
-    text.replacen(".0e", "e", 1)
+    let Some((factor, exponent)) = text.split_once('e') else { return text };
+    let raised = |digit: char| match digit {
+        '-' => '⁻',
+        '1' => '¹',
+        '2' => '²',
+        '3' => '³',
+        // The others stand in a row.
+        _ => digit.to_digit(10).and_then(|n| char::from_u32('⁰' as u32 + n)).unwrap_or(digit),
+    };
+    let power: String = exponent.chars().map(raised).collect();
+    match trimmed(factor.to_owned()).as_str() {
+        "1" => format!("10{power}"),
+        "-1" => format!("-10{power}"),
+        factor => format!("{factor}·10{power}"),
+    }
+}
+
+/// A number's text with a comma before each three digits in front of its point.
+fn grouped(text: &str) -> String {
+    let (whole, rest) = text.find('.').map_or((text, ""), |point| text.split_at(point));
+    let (sign, digits) = whole.strip_prefix('-').map_or(("", whole), |digits| ("-", digits));
+    let mut written = String::new();
+    for (place, digit) in digits.chars().enumerate() {
+        if place > 0 && (digits.len() - place).is_multiple_of(3) {
+            written.push(',');
+        }
+        written.push(digit);
+    }
+    format!("{sign}{written}{rest}")
 }
 
 fn trimmed(text: String) -> String {
@@ -146,12 +180,30 @@ mod tests {
         assert_eq!((label(-0.0001, 2), label(0.25, 2), digits(&[0.0, 0.05, 0.1])), ("0.00".into(), "0.25".into(), 2));
         assert_eq!(
             (label(2.5e9, 0), label(1e-7, 7), label(0.0, 7)),
-            ("2.5e9".into(), "1e-7".into(), "0.0000000".into())
+            ("2.5·10⁹".into(), "10⁻⁷".into(), "0.0000000".into())
         );
         let log = Scale::Logarithmic;
         let labels = |range: Range<f64>| log.ticks(&range).into_iter().map(|t| log.label(t, 0)).collect::<Vec<_>>();
         assert_eq!(labels(-1.0..1.0)[1..5], ["0.2", "0.5", "1", "2"]);
-        assert_eq!(labels(-5.1..-0.9), ["1e-5", "1e-4", "0.001", "0.01", "0.1"]);
+        assert_eq!(labels(-5.1..-0.9), ["10⁻⁵", "10⁻⁴", "0.001", "0.01", "0.1"]);
+        assert_eq!(label(12_000.0, 0), "12,000");
         assert!(labels(-30.0..30.0).len() <= 9);
+    }
+
+    #[test]
+    fn numbers_are_written_as_people_write_them() {
+        for (value, expected) in [
+            (0.0, "0"),
+            (1e-3, "0.001"),
+            (0.25, "0.25"),
+            (9000.0, "9,000"),
+            (1_234_567.0, "1,234,567"),
+            (2e-5, "2·10⁻⁵"),
+            (1e-10, "10⁻¹⁰"),
+            (4.6e8, "4.6·10⁸"),
+            (-1500.0, "-1,500"),
+        ] {
+            assert_eq!(human(value), expected);
+        }
     }
 }

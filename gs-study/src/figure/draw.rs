@@ -135,14 +135,18 @@ impl Figure {
             area.draw(&Text::new(self.title.clone(), (14 * z, 18 * z), text(TITLE)))?;
         }
         let (mut x, mut y) = (14, if untitled { 18 } else { 42 });
-        for Series { style, name, .. } in series {
+        for Series { style, name, dots, .. } in series {
             let width = 36 + (name.chars().count() as f64 * LETTER * f64::from(SMALL)) as i32;
             if x + width > WIDTH as i32 - 10 && x > 14 {
                 (x, y) = (14, y + 20);
             }
             let pen = color(*style).stroke_width(2 * zoom);
-            // A dashed sample, where the line is dashed.
-            let pieces: &[(i32, i32)] = if is_dashed(*style) { &[(0, 6), (10, 14), (18, 24)] } else { &[(0, 24)] };
+            // As the line is drawn: dashed, or not at all.
+            let pieces: &[(i32, i32)] = match dots {
+                Dots::Alone => &[],
+                _ if is_dashed(*style) => &[(0, 6), (10, 14), (18, 24)],
+                _ => &[(0, 24)],
+            };
             for (from, to) in pieces {
                 area.draw(&PathElement::new(vec![((x + from) * z, y * z), ((x + to) * z, y * z)], pen))?;
             }

@@ -9,6 +9,8 @@ mod draw;
 
 use std::sync::Once;
 
+pub use self::axis::{Ticked, human};
+
 use gs_core::Image;
 use gs_train::statistics::Interval;
 use plotters::{

@@ -5,7 +5,7 @@ use gs_core::Error;
 use gs_train::statistics::median;
 use serde::Serialize;
 
-use super::{Field, Frontier, Measured, PictureError, Role, Verifiable};
+use super::{Comparison, Field, Frontier, Measured, PictureError, Role, Verifiable, pareto::ROUNDING};
 
 /// What must be kept.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -40,6 +40,8 @@ pub struct Choice {
     pub verification: Verification,
     /// How many kept the budget on the search's views, and not on the others.
     pub failed: usize,
+    /// How many others keep the budget on the search's views in times that the noise does not tell from theirs.
+    pub within_noise: usize,
 }
 
 /// What comes of a budget.
@@ -61,7 +63,9 @@ impl Budget {
         }
     }
 
-    /// The rows that keep it, the best first: those of the frontier, and then those that noise or rounding alone keeps off it.
+    /// The rows that keep it, the best first, each by its own measurement: of settings whose times are within the noise of each other, that
+    /// with the lowest median comes first, and never a slower one because it is more exact than was asked for. Errors are measured exactly,
+    /// but below a rounding they are equal.
     fn candidates(self, frontier: &Frontier) -> Vec<usize> {
         let of = |row: &Measured| (row.times().median, row.error.max);
         let is_kept = |&i: &usize| {
@@ -72,11 +76,11 @@ impl Budget {
         rows.sort_by(|&a, &b| {
             let (a, b) = (&frontier.rows[a], &frontier.rows[b]);
             let ((a_seconds, a_error), (b_seconds, b_error)) = (of(a), of(b));
-            let better = match self {
-                Self::MaxError(_) => a_seconds.total_cmp(&b_seconds),
-                Self::MaxSeconds(_) => a_error.total_cmp(&b_error),
-            };
-            b.on_frontier.cmp(&a.on_frontier).then(better)
+            let by_time = a_seconds.total_cmp(&b_seconds);
+            match self {
+                Self::MaxError(_) => by_time.then(a_error.total_cmp(&b_error)),
+                Self::MaxSeconds(_) => a_error.max(ROUNDING).total_cmp(&b_error.max(ROUNDING)).then(by_time),
+            }
         });
         rows
     }
@@ -108,7 +112,13 @@ impl Budget {
             let times = field.times(&[measured], unseen, seconds / candidates.len() as f64)?;
             let verification = Verification { views: unseen.len(), error, seconds: median(&times[0]) };
             if self.is_kept(error.max, verification.seconds) {
-                return Ok(Chosen::Kept(Choice { row, verification, failed }));
+                let noise = frontier.noise_of(&measured.backend);
+                let is_alike = |other: &usize| {
+                    let seconds = frontier.rows[*other].times().median;
+                    *other != row && noise.compare(seconds, measured.times().median) == Comparison::NoDifference
+                };
+                let within_noise = candidates.iter().filter(|other| is_alike(other)).count();
+                return Ok(Chosen::Kept(Choice { row, verification, failed, within_noise }));
             }
         }
         if !candidates.is_empty() {
@@ -119,5 +129,39 @@ impl Budget {
             Self::MaxError(_) => least(|row| row.error.max),
             Self::MaxSeconds(_) => least(|row| row.times().median),
         }))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use gs_core::RenderSettings;
+
+    use super::*;
+    use crate::frontier::{Noise, outcome::BackendNoise};
+
+    fn row(seconds: f64, error: f64, on_frontier: bool) -> Measured {
+        Measured {
+            backend: "cpu".to_owned(),
+            machine: "one thread".to_owned(),
+            contender: 0,
+            role: Role::Alone,
+            changes: Vec::new(),
+            settings: RenderSettings::default(),
+            seconds: vec![seconds],
+            error: PictureError { max: error, ..PictureError::default() },
+            on_frontier,
+            comparison: Comparison::NoDifference,
+        }
+    }
+
+    /// Under a noise of a third, the frontier keeps the more exact of two settings though it took longer.
+    #[test]
+    fn noise_does_not_make_a_slower_setting_the_quickest() {
+        let rows = vec![row(1.3, 1e-4, true), row(1.0, 1e-3, false), row(1.1, 9e-4, false), row(9.0, 1e-8, true)];
+        let noise = vec![BackendNoise { backend: "cpu".to_owned(), noise: Noise { factor: 1.33, again: 1.0 } }];
+        let frontier = Frontier { rows, refused: Vec::new(), noise, views: 1, sampled: 0, uncertainty: 0.0 };
+        assert_eq!(Budget::MaxError(2e-3).candidates(&frontier), [1, 2, 0, 3]);
+        assert_eq!(Budget::MaxError(5e-4).candidates(&frontier), [0, 3]);
+        assert_eq!(Budget::MaxSeconds(2.0).candidates(&frontier), [0, 2, 1]);
     }
 }

@@ -3,7 +3,7 @@
 
 use std::fmt::Write;
 
-use gs_core::profile::Quantiles;
+use gs_core::{counted, profile::Quantiles};
 
 use super::{Frontier, Measured, Role};
 use crate::figure::{Axis, Dots, Figure, Marks, Point, Series};
@@ -80,17 +80,18 @@ pub fn to_text(frontier: &Frontier) -> String {
     }
     let _ = write!(
         text,
-        "*: on the frontier. x: by the default's median. Errors are those of the largest channel of any pixel, of {} {}, against the 64-bit \
-         oracle, which was asked at {} pixels and wherever a picture is worst; where that is, says a rendering that is itself within {:.0e} of it.",
-        frontier.views,
-        if frontier.views == 1 { "view" } else { "views" },
-        frontier.sampled,
+        "*: on the frontier, where no other settings of the backend are both quicker and as exact. x: time by the default's. Errors are those of \
+         the largest channel of any pixel, of {}, against the 64-bit oracle, which was asked at {} and wherever a picture is worst; where that \
+         is, says a rendering that is itself within {:.0e} of it.",
+        counted(frontier.views, "view"),
+        counted(frontier.sampled, "pixel"),
         frontier.uncertainty
     );
     text
 }
 
-/// Largest error against time, both logarithmic: the frontier of each backend as a line, all else as points, the default and 3DGS marked.
+/// Largest error against time, both logarithmic: the frontier of each backend, its best trade-offs, as a line, all other settings as points, the
+/// default and 3DGS marked.
 pub fn figure(frontier: &Frontier, title: &str) -> Figure {
     let point = |row: &Measured| {
         let (x, y) = (1e3 * row.times().median, row.error.max.max(LEAST_ERROR));
@@ -107,18 +108,18 @@ pub fn figure(frontier: &Frontier, title: &str) -> Figure {
             style += 1;
         };
         let steps: Vec<Point> = own().filter(|row| row.on_frontier).map(point).collect();
-        add(format!("{backend}: frontier"), steps, Dots::All);
+        add(format!("{backend}: best trade-offs"), steps, Dots::All);
         let others = own().filter(|row| !row.on_frontier && row.role != Role::Again).map(point).collect();
-        add("no step of it".to_owned(), others, Dots::Alone);
-        for (role, name) in [(Role::Default, "default"), (Role::ThreeDgs, "3DGS")] {
-            add(name.to_owned(), own().filter(|row| row.role == role).map(point).collect(), Dots::Alone);
+        add(format!("{backend}: other settings"), others, Dots::Alone);
+        for (role, name) in [(Role::Default, "default"), (Role::ThreeDgs, "as in 3DGS")] {
+            add(format!("{backend}: {name}"), own().filter(|row| row.role == role).map(point).collect(), Dots::Alone);
         }
     }
     Figure {
         name: "frontier".to_owned(),
         title: title.to_owned(),
         x: Axis::logarithmic("time of a view, ms"),
-        y: Axis::logarithmic("largest error"),
+        y: Axis::logarithmic("largest error of a pixel"),
         marks: Marks::Lines(series),
     }
 }

@@ -3,7 +3,7 @@
 use super::Noise;
 
 /// Errors below this are roundings, of which less is not better: a four-hundredth of a display step.
-const ROUNDING: f64 = 1e-5;
+pub(super) const ROUNDING: f64 = 1e-5;
 
 /// An error must be less than this part of another to be less.
 const LESS: f64 = 0.98;

@@ -1,5 +1,6 @@
 //! The curves of a study, as numbers: quality against count and time, growth over steps, differences from the baseline.
 
+use gs_core::counted;
 use gs_train::statistics::mean;
 
 use crate::{
@@ -52,7 +53,7 @@ pub(crate) fn quality_over_time(results: &Results<'_>, budget: u32) -> Figure {
     });
     Figure {
         name: format!("quality-over-time-{budget}"),
-        title: format!("Quality against time, at most {budget} Gaussians"),
+        title: format!("Quality against time, at most {}", counted(budget, "Gaussian")),
         x: Axis::logarithmic("time spent fitting, s"),
         y: Axis::linear("PSNR, dB"),
         marks: Marks::Lines(series),
@@ -79,7 +80,7 @@ pub(crate) fn growth(results: &Results<'_>, budget: u32) -> Figure {
     });
     Figure {
         name: format!("growth-{budget}"),
-        title: format!("Growth, at most {budget} Gaussians"),
+        title: format!("Growth, at most {}", counted(budget, "Gaussian")),
         x: Axis::linear("step of the optimiser"),
         y: Axis::linear("Gaussians"),
         marks: Marks::Lines(series),

@@ -7,7 +7,6 @@ use gs_train::statistics::mean;
 use crate::{
     comparison::Verdict,
     reach::Reach,
-    remark::Remark,
     study::Matching,
     tables::{Metric, Results},
 };
@@ -23,8 +22,8 @@ pub(crate) struct Standing {
     pub(crate) next: Option<f64>,
     /// Arms that the leader is not shown to be better than, though it is compared with them.
     pub(crate) not_told_apart: Vec<usize>,
-    /// Arms that the leader cannot be compared with, by why not.
-    pub(crate) not_compared: BTreeMap<&'static str, Vec<usize>>,
+    /// Arms that there is no verdict on, by the reason.
+    pub(crate) not_judged: BTreeMap<String, Vec<usize>>,
 }
 
 /// Every respect of the study at every budget; without those that no arm has finished runs for.
@@ -38,18 +37,17 @@ fn standing(results: &Results<'_>, matching: Matching, budget: u32) -> Option<St
     let mut means = mean_psnrs(results, matching, budget);
     means.sort_by(|a, b| b.1.total_cmp(&a.1));
     let &leader = means.first()?;
-    let (mut not_told_apart, mut not_compared) = (Vec::new(), BTreeMap::<_, Vec<usize>>::new());
+    let (mut not_told_apart, mut not_judged) = (Vec::new(), BTreeMap::<_, Vec<usize>>::new());
     for arm in (0..results.plan.study.arms.len()).filter(|&arm| arm != leader.0) {
         let difference = results.difference(matching, Metric::Psnr, budget, leader.0, arm);
         match difference.obstacle() {
-            Some(Remark::TooFew { .. }) => not_told_apart.push(arm),
-            Some(obstacle) => not_compared.entry(obstacle.kind()).or_default().push(arm),
+            Some(obstacle) => not_judged.entry(obstacle.to_string()).or_default().push(arm),
             None if difference.verdict == Verdict::Better => {}
             None => not_told_apart.push(arm),
         }
     }
     let next = means.get(1).map(|next| next.1);
-    Some(Standing { matching, budget, leader, next, not_told_apart, not_compared })
+    Some(Standing { matching, budget, leader, next, not_told_apart, not_judged })
 }
 
 /// Of every arm that has finished runs on all images: mean PSNR over images of means over the seeds that all of these arms have finished.

@@ -1,6 +1,6 @@
 //! Where experiments are made: fits on one backend before the eyes of whoever waits for them, with every loss and count kept.
 
-use gs_core::{Canvas, Image, PlanarScene, Rasterizer, RenderSettings};
+use gs_core::{Canvas, Image, PlanarScene, Rasterizer, RenderSettings, counted};
 
 use super::findings::Picture;
 use crate::{
@@ -199,7 +199,7 @@ pub(crate) const SMOOTHED_STEPS: usize = 10;
 
 /// "1 seed", "3 seeds".
 pub(crate) fn seeds_in_words(seeds: u32) -> String {
-    if seeds == 1 { "1 seed".to_owned() } else { format!("{seeds} seeds") }
+    counted(seeds, "seed")
 }
 
 struct Record<'a> {

@@ -2,6 +2,7 @@
 
 use std::{fmt::Write, path::Path};
 
+use gs_core::counted;
 use gs_io::dataset::{Dataset, DatasetKind, Distortion, SourceCamera, Split, View};
 use serde::Serialize;
 
@@ -116,7 +117,7 @@ fn text(info: &Info) -> String {
             let done = if camera.lens == Distortion::None.name() { "scaled" } else { "undistorted" };
             let _ = write!(line, ", {done} to {width}x{height} px");
         }
-        let _ = write!(line, " ({} views)", camera.views);
+        let _ = write!(line, " ({})", counted(camera.views, "view"));
         rows.push(("camera", line));
     }
     if info.cameras.len() > CAMERAS_SHOWN {

@@ -13,13 +13,13 @@ use crate::{
     effects::choice::EffectsArgs,
     failure::Failure,
     shown::ShownArgs,
-    values::{Axis, Region, Size, ViewName},
+    values::{Axis, Region, Size, ViewName, whole},
 };
 
 const AFTER_HELP: &str = "\
 A scene of an image becomes one PNG, of any size or part. A scene in space (PLY, .splat, SPZ, glTF) needs a camera: that of a view of a \
-data set (--camera photographs:DSC_0042.JPG), an orbit, or a path; without any, it is shown from a little above. Of several frames, \
-OUTPUT is an animated PNG if it ends in .apng, otherwise a folder of frames.
+data set (--camera photographs:DSC_0042.JPG), an orbit, or a path; without any, it is shown from a little above. Of an \
+orbit or a path, OUTPUT is an animated PNG if it ends in .apng, otherwise a folder of frames; of a single frame a PNG if it ends in .png.
 
 With --camera, --orbit takes that camera around what the cameras of the data set look at.
 
@@ -34,7 +34,7 @@ in the scene's own axes and unit, fov across in degrees.";
 pub(crate) struct RenderArgs {
     /// The scene, such as the scene.gs2d.safetensors that a fit has written, or the scene.ply of a training
     scene: PathBuf,
-    /// The PNG to write; of several frames a folder, or an animated PNG (.apng)
+    /// The PNG to write; of an orbit or a path a folder of frames, or an animated PNG (.apng)
     #[arg(short, long, value_name = "OUTPUT")]
     output: PathBuf,
     /// Size of the picture; other proportions stretch it [default: that of the image, the region or the view; in space else 800x600]
@@ -71,7 +71,7 @@ struct CameraArgs {
     #[arg(long, value_name = "DATASET:VIEW", conflicts_with = "path")]
     camera: Option<ViewName>,
     /// From N places on a circle around the scene
-    #[arg(long, value_name = "N", conflicts_with = "path", value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    #[arg(long, value_name = "N", conflicts_with = "path", value_parser = whole::<u32>(1..=100_000))]
     orbit: Option<u32>,
     /// Along the path in this file
     #[arg(long, value_name = "FILE.json", conflicts_with = "size")]
@@ -80,7 +80,7 @@ struct CameraArgs {
     #[arg(long, value_name = "AXIS", allow_hyphen_values = true)]
     up: Option<Axis>,
     /// Frames per second of an animated PNG
-    #[arg(long, value_name = "F", default_value_t = 24, value_parser = clap::value_parser!(u16).range(1..=240))]
+    #[arg(long, value_name = "F", default_value_t = 24, value_parser = whole::<u16>(1..=240))]
     fps: u16,
     #[command(flatten)]
     reading: ReadingArgs,

@@ -28,10 +28,13 @@ pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
         file.settings.accuracy = *accuracy;
     }
     let CalledFor { settings, verdicts } = args.effects().choose(&file.scene, &[canvas], &file.settings)?;
-    let backend = Backend::start(&args.backend.or_chosen(chosen.as_ref().map(|chosen| &chosen.machine)))?;
+    let flags = args.backend.or_chosen(chosen.as_ref().map(|chosen| &chosen.machine));
+    let backend = Backend::start_for_image(&flags, &settings)?;
     let image = backend.run(Render { file: &file, canvas: &canvas, settings: &settings })?;
     gs_io::write_png(&args.output, &image)?;
-    output::note(told(&verdicts));
+    if let Some(told) = told(&verdicts) {
+        output::note(told);
+    }
     output::note(format_args!("wrote {}, {}x{} px", args.output.display(), canvas.width, canvas.height));
     Ok(())
 }

@@ -2,7 +2,9 @@
 
 use std::path::Path;
 
-use gs_core::{Camera, Image, Rasterizer, RenderSettings, Scene, SpatialScene, effects::CalledFor, statistics::Culled};
+use gs_core::{
+    Camera, Image, Rasterizer, RenderSettings, Scene, SpatialScene, counted, effects::CalledFor, statistics::Culled,
+};
 use gs_io::{Animation, SpatialFile, dataset::Dataset, read_spatial, write_animation, write_png};
 use gs_train::spatial::{CameraPath, Orbit, resized};
 
@@ -35,7 +37,7 @@ pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
     for camera in &cameras {
         camera.validate().map_err(|error| Failure::usage(error).at("--camera, --path or --size"))?;
     }
-    check_output(&args.output, cameras.len())?;
+    check_output(args, cameras.len())?;
     let Camera { width, height, .. } = cameras[0];
     memory::check_picture(args.scene.display(), (width, height))?;
     let render = match &dataset {
@@ -50,11 +52,13 @@ pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
     if args.settings.is_none() {
         args.shown.note_guess(trained_with);
     }
-    output::note(told(&verdicts));
+    if let Some(told) = told(&verdicts) {
+        output::note(told);
+    }
     Ok(())
 }
 
-/// What is written, by the name of the output and the number of frames.
+/// What is written, by the name of the output and whether it is a film, which may have a single frame.
 enum Output {
     Picture,
     Animation,
@@ -63,11 +67,14 @@ enum Output {
 }
 
 impl Output {
-    fn of(path: &Path, frames: usize) -> Result<Self, Failure> {
-        match (path.extension().and_then(|ending| ending.to_str()), frames) {
-            (Some("apng"), _) => Ok(Self::Animation),
-            (_, 1) => Ok(Self::Picture),
-            (Some("png"), _) => {
+    fn of(args: &RenderArgs, frames: usize) -> Result<Self, Failure> {
+        let path = &args.output;
+        let is_film = args.cameras.path.is_some() || args.cameras.orbit.is_some();
+        match path.extension().and_then(|ending| ending.to_str()) {
+            Some("apng") => Ok(Self::Animation),
+            Some("png") if frames == 1 => Ok(Self::Picture),
+            _ if !is_film => Ok(Self::Picture),
+            Some("png") => {
                 let message = format!("--output {}: one PNG cannot hold {frames} frames", path.display());
                 Err(Failure::usage(message).mend("name a folder, or an animated PNG that ends in .apng"))
             }
@@ -83,11 +90,12 @@ fn frame_name(number: usize) -> String {
 
 /// Refuses, before anything is rendered, an output that cannot hold the frames, and a folder in which a longer film would go on after them:
 /// whoever plays it would see the end of the other. Whose frames these are is not known, so they are not removed.
-fn check_output(path: &Path, frames: usize) -> Result<(), Failure> {
-    if !matches!(Output::of(path, frames)?, Output::Folder) || !path.join(frame_name(frames)).exists() {
+fn check_output(args: &RenderArgs, frames: usize) -> Result<(), Failure> {
+    let path = &args.output;
+    if !matches!(Output::of(args, frames)?, Output::Folder) || !path.join(frame_name(frames)).exists() {
         return Ok(());
     }
-    let message = format_args!("holds {}, which would go on after these {frames} frames", frame_name(frames));
+    let message = format_args!("holds {}, which would go on after {}", frame_name(frames), counted(frames, "frame"));
     Err(Failure::failed(message)
         .at(path.display())
         .mend("remove it and those after it, or name another folder with --output"))
@@ -156,7 +164,7 @@ impl SpatialTask for Frames<'_> {
         };
         let Camera { width, height, .. } = cameras[0];
         let output = &args.output;
-        match Output::of(output, cameras.len())? {
+        match Output::of(args, cameras.len())? {
             Output::Animation => {
                 let animation = Animation { width, height, frames: cameras.len() as u32, fps: args.cameras.fps };
                 write_animation(output, animation, |number| frame(&cameras[number as usize]))?;
@@ -170,8 +178,8 @@ impl SpatialTask for Frames<'_> {
             }
         }
         let size = match cameras.len() {
-            1 => format!("{width}x{height} px"),
-            frames => format!("{frames} frames of {width}x{height} px"),
+            1 if matches!(Output::of(args, 1)?, Output::Picture) => format!("{width}x{height} px"),
+            frames => format!("{} of {width}x{height} px", counted(frames, "frame")),
         };
         output::note(format_args!("wrote {}, {size}: {}", output.display(), effects(render)));
         if let Some(why) = why_empty(culled, scene.len(), cameras.len()) {

@@ -7,6 +7,7 @@ use crate::{
     scene::{PlanarScene, Scene},
     settings::RenderSettings,
     view::Canvas,
+    words::there_are,
 };
 
 impl CallsForEffects for PlanarScene {
@@ -48,7 +49,7 @@ fn decide(scene: &PlanarScene, effect: Effect, views: &[Canvas], settings: &Rend
 fn narrow(scene: &PlanarScene, views: &[Canvas], settings: &RenderSettings) -> Option<String> {
     views.iter().enumerate().find_map(|(number, canvas)| {
         let Narrow { narrow, .. } = scene.narrow(canvas, settings);
-        (narrow > 0).then(|| format!("{narrow} Gaussians are narrower than a pixel in view {}", number + 1))
+        (narrow > 0).then(|| format!("{} narrower than a pixel in view {}", there_are(narrow, "Gaussian"), number + 1))
     })
 }
 

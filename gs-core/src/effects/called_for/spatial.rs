@@ -9,6 +9,7 @@ use crate::{
     scene::SpatialScene,
     settings::RenderSettings,
     view::Camera,
+    words::{counted, there_are},
 };
 
 impl CallsForEffects for SpatialScene {
@@ -140,7 +141,7 @@ impl Orders {
                     return (left.0, format!("{drawn} Gaussians overlap too much in view {number} to tell"));
                 }
                 Some(Refuted::By { out, drawn, number }) => {
-                    let found = format!("{out} of {drawn} Gaussians {what} in view {number}");
+                    let found = format!("{out} of {} {what} in view {number}", counted(drawn, "Gaussian"));
                     return (left.0, if left.1.is_empty() { found } else { format!("{}; but {found}", left.1) });
                 }
             }
@@ -176,7 +177,8 @@ impl Widths {
         self.drawn += shown.drawn.len();
         let narrow = shown.drawn.iter().filter(|drawn| drawn.narrow).count();
         if narrow > 0 && self.narrow.is_none() {
-            self.narrow = Some(format!("{narrow} Gaussians are narrower than a pixel in view {number}"));
+            let narrow = there_are(narrow, "Gaussian");
+            self.narrow = Some(format!("{narrow} narrower than a pixel in view {number}"));
         }
     }
 
@@ -193,7 +195,8 @@ impl Widths {
                 match first_drawn(scene, views, &RenderSettings { effects: off, ..*settings }) {
                     None => (off, format!("nothing is drawn {}", in_views(views))),
                     Some((number, count)) => {
-                        (effects, format!("without it {count} Gaussians come to be drawn in view {number}"))
+                        let drawn = there_are(count, "Gaussian");
+                        (effects, format!("without it {drawn} drawn in view {number}"))
                     }
                 }
             }

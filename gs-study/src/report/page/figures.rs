@@ -5,7 +5,7 @@ use maud::{Markup, PreEscaped, html};
 use crate::{
     error::Error,
     report::{
-        page::{Page, words::grouped},
+        page::{Page, words::gaussians},
         pictures::FULL_SCALE,
     },
 };
@@ -35,7 +35,7 @@ impl Page<'_> {
             section {
                 h2 { "Pictures" }
                 p {
-                    "At most " (grouped(self.pictured)) " Gaussians, seed " (self.results.plan.study.seeds[0]) ": the part of each image in which the "
+                    "At most " (gaussians(self.pictured)) ", seed " (self.results.plan.study.seeds[0]) ": the part of each image in which the "
                     "arms differ the most, and below it the largest absolute error of a channel, from black (0) to pale yellow ("
                     (FULL_SCALE) " of full scale and more). PSNR is that of the whole image."
                 }

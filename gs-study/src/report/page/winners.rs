@@ -1,11 +1,12 @@
 //! The first part of the page: which arm wins, and where.
 
+use gs_core::counted;
 use maud::{Markup, html};
 
 use crate::{
     report::{
         at_equal,
-        page::{Page, words::grouped},
+        page::{Page, words::gaussians},
         standings::{Standing, standings},
     },
     study::Matching,
@@ -14,15 +15,16 @@ use crate::{
 
 /// What a standing says, in a line.
 pub(crate) fn headline(results: &Results<'_>, standing: &Standing) -> String {
-    let Standing { matching, budget, leader, next, not_told_apart, not_compared } = standing;
+    let Standing { matching, budget, leader, next, not_told_apart, not_judged } = standing;
     let ahead = next.map_or_else(String::new, |next| format!(", {:.2} dB ahead", leader.1 - next));
     let name = &results.plan.study.arms[leader.0].name;
-    let mut text = format!("{budget} Gaussians, {}: {name} leads with {:.2} dB{ahead}", at_equal(*matching), leader.1);
+    let budget = counted(*budget, "Gaussian");
+    let mut text = format!("{budget}, {}: {name} leads with {:.2} dB{ahead}", at_equal(*matching), leader.1);
     if !not_told_apart.is_empty() {
         text += &format!("; can't be told from it: {}", names(results, not_told_apart));
     }
-    for (why, arms) in not_compared {
-        text += &format!("; not comparable, {why}: {}", names(results, arms));
+    for (why, arms) in not_judged {
+        text += &format!("; no verdict on {}: {why}", names(results, arms));
     }
     text
 }
@@ -48,10 +50,10 @@ impl Page<'_> {
                 h2 { "Which arm wins, and where" }
                 p {
                     "The arm with the highest mean PSNR. It wins where it is shown to be better than every other; those that it cannot be "
-                    "told from, or compared with, are named."
+                    "told from are named, and those that there is no verdict on, with the reason."
                 }
                 div.wide { table.winners {
-                    thead { tr { th { } @for budget in &study.budgets { th { (grouped(*budget)) " Gaussians" } } } }
+                    thead { tr { th { } @for budget in &study.budgets { th { (gaussians(*budget)) } } } }
                     tbody {
                         @for &matching in &study.matchings {
                             tr { th { (at_equal(matching)) } @for &budget in &study.budgets { (cell(matching, budget)) } }
@@ -63,18 +65,18 @@ impl Page<'_> {
     }
 
     fn winner(&self, standing: &Standing) -> Markup {
-        let Standing { leader, next, not_told_apart, not_compared, .. } = standing;
+        let Standing { leader, next, not_told_apart, not_judged, .. } = standing;
         html! {
             (self.swatch(leader.0)) b { (self.results.plan.study.arms[leader.0].name) } " "
             span.number { (format!("{:.2} dB", leader.1)) }
-            @if let (Some(next), true, true) = (next, not_told_apart.is_empty(), not_compared.is_empty()) {
+            @if let (Some(next), true, true) = (next, not_told_apart.is_empty(), not_judged.is_empty()) {
                 br; span.verdict.better { "wins" } span.quiet { (format!(" by {:.2} dB", leader.1 - next)) }
             }
             @if !not_told_apart.is_empty() {
                 br; span.verdict { "can't be told from " } (names(self.results, not_told_apart))
             }
-            @for (why, arms) in not_compared {
-                br; span.quiet { (why) ": " (names(self.results, arms)) }
+            @for (why, arms) in not_judged {
+                br; span.quiet { "no verdict on " (names(self.results, arms)) ": " (why) }
             }
         }
     }

@@ -13,6 +13,11 @@ pub(super) fn grouped(value: u32) -> String {
     parts.join(",")
 }
 
+/// "1 Gaussian", "9,000 Gaussians".
+pub(super) fn gaussians(count: u32) -> String {
+    format!("{} Gaussian{}", grouped(count), if count == 1 { "" } else { "s" })
+}
+
 /// A number with its sign, with a minus as wide as a plus.
 pub(super) fn signed(value: f64, digits: usize) -> String {
     format!("{value:+.digits$}").replace('-', "−")

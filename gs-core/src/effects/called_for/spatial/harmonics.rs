@@ -5,6 +5,7 @@ use glam::Vec3;
 use super::in_views;
 use crate::{
     constants::HALF_DISPLAY_STEP,
+    counted,
     effects::{Blend, called_for::overlap::Shown},
     perspective::Perspective,
     scene::{SpatialScene, sigmoid},
@@ -153,5 +154,6 @@ impl<'a> Harmonics<'a> {
 
 /// What happens without the degree above one that is too low.
 fn without(less: &Change, seen: &str) -> String {
-    format!("without it, the colours of {} Gaussians change by up to {:.4} {seen}", less.beyond, less.most)
+    let gaussians = counted(less.beyond, "Gaussian");
+    format!("without it, the colours of {gaussians} change by up to {:.4} {seen}", less.most)
 }

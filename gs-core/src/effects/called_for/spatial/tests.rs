@@ -191,7 +191,7 @@ fn antialiasing_stays_wherever_something_is_drawn() {
     let wide = scene(0, [ball(0.0, 2.0)]);
     assert_eq!(verdict(&wide), (Antialias::Dilate, "it widens every Gaussian, as is asked for".to_owned()));
     let far = scene(0, [ball(0.0, 2.0), ball(0.0, 9.0)]);
-    assert_eq!(verdict(&far), (Antialias::Dilate, "1 Gaussians are narrower than a pixel in view 1".to_owned()));
+    assert_eq!(verdict(&far), (Antialias::Dilate, "1 Gaussian is narrower than a pixel in view 1".to_owned()));
     let behind = scene(0, [ball(0.0, -2.0)]);
     assert_eq!(verdict(&behind), (Antialias::None, "nothing is drawn in this view".to_owned()));
 }
@@ -213,7 +213,7 @@ fn antialiasing_stays_where_nothing_is_drawn_because_of_it() {
     };
     let (antialias, order, reason) = called(Antialias::Mip);
     assert_eq!((antialias, order), (Antialias::Mip, Order::Index), "{reason}");
-    assert_eq!(reason, "without it 2 Gaussians come to be drawn in view 1");
+    assert_eq!(reason, "without it 2 Gaussians are drawn in view 1");
     // Where they are drawn, their order counts: the nearer one comes last.
     assert_eq!(called(Antialias::None).1, Order::TileDepth);
 }

@@ -1,0 +1,28 @@
+//! Counts in messages.
+
+use std::fmt::Display;
+
+/// A count with its noun, in the singular for one: "1 Gaussian", "0 Gaussians", "9000 Gaussians".
+///
+/// The noun is one whose plural ends in -s.
+pub fn counted<N: Display + PartialEq + From<u8>>(count: N, noun: &str) -> String {
+    let ending = if count == N::from(1) { "" } else { "s" };
+    format!("{count} {noun}{ending}")
+}
+
+/// The same with the verb that goes with it: "1 Gaussian is", "2 Gaussians are".
+pub(crate) fn there_are(count: usize, noun: &str) -> String {
+    format!("{} {}", counted(count, noun), if count == 1 { "is" } else { "are" })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_one_is_singular() {
+        assert_eq!(counted(1u32, "Gaussian"), "1 Gaussian");
+        assert_eq!(counted(0usize, "step"), "0 steps");
+        assert_eq!(counted(21u64, "held-out view"), "21 held-out views");
+    }
+}
