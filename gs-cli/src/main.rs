@@ -14,6 +14,7 @@ mod fit;
 mod frontier;
 mod interrupt;
 mod output;
+mod output_folder;
 mod paper;
 mod profile;
 mod report;

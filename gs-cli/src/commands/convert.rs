@@ -13,7 +13,7 @@ use gs_core::{
 use gs_io::{GltfBuffer, Loss, SpatialFormat, SpatialOptions, SpzOptions, SpzVersion};
 use serde::Serialize;
 
-use crate::{failure::Failure, output};
+use crate::{failure::Failure, output, output_folder};
 
 /// The flags of `gs convert`.
 #[derive(Debug, Clone, Args)]
@@ -52,6 +52,13 @@ enum Buffer {
     Beside,
 }
 
+impl ConvertArgs {
+    /// Whether the numbers go into a second file.
+    fn gltf_buffer_beside(&self) -> bool {
+        matches!(self.gltf_buffer, Buffer::Beside) && self.to.extension().is_some_and(|ending| ending == "gltf")
+    }
+}
+
 /// What `gs convert --json` prints.
 #[derive(Debug, Serialize)]
 struct Conversion {
@@ -88,6 +95,12 @@ impl Side {
 pub(crate) fn run(args: &ConvertArgs) -> Result<(), Failure> {
     if SpatialFormat::to_write(&args.to).is_none() {
         return Err(gs_io::Error::UnknownEnding { path: args.to.clone() }.into());
+    }
+    // The numbers of a .gltf may be in a file of the same name.
+    let inputs = [args.from.clone(), args.from.with_extension("bin")];
+    output_folder::check_file(&args.to, &inputs)?;
+    if args.gltf_buffer_beside() {
+        output_folder::check_file(&args.to.with_extension("bin"), &inputs)?;
     }
     let file =
         if args.drop_broken { gs_io::read_spatial_unchecked(&args.from) } else { gs_io::read_spatial(&args.from) };

@@ -17,10 +17,9 @@ use crate::{
     backend::Backend,
     effects::choice::{EffectsArgs, told},
     failure::Failure,
-    fit::{
-        arguments::Pictures, folder::OutputFolder, observers::write_table, settings, target::Target, trouble::Trouble,
-    },
+    fit::{arguments::Pictures, observers::write_table, settings, target::Target, trouble::Trouble},
     output,
+    output_folder::OutputFolder,
     report::{
         curve::{self, Point},
         ellipses,

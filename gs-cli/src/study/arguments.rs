@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
 
-use crate::backend::BackendArgs;
+use crate::{backend::BackendArgs, output_folder::OverwriteArgs};
 
 const AFTER_HELP: &str = "\
 A study is arms (settings that differ) x images x budgets x seeds, in a TOML file; these come with the program:
@@ -62,6 +62,8 @@ pub(crate) struct ConductArgs {
     /// Folder for the results; made if it is not there [default: gs-out/NAME]
     #[arg(short, long, value_name = "DIR")]
     pub(crate) output: Option<PathBuf>,
+    #[command(flatten)]
+    pub(crate) overwrite: OverwriteArgs,
     /// Folder of the images [default: $GS_DATA, or that of the study's file]
     #[arg(long, value_name = "DIR")]
     pub(crate) data: Option<PathBuf>,
@@ -86,6 +88,8 @@ pub(crate) struct ReplayArgs {
     /// Folder for the fit: scene, picture, settings and metrics [default: DIR/replay-ROW]
     #[arg(short, long, value_name = "OUT")]
     pub(crate) output: Option<PathBuf>,
+    #[command(flatten)]
+    pub(crate) overwrite: OverwriteArgs,
     /// Folder of the images [default: $GS_DATA, or that of the study]
     #[arg(long, value_name = "DIR")]
     pub(crate) data: Option<PathBuf>,

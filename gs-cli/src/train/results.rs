@@ -16,8 +16,9 @@ use crate::{
     backend::Backend,
     effects::choice::told,
     failure::Failure,
-    fit::{folder::OutputFolder, observers::write_table, results::sound, settings, trouble::Trouble},
+    fit::{observers::write_table, results::sound, settings, trouble::Trouble},
     output,
+    output_folder::OutputFolder,
     report::{
         curve::{self, Point},
         ellipses,

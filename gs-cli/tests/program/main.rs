@@ -8,6 +8,7 @@ mod doctor;
 mod effects;
 mod fit;
 mod frontier;
+mod output_folder;
 mod paper;
 mod ply;
 mod popping;
