@@ -139,6 +139,14 @@ impl From<gs_io::Error> for Failure {
             gs_io::Error::UnknownEnding { .. } => Self::usage(error),
             gs_io::Error::LeavesDataset { .. } => Self::failed(error)
                 .mend("or read it all the same with --allow-outside, if you trust whoever made the data set"),
+            gs_io::Error::IsInput { .. } => Self::usage(error).mend("write the results elsewhere"),
+            gs_io::Error::InTheWay { .. } => {
+                Self::failed(error).mend("choose another folder with --output, or replace such files with --overwrite")
+            }
+            gs_io::Error::Busy { .. } => {
+                Self::failed(error).mend("wait for it, or choose another folder with --output")
+            }
+            gs_io::Error::Remove { .. } => Self::failed(error).mend("choose another folder with --output"),
             _ => Self::failed(error),
         }
     }

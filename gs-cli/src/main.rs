@@ -16,6 +16,7 @@ mod frontier;
 mod interrupt;
 mod memory;
 mod output;
+mod output_folder;
 mod paper;
 mod profile;
 mod report;

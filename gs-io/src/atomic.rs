@@ -16,6 +16,8 @@ use crate::error::Error;
 /// A file that is replaced keeps its permissions; a symbolic link is followed. A device or a pipe, which cannot be replaced,
 /// is written to directly.
 ///
+/// A power cut soon after may take the file with it, the old one included: [`write_durably`] is for what cannot be made again.
+///
 /// ```
 /// # let folder = tempfile::tempdir().unwrap();
 /// let path = folder.path().join("curve.csv");
@@ -30,7 +32,36 @@ pub fn write_atomically(
     path: impl AsRef<Path>,
     content: impl FnOnce(&mut dyn Write) -> io::Result<()>,
 ) -> Result<(), Error> {
-    let path = path.as_ref();
+    write(path.as_ref(), content, Durability::Usual)
+}
+
+/// As [`write_atomically`], for files that took long to compute: after a power cut there is the old file or the new one, whole. The
+/// new one is on the disk before it replaces the old one, and the folder, where the system lets it, before this returns. That takes
+/// milliseconds for each file.
+///
+/// # Errors
+/// Those of [`write_atomically`].
+pub fn write_durably(
+    path: impl AsRef<Path>,
+    content: impl FnOnce(&mut dyn Write) -> io::Result<()>,
+) -> Result<(), Error> {
+    write(path.as_ref(), content, Durability::PowerCut)
+}
+
+/// What a file that has been written outlasts.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Durability {
+    /// The end of the process, however it comes.
+    Usual,
+    /// The end of the machine, too.
+    PowerCut,
+}
+
+fn write(
+    path: &Path,
+    content: impl FnOnce(&mut dyn Write) -> io::Result<()>,
+    durability: Durability,
+) -> Result<(), Error> {
     let failed = |source| Error::write(path, source);
     let replaced = fs::metadata(path).ok();
     match &replaced {
@@ -56,7 +87,49 @@ pub fn write_atomically(
     if let Some(old) = replaced {
         temporary.file.as_file().set_permissions(old.permissions()).map_err(failed)?;
     }
-    temporary.persist(&target).map_err(failed)
+    if durability == Durability::PowerCut {
+        temporary.file.as_file().sync_all().map_err(failed)?;
+    }
+    temporary.persist(&target).map_err(failed)?;
+    if durability == Durability::PowerCut {
+        sync_folder(folder);
+    }
+    Ok(())
+}
+
+/// Has the names in a folder on the disk. Some file systems cannot; the file itself is there then, too.
+#[cfg(unix)]
+fn sync_folder(folder: &Path) {
+    let _ = File::open(folder).and_then(|folder| folder.sync_all());
+}
+
+#[cfg(not(unix))]
+fn sync_folder(_: &Path) {}
+
+/// Makes a folder that files are written into later, and finds out whether it takes any; removes what [`remove_leftovers`] does.
+///
+/// # Errors
+/// [`Error::Write`] where it cannot be made or takes no files.
+pub fn prepare_folder(folder: &Path) -> Result<(), Error> {
+    let made = fs::create_dir_all(folder).and_then(|()| Temporary::new(folder));
+    made.map_err(|source| Error::write(folder, source))?;
+    remove_leftovers(folder);
+    Ok(())
+}
+
+/// Removes from a folder the temporary files of processes that were killed while they wrote. Those that a living process is writing
+/// stay: they are locked. What cannot be removed does no harm.
+pub fn remove_leftovers(folder: &Path) {
+    for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
+        if !entry.file_name().to_str().is_some_and(is_temporary) || !entry.file_type().is_ok_and(|kind| kind.is_file())
+        {
+            continue;
+        }
+        let Ok(file) = File::options().write(true).open(entry.path()) else { continue };
+        if file.try_lock().is_ok() {
+            let _ = fs::remove_file(entry.path());
+        }
+    }
 }
 
 /// Ends every [`write_atomically`] that is under way, in any thread, as if it had failed: its temporary file is removed, and the
@@ -90,7 +163,14 @@ struct Known(PathBuf);
 impl Temporary {
     fn new(folder: &Path) -> io::Result<Self> {
         let mut under_way = under_way();
-        let file = new_temporary(folder)?;
+        let file = loop {
+            let file = new_temporary(folder)?;
+            // Whoever removes leftovers may have met it before it was locked.
+            let locked = file.as_file().lock();
+            if locked.is_err() || file.path().exists() {
+                break file;
+            }
+        };
         let known = Known(file.path().to_owned());
         under_way.insert(known.0.clone());
         Ok(Self { file, known })
@@ -119,9 +199,19 @@ fn fill(file: &File, content: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> 
     writer.flush()
 }
 
+/// What the names of temporary files begin with, have in between (letters and digits, drawn), and end with.
+const TEMPORARY: (&str, usize, &str) = (".gs-", 6, ".tmp");
+
+fn is_temporary(name: &str) -> bool {
+    let (prefix, drawn, suffix) = TEMPORARY;
+    let middle = name.strip_prefix(prefix).and_then(|name| name.strip_suffix(suffix));
+    middle.is_some_and(|middle| middle.len() == drawn && middle.bytes().all(|byte| byte.is_ascii_alphanumeric()))
+}
+
 fn new_temporary(folder: &Path) -> io::Result<tempfile::NamedTempFile> {
     let mut builder = tempfile::Builder::new();
-    builder.prefix(".gs-").suffix(".tmp");
+    let (prefix, drawn, suffix) = TEMPORARY;
+    builder.prefix(prefix).rand_bytes(drawn).suffix(suffix);
     // As for any new file, the user's umask decides who may read it; temporary files are private otherwise.
     #[cfg(unix)]
     builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
@@ -183,6 +273,24 @@ mod tests {
         let error = write_atomically(folder.path().join("no/such/file"), nothing).unwrap_err();
         assert!(matches!(&error, Error::NoFolder { folder, .. } if folder.ends_with("no/such")), "{error}");
         assert!(names_in(folder.path()).is_empty());
+    }
+
+    #[test]
+    fn leftovers_of_the_dead_go_and_those_of_the_living_stay() {
+        let folder = tempfile::tempdir().unwrap();
+        let (left, path) = (folder.path().join(".gs-dEaD00.tmp"), folder.path().join("a"));
+        fs::write(&left, "half").unwrap();
+        write_durably(&path, |file| {
+            file.write_all(b"whole")?;
+            assert_eq!(names_in(folder.path()).len(), 2);
+            remove_leftovers(folder.path());
+            let names = names_in(folder.path());
+            assert!(!left.exists() && names.len() == 1 && is_temporary(names[0].to_str().unwrap()), "{names:?}");
+            Ok(())
+        })
+        .unwrap();
+        assert_eq!(fs::read_to_string(&path).unwrap(), "whole");
+        assert_eq!(names_in(folder.path()), ["a"]);
     }
 
     #[cfg(unix)]

@@ -40,7 +40,7 @@ struct Content {
 /// bytes.
 ///
 /// # Errors
-/// [`Error::Content`] where a tensor's shape is not that of its numbers; those of [`write_atomically`](crate::write_atomically).
+/// [`Error::Content`] where a tensor's shape is not that of its numbers; those of [`write_durably`](crate::write_durably).
 pub fn write_checkpoint(path: impl AsRef<Path>, checkpoint: &Checkpoint) -> Result<(), Error> {
     let Checkpoint { state, metadata } = checkpoint;
     let tensors = state.tensors.iter().map(|(name, Tensor { shape, data })| {

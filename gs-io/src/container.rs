@@ -18,7 +18,7 @@ use safetensors::{
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 
 use crate::{
-    atomic::{open, write_atomically},
+    atomic::{open, write_durably},
     error::Error,
 };
 
@@ -106,7 +106,7 @@ pub(crate) fn write<C: Serialize>(
             "its metadata and tensor names take {header_bytes} bytes, more than {MAX_HEADER_BYTES}"
         )));
     }
-    write_atomically(path, |file| file.write_all(&bytes))
+    write_durably(path, |file| file.write_all(&bytes))
 }
 
 /// A file of this container, read.

@@ -51,6 +51,32 @@ pub enum Error {
         /// Why.
         source: io::Error,
     },
+    /// A file has the name of a result, and no run wrote it.
+    #[error("{}: is in the way: no run of gs wrote it into this folder", path.display())]
+    InTheWay {
+        /// The file.
+        path: PathBuf,
+    },
+    /// A result would replace a file that the run reads.
+    #[error("{}: is an input of this run, which is never replaced", path.display())]
+    IsInput {
+        /// The file, as the result would be called.
+        path: PathBuf,
+    },
+    /// Another run writes into the folder.
+    #[error("{}: another run of gs is at work in this folder", folder.display())]
+    Busy {
+        /// The folder.
+        folder: PathBuf,
+    },
+    /// The operating system refused to remove a file of an earlier run.
+    #[error("{}: is of an earlier run and cannot be removed: {source}", path.display())]
+    Remove {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
     /// Not an image, or not one of a kind that can be read.
     #[error("{}: {found}; {mend}", path.display())]
     NotAnImage {

@@ -12,7 +12,8 @@
 //!
 //! Whatever a file holds, reading it ends in a value or in an [`Error`] that names the path, what was expected, what was
 //! found, and how to mend it; never in a panic. Whatever is written appears under its name complete or not at all
-//! ([`write_atomically`]).
+//! ([`write_atomically`]); scenes and checkpoints are on the disk before they replace others ([`write_durably`]). A run that writes a
+//! folder replaces nothing in it that no run wrote ([`FolderClaim`]).
 
 // Guards are phrased so that NaN fails them: `!(x > 0.0)` is not `x <= 0.0`.
 #![allow(clippy::neg_cmp_op_on_partial_ord)]
@@ -24,19 +25,23 @@ mod container;
 pub mod dataset;
 mod error;
 mod image;
+mod inputs;
+mod output_folder;
 mod ply;
 mod scene_file;
 mod spatial;
 
 pub use crate::{
     animation::{Animation, write_animation},
-    atomic::{abandon_writes, write_atomically},
+    atomic::{abandon_writes, prepare_folder, remove_leftovers, write_atomically, write_durably},
     checkpoint::{Checkpoint, read_checkpoint, write_checkpoint},
     error::Error,
     image::{
         AlphaMode, ImageRemark, LoadedImage, Orientation, Transparency, read_image, read_image_size, read_image_with,
         write_png,
     },
+    inputs::Inputs,
+    output_folder::{FolderClaim, OutputFolder},
     ply::{PlyColors, write_ply},
     scene_file::{PlanarFile, SCENE_EXTENSION, read_scene, read_scene_unchecked, write_scene},
     spatial::{

@@ -67,7 +67,7 @@ struct Content {
 /// Writes a scene losslessly and atomically. The same scene gives the same bytes.
 ///
 /// # Errors
-/// [`Error::Content`] where [`PlanarFile::validate`] fails; those of [`write_atomically`](crate::write_atomically).
+/// [`Error::Content`] where [`PlanarFile::validate`] fails; those of [`write_durably`](crate::write_durably).
 pub fn write_scene(path: impl AsRef<Path>, file: &PlanarFile) -> Result<(), Error> {
     let path = path.as_ref();
     file.validate().map_err(Error::content(path))?;

@@ -19,6 +19,10 @@ use crate::{
 
 const RESULTS: &str = "results.json";
 
+/// The files of tables.
+pub(crate) const TABLES: [&str; 6] =
+    ["runs.csv", "quality.csv", "differences.csv", "differences-at-time.csv", "times.csv", RESULTS];
+
 /// One run in `runs.csv` and `results.json`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]

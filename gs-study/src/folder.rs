@@ -2,25 +2,25 @@
 
 use std::{
     collections::BTreeMap,
-    fs::{self, File, TryLockError},
+    fs,
     path::{Path, PathBuf},
 };
 
 use gs_core::Image;
-use gs_io::{read_image, write_atomically, write_png};
+use gs_io::{FolderClaim, Inputs, OutputFolder, read_image, write_durably, write_png};
 
 use crate::{
     error::Error,
+    export::TABLES,
     machine::Machine,
     plan::{Plan, Run},
     record::{Outcome, Record},
+    report::{PAGE, PLOTS},
 };
 
 const STUDY: &str = "study.toml";
 const IMAGES: &str = "images.json";
 const MACHINE: &str = "machine.json";
-/// Locked as long as someone works in the folder. It stays there; a lock goes with its process, whatever ends that.
-const LOCK: &str = ".lock";
 const RUNS: &str = "runs";
 const PICTURES: &str = "pictures";
 
@@ -33,12 +33,21 @@ pub enum Existing {
     Resume,
 }
 
+/// What a study must leave as it is, besides files that no run wrote.
+#[derive(Debug, Clone, Default)]
+pub struct Safety {
+    /// Files that are read; the images of the study are among them anyhow.
+    pub inputs: Vec<PathBuf>,
+    /// Whether files are replaced that no run wrote and that have the name of a result.
+    pub overwrite: bool,
+}
+
 /// A study's folder.
 #[derive(Debug)]
 pub struct StudyFolder {
     path: PathBuf,
     /// Kept from others as long as this is open; nothing where the folder is only read.
-    _lock: Option<File>,
+    output: Option<OutputFolder>,
 }
 
 impl StudyFolder {
@@ -46,48 +55,63 @@ impl StudyFolder {
     /// dropped, nobody else can prepare it.
     ///
     /// # Errors
-    /// [`Error::Folder`] where it holds a study of another name, or any and `existing` refuses it, where someone else works in it, or where
-    /// it cannot be written to; [`Error::Io`].
+    /// [`Error::Folder`] where it holds a study of another name, or any and `existing` refuses it, or where it cannot be written to;
+    /// [`Error::Io`] where a file is in the way, where someone else works in the folder, and for files.
     pub fn prepare(path: &Path, plan: &Plan, existing: Existing) -> Result<Self, Error> {
+        Self::prepare_with(path, plan, existing, &Safety::default())
+    }
+
+    /// The same, with further files that must stay as they are, or with less care.
+    ///
+    /// # Errors
+    /// As [`Self::prepare`].
+    pub fn prepare_with(path: &Path, plan: &Plan, existing: Existing, safety: &Safety) -> Result<Self, Error> {
         let wrong = |what: String, mend: &'static str| Error::Folder { folder: path.to_owned(), what, mend };
-        let unwritable =
-            |source| wrong(format!("cannot be written to: {source}"), "choose another folder with --output");
-        let found = path.join(STUDY);
-        if existing == Existing::Refuse && found.exists() {
+        let study = path.join(STUDY);
+        let is_held = study.exists();
+        if is_held && existing == Existing::Refuse {
             let mend = "go on with it with --resume, or choose another folder with --output";
             return Err(wrong("holds a study already".to_owned(), mend));
         }
-        if found.exists() {
-            let held = fs::read_to_string(&found).ok().and_then(|text| name_of(&text));
+        if is_held {
+            let held = fs::read_to_string(&study).ok().and_then(|text| name_of(&text));
             if held.as_ref() != Some(&plan.study.name) {
                 let held = held.map_or_else(|| "one that cannot be read".to_owned(), |name| format!("`{name}`"));
                 let what = format!("holds another study than `{}`: {held}", plan.study.name);
                 return Err(wrong(what, "choose another folder with --output"));
             }
         }
-        fs::create_dir_all(path).map_err(unwritable)?;
-        let lock = File::create(path.join(LOCK)).map_err(unwritable)?;
-        match lock.try_lock() {
-            Err(TryLockError::WouldBlock) => {
-                let what = "another gs study is at work in it".to_owned();
-                return Err(wrong(what, "wait for it, or choose another folder with --output"));
-            }
-            // Some file systems know no locks. A study is worth more than a guard against starting it twice.
-            Ok(()) | Err(TryLockError::Error(_)) => {}
-        }
-        let folder = Self { path: path.to_owned(), _lock: Some(lock) };
-        for part in [folder.file(RUNS), folder.file(PICTURES)] {
-            fs::create_dir_all(&part).map_err(unwritable)?;
-            sweep(&part);
-        }
         let images = plan.targets.iter().filter_map(|target| Some((&target.name, target.file.as_ref()?)));
+        let inputs = Inputs::from_iter(images.clone().map(|(_, file)| file).chain(&safety.inputs));
+        // A study that is taken from its own folder is there already.
+        let is_input = inputs.contain(&study);
+        // Until there were indices, the study's file told whose the other files are.
+        let is_of_older_version = is_held && !FolderClaim::is_indexed(path);
+        let claim = FolderClaim::new(path)
+            .files((!is_input).then_some(STUDY))
+            .files(files_of(plan))
+            .folders([PLOTS])
+            .inputs(inputs)
+            .overwriting(safety.overwrite || is_of_older_version);
+        let output = claim.begin().map_err(|error| match error {
+            gs_io::Error::Write { source, .. } => {
+                wrong(format!("cannot be written to: {source}"), "choose another folder with --output")
+            }
+            error => error.into(),
+        })?;
+        let folder = Self { path: path.to_owned(), output: Some(output) };
+        for part in [folder.file(RUNS), folder.file(PICTURES)] {
+            fs::create_dir_all(&part).map_err(|source| Error::Path { path: part, source })?;
+        }
         let found: BTreeMap<&String, PathBuf> =
             images.map(|(name, file)| (name, fs::canonicalize(file).unwrap_or_else(|_| file.clone()))).collect();
         let found = serde_json::to_string_pretty(&found).unwrap_or_default();
         folder.write(IMAGES, &(found + "\n"))?;
         let machine = serde_json::to_string_pretty(&plan.machine).unwrap_or_default();
         folder.write(MACHINE, &(machine + "\n"))?;
-        folder.write(STUDY, &to_toml(plan)?)?;
+        if !is_input {
+            folder.write(STUDY, &to_toml(plan)?)?;
+        }
         Ok(folder)
     }
 
@@ -97,7 +121,7 @@ impl StudyFolder {
     /// [`Error::Folder`] where there is none.
     pub fn open(path: &Path) -> Result<Self, Error> {
         match path.join(STUDY).is_file() {
-            true => Ok(Self { path: path.to_owned(), _lock: None }),
+            true => Ok(Self { path: path.to_owned(), output: None }),
             false => Err(Error::Folder {
                 folder: path.to_owned(),
                 what: format!("holds no study: there is no {STUDY} in it"),
@@ -143,16 +167,17 @@ impl StudyFolder {
         self.record(run).is_some_and(|record| matches!(record.outcome, Outcome::Finished(_)))
     }
 
-    /// Stores what came of a run.
+    /// Stores what came of a run so that it outlasts a power cut: it takes seconds or minutes to compute, and milliseconds to have on
+    /// the disk.
     ///
     /// # Errors
     /// [`Error::Io`].
     pub fn store(&self, run: &Run, record: &Record) -> Result<(), Error> {
         let json = serde_json::to_vec(record).map_err(std::io::Error::other);
-        Ok(write_atomically(self.record_file(run), |file| file.write_all(&json?))?)
+        Ok(write_durably(self.record_file(run), |file| file.write_all(&json?))?)
     }
 
-    /// Stores the picture of a run's scene.
+    /// Stores the picture of a run's scene. A power cut may take it: the report then leaves it out.
     ///
     /// # Errors
     /// [`Error::Io`].
@@ -170,16 +195,35 @@ impl StudyFolder {
     /// # Errors
     /// [`Error::Io`].
     pub fn write(&self, name: &str, text: &str) -> Result<(), Error> {
-        Ok(write_atomically(self.file(name), |file| file.write_all(text.as_bytes()))?)
+        Ok(gs_io::write_atomically(self.file(name), |file| file.write_all(text.as_bytes()))?)
+    }
+
+    /// Claims files whose names depend on the results, before they are written.
+    pub(crate) fn claim(&self, names: impl IntoIterator<Item = String>) -> Result<(), Error> {
+        Ok(self.output.as_ref().map_or(Ok(()), |output| output.claim(names))?)
     }
 
     fn record_file(&self, run: &Run) -> PathBuf {
-        self.file(RUNS).join(format!("{}.json", run.address))
+        self.file(&record_name(run))
     }
 
     fn picture_file(&self, run: &Run) -> PathBuf {
-        self.file(PICTURES).join(format!("{}.png", run.address))
+        self.file(&picture_name(run))
     }
+}
+
+fn record_name(run: &Run) -> String {
+    format!("{RUNS}/{}.json", run.address)
+}
+
+fn picture_name(run: &Run) -> String {
+    format!("{PICTURES}/{}.png", run.address)
+}
+
+/// All files of a plan whose names are known before it is conducted, but that of the study itself.
+fn files_of(plan: &Plan) -> impl Iterator<Item = String> {
+    let runs = plan.runs.iter().flat_map(|run| [record_name(run), picture_name(run)]);
+    [IMAGES, MACHINE, PAGE].into_iter().chain(TABLES).map(str::to_owned).chain(runs)
 }
 
 fn to_toml(plan: &Plan) -> Result<String, Error> {
@@ -190,13 +234,4 @@ fn to_toml(plan: &Plan) -> Result<String, Error> {
 fn name_of(text: &str) -> Option<String> {
     let table: toml::Table = text.parse().ok()?;
     Some(table.get("name")?.as_str()?.to_owned())
-}
-
-/// Takes away what a killed program was writing. What cannot be taken away does no harm.
-fn sweep(folder: &Path) {
-    for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
-        if entry.path().extension().is_some_and(|extension| extension == "tmp") {
-            let _ = fs::remove_file(entry.path());
-        }
-    }
 }

@@ -36,7 +36,7 @@ pub use crate::{
     digest::{of_image as image_digest, of_scene as scene_digest},
     error::Error,
     export::write_tables,
-    folder::{Existing, StudyFolder},
+    folder::{Existing, Safety, StudyFolder},
     machine::Machine,
     plan::{Plan, Run, VERSION},
     record::{Finished, Outcome, Record},

@@ -14,8 +14,8 @@ use gs_core::{EditPlan, Error as CoreError, PlanarGaussian, effects::Statistics}
 use gs_cpu::{CpuRasterizer, CpuSettings};
 use gs_density::{DensityPolicy, Observation, Rng};
 use gs_study::{
-    Arm, Conducted, Error, Existing, Machine, Matching, Metric, Outcome, Places, Plan, Remark, Results, Run, Study,
-    StudyFolder, Verdict, Watcher, conduct, replay, report, scene_digest, write_tables,
+    Arm, Conducted, Error, Existing, Machine, Matching, Metric, Outcome, Places, Plan, Remark, Results, Run, Safety,
+    Study, StudyFolder, Verdict, Watcher, conduct, replay, report, scene_digest, write_tables,
 };
 use gs_train::fit;
 
@@ -195,10 +195,10 @@ fn a_folder_is_for_one_study_and_one_process_at_a_time() {
     let plan = laid_out(study(), place.path());
     let folder = StudyFolder::prepare(&output, &plan, Existing::Refuse).unwrap();
     // What another process is writing is not swept away.
-    let half_written = folder.file("runs").join("something.tmp");
+    let half_written = folder.file("runs").join(".gs-a1b2c3.tmp");
     fs::write(&half_written, "").unwrap();
     let busy = StudyFolder::prepare(&output, &plan, Existing::Resume).unwrap_err().to_string();
-    assert!(busy.contains("another gs study is at work in it: wait for it") && half_written.exists(), "{busy}");
+    assert!(busy.contains("another run of gs is at work in this folder") && half_written.exists(), "{busy}");
     drop(folder);
 
     let before = fs::read_to_string(output.join("study.toml")).unwrap();
@@ -208,6 +208,36 @@ fn a_folder_is_for_one_study_and_one_process_at_a_time() {
     assert_eq!(fs::read_to_string(output.join("study.toml")).unwrap(), before);
     StudyFolder::prepare(&output, &plan, Existing::Resume).unwrap();
     assert!(!half_written.exists(), "of a process that is gone");
+}
+
+#[test]
+fn a_study_replaces_no_file_that_is_not_a_studys() {
+    let place = place();
+    let output = place.path().join("out");
+    let plan = laid_out(study(), place.path());
+    fs::create_dir(&output).unwrap();
+    fs::write(output.join("report.html"), "mine").unwrap();
+    let prepare = |existing, overwrite| {
+        let safety = Safety { overwrite, ..Safety::default() };
+        StudyFolder::prepare_with(&output, &plan, existing, &safety)
+    };
+    let refused = prepare(Existing::Refuse, false).unwrap_err().to_string();
+    assert!(refused.contains("report.html: is in the way"), "{refused}");
+    assert_eq!(fs::read_dir(&output).unwrap().count(), 1, "nothing is begun");
+    drop(prepare(Existing::Refuse, true).unwrap());
+    // What it has prepared is its own from then on; and so is all in a folder of a version that kept no index.
+    drop(prepare(Existing::Resume, false).unwrap());
+    fs::write(output.join("runs.csv"), "of an older version").unwrap();
+    fs::remove_file(output.join(".gs-files.json")).unwrap();
+    drop(prepare(Existing::Resume, false).unwrap());
+
+    // A study that is resumed by the file in its own folder leaves that as it is.
+    let own = output.join("study.toml");
+    let text = format!("# mine\n{}", fs::read_to_string(&own).unwrap());
+    fs::write(&own, &text).unwrap();
+    let safety = Safety { inputs: vec![own.clone()], overwrite: false };
+    StudyFolder::prepare_with(&output, &plan, Existing::Resume, &safety).unwrap();
+    assert_eq!(fs::read_to_string(&own).unwrap(), text);
 }
 
 /// Fails at some seeds, by an error or by a panic.

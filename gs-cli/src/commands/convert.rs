@@ -20,7 +20,7 @@ use self::{
     cost::{Cost, CostArgs},
     rounding::Rounding,
 };
-use crate::{failure::Failure, memory, output};
+use crate::{failure::Failure, memory, output, output_folder};
 
 /// The flags of `gs convert`.
 #[derive(Debug, Clone, Args)]
@@ -59,6 +59,13 @@ enum Buffer {
     Inside,
     /// Into a .bin of the same name
     Beside,
+}
+
+impl ConvertArgs {
+    /// Whether the numbers go into a second file.
+    fn gltf_buffer_beside(&self) -> bool {
+        matches!(self.gltf_buffer, Buffer::Beside) && self.to.extension().is_some_and(|ending| ending == "gltf")
+    }
 }
 
 /// What `gs convert --json` prints.
@@ -103,6 +110,12 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<(), Failure> {
         return Err(gs_io::Error::UnknownEnding { path: args.to.clone() }.into());
     }
     args.cost.check()?;
+    // The numbers of a .gltf may be in a file of the same name.
+    let inputs = [args.from.clone(), args.from.with_extension("bin")];
+    output_folder::check_file(&args.to, &inputs)?;
+    if args.gltf_buffer_beside() {
+        output_folder::check_file(&args.to.with_extension("bin"), &inputs)?;
+    }
     memory::check_spatial(&args.from)?;
     let file =
         if args.drop_broken { gs_io::read_spatial_unchecked(&args.from) } else { gs_io::read_spatial(&args.from) };

@@ -17,6 +17,7 @@ use crate::{
     failure::Failure,
     fit::quoted,
     output::{self, Format},
+    output_folder,
 };
 
 const STATUS: &str = "\
@@ -35,7 +36,7 @@ pub(crate) struct DoctorArgs {
     /// Write a copy in which what is broken is mended
     #[arg(long, requires = "output")]
     fix: bool,
-    /// The file for the copy; of a spatial scene its ending says the format: .ply, .splat, .spz, .gltf or .glb
+    /// The file for the copy, which cannot be SCENE itself; of a spatial scene its ending says the format: .ply, .splat, .spz, .gltf or .glb
     #[arg(short, long, value_name = "FILE", requires = "fix")]
     output: Option<PathBuf>,
     /// Print JSON
@@ -91,6 +92,7 @@ enum Patient {
 /// # Errors
 /// Where it cannot be read, where something is broken and not to be mended, or where the copy cannot be written.
 pub(crate) fn run(args: &DoctorArgs) -> Result<(), Failure> {
+    args.output.as_deref().map_or(Ok(()), |output| output_folder::check_file(output, [&args.scene]))?;
     let (kind, patient) = match gs_io::spatial_format(&args.scene)? {
         Some(_) => {
             if let Some(output) = args.output.as_deref().filter(|output| SpatialFormat::to_write(output).is_none()) {

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 use gs_core::{Camera, Chart, Rasterizer, RenderSettings, Scene, SpatialScene, counted};
-use gs_io::{SpatialFile, read_spatial};
+use gs_io::{Inputs, SpatialFile, read_spatial};
 use gs_train::{
     experiments::{
         Findings, Table,
@@ -17,8 +17,8 @@ use crate::{
     backend::{Backend, BackendArgs, SpatialTask},
     cameras,
     failure::Failure,
-    fit::folder::OutputFolder,
     output,
+    output_folder::{self, OutputFolder, OverwriteArgs},
     paper::files,
     shown::{ShownArgs, why_empty},
     values::{Axis, Size, whole},
@@ -42,6 +42,8 @@ pub(crate) struct PoppingArgs {
     /// Folder for the results; made if it is not there
     #[arg(short, long, value_name = "DIR", default_value = "gs-popping")]
     output: PathBuf,
+    #[command(flatten)]
+    overwrite: OverwriteArgs,
     /// Size of the pictures [default: 800x600]
     #[arg(long, value_name = "WxH")]
     size: Option<Size>,
@@ -63,6 +65,9 @@ pub(crate) struct PoppingArgs {
     backend: BackendArgs,
 }
 
+/// The files that are written.
+const FILES: [&str; 5] = ["popping.csv", "flicker-chart.csv", "flicker-chart.png", "flicker-chart.svg", "popping.png"];
+
 /// Measures, prints the table and writes the files.
 ///
 /// # Errors
@@ -71,6 +76,8 @@ pub(crate) fn run(args: &PoppingArgs) -> Result<(), Failure> {
     if args.shown.has_order() {
         return Err(Failure::usage("--order: both orders are compared").mend("leave it out"));
     }
+    let claim = args.overwrite.claim(&args.output, FILES, Inputs::from_iter([&args.scene]));
+    output_folder::check(&claim)?;
     let SpatialFile { scene, trained_with, .. } = read_spatial(&args.scene).map_err(Failure::of_scene)?;
     let bulk = cameras::bulk_of(&scene)?;
     let up = args.up.map_or(cameras::UP, |axis| axis.0);
@@ -79,7 +86,7 @@ pub(crate) fn run(args: &PoppingArgs) -> Result<(), Failure> {
     first.validate().map_err(|error| Failure::usage(error).at("--size"))?;
     let flight = SlowOrbit { orbit, frames: args.frames, step_degrees: args.step / STRIDES[STRIDES.len() - 1] as f32 };
     flight.stretches(&first).map_err(|error| Failure::usage(error).at("--size, --step, --frames or --places"))?;
-    let folder = OutputFolder::prepare(&args.output, "--output")?;
+    let folder = OutputFolder::begin(claim)?;
     let backend = Backend::start(&args.backend)?;
     output::note(&backend.reason);
     args.shown.note_guess(trained_with);
@@ -87,7 +94,7 @@ pub(crate) fn run(args: &PoppingArgs) -> Result<(), Failure> {
     let name = args.scene.file_stem().map_or_else(|| "scene".into(), |stem| stem.to_string_lossy());
     let what = format!("{name}, {}", counted(scene.len(), "Gaussian"));
     let findings = backend.run_spatial(Fly { scene: &scene, flight, first, render, what })?;
-    files::write_findings(&folder, &findings)?;
+    files::write_findings(&folder, "", &findings)?;
     for table in &findings.tables {
         output::result(text(table))?;
     }

@@ -4,10 +4,13 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 
+use gs_io::{FolderClaim, Inputs};
+
 use crate::{
     backend::BackendArgs,
     effects::choice::EffectsArgs,
     output::Format,
+    output_folder::OverwriteArgs,
     train::AntialiasName,
     values::{Color, whole},
 };
@@ -26,12 +29,14 @@ DIR then holds:
   settings.toml           all settings, to repeat the fit with --settings
   summary.json            what --json prints
 
-Files of an earlier fit in DIR are replaced, or removed where this fit has none of the kind; checkpoints stay.
+Files that earlier runs of gs wrote into DIR are replaced, or removed where this fit has none of the kind; checkpoints stay. DIR has a list of
+them, .gs-files.json. Where another file has the name of a result, the fit does not start; --overwrite replaces it. Two runs cannot write into
+one folder at once.
 
 Transparent pixels are fitted as they look on white or on --background; with --blend over that colour is also what lies behind all
 Gaussians, in place of the image's mean colour.
 
-Ctrl-C stops the fit, saves a checkpoint, and writes what there is so far; a second one quits at once. A checkpoint holds the rows
+Ctrl-C stops the fit, saves a checkpoint, and writes what there is so far; another one, a second later or more, quits at once. A checkpoint holds the rows
 of metrics.csv up to it, so that a resumed fit has the whole table, in any folder.";
 
 /// The flags of [`SettingsArgs`] that a checkpoint settles: all but the background, which a resumed fit needs to see a transparent
@@ -60,6 +65,8 @@ pub(crate) struct FitArgs {
     /// Folder for the results; made if it is not there
     #[arg(short, long, value_name = "DIR", default_value = "gs-out")]
     pub(crate) output: PathBuf,
+    #[command(flatten)]
+    pub(crate) overwrite: OverwriteArgs,
     /// Print the summary as JSON on standard output, and nothing else there
     #[arg(long)]
     json: bool,
@@ -82,7 +89,30 @@ pub(crate) struct FitArgs {
     pub(crate) backend: BackendArgs,
 }
 
+/// The files that a fit writes or removes, but for checkpoints.
+const FILES: [&str; 9] = [
+    "scene.gs2d.safetensors",
+    "scene.ply",
+    "reconstruction.png",
+    "ellipses.png",
+    "metrics.csv",
+    "metrics.part.csv",
+    "curve.png",
+    "settings.toml",
+    "summary.json",
+];
+
 impl FitArgs {
+    /// The files that the fit reads.
+    pub(crate) fn inputs(&self) -> Inputs {
+        [&self.image, &self.settings.settings, &self.resume].into_iter().flatten().collect()
+    }
+
+    /// What the fit is going to write.
+    pub(crate) fn claim(&self) -> FolderClaim {
+        self.overwrite.claim(&self.output, FILES, self.inputs())
+    }
+
     /// How the summary is printed.
     pub(crate) fn format(&self) -> Format {
         if self.json { Format::Json } else { Format::Text }
@@ -167,11 +197,12 @@ pub(crate) struct SettingsArgs {
 #[derive(Debug, Clone, Args)]
 #[command(next_help_heading = "Checkpoints")]
 pub(crate) struct CheckpointArgs {
-    /// Where checkpoints go [default: DIR/checkpoint.safetensors, or checkpoint-2 and so on where another run's is there, on Ctrl-C; gs train
-    /// also stores some on the way, and removes its file when it is done]
+    /// Where checkpoints go [default: DIR/checkpoint.safetensors, or checkpoint-2 and so on where another run's is there; removed when the
+    /// run is done, unless --checkpoint-every asks for it]
     #[arg(long, value_name = "FILE")]
     pub(crate) checkpoint: Option<PathBuf>,
-    /// Save one about every so many steps [default: a tenth of all, if --checkpoint is given or a training has 2000 or more]
+    /// Save one about every so many steps [default: every two minutes; also every tenth of all steps, if --checkpoint is given or a
+    /// training has 2000 or more]
     #[arg(long, value_name = "STEPS", value_parser = whole::<u32>(1..))]
     pub(crate) checkpoint_every: Option<u32>,
 }

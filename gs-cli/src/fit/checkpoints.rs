@@ -4,25 +4,43 @@
 use std::{
     fs, iter,
     path::{Path, PathBuf},
+    time::{Duration, Instant},
 };
 
-use gs_io::{Checkpoint, write_checkpoint};
+use gs_io::{Checkpoint, Inputs, prepare_folder, read_checkpoint, write_checkpoint};
 use gs_train::{Error, Observer, Outcome, Progress};
 
 use crate::{
     failure::Failure,
-    fit::{arguments::CheckpointArgs, folder::OutputFolder, progress::Voice, quoted},
+    fit::{arguments::CheckpointArgs, progress::Voice, quoted},
+    output_folder::{OutputFolder, OverwriteArgs, folder_of},
 };
 
-/// Refuses a folder in place of a file, before any work is spent on what would go there.
-pub(crate) fn check_checkpoint_file(args: &CheckpointArgs) -> Result<(), Failure> {
-    match &args.checkpoint {
-        Some(file) if file.is_dir() => {
-            let mend = "name a file with --checkpoint";
-            Err(Failure::usage("is a folder, not a file for checkpoints").at(file.display()).mend(mend))
-        }
-        _ => Ok(()),
+/// The most work that is lost where nobody said how often to store.
+const AT_MOST: Duration = Duration::from_secs(120);
+
+/// Refuses a file for checkpoints that would be lost to them: an input of the run, but for the checkpoint that it goes on from, or
+/// something else than a checkpoint; before any work is spent on what would go there.
+pub(crate) fn check_checkpoint_file<P: AsRef<Path>>(
+    args: &CheckpointArgs,
+    inputs: impl IntoIterator<Item = P>,
+    overwrite: OverwriteArgs,
+) -> Result<(), Failure> {
+    let Some(file) = &args.checkpoint else { return Ok(()) };
+    let another = "name another file with --checkpoint";
+    if file.is_dir() {
+        let mend = "name a file with --checkpoint";
+        return Err(Failure::usage("is a folder, not a file for checkpoints").at(file.display()).mend(mend));
     }
+    if inputs.into_iter().collect::<Inputs>().contain(file) {
+        let message = "is an input of this run, which no checkpoint replaces";
+        return Err(Failure::usage(message).at(file.display()).mend(another));
+    }
+    if file.is_file() && !overwrite.overwrite && read_checkpoint(file).is_err() {
+        let mend = format_args!("{another}, or replace it with --overwrite");
+        return Err(Failure::failed("is in the way: it is no checkpoint").at(file.display()).mend(mend));
+    }
+    Ok(())
 }
 
 /// The file among the results for checkpoints that no flag names a file for. Nobody asked for it, so it takes the place of no other run's
@@ -45,6 +63,8 @@ pub(crate) struct Checkpoints {
     pub(crate) file: PathBuf,
     /// Every so many steps; never where there is none.
     pub(crate) every: Option<u32>,
+    /// Where that has not come about for so long; never where there is none.
+    pub(crate) at_most: Option<Duration>,
     /// Whether this run has stored one.
     pub(crate) stored: bool,
     /// The file that the run began from.
@@ -67,12 +87,22 @@ impl Checkpoints {
     ) -> Result<Self, Failure> {
         let CheckpointArgs { checkpoint, checkpoint_every } = args;
         let file = checkpoint.clone().unwrap_or_else(|| unnamed_file(folder.path(), resumed));
-        if let Some(parent) = file.parent().filter(|parent| !parent.as_os_str().is_empty()) {
-            OutputFolder::prepare(parent, "--checkpoint")?;
+        prepare_folder(folder_of(&file))
+            .map_err(|error| Failure::from(error).mend("choose another with --checkpoint"))?;
+        if fs::canonicalize(folder_of(&file)).ok() == fs::canonicalize(folder.path()).ok() {
+            folder.adopt(file.file_name().and_then(|name| name.to_str()))?;
         }
+        let at_most = checkpoint_every.is_none().then_some(AT_MOST);
         let tenth = checkpoint.as_ref().map(|_| (iterations / 10).max(1));
         let every = checkpoint_every.or(tenth).or(unasked);
-        Ok(Self { file, every, stored: false, resumed: resumed.map(Path::to_owned), failure: None })
+        Ok(Self { file, every, at_most, stored: false, resumed: resumed.map(Path::to_owned), failure: None })
+    }
+
+    /// Removes what was stored without being asked for, once the results are there. What stays behind is no harm.
+    pub(crate) fn remove_unasked(&self, outcome: Outcome, args: &CheckpointArgs) {
+        if outcome == Outcome::Finished && self.stored && !args.are_asked_for() {
+            let _ = fs::remove_file(&self.file);
+        }
     }
 
     /// Stores one; where it cannot be, [`Self::failure`] says why until another is stored.
@@ -141,19 +171,32 @@ fn to_go_on(resuming: String) -> String {
 /// Stores checkpoints as the work goes on. It stands behind the observers that add to them.
 #[derive(Debug)]
 pub(crate) struct Storing<'a> {
-    pub(crate) checkpoints: &'a mut Checkpoints,
-    pub(crate) voice: Voice,
+    checkpoints: &'a mut Checkpoints,
+    voice: Voice,
+    /// When the last one was stored, or the work began.
+    last: Instant,
+}
+
+impl<'a> Storing<'a> {
+    /// Stores what comes from now on; `voice` says what could not be stored.
+    pub(crate) fn new(checkpoints: &'a mut Checkpoints, voice: Voice) -> Self {
+        Self { checkpoints, voice, last: Instant::now() }
+    }
 }
 
 impl Observer for Storing<'_> {
     fn wants_checkpoint(&mut self, progress: &Progress) -> bool {
-        self.checkpoints.every.is_some_and(|every| progress.step.is_multiple_of(every))
+        let Checkpoints { every, at_most, .. } = *self.checkpoints;
+        every.is_some_and(|every| progress.step.is_multiple_of(every))
+            // After the last step come the results.
+            || at_most.is_some_and(|most| self.last.elapsed() >= most) && !progress.is_last()
     }
 
     /// A full disk is no reason to lose the work: the next one may find room, and the end says it again.
     fn on_checkpoint(&mut self, checkpoint: &mut Checkpoint) -> Result<(), Error> {
         let known = self.checkpoints.failure.take();
         self.checkpoints.store(checkpoint);
+        self.last = Instant::now();
         if let Some(failure) = self.checkpoints.failure.as_ref().filter(|failure| known.as_ref() != Some(failure)) {
             self.voice.say(format_args!("note: no checkpoint was stored: {}; the work goes on", failure.message()));
         }
@@ -165,10 +208,69 @@ impl Observer for Storing<'_> {
 mod tests {
     use std::process::ExitCode;
 
+    use gs_core::Image;
+    use gs_cpu::{CpuRasterizer, CpuSettings};
+    use gs_train::{Preset, Trainer};
+
     use super::*;
+    use crate::output_folder::tests::begun;
 
     fn checkpoints(stored: bool, resumed: Option<&str>) -> Checkpoints {
-        Checkpoints { file: "new".into(), every: Some(1), stored, resumed: resumed.map(Into::into), failure: None }
+        let resumed = resumed.map(Into::into);
+        Checkpoints { file: "new".into(), every: Some(1), at_most: None, stored, resumed, failure: None }
+    }
+
+    #[test]
+    fn checkpoints_come_by_the_clock_too_and_change_nothing() {
+        let place = tempfile::tempdir().unwrap();
+        let cpu = CpuRasterizer::new(CpuSettings { threads: Some(1), level: None }).unwrap();
+        let image = Image::from_fn(24, 20, |x, y| [x as f32 / 24.0, if y > 9 { 0.8 } else { 0.1 }, 0.5]).unwrap();
+        let settings = Preset::Standard.settings(60, image.size()).with_iterations(40);
+        let file = place.path().join("state");
+        let fitted = |at_most| {
+            let mut stored = Checkpoints { file: file.clone(), every: None, at_most, ..checkpoints(false, None) };
+            let mut trainer = Trainer::new(&cpu, &image, settings.clone()).unwrap();
+            trainer.run(&mut Storing::new(&mut stored, Voice::above(None))).unwrap();
+            (trainer.scene().unwrap(), stored.stored)
+        };
+        let (scene, stored) = fitted(None);
+        assert!(!stored);
+        assert_eq!(fitted(Some(AT_MOST)), (scene.clone(), false), "it takes no two minutes");
+        assert_eq!(fitted(Some(Duration::ZERO)), (scene.clone(), true));
+        let mut resumed = Trainer::resume(&cpu, &image, read_checkpoint(&file).unwrap()).unwrap();
+        assert!((1..40).contains(&resumed.step()));
+        resumed.run(&mut ()).unwrap();
+        assert_eq!(resumed.scene().unwrap(), scene);
+    }
+
+    #[test]
+    fn a_file_for_checkpoints_is_none_that_would_be_missed() {
+        let place = tempfile::tempdir().unwrap();
+        let [photo, notes] = ["photo.png", "notes.txt"].map(|name| place.path().join(name));
+        [&photo, &notes].iter().for_each(|file| fs::write(file, "mine").unwrap());
+        let line = |file: &Path, overwrite| {
+            let args = CheckpointArgs { checkpoint: Some(file.to_owned()), checkpoint_every: None };
+            let checked = check_checkpoint_file(&args, [&photo], OverwriteArgs { overwrite });
+            checked.err().map(|failure| failure.line().unwrap())
+        };
+        assert!(line(&photo, true).unwrap().contains("photo.png: is an input of this run"));
+        assert!(line(&notes, false).unwrap().contains("notes.txt: is in the way: it is no checkpoint: name another"));
+        assert_eq!((line(&notes, true), line(&place.path().join("new"), false)), (None, None));
+    }
+
+    #[test]
+    fn what_nobody_asked_for_goes_when_the_run_is_done() {
+        let place = tempfile::tempdir().unwrap();
+        let file = place.path().join("state");
+        let unasked = CheckpointArgs { checkpoint: None, checkpoint_every: None };
+        let asked = CheckpointArgs { checkpoint_every: Some(5), ..unasked.clone() };
+        let stored = Checkpoints { file: file.clone(), ..checkpoints(true, None) };
+        fs::write(&file, "").unwrap();
+        stored.remove_unasked(Outcome::Stopped, &unasked);
+        stored.remove_unasked(Outcome::Finished, &asked);
+        assert!(file.exists());
+        stored.remove_unasked(Outcome::Finished, &unasked);
+        assert!(!file.exists());
     }
 
     fn command(file: &Path) -> String {
@@ -178,14 +280,15 @@ mod tests {
     #[test]
     fn no_other_runs_checkpoint_is_replaced_unasked() {
         let place = tempfile::tempdir().unwrap();
-        let folder = OutputFolder::prepare(place.path(), "--output").unwrap();
+        let folder = begun(place.path(), &[]);
         let unasked = CheckpointArgs { checkpoint: None, checkpoint_every: None };
         let name = |args: &CheckpointArgs, resumed: Option<&Path>| {
             let file = Checkpoints::prepare(args, &folder, 100, None, resumed).unwrap().file;
             file.file_name().unwrap().to_str().unwrap().to_owned()
         };
         assert_eq!(name(&unasked, None), "checkpoint.safetensors");
-        let [first, second] = ["checkpoint.safetensors", "checkpoint-2.safetensors"].map(|name| folder.file(name));
+        let [first, second] =
+            ["checkpoint.safetensors", "checkpoint-2.safetensors"].map(|name| place.path().join(name));
         fs::write(&first, "of an earlier run").unwrap();
         assert_eq!(name(&unasked, None), "checkpoint-2.safetensors");
         assert_eq!(name(&unasked, Some(&first)), "checkpoint.safetensors");

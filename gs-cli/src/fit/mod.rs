@@ -4,7 +4,6 @@
 
 pub(crate) mod arguments;
 pub(crate) mod checkpoints;
-pub(crate) mod folder;
 pub(crate) mod observers;
 pub(crate) mod progress;
 pub(crate) mod results;
@@ -20,7 +19,7 @@ use std::{
 };
 
 use gs_core::{PlanarScene, Rasterizer, RenderSettings, counted};
-use gs_io::{Checkpoint, read_checkpoint};
+use gs_io::{Checkpoint, FolderClaim, read_checkpoint};
 use gs_train::{FitSettings, MetricsLog, Observer, Outcome, RunSettings, Trainable, Trainer};
 
 use crate::{
@@ -29,7 +28,6 @@ use crate::{
     fit::{
         arguments::{Detail, FitArgs},
         checkpoints::{Checkpoints, Storing, check_checkpoint_file},
-        folder::OutputFolder,
         observers::{Curve, LogFile, StopOnInterrupt},
         progress::Display,
         results::Results,
@@ -39,6 +37,7 @@ use crate::{
     interrupt::Interrupt,
     memory::{self, Need},
     output::{self, Format},
+    output_folder::{self, OutputFolder},
 };
 
 /// Fits Gaussians to an image and writes the results.
@@ -47,7 +46,13 @@ use crate::{
 /// Where input, flags or the output folder are not possible, where the fit diverges or loses its GPU, or where Ctrl-C stopped it.
 pub(crate) fn run(args: &FitArgs) -> Result<(), Failure> {
     let started = Instant::now();
-    check_checkpoint_file(&args.checkpoints)?;
+    check_checkpoint_file(
+        &args.checkpoints,
+        [&args.image, &args.settings.settings].into_iter().flatten(),
+        args.overwrite,
+    )?;
+    let claim = args.claim();
+    output_folder::check(&claim)?;
     let given = Given::read(&args.settings)?;
     args.image.as_deref().map_or(Ok(()), memory::check_image)?;
     let target = Target::load(args.image.as_deref(), given.background(&args.settings))?;
@@ -60,7 +65,7 @@ pub(crate) fn run(args: &FitArgs) -> Result<(), Failure> {
         }
     };
     let backend = Backend::start_for_image(&args.backend.or_chosen(given.machine()), &start.render())?;
-    backend.run(Fit { args, target: &target, start, backend: &backend, started })
+    backend.run(Fit { args, target: &target, start, backend: &backend, claim, started })
 }
 
 /// Where a fit begins.
@@ -112,6 +117,7 @@ struct Fit<'a> {
     target: &'a Target,
     start: Start,
     backend: &'a Backend,
+    claim: FolderClaim,
     started: Instant,
 }
 
@@ -119,9 +125,9 @@ impl Task for Fit<'_> {
     type Output = Result<(), Failure>;
 
     fn run<R: Rasterizer<PlanarScene>>(self, rasterizer: &R) -> Result<(), Failure> {
-        let Self { args, target, start, backend, started } = self;
+        let Self { args, target, start, backend, claim, started } = self;
         let (mut trainer, mut log) = start.begin(rasterizer, target)?;
-        let folder = OutputFolder::prepare(&args.output, "--output")?;
+        let folder = OutputFolder::begin(claim)?;
         let (iterations, resumed) = (trainer.settings().iterations, args.resume.as_deref());
         let mut checkpoints = Checkpoints::prepare(&args.checkpoints, &folder, iterations, None, resumed)?;
         announce(args, target, backend, &trainer);
@@ -136,6 +142,7 @@ impl Task for Fit<'_> {
         });
         let resuming = |file: &Path| resuming(args, target, file);
         let (outcome, summary) = ended.map_err(|failure| checkpoints.with_way_on(failure, resuming))?;
+        checkpoints.remove_unasked(outcome, &args.checkpoints);
         match args.format() {
             Format::Json => output::json(&summary)?,
             Format::Text => output::note(summary.text(folder.path(), args.detail())),
@@ -158,7 +165,7 @@ pub(crate) fn follow<R: Rasterizer<S>, S: Trainable>(
     let mut curve = Curve::begun_by(log);
     let stop = StopOnInterrupt(&interrupt);
     let mut file = LogFile::begin(folder, log, voice.clone())?;
-    let storing = Storing { checkpoints, voice: voice.clone() };
+    let storing = Storing::new(checkpoints, voice.clone());
     let outcome = trainer.run(&mut ((&mut display, &mut file), (&mut curve, (storing, stop))));
     voice.clear();
     let outcome = outcome?;
@@ -262,7 +269,8 @@ mod tests {
                 }
                 wgpu.lose_device();
             });
-            let fit = Fit { args: &args, target: &target, start, backend: &backend, started: Instant::now() };
+            let (claim, started) = (args.claim(), Instant::now());
+            let fit = Fit { args: &args, target: &target, start, backend: &backend, claim, started };
             fit.run(&wgpu).unwrap_err()
         });
         let line = failure.line().unwrap();
@@ -271,7 +279,8 @@ mod tests {
         assert_eq!(failure.status(), ExitCode::FAILURE);
         assert!(read_checkpoint(&state).is_ok());
         assert_eq!(place.path().read_dir().unwrap().count(), 2, "the folder and the checkpoint");
-        let left: Vec<_> = output.read_dir().unwrap().map(|entry| entry.unwrap().file_name()).collect();
+        let names = output.read_dir().unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap());
+        let left: Vec<_> = names.filter(|name| !name.starts_with(".gs-")).collect();
         assert_eq!(left, ["metrics.part.csv"], "no results, and nothing half-written");
         let metrics = std::fs::read_to_string(output.join("metrics.part.csv")).unwrap();
         assert!(metrics.lines().nth(1).is_some_and(|row| row.starts_with("1,")), "{metrics}");

@@ -11,10 +11,7 @@ use gs_io::Checkpoint;
 use gs_train::{Control, Error, MetricsLog, Observer, Progress};
 
 use crate::{
-    failure::Failure,
-    fit::{folder::OutputFolder, progress::Voice},
-    interrupt::Interrupt,
-    report::curve::Point,
+    failure::Failure, fit::progress::Voice, interrupt::Interrupt, output_folder::OutputFolder, report::curve::Point,
 };
 
 /// The table of a run that has come to its end.

@@ -19,13 +19,13 @@ use crate::{
     failure::Failure,
     fit::{
         arguments::{Detail, Pictures},
-        folder::OutputFolder,
         observers::write_table,
         settings,
         target::Target,
         trouble::Trouble,
     },
     memory, output,
+    output_folder::OutputFolder,
     report::{
         curve::{self, Point},
         ellipses,

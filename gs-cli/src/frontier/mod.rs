@@ -8,6 +8,7 @@ use std::path::PathBuf;
 use clap::Args;
 use gs_core::{Rasterizer, counted};
 use gs_cpu::CpuRasterizer;
+use gs_io::Inputs;
 use gs_oracle::OracleView;
 use gs_study::frontier::{Budget, Chosen, Field, Frontier, Pace, Verifiable, figure, search, to_csv, to_text};
 use gs_wgpu::WgpuRasterizer;
@@ -17,12 +18,12 @@ use crate::{
     backend::{BackendArgs, contenders},
     dataset::ReadingArgs,
     failure::Failure,
-    fit::folder::OutputFolder,
     frontier::{
         answer::Answer,
         subject::{Seen, Subject},
     },
     output,
+    output_folder::{self, OutputFolder, OverwriteArgs},
     shown::ShownArgs,
     values::{Axis, Size, Tolerance, whole},
 };
@@ -54,6 +55,8 @@ pub(crate) struct FrontierArgs {
     /// Folder for the results; made if it is not there [default: they are only printed]
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
+    #[command(flatten)]
+    overwrite: OverwriteArgs,
     /// Choose the quickest settings whose error is at most this at every pixel: a number, or a fraction such as 1/255
     #[arg(long, value_name = "E", conflicts_with = "max_ms")]
     max_error: Option<Tolerance>,
@@ -89,6 +92,9 @@ pub(crate) struct FrontierArgs {
     backend: BackendArgs,
 }
 
+/// The files that are written or removed.
+const FILES: [&str; 5] = ["frontier.csv", "frontier.json", "frontier.svg", "frontier.png", "settings.toml"];
+
 impl FrontierArgs {
     fn budget(&self) -> Option<Budget> {
         let error = self.max_error.map(|most| Budget::MaxError(most.0));
@@ -116,8 +122,11 @@ struct Report<'a> {
 /// # Errors
 /// Where input, flags or the output folder are not possible, a backend fails, or nothing keeps the budget.
 pub(crate) fn run(args: &FrontierArgs) -> Result<(), Failure> {
+    let inputs: Inputs = [Some(&args.input), args.dataset.as_ref()].into_iter().flatten().collect();
+    let claim = args.output.as_ref().map(|path| args.overwrite.claim(path, FILES, inputs));
+    claim.as_ref().map_or(Ok(()), output_folder::check)?;
     let subject = Subject::load(args)?;
-    let folder = args.output.as_ref().map(|path| OutputFolder::prepare(path, "--output")).transpose()?;
+    let folder = claim.map(OutputFolder::begin).transpose()?;
     match subject {
         Subject::Planar(seen) => measure(args, &seen, folder.as_ref()),
         Subject::Spatial(seen) => measure(args, &seen, folder.as_ref()),

@@ -1,17 +1,22 @@
 //! The files of `gs paper`: tables and curves as CSV, charts as PNG and SVG, pictures as PNG.
 
-use std::{fmt::Write as _, fs, path::Path};
+use std::{fmt::Write as _, fs};
 
 use base64::{Engine as _, engine::general_purpose::STANDARD};
-use gs_io::{write_atomically, write_png};
+use gs_io::write_png;
 use gs_train::experiments::{Chart, Experiment, Findings, Picture, Table};
 
 use crate::{
     failure::Failure,
-    fit::folder::OutputFolder,
+    output_folder::OutputFolder,
     paper::Chapter,
     report::{chart, ellipses},
 };
+
+/// The page.
+pub(super) const PAGE: &str = "index.html";
+/// The table of claims.
+pub(super) const CLAIMS: &str = "claims.csv";
 
 /// What the page shows of an experiment's figures, in the order of its findings.
 pub(crate) struct Figures {
@@ -30,20 +35,38 @@ pub(super) fn write_experiment(
     experiment: Experiment,
     findings: &Findings,
 ) -> Result<Figures, Failure> {
-    write_findings(&OutputFolder::prepare(&folder.file(experiment.name()), "--output")?, findings)
+    folder.make(experiment.name())?;
+    write_findings(folder, &format!("{}/", experiment.name()), findings)
 }
 
-/// Writes tables, charts and pictures.
+/// Writes tables, charts and pictures, all of whose names in the folder begin with `part`.
 ///
 /// # Errors
-/// Where a file cannot be written or a chart not be drawn.
-pub(crate) fn write_findings(folder: &OutputFolder, findings: &Findings) -> Result<Figures, Failure> {
-    for table in &findings.tables {
-        write_text(&folder.file(&format!("{}.csv", table.name)), &table_csv(table))?;
+/// Where a file is in the way or cannot be written, or a chart cannot be drawn.
+pub(crate) fn write_findings(folder: &OutputFolder, part: &str, findings: &Findings) -> Result<Figures, Failure> {
+    let Findings { tables, charts, pictures, .. } = findings;
+    let of_tables = tables.iter().map(|table| table_name(part, table));
+    let of_charts = charts.iter().flat_map(|chart| ["csv", "png", "svg"].map(|kind| chart_name(part, chart, kind)));
+    let of_pictures = pictures.iter().map(|picture| picture_name(part, picture));
+    folder.claim(of_tables.chain(of_charts).chain(of_pictures))?;
+    for table in tables {
+        folder.write_text_soon(&table_name(part, table), &table_csv(table))?;
     }
-    let charts = findings.charts.iter().map(|chart| write_chart(folder, chart)).collect::<Result<_, _>>()?;
-    let pictures = findings.pictures.iter().map(|picture| write_picture(folder, picture)).collect::<Result<_, _>>()?;
+    let charts = charts.iter().map(|chart| write_chart(folder, part, chart)).collect::<Result<_, _>>()?;
+    let pictures = pictures.iter().map(|picture| write_picture(folder, part, picture)).collect::<Result<_, _>>()?;
     Ok(Figures { charts, pictures })
+}
+
+fn table_name(part: &str, table: &Table) -> String {
+    format!("{part}{}.csv", table.name)
+}
+
+fn chart_name(part: &str, chart: &Chart, kind: &str) -> String {
+    format!("{part}{}-chart.{kind}", chart.name)
+}
+
+fn picture_name(part: &str, picture: &Picture) -> String {
+    format!("{part}{}.png", picture.name)
 }
 
 /// Writes all claims with their verdicts, one row for each circumstance, with how often it holds, and one for each number.
@@ -66,18 +89,10 @@ pub(super) fn write_claims(folder: &OutputFolder, chapters: &[Chapter]) -> Resul
             }
         }
     }
-    write_text(&folder.file("claims.csv"), &csv)
+    folder.write_text_soon(CLAIMS, &csv)
 }
 
-/// Writes a text file, whole or not at all.
-///
-/// # Errors
-/// Where it cannot be written.
-pub(super) fn write_text(file: &Path, text: &str) -> Result<(), Failure> {
-    write_atomically(file, |out| out.write_all(text.as_bytes())).map_err(Failure::from)
-}
-
-fn write_chart(folder: &OutputFolder, drawn: &Chart) -> Result<String, Failure> {
+fn write_chart(folder: &OutputFolder, part: &str, drawn: &Chart) -> Result<String, Failure> {
     let failed = |error: String| Failure::failed(error).at(drawn.name);
     let mut csv = format!("series,{},{}\n", quoted(drawn.x.label), quoted(drawn.y.label));
     for series in &drawn.series {
@@ -85,17 +100,16 @@ fn write_chart(folder: &OutputFolder, drawn: &Chart) -> Result<String, Failure> 
             add_row(&mut csv, [series.label.as_str(), &x.to_string(), &y.to_string()]);
         }
     }
-    let name = |extension: &str| folder.file(&format!("{}-chart.{extension}", drawn.name));
-    write_text(&name("csv"), &csv)?;
-    write_png(name("png"), &chart::picture(drawn).map_err(failed)?)?;
+    folder.write_text_soon(&chart_name(part, drawn, "csv"), &csv)?;
+    write_png(folder.file(&chart_name(part, drawn, "png")), &chart::picture(drawn).map_err(failed)?)?;
     let svg = chart::svg(drawn).map_err(failed)?;
-    write_text(&name("svg"), &svg)?;
+    folder.write_text_soon(&chart_name(part, drawn, "svg"), &svg)?;
     Ok(svg)
 }
 
 /// Writes a picture and returns it as a data URI.
-fn write_picture(folder: &OutputFolder, picture: &Picture) -> Result<String, Failure> {
-    let file = folder.file(&format!("{}.png", picture.name));
+fn write_picture(folder: &OutputFolder, part: &str, picture: &Picture) -> Result<String, Failure> {
+    let file = folder.file(&picture_name(part, picture));
     let mut image = picture.image.clone();
     if let Some((scene, canvas)) = &picture.ellipses {
         ellipses::draw(&mut image, scene, canvas);

@@ -11,13 +11,14 @@ use clap::{
     builder::{PossibleValuesParser, TypedValueParser as _},
 };
 use gs_core::{PlanarScene, Rasterizer, SpatialScene, counted, profile::Profiler};
+use gs_io::Inputs;
 use gs_train::experiments::{Experiment, Extent, Findings, Laboratory};
 
 use crate::{
     backend::{Backend, BackendArgs, Task},
     failure::{self, Failure},
-    fit::folder::OutputFolder,
     output,
+    output_folder::{self, OutputFolder, OverwriteArgs},
     paper::{files::Figures, progress::Display},
 };
 
@@ -41,6 +42,8 @@ pub(crate) struct PaperArgs {
     /// Folder for the results; made if it is not there
     #[arg(short, long, value_name = "DIR", default_value = "gs-paper")]
     output: PathBuf,
+    #[command(flatten)]
+    overwrite: OverwriteArgs,
     /// Make this experiment alone
     #[arg(long, value_name = "NAME", value_parser = experiment_parser())]
     only: Option<Experiment>,
@@ -68,20 +71,23 @@ struct Chapter {
 /// Where flags or the output folder are not possible, or the backend fails.
 pub(crate) fn run(args: &PaperArgs) -> Result<(), Failure> {
     let started = Instant::now();
+    let experiments = args.only.map_or_else(|| Experiment::ALL.to_vec(), |only| vec![only]);
+    let claim = args.overwrite.claim(&args.output, [files::CLAIMS, files::PAGE], Inputs::default());
+    let claim = claim.folders(experiments.iter().map(|experiment| experiment.name()));
+    output_folder::check(&claim)?;
     let backend = Backend::start(&args.backend)?;
-    let folder = OutputFolder::prepare(&args.output, "--output")?;
+    let folder = OutputFolder::begin(claim)?;
     output::note(&backend.reason);
     let extent = if args.quick { Extent::Quick } else { Extent::Full };
-    let experiments = args.only.map_or_else(|| Experiment::ALL.to_vec(), |only| vec![only]);
     let chapters = backend.run(Experiments { experiments, extent, folder: &folder })?;
     files::write_claims(&folder, &chapters)?;
     let page = page::page(&chapters, &page::Setting { extent, only: args.only, backend: &backend.reason });
-    files::write_text(&folder.file("index.html"), &page)?;
+    folder.write_text_soon(files::PAGE, &page)?;
     output::note(format_args!(
         "{} in {:.0} s; see {}",
         verdicts(chapters.iter().flat_map(|chapter| &chapter.findings.claims)),
         started.elapsed().as_secs_f64(),
-        folder.file("index.html").display()
+        folder.file(files::PAGE).display()
     ));
     Ok(())
 }

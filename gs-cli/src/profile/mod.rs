@@ -8,16 +8,15 @@ mod subject;
 use std::path::PathBuf;
 
 use clap::Args;
+use gs_io::Inputs;
 
 use crate::{
     backend::{Backend, BackendArgs},
     dataset::ReadingArgs,
     failure::Failure,
-    fit::{
-        arguments::{BlendName, ChartName, LossName},
-        folder::OutputFolder,
-    },
+    fit::arguments::{BlendName, ChartName, LossName},
     output,
+    output_folder::{self, OutputFolder, OverwriteArgs},
     profile::{measure::Measure, space::SpatialSubject, subject::Subject},
     shown::ShownArgs,
     values::{Size, ViewName, whole},
@@ -49,6 +48,8 @@ pub(crate) struct ProfileArgs {
     /// Folder for profile.csv and profile.json; made if it is not there [default: the table is only printed]
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
+    #[command(flatten)]
+    overwrite: OverwriteArgs,
     /// Print JSON on standard output, and nothing else there
     #[arg(long)]
     json: bool,
@@ -98,6 +99,9 @@ enum AnySubject {
 /// # Errors
 /// Where input, flags or the output folder are not possible, or the backend fails.
 pub(crate) fn run(args: &ProfileArgs) -> Result<(), Failure> {
+    let inputs: Inputs = [&args.input, &args.image].into_iter().flatten().collect();
+    let claim = args.output.as_ref().map(|path| args.overwrite.claim(path, ["profile.csv", "profile.json"], inputs));
+    claim.as_ref().map_or(Ok(()), output_folder::check)?;
     let subject = match &args.input {
         Some(path) if gs_io::spatial_format(path)?.is_some() => {
             AnySubject::Spatial(Box::new(SpatialSubject::load(path, args)?))
@@ -108,7 +112,7 @@ pub(crate) fn run(args: &ProfileArgs) -> Result<(), Failure> {
         AnySubject::Planar(subject) => Backend::start_for_image(&args.backend, &subject.render),
         AnySubject::Spatial(subject) => Backend::start_in_space(&args.backend, subject.chart),
     }?;
-    let folder = args.output.as_ref().map(|path| OutputFolder::prepare(path, "--output")).transpose()?;
+    let folder = claim.map(OutputFolder::begin).transpose()?;
     let repetitions = args.repetitions as usize;
     let report = match subject {
         AnySubject::Planar(subject) => backend.run(Measure { subject: *subject, backend: &backend, repetitions }),

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::{Args, Subcommand};
 use gs_study::Selection;
 
-use crate::{backend::BackendArgs, values::whole};
+use crate::{backend::BackendArgs, output_folder::OverwriteArgs, values::whole};
 
 const AFTER_HELP: &str = concat!(
     "\
@@ -73,6 +73,8 @@ pub(crate) struct ConductArgs {
     /// Folder for the results; made if it is not there [default: gs-out/NAME]
     #[arg(short, long, value_name = "DIR")]
     pub(crate) output: Option<PathBuf>,
+    #[command(flatten)]
+    pub(crate) overwrite: OverwriteArgs,
     /// Folder of the images [default: $GS_DATA, or that of the study's file]
     #[arg(long, value_name = "DIR")]
     pub(crate) data: Option<PathBuf>,
@@ -125,6 +127,8 @@ pub(crate) struct ReplayArgs {
     /// Folder for the fit: scene, picture, settings and metrics [default: DIR/replay-ROW]
     #[arg(short, long, value_name = "OUT")]
     pub(crate) output: Option<PathBuf>,
+    #[command(flatten)]
+    pub(crate) overwrite: OverwriteArgs,
     /// Folder of the images [default: $GS_DATA, or that of the study]
     #[arg(long, value_name = "DIR")]
     pub(crate) data: Option<PathBuf>,

@@ -11,8 +11,8 @@ use std::{
 
 use gs_core::{PlanarScene, Rasterizer, counted};
 use gs_study::{
-    Conducted, Existing, Outcome, Places, Plan, Results, Study, StudyFolder, built_in, conduct, refuse_unsupported,
-    report, write_tables,
+    Conducted, Existing, Outcome, Places, Plan, Results, Safety, Study, StudyFolder, built_in, conduct,
+    refuse_unsupported, report, write_tables,
 };
 
 use crate::{
@@ -50,7 +50,8 @@ fn conduct_study(args: &ConductArgs) -> Result<(), Failure> {
     let plan = Plan::new(study, &places, team.machine())?;
     team.run(Refuse(&plan))?;
     let existing = if args.resume { Existing::Resume } else { Existing::Refuse };
-    let folder = StudyFolder::prepare(&output, &plan, existing)?;
+    let safety = Safety { inputs: vec![name.to_owned()], overwrite: args.overwrite.overwrite };
+    let folder = StudyFolder::prepare_with(&output, &plan, existing, &safety)?;
     output::note(team.reason());
     output::note(format_args!(
         "{}: {} ({}, {}, {}, {}), {} side by side, into {}",

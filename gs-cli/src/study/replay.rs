@@ -1,18 +1,20 @@
 //! `gs study replay`: a row done again, as a fit of its own.
 
-use std::path::Path;
-
 use gs_core::{PlanarScene, Rasterizer, counted};
-use gs_io::{PlanarFile, write_atomically, write_png, write_scene};
+use gs_io::{FolderClaim, Inputs, PlanarFile, write_png, write_scene};
 use gs_study::{Machine, Places, Plan, Replayed, Study, StudyFolder, replay};
 
 use crate::{
     backend::{Backend, Task, machine},
     failure::Failure,
-    fit::{folder::OutputFolder, settings},
+    fit::settings,
     output,
+    output_folder::{self, OutputFolder},
     study::{arguments::ReplayArgs, places},
 };
+
+/// The files that are written.
+const FILES: [&str; 4] = ["scene.gs2d.safetensors", "reconstruction.png", "settings.toml", "summary.json"];
 
 /// Replays a row and writes its fit.
 ///
@@ -21,6 +23,9 @@ use crate::{
 pub(super) fn run(args: &ReplayArgs) -> Result<(), Failure> {
     let folder = StudyFolder::open(&args.folder)?;
     let file = folder.study_file();
+    let output = args.output.clone().unwrap_or_else(|| args.folder.join(format!("replay-{}", args.row)));
+    let claim = args.overwrite.claim(&output, FILES, Inputs::from_iter([&file]));
+    output_folder::check(&claim)?;
     let text = std::fs::read_to_string(&file)
         .map_err(|error| Failure::failed(format_args!("cannot be read: {error}")).at(file.display()))?;
     let study = Study::from_toml(&text, &file.display().to_string())?;
@@ -29,8 +34,7 @@ pub(super) fn run(args: &ReplayArgs) -> Result<(), Failure> {
     let plan = Plan::new(study, &places, machine(&backend))?;
     output::note(format_args!("row {}: {}", args.row, plan.describe(plan.run(args.row)?)));
     let replayed = backend.run(Again { plan: &plan, row: args.row, folder: &folder })?;
-    let output = args.output.clone().unwrap_or_else(|| args.folder.join(format!("replay-{}", args.row)));
-    write(&plan, args.row, &replayed, &output)?;
+    write(&plan, args.row, &replayed, claim)?;
     output::result(format_args!(
         "row {}: the recorded scene, bit for bit: {}, {:.2} dB; see {}",
         args.row,
@@ -62,18 +66,16 @@ impl Task for Again<'_> {
 }
 
 /// What `gs fit` writes, without what explains it.
-fn write(plan: &Plan, row: usize, replayed: &Replayed, output: &Path) -> Result<(), Failure> {
+fn write(plan: &Plan, row: usize, replayed: &Replayed, claim: FolderClaim) -> Result<(), Failure> {
     let Replayed { scene, image, settings: render, finished } = replayed;
     let run = plan.run(row)?;
-    let folder = OutputFolder::prepare(output, "--output")?;
+    let folder = OutputFolder::begin(claim)?;
     let (width, height) = image.size();
     write_scene(
         folder.file("scene.gs2d.safetensors"),
         &PlanarFile { scene: scene.clone(), width, height, settings: *render },
     )?;
     write_png(folder.file("reconstruction.png"), image)?;
-    let text = settings::to_toml(&run.settings)?;
-    write_atomically(folder.file("settings.toml"), |file| file.write_all(text.as_bytes()))?;
-    let json = serde_json::to_string_pretty(finished).map_err(|error| Failure::failed(error).at("summary.json"))?;
-    Ok(write_atomically(folder.file("summary.json"), |file| file.write_all(json.as_bytes()))?)
+    folder.write_text("settings.toml", &settings::to_toml(&run.settings)?)?;
+    folder.write_json("summary.json", finished)
 }

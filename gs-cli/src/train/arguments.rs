@@ -3,7 +3,10 @@
 use std::{num::NonZeroU32, path::PathBuf};
 
 use clap::{Args, ValueEnum, builder::PossibleValue};
-use gs_io::dataset::{AlphaMeaning, DatasetSettings};
+use gs_io::{
+    FolderClaim, Inputs,
+    dataset::{AlphaMeaning, DatasetSettings},
+};
 
 use crate::{
     backend::BackendArgs,
@@ -11,6 +14,7 @@ use crate::{
     effects::choice::EffectsArgs,
     fit::arguments::{ChartName, CheckpointArgs, Detail, JoiningName, LossName, PolicyName},
     output::Format,
+    output_folder::OverwriteArgs,
     values::{Backing, whole},
 };
 
@@ -29,13 +33,16 @@ DIR then holds:
   settings.toml    all settings, to repeat the training with --settings
   summary.json     what --json prints
 
-Files of an earlier training in DIR are replaced, or removed where this one has none of the kind; its checkpoints stay, and so does whatever no
-training wrote into views/. DIR cannot be the data set's own folder, nor hold its photographs.
+Files that earlier runs of gs wrote into DIR are replaced, or removed where this one has none of the kind; checkpoints stay. DIR has a list of
+them, .gs-files.json. Where another file has the name of a result, the training does not start; --overwrite replaces it. What no run wrote into
+views/ stays: pictures get other names beside it. Two runs cannot write into one folder at once. DIR cannot be the data set's own folder, nor hold
+its photographs.
 
 A data set that does not say which views are for tests has every 8th held out (--holdout). Without any, a few of the views that it
 trains with tell how good the scene is.
 
-Ctrl-C stops the training, saves a checkpoint, and writes what there is so far; a second one quits at once.";
+Ctrl-C stops the training, saves a checkpoint, and writes what there is so far; another one, a second later or
+more, quits at once.";
 
 /// The flags that a checkpoint settles.
 const SETTLED: [&str; 18] = [
@@ -68,6 +75,8 @@ pub(crate) struct TrainArgs {
     /// Folder for the results; made if it is not there
     #[arg(short, long, value_name = "DIR", default_value = "gs-out")]
     pub(crate) output: PathBuf,
+    #[command(flatten)]
+    pub(crate) overwrite: OverwriteArgs,
     /// Print the summary as JSON on standard output, and nothing else there
     #[arg(long)]
     json: bool,
@@ -92,7 +101,31 @@ pub(crate) struct TrainArgs {
     pub(crate) backend: BackendArgs,
 }
 
+/// The files that a training writes or removes, but for checkpoints and pictures of views.
+const FILES: [&str; 8] = [
+    "scene.ply",
+    "ellipses.png",
+    "evaluation.json",
+    "metrics.csv",
+    "metrics.part.csv",
+    "curve.png",
+    "settings.toml",
+    "summary.json",
+];
+
 impl TrainArgs {
+    /// The files that the flags name for reading, but for the checkpoint to go on from.
+    pub(crate) fn files(&self) -> impl Iterator<Item = PathBuf> {
+        let start = self.settings.start.as_ref().map(PathBuf::from);
+        [Some(self.dataset.clone()), self.settings.settings.clone(), start].into_iter().flatten()
+    }
+
+    /// What the training is going to write, given the other files that it reads.
+    pub(crate) fn claim(&self, others: impl IntoIterator<Item = PathBuf>) -> FolderClaim {
+        let inputs: Inputs = self.files().chain(self.resume.clone()).chain(others).collect();
+        self.overwrite.claim(&self.output, FILES, inputs)
+    }
+
     /// How the summary is printed.
     pub(crate) fn format(&self) -> Format {
         if self.json { Format::Json } else { Format::Text }

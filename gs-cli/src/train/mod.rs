@@ -14,12 +14,12 @@ use std::{
 
 use gs_core::{Chart, Rasterizer, SpatialScene, counted};
 use gs_io::{
-    Checkpoint,
+    Checkpoint, FolderClaim,
     dataset::{Dataset, Remark, Split, read_dataset},
     read_checkpoint,
 };
 use gs_train::{
-    MetricsLog, Outcome, SpatialSettings, SpatialTrainer,
+    MetricsLog, SpatialSettings, SpatialTrainer,
     spatial::{Start, Views},
 };
 
@@ -33,11 +33,11 @@ use crate::{
     failure::Failure,
     fit::{
         checkpoints::{Checkpoints, check_checkpoint_file},
-        folder::OutputFolder,
         follow, quoted,
     },
     memory::Need,
     output::{self, Format},
+    output_folder::{self, OutputFolder},
     train::results::Results,
 };
 
@@ -50,9 +50,12 @@ const LONG: u32 = 2_000;
 /// Where data set, flags or output folder are not possible, where the training diverges or loses its GPU, or where Ctrl-C stopped it.
 pub(crate) fn run(args: &TrainArgs) -> Result<(), Failure> {
     let started = Instant::now();
-    check_checkpoint_file(&args.checkpoints)?;
+    output_folder::check(&args.claim([]))?;
     let dataset = read_dataset(&args.dataset, &args.photographs.settings())?;
     pictures::keep_off(&dataset, &args.output)?;
+    let photographs = dataset.views.iter().flat_map(|view| [Some(view.image.clone()), view.mask.clone()]).flatten();
+    check_checkpoint_file(&args.checkpoints, args.files().chain(photographs.clone()), args.overwrite)?;
+    let claim = args.claim(photographs);
     let begin = match &args.resume {
         Some(file) => Begin::Resumed(Box::new(read_checkpoint(file)?), file.clone()),
         None => {
@@ -63,7 +66,7 @@ pub(crate) fn run(args: &TrainArgs) -> Result<(), Failure> {
         }
     };
     let backend = Backend::start_in_space(&args.backend, begin.chart())?;
-    backend.run_spatial(Train { args, dataset: &dataset, begin, backend: &backend, started })
+    backend.run_spatial(Train { args, dataset: &dataset, begin, backend: &backend, claim, started })
 }
 
 /// Where a training begins.
@@ -116,6 +119,7 @@ struct Train<'a> {
     dataset: &'a Dataset,
     begin: Begin,
     backend: &'a Backend,
+    claim: FolderClaim,
     started: Instant,
 }
 
@@ -123,12 +127,12 @@ impl SpatialTask for Train<'_> {
     type Output = Result<(), Failure>;
 
     fn run<R: Rasterizer<SpatialScene>>(self, rasterizer: &R) -> Result<(), Failure> {
-        let Self { args, dataset, begin, backend, started } = self;
+        let Self { args, dataset, begin, backend, claim, started } = self;
         output::note(&backend.reason);
         dataset.remarks.iter().for_each(|remark| output::note(format_args!("note: {}", remark_text(remark))));
         let (mut trainer, mut log, told) = begin.begin(rasterizer, dataset)?;
         check_memory(args, &trainer)?;
-        let folder = OutputFolder::prepare(&args.output, "--output")?;
+        let folder = OutputFolder::begin(claim)?;
         let iterations = trainer.settings().iterations;
         let unasked = (iterations >= LONG).then_some(iterations / 10);
         let resumed = args.resume.as_deref();
@@ -144,10 +148,7 @@ impl SpatialTask for Train<'_> {
         });
         let resuming = |file: &Path| resuming(args, file);
         let (outcome, summary) = ended.map_err(|failure| checkpoints.with_way_on(failure, resuming))?;
-        if outcome == Outcome::Finished && checkpoints.stored && !args.checkpoints.are_asked_for() {
-            // What stays behind is no harm.
-            let _ = std::fs::remove_file(&checkpoints.file);
-        }
+        checkpoints.remove_unasked(outcome, &args.checkpoints);
         match args.format() {
             Format::Json => output::json(&summary)?,
             Format::Text => output::note(summary.text(folder.path(), args.detail())),

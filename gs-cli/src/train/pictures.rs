@@ -1,5 +1,4 @@
-//! The pictures of views in `DIR/views`: what they are called, and which of the files there are an earlier training's to remove. Whatever else
-//! lies there, photographs above all, is somebody's, and stays as it is.
+//! The pictures of views in `DIR/views`: what they are called, so that they replace nothing that lies there, photographs above all.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -13,13 +12,13 @@ use gs_io::{
     write_png,
 };
 
-use crate::{failure::Failure, fit::folder::OutputFolder};
+use crate::{failure::Failure, output_folder::OutputFolder};
 
 /// The folder among the results.
 const FOLDER: &str = "views";
 
-/// In it, the name of each picture that a training wrote and that of its view: what the next training may remove.
-const INDEX: &str = "gs-train.json";
+/// The index of version 0.1.0: in the folder of pictures, the name of each picture that a training wrote and that of its view.
+const OLD_INDEX: &str = "gs-train.json";
 
 /// Columns between a photograph and its rendering, px.
 const GAP_PX: u32 = 4;
@@ -47,6 +46,10 @@ pub(super) fn keep_off(dataset: &Dataset, output: &Path) -> Result<(), Failure> 
         return refused(root);
     }
     let views = fs::canonicalize(folder.join(FOLDER)).unwrap_or_else(|_| folder.join(FOLDER));
+    if views.is_file() {
+        let failure = Failure::failed("is a file where a folder for pictures of the views must be").at(views.display());
+        return Err(failure.mend("choose another folder with --output"));
+    }
     let is_there = |file: &&PathBuf| {
         fs::canonicalize(file).is_ok_and(|file| file.starts_with(&views) || file.parent() == Some(&folder))
     };
@@ -57,24 +60,20 @@ pub(super) fn keep_off(dataset: &Dataset, output: &Path) -> Result<(), Failure> 
 
 /// The folder of pictures, in which none of an earlier training is left.
 #[derive(Debug)]
-pub(super) struct ViewPictures {
-    folder: OutputFolder,
+pub(super) struct ViewPictures<'o> {
+    output: &'o OutputFolder,
 }
 
-impl ViewPictures {
+impl<'o> ViewPictures<'o> {
     /// Removes the pictures of an earlier training, and the folder where nothing else is in it.
     ///
     /// # Errors
     /// Where one of them cannot be removed.
     pub(super) fn clear(output: &OutputFolder) -> Result<(), Failure> {
-        let folder = output.file(FOLDER);
-        let Ok(index) = fs::read(folder.join(INDEX)) else { return Ok(()) };
-        let of_earlier: BTreeMap<String, String> = serde_json::from_slice(&index).unwrap_or_default();
-        for name in of_earlier.keys().filter(|name| is_picture(name)).map(String::as_str).chain([INDEX]) {
-            output.leave_out(&format!("{FOLDER}/{name}"))?;
-        }
+        adopt_older(output)?;
+        output.claimed(&format!("{FOLDER}/")).iter().try_for_each(|name| output.leave_out(name))?;
         // Fails where there is more in it, as it should.
-        let _ = fs::remove_dir(folder);
+        let _ = fs::remove_dir(output.path().join(FOLDER));
         Ok(())
     }
 
@@ -83,19 +82,18 @@ impl ViewPictures {
     /// # Errors
     /// Where the folder takes no files.
     pub(super) fn prepare<'v>(
-        output: &OutputFolder,
+        output: &'o OutputFolder,
         views: impl IntoIterator<Item = &'v str>,
     ) -> Result<(Self, Vec<String>), Failure> {
         Self::clear(output)?;
-        let folder = OutputFolder::prepare(&output.file(FOLDER), "--output")?;
-        let failed = |error: io::Error| Failure::failed(error).at(folder.path().display());
-        let there = fs::read_dir(folder.path()).map_err(failed)?.flatten();
+        let folder = output.make(FOLDER)?;
+        let failed = |error: io::Error| Failure::failed(error).at(folder.display());
+        let there = fs::read_dir(&folder).map_err(failed)?.flatten();
         let mut taken = there.map(|entry| entry.file_name().to_string_lossy().to_lowercase()).collect();
-        let views: Vec<&str> = views.into_iter().collect();
-        let names: Vec<String> = views.iter().map(|view| free_name(view, &mut taken)).collect();
-        // Before the pictures: whatever ends the program between them, the next training knows them all.
-        folder.write_json(INDEX, &names.iter().zip(&views).collect::<BTreeMap<_, _>>())?;
-        Ok((Self { folder }, names))
+        let names: Vec<String> =
+            views.into_iter().map(|view| format!("{FOLDER}/{}", free_name(view, &mut taken))).collect();
+        output.claim(&names)?;
+        Ok((Self { output }, names))
     }
 
     /// Writes a photograph with its rendering to its right, both clamped.
@@ -103,8 +101,16 @@ impl ViewPictures {
     /// # Errors
     /// Where the file cannot be written.
     pub(super) fn write(&self, name: &str, photograph: Image, rendered: &Image) -> Result<(), gs_train::Error> {
-        Ok(write_png(self.folder.file(name), &beside(photograph, rendered)?)?)
+        Ok(write_png(self.output.file(name), &beside(photograph, rendered)?)?)
     }
+}
+
+/// Takes the pictures of a training of version 0.1.0 for those of a run.
+fn adopt_older(output: &OutputFolder) -> Result<(), Failure> {
+    let Ok(index) = fs::read(output.path().join(FOLDER).join(OLD_INDEX)) else { return Ok(()) };
+    let pictures: BTreeMap<String, String> = serde_json::from_slice(&index).unwrap_or_default();
+    let names = pictures.keys().map(String::as_str).filter(|name| is_picture(name)).chain([OLD_INDEX]);
+    Ok(output.adopt(names.map(|name| format!("{FOLDER}/{name}")))?)
 }
 
 /// Whether a name from an index is one that pictures are given: that of a PNG, and no path to elsewhere.
@@ -146,6 +152,7 @@ fn beside(photograph: Image, rendered: &Image) -> Result<Image, gs_core::Error> 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::output_folder::tests::begun;
 
     #[test]
     fn names_of_views_stay_in_their_folder() {
@@ -161,17 +168,31 @@ mod tests {
     #[test]
     fn no_two_views_share_a_picture_and_none_takes_a_file_that_is_there() {
         let place = tempfile::tempdir().unwrap();
-        let output = OutputFolder::prepare(place.path(), "--output").unwrap();
+        let output = begun(place.path(), &[]);
         let views = place.path().join(FOLDER);
         fs::create_dir(&views).unwrap();
         fs::write(views.join("B.png"), b"mine").unwrap();
         let (pictures, names) = ViewPictures::prepare(&output, ["a.png", "a.jpg", "x/y", "x_y", "b.jpg"]).unwrap();
-        assert_eq!(names, ["a.png", "a-2.png", "x_y.png", "x_y-2.png", "b-2.png"]);
+        assert_eq!(names, ["a.png", "a-2.png", "x_y.png", "x_y-2.png", "b-2.png"].map(|name| format!("views/{name}")));
         let image = Image::filled(2, 2, [0.5; 3]).unwrap();
         names.iter().for_each(|name| pictures.write(name, image.clone(), &image).unwrap());
         ViewPictures::clear(&output).unwrap();
         assert_eq!(fs::read_dir(&views).unwrap().count(), 1);
         assert_eq!(fs::read(views.join("B.png")).unwrap(), b"mine");
+    }
+
+    #[test]
+    fn pictures_of_version_0_1_0_are_removed_by_its_index() {
+        let place = tempfile::tempdir().unwrap();
+        let views = place.path().join(FOLDER);
+        fs::create_dir(&views).unwrap();
+        ["a.png", "mine.png"].iter().for_each(|name| fs::write(views.join(name), "a picture").unwrap());
+        fs::write(place.path().join("b.png"), "not below").unwrap();
+        fs::write(views.join(OLD_INDEX), r#"{ "a.png": "a.jpg", "../b.png": "b.jpg" }"#).unwrap();
+        ViewPictures::clear(&begun(place.path(), &[])).unwrap();
+        let left: Vec<_> = fs::read_dir(&views).unwrap().map(|entry| entry.unwrap().file_name()).collect();
+        assert_eq!(left, ["mine.png"]);
+        assert!(place.path().join("b.png").exists());
     }
 
     #[test]

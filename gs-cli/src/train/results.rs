@@ -16,10 +16,9 @@ use crate::{
     backend::Backend,
     effects::choice::told_in,
     failure::Failure,
-    fit::{
-        arguments::Detail, folder::OutputFolder, observers::write_table, results::sound, settings, trouble::Trouble,
-    },
+    fit::{arguments::Detail, observers::write_table, results::sound, settings, trouble::Trouble},
     memory, output,
+    output_folder::OutputFolder,
     report::{
         curve::{self, Point},
         ellipses,

@@ -66,17 +66,20 @@ fn a_broken_scene_is_told_and_mended_and_what_is_sound_stays_bit_for_bit() {
     assert_eq!((&json["fixed"]["removed"], &json["fixed"]["widened"]), (&2.into(), &0.into()), "{json}");
     assert_eq!((&json["fixed"]["gaussians"], &json["fixed"]["lost"]), (&8.into(), &serde_json::json!([])), "{json}");
     assert_eq!(fs::read(&path).unwrap(), before, "the examined file stays");
-    let mended = read_spatial(&mended).unwrap().scene;
+    let copy = mended;
+    let mended = read_spatial(&copy).unwrap().scene;
     // Of the eighth the test changed a scale, and its place in the mended scene is the sixth.
     for (after, index) in [0, 1, 2, 4, 5, 6].into_iter().enumerate().chain([(7, 9)]) {
         assert_eq!(mended.gaussian(after), scene.gaussian(index));
     }
-    // In place, and then there is nothing more to do.
-    let flags = ["--fix", "-o", path.to_str().unwrap()];
-    assert!(doctor(&path, &flags).done().stdout.contains("2 removed; 8 Gaussians"));
-    let again = fs::read(&path).unwrap();
-    assert!(doctor(&path, &flags).done().stdout.contains("nothing to mend; 8 Gaussians"));
-    assert_eq!(fs::read(&path).unwrap(), again);
+    // Never in place; and of the copy there is nothing more to mend.
+    let refused = doctor(&path, &["--fix", "-o", path.to_str().unwrap()]);
+    assert!(refused.refusal().contains("is an input of this run"), "{refused:?}");
+    assert_eq!(fs::read(&path).unwrap(), before);
+    let again = place.path().join("again.ply");
+    let text = doctor(&copy, &["--fix", "-o", again.to_str().unwrap()]).done().stdout;
+    assert!(text.contains("nothing to mend; 8 Gaussians"), "{text}");
+    assert_eq!(fs::read(&copy).unwrap(), fs::read(&again).unwrap());
 }
 
 #[test]

@@ -1,15 +1,17 @@
 //! `gs fit` from end to end: what it writes, what it says, and how it goes on.
 
+use std::{fs, path::Path};
+#[cfg(unix)]
 use std::{
-    fs,
-    io::{BufRead, BufReader},
-    path::Path,
-    process::{Command, Stdio},
+    io::{BufRead, BufReader, Lines},
+    process::{Child, ChildStderr, Stdio},
 };
 
 use gs_core::Image;
 use serde_json::Value;
 
+#[cfg(unix)]
+use crate::process::signal;
 use crate::process::{Run, command, folder, gs, names_in, picture};
 
 const RESULTS: [&str; 8] = [
@@ -97,11 +99,11 @@ fn effects_that_join_are_told() {
 #[test]
 fn the_paper_needs_no_file() {
     let place = folder();
-    let arguments = ["fit", "-o", place.path().to_str().unwrap(), "--iterations", "30", "--json", "--no-report"];
-    for of_an_earlier_fit in ["ellipses.png", "curve.png"] {
-        fs::write(place.path().join(of_an_earlier_fit), "old").unwrap();
-    }
-    let summary = gs(arguments).json();
+    let arguments = ["fit", "-o", place.path().to_str().unwrap(), "--iterations", "30", "--json"];
+    gs(arguments).done();
+    assert_eq!(names_in(place.path()), RESULTS);
+    // The pictures of the earlier fit go.
+    let summary = gs(arguments.iter().chain(&["--no-report"])).json();
     assert_eq!((&summary["width"], &summary["height"]), (&128.into(), &128.into()));
     assert_eq!(summary["settings"]["loss"], serde_json::json!({ "l1-dssim": { "lambda": 0.2 } }));
     let pictures = ["curve.png", "ellipses.png"];
@@ -155,7 +157,7 @@ fn a_resumed_fit_ends_as_if_it_had_never_stopped() {
     let foreign = fs::read_to_string(whole.join("metrics.csv")).unwrap().replace(",60,", ",59,");
     fs::write(resumed.join("metrics.csv"), foreign).unwrap();
     let arguments = ["fit", image.to_str().unwrap(), "-o", resumed.to_str().unwrap(), "--backend", "cpu"];
-    gs(arguments.into_iter().chain(["--resume", checkpoint.to_str().unwrap()])).done();
+    gs(arguments.into_iter().chain(["--resume", checkpoint.to_str().unwrap(), "--overwrite"])).done();
     for name in ["scene.gs2d.safetensors", "reconstruction.png", "settings.toml"] {
         assert!(fs::read(whole.join(name)).unwrap() == fs::read(resumed.join(name)).unwrap(), "{name} differs");
     }
@@ -247,7 +249,8 @@ fn a_fit_that_ends_with_no_gaussian_leaves_everything_but_the_ply() {
 
     fs::create_dir(&empty).unwrap();
     fs::copy(first.join("scene.ply"), empty.join("scene.ply")).unwrap(); // of another fit, so it must go
-    let run = gs(["fit", "-o", empty.to_str().unwrap(), "--settings", settings.to_str().unwrap(), "--json"]);
+    let words = ["fit", "-o", empty.to_str().unwrap(), "--settings", settings.to_str().unwrap(), "--json"];
+    let run = gs(words.into_iter().chain(["--overwrite"]));
     assert!(run.stderr.contains("no scene.ply"), "{run:?}");
     assert_eq!(run.json()["gaussians"], 0);
     assert_eq!(names_in(&empty), RESULTS.into_iter().filter(|&name| name != "scene.ply").collect::<Vec<_>>());
@@ -301,21 +304,52 @@ fn every_override_fits() {
     }
 }
 
-/// Starts a fit that would take for ever, interrupts it once it runs, lets it come to its end, and returns its status and its lines.
+/// A fit that would take for ever, and that is under way, into `out`.
+#[cfg(unix)]
+pub(crate) struct Endless {
+    fit: Child,
+    lines: Lines<BufReader<ChildStderr>>,
+}
+
+#[cfg(unix)]
+impl Endless {
+    pub(crate) fn start(place: &Path, flags: &[&str]) -> Self {
+        let image = picture(place, 24, 24);
+        let output = place.join("out");
+        let arguments = ["fit", image.to_str().unwrap(), "-o", output.to_str().unwrap(), "-n", "30", "-i", "4000000"];
+        let mut fit = command();
+        fit.args(arguments).args(flags).env("TMPDIR", place).stdout(Stdio::null()).stderr(Stdio::piped());
+        let mut fit = fit.spawn().unwrap();
+        let mut lines = BufReader::new(fit.stderr.take().unwrap()).lines();
+        assert!(lines.any(|line| line.unwrap().starts_with("fitting ")));
+        std::thread::sleep(std::time::Duration::from_millis(300)); // the handler is set right after that line
+        Self { fit, lines }
+    }
+
+    /// Signals it so often, lets it come to its end, and returns its status and its lines.
+    pub(crate) fn end(mut self, kind: &str, times: usize) -> (Option<i32>, Vec<String>) {
+        signal(&self.fit, kind, times);
+        let said = self.lines.map(Result::unwrap).collect();
+        (self.fit.wait().unwrap().code(), said)
+    }
+}
+
+/// Interrupts a fit that runs.
 #[cfg(unix)]
 fn interrupted(place: &Path, flags: &[&str]) -> (Option<i32>, Vec<String>) {
-    let image = picture(place, 24, 24);
-    let output = place.join("out");
-    let arguments = ["fit", image.to_str().unwrap(), "-o", output.to_str().unwrap(), "-n", "30", "-i", "4000000"];
-    let mut fit = command();
-    let mut child = fit.args(arguments).args(flags).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
-    let mut lines = BufReader::new(child.stderr.take().unwrap()).lines().map(Result::unwrap);
-    assert!(lines.any(|line| line.starts_with("fitting ")));
-    std::thread::sleep(std::time::Duration::from_millis(300)); // the handler is set right after that line
-    let sent = Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
-    assert!(sent.success());
-    let said: Vec<String> = lines.collect();
-    (child.wait().unwrap().code(), said)
+    Endless::start(place, flags).end("-INT", 1)
+}
+
+/// What `timeout` does: it signals its child, and then its whole group.
+#[cfg(unix)]
+#[test]
+fn two_signals_in_quick_succession_are_one_request() {
+    let place = folder();
+    let (status, said) = Endless::start(place.path(), &[]).end("-TERM", 2);
+    assert_eq!(status, Some(130), "{said:?}");
+    let output = place.path().join("out");
+    gs_io::read_scene(output.join("scene.gs2d.safetensors")).unwrap();
+    gs_io::read_checkpoint(output.join("checkpoint.safetensors")).unwrap();
 }
 
 #[cfg(unix)]
@@ -366,32 +400,34 @@ fn ctrl_c_leaves_results_even_without_a_checkpoint() {
     assert_eq!(names_in(&place.path().join("out")), RESULTS);
 }
 
+/// What is in the way when a fit begins stops it there; so folders come into the way of its results when it has begun.
+#[cfg(unix)]
 #[test]
 fn results_that_cannot_be_written_do_not_take_the_others_with_them() {
     let place = folder();
-    let (image, output, elsewhere) =
-        (picture(place.path(), 32, 24), place.path().join("out"), place.path().join("tmp"));
-    fs::create_dir_all(output.join("reconstruction.png")).unwrap();
-    fs::create_dir_all(output.join("settings.toml")).unwrap();
-    fs::create_dir(&elsewhere).unwrap();
-    let fit = || Run::of(command().args(small(&image, &output)).env("TMPDIR", &elsewhere));
-    let run = fit();
-    assert_eq!(run.status, Some(1));
-    let line = run.stderr.lines().last().unwrap();
-    assert!(line.contains("reconstruction.png") && line.ends_with("1 more of the results failed, too"), "{run:?}");
+    let output = place.path().join("out");
+    let fit = Endless::start(place.path(), &[]);
+    ["reconstruction.png", "settings.toml"].iter().for_each(|name| fs::create_dir(output.join(name)).unwrap());
+    let (status, said) = fit.end("-INT", 1);
+    assert_eq!(status, Some(1), "{said:?}");
+    let line = said.last().unwrap();
+    assert!(line.contains("reconstruction.png") && line.ends_with("1 more of the results failed, too"), "{line}");
     gs_io::read_scene(output.join("scene.gs2d.safetensors")).unwrap();
     for name in ["scene.ply", "curve.png", "ellipses.png", "metrics.csv", "summary.json"] {
         assert!(output.join(name).is_file(), "{name}");
     }
+    let image = picture(place.path(), 24, 24);
+    assert!(gs(small(&image, &output)).refusal().contains("reconstruction.png: is a folder, but must be a file"));
+    ["reconstruction.png", "settings.toml"].iter().for_each(|name| fs::remove_dir(output.join(name)).unwrap());
 
     // The scene itself is saved wherever there is room.
+    let fit = Endless::start(place.path(), &[]);
     fs::remove_file(output.join("scene.gs2d.safetensors")).unwrap();
     fs::create_dir(output.join("scene.gs2d.safetensors")).unwrap();
-    let run = fit();
-    let line = run.stderr.lines().last().unwrap();
-    let (_, saved) = line.split_once("it has been saved as ").unwrap_or_else(|| panic!("{run:?}"));
+    let (_, said) = fit.end("-INT", 1);
+    let (_, saved) = said.last().unwrap().split_once("it has been saved as ").unwrap_or_else(|| panic!("{said:?}"));
     let saved = Path::new(saved.split_once(" instead").unwrap().0);
-    assert!(saved.starts_with(&elsewhere) && !gs_io::read_scene(saved).unwrap().scene.means.is_empty());
+    assert!(saved.starts_with(place.path()) && !gs_io::read_scene(saved).unwrap().scene.means.is_empty());
 }
 
 #[test]

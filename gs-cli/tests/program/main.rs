@@ -9,6 +9,7 @@ mod effects;
 mod fit;
 mod frontier;
 mod memory;
+mod output_folder;
 mod paper;
 mod ply;
 mod popping;

@@ -87,12 +87,20 @@ pub(crate) fn folder() -> tempfile::TempDir {
     tempfile::tempdir().expect("a temporary folder")
 }
 
-/// The names in a folder, sorted.
+/// The names in a folder, sorted, but for the two of the program's own files.
 pub(crate) fn names_in(folder: &Path) -> Vec<String> {
+    let names = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap());
     let mut names: Vec<String> =
-        fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
+        names.filter(|name| ![".gs-files.json", ".gs-lock"].contains(&name.as_str())).collect();
     names.sort();
     names
+}
+
+/// Sends a signal to a process so often, at once.
+#[cfg(unix)]
+pub(crate) fn signal(process: &std::process::Child, signal: &str, times: usize) {
+    let process = process.id().to_string();
+    (0..times).for_each(|_| assert!(Command::new("kill").args([signal, &process]).status().unwrap().success()));
 }
 
 /// Writes a picture with an edge, a slope and a spot, and returns its path.

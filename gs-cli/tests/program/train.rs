@@ -1,5 +1,7 @@
 //! `gs train`, and `gs render` and `gs eval` of scenes in space, from end to end.
 
+#[cfg(unix)]
+use std::process::Child;
 use std::{
     fs,
     path::{Path, PathBuf},
@@ -14,6 +16,8 @@ use gs_cpu::{CpuRasterizer, CpuSettings};
 use gs_train::spatial::looking_at;
 use serde_json::{Value, json};
 
+#[cfg(unix)]
+use crate::process::signal;
 use crate::process::{Run, command, folder, gs, names_in};
 
 /// A few Gaussians of different colours around the origin.
@@ -99,7 +103,7 @@ fn photographs_become_a_scene_and_a_summary() {
     ];
     assert_eq!(names_in(&output), expected);
     assert_eq!(gs_io::read_image(output.join("ellipses.png")).unwrap().image.size(), (256, 192));
-    assert_eq!(names_in(&output.join("views")), ["gs-train.json", "images_0.png", "images_4.png"]);
+    assert_eq!(names_in(&output.join("views")), ["images_0.png", "images_4.png"]);
     assert_eq!(gs_io::read_image(output.join("views/images_0.png")).unwrap().image.size(), (68, 24));
     let evaluation: Value = serde_json::from_slice(&fs::read(output.join("evaluation.json")).unwrap()).unwrap();
     assert_eq!(evaluation, summary["evaluation"]);
@@ -121,27 +125,55 @@ fn photographs_become_a_scene_and_a_summary() {
     assert!(difference.abs() < 1e-3, "{judged} {evaluation}");
 }
 
+/// A training that would take for ever, and that is under way.
+#[cfg(unix)]
+fn endless(dataset: &Path, output: &Path, flags: &[&str]) -> Child {
+    let words = ["train", text(dataset), "-o", text(output), "-i", "1000000", "-n", "300", "--start", "random", "-v"];
+    let child = command().args(words).args(flags).stderr(Stdio::piped()).spawn().unwrap();
+    // It steps as soon as its table is there.
+    while !output.join("metrics.part.csv").exists() {
+        std::thread::sleep(std::time::Duration::from_millis(20));
+    }
+    std::thread::sleep(std::time::Duration::from_millis(500));
+    child
+}
+
+/// Interrupts it; its status and what it said.
+#[cfg(unix)]
+fn interrupted(child: Child) -> (Option<i32>, String) {
+    signal(&child, "-INT", 1);
+    let ended = child.wait_with_output().unwrap();
+    (ended.status.code(), String::from_utf8(ended.stderr).unwrap())
+}
+
+/// What is in the way when a training begins stops it there; so something comes into the way of its results when it has begun.
+#[cfg(unix)]
 #[test]
 fn results_that_cannot_be_written_do_not_take_the_others_with_them() {
     let place = folder();
     let (dataset, _) = photographed(place.path());
     let output = place.path().join("out");
-    fs::create_dir_all(output.join("curve.png")).unwrap();
-    let run = gs(small(&dataset, &output));
-    assert_eq!(run.status, Some(1), "{run:?}");
-    assert!(run.stderr.lines().last().unwrap().contains("curve.png: "), "{run:?}");
-    assert_eq!(names_in(&output.join("views")), ["gs-train.json", "images_0.png"]);
+    let training = endless(&dataset, &output, &[]);
+    fs::create_dir(output.join("curve.png")).unwrap();
+    let (status, said) = interrupted(training);
+    assert_eq!(status, Some(1), "{said}");
+    assert!(said.lines().last().unwrap().contains("curve.png: "), "{said}");
+    assert_eq!(names_in(&output.join("views")), ["images_0.png"]);
+    fs::remove_dir(output.join("curve.png")).unwrap();
 
     fs::remove_dir_all(output.join("views")).unwrap();
-    fs::write(output.join("views"), "no folder").unwrap();
     let earlier = fs::read(output.join("summary.json")).unwrap();
-    fs::remove_file(output.join("evaluation.json")).unwrap();
-    let run = gs(small(&dataset, &output));
-    assert!(run.stderr.lines().last().unwrap().ends_with("1 more of the results failed, too"), "{run:?}");
+    let training = endless(&dataset, &output, &[]);
+    fs::write(output.join("views"), "no folder").unwrap();
+    let (status, said) = interrupted(training);
+    assert_eq!(status, Some(1), "{said}");
+    assert!(said.lines().last().unwrap().contains("views: "), "{said}");
     let evaluation: Value = serde_json::from_slice(&fs::read(output.join("evaluation.json")).unwrap()).unwrap();
     let summary = fs::read(output.join("summary.json")).unwrap();
     assert_ne!(summary, earlier, "times differ");
     assert_eq!(serde_json::from_slice::<Value>(&summary).unwrap()["evaluation"], evaluation);
+    let refused = gs(small(&dataset, &output));
+    assert!(refused.refusal().contains("views: is a file where a folder"), "{refused:?}");
 }
 
 #[test]
@@ -197,17 +229,8 @@ fn ctrl_c_saves_a_checkpoint_and_what_there_is() {
     let place = folder();
     let (dataset, _) = photographed(place.path());
     let output = place.path().join("out");
-    let words = ["train", text(&dataset), "-o", text(&output), "-i", "1000000", "-n", "300", "--no-report"];
-    let child = command().args(words).args(["--start", "random", "-v"]).stderr(Stdio::piped()).spawn().unwrap();
-    // It steps as soon as its folder is there.
-    while !output.exists() {
-        std::thread::sleep(std::time::Duration::from_millis(20));
-    }
-    std::thread::sleep(std::time::Duration::from_millis(500));
-    std::process::Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
-    let ended = child.wait_with_output().unwrap();
-    let said = String::from_utf8(ended.stderr).unwrap();
-    assert_eq!(ended.status.code(), Some(130), "{said}");
+    let (status, said) = interrupted(endless(&dataset, &output, &["--no-report"]));
+    assert_eq!(status, Some(130), "{said}");
     assert!(said.contains("to go on: gs train ") && said.contains("--resume "), "{said}");
     assert!(gs_io::read_checkpoint(output.join("checkpoint.safetensors")).is_ok());
     assert!(output.join("scene.ply").exists());
@@ -267,9 +290,12 @@ fn a_scene_is_shown_from_views_orbits_and_paths() {
     let frames = at("frames");
     gs(["render", text(&scene), "-o", text(&frames), "--orbit", "3", "--camera", &view]).done();
     assert_eq!(names_in(&frames), ["frame-00000.png", "frame-00001.png", "frame-00002.png"]);
+    // Of a longer film nothing is left behind a shorter one's end, unless somebody else's frames are there.
+    gs(["render", text(&scene), "-o", text(&frames), "--orbit", "2", "--size", "8x8"]).done();
+    assert_eq!(names_in(&frames), ["frame-00000.png", "frame-00001.png"]);
+    fs::write(frames.join("frame-00004.png"), "mine").unwrap();
     let shorter = gs(["render", text(&scene), "-o", text(&frames), "--orbit", "2"]);
-    assert!(shorter.refusal().contains("frame-00002.png, which would go on"), "{shorter:?}");
-    gs(["render", text(&scene), "-o", text(&frames), "--orbit", "3", "--size", "8x8"]).done();
+    assert!(shorter.refusal().contains("frame-00004.png: is in the way"), "{shorter:?}");
     let animation = at("turn.apng");
     gs(["render", text(&scene), "-o", text(&animation), "--orbit", "4", "--size", "20x20"]).done();
     assert_eq!(size(&animation), (20, 20));

@@ -42,7 +42,7 @@ pub use self::{
 };
 use self::{gltf::GltfFile, quantity::finite_logit, source::Source, unit::UnitRotations};
 use crate::{
-    atomic::{open, write_atomically},
+    atomic::{open, write_durably},
     container::read_exactly,
     error::Error,
 };
@@ -257,7 +257,7 @@ pub struct SpatialWritten {
 /// # Errors
 /// [`Error::UnknownEnding`]; [`Error::Content`] where [`SpatialScene::validate`](Scene::validate) fails, or a quaternion is too short
 /// to be a rotation and the format needs one; [`Error::Empty`]; [`Error::Unsupported`] for a scene too large for the format; those
-/// of [`write_atomically`].
+/// of [`write_durably`].
 pub fn write_spatial(
     path: impl AsRef<Path>,
     scene: &SpatialScene,
@@ -272,7 +272,7 @@ pub fn write_spatial(
         return Err(Error::Empty { path: path.to_owned() });
     }
     if format == SpatialFormat::Ply {
-        write_atomically(path, |file| ply::write(scene, &options.trained_with, file))?;
+        write_durably(path, |file| ply::write(scene, &options.trained_with, file))?;
         let losses = infinite_logits(scene).into_iter().collect();
         return Ok(SpatialWritten { format, losses, beside: None });
     }
@@ -286,14 +286,14 @@ pub fn write_spatial(
             let encoded = gltf::encode(path, scene, &rotations, &options.trained_with, kind)?;
             if let Some(buffer) = encoded.beside {
                 let name = path.with_extension("bin");
-                write_atomically(&name, |file| file.write_all(&buffer))?;
+                write_durably(&name, |file| file.write_all(&buffer))?;
                 beside = Some(name);
             }
             (encoded.file, encoded.losses)
         }
         _ => splat::encode(scene, &rotations, &options.trained_with),
     };
-    write_atomically(path, |file| file.write_all(&bytes))?;
+    write_durably(path, |file| file.write_all(&bytes))?;
     Ok(SpatialWritten { format, losses, beside })
 }
 

@@ -9,7 +9,10 @@ use std::fs;
 
 use crate::{error::Error, figure::Figure, folder::StudyFolder, report::page::Page, study::Matching, tables::Results};
 
-const PLOTS: &str = "plots";
+/// The page.
+pub(crate) const PAGE: &str = "report.html";
+/// The folder of its curves.
+pub(crate) const PLOTS: &str = "plots";
 
 /// Writes `report.html` and `plots/`; `command` is what the page says it was made with.
 ///
@@ -23,6 +26,9 @@ pub fn write(results: &Results<'_>, folder: &StudyFolder, command: &str) -> Resu
     figures.extend(study.matchings.iter().map(|&matching| curves::differences(results, matching)));
     let plots = folder.file(PLOTS);
     fs::create_dir_all(&plots).map_err(|source| Error::Path { path: plots, source })?;
+    folder.claim(
+        figures.iter().flat_map(|figure| ["svg", "png"].map(|kind| format!("{PLOTS}/{}.{kind}", figure.name))),
+    )?;
     for figure in &figures {
         folder.write(&format!("{PLOTS}/{}.svg", figure.name), &figure.svg_file()?)?;
         gs_io::write_png(folder.file(PLOTS).join(format!("{}.png", figure.name)), &figure.image()?)?;
@@ -30,7 +36,7 @@ pub fn write(results: &Results<'_>, folder: &StudyFolder, command: &str) -> Resu
     let most = study.budgets.iter().copied().max().unwrap_or(0);
     let multiples = pictures::multiples(results, most, |run| folder.picture(run))?;
     let page = Page { results, command, figures: &figures, multiples: &multiples, pictured: most };
-    folder.write("report.html", &page.html()?)
+    folder.write(PAGE, &page.html()?)
 }
 
 /// What the study found, in a line for each respect and budget.

@@ -12,6 +12,7 @@ use crate::{
     dataset::ReadingArgs,
     effects::choice::EffectsArgs,
     failure::Failure,
+    output_folder::OverwriteArgs,
     shown::ShownArgs,
     values::{Axis, Region, Size, ViewName, whole},
 };
@@ -19,7 +20,8 @@ use crate::{
 const AFTER_HELP: &str = "\
 A scene of an image becomes one PNG, of any size or part. A scene in space (PLY, .splat, SPZ, glTF) needs a camera: that of a view of a \
 data set (--camera photographs:DSC_0042.JPG), an orbit, or a path; without any, it is shown from a little above. Of an \
-orbit or a path, OUTPUT is an animated PNG if it ends in .apng, otherwise a folder of frames; of a single frame a PNG if it ends in .png.
+orbit or a path, OUTPUT is an animated PNG if it ends in .apng, otherwise a folder of frames, in which no longer film's frames stay behind \
+the last one; of a single frame a PNG if it ends in .png.
 
 With --camera, --orbit takes that camera around what the cameras of the data set look at.
 
@@ -37,6 +39,8 @@ pub(crate) struct RenderArgs {
     /// The PNG to write; of an orbit or a path a folder of frames, or an animated PNG (.apng)
     #[arg(short, long, value_name = "OUTPUT")]
     output: PathBuf,
+    #[command(flatten)]
+    overwrite: OverwriteArgs,
     /// Size of the picture; other proportions stretch it [default: that of the image, the region or the view; in space else 800x600]
     #[arg(long, value_name = "WxH")]
     size: Option<Size>,
@@ -57,6 +61,11 @@ pub(crate) struct RenderArgs {
 }
 
 impl RenderArgs {
+    /// The files that the flags name for reading.
+    fn inputs(&self) -> impl Iterator<Item = &PathBuf> {
+        [Some(&self.scene), self.settings.as_ref(), self.cameras.path.as_ref()].into_iter().flatten()
+    }
+
     /// Which effects are simulated: with a file of settings, those that it has, unless the flag says otherwise.
     fn effects(&self) -> EffectsArgs {
         if self.settings.is_some() { self.effects.or_as_chosen() } else { self.effects.clone() }

@@ -10,7 +10,7 @@ use crate::{
     chosen::ChosenSettings,
     effects::choice::told,
     failure::Failure,
-    memory, output,
+    memory, output, output_folder,
     values::{Region, Size},
 };
 
@@ -19,6 +19,7 @@ use crate::{
 /// # Errors
 /// Where the scene cannot be read, the size is not possible, or the picture cannot be written.
 pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
+    output_folder::check_file(&args.output, args.inputs())?;
     let mut file = gs_io::read_scene(&args.scene).map_err(Failure::of_scene)?;
     let canvas = canvas(&file, args);
     canvas.validate().map_err(|error| Failure::usage(error).at("--size or --region"))?;

@@ -1,11 +1,11 @@
 //! `gs render` of a scene in space: the cameras that are asked for, and a picture from each.
 
-use std::path::Path;
+use std::{fs, path::Path};
 
 use gs_core::{
     Camera, Image, Rasterizer, RenderSettings, Scene, SpatialScene, counted, effects::CalledFor, statistics::Culled,
 };
-use gs_io::{Animation, SpatialFile, dataset::Dataset, read_spatial, write_animation, write_png};
+use gs_io::{Animation, FolderClaim, SpatialFile, dataset::Dataset, read_spatial, write_animation, write_png};
 use gs_train::spatial::{CameraPath, Orbit, resized};
 
 use super::{CameraArgs, RenderArgs};
@@ -15,8 +15,8 @@ use crate::{
     chosen::ChosenSettings,
     effects::choice::told,
     failure::Failure,
-    fit::folder::OutputFolder,
     memory, output,
+    output_folder::{self, OutputFolder},
     shown::{effects, why_empty},
     text_file::read_text,
     values::Size,
@@ -37,7 +37,7 @@ pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
     for camera in &cameras {
         camera.validate().map_err(|error| Failure::usage(error).at("--camera, --path or --size"))?;
     }
-    check_output(args, cameras.len())?;
+    let claim = claim(args, cameras.len(), dataset.as_ref())?;
     let Camera { width, height, .. } = cameras[0];
     memory::check_picture(args.scene.display(), (width, height))?;
     let render = match &dataset {
@@ -48,7 +48,7 @@ pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
     let backend = Backend::start(&args.backend.or_chosen(chosen.as_ref().map(|chosen| &chosen.machine)))?;
     let render = chosen.map_or(render, |chosen| args.shown.overriding(chosen.applied_to(render), &render));
     let CalledFor { settings, verdicts } = args.effects().choose(&scene, &cameras, &render)?;
-    backend.run_spatial(Frames { args, scene: &scene, cameras: &cameras, render: &settings })?;
+    backend.run_spatial(Frames { args, scene: &scene, cameras: &cameras, render: &settings, claim })?;
     if args.settings.is_none() {
         args.shown.note_guess(trained_with);
     }
@@ -88,17 +88,30 @@ fn frame_name(number: usize) -> String {
     format!("frame-{number:05}.png")
 }
 
-/// Refuses, before anything is rendered, an output that cannot hold the frames, and a folder in which a longer film would go on after them:
-/// whoever plays it would see the end of the other. Whose frames these are is not known, so they are not removed.
-fn check_output(args: &RenderArgs, frames: usize) -> Result<(), Failure> {
-    let path = &args.output;
-    if !matches!(Output::of(args, frames)?, Output::Folder) || !path.join(frame_name(frames)).exists() {
-        return Ok(());
+/// Refuses, before anything is rendered, an output that cannot hold the frames, or that would replace what it must not. The claim is to the
+/// folder, where there is to be one: to the frames, and to those of a longer film, whose end would be played after them.
+fn claim(args: &RenderArgs, frames: usize, dataset: Option<&Dataset>) -> Result<Option<FolderClaim>, Failure> {
+    let photographs = dataset.iter().flat_map(|dataset| &dataset.views).map(|view| &view.image);
+    let inputs = args.inputs().chain(photographs);
+    if !matches!(Output::of(args, frames)?, Output::Folder) {
+        output_folder::check_file(&args.output, inputs)?;
+        return Ok(None);
     }
-    let message = format_args!("holds {}, which would go on after {}", frame_name(frames), counted(frames, "frame"));
-    Err(Failure::failed(message)
-        .at(path.display())
-        .mend("remove it and those after it, or name another folder with --output"))
+    let there = fs::read_dir(&args.output).into_iter().flatten().flatten();
+    let there = there.filter_map(|entry| entry.file_name().into_string().ok());
+    let names: Vec<String> = (0..frames).map(frame_name).chain(frames_after(frames, there)).collect();
+    let claim = args.overwrite.claim(&args.output, names.iter().map(String::as_str), inputs.collect());
+    output_folder::check(&claim)?;
+    Ok(Some(claim))
+}
+
+/// Of the names of files, those of frames that a film of so many would not replace.
+fn frames_after(frames: usize, names: impl IntoIterator<Item = String>) -> Vec<String> {
+    let number = |name: &str| name.strip_prefix("frame-")?.strip_suffix(".png")?.parse::<usize>().ok();
+    let is_after = |name: &String| number(name).is_some_and(|n| n >= frames && *name == frame_name(n));
+    let mut after: Vec<String> = names.into_iter().filter(is_after).collect();
+    after.sort();
+    after
 }
 
 /// The cameras, at least one, and the data set that they are from, if they are.
@@ -148,13 +161,15 @@ struct Frames<'a> {
     scene: &'a SpatialScene,
     cameras: &'a [Camera],
     render: &'a RenderSettings,
+    /// To the folder of frames, where there is to be one.
+    claim: Option<FolderClaim>,
 }
 
 impl SpatialTask for Frames<'_> {
     type Output = Result<(), Failure>;
 
     fn run<R: Rasterizer<SpatialScene>>(self, rasterizer: &R) -> Result<(), Failure> {
-        let Self { args, scene, cameras, render } = self;
+        let Self { args, scene, cameras, render, claim } = self;
         let cloud = rasterizer.upload(scene, gs_core::Chart::ScaleRotation)?;
         let mut culled = Culled::default();
         let mut frame = |camera: &Camera| -> Result<Image, Failure> {
@@ -164,14 +179,16 @@ impl SpatialTask for Frames<'_> {
         };
         let Camera { width, height, .. } = cameras[0];
         let output = &args.output;
-        match Output::of(args, cameras.len())? {
-            Output::Animation => {
+        match (claim, Output::of(args, cameras.len())?) {
+            (None, Output::Animation) => {
                 let animation = Animation { width, height, frames: cameras.len() as u32, fps: args.cameras.fps };
                 write_animation(output, animation, |number| frame(&cameras[number as usize]))?;
             }
-            Output::Picture => write_png(output, &frame(&cameras[0])?)?,
-            Output::Folder => {
-                let folder = OutputFolder::prepare(output, "--output")?;
+            (None, _) => write_png(output, &frame(&cameras[0])?)?,
+            (Some(claim), _) => {
+                let folder = OutputFolder::begin(claim)?;
+                let longer = frames_after(cameras.len(), folder.claimed("frame-"));
+                longer.iter().try_for_each(|name| folder.leave_out(name))?;
                 for (number, camera) in cameras.iter().enumerate() {
                     write_png(folder.file(&frame_name(number)), &frame(camera)?)?;
                 }

@@ -1,0 +1,128 @@
+//! What commands do to a folder that holds more than their results: a run replaces what runs wrote, and nothing else.
+
+use std::{fs, path::Path};
+
+use crate::{
+    process::{folder, gs, names_in, picture},
+    train::{photographed, text},
+};
+
+/// The words of a small fit.
+fn fit<'a>(image: &'a Path, output: &'a Path) -> Vec<&'a str> {
+    vec!["fit", text(image), "-o", text(output), "-n", "20", "-i", "2", "--backend", "cpu"]
+}
+
+#[test]
+fn every_command_refuses_to_replace_what_no_run_wrote() {
+    let place = folder();
+    let (dataset, scene) = photographed(place.path());
+    let image = picture(place.path(), 24, 24);
+    let (dataset, scene, image) = (text(&dataset), text(&scene), text(&image));
+    let cases: [(&[&str], &str); 13] = [
+        (&["fit", image], "curve.png"),
+        (&["fit", image, "--no-report"], "ellipses.png"),
+        (&["fit"], "summary.json"),
+        (&["train", dataset], "scene.ply"),
+        (&["train", dataset, "--no-report"], "curve.png"),
+        (&["render", scene, "--orbit", "2"], "frame-00001.png"),
+        (&["profile", image], "profile.csv"),
+        (&["paper", "--only", "edges"], "edges/zones.csv"),
+        (&["paper"], "index.html"),
+        (&["popping", scene], "popping.png"),
+        (&["frontier", image], "settings.toml"),
+        (&["study", "edges"], "report.html"),
+        (&["study", "edges"], "plots/mine.svg"),
+    ];
+    for (words, name) in cases {
+        let output = place.path().join("own");
+        let file = output.join(name);
+        fs::create_dir_all(file.parent().unwrap()).unwrap();
+        fs::write(&file, "mine").unwrap();
+        let before = names_in(&output);
+        let run = gs(words.iter().copied().chain(["-o", text(&output)]));
+        let line = run.refusal();
+        assert!(line.contains(&format!("{}: is in the way", file.display())) && line.contains("--overwrite"), "{line}");
+        assert_eq!((fs::read(&file).unwrap(), names_in(&output)), (b"mine".to_vec(), before), "{words:?}");
+        assert!(!output.join(".gs-lock").exists(), "{words:?}: nothing is begun");
+        fs::remove_dir_all(&output).unwrap();
+    }
+}
+
+#[test]
+fn the_same_command_again_needs_no_flag_and_leaves_what_is_not_its_own() {
+    let place = folder();
+    let (image, output) = (picture(place.path(), 24, 24), place.path().join("out"));
+    fs::create_dir(&output).unwrap();
+    fs::write(output.join("notes.txt"), "mine").unwrap();
+    gs(fit(&image, &output)).done();
+    gs(fit(&image, &output)).done();
+    gs(fit(&image, &output).into_iter().chain(["--no-report"])).done();
+    assert!(!output.join("curve.png").exists());
+
+    // What was put in place of a picture that went is somebody's.
+    fs::write(output.join("curve.png"), "mine").unwrap();
+    assert!(gs(fit(&image, &output)).refusal().contains("curve.png: is in the way"));
+    gs(fit(&image, &output).into_iter().chain(["--overwrite"])).done();
+    assert_ne!(fs::read(output.join("curve.png")).unwrap(), b"mine");
+    assert_eq!(fs::read(output.join("notes.txt")).unwrap(), b"mine");
+}
+
+#[test]
+fn no_input_is_ever_replaced() {
+    let place = folder();
+    let (_, scene) = photographed(place.path());
+    let (image, picture) = (place.path().join("curve.png"), picture(place.path(), 24, 24));
+    fs::copy(&picture, &image).unwrap();
+    let [settings, linked] = ["settings.toml", "linked.png"].map(|name| place.path().join(name));
+    fs::write(&settings, "gaussians = 25\niterations = 2\n").unwrap();
+    fs::hard_link(&scene, &linked).unwrap();
+    let [here, scene, image, picture, settings, linked] =
+        [place.path(), &scene, &image, &picture, &settings, &linked].map(text);
+    let other = format!("{here}/other");
+    let cases: [&[&str]; 7] = [
+        &["fit", image, "-o", here],
+        &["fit", picture, "-o", here, "--settings", settings],
+        &["fit", picture, "-o", &other, "--checkpoint", picture],
+        &["render", scene, "-o", scene],
+        &["render", scene, "-o", linked],
+        &["convert", scene, scene],
+        &["doctor", scene, "--fix", "-o", scene],
+    ];
+    let before: Vec<_> = [scene, image, picture, settings].map(|file| fs::read(file).unwrap()).into();
+    for words in cases {
+        let overwrite = ["fit", "render"].contains(&words[0]).then_some("--overwrite");
+        let run = gs(words.iter().copied().chain(overwrite));
+        assert!(run.refusal().contains("is an input of this run"), "{words:?}: {run:?}");
+        let after: Vec<_> = [scene, image, picture, settings].map(|file| fs::read(file).unwrap()).into();
+        assert!(before == after, "{words:?}");
+    }
+    assert!(!Path::new(&other).exists());
+}
+
+#[cfg(unix)]
+#[test]
+fn of_two_runs_in_one_folder_the_second_is_refused() {
+    let place = folder();
+    let (image, output) = (picture(place.path(), 32, 24), place.path().join("out"));
+    let first = crate::fit::Endless::start(place.path(), &[]);
+    let second = gs(fit(&image, &output));
+    assert!(second.refusal().contains("out: another run of gs is at work in this folder: wait for it"), "{second:?}");
+    let (status, said) = first.end("-INT", 1);
+    assert_eq!(status, Some(130), "{said:?}");
+    gs(fit(&image, &output)).done();
+    assert_eq!(gs_io::read_image(output.join("reconstruction.png")).unwrap().image.size(), (32, 24));
+}
+
+#[test]
+fn what_a_killed_run_left_half_written_is_removed_by_the_next() {
+    let place = folder();
+    let (image, output, states) =
+        (picture(place.path(), 24, 24), place.path().join("out"), place.path().join("states"));
+    let left = [&output, &states].map(|folder| folder.join(".gs-k1Ll3d.tmp"));
+    [&output, &states].iter().for_each(|folder| fs::create_dir(folder).unwrap());
+    left.iter().for_each(|file| fs::write(file, "half").unwrap());
+    let state = states.join("state");
+    gs(fit(&image, &output).into_iter().chain(["--checkpoint", text(&state)])).done();
+    assert!(left.iter().all(|file| !file.exists()));
+    assert_eq!(names_in(&states), ["state"]);
+}

@@ -1,0 +1,83 @@
+//! The files that a run reads, so that it can tell them from those that it writes.
+
+use std::{collections::BTreeSet, fs, path::Path};
+
+use crate::error::Error;
+
+/// The input files of a run, which it never replaces or removes, under whatever name they are found: links, hard or symbolic, are the
+/// file that they lead to.
+///
+/// ```
+/// # let folder = tempfile::tempdir().unwrap();
+/// # let [photo, other] = ["photo.png", "other.png"].map(|name| folder.path().join(name));
+/// # std::fs::write(&photo, "").unwrap();
+/// let inputs = gs_io::Inputs::from_iter([&photo]);
+/// assert!(inputs.guard(&photo).is_err() && inputs.guard(&other).is_ok());
+/// ```
+#[derive(Debug, Clone, Default)]
+pub struct Inputs(BTreeSet<Identity>);
+
+/// What two paths to one file have in common: device and number of the file.
+#[cfg(unix)]
+type Identity = (u64, u64);
+/// What two paths to one file have in common; hard links are not seen through here.
+#[cfg(not(unix))]
+type Identity = std::path::PathBuf;
+
+impl Inputs {
+    /// Whether a file is one of them.
+    pub fn contain(&self, path: &Path) -> bool {
+        identity(path).is_some_and(|found| self.0.contains(&found))
+    }
+
+    /// Refuses to write to one of them.
+    ///
+    /// # Errors
+    /// [`Error::IsInput`].
+    pub fn guard(&self, path: &Path) -> Result<(), Error> {
+        if self.contain(path) { Err(Error::IsInput { path: path.to_owned() }) } else { Ok(()) }
+    }
+}
+
+/// Of these paths, those at which there is a file: a pipe or a folder cannot be replaced by a file.
+impl<P: AsRef<Path>> FromIterator<P> for Inputs {
+    fn from_iter<I: IntoIterator<Item = P>>(paths: I) -> Self {
+        Self(paths.into_iter().filter_map(|path| identity(path.as_ref())).collect())
+    }
+}
+
+#[cfg(unix)]
+fn identity(path: &Path) -> Option<Identity> {
+    use std::os::unix::fs::MetadataExt;
+    let file = fs::metadata(path).ok().filter(fs::Metadata::is_file)?;
+    Some((file.dev(), file.ino()))
+}
+
+#[cfg(not(unix))]
+fn identity(path: &Path) -> Option<Identity> {
+    fs::canonicalize(path).ok().filter(|path| path.is_file())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_input_is_known_under_every_name() {
+        let folder = tempfile::tempdir().unwrap();
+        let [photo, hard, missing] = ["photo.png", "hard.png", "missing.png"].map(|name| folder.path().join(name));
+        fs::write(&photo, "pixels").unwrap();
+        fs::hard_link(&photo, &hard).unwrap();
+        let inputs = Inputs::from_iter([photo.as_path(), &missing, folder.path()]);
+        assert!(inputs.contain(&folder.path().join("./photo.png")));
+        assert!(!inputs.contain(&missing) && !inputs.contain(folder.path()));
+        #[cfg(unix)]
+        {
+            let link = folder.path().join("link.png");
+            std::os::unix::fs::symlink(&photo, &link).unwrap();
+            assert!(inputs.contain(&hard) && inputs.contain(&link));
+        }
+        let told = inputs.guard(&photo).unwrap_err().to_string();
+        assert!(told.ends_with("photo.png: is an input of this run, which is never replaced"), "{told}");
+    }
+}

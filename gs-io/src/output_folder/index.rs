@@ -1,0 +1,89 @@
+//! The list of the files in a folder that runs wrote there, as a file beside them.
+
+use std::{
+    collections::BTreeSet,
+    fs,
+    path::{Component, Path},
+};
+
+use serde::{Deserialize, Serialize};
+
+use crate::{
+    atomic::{write_atomically, write_durably},
+    error::Error,
+};
+
+/// The file that holds the list.
+pub(super) const NAME: &str = ".gs-files.json";
+
+const ABOUT: &str = "Files in this folder that runs of gs wrote. A later run replaces these, and no others.";
+
+/// The files that runs wrote into a folder, by their paths in it.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub(super) struct Index(pub(super) BTreeSet<String>);
+
+#[derive(Serialize, Deserialize)]
+struct Content {
+    #[serde(default)]
+    about: String,
+    files: BTreeSet<String>,
+}
+
+impl Index {
+    /// The index of a folder, of the files that are still there. One that cannot be read is as good as none: then nothing in the folder
+    /// counts as written by a run.
+    pub(super) fn of(folder: &Path) -> Self {
+        let text = fs::read(folder.join(NAME)).unwrap_or_default();
+        let mut files = serde_json::from_slice(&text).map(|Content { files, .. }| files).unwrap_or_default();
+        files.retain(|name| stays_inside(name) && fs::symlink_metadata(folder.join(name)).is_ok());
+        Self(files)
+    }
+
+    /// Writes it so that it outlasts a power cut, before the files that it has are written.
+    pub(super) fn store(&self, folder: &Path) -> Result<(), Error> {
+        let text = self.text();
+        write_durably(folder.join(NAME), |file| file.write_all(text.as_bytes()))
+    }
+
+    /// Forgets the files that are not there; what is left need not be on the disk at once, as it says no more than before.
+    pub(super) fn tidy(&self, folder: &Path) {
+        let there =
+            Self(self.0.iter().filter(|name| fs::symlink_metadata(folder.join(name)).is_ok()).cloned().collect());
+        if there != *self {
+            let text = there.text();
+            // The next run does the same with what this one leaves.
+            let _ = write_atomically(folder.join(NAME), |file| file.write_all(text.as_bytes()));
+        }
+    }
+
+    fn text(&self) -> String {
+        let content = Content { about: ABOUT.to_owned(), files: self.0.clone() };
+        serde_json::to_string_pretty(&content).unwrap_or_default() + "\n"
+    }
+}
+
+/// Whether a name from an index is that of a file in the folder, and no path to elsewhere.
+fn stays_inside(name: &str) -> bool {
+    !name.is_empty() && Path::new(name).components().all(|part| matches!(part, Component::Normal(_)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_index_names_files_of_its_folder_that_are_there() {
+        let place = tempfile::tempdir().unwrap();
+        let folder = place.path().join("out");
+        fs::create_dir_all(folder.join("views")).unwrap();
+        for file in ["mine.txt", "out/a.png", "out/views/b.png"] {
+            fs::write(place.path().join(file), "").unwrap();
+        }
+        let outside = place.path().join("mine.txt").to_str().unwrap().to_owned();
+        let names = ["a.png", "views/b.png", "gone.png", "../mine.txt", &outside, ""].map(str::to_owned);
+        Index(names.into()).store(&folder).unwrap();
+        assert_eq!(Index::of(&folder).0, ["a.png", "views/b.png"].map(str::to_owned).into());
+        fs::write(folder.join(NAME), "{ \"files\": [\"a.png\"").unwrap();
+        assert_eq!(Index::of(&folder), Index::default(), "damaged");
+    }
+}

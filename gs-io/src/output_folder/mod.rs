@@ -1,0 +1,350 @@
+//! The folder that a run writes its results into: one run at a time, and no run replaces what is not a run's.
+
+mod index;
+
+use std::{
+    fs::{self, File, TryLockError},
+    io,
+    path::{Path, PathBuf},
+    sync::{Mutex, MutexGuard, PoisonError},
+};
+
+use index::Index;
+
+use crate::{atomic::remove_leftovers, error::Error, inputs::Inputs};
+
+/// Locked as long as a run works in the folder. The file stays there; a lock goes with its process, whatever ends that.
+const LOCK: &str = ".gs-lock";
+
+/// What a run is going to write into a folder, before it does.
+///
+/// A folder has an index of the files that runs wrote into it (`.gs-files.json`). A run replaces and removes these, and no others:
+/// [`check`](Self::check) and [`begin`](Self::begin) refuse where another file has the name of a result, so that a command can refuse
+/// before it computes. Inputs of the run are never replaced.
+///
+/// ```
+/// use gs_io::{FolderClaim, Inputs};
+/// # let place = tempfile::tempdir().unwrap();
+/// # let (photo, out) = (place.path().join("photo.png"), place.path().join("out"));
+/// # std::fs::write(&photo, "").unwrap();
+/// # std::fs::create_dir(&out).unwrap();
+/// std::fs::write(out.join("notes.txt"), "mine")?;
+/// let claim = FolderClaim::new(&out).files(["scene.ply"]).inputs(Inputs::from_iter([&photo]));
+/// let folder = claim.begin()?;
+/// gs_io::write_atomically(folder.file("scene.ply"), |file| file.write_all(b"ply\n"))?;
+/// drop(folder);
+///
+/// assert!(FolderClaim::new(&out).files(["scene.ply"]).begin().is_ok());
+/// assert!(FolderClaim::new(&out).files(["notes.txt"]).begin().is_err());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Debug, Clone)]
+pub struct FolderClaim {
+    path: PathBuf,
+    files: Vec<String>,
+    folders: Vec<String>,
+    inputs: Inputs,
+    overwrite: bool,
+}
+
+impl FolderClaim {
+    /// A claim to the folder at `path`, which need not be there.
+    pub fn new(path: impl Into<PathBuf>) -> Self {
+        Self { path: path.into(), files: Vec::new(), folders: Vec::new(), inputs: Inputs::default(), overwrite: false }
+    }
+
+    /// Adds files that the run may write or remove, by their paths in the folder, with `/`.
+    #[must_use]
+    pub fn files<N: Into<String>>(mut self, names: impl IntoIterator<Item = N>) -> Self {
+        self.files.extend(names.into_iter().map(Into::into));
+        self
+    }
+
+    /// Adds sub-folders in which the run writes files whose names come later, by [`OutputFolder::claim`]: every file in them is in the
+    /// way that no run wrote.
+    #[must_use]
+    pub fn folders<N: Into<String>>(mut self, names: impl IntoIterator<Item = N>) -> Self {
+        self.folders.extend(names.into_iter().map(Into::into));
+        self
+    }
+
+    /// The files that the run reads.
+    #[must_use]
+    pub fn inputs(self, inputs: Inputs) -> Self {
+        Self { inputs, ..self }
+    }
+
+    /// Whether files that are in the way are replaced, or removed, all the same; inputs are not.
+    #[must_use]
+    pub fn overwriting(self, overwrite: bool) -> Self {
+        Self { overwrite, ..self }
+    }
+
+    /// The folder.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Whether a folder has an index, which those that older versions wrote into lack.
+    pub fn is_indexed(folder: &Path) -> bool {
+        folder.join(index::NAME).exists()
+    }
+
+    /// Finds out whether the run may begin, and changes nothing.
+    ///
+    /// # Errors
+    /// [`Error::InTheWay`] for a file that is no run's, [`Error::IsInput`] for one that this run reads, [`Error::NotAFile`] where a
+    /// folder has the name of a result, [`Error::Busy`] where another run is at work, [`Error::Write`] where the path is no folder.
+    pub fn check(&self) -> Result<(), Error> {
+        match fs::metadata(&self.path) {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(()),
+            Err(error) => return Err(Error::write(&self.path, error)),
+            Ok(found) if !found.is_dir() => {
+                return Err(Error::write(&self.path, io::ErrorKind::NotADirectory.into()));
+            }
+            Ok(_) => {}
+        }
+        if let Ok(lock) = File::options().write(true).open(self.path.join(LOCK)) {
+            self.acquire(&lock)?;
+        }
+        self.refuse_what_is_in_the_way(&Index::of(&self.path))
+    }
+
+    /// Makes the folder if it is not there, keeps other runs out until the [`OutputFolder`] is dropped, removes the unfinished files of
+    /// runs that were killed, and adds the claimed files to the folder's index.
+    ///
+    /// # Errors
+    /// Those of [`Self::check`], and [`Error::Write`] where the folder takes no files.
+    pub fn begin(self) -> Result<OutputFolder, Error> {
+        self.check()?;
+        fs::create_dir_all(&self.path).map_err(|error| Error::write(&self.path, error))?;
+        let lock = File::options().create(true).truncate(false).write(true).open(self.path.join(LOCK));
+        let lock = lock.map_err(|error| Error::write(&self.path, error))?;
+        self.acquire(&lock)?;
+        let parts = self.files.iter().filter_map(|name| Path::new(name).parent().and_then(Path::to_str));
+        let mut parts: Vec<&str> = parts.chain([""]).chain(self.folders.iter().map(String::as_str)).collect();
+        parts.sort_unstable();
+        parts.dedup();
+        parts.iter().for_each(|part| remove_leftovers(&self.path.join(part)));
+        // Another run may have ended since the check.
+        let index = Index::of(&self.path);
+        self.refuse_what_is_in_the_way(&index)?;
+        let files = self.files.clone();
+        let folder = OutputFolder { claim: self, index: Mutex::new(index), _lock: lock };
+        folder.adopt(files)?;
+        Ok(folder)
+    }
+
+    fn acquire(&self, lock: &File) -> Result<(), Error> {
+        match lock.try_lock() {
+            Err(TryLockError::WouldBlock) => Err(Error::Busy { folder: self.path.clone() }),
+            // Some file systems know no locks. Results are worth more than a guard against starting twice.
+            Ok(()) | Err(TryLockError::Error(_)) => Ok(()),
+        }
+    }
+
+    fn refuse_what_is_in_the_way(&self, index: &Index) -> Result<(), Error> {
+        self.files.iter().try_for_each(|name| self.refuse(name, index))?;
+        for folder in &self.folders {
+            let path = self.path.join(folder);
+            if path.exists() && !path.is_dir() {
+                return Err(Error::write(&path, io::ErrorKind::NotADirectory.into()));
+            }
+            let entries = fs::read_dir(path).into_iter().flatten().flatten();
+            let mut names: Vec<String> =
+                entries.filter_map(|entry| Some(format!("{folder}/{}", entry.file_name().to_str()?))).collect();
+            names.sort();
+            names.iter().try_for_each(|name| self.refuse(name, index))?;
+        }
+        Ok(())
+    }
+
+    /// Refuses the name of a file that must stay as it is.
+    fn refuse(&self, name: &str, index: &Index) -> Result<(), Error> {
+        let path = self.path.join(name);
+        let Ok(found) = fs::symlink_metadata(&path) else { return Ok(()) };
+        self.inputs.guard(&path)?;
+        if found.is_dir() {
+            return Err(Error::NotAFile { path, found: "a folder", wanted: "another folder for the results" });
+        }
+        if self.overwrite || index.0.contains(name) { Ok(()) } else { Err(Error::InTheWay { path }) }
+    }
+}
+
+/// A folder that one run writes its results into; made by [`FolderClaim::begin`].
+#[derive(Debug)]
+pub struct OutputFolder {
+    claim: FolderClaim,
+    index: Mutex<Index>,
+    _lock: File,
+}
+
+impl OutputFolder {
+    /// Its path.
+    pub fn path(&self) -> &Path {
+        &self.claim.path
+    }
+
+    /// The path of a file that has been claimed.
+    pub fn file(&self, name: &str) -> PathBuf {
+        debug_assert!(self.index().0.contains(name), "{name} is written without having been claimed");
+        self.path().join(name)
+    }
+
+    /// Claims further files, whose names were not known at the beginning, before they are written.
+    ///
+    /// # Errors
+    /// As [`FolderClaim::check`] for these files; [`Error::Write`] where the index cannot be written.
+    pub fn claim<N: Into<String>>(&self, names: impl IntoIterator<Item = N>) -> Result<(), Error> {
+        let names: Vec<String> = names.into_iter().map(Into::into).collect();
+        let index = self.index();
+        names.iter().try_for_each(|name| self.claim.refuse(name, &index))?;
+        drop(index);
+        self.adopt(names)
+    }
+
+    /// Takes files for those of a run that the caller knows by other means to be so, such as by the index of an earlier version.
+    ///
+    /// # Errors
+    /// [`Error::Write`] where the index cannot be written.
+    pub fn adopt<N: Into<String>>(&self, names: impl IntoIterator<Item = N>) -> Result<(), Error> {
+        let mut index = self.index();
+        let known = index.0.len();
+        index.0.extend(names.into_iter().map(Into::into));
+        if index.0.len() > known { index.store(self.path()) } else { Ok(()) }
+    }
+
+    /// The claimed files, of this run or of earlier ones, whose paths in the folder begin so.
+    pub fn claimed(&self, beginning: &str) -> Vec<String> {
+        self.index().0.iter().filter(|name| name.starts_with(beginning)).cloned().collect()
+    }
+
+    /// Removes a file of an earlier run, if it is there.
+    ///
+    /// # Errors
+    /// [`Error::IsInput`], and [`Error::Remove`] where it cannot be removed.
+    pub fn remove(&self, name: &str) -> Result<(), Error> {
+        let path = self.file(name);
+        self.claim.inputs.guard(&path)?;
+        match fs::remove_file(&path) {
+            Err(source) if source.kind() != io::ErrorKind::NotFound => Err(Error::Remove { path, source }),
+            _ => Ok(()),
+        }
+    }
+
+    fn index(&self) -> MutexGuard<'_, Index> {
+        self.index.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// What was claimed and not written is no run's any more.
+impl Drop for OutputFolder {
+    fn drop(&mut self) {
+        self.index().tidy(self.path());
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::write_atomically;
+
+    fn write(folder: &OutputFolder, name: &str) {
+        write_atomically(folder.file(name), |file| file.write_all(b"a run's")).unwrap();
+    }
+
+    fn begin(path: &Path, names: &[&str]) -> Result<OutputFolder, Error> {
+        FolderClaim::new(path).files(names.iter().copied()).begin()
+    }
+
+    #[test]
+    fn a_run_replaces_what_runs_wrote_and_nothing_else() {
+        let place = tempfile::tempdir().unwrap();
+        let path = place.path().join("made/on/demand");
+        let folder = begin(&path, &["scene", "curve"]).unwrap();
+        write(&folder, "scene");
+        drop(folder);
+        // What was claimed and never written is the user's to make.
+        let curve = path.join("curve");
+        fs::write(&curve, "mine").unwrap();
+        assert!(begin(&path, &["scene"]).is_ok());
+        let refused = begin(&path, &["scene", "curve"]).unwrap_err();
+        assert!(matches!(&refused, Error::InTheWay { path } if *path == curve), "{refused}");
+        assert_eq!(fs::read(&curve).unwrap(), b"mine");
+
+        let claim = FolderClaim::new(&path).files(["curve"]).overwriting(true);
+        let folder = claim.begin().unwrap();
+        folder.remove("curve").unwrap();
+        assert!(!curve.exists());
+    }
+
+    #[test]
+    fn a_refusal_leaves_nothing_behind() {
+        let place = tempfile::tempdir().unwrap();
+        fs::write(place.path().join("scene"), "mine").unwrap();
+        begin(place.path(), &["scene"]).unwrap_err();
+        FolderClaim::new(place.path().join("scene")).check().unwrap_err();
+        FolderClaim::new(place.path().join("new")).files(["scene"]).check().unwrap();
+        assert_eq!(fs::read_dir(place.path()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn an_input_is_never_replaced() {
+        let place = tempfile::tempdir().unwrap();
+        let photo = place.path().join("photo");
+        let folder = begin(place.path(), &["photo", "views/photo"]).unwrap();
+        write(&folder, "photo");
+        drop(folder);
+        let claim = FolderClaim::new(place.path()).inputs(Inputs::from_iter([&photo])).overwriting(true);
+        let refused = claim.clone().files(["photo"]).check().unwrap_err();
+        assert!(matches!(refused, Error::IsInput { .. }), "{refused}");
+        let folder = claim.begin().unwrap();
+        assert!(folder.claim(["photo"]).is_err() && folder.remove("photo").is_err() && photo.exists());
+    }
+
+    #[test]
+    fn one_run_at_a_time_works_in_a_folder() {
+        let place = tempfile::tempdir().unwrap();
+        let first = begin(place.path(), &["scene"]).unwrap();
+        for refused in [begin(place.path(), &["other"]).map(drop), FolderClaim::new(place.path()).check()] {
+            assert!(matches!(refused, Err(Error::Busy { .. })), "{refused:?}");
+        }
+        drop(first);
+        begin(place.path(), &["other"]).unwrap();
+    }
+
+    #[test]
+    fn files_of_unknown_names_are_claimed_when_they_are_known() {
+        let place = tempfile::tempdir().unwrap();
+        let claim = FolderClaim::new(place.path()).folders(["plots"]);
+        let folder = claim.clone().begin().unwrap();
+        fs::create_dir(place.path().join("plots")).unwrap();
+        folder.claim(["plots/a.svg"]).unwrap();
+        write(&folder, "plots/a.svg");
+        assert_eq!(folder.claimed("plots/"), ["plots/a.svg"]);
+        drop(folder);
+        claim.check().unwrap();
+        fs::write(place.path().join("plots/notes.txt"), "mine").unwrap();
+        assert!(claim.check().unwrap_err().to_string().contains("notes.txt"));
+        assert!(claim.overwriting(true).begin().unwrap().claim(["plots/b.svg"]).is_ok());
+    }
+
+    #[test]
+    fn what_a_killed_run_left_half_written_goes() {
+        let place = tempfile::tempdir().unwrap();
+        fs::create_dir(place.path().join("runs")).unwrap();
+        let left = ["runs/.gs-AbC123.tmp", ".gs-x9y8z7.tmp"].map(|name| place.path().join(name));
+        let kept = [".gs-notes.tmp", "mine.tmp"].map(|name| place.path().join(name));
+        left.iter().chain(&kept).for_each(|path| fs::write(path, "half").unwrap());
+        begin(place.path(), &["runs/a.json"]).unwrap();
+        assert!(left.iter().all(|path| !path.exists()) && kept.iter().all(|path| path.exists()));
+    }
+
+    #[test]
+    fn a_folder_in_the_place_of_a_file_is_refused() {
+        let place = tempfile::tempdir().unwrap();
+        fs::create_dir(place.path().join("scene")).unwrap();
+        let claim = FolderClaim::new(place.path()).files(["scene"]).overwriting(true);
+        assert!(matches!(claim.check(), Err(Error::NotAFile { found: "a folder", .. })));
+    }
+}
