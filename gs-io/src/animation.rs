@@ -4,7 +4,7 @@ use std::{io, path::Path};
 
 use gs_core::Image;
 
-use crate::{atomic::write_atomically, error::Error, image::bytes_of};
+use crate::{atomic::write_atomically, error::Error};
 
 /// How a moving picture is to be.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -50,7 +50,7 @@ pub fn write_animation<E: From<Error>>(
                     return Err(io::Error::other("a frame could not be made"));
                 }
             };
-            writer.write_image_data(&bytes_of(&image))?;
+            writer.write_image_data(&image.to_8_bits())?;
         }
         Ok(writer.finish()?)
     });

@@ -213,7 +213,7 @@ fn open_decoder<'a>(
 /// # Errors
 /// Those of [`write_atomically`].
 pub fn write_png(path: impl AsRef<Path>, image: &Image) -> Result<(), Error> {
-    let bytes = bytes_of(image);
+    let bytes = image.to_8_bits();
     write_atomically(path, |file| {
         let encoder = PngEncoder::new(file);
         encoder.write_image(&bytes, image.width(), image.height(), ExtendedColorType::Rgb8).map_err(|error| match error
@@ -222,11 +222,6 @@ pub fn write_png(path: impl AsRef<Path>, image: &Image) -> Result<(), Error> {
             other => std::io::Error::other(other),
         })
     })
-}
-
-/// The pixels in 8 bits a channel, as [`write_png`] has them.
-pub(crate) fn bytes_of(image: &Image) -> Vec<u8> {
-    image.pixels().as_flattened().iter().map(|v| (v.clamp(0.0, 1.0) * 255.0).round() as u8).collect()
 }
 
 /// The format that the first bytes announce.

@@ -8,7 +8,7 @@ use gs_io::{SpatialOptions, write_png, write_spatial};
 use gs_train::{
     MetricsLog, SpatialTrainer,
     effects::sampled,
-    spatial::{Evaluation, SpatialSummary, Views, resized},
+    spatial::{DRIFT_DB, Evaluation, SpatialSummary, TrainingViews, Views, resized},
 };
 use serde::Serialize;
 
@@ -48,7 +48,17 @@ impl Summary {
     /// The summary for people.
     pub(crate) fn text(&self, folder: &Path) -> String {
         let SpatialSummary {
-            gaussians, iterations, seconds, evaluation, test_views, edits, clamped, fresh_starts, ..
+            gaussians,
+            iterations,
+            seconds,
+            evaluation,
+            training,
+            test_views,
+            edits,
+            clamped,
+            fresh_starts,
+            shortfall,
+            ..
         } = &self.training;
         let trouble = Trouble::new(edits, evaluation.culled, *clamped, fresh_starts);
         let unmeasured = match evaluation.unmeasured.len() {
@@ -59,9 +69,23 @@ impl Summary {
             0 => "views that it trained with".to_owned(),
             count => format!("{count} held-out views"),
         };
+        let trained = match training {
+            Some(TrainingViews { views, psnr: Some(psnr), .. }) if *test_views > 0 => {
+                format!(", PSNR {psnr:.2} dB over {views} views that it trained with")
+            }
+            _ => String::new(),
+        };
+        let drift = self.training.drift().map(|drift| {
+            format!(
+                "the scene fits the views that it trained with {drift:.1} dB better than those held out, more than {DRIFT_DB} dB: \
+                 more steps or Gaussians may not help; more views, or fewer Gaussians (-n), may"
+            )
+        });
+        let notes = [drift, shortfall.as_ref().map(ToString::to_string)].into_iter().flatten();
+        let notes: String = notes.map(|note| format!("\nnote: {note}")).collect();
         format!(
             "{gaussians} Gaussians after {iterations} steps in {seconds:.1} s ({:.1} s in all): PSNR {:.2} dB, SSIM {:.4} over \
-             {whose}{unmeasured}{trouble}; see {}\n{}",
+             {whose}{unmeasured}{trained}{trouble}; see {}\n{}{notes}",
             self.total_seconds,
             evaluation.psnr,
             evaluation.ssim,
@@ -164,6 +188,8 @@ impl Results<'_> {
     ) -> Result<Summary, Failure> {
         Ok(Summary {
             training: SpatialSummary {
+                // Those that are not finite are not in the file.
+                gaussians: scene.len() as u32,
                 backend: self.backend.name.to_owned(),
                 threads: u32::try_from(self.backend.threads).ok(),
                 ..SpatialSummary::new(trainer, evaluation)?

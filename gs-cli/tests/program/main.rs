@@ -13,6 +13,7 @@ mod ply;
 mod popping;
 mod process;
 mod profile;
+mod quality;
 mod scenes;
 mod study;
 mod train;
