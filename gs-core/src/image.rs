@@ -92,9 +92,22 @@ impl Image {
         self.pixels[(y * self.width + x) as usize]
     }
 
-    /// The same image with every value in 0..=1 (what a display or an 8-bit file shows).
+    /// The same image with every value in 0..=1.
     pub fn clamped(&self) -> Self {
         let pixels: Vec<_> = self.pixels.iter().map(|p| p.map(|v| v.clamp(0.0, 1.0))).collect();
+        Self { pixels: Arc::new(pixels), ..*self }
+    }
+
+    /// The values in 8 bits a channel, row-major: what an 8-bit file stores of the image.
+    ///
+    /// Values are held to 0..=1, multiplied by 255 and rounded, halves up; NaN becomes 0.
+    pub fn to_8_bits(&self) -> Vec<u8> {
+        self.pixels.as_flattened().iter().map(|&value| to_8_bits(value)).collect()
+    }
+
+    /// The image as it is written in 8 bits: what reading a file gives that was made of [`Self::to_8_bits`].
+    pub fn rounded_to_8_bits(&self) -> Self {
+        let pixels: Vec<_> = self.pixels.iter().map(|pixel| pixel.map(rounded_to_8_bits)).collect();
         Self { pixels: Arc::new(pixels), ..*self }
     }
 
@@ -126,6 +139,23 @@ impl Image {
     }
 }
 
+/// A value of a channel in 8 bits; see [`Image::to_8_bits`].
+#[inline]
+pub fn to_8_bits(value: f32) -> u8 {
+    /// From here on every `f32` is a whole number, so that adding it rounds, halves to even.
+    const WHOLE: f32 = (1 << 23) as f32;
+    // `f32::round` is a call to a library on processors of before 2008, for which programs are compiled by default.
+    let scaled = value.clamp(0.0, 1.0) * 255.0;
+    let even = (scaled + WHOLE) - WHOLE;
+    (if scaled - even == 0.5 { even + 1.0 } else { even }) as u8
+}
+
+/// The value that a file of 8 bits a channel has instead of this one.
+#[inline]
+pub fn rounded_to_8_bits(value: f32) -> f32 {
+    f32::from(to_8_bits(value)) / 255.0
+}
+
 /// Fails unless both sides are 1 to [`MAX_SIDE_PX`].
 ///
 /// # Errors
@@ -140,6 +170,28 @@ pub fn check_size(width: u32, height: u32) -> Result<(), Error> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn eight_bits_are_the_nearest_of_256_levels() {
+        let around = |value: f32| (-3..=3).map(move |ulps| f32::from_bits((value.to_bits() as i32 + ulps) as u32));
+        let ties = (0..256).flat_map(|level| around((level as f32 + 0.5) / 255.0));
+        let spread = (0..100_000).map(|i| i as f32 / 80_000.0 - 0.1);
+        let odd = [-0.0, 0.49999997 / 255.0, f32::NAN, f32::INFINITY, f32::NEG_INFINITY, f32::MAX, f32::MIN_POSITIVE];
+        for value in ties.chain(spread).chain(odd) {
+            let expected = (value.clamp(0.0, 1.0) * 255.0).round() as u8;
+            assert_eq!(to_8_bits(value), expected, "{value}");
+        }
+    }
+
+    #[test]
+    fn rounding_is_what_a_file_does_and_changes_nothing_the_second_time() {
+        let image = Image::from_fn(16, 16, |x, y| [(x + 16 * y) as f32 / 255.0, -0.25, 1.5]).unwrap();
+        let rounded = image.rounded_to_8_bits();
+        let read: Vec<f32> = image.to_8_bits().into_iter().map(|level| f32::from(level) / 255.0).collect();
+        assert_eq!(rounded.pixels().as_flattened(), read);
+        assert_eq!(rounded, image.clamped(), "every level is its own");
+        assert_eq!(rounded.rounded_to_8_bits(), rounded);
+    }
 
     #[test]
     fn clones_share_their_pixels_until_one_is_written_to() {

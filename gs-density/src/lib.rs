@@ -105,7 +105,7 @@ pub use mcmc::Mcmc;
 pub use noise::Noise;
 pub use observation::{DensityPolicy, Observation, Residual, Rng};
 pub use paper::Paper;
-pub use percentile::{FORCED_GROWTH_PERCENT, RelativePercentile};
+pub use percentile::{FORCED_GROWTH_PERCENT, RelativePercentile, share_of};
 pub use policy::Policy;
 pub use prune::Prune;
 pub use ranking::{Ranking, WhenFlat};

@@ -71,8 +71,8 @@ impl<S: DensityScene> DensityPolicy<S> for RelativePercentile {
     }
 }
 
-/// `percent` % of so many, rounded up (so at least one, unless `percent` is 0).
-pub(crate) fn share_of(count: usize, percent: f32) -> usize {
+/// How many grow in a round of which `percent` % of so many may: rounded up, so at least one, unless `percent` is 0.
+pub fn share_of(count: usize, percent: f32) -> usize {
     let exact = count as f64 * f64::from(percent) / 100.0;
     // A percentage that f32 holds a little too large, such as 0.1, must not round a whole number up to the next.
     (exact * (1.0 - f64::from(f32::EPSILON))).ceil() as usize

@@ -172,6 +172,12 @@ impl Policy {
         }
     }
 
+    /// Whether the number of Gaussians that is allowed is one to reach, as far as the rounds go: by a pace, or exactly. Under a threshold it is
+    /// a bound.
+    pub fn aims_at_budget(&self) -> bool {
+        matches!(self, Self::Hybrid(_) | Self::Residual(_) | Self::Mcmc(_) | Self::ImageGs(_))
+    }
+
     /// What is done to the Gaussians, by policies that choose who grows.
     pub fn actions(&self) -> Option<&Actions> {
         match self {

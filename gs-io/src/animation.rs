@@ -4,7 +4,7 @@ use std::{io, path::Path};
 
 use gs_core::Image;
 
-use crate::{atomic::write_atomically, error::Error, image::bytes_of};
+use crate::{atomic::write_atomically, error::Error};
 
 /// How a moving picture is to be.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

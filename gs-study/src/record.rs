@@ -52,7 +52,7 @@ impl Outcome {
     }
 }
 
-/// A run that did all its steps. Qualities as in [`gs_train::FitSummary`].
+/// A run that did all its steps. Qualities are those of the 8-bit picture, as in [`gs_train::FitSummary`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Finished {
@@ -69,7 +69,7 @@ pub struct Finished {
     pub ms_ssim: Option<f64>,
     /// Mean absolute difference.
     pub l1: f64,
-    /// The loss before the last step.
+    /// The loss of the scene.
     pub loss: Option<f32>,
     /// What density control did, all rounds together.
     pub edits: EditCounts,
@@ -102,7 +102,9 @@ impl Finished {
             return Some(first.1);
         };
         let Some(&(to, high)) = points.get(after) else { return Some(last.1) };
-        Some(low + (high - low) * (place - from) / (to - from))
+        let share = (place - from) / (to - from);
+        // On the way to an exact picture nothing can be interpolated.
+        Some(if share > 0.0 && low.is_finite() && high.is_finite() { low + (high - low) * share } else { low })
     }
 
     /// PSNR after so many steps, dB; from the rows in which it was measured.
@@ -161,6 +163,11 @@ pub(crate) mod tests {
         assert_eq!([0, 20, 60, 100, 999].map(|step| run.psnr_after(step).unwrap()), [10.0, 10.0, 20.0, 30.0, 30.0]);
         assert_eq!(run.psnr_within(1.75), Some(25.0));
         assert_eq!(Finished { course: vec![], ..run }.psnr_after(3), None);
+        let exact = finished(f64::INFINITY);
+        assert_eq!(
+            [20, 99, 100, 999].map(|step| exact.psnr_after(step).unwrap()),
+            [10.0, 10.0, f64::INFINITY, f64::INFINITY]
+        );
     }
 
     #[test]

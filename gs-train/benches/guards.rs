@@ -11,9 +11,10 @@ mod measure;
 use std::path::{Path, PathBuf};
 
 use clap::Parser;
-use gs_core::{Canvas, Image, Rasterizer, guards::Guard, metrics::psnr};
+use gs_core::{Canvas, Image, Rasterizer, guards::Guard};
 use gs_cpu::CpuRasterizer;
 use gs_io::{PlanarFile, SCENE_EXTENSION, read_scene, write_scene};
+use gs_train::ImageQuality;
 use measure::{
     Options, Outcome, ms,
     photographs::Photographs,
@@ -63,7 +64,7 @@ fn fitted(
     if let Some(file) = file.as_ref().filter(|file| file.exists()) {
         let (settings, scene) = (variant.settings(image, GAUSSIANS, steps), read_scene(file)?.scene);
         let view = Canvas::new(image.width(), image.height());
-        let psnr = psnr(&rasterizer.render(&scene, &view, &settings.render)?, image)?;
+        let psnr = ImageQuality::as_written(&rasterizer.render(&scene, &view, &settings.render)?, image)?.psnr;
         return Ok(Fitted { scene, settings, psnr });
     }
     let fitted = variant.fit(rasterizer, image, GAUSSIANS, steps)?;

@@ -2,7 +2,7 @@
 
 use std::fmt::Debug;
 
-use gs_core::{Chart, Effects, Rasterizer};
+use gs_core::{Chart, Effects, Loss, Rasterizer};
 use gs_density::{DensityPolicy, DensityScene, Residual};
 use serde::{Serialize, de::DeserializeOwned};
 
@@ -59,7 +59,9 @@ pub trait RunSettings<S: Trainable>: Clone + Debug + PartialEq + Serialize + Des
     fn mean_factor(&self, step: u32) -> f32;
     /// Between what the optimiser keeps every scale, in the scene's unit.
     fn scale_bounds(&self) -> (f32, f32);
-    /// PSNR as this loss tells it, dB, where it does.
+    /// What is minimised.
+    fn loss(&self) -> Loss;
+    /// An estimate of PSNR from this loss, dB, where there is one.
     fn psnr_estimate(&self, loss: f32) -> Option<f32>;
     /// What becomes of a run that has become worse than it was at first.
     fn recovery(&self) -> Recovery;

@@ -14,6 +14,7 @@ pub mod effects;
 mod error;
 pub mod experiments;
 mod fit;
+mod flat;
 pub mod init;
 pub mod joining;
 mod losses;
@@ -26,6 +27,7 @@ mod quality;
 pub mod recovery;
 mod rounds;
 mod settings;
+mod shortfall;
 pub mod spatial;
 pub mod statistics;
 mod summary;
@@ -43,15 +45,18 @@ pub use crate::{
     course::{Course, Due, RunSettings, Trainable},
     error::Error,
     fit::{Fit, fit},
+    flat::flat_color,
     init::Init,
     joining::{Calls, Join, Joined, Joining, Joins},
     metrics_log::{MetricsLog, MetricsRow},
     observer::{Control, Observer, Progress, Quality},
     planar::ImageCourse,
     presets::Preset,
+    quality::ImageQuality,
     recovery::{FreshStart, Recovery},
     rounds::Rounds,
     settings::{ColorSolve, FitSettings, InitialCount},
+    shortfall::Shortfall,
     spatial::{SpatialPreset, SpatialSettings, SpatialTrainer},
     summary::FitSummary,
     suspect::Suspect,

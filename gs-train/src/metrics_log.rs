@@ -43,9 +43,9 @@ pub struct MetricsRow {
     pub edits: EditCounts,
     /// The loss before the step.
     pub loss: f32,
-    /// Mean absolute difference from the target after the step, both clamped; where it was measured.
+    /// Mean absolute difference of the rendering, as written in 8 bits, from the target after the step; where it was measured.
     pub l1: Option<f64>,
-    /// PSNR after the step, both clamped, dB; where it was measured.
+    /// PSNR of the rendering, as written in 8 bits, after the step, dB; where it was measured.
     pub psnr: Option<f64>,
     /// What the renderings by which it was measured left out.
     #[serde(default, skip_serializing_if = "Option::is_none")]

@@ -15,7 +15,7 @@ pub enum Control {
     Stop,
 }
 
-/// How close the rendering is to the target, both clamped to 0..=1. Measuring it costs a rendering.
+/// How close the rendering, as it is written in 8 bits, is to the target. Measuring it costs a rendering.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Quality {
     /// Mean absolute difference.
@@ -53,7 +53,8 @@ pub struct Progress {
     /// That the run begins again after the step, where it has become worse than it was at first; the count is that of the Gaussians it
     /// goes on with.
     pub fresh_start: Option<FreshStart>,
-    /// PSNR before step `loss_step` as the loss tells it, dB, where the loss is L2. Not clamped, so a little below [`Quality::psnr`].
+    /// An estimate of PSNR before step `loss_step` from the loss, dB, where the loss is L2. It is that of floats that are not held to 0..=1,
+    /// so it differs a little from [`Quality::psnr`].
     pub psnr_estimate: Option<f32>,
     /// How good the scene is after all that, where an observer asked.
     pub quality: Option<Quality>,

@@ -99,6 +99,10 @@ impl RunSettings<PlanarScene> for FitSettings {
         (self.loss == Loss::L2).then(|| -10.0 * loss.log10())
     }
 
+    fn loss(&self) -> Loss {
+        self.loss
+    }
+
     fn chart(&self) -> Chart {
         self.chart
     }
@@ -288,6 +292,15 @@ impl<'a, R: Rasterizer<PlanarScene>> Trainer<'a, R> {
     /// Those of the backend.
     pub fn render(&self) -> Result<(Image, Culled), Error> {
         self.course.render(self.rasterizer, &self.cloud, &self.record.settings, &self.effects())
+    }
+
+    /// The loss of the scene as it is now, in the unit of [`FitSettings::loss`]. Unlike [`Trainer::loss`], which is that before a step.
+    ///
+    /// # Errors
+    /// Those of the backend.
+    pub fn scene_loss(&self) -> Result<f32, Error> {
+        let frame = self.rasterizer.forward(&self.cloud, &self.course.canvas, &self.shown())?;
+        Ok(self.rasterizer.backward(&self.cloud, frame, &self.course.target, &self.record.settings.loss)?.0)
     }
 
     /// How the scene is shown now: with the effects that it has been fitted with.

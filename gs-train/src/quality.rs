@@ -1,19 +1,84 @@
-//! The measure of a running fit, in one pass over the two images, so that watching a fit stays cheap.
+//! How close an image is to its target. All figures of this project come from here.
+//!
+//! A figure of a rendering is that of the 8-bit image that is written of it ([`Image::rounded_to_8_bits`]), held against the target as it
+//! was given: as read from its file, or in floats where a program has made it, such as the paper's circle and square. So whoever compares the
+//! PNG with an image file finds the same figures. Losses, and whatever else steers a training, are of floats.
 
-use gs_core::Image;
+use gs_core::{
+    Error, Image,
+    image::rounded_to_8_bits,
+    metrics::{self, Comparison},
+};
+use serde::{Deserialize, Serialize};
 
-/// L1 and PSNR of `image` against `target`, both clamped to 0..=1; the images have one size.
+use crate::summary::infinite_where_null;
+
+/// How close two images are.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct ImageQuality {
+    /// Peak signal-to-noise ratio, dB; ∞ for equal images, which JSON writes as `null`.
+    #[serde(deserialize_with = "infinite_where_null")]
+    pub psnr: f64,
+    /// Structural similarity.
+    pub ssim: f64,
+    /// Multi-scale structural similarity; nothing where a side is shorter than 161 px, too small for its five scales.
+    pub ms_ssim: Option<f64>,
+    /// Mean absolute difference.
+    pub l1: f64,
+}
+
+impl ImageQuality {
+    /// Compares two images as they are, both held to 0..=1.
+    ///
+    /// # Errors
+    /// [`Error::SizesDiffer`].
+    pub fn between(a: &Image, b: &Image) -> Result<Self, Error> {
+        Ok(metrics::compare((a, held), (b, held))?.into())
+    }
+
+    /// Compares a rendering, as it is written in 8 bits, with its target.
+    ///
+    /// # Errors
+    /// [`Error::SizesDiffer`].
+    pub fn as_written(rendered: &Image, target: &Image) -> Result<Self, Error> {
+        Ok(metrics::compare((rendered, rounded_to_8_bits), (target, held))?.into())
+    }
+}
+
+impl From<Comparison> for ImageQuality {
+    fn from(Comparison { psnr, ssim, ms_ssim, l1 }: Comparison) -> Self {
+        Self { psnr, ssim, ms_ssim, l1 }
+    }
+}
+
+/// A value as a display shows it.
+fn held(value: f32) -> f32 {
+    value.clamp(0.0, 1.0)
+}
+
+/// PSNR of a rendering before it is rounded to 8 bits, dB, both held to 0..=1.
 ///
-/// What [`gs_core::metrics`] gives for the clamped images, without making them.
-pub(crate) fn l1_and_psnr(image: &Image, target: &Image) -> (f64, f64) {
-    debug_assert_eq!(image.size(), target.size());
-    let row = image.width() as usize * 3;
-    let (rendered, wanted) = (image.pixels().as_flattened(), target.pixels().as_flattened());
+/// # Errors
+/// [`Error::SizesDiffer`].
+pub(crate) fn psnr_float(rendered: &Image, target: &Image) -> Result<f64, Error> {
+    rendered.same_size(target)?;
+    let pairs = rendered.pixels().as_flattened().iter().zip(target.pixels().as_flattened());
+    let squared: f64 = pairs.map(|(&a, &b)| f64::from(held(a) - held(b)).powi(2)).sum();
+    Ok(-10.0 * (squared / (3 * target.pixels().len()) as f64).log10())
+}
+
+/// L1 and PSNR of a rendering, as it is written in 8 bits, against `target`; the images have one size.
+///
+/// What [`ImageQuality::as_written`] gives, in one pass over the two images, so that watching a training stays cheap.
+pub(crate) fn l1_and_psnr(rendered: &Image, target: &Image) -> (f64, f64) {
+    debug_assert_eq!(rendered.size(), target.size());
+    let row = rendered.width() as usize * 3;
+    let (rendered, wanted) = (rendered.pixels().as_flattened(), target.pixels().as_flattened());
     let (mut absolute, mut squared) = (0.0f64, 0.0f64);
     for (rendered, wanted) in rendered.chunks(row).zip(wanted.chunks(row)) {
         let (mut row_absolute, mut row_squared) = ([0.0f32; 8], [0.0f32; 8]);
         let mut add = |lane: usize, a: f32, b: f32| {
-            let difference = a.clamp(0.0, 1.0) - b.clamp(0.0, 1.0);
+            let difference = rounded_to_8_bits(a) - b.clamp(0.0, 1.0);
             row_absolute[lane] += difference.abs();
             row_squared[lane] += difference * difference;
         };
@@ -37,21 +102,33 @@ pub(crate) fn l1_and_psnr(image: &Image, target: &Image) -> (f64, f64) {
 
 #[cfg(test)]
 mod tests {
-    use gs_core::metrics;
-
     use super::*;
 
+    fn wave(phase: f32) -> Image {
+        let value = |x: u32, y: u32| [0.0, 0.7, 1.3].map(|c| (x as f32 * 0.7 + y as f32 + c + phase).sin());
+        Image::from_fn(37, 21, value).unwrap()
+    }
+
     #[test]
-    fn agrees_with_the_metrics_of_the_clamped_images() {
-        let wave =
-            |phase: f32| move |x: u32, y: u32| [0.0, 0.7, 1.3].map(|c| (x as f32 * 0.7 + y as f32 + c + phase).sin());
-        let a = Image::from_fn(37, 21, wave(0.0)).unwrap();
-        let b = Image::from_fn(37, 21, wave(0.1)).unwrap();
+    fn the_quick_figures_are_those_of_the_slow_ones() {
+        let (a, b) = (wave(0.0), wave(0.1));
         let (l1, psnr) = l1_and_psnr(&a, &b);
-        let (a, b) = (a.clamped(), b.clamped());
-        assert!((l1 - metrics::mean_absolute_error(&a, &b).unwrap()).abs() < 1e-7);
-        assert!((psnr - metrics::psnr(&a, &b).unwrap()).abs() < 1e-4);
+        let slow = ImageQuality::as_written(&a, &b).unwrap();
+        assert!((l1 - slow.l1).abs() < 1e-7 && (psnr - slow.psnr).abs() < 1e-4, "{l1} {psnr} {slow:?}");
         assert!(psnr > 10.0 && psnr < 60.0, "{psnr}");
-        assert_eq!(l1_and_psnr(&a, &a), (0.0, f64::INFINITY));
+        let written = a.rounded_to_8_bits();
+        assert_eq!(l1_and_psnr(&a, &written), (0.0, f64::INFINITY));
+    }
+
+    #[test]
+    fn a_rendering_is_judged_as_it_is_written() {
+        let target = Image::filled(8, 8, [100.0 / 255.0; 3]).unwrap();
+        let off = |levels: f32| Image::filled(8, 8, [(100.0 + levels) / 255.0; 3]).unwrap();
+        let psnr = |rendered: &Image| ImageQuality::as_written(rendered, &target).unwrap().psnr;
+        assert_eq!(psnr(&off(0.4)), f64::INFINITY);
+        let one_level = 20.0 * 255f64.log10();
+        assert!((psnr(&off(0.6)) - one_level).abs() < 1e-4, "{}", psnr(&off(0.6)));
+        let float = psnr_float(&off(0.5), &target).unwrap();
+        assert!((float - one_level - 20.0 * 2f64.log10()).abs() < 1e-2, "{float}");
     }
 }

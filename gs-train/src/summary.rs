@@ -1,22 +1,35 @@
 //! The result of a fit in one value: what `summary.json` holds.
 
-use gs_core::{Image, PlanarScene, Rasterizer, edit::EditCounts, metrics, statistics::Culled};
+use gs_core::{Image, PlanarScene, Rasterizer, edit::EditCounts, statistics::Culled};
 use serde::{Deserialize, Deserializer, Serialize};
 
 use crate::{
-    clamped::Clamped, error::Error, joining::Join, recovery::FreshStart, settings::FitSettings, trainer::Trainer,
+    clamped::Clamped,
+    error::Error,
+    joining::Join,
+    quality::{ImageQuality, psnr_float},
+    recovery::FreshStart,
+    settings::FitSettings,
+    shortfall::Shortfall,
+    trainer::Trainer,
 };
 
-/// What a fit cost and what came of it. Qualities are those of the final rendering against the target, both clamped to 0..=1.
+/// What a fit cost and what came of it.
+///
+/// Figures of quality are those of the 8-bit image that is written of the scene ([`ImageQuality::as_written`]). All numbers but the cost
+/// (steps and seconds) describe the scene as it is, also where the fit returned to its first Gaussians at the end.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct FitSummary {
     /// Columns of the target, px.
     pub width: u32,
     /// Rows of the target, px.
     pub height: u32,
-    /// Gaussians at the end.
+    /// Gaussians of the scene.
     pub gaussians: u32,
-    /// Steps done.
+    /// That there are clearly fewer than the settings allow, and why.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub shortfall: Option<Shortfall>,
+    /// Steps done, those before a fresh start included.
     pub iterations: u32,
     /// Time spent fitting, s; see [`Progress::seconds`](crate::Progress::seconds).
     pub seconds: f64,
@@ -25,6 +38,9 @@ pub struct FitSummary {
     /// dB; ∞ for equal images, which JSON writes as `null`.
     #[serde(deserialize_with = "infinite_where_null")]
     pub psnr: f64,
+    /// PSNR of the rendering before it is rounded to 8 bits, held to 0..=1, dB: what no file has. ∞ as above.
+    #[serde(default = "unknown", deserialize_with = "infinite_where_null")]
+    pub psnr_float: f64,
     /// Structural similarity.
     pub ssim: f64,
     /// Multi-scale structural similarity; nothing for images too small for it.
@@ -35,10 +51,9 @@ pub struct FitSummary {
     pub threads: Option<u32>,
     /// The seed of all random numbers.
     pub seed: u32,
-    /// The loss before the last step, or of a fit under way the last that is known, in the unit of [`FitSettings::loss`]; nothing where
-    /// no step was made.
+    /// The loss of the scene, in the unit of [`FitSettings::loss`].
     pub loss: Option<f32>,
-    /// What density control did, all rounds together.
+    /// What density control did to its Gaussians, all rounds together; of those before a fresh start nothing is left.
     pub edits: EditCounts,
     /// The effects that joined because they were called for.
     #[serde(default)]
@@ -66,22 +81,23 @@ impl FitSummary {
         culled: Culled,
     ) -> Result<Self, Error> {
         let target = trainer.target();
-        let clamped = |value: f32| value.clamp(0.0, 1.0);
-        let quality = metrics::compare((rendered, clamped), (target, clamped))?;
+        let ImageQuality { psnr, ssim, ms_ssim, l1 } = ImageQuality::as_written(rendered, target)?;
         Ok(Self {
             width: target.width(),
             height: target.height(),
             gaussians: trainer.count(),
+            shortfall: Shortfall::of(trainer, &trainer.settings().policy),
             iterations: trainer.step(),
             seconds: trainer.seconds(),
-            l1: quality.l1,
-            psnr: quality.psnr,
-            ssim: quality.ssim,
-            ms_ssim: quality.ms_ssim,
+            l1,
+            psnr,
+            psnr_float: psnr_float(rendered, target)?,
+            ssim,
+            ms_ssim,
             backend: trainer.backend(),
             threads: None,
             seed: trainer.settings().seed,
-            loss: trainer.loss(),
+            loss: Some(trainer.scene_loss()?),
             edits: *trainer.edits(),
             joins: trainer.joins().joins.clone(),
             fresh_starts: trainer.fresh_starts().to_vec(),
@@ -90,6 +106,11 @@ impl FitSummary {
             settings: trainer.settings().clone(),
         })
     }
+}
+
+/// What a summary of before there was such a number says of it.
+fn unknown() -> f64 {
+    f64::NAN
 }
 
 /// JSON has no infinity: `null` is what becomes of it.

@@ -223,6 +223,18 @@ impl<'a, R: Rasterizer<S>, S: Trainable> Trainer<'a, R, S> {
         }
     }
 
+    /// Rounds of density control that the Gaussians of the scene have gone through: since the run last began again, if it did.
+    pub(crate) fn rounds_of_scene(&self) -> u32 {
+        let Record { settings, step, fresh_starts, .. } = &self.record;
+        let since = fresh_starts.last().map_or(0, |start| start.step);
+        (since + 1..=*step).filter(|&at| self.rounds().progress(at, settings.iterations()).is_some()).count() as u32
+    }
+
+    /// Whether a policy stands in for that of the settings.
+    pub(crate) fn has_foreign_policy(&self) -> bool {
+        self.foreign.is_some()
+    }
+
     /// What is left of the settings' learning rates.
     fn pace(&self) -> f32 {
         pace(self.record.fresh_starts.len())
@@ -357,7 +369,7 @@ impl<'a, R: Rasterizer<S>, S: Trainable> Trainer<'a, R, S> {
         self.rasterizer.describe()
     }
 
-    /// What density control has done so far, all rounds together.
+    /// What density control has done so far to the Gaussians that there are, all rounds together.
     pub fn edits(&self) -> &EditCounts {
         &self.record.edits
     }

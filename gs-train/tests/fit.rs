@@ -8,8 +8,8 @@ use glam::{Vec2, Vec3};
 use gs_core::{Blend, Image, Loss, PlanarGaussian, PlanarScene, Rasterizer, RenderSettings, Scene, scene::logit};
 use gs_density::{Mcmc, Noise, Policy, RelativePercentile};
 use gs_train::{
-    Control, Error, FitSettings, Init, InitialCount, MetricsLog, Observer, Outcome, Preset, Progress, Rounds, Trainer,
-    fit,
+    ColorSolve, Control, Error, Fit, FitSettings, FitSummary, ImageQuality, Init, InitialCount, MetricsLog, Observer,
+    Outcome, Preset, Progress, Rounds, Trainer, fit,
     init::{Periphery, Random},
     paper_target,
 };
@@ -39,6 +39,67 @@ fn growth_by_residual_meets_the_budget_exactly() {
         assert_eq!(fit.summary.gaussians, gaussians);
         fit.scene.validate().unwrap();
     }
+}
+
+#[test]
+fn a_budget_that_is_missed_is_told_with_the_reason() {
+    let (rasterizer, target) = (rasterizer(), small_target());
+    let shortfall = |policy: &str, iterations| {
+        let settings = FitSettings { policy: Policy::from_name(policy).unwrap(), iterations, ..small_fit(Blend::Over) };
+        let summary = fit(&rasterizer, &target, settings, &mut ()).unwrap().summary;
+        if let Some(told) = &summary.shortfall {
+            assert_eq!((told.gaussians, told.budget), (summary.gaussians, 60));
+        }
+        summary.shortfall
+    };
+    let slow = shortfall("mcmc", 42).unwrap();
+    assert_eq!(slow.gaussians, 25, "{slow}");
+    assert_eq!(
+        slow.to_string(),
+        "the run ends with 25 Gaussians of 60: policy `mcmc` adds at most 5 % of the Gaussians in a round, so that 3 rounds can \
+         make 25 of the first 20; the budget takes 18 rounds (more steps), or 52 first Gaussians"
+    );
+    assert_eq!(shortfall("none", 42).unwrap().reason, "policy `none` adds no Gaussians");
+    assert_eq!(shortfall("absolute", 5).unwrap().reason, "no round of density control was left to add any");
+    assert_eq!(shortfall("residual", 42), None);
+}
+
+#[test]
+fn a_fit_is_judged_by_the_picture_that_is_written_of_it() {
+    let target = small_target().rounded_to_8_bits();
+    let Fit { image, summary, scene, .. } =
+        fit(&rasterizer(), &target, FitSettings::for_image(200, (48, 40), 150), &mut ()).unwrap();
+    let written = ImageQuality::between(&image.rounded_to_8_bits(), &target).unwrap();
+    let FitSummary { psnr, ssim, ms_ssim, l1, .. } = summary;
+    assert_eq!(ImageQuality { psnr, ssim, ms_ssim, l1 }, written);
+    assert!((psnr - summary.psnr_float).abs() > 1e-3, "{psnr} and {}", summary.psnr_float);
+    // And its loss is that of the scene, which another trainer finds, too.
+    let again = Trainer::from_scene(
+        &rasterizer(),
+        &target,
+        &scene,
+        FitSettings { color_solve: ColorSolve::default(), ..summary.settings },
+    )
+    .unwrap()
+    .scene_loss()
+    .unwrap();
+    assert!((again / summary.loss.unwrap() - 1.0).abs() < 1e-3, "{again} {:?}", summary.loss);
+    let float = 10f64.powf(-summary.psnr_float / 10.0);
+    assert!((f64::from(again) / float - 1.0).abs() < 0.05, "{again} {float}");
+}
+
+#[test]
+fn a_picture_of_one_colour_is_exact_and_details_on_it_nearly() {
+    let psnr = |target: &Image| {
+        let settings = FitSettings::for_image(60, target.size(), 100).before_flat_color(target);
+        fit(&rasterizer(), target, settings, &mut ()).unwrap().summary.psnr
+    };
+    for color in [[1.0; 3], [0.0; 3], [0.2, 0.4, 0.8]] {
+        assert_eq!(psnr(&Image::filled(60, 44, color).unwrap()), f64::INFINITY, "{color:?}");
+    }
+    let spot = |x: u32, y: u32| if (30..35).contains(&x) && (20..24).contains(&y) { [0.2, 0.0, 0.8] } else { [1.0; 3] };
+    let spotted = psnr(&Image::from_fn(60, 44, spot).unwrap());
+    assert!(spotted > 55.0, "{spotted}");
 }
 
 #[test]

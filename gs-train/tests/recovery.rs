@@ -62,6 +62,35 @@ fn a_fit_that_has_failed_at_its_end_ends_with_its_first_gaussians() {
 }
 
 #[test]
+fn the_summary_of_a_fit_that_went_back_is_that_of_the_scene_it_went_back_to() {
+    let (rasterizer, target) = (rasterizer(), small_target());
+    let mut settings = FitSettings { iterations: 50, ..hasty(Recovery::BeginAgain) };
+    settings.adam.color.learning_rate = 1e6;
+    (settings.rounds, settings.policy) = (Rounds::until(10, 40), Policy::from_name("percentile").unwrap());
+    let mut trainer = Trainer::new(&rasterizer, &target, settings.clone()).unwrap();
+    let (start, first) = (trainer.scene().unwrap(), trainer.summary().unwrap());
+    trainer.run(&mut ()).unwrap();
+    let last = trainer.summary().unwrap();
+    assert_eq!((trainer.scene().unwrap(), last.fresh_starts.len()), (start, 1));
+    assert!(trainer.loss().unwrap() > 1e6, "that of the Gaussians that were thrown away");
+    assert_eq!((last.loss, last.edits, last.gaussians), (first.loss, EditCounts::default(), 20));
+    assert_eq!(
+        (last.psnr, last.ssim, last.clamped, last.culled),
+        (first.psnr, first.ssim, first.clamped, first.culled)
+    );
+    let shortfall = last.shortfall.expect("20 of 60");
+    assert!(shortfall.reason.starts_with("it went back to its first 20 Gaussians after step 50"), "{shortfall}");
+}
+
+#[test]
+fn a_scene_that_shows_no_error_has_not_failed() {
+    let (rasterizer, grey) = (rasterizer(), gs_core::Image::filled(40, 30, [0.25, 0.5, 0.75]).unwrap());
+    let settings = FitSettings::for_image(60, grey.size(), 100).before_flat_color(&grey);
+    let summary = fit(&rasterizer, &grey, settings, &mut ()).unwrap().summary;
+    assert_eq!((summary.fresh_starts.len(), summary.gaussians), (0, 60), "{summary:?}");
+}
+
+#[test]
 fn a_fit_that_goes_well_is_bit_for_bit_that_which_nobody_watches() {
     for blend in [Blend::Sum, Blend::Over] {
         let watched = FitSettings { iterations: 120, ..small_fit(blend) };

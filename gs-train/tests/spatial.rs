@@ -11,9 +11,9 @@ use gs_density::Policy;
 use gs_io::dataset::{Photograph, Point};
 use gs_train::{
     Control, Error, MetricsLog, Observer, Outcome, Progress, SpatialSettings, SpatialTrainer,
-    spatial::{Backdrop, Evaluation, Resolution, Start, Views, evaluate},
+    spatial::{Backdrop, DRIFT_DB, Evaluation, PosedView, Resolution, SpatialSummary, Start, Views, evaluate},
 };
-use space::{changed, rasterizer, render, short, thirty, views};
+use space::{LENS, changed, rasterizer, render, short, thirty, views};
 
 fn trained(settings: SpatialSettings, views: Views, start: Start) -> (SpatialScene, Evaluation) {
     let rasterizer = rasterizer();
@@ -318,6 +318,50 @@ fn a_test_view_of_which_no_pixel_counts_is_in_no_mean() {
     };
     assert!(quality(2).unwrap().psnr.is_finite());
     assert!(matches!(quality(3), Err(Error::NothingCounts { views: 3 })));
+}
+
+#[test]
+fn the_summary_holds_how_well_the_views_are_fitted_that_it_trained_with() {
+    let rasterizer = rasterizer();
+    let mut fainter = thirty();
+    fainter.opacity_logits.iter_mut().for_each(|logit| *logit -= 0.5);
+    let summary = |views: Views, iterations| {
+        let start = Start::Scene(fainter.clone());
+        let mut trainer = SpatialTrainer::from_views(&rasterizer, views, start, short(iterations)).unwrap();
+        trainer.run(&mut ()).unwrap();
+        let evaluation = trainer.evaluate(&mut |_, _| Ok(())).unwrap();
+        SpatialSummary::new(&trainer, evaluation).unwrap()
+    };
+    let usual = summary(views(&rasterizer), 0);
+    let training = usual.training.unwrap();
+    let (sampled, expected) = (views(&rasterizer), [0, 4, 8]);
+    let sample: Vec<PosedView> =
+        sampled.train.into_iter().enumerate().filter_map(|(i, view)| expected.contains(&i).then_some(view)).collect();
+    let mut shown = render();
+    shown.effects.sh_degree = 0;
+    let judged = evaluate(&rasterizer, &fainter, &sample, &shown).unwrap();
+    assert_eq!(training.views, 3, "as many as are held out");
+    assert!((training.psnr.unwrap() - judged.psnr).abs() < 1e-3, "{training:?} {judged:?}");
+    assert!(usual.loss == Some(training.loss) && training.loss > 0.0 && usual.drift().is_none(), "{training:?}");
+
+    // Held-out photographs that show something else are not fitted, however long it trains.
+    let mut others = views(&rasterizer);
+    for view in &mut others.test {
+        let photograph = view.photograph().unwrap();
+        let image = Image::filled(LENS.0, LENS.1, [0.9, 0.1, 0.5]).unwrap();
+        view.source = Box::new(Photograph { image, ..photograph });
+    }
+    let drifted = summary(others, 20);
+    let apart = drifted.training.unwrap().psnr.unwrap() - drifted.evaluation.psnr;
+    assert!(apart > DRIFT_DB && drifted.drift() == Some(apart), "{apart}");
+
+    // A bound that nobody chose is none to reach.
+    assert!(drifted.shortfall.is_some_and(|told| told.budget == 600 && told.reason.contains("at least 0.0002")));
+    let settings = SpatialSettings { gaussians: SpatialSettings::default().gaussians, ..short(4) };
+    let trainer =
+        SpatialTrainer::from_views(&rasterizer, views(&rasterizer), Start::Scene(thirty()), settings).unwrap();
+    let evaluation = trainer.evaluate(&mut |_, _| Ok(())).unwrap();
+    assert_eq!(SpatialSummary::new(&trainer, evaluation).unwrap().shortfall, None);
 }
 
 #[test]

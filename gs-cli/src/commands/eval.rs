@@ -3,12 +3,15 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use gs_core::{Image, Rasterizer, RenderSettings, Scene, SpatialScene, counted, metrics};
+use gs_core::{Image, Rasterizer, RenderSettings, Scene, SpatialScene, counted};
 use gs_io::{
     LoadedImage, SpatialFile,
     dataset::{may_be_dataset, read_dataset},
 };
-use gs_train::spatial::{Evaluation, PosedView, ViewQuality, Views, evaluate};
+use gs_train::{
+    ImageQuality,
+    spatial::{Evaluation, PosedView, ViewQuality, Views, evaluate},
+};
 use serde::Serialize;
 
 use crate::{
@@ -43,11 +46,8 @@ pub(crate) struct EvalArgs {
 struct Comparison {
     width: u32,
     height: u32,
-    psnr: f64,
-    ssim: f64,
-    /// `null` where a side is shorter than 161 px, too small for its five scales.
-    ms_ssim: Option<f64>,
-    l1: f64,
+    #[serde(flatten)]
+    quality: ImageQuality,
 }
 
 /// Compares two images, or judges a scene.
@@ -67,19 +67,12 @@ pub(crate) fn run(args: &EvalArgs) -> Result<(), Failure> {
         let message = format!("sizes differ: {}, {}", size(&args.a, &a), size(&args.b, &b));
         return Err(Failure::failed(message).mend("compare images of one size; gs render --size makes one"));
     }
-    let found = metrics::compare((&a, |value| value), (&b, |value| value))?;
-    let comparison = Comparison {
-        width: a.width(),
-        height: a.height(),
-        psnr: found.psnr,
-        ssim: found.ssim,
-        ms_ssim: found.ms_ssim,
-        l1: found.l1,
-    };
+    let (width, height) = a.size();
+    let quality = ImageQuality::between(&a, &b)?;
     if args.json {
-        return output::json(&comparison);
+        return output::json(&Comparison { width, height, quality });
     }
-    let Comparison { width, height, psnr, ssim, ms_ssim, l1 } = comparison;
+    let ImageQuality { psnr, ssim, ms_ssim, l1 } = quality;
     let ms_ssim = ms_ssim.map_or_else(|| "none below 161 px a side".to_owned(), |value| format!("{value:.5}"));
     output::result(format_args!(
         "size     {width}x{height} px\nPSNR     {psnr:.3} dB\nSSIM     {ssim:.5}\nMS-SSIM  {ms_ssim}\nL1       {l1:.6}"

@@ -65,12 +65,14 @@ impl Summary {
             culled,
             clamped,
             fresh_starts,
+            shortfall,
             ..
         } = &self.fit;
+        let shortfall = shortfall.as_ref().map_or_else(String::new, |shortfall| format!("\nnote: {shortfall}"));
         let trouble = Trouble::new(detail, edits, *culled, *clamped, fresh_starts);
         let ms_ssim = ms_ssim.map_or_else(String::new, |value| format!(", MS-SSIM {value:.4}"));
         format!(
-            "{} after {} in {seconds:.2} s ({:.2} s in all): PSNR {psnr:.2} dB, SSIM {ssim:.4}{ms_ssim}{trouble}; see {}{}",
+            "{} after {} in {seconds:.2} s ({:.2} s in all): PSNR {psnr:.2} dB, SSIM {ssim:.4}{ms_ssim}{trouble}; see {}{}{shortfall}",
             counted(*gaussians, "Gaussian"),
             counted(*iterations, "step"),
             self.total_seconds,
@@ -185,6 +187,9 @@ impl Results<'_> {
         let canvas = canvas_of(file);
         Ok(Summary {
             fit: FitSummary {
+                // Those that are not finite are not in the file.
+                gaussians: file.scene.len() as u32,
+                culled: Culled { not_finite: 0, ..fit.culled },
                 backend: self.backend.name.to_owned(),
                 threads: u32::try_from(self.backend.threads).ok(),
                 ..fit

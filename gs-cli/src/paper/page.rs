@@ -52,7 +52,7 @@ fn head(page: &mut String, chapters: &[Chapter], setting: &Setting<'_>) {
         page,
         "<h1>The paper’s experiments, measured</h1>\n<p class=\"lead\">What <cite>Analysis of Gaussian Splatting and implementation \
          of 2D</cite> says, in other words, beside what <code>gs paper{quick}{only}</code> measured. Verdicts are computed from the \
-         numbers.</p>\n<p class=\"small\">gs {} · {}</p>\n",
+         numbers. PSNR is that of a picture rounded to 8 bits, against its target before rounding.</p>\n<p class=\"small\">gs {} · {}</p>\n",
         env!("CARGO_PKG_VERSION"),
         escaped(setting.backend)
     );

@@ -8,7 +8,7 @@ use gs_io::{SpatialOptions, write_png, write_spatial};
 use gs_train::{
     MetricsLog, SpatialTrainer,
     effects::sampled,
-    spatial::{Evaluation, SpatialSummary, Views, resized},
+    spatial::{DRIFT_DB, Evaluation, SpatialSummary, TrainingViews, Views, resized},
 };
 use serde::Serialize;
 
@@ -52,7 +52,17 @@ impl Summary {
     /// The summary for people.
     pub(crate) fn text(&self, folder: &Path, detail: Detail) -> String {
         let SpatialSummary {
-            gaussians, iterations, seconds, evaluation, test_views, edits, clamped, fresh_starts, ..
+            gaussians,
+            iterations,
+            seconds,
+            evaluation,
+            training,
+            test_views,
+            edits,
+            clamped,
+            fresh_starts,
+            shortfall,
+            ..
         } = &self.training;
         let trouble = Trouble::new(detail, edits, evaluation.culled, *clamped, fresh_starts);
         let unmeasured = match evaluation.unmeasured.len() {
@@ -63,9 +73,23 @@ impl Summary {
             0 => "views that it trained with".to_owned(),
             count => counted(*count, "held-out view"),
         };
+        let trained = match training {
+            Some(TrainingViews { views, psnr: Some(psnr), .. }) if *test_views > 0 => {
+                format!(", PSNR {psnr:.2} dB over {} that it trained with", counted(*views, "view"))
+            }
+            _ => String::new(),
+        };
+        let drift = self.training.drift().map(|drift| {
+            format!(
+                "the scene fits the views that it trained with {drift:.1} dB better than those held out, more than {DRIFT_DB} dB: \
+                 more steps or Gaussians may not help; more views, or fewer Gaussians (-n), may"
+            )
+        });
+        let notes = [drift, shortfall.as_ref().map(ToString::to_string)].into_iter().flatten();
+        let notes: String = notes.map(|note| format!("\nnote: {note}")).collect();
         format!(
-            "{} after {} in {seconds:.1} s ({:.1} s in all): PSNR {:.2} dB, SSIM {:.4} over {whose}{unmeasured}{trouble}; \
-             see {}{}",
+            "{} after {} in {seconds:.1} s ({:.1} s in all): PSNR {:.2} dB, SSIM {:.4} over {whose}{unmeasured}{trained}{trouble}; \
+             see {}{}{notes}",
             counted(*gaussians, "Gaussian"),
             counted(*iterations, "step"),
             self.total_seconds,
@@ -170,6 +194,8 @@ impl Results<'_> {
     ) -> Result<Summary, Failure> {
         Ok(Summary {
             training: SpatialSummary {
+                // Those that are not finite are not in the file.
+                gaussians: scene.len() as u32,
                 backend: self.backend.name.to_owned(),
                 threads: u32::try_from(self.backend.threads).ok(),
                 ..SpatialSummary::new(trainer, evaluation)?

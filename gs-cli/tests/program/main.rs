@@ -15,6 +15,7 @@ mod ply;
 mod popping;
 mod process;
 mod profile;
+mod quality;
 mod scenes;
 mod study;
 mod train;

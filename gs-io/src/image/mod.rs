@@ -8,7 +8,7 @@ mod whole;
 
 use std::{io::Write, path::Path};
 
-use gs_core::Image;
+use gs_core::{Image, image::to_8_bits};
 
 pub(crate) use self::decode::{decode, decode_mask, read_header};
 pub use self::remark::ImageRemark;
@@ -169,5 +169,5 @@ const CHUNK_BYTES: usize = 1 << 16;
 
 /// Pixels in 8 bits a channel, as [`write_png`] has them.
 pub(crate) fn bytes_of(pixels: &[[f32; 3]]) -> Vec<u8> {
-    pixels.as_flattened().iter().map(|v| (v.clamp(0.0, 1.0) * 255.0).round() as u8).collect()
+    pixels.as_flattened().iter().map(|&value| to_8_bits(value)).collect()
 }

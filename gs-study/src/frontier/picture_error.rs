@@ -19,7 +19,9 @@ pub struct PictureError {
 }
 
 impl PictureError {
-    /// Peak signal-to-noise ratio, dB, with peak 1; ∞ where there is no difference.
+    /// Peak signal-to-noise ratio, dB, with peak 1; ∞ where there is no difference. Of floats, as all errors here are: it is about what an
+    /// approximation changes, most of which an 8-bit picture does not show. How good a fit is, is a matter of 8-bit pictures
+    /// ([`gs_train::ImageQuality`]).
     pub fn psnr(&self) -> f64 {
         -10.0 * self.mean_squared.log10()
     }

@@ -36,7 +36,7 @@ pub(crate) struct Fitted {
     pub(crate) scene: PlanarScene,
     /// What they were fitted with.
     pub(crate) settings: FitSettings,
-    /// How well they were, dB.
+    /// How well they were: PSNR of the 8-bit image, dB.
     pub(crate) psnr: f64,
 }
 

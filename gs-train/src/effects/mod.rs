@@ -14,7 +14,7 @@ pub use self::{
     proof::{Proof, prove},
 };
 
-/// How far pictures are from those they stand for, neither clamped.
+/// How far pictures are from those they stand for, in floats that are neither clamped nor rounded to 8 bits.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Difference {

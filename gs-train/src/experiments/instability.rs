@@ -21,7 +21,7 @@ pub use self::{
 };
 use super::{
     Axis, Cell, Chart, Circumstance, Claim, Findings, Laboratory, Number, Paired, Picture, SHARP_DB, Series, Table,
-    findings::significant, textbook::Guards,
+    findings::significant, paired::gain, textbook::Guards,
 };
 use crate::{error::Error, targets::SyntheticTarget};
 
@@ -141,7 +141,7 @@ impl InstabilityMeasured {
     /// PSNR with the clamp at 1 px less that with this project's floor and the same seed, dB, where both fits lived.
     pub fn price_of_clamp(&self, target: &str) -> Paired {
         let [clamped, guarded] = [CLAMP_PX, PROJECT_FLOOR_PX].map(|floor| &self.floor(target, floor).psnr);
-        let pairs = clamped.iter().zip(guarded).filter_map(|(clamped, guarded)| Some((*clamped)? - (*guarded)?));
+        let pairs = clamped.iter().zip(guarded).filter_map(|(clamped, guarded)| Some(gain((*clamped)?, (*guarded)?)));
         Paired::of(&pairs.collect::<Vec<_>>())
     }
 

@@ -149,7 +149,7 @@ pub(crate) enum Ellipses {
 }
 
 impl Run {
-    /// PSNR at the end, dB.
+    /// PSNR at the end, dB: of the picture as it is written in 8 bits, against the target in floats.
     pub(crate) fn psnr(&self) -> f64 {
         self.fit.summary.psnr
     }

@@ -19,7 +19,7 @@ use super::{
     Table,
     findings::significant,
     laboratory::{Ellipses, Run, Shown, seeds_in_words},
-    paired::{Sense, mean},
+    paired::{Sense, gain, mean},
     set_up::paper_settings,
 };
 use crate::{
@@ -204,7 +204,7 @@ impl LazyMeasured {
     /// PSNR of another criterion less that of this one from the same seed, dB.
     fn against(&self, other: Criterion, this: Criterion) -> Paired {
         let pairs = self.growth(other).psnr.iter().zip(&self.growth(this).psnr);
-        Paired::of(&pairs.map(|(other, this)| other - this).collect::<Vec<_>>())
+        Paired::of(&pairs.map(|(&other, &this)| gain(other, this)).collect::<Vec<_>>())
     }
 }
 

@@ -4,6 +4,11 @@ use crate::statistics::{Interval, bootstrap_interval};
 
 pub(crate) use crate::statistics::{mean, median};
 
+/// By how much one PSNR exceeds another, dB: 0 for equal ones, also where both are infinite because both pictures are exact.
+pub(crate) fn gain(of: f64, over: f64) -> f64 {
+    if of == over { 0.0 } else { of - over }
+}
+
 /// Which of a pair is taken from which, in words.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Sense {
@@ -56,6 +61,7 @@ impl Paired {
             (Some(Interval { low, high }), Sense::Reversed) => {
                 format!("95 % interval {:+.decimals$} to {:+.decimals$}", -high, -low)
             }
+            (None, _) if self.mean.is_infinite() => format!("{} in all, of which some are infinite", self.pairs),
             (None, _) => format!("{} in all, too few for an interval", self.pairs),
         }
     }
@@ -84,6 +90,15 @@ mod tests {
         assert!((sign_test(8, 2) - 2.0 * (1.0 + 10.0 + 45.0) / 1024.0).abs() < 1e-12);
         assert_eq!(sign_test(3, 3), 1.0);
         assert_eq!(sign_test(0, 0), 1.0);
+    }
+
+    #[test]
+    fn exact_pictures_are_equal_to_each_other_and_better_than_all_others() {
+        let exact = f64::INFINITY;
+        assert_eq!([gain(exact, exact), gain(exact, 60.0), gain(60.0, exact)], [0.0, exact, -exact]);
+        let found = Paired::of(&[gain(exact, 60.0), gain(exact, exact), gain(61.0, 60.0)]);
+        assert_eq!((found.mean, found.negative, found.interval), (exact, 0, None));
+        assert_eq!(found.interval_in_words(Sense::Forward, 1), "3 in all, of which some are infinite");
     }
 
     #[test]

@@ -15,7 +15,7 @@ use super::{
     Table,
     findings::significant,
     laboratory::{Ellipses, Run, Shown},
-    paired::{Sense, mean, median},
+    paired::{Sense, gain, mean, median},
 };
 use crate::{
     error::Error,
@@ -158,7 +158,7 @@ pub fn measure<R: Rasterizer<PlanarScene>>(laboratory: &mut Laboratory<'_, R>) -
         net_beyond_control: by_seed(&rounds, seeds, |r| r.net - r.control_net),
         start_against_growth: Paired::of(
             &(many_small.iter().zip(&many_large).zip(&grown))
-                .map(|((small, large), grown)| small.psnr().max(large.psnr()) - grown.psnr())
+                .map(|((small, large), grown)| gain(small.psnr().max(large.psnr()), grown.psnr()))
                 .collect::<Vec<_>>(),
         ),
         steps_to_budget: grown.iter().map(reached).collect(),

@@ -17,7 +17,7 @@ use gs_io::dataset::Photograph;
 use rand::{RngExt, SeedableRng};
 
 use super::{
-    evaluation::measure,
+    evaluation::{TrainingViews, measure},
     order::Order,
     pictures::{Picture, Pictures},
     resolution::{possible, reduced_camera},
@@ -39,6 +39,10 @@ const BACKDROP_STREAM: u64 = 0x6261_636b;
 
 /// Without test views, so many of the training views, evenly spread, tell how good a scene is.
 const STAND_INS: usize = 8;
+
+/// By at most so many of the training views it is told how well a scene fits them: their mean is known to half a dB, and they cost less than
+/// the test views.
+const MOST_SAMPLED: usize = 32;
 
 /// In so many views, residuals are asked how they depend on the view: as dear as twice so many steps without the optimiser.
 const ASKED_VIEWS: u32 = 8;
@@ -99,6 +103,35 @@ impl<R: Rasterizer<SpatialScene>> ViewsCourse<R> {
         }
         let train = &self.views.train;
         train.iter().step_by(train.len().div_ceil(STAND_INS)).collect()
+    }
+
+    /// Some of the views that it is trained with, evenly spread: as many as there are to judge it by, and [`MOST_SAMPLED`] at most.
+    fn sample(&self) -> impl Iterator<Item = &PosedView> {
+        let (train, test) = (&self.views.train, &self.views.test);
+        let wanted = if test.is_empty() { STAND_INS } else { test.len().min(MOST_SAMPLED) };
+        let count = train.len().min(wanted);
+        (0..count).map(move |number| &train[number * train.len() / count])
+    }
+
+    /// How well the scene fits the views that it is trained with, by a sample of them.
+    pub(super) fn training_views(
+        &self,
+        on: &R,
+        cloud: &R::Cloud,
+        settings: &SpatialSettings,
+        effects: &Effects,
+    ) -> Result<TrainingViews, Error> {
+        let render = shown(settings, effects);
+        let (mut psnr, mut losses) = (Vec::new(), Vec::new());
+        for view in self.sample() {
+            let photograph = view.photograph()?;
+            let frame = on.forward(cloud, &view.camera, &render)?;
+            let target = Self::target(on, &frame, &photograph, &render)?;
+            psnr.extend(measure(&on.image(&frame)?, photograph, render.backdrop()).map(|pair| pair.l1_and_psnr().1));
+            losses.push(f64::from(on.backward(cloud, frame, &target, &settings.loss)?.0));
+        }
+        let measured = !psnr.is_empty();
+        Ok(TrainingViews { views: psnr.len(), psnr: measured.then(|| mean(psnr)), loss: mean(losses) as f32 })
     }
 
     /// What a frame is compared with: the photograph before these settings' background, but where the mask says that it does not count, what

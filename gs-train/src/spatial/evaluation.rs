@@ -1,4 +1,4 @@
-//! How good a scene is, view by view: PSNR, SSIM and mean absolute difference, the images clamped to 0..=1.
+//! How good a scene is, view by view: PSNR, SSIM and mean absolute difference of its renderings as they are written in 8 bits.
 
 use gs_core::{Chart, Image, Rasterizer, RenderSettings, SpatialScene, metrics, statistics::Culled};
 use gs_io::dataset::Photograph;
@@ -42,7 +42,20 @@ pub struct Evaluation {
     pub unmeasured: Vec<String>,
 }
 
-/// A rendering beside its photograph, both clamped, the photograph before the same background and as rendered where it does not count.
+/// How well a scene fits the views that it was trained with, by a sample of them, evenly spread: as many as there are held-out views, 32 at
+/// most, or 8 where none is held out.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct TrainingViews {
+    /// Views of which some pixel counts.
+    pub views: usize,
+    /// Mean of their PSNR, dB. Nothing where no pixel of any counts; ∞, which JSON writes as `null`, where all are exact.
+    pub psnr: Option<f64>,
+    /// Mean loss at full resolution, in the unit of [`SpatialSettings::loss`](super::SpatialSettings::loss).
+    pub loss: f32,
+}
+
+/// A rendering as it is written in 8 bits beside its photograph, which is before the same background, and as rendered where it does not count.
 pub(super) struct Pair {
     rendered: Image,
     target: Image,
@@ -52,7 +65,7 @@ pub(super) struct Pair {
 
 /// Puts them side by side; `None` where no pixel counts.
 pub(super) fn measure(rendered: &Image, photograph: Photograph, backdrop: [f32; 3]) -> Option<Pair> {
-    let rendered = rendered.clamped();
+    let rendered = rendered.rounded_to_8_bits();
     let mask = photograph.mask.clone();
     let target = photograph.over(backdrop).clamped();
     let (target, share) = match mask {

@@ -21,7 +21,7 @@ mod views;
 
 pub use self::{
     course::ViewsCourse,
-    evaluation::{Evaluation, ViewQuality, evaluate},
+    evaluation::{Evaluation, TrainingViews, ViewQuality, evaluate},
     flight::{Bulk, CameraPath, Ends, Key, Orbit, looking_at, resized},
     geometry::{Focus, extent_of},
     init::{PointInit, Start, gaussians_at, random_points},
@@ -29,7 +29,7 @@ pub use self::{
     presets::SpatialPreset,
     resolution::Resolution,
     settings::{Backdrop, SpatialSettings},
-    summary::SpatialSummary,
+    summary::{DRIFT_DB, SpatialSummary},
     trainer::SpatialTrainer,
     view_dependence::ViewDependence,
     views::{Counting, PhotographSource, PosedView, Views},

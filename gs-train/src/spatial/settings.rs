@@ -213,6 +213,10 @@ impl RunSettings<SpatialScene> for SpatialSettings {
         None
     }
 
+    fn loss(&self) -> Loss {
+        self.loss
+    }
+
     fn chart(&self) -> Chart {
         self.chart
     }

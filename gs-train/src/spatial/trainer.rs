@@ -7,7 +7,7 @@ use gs_io::{Checkpoint, dataset::AlphaMeaning};
 
 use super::{
     course::{ViewsCourse, shown},
-    evaluation::{Evaluation, evaluate_cloud},
+    evaluation::{Evaluation, TrainingViews, evaluate_cloud},
     geometry::extent_of,
     init::Start,
     settings::SpatialSettings,
@@ -103,6 +103,14 @@ impl<'a, R: Rasterizer<SpatialScene>> Trainer<'a, R, SpatialScene> {
     /// Those of the backend, of reading a photograph, and of `look`.
     pub fn evaluate(&self, look: &mut dyn FnMut(&PosedView, &Image) -> Result<(), Error>) -> Result<Evaluation, Error> {
         evaluate_cloud(self.rasterizer, &self.cloud, &self.course.judges(), &self.shown(), look)
+    }
+
+    /// How well the scene fits the views that it is trained with, by a sample of them.
+    ///
+    /// # Errors
+    /// Those of the backend, and of reading a photograph.
+    pub fn training_views(&self) -> Result<TrainingViews, Error> {
+        self.course.training_views(self.rasterizer, &self.cloud, &self.record.settings, &self.effects())
     }
 }
 

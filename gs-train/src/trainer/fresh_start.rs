@@ -1,9 +1,10 @@
 //! How a run begins again that has become worse than it was at first; see [`Recovery`].
 
-use gs_core::{Binning, Rasterizer, Wait, guards::Guard};
+use gs_core::{Binning, Loss, Rasterizer, Wait, constants::HALF_DISPLAY_STEP, edit::EditCounts, guards::Guard};
 
 use super::Trainer;
 use crate::{
+    checkpoint::Record,
     course::{Course, Due, RunSettings, Trainable},
     error::Error,
     recovery::{FreshStart, Judgement, Recovery, Watch},
@@ -17,6 +18,19 @@ pub(super) struct Start<S> {
     scene: S,
     /// Steps done before.
     step: u32,
+    /// What density control had done before.
+    edits: EditCounts,
+}
+
+/// The loss of pictures that are off by less than what shows. A run below it has not failed, whatever it began with: where the first picture
+/// is as good as exact, such as one of a single colour, nothing but noise makes it worse.
+fn invisible(loss: Loss) -> f64 {
+    let step = f64::from(HALF_DISPLAY_STEP);
+    match loss {
+        Loss::L2 => step * step,
+        Loss::L1 => step,
+        Loss::L1Dssim { lambda } => (1.0 - f64::from(lambda)) * step,
+    }
 }
 
 impl<R: Rasterizer<S>, S: Trainable> Trainer<'_, R, S> {
@@ -32,7 +46,8 @@ impl<R: Rasterizer<S>, S: Trainable> Trainer<'_, R, S> {
     /// Keeps the Gaussians that this run begins with, where it may have to go back to them.
     pub(super) fn keep_start(&mut self) -> Result<(), Error> {
         if self.start.is_none() && self.recovers() {
-            self.start = Some(Start { scene: self.rasterizer.download(&self.cloud)?, step: self.record.step });
+            let Record { step, edits, .. } = self.record;
+            self.start = Some(Start { scene: self.rasterizer.download(&self.cloud)?, step, edits });
         }
         Ok(())
     }
@@ -56,6 +71,7 @@ impl<R: Rasterizer<S>, S: Trainable> Trainer<'_, R, S> {
         self.cloud = self.rasterizer.upload(&start.scene, self.record.settings.chart())?;
         self.binning = Binning::Fresh;
         self.record.joins.joins.retain(|join| join.step <= start.step);
+        self.record.edits = start.edits;
         let fresh_start = FreshStart { step: self.record.step, loss: judgement.loss, first: judgement.first };
         self.record.fresh_starts.push(fresh_start);
         Ok(Some(fresh_start))
@@ -64,7 +80,7 @@ impl<R: Rasterizer<S>, S: Trainable> Trainer<'_, R, S> {
     /// Whether what there is, is worse than the start: by the window; after the last step, which no other follows, by the scene itself.
     fn has_failed(&mut self, judgement: Judgement, start: &S) -> Result<bool, Error> {
         let doubtful = judgement.is_worse() || self.is_finished() && judgement.loss > judgement.first;
-        if !doubtful {
+        if !doubtful || judgement.loss <= invisible(self.record.settings.loss()) {
             return Ok(false);
         }
         if judgement.loss <= self.loss_of(&S::default())? / 4.0 {

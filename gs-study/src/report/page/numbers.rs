@@ -30,7 +30,7 @@ impl Page<'_> {
                 h2 { "Quality" }
                 p {
                     "Mean over images of means over seeds, at the end of the fits; ± is the standard deviation of a single run over seeds. "
-                    "PSNR in dB, SSIM and MS-SSIM from 0 to 1, time in seconds as measured. Means are over finished runs."
+                    "PSNR in dB, SSIM and MS-SSIM from 0 to 1, of the pictures as they are written in 8 bits; time in seconds as measured. Means are over finished runs."
                 }
                 div.wide { table {
                     thead { tr {

@@ -1,6 +1,6 @@
 //! Small fits in which the optimiser may drive a scale to zero by itself, if the guard lets it.
 
-use gs_core::{Image, Loss, PlanarScene, Rasterizer, metrics};
+use gs_core::{Image, Loss, PlanarScene, Rasterizer};
 use gs_density::Policy;
 
 use super::{Guard, unless_diverged};
@@ -8,6 +8,7 @@ use crate::{
     error::Error,
     experiments::{Laboratory, paired::mean, textbook::Textbook},
     init::{Init, Random},
+    quality::l1_and_psnr,
     rounds::Rounds,
     settings::{FitSettings, InitialCount},
     trainer::Trainer,
@@ -106,7 +107,7 @@ impl Free {
     /// PSNR at the end of the fits that lived, dB, mean; nothing where none did.
     pub fn psnr(&self) -> Option<f64> {
         let psnr = mean(self.courses.iter().filter_map(|course| course.psnr));
-        psnr.is_finite().then_some(psnr)
+        (!psnr.is_nan()).then_some(psnr)
     }
 }
 
@@ -133,8 +134,8 @@ impl Course {
             }
         }
         course.note(iterations + 1, textbook.smallest_scale_px().into());
-        let image = textbook.render(target.width(), target.height())?.clamped();
-        Ok(Self { psnr: Some(metrics::psnr(&image, target)?), ..course })
+        let image = textbook.render(target.width(), target.height())?;
+        Ok(Self { psnr: Some(l1_and_psnr(&image, target).1), ..course })
     }
 
     fn by_product<R: Rasterizer<PlanarScene>>(

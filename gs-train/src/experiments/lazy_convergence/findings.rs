@@ -244,8 +244,8 @@ impl LazyMeasured {
     fn relative_claim(&self) -> Claim {
         let Trial { budget, percent, .. } = self.trial;
         let short: Vec<&Case> = self.cases.iter().filter(|case| falls_short(case, budget)).collect();
-        let forced = |case: &Case| case.mean_of(|o| o.psnr_forced - o.psnr_tuned);
-        let hybrid = |case: &Case| case.mean_of(|o| o.psnr_hybrid - o.psnr_tuned);
+        let forced = |case: &Case| case.mean_of(|o| gain(o.psnr_forced, o.psnr_tuned));
+        let hybrid = |case: &Case| case.mean_of(|o| gain(o.psnr_hybrid, o.psnr_tuned));
         let comes_near = |what: String, difference: &dyn Fn(&Case) -> f64| {
             let within = self.cases.iter().map(|case| difference(case) >= -NEAR_DB);
             Circumstance::counted(
@@ -267,7 +267,7 @@ impl LazyMeasured {
             circumstances: vec![
                 Circumstance::counted(
                     "targets on which the paper's working threshold falls short and the top 10 % end at a higher PSNR",
-                    short.iter().map(|case| case.mean_of(|o| o.psnr_forced - o.psnr_transferred) > 0.0),
+                    short.iter().map(|case| case.mean_of(|o| gain(o.psnr_forced, o.psnr_transferred)) > 0.0),
                 ),
                 comes_near("the top 10 %".to_owned(), &forced),
                 comes_near(format!("the hybrid at {percent} %"), &hybrid),

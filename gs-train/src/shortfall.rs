@@ -1,0 +1,196 @@
+//! Why a run ends with fewer Gaussians than it was allowed: its policy could not get there.
+
+use std::fmt;
+
+use gs_core::{Rasterizer, edit::EditCounts};
+use gs_density::{Policy, Signal, share_of};
+use serde::{Deserialize, Serialize};
+
+use crate::{
+    course::{RunSettings, Trainable},
+    recovery::FreshStart,
+    trainer::Trainer,
+};
+
+/// A run has missed its budget where it ends with less than this share of it.
+const CLEARLY: f64 = 0.9;
+
+/// A run that would need more rounds than this is told none.
+const MOST_ROUNDS: u32 = 10_000;
+
+/// That a finished run has less than nine tenths of the Gaussians it was allowed, and why.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct Shortfall {
+    /// Gaussians of the scene.
+    pub gaussians: u32,
+    /// The most there might have been.
+    pub budget: u32,
+    /// What kept the policy from getting there, in words.
+    pub reason: String,
+}
+
+impl fmt::Display for Shortfall {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { gaussians, budget, reason } = self;
+        write!(f, "the run ends with {gaussians} Gaussians of {budget}: {reason}")
+    }
+}
+
+impl Shortfall {
+    /// That of a run under this policy; nothing where the run is not finished or comes near its budget.
+    pub(crate) fn of<R: Rasterizer<S>, S: Trainable>(trainer: &Trainer<'_, R, S>, policy: &Policy) -> Option<Self> {
+        let (gaussians, budget) = (trainer.count(), trainer.settings().budget());
+        if !trainer.is_finished() || f64::from(gaussians) >= CLEARLY * f64::from(budget) {
+            return None;
+        }
+        let growth = Growth {
+            policy: (!trainer.has_foreign_policy()).then_some(policy),
+            first: (gaussians + trainer.edits().pruned()).saturating_sub(trainer.edits().added()),
+            budget,
+            rounds: trainer.rounds_of_scene(),
+            edits: *trainer.edits(),
+        };
+        let reason = match trainer.fresh_starts().last() {
+            Some(FreshStart { step, .. }) => format!(
+                "it went back to its first {} after step {step}, and then {}",
+                plural(growth.first, "Gaussian"),
+                growth.reason()
+            ),
+            None => growth.reason(),
+        };
+        Some(Self { gaussians, budget, reason })
+    }
+}
+
+/// How the Gaussians of a scene came about.
+struct Growth<'p> {
+    /// Nothing for one of the caller's own.
+    policy: Option<&'p Policy>,
+    /// Gaussians at first.
+    first: u32,
+    budget: u32,
+    /// Rounds of density control.
+    rounds: u32,
+    edits: EditCounts,
+}
+
+impl Growth<'_> {
+    fn reason(&self) -> String {
+        let Some(policy) = self.policy else { return "its policy, one of the caller's own, added no more".to_owned() };
+        let name = policy.name();
+        let rounds = plural(self.rounds, "round");
+        if *policy == Policy::None {
+            return "policy `none` adds no Gaussians".to_owned();
+        }
+        if self.rounds == 0 {
+            return "no round of density control was left to add any".to_owned();
+        }
+        let by_threshold = |signal: Signal, threshold: f32| {
+            format!("whose {} is at least {threshold}, and too few had one in {rounds}", signal_name(signal))
+        };
+        let grown = match policy {
+            Policy::Mcmc(mcmc) => return self.by_share(name, mcmc.percent, None),
+            Policy::Percentile(percentile) => return self.by_share(name, percentile.percent, None),
+            Policy::Hybrid(hybrid) => {
+                return self.by_share(name, hybrid.percent, Some(by_threshold(hybrid.signal, hybrid.floor)));
+            }
+            Policy::Absolute(absolute) => {
+                format!("lets only Gaussians grow {}", by_threshold(absolute.signal, absolute.threshold))
+            }
+            Policy::Paper(paper) => format!(
+                "lets {} % of the Gaussians grow in a round, and besides those {}",
+                paper.percent,
+                by_threshold(Signal::MeanGradient, paper.threshold)
+            ),
+            Policy::Residual(_) | Policy::ImageGs(_) | Policy::None => "adds none after its last round".to_owned(),
+        };
+        format!("policy `{name}` {grown}{}", self.pruned())
+    }
+
+    /// Of a policy by which a share of the Gaussians grows in each round, of those at most that call for it.
+    fn by_share(&self, name: &str, percent: f32, calling: Option<String>) -> String {
+        let grows = format!("policy `{name}` adds at most {percent} % of the Gaussians in a round");
+        let reached = (0..self.rounds).fold(self.first, |count, _| self.next(count, percent));
+        if reached >= self.budget {
+            let calling = calling.map_or_else(String::new, |calling| format!(", and only those {calling}"));
+            return format!("{grows}{calling}{}", self.pruned());
+        }
+        let rounds = plural(self.rounds, "round");
+        let mend = self.mend(percent).map_or_else(String::new, |mend| format!("; {mend}"));
+        format!("{grows}, so that {rounds} can make {reached} of the first {}{mend}", self.first)
+    }
+
+    /// How many a round makes of so many.
+    fn next(&self, count: u32, percent: f32) -> u32 {
+        let added = share_of(count as usize, percent);
+        count.saturating_add(u32::try_from(added).unwrap_or(u32::MAX)).min(self.budget)
+    }
+
+    /// How many rounds, or first Gaussians, the budget takes.
+    fn mend(&self, percent: f32) -> Option<String> {
+        let mut count = self.first;
+        let needed = (1..=MOST_ROUNDS).find(|_| {
+            count = self.next(count, percent);
+            count >= self.budget
+        })?;
+        let factor = (1.0 + f64::from(percent) / 100.0).powf(f64::from(self.rounds));
+        let first = (f64::from(self.budget) / factor).ceil();
+        Some(format!("the budget takes {needed} rounds (more steps), or {first} first Gaussians"))
+    }
+
+    fn pruned(&self) -> String {
+        match self.edits.pruned() {
+            0 => String::new(),
+            pruned => format!("; {} were pruned", plural(pruned, "Gaussian")),
+        }
+    }
+}
+
+fn signal_name(signal: Signal) -> &'static str {
+    match signal {
+        Signal::MeanGradient => "mean gradient",
+        Signal::AbsoluteGradient => "absolute gradient",
+        Signal::PixelError => "pixel error",
+    }
+}
+
+fn plural(count: u32, what: &str) -> String {
+    if count == 1 { format!("1 {what}") } else { format!("{count} {what}s") }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn reason(name: &str, first: u32, rounds: u32, edits: EditCounts) -> String {
+        let policy = Policy::from_name(name).unwrap();
+        Growth { policy: Some(&policy), first, budget: 1_000, rounds, edits }.reason()
+    }
+
+    #[test]
+    fn the_pace_of_a_policy_is_the_reason_where_it_is_too_slow() {
+        let none = EditCounts::default();
+        assert_eq!(
+            reason("percentile", 80, 5, none),
+            "policy `percentile` adds at most 10 % of the Gaussians in a round, so that 5 rounds can make 130 of the first 80; \
+             the budget takes 27 rounds (more steps), or 621 first Gaussians"
+        );
+        assert!(reason("mcmc", 57, 12, none).contains("12 rounds can make 109 of the first 57"));
+        assert!(!reason("mcmc", 900, 12, none).contains("so that"), "the pace is not to blame");
+    }
+
+    #[test]
+    fn where_the_pace_would_do_it_is_the_threshold_or_what_was_pruned() {
+        let pruned = EditCounts { pruned_transparent: 7, cloned: 9, ..EditCounts::default() };
+        assert_eq!(
+            reason("absolute", 80, 5, pruned),
+            "policy `absolute` lets only Gaussians grow whose mean gradient is at least 0.0002, and too few had one in 5 rounds; \
+             7 Gaussians were pruned"
+        );
+        assert!(reason("hybrid-error", 500, 9, EditCounts::default()).contains("pixel error is at least 0.00"));
+        assert!(reason("mcmc", 900, 12, pruned).ends_with("7 Gaussians were pruned"));
+        assert_eq!(reason("none", 80, 5, pruned), "policy `none` adds no Gaussians");
+        assert_eq!(reason("paper", 20, 0, pruned), "no round of density control was left to add any");
+    }
+}
