@@ -100,20 +100,20 @@ impl OutputFolder {
         Ok(path)
     }
 
-    /// Writes a file of text that outlasts a power cut.
+    /// Writes a file of text that can be made again.
     ///
     /// # Errors
     /// Where it cannot be written.
     pub(crate) fn write_text(&self, name: &str, text: &str) -> Result<(), Failure> {
-        Ok(write_durably(self.file(name), |file| file.write_all(text.as_bytes()))?)
+        Ok(write_atomically(self.file(name), |file| file.write_all(text.as_bytes()))?)
     }
 
-    /// Writes a file of text that the same command makes again in little time.
+    /// Writes a file of text that the whole work led to, so that it outlasts a power cut.
     ///
     /// # Errors
     /// Where it cannot be written.
-    pub(crate) fn write_text_soon(&self, name: &str, text: &str) -> Result<(), Failure> {
-        Ok(write_atomically(self.file(name), |file| file.write_all(text.as_bytes()))?)
+    pub(crate) fn write_text_durably(&self, name: &str, text: &str) -> Result<(), Failure> {
+        Ok(write_durably(self.file(name), |file| file.write_all(text.as_bytes()))?)
     }
 
     /// Writes what cannot be made again without doing all the work again. Where the folder does not take it, as on a full disk, it goes into
@@ -140,7 +140,7 @@ impl OutputFolder {
     /// Where it has no such form, or cannot be written.
     pub(crate) fn write_json(&self, name: &str, value: &impl Serialize) -> Result<(), Failure> {
         let json = serde_json::to_string_pretty(value).map_err(|error| Failure::failed(error).at(name))?;
-        self.write_text(name, &(json + "\n"))
+        self.write_text_durably(name, &(json + "\n"))
     }
 
     /// Removes a file that this run does not write: one of an earlier run would be taken for its.

@@ -89,9 +89,6 @@ impl Checkpoints {
         let file = checkpoint.clone().unwrap_or_else(|| unnamed_file(folder.path(), resumed));
         prepare_folder(folder_of(&file))
             .map_err(|error| Failure::from(error).mend("choose another with --checkpoint"))?;
-        if fs::canonicalize(folder_of(&file)).ok() == fs::canonicalize(folder.path()).ok() {
-            folder.adopt(file.file_name().and_then(|name| name.to_str()))?;
-        }
         let at_most = checkpoint_every.is_none().then_some(AT_MOST);
         let tenth = checkpoint.as_ref().map(|_| (iterations / 10).max(1));
         let every = checkpoint_every.or(tenth).or(unasked);

@@ -67,7 +67,7 @@ impl<'a> LogFile<'a> {
 /// # Errors
 /// Where it cannot be written.
 pub(crate) fn write_table(folder: &OutputFolder, log: &MetricsLog) -> Result<(), Failure> {
-    folder.write_text(TABLE, &log.to_csv())?;
+    folder.write_text_durably(TABLE, &log.to_csv())?;
     // What stays behind is no harm: the table has it all.
     let _ = fs::remove_file(folder.file(ROWS));
     Ok(())

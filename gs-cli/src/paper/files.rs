@@ -50,7 +50,7 @@ pub(crate) fn write_findings(folder: &OutputFolder, part: &str, findings: &Findi
     let of_pictures = pictures.iter().map(|picture| picture_name(part, picture));
     folder.claim(of_tables.chain(of_charts).chain(of_pictures))?;
     for table in tables {
-        folder.write_text_soon(&table_name(part, table), &table_csv(table))?;
+        folder.write_text(&table_name(part, table), &table_csv(table))?;
     }
     let charts = charts.iter().map(|chart| write_chart(folder, part, chart)).collect::<Result<_, _>>()?;
     let pictures = pictures.iter().map(|picture| write_picture(folder, part, picture)).collect::<Result<_, _>>()?;
@@ -89,7 +89,7 @@ pub(super) fn write_claims(folder: &OutputFolder, chapters: &[Chapter]) -> Resul
             }
         }
     }
-    folder.write_text_soon(CLAIMS, &csv)
+    folder.write_text(CLAIMS, &csv)
 }
 
 fn write_chart(folder: &OutputFolder, part: &str, drawn: &Chart) -> Result<String, Failure> {
@@ -100,10 +100,10 @@ fn write_chart(folder: &OutputFolder, part: &str, drawn: &Chart) -> Result<Strin
             add_row(&mut csv, [series.label.as_str(), &x.to_string(), &y.to_string()]);
         }
     }
-    folder.write_text_soon(&chart_name(part, drawn, "csv"), &csv)?;
+    folder.write_text(&chart_name(part, drawn, "csv"), &csv)?;
     write_png(folder.file(&chart_name(part, drawn, "png")), &chart::picture(drawn).map_err(failed)?)?;
     let svg = chart::svg(drawn).map_err(failed)?;
-    folder.write_text_soon(&chart_name(part, drawn, "svg"), &svg)?;
+    folder.write_text(&chart_name(part, drawn, "svg"), &svg)?;
     Ok(svg)
 }
 

@@ -82,7 +82,7 @@ pub(crate) fn run(args: &PaperArgs) -> Result<(), Failure> {
     let chapters = backend.run(Experiments { experiments, extent, folder: &folder })?;
     files::write_claims(&folder, &chapters)?;
     let page = page::page(&chapters, &page::Setting { extent, only: args.only, backend: &backend.reason });
-    folder.write_text_soon(files::PAGE, &page)?;
+    folder.write_text(files::PAGE, &page)?;
     output::note(format_args!(
         "{} in {:.0} s; see {}",
         verdicts(chapters.iter().flat_map(|chapter| &chapter.findings.claims)),
