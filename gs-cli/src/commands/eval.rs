@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use gs_core::{Image, Rasterizer, RenderSettings, Scene, SpatialScene, metrics};
 use gs_io::{
-    LoadedImage,
+    ImageRemark, LoadedImage,
     dataset::{may_be_dataset, read_dataset},
 };
 use gs_train::spatial::{Evaluation, PosedView, ViewQuality, Views, evaluate};
@@ -85,7 +85,8 @@ pub(crate) fn run(args: &EvalArgs) -> Result<(), Failure> {
 
 fn read(path: &Path) -> Result<Image, Failure> {
     let LoadedImage { image, remarks, .. } = gs_io::read_image(path)?;
-    remarks.iter().for_each(|remark| output::note(format_args!("note: {}: {remark}", path.display())));
+    let of = |remark: &ImageRemark| printable(&format!("{}: {remark}", path.display())).into_owned();
+    remarks.iter().for_each(|remark| output::note(format_args!("note: {}", of(remark))));
     Ok(image)
 }
 
