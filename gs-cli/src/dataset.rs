@@ -5,7 +5,7 @@ use std::{fmt, num::NonZeroU32, path::Path, str::FromStr};
 use clap::Args;
 use gs_io::dataset::{Dataset, DatasetSettings, Remark, read_dataset};
 
-use crate::failure::Failure;
+use crate::{failure::Failure, output::printable};
 
 /// How the images of a data set are read, whatever for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Args)]
@@ -41,12 +41,10 @@ impl ReadingArgs {
     }
 }
 
-/// What is to be said of a data set, with the flag that changes it.
+/// What is to be said of a data set, with the flag that changes it; one line, whatever the data set's names are.
 pub(crate) fn remark_text(remark: &Remark) -> String {
-    match remark {
-        Remark::Reduced { .. } => format!("{remark}; --max-size none reads all pixels"),
-        _ => remark.to_string(),
-    }
+    let flag = if matches!(remark, Remark::Reduced { .. }) { "; --max-size none reads all pixels" } else { "" };
+    printable(&remark.to_string()).into_owned() + flag
 }
 
 /// The most pixels of an image's longer side, a number or none.

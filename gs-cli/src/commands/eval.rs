@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use gs_core::{Image, Rasterizer, RenderSettings, Scene, SpatialScene, counted};
 use gs_io::{
-    LoadedImage, SpatialFile,
+    ImageRemark, LoadedImage, SpatialFile,
     dataset::{may_be_dataset, read_dataset},
 };
 use gs_train::{
@@ -82,7 +82,8 @@ pub(crate) fn run(args: &EvalArgs) -> Result<(), Failure> {
 fn read(path: &Path) -> Result<Image, Failure> {
     memory::check_image(path)?;
     let LoadedImage { image, remarks, .. } = gs_io::read_image(path)?;
-    remarks.iter().for_each(|remark| output::note(format_args!("note: {}: {remark}", path.display())));
+    let of = |remark: &ImageRemark| printable(&format!("{}: {remark}", path.display())).into_owned();
+    remarks.iter().for_each(|remark| output::note(format_args!("note: {}", of(remark))));
     Ok(image)
 }
 

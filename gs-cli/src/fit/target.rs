@@ -6,7 +6,7 @@ use gs_core::Image;
 use gs_io::{AlphaMode, Transparency, read_image_with};
 use gs_train::{Preset, paper_target};
 
-use crate::values::Color;
+use crate::{output::printable, values::Color};
 
 /// The target and where it is from.
 #[derive(Debug)]
@@ -33,7 +33,8 @@ impl Target {
         let behind = background.unwrap_or(Color([1.0; 3]));
         let loaded = read_image_with(path, AlphaMode::Composite(behind.0))?;
         let transparent = loaded.transparency != Transparency::None;
-        let mut remarks: Vec<String> = loaded.remarks.iter().map(|remark| format!("note: {remark}")).collect();
+        let mut remarks: Vec<String> =
+            loaded.remarks.iter().map(|remark| format!("note: {}", printable(&remark.to_string()))).collect();
         remarks.extend(
             transparent
                 .then(|| format!("note: transparent pixels are fitted as they look on {behind} (--background R,G,B)")),
@@ -54,6 +55,9 @@ impl Target {
 
     /// Its name for people.
     pub(crate) fn name(&self) -> String {
-        self.file.as_ref().map_or_else(|| "circle and square".to_owned(), |file| file.display().to_string())
+        match &self.file {
+            Some(file) => printable(&file.display().to_string()).into_owned(),
+            None => "circle and square".to_owned(),
+        }
     }
 }

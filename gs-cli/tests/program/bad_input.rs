@@ -15,7 +15,8 @@ pub(crate) fn png_without_pixels(width: u32, height: u32) -> Vec<u8> {
     [b"\x89PNG\r\n\x1a\n".as_slice(), &chunks.concat()].concat()
 }
 
-fn chunk(name: &[u8; 4], data: &[u8]) -> Vec<u8> {
+/// A chunk of a PNG.
+pub(crate) fn chunk(name: &[u8; 4], data: &[u8]) -> Vec<u8> {
     let named = [name, data].concat();
     [&(data.len() as u32).to_be_bytes(), named.as_slice(), &crc32(&named).to_be_bytes()].concat()
 }
@@ -50,8 +51,8 @@ fn images_that_are_none() {
 
     refuse_fit(&path("absent.png"), "no such file");
     refuse_fit(place.path(), "is a folder");
-    refuse_fit(&path("text.png"), "found text");
-    refuse_fit(&path("empty.png"), "an empty file");
+    refuse_fit(&path("text.png"), "is text, not an image");
+    refuse_fit(&path("empty.png"), "is empty");
     refuse_fit(&path("short.png"), "damaged");
     for part in ["none.png: ", "damaged PNG image: ", "Invalid image dimensions", "; fetch or export it again"] {
         refuse_fit(&path("none.png"), part);

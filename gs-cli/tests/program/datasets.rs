@@ -2,7 +2,14 @@
 
 use std::fs;
 
-use crate::process::{folder, gs, picture};
+use gs_core::Image;
+use serde_json::json;
+
+use crate::{
+    bad_input::chunk,
+    process::{command, folder, gs, names_in, picture},
+    train::{photographed, small, text},
+};
 
 #[test]
 fn a_data_set_tells_what_is_in_it() {
@@ -36,4 +43,162 @@ fn a_folder_that_is_no_data_set_is_refused() {
     assert!(run.refusal().contains("transforms.json") && run.refusal().contains("sparse/0"), "{run:?}");
     fs::write(place.path().join("transforms.json"), "{").unwrap();
     assert!(gs(["info", place.path().to_str().unwrap()]).refusal().contains("transforms.json: EOF"));
+}
+
+/// What a terminal would obey, or show otherwise than it is: a new title, cleared screens in both spellings, text turned round, a line break.
+const HOSTILE: &str = "x\u{1b}]0;owned\u{7}\u{9b}2J\u{202e}gnp\nforged              line";
+
+/// The same as it may be printed.
+const PRINTED: &str = r"x\u{1b}]0;owned\u{7}\u{9b}2J\u{202e}gnp\nforged              line";
+
+fn is_harmless(text: &str) -> bool {
+    !text.contains(|c: char| (c.is_control() && c != '\n') || c == '\u{202e}') && !text.contains("\nforged")
+}
+
+#[test]
+fn text_of_a_data_set_does_not_reach_the_terminal_raw() {
+    let place = folder();
+    picture(place.path(), 40, 30);
+    let matrix = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 4], [0, 0, 0, 1]];
+    let frame = |name: &str| json!({ "file_path": name, "transform_matrix": matrix });
+    let mut frames = vec![frame(HOSTILE), frame("picture-40x30.png")];
+    let write =
+        |fields: serde_json::Value| fs::write(place.path().join("transforms.json"), fields.to_string()).unwrap();
+    write(json!({ "camera_angle_x": 1.0, "ply_file_path": HOSTILE, "frames": frames }));
+    let path = place.path().to_str().unwrap();
+    let info = gs(["info", path]).done().stdout;
+    assert!(is_harmless(&info) && info.contains(&format!("(first: {PRINTED})")), "{info:?}");
+    assert!(info.contains(&format!("no points: there is no file {PRINTED}")), "{info:?}");
+    let info = gs(["info", path, "--json"]).done().stdout;
+    assert!(is_harmless(&info), "{info:?}");
+    let info: serde_json::Value = serde_json::from_str(&info).unwrap();
+    assert!(info["remarks"][0].as_str().unwrap().contains(PRINTED), "{info}");
+
+    // Errors of several kinds: one line each.
+    write(json!({ "camera_angle_x": 1.0, "frames": [frames.remove(0)] }));
+    let outside = format!("../{HOSTILE}");
+    let run = gs(["info", path]);
+    assert!(is_harmless(run.refusal()) && run.refusal().contains(r"\u{1b}]0;owned"), "{run:?}");
+    write(json!({ "camera_angle_x": 1.0, "frames": [frame(&outside)] }));
+    let run = gs(["info", path]);
+    assert!(is_harmless(run.refusal()) && run.refusal().contains(r"\u{1b}]0;owned"), "{run:?}");
+    write(json!({ "camera_angle_x": 1.0, "camera_model": HOSTILE, "frames": [] , "w": HOSTILE }));
+    assert!(is_harmless(gs(["info", path]).refusal()));
+}
+
+#[cfg(unix)]
+#[test]
+fn names_of_files_do_not_reach_the_terminal_raw() {
+    let place = folder();
+    let image = place.path().join(HOSTILE);
+    fs::rename(picture(place.path(), 16, 16), &image).unwrap();
+    let output = place.path().join("out");
+    let run = gs([
+        "fit".as_ref(),
+        image.as_os_str(),
+        "-o".as_ref(),
+        output.as_os_str(),
+        "-n".as_ref(),
+        "5".as_ref(),
+        "-i".as_ref(),
+        "2".as_ref(),
+        "--backend".as_ref(),
+        "cpu".as_ref(),
+    ])
+    .done();
+    assert!(is_harmless(&run.stderr) && run.stderr.contains(r"\u{1b}]0;owned"), "{:?}", run.stderr);
+    fs::write(&image, "text").unwrap();
+    let run = gs(["fit".as_ref(), image.as_os_str()]);
+    assert!(is_harmless(run.refusal()) && run.refusal().contains(r"\u{1b}]0;owned"), "{run:?}");
+    let run = gs(["info", &format!("--{HOSTILE}")]);
+    assert!(is_harmless(&run.stderr), "{run:?}");
+}
+
+#[test]
+fn an_image_says_what_was_done_to_its_colours() {
+    let place = folder();
+    let png = fs::read(picture(place.path(), 16, 12)).unwrap();
+    // The header is the first chunk.
+    let (header, pixels) = png.split_at(8 + 25);
+    let path = place.path().join("linear.png");
+    fs::write(&path, [header, &chunk(b"gAMA", &100_000_u32.to_be_bytes()), pixels].concat()).unwrap();
+    let output = place.path().join("out");
+    let words = ["fit", text(&path), "-o", text(&output), "-n", "5", "-i", "2", "--backend", "cpu", "--no-report"];
+    let run = gs(words).done();
+    assert!(run.stderr.contains("note: colours converted from gamma 1.00 (gAMA) to sRGB\n"), "{}", run.stderr);
+    let run = gs(["eval", text(&path), text(&path)]).done();
+    assert!(run.stderr.contains("linear.png: colours converted from gamma 1.00"), "{}", run.stderr);
+}
+
+#[test]
+fn large_images_are_scaled_down_unless_they_are_wanted_whole() {
+    let place = folder();
+    let (dataset, scene) = photographed(place.path());
+    // One pixel more than the default keeps.
+    let wide = Image::from_fn(1601, 2, |x, _| [x as f32 / 1601.0, 0.5, 0.0]).unwrap();
+    gs_io::write_png(dataset.join("images/wide.png"), &wide).unwrap();
+    let mut transforms: serde_json::Value =
+        serde_json::from_slice(&fs::read(dataset.join("transforms.json")).unwrap()).unwrap();
+    let mut frame = transforms["frames"][0].clone();
+    for (key, value) in
+        [("file_path", json!("images/wide.png")), ("w", json!(1601)), ("h", json!(2)), ("fl_x", json!(900.0))]
+    {
+        frame[key] = value;
+    }
+    transforms["frames"].as_array_mut().unwrap().push(frame);
+    fs::write(dataset.join("transforms.json"), transforms.to_string()).unwrap();
+    let told =
+        "1 scaled down to 1600 px on the longer side (first: 1601x2 to 1600x2 px); --max-size none reads all pixels";
+    let info = gs(["info", text(&dataset)]).done().stdout;
+    assert!(info.contains(told) && info.contains("1601x2 px") && info.contains("scaled to 1600x2 px"), "{info}");
+    assert!(!gs(["info", text(&dataset), "--max-size", "none"]).done().stdout.contains("scaled"));
+
+    let output = place.path().join("out");
+    let state = place.path().join("state");
+    let storing = ["--max-size", "16", "--checkpoint", text(&state), "--checkpoint-every", "25", "--no-report"];
+    let run = gs(small(&dataset, &output).into_iter().chain(storing)).done();
+    assert!(
+        run.stderr.contains("note: 9 scaled down to 16 px on the longer side (first: 32x24 to 16x12 px)"),
+        "{run:?}"
+    );
+    let resume =
+        ["train", text(&dataset), "-o", text(&output), "--resume", text(&state), "--backend", "cpu", "--no-report"];
+    gs(resume.into_iter().chain(["--max-size", "16"])).done();
+    let refused = gs(resume);
+    let line = refused.stderr.lines().last().unwrap();
+    assert!(refused.status == Some(1) && line.contains("--alpha and --max-size: --max-size none if"), "{line}");
+    // Judged by the same pixels unless others are asked for.
+    let judged = |flags: &[&str]| gs(["eval", text(&scene), text(&dataset)].iter().chain(flags)).done().stdout;
+    assert_ne!(judged(&["--max-size", "16"]), judged(&[]));
+}
+
+#[cfg(unix)]
+#[test]
+fn a_training_that_was_stopped_goes_on_with_the_same_pixels() {
+    let place = folder();
+    let (dataset, _) = photographed(place.path());
+    let output = place.path().join("out");
+    let words =
+        ["train", text(&dataset), "-o", text(&output), "-i", "1000000", "-n", "300", "--no-report", "--max-size", "20"];
+    let child = command().args(words).args(["--start", "random"]).stderr(std::process::Stdio::piped()).spawn().unwrap();
+    while !output.exists() {
+        std::thread::sleep(std::time::Duration::from_millis(20));
+    }
+    std::thread::sleep(std::time::Duration::from_millis(500));
+    std::process::Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
+    let said = String::from_utf8(child.wait_with_output().unwrap().stderr).unwrap();
+    assert!(said.contains(" --max-size 20 -o ") && said.contains("--resume "), "{said}");
+    assert!(names_in(&output).contains(&"checkpoint.safetensors".to_owned()));
+}
+
+#[test]
+fn photographs_without_cameras_are_told_how_to_get_them() {
+    let place = folder();
+    (1..4).for_each(|i| drop(picture(place.path(), 10 + i, 10)));
+    let run = gs(["train", place.path().to_str().unwrap(), "-o", place.path().join("out").to_str().unwrap()]);
+    let line = run.refusal();
+    assert!(
+        line.contains("holds 3 images without camera poses") && line.contains("colmap automatic_reconstructor"),
+        "{line}"
+    );
 }

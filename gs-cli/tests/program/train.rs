@@ -206,7 +206,7 @@ fn a_stopped_training_goes_on_to_the_same_scene() {
     let refused = gs(words.into_iter().chain(["--holdout", "3"]));
     assert!(refused.status == Some(1) && refused.stderr.contains("give the same data set"), "{refused:?}");
     let refused = gs(words.into_iter().chain(["--alpha", "mask"]));
-    assert!(refused.status == Some(1) && refused.stderr.contains("--images and --alpha"), "{refused:?}");
+    assert!(refused.status == Some(1) && refused.stderr.contains("--images, --alpha and --max-size"), "{refused:?}");
     let refused = gs(words.into_iter().chain(["--seed", "3"]));
     assert_eq!(refused.status, Some(2), "{refused:?}");
 }

@@ -43,10 +43,14 @@ fn results_are_kept_off_the_photographs() {
     fs::write(inner.join("transforms.json"), transforms.replace("images/", "../views/")).unwrap();
     let capture = place.path().join("capture");
     let refused = gs(small(&inner, &capture));
+    assert!(refused.refusal().contains("file_path `../views/0.png` leads out of the data set's folder"), "{refused:?}");
+    assert!(refused.refusal().contains("--allow-outside"), "{refused:?}");
+    let refused = gs(small(&inner, &capture).into_iter().chain(["--allow-outside"]));
     assert!(refused.refusal().contains("views/0.png") && refused.refusal().contains("--output"), "{refused:?}");
     assert_eq!(names_in(&capture), ["data", "views"]);
     assert_eq!(names_in(&capture.join("views")).len(), 8);
     let other = capture.join("results");
-    gs(["train", text(&inner), "-o", text(&other), "-i", "2", "-n", "20", "--backend", "cpu"]).done();
+    gs(["train", text(&inner), "-o", text(&other), "-i", "2", "-n", "20", "--backend", "cpu", "--allow-outside"])
+        .done();
     assert_eq!(names_in(&capture.join("views")).len(), 8);
 }

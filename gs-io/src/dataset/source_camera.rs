@@ -16,6 +16,11 @@ const FOCAL_RANGE: (f64, f64) = (0.01, 1e4);
 /// How far from the middle of the image the principal point may be, in parts of the image's longer side. Only of cut-outs it is outside.
 const CENTER_RANGE: f64 = 100.0;
 
+/// How far from the axis a lens is looked at for what it does there, in parts of the image's longer side; and how many times nearer to the
+/// axis or further away it may move a pixel.
+const NEAR_AXIS: f64 = 0.05;
+const STRETCH: f64 = 10.0;
+
 /// Points of each border of the photograph that are looked at.
 const BORDER_POINTS: u32 = 256;
 
@@ -83,8 +88,14 @@ impl SourceCamera {
         }
         let (low, high) = self.seen();
         let least = 1.0 - 2.0 * SIDE_RANGE.1;
-        (!((high - low) / size).cmpge(DVec2::splat(least - 1e-9)).all())
-            .then(|| format!("a lens that shows less than a fifth of the width or height {of}"))
+        let shows_enough = ((high - low) / size).cmpge(DVec2::splat(least - 1e-9)).all();
+        // Near the axis first: where a lens is wild, the borders of its picture may not be found at all.
+        let sane = [DVec2::X, DVec2::NEG_X, DVec2::Y, DVec2::NEG_Y].into_iter().all(|direction| {
+            let away = NEAR_AXIS * longer;
+            let pixel = self.lens.distort(direction * away / self.focal).map(|d| (d * self.focal).length());
+            pixel.is_some_and(|pixel| (away / STRETCH..=away * STRETCH).contains(&pixel))
+        });
+        (!(sane && shows_enough)).then(|| format!("a lens that shows less than a fifth of the width or height {of}"))
     }
 
     fn size(&self) -> DVec2 {

@@ -3,7 +3,7 @@
 //! In PNG, cICP counts before an ICC profile, that before sRGB, and that before gAMA and cHRM. *Source:* the PNG specification, third
 //! edition, §4.3.
 
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use moxcms::{
     Chromaticity, CicpProfile, ColorPrimaries, ColorProfile, DataColorSpace, Layout, MatrixCoefficients, ProfileText,
@@ -25,7 +25,11 @@ const CHUNK: usize = 4096;
 /// The transfer functions of HDR (ITU-T H.273): PQ and HLG.
 const HDR: [u8; 2] = [16, 18];
 
+/// The last ICC profile, and what became of it: the photographs of a data set share theirs, and to make its tables takes milliseconds.
+static LAST: Mutex<Option<(Vec<u8>, Colors)>> = Mutex::new(None);
+
 /// What becomes of an image's colours.
+#[derive(Clone)]
 pub(super) enum Colors {
     /// They are sRGB, or nothing says what they are.
     AsStored,
@@ -36,6 +40,7 @@ pub(super) enum Colors {
 }
 
 /// A conversion to sRGB.
+#[derive(Clone)]
 pub(super) struct Conversion {
     transform: Arc<TransformF32Executor>,
     /// Whether it converts grey values.
@@ -46,10 +51,16 @@ pub(super) struct Conversion {
 impl Colors {
     /// Those of an image with this ICC profile.
     pub(super) fn of_profile(icc: &[u8]) -> Self {
-        match ColorProfile::new_from_slice(icc) {
+        let mut last = LAST.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((_, colors)) = last.as_ref().filter(|(known, _)| known == icc) {
+            return colors.clone();
+        }
+        let colors = match ColorProfile::new_from_slice(icc) {
             Ok(profile) => Self::of(&profile, name_of(&profile)),
             Err(error) => Self::Ignored(format!("the file has a colour profile, which is damaged ({error})")),
-        }
+        };
+        *last = Some((icc.to_vec(), colors.clone()));
+        colors
     }
 
     /// Those that the chunks of a PNG declare.

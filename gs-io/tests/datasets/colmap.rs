@@ -131,7 +131,7 @@ fn what_cannot_be_used_is_counted() {
     fs::write(name(7), "no image").unwrap();
     picture(name(9), 40, 40);
     model.images[10].name = "view 012.png".to_owned();
-    model.images[13].name = "../images/view 013.png".to_owned();
+    model.images[13].name = "gone/view 013.png".to_owned();
     model.images[14].camera_id = 50;
     model.images[15].camera_id = 51;
     let mut broken = model.cameras[&1].clone();

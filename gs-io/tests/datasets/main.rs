@@ -6,4 +6,5 @@ mod made;
 mod mutated;
 mod photographs;
 mod real;
+mod refusals;
 mod transforms;

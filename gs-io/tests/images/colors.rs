@@ -201,7 +201,7 @@ fn what_cannot_be_converted_is_taken_as_it_is_and_said() {
 }
 
 proptest! {
-    #![proptest_config(fresh(200))]
+    #![proptest_config(fresh(60))]
 
     #[test]
     fn damaged_profiles_never_panic(changes in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..8), which in 0..3_usize) {
