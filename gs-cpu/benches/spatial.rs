@@ -53,13 +53,14 @@ fn structure_from_motion(count: usize, (width, height): (u32, u32)) -> (SpatialS
             }
         }
         let scale = (nearest.iter().sum::<f32>() / 3.0).max(1e-7).sqrt();
-        scene.push(SpatialGaussian {
+        let gaussian = SpatialGaussian {
             mean: point,
             log_scale: Vec3::splat(scale.ln()),
             rotation: [1.0, 0.0, 0.0, 0.0],
             opacity_logit: logit(0.1),
             sh: vec![Vec3::new(random.normal(), random.normal(), random.normal()) * 0.5],
-        });
+        };
+        scene.push(gaussian.with_degree(3));
     }
     (scene, Camera::looking_forward(width, height, 1.1))
 }

@@ -182,13 +182,14 @@ fn strewn(case: Case, camera: &Camera) -> SpatialScene {
         let depth = 1.0 + 9.0 * random.random::<f32>();
         let (x, y) = (random.random::<f32>() * width, random.random::<f32>() * height);
         let across = (glam::Vec2::new(x, y) - camera.center) / camera.focal;
-        scene.push(SpatialGaussian {
+        let gaussian = SpatialGaussian {
             mean: across.extend(1.0) * depth,
             log_scale: Vec3::splat((case.scale_px * depth / camera.focal.x).ln()),
             rotation: [1.0, 0.0, 0.0, 0.0],
             opacity_logit: logit(0.1),
             sh: vec![Vec3::new(random.random(), random.random(), random.random())],
-        });
+        };
+        scene.push(gaussian.with_degree(case.sh_degree));
     }
     scene
 }

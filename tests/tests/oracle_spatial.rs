@@ -142,7 +142,7 @@ fn center(splat: &impl Splat) -> [f64; 2] {
 }
 
 fn one(g: SpatialGaussian) -> SpatialScene {
-    let mut scene = SpatialScene { sh_degree: if g.sh.len() == 16 { 3 } else { 0 }, ..SpatialScene::default() };
+    let mut scene = SpatialScene { sh_degree: g.sh.len().isqrt() as u8 - 1, ..SpatialScene::default() };
     scene.push(g);
     scene
 }

@@ -13,7 +13,7 @@ use gs_core::{
     Scene, counted,
     examination::{self, Repair},
 };
-use gs_io::{GltfBuffer, Loss, SpatialFile, SpatialFormat, SpatialOptions, SpzOptions, SpzVersion};
+use gs_io::{GltfBuffer, Loss, SpatialFile, SpatialFormat, SpatialOptions, SpzOptions, SpzVersion, TrainedWith};
 use serde::Serialize;
 
 use self::{
@@ -109,13 +109,13 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<(), Failure> {
     if SpatialFormat::to_write(&args.to).is_none() {
         return Err(gs_io::Error::UnknownEnding { path: args.to.clone() }.into());
     }
-    args.cost.check()?;
     // The numbers of a .gltf may be in a file of the same name.
     let inputs = [args.from.clone(), args.from.with_extension("bin")];
     output_folder::check_file(&args.to, &inputs)?;
     if args.gltf_buffer_beside() {
         output_folder::check_file(&args.to.with_extension("bin"), &inputs)?;
     }
+    let dataset = args.cost.dataset()?;
     memory::check_spatial(&args.from)?;
     let file =
         if args.drop_broken { gs_io::read_spatial_unchecked(&args.from) } else { gs_io::read_spatial(&args.from) };
@@ -126,20 +126,7 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<(), Failure> {
         losses.extend((widened > 0).then_some(Loss::ZeroScales { gaussians: widened }));
     }
     file.trained_with = args.cost.trained_with(file.trained_with);
-    let options = SpatialOptions {
-        trained_with: file.trained_with,
-        spz: SpzOptions {
-            version: match args.spz_version {
-                Version::V3 => SpzVersion::V3,
-                Version::V4 => SpzVersion::V4,
-            },
-            ..SpzOptions::default()
-        },
-        gltf_buffer: match args.gltf_buffer {
-            Buffer::Inside => GltfBuffer::Inside,
-            Buffer::Beside => GltfBuffer::Beside,
-        },
-    };
+    let options = options(args, file.trained_with);
     let SpatialFile { scene, .. } = &file;
     let written = gs_io::write_spatial(&args.to, scene, &options).map_err(Failure::of_scene)?;
     let after = gs_io::read_spatial(&args.to).map_err(Failure::of_scene)?;
@@ -153,9 +140,27 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<(), Failure> {
         dropped: all - scene.len(),
         lost: losses.iter().chain(&written.losses).map(Loss::to_string).collect(),
         rounding: rounding::between(scene, &after.scene),
-        cost: args.cost.measure(&file, &after)?,
+        cost: dataset.map(|dataset| args.cost.measure(&dataset, &file, &after)).transpose()?,
     };
     if args.json { output::json(&conversion) } else { output::result(text(&conversion)) }
+}
+
+/// How the file is written.
+fn options(args: &ConvertArgs, trained_with: TrainedWith) -> SpatialOptions {
+    SpatialOptions {
+        trained_with,
+        spz: SpzOptions {
+            version: match args.spz_version {
+                Version::V3 => SpzVersion::V3,
+                Version::V4 => SpzVersion::V4,
+            },
+            ..SpzOptions::default()
+        },
+        gltf_buffer: match args.gltf_buffer {
+            Buffer::Inside => GltfBuffer::Inside,
+            Buffer::Beside => GltfBuffer::Beside,
+        },
+    }
 }
 
 fn text(conversion: &Conversion) -> String {

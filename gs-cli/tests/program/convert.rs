@@ -105,6 +105,9 @@ fn what_a_conversion_costs_is_measured_on_held_out_views() {
     assert!(told.contains("dB before, ") && told.contains(" dB after, mean over 1 views of "), "{told}");
     let refused = convert(&scene, &to, &["--background", "white"]);
     assert!(refused.refusal().contains("add --dataset"), "{refused:?}");
+    let (other, nowhere) = (place.path().join("b.splat"), place.path().join("nowhere"));
+    let refused = convert(&scene, &other, &["--dataset", text(&nowhere)]);
+    assert!(refused.refusal().contains("no such file") && !other.exists(), "{refused:?}");
 }
 
 #[test]
@@ -129,7 +132,7 @@ fn how_a_scene_was_trained_goes_along() {
     convert(&path("a.ply"), &path("a.glb"), &[]).done();
     let kept = info("a.glb");
     assert_eq!((&kept["antialias"], &kept["order"]), (&"compensated".into(), &"pixel-depth".into()));
-    let told = render("a.glb", &[]);
+    let told = render("a.glb", &["--effects", "all"]);
     assert!(told.contains("order pixel-depth, antialias compensated") && !told.contains(guess), "{told}");
     let lost = convert(&path("a.glb"), &path("a.spz"), &[]).done().stdout;
     assert!(

@@ -19,7 +19,7 @@ fn spatial() -> SpatialScene {
             mean: Vec3::new(t, -t, 0.5),
             log_scale: Vec3::new(-3.0, -2.0, -1.0),
             rotation: [1.0, 0.1 * t, 0.0, 0.0],
-            opacity_logit: if i == 0 { f32::INFINITY } else { t - 4.0 },
+            opacity_logit: if i == 0 { 18.0 } else { t - 4.0 },
             sh: (0..4).map(|k| Vec3::splat(0.1 * k as f32)).collect(),
         });
     }

@@ -11,7 +11,7 @@ use crate::process::{folder, gs, picture};
 fn faintly_shiny() -> SpatialScene {
     let mut scene = SpatialScene { sh_degree: 2, ..SpatialScene::default() };
     let plain = discs();
-    (0..plain.len()).for_each(|index| scene.push(plain.gaussian(index)));
+    (0..plain.len()).for_each(|index| scene.push(plain.gaussian(index).with_degree(2)));
     for coefficients in scene.sh.chunks_exact_mut(9) {
         coefficients[1..].fill(Vec3::splat(1e-4));
     }

@@ -36,13 +36,14 @@ fn before_a_camera(scene: &PlanarScene, canvas: &Canvas) -> (SpatialScene, Camer
     for (index, g) in scene.iter().enumerate() {
         let depth = 1.0 + 1e-6 * index as f32;
         let (sin, cos) = (0.5 * g.rotation).sin_cos();
-        flat.push(SpatialGaussian {
+        let gaussian = SpatialGaussian {
             mean: ((g.mean - camera.center) / camera.focal * depth).extend(depth),
             log_scale: (g.log_scale + (depth / camera.focal.x).ln()).extend(-20.0),
             rotation: [cos, 0.0, 0.0, sin],
             opacity_logit: g.opacity_logit,
             sh: vec![(g.color - 0.5) / SH_C0],
-        });
+        };
+        flat.push(gaussian.with_degree(3));
     }
     (flat, camera)
 }

@@ -22,7 +22,7 @@ pub(crate) fn scene(count: u32, sh_degree: u8, size: f32) -> SpatialScene {
         let u = |k: u32| unit(i * 97 + k);
         let depth = 2.0 + 3.0 * u(0);
         let ln_px = (size * depth / camera(64, 48).focal.x).ln();
-        scene.push(SpatialGaussian {
+        let gaussian = SpatialGaussian {
             mean: Vec3::new((u(1) - 0.5) * 0.7, (u(2) - 0.5) * 0.5, 1.0) * depth,
             log_scale: Vec3::new(ln_px - 1.2 * u(3), ln_px - 2.0 * u(4), ln_px - u(5)),
             rotation: [u(6) - 0.5, u(7) - 0.5, u(8) - 0.5, u(9) + 0.2],
@@ -32,7 +32,8 @@ pub(crate) fn scene(count: u32, sh_degree: u8, size: f32) -> SpatialScene {
                     (Vec3::new(u(20 + 3 * k), u(21 + 3 * k), u(22 + 3 * k)) - 0.4) * if k == 0 { 1.5 } else { 0.4 }
                 })
                 .collect(),
-        });
+        };
+        scene.push(gaussian.with_degree(sh_degree));
     }
     scene
 }

@@ -270,7 +270,7 @@ mod tests {
             log_scale: Vec3::splat(-7.0),
             rotation: [1.0, 0.0, 0.0, 0.0],
             opacity_logit: 2.0,
-            sh: Vec::new(),
+            sh: vec![Vec3::ZERO],
         };
         for i in 0..95 {
             let angle = i as f32;

@@ -3,7 +3,10 @@
 use std::{fmt, path::PathBuf};
 
 use clap::Args;
-use gs_io::{SpatialFile, TrainedWith, dataset::read_dataset};
+use gs_io::{
+    SpatialFile, TrainedWith,
+    dataset::{Dataset, read_dataset},
+};
 use gs_train::spatial::Views;
 use serde::Serialize;
 
@@ -40,14 +43,17 @@ pub(super) struct Cost {
 }
 
 impl CostArgs {
-    /// Fails where a flag asks for how a scene is shown that is neither stored nor judged.
+    /// Reads the data set to judge by, if there is one: before anything is written.
     ///
     /// # Errors
-    /// Bad usage.
-    pub(super) fn check(&self) -> Result<(), Failure> {
-        match self.dataset.is_none() && self.shown.is_of_pictures() {
-            true => Err(Failure::usage("--background and --sh-degree are for judging a scene").mend("add --dataset")),
-            false => Ok(()),
+    /// Where it cannot be read, or a flag says how to show a scene that is not judged.
+    pub(super) fn dataset(&self) -> Result<Option<Dataset>, Failure> {
+        match &self.dataset {
+            Some(path) => Ok(Some(read_dataset(path, &self.photographs.settings())?)),
+            None if self.shown.is_of_pictures() => {
+                Err(Failure::usage("--background and --sh-degree are for judging a scene").mend("add --dataset"))
+            }
+            None => Ok(None),
         }
     }
 
@@ -56,23 +62,26 @@ impl CostArgs {
         self.shown.trained_with(file)
     }
 
-    /// Judges both scenes, each shown as its file says; `None` where there is no data set to judge by.
+    /// Judges both scenes, each shown as its file says.
     ///
     /// # Errors
-    /// Where the data set cannot be read or the backend fails.
-    pub(super) fn measure(&self, before: &SpatialFile, after: &SpatialFile) -> Result<Option<Cost>, Failure> {
-        let Some(path) = &self.dataset else { return Ok(None) };
-        let dataset = read_dataset(path, &self.photographs.settings())?;
-        let Views { train, test, .. } = Views::of_dataset(&dataset);
+    /// Where an image cannot be read or the backend fails.
+    pub(super) fn measure(
+        &self,
+        dataset: &Dataset,
+        before: &SpatialFile,
+        after: &SpatialFile,
+    ) -> Result<Cost, Failure> {
+        let Views { train, test, .. } = Views::of_dataset(dataset);
         let views = if test.is_empty() { train } else { test };
         let backend = Backend::start(&self.backend)?;
         let judge = |SpatialFile { scene, trained_with, .. }: &SpatialFile| {
-            let render = &self.shown.settings_beside(scene, *trained_with, &dataset);
+            let render = &self.shown.settings_beside(scene, *trained_with, dataset);
             backend.run_spatial(Judge { scene, views: &views, render })
         };
         let (before, after) = (judge(before)?, judge(after)?);
-        let dataset = path.display().to_string();
-        Ok(Some(Cost { dataset, views: after.views.len(), psnr_before: before.psnr, psnr_after: after.psnr }))
+        let dataset = self.dataset.iter().map(|path| path.display().to_string()).collect();
+        Ok(Cost { dataset, views: after.views.len(), psnr_before: before.psnr, psnr_after: after.psnr })
     }
 }
 

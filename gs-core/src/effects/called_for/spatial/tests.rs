@@ -22,7 +22,7 @@ fn ball(x: f32, z: f32) -> SpatialGaussian {
 
 fn scene(degree: u8, gaussians: impl IntoIterator<Item = SpatialGaussian>) -> SpatialScene {
     let mut scene = SpatialScene { sh_degree: degree, ..SpatialScene::default() };
-    gaussians.into_iter().for_each(|g| scene.push(g));
+    gaussians.into_iter().for_each(|g| scene.push(g.with_degree(degree)));
     scene
 }
 
