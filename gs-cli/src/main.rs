@@ -13,6 +13,7 @@ mod failure;
 mod fit;
 mod frontier;
 mod interrupt;
+mod opened;
 mod output;
 mod paper;
 mod profile;

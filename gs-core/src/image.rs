@@ -83,6 +83,12 @@ impl Image {
         Self { pixels, ..*self }
     }
 
+    /// The image as it is written in 8 bits a channel: values in 0..=1, rounded to multiples of 1/255.
+    pub fn rounded_to_8_bits(&self) -> Self {
+        let pixels = self.pixels.iter().map(|p| p.map(|v| (v.clamp(0.0, 1.0) * 255.0).round() / 255.0)).collect();
+        Self { pixels, ..*self }
+    }
+
     /// Fails unless every value is finite; `what` is what the image is.
     ///
     /// # Errors

@@ -19,6 +19,7 @@ pub mod joining;
 mod losses;
 mod metrics_log;
 mod observer;
+mod open;
 mod planar;
 pub mod presets;
 mod quality;
@@ -31,6 +32,7 @@ mod summary;
 mod suspect;
 mod targets;
 mod trainer;
+mod viewable;
 
 /// Makes the examples of the README compile.
 #[cfg(doctest)]
@@ -46,6 +48,7 @@ pub use crate::{
     joining::{Calls, Join, Joined, Joining, Joins},
     metrics_log::{MetricsLog, MetricsRow},
     observer::{Control, Observer, Progress, Quality},
+    open::{Opened, OpenedScene, SCENE_NAMES, Values, is_scene, open_scene, scene_in},
     planar::ImageCourse,
     presets::Preset,
     recovery::{FreshStart, Recovery},
@@ -58,4 +61,5 @@ pub use crate::{
         DiscAndSquare, Fill, PAPER_DISC, PAPER_SIDE_PX, PAPER_SQUARE, SyntheticTarget, paper_target, thin_lines,
     },
     trainer::{ForeignPolicy, Outcome, Trainer},
+    viewable::{ColorRange, Viewable, viewable},
 };

@@ -4,7 +4,6 @@ use std::path::PathBuf;
 
 use clap::Args;
 use gs_core::{Camera, Chart, Rasterizer, RenderSettings, Scene, SpatialScene};
-use gs_io::read_spatial;
 use gs_train::{
     experiments::{
         Findings, Table,
@@ -18,7 +17,7 @@ use crate::{
     cameras,
     failure::Failure,
     fit::folder::OutputFolder,
-    output,
+    opened, output,
     paper::files,
     shown::{ShownArgs, why_empty},
     values::{Axis, Size},
@@ -37,7 +36,7 @@ a row in both orders, and their differences.";
 #[derive(Debug, Clone, Args)]
 #[command(after_help = AFTER_HELP)]
 pub(crate) struct PoppingArgs {
-    /// The scene: PLY, .splat, SPZ, glTF
+    /// The 3D scene: PLY, .splat, SPZ, glTF, a checkpoint, or the output folder of gs train
     scene: PathBuf,
     /// Folder for the results; made if it is not there
     #[arg(short, long, value_name = "DIR", default_value = "gs-popping")]
@@ -71,8 +70,9 @@ pub(crate) fn run(args: &PoppingArgs) -> Result<(), Failure> {
     if args.shown.has_order() {
         return Err(Failure::usage("--order: both orders are compared").mend("leave it out"));
     }
-    let scene = read_spatial(&args.scene).map_err(Failure::of_scene)?.scene;
-    let bulk = cameras::bulk_of(&scene)?;
+    let opened = opened::spatial(&args.scene)?;
+    let scene = &opened.file.scene;
+    let bulk = cameras::bulk_of(scene)?;
     let up = args.up.map_or(cameras::UP, |axis| axis.0);
     let first = cameras::overview(&bulk, args.size, up)?;
     let orbit = Orbit { center: bulk.center, axis: up, frames: args.places };
@@ -82,10 +82,10 @@ pub(crate) fn run(args: &PoppingArgs) -> Result<(), Failure> {
     let folder = OutputFolder::prepare(&args.output, "--output")?;
     let backend = Backend::start(&args.backend)?;
     output::note(&backend.reason);
-    let render = args.shown.settings(&scene);
+    let render = opened.settings(&args.shown, None);
     let name = args.scene.file_stem().map_or_else(|| "scene".into(), |stem| stem.to_string_lossy());
     let what = format!("{name}, {} Gaussians", scene.len());
-    let findings = backend.run_spatial(Fly { scene: &scene, flight, first, render, what })?;
+    let findings = backend.run_spatial(Fly { scene, flight, first, render, what })?;
     files::write_findings(&folder, &findings)?;
     for table in &findings.tables {
         output::result(text(table))?;

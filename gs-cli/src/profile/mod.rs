@@ -8,6 +8,7 @@ mod subject;
 use std::path::PathBuf;
 
 use clap::Args;
+use gs_train::is_scene;
 
 use crate::{
     backend::{Backend, BackendArgs},
@@ -16,6 +17,7 @@ use crate::{
         arguments::{BlendName, ChartName, LossName},
         folder::OutputFolder,
     },
+    opened::{self, Scene},
     output,
     profile::{measure::Measure, space::SpatialSubject, subject::Subject},
     shown::ShownArgs,
@@ -96,10 +98,11 @@ enum AnySubject {
 /// Where input, flags or the output folder are not possible, or the backend fails.
 pub(crate) fn run(args: &ProfileArgs) -> Result<(), Failure> {
     let subject = match &args.input {
-        Some(path) if gs_io::spatial_format(path)?.is_some() => {
-            AnySubject::Spatial(Box::new(SpatialSubject::load(path, args)?))
-        }
-        _ => AnySubject::Planar(Box::new(Subject::load(args)?)),
+        Some(path) if is_scene(path)? => match opened::scene(path)? {
+            Scene::Spatial(spatial) => AnySubject::Spatial(Box::new(SpatialSubject::load(path, spatial, args)?)),
+            Scene::Planar(file) => AnySubject::Planar(Box::new(Subject::load(Some(file), args)?)),
+        },
+        _ => AnySubject::Planar(Box::new(Subject::load(None, args)?)),
     };
     let backend = match &subject {
         AnySubject::Planar(_) => Backend::start(&args.backend),

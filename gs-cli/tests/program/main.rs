@@ -9,6 +9,7 @@ mod effects;
 mod fit;
 mod frontier;
 mod paper;
+mod planar;
 mod ply;
 mod popping;
 mod process;

@@ -15,7 +15,7 @@ mod flips;
 mod gltf;
 mod harmonic_rotation;
 mod loss;
-mod ply;
+pub(crate) mod ply;
 mod quantity;
 mod sh_degree;
 mod source;
@@ -66,6 +66,8 @@ pub enum SpatialFormat {
     Gltf,
     /// `.glb`. As what to read, it is the same as [`Self::Gltf`]: the first bytes tell.
     Glb,
+    /// A checkpoint of a training, which [`read_checkpoint`](crate::read_checkpoint) reads, and no function of this module.
+    Checkpoint,
 }
 
 impl fmt::Display for SpatialFormat {
@@ -77,6 +79,7 @@ impl fmt::Display for SpatialFormat {
             Self::Spz => "SPZ",
             Self::Gltf => "glTF",
             Self::Glb => "binary glTF",
+            Self::Checkpoint => "checkpoint",
         })
     }
 }
@@ -117,6 +120,7 @@ impl SpatialFormat {
             Self::Splat => "a .splat file",
             Self::Spz => "an SPZ file",
             Self::Gltf | Self::Glb => "a glTF of Gaussians",
+            Self::Checkpoint => "a checkpoint",
         }
     }
 }
@@ -132,6 +136,8 @@ pub struct SpatialFile {
     pub bytes: u64,
     /// What of the file is not in the scene.
     pub losses: Vec<Loss>,
+    /// Of a flat scene that shows a picture ([`write_ply`](crate::write_ply)): the picture's columns and rows, px.
+    pub picture: Option<(u32, u32)>,
 }
 
 /// The kind of scene that a file holds, by its content; `None` where it is none of these.
@@ -192,10 +198,12 @@ pub fn read_spatial_unchecked(path: impl AsRef<Path>) -> Result<SpatialFile, Err
 pub fn decode_spatial(format: SpatialFormat, bytes: &[u8], path: &Path) -> Result<SpatialFile, Error> {
     let source = Source { path, what: format.what(), bytes };
     let mut size = bytes.len() as u64;
+    let mut picture = None;
     let (scene, format, losses) = match format {
         SpatialFormat::Ply | SpatialFormat::CompressedPly => {
-            let ply::Read { scene, format, losses } = ply::read(&source)?;
-            (scene, format, losses)
+            let read = ply::read(&source)?;
+            picture = read.picture;
+            (read.scene, read.format, read.losses)
         }
         SpatialFormat::Splat => (splat::read(&source)?, format, Vec::new()),
         SpatialFormat::Spz => {
@@ -207,11 +215,15 @@ pub fn decode_spatial(format: SpatialFormat, bytes: &[u8], path: &Path) -> Resul
             size = size.saturating_add(bytes_beside);
             (scene, format, losses)
         }
+        SpatialFormat::Checkpoint => {
+            let found = "a checkpoint".to_owned();
+            return Err(Error::NotASpatialScene { path: path.to_owned(), found });
+        }
     };
     if scene.is_empty() {
         return Err(Error::Empty { path: path.to_owned() });
     }
-    Ok(SpatialFile { scene, format, bytes: size, losses })
+    Ok(SpatialFile { scene, format, bytes: size, losses, picture })
 }
 
 /// How scenes are written, by format.
@@ -254,7 +266,7 @@ pub fn write_spatial(
         return Err(Error::Empty { path: path.to_owned() });
     }
     if format == SpatialFormat::Ply {
-        write_atomically(path, |file| ply::write(scene, file))?;
+        write_atomically(path, |file| ply::write(scene, &[], file))?;
         return Ok(SpatialWritten { format, losses: Vec::new(), beside: None });
     }
     let rotations = UnitRotations::new(scene, path)?;

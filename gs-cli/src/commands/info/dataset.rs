@@ -1,8 +1,8 @@
 //! `gs info` of a data set: its views, cameras and points, and what its reader has to say.
 
-use std::{fmt::Write, path::Path};
+use std::fmt::Write;
 
-use gs_io::dataset::{Dataset, DatasetKind, DatasetSettings, SourceCamera, Split, View, read_dataset};
+use gs_io::dataset::{Dataset, DatasetKind, SourceCamera, Split, View};
 use serde::Serialize;
 
 use crate::{
@@ -46,9 +46,9 @@ struct CameraInfo {
 /// Tells what is in a data set.
 ///
 /// # Errors
-/// Where it is none, or a broken one.
-pub(crate) fn run(path: &Path, format: Format) -> Result<(), Failure> {
-    let info = Info::of(&read_dataset(path, &DatasetSettings::default())?);
+/// Where nothing can be printed.
+pub(super) fn print(dataset: &Dataset, format: Format) -> Result<(), Failure> {
+    let info = Info::of(dataset);
     match format {
         Format::Json => output::json(&info),
         Format::Text => output::result(text(&info)),

@@ -17,9 +17,8 @@ use crate::{
 /// Renders a scene into a PNG.
 ///
 /// # Errors
-/// Where the scene cannot be read, the size is not possible, or the picture cannot be written.
-pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
-    let mut file = gs_io::read_scene(&args.scene).map_err(Failure::of_scene)?;
+/// Where the size is not possible, or the picture cannot be written.
+pub(super) fn run(args: &RenderArgs, mut file: PlanarFile) -> Result<(), Failure> {
     let canvas = canvas(&file, args);
     canvas.validate().map_err(|error| Failure::usage(error).at("--size or --region"))?;
     let chosen = args.settings.as_deref().map(ChosenSettings::read).transpose()?;

@@ -80,7 +80,7 @@ pub(super) fn read(source: &Source<'_>, header: &Header) -> Result<Read, Error> 
         }
         Some(sh) => read_harmonics(source, header, sh, &mut scene, &dc)?,
     };
-    Ok(Read { scene, format: SpatialFormat::CompressedPly, losses })
+    Ok(Read { scene, format: SpatialFormat::CompressedPly, losses, picture: None })
 }
 
 fn read_chunks(source: &Source<'_>, header: &Header) -> Result<Vec<Chunk>, Error> {

@@ -1,7 +1,6 @@
 //! The header of a PLY: what the elements are, and what each of their rows holds.
 //!
-//! Read here and not by serde-ply, which writes our planar scenes: which properties there are is known at run time only, and every
-//! complaint names its byte.
+//! Read here and not by serde-ply: which properties there are is known at run time only, and every complaint names its byte.
 
 use crate::{error::Error, spatial::source::Source};
 
@@ -90,6 +89,8 @@ impl Element {
 pub(crate) struct Header {
     pub(crate) encoding: Encoding,
     pub(crate) elements: Vec<Element>,
+    /// Comments without the word `comment`, with one space from word to word.
+    pub(crate) comments: Vec<String>,
     /// Where the first row starts.
     pub(crate) data_start: usize,
 }
@@ -109,13 +110,15 @@ impl Header {
         }
         let mut encoding = None;
         let mut elements: Vec<Element> = Vec::new();
+        let mut comments = Vec::new();
         loop {
             let (byte, line) = lines.next()?;
             let bad = |expected: &str| source.damaged(byte, expected, quoted(line));
             let words: Vec<&str> = line.split_ascii_whitespace().collect();
             match words.as_slice() {
                 ["end_header", ..] => break,
-                [] | ["comment" | "obj_info", ..] => {}
+                ["comment", text @ ..] => comments.push(text.join(" ")),
+                [] | ["obj_info", ..] => {}
                 ["format", "ascii", _] => encoding = Some(Encoding::Ascii),
                 ["format", "binary_little_endian", _] => encoding = Some(Encoding::LittleEndian),
                 ["format", "binary_big_endian", _] => encoding = Some(Encoding::BigEndian),
@@ -137,7 +140,7 @@ impl Header {
             }
         }
         let missing = || source.damaged(0, "a line `format ascii 1.0` or the like", "none");
-        Ok(Self { encoding: encoding.ok_or_else(missing)?, elements, data_start: lines.next })
+        Ok(Self { encoding: encoding.ok_or_else(missing)?, elements, comments, data_start: lines.next })
     }
 }
 

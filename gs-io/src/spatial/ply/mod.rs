@@ -10,7 +10,7 @@ mod rows;
 
 use std::io::{self, Write};
 
-use gs_core::{Scene, SpatialScene};
+use gs_core::{Scene, SpatialScene, image::check_size};
 
 use self::header::{Element, Header};
 use super::{
@@ -27,11 +27,16 @@ const REQUIRED: [&str; 14] = [
     "f_dc_2",
 ];
 
+/// How a comment begins that says which picture the scene shows.
+const PICTURE: &str = "gs picture ";
+
 /// What the reader of a PLY makes of it.
 pub(crate) struct Read {
     pub(crate) scene: SpatialScene,
     pub(crate) format: SpatialFormat,
     pub(crate) losses: Vec<Loss>,
+    /// Columns and rows of the picture that the scene shows, if a comment says that it is one.
+    pub(crate) picture: Option<(u32, u32)>,
 }
 
 /// Reads a PLY of either kind.
@@ -64,7 +69,20 @@ pub(crate) fn read(source: &Source<'_>) -> Result<Read, Error> {
     })?;
     let losses =
         if degree < file_degree { vec![Loss::Harmonics { from: file_degree, to: degree }] } else { Vec::new() };
-    Ok(Read { scene, format: SpatialFormat::Ply, losses })
+    let picture = header.comments.iter().find_map(|comment| picture_of(comment));
+    Ok(Read { scene, format: SpatialFormat::Ply, losses, picture })
+}
+
+/// The comment by which a flat scene says what picture it shows.
+pub(crate) fn picture_comment(width: u32, height: u32) -> String {
+    format!("{PICTURE}{width}x{height}")
+}
+
+/// The size in such a comment; `None` of any other comment, and of a size that no picture has.
+fn picture_of(comment: &str) -> Option<(u32, u32)> {
+    let (width, height) = comment.strip_prefix(PICTURE)?.split_once('x')?;
+    let size = (width.parse().ok()?, height.parse().ok()?);
+    check_size(size.0, size.1).is_ok().then_some(size)
 }
 
 /// Where the rows of an element start: after those of all before it.
@@ -98,13 +116,15 @@ fn rest_columns(source: &Source<'_>, element: &Element) -> Result<Vec<usize>, Er
 }
 
 /// Writes a scene with the whole layout of 3DGS: 62 properties at degree 3, fewer `f_rest` below.
-pub(crate) fn write(scene: &SpatialScene, file: &mut dyn Write) -> io::Result<()> {
+pub(crate) fn write(scene: &SpatialScene, comments: &[String], file: &mut dyn Write) -> io::Result<()> {
     let rest = scene.sh_len() - 1;
     let mut names: Vec<String> =
         ["x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2"].map(str::to_owned).to_vec();
     names.extend((0..3 * rest).map(|k| format!("f_rest_{k}")));
     names.extend(["opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"].map(str::to_owned));
-    writeln!(file, "ply\nformat binary_little_endian 1.0\nelement vertex {}", scene.len())?;
+    writeln!(file, "ply\nformat binary_little_endian 1.0")?;
+    comments.iter().try_for_each(|comment| writeln!(file, "comment {comment}"))?;
+    writeln!(file, "element vertex {}", scene.len())?;
     names.iter().try_for_each(|name| writeln!(file, "property float {name}"))?;
     writeln!(file, "end_header")?;
     let mut row = Vec::with_capacity(4 * names.len());
