@@ -213,6 +213,20 @@ impl Backend {
     }
 }
 
+/// Does a task on the processor, whatever backend was chosen: for what not every backend can do.
+///
+/// # Errors
+/// Where the processor cannot be started.
+pub(crate) fn run_on_processor<T: Task>(chosen: &Backend, task: T) -> Result<T::Output, Failure> {
+    match &chosen.rasterizer {
+        AnyRasterizer::Cpu(rasterizer) => Ok(task.run(rasterizer.as_ref())),
+        AnyRasterizer::Wgpu(_) => {
+            let settings = CpuSettings { threads: Some(chosen.threads), ..CpuSettings::default() };
+            Ok(task.run(&CpuRasterizer::new(settings)?))
+        }
+    }
+}
+
 /// What computes, as far as results depend on it, and the flags that choose it: not its threads.
 pub(crate) fn machine(backend: &Backend) -> Machine {
     // Functions such as exp are the system's.

@@ -4,13 +4,39 @@ use std::path::Path;
 
 use glam::Vec3;
 use gs_core::{Camera, SpatialScene};
-use gs_io::dataset::Dataset;
-use gs_train::spatial::{Bulk, Focus, extent_of};
+use gs_io::{SpatialFile, dataset::Dataset};
+use gs_train::spatial::{Bulk, Flat, Focus, extent_of};
 
 use crate::{
     failure::Failure,
     values::{Size, ViewName},
 };
+
+/// What a 3D scene is seen with where nothing says from where.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Home {
+    pub(crate) camera: Camera,
+    /// What the camera looks at, world units.
+    pub(crate) target: Vec3,
+    /// What is up in the picture.
+    pub(crate) up: Vec3,
+}
+
+impl Home {
+    /// The front of a flat scene, filling the picture; any other scene from a little above. Where it is said what is up, a flat scene
+    /// is seen as any other.
+    ///
+    /// # Errors
+    /// Where nothing could be seen, or the scene is larger than numbers are.
+    pub(crate) fn of(file: &SpatialFile, size: Option<Size>, up: Option<Vec3>) -> Result<Self, Failure> {
+        if let Some(flat) = Flat::of(&file.scene, file.picture).filter(|_| up.is_none()) {
+            let size = size.map_or_else(|| flat.size(), |Size { width, height }| (width, height));
+            return Ok(Self { camera: flat.camera(size), target: flat.center(), up: flat.up() });
+        }
+        let (bulk, up) = (bulk_of(&file.scene)?, up.unwrap_or(UP));
+        Ok(Self { camera: overview(&bulk, size, up).map_err(or_name_one)?, target: bulk.center, up })
+    }
+}
 
 /// Size of the picture where nothing says another.
 const SIZE: Size = Size { width: 800, height: 600 };

@@ -156,6 +156,7 @@ impl From<gs_train::Error> for Failure {
     fn from(error: gs_train::Error) -> Self {
         match error {
             gs_train::Error::Core(error) => error.into(),
+            gs_train::Error::Io(error) => error.into(),
             gs_train::Error::Diverged { .. } => Self { kind: Kind::Diverged, message: one_line(error) },
             _ => Self::failed(error),
         }

@@ -14,6 +14,7 @@ mod failure;
 mod fit;
 mod frontier;
 mod interrupt;
+mod opened;
 mod memory;
 mod output;
 mod output_folder;

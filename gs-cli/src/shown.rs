@@ -77,6 +77,13 @@ impl ShownArgs {
         render
     }
 
+    /// The same of a scene that is known to be shown in this way: flags override it.
+    pub(crate) fn settings_known(&self, scene: &SpatialScene, known: RenderSettings) -> RenderSettings {
+        let asked = self.settings(scene, TrainedWith::default());
+        let render = self.overriding(known, &asked);
+        if self.background.is_some() { render.on(asked.background) } else { render }
+    }
+
     /// `chosen`, with what the flags ask for as it is in `asked`.
     pub(crate) fn overriding(&self, mut chosen: RenderSettings, asked: &RenderSettings) -> RenderSettings {
         let (effects, asked) = (&mut chosen.effects, &asked.effects);

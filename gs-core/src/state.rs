@@ -1,5 +1,7 @@
 //! The whole state of a cloud as named tensors: what a checkpoint holds, and what one backend can hand to another.
 
+mod scene;
+
 use std::collections::BTreeMap;
 
 use crate::{adam::Chart, error::Error};

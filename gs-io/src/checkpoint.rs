@@ -54,6 +54,11 @@ pub fn write_checkpoint(path: impl AsRef<Path>, checkpoint: &Checkpoint) -> Resu
     container::write(path.as_ref(), &KIND, &content, tensors.collect())
 }
 
+/// Whether a file says that it is a checkpoint. Reads its header alone, so the rest may be damaged.
+pub fn is_checkpoint(path: impl AsRef<Path>) -> bool {
+    container::format_of(path.as_ref()).is_some_and(|format| format == KIND.format)
+}
+
 /// Reads what [`write_checkpoint`] wrote: the same state, bit for bit. Whether it is that of a cloud, the backend that restores
 /// it decides.
 ///

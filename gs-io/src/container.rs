@@ -183,6 +183,18 @@ pub(crate) fn read<C: DeserializeOwned>(path: &Path, kind: &'static Kind) -> Res
     Ok(Container { content, path: path.to_owned(), kind, header, data })
 }
 
+/// The format that the head of a file names; `None` where the file is no file of this container.
+pub(crate) fn format_of(path: &Path) -> Option<String> {
+    let mut file = File::open(path).ok()?;
+    let header_bytes = u64::from_le_bytes(*read_exactly(&mut file, LENGTH_BYTES).ok()?.first_chunk()?);
+    if header_bytes > MAX_HEADER_BYTES {
+        return None;
+    }
+    let header: Metadata = serde_json::from_slice(&read_exactly(&mut file, header_bytes).ok()?).ok()?;
+    let head = header.metadata().as_ref()?.get(HEAD_KEY)?;
+    Some(serde_json::from_str::<Head<serde_json::Value>>(head).ok()?.format)
+}
+
 /// The next bytes of a file, all of them or an error; memory is asked for in a way that may fail.
 pub(crate) fn read_exactly(file: &mut File, bytes: u64) -> io::Result<Vec<u8>> {
     let mut content = Vec::new();

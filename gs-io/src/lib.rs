@@ -6,7 +6,8 @@
 //! | moving pictures (APNG) | – | [`write_animation`] |
 //! | planar scenes, `.gs2d.safetensors`, lossless | [`read_scene`] | [`write_scene`] |
 //! | checkpoints of a training run, lossless | [`read_checkpoint`] | [`write_checkpoint`] |
-//! | planar scenes as 3DGS PLY, for viewers | – | [`write_ply`] |
+//! | 2D scenes as a flat 3DGS PLY, for viewers | by [`read_spatial`] | [`write_ply`] |
+//! | 2D scenes as SVG | – | [`write_svg`] |
 //! | spatial scenes: PLY, `.splat`, SPZ, glTF | [`read_spatial`] | [`write_spatial`] |
 //! | data sets of posed photographs: COLMAP, Nerfstudio, Blender | [`dataset::read_dataset`] | – |
 //!
@@ -30,11 +31,12 @@ mod output_folder;
 mod ply;
 mod scene_file;
 mod spatial;
+mod svg;
 
 pub use crate::{
     animation::{Animation, write_animation},
     atomic::{abandon_writes, prepare_folder, remove_leftovers, write_atomically, write_durably},
-    checkpoint::{Checkpoint, read_checkpoint, write_checkpoint},
+    checkpoint::{Checkpoint, is_checkpoint, read_checkpoint, write_checkpoint},
     error::Error,
     image::{
         AlphaMode, ImageRemark, LoadedImage, Orientation, Transparency, read_image, read_image_size, read_image_with,
@@ -42,10 +44,11 @@ pub use crate::{
     },
     inputs::Inputs,
     output_folder::{FolderClaim, OutputFolder},
-    ply::{PlyColors, write_ply},
-    scene_file::{PlanarFile, SCENE_EXTENSION, read_scene, read_scene_unchecked, write_scene},
+    ply::{PICTURE_DISTANCE_WORLD, PICTURE_WORLD, flat_scene, write_ply},
+    scene_file::{PlanarFile, SCENE_EXTENSION, is_scene, read_scene, read_scene_unchecked, write_scene},
     spatial::{
         GltfBuffer, Loss, SpatialFile, SpatialFormat, SpatialOptions, SpatialWritten, SpzOptions, SpzVersion,
         TrainedWith, decode_spatial, read_spatial, read_spatial_unchecked, spatial_format, write_spatial,
     },
+    svg::write_svg,
 };

@@ -88,6 +88,11 @@ pub fn write_scene(path: impl AsRef<Path>, file: &PlanarFile) -> Result<(), Erro
     container::write(path, &KIND, &content, names.into_iter().zip(tensors).collect())
 }
 
+/// Whether a file says that it is a 2D scene. Reads its header alone, so the rest may be damaged.
+pub fn is_scene(path: impl AsRef<Path>) -> bool {
+    container::format_of(path.as_ref()).is_some_and(|format| format == KIND.format)
+}
+
 /// Reads what [`write_scene`] wrote: the same scene, bit for bit. A scene without Gaussians is allowed.
 ///
 /// # Errors

@@ -1,8 +1,8 @@
 //! The exported PLY has 3DGS's layout, and its numbers, read by a viewer's rules, are the scene's.
 
 use glam::{Mat3, Quat, Vec2, Vec3};
-use gs_core::{Blend, Image, PlanarGaussian, PlanarScene, RenderSettings, Scene};
-use gs_io::{Error, PlanarFile, PlyColors, write_ply};
+use gs_core::{Blend, PlanarGaussian, PlanarScene, RenderSettings, Scene};
+use gs_io::{Error, PICTURE_DISTANCE_WORLD, PlanarFile, read_spatial, write_ply};
 
 const PROPERTIES: [&str; 17] = [
     "x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2", "opacity", "scale_0", "scale_1", "scale_2", "rot_0",
@@ -10,10 +10,10 @@ const PROPERTIES: [&str; 17] = [
 ];
 
 /// The vertices of the file that is written, its header checked line by line.
-fn exported(file: &PlanarFile, colors: PlyColors<'_>) -> Vec<[f32; 17]> {
+fn exported(file: &PlanarFile) -> Vec<[f32; 17]> {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.ply");
-    write_ply(&path, file, colors).unwrap();
+    write_ply(&path, file).unwrap();
     let bytes = std::fs::read(&path).unwrap();
     let end = bytes.windows(11).position(|w| w == b"end_header\n").unwrap() + 11;
     let header: Vec<&str> = std::str::from_utf8(&bytes[..end]).unwrap().lines().collect();
@@ -41,7 +41,7 @@ fn file(gaussians: &[PlanarGaussian], blend: Blend) -> PlanarFile {
 #[test]
 fn an_over_scene_keeps_places_shapes_colours_and_order() {
     let gaussians = [gaussian(200.0, 0.0, 2.0, 1.5), gaussian(100.0, 50.0, 0.0, f32::INFINITY)];
-    let rows = exported(&file(&gaussians, Blend::Over), PlyColors::Stored);
+    let rows = exported(&file(&gaussians, Blend::Over));
     // The top-right corner of a 200×100 canvas is (1, −½): y points down. The centre is the origin.
     assert_eq!((&rows[0][..2], &rows[1][..2]), (&[1.0, -0.5][..], &[0.0, 0.0][..]));
     assert!(rows[0][2] < rows[1][2] && rows[1][2] < 1e-3, "the first is in front, the stack thin");
@@ -63,29 +63,40 @@ fn an_over_scene_keeps_places_shapes_colours_and_order() {
 }
 
 #[test]
-fn a_sum_scene_takes_the_picture_s_colours_with_the_small_in_front() {
-    let gaussians = [
-        gaussian(10.0, 10.0, 3.0, f32::INFINITY),
-        gaussian(150.0, 99.0, 1.0, f32::INFINITY),
-        gaussian(-9.0, 900.0, 2.0, f32::INFINITY),
-    ];
-    let file = file(&gaussians, Blend::Sum);
-    let picture = Image::from_fn(20, 10, |x, y| [x as f32 / 20.0, y as f32 / 10.0, 0.5]).unwrap();
-    let rows = exported(&file, PlyColors::Sampled(&picture));
-    let color = |row: &[f32; 17]| Vec3::from([6, 7, 8].map(|k| 0.5 + 0.282_094_79 * row[k]));
-    assert!(color(&rows[0]).abs_diff_eq(Vec3::new(0.05, 0.1, 0.5), 1e-6));
-    assert!(color(&rows[1]).abs_diff_eq(Vec3::new(0.75, 0.9, 0.5), 1e-6));
-    assert!(color(&rows[2]).abs_diff_eq(Vec3::new(0.0, 0.9, 0.5), 1e-6), "outside: the nearest border");
-    assert!(rows[1][2] < rows[2][2] && rows[2][2] < rows[0][2]);
-    assert!(rows.iter().all(|row| (1.0 / (1.0 + (-row[9]).exp()) - 0.9).abs() < 1e-6));
-    let stored = exported(&file, PlyColors::Stored);
-    assert!(color(&stored[0]).abs_diff_eq(gaussians[0].color, 1e-6));
+fn depth_changes_nothing_that_is_seen_from_the_front() {
+    let gaussians: Vec<_> = (0..1000).map(|_| gaussian(190.0, 20.0, 1.0, 0.0)).collect();
+    let rows = exported(&file(&gaussians, Blend::Over));
+    let seen = |row: &[f32; 17]| {
+        let distance = PICTURE_DISTANCE_WORLD + row[2];
+        [row[0] / distance, row[1] / distance, row[10].exp() / distance, row[11].exp() / distance]
+    };
+    let (first, last) = (seen(&rows[0]), seen(&rows[999]));
+    assert!(rows[999][2] > 4e-4);
+    assert!(first.iter().zip(last).all(|(a, b)| (a - b).abs() < 1e-6 * a.abs()), "{first:?} {last:?}");
+}
+
+#[test]
+fn the_file_says_which_picture_it_shows() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.ply");
+    let flat = file(&[gaussian(10.0, 20.0, 1.0, 0.0), gaussian(30.0, 40.0, 1.0, 0.0)], Blend::Over);
+    write_ply(&path, &flat).unwrap();
+    let read = read_spatial(&path).unwrap();
+    assert_eq!((read.picture, read.scene.len()), (Some((200, 100)), 2));
+    let bytes = std::fs::read(&path).unwrap();
+    for (other, expected) in [("300x100", Some((300, 100))), ("000x100", None), ("-00x100", None), ("2x0 100", None)] {
+        let at = bytes.windows(7).position(|w| w == b"200x100").unwrap();
+        let mut changed = bytes.clone();
+        changed[at..at + 7].copy_from_slice(other.as_bytes());
+        std::fs::write(&path, changed).unwrap();
+        assert_eq!(read_spatial(&path).unwrap().picture, expected, "{other}");
+    }
 }
 
 #[test]
 fn many_gaussians_stay_distinct_in_depth_yet_thin() {
     let gaussians: Vec<_> = (0..100_000).map(|i| gaussian(i as f32 / 500.0, 50.0, 0.0, 0.0)).collect();
-    let rows = exported(&file(&gaussians, Blend::Over), PlyColors::Stored);
+    let rows = exported(&file(&gaussians, Blend::Over));
     assert!(rows.windows(2).all(|pair| pair[0][2] < pair[1][2]));
     assert!(rows.last().unwrap()[2] <= 0.02);
 }
@@ -95,8 +106,9 @@ fn what_no_viewer_could_show_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     let mut broken = file(&[gaussian(0.0, 0.0, 0.0, 0.0)], Blend::Over);
     broken.scene.means[0].x = f32::NAN;
-    for impossible in [broken, file(&[], Blend::Over)] {
-        let error = write_ply(folder.path().join("a.ply"), &impossible, PlyColors::Stored).unwrap_err();
+    let sum = file(&[gaussian(0.0, 0.0, 0.0, 0.0)], Blend::Sum);
+    for impossible in [broken, file(&[], Blend::Over), sum] {
+        let error = write_ply(folder.path().join("a.ply"), &impossible).unwrap_err();
         assert!(matches!(error, Error::Content { .. }), "{error}");
     }
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);

@@ -2,7 +2,7 @@
 
 use std::{collections::BTreeMap, fmt::Display, str::FromStr};
 
-use gs_core::{Image, edit::EditCounts};
+use gs_core::{Effects, Image, edit::EditCounts, effects::Statistics};
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 
 use crate::{
@@ -40,6 +40,15 @@ impl<C> Record<C> {
             fresh_starts: Vec::new(),
             pictures,
         }
+    }
+
+    /// The effects that the scene has been trained with: those of the last step, or of the first one where none is done.
+    pub(crate) fn effects<S: Trainable<Settings = C>>(&self) -> Effects
+    where
+        C: RunSettings<S>,
+    {
+        let effects = self.settings.effects_after(self.step.saturating_sub(1), &self.joins);
+        Effects { statistics: Statistics::None, ..effects }
     }
 
     pub(crate) fn to_metadata<S: Trainable<Settings = C>>(&self) -> Result<BTreeMap<String, String>, Error>
@@ -142,6 +151,12 @@ pub(crate) fn fingerprint(image: &Image) -> String {
     format!("{}x{} px, {hash:016x}", image.width(), image.height())
 }
 
+/// The size in an image's [`fingerprint`]; `None` of another text.
+pub(crate) fn size_of_fingerprint(text: &str) -> Option<(u32, u32)> {
+    let (width, height) = text.split_once(" px")?.0.split_once('x')?;
+    Some((width.parse().ok()?, height.parse().ok()?))
+}
+
 /// A number that tells these bytes from others. *Source:* FNV-1a, 64 bits.
 pub(crate) fn digest(bytes: impl IntoIterator<Item = u8>) -> u64 {
     bytes
@@ -232,5 +247,7 @@ mod tests {
         assert_ne!(fingerprint(&grey), fingerprint(&other));
         assert_ne!(fingerprint(&grey), fingerprint(&Image::filled(3, 4, [0.5; 3]).unwrap()));
         assert_eq!(fingerprint(&grey), fingerprint(&grey.clone()));
+        assert_eq!(size_of_fingerprint(&fingerprint(&grey)), Some((4, 3)));
+        assert_eq!(size_of_fingerprint("3 views and 1 held out, 0123456789abcdef"), None);
     }
 }

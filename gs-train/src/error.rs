@@ -1,8 +1,10 @@
 //! What can go wrong in a fit, beyond what the engine and the files report themselves.
 
+use std::path::PathBuf;
+
 use thiserror::Error;
 
-use crate::suspect::Suspect;
+use crate::{open::SCENE_NAMES, suspect::Suspect};
 
 /// An error of training.
 #[derive(Debug, Error)]
@@ -56,8 +58,14 @@ pub enum Error {
         found: String,
     },
     /// A checkpoint whose metadata are not those of a planar fit.
-    #[error("the checkpoint cannot be resumed: {0}")]
+    #[error("the checkpoint cannot be used: {0}")]
     Checkpoint(String),
+    /// A folder without a scene.
+    #[error("{}: holds no scene: looked for {}; name the scene's file", path.display(), SCENE_NAMES.join(", "))]
+    NoScene {
+        /// The folder.
+        path: PathBuf,
+    },
     /// A checkpoint was asked for between two of the steps at which a resumed run can go on bit for bit.
     #[error("no checkpoint can be taken at step {step}; the next step at which one can is {next}")]
     BetweenCheckpoints {

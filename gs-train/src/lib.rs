@@ -21,6 +21,7 @@ mod losses;
 pub mod memory;
 mod metrics_log;
 mod observer;
+mod open;
 mod planar;
 pub mod presets;
 mod quality;
@@ -34,6 +35,7 @@ mod summary;
 mod suspect;
 mod targets;
 mod trainer;
+mod viewable;
 
 /// Makes the examples of the README compile.
 #[cfg(doctest)]
@@ -50,6 +52,7 @@ pub use crate::{
     joining::{Calls, Join, Joined, Joining, Joins},
     metrics_log::{MetricsLog, MetricsRow},
     observer::{Control, Observer, Progress, Quality},
+    open::{Opened, OpenedScene, SCENE_NAMES, Values, is_scene, open_scene, scene_in},
     planar::ImageCourse,
     presets::Preset,
     quality::ImageQuality,
@@ -64,4 +67,5 @@ pub use crate::{
         DiscAndSquare, Fill, PAPER_DISC, PAPER_SIDE_PX, PAPER_SQUARE, SyntheticTarget, paper_target, thin_lines,
     },
     trainer::{ForeignPolicy, Outcome, Trainer},
+    viewable::{ColorRange, Viewable, viewable},
 };

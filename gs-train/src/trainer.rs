@@ -376,8 +376,7 @@ impl<'a, R: Rasterizer<S>, S: Trainable> Trainer<'a, R, S> {
 
     /// The effects that the scene is trained with as it is now: those of the last step, or of the first one where none is done.
     pub fn effects(&self) -> Effects {
-        let Record { settings, step, joins, .. } = &self.record;
-        Effects { statistics: Statistics::None, ..settings.effects_after(step.saturating_sub(1), joins) }
+        self.record.effects()
     }
 
     /// What has joined so far because it was called for, and why; see [`Joining`](crate::Joining).

@@ -1,4 +1,6 @@
-//! `gs convert`: a spatial scene from one format into another, and what of it is lost on the way.
+//! `gs convert`: a 3D scene from one format into another, or a 2D scene for viewers, and what of it is lost on the way.
+
+pub(crate) mod planar;
 
 mod cost;
 mod rounding;
@@ -14,20 +16,29 @@ use gs_core::{
     examination::{self, Repair},
 };
 use gs_io::{GltfBuffer, Loss, SpatialFile, SpatialFormat, SpatialOptions, SpzOptions, SpzVersion, TrainedWith};
+use gs_train::{Opened, OpenedScene, Values};
 use serde::Serialize;
 
 use self::{
     cost::{Cost, CostArgs},
     rounding::Rounding,
 };
-use crate::{failure::Failure, memory, output, output_folder};
+use crate::{failure::Failure, opened, output, output_folder};
+
+const AFTER_HELP: &str = "\
+A 2D scene becomes a flat 3D scene (.ply) that viewers of 3D Gaussian splats show as the picture, or an SVG of soft ellipses. Viewers \
+blend Gaussians front to back, widen them by 0.3 square pixels, and have no negative colours and no background. So the Gaussians are \
+trained for that first, which takes a second or two for a photograph. The PSNR that is printed says how well the new Gaussians show what \
+the scene shows.";
 
 /// The flags of `gs convert`.
 #[derive(Debug, Clone, Args)]
+#[command(after_help = AFTER_HELP)]
 pub(crate) struct ConvertArgs {
-    /// The scene: PLY (3DGS or compressed), .splat, SPZ, .gltf or .glb, told by its content
+    /// The scene: PLY (3DGS or compressed), .splat, SPZ, .gltf or .glb, told by its content; a 2D scene, a checkpoint, or the
+    /// output folder of gs fit or gs train
     from: PathBuf,
-    /// The file to write; its ending says the format: .ply, .splat, .spz, .gltf or .glb
+    /// The file to write; its ending says the format: .ply, .splat, .spz, .gltf or .glb; of a 2D scene .ply or .svg
     to: PathBuf,
     /// Version of an SPZ: 4 is smaller, 3 for readers older than 2026
     #[arg(long, value_name = "VERSION", default_value = "4")]
@@ -106,20 +117,26 @@ impl Side {
 /// # Errors
 /// Where it cannot be read, holds what is not finite and is not told to drop it, or cannot be written.
 pub(crate) fn run(args: &ConvertArgs) -> Result<(), Failure> {
-    if SpatialFormat::to_write(&args.to).is_none() {
+    if SpatialFormat::to_write(&args.to).is_none() && !planar::is_svg(&args.to) {
         return Err(gs_io::Error::UnknownEnding { path: args.to.clone() }.into());
     }
+    let dataset = args.cost.dataset()?;
+    let values = if args.drop_broken { Values::Any } else { Values::Checked };
+    let Opened { path, scene, .. } = opened::open(&args.from, values)?;
     // The numbers of a .gltf may be in a file of the same name.
-    let inputs = [args.from.clone(), args.from.with_extension("bin")];
+    let inputs = [path.clone(), path.with_extension("bin")];
     output_folder::check_file(&args.to, &inputs)?;
     if args.gltf_buffer_beside() {
         output_folder::check_file(&args.to.with_extension("bin"), &inputs)?;
     }
-    let dataset = args.cost.dataset()?;
-    memory::check_spatial(&args.from)?;
-    let file =
-        if args.drop_broken { gs_io::read_spatial_unchecked(&args.from) } else { gs_io::read_spatial(&args.from) };
-    let mut file = file.map_err(Failure::of_scene)?;
+    let mut file = match scene {
+        OpenedScene::Planar(file) => return planar::run(args, &path, *file),
+        OpenedScene::Spatial { file, .. } => *file,
+    };
+    if planar::is_svg(&args.to) {
+        let message = "a 3D scene is not written as SVG, which is for 2D scenes";
+        return Err(Failure::usage(message).at(args.to.display()).mend("gs render draws it as PNG"));
+    }
     let (all, mut losses) = (file.scene.len(), std::mem::take(&mut file.losses));
     if args.drop_broken {
         let Repair { widened, .. } = examination::repair(&mut file.scene)?;
@@ -133,7 +150,7 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<(), Failure> {
     let size = |path: &Path| std::fs::metadata(path).map_or(0, |file| file.len());
     let bytes = size(&args.to) + written.beside.as_deref().map_or(0, size);
     let conversion = Conversion {
-        read: Side::new(&args.from, file.format, file.bytes, all),
+        read: Side::new(&path, file.format, file.bytes, all),
         written: Side::new(&args.to, written.format, bytes, scene.len()),
         gaussians: scene.len(),
         sh_degree: scene.sh_degree,

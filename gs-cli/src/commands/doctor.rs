@@ -10,12 +10,14 @@ use gs_core::{
     Scene, counted,
     examination::{Examinable, Examination, Finding, Remedy, Repair, examine, repair},
 };
-use gs_io::{Loss, PlanarFile, SpatialFile, SpatialFormat, SpatialOptions};
+use gs_io::{Loss, SpatialFormat, SpatialOptions};
+use gs_train::{Opened, OpenedScene, Values};
 use serde::Serialize;
 
 use crate::{
     failure::Failure,
     fit::quoted,
+    opened,
     output::{self, Format},
     output_folder,
 };
@@ -31,7 +33,7 @@ Exit status: 0 nothing is broken, or it has been mended; 1 something is broken, 
 #[derive(Debug, Clone, Args)]
 #[command(after_help = STATUS)]
 pub(crate) struct DoctorArgs {
-    /// A scene, planar or spatial (PLY, .splat, SPZ, glTF)
+    /// A scene, planar or spatial (PLY, .splat, SPZ, glTF), a checkpoint, or the output folder of gs fit or gs train
     scene: PathBuf,
     /// Write a copy in which what is broken is mended
     #[arg(long, requires = "output")]
@@ -81,43 +83,25 @@ struct Fixed {
     lost: Vec<String>,
 }
 
-/// A scene and the file that it is from.
-enum Patient {
-    Planar(PlanarFile),
-    Spatial(SpatialFile),
-}
-
 /// Examines a scene, and mends it where told to.
 ///
 /// # Errors
 /// Where it cannot be read, where something is broken and not to be mended, or where the copy cannot be written.
 pub(crate) fn run(args: &DoctorArgs) -> Result<(), Failure> {
     args.output.as_deref().map_or(Ok(()), |output| output_folder::check_file(output, [&args.scene]))?;
-    let (kind, patient) = match gs_io::spatial_format(&args.scene)? {
-        Some(_) => {
-            if let Some(output) = args.output.as_deref().filter(|output| SpatialFormat::to_write(output).is_none()) {
-                return Err(gs_io::Error::UnknownEnding { path: output.to_owned() }.into());
-            }
-            let file = gs_io::read_spatial_unchecked(&args.scene)?;
-            (format!("spatial scene, {}", file.format), Patient::Spatial(file))
-        }
-        None => {
-            let has_ending =
-                |path: &&Path| path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("safetensors"));
-            if let Some(output) = args.output.as_deref().filter(|output| !has_ending(output)) {
-                let failure = Failure::usage("a planar scene is not written in this format").at(output.display());
-                return Err(failure.mend(format_args!("let its name end in .{}", gs_io::SCENE_EXTENSION)));
-            }
-            ("planar scene".to_owned(), Patient::Planar(gs_io::read_scene_unchecked(&args.scene)?))
-        }
+    let Opened { path, scene: patient, .. } = opened::open(&args.scene, Values::Any)?;
+    let kind = match &patient {
+        OpenedScene::Planar(_) => "planar scene".to_owned(),
+        OpenedScene::Spatial { file, .. } => format!("spatial scene, {}", file.format),
     };
+    args.output.as_deref().map(|output| check_ending(output, &patient)).transpose()?;
     let examination = match &patient {
-        Patient::Planar(file) => examine(&file.scene)?,
-        Patient::Spatial(file) => examine(&file.scene)?,
+        OpenedScene::Planar(file) => examine(&file.scene)?,
+        OpenedScene::Spatial { file, .. } => examine(&file.scene)?,
     };
-    let fixed = args.output.as_deref().map(|output| patient.mend(output)).transpose()?;
+    let fixed = args.output.as_deref().map(|output| fix(patient, output)).transpose()?;
     let mended = fixed.is_some();
-    let report = Report::new(&args.scene, kind, &examination, fixed);
+    let report = Report::new(&path, kind, &examination, fixed);
     match if args.json { Format::Json } else { Format::Text } {
         Format::Json => output::json(&report)?,
         Format::Text => output::result(text(&report))?,
@@ -131,22 +115,37 @@ pub(crate) fn run(args: &DoctorArgs) -> Result<(), Failure> {
     Err(Failure::failed(what).at(args.scene.display()).mend(mend))
 }
 
-impl Patient {
-    /// Mends the scene and writes it.
-    fn mend(self, output: &Path) -> Result<Fixed, Failure> {
-        match self {
-            Self::Planar(mut file) => {
-                let repair = mend(&mut file.scene, output)?;
-                gs_io::write_scene(output, &file)?;
-                Ok(Fixed::new(output, file.scene.len(), repair, &[]))
+/// Refuses a name for the copy that does not say a format of its kind of scene.
+fn check_ending(output: &Path, scene: &OpenedScene) -> Result<(), Failure> {
+    match scene {
+        OpenedScene::Planar(_) => {
+            if output.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("safetensors")) {
+                return Ok(());
             }
-            Self::Spatial(mut file) => {
-                let repair = mend(&mut file.scene, output)?;
-                let options = SpatialOptions { trained_with: file.trained_with, ..SpatialOptions::default() };
-                let written = gs_io::write_spatial(output, &file.scene, &options)?;
-                let losses = [file.losses, written.losses].concat();
-                Ok(Fixed::new(output, file.scene.len(), repair, &losses))
-            }
+            let failure = Failure::usage("a planar scene is not written in this format").at(output.display());
+            Err(failure.mend(format_args!("let its name end in .{}", gs_io::SCENE_EXTENSION)))
+        }
+        OpenedScene::Spatial { .. } => match SpatialFormat::to_write(output) {
+            Some(_) => Ok(()),
+            None => Err(gs_io::Error::UnknownEnding { path: output.to_owned() }.into()),
+        },
+    }
+}
+
+/// Mends the scene and writes it.
+fn fix(scene: OpenedScene, output: &Path) -> Result<Fixed, Failure> {
+    match scene {
+        OpenedScene::Planar(mut file) => {
+            let repair = mend(&mut file.scene, output)?;
+            gs_io::write_scene(output, &file)?;
+            Ok(Fixed::new(output, file.scene.len(), repair, &[]))
+        }
+        OpenedScene::Spatial { mut file, .. } => {
+            let repair = mend(&mut file.scene, output)?;
+            let options = SpatialOptions { trained_with: file.trained_with, ..SpatialOptions::default() };
+            let written = gs_io::write_spatial(output, &file.scene, &options)?;
+            let losses = [file.losses, written.losses].concat();
+            Ok(Fixed::new(output, file.scene.len(), repair, &losses))
         }
     }
 }

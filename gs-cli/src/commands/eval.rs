@@ -1,23 +1,26 @@
-//! `gs eval`: how close two images are, or a scene in space is to the photographs of a data set.
+//! `gs eval`: how close two images are, a 2D scene is to an image, or a 3D scene is to the images of a data set.
 
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use gs_core::{Image, Rasterizer, RenderSettings, Scene, SpatialScene, counted};
+use gs_core::{Canvas, Image, PlanarScene, Rasterizer, RenderSettings, Scene as _, SpatialScene, counted};
 use gs_io::{
-    ImageRemark, LoadedImage, SpatialFile,
+    ImageRemark, LoadedImage, PlanarFile,
     dataset::{may_be_dataset, read_dataset},
 };
 use gs_train::{
-    ImageQuality,
+    ImageQuality, is_scene,
+    spatial::{Evaluation, PosedView, ViewQuality, Views, evaluate},
+};
     spatial::{Evaluation, PosedView, ViewQuality, Views, evaluate},
 };
 use serde::Serialize;
 
 use crate::{
-    backend::{Backend, BackendArgs, SpatialTask},
+    backend::{Backend, BackendArgs, SpatialTask, Task},
     failure::Failure,
     memory,
+    opened::{self, Scene, Spatial},
     output::{self, printable},
     shown::{ShownArgs, effects, why_empty},
     train::DatasetArgs,
@@ -26,9 +29,9 @@ use crate::{
 /// The flags of `gs eval`.
 #[derive(Debug, Clone, Args)]
 pub(crate) struct EvalArgs {
-    /// One image; or a scene in space (PLY, .splat, SPZ, glTF)
+    /// An image; or a scene: a file of any kind, a checkpoint, or the output folder of gs fit or gs train
     a: PathBuf,
-    /// The other, of the same size; or a data set of posed photographs, whose test views judge the scene
+    /// The image to compare with, of the same size; for a 3D scene a data set of posed photographs, whose test views judge it
     b: PathBuf,
     /// Print JSON
     #[arg(long)]
@@ -55,12 +58,13 @@ struct Comparison {
 /// # Errors
 /// Where one cannot be read, or images differ in size.
 pub(crate) fn run(args: &EvalArgs) -> Result<(), Failure> {
-    // A scene is judged by a data set; what stands in its place is told to be none.
-    if may_be_dataset(&args.b) || matches!(gs_io::spatial_format(&args.a), Ok(Some(_))) {
-        return judge(args);
-    }
-    let a = read(&args.a)?;
-    let b = read(&args.b)?;
+    let (a, b) = match is_scene(&args.a)?.then(|| opened::scene(&args.a)).transpose()? {
+        Some(Scene::Spatial(spatial)) => return judge(args, &spatial),
+        Some(Scene::Planar(file)) => rendered(args, &file)?,
+        // Images have no views; what stands in a scene's place is told to be none.
+        None if may_be_dataset(&args.b) => return judge(args, &opened::spatial(&args.a)?),
+        None => (read(&args.a)?, read(&args.b)?),
+    };
     if a.size() != b.size() {
         let size =
             |path: &Path, image: &Image| format!("{} is {}x{} px", path.display(), image.width(), image.height());
@@ -87,16 +91,39 @@ fn read(path: &Path) -> Result<Image, Failure> {
     Ok(image)
 }
 
+/// A 2D scene as it is written in 8 bits at its own size, and the image that it is compared with.
+fn rendered(args: &EvalArgs, file: &PlanarFile) -> Result<(Image, Image), Failure> {
+    if may_be_dataset(&args.b) || args.shown.is_some() {
+        let message = "is a 2D scene, which is compared with an image and has no order or background to choose";
+        return Err(Failure::usage(message).at(args.a.display()).mend("gs eval SCENE IMAGE"));
+    }
+    let image = read(&args.b)?;
+    let backend = Backend::start(&args.backend)?;
+    let rendering = backend.run(Draw(file))?;
+    Ok((rendering.rounded_to_8_bits(), image))
+}
+
+struct Draw<'a>(&'a PlanarFile);
+
+impl Task for Draw<'_> {
+    type Output = Result<Image, gs_core::Error>;
+
+    fn run<R: Rasterizer<PlanarScene>>(self, rasterizer: &R) -> Self::Output {
+        let PlanarFile { scene, width, height, settings } = self.0;
+        rasterizer.render(scene, &Canvas::new(*width, *height), settings)
+    }
+}
+
 /// Judges a scene by the test views of a data set; by all, where none is held out.
-fn judge(args: &EvalArgs) -> Result<(), Failure> {
-    let SpatialFile { scene, trained_with, .. } = gs_io::read_spatial(&args.a).map_err(Failure::of_scene)?;
+fn judge(args: &EvalArgs, opened: &Spatial) -> Result<(), Failure> {
+    let scene = &opened.file.scene;
     let dataset = read_dataset(&args.b, &args.photographs.settings())?;
-    let render = args.shown.settings_beside(&scene, trained_with, &dataset);
+    let render = opened.settings(&args.shown, Some(&dataset));
     let Views { train, test, .. } = Views::of_dataset(&dataset);
     let views = if test.is_empty() { train } else { test };
     let backend = Backend::start(&args.backend)?;
-    let evaluation = backend.run_spatial(Judge { scene: &scene, views: &views, render: &render })?;
-    args.shown.note_guess(trained_with);
+    let evaluation = backend.run_spatial(Judge { scene, views: &views, render: &render })?;
+    opened.note_guess(&args.shown);
     output::note(format_args!("shown with {}", effects(&render)));
     if let Some(why) = why_empty(evaluation.culled, scene.len(), views.len()) {
         output::note(format_args!(

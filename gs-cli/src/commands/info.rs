@@ -3,32 +3,27 @@
 mod dataset;
 mod spatial;
 
-use std::{
-    collections::BTreeMap,
-    fmt::Write,
-    path::{Path, PathBuf},
-};
+use std::{collections::BTreeMap, fmt::Write, path::PathBuf};
 
 use clap::Args;
-use gs_core::{
-    PlanarScene, Rasterizer, RenderSettings, Scene, SpatialScene, counted, scene::sigmoid, state::CloudState,
-};
-use gs_io::{Checkpoint, SpatialFormat};
-use gs_train::{RunSettings, SpatialSettings, experiments::Cell};
+use gs_core::{PlanarScene, RenderSettings, Scene, counted, scene::sigmoid};
+use gs_io::dataset::{may_be_dataset, read_dataset};
+use gs_train::{Opened, OpenedScene, Values, experiments::Cell, scene_in};
 use serde::Serialize;
 
 use crate::{
-    backend::{Backend, BackendArgs, Choice, SpatialTask, Task},
     commands::adapters,
     dataset::ReadingArgs,
     failure::Failure,
+    opened,
     output::{self, Format, printable},
 };
 
 /// The flags of `gs info`.
 #[derive(Debug, Clone, Args)]
 pub(crate) struct InfoArgs {
-    /// A scene, planar or spatial (PLY, .splat, SPZ, glTF), a checkpoint, or a data set of posed photographs
+    /// A scene, planar or spatial (PLY, .splat, SPZ, glTF), a checkpoint, the output folder of gs fit or gs train, or a data set of
+    /// posed photographs
     #[arg(required_unless_present = "adapters")]
     file: Option<PathBuf>,
     /// List the GPUs that were found instead, and what --backend auto takes
@@ -49,10 +44,10 @@ struct Info {
     bytes: u64,
     bytes_per_gaussian: Option<f64>,
     gaussians: usize,
-    /// Of the image that the scene was made for, px; `null` in a checkpoint, whose metadata tell it.
+    /// Of the image that the scene was made for, px.
     width: Option<u32>,
     height: Option<u32>,
-    /// How it is rendered; `null` in a checkpoint.
+    /// How it is rendered.
     render: Option<RenderSettings>,
     /// Ranges over all values that are finite, by parameter.
     ranges: BTreeMap<&'static str, Range>,
@@ -86,82 +81,32 @@ pub(crate) fn run(args: &InfoArgs) -> Result<(), Failure> {
     let Some(file) = &args.file else {
         return adapters::run(format);
     };
-    if gs_io::dataset::may_be_dataset(file) {
-        return dataset::run(file, &args.reading, format);
-    }
-    if gs_io::spatial_format(file)?.is_some() {
-        return spatial::run(file, format);
-    }
-    let bytes = std::fs::metadata(file).map_or(0, |file| file.len());
-    let info = match read(file)? {
-        Content::Scene(planar) => {
-            let about = Info::of(Kind::Scene, bytes, &planar.scene);
-            let (width, height) = (Some(planar.width), Some(planar.height));
-            Info { width, height, render: Some(planar.settings), ..about }
+    if may_be_dataset(file) {
+        match read_dataset(file, &args.reading.settings()) {
+            Err(gs_io::Error::NotADataset { .. }) if scene_in(file).is_some() => {}
+            dataset => return dataset::print(&dataset?, format),
         }
-        Content::Checkpoint(checkpoint) => {
-            let backend = Backend::start(&BackendArgs { backend: Choice::Cpu, ..BackendArgs::default() })?;
-            let broken = |error: gs_core::Error| Failure::failed(error).at(file.display());
-            if is_spatial(&checkpoint) {
-                let scene = backend.run_spatial(Restore(&checkpoint.state)).map_err(broken)?;
-                return spatial::of_checkpoint(&scene, checkpoint.metadata, bytes, format);
-            }
-            let scene = backend.run(Restore(&checkpoint.state)).map_err(broken)?;
-            Info { metadata: checkpoint.metadata, ..Info::of(Kind::Checkpoint, bytes, &scene) }
-        }
+    }
+    let Opened { path, scene, run, .. } = opened::open(file, Values::Any)?;
+    let planar = match scene {
+        OpenedScene::Spatial { file, .. } => return spatial::print(*file, run, format),
+        OpenedScene::Planar(planar) => planar,
+    };
+    let bytes = std::fs::metadata(&path).map_or(0, |file| file.len());
+    let kind = if run.is_some() { Kind::Checkpoint } else { Kind::Scene };
+    if run.is_none() {
+        planar.validate().map_err(|source| Failure::of_scene(gs_io::Error::Content { path, source }))?;
+    }
+    let info = Info {
+        width: Some(planar.width),
+        height: Some(planar.height),
+        render: Some(planar.settings),
+        metadata: run.unwrap_or_default(),
+        ..Info::of(kind, bytes, &planar.scene)
     };
     match format {
         Format::Json => output::json(&info),
         Format::Text => output::result(text(&info)),
-    }
-}
-
-/// What a file holds that is no spatial scene.
-enum Content {
-    Scene(Box<gs_io::PlanarFile>),
-    Checkpoint(Box<Checkpoint>),
-}
-
-fn read(path: &Path) -> Result<Content, Failure> {
-    let not_a_scene = match gs_io::read_scene(path) {
-        Ok(file) => return Ok(Content::Scene(Box::new(file))),
-        Err(error) => error,
-    };
-    match gs_io::read_checkpoint(path) {
-        Ok(checkpoint) => Ok(Content::Checkpoint(Box::new(checkpoint))),
-        // What is called a spatial scene is meant to be one; its bytes say why it is none.
-        Err(_) if SpatialFormat::to_write(path).is_some() => match gs_io::read_spatial_unchecked(path) {
-            Err(not_spatial) => Err(not_spatial.into()),
-            Ok(_) => Err(not_a_scene.into()),
-        },
-        Err(_) => Err(not_a_scene.into()),
-    }
-}
-
-/// Whether a checkpoint is of a training in space; any other is taken for one of a planar fit.
-fn is_spatial(checkpoint: &Checkpoint) -> bool {
-    checkpoint
-        .metadata
-        .get("format")
-        .is_some_and(|format| format == <SpatialSettings as RunSettings<SpatialScene>>::FORMAT)
-}
-
-/// The scene that a backend's state holds.
-struct Restore<'a>(&'a CloudState);
-
-impl SpatialTask for Restore<'_> {
-    type Output = Result<SpatialScene, gs_core::Error>;
-
-    fn run<R: Rasterizer<SpatialScene>>(self, rasterizer: &R) -> Self::Output {
-        rasterizer.download(&rasterizer.restore(self.0)?)
-    }
-}
-
-impl Task for Restore<'_> {
-    type Output = Result<PlanarScene, gs_core::Error>;
-
-    fn run<R: Rasterizer<PlanarScene>>(self, rasterizer: &R) -> Self::Output {
-        rasterizer.download(&rasterizer.restore(self.0)?)
     }
 }
 

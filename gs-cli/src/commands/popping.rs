@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 use gs_core::{Camera, Chart, Rasterizer, RenderSettings, Scene, SpatialScene, counted};
-use gs_io::{Inputs, SpatialFile, read_spatial};
+use gs_io::Inputs;
 use gs_train::{
     experiments::{
         Findings, Table,
@@ -17,7 +17,7 @@ use crate::{
     backend::{Backend, BackendArgs, SpatialTask},
     cameras,
     failure::Failure,
-    output,
+    opened, output,
     output_folder::{self, OutputFolder, OverwriteArgs},
     paper::files,
     shown::{ShownArgs, why_empty},
@@ -37,7 +37,7 @@ a row in both orders, and their differences.";
 #[derive(Debug, Clone, Args)]
 #[command(after_help = AFTER_HELP)]
 pub(crate) struct PoppingArgs {
-    /// The scene: PLY, .splat, SPZ, glTF
+    /// The 3D scene: PLY, .splat, SPZ, glTF, a checkpoint, or the output folder of gs train
     scene: PathBuf,
     /// Folder for the results; made if it is not there
     #[arg(short, long, value_name = "DIR", default_value = "gs-popping")]
@@ -78,8 +78,9 @@ pub(crate) fn run(args: &PoppingArgs) -> Result<(), Failure> {
     }
     let claim = args.overwrite.claim(&args.output, FILES, Inputs::from_iter([&args.scene]));
     output_folder::check(&claim)?;
-    let SpatialFile { scene, trained_with, .. } = read_spatial(&args.scene).map_err(Failure::of_scene)?;
-    let bulk = cameras::bulk_of(&scene)?;
+    let opened = opened::spatial(&args.scene)?;
+    let scene = &opened.file.scene;
+    let bulk = cameras::bulk_of(scene)?;
     let up = args.up.map_or(cameras::UP, |axis| axis.0);
     let first = cameras::overview(&bulk, args.size, up)?;
     let orbit = Orbit { center: bulk.center, axis: up, frames: args.places };
@@ -89,11 +90,11 @@ pub(crate) fn run(args: &PoppingArgs) -> Result<(), Failure> {
     let folder = OutputFolder::begin(claim)?;
     let backend = Backend::start(&args.backend)?;
     output::note(&backend.reason);
-    args.shown.note_guess(trained_with);
-    let render = args.shown.settings(&scene, trained_with);
+    opened.note_guess(&args.shown);
+    let render = opened.settings(&args.shown, None);
     let name = args.scene.file_stem().map_or_else(|| "scene".into(), |stem| stem.to_string_lossy());
     let what = format!("{name}, {}", counted(scene.len(), "Gaussian"));
-    let findings = backend.run_spatial(Fly { scene: &scene, flight, first, render, what })?;
+    let findings = backend.run_spatial(Fly { scene, flight, first, render, what })?;
     files::write_findings(&folder, "", &findings)?;
     for table in &findings.tables {
         output::result(text(table))?;

@@ -13,6 +13,7 @@ use gs_core::{
 use gs_train::{
     Trainer,
     effects::{Sight, prices, prove, sampled},
+    is_scene,
     spatial::{Orbit, PosedView, Views, resized},
 };
 
@@ -27,6 +28,7 @@ use crate::{
         settings::{self, Given},
         target::Target,
     },
+    opened::{self, Spatial},
     output,
     shown::ShownArgs,
     values::{Axis, Size, canvas, whole},
@@ -99,15 +101,16 @@ enum Subject {
 
 impl Subject {
     fn load(args: &EffectsCommandArgs) -> Result<Self, Failure> {
-        if let Ok(Some(_)) = gs_io::spatial_format(&args.input) {
-            return Self::in_space(args);
-        }
+        let planar = match is_scene(&args.input)?.then(|| opened::scene(&args.input)).transpose()? {
+            Some(opened::Scene::Spatial(spatial)) => return Self::in_space(args, spatial),
+            Some(opened::Scene::Planar(file)) => Some(file),
+            None => None,
+        };
         if args.dataset.is_some() || args.shown.is_some() || args.up.is_some() {
             let message = "is no scene in space, which alone has cameras, an order and a background to choose";
             return Err(Failure::usage(message).at(args.input.display()).mend("use --size alone"));
         }
-        if args.input.extension().is_some_and(|ending| ending == "safetensors") {
-            let file = gs_io::read_scene(&args.input)?;
+        if let Some(file) = planar {
             let canvas = canvas((file.width, file.height), args.size)?;
             return Ok(Self::Planar { scene: file.scene, canvas, wanted: file.settings });
         }
@@ -120,23 +123,22 @@ impl Subject {
         Ok(Self::Image { target: Box::new(target), size: args.size })
     }
 
-    fn in_space(args: &EffectsCommandArgs) -> Result<Self, Failure> {
-        let file = gs_io::read_spatial(&args.input).map_err(Failure::of_scene)?;
-        let gs_io::SpatialFile { scene, trained_with, .. } = file;
+    fn in_space(args: &EffectsCommandArgs, opened: Spatial) -> Result<Self, Failure> {
+        opened.note_guess(&args.shown);
+        let scene = &opened.file.scene;
         let most = args.views as usize;
         let Some(path) = &args.dataset else {
             let up = args.up.map_or(cameras::UP, |axis| axis.0);
-            let bulk = cameras::bulk_of(&scene)?;
+            let bulk = cameras::bulk_of(scene)?;
             let first = cameras::overview(&bulk, args.size, up)?;
             first.validate().map_err(|error| Failure::usage(error).at("--size"))?;
             let cameras = Orbit { center: bulk.center, axis: up, frames: args.views }.cameras(&first);
-            let wanted = args.shown.settings(&scene, trained_with);
+            let wanted = opened.settings(&args.shown, None);
             let seen = format!("{} around it", counted(most, "place"));
-            args.shown.note_guess(trained_with);
-            return Ok(Self::Spatial { scene, cameras, wanted, seen });
+            return Ok(Self::Spatial { scene: opened.file.scene, cameras, wanted, seen });
         };
         let dataset = args.reading.read(path)?;
-        let wanted = args.shown.settings_beside(&scene, trained_with, &dataset);
+        let wanted = opened.settings(&args.shown, Some(&dataset));
         let Views { train, test, .. } = Views::of_dataset(&dataset);
         let (views, which) = if test.is_empty() { (train, "view") } else { (test, "test view") };
         let all: Vec<Camera> = views.iter().map(|PosedView { camera, .. }| *camera).collect();
@@ -146,8 +148,7 @@ impl Subject {
             camera.validate().map_err(|error| Failure::usage(error).at("--size"))?;
         }
         let seen = format!("{} of {} of {}", cameras.len(), counted(all.len(), which), path.display());
-        args.shown.note_guess(trained_with);
-        Ok(Self::Spatial { scene, cameras, wanted, seen })
+        Ok(Self::Spatial { scene: opened.file.scene, cameras, wanted, seen })
     }
 }
 

@@ -18,8 +18,9 @@ use crate::{
 const AFTER_HELP: &str = "\
 DIR then holds:
   reconstruction.png      the Gaussians rendered at the image's size
-  scene.gs2d.safetensors  the Gaussians themselves, for gs render and gs info
-  scene.ply               the same as a flat scene for any viewer of 3D Gaussian splats
+  scene.gs2d.safetensors  the Gaussians themselves, for gs view, gs render, gs convert and gs info
+  scene.ply               with --blend over: Gaussians in a plane that any viewer of 3D Gaussian splats shows as the
+                          reconstruction; gs convert makes such a file of every scene
   ellipses.png            the Gaussians drawn as ellipses over the reconstruction
   metrics.csv             count, edits and loss at every 100th part of the steps and at each round of density
                           control; at every 20th part and at both ends also L1, PSNR, what was culled and what was

@@ -318,10 +318,7 @@ mod tests {
         let diverged = || gs_train::Error::Diverged { step: 7, loss: f32::NAN, suspect: None };
         assert!(line(diverged(), true).contains("at step 7") && line(diverged(), true).contains("checkpoint is new,"));
         assert!(line(diverged(), false).contains("no checkpoint was stored yet"));
-        assert_eq!(
-            line(gs_train::Error::Checkpoint("x".to_owned()), true),
-            "error: the checkpoint cannot be resumed: x"
-        );
+        assert_eq!(line(gs_train::Error::Checkpoint("x".to_owned()), true), "error: the checkpoint cannot be used: x");
     }
 
     #[test]

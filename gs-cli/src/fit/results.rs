@@ -9,12 +9,13 @@ use gs_core::{
     examination::{self, Examinable},
     statistics::Culled,
 };
-use gs_io::{PlanarFile, PlyColors, write_ply, write_png, write_scene};
-use gs_train::{FitSummary, MetricsLog, Trainer};
+use gs_io::{PlanarFile, write_ply, write_png, write_scene};
+use gs_train::{ColorRange, FitSummary, MetricsLog, Trainer, Viewable};
 use serde::Serialize;
 
 use crate::{
-    backend::Backend,
+    backend::{Backend, run_on_processor},
+    commands::convert::planar::ForViewers,
     effects::choice::{EffectsArgs, told_in},
     failure::Failure,
     fit::{
@@ -205,7 +206,7 @@ impl Results<'_> {
 
     fn write_looks(&self, file: &PlanarFile, looks: &Looks) -> Vec<Result<(), Failure>> {
         let reconstruction = write_png(self.folder.file("reconstruction.png"), &looks.reconstruction);
-        vec![reconstruction.map_err(Failure::from), self.write_ply(file, &looks.reconstruction)]
+        vec![reconstruction.map_err(Failure::from), self.write_ply(file)]
     }
 
     fn write_ellipses(&self, scene: &PlanarScene, mut picture: Image, canvas: &Canvas) -> Result<(), Failure> {
@@ -224,16 +225,20 @@ impl Results<'_> {
         }
     }
 
-    fn write_ply(&self, file: &PlanarFile, reconstruction: &Image) -> Result<(), Failure> {
+    /// The scene for splat viewers. A sum has none: none of them shows it, and to convert it is a training of its own.
+    fn write_ply(&self, file: &PlanarFile) -> Result<(), Failure> {
+        if file.settings.effects.blend == Blend::Sum {
+            return self.folder.leave_out("scene.ply");
+        }
         if file.scene.is_empty() {
             output::note("note: no Gaussian is left, so there is no scene.ply");
             return self.folder.leave_out("scene.ply");
         }
-        let colors = match file.settings.effects.blend {
-            Blend::Sum => PlyColors::Sampled(reconstruction),
-            Blend::Over => PlyColors::Stored,
-        };
-        Ok(write_ply(self.folder.file("scene.ply"), file, colors)?)
+        let range = ColorRange::NotNegative;
+        let Viewable { file, psnr } = run_on_processor(self.backend, ForViewers { file, range })??;
+        write_ply(self.folder.file("scene.ply"), &file)?;
+        output::note(format_args!("scene.ply shows the reconstruction in splat viewers, at {psnr:.2} dB"));
+        Ok(())
     }
 
     fn write_curve(&self, points: &[Point], log: &MetricsLog, title: &str) -> Result<(), Failure> {

@@ -4,10 +4,11 @@ use std::path::Path;
 
 use glam::Vec2;
 use gs_core::{Camera, Canvas, Effects, PlanarScene, RenderSettings, Scene, SpatialScene, counted};
-use gs_io::{PlanarFile, SpatialFile, read_spatial};
+use gs_io::PlanarFile;
 use gs_train::{
     Trainer,
     effects::sampled,
+    is_scene,
     spatial::{Orbit, resized},
 };
 
@@ -22,6 +23,7 @@ use crate::{
         target::Target,
     },
     frontier::FrontierArgs,
+    opened::{self, Spatial},
     output,
     values::Size,
 };
@@ -54,26 +56,24 @@ impl Subject {
     /// Where a file cannot be read, a flag does not go with what it holds, or a fit fails.
     pub(crate) fn load(args: &FrontierArgs) -> Result<Self, Failure> {
         let path = &args.input;
-        if gs_io::spatial_format(path)?.is_some() {
-            return spatial(args).map(Self::Spatial);
-        }
+        let planar = match is_scene(path)?.then(|| opened::scene(path)).transpose()? {
+            Some(opened::Scene::Spatial(scene)) => return spatial(args, scene).map(Self::Spatial),
+            Some(opened::Scene::Planar(file)) => Some(file),
+            None => None,
+        };
         if args.dataset.is_some() || args.up.is_some() || args.shown.is_some() {
             let message = "is an image or the scene of one, which has no data set, order or background to choose";
             return Err(Failure::usage(message).at(path.display()).mend("leave the flags for scenes in space out"));
         }
-        let (scene, shown, size) = match gs_io::read_scene(path) {
-            Ok(PlanarFile { scene, settings, width, height, .. }) => {
+        let (scene, shown, size) = match planar {
+            Some(PlanarFile { scene, settings, width, height, .. }) => {
                 if args.gaussians.is_some() {
                     let message = "--gaussians is for images, which are fitted first, but this is a scene";
                     return Err(Failure::usage(message).at(path.display()).mend("leave it out"));
                 }
                 (scene, settings, (width, height))
             }
-            // Whatever is called one is meant to be a scene.
-            Err(error) if path.extension().is_some_and(|extension| extension == "safetensors") => {
-                return Err(error.into());
-            }
-            Err(_) => fitted(args)?,
+            None => fitted(args)?,
         };
         let own = Canvas::new(size.0, size.1);
         let canvas = args.size.map_or(own, |Size { width, height }| own.resized(width, height));
@@ -141,12 +141,12 @@ fn chooses(&Effects { order, antialias, sh_degree, .. }: &Effects) -> Option<Cho
     Some(ChosenEffects { order, antialias, sh_degree })
 }
 
-fn spatial(args: &FrontierArgs) -> Result<Seen<SpatialScene>, Failure> {
+fn spatial(args: &FrontierArgs, opened: Spatial) -> Result<Seen<SpatialScene>, Failure> {
     if args.gaussians.is_some() {
         let message = "--gaussians is for images, which are fitted first, but this is a scene";
         return Err(Failure::usage(message).at(args.input.display()).mend("leave it out"));
     }
-    let SpatialFile { scene, trained_with, .. } = read_spatial(&args.input).map_err(Failure::of_scene)?;
+    let scene = &opened.file.scene;
     let count = args.views as usize;
     let (all, shown): (Vec<Camera>, RenderSettings) = match &args.dataset {
         Some(path) => {
@@ -154,14 +154,14 @@ fn spatial(args: &FrontierArgs) -> Result<Seen<SpatialScene>, Failure> {
             let cameras: Vec<Camera> = dataset.views.iter().map(|view| view.camera).collect();
             let even = sampled(&cameras, 2 * count).into_iter();
             let sized = |camera| args.size.map_or(camera, |Size { width, height }| resized(&camera, width, height));
-            (even.map(sized).collect(), args.shown.settings_beside(&scene, trained_with, &dataset))
+            (even.map(sized).collect(), opened.settings(&args.shown, Some(&dataset)))
         }
         None => {
-            let bulk = cameras::bulk_of(&scene)?;
+            let bulk = cameras::bulk_of(scene)?;
             let axis = args.up.map_or(cameras::UP, |axis| axis.0);
             let first = cameras::overview(&bulk, args.size, axis)?;
             let orbit = Orbit { center: bulk.center, axis, frames: 2 * args.views };
-            (orbit.cameras(&first), args.shown.settings(&scene, trained_with))
+            (orbit.cameras(&first), opened.settings(&args.shown, None))
         }
     };
     for camera in &all {
@@ -177,6 +177,6 @@ fn spatial(args: &FrontierArgs) -> Result<Seen<SpatialScene>, Failure> {
         let Camera { width, height, .. } = views[0];
         unseen.push(resized(&views[0], width.div_ceil(2), height.div_ceil(2)));
     }
-    args.shown.note_guess(trained_with);
-    Ok(Seen { name: name_of(&args.input), scene, shown, views, unseen, chooses })
+    opened.note_guess(&args.shown);
+    Ok(Seen { name: name_of(&args.input), scene: opened.file.scene, shown, views, unseen, chooses })
 }

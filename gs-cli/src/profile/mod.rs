@@ -9,12 +9,14 @@ use std::path::PathBuf;
 
 use clap::Args;
 use gs_io::Inputs;
+use gs_train::is_scene;
 
 use crate::{
     backend::{Backend, BackendArgs},
     dataset::ReadingArgs,
     failure::Failure,
     fit::arguments::{BlendName, ChartName, LossName},
+    opened::{self, Scene},
     output,
     output_folder::{self, OutputFolder, OverwriteArgs},
     profile::{measure::Measure, space::SpatialSubject, subject::Subject},
@@ -103,10 +105,11 @@ pub(crate) fn run(args: &ProfileArgs) -> Result<(), Failure> {
     let claim = args.output.as_ref().map(|path| args.overwrite.claim(path, ["profile.csv", "profile.json"], inputs));
     claim.as_ref().map_or(Ok(()), output_folder::check)?;
     let subject = match &args.input {
-        Some(path) if gs_io::spatial_format(path)?.is_some() => {
-            AnySubject::Spatial(Box::new(SpatialSubject::load(path, args)?))
-        }
-        _ => AnySubject::Planar(Box::new(Subject::load(args)?)),
+        Some(path) if is_scene(path)? => match opened::scene(path)? {
+            Scene::Spatial(spatial) => AnySubject::Spatial(Box::new(SpatialSubject::load(path, spatial, args)?)),
+            Scene::Planar(file) => AnySubject::Planar(Box::new(Subject::load(Some(file), args)?)),
+        },
+        _ => AnySubject::Planar(Box::new(Subject::load(None, args)?)),
     };
     let backend = match &subject {
         AnySubject::Planar(subject) => Backend::start_for_image(&args.backend, &subject.render),

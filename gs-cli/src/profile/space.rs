@@ -3,12 +3,13 @@
 use std::path::Path;
 
 use gs_core::{Camera, Chart, Loss, Rasterizer, RenderSettings, SpatialScene};
-use gs_io::{SpatialFile, read_spatial};
+
 use gs_train::spatial::resized;
 
 use crate::{
-    cameras,
+    cameras::{self, Home},
     failure::Failure,
+    opened::Spatial,
     profile::{
         ProfileArgs,
         measure::Ready,
@@ -32,24 +33,24 @@ pub(crate) struct SpatialSubject {
 }
 
 impl SpatialSubject {
-    /// Reads what the flags name; without a camera the scene is seen whole, from a little above.
+    /// Takes a scene and the view that the flags name; without one, a flat scene is seen from its front, any other from a little above.
     ///
     /// # Errors
-    /// Where a file cannot be read, there is no such view, or a flag does not go with scenes in space.
-    pub(crate) fn load(path: &Path, args: &ProfileArgs) -> Result<Self, Failure> {
+    /// Where a data set cannot be read, there is no such view, or a flag does not go with scenes in space.
+    pub(crate) fn load(path: &Path, opened: Spatial, args: &ProfileArgs) -> Result<Self, Failure> {
         let name = path.display().to_string();
         check_is_not_fitted(args, &name)?;
-        let SpatialFile { scene, trained_with, .. } = read_spatial(path).map_err(Failure::of_scene)?;
+
         let (camera, mut render) = match &args.camera {
             Some(view) => {
                 let dataset = args.reading.read(&view.dataset)?;
                 let camera = cameras::of_view(&dataset, view)?;
                 let sized = |Size { width, height }: Size| resized(&camera, width, height);
-                (args.size.map_or(camera, sized), args.shown.settings_beside(&scene, trained_with, &dataset))
+                (args.size.map_or(camera, sized), opened.settings(&args.shown, Some(&dataset)))
             }
             None => {
-                let overview = cameras::overview(&cameras::bulk_of(&scene)?, args.size, cameras::UP);
-                (overview.map_err(cameras::or_name_one)?, args.shown.settings(&scene, trained_with))
+                let home = Home::of(&opened.file, args.size, None)?;
+                (home.camera, opened.settings(&args.shown, None))
             }
         };
         camera.validate().map_err(|error| Failure::usage(error).at("--camera or --size"))?;
@@ -61,7 +62,7 @@ impl SpatialSubject {
         let target = args.image.as_deref().map(|image| compared(image, size)).transpose()?;
         let loss = args.loss.map_or(Loss::PAPER, Loss::from);
         let chart = args.chart.map_or(Chart::ScaleRotation, Chart::from);
-        Ok(Self { name, scene, camera, render, loss, chart, target })
+        Ok(Self { name, scene: opened.file.scene, camera, render, loss, chart, target })
     }
 
     /// Renders what it is compared with, if no image is.

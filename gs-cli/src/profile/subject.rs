@@ -52,21 +52,19 @@ pub(super) struct Compared {
 }
 
 impl Subject {
-    /// Reads what the flags name.
+    /// Takes the scene of the input, or reads the image that it is.
     ///
     /// # Errors
     /// Where a file cannot be read, or a flag does not go with what it holds.
-    pub(crate) fn load(args: &ProfileArgs) -> Result<Self, Failure> {
+    pub(crate) fn load(scene: Option<PlanarFile>, args: &ProfileArgs) -> Result<Self, Failure> {
         if args.shown.is_some() || args.camera.is_some() {
             let message = "--camera, --background, --sh-degree, --order and --antialias are for scenes in space";
             return Err(Failure::usage(message).mend("leave them out"));
         }
         let Some(path) = &args.input else { return Self::of_image(None, args) };
-        match gs_io::read_scene(path) {
-            Ok(file) => Self::of_scene(path, file, args),
-            // Whatever is called one is meant to be a scene.
-            Err(error) if path.extension().is_some_and(|extension| extension == "safetensors") => Err(error.into()),
-            Err(_) => Self::of_image(Some(path), args),
+        match scene {
+            Some(file) => Self::of_scene(path, file, args),
+            None => Self::of_image(Some(path), args),
         }
     }
 

@@ -27,6 +27,10 @@ pub(crate) enum Command {
     NextAntialias,
     /// This antialiasing.
     Antialias(Antialias),
+    /// Nearer, as by a turn of the wheel.
+    ZoomIn,
+    /// Farther away.
+    ZoomOut,
     /// Text away, or back.
     Text,
     /// The end.
@@ -41,9 +45,12 @@ pub(crate) fn command(key: &Key, mode: Mode) -> Option<Command> {
         _ => return None,
     };
     Some(match (text.as_str(), mode) {
-        ("f", _) => Command::SwitchMode,
         ("r", _) => Command::Reset,
         ("h", _) => Command::Text,
+        ("+" | "=", Mode::Plane) => Command::ZoomIn,
+        ("-" | "_", Mode::Plane) => Command::ZoomOut,
+        (_, Mode::Plane) => return None,
+        ("f", _) => Command::SwitchMode,
         ("o", _) => Command::NextOrder,
         ("1", _) => Command::Order(Order::TileDepth),
         ("2", _) => Command::Order(Order::PixelDepth),
@@ -86,7 +93,7 @@ impl HeldKeys {
         use KeyCode::{ArrowDown, ArrowLeft, ArrowRight, ArrowUp, KeyA, KeyD, KeyE, KeyQ, KeyS, KeyW};
         let axis = |more: KeyCode, less: KeyCode| f32::from(self.any(&[more])) - f32::from(self.any(&[less]));
         let way = match mode {
-            Mode::Orbit => Vec3::ZERO,
+            Mode::Orbit | Mode::Plane => Vec3::ZERO,
             Mode::Fly => Vec3::new(axis(KeyD, KeyA), axis(KeyE, KeyQ), axis(KeyW, KeyS)),
         };
         let turn = Vec2::new(axis(ArrowRight, ArrowLeft), axis(ArrowDown, ArrowUp));
@@ -118,6 +125,18 @@ mod tests {
         assert_eq!(command(&character("6"), Mode::Fly), Some(Command::Antialias(Antialias::Compensated)));
         assert_eq!(command(&Key::Named(NamedKey::Escape), Mode::Fly), Some(Command::Close));
         assert_eq!(command(&character("w"), Mode::Orbit), None);
+    }
+
+    #[test]
+    fn a_picture_is_zoomed_by_keys_and_has_no_order_to_switch() {
+        for (key, expected) in [("+", Command::ZoomIn), ("=", Command::ZoomIn), ("-", Command::ZoomOut)] {
+            assert_eq!(command(&character(key), Mode::Plane), Some(expected));
+            assert_eq!(command(&character(key), Mode::Orbit), None);
+        }
+        for key in ["f", "o", "a", "1", "5"] {
+            assert_eq!(command(&character(key), Mode::Plane), None, "{key}");
+        }
+        assert_eq!(command(&character("R"), Mode::Plane), Some(Command::Reset));
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! `gs view`: a scene in space in a window, drawn by the chosen backend while one moves through it.
+//! `gs view`: a scene in a window, drawn by the chosen backend while one moves through a 3D scene or over a 2D scene.
 //!
 //! Movement ([`navigation`]), what goes on ([`session`]) and what is said ([`overlay`]) know no window; [`window`] is all that does. Frames
 //! are drawn on a thread of their own ([`painter`]), one at a time, and always the newest that is wanted.
@@ -18,26 +18,31 @@ use std::path::PathBuf;
 use clap::Args;
 use glam::Vec3;
 use gs_core::{Camera, Rasterizer, RenderSettings, Scene, SpatialScene, effects::CalledFor, image::check_size};
-use gs_io::{SpatialFile, TrainedWith, read_spatial};
-use gs_train::spatial::Bulk;
+use gs_io::PlanarFile;
 
 use crate::{
     backend::{Backend, BackendArgs, SpatialTask},
-    cameras,
+    cameras::{self, Home},
     dataset::ReadingArgs,
     effects::choice::{EffectsArgs, told},
     failure::Failure,
-    memory, output,
+    opened::{self, Spatial},
+    output,
     shown::ShownArgs,
     values::{Axis, Size, ViewName},
-    view::{navigation::Navigator, overlay::Subject, session::Session, window::Desktop},
+    view::{
+        navigation::{Navigator, PlaneNavigator},
+        overlay::Subject,
+        session::Session,
+        window::Desktop,
+    },
 };
 
 /// A window that nobody asked for in this size is no larger, px: photographs are larger than screens.
 const LARGEST: Size = Size { width: 1280, height: 800 };
 
 const AFTER_HELP: &str = "\
-In the window:
+In the window of a 3D scene:
   drag           turn around the point looked at; in flight, look around
   shift+drag     pan; so does the right button
   wheel          zoom; in flight, slower and faster
@@ -49,6 +54,11 @@ In the window:
   H              hide the text
   Esc            close
 
+In the window of a 2D scene:
+  drag, arrows   pan
+  wheel, + -     zoom; the Gaussians are drawn anew at each zoom
+  R, H, Esc      back to the whole picture; hide the text; close
+
 If frames take longer than 50 ms, they are drawn in fewer pixels while the picture moves, and whole again at rest; the text says so.
 
 Without a display, gs render SCENE -o turn.apng --orbit 60 shows the same.";
@@ -57,7 +67,7 @@ Without a display, gs render SCENE -o turn.apng --orbit 60 shows the same.";
 #[derive(Debug, Clone, Args)]
 #[command(after_help = AFTER_HELP)]
 pub(crate) struct ViewArgs {
-    /// The scene in space (PLY, .splat, SPZ, glTF), such as the scene.ply of a training
+    /// The scene: a file of any kind, a checkpoint, or the output folder of gs fit or gs train
     scene: PathBuf,
     /// Size of the picture [default: 800x600, or the proportions of the view]
     #[arg(long, value_name = "WxH")]
@@ -92,11 +102,36 @@ struct Start {
 /// # Errors
 /// Where the scene or the data set cannot be read, there is no display, or the backend fails.
 pub(crate) fn run(args: &ViewArgs) -> Result<(), Failure> {
-    let SpatialFile { scene, trained_with, .. } = read(args)?;
-    let bulk = cameras::bulk_of(&scene)?;
-    let start = start(args, &scene, trained_with, &bulk)?;
+    match opened::scene(&args.scene)? {
+        opened::Scene::Planar(file) => run_planar(args, &file),
+        opened::Scene::Spatial(spatial) => run_spatial(args, &spatial),
+    }
+}
+
+fn run_planar(args: &ViewArgs, file: &PlanarFile) -> Result<(), Failure> {
+    if args.camera.is_some() || args.up.is_some() || args.shown.is_some() {
+        let message = "is a 2D scene, which has no camera, order or background to choose";
+        return Err(Failure::usage(message).at(args.scene.display()).mend("use --size alone"));
+    }
+    let size = args.size.unwrap_or_else(|| usual_size(file.width, file.height));
+    check_size(size.width, size.height).map_err(|error| Failure::usage(error).at("--size"))?;
+    let desktop = Desktop::connect()?;
+    let backend = Backend::start(&args.backend)?;
+    let CalledFor { settings, verdicts } = args.effects.choose(&file.scene, &[], &file.settings)?;
+    if let Some(told) = told(&verdicts) {
+        output::note(told);
+    }
+    let session = Session::new(PlaneNavigator::new(file.width, file.height), settings);
+    let subject = subject(args, file.scene.len(), 0, &backend);
+    desktop.show(&backend, &file.scene, subject, session, size)
+}
+
+fn run_spatial(args: &ViewArgs, opened: &Spatial) -> Result<(), Failure> {
+    let scene = &opened.file.scene;
+    let bulk = cameras::bulk_of(scene)?;
+    let start = start(args, opened)?;
     start.camera.validate().map_err(|error| Failure::usage(error).at("--camera or --size"))?;
-    let size = args.size.unwrap_or_else(|| usual_size(&start.camera));
+    let size = args.size.unwrap_or_else(|| usual_size(start.camera.width, start.camera.height));
     check_size(size.width, size.height).map_err(|error| Failure::usage(error).at("--size"))?;
     let desktop = Desktop::connect()?;
     let backend = Backend::start(&args.backend)?;
@@ -104,24 +139,24 @@ pub(crate) fn run(args: &ViewArgs) -> Result<(), Failure> {
     let depth = start.camera.to_camera(start.target).z;
     let distance = if depth > 0.0 { depth } else { bulk.radius };
     // One may move to wherever one likes.
-    let CalledFor { settings, verdicts } = args.effects.choose(&scene, &[], &start.settings)?;
-    args.shown.note_guess(trained_with);
+    let CalledFor { settings, verdicts } = args.effects.choose(scene, &[], &start.settings)?;
+    opened.note_guess(&args.shown);
     if let Some(told) = told(&verdicts) {
         output::note(told);
     }
     let session = Session::new(Navigator::new(&start.camera, distance, start.up, bulk), settings);
-    let subject = Subject {
-        name: args.scene.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned()),
-        gaussians: scene.len(),
-        sh_degree: scene.sh_degree,
-        machine: backend.run_spatial(Describe),
-    };
-    desktop.show(&backend, &scene, subject, session, size)
+    let subject = subject(args, scene.len(), scene.sh_degree, &backend);
+    desktop.show(&backend, scene, subject, session, size)
 }
 
-/// The size of a window for the picture of this camera.
-fn usual_size(camera: &Camera) -> Size {
-    let (width, height) = (camera.width as f32, camera.height as f32);
+fn subject(args: &ViewArgs, gaussians: usize, sh_degree: u8, backend: &Backend) -> Subject {
+    let name = args.scene.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
+    Subject { name, gaussians, sh_degree, machine: backend.run_spatial(Describe) }
+}
+
+/// The size of a window for a picture of so many pixels.
+fn usual_size(width: u32, height: u32) -> Size {
+    let (width, height) = (width as f32, height as f32);
     let scale = (LARGEST.width as f32 / width).min(LARGEST.height as f32 / height).min(1.0);
     let scaled = |side: f32| ((side * scale).round() as u32).max(1);
     Size { width: scaled(width), height: scaled(height) }
@@ -138,24 +173,11 @@ impl SpatialTask for Describe {
     }
 }
 
-/// The scene, which must be one in space.
-fn read(args: &ViewArgs) -> Result<SpatialFile, Failure> {
-    if gs_io::spatial_format(&args.scene)?.is_some() {
-        memory::check_spatial(&args.scene)?;
-        return read_spatial(&args.scene).map_err(Failure::of_scene);
-    }
-    gs_io::read_scene(&args.scene)?;
-    let message = "is the scene of an image, which has no depth to move through";
-    let mend = format_args!("gs render {} -o picture.png draws it", args.scene.display());
-    Err(Failure::usage(message).at(args.scene.display()).mend(mend))
-}
-
-fn start(args: &ViewArgs, scene: &SpatialScene, trained_with: TrainedWith, bulk: &Bulk) -> Result<Start, Failure> {
+fn start(args: &ViewArgs, opened: &Spatial) -> Result<Start, Failure> {
     let up = args.up.map(|axis| axis.0);
     let Some(name) = &args.camera else {
-        let up = up.unwrap_or(cameras::UP);
-        let camera = cameras::overview(bulk, args.size, up).map_err(cameras::or_name_one)?;
-        return Ok(Start { camera, target: bulk.center, up, settings: args.shown.settings(scene, trained_with) });
+        let Home { camera, target, up } = Home::of(&opened.file, args.size, up)?;
+        return Ok(Start { camera, target, up, settings: opened.settings(&args.shown, None) });
     };
     let dataset = args.reading.read(&name.dataset)?;
     let camera = cameras::of_view(&dataset, name)?;
@@ -163,7 +185,7 @@ fn start(args: &ViewArgs, scene: &SpatialScene, trained_with: TrainedWith, bulk:
         camera,
         target: cameras::looked_at(&dataset, &camera),
         up: up.unwrap_or_else(|| cameras::up_of(&dataset)),
-        settings: args.shown.settings_beside(scene, trained_with, &dataset),
+        settings: opened.settings(&args.shown, Some(&dataset)),
     })
 }
 
@@ -173,9 +195,8 @@ mod tests {
 
     #[test]
     fn a_window_that_nobody_sized_fits_the_screen_and_the_picture() {
-        let size = |width, height| usual_size(&Camera::looking_forward(width, height, 1.0));
-        assert_eq!(size(800, 600), Size { width: 800, height: 600 });
-        assert_eq!(size(1296, 1936), Size { width: 536, height: 800 });
-        assert_eq!(size(16_000, 1), Size { width: 1280, height: 1 });
+        assert_eq!(usual_size(800, 600), Size { width: 800, height: 600 });
+        assert_eq!(usual_size(1296, 1936), Size { width: 536, height: 800 });
+        assert_eq!(usual_size(16_000, 1), Size { width: 1280, height: 1 });
     }
 }

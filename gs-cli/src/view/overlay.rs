@@ -4,7 +4,11 @@ use gs_core::counted;
 
 use crate::{
     values::Color,
-    view::{navigation::Mode, pace::BUDGET_MS, session::Session},
+    view::{
+        navigation::{Mode, Navigate},
+        pace::BUDGET_MS,
+        session::Session,
+    },
 };
 
 /// What does not change while the window is open.
@@ -21,31 +25,18 @@ pub(crate) struct Subject {
 }
 
 /// The lines over the picture, most important first.
-pub(crate) fn lines(subject: &Subject, session: &Session) -> Vec<String> {
-    let Subject { name, gaussians, sh_degree, machine } = subject;
-    let effects = &session.settings.effects;
-    let antialias_keys = match session.navigator.mode() {
-        Mode::Orbit => "A",
-        Mode::Fly => "3 4 5 6",
+pub(crate) fn lines<N: Navigate>(subject: &Subject, session: &Session<N>) -> Vec<String> {
+    let Subject { name, gaussians, machine, .. } = subject;
+    let keys = match session.navigator.mode() {
+        Mode::Orbit | Mode::Fly => "F orbit/fly · R reset · H hides this · Esc closes",
+        Mode::Plane => "R reset · H hides this · Esc closes",
     };
     let mut lines = vec![
         format!("{name} · {} · {machine}", counted(*gaussians, "Gaussian")),
         frame(session),
-        format!(
-            "order {} (O) · antialias {} ({antialias_keys}) · SH degree {} of {sh_degree} · background {}",
-            effects.order.name(),
-            effects.antialias.name(),
-            effects.sh_degree.min(*sh_degree),
-            background(session),
-        ),
-        match session.navigator.mode() {
-            Mode::Orbit => "orbit: drag turns, right or shift+drag pans, wheel zooms, arrows turn".to_owned(),
-            Mode::Fly => {
-                let speed = session.navigator.speed();
-                format!("fly: WASD QE move, shift faster, drag or arrows look, wheel sets the speed ({speed:.3}/s)")
-            }
-        },
-        "F orbit/fly · R reset · H hides this · Esc closes".to_owned(),
+        effects(subject, session),
+        session.navigator.hint(),
+        keys.to_owned(),
     ];
     if let Some(shown) = session.shown().filter(|shown| shown.divisor > 1) {
         let divisor = shown.divisor;
@@ -57,22 +48,41 @@ pub(crate) fn lines(subject: &Subject, session: &Session) -> Vec<String> {
     lines
 }
 
-/// The window's title.
-pub(crate) fn title(subject: &Subject, session: &Session) -> String {
-    let effects = &session.settings.effects;
-    let time = session.times.median().map_or(String::new(), |time| format!(" {time:.1} ms,"));
+/// How the scene is shown, and the keys that change it.
+fn effects<N: Navigate>(subject: &Subject, session: &Session<N>) -> String {
+    let (effects, background) = (&session.settings.effects, background(session));
+    let keys = match session.navigator.mode() {
+        Mode::Orbit => "A",
+        Mode::Fly => "3 4 5 6",
+        Mode::Plane => {
+            let (blend, antialias) = (effects.blend.name(), effects.antialias.name());
+            return format!("blend {blend} · antialias {antialias} · background {background}");
+        }
+    };
     format!(
-        "gs view {}:{time} {}, {}, SH {}, background {}, {}",
-        subject.name,
+        "order {} (O) · antialias {} ({keys}) · SH degree {} of {} · background {background}",
         effects.order.name(),
         effects.antialias.name(),
         effects.sh_degree.min(subject.sh_degree),
-        background(session),
-        subject.machine,
+        subject.sh_degree,
     )
 }
 
-fn frame(session: &Session) -> String {
+/// The window's title.
+pub(crate) fn title<N: Navigate>(subject: &Subject, session: &Session<N>) -> String {
+    let effects = &session.settings.effects;
+    let time = session.times.median().map_or(String::new(), |time| format!(" {time:.1} ms,"));
+    let (name, machine, antialias) = (&subject.name, &subject.machine, effects.antialias.name());
+    let shown = match session.navigator.mode() {
+        Mode::Plane => format!("blend {}, {antialias}", effects.blend.name()),
+        Mode::Orbit | Mode::Fly => {
+            format!("{}, {antialias}, SH {}", effects.order.name(), effects.sh_degree.min(subject.sh_degree))
+        }
+    };
+    format!("gs view {name}:{time} {shown}, background {}, {machine}", background(session))
+}
+
+fn frame<N: Navigate>(session: &Session<N>) -> String {
     let (Some(median), Some(shown)) = (session.times.median(), session.shown()) else {
         return "drawing the first frame".to_owned();
     };
@@ -84,7 +94,7 @@ fn frame(session: &Session) -> String {
     format!("{median:.1} ms a frame ({of}) · {width}x{height} px")
 }
 
-fn background(session: &Session) -> String {
+fn background<N: Navigate>(session: &Session<N>) -> String {
     Color(session.settings.backdrop()).to_string()
 }
 
@@ -102,7 +112,7 @@ mod tests {
     use super::*;
     use crate::view::{
         keys::Command,
-        navigation::{Drag, Navigator},
+        navigation::{Drag, Navigator, PlaneNavigator},
         painter::{Answer, Painted},
         pixels::Picture,
     };
@@ -165,5 +175,15 @@ mod tests {
             &["1/2 of the resolution while it moves", "a whole frame takes 180 ms", "more than 50", "at rest"],
         );
         holds(&lines.join("\n"), &["40x30 px"]);
+    }
+
+    #[test]
+    fn over_a_picture_only_what_it_has_is_told() {
+        let session = Session::new(PlaneNavigator::new(30, 20), RenderSettings::blended(Blend::Sum));
+        let subject = Subject { name: "a".to_owned(), gaussians: 3, sh_degree: 0, machine: "cpu".to_owned() };
+        let lines = lines(&subject, &session).join("\n");
+        holds(&lines, &["blend sum", "100 %", "wheel or + - zoom", "R reset"]);
+        assert!(!lines.contains("order") && !lines.contains("SH") && !lines.contains("fly"), "{lines}");
+        holds(&title(&subject, &session), &["gs view a: blend sum, none, background black, cpu"]);
     }
 }

@@ -6,34 +6,68 @@ use std::{
     time::{Duration, Instant},
 };
 
-use gs_core::{Camera, Chart, Rasterizer, RenderSettings, SpatialScene};
-use gs_train::spatial::resized;
+use gs_core::{Camera, Canvas, Chart, PlanarScene, Rasterizer, RenderSettings, Scene, SpatialScene};
+use gs_train::spatial;
 
-use crate::{backend::SpatialTask, failure::Failure, view::pixels::Picture};
+use crate::{
+    backend::{SpatialTask, Task},
+    failure::Failure,
+    view::pixels::Picture,
+};
+
+/// What a frame is rendered from.
+pub(crate) trait View: Copy + std::fmt::Debug + PartialEq + Send + 'static {
+    /// Columns and rows, px.
+    fn size(&self) -> (u32, u32);
+
+    /// The same in so many pixels.
+    fn resized(&self, width: u32, height: u32) -> Self;
+}
+
+impl View for Camera {
+    fn size(&self) -> (u32, u32) {
+        (self.width, self.height)
+    }
+
+    fn resized(&self, width: u32, height: u32) -> Self {
+        spatial::resized(self, width, height)
+    }
+}
+
+impl View for Canvas {
+    fn size(&self) -> (u32, u32) {
+        (self.width, self.height)
+    }
+
+    fn resized(&self, width: u32, height: u32) -> Self {
+        Canvas::resized(*self, width, height)
+    }
+}
 
 /// A frame to draw.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Request {
-    /// The camera of the whole window.
-    pub(crate) camera: Camera,
+pub(crate) struct Request<V> {
+    /// What the whole window shows.
+    pub(crate) view: V,
     /// Effects and background.
     pub(crate) settings: RenderSettings,
     /// By what the sides of the picture are divided, at least 1.
     pub(crate) divisor: u32,
 }
 
-impl Request {
+impl<V: View> Request<V> {
     /// Size of the picture that is drawn, px.
     pub(crate) fn size(&self) -> (u32, u32) {
-        (self.camera.width.div_ceil(self.divisor), self.camera.height.div_ceil(self.divisor))
+        let (width, height) = self.view.size();
+        (width.div_ceil(self.divisor), height.div_ceil(self.divisor))
     }
 }
 
 /// What came of a request.
 #[derive(Debug)]
-pub(crate) struct Answer {
+pub(crate) struct Answer<V> {
     /// What was asked for.
-    pub(crate) request: Request,
+    pub(crate) request: Request<V>,
     /// The picture, or why there is none.
     pub(crate) result: Result<Painted, Failure>,
 }
@@ -48,26 +82,40 @@ pub(crate) struct Painted {
 }
 
 /// Draws until nobody asks any more, or nobody wants the answer.
-pub(crate) struct Painter<'a, A> {
+pub(crate) struct Painter<'a, S: Scene, A> {
     /// What is drawn.
-    pub(crate) scene: &'a SpatialScene,
+    pub(crate) scene: &'a S,
     /// What is asked for.
-    pub(crate) requests: Receiver<Request>,
+    pub(crate) requests: Receiver<Request<S::View>>,
     /// Takes the answers; false where nobody is there any more.
     pub(crate) answer: A,
 }
 
-impl<A: Fn(Answer) -> bool> SpatialTask for Painter<'_, A> {
+impl<A: Fn(Answer<Camera>) -> bool> SpatialTask for Painter<'_, SpatialScene, A> {
     type Output = ();
 
     fn run<R: Rasterizer<SpatialScene>>(self, rasterizer: &R) {
+        self.paint(rasterizer);
+    }
+}
+
+impl<A: Fn(Answer<Canvas>) -> bool> Task for Painter<'_, PlanarScene, A> {
+    type Output = ();
+
+    fn run<R: Rasterizer<PlanarScene>>(self, rasterizer: &R) {
+        self.paint(rasterizer);
+    }
+}
+
+impl<S: Scene<View: View>, A: Fn(Answer<S::View>) -> bool> Painter<'_, S, A> {
+    fn paint<R: Rasterizer<S>>(self, rasterizer: &R) {
         // What fails here is told to whoever asks for the first frame.
         let cloud = caught(|| Ok(rasterizer.upload(self.scene, Chart::ScaleRotation)?));
-        let draw = |request: &Request| -> Result<Painted, Failure> {
+        let draw = |request: &Request<S::View>| -> Result<Painted, Failure> {
             let cloud = cloud.as_ref().map_err(Failure::clone)?;
             let (width, height) = request.size();
             let start = Instant::now();
-            let frame = rasterizer.forward(cloud, &resized(&request.camera, width, height), &request.settings)?;
+            let frame = rasterizer.forward(cloud, &request.view.resized(width, height), &request.settings)?;
             let image = rasterizer.image(&frame)?;
             let took = start.elapsed();
             Ok(Painted { picture: Picture::of(&image), took })

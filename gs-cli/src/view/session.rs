@@ -15,9 +15,9 @@ use crate::{
     failure::Failure,
     view::{
         keys::{Command, HeldKeys},
-        navigation::{Drag, Navigator},
+        navigation::{Drag, Navigate},
         pace::{FrameTimes, Pace},
-        painter::{Answer, Request},
+        painter::{Answer, Request, View},
         pixels::Picture,
     },
 };
@@ -31,6 +31,9 @@ const SHORTEST_FRAME: Duration = Duration::from_millis(8);
 /// How far keys carry before the first frame of a flight.
 const FIRST_STEP: Duration = Duration::from_millis(16);
 
+/// How many notches of the wheel a key that zooms stands for.
+const KEY_NOTCHES: f32 = 2.0;
+
 /// Whether there is text over the picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Text {
@@ -39,18 +42,25 @@ pub(crate) enum Text {
 }
 
 /// What the window is to do now.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub(crate) struct Next {
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Next<V> {
     /// The frame to send to the painter.
-    pub(crate) request: Option<Request>,
+    pub(crate) request: Option<Request<V>>,
     /// When to ask again, if nothing happens before.
     pub(crate) wake: Option<Instant>,
 }
 
+/// Nothing.
+impl<V> Default for Next<V> {
+    fn default() -> Self {
+        Self { request: None, wake: None }
+    }
+}
+
 /// The state of a window.
 #[derive(Debug)]
-pub(crate) struct Session {
-    pub(crate) navigator: Navigator,
+pub(crate) struct Session<N: Navigate> {
+    pub(crate) navigator: N,
     pub(crate) settings: RenderSettings,
     pub(crate) text: Text,
     /// What went wrong last, to be told once.
@@ -60,8 +70,8 @@ pub(crate) struct Session {
     /// What a frame at rest took last, ms.
     pub(crate) whole_ms: Option<f32>,
     /// What is on the screen.
-    shown: Option<Request>,
-    in_flight: Option<Request>,
+    shown: Option<Request<N::View>>,
+    in_flight: Option<Request<N::View>>,
     /// Size of the window, px; `None` while it has none.
     size: Option<(u32, u32)>,
     pace: Pace,
@@ -73,9 +83,9 @@ pub(crate) struct Session {
     asked: Option<Instant>,
 }
 
-impl Session {
+impl<N: Navigate> Session<N> {
     /// Begins; nothing is drawn before the window has a size.
-    pub(crate) fn new(navigator: Navigator, settings: RenderSettings) -> Self {
+    pub(crate) fn new(navigator: N, settings: RenderSettings) -> Self {
         Self {
             navigator,
             settings,
@@ -97,7 +107,7 @@ impl Session {
     }
 
     /// What is on the screen.
-    pub(crate) fn shown(&self) -> Option<&Request> {
+    pub(crate) fn shown(&self) -> Option<&Request<N::View>> {
         self.shown.as_ref()
     }
 
@@ -130,7 +140,7 @@ impl Session {
 
     /// The wheel was turned, away from oneself if positive.
     pub(crate) fn wheel(&mut self, notches: f32, now: Instant) {
-        self.navigator.wheel(notches);
+        self.navigator.zoom(notches, Some(self.pointer));
         self.moved = Some(now);
     }
 
@@ -157,6 +167,8 @@ impl Session {
         match command {
             Command::SwitchMode => self.navigator.switch_mode(),
             Command::Reset => self.navigator.reset(),
+            Command::ZoomIn => self.navigator.zoom(KEY_NOTCHES, None),
+            Command::ZoomOut => self.navigator.zoom(-KEY_NOTCHES, None),
             Command::Order(order) => effects.order = order,
             Command::NextOrder => {
                 effects.order = match effects.order {
@@ -184,7 +196,7 @@ impl Session {
     }
 
     /// Goes on to `now`, and says what is to be done. A request that is handed over counts as sent.
-    pub(crate) fn next(&mut self, now: Instant) -> Next {
+    pub(crate) fn next(&mut self, now: Instant) -> Next<N::View> {
         let motion = self.keys.motion(self.navigator.mode());
         if motion.is_none() {
             self.stepped = None;
@@ -199,8 +211,8 @@ impl Session {
         }
         let rest = self.moved.map(|moved| moved + REST_AFTER).filter(|rest| now < *rest);
         let divisor = if rest.is_some() { self.pace.divisor() } else { 1 };
-        let request = Request { camera: self.navigator.camera(), settings: self.settings, divisor };
-        let is_shown = |shown: &Request| shown.divisor <= divisor && Request { divisor, ..*shown } == request;
+        let request = Request { view: self.navigator.view(), settings: self.settings, divisor };
+        let is_shown = |shown: &Request<N::View>| shown.divisor <= divisor && Request { divisor, ..*shown } == request;
         if self.shown.as_ref().is_some_and(is_shown) {
             let wake = if motion.is_none() { rest } else { Some(now + SHORTEST_FRAME) };
             return Next { request: None, wake };
@@ -218,17 +230,17 @@ impl Session {
     /// # Errors
     /// Where there will not be any more pictures. A backend that does not offer what was just switched on is no such case: it is switched
     /// off again, and told.
-    pub(crate) fn take(&mut self, answer: Answer) -> Result<Option<Picture>, Failure> {
+    pub(crate) fn take(&mut self, answer: Answer<N::View>) -> Result<Option<Picture>, Failure> {
         self.in_flight = None;
         let Answer { request, result } = answer;
         match (result, &self.shown) {
             (Ok(painted), shown) => {
                 let milliseconds = painted.took.as_secs_f32() * 1e3;
-                let kind = |request: &Request| (request.size(), request.settings);
+                let kind = |request: &Request<N::View>| (request.size(), request.settings);
                 if shown.as_ref().map(kind) != Some(kind(&request)) {
                     self.times.clear();
                 }
-                let cost = |request: &Request| (request.camera.width, request.camera.height, request.settings);
+                let cost = |request: &Request<N::View>| (request.view.size(), request.settings);
                 if shown.as_ref().map(cost) != Some(cost(&request)) {
                     self.pace.forget();
                     self.whole_ms = None;
@@ -254,13 +266,16 @@ impl Session {
 #[cfg(test)]
 mod tests {
     use glam::Vec3;
-    use gs_core::{Blend, Image};
+    use gs_core::{Blend, Camera, Image};
     use gs_train::spatial::Bulk;
 
     use super::*;
-    use crate::view::painter::Painted;
+    use crate::view::{
+        navigation::{Navigator, PlaneNavigator},
+        painter::Painted,
+    };
 
-    fn session() -> Session {
+    fn session() -> Session<Navigator> {
         let bulk = Bulk { center: Vec3::ZERO, radius: 1.0 };
         let camera = bulk.overview(80, 60, 0.9, Vec3::NEG_Y).unwrap();
         let mut settings = RenderSettings::blended(Blend::Over);
@@ -268,14 +283,14 @@ mod tests {
         Session::new(Navigator::new(&camera, camera.position().length(), Vec3::NEG_Y, bulk), settings)
     }
 
-    fn painted(request: Request, milliseconds: u64) -> Answer {
+    fn painted(request: Request<Camera>, milliseconds: u64) -> Answer<Camera> {
         let image = Image::filled(request.size().0, request.size().1, [0.5; 3]).unwrap();
         let took = Duration::from_millis(milliseconds);
         Answer { request, result: Ok(Painted { picture: Picture::of(&image), took }) }
     }
 
     /// A session that shows its first frame, which took so long; and the clock.
-    fn showing(milliseconds: u64) -> (Session, Instant) {
+    fn showing(milliseconds: u64) -> (Session<Navigator>, Instant) {
         let mut session = session();
         session.resize(80, 60);
         let now = Instant::now();
@@ -344,8 +359,8 @@ mod tests {
         let mut last = session.navigator.camera().position();
         for _ in 0..3 {
             let request = session.next(now).request.unwrap();
-            assert!(request.camera.position().distance(last) > 1e-3);
-            last = request.camera.position();
+            assert!(request.view.position().distance(last) > 1e-3);
+            last = request.view.position();
             session.take(painted(request, 5)).unwrap();
             now += Duration::from_millis(20);
         }
@@ -376,5 +391,43 @@ mod tests {
         let request = Request { settings: session.settings, ..request };
         let lost = gs_core::Error::Backend { backend: "wgpu", message: "the device is lost".to_owned() };
         assert!(session.take(Answer { request, result: Err(lost.into()) }).is_err());
+    }
+
+    #[test]
+    fn a_picture_is_drawn_anew_at_each_zoom_and_place() {
+        let mut session = Session::new(PlaneNavigator::new(30, 20), RenderSettings::blended(Blend::Sum));
+        session.resize(60, 40);
+        let mut now = Instant::now();
+        let mut next = |session: &mut Session<PlaneNavigator>| {
+            now += REST_AFTER;
+            let request = session.next(now).request?;
+            let image = Image::filled(request.size().0, request.size().1, [0.5; 3]).unwrap();
+            let result = Ok(Painted { picture: Picture::of(&image), took: Duration::from_millis(5) });
+            session.take(Answer { request, result }).unwrap();
+            Some(request.view)
+        };
+        let whole = next(&mut session).unwrap();
+        assert_eq!(
+            (whole.width, whole.height, whole.origin, whole.extent),
+            (60, 40, Vec2::ZERO, Vec2::new(30.0, 20.0))
+        );
+        assert_eq!(next(&mut session), None, "nothing has changed");
+        session.obey(Command::ZoomIn);
+        let nearer = next(&mut session).unwrap();
+        assert!(
+            nearer.extent.x < whole.extent.x
+                && (nearer.origin + 0.5 * nearer.extent).abs_diff_eq(Vec2::new(15.0, 10.0), 1e-4)
+        );
+        session.point(Vec2::new(30.0, 20.0), Instant::now());
+        session.grab(Drag::Turn);
+        session.point(Vec2::new(20.0, 20.0), Instant::now());
+        let dragged = next(&mut session).unwrap();
+        assert!(dragged.origin.x > nearer.origin.x && dragged.extent == nearer.extent);
+        session.wheel(-2.0, Instant::now());
+        assert!(next(&mut session).unwrap().extent.x > dragged.extent.x);
+        session.obey(Command::Reset);
+        assert_eq!(next(&mut session), Some(whole));
+        session.press(KeyCode::ArrowRight);
+        assert!(next(&mut session).unwrap().origin.x > whole.origin.x);
     }
 }

@@ -11,7 +11,7 @@ use std::{
 };
 
 use glam::Vec2;
-use gs_core::SpatialScene;
+use gs_core::{PlanarScene, Scene, SpatialScene};
 use softbuffer::{Context, SoftBufferError, Surface};
 use winit::{
     application::ApplicationHandler,
@@ -28,9 +28,9 @@ use crate::{
     values::Size,
     view::{
         keys::{Command, command},
-        navigation::Drag,
+        navigation::{Drag, Navigate, Navigator, PlaneNavigator},
         overlay::{self, Subject},
-        painter::{Answer, Painter, Request},
+        painter::{Answer, Painter, Request, View},
         pixels::{Picture, Screen},
         session::{Session, Text},
         text::Writer,
@@ -44,11 +44,36 @@ const NOTCH_PX: f64 = 40.0;
 const WITHOUT: &str = "without a display, gs render SCENE -o turn.apng --orbit 60 shows a scene all the way round";
 
 /// A connection to the display.
-pub(crate) struct Desktop {
-    events: EventLoop<Answer>,
+pub(crate) struct Desktop<V: 'static> {
+    events: EventLoop<Answer<V>>,
 }
 
-impl Desktop {
+/// A kind of scene that a window shows.
+pub(crate) trait Viewed: Scene<View: View> {
+    /// How one moves through it.
+    type Navigator: Navigate<View = Self::View>;
+
+    /// Draws what is asked for on a backend.
+    fn paint<A: Fn(Answer<Self::View>) -> bool>(backend: &Backend, painter: Painter<'_, Self, A>);
+}
+
+impl Viewed for SpatialScene {
+    type Navigator = Navigator;
+
+    fn paint<A: Fn(Answer<Self::View>) -> bool>(backend: &Backend, painter: Painter<'_, Self, A>) {
+        backend.run_spatial(painter);
+    }
+}
+
+impl Viewed for PlanarScene {
+    type Navigator = PlaneNavigator;
+
+    fn paint<A: Fn(Answer<Self::View>) -> bool>(backend: &Backend, painter: Painter<'_, Self, A>) {
+        backend.run(painter);
+    }
+}
+
+impl<V: View> Desktop<V> {
     /// Connects, once what is to be shown is known to be all right, and before a backend is started.
     ///
     /// # Errors
@@ -66,12 +91,12 @@ impl Desktop {
     ///
     /// # Errors
     /// Where the window cannot be opened or drawn to, or the backend fails.
-    pub(crate) fn show(
+    pub(crate) fn show<S: Viewed<View = V>>(
         self,
         backend: &Backend,
-        scene: &SpatialScene,
+        scene: &S,
         subject: Subject,
-        session: Session,
+        session: Session<S::Navigator>,
         size: Size,
     ) -> Result<(), Failure> {
         let context = Context::new(self.events.owned_display_handle()).map_err(|error| unusable(&error))?;
@@ -80,7 +105,7 @@ impl Desktop {
         let painter = Painter { scene, requests: received, answer: move |answer| proxy.send_event(answer).is_ok() };
         let writer = Writer::new(1.0)?;
         thread::scope(|scope| {
-            scope.spawn(move || backend.run_spatial(painter));
+            scope.spawn(move || S::paint(backend, painter));
             let mut viewer = Viewer {
                 writer,
                 context,
@@ -111,21 +136,21 @@ struct Canvas {
     surface: Surface<OwnedDisplayHandle, Arc<Window>>,
 }
 
-struct Viewer {
+struct Viewer<N: Navigate> {
     context: Context<OwnedDisplayHandle>,
     writer: Writer,
     subject: Subject,
-    session: Session,
+    session: Session<N>,
     /// Of the picture in the beginning.
     size: Size,
-    requests: Sender<Request>,
+    requests: Sender<Request<N::View>>,
     canvas: Option<Canvas>,
     picture: Option<Picture>,
     title: String,
     failure: Option<Failure>,
 }
 
-impl Viewer {
+impl<N: Navigate> Viewer<N> {
     fn open(&mut self, events: &ActiveEventLoop) -> Result<(), Failure> {
         let attributes = Window::default_attributes()
             .with_title(overlay::title(&self.subject, &self.session))
@@ -242,7 +267,7 @@ impl Viewer {
     }
 }
 
-impl ApplicationHandler<Answer> for Viewer {
+impl<N: Navigate> ApplicationHandler<Answer<N::View>> for Viewer<N> {
     fn resumed(&mut self, events: &ActiveEventLoop) {
         if self.canvas.is_none() {
             let opened = self.open(events);
@@ -255,7 +280,7 @@ impl ApplicationHandler<Answer> for Viewer {
         self.settle(heard, events);
     }
 
-    fn user_event(&mut self, events: &ActiveEventLoop, answer: Answer) {
+    fn user_event(&mut self, events: &ActiveEventLoop, answer: Answer<N::View>) {
         match self.session.take(answer) {
             Ok(picture) => {
                 self.picture = picture.or(self.picture.take());

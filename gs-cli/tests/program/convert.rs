@@ -207,6 +207,7 @@ fn what_cannot_be_converted_is_refused() {
     fs::write(path("short.ply"), &fs::read(&first).unwrap()[..2000]).unwrap();
     fs::write(path("junk.ply"), "no\nscene\n").unwrap();
     fs::write(path("empty.spz"), "").unwrap();
+    fs::create_dir(path("empty")).unwrap();
     let before = names_in(place.path());
     for (from, to, status, expected) in [
         (&first, "a.obj", 2, "use .ply, .splat, .spz, .gltf or .glb"),
@@ -216,7 +217,7 @@ fn what_cannot_be_converted_is_refused() {
         (&path("text.ply"), "a.spz", 1, "a line of a PLY header"),
         (&path("table.csv"), "a.spz", 1, "is a table of numbers, which is not read; export a PLY"),
         (&path("short.ply"), "a.spz", 1, "10 rows of element vertex"),
-        (&place.path().to_owned(), "a.spz", 1, "is a folder"),
+        (&path("empty"), "a.spz", 1, "holds no scene"),
     ] {
         let run = convert(from, &path(to), &[]);
         assert_eq!(run.status, Some(status), "{run:?}");

@@ -118,6 +118,9 @@ fn a_planar_scene_is_mended_too() {
 
     let refused = gs(["render", path.to_str().unwrap(), "-o", place.path().join("a.png").to_str().unwrap()]);
     assert!(refused.refusal().contains("gs doctor SCENE"), "{refused:?}");
+    let refused = doctor(&path, &["--fix", "-o", place.path().join("a.obj").to_str().unwrap()]);
+    assert_eq!(refused.status, Some(2));
+    assert!(refused.refusal().contains(".gs2d.safetensors"), "{refused:?}");
     let text = doctor(&path, &["--fix", "-o", mended.to_str().unwrap()]).done().stdout;
     assert!(
         text.contains("planar scene, 5 Gaussians")
@@ -152,7 +155,6 @@ fn what_cannot_be_examined_or_mended_is_refused() {
         (&path, &["--fix", "-o", empty.to_str().unwrap()], 1, "none of 10 Gaussians can be drawn"),
         (&absent, &[], 1, "no such file"),
         (&place.path().join("note.txt"), &[], 1, "note.txt"),
-        (&place.path().join("note.txt"), &["--fix", "-o", obj.to_str().unwrap()], 2, ".gs2d.safetensors"),
     ] {
         let run = doctor(scene, flags);
         assert_eq!(run.status, Some(status), "{run:?}");

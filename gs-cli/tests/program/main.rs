@@ -11,6 +11,7 @@ mod frontier;
 mod memory;
 mod output_folder;
 mod paper;
+mod planar;
 mod ply;
 mod popping;
 mod process;

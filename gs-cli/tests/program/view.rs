@@ -35,6 +35,12 @@ fn without_a_display_it_says_so_and_what_to_do() {
             assert!(run.refusal().contains(part), "{part}: {run:?}");
         }
     }
+    // A 2D scene, by its output folder.
+    let image = picture(place.path(), 16, 16);
+    let output = place.path().join("fit");
+    gs(["fit", text(&image), "-o", text(&output), "-n", "20", "-i", "5", "--no-report"]).done();
+    let run = view(&[text(&output)]);
+    assert!(run.status == Some(1) && run.stderr.contains("no display"), "{run:?}");
     // A display that is named but not there.
     let run = Run::of(command().env_remove("WAYLAND_DISPLAY").env("DISPLAY", ":9876").args(["view", text(&scene)]));
     assert_eq!(run.status, Some(1), "{run:?}");
@@ -60,7 +66,7 @@ fn what_cannot_be_viewed_is_refused_before_a_window_is_looked_for() {
         (&path("half.ply"), &[], 1, "half.ply"),
         (&path("empty.ply"), &[], 1, "empty.ply"),
         (&image, &[], 1, "not a scene file"),
-        (&path("fit/scene.gs2d.safetensors"), &[], 2, "gs render"),
+        (&path("fit/scene.gs2d.safetensors"), &["--camera", "a:b"], 2, "2D scene"),
         (&scene, &["--camera", &nowhere], 2, "nowhere"),
         (&scene, &["--camera", "no/such/folder:a"], 1, "no/such/folder"),
         (&scene, &["--size", "0x9"], 2, "WIDTHxHEIGHT"),

@@ -16,7 +16,7 @@ mod foreign;
 mod gltf;
 mod harmonic_rotation;
 mod loss;
-mod ply;
+pub(crate) mod ply;
 mod quantity;
 mod sh_degree;
 mod source;
@@ -69,6 +69,8 @@ pub enum SpatialFormat {
     Gltf,
     /// `.glb`. As what to read, it is the same as [`Self::Gltf`]: the first bytes tell.
     Glb,
+    /// A checkpoint of a training, which [`read_checkpoint`](crate::read_checkpoint) reads, and no function of this module.
+    Checkpoint,
 }
 
 impl fmt::Display for SpatialFormat {
@@ -80,6 +82,7 @@ impl fmt::Display for SpatialFormat {
             Self::Spz => "SPZ",
             Self::Gltf => "glTF",
             Self::Glb => "binary glTF",
+            Self::Checkpoint => "checkpoint",
         })
     }
 }
@@ -120,6 +123,7 @@ impl SpatialFormat {
             Self::Splat => "a .splat file",
             Self::Spz => "an SPZ file",
             Self::Gltf | Self::Glb => "a glTF of Gaussians",
+            Self::Checkpoint => "a checkpoint",
         }
     }
 }
@@ -137,6 +141,8 @@ pub struct SpatialFile {
     pub losses: Vec<Loss>,
     /// How the scene was trained, as far as the file says.
     pub trained_with: TrainedWith,
+    /// Of a flat scene that shows a picture ([`write_ply`](crate::write_ply)): the picture's columns and rows, px.
+    pub picture: Option<(u32, u32)>,
 }
 
 /// The kind of scene that a file holds, by its content; `None` where it is none of these.
@@ -207,10 +213,12 @@ pub fn read_spatial_unchecked(path: impl AsRef<Path>) -> Result<SpatialFile, Err
 pub fn decode_spatial(format: SpatialFormat, bytes: &[u8], path: &Path) -> Result<SpatialFile, Error> {
     let source = Source { path, what: format.what(), bytes };
     let mut size = bytes.len() as u64;
+    let mut picture = None;
     let (scene, format, losses, trained_with) = match format {
         SpatialFormat::Ply | SpatialFormat::CompressedPly => {
-            let ply::Read { scene, format, losses, trained_with } = ply::read(&source)?;
-            (scene, format, losses, trained_with)
+            let read = ply::read(&source)?;
+            picture = read.picture;
+            (read.scene, read.format, read.losses, read.trained_with)
         }
         SpatialFormat::Splat => (splat::read(&source)?, format, Vec::new(), TrainedWith::default()),
         SpatialFormat::Spz => {
@@ -222,11 +230,15 @@ pub fn decode_spatial(format: SpatialFormat, bytes: &[u8], path: &Path) -> Resul
             size = size.saturating_add(bytes_beside);
             (scene, format, losses, trained_with)
         }
+        SpatialFormat::Checkpoint => {
+            let found = "a checkpoint".to_owned();
+            return Err(Error::NotASpatialScene { path: path.to_owned(), found });
+        }
     };
     if scene.is_empty() {
         return Err(Error::Empty { path: path.to_owned() });
     }
-    Ok(SpatialFile { scene, format, bytes: size, losses, trained_with })
+    Ok(SpatialFile { scene, format, bytes: size, losses, trained_with, picture })
 }
 
 /// How scenes are written, by format, and what is said of them.
@@ -272,7 +284,7 @@ pub fn write_spatial(
         return Err(Error::Empty { path: path.to_owned() });
     }
     if format == SpatialFormat::Ply {
-        write_durably(path, |file| ply::write(scene, &options.trained_with, file))?;
+        write_durably(path, |file| ply::write(scene, &options.trained_with.comments(), file))?;
         let losses = infinite_logits(scene).into_iter().collect();
         return Ok(SpatialWritten { format, losses, beside: None });
     }

@@ -365,7 +365,7 @@ impl<R: Rasterizer<SpatialScene>> Course<R, SpatialScene> for ViewsCourse<R> {
 }
 
 /// How a scene is shown that has been trained with these effects: before the background of the settings.
-pub(super) fn shown(settings: &SpatialSettings, effects: &Effects) -> RenderSettings {
+pub(crate) fn shown(settings: &SpatialSettings, effects: &Effects) -> RenderSettings {
     let mut render = RenderSettings { effects: *effects, ..settings.render };
     if settings.backdrop == Backdrop::Random {
         render.effects.background = Background::Solid;

@@ -5,6 +5,7 @@
 
 mod course;
 mod evaluation;
+mod flat;
 mod flight;
 mod geometry;
 mod init;
@@ -22,6 +23,7 @@ mod views;
 pub use self::{
     course::ViewsCourse,
     evaluation::{Evaluation, TrainingViews, ViewQuality, evaluate},
+    flat::Flat,
     flight::{Bulk, CameraPath, Ends, Key, Orbit, looking_at, resized},
     geometry::{Focus, extent_of},
     init::{PointInit, Start, gaussians_at, random_points},
@@ -34,3 +36,5 @@ pub use self::{
     view_dependence::ViewDependence,
     views::{Counting, PhotographSource, PosedView, Views},
 };
+
+pub(crate) use self::course::shown;

@@ -1,6 +1,6 @@
 //! `gs info` of a data set: its views, cameras and points, and what its reader has to say.
 
-use std::{fmt::Write, path::Path};
+use std::fmt::Write;
 
 use gs_core::counted;
 use gs_io::dataset::{Dataset, DatasetKind, Distortion, SourceCamera, Split, View};
@@ -48,9 +48,9 @@ struct CameraInfo {
 /// Tells what is in a data set.
 ///
 /// # Errors
-/// Where it is none, or a broken one.
-pub(crate) fn run(path: &Path, reading: &ReadingArgs, format: Format) -> Result<(), Failure> {
-    let info = Info::of(&reading.read(path)?);
+/// Where nothing can be printed.
+pub(super) fn print(dataset: &Dataset, format: Format) -> Result<(), Failure> {
+    let info = Info::of(dataset);
     match format {
         Format::Json => output::json(&info),
         Format::Text => output::result(text(&info)),

@@ -1,6 +1,6 @@
 //! `gs info` of a spatial scene in any format, or of a checkpoint of one: how many Gaussians, where, how large, how opaque.
 
-use std::{collections::BTreeMap, fmt::Write, path::Path};
+use std::{collections::BTreeMap, fmt::Write};
 
 use glam::Vec3;
 use gs_core::{
@@ -30,6 +30,8 @@ struct Info {
     bytes_per_gaussian: Option<f64>,
     gaussians: usize,
     sh_degree: u8,
+    /// Columns and rows of the picture that a flat scene shows, px.
+    picture: Option<(u32, u32)>,
     /// Of the means that are finite, world units; `null` where none is.
     bounds: Option<Bounds>,
     /// Of the values that are finite, by parameter.
@@ -76,29 +78,19 @@ struct NotFinite {
     colors: usize,
 }
 
-/// Tells what is in a spatial scene, whole or broken.
-///
-/// # Errors
-/// Where its file cannot be read.
-pub(super) fn run(path: &Path, format: Format) -> Result<(), Failure> {
-    let SpatialFile { scene, format: kind, bytes, losses, trained_with } = gs_io::read_spatial_unchecked(path)?;
-    let losses = losses.iter().map(ToString::to_string).collect();
-    let (antialias, order) = (trained_with.antialias.map(Antialias::name), trained_with.order.map(Order::name));
-    let info = Info::of("spatial scene", bytes, &scene);
-    Info { format: Some(kind.to_string()), antialias, order, losses, ..info }.print(format)
-}
-
-/// Tells what is in a checkpoint of a training in space, of which this is the scene.
+/// Tells what is in a spatial scene, whole or broken, or in a checkpoint of which `run` is what it says of its run.
 ///
 /// # Errors
 /// Where nothing can be printed.
-pub(super) fn of_checkpoint(
-    scene: &SpatialScene,
-    metadata: BTreeMap<String, String>,
-    bytes: u64,
-    format: Format,
-) -> Result<(), Failure> {
-    Info { metadata, ..Info::of("checkpoint of a training in space", bytes, scene) }.print(format)
+pub(super) fn print(file: SpatialFile, run: Option<BTreeMap<String, String>>, format: Format) -> Result<(), Failure> {
+    let SpatialFile { scene, format: kind, bytes, losses, picture, trained_with } = file;
+    let losses = losses.iter().map(ToString::to_string).collect();
+    let info = match run {
+        Some(metadata) => Info { metadata, ..Info::of("checkpoint of a training in space", bytes, &scene) },
+        None => Info { format: Some(kind.to_string()), ..Info::of("spatial scene", bytes, &scene) },
+    };
+    let (antialias, order) = (trained_with.antialias.map(Antialias::name), trained_with.order.map(Order::name));
+    Info { antialias, order, losses, picture, ..info }.print(format)
 }
 
 impl Info {
@@ -127,6 +119,7 @@ impl Info {
             bytes_per_gaussian: (!scene.is_empty()).then(|| bytes as f64 / scene.len() as f64),
             gaussians: scene.len(),
             sh_degree: scene.sh_degree,
+            picture: None,
             bounds: bounds.map(|(min, max)| Bounds { min: min.to_array(), max: max.to_array() }),
             quantiles,
             not_finite: NotFinite::of(scene),
@@ -181,6 +174,9 @@ fn text(info: &Info) -> String {
         ("SH degree", info.sh_degree.to_string()),
         ("size", format!("{} bytes{each}", info.bytes)),
     ];
+    if let Some((width, height)) = info.picture {
+        rows.push(("picture", format!("{width}x{height} px, in a plane")));
+    }
     if let Some(Bounds { min, max }) = &info.bounds {
         let side = |axis: usize| format!("{} to {}", number(min[axis]), number(max[axis]));
         rows.extend([("x", side(0)), ("y", side(1)), ("z", side(2))]);

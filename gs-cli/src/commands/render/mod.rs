@@ -12,6 +12,7 @@ use crate::{
     dataset::ReadingArgs,
     effects::choice::EffectsArgs,
     failure::Failure,
+    opened::{self, Scene},
     output_folder::OverwriteArgs,
     shown::ShownArgs,
     values::{Axis, Region, Size, ViewName, whole},
@@ -19,9 +20,9 @@ use crate::{
 
 const AFTER_HELP: &str = "\
 A scene of an image becomes one PNG, of any size or part. A scene in space (PLY, .splat, SPZ, glTF) needs a camera: that of a view of a \
-data set (--camera photographs:DSC_0042.JPG), an orbit, or a path; without any, it is shown from a little above. Of an \
-orbit or a path, OUTPUT is an animated PNG if it ends in .apng, otherwise a folder of frames, in which no longer film's frames stay behind \
-the last one; of a single frame a PNG if it ends in .png.
+data set (--camera photographs:DSC_0042.JPG), an orbit, or a path; without any, a flat scene is shown from its front, filling the \
+picture, and any other from a little above. Of an orbit or a path, OUTPUT is an animated PNG if it ends in .apng, otherwise a folder of \
+frames, in which no longer film's frames stay behind the last one; of a single frame a PNG if it ends in .png.
 
 With --camera, --orbit takes that camera around what the cameras of the data set look at.
 
@@ -34,14 +35,14 @@ in the scene's own axes and unit, fov across in degrees.";
 #[derive(Debug, Clone, Args)]
 #[command(after_help = AFTER_HELP)]
 pub(crate) struct RenderArgs {
-    /// The scene, such as the scene.gs2d.safetensors that a fit has written, or the scene.ply of a training
+    /// The scene: a file, a checkpoint, or the output folder of gs fit or gs train
     scene: PathBuf,
     /// The PNG to write; of an orbit or a path a folder of frames, or an animated PNG (.apng)
     #[arg(short, long, value_name = "OUTPUT")]
     output: PathBuf,
     #[command(flatten)]
     overwrite: OverwriteArgs,
-    /// Size of the picture; other proportions stretch it [default: that of the image, the region or the view; in space else 800x600]
+    /// Size of the picture; other proportions stretch it [default: that of the image, the region or the view; in space else 800x600, of a flat scene that of its picture]
     #[arg(long, value_name = "WxH")]
     size: Option<Size>,
     /// Show only this part of an image's scene, in pixels of the original image; it may reach beyond the border
@@ -108,13 +109,14 @@ pub(crate) fn run(args: &RenderArgs) -> Result<(), Failure> {
         let failure = Failure::usage("a picture is written as PNG").at(args.output.display());
         return Err(failure.mend("let its name end in .png, of an animation in .apng"));
     }
-    if gs_io::spatial_format(&args.scene)?.is_some() {
-        return spatial::run(args);
-    }
+    let file = match opened::scene(&args.scene)? {
+        Scene::Spatial(spatial) => return spatial::run(args, &spatial),
+        Scene::Planar(file) => file,
+    };
     let CameraArgs { camera, orbit, path, up, .. } = &args.cameras;
     if camera.is_some() || orbit.is_some() || path.is_some() || up.is_some() || args.shown.is_some() {
         let message = "is the scene of an image, which has no camera, order or background to choose";
         return Err(Failure::usage(message).at(args.scene.display()).mend("use --size and --region alone"));
     }
-    planar::run(args)
+    planar::run(args, file)
 }

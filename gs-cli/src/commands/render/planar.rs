@@ -17,10 +17,9 @@ use crate::{
 /// Renders a scene into a PNG.
 ///
 /// # Errors
-/// Where the scene cannot be read, the size is not possible, or the picture cannot be written.
-pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
+/// Where the size is not possible, or the picture cannot be written.
+pub(super) fn run(args: &RenderArgs, mut file: PlanarFile) -> Result<(), Failure> {
     output_folder::check_file(&args.output, args.inputs())?;
-    let mut file = gs_io::read_scene(&args.scene).map_err(Failure::of_scene)?;
     let canvas = canvas(&file, args);
     canvas.validate().map_err(|error| Failure::usage(error).at("--size or --region"))?;
     memory::check_picture(args.scene.display(), (canvas.width, canvas.height))?;

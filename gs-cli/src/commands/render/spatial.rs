@@ -5,17 +5,19 @@ use std::{fs, path::Path};
 use gs_core::{
     Camera, Image, Rasterizer, RenderSettings, Scene, SpatialScene, counted, effects::CalledFor, statistics::Culled,
 };
-use gs_io::{Animation, FolderClaim, SpatialFile, dataset::Dataset, read_spatial, write_animation, write_png};
+use gs_io::{Animation, FolderClaim, SpatialFile, dataset::Dataset, write_animation, write_png};
 use gs_train::spatial::{CameraPath, Orbit, resized};
 
 use super::{CameraArgs, RenderArgs};
 use crate::{
     backend::{Backend, SpatialTask},
-    cameras,
+    cameras::{self, Home},
     chosen::ChosenSettings,
     effects::choice::told,
     failure::Failure,
-    memory, output,
+    memory,
+    opened::Spatial,
+    output,
     output_folder::{self, OutputFolder},
     shown::{effects, why_empty},
     text_file::read_text,
@@ -25,32 +27,28 @@ use crate::{
 /// Renders a scene from each camera.
 ///
 /// # Errors
-/// Where the scene, the data set or the path cannot be read, there is no such view, or a picture cannot be written.
-pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
+/// Where the data set or the path cannot be read, there is no such view, or a picture cannot be written.
+pub(super) fn run(args: &RenderArgs, opened: &Spatial) -> Result<(), Failure> {
     if args.region.is_some() {
         let message = "--region is for the scene of an image, but this is one in space";
         return Err(Failure::usage(message).at(args.scene.display()).mend("leave it out"));
     }
-    memory::check_spatial(&args.scene)?;
-    let SpatialFile { scene, trained_with, .. } = read_spatial(&args.scene).map_err(Failure::of_scene)?;
-    let (cameras, dataset) = cameras(&args.cameras, args.size, &scene)?;
+    let scene = &opened.file.scene;
+    let (cameras, dataset) = cameras(&args.cameras, args.size, &opened.file)?;
     for camera in &cameras {
         camera.validate().map_err(|error| Failure::usage(error).at("--camera, --path or --size"))?;
     }
     let claim = claim(args, cameras.len(), dataset.as_ref())?;
     let Camera { width, height, .. } = cameras[0];
     memory::check_picture(args.scene.display(), (width, height))?;
-    let render = match &dataset {
-        Some(dataset) => args.shown.settings_beside(&scene, trained_with, dataset),
-        None => args.shown.settings(&scene, trained_with),
-    };
+    let render = opened.settings(&args.shown, dataset.as_ref());
     let chosen = args.settings.as_deref().map(ChosenSettings::read).transpose()?;
     let backend = Backend::start(&args.backend.or_chosen(chosen.as_ref().map(|chosen| &chosen.machine)))?;
     let render = chosen.map_or(render, |chosen| args.shown.overriding(chosen.applied_to(render), &render));
-    let CalledFor { settings, verdicts } = args.effects().choose(&scene, &cameras, &render)?;
-    backend.run_spatial(Frames { args, scene: &scene, cameras: &cameras, render: &settings, claim })?;
+    let CalledFor { settings, verdicts } = args.effects().choose(scene, &cameras, &render)?;
+    backend.run_spatial(Frames { args, scene, cameras: &cameras, render: &settings, claim })?;
     if args.settings.is_none() {
-        args.shown.note_guess(trained_with);
+        opened.note_guess(&args.shown);
     }
     if let Some(told) = told(&verdicts) {
         output::note(told);
@@ -118,7 +116,7 @@ fn frames_after(frames: usize, names: impl IntoIterator<Item = String>) -> Vec<S
 fn cameras(
     args: &CameraArgs,
     size: Option<Size>,
-    scene: &SpatialScene,
+    file: &SpatialFile,
 ) -> Result<(Vec<Camera>, Option<Dataset>), Failure> {
     if let Some(file) = &args.path {
         let cameras = read_path(file)?.cameras().map_err(|error| Failure::usage(error).at(file.display()))?;
@@ -134,12 +132,10 @@ fn cameras(
         };
         return Ok((cameras, Some(dataset)));
     }
-    let bulk = cameras::bulk_of(scene)?;
-    let up = args.up.map_or(cameras::UP, |axis| axis.0);
-    let camera = cameras::overview(&bulk, size, up).map_err(cameras::or_name_one)?;
+    let Home { camera, target, up } = Home::of(file, size, args.up.map(|axis| axis.0))?;
     let cameras = match args.orbit {
         None => vec![camera],
-        Some(frames) => Orbit { center: bulk.center, axis: up, frames }.cameras(&camera),
+        Some(frames) => Orbit { center: target, axis: up, frames }.cameras(&camera),
     };
     Ok((cameras, None))
 }

@@ -1,5 +1,6 @@
-//! How one moves through a scene: around a point, or flying. Arithmetic alone, without window, keys or clock.
+//! How one moves through a scene: around a point, or flying; over a picture, panning. Arithmetic alone, without window, keys or clock.
 
+mod plane;
 mod viewpoint;
 
 use std::f32::consts::PI;
@@ -8,7 +9,8 @@ use glam::{Vec2, Vec3};
 use gs_core::Camera;
 use gs_train::spatial::Bulk;
 
-pub(crate) use self::viewpoint::Viewpoint;
+pub(crate) use self::{plane::PlaneNavigator, viewpoint::Viewpoint};
+use crate::view::painter::View;
 
 /// How far the camera turns around the point looked at while the pointer crosses the picture from top to bottom, rad.
 const TURN_PER_HEIGHT: f32 = PI;
@@ -47,6 +49,41 @@ pub(crate) enum Mode {
     Orbit,
     /// The camera turns on the spot, and keys move it.
     Fly,
+    /// A picture is moved and enlarged.
+    Plane,
+}
+
+/// What is seen in a window, and how that changes.
+pub(crate) trait Navigate {
+    /// What a frame is rendered from.
+    type View: View;
+
+    /// What moves.
+    fn mode(&self) -> Mode;
+
+    /// The window has another size from now on, px.
+    fn resize(&mut self, width: u32, height: u32);
+
+    /// What the window shows.
+    fn view(&self) -> Self::View;
+
+    /// The pointer was dragged by `shift`, px to the right and downwards.
+    fn drag(&mut self, drag: Drag, shift: Vec2);
+
+    /// The wheel was turned, away from oneself if positive, with the pointer there, px; or a key does the same.
+    fn zoom(&mut self, notches: f32, pointer: Option<Vec2>);
+
+    /// Goes where the keys ask to, for so many seconds.
+    fn advance(&mut self, motion: &Motion, seconds: f32);
+
+    /// Back to where it began.
+    fn reset(&mut self);
+
+    /// Goes on in another way, where there is one.
+    fn switch_mode(&mut self) {}
+
+    /// How one moves, for people.
+    fn hint(&self) -> String;
 }
 
 /// What a drag of the pointer does.
@@ -101,22 +138,12 @@ impl Navigator {
         }
     }
 
-    /// What moves.
-    pub(crate) fn mode(&self) -> Mode {
-        self.mode
-    }
-
     /// Goes on in the other way, from where it is.
     pub(crate) fn switch_mode(&mut self) {
         self.mode = match self.mode {
             Mode::Orbit => Mode::Fly,
-            Mode::Fly => Mode::Orbit,
+            Mode::Fly | Mode::Plane => Mode::Orbit,
         };
-    }
-
-    /// Speed of flight, world units per second.
-    pub(crate) fn speed(&self) -> f32 {
-        self.speed
     }
 
     /// Back to where it began.
@@ -144,7 +171,9 @@ impl Navigator {
     pub(crate) fn drag(&mut self, drag: Drag, shift: Vec2) {
         let camera = self.camera();
         match (drag, self.mode) {
-            (Drag::Turn, Mode::Orbit) => self.viewpoint.orbit(shift * TURN_PER_HEIGHT / camera.height as f32),
+            (Drag::Turn, Mode::Orbit | Mode::Plane) => {
+                self.viewpoint.orbit(shift * TURN_PER_HEIGHT / camera.height as f32)
+            }
             (Drag::Turn, Mode::Fly) => self.viewpoint.look(shift / camera.focal),
             (Drag::Pan, _) => self.viewpoint.pan(shift, camera.focal),
         }
@@ -155,7 +184,7 @@ impl Navigator {
     pub(crate) fn wheel(&mut self, notches: f32) {
         let notches = notches.clamp(-MOST_NOTCHES, MOST_NOTCHES);
         match self.mode {
-            Mode::Orbit => {
+            Mode::Orbit | Mode::Plane => {
                 let nearest = NEAREST * self.lens.near;
                 let distance = self.viewpoint.distance * ZOOM_PER_NOTCH.powf(notches);
                 self.viewpoint.distance = distance.min(FARTHEST * self.bulk.radius).max(nearest);
@@ -172,7 +201,7 @@ impl Navigator {
         let seconds = seconds.clamp(0.0, LONGEST_STEP);
         let turn = motion.turn * TURN_SPEED * seconds;
         match self.mode {
-            Mode::Orbit => self.viewpoint.orbit(turn),
+            Mode::Orbit | Mode::Plane => self.viewpoint.orbit(turn),
             Mode::Fly => {
                 self.viewpoint.look(turn);
                 self.viewpoint.walk(motion.way.normalize_or_zero() * self.speed * motion.haste * seconds);
@@ -187,6 +216,54 @@ impl Navigator {
         let reach = reach.max(2.0 * self.home.target.distance(center));
         let away = self.viewpoint.target - center;
         self.viewpoint.target = center + away.clamp_length_max(reach);
+    }
+}
+
+impl Navigate for Navigator {
+    type View = Camera;
+
+    fn mode(&self) -> Mode {
+        self.mode
+    }
+
+    fn resize(&mut self, width: u32, height: u32) {
+        self.resize(width, height);
+    }
+
+    fn view(&self) -> Camera {
+        self.camera()
+    }
+
+    fn drag(&mut self, drag: Drag, shift: Vec2) {
+        self.drag(drag, shift);
+    }
+
+    fn zoom(&mut self, notches: f32, _: Option<Vec2>) {
+        self.wheel(notches);
+    }
+
+    fn advance(&mut self, motion: &Motion, seconds: f32) {
+        self.advance(motion, seconds);
+    }
+
+    fn reset(&mut self) {
+        self.reset();
+    }
+
+    fn switch_mode(&mut self) {
+        self.switch_mode();
+    }
+
+    fn hint(&self) -> String {
+        match self.mode {
+            Mode::Orbit | Mode::Plane => {
+                "orbit: drag turns, right or shift+drag pans, wheel zooms, arrows turn".to_owned()
+            }
+            Mode::Fly => {
+                let speed = self.speed;
+                format!("fly: WASD QE move, shift faster, drag or arrows look, wheel sets the speed ({speed:.3}/s)")
+            }
+        }
     }
 }
 
@@ -258,7 +335,7 @@ mod tests {
         flying.switch_mode();
         flying.advance(&forward, 0.1);
         let moved = flying.camera().position() - before.position();
-        let expected = 0.1 * flying.speed() * before.rotation.row(2);
+        let expected = 0.1 * flying.speed * before.rotation.row(2);
         assert!(moved.distance(expected) < 1e-4, "{moved} {expected}");
         flying.advance(&Motion { haste: 4.0, way: -Vec3::Z, ..forward }, 0.1);
         let back = flying.camera().position() - before.position();

@@ -82,7 +82,8 @@ pub(super) fn read(source: &Source<'_>, header: &Header) -> Result<Read, Error> 
         }
         Some(sh) => read_harmonics(source, header, sh, &mut scene, &dc)?,
     };
-    Ok(Read { scene, format: SpatialFormat::CompressedPly, losses, trained_with: header.trained_with() })
+    let trained_with = header.trained_with();
+    Ok(Read { scene, format: SpatialFormat::CompressedPly, losses, trained_with, picture: None })
 }
 
 fn read_chunks(source: &Source<'_>, header: &Header) -> Result<Vec<Chunk>, Error> {

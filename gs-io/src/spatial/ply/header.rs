@@ -1,7 +1,6 @@
 //! The header of a PLY: what the elements are, and what each of their rows holds.
 //!
-//! Read here and not by serde-ply, which writes our planar scenes: which properties there are is known at run time only, and every
-//! complaint names its byte.
+//! Read here and not by serde-ply: which properties there are is known at run time only, and every complaint names its byte.
 
 use crate::{
     error::Error,
@@ -93,7 +92,7 @@ impl Element {
 pub(crate) struct Header {
     pub(crate) encoding: Encoding,
     pub(crate) elements: Vec<Element>,
-    /// What stands after `comment`, line by line.
+    /// Comments without the word `comment`, with one space from word to word.
     pub(crate) comments: Vec<String>,
     /// Where the first row starts.
     pub(crate) data_start: usize,

@@ -11,7 +11,7 @@ mod rows;
 
 use std::io::{self, Write};
 
-use gs_core::{Scene, SpatialScene};
+use gs_core::{Scene, SpatialScene, image::check_size};
 
 use self::header::{Element, Header};
 use super::{
@@ -29,12 +29,17 @@ const REQUIRED: [&str; 14] = [
     "f_dc_2",
 ];
 
+/// How a comment begins that says which picture the scene shows.
+const PICTURE: &str = "gs picture ";
+
 /// What the reader of a PLY makes of it.
 pub(crate) struct Read {
     pub(crate) scene: SpatialScene,
     pub(crate) format: SpatialFormat,
     pub(crate) losses: Vec<Loss>,
     pub(crate) trained_with: TrainedWith,
+    /// Columns and rows of the picture that the scene shows, if a comment says that it is one.
+    pub(crate) picture: Option<(u32, u32)>,
 }
 
 /// Reads a PLY of either kind.
@@ -67,7 +72,20 @@ pub(crate) fn read(source: &Source<'_>) -> Result<Read, Error> {
     })?;
     let losses =
         if degree < file_degree { vec![Loss::Harmonics { from: file_degree, to: degree }] } else { Vec::new() };
-    Ok(Read { scene, format: SpatialFormat::Ply, losses, trained_with: header.trained_with() })
+    let picture = header.comments.iter().find_map(|comment| picture_of(comment));
+    Ok(Read { scene, format: SpatialFormat::Ply, losses, trained_with: header.trained_with(), picture })
+}
+
+/// The comment by which a flat scene says what picture it shows.
+pub(crate) fn picture_comment(width: u32, height: u32) -> String {
+    format!("{PICTURE}{width}x{height}")
+}
+
+/// The size in such a comment; `None` of any other comment, and of a size that no picture has.
+fn picture_of(comment: &str) -> Option<(u32, u32)> {
+    let (width, height) = comment.strip_prefix(PICTURE)?.split_once('x')?;
+    let size = (width.parse().ok()?, height.parse().ok()?);
+    check_size(size.0, size.1).is_ok().then_some(size)
 }
 
 /// Where the rows of an element start: after those of all before it.
@@ -101,14 +119,14 @@ fn rest_columns(source: &Source<'_>, element: &Element) -> Result<Vec<usize>, Er
 }
 
 /// Writes a scene with the whole layout of 3DGS: 62 properties at degree 3, fewer `f_rest` below.
-pub(crate) fn write(scene: &SpatialScene, trained_with: &TrainedWith, file: &mut dyn Write) -> io::Result<()> {
+pub(crate) fn write(scene: &SpatialScene, comments: &[String], file: &mut dyn Write) -> io::Result<()> {
     let rest = scene.sh_len() - 1;
     let mut names: Vec<String> =
         ["x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2"].map(str::to_owned).to_vec();
     names.extend((0..3 * rest).map(|k| format!("f_rest_{k}")));
     names.extend(["opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"].map(str::to_owned));
     writeln!(file, "ply\nformat binary_little_endian 1.0")?;
-    trained_with.comments().iter().try_for_each(|comment| writeln!(file, "comment {comment}"))?;
+    comments.iter().try_for_each(|comment| writeln!(file, "comment {comment}"))?;
     writeln!(file, "element vertex {}", scene.len())?;
     names.iter().try_for_each(|name| writeln!(file, "property float {name}"))?;
     writeln!(file, "end_header")?;

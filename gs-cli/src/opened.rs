@@ -1,0 +1,79 @@
+//! Opens the scene that a command is given, and prints what is worth knowing about it.
+
+use std::path::Path;
+
+use gs_core::RenderSettings;
+use gs_io::{PlanarFile, SpatialFile, dataset::Dataset};
+use gs_train::{Error, Opened, OpenedScene, Values, open_scene};
+
+use crate::{failure::Failure, memory, output, shown::ShownArgs};
+
+/// Opens a scene file, a checkpoint or an output folder, and says which file of a folder it took.
+///
+/// # Errors
+/// Where there is no scene, or it cannot be read.
+pub(crate) fn open(path: &Path, values: Values) -> Result<Opened, Failure> {
+    memory::check_spatial(path)?;
+    let opened = open_scene(path, values).map_err(|error| match error {
+        Error::Io(error) => Failure::of_scene(error),
+        error => error.into(),
+    })?;
+    if opened.path != path {
+        output::note(format_args!("opened {}", opened.path.display()));
+    }
+    if opened.left_out > 0 {
+        output::note(format_args!("note: {} Gaussians are not finite and are left out", opened.left_out));
+    }
+    Ok(opened)
+}
+
+/// A 3D scene, and how it is shown where its file says that.
+#[derive(Debug)]
+pub(crate) struct Spatial {
+    pub(crate) file: SpatialFile,
+    shown: Option<RenderSettings>,
+}
+
+/// A scene of either kind.
+pub(crate) enum Scene {
+    Planar(PlanarFile),
+    Spatial(Spatial),
+}
+
+/// Opens a scene of either kind whose values are all possible.
+///
+/// # Errors
+/// Those of [`open`].
+pub(crate) fn scene(path: &Path) -> Result<Scene, Failure> {
+    Ok(match open(path, Values::Checked)?.scene {
+        OpenedScene::Planar(file) => Scene::Planar(*file),
+        OpenedScene::Spatial { file, shown } => Scene::Spatial(Spatial { file: *file, shown }),
+    })
+}
+
+/// Opens a 3D scene.
+///
+/// # Errors
+/// Those of [`open`]; bad usage for a 2D scene.
+pub(crate) fn spatial(path: &Path) -> Result<Spatial, Failure> {
+    match scene(path)? {
+        Scene::Spatial(spatial) => Ok(spatial),
+        Scene::Planar(_) => Err(Failure::usage("is a 2D scene, but a 3D scene is needed").at(path.display())),
+    }
+}
+
+impl Spatial {
+    /// How the scene is shown: as the flags say, or else as its file says, or else as is usual, beside a data set if there is one.
+    pub(crate) fn settings(&self, flags: &ShownArgs, dataset: Option<&Dataset>) -> RenderSettings {
+        match (self.shown, dataset) {
+            (Some(known), _) => flags.settings_known(&self.file.scene, known),
+            (None, Some(dataset)) => flags.settings_beside(&self.file.scene, self.file.trained_with, dataset),
+            (None, None) => flags.settings(&self.file.scene, self.file.trained_with),
+        }
+    }
+
+    /// Notes on standard error that the antialiasing is a guess, where neither the file nor a flag says it.
+    pub(crate) fn note_guess(&self, flags: &ShownArgs) {
+        flags.note_guess(self.file.trained_with);
+    }
+}
