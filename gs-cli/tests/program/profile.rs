@@ -224,7 +224,7 @@ fn what_cannot_be_profiled_is_refused_before_anything_is_written() {
     let cases: [(&[&str], i32, &[&str]); 13] = [
         (&[absent], 1, &[absent, "no such file"]),
         (&[broken], 1, &[broken, "broken"]),
-        (&[text], 1, &[text, "expected an image", "or name a scene that"]),
+        (&[text], 1, &[text, "is text, not an image", "or name a scene that"]),
         (&[place.path().to_str().unwrap()], 1, &["is a folder"]),
         (&[&scene, "-n", "9"], 2, &["--gaussians is for images", "leave it out"]),
         (&[&scene, "-i", "9"], 2, &["--iterations is for images", "leave it out"]),

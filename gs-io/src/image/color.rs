@@ -172,8 +172,8 @@ impl Conversion {
             }
             // The lengths match, which is all that it can complain about.
             if self.transform.transform(&stored, pixels.as_flattened_mut()).is_ok() {
-                // In this order NaN becomes 0.
-                pixels.as_flattened_mut().iter_mut().for_each(|value| *value = value.max(0.0).min(1.0));
+                let within = |value: f32| if value.is_nan() { 0.0 } else { value.clamp(0.0, 1.0) };
+                pixels.as_flattened_mut().iter_mut().for_each(|value| *value = within(*value));
             }
         }
     }
