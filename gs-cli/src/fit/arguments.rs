@@ -17,7 +17,7 @@ DIR then holds:
   reconstruction.png      the Gaussians rendered at the image's size
   scene.gs2d.safetensors  the Gaussians themselves, for gs render and gs info
   scene.ply               the same as a flat scene for any viewer of 3D Gaussian splats
-  ellipses.png            the Gaussians drawn as ellipses over the reconstruction
+  ellipses.png            the Gaussians drawn as ellipses over the reconstruction; of many, those that matter most
   metrics.csv             count, edits and loss at every 100th part of the steps and at each round of density
                           control; at every 20th part and at both ends also L1, PSNR, what was culled and what was
                           clamped, which cost a rendering; rows come as the fit goes on, in metrics.part.csv until it
