@@ -21,7 +21,7 @@ DIR then holds:
   scene.gs2d.safetensors  the Gaussians themselves, for gs view, gs render, gs convert and gs info
   scene.ply               with --blend over: Gaussians in a plane that any viewer of 3D Gaussian splats shows as the
                           reconstruction; gs convert makes such a file of every scene
-  ellipses.png            the Gaussians drawn as ellipses over the reconstruction
+  ellipses.png            the Gaussians drawn as ellipses over the reconstruction; of many, those that matter most
   metrics.csv             count, edits and loss at every 100th part of the steps and at each round of density
                           control; at every 20th part and at both ends also L1, PSNR, what was culled and what was
                           clamped, which cost a rendering; rows come as the fit goes on, in metrics.part.csv until it

@@ -24,7 +24,7 @@ DATASET is a folder that COLMAP, Nerfstudio or Blender wrote, or a transforms.js
 DIR then holds:
   scene.ply        the Gaussians, for any viewer of splats; gs convert makes other formats of it
   views/           each held-out view: the photograph, and beside it the rendering
-  ellipses.png     the first of these views, with Gaussians drawn over it as ellipses; of many, an even choice
+  ellipses.png     the first of these views, with Gaussians drawn over it as ellipses; of many, those that matter most
   evaluation.json  PSNR, SSIM and L1 of each held-out view, and their means
   metrics.csv      count, edits and loss at every 100th part of the steps and at each round of density control; at every
                    20th part and at both ends also PSNR, L1 and what was culled, over the held-out views, and what was

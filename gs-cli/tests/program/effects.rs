@@ -55,14 +55,14 @@ fn a_picture_is_rendered_with_what_is_called_for_unless_the_flag_says_otherwise(
         (gs_io::read_image(&png).unwrap().image, run.stderr)
     };
     let (auto, told) = render(&[]);
-    assert!(told.contains("no sh-degree 2 (higher coefficients change no pixel by more than"), "{told}");
+    assert!(told.contains("without sh-degree 2 (higher coefficients change no pixel by more than"), "{told}");
     let (all, told) = render(&["--effects", "all"]);
     assert!(told.contains("sh-degree 2 (--effects all)"), "{told}");
     let steps = auto.pixels().as_flattened().iter().zip(all.pixels().as_flattened());
     let most = steps.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
     assert!(most <= 1.0 / 255.0 + 1e-6, "at most one step of an eight-bit picture: {most}");
     let (unordered, told) = render(&["--effects", "sh-degree,antialias"]);
-    assert!(told.contains("no order tile-depth (not in --effects)"), "{told}");
+    assert!(told.contains("without order tile-depth (not in --effects)"), "{told}");
     assert!(unordered != auto);
     let refused = gs(["render", path.to_str().unwrap(), "-o", "a.png", "--effects", "order,glitter"]);
     assert!(refused.refusal().contains("order, sh-degree, antialias and background"), "{refused:?}");

@@ -27,7 +27,7 @@ pub(crate) fn command() -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_gs"));
     command.stdin(Stdio::null());
     // As in a container, where Linux' graphics drivers would write a line of their own to standard error if the program let them.
-    command.env_remove("XDG_RUNTIME_DIR").env_remove("RAYON_NUM_THREADS");
+    command.env_remove("XDG_RUNTIME_DIR").env_remove("RAYON_NUM_THREADS").env_remove("GS_DATA");
     command
 }
 

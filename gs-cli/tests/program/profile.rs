@@ -232,7 +232,7 @@ fn what_cannot_be_profiled_is_refused_before_anything_is_written() {
         (&[image, "--image", image], 2, &["--image", "leave it out"]),
         (&[&scene, "--size", "0x5"], 2, &["WIDTHxHEIGHT"]),
         (&[&scene, "--size", "20000x20000"], 2, &["--size", "20000x20000"]),
-        (&[&scene, "--repetitions", "0"], 2, &["--repetitions", "0 is not in 1..="]),
+        (&[&scene, "--repetitions", "0"], 2, &["--repetitions", "must be from 1 to 100000"]),
         (&[&scene, "--blend", "under"], 2, &["possible values: sum, over", "gs profile --help"]),
         (&[&scene, "--backend", "wgpu", "--simd", "scalar"], 2, &["--simd scalar is for --backend cpu"]),
     ];

@@ -388,7 +388,7 @@ fn what_cannot_be_shown_or_trained_is_refused_in_one_line() {
         (&["render", scene, "-o", out, "--path", text(&path)], "path.json"),
         (&["render", scene, "-o", out, "--region", "0,0,4,4"], "--region is for the scene of an image"),
         (&["render", scene, "-o", out, "--up", "w"], "write x, y, z"),
-        (&["train", dataset, "-o", out, "--policy", "residual"], "policy is `residual`"),
+        (&["train", dataset, "-o", out, "--policy", "residual"], "invalid value 'residual'"),
         (&["train", dataset, "-o", out, "--start", "points"], "the data set has no points"),
         (&["train", dataset, "-o", out, "--coarse", "3"], "2, 4 or 8"),
         (&["train", scene, "-o", out], "true.ply"),
@@ -425,7 +425,7 @@ fn cameras_that_look_away_are_the_data_sets_fault() {
     assert!(!out.exists());
     let eval = gs(["eval", text(&file), text(&dataset)]).done();
     assert!(
-        eval.stderr.contains("nothing of the scene is in sight") && eval.stdout.contains("mean of 1 views"),
+        eval.stderr.contains("nothing of the scene is in sight") && eval.stdout.contains("mean of 1 view"),
         "{eval:?}"
     );
 }

@@ -259,7 +259,7 @@ fn what_is_lost_is_said() {
         "{splat:?}"
     );
     let spz = losses("a.spz");
-    assert!(has(&spz, "log-scales outside -10..5.9375 are clamped: 1 values"), "{spz:?}");
+    assert!(has(&spz, "log-scales outside -10..5.9375 are clamped: 1 value"), "{spz:?}");
     assert!(has(&spz, "means are rounded to 0.00024414063 units") && has(&spz, "lengths of quaternions"), "{spz:?}");
     let glb = losses("a.glb");
     assert!(has(&glb, "lengths of quaternions") && has(&glb, "opacities"), "{glb:?}");

@@ -125,7 +125,7 @@ pub(super) fn label(value: f64, digits: usize) -> String {
 /// A number as people write it, to three digits: "0", "0.002", "9,000", and beyond "10⁻⁵" and "2.5·10⁹".
 pub fn human(value: f64) -> String {
     let size = value.abs();
-    if size != 0.0 && !(0.999e-3..0.9999e7).contains(&size) {
+    if size != 0.0 && !(0.9999e-4..0.9999e7).contains(&size) {
         return with_exponent(value);
     }
     let digits = if size == 0.0 { 0 } else { (2.0 - (size * 1.0001).log10().floor()).clamp(0.0, 9.0) as usize };
@@ -185,7 +185,7 @@ mod tests {
         let log = Scale::Logarithmic;
         let labels = |range: Range<f64>| log.ticks(&range).into_iter().map(|t| log.label(t, 0)).collect::<Vec<_>>();
         assert_eq!(labels(-1.0..1.0)[1..5], ["0.2", "0.5", "1", "2"]);
-        assert_eq!(labels(-5.1..-0.9), ["10⁻⁵", "10⁻⁴", "0.001", "0.01", "0.1"]);
+        assert_eq!(labels(-5.1..-0.9), ["10⁻⁵", "0.0001", "0.001", "0.01", "0.1"]);
         assert_eq!(label(12_000.0, 0), "12,000");
         assert!(labels(-30.0..30.0).len() <= 9);
     }
@@ -195,6 +195,7 @@ mod tests {
         for (value, expected) in [
             (0.0, "0"),
             (1e-3, "0.001"),
+            (5e-4, "0.0005"),
             (0.25, "0.25"),
             (9000.0, "9,000"),
             (1_234_567.0, "1,234,567"),

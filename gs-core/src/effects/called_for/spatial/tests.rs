@@ -146,7 +146,7 @@ fn harmonics_are_called_for_by_what_they_change() {
     assert_eq!(called.verdicts[2].answer, Answer::InPart);
     assert_eq!(
         called.verdicts[2].reason,
-        "without it, the colours of 1 Gaussians change by up to 0.0631 in some direction"
+        "without it, the colours of 1 Gaussian change by up to 0.0631 in some direction"
     );
 }
 
