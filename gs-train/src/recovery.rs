@@ -11,8 +11,8 @@ use serde::{Deserialize, Serialize};
 ///
 /// A run has failed when its mean loss over a window of steps (a twentieth of the run, but of 50 steps at least, and all of a run that is
 /// shorter) is higher by a twentieth than at its start (the first steps, as many as there are pictures, 50 at most), and more than a quarter of
-/// that of an empty picture: a good scene that is trained on may well get worse for a while. A loss of pictures that are off by less than half
-/// a step of a display on average is never a failure. The 500 steps after all opacities have been reset
+/// that of an empty picture: a good scene that is trained on may well get worse for a while. While pictures are off by less than a hundredth
+/// of the range on average, or at the end by less than half a step of a display, nothing has failed. The 500 steps after all opacities have been reset
 /// do not count.
 ///
 /// To go back, the host keeps a copy of the Gaussians that the run began with; for a resumed run these are those it was resumed with, and its

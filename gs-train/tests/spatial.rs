@@ -54,7 +54,8 @@ fn a_scene_comes_back_from_its_pictures() {
 fn the_true_scene_is_perfect_and_stays_so() {
     let rasterizer = rasterizer();
     let judged = evaluate(&rasterizer, &thirty(), &views(&rasterizer).test, &render()).unwrap();
-    assert!(judged.psnr > 60.0, "{judged:?}");
+    // Its photographs are floats, from which rounding to 8 bits alone is 58.9 dB away.
+    assert!(judged.psnr > 58.5, "{judged:?}");
     let mut settings = short(30);
     settings.policy = Policy::None;
     let (_, kept) = trained(settings, views(&rasterizer), Start::Scene(thirty()));
@@ -356,7 +357,8 @@ fn the_summary_holds_how_well_the_views_are_fitted_that_it_trained_with() {
     assert!(apart > DRIFT_DB && drifted.drift() == Some(apart), "{apart}");
 
     // A bound that nobody chose is none to reach.
-    assert!(drifted.shortfall.is_some_and(|told| told.budget == 600 && told.reason.contains("at least 0.0002")));
+    let told = drifted.shortfall.as_ref().expect("one round is too few");
+    assert_eq!((told.gaussians, told.budget), (drifted.gaussians, 600));
     let settings = SpatialSettings { gaussians: SpatialSettings::default().gaussians, ..short(4) };
     let trainer =
         SpatialTrainer::from_views(&rasterizer, views(&rasterizer), Start::Scene(thirty()), settings).unwrap();

@@ -70,10 +70,14 @@ impl Summary {
             ..
         } = &self.fit;
         let shortfall = shortfall.as_ref().map_or_else(String::new, |shortfall| format!("\nnote: {shortfall}"));
+        let psnr = match psnr.is_finite() {
+            true => format!("{psnr:.2} dB"),
+            false => "infinite (every pixel is exact)".to_owned(),
+        };
         let trouble = Trouble::new(detail, edits, *culled, *clamped, fresh_starts);
         let ms_ssim = ms_ssim.map_or_else(String::new, |value| format!(", MS-SSIM {value:.4}"));
         format!(
-            "{} after {} in {seconds:.2} s ({:.2} s in all): PSNR {psnr:.2} dB, SSIM {ssim:.4}{ms_ssim}{trouble}; see {}{}{shortfall}",
+            "{} after {} in {seconds:.2} s ({:.2} s in all): PSNR {psnr}, SSIM {ssim:.4}{ms_ssim}{trouble}; see {}{}{shortfall}",
             counted(*gaussians, "Gaussian"),
             counted(*iterations, "step"),
             self.total_seconds,

@@ -142,8 +142,9 @@ mod tests {
 
     #[test]
     fn only_what_counts_is_measured() {
-        let rendered = Image::filled(4, 4, [0.5; 3]).unwrap();
-        let image = Image::from_fn(4, 4, |x, _| if x < 2 { [0.6; 3] } else { [0.0; 3] }).unwrap();
+        let level = 128.0 / 255.0;
+        let rendered = Image::filled(4, 4, [level; 3]).unwrap();
+        let image = Image::from_fn(4, 4, |x, _| if x < 2 { [level + 0.1; 3] } else { [0.0; 3] }).unwrap();
         let mask: Vec<bool> = (0..16).map(|i| i % 4 < 2).collect();
         let photograph = Photograph { image, alpha: None, mask: Some(mask) };
         let masked = measure(&rendered, photograph.clone(), [0.0; 3]).unwrap().l1_and_psnr();

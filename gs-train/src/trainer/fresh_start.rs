@@ -22,14 +22,17 @@ pub(super) struct Start<S> {
     edits: EditCounts,
 }
 
-/// The loss of pictures that are off by less than what shows. A run below it has not failed, whatever it began with: where the first picture
-/// is as good as exact, such as one of a single colour, nothing but noise makes it worse.
-fn invisible(loss: Loss) -> f64 {
-    let step = f64::from(HALF_DISPLAY_STEP);
+/// A run whose pictures are off by less on the way, as a share of the range, has not failed, whatever it began with. Where the first picture is
+/// as good as exact, such as one of a single colour, all that a run does makes it worse for a while.
+const SMALL_ERROR: f32 = 0.01;
+
+/// The loss of pictures that are off by so much.
+fn loss_of_error(loss: Loss, error: f32) -> f64 {
+    let error = f64::from(error);
     match loss {
-        Loss::L2 => step * step,
-        Loss::L1 => step,
-        Loss::L1Dssim { lambda } => (1.0 - f64::from(lambda)) * step,
+        Loss::L2 => error * error,
+        Loss::L1 => error,
+        Loss::L1Dssim { lambda } => (1.0 - f64::from(lambda)) * error,
     }
 }
 
@@ -80,17 +83,19 @@ impl<R: Rasterizer<S>, S: Trainable> Trainer<'_, R, S> {
     /// Whether what there is, is worse than the start: by the window; after the last step, which no other follows, by the scene itself.
     fn has_failed(&mut self, judgement: Judgement, start: &S) -> Result<bool, Error> {
         let doubtful = judgement.is_worse() || self.is_finished() && judgement.loss > judgement.first;
-        if !doubtful || judgement.loss <= invisible(self.record.settings.loss()) {
+        if !doubtful {
             return Ok(false);
         }
         if judgement.loss <= self.loss_of(&S::default())? / 4.0 {
             return Ok(false);
         }
+        let kind = self.record.settings.loss();
         if !self.is_finished() {
-            return Ok(true);
+            return Ok(judgement.loss > loss_of_error(kind, SMALL_ERROR));
         }
         let scene = self.rasterizer.download(&self.cloud)?;
-        Ok(self.loss_of(&scene)? > self.loss_of(start)?)
+        let loss = self.loss_of(&scene)?;
+        Ok(loss > loss_of_error(kind, HALF_DISPLAY_STEP) && loss > self.loss_of(start)?)
     }
 
     /// The mean loss of a scene in the last steps, as many as there are pictures.
