@@ -50,7 +50,7 @@ pub fn write_animation<E: From<Error>>(
                     return Err(io::Error::other("a frame could not be made"));
                 }
             };
-            writer.write_image_data(&bytes_of(image.pixels()))?;
+            writer.write_image_data(&image.to_8_bits())?;
         }
         Ok(writer.finish()?)
     });

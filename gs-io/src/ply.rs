@@ -15,13 +15,16 @@
 use std::path::Path;
 
 use glam::Vec3;
-use gs_core::{Blend, PlanarGaussian, Scene, SpatialGaussian, SpatialScene};
+use gs_core::{
+    Blend, PlanarGaussian, Scene, SpatialGaussian, SpatialScene,
+    effects::{Antialias, Order},
+};
 
 use crate::{
     PlanarFile,
     atomic::write_atomically,
     error::Error,
-    spatial::{SH_0, ply},
+    spatial::{SH_0, TrainedWith, ply},
 };
 
 /// Length of the longer side of an exported picture, world units.
@@ -50,7 +53,8 @@ pub fn write_ply(path: impl AsRef<Path>, file: &PlanarFile) -> Result<(), Error>
     let path = path.as_ref();
     let scene = flat_scene(file).map_err(Error::content(path))?;
     let axes = "x right, y down, z away from the viewer".to_owned();
-    let comments = [axes, ply::picture_comment(file.width, file.height)];
+    let shown = TrainedWith { antialias: Some(Antialias::Dilate), order: Some(Order::TileDepth) };
+    let comments = [vec![axes, ply::picture_comment(file.width, file.height)], shown.comments()].concat();
     write_atomically(path, |out| ply::write(&scene, &comments, out))
 }
 

@@ -9,7 +9,7 @@ use std::{
 };
 
 use glam::{Mat2, Vec2};
-use gs_core::{Blend, PlanarGaussian, Scene, effects::Antialias, scene::sigmoid};
+use gs_core::{Blend, PlanarGaussian, Scene, effects::Antialias, image::to_8_bits, scene::sigmoid};
 
 use crate::{PlanarFile, atomic::write_atomically, error::Error};
 
@@ -68,11 +68,13 @@ fn ellipse(index: usize, g: &PlanarGaussian, antialias: Antialias, out: &mut dyn
 
 /// A square root of Σ as it is shown, and the share of the opacity that is left.
 fn shown(frame: Mat2, antialias: Antialias) -> (Mat2, f32) {
+    if antialias == Antialias::None {
+        return (frame, 1.0);
+    }
     let widened = frame * frame.transpose() + Mat2::from_diagonal(Vec2::splat(antialias.dilation()));
-    let share = match antialias {
-        Antialias::None => return (frame, 1.0),
-        Antialias::Dilate => 1.0,
-        Antialias::Mip => (frame.determinant().abs() / widened.determinant().sqrt()).min(1.0),
+    let share = match antialias.compensates() {
+        false => 1.0,
+        true => (frame.determinant().abs() / widened.determinant().sqrt()).min(1.0),
     };
     // Cholesky: the first column of L carries all of x.
     let x = widened.x_axis.x.sqrt();
@@ -82,7 +84,7 @@ fn shown(frame: Mat2, antialias: Antialias) -> (Mat2, f32) {
 }
 
 fn hex(color: [f32; 3]) -> String {
-    let [r, g, b] = color.map(|value| (value.clamp(0.0, 1.0) * 255.0).round() as u8);
+    let [r, g, b] = color.map(to_8_bits);
     format!("#{r:02x}{g:02x}{b:02x}")
 }
 

@@ -12,8 +12,6 @@ use gs_train::{
     ImageQuality, is_scene,
     spatial::{Evaluation, PosedView, ViewQuality, Views, evaluate},
 };
-    spatial::{Evaluation, PosedView, ViewQuality, Views, evaluate},
-};
 use serde::Serialize;
 
 use crate::{
