@@ -14,8 +14,14 @@ const IMAGE: u64 = 12;
 /// One `f32` for each pixel.
 const PLANE: u64 = 4;
 
-/// Of what is drawn in parts, a part; threads, code, tables; and small pieces that the allocator keeps when they are freed.
-const FIXED: u64 = 160_000_000;
+/// Code, threads, tables.
+const BASE: u64 = 60_000_000;
+
+/// Of a picture that is drawn in parts, a part.
+const PART: u64 = 32 << 20;
+
+/// What the allocator keeps at most of what is freed: larger pieces than 32 MiB go back to the system.
+const MOST_KEPT: u64 = 80_000_000;
 
 /// A pair of a Gaussian and a tile that it touches: in the lists, and what it receives.
 const ENTRY: u64 = 64;
@@ -31,12 +37,18 @@ const SPATIAL_NUMBER: u64 = 24;
 
 /// What drawing an image of this size takes, the image included.
 pub fn drawing((width, height): (u32, u32)) -> u64 {
-    FIXED + pixels(width, height) * IMAGE
+    let image = pixels(width, height) * IMAGE;
+    BASE + image + image.min(PART)
 }
 
-/// What reading an image of this size takes, the image included.
+/// What reading an image of this size takes at most, the image included.
 pub fn reading((width, height): (u32, u32)) -> u64 {
-    FIXED + pixels(width, height) * (2 * IMAGE + PLANE)
+    pixels(width, height) * (2 * IMAGE + PLANE)
+}
+
+/// What training on images of so many pixels takes whatever else it needs.
+fn overhead(pixels: u64) -> u64 {
+    BASE + (pixels * IMAGE).min(PART) + (4 * pixels * IMAGE).min(MOST_KEPT)
 }
 
 impl FitSettings {
@@ -48,7 +60,7 @@ impl FitSettings {
         let step = of_step(&self.render, self.loss, policy.statistics());
         // A policy sees the rendering, weights of all pixels, and their order; what is shown or written is a rendering.
         let residual = if policy.needs_residual() { 2 * PLANE } else { 0 };
-        FIXED + pixels * (target + step + IMAGE + residual) + self.of_gaussians(pixels)
+        overhead(pixels) + pixels * (target + step + IMAGE + residual) + self.of_gaussians(pixels)
     }
 
     /// What all Gaussians take. They stand as close as the image lets them: so many tiles, which are 16 columns broad, does each reach.
@@ -75,7 +87,7 @@ impl SpatialSettings {
         // A photograph on its way to the backend, and a rendering.
         let passing = 3 * IMAGE + of_target(self.loss) + step;
         let numbers = 3 * ((u64::from(self.render.effects.sh_degree) + 1).pow(2) - 1);
-        FIXED + kept + largest * passing + gaussians * (SPATIAL_GAUSSIAN + numbers * SPATIAL_NUMBER)
+        overhead(largest) + kept + largest * passing + gaussians * (SPATIAL_GAUSSIAN + numbers * SPATIAL_NUMBER)
     }
 }
 

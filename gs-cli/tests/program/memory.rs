@@ -41,11 +41,11 @@ fn files_that_claim_more_memory_than_there_is_are_refused() {
     };
     let limit = "the address space that this process may have (ulimit -v)";
     for arguments in [["fit", image, "-o", text(&output)], ["eval", image, image, "--json"]] {
-        let needs = "large.png (16384x16384 px): takes about 7.7 GB";
+        let needs = "large.png (16384x16384 px): takes about 7.5 GB";
         refused(4_000_000, &arguments, [needs, limit, "take a smaller image"]);
     }
     let render = [&["render", scene, "-o", text(&output)][..], &CPU].concat();
-    refused(3_000_000, &render, ["small.gs2d.safetensors of 16384x16384 px: takes about 3.4 GB", limit, "--size"]);
+    refused(3_000_000, &render, ["small.gs2d.safetensors of 16384x16384 px: takes about 3.3 GB", limit, "--size"]);
 }
 
 #[test]
