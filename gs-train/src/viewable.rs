@@ -19,7 +19,7 @@ use gs_io::{PlanarFile, flat_scene};
 
 use crate::{error::Error, rounds::Rounds, settings::FitSettings, spatial::Flat, trainer::Trainer};
 
-/// Steps of the optimiser. On photographs they end at 33 to 47 dB; twice as many bring about 1 dB.
+/// Steps of the optimiser. On photographs they end at 33 to 47 dB; twice as many brought 0.6 dB on the one where that was tried.
 const STEPS: u32 = 200;
 
 /// Steps from one correction of colours to the next.
