@@ -29,9 +29,11 @@ Examples:
   gs train photographs/ -o out --preset quick   a first look at what will come of it
   gs render out/scene.gs2d.safetensors -o big.png --size 3072x2048
   gs render out/scene.ply -o turn.apng --orbit 60   a scene in space, all the way round
-  gs view out/scene.ply                         a scene in space in a window, to move through
+  gs view out                                   a fit or a training in a window, to move over or through
   gs eval photo.png out/reconstruction.png      PSNR, SSIM, MS-SSIM
+  gs eval out photo.png                         the same of the scene of a fit
   gs eval out/scene.ply photographs/            the same of a scene in space, view by view
+  gs convert out picture.ply                    the scene of a fit for viewers of 3D Gaussian splats; .svg for browsers
   gs convert scene.ply scene.spz                a spatial scene in another format, and what that loses
   gs info out/scene.gs2d.safetensors            what is in a scene
   gs info photographs/                          what is in a COLMAP, Nerfstudio or Blender data set

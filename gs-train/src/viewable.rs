@@ -19,7 +19,7 @@ use gs_io::{PlanarFile, flat_scene};
 
 use crate::{error::Error, rounds::Rounds, settings::FitSettings, spatial::Flat, trainer::Trainer};
 
-/// Steps of the optimiser: on photographs they end 7 to 9 dB above the error of the scene itself, and more bring little.
+/// Steps of the optimiser. On photographs they end at 33 to 47 dB; twice as many brought 0.6 dB on the one where that was tried.
 const STEPS: u32 = 200;
 
 /// Steps from one correction of colours to the next.

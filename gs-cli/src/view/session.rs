@@ -50,7 +50,7 @@ pub(crate) struct Next<V> {
     pub(crate) wake: Option<Instant>,
 }
 
-/// Nothing.
+/// Nothing is to be done.
 impl<V> Default for Next<V> {
     fn default() -> Self {
         Self { request: None, wake: None }

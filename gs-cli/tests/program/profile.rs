@@ -225,7 +225,7 @@ fn what_cannot_be_profiled_is_refused_before_anything_is_written() {
         (&[absent], 1, &[absent, "no such file"]),
         (&[broken], 1, &[broken, "broken"]),
         (&[text], 1, &[text, "is text, not an image", "or name a scene that"]),
-        (&[place.path().to_str().unwrap()], 1, &["is a folder"]),
+        (&[place.path().to_str().unwrap()], 1, &["holds no scene"]),
         (&[&scene, "-n", "9"], 2, &["--gaussians is for images", "leave it out"]),
         (&[&scene, "-i", "9"], 2, &["--iterations is for images", "leave it out"]),
         (&[&scene, "--image", image], 2, &["20x10", "48x32", "--size 20x10"]),

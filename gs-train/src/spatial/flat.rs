@@ -140,7 +140,7 @@ mod tests {
         for i in 0..200 {
             let (u, v) = ((i % 20) as f32 / 19.0 - 0.5, (i / 20) as f32 / 9.0 - 0.5);
             let mean = Vec3::new(5.0, 6.0, 7.0) + 4.0 * u * right + 2.0 * v * down;
-            let mut log_scale = Vec3::splat(-6.0);
+            let mut log_scale = Vec3::splat(-9.0);
             log_scale[normal] = thickness.ln();
             scene.push(SpatialGaussian {
                 mean,
