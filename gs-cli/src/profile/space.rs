@@ -40,7 +40,6 @@ impl SpatialSubject {
     pub(crate) fn load(path: &Path, opened: Spatial, args: &ProfileArgs) -> Result<Self, Failure> {
         let name = path.display().to_string();
         check_is_not_fitted(args, &name)?;
-
         let (camera, mut render) = match &args.camera {
             Some(view) => {
                 let dataset = args.reading.read(&view.dataset)?;
@@ -54,7 +53,7 @@ impl SpatialSubject {
             }
         };
         camera.validate().map_err(|error| Failure::usage(error).at("--camera or --size"))?;
-        args.shown.note_guess(trained_with);
+        opened.note_guess(&args.shown);
         if let Some(blend) = args.blend {
             render.effects.blend = blend.into();
         }

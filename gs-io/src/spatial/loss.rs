@@ -74,7 +74,11 @@ impl fmt::Display for Loss {
                 write!(f, "scales of 0 are raised to the smallest number above it: {}", counted(*gaussians, "Gaussian"))
             }
             Self::InfiniteLogits { gaussians } => {
-                write!(f, "infinite opacity logits are made finite, which draws the same: {}", counted(*gaussians, "Gaussian"))
+                write!(
+                    f,
+                    "infinite opacity logits are made finite, which draws the same: {}",
+                    counted(*gaussians, "Gaussian")
+                )
             }
             Self::TrainedWith(TrainedWith { antialias, order }) => {
                 let antialias = antialias.map(|antialias| format!("antialias {}", antialias.name()));

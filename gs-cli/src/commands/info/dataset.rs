@@ -7,7 +7,7 @@ use gs_io::dataset::{Dataset, DatasetKind, Distortion, SourceCamera, Split, View
 use serde::Serialize;
 
 use crate::{
-    dataset::{ReadingArgs, remark_text},
+    dataset::remark_text,
     failure::Failure,
     output::{self, Format, printable},
 };
