@@ -24,8 +24,9 @@ const THREADS_TO_COME: u64 = 2 * 66_000_000;
 pub(crate) struct Need<'a> {
     /// The work: "fitting photo.jpg (8000x6000 px)".
     pub(crate) what: String,
-    /// What it takes beyond what is taken already.
     pub(crate) bytes: u64,
+    /// How much of that is taken already.
+    pub(crate) held: u64,
     /// How it takes less: "take a smaller image".
     pub(crate) less: &'a str,
 }
@@ -36,9 +37,9 @@ impl Need<'_> {
     /// # Errors
     /// With the limit that is met first.
     pub(crate) fn check(&self) -> Result<(), Failure> {
-        let Self { what, bytes, less } = self;
+        let Self { what, bytes, held, less } = self;
         let Some(limit) = limits().into_iter().min_by_key(|limit| limit.left) else { return Ok(()) };
-        if *bytes <= limit.left {
+        if bytes.saturating_sub(*held) <= limit.left {
             return Ok(());
         }
         let Limit { whose, all, left } = limit;
@@ -67,7 +68,8 @@ impl Need<'_> {
 pub(crate) fn check_image(path: &Path) -> Result<(), Failure> {
     let (width, height) = gs_io::read_image_size(path)?;
     let what = format!("reading {} ({width}x{height} px)", path.display());
-    Need { what, bytes: gs_train::memory::reading((width, height)), less: "take a smaller image" }.check()
+    let bytes = gs_train::memory::reading((width, height));
+    Need { what, bytes, held: 0, less: "take a smaller image" }.check()
 }
 
 /// Fails where a picture is too large to be drawn; tells what is large.
@@ -76,7 +78,8 @@ pub(crate) fn check_image(path: &Path) -> Result<(), Failure> {
 /// Those of [`Need::check`].
 pub(crate) fn check_picture(what: impl Display, (width, height): (u32, u32)) -> Result<(), Failure> {
     let what = format!("a picture of {what} of {width}x{height} px");
-    Need { what, bytes: gs_train::memory::drawing((width, height)), less: "make it smaller with --size" }.check_aloud()
+    let bytes = gs_train::memory::drawing((width, height));
+    Need { what, bytes, held: 0, less: "make it smaller with --size" }.check_aloud()
 }
 
 /// Fails where a scene in space is too large to be read and worked with; what is none is left to its reader.
@@ -93,7 +96,7 @@ pub(crate) fn check_spatial(path: &Path) -> Result<(), Failure> {
     };
     let file = fs::metadata(path).map_or(0, |file| file.len());
     let less = "prune the scene, or give it fewer spherical harmonics";
-    Need { what: format!("reading {}", path.display()), bytes: times * file, less }.check_aloud()
+    Need { what: format!("reading {}", path.display()), bytes: times * file, held: 0, less }.check_aloud()
 }
 
 /// The most memory that this process has had so far, where the system tells.
@@ -245,7 +248,7 @@ mod tests {
         assert!(peak().unwrap() > 1_000_000);
         let limits = limits();
         assert!(limits.iter().any(|limit| limit.whose.contains("machine") && limit.left > 0 && limit.left < limit.all));
-        let need = |bytes| Need { what: "a test".to_owned(), bytes, less: "test less" };
+        let need = |bytes| Need { what: "a test".to_owned(), bytes, held: 0, less: "test less" };
         need(1).check_aloud().unwrap();
         let line = need(u64::MAX).check().unwrap_err().line().unwrap();
         let ends = line.ends_with("are left: test less, or allow more");

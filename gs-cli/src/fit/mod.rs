@@ -186,10 +186,9 @@ pub(crate) fn follow<R: Rasterizer<S>, S: Trainable>(
 /// Fails where there is not the memory for a fit to this image.
 fn check_memory(target: &Target, settings: &FitSettings) -> Result<(), Failure> {
     let (width, height) = target.image.size();
-    let held = size_of_val(target.image.pixels()) as u64;
-    let bytes = settings.peak_bytes((width, height)).saturating_sub(held);
+    let (bytes, held) = (settings.peak_bytes((width, height)), size_of_val(target.image.pixels()) as u64);
     let what = format!("fitting {} Gaussians to {} ({width}x{height} px)", settings.gaussians, target.name());
-    Need { what, bytes, less: "take a smaller image or fewer Gaussians" }.check_aloud()
+    Need { what, bytes, held, less: "take a smaller image or fewer Gaussians" }.check_aloud()
 }
 
 /// Another image than the checkpoint's can be mended by the caller; what else is wrong says so itself.

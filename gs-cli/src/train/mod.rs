@@ -164,6 +164,7 @@ fn check_memory<R: Rasterizer<SpatialScene>>(args: &TrainArgs, trainer: &Spatial
     let of = |gaussians: u32| Need {
         what: format!("training on {} with {gaussians} Gaussians", args.dataset.display()),
         bytes: settings.peak_bytes(sizes(), views.keep_bytes, gaussians.into()),
+        held: 0,
         less: "take smaller or fewer views, or fewer --gaussians",
     };
     of(trainer.count()).check_aloud()?;
