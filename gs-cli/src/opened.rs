@@ -4,7 +4,7 @@ use std::path::Path;
 
 use gs_core::RenderSettings;
 use gs_io::{PlanarFile, SpatialFile, dataset::Dataset};
-use gs_train::{Error, Opened, OpenedScene, Values, open_scene};
+use gs_train::{Error, Opened, OpenedScene, Values, open_scene, scene_in};
 
 use crate::{failure::Failure, memory, output, shown::ShownArgs};
 
@@ -13,7 +13,8 @@ use crate::{failure::Failure, memory, output, shown::ShownArgs};
 /// # Errors
 /// Where there is no scene, or it cannot be read.
 pub(crate) fn open(path: &Path, values: Values) -> Result<Opened, Failure> {
-    memory::check_spatial(path)?;
+    let file = if path.is_dir() { scene_in(path) } else { Some(path.to_owned()) };
+    file.as_deref().map_or(Ok(()), memory::check_spatial)?;
     let opened = open_scene(path, values).map_err(|error| match error {
         Error::Io(error) => Failure::of_scene(error),
         error => error.into(),
