@@ -167,8 +167,8 @@ mod tests {
 
     #[test]
     fn a_flag_that_does_not_exist_is_not_said_to_be_a_value() {
-        let error = command().try_get_matches_from(["gs", "fit", "--overwright"]).unwrap_err();
-        assert_eq!(essence(&error.to_string()), "unexpected argument '--overwright' found");
+        let error = command().try_get_matches_from(["gs", "fit", "--turbo"]).unwrap_err();
+        assert_eq!(essence(&error.to_string()), "unexpected argument '--turbo' found");
     }
 
     #[test]

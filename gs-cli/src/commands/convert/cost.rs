@@ -3,6 +3,7 @@
 use std::{fmt, path::PathBuf};
 
 use clap::Args;
+use gs_core::counted;
 use gs_io::{
     SpatialFile, TrainedWith,
     dataset::{Dataset, read_dataset},
@@ -88,6 +89,11 @@ impl CostArgs {
 impl fmt::Display for Cost {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { dataset, views, psnr_before, psnr_after } = self;
-        write!(f, "PSNR {psnr_before:.2} dB before, {psnr_after:.2} dB after, mean over {views} views of {dataset}")
+        let [before, after] = [psnr_before, psnr_after].map(|psnr| match psnr.is_finite() {
+            true => format!("{psnr:.2} dB"),
+            false => "infinite".to_owned(),
+        });
+        let views = counted(*views, "view");
+        write!(f, "PSNR {before} before, {after} after, mean over {views} of {dataset}")
     }
 }
