@@ -73,9 +73,9 @@ pub(crate) enum Command {
     /// Show a scene in space in a window, and move through it
     View(Box<ViewArgs>),
     /// Compare two images, or a scene with photographs: PSNR, SSIM, L1
-    Eval(EvalArgs),
+    Eval(Box<EvalArgs>),
     /// Turn a spatial scene into another format: PLY, .splat, SPZ, glTF
-    Convert(ConvertArgs),
+    Convert(Box<ConvertArgs>),
     /// Tell what is in a scene, a checkpoint or a data set, or which GPUs there are
     Info(InfoArgs),
     /// Tell what is wrong with a scene, and mend it

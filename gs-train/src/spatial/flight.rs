@@ -297,7 +297,7 @@ mod tests {
             log_scale: Vec3::new(scale, 0.1, 0.1).map(f32::ln),
             rotation: [1.0, 0.0, 0.0, 0.0],
             opacity_logit: 2.0,
-            sh: Vec::new(),
+            sh: vec![Vec3::ZERO],
         };
         let mut scene = SpatialScene::default();
         (0..20).for_each(|i| scene.push(gaussian(if i < 10 { 1.0 } else { 50.0 })));
