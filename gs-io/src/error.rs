@@ -135,7 +135,7 @@ pub enum Error {
     #[error(
         "{}: {key} `{name}` leads out of the data set's folder{}; copy what it needs into the folder",
         path.display(),
-        if *more > 0 { format!(", and so do {more} other paths") } else { String::new() }
+        if *more > 0 { format!(" (and {})", gs_core::counted(*more, "more path")) } else { String::new() }
     )]
     LeavesDataset {
         /// The file that names it.
@@ -151,7 +151,7 @@ pub enum Error {
     #[error("{0}, or remove the file, and the view is left out")]
     BadView(Box<Error>),
     /// A data set of which not one view can be used.
-    #[error("{}: none of the {found} views of this {kind} data set can be used: {}", path.display(), skipped.join("; "))]
+    #[error("{}: this {kind} data set has {}, of which none can be used: {}", path.display(), gs_core::counted(*found, "view"), skipped.join("; "))]
     NoViews {
         /// Its folder.
         path: PathBuf,

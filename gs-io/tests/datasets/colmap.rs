@@ -206,7 +206,8 @@ fn a_data_set_without_a_usable_view_says_why() {
     fs::remove_dir_all(place.path().join("images")).unwrap();
     let error = refusal(place.path());
     assert!(
-        error.contains("none of the 3 views") && error.contains("3 skipped: no image file (first: view 000.png)"),
+        error.contains("has 3 views, of which none can be used")
+            && error.contains("3 skipped: no image file (first: view 000.png)"),
         "{error}"
     );
     fs::write(place.path().join("sparse/0/images.bin"), 0_u64.to_le_bytes()).unwrap();
