@@ -33,7 +33,7 @@ impl Interrupt {
         let listening = ctrlc::set_handler(move || match pressed.hear(Instant::now()) {
             Request::Stop => {
                 voice.say(
-                    "stopping at the next step that can be resumed; Ctrl-C again, in a second or later, quits at once",
+                    "stopping at the next step that can be resumed; Ctrl-C again, after a second or more, quits at once",
                 );
             }
             Request::Repeated => {}

@@ -44,7 +44,7 @@ impl Need<'_> {
         }
         let Limit { whose, all, left } = limit;
         let (needed, left, all) = (amount(*bytes), amount(left), amount(all));
-        let message = format_args!("takes about {needed} of memory, but of {whose} ({all}) only {left} are left");
+        let message = format_args!("takes about {needed} of memory, but only {left} of {whose} ({all}) are left");
         Err(Failure::failed(message).at(what).mend(format_args!("{less}, or allow more")))
     }
 
@@ -252,6 +252,6 @@ mod tests {
         need(1).check_aloud().unwrap();
         let line = need(u64::MAX).check().unwrap_err().line().unwrap();
         let ends = line.ends_with("are left: test less, or allow more");
-        assert!(line.starts_with("error: a test: takes about 18446744073.7 GB of memory, but of ") && ends, "{line}");
+        assert!(line.starts_with("error: a test: takes about 18446744073.7 GB of memory, but only ") && ends, "{line}");
     }
 }

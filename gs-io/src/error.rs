@@ -70,7 +70,7 @@ pub enum Error {
         folder: PathBuf,
     },
     /// The operating system refused to remove a file of an earlier run.
-    #[error("{}: is of an earlier run and cannot be removed: {source}", path.display())]
+    #[error("{}: was written by an earlier run and cannot be removed: {source}", path.display())]
     Remove {
         /// The file.
         path: PathBuf,

@@ -118,7 +118,7 @@ impl Growth<'_> {
         }
         let rounds = plural(self.rounds, "round");
         let mend = self.mend(percent).map_or_else(String::new, |mend| format!("; {mend}"));
-        format!("{grows}, so that {rounds} can make {reached} of the first {}{mend}", self.first)
+        format!("{grows}, so that {rounds} can turn the initial {} into {reached}{mend}", self.first)
     }
 
     /// How many a round makes of so many.
@@ -136,7 +136,7 @@ impl Growth<'_> {
         })?;
         let factor = (1.0 + f64::from(percent) / 100.0).powf(f64::from(self.rounds));
         let first = (f64::from(self.budget) / factor).ceil();
-        Some(format!("the budget takes {needed} rounds (more steps), or {first} first Gaussians"))
+        Some(format!("the budget takes {needed} rounds (more steps), or {first} initial Gaussians"))
     }
 
     fn pruned(&self) -> String {
@@ -173,10 +173,10 @@ mod tests {
         let none = EditCounts::default();
         assert_eq!(
             reason("percentile", 80, 5, none),
-            "policy `percentile` adds at most 10 % of the Gaussians in a round, so that 5 rounds can make 130 of the first 80; \
-             the budget takes 27 rounds (more steps), or 621 first Gaussians"
+            "policy `percentile` adds at most 10 % of the Gaussians in a round, so that 5 rounds can turn the initial 80 into 130; \
+             the budget takes 27 rounds (more steps), or 621 initial Gaussians"
         );
-        assert!(reason("mcmc", 57, 12, none).contains("12 rounds can make 109 of the first 57"));
+        assert!(reason("mcmc", 57, 12, none).contains("12 rounds can turn the initial 57 into 109"));
         assert!(!reason("mcmc", 900, 12, none).contains("so that"), "the pace is not to blame");
     }
 

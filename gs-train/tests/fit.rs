@@ -57,7 +57,7 @@ fn a_budget_that_is_missed_is_told_with_the_reason() {
     assert_eq!(
         slow.to_string(),
         "the run ends with 25 Gaussians of 60: policy `mcmc` adds at most 5 % of the Gaussians in a round, so that 3 rounds can \
-         make 25 of the first 20; the budget takes 18 rounds (more steps), or 52 first Gaussians"
+         turn the initial 20 into 25; the budget takes 18 rounds (more steps), or 52 initial Gaussians"
     );
     assert_eq!(shortfall("none", 42).unwrap().reason, "policy `none` adds no Gaussians");
     assert_eq!(shortfall("absolute", 5).unwrap().reason, "no round of density control was left to add any");

@@ -28,8 +28,8 @@ use crate::{failure::Failure, opened, output, output_folder};
 const AFTER_HELP: &str = "\
 A 2D scene becomes a flat 3D scene (.ply) that viewers of 3D Gaussian splats show as the picture, or an SVG of soft ellipses. Viewers \
 blend Gaussians front to back, widen them by 0.3 square pixels, and have no negative colours and no background. So the Gaussians are \
-trained for that first, which takes a second or two for a photograph. The PSNR that is printed says how well the new Gaussians show what \
-the scene shows.";
+trained for that first, which takes a second or two for a photograph. The printed PSNR compares the new Gaussians, as a viewer shows \
+them, with the scene.";
 
 /// The flags of `gs convert`.
 #[derive(Debug, Clone, Args)]

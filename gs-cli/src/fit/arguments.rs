@@ -30,14 +30,14 @@ DIR then holds:
   settings.toml           all settings, to repeat the fit with --settings
   summary.json            what --json prints
 
-Files that earlier runs of gs wrote into DIR are replaced, or removed where this fit has none of the kind; checkpoints stay. DIR has a list of
-them, .gs-files.json. Where another file has the name of a result, the fit does not start; --overwrite replaces it. Two runs cannot write into
+Files that earlier runs of gs wrote into DIR are replaced, or removed if this fit does not write them; checkpoints stay. The list of these
+files is DIR/.gs-files.json. If any other file has the name of a result, the fit does not start; --overwrite replaces it. Two runs cannot write into
 one folder at once.
 
 Transparent pixels are fitted as they look on white or on --background; with --blend over that colour is also what lies behind all
 Gaussians, in place of the image's mean colour.
 
-Ctrl-C stops the fit, saves a checkpoint, and writes what there is so far; another one, a second later or more, quits at once. A checkpoint holds the rows
+Ctrl-C stops the fit, saves a checkpoint, and writes what there is so far; pressing it again after a second or more quits at once. A checkpoint holds the rows
 of metrics.csv up to it, so that a resumed fit has the whole table, in any folder.";
 
 /// The flags of [`SettingsArgs`] that a checkpoint settles: all but the background, which a resumed fit needs to see a transparent
@@ -198,12 +198,12 @@ pub(crate) struct SettingsArgs {
 #[derive(Debug, Clone, Args)]
 #[command(next_help_heading = "Checkpoints")]
 pub(crate) struct CheckpointArgs {
-    /// Where checkpoints go [default: DIR/checkpoint.safetensors, or checkpoint-2 and so on where another run's is there; removed when the
-    /// run is done, unless --checkpoint-every asks for it]
+    /// Where checkpoints go [default: DIR/checkpoint.safetensors, or checkpoint-2 and so on if another run's checkpoint has that name; removed
+    /// when the run is done, unless --checkpoint-every asks for it]
     #[arg(long, value_name = "FILE")]
     pub(crate) checkpoint: Option<PathBuf>,
-    /// Save one about every so many steps [default: every two minutes; also every tenth of all steps, if --checkpoint is given or a
-    /// training has 2000 or more]
+    /// Save a checkpoint about every STEPS steps [default: every two minutes; also every tenth of all steps, if --checkpoint is
+    /// given or a training has 2000 steps or more]
     #[arg(long, value_name = "STEPS", value_parser = whole::<u32>(1..))]
     pub(crate) checkpoint_every: Option<u32>,
 }

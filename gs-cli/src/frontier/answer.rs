@@ -60,12 +60,15 @@ pub(crate) fn out_of_reach(budget: Budget, best: f64) -> Failure {
 /// Why nothing is chosen where so many settings kept the budget, but on the search's views alone.
 pub(crate) fn not_elsewhere(budget: Budget, count: usize, views: usize) -> Failure {
     let (flag, most) = asked(budget);
-    let settings =
-        if count == 1 { "what keeps it".to_owned() } else { format!("none of {count} settings that keep it") };
+    let settings = if count == 1 {
+        "the one setting that keeps it".to_owned()
+    } else {
+        format!("none of {count} settings that keep it")
+    };
     let verb = if count == 1 { "does not keep" } else { "keeps" };
     Failure::failed(format_args!(
         "{flag} {most}: {settings} on the views of the search {verb} it on {}",
-        counted(views, "other")
+        counted(views, "other view")
     ))
     .mend(format_args!("give a larger {flag}, as a margin for other views, or let the search see more with --views"))
 }
@@ -92,8 +95,8 @@ fn comment(budget: Budget, choice: &Choice, row: &Measured, noise: Noise, what: 
     let noise = match choice.within_noise {
         0 => String::new(),
         count => format!(
-            "\nThe noise is {:.0} %. {} the budget in times that differ by less, so that another run may choose another. This one had the lowest \
-             median.",
+            "\nThe noise is {:.0} %. {} the budget in times that differ by less, so another run may choose one of them. The setting chosen here \
+             had the lowest median.",
             100.0 * (noise.factor - 1.0),
             if count == 1 { "1 other setting keeps".to_owned() } else { format!("{count} other settings keep") }
         ),

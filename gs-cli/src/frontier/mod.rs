@@ -41,7 +41,8 @@ differ.
 
 With --max-error or --max-ms the answer is a file of settings that gs render --settings and gs fit --settings take: the quickest that are \
 exact enough, or the most exact that are quick enough, of all backends that are measured, verified on views that the search did not see. \
-Where the noise does not tell times apart, the lowest median is taken, and the answer says so. It is printed on standard output, and everything else on standard error.
+Among settings whose times differ by less than the noise, the lowest median is taken, and the answer says so. The answer is printed on \
+standard output, everything else on standard error.
 
 DIR then holds frontier.csv, the table; frontier.json, the same with all times; frontier.svg and .png, error against time; and settings.toml, \
 if a budget was given.";

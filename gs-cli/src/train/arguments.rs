@@ -33,16 +33,16 @@ DIR then holds:
   settings.toml    all settings, to repeat the training with --settings
   summary.json     what --json prints
 
-Files that earlier runs of gs wrote into DIR are replaced, or removed where this one has none of the kind; checkpoints stay. DIR has a list of
-them, .gs-files.json. Where another file has the name of a result, the training does not start; --overwrite replaces it. What no run wrote into
-views/ stays: pictures get other names beside it. Two runs cannot write into one folder at once. DIR cannot be the data set's own folder, nor hold
+Files that earlier runs of gs wrote into DIR are replaced, or removed if this training does not write them; checkpoints stay. The list of these
+files is DIR/.gs-files.json. If any other file has the name of a result, the training does not start; --overwrite replaces it. Files in
+views/ that no run wrote stay: new pictures get other names. Two runs cannot write into one folder at once. DIR cannot be the data set's own folder, nor hold
 its photographs.
 
 A data set that does not say which views are for tests has every 8th held out (--holdout). Without any, a few of the views that it
 trains with tell how good the scene is.
 
-Ctrl-C stops the training, saves a checkpoint, and writes what there is so far; another one, a second later or
-more, quits at once.";
+Ctrl-C stops the training, saves a checkpoint, and writes what there is so far; pressing it again after a second
+or more quits at once.";
 
 /// The flags that a checkpoint settles.
 const SETTLED: [&str; 18] = [

@@ -63,7 +63,7 @@ fn a_missed_budget_is_told_on_the_plane_and_in_space() {
     let words = ["fit", text(&image), "-o", text(&output), "--policy", "percentile", "--preset", "quick", "-n", "1000"];
     let run = gs(words.into_iter().chain(["--backend", "cpu", "--no-report"])).done();
     let expected = "note: the run ends with 130 Gaussians of 1000: policy `percentile` adds at most 10 % of the Gaussians in a round, \
-                    so that 5 rounds can make 130 of the first 80";
+                    so that 5 rounds can turn the initial 80 into 130";
     assert!(run.stderr.contains(expected), "{}", run.stderr);
     let summary: Value = serde_json::from_slice(&fs::read(output.join("summary.json")).unwrap()).unwrap();
     assert_eq!((&summary["shortfall"]["gaussians"], &summary["shortfall"]["budget"]), (&130.into(), &1000.into()));

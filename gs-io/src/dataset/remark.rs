@@ -127,7 +127,7 @@ impl fmt::Display for Skip {
             Self::NoCamera => "the camera is not in the model",
             Self::BadCamera => "the camera's size, focal lengths or lens are not possible",
             Self::Panorama => "a panorama, which must be cut into perspective images first",
-            Self::BadPose => "the pose is not finite or no rotation",
+            Self::BadPose => "the pose is not finite or not a rotation",
             Self::SameName => "another view has the same name",
         })
     }

@@ -21,8 +21,8 @@ use crate::{
 const AFTER_HELP: &str = "\
 A scene of an image becomes one PNG, of any size or part. A scene in space (PLY, .splat, SPZ, glTF) needs a camera: that of a view of a \
 data set (--camera photographs:DSC_0042.JPG), an orbit, or a path; without any, a flat scene is shown from its front, filling the \
-picture, and any other from a little above. Of an orbit or a path, OUTPUT is an animated PNG if it ends in .apng, otherwise a folder of \
-frames, in which no longer film's frames stay behind the last one; of a single frame a PNG if it ends in .png.
+picture, and any other scene from slightly above. For an orbit or a path, OUTPUT is an animated PNG if it ends in .apng, a PNG if it ends \
+in .png and there is a single frame, and otherwise a folder of frames. Frames that an earlier, longer film left in that folder are removed.
 
 With --camera, --orbit takes that camera around what the cameras of the data set look at.
 
@@ -42,7 +42,7 @@ pub(crate) struct RenderArgs {
     output: PathBuf,
     #[command(flatten)]
     overwrite: OverwriteArgs,
-    /// Size of the picture; other proportions stretch it [default: that of the image, the region or the view; in space else 800x600, of a flat scene that of its picture]
+    /// Size of the picture; other proportions stretch it [default: that of the image, the region or the view; otherwise 800x600 in 3D, or the picture's size for a flat scene]
     #[arg(long, value_name = "WxH")]
     size: Option<Size>,
     /// Show only this part of an image's scene, in pixels of the original image; it may reach beyond the border
