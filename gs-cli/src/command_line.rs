@@ -70,11 +70,11 @@ pub(crate) enum Command {
     Train(Box<TrainArgs>),
     /// Draw a scene as a PNG of any size, or from moving cameras
     Render(Box<RenderArgs>),
-    /// Show a scene in space in a window, and move through it
+    /// Show a scene in a window: pan and zoom a 2D scene, move through a 3D scene
     View(Box<ViewArgs>),
-    /// Compare two images, or a scene with photographs: PSNR, SSIM, L1
+    /// Compare two images, or a scene with its image or images: PSNR, SSIM, L1
     Eval(Box<EvalArgs>),
-    /// Turn a spatial scene into another format: PLY, .splat, SPZ, glTF
+    /// Turn a 3D scene into another format (PLY, .splat, SPZ, glTF), or a 2D scene into a flat PLY or an SVG
     Convert(Box<ConvertArgs>),
     /// Tell what is in a scene, a checkpoint or a data set, or which GPUs there are
     Info(InfoArgs),

@@ -1,8 +1,8 @@
 //! Opens the scene that a command is given, and prints what is worth knowing about it.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
-use gs_core::RenderSettings;
+use gs_core::{RenderSettings, counted};
 use gs_io::{PlanarFile, SpatialFile, dataset::Dataset};
 use gs_train::{Error, Opened, OpenedScene, Values, open_scene, scene_in};
 
@@ -13,8 +13,10 @@ use crate::{failure::Failure, memory, output, shown::ShownArgs};
 /// # Errors
 /// Where there is no scene, or it cannot be read.
 pub(crate) fn open(path: &Path, values: Values) -> Result<Opened, Failure> {
-    let file = if path.is_dir() { scene_in(path) } else { Some(path.to_owned()) };
-    file.as_deref().map_or(Ok(()), memory::check_spatial)?;
+    let file = file_of(path);
+    if !file.is_dir() {
+        memory::check_spatial(&file)?;
+    }
     let opened = open_scene(path, values).map_err(|error| match error {
         Error::Io(error) => Failure::of_scene(error),
         error => error.into(),
@@ -23,9 +25,15 @@ pub(crate) fn open(path: &Path, values: Values) -> Result<Opened, Failure> {
         output::note(format_args!("opened {}", opened.path.display()));
     }
     if opened.left_out > 0 {
-        output::note(format_args!("note: {} Gaussians are not finite and are left out", opened.left_out));
+        output::note(format_args!("note: left out as not finite: {}", counted(opened.left_out, "Gaussian")));
     }
     Ok(opened)
+}
+
+/// The file that a command reads where it is given this path: of a folder, the one that holds its scene.
+pub(crate) fn file_of(path: &Path) -> PathBuf {
+    let found = if path.is_dir() { scene_in(path) } else { None };
+    found.unwrap_or_else(|| path.to_owned())
 }
 
 /// A 3D scene, and how it is shown where its file says that.

@@ -22,7 +22,7 @@ use gs_core::{
 
 use crate::{
     PlanarFile,
-    atomic::write_atomically,
+    atomic::write_durably,
     error::Error,
     spatial::{SH_0, TrainedWith, ply},
 };
@@ -48,14 +48,14 @@ const MAX_LOGIT: f32 = 16.0;
 /// Writes the scene as a binary little-endian 3DGS PLY, atomically. Vertices are in the scene's order.
 ///
 /// # Errors
-/// Those of [`flat_scene`], as [`Error::Content`], and of [`write_atomically`](crate::write_atomically).
+/// Those of [`flat_scene`], as [`Error::Content`], and of [`write_durably`](crate::write_durably).
 pub fn write_ply(path: impl AsRef<Path>, file: &PlanarFile) -> Result<(), Error> {
     let path = path.as_ref();
     let scene = flat_scene(file).map_err(Error::content(path))?;
     let axes = "x right, y down, z away from the viewer".to_owned();
     let shown = TrainedWith { antialias: Some(Antialias::Dilate), order: Some(Order::TileDepth) };
     let comments = [vec![axes, ply::picture_comment(file.width, file.height)], shown.comments()].concat();
-    write_atomically(path, |out| ply::write(&scene, &comments, out))
+    write_durably(path, |out| ply::write(&scene, &comments, out))
 }
 
 /// The 3D scene that [`write_ply`] writes.

@@ -11,7 +11,7 @@ use std::{
 use glam::{Mat2, Vec2};
 use gs_core::{Blend, PlanarGaussian, Scene, effects::Antialias, image::to_8_bits, scene::sigmoid};
 
-use crate::{PlanarFile, atomic::write_atomically, error::Error};
+use crate::{PlanarFile, atomic::write_durably, error::Error};
 
 /// Where a gradient ends, standard deviations: its opacity is 1/255 there, where the renderer cuts it off too.
 const RADIUS: f32 = 3.33;
@@ -23,7 +23,7 @@ const STOPS: u32 = 10;
 ///
 /// # Errors
 /// [`Error::Content`] where [`PlanarFile::validate`] fails and for a scene blended by [`Blend::Sum`]: SVG has no negative colours,
-/// which such scenes need. Those of [`write_atomically`](crate::write_atomically).
+/// which such scenes need. Those of [`write_durably`](crate::write_durably).
 pub fn write_svg(path: impl AsRef<Path>, file: &PlanarFile) -> Result<(), Error> {
     let path = path.as_ref();
     file.validate().map_err(Error::content(path))?;
@@ -31,7 +31,7 @@ pub fn write_svg(path: impl AsRef<Path>, file: &PlanarFile) -> Result<(), Error>
         let message = "its Gaussians are added up (blend sum), some with negative colours, which SVG does not have";
         return Err(Error::content(path)(gs_core::Error::State(message.to_owned())));
     }
-    write_atomically(path, |out| write(file, out))
+    write_durably(path, |out| write(file, out))
 }
 
 fn write(file: &PlanarFile, out: &mut dyn Write) -> io::Result<()> {

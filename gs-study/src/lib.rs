@@ -41,7 +41,7 @@ pub use crate::{
     plan::{Plan, Run, VERSION},
     record::{Finished, Outcome, Record},
     remark::{FEWEST_SEEDS, Pairing, Remark},
-    replay::{Replayed, replay},
+    replay::{Replayed, recorded_run, replay},
     selection::Selection,
     study::{Arm, Matching, OwnPolicy, Study},
     tables::{Metric, Quality, Results, Spread},

@@ -46,11 +46,11 @@ pub fn replay<R: Rasterizer<PlanarScene>>(
     rasterizer: &R,
     folder: &StudyFolder,
 ) -> Result<Replayed, Error> {
-    let run = plan.run(row)?;
+    let run = recorded_run(plan, row, folder)?;
     if let Some(recorded) = folder.machine().filter(|recorded| recorded.name != plan.machine.name) {
         return Err(other_machine(row, &recorded, &plan.machine));
     }
-    let end = end(run, folder).ok_or_else(|| Error::Folder {
+    let end = end(run, row, folder).ok_or_else(|| Error::Folder {
         folder: folder.path().to_owned(),
         what: format!("row {row} has not been done"),
         mend: "let gs study --resume do it first",
@@ -92,13 +92,28 @@ fn other_machine(row: usize, recorded: &Machine, found: &Machine) -> Error {
     Error::OtherMachine { row, recorded: recorded.name.clone(), found: found.name.clone(), mend }
 }
 
-fn end(run: &Run, folder: &StudyFolder) -> Option<End> {
+/// The run that stands in a row of the folder's runs.csv: of a study of which a part was conducted last, the rows are those of the part.
+///
+/// # Errors
+/// [`Error::NoRow`].
+pub fn recorded_run<'p>(plan: &'p Plan, row: usize, folder: &StudyFolder) -> Result<&'p Run, Error> {
+    let Some(recorded) = export::recorded(folder) else { return plan.run(row) };
+    let rows = recorded.runs.len();
+    let found = row.checked_sub(1).and_then(|index| recorded.runs.get(index)).ok_or(Error::NoRow { row, rows })?;
+    match plan.runs.iter().find(|run| run.address == found.address) {
+        Some(run) => Ok(run),
+        // Whatever the difference, it is told of the run that stands there in the whole study.
+        None => plan.run(row),
+    }
+}
+
+fn end(run: &Run, row: usize, folder: &StudyFolder) -> Option<End> {
     if let Some(record) = folder.record(run) {
         let scene = record.outcome.finished().map(|finished| finished.scene.clone());
         return Some(End { address: record.address, scene, version: record.version, machine: record.machine });
     }
     let recorded = export::recorded(folder)?;
-    let row = recorded.runs.into_iter().nth(run.row - 1)?;
+    let row = recorded.runs.into_iter().nth(row - 1)?;
     if row.scene.is_none() && row.address == run.address {
         return None;
     }

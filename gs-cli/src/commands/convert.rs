@@ -15,7 +15,9 @@ use gs_core::{
     Scene, counted,
     examination::{self, Repair},
 };
-use gs_io::{GltfBuffer, Loss, SpatialFile, SpatialFormat, SpatialOptions, SpzOptions, SpzVersion, TrainedWith};
+use gs_io::{
+    GltfBuffer, Loss, SpatialFile, SpatialFormat, SpatialOptions, SpzOptions, SpzVersion, TrainedWith, dataset::Dataset,
+};
 use gs_train::{Opened, OpenedScene, Values};
 use serde::Serialize;
 
@@ -124,7 +126,8 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<(), Failure> {
     let values = if args.drop_broken { Values::Any } else { Values::Checked };
     let Opened { path, scene, .. } = opened::open(&args.from, values)?;
     // The numbers of a .gltf may be in a file of the same name.
-    let inputs = [path.clone(), path.with_extension("bin")];
+    let mut inputs = vec![path.clone(), path.with_extension("bin")];
+    inputs.extend(dataset.iter().flat_map(Dataset::files));
     output_folder::check_file(&args.to, &inputs)?;
     if args.gltf_buffer_beside() {
         output_folder::check_file(&args.to.with_extension("bin"), &inputs)?;

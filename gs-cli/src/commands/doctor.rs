@@ -88,7 +88,8 @@ struct Fixed {
 /// # Errors
 /// Where it cannot be read, where something is broken and not to be mended, or where the copy cannot be written.
 pub(crate) fn run(args: &DoctorArgs) -> Result<(), Failure> {
-    args.output.as_deref().map_or(Ok(()), |output| output_folder::check_file(output, [&args.scene]))?;
+    let scene = opened::file_of(&args.scene);
+    args.output.as_deref().map_or(Ok(()), |output| output_folder::check_file(output, [&scene]))?;
     let Opened { path, scene: patient, .. } = opened::open(&args.scene, Values::Any)?;
     let kind = match &patient {
         OpenedScene::Planar(_) => "planar scene".to_owned(),

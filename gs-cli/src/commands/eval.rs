@@ -96,6 +96,7 @@ fn rendered(args: &EvalArgs, file: &PlanarFile) -> Result<(Image, Image), Failur
         return Err(Failure::usage(message).at(args.a.display()).mend("gs eval SCENE IMAGE"));
     }
     let image = read(&args.b)?;
+    memory::check_picture(args.a.display(), (file.width, file.height))?;
     let backend = Backend::start(&args.backend)?;
     let rendering = backend.run(Draw(file))?;
     Ok((rendering.rounded_to_8_bits(), image))

@@ -76,7 +76,7 @@ pub(crate) fn run(args: &PoppingArgs) -> Result<(), Failure> {
     if args.shown.has_order() {
         return Err(Failure::usage("--order: both orders are compared").mend("leave it out"));
     }
-    let claim = args.overwrite.claim(&args.output, FILES, Inputs::from_iter([&args.scene]));
+    let claim = args.overwrite.claim(&args.output, FILES, Inputs::from_iter([opened::file_of(&args.scene)]));
     output_folder::check(&claim)?;
     let opened = opened::spatial(&args.scene)?;
     let scene = &opened.file.scene;

@@ -61,7 +61,7 @@ const SETTLED: [&str; 12] = [
 #[derive(Debug, Clone, Args)]
 #[command(after_help = AFTER_HELP)]
 pub(crate) struct FitArgs {
-    /// The image: PNG, JPEG, BMP, TIFF, WebP or PNM [default: the paper's circle and square, 128x128]
+    /// The image: PNG, JPEG, BMP, TIFF, WebP, GIF or PNM [default: the paper's circle and square, 128x128]
     pub(crate) image: Option<PathBuf>,
     /// Folder for the results; made if it is not there
     #[arg(short, long, value_name = "DIR", default_value = "gs-out")]
@@ -91,7 +91,7 @@ pub(crate) struct FitArgs {
 }
 
 /// The files that a fit writes or removes, but for checkpoints.
-const FILES: [&str; 9] = [
+const FILES: [&str; 10] = [
     "scene.gs2d.safetensors",
     "scene.ply",
     "reconstruction.png",
@@ -101,6 +101,8 @@ const FILES: [&str; 9] = [
     "curve.png",
     "settings.toml",
     "summary.json",
+    // Of a training, whose results do not stay beside those of a fit.
+    "evaluation.json",
 ];
 
 impl FitArgs {

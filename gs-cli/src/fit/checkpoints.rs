@@ -7,7 +7,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use gs_io::{Checkpoint, Inputs, prepare_folder, read_checkpoint, write_checkpoint};
+use gs_io::{Checkpoint, FolderClaim, Inputs, prepare_folder, read_checkpoint, write_checkpoint};
 use gs_train::{Error, Observer, Outcome, Progress};
 
 use crate::{
@@ -25,9 +25,14 @@ pub(crate) fn check_checkpoint_file<P: AsRef<Path>>(
     args: &CheckpointArgs,
     inputs: impl IntoIterator<Item = P>,
     overwrite: OverwriteArgs,
+    results: &FolderClaim,
 ) -> Result<(), Failure> {
     let Some(file) = &args.checkpoint else { return Ok(()) };
     let another = "name another file with --checkpoint";
+    if results.claims(file) {
+        let message = "is the name of a result, which would replace the checkpoint";
+        return Err(Failure::usage(message).at(file.display()).mend(another));
+    }
     if file.is_dir() {
         let mend = "name a file with --checkpoint";
         return Err(Failure::usage("is a folder, not a file for checkpoints").at(file.display()).mend(mend));
@@ -247,11 +252,13 @@ mod tests {
         [&photo, &notes].iter().for_each(|file| fs::write(file, "mine").unwrap());
         let line = |file: &Path, overwrite| {
             let args = CheckpointArgs { checkpoint: Some(file.to_owned()), checkpoint_every: None };
-            let checked = check_checkpoint_file(&args, [&photo], OverwriteArgs { overwrite });
+            let results = FolderClaim::new(place.path()).files(["scene.ply"]);
+            let checked = check_checkpoint_file(&args, [&photo], OverwriteArgs { overwrite }, &results);
             checked.err().map(|failure| failure.line().unwrap())
         };
         assert!(line(&photo, true).unwrap().contains("photo.png: is an input of this run"));
         assert!(line(&notes, false).unwrap().contains("notes.txt: is in the way: it is no checkpoint: name another"));
+        assert!(line(&place.path().join("scene.ply"), true).unwrap().contains("scene.ply: is the name of a result"));
         assert_eq!((line(&notes, true), line(&place.path().join("new"), false)), (None, None));
     }
 

@@ -50,6 +50,7 @@ pub(crate) fn run(args: &FitArgs) -> Result<(), Failure> {
         &args.checkpoints,
         [&args.image, &args.settings.settings].into_iter().flatten(),
         args.overwrite,
+        &args.claim(),
     )?;
     let claim = args.claim();
     output_folder::check(&claim)?;

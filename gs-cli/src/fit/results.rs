@@ -161,6 +161,8 @@ impl Results<'_> {
         if let Ok(Looks { reconstruction, .. }) = looks {
             tried.push(self.write_ellipses_over(&file, reconstruction));
         }
+        // What a training left here would be taken for this fit's.
+        tried.push(self.folder.leave_out("evaluation.json"));
         let summary = fit.and_then(|fit| self.summary(fit, &file));
         match &summary {
             Ok(summary) => tried.push(self.folder.write_json("summary.json", summary)),

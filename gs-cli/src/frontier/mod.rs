@@ -22,7 +22,7 @@ use crate::{
         answer::Answer,
         subject::{Seen, Subject},
     },
-    output,
+    opened, output,
     output_folder::{self, OutputFolder, OverwriteArgs},
     shown::ShownArgs,
     values::{Axis, Size, Tolerance, whole},
@@ -123,7 +123,7 @@ struct Report<'a> {
 /// # Errors
 /// Where input, flags or the output folder are not possible, a backend fails, or nothing keeps the budget.
 pub(crate) fn run(args: &FrontierArgs) -> Result<(), Failure> {
-    let inputs: Inputs = [Some(&args.input), args.dataset.as_ref()].into_iter().flatten().collect();
+    let inputs = Inputs::from_iter([opened::file_of(&args.input)]);
     let claim = args.output.as_ref().map(|path| args.overwrite.claim(path, FILES, inputs));
     claim.as_ref().map_or(Ok(()), output_folder::check)?;
     let subject = Subject::load(args)?;

@@ -101,7 +101,8 @@ enum AnySubject {
 /// # Errors
 /// Where input, flags or the output folder are not possible, or the backend fails.
 pub(crate) fn run(args: &ProfileArgs) -> Result<(), Failure> {
-    let inputs: Inputs = [&args.input, &args.image].into_iter().flatten().collect();
+    let inputs = [&args.input, &args.image].into_iter().flatten();
+    let inputs: Inputs = inputs.map(|path| opened::file_of(path)).collect();
     let claim = args.output.as_ref().map(|path| args.overwrite.claim(path, ["profile.csv", "profile.json"], inputs));
     claim.as_ref().map_or(Ok(()), output_folder::check)?;
     let subject = match &args.input {

@@ -2,7 +2,7 @@
 
 use gs_core::{PlanarScene, Rasterizer, counted};
 use gs_io::{FolderClaim, Inputs, PlanarFile, write_png, write_scene};
-use gs_study::{Machine, Places, Plan, Replayed, Study, StudyFolder, replay};
+use gs_study::{Machine, Places, Plan, Replayed, Run, Study, StudyFolder, recorded_run, replay};
 
 use crate::{
     backend::{Backend, Task, machine},
@@ -32,9 +32,9 @@ pub(super) fn run(args: &ReplayArgs) -> Result<(), Failure> {
     let backend = start(args, folder.machine())?;
     let places = Places { remembered: folder.images(), ..places(args.data.as_deref(), None) };
     let plan = Plan::new(study, &places, machine(&backend))?;
-    output::note(format_args!("row {}: {}", args.row, plan.describe(plan.run(args.row)?)));
+    output::note(format_args!("row {}: {}", args.row, plan.describe(recorded_run(&plan, args.row, &folder)?)));
     let replayed = backend.run(Again { plan: &plan, row: args.row, folder: &folder })?;
-    write(&plan, args.row, &replayed, claim)?;
+    write(recorded_run(&plan, args.row, &folder)?, &replayed, claim)?;
     output::result(format_args!(
         "row {}: the recorded scene, bit for bit: {}, {:.2} dB; see {}",
         args.row,
@@ -66,9 +66,8 @@ impl Task for Again<'_> {
 }
 
 /// What `gs fit` writes, without what explains it.
-fn write(plan: &Plan, row: usize, replayed: &Replayed, claim: FolderClaim) -> Result<(), Failure> {
+fn write(run: &Run, replayed: &Replayed, claim: FolderClaim) -> Result<(), Failure> {
     let Replayed { scene, image, settings: render, finished } = replayed;
-    let run = plan.run(row)?;
     let folder = OutputFolder::begin(claim)?;
     let (width, height) = image.size();
     write_scene(

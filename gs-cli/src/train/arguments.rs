@@ -102,8 +102,11 @@ pub(crate) struct TrainArgs {
 }
 
 /// The files that a training writes or removes, but for checkpoints and pictures of views.
-const FILES: [&str; 8] = [
+const FILES: [&str; 10] = [
     "scene.ply",
+    // Of a fit, whose results do not stay beside those of a training.
+    "scene.gs2d.safetensors",
+    "reconstruction.png",
     "ellipses.png",
     "evaluation.json",
     "metrics.csv",

@@ -53,9 +53,10 @@ pub(crate) fn run(args: &TrainArgs) -> Result<(), Failure> {
     output_folder::check(&args.claim([]))?;
     let dataset = read_dataset(&args.dataset, &args.photographs.settings())?;
     pictures::keep_off(&dataset, &args.output)?;
-    let photographs = dataset.views.iter().flat_map(|view| [Some(view.image.clone()), view.mask.clone()]).flatten();
-    check_checkpoint_file(&args.checkpoints, args.files().chain(photographs.clone()), args.overwrite)?;
-    let claim = args.claim(photographs);
+    let read = dataset.files();
+    let inputs = args.files().chain(read.iter().cloned());
+    check_checkpoint_file(&args.checkpoints, inputs, args.overwrite, &args.claim([]))?;
+    let claim = args.claim(read);
     let begin = match &args.resume {
         Some(file) => Begin::Resumed(Box::new(read_checkpoint(file)?), file.clone()),
         None => {

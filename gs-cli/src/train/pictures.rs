@@ -24,7 +24,8 @@ const OLD_INDEX: &str = "gs-train.json";
 const GAP_PX: u32 = 4;
 
 /// Endings of photographs' names, which their pictures do not keep.
-const ENDINGS: [&str; 10] = [".png", ".jpg", ".jpeg", ".PNG", ".JPG", ".JPEG", ".webp", ".tiff", ".tif", ".bmp"];
+const ENDINGS: [&str; 11] =
+    [".png", ".jpg", ".jpeg", ".PNG", ".JPG", ".JPEG", ".webp", ".tiff", ".tif", ".bmp", ".gif"];
 
 /// Refuses results among the data set's own files, which they could replace: in its folder, beside its photographs, or where these lie in the
 /// folder for pictures of views.

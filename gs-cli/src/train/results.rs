@@ -129,6 +129,8 @@ impl Results<'_> {
             self.write_scene(&scene, &trainer.shown()),
             write_table(self.folder, log),
             settings::to_toml(trainer.settings()).and_then(|text| self.folder.write_text("settings.toml", &text)),
+            // What a fit left here would be taken for this training's.
+            ["scene.gs2d.safetensors", "reconstruction.png"].iter().try_for_each(|name| self.folder.leave_out(name)),
             match self.args.no_report {
                 true => ["ellipses.png", "curve.png"].iter().try_for_each(|name| self.folder.leave_out(name)),
                 false => self.write_curve(trainer.count(), points, log),

@@ -101,6 +101,54 @@ fn no_input_is_ever_replaced() {
 
 #[cfg(unix)]
 #[test]
+fn what_a_folder_stands_for_is_an_input_too() {
+    let place = folder();
+    let (image, output) = (picture(place.path(), 24, 24), place.path().join("out"));
+    gs(fit(&image, &output)).done();
+    let scene = output.join("scene.gs2d.safetensors");
+    let before = fs::read(&scene).unwrap();
+    for words in
+        [&["render", text(&output), "-o", text(&scene)][..], &["doctor", text(&output), "--fix", "-o", text(&scene)]]
+    {
+        let run = gs(words);
+        assert!(run.status == Some(2) && run.stderr.contains("is an input of this run"), "{run:?}");
+    }
+    assert_eq!(fs::read(&scene).unwrap(), before);
+
+    let (dataset, _) = photographed(place.path());
+    let mut files = vec![dataset.join("images/0.png")];
+    for part in ["", "sparse", "sparse/0"] {
+        let entries = fs::read_dir(dataset.join(part)).into_iter().flatten().flatten().map(|entry| entry.path());
+        files.extend(entries.filter(|path| path.is_file()));
+    }
+    assert!(files.len() > 1, "{files:?}");
+    for file in files.iter().filter(|file| file.exists()) {
+        let run = gs(["train", text(&dataset), "--checkpoint", text(file), "--overwrite", "-o", text(&output)]);
+        assert!(run.refusal().contains("is an input of this run"), "{run:?}");
+    }
+}
+
+#[test]
+fn results_of_a_fit_do_not_stay_beside_those_of_a_training() {
+    let place = folder();
+    let (image, output) = (picture(place.path(), 24, 24), place.path().join("out"));
+    let (dataset, _) = photographed(place.path());
+    gs(fit(&image, &output)).done();
+    let train =
+        ["train", text(&dataset), "-o", text(&output), "-i", "2", "--start", "random", "-n", "50", "--backend", "cpu"];
+    gs(train).done();
+    let names = names_in(&output);
+    assert!(
+        names.contains(&"scene.ply".to_owned()) && !names.contains(&"scene.gs2d.safetensors".to_owned()),
+        "{names:?}"
+    );
+    gs(fit(&image, &output)).done();
+    assert!(!names_in(&output).contains(&"evaluation.json".to_owned()));
+    let info = gs(["info", text(&output)]).done();
+    assert!(info.stdout.contains("planar scene"), "{info:?}");
+}
+
+#[test]
 fn of_two_runs_in_one_folder_the_second_is_refused() {
     let place = folder();
     let (image, output) = (picture(place.path(), 32, 24), place.path().join("out"));

@@ -109,6 +109,10 @@ fn parts_of_a_study_add_up_to_the_whole() {
     assert!(part(&["--seeds", "1"]).refusal().contains("go on with it with --resume"));
     part(&["--resume", "--images", "picture-32x24", "--budgets", "40"]).done();
     assert_eq!(names_in(&parts.join("runs")).len(), 8);
+    // A row is that of the table that stands there, and so of the part.
+    let replayed = gs(["study", "replay", parts.to_str().unwrap(), "1"]).done();
+    assert!(replayed.stderr.contains("picture-32x24"), "{replayed:?}");
+    fs::remove_dir_all(parts.join("replay-1")).unwrap();
     part(&["--resume"]).done();
     assert_eq!(tables(&parts), tables(&whole));
     for (flags, expected) in [

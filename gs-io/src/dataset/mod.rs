@@ -152,6 +152,16 @@ impl Dataset {
     pub fn views_of(&self, split: Split) -> impl Iterator<Item = &View> {
         self.views.iter().filter(move |view| view.split == split)
     }
+
+    /// The files that belong to it: the images and masks of its views, and what lies beside them in its folder and in COLMAP's `sparse`,
+    /// such as poses and points. A program that reads the data set must not write to them.
+    pub fn files(&self) -> Vec<PathBuf> {
+        let of_views = self.views.iter().flat_map(|view| [Some(view.image.clone()), view.mask.clone()]).flatten();
+        let root = if self.root.as_os_str().is_empty() { Path::new(".") } else { &self.root };
+        let folders = ["", "sparse", "sparse/0", "colmap/sparse/0"].map(|name| root.join(name));
+        let entries = folders.into_iter().flat_map(|folder| std::fs::read_dir(folder).into_iter().flatten().flatten());
+        of_views.chain(entries.map(|entry| entry.path()).filter(|path| path.is_file())).collect()
+    }
 }
 
 /// A photograph, where it was taken from, and with which camera.

@@ -12,7 +12,7 @@ use crate::error::Error;
 pub(super) const IMAGE_FOLDERS: [&str; 4] = ["images", "images_2", "images_4", "images_8"];
 
 /// Tried, in this order, where a file is named without its extension or with another one.
-const EXTENSIONS: [&str; 11] = ["png", "jpg", "jpeg", "PNG", "JPG", "JPEG", "webp", "tif", "tiff", "bmp", "ppm"];
+const EXTENSIONS: [&str; 12] = ["png", "jpg", "jpeg", "PNG", "JPG", "JPEG", "webp", "tif", "tiff", "bmp", "ppm", "gif"];
 
 /// A folder in which photographs may be.
 #[derive(Debug, Clone)]

@@ -140,7 +140,9 @@ impl fmt::Display for Remark {
             Self::Skipped { why, count, first, detail: Some(detail) } => {
                 write!(f, "{count} skipped: {why} (first: {first}: {detail})")
             }
-            Self::Image { remark, count, first } => write!(f, "{count} images: {remark} (first: {first})"),
+            Self::Image { remark, count, first } => {
+                write!(f, "{}: {remark} (first: {first})", counted(*count, "image"))
+            }
             Self::Reduced { count, max_side, from, to } => {
                 let ((w, h), (width, height)) = (from, to);
                 write!(
@@ -158,7 +160,7 @@ impl fmt::Display for Remark {
             Self::NoPoints => f.write_str("no points"),
             Self::PointsNotFinite { count } => write!(f, "{} left out: not finite", counted(*count, "point")),
             Self::PointsMissing { file } => write!(f, "no points: there is no file {file}"),
-            Self::OtherModels { count } => write!(f, "{count} more models beside this one, not read"),
+            Self::OtherModels { count } => write!(f, "{} beside this one, not read", counted(*count, "more model")),
             Self::NothingHeldOut => f.write_str("nothing held out: too few views"),
         }
     }

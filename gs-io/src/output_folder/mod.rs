@@ -85,6 +85,16 @@ impl FolderClaim {
         &self.path
     }
 
+    /// Whether a path is that of a file which the run may write or remove in the folder.
+    pub fn claims(&self, path: &Path) -> bool {
+        let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        let same = |a: &Path, b: &Path| {
+            a == b || fs::canonicalize(a).ok().is_some_and(|a| fs::canonicalize(b).ok() == Some(a))
+        };
+        let name = path.file_name().and_then(|name| name.to_str());
+        same(folder, &self.path) && self.files.iter().any(|file| Some(file.as_str()) == name)
+    }
+
     /// Whether a folder has an index, which those that older versions wrote into lack.
     pub fn is_indexed(folder: &Path) -> bool {
         folder.join(index::NAME).exists()

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use gs_core::{PlanarScene, Rasterizer, Scene, SpatialScene, examination};
+use gs_core::{PlanarScene, Rasterizer, Scene, SpatialScene, counted, examination};
 use gs_io::{PlanarFile, SpatialFormat, write_ply, write_svg};
 use gs_train::{ColorRange, Viewable, viewable};
 use serde::Serialize;
@@ -11,7 +11,7 @@ use super::ConvertArgs;
 use crate::{
     backend::{Backend, BackendArgs, Choice, Task},
     failure::Failure,
-    output,
+    memory, output,
 };
 
 /// What `gs convert --json` prints of a 2D scene.
@@ -50,6 +50,7 @@ pub(super) fn run(args: &ConvertArgs, from: &Path, mut file: PlanarFile) -> Resu
             return Err(failure.mend("let its name end in .ply or .svg; gs convert makes other formats of the PLY"));
         }
     };
+    memory::check_picture(from.display(), (file.width, file.height))?;
     let dropped = if args.drop_broken { examination::repair(&mut file.scene)?.removed } else { 0 };
     // The result is the same on every machine with this SIMD level; GPUs do not have all that is needed.
     let backend = Backend::start(&BackendArgs { backend: Choice::Cpu, ..BackendArgs::default() })?;
@@ -87,8 +88,11 @@ impl Task for ForViewers<'_> {
 
 fn text(conversion: &Conversion) -> String {
     let Conversion { read, written, bytes, width, height, gaussians, dropped, psnr } = conversion;
-    let dropped =
-        if *dropped > 0 { format!("\ndropped     {dropped} Gaussians that cannot be drawn") } else { String::new() };
+    let dropped = if *dropped > 0 {
+        format!("\ndropped     {} that cannot be drawn", counted(*dropped, "Gaussian"))
+    } else {
+        String::new()
+    };
     format!(
         "read        {read}: 2D scene, {width}x{height} px{dropped}\nGaussians   {gaussians}\nwrote       {written}, {bytes} bytes\n\
          PSNR        {psnr:.2} dB of the written Gaussians, seen from the front at {width}x{height} px, against the scene"

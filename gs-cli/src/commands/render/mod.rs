@@ -63,8 +63,9 @@ pub(crate) struct RenderArgs {
 
 impl RenderArgs {
     /// The files that the flags name for reading.
-    fn inputs(&self) -> impl Iterator<Item = &PathBuf> {
-        [Some(&self.scene), self.settings.as_ref(), self.cameras.path.as_ref()].into_iter().flatten()
+    fn inputs(&self) -> impl Iterator<Item = PathBuf> {
+        let scene = opened::file_of(&self.scene);
+        [Some(scene), self.settings.clone(), self.cameras.path.clone()].into_iter().flatten()
     }
 
     /// Which effects are simulated: with a file of settings, those that it has, unless the flag says otherwise.

@@ -89,8 +89,7 @@ fn frame_name(number: usize) -> String {
 /// Refuses, before anything is rendered, an output that cannot hold the frames, or that would replace what it must not. The claim is to the
 /// folder, where there is to be one: to the frames, and to those of a longer film, whose end would be played after them.
 fn claim(args: &RenderArgs, frames: usize, dataset: Option<&Dataset>) -> Result<Option<FolderClaim>, Failure> {
-    let photographs = dataset.iter().flat_map(|dataset| &dataset.views).map(|view| &view.image);
-    let inputs = args.inputs().chain(photographs);
+    let inputs = args.inputs().chain(dataset.into_iter().flat_map(Dataset::files));
     if !matches!(Output::of(args, frames)?, Output::Folder) {
         output_folder::check_file(&args.output, inputs)?;
         return Ok(None);
