@@ -202,7 +202,8 @@ fn fill(file: &File, content: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> 
 /// What the names of temporary files begin with, have in between (letters and digits, drawn), and end with.
 const TEMPORARY: (&str, usize, &str) = (".gs-", 6, ".tmp");
 
-fn is_temporary(name: &str) -> bool {
+/// Whether a file name is that of a temporary file of [`write_atomically`].
+pub(crate) fn is_temporary(name: &str) -> bool {
     let (prefix, drawn, suffix) = TEMPORARY;
     let middle = name.strip_prefix(prefix).and_then(|name| name.strip_suffix(suffix));
     middle.is_some_and(|middle| middle.len() == drawn && middle.bytes().all(|byte| byte.is_ascii_alphanumeric()))

@@ -24,10 +24,9 @@ use crate::{
     backend::{Backend, BackendArgs, SpatialTask},
     cameras::{self, Home},
     dataset::ReadingArgs,
-    effects::choice::{EffectsArgs, told},
+    effects::choice::EffectsArgs,
     failure::Failure,
     opened::{self, Spatial},
-    output,
     shown::ShownArgs,
     values::{Axis, Size, ViewName},
     view::{
@@ -117,10 +116,7 @@ fn run_planar(args: &ViewArgs, file: &PlanarFile) -> Result<(), Failure> {
     check_size(size.width, size.height).map_err(|error| Failure::usage(error).at("--size"))?;
     let desktop = Desktop::connect()?;
     let backend = Backend::start(&args.backend)?;
-    let CalledFor { settings, verdicts } = args.effects.choose(&file.scene, &[], &file.settings)?;
-    if let Some(told) = told(&verdicts) {
-        output::note(told);
-    }
+    let CalledFor { settings, .. } = args.effects.choose(&file.scene, &[], &file.settings)?;
     let session = Session::new(PlaneNavigator::new(file.width, file.height), settings);
     let subject = subject(args, file.scene.len(), 0, &backend);
     desktop.show(&backend, &file.scene, subject, session, size)
@@ -139,11 +135,8 @@ fn run_spatial(args: &ViewArgs, opened: &Spatial) -> Result<(), Failure> {
     let depth = start.camera.to_camera(start.target).z;
     let distance = if depth > 0.0 { depth } else { bulk.radius };
     // One may move to wherever one likes.
-    let CalledFor { settings, verdicts } = args.effects.choose(scene, &[], &start.settings)?;
+    let CalledFor { settings, .. } = args.effects.choose(scene, &[], &start.settings)?;
     opened.note_guess(&args.shown);
-    if let Some(told) = told(&verdicts) {
-        output::note(told);
-    }
     let session = Session::new(Navigator::new(&start.camera, distance, start.up, bulk), settings);
     let subject = subject(args, scene.len(), scene.sh_degree, &backend);
     desktop.show(&backend, scene, subject, session, size)

@@ -51,7 +51,7 @@ fn a_picture_is_rendered_with_what_is_called_for_unless_the_flag_says_otherwise(
     let render = |flags: &[&str]| {
         let png = place.path().join("picture.png");
         let words = ["render", path.to_str().unwrap(), "-o", png.to_str().unwrap(), "--size", "48x40"];
-        let run = gs(words.iter().chain(&["--backend", "cpu"]).chain(flags)).done();
+        let run = gs(words.iter().chain(&["--backend", "cpu", "--verbose"]).chain(flags)).done();
         (gs_io::read_image(&png).unwrap().image, run.stderr)
     };
     let (auto, told) = render(&[]);

@@ -115,7 +115,7 @@ fn scenes_in_space_have_orders_and_harmonics_to_choose() {
     assert!(run.stdout.contains("[effects]"), "{}", run.stdout);
     let png = place.path().join("a.png");
     let [scene, png, file] = [&scene, &png, &file].map(|path| path.to_str().unwrap());
-    let run = gs(["render", scene, "-o", png, "--size", "30x20", "--settings", file]).done();
+    let run = gs(["render", scene, "-o", png, "--size", "30x20", "--settings", file, "--verbose"]).done();
     assert!(run.stderr.contains("as the settings have it"), "{}", run.stderr);
 }
 

@@ -11,7 +11,11 @@ use std::{
 
 use index::Index;
 
-use crate::{atomic::remove_leftovers, error::Error, inputs::Inputs};
+use crate::{
+    atomic::{is_temporary, remove_leftovers},
+    error::Error,
+    inputs::Inputs,
+};
 
 /// Locked as long as a run works in the folder. The file stays there; a lock goes with its process, whatever ends that.
 const LOCK: &str = ".gs-lock";
@@ -161,8 +165,10 @@ impl FolderClaim {
                 return Err(Error::write(&path, io::ErrorKind::NotADirectory.into()));
             }
             let entries = fs::read_dir(path).into_iter().flatten().flatten();
-            let mut names: Vec<String> =
-                entries.filter_map(|entry| Some(format!("{folder}/{}", entry.file_name().to_str()?))).collect();
+            // What a killed run left half-written is removed when the run begins.
+            let names =
+                entries.filter_map(|entry| entry.file_name().into_string().ok()).filter(|name| !is_temporary(name));
+            let mut names: Vec<String> = names.map(|name| format!("{folder}/{name}")).collect();
             names.sort();
             names.iter().try_for_each(|name| self.refuse(name, index))?;
         }
@@ -265,6 +271,18 @@ mod tests {
 
     fn begin(path: &Path, names: &[&str]) -> Result<OutputFolder, Error> {
         FolderClaim::new(path).files(names.iter().copied()).begin()
+    }
+
+    #[test]
+    fn what_a_killed_run_left_half_written_is_not_in_the_way() {
+        let place = tempfile::tempdir().unwrap();
+        let plots = place.path().join("plots");
+        fs::create_dir(&plots).unwrap();
+        fs::write(plots.join(".gs-dEaD00.tmp"), "half").unwrap();
+        let claim = FolderClaim::new(place.path()).folders(["plots"]);
+        claim.check().unwrap();
+        fs::write(plots.join("mine.svg"), "mine").unwrap();
+        assert!(matches!(claim.begin(), Err(Error::InTheWay { .. })));
     }
 
     #[test]

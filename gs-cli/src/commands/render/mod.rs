@@ -42,6 +42,9 @@ pub(crate) struct RenderArgs {
     output: PathBuf,
     #[command(flatten)]
     overwrite: OverwriteArgs,
+    /// Also print the effects that are simulated, and why
+    #[arg(short, long)]
+    verbose: bool,
     /// Size of the picture; other proportions stretch it [default: that of the image, the region or the view; otherwise 800x600 in 3D, or the picture's size for a flat scene]
     #[arg(long, value_name = "WxH")]
     size: Option<Size>,

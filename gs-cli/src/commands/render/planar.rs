@@ -32,7 +32,7 @@ pub(super) fn run(args: &RenderArgs, mut file: PlanarFile) -> Result<(), Failure
     let backend = Backend::start_for_image(&flags, &settings)?;
     let image = backend.run(Render { file: &file, canvas: &canvas, settings: &settings })?;
     gs_io::write_png(&args.output, &image)?;
-    if let Some(told) = told(&verdicts) {
+    if let Some(told) = told(&verdicts).filter(|_| args.verbose) {
         output::note(told);
     }
     output::note(format_args!("wrote {}, {}x{} px", args.output.display(), canvas.width, canvas.height));

@@ -50,7 +50,7 @@ pub(super) fn run(args: &RenderArgs, opened: &Spatial) -> Result<(), Failure> {
     if args.settings.is_none() {
         opened.note_guess(&args.shown);
     }
-    if let Some(told) = told(&verdicts) {
+    if let Some(told) = told(&verdicts).filter(|_| args.verbose) {
         output::note(told);
     }
     Ok(())
