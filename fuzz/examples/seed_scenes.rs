@@ -3,7 +3,7 @@
 use std::{fs, io, path::Path};
 
 #[allow(dead_code)]
-#[path = "../../gs-io/tests/spatial/samples.rs"]
+#[path = "../../gs-io/tests/scene3d/samples.rs"]
 mod samples;
 
 fn main() -> io::Result<()> {

@@ -10,14 +10,14 @@ static RASTERIZER: LazyLock<CpuRasterizer> = LazyLock::new(|| {
     CpuRasterizer::new(CpuSettings { threads: Some(1), level: None }).expect("a thread can be started")
 });
 
-/// A planar scene from bytes.
-pub fn planar_scene(bytes: &[u8]) {
-    sound(fuzzed::owes(&*RASTERIZER, &fuzzed::planar(bytes)));
+/// A 2D scene from bytes.
+pub fn scene_2d(bytes: &[u8]) {
+    sound(fuzzed::owes(&*RASTERIZER, &fuzzed::scene_2d(bytes)));
 }
 
-/// A scene in space from bytes.
-pub fn spatial_scene(bytes: &[u8]) {
-    sound(fuzzed::owes(&*RASTERIZER, &fuzzed::spatial(bytes)));
+/// A 3D scene from bytes.
+pub fn scene_3d(bytes: &[u8]) {
+    sound(fuzzed::owes(&*RASTERIZER, &fuzzed::scene_3d(bytes)));
 }
 
 fn sound(result: Result<(), Failure>) {

@@ -9,7 +9,7 @@ mod threads;
 use std::env::consts;
 
 use clap::{Args, Parser, ValueEnum, builder::NonEmptyStringValueParser};
-use gs_core::{Canvas, Chart, Error, PlanarScene, Rasterizer, RenderSettings, SpatialScene, profile::Profiler};
+use gs_core::{Canvas, Error, Parameterization, Rasterizer, RenderSettings, Scene2d, Scene3d, profile::Profiler};
 use gs_cpu::{CpuRasterizer, CpuSettings, CpuTuning, SimdLevel};
 use gs_study::Machine;
 use gs_wgpu::{AdapterSummary, Kernels, WgpuRasterizer, WgpuSettings};
@@ -82,22 +82,22 @@ enum AnyRasterizer {
     Wgpu(Box<WgpuRasterizer>),
 }
 
-/// Work that any backend can do. What needs of it planar scenes alone says so in its own `run`.
+/// Work that any backend can do. What needs of it 2D scenes alone says so in its own `run`.
 pub(crate) trait Task {
     /// What comes of it.
     type Output;
 
     /// Does it on this rasterizer.
-    fn run<R: Profiler<PlanarScene> + Rasterizer<SpatialScene>>(self, rasterizer: &R) -> Self::Output;
+    fn run<R: Profiler<Scene2d> + Rasterizer<Scene3d>>(self, rasterizer: &R) -> Self::Output;
 }
 
-/// Work that any rasterizer of scenes in space can do.
-pub(crate) trait SpatialTask {
+/// Work that any rasterizer of 3D scenes can do.
+pub(crate) trait Task3d {
     /// What comes of it.
     type Output;
 
     /// Does it on this rasterizer.
-    fn run<R: Profiler<SpatialScene>>(self, rasterizer: &R) -> Self::Output;
+    fn run<R: Profiler<Scene3d>>(self, rasterizer: &R) -> Self::Output;
 }
 
 /// What the flags come to when they are taken together.
@@ -140,12 +140,12 @@ impl Backend {
         Self::start_suited(args, wanted, |_| Ok(()))
     }
 
-    /// The same for training in space in this chart: where the flags leave open what computes, a GPU that does not offer the chart is passed by.
+    /// The same for training in 3D in this parameterization: where the flags leave open what computes, a GPU that does not offer the parameterization is passed by.
     ///
     /// # Errors
     /// As [`Self::start`].
-    pub(crate) fn start_in_space(args: &BackendArgs, chart: Chart) -> Result<Self, Failure> {
-        Self::start_suited(args, wanted(args)?, |gpu| gpu.upload(&SpatialScene::default(), chart).map(drop))
+    pub(crate) fn start_in_space(args: &BackendArgs, parameterization: Parameterization) -> Result<Self, Failure> {
+        Self::start_suited(args, wanted(args)?, |gpu| gpu.upload(&Scene3d::default(), parameterization).map(drop))
     }
 
     /// A GPU of which `suits` is an error is passed by, unless it was asked for.
@@ -173,7 +173,7 @@ impl Backend {
         let (level, why_level) = simd_level(simd)?;
         let settings = CpuSettings { threads: Some(threads.count), level: Some(level) };
         let rasterizer = CpuRasterizer::new(settings)?.with_tuning(tuning)?;
-        let what = Rasterizer::<PlanarScene>::describe(&rasterizer);
+        let what = Rasterizer::<Scene2d>::describe(&rasterizer);
         Ok(Self {
             reason: format!("{what}: {why}, {why_level}, {}", threads.why),
             rasterizer: AnyRasterizer::Cpu(Box::new(rasterizer)),
@@ -185,7 +185,7 @@ impl Backend {
     }
 
     fn wgpu(rasterizer: WgpuRasterizer, threads: &Threads, why: &str) -> Self {
-        let what = Rasterizer::<PlanarScene>::describe(&rasterizer);
+        let what = Rasterizer::<Scene2d>::describe(&rasterizer);
         Self {
             reason: format!("{what}: {why}, {}, {} for seeding", rasterizer.reason(), threads.why),
             name: "wgpu",
@@ -197,7 +197,7 @@ impl Backend {
     }
 
     /// Does the task on the chosen backend.
-    pub(crate) fn run_spatial<T: SpatialTask>(&self, task: T) -> T::Output {
+    pub(crate) fn run_3d<T: Task3d>(&self, task: T) -> T::Output {
         match &self.rasterizer {
             AnyRasterizer::Cpu(rasterizer) => task.run(rasterizer.as_ref()),
             AnyRasterizer::Wgpu(rasterizer) => task.run(rasterizer.as_ref()),
@@ -331,7 +331,7 @@ fn wanted(args: &BackendArgs) -> Result<Wanted<'_>, Failure> {
 
 /// Fails where the GPU cannot show the scenes of images in this way.
 fn shows_images(gpu: &WgpuRasterizer, render: &RenderSettings) -> Result<(), Error> {
-    gpu.planar().render(&PlanarScene::default(), &Canvas::new(1, 1), render).map(drop)
+    gpu.for_2d().render(&Scene2d::default(), &Canvas::new(1, 1), render).map(drop)
 }
 
 /// The adapter of that name, or the first.

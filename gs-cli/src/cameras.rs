@@ -3,9 +3,9 @@
 use std::path::Path;
 
 use glam::Vec3;
-use gs_core::{Camera, SpatialScene};
-use gs_io::{SpatialFile, dataset::Dataset};
-use gs_train::spatial::{Bulk, Flat, Focus, extent_of};
+use gs_core::{Camera, Scene3d};
+use gs_io::{File3d, dataset::Dataset};
+use gs_train::train::{Bulk, Flat, Focus, extent_of};
 
 use crate::{
     failure::Failure,
@@ -28,7 +28,7 @@ impl Home {
     ///
     /// # Errors
     /// Where nothing could be seen, or the scene is larger than numbers are.
-    pub(crate) fn of(file: &SpatialFile, size: Option<Size>, up: Option<Vec3>) -> Result<Self, Failure> {
+    pub(crate) fn of(file: &File3d, size: Option<Size>, up: Option<Vec3>) -> Result<Self, Failure> {
         if let Some(flat) = Flat::of(&file.scene, file.picture).filter(|_| up.is_none()) {
             let size = size.map_or_else(|| flat.size(), |Size { width, height }| (width, height));
             return Ok(Self { camera: flat.camera(size), target: flat.center(), up: flat.up() });
@@ -51,7 +51,7 @@ pub(crate) const UP: Vec3 = Vec3::NEG_Y;
 ///
 /// # Errors
 /// Where nothing of it could be seen.
-pub(crate) fn bulk_of(scene: &SpatialScene) -> Result<Bulk, Failure> {
+pub(crate) fn bulk_of(scene: &Scene3d) -> Result<Bulk, Failure> {
     Bulk::of(scene).ok_or_else(|| Failure::failed("the scene has no Gaussian that could be seen"))
 }
 

@@ -25,7 +25,7 @@ pub(crate) struct ChosenSettings {
     /// The approximations.
     #[serde(default)]
     pub(crate) accuracy: Accuracy,
-    /// Which effects a scene in space is shown with; an image's scene has its own.
+    /// Which effects a 3D scene is shown with; an image's scene has its own.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) effects: Option<ChosenEffects>,
     /// What computes.
@@ -124,7 +124,7 @@ mod tests {
     #[test]
     fn a_file_comes_back_as_it_was_written() {
         let accuracy = Accuracy { alpha_cut: 1.0 / 1024.0, extent: Extent::Sigmas(3.5), ..Accuracy::default() };
-        let effects = ChosenEffects { order: Order::PixelDepth, antialias: Antialias::Mip, sh_degree: 2 };
+        let effects = ChosenEffects { order: Order::PerPixel, antialias: Antialias::Mip, sh_degree: 2 };
         let cpu = CpuTuning { bounds: Bounds::Box, tile_rows: Some(16), ..CpuTuning::default() };
         let flags = ["--backend", "cpu"].map(str::to_owned).to_vec();
         for (effects, cpu, kernels) in

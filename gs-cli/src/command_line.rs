@@ -28,13 +28,13 @@ Examples:
   gs train photographs/ -o out                  a COLMAP, Nerfstudio or Blender data set, as 3DGS does it
   gs train photographs/ -o out --preset quick   a first look at what will come of it
   gs render out/scene.gs2d.safetensors -o big.png --size 3072x2048
-  gs render out/scene.ply -o turn.apng --orbit 60   a scene in space, all the way round
+  gs render out/scene.ply -o turn.apng --orbit 60   a 3D scene, all the way round
   gs view out                                   a fit or a training in a window, to move over or through
   gs eval photo.png out/reconstruction.png      PSNR, SSIM, MS-SSIM
   gs eval out photo.png                         the same of the scene of a fit
-  gs eval out/scene.ply photographs/            the same of a scene in space, view by view
+  gs eval out/scene.ply photographs/            the same of a 3D scene, view by view
   gs convert out picture.ply                    the scene of a fit for viewers of 3D Gaussian splats; .svg for browsers
-  gs convert scene.ply scene.spz                a spatial scene in another format, and what that loses
+  gs convert scene.ply scene.spz                a 3D scene in another format, and what that loses
   gs info out/scene.gs2d.safetensors            what is in a scene
   gs info photographs/                          what is in a COLMAP, Nerfstudio or Blender data set
   gs info --adapters                            the GPUs that were found
@@ -66,7 +66,7 @@ struct CommandLine {
 pub(crate) enum Command {
     /// Turn an image into Gaussians
     Fit(Box<FitArgs>),
-    /// Turn posed photographs into a scene in space
+    /// Turn posed photographs into a 3D scene
     Train(Box<TrainArgs>),
     /// Draw a scene as a PNG of any size, or from moving cameras
     Render(Box<RenderArgs>),
@@ -86,7 +86,7 @@ pub(crate) enum Command {
     Effects(Box<EffectsCommandArgs>),
     /// Repeat the paper's experiments, and set what it says beside what is measured
     Paper(Box<PaperArgs>),
-    /// Tell how much jumps in a scene in space while the camera moves, by either order of blending
+    /// Tell how much jumps in a 3D scene while the camera moves, by either order of blending
     Popping(Box<PoppingArgs>),
     /// Tell what accuracy costs in time, and choose settings that keep a budget of either
     Frontier(Box<FrontierArgs>),

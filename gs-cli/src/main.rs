@@ -1,4 +1,4 @@
-//! The program gs: fits Gaussians to an image, renders them at any size, and compares and inspects the results; converts spatial scenes.
+//! The program gs: fits Gaussians to an image, renders them at any size, and compares and inspects the results; converts 3D scenes.
 //!
 //! Standard output carries what was asked for, and nothing else; progress and errors go to standard error. Exit status: 0 done,
 //! 1 failed, 2 bad usage, 130 stopped by Ctrl-C; a reader that closes our output early is no failure.

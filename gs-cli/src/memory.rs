@@ -10,7 +10,7 @@ use std::{
 };
 
 use gs_core::memory::amount;
-use gs_io::{SpatialFormat, spatial_format};
+use gs_io::{Format3d, format_3d};
 
 use crate::{failure::Failure, output};
 
@@ -82,16 +82,16 @@ pub(crate) fn check_picture(what: impl Display, (width, height): (u32, u32)) -> 
     Need { what, bytes, held: 0, less: "make it smaller with --size" }.check_aloud()
 }
 
-/// Fails where a scene in space is too large to be read and worked with; what is none is left to its reader.
+/// Fails where a 3D scene is too large to be read and worked with; what is none is left to its reader.
 ///
 /// # Errors
 /// Those of opening it, and of [`Need::check`].
-pub(crate) fn check_spatial(path: &Path) -> Result<(), Failure> {
-    let Some(format) = spatial_format(path)? else { return Ok(()) };
+pub(crate) fn check_3d(path: &Path) -> Result<(), Failure> {
+    let Some(format) = format_3d(path)? else { return Ok(()) };
     // By what a Gaussian takes in the file, and in memory beside it: 56 bytes and 12 for each further coefficient.
     let times = match format {
-        SpatialFormat::Splat => 4,
-        SpatialFormat::Spz => 14,
+        Format3d::Splat => 4,
+        Format3d::Spz => 14,
         _ => 3,
     };
     let file = fs::metadata(path).map_or(0, |file| file.len());

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use gs_core::{RenderSettings, counted};
-use gs_io::{PlanarFile, SpatialFile, dataset::Dataset};
+use gs_io::{File2d, File3d, dataset::Dataset};
 use gs_train::{Error, Opened, OpenedScene, Values, open_scene, scene_in};
 
 use crate::{failure::Failure, memory, output, shown::ShownArgs};
@@ -15,7 +15,7 @@ use crate::{failure::Failure, memory, output, shown::ShownArgs};
 pub(crate) fn open(path: &Path, values: Values) -> Result<Opened, Failure> {
     let file = file_of(path);
     if !file.is_dir() {
-        memory::check_spatial(&file)?;
+        memory::check_3d(&file)?;
     }
     let opened = open_scene(path, values).map_err(|error| match error {
         Error::Io(error) => Failure::of_scene(error),
@@ -38,15 +38,15 @@ pub(crate) fn file_of(path: &Path) -> PathBuf {
 
 /// A 3D scene, and how it is shown where its file says that.
 #[derive(Debug)]
-pub(crate) struct Spatial {
-    pub(crate) file: SpatialFile,
+pub(crate) struct Opened3d {
+    pub(crate) file: File3d,
     shown: Option<RenderSettings>,
 }
 
 /// A scene of either kind.
 pub(crate) enum Scene {
-    Planar(PlanarFile),
-    Spatial(Spatial),
+    TwoD(File2d),
+    ThreeD(Opened3d),
 }
 
 /// Opens a scene of either kind whose values are all possible.
@@ -55,8 +55,8 @@ pub(crate) enum Scene {
 /// Those of [`open`].
 pub(crate) fn scene(path: &Path) -> Result<Scene, Failure> {
     Ok(match open(path, Values::Checked)?.scene {
-        OpenedScene::Planar(file) => Scene::Planar(*file),
-        OpenedScene::Spatial { file, shown } => Scene::Spatial(Spatial { file: *file, shown }),
+        OpenedScene::TwoD(file) => Scene::TwoD(*file),
+        OpenedScene::ThreeD { file, shown } => Scene::ThreeD(Opened3d { file: *file, shown }),
     })
 }
 
@@ -64,14 +64,14 @@ pub(crate) fn scene(path: &Path) -> Result<Scene, Failure> {
 ///
 /// # Errors
 /// Those of [`open`]; bad usage for a 2D scene.
-pub(crate) fn spatial(path: &Path) -> Result<Spatial, Failure> {
+pub(crate) fn scene_3d(path: &Path) -> Result<Opened3d, Failure> {
     match scene(path)? {
-        Scene::Spatial(spatial) => Ok(spatial),
-        Scene::Planar(_) => Err(Failure::usage("is a 2D scene, but a 3D scene is needed").at(path.display())),
+        Scene::ThreeD(scene_3d) => Ok(scene_3d),
+        Scene::TwoD(_) => Err(Failure::usage("is a 2D scene, but a 3D scene is needed").at(path.display())),
     }
 }
 
-impl Spatial {
+impl Opened3d {
     /// How the scene is shown: as the flags say, or else as its file says, or else as is usual, beside a data set if there is one.
     pub(crate) fn settings(&self, flags: &ShownArgs, dataset: Option<&Dataset>) -> RenderSettings {
         match (self.shown, dataset) {

@@ -1,8 +1,8 @@
-//! How a scene in space is shown: as flags ask, otherwise as its file says that it was trained.
+//! How a 3D scene is shown: as flags ask, otherwise as its file says that it was trained.
 
 use clap::Args;
 use gs_core::{
-    Blend, RenderSettings, SpatialScene, counted,
+    Blend, RenderSettings, Scene3d, counted,
     effects::{Antialias, Order},
     statistics::Culled,
 };
@@ -14,9 +14,9 @@ use crate::{
     values::{Color, whole},
 };
 
-/// The flags of commands that show a scene in space.
+/// The flags of commands that show a 3D scene.
 #[derive(Debug, Clone, Default, Args)]
-#[command(next_help_heading = "Scenes in space")]
+#[command(next_help_heading = "Scenes in 3D")]
 pub(crate) struct ShownArgs {
     /// The colour behind: black, white, or R,G,B [default: black; of a Blender data set white]
     #[arg(long, value_name = "COLOUR")]
@@ -24,7 +24,7 @@ pub(crate) struct ShownArgs {
     /// Highest degree of the spherical harmonics, 0 to 3 [default: the scene's]
     #[arg(long, value_name = "D", value_parser = whole::<u8>(0..=3))]
     sh_degree: Option<u8>,
-    /// In which order Gaussians are blended [default: as the file says, otherwise tile-depth]
+    /// In which order Gaussians are blended [default: as the file says, otherwise global]
     #[arg(long, value_enum, value_name = "ORDER")]
     order: Option<OrderName>,
     /// What is done about Gaussians narrower than a pixel [default: as the file says, otherwise dilate]
@@ -68,17 +68,17 @@ impl ShownArgs {
     }
 
     /// How the scene is shown; before black, if nothing else is asked for.
-    pub(crate) fn settings(&self, scene: &SpatialScene, file: TrainedWith) -> RenderSettings {
+    pub(crate) fn settings(&self, scene: &Scene3d, file: TrainedWith) -> RenderSettings {
         let TrainedWith { antialias, order } = self.trained_with(file);
         let mut render = RenderSettings::blended(Blend::Over).on(self.background.map_or([0.0; 3], |color| color.0));
         render.effects.sh_degree = self.sh_degree.unwrap_or(scene.sh_degree);
-        render.effects.order = order.unwrap_or(Order::TileDepth);
+        render.effects.order = order.unwrap_or(Order::Global);
         render.effects.antialias = antialias.unwrap_or(Antialias::Dilate);
         render
     }
 
     /// The same of a scene that is known to be shown in this way: flags override it.
-    pub(crate) fn settings_known(&self, scene: &SpatialScene, known: RenderSettings) -> RenderSettings {
+    pub(crate) fn settings_known(&self, scene: &Scene3d, known: RenderSettings) -> RenderSettings {
         let asked = self.settings(scene, TrainedWith::default());
         let render = self.overriding(known, &asked);
         if self.background.is_some() { render.on(asked.background) } else { render }
@@ -94,7 +94,7 @@ impl ShownArgs {
     }
 
     /// The same; before white if the photographs are of an object without surroundings, unless something else is asked for.
-    pub(crate) fn settings_beside(&self, scene: &SpatialScene, file: TrainedWith, dataset: &Dataset) -> RenderSettings {
+    pub(crate) fn settings_beside(&self, scene: &Scene3d, file: TrainedWith, dataset: &Dataset) -> RenderSettings {
         let render = self.settings(scene, file);
         match self.background {
             None => render.on(crate::train::usual_background(dataset)),
@@ -116,7 +116,7 @@ pub(crate) fn effects(render: &RenderSettings) -> String {
     format!(
         "order {order}, antialias {antialias}, SH degree {}, background {}",
         effects.sh_degree,
-        Color(render.backdrop())
+        Color(render.background_color())
     )
 }
 

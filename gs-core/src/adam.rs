@@ -11,21 +11,22 @@ use crate::{
 /// In which coordinates the optimiser moves a Gaussian.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Chart {
+pub enum Parameterization {
     /// Mean in px, ln-scale, angle (or quaternion): as the paper and 3DGS do.
     #[default]
     ScaleRotation,
-    /// The Gaussian's own whitened frame, Σ = L Lᵀ: μ ← μ + L ξ, L ← L (I + η + η²/2) with η symmetric. A step means the same
-    /// fraction of its extent for every Gaussian, however small or thin. In space: [`local_frame`](crate::local_frame).
-    LocalFrame,
+    /// The Gaussian's own whitened coordinates, Σ = L Lᵀ: μ ← μ + L ξ, L ← L (I + η + η²/2) with η symmetric. A step means the same
+    /// fraction of its extent for every Gaussian, however small or thin. In space: [`covariance_factor`](crate::covariance_factor).
+    #[serde(alias = "local-factor")]
+    CovarianceFactor,
 }
 
-impl Chart {
+impl Parameterization {
     /// As settings files and flags have it.
     pub const fn name(self) -> &'static str {
         match self {
             Self::ScaleRotation => "scale-rotation",
-            Self::LocalFrame => "local-frame",
+            Self::CovarianceFactor => "covariance-factor",
         }
     }
 }
@@ -65,7 +66,7 @@ impl Schedule {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, rename_all = "kebab-case")]
 pub struct Group {
-    /// Step size, in the parameter's own unit (in [`Chart::LocalFrame`]: in standard deviations).
+    /// Step size, in the parameter's own unit (in [`Parameterization::CovarianceFactor`]: in standard deviations).
     pub learning_rate: f32,
     /// Decay of the first moment, 0..1.
     pub beta1: f32,
@@ -95,14 +96,14 @@ pub enum Participants {
     /// All: the moments of those out of view decay, and still move them (3DGS).
     #[default]
     All,
-    /// Those that some tile of this step's frame lists; of the others nothing changes, step counts included (*source:* sparse Adam, as in
+    /// Those that some tile of this step's factor lists; of the others nothing changes, step counts included (*source:* sparse Adam, as in
     /// Taming 3DGS, Mallick et al. 2024). A step then costs what is in view.
     Visible,
 }
 
 /// What pulls every Gaussian to be fainter and smaller, beside the loss (*source:* 3DGS-MCMC, Kheradmand et al. 2024): with it, Gaussians
 /// that the pictures do not need vanish, and can be put elsewhere. It adds opacity · (mean of all opacities) + scale · (mean of all scales, in
-/// the scene's unit) to what is minimised, but not to the loss that is told. Spatial scenes.
+/// the scene's unit) to what is minimised, but not to the loss that is told. 3D scenes.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
 pub struct Penalty {
@@ -121,27 +122,27 @@ impl Penalty {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, rename_all = "kebab-case")]
 pub struct Adam {
-    /// Mean: px (spatial scenes: world units), or ξ in the local frame.
+    /// Mean: px (3D scenes: world units), or ξ in the covariance factor.
     pub mean: Group,
-    /// ln-scale, or η in the local frame.
+    /// ln-scale, or η in the covariance factor.
     pub scale: Group,
-    /// Rotation, rad; unused in the local frame, where η turns the axes.
+    /// Rotation, rad; unused in the covariance factor, where η turns the axes.
     pub rotation: Group,
     /// Opacity logit.
     pub opacity: Group,
-    /// Colour; of spatial scenes the SH coefficient of degree 0.
+    /// Colour; of 3D scenes the SH coefficient of degree 0.
     pub color: Group,
-    /// SH coefficients above degree 0. Spatial scenes.
+    /// SH coefficients above degree 0. 3D scenes.
     pub color_rest: Group,
     /// Added to √v̂, against division by zero.
     pub epsilon: f32,
-    /// No scale shrinks below this, px (spatial scenes: world units).
+    /// No scale shrinks below this, px (3D scenes: world units).
     pub min_scale: f32,
-    /// No scale grows above this, px (spatial scenes: world units).
+    /// No scale grows above this, px (3D scenes: world units).
     pub max_scale: f32,
     /// Which Gaussians a step moves.
     pub participants: Participants,
-    /// What pulls beside the loss. Spatial scenes.
+    /// What pulls beside the loss. 3D scenes.
     pub penalty: Penalty,
 }
 

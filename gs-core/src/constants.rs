@@ -61,14 +61,14 @@ pub const QUATERNION_SHRINK: f32 = 1.355_252_7e-20;
 /// Between these, the square of a length has all its digits, and so has the direction that is found by it. Unit: world units².
 pub const SAFE_SQUARES: [f32; 2] = [1e-30, 1e37];
 
-/// Largest entry of ξ in one step of [`Chart::LocalFrame`](crate::Chart::LocalFrame): how many of its own scales a mean moves along each axis. Unit:
+/// Largest entry of ξ in one step of [`Parameterization::CovarianceFactor`](crate::Parameterization::CovarianceFactor): how many of its own scales a mean moves along each axis. Unit:
 /// none.
 ///
 /// Beyond, a Gaussian would be drawn where nothing of its gradient came from; rates a hundred times too high take all out of the picture in a few
 /// steps, from where no gradient leads back.
 pub const MAX_XI: f32 = 1.0;
 
-/// Largest entry of η in one step of [`Chart::LocalFrame`](crate::Chart::LocalFrame). Unit: none.
+/// Largest entry of η in one step of [`Parameterization::CovarianceFactor`](crate::Parameterization::CovarianceFactor). Unit: none.
 ///
 /// exp(η) is taken to second order, which shrinks by ½ at an eigenvalue of −1 and less again beyond it. At ½ it is 1.4 % less than exp(½).
 pub const MAX_ETA: f32 = 0.5;

@@ -64,7 +64,7 @@ impl Moments {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Place {
-    /// Right behind its parent (or where that stood, if it is removed), as copies in space are; without a parent: last.
+    /// Right behind its parent (or where that stood, if it is removed), as copies in 3D are; without a parent: last.
     #[default]
     BehindParent,
     /// Behind all others.
@@ -235,7 +235,7 @@ impl<G> EditPlan<G> {
         counts
     }
 
-    /// Where each slot after the edit of `len` Gaussians comes from, `[len_after]`: the rule by which every array of a cloud
+    /// Where each slot after the edit of `len` Gaussians comes from, `[len_after]`: the rule by which every array of splats
     /// (parameters, moments, statistics) is rebuilt.
     ///
     /// # Errors
@@ -287,7 +287,7 @@ impl<G> EditPlan<G> {
         sources
     }
 
-    /// Rebuilds one array of a cloud: `fresh(gaussian)` is the value of a replaced or added Gaussian.
+    /// Rebuilds one array of splats: `fresh(gaussian)` is the value of a replaced or added Gaussian.
     pub fn gather<T: Clone>(&self, sources: &[Source], before: &[T], fresh: impl Fn(&G) -> T) -> Vec<T> {
         sources
             .iter()

@@ -14,14 +14,16 @@ use crate::constants::{DILATION_PX2, MIP_DILATION_PX2};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Order {
-    /// By their index in the scene, the first in front: all that a planar scene can need.
+    /// By their index in the scene, the first in front: all that a 2D scene can need.
     #[default]
     Index,
-    /// By one depth per Gaussian, that of its mean (3DGS, paper §2.3.1); ties by index. Spatial scenes.
-    TileDepth,
+    /// By one depth per Gaussian, that of its mean (3DGS, paper §2.3.1); ties by index. 3D scenes.
+    #[serde(alias = "tile-depth")]
+    Global,
     /// By their depth along each pixel's ray, ties by index: no popping (paper §5.4). A Gaussian's depth there is the mean of z given that the
-    /// ray goes through the pixel (`perspective::Projection::depth_slope`). Spatial scenes.
-    PixelDepth,
+    /// ray goes through the pixel (`perspective::Projection::depth_slope`). 3D scenes.
+    #[serde(alias = "pixel-depth")]
+    PerPixel,
 }
 
 /// How the Gaussians at a pixel become its colour.
@@ -63,7 +65,7 @@ pub enum Background {
     Solid,
 }
 
-/// What a frame yields besides colour.
+/// What a forward pass yields besides colour.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Outputs {
@@ -72,7 +74,7 @@ pub enum Outputs {
     Color,
     /// Colour and alpha = 1 − the transmittance left.
     ColorAlpha,
-    /// Colour, alpha and expected depth. Spatial scenes.
+    /// Colour, alpha and expected depth. 3D scenes.
     ColorAlphaDepth,
 }
 
@@ -87,7 +89,7 @@ pub enum Exposure {
     AffinePerView,
 }
 
-/// How rays bend. Spatial scenes.
+/// How rays bend. 3D scenes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Lens {
@@ -120,7 +122,7 @@ pub enum Statistics {
 
 impl Order {
     /// All of them.
-    pub const ALL: [Self; 3] = [Self::Index, Self::TileDepth, Self::PixelDepth];
+    pub const ALL: [Self; 3] = [Self::Index, Self::Global, Self::PerPixel];
 
     /// The order of this name; `None` where there is none.
     pub fn named(name: &str) -> Option<Self> {
@@ -131,8 +133,8 @@ impl Order {
     pub const fn name(self) -> &'static str {
         match self {
             Self::Index => "index",
-            Self::TileDepth => "tile-depth",
-            Self::PixelDepth => "pixel-depth",
+            Self::Global => "global",
+            Self::PerPixel => "per-pixel",
         }
     }
 }
@@ -199,13 +201,13 @@ pub struct Effects {
     pub order: Order,
     /// Kind of blending.
     pub blend: Blend,
-    /// Highest degree of spherical harmonics that is evaluated, 0 to 3. Spatial scenes.
+    /// Highest degree of spherical harmonics that is evaluated, 0 to 3. 3D scenes.
     pub sh_degree: u8,
     /// Treatment of sub-pixel Gaussians.
     pub antialias: Antialias,
     /// What is behind.
     pub background: Background,
-    /// What a frame yields.
+    /// What a forward pass yields.
     pub outputs: Outputs,
     /// Exposure correction.
     pub exposure: Exposure,

@@ -78,7 +78,7 @@ pub enum Error {
         /// The value found.
         value: f32,
     },
-    /// An edit plan that does not fit its cloud.
+    /// An edit plan that does not fit its splats.
     #[error("edit plan: {0}")]
     Plan(String),
     /// The backend does not offer an effect.
@@ -89,7 +89,7 @@ pub enum Error {
         /// The effect and its value.
         effect: String,
     },
-    /// A checkpoint or state that does not belong to this kind of cloud.
+    /// A checkpoint or state that does not belong to this kind of splats.
     #[error("state: {0}")]
     State(String),
     /// The backend failed: the device was lost, memory ran out.

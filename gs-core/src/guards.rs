@@ -52,8 +52,8 @@ guards! {
     SafeSquares = "safe-squares",
     /// A camera at a mean sees it along +z: there is no direction from a point to itself.
     ZeroDirection = "zero-direction",
-    /// A gradient through a frame that dilation alone gives an area is 0: L′⁻¹ does not exist.
-    SingularFrame = "singular-frame",
+    /// A gradient through a factor that dilation alone gives an area is 0: L′⁻¹ does not exist.
+    SingularFactor = "singular-factor",
     /// α is no more than [`ALPHA_MAX`](crate::constants::ALPHA_MAX): the backward pass divides by 1 − α.
     AlphaMax = "alpha-max",
     /// A pixel is full below [`TRANSMITTANCE_MIN`](crate::constants::TRANSMITTANCE_MIN).
@@ -72,9 +72,9 @@ guards! {
     SsimVariances = "ssim-variances",
     /// [`MAX_DERIVATIVE`](crate::constants::MAX_DERIVATIVE): Adam squares derivatives.
     MaxDerivative = "max-derivative",
-    /// [`MAX_XI`](crate::constants::MAX_XI): a step in a local frame goes no further than the Gaussian reaches.
+    /// [`MAX_XI`](crate::constants::MAX_XI): a step in a covariance factor goes no further than the Gaussian reaches.
     MaxXi = "max-xi",
-    /// [`MAX_ETA`](crate::constants::MAX_ETA): a step in a local frame is exp(η) to second order.
+    /// [`MAX_ETA`](crate::constants::MAX_ETA): a step in a covariance factor is exp(η) to second order.
     MaxEta = "max-eta",
     /// First moments below 1e-30 become 0, before they are denormal.
     VanishingMoment = "vanishing-moment",

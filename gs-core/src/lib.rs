@@ -9,13 +9,13 @@
 
 pub mod adam;
 pub mod constants;
+pub mod covariance_factor;
 pub mod edit;
 pub mod effects;
 pub mod error;
 pub mod examination;
 pub mod guards;
 pub mod image;
-pub mod local_frame;
 pub mod loss;
 pub mod memory;
 pub mod metrics;
@@ -33,16 +33,16 @@ pub mod whitened;
 mod words;
 
 pub use crate::{
-    adam::{Adam, AdamRates, Chart, Participants, Penalty},
+    adam::{Adam, AdamRates, Parameterization, Participants, Penalty},
     edit::EditPlan,
     effects::{Blend, Effects},
     error::Error,
     image::Image,
     loss::Loss,
     rasterizer::{Binning, Rasterizer, TrainStep, Wait},
-    scene::{PlanarGaussian, PlanarScene, Scene, SpatialGaussian, SpatialScene},
+    scene::{Gaussian2d, Gaussian3d, Scene, Scene2d, Scene3d},
     settings::{Accuracy, RenderSettings},
-    state::CloudState,
+    state::SplatsState,
     statistics::DensityStatistics,
     view::{Camera, Canvas},
     words::counted,

@@ -1,6 +1,6 @@
-//! One spatial Gaussian through a camera (paper eq. 3–5), and the way back of its gradients: the reference that every backend computes.
+//! One 3D Gaussian through a camera (paper eq. 3–5), and the way back of its gradients: the reference that every backend computes.
 //!
-//! With p = W μ + t and M = R(q/|q|) S, or M a frame as [`Chart::LocalFrame`](crate::Chart::LocalFrame) holds it, the Gaussian falls on the image as M′ = J W M (2×3), Σ′ = M′ M′ᵀ + δ I. J is taken at p, its slopes
+//! With p = W μ + t and M = R(q/|q|) S, or M a factor as [`Parameterization::CovarianceFactor`](crate::Parameterization::CovarianceFactor) holds it, the Gaussian falls on the image as M′ = J W M (2×3), Σ′ = M′ M′ᵀ + δ I. J is taken at p, its slopes
 //! x/z and y/z followed a little beyond the image and clamped there ([`JACOBIAN_MARGIN`]). det Σ is the sum of the squares of the three
 //! minors of M′ (Cauchy–Binet), which does not cancel as Σxx Σyy − Σxy² does in needles.
 //!
@@ -15,16 +15,16 @@ use glam::{Mat3, Vec2, Vec3};
 
 use crate::{
     constants::{JACOBIAN_MARGIN, MIN_DETERMINANT_PX4, MIN_QUATERNION_NORM2, QUATERNION_SHRINK, SAFE_SQUARES},
+    covariance_factor::{Factored, FramedGradient},
     effects::{Antialias, Blend, written},
     guards::Guard,
-    local_frame::{Framed, FramedGradient},
     scene::sigmoid,
     settings::RenderSettings,
     statistics::Cause,
     view::Camera,
 };
 
-/// A spatial Gaussian's parameters but for its colour; units as in [`SpatialScene`](crate::scene::SpatialScene). Also ∂L/∂each of them.
+/// A 3D Gaussian's parameters but for its colour; units as in [`Scene3d`](crate::scene::Scene3d). Also ∂L/∂each of them.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Ellipsoid {
     /// μ, world units.
@@ -52,7 +52,7 @@ pub struct Projection {
     pub opacity: f32,
     /// cov(z, (u, v)) Σ′⁻¹, world units per px: where a pixel's centre is d away from the mean, the mean of z given that the ray goes
     /// through it is `depth` + `depth_slope` · d (compare RaDe-GS and StopThePop; exact for the affine approximation). It orders Gaussians under
-    /// [`Order::PixelDepth`](crate::effects::Order::PixelDepth) and has no gradient.
+    /// [`Order::PerPixel`](crate::effects::Order::PerPixel) and has no gradient.
     pub depth_slope: Vec2,
 }
 
@@ -67,7 +67,7 @@ pub struct ProjectionGradient {
     pub log_opacity: f32,
 }
 
-/// A camera with the effects that act on one Gaussian, made once per frame.
+/// A camera with the effects that act on one Gaussian, made once per factor.
 #[derive(Debug, Clone, Copy)]
 pub struct Perspective {
     rotation: Mat3,
@@ -171,22 +171,22 @@ impl Perspective {
         self.project_rows(p, self.rows(&turned(&quaternion).rotation, g.log_scale), g.opacity_logit)
     }
 
-    /// The same of a Gaussian whose shape is held as a frame.
+    /// The same of a Gaussian whose shape is held as a factor.
     ///
     /// # Errors
     /// The first [`Cause`] that applies.
     #[inline]
-    pub fn project_framed(&self, g: &Framed) -> Result<Projection, Cause> {
-        let finite = g.mean.is_finite() && g.frame.is_finite();
+    pub fn project_factored(&self, g: &Factored) -> Result<Projection, Cause> {
+        let finite = g.mean.is_finite() && g.factor.is_finite();
         if Guard::FiniteParameters.is_on() && (!finite || g.opacity_logit.is_nan()) {
             return Err(Cause::NotFinite);
         }
         let p = self.in_front(g.mean)?;
         // Made of a quaternion without direction.
-        if g.frame == Mat3::ZERO {
+        if g.factor == Mat3::ZERO {
             return Err(Cause::Degenerate);
         }
-        self.project_rows(p, rows_of(&(self.rotation * g.frame)), g.opacity_logit)
+        self.project_rows(p, rows_of(&(self.rotation * g.factor)), g.opacity_logit)
     }
 
     /// ∂L/∂(mean, log-scale, rotation, opacity logit) of a Gaussian that [`Self::project`] accepts; not through its colour. The gradient by
@@ -210,11 +210,11 @@ impl Perspective {
         }
     }
 
-    /// ∂L/∂(mean, a stretch of the frame, opacity logit) of a Gaussian that [`Self::project_framed`] accepts; not through its colour.
+    /// ∂L/∂(mean, a stretch of the factor, opacity logit) of a Gaussian that [`Self::project_factored`] accepts; not through its colour.
     #[inline]
-    pub fn project_framed_vjp(&self, g: &Framed, v: &ProjectionGradient) -> FramedGradient {
+    pub fn project_framed_vjp(&self, g: &Factored, v: &ProjectionGradient) -> FramedGradient {
         let p = self.rotation * g.mean + self.translation;
-        let rows = rows_of(&(self.rotation * g.frame));
+        let rows = rows_of(&(self.rotation * g.factor));
         let Returned { v_p, projected: [r0, r1], v_projected: [v_r0, v_r1], opacity_logit, .. } =
             self.project_rows_vjp(p, &rows, g.opacity_logit, v);
         // dM = M η, so that v_η = Mᵀ v_M = M′ᵀ v_M′, which is symmetric.

@@ -13,14 +13,14 @@ use crate::{
 
 /// A backend that can say where the time of a training step goes.
 pub trait Profiler<S: Scene>: Rasterizer<S> {
-    /// Runs every stage `repetitions` times, interleaved, after once without looking at the clock. The cloud stays as it is but for
+    /// Runs every stage `repetitions` times, interleaved, after once without looking at the clock. The splats stays as it is but for
     /// its Adam moments, step counts and statistics: the rates are [`still`].
     ///
     /// # Errors
     /// Those of [`Rasterizer::train_step`].
     fn profile(
         &self,
-        cloud: &mut Self::Cloud,
+        splats: &mut Self::Splats,
         view: &S::View,
         target: &Self::Target,
         settings: &RenderSettings,

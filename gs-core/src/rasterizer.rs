@@ -1,19 +1,19 @@
 //! The trait that a backend implements: rasterise, differentiate, optimise and edit the Gaussians of one kind of scene.
 //!
 //! Only [`Rasterizer::upload`], [`Rasterizer::download`], images and the state cross between host and backend; a training step
-//! moves no data that grows with the number of Gaussians. A second backward pass of a frame is a type error, because
-//! [`Rasterizer::backward`] takes the frame by value; a frame from before an edit is refused. Of a frame from before a step the gradients
+//! moves no data that grows with the number of Gaussians. A second backward pass of a forward pass is a type error, because
+//! [`Rasterizer::backward`] takes the forward pass by value; a forward pass from before an edit is refused. Of a forward pass from before a step the gradients
 //! are of no use: they are those of the pixels of then, taken back through the parameters of now.
 
 use crate::{
-    adam::{AdamRates, Chart},
+    adam::{AdamRates, Parameterization},
     edit::EditPlan,
     error::Error,
     image::Image,
     loss::Loss,
     scene::Scene,
     settings::RenderSettings,
-    state::CloudState,
+    state::SplatsState,
     statistics::{Culled, DensityStatistics},
 };
 
@@ -23,12 +23,12 @@ pub enum Binning {
     /// Made anew: exact.
     #[default]
     Fresh,
-    /// The last ones of this cloud, if there are any and no edit came between: pixels that a Gaussian has moved to since are missed,
+    /// The last ones of these splats, if there are any and no edit came between: pixels that a Gaussian has moved to since are missed,
     /// until the next [`Binning::Fresh`]. Saves the `bin` stage.
     Reuse,
 }
 
-/// What one call of [`Rasterizer::train_step`] needs besides cloud, view and target.
+/// What one call of [`Rasterizer::train_step`] needs besides splats, view and target.
 #[derive(Debug, Clone, Copy)]
 pub struct TrainStep<'a> {
     /// Effects and accuracy.
@@ -53,14 +53,14 @@ pub enum Wait {
 /// A backend for scenes of kind `S`.
 ///
 /// A backend may compute later than it is told to: [`Self::train_step`] sends a step, [`Self::losses`] says what came of it. All
-/// else behaves as if every step had been done when it was sent: whatever looks at a cloud waits for the steps that are still under
+/// else behaves as if every step had been done when it was sent: whatever looks at splats waits for the steps that are still under
 /// way. What a backend cannot foresee when a step is sent, a lost device or memory that has run out, is therefore an error of some
-/// later call with the same cloud; the steps that it kept from being done are not done then, and have no loss.
+/// later call with the same splats; the steps that it kept from being done are not done then, and have no loss.
 pub trait Rasterizer<S: Scene> {
     /// Parameters, Adam moments and statistics, where this backend computes.
-    type Cloud;
+    type Splats;
     /// One forward pass and all that its backward pass needs.
-    type Frame;
+    type ForwardPass;
     /// ∂L/∂(every parameter), where this backend computes.
     type Gradients;
     /// An image to compare with, where this backend computes.
@@ -73,16 +73,16 @@ pub trait Rasterizer<S: Scene> {
     ///
     /// # Errors
     /// What [`Scene::validate`] finds; [`Error::Backend`] where memory runs out.
-    fn upload(&self, scene: &S, chart: Chart) -> Result<Self::Cloud, Error>;
+    fn upload(&self, scene: &S, parameterization: Parameterization) -> Result<Self::Splats, Error>;
 
     /// Copies the parameters back.
     ///
     /// # Errors
     /// [`Error::Backend`] where the device is lost.
-    fn download(&self, cloud: &Self::Cloud) -> Result<S, Error>;
+    fn download(&self, splats: &Self::Splats) -> Result<S, Error>;
 
     /// Number of Gaussians, without crossing to the device.
-    fn len(&self, cloud: &Self::Cloud) -> usize;
+    fn len(&self, splats: &Self::Splats) -> usize;
 
     /// Copies an image to the backend.
     ///
@@ -94,65 +94,70 @@ pub trait Rasterizer<S: Scene> {
     ///
     /// # Errors
     /// [`Error::Backend`] where the device is lost.
-    fn save(&self, cloud: &Self::Cloud) -> Result<CloudState, Error>;
+    fn save(&self, splats: &Self::Splats) -> Result<SplatsState, Error>;
 
-    /// A cloud in exactly the state that was saved.
+    /// splats in exactly the state that was saved.
     ///
     /// # Errors
-    /// [`Error::State`] where the state is not one of a cloud of this kind.
-    fn restore(&self, state: &CloudState) -> Result<Self::Cloud, Error>;
+    /// [`Error::State`] where the state is not one of splats of this kind.
+    fn restore(&self, state: &SplatsState) -> Result<Self::Splats, Error>;
 
     /// Stages `project`, `bin`, `sort`, `blend`.
     ///
     /// # Errors
     /// [`Error::Setting`], [`Error::Size`] or [`Error::Unsupported`] where view or settings are not possible.
-    fn forward(&self, cloud: &Self::Cloud, view: &S::View, settings: &RenderSettings) -> Result<Self::Frame, Error>;
+    fn forward(
+        &self,
+        splats: &Self::Splats,
+        view: &S::View,
+        settings: &RenderSettings,
+    ) -> Result<Self::ForwardPass, Error>;
 
-    /// The frame's image, `[H, W, 3]`, not clamped.
+    /// The pass's image, `[H, W, 3]`, not clamped.
     ///
     /// # Errors
     /// [`Error::Backend`] where the device is lost.
-    fn image(&self, frame: &Self::Frame) -> Result<Image, Error>;
+    fn image(&self, pass: &Self::ForwardPass) -> Result<Image, Error>;
 
-    /// How many Gaussians the frame left out, by cause.
+    /// How many Gaussians the forward pass left out, by cause.
     ///
     /// # Errors
     /// [`Error::Backend`] where the device is lost.
-    fn culled(&self, frame: &Self::Frame) -> Result<Culled, Error>;
+    fn culled(&self, pass: &Self::ForwardPass) -> Result<Culled, Error>;
 
-    /// The image of a cloud, not clamped, and how many Gaussians it leaves out, where no backward pass follows: what [`Self::forward`],
+    /// The image of splats, not clamped, and how many Gaussians it leaves out, where no backward pass follows: what [`Self::forward`],
     /// [`Self::image`] and [`Self::culled`] find, to the bit. Backends may need less memory for it.
     ///
     /// # Errors
     /// Those of the three.
-    fn draw(&self, cloud: &Self::Cloud, view: &S::View, settings: &RenderSettings) -> Result<(Image, Culled), Error> {
-        let frame = self.forward(cloud, view, settings)?;
-        Ok((self.image(&frame)?, self.culled(&frame)?))
+    fn draw(&self, splats: &Self::Splats, view: &S::View, settings: &RenderSettings) -> Result<(Image, Culled), Error> {
+        let pass = self.forward(splats, view, settings)?;
+        Ok((self.image(&pass)?, self.culled(&pass)?))
     }
 
     /// Stages `loss`, `blend_bwd` and `project_bwd`: the loss and its gradients.
     ///
     /// # Errors
-    /// [`Error::SizesDiffer`] where frame and target differ in size.
+    /// [`Error::SizesDiffer`] where pass and target differ in size.
     fn backward(
         &self,
-        cloud: &Self::Cloud,
-        frame: Self::Frame,
+        splats: &Self::Splats,
+        pass: Self::ForwardPass,
         target: &Self::Target,
         loss: &Loss,
     ) -> Result<(f32, Self::Gradients), Error>;
 
-    /// The gradients with respect to the parameters as the scene has them, whatever the chart; a scene of derivatives.
+    /// The gradients with respect to the parameters as the scene has them, whatever the parameterization; a scene of derivatives.
     ///
     /// # Errors
     /// [`Error::Backend`] where the device is lost.
-    fn download_gradients(&self, cloud: &Self::Cloud, gradients: &Self::Gradients) -> Result<S, Error>;
+    fn download_gradients(&self, splats: &Self::Splats, gradients: &Self::Gradients) -> Result<S, Error>;
 
-    /// Stage `adam`: moves the cloud against the gradients, and adds to its statistics.
+    /// Stage `adam`: moves the splats against the gradients, and adds to its statistics.
     ///
     /// # Errors
-    /// [`Error::State`] where gradients and cloud differ in length.
-    fn step(&self, cloud: &mut Self::Cloud, gradients: &Self::Gradients, rates: &AdamRates) -> Result<(), Error>;
+    /// [`Error::State`] where gradients and splats differ in length.
+    fn step(&self, splats: &mut Self::Splats, gradients: &Self::Gradients, rates: &AdamRates) -> Result<(), Error>;
 
     /// Sends one whole training step, which may still be under way when this returns; its loss comes with [`Self::losses`]. Backends
     /// may fuse its stages; the result is that of [`Self::forward`], [`Self::backward`] and [`Self::step`], to rounding.
@@ -161,35 +166,35 @@ pub trait Rasterizer<S: Scene> {
     /// Those of the three, after which this step is not done; also those of steps that were sent before.
     fn train_step(
         &self,
-        cloud: &mut Self::Cloud,
+        splats: &mut Self::Splats,
         view: &S::View,
         target: &Self::Target,
         step: &TrainStep<'_>,
     ) -> Result<(), Error> {
-        let frame = self.forward(cloud, view, step.settings)?;
-        let (loss, gradients) = self.backward(cloud, frame, target, &step.loss)?;
-        self.step(cloud, &gradients, step.rates)?;
-        self.unread_losses(cloud).push(loss);
+        let pass = self.forward(splats, view, step.settings)?;
+        let (loss, gradients) = self.backward(splats, pass, target, &step.loss)?;
+        self.step(splats, &gradients, step.rates)?;
+        self.unread_losses(splats).push(loss);
         Ok(())
     }
 
-    /// Adds to `losses` the loss before each of this cloud's training steps since the last call, in their order and each once. Edits
+    /// Adds to `losses` the loss before each of these splats' training steps since the last call, in their order and each once. Edits
     /// in between make no difference. A backend that computes at once has them all, whatever the `wait`.
     ///
-    /// Ask now and then: a cloud keeps four bytes a step until somebody does.
+    /// Ask now and then: splats keeps four bytes a step until somebody does.
     ///
     /// # Errors
     /// [`Error::Backend`] where a step that was sent could not be done; losses that are known by then are handed over by the next call.
-    fn losses(&self, cloud: &mut Self::Cloud, wait: Wait, losses: &mut Vec<f32>) -> Result<(), Error> {
+    fn losses(&self, splats: &mut Self::Splats, wait: Wait, losses: &mut Vec<f32>) -> Result<(), Error> {
         // All are known: `train_step` does the whole step.
         let _ = wait;
-        losses.append(self.unread_losses(cloud));
+        losses.append(self.unread_losses(splats));
         Ok(())
     }
 
-    /// Where a cloud keeps the losses that are known and that [`Self::losses`] has not handed over yet, oldest first. For the backend's
-    /// own use: a field of the cloud that [`Self::train_step`] adds to.
-    fn unread_losses<'c>(&self, cloud: &'c mut Self::Cloud) -> &'c mut Vec<f32>;
+    /// Where splats keeps the losses that are known and that [`Self::losses`] has not handed over yet, oldest first. For the backend's
+    /// own use: a field of the splats that [`Self::train_step`] adds to.
+    fn unread_losses<'c>(&self, splats: &'c mut Self::Splats) -> &'c mut Vec<f32>;
 
     /// Moves the colours of all Gaussians towards the least-squares solution for the target, all else fixed, by `iterations` of
     /// preconditioned conjugate gradients. [`Blend::Sum`](crate::effects::Blend::Sum) only, where the image is linear in them.
@@ -198,7 +203,7 @@ pub trait Rasterizer<S: Scene> {
     /// [`Error::Unsupported`] under another blending, and those of [`Self::forward`].
     fn solve_colors(
         &self,
-        cloud: &mut Self::Cloud,
+        splats: &mut Self::Splats,
         view: &S::View,
         target: &Self::Target,
         settings: &RenderSettings,
@@ -209,31 +214,31 @@ pub trait Rasterizer<S: Scene> {
     ///
     /// # Errors
     /// [`Error::Backend`] where the device is lost.
-    fn statistics(&self, cloud: &Self::Cloud) -> Result<DensityStatistics, Error>;
+    fn statistics(&self, splats: &Self::Splats) -> Result<DensityStatistics, Error>;
 
     /// Applies a plan to parameters, moments and statistics together.
     ///
     /// # Errors
-    /// [`Error::Plan`] where the plan contradicts itself or the cloud; the cloud is then as before.
-    fn edit(&self, cloud: &mut Self::Cloud, plan: &EditPlan<S::Gaussian>) -> Result<(), Error>;
+    /// [`Error::Plan`] where the plan contradicts itself or the splats; the splats is then as before.
+    fn edit(&self, splats: &mut Self::Splats, plan: &EditPlan<S::Gaussian>) -> Result<(), Error>;
 
-    /// Adds `shifts`, `[N, 2]` px (spatial scenes: `[N, 3]` world units), row-major, to the means; all else, moments included, stays as it
+    /// Adds `shifts`, `[N, 2]` px (3D scenes: `[N, 3]` world units), row-major, to the means; all else, moments included, stays as it
     /// is. For noise between steps, which is no edit: nothing is removed, added or started afresh.
     ///
     /// The default goes through [`Self::save`] and [`Self::restore`], and so moves the whole state.
     ///
     /// # Errors
-    /// [`Error::Length`] where `shifts` are not of as many Gaussians as the cloud has, and those of saving and restoring; the cloud is then as
+    /// [`Error::Length`] where `shifts` are not of as many Gaussians as the splats has, and those of saving and restoring; the splats is then as
     /// before.
-    fn shift_means(&self, cloud: &mut Self::Cloud, shifts: &[f32]) -> Result<(), Error> {
+    fn shift_means(&self, splats: &mut Self::Splats, shifts: &[f32]) -> Result<(), Error> {
         let mut known = Vec::new();
-        self.losses(cloud, Wait::All, &mut known)?;
-        let result = self.save(cloud).and_then(|mut state| {
+        self.losses(splats, Wait::All, &mut known)?;
+        let result = self.save(splats).and_then(|mut state| {
             state.shift("mean", shifts)?;
             self.restore(&state)
         });
-        let result = result.map(|shifted| *cloud = shifted);
-        let unread = self.unread_losses(cloud);
+        let result = result.map(|shifted| *splats = shifted);
+        let unread = self.unread_losses(splats);
         known.append(unread);
         *unread = known;
         result
@@ -244,6 +249,6 @@ pub trait Rasterizer<S: Scene> {
     /// # Errors
     /// Those of [`Self::upload`] and [`Self::draw`].
     fn render(&self, scene: &S, view: &S::View, settings: &RenderSettings) -> Result<Image, Error> {
-        Ok(self.draw(&self.upload(scene, Chart::ScaleRotation)?, view, settings)?.0)
+        Ok(self.draw(&self.upload(scene, Parameterization::ScaleRotation)?, view, settings)?.0)
     }
 }

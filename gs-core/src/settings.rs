@@ -1,4 +1,4 @@
-//! How exactly, and with which effects, a frame is rendered.
+//! How exactly, and with which effects, a forward pass is rendered.
 
 use serde::{Deserialize, Serialize};
 
@@ -121,7 +121,7 @@ impl RenderSettings {
     }
 
     /// The colour behind: black unless the background effect is on.
-    pub fn backdrop(&self) -> [f32; 3] {
+    pub fn background_color(&self) -> [f32; 3] {
         match self.effects.background {
             Background::Solid if written::BACKGROUND => self.background,
             _ => [0.0; 3],

@@ -117,7 +117,7 @@ pub mod over {
     pub struct Backward {
         /// v_C of the finished pixel.
         pub v_color: [f32; 3],
-        /// v_C · (the part of the finished colour, backdrop included, that is behind what was replayed so far).
+        /// v_C · (the part of the finished colour, background included, that is behind what was replayed so far).
         pub v_rest: f32,
         /// T so far.
         pub transmittance: f32,
@@ -126,7 +126,7 @@ pub mod over {
     }
 
     impl Backward {
-        /// Starts the replay of a pixel whose finished colour, backdrop included, is `color`.
+        /// Starts the replay of a pixel whose finished colour, background included, is `color`.
         pub fn new(v_color: [f32; 3], color: [f32; 3]) -> Self {
             let v_rest = (0..3).map(|k| v_color[k] * color[k]).sum();
             Self { v_color, v_rest, transmittance: 1.0, full: false }
@@ -172,21 +172,21 @@ mod tests {
     fn over_backward_is_the_derivative_of_forward() {
         let accuracy = Accuracy::default();
         let colors = [[0.9, 0.1, 0.3], [0.2, 0.7, 0.5], [0.4, 0.4, 0.8]];
-        let backdrop = [1.0, 0.5, 0.25];
+        let background = [1.0, 0.5, 0.25];
         let v = [0.3, -0.7, 0.2];
         let loss = |alphas: [f32; 3]| -> f32 {
             let mut p = over::Forward::default();
             for (&a, &c) in alphas.iter().zip(&colors) {
                 assert!(over::blend_fwd(&mut p, a, c, &accuracy));
             }
-            (0..3).map(|k| v[k] * (p.color[k] + p.transmittance * backdrop[k])).sum()
+            (0..3).map(|k| v[k] * (p.color[k] + p.transmittance * background[k])).sum()
         };
         let alphas = [0.3, 0.8, 0.5];
         let mut p = over::Forward::default();
         for (&a, &c) in alphas.iter().zip(&colors) {
             over::blend_fwd(&mut p, a, c, &accuracy);
         }
-        let color = [0, 1, 2].map(|k| p.color[k] + p.transmittance * backdrop[k]);
+        let color = [0, 1, 2].map(|k| p.color[k] + p.transmittance * background[k]);
         let mut back = over::Backward::new(v, color);
         for i in 0..3 {
             let (v_alpha, _) = over::blend_bwd(&mut back, alphas[i], colors[i], &accuracy).unwrap();

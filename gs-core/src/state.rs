@@ -1,10 +1,10 @@
-//! The whole state of a cloud as named tensors: what a checkpoint holds, and what one backend can hand to another.
+//! The whole state of splats as named tensors: what a checkpoint holds, and what one backend can hand to another.
 
 mod scene;
 
 use std::collections::BTreeMap;
 
-use crate::{adam::Chart, error::Error};
+use crate::{adam::Parameterization, error::Error};
 
 /// The numbers of a tensor, row-major.
 #[derive(Debug, Clone, PartialEq)]
@@ -24,29 +24,29 @@ pub struct Tensor {
     pub data: TensorData,
 }
 
-/// A cloud's parameters, Adam moments, step counts and statistics, bit for bit as the backend holds them.
+/// A splats' parameters, Adam moments, step counts and statistics, bit for bit as the backend holds them.
 ///
-/// Names and shapes are part of the contract between backends. For planar clouds: `mean [N,2]`, `frame [N,4]` (columns of L;
-/// [`Chart::LocalFrame`]) or `log_scale [N,2]` and `rotation [N]`; `color [N,3]`, `opacity_logit [N]` (absent where all are
+/// Names and shapes are part of the contract between backends. For 2D splats: `mean [N,2]`, `factor [N,4]` (columns of L;
+/// [`Parameterization::CovarianceFactor`]) or `log_scale [N,2]` and `rotation [N]`; `color [N,3]`, `opacity_logit [N]` (absent where all are
 /// opaque); `moment1`, `moment2 [N,9]` in the order mean 2, shape 3, colour 3, opacity 1; `steps [N]` (u32);
 /// `gradient_sum [N]` (of whichever statistic is collected), `visible [N]` (u32).
 ///
-/// For spatial clouds, with K = (d + 1)² coefficients: `mean [N,3]`, `frame [N,9]` (columns of M; [`Chart::LocalFrame`]) or
+/// For 3D splats, with K = (d + 1)² coefficients: `mean [N,3]`, `factor [N,9]` (columns of M; [`Parameterization::CovarianceFactor`]) or
 /// `log_scale [N,3]` and `rotation [N,4]` (w, x, y, z), `opacity_logit [N]`, `sh [N,3K]` (coefficient by coefficient, each R, G, B);
-/// `moment1`, `moment2` in the order mean 3, shape (`[N,11+3K]`: log-scale 3, rotation 4; `[N,10+3K]` of [`Chart::LocalFrame`]:
+/// `moment1`, `moment2` in the order mean 3, shape (`[N,11+3K]`: log-scale 3, rotation 4; `[N,10+3K]` of [`Parameterization::CovarianceFactor`]:
 /// η₀₀, η₀₁, η₀₂, η₁₁, η₁₂, η₂₂), opacity 1, SH 3K; `steps`, `gradient_sum` and `visible` as above.
 #[derive(Debug, Clone, PartialEq)]
-pub struct CloudState {
+pub struct SplatsState {
     /// The coordinates in which the optimiser moves, which decide how the shape is held.
-    pub chart: Chart,
+    pub parameterization: Parameterization,
     /// The tensors by name.
     pub tensors: BTreeMap<String, Tensor>,
 }
 
-impl CloudState {
+impl SplatsState {
     /// A state without tensors.
-    pub fn new(chart: Chart) -> Self {
-        Self { chart, tensors: BTreeMap::new() }
+    pub fn new(parameterization: Parameterization) -> Self {
+        Self { parameterization, tensors: BTreeMap::new() }
     }
 
     /// Adds `[N, COLUMNS]` floats.
@@ -147,7 +147,7 @@ mod tests {
 
     #[test]
     fn rows_come_back_and_misuse_is_an_error() {
-        let mut state = CloudState::new(Chart::ScaleRotation);
+        let mut state = SplatsState::new(Parameterization::ScaleRotation);
         state.insert("mean", [[1.0, 2.0], [3.0, 4.0]]);
         state.insert_u32("steps", vec![7]);
         assert_eq!(state.rows::<2>("mean").unwrap(), [[1.0, 2.0], [3.0, 4.0]]);

@@ -26,7 +26,7 @@ impl DensityStatistics {
     }
 }
 
-/// Why a frame leaves a Gaussian out; see the fields of [`Culled`].
+/// Why a forward pass leaves a Gaussian out; see the fields of [`Culled`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Cause {
     /// [`Culled::not_finite`].
@@ -41,14 +41,14 @@ pub enum Cause {
     Outside,
 }
 
-/// Gaussians that a frame left out, by cause; each under the first that applies, in the order of
-/// [`perspective`](crate::perspective) for spatial scenes and of the fields for planar ones.
+/// Gaussians that a forward pass left out, by cause; each under the first that applies, in the order of
+/// [`perspective`](crate::perspective) for 3D scenes and of the fields for 2D ones.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Culled {
     /// A parameter, or the covariance made of them, is NaN or infinite.
     pub not_finite: u32,
-    /// Its mean is nearer than the near plane, or behind the camera. Spatial scenes.
+    /// Its mean is nearer than the near plane, or behind the camera. 3D scenes.
     pub near: u32,
     /// det Σ′ below [`MIN_DETERMINANT_PX4`](crate::constants::MIN_DETERMINANT_PX4), or a quaternion without direction.
     pub degenerate: u32,

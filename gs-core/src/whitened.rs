@@ -1,13 +1,13 @@
-//! Gradients in a Gaussian's whitened frame, and what they are with respect to the parameters of a planar scene.
+//! Gradients in a Gaussian's whitened coordinates, and what they are with respect to the parameters of a 2D scene.
 //!
 //! With Σ = L Lᵀ, a step μ += L ξ, L ← L exp(η) with symmetric η is a step in the Gaussian's own coordinates. The gradients with respect
-//! to ξ and η are sums of moments over the pixels, so a backend forms them first, whatever the chart.
+//! to ξ and η are sums of moments over the pixels, so a backend forms them first, whatever the parameterization.
 
 use glam::{Mat2, Vec2};
 
-use crate::{guards::Guard, scene::PlanarGaussian};
+use crate::{guards::Guard, scene::Gaussian2d};
 
-/// ∂L/∂(ξ, η) of one planar Gaussian.
+/// ∂L/∂(ξ, η) of one 2D Gaussian.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct WhitenedGradient {
     /// By ξ.
@@ -17,16 +17,16 @@ pub struct WhitenedGradient {
 }
 
 impl WhitenedGradient {
-    /// ∂L/∂mean (px⁻¹), and ∂L/∂(ln-scale 2, rotation in rad), for a frame L = R(θ) S, which this gradient is in, and
+    /// ∂L/∂mean (px⁻¹), and ∂L/∂(ln-scale 2, rotation in rad), for a factor L = R(θ) S, which this gradient is in, and
     /// `log_ratio`, the first ln-scale less the second: taken from L, it would have no digits left where a Gaussian is nearly round.
     pub fn by_scale_rotation(&self, l: Mat2, log_ratio: f32) -> (Vec2, [f32; 3]) {
         let [e_00, e_01, e_11] = self.eta;
         (solve_transposed(l, self.xi), [e_00, e_11, e_01 * 2.0 * log_ratio.sinh()])
     }
 
-    /// The frame R(θ) S of the same Σ as `l`'s, its first ln-scale less the second, and the gradient in that frame.
+    /// The factor R(θ) S of the same Σ as `l`'s, its first ln-scale less the second, and the gradient in that factor.
     pub fn in_axes(&self, l: Mat2) -> (Mat2, f32, Self) {
-        let (log_scale, angle) = PlanarGaussian::shape_of_frame(l);
+        let (log_scale, angle) = Gaussian2d::shape_of_factor(l);
         let (sin, cos) = angle.sin_cos();
         let axes = Mat2::from_cols(Vec2::new(cos, sin) * log_scale.x.exp(), Vec2::new(-sin, cos) * log_scale.y.exp());
         // z_axes = axes⁻¹ L z, a rotation (or reflection) of z.
@@ -38,27 +38,27 @@ impl WhitenedGradient {
     }
 }
 
-/// Of all frames L Q of one Σ, with Q a rotation or a reflection, the one nearest to `parent`: in its coordinates, moments that were gathered in
-/// those of `parent` mean the same. `frame` itself where one of the two is not finite or 0.
+/// Of all factors L Q of one Σ, with Q a rotation or a reflection, the one nearest to `parent`: in its coordinates, moments that were gathered in
+/// those of `parent` mean the same. `factor` itself where one of the two is not finite or 0.
 ///
 /// Q maximises the trace of Qᵀ Lᵀ `parent` (the orthogonal Procrustes problem, Schönemann 1966).
 #[must_use]
-pub fn aligned(frame: Mat2, parent: Mat2) -> Mat2 {
-    let a = frame.transpose() * parent;
+pub fn aligned(factor: Mat2, parent: Mat2) -> Mat2 {
+    let a = factor.transpose() * parent;
     let side = if a.determinant() < 0.0 { -1.0 } else { 1.0 };
     let first = Vec2::new(a.x_axis.x + side * a.y_axis.y, a.x_axis.y - side * a.y_axis.x);
     let length = first.length();
     if !(length > 0.0 && length.is_finite()) {
-        return frame;
+        return factor;
     }
     let first = first / length;
-    frame * Mat2::from_cols(first, side * first.perp())
+    factor * Mat2::from_cols(first, side * first.perp())
 }
 
 /// L⁻ᵀ v; 0 where L is singular, which a dilated Gaussian's may be.
 pub fn solve_transposed(l: Mat2, v: Vec2) -> Vec2 {
     let inverse = 1.0 / l.determinant();
-    if Guard::SingularFrame.is_on() && inverse.is_infinite() {
+    if Guard::SingularFactor.is_on() && inverse.is_infinite() {
         return Vec2::ZERO;
     }
     Vec2::new(l.y_axis.y * v.x - l.x_axis.y * v.y, l.x_axis.x * v.y - l.y_axis.x * v.x) * inverse

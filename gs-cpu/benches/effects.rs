@@ -1,5 +1,5 @@
-//! What effects cost: the time of a picture with each on and off, beside a scene that never had it; and of the same Gaussians in the plane and as a
-//! scene in space, seen through a camera.
+//! What effects cost: the time of a picture with each on and off, beside a scene that never had it; and of the same Gaussians in 2D and as a
+//! 3D scene, seen through a camera.
 //!
 //! `cargo bench -p gs-cpu --bench effects`; `cargo xtask effects` compares kernels in which an effect was never written. The measurements of a table take turns; a row is the median, with the median of its difference from
 //! the first row, and what two measurements of the first row differ by is the noise. Everything is drawn from a fixed seed.
@@ -12,7 +12,7 @@ mod turns;
 
 use garden::{SEED, garden};
 use gs_core::{
-    Blend, Effects, Error, Rasterizer, RenderSettings, SpatialScene,
+    Blend, Effects, Error, Rasterizer, RenderSettings, Scene3d,
     effects::{Antialias, Background, Order},
     profile::Quantiles,
 };
@@ -25,14 +25,14 @@ fn all_off() -> Effects {
     Effects { blend: Blend::Over, order: Order::Index, ..Effects::default() }
 }
 
-fn in_space(cpu: &impl Rasterizer<SpatialScene>) -> Result<(), Error> {
+fn in_space(cpu: &impl Rasterizer<Scene3d>) -> Result<(), Error> {
     let (scene, camera) = garden(250_000, (1920, 1080));
     let mut plain = scene.clone();
     plain.sh = scene.sh.chunks_exact(scene.sh_len()).map(|of_one| of_one[0]).collect();
     plain.sh_degree = 0;
     let none = all_off();
     let with = |effects: Effects| RenderSettings { effects, ..RenderSettings::default() };
-    let row = |name: &str, scene: &SpatialScene, effects: Effects| picture(name, cpu, scene, &camera, with(effects));
+    let row = |name: &str, scene: &Scene3d, effects: Effects| picture(name, cpu, scene, &camera, with(effects));
     let mut white = RenderSettings { effects: none, ..RenderSettings::default() }.on([1.0; 3]);
     white.effects.background = Background::Solid;
     let rows = [
@@ -41,13 +41,13 @@ fn in_space(cpu: &impl Rasterizer<SpatialScene>) -> Result<(), Error> {
         row("sh-degree 1", &scene, Effects { sh_degree: 1, ..none })?,
         row("sh-degree 2", &scene, Effects { sh_degree: 2, ..none })?,
         row("sh-degree 3", &scene, Effects { sh_degree: 3, ..none })?,
-        row("order tile-depth", &scene, Effects { order: Order::TileDepth, ..none })?,
-        row("order pixel-depth", &scene, Effects { order: Order::PixelDepth, ..none })?,
+        row("order global", &scene, Effects { order: Order::Global, ..none })?,
+        row("order per-pixel", &scene, Effects { order: Order::PerPixel, ..none })?,
         row("antialias dilate", &scene, Effects { antialias: Antialias::Dilate, ..none })?,
         row("antialias mip", &scene, Effects { antialias: Antialias::Mip, ..none })?,
         picture("background solid", cpu, &scene, &camera, white)?,
     ];
-    table("250,000 Gaussians in space, 1920x1080 px, over", &rows)
+    table("250,000 Gaussians in 3D, 1920x1080 px, over", &rows)
 }
 
 /// The time of a picture with all effects off, ms, on a line for each scene: what `cargo xtask effects` compares with kernels in which an effect
@@ -60,9 +60,9 @@ fn off(cpu: &CpuRasterizer) -> Result<(), Error> {
     };
     let (scene, camera) = garden(250_000, (1920, 1080));
     let none = RenderSettings { effects: all_off(), ..RenderSettings::default() };
-    median(picture("", cpu.spatial(), &scene, &camera, none)?)?;
+    median(picture("", cpu.for_3d(), &scene, &camera, none)?)?;
     let (scene, canvas) = fitted(70_000);
-    median(picture("", cpu.planar(), &scene, &canvas, none)?)
+    median(picture("", cpu.for_2d(), &scene, &canvas, none)?)
 }
 
 fn main() -> Result<(), Error> {
@@ -70,7 +70,7 @@ fn main() -> Result<(), Error> {
     if std::env::args().any(|argument| argument == "off") {
         return off(&cpu);
     }
-    println!("{}, seed {SEED}", cpu.spatial().describe());
-    in_space(cpu.spatial())?;
-    [1_000, 9_000, 70_000].into_iter().try_for_each(|count| in_the_plane(cpu.planar(), cpu.spatial(), count))
+    println!("{}, seed {SEED}", cpu.for_3d().describe());
+    in_space(cpu.for_3d())?;
+    [1_000, 9_000, 70_000].into_iter().try_for_each(|count| in_the_plane(cpu.for_2d(), cpu.for_3d(), count))
 }

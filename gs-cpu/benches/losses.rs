@@ -6,7 +6,7 @@
 
 use glam::{Vec2, Vec3};
 use gs_core::{
-    Blend, Canvas, Chart, Error, Image, Loss, PlanarGaussian, PlanarScene, Rasterizer, RenderSettings,
+    Blend, Canvas, Error, Gaussian2d, Image, Loss, Parameterization, Rasterizer, RenderSettings, Scene2d,
     profile::{Profiler, Quantiles},
 };
 use gs_cpu::{CpuRasterizer, CpuSettings};
@@ -16,8 +16,8 @@ const REPETITIONS: usize = 60;
 const SIZES: [(u32, u32); 4] = [(400, 400), (768, 512), (1920, 1080), (3840, 2160)];
 
 /// A few large Gaussians: the loss does not know how many there are.
-fn scene((width, height): (u32, u32)) -> PlanarScene {
-    let gaussian = |i: u32| PlanarGaussian {
+fn scene((width, height): (u32, u32)) -> Scene2d {
+    let gaussian = |i: u32| Gaussian2d {
         mean: Vec2::new(width as f32, height as f32) * (i as f32 / 8.0),
         log_scale: Vec2::new(0.3 * width as f32, 0.2 * height as f32).map(f32::ln),
         rotation: i as f32,
@@ -34,14 +34,14 @@ fn main() -> Result<(), Error> {
     for size @ (width, height) in SIZES {
         let image = Image::from_fn(width, height, |x, y| [(x % 7) as f32 / 7.0, (y % 5) as f32 / 5.0, 0.5])?;
         for rasterizer in [&one, &all] {
-            let cpu = rasterizer.planar();
+            let cpu = rasterizer.for_2d();
             let target = cpu.upload_target(&image)?;
-            let mut cloud = cpu.upload(&scene(size), Chart::ScaleRotation)?;
+            let mut splats = cpu.upload(&scene(size), Parameterization::ScaleRotation)?;
             print!("| {width}x{height} | {}", rasterizer.threads());
             for loss in [Loss::L2, Loss::L1, Loss::L1Dssim { lambda: 0.2 }] {
                 let settings = RenderSettings::blended(Blend::Over);
                 let canvas = Canvas::new(width, height);
-                let profile = cpu.profile(&mut cloud, &canvas, &target, &settings, loss, REPETITIONS)?;
+                let profile = cpu.profile(&mut splats, &canvas, &target, &settings, loss, REPETITIONS)?;
                 let stage = profile.stages.iter().find(|stage| stage.stage == "loss").expect("a step has a loss");
                 let Quantiles { low, median, high } = Quantiles::of(&stage.seconds);
                 print!(" | {:.2} ({:.2}–{:.2})", 1e3 * median, 1e3 * low, 1e3 * high);

@@ -18,7 +18,7 @@ use crate::{
 /// One Gaussian in one tile.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Entry {
-    /// Its place among the splats.
+    /// Its place among the projected.
     pub(crate) place: u32,
     /// First image row, and the one after the last.
     pub(crate) rows: [u16; 2],
@@ -93,14 +93,16 @@ impl Bins {
     ///
     /// # Errors
     /// [`Error::Backend`] where there are more entries than [`Self::most_entries`], [`Error::Memory`]; the lists are then of no use.
-    pub(crate) fn fill(&mut self, splats: &[Splat], grid: &Grid, bounds: Bounds) -> Result<(), Error> {
+    pub(crate) fn fill(&mut self, projected: &[Splat], grid: &Grid, bounds: Bounds) -> Result<(), Error> {
         let tiles = grid.tiles();
-        self.chunk_len = CHUNK.max(splats.len().div_ceil(MOST_CHUNKS));
+        self.chunk_len = CHUNK.max(projected.len().div_ceil(MOST_CHUNKS));
         let chunk_len = self.chunk_len;
-        self.chunks.resize_with(splats.len().div_ceil(chunk_len), Chunk::default);
-        self.chunks.par_iter_mut().zip(splats.par_chunks(chunk_len)).enumerate().for_each(|(i, (chunk, splats))| {
-            chunk.find(splats, (i * chunk_len) as u32, grid, bounds);
-        });
+        self.chunks.resize_with(projected.len().div_ceil(chunk_len), Chunk::default);
+        self.chunks.par_iter_mut().zip(projected.par_chunks(chunk_len)).enumerate().for_each(
+            |(i, (chunk, projected))| {
+                chunk.find(projected, (i * chunk_len) as u32, grid, bounds);
+            },
+        );
         self.outside = self.chunks.iter().map(|c| c.outside).sum::<u32>();
 
         let counts = |tile: usize| self.chunks.iter().map(move |chunk| chunk.cursors[tile]);
@@ -136,14 +138,14 @@ fn count_entries(counts: impl Iterator<Item = u32>, most: u32) -> Result<u32, Er
 }
 
 impl Chunk {
-    fn find(&mut self, splats: &[Splat], first_place: u32, grid: &Grid, bounds: Bounds) {
+    fn find(&mut self, projected: &[Splat], first_place: u32, grid: &Grid, bounds: Bounds) {
         self.found.clear();
         self.starts.clear();
         self.starts.push(0);
         self.cursors.clear();
         self.cursors.resize(grid.tiles(), 0);
         self.outside = 0;
-        for (i, splat) in splats.iter().enumerate() {
+        for (i, splat) in projected.iter().enumerate() {
             let before = self.found.len();
             if !splat.is_culled() {
                 self.find_one(splat, first_place + i as u32, grid, bounds);

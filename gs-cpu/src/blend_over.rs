@@ -82,14 +82,14 @@ fn unobstructed(lanes_inside: usize) -> [f32; LANES] {
     std::array::from_fn(|lane| if lane < lanes_inside { 1.0 } else { -1.0 })
 }
 
-/// Blends the entries' Gaussians into `rows`, before `backdrop`, and says what transmittance is left.
+/// Blends the entries' Gaussians into `rows`, before `background`, and says what transmittance is left.
 #[inline(always)]
 pub(crate) fn forward<S: Simd>(
     simd: S,
     sight: &Sight<'_>,
     rows: &mut [Row],
     transmittance: &mut [ScalarRow],
-    backdrop: [f32; 3],
+    background: [f32; 3],
 ) {
     rows.fill(Row::ZERO);
     transmittance.fill(ScalarRow(unobstructed(sight.lanes_inside)));
@@ -102,7 +102,7 @@ pub(crate) fn forward<S: Simd>(
             }
         }
         let Some([row, end]) = open.within(sight.rows_of(entry)) else { continue };
-        let s = &sight.splats[entry.place as usize];
+        let s = &sight.projected[entry.place as usize];
         let (rows, transmittance) = (&mut rows[row..end], &mut transmittance[row..end]);
         each_part!(S; forward_part(simd, s, sight, sight.first_row + row, rows, transmittance));
     }
@@ -115,7 +115,7 @@ pub(crate) fn forward<S: Simd>(
                 continue;
             }
             for k in 0..3 {
-                let sum = fma(left, splat(simd, backdrop[k]), load(simd, &pixels[k], lane));
+                let sum = fma(left, splat(simd, background[k]), load(simd, &pixels[k], lane));
                 store(sum, &mut pixels[k], lane);
             }
         }
@@ -195,7 +195,7 @@ pub(crate) fn backward<S: Simd, K: Collect>(
             }
         }
         let Some([row, end]) = open.within(sight.rows_of(entry)) else { continue };
-        let s = &sight.splats[entry.place as usize];
+        let s = &sight.projected[entry.place as usize];
         let (rows, v_rows) = (&mut rows[row..end], &v_rows[row..end]);
         let errors = if K::ERROR { &errors[row..end] } else { &[] };
         each_part!(S, K; backward_part(simd, s, sight, sight.first_row + row, rows, v_rows, errors, slot));

@@ -99,14 +99,14 @@ pub(crate) fn passes_by<S: Simd, V: Floats<S>>(splat_: &Splat, first_column: usi
     (middle - splat_.mean[0]).abs() > splat_.half_x + 0.5 * V::LEN as f32
 }
 
-/// Backdrop less target: what [`forward`] starts from where the residual is wanted.
+/// StepBackground less target: what [`forward`] starts from where the residual is wanted.
 #[inline(always)]
-pub(crate) fn start<S: Simd>(simd: S, backdrop: [f32; 3], target: &[Row], rows: &mut [Row]) {
-    let backdrop: [S::f32s; 3] = splat3(simd, backdrop);
+pub(crate) fn start<S: Simd>(simd: S, background: [f32; 3], target: &[Row], rows: &mut [Row]) {
+    let background: [S::f32s; 3] = splat3(simd, background);
     for (Row(pixels), Row(target)) in rows.iter_mut().zip(target) {
         for k in 0..3 {
             for lane in (0..LANES).step_by(S::f32s::LEN) {
-                store(backdrop[k] - load::<S, S::f32s>(simd, &target[k], lane), &mut pixels[k], lane);
+                store(background[k] - load::<S, S::f32s>(simd, &target[k], lane), &mut pixels[k], lane);
             }
         }
     }
@@ -120,7 +120,7 @@ pub(crate) fn start<S: Simd>(simd: S, backdrop: [f32; 3], target: &[Row], rows: 
 pub(crate) fn forward<S: Simd>(
     simd: S,
     entries: &[Entry],
-    splats: &[Splat],
+    projected: &[Splat],
     first_column: usize,
     first_row: usize,
     rows: &mut [Row],
@@ -128,16 +128,16 @@ pub(crate) fn forward<S: Simd>(
     // The recurrence waits for its own results; two registers wait for them at once.
     let zero = splat::<S, Whole<S>>(simd, 0.0);
     let Some(first) = entries.first() else { return };
-    let mut run = Run::<Whole<S>>::new(simd, first, splats, first_column, usize::from(first.rows[0]));
+    let mut run = Run::<Whole<S>>::new(simd, first, projected, first_column, usize::from(first.rows[0]));
     for (index, entry) in entries.iter().enumerate() {
-        let s = &splats[entry.place as usize];
+        let s = &projected[entry.place as usize];
         let (color, cut): ([Whole<S>; 3], Whole<S>) = (splat3(simd, s.color), splat(simd, s.cut));
         let following = entries.get(index + 1).unwrap_or(entry);
         let end = usize::from(entry.rows[1]);
         loop {
             let stop = (run.row + s.restart_rows as usize).min(end);
             let (of, at) = if stop < end { (entry, stop) } else { (following, usize::from(following.rows[0])) };
-            let next = Run::new(simd, of, splats, first_column, at);
+            let next = Run::new(simd, of, projected, first_column, at);
             let mut weights = run.weights;
             for Row(pixels) in &mut rows[run.row - first_row..stop - first_row] {
                 let w = weights.w.simd_ge(cut).select(weights.w, zero);
@@ -163,11 +163,11 @@ struct Run<V> {
 
 impl<V> Run<V> {
     #[inline(always)]
-    fn new<S: Simd>(simd: S, entry: &Entry, splats: &[Splat], first_column: usize, row: usize) -> Self
+    fn new<S: Simd>(simd: S, entry: &Entry, projected: &[Splat], first_column: usize, row: usize) -> Self
     where
         V: Floats<S>,
     {
-        let s = &splats[entry.place as usize];
+        let s = &projected[entry.place as usize];
         let mut weights = Weights::<V>::new(simd, s, first_column, 0);
         weights.start(simd, u_in_row(simd, s, weights.dx, row));
         Self { row, weights }
@@ -181,7 +181,7 @@ impl<V> Run<V> {
 pub(crate) fn backward<S: Simd, K: Collect>(
     simd: S,
     entries: &[Entry],
-    splats: &[Splat],
+    projected: &[Splat],
     first_column: usize,
     first_row: usize,
     rows: &[Row],
@@ -189,7 +189,7 @@ pub(crate) fn backward<S: Simd, K: Collect>(
     slots: &mut [f32],
 ) {
     for (entry, slot) in entries.iter().zip(slots.chunks_exact_mut(STRIDE + K::NUMBERS)) {
-        let s = &splats[entry.place as usize];
+        let s = &projected[entry.place as usize];
         let [row, end] = entry.rows.map(|row| usize::from(row) - first_row);
         slot.fill(0.0);
         let errors = if K::ERROR { &errors[row..end] } else { &[] };
@@ -293,14 +293,14 @@ pub(crate) fn add(slot: &mut [f32], part: &[f32; 8]) {
 pub(crate) fn backward_colors<S: Simd>(
     simd: S,
     entries: &[Entry],
-    splats: &[Splat],
+    projected: &[Splat],
     first_column: usize,
     first_row: usize,
     rows: &[Row],
     slots: &mut [f32],
 ) {
     for (entry, slot) in entries.iter().zip(slots.as_chunks_mut::<COLOR_STRIDE>().0) {
-        let s = &splats[entry.place as usize];
+        let s = &projected[entry.place as usize];
         let [row, end] = entry.rows.map(|row| usize::from(row) - first_row);
         *slot = [0.0; COLOR_STRIDE];
         each_part!(S; colors_part(simd, s, first_column, usize::from(entry.rows[0]), &rows[row..end], slot));

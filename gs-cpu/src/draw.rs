@@ -41,7 +41,7 @@ impl Tiles {
 #[cfg(test)]
 mod tests {
     use glam::{Vec2, Vec3};
-    use gs_core::{Blend, Canvas, Chart, PlanarGaussian, PlanarScene, Rasterizer, RenderSettings};
+    use gs_core::{Blend, Canvas, Gaussian2d, Parameterization, Rasterizer, RenderSettings, Scene2d};
 
     use super::*;
     use crate::{CpuRasterizer, CpuSettings};
@@ -50,12 +50,12 @@ mod tests {
     #[cfg_attr(miri, ignore = "minutes: an image of thousands of rows")]
     fn what_is_drawn_is_what_forward_shows_to_the_bit() {
         let rasterizer = CpuRasterizer::new(CpuSettings { threads: Some(2), level: None }).unwrap();
-        let cpu = rasterizer.planar();
+        let cpu = rasterizer.for_2d();
         // Strips of 3 MiB each, so that some are drawn after others; the last has 9 columns.
         let canvas = Canvas::new(249, 16_384);
         let at_once = strips_at_once(&Grid::new((249, 16_384), 64));
         assert!(at_once > 1 && at_once < 16, "{at_once} of 16 strips");
-        let gaussian = |i: u32| PlanarGaussian {
+        let gaussian = |i: u32| Gaussian2d {
             mean: Vec2::new((i * 37 % 249) as f32 + 0.3, (i * 5003 % 16_384) as f32),
             log_scale: Vec2::new(3.0, 1.5),
             rotation: i as f32,
@@ -63,15 +63,15 @@ mod tests {
             color: Vec3::new(0.2, 0.4, 0.1) * (i % 7) as f32,
         };
         for blend in [Blend::Sum, Blend::Over] {
-            let mut scene: PlanarScene = (0..300).map(gaussian).collect();
+            let mut scene: Scene2d = (0..300).map(gaussian).collect();
             if blend == Blend::Sum {
                 scene.opacity_logits.clear();
             }
             let settings = RenderSettings::blended(blend).on([0.5, 0.25, 0.125]);
-            let cloud = cpu.upload(&scene, Chart::default()).unwrap();
-            let frame = cpu.forward(&cloud, &canvas, &settings).unwrap();
-            let expected = (cpu.image(&frame).unwrap(), cpu.culled(&frame).unwrap());
-            assert!(cpu.draw(&cloud, &canvas, &settings).unwrap() == expected, "{blend:?}");
+            let splats = cpu.upload(&scene, Parameterization::default()).unwrap();
+            let pass = cpu.forward(&splats, &canvas, &settings).unwrap();
+            let expected = (cpu.image(&pass).unwrap(), cpu.culled(&pass).unwrap());
+            assert!(cpu.draw(&splats, &canvas, &settings).unwrap() == expected, "{blend:?}");
         }
     }
 }

@@ -1,4 +1,4 @@
-//! What this backend needs to know about a kind of scene: its cloud, and the stages before `bin` and after `blend_bwd`. All that lies
+//! What this backend needs to know about a kind of scene: its splats, and the stages before `bin` and after `blend_bwd`. All that lies
 //! between, and the trait's implementation around it, is written once.
 
 use std::{
@@ -11,7 +11,8 @@ use std::{
 
 use fearless_simd::Level;
 use gs_core::{
-    AdamRates, Binning, Chart, CloudState, DensityStatistics, EditPlan, Error, RenderSettings, Scene, profile::Traffic,
+    AdamRates, Binning, DensityStatistics, EditPlan, Error, Parameterization, RenderSettings, Scene, SplatsState,
+    profile::Traffic,
 };
 
 use crate::{
@@ -20,10 +21,10 @@ use crate::{
     workspace::{Pool, Workspace},
 };
 
-/// A kind of scene that [`CpuRasterizer`] is a rasterizer for; implemented for planar and spatial scenes, and for no others.
+/// A kind of scene that [`CpuRasterizer`] is a rasterizer for; implemented for 2D and 3D scenes, and for no others.
 pub trait Kind: Scene + 'static {
     /// The Gaussians where this backend computes.
-    type Cloud: Debug + Send + Sync;
+    type Splats: Debug + Send + Sync;
     /// Buffers of the stages that are this kind's own.
     type Own: Debug + Default + Send + Sync;
     /// Bias corrections of Adam.
@@ -44,54 +45,54 @@ pub trait Kind: Scene + 'static {
     /// What the rasterizer keeps for this kind.
     fn resources(rasterizer: &CpuRasterizer) -> &Resources<Self>;
 
-    /// A cloud of this scene.
-    fn upload(scene: &Self, chart: Chart) -> Result<Self::Cloud, Error>;
+    /// splats of this scene.
+    fn upload(scene: &Self, parameterization: Parameterization) -> Result<Self::Splats, Error>;
 
-    /// The cloud's parameters.
-    fn download(cloud: &Self::Cloud) -> Self;
+    /// The splats' parameters.
+    fn download(splats: &Self::Splats) -> Self;
 
     /// Its whole state.
-    fn save(cloud: &Self::Cloud) -> CloudState;
+    fn save(splats: &Self::Splats) -> SplatsState;
 
-    /// A cloud in that state.
-    fn restore(state: &CloudState) -> Result<Self::Cloud, Error>;
+    /// splats in that state.
+    fn restore(state: &SplatsState) -> Result<Self::Splats, Error>;
 
     /// Applies a plan.
-    fn edit(cloud: &mut Self::Cloud, plan: &EditPlan<Self::Gaussian>) -> Result<(), Error>;
+    fn edit(splats: &mut Self::Splats, plan: &EditPlan<Self::Gaussian>) -> Result<(), Error>;
 
     /// Adds to the means.
-    fn shift_means(cloud: &mut Self::Cloud, shifts: &[f32]) -> Result<(), Error>;
+    fn shift_means(splats: &mut Self::Splats, shifts: &[f32]) -> Result<(), Error>;
 
-    /// What clouds of every kind have.
-    fn shared(cloud: &Self::Cloud) -> &Shared<Self>;
+    /// What splats of every kind have.
+    fn shared(splats: &Self::Splats) -> &Shared<Self>;
 
     /// The same, to change.
-    fn shared_mut(cloud: &mut Self::Cloud) -> &mut Shared<Self>;
+    fn shared_mut(splats: &mut Self::Splats) -> &mut Shared<Self>;
 
     /// The stages up to `bin`.
     fn prepare(
         workspace: &mut Workspace<Self>,
-        cloud: &Self::Cloud,
+        splats: &Self::Splats,
         view: &Self::View,
         settings: &RenderSettings,
         binning: Binning,
     ) -> Result<(), Error>;
 
     /// Stage `project`.
-    fn project(workspace: &mut Workspace<Self>, cloud: &Self::Cloud);
+    fn project(workspace: &mut Workspace<Self>, splats: &Self::Splats);
 
-    /// Stage `sort`: the order in which tiles see the splats.
-    fn sort(workspace: &mut Workspace<Self>, cloud: &Self::Cloud);
+    /// Stage `sort`: the order in which tiles see the projected.
+    fn sort(workspace: &mut Workspace<Self>, splats: &Self::Splats);
 
     /// Stage `project_bwd`: every Gaussian's gradient, times `scale`.
-    fn project_bwd(workspace: &mut Workspace<Self>, cloud: &Self::Cloud, scale: f32);
+    fn project_bwd(workspace: &mut Workspace<Self>, splats: &Self::Splats, scale: f32);
 
     /// The gradients that `project_bwd` found, as a scene of derivatives.
-    fn derivatives(workspace: &Workspace<Self>, cloud: &Self::Cloud) -> Self;
+    fn derivatives(workspace: &Workspace<Self>, splats: &Self::Splats) -> Self;
 
     /// Stage `adam`: one step along the gradients that `project_bwd` found, and the statistics.
     fn adam(
-        cloud: &mut Self::Cloud,
+        splats: &mut Self::Splats,
         bias: &mut Self::Bias,
         rates: &AdamRates,
         level: Level,
@@ -101,7 +102,7 @@ pub trait Kind: Scene + 'static {
     /// Solves for the colours, where the image is linear in them.
     fn solve_colors(
         rasterizer: &CpuRasterizer,
-        cloud: &mut Self::Cloud,
+        splats: &mut Self::Splats,
         view: &Self::View,
         target: &Target,
         settings: &RenderSettings,
@@ -109,10 +110,10 @@ pub trait Kind: Scene + 'static {
     ) -> Result<(), Error>;
 
     /// The bytes that one of this kind's own stages moves at least.
-    fn traffic(stage: Stage, workspace: &Workspace<Self>, cloud: &Self::Cloud) -> Traffic;
+    fn traffic(stage: Stage, workspace: &Workspace<Self>, splats: &Self::Splats) -> Traffic;
 }
 
-/// What clouds of every kind have besides their parameters and moments.
+/// What splats of every kind have besides their parameters and moments.
 #[derive(Debug)]
 pub struct Shared<S: Kind> {
     pub(crate) statistics: DensityStatistics,
@@ -120,7 +121,7 @@ pub struct Shared<S: Kind> {
     pub(crate) workspace: Option<Workspace<S>>,
     /// Of training steps, until they are asked for.
     pub(crate) losses: Vec<f32>,
-    /// Another number for every cloud and after every edit, by which lists made for another state are recognised.
+    /// Another number for every splats and after every edit, by which lists made for another state are recognised.
     pub(crate) edition: u64,
 }
 

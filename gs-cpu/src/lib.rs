@@ -2,7 +2,7 @@
 //!
 //! The image is held in strips of 16 columns (`layout`), so that one vector register is one row of a strip, and a tile is a band of
 //! a strip's rows. The stages stand in files of their names: `bin`, `blend_sum` and `blend_over` (forward and backward), `loss`, `dssim`,
-//! which are the same for every kind of scene (`tiles`); `project`, `sort`, `project_bwd`, `adam` in `planar` and `spatial`. Everything is reduced in a fixed order: images, gradients and training
+//! which are the same for every kind of scene (`tiles`); `project`, `sort`, `project_bwd`, `adam` in `2D` and `3D`. Everything is reduced in a fixed order: images, gradients and training
 //! runs are bit-identical for every number of threads. Levels of SIMD differ from each other by rounding only.
 
 // Guards are phrased so that NaN fails them: `!(x > 0.0)` is not `x <= 0.0`.
@@ -12,7 +12,7 @@
 mod bias;
 mod bin;
 mod blend_over;
-mod blend_pixel_depth;
+mod blend_per_pixel;
 mod blend_sum;
 mod collect;
 mod draw;
@@ -22,11 +22,11 @@ mod lanes;
 mod layout;
 mod level;
 mod loss;
-mod planar;
 mod profile;
 mod rasterizer;
+mod scene2d;
+mod scene3d;
 mod scratches;
-mod spatial;
 mod splat;
 mod tiles;
 mod traffic;
@@ -35,8 +35,8 @@ mod workspace;
 
 pub use level::SimdLevel;
 pub use loss::Target;
-pub use planar::PlanarCloud;
 pub use rasterizer::{CpuRasterizer, CpuSettings};
-pub use spatial::SpatialCloud;
+pub use scene2d::Splats2d;
+pub use scene3d::Splats3d;
 pub use tuning::{Bounds, CpuTuning};
-pub use workspace::{Frame, Gradients, PlanarFrame, PlanarGradients, SpatialFrame, SpatialGradients};
+pub use workspace::{ForwardPass, ForwardPass2d, ForwardPass3d, Gradients, Gradients2d, Gradients3d};

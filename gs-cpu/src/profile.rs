@@ -66,7 +66,7 @@ impl Stage {
 struct Pass<'a, S: Kind> {
     rasterizer: &'a CpuRasterizer,
     workspace: Workspace<S>,
-    cloud: &'a mut S::Cloud,
+    splats: &'a mut S::Splats,
     target: &'a Target,
     loss: Loss,
     rates: AdamRates,
@@ -75,11 +75,11 @@ struct Pass<'a, S: Kind> {
 
 impl<S: Kind> Pass<'_, S> {
     fn run(&mut self, stage: Stage) -> Result<(), Error> {
-        let Self { workspace, cloud, target, bias, .. } = self;
+        let Self { workspace, splats, target, bias, .. } = self;
         let level = self.rasterizer.level;
         match stage {
-            Stage::Sort => S::sort(workspace, cloud),
-            Stage::Project => S::project(workspace, cloud),
+            Stage::Sort => S::sort(workspace, splats),
+            Stage::Project => S::project(workspace, splats),
             Stage::Bin => workspace.tiles.bin()?,
             Stage::Blend => workspace.tiles.blend(level)?,
             Stage::Loss => {
@@ -89,8 +89,8 @@ impl<S: Kind> Pass<'_, S> {
             Stage::Fused => {
                 workspace.tiles.blend_l2_fused(level, &target.rows)?;
             }
-            Stage::ProjectBwd => S::project_bwd(workspace, cloud, 1.0),
-            Stage::Adam => S::adam(cloud, bias, &self.rates, level, workspace),
+            Stage::ProjectBwd => S::project_bwd(workspace, splats, 1.0),
+            Stage::Adam => S::adam(splats, bias, &self.rates, level, workspace),
         }
         Ok(())
     }
@@ -99,7 +99,7 @@ impl<S: Kind> Pass<'_, S> {
 impl<S: Kind> Profiler<S> for CpuRasterizer {
     fn profile(
         &self,
-        cloud: &mut S::Cloud,
+        splats: &mut S::Splats,
         view: &S::View,
         target: &Target,
         settings: &RenderSettings,
@@ -116,9 +116,9 @@ impl<S: Kind> Profiler<S> for CpuRasterizer {
             stages.map(|stage| (stage, Vec::with_capacity(repetitions))).collect();
         let pool = &S::resources(self).pool;
         let (workspace, bias) = (pool.take().tuned(self.tuning), S::Bias::default());
-        let mut pass = Pass::<S> { rasterizer: self, workspace, cloud, target, loss, rates: still(), bias };
+        let mut pass = Pass::<S> { rasterizer: self, workspace, splats, target, loss, rates: still(), bias };
         self.threads.install(|| {
-            S::prepare(&mut pass.workspace, pass.cloud, view, settings, Binning::Fresh)?;
+            S::prepare(&mut pass.workspace, pass.splats, view, settings, Binning::Fresh)?;
             samples.iter().try_for_each(|&(stage, _)| pass.run(stage))?;
             for _ in 0..repetitions {
                 for (stage, seconds) in &mut samples {
@@ -129,13 +129,13 @@ impl<S: Kind> Profiler<S> for CpuRasterizer {
             }
             Ok::<(), Error>(())
         })?;
-        let Pass { workspace, cloud, .. } = pass;
+        let Pass { workspace, splats, .. } = pass;
         let pairs = workspace.tiles.bins.pairs();
         let stage_time = |(stage, seconds): (Stage, Vec<f64>)| StageTime {
             stage: stage.name(),
             seconds,
             pairs: if stage.visits_pairs() { pairs } else { 0 },
-            traffic: traffic::of(stage, &workspace, cloud, &loss),
+            traffic: traffic::of(stage, &workspace, splats, &loss),
             replaces: stage.replaces(),
         };
         let stages = samples.into_iter().map(stage_time).collect();

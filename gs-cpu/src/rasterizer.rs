@@ -4,18 +4,18 @@ use std::{fmt, sync::PoisonError};
 
 use fearless_simd::Level;
 use gs_core::{
-    AdamRates, Binning, Chart, CloudState, DensityStatistics, EditPlan, Error, Image, Loss, PlanarScene, Rasterizer,
-    RenderSettings, SpatialScene, TrainStep, counted, effects::Outputs, profile::Profiler, settings::Cut,
+    AdamRates, Binning, DensityStatistics, EditPlan, Error, Image, Loss, Parameterization, Rasterizer, RenderSettings,
+    Scene2d, Scene3d, SplatsState, TrainStep, counted, effects::Outputs, profile::Profiler, settings::Cut,
     statistics::Culled,
 };
 
 use crate::{
-    PlanarCloud, PlanarFrame, PlanarGradients, SimdLevel, SpatialCloud, SpatialFrame, SpatialGradients, Target,
+    ForwardPass2d, ForwardPass3d, Gradients2d, Gradients3d, SimdLevel, Splats2d, Splats3d, Target,
     kind::{Kind, Resources},
     loss,
     tiles::Tiles,
     tuning::CpuTuning,
-    workspace::{Frame, Gradients},
+    workspace::{ForwardPass, Gradients},
 };
 
 /// The backend's name in errors.
@@ -30,14 +30,14 @@ pub struct CpuSettings {
     pub level: Option<SimdLevel>,
 }
 
-/// The CPU backend: owns its threads, and the buffers that its frames use in turn.
+/// The CPU backend: owns its threads, and the buffers that its forward passes use in turn.
 pub struct CpuRasterizer {
     pub(crate) threads: rayon::ThreadPool,
     simd: SimdLevel,
     pub(crate) level: Level,
     pub(crate) tuning: CpuTuning,
-    pub(crate) planar: Resources<PlanarScene>,
-    pub(crate) spatial: Resources<SpatialScene>,
+    pub(crate) pool_2d: Resources<Scene2d>,
+    pub(crate) pool_3d: Resources<Scene3d>,
 }
 
 impl CpuRasterizer {
@@ -64,8 +64,8 @@ impl CpuRasterizer {
             simd,
             level,
             tuning: CpuTuning::default(),
-            planar: Resources::default(),
-            spatial: Resources::default(),
+            pool_2d: Resources::default(),
+            pool_3d: Resources::default(),
         })
     }
 
@@ -83,24 +83,19 @@ impl CpuRasterizer {
         self.tuning
     }
 
-    /// This rasterizer for planar scenes alone, where the types of the arguments do not say which kind of scene is meant.
-    pub fn planar(
+    /// This rasterizer for 2D scenes alone, where the types of the arguments do not say which kind of scene is meant.
+    pub fn for_2d(
         &self,
-    ) -> &impl Profiler<PlanarScene, Cloud = PlanarCloud, Frame = PlanarFrame, Gradients = PlanarGradients, Target = Target>
+    ) -> &impl Profiler<Scene2d, Splats = Splats2d, ForwardPass = ForwardPass2d, Gradients = Gradients2d, Target = Target>
     {
         self
     }
 
-    /// This rasterizer for spatial scenes alone, as [`Self::planar`].
-    pub fn spatial(
+    /// This rasterizer for 3D scenes alone, as [`Self::2D`].
+    pub fn for_3d(
         &self,
-    ) -> &impl Profiler<
-        SpatialScene,
-        Cloud = SpatialCloud,
-        Frame = SpatialFrame,
-        Gradients = SpatialGradients,
-        Target = Target,
-    > {
+    ) -> &impl Profiler<Scene3d, Splats = Splats3d, ForwardPass = ForwardPass3d, Gradients = Gradients3d, Target = Target>
+    {
         self
     }
 
@@ -139,8 +134,8 @@ pub(crate) fn check_settings(settings: &RenderSettings) -> Result<(), Error> {
 }
 
 impl<S: Kind> Rasterizer<S> for CpuRasterizer {
-    type Cloud = S::Cloud;
-    type Frame = Frame<S>;
+    type Splats = S::Splats;
+    type ForwardPass = ForwardPass<S>;
     type Gradients = Gradients<S>;
     type Target = Target;
 
@@ -148,16 +143,16 @@ impl<S: Kind> Rasterizer<S> for CpuRasterizer {
         format!("cpu ({}, {})", self.simd, counted(self.threads(), "thread"))
     }
 
-    fn upload(&self, scene: &S, chart: Chart) -> Result<S::Cloud, Error> {
-        S::upload(scene, chart)
+    fn upload(&self, scene: &S, parameterization: Parameterization) -> Result<S::Splats, Error> {
+        S::upload(scene, parameterization)
     }
 
-    fn download(&self, cloud: &S::Cloud) -> Result<S, Error> {
-        Ok(S::download(cloud))
+    fn download(&self, splats: &S::Splats) -> Result<S, Error> {
+        Ok(S::download(splats))
     }
 
-    fn len(&self, cloud: &S::Cloud) -> usize {
-        S::shared(cloud).len()
+    fn len(&self, splats: &S::Splats) -> usize {
+        S::shared(splats).len()
     }
 
     fn upload_target(&self, image: &Image) -> Result<Target, Error> {
@@ -165,35 +160,35 @@ impl<S: Kind> Rasterizer<S> for CpuRasterizer {
         Target::new(image)
     }
 
-    fn save(&self, cloud: &S::Cloud) -> Result<CloudState, Error> {
-        Ok(S::save(cloud))
+    fn save(&self, splats: &S::Splats) -> Result<SplatsState, Error> {
+        Ok(S::save(splats))
     }
 
-    fn restore(&self, state: &CloudState) -> Result<S::Cloud, Error> {
+    fn restore(&self, state: &SplatsState) -> Result<S::Splats, Error> {
         S::restore(state)
     }
 
-    fn forward(&self, cloud: &S::Cloud, view: &S::View, settings: &RenderSettings) -> Result<Frame<S>, Error> {
+    fn forward(&self, splats: &S::Splats, view: &S::View, settings: &RenderSettings) -> Result<ForwardPass<S>, Error> {
         S::check(view, settings)?;
         let pool = &S::resources(self).pool;
         let mut workspace = pool.take().tuned(self.tuning);
         self.threads.install(|| {
-            S::prepare(&mut workspace, cloud, view, settings, Binning::Fresh)?;
+            S::prepare(&mut workspace, splats, view, settings, Binning::Fresh)?;
             workspace.tiles.blend(self.level)
         })?;
-        Ok(Frame::new(workspace, pool))
+        Ok(ForwardPass::new(workspace, pool))
     }
 
-    fn image(&self, frame: &Frame<S>) -> Result<Image, Error> {
-        frame.image()
+    fn image(&self, pass: &ForwardPass<S>) -> Result<Image, Error> {
+        pass.image()
     }
 
-    fn draw(&self, cloud: &S::Cloud, view: &S::View, settings: &RenderSettings) -> Result<(Image, Culled), Error> {
+    fn draw(&self, splats: &S::Splats, view: &S::View, settings: &RenderSettings) -> Result<(Image, Culled), Error> {
         S::check(view, settings)?;
         let pool = &S::resources(self).pool;
         let mut workspace = pool.take().tuned(self.tuning);
         let image = self.threads.install(|| {
-            S::prepare(&mut workspace, cloud, view, settings, Binning::Fresh)?;
+            S::prepare(&mut workspace, splats, view, settings, Binning::Fresh)?;
             workspace.tiles.draw(self.level)
         })?;
         let culled = workspace.tiles.culled();
@@ -201,50 +196,50 @@ impl<S: Kind> Rasterizer<S> for CpuRasterizer {
         Ok((image, culled))
     }
 
-    fn culled(&self, frame: &Frame<S>) -> Result<Culled, Error> {
-        Ok(frame.workspace().tiles.culled())
+    fn culled(&self, pass: &ForwardPass<S>) -> Result<Culled, Error> {
+        Ok(pass.workspace().tiles.culled())
     }
 
     fn backward(
         &self,
-        cloud: &S::Cloud,
-        mut frame: Frame<S>,
+        splats: &S::Splats,
+        mut pass: ForwardPass<S>,
         target: &Target,
         loss: &Loss,
     ) -> Result<(f32, Gradients<S>), Error> {
         loss.validate()?;
-        let workspace = frame.workspace_mut();
+        let workspace = pass.workspace_mut();
         target.check_size(workspace.tiles.grid.size())?;
-        if workspace.edition != Some(S::shared(cloud).edition) {
-            return Err(Error::State("the frame is of another cloud, or of this one before an edit".to_owned()));
+        if workspace.edition != Some(S::shared(splats).edition) {
+            return Err(Error::State("the forward pass is of other splats, or of this one before an edit".to_owned()));
         }
         let value = self.threads.install(|| {
             let value = loss::loss(&mut workspace.tiles, target, loss, self.level)?;
             workspace.tiles.blend_bwd(self.level)?;
-            S::project_bwd(workspace, cloud, 1.0);
+            S::project_bwd(workspace, splats, 1.0);
             Ok::<f64, Error>(value)
         })?;
-        Ok((value as f32, frame.into_gradients()))
+        Ok((value as f32, pass.into_gradients()))
     }
 
-    fn download_gradients(&self, cloud: &S::Cloud, gradients: &Gradients<S>) -> Result<S, Error> {
-        check_len::<S>(gradients, cloud)?;
-        Ok(S::derivatives(gradients.workspace(), cloud))
+    fn download_gradients(&self, splats: &S::Splats, gradients: &Gradients<S>) -> Result<S, Error> {
+        check_len::<S>(gradients, splats)?;
+        Ok(S::derivatives(gradients.workspace(), splats))
     }
 
-    fn step(&self, cloud: &mut S::Cloud, gradients: &Gradients<S>, rates: &AdamRates) -> Result<(), Error> {
-        check_len::<S>(gradients, cloud)?;
+    fn step(&self, splats: &mut S::Splats, gradients: &Gradients<S>, rates: &AdamRates) -> Result<(), Error> {
+        check_len::<S>(gradients, splats)?;
         rates.validate()?;
         S::check_rates(rates)?;
         let mut bias = S::resources(self).bias.lock().unwrap_or_else(PoisonError::into_inner);
         let bias = &mut *bias;
-        self.threads.install(|| S::adam(cloud, bias, rates, self.level, gradients.workspace()));
+        self.threads.install(|| S::adam(splats, bias, rates, self.level, gradients.workspace()));
         Ok(())
     }
 
     fn train_step(
         &self,
-        cloud: &mut S::Cloud,
+        splats: &mut S::Splats,
         view: &S::View,
         target: &Target,
         step: &TrainStep<'_>,
@@ -255,12 +250,12 @@ impl<S: Kind> Rasterizer<S> for CpuRasterizer {
         step.loss.validate()?;
         target.check_size(S::size(view))?;
         let Resources { pool, bias } = S::resources(self);
-        let workspace = S::shared_mut(cloud).workspace.take().unwrap_or_else(|| pool.take());
+        let workspace = S::shared_mut(splats).workspace.take().unwrap_or_else(|| pool.take());
         let mut workspace = workspace.tuned(self.tuning);
         let mut bias = bias.lock().unwrap_or_else(PoisonError::into_inner);
         let bias = &mut *bias;
         let value = self.threads.install(|| {
-            S::prepare(&mut workspace, cloud, view, step.settings, step.binning)?;
+            S::prepare(&mut workspace, splats, view, step.settings, step.binning)?;
             let tiles = &mut workspace.tiles;
             let (value, scale) = if Tiles::is_fused(&step.settings.effects, step.loss) {
                 let count = 3.0 * tiles.grid.width as f64 * tiles.grid.height as f64;
@@ -271,23 +266,23 @@ impl<S: Kind> Rasterizer<S> for CpuRasterizer {
                 tiles.blend_bwd(self.level)?;
                 (value, 1.0)
             };
-            S::project_bwd(&mut workspace, cloud, scale);
-            S::adam(cloud, bias, step.rates, self.level, &workspace);
+            S::project_bwd(&mut workspace, splats, scale);
+            S::adam(splats, bias, step.rates, self.level, &workspace);
             Ok::<f64, Error>(value)
         })?;
-        let shared = S::shared_mut(cloud);
+        let shared = S::shared_mut(splats);
         shared.workspace = Some(workspace);
         shared.losses.push(value as f32);
         Ok(())
     }
 
-    fn unread_losses<'c>(&self, cloud: &'c mut S::Cloud) -> &'c mut Vec<f32> {
-        &mut S::shared_mut(cloud).losses
+    fn unread_losses<'c>(&self, splats: &'c mut S::Splats) -> &'c mut Vec<f32> {
+        &mut S::shared_mut(splats).losses
     }
 
     fn solve_colors(
         &self,
-        cloud: &mut S::Cloud,
+        splats: &mut S::Splats,
         view: &S::View,
         target: &Target,
         settings: &RenderSettings,
@@ -295,115 +290,115 @@ impl<S: Kind> Rasterizer<S> for CpuRasterizer {
     ) -> Result<(), Error> {
         S::check(view, settings)?;
         target.check_size(S::size(view))?;
-        S::solve_colors(self, cloud, view, target, settings, iterations)
+        S::solve_colors(self, splats, view, target, settings, iterations)
     }
 
-    fn statistics(&self, cloud: &S::Cloud) -> Result<DensityStatistics, Error> {
-        Ok(S::shared(cloud).statistics.clone())
+    fn statistics(&self, splats: &S::Splats) -> Result<DensityStatistics, Error> {
+        Ok(S::shared(splats).statistics.clone())
     }
 
-    fn shift_means(&self, cloud: &mut S::Cloud, shifts: &[f32]) -> Result<(), Error> {
-        S::shift_means(cloud, shifts)
+    fn shift_means(&self, splats: &mut S::Splats, shifts: &[f32]) -> Result<(), Error> {
+        S::shift_means(splats, shifts)
     }
 
-    fn edit(&self, cloud: &mut S::Cloud, plan: &EditPlan<S::Gaussian>) -> Result<(), Error> {
-        S::edit(cloud, plan)
+    fn edit(&self, splats: &mut S::Splats, plan: &EditPlan<S::Gaussian>) -> Result<(), Error> {
+        S::edit(splats, plan)
     }
 }
 
-/// Fails unless the gradients are of as many Gaussians as the cloud has.
-fn check_len<S: Kind>(gradients: &Gradients<S>, cloud: &S::Cloud) -> Result<(), Error> {
-    let (found, expected) = (gradients.workspace().len, S::shared(cloud).len());
+/// Fails unless the gradients are of as many Gaussians as the splats has.
+fn check_len<S: Kind>(gradients: &Gradients<S>, splats: &S::Splats) -> Result<(), Error> {
+    let (found, expected) = (gradients.workspace().len, S::shared(splats).len());
     if found == expected {
         return Ok(());
     }
-    Err(Error::State(format!("gradients of {found} Gaussians do not fit a cloud of {expected}")))
+    Err(Error::State(format!("gradients of {found} Gaussians do not fit splats of {expected}")))
 }
 
 #[cfg(test)]
 mod tests {
     use glam::{Vec2, Vec3};
-    use gs_core::{Adam, Blend, Canvas, Participants, PlanarGaussian, Scene, Wait};
+    use gs_core::{Adam, Blend, Canvas, Gaussian2d, Participants, Scene, Wait};
 
     use super::*;
     use crate::workspace::Workspace;
 
     #[test]
     #[cfg_attr(miri, ignore = "minutes: thousands of pixels, blended again and again")]
-    fn too_many_tile_entries_are_an_error_and_leave_the_cloud_as_it_was() {
+    fn too_many_tile_entries_are_an_error_and_leave_the_splats_as_it_was() {
         let rasterizer = CpuRasterizer::new(CpuSettings::default()).unwrap();
-        let cpu = rasterizer.planar();
-        let gaussian = PlanarGaussian {
+        let cpu = rasterizer.for_2d();
+        let gaussian = Gaussian2d {
             mean: Vec2::splat(20.0),
             log_scale: Vec2::splat(2.0),
             rotation: 0.0,
             opacity_logit: f32::INFINITY,
             color: Vec3::splat(0.5),
         };
-        let scene: PlanarScene = [gaussian; 4].into_iter().collect();
+        let scene: Scene2d = [gaussian; 4].into_iter().collect();
         let (view, settings) = (Canvas::new(40, 40), RenderSettings::blended(Blend::Sum));
         let target = cpu.upload_target(&Image::filled(40, 40, [0.3; 3]).unwrap()).unwrap();
         let rates = Adam::default().at(0.0);
         let step = TrainStep { settings: &settings, loss: Loss::L2, rates: &rates, binning: Binning::Reuse };
         // Four Gaussians in three strips each: twelve entries.
         let next_takes = |most_entries: u32| {
-            let mut workspace = Workspace::<PlanarScene>::default();
+            let mut workspace = Workspace::<Scene2d>::default();
             workspace.tiles.bins.most_entries = most_entries;
-            rasterizer.planar.pool.give(workspace);
+            rasterizer.pool_2d.pool.give(workspace);
         };
         let refused = |result: Result<(), Error>| {
             let message = result.unwrap_err().to_string();
             assert!(message.contains("12 pairs") && message.contains("at most 11"), "{message}");
         };
 
-        let mut cloud = cpu.upload(&scene, Chart::default()).unwrap();
-        let before = cpu.save(&cloud).unwrap();
+        let mut splats = cpu.upload(&scene, Parameterization::default()).unwrap();
+        let before = cpu.save(&splats).unwrap();
         next_takes(11);
-        refused(cpu.forward(&cloud, &view, &settings).map(drop));
+        refused(cpu.forward(&splats, &view, &settings).map(drop));
         next_takes(11);
-        refused(cpu.solve_colors(&mut cloud, &view, &target, &settings, 1));
+        refused(cpu.solve_colors(&mut splats, &view, &target, &settings, 1));
         next_takes(11);
-        refused(cpu.train_step(&mut cloud, &view, &target, &step));
-        assert_eq!(cpu.save(&cloud).unwrap(), before);
+        refused(cpu.train_step(&mut splats, &view, &target, &step));
+        assert_eq!(cpu.save(&splats).unwrap(), before);
 
-        let mut fresh = cpu.upload(&scene, Chart::default()).unwrap();
+        let mut fresh = cpu.upload(&scene, Parameterization::default()).unwrap();
         let [mut found, mut expected] = [Vec::new(), Vec::new()];
-        for (cloud, losses) in [(&mut cloud, &mut found), (&mut fresh, &mut expected)] {
+        for (splats, losses) in [(&mut splats, &mut found), (&mut fresh, &mut expected)] {
             next_takes(12);
-            cpu.train_step(cloud, &view, &target, &step).unwrap();
-            cpu.losses(cloud, Wait::All, losses).unwrap();
+            cpu.train_step(splats, &view, &target, &step).unwrap();
+            cpu.losses(splats, Wait::All, losses).unwrap();
         }
         assert_eq!((found.len(), &found), (1, &expected), "what was refused has no loss");
-        assert_eq!(cpu.save(&cloud).unwrap(), cpu.save(&fresh).unwrap());
+        assert_eq!(cpu.save(&splats).unwrap(), cpu.save(&fresh).unwrap());
     }
 
     #[test]
     #[cfg_attr(miri, ignore = "minutes: images of 1024 px")]
     fn those_out_of_view_take_part_only_if_all_do() {
         let rasterizer = CpuRasterizer::new(CpuSettings::default()).unwrap();
-        let cpu = rasterizer.planar();
-        let at = |x: f32| PlanarGaussian {
+        let cpu = rasterizer.for_2d();
+        let at = |x: f32| Gaussian2d {
             mean: Vec2::new(x, 9.0),
             log_scale: Vec2::splat(1.0),
             rotation: 0.3,
             opacity_logit: 0.5,
             color: Vec3::splat(0.5),
         };
-        let scene: PlanarScene = [at(8.0), at(900.0)].into_iter().collect();
+        let scene: Scene2d = [at(8.0), at(900.0)].into_iter().collect();
         let target = cpu.upload_target(&Image::filled(16, 16, [0.2; 3]).unwrap()).unwrap();
         let settings = RenderSettings::blended(Blend::Over);
         for (participants, steps) in [(Participants::All, [2, 2]), (Participants::Visible, [2, 1])] {
-            let mut cloud = cpu.upload(&scene, Chart::default()).unwrap();
+            let mut splats = cpu.upload(&scene, Parameterization::default()).unwrap();
             // In view of the first step, and with moments from then on.
             let wide = Canvas::new(1024, 16);
             let wide_target = cpu.upload_target(&Image::filled(1024, 16, [0.2; 3]).unwrap()).unwrap();
             let rates = Adam { participants, ..Adam::default() }.at(0.0);
             let step = TrainStep { settings: &settings, loss: Loss::L1, rates: &rates, binning: Binning::Fresh };
-            cpu.train_step(&mut cloud, &wide, &wide_target, &step).unwrap();
-            let before = cpu.download(&cloud).unwrap();
-            cpu.train_step(&mut cloud, &Canvas::new(16, 16), &target, &step).unwrap();
-            let after = cpu.download(&cloud).unwrap();
-            assert_eq!(cpu.save(&cloud).unwrap().integers("steps").unwrap(), steps);
+            cpu.train_step(&mut splats, &wide, &wide_target, &step).unwrap();
+            let before = cpu.download(&splats).unwrap();
+            cpu.train_step(&mut splats, &Canvas::new(16, 16), &target, &step).unwrap();
+            let after = cpu.download(&splats).unwrap();
+            assert_eq!(cpu.save(&splats).unwrap().integers("steps").unwrap(), steps);
             assert_ne!(after.gaussian(0), before.gaussian(0));
             assert_eq!(after.gaussian(1) == before.gaussian(1), participants == Participants::Visible);
         }

@@ -14,7 +14,7 @@ use gs_core::{
 use crate::{
     bin::{Bins, Entry},
     blend_over,
-    blend_pixel_depth::{self, PixelDepth, Scratch},
+    blend_per_pixel::{self, PixelDepth, Scratch},
     blend_sum,
     collect::{Nothing, collecting, numbers},
     dssim,
@@ -39,7 +39,7 @@ pub(crate) struct Tiles {
     pub(crate) tuning: CpuTuning,
     pub(crate) grid: Grid,
     /// By place.
-    pub(crate) splats: Vec<Splat>,
+    pub(crate) projected: Vec<Splat>,
     /// By place, where pixels have their own order.
     pub(crate) depths: Vec<PixelDepth>,
     scratches: Scratches<Scratch>,
@@ -68,8 +68,8 @@ pub(crate) struct Tiles {
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Sight<'a> {
     pub(crate) entries: &'a [Entry],
-    pub(crate) splats: &'a [Splat],
-    /// By place, as the splats; empty where pixels have no order of their own.
+    pub(crate) projected: &'a [Splat],
+    /// By place, as the projected; empty where pixels have no order of their own.
     pub(crate) depths: &'a [PixelDepth],
     pub(crate) accuracy: &'a Accuracy,
     pub(crate) first_column: usize,
@@ -91,7 +91,7 @@ impl Sight<'_> {
 struct Lists<'a> {
     settings: &'a RenderSettings,
     grid: &'a Grid,
-    splats: &'a [Splat],
+    projected: &'a [Splat],
     depths: &'a [PixelDepth],
     bins: &'a Bins,
 }
@@ -101,7 +101,7 @@ impl<'a> Lists<'a> {
         let (first_column, rows) = self.grid.place(tile);
         Sight {
             entries: self.bins.of(tile),
-            splats: self.splats,
+            projected: self.projected,
             depths: self.depths,
             accuracy: &self.settings.accuracy,
             first_column,
@@ -132,7 +132,7 @@ impl Tiles {
         self.stride = self.gradient_stride() + numbers(self.settings.effects.statistics);
         self.sums.resize(self.grid.tiles(), 0.0);
         self.tile_rows.fit();
-        if self.settings.effects.order == Order::PixelDepth {
+        if self.settings.effects.order == Order::PerPixel {
             self.scratches.fit();
         }
     }
@@ -155,7 +155,7 @@ impl Tiles {
         Vec2::new(self.grid.width as f32, self.grid.height as f32) * 0.5
     }
 
-    /// What the frame left out.
+    /// What the forward pass left out.
     pub(crate) fn culled(&self) -> Culled {
         self.culled.plus(Culled { outside: self.bins.outside, ..Culled::default() })
     }
@@ -171,7 +171,7 @@ impl Tiles {
     /// # Errors
     /// Those of [`Bins::fill`].
     pub(crate) fn bin(&mut self) -> Result<(), Error> {
-        self.bins.fill(&self.splats, &self.grid, self.tuning.bounds)
+        self.bins.fill(&self.projected, &self.grid, self.tuning.bounds)
     }
 
     /// Stage `blend`: the image, into `rows`.
@@ -188,28 +188,28 @@ impl Tiles {
     /// [`Error::Memory`].
     pub(crate) fn blend_tiles(&mut self, level: Level, tiles: Range<usize>) -> Result<(), Error> {
         let Effects { blend, order, .. } = self.effects();
-        let backdrop = self.settings.backdrop();
+        let background = self.settings.background_color();
         let count = self.grid.first_row(tiles.end) - self.grid.first_row(tiles.start);
         memory::resize(&mut self.rows, count, Row::ZERO, "the strips of an image")?;
         let transmittances = if blend == Blend::Over { count } else { 0 };
         memory::resize(&mut self.transmittance, transmittances, ScalarRow([1.0; 16]), "the pixels' transmittances")?;
-        let Self { settings, grid, splats, depths, bins, rows, transmittance, scratches, .. } = self;
-        let lists = Lists { settings, grid, splats, depths, bins };
+        let Self { settings, grid, projected, depths, bins, rows, transmittance, scratches, .. } = self;
+        let lists = Lists { settings, grid, projected, depths, bins };
         let buffers = TileBuffers { rows, scalars: transmittance, slots: &mut [], sums: &mut [] };
         for_each_tile(tiles, buffers, lists.cuts(0), &|tile, buffers| {
             let TileBuffers { rows, scalars, .. } = buffers;
             let sight = lists.of(tile);
             match (blend, order) {
                 (Blend::Sum, _) => {
-                    rows.fill(Row(backdrop.map(|c| [c; 16])));
-                    let Sight { entries, splats, first_column, first_row, .. } = sight;
-                    dispatch!(level, simd => blend_sum::forward(simd, entries, splats, first_column, first_row, rows));
+                    rows.fill(Row(background.map(|c| [c; 16])));
+                    let Sight { entries, projected, first_column, first_row, .. } = sight;
+                    dispatch!(level, simd => blend_sum::forward(simd, entries, projected, first_column, first_row, rows));
                 }
-                (Blend::Over, Order::PixelDepth) => scratches.with(|scratch| {
-                    blend_pixel_depth::forward(level, &sight, scratch, rows, scalars, backdrop);
+                (Blend::Over, Order::PerPixel) => scratches.with(|scratch| {
+                    blend_per_pixel::forward(level, &sight, scratch, rows, scalars, background);
                 }),
                 (Blend::Over, _) => {
-                    dispatch!(level, simd => blend_over::forward(simd, &sight, rows, scalars, backdrop))
+                    dispatch!(level, simd => blend_over::forward(simd, &sight, rows, scalars, background))
                 }
             }
         });
@@ -232,8 +232,8 @@ impl Tiles {
     pub(crate) fn blend_bwd(&mut self, level: Level) -> Result<(), Error> {
         let Effects { blend, order, statistics, .. } = self.effects();
         self.fit_slots(self.stride)?;
-        let Self { settings, grid, splats, depths, bins, rows, v_rows, errors, slots, scratches, .. } = self;
-        let lists = Lists { settings, grid, splats, depths, bins };
+        let Self { settings, grid, projected, depths, bins, rows, v_rows, errors, slots, scratches, .. } = self;
+        let lists = Lists { settings, grid, projected, depths, bins };
         let buffers = TileBuffers { rows, scalars: &mut [], slots, sums: &mut [] };
         for_each_tile(0..grid.tiles(), buffers, lists.cuts(self.stride), &|tile, buffers| {
             let TileBuffers { rows, slots, .. } = buffers;
@@ -243,13 +243,13 @@ impl Tiles {
             let v_rows = &v_rows[of_tile];
             collecting!(statistics, K => match (blend, order) {
                 (Blend::Sum, _) => {
-                    let Sight { entries, splats, first_column, first_row, .. } = sight;
+                    let Sight { entries, projected, first_column, first_row, .. } = sight;
                     dispatch!(level, simd => blend_sum::backward::<_, K>(
-                        simd, entries, splats, first_column, first_row, v_rows, errors, slots,
+                        simd, entries, projected, first_column, first_row, v_rows, errors, slots,
                     ));
                 }
-                (Blend::Over, Order::PixelDepth) => scratches.with(|scratch| {
-                    blend_pixel_depth::backward::<K>(level, &sight, scratch, rows, v_rows, errors, slots);
+                (Blend::Over, Order::PerPixel) => scratches.with(|scratch| {
+                    blend_per_pixel::backward::<K>(level, &sight, scratch, rows, v_rows, errors, slots);
                 }),
                 (Blend::Over, _) => dispatch!(level, simd => blend_over::backward::<_, K>(
                     simd, &sight, rows, v_rows, errors, slots,
@@ -271,22 +271,23 @@ impl Tiles {
     /// # Errors
     /// [`Error::Memory`].
     pub(crate) fn blend_l2_fused(&mut self, level: Level, target: &[Row]) -> Result<f64, Error> {
-        let backdrop = self.settings.backdrop();
+        let background = self.settings.background_color();
         self.fit_slots(self.stride)?;
-        let Self { settings, grid, splats, depths, bins, tile_rows, slots, sums, .. } = self;
-        let lists = Lists { settings, grid, splats, depths, bins };
+        let Self { settings, grid, projected, depths, bins, tile_rows, slots, sums, .. } = self;
+        let lists = Lists { settings, grid, projected, depths, bins };
         let buffers = TileBuffers { rows: &mut [], scalars: &mut [], slots, sums };
         for_each_tile(0..grid.tiles(), buffers, lists.cuts(self.stride), &|tile, buffers| {
-            let Sight { entries, splats, first_column: column, first_row, lanes_inside: inside, .. } = lists.of(tile);
+            let Sight { entries, projected, first_column: column, first_row, lanes_inside: inside, .. } =
+                lists.of(tile);
             let target = &target[grid.first_row(tile)..grid.first_row(tile + 1)];
             tile_rows.with(|rows| {
                 rows.resize(target.len(), Row::ZERO);
                 dispatch!(level, simd => {
-                    rows.fill(Row(backdrop.map(|c| [c; 16])));
-                    blend_sum::forward(simd, entries, splats, column, first_row, rows);
+                    rows.fill(Row(background.map(|c| [c; 16])));
+                    blend_sum::forward(simd, entries, projected, column, first_row, rows);
                     buffers.sums[0] = squares_in_place(simd, rows, target, inside);
                     blend_sum::backward::<_, Nothing>(
-                        simd, entries, splats, column, first_row, rows, &[], buffers.slots,
+                        simd, entries, projected, column, first_row, rows, &[], buffers.slots,
                     );
                 });
             });

@@ -19,7 +19,7 @@ pub(crate) fn size<T>() -> u64 {
     size_of::<T>() as u64
 }
 
-/// Of what a cloud keeps per Gaussian for a statistic.
+/// Of what splats keeps per Gaussian for a statistic.
 pub(crate) fn statistics_size(statistics: Statistics) -> u64 {
     match statistics {
         Statistics::None => 0,
@@ -28,10 +28,10 @@ pub(crate) fn statistics_size(statistics: Statistics) -> u64 {
 }
 
 /// What one run of `stage` moves, once the workspace has been through all of them.
-pub(crate) fn of<S: Kind>(stage: Stage, workspace: &Workspace<S>, cloud: &S::Cloud, loss: &Loss) -> Traffic {
+pub(crate) fn of<S: Kind>(stage: Stage, workspace: &Workspace<S>, splats: &S::Splats, loss: &Loss) -> Traffic {
     let tiles = &workspace.tiles;
     let over = tiles.settings.effects.blend == Blend::Over;
-    let (places, entries) = (tiles.splats.len() as u64, tiles.bins.entries.len() as u64);
+    let (places, entries) = (tiles.projected.len() as u64, tiles.bins.entries.len() as u64);
     let image = tiles.grid.rows() as u64 * size::<Row>();
     let transmittance = if over { tiles.grid.rows() as u64 * size::<ScalarRow>() } else { 0 };
     let errors = tiles.errors.len() as u64 * size::<ScalarRow>();
@@ -58,7 +58,7 @@ pub(crate) fn of<S: Kind>(stage: Stage, workspace: &Workspace<S>, cloud: &S::Clo
         Stage::BlendBwd => (lists + image + errors, slots),
         // A tile's pixels stay in the cache.
         Stage::Fused => (lists + image, slots),
-        Stage::Sort | Stage::Project | Stage::ProjectBwd | Stage::Adam => return S::traffic(stage, workspace, cloud),
+        Stage::Sort | Stage::Project | Stage::ProjectBwd | Stage::Adam => return S::traffic(stage, workspace, splats),
     };
     Traffic { read, written }
 }
@@ -66,7 +66,9 @@ pub(crate) fn of<S: Kind>(stage: Stage, workspace: &Workspace<S>, cloud: &S::Clo
 #[cfg(test)]
 mod tests {
     use glam::{Vec2, Vec3};
-    use gs_core::{Canvas, Chart, Image, PlanarGaussian, PlanarScene, Rasterizer, RenderSettings, profile::Profiler};
+    use gs_core::{
+        Canvas, Gaussian2d, Image, Parameterization, Rasterizer, RenderSettings, Scene2d, profile::Profiler,
+    };
 
     use super::*;
     use crate::{CpuRasterizer, CpuSettings};
@@ -74,19 +76,19 @@ mod tests {
     /// Bytes of each stage for two Gaussians, of which one touches two strips of a canvas of 32×10 px and the other one.
     fn profiled(blend: Blend, loss: Loss) -> impl Fn(&str) -> (u64, u64) {
         let cpu = CpuRasterizer::new(CpuSettings::default()).unwrap();
-        let cpu = cpu.planar();
-        let at = |x: f32| PlanarGaussian {
+        let cpu = cpu.for_2d();
+        let at = |x: f32| Gaussian2d {
             mean: Vec2::new(x, 5.0),
             log_scale: Vec2::ZERO,
             rotation: 0.0,
             opacity_logit: if blend == Blend::Over { 1.0 } else { f32::INFINITY },
             color: Vec3::ONE,
         };
-        let scene: PlanarScene = [at(16.0), at(26.0)].into_iter().collect();
-        let mut cloud = cpu.upload(&scene, Chart::LocalFrame).unwrap();
+        let scene: Scene2d = [at(16.0), at(26.0)].into_iter().collect();
+        let mut splats = cpu.upload(&scene, Parameterization::CovarianceFactor).unwrap();
         let target = cpu.upload_target(&Image::filled(32, 10, [0.5; 3]).unwrap()).unwrap();
         let settings = RenderSettings::blended(blend);
-        let profile = cpu.profile(&mut cloud, &Canvas::new(32, 10), &target, &settings, loss, 1).unwrap();
+        let profile = cpu.profile(&mut splats, &Canvas::new(32, 10), &target, &settings, loss, 1).unwrap();
         assert_eq!(profile.entries, 3);
         move |name| {
             let stage = profile.stages.iter().find(|stage| stage.stage == name).unwrap();

@@ -1,4 +1,4 @@
-//! The buffers of one pass through the stages. They are pooled, so that a warm iteration allocates nothing, and lent to frames and
+//! The buffers of one pass through the stages. They are pooled, so that a warm iteration allocates nothing, and lent to passes and
 //! gradients.
 
 use std::{
@@ -6,7 +6,7 @@ use std::{
     sync::{Arc, Mutex, PoisonError},
 };
 
-use gs_core::{Error, Image, PlanarScene, SpatialScene};
+use gs_core::{Error, Image, Scene2d, Scene3d};
 
 use crate::{kind::Kind, tiles::Tiles, tuning::CpuTuning};
 
@@ -16,9 +16,9 @@ pub struct Workspace<S: Kind> {
     pub(crate) tiles: Tiles,
     /// What is this kind's own.
     pub(crate) own: S::Own,
-    /// Number of Gaussians of the cloud.
+    /// Number of Gaussians of the splats.
     pub(crate) len: usize,
-    /// The cloud's edition that the lists were made for.
+    /// The splats' edition that the lists were made for.
     pub(crate) edition: Option<u64>,
 }
 
@@ -83,24 +83,24 @@ impl<S: Kind> Drop for Lent<S> {
 }
 
 /// One forward pass on the CPU: the image, and what its backward pass needs.
-pub struct Frame<S: Kind>(Lent<S>);
+pub struct ForwardPass<S: Kind>(Lent<S>);
 
 /// The gradients of one backward pass on the CPU.
 pub struct Gradients<S: Kind>(Lent<S>);
 
-/// A planar scene's [`Frame`].
-pub type PlanarFrame = Frame<PlanarScene>;
+/// A 2D scene's [`ForwardPass`].
+pub type ForwardPass2d = ForwardPass<Scene2d>;
 
-/// A planar scene's [`Gradients`].
-pub type PlanarGradients = Gradients<PlanarScene>;
+/// A 2D scene's [`Gradients`].
+pub type Gradients2d = Gradients<Scene2d>;
 
-/// A spatial scene's [`Frame`].
-pub type SpatialFrame = Frame<SpatialScene>;
+/// A 3D scene's [`ForwardPass`].
+pub type ForwardPass3d = ForwardPass<Scene3d>;
 
-/// A spatial scene's [`Gradients`].
-pub type SpatialGradients = Gradients<SpatialScene>;
+/// A 3D scene's [`Gradients`].
+pub type Gradients3d = Gradients<Scene3d>;
 
-impl<S: Kind> Frame<S> {
+impl<S: Kind> ForwardPass<S> {
     pub(crate) fn new(workspace: Workspace<S>, pool: &Arc<Pool<S>>) -> Self {
         Self(Lent { workspace: Some(workspace), pool: Arc::clone(pool) })
     }
@@ -123,7 +123,7 @@ impl<S: Kind> Frame<S> {
         tiles.grid.image_of(&tiles.rows)
     }
 
-    /// Pixel–Gaussian pairs that this frame's lists hold, those that a vector covers beyond an ellipse included.
+    /// Pixel–Gaussian pairs that this pass's lists hold, those that a vector covers beyond an ellipse included.
     pub fn pairs(&self) -> u64 {
         self.workspace().tiles.bins.pairs()
     }
@@ -140,10 +140,10 @@ impl<S: Kind> Gradients<S> {
     }
 }
 
-impl<S: Kind> fmt::Debug for Frame<S> {
+impl<S: Kind> fmt::Debug for ForwardPass<S> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let tiles = &self.workspace().tiles;
-        f.debug_struct("Frame").field("grid", &tiles.grid).field("culled", &tiles.culled()).finish()
+        f.debug_struct("ForwardPass").field("grid", &tiles.grid).field("culled", &tiles.culled()).finish()
     }
 }
 

@@ -12,7 +12,7 @@ use std::{
 
 use glam::{Vec2, Vec3};
 use gs_core::{
-    Adam, Binning, Blend, Canvas, Chart, Image, Loss, PlanarGaussian, PlanarScene, Rasterizer, RenderSettings,
+    Adam, Binning, Blend, Canvas, Gaussian2d, Image, Loss, Parameterization, Rasterizer, RenderSettings, Scene2d,
     TrainStep, Wait,
 };
 use gs_cpu::{CpuRasterizer, CpuSettings};
@@ -39,10 +39,10 @@ unsafe impl GlobalAlloc for Counting {
 static ALLOCATOR: Counting = Counting;
 
 /// Bytes that `steps` warm training steps allocate.
-fn bytes_of_warm_steps(cpu: &impl Rasterizer<PlanarScene>, blend: Blend, loss: Loss, steps: usize) -> usize {
+fn bytes_of_warm_steps(cpu: &impl Rasterizer<Scene2d>, blend: Blend, loss: Loss, steps: usize) -> usize {
     let (width, height) = (160, 120);
-    let scene: PlanarScene = (0..2000u32)
-        .map(|i| PlanarGaussian {
+    let scene: Scene2d = (0..2000u32)
+        .map(|i| Gaussian2d {
             mean: Vec2::new((i * 37 % width) as f32 + 0.3, (i * 53 % height) as f32 + 0.7),
             log_scale: Vec2::new(1.0, 0.3),
             rotation: i as f32,
@@ -52,7 +52,7 @@ fn bytes_of_warm_steps(cpu: &impl Rasterizer<PlanarScene>, blend: Blend, loss: L
         .collect();
     let image = Image::from_fn(width, height, |x, y| [x as f32 / 160.0, y as f32 / 120.0, 0.5]).unwrap();
     let target = cpu.upload_target(&image).unwrap();
-    let mut cloud = cpu.upload(&scene, Chart::LocalFrame).unwrap();
+    let mut splats = cpu.upload(&scene, Parameterization::CovarianceFactor).unwrap();
     let settings = RenderSettings::blended(blend);
     // Rates of 0: the lists stay of the same length, so what is counted is not their growth.
     let mut adam = Adam::default();
@@ -64,9 +64,9 @@ fn bytes_of_warm_steps(cpu: &impl Rasterizer<PlanarScene>, blend: Blend, loss: L
     let mut losses = Vec::new();
     let mut run = |steps| {
         for _ in 0..steps {
-            cpu.train_step(&mut cloud, &Canvas::new(width, height), &target, &step).unwrap();
+            cpu.train_step(&mut splats, &Canvas::new(width, height), &target, &step).unwrap();
             losses.clear();
-            cpu.losses(&mut cloud, Wait::All, &mut losses).unwrap();
+            cpu.losses(&mut splats, Wait::All, &mut losses).unwrap();
             assert_eq!(losses.len(), 1);
         }
     };
@@ -81,7 +81,7 @@ fn bytes_of_warm_steps(cpu: &impl Rasterizer<PlanarScene>, blend: Blend, loss: L
 fn a_warm_step_allocates_nothing_but_the_thread_pools_queue() {
     let cpu = CpuRasterizer::new(CpuSettings { threads: Some(2), level: None }).unwrap();
     for (blend, loss) in [(Blend::Sum, Loss::L2), (Blend::Over, Loss::L1), (Blend::Over, Loss::PAPER)] {
-        let bytes = bytes_of_warm_steps(cpu.planar(), blend, loss, 100);
+        let bytes = bytes_of_warm_steps(cpu.for_2d(), blend, loss, 100);
         // A scene of 2000 Gaussians on 160x120 px has megabytes of buffers.
         assert!(bytes < 100 * 512, "{blend:?} {loss:?}: {bytes} bytes in 100 steps");
     }

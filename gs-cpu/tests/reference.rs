@@ -2,20 +2,20 @@
 
 use glam::{Vec2, Vec3};
 use gs_core::{
-    Blend, Canvas, Image, PlanarGaussian, PlanarScene, Rasterizer, RenderSettings,
+    Blend, Canvas, Gaussian2d, Image, Rasterizer, RenderSettings, Scene2d,
     scene::sigmoid,
     splat::{Conic, cut, over, sum, weight},
 };
 use gs_cpu::{CpuRasterizer, CpuSettings, SimdLevel};
 
 /// Gaussians that a hash of their index places; needles, large and small ones among them.
-fn scene(count: u32, size: (u32, u32), translucent: bool) -> PlanarScene {
+fn scene(count: u32, size: (u32, u32), translucent: bool) -> Scene2d {
     let unit = |i: u32, k: u32| {
         let x = (i * 9 + k + 1).wrapping_mul(0x9E37_79B9);
         ((x ^ (x >> 15)).wrapping_mul(0x85EB_CA6B) >> 8) as f32 / (1u32 << 24) as f32
     };
     (0..count)
-        .map(|i| PlanarGaussian {
+        .map(|i| Gaussian2d {
             mean: Vec2::new(unit(i, 0) * 1.2 - 0.1, unit(i, 1) * 1.2 - 0.1) * Vec2::new(size.0 as f32, size.1 as f32),
             log_scale: Vec2::new(unit(i, 2) * 4.0 - 0.7, unit(i, 3) * 2.5 - 1.0),
             rotation: unit(i, 4) * 6.0,
@@ -25,10 +25,10 @@ fn scene(count: u32, size: (u32, u32), translucent: bool) -> PlanarScene {
         .collect()
 }
 
-fn dense(scene: &PlanarScene, size: (u32, u32), settings: &RenderSettings) -> Image {
+fn dense(scene: &Scene2d, size: (u32, u32), settings: &RenderSettings) -> Image {
     let gaussians: Vec<_> = scene
         .iter()
-        .map(|g| (g, Conic::of_frame(g.frame()).expect("no Gaussian here is degenerate"), sigmoid(g.opacity_logit)))
+        .map(|g| (g, Conic::of_frame(g.factor()).expect("no Gaussian here is degenerate"), sigmoid(g.opacity_logit)))
         .collect();
     Image::from_fn(size.0, size.1, |x, y| {
         let mut pixel = over::Forward::default();
@@ -48,7 +48,7 @@ fn dense(scene: &PlanarScene, size: (u32, u32), settings: &RenderSettings) -> Im
             Blend::Sum => 1.0,
             Blend::Over => pixel.transmittance,
         };
-        [0, 1, 2].map(|k| pixel.color[k] + left * settings.backdrop()[k])
+        [0, 1, 2].map(|k| pixel.color[k] + left * settings.background_color()[k])
     })
     .unwrap()
 }

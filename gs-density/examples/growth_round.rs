@@ -7,7 +7,7 @@
 use std::time::Instant;
 
 use glam::{Vec2, Vec3};
-use gs_core::{DensityStatistics, Image, PlanarGaussian, PlanarScene};
+use gs_core::{DensityStatistics, Gaussian2d, Image, Scene2d};
 use gs_density::{
     DensityPolicy, Observation, Residual, ResidualGrowth, Rng,
     seed::{DensityMap, HilbertOrder, Structure},
@@ -72,9 +72,9 @@ fn main() -> Result<(), gs_core::Error> {
     Ok(())
 }
 
-fn scene(count: usize) -> PlanarScene {
+fn scene(count: usize) -> Scene2d {
     (0..count)
-        .map(|i| PlanarGaussian {
+        .map(|i| Gaussian2d {
             mean: Vec2::new((i * 37 % WIDTH as usize) as f32, (i * 101 % HEIGHT as usize) as f32),
             log_scale: Vec2::new(0.5 + (i % 17) as f32 * 0.1, 0.3),
             rotation: 0.0,

@@ -153,7 +153,7 @@ pub struct Densify {
     pub clone_moments: MomentHeir,
     /// What the moments of those start at that inherit none: afresh, the default, or zeroed, as in the code of 3DGS.
     pub newcomers: Moments,
-    /// Where the copy stands in the order of blending. Default behind its parent, where a copy in space would be; what an engine
+    /// Where the copy stands in the order of blending. Default behind its parent, where a copy in 3D would be; what an engine
     /// does that appends to its arrays is last, behind the large Gaussians that were there before it.
     pub copy_place: Place,
 }

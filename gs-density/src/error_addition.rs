@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 use gs_core::{
-    EditPlan, Error, PlanarGaussian, PlanarScene,
+    EditPlan, Error, Gaussian2d, Scene2d,
     edit::{Birth, Moments, Origin, Place},
     effects::Statistics,
     scene::logit,
@@ -96,12 +96,12 @@ impl ErrorAddition {
         })
     }
 
-    fn gaussian(&self, residual: &Residual, pixel: usize, has_opacity: bool) -> PlanarGaussian {
+    fn gaussian(&self, residual: &Residual, pixel: usize, has_opacity: bool) -> Gaussian2d {
         let width = residual.target.width() as usize;
         let of_target = Vec3::from_array(residual.target.pixels()[pixel]);
         let missing = of_target - Vec3::from_array(residual.rendered.pixels()[pixel].map(shown));
         let color = if has_opacity { of_target } else { missing };
-        PlanarGaussian {
+        Gaussian2d {
             mean: glam::Vec2::new((pixel % width) as f32 + 0.5, (pixel / width) as f32 + 0.5),
             log_scale: glam::Vec2::splat(self.sigma_px.ln()),
             rotation: 0.0,
@@ -112,14 +112,14 @@ impl ErrorAddition {
 }
 
 impl DensityPolicy for ErrorAddition {
-    fn plan(&self, observation: &Observation<'_>, rng: &mut Rng) -> Result<EditPlan<PlanarGaussian>, Error> {
+    fn plan(&self, observation: &Observation<'_>, rng: &mut Rng) -> Result<EditPlan<Gaussian2d>, Error> {
         self.validate()?;
         observation.check_lengths()?;
         let Some(residual) = observation.residual else {
             return Err(Error::State("addition in proportion to the error was shown no residual".into()));
         };
         residual.target.same_size(&residual.rendered)?;
-        let scene: &PlanarScene = observation.scene;
+        let scene: &Scene2d = observation.scene;
         let removed = Prune::NOT_FINITE_ONLY.removals(observation);
         let kept = scene.means.len() - removed.len();
         let pixels = draw(&self.weights(residual), self.target(observation).saturating_sub(kept), rng);

@@ -1,10 +1,10 @@
-//! What density control asks of a Gaussian and does to it: all that differs between Gaussians in the plane and in space. Policies and
+//! What density control asks of a Gaussian and does to it: all that differs between Gaussians in 2D and in 3D. Policies and
 //! actions are written once, on top of this.
 
 use std::fmt::Debug;
 
 use glam::{Vec2, Vec3};
-use gs_core::{Error, PlanarGaussian, PlanarScene, Scene, SpatialGaussian, SpatialScene};
+use gs_core::{Error, Gaussian2d, Gaussian3d, Scene, Scene2d, Scene3d};
 use rand_distr::{Distribution, StandardNormal};
 
 use crate::observation::Rng;
@@ -23,7 +23,7 @@ pub trait DensityGaussian: Clone + Debug + PartialEq {
     /// Gives it another opacity.
     fn set_opacity_logit(&mut self, logit: f32);
 
-    /// Changes its colour (in space each of its SH coefficients), a linear map of it.
+    /// Changes its colour (in 3D each of its SH coefficients), a linear map of it.
     fn map_color(&mut self, map: impl Fn(Vec3) -> Vec3);
 
     /// The largest of its scales (the standard deviation along its longest axis).
@@ -74,7 +74,7 @@ pub trait DensityScene: Scene<Gaussian: DensityGaussian> {
     fn noise_factor(strength: f32, extent: f32) -> f32;
 }
 
-impl DensityGaussian for PlanarGaussian {
+impl DensityGaussian for Gaussian2d {
     type Vector = [f32; 2];
 
     fn is_finite(&self) -> bool {
@@ -112,12 +112,12 @@ impl DensityGaussian for PlanarGaussian {
     }
 
     fn drawn(&self, rng: &mut Rng) -> Self {
-        Self { mean: self.mean + self.frame() * normal2(rng), ..*self }
+        Self { mean: self.mean + self.factor() * normal2(rng), ..*self }
     }
 
     fn moved_along(&self, scales: f32) -> Self {
-        let frame = self.frame();
-        let axis = if is_first_longer(self) { frame.x_axis } else { frame.y_axis };
+        let factor = self.factor();
+        let axis = if is_first_longer(self) { factor.x_axis } else { factor.y_axis };
         Self { mean: self.mean + scales * axis, ..*self }
     }
 
@@ -127,7 +127,7 @@ impl DensityGaussian for PlanarGaussian {
     }
 }
 
-impl DensityScene for PlanarScene {
+impl DensityScene for Scene2d {
     fn has_opacity(&self) -> bool {
         Self::has_opacity(self)
     }
@@ -136,7 +136,7 @@ impl DensityScene for PlanarScene {
         if self.has_opacity() { self.opacity_logits[index] } else { f32::INFINITY }
     }
 
-    fn shape(&self, index: usize) -> PlanarGaussian {
+    fn shape(&self, index: usize) -> Gaussian2d {
         self.gaussian(index)
     }
 
@@ -160,7 +160,7 @@ impl DensityScene for PlanarScene {
     }
 }
 
-impl DensityGaussian for SpatialGaussian {
+impl DensityGaussian for Gaussian3d {
     type Vector = [f32; 3];
 
     /// Also whether the rotation has a direction: without one, nothing is finite that is made of it.
@@ -200,12 +200,12 @@ impl DensityGaussian for SpatialGaussian {
     }
 
     fn drawn(&self, rng: &mut Rng) -> Self {
-        let offset = self.frame().map_or(Vec3::ZERO, |frame| frame * normal3(rng));
+        let offset = self.factor().map_or(Vec3::ZERO, |factor| factor * normal3(rng));
         Self { mean: self.mean + offset, ..self.clone() }
     }
 
     fn moved_along(&self, scales: f32) -> Self {
-        let axis = self.frame().map_or(Vec3::ZERO, |frame| frame.col(longest(self)));
+        let axis = self.factor().map_or(Vec3::ZERO, |factor| factor.col(longest(self)));
         Self { mean: self.mean + scales * axis, ..self.clone() }
     }
 
@@ -216,7 +216,7 @@ impl DensityGaussian for SpatialGaussian {
     }
 }
 
-impl DensityScene for SpatialScene {
+impl DensityScene for Scene3d {
     fn has_opacity(&self) -> bool {
         true
     }
@@ -225,8 +225,8 @@ impl DensityScene for SpatialScene {
         self.opacity_logits[index]
     }
 
-    fn shape(&self, index: usize) -> SpatialGaussian {
-        SpatialGaussian {
+    fn shape(&self, index: usize) -> Gaussian3d {
+        Gaussian3d {
             mean: self.means[index],
             log_scale: self.log_scales[index],
             rotation: self.rotations[index],
@@ -262,12 +262,12 @@ pub(crate) fn check_lengths<const N: usize>(expected: usize, lengths: [(&'static
     }
 }
 
-fn is_first_longer(gaussian: &PlanarGaussian) -> bool {
+fn is_first_longer(gaussian: &Gaussian2d) -> bool {
     gaussian.log_scale.x >= gaussian.log_scale.y
 }
 
 /// The index of the longest axis, the first of equals.
-fn longest(gaussian: &SpatialGaussian) -> usize {
+fn longest(gaussian: &Gaussian3d) -> usize {
     let [x, y, z] = gaussian.log_scale.to_array();
     if x >= y && x >= z {
         0

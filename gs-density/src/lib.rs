@@ -11,7 +11,7 @@
 //! - Growth without scores: [`Mcmc`] relocates and copies by opacity, with [`Noise`] between steps.
 //! - [`Policy`] is any of them, for settings files and command lines.
 //!
-//! All of it is for scenes in the plane and in space alike ([`DensityScene`]), but for growth without parents, which is of the plane.
+//! All of it is for scenes in 2D and in 3D alike ([`DensityScene`]), but for growth without parents, which is of the plane.
 //!
 //! # A policy of your own
 //!
@@ -19,7 +19,7 @@
 //! are large, as they have most to win:
 //!
 //! ```
-//! use gs_core::{EditPlan, Error, PlanarGaussian, effects::Statistics};
+//! use gs_core::{EditPlan, Error, Gaussian2d, effects::Statistics};
 //! use gs_density::{Actions, DensityPolicy, Observation, Rng, Round, WhenFlat};
 //!
 //! #[derive(Default)]
@@ -28,7 +28,7 @@
 //! }
 //!
 //! impl DensityPolicy for MovingMass {
-//!     fn plan(&self, observation: &Observation<'_>, rng: &mut Rng) -> Result<EditPlan<PlanarGaussian>, Error> {
+//!     fn plan(&self, observation: &Observation<'_>, rng: &mut Rng) -> Result<EditPlan<Gaussian2d>, Error> {
 //!         let round = Round::open(&self.actions, observation)?;
 //!         let area_px2 = |i: usize| observation.scene.log_scales[i].element_sum().exp();
 //!         let score = |i: usize| observation.statistics.mean_gradient(i) * area_px2(i);
@@ -46,15 +46,15 @@
 //! }
 //!
 //! # use glam::{Vec2, Vec3};
-//! # use gs_core::{DensityStatistics, PlanarScene};
-//! # let gaussian = PlanarGaussian {
+//! # use gs_core::{DensityStatistics, Scene2d};
+//! # let gaussian = Gaussian2d {
 //! #     mean: Vec2::splat(16.0),
 //! #     log_scale: Vec2::ONE,
 //! #     rotation: 0.0,
 //! #     opacity_logit: f32::INFINITY,
 //! #     color: Vec3::ONE,
 //! # };
-//! # let scene: PlanarScene = [gaussian; 10].into_iter().collect();
+//! # let scene: Scene2d = [gaussian; 10].into_iter().collect();
 //! # let statistics = DensityStatistics { gradient_sum: vec![1e-3; 10], visible: vec![100; 10] };
 //! // What the training loop does, every few hundred steps:
 //! let observation = Observation {

@@ -20,7 +20,7 @@ const OPACITY: f32 = 0.005;
 /// What is added to a mean after a step: rate · strength · extent · s(−100 (o − 0.005)) · Σ η, with η standard normal and s the logistic
 /// function (*source:* the noise of 3DGS-MCMC, Kheradmand et al. 2024, with its code's numbers).
 ///
-/// The rate is the position's learning rate relative to its first value. In planar scenes the noise is divided by the extent, the
+/// The rate is the position's learning rate relative to its first value. In 2D scenes the noise is divided by the extent, the
 /// image's longer side, so that images of any size behave alike. Only Gaussians that have all but vanished move, by much and mostly along their long axis; those that are seen stay.
 /// In a scene without opacities nothing moves.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -77,12 +77,12 @@ impl Noise {
 #[cfg(test)]
 mod tests {
     use glam::{Mat2, Mat3, Vec2, Vec3};
-    use gs_core::{PlanarGaussian, PlanarScene, Scene, SpatialGaussian, SpatialScene, scene::logit};
+    use gs_core::{Gaussian2d, Gaussian3d, Scene, Scene2d, Scene3d, scene::logit};
 
     use super::*;
 
-    fn gaussian(opacity: f32) -> PlanarGaussian {
-        PlanarGaussian {
+    fn gaussian(opacity: f32) -> Gaussian2d {
+        Gaussian2d {
             mean: Vec2::splat(40.0),
             log_scale: Vec2::new(1.5, 0.2),
             rotation: 0.7,
@@ -94,7 +94,7 @@ mod tests {
     #[test]
     fn the_transparent_move_as_their_covariance_says_and_the_opaque_stay() {
         let count = 20_000;
-        let scene: PlanarScene = (0..2 * count).map(|i| gaussian(if i < count { 0.005 } else { 0.5 })).collect();
+        let scene: Scene2d = (0..2 * count).map(|i| gaussian(if i < count { 0.005 } else { 0.5 })).collect();
         let noise = Noise { strength: 50.0, every: 4 };
         let shifts = noise.shifts(&scene, 200.0, 0.5, &mut Rng::new(3, 4)).unwrap();
         let (moved, still) = shifts.as_chunks::<2>().0.split_at(count);
@@ -113,14 +113,14 @@ mod tests {
     #[test]
     fn in_space_the_noise_has_all_three_axes_and_grows_with_the_extent() {
         let count = 20_000;
-        let faint = SpatialGaussian {
+        let faint = Gaussian3d {
             mean: Vec3::ONE,
             log_scale: Vec3::new(-1.0, 0.3, 0.9),
             rotation: [0.9, 0.3, -0.2, 0.4],
             opacity_logit: logit(0.005),
             sh: vec![Vec3::ZERO],
         };
-        let mut scene = SpatialScene::default();
+        let mut scene = Scene3d::default();
         (0..count).for_each(|_| scene.push(faint.clone()));
         let noise = Noise { strength: 3.0, every: 1 };
         let shifts = noise.shifts(&scene, 4.0, 0.5, &mut Rng::new(3, 4)).unwrap();
@@ -135,11 +135,10 @@ mod tests {
 
     #[test]
     fn nothing_moves_without_opacities_or_strength_and_what_is_broken_stays() {
-        let opaque: PlanarScene =
-            [PlanarGaussian { opacity_logit: f32::INFINITY, ..gaussian(0.5) }].into_iter().collect();
+        let opaque: Scene2d = [Gaussian2d { opacity_logit: f32::INFINITY, ..gaussian(0.5) }].into_iter().collect();
         assert_eq!(Noise::default().shifts(&opaque, 9.0, 1.0, &mut Rng::new(1, 1)), None);
-        let broken = PlanarGaussian { log_scale: Vec2::NAN, ..gaussian(0.01) };
-        let scene: PlanarScene = [broken].into_iter().collect();
+        let broken = Gaussian2d { log_scale: Vec2::NAN, ..gaussian(0.01) };
+        let scene: Scene2d = [broken].into_iter().collect();
         assert_eq!(Noise::default().shifts(&scene, 9.0, 1.0, &mut Rng::new(1, 1)), Some(vec![0.0; 2]));
         assert!(!Noise::NONE.is_due(1) && Noise { every: 3, ..Noise::default() }.is_due(6));
         assert!(Noise { every: 0, ..Noise::default() }.validate().is_err());

@@ -1,6 +1,6 @@
 //! What a density policy sees, and what it must answer.
 
-use gs_core::{DensityStatistics, EditPlan, Error, Image, PlanarScene, effects::Statistics};
+use gs_core::{DensityStatistics, EditPlan, Error, Image, Scene2d, effects::Statistics};
 
 use crate::{
     gaussian::{DensityScene, check_lengths},
@@ -22,14 +22,14 @@ pub struct Residual {
 
 /// All that a policy may look at.
 #[derive(Debug)]
-pub struct Observation<'a, S = PlanarScene> {
+pub struct Observation<'a, S = Scene2d> {
     /// The Gaussians as they are, N of them. Plane coordinates are pixels of the target (an identity canvas).
     pub scene: &'a S,
     /// Statistics since the last edit, `[N]`.
     pub statistics: &'a DensityStatistics,
     /// The residual image, where [`DensityPolicy::needs_residual`] asked for it.
     pub residual: Option<&'a Residual>,
-    /// How large the scene is, in its unit: the image's longer side, px; in space the radius of the cameras' positions as 3DGS has it,
+    /// How large the scene is, in its unit: the image's longer side, px; in 3D the radius of the cameras' positions as 3DGS has it,
     /// world units.
     pub extent: f32,
     /// The training step, from 0, after which the policy is asked.
@@ -62,7 +62,7 @@ impl<S: DensityScene> Observation<'_, S> {
 }
 
 /// A rule of density control for scenes of kind `S`.
-pub trait DensityPolicy<S: DensityScene = PlanarScene> {
+pub trait DensityPolicy<S: DensityScene = Scene2d> {
     /// The edits that the policy wants, never more than `budget` Gaussians after them. The same observation and the same random
     /// numbers give the same plan.
     ///

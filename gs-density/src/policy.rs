@@ -1,8 +1,6 @@
 //! All policies as one value, for settings files and command lines.
 
-use gs_core::{
-    EditPlan, Error, PlanarGaussian, PlanarScene, SpatialGaussian, SpatialScene, edit::Moments, effects::Statistics,
-};
+use gs_core::{EditPlan, Error, Gaussian2d, Gaussian3d, Scene2d, Scene3d, edit::Moments, effects::Statistics};
 use serde::{Deserialize, Serialize};
 
 use crate::{
@@ -200,7 +198,7 @@ impl Policy {
         }
     }
 
-    /// The same policy for scenes in space, where sizes in px mean nothing: what was split above one is split whatever its size, and none
+    /// The same policy for 3D scenes, where sizes in px mean nothing: what was split above one is split whatever its size, and none
     /// is too large that was so above one. Newcomers' moments are zeroed, as the optimiser of 3DGS and of all that came of it does.
     #[must_use]
     pub fn in_space(mut self) -> Self {
@@ -217,37 +215,37 @@ impl Policy {
         self
     }
 
-    /// Fails for what is of planar scenes only: policies that put new Gaussians where an image's residual is, and sizes in px. Also where
+    /// Fails for what is of 2D scenes only: policies that put new Gaussians where an image's residual is, and sizes in px. Also where
     /// [`Self::validate`] does.
     ///
     /// # Errors
     /// [`Error::Setting`], naming what is possible.
-    pub fn validate_spatial(&self) -> Result<(), Error> {
+    pub fn validate_3d(&self) -> Result<(), Error> {
         if let Some(Actions { densify, prune, .. }) = self.actions() {
             for bound in [Some(densify.split_above), prune.larger_than].into_iter().flatten() {
                 if let SizeThreshold::Pixels(pixels) = bound {
-                    let allowed = "an extent-fraction or in world-units: a scene in space has no pixels";
+                    let allowed = "an extent-fraction or in world-units: a 3D scene has no pixels";
                     return Err(Error::setting("a size", format!("{pixels} px"), allowed));
                 }
             }
         }
         let (Self::Residual(_) | Self::ImageGs(_)) = self else { return self.validate() };
-        let allowed = "for spatial scenes one of absolute, abs-gs, absolute-error, percentile, percentile-abs-gs, percentile-error, \
-                       hybrid, hybrid-abs-gs, hybrid-error, long-axis, paper, mcmc, none: the residual of an image is in the plane";
+        let allowed = "for 3D scenes one of absolute, abs-gs, absolute-error, percentile, percentile-abs-gs, percentile-error, \
+                       hybrid, hybrid-abs-gs, hybrid-error, long-axis, paper, mcmc, none: the residual of an image is in 2D";
         Err(Error::setting("policy", format!("`{}`", self.name()), allowed))
     }
 
     /// The statistics that training must collect for this policy, whatever the scene.
     pub fn statistics(&self) -> Statistics {
-        DensityPolicy::<PlanarScene>::statistics(self)
+        DensityPolicy::<Scene2d>::statistics(self)
     }
 
     /// The noise that training adds to the means between steps, whatever the scene.
     pub fn noise(&self) -> Option<Noise> {
-        DensityPolicy::<PlanarScene>::noise(self)
+        DensityPolicy::<Scene2d>::noise(self)
     }
 
-    /// The policy for scenes of any kind; none where it is of planar scenes only.
+    /// The policy for scenes of any kind; none where it is of 2D scenes only.
     fn of_any_scene<S: DensityScene>(&self) -> Option<&dyn DensityPolicy<S>> {
         Some(match self {
             Self::Absolute(policy) => policy,
@@ -260,7 +258,7 @@ impl Policy {
         })
     }
 
-    fn of_planar_scenes(&self) -> &dyn DensityPolicy {
+    fn of_2d_scenes(&self) -> &dyn DensityPolicy {
         match self {
             Self::Residual(policy) => policy,
             Self::ImageGs(policy) => policy,
@@ -270,30 +268,26 @@ impl Policy {
 }
 
 impl DensityPolicy for Policy {
-    fn plan(&self, observation: &Observation<'_>, rng: &mut Rng) -> Result<EditPlan<PlanarGaussian>, Error> {
-        self.of_planar_scenes().plan(observation, rng)
+    fn plan(&self, observation: &Observation<'_>, rng: &mut Rng) -> Result<EditPlan<Gaussian2d>, Error> {
+        self.of_2d_scenes().plan(observation, rng)
     }
 
     fn statistics(&self) -> Statistics {
-        self.of_planar_scenes().statistics()
+        self.of_2d_scenes().statistics()
     }
 
     fn needs_residual(&self) -> bool {
-        self.of_planar_scenes().needs_residual()
+        self.of_2d_scenes().needs_residual()
     }
 
     fn noise(&self) -> Option<Noise> {
-        self.of_planar_scenes().noise()
+        self.of_2d_scenes().noise()
     }
 }
 
-impl DensityPolicy<SpatialScene> for Policy {
-    fn plan(
-        &self,
-        observation: &Observation<'_, SpatialScene>,
-        rng: &mut Rng,
-    ) -> Result<EditPlan<SpatialGaussian>, Error> {
-        self.validate_spatial()?;
+impl DensityPolicy<Scene3d> for Policy {
+    fn plan(&self, observation: &Observation<'_, Scene3d>, rng: &mut Rng) -> Result<EditPlan<Gaussian3d>, Error> {
+        self.validate_3d()?;
         self.of_any_scene().unwrap_or(&NoGrowth).plan(observation, rng)
     }
 

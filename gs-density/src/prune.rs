@@ -86,14 +86,14 @@ impl Prune {
 #[cfg(test)]
 mod tests {
     use glam::{Vec2, Vec3};
-    use gs_core::{PlanarGaussian, SpatialGaussian, scene::logit};
+    use gs_core::{Gaussian2d, Gaussian3d, scene::logit};
 
     use super::*;
 
     const EXTENT: f32 = 100.0;
 
-    fn gaussian() -> PlanarGaussian {
-        PlanarGaussian {
+    fn gaussian() -> Gaussian2d {
+        Gaussian2d {
             mean: Vec2::new(10.0, 20.0),
             log_scale: Vec2::new(1.0, 0.5),
             rotation: 0.3,
@@ -105,13 +105,13 @@ mod tests {
     #[test]
     fn each_cause_is_found() {
         let prune = Prune { larger_than: Some(SizeThreshold::ExtentFraction(0.5)), ..Prune::default() };
-        let cause = |g: PlanarGaussian| prune.cause(&g, EXTENT, 1);
+        let cause = |g: Gaussian2d| prune.cause(&g, EXTENT, 1);
         assert_eq!(cause(gaussian()), None);
-        assert_eq!(cause(PlanarGaussian { opacity_logit: logit(0.006), ..gaussian() }), None);
+        assert_eq!(cause(Gaussian2d { opacity_logit: logit(0.006), ..gaussian() }), None);
         for opacity_logit in [logit(0.004), f32::NEG_INFINITY] {
-            assert_eq!(cause(PlanarGaussian { opacity_logit, ..gaussian() }), Some(PruneCause::Transparent));
+            assert_eq!(cause(Gaussian2d { opacity_logit, ..gaussian() }), Some(PruneCause::Transparent));
         }
-        let large = PlanarGaussian { log_scale: Vec2::new(0.0, 51f32.ln()), ..gaussian() };
+        let large = Gaussian2d { log_scale: Vec2::new(0.0, 51f32.ln()), ..gaussian() };
         assert_eq!(cause(large), Some(PruneCause::TooLarge));
         assert_eq!(Prune::default().cause(&large, EXTENT, 1), None);
         let later = Prune { larger_after: 3000, ..prune };
@@ -122,22 +122,22 @@ mod tests {
     #[test]
     fn whatever_is_not_finite_goes_even_where_nothing_else_does() {
         for bad in [
-            PlanarGaussian { mean: Vec2::new(f32::NAN, 0.0), ..gaussian() },
-            PlanarGaussian { log_scale: Vec2::new(0.0, f32::NEG_INFINITY), ..gaussian() },
-            PlanarGaussian { log_scale: Vec2::new(60.0, 0.0), ..gaussian() }, // its covariance overflows
-            PlanarGaussian { rotation: f32::INFINITY, ..gaussian() },
-            PlanarGaussian { opacity_logit: f32::NAN, ..gaussian() },
-            PlanarGaussian { color: Vec3::new(0.0, f32::NAN, 0.0), ..gaussian() },
+            Gaussian2d { mean: Vec2::new(f32::NAN, 0.0), ..gaussian() },
+            Gaussian2d { log_scale: Vec2::new(0.0, f32::NEG_INFINITY), ..gaussian() },
+            Gaussian2d { log_scale: Vec2::new(60.0, 0.0), ..gaussian() }, // its covariance overflows
+            Gaussian2d { rotation: f32::INFINITY, ..gaussian() },
+            Gaussian2d { opacity_logit: f32::NAN, ..gaussian() },
+            Gaussian2d { color: Vec3::new(0.0, f32::NAN, 0.0), ..gaussian() },
         ] {
             assert_eq!(Prune::NOT_FINITE_ONLY.cause(&bad, EXTENT, 1), Some(PruneCause::NotFinite), "{bad:?}");
         }
-        let vanishing = PlanarGaussian { opacity_logit: f32::NEG_INFINITY, ..gaussian() };
+        let vanishing = Gaussian2d { opacity_logit: f32::NEG_INFINITY, ..gaussian() };
         assert_eq!(Prune::NOT_FINITE_ONLY.cause(&vanishing, EXTENT, 1), None);
     }
 
     #[test]
     fn in_space_too() {
-        let good = SpatialGaussian {
+        let good = Gaussian3d {
             mean: Vec3::ONE,
             log_scale: Vec3::splat(-3.0),
             rotation: [0.0, 2.0, 0.0, 0.0],
@@ -148,16 +148,16 @@ mod tests {
         let mut coefficient = good.clone();
         coefficient.sh[3].z = f32::NAN;
         for bad in [
-            SpatialGaussian { mean: Vec3::new(0.0, f32::INFINITY, 0.0), ..good.clone() },
-            SpatialGaussian { log_scale: Vec3::new(60.0, 0.0, 0.0), ..good.clone() }, // its covariance overflows
-            SpatialGaussian { rotation: [0.0; 4], ..good.clone() },                   // has no direction
-            SpatialGaussian { opacity_logit: f32::NAN, ..good.clone() },
+            Gaussian3d { mean: Vec3::new(0.0, f32::INFINITY, 0.0), ..good.clone() },
+            Gaussian3d { log_scale: Vec3::new(60.0, 0.0, 0.0), ..good.clone() }, // its covariance overflows
+            Gaussian3d { rotation: [0.0; 4], ..good.clone() },                   // has no direction
+            Gaussian3d { opacity_logit: f32::NAN, ..good.clone() },
             coefficient,
         ] {
             assert_eq!(Prune::NOT_FINITE_ONLY.cause(&bad, 1.0, 1), Some(PruneCause::NotFinite), "{bad:?}");
         }
         let prune = Prune { larger_than: Some(SizeThreshold::ExtentFraction(0.1)), ..Prune::default() };
-        let large = SpatialGaussian { log_scale: Vec3::new(-3.0, 0.6f32.ln(), -3.0), ..good };
+        let large = Gaussian3d { log_scale: Vec3::new(-3.0, 0.6f32.ln(), -3.0), ..good };
         assert_eq!(prune.cause(&large, 5.0, 1), Some(PruneCause::TooLarge));
         assert_eq!(prune.cause(&large, 7.0, 1), None);
     }

@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 use gs_core::{
-    EditPlan, Error, PlanarGaussian, PlanarScene, Scene,
+    EditPlan, Error, Gaussian2d, Scene, Scene2d,
     edit::{AfterEdit, Birth, Moments, Origin, Place, PruneCause, Removal},
     effects::Statistics,
     scene::{logit, sigmoid},
@@ -82,7 +82,7 @@ impl Default for ResidualGrowth {
 }
 
 impl DensityPolicy for ResidualGrowth {
-    fn plan(&self, observation: &Observation<'_>, rng: &mut Rng) -> Result<EditPlan<PlanarGaussian>, Error> {
+    fn plan(&self, observation: &Observation<'_>, rng: &mut Rng) -> Result<EditPlan<Gaussian2d>, Error> {
         self.validate()?;
         let scene = observation.scene;
         let found = observation.statistics.gradient_sum.len();
@@ -181,7 +181,7 @@ impl ResidualGrowth {
     }
 
     /// `count` new Gaussians.
-    fn seeds(&self, residual: &Residual, has_opacity: bool, count: usize, rng: &mut Rng) -> Vec<PlanarGaussian> {
+    fn seeds(&self, residual: &Residual, has_opacity: bool, count: usize, rng: &mut Rng) -> Vec<Gaussian2d> {
         if count == 0 {
             return Vec::new();
         }
@@ -263,7 +263,7 @@ impl Power {
 }
 
 /// Indices of the Gaussians with a NaN or infinite parameter (an infinite opacity logit is legitimate).
-fn not_finite(scene: &PlanarScene) -> impl Iterator<Item = usize> + '_ {
+fn not_finite(scene: &Scene2d) -> impl Iterator<Item = usize> + '_ {
     let finite = |i: usize| {
         scene.means[i].is_finite()
             && scene.log_scales[i].is_finite()
@@ -275,7 +275,7 @@ fn not_finite(scene: &PlanarScene) -> impl Iterator<Item = usize> + '_ {
 }
 
 /// The `count` Gaussians to remove, by index: those that are not finite first, then the least important; among equals the first.
-fn least_important(scene: &PlanarScene, count: usize) -> Vec<Removal> {
+fn least_important(scene: &Scene2d, count: usize) -> Vec<Removal> {
     // Importance and index in one number: the bits of a positive `f32` are ordered as its values.
     let mut keys: Vec<u64> = (0..scene.len())
         .map(|i| u64::from(importance(scene, i).max(f32::MIN_POSITIVE).to_bits()) << 32 | i as u64)
@@ -299,7 +299,7 @@ fn least_important(scene: &PlanarScene, count: usize) -> Vec<Removal> {
 }
 
 /// As described at [`ResidualGrowth`]; may be NaN or infinite where parameters are not finite or huge.
-fn importance(scene: &PlanarScene, index: usize) -> f32 {
+fn importance(scene: &Scene2d, index: usize) -> f32 {
     let determinant = scene.log_scales[index].element_sum().exp();
     let color = scene.colors[index];
     if scene.has_opacity() {

@@ -1,6 +1,6 @@
 //! One round of density control: prune, let the candidates grow as far as the budget goes, reset. What all criteria share.
 
-use gs_core::{EditPlan, Error, PlanarScene, edit::Removal};
+use gs_core::{EditPlan, Error, Scene2d, edit::Removal};
 use serde::{Deserialize, Serialize};
 
 use crate::{
@@ -38,7 +38,7 @@ impl Actions {
 
 /// A round under way: what must go is known, what grows is yet to be chosen.
 #[derive(Debug, Clone)]
-pub struct Round<'a, S = PlanarScene> {
+pub struct Round<'a, S = Scene2d> {
     actions: Actions,
     observation: &'a Observation<'a, S>,
     removed: Vec<Removal>,

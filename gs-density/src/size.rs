@@ -12,9 +12,9 @@ pub enum SizeThreshold {
     /// A fraction of the scene's extent ([`Observation::extent`](crate::Observation::extent)), positive. 3DGS has `percent_dense` = 0.01
     /// of the cameras'; of an image it is the longer side.
     ExtentFraction(f32),
-    /// px, positive. Planar scenes.
+    /// px, positive. 2D scenes.
     Pixels(f32),
-    /// World units, positive. Spatial scenes.
+    /// World units, positive. 3D scenes.
     WorldUnits(f32),
 }
 
@@ -42,13 +42,13 @@ impl SizeThreshold {
 #[cfg(test)]
 mod tests {
     use glam::{Vec2, Vec3};
-    use gs_core::{PlanarGaussian, SpatialGaussian};
+    use gs_core::{Gaussian2d, Gaussian3d};
 
     use super::*;
 
     #[test]
     fn the_largest_scale_counts() {
-        let gaussian = PlanarGaussian {
+        let gaussian = Gaussian2d {
             mean: Vec2::ZERO,
             log_scale: Vec2::new(0.0, 2f32.ln()),
             rotation: 0.0,
@@ -59,7 +59,7 @@ mod tests {
         assert!(SizeThreshold::ExtentFraction(0.01).is_exceeded(&gaussian, 190.0));
         assert!(!SizeThreshold::ExtentFraction(0.01).is_exceeded(&gaussian, 210.0));
         assert!(SizeThreshold::Pixels(1.9).is_exceeded(&gaussian, 1.0));
-        let in_space = SpatialGaussian {
+        let in_space = Gaussian3d {
             mean: Vec3::ZERO,
             log_scale: Vec3::new(0.0, -1.0, 2f32.ln()),
             rotation: [1.0, 0.0, 0.0, 0.0],

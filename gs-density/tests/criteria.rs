@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 
 use glam::{Vec2, Vec3};
 use gs_conformance::properties::fresh;
-use gs_core::{DensityStatistics, EditPlan, Error, PlanarGaussian, PlanarScene, constants::TAU_POSITION, scene::logit};
+use gs_core::{DensityStatistics, EditPlan, Error, Gaussian2d, Scene2d, constants::TAU_POSITION, scene::logit};
 use gs_density::{
     AbsoluteThreshold, Actions, DensityPolicy, Hybrid, Observation, OpacityReset, Paper, Policy, Prune,
     RelativePercentile, Rng, WhenFlat,
@@ -13,12 +13,12 @@ use proptest::prelude::*;
 
 const EXTENT: f32 = 128.0;
 
-fn observation<'a>(scene: &'a PlanarScene, statistics: &'a DensityStatistics, budget: usize) -> Observation<'a> {
+fn observation<'a>(scene: &'a Scene2d, statistics: &'a DensityStatistics, budget: usize) -> Observation<'a> {
     Observation { scene, statistics, residual: None, extent: EXTENT, step: 99, progress: 0.5, budget }
 }
 
-fn gaussian() -> PlanarGaussian {
-    PlanarGaussian {
+fn gaussian() -> Gaussian2d {
+    Gaussian2d {
         mean: Vec2::new(50.0, 40.0),
         log_scale: Vec2::new(1.0, 0.2),
         rotation: 0.4,
@@ -32,17 +32,17 @@ fn with_gradients(gradients: &[f32]) -> DensityStatistics {
     DensityStatistics { gradient_sum: gradients.iter().map(|g| 10.0 * g).collect(), visible: vec![10; gradients.len()] }
 }
 
-fn plan(policy: &impl DensityPolicy, observation: &Observation<'_>) -> EditPlan<PlanarGaussian> {
+fn plan(policy: &impl DensityPolicy, observation: &Observation<'_>) -> EditPlan<Gaussian2d> {
     let plan = policy.plan(observation, &mut Rng::new(7, 11)).unwrap();
     plan.sources(observation.scene.means.len()).unwrap();
     plan
 }
 
-fn growing(plan: &EditPlan<PlanarGaussian>) -> BTreeSet<u32> {
+fn growing(plan: &EditPlan<Gaussian2d>) -> BTreeSet<u32> {
     plan.added.iter().map(|birth| birth.parent.unwrap()).collect()
 }
 
-fn removed(plan: &EditPlan<PlanarGaussian>) -> BTreeSet<u32> {
+fn removed(plan: &EditPlan<Gaussian2d>) -> BTreeSet<u32> {
     plan.removed.iter().map(|removal| removal.index).collect()
 }
 
@@ -57,7 +57,7 @@ fn each_criterion_picks_its_own() {
     let gradients: Vec<f32> = (0..30).map(|i| if i == 29 { 0.0 } else { 1e-3 * 0.8f32.powi(i) }).collect();
     let above = gradients.iter().filter(|&&g| g >= TAU_POSITION).count();
     assert_eq!(above, 8);
-    let scene: PlanarScene = [gaussian(); 30].into_iter().collect();
+    let scene: Scene2d = [gaussian(); 30].into_iter().collect();
     let statistics = with_gradients(&gradients);
     let seen = observation(&scene, &statistics, 1000);
     let first = |n: u32| (0..n).collect::<BTreeSet<u32>>();
@@ -81,7 +81,7 @@ fn each_criterion_picks_its_own() {
 
 #[test]
 fn without_gradients_nothing_grows_unless_forced() {
-    let scene: PlanarScene = [gaussian(); 25].into_iter().collect();
+    let scene: Scene2d = [gaussian(); 25].into_iter().collect();
     let never_drawn = DensityStatistics::zeros(25);
     let seen = observation(&scene, &never_drawn, 1000);
     for policy in ranking_policies() {
@@ -96,7 +96,7 @@ fn without_gradients_nothing_grows_unless_forced() {
 #[test]
 fn the_papers_twenty_become_six_hundred() {
     let rounds = |policy: &dyn DensityPolicy, gradient: f32, rounds: usize| {
-        let mut scene: PlanarScene = [gaussian(); 20].into_iter().collect();
+        let mut scene: Scene2d = [gaussian(); 20].into_iter().collect();
         for round in 0..rounds {
             let statistics = with_gradients(&vec![gradient; scene.means.len()]);
             let plan = policy.plan(&observation(&scene, &statistics, 600), &mut Rng::new(round as u128, 0)).unwrap();
@@ -115,8 +115,8 @@ fn the_papers_twenty_become_six_hundred() {
 
 #[test]
 fn opacities_are_reset_on_time_and_only_where_there_are_some() {
-    let translucent: PlanarScene = [gaussian(); 3].into_iter().collect();
-    let opaque: PlanarScene = [PlanarGaussian { opacity_logit: f32::INFINITY, ..gaussian() }; 3].into_iter().collect();
+    let translucent: Scene2d = [gaussian(); 3].into_iter().collect();
+    let opaque: Scene2d = [Gaussian2d { opacity_logit: f32::INFINITY, ..gaussian() }; 3].into_iter().collect();
     let statistics = DensityStatistics::zeros(3);
     let ceiling = |policy: &Policy, scene, step, progress| {
         plan(policy, &Observation { step, progress, ..observation(scene, &statistics, 9) }).opacity_ceiling
@@ -141,7 +141,7 @@ fn opacities_are_reset_on_time_and_only_where_there_are_some() {
 
 #[test]
 fn arrays_that_do_not_fit_are_refused() {
-    let scene: PlanarScene = [gaussian(); 3].into_iter().collect();
+    let scene: Scene2d = [gaussian(); 3].into_iter().collect();
     let short = DensityStatistics { gradient_sum: vec![1.0; 3], visible: vec![1; 2] };
     let mut torn = scene.clone();
     torn.colors.pop();
@@ -156,7 +156,7 @@ fn arrays_that_do_not_fit_are_refused() {
 }
 
 /// A scene of 0 to 60 Gaussians, a tenth of them broken, and its mean gradients: distinct, from far below τ to far above it.
-fn any_scene() -> impl Strategy<Value = (Vec<PlanarGaussian>, Vec<f32>)> {
+fn any_scene() -> impl Strategy<Value = (Vec<Gaussian2d>, Vec<f32>)> {
     let any_gaussian = (
         (0f32..128.0, 0f32..96.0),
         (-1f32..3.0, -1f32..3.0),
@@ -165,7 +165,7 @@ fn any_scene() -> impl Strategy<Value = (Vec<PlanarGaussian>, Vec<f32>)> {
         (0u32..40).prop_map(|n| if n < 4 { Some(n) } else { None }),
     )
         .prop_map(|((x, y), (sx, sy), rotation, opacity, broken)| {
-            let mut g = PlanarGaussian {
+            let mut g = Gaussian2d {
                 mean: Vec2::new(x, y),
                 log_scale: Vec2::new(sx, sy),
                 rotation,
@@ -227,12 +227,12 @@ proptest! {
         policy in any_policy(),
         budget in 0usize..120,
     ) {
-        let scene: PlanarScene = gaussians.iter().copied().collect();
+        let scene: Scene2d = gaussians.iter().copied().collect();
         let statistics = with_gradients(&gradients);
         let original = plan(&policy, &observation(&scene, &statistics, budget));
 
         // order[slot] is the old index of the Gaussian that now stands in that slot.
-        let scene: PlanarScene = order.iter().map(|&old| gaussians[old]).collect();
+        let scene: Scene2d = order.iter().map(|&old| gaussians[old]).collect();
         let statistics = with_gradients(&order.iter().map(|&old| gradients[old]).collect::<Vec<_>>());
         let permuted = plan(&policy, &observation(&scene, &statistics, budget));
 
@@ -246,7 +246,7 @@ proptest! {
     fn the_budget_is_kept_and_met_where_enough_qualify(
         (gaussians, gradients) in any_scene(), policy in any_policy(), budget in 0usize..120,
     ) {
-        let scene: PlanarScene = gaussians.iter().copied().collect();
+        let scene: Scene2d = gaussians.iter().copied().collect();
         let statistics = with_gradients(&gradients);
         let unlimited = plan(&policy, &observation(&scene, &statistics, usize::MAX));
         let limited = plan(&policy, &observation(&scene, &statistics, budget));
@@ -274,7 +274,7 @@ proptest! {
                 *gradient = f32::NAN;
             }
         }
-        let scene: PlanarScene = gaussians.iter().copied().collect();
+        let scene: Scene2d = gaussians.iter().copied().collect();
         let statistics = with_gradients(&gradients);
         let plan = plan(&policy, &observation(&scene, &statistics, 1000));
         prop_assert!(growing(&plan).iter().all(|&i| gradients[i as usize].is_finite()));

@@ -2,7 +2,7 @@
 
 use glam::{Mat2, Vec2, Vec3};
 use gs_core::{
-    DensityStatistics, PlanarGaussian, PlanarScene,
+    DensityStatistics, Gaussian2d, Scene2d,
     edit::{Birth, Change, Moments, Origin, Place},
     scene::sigmoid,
 };
@@ -10,8 +10,8 @@ use gs_density::{
     ClonePlacement, Densify, MomentHeir, Observation, OpacityCorrection, Rng, SizeThreshold, SplitPlacement,
 };
 
-fn parent() -> PlanarGaussian {
-    PlanarGaussian {
+fn parent() -> Gaussian2d {
+    Gaussian2d {
         mean: Vec2::new(60.0, 30.0),
         log_scale: Vec2::new(0.7, 2.0),
         rotation: 0.6,
@@ -21,22 +21,18 @@ fn parent() -> PlanarGaussian {
 }
 
 /// Grows Gaussian 1 of two equal ones.
-fn grow(
-    densify: &Densify,
-    parent: PlanarGaussian,
-    rng: &mut Rng,
-) -> (Option<Change<PlanarGaussian>>, Birth<PlanarGaussian>) {
-    let scene: PlanarScene = [parent; 2].into_iter().collect();
+fn grow(densify: &Densify, parent: Gaussian2d, rng: &mut Rng) -> (Option<Change<Gaussian2d>>, Birth<Gaussian2d>) {
+    let scene: Scene2d = [parent; 2].into_iter().collect();
     grow_in(&scene, 1, densify, rng)
 }
 
 /// Grows one Gaussian of two.
 fn grow_in(
-    scene: &PlanarScene,
+    scene: &Scene2d,
     index: u32,
     densify: &Densify,
     rng: &mut Rng,
-) -> (Option<Change<PlanarGaussian>>, Birth<PlanarGaussian>) {
+) -> (Option<Change<Gaussian2d>>, Birth<Gaussian2d>) {
     let statistics = DensityStatistics::zeros(2);
     let observation = Observation {
         scene,
@@ -73,7 +69,7 @@ fn a_small_one_is_cloned_and_left_alone() {
     let (change, birth) = grow(&drawn, parent(), &mut Rng::new(1, 2));
     assert_eq!(change, None);
     assert_ne!(birth.gaussian.mean, parent().mean);
-    assert_eq!(PlanarGaussian { mean: parent().mean, ..birth.gaussian }, parent());
+    assert_eq!(Gaussian2d { mean: parent().mean, ..birth.gaussian }, parent());
 }
 
 #[test]
@@ -85,7 +81,7 @@ fn a_large_one_is_split_into_smaller_ones() {
         let ratio = (parent().log_scale - half.log_scale).map(f32::exp);
         assert!((ratio - 1.6).abs().max_element() < 1e-5, "{ratio}");
         assert_ne!(half.mean, parent().mean);
-        assert_eq!(PlanarGaussian { mean: parent().mean, log_scale: parent().log_scale, ..half }, parent());
+        assert_eq!(Gaussian2d { mean: parent().mean, log_scale: parent().log_scale, ..half }, parent());
     }
     assert_ne!(change.gaussian.mean, birth.gaussian.mean);
 }
@@ -126,7 +122,7 @@ fn halves_are_drawn_from_the_parent() {
     let covariance =
         offsets.iter().map(|&d| Mat2::from_cols(d * d.x, d * d.y)).fold(Mat2::ZERO, |a, b| a + b) * (1.0 / n);
     // In the parent's own frame the offsets are standard normal: standard errors are 1/√n of the mean, √(2/n) of a variance.
-    let whiten = parent().frame().inverse();
+    let whiten = parent().factor().inverse();
     let (mean, covariance) = (whiten * mean, whiten * covariance * whiten.transpose());
     assert!(mean.abs().max_element() < 4.0 / n.sqrt(), "{mean}");
     let tolerance = 4.0 * (2.0 / n).sqrt();
@@ -152,13 +148,13 @@ fn the_long_axis_split_is_symmetric_and_needs_no_luck() {
 fn conserved_opacity_composites_to_the_parents() {
     let conserve = Densify { opacity_correction: OpacityCorrection::Conserve, ..small() };
     for opacity_logit in [-6.0, -2.0, 0.0, 0.8, 3.0, 8.0, f32::INFINITY] {
-        let parent = PlanarGaussian { opacity_logit, ..parent() };
+        let parent = Gaussian2d { opacity_logit, ..parent() };
         // A second, translucent Gaussian makes this a scene with opacities even where this one is opaque.
-        let scene: PlanarScene = [parent, self::parent()].into_iter().collect();
+        let scene: Scene2d = [parent, self::parent()].into_iter().collect();
         let (change, birth) = grow_in(&scene, 0, &conserve, &mut Rng::new(1, 2));
         let original = change.map_or(parent, |c| c.gaussian);
         assert_eq!(original, birth.gaussian);
-        assert_eq!(PlanarGaussian { opacity_logit, ..original }, parent);
+        assert_eq!(Gaussian2d { opacity_logit, ..original }, parent);
         let through = (1.0 - sigmoid(original.opacity_logit)) * (1.0 - sigmoid(birth.gaussian.opacity_logit));
         assert!((1.0 - through - sigmoid(opacity_logit)).abs() < 1e-6, "{opacity_logit}");
     }
@@ -167,10 +163,10 @@ fn conserved_opacity_composites_to_the_parents() {
 #[test]
 fn conserved_colour_adds_up_to_the_parents_where_gaussians_are_summed() {
     let conserve = Densify { opacity_correction: OpacityCorrection::Conserve, ..small() };
-    let opaque = PlanarGaussian { opacity_logit: f32::INFINITY, ..parent() };
+    let opaque = Gaussian2d { opacity_logit: f32::INFINITY, ..parent() };
     let (change, birth) = grow(&conserve, opaque, &mut Rng::new(1, 2));
     let original = change.unwrap().gaussian;
     assert_eq!(original.color + birth.gaussian.color, opaque.color);
-    assert_eq!(PlanarGaussian { color: opaque.color, ..original }, opaque);
+    assert_eq!(Gaussian2d { color: opaque.color, ..original }, opaque);
     assert_eq!(original, birth.gaussian);
 }

@@ -3,7 +3,7 @@
 use glam::{Vec2, Vec3};
 use gs_conformance::properties::fresh;
 use gs_core::{
-    DensityStatistics, EditPlan, Error, Image, PlanarGaussian, PlanarScene, Scene,
+    DensityStatistics, EditPlan, Error, Gaussian2d, Image, Scene, Scene2d,
     edit::{Moments, Place, PruneCause},
     scene::{logit, sigmoid},
 };
@@ -15,8 +15,8 @@ use proptest::prelude::*;
 // Under Miri just so large that all Gaussians lie inside, and both colours of the target show.
 const SIZE: (u32, u32) = if cfg!(miri) { (22, 16) } else { (40, 30) };
 
-fn gaussian(opacity: f32) -> PlanarGaussian {
-    PlanarGaussian {
+fn gaussian(opacity: f32) -> Gaussian2d {
+    Gaussian2d {
         mean: Vec2::new(20.0, 14.0),
         log_scale: Vec2::new(0.3, 1.4),
         rotation: 0.4,
@@ -27,11 +27,11 @@ fn gaussian(opacity: f32) -> PlanarGaussian {
 
 fn plan(
     policy: &impl DensityPolicy,
-    scene: &PlanarScene,
+    scene: &Scene2d,
     residual: Option<&Residual>,
     progress: f32,
     budget: usize,
-) -> EditPlan<PlanarGaussian> {
+) -> EditPlan<Gaussian2d> {
     let statistics = DensityStatistics::zeros(scene.len());
     let observation =
         Observation { scene, statistics: &statistics, residual, extent: 40.0, step: 99, progress, budget };
@@ -40,7 +40,7 @@ fn plan(
     plan
 }
 
-fn after(plan: &EditPlan<PlanarGaussian>, scene: &PlanarScene) -> PlanarScene {
+fn after(plan: &EditPlan<Gaussian2d>, scene: &Scene2d) -> Scene2d {
     let before: Vec<_> = scene.iter().collect();
     plan.gather(&plan.sources(scene.len()).unwrap(), &before, |&g| g).into_iter().collect()
 }
@@ -53,7 +53,7 @@ fn residual() -> Residual {
 #[test]
 fn the_dead_move_behind_the_living_and_nothing_else_is_lost() {
     let opacities = [0.9, 0.004, 0.5, 0.001, 0.7];
-    let scene: PlanarScene = opacities.into_iter().map(gaussian).collect();
+    let scene: Scene2d = opacities.into_iter().map(gaussian).collect();
     let still = Mcmc { percent: 0.0, ..Mcmc::default() };
     let plan = plan(&still, &scene, None, 0.5, 100);
     assert_eq!(plan.removed.iter().map(|r| r.index).collect::<Vec<_>>(), [1, 3]);
@@ -74,7 +74,7 @@ fn the_dead_move_behind_the_living_and_nothing_else_is_lost() {
 
 #[test]
 fn copies_go_where_opacity_is() {
-    let scene: PlanarScene = (0..400).map(|i| gaussian(if i % 2 == 0 { 0.9 } else { 0.1 })).collect();
+    let scene: Scene2d = (0..400).map(|i| gaussian(if i % 2 == 0 { 0.9 } else { 0.1 })).collect();
     let double = Mcmc { percent: 100.0, ..Mcmc::default() };
     let plan = plan(&double, &scene, None, 0.5, 1000);
     assert_eq!(plan.len_after(400), 800);
@@ -85,8 +85,8 @@ fn copies_go_where_opacity_is() {
 
 #[test]
 fn where_gaussians_are_summed_the_parts_add_up() {
-    let opaque = PlanarGaussian { opacity_logit: f32::INFINITY, ..gaussian(0.5) };
-    let scene: PlanarScene = [opaque; 7].into_iter().collect();
+    let opaque = Gaussian2d { opacity_logit: f32::INFINITY, ..gaussian(0.5) };
+    let scene: Scene2d = [opaque; 7].into_iter().collect();
     let plan = plan(&Mcmc { percent: 100.0, ..Mcmc::default() }, &scene, None, 0.5, 1000);
     assert_eq!(plan.len_after(7), 14);
     let edited = after(&plan, &scene);
@@ -97,8 +97,8 @@ fn where_gaussians_are_summed_the_parts_add_up() {
 
 #[test]
 fn where_all_are_dead_none_goes() {
-    let broken = PlanarGaussian { mean: Vec2::NAN, ..gaussian(0.5) };
-    let scene: PlanarScene = [gaussian(0.001), broken, gaussian(0.002)].into_iter().collect();
+    let broken = Gaussian2d { mean: Vec2::NAN, ..gaussian(0.5) };
+    let scene: Scene2d = [gaussian(0.001), broken, gaussian(0.002)].into_iter().collect();
     let plan = plan(&Mcmc::default(), &scene, None, 0.5, 100);
     assert_eq!(plan.removed.iter().map(|r| r.index).collect::<Vec<_>>(), [1]);
     assert!(after(&plan, &scene).means.iter().all(|m| m.is_finite()));
@@ -117,7 +117,7 @@ fn only_mcmc_asks_for_noise() {
 fn image_gs_starts_with_half_and_adds_four_times() {
     let residual = residual();
     for rounds in [1u32, 3, 4, 6, 15] {
-        let mut scene: PlanarScene = [gaussian(0.5); 50].into_iter().collect();
+        let mut scene: Scene2d = [gaussian(0.5); 50].into_iter().collect();
         let mut additions = Vec::new();
         for round in 1..=rounds {
             let plan = plan(&ErrorAddition::default(), &scene, Some(&residual), round as f32 / rounds as f32, 100);
@@ -135,7 +135,7 @@ fn image_gs_starts_with_half_and_adds_four_times() {
         assert_eq!(additions.len(), rounds.min(4) as usize, "{rounds} rounds: {additions:?}");
     }
     let none = DensityStatistics::zeros(0);
-    let empty = PlanarScene::default();
+    let empty = Scene2d::default();
     let blind = Observation {
         scene: &empty,
         statistics: &none,
@@ -158,7 +158,7 @@ fn a_long_axis_split_puts_two_side_by_side() {
         if opaque {
             parent.opacity_logit = f32::INFINITY;
         }
-        let scene: PlanarScene = [parent].into_iter().collect();
+        let scene: Scene2d = [parent].into_iter().collect();
         let statistics = DensityStatistics { gradient_sum: vec![1.0], visible: vec![1] };
         let observation = Observation {
             scene: &scene,
@@ -196,8 +196,8 @@ proptest! {
         opacities in proptest::collection::vec(proptest::option::weighted(0.9, 0.0001f32..0.999), 1..60),
         budget in 1usize..120, percent in 0u8..=100, additions in 1u32..6, progress in 0.01f32..=1.0,
     ) {
-        let broken = PlanarGaussian { mean: Vec2::NAN, ..gaussian(0.5) };
-        let scene: PlanarScene = opacities.iter().map(|o| o.map_or(broken, gaussian)).collect();
+        let broken = Gaussian2d { mean: Vec2::NAN, ..gaussian(0.5) };
+        let scene: Scene2d = opacities.iter().map(|o| o.map_or(broken, gaussian)).collect();
         let finite = opacities.iter().flatten().count();
         let living = opacities.iter().flatten().filter(|&&o| o > 0.005).count();
 
@@ -223,7 +223,7 @@ proptest! {
 
     #[test]
     fn the_same_random_numbers_give_the_same_plan(seed in any::<u64>(), count in 1usize..40) {
-        let scene: PlanarScene = (0..count).map(|i| gaussian(0.02 + 0.9 * i as f32 / count as f32)).collect();
+        let scene: Scene2d = (0..count).map(|i| gaussian(0.02 + 0.9 * i as f32 / count as f32)).collect();
         let statistics = DensityStatistics::zeros(count);
         let residual = residual();
         let observation = Observation {

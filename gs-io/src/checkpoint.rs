@@ -1,13 +1,13 @@
-//! Checkpoints of a training run on disk: a cloud's whole state, bit for bit, NaN included, so that a resumed run ends as one
+//! Checkpoints of a training run on disk: a splats' whole state, bit for bit, NaN included, so that a resumed run ends as one
 //! never stopped.
 //!
 //! The same container as scene files. The state's tensors are called `state.` and their name, F32 or U32; the metadata entry
-//! `gs` is `{"format": "gs-checkpoint", "version": 1, "program": …, "content": {"chart": …, "metadata": {…}}}`.
+//! `gs` is `{"format": "gs-checkpoint", "version": 1, "program": …, "content": {"parameterization": …, "metadata": {…}}}`.
 
 use std::{collections::BTreeMap, path::Path};
 
 use gs_core::{
-    Chart, CloudState,
+    Parameterization, SplatsState,
     state::{Tensor, TensorData},
 };
 use safetensors::Dtype;
@@ -24,15 +24,16 @@ const PREFIX: &str = "state.";
 /// What a training run needs to go on.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Checkpoint {
-    /// The cloud.
-    pub state: CloudState,
+    /// The splats.
+    pub state: SplatsState,
     /// All else, by name, as its owner writes it: the step, settings, the random generator.
     pub metadata: BTreeMap<String, String>,
 }
 
 #[derive(Serialize, Deserialize)]
 struct Content {
-    chart: Chart,
+    #[serde(alias = "chart")]
+    parameterization: Parameterization,
     metadata: BTreeMap<String, String>,
 }
 
@@ -50,7 +51,7 @@ pub fn write_checkpoint(path: impl AsRef<Path>, checkpoint: &Checkpoint) -> Resu
         };
         (format!("{PREFIX}{name}"), tensor)
     });
-    let content = Content { chart: state.chart, metadata: metadata.clone() };
+    let content = Content { parameterization: state.parameterization, metadata: metadata.clone() };
     container::write(path.as_ref(), &KIND, &content, tensors.collect())
 }
 
@@ -59,7 +60,7 @@ pub fn is_checkpoint(path: impl AsRef<Path>) -> bool {
     container::format_of(path.as_ref()).is_some_and(|format| format == KIND.format)
 }
 
-/// Reads what [`write_checkpoint`] wrote: the same state, bit for bit. Whether it is that of a cloud, the backend that restores
+/// Reads what [`write_checkpoint`] wrote: the same state, bit for bit. Whether it is that of splats, the backend that restores
 /// it decides.
 ///
 /// # Errors
@@ -67,7 +68,7 @@ pub fn is_checkpoint(path: impl AsRef<Path>) -> bool {
 /// [`Error::TooNew`] for one of a later version, [`Error::Tensor`] for a tensor that is no part of a state.
 pub fn read_checkpoint(path: impl AsRef<Path>) -> Result<Checkpoint, Error> {
     let file = container::read::<Content>(path.as_ref(), &KIND)?;
-    let mut state = CloudState::new(file.content.chart);
+    let mut state = SplatsState::new(file.content.parameterization);
     for full_name in file.names() {
         let Some(name) = full_name.strip_prefix(PREFIX) else {
             return Err(file.tensor_error(&full_name, format!("a name that starts with `{PREFIX}`")));
@@ -78,6 +79,8 @@ pub fn read_checkpoint(path: impl AsRef<Path>) -> Result<Checkpoint, Error> {
             Some(Dtype::F32) => TensorData::F32(file.f32(&full_name, &shape)?),
             _ => return Err(file.tensor_error(&full_name, "F32 or U32".to_owned())),
         };
+        // What is now "factor" was called "frame" in earlier versions.
+        let name = if name == "frame" { "factor" } else { name };
         state.tensors.insert(name.to_owned(), Tensor { shape, data });
     }
     Ok(Checkpoint { state, metadata: file.content.metadata })

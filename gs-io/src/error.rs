@@ -256,12 +256,12 @@ pub enum Error {
         /// What it is.
         found: String,
     },
-    /// Not a spatial scene, or not one of a kind that can be read.
+    /// Not a 3D scene, or not one of a kind that can be read.
     #[error(
         "{}: expected a scene (PLY, compressed PLY, .splat, SPZ, .gltf or .glb), found {found}; export it as PLY",
         path.display()
     )]
-    NotASpatialScene {
+    NotA3dScene {
         /// The file.
         path: PathBuf,
         /// What its first bytes or its content say.
@@ -311,7 +311,7 @@ pub enum Error {
         /// What to do.
         mend: &'static str,
     },
-    /// A spatial scene was to be written into a file whose ending names no kind that can be written.
+    /// A 3D scene was to be written into a file whose ending names no kind that can be written.
     #[error("{}: its ending names no kind of scene that can be written; use .ply, .splat, .spz, .gltf or .glb", path.display())]
     UnknownEnding {
         /// The file.

@@ -1,14 +1,14 @@
-//! Files of the engine: images, planar scenes, checkpoints, spatial scenes in the field's formats, and data sets of posed photographs.
+//! Files of the engine: images, 2D scenes, checkpoints, 3D scenes in the field's formats, and data sets of posed photographs.
 //!
 //! | what | read | written |
 //! |---|---|---|
 //! | images (PNG, JPEG, BMP, TIFF, WebP, GIF, PNM) | [`read_image`] | [`write_png`] |
 //! | moving pictures (APNG) | – | [`write_animation`] |
-//! | planar scenes, `.gs2d.safetensors`, lossless | [`read_scene`] | [`write_scene`] |
+//! | 2D scenes, `.gs2d.safetensors`, lossless | [`read_scene`] | [`write_scene`] |
 //! | checkpoints of a training run, lossless | [`read_checkpoint`] | [`write_checkpoint`] |
-//! | 2D scenes as a flat 3DGS PLY, for viewers | by [`read_spatial`] | [`write_ply`] |
+//! | 2D scenes as a flat 3DGS PLY, for viewers | by [`read_3d`] | [`write_ply`] |
 //! | 2D scenes as SVG | – | [`write_svg`] |
-//! | spatial scenes: PLY, `.splat`, SPZ, glTF | [`read_spatial`] | [`write_spatial`] |
+//! | 3D scenes: PLY, `.splat`, SPZ, glTF | [`read_3d`] | [`write_3d`] |
 //! | data sets of posed photographs: COLMAP, Nerfstudio, Blender | [`dataset::read_dataset`] | – |
 //!
 //! Whatever a file holds, reading it ends in a value or in an [`Error`] that names the path, what was expected, what was
@@ -29,8 +29,8 @@ mod image;
 mod inputs;
 mod output_folder;
 mod ply;
+mod scene3d;
 mod scene_file;
-mod spatial;
 mod svg;
 
 pub use crate::{
@@ -45,10 +45,10 @@ pub use crate::{
     inputs::Inputs,
     output_folder::{FolderClaim, OutputFolder},
     ply::{PICTURE_DISTANCE_WORLD, PICTURE_WORLD, flat_scene, write_ply},
-    scene_file::{PlanarFile, SCENE_EXTENSION, is_scene, read_scene, read_scene_unchecked, write_scene},
-    spatial::{
-        GltfBuffer, Loss, SpatialFile, SpatialFormat, SpatialOptions, SpatialWritten, SpzOptions, SpzVersion,
-        TrainedWith, decode_spatial, read_spatial, read_spatial_unchecked, spatial_format, write_spatial,
+    scene_file::{File2d, SCENE_EXTENSION, is_scene, read_scene, read_scene_unchecked, write_scene},
+    scene3d::{
+        ConversionLoss, File3d, Format3d, GltfBuffer, SpzOptions, SpzVersion, TrainedWith, WriteOptions3d, Written3d,
+        decode_3d, format_3d, read_3d, read_3d_unchecked, write_3d,
     },
     svg::write_svg,
 };

@@ -1,6 +1,6 @@
 //! Export of 2D scenes to the PLY of 3DGS: a flat 3D scene that splat viewers show as the picture.
 //!
-//! The picture lies in the plane z = 0, centred at the origin, its longer side [`PICTURE_WORLD`] long. x points right, **y down and
+//! The picture lies in 2D z = 0, centred at the origin, its longer side [`PICTURE_WORLD`] long. x points right, **y down and
 //! z away from the viewer**: the axes of scenes trained on COLMAP cameras. A viewer that has y up shows the picture upside down
 //! until told otherwise. To see it, look along +z from (0, 0, −[`PICTURE_DISTANCE_WORLD`]). A comment in the header,
 //! `gs picture WxH`, gives the picture's size in pixels.
@@ -16,15 +16,15 @@ use std::path::Path;
 
 use glam::Vec3;
 use gs_core::{
-    Blend, PlanarGaussian, Scene, SpatialGaussian, SpatialScene,
+    Blend, Gaussian2d, Gaussian3d, Scene, Scene3d,
     effects::{Antialias, Order},
 };
 
 use crate::{
-    PlanarFile,
+    File2d,
     atomic::write_durably,
     error::Error,
-    spatial::{SH_0, TrainedWith, ply},
+    scene3d::{SH_0, TrainedWith, ply},
 };
 
 /// Length of the longer side of an exported picture, world units.
@@ -49,11 +49,11 @@ const MAX_LOGIT: f32 = 16.0;
 ///
 /// # Errors
 /// Those of [`flat_scene`], as [`Error::Content`], and of [`write_durably`](crate::write_durably).
-pub fn write_ply(path: impl AsRef<Path>, file: &PlanarFile) -> Result<(), Error> {
+pub fn write_ply(path: impl AsRef<Path>, file: &File2d) -> Result<(), Error> {
     let path = path.as_ref();
     let scene = flat_scene(file).map_err(Error::content(path))?;
     let axes = "x right, y down, z away from the viewer".to_owned();
-    let shown = TrainedWith { antialias: Some(Antialias::Dilate), order: Some(Order::TileDepth) };
+    let shown = TrainedWith { antialias: Some(Antialias::Dilate), order: Some(Order::Global) };
     let comments = [vec![axes, ply::picture_comment(file.width, file.height)], shown.comments()].concat();
     write_durably(path, |out| ply::write(&scene, &comments, out))
 }
@@ -61,8 +61,8 @@ pub fn write_ply(path: impl AsRef<Path>, file: &PlanarFile) -> Result<(), Error>
 /// The 3D scene that [`write_ply`] writes.
 ///
 /// # Errors
-/// Those of [`PlanarFile::validate`]; [`gs_core::Error::State`] for a scene that is empty or blended by [`Blend::Sum`].
-pub fn flat_scene(file: &PlanarFile) -> Result<SpatialScene, gs_core::Error> {
+/// Those of [`File2d::validate`]; [`gs_core::Error::State`] for a scene that is empty or blended by [`Blend::Sum`].
+pub fn flat_scene(file: &File2d) -> Result<Scene3d, gs_core::Error> {
     file.validate()?;
     if file.scene.is_empty() {
         return Err(gs_core::Error::State("a scene without Gaussians has nothing to show in a viewer".to_owned()));
@@ -71,17 +71,17 @@ pub fn flat_scene(file: &PlanarFile) -> Result<SpatialScene, gs_core::Error> {
         let message = "its Gaussians are added up (blend sum), which no viewer does; convert it to blend over first";
         return Err(gs_core::Error::State(message.to_owned()));
     }
-    let mut flat = SpatialScene::default();
+    let mut flat = Scene3d::default();
     let step = DEPTH_STEP_WORLD.min(MAX_DEPTH_WORLD / file.scene.len() as f32);
     file.scene.iter().enumerate().for_each(|(rank, g)| flat.push(flat_gaussian(&g, file, rank as f32 * step)));
     Ok(flat)
 }
 
-fn flat_gaussian(g: &PlanarGaussian, file: &PlanarFile, depth: f32) -> SpatialGaussian {
+fn flat_gaussian(g: &Gaussian2d, file: &File2d, depth: f32) -> Gaussian3d {
     let size = glam::Vec2::new(file.width as f32, file.height as f32);
     let world_per_px = PICTURE_WORLD / size.max_element() * (1.0 + depth / PICTURE_DISTANCE_WORLD);
     let (sin, cos) = (0.5 * g.rotation).sin_cos(); // a turn by θ about +z: (cos θ/2, 0, 0, sin θ/2)
-    SpatialGaussian {
+    Gaussian3d {
         mean: ((g.mean - 0.5 * size) * world_per_px).extend(depth),
         log_scale: (g.log_scale + world_per_px.ln()).extend(THICKNESS_WORLD.ln()),
         rotation: [cos, 0.0, 0.0, sin],

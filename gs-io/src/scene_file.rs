@@ -1,4 +1,4 @@
-//! Planar scenes on disk, bit for bit: a safetensors file, which any tensor library opens.
+//! 2D scenes on disk, bit for bit: a safetensors file, which any tensor library opens.
 //!
 //! | tensor | type, shape | unit |
 //! |---|---|---|
@@ -14,7 +14,7 @@
 use std::path::Path;
 
 use glam::{Vec2, Vec3};
-use gs_core::{PlanarScene, RenderSettings, Scene, image::check_size};
+use gs_core::{RenderSettings, Scene, Scene2d, image::check_size};
 use serde::{Deserialize, Serialize};
 
 use crate::{
@@ -28,11 +28,11 @@ pub const SCENE_EXTENSION: &str = "gs2d.safetensors";
 const KIND: Kind = Kind { format: "gs-planar-scene", version: 1, what: "a scene file" };
 const TENSORS: [&str; 5] = ["mean", "log_scale", "rotation", "opacity_logit", "color"];
 
-/// A planar scene with what is needed to show it as it was made.
+/// A 2D scene with what is needed to show it as it was made.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct PlanarFile {
+pub struct File2d {
     /// The Gaussians.
-    pub scene: PlanarScene,
+    pub scene: Scene2d,
     /// Columns of the image that the scene was made for.
     pub width: u32,
     /// Rows of it.
@@ -41,11 +41,11 @@ pub struct PlanarFile {
     pub settings: RenderSettings,
 }
 
-impl PlanarFile {
+impl File2d {
     /// Fails unless the scene, the size and the settings are all possible; what [`write_scene`] and [`read_scene`] check.
     ///
     /// # Errors
-    /// Those of [`PlanarScene::validate`](Scene::validate), [`check_size`] and [`RenderSettings::validate`].
+    /// Those of [`Scene2d::validate`](Scene::validate), [`check_size`] and [`RenderSettings::validate`].
     pub fn validate(&self) -> Result<(), gs_core::Error> {
         self.validate_view()?;
         self.scene.validate()
@@ -67,11 +67,11 @@ struct Content {
 /// Writes a scene losslessly and atomically. The same scene gives the same bytes.
 ///
 /// # Errors
-/// [`Error::Content`] where [`PlanarFile::validate`] fails; those of [`write_durably`](crate::write_durably).
-pub fn write_scene(path: impl AsRef<Path>, file: &PlanarFile) -> Result<(), Error> {
+/// [`Error::Content`] where [`File2d::validate`] fails; those of [`write_durably`](crate::write_durably).
+pub fn write_scene(path: impl AsRef<Path>, file: &File2d) -> Result<(), Error> {
     let path = path.as_ref();
     file.validate().map_err(Error::content(path))?;
-    let PlanarFile { scene, width, height, settings } = file;
+    let File2d { scene, width, height, settings } = file;
     let n = scene.len();
     let mut tensors = vec![
         TensorBytes::f32(&[n, 2], scene.means.iter().flat_map(|v| v.to_array())),
@@ -97,7 +97,7 @@ pub fn is_scene(path: impl AsRef<Path>) -> bool {
 ///
 /// # Errors
 /// Those of [`read_scene_unchecked`]; [`Error::Content`] for values that are not possible (NaN).
-pub fn read_scene(path: impl AsRef<Path>) -> Result<PlanarFile, Error> {
+pub fn read_scene(path: impl AsRef<Path>) -> Result<File2d, Error> {
     let path = path.as_ref();
     let file = read_scene_unchecked(path)?;
     file.validate().map_err(Error::content(path))?;
@@ -110,7 +110,7 @@ pub fn read_scene(path: impl AsRef<Path>) -> Result<PlanarFile, Error> {
 /// [`Error::Missing`], [`Error::NotAFile`] or [`Error::Read`]; [`Error::Damaged`] for a file that is cut short or something else,
 /// [`Error::TooNew`] for one of a later version, [`Error::Tensor`] for a tensor of the wrong type or shape, [`Error::Content`]
 /// for an impossible canvas or settings.
-pub fn read_scene_unchecked(path: impl AsRef<Path>) -> Result<PlanarFile, Error> {
+pub fn read_scene_unchecked(path: impl AsRef<Path>) -> Result<File2d, Error> {
     let path = path.as_ref();
     let file = container::read::<Content>(path, &KIND)?;
     let Some(&[n, 2]) = file.shape("mean") else {
@@ -120,7 +120,7 @@ pub fn read_scene_unchecked(path: impl AsRef<Path>) -> Result<PlanarFile, Error>
         return Err(file.tensor_error(&unknown, "none of this name".to_owned()));
     }
     let pairs = |name| Ok(file.f32(name, &[n, 2])?.as_chunks::<2>().0.iter().map(|&v| Vec2::from_array(v)).collect());
-    let scene = PlanarScene {
+    let scene = Scene2d {
         means: pairs("mean")?,
         log_scales: pairs("log_scale")?,
         rotations: file.f32("rotation", &[n])?,
@@ -131,7 +131,7 @@ pub fn read_scene_unchecked(path: impl AsRef<Path>) -> Result<PlanarFile, Error>
         colors: file.f32("color", &[n, 3])?.as_chunks::<3>().0.iter().map(|&v| Vec3::from_array(v)).collect(),
     };
     let Content { width, height, settings } = file.content;
-    let file = PlanarFile { scene, width, height, settings };
+    let file = File2d { scene, width, height, settings };
     file.validate_view().map_err(Error::content(path))?;
     Ok(file)
 }

@@ -9,9 +9,9 @@ use std::{
 };
 
 use glam::{Mat2, Vec2};
-use gs_core::{Blend, PlanarGaussian, Scene, effects::Antialias, image::to_8_bits, scene::sigmoid};
+use gs_core::{Blend, Gaussian2d, Scene, effects::Antialias, image::to_8_bits, scene::sigmoid};
 
-use crate::{PlanarFile, atomic::write_durably, error::Error};
+use crate::{File2d, atomic::write_durably, error::Error};
 
 /// Where a gradient ends, standard deviations: its opacity is 1/255 there, where the renderer cuts it off too.
 const RADIUS: f32 = 3.33;
@@ -22,9 +22,9 @@ const STOPS: u32 = 10;
 /// Writes the scene as an SVG of the picture's size, atomically.
 ///
 /// # Errors
-/// [`Error::Content`] where [`PlanarFile::validate`] fails and for a scene blended by [`Blend::Sum`]: SVG has no negative colours,
+/// [`Error::Content`] where [`File2d::validate`] fails and for a scene blended by [`Blend::Sum`]: SVG has no negative colours,
 /// which such scenes need. Those of [`write_durably`](crate::write_durably).
-pub fn write_svg(path: impl AsRef<Path>, file: &PlanarFile) -> Result<(), Error> {
+pub fn write_svg(path: impl AsRef<Path>, file: &File2d) -> Result<(), Error> {
     let path = path.as_ref();
     file.validate().map_err(Error::content(path))?;
     if file.settings.effects.blend == Blend::Sum {
@@ -34,13 +34,13 @@ pub fn write_svg(path: impl AsRef<Path>, file: &PlanarFile) -> Result<(), Error>
     write_durably(path, |out| write(file, out))
 }
 
-fn write(file: &PlanarFile, out: &mut dyn Write) -> io::Result<()> {
-    let PlanarFile { scene, width, height, settings } = file;
+fn write(file: &File2d, out: &mut dyn Write) -> io::Result<()> {
+    let File2d { scene, width, height, settings } = file;
     writeln!(
         out,
         r#"<svg xmlns="http://www.w3.org/2000/svg" width="{width}" height="{height}" viewBox="0 0 {width} {height}">"#
     )?;
-    writeln!(out, r#"<rect width="{width}" height="{height}" fill="{}"/>"#, hex(settings.backdrop()))?;
+    writeln!(out, r#"<rect width="{width}" height="{height}" fill="{}"/>"#, hex(settings.background_color()))?;
     for index in (0..scene.len()).rev() {
         ellipse(index, &scene.gaussian(index), settings.effects.antialias, out)?;
     }
@@ -48,8 +48,8 @@ fn write(file: &PlanarFile, out: &mut dyn Write) -> io::Result<()> {
 }
 
 /// A Gaussian as a circle of [`RADIUS`] around the origin, which a matrix takes to its place.
-fn ellipse(index: usize, g: &PlanarGaussian, antialias: Antialias, out: &mut dyn Write) -> io::Result<()> {
-    let (frame, share) = shown(g.frame(), antialias);
+fn ellipse(index: usize, g: &Gaussian2d, antialias: Antialias, out: &mut dyn Write) -> io::Result<()> {
+    let (frame, share) = shown(g.factor(), antialias);
     let opacity = share * sigmoid(g.opacity_logit);
     let color = hex(g.color.to_array());
     write!(out, r#"<radialGradient id="g{index}" gradientUnits="userSpaceOnUse" cx="0" cy="0" r="{RADIUS}">"#)?;
@@ -94,8 +94,8 @@ mod tests {
     use glam::Vec3;
     use gs_core::RenderSettings;
 
-    fn file(blend: Blend) -> PlanarFile {
-        let gaussian = |x: f32, color: Vec3| PlanarGaussian {
+    fn file(blend: Blend) -> File2d {
+        let gaussian = |x: f32, color: Vec3| Gaussian2d {
             mean: Vec2::new(x, 4.0),
             log_scale: Vec2::new(1.0, 0.0),
             rotation: 0.3,
@@ -103,7 +103,7 @@ mod tests {
             color,
         };
         let scene = [gaussian(3.0, Vec3::X), gaussian(5.5, Vec3::new(2.0, -1.0, 0.5))].into_iter().collect();
-        PlanarFile { scene, width: 12, height: 8, settings: RenderSettings::blended(blend).on([1.0, 0.0, 1.0]) }
+        File2d { scene, width: 12, height: 8, settings: RenderSettings::blended(blend).on([1.0, 0.0, 1.0]) }
     }
 
     #[test]

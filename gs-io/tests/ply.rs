@@ -1,8 +1,8 @@
 //! The exported PLY has 3DGS's layout, and its numbers, read by a viewer's rules, are the scene's.
 
 use glam::{Mat3, Quat, Vec2, Vec3};
-use gs_core::{Blend, PlanarGaussian, PlanarScene, RenderSettings, Scene};
-use gs_io::{Error, PICTURE_DISTANCE_WORLD, PlanarFile, read_spatial, write_ply};
+use gs_core::{Blend, Gaussian2d, RenderSettings, Scene, Scene2d};
+use gs_io::{Error, File2d, PICTURE_DISTANCE_WORLD, read_3d, write_ply};
 
 const PROPERTIES: [&str; 17] = [
     "x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2", "opacity", "scale_0", "scale_1", "scale_2", "rot_0",
@@ -10,7 +10,7 @@ const PROPERTIES: [&str; 17] = [
 ];
 
 /// The vertices of the file that is written, its header checked line by line.
-fn exported(file: &PlanarFile) -> Vec<[f32; 17]> {
+fn exported(file: &File2d) -> Vec<[f32; 17]> {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.ply");
     write_ply(&path, file).unwrap();
@@ -28,14 +28,14 @@ fn exported(file: &PlanarFile) -> Vec<[f32; 17]> {
     rows.iter().map(|row| std::array::from_fn(|k| f32::from_le_bytes(row[4 * k..][..4].try_into().unwrap()))).collect()
 }
 
-fn gaussian(x: f32, y: f32, log_scale: f32, opacity_logit: f32) -> PlanarGaussian {
+fn gaussian(x: f32, y: f32, log_scale: f32, opacity_logit: f32) -> Gaussian2d {
     let (mean, log_scale) = (Vec2::new(x, y), Vec2::new(log_scale, log_scale - 1.0));
-    PlanarGaussian { mean, log_scale, rotation: 0.7, opacity_logit, color: Vec3::new(0.25, 0.5, 1.5) }
+    Gaussian2d { mean, log_scale, rotation: 0.7, opacity_logit, color: Vec3::new(0.25, 0.5, 1.5) }
 }
 
-fn file(gaussians: &[PlanarGaussian], blend: Blend) -> PlanarFile {
-    let scene: PlanarScene = gaussians.iter().copied().collect();
-    PlanarFile { scene, width: 200, height: 100, settings: RenderSettings::blended(blend) }
+fn file(gaussians: &[Gaussian2d], blend: Blend) -> File2d {
+    let scene: Scene2d = gaussians.iter().copied().collect();
+    File2d { scene, width: 200, height: 100, settings: RenderSettings::blended(blend) }
 }
 
 #[test]
@@ -81,7 +81,7 @@ fn the_file_says_which_picture_it_shows() {
     let path = folder.path().join("a.ply");
     let flat = file(&[gaussian(10.0, 20.0, 1.0, 0.0), gaussian(30.0, 40.0, 1.0, 0.0)], Blend::Over);
     write_ply(&path, &flat).unwrap();
-    let read = read_spatial(&path).unwrap();
+    let read = read_3d(&path).unwrap();
     assert_eq!((read.picture, read.scene.len()), (Some((200, 100)), 2));
     let bytes = std::fs::read(&path).unwrap();
     for (other, expected) in [("300x100", Some((300, 100))), ("000x100", None), ("-00x100", None), ("2x0 100", None)] {
@@ -89,7 +89,7 @@ fn the_file_says_which_picture_it_shows() {
         let mut changed = bytes.clone();
         changed[at..at + 7].copy_from_slice(other.as_bytes());
         std::fs::write(&path, changed).unwrap();
-        assert_eq!(read_spatial(&path).unwrap().picture, expected, "{other}");
+        assert_eq!(read_3d(&path).unwrap().picture, expected, "{other}");
     }
 }
 

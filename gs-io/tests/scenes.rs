@@ -8,10 +8,10 @@ use std::{
 
 use gs_conformance::properties::fresh;
 use gs_core::{
-    Blend, Chart, CloudState, PlanarScene, RenderSettings,
+    Blend, Parameterization, RenderSettings, Scene2d, SplatsState,
     state::{Tensor, TensorData},
 };
-use gs_io::{Checkpoint, Error, PlanarFile, read_checkpoint, read_scene, write_checkpoint, write_scene};
+use gs_io::{Checkpoint, Error, File2d, read_checkpoint, read_scene, write_checkpoint, write_scene};
 use proptest::{collection::vec, prelude::*};
 
 fn finite() -> impl Strategy<Value = f32> {
@@ -29,31 +29,31 @@ prop_compose! {
         opacity_logits in prop_oneof![vec(logit(), n), Just(Vec::new())],
         (width, height) in (1..=16_384_u32, 1..=16_384_u32),
         background in [finite(), finite(), finite()],
-    ) -> PlanarFile {
+    ) -> File2d {
         let blend = if opacity_logits.is_empty() { Blend::Sum } else { Blend::Over };
-        let scene = PlanarScene {
+        let scene = Scene2d {
             means: rows.iter().map(|r| [r.0, r.1].into()).collect(),
             log_scales: rows.iter().map(|r| [r.2, r.3].into()).collect(),
             rotations: rows.iter().map(|r| r.4).collect(),
             opacity_logits,
             colors: rows.iter().map(|r| r.5.into()).collect(),
         };
-        PlanarFile { scene, width, height, settings: RenderSettings::blended(blend).on(background) }
+        File2d { scene, width, height, settings: RenderSettings::blended(blend).on(background) }
     }
 }
 
 /// Every number of a scene, as bits: `==` would take −0 for 0.
-fn bits(file: &PlanarFile) -> Vec<u32> {
-    let PlanarScene { means, log_scales, rotations, opacity_logits, colors } = &file.scene;
+fn bits(file: &File2d) -> Vec<u32> {
+    let Scene2d { means, log_scales, rotations, opacity_logits, colors } = &file.scene;
     let pairs = means.iter().chain(log_scales).flat_map(|v| v.to_array());
     let single = rotations.iter().chain(opacity_logits).copied();
     let rest = colors.iter().flat_map(|v| v.to_array()).chain(file.settings.background);
     pairs.chain(single).chain(rest).map(f32::to_bits).collect()
 }
 
-fn small_file() -> PlanarFile {
-    PlanarFile {
-        scene: PlanarScene {
+fn small_file() -> File2d {
+    File2d {
+        scene: Scene2d {
             means: vec![[1.0, 2.0].into(), [3.5, -4.0].into()],
             log_scales: vec![[0.1, 0.2].into(), [-0.3, 0.4].into()],
             rotations: vec![0.5, -1.5],
@@ -67,14 +67,14 @@ fn small_file() -> PlanarFile {
 }
 
 fn small_checkpoint() -> Checkpoint {
-    let mut state = CloudState::new(Chart::LocalFrame);
+    let mut state = SplatsState::new(Parameterization::CovarianceFactor);
     // A signalling NaN with a payload, which arithmetic would not keep.
     state.insert("mean", [[1.0, f32::from_bits(0x7fa1_2345)], [-0.0, f32::NEG_INFINITY]]);
     state.insert_u32("steps", vec![0, u32::MAX]);
     Checkpoint { state, metadata: BTreeMap::from([("step".to_owned(), "17 \"äöü\"\n".to_owned())]) }
 }
 
-fn state_bits(state: &CloudState) -> Vec<(&String, &Vec<usize>, Vec<u32>)> {
+fn state_bits(state: &SplatsState) -> Vec<(&String, &Vec<usize>, Vec<u32>)> {
     let bits_of = |data: &TensorData| match data {
         TensorData::F32(values) => values.iter().map(|v| v.to_bits()).collect(),
         TensorData::U32(values) => values.clone(),
@@ -148,7 +148,7 @@ proptest! {
         name in ".{0,12}",
         metadata in prop::collection::btree_map(".{0,9}", ".{0,30}", 0..5),
     ) {
-        let mut state = CloudState::new(Chart::ScaleRotation);
+        let mut state = SplatsState::new(Parameterization::ScaleRotation);
         let data = TensorData::F32(values.iter().map(|&v| f32::from_bits(v)).collect());
         state.tensors.insert(name, Tensor { shape: vec![values.len(), 1, 1], data });
         state.insert_u32("another", integers);
@@ -156,7 +156,7 @@ proptest! {
         let file = written(|path| write_checkpoint(path, &checkpoint).unwrap());
         let read = read_checkpoint(&file.path).unwrap();
         prop_assert_eq!(state_bits(&read.state), state_bits(&checkpoint.state));
-        prop_assert_eq!(read.state.chart, checkpoint.state.chart);
+        prop_assert_eq!(read.state.parameterization, checkpoint.state.parameterization);
         prop_assert_eq!(read.metadata, checkpoint.metadata);
     }
 
@@ -192,12 +192,15 @@ fn a_checkpoint_keeps_the_payload_of_a_nan() {
     let file = written(|path| write_checkpoint(path, &small_checkpoint()).unwrap());
     let read = read_checkpoint(&file.path).unwrap();
     assert_eq!(state_bits(&read.state), state_bits(&small_checkpoint().state));
-    assert_eq!((read.state.chart, read.metadata), (Chart::LocalFrame, small_checkpoint().metadata));
+    assert_eq!(
+        (read.state.parameterization, read.metadata),
+        (Parameterization::CovarianceFactor, small_checkpoint().metadata)
+    );
 }
 
 #[test]
 fn a_scene_without_gaussians_is_a_scene() {
-    let empty = PlanarFile { scene: PlanarScene::default(), ..small_file() };
+    let empty = File2d { scene: Scene2d::default(), ..small_file() };
     let file = written(|path| write_scene(path, &empty).unwrap());
     assert_eq!(read_scene(&file.path).unwrap(), empty);
 }
@@ -216,7 +219,7 @@ fn impossible_scenes_are_neither_written_nor_read() {
     nan.scene.colors[1].y = f32::NAN;
     let mut uneven = small_file();
     uneven.scene.rotations.pop();
-    let sizeless = PlanarFile { width: 0, ..small_file() };
+    let sizeless = File2d { width: 0, ..small_file() };
     let mut unsettled = small_file();
     unsettled.settings.background[0] = f32::INFINITY;
     fs::remove_file(&file.path).unwrap();

@@ -6,7 +6,7 @@ use super::parameters::{
     COLOR, OPACITY, OracleScene, PARAMETER_NAMES, Parameters, QUATERNION, ROTATION, SPATIAL_OPACITY, SPATIAL_SH,
 };
 
-/// Parameters and moments of every Gaussian in the chart of ln-scale and rotation.
+/// Parameters and moments of every Gaussian in the parameterization of ln-scale and rotation.
 #[derive(Debug, Clone, PartialEq)]
 pub struct AdamReference {
     /// The parameters.

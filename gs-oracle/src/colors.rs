@@ -17,7 +17,7 @@ impl<V: OracleView> Oracle<V> {
 
     fn color(&self, projected: &[Projection<V::Splat>], p: [f64; 2]) -> [f64; 3] {
         let RenderSettings { effects, accuracy, .. } = &self.settings;
-        let backdrop = self.settings.backdrop().map(f64::from);
+        let background = self.settings.background_color().map(f64::from);
         let over = effects.blend == Blend::Over;
         let drawable = projected.iter().filter_map(|projection| match projection {
             Projection::Drawable(splat) => Some(splat),
@@ -29,7 +29,7 @@ impl<V: OracleView> Oracle<V> {
             (accuracy.cut == Cut::Smooth || value >= cut_of(accuracy, opacity)).then_some((splat, value))
         });
         if !over {
-            return seen.fold(backdrop, |color, (splat, w)| {
+            return seen.fold(background, |color, (splat, w)| {
                 let shown = splat.appearance().color;
                 [0, 1, 2].map(|k| color[k] + w * shown[k])
             });
@@ -50,6 +50,6 @@ impl<V: OracleView> Oracle<V> {
             color = [0, 1, 2].map(|k| color[k] + t * alpha * shown[k]);
             t = behind;
         }
-        [0, 1, 2].map(|k| color[k] + t * backdrop[k])
+        [0, 1, 2].map(|k| color[k] + t * background[k])
     }
 }

@@ -6,7 +6,7 @@ use super::{COLOR, Oracle, OracleScene};
 
 /// The scene with the colours that minimise Σ (C − Y)², all else fixed; colours of Gaussians that touch no pixel are kept.
 ///
-/// Normal equations (Aᵀ A) c = Aᵀ (Y − backdrop), A the weights, solved by Gaussian elimination.
+/// Normal equations (Aᵀ A) c = Aᵀ (Y − background), A the weights, solved by Gaussian elimination.
 ///
 /// # Errors
 /// [`Error::Unsupported`] under another blending than `Sum`; [`Error::SizesDiffer`] where the target has not the canvas's size.
@@ -16,14 +16,14 @@ pub fn best_colors(oracle: &Oracle, scene: &OracleScene, target: &Image) -> Resu
     if settings.effects.blend != Blend::Sum {
         return Err(Error::Unsupported { backend: "oracle", effect: "colours under this blending".to_owned() });
     }
-    let backdrop = settings.backdrop().map(f64::from);
+    let background = settings.background_color().map(f64::from);
     let count = scene.gaussians.len();
     // Rows of (Aᵀ A | Aᵀ y), three right-hand sides.
     let mut rows = vec![vec![0.0; count + 3]; count];
     for (weights, y) in oracle.weights(scene).iter().zip(target.pixels()) {
         for &(i, wi) in weights {
             weights.iter().for_each(|&(j, wj)| rows[i][j] += wi * wj);
-            (0..3).for_each(|k| rows[i][count + k] += wi * (f64::from(y[k]) - backdrop[k]));
+            (0..3).for_each(|k| rows[i][count + k] += wi * (f64::from(y[k]) - background[k]));
         }
     }
     let mut best = scene.clone();

@@ -1,6 +1,6 @@
-//! The oracle: planar and spatial scenes rendered and differentiated in `f64`, densely, one pixel at a time; no tiles, no cut-offs but
+//! The oracle: 2D and 3D scenes rendered and differentiated in `f64`, densely, one pixel at a time; no tiles, no cut-offs but
 //! the defined ones. Slow and obvious; held against finite differences in this crate's own tests. What differs between the kinds of scenes,
-//! how one Gaussian is seen, is in `planar` and `perspective`; all else is common.
+//! how one Gaussian is seen, is in `2D` and `perspective`; all else is common.
 //!
 //! Beside each number the oracle gives what `f32` arithmetic may change it by (`rounding`: a first-order error analysis, so that a
 //! needle is allowed more than a disc) and what decisions within rounding of their threshold may change it by (`flip`: guards,
@@ -13,15 +13,15 @@
 
 mod adam;
 mod colors;
+mod covariance_factor;
 mod least_squares;
-mod local_frame;
 mod loss;
 mod parameters;
 mod perspective;
 mod perspective_bwd;
 mod pixel;
-mod planar;
 mod rounded;
+mod scene2d;
 mod spherical_harmonics;
 mod splat;
 mod ssim;
@@ -35,15 +35,15 @@ use gs_core::{
 
 pub use self::{
     adam::{AdamReference, rate_of},
+    covariance_factor::{FactoredReference, framed_scene},
     least_squares::best_colors,
-    local_frame::{FramedReference, framed_scene},
     parameters::{
         COLOR, OPACITY, OracleScene, PARAMETER_NAMES, Parameters, QUATERNION, ROTATION, SPATIAL_OPACITY, SPATIAL_SH,
         rows_of_gradients,
     },
-    perspective::SpatialSplat,
-    planar::PlanarSplat,
+    perspective::Splat3d,
     rounded::Rounded,
+    scene2d::Splat2d,
     splat::{Appearance, Depth, Exponent, Lean, OracleView, Projection, Splat},
     statistics::StepStatistics,
 };

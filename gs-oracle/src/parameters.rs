@@ -1,31 +1,31 @@
 //! Scenes in `f64`: a row of numbers for each Gaussian, so that finite differences can nudge any of them.
 
-use gs_core::{PlanarScene, Scene, SpatialScene};
+use gs_core::{Scene, Scene2d, Scene3d};
 
-/// All parameters of one Gaussian. Of planar scenes: mean x, mean y (px of the plane), ln-scale 1, ln-scale 2 (ln px), rotation (rad),
-/// opacity logit, red, green, blue. Of spatial scenes: mean x, y, z (world units), ln-scale 1 to 3, quaternion w, x, y, z, opacity logit,
+/// All parameters of one Gaussian. Of 2D scenes: mean x, mean y (px of the plane), ln-scale 1, ln-scale 2 (ln px), rotation (rad),
+/// opacity logit, red, green, blue. Of 3D scenes: mean x, y, z (world units), ln-scale 1 to 3, quaternion w, x, y, z, opacity logit,
 /// then the SH coefficients, each red, green, blue. Also used for whatever exists once per parameter: gradients, moments, tolerances.
 pub type Parameters = Vec<f64>;
 
-/// What each entry of a planar Gaussian's [`Parameters`] is.
+/// What each entry of a 2D Gaussian's [`Parameters`] is.
 pub const PARAMETER_NAMES: [&str; 9] =
     ["mean x", "mean y", "ln-scale 1", "ln-scale 2", "rotation", "opacity logit", "red", "green", "blue"];
 
-/// Index of a planar Gaussian's rotation in [`Parameters`].
+/// Index of a 2D Gaussian's rotation in [`Parameters`].
 pub const ROTATION: usize = 4;
-/// Index of a planar Gaussian's opacity logit in [`Parameters`].
+/// Index of a 2D Gaussian's opacity logit in [`Parameters`].
 pub const OPACITY: usize = 5;
-/// Index of a planar Gaussian's red in [`Parameters`]; green and blue follow.
+/// Index of a 2D Gaussian's red in [`Parameters`]; green and blue follow.
 pub const COLOR: usize = 6;
 
-/// Index of a spatial Gaussian's quaternion in [`Parameters`].
+/// Index of a 3D Gaussian's quaternion in [`Parameters`].
 pub const QUATERNION: usize = 6;
-/// Index of a spatial Gaussian's opacity logit in [`Parameters`].
+/// Index of a 3D Gaussian's opacity logit in [`Parameters`].
 pub const SPATIAL_OPACITY: usize = 10;
-/// Index of a spatial Gaussian's first SH coefficient in [`Parameters`].
+/// Index of a 3D Gaussian's first SH coefficient in [`Parameters`].
 pub const SPATIAL_SH: usize = 11;
 
-/// SH coefficients per channel in a row of a spatial scene.
+/// SH coefficients per channel in a row of a 3D scene.
 pub(crate) fn sh_len(row: &[f64]) -> usize {
     row.len().saturating_sub(SPATIAL_SH) / 3
 }
@@ -37,8 +37,8 @@ pub struct OracleScene {
     pub gaussians: Vec<Parameters>,
 }
 
-impl From<&PlanarScene> for OracleScene {
-    fn from(scene: &PlanarScene) -> Self {
+impl From<&Scene2d> for OracleScene {
+    fn from(scene: &Scene2d) -> Self {
         let gaussians = scene.iter().map(|g| {
             let rest = [g.rotation, g.opacity_logit];
             let all = g.mean.to_array().into_iter().chain(g.log_scale.to_array()).chain(rest);
@@ -48,8 +48,8 @@ impl From<&PlanarScene> for OracleScene {
     }
 }
 
-impl From<&SpatialScene> for OracleScene {
-    fn from(scene: &SpatialScene) -> Self {
+impl From<&Scene3d> for OracleScene {
+    fn from(scene: &Scene3d) -> Self {
         let gaussians = (0..scene.len()).map(|i| {
             let g = scene.gaussian(i);
             let shape = g.mean.to_array().into_iter().chain(g.log_scale.to_array()).chain(g.rotation);
@@ -61,7 +61,7 @@ impl From<&SpatialScene> for OracleScene {
 }
 
 /// The gradients that a backend downloaded (a scene of derivatives) as rows; a missing opacity gradient is 0.
-pub fn rows_of_gradients(gradients: &PlanarScene) -> Vec<Parameters> {
+pub fn rows_of_gradients(gradients: &Scene2d) -> Vec<Parameters> {
     let mut rows = OracleScene::from(gradients).gaussians;
     if !gradients.has_opacity() {
         rows.iter_mut().for_each(|row| row[OPACITY] = 0.0);

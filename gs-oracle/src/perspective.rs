@@ -32,7 +32,7 @@ const OPERATIONS: f64 = 8.0;
 /// A Gaussian in pixels of a camera. Its share of a pixel is in its centre u, v, in Σ′ as (uu, uv, vv), where uv stands for both of the
 /// equal entries, in its compensated opacity, and in its colour.
 #[derive(Debug, Clone)]
-pub struct SpatialSplat {
+pub struct Splat3d {
     /// u, v, px.
     center: [Rounded; 2],
     /// Σ′⁻¹ as (uu, uv, vv), px⁻².
@@ -65,7 +65,7 @@ impl Guards {
 }
 
 impl OracleView for Camera {
-    type Splat = SpatialSplat;
+    type Splat = Splat3d;
 
     fn check(&self, settings: &RenderSettings) -> Result<(), Error> {
         self.validate()?;
@@ -83,7 +83,7 @@ impl OracleView for Camera {
         [f64::from(self.width) / 2.0, f64::from(self.height) / 2.0]
     }
 
-    fn project(&self, g: &[f64], settings: &RenderSettings, lean: Lean) -> Projection<SpatialSplat> {
+    fn project(&self, g: &[f64], settings: &RenderSettings, lean: Lean) -> Projection<Splat3d> {
         match projected(self, g, settings.effects, lean) {
             Ok(splat) => Projection::Drawable(splat),
             Err(cause) => Projection::Left(cause),
@@ -92,7 +92,7 @@ impl OracleView for Camera {
 }
 
 /// What a camera sees of a Gaussian, or why it is left out.
-fn projected(camera: &Camera, g: &[f64], effects: Effects, lean: Lean) -> Result<SpatialSplat, Cause> {
+fn projected(camera: &Camera, g: &[f64], effects: Effects, lean: Lean) -> Result<Splat3d, Cause> {
     let finite = g.iter().enumerate().filter(|&(i, _)| i != SPATIAL_OPACITY).all(|(_, v)| v.is_finite());
     if !finite || g[SPATIAL_OPACITY].is_nan() {
         return Err(Cause::NotFinite);
@@ -105,15 +105,15 @@ fn projected(camera: &Camera, g: &[f64], effects: Effects, lean: Lean) -> Result
     let (slopes, clamped) = pinhole.slopes(&point);
     let jacobian = pinhole.jacobian(point[2], &slopes);
 
-    let Ellipsoid { quaternion, quaternion_length, scales, frame } = Ellipsoid::new(g, &mut guards)?;
-    let seen = product(&pinhole.world, &frame);
+    let Ellipsoid { quaternion, quaternion_length, scales, factor } = Ellipsoid::new(g, &mut guards)?;
+    let seen = product(&pinhole.world, &factor);
     let footprint = product(&jacobian, &seen);
     let covariance = Covariance::new(&footprint, &center, effects.antialias, &mut guards)?;
     let opacity = Opacity::new(g[SPATIAL_OPACITY], effects, &covariance);
     let (direction, distance) = pinhole.direction(&mean);
     let shading = Shading::new(g, &direction, effects.sh_degree)?;
 
-    Ok(SpatialSplat {
+    Ok(Splat3d {
         center,
         precision: covariance.precision.map(|v| v.value),
         point,
@@ -128,7 +128,7 @@ fn projected(camera: &Camera, g: &[f64], effects: Effects, lean: Lean) -> Result
             quaternion,
             quaternion_length,
             scales,
-            frame,
+            factor,
             seen,
             footprint,
             opacity: opacity.stored,
@@ -229,7 +229,7 @@ struct Ellipsoid {
     quaternion_length: Rounded,
     scales: [Rounded; 3],
     /// R S.
-    frame: Matrix<3, 3>,
+    factor: Matrix<3, 3>,
 }
 
 impl Ellipsoid {
@@ -244,8 +244,8 @@ impl Ellipsoid {
         let quaternion = raw.map(|v| v / quaternion_length);
         let rotation = rotation_of(&quaternion);
         let scales = [at(3), at(4), at(5)].map(Rounded::exp);
-        let frame = std::array::from_fn(|i| std::array::from_fn(|k| rotation[i][k] * scales[k]));
-        Ok(Self { quaternion, quaternion_length, scales, frame })
+        let factor = std::array::from_fn(|i| std::array::from_fn(|k| rotation[i][k] * scales[k]));
+        Ok(Self { quaternion, quaternion_length, scales, factor })
     }
 }
 
@@ -400,7 +400,7 @@ fn rotation_of(&[w, x, y, z]: &[Rounded; 4]) -> Matrix<3, 3> {
     ]
 }
 
-impl Splat for SpatialSplat {
+impl Splat for Splat3d {
     /// With q = Σ′⁻¹ d: ∂σ/∂(u, v) = −q and ∂σ/∂Σ′ = −½ q qᵀ.
     ///
     /// What `f32` may change: the sums of the textbook's formulas, of which needles' are small differences of large terms; and, by first
@@ -441,11 +441,11 @@ impl Splat for SpatialSplat {
         &self.appearance
     }
 
-    /// z of the mean; for [`Order::PixelDepth`] the mean of z given that the ray goes through `p`, z + cov(z, (u, v)) Σ′⁻¹ d.
+    /// z of the mean; for [`Order::PerPixel`] the mean of z given that the ray goes through `p`, z + cov(z, (u, v)) Σ′⁻¹ d.
     fn depth(&self, p: [f64; 2], order: Order) -> Depth {
         let [x, y, z] = self.point;
         let mut origin = [x.value, y.value, z.value, 0.0, 0.0, 0.0, 0.0, 0.0];
-        if order != Order::PixelDepth {
+        if order != Order::PerPixel {
             return Depth { value: z.value, rounding: z.error, origin };
         }
         let (q, q_magnitude) = self.whitened(self.offset(p));
@@ -470,7 +470,7 @@ impl Splat for SpatialSplat {
     }
 }
 
-impl SpatialSplat {
+impl Splat3d {
     fn offset(&self, p: [f64; 2]) -> [f64; 2] {
         [0, 1].map(|i| p[i] - self.center[i].value)
     }

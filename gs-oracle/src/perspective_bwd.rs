@@ -1,4 +1,4 @@
-//! From what a spatial Gaussian is on the image back to its parameters, by hand: the vector-Jacobian product of `perspective`.
+//! From what a 3D Gaussian is on the image back to its parameters, by hand: the vector-Jacobian product of `perspective`.
 //!
 //! Legend as there.
 
@@ -24,7 +24,7 @@ pub(super) struct Chain {
     pub(super) quaternion_length: Rounded,
     pub(super) scales: [Rounded; 3],
     /// R S.
-    pub(super) frame: Matrix<3, 3>,
+    pub(super) factor: Matrix<3, 3>,
     /// N.
     pub(super) seen: Matrix<3, 3>,
     /// M′.
@@ -61,7 +61,8 @@ impl Chain {
         let v_jacobian = product(&v_footprint, &transposed(&self.seen));
         let v_seen = product(&transposed(&self.jacobian), &v_footprint);
         let v_frame = product(&transposed(&self.world), &v_seen);
-        let v_log_scale: [Rounded; 3] = std::array::from_fn(|k| (0..3).map(|i| v_frame[i][k] * self.frame[i][k]).sum());
+        let v_log_scale: [Rounded; 3] =
+            std::array::from_fn(|k| (0..3).map(|i| v_frame[i][k] * self.factor[i][k]).sum());
         let v_rotation: Matrix<3, 3> = std::array::from_fn(|i| std::array::from_fn(|k| v_frame[i][k] * self.scales[k]));
         let v_unit = rotation_vjp(&self.quaternion, &v_rotation);
         let along = dot(&self.quaternion, &v_unit);

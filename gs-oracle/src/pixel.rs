@@ -62,8 +62,8 @@ struct Candidate<'s, T> {
 pub(crate) struct Pixel {
     touches: Vec<Touch>,
     blend: Blend,
-    backdrop: [f64; 3],
-    /// What it shows, backdrop included.
+    background: [f64; 3],
+    /// What it shows, background included.
     pub(crate) color: [f64; 3],
     /// What blending in `f32` may change `color` by, in roundings.
     pub(crate) rounding: [f64; 3],
@@ -76,11 +76,11 @@ pub(crate) struct Pixel {
 impl Pixel {
     /// Blends all Gaussians, in the order that the settings ask for, at the pixel centre `p`.
     pub(crate) fn blend<T: Splat>(splats: &[Option<T>], p: [f64; 2], settings: &RenderSettings, lean: Lean) -> Self {
-        let backdrop = settings.backdrop().map(f64::from);
+        let background = settings.background_color().map(f64::from);
         let mut pixel = Self {
             touches: Vec::new(),
             blend: settings.effects.blend,
-            backdrop,
+            background,
             color: [0.0; 3],
             rounding: [0.0; 3],
             flip: [0.0; 3],
@@ -97,10 +97,10 @@ impl Pixel {
         pixel
     }
 
-    /// C = backdrop + Σ w c, w cut.
+    /// C = background + Σ w c, w cut.
     fn sum<T: Splat>(&mut self, splats: &[Option<T>], p: [f64; 2], accuracy: &Accuracy, lean: Lean) {
-        self.color = self.backdrop;
-        self.rounding = self.backdrop.map(|b| F32_ROUNDING * b.abs());
+        self.color = self.background;
+        self.rounding = self.background.map(|b| F32_ROUNDING * b.abs());
         for (index, splat) in splats.iter().enumerate().filter_map(|(i, splat)| splat.as_ref().map(|s| (i, s))) {
             let (exponent, seen) = (splat.exponent(p), splat.appearance());
             let w = (-exponent.sigma).exp();
@@ -131,10 +131,10 @@ impl Pixel {
         }
     }
 
-    /// C = Σ T α c + T backdrop, front to back, until the pixel is full.
+    /// C = Σ T α c + T background, front to back, until the pixel is full.
     fn over<T: Splat>(&mut self, candidates: &[Candidate<'_, T>], accuracy: &Accuracy, lean: Lean) {
         let (alpha_max, minimum) = (f64::from(accuracy.alpha_max), f64::from(accuracy.transmittance_min));
-        let mut brightest = self.backdrop.map(f64::abs);
+        let mut brightest = self.background.map(f64::abs);
         for candidate in candidates {
             let color = candidate.splat.appearance().color;
             (0..3).for_each(|k| brightest[k] = brightest[k].max(color[k].abs()));
@@ -201,8 +201,8 @@ impl Pixel {
             (t, t_rounding) = (behind, behind_rounding);
         }
         for k in 0..3 {
-            self.color[k] += t * self.backdrop[k];
-            self.rounding[k] += t * self.backdrop[k].abs() * (t_rounding + F32_ROUNDING);
+            self.color[k] += t * self.background[k];
+            self.rounding[k] += t * self.background[k].abs() * (t_rounding + F32_ROUNDING);
         }
     }
 
@@ -252,7 +252,7 @@ impl Pixel {
     ///
     /// Under `Over`, C = … + T (α c + (1 − α) B), so v_α = T (c − B) · v_C, with B gathered from the back.
     pub(crate) fn gradients(&self, v_color: [f64; 3]) -> Vec<(usize, Share)> {
-        let mut behind = self.backdrop;
+        let mut behind = self.background;
         let mut shares: Vec<_> = self
             .touches
             .iter()
@@ -283,7 +283,7 @@ impl Pixel {
     ///
     /// Allows for the usual way to find B: the finished colour less what is in front, divided by T (1 − α).
     pub(crate) fn gradient_rounding(&self, v_color: [f64; 3], v_rounding: [f64; 3]) -> Vec<(usize, [Share; 3], Share)> {
-        let mut behind = self.backdrop.map(f64::abs);
+        let mut behind = self.background.map(f64::abs);
         let mut behind_rounding = [0.0; 3];
         let mut all = behind;
         for touch in self.touches.iter().rev() {

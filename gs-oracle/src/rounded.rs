@@ -1,5 +1,5 @@
 //! Numbers in `f64` that know what computing them in `f32` may have changed: running error analysis (Wilkinson; Higham, Accuracy and
-//! Stability of Numerical Algorithms, §3.3). What the spatial projection and its derivatives are written in, so that a surfel seen edge-on is
+//! Stability of Numerical Algorithms, §3.3). What the 3D projection and its derivatives are written in, so that a surfel seen edge-on is
 //! allowed more than a ball without a separate analysis that could differ from the formula.
 
 use std::ops::{Add, Div, Mul, Neg, Sub};

@@ -3,7 +3,7 @@
 
 use std::{error::Error, sync::Arc};
 
-use gs_core::{EditPlan, PlanarGaussian, effects::Statistics};
+use gs_core::{EditPlan, Gaussian2d, effects::Statistics};
 use gs_cpu::{CpuRasterizer, CpuSettings};
 use gs_density::{Actions, DensityPolicy, Observation, Rng, Round, WhenFlat};
 use gs_study::{Arm, Existing, Places, Plan, Results, Study, StudyFolder, conduct, report, write_tables};
@@ -11,7 +11,7 @@ use gs_study::{Arm, Existing, Places, Plan, Results, Study, StudyFolder, conduct
 struct RestlessMass(f32);
 
 impl DensityPolicy for RestlessMass {
-    fn plan(&self, seen: &Observation<'_>, rng: &mut Rng) -> Result<EditPlan<PlanarGaussian>, gs_core::Error> {
+    fn plan(&self, seen: &Observation<'_>, rng: &mut Rng) -> Result<EditPlan<Gaussian2d>, gs_core::Error> {
         let round = Round::open(&Actions::default(), seen)?;
         let mass = |i: usize| seen.statistics.mean_gradient(i) * seen.scene.log_scales[i].element_sum().exp();
         let ranking = round.rank_by(mass, WhenFlat::Nothing);

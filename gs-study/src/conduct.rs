@@ -11,7 +11,7 @@ use std::{
 };
 
 use gs_core::{
-    Blend, Canvas, Chart, Error as CoreError, Image, PlanarGaussian, PlanarScene, Rasterizer, RenderSettings,
+    Blend, Canvas, Error as CoreError, Gaussian2d, Image, Parameterization, Rasterizer, RenderSettings, Scene2d,
 };
 use gs_train::{
     Control, Error as FitError, FitSettings, FitSummary, MetricsLog, Observer, Progress, Recovery, Trainer,
@@ -62,7 +62,7 @@ pub enum Conducted {
 /// # Errors
 /// [`Error::Arm`] as [`refuse_unsupported`], [`Error::Backend`] where a backend has failed for good, and [`Error::Io`] where a result cannot
 /// be stored.
-pub fn conduct<R: Rasterizer<PlanarScene> + Sync>(
+pub fn conduct<R: Rasterizer<Scene2d> + Sync>(
     plan: &Plan,
     team: &[&R],
     folder: &StudyFolder,
@@ -112,7 +112,7 @@ pub fn conduct<R: Rasterizer<PlanarScene> + Sync>(
 ///
 /// # Errors
 /// [`Error::Arm`] with what is not offered.
-pub fn refuse_unsupported<R: Rasterizer<PlanarScene>>(plan: &Plan, rasterizer: &R) -> Result<(), Error> {
+pub fn refuse_unsupported<R: Rasterizer<Scene2d>>(plan: &Plan, rasterizer: &R) -> Result<(), Error> {
     for (index, arm) in plan.study.arms.iter().enumerate() {
         let Some(run) = plan.runs.iter().find(|run| run.arm == index) else { continue };
         let settings = &run.settings;
@@ -121,7 +121,7 @@ pub fn refuse_unsupported<R: Rasterizer<PlanarScene>>(plan: &Plan, rasterizer: &
             Some(own) => own.policy.statistics(),
             None => settings.policy.statistics(),
         };
-        if let Err(error @ CoreError::Unsupported { .. }) = draw_one(rasterizer, &render, settings.chart) {
+        if let Err(error @ CoreError::Unsupported { .. }) = draw_one(rasterizer, &render, settings.parameterization) {
             let (study, arm, line) = (plan.study.name.clone(), arm.name.clone(), arm.line);
             return Err(Error::Arm { study, line, arm, message: error.to_string() });
         }
@@ -130,25 +130,26 @@ pub fn refuse_unsupported<R: Rasterizer<PlanarScene>>(plan: &Plan, rasterizer: &
 }
 
 /// A drawing of one Gaussian on one pixel, which shows what the backend can do.
-fn draw_one<R: Rasterizer<PlanarScene>>(
+fn draw_one<R: Rasterizer<Scene2d>>(
     rasterizer: &R,
     render: &RenderSettings,
-    chart: Chart,
+    parameterization: Parameterization,
 ) -> Result<(), CoreError> {
-    let gaussian = PlanarGaussian {
+    let gaussian = Gaussian2d {
         mean: [0.5; 2].into(),
         log_scale: [0.0; 2].into(),
         rotation: 0.0,
         opacity_logit: if render.effects.blend == Blend::Sum { f32::INFINITY } else { 0.0 },
         color: [0.5; 3].into(),
     };
-    let cloud = rasterizer.upload(&[gaussian].into_iter().collect(), chart)?;
-    rasterizer.forward(&cloud, &Canvas::new(1, 1), render).map(drop)
+    let splats = rasterizer.upload(&[gaussian].into_iter().collect(), parameterization)?;
+    rasterizer.forward(&splats, &Canvas::new(1, 1), render).map(drop)
 }
 
 /// Whether the backend still does what it is told.
-fn answers<R: Rasterizer<PlanarScene>>(rasterizer: &R, run: &Run) -> bool {
-    let drawn = catch_unwind(AssertUnwindSafe(|| draw_one(rasterizer, &run.settings.render, run.settings.chart)));
+fn answers<R: Rasterizer<Scene2d>>(rasterizer: &R, run: &Run) -> bool {
+    let drawn =
+        catch_unwind(AssertUnwindSafe(|| draw_one(rasterizer, &run.settings.render, run.settings.parameterization)));
     !matches!(drawn, Err(_) | Ok(Err(CoreError::Backend { .. })))
 }
 
@@ -159,7 +160,7 @@ fn is_shown(plan: &Plan, run: &Run) -> bool {
 
 /// What comes of a run and what its scene looks like; nothing where the watcher stopped it. An error where the backend failed and does not
 /// come back: that says nothing about the run.
-fn attempt<R: Rasterizer<PlanarScene>>(
+fn attempt<R: Rasterizer<Scene2d>>(
     plan: &Plan,
     run: &Run,
     rasterizer: &R,
@@ -189,7 +190,7 @@ fn message(panic: &(dyn Any + Send)) -> &str {
 }
 
 /// The fit that a run is: its scene, what that looks like, and the numbers; nothing where the watcher stopped it.
-pub(crate) fn fit<R: Rasterizer<PlanarScene>>(
+pub(crate) fn fit<R: Rasterizer<Scene2d>>(
     plan: &Plan,
     run: &Run,
     rasterizer: &R,
@@ -223,7 +224,7 @@ pub(crate) fn fit<R: Rasterizer<PlanarScene>>(
         seconds: summary.seconds,
         backend: summary.backend,
         side_by_side: 1,
-        course: log.rows().to_vec(),
+        trajectory: log.rows().to_vec(),
     };
     Ok(Some(Replayed { scene, image, settings: trainer.shown(), finished }))
 }

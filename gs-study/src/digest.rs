@@ -1,6 +1,6 @@
 //! Short names for contents: SHA-256, of which the first 128 bits are written, in hexadecimal.
 
-use gs_core::{Image, PlanarScene};
+use gs_core::{Image, Scene2d};
 use sha2::{Digest, Sha256};
 
 /// Hexadecimal digits of a digest.
@@ -25,7 +25,7 @@ pub fn of_image(image: &Image) -> String {
 }
 
 /// The digest of a scene: equal for two scenes only if they are, bit for bit, the same.
-pub fn of_scene(scene: &PlanarScene) -> String {
+pub fn of_scene(scene: &Scene2d) -> String {
     let mut hash = Sha256::new();
     hash.update((scene.means.len() as u64).to_le_bytes());
     hash.update((scene.opacity_logits.len() as u64).to_le_bytes());

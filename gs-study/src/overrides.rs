@@ -6,6 +6,9 @@ use toml::{Table, Value};
 /// Settings of which one excludes the other, though each is a key of the same table.
 const CHOICES: [[&str; 2]; 3] = [["fixed", "fraction"], ["extent-fraction", "pixels"], ["cosine", "exponential"]];
 
+/// Keys that had another name in earlier versions, and their names now.
+const RENAMED: [(&str, &str); 1] = [("chart", "parameterization")];
+
 /// Lays `over` upon `base`, key by key. A choice is replaced as a whole: a table with another `kind`, or with the other of two keys
 /// that exclude each other.
 pub(crate) fn lay_upon(base: &mut Table, over: &Table) {
@@ -18,11 +21,18 @@ pub(crate) fn lay_upon(base: &mut Table, over: &Table) {
         return;
     }
     for (key, value) in over {
+        let key = current_name(base, key);
         match (base.get_mut(key), value) {
             (Some(Value::Table(base)), Value::Table(over)) => lay_upon(base, over),
-            _ => drop(base.insert(key.clone(), value.clone())),
+            _ => drop(base.insert(key.to_owned(), value.clone())),
         }
     }
+}
+
+/// The name that `key` has in `table`, which knows it by its present name alone.
+fn current_name<'k>(table: &Table, key: &'k str) -> &'k str {
+    let renamed = RENAMED.iter().find(|(old, new)| *old == key && table.contains_key(*new));
+    renamed.map_or(key, |&(_, new)| new)
 }
 
 /// `settings` with what `over` says in their place.
@@ -43,7 +53,7 @@ pub(crate) fn applied(settings: &FitSettings, over: &Table) -> Result<FitSetting
 }
 
 fn first_unknown(over: &Table, understood: &Table) -> Option<String> {
-    over.iter().find_map(|(key, value)| match (value, understood.get(key)) {
+    over.iter().find_map(|(key, value)| match (value, understood.get(current_name(understood, key))) {
         (_, None) => Some(key.clone()),
         (Value::Table(over), Some(Value::Table(understood))) => {
             first_unknown(over, understood).map(|rest| format!("{key}.{rest}"))

@@ -84,7 +84,7 @@ pub struct Finished {
     /// How many runs were under way side by side.
     pub side_by_side: usize,
     /// Count, loss and, in some rows, quality over steps and time.
-    pub course: Vec<MetricsRow>,
+    pub trajectory: Vec<MetricsRow>,
 }
 
 /// JSON has no infinity: `null` is what becomes of it.
@@ -93,9 +93,9 @@ fn infinite_where_null<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64
 }
 
 impl Finished {
-    /// PSNR at a place of the course, dB, between two measurements interpolated; before the first and after the last, theirs.
+    /// PSNR at a place of the trajectory, dB, between two measurements interpolated; before the first and after the last, theirs.
     fn psnr_at(&self, place: f64, of: impl Fn(&MetricsRow) -> f64) -> Option<f64> {
-        let points: Vec<(f64, f64)> = self.course.iter().filter_map(|row| Some((of(row), row.psnr?))).collect();
+        let points: Vec<(f64, f64)> = self.trajectory.iter().filter_map(|row| Some((of(row), row.psnr?))).collect();
         let after = points.partition_point(|&(x, _)| x <= place);
         let (Some(&last), Some(&first)) = (points.last(), points.first()) else { return None };
         let Some(&(from, low)) = after.checked_sub(1).and_then(|before| points.get(before)) else {
@@ -153,7 +153,7 @@ pub(crate) mod tests {
             seconds: 2.0,
             backend: "test".to_owned(),
             side_by_side: 1,
-            course: vec![row(20, 1.0, Some(10.0)), row(60, 1.5, None), row(100, 2.0, Some(psnr))],
+            trajectory: vec![row(20, 1.0, Some(10.0)), row(60, 1.5, None), row(100, 2.0, Some(psnr))],
         }
     }
 
@@ -162,7 +162,7 @@ pub(crate) mod tests {
         let run = finished(30.0);
         assert_eq!([0, 20, 60, 100, 999].map(|step| run.psnr_after(step).unwrap()), [10.0, 10.0, 20.0, 30.0, 30.0]);
         assert_eq!(run.psnr_within(1.75), Some(25.0));
-        assert_eq!(Finished { course: vec![], ..run }.psnr_after(3), None);
+        assert_eq!(Finished { trajectory: vec![], ..run }.psnr_after(3), None);
         let exact = finished(f64::INFINITY);
         assert_eq!(
             [20, 99, 100, 999].map(|step| exact.psnr_after(step).unwrap()),

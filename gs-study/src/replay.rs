@@ -1,6 +1,6 @@
 //! A row of a study, done again: it ends in the recorded scene, bit for bit, or the difference is an error.
 
-use gs_core::{Image, PlanarScene, Rasterizer, RenderSettings};
+use gs_core::{Image, Rasterizer, RenderSettings, Scene2d};
 
 use crate::{
     conduct,
@@ -16,7 +16,7 @@ use crate::{
 #[derive(Debug, Clone, PartialEq)]
 pub struct Replayed {
     /// The scene: the recorded one.
-    pub scene: PlanarScene,
+    pub scene: Scene2d,
     /// What it looks like at the target's size, not clamped.
     pub image: Image,
     /// How it is rendered so: with the effects that it was fitted with.
@@ -40,7 +40,7 @@ struct End {
 /// [`Error::NoRow`]; [`Error::Folder`] where the row has not been done; [`Error::OtherMachine`], [`Error::OtherVersion`] or
 /// [`Error::OtherRun`], before anything is computed, where it was computed from something else; [`Error::NotReplayed`] where its scene is
 /// another all the same; [`Error::Fit`] where it fails, as it may have done in the study.
-pub fn replay<R: Rasterizer<PlanarScene>>(
+pub fn replay<R: Rasterizer<Scene2d>>(
     plan: &Plan,
     row: usize,
     rasterizer: &R,

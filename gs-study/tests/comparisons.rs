@@ -90,7 +90,7 @@ fn rising(psnr: f64, seconds: f64) -> Finished {
         seconds,
         backend: "test".to_owned(),
         side_by_side: 1,
-        course: (0..=10).map(row).collect(),
+        trajectory: (0..=10).map(row).collect(),
     }
 }
 
@@ -160,8 +160,8 @@ fn who_leads_is_held_against_the_others_where_it_leads() {
     let results = scenario.results(|run| {
         let mut end = rising([30.0, 36.0, 3.0][run.arm] + wobble(run), [5.0, 5.0, 1.0][run.arm]);
         if run.arm == 0 {
-            end.course[1].psnr = Some(20.0);
-            end.course[2].psnr = Some(20.0);
+            end.trajectory[1].psnr = Some(20.0);
+            end.trajectory[2].psnr = Some(20.0);
         }
         if run.arm == 2 {
             end.iterations = STEPS / 5;

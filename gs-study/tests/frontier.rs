@@ -4,7 +4,7 @@
 use std::{cell::Cell, rc::Rc};
 
 use glam::{Vec2, Vec3};
-use gs_core::{Blend, Canvas, Chart, Error, Image, PlanarGaussian, PlanarScene, Rasterizer, RenderSettings};
+use gs_core::{Blend, Canvas, Error, Gaussian2d, Image, Parameterization, Rasterizer, RenderSettings, Scene2d};
 use gs_cpu::{CpuRasterizer, CpuSettings};
 use gs_study::frontier::{
     Budget, Change, Chosen, Comparison, Contender, Field, Frontier, Loaded, Pace, Renderer, Role, figure, search,
@@ -14,8 +14,8 @@ use gs_study::frontier::{
 const PACE: Pace = Pace { seconds: 0.3, combinations: 4 };
 
 /// Overlapping discs whose tails the default's cut takes away.
-fn scene() -> PlanarScene {
-    let at = |i: u32| PlanarGaussian {
+fn scene() -> Scene2d {
+    let at = |i: u32| Gaussian2d {
         mean: Vec2::new((i * 37 % 64) as f32, (i * 23 % 48) as f32),
         log_scale: Vec2::new(1.2 + 0.01 * i as f32, 1.6),
         rotation: 0.1 * i as f32,
@@ -27,7 +27,7 @@ fn scene() -> PlanarScene {
 
 /// A renderer whose times are made up, and whose every picture is off by as much as this says.
 struct Pretending {
-    renderer: Loaded<CpuRasterizer, PlanarScene>,
+    renderer: Loaded<CpuRasterizer, Scene2d>,
     /// What it takes longer than others.
     slower: f64,
     off: f32,
@@ -35,7 +35,7 @@ struct Pretending {
 }
 
 impl Pretending {
-    fn new(scene: &PlanarScene, slower: f64, off: f32) -> Self {
+    fn new(scene: &Scene2d, slower: f64, off: f32) -> Self {
         Self { renderer: loaded(scene), slower, off, calls: Cell::new(0) }
     }
 }
@@ -83,13 +83,13 @@ impl<V, R: Renderer<V>> Renderer<V> for Choosy<R> {
     }
 }
 
-fn loaded(scene: &PlanarScene) -> Loaded<CpuRasterizer, PlanarScene> {
+fn loaded(scene: &Scene2d) -> Loaded<CpuRasterizer, Scene2d> {
     let rasterizer = CpuRasterizer::new(CpuSettings { threads: Some(1), level: None }).unwrap();
-    let cloud = Rc::new(rasterizer.planar().upload(scene, Chart::ScaleRotation).unwrap());
-    Loaded { rasterizer, cloud }
+    let splats = Rc::new(rasterizer.for_2d().upload(scene, Parameterization::ScaleRotation).unwrap());
+    Loaded { rasterizer, splats }
 }
 
-fn field(scene: &PlanarScene, blend: Blend) -> Field<'_, PlanarScene> {
+fn field(scene: &Scene2d, blend: Blend) -> Field<'_, Scene2d> {
     let contender = |value: Option<&str>, slower: f64, off: f32| Contender {
         backend: "cpu".to_owned(),
         name: "one thread".to_owned(),

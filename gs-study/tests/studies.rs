@@ -10,7 +10,7 @@ use std::{
     },
 };
 
-use gs_core::{EditPlan, Error as CoreError, PlanarGaussian, effects::Statistics};
+use gs_core::{EditPlan, Error as CoreError, Gaussian2d, effects::Statistics};
 use gs_cpu::{CpuRasterizer, CpuSettings};
 use gs_density::{DensityPolicy, Observation, Rng};
 use gs_study::{
@@ -244,7 +244,7 @@ fn a_study_replaces_no_file_that_is_not_a_studys() {
 struct Moody;
 
 impl DensityPolicy for Moody {
-    fn plan(&self, seen: &Observation<'_>, _: &mut Rng) -> Result<EditPlan<PlanarGaussian>, CoreError> {
+    fn plan(&self, seen: &Observation<'_>, _: &mut Rng) -> Result<EditPlan<Gaussian2d>, CoreError> {
         match seen.budget {
             30 => Err(CoreError::State("not today".to_owned())),
             _ => panic!("not at all"),

@@ -9,12 +9,12 @@ mod measure;
 use std::time::Instant;
 
 use clap::Parser;
-use gs_core::{AdamRates, Binning, Canvas, Image, PlanarScene, Rasterizer, TrainStep, Wait};
+use gs_core::{AdamRates, Binning, Canvas, Image, Rasterizer, Scene2d, TrainStep, Wait};
 use gs_train::{Preset, fit};
 use gs_wgpu::{WgpuRasterizer, WgpuSettings};
 use measure::{
     Options, Outcome, Quantiles, ms, number,
-    photographs::Photographs,
+    photographs::PosedImages,
     print_columns, print_head, print_row, print_section,
     scenes::{Fitted, OVER_L1_DSSIM, OVER_L2, SUM_L2, Variant},
     try_time,
@@ -24,7 +24,7 @@ const GAUSSIANS: u32 = 9_000;
 
 fn main() -> Outcome {
     let options = Options::parse();
-    let photographs = Photographs::load()?;
+    let photographs = PosedImages::load()?;
     let portrait = photographs.portrait();
     print_head("Backends", &options, &[options.threads()], &photographs.origin);
     let cpu = options.rasterizer(options.threads())?;
@@ -76,14 +76,14 @@ fn main() -> Outcome {
 
 /// Seconds per iteration, as means over four, of which the first makes the lists. The device may be some steps behind when a round ends,
 /// as it is in training, but in each round equally many.
-fn iterations<R: Rasterizer<PlanarScene>>(
+fn iterations<R: Rasterizer<Scene2d>>(
     rasterizer: &R,
     variant: &Variant,
     image: &Image,
     fitted: &Fitted,
     repetitions: usize,
 ) -> Result<Quantiles, gs_core::Error> {
-    let mut cloud = rasterizer.upload(&fitted.scene, fitted.settings.chart)?;
+    let mut splats = rasterizer.upload(&fitted.scene, fitted.settings.parameterization)?;
     let target = rasterizer.upload_target(image)?;
     let view = Canvas::new(image.width(), image.height());
     // The rates of the end: the scene goes on as it is.
@@ -93,9 +93,9 @@ fn iterations<R: Rasterizer<PlanarScene>>(
         for step in 0..4 {
             let binning = if step == 0 { Binning::Fresh } else { Binning::Reuse };
             let step = TrainStep { settings: &fitted.settings.render, loss: variant.loss, rates: &rates, binning };
-            rasterizer.train_step(&mut cloud, &view, &target, &step)?;
+            rasterizer.train_step(&mut splats, &view, &target, &step)?;
             losses.clear();
-            rasterizer.losses(&mut cloud, Wait::Arrived, &mut losses)?;
+            rasterizer.losses(&mut splats, Wait::Arrived, &mut losses)?;
         }
         Ok(())
     };

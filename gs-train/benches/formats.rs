@@ -10,8 +10,8 @@ use std::path::Path;
 
 use clap::Parser;
 use gs_conformance::data;
-use gs_core::{Scene, SpatialScene};
-use gs_io::{GltfBuffer, SpatialOptions, SpatialWritten, SpzOptions, SpzVersion, read_spatial, write_spatial};
+use gs_core::{Scene, Scene3d};
+use gs_io::{GltfBuffer, SpzOptions, SpzVersion, WriteOptions3d, Written3d, read_3d, write_3d};
 use measure::{
     Options, Outcome, Quantiles, count, ms, number, print_columns, print_head, print_row, print_section, try_time,
 };
@@ -23,7 +23,7 @@ fn main() -> Outcome {
     let options = Options::parse();
     let data = data::folder();
     print_head(
-        "Formats of spatial scenes",
+        "Formats of 3D scenes",
         &options,
         &[1],
         "public scene files; each is read, cut to every degree that it has, and written in every format",
@@ -35,8 +35,8 @@ fn main() -> Outcome {
             println!("\nskipped: no test data ({name})");
             continue;
         }
-        let file = read_spatial(&path)?;
-        let reading = ms(Quantiles::of(&try_time(repetitions(&options), || read_spatial(&path))?));
+        let file = read_3d(&path)?;
+        let reading = ms(Quantiles::of(&try_time(repetitions(&options), || read_3d(&path))?));
         let as_it_came =
             Row {
                 format: format!("{}, as it came", file.format), bytes: file.bytes, times: ["–".to_owned(), reading]
@@ -57,8 +57,8 @@ fn main() -> Outcome {
 }
 
 /// A scene without the harmonics above a degree.
-fn of_degree(scene: &SpatialScene, sh_degree: u8) -> SpatialScene {
-    let mut cut = SpatialScene { sh_degree, ..SpatialScene::default() };
+fn of_degree(scene: &Scene3d, sh_degree: u8) -> Scene3d {
+    let mut cut = Scene3d { sh_degree, ..Scene3d::default() };
     (0..scene.len()).for_each(|index| cut.push(scene.gaussian(index).with_degree(sh_degree)));
     cut
 }
@@ -80,10 +80,10 @@ impl Row {
 }
 
 /// Writes a scene in every format, 3DGS's PLY first, and reads it again.
-fn written(scene: &SpatialScene, folder: &Path, repetitions: usize) -> Result<Vec<Row>, gs_io::Error> {
-    let plain = SpatialOptions::default();
-    let spz = |version| SpatialOptions { spz: SpzOptions { version, ..SpzOptions::default() }, ..plain };
-    let beside = SpatialOptions { gltf_buffer: GltfBuffer::Beside, ..plain };
+fn written(scene: &Scene3d, folder: &Path, repetitions: usize) -> Result<Vec<Row>, gs_io::Error> {
+    let plain = WriteOptions3d::default();
+    let spz = |version| WriteOptions3d { spz: SpzOptions { version, ..SpzOptions::default() }, ..plain };
+    let beside = WriteOptions3d { gltf_buffer: GltfBuffer::Beside, ..plain };
     let formats = [
         ("PLY", "a.ply", plain),
         ("`.splat`", "a.splat", plain),
@@ -93,11 +93,11 @@ fn written(scene: &SpatialScene, folder: &Path, repetitions: usize) -> Result<Ve
         ("`.gltf`, buffer inside", "a.gltf", plain),
         ("`.gltf`, buffer beside", "a.gltf", beside),
     ];
-    let row = |(format, name, options): (&str, &str, SpatialOptions)| {
+    let row = |(format, name, options): (&str, &str, WriteOptions3d)| {
         let to = folder.join(name);
-        let writing = try_time(repetitions, || write_spatial(&to, scene, &options))?;
-        let SpatialWritten { beside, .. } = write_spatial(&to, scene, &options)?;
-        let reading = try_time(repetitions, || read_spatial(&to))?;
+        let writing = try_time(repetitions, || write_3d(&to, scene, &options))?;
+        let Written3d { beside, .. } = write_3d(&to, scene, &options)?;
+        let reading = try_time(repetitions, || read_3d(&to))?;
         let size = |file: &Path| std::fs::metadata(file).map_or(0, |file| file.len());
         let bytes = size(&to) + beside.as_deref().map_or(0, size);
         let times = [writing, reading].map(|seconds| ms(Quantiles::of(&seconds)));

@@ -13,11 +13,11 @@ use std::path::{Path, PathBuf};
 use clap::Parser;
 use gs_core::{Canvas, Image, Rasterizer, guards::Guard};
 use gs_cpu::CpuRasterizer;
-use gs_io::{PlanarFile, SCENE_EXTENSION, read_scene, write_scene};
+use gs_io::{File2d, SCENE_EXTENSION, read_scene, write_scene};
 use gs_train::ImageQuality;
 use measure::{
     Options, Outcome, ms,
-    photographs::Photographs,
+    photographs::PosedImages,
     print_columns, print_head, print_row,
     scenes::{Fitted, OVER_L1_DSSIM, OVER_L2, SUM_L2, Variant},
 };
@@ -35,7 +35,7 @@ struct GuardsOptions {
 
 fn main() -> Outcome {
     let GuardsOptions { common, scenes } = GuardsOptions::parse();
-    let photographs = Photographs::load()?;
+    let photographs = PosedImages::load()?;
     let image = &photographs.portrait().image;
     let threads = common.threads();
     let rasterizer = common.rasterizer(threads)?;
@@ -71,7 +71,7 @@ fn fitted(
     if let Some(file) = file {
         let (width, height) = image.size();
         let (scene, settings) = (fitted.scene.clone(), fitted.settings.render);
-        write_scene(file, &PlanarFile { scene, width, height, settings })?;
+        write_scene(file, &File2d { scene, width, height, settings })?;
     }
     Ok(fitted)
 }

@@ -9,7 +9,7 @@ mod measure;
 use clap::Parser;
 use measure::{
     Options, Outcome, count, ms, number,
-    photographs::{Photographs, cropped, halved},
+    photographs::{PosedImages, cropped, halved},
     print_columns, print_head, print_row, print_section,
     scenes::{OVER_L1_DSSIM, OVER_L2, SUM_L2},
 };
@@ -22,7 +22,7 @@ const OPENSPLAT: [(u32, f64); 2] = [(512, 0.625), (256, 0.135)];
 
 fn main() -> Outcome {
     let options = Options::parse();
-    let photographs = Photographs::load()?;
+    let photographs = PosedImages::load()?;
     let portrait = photographs.portrait();
     let large = cropped(&portrait.image, OPENSPLAT[0].0, OPENSPLAT[0].0);
     let small = halved(&large);

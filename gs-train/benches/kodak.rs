@@ -14,7 +14,7 @@ use gs_cpu::{CpuRasterizer, SimdLevel};
 use gs_train::{Control, FitSummary, Observer, Preset, Progress, fit};
 use measure::{
     Options, Outcome, Quantiles, cell, count, mean, number,
-    photographs::{Photograph, Photographs},
+    photographs::{PosedImage, PosedImages},
     print_columns, print_head, print_row, print_section,
 };
 
@@ -39,16 +39,16 @@ struct Run {
     gaussians: u32,
     photograph: String,
     summary: FitSummary,
-    course: Course,
+    trajectory: Trajectory,
 }
 
 /// (seconds, dB), in order: when so many seconds of fitting had passed, and PSNR then. Measuring it is not part of the time.
 #[derive(Debug, Default)]
-struct Course {
+struct Trajectory {
     points: Vec<(f64, f64)>,
 }
 
-impl Observer for Course {
+impl Observer for Trajectory {
     fn wants_quality(&mut self, progress: &Progress) -> bool {
         progress.step.is_multiple_of((progress.iterations / 50).max(1)) || progress.is_last()
     }
@@ -59,7 +59,7 @@ impl Observer for Course {
     }
 }
 
-impl Course {
+impl Trajectory {
     /// PSNR at a time, between measurements interpolated, after the last that of the last; nothing before the first.
     fn at(&self, seconds: f64) -> Option<f64> {
         let after = self.points.partition_point(|&(s, _)| s <= seconds);
@@ -72,7 +72,7 @@ impl Course {
 fn main() -> Outcome {
     let options = KodakOptions::parse();
     let common = &options.common;
-    let mut photographs = Photographs::load()?;
+    let mut photographs = PosedImages::load()?;
     let found = photographs.all.len();
     photographs.all.truncate(common.pick(usize::MAX, 2));
     let all = &photographs.all;
@@ -104,7 +104,7 @@ fn main() -> Outcome {
             print_row(&[runs[0].preset.name().to_owned(), psnr(runs), ms_ssim(runs), seconds(runs)]);
         }
     }
-    print_courses(&runs, all.len());
+    print_trajectories(&runs, all.len());
     compare_levels(common, all)?;
     if let Some(path) = &options.csv {
         std::fs::write(path, as_csv(&runs, &rasterizer))
@@ -115,13 +115,13 @@ fn main() -> Outcome {
 
 fn fit_one(
     rasterizer: &CpuRasterizer,
-    of: &Photograph,
+    of: &PosedImage,
     preset: Preset,
     gaussians: u32,
 ) -> Result<Run, gs_train::Error> {
-    let mut course = Course::default();
-    let summary = fit(rasterizer, &of.image, preset.settings(gaussians, of.image.size()), &mut course)?.summary;
-    Ok(Run { preset, gaussians, photograph: of.name.clone(), summary, course })
+    let mut trajectory = Trajectory::default();
+    let summary = fit(rasterizer, &of.image, preset.settings(gaussians, of.image.size()), &mut trajectory)?.summary;
+    Ok(Run { preset, gaussians, photograph: of.name.clone(), summary, trajectory })
 }
 
 fn psnr(runs: &[Run]) -> String {
@@ -142,13 +142,13 @@ fn times(runs: &[Run]) -> Quantiles {
 }
 
 /// Mean PSNR of all photographs at a time, from the first at which every fit has one.
-fn mean_course(runs: &[Run], seconds: f64) -> Option<f64> {
-    let at = runs.iter().map(|run| run.course.at(seconds)).collect::<Option<Vec<f64>>>()?;
+fn mean_trajectory(runs: &[Run], seconds: f64) -> Option<f64> {
+    let at = runs.iter().map(|run| run.trajectory.at(seconds)).collect::<Option<Vec<f64>>>()?;
     Some(mean(at))
 }
 
 /// Prints quality against time at [`GAUSSIANS`], and when the anchor is passed.
-fn print_courses(runs: &[Run], photographs: usize) {
+fn print_trajectories(runs: &[Run], photographs: usize) {
     let presets: Vec<&[Run]> = runs.chunks(photographs).filter(|runs| runs[0].gaussians == GAUSSIANS).collect();
     print_section(&format!("Quality against time, {} Gaussians", count(u64::from(GAUSSIANS))));
     println!("Mean over the photographs of PSNR, dB, at so many seconds of fitting; after the end, that of the end.\n");
@@ -158,7 +158,7 @@ fn print_courses(runs: &[Run], photographs: usize) {
     let times = [0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0, 3.0, 4.0, 5.0];
     let end = runs.iter().map(|run| run.summary.seconds).fold(0.0, f64::max);
     for seconds in times.into_iter().filter(|&seconds| seconds < end) {
-        let cell = |runs: &&[Run]| mean_course(runs, seconds).map_or("–".to_owned(), |db| format!("{db:.2}"));
+        let cell = |runs: &&[Run]| mean_trajectory(runs, seconds).map_or("–".to_owned(), |db| format!("{db:.2}"));
         let mut row = vec![seconds.to_string()];
         row.extend(presets.iter().map(cell));
         print_row(&row);
@@ -169,14 +169,14 @@ fn print_courses(runs: &[Run], photographs: usize) {
         let passed = (0..)
             .map(|i| f64::from(i) * 1e-3)
             .take_while(|&t| t <= last)
-            .find(|&t| mean_course(runs, t).is_some_and(|db| db >= ANCHOR_DB));
+            .find(|&t| mean_trajectory(runs, t).is_some_and(|db| db >= ANCHOR_DB));
         let when = passed.map_or("not at all".to_owned(), |t| format!("at {t:.3} s"));
         println!("- {} passes {ANCHOR_DB} dB {when}", runs[0].preset);
     }
 }
 
 /// Prints how much longer a fit takes at AVX2 than at the best level, in pairs of fits one after the other.
-fn compare_levels(options: &Options, photographs: &[Photograph]) -> Result<(), Box<dyn Error>> {
+fn compare_levels(options: &Options, photographs: &[PosedImage]) -> Result<(), Box<dyn Error>> {
     let (best, narrow) = (SimdLevel::best(), SimdLevel::Avx2);
     if best <= narrow || !SimdLevel::available().contains(&narrow) {
         return Ok(());

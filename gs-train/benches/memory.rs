@@ -1,4 +1,4 @@
-//! Peak memory in training spatial scenes (paper §5.3), against the number of Gaussians, of tile entries and of pixels, for both backends and the
+//! Peak memory in training 3D scenes (paper §5.3), against the number of Gaussians, of tile entries and of pixels, for both backends and the
 //! lowest and the highest SH degree. Each size runs in a process of its own, as peak memory is a process's.
 //!
 //! `cargo bench -p gs-train --bench memory -- [--backend wgpu] [--threads N] [--quick]`
@@ -17,7 +17,7 @@ use std::{
 use clap::{Parser, ValueEnum};
 use glam::Vec3;
 use gs_core::{
-    Binning, Blend, Camera, Chart, EditPlan, Image, Loss, RenderSettings, Scene, SpatialGaussian, SpatialScene,
+    Binning, Blend, Camera, EditPlan, Gaussian3d, Image, Loss, Parameterization, RenderSettings, Scene, Scene3d,
     TrainStep, Wait,
     edit::{Birth, Moments, Origin, Place},
     effects::{Antialias, Order, Statistics},
@@ -90,9 +90,7 @@ fn main() -> Outcome {
         "Memory in training",
         common,
         &[common.threads()],
-        &format!(
-            "spatial Gaussians strewn over the picture, L1 + D-SSIM, dilated, tile-depth, mean gradient; backend {name}"
-        ),
+        &format!("3D Gaussians strewn over the picture, L1 + D-SSIM, dilated, global, mean gradient; backend {name}"),
     );
     let counts: &[u32] = common.pick(&[50_000, 200_000, 1_000_000], &[2_000, 8_000, 20_000]);
     for sh_degree in [0, 3] {
@@ -120,7 +118,7 @@ fn main() -> Outcome {
         print_models(&of_sizes);
     }
     println!(
-        "\nPeak of the process from before scene and picture are made: the scene on the host until it is uploaded, the cloud with Adam's \
+        "\nPeak of the process from before scene and picture are made: the scene on the host until it is uploaded, the splats with Adam's \
          moments and statistics, lists, frame, target; {STEPS} training steps, a round in which the scene comes to the host and every \
          tenth Gaussian is cloned, {STEPS} more. Counts are those after it. Memory is told by Linux (VmHWM)."
     );
@@ -142,47 +140,47 @@ fn measure_elsewhere(case: Case) -> Result<Measured, Box<dyn Error>> {
 
 fn measure_here(options: &MemoryOptions, case: Case) -> Result<Measured, Box<dyn Error>> {
     match options.backend {
-        Backend::Cpu => measure(options.common.rasterizer(options.common.threads())?.spatial(), case),
-        Backend::Wgpu => measure(WgpuRasterizer::new(WgpuSettings::default())?.spatial(), case),
+        Backend::Cpu => measure(options.common.rasterizer(options.common.threads())?.for_3d(), case),
+        Backend::Wgpu => measure(WgpuRasterizer::new(WgpuSettings::default())?.for_3d(), case),
     }
 }
 
-fn measure(rasterizer: &impl Profiler<SpatialScene>, case: Case) -> Result<Measured, Box<dyn Error>> {
+fn measure(rasterizer: &impl Profiler<Scene3d>, case: Case) -> Result<Measured, Box<dyn Error>> {
     let before = memory::forget_peak().ok_or("peak memory is measured on Linux alone")?;
     let camera = Camera::looking_forward(case.width, case.height, 1.2);
     let target = rasterizer.upload_target(&Image::filled(case.width, case.height, [0.5; 3])?)?;
     let mut settings = RenderSettings::blended(Blend::Over);
-    settings.effects.order = Order::TileDepth;
+    settings.effects.order = Order::Global;
     settings.effects.antialias = Antialias::Dilate;
     settings.effects.sh_degree = case.sh_degree;
     settings.effects.statistics = Statistics::MeanGradient;
-    let mut cloud = rasterizer.upload(&strewn(case, &camera), Chart::ScaleRotation)?;
+    let mut splats = rasterizer.upload(&strewn(case, &camera), Parameterization::ScaleRotation)?;
     // Nothing moves, so that entries stay what they are.
     let rates = still();
     let step = TrainStep { settings: &settings, loss: Loss::PAPER, rates: &rates, binning: Binning::Fresh };
     for _ in 0..STEPS {
-        rasterizer.train_step(&mut cloud, &camera, &target, &step)?;
+        rasterizer.train_step(&mut splats, &camera, &target, &step)?;
     }
-    grow(rasterizer, &mut cloud)?;
+    grow(rasterizer, &mut splats)?;
     for _ in 0..STEPS {
-        rasterizer.train_step(&mut cloud, &camera, &target, &step)?;
+        rasterizer.train_step(&mut splats, &camera, &target, &step)?;
     }
-    rasterizer.losses(&mut cloud, Wait::All, &mut Vec::new())?;
+    rasterizer.losses(&mut splats, Wait::All, &mut Vec::new())?;
     let bytes = memory::peak().ok_or("peak memory is measured on Linux alone")?.saturating_sub(before);
-    let entries = rasterizer.profile(&mut cloud, &camera, &target, &settings, Loss::PAPER, 1)?.entries;
-    Ok(Measured { case: Case { gaussians: rasterizer.len(&cloud) as u32, ..case }, entries, bytes })
+    let entries = rasterizer.profile(&mut splats, &camera, &target, &settings, Loss::PAPER, 1)?.entries;
+    Ok(Measured { case: Case { gaussians: rasterizer.len(&splats) as u32, ..case }, entries, bytes })
 }
 
 /// Gaussians in the whole of the picture, at all depths, translucent, so that none hides all others.
-fn strewn(case: Case, camera: &Camera) -> SpatialScene {
+fn strewn(case: Case, camera: &Camera) -> Scene3d {
     let mut random = Rng::seed_from_u64(u64::from(case.gaussians));
-    let mut scene = SpatialScene { sh_degree: case.sh_degree, ..SpatialScene::default() };
+    let mut scene = Scene3d { sh_degree: case.sh_degree, ..Scene3d::default() };
     let (width, height) = (case.width as f32, case.height as f32);
     for _ in 0..case.gaussians {
         let depth = 1.0 + 9.0 * random.random::<f32>();
         let (x, y) = (random.random::<f32>() * width, random.random::<f32>() * height);
         let across = (glam::Vec2::new(x, y) - camera.center) / camera.focal;
-        let gaussian = SpatialGaussian {
+        let gaussian = Gaussian3d {
             mean: across.extend(1.0) * depth,
             log_scale: Vec3::splat((case.scale_px * depth / camera.focal.x).ln()),
             rotation: [1.0, 0.0, 0.0, 0.0],
@@ -195,8 +193,8 @@ fn strewn(case: Case, camera: &Camera) -> SpatialScene {
 }
 
 /// A round of growth as training has it: a policy looks at the scene and its statistics on the host, and every tenth Gaussian is cloned.
-fn grow<R: Profiler<SpatialScene>>(rasterizer: &R, cloud: &mut R::Cloud) -> Result<(), gs_core::Error> {
-    let (scene, statistics) = (rasterizer.download(cloud)?, rasterizer.statistics(cloud)?);
+fn grow<R: Profiler<Scene3d>>(rasterizer: &R, splats: &mut R::Splats) -> Result<(), gs_core::Error> {
+    let (scene, statistics) = (rasterizer.download(splats)?, rasterizer.statistics(splats)?);
     let clone = |index: u32| Birth {
         gaussian: scene.gaussian(index as usize),
         parent: Some(index),
@@ -205,7 +203,7 @@ fn grow<R: Profiler<SpatialScene>>(rasterizer: &R, cloud: &mut R::Cloud) -> Resu
         place: Place::Last,
     };
     let plan = EditPlan { added: (0..scene.len() as u32).step_by(10).map(clone).collect(), ..EditPlan::default() };
-    rasterizer.edit(cloud, &plan)?;
+    rasterizer.edit(splats, &plan)?;
     drop((scene, statistics));
     Ok(())
 }

@@ -15,7 +15,7 @@ use std::{
 use clap::{Parser, ValueEnum};
 use glam::{Vec2, Vec3};
 use gs_core::{
-    Adam, Binning, Blend, Canvas, Chart, Image, Loss, PlanarGaussian, PlanarScene, Rasterizer, RenderSettings,
+    Adam, Binning, Blend, Canvas, Gaussian2d, Image, Loss, Parameterization, Rasterizer, RenderSettings, Scene2d,
     TrainStep, scene::logit,
 };
 use gs_density::Rng;
@@ -76,12 +76,12 @@ impl Series {
     }
 
     /// Gaussians strewn at random, twice as long as wide.
-    fn scene(self, gaussians: u32, side: u32) -> PlanarScene {
+    fn scene(self, gaussians: u32, side: u32) -> Scene2d {
         let sigma = self.sigma(gaussians, side);
         let mut random = Rng::seed_from_u64(u64::from(gaussians));
         let log_scale = Vec2::new((sigma * 2f32.sqrt()).ln(), (sigma / 2f32.sqrt()).ln());
         let opacity_logit = if self.blend() == Blend::Sum { f32::INFINITY } else { logit(0.5) };
-        let mut gaussian = || PlanarGaussian {
+        let mut gaussian = || Gaussian2d {
             mean: Vec2::new(random.random(), random.random()) * side as f32,
             log_scale,
             rotation: random.random::<f32>() * std::f32::consts::PI,
@@ -144,7 +144,7 @@ fn main() -> Outcome {
     }
     println!(
         "\nForward passes make their lists; of training steps, every {REBIN_EVERY}th does. Memory is the process's peak less \
-         what it held before the scene was made (mostly the target): the scene on the host, the cloud, lists and frames."
+         what it held before the scene was made (mostly the target): the scene on the host, the splats, lists and frames."
     );
     Ok(())
 }
@@ -165,16 +165,16 @@ fn measure_elsewhere(series: Series, gaussians: u32) -> Result<Measured, Box<dyn
 
 fn measure(options: &Options, series: Series, gaussians: u32, side: u32) -> Result<Measured, Box<dyn Error>> {
     let rasterizer = options.rasterizer(options.threads())?;
-    let target = rasterizer.planar().upload_target(&Image::filled(side, side, [0.5; 3])?)?;
+    let target = rasterizer.for_2d().upload_target(&Image::filled(side, side, [0.5; 3])?)?;
     let before = memory::forget_peak();
     let scene = series.scene(gaussians, side);
-    let mut cloud = rasterizer.upload(&scene, Chart::LocalFrame)?;
+    let mut splats = rasterizer.upload(&scene, Parameterization::CovarianceFactor)?;
     drop(scene);
     let (view, settings) = (Canvas::new(side, side), RenderSettings::blended(series.blend()));
-    let frame = rasterizer.planar().forward(&cloud, &view, &settings)?;
+    let frame = rasterizer.for_2d().forward(&splats, &view, &settings)?;
     let (entries, pairs) = (frame.entries() as u64, frame.pairs());
     drop(frame);
-    let forward = try_time(options.pick(15, 3), || rasterizer.planar().forward(&cloud, &view, &settings))?;
+    let forward = try_time(options.pick(15, 3), || rasterizer.for_2d().forward(&splats, &view, &settings))?;
     // So little that the scene stays what it is.
     let mut adam = Adam::default();
     for group in [&mut adam.mean, &mut adam.scale, &mut adam.rotation, &mut adam.opacity, &mut adam.color] {
@@ -185,7 +185,7 @@ fn measure(options: &Options, series: Series, gaussians: u32, side: u32) -> Resu
         (0..REBIN_EVERY).try_for_each(|i| {
             let binning = if i == 0 { Binning::Fresh } else { Binning::Reuse };
             let step = TrainStep { settings: &settings, loss: Loss::L2, rates: &rates, binning };
-            rasterizer.planar().train_step(&mut cloud, &view, &target, &step)
+            rasterizer.for_2d().train_step(&mut splats, &view, &target, &step)
         })
     };
     steps()?;

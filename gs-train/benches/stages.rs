@@ -18,7 +18,7 @@ use gs_core::{
 use gs_cpu::CpuRasterizer;
 use measure::{
     Options, Outcome, Quantiles, cell, count, ms, number,
-    photographs::Photographs,
+    photographs::PosedImages,
     print_columns, print_head, print_row, print_section,
     scenes::{Fitted, OVER_L1_DSSIM, SUM_L2, Variant},
     time,
@@ -31,7 +31,7 @@ const BARE_GAUSSIANS: usize = 20_000;
 
 fn main() -> Outcome {
     let options = Options::parse();
-    let photographs = Photographs::load()?;
+    let photographs = PosedImages::load()?;
     let portrait = photographs.portrait();
     let image = &portrait.image;
     let data = format!("{} ({}x{} px); found: {}", portrait.name, image.width(), image.height(), photographs.origin);
@@ -98,11 +98,11 @@ fn measure_threads(
 ) -> Result<Measured, Box<dyn Error>> {
     let rasterizer = options.rasterizer(threads)?;
     let level = instructions(options.level()).ok_or("the SIMD level is not one of this machine")?;
-    let mut cloud = rasterizer.upload(&fitted.scene, fitted.settings.chart)?;
-    let target = rasterizer.planar().upload_target(image)?;
+    let mut splats = rasterizer.upload(&fitted.scene, fitted.settings.parameterization)?;
+    let target = rasterizer.for_2d().upload_target(image)?;
     let view = Canvas::new(image.width(), image.height());
     let mut profile = |rasterizer: &CpuRasterizer, repetitions: usize| {
-        rasterizer.planar().profile(&mut cloud, &view, &target, &fitted.settings.render, variant.loss, repetitions)
+        rasterizer.for_2d().profile(&mut splats, &view, &target, &fitted.settings.render, variant.loss, repetitions)
     };
     profile(&rasterizer, 2)?;
     let mut bare_loop = BareLoop::new();

@@ -1,4 +1,4 @@
-//! Training in space on both backends: time of one step from the points of a reconstruction, and where the same steps end.
+//! Training in 3D on both backends: time of one step from the points of a reconstruction, and where the same steps end.
 //!
 //! `GS_DATA=../shared/data cargo bench -p gs-train --bench training -- [--threads N] [--quick]`
 
@@ -10,11 +10,11 @@ use std::time::Instant;
 
 use clap::Parser;
 use gs_conformance::data;
-use gs_core::{Rasterizer, SpatialScene};
+use gs_core::{Rasterizer, Scene3d};
 use gs_io::dataset::{Dataset, DatasetSettings, read_dataset};
 use gs_train::{
-    Rounds, SpatialPreset, SpatialSettings, SpatialTrainer,
-    spatial::{Start, Views},
+    Rounds, TrainPreset, TrainSettings, Trainer3d,
+    train::{Start, Views},
 };
 use gs_wgpu::{WgpuRasterizer, WgpuSettings};
 use measure::{Options, Outcome, Quantiles, memory, ms, number, print_columns, print_head, print_row, print_section};
@@ -29,7 +29,7 @@ fn main() -> Outcome {
         return Ok(());
     };
     let about = format!("banana: {} views, {} points", banana.views.len(), banana.points.len());
-    print_head("Training in space", &options, &[options.threads()], &about);
+    print_head("Training in 3D", &options, &[options.threads()], &about);
     let cpu = options.rasterizer(options.threads())?;
     let (degrees, epochs) = ([0, 3], options.pick(20, 2));
     let on_cpu = degrees.map(|degree| steps(&cpu, &banana, degree, epochs));
@@ -87,18 +87,18 @@ fn start(data: &Dataset) -> Start {
 }
 
 /// Seconds per step, one number an epoch: each view once.
-fn steps<R: Rasterizer<SpatialScene>>(
+fn steps<R: Rasterizer<Scene3d>>(
     on: &R,
     data: &Dataset,
     degree: u8,
     epochs: u32,
 ) -> Result<Quantiles, gs_train::Error> {
-    let mut settings = SpatialPreset::ThreeDgs.settings(None);
+    let mut settings = TrainPreset::ThreeDgs.settings(None);
     (settings.rounds, settings.sh_degree_every) = (Rounds::NEVER, 0);
     settings.render.effects.sh_degree = degree;
     let views = Views::of_dataset(data);
     let in_an_epoch = views.train.len();
-    let mut trainer = SpatialTrainer::from_views(on, views, start(data), settings)?;
+    let mut trainer = Trainer3d::from_views(on, views, start(data), settings)?;
     let mut epoch = || -> Result<f64, gs_train::Error> {
         let started = Instant::now();
         (0..in_an_epoch).try_for_each(|_| trainer.step_once().map(|_| ()))?;
@@ -115,9 +115,9 @@ struct Trained {
     seconds: f64,
 }
 
-fn trained<R: Rasterizer<SpatialScene>>(on: &R, data: &Dataset, steps: u32) -> Result<Trained, gs_train::Error> {
-    let settings: SpatialSettings = SpatialPreset::ThreeDgs.settings(Some(steps)).on([1.0; 3]);
-    let mut trainer = SpatialTrainer::from_views(on, Views::of_dataset(data), start(data), settings)?;
+fn trained<R: Rasterizer<Scene3d>>(on: &R, data: &Dataset, steps: u32) -> Result<Trained, gs_train::Error> {
+    let settings: TrainSettings = TrainPreset::ThreeDgs.settings(Some(steps)).on([1.0; 3]);
+    let mut trainer = Trainer3d::from_views(on, Views::of_dataset(data), start(data), settings)?;
     trainer.run(&mut ())?;
     Ok(Trained { count: trainer.count(), psnr: trainer.quality()?.psnr, seconds: trainer.seconds() })
 }

@@ -1,4 +1,4 @@
-//! What a checkpoint of a run says besides the cloud's state: settings, step, time, counts and which pictures it was for.
+//! What a checkpoint of a run says besides the splats' state: settings, step, time, counts and which pictures it was for.
 
 use std::{collections::BTreeMap, fmt::Display, str::FromStr};
 
@@ -6,13 +6,13 @@ use gs_core::{Effects, Image, edit::EditCounts, effects::Statistics};
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 
 use crate::{
-    course::{RunSettings, Trainable},
     error::Error,
     joining::Joins,
     recovery::FreshStart,
+    task::{RunSettings, Trainable},
 };
 
-/// All of a [`Trainer`](crate::Trainer)'s state that is not in its cloud.
+/// All of a [`Trainer`](crate::Trainer)'s state that is not in its splats.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Record<C> {
     pub(crate) settings: C,
@@ -166,7 +166,7 @@ pub(crate) fn digest(bytes: impl IntoIterator<Item = u8>) -> u64 {
 
 #[cfg(test)]
 mod tests {
-    use gs_core::{PlanarScene, effects::Antialias};
+    use gs_core::{Scene2d, effects::Antialias};
     use gs_density::{AbsoluteThreshold, Policy};
 
     use super::*;
@@ -193,15 +193,12 @@ mod tests {
 
     #[test]
     fn a_record_comes_back_from_its_metadata() {
-        assert_eq!(
-            Record::from_metadata::<PlanarScene>(&record().to_metadata::<PlanarScene>().unwrap()).unwrap(),
-            record()
-        );
+        assert_eq!(Record::from_metadata::<Scene2d>(&record().to_metadata::<Scene2d>().unwrap()).unwrap(), record());
     }
 
     #[test]
     fn damaged_metadata_are_an_error() {
-        let good = record().to_metadata::<PlanarScene>().unwrap();
+        let good = record().to_metadata::<Scene2d>().unwrap();
         for (key, bad) in [
             ("format", "spatial-fit-1"),
             ("settings", "="),
@@ -215,10 +212,10 @@ mod tests {
         ] {
             let mut metadata = good.clone();
             metadata.insert(key.to_owned(), bad.to_owned());
-            assert!(Record::from_metadata::<PlanarScene>(&metadata).is_err(), "{key} = {bad}");
+            assert!(Record::from_metadata::<Scene2d>(&metadata).is_err(), "{key} = {bad}");
             metadata.remove(key);
             assert_eq!(
-                Record::from_metadata::<PlanarScene>(&metadata).is_ok(),
+                Record::from_metadata::<Scene2d>(&metadata).is_ok(),
                 matches!(key, "joins" | "health"),
                 "no {key}"
             );
@@ -233,8 +230,8 @@ mod tests {
                 record.settings.adam.mean.learning_rate = odd;
                 record.settings.policy = Policy::Absolute(AbsoluteThreshold { threshold, ..Default::default() });
                 record.seconds = f64::from(odd) / 3.0;
-                let metadata = record.to_metadata::<PlanarScene>().unwrap();
-                assert_eq!(Record::from_metadata::<PlanarScene>(&metadata).unwrap(), record, "{metadata:?}");
+                let metadata = record.to_metadata::<Scene2d>().unwrap();
+                assert_eq!(Record::from_metadata::<Scene2d>(&metadata).unwrap(), record, "{metadata:?}");
             }
         }
     }

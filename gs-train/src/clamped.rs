@@ -2,9 +2,9 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::course::{RunSettings, Trainable};
+use crate::task::{RunSettings, Trainable};
 
-/// A scale within this of a bound, as a difference of logarithms, is at it: scales that are read back from a local frame are rounded.
+/// A scale within this of a bound, as a difference of logarithms, is at it: scales that are read back from a covariance factor are rounded.
 const AT_BOUND: f32 = 1e-3;
 
 /// Gaussians with a scale at a bound of [`Adam`](gs_core::Adam). They would be smaller, or larger, if they were let; many of the

@@ -57,7 +57,7 @@ pub enum Error {
         /// Size and fingerprint of the image given.
         found: String,
     },
-    /// A checkpoint whose metadata are not those of a planar fit.
+    /// A checkpoint whose metadata are not those of a 2D fit.
     #[error("the checkpoint cannot be used: {0}")]
     Checkpoint(String),
     /// A folder without a scene.

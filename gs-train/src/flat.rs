@@ -72,7 +72,7 @@ mod tests {
     fn only_a_sum_before_nothing_gets_a_background() {
         let white = Image::filled(4, 4, [1.0; 3]).unwrap();
         let settings = FitSettings::standard(10);
-        assert_eq!(settings.clone().before_flat_color(&white).render.backdrop(), [1.0; 3]);
+        assert_eq!(settings.clone().before_flat_color(&white).render.background_color(), [1.0; 3]);
         let given = FitSettings { render: settings.render.on([0.5; 3]), ..settings.clone() };
         assert_eq!(given.clone().before_flat_color(&white), given);
         let grey = Image::filled(4, 4, [0.25; 3]).unwrap();

@@ -3,7 +3,7 @@
 //! An effect that has not joined costs nothing: its kernels are not run, and what it alone trains stands still. Two can join half-way, as a scene
 //! means nearly the same with and without them at that moment: antialiasing, and harmonics, degree by degree, whose coefficients are 0 before.
 //! Blending cannot. Under [`Blend::Sum`] colours are shares that add up, and nothing is opaque; under [`Blend::Over`] they are what is seen, and
-//! hide what is behind. So opacity is there from the first step or never: photographs of a scene in space call for it, as what is in front hides
+//! hide what is behind. So opacity is there from the first step or never: photographs of a 3D scene call for it, as what is in front hides
 //! what is behind; an image, in which nothing is behind anything, does not.
 
 use std::fmt;
@@ -15,7 +15,7 @@ use gs_core::{
 use serde::{Deserialize, Serialize};
 
 #[cfg(doc)]
-use crate::spatial::ViewDependence;
+use crate::train::ViewDependence;
 #[cfg(doc)]
 use gs_core::Blend;
 

@@ -2,14 +2,13 @@
 //!
 //! [`fit()`] fits an image in one call. [`Trainer`] is the loop itself, for who wants to stop, store and resume it. What a fit does
 //! is in its [`FitSettings`]; [`Preset`] names the good ones; [`experiments`] are those of the paper. [`Observer`] is how a caller watches and stops it. All of it is
-//! generic over the backend: any [`Rasterizer`](gs_core::Rasterizer) of planar scenes.
+//! generic over the backend: any [`Rasterizer`](gs_core::Rasterizer) of 2D scenes.
 
 // Guards are phrased so that NaN fails them: `!(x > 0.0)` is not `x <= 0.0`.
 #![allow(clippy::neg_cmp_op_on_partial_ord)]
 
 mod checkpoint;
 mod clamped;
-mod course;
 pub mod effects;
 mod error;
 pub mod experiments;
@@ -22,18 +21,18 @@ pub mod memory;
 mod metrics_log;
 mod observer;
 mod open;
-mod planar;
 pub mod presets;
 mod quality;
 pub mod recovery;
 mod rounds;
 mod settings;
 mod shortfall;
-pub mod spatial;
 pub mod statistics;
 mod summary;
 mod suspect;
 mod targets;
+mod task;
+pub mod train;
 mod trainer;
 mod viewable;
 
@@ -44,8 +43,8 @@ struct Readme;
 
 pub use crate::{
     clamped::Clamped,
-    course::{Course, Due, RunSettings, Trainable},
     error::Error,
+    fit::task::ImageTask,
     fit::{Fit, fit},
     flat::flat_color,
     init::Init,
@@ -53,19 +52,19 @@ pub use crate::{
     metrics_log::{MetricsLog, MetricsRow},
     observer::{Control, Observer, Progress, Quality},
     open::{Opened, OpenedScene, SCENE_NAMES, Values, is_scene, open_scene, scene_in},
-    planar::ImageCourse,
     presets::Preset,
     quality::ImageQuality,
     recovery::{FreshStart, Recovery},
     rounds::Rounds,
     settings::{ColorSolve, FitSettings, InitialCount},
     shortfall::Shortfall,
-    spatial::{SpatialPreset, SpatialSettings, SpatialTrainer},
     summary::FitSummary,
     suspect::Suspect,
     targets::{
         DiscAndSquare, Fill, PAPER_DISC, PAPER_SIDE_PX, PAPER_SQUARE, SyntheticTarget, paper_target, thin_lines,
     },
+    task::{RunSettings, StepContext, Trainable, TrainingTask},
+    train::{TrainPreset, TrainSettings, Trainer3d},
     trainer::{ForeignPolicy, Outcome, Trainer},
     viewable::{ColorRange, Viewable, viewable},
 };

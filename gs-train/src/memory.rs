@@ -3,10 +3,10 @@
 //! Estimates are of the host's memory where gs-cpu computes; a GPU has memory of its own, which they do not count. They are made of the sizes of
 //! arrays, and are a little too high rather than too low: tests hold them against what runs take.
 
-use gs_core::{Blend, Loss, RenderSettings, SpatialScene, effects::Statistics};
+use gs_core::{Blend, Loss, RenderSettings, Scene3d, effects::Statistics};
 use gs_density::DensityPolicy;
 
-use crate::{settings::FitSettings, spatial::SpatialSettings};
+use crate::{settings::FitSettings, train::TrainSettings};
 
 /// Three `f32`: a pixel of an image, or of what is as large.
 const IMAGE: u64 = 12;
@@ -26,13 +26,13 @@ const MOST_KEPT: u64 = 80_000_000;
 /// A pair of a Gaussian and a tile that it touches: in the lists, and what it receives.
 const ENTRY: u64 = 64;
 
-/// A planar Gaussian: parameters, moments, gradient, what is projected, and the copies on the host that a round of growth needs.
+/// A 2D Gaussian: parameters, moments, gradient, what is projected, and the copies on the host that a round of growth needs.
 const PLANAR_GAUSSIAN: u64 = 700;
 
-/// A spatial Gaussian of degree 0, with the entries that it usually has.
+/// A 3D Gaussian of degree 0, with the entries that it usually has.
 const SPATIAL_GAUSSIAN: u64 = 750;
 
-/// Another number of a spatial Gaussian: with its moments and gradient, and the copies that a round of growth needs.
+/// Another number of a 3D Gaussian: with its moments and gradient, and the copies that a round of growth needs.
 const SPATIAL_NUMBER: u64 = 24;
 
 /// What drawing an image of this size takes, the image included.
@@ -72,7 +72,7 @@ impl FitSettings {
     }
 }
 
-impl SpatialSettings {
+impl TrainSettings {
     /// What a training of so many Gaussians from views of these sizes takes, of whose pictures at most `keep_bytes` are kept.
     pub fn peak_bytes(&self, views: impl IntoIterator<Item = (u32, u32)>, keep_bytes: u64, gaussians: u64) -> u64 {
         let (mut all, mut largest) = (0, 0);
@@ -82,7 +82,7 @@ impl SpatialSettings {
         }
         // What is kept is counted without what D-SSIM adds to it.
         let kept = all.min(keep_bytes / IMAGE) * (IMAGE + of_target(self.loss));
-        let policy: &dyn DensityPolicy<SpatialScene> = &self.policy;
+        let policy: &dyn DensityPolicy<Scene3d> = &self.policy;
         let step = of_step(&self.render, self.loss, policy.statistics());
         // A photograph on its way to the backend, and a rendering.
         let passing = 3 * IMAGE + of_target(self.loss) + step;

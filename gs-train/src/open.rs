@@ -5,14 +5,14 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use gs_core::{PlanarScene, RenderSettings, SpatialScene, examination};
-use gs_io::{Checkpoint, PlanarFile, SpatialFile, SpatialFormat, TrainedWith};
+use gs_core::{RenderSettings, Scene2d, Scene3d, examination};
+use gs_io::{Checkpoint, File2d, File3d, Format3d, TrainedWith};
 
 use crate::{
     checkpoint::{Record, size_of_fingerprint},
-    course::Trainable,
     error::Error,
-    spatial::shown,
+    task::Trainable,
+    train::shown,
 };
 
 /// The files of an output folder that hold its scene, the best first.
@@ -35,11 +35,11 @@ pub struct Opened {
 #[derive(Debug, Clone)]
 pub enum OpenedScene {
     /// A 2D scene, its size and how it is shown.
-    Planar(Box<PlanarFile>),
+    TwoD(Box<File2d>),
     /// A 3D scene.
-    Spatial {
+    ThreeD {
         /// The scene.
-        file: Box<SpatialFile>,
+        file: Box<File3d>,
         /// How it is shown, where that is known: a checkpoint says it.
         shown: Option<RenderSettings>,
     },
@@ -60,10 +60,9 @@ pub enum Values {
 /// # Errors
 /// Where there is no such file, or it cannot be read.
 pub fn is_scene(path: &Path) -> Result<bool, Error> {
-    let named =
-        path.extension().is_some_and(|ending| ending == "safetensors") || SpatialFormat::to_write(path).is_some();
+    let named = path.extension().is_some_and(|ending| ending == "safetensors") || Format3d::to_write(path).is_some();
     Ok(path.is_dir()
-        || gs_io::spatial_format(path)?.is_some()
+        || gs_io::format_3d(path)?.is_some()
         || named
         || gs_io::is_scene(path)
         || gs_io::is_checkpoint(path))
@@ -72,7 +71,7 @@ pub fn is_scene(path: &Path) -> Result<bool, Error> {
 /// Opens what holds a scene.
 ///
 /// # Errors
-/// [`Error::NoScene`] for a folder without one; those of [`gs_io::read_scene`], [`gs_io::read_spatial`] and [`gs_io::read_checkpoint`];
+/// [`Error::NoScene`] for a folder without one; those of [`gs_io::read_scene`], [`gs_io::read_3d`] and [`gs_io::read_checkpoint`];
 /// [`Error::Checkpoint`] and [`gs_core::Error::State`] for a checkpoint that is not one of a fit or a training.
 pub fn open_scene(path: &Path, values: Values) -> Result<Opened, Error> {
     if path.is_dir() {
@@ -90,14 +89,12 @@ pub fn scene_in(folder: &Path) -> Option<PathBuf> {
 fn open_file(path: &Path, values: Values) -> Result<Opened, Error> {
     let opened = |scene| Ok(Opened { path: path.to_owned(), scene, run: None, left_out: 0 });
     // What is called a 3D scene is meant to be one: its reader says why it is none.
-    if gs_io::spatial_format(path)?.is_some()
-        || (SpatialFormat::to_write(path).is_some() && !gs_io::is_checkpoint(path))
-    {
+    if gs_io::format_3d(path)?.is_some() || (Format3d::to_write(path).is_some() && !gs_io::is_checkpoint(path)) {
         let file = match values {
-            Values::Checked => gs_io::read_spatial(path),
-            Values::Any => gs_io::read_spatial_unchecked(path),
+            Values::Checked => gs_io::read_3d(path),
+            Values::Any => gs_io::read_3d_unchecked(path),
         };
-        return opened(OpenedScene::Spatial { file: Box::new(file?), shown: None });
+        return opened(OpenedScene::ThreeD { file: Box::new(file?), shown: None });
     }
     if gs_io::is_checkpoint(path) {
         return of_checkpoint(path, gs_io::read_checkpoint(path)?, values);
@@ -106,30 +103,30 @@ fn open_file(path: &Path, values: Values) -> Result<Opened, Error> {
         Values::Checked => gs_io::read_scene(path),
         Values::Any => gs_io::read_scene_unchecked(path),
     };
-    opened(OpenedScene::Planar(Box::new(file?)))
+    opened(OpenedScene::TwoD(Box::new(file?)))
 }
 
 fn of_checkpoint(path: &Path, checkpoint: Checkpoint, values: Values) -> Result<Opened, Error> {
     let Checkpoint { state, metadata } = checkpoint;
     let broken = |source| gs_io::Error::Content { path: path.to_owned(), source };
-    let (scene, left_out) = if state.is_spatial() {
-        let record = record_of::<SpatialScene>(path, &metadata)?;
-        let (scene, left_out) = sound(state.spatial_scene().map_err(broken)?, values)?;
+    let (scene, left_out) = if state.is_3d() {
+        let record = record_of::<Scene3d>(path, &metadata)?;
+        let (scene, left_out) = sound(state.scene_3d().map_err(broken)?, values)?;
         let shown = shown(&record.settings, &record.effects());
         let bytes = std::fs::metadata(path).map_or(0, |file| file.len());
         let effects = &shown.effects;
         let trained_with = TrainedWith { antialias: Some(effects.antialias), order: Some(effects.order) };
-        let (format, losses) = (SpatialFormat::Checkpoint, Vec::new());
-        let file = SpatialFile { scene, format, bytes, losses, trained_with, picture: None };
-        (OpenedScene::Spatial { file: Box::new(file), shown: Some(shown) }, left_out)
+        let (format, losses) = (Format3d::Checkpoint, Vec::new());
+        let file = File3d { scene, format, bytes, losses, trained_with, picture: None };
+        (OpenedScene::ThreeD { file: Box::new(file), shown: Some(shown) }, left_out)
     } else {
-        let record = record_of::<PlanarScene>(path, &metadata)?;
+        let record = record_of::<Scene2d>(path, &metadata)?;
         let Some((width, height)) = size_of_fingerprint(&record.pictures) else {
             return Err(Error::Checkpoint("its metadata do not say how large the image is".to_owned()));
         };
-        let (scene, left_out) = sound(state.planar_scene().map_err(broken)?, values)?;
+        let (scene, left_out) = sound(state.scene_2d().map_err(broken)?, values)?;
         let settings = RenderSettings { effects: record.effects(), ..record.settings.render };
-        (OpenedScene::Planar(Box::new(PlanarFile { scene, width, height, settings })), left_out)
+        (OpenedScene::TwoD(Box::new(File2d { scene, width, height, settings })), left_out)
     };
     Ok(Opened { path: path.to_owned(), scene, run: Some(metadata), left_out })
 }

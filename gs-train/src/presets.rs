@@ -3,7 +3,7 @@
 use std::fmt;
 
 use gs_core::{
-    Adam, Blend, Chart, Loss, RenderSettings,
+    Adam, Blend, Loss, Parameterization, RenderSettings,
     adam::{Group, Schedule},
 };
 use gs_density::{Paper, Policy, ResidualGrowth};
@@ -98,7 +98,7 @@ impl FitSettings {
             initial: InitialCount::Fixed(20),
             iterations: 2500,
             seed: 0,
-            chart: Chart::ScaleRotation,
+            parameterization: Parameterization::ScaleRotation,
             render: RenderSettings::blended(Blend::Over).on([1.0; 3]),
             joining: Joining::Scheduled,
             loss: Loss::PAPER,
@@ -154,7 +154,7 @@ impl FitSettings {
             initial: InitialCount::Fraction(start),
             iterations,
             seed: 0,
-            chart: Chart::LocalFrame,
+            parameterization: Parameterization::CovarianceFactor,
             render: RenderSettings::blended(Blend::Sum),
             joining: Joining::Scheduled,
             loss: Loss::L2,

@@ -59,7 +59,7 @@ impl fmt::Display for FreshStart {
 }
 
 /// What is left of the learning rates after so many fresh starts.
-pub(crate) fn pace(fresh_starts: usize) -> f32 {
+pub(crate) fn lr_scale(fresh_starts: usize) -> f32 {
     [1.0, 0.1, 0.01, 0.001][fresh_starts.min(3)]
 }
 

@@ -1,12 +1,14 @@
 //! Everything that a fit depends on besides the image: one value that can be stored, compared and sent along with a result.
 
-use gs_core::{Adam, Chart, Error, Loss, RenderSettings, adam::Group, adam::Schedule, constants::MAX_GAUSSIANS};
+use gs_core::{
+    Adam, Error, Loss, Parameterization, RenderSettings, adam::Group, adam::Schedule, constants::MAX_GAUSSIANS,
+};
 use gs_density::Policy;
 use serde::{Deserialize, Serialize};
 
 use crate::{init::Init, joining::Joining, recovery::Recovery, rounds::Rounds};
 
-/// The settings of a planar fit. Two fits with equal settings, target and backend give equal results, bit for bit.
+/// The settings of a 2D fit. Two fits with equal settings, target and backend give equal results, bit for bit.
 ///
 /// Missing fields of a serialised form take the value of [`FitSettings::default`]; unknown ones are an error.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -21,7 +23,8 @@ pub struct FitSettings {
     /// Where all random numbers come from.
     pub seed: u32,
     /// In which coordinates the optimiser moves.
-    pub chart: Chart,
+    #[serde(alias = "chart")]
+    pub parameterization: Parameterization,
     /// Blending, background and accuracy. Its `effects.statistics` are overruled by what the policy asks for.
     pub render: RenderSettings,
     /// When antialiasing joins, if `render` has it. Blending is as `render` says from the first step on.

@@ -7,8 +7,8 @@ use gs_density::{Policy, Signal, share_of};
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    course::{RunSettings, Trainable},
     recovery::FreshStart,
+    task::{RunSettings, Trainable},
     trainer::Trainer,
 };
 

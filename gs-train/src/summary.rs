@@ -1,6 +1,6 @@
 //! The result of a fit in one value: what `summary.json` holds.
 
-use gs_core::{Image, PlanarScene, Rasterizer, edit::EditCounts, statistics::Culled};
+use gs_core::{Image, Rasterizer, Scene2d, edit::EditCounts, statistics::Culled};
 use serde::{Deserialize, Deserializer, Serialize};
 
 use crate::{
@@ -75,7 +75,7 @@ impl FitSummary {
     ///
     /// # Errors
     /// [`gs_core::Error::SizesDiffer`] where `rendered` is not of the target's size; those of the backend.
-    pub fn new<R: Rasterizer<PlanarScene>>(
+    pub fn new<R: Rasterizer<Scene2d>>(
         trainer: &Trainer<'_, R>,
         rendered: &Image,
         culled: Culled,

@@ -4,7 +4,7 @@ use std::fmt;
 
 use gs_density::DensityGaussian;
 
-use crate::course::Trainable;
+use crate::task::Trainable;
 
 /// A Gaussian suspected of a divergence: the first whose parameters are not finite, or else the one with the largest.
 #[derive(Debug, Clone, PartialEq)]

@@ -1,12 +1,12 @@
 //! The training loop: steps of the optimiser, rounds of density control between them, and checkpoints from which a run goes on
-//! bit for bit. Shared by every kind of training; what they differ in is their [`Course`].
+//! bit for bit. Shared by every kind of training; what they differ in is their [`TrainingTask`].
 
 mod density;
 mod fresh_start;
 
 use std::{fmt, sync::Arc, time::Instant};
 
-use gs_core::{Binning, Effects, PlanarScene, Rasterizer, Wait, edit::EditCounts, effects::Statistics};
+use gs_core::{Binning, Effects, Rasterizer, Scene2d, Wait, edit::EditCounts, effects::Statistics};
 use gs_density::{DensityPolicy, Rng};
 use gs_io::Checkpoint;
 use rand::SeedableRng;
@@ -16,14 +16,14 @@ use fresh_start::Start;
 use crate::{
     checkpoint::Record,
     clamped::Clamped,
-    course::{Course, Due, RunSettings, Trainable},
     error::Error,
     joining::{Join, Joined, Joins},
     losses::Losses,
     observer::{Control, Observer, Progress, Quality},
-    recovery::{FreshStart, Watch, pace},
+    recovery::{FreshStart, Watch, lr_scale},
     rounds::Rounds,
     suspect::Suspect,
+    task::{RunSettings, StepContext, Trainable, TrainingTask},
 };
 
 /// How a run ended.
@@ -35,17 +35,17 @@ pub enum Outcome {
     Stopped,
 }
 
-/// A training in progress: by default a fit of planar Gaussians to an image; [`SpatialTrainer`](crate::SpatialTrainer) is that of a scene in
+/// A training in progress: by default a fit of 2D Gaussians to an image; [`Trainer3d`](crate::Trainer3d) is that of a scene in
 /// space from views.
 ///
 /// A run is a function of settings, pictures and backend. What it depends on at a step from which it can be resumed is in the
-/// cloud's state, the settings and the step: random numbers are drawn afresh from (seed, step) in each round, and lists of which
+/// splats' state, the settings and the step: random numbers are drawn afresh from (seed, step) in each round, and lists of which
 /// Gaussian touches which pixels are never carried over such a step.
-pub struct Trainer<'a, R: Rasterizer<S>, S: Trainable = PlanarScene> {
+pub struct Trainer<'a, R: Rasterizer<S>, S: Trainable = Scene2d> {
     pub(crate) rasterizer: &'a R,
     pub(crate) record: Record<S::Settings>,
-    pub(crate) cloud: R::Cloud,
-    pub(crate) course: S::Course<R>,
+    pub(crate) splats: R::Splats,
+    pub(crate) task: S::TrainingTask<R>,
     /// What the next step does about its lists.
     binning: Binning,
     losses: Losses,
@@ -57,7 +57,7 @@ pub struct Trainer<'a, R: Rasterizer<S>, S: Trainable = PlanarScene> {
 }
 
 /// A policy from outside of this project, which settings cannot name.
-pub type ForeignPolicy<S = PlanarScene> = Arc<dyn DensityPolicy<S> + Send + Sync>;
+pub type ForeignPolicy<S = Scene2d> = Arc<dyn DensityPolicy<S> + Send + Sync>;
 
 impl<R: Rasterizer<S>, S: Trainable> fmt::Debug for Trainer<'_, R, S> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -74,15 +74,15 @@ impl<'a, R: Rasterizer<S>, S: Trainable> Trainer<'a, R, S> {
     pub(crate) fn assemble(
         rasterizer: &'a R,
         record: Record<S::Settings>,
-        cloud: R::Cloud,
-        course: S::Course<R>,
+        splats: R::Splats,
+        task: S::TrainingTask<R>,
     ) -> Self {
         let losses = Losses::after(record.step);
         Self {
             rasterizer,
             record,
-            cloud,
-            course,
+            splats,
+            task,
             binning: Binning::Fresh,
             losses,
             watch: Watch::default(),
@@ -184,7 +184,7 @@ impl<'a, R: Rasterizer<S>, S: Trainable> Trainer<'a, R, S> {
             return Ok(Joined::default());
         }
         let Record { settings, step, joins, .. } = &mut self.record;
-        let joined = self.course.called_for(self.rasterizer, &self.cloud, settings, *step, joins)?;
+        let joined = self.task.called_for(self.rasterizer, &self.splats, settings, *step, joins)?;
         if !joined.is_empty() {
             joins.joins.push(Join { step: *step, joined });
             self.binning = Binning::Fresh;
@@ -236,8 +236,8 @@ impl<'a, R: Rasterizer<S>, S: Trainable> Trainer<'a, R, S> {
     }
 
     /// What is left of the settings' learning rates.
-    fn pace(&self) -> f32 {
-        pace(self.record.fresh_starts.len())
+    fn lr_scale(&self) -> f32 {
+        lr_scale(self.record.fresh_starts.len())
     }
 
     /// Forward, backward and Adam, sent on their way.
@@ -249,14 +249,14 @@ impl<'a, R: Rasterizer<S>, S: Trainable> Trainer<'a, R, S> {
             false => Statistics::None,
         };
         let effects = Effects { statistics, ..settings.effects_after(*step, joins) };
-        let due = Due { step: *step, effects, pace: self.pace(), binning: self.binning };
-        self.course.send(self.rasterizer, &mut self.cloud, settings, due)
+        let context = StepContext { step: *step, effects, lr_scale: self.lr_scale(), binning: self.binning };
+        self.task.send(self.rasterizer, &mut self.splats, settings, context)
     }
 
     /// Looks at the losses that have come, or waits for all.
     fn see_losses(&mut self, wait: Wait) -> Result<(), Error> {
-        let (pictures, watch) = (self.course.pictures(), &mut self.watch);
-        let seen = |list: &mut Vec<f32>| self.rasterizer.losses(&mut self.cloud, wait, list);
+        let (pictures, watch) = (self.task.pictures(), &mut self.watch);
+        let seen = |list: &mut Vec<f32>| self.rasterizer.losses(&mut self.splats, wait, list);
         self.losses.see(seen, |step, loss| watch.hear(step, loss, pictures))?;
         self.check_divergence()?;
         match wait == Wait::All && self.losses.seen() != self.record.step {
@@ -302,7 +302,7 @@ impl<'a, R: Rasterizer<S>, S: Trainable> Trainer<'a, R, S> {
     /// # Errors
     /// Those of the backend, and of reading a picture.
     pub fn quality(&self) -> Result<Quality, Error> {
-        let quality = self.course.quality(self.rasterizer, &self.cloud, &self.record.settings, &self.effects())?;
+        let quality = self.task.quality(self.rasterizer, &self.splats, &self.record.settings, &self.effects())?;
         Ok(Quality { clamped: self.clamped()?, ..quality })
     }
 
@@ -319,10 +319,10 @@ impl<'a, R: Rasterizer<S>, S: Trainable> Trainer<'a, R, S> {
     /// # Errors
     /// Those of the backend.
     pub fn scene(&self) -> Result<S, Error> {
-        Ok(self.rasterizer.download(&self.cloud)?)
+        Ok(self.rasterizer.download(&self.splats)?)
     }
 
-    /// Whether the next step makes its lists anew, so that nothing but the cloud, the settings and the step matters to it; or
+    /// Whether the next step makes its lists anew, so that nothing but the splats, the settings and the step matters to it; or
     /// whether there is no next step.
     pub fn can_checkpoint(&self) -> bool {
         self.binning == Binning::Fresh || self.is_finished()
@@ -341,7 +341,7 @@ impl<'a, R: Rasterizer<S>, S: Trainable> Trainer<'a, R, S> {
             return Err(Error::BetweenCheckpoints { step: *step, next });
         }
         self.settle()?;
-        Ok(Checkpoint { state: self.rasterizer.save(&self.cloud)?, metadata: self.record.to_metadata()? })
+        Ok(Checkpoint { state: self.rasterizer.save(&self.splats)?, metadata: self.record.to_metadata()? })
     }
 
     /// Steps done.
@@ -356,7 +356,7 @@ impl<'a, R: Rasterizer<S>, S: Trainable> Trainer<'a, R, S> {
 
     /// Gaussians now.
     pub fn count(&self) -> u32 {
-        self.rasterizer.len(&self.cloud) as u32
+        self.rasterizer.len(&self.splats) as u32
     }
 
     /// The settings of this run.

@@ -8,16 +8,16 @@ use std::sync::Arc;
 
 use glam::{Vec2, Vec3};
 use gs_core::{
-    Blend, Canvas, EditPlan, Image, PlanarGaussian, PlanarScene, Rasterizer, RenderSettings, SpatialScene,
+    Blend, Canvas, EditPlan, Gaussian2d, Image, Rasterizer, RenderSettings, Scene2d, Scene3d,
     edit::{Change, Moments},
     effects::{Antialias, Order, Statistics},
     examination, metrics,
     scene::logit,
 };
 use gs_density::{DensityPolicy, Observation, Rng};
-use gs_io::{PlanarFile, flat_scene};
+use gs_io::{File2d, flat_scene};
 
-use crate::{error::Error, rounds::Rounds, settings::FitSettings, spatial::Flat, trainer::Trainer};
+use crate::{error::Error, rounds::Rounds, settings::FitSettings, train::Flat, trainer::Trainer};
 
 /// Steps of the optimiser. On photographs they end at 33 to 47 dB; twice as many brought 0.6 dB on the one where that was tried.
 const STEPS: u32 = 200;
@@ -62,7 +62,7 @@ impl ColorRange {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Viewable {
     /// The scene: blended front to back, widened by 0.3 px², without background, its colours in the range.
-    pub file: PlanarFile,
+    pub file: File2d,
     /// PSNR of [`flat_scene`] of it, rendered as a 3D scene from the front at the picture's size, against the rendering of the given
     /// scene, both in 8 bits, dB; ∞ where they are equal.
     pub psnr: f64,
@@ -73,13 +73,13 @@ pub struct Viewable {
 /// # Errors
 /// [`gs_core::Error::State`] for a scene that shows nothing; [`gs_core::Error::Unsupported`] where the backend has no antialiasing of
 /// 2D scenes; those of [`Trainer`].
-pub fn viewable<R>(on: &R, file: &PlanarFile, range: ColorRange) -> Result<Viewable, Error>
+pub fn viewable<R>(on: &R, file: &File2d, range: ColorRange) -> Result<Viewable, Error>
 where
-    R: Rasterizer<PlanarScene> + Rasterizer<SpatialScene>,
+    R: Rasterizer<Scene2d> + Rasterizer<Scene3d>,
 {
     file.validate()?;
     let canvas = Canvas::new(file.width, file.height);
-    let target = Rasterizer::<PlanarScene>::render(on, &file.scene, &canvas, &file.settings)?.clamped();
+    let target = Rasterizer::<Scene2d>::render(on, &file.scene, &canvas, &file.settings)?.clamped();
     let start = start(file, &target, range);
     if start.means.is_empty() {
         return Err(
@@ -92,13 +92,13 @@ where
     let mut scene = trainer.scene()?;
     examination::repair(&mut scene)?;
     scene.colors.iter_mut().for_each(|color| *color = range.nearest(*color));
-    let made = PlanarFile { scene, settings: trainer.shown(), ..*file };
+    let made = File2d { scene, settings: trainer.shown(), ..*file };
     let psnr = psnr_of(on, &made, &target)?;
     Ok(Viewable { file: made, psnr })
 }
 
 /// PSNR of a scene as a viewer shows it, dB.
-fn psnr_of<R: Rasterizer<SpatialScene>>(on: &R, file: &PlanarFile, target: &Image) -> Result<f64, Error> {
+fn psnr_of<R: Rasterizer<Scene3d>>(on: &R, file: &File2d, target: &Image) -> Result<f64, Error> {
     let size = (file.width, file.height);
     let camera = Flat::picture(size).camera(size);
     let image = on.render(&flat_scene(file)?, &camera, &as_viewers_do())?;
@@ -108,13 +108,13 @@ fn psnr_of<R: Rasterizer<SpatialScene>>(on: &R, file: &PlanarFile, target: &Imag
 /// How a viewer shows 3D scenes.
 fn as_viewers_do() -> RenderSettings {
     let mut render = RenderSettings::blended(Blend::Over);
-    (render.effects.order, render.effects.antialias) = (Order::TileDepth, Antialias::Dilate);
+    (render.effects.order, render.effects.antialias) = (Order::Global, Antialias::Dilate);
     render
 }
 
 /// The first Gaussians, the background's last.
-fn start(file: &PlanarFile, target: &Image, range: ColorRange) -> PlanarScene {
-    let mut gaussians: Vec<PlanarGaussian> = file.scene.iter().collect();
+fn start(file: &File2d, target: &Image, range: ColorRange) -> Scene2d {
+    let mut gaussians: Vec<Gaussian2d> = file.scene.iter().collect();
     match file.settings.effects.blend {
         Blend::Over => {
             for g in &mut gaussians {
@@ -131,7 +131,7 @@ fn start(file: &PlanarFile, target: &Image, range: ColorRange) -> PlanarScene {
             gaussians.sort_by(|a, b| a.log_scale.element_sum().total_cmp(&b.log_scale.element_sum()));
         }
     }
-    let behind = Vec3::from(file.settings.backdrop());
+    let behind = Vec3::from(file.settings.background_color());
     if behind != Vec3::ZERO {
         gaussians.extend(background(target.size(), range.nearest(behind)));
     }
@@ -139,12 +139,12 @@ fn start(file: &PlanarFile, target: &Image, range: ColorRange) -> PlanarScene {
 }
 
 /// A grid of nearly opaque Gaussians over the whole picture: a viewer has nothing else to put behind it.
-fn background((width, height): (u32, u32), color: Vec3) -> Vec<PlanarGaussian> {
+fn background((width, height): (u32, u32), color: Vec3) -> Vec<Gaussian2d> {
     let size = Vec2::new(width as f32, height as f32);
     let counts = (size / size.max_element() * BACKGROUND_SIDE as f32).ceil().as_uvec2();
     let cell = size / counts.as_vec2();
     let place = |column: u32, row: u32| Vec2::new(column as f32, row as f32) * cell;
-    let gaussian = |mean: Vec2| PlanarGaussian {
+    let gaussian = |mean: Vec2| Gaussian2d {
         mean,
         log_scale: (0.7 * cell).map(f32::ln),
         rotation: 0.0,
@@ -175,10 +175,10 @@ fn settings(gaussians: u32, size: (u32, u32)) -> FitSettings {
 struct KeepColors(ColorRange);
 
 impl DensityPolicy for KeepColors {
-    fn plan(&self, observation: &Observation<'_>, _: &mut Rng) -> Result<EditPlan<PlanarGaussian>, gs_core::Error> {
+    fn plan(&self, observation: &Observation<'_>, _: &mut Rng) -> Result<EditPlan<Gaussian2d>, gs_core::Error> {
         let changed = observation.scene.iter().enumerate().filter_map(|(index, g)| {
             let color = self.0.nearest(g.color);
-            let gaussian = PlanarGaussian { color, ..g };
+            let gaussian = Gaussian2d { color, ..g };
             (color != g.color).then_some(Change { index: index as u32, gaussian, moments: Moments::Inherit })
         });
         Ok(EditPlan { changed: changed.collect(), ..EditPlan::default() })

@@ -143,23 +143,23 @@ mod cold_starts {
     }
 
     fn loss_is_flat(m: &ColdStartMeasured) {
-        assert!((m.course(Start::ColdWhite).loss_ratio - 1.0).abs() < 1e-4);
-        assert!((m.course(Start::ColdRandom).late_ratio - 1.0).abs() < 1e-3);
-        assert!(m.course(Start::ColdRandom).psnr < 10.5 && m.course(Start::Good).psnr > 50.0);
+        assert!((m.trajectory(Start::ColdWhite).loss_ratio - 1.0).abs() < 1e-4);
+        assert!((m.trajectory(Start::ColdRandom).late_ratio - 1.0).abs() < 1e-3);
+        assert!(m.trajectory(Start::ColdRandom).psnr < 10.5 && m.trajectory(Start::Good).psnr > 50.0);
     }
 
     fn large_variances_cure(m: &ColdStartMeasured) {
-        assert_eq!(m.course(Start::Good).steps_to_milestone, Some(500.0));
+        assert_eq!(m.trajectory(Start::Good).steps_to_milestone, Some(500.0));
         // The paper's start has all of its Gaussians pulled; on the border not every one of the same size reaches a shape.
         let pulled = |start| m.pull(start, Loss::L1).unwrap().moved_by_shapes;
         assert!(pulled(Start::Good) == 20 && (10..20).contains(&pulled(Start::LargeVariance)));
-        assert!(m.course(Start::LargeVariance).steps_to_milestone.is_some_and(|steps| steps < 1000.0));
+        assert!(m.trajectory(Start::LargeVariance).steps_to_milestone.is_some_and(|steps| steps < 1000.0));
     }
 
     fn no_way_to_explore(m: &ColdStartMeasured) {
-        let forced = m.course(Start::ColdForced);
+        let forced = m.trajectory(Start::ColdForced);
         assert!(forced.steps_to_milestone.is_none() && forced.count > 40.0 && forced.psnr < 10.5, "{forced:?}");
-        let seeded = m.course(Start::ColdResidual);
+        let seeded = m.trajectory(Start::ColdResidual);
         assert!(seeded.steps_to_milestone.is_some_and(|steps| steps < 400.0) && seeded.psnr > 50.0, "{seeded:?}");
     }
 }
@@ -250,7 +250,7 @@ mod instabilities {
         // Looked at in every step, the product's scales keep to its floor, and come near it.
         let project = m.free.iter().find(|free| free.guard == Guard::Project).unwrap();
         assert!(
-            project.courses.iter().all(|course| course.scales.len() == 201),
+            project.trajectories.iter().all(|trajectory| trajectory.scales.len() == 201),
             "800 steps, every fourth, and the end"
         );
         assert!((0.25..0.5).contains(&project.smallest_scale_px()), "{}", project.smallest_scale_px());
@@ -305,7 +305,7 @@ mod edges_and_blobs {
 
 mod popping_of_colours {
     use glam::Vec3;
-    use gs_core::{Blend, RenderSettings, Scene, SpatialScene, effects::Antialias};
+    use gs_core::{Blend, RenderSettings, Scene, Scene3d, effects::Antialias};
     use gs_train::experiments::popping::{Comparison, SlowOrbit, compare, discs, discs_flight};
 
     use super::*;
@@ -342,24 +342,24 @@ mod popping_of_colours {
         assert!(m.ball.windows(2).all(|pair| pair[1].gaussians > 3 * pair[0].gaussians));
     }
 
-    fn flown(scene: &SpatialScene, step_degrees: f32) -> Comparison {
+    fn flown(scene: &Scene3d, step_degrees: f32) -> Comparison {
         let (flight, first) = discs_flight(96, 16, step_degrees);
         let mut render = RenderSettings::blended(Blend::Over);
         render.effects.antialias = Antialias::Dilate;
         // The rim of the α cut is an edge, too, if a faint one.
         render.accuracy.alpha_cut = 1e-6;
-        compare(cpu(None).spatial(), scene, &flight, &first, &render).unwrap()
+        compare(cpu(None).for_3d(), scene, &flight, &first, &render).unwrap()
     }
 
     /// One disc has no order: what the camera's motion alone comes to falls to a quarter with half the step, and orders agree. Two jump, and
     /// stay.
     #[test]
     fn motion_goes_with_the_step_and_a_jump_stays() {
-        let one: SpatialScene = {
-            let mut scene = SpatialScene::default();
+        let one: Scene3d = {
+            let mut scene = Scene3d::default();
             // Off the axis, so that it crosses the picture.
             let gaussian = discs().gaussian(0);
-            scene.push(gs_core::SpatialGaussian { mean: Vec3::new(0.3, 0.0, -1.0), ..gaussian });
+            scene.push(gs_core::Gaussian3d { mean: Vec3::new(0.3, 0.0, -1.0), ..gaussian });
             scene
         };
         let moved = flown(&one, 0.5);
@@ -395,7 +395,7 @@ mod popping_of_colours {
             SlowOrbit { frames: 1_000_000, ..flight },
             SlowOrbit { step_degrees: 0.0, ..flight },
             SlowOrbit { step_degrees: f32::NAN, ..flight },
-            SlowOrbit { orbit: gs_train::spatial::Orbit { frames: 0, ..flight.orbit }, ..flight },
+            SlowOrbit { orbit: gs_train::train::Orbit { frames: 0, ..flight.orbit }, ..flight },
         ] {
             assert!(bad.stretches(&first).is_err(), "{bad:?}");
         }

@@ -5,7 +5,7 @@ mod scenes;
 use std::sync::Arc;
 
 use glam::{Vec2, Vec3};
-use gs_core::{Blend, Image, Loss, PlanarGaussian, PlanarScene, Rasterizer, RenderSettings, Scene, scene::logit};
+use gs_core::{Blend, Gaussian2d, Image, Loss, Rasterizer, RenderSettings, Scene, Scene2d, scene::logit};
 use gs_density::{Mcmc, Noise, Policy, RelativePercentile};
 use gs_train::{
     ColorSolve, Control, Error, Fit, FitSettings, FitSummary, ImageQuality, Init, InitialCount, MetricsLog, Observer,
@@ -127,14 +127,14 @@ fn every_policy_fits_within_its_budget() {
 fn noise_moves_the_transparent_and_only_where_it_is_asked_for() {
     let (rasterizer, target) = (rasterizer(), small_target());
     let run = |noise, blend| {
-        let faint = |i: usize| PlanarGaussian {
+        let faint = |i: usize| Gaussian2d {
             mean: Vec2::new(4.0 + 8.0 * (i % 6) as f32, 5.0 + 10.0 * (i / 6) as f32),
             log_scale: Vec2::new(1.5, 1.0),
             rotation: 0.3 * i as f32,
             opacity_logit: if blend == Blend::Over { logit(0.006) } else { f32::INFINITY },
             color: Vec3::splat(0.5),
         };
-        let scene: PlanarScene = (0..24).map(faint).collect();
+        let scene: Scene2d = (0..24).map(faint).collect();
         let policy = Policy::Mcmc(Mcmc { noise, ..Mcmc::default() });
         let settings = FitSettings { policy, ..small_fit(blend) };
         let mut trainer = Trainer::from_scene(&rasterizer, &target, &scene, settings).unwrap();

@@ -13,14 +13,14 @@ mod space;
 
 use glam::{Vec2, Vec3};
 use gs_core::{
-    Adam, Blend, Camera, Canvas, Chart, Image, Loss, PlanarGaussian, PlanarScene, Rasterizer, RenderSettings, Scene,
-    SpatialScene, adam::Group,
+    Adam, Blend, Camera, Canvas, Gaussian2d, Image, Loss, Parameterization, Rasterizer, RenderSettings, Scene, Scene2d,
+    Scene3d, adam::Group,
 };
 use gs_cpu::{CpuRasterizer, CpuSettings};
 use gs_train::{
-    Control, Error, FitSettings, InitialCount, Observer, Progress, SpatialPreset, SpatialSettings, SpatialTrainer,
-    Trainable, Trainer,
-    spatial::{PosedView, Start, Views},
+    Control, Error, FitSettings, InitialCount, Observer, Progress, TrainPreset, TrainSettings, Trainable, Trainer,
+    Trainer3d,
+    train::{PosedView, Start, Views},
 };
 use rand::{RngExt, SeedableRng};
 
@@ -112,12 +112,12 @@ const MOST_BYTES: u64 = 256 << 20;
 
 /// What a fit went through.
 #[derive(Default)]
-struct Course {
+struct TrainingTask {
     losses: Vec<f32>,
     most: u32,
 }
 
-impl Observer for Course {
+impl Observer for TrainingTask {
     fn on_step(&mut self, progress: &Progress) -> Control {
         self.most = self.most.max(progress.count);
         Control::Continue
@@ -136,18 +136,18 @@ fn endure<R: Rasterizer<S>, S: Trainable>(
 ) -> Result<usize, String> {
     let told = |error: Error| error.to_string();
     let first = trainer.scene().and_then(|scene| loss_of(&scene)).map_err(told)?;
-    let mut course = Course::default();
-    trainer.run(&mut course).map_err(told)?;
+    let mut trajectory = TrainingTask::default();
+    trainer.run(&mut trajectory).map_err(told)?;
     let scene = trainer.scene().map_err(told)?;
     scene.validate().map_err(|error| error.to_string())?;
-    if course.most > budget {
-        return Err(format!("{} Gaussians, {budget} allowed", course.most));
+    if trajectory.most > budget {
+        return Err(format!("{} Gaussians, {budget} allowed", trajectory.most));
     }
     let last = loss_of(&scene).map_err(told)?;
     if last <= first * NO_WORSE {
         return Ok(trainer.fresh_starts().len());
     }
-    let (count, least) = (scene.len(), course.losses.iter().copied().fold(f32::INFINITY, f32::min));
+    let (count, least) = (scene.len(), trajectory.losses.iter().copied().fold(f32::INFINITY, f32::min));
     let fresh_starts: Vec<u32> = trainer.fresh_starts().iter().map(|start| start.step).collect();
     Err(format!(
         "the loss was {first:e}, {least:e} at its least, and is {last:e}, of {count} Gaussians; fresh starts: {fresh_starts:?}"
@@ -176,7 +176,7 @@ fn endure_all(length: Length, fit: impl Fn(Hostility, u32) -> Result<usize, Stri
 const PLANE: (u32, u32) = (16, 12);
 
 /// The project's own settings for images under `Sum`; the paper's under `Over`.
-fn planar(
+fn scene_2d(
     rasterizer: &CpuRasterizer,
     hostility: Hostility,
     blend: Blend,
@@ -192,19 +192,19 @@ fn planar(
     let target = hostility.target(PLANE, seed);
     let trainer = match hostility {
         Hostility::Transparent => {
-            let unseen = |i: u32| PlanarGaussian {
+            let unseen = |i: u32| Gaussian2d {
                 mean: Vec2::new(2.0 * i as f32, i as f32),
                 log_scale: Vec2::splat(0.5),
                 rotation: 0.0,
                 opacity_logit: if blend == Blend::Over { -30.0 } else { f32::INFINITY },
                 color: Vec3::ZERO,
             };
-            Trainer::from_scene(rasterizer, &target, &(0..8).map(unseen).collect::<PlanarScene>(), settings.clone())
+            Trainer::from_scene(rasterizer, &target, &(0..8).map(unseen).collect::<Scene2d>(), settings.clone())
         }
         _ => Trainer::new(rasterizer, &target, settings.clone()),
     };
     let pictures = [(Canvas::new(PLANE.0, PLANE.1), target.clone())];
-    let loss_of = |scene: &PlanarScene| loss_of(rasterizer, scene, &pictures, (&settings.render, settings.loss));
+    let loss_of = |scene: &Scene2d| loss_of(rasterizer, scene, &pictures, (&settings.render, settings.loss));
     endure(trainer.map_err(|error| error.to_string())?, loss_of, 24)
 }
 
@@ -215,23 +215,23 @@ fn loss_of<R: Rasterizer<S>, S: Scene>(
     pictures: &[(S::View, Image)],
     (render, loss): (&RenderSettings, Loss),
 ) -> Result<f64, Error> {
-    let cloud = on.upload(scene, Chart::ScaleRotation)?;
+    let splats = on.upload(scene, Parameterization::ScaleRotation)?;
     let losses = pictures.iter().map(|(view, target)| {
-        let frame = on.forward(&cloud, view, render)?;
-        Ok(f64::from(on.backward(&cloud, frame, &on.upload_target(target)?, &loss)?.0))
+        let frame = on.forward(&splats, view, render)?;
+        Ok(f64::from(on.backward(&splats, frame, &on.upload_target(target)?, &loss)?.0))
     });
     Ok(losses.sum::<Result<f64, Error>>()? / pictures.len() as f64)
 }
 
 /// Two views of nearly the same, by the settings of 3DGS.
-fn spatial(rasterizer: &CpuRasterizer, hostility: Hostility, length: Length, seed: u32) -> Result<usize, String> {
+fn scene_3d(rasterizer: &CpuRasterizer, hostility: Hostility, length: Length, seed: u32) -> Result<usize, String> {
     let camera = |i: usize| {
         let camera = Camera { width: PLANE.0, height: PLANE.1, ..space::camera(i) };
         Camera { center: Vec2::new(8.0, 6.0), focal: Vec2::splat(20.0), ..camera }
     };
     let target = hostility.target(PLANE, seed);
-    let usual = SpatialPreset::ThreeDgs.settings(Some(length.steps));
-    let mut settings = SpatialSettings { gaussians: 60, seed, adam: hostility.adam(usual.adam), ..usual };
+    let usual = TrainPreset::ThreeDgs.settings(Some(length.steps));
+    let mut settings = TrainSettings { gaussians: 60, seed, adam: hostility.adam(usual.adam), ..usual };
     settings.init.random = 30;
     let mut start = space::thirty();
     if hostility == Hostility::Transparent {
@@ -239,9 +239,9 @@ fn spatial(rasterizer: &CpuRasterizer, hostility: Hostility, length: Length, see
     }
     let views = (0..2).map(|i| PosedView::of_image(format!("{i}"), camera(i), target.clone())).collect();
     let views = Views::new(views, Vec::new());
-    let trainer = SpatialTrainer::from_views(rasterizer, views, Start::Scene(start), settings.clone());
+    let trainer = Trainer3d::from_views(rasterizer, views, Start::Scene(start), settings.clone());
     let pictures: Vec<(Camera, Image)> = (0..2).map(|i| (camera(i), target.clone())).collect();
-    let loss_of = |scene: &SpatialScene| loss_of(rasterizer, scene, &pictures, (&settings.render, settings.loss));
+    let loss_of = |scene: &Scene3d| loss_of(rasterizer, scene, &pictures, (&settings.render, settings.loss));
     endure(trainer.map_err(|error| error.to_string())?, loss_of, 60)
 }
 
@@ -253,38 +253,38 @@ fn rasterizer() -> CpuRasterizer {
 #[test]
 fn short_hostile_fits_under_sum_end_well() {
     let rasterizer = rasterizer();
-    endure_all(SHORT, |hostility, seed| planar(&rasterizer, hostility, Blend::Sum, SHORT, seed));
+    endure_all(SHORT, |hostility, seed| scene_2d(&rasterizer, hostility, Blend::Sum, SHORT, seed));
 }
 
 #[test]
 fn short_hostile_fits_under_over_end_well() {
     let rasterizer = rasterizer();
-    endure_all(SHORT, |hostility, seed| planar(&rasterizer, hostility, Blend::Over, SHORT, seed));
+    endure_all(SHORT, |hostility, seed| scene_2d(&rasterizer, hostility, Blend::Over, SHORT, seed));
 }
 
 #[test]
 fn short_hostile_trainings_in_space_end_well() {
     let rasterizer = rasterizer();
-    endure_all(SHORT, |hostility, seed| spatial(&rasterizer, hostility, SHORT, seed));
+    endure_all(SHORT, |hostility, seed| scene_3d(&rasterizer, hostility, SHORT, seed));
 }
 
 #[test]
 #[ignore = "slow: 160 fits of 20,000 steps; `cargo xtask test --slow` runs it"]
 fn long_hostile_fits_under_sum_end_well() {
     let rasterizer = rasterizer();
-    endure_all(LONG, |hostility, seed| planar(&rasterizer, hostility, Blend::Sum, LONG, seed));
+    endure_all(LONG, |hostility, seed| scene_2d(&rasterizer, hostility, Blend::Sum, LONG, seed));
 }
 
 #[test]
 #[ignore = "slow: 160 fits of 20,000 steps; `cargo xtask test --slow` runs it"]
 fn long_hostile_fits_under_over_end_well() {
     let rasterizer = rasterizer();
-    endure_all(LONG, |hostility, seed| planar(&rasterizer, hostility, Blend::Over, LONG, seed));
+    endure_all(LONG, |hostility, seed| scene_2d(&rasterizer, hostility, Blend::Over, LONG, seed));
 }
 
 #[test]
 #[ignore = "slow: 160 trainings of 20,000 steps; `cargo xtask test --slow` runs it"]
 fn long_hostile_trainings_in_space_end_well() {
     let rasterizer = rasterizer();
-    endure_all(LONG, |hostility, seed| spatial(&rasterizer, hostility, LONG, seed));
+    endure_all(LONG, |hostility, seed| scene_3d(&rasterizer, hostility, LONG, seed));
 }

@@ -7,21 +7,21 @@ mod space;
 use glam::Vec3;
 use gs_conformance::bits::bits;
 use gs_core::{
-    Blend, CloudState, Effects, Image, Rasterizer, Scene, SpatialScene,
+    Blend, Effects, Image, Rasterizer, Scene, Scene3d, SplatsState,
     effects::{Antialias, Order},
 };
 use gs_density::Policy;
 use gs_train::{
-    Calls, Control, FitSettings, InitialCount, Joined, Joining, MetricsLog, Observer, Progress, Rounds,
-    SpatialSettings, SpatialTrainer, Trainer,
-    spatial::{PosedView, Start, Views},
+    Calls, Control, FitSettings, InitialCount, Joined, Joining, MetricsLog, Observer, Progress, Rounds, TrainSettings,
+    Trainer, Trainer3d,
+    train::{PosedView, Start, Views},
 };
 use space::{camera, rasterizer, render, short, thirty};
 
 /// The thirty Gaussians with harmonics of degree 1 of this strength.
-fn shimmering(strength: f32) -> SpatialScene {
+fn shimmering(strength: f32) -> Scene3d {
     let plain = thirty();
-    let mut scene = SpatialScene { sh_degree: 1, ..SpatialScene::default() };
+    let mut scene = Scene3d { sh_degree: 1, ..Scene3d::default() };
     for index in 0..plain.len() {
         let mut gaussian = plain.gaussian(index);
         let turned = |k: usize| strength * Vec3::from_array([0, 1, 2].map(|c| ((7 * index + 3 * k + c) as f32).sin()));
@@ -32,7 +32,7 @@ fn shimmering(strength: f32) -> SpatialScene {
 }
 
 /// Twenty views of a scene, two of them held out.
-fn views_of(scene: &SpatialScene) -> Views {
+fn views_of(scene: &Scene3d) -> Views {
     let rasterizer = rasterizer();
     let mut render = render();
     render.effects.sh_degree = 1;
@@ -51,8 +51,8 @@ fn start() -> Start {
 }
 
 /// Only colours are learnt: residuals of shapes that are wrong depend on the view, too.
-fn settings() -> SpatialSettings {
-    let mut settings = SpatialSettings { policy: Policy::None, sh_degree_every: 80, ..short(200) };
+fn settings() -> TrainSettings {
+    let mut settings = TrainSettings { policy: Policy::None, sh_degree_every: 80, ..short(200) };
     let adam = &mut settings.adam;
     for group in [&mut adam.mean, &mut adam.scale, &mut adam.rotation, &mut adam.opacity] {
         group.learning_rate = 0.0;
@@ -74,11 +74,11 @@ impl Observer for Told {
 }
 
 #[test]
-fn harmonics_join_where_colours_depend_on_the_view_and_nowhere_else() {
+fn sh_join_where_colours_depend_on_the_view_and_nowhere_else() {
     let rasterizer = rasterizer();
     let trained = |strength: f32| {
         let views = views_of(&shimmering(strength));
-        let mut trainer = SpatialTrainer::from_views(&rasterizer, views, start(), settings()).unwrap();
+        let mut trainer = Trainer3d::from_views(&rasterizer, views, start(), settings()).unwrap();
         let (mut told, mut log) = (Told::default(), MetricsLog::new(1_000));
         trainer.run(&mut (&mut told, &mut log)).unwrap();
         let rows: Vec<(u32, Joined)> =
@@ -102,8 +102,7 @@ fn harmonics_join_where_colours_depend_on_the_view_and_nowhere_else() {
 fn what_the_first_scene_has_is_there_from_the_first_step() {
     let rasterizer = rasterizer();
     let scene = shimmering(0.5);
-    let mut trainer =
-        SpatialTrainer::from_views(&rasterizer, views_of(&scene), Start::Scene(scene), settings()).unwrap();
+    let mut trainer = Trainer3d::from_views(&rasterizer, views_of(&scene), Start::Scene(scene), settings()).unwrap();
     let progress = trainer.step_once().unwrap();
     assert_eq!(progress.joined.harmonics.map(|join| (join.degree, join.explains)), Some((1, None)));
     assert_eq!(trainer.effects().sh_degree, 1);
@@ -112,8 +111,8 @@ fn what_the_first_scene_has_is_there_from_the_first_step() {
 #[test]
 fn by_the_clock_nothing_is_asked() {
     let rasterizer = rasterizer();
-    let settings = SpatialSettings { joining: Joining::Scheduled, ..settings() };
-    let mut trainer = SpatialTrainer::from_views(&rasterizer, views_of(&thirty()), start(), settings.clone()).unwrap();
+    let settings = TrainSettings { joining: Joining::Scheduled, ..settings() };
+    let mut trainer = Trainer3d::from_views(&rasterizer, views_of(&thirty()), start(), settings.clone()).unwrap();
     trainer.run(&mut ()).unwrap();
     assert!(trainer.joins().joins.is_empty());
     assert_eq!(trainer.effects().sh_degree, settings.render.effects.sh_degree);
@@ -170,17 +169,17 @@ fn a_training_that_is_resumed_around_a_joining_ends_bit_identical() {
     let views = || views_of(&shimmering(0.5));
     let mut settings = settings();
     settings.render.effects.antialias = Antialias::Dilate;
-    let mut whole = SpatialTrainer::from_views(&first, views(), start(), settings.clone()).unwrap();
+    let mut whole = Trainer3d::from_views(&first, views(), start(), settings.clone()).unwrap();
     whole.run(&mut ()).unwrap();
     let steps: Vec<u32> = whole.joins().joins.iter().map(|join| join.step).collect();
     assert!(!steps.is_empty());
 
     // Before, at and after each.
     let mut stops = StopAt(steps.iter().flat_map(|&step| [step.max(1) - 1, step, step + 1]).collect());
-    let mut checkpoint = SpatialTrainer::from_views(&first, views(), start(), settings).unwrap().checkpoint().unwrap();
-    let state: CloudState = loop {
+    let mut checkpoint = Trainer3d::from_views(&first, views(), start(), settings).unwrap().checkpoint().unwrap();
+    let state: SplatsState = loop {
         let other = rasterizer();
-        let mut trainer = SpatialTrainer::resume_views(&other, views(), checkpoint).unwrap();
+        let mut trainer = Trainer3d::resume_views(&other, views(), checkpoint).unwrap();
         trainer.run(&mut stops).unwrap();
         checkpoint = trainer.checkpoint().unwrap();
         if trainer.is_finished() {

@@ -3,8 +3,8 @@
 mod scenes;
 
 use gs_core::{
-    AdamRates, Blend, Canvas, Chart, CloudState, DensityStatistics, EditPlan, Error as CoreError, Image, Loss,
-    PlanarGaussian, PlanarScene, Rasterizer, RenderSettings, TrainStep, Wait, statistics::Culled,
+    AdamRates, Blend, Canvas, DensityStatistics, EditPlan, Error as CoreError, Gaussian2d, Image, Loss,
+    Parameterization, Rasterizer, RenderSettings, Scene2d, SplatsState, TrainStep, Wait, statistics::Culled,
 };
 use gs_cpu::CpuRasterizer;
 use gs_train::{Control, Error, FitSettings, MetricsLog, Observer, Outcome, Progress, Rounds, Trainer};
@@ -19,82 +19,87 @@ struct Late {
 
 type Sound = CpuRasterizer;
 
-impl Rasterizer<PlanarScene> for Late {
-    type Cloud = <Sound as Rasterizer<PlanarScene>>::Cloud;
-    type Frame = <Sound as Rasterizer<PlanarScene>>::Frame;
-    type Gradients = <Sound as Rasterizer<PlanarScene>>::Gradients;
-    type Target = <Sound as Rasterizer<PlanarScene>>::Target;
+impl Rasterizer<Scene2d> for Late {
+    type Splats = <Sound as Rasterizer<Scene2d>>::Splats;
+    type ForwardPass = <Sound as Rasterizer<Scene2d>>::ForwardPass;
+    type Gradients = <Sound as Rasterizer<Scene2d>>::Gradients;
+    type Target = <Sound as Rasterizer<Scene2d>>::Target;
 
     fn describe(&self) -> String {
         format!("{} steps late", self.by)
     }
 
-    fn upload(&self, scene: &PlanarScene, chart: Chart) -> Result<Self::Cloud, CoreError> {
-        self.sound.planar().upload(scene, chart)
+    fn upload(&self, scene: &Scene2d, parameterization: Parameterization) -> Result<Self::Splats, CoreError> {
+        self.sound.for_2d().upload(scene, parameterization)
     }
 
-    fn download(&self, cloud: &Self::Cloud) -> Result<PlanarScene, CoreError> {
-        self.sound.planar().download(cloud)
+    fn download(&self, splats: &Self::Splats) -> Result<Scene2d, CoreError> {
+        self.sound.for_2d().download(splats)
     }
 
-    fn len(&self, cloud: &Self::Cloud) -> usize {
-        self.sound.planar().len(cloud)
+    fn len(&self, splats: &Self::Splats) -> usize {
+        self.sound.for_2d().len(splats)
     }
 
     fn upload_target(&self, image: &Image) -> Result<Self::Target, CoreError> {
-        self.sound.planar().upload_target(image)
+        self.sound.for_2d().upload_target(image)
     }
 
-    fn save(&self, cloud: &Self::Cloud) -> Result<CloudState, CoreError> {
-        self.sound.planar().save(cloud)
+    fn save(&self, splats: &Self::Splats) -> Result<SplatsState, CoreError> {
+        self.sound.for_2d().save(splats)
     }
 
-    fn restore(&self, state: &CloudState) -> Result<Self::Cloud, CoreError> {
-        self.sound.planar().restore(state)
+    fn restore(&self, state: &SplatsState) -> Result<Self::Splats, CoreError> {
+        self.sound.for_2d().restore(state)
     }
 
-    fn forward(&self, cloud: &Self::Cloud, view: &Canvas, settings: &RenderSettings) -> Result<Self::Frame, CoreError> {
-        self.sound.planar().forward(cloud, view, settings)
+    fn forward(
+        &self,
+        splats: &Self::Splats,
+        view: &Canvas,
+        settings: &RenderSettings,
+    ) -> Result<Self::ForwardPass, CoreError> {
+        self.sound.for_2d().forward(splats, view, settings)
     }
 
-    fn image(&self, frame: &Self::Frame) -> Result<Image, CoreError> {
-        self.sound.planar().image(frame)
+    fn image(&self, frame: &Self::ForwardPass) -> Result<Image, CoreError> {
+        self.sound.for_2d().image(frame)
     }
 
-    fn culled(&self, frame: &Self::Frame) -> Result<Culled, CoreError> {
-        self.sound.planar().culled(frame)
+    fn culled(&self, frame: &Self::ForwardPass) -> Result<Culled, CoreError> {
+        self.sound.for_2d().culled(frame)
     }
 
     fn backward(
         &self,
-        cloud: &Self::Cloud,
-        frame: Self::Frame,
+        splats: &Self::Splats,
+        frame: Self::ForwardPass,
         target: &Self::Target,
         loss: &Loss,
     ) -> Result<(f32, Self::Gradients), CoreError> {
-        self.sound.planar().backward(cloud, frame, target, loss)
+        self.sound.for_2d().backward(splats, frame, target, loss)
     }
 
-    fn download_gradients(&self, cloud: &Self::Cloud, gradients: &Self::Gradients) -> Result<PlanarScene, CoreError> {
-        self.sound.planar().download_gradients(cloud, gradients)
+    fn download_gradients(&self, splats: &Self::Splats, gradients: &Self::Gradients) -> Result<Scene2d, CoreError> {
+        self.sound.for_2d().download_gradients(splats, gradients)
     }
 
-    fn step(&self, cloud: &mut Self::Cloud, gradients: &Self::Gradients, rates: &AdamRates) -> Result<(), CoreError> {
-        self.sound.planar().step(cloud, gradients, rates)
+    fn step(&self, splats: &mut Self::Splats, gradients: &Self::Gradients, rates: &AdamRates) -> Result<(), CoreError> {
+        self.sound.for_2d().step(splats, gradients, rates)
     }
 
     fn train_step(
         &self,
-        cloud: &mut Self::Cloud,
+        splats: &mut Self::Splats,
         view: &Canvas,
         target: &Self::Target,
         step: &TrainStep<'_>,
     ) -> Result<(), CoreError> {
-        self.sound.planar().train_step(cloud, view, target, step)
+        self.sound.for_2d().train_step(splats, view, target, step)
     }
 
-    fn losses(&self, cloud: &mut Self::Cloud, wait: Wait, losses: &mut Vec<f32>) -> Result<(), CoreError> {
-        let unread = self.sound.planar().unread_losses(cloud);
+    fn losses(&self, splats: &mut Self::Splats, wait: Wait, losses: &mut Vec<f32>) -> Result<(), CoreError> {
+        let unread = self.sound.for_2d().unread_losses(splats);
         let kept = match wait {
             Wait::Arrived => self.by.min(unread.len()),
             Wait::All => 0,
@@ -103,27 +108,27 @@ impl Rasterizer<PlanarScene> for Late {
         Ok(())
     }
 
-    fn unread_losses<'c>(&self, cloud: &'c mut Self::Cloud) -> &'c mut Vec<f32> {
-        self.sound.planar().unread_losses(cloud)
+    fn unread_losses<'c>(&self, splats: &'c mut Self::Splats) -> &'c mut Vec<f32> {
+        self.sound.for_2d().unread_losses(splats)
     }
 
     fn solve_colors(
         &self,
-        cloud: &mut Self::Cloud,
+        splats: &mut Self::Splats,
         view: &Canvas,
         target: &Self::Target,
         settings: &RenderSettings,
         iterations: u32,
     ) -> Result<(), CoreError> {
-        self.sound.planar().solve_colors(cloud, view, target, settings, iterations)
+        self.sound.for_2d().solve_colors(splats, view, target, settings, iterations)
     }
 
-    fn statistics(&self, cloud: &Self::Cloud) -> Result<DensityStatistics, CoreError> {
-        self.sound.planar().statistics(cloud)
+    fn statistics(&self, splats: &Self::Splats) -> Result<DensityStatistics, CoreError> {
+        self.sound.for_2d().statistics(splats)
     }
 
-    fn edit(&self, cloud: &mut Self::Cloud, plan: &EditPlan<PlanarGaussian>) -> Result<(), CoreError> {
-        self.sound.planar().edit(cloud, plan)
+    fn edit(&self, splats: &mut Self::Splats, plan: &EditPlan<Gaussian2d>) -> Result<(), CoreError> {
+        self.sound.for_2d().edit(splats, plan)
     }
 }
 
@@ -177,13 +182,13 @@ impl Observer for Witness {
 /// All that is known of a fit at its end, but for times.
 #[derive(Debug, PartialEq)]
 struct Known {
-    state: CloudState,
+    state: SplatsState,
     rows: Vec<Vec<String>>,
     losses: Vec<f32>,
     checkpoints: Vec<String>,
 }
 
-fn fit<R: Rasterizer<PlanarScene>>(rasterizer: &R, settings: FitSettings, stop_at: Option<u32>) -> (Known, Witness) {
+fn fit<R: Rasterizer<Scene2d>>(rasterizer: &R, settings: FitSettings, stop_at: Option<u32>) -> (Known, Witness) {
     let mut log = MetricsLog::new(7);
     let mut witness = Witness { measured_every: 12, stop_at, ..Witness::default() };
     let mut trainer = Trainer::new(rasterizer, &small_target(), settings).unwrap();
@@ -226,7 +231,8 @@ fn losses_that_come_late_make_no_difference() {
 
 #[test]
 fn a_fit_begins_again_at_the_same_step_however_late_its_losses_come() {
-    let mut settings = FitSettings { iterations: 100, chart: Chart::ScaleRotation, ..small_fit(Blend::Over) };
+    let mut settings =
+        FitSettings { iterations: 100, parameterization: Parameterization::ScaleRotation, ..small_fit(Blend::Over) };
     settings.adam.mean.learning_rate = 200.0;
     let (expected, _) = fit(&rasterizer(), settings.clone(), None);
     let begun_again = expected.rows.iter().filter(|row| !row[row.len() - 1].is_empty()).count();
@@ -247,7 +253,7 @@ fn fits_on_a_gpu_repeat_themselves_in_every_row() {
 
 #[test]
 fn a_divergence_is_that_of_its_step_however_late_it_is_seen() {
-    fn diverge<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> (u32, u32, u32) {
+    fn diverge<R: Rasterizer<Scene2d>>(rasterizer: &R) -> (u32, u32, u32) {
         let mut settings = FitSettings { rounds: Rounds::NEVER, ..small_fit(Blend::Sum) };
         settings.adam.color.learning_rate = 1e36;
         let mut trainer = Trainer::new(rasterizer, &small_target(), settings).unwrap();

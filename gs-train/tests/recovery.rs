@@ -5,11 +5,11 @@ mod scenes;
 #[allow(dead_code)]
 mod space;
 
-use gs_core::{Blend, Chart, edit::EditCounts};
+use gs_core::{Blend, Parameterization, edit::EditCounts};
 use gs_density::Policy;
 use gs_train::{
-    Control, FitSettings, FreshStart, MetricsLog, Observer, Outcome, Progress, Recovery, Rounds, SpatialSettings,
-    SpatialTrainer, Trainer, fit, spatial::Start,
+    Control, FitSettings, FreshStart, MetricsLog, Observer, Outcome, Progress, Recovery, Rounds, TrainSettings,
+    Trainer, Trainer3d, fit, train::Start,
 };
 use scenes::{rasterizer, small_fit, small_target};
 
@@ -20,7 +20,7 @@ fn hasty(recovery: Recovery) -> FitSettings {
         recovery,
         rounds: Rounds::NEVER,
         policy: Policy::None,
-        chart: Chart::ScaleRotation,
+        parameterization: Parameterization::ScaleRotation,
         ..small_fit(Blend::Over)
     };
     settings.adam.mean.learning_rate = 200.0;
@@ -113,13 +113,13 @@ impl Observer for StopAt {
 #[test]
 fn a_training_whose_opacities_are_reset_is_not_taken_for_one_that_failed() {
     let rasterizer = space::rasterizer();
-    let mut settings = SpatialSettings { iterations: 1200, ..space::short(1200) };
+    let mut settings = TrainSettings { iterations: 1200, ..space::short(1200) };
     settings.rounds = Rounds { every: 100, from: 100, until: 900 };
     settings.policy.actions_mut().expect("that of 3DGS has actions").reset.every = 300;
-    let alone = SpatialSettings { recovery: Recovery::Never, ..settings.clone() };
+    let alone = TrainSettings { recovery: Recovery::Never, ..settings.clone() };
     let [watched, alone] = [settings, alone].map(|settings| {
         let views = space::views(&rasterizer);
-        let mut trainer = SpatialTrainer::from_views(&rasterizer, views, Start::Random, settings).unwrap();
+        let mut trainer = Trainer3d::from_views(&rasterizer, views, Start::Random, settings).unwrap();
         trainer.run(&mut ()).unwrap();
         (trainer.scene().unwrap(), trainer.fresh_starts().len())
     });

@@ -3,7 +3,7 @@
 mod scenes;
 
 use gs_conformance::bits::bits;
-use gs_core::{Blend, Chart, CloudState, Image};
+use gs_core::{Blend, Image, Parameterization, SplatsState};
 use gs_density::Policy;
 use gs_train::{Control, Error, FitSettings, MetricsLog, Observer, Outcome, Progress, Rounds, Trainer};
 use scenes::{rasterizer, small_fit, small_target};
@@ -17,7 +17,7 @@ impl Observer for StopAt {
     }
 }
 
-fn end_state(settings: FitSettings, target: &Image) -> CloudState {
+fn end_state(settings: FitSettings, target: &Image) -> SplatsState {
     let rasterizer = rasterizer();
     let mut trainer = Trainer::new(&rasterizer, target, settings).unwrap();
     assert_eq!(trainer.run(&mut ()).unwrap(), Outcome::Finished);
@@ -25,7 +25,7 @@ fn end_state(settings: FitSettings, target: &Image) -> CloudState {
 }
 
 /// Stops and resumes, through a file each time and on a rasterizer of its own, until the end.
-fn end_state_in_pieces(settings: FitSettings, target: &Image, stops: &[u32]) -> CloudState {
+fn end_state_in_pieces(settings: FitSettings, target: &Image, stops: &[u32]) -> SplatsState {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("checkpoint.safetensors");
     let mut observer = StopAt(stops.to_vec());
@@ -50,14 +50,14 @@ fn end_state_in_pieces(settings: FitSettings, target: &Image, stops: &[u32]) -> 
 fn a_resumed_run_ends_bit_identical_in_both_charts_and_blends() {
     let target = small_target();
     for blend in [Blend::Sum, Blend::Over] {
-        for chart in [Chart::ScaleRotation, Chart::LocalFrame] {
+        for parameterization in [Parameterization::ScaleRotation, Parameterization::CovarianceFactor] {
             for policy in ["residual", "paper", "mcmc", "percentile-error"] {
                 let policy = Policy::from_name(policy).unwrap();
-                let settings = FitSettings { chart, policy, seed: 3, ..small_fit(blend) };
+                let settings = FitSettings { parameterization, policy, seed: 3, ..small_fit(blend) };
                 let whole = end_state(settings.clone(), &target);
                 // Within, on and right after rounds (every 10 steps), on and off the steps that bin afresh (every 4).
                 let pieces = end_state_in_pieces(settings, &target, &[1, 10, 23, 37]);
-                assert_eq!(bits(&whole), bits(&pieces), "{blend:?} {chart:?}");
+                assert_eq!(bits(&whole), bits(&pieces), "{blend:?} {parameterization:?}");
             }
         }
     }

@@ -2,7 +2,7 @@
 
 mod scenes;
 
-use gs_core::{Blend, Chart, Scene};
+use gs_core::{Blend, Parameterization, Scene};
 use gs_density::Policy;
 use gs_train::{Clamped, Control, FitSettings, MetricsLog, Observer, Progress, Recovery, Rounds, fit};
 use scenes::{rasterizer, small_fit, small_target};
@@ -31,7 +31,8 @@ fn gaussians_that_stop_being_finite_are_counted_everywhere_and_removed() {
         for rounds in [Rounds::NEVER, Rounds::until(10, 30)] {
             // Each step is as long as numbers go: after two, means are infinite, and nothing is drawn; the loss is that of an empty image.
             let recovery = Recovery::Never;
-            let mut settings = FitSettings { rounds, recovery, chart: Chart::ScaleRotation, ..small_fit(blend) };
+            let mut settings =
+                FitSettings { rounds, recovery, parameterization: Parameterization::ScaleRotation, ..small_fit(blend) };
             settings.adam.mean.learning_rate = 2e38;
             let (mut log, mut told) = (MetricsLog::new(1), Told::default());
             let result = fit(&rasterizer(), &small_target(), settings, &mut (&mut log, &mut told)).unwrap();

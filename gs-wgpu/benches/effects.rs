@@ -1,4 +1,4 @@
-//! What effects cost on the device: Gaussians of an image in the plane, and as a scene in space before a camera.
+//! What effects cost on the device: Gaussians of an image in 2D, and as a 3D scene before a camera.
 //!
 //! `cargo bench -p gs-wgpu --bench effects`, the tables as those of gs-cpu's benchmark of this name.
 
@@ -20,7 +20,7 @@ use gs_wgpu::{WgpuRasterizer, WgpuSettings};
 
 fn main() -> Result<(), Error> {
     let gpu = WgpuRasterizer::new(WgpuSettings::default())?;
-    println!("{}, seed {SEED}", gpu.spatial().describe());
+    println!("{}, seed {SEED}", gpu.for_3d().describe());
     let sizes = [1_000, 9_000, 70_000];
-    sizes.into_iter().try_for_each(|count| plane::in_the_plane(gpu.planar(), gpu.spatial(), count))
+    sizes.into_iter().try_for_each(|count| plane::in_the_plane(gpu.for_2d(), gpu.for_3d(), count))
 }

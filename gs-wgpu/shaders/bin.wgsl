@@ -1,6 +1,6 @@
 // Stage `bin`: one entry per Gaussian and tile that it touches, those of a Gaussian side by side. One invocation a Gaussian.
 
-@group(0) @binding(1) var<storage, read> splats: array<Splat>;
+@group(0) @binding(1) var<storage, read> projected: array<Splat>;
 @group(0) @binding(2) var<storage, read> offsets: array<u32>;
 // Tile of each entry.
 @group(0) @binding(3) var<storage, read_write> keys: array<u32>;
@@ -27,7 +27,7 @@ fn bin(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec
     if index >= step.gaussians {
         return;
     }
-    let splat = splats[index];
+    let splat = projected[index];
     var at = offsets[index];
     let end = offsets[index + 1u];
 #if VECTORS

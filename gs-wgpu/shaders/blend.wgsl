@@ -7,7 +7,7 @@
 @group(0) @binding(1) var<storage, read> tile_start: array<u32>;
 @group(0) @binding(2) var<storage, read> order: array<u32>;
 @group(0) @binding(3) var<storage, read> entries: array<vec2u>;
-@group(0) @binding(4) var<storage, read> splats: array<Splat>;
+@group(0) @binding(4) var<storage, read> projected: array<Splat>;
 // RGB, and the transmittance under `Over`.
 @group(0) @binding(5) var<storage, read_write> image: array<vec4f>;
 
@@ -69,10 +69,10 @@ fn store(pixels: Pixels, column: u32, row: u32, walk: Walk) {
 #endif
 #if OVER
             let left = abs(pixels.transmittance[k]);
-            color += left * step.backdrop;
+            color += left * step.background;
 #else
             let left = 0.0;
-            color += step.backdrop;
+            color += step.background;
 #endif
             image[(row + k) * step.size.x + column] = vec4f(color, left);
         }
@@ -108,7 +108,7 @@ fn blend(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: v
         let entry = entries[order[i]];
         let first = entry.y & 0xffffu;
         let last = entry.y >> 16u;
-        let s = splats[entry.x];
+        let s = projected[entry.x];
         let curve = -0.5 * LOG2_E * s.c;
 #each c COLUMNS
         let dx_@c = x_@c - s.mean.x;

@@ -9,7 +9,7 @@
 @group(0) @binding(1) var<storage, read> tile_start: array<u32>;
 @group(0) @binding(2) var<storage, read> order: array<u32>;
 @group(0) @binding(3) var<storage, read> entries: array<vec2u>;
-@group(0) @binding(4) var<storage, read> splats: array<Splat>;
+@group(0) @binding(4) var<storage, read> projected: array<Splat>;
 // With the image, it keeps the pixels' state between SEGMENTED walks under `Over`.
 #if CARRIES
 @group(0) @binding(5) var<storage, read_write> v_image: array<vec4f>;
@@ -205,7 +205,7 @@ fn blend_bwd(
             let entry = entries[order[first_of_batch + b]];
             let first = entry.y & 0xffffu;
             let last = entry.y >> 16u;
-            let s = splats[entry.x];
+            let s = projected[entry.x];
             let curve = -0.5 * LOG2_E * s.c;
 #each c COLUMNS
             let dx_@c = x_@c - s.mean.x;

@@ -331,7 +331,7 @@ fn blend_by_depth(
     is_done &= at >= end;
 #else
     if is_inside {
-        image[place] = vec4f(pixel.color + pixel.transmittance * step.backdrop, pixel.transmittance);
+        image[place] = vec4f(pixel.color + pixel.transmittance * step.background, pixel.transmittance);
     }
 #endif
     if !is_done {

@@ -16,7 +16,7 @@
 @group(0) @binding(1) var<storage, read> tile_start: array<u32>;
 @group(0) @binding(2) var<storage, read> order: array<u32>;
 @group(0) @binding(3) var<storage, read> entries: array<vec2u>;
-@group(0) @binding(4) var<storage, read> splats: array<Splat>;
+@group(0) @binding(4) var<storage, read> projected: array<Splat>;
 #if BACKWARD
 @group(0) @binding(5) var<storage, read_write> slots: array<f32>;
 #if FORWARD
@@ -188,10 +188,10 @@ fn blend_vectors(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) g
     if column_@c < step.size.x && corner.y + @bu * BLOCK + @ru < step.size.y {
 #if OVER
         let left = p_@c_@b@r.transmittance;
-        let drawn = vec4f(p_@c_@b@r.color + abs(left) * step.backdrop, abs(left));
+        let drawn = vec4f(p_@c_@b@r.color + abs(left) * step.background, abs(left));
 #else
         let left = 0.0;
-        let drawn = vec4f(p_@c_@b@r.color + step.backdrop, 0.0);
+        let drawn = vec4f(p_@c_@b@r.color + step.background, 0.0);
 #endif
         image[(corner.y + @bu * BLOCK + @ru) * step.size.x + column_@c] = select(vec4f(p_@c_@b@r.color, left), drawn, walk.ends);
     }
@@ -256,9 +256,9 @@ fn blend_vectors(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) g
     {
 #if FORWARD
 #if OVER
-        let color = p_@c_@b@r.color + abs(p_@c_@b@r.transmittance) * step.backdrop;
+        let color = p_@c_@b@r.color + abs(p_@c_@b@r.transmittance) * step.background;
 #else
-        let color = p_@c_@b@r.color + step.backdrop;
+        let color = p_@c_@b@r.color + step.background;
 #endif
         let inside = column_@c < step.size.x && corner.y + @bu * BLOCK + @ru < step.size.y;
         let d = select(vec3f(0.0), color - read_@c[@bu * BLOCK + @ru], inside);

@@ -1,4 +1,4 @@
-// `Status` as those stages see it that count in it, and what makes splats: those that are left out, and the tiles that the others touch.
+// `Status` as those stages see it that count in it, and what makes projected: those that are left out, and the tiles that the others touch.
 
 // `Status`, where many add to it.
 struct Counted {

@@ -1,6 +1,6 @@
 // Stage `edit`: every slot of the edited arrays takes what its source says, in all arrays alike. One invocation a slot.
 
-#if SPATIAL
+#if SCENE_3D
 alias Parameters = Ellipsoid;
 alias Moved = EllipsoidMoments;
 #else
@@ -17,20 +17,20 @@ alias Moved = Moments;
 @group(0) @binding(7) var<storage, read_write> edited_moments: array<Moved>;
 @group(0) @binding(8) var<storage, read_write> edited_statistics: array<Statistics>;
 
-#if SPATIAL
+#if SCENE_3D
 #else
 #if LOCAL_FRAME
-// Of all frames of one Sigma, the one nearest to `parent`, in whose coordinates moments were gathered: as `whitened::aligned` in gs-core.
-fn aligned(frame: mat2x2f, parent: mat2x2f) -> mat2x2f {
-    let a = transpose(frame) * parent;
+// Of all factors of one Sigma, the one nearest to `parent`, in whose coordinates moments were gathered: as `whitened::aligned` in gs-core.
+fn aligned(factor: mat2x2f, parent: mat2x2f) -> mat2x2f {
+    let a = transpose(factor) * parent;
     let side = select(1.0, -1.0, determinant(a) < 0.0);
     let first = vec2f(a[0].x + side * a[1].y, a[0].y - side * a[1].x);
     let size = length(first);
     if !(size > 0.0 && is_finite(size)) {
-        return frame;
+        return factor;
     }
     let unit = first / size;
-    return frame * mat2x2f(unit, side * vec2f(-unit.y, unit.x));
+    return factor * mat2x2f(unit, side * vec2f(-unit.y, unit.x));
 }
 #endif
 #endif
@@ -45,12 +45,12 @@ fn edit(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: ve
     var g: Parameters;
     if source.is_fresh == 1u {
         g = fresh[source.parameters];
-#if SPATIAL
+#if SCENE_3D
 #else
 #if LOCAL_FRAME
         if source.moments != NONE {
-            let frame = aligned(frame_of(g.shape), frame_of(gaussians[source.moments].shape));
-            g.shape = vec4f(frame[0], frame[1]);
+            let factor = aligned(factor_of(g.shape), factor_of(gaussians[source.moments].shape));
+            g.shape = vec4f(factor[0], factor[1]);
         }
 #endif
 #endif
@@ -74,7 +74,7 @@ fn edit(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: ve
         if !(g.opacity_logit <= step.alpha_max) {
             g.opacity_logit = step.alpha_max;
         }
-#if SPATIAL
+#if SCENE_3D
         m.first[0].w = 0.0;
         m.second[0].w = 0.0;
 #else

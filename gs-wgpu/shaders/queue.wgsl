@@ -4,7 +4,7 @@
 @group(0) @binding(1) var<storage, read> tile_start: array<u32>;
 @group(0) @binding(2) var<storage, read> order: array<u32>;
 @group(0) @binding(3) var<storage, read> entries: array<vec2u>;
-@group(0) @binding(4) var<storage, read> splats: array<Splat>;
+@group(0) @binding(4) var<storage, read> projected: array<Splat>;
 // By place: depth, its slope, and the bits of the index.
 @group(0) @binding(5) var<storage, read> depths: array<vec4f>;
 @group(0) @binding(6) var<storage, read_write> queue: array<Queued>;
@@ -30,7 +30,7 @@ fn queue_up(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups
         if at < end {
             let slot = order[at];
             let entry = entries[slot];
-            let s = splats[entry.x];
+            let s = projected[entry.x];
             let d = depths[entry.x];
             // An entry without rows reaches nothing. Others reach a little further here than they do: the pixels decide exactly.
             let is_there = entry.y != 0u;

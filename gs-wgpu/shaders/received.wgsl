@@ -2,7 +2,7 @@
 // vector, they add up eight Gaussians' slots together, because a Gaussian with many entries would keep the others' lanes waiting; but not
 // where those have more entries than such a driver lets one invocation loop over. The sums are the same, bit for bit.
 
-@group(0) @binding(2) var<storage, read> splats: array<Splat>;
+@group(0) @binding(2) var<storage, read> projected: array<Splat>;
 @group(0) @binding(3) var<storage, read> offsets: array<u32>;
 @group(0) @binding(4) var<storage, read> slots: array<f32>;
 
@@ -84,7 +84,7 @@ fn first_entry(place: u32) -> u32 {
     return offsets[min(place, step.gaussians)];
 }
 
-// Of splat `first_of_group + lane`, by all lanes: each sums one number of every entry of the eight splats, and then takes all of one splat.
+// Of splat `first_of_group + lane`, by all lanes: each sums one number of every entry of the eight projected, and then takes all of one splat.
 fn sums_together(first_of_group: u32, lane: u32) -> Sums {
     var by_splat: array<f32, 8>;
     var sums: Sums;

@@ -6,7 +6,7 @@ struct Step {
     pixels_per_unit: vec2f,
     size: vec2u,
     tiles: vec2u,
-    backdrop: vec3f,
+    background: vec3f,
     gaussians: u32,
     alpha_cut: f32,
     alpha_max: f32,
@@ -24,7 +24,7 @@ struct Step {
     collect: u32,
     // 1 where Adam moves those alone that some tile lists.
     visible_only: u32,
-    // Of spherical harmonics: coefficients a Gaussian has (planar scenes: 0), and the degree that is evaluated.
+    // Of spherical harmonics: coefficients a Gaussian has (2D scenes: 0), and the degree that is evaluated.
     coefficients: u32,
     sh_degree: u32,
     // Low bits of a tile's entries' keys that are their depth.
@@ -44,7 +44,7 @@ struct Gaussian {
     opacity_logit: f32,
     // Adam steps taken.
     steps: u32,
-    // Chart ScaleRotation: ln-scales and rotation. Chart LocalFrame: the columns of L.
+    // Parameterization ScaleRotation: ln-scales and rotation. Parameterization CovarianceFactor: the columns of L.
     shape: vec4f,
     color: vec3f,
     unused: f32,
@@ -78,7 +78,7 @@ struct Splat {
     lowest_dx: f32,
 }
 
-// One Gaussian's gradient in its whitened frame.
+// One Gaussian's gradient in its whitened coordinates.
 struct Gradient {
     color: vec3f,
     opacity_logit: f32,
@@ -89,7 +89,7 @@ struct Gradient {
     unused: u32,
 }
 
-// A spatial Gaussian but for its colour.
+// A 3D Gaussian but for its colour.
 struct Ellipsoid {
     mean: vec3f,
     opacity_logit: f32,

@@ -25,8 +25,8 @@ fn largest(v: vec3f) -> f32 {
 fn most_of(place: u32) -> vec3f {
     let v = largest(abs(v_image[place].xyz));
     let shown = image[place];
-    // A backdrop may be negative.
-    let color = largest(shown.xyz + shown.w * (abs(step.backdrop) - step.backdrop));
+    // A background may be negative.
+    let color = largest(shown.xyz + shown.w * (abs(step.background) - step.background));
     let widest = max(1.0, -2.0 * log(step.alpha_cut));
     let t = v * color * (3.0 * widest / max(1.0 - step.alpha_max, step.transmittance_min));
 #if ERROR

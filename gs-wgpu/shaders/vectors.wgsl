@@ -15,7 +15,7 @@ struct Fetched {
 fn fetch(place: u32) -> Fetched {
     let slot = order[place];
     let entry = entries[slot];
-    let s = splats[entry.x];
+    let s = projected[entry.x];
     // An entry without rows is far away.
     let mean = select(s.mean, vec2f(1e15), entry.y == 0u);
     let curve = -0.5 * LOG2_E * s.c;

@@ -141,7 +141,7 @@ impl Tiles {
             &self.tile_start.buffer,
             &self.order[self.sorted()].buffer,
             &self.entries.buffer,
-            &self.splats.buffer,
+            &self.projected.buffer,
         ]
     }
 }

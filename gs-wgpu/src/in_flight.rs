@@ -2,7 +2,7 @@
 //!
 //! Each step ends by copying its status into a small buffer of its own, which is mapped when the device is done with it. The host reads
 //! them in order, as late as it can. A step whose lists do not fit changes nothing, nor do those behind it (`shaders/sizes.wgsl`): when
-//! the host learns of it, it makes room and sends them all again, so the cloud ends as if there had always been room. A step in which a pixel
+//! the host learns of it, it makes room and sends them all again, so the splats ends as if there had always been room. A step in which a pixel
 //! gives up changes nothing, either, nor do those behind it; it is an error, and sent no more.
 
 use std::{
@@ -13,17 +13,17 @@ use std::{
 use gs_core::{AdamRates, Binning, Error, Loss, RenderSettings, TrainStep, Wait};
 
 use crate::{
-    cloud::Cloud,
     dispatch::Commands,
-    frame::Pool,
+    forward_pass::Pool,
     gpu::{Gpu, MOST_PATIENCE},
     kind::Kind,
     layout::Status,
+    splats::Splats,
     target::Target,
     workspace::Workspace,
 };
 
-/// Training steps of a cloud that may be under way at once; before one more is sent, the host waits for the oldest. Two would do to keep
+/// Training steps of splats that may be under way at once; before one more is sent, the host waits for the oldest. Two would do to keep
 /// the device at work; with more, a host that is kept busy for a while costs nothing. Each is one more that is sent in vain when buffers
 /// must grow, and losses come by so many steps later.
 pub const STEPS_IN_FLIGHT: usize = 4;
@@ -102,7 +102,7 @@ struct Sent<S: Kind> {
     submission: wgpu::SubmissionIndex,
 }
 
-/// A cloud's steps under way, and what they work in.
+/// A splats' steps under way, and what they work in.
 #[derive(Debug)]
 pub(crate) struct InFlight<S: Kind> {
     /// With the lists of the last step that was sent.
@@ -126,35 +126,41 @@ impl<S: Kind> InFlight<S> {
     }
 
     /// Sends a step, as soon as there are fewer than [`STEPS_IN_FLIGHT`].
-    pub(crate) fn train(&mut self, gpu: &Gpu, pool: &Pool<S>, cloud: &Cloud<S>, step: Request<S>) -> Result<(), Error> {
+    pub(crate) fn train(
+        &mut self,
+        gpu: &Gpu,
+        pool: &Pool<S>,
+        splats: &Splats<S>,
+        step: Request<S>,
+    ) -> Result<(), Error> {
         gpu.check()?;
         while self.sent.len() >= STEPS_IN_FLIGHT {
-            self.finish_oldest(gpu, cloud, Wait::All)?;
+            self.finish_oldest(gpu, splats, Wait::All)?;
         }
         let mut workspace = match self.workspace.take() {
             Some(workspace) => workspace,
             None => pool.take(gpu)?,
         };
-        let sent = self.send(gpu, cloud, &mut workspace, step);
+        let sent = self.send(gpu, splats, &mut workspace, step);
         // Those under way may still need it.
         self.workspace = Some(workspace);
         sent.and_then(|()| gpu.check())
     }
 
     /// Takes note of the steps that are done, or waits until all are.
-    pub(crate) fn settle(&mut self, gpu: &Gpu, cloud: &Cloud<S>, wait: Wait) -> Result<(), Error> {
+    pub(crate) fn settle(&mut self, gpu: &Gpu, splats: &Splats<S>, wait: Wait) -> Result<(), Error> {
         gpu.check()?;
         if wait == Wait::Arrived && !self.sent.is_empty() {
             gpu.look()?;
         }
-        while !self.sent.is_empty() && self.finish_oldest(gpu, cloud, wait)? {}
+        while !self.sent.is_empty() && self.finish_oldest(gpu, splats, wait)? {}
         Ok(())
     }
 
     /// Whether there was something to do: the oldest step is done, or it and all behind it were sent again. After an error none is under
     /// way.
-    fn finish_oldest(&mut self, gpu: &Gpu, cloud: &Cloud<S>, wait: Wait) -> Result<bool, Error> {
-        let finished = self.try_finish_oldest(gpu, cloud, wait);
+    fn finish_oldest(&mut self, gpu: &Gpu, splats: &Splats<S>, wait: Wait) -> Result<bool, Error> {
+        let finished = self.try_finish_oldest(gpu, splats, wait);
         if finished.is_err() {
             let losses = std::mem::take(&mut self.losses);
             *self = Self { losses, ..Self::default() };
@@ -162,7 +168,7 @@ impl<S: Kind> InFlight<S> {
         finished
     }
 
-    fn try_finish_oldest(&mut self, gpu: &Gpu, cloud: &Cloud<S>, wait: Wait) -> Result<bool, Error> {
+    fn try_finish_oldest(&mut self, gpu: &Gpu, splats: &Splats<S>, wait: Wait) -> Result<bool, Error> {
         let Some(oldest) = self.sent.pop_front() else { return Ok(false) };
         let Some(status) = oldest.slot.status(gpu, &oldest.submission, wait)? else {
             self.sent.push_front(oldest);
@@ -179,7 +185,7 @@ impl<S: Kind> InFlight<S> {
         // Slots of those behind are not free yet, so they are given up.
         let behind = std::mem::take(&mut self.sent).into_iter().map(|sent| sent.request);
         for request in [oldest.request].into_iter().chain(behind) {
-            self.send(gpu, cloud, &mut workspace, request)?;
+            self.send(gpu, splats, &mut workspace, request)?;
         }
         self.workspace = Some(workspace);
         Ok(true)
@@ -188,28 +194,28 @@ impl<S: Kind> InFlight<S> {
     fn send(
         &mut self,
         gpu: &Gpu,
-        cloud: &Cloud<S>,
+        splats: &Splats<S>,
         workspace: &mut Workspace<S>,
         request: Request<S>,
     ) -> Result<(), Error> {
-        workspace.set(gpu, cloud, &request.view, &request.settings)?;
+        workspace.set(gpu, splats, &request.view, &request.settings)?;
         let fresh = request.binning == Binning::Fresh || workspace.edition.is_none();
         if fresh {
             workspace.edition = None;
         }
         let slot = self.free.pop().map_or_else(|| Slot::new(gpu), Ok)?;
         // Written when this step is submitted, behind those before it: each sees its own.
-        workspace.write_step(gpu, &workspace.describe(gpu, cloud, Some(request.loss), Some(&request.rates)));
+        workspace.write_step(gpu, &workspace.describe(gpu, splats, Some(request.loss), Some(&request.rates)));
         let mut commands = Commands::new(gpu);
-        workspace.encode_lists(gpu, &mut commands, cloud, fresh);
+        workspace.encode_lists(gpu, &mut commands, splats, fresh);
         workspace.tiles.encode_image_and_gradient(gpu, &mut commands, &request.target, request.loss)?;
-        workspace.encode_project_bwd(gpu, &mut commands, cloud)?;
-        workspace.encode_adam(gpu, &mut commands, cloud);
+        workspace.encode_project_bwd(gpu, &mut commands, splats)?;
+        workspace.encode_adam(gpu, &mut commands, splats);
         workspace.tiles.encode_status(&mut commands, &slot.staging);
         let submission = commands.submit(gpu);
         slot.map();
         // If these lists do not fit, whoever makes room forgets them again.
-        workspace.edition = Some(cloud.edition);
+        workspace.edition = Some(splats.edition);
         self.sent.push_back(Sent { request, slot, submission });
         Ok(())
     }

@@ -3,21 +3,21 @@
 
 use std::{fmt::Debug, sync::Arc};
 
-use gs_core::{AdamRates, Chart, CloudState, Error, RenderSettings, Scene, profile::Traffic};
+use gs_core::{AdamRates, Error, Parameterization, RenderSettings, Scene, SplatsState, profile::Traffic};
 
 use crate::{
     WgpuRasterizer,
-    cloud::{Cloud, Edit},
     dispatch::Commands,
-    frame::{Gradients, Pool},
+    forward_pass::{Gradients, Pool},
     gpu::Gpu,
     layout::Step,
     profile::Stage,
+    splats::{Edit, Splats},
     target::Target,
     workspace::Workspace,
 };
 
-/// A kind of scene that [`WgpuRasterizer`] is a rasterizer for; implemented for planar and spatial scenes, and for no others.
+/// A kind of scene that [`WgpuRasterizer`] is a rasterizer for; implemented for 2D and 3D scenes, and for no others.
 pub trait Kind: Scene<View: PartialEq> + 'static {
     /// Parameters and Adam moments on the device.
     type State: Debug + Send + Sync;
@@ -39,8 +39,8 @@ pub trait Kind: Scene<View: PartialEq> + 'static {
     /// Where the rasterizer keeps this kind's workspaces.
     fn pool(rasterizer: &WgpuRasterizer) -> &Arc<Pool<Self>>;
 
-    /// The state of a cloud of this valid scene.
-    fn upload(gpu: &Gpu, scene: &Self, chart: Chart) -> Result<Self::State, Error>;
+    /// The state of splats of this valid scene.
+    fn upload(gpu: &Gpu, scene: &Self, parameterization: Parameterization) -> Result<Self::State, Error>;
 
     /// Makes what it takes to move or edit the state's `len` Gaussians, but not to look at them; to be called before either.
     fn prepare(gpu: &Gpu, state: &mut Self::State, len: usize) -> Result<(), Error>;
@@ -49,10 +49,10 @@ pub trait Kind: Scene<View: PartialEq> + 'static {
     fn download(gpu: &Gpu, state: &Self::State, len: usize) -> Result<Self, Error>;
 
     /// All of the state but the statistics.
-    fn save(gpu: &Gpu, state: &Self::State, len: usize) -> Result<CloudState, Error>;
+    fn save(gpu: &Gpu, state: &Self::State, len: usize) -> Result<SplatsState, Error>;
 
     /// That state again, of as many Gaussians as are said.
-    fn restore(gpu: &Gpu, state: &CloudState, len: usize) -> Result<Self::State, Error>;
+    fn restore(gpu: &Gpu, state: &SplatsState, len: usize) -> Result<Self::State, Error>;
 
     /// Whether opacities are stored once `fresh` Gaussians have come.
     fn has_opacity(state: &Self::State, fresh: &[&Self::Gaussian]) -> bool;
@@ -71,47 +71,47 @@ pub trait Kind: Scene<View: PartialEq> + 'static {
     /// Empty buffers of this kind's own stages.
     fn own(gpu: &Gpu) -> Result<Self::Own, Error>;
 
-    /// Makes room in them for the cloud.
-    fn ensure(workspace: &mut Workspace<Self>, gpu: &Gpu, cloud: &Cloud<Self>) -> Result<(), Error>;
+    /// Makes room in them for the splats.
+    fn ensure(workspace: &mut Workspace<Self>, gpu: &Gpu, splats: &Splats<Self>) -> Result<(), Error>;
 
     /// Bytes of each buffer of gradients.
-    fn gradient_bytes(cloud: &Cloud<Self>) -> Vec<u64>;
+    fn gradient_bytes(splats: &Splats<Self>) -> Vec<u64>;
 
     /// Adds to what a pass tells the device.
-    fn describe(view: &Self::View, settings: &RenderSettings, cloud: &Cloud<Self>, step: &mut Step);
+    fn describe(view: &Self::View, settings: &RenderSettings, splats: &Splats<Self>, step: &mut Step);
 
     /// Tells the device of the view what does not stand in [`Step`].
     fn write_view(workspace: &Workspace<Self>, gpu: &Gpu, view: &Self::View);
 
-    /// Stage `project`, and all until splats and their numbers of tiles stand in the order of blending.
+    /// Stage `project`, and all until projected and their numbers of tiles stand in the order of blending.
     fn encode_project(
         workspace: &Workspace<Self>,
         gpu: &Gpu,
         commands: &mut Commands,
-        cloud: &Cloud<Self>,
+        splats: &Splats<Self>,
         lists: bool,
     );
 
     /// Stage `project_bwd`.
-    fn encode_project_bwd(workspace: &Workspace<Self>, gpu: &Gpu, commands: &mut Commands, cloud: &Cloud<Self>);
+    fn encode_project_bwd(workspace: &Workspace<Self>, gpu: &Gpu, commands: &mut Commands, splats: &Splats<Self>);
 
     /// Stage `adam`; the sizes of its dispatches stand in `indirect`, if the device is to say whether anything is done.
     fn encode_adam(
         gpu: &Gpu,
         commands: &mut Commands,
-        cloud: &Cloud<Self>,
+        splats: &Splats<Self>,
         step: &wgpu::Buffer,
         gradients: &[&wgpu::Buffer],
         indirect: Option<&wgpu::Buffer>,
     );
 
     /// The gradients as a scene of derivatives.
-    fn derivatives(gpu: &Gpu, cloud: &Cloud<Self>, gradients: &Gradients<Self>) -> Result<Self, Error>;
+    fn derivatives(gpu: &Gpu, splats: &Splats<Self>, gradients: &Gradients<Self>) -> Result<Self, Error>;
 
     /// Solves for the colours, where the image is linear in them.
     fn solve_colors(
         rasterizer: &WgpuRasterizer,
-        cloud: &mut Cloud<Self>,
+        splats: &mut Splats<Self>,
         view: &Self::View,
         target: &Target,
         settings: &RenderSettings,
@@ -119,5 +119,5 @@ pub trait Kind: Scene<View: PartialEq> + 'static {
     ) -> Result<(), Error>;
 
     /// The bytes that one of this kind's own stages moves at least, without the entries' slots.
-    fn traffic(stage: Stage, workspace: &Workspace<Self>, cloud: &Cloud<Self>) -> Traffic;
+    fn traffic(stage: Stage, workspace: &Workspace<Self>, splats: &Splats<Self>) -> Traffic;
 }

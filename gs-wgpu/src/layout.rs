@@ -7,7 +7,7 @@ use gs_core::Error;
 
 use crate::gpu::backend_error;
 
-/// A planar Gaussian's parameters.
+/// A 2D Gaussian's parameters.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
 #[repr(C)]
 pub(crate) struct Gaussian {
@@ -15,7 +15,7 @@ pub(crate) struct Gaussian {
     pub(crate) opacity_logit: f32,
     /// Adam steps taken.
     pub(crate) steps: u32,
-    /// Chart `ScaleRotation`: ln-scales and rotation; chart `LocalFrame`: the columns of L.
+    /// Parameterization `ScaleRotation`: ln-scales and rotation; parameterization `CovarianceFactor`: the columns of L.
     pub(crate) shape: [f32; 4],
     pub(crate) color: [f32; 3],
     pub(crate) unused: f32,
@@ -38,7 +38,7 @@ pub(crate) struct Statistics {
     pub(crate) visible: u32,
 }
 
-/// A Gaussian's gradient in its whitened frame.
+/// A Gaussian's gradient in its whitened coordinates.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
 #[repr(C)]
 pub(crate) struct Gradient {
@@ -51,7 +51,7 @@ pub(crate) struct Gradient {
     pub(crate) unused: u32,
 }
 
-/// A spatial Gaussian's parameters, but its colour.
+/// A 3D Gaussian's parameters, but its colour.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
 #[repr(C)]
 pub(crate) struct Ellipsoid {
@@ -64,7 +64,7 @@ pub(crate) struct Ellipsoid {
     pub(crate) rotation: [f32; 4],
 }
 
-/// A spatial Gaussian's gradient, but its colour's.
+/// A 3D Gaussian's gradient, but its colour's.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
 #[repr(C)]
 pub(crate) struct EllipsoidGradient {
@@ -78,7 +78,7 @@ pub(crate) struct EllipsoidGradient {
     pub(crate) unused: [u32; 3],
 }
 
-/// A spatial Gaussian's Adam moments, but its colour's: mean 3, opacity; log-scale 3, unused; rotation 4.
+/// A 3D Gaussian's Adam moments, but its colour's: mean 3, opacity; log-scale 3, unused; rotation 4.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
 #[repr(C)]
 pub(crate) struct EllipsoidMoments {
@@ -86,7 +86,7 @@ pub(crate) struct EllipsoidMoments {
     pub(crate) second: [f32; 12],
 }
 
-/// The camera that a spatial scene is seen through.
+/// The camera that a 3D scene is seen through.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
 #[repr(C)]
 pub(crate) struct Camera {
@@ -167,7 +167,7 @@ pub struct Step {
     pub(crate) pixels_per_unit: [f32; 2],
     pub(crate) size: [u32; 2],
     pub(crate) tiles: [u32; 2],
-    pub(crate) backdrop: [f32; 3],
+    pub(crate) background: [f32; 3],
     pub(crate) gaussians: u32,
     pub(crate) alpha_cut: f32,
     pub(crate) alpha_max: f32,
@@ -182,7 +182,7 @@ pub struct Step {
     pub(crate) opaque: u32,
     pub(crate) collect: u32,
     pub(crate) visible_only: u32,
-    /// SH coefficients of a Gaussian; 0 in planar scenes.
+    /// SH coefficients of a Gaussian; 0 in 2D scenes.
     pub(crate) coefficients: u32,
     pub(crate) sh_degree: u32,
     pub(crate) depth_bits: u32,
@@ -259,7 +259,7 @@ mod tests {
                 pixels_per_unit,
                 size,
                 tiles,
-                backdrop,
+                background,
                 gaussians,
                 alpha_cut,
                 alpha_max,
@@ -286,10 +286,10 @@ mod tests {
         );
         assert_eq!(u64::from(in_shader(m, "Splat").1), SPLAT_BYTES);
         assert_eq!(u64::from(in_shader(m, "Queued").1), QUEUED_BYTES);
-        let m = &module(&shader("planar/solve_colors").text(Variant::default()));
+        let m = &module(&shader("scene2d/solve_colors").text(Variant::default()));
         assert_eq!(u64::from(in_shader(m, "Conjugate").1), CONJUGATE_BYTES);
         assert_eq!(in_shader(m, "Scalars").1, 64);
-        let m = &module(&shader("spatial/project").text(Variant::default()));
+        let m = &module(&shader("scene3d/project").text(Variant::default()));
         assert_eq!(in_shader(m, "Counted"), in_shader(m, "Status"));
         same_layout!(
             m,
@@ -324,10 +324,10 @@ mod tests {
     fn variants() -> impl Iterator<Item = Variant> {
         (0..3456).map(|bits: u32| Variant {
             over: bits & 1 != 0,
-            local_frame: bits & 2 != 0,
+            covariance_factor: bits & 2 != 0,
             lists: bits & 4 != 0,
             on_cpu: bits & 8 != 0,
-            spatial: bits & 16 != 0,
+            scene_3d: bits & 16 != 0,
             kernels: [Kernels::Portable, Kernels::Subgroups, Kernels::Vectors][(bits >> 5) as usize % 3],
             pass: [Pass::Forward, Pass::Backward, Pass::Fused][(bits >> 5) as usize / 3 % 3],
             collected: [Collected::Nothing, Collected::AbsoluteGradients, Collected::PixelErrors]
@@ -357,7 +357,7 @@ mod tests {
             // Subgroups are asked for only where the adapter has them.
             let capabilities = match (shader.name, variant.kernels) {
                 ("blend_bwd", Kernels::Subgroups)
-                | ("blend_vectors" | "loss" | "planar/project_bwd" | "spatial/project_bwd", Kernels::Vectors) => {
+                | ("blend_vectors" | "loss" | "scene2d/project_bwd" | "scene3d/project_bwd", Kernels::Vectors) => {
                     naga::valid::Capabilities::SUBGROUP
                 }
                 _ => naga::valid::Capabilities::empty(),

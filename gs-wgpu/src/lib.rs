@@ -4,7 +4,7 @@
 //! and reductions have a fixed order, or are of integers, so one adapter repeats itself bit for bit.
 //!
 //! Every order, blend and statistic is offered. What is not, is an [`Error::Unsupported`](gs_core::Error::Unsupported) that names it: outputs
-//! besides colour, lenses that bend rays, exposure, the smooth cut, extents in standard deviations, antialiasing of planar scenes, and for spatial ones the chart `LocalFrame`
+//! besides colour, lenses that bend rays, exposure, the smooth cut, extents in standard deviations, antialiasing of 2D scenes, and for 3D ones the parameterization `CovarianceFactor`
 //! and solving for colours.
 //!
 //! # How large a scene may be
@@ -16,21 +16,20 @@
 //! with both sizes. Moments and gradients are made when a scene is first trained: to look at one takes a third of the memory.
 //!
 //! ```no_run
-//! use gs_core::{Blend, Canvas, PlanarScene, Rasterizer, RenderSettings};
+//! use gs_core::{Blend, Canvas, Scene2d, Rasterizer, RenderSettings};
 //! use gs_wgpu::{WgpuRasterizer, WgpuSettings};
 //!
 //! # fn main() -> Result<(), gs_core::Error> {
 //! let wgpu = WgpuRasterizer::new(WgpuSettings::default())?;
-//! let image = wgpu.render(&PlanarScene::default(), &Canvas::new(64, 48), &RenderSettings::blended(Blend::Sum))?;
+//! let image = wgpu.render(&Scene2d::default(), &Canvas::new(64, 48), &RenderSettings::blended(Blend::Sum))?;
 //! # Ok(()) }
 //! ```
 
 mod adapter;
 mod blend;
-mod cloud;
 mod collect;
 mod dispatch;
-mod frame;
+mod forward_pass;
 mod gpu;
 mod in_flight;
 mod iterations;
@@ -38,44 +37,45 @@ mod kind;
 mod layout;
 mod lists;
 mod loss;
-mod planar;
 mod profile;
 mod rasterizer;
+mod scene2d;
+mod scene3d;
 mod shaders;
-mod spatial;
+mod splats;
 mod target;
 mod tiles;
 mod timestamps;
 mod traffic;
 mod workspace;
 
-use gs_core::{PlanarScene, SpatialScene};
+use gs_core::{Scene2d, Scene3d};
 
 pub use crate::{
     adapter::{AdapterSummary, adapters},
-    cloud::Cloud,
-    frame::{Frame, Gradients},
+    forward_pass::{ForwardPass, Gradients},
     gpu::{FreshBuffers, WgpuSettings},
     in_flight::STEPS_IN_FLIGHT,
     rasterizer::WgpuRasterizer,
     shaders::Kernels,
+    splats::Splats,
     target::Target,
 };
 
-/// Planar Gaussians on a device.
-pub type PlanarCloud = Cloud<PlanarScene>;
+/// 2D Gaussians on a device.
+pub type Splats2d = Splats<Scene2d>;
 
-/// Spatial Gaussians on a device.
-pub type SpatialCloud = Cloud<SpatialScene>;
+/// 3D Gaussians on a device.
+pub type Splats3d = Splats<Scene3d>;
 
-/// A frame of a planar scene.
-pub type PlanarFrame = Frame<PlanarScene>;
+/// A forward pass of a 2D scene.
+pub type ForwardPass2d = ForwardPass<Scene2d>;
 
-/// A frame of a spatial scene.
-pub type SpatialFrame = Frame<SpatialScene>;
+/// A forward pass of a 3D scene.
+pub type ForwardPass3d = ForwardPass<Scene3d>;
 
-/// The gradients of a planar scene.
-pub type PlanarGradients = Gradients<PlanarScene>;
+/// The gradients of a 2D scene.
+pub type Gradients2d = Gradients<Scene2d>;
 
-/// The gradients of a spatial scene.
-pub type SpatialGradients = Gradients<SpatialScene>;
+/// The gradients of a 3D scene.
+pub type Gradients3d = Gradients<Scene3d>;

@@ -69,7 +69,7 @@ impl Tiles {
         let (keys, order) = (&self.keys[0].buffer, &self.order[0].buffer);
         let by_pixel = self.orders_by_pixel();
         let mut bindings =
-            vec![&self.step, &self.splats.buffer, &self.offsets.buffer, keys, order, &self.entries.buffer];
+            vec![&self.step, &self.projected.buffer, &self.offsets.buffer, keys, order, &self.entries.buffer];
         if by_pixel {
             bindings.push(&self.depths.buffer);
         }
@@ -108,9 +108,9 @@ impl Tiles {
         dispatch(gpu, commands, "ranges", Variant::default(), &bindings, groups_of(gpu, self.count(), 64));
         if self.orders_by_pixel() {
             let (tile_start, order) = (&self.tile_start.buffer, &self.order[self.sorted()].buffer);
-            let (entries, splats) = (&self.entries.buffer, &self.splats.buffer);
+            let (entries, projected) = (&self.entries.buffer, &self.projected.buffer);
             let [depths, queue] = [&self.depths.buffer, &self.queue.buffer];
-            let bindings = [&self.step, tile_start, order, entries, splats, depths, queue];
+            let bindings = [&self.step, tile_start, order, entries, projected, depths, queue];
             dispatch(gpu, commands, "queue_up", Variant::default(), &bindings, gpu.groups(self.count()).into());
         }
     }

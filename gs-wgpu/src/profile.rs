@@ -9,7 +9,7 @@ use gs_core::{
 };
 
 use crate::{
-    WgpuRasterizer, blend::Differentiated, cloud::Cloud, dispatch::Commands, gpu::Gpu, kind::Kind, target::Target,
+    WgpuRasterizer, blend::Differentiated, dispatch::Commands, gpu::Gpu, kind::Kind, splats::Splats, target::Target,
     timestamps::Timestamps, traffic, workspace::Workspace,
 };
 
@@ -77,7 +77,7 @@ impl Stage {
 struct Pass<'a, S: Kind> {
     rasterizer: &'a WgpuRasterizer,
     workspace: Workspace<S>,
-    cloud: &'a Cloud<S>,
+    splats: &'a Splats<S>,
     target: &'a Target,
     loss: Loss,
     stages: Vec<Stage>,
@@ -85,10 +85,10 @@ struct Pass<'a, S: Kind> {
 
 impl<S: Kind> Pass<'_, S> {
     fn encode(&mut self, stage: Stage, commands: &mut Commands) -> Result<(), Error> {
-        let Self { rasterizer, workspace, cloud, target, loss, .. } = self;
+        let Self { rasterizer, workspace, splats, target, loss, .. } = self;
         let gpu = &rasterizer.gpu;
         match stage {
-            Stage::Project => workspace.encode_project(gpu, commands, cloud, true),
+            Stage::Project => workspace.encode_project(gpu, commands, splats, true),
             Stage::Scan => workspace.tiles.encode_offsets(gpu, commands),
             Stage::Bin => workspace.tiles.encode_bin(gpu, commands),
             Stage::Sort => workspace.tiles.encode_sort(gpu, commands),
@@ -97,8 +97,8 @@ impl<S: Kind> Pass<'_, S> {
             Stage::Loss => workspace.tiles.encode_loss(gpu, commands, target, Some(*loss))?,
             Stage::BlendBwd => workspace.tiles.encode_blend_bwd(gpu, commands, Differentiated::Loss(target))?,
             Stage::Fused => workspace.tiles.encode_image_and_gradient(gpu, commands, target, *loss)?,
-            Stage::ProjectBwd => workspace.encode_project_bwd(gpu, commands, cloud)?,
-            Stage::Adam => workspace.encode_adam(gpu, commands, cloud),
+            Stage::ProjectBwd => workspace.encode_project_bwd(gpu, commands, splats)?,
+            Stage::Adam => workspace.encode_adam(gpu, commands, splats),
         }
         Ok(())
     }
@@ -166,7 +166,7 @@ impl WgpuRasterizer {
     fn profile_by<S: Kind>(
         &self,
         timestamps: impl Fn(&Gpu, u32) -> Result<Option<Timestamps>, Error>,
-        cloud: &Cloud<S>,
+        splats: &Splats<S>,
         (view, target): (&S::View, &Target),
         settings: &RenderSettings,
         loss: Loss,
@@ -176,16 +176,16 @@ impl WgpuRasterizer {
         loss.validate()?;
         target.check_size(S::size(view))?;
         let (gpu, rates) = (&self.gpu, still());
-        cloud.settle(gpu)?;
+        splats.settle(gpu)?;
         let mut workspace = S::pool(self).take(gpu)?;
-        workspace.set(gpu, cloud, view, settings)?;
-        let describe = |w: &Workspace<S>| w.describe(gpu, cloud, Some(loss), Some(&rates));
+        workspace.set(gpu, splats, view, settings)?;
+        let describe = |w: &Workspace<S>| w.describe(gpu, splats, Some(loss), Some(&rates));
         // All that depends on how many entries there are has room from here on.
-        let status = self.with_lists(&mut workspace, cloud, describe, |_, _| Ok(()))?;
+        let status = self.with_lists(&mut workspace, splats, describe, |_, _| Ok(()))?;
         workspace.write_step(gpu, &describe(&workspace));
         let stages: Vec<Stage> =
             Stage::ALL.into_iter().filter(|&s| s != Stage::Fused || workspace.tiles.fuses(gpu, loss)).collect();
-        let mut pass = Pass { rasterizer: self, workspace, cloud, target, loss, stages };
+        let mut pass = Pass { rasterizer: self, workspace, splats, target, loss, stages };
         // Every pipeline that is measured is there.
         pass.by_host()?;
         let timestamps = timestamps(gpu, pass.stages.len() as u32 + 1)?;
@@ -197,7 +197,7 @@ impl WgpuRasterizer {
             stage: stage.name(),
             seconds: laps.iter().map(|laps| laps[index]).collect(),
             pairs: if stage.visits_pairs() { pairs } else { 0 },
-            traffic: traffic::of(stage, &workspace, cloud, loss, entries as u64),
+            traffic: traffic::of(stage, &workspace, splats, loss, entries as u64),
             replaces: stage.replaces(),
         };
         let stages = stages.into_iter().enumerate().map(stage_time).collect();
@@ -209,22 +209,22 @@ impl WgpuRasterizer {
 impl<S: Kind> Profiler<S> for WgpuRasterizer {
     fn profile(
         &self,
-        cloud: &mut Cloud<S>,
+        splats: &mut Splats<S>,
         view: &S::View,
         target: &Target,
         settings: &RenderSettings,
         loss: Loss,
         repetitions: usize,
     ) -> Result<Profile, Error> {
-        S::prepare(&self.gpu, &mut cloud.state, cloud.len)?;
-        self.profile_by(Timestamps::new, cloud, (view, target), settings, loss, repetitions)
+        S::prepare(&self.gpu, &mut splats.state, splats.len)?;
+        self.profile_by(Timestamps::new, splats, (view, target), settings, loss, repetitions)
     }
 }
 
 #[cfg(test)]
 mod tests {
     use glam::{Vec2, Vec3};
-    use gs_core::{Blend, Canvas, Chart, Image, PlanarGaussian, PlanarScene, Rasterizer};
+    use gs_core::{Blend, Canvas, Gaussian2d, Image, Parameterization, Rasterizer, Scene2d};
 
     use super::*;
     use crate::{Kernels, WgpuSettings};
@@ -246,24 +246,24 @@ mod tests {
     #[test]
     fn both_clocks_see_the_same_stages_and_leave_the_gaussians_where_they_are() {
         let wgpu = WgpuRasterizer::new(WgpuSettings::default()).expect("`cargo xtask test` installs a driver");
-        let gaussian = |i: u32| PlanarGaussian {
+        let gaussian = |i: u32| Gaussian2d {
             mean: Vec2::new((i * 37 % 96) as f32, (i * 91 % 64) as f32),
             log_scale: Vec2::new(1.5, 0.5),
             rotation: i as f32,
             opacity_logit: f32::INFINITY,
             color: Vec3::splat(0.1),
         };
-        let scene: PlanarScene = (0..300).map(gaussian).collect();
-        let cloud = wgpu.upload(&scene, Chart::ScaleRotation).unwrap();
-        let target = wgpu.planar().upload_target(&Image::filled(96, 64, [0.5; 3]).unwrap()).unwrap();
+        let scene: Scene2d = (0..300).map(gaussian).collect();
+        let splats = wgpu.upload(&scene, Parameterization::ScaleRotation).unwrap();
+        let target = wgpu.for_2d().upload_target(&Image::filled(96, 64, [0.5; 3]).unwrap()).unwrap();
         let (view, settings) = (Canvas::new(96, 64), RenderSettings::blended(Blend::Sum));
         let none = |_: &Gpu, _: u32| Ok(None);
         let names = |profile: &Profile| profile.stages.iter().map(|s| s.stage).collect::<Vec<_>>();
         for loss in [Loss::L2, Loss::PAPER] {
-            let by_host = wgpu.profile_by(none, &cloud, (&view, &target), &settings, loss, 3).unwrap();
+            let by_host = wgpu.profile_by(none, &splats, (&view, &target), &settings, loss, 3).unwrap();
             assert!(matches!(&by_host.clock, Clock::RoundTrip { why } if why.contains("no timestamps")));
             assert!(by_host.stages.iter().all(|s| s.seconds.len() == 3 && s.seconds.iter().all(|&s| s > 0.0)));
-            let by_device = wgpu.profile_by(Timestamps::new, &cloud, (&view, &target), &settings, loss, 3).unwrap();
+            let by_device = wgpu.profile_by(Timestamps::new, &splats, (&view, &target), &settings, loss, 3).unwrap();
             if wgpu.gpu.device.features().contains(wgpu::Features::TIMESTAMP_QUERY) {
                 assert_eq!(by_device.clock, Clock::Device);
             }
@@ -272,7 +272,7 @@ mod tests {
             assert_eq!((by_device.pairs, by_device.entries), (by_host.pairs, by_host.entries));
             assert!(by_device.stages.iter().all(|s| s.seconds.len() == 3));
         }
-        let after = wgpu.download(&cloud).unwrap();
+        let after = wgpu.download(&splats).unwrap();
         assert_eq!(after, scene);
     }
 }

@@ -3,8 +3,8 @@
 use std::sync::{Arc, PoisonError};
 
 use gs_core::{
-    AdamRates, Chart, CloudState, DensityStatistics, EditPlan, Error, Image, Loss, PlanarScene, Rasterizer,
-    RenderSettings, SpatialScene, TrainStep, Wait,
+    AdamRates, DensityStatistics, EditPlan, Error, Image, Loss, Parameterization, Rasterizer, RenderSettings, Scene2d,
+    Scene3d, SplatsState, TrainStep, Wait,
     effects::Outputs,
     profile::Profiler,
     settings::{Cut, Extent},
@@ -12,27 +12,27 @@ use gs_core::{
 };
 
 use crate::{
-    PlanarCloud, PlanarFrame, PlanarGradients, SpatialCloud, SpatialFrame, SpatialGradients, WgpuSettings,
+    ForwardPass2d, ForwardPass3d, Gradients2d, Gradients3d, Splats2d, Splats3d, WgpuSettings,
     adapter::AdapterSummary,
     blend::Differentiated,
-    cloud::{Cloud, UNIFORM},
     dispatch::Commands,
-    frame::{Frame, Gradients, Pool},
+    forward_pass::{ForwardPass, Gradients, Pool},
     gpu::{BACKEND, Gpu, STORAGE},
     in_flight::Request,
     kind::Kind,
     layout::{Status, Step},
     shaders::Kernels,
+    splats::{Splats, UNIFORM},
     target::Target,
     workspace::Workspace,
 };
 
-/// The GPU backend: owns its device, and the buffers that its frames use in turn.
+/// The GPU backend: owns its device, and the buffers that its forward passes use in turn.
 #[derive(Debug)]
 pub struct WgpuRasterizer {
     pub(crate) gpu: Gpu,
-    pub(crate) planar: Arc<Pool<PlanarScene>>,
-    pub(crate) spatial: Arc<Pool<SpatialScene>>,
+    pub(crate) pool_2d: Arc<Pool<Scene2d>>,
+    pub(crate) pool_3d: Arc<Pool<Scene3d>>,
 }
 
 impl WgpuRasterizer {
@@ -41,27 +41,22 @@ impl WgpuRasterizer {
     /// # Errors
     /// [`Error::Backend`] where there is no adapter, none of that name, or it gives no device.
     pub fn new(settings: WgpuSettings) -> Result<Self, Error> {
-        Ok(Self { gpu: Gpu::new(&settings)?, planar: Arc::default(), spatial: Arc::default() })
+        Ok(Self { gpu: Gpu::new(&settings)?, pool_2d: Arc::default(), pool_3d: Arc::default() })
     }
 
-    /// This rasterizer for planar scenes alone, where the types of the arguments do not say which kind of scene is meant.
-    pub fn planar(
+    /// This rasterizer for 2D scenes alone, where the types of the arguments do not say which kind of scene is meant.
+    pub fn for_2d(
         &self,
-    ) -> &impl Profiler<PlanarScene, Cloud = PlanarCloud, Frame = PlanarFrame, Gradients = PlanarGradients, Target = Target>
+    ) -> &impl Profiler<Scene2d, Splats = Splats2d, ForwardPass = ForwardPass2d, Gradients = Gradients2d, Target = Target>
     {
         self
     }
 
-    /// This rasterizer for spatial scenes alone, as [`Self::planar`].
-    pub fn spatial(
+    /// This rasterizer for 3D scenes alone, as [`Self::2D`].
+    pub fn for_3d(
         &self,
-    ) -> &impl Profiler<
-        SpatialScene,
-        Cloud = SpatialCloud,
-        Frame = SpatialFrame,
-        Gradients = SpatialGradients,
-        Target = Target,
-    > {
+    ) -> &impl Profiler<Scene3d, Splats = Splats3d, ForwardPass = ForwardPass3d, Gradients = Gradients3d, Target = Target>
+    {
         self
     }
 
@@ -100,20 +95,20 @@ impl WgpuRasterizer {
     pub(crate) fn with_lists<S: Kind>(
         &self,
         workspace: &mut Workspace<S>,
-        cloud: &Cloud<S>,
+        splats: &Splats<S>,
         step: impl Fn(&Workspace<S>) -> Step,
         mut encode: impl FnMut(&mut Workspace<S>, &mut Commands) -> Result<(), Error>,
     ) -> Result<Status, Error> {
         loop {
             workspace.write_step(&self.gpu, &step(workspace));
             let mut commands = Commands::new(&self.gpu);
-            workspace.encode_lists(&self.gpu, &mut commands, cloud, true);
+            workspace.encode_lists(&self.gpu, &mut commands, splats, true);
             encode(workspace, &mut commands)?;
             commands.submit(&self.gpu);
             let status = workspace.tiles.read_status(&self.gpu)?;
             if status.overflow == 0 {
                 status.check()?;
-                workspace.edition = Some(cloud.edition);
+                workspace.edition = Some(splats.edition);
                 return Ok(status);
             }
             workspace.make_room(&self.gpu, &status)?;
@@ -145,8 +140,8 @@ pub(crate) fn check_settings(settings: &RenderSettings) -> Result<(), Error> {
 }
 
 impl<S: Kind> Rasterizer<S> for WgpuRasterizer {
-    type Cloud = Cloud<S>;
-    type Frame = Frame<S>;
+    type Splats = Splats<S>;
+    type ForwardPass = ForwardPass<S>;
     type Gradients = Gradients<S>;
     type Target = Target;
 
@@ -155,17 +150,17 @@ impl<S: Kind> Rasterizer<S> for WgpuRasterizer {
         format!("wgpu ({name}, {kind}, {interface})")
     }
 
-    fn upload(&self, scene: &S, chart: Chart) -> Result<Cloud<S>, Error> {
-        Cloud::new(&self.gpu, scene, chart)
+    fn upload(&self, scene: &S, parameterization: Parameterization) -> Result<Splats<S>, Error> {
+        Splats::new(&self.gpu, scene, parameterization)
     }
 
-    fn download(&self, cloud: &Cloud<S>) -> Result<S, Error> {
-        cloud.settle(&self.gpu)?;
-        S::download(&self.gpu, &cloud.state, cloud.len)
+    fn download(&self, splats: &Splats<S>) -> Result<S, Error> {
+        splats.settle(&self.gpu)?;
+        S::download(&self.gpu, &splats.state, splats.len)
     }
 
-    fn len(&self, cloud: &Cloud<S>) -> usize {
-        cloud.len
+    fn len(&self, splats: &Splats<S>) -> usize {
+        splats.len
     }
 
     fn upload_target(&self, image: &Image) -> Result<Target, Error> {
@@ -173,60 +168,60 @@ impl<S: Kind> Rasterizer<S> for WgpuRasterizer {
         Target::new(&self.gpu, image)
     }
 
-    fn save(&self, cloud: &Cloud<S>) -> Result<CloudState, Error> {
-        cloud.settle(&self.gpu)?;
-        cloud.save(&self.gpu)
+    fn save(&self, splats: &Splats<S>) -> Result<SplatsState, Error> {
+        splats.settle(&self.gpu)?;
+        splats.save(&self.gpu)
     }
 
-    fn restore(&self, state: &CloudState) -> Result<Cloud<S>, Error> {
-        Cloud::restore(&self.gpu, state)
+    fn restore(&self, state: &SplatsState) -> Result<Splats<S>, Error> {
+        Splats::restore(&self.gpu, state)
     }
 
-    fn forward(&self, cloud: &Cloud<S>, view: &S::View, settings: &RenderSettings) -> Result<Frame<S>, Error> {
+    fn forward(&self, splats: &Splats<S>, view: &S::View, settings: &RenderSettings) -> Result<ForwardPass<S>, Error> {
         S::check(view, settings)?;
-        cloud.settle(&self.gpu)?;
+        splats.settle(&self.gpu)?;
         let mut workspace = S::pool(self).take(&self.gpu)?;
-        workspace.set(&self.gpu, cloud, view, settings)?;
+        workspace.set(&self.gpu, splats, view, settings)?;
         let status = self.with_lists(
             &mut workspace,
-            cloud,
-            |w| w.describe(&self.gpu, cloud, None, None),
+            splats,
+            |w| w.describe(&self.gpu, splats, None, None),
             |w, commands| {
                 w.tiles.encode_blend(&self.gpu, commands);
                 Ok(())
             },
         )?;
-        Ok(Frame { workspace: Some(workspace), status, pool: Arc::clone(S::pool(self)) })
+        Ok(ForwardPass { workspace: Some(workspace), status, pool: Arc::clone(S::pool(self)) })
     }
 
-    fn image(&self, frame: &Frame<S>) -> Result<Image, Error> {
-        frame.image(&self.gpu)
+    fn image(&self, pass: &ForwardPass<S>) -> Result<Image, Error> {
+        pass.image(&self.gpu)
     }
 
-    fn culled(&self, frame: &Frame<S>) -> Result<Culled, Error> {
-        Ok(frame.culled())
+    fn culled(&self, pass: &ForwardPass<S>) -> Result<Culled, Error> {
+        Ok(pass.culled())
     }
 
     fn backward(
         &self,
-        cloud: &Cloud<S>,
-        mut frame: Frame<S>,
+        splats: &Splats<S>,
+        mut pass: ForwardPass<S>,
         target: &Target,
         loss: &Loss,
     ) -> Result<(f32, Gradients<S>), Error> {
         loss.validate()?;
         let gpu = &self.gpu;
-        let workspace = frame.workspace.as_mut().expect("a frame has its workspace until it is dropped");
+        let workspace = pass.workspace.as_mut().expect("a forward pass has its workspace until it is dropped");
         target.check_size(workspace.tiles.size)?;
-        if workspace.edition != Some(cloud.edition) {
-            return Err(Error::State("the frame is of another cloud, or of this one before an edit".to_owned()));
+        if workspace.edition != Some(splats.edition) {
+            return Err(Error::State("the forward pass is of other splats, or of this one before an edit".to_owned()));
         }
-        cloud.settle(gpu)?;
-        workspace.write_step(gpu, &workspace.describe(gpu, cloud, Some(*loss), None));
+        splats.settle(gpu)?;
+        workspace.write_step(gpu, &workspace.describe(gpu, splats, Some(*loss), None));
         let mut commands = Commands::new(gpu);
         workspace.tiles.encode_loss(gpu, &mut commands, target, Some(*loss))?;
         workspace.tiles.encode_blend_bwd(gpu, &mut commands, Differentiated::Loss(target))?;
-        workspace.encode_project_bwd(gpu, &mut commands, cloud)?;
+        workspace.encode_project_bwd(gpu, &mut commands, splats)?;
         let mut buffers = Vec::new();
         for source in workspace.gradient_buffers() {
             let buffer = gpu.allocate("gradients", source.size(), STORAGE)?;
@@ -236,31 +231,31 @@ impl<S: Kind> Rasterizer<S> for WgpuRasterizer {
         commands.submit(gpu);
         let status = workspace.tiles.read_status(gpu)?;
         status.check()?;
-        let view = workspace.view.clone().expect("a frame has a view");
-        Ok((status.loss, Gradients { buffers, len: cloud.len, view, settings: workspace.tiles.settings }))
+        let view = workspace.view.clone().expect("a forward pass has a view");
+        Ok((status.loss, Gradients { buffers, len: splats.len, view, settings: workspace.tiles.settings }))
     }
 
-    fn download_gradients(&self, cloud: &Cloud<S>, gradients: &Gradients<S>) -> Result<S, Error> {
-        gradients.check_len(cloud)?;
-        cloud.settle(&self.gpu)?;
-        S::derivatives(&self.gpu, cloud, gradients)
+    fn download_gradients(&self, splats: &Splats<S>, gradients: &Gradients<S>) -> Result<S, Error> {
+        gradients.check_len(splats)?;
+        splats.settle(&self.gpu)?;
+        S::derivatives(&self.gpu, splats, gradients)
     }
 
-    fn step(&self, cloud: &mut Cloud<S>, gradients: &Gradients<S>, rates: &AdamRates) -> Result<(), Error> {
-        gradients.check_len(cloud)?;
+    fn step(&self, splats: &mut Splats<S>, gradients: &Gradients<S>, rates: &AdamRates) -> Result<(), Error> {
+        gradients.check_len(splats)?;
         rates.validate()?;
         S::check_rates(rates)?;
         let gpu = &self.gpu;
-        cloud.settle(gpu)?;
-        S::prepare(gpu, &mut cloud.state, cloud.len)?;
+        splats.settle(gpu)?;
+        S::prepare(gpu, &mut splats.state, splats.len)?;
         let mut workspace = S::pool(self).take(gpu)?;
-        workspace.set(gpu, cloud, &gradients.view, &gradients.settings)?;
-        let step = workspace.describe(gpu, cloud, None, Some(rates));
+        workspace.set(gpu, splats, &gradients.view, &gradients.settings)?;
+        let step = workspace.describe(gpu, splats, None, Some(rates));
         let uniform = gpu.allocate("step", size_of::<Step>() as u64, UNIFORM)?;
         gpu.write(&uniform, bytemuck::bytes_of(&step));
         let mut commands = Commands::new(gpu);
         let buffers: Vec<&wgpu::Buffer> = gradients.buffers.iter().collect();
-        S::encode_adam(gpu, &mut commands, cloud, &uniform, &buffers, None);
+        S::encode_adam(gpu, &mut commands, splats, &uniform, &buffers, None);
         commands.submit(gpu);
         S::pool(self).give(workspace);
         gpu.check()
@@ -268,7 +263,7 @@ impl<S: Kind> Rasterizer<S> for WgpuRasterizer {
 
     fn train_step(
         &self,
-        cloud: &mut Cloud<S>,
+        splats: &mut Splats<S>,
         view: &S::View,
         target: &Target,
         step: &TrainStep<'_>,
@@ -278,23 +273,23 @@ impl<S: Kind> Rasterizer<S> for WgpuRasterizer {
         step.rates.validate()?;
         S::check_rates(step.rates)?;
         target.check_size(S::size(view))?;
-        S::prepare(&self.gpu, &mut cloud.state, cloud.len)?;
-        cloud.in_flight().train(&self.gpu, S::pool(self), cloud, Request::new(view, target, step))
+        S::prepare(&self.gpu, &mut splats.state, splats.len)?;
+        splats.in_flight().train(&self.gpu, S::pool(self), splats, Request::new(view, target, step))
     }
 
-    fn losses(&self, cloud: &mut Cloud<S>, wait: Wait, losses: &mut Vec<f32>) -> Result<(), Error> {
-        cloud.in_flight().settle(&self.gpu, cloud, wait)?;
-        losses.append(self.unread_losses(cloud));
+    fn losses(&self, splats: &mut Splats<S>, wait: Wait, losses: &mut Vec<f32>) -> Result<(), Error> {
+        splats.in_flight().settle(&self.gpu, splats, wait)?;
+        losses.append(self.unread_losses(splats));
         Ok(())
     }
 
-    fn unread_losses<'c>(&self, cloud: &'c mut Cloud<S>) -> &'c mut Vec<f32> {
-        &mut cloud.in_flight.get_mut().unwrap_or_else(PoisonError::into_inner).losses
+    fn unread_losses<'c>(&self, splats: &'c mut Splats<S>) -> &'c mut Vec<f32> {
+        &mut splats.in_flight.get_mut().unwrap_or_else(PoisonError::into_inner).losses
     }
 
     fn solve_colors(
         &self,
-        cloud: &mut Cloud<S>,
+        splats: &mut Splats<S>,
         view: &S::View,
         target: &Target,
         settings: &RenderSettings,
@@ -302,17 +297,17 @@ impl<S: Kind> Rasterizer<S> for WgpuRasterizer {
     ) -> Result<(), Error> {
         S::check(view, settings)?;
         target.check_size(S::size(view))?;
-        S::solve_colors(self, cloud, view, target, settings, iterations)
+        S::solve_colors(self, splats, view, target, settings, iterations)
     }
 
-    fn statistics(&self, cloud: &Cloud<S>) -> Result<DensityStatistics, Error> {
-        cloud.settle(&self.gpu)?;
-        cloud.density_statistics(&self.gpu)
+    fn statistics(&self, splats: &Splats<S>) -> Result<DensityStatistics, Error> {
+        splats.settle(&self.gpu)?;
+        splats.density_statistics(&self.gpu)
     }
 
-    fn edit(&self, cloud: &mut Cloud<S>, plan: &EditPlan<S::Gaussian>) -> Result<(), Error> {
-        cloud.settle(&self.gpu)?;
-        cloud.edit(&self.gpu, plan)
+    fn edit(&self, splats: &mut Splats<S>, plan: &EditPlan<S::Gaussian>) -> Result<(), Error> {
+        splats.settle(&self.gpu)?;
+        splats.edit(&self.gpu, plan)
     }
 }
 

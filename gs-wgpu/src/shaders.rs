@@ -44,10 +44,10 @@ pub(crate) enum Pass {
 pub(crate) struct Variant {
     /// Blending is `Over`, not `Sum`.
     pub(crate) over: bool,
-    /// The chart is `LocalFrame`.
-    pub(crate) local_frame: bool,
-    /// `edit` is of spatial Gaussians.
-    pub(crate) spatial: bool,
+    /// The parameterization is `CovarianceFactor`.
+    pub(crate) covariance_factor: bool,
+    /// `edit` is of 3D Gaussians.
+    pub(crate) scene_3d: bool,
     /// `project` counts tiles, for lists made anew.
     pub(crate) lists: bool,
     /// Blending is in the order of depth at each pixel.
@@ -145,9 +145,9 @@ macro_rules! shaders {
 }
 
 shaders! {
-    "planar/project" after "counted": ["project"],
-    "spatial/project" after "counted" after "spatial/spatial": ["spatial_project"],
-    "spatial/place": ["place"],
+    "scene2d/project" after "counted": ["project"],
+    "scene3d/project" after "counted" after "scene3d/shared": ["project_3d"],
+    "scene3d/place": ["place"],
     "scan": ["scan_blocks", "scan_sums", "scan_spread"],
     "sizes": ["sizes", "stop_unfinished"],
     "bin" after "least_depth": ["bin"],
@@ -161,14 +161,14 @@ shaders! {
     "loss" after "lanes": ["loss", "loss_sum"],
     "dssim": ["dssim_moments", "dssim_derivatives", "dssim_gradient"],
     "blend_bwd" after "walk": ["blend_bwd"],
-    "planar/project_bwd" after "received": ["project_bwd"],
-    "spatial/project_bwd" after "received" after "spatial/spatial": ["spatial_project_bwd"],
-    "planar/adam" after "moments": ["adam"],
-    "spatial/adam" after "moments": ["spatial_adam"],
-    "spatial/adam_color" after "moments": ["spatial_adam_color"],
+    "scene2d/project_bwd" after "received": ["project_bwd"],
+    "scene3d/project_bwd" after "received" after "scene3d/shared": ["project_bwd_3d"],
+    "scene2d/adam" after "moments": ["adam"],
+    "scene3d/adam" after "moments": ["adam_3d"],
+    "scene3d/adam_color" after "moments": ["adam_color_3d"],
     "edit" after "sources": ["edit"],
-    "spatial/edit_color" after "sources": ["edit_color"],
-    "planar/solve_colors": [
+    "scene3d/edit_color" after "sources": ["edit_color"],
+    "scene2d/solve_colors": [
         "solve_start", "solve_product", "solve_step", "solve_direction", "solve_end", "solve_scalars",
     ],
 }
@@ -286,9 +286,9 @@ fn ssim_window() -> [f32; SSIM_WINDOW] {
 fn preprocess(source: &str, variant: Variant) -> String {
     let holds = |name: &str| match name {
         "OVER" => variant.over,
-        "LOCAL_FRAME" => variant.local_frame,
+        "LOCAL_FRAME" => variant.covariance_factor,
         "LISTS" => variant.lists,
-        "SPATIAL" => variant.spatial,
+        "SCENE_3D" => variant.scene_3d,
         "PIXEL_DEPTH" => variant.by_pixel,
         "ON_CPU" => variant.on_cpu,
         "FORWARD" => variant.pass != Pass::Backward,

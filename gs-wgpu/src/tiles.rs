@@ -1,15 +1,15 @@
-//! What passes of every kind of scene have: splats, the tiles' lists, the image, and their buffers, which grow on demand and are used again.
+//! What passes of every kind of scene have: projected, the tiles' lists, the image, and their buffers, which grow on demand and are used again.
 
 use gs_core::{AdamRates, Blend, Error, Loss, Participants, RenderSettings, adam::Rate, effects, effects::Order};
 
 use crate::{
-    cloud::UNIFORM,
     collect::Collected,
     dispatch::{Commands, Groups},
     gpu::{Gpu, STORAGE, backend_error},
     iterations::check_tiles,
     layout::{QUEUED_BYTES, SPLAT_BYTES, Status, Step},
     shaders::{SORT_BITS, SORT_BLOCK, TILE_COLUMNS, Tiling, Variant, stride, tiling},
+    splats::UNIFORM,
 };
 
 /// Where in `indirect` the sizes of a dispatch stand, bytes (in the shaders: words): an invocation a Gaussian, a group a block of sorting, a
@@ -74,7 +74,7 @@ pub(crate) struct Tiles {
     pub(crate) status: wgpu::Buffer,
     pub(crate) indirect: wgpu::Buffer,
     /// In the order in which they are blended.
-    pub(crate) splats: Growing,
+    pub(crate) projected: Growing,
     /// First entry of each splat, `[N + 1]`.
     pub(crate) offsets: Growing,
     pub(crate) scan_sums: Growing,
@@ -86,7 +86,7 @@ pub(crate) struct Tiles {
     pub(crate) tile_start: Growing,
     /// What each entry's Gaussian receives.
     pub(crate) slots: Growing,
-    /// In the order of depth at each pixel: depths of the splats, the tiles' entries in a queue, and what each of those receives, in
+    /// In the order of depth at each pixel: depths of the projected, the tiles' entries in a queue, and what each of those receives, in
     /// fixed-point numbers.
     pub(crate) depths: Growing,
     pub(crate) queue: Growing,
@@ -123,7 +123,7 @@ impl Tiles {
             step: gpu.allocate("step", size_of::<Step>() as u64, UNIFORM)?,
             status,
             indirect: gpu.allocate("dispatch sizes", 48, STORAGE | wgpu::BufferUsages::INDIRECT)?,
-            splats: growing("splats")?,
+            projected: growing("projected")?,
             offsets: growing("entry offsets")?,
             scan_sums: growing("scan sums")?,
             keys: [growing("tile entries")?, growing("tile entries")?],
@@ -174,7 +174,7 @@ impl Tiles {
     /// Whether each pixel has an order of its own.
     pub(crate) fn orders_by_pixel(&self) -> bool {
         let effects = &self.settings.effects;
-        effects.blend == Blend::Over && effects.order == Order::PixelDepth
+        effects.blend == Blend::Over && effects.order == Order::PerPixel
     }
 
     /// Passes of the sort: as many digits as the last tile's number has, and an entry's depth.
@@ -217,7 +217,7 @@ impl Tiles {
         (self.size, self.settings, self.gaussians) = (size, *settings, gaussians as u32);
         check_tiles(gpu, size, self.across_and_down())?;
         let n = gaussians as u64;
-        self.splats.ensure(gpu, n * SPLAT_BYTES)?;
+        self.projected.ensure(gpu, n * SPLAT_BYTES)?;
         self.offsets.ensure(gpu, (n + 1) * 4)?;
         self.scan_sums.ensure(gpu, (n + 1).div_ceil(1024) * 4)?;
         self.tile_start.ensure(gpu, (self.list_count() + 1) * 4)?;
@@ -274,7 +274,7 @@ impl Tiles {
         let mut step = Step {
             size: self.size,
             tiles: self.across_and_down(),
-            backdrop: self.settings.backdrop(),
+            background: self.settings.background_color(),
             gaussians: self.gaussians,
             alpha_cut: accuracy.alpha_cut,
             alpha_max,

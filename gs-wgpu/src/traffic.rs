@@ -4,13 +4,13 @@
 use gs_core::{Blend, Error, Loss, profile::Traffic};
 
 use crate::{
-    cloud::Cloud,
     gpu::Gpu,
     kind::Kind,
     layout::{QUEUED_BYTES, SPLAT_BYTES},
     loss::MOMENTS_BYTES,
     profile::Stage,
     shaders::{Kernels, TILE_COLUMNS, stride, tiling},
+    splats::Splats,
     tiles::{DEPTH_BYTES, PIXEL_BYTES, Tiles, totals_bytes},
     workspace::Workspace,
 };
@@ -33,13 +33,13 @@ pub(crate) fn size<T>() -> u64 {
 pub(crate) fn of<S: Kind>(
     stage: Stage,
     workspace: &Workspace<S>,
-    cloud: &Cloud<S>,
+    splats: &Splats<S>,
     loss: Loss,
     entries: u64,
 ) -> Traffic {
     let tiles = &workspace.tiles;
     let over = tiles.settings.effects.blend == Blend::Over;
-    let n = cloud.len as u64;
+    let n = splats.len as u64;
     let image = tiles.pixels() * PIXEL_BYTES;
     let moments = 3 * tiles.pixels() * MOMENTS_BYTES;
     let stride = u64::from(stride(tiles.variant()));
@@ -52,7 +52,7 @@ pub(crate) fn of<S: Kind>(
         _ => (queued, listed + entries * DEPTH_BYTES, entries * totals_bytes(stride)),
     };
     let (read, written) = match stage {
-        Stage::Project | Stage::Adam => return S::traffic(stage, workspace, cloud),
+        Stage::Project | Stage::Adam => return S::traffic(stage, workspace, splats),
         // Sums of blocks, then their insides.
         Stage::Scan => (2 * n * INDEX, n * INDEX),
         Stage::Bin => (n * (SPLAT_BYTES + INDEX), entries * (2 * INDEX + ENTRY)),
@@ -73,7 +73,7 @@ pub(crate) fn of<S: Kind>(
         Stage::BlendBwd => (lists + image + if over { image } else { 0 }, slots),
         Stage::Fused => (lists + image, slots),
         Stage::ProjectBwd => {
-            let Traffic { read, written } = S::traffic(stage, workspace, cloud);
+            let Traffic { read, written } = S::traffic(stage, workspace, splats);
             (read + slots, written)
         }
     };
@@ -103,7 +103,7 @@ fn rows_visited(rows: u32) -> u32 {
 mod tests {
     use glam::{Vec2, Vec3};
     use gs_core::{
-        Canvas, Chart, Image, PlanarGaussian, PlanarScene, Rasterizer, RenderSettings,
+        Canvas, Gaussian2d, Image, Parameterization, Rasterizer, RenderSettings, Scene2d,
         profile::{Profile, Profiler},
     };
 
@@ -112,18 +112,18 @@ mod tests {
 
     /// A profile of two Gaussians, of which one touches two columns of tiles on a canvas of 32×10 px and the other one.
     fn profiled(wgpu: &WgpuRasterizer, blend: Blend, loss: Loss) -> Profile {
-        let at = |x: f32| PlanarGaussian {
+        let at = |x: f32| Gaussian2d {
             mean: Vec2::new(x, 5.0),
             log_scale: Vec2::ZERO,
             rotation: 0.0,
             opacity_logit: if blend == Blend::Over { 1.0 } else { f32::INFINITY },
             color: Vec3::ONE,
         };
-        let scene: PlanarScene = [at(16.0), at(26.0)].into_iter().collect();
-        let mut cloud = wgpu.upload(&scene, Chart::LocalFrame).unwrap();
-        let target = wgpu.planar().upload_target(&Image::filled(32, 10, [0.5; 3]).unwrap()).unwrap();
+        let scene: Scene2d = [at(16.0), at(26.0)].into_iter().collect();
+        let mut splats = wgpu.upload(&scene, Parameterization::CovarianceFactor).unwrap();
+        let target = wgpu.for_2d().upload_target(&Image::filled(32, 10, [0.5; 3]).unwrap()).unwrap();
         let settings = RenderSettings::blended(blend);
-        wgpu.profile(&mut cloud, &Canvas::new(32, 10), &target, &settings, loss, 1).unwrap()
+        wgpu.profile(&mut splats, &Canvas::new(32, 10), &target, &settings, loss, 1).unwrap()
     }
 
     fn rasterizer() -> WgpuRasterizer {

@@ -3,11 +3,11 @@
 use gs_core::{AdamRates, Error, Loss, RenderSettings};
 
 use crate::{
-    cloud::Cloud,
     dispatch::Commands,
     gpu::Gpu,
     kind::Kind,
     layout::{Status, Step},
+    splats::Splats,
     tiles::{Growing, Tiles},
 };
 
@@ -20,7 +20,7 @@ pub struct Workspace<S: Kind> {
     pub(crate) own: S::Own,
     /// As many as the kind of scene has, once there was a backward pass.
     pub(crate) gradients: Vec<Growing>,
-    /// The cloud's edition that the lists were made for.
+    /// The splats' edition that the lists were made for.
     pub(crate) edition: Option<u64>,
 }
 
@@ -29,28 +29,34 @@ impl<S: Kind> Workspace<S> {
         Ok(Self { tiles: Tiles::new(gpu)?, view: None, own: S::own(gpu)?, gradients: Vec::new(), edition: None })
     }
 
-    /// Makes the pass one of this cloud, view and settings; lists that were made for anything else are forgotten.
+    /// Makes the pass one of these splats, view and settings; lists that were made for anything else are forgotten.
     pub(crate) fn set(
         &mut self,
         gpu: &Gpu,
-        cloud: &Cloud<S>,
+        splats: &Splats<S>,
         view: &S::View,
         settings: &RenderSettings,
     ) -> Result<(), Error> {
         let seen = self.view.as_ref() == Some(view) && self.tiles.settings == *settings;
-        if !(S::LISTS_LAST && seen && self.edition == Some(cloud.edition)) {
+        if !(S::LISTS_LAST && seen && self.edition == Some(splats.edition)) {
             self.edition = None;
         }
         self.view = Some(view.clone());
-        self.tiles.set(gpu, cloud.len, S::size(view), settings)?;
-        S::ensure(self, gpu, cloud)
+        self.tiles.set(gpu, splats.len, S::size(view), settings)?;
+        S::ensure(self, gpu, splats)
     }
 
     /// What this pass tells the device.
-    pub(crate) fn describe(&self, gpu: &Gpu, cloud: &Cloud<S>, loss: Option<Loss>, rates: Option<&AdamRates>) -> Step {
+    pub(crate) fn describe(
+        &self,
+        gpu: &Gpu,
+        splats: &Splats<S>,
+        loss: Option<Loss>,
+        rates: Option<&AdamRates>,
+    ) -> Step {
         let mut step = self.tiles.describe(gpu, loss, rates);
         if let Some(view) = &self.view {
-            S::describe(view, &self.tiles.settings, cloud, &mut step);
+            S::describe(view, &self.tiles.settings, splats, &mut step);
         }
         step
     }
@@ -63,8 +69,8 @@ impl<S: Kind> Workspace<S> {
     }
 
     /// Stages `project` to `ranges`; without `lists` only `project`, and the last lists stay.
-    pub(crate) fn encode_lists(&self, gpu: &Gpu, commands: &mut Commands, cloud: &Cloud<S>, lists: bool) {
-        self.encode_project(gpu, commands, cloud, lists);
+    pub(crate) fn encode_lists(&self, gpu: &Gpu, commands: &mut Commands, splats: &Splats<S>, lists: bool) {
+        self.encode_project(gpu, commands, splats, lists);
         if lists {
             self.tiles.encode_offsets(gpu, commands);
             self.tiles.encode_bin(gpu, commands);
@@ -74,9 +80,9 @@ impl<S: Kind> Workspace<S> {
     }
 
     /// Stage `project`; with `lists` it counts the tiles that each Gaussian touches.
-    pub(crate) fn encode_project(&self, gpu: &Gpu, commands: &mut Commands, cloud: &Cloud<S>, lists: bool) {
+    pub(crate) fn encode_project(&self, gpu: &Gpu, commands: &mut Commands, splats: &Splats<S>, lists: bool) {
         self.tiles.encode_clear(commands, lists);
-        S::encode_project(self, gpu, commands, cloud, lists);
+        S::encode_project(self, gpu, commands, splats, lists);
     }
 
     /// Stage `project_bwd`, and room for the gradients that it leaves: a pass that is only looked at needs none.
@@ -84,16 +90,16 @@ impl<S: Kind> Workspace<S> {
         &mut self,
         gpu: &Gpu,
         commands: &mut Commands,
-        cloud: &Cloud<S>,
+        splats: &Splats<S>,
     ) -> Result<(), Error> {
-        let sizes = S::gradient_bytes(cloud);
+        let sizes = S::gradient_bytes(splats);
         while self.gradients.len() < sizes.len() {
             self.gradients.push(Growing::new(gpu, "gradients")?);
         }
         for (gradients, bytes) in self.gradients.iter_mut().zip(sizes) {
             gradients.ensure(gpu, bytes)?;
         }
-        S::encode_project_bwd(self, gpu, commands, cloud);
+        S::encode_project_bwd(self, gpu, commands, splats);
         Ok(())
     }
 
@@ -103,10 +109,10 @@ impl<S: Kind> Workspace<S> {
     }
 
     /// Stage `adam`, in a pass whose lists may not have fitted, or whose pixels may have given up: then it does nothing.
-    pub(crate) fn encode_adam(&self, gpu: &Gpu, commands: &mut Commands, cloud: &Cloud<S>) {
+    pub(crate) fn encode_adam(&self, gpu: &Gpu, commands: &mut Commands, splats: &Splats<S>) {
         self.tiles.encode_stop(gpu, commands);
         let Tiles { step, indirect, .. } = &self.tiles;
-        S::encode_adam(gpu, commands, cloud, step, &self.gradient_buffers(), Some(indirect));
+        S::encode_adam(gpu, commands, splats, step, &self.gradient_buffers(), Some(indirect));
     }
 
     /// Makes room for what a pass asked for in vain, and forgets that it did.
@@ -119,26 +125,26 @@ impl<S: Kind> Workspace<S> {
 #[cfg(test)]
 mod tests {
     use glam::{Vec2, Vec3};
-    use gs_core::{Canvas, Chart, Image, Loss, PlanarGaussian, PlanarScene, Rasterizer, RenderSettings};
+    use gs_core::{Canvas, Gaussian2d, Image, Loss, Parameterization, Rasterizer, RenderSettings, Scene2d};
 
     use crate::{WgpuRasterizer, WgpuSettings};
 
     #[test]
     fn what_is_only_looked_at_has_no_room_for_gradients() {
         let wgpu = WgpuRasterizer::new(WgpuSettings::default()).expect("`cargo xtask test` installs a driver");
-        let gaussian = PlanarGaussian {
+        let gaussian = Gaussian2d {
             mean: Vec2::splat(8.0),
             log_scale: Vec2::ONE,
             rotation: 0.0,
             opacity_logit: 0.0,
             color: Vec3::ONE,
         };
-        let scene: PlanarScene = [gaussian].into_iter().collect();
-        let cloud = wgpu.upload(&scene, Chart::ScaleRotation).unwrap();
-        let frame = wgpu.forward(&cloud, &Canvas::new(16, 16), &RenderSettings::default()).unwrap();
-        assert!(frame.workspace().gradients.is_empty());
-        let target = wgpu.planar().upload_target(&Image::filled(16, 16, [0.5; 3]).unwrap()).unwrap();
-        let (_, gradients) = wgpu.backward(&cloud, frame, &target, &Loss::L2).unwrap();
-        assert_ne!(wgpu.download_gradients(&cloud, &gradients).unwrap().colors, [Vec3::ZERO]);
+        let scene: Scene2d = [gaussian].into_iter().collect();
+        let splats = wgpu.upload(&scene, Parameterization::ScaleRotation).unwrap();
+        let pass = wgpu.forward(&splats, &Canvas::new(16, 16), &RenderSettings::default()).unwrap();
+        assert!(pass.workspace().gradients.is_empty());
+        let target = wgpu.for_2d().upload_target(&Image::filled(16, 16, [0.5; 3]).unwrap()).unwrap();
+        let (_, gradients) = wgpu.backward(&splats, pass, &target, &Loss::L2).unwrap();
+        assert_ne!(wgpu.download_gradients(&splats, &gradients).unwrap().colors, [Vec3::ZERO]);
     }
 }

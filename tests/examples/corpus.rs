@@ -17,9 +17,9 @@ use std::{
 
 use gs_conformance::{
     Failure,
-    corpus::{Record, planar_corpus, poison_planar, poison_spatial, run, spatial_corpus},
+    corpus::{Record, corpus_2d, corpus_3d, poison_2d, poison_3d, run},
 };
-use gs_core::{PlanarScene, Rasterizer, SpatialScene};
+use gs_core::{Rasterizer, Scene2d, Scene3d};
 use gs_cpu::{CpuRasterizer, CpuSettings, SimdLevel};
 use gs_wgpu::{Kernels, WgpuRasterizer, WgpuSettings};
 
@@ -60,14 +60,14 @@ impl Backend {
     }
 }
 
-fn records<R: Rasterizer<PlanarScene> + Rasterizer<SpatialScene>>(rasterizer: &R, word: &str) -> Vec<Record> {
-    let planar = planar_corpus().into_iter().filter(|case| case.name.contains(word));
-    let spatial = spatial_corpus().into_iter().filter(|case| case.name.contains(word));
-    let mut records: Vec<Record> = planar.map(|case| run(rasterizer, &case)).collect();
-    records.extend(spatial.map(|case| run(rasterizer, &case)));
+fn records<R: Rasterizer<Scene2d> + Rasterizer<Scene3d>>(rasterizer: &R, word: &str) -> Vec<Record> {
+    let scene_2d = corpus_2d().into_iter().filter(|case| case.name.contains(word));
+    let scene_3d = corpus_3d().into_iter().filter(|case| case.name.contains(word));
+    let mut records: Vec<Record> = scene_2d.map(|case| run(rasterizer, &case)).collect();
+    records.extend(scene_3d.map(|case| run(rasterizer, &case)));
     if "poison".contains(word) {
-        records.extend(poison_planar(rasterizer));
-        records.extend(poison_spatial(rasterizer));
+        records.extend(poison_2d(rasterizer));
+        records.extend(poison_3d(rasterizer));
     }
     records
 }

@@ -1,5 +1,5 @@
 //! Puts random scenes, views and settings through gs-cpu: `cargo run --release -p gs-conformance --example fuzzed_scenes -- [COUNT] [SEED]`.
-//! Half of them are planar, half in space. Tells each that fails, and of the first all that it is.
+//! Half of them are 2D, half in 3D. Tells each that fails, and of the first all that it is.
 
 #![allow(clippy::print_stdout)]
 
@@ -7,7 +7,7 @@ use std::{env, process::ExitCode, time::Instant};
 
 use gs_conformance::{
     Failure,
-    fuzzed::{Fuzzed, owes, planar, spatial},
+    fuzzed::{Fuzzed, owes, scene_2d, scene_3d},
 };
 use gs_cpu::{CpuRasterizer, CpuSettings};
 use rand::{RngExt, SeedableRng};
@@ -54,16 +54,16 @@ fn main() -> ExitCode {
 }
 
 fn try_one(cpu: &CpuRasterizer, index: u64, bytes: &[u8]) -> Result<(), Failure> {
-    if index.is_multiple_of(2) { owes(cpu, &planar(bytes)) } else { owes(cpu, &spatial(bytes)) }
+    if index.is_multiple_of(2) { owes(cpu, &scene_2d(bytes)) } else { owes(cpu, &scene_3d(bytes)) }
 }
 
 /// What was drawn, but for the target, which is long.
 fn told(index: u64, bytes: &[u8]) -> String {
     if index.is_multiple_of(2) {
-        let Fuzzed { scene, view, settings, loss, chart, rates, .. } = planar(bytes);
-        format!("{scene:#?}\n{view:?}\n{settings:?}\n{loss:?}, {chart:?}\n{rates:?}")
+        let Fuzzed { scene, view, settings, loss, parameterization, rates, .. } = scene_2d(bytes);
+        format!("{scene:#?}\n{view:?}\n{settings:?}\n{loss:?}, {parameterization:?}\n{rates:?}")
     } else {
-        let Fuzzed { scene, view, settings, loss, chart, rates, .. } = spatial(bytes);
-        format!("{scene:#?}\n{view:?}\n{settings:?}\n{loss:?}, {chart:?}\n{rates:?}")
+        let Fuzzed { scene, view, settings, loss, parameterization, rates, .. } = scene_3d(bytes);
+        format!("{scene:#?}\n{view:?}\n{settings:?}\n{loss:?}, {parameterization:?}\n{rates:?}")
     }
 }

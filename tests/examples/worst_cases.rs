@@ -6,12 +6,12 @@
 use gs_conformance::{
     Failure,
     conformance::{check_gradients, check_image},
-    scenes::{Draw, Kind, SpatialKind},
+    scenes::{Draw, Kind, Kind3d},
     subject::Subject,
     tolerance::Agreement,
 };
 use gs_core::{
-    Chart, Loss, PlanarScene, Rasterizer, SpatialScene,
+    Loss, Parameterization, Rasterizer, Scene2d, Scene3d,
     effects::{Antialias, Blend, Order},
 };
 use gs_cpu::{CpuRasterizer, CpuSettings, SimdLevel};
@@ -42,7 +42,7 @@ impl Worst {
 }
 
 /// Prints a line per kind of scenes and blending.
-fn measure<R: Rasterizer<PlanarScene>>(name: &str, rasterizer: &R) -> Result<(), Failure> {
+fn measure<R: Rasterizer<Scene2d>>(name: &str, rasterizer: &R) -> Result<(), Failure> {
     for kind in Kind::ALL {
         for blend in [Blend::Sum, Blend::Over] {
             let scenes = format!("{kind:?} {blend:?}");
@@ -52,17 +52,17 @@ fn measure<R: Rasterizer<PlanarScene>>(name: &str, rasterizer: &R) -> Result<(),
     Ok(())
 }
 
-/// Prints a line per kind of spatial scenes, blending, order and antialiasing.
-fn measure_spatial<R: Rasterizer<SpatialScene>>(name: &str, rasterizer: &R) -> Result<(), Failure> {
-    for kind in SpatialKind::ALL {
+/// Prints a line per kind of 3D scenes, blending, order and antialiasing.
+fn measure_3d<R: Rasterizer<Scene3d>>(name: &str, rasterizer: &R) -> Result<(), Failure> {
+    for kind in Kind3d::ALL {
         for (blend, order, antialias) in [
-            (Blend::Sum, Order::TileDepth, Antialias::None),
-            (Blend::Over, Order::TileDepth, Antialias::None),
-            (Blend::Over, Order::TileDepth, Antialias::Mip),
-            (Blend::Over, Order::PixelDepth, Antialias::Dilate),
+            (Blend::Sum, Order::Global, Antialias::None),
+            (Blend::Over, Order::Global, Antialias::None),
+            (Blend::Over, Order::Global, Antialias::Mip),
+            (Blend::Over, Order::PerPixel, Antialias::Dilate),
         ] {
             let scenes = format!("{kind:?} {blend:?} {order:?} {antialias:?}");
-            let drawn = |seed| Draw::spatial(kind, blend, 24, (35, 26), seed).in_order(order).antialiased(antialias);
+            let drawn = |seed| Draw::for_3d(kind, blend, 24, (35, 26), seed).in_order(order).antialiased(antialias);
             worst_of(name, &scenes, rasterizer, drawn)?;
         }
     }
@@ -80,7 +80,7 @@ fn worst_of<S: Subject, R: Rasterizer<S>>(
         let draw = drawn(seed).on([0.3, 0.6, 0.2]);
         worst[0].add(check_image(rasterizer, &draw))?;
         for (worst, loss) in worst[1..].iter_mut().zip([Loss::L2, Loss::L1, Loss::PAPER]) {
-            worst.add(check_gradients(rasterizer, &draw, &loss, Chart::ScaleRotation))?;
+            worst.add(check_gradients(rasterizer, &draw, &loss, Parameterization::ScaleRotation))?;
         }
     }
     let columns = worst.map(|w| format!("{:5.2} {:.1e} ({}, {})", w.roundings, w.share, w.flips, w.uncompared));
@@ -96,7 +96,7 @@ fn main() -> Result<(), Failure> {
     for level in SimdLevel::available() {
         let rasterizer = CpuRasterizer::new(CpuSettings { threads: None, level: Some(level) })?;
         measure(&level.to_string(), &rasterizer)?;
-        measure_spatial(&level.to_string(), &rasterizer)?;
+        measure_3d(&level.to_string(), &rasterizer)?;
     }
     for kernels in [Kernels::Portable, Kernels::Subgroups, Kernels::Vectors] {
         match WgpuRasterizer::new(WgpuSettings { kernels: Some(kernels), ..WgpuSettings::default() }) {

@@ -2,11 +2,11 @@
 
 use std::collections::BTreeMap;
 
-use gs_core::{CloudState, state::TensorData};
+use gs_core::{SplatsState, state::TensorData};
 
 /// All numbers of a state as bits, by the names of its tensors: equal numbers of other bits (0 and −0) differ, NaN is equal to itself.
 #[must_use]
-pub fn bits(state: &CloudState) -> BTreeMap<&str, Vec<u32>> {
+pub fn bits(state: &SplatsState) -> BTreeMap<&str, Vec<u32>> {
     let of = |data: &TensorData| match data {
         TensorData::F32(values) => values.iter().map(|v| v.to_bits()).collect(),
         TensorData::U32(values) => values.clone(),

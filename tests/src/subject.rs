@@ -4,16 +4,16 @@ use std::fmt::Debug;
 
 use glam::{DQuat, Mat2, Mat3};
 use gs_core::{
-    Adam, Chart, Error, PlanarScene, Scene, SpatialScene,
+    Adam, Error, Parameterization, Scene, Scene2d, Scene3d,
     adam::Group,
+    covariance_factor::{self, PrincipalAxes},
     effects::Blend,
-    local_frame::{self, PrincipalAxes},
     whitened,
 };
 
 use crate::{
     oracle::{OracleScene, OracleView, PARAMETER_NAMES, Parameters, SPATIAL_SH, rows_of_gradients},
-    scenes::{Draw, Kind, SpatialKind},
+    scenes::{Draw, Kind, Kind3d},
 };
 
 /// A kind of scene that the suite can draw and the oracle can render.
@@ -21,8 +21,8 @@ pub trait Subject: Scene<View: OracleView + PartialEq> {
     /// What is particular about a drawn scene.
     type Kind: Copy + Debug + PartialEq;
 
-    /// The charts that backends train in. The first they must offer; another may be refused as unsupported.
-    const CHARTS: &'static [Chart];
+    /// The parameterizations that backends train in. The first they must offer; another may be refused as unsupported.
+    const CHARTS: &'static [Parameterization];
 
     /// Numbers of a mean.
     const DIMENSIONS: usize;
@@ -33,8 +33,8 @@ pub trait Subject: Scene<View: OracleView + PartialEq> {
     /// Whether backends must solve for colours under [`Blend::Sum`].
     const SOLVES_COLORS: bool;
 
-    /// The column of the opacity in the saved moments of a cloud in this chart.
-    fn opacity_moment(chart: Chart) -> usize;
+    /// The column of the opacity in the saved moments of splats in this parameterization.
+    fn opacity_moment(parameterization: Parameterization) -> usize;
 
     /// Rates that move drawn scenes by a small part of what they are, and limits of the scales that they are within.
     fn adam() -> Adam;
@@ -48,12 +48,12 @@ pub trait Subject: Scene<View: OracleView + PartialEq> {
     /// The scene as the oracle sees it.
     fn rows(&self) -> OracleScene;
 
-    /// The same with the shapes of these frames, as a cloud in [`Chart::LocalFrame`] saves them, in `f64`: in `f32`, a shape that is read from a
+    /// The same with the shapes of these frames, as splats in [`Parameterization::CovarianceFactor`] saves them, in `f64`: in `f32`, a shape that is read from a
     /// frame has a needle turned by as much as its aspect times the rounding. A frame without extent along an axis leaves the row as it is; one
     /// that is not finite has scales that are not.
-    fn rows_of_frames(&self, frames: &[f32]) -> OracleScene;
+    fn rows_of_factors(&self, frames: &[f32]) -> OracleScene;
 
-    /// A frame as it is beside moments of this parent, both as a cloud in [`Chart::LocalFrame`] saves them.
+    /// A frame as it is beside moments of this parent, both as splats in [`Parameterization::CovarianceFactor`] saves them.
     fn aligned(frame: &[f32], parent: &[f32]) -> Vec<f32>;
 
     /// No Gaussians of the same kind, SH degree included.
@@ -82,15 +82,15 @@ pub trait Subject: Scene<View: OracleView + PartialEq> {
     fn resized(view: &Self::View, size: (u32, u32)) -> Self::View;
 }
 
-impl Subject for PlanarScene {
+impl Subject for Scene2d {
     type Kind = Kind;
 
-    const CHARTS: &'static [Chart] = &[Chart::ScaleRotation, Chart::LocalFrame];
+    const CHARTS: &'static [Parameterization] = &[Parameterization::ScaleRotation, Parameterization::CovarianceFactor];
     const DIMENSIONS: usize = 2;
     const OPTIONAL_TENSORS: &'static [&'static str] = &["opacity_logit"];
     const SOLVES_COLORS: bool = true;
 
-    fn opacity_moment(_: Chart) -> usize {
+    fn opacity_moment(_: Parameterization) -> usize {
         8
     }
 
@@ -110,7 +110,7 @@ impl Subject for PlanarScene {
         OracleScene::from(self)
     }
 
-    fn rows_of_frames(&self, frames: &[f32]) -> OracleScene {
+    fn rows_of_factors(&self, frames: &[f32]) -> OracleScene {
         let mut rows = self.rows();
         for (row, &[a, b, c, d]) in rows.gaussians.iter_mut().zip(frames.as_chunks().0) {
             let frame = Mat2::from_cols_array(&[a, b, c, d]);
@@ -118,7 +118,7 @@ impl Subject for PlanarScene {
             if !frame.is_finite() {
                 row[2..4].fill(f64::NAN);
             } else if scales.min_element() > 0.0 {
-                // The larger first, as `PlanarGaussian::shape_of_frame` has it.
+                // The larger first, as `Gaussian2d::shape_of_factor` has it.
                 let (large, small, axis) = if scales.x < scales.y {
                     (scales.y, scales.x, axes.y_axis)
                 } else {
@@ -156,18 +156,18 @@ impl Subject for PlanarScene {
     }
 }
 
-impl Subject for SpatialScene {
-    type Kind = SpatialKind;
+impl Subject for Scene3d {
+    type Kind = Kind3d;
 
-    const CHARTS: &'static [Chart] = &[Chart::ScaleRotation, Chart::LocalFrame];
+    const CHARTS: &'static [Parameterization] = &[Parameterization::ScaleRotation, Parameterization::CovarianceFactor];
     const DIMENSIONS: usize = 3;
     const OPTIONAL_TENSORS: &'static [&'static str] = &[];
     const SOLVES_COLORS: bool = false;
 
-    fn opacity_moment(chart: Chart) -> usize {
-        match chart {
-            Chart::ScaleRotation => 10,
-            Chart::LocalFrame => 9,
+    fn opacity_moment(parameterization: Parameterization) -> usize {
+        match parameterization {
+            Parameterization::ScaleRotation => 10,
+            Parameterization::CovarianceFactor => 9,
         }
     }
 
@@ -188,7 +188,7 @@ impl Subject for SpatialScene {
         OracleScene::from(self)
     }
 
-    fn rows_of_frames(&self, frames: &[f32]) -> OracleScene {
+    fn rows_of_factors(&self, frames: &[f32]) -> OracleScene {
         let mut rows = self.rows();
         for (row, frame) in rows.gaussians.iter_mut().zip(frames.as_chunks::<9>().0) {
             let frame = Mat3::from_cols_array(frame);
@@ -206,7 +206,7 @@ impl Subject for SpatialScene {
 
     fn aligned(frame: &[f32], parent: &[f32]) -> Vec<f32> {
         let [frame, parent] = [frame, parent].map(Mat3::from_cols_slice);
-        local_frame::aligned(frame, parent).to_cols_array().to_vec()
+        covariance_factor::aligned(frame, parent).to_cols_array().to_vec()
     }
 
     fn rows_of_gradients(&self) -> Vec<Parameters> {
@@ -234,11 +234,11 @@ impl Subject for SpatialScene {
     }
 
     fn typical(blend: Blend, count: usize, size: (u32, u32), seed: u64) -> Draw<Self> {
-        Draw::spatial(SpatialKind::Typical, blend, count, size, seed)
+        Draw::for_3d(Kind3d::Typical, blend, count, size, seed)
     }
 
     fn overlapping(blend: Blend, count: usize, size: (u32, u32), seed: u64) -> Draw<Self> {
-        Draw::spatial(SpatialKind::Overlapping, blend, count, size, seed)
+        Draw::for_3d(Kind3d::Overlapping, blend, count, size, seed)
     }
 
     fn resized(view: &Self::View, (width, height): (u32, u32)) -> Self::View {

@@ -29,8 +29,8 @@ pub const MEANINGFUL_SHARE: f64 = 0.1;
 /// itself. gs-cpu is within 1e-5 at every SIMD level.
 pub const ADAM_SHARE: f64 = 1e-4;
 
-/// Largest difference of a spatial Gaussian from Adam in `f64` in local frames, seen from its own frame, as a share of the step size, per
-/// step; beside 1e-5. It is that of the gradients downloaded, which are by another chart.
+/// Largest difference of a 3D Gaussian from Adam in `f64` in covariance factors, seen from its own frame, as a share of the step size, per
+/// step; beside 1e-5. It is that of the gradients downloaded, which are by another parameterization.
 pub const FRAME_SHARE: f64 = 2e-3;
 
 /// Largest relative difference of the losses, and of the parameters as a share of their movement, between fused training steps and

@@ -7,18 +7,18 @@ use gs_conformance::{
     conformance::{check_gradients, check_image},
     data,
     oracle::{Oracle, OracleView},
-    scenes::{Draw, Kind, SpatialKind},
+    scenes::{Draw, Kind, Kind3d},
     subject::Subject,
     tolerance::Agreement,
 };
 use gs_core::{
-    Accuracy, Blend, Chart, Loss, PlanarScene, Rasterizer, RenderSettings, SpatialScene,
+    Accuracy, Blend, Loss, Parameterization, Rasterizer, RenderSettings, Scene2d, Scene3d,
     constants::HALF_DISPLAY_STEP,
     effects::{Antialias, Order},
     settings::{Cut, Extent},
 };
 use gs_cpu::{Bounds, CpuRasterizer, CpuSettings, CpuTuning, SimdLevel};
-use gs_train::spatial::Bulk;
+use gs_train::train::Bulk;
 
 const BLENDS: [Blend; 2] = [Blend::Sum, Blend::Over];
 
@@ -27,12 +27,12 @@ fn cpu(level: SimdLevel, tuning: CpuTuning) -> CpuRasterizer {
     CpuRasterizer::new(settings).unwrap().with_tuning(tuning).unwrap()
 }
 
-fn planar(blend: Blend, seed: u64) -> Draw {
+fn scene_2d(blend: Blend, seed: u64) -> Draw {
     Draw::new(Kind::Typical, blend, 30, (40, 30), seed)
 }
 
-fn spatial(blend: Blend, order: Order, seed: u64) -> Draw<SpatialScene> {
-    let mut draw = Draw::spatial(SpatialKind::Typical, blend, 30, (40, 30), seed);
+fn scene_3d(blend: Blend, order: Order, seed: u64) -> Draw<Scene3d> {
+    let mut draw = Draw::for_3d(Kind3d::Typical, blend, 30, (40, 30), seed);
     draw.settings.effects.order = order;
     draw
 }
@@ -47,7 +47,7 @@ where
         Err(Failure::Nothing(_)) => 0,
         Err(failure) => panic!("{:?}: {failure}", draw.settings.accuracy),
     };
-    judge(check_image(cpu, draw)) + judge(check_gradients(cpu, draw, &Loss::L2, Chart::ScaleRotation))
+    judge(check_image(cpu, draw)) + judge(check_gradients(cpu, draw, &Loss::L2, Parameterization::ScaleRotation))
 }
 
 #[test]
@@ -58,11 +58,11 @@ fn extents_in_standard_deviations_match_the_oracle() {
         for (seed, sigmas) in (900..).zip([1.0, 1.7, 3.0]) {
             let accuracy = Accuracy { extent: Extent::Sigmas(sigmas), alpha_cut: 1e-3, ..Accuracy::default() };
             for blend in BLENDS {
-                let mut draw = planar(blend, seed);
+                let mut draw = scene_2d(blend, seed);
                 draw.settings.accuracy = accuracy;
                 compared += check(&cpu, &draw);
-                for order in [Order::TileDepth, Order::PixelDepth] {
-                    let mut draw = spatial(blend, order, seed);
+                for order in [Order::Global, Order::PerPixel] {
+                    let mut draw = scene_3d(blend, order, seed);
                     draw.settings.accuracy = accuracy;
                     compared += check(&cpu, &draw);
                 }
@@ -75,11 +75,11 @@ fn extents_in_standard_deviations_match_the_oracle() {
 /// That the extent does anything: it is the only difference, and cuts what the α cut leaves.
 #[test]
 fn an_extent_cuts_what_is_beyond_it() {
-    let draw = planar(Blend::Sum, 7);
+    let draw = scene_2d(Blend::Sum, 7);
     let mut narrow = draw.clone();
     narrow.settings.accuracy.extent = Extent::Sigmas(1.0);
     let cpu = cpu(SimdLevel::best(), CpuTuning::default());
-    let [wide, narrow] = [draw, narrow].map(|d| cpu.planar().render(&d.scene, &d.view, &d.settings).unwrap());
+    let [wide, narrow] = [draw, narrow].map(|d| cpu.for_2d().render(&d.scene, &d.view, &d.settings).unwrap());
     assert!(gs_core::metrics::psnr(&wide, &narrow).unwrap() < 40.0);
 }
 
@@ -98,10 +98,10 @@ fn however_the_work_is_gone_about_the_picture_is_the_same() {
         for tuning in tunings {
             let cpu = cpu(level, tuning);
             for blend in BLENDS {
-                compared += check(&cpu, &planar(blend, 31));
-                compared += check(&cpu, &spatial(blend, Order::TileDepth, 32));
+                compared += check(&cpu, &scene_2d(blend, 31));
+                compared += check(&cpu, &scene_3d(blend, Order::Global, 32));
             }
-            compared += check(&cpu, &spatial(Blend::Over, Order::PixelDepth, 33));
+            compared += check(&cpu, &scene_3d(Blend::Over, Order::PerPixel, 33));
         }
     }
     assert!(compared > 30 * SimdLevel::available().len(), "only {compared} comparisons");
@@ -109,7 +109,7 @@ fn however_the_work_is_gone_about_the_picture_is_the_same() {
 
 #[test]
 fn a_longer_recurrence_is_less_exact_and_a_tuning_out_of_range_is_refused() {
-    let mut draw = planar(Blend::Sum, 5);
+    let mut draw = scene_2d(Blend::Sum, 5);
     // Large ones, so that there are rows to go along.
     draw.scene.log_scales.iter_mut().for_each(|s| *s += glam::Vec2::splat(2.5));
     let view = gs_core::Canvas::new(40, 300);
@@ -117,7 +117,7 @@ fn a_longer_recurrence_is_less_exact_and_a_tuning_out_of_range_is_refused() {
     let exact = Oracle::new(draw.view, draw.settings).unwrap().render(&draw.scene.rows()).image();
     let error = |recurrence_rows: u16| {
         let cpu = cpu(SimdLevel::best(), CpuTuning { recurrence_rows, ..CpuTuning::default() });
-        let image = cpu.planar().render(&draw.scene, &draw.view, &draw.settings).unwrap();
+        let image = cpu.for_2d().render(&draw.scene, &draw.view, &draw.settings).unwrap();
         gs_core::metrics::mean_absolute_error(&image, &exact).unwrap()
     };
     let [short, usual, long] = [1, 32, 256].map(error);
@@ -158,11 +158,11 @@ fn the_oracle_says_the_same_colours_either_way() {
     let smooth = Accuracy { cut: Cut::Smooth, ..Accuracy::default() };
     for accuracy in [Accuracy::default(), Accuracy::THREE_DGS, tightest, smooth] {
         for blend in BLENDS {
-            let mut draw: Draw<PlanarScene> = planar(blend, 3).on([0.1, 0.4, 0.2]);
+            let mut draw: Draw<Scene2d> = scene_2d(blend, 3).on([0.1, 0.4, 0.2]);
             draw.settings.accuracy = accuracy;
             same_colors(&draw);
-            for order in [Order::Index, Order::TileDepth, Order::PixelDepth] {
-                let mut draw = spatial(blend, order, 4);
+            for order in [Order::Index, Order::Global, Order::PerPixel] {
+                let mut draw = scene_3d(blend, order, 4);
                 draw.settings.accuracy = accuracy;
                 same_colors(&draw);
             }
@@ -207,16 +207,16 @@ fn a_cut_of_an_8192nd_changes_no_pixel_by_half_a_display_step() {
     };
     // Where n Gaussians overlap under `Sum`, n cuts add up: no cut is invisible in a crowd that is large enough.
     for (seed, blend) in [(11, Blend::Sum), (12, Blend::Over)] {
-        let draw = planar(blend, seed);
+        let draw = scene_2d(blend, seed);
         note(cut_off(&draw.scene, draw.view, draw.settings, &every_pixel(draw.view.size(), 1)));
-        let draw = spatial(blend, Order::TileDepth, seed);
+        let draw = scene_3d(blend, Order::Global, seed);
         note(cut_off(&draw.scene, draw.view, draw.settings, &every_pixel(draw.view.size(), 1)));
     }
     for name in ["kacytran_iter7000_point_cloud.ply", "biker.compressed.ply", "victor_model.splat"] {
         let Some(path) = data::find(&format!("splats/{name}")) else { continue };
-        let scene = gs_io::read_spatial(path).unwrap().scene;
+        let scene = gs_io::read_3d(path).unwrap().scene;
         let mut settings = RenderSettings::blended(Blend::Over);
-        settings.effects.order = Order::TileDepth;
+        settings.effects.order = Order::Global;
         settings.effects.antialias = Antialias::Dilate;
         settings.effects.sh_degree = scene.sh_degree;
         let view = Bulk::of(&scene).unwrap().overview(320, 240, 1.0, glam::Vec3::NEG_Y).unwrap();

@@ -8,7 +8,7 @@ use gs_conformance::{
     scenes::{Draw, Kind, draws},
 };
 use gs_core::{
-    Adam, Binning, Chart, CloudState, EditPlan, Loss, Rasterizer, Scene, TrainStep,
+    Adam, Binning, EditPlan, Loss, Parameterization, Rasterizer, Scene, SplatsState, TrainStep,
     edit::{Birth, Moments, Origin, Place, PruneCause, Removal},
     effects::{Blend, Statistics},
 };
@@ -27,7 +27,7 @@ fn conforms_at_every_level_and_number_of_threads() {
     for level in SimdLevel::available() {
         for threads in THREADS {
             let rasterizer = rasterizer(level, threads);
-            let rasterizer = rasterizer.planar();
+            let rasterizer = rasterizer.for_2d();
             assert!(rasterizer.describe().contains(&level.to_string()), "{} is not {level}", rasterizer.describe());
             match conformance(rasterizer) {
                 Ok(skipped) => assert_eq!(skipped, []),
@@ -54,13 +54,13 @@ fn images_and_gradients_are_the_same_bits_for_every_number_of_threads() {
             for loss in [Loss::L2, Loss::L1, Loss::PAPER] {
                 let [one, two, seven] = THREADS.map(|threads| {
                     let r = rasterizer(level, threads);
-                    let r = r.planar();
-                    let cloud = r.upload(&draw.scene, Chart::ScaleRotation).unwrap();
+                    let r = r.for_2d();
+                    let splats = r.upload(&draw.scene, Parameterization::ScaleRotation).unwrap();
                     let target = r.upload_target(&image).unwrap();
-                    let frame = r.forward(&cloud, &draw.view, &draw.settings).unwrap();
+                    let frame = r.forward(&splats, &draw.view, &draw.settings).unwrap();
                     let rendered = r.image(&frame).unwrap();
-                    let (loss, gradients) = r.backward(&cloud, frame, &target, &loss).unwrap();
-                    let gradients = r.download_gradients(&cloud, &gradients).unwrap();
+                    let (loss, gradients) = r.backward(&splats, frame, &target, &loss).unwrap();
+                    let gradients = r.download_gradients(&splats, &gradients).unwrap();
                     assert!(gradients.means.iter().any(|g| g.length() > 0.0));
                     let pixels: Vec<u32> = rendered.pixels().as_flattened().iter().map(|v| v.to_bits()).collect();
                     (loss.to_bits(), pixels, gradients)
@@ -72,17 +72,23 @@ fn images_and_gradients_are_the_same_bits_for_every_number_of_threads() {
 }
 
 /// 50 steps with an edit half way, lists reused every other step; the state after them.
-fn trained(level: SimdLevel, threads: usize, blend: Blend, chart: Chart, loss: Loss) -> CloudState {
+fn trained(
+    level: SimdLevel,
+    threads: usize,
+    blend: Blend,
+    parameterization: Parameterization,
+    loss: Loss,
+) -> SplatsState {
     let r = rasterizer(level, threads);
-    let r = r.planar();
+    let r = r.for_2d();
     let draw = many(blend);
     let target = r.upload_target(&draw.target().unwrap()).unwrap();
-    let mut cloud = r.upload(&draw.scene, chart).unwrap();
+    let mut splats = r.upload(&draw.scene, parameterization).unwrap();
     for step in 0..50 {
         let rates = Adam::default().at(step as f32 / 50.0);
         let binning = if step % 2 == 1 { Binning::Reuse } else { Binning::Fresh };
         let step_ = TrainStep { settings: &draw.settings, loss, rates: &rates, binning };
-        r.train_step(&mut cloud, &draw.view, &target, &step_).unwrap();
+        r.train_step(&mut splats, &draw.view, &target, &step_).unwrap();
         if step == 25 {
             let birth = |i: u32| Birth {
                 gaussian: draw.scene.gaussian(i as usize),
@@ -93,29 +99,32 @@ fn trained(level: SimdLevel, threads: usize, blend: Blend, chart: Chart, loss: L
             };
             let removed = (0..200).map(|i| Removal { index: i * 7, cause: PruneCause::Unimportant }).collect();
             let added = (0..300).map(|i| birth(i * 5)).collect();
-            r.edit(&mut cloud, &EditPlan { removed, added, ..EditPlan::default() }).unwrap();
+            r.edit(&mut splats, &EditPlan { removed, added, ..EditPlan::default() }).unwrap();
             if blend == Blend::Sum {
-                r.solve_colors(&mut cloud, &draw.view, &target, &draw.settings, 3).unwrap();
+                r.solve_colors(&mut splats, &draw.view, &target, &draw.settings, 3).unwrap();
             }
         }
     }
-    r.save(&cloud).unwrap()
+    r.save(&splats).unwrap()
 }
 
 #[test]
 fn training_runs_are_the_same_bits_for_every_number_of_threads() {
     let best = SimdLevel::best();
     for blend in [Blend::Sum, Blend::Over] {
-        for (chart, loss) in [
-            (Chart::ScaleRotation, Loss::PAPER),
-            (Chart::LocalFrame, Loss::L2),
-            (Chart::ScaleRotation, Loss::L2),
-            (Chart::LocalFrame, Loss::L1),
+        for (parameterization, loss) in [
+            (Parameterization::ScaleRotation, Loss::PAPER),
+            (Parameterization::CovarianceFactor, Loss::L2),
+            (Parameterization::ScaleRotation, Loss::L2),
+            (Parameterization::CovarianceFactor, Loss::L1),
         ] {
-            let [one, two, seven] = THREADS.map(|threads| trained(best, threads, blend, chart, loss));
+            let [one, two, seven] = THREADS.map(|threads| trained(best, threads, blend, parameterization, loss));
             assert_eq!(one.rows::<2>("mean").unwrap().len(), 2600);
             assert!(one.rows::<2>("mean").unwrap().as_flattened().iter().all(|v| v.is_finite()));
-            assert!(bits(&one) == bits(&two) && bits(&two) == bits(&seven), "{blend:?}, {chart:?}, {loss:?}");
+            assert!(
+                bits(&one) == bits(&two) && bits(&two) == bits(&seven),
+                "{blend:?}, {parameterization:?}, {loss:?}"
+            );
         }
     }
 }
@@ -134,7 +143,7 @@ proptest! {
 
     #[test]
     fn drawn_gradients_match(draw in draws(), level in levels(), loss in losses(), local in any::<bool>()) {
-        let chart = if local { Chart::LocalFrame } else { Chart::ScaleRotation };
-        judge(check_gradients(&rasterizer(level, 2), &draw, &loss, chart))?;
+        let parameterization = if local { Parameterization::CovarianceFactor } else { Parameterization::ScaleRotation };
+        judge(check_gradients(&rasterizer(level, 2), &draw, &loss, parameterization))?;
     }
 }

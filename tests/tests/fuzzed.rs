@@ -1,6 +1,6 @@
 //! Scenes from random bytes on every backend: a short run of what the fuzz targets do, and proof that it would see a fault.
 
-use gs_conformance::fuzzed::{image_is_sound, owes, planar, spatial};
+use gs_conformance::fuzzed::{image_is_sound, owes, scene_2d, scene_3d};
 use gs_core::{Image, Scene};
 use gs_cpu::{CpuRasterizer, CpuSettings};
 use gs_wgpu::{WgpuRasterizer, WgpuSettings};
@@ -21,10 +21,10 @@ fn cpu() -> CpuRasterizer {
 }
 
 #[test]
-fn the_processor_owes_nothing_to_planar_scenes() {
+fn the_processor_owes_nothing_to_2d_scenes() {
     let cpu = cpu();
     for input in inputs(SCENES, 1) {
-        let drawn = planar(&input);
+        let drawn = scene_2d(&input);
         owes(&cpu, &drawn).unwrap_or_else(|failure| panic!("{failure}: {drawn:?}"));
     }
 }
@@ -33,7 +33,7 @@ fn the_processor_owes_nothing_to_planar_scenes() {
 fn the_processor_owes_nothing_to_scenes_in_space() {
     let cpu = cpu();
     for input in inputs(SCENES, 2) {
-        let drawn = spatial(&input);
+        let drawn = scene_3d(&input);
         owes(&cpu, &drawn).unwrap_or_else(|failure| panic!("{failure}: {drawn:?}"));
     }
 }
@@ -43,7 +43,7 @@ fn the_processor_owes_nothing_to_scenes_in_space() {
 fn a_gpu_owes_nothing_either() {
     let wgpu = WgpuRasterizer::new(WgpuSettings::default()).expect("`cargo xtask test` installs a driver");
     for input in inputs(40, 3) {
-        let (flat, deep) = (planar(&input), spatial(&input));
+        let (flat, deep) = (scene_2d(&input), scene_3d(&input));
         owes(&wgpu, &flat).unwrap_or_else(|failure| panic!("{failure}: {flat:?}"));
         owes(&wgpu, &deep).unwrap_or_else(|failure| panic!("{failure}: {deep:?}"));
     }
@@ -54,14 +54,14 @@ fn a_gpu_owes_nothing_either() {
 fn drawn_scenes_are_worth_drawing() {
     let cpu = cpu();
     let (mut scenes, mut views, mut seen) = (0, 0, 0);
-    for drawn in inputs(1000, 4).map(|input| spatial(&input)) {
+    for drawn in inputs(1000, 4).map(|input| scene_3d(&input)) {
         let possible = drawn.view.validate().is_ok() && drawn.settings.validate().is_ok();
         scenes += usize::from(drawn.scene.validate().is_ok());
         views += usize::from(possible);
         if possible && drawn.scene.validate().is_ok() {
             let image = gs_core::Rasterizer::render(&cpu, &drawn.scene, &drawn.view, &drawn.settings).unwrap();
-            let backdrop = drawn.settings.backdrop();
-            seen += usize::from(image.pixels().iter().any(|pixel| *pixel != backdrop));
+            let background = drawn.settings.background_color();
+            seen += usize::from(image.pixels().iter().any(|pixel| *pixel != background));
         }
     }
     // Of each there are enough of the other kind, too.
@@ -71,7 +71,7 @@ fn drawn_scenes_are_worth_drawing() {
 #[test]
 fn what_no_mixture_gives_is_rejected() {
     let drawn = inputs(1000, 5)
-        .map(|input| planar(&input))
+        .map(|input| scene_2d(&input))
         .find(|drawn| drawn.scene.validate().is_ok() && drawn.scene.colors.iter().all(|c| c.abs().max_element() < 10.0))
         .unwrap();
     let size = (drawn.view.width, drawn.view.height);

@@ -6,7 +6,7 @@ use gs_conformance::{
     scenes::{self, Draw, Kind},
 };
 use gs_core::{
-    Adam, Canvas, Error, Image, Loss, PlanarGaussian, PlanarScene, RenderSettings,
+    Adam, Canvas, Error, Gaussian2d, Image, Loss, RenderSettings, Scene2d,
     adam::Group,
     effects::{Antialias, Blend},
     settings::Cut,
@@ -81,8 +81,8 @@ fn gradients_hold_through_a_zoomed_canvas() {
     }
 }
 
-fn disc(mean: Vec2, opacity_logit: f32, color: Vec3) -> PlanarGaussian {
-    PlanarGaussian { mean, log_scale: Vec2::splat(2f32.ln()), rotation: 0.0, opacity_logit, color }
+fn disc(mean: Vec2, opacity_logit: f32, color: Vec3) -> Gaussian2d {
+    Gaussian2d { mean, log_scale: Vec2::splat(2f32.ln()), rotation: 0.0, opacity_logit, color }
 }
 
 #[test]
@@ -90,7 +90,7 @@ fn hand_calculation_of_two_discs() {
     // Two discs of σ = 2 px centred on pixel (1, 1); the pixel to the right is 1 px away: w = exp(−1/8).
     let center = Vec2::new(1.5, 1.5);
     let scene = [disc(center, 0.0, Vec3::new(1.0, 0.0, 0.5)), disc(center, f32::INFINITY, Vec3::new(0.0, 1.0, 0.5))];
-    let scene = OracleScene::from(&scene.into_iter().collect::<PlanarScene>());
+    let scene = OracleScene::from(&scene.into_iter().collect::<Scene2d>());
     let sigma = f64::from(2f32.ln()).exp();
     let w = (-0.5 / (sigma * sigma)).exp();
     let settings = RenderSettings::blended(Blend::Over).on([0.2, 0.2, 0.2]);
@@ -114,7 +114,7 @@ fn hand_calculation_of_two_discs() {
 fn the_cut_and_full_pixels_are_where_they_are_defined() {
     let view = Canvas::new(32, 1);
     let one =
-        OracleScene::from(&[disc(Vec2::new(0.5, 0.5), f32::INFINITY, Vec3::ONE)].into_iter().collect::<PlanarScene>());
+        OracleScene::from(&[disc(Vec2::new(0.5, 0.5), f32::INFINITY, Vec3::ONE)].into_iter().collect::<Scene2d>());
     let oracle = Oracle::new(view, RenderSettings::blended(Blend::Sum)).unwrap();
     let image = oracle.render(&one);
     // w(x) = exp(−x²/8) ≥ 1/255 ⇔ x ≤ 6.658
@@ -126,7 +126,7 @@ fn the_cut_and_full_pixels_are_where_they_are_defined() {
     let stack =
         [disc(center, f32::INFINITY, Vec3::X), disc(center, f32::INFINITY, Vec3::Y), disc(center, -2.0, Vec3::Z)];
     let oracle = Oracle::new(view, RenderSettings::blended(Blend::Over)).unwrap();
-    let image = oracle.render(&OracleScene::from(&stack.into_iter().collect::<PlanarScene>()));
+    let image = oracle.render(&OracleScene::from(&stack.into_iter().collect::<Scene2d>()));
     assert_eq!(image.pixels[0][1..], [0.0, 0.0]);
     assert!(image.pixels[4][1] > 0.0);
 }
@@ -138,7 +138,7 @@ fn discontinuities_are_noticed_and_only_there() {
     let mut g = disc(Vec2::new(0.5, 0.5), f32::INFINITY, Vec3::ONE);
     g.log_scale = Vec2::splat(sigma.ln());
     let oracle = Oracle::new(Canvas::new(9, 1), RenderSettings::blended(Blend::Sum)).unwrap();
-    let image = oracle.render(&OracleScene::from(&[g].into_iter().collect::<PlanarScene>()));
+    let image = oracle.render(&OracleScene::from(&[g].into_iter().collect::<Scene2d>()));
     let near: Vec<usize> = (0..9).filter(|&p| image.is_near_discontinuity(p)).collect();
     assert_eq!(near, [5]);
     assert!(image.flip[5].iter().all(|&f| (f - 1.0 / 255.0).abs() < 1e-4));
@@ -149,12 +149,12 @@ fn guards_leave_out_and_count() {
     let good = disc(Vec2::splat(4.0), 0.0, Vec3::ONE);
     let scene = [
         good,
-        PlanarGaussian { log_scale: Vec2::splat(-4.0), ..good },
-        PlanarGaussian { mean: Vec2::splat(1e3), ..good },
-        PlanarGaussian { opacity_logit: -9.0, ..good },
-        PlanarGaussian { log_scale: Vec2::splat(60.0), ..good },
+        Gaussian2d { log_scale: Vec2::splat(-4.0), ..good },
+        Gaussian2d { mean: Vec2::splat(1e3), ..good },
+        Gaussian2d { opacity_logit: -9.0, ..good },
+        Gaussian2d { log_scale: Vec2::splat(60.0), ..good },
     ];
-    let scene = OracleScene::from(&scene.into_iter().collect::<PlanarScene>());
+    let scene = OracleScene::from(&scene.into_iter().collect::<Scene2d>());
     let over = Oracle::new(Canvas::new(8, 8), RenderSettings::blended(Blend::Over)).unwrap().render(&scene);
     let culled = over.culled;
     assert_eq!((culled.degenerate, culled.outside, culled.transparent, culled.not_finite), (1, 1, 1, 1));

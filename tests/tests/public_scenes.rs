@@ -5,15 +5,15 @@ use glam::{Vec2, Vec3};
 use gs_conformance::{
     conformance::check_image,
     data,
-    scenes::{Draw, SpatialKind},
+    scenes::{Draw, Kind3d},
 };
 use gs_core::{
-    Blend, Camera, Rasterizer, RenderSettings, SpatialScene,
+    Blend, Camera, Rasterizer, RenderSettings, Scene3d,
     effects::{Antialias, Order},
     metrics::psnr,
 };
 use gs_cpu::{CpuRasterizer, CpuSettings};
-use gs_train::spatial::Bulk;
+use gs_train::train::Bulk;
 use gs_wgpu::{WgpuRasterizer, WgpuSettings};
 
 /// 9,080 Gaussians of all degrees of harmonics, whose training was stopped early.
@@ -29,22 +29,22 @@ const ROOM: &str = "victor_model.splat";
 const SCREEN: (u32, u32) = (640, 480);
 
 /// A scene with its settings; `None`, and a line that says so, where there is no such file.
-fn scene(name: &str) -> Option<(SpatialScene, RenderSettings)> {
-    let scene = gs_io::read_spatial(data::find(&format!("splats/{name}"))?).unwrap().scene;
+fn scene(name: &str) -> Option<(Scene3d, RenderSettings)> {
+    let scene = gs_io::read_3d(data::find(&format!("splats/{name}"))?).unwrap().scene;
     let mut settings = RenderSettings::blended(Blend::Over).on([0.2, 0.3, 0.4]);
-    settings.effects.order = Order::TileDepth;
+    settings.effects.order = Order::Global;
     settings.effects.antialias = Antialias::Dilate;
     settings.effects.sh_degree = scene.sh_degree;
     Some((scene, settings))
 }
 
 /// The whole from afar.
-fn overview(scene: &SpatialScene, size: (u32, u32)) -> Camera {
+fn overview(scene: &Scene3d, size: (u32, u32)) -> Camera {
     Bulk::of(scene).unwrap().overview(size.0, size.1, 1.0, Vec3::NEG_Y).unwrap()
 }
 
 /// The middle of it, large.
-fn detail(scene: &SpatialScene, size: (u32, u32)) -> Camera {
+fn detail(scene: &Scene3d, size: (u32, u32)) -> Camera {
     let camera = overview(scene, size);
     Camera { focal: camera.focal * 6.0, ..camera }
 }
@@ -56,7 +56,7 @@ fn window(camera: Camera, place: Vec2) -> Camera {
     Camera { center: camera.center - corner, width: size.x as u32, height: size.y as u32, ..camera }
 }
 
-fn both(scenes: &[&str], check: impl Fn(&str, &SpatialScene, RenderSettings, &CpuRasterizer, &WgpuRasterizer)) {
+fn both(scenes: &[&str], check: impl Fn(&str, &Scene3d, RenderSettings, &CpuRasterizer, &WgpuRasterizer)) {
     let cpu = CpuRasterizer::new(CpuSettings::default()).unwrap();
     let wgpu = WgpuRasterizer::new(WgpuSettings::default()).unwrap();
     for &name in scenes {
@@ -71,7 +71,7 @@ fn hold_against_the_oracle(scenes: &[&str]) {
         let (whole, near) = (overview(scene, SCREEN), detail(scene, SCREEN));
         let [center, aside] = [Vec2::splat(0.5), Vec2::new(0.45, 0.4)];
         for view in [window(whole, center), window(whole, aside), window(near, center)] {
-            let draw = Draw { kind: SpatialKind::Typical, scene: scene.clone(), view, settings, target_seed: 0 };
+            let draw = Draw { kind: Kind3d::Typical, scene: scene.clone(), view, settings, target_seed: 0 };
             check_image(cpu, &draw).unwrap_or_else(|failure| panic!("{name} on gs-cpu: {failure}"));
             check_image(wgpu, &draw).unwrap_or_else(|failure| panic!("{name} on gs-wgpu: {failure}"));
         }

@@ -3,12 +3,12 @@
 use glam::Vec2Swizzles;
 use gs_conformance::conformance::cases;
 use gs_core::{
-    AdamRates, Canvas, Chart, CloudState, DensityStatistics, EditPlan, Error, Image, Loss, PlanarGaussian, PlanarScene,
-    Rasterizer, RenderSettings, Scene, TrainStep, Wait,
+    AdamRates, Canvas, DensityStatistics, EditPlan, Error, Gaussian2d, Image, Loss, Parameterization, Rasterizer,
+    RenderSettings, Scene, Scene2d, SplatsState, TrainStep, Wait,
     effects::{Blend, Statistics},
     statistics::Culled,
 };
-use gs_cpu::{CpuRasterizer, CpuSettings, PlanarCloud, PlanarFrame, PlanarGradients, Target};
+use gs_cpu::{CpuRasterizer, CpuSettings, ForwardPass2d, Gradients2d, Splats2d, Target};
 
 /// What is wrong with the backend.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -63,25 +63,25 @@ struct Sabotaged {
 impl Sabotaged {
     fn sound(
         &self,
-    ) -> &impl Rasterizer<PlanarScene, Cloud = PlanarCloud, Frame = PlanarFrame, Gradients = PlanarGradients, Target = Target>
+    ) -> &impl Rasterizer<Scene2d, Splats = Splats2d, ForwardPass = ForwardPass2d, Gradients = Gradients2d, Target = Target>
     {
-        self.sound.planar()
+        self.sound.for_2d()
     }
 
     fn is(&self, fault: Fault) -> bool {
         self.fault == fault
     }
 
-    /// Replaces the cloud by one in an altered state.
-    fn alter(&self, cloud: &mut PlanarCloud, change: impl Fn(&mut CloudState)) -> Result<(), Error> {
-        let mut state = self.sound().save(cloud)?;
+    /// Replaces the splats by one in an altered state.
+    fn alter(&self, splats: &mut Splats2d, change: impl Fn(&mut SplatsState)) -> Result<(), Error> {
+        let mut state = self.sound().save(splats)?;
         change(&mut state);
-        *cloud = self.sound().restore(&state)?;
+        *splats = self.sound().restore(&state)?;
         Ok(())
     }
 }
 
-fn zero_moments(state: &mut CloudState) {
+fn zero_moments(state: &mut SplatsState) {
     let count = state.integers("steps").unwrap().len();
     state.insert("moment1", vec![[0.0; 9]; count]);
     state.insert("moment2", vec![[0.0; 9]; count]);
@@ -89,17 +89,17 @@ fn zero_moments(state: &mut CloudState) {
 
 type Sound = CpuRasterizer;
 
-impl Rasterizer<PlanarScene> for Sabotaged {
-    type Cloud = <Sound as Rasterizer<PlanarScene>>::Cloud;
-    type Frame = <Sound as Rasterizer<PlanarScene>>::Frame;
-    type Gradients = <Sound as Rasterizer<PlanarScene>>::Gradients;
-    type Target = <Sound as Rasterizer<PlanarScene>>::Target;
+impl Rasterizer<Scene2d> for Sabotaged {
+    type Splats = <Sound as Rasterizer<Scene2d>>::Splats;
+    type ForwardPass = <Sound as Rasterizer<Scene2d>>::ForwardPass;
+    type Gradients = <Sound as Rasterizer<Scene2d>>::Gradients;
+    type Target = <Sound as Rasterizer<Scene2d>>::Target;
 
     fn describe(&self) -> String {
         format!("{:?}", self.fault)
     }
 
-    fn upload(&self, scene: &PlanarScene, chart: Chart) -> Result<Self::Cloud, Error> {
+    fn upload(&self, scene: &Scene2d, parameterization: Parameterization) -> Result<Self::Splats, Error> {
         let mut scene = scene.clone();
         if self.is(AcceptsNan) {
             scene.means.iter_mut().filter(|m| m.is_nan()).for_each(|m| *m = glam::Vec2::ZERO);
@@ -107,41 +107,46 @@ impl Rasterizer<PlanarScene> for Sabotaged {
         if self.is(PaintsEmptyScenes) && scene.is_empty() {
             let (mean, color) = (glam::Vec2::splat(4.0), glam::Vec3::ONE);
             let log_scale = glam::Vec2::ONE;
-            scene.push(PlanarGaussian { mean, log_scale, rotation: 0.0, opacity_logit: f32::INFINITY, color });
+            scene.push(Gaussian2d { mean, log_scale, rotation: 0.0, opacity_logit: f32::INFINITY, color });
         }
-        self.sound().upload(&scene, chart)
+        self.sound().upload(&scene, parameterization)
     }
 
-    fn download(&self, cloud: &Self::Cloud) -> Result<PlanarScene, Error> {
-        let scene = self.sound().download(cloud)?;
+    fn download(&self, splats: &Self::Splats) -> Result<Scene2d, Error> {
+        let scene = self.sound().download(splats)?;
         let count = scene.len().saturating_sub(usize::from(self.is(LosesTheLastGaussian)));
         Ok(if count == scene.len() { scene } else { scene.iter().take(count).collect() })
     }
 
-    fn len(&self, cloud: &Self::Cloud) -> usize {
-        self.sound().len(cloud)
+    fn len(&self, splats: &Self::Splats) -> usize {
+        self.sound().len(splats)
     }
 
     fn upload_target(&self, image: &Image) -> Result<Self::Target, Error> {
         self.sound().upload_target(image)
     }
 
-    fn save(&self, cloud: &Self::Cloud) -> Result<CloudState, Error> {
-        self.sound().save(cloud)
+    fn save(&self, splats: &Self::Splats) -> Result<SplatsState, Error> {
+        self.sound().save(splats)
     }
 
-    fn restore(&self, state: &CloudState) -> Result<Self::Cloud, Error> {
+    fn restore(&self, state: &SplatsState) -> Result<Self::Splats, Error> {
         if self.is(RestoresAnything) && self.sound().restore(state).is_err() {
-            return self.sound().upload(&PlanarScene::default(), state.chart);
+            return self.sound().upload(&Scene2d::default(), state.parameterization);
         }
-        let mut cloud = self.sound().restore(state)?;
+        let mut splats = self.sound().restore(state)?;
         if self.is(ForgetsMomentsOnRestore) {
-            self.alter(&mut cloud, zero_moments)?;
+            self.alter(&mut splats, zero_moments)?;
         }
-        Ok(cloud)
+        Ok(splats)
     }
 
-    fn forward(&self, cloud: &Self::Cloud, view: &Canvas, settings: &RenderSettings) -> Result<Self::Frame, Error> {
+    fn forward(
+        &self,
+        splats: &Self::Splats,
+        view: &Canvas,
+        settings: &RenderSettings,
+    ) -> Result<Self::ForwardPass, Error> {
         let (mut view, mut settings) = (*view, *settings);
         let collects = !matches!(settings.effects.statistics, Statistics::None | Statistics::MeanGradient);
         if self.is(CollectsUnderOneBlend) && collects && settings.effects.blend == Blend::Over {
@@ -162,14 +167,18 @@ impl Rasterizer<PlanarScene> for Sabotaged {
             _ => {}
         }
         if self.is(DrawsByParity) {
-            let mut scene = self.sound().download(cloud)?;
+            let mut scene = self.sound().download(splats)?;
             scene.colors.iter_mut().step_by(2).for_each(|c| *c *= 0.9);
-            return self.sound().forward(&self.sound().upload(&scene, Chart::ScaleRotation)?, &view, &settings);
+            return self.sound().forward(
+                &self.sound().upload(&scene, Parameterization::ScaleRotation)?,
+                &view,
+                &settings,
+            );
         }
-        self.sound().forward(cloud, &view, &settings)
+        self.sound().forward(splats, &view, &settings)
     }
 
-    fn image(&self, frame: &Self::Frame) -> Result<Image, Error> {
+    fn image(&self, frame: &Self::ForwardPass) -> Result<Image, Error> {
         let image = self.sound().image(frame)?;
         let (w, h) = image.size();
         match self.fault {
@@ -179,23 +188,23 @@ impl Rasterizer<PlanarScene> for Sabotaged {
         }
     }
 
-    fn culled(&self, frame: &Self::Frame) -> Result<Culled, Error> {
+    fn culled(&self, frame: &Self::ForwardPass) -> Result<Culled, Error> {
         if self.is(CountsNothingCulled) { Ok(Culled::default()) } else { self.sound().culled(frame) }
     }
 
     fn backward(
         &self,
-        cloud: &Self::Cloud,
-        frame: Self::Frame,
+        splats: &Self::Splats,
+        frame: Self::ForwardPass,
         target: &Self::Target,
         loss: &Loss,
     ) -> Result<(f32, Self::Gradients), Error> {
-        let (loss, gradients) = self.sound().backward(cloud, frame, target, loss)?;
+        let (loss, gradients) = self.sound().backward(splats, frame, target, loss)?;
         Ok((if self.is(DoublesLosses) { 2.0 * loss } else { loss }, gradients))
     }
 
-    fn download_gradients(&self, cloud: &Self::Cloud, gradients: &Self::Gradients) -> Result<PlanarScene, Error> {
-        let mut scene = self.sound().download_gradients(cloud, gradients)?;
+    fn download_gradients(&self, splats: &Self::Splats, gradients: &Self::Gradients) -> Result<Scene2d, Error> {
+        let mut scene = self.sound().download_gradients(splats, gradients)?;
         match self.fault {
             NegatesRotationGradients => scene.rotations.iter_mut().for_each(|v| *v = -*v),
             SwapsMeanGradients => scene.means.iter_mut().for_each(|v| *v = v.yx()),
@@ -205,7 +214,7 @@ impl Rasterizer<PlanarScene> for Sabotaged {
         Ok(scene)
     }
 
-    fn step(&self, cloud: &mut Self::Cloud, gradients: &Self::Gradients, rates: &AdamRates) -> Result<(), Error> {
+    fn step(&self, splats: &mut Self::Splats, gradients: &Self::Gradients, rates: &AdamRates) -> Result<(), Error> {
         let mut rates = *rates;
         match self.fault {
             StepsUphill => {
@@ -217,86 +226,86 @@ impl Rasterizer<PlanarScene> for Sabotaged {
             }
             IgnoresEpsilon => rates.epsilon = 1e-15,
             SwapsRates => std::mem::swap(&mut rates.mean, &mut rates.scale),
-            ForgetsBiasCorrection => self.alter(cloud, |state| {
+            ForgetsBiasCorrection => self.alter(splats, |state| {
                 let count = state.integers("steps").unwrap().len();
                 state.insert_u32("steps", vec![1_000_000; count]);
             })?,
             _ => {}
         }
-        self.sound().step(cloud, gradients, &rates)
+        self.sound().step(splats, gradients, &rates)
     }
 
     fn train_step(
         &self,
-        cloud: &mut Self::Cloud,
+        splats: &mut Self::Splats,
         view: &Canvas,
         target: &Self::Target,
         step: &TrainStep<'_>,
     ) -> Result<(), Error> {
-        let frame = self.forward(cloud, view, step.settings)?;
-        let (loss, gradients) = self.backward(cloud, frame, target, &step.loss)?;
-        self.step(cloud, &gradients, step.rates)?;
+        let frame = self.forward(splats, view, step.settings)?;
+        let (loss, gradients) = self.backward(splats, frame, target, &step.loss)?;
+        self.step(splats, &gradients, step.rates)?;
         if self.is(FusedStepDoesTooMuch) {
-            self.step(cloud, &gradients, step.rates)?;
+            self.step(splats, &gradients, step.rates)?;
         }
-        self.unread_losses(cloud).push(loss);
+        self.unread_losses(splats).push(loss);
         Ok(())
     }
 
-    fn losses(&self, cloud: &mut Self::Cloud, wait: Wait, losses: &mut Vec<f32>) -> Result<(), Error> {
+    fn losses(&self, splats: &mut Self::Splats, wait: Wait, losses: &mut Vec<f32>) -> Result<(), Error> {
         let known = losses.len();
-        self.sound().losses(cloud, wait, losses)?;
+        self.sound().losses(splats, wait, losses)?;
         match self.fault {
             SwapsLosses => losses[known..].reverse(),
             DropsLosses if losses.len() > known + 1 => drop(losses.pop()),
-            RepeatsLosses => self.unread_losses(cloud).extend_from_slice(&losses[known..]),
+            RepeatsLosses => self.unread_losses(splats).extend_from_slice(&losses[known..]),
             _ => {}
         }
         Ok(())
     }
 
-    fn unread_losses<'c>(&self, cloud: &'c mut Self::Cloud) -> &'c mut Vec<f32> {
-        self.sound().unread_losses(cloud)
+    fn unread_losses<'c>(&self, splats: &'c mut Self::Splats) -> &'c mut Vec<f32> {
+        self.sound().unread_losses(splats)
     }
 
     fn solve_colors(
         &self,
-        cloud: &mut Self::Cloud,
+        splats: &mut Self::Splats,
         view: &Canvas,
         target: &Self::Target,
         settings: &RenderSettings,
         iterations: u32,
     ) -> Result<(), Error> {
         let iterations = if self.is(SolvesNothing) { 1 } else { iterations };
-        self.sound().solve_colors(cloud, view, target, settings, iterations)
+        self.sound().solve_colors(splats, view, target, settings, iterations)
     }
 
-    fn statistics(&self, cloud: &Self::Cloud) -> Result<DensityStatistics, Error> {
-        let mut statistics = self.sound().statistics(cloud)?;
+    fn statistics(&self, splats: &Self::Splats) -> Result<DensityStatistics, Error> {
+        let mut statistics = self.sound().statistics(splats)?;
         if self.is(DoublesStatistics) {
             statistics.gradient_sum.iter_mut().for_each(|v| *v *= 2.0);
         }
         Ok(statistics)
     }
 
-    fn shift_means(&self, cloud: &mut Self::Cloud, shifts: &[f32]) -> Result<(), Error> {
-        self.sound().shift_means(cloud, shifts)?;
-        if self.is(ShiftsAreSteps) { self.alter(cloud, zero_moments) } else { Ok(()) }
+    fn shift_means(&self, splats: &mut Self::Splats, shifts: &[f32]) -> Result<(), Error> {
+        self.sound().shift_means(splats, shifts)?;
+        if self.is(ShiftsAreSteps) { self.alter(splats, zero_moments) } else { Ok(()) }
     }
 
-    fn edit(&self, cloud: &mut Self::Cloud, plan: &EditPlan<PlanarGaussian>) -> Result<(), Error> {
-        if self.is(EditsEvenWhenItRefuses) && plan.sources(self.sound().len(cloud)).is_err() {
-            self.alter(cloud, zero_moments)?;
+    fn edit(&self, splats: &mut Self::Splats, plan: &EditPlan<Gaussian2d>) -> Result<(), Error> {
+        if self.is(EditsEvenWhenItRefuses) && plan.sources(self.sound().len(splats)).is_err() {
+            self.alter(splats, zero_moments)?;
         }
-        self.sound().edit(cloud, plan)?;
+        self.sound().edit(splats, plan)?;
         match self.fault {
-            ForgetsMomentsOnEdit => self.alter(cloud, zero_moments),
-            ForgetsStatisticsOnEdit => self.alter(cloud, |state| {
+            ForgetsMomentsOnEdit => self.alter(splats, zero_moments),
+            ForgetsStatisticsOnEdit => self.alter(splats, |state| {
                 let count = state.integers("steps").unwrap().len();
                 state.insert("gradient_sum", vec![[0.0]; count]);
             }),
             ForgetsLossesOnEdit => {
-                self.unread_losses(cloud).clear();
+                self.unread_losses(splats).clear();
                 Ok(())
             }
             _ => Ok(()),
@@ -318,20 +327,20 @@ fn every_fault_is_caught_by_its_case() {
         (PaintsEmptyScenes, "empty_scenes_show_the_background"),
         (CountsNothingCulled, "culled_are_counted"),
         (NegatesRotationGradients, "gradients_match"),
-        (SwapsMeanGradients, "gradients_match_in_local_frames"),
+        (SwapsMeanGradients, "gradients_match_in_covariance_factors"),
         (GradientsInWrongUnits, "gradients_match"),
         (GradientsInWrongUnits, "statistics_are_the_positional_gradients"),
         (DoublesLosses, "gradients_match"),
         (DoublesLosses, "steps_decrease_the_loss"),
         (LosesTheLastGaussian, "scenes_come_back"),
-        (ForgetsMomentsOnRestore, "restored_clouds_continue_bit_for_bit"),
+        (ForgetsMomentsOnRestore, "restored_splats_continue_bit_for_bit"),
         (ForgetsMomentsOnRestore, "first_steps_owe_nothing_to_renderings"),
         (StepsUphill, "steps_decrease_the_loss"),
-        (StepsUphill, "local_frame_steps_match"),
+        (StepsUphill, "covariance_factor_steps_match"),
         (ForgetsBiasCorrection, "adam_matches"),
         (IgnoresEpsilon, "adam_matches"),
         (SwapsRates, "adam_matches"),
-        (SwapsRates, "local_frame_steps_match"),
+        (SwapsRates, "covariance_factor_steps_match"),
         (FusedStepDoesTooMuch, "fused_steps_match_their_stages"),
         (SwapsLosses, "losses_are_told_once_and_in_order"),
         (DropsLosses, "losses_are_told_once_and_in_order"),

@@ -7,7 +7,7 @@ use gs_conformance::{
     scenes::{Draw, Kind},
     tolerance::{compare_gradients, compare_images, compare_loss},
 };
-use gs_core::{Image, Loss, PlanarScene, RenderSettings, effects::Blend};
+use gs_core::{Image, Loss, RenderSettings, Scene2d, effects::Blend};
 
 fn rendering(blend: Blend) -> Rendering {
     let draw = Draw::new(Kind::Typical, blend, 20, (40, 30), 11);
@@ -21,9 +21,9 @@ fn gradients(blend: Blend, loss: Loss) -> Gradients {
 }
 
 /// The gradients as a backend would download them.
-fn downloaded(gradients: &Gradients) -> PlanarScene {
+fn downloaded(gradients: &Gradients) -> Scene2d {
     let f = |v: f64| v as f32;
-    PlanarScene {
+    Scene2d {
         means: gradients.values.iter().map(|g| Vec2::new(f(g[0]), f(g[1]))).collect(),
         log_scales: gradients.values.iter().map(|g| Vec2::new(f(g[2]), f(g[3]))).collect(),
         rotations: gradients.values.iter().map(|g| f(g[4])).collect(),

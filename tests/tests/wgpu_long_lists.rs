@@ -5,16 +5,16 @@ use std::num::NonZero;
 
 use glam::{Vec2, Vec3};
 use gs_conformance::{
-    conformance::{conformance, spatial_conformance},
+    conformance::{conformance, conformance_3d},
     scenes::{Draw, Kind},
 };
 use gs_core::{
-    Adam, Binning, Blend, Camera, Canvas, Chart, CloudState, Image, Loss, PlanarGaussian, PlanarScene, Rasterizer,
-    RenderSettings, Scene, SpatialGaussian, SpatialScene, TrainStep, Wait,
+    Adam, Binning, Blend, Camera, Canvas, Gaussian2d, Gaussian3d, Image, Loss, Parameterization, Rasterizer,
+    RenderSettings, Scene, Scene2d, Scene3d, SplatsState, TrainStep, Wait,
     effects::{Order, Statistics},
 };
 use gs_cpu::{CpuRasterizer, CpuSettings};
-use gs_wgpu::{FreshBuffers, Kernels, PlanarCloud, Target, WgpuRasterizer, WgpuSettings};
+use gs_wgpu::{FreshBuffers, Kernels, Splats2d, Target, WgpuRasterizer, WgpuSettings};
 
 /// A rasterizer of each kind of kernels that the adapter can run, whose dispatches walk along so many entries; `None`: as many as it can.
 fn rasterizers(longest_walk: Option<u32>) -> Vec<(Kernels, WgpuRasterizer)> {
@@ -35,7 +35,7 @@ fn rasterizers(longest_walk: Option<u32>) -> Vec<(Kernels, WgpuRasterizer)> {
 
 /// Seven is no multiple of the batches that any kernel has.
 #[test]
-fn planar_scenes_conform_in_walks_of_seven_entries() {
+fn scene_2d_scenes_conform_in_walks_of_seven_entries() {
     for (kernels, rasterizer) in rasterizers(Some(7)) {
         let skipped = conformance(&rasterizer).unwrap_or_else(|failure| panic!("{kernels:?}:\n{failure}"));
         assert_eq!(skipped, [], "{kernels:?}");
@@ -43,11 +43,11 @@ fn planar_scenes_conform_in_walks_of_seven_entries() {
 }
 
 #[test]
-fn spatial_scenes_conform_in_walks_of_seven_entries() {
+fn scenes_3d_conform_in_walks_of_seven_entries() {
     for (kernels, rasterizer) in rasterizers(Some(7)) {
-        let skipped = spatial_conformance(&rasterizer).unwrap_or_else(|failure| panic!("{kernels:?}:\n{failure}"));
-        // There are no local frames for spatial scenes.
-        let others: Vec<_> = skipped.iter().filter(|skipped| !skipped.refused.contains("local-frame")).collect();
+        let skipped = conformance_3d(&rasterizer).unwrap_or_else(|failure| panic!("{kernels:?}:\n{failure}"));
+        // There are no covariance factors for 3D scenes.
+        let others: Vec<_> = skipped.iter().filter(|skipped| !skipped.refused.contains("covariance-factor")).collect();
         assert!(others.is_empty(), "{kernels:?}: {others:?}");
     }
 }
@@ -55,20 +55,20 @@ fn spatial_scenes_conform_in_walks_of_seven_entries() {
 /// A step on `view` towards `target`.
 fn train(
     r: &WgpuRasterizer,
-    cloud: &mut PlanarCloud,
+    splats: &mut Splats2d,
     (view, target): (&Canvas, &Target),
     (settings, loss): (&RenderSettings, Loss),
 ) {
     let rates = Adam::default().at(0.0);
     let step = TrainStep { settings, loss, rates: &rates, binning: Binning::Fresh };
-    r.train_step(cloud, view, target, &step).unwrap();
+    r.train_step(splats, view, target, &step).unwrap();
 }
 
 /// The losses since they were asked for last, and the whole state.
-fn state(r: &WgpuRasterizer, cloud: &mut PlanarCloud) -> (Vec<f32>, CloudState) {
+fn state(r: &WgpuRasterizer, splats: &mut Splats2d) -> (Vec<f32>, SplatsState) {
     let mut losses = Vec::new();
-    r.losses(cloud, Wait::All, &mut losses).unwrap();
-    (losses, r.save(cloud).unwrap())
+    r.losses(splats, Wait::All, &mut losses).unwrap();
+    (losses, r.save(splats).unwrap())
 }
 
 /// The same numbers are added in the same order, whatever the walks, and whether a step takes one pass for it or three.
@@ -79,13 +79,13 @@ fn walks_change_no_bit() {
         for loss in [Loss::L2, Loss::L1, Loss::L1Dssim { lambda: 0.2 }] {
             for ((kernels, whole), (_, in_walks)) in rasterizers(None).iter().zip(&rasterizers(Some(7))) {
                 let after = |r: &WgpuRasterizer| {
-                    let target = r.planar().upload_target(&draw.target().unwrap()).unwrap();
-                    let mut cloud = r.upload(&draw.scene, Chart::ScaleRotation).unwrap();
+                    let target = r.for_2d().upload_target(&draw.target().unwrap()).unwrap();
+                    let mut splats = r.upload(&draw.scene, Parameterization::ScaleRotation).unwrap();
                     for _ in 0..5 {
-                        train(r, &mut cloud, (&draw.view, &target), (&draw.settings, loss));
+                        train(r, &mut splats, (&draw.view, &target), (&draw.settings, loss));
                     }
-                    assert_ne!(r.download(&cloud).unwrap(), draw.scene, "nothing moved");
-                    state(r, &mut cloud)
+                    assert_ne!(r.download(&splats).unwrap(), draw.scene, "nothing moved");
+                    state(r, &mut splats)
                 };
                 let (expected, found) = (after(whole), after(in_walks));
                 assert!(expected == found, "{kernels:?}, {blend:?}, {loss:?}: {:?}, not {:?}", found.0, expected.0);
@@ -97,7 +97,7 @@ fn walks_change_no_bit() {
 /// A run that has met long lists goes on as one that was stored behind them, and has not.
 #[test]
 fn a_run_that_is_resumed_behind_long_lists_goes_on_bit_for_bit() {
-    let gaussian = |i: u32| PlanarGaussian {
+    let gaussian = |i: u32| Gaussian2d {
         // Twenty to the left, three to the right.
         mean: Vec2::new(if i < 20 { 8.3 } else { 108.0 } + 0.5 * (i % 5) as f32, 6.0 + 0.25 * i as f32),
         log_scale: Vec2::new(1.1, 0.6),
@@ -105,25 +105,25 @@ fn a_run_that_is_resumed_behind_long_lists_goes_on_bit_for_bit() {
         opacity_logit: 0.5,
         color: Vec3::new(0.1, 0.05, 0.01 * i as f32),
     };
-    let scene: PlanarScene = (0..23).map(gaussian).collect();
+    let scene: Scene2d = (0..23).map(gaussian).collect();
     let left = Canvas::new(16, 16);
     let right = left.showing(Vec2::new(100.0, 0.0), Vec2::splat(16.0));
     let image = Image::filled(16, 16, [0.3, 0.1, 0.2]).unwrap();
     for blend in [Blend::Sum, Blend::Over] {
         let settings = RenderSettings::blended(blend);
         for (kernels, r) in rasterizers(Some(7)) {
-            let target = r.planar().upload_target(&image).unwrap();
-            let mut cloud = r.upload(&scene, Chart::ScaleRotation).unwrap();
-            train(&r, &mut cloud, (&left, &target), (&settings, Loss::L2));
-            let (_, stored) = state(&r, &mut cloud);
+            let target = r.for_2d().upload_target(&image).unwrap();
+            let mut splats = r.upload(&scene, Parameterization::ScaleRotation).unwrap();
+            train(&r, &mut splats, (&left, &target), (&settings, Loss::L2));
+            let (_, stored) = state(&r, &mut splats);
             let mut resumed = r.restore(&stored).unwrap();
-            let after = |cloud: &mut _| {
+            let after = |splats: &mut _| {
                 for _ in 0..3 {
-                    train(&r, cloud, (&right, &target), (&settings, Loss::L2));
+                    train(&r, splats, (&right, &target), (&settings, Loss::L2));
                 }
-                state(&r, cloud)
+                state(&r, splats)
             };
-            let (expected, found) = (after(&mut cloud), after(&mut resumed));
+            let (expected, found) = (after(&mut splats), after(&mut resumed));
             assert_ne!(expected.1, stored, "nothing moved");
             assert!(expected == found, "{kernels:?}, {blend:?}: {:?}, not {:?}", found.0, expected.0);
         }
@@ -144,9 +144,9 @@ const MANY: usize = 70_000;
 
 /// More Gaussians in one tile than software drivers let an invocation loop over, half a pixel wide and hardly opaque, so that the last ones
 /// are seen, too.
-fn planar() -> (PlanarScene, Canvas) {
+fn scene_2d() -> (Scene2d, Canvas) {
     let mut numbers = Numbers(1);
-    let gaussian = |_| PlanarGaussian {
+    let gaussian = |_| Gaussian2d {
         mean: Vec2::new(8.0 + 15.0 * numbers.next(), 8.0 + 15.0 * numbers.next()),
         log_scale: Vec2::new(0.4, 0.5).map(f32::ln),
         rotation: 3.0 * numbers.next(),
@@ -156,15 +156,15 @@ fn planar() -> (PlanarScene, Canvas) {
     ((0..MANY).map(gaussian).collect(), Canvas::new(16, 16))
 }
 
-/// The same in space, at a pixel about as deep as they are apart there.
-fn spatial() -> (SpatialScene, Camera) {
+/// The same in 3D, at a pixel about as deep as they are apart there.
+fn scene_3d() -> (Scene3d, Camera) {
     let view = Camera::looking_forward(16, 16, 1.0);
-    let mut scene = SpatialScene::default();
+    let mut scene = Scene3d::default();
     let mut numbers = Numbers(1);
     for _ in 0..MANY {
         let z = 6.0 + 2.0 * numbers.next();
         let size = z / view.focal.x;
-        scene.push(SpatialGaussian {
+        scene.push(Gaussian3d {
             mean: Vec3::new(numbers.next() * 15.0 * size, numbers.next() * 15.0 * size, z),
             log_scale: Vec3::new(0.4 * size, 0.5 * size, 0.0005).map(f32::ln),
             rotation: [1.0, 0.02 * numbers.next(), 0.02 * numbers.next(), 0.0],
@@ -201,20 +201,20 @@ fn outcome<S: Scene, R: Rasterizer<S>>(
     target: &Image,
     settings: &RenderSettings,
 ) -> (Image, f32, S) {
-    let cloud = r.upload(scene, Chart::ScaleRotation).unwrap();
+    let splats = r.upload(scene, Parameterization::ScaleRotation).unwrap();
     let target = r.upload_target(target).unwrap();
-    let frame = r.forward(&cloud, view, settings).unwrap();
+    let frame = r.forward(&splats, view, settings).unwrap();
     let image = r.image(&frame).unwrap();
-    let (loss, gradients) = r.backward(&cloud, frame, &target, &Loss::L2).unwrap();
-    (image, loss, r.download_gradients(&cloud, &gradients).unwrap())
+    let (loss, gradients) = r.backward(&splats, frame, &target, &Loss::L2).unwrap();
+    (image, loss, r.download_gradients(&splats, &gradients).unwrap())
 }
 
 /// What rounding may come to; 1.9e-6 was the most that was measured.
 const APART: f64 = 1e-5;
 
 #[test]
-fn a_tile_of_many_planar_gaussians_is_that_of_the_cpu() {
-    let (scene, view) = planar();
+fn a_tile_of_many_2d_gaussians_is_that_of_the_cpu() {
+    let (scene, view) = scene_2d();
     let target = Image::filled(16, 16, [0.3, 0.1, -0.2]).unwrap();
     for blend in [Blend::Sum, Blend::Over] {
         let settings = RenderSettings::blended(blend).on([0.1, 0.2, 0.3]);
@@ -222,9 +222,9 @@ fn a_tile_of_many_planar_gaussians_is_that_of_the_cpu() {
         for (kernels, r) in rasterizers(None) {
             let found = outcome(&r, (&scene, &view), &target, &settings);
             let image = apart(numbers(&found.0), numbers(&expected.0));
-            let of = |scene: &PlanarScene| scene.means.iter().flat_map(|m| m.to_array()).collect::<Vec<_>>();
+            let of = |scene: &Scene2d| scene.means.iter().flat_map(|m| m.to_array()).collect::<Vec<_>>();
             let means = apart(of(&found.2).into_iter(), of(&expected.2).into_iter());
-            let of = |scene: &PlanarScene| scene.colors.iter().flat_map(|c| c.to_array()).collect::<Vec<_>>();
+            let of = |scene: &Scene2d| scene.colors.iter().flat_map(|c| c.to_array()).collect::<Vec<_>>();
             let colors = apart(of(&found.2).into_iter(), of(&expected.2).into_iter());
             assert!(
                 image < APART && means < APART && colors < APART,
@@ -238,21 +238,21 @@ fn a_tile_of_many_planar_gaussians_is_that_of_the_cpu() {
 /// adds up what eight of them receive.
 #[test]
 fn gaussians_that_cover_many_tiles_receive_what_they_do_on_the_cpu() {
-    let gaussian = |i: usize| PlanarGaussian {
+    let gaussian = |i: usize| Gaussian2d {
         mean: Vec2::new(200.0 + 170.0 * i as f32, 1500.0 - 150.0 * i as f32),
         log_scale: Vec2::splat(3000.0f32.ln()),
         rotation: 0.3 * i as f32,
         opacity_logit: -1.5,
         color: Vec3::new(0.9, 0.1 * i as f32, 0.5),
     };
-    let (scene, view): (PlanarScene, _) = ((0..8).map(gaussian).collect(), Canvas::new(1600, 1600));
+    let (scene, view): (Scene2d, _) = ((0..8).map(gaussian).collect(), Canvas::new(1600, 1600));
     let target = Image::filled(1600, 1600, [0.3, 0.1, 0.2]).unwrap();
     let settings = RenderSettings::blended(Blend::Over);
     let expected = outcome(&cpu(), (&scene, &view), &target, &settings).2;
     for (kernels, r) in rasterizers(None) {
         let found = outcome(&r, (&scene, &view), &target, &settings).2;
         for i in 0..8 {
-            let of = |scene: &PlanarScene| {
+            let of = |scene: &Scene2d| {
                 let g = scene.gaussian(i);
                 [g.color.to_array().to_vec(), g.mean.to_array().to_vec(), vec![g.opacity_logit]].concat()
             };
@@ -266,25 +266,25 @@ fn gaussians_that_cover_many_tiles_receive_what_they_do_on_the_cpu() {
 
 #[test]
 fn training_steps_in_a_tile_of_many_are_those_of_the_cpu() {
-    let (scene, view) = planar();
+    let (scene, view) = scene_2d();
     let target = Image::filled(16, 16, [0.3, 0.1, -0.2]).unwrap();
     let mut settings = RenderSettings::blended(Blend::Over);
     settings.effects.statistics = Statistics::PixelError;
     let rates = Adam::default().at(0.0);
-    fn steps<R: Rasterizer<PlanarScene>>(
+    fn steps<R: Rasterizer<Scene2d>>(
         r: &R,
-        scene: &PlanarScene,
+        scene: &Scene2d,
         (view, target): (&Canvas, &Image),
         step: &TrainStep<'_>,
     ) -> Vec<f32> {
-        let mut cloud = r.upload(scene, Chart::ScaleRotation).unwrap();
+        let mut splats = r.upload(scene, Parameterization::ScaleRotation).unwrap();
         let target = r.upload_target(target).unwrap();
         for _ in 0..3 {
-            r.train_step(&mut cloud, view, &target, step).unwrap();
+            r.train_step(&mut splats, view, &target, step).unwrap();
         }
         let mut losses = Vec::new();
-        r.losses(&mut cloud, Wait::All, &mut losses).unwrap();
-        losses.extend(r.statistics(&cloud).unwrap().gradient_sum);
+        r.losses(&mut splats, Wait::All, &mut losses).unwrap();
+        losses.extend(r.statistics(&splats).unwrap().gradient_sum);
         losses
     }
     let step = TrainStep { settings: &settings, loss: Loss::L2, rates: &rates, binning: Binning::Fresh };
@@ -299,28 +299,29 @@ fn training_steps_in_a_tile_of_many_are_those_of_the_cpu() {
 }
 
 #[test]
-fn a_tile_of_many_spatial_gaussians_is_that_of_the_cpu() {
-    let (scene, view) = spatial();
+fn a_tile_of_many_3d_gaussians_is_that_of_the_cpu() {
+    let (scene, view) = scene_3d();
     let target = Image::filled(16, 16, [0.3, 0.1, 0.2]).unwrap();
     let mut images = Vec::new();
-    for order in [Order::Index, Order::TileDepth, Order::PixelDepth] {
+    for order in [Order::Index, Order::Global, Order::PerPixel] {
         let mut settings = RenderSettings::blended(Blend::Over);
         settings.effects.order = order;
         let expected = outcome(&cpu(), (&scene, &view), &target, &settings);
         for (kernels, r) in rasterizers(None) {
             // There is one kernel for the order of pixels.
-            if order == Order::PixelDepth && kernels != Kernels::Portable {
+            if order == Order::PerPixel && kernels != Kernels::Portable {
                 continue;
             }
-            let frame = r.forward(&r.upload(&scene, Chart::ScaleRotation).unwrap(), &view, &settings).unwrap();
+            let frame =
+                r.forward(&r.upload(&scene, Parameterization::ScaleRotation).unwrap(), &view, &settings).unwrap();
             assert!(frame.entries() > 65_535, "{} entries", frame.entries());
             let image = apart(numbers(&r.image(&frame).unwrap()), numbers(&expected.0));
             assert!(image < APART, "{kernels:?}, {order:?}: {image}");
-            if order == Order::PixelDepth {
+            if order == Order::PerPixel {
                 continue; // Half a minute on a software driver; its gradients are held against the oracle's on smaller scenes.
             }
             let found = outcome(&r, (&scene, &view), &target, &settings);
-            let of = |scene: &SpatialScene| scene.means.iter().flat_map(|m| m.to_array()).collect::<Vec<_>>();
+            let of = |scene: &Scene3d| scene.means.iter().flat_map(|m| m.to_array()).collect::<Vec<_>>();
             let means = apart(of(&found.2).into_iter(), of(&expected.2).into_iter());
             assert!(means < APART, "{kernels:?}, {order:?}: {means}");
         }

@@ -47,7 +47,7 @@ pub(crate) fn run() -> Result<(), String> {
 }
 
 /// What the benchmark measures where it is asked for what is off, in its order.
-const SCENES: [&str; 2] = ["250,000 Gaussians in space", "70,000 Gaussians in the plane"];
+const SCENES: [&str; 2] = ["250,000 Gaussians in 3D", "70,000 Gaussians in 2D"];
 
 fn sorted(values: impl Iterator<Item = f64>) -> Vec<f64> {
     let mut values: Vec<f64> = values.collect();

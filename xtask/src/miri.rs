@@ -52,7 +52,7 @@ const GROUPS: &[Group] = &[
     },
     // Property tests of readers and writers.
     Group {
-        targets: "--package gs-io --test scenes --test spatial --test images --test datasets",
+        targets: "--package gs-io --test scenes --test 3D --test images --test datasets",
         names: "survive_a_round_trip is_the_identity gltf_keeps splat_stays flipped_bytes mutated",
         flags: FILES,
     },
@@ -60,7 +60,7 @@ const GROUPS: &[Group] = &[
     Group { targets: "--package gs-cpu --lib", names: "", flags: THREADS },
     // Drawn scenes through every kernel of gs-cpu.
     Group {
-        targets: "--package gs-conformance --test cpu --test cpu_spatial --test fuzzed",
+        targets: "--package gs-conformance --test cpu --test cpu_3d --test fuzzed",
         names: "drawn_images drawn_gradients the_processor_owes",
         flags: THREADS,
     },

@@ -2,7 +2,7 @@
 
 use std::rc::Rc;
 
-use gs_core::{Blend, Chart, Error, Rasterizer, Scene};
+use gs_core::{Blend, Error, Parameterization, Rasterizer, Scene};
 use gs_cpu::{Bounds, CpuRasterizer, CpuSettings, CpuTuning, SimdLevel};
 use gs_study::frontier::{Change, Contender, Loaded};
 use gs_wgpu::{Kernels, WgpuRasterizer};
@@ -58,14 +58,14 @@ where
     let chosen = machine(&base).flags;
     let AnyRasterizer::Cpu(rasterizer) = base.rasterizer else { return Ok(()) };
     let (level, threads) = (rasterizer.simd_level(), rasterizer.threads());
-    let cloud = Rc::new(rasterizer.upload(scene, Chart::ScaleRotation)?);
+    let splats = Rc::new(rasterizer.upload(scene, Parameterization::ScaleRotation)?);
     let mut add = |rasterizer: CpuRasterizer, change: Option<(&str, String)>, flags: Vec<String>| {
         let tuning = rasterizer.tuning();
         all.push(Contender {
             backend: "cpu".to_owned(),
             name: rasterizer.describe(),
             change: change.map(|(axis, value)| Change { axis: axis.to_owned(), value }),
-            renderer: Box::new(Loaded { rasterizer, cloud: Rc::clone(&cloud) }),
+            renderer: Box::new(Loaded { rasterizer, splats: Rc::clone(&splats) }),
         });
         let cpu = (tuning != CpuTuning::default()).then_some(tuning);
         machines.push(ChosenMachine { flags, cpu, kernels: None });
@@ -118,13 +118,13 @@ where
     let AnyRasterizer::Wgpu(rasterizer) = base.rasterizer else { return Ok(()) };
     let usual = rasterizer.kernels();
     let mut add = |rasterizer: WgpuRasterizer, kernels: Option<KernelsName>| -> Result<(), Error> {
-        let cloud = Rc::new(rasterizer.upload(scene, Chart::ScaleRotation)?);
+        let splats = Rc::new(rasterizer.upload(scene, Parameterization::ScaleRotation)?);
         all.push(Contender {
             backend: "wgpu".to_owned(),
             name: rasterizer.describe(),
             change: kernels
                 .map(|name| Change { axis: "kernels".to_owned(), value: format!("{name:?}").to_lowercase() }),
-            renderer: Box::new(Loaded { rasterizer, cloud }),
+            renderer: Box::new(Loaded { rasterizer, splats }),
         });
         machines.push(ChosenMachine { flags: flags.clone(), cpu: None, kernels });
         Ok(())

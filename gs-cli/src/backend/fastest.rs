@@ -56,7 +56,7 @@ fn has_name(folder: &Path, beginnings: &[&str]) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use gs_core::{Chart, Rasterizer, RenderSettings, SpatialScene, effects::Antialias};
+    use gs_core::{Parameterization, Rasterizer, RenderSettings, Scene3d, effects::Antialias};
 
     use super::*;
     use crate::backend::shows_images;
@@ -64,13 +64,15 @@ mod tests {
     /// The driver that the tests have stands in for a GPU.
     #[test]
     fn a_gpu_that_does_not_offer_what_is_needed_is_passed_by() {
-        let found = |chart| {
+        let found = |parameterization| {
             let gpu = WgpuRasterizer::new(WgpuSettings::default()).expect("`cargo xtask test` installs a driver");
-            if_suited(gpu, |gpu| gpu.upload(&SpatialScene::default(), chart).map(drop))
+            if_suited(gpu, |gpu| gpu.upload(&Scene3d::default(), parameterization).map(drop))
         };
-        assert!(matches!(found(Chart::ScaleRotation), Fastest::Gpu(_)));
-        let Fastest::Cpu { why } = found(Chart::LocalFrame) else { panic!("local frames in space are offered") };
-        assert!(why.contains("is not used") && why.contains("LocalFrame"), "{why}");
+        assert!(matches!(found(Parameterization::ScaleRotation), Fastest::Gpu(_)));
+        let Fastest::Cpu { why } = found(Parameterization::CovarianceFactor) else {
+            panic!("covariance factors in 3D are offered")
+        };
+        assert!(why.contains("is not used") && why.contains("CovarianceFactor"), "{why}");
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! `gs convert`: a 3D scene from one format into another, or a 2D scene for viewers, and what of it is lost on the way.
 
-pub(crate) mod planar;
+pub(crate) mod scene2d;
 
 mod cost;
 mod rounding;
@@ -16,7 +16,7 @@ use gs_core::{
     examination::{self, Repair},
 };
 use gs_io::{
-    GltfBuffer, Loss, SpatialFile, SpatialFormat, SpatialOptions, SpzOptions, SpzVersion, TrainedWith, dataset::Dataset,
+    ConversionLoss, File3d, Format3d, GltfBuffer, SpzOptions, SpzVersion, TrainedWith, WriteOptions3d, dataset::Dataset,
 };
 use gs_train::{Opened, OpenedScene, Values};
 use serde::Serialize;
@@ -108,7 +108,7 @@ struct Side {
 }
 
 impl Side {
-    fn new(path: &Path, format: SpatialFormat, bytes: u64, gaussians: usize) -> Self {
+    fn new(path: &Path, format: Format3d, bytes: u64, gaussians: usize) -> Self {
         let bytes_per_gaussian = bytes as f64 / gaussians as f64;
         Self { file: path.display().to_string(), format: format.to_string(), bytes, bytes_per_gaussian }
     }
@@ -119,7 +119,7 @@ impl Side {
 /// # Errors
 /// Where it cannot be read, holds what is not finite and is not told to drop it, or cannot be written.
 pub(crate) fn run(args: &ConvertArgs) -> Result<(), Failure> {
-    if SpatialFormat::to_write(&args.to).is_none() && !planar::is_svg(&args.to) {
+    if Format3d::to_write(&args.to).is_none() && !scene2d::is_svg(&args.to) {
         return Err(gs_io::Error::UnknownEnding { path: args.to.clone() }.into());
     }
     let dataset = args.cost.dataset()?;
@@ -133,23 +133,23 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<(), Failure> {
         output_folder::check_file(&args.to.with_extension("bin"), &inputs)?;
     }
     let mut file = match scene {
-        OpenedScene::Planar(file) => return planar::run(args, &path, *file),
-        OpenedScene::Spatial { file, .. } => *file,
+        OpenedScene::TwoD(file) => return scene2d::run(args, &path, *file),
+        OpenedScene::ThreeD { file, .. } => *file,
     };
-    if planar::is_svg(&args.to) {
+    if scene2d::is_svg(&args.to) {
         let message = "a 3D scene is not written as SVG, which is for 2D scenes";
         return Err(Failure::usage(message).at(args.to.display()).mend("gs render draws it as PNG"));
     }
     let (all, mut losses) = (file.scene.len(), std::mem::take(&mut file.losses));
     if args.drop_broken {
         let Repair { widened, .. } = examination::repair(&mut file.scene)?;
-        losses.extend((widened > 0).then_some(Loss::ZeroScales { gaussians: widened }));
+        losses.extend((widened > 0).then_some(ConversionLoss::ZeroScales { gaussians: widened }));
     }
     file.trained_with = args.cost.trained_with(file.trained_with);
     let options = options(args, file.trained_with);
-    let SpatialFile { scene, .. } = &file;
-    let written = gs_io::write_spatial(&args.to, scene, &options).map_err(Failure::of_scene)?;
-    let after = gs_io::read_spatial(&args.to).map_err(Failure::of_scene)?;
+    let File3d { scene, .. } = &file;
+    let written = gs_io::write_3d(&args.to, scene, &options).map_err(Failure::of_scene)?;
+    let after = gs_io::read_3d(&args.to).map_err(Failure::of_scene)?;
     let size = |path: &Path| std::fs::metadata(path).map_or(0, |file| file.len());
     let bytes = size(&args.to) + written.beside.as_deref().map_or(0, size);
     let conversion = Conversion {
@@ -158,7 +158,7 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<(), Failure> {
         gaussians: scene.len(),
         sh_degree: scene.sh_degree,
         dropped: all - scene.len(),
-        lost: losses.iter().chain(&written.losses).map(Loss::to_string).collect(),
+        lost: losses.iter().chain(&written.losses).map(ConversionLoss::to_string).collect(),
         rounding: rounding::between(scene, &after.scene),
         cost: dataset.map(|dataset| args.cost.measure(&dataset, &file, &after)).transpose()?,
     };
@@ -166,8 +166,8 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<(), Failure> {
 }
 
 /// How the file is written.
-fn options(args: &ConvertArgs, trained_with: TrainedWith) -> SpatialOptions {
-    SpatialOptions {
+fn options(args: &ConvertArgs, trained_with: TrainedWith) -> WriteOptions3d {
+    WriteOptions3d {
         trained_with,
         spz: SpzOptions {
             version: match args.spz_version {

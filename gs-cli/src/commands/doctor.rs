@@ -1,4 +1,4 @@
-//! `gs doctor`: what is wrong with a scene, planar or spatial, and a copy of it in which that is mended.
+//! `gs doctor`: what is wrong with a scene, 2D or 3D, and a copy of it in which that is mended.
 
 use std::{
     fmt::Write,
@@ -10,7 +10,7 @@ use gs_core::{
     Scene, counted,
     examination::{Examinable, Examination, Finding, Remedy, Repair, examine, repair},
 };
-use gs_io::{Loss, SpatialFormat, SpatialOptions};
+use gs_io::{ConversionLoss, Format3d, WriteOptions3d};
 use gs_train::{Opened, OpenedScene, Values};
 use serde::Serialize;
 
@@ -33,12 +33,12 @@ Exit status: 0 nothing is broken, or it has been mended; 1 something is broken, 
 #[derive(Debug, Clone, Args)]
 #[command(after_help = STATUS)]
 pub(crate) struct DoctorArgs {
-    /// A scene, planar or spatial (PLY, .splat, SPZ, glTF), a checkpoint, or the output folder of gs fit or gs train
+    /// A scene, 2D or 3D (PLY, .splat, SPZ, glTF), a checkpoint, or the output folder of gs fit or gs train
     scene: PathBuf,
     /// Write a copy in which what is broken is mended
     #[arg(long, requires = "output")]
     fix: bool,
-    /// The file for the copy, which cannot be SCENE itself; of a spatial scene its ending says the format: .ply, .splat, .spz, .gltf or .glb
+    /// The file for the copy, which cannot be SCENE itself; of a 3D scene its ending says the format: .ply, .splat, .spz, .gltf or .glb
     #[arg(short, long, value_name = "FILE", requires = "fix")]
     output: Option<PathBuf>,
     /// Print JSON
@@ -92,13 +92,13 @@ pub(crate) fn run(args: &DoctorArgs) -> Result<(), Failure> {
     args.output.as_deref().map_or(Ok(()), |output| output_folder::check_file(output, [&scene]))?;
     let Opened { path, scene: patient, .. } = opened::open(&args.scene, Values::Any)?;
     let kind = match &patient {
-        OpenedScene::Planar(_) => "planar scene".to_owned(),
-        OpenedScene::Spatial { file, .. } => format!("spatial scene, {}", file.format),
+        OpenedScene::TwoD(_) => "2D scene".to_owned(),
+        OpenedScene::ThreeD { file, .. } => format!("3D scene, {}", file.format),
     };
     args.output.as_deref().map(|output| check_ending(output, &patient)).transpose()?;
     let examination = match &patient {
-        OpenedScene::Planar(file) => examine(&file.scene)?,
-        OpenedScene::Spatial { file, .. } => examine(&file.scene)?,
+        OpenedScene::TwoD(file) => examine(&file.scene)?,
+        OpenedScene::ThreeD { file, .. } => examine(&file.scene)?,
     };
     let fixed = args.output.as_deref().map(|output| fix(patient, output)).transpose()?;
     let mended = fixed.is_some();
@@ -119,14 +119,14 @@ pub(crate) fn run(args: &DoctorArgs) -> Result<(), Failure> {
 /// Refuses a name for the copy that does not say a format of its kind of scene.
 fn check_ending(output: &Path, scene: &OpenedScene) -> Result<(), Failure> {
     match scene {
-        OpenedScene::Planar(_) => {
+        OpenedScene::TwoD(_) => {
             if output.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("safetensors")) {
                 return Ok(());
             }
-            let failure = Failure::usage("a planar scene is not written in this format").at(output.display());
+            let failure = Failure::usage("a 2D scene is not written in this format").at(output.display());
             Err(failure.mend(format_args!("let its name end in .{}", gs_io::SCENE_EXTENSION)))
         }
-        OpenedScene::Spatial { .. } => match SpatialFormat::to_write(output) {
+        OpenedScene::ThreeD { .. } => match Format3d::to_write(output) {
             Some(_) => Ok(()),
             None => Err(gs_io::Error::UnknownEnding { path: output.to_owned() }.into()),
         },
@@ -136,15 +136,15 @@ fn check_ending(output: &Path, scene: &OpenedScene) -> Result<(), Failure> {
 /// Mends the scene and writes it.
 fn fix(scene: OpenedScene, output: &Path) -> Result<Fixed, Failure> {
     match scene {
-        OpenedScene::Planar(mut file) => {
+        OpenedScene::TwoD(mut file) => {
             let repair = mend(&mut file.scene, output)?;
             gs_io::write_scene(output, &file)?;
             Ok(Fixed::new(output, file.scene.len(), repair, &[]))
         }
-        OpenedScene::Spatial { mut file, .. } => {
+        OpenedScene::ThreeD { mut file, .. } => {
             let repair = mend(&mut file.scene, output)?;
-            let options = SpatialOptions { trained_with: file.trained_with, ..SpatialOptions::default() };
-            let written = gs_io::write_spatial(output, &file.scene, &options)?;
+            let options = WriteOptions3d { trained_with: file.trained_with, ..WriteOptions3d::default() };
+            let written = gs_io::write_3d(output, &file.scene, &options)?;
             let losses = [file.losses, written.losses].concat();
             Ok(Fixed::new(output, file.scene.len(), repair, &losses))
         }
@@ -163,8 +163,8 @@ fn mend<S: Examinable>(scene: &mut S, output: &Path) -> Result<Repair, Failure> 
 }
 
 impl Fixed {
-    fn new(output: &Path, gaussians: usize, repair: Repair, losses: &[Loss]) -> Self {
-        let lost = losses.iter().map(Loss::to_string).collect();
+    fn new(output: &Path, gaussians: usize, repair: Repair, losses: &[ConversionLoss]) -> Self {
+        let lost = losses.iter().map(ConversionLoss::to_string).collect();
         Self { file: output.display().to_string(), gaussians, repair, lost }
     }
 }

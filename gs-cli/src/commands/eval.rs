@@ -3,22 +3,22 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use gs_core::{Canvas, Image, PlanarScene, Rasterizer, RenderSettings, Scene as _, SpatialScene, counted};
+use gs_core::{Canvas, Image, Rasterizer, RenderSettings, Scene as _, Scene2d, Scene3d, counted};
 use gs_io::{
-    ImageRemark, LoadedImage, PlanarFile,
+    File2d, ImageRemark, LoadedImage,
     dataset::{may_be_dataset, read_dataset},
 };
 use gs_train::{
     ImageQuality, is_scene,
-    spatial::{Evaluation, PosedView, ViewQuality, Views, evaluate},
+    train::{Evaluation, PosedView, ViewQuality, Views, evaluate},
 };
 use serde::Serialize;
 
 use crate::{
-    backend::{Backend, BackendArgs, SpatialTask, Task},
+    backend::{Backend, BackendArgs, Task, Task3d},
     failure::Failure,
     memory,
-    opened::{self, Scene, Spatial},
+    opened::{self, Opened3d, Scene},
     output::{self, printable},
     shown::{ShownArgs, effects, why_empty},
     train::DatasetArgs,
@@ -57,10 +57,10 @@ struct Comparison {
 /// Where one cannot be read, or images differ in size.
 pub(crate) fn run(args: &EvalArgs) -> Result<(), Failure> {
     let (a, b) = match is_scene(&args.a)?.then(|| opened::scene(&args.a)).transpose()? {
-        Some(Scene::Spatial(spatial)) => return judge(args, &spatial),
-        Some(Scene::Planar(file)) => rendered(args, &file)?,
+        Some(Scene::ThreeD(scene_3d)) => return judge(args, &scene_3d),
+        Some(Scene::TwoD(file)) => rendered(args, &file)?,
         // Images have no views; what stands in a scene's place is told to be none.
-        None if may_be_dataset(&args.b) => return judge(args, &opened::spatial(&args.a)?),
+        None if may_be_dataset(&args.b) => return judge(args, &opened::scene_3d(&args.a)?),
         None => (read(&args.a)?, read(&args.b)?),
     };
     if a.size() != b.size() {
@@ -90,7 +90,7 @@ fn read(path: &Path) -> Result<Image, Failure> {
 }
 
 /// A 2D scene as it is written in 8 bits at its own size, and the image that it is compared with.
-fn rendered(args: &EvalArgs, file: &PlanarFile) -> Result<(Image, Image), Failure> {
+fn rendered(args: &EvalArgs, file: &File2d) -> Result<(Image, Image), Failure> {
     if may_be_dataset(&args.b) || args.shown.is_some() {
         let message = "is a 2D scene, which is compared with an image and has no order or background to choose";
         return Err(Failure::usage(message).at(args.a.display()).mend("gs eval SCENE IMAGE"));
@@ -102,26 +102,26 @@ fn rendered(args: &EvalArgs, file: &PlanarFile) -> Result<(Image, Image), Failur
     Ok((rendering.rounded_to_8_bits(), image))
 }
 
-struct Draw<'a>(&'a PlanarFile);
+struct Draw<'a>(&'a File2d);
 
 impl Task for Draw<'_> {
     type Output = Result<Image, gs_core::Error>;
 
-    fn run<R: Rasterizer<PlanarScene>>(self, rasterizer: &R) -> Self::Output {
-        let PlanarFile { scene, width, height, settings } = self.0;
+    fn run<R: Rasterizer<Scene2d>>(self, rasterizer: &R) -> Self::Output {
+        let File2d { scene, width, height, settings } = self.0;
         rasterizer.render(scene, &Canvas::new(*width, *height), settings)
     }
 }
 
 /// Judges a scene by the test views of a data set; by all, where none is held out.
-fn judge(args: &EvalArgs, opened: &Spatial) -> Result<(), Failure> {
+fn judge(args: &EvalArgs, opened: &Opened3d) -> Result<(), Failure> {
     let scene = &opened.file.scene;
     let dataset = read_dataset(&args.b, &args.photographs.settings())?;
     let render = opened.settings(&args.shown, Some(&dataset));
     let Views { train, test, .. } = Views::of_dataset(&dataset);
     let views = if test.is_empty() { train } else { test };
     let backend = Backend::start(&args.backend)?;
-    let evaluation = backend.run_spatial(Judge { scene, views: &views, render: &render })?;
+    let evaluation = backend.run_3d(Judge { scene, views: &views, render: &render })?;
     opened.note_guess(&args.shown);
     output::note(format_args!("shown with {}", effects(&render)));
     if let Some(why) = why_empty(evaluation.culled, scene.len(), views.len()) {
@@ -146,15 +146,15 @@ fn judge(args: &EvalArgs, opened: &Spatial) -> Result<(), Failure> {
 
 /// Judges a scene by views of a data set.
 pub(crate) struct Judge<'a> {
-    pub(crate) scene: &'a SpatialScene,
+    pub(crate) scene: &'a Scene3d,
     pub(crate) views: &'a [PosedView],
     pub(crate) render: &'a RenderSettings,
 }
 
-impl SpatialTask for Judge<'_> {
+impl Task3d for Judge<'_> {
     type Output = Result<Evaluation, gs_train::Error>;
 
-    fn run<R: Rasterizer<SpatialScene>>(self, rasterizer: &R) -> Self::Output {
+    fn run<R: Rasterizer<Scene3d>>(self, rasterizer: &R) -> Self::Output {
         evaluate(rasterizer, self.scene, self.views, self.render)
     }
 }

@@ -1,12 +1,12 @@
 //! `gs info`: what is in a scene, a checkpoint or a data set, or which GPUs there are.
 
 mod dataset;
-mod spatial;
+mod scene3d;
 
 use std::{collections::BTreeMap, fmt::Write, path::PathBuf};
 
 use clap::Args;
-use gs_core::{PlanarScene, RenderSettings, Scene, counted, scene::sigmoid};
+use gs_core::{RenderSettings, Scene, Scene2d, counted, scene::sigmoid};
 use gs_io::dataset::{may_be_dataset, read_dataset};
 use gs_train::{Opened, OpenedScene, Values, experiments::Cell, scene_in};
 use serde::Serialize;
@@ -22,7 +22,7 @@ use crate::{
 /// The flags of `gs info`.
 #[derive(Debug, Clone, Args)]
 pub(crate) struct InfoArgs {
-    /// A scene, planar or spatial (PLY, .splat, SPZ, glTF), a checkpoint, the output folder of gs fit or gs train, or a data set of
+    /// A scene, 2D or 3D (PLY, .splat, SPZ, glTF), a checkpoint, the output folder of gs fit or gs train, or a data set of
     /// posed photographs
     #[arg(required_unless_present = "adapters")]
     file: Option<PathBuf>,
@@ -88,21 +88,21 @@ pub(crate) fn run(args: &InfoArgs) -> Result<(), Failure> {
         }
     }
     let Opened { path, scene, run, .. } = opened::open(file, Values::Any)?;
-    let planar = match scene {
-        OpenedScene::Spatial { file, .. } => return spatial::print(*file, run, format),
-        OpenedScene::Planar(planar) => planar,
+    let scene_2d = match scene {
+        OpenedScene::ThreeD { file, .. } => return scene3d::print(*file, run, format),
+        OpenedScene::TwoD(scene_2d) => scene_2d,
     };
     let bytes = std::fs::metadata(&path).map_or(0, |file| file.len());
     let kind = if run.is_some() { Kind::Checkpoint } else { Kind::Scene };
     if run.is_none() {
-        planar.validate().map_err(|source| Failure::of_scene(gs_io::Error::Content { path, source }))?;
+        scene_2d.validate().map_err(|source| Failure::of_scene(gs_io::Error::Content { path, source }))?;
     }
     let info = Info {
-        width: Some(planar.width),
-        height: Some(planar.height),
-        render: Some(planar.settings),
+        width: Some(scene_2d.width),
+        height: Some(scene_2d.height),
+        render: Some(scene_2d.settings),
         metadata: run.unwrap_or_default(),
-        ..Info::of(kind, bytes, &planar.scene)
+        ..Info::of(kind, bytes, &scene_2d.scene)
     };
     match format {
         Format::Json => output::json(&info),
@@ -111,7 +111,7 @@ pub(crate) fn run(args: &InfoArgs) -> Result<(), Failure> {
 }
 
 impl Info {
-    fn of(kind: Kind, bytes: u64, scene: &PlanarScene) -> Self {
+    fn of(kind: Kind, bytes: u64, scene: &Scene2d) -> Self {
         let gaussians = scene.len();
         let mut ranges = BTreeMap::new();
         let mut add = |name, values: Vec<f32>| {
@@ -156,8 +156,8 @@ impl Range {
 
 fn text(info: &Info) -> String {
     let kind = match info.kind {
-        Kind::Scene => "planar scene",
-        Kind::Checkpoint => "checkpoint of a planar fit",
+        Kind::Scene => "2D scene",
+        Kind::Checkpoint => "checkpoint of a 2D fit",
     };
     let mut rows = vec![("kind", kind.to_owned()), ("Gaussians", info.gaussians.to_string())];
     if let (Some(width), Some(height)) = (info.width, info.height) {
@@ -167,7 +167,7 @@ fn text(info: &Info) -> String {
     rows.push(("size", format!("{}{each}", counted(info.bytes, "byte"))));
     if let Some(render) = &info.render {
         rows.push(("blend", render.effects.blend.name().to_owned()));
-        rows.push(("background", format!("{:?}", render.backdrop())));
+        rows.push(("background", format!("{:?}", render.background_color())));
     }
     rows.push(("not finite", info.not_finite.to_string()));
     let mut text = String::new();
@@ -208,11 +208,11 @@ fn metadata_text(metadata: &BTreeMap<String, String>) -> String {
 mod tests {
     use super::*;
     use glam::{Vec2, Vec3};
-    use gs_core::PlanarGaussian;
+    use gs_core::Gaussian2d;
 
     #[test]
     fn what_is_not_finite_is_counted_and_left_out_of_the_ranges() {
-        let gaussian = |x, red| PlanarGaussian {
+        let gaussian = |x, red| Gaussian2d {
             mean: Vec2::new(x, 1.0),
             log_scale: Vec2::ZERO,
             rotation: 0.0,
@@ -229,7 +229,7 @@ mod tests {
 
     #[test]
     fn an_empty_scene_has_no_ranges() {
-        let info = Info::of(Kind::Scene, 100, &PlanarScene::default());
+        let info = Info::of(Kind::Scene, 100, &Scene2d::default());
         assert!(info.ranges.is_empty() && info.bytes_per_gaussian.is_none());
         assert!(text(&info).contains("Gaussians           0"));
     }

@@ -1,20 +1,20 @@
-//! `gs popping`: how much jumps in a scene in space while the camera moves, by one depth a Gaussian and by the depth at each pixel.
+//! `gs popping`: how much jumps in a 3D scene while the camera moves, by one depth a Gaussian and by the depth at each pixel.
 
 use std::path::PathBuf;
 
 use clap::Args;
-use gs_core::{Camera, Chart, Rasterizer, RenderSettings, Scene, SpatialScene, counted};
+use gs_core::{Camera, Parameterization, Rasterizer, RenderSettings, Scene, Scene3d, counted};
 use gs_io::Inputs;
 use gs_train::{
     experiments::{
         Findings, Table,
         popping::{Comparison, STRIDES, SlowOrbit, compare},
     },
-    spatial::Orbit,
+    train::Orbit,
 };
 
 use crate::{
-    backend::{Backend, BackendArgs, SpatialTask},
+    backend::{Backend, BackendArgs, Task3d},
     cameras,
     failure::Failure,
     opened, output,
@@ -25,8 +25,8 @@ use crate::{
 };
 
 const AFTER_HELP: &str = "\
-The camera goes around the scene in short stretches; each frame is rendered sorted by one depth a Gaussian (tile-depth, as 3DGS does) and \
-by the depth at each pixel (pixel-depth). What jumps is told from motion by the second difference of three frames, averaged under SSIM's \
+The camera goes around the scene in short stretches; each frame is rendered sorted by one depth a Gaussian (global, as 3DGS does) and \
+by the depth at each pixel (per-pixel). What jumps is told from motion by the second difference of three frames, averaged under SSIM's \
 window: half the step leaves a quarter of motion's and all of a jump's. So each number is given for three steps; what stays from one to the \
 next is popping, what falls with the step is motion.
 
@@ -78,7 +78,7 @@ pub(crate) fn run(args: &PoppingArgs) -> Result<(), Failure> {
     }
     let claim = args.overwrite.claim(&args.output, FILES, Inputs::from_iter([opened::file_of(&args.scene)]));
     output_folder::check(&claim)?;
-    let opened = opened::spatial(&args.scene)?;
+    let opened = opened::scene_3d(&args.scene)?;
     let scene = &opened.file.scene;
     let bulk = cameras::bulk_of(scene)?;
     let up = args.up.map_or(cameras::UP, |axis| axis.0);
@@ -94,7 +94,7 @@ pub(crate) fn run(args: &PoppingArgs) -> Result<(), Failure> {
     let render = opened.settings(&args.shown, None);
     let name = args.scene.file_stem().map_or_else(|| "scene".into(), |stem| stem.to_string_lossy());
     let what = format!("{name}, {}", counted(scene.len(), "Gaussian"));
-    let findings = backend.run_spatial(Fly { scene, flight, first, render, what })?;
+    let findings = backend.run_3d(Fly { scene, flight, first, render, what })?;
     files::write_findings(&folder, "", &findings)?;
     for table in &findings.tables {
         output::result(text(table))?;
@@ -104,19 +104,19 @@ pub(crate) fn run(args: &PoppingArgs) -> Result<(), Failure> {
 }
 
 struct Fly<'a> {
-    scene: &'a SpatialScene,
+    scene: &'a Scene3d,
     flight: SlowOrbit,
     first: Camera,
     render: RenderSettings,
     what: String,
 }
 
-impl SpatialTask for Fly<'_> {
+impl Task3d for Fly<'_> {
     type Output = Result<Findings, gs_train::Error>;
 
-    fn run<R: Rasterizer<SpatialScene>>(self, rasterizer: &R) -> Self::Output {
+    fn run<R: Rasterizer<Scene3d>>(self, rasterizer: &R) -> Self::Output {
         let Self { scene, flight, first, render, what } = self;
-        let frame = rasterizer.forward(&rasterizer.upload(scene, Chart::ScaleRotation)?, &first, &render)?;
+        let frame = rasterizer.forward(&rasterizer.upload(scene, Parameterization::ScaleRotation)?, &first, &render)?;
         if let Some(why) = why_empty(rasterizer.culled(&frame)?, scene.len(), 1) {
             output::note(format_args!("note: nothing of the scene is in the first frame: {why}"));
         }

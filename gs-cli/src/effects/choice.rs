@@ -143,7 +143,7 @@ pub(crate) fn told_in(detail: Detail, verdicts: &[Verdict]) -> String {
 
 #[cfg(test)]
 mod tests {
-    use gs_core::{Blend, PlanarScene, effects::Antialias};
+    use gs_core::{Blend, Scene2d, effects::Antialias};
 
     use super::*;
 
@@ -152,7 +152,7 @@ mod tests {
         wanted.effects.antialias = Antialias::Mip;
         wanted.effects.sh_degree = 3;
         let args = EffectsArgs { effects: Some(text.parse().unwrap()) };
-        args.choose(&PlanarScene::default(), &[], &wanted).unwrap()
+        args.choose(&Scene2d::default(), &[], &wanted).unwrap()
     }
 
     #[test]

@@ -7,14 +7,14 @@ use std::path::PathBuf;
 
 use clap::Args;
 use gs_core::{
-    Camera, Canvas, Chart, PlanarScene, Rasterizer, RenderSettings, Scene, SpatialScene, counted,
+    Camera, Canvas, Parameterization, Rasterizer, RenderSettings, Scene, Scene2d, Scene3d, counted,
     effects::called_for::CallsForEffects,
 };
 use gs_train::{
     Trainer,
     effects::{Sight, prices, prove, sampled},
     is_scene,
-    spatial::{Orbit, PosedView, Views, resized},
+    train::{Orbit, PosedView, Views, resized},
 };
 
 use crate::{
@@ -28,16 +28,16 @@ use crate::{
         settings::{self, Given},
         target::Target,
     },
-    opened::{self, Spatial},
+    opened::{self, Opened3d},
     output,
     shown::ShownArgs,
     values::{Axis, Size, canvas, whole},
 };
 
 const AFTER_HELP: &str = "\
-INPUT is taken as it comes: a scene in space, the scene of an image, or an image, which is fitted first in a few steps.
+INPUT is taken as it comes: a 3D scene, the scene of an image, or an image, which is fitted first in a few steps.
 
-A scene in space is looked at through the test views of DATASET (the others, where none are held out), or from places around it. What is \
+A 3D scene is looked at through the test views of DATASET (the others, where none are held out), or from places around it. What is \
 wanted is what the flags say: by default what 3DGS trains and shows scenes with. An effect is called for unless it is certain that no pixel of \
 these views changes by more than 1/512 without it; the views are then rendered both ways to prove it, and where they contradict, the effect stays.
 
@@ -53,7 +53,7 @@ const ITERATIONS: u32 = 100;
 pub(crate) struct EffectsCommandArgs {
     /// A scene, or an image to which Gaussians are fitted first
     input: PathBuf,
-    /// Posed photographs, from where a scene in space is seen
+    /// Posed photographs, from where a 3D scene is seen
     dataset: Option<PathBuf>,
     /// Print JSON on standard output, and nothing else there
     #[arg(long)]
@@ -64,10 +64,10 @@ pub(crate) struct EffectsCommandArgs {
     /// How often each time is measured
     #[arg(short, long, value_name = "R", default_value_t = 11, value_parser = whole::<u32>(1..=10_000))]
     repetitions: u32,
-    /// Size of the pictures [default: that of the image or of the photographs; in space else 800x600]
+    /// Size of the pictures [default: that of the image or of the photographs; in 3D else 800x600]
     #[arg(long, value_name = "WxH")]
     size: Option<Size>,
-    /// The axis that places around a scene in space go around: x, y, z, or -x, -y, -z [default: -y]
+    /// The axis that places around a 3D scene go around: x, y, z, or -x, -y, -z [default: -y]
     #[arg(long, value_name = "AXIS", allow_hyphen_values = true)]
     up: Option<Axis>,
     #[command(flatten)]
@@ -85,8 +85,8 @@ pub(crate) struct EffectsCommandArgs {
 pub(crate) fn run(args: &EffectsCommandArgs) -> Result<(), Failure> {
     let subject = Subject::load(args)?;
     let backend = match &subject {
-        Subject::Planar { wanted, .. } => Backend::start_for_image(&args.backend, wanted),
-        Subject::Spatial { .. } | Subject::Image { .. } => Backend::start(&args.backend),
+        Subject::TwoD { wanted, .. } => Backend::start_for_image(&args.backend, wanted),
+        Subject::ThreeD { .. } | Subject::Image { .. } => Backend::start(&args.backend),
     }?;
     let report = backend.run(Examine { subject, args, backend: &backend })?;
     if args.json { output::json(&report) } else { output::result(report.text()) }
@@ -94,25 +94,25 @@ pub(crate) fn run(args: &EffectsCommandArgs) -> Result<(), Failure> {
 
 /// What is examined.
 enum Subject {
-    Spatial { scene: SpatialScene, cameras: Vec<Camera>, wanted: RenderSettings, seen: String },
-    Planar { scene: PlanarScene, canvas: Canvas, wanted: RenderSettings },
+    ThreeD { scene: Scene3d, cameras: Vec<Camera>, wanted: RenderSettings, seen: String },
+    TwoD { scene: Scene2d, canvas: Canvas, wanted: RenderSettings },
     Image { target: Box<Target>, size: Option<Size> },
 }
 
 impl Subject {
     fn load(args: &EffectsCommandArgs) -> Result<Self, Failure> {
-        let planar = match is_scene(&args.input)?.then(|| opened::scene(&args.input)).transpose()? {
-            Some(opened::Scene::Spatial(spatial)) => return Self::in_space(args, spatial),
-            Some(opened::Scene::Planar(file)) => Some(file),
+        let scene_2d = match is_scene(&args.input)?.then(|| opened::scene(&args.input)).transpose()? {
+            Some(opened::Scene::ThreeD(scene_3d)) => return Self::in_space(args, scene_3d),
+            Some(opened::Scene::TwoD(file)) => Some(file),
             None => None,
         };
         if args.dataset.is_some() || args.shown.is_some() || args.up.is_some() {
-            let message = "is no scene in space, which alone has cameras, an order and a background to choose";
+            let message = "is no 3D scene, which alone has cameras, an order and a background to choose";
             return Err(Failure::usage(message).at(args.input.display()).mend("use --size alone"));
         }
-        if let Some(file) = planar {
+        if let Some(file) = scene_2d {
             let canvas = canvas((file.width, file.height), args.size)?;
-            return Ok(Self::Planar { scene: file.scene, canvas, wanted: file.settings });
+            return Ok(Self::TwoD { scene: file.scene, canvas, wanted: file.settings });
         }
         let target = Target::load(Some(&args.input), None).map_err(|error| match error {
             gs_io::Error::NotAnImage { .. } => Failure::from(error).mend("or name a scene that gs has written"),
@@ -123,7 +123,7 @@ impl Subject {
         Ok(Self::Image { target: Box::new(target), size: args.size })
     }
 
-    fn in_space(args: &EffectsCommandArgs, opened: Spatial) -> Result<Self, Failure> {
+    fn in_space(args: &EffectsCommandArgs, opened: Opened3d) -> Result<Self, Failure> {
         opened.note_guess(&args.shown);
         let scene = &opened.file.scene;
         let most = args.views as usize;
@@ -135,7 +135,7 @@ impl Subject {
             let cameras = Orbit { center: bulk.center, axis: up, frames: args.views }.cameras(&first);
             let wanted = opened.settings(&args.shown, None);
             let seen = format!("{} around it", counted(most, "place"));
-            return Ok(Self::Spatial { scene: opened.file.scene, cameras, wanted, seen });
+            return Ok(Self::ThreeD { scene: opened.file.scene, cameras, wanted, seen });
         };
         let dataset = args.reading.read(path)?;
         let wanted = opened.settings(&args.shown, Some(&dataset));
@@ -148,7 +148,7 @@ impl Subject {
             camera.validate().map_err(|error| Failure::usage(error).at("--size"))?;
         }
         let seen = format!("{} of {} of {}", cameras.len(), counted(all.len(), which), path.display());
-        Ok(Self::Spatial { scene: opened.file.scene, cameras, wanted, seen })
+        Ok(Self::ThreeD { scene: opened.file.scene, cameras, wanted, seen })
     }
 }
 
@@ -161,7 +161,7 @@ struct Examine<'a> {
 impl Task for Examine<'_> {
     type Output = Result<Report, Failure>;
 
-    fn run<R: Rasterizer<PlanarScene> + Rasterizer<SpatialScene>>(self, rasterizer: &R) -> Self::Output {
+    fn run<R: Rasterizer<Scene2d> + Rasterizer<Scene3d>>(self, rasterizer: &R) -> Self::Output {
         let Self { subject, args, backend } = self;
         let facts = |seen: String, gaussians: usize, width: u32, height: u32| Facts {
             input: args.input.display().to_string(),
@@ -172,11 +172,11 @@ impl Task for Examine<'_> {
             machine: backend.reason.clone(),
         };
         match subject {
-            Subject::Spatial { scene, cameras, wanted, seen } => {
+            Subject::ThreeD { scene, cameras, wanted, seen } => {
                 let facts = facts(seen, scene.len(), cameras[0].width, cameras[0].height);
                 examine(rasterizer, &scene, &cameras, &wanted, args, facts)
             }
-            Subject::Planar { scene, canvas, wanted } => {
+            Subject::TwoD { scene, canvas, wanted } => {
                 let facts = facts("its canvas".to_owned(), scene.len(), canvas.width, canvas.height);
                 examine(rasterizer, &scene, &[canvas], &wanted, args, facts)
             }
@@ -205,8 +205,8 @@ fn examine<S: CallsForEffects, R: Rasterizer<S>>(
     args: &EffectsCommandArgs,
     facts: Facts,
 ) -> Result<Report, Failure> {
-    let cloud = rasterizer.upload(scene, Chart::ScaleRotation)?;
-    let sight = Sight { on: rasterizer, cloud: &cloud, views };
+    let splats = rasterizer.upload(scene, Parameterization::ScaleRotation)?;
+    let sight = Sight { on: rasterizer, splats: &splats, views };
     let proof = prove(scene, &sight, wanted)?;
     let prices = prices(&sight, wanted, &proof.called.settings, args.repetitions as usize)?;
     Ok(Report { facts, proof, prices })

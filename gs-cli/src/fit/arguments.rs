@@ -53,7 +53,7 @@ const SETTLED: [&str; 12] = [
     "blend",
     "antialias",
     "joining",
-    "chart",
+    "parameterization",
     "seed",
 ];
 
@@ -186,8 +186,8 @@ pub(crate) struct SettingsArgs {
     #[arg(long, value_enum, value_name = "WHEN")]
     pub(crate) joining: Option<JoiningName>,
     /// In which coordinates the optimiser moves
-    #[arg(long, value_enum, value_name = "CHART")]
-    pub(crate) chart: Option<ChartName>,
+    #[arg(long, value_enum, value_name = "NAME", alias = "chart")]
+    pub(crate) parameterization: Option<ParameterizationName>,
     /// The colour behind, each part from 0 to 1, such as 1,1,1 for white; with --resume, of transparent pixels only
     #[arg(long, value_name = "R,G,B")]
     pub(crate) background: Option<Color>,
@@ -311,11 +311,12 @@ pub(crate) enum JoiningName {
 
 /// In which coordinates the optimiser moves a Gaussian.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub(crate) enum ChartName {
+pub(crate) enum ParameterizationName {
     /// Position, ln-scale and rotation (3DGS)
     ScaleRotation,
     /// The Gaussian's own frame: a step is the same fraction of every Gaussian
-    LocalFrame,
+    #[value(alias = "local-frame")]
+    CovarianceFactor,
 }
 
 #[cfg(test)]

@@ -18,7 +18,7 @@ use std::{
     time::Instant,
 };
 
-use gs_core::{PlanarScene, Rasterizer, RenderSettings, counted};
+use gs_core::{Rasterizer, RenderSettings, Scene2d, counted};
 use gs_io::{Checkpoint, FolderClaim, read_checkpoint};
 use gs_train::{FitSettings, MetricsLog, Observer, Outcome, RunSettings, Trainable, Trainer};
 
@@ -90,7 +90,7 @@ impl Start {
     }
 
     /// The fit where it begins, and its log up to there.
-    fn begin<'r, R: Rasterizer<PlanarScene>>(
+    fn begin<'r, R: Rasterizer<Scene2d>>(
         self,
         rasterizer: &'r R,
         target: &Target,
@@ -125,7 +125,7 @@ struct Fit<'a> {
 impl Task for Fit<'_> {
     type Output = Result<(), Failure>;
 
-    fn run<R: Rasterizer<PlanarScene>>(self, rasterizer: &R) -> Result<(), Failure> {
+    fn run<R: Rasterizer<Scene2d>>(self, rasterizer: &R) -> Result<(), Failure> {
         let Self { args, target, start, backend, claim, started } = self;
         let (mut trainer, mut log) = start.begin(rasterizer, target)?;
         let folder = OutputFolder::begin(claim)?;
@@ -199,7 +199,7 @@ fn not_resumed(error: gs_train::Error, file: &Path) -> Failure {
     if wrong_target { failure.mend("give the same image and --background") } else { failure }
 }
 
-fn announce<R: Rasterizer<PlanarScene>>(args: &FitArgs, target: &Target, backend: &Backend, trainer: &Trainer<'_, R>) {
+fn announce<R: Rasterizer<Scene2d>>(args: &FitArgs, target: &Target, backend: &Backend, trainer: &Trainer<'_, R>) {
     output::note(&backend.reason);
     target.remarks.iter().for_each(output::note);
     let settings = trainer.settings();
@@ -217,8 +217,8 @@ fn announce<R: Rasterizer<PlanarScene>>(args: &FitArgs, target: &Target, backend
 /// The command that goes on from a checkpoint.
 fn resuming(args: &FitArgs, target: &Target, checkpoint: &Path) -> String {
     let image = target.file.as_ref().map_or_else(String::new, |file| format!(" {}", quoted(file)));
-    let backdrop = target.behind.map_or_else(String::new, |color| format!(" --background {color}"));
-    format!("gs fit{image}{backdrop} -o {} --resume {}", quoted(&args.output), quoted(checkpoint))
+    let background = target.behind.map_or_else(String::new, |color| format!(" --background {color}"));
+    format!("gs fit{image}{background} -o {} --resume {}", quoted(&args.output), quoted(checkpoint))
 }
 
 /// The path as one word of a shell's command line.

@@ -4,18 +4,18 @@
 use std::{path::Path, thread, time::Instant};
 
 use gs_core::{
-    Blend, Canvas, Image, PlanarScene, Rasterizer, Scene, counted,
+    Blend, Canvas, Image, Rasterizer, Scene, Scene2d, counted,
     effects::called_for::Verdict,
     examination::{self, Examinable},
     statistics::Culled,
 };
-use gs_io::{PlanarFile, write_ply, write_png, write_scene};
+use gs_io::{File2d, write_ply, write_png, write_scene};
 use gs_train::{ColorRange, FitSummary, MetricsLog, Trainer, Viewable};
 use serde::Serialize;
 
 use crate::{
     backend::{Backend, run_on_processor},
-    commands::convert::planar::ForViewers,
+    commands::convert::scene2d::ForViewers,
     effects::choice::{EffectsArgs, told_in},
     failure::Failure,
     fit::{
@@ -94,7 +94,7 @@ struct Looks {
     /// Gaussians that it was rendered without.
     culled: Culled,
     /// What ellipses are drawn over, and its canvas, where the image is too small for them.
-    backdrop: Option<(Image, Canvas)>,
+    background: Option<(Image, Canvas)>,
 }
 
 /// Where results go and what they tell of besides the fit.
@@ -116,7 +116,7 @@ impl Results<'_> {
     ///
     /// # Errors
     /// The first of what failed: where a file cannot be written, or the backend fails.
-    pub(crate) fn write<R: Rasterizer<PlanarScene>>(
+    pub(crate) fn write<R: Rasterizer<Scene2d>>(
         &self,
         rasterizer: &R,
         trainer: &Trainer<'_, R>,
@@ -125,18 +125,18 @@ impl Results<'_> {
     ) -> Result<Summary, Failure> {
         let render = trainer.shown();
         let (width, height) = trainer.target().size();
-        let file = PlanarFile { scene: sound(trainer.scene()?)?, width, height, settings: render };
+        let file = File2d { scene: sound(trainer.scene()?)?, width, height, settings: render };
         // Before anything else: all the rest can be made of it again.
         let mut tried = vec![self.folder.write_precious("scene.gs2d.safetensors", |path| write_scene(path, &file))];
         let mut looks = self.look(rasterizer, trainer, &file);
-        let backdrop = looks.as_mut().ok().and_then(|looks| looks.backdrop.take());
+        let background = looks.as_mut().ok().and_then(|looks| looks.background.take());
         let settings = settings::to_toml(trainer.settings());
         let title = format!("{}: {}", self.target.title(), counted(trainer.count(), "Gaussian"));
 
         let fit = thread::scope(|scope| {
             let (file, looks) = (&file, looks.as_ref());
             let drawn = looks.ok().map(|looks| scope.spawn(move || self.write_looks(file, looks)));
-            let ellipses = backdrop
+            let ellipses = background
                 .map(|(picture, canvas)| scope.spawn(move || vec![self.write_ellipses(&file.scene, picture, &canvas)]));
             let others = scope.spawn(|| {
                 vec![
@@ -173,24 +173,24 @@ impl Results<'_> {
     }
 
     /// What needs the backend, which may fail where no file does.
-    fn look<R: Rasterizer<PlanarScene>>(
+    fn look<R: Rasterizer<Scene2d>>(
         &self,
         rasterizer: &R,
         trainer: &Trainer<'_, R>,
-        file: &PlanarFile,
+        file: &File2d,
     ) -> Result<Looks, Failure> {
         let (reconstruction, culled) = trainer.render()?;
         let large = ellipses::canvas_for(canvas_of(file));
-        let backdrop = match self.pictures {
+        let background = match self.pictures {
             Pictures::All if large != canvas_of(file) => {
                 Some((rasterizer.render(&file.scene, &large, &file.settings)?, large))
             }
             Pictures::All | Pictures::Reconstruction => None,
         };
-        Ok(Looks { reconstruction, culled, backdrop })
+        Ok(Looks { reconstruction, culled, background })
     }
 
-    fn summary(&self, fit: FitSummary, file: &PlanarFile) -> Result<Summary, Failure> {
+    fn summary(&self, fit: FitSummary, file: &File2d) -> Result<Summary, Failure> {
         let canvas = canvas_of(file);
         Ok(Summary {
             fit: FitSummary {
@@ -210,18 +210,18 @@ impl Results<'_> {
         })
     }
 
-    fn write_looks(&self, file: &PlanarFile, looks: &Looks) -> Vec<Result<(), Failure>> {
+    fn write_looks(&self, file: &File2d, looks: &Looks) -> Vec<Result<(), Failure>> {
         let reconstruction = write_png(self.folder.file("reconstruction.png"), &looks.reconstruction);
         vec![reconstruction.map_err(Failure::from), self.write_ply(file)]
     }
 
-    fn write_ellipses(&self, scene: &PlanarScene, mut picture: Image, canvas: &Canvas) -> Result<(), Failure> {
+    fn write_ellipses(&self, scene: &Scene2d, mut picture: Image, canvas: &Canvas) -> Result<(), Failure> {
         ellipses::draw(&mut picture, scene, canvas);
         Ok(write_png(self.folder.file("ellipses.png"), &picture)?)
     }
 
     /// Draws the ellipses over the reconstruction itself, where that is large enough for them. It comes last: a large image is there only once.
-    fn write_ellipses_over(&self, file: &PlanarFile, reconstruction: Image) -> Result<(), Failure> {
+    fn write_ellipses_over(&self, file: &File2d, reconstruction: Image) -> Result<(), Failure> {
         let canvas = canvas_of(file);
         match self.pictures {
             Pictures::All if ellipses::canvas_for(canvas) == canvas => {
@@ -232,7 +232,7 @@ impl Results<'_> {
     }
 
     /// The scene for splat viewers. A sum has none: none of them shows it, and to convert it is a training of its own.
-    fn write_ply(&self, file: &PlanarFile) -> Result<(), Failure> {
+    fn write_ply(&self, file: &File2d) -> Result<(), Failure> {
         if file.settings.effects.blend == Blend::Sum {
             return self.folder.leave_out("scene.ply");
         }
@@ -255,7 +255,7 @@ impl Results<'_> {
 }
 
 /// The image's own size.
-fn canvas_of(file: &PlanarFile) -> Canvas {
+fn canvas_of(file: &File2d) -> Canvas {
     Canvas::new(file.width, file.height)
 }
 

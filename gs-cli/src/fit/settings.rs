@@ -4,7 +4,7 @@
 use std::path::Path;
 
 use clap::ValueEnum;
-use gs_core::{Adam, Blend, Chart, Image, Loss, RenderSettings, adam::Group, effects::Background};
+use gs_core::{Adam, Blend, Image, Loss, Parameterization, RenderSettings, adam::Group, effects::Background};
 use gs_density::Policy;
 use gs_train::{
     FitSettings, Init, InitialCount, Joining, Preset,
@@ -16,7 +16,9 @@ use crate::{
     chosen::{ChosenMachine, ChosenSettings},
     failure::Failure,
     fit::{
-        arguments::{BlendName, ChartName, InitName, JoiningName, LossName, PolicyName, PresetName, SettingsArgs},
+        arguments::{
+            BlendName, InitName, JoiningName, LossName, ParameterizationName, PolicyName, PresetName, SettingsArgs,
+        },
         target::Target,
     },
     text_file::read_text,
@@ -27,7 +29,7 @@ use crate::{
 const MEND_FILE: &str = "name a file of settings";
 /// Step size of opacity logits where a preset without opacities is blended front to back.
 const OPACITY_RATE: f32 = 0.05;
-/// Step size in standard deviations where a preset for pixels is moved to the local frame.
+/// Step size in standard deviations where a preset for pixels is moved to the covariance factor.
 const LOCAL_FRAME_RATE: f32 = 0.15;
 
 /// What the file of settings holds, if there is one. It is read once: it may be a pipe.
@@ -98,8 +100,8 @@ pub(crate) fn resolve(args: &SettingsArgs, given: &Given, target: &Target) -> Re
     if let Some(loss) = args.loss {
         settings.loss = loss.into();
     }
-    if let Some(chart) = args.chart {
-        move_to_chart(&mut settings, chart.into());
+    if let Some(parameterization) = args.parameterization {
+        move_to_parameterization(&mut settings, parameterization.into());
     }
     if let Some(blend) = args.blend {
         blend_by(&mut settings, blend.into(), target);
@@ -200,22 +202,24 @@ fn gaussians_for((width, height): (u32, u32)) -> u32 {
 fn before_flat_color(settings: FitSettings, target: &Target) -> FitSettings {
     let before = settings.clone().before_flat_color(&target.image);
     match target.behind {
-        Some(behind) if before.render.backdrop() != behind.0 => settings,
+        Some(behind) if before.render.background_color() != behind.0 => settings,
         _ => before,
     }
 }
 
-/// Step sizes have other units in the other chart.
-fn move_to_chart(settings: &mut FitSettings, chart: Chart) {
-    if settings.chart == chart {
+/// Step sizes have other units in the other parameterization.
+fn move_to_parameterization(settings: &mut FitSettings, parameterization: Parameterization) {
+    if settings.parameterization == parameterization {
         return;
     }
-    settings.chart = chart;
+    settings.parameterization = parameterization;
     let adam = &mut settings.adam;
     let usual = Adam::default();
-    let rates = match chart {
-        Chart::ScaleRotation => [usual.mean, usual.scale, usual.rotation].map(|group: Group| group.learning_rate),
-        Chart::LocalFrame => [LOCAL_FRAME_RATE; 3],
+    let rates = match parameterization {
+        Parameterization::ScaleRotation => {
+            [usual.mean, usual.scale, usual.rotation].map(|group: Group| group.learning_rate)
+        }
+        Parameterization::CovarianceFactor => [LOCAL_FRAME_RATE; 3],
     };
     for (group, rate) in [&mut adam.mean, &mut adam.scale, &mut adam.rotation].into_iter().zip(rates) {
         group.learning_rate = rate;
@@ -318,11 +322,11 @@ impl From<BlendName> for Blend {
     }
 }
 
-impl From<ChartName> for Chart {
-    fn from(name: ChartName) -> Self {
+impl From<ParameterizationName> for Parameterization {
+    fn from(name: ParameterizationName) -> Self {
         match name {
-            ChartName::ScaleRotation => Self::ScaleRotation,
-            ChartName::LocalFrame => Self::LocalFrame,
+            ParameterizationName::ScaleRotation => Self::ScaleRotation,
+            ParameterizationName::CovarianceFactor => Self::CovarianceFactor,
         }
     }
 }
@@ -382,26 +386,32 @@ mod tests {
     #[test]
     fn a_flat_picture_is_fitted_before_its_colour_unless_transparent_pixels_show_another() {
         let flat = |behind| Target { image: Image::filled(9, 7, [1.0; 3]).unwrap(), behind, ..target() };
-        let backdrop = |args: &SettingsArgs, target: &Target| {
+        let background = |args: &SettingsArgs, target: &Target| {
             let settings = resolve(args, &Given::Nothing, target).unwrap();
             (settings.render.effects.background == Background::Solid).then_some(settings.render.background)
         };
         let usual = SettingsArgs::default();
-        assert_eq!(backdrop(&usual, &flat(None)), Some([1.0; 3]));
-        assert_eq!(backdrop(&usual, &flat(Some(Color([1.0; 3])))), Some([1.0; 3]));
-        assert_eq!(backdrop(&usual, &flat(Some(Color([0.0; 3])))), None);
-        assert_eq!(backdrop(&usual, &target()), None);
+        assert_eq!(background(&usual, &flat(None)), Some([1.0; 3]));
+        assert_eq!(background(&usual, &flat(Some(Color([1.0; 3])))), Some([1.0; 3]));
+        assert_eq!(background(&usual, &flat(Some(Color([0.0; 3])))), None);
+        assert_eq!(background(&usual, &target()), None);
         let black = SettingsArgs { background: Some(Color([0.0; 3])), ..SettingsArgs::default() };
-        assert_eq!(backdrop(&black, &flat(None)), Some([0.0; 3]));
+        assert_eq!(background(&black, &flat(None)), Some([0.0; 3]));
         let given = Given::Fit(Box::new(FitSettings::standard(9)));
         assert_eq!(resolve(&usual, &given, &flat(None)).unwrap().render.effects.background, Background::None);
     }
 
     #[test]
     fn step_sizes_follow_the_chart() {
-        let pixels = resolved(&SettingsArgs { chart: Some(ChartName::ScaleRotation), ..SettingsArgs::default() });
+        let pixels = resolved(&SettingsArgs {
+            parameterization: Some(ParameterizationName::ScaleRotation),
+            ..SettingsArgs::default()
+        });
         assert_eq!(pixels.adam.mean.learning_rate, Adam::default().mean.learning_rate);
-        let same = resolved(&SettingsArgs { chart: Some(ChartName::LocalFrame), ..SettingsArgs::default() });
+        let same = resolved(&SettingsArgs {
+            parameterization: Some(ParameterizationName::CovarianceFactor),
+            ..SettingsArgs::default()
+        });
         assert_eq!(same, resolved(&SettingsArgs::default()));
     }
 

@@ -29,7 +29,7 @@ use crate::{
 };
 
 const AFTER_HELP: &str = "\
-INPUT is taken as it comes: a scene, of an image or in space, is measured as it is; an image is fitted first. A scene in space is seen from \
+INPUT is taken as it comes: a scene, of an image or in 3D, is measured as it is; an image is fitted first. A 3D scene is seen from \
 views of --dataset, or from an orbit around it.
 
 Every setting is measured alone, and those combinations that lie on the frontier if times multiply and errors add up: cut of alpha, extent, \
@@ -51,7 +51,7 @@ if a budget was given.";
 #[derive(Debug, Clone, Args)]
 #[command(after_help = AFTER_HELP)]
 pub(crate) struct FrontierArgs {
-    /// A scene of an image, a scene in space, or an image to which Gaussians are fitted first
+    /// A scene of an image, a 3D scene, or an image to which Gaussians are fitted first
     input: PathBuf,
     /// Folder for the results; made if it is not there [default: they are only printed]
     #[arg(short, long, value_name = "DIR")]
@@ -70,16 +70,16 @@ pub(crate) struct FrontierArgs {
     /// Seconds that go into timing; at least seven rounds are made, however long they take
     #[arg(long, value_name = "S", default_value_t = 24, value_parser = whole::<u32>(1..=3600))]
     seconds: u32,
-    /// Size of the pictures [default: that of the image or of the data set; in space else 800x600]
+    /// Size of the pictures [default: that of the image or of the data set; in 3D else 800x600]
     #[arg(long, value_name = "WxH")]
     size: Option<Size>,
     /// The most Gaussians that an image is fitted with [default: 9000 for each 768x512 px]
     #[arg(short = 'n', long, value_name = "N", value_parser = whole::<u32>(1..))]
     gaussians: Option<u32>,
-    /// Look at a scene in space from views of this data set
+    /// Look at a 3D scene from views of this data set
     #[arg(long, value_name = "DATASET")]
     dataset: Option<PathBuf>,
-    /// Views of a scene in space for the search, and as many again to verify
+    /// Views of a 3D scene for the search, and as many again to verify
     #[arg(long, value_name = "N", default_value_t = 3, value_parser = whole::<u32>(1..=100))]
     views: u32,
     /// The axis that an orbit goes around and that is up in the picture: x, y, z, or -x, -y, -z [default: -y]
@@ -129,8 +129,8 @@ pub(crate) fn run(args: &FrontierArgs) -> Result<(), Failure> {
     let subject = Subject::load(args)?;
     let folder = claim.map(OutputFolder::begin).transpose()?;
     match subject {
-        Subject::Planar(seen) => measure(args, &seen, folder.as_ref()),
-        Subject::Spatial(seen) => measure(args, &seen, folder.as_ref()),
+        Subject::TwoD(seen) => measure(args, &seen, folder.as_ref()),
+        Subject::ThreeD(seen) => measure(args, &seen, folder.as_ref()),
     }
 }
 

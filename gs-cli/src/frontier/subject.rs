@@ -3,13 +3,13 @@
 use std::path::Path;
 
 use glam::Vec2;
-use gs_core::{Camera, Canvas, Effects, PlanarScene, RenderSettings, Scene, SpatialScene, counted};
-use gs_io::PlanarFile;
+use gs_core::{Camera, Canvas, Effects, RenderSettings, Scene, Scene2d, Scene3d, counted};
+use gs_io::File2d;
 use gs_train::{
     Trainer,
     effects::sampled,
     is_scene,
-    spatial::{Orbit, resized},
+    train::{Orbit, resized},
 };
 
 use crate::{
@@ -23,15 +23,15 @@ use crate::{
         target::Target,
     },
     frontier::FrontierArgs,
-    opened::{self, Spatial},
+    opened::{self, Opened3d},
     output,
     values::Size,
 };
 
 /// A scene of either kind.
 pub(crate) enum Subject {
-    Planar(Seen<PlanarScene>),
-    Spatial(Seen<SpatialScene>),
+    TwoD(Seen<Scene2d>),
+    ThreeD(Seen<Scene3d>),
 }
 
 /// A scene and its views.
@@ -56,17 +56,17 @@ impl Subject {
     /// Where a file cannot be read, a flag does not go with what it holds, or a fit fails.
     pub(crate) fn load(args: &FrontierArgs) -> Result<Self, Failure> {
         let path = &args.input;
-        let planar = match is_scene(path)?.then(|| opened::scene(path)).transpose()? {
-            Some(opened::Scene::Spatial(scene)) => return spatial(args, scene).map(Self::Spatial),
-            Some(opened::Scene::Planar(file)) => Some(file),
+        let scene_2d = match is_scene(path)?.then(|| opened::scene(path)).transpose()? {
+            Some(opened::Scene::ThreeD(scene)) => return scene_3d(args, scene).map(Self::ThreeD),
+            Some(opened::Scene::TwoD(file)) => Some(file),
             None => None,
         };
         if args.dataset.is_some() || args.up.is_some() || args.shown.is_some() {
             let message = "is an image or the scene of one, which has no data set, order or background to choose";
-            return Err(Failure::usage(message).at(path.display()).mend("leave the flags for scenes in space out"));
+            return Err(Failure::usage(message).at(path.display()).mend("leave the flags for 3D scenes out"));
         }
-        let (scene, shown, size) = match planar {
-            Some(PlanarFile { scene, settings, width, height, .. }) => {
+        let (scene, shown, size) = match scene_2d {
+            Some(File2d { scene, settings, width, height, .. }) => {
                 if args.gaussians.is_some() {
                     let message = "--gaussians is for images, which are fitted first, but this is a scene";
                     return Err(Failure::usage(message).at(path.display()).mend("leave it out"));
@@ -78,7 +78,7 @@ impl Subject {
         let own = Canvas::new(size.0, size.1);
         let canvas = args.size.map_or(own, |Size { width, height }| own.resized(width, height));
         canvas.validate().map_err(|error| Failure::usage(error).at("--size"))?;
-        Ok(Self::Planar(Seen {
+        Ok(Self::TwoD(Seen {
             name: name_of(path),
             scene,
             shown,
@@ -102,7 +102,7 @@ fn other_canvases(canvas: Canvas) -> Vec<Canvas> {
 }
 
 /// Gaussians fitted to an image by the usual settings.
-fn fitted(args: &FrontierArgs) -> Result<(PlanarScene, RenderSettings, (u32, u32)), Failure> {
+fn fitted(args: &FrontierArgs) -> Result<(Scene2d, RenderSettings, (u32, u32)), Failure> {
     let target = Target::load(Some(&args.input), None).map_err(|error| match error {
         gs_io::Error::NotAnImage { .. } => Failure::from(error).mend("or name a scene that a fit has written"),
         error => error.into(),
@@ -127,21 +127,21 @@ struct Fit<'a> {
 }
 
 impl Task for Fit<'_> {
-    type Output = Result<PlanarScene, Failure>;
+    type Output = Result<Scene2d, Failure>;
 
-    fn run<R: gs_core::Rasterizer<PlanarScene>>(self, rasterizer: &R) -> Self::Output {
+    fn run<R: gs_core::Rasterizer<Scene2d>>(self, rasterizer: &R) -> Self::Output {
         let mut trainer = Trainer::new(rasterizer, &self.target.image, self.settings)?;
         trainer.run(&mut ())?;
         Ok(trainer.scene()?)
     }
 }
 
-/// All effects of a scene in space that have a choice.
+/// All effects of a 3D scene that have a choice.
 fn chooses(&Effects { order, antialias, sh_degree, .. }: &Effects) -> Option<ChosenEffects> {
     Some(ChosenEffects { order, antialias, sh_degree })
 }
 
-fn spatial(args: &FrontierArgs, opened: Spatial) -> Result<Seen<SpatialScene>, Failure> {
+fn scene_3d(args: &FrontierArgs, opened: Opened3d) -> Result<Seen<Scene3d>, Failure> {
     if args.gaussians.is_some() {
         let message = "--gaussians is for images, which are fitted first, but this is a scene";
         return Err(Failure::usage(message).at(args.input.display()).mend("leave it out"));

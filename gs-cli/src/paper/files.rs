@@ -46,9 +46,10 @@ pub(super) fn write_experiment(
 pub(crate) fn write_findings(folder: &OutputFolder, part: &str, findings: &Findings) -> Result<Figures, Failure> {
     let Findings { tables, charts, pictures, .. } = findings;
     let of_tables = tables.iter().map(|table| table_name(part, table));
-    let of_charts = charts.iter().flat_map(|chart| ["csv", "png", "svg"].map(|kind| chart_name(part, chart, kind)));
+    let of_parameterization =
+        charts.iter().flat_map(|chart| ["csv", "png", "svg"].map(|kind| chart_name(part, chart, kind)));
     let of_pictures = pictures.iter().map(|picture| picture_name(part, picture));
-    folder.claim(of_tables.chain(of_charts).chain(of_pictures))?;
+    folder.claim(of_tables.chain(of_parameterization).chain(of_pictures))?;
     for table in tables {
         folder.write_text(&table_name(part, table), &table_csv(table))?;
     }

@@ -10,7 +10,7 @@ use clap::{
     Args,
     builder::{PossibleValuesParser, TypedValueParser as _},
 };
-use gs_core::{PlanarScene, Rasterizer, SpatialScene, counted, profile::Profiler};
+use gs_core::{Rasterizer, Scene2d, Scene3d, counted, profile::Profiler};
 use gs_io::Inputs;
 use gs_train::experiments::{Experiment, Extent, Findings, Laboratory};
 
@@ -29,7 +29,7 @@ The experiments:
   lazy-convergence  the absolute threshold, forced growth, and why no threshold is universal
   instability       a scale driven to zero, without guards and with them
   edges             where the Gaussians stand, and how they are stretched
-  popping           orders of blending before a moving camera, in space
+  popping           orders of blending before a moving camera, in 3D
 
 DIR then holds index.html, which needs nothing beside it and no network; claims.csv, every claim with its verdict and numbers; and a folder \
 for each experiment with its tables and curves (CSV), charts (PNG and SVG) and pictures (PNG). Verdicts are computed from what was \
@@ -101,7 +101,7 @@ struct Experiments<'a> {
 impl Task for Experiments<'_> {
     type Output = Result<Vec<Chapter>, Failure>;
 
-    fn run<R: Profiler<PlanarScene> + Rasterizer<SpatialScene>>(self, rasterizer: &R) -> Result<Vec<Chapter>, Failure> {
+    fn run<R: Profiler<Scene2d> + Rasterizer<Scene3d>>(self, rasterizer: &R) -> Result<Vec<Chapter>, Failure> {
         let mut display = Display::new(self.experiments.len());
         let voice = display.voice();
         // Every experiment is written whole or not at all: there is nothing to save.

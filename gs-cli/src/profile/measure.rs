@@ -3,16 +3,16 @@
 use std::time::Instant;
 
 use gs_core::{
-    Binning, Chart, Error, Loss, PlanarScene, Rasterizer, RenderSettings, Scene, SpatialScene, TrainStep, Wait,
+    Binning, Error, Loss, Parameterization, Rasterizer, RenderSettings, Scene, Scene2d, Scene3d, TrainStep, Wait,
     profile::{Profiler, still},
 };
 
 use crate::{
-    backend::{Backend, SpatialTask, Task},
+    backend::{Backend, Task, Task3d},
     failure::Failure,
     profile::{
         report::{Facts, Report, SceneKind},
-        space::SpatialSubject,
+        scene3d::Subject3d,
         subject::{Compared, Subject},
     },
 };
@@ -34,7 +34,7 @@ pub(crate) struct Ready<S: Scene> {
     pub(crate) target: Compared,
     pub(crate) render: RenderSettings,
     pub(crate) loss: Loss,
-    pub(crate) chart: Chart,
+    pub(crate) parameterization: Parameterization,
     /// Steps in which they were fitted.
     pub(crate) fitted_steps: Option<u32>,
 }
@@ -53,21 +53,21 @@ pub(crate) struct Whole {
 impl Task for Measure<'_, Subject> {
     type Output = Result<Report, Failure>;
 
-    fn run<R: Profiler<PlanarScene>>(self, rasterizer: &R) -> Result<Report, Failure> {
+    fn run<R: Profiler<Scene2d>>(self, rasterizer: &R) -> Result<Report, Failure> {
         let Self { subject, backend, repetitions } = self;
         let about =
-            About { kind: SceneKind::Planar, input: subject.file.clone(), name: subject.name.clone(), repetitions };
+            About { kind: SceneKind::TwoD, input: subject.file.clone(), name: subject.name.clone(), repetitions };
         about.report(rasterizer, subject.prepare(rasterizer)?, backend)
     }
 }
 
-impl SpatialTask for Measure<'_, SpatialSubject> {
+impl Task3d for Measure<'_, Subject3d> {
     type Output = Result<Report, Failure>;
 
-    fn run<R: Profiler<SpatialScene>>(self, rasterizer: &R) -> Result<Report, Failure> {
+    fn run<R: Profiler<Scene3d>>(self, rasterizer: &R) -> Result<Report, Failure> {
         let Self { subject, backend, repetitions } = self;
         let about = About {
-            kind: SceneKind::Spatial,
+            kind: SceneKind::ThreeD,
             input: Some(subject.name.clone()),
             name: subject.name.clone(),
             repetitions,
@@ -92,13 +92,13 @@ impl About {
         backend: &Backend,
     ) -> Result<Report, Failure> {
         let Self { kind, input, name, repetitions } = self;
-        let Ready { scene, view, target, render, loss, chart, fitted_steps } = ready;
-        let mut cloud = rasterizer.upload(&scene, chart)?;
+        let Ready { scene, view, target, render, loss, parameterization, fitted_steps } = ready;
+        let mut splats = rasterizer.upload(&scene, parameterization)?;
         let uploaded = rasterizer.upload_target(&target.image)?;
-        let profile = rasterizer.profile(&mut cloud, &view, &uploaded, &render, loss, repetitions)?;
+        let profile = rasterizer.profile(&mut splats, &view, &uploaded, &render, loss, repetitions)?;
         let rates = still();
         let step = TrainStep { settings: &render, loss, rates: &rates, binning: Binning::Fresh };
-        let whole = whole(rasterizer, &mut cloud, (&view, &uploaded), &step, repetitions)?;
+        let whole = whole(rasterizer, &mut splats, (&view, &uploaded), &step, repetitions)?;
         let facts = Facts {
             kind,
             input,
@@ -109,7 +109,7 @@ impl About {
             size: target.image.size(),
             effects: render.effects,
             loss,
-            chart,
+            parameterization,
             repetitions,
         };
         Ok(Report::new(facts, backend, &profile, &whole))
@@ -120,27 +120,27 @@ impl About {
 /// Gaussians stay where they are.
 fn whole<S: Scene, R: Rasterizer<S>>(
     rasterizer: &R,
-    cloud: &mut R::Cloud,
+    splats: &mut R::Splats,
     (view, target): (&S::View, &R::Target),
     step: &TrainStep<'_>,
     repetitions: usize,
 ) -> Result<Whole, Error> {
     let (mut whole, mut losses) = (Whole::default(), Vec::new());
-    let mut train = |cloud: &mut R::Cloud, binning: Binning| {
+    let mut train = |splats: &mut R::Splats, binning: Binning| {
         let start = Instant::now();
         for _ in 0..STEPS {
-            rasterizer.train_step(cloud, view, target, &TrainStep { binning, ..*step })?;
+            rasterizer.train_step(splats, view, target, &TrainStep { binning, ..*step })?;
         }
         losses.clear();
-        rasterizer.losses(cloud, Wait::All, &mut losses)?;
+        rasterizer.losses(splats, Wait::All, &mut losses)?;
         Ok(start.elapsed().as_secs_f64() / f64::from(STEPS))
     };
     for repetition in 0..=repetitions {
         // Lists must be made before they can be used again.
-        let fresh = train(cloud, Binning::Fresh)?;
-        let reused = train(cloud, Binning::Reuse)?;
+        let fresh = train(splats, Binning::Fresh)?;
+        let reused = train(splats, Binning::Reuse)?;
         let start = Instant::now();
-        let frame = rasterizer.forward(cloud, view, step.settings)?;
+        let frame = rasterizer.forward(splats, view, step.settings)?;
         let forward = start.elapsed().as_secs_f64();
         drop(frame);
         if repetition > 0 {

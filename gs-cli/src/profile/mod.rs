@@ -2,7 +2,7 @@
 
 mod measure;
 mod report;
-mod space;
+mod scene3d;
 mod subject;
 
 use std::path::PathBuf;
@@ -15,17 +15,17 @@ use crate::{
     backend::{Backend, BackendArgs},
     dataset::ReadingArgs,
     failure::Failure,
-    fit::arguments::{BlendName, ChartName, LossName},
+    fit::arguments::{BlendName, LossName, ParameterizationName},
     opened::{self, Scene},
     output,
     output_folder::{self, OutputFolder, OverwriteArgs},
-    profile::{measure::Measure, space::SpatialSubject, subject::Subject},
+    profile::{measure::Measure, scene3d::Subject3d, subject::Subject},
     shown::ShownArgs,
     values::{Size, ViewName, whole},
 };
 
 const AFTER_HELP: &str = "\
-INPUT is taken as it comes: a scene is profiled as it is, one in space (PLY, .splat, SPZ, glTF) from a view of a data set or from where it \
+INPUT is taken as it comes: a scene is profiled as it is, one in 3D (PLY, .splat, SPZ, glTF) from a view of a data set or from where it \
 is seen whole; an image, or the circle and square, is fitted first, in a few steps and on the same backend, and then profiled with the \
 Gaussians as they are. No step that is measured moves them.
 
@@ -33,7 +33,7 @@ A row of the table is a stage of a training step: its median time and 10 % and 9
 pixel and a Gaussian that it visits in a second; the bytes that it reads and writes at least, counted from the sizes of its arrays and \
 not measured (each entry of a tile's list with its Gaussian, and each other array once in each pass), and their rate. A stage that a \
 training step does not run, because another one does its work in the same pass, has no share. Below stand whole training steps (means \
-over 4, sent one behind the other as in a fit), with lists made anew and with those of the step before (in space always anew), and the forward pass alone, as \
+over 4, sent one behind the other as in a fit), with lists made anew and with those of the step before (in 3D always anew), and the forward pass alone, as \
 a caller sees them.
 
 On a GPU the stages' times are the device's own where the adapter has timestamps, and those of the host otherwise, waiting after each \
@@ -58,7 +58,7 @@ pub(crate) struct ProfileArgs {
     /// How often each stage is measured
     #[arg(short, long, value_name = "R", default_value_t = 20, value_parser = whole::<u32>(1..=100_000))]
     repetitions: u32,
-    /// Size of the canvas [default: that of the image, or of the one that the scene was made for; in space that of the view, or 800x600]
+    /// Size of the canvas [default: that of the image, or of the one that the scene was made for; in 3D that of the view, or 800x600]
     #[arg(long, value_name = "WxH")]
     size: Option<Size>,
     /// What a scene is compared with, an image of the canvas' size [default: its own rendering]
@@ -70,17 +70,17 @@ pub(crate) struct ProfileArgs {
     /// Steps in which an image is fitted [default: 100]
     #[arg(short, long, value_name = "K", value_parser = whole::<u32>(0..))]
     iterations: Option<u32>,
-    /// What is minimised [default: l2; l1-dssim for the circle and square and in space]
+    /// What is minimised [default: l2; l1-dssim for the circle and square and in 3D]
     #[arg(long, value_enum, value_name = "LOSS")]
     loss: Option<LossName>,
-    /// How the Gaussians at a pixel become its colour [default: as the scene has it; sum for images, over in space]
+    /// How the Gaussians at a pixel become its colour [default: as the scene has it; sum for images, over in 3D]
     #[arg(long, value_enum, value_name = "BLEND")]
     blend: Option<BlendName>,
-    /// In which coordinates the optimiser moves [default: local-frame; scale-rotation for the circle and square and in space]
-    #[arg(long, value_enum, value_name = "CHART")]
-    chart: Option<ChartName>,
+    /// In which coordinates the optimiser moves [default: covariance-factor; scale-rotation for the circle and square and in 3D]
+    #[arg(long, value_enum, value_name = "NAME", alias = "chart")]
+    parameterization: Option<ParameterizationName>,
     /// From where a photograph of a data set was taken [default: the whole scene from a little above]
-    #[arg(long, value_name = "DATASET:VIEW", help_heading = "Scenes in space")]
+    #[arg(long, value_name = "DATASET:VIEW", help_heading = "Scenes in 3D")]
     camera: Option<ViewName>,
     #[command(flatten)]
     reading: ReadingArgs,
@@ -92,8 +92,8 @@ pub(crate) struct ProfileArgs {
 
 /// What is profiled, of either kind.
 enum AnySubject {
-    Planar(Box<Subject>),
-    Spatial(Box<SpatialSubject>),
+    TwoD(Box<Subject>),
+    ThreeD(Box<Subject3d>),
 }
 
 /// Profiles a scene or an image, prints the table, and writes it to files if a folder for them is named.
@@ -107,22 +107,20 @@ pub(crate) fn run(args: &ProfileArgs) -> Result<(), Failure> {
     claim.as_ref().map_or(Ok(()), output_folder::check)?;
     let subject = match &args.input {
         Some(path) if is_scene(path)? => match opened::scene(path)? {
-            Scene::Spatial(spatial) => AnySubject::Spatial(Box::new(SpatialSubject::load(path, spatial, args)?)),
-            Scene::Planar(file) => AnySubject::Planar(Box::new(Subject::load(Some(file), args)?)),
+            Scene::ThreeD(scene_3d) => AnySubject::ThreeD(Box::new(Subject3d::load(path, scene_3d, args)?)),
+            Scene::TwoD(file) => AnySubject::TwoD(Box::new(Subject::load(Some(file), args)?)),
         },
-        _ => AnySubject::Planar(Box::new(Subject::load(None, args)?)),
+        _ => AnySubject::TwoD(Box::new(Subject::load(None, args)?)),
     };
     let backend = match &subject {
-        AnySubject::Planar(subject) => Backend::start_for_image(&args.backend, &subject.render),
-        AnySubject::Spatial(subject) => Backend::start_in_space(&args.backend, subject.chart),
+        AnySubject::TwoD(subject) => Backend::start_for_image(&args.backend, &subject.render),
+        AnySubject::ThreeD(subject) => Backend::start_in_space(&args.backend, subject.parameterization),
     }?;
     let folder = claim.map(OutputFolder::begin).transpose()?;
     let repetitions = args.repetitions as usize;
     let report = match subject {
-        AnySubject::Planar(subject) => backend.run(Measure { subject: *subject, backend: &backend, repetitions }),
-        AnySubject::Spatial(subject) => {
-            backend.run_spatial(Measure { subject: *subject, backend: &backend, repetitions })
-        }
+        AnySubject::TwoD(subject) => backend.run(Measure { subject: *subject, backend: &backend, repetitions }),
+        AnySubject::ThreeD(subject) => backend.run_3d(Measure { subject: *subject, backend: &backend, repetitions }),
     }?;
     if let Some(folder) = &folder {
         folder.write_text("profile.csv", &report.csv())?;

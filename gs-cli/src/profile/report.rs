@@ -3,7 +3,7 @@
 use std::fmt::Write;
 
 use gs_core::{
-    Blend, Chart, Effects, Loss, counted,
+    Blend, Effects, Loss, Parameterization, counted,
     effects::{Antialias, Order},
     profile::{Clock, Profile, Quantiles, StageTime},
 };
@@ -15,9 +15,9 @@ use crate::{backend::Backend, profile::measure::Whole};
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum SceneKind {
     /// Of an image.
-    Planar,
+    TwoD,
     /// In space.
-    Spatial,
+    ThreeD,
 }
 
 /// What was profiled.
@@ -32,7 +32,7 @@ pub(crate) struct Facts {
     pub(crate) size: (u32, u32),
     pub(crate) effects: Effects,
     pub(crate) loss: Loss,
-    pub(crate) chart: Chart,
+    pub(crate) parameterization: Parameterization,
     pub(crate) repetitions: usize,
 }
 
@@ -57,7 +57,7 @@ pub(crate) struct Report {
     antialias: Antialias,
     sh_degree: u8,
     loss: Loss,
-    chart: Chart,
+    parameterization: Parameterization,
     /// Entries of all tiles' lists.
     entries: usize,
     /// Pixel–Gaussian pairs that blending visits.
@@ -153,8 +153,19 @@ impl Report {
             Clock::RoundTrip { why } => (ClockName::RoundTrip, Some(why.clone())),
             Clock::Device => (ClockName::Device, None),
         };
-        let Facts { kind, input, name, gaussians, fitted_steps, target, size, effects, loss, chart, repetitions } =
-            facts;
+        let Facts {
+            kind,
+            input,
+            name,
+            gaussians,
+            fitted_steps,
+            target,
+            size,
+            effects,
+            loss,
+            parameterization,
+            repetitions,
+        } = facts;
         Self {
             input,
             kind,
@@ -169,7 +180,7 @@ impl Report {
             antialias: effects.antialias,
             sh_degree: effects.sh_degree,
             loss,
-            chart,
+            parameterization,
             entries: profile.entries,
             pairs: profile.pairs,
             backend: backend.name,
@@ -256,17 +267,17 @@ impl Report {
         let Self { reason, name, width, height, target, clock_text, repetitions, .. } = self;
         let fitted =
             self.fitted_steps.map_or_else(String::new, |steps| format!(", fitted in {}", counted(steps, "step")));
-        let (blend, loss, chart) = (self.blend.name(), self.loss.name(), self.chart.name());
+        let (blend, loss, parameterization) = (self.blend.name(), self.loss.name(), self.parameterization.name());
         // What an image's scene never needs is not told of one.
         let effects = match self.kind {
-            SceneKind::Planar => String::new(),
-            SceneKind::Spatial => {
+            SceneKind::TwoD => String::new(),
+            SceneKind::ThreeD => {
                 let (order, antialias) = (self.order.name(), self.antialias.name());
                 format!(", order {order}, antialias {antialias}, SH degree {}", self.sh_degree)
             }
         };
         format!(
-            "{reason}\n{name}: {} Gaussians{fitted}; {width}x{height} px, {blend}{effects}, {loss}, {chart}; target: {target}\n\
+            "{reason}\n{name}: {} Gaussians{fitted}; {width}x{height} px, {blend}{effects}, {loss}, {parameterization}; target: {target}\n\
              {} entries in tiles' lists, {} pairs of a pixel and a Gaussian\nclock of the stages: {clock_text}; \
              {repetitions} repetitions\n",
             self.gaussians, self.entries, self.pairs

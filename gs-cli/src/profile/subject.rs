@@ -2,8 +2,8 @@
 
 use std::path::Path;
 
-use gs_core::{Canvas, Chart, Image, Loss, PlanarScene, Rasterizer, RenderSettings, counted};
-use gs_io::PlanarFile;
+use gs_core::{Canvas, Image, Loss, Parameterization, Rasterizer, RenderSettings, Scene2d, counted};
+use gs_io::File2d;
 use gs_train::{FitSettings, Trainer};
 
 use crate::{
@@ -30,14 +30,14 @@ pub(crate) struct Subject {
     pub(crate) canvas: Canvas,
     pub(crate) render: RenderSettings,
     pub(crate) loss: Loss,
-    pub(crate) chart: Chart,
+    pub(crate) parameterization: Parameterization,
     source: Source,
     /// What it is compared with; none is its own rendering.
     target: Option<Compared>,
 }
 
 enum Source {
-    Scene(PlanarScene),
+    Scene(Scene2d),
     /// An image that Gaussians are fitted to first.
     Fit {
         image: Image,
@@ -56,9 +56,9 @@ impl Subject {
     ///
     /// # Errors
     /// Where a file cannot be read, or a flag does not go with what it holds.
-    pub(crate) fn load(scene: Option<PlanarFile>, args: &ProfileArgs) -> Result<Self, Failure> {
+    pub(crate) fn load(scene: Option<File2d>, args: &ProfileArgs) -> Result<Self, Failure> {
         if args.shown.is_some() || args.camera.is_some() {
-            let message = "--camera, --background, --sh-degree, --order and --antialias are for scenes in space";
+            let message = "--camera, --background, --sh-degree, --order and --antialias are for 3D scenes";
             return Err(Failure::usage(message).mend("leave them out"));
         }
         let Some(path) = &args.input else { return Self::of_image(None, args) };
@@ -68,7 +68,7 @@ impl Subject {
         }
     }
 
-    fn of_scene(path: &Path, file: PlanarFile, args: &ProfileArgs) -> Result<Self, Failure> {
+    fn of_scene(path: &Path, file: File2d, args: &ProfileArgs) -> Result<Self, Failure> {
         let name = path.display().to_string();
         check_is_not_fitted(args, &name)?;
         let canvas = canvas((file.width, file.height), args.size)?;
@@ -83,7 +83,7 @@ impl Subject {
             canvas,
             render,
             loss: args.loss.map_or(Loss::L2, Loss::from),
-            chart: args.chart.map_or(Chart::LocalFrame, Chart::from),
+            parameterization: args.parameterization.map_or(Parameterization::CovarianceFactor, Parameterization::from),
             source: Source::Scene(file.scene),
             target,
         })
@@ -105,7 +105,7 @@ impl Subject {
             iterations: Some(args.iterations.unwrap_or(ITERATIONS)),
             loss: args.loss,
             blend: args.blend,
-            chart: args.chart,
+            parameterization: args.parameterization,
             ..SettingsArgs::default()
         };
         let settings = settings::resolve(&flags, &Given::Nothing, &image)?;
@@ -117,7 +117,7 @@ impl Subject {
             canvas,
             render: settings.render,
             loss: settings.loss,
-            chart: settings.chart,
+            parameterization: settings.parameterization,
             target: same_size.then(|| Compared { image: image.image.clone(), name: name.clone() }),
             source: Source::Fit { image: image.image, settings: Box::new(settings) },
             name,
@@ -128,8 +128,8 @@ impl Subject {
     ///
     /// # Errors
     /// Where the fit diverges or the backend fails.
-    pub(crate) fn prepare<R: Rasterizer<PlanarScene>>(self, rasterizer: &R) -> Result<Ready<PlanarScene>, Failure> {
-        let Self { name, canvas, render, loss, chart, source, target, .. } = self;
+    pub(crate) fn prepare<R: Rasterizer<Scene2d>>(self, rasterizer: &R) -> Result<Ready<Scene2d>, Failure> {
+        let Self { name, canvas, render, loss, parameterization, source, target, .. } = self;
         let (scene, fitted_steps) = match source {
             Source::Scene(scene) => (scene, None),
             Source::Fit { image, settings } => {
@@ -151,7 +151,7 @@ impl Subject {
             Some(target) => target,
             None => Compared::own(rasterizer.render(&scene, &canvas, &render)?),
         };
-        Ok(Ready { scene, view: canvas, target, render, loss, chart, fitted_steps })
+        Ok(Ready { scene, view: canvas, target, render, loss, parameterization, fitted_steps })
     }
 }
 

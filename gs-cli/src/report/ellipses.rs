@@ -10,7 +10,7 @@ use std::collections::HashSet;
 
 use glam::{Mat2, Vec2};
 use gs_core::{
-    Camera, Canvas, Image, PlanarScene, RenderSettings, Scene, SpatialScene,
+    Camera, Canvas, Image, RenderSettings, Scene, Scene2d, Scene3d,
     perspective::{Ellipsoid, Perspective, Projection},
     scene::sigmoid,
 };
@@ -24,7 +24,7 @@ const SQUARE_PX: f32 = 28.0;
 /// Above this many ellipses lines are thin and centres are left out.
 const DENSE: usize = 500;
 
-/// What is fainter than this is not drawn in space.
+/// What is fainter than this is not drawn in 3D.
 const FAINT: f32 = 0.1;
 
 /// The colour of lines and centres: no common colour of photographs, and brighter than their seam.
@@ -43,10 +43,10 @@ pub(crate) fn canvas_for(canvas: Canvas) -> Canvas {
 
 /// Draws the Gaussians of `scene` that matter most onto `picture`, a rendering through `canvas`: those that add the most to it, by area, opacity
 /// and, where they are added up, by how far their colour is from nothing.
-pub(crate) fn draw(picture: &mut Image, scene: &PlanarScene, canvas: &Canvas) {
+pub(crate) fn draw(picture: &mut Image, scene: &Scene2d, canvas: &Canvas) {
     let grid = Mat2::from_diagonal(canvas.scale());
-    let outline = |g: gs_core::PlanarGaussian| {
-        let frame = grid * g.frame();
+    let outline = |g: gs_core::Gaussian2d| {
+        let frame = grid * g.factor();
         // Under the sum nothing has an opacity.
         let strength = if g.opacity_logit == f32::INFINITY { g.color.length() } else { sigmoid(g.opacity_logit) };
         Outline { mean: grid * (g.mean - canvas.origin), frame, matters: frame.determinant().abs() * strength }
@@ -56,7 +56,7 @@ pub(crate) fn draw(picture: &mut Image, scene: &PlanarScene, canvas: &Canvas) {
 
 /// Draws Gaussians of `scene` that are to be seen onto `picture`, a rendering through `camera` with `render`: of those that are not
 /// faint, those that matter most, by area and opacity.
-pub(crate) fn draw_in_space(picture: &mut Image, scene: &SpatialScene, camera: &Camera, render: &RenderSettings) {
+pub(crate) fn draw_in_space(picture: &mut Image, scene: &Scene3d, camera: &Camera, render: &RenderSettings) {
     let perspective = Perspective::new(camera, render);
     let seen = |index: usize| {
         let (log_scale, rotation) = (scene.log_scales[index], scene.rotations[index]);
@@ -180,14 +180,14 @@ impl Pen {
 mod tests {
     use super::*;
     use glam::Vec3;
-    use gs_core::{Blend, PlanarGaussian, SpatialGaussian};
+    use gs_core::{Blend, Gaussian2d, Gaussian3d};
 
     fn is_ink(picture: &Image, x: u32, y: u32) -> bool {
         picture.pixel(x, y).iter().zip(INK).all(|(v, ink)| (v - ink).abs() < 0.2)
     }
 
-    fn circle(x: f32, y: f32, sigma_px: f32) -> PlanarGaussian {
-        PlanarGaussian {
+    fn circle(x: f32, y: f32, sigma_px: f32) -> Gaussian2d {
+        Gaussian2d {
             mean: Vec2::new(x, y),
             log_scale: Vec2::splat(sigma_px.ln()),
             rotation: 0.4,
@@ -214,14 +214,14 @@ mod tests {
         camera.center = Vec2::splat(20.5);
         // A disc of 8 px on its axis, and one that is too faint.
         let sigma = 8.0 / camera.focal.x * 5.0;
-        let disc = |x, opacity_logit| SpatialGaussian {
+        let disc = |x, opacity_logit| Gaussian3d {
             mean: Vec3::new(x, 0.0, 5.0),
             log_scale: Vec3::new(sigma, sigma, 1e-3).map(f32::ln),
             rotation: [1.0, 0.0, 0.0, 0.0],
             opacity_logit,
             sh: vec![Vec3::ZERO],
         };
-        let mut scene = SpatialScene::default();
+        let mut scene = Scene3d::default();
         [disc(0.0, 3.0), disc(0.3, -6.0)].into_iter().for_each(|gaussian| scene.push(gaussian));
         let mut picture = Image::filled(40, 40, [1.0; 3]).unwrap();
         draw_in_space(&mut picture, &scene, &camera, &RenderSettings::blended(Blend::Over));
@@ -233,7 +233,7 @@ mod tests {
     #[test]
     fn ink_is_of_one_colour_and_what_is_not_finite_is_left_out() {
         let canvas = Canvas::new(16, 16);
-        let scene: PlanarScene =
+        let scene: Scene2d =
             [circle(f32::NAN, 3.0, 2.0), circle(3.0, 3.0, 0.0), circle(8.5, 8.5, 4.0), circle(1e9, -1e9, 1e9)]
                 .into_iter()
                 .collect();
@@ -248,8 +248,8 @@ mod tests {
     #[test]
     fn of_many_gaussians_those_that_matter_most_are_drawn() {
         let mut picture = Image::filled(64, 64, [1.0; 3]).unwrap();
-        let faint = |x, y, sigma| PlanarGaussian { opacity_logit: -9.0, ..circle(x, y, sigma) };
-        let mut scene: PlanarScene = (0..4000).map(|i| circle((i % 64) as f32, (i / 64) as f32, 0.3)).collect();
+        let faint = |x, y, sigma| Gaussian2d { opacity_logit: -9.0, ..circle(x, y, sigma) };
+        let mut scene: Scene2d = (0..4000).map(|i| circle((i % 64) as f32, (i / 64) as f32, 0.3)).collect();
         [faint(32.5, 32.5, 30.0), circle(32.5, 32.5, 12.0)].into_iter().for_each(|gaussian| scene.push(gaussian));
         draw(&mut picture, &scene, &Canvas::new(64, 64));
         assert!(is_ink(&picture, 44, 32) && !is_ink(&picture, 62, 32), "the large one, and not what is hardly there");

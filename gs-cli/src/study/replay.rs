@@ -1,7 +1,7 @@
 //! `gs study replay`: a row done again, as a fit of its own.
 
-use gs_core::{PlanarScene, Rasterizer, counted};
-use gs_io::{FolderClaim, Inputs, PlanarFile, write_png, write_scene};
+use gs_core::{Rasterizer, Scene2d, counted};
+use gs_io::{File2d, FolderClaim, Inputs, write_png, write_scene};
 use gs_study::{Machine, Places, Plan, Replayed, Run, Study, StudyFolder, recorded_run, replay};
 
 use crate::{
@@ -60,7 +60,7 @@ struct Again<'a> {
 impl Task for Again<'_> {
     type Output = Result<Replayed, Failure>;
 
-    fn run<R: Rasterizer<PlanarScene>>(self, rasterizer: &R) -> Self::Output {
+    fn run<R: Rasterizer<Scene2d>>(self, rasterizer: &R) -> Self::Output {
         Ok(replay(self.plan, self.row, rasterizer, self.folder)?)
     }
 }
@@ -72,7 +72,7 @@ fn write(run: &Run, replayed: &Replayed, claim: FolderClaim) -> Result<(), Failu
     let (width, height) = image.size();
     write_scene(
         folder.file("scene.gs2d.safetensors"),
-        &PlanarFile { scene: scene.clone(), width, height, settings: *render },
+        &File2d { scene: scene.clone(), width, height, settings: *render },
     )?;
     write_png(folder.file("reconstruction.png"), image)?;
     folder.write_text("settings.toml", &settings::to_toml(&run.settings)?)?;

@@ -12,7 +12,7 @@ use crate::{
     backend::BackendArgs,
     dataset::ReadingArgs,
     effects::choice::EffectsArgs,
-    fit::arguments::{ChartName, CheckpointArgs, Detail, JoiningName, LossName, PolicyName},
+    fit::arguments::{CheckpointArgs, Detail, JoiningName, LossName, ParameterizationName, PolicyName},
     output::Format,
     output_folder::OverwriteArgs,
     values::{Backing, whole},
@@ -53,7 +53,7 @@ const SETTLED: [&str; 18] = [
     "policy",
     "start",
     "loss",
-    "chart",
+    "parameterization",
     "sh_degree",
     "order",
     "antialias",
@@ -200,7 +200,7 @@ pub(crate) struct TrainSettingsArgs {
     pub(crate) iterations: Option<u32>,
     /// Which Gaussians grow and which go
     #[arg(long, value_enum, value_name = "POLICY")]
-    pub(crate) policy: Option<SpatialPolicyName>,
+    pub(crate) policy: Option<TrainPolicyName>,
     /// Where the first Gaussians come from: points of the data set, random, or a scene file [default: points if there are any]
     #[arg(long, value_name = "points|random|SCENE")]
     pub(crate) start: Option<String>,
@@ -208,8 +208,8 @@ pub(crate) struct TrainSettingsArgs {
     #[arg(long, value_enum, value_name = "LOSS")]
     pub(crate) loss: Option<LossName>,
     /// In which coordinates the optimiser moves
-    #[arg(long, value_enum, value_name = "CHART")]
-    pub(crate) chart: Option<ChartName>,
+    #[arg(long, value_enum, value_name = "NAME", alias = "chart")]
+    pub(crate) parameterization: Option<ParameterizationName>,
     /// Highest degree of the spherical harmonics, 0 to 3
     #[arg(long, value_name = "D", value_parser = whole::<u8>(0..=3))]
     pub(crate) sh_degree: Option<u8>,
@@ -256,27 +256,27 @@ pub(crate) enum TrainPresetName {
     Quick,
 }
 
-/// A way of controlling density that scenes in space have, too.
+/// A way of controlling density that 3D scenes have, too.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) struct SpatialPolicyName(PolicyName);
+pub(crate) struct TrainPolicyName(PolicyName);
 
-impl ValueEnum for SpatialPolicyName {
+impl ValueEnum for TrainPolicyName {
     fn value_variants<'a>() -> &'a [Self] {
         // Without those that look at the residual of an image: residual and image-gs.
-        const ALL: [SpatialPolicyName; 13] = [
-            SpatialPolicyName(PolicyName::Absolute),
-            SpatialPolicyName(PolicyName::AbsGs),
-            SpatialPolicyName(PolicyName::AbsoluteError),
-            SpatialPolicyName(PolicyName::Percentile),
-            SpatialPolicyName(PolicyName::PercentileAbsGs),
-            SpatialPolicyName(PolicyName::PercentileError),
-            SpatialPolicyName(PolicyName::Hybrid),
-            SpatialPolicyName(PolicyName::HybridAbsGs),
-            SpatialPolicyName(PolicyName::HybridError),
-            SpatialPolicyName(PolicyName::LongAxis),
-            SpatialPolicyName(PolicyName::Paper),
-            SpatialPolicyName(PolicyName::Mcmc),
-            SpatialPolicyName(PolicyName::None),
+        const ALL: [TrainPolicyName; 13] = [
+            TrainPolicyName(PolicyName::Absolute),
+            TrainPolicyName(PolicyName::AbsGs),
+            TrainPolicyName(PolicyName::AbsoluteError),
+            TrainPolicyName(PolicyName::Percentile),
+            TrainPolicyName(PolicyName::PercentileAbsGs),
+            TrainPolicyName(PolicyName::PercentileError),
+            TrainPolicyName(PolicyName::Hybrid),
+            TrainPolicyName(PolicyName::HybridAbsGs),
+            TrainPolicyName(PolicyName::HybridError),
+            TrainPolicyName(PolicyName::LongAxis),
+            TrainPolicyName(PolicyName::Paper),
+            TrainPolicyName(PolicyName::Mcmc),
+            TrainPolicyName(PolicyName::None),
         ];
         &ALL
     }
@@ -290,9 +290,11 @@ impl ValueEnum for SpatialPolicyName {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(crate) enum OrderName {
     /// By the depth of the means (3DGS)
-    TileDepth,
+    #[value(alias = "tile-depth")]
+    Global,
     /// By the depth at each pixel: no popping, slower
-    PixelDepth,
+    #[value(alias = "pixel-depth")]
+    PerPixel,
 }
 
 /// Treatment of Gaussians narrower than a pixel.
@@ -322,16 +324,16 @@ mod tests {
     use super::*;
     use clap::Command;
     use gs_density::Policy;
-    use gs_train::SpatialPreset;
+    use gs_train::TrainPreset;
 
     #[test]
     fn the_policies_that_are_offered_are_those_that_can_train_in_space() {
-        let offered: Vec<String> = SpatialPolicyName::value_variants()
+        let offered: Vec<String> = TrainPolicyName::value_variants()
             .iter()
             .map(|name| name.to_possible_value().unwrap().get_name().to_owned())
             .collect();
         for name in Policy::NAMES {
-            let settings = SpatialPreset::default().settings(None).controlled_by(Policy::from_name(name).unwrap());
+            let settings = TrainPreset::default().settings(None).controlled_by(Policy::from_name(name).unwrap());
             assert_eq!(offered.iter().any(|offered| offered == name), settings.validate().is_ok(), "{name}");
         }
     }

@@ -1,4 +1,4 @@
-//! `gs train`: posed photographs become a scene in space.
+//! `gs train`: posed photographs become a 3D scene.
 //!
 //! Whatever can be refused is refused before the output folder is touched, and the folder before the first step is made.
 
@@ -12,15 +12,15 @@ use std::{
     time::Instant,
 };
 
-use gs_core::{Chart, Rasterizer, SpatialScene, counted};
+use gs_core::{Parameterization, Rasterizer, Scene3d, counted};
 use gs_io::{
     Checkpoint, FolderClaim,
     dataset::{Dataset, Remark, Split, read_dataset},
     read_checkpoint,
 };
 use gs_train::{
-    MetricsLog, SpatialSettings, SpatialTrainer,
-    spatial::{Start, Views},
+    MetricsLog, TrainSettings, Trainer3d,
+    train::{Start, Views},
 };
 
 pub(crate) use self::{
@@ -28,7 +28,7 @@ pub(crate) use self::{
     settings::usual_background,
 };
 use crate::{
-    backend::{Backend, SpatialTask},
+    backend::{Backend, Task3d},
     dataset::remark_text,
     failure::Failure,
     fit::{
@@ -66,14 +66,14 @@ pub(crate) fn run(args: &TrainArgs) -> Result<(), Failure> {
             Begin::Fresh { settings: Box::new(settings), start, told }
         }
     };
-    let backend = Backend::start_in_space(&args.backend, begin.chart())?;
-    backend.run_spatial(Train { args, dataset: &dataset, begin, backend: &backend, claim, started })
+    let backend = Backend::start_in_space(&args.backend, begin.parameterization())?;
+    backend.run_3d(Train { args, dataset: &dataset, begin, backend: &backend, claim, started })
 }
 
 /// Where a training begins.
 enum Begin {
     Fresh {
-        settings: Box<SpatialSettings>,
+        settings: Box<TrainSettings>,
         start: Start,
         /// The start in words.
         told: String,
@@ -83,30 +83,30 @@ enum Begin {
 }
 
 impl Begin {
-    fn chart(&self) -> Chart {
+    fn parameterization(&self) -> Parameterization {
         match self {
-            Self::Fresh { settings, .. } => settings.chart,
-            Self::Resumed(checkpoint, _) => checkpoint.state.chart,
+            Self::Fresh { settings, .. } => settings.parameterization,
+            Self::Resumed(checkpoint, _) => checkpoint.state.parameterization,
         }
     }
 
     /// The training where it begins, its log up to there, and the beginning in words.
-    fn begin<'r, R: Rasterizer<SpatialScene>>(
+    fn begin<'r, R: Rasterizer<Scene3d>>(
         self,
         rasterizer: &'r R,
         dataset: &Dataset,
-    ) -> Result<(SpatialTrainer<'r, R>, MetricsLog, String), Failure> {
+    ) -> Result<(Trainer3d<'r, R>, MetricsLog, String), Failure> {
         let views = Views::of_dataset(dataset);
         match self {
             Self::Fresh { settings, start, told } => {
                 let log = MetricsLog::for_steps(settings.iterations);
-                let trainer = SpatialTrainer::from_views(rasterizer, views, start, *settings);
+                let trainer = Trainer3d::from_views(rasterizer, views, start, *settings);
                 Ok((trainer.map_err(|error| not_begun(error, &dataset.root))?, log, told))
             }
             Self::Resumed(checkpoint, file) => {
                 let failed = |error| not_resumed(error, &file, dataset);
                 let metadata = checkpoint.metadata.clone();
-                let trainer = SpatialTrainer::resume_views(rasterizer, views, *checkpoint).map_err(failed)?;
+                let trainer = Trainer3d::resume_views(rasterizer, views, *checkpoint).map_err(failed)?;
                 let log = MetricsLog::for_steps(trainer.settings().iterations).resumed(&metadata).map_err(failed)?;
                 let told = format!("step {} of {}", trainer.step(), file.display());
                 Ok((trainer, log, told))
@@ -124,10 +124,10 @@ struct Train<'a> {
     started: Instant,
 }
 
-impl SpatialTask for Train<'_> {
+impl Task3d for Train<'_> {
     type Output = Result<(), Failure>;
 
-    fn run<R: Rasterizer<SpatialScene>>(self, rasterizer: &R) -> Result<(), Failure> {
+    fn run<R: Rasterizer<Scene3d>>(self, rasterizer: &R) -> Result<(), Failure> {
         let Self { args, dataset, begin, backend, claim, started } = self;
         output::note(&backend.reason);
         dataset.remarks.iter().for_each(|remark| output::note(format_args!("note: {}", remark_text(remark))));
@@ -159,7 +159,7 @@ impl SpatialTask for Train<'_> {
 }
 
 /// Fails where there is not the memory for the views and the Gaussians that there are; tells what all Gaussians that there may be take.
-fn check_memory<R: Rasterizer<SpatialScene>>(args: &TrainArgs, trainer: &SpatialTrainer<'_, R>) -> Result<(), Failure> {
+fn check_memory<R: Rasterizer<Scene3d>>(args: &TrainArgs, trainer: &Trainer3d<'_, R>) -> Result<(), Failure> {
     let (views, settings) = (trainer.views(), trainer.settings());
     let sizes = || views.train_cameras().map(|camera| (camera.width, camera.height));
     let of = |gaussians: u32| Need {
@@ -197,12 +197,7 @@ fn not_resumed(error: gs_train::Error, file: &Path, dataset: &Dataset) -> Failur
     }
 }
 
-fn announce<R: Rasterizer<SpatialScene>>(
-    args: &TrainArgs,
-    dataset: &Dataset,
-    told: &str,
-    trainer: &SpatialTrainer<'_, R>,
-) {
+fn announce<R: Rasterizer<Scene3d>>(args: &TrainArgs, dataset: &Dataset, told: &str, trainer: &Trainer3d<'_, R>) {
     let settings = trainer.settings();
     output::note(format_args!(
         "training on {} of {} of {} ({}, {} held out) from {told}, with at most {} in {}, into {}",

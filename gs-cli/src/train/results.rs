@@ -3,12 +3,12 @@
 
 use std::{path::Path, time::Instant};
 
-use gs_core::{Camera, Canvas, Rasterizer, RenderSettings, Scene, SpatialScene, counted, effects::called_for::Verdict};
-use gs_io::{SpatialOptions, write_png, write_spatial};
+use gs_core::{Camera, Canvas, Rasterizer, RenderSettings, Scene, Scene3d, counted, effects::called_for::Verdict};
+use gs_io::{WriteOptions3d, write_3d, write_png};
 use gs_train::{
-    MetricsLog, SpatialTrainer,
+    MetricsLog, Trainer3d,
     effects::sampled,
-    spatial::{DRIFT_DB, Evaluation, SpatialSummary, TrainingViews, Views, resized},
+    train::{DRIFT_DB, Evaluation, TrainSummary, TrainingViews, Views, resized},
 };
 use serde::Serialize;
 
@@ -34,7 +34,7 @@ const ASKED_VIEWS: usize = 8;
 #[derive(Debug, Serialize)]
 pub(crate) struct Summary {
     #[serde(flatten)]
-    training: SpatialSummary,
+    training: TrainSummary,
     /// The GPU, or the driver that stands in for one; none on the processor.
     adapter: Option<String>,
     /// SIMD level; none on a GPU.
@@ -51,7 +51,7 @@ pub(crate) struct Summary {
 impl Summary {
     /// The summary for people.
     pub(crate) fn text(&self, folder: &Path, detail: Detail) -> String {
-        let SpatialSummary {
+        let TrainSummary {
             gaussians,
             iterations,
             seconds,
@@ -117,9 +117,9 @@ impl Results<'_> {
     ///
     /// # Errors
     /// The first of what failed: where a file cannot be written, a photograph not be read, or the backend fails.
-    pub(crate) fn write<R: Rasterizer<SpatialScene>>(
+    pub(crate) fn write<R: Rasterizer<Scene3d>>(
         &self,
-        trainer: &SpatialTrainer<'_, R>,
+        trainer: &Trainer3d<'_, R>,
         log: &MetricsLog,
         points: &[Point],
     ) -> Result<Summary, Failure> {
@@ -163,12 +163,12 @@ impl Results<'_> {
 
     /// Judges the scene and writes its views beside their photographs. A picture that cannot be written is no reason not to judge: what became of
     /// them is added to `tried`.
-    fn write_views<R: Rasterizer<SpatialScene>>(
+    fn write_views<R: Rasterizer<Scene3d>>(
         &self,
-        trainer: &SpatialTrainer<'_, R>,
+        trainer: &Trainer3d<'_, R>,
         tried: &mut Vec<Result<(), Failure>>,
     ) -> Result<Evaluation, Failure> {
-        let background = trainer.shown().backdrop();
+        let background = trainer.shown().background_color();
         let judges = trainer.judges().into_iter().map(|view| view.name.as_str());
         let (pictures, names) = match ViewPictures::prepare(self.folder, judges) {
             Ok((pictures, names)) => (Some(pictures), names),
@@ -188,19 +188,19 @@ impl Results<'_> {
         Ok(evaluation?)
     }
 
-    fn summary<R: Rasterizer<SpatialScene>>(
+    fn summary<R: Rasterizer<Scene3d>>(
         &self,
-        trainer: &SpatialTrainer<'_, R>,
-        scene: &SpatialScene,
+        trainer: &Trainer3d<'_, R>,
+        scene: &Scene3d,
         evaluation: Evaluation,
     ) -> Result<Summary, Failure> {
         Ok(Summary {
-            training: SpatialSummary {
+            training: TrainSummary {
                 // Those that are not finite are not in the file.
                 gaussians: scene.len() as u32,
                 backend: self.backend.name.to_owned(),
                 threads: u32::try_from(self.backend.threads).ok(),
-                ..SpatialSummary::new(trainer, evaluation)?
+                ..TrainSummary::new(trainer, evaluation)?
             },
             adapter: self.backend.adapter.clone(),
             simd: self.backend.simd.clone(),
@@ -212,10 +212,10 @@ impl Results<'_> {
     }
 
     /// The first of the views that judge, with Gaussians drawn over it.
-    fn write_ellipses<R: Rasterizer<SpatialScene>>(
+    fn write_ellipses<R: Rasterizer<Scene3d>>(
         &self,
-        trainer: &SpatialTrainer<'_, R>,
-        scene: &SpatialScene,
+        trainer: &Trainer3d<'_, R>,
+        scene: &Scene3d,
     ) -> Result<(), Failure> {
         let Some(view) = trainer.judges().first().map(|view| view.camera) else { return Ok(()) };
         let Canvas { width, height, .. } = ellipses::canvas_for(Canvas::new(view.width, view.height));
@@ -225,13 +225,13 @@ impl Results<'_> {
         Ok(write_png(self.folder.file("ellipses.png"), &picture)?)
     }
 
-    fn write_scene(&self, scene: &SpatialScene, shown: &RenderSettings) -> Result<(), Failure> {
+    fn write_scene(&self, scene: &Scene3d, shown: &RenderSettings) -> Result<(), Failure> {
         if scene.is_empty() {
             output::note("note: no Gaussian is left, so there is no scene.ply");
             return self.folder.leave_out("scene.ply");
         }
-        let options = SpatialOptions { trained_with: trained_with(shown), ..SpatialOptions::default() };
-        let write = |path: &Path| write_spatial(path, scene, &options).map(drop);
+        let options = WriteOptions3d { trained_with: trained_with(shown), ..WriteOptions3d::default() };
+        let write = |path: &Path| write_3d(path, scene, &options).map(drop);
         self.folder.write_precious("scene.ply", write)
     }
 

@@ -10,8 +10,8 @@ use gs_core::{
 use gs_density::Policy;
 use gs_io::dataset::{Dataset, DatasetKind};
 use gs_train::{
-    SpatialPreset, SpatialSettings,
-    spatial::{Backdrop, Resolution, Start},
+    TrainPreset, TrainSettings,
+    train::{Resolution, Start, StepBackground},
 };
 
 use crate::{
@@ -28,17 +28,15 @@ const FULL_AFTER: f32 = 0.4;
 ///
 /// # Errors
 /// Where a file of settings cannot be read, or the settings are not possible.
-pub(crate) fn resolve(args: &TrainSettingsArgs, dataset: &Dataset) -> Result<SpatialSettings, Failure> {
+pub(crate) fn resolve(args: &TrainSettingsArgs, dataset: &Dataset) -> Result<TrainSettings, Failure> {
     let mut settings = match &args.settings {
         Some(file) => {
-            let settings: SpatialSettings =
-                read_toml(file, "compare it with the settings.toml that a training writes")?;
+            let settings: TrainSettings = read_toml(file, "compare it with the settings.toml that a training writes")?;
             settings.validate().map_err(|error| Failure::usage(error).at(file.display()))?;
             settings
         }
         None => {
-            let settings =
-                args.preset.map_or_else(SpatialPreset::default, SpatialPreset::from).settings(args.iterations);
+            let settings = args.preset.map_or_else(TrainPreset::default, TrainPreset::from).settings(args.iterations);
             settings.on(usual_background(dataset))
         }
     };
@@ -48,8 +46,8 @@ pub(crate) fn resolve(args: &TrainSettingsArgs, dataset: &Dataset) -> Result<Spa
     }
     settings.gaussians = args.gaussians.unwrap_or(settings.gaussians);
     settings.loss = args.loss.map_or(settings.loss, Into::into);
-    if let Some(chart) = args.chart {
-        settings = settings.moving_in(chart.into());
+    if let Some(parameterization) = args.parameterization {
+        settings = settings.moving_in(parameterization.into());
     }
     settings.seed = args.seed.unwrap_or(settings.seed);
     let effects = &mut settings.render.effects;
@@ -59,9 +57,9 @@ pub(crate) fn resolve(args: &TrainSettingsArgs, dataset: &Dataset) -> Result<Spa
     settings.joining = joining(args.joining, settings.joining, settings.iterations);
     match args.background {
         None => {}
-        Some(Backing::Random) => settings.backdrop = Backdrop::Random,
+        Some(Backing::Random) => settings.background = StepBackground::Random,
         Some(Backing::Solid(color)) => {
-            settings.backdrop = Backdrop::Same;
+            settings.background = StepBackground::Same;
             settings = settings.on(color.0);
         }
     }
@@ -98,14 +96,14 @@ pub(crate) fn start(args: &TrainSettingsArgs, dataset: &Dataset) -> Result<(Star
         None if dataset.points.is_empty() => Ok((Start::Random, "random points, as the data set has none".to_owned())),
         None | Some("points") => Ok(points()),
         Some(file) => {
-            let scene = gs_io::read_spatial(Path::new(file)).map_err(Failure::of_scene)?.scene;
+            let scene = gs_io::read_3d(Path::new(file)).map_err(Failure::of_scene)?.scene;
             let told = format!("the Gaussians of {file}");
             Ok((Start::Scene(scene), told))
         }
     }
 }
 
-impl From<TrainPresetName> for SpatialPreset {
+impl From<TrainPresetName> for TrainPreset {
     fn from(name: TrainPresetName) -> Self {
         match name {
             TrainPresetName::ThreeDgs => Self::ThreeDgs,
@@ -119,8 +117,8 @@ impl From<TrainPresetName> for SpatialPreset {
 impl From<OrderName> for Order {
     fn from(name: OrderName) -> Self {
         match name {
-            OrderName::TileDepth => Self::TileDepth,
-            OrderName::PixelDepth => Self::PixelDepth,
+            OrderName::Global => Self::Global,
+            OrderName::PerPixel => Self::PerPixel,
         }
     }
 }

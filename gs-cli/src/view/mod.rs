@@ -17,16 +17,16 @@ use std::path::PathBuf;
 
 use clap::Args;
 use glam::Vec3;
-use gs_core::{Camera, Rasterizer, RenderSettings, Scene, SpatialScene, effects::CalledFor, image::check_size};
-use gs_io::PlanarFile;
+use gs_core::{Camera, Rasterizer, RenderSettings, Scene, Scene3d, effects::CalledFor, image::check_size};
+use gs_io::File2d;
 
 use crate::{
-    backend::{Backend, BackendArgs, SpatialTask},
+    backend::{Backend, BackendArgs, Task3d},
     cameras::{self, Home},
     dataset::ReadingArgs,
     effects::choice::EffectsArgs,
     failure::Failure,
-    opened::{self, Spatial},
+    opened::{self, Opened3d},
     shown::ShownArgs,
     values::{Axis, Size, ViewName},
     view::{
@@ -102,12 +102,12 @@ struct Start {
 /// Where the scene or the data set cannot be read, there is no display, or the backend fails.
 pub(crate) fn run(args: &ViewArgs) -> Result<(), Failure> {
     match opened::scene(&args.scene)? {
-        opened::Scene::Planar(file) => run_planar(args, &file),
-        opened::Scene::Spatial(spatial) => run_spatial(args, &spatial),
+        opened::Scene::TwoD(file) => run_2d(args, &file),
+        opened::Scene::ThreeD(scene_3d) => run_3d(args, &scene_3d),
     }
 }
 
-fn run_planar(args: &ViewArgs, file: &PlanarFile) -> Result<(), Failure> {
+fn run_2d(args: &ViewArgs, file: &File2d) -> Result<(), Failure> {
     if args.camera.is_some() || args.up.is_some() || args.shown.is_some() {
         let message = "is a 2D scene, which has no camera, order or background to choose";
         return Err(Failure::usage(message).at(args.scene.display()).mend("use --size alone"));
@@ -122,7 +122,7 @@ fn run_planar(args: &ViewArgs, file: &PlanarFile) -> Result<(), Failure> {
     desktop.show(&backend, &file.scene, subject, session, size)
 }
 
-fn run_spatial(args: &ViewArgs, opened: &Spatial) -> Result<(), Failure> {
+fn run_3d(args: &ViewArgs, opened: &Opened3d) -> Result<(), Failure> {
     let scene = &opened.file.scene;
     let bulk = cameras::bulk_of(scene)?;
     let start = start(args, opened)?;
@@ -144,7 +144,7 @@ fn run_spatial(args: &ViewArgs, opened: &Spatial) -> Result<(), Failure> {
 
 fn subject(args: &ViewArgs, gaussians: usize, sh_degree: u8, backend: &Backend) -> Subject {
     let name = args.scene.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
-    Subject { name, gaussians, sh_degree, machine: backend.run_spatial(Describe) }
+    Subject { name, gaussians, sh_degree, machine: backend.run_3d(Describe) }
 }
 
 /// The size of a window for a picture of so many pixels.
@@ -158,15 +158,15 @@ fn usual_size(width: u32, height: u32) -> Size {
 /// Asks a backend what it is.
 struct Describe;
 
-impl SpatialTask for Describe {
+impl Task3d for Describe {
     type Output = String;
 
-    fn run<R: Rasterizer<SpatialScene>>(self, rasterizer: &R) -> String {
+    fn run<R: Rasterizer<Scene3d>>(self, rasterizer: &R) -> String {
         rasterizer.describe()
     }
 }
 
-fn start(args: &ViewArgs, opened: &Spatial) -> Result<Start, Failure> {
+fn start(args: &ViewArgs, opened: &Opened3d) -> Result<Start, Failure> {
     let up = args.up.map(|axis| axis.0);
     let Some(name) = &args.camera else {
         let Home { camera, target, up } = Home::of(&opened.file, args.size, up)?;

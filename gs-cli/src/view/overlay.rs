@@ -95,7 +95,7 @@ fn frame<N: Navigate>(session: &Session<N>) -> String {
 }
 
 fn background<N: Navigate>(session: &Session<N>) -> String {
-    Color(session.settings.backdrop()).to_string()
+    Color(session.settings.background_color()).to_string()
 }
 
 #[cfg(test)]
@@ -107,7 +107,7 @@ mod tests {
         Blend, Image, RenderSettings,
         effects::{Antialias, Order},
     };
-    use gs_train::spatial::Bulk;
+    use gs_train::train::Bulk;
 
     use super::*;
     use crate::view::{
@@ -152,9 +152,9 @@ mod tests {
     #[test]
     fn time_effects_and_machine_are_told_in_the_picture_and_in_the_title() {
         holds(&said(0, 0, &[]).0.join("\n"), &["drawing the first frame"]);
-        let order = Command::Order(Order::PixelDepth);
+        let order = Command::Order(Order::PerPixel);
         let (lines, title) = said(3, 12, &[order]);
-        let effects = ["pixel-depth", "dilate", "background white", "cpu (avx2, 2 threads)", "12.0 ms", "a.ply"];
+        let effects = ["per-pixel", "dilate", "background white", "cpu (avx2, 2 threads)", "12.0 ms", "a.ply"];
         holds(&title, &effects);
         holds(&title, &["SH 2"]);
         holds(&lines.join("\n"), &effects);

@@ -6,11 +6,11 @@ use std::{
     time::{Duration, Instant},
 };
 
-use gs_core::{Camera, Canvas, Chart, PlanarScene, Rasterizer, RenderSettings, Scene, SpatialScene};
-use gs_train::spatial;
+use gs_core::{Camera, Canvas, Parameterization, Rasterizer, RenderSettings, Scene, Scene2d, Scene3d};
+use gs_train::train;
 
 use crate::{
-    backend::{SpatialTask, Task},
+    backend::{Task, Task3d},
     failure::Failure,
     view::pixels::Picture,
 };
@@ -30,7 +30,7 @@ impl View for Camera {
     }
 
     fn resized(&self, width: u32, height: u32) -> Self {
-        spatial::resized(self, width, height)
+        train::resized(self, width, height)
     }
 }
 
@@ -91,18 +91,18 @@ pub(crate) struct Painter<'a, S: Scene, A> {
     pub(crate) answer: A,
 }
 
-impl<A: Fn(Answer<Camera>) -> bool> SpatialTask for Painter<'_, SpatialScene, A> {
+impl<A: Fn(Answer<Camera>) -> bool> Task3d for Painter<'_, Scene3d, A> {
     type Output = ();
 
-    fn run<R: Rasterizer<SpatialScene>>(self, rasterizer: &R) {
+    fn run<R: Rasterizer<Scene3d>>(self, rasterizer: &R) {
         self.paint(rasterizer);
     }
 }
 
-impl<A: Fn(Answer<Canvas>) -> bool> Task for Painter<'_, PlanarScene, A> {
+impl<A: Fn(Answer<Canvas>) -> bool> Task for Painter<'_, Scene2d, A> {
     type Output = ();
 
-    fn run<R: Rasterizer<PlanarScene>>(self, rasterizer: &R) {
+    fn run<R: Rasterizer<Scene2d>>(self, rasterizer: &R) {
         self.paint(rasterizer);
     }
 }
@@ -110,12 +110,12 @@ impl<A: Fn(Answer<Canvas>) -> bool> Task for Painter<'_, PlanarScene, A> {
 impl<S: Scene<View: View>, A: Fn(Answer<S::View>) -> bool> Painter<'_, S, A> {
     fn paint<R: Rasterizer<S>>(self, rasterizer: &R) {
         // What fails here is told to whoever asks for the first frame.
-        let cloud = caught(|| Ok(rasterizer.upload(self.scene, Chart::ScaleRotation)?));
+        let splats = caught(|| Ok(rasterizer.upload(self.scene, Parameterization::ScaleRotation)?));
         let draw = |request: &Request<S::View>| -> Result<Painted, Failure> {
-            let cloud = cloud.as_ref().map_err(Failure::clone)?;
+            let splats = splats.as_ref().map_err(Failure::clone)?;
             let (width, height) = request.size();
             let start = Instant::now();
-            let frame = rasterizer.forward(cloud, &request.view.resized(width, height), &request.settings)?;
+            let frame = rasterizer.forward(splats, &request.view.resized(width, height), &request.settings)?;
             let image = rasterizer.image(&frame)?;
             let took = start.elapsed();
             Ok(Painted { picture: Picture::of(&image), took })

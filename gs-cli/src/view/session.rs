@@ -172,8 +172,8 @@ impl<N: Navigate> Session<N> {
             Command::Order(order) => effects.order = order,
             Command::NextOrder => {
                 effects.order = match effects.order {
-                    Order::PixelDepth => Order::TileDepth,
-                    Order::TileDepth | Order::Index => Order::PixelDepth,
+                    Order::PerPixel => Order::Global,
+                    Order::Global | Order::Index => Order::PerPixel,
                 }
             }
             Command::Antialias(antialias) => effects.antialias = antialias,
@@ -267,7 +267,7 @@ impl<N: Navigate> Session<N> {
 mod tests {
     use glam::Vec3;
     use gs_core::{Blend, Camera, Image};
-    use gs_train::spatial::Bulk;
+    use gs_train::train::Bulk;
 
     use super::*;
     use crate::view::{
@@ -279,7 +279,7 @@ mod tests {
         let bulk = Bulk { center: Vec3::ZERO, radius: 1.0 };
         let camera = bulk.overview(80, 60, 0.9, Vec3::NEG_Y).unwrap();
         let mut settings = RenderSettings::blended(Blend::Over);
-        settings.effects.order = Order::TileDepth;
+        settings.effects.order = Order::Global;
         Session::new(Navigator::new(&camera, camera.position().length(), Vec3::NEG_Y, bulk), settings)
     }
 
@@ -374,12 +374,12 @@ mod tests {
         let (mut session, now) = showing(5);
         session.obey(Command::NextOrder);
         let request = session.next(now).request.unwrap();
-        assert_eq!(request.settings.effects.order, Order::PixelDepth);
-        let refused = || gs_core::Error::Unsupported { backend: "wgpu", effect: "Order::PixelDepth".to_owned() };
+        assert_eq!(request.settings.effects.order, Order::PerPixel);
+        let refused = || gs_core::Error::Unsupported { backend: "wgpu", effect: "Order::PerPixel".to_owned() };
         let answer = Answer { request, result: Err(refused().into()) };
         assert!(session.take(answer).unwrap().is_none());
-        assert_eq!(session.settings.effects.order, Order::TileDepth);
-        assert!(session.notice.as_ref().is_some_and(|notice| notice.contains("PixelDepth")));
+        assert_eq!(session.settings.effects.order, Order::Global);
+        assert!(session.notice.as_ref().is_some_and(|notice| notice.contains("PerPixel")));
         assert_eq!(session.next(now + REST_AFTER), Next::default(), "what is shown is what is wanted");
         session.obey(Command::Text);
         assert_eq!((session.notice.is_none(), session.text), (true, Text::Hidden));

@@ -1,4 +1,4 @@
-//! Text over a picture: the charts' font, rasterised once a size and kept.
+//! Text over a picture: the parameterizations' font, rasterised once a size and kept.
 
 use std::collections::HashMap;
 

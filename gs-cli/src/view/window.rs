@@ -11,7 +11,7 @@ use std::{
 };
 
 use glam::Vec2;
-use gs_core::{PlanarScene, Scene, SpatialScene};
+use gs_core::{Scene, Scene2d, Scene3d};
 use softbuffer::{Context, SoftBufferError, Surface};
 use winit::{
     application::ApplicationHandler,
@@ -57,15 +57,15 @@ pub(crate) trait Viewed: Scene<View: View> {
     fn paint<A: Fn(Answer<Self::View>) -> bool>(backend: &Backend, painter: Painter<'_, Self, A>);
 }
 
-impl Viewed for SpatialScene {
+impl Viewed for Scene3d {
     type Navigator = Navigator;
 
     fn paint<A: Fn(Answer<Self::View>) -> bool>(backend: &Backend, painter: Painter<'_, Self, A>) {
-        backend.run_spatial(painter);
+        backend.run_3d(painter);
     }
 }
 
-impl Viewed for PlanarScene {
+impl Viewed for Scene2d {
     type Navigator = PlaneNavigator;
 
     fn paint<A: Fn(Answer<Self::View>) -> bool>(backend: &Backend, painter: Painter<'_, Self, A>) {

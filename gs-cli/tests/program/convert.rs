@@ -1,4 +1,4 @@
-//! `gs convert` and `gs info` on spatial scenes of every format, and on broken ones.
+//! `gs convert` and `gs info` on 3D scenes of every format, and on broken ones.
 
 use std::{
     fs,
@@ -6,8 +6,8 @@ use std::{
 };
 
 use glam::Vec3;
-use gs_core::{Scene, SpatialGaussian, SpatialScene};
-use gs_io::{SpatialOptions, read_spatial, write_spatial};
+use gs_core::{Gaussian3d, Scene, Scene3d};
+use gs_io::{WriteOptions3d, read_3d, write_3d};
 
 use crate::{
     ply::break_ply,
@@ -17,10 +17,10 @@ use crate::{
 
 /// Writes a PLY of ten Gaussians of degree 2 and returns its path.
 fn ply(folder: &Path) -> PathBuf {
-    let mut scene = SpatialScene { sh_degree: 2, ..SpatialScene::default() };
+    let mut scene = Scene3d { sh_degree: 2, ..Scene3d::default() };
     for i in 0..10 {
         let t = i as f32;
-        scene.push(SpatialGaussian {
+        scene.push(Gaussian3d {
             mean: Vec3::new(t, -t, 0.5),
             log_scale: Vec3::new(-3.0, -2.0, -1.0),
             rotation: [1.0, 0.1 * t, 0.0, 0.0],
@@ -29,7 +29,7 @@ fn ply(folder: &Path) -> PathBuf {
         });
     }
     let path = folder.join("scene.ply");
-    write_spatial(&path, &scene, &SpatialOptions::default()).unwrap();
+    write_3d(&path, &scene, &WriteOptions3d::default()).unwrap();
     path
 }
 
@@ -51,7 +51,7 @@ fn a_scene_goes_through_every_format() {
         assert_eq!(json["written"]["bytes_per_gaussian"], bytes as f64 / 10.0);
         last = path(name);
     }
-    let (a, b) = (read_spatial(&first).unwrap().scene, read_spatial(&last).unwrap().scene);
+    let (a, b) = (read_3d(&first).unwrap().scene, read_3d(&last).unwrap().scene);
     let far = a.means.iter().zip(&b.means).map(|(a, b)| (*a - *b).abs().max_element()).fold(0.0, f32::max);
     assert!(far <= 0.5 / 4096.0, "{far}");
 
@@ -65,9 +65,9 @@ fn a_scene_goes_through_every_format() {
     let old = convert(&first, &path("old.spz"), &["--spz-version", "3"]).done();
     assert!(old.stdout.contains("SPZ") && fs::read(path("old.spz")).unwrap().starts_with(&[0x1f, 0x8b]));
     convert(&first, &path("d.gltf"), &["--gltf-buffer", "beside"]).done();
-    assert!(path("d.bin").exists() && read_spatial(path("d.gltf")).unwrap().scene.len() == 10);
+    assert!(path("d.bin").exists() && read_3d(path("d.gltf")).unwrap().scene.len() == 10);
     let both = ["d.gltf", "d.bin"].map(|name| fs::metadata(path(name)).unwrap().len()).iter().sum::<u64>();
-    assert_eq!(read_spatial(path("d.gltf")).unwrap().bytes, both);
+    assert_eq!(read_3d(path("d.gltf")).unwrap().bytes, both);
 }
 
 #[test]
@@ -146,14 +146,14 @@ fn how_a_scene_was_trained_goes_along() {
 }
 
 #[test]
-fn a_spatial_scene_tells_what_is_in_it_whatever_its_format() {
+fn a_3d_scene_tells_what_is_in_it_whatever_its_format() {
     let place = folder();
     let first = ply(place.path());
     for name in ["a.ply", "a.splat", "a.spz", "a.gltf", "a.glb"] {
         let path = place.path().join(name);
         convert(&first, &path, &[]).done();
         let info = gs(["info", path.to_str().unwrap(), "--json"]).json();
-        assert_eq!((&info["kind"], &info["gaussians"]), (&"spatial scene".into(), &10.into()), "{info}");
+        assert_eq!((&info["kind"], &info["gaussians"]), (&"3D scene".into(), &10.into()), "{info}");
         assert_eq!(info["bytes"], fs::metadata(&path).unwrap().len());
         assert_eq!(info["sh_degree"], if name == "a.splat" { 0 } else { 2 });
         assert_eq!((&info["bounds"]["min"][1], &info["bounds"]["max"][0]), (&(-9.0).into(), &9.0.into()), "{info}");
@@ -162,7 +162,7 @@ fn a_spatial_scene_tells_what_is_in_it_whatever_its_format() {
         assert!((scale - (-1.0_f64).exp()).abs() < 0.01, "{info}");
     }
     let text = gs(["info", first.to_str().unwrap()]).done().stdout;
-    assert!(text.contains("spatial scene, 3DGS PLY") && text.contains("SH degree           2"), "{text}");
+    assert!(text.contains("3D scene, 3DGS PLY") && text.contains("SH degree           2"), "{text}");
 }
 
 #[test]
@@ -181,7 +181,7 @@ fn what_is_broken_is_named_counted_and_dropped_when_told() {
     assert!(text.contains("1: opacities 1") && text.contains("without rotation    1"), "{text}");
     let text = convert(&first, &to, &["--drop-broken"]).done().stdout;
     assert!(text.contains("dropped     2 Gaussians") && text.contains("Gaussians   8"), "{text}");
-    assert_eq!(read_spatial(&to).unwrap().scene.len(), 8);
+    assert_eq!(read_3d(&to).unwrap().scene.len(), 8);
 }
 
 #[test]
@@ -194,7 +194,7 @@ fn scales_of_zero_are_raised_and_told() {
         assert_eq!((&json["gaussians"], &json["dropped"]), (&10.into(), &0.into()), "{json}");
         let lost = "scales of 0 are raised to the smallest number above it: 1 Gaussian";
         assert_eq!(json["lost"], serde_json::json!([lost]), "{flags:?}");
-        assert!(read_spatial(&to).unwrap().losses.is_empty());
+        assert!(read_3d(&to).unwrap().losses.is_empty());
     }
 }
 

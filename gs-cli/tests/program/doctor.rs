@@ -1,21 +1,21 @@
-//! `gs doctor` on scenes that are sound, broken and doubtful, planar and spatial.
+//! `gs doctor` on scenes that are sound, broken and doubtful, 2D and 3D.
 
 use std::{fs, path::Path};
 
 use glam::{Vec2, Vec3};
-use gs_core::{PlanarGaussian, PlanarScene, Scene, SpatialGaussian, SpatialScene};
-use gs_io::{SpatialOptions, read_scene, read_spatial, write_spatial};
+use gs_core::{Gaussian2d, Gaussian3d, Scene, Scene2d, Scene3d};
+use gs_io::{WriteOptions3d, read_3d, read_scene, write_3d};
 
 use crate::{
     ply::break_ply,
     process::{Run, folder, gs, names_in},
 };
 
-fn spatial() -> SpatialScene {
-    let mut scene = SpatialScene { sh_degree: 1, ..SpatialScene::default() };
+fn scene_3d() -> Scene3d {
+    let mut scene = Scene3d { sh_degree: 1, ..Scene3d::default() };
     for i in 0..10 {
         let t = i as f32;
-        scene.push(SpatialGaussian {
+        scene.push(Gaussian3d {
             mean: Vec3::new(t, -t, 0.5),
             log_scale: Vec3::new(-3.0, -2.0, -1.0),
             rotation: [1.0, 0.1 * t, 0.0, 0.0],
@@ -34,13 +34,10 @@ fn doctor(scene: &Path, flags: &[&str]) -> Run {
 fn a_broken_scene_is_told_and_mended_and_what_is_sound_stays_bit_for_bit() {
     let place = folder();
     let (path, mended) = (place.path().join("scene.ply"), place.path().join("mended.ply"));
-    let scene = spatial();
-    write_spatial(&path, &scene, &SpatialOptions::default()).unwrap();
+    let scene = scene_3d();
+    write_3d(&path, &scene, &WriteOptions3d::default()).unwrap();
     let sound = doctor(&path, &[]).done();
-    assert!(
-        sound.stdout.contains("spatial scene, 3DGS PLY, 10 Gaussians\nbroken      none\ndoubtful    none"),
-        "{sound:?}"
-    );
+    assert!(sound.stdout.contains("3D scene, 3DGS PLY, 10 Gaussians\nbroken      none\ndoubtful    none"), "{sound:?}");
 
     break_ply(&path, 3, 8, &[f32::NAN]); // opacity
     break_ply(&path, 7, 4, &[0.0; 4]); // rotation
@@ -67,7 +64,7 @@ fn a_broken_scene_is_told_and_mended_and_what_is_sound_stays_bit_for_bit() {
     assert_eq!((&json["fixed"]["gaussians"], &json["fixed"]["lost"]), (&8.into(), &serde_json::json!([])), "{json}");
     assert_eq!(fs::read(&path).unwrap(), before, "the examined file stays");
     let copy = mended;
-    let mended = read_spatial(&copy).unwrap().scene;
+    let mended = read_3d(&copy).unwrap().scene;
     // Of the eighth the test changed a scale, and its place in the mended scene is the sixth.
     for (after, index) in [0, 1, 2, 4, 5, 6].into_iter().enumerate().chain([(7, 9)]) {
         assert_eq!(mended.gaussian(after), scene.gaussian(index));
@@ -86,21 +83,21 @@ fn a_broken_scene_is_told_and_mended_and_what_is_sound_stays_bit_for_bit() {
 fn scales_of_zero_are_found_and_raised() {
     let place = folder();
     let (path, mended) = (place.path().join("scene.ply"), place.path().join("mended.ply"));
-    write_spatial(&path, &spatial(), &SpatialOptions::default()).unwrap();
+    write_3d(&path, &scene_3d(), &WriteOptions3d::default()).unwrap();
     break_ply(&path, 3, 7, &[f32::NEG_INFINITY]);
     let sick = doctor(&path, &[]);
     assert_eq!(sick.status, Some(1));
     assert!(sick.stdout.contains("1 whose scale is 0, first Gaussian 3"), "{sick:?}");
     let json = doctor(&path, &["--fix", "-o", mended.to_str().unwrap(), "--json"]).json();
     assert_eq!((&json["fixed"]["removed"], &json["fixed"]["widened"]), (&0.into(), &1.into()), "{json}");
-    assert!(read_spatial(&mended).unwrap().losses.is_empty());
+    assert!(read_3d(&mended).unwrap().losses.is_empty());
 }
 
 #[test]
-fn a_planar_scene_is_mended_too() {
+fn a_2d_scene_is_mended_too() {
     let place = folder();
     let (path, mended) = (place.path().join("a.gs2d.safetensors"), place.path().join("b.gs2d.safetensors"));
-    let gaussian = |x: f32| PlanarGaussian {
+    let gaussian = |x: f32| Gaussian2d {
         mean: Vec2::new(x, 3.0),
         log_scale: Vec2::new(0.5, 0.25),
         rotation: 0.125,
@@ -108,8 +105,8 @@ fn a_planar_scene_is_mended_too() {
         color: Vec3::splat(x / 8.0),
     };
     let marked = 77.125_f32;
-    let scene: PlanarScene = [1.0, 2.0, marked, 4.0, 4.0].map(gaussian).into_iter().collect();
-    let file = gs_io::PlanarFile { scene, width: 8, height: 8, settings: Default::default() };
+    let scene: Scene2d = [1.0, 2.0, marked, 4.0, 4.0].map(gaussian).into_iter().collect();
+    let file = gs_io::File2d { scene, width: 8, height: 8, settings: Default::default() };
     gs_io::write_scene(&path, &file).unwrap();
     let mut bytes = fs::read(&path).unwrap();
     let at = bytes.windows(4).position(|word| word == marked.to_le_bytes()).unwrap();
@@ -123,23 +120,22 @@ fn a_planar_scene_is_mended_too() {
     assert!(refused.refusal().contains(".gs2d.safetensors"), "{refused:?}");
     let text = doctor(&path, &["--fix", "-o", mended.to_str().unwrap()]).done().stdout;
     assert!(
-        text.contains("planar scene, 5 Gaussians")
-            && text.contains("1 whose mean is NaN or infinite, first Gaussian 2"),
+        text.contains("2D scene, 5 Gaussians") && text.contains("1 whose mean is NaN or infinite, first Gaussian 2"),
         "{text}"
     );
     assert!(
         text.contains("doubtful    1 whose place and shape are those of an earlier one, first Gaussian 4"),
         "{text}"
     );
-    let expected: PlanarScene = [1.0, 2.0, 4.0, 4.0].map(gaussian).into_iter().collect();
-    assert_eq!(read_scene(&mended).unwrap(), gs_io::PlanarFile { scene: expected, ..file });
+    let expected: Scene2d = [1.0, 2.0, 4.0, 4.0].map(gaussian).into_iter().collect();
+    assert_eq!(read_scene(&mended).unwrap(), gs_io::File2d { scene: expected, ..file });
 }
 
 #[test]
 fn what_cannot_be_examined_or_mended_is_refused() {
     let place = folder();
     let path = place.path().join("scene.ply");
-    write_spatial(&path, &spatial(), &SpatialOptions::default()).unwrap();
+    write_3d(&path, &scene_3d(), &WriteOptions3d::default()).unwrap();
     let absent = place.path().join("absent.ply");
     let empty = place.path().join("out.ply");
     fs::write(place.path().join("note.txt"), "hello").unwrap();

@@ -1,15 +1,15 @@
 //! `gs effects` and the flag `--effects`: what is decided, proved and told.
 
 use glam::Vec3;
-use gs_core::{Scene, SpatialScene};
-use gs_io::{SpatialOptions, write_spatial};
+use gs_core::{Scene, Scene3d};
+use gs_io::{WriteOptions3d, write_3d};
 use gs_train::experiments::popping::discs;
 
 use crate::process::{folder, gs, picture};
 
 /// Two discs, one through the other, with harmonics that nobody could see.
-fn faintly_shiny() -> SpatialScene {
-    let mut scene = SpatialScene { sh_degree: 2, ..SpatialScene::default() };
+fn faintly_shiny() -> Scene3d {
+    let mut scene = Scene3d { sh_degree: 2, ..Scene3d::default() };
     let plain = discs();
     (0..plain.len()).for_each(|index| scene.push(plain.gaussian(index).with_degree(2)));
     for coefficients in scene.sh.chunks_exact_mut(9) {
@@ -22,19 +22,19 @@ fn faintly_shiny() -> SpatialScene {
 fn a_scene_in_space_is_told_what_it_calls_for() {
     let place = folder();
     let path = place.path().join("discs.ply");
-    write_spatial(&path, &faintly_shiny(), &SpatialOptions::default()).unwrap();
+    write_3d(&path, &faintly_shiny(), &WriteOptions3d::default()).unwrap();
     let scene = path.to_str().unwrap();
     let flags = ["--size", "48x40", "--views", "3", "--repetitions", "2", "--backend", "cpu"];
     let run = |more: &[&str]| gs(["effects", scene].iter().chain(&flags).chain(more));
-    let report = run(&["--json", "--order", "pixel-depth"]).json();
+    let report = run(&["--json", "--order", "per-pixel"]).json();
     let effects = &report["proof"]["called"]["settings"]["effects"];
-    assert_eq!((effects["order"].as_str(), effects["sh-degree"].as_u64()), (Some("pixel-depth"), Some(0)));
+    assert_eq!((effects["order"].as_str(), effects["sh-degree"].as_u64()), (Some("per-pixel"), Some(0)));
     assert_eq!((effects["background"].as_str(), effects["antialias"].as_str()), (Some("none"), Some("dilate")));
     let most = report["proof"]["difference"]["most"].as_f64().unwrap();
     assert!(most > 0.0 && most < 1.0 / 512.0, "{most}");
     assert_eq!(report["proof"]["views"].as_u64(), Some(3));
     let order = &report["prices"]["each"][0];
-    assert_eq!((order["effect"].as_str(), order["cheaper"].as_str()), (Some("order"), Some("tile-depth")));
+    assert_eq!((order["effect"].as_str(), order["cheaper"].as_str()), (Some("order"), Some("global")));
     assert!(order["change"]["most"].as_f64().unwrap() > 0.1, "the discs pop: {order}");
 
     let text = run(&[]).done().stdout;
@@ -47,7 +47,7 @@ fn a_scene_in_space_is_told_what_it_calls_for() {
 fn a_picture_is_rendered_with_what_is_called_for_unless_the_flag_says_otherwise() {
     let place = folder();
     let path = place.path().join("discs.ply");
-    write_spatial(&path, &faintly_shiny(), &SpatialOptions::default()).unwrap();
+    write_3d(&path, &faintly_shiny(), &WriteOptions3d::default()).unwrap();
     let render = |flags: &[&str]| {
         let png = place.path().join("picture.png");
         let words = ["render", path.to_str().unwrap(), "-o", png.to_str().unwrap(), "--size", "48x40"];
@@ -62,7 +62,7 @@ fn a_picture_is_rendered_with_what_is_called_for_unless_the_flag_says_otherwise(
     let most = steps.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
     assert!(most <= 1.0 / 255.0 + 1e-6, "at most one step of an eight-bit picture: {most}");
     let (unordered, told) = render(&["--effects", "sh-degree,antialias"]);
-    assert!(told.contains("without order tile-depth (not in --effects)"), "{told}");
+    assert!(told.contains("without order global (not in --effects)"), "{told}");
     assert!(unordered != auto);
     let refused = gs(["render", path.to_str().unwrap(), "-o", "a.png", "--effects", "order,glitter"]);
     assert!(refused.refusal().contains("order, sh-degree, antialias and background"), "{refused:?}");
@@ -92,8 +92,8 @@ fn what_does_not_go_together_is_refused() {
     let place = folder();
     let image = picture(place.path(), 16, 12);
     for (flags, part) in [
-        (vec!["--order", "tile-depth"], "is no scene in space"),
-        (vec!["photographs"], "is no scene in space"),
+        (vec!["--order", "global"], "is no 3D scene"),
+        (vec!["photographs"], "is no 3D scene"),
         (vec!["--size", "99999x9"], "--size"),
         (vec!["--views", "0"], "--views"),
     ] {

@@ -285,7 +285,7 @@ fn every_override_fits() {
         &["--policy", "residual", "--preset", "paper"],
         &["--policy", "none"],
         &["--init", "random", "--blend", "over", "--background", "0,0,0"],
-        &["--init", "periphery", "--chart", "scale-rotation"],
+        &["--init", "periphery", "--parameterization", "scale-rotation"],
         &["--init", "grid", "--loss", "l1-dssim"],
         &["--init", "error", "--quality", "best"],
         &["--simd", "scalar", "--quality", "quick"],
@@ -471,7 +471,7 @@ fn gaussians_that_are_lost_are_told_as_it_goes_and_in_the_end() {
     let place = folder();
     let (image, output) = (picture(place.path(), 32, 24), place.path().join("out"));
     let settings = place.path().join("wild.toml");
-    // In the local frame no step is so long. A fit that went back to its first Gaussians would have lost none of them.
+    // In the covariance factor no step is so long. A fit that went back to its first Gaussians would have lost none of them.
     let wild = "gaussians = 20\niterations = 30\nrecovery = \"never\"\nchart = \"scale-rotation\"\n[adam.mean]\nlearning-rate = 2e38\n";
     fs::write(&settings, wild).unwrap();
     let words =

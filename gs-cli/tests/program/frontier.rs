@@ -5,7 +5,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use gs_core::{SpatialGaussian, SpatialScene};
+use gs_core::{Gaussian3d, Scene3d};
 use serde_json::Value;
 
 use crate::process::{Run, folder, gs, names_in, picture};
@@ -22,17 +22,17 @@ fn number(value: &Value) -> f64 {
 
 /// A scene of a few Gaussians in front of each other, as a PLY file.
 fn in_space(place: &Path) -> PathBuf {
-    let at = |i: u32| SpatialGaussian {
+    let at = |i: u32| Gaussian3d {
         mean: glam::Vec3::new((i % 5) as f32 - 2.0, (i % 7) as f32 - 3.0, 0.3 * i as f32),
         log_scale: glam::Vec3::splat(-0.4),
         rotation: [1.0, 0.1, 0.2, 0.0],
         opacity_logit: 0.5,
         sh: vec![glam::Vec3::new(0.5, -0.2, 0.1 * (i % 9) as f32); 4],
     };
-    let mut scene = SpatialScene { sh_degree: 1, ..SpatialScene::default() };
+    let mut scene = Scene3d { sh_degree: 1, ..Scene3d::default() };
     (0..40).for_each(|i| gs_core::Scene::push(&mut scene, at(i)));
     let path = place.join("scene.ply");
-    gs_io::write_spatial(&path, &scene, &gs_io::SpatialOptions::default()).unwrap();
+    gs_io::write_3d(&path, &scene, &gs_io::WriteOptions3d::default()).unwrap();
     path
 }
 
@@ -99,7 +99,7 @@ fn a_budget_is_answered_by_a_file_that_render_and_fit_take() {
 }
 
 #[test]
-fn scenes_in_space_have_orders_and_harmonics_to_choose() {
+fn scenes_in_space_have_orders_and_sh_to_choose() {
     let place = folder();
     let scene = in_space(place.path());
     let json = frontier(&scene, &["--size", "60x40", "--views", "2", "--json"]).json();
@@ -127,7 +127,7 @@ fn what_cannot_be_is_refused() {
     for (input, flags, expected) in [
         (&image, &["--max-error", "0"][..], "positive number"),
         (&image, &["--max-error", "0.1", "--max-ms", "5"], "cannot be used with"),
-        (&image, &["--order", "tile-depth"], "flags for scenes in space"),
+        (&image, &["--order", "global"], "flags for 3D scenes"),
         (&scene, &["-n", "10"], "--gaussians"),
         (&scene, &["--dataset", "/no/such"], "/no/such"),
         (&scene, &["--size", "20000x20000"], "20000"),

@@ -145,7 +145,7 @@ fn results_of_a_fit_do_not_stay_beside_those_of_a_training() {
     gs(fit(&image, &output)).done();
     assert!(!names_in(&output).contains(&"evaluation.json".to_owned()));
     let info = gs(["info", text(&output)]).done();
-    assert!(info.stdout.contains("planar scene"), "{info:?}");
+    assert!(info.stdout.contains("2D scene"), "{info:?}");
 }
 
 #[test]

@@ -1,6 +1,6 @@
 //! `gs popping`: what it prints and writes, and what it refuses.
 
-use gs_io::{SpatialOptions, write_spatial};
+use gs_io::{WriteOptions3d, write_3d};
 use gs_train::experiments::popping::discs;
 
 use crate::process::{folder, gs, names_in};
@@ -9,13 +9,13 @@ use crate::process::{folder, gs, names_in};
 fn both_orders_stand_side_by_side() {
     let place = folder();
     let (scene, output) = (place.path().join("discs.ply"), place.path().join("out"));
-    write_spatial(&scene, &discs(), &SpatialOptions::default()).unwrap();
+    write_3d(&scene, &discs(), &WriteOptions3d::default()).unwrap();
     let (scene, out) = (scene.to_str().unwrap(), output.to_str().unwrap());
     let flags = ["--size", "48x40", "--places", "2", "--step", "1", "--frames", "9", "--backend", "cpu"];
     let run = gs(["popping", scene, "-o", out].into_iter().chain(flags)).done();
     let lines: Vec<&str> = run.stdout.lines().collect();
     assert!(lines[0].contains("discs, 2 Gaussians") && lines.len() == 8, "{}", run.stdout);
-    assert!(lines[2].contains("0.250") && lines[2].contains("tile-depth") && lines[3].contains("pixel-depth"));
+    assert!(lines[2].contains("0.250") && lines[2].contains("global") && lines[3].contains("per-pixel"));
     assert_eq!(
         names_in(&output),
         ["flicker-chart.csv", "flicker-chart.png", "flicker-chart.svg", "popping.csv", "popping.png"]
@@ -30,10 +30,10 @@ fn both_orders_stand_side_by_side() {
 fn what_is_not_possible_is_refused_in_one_line() {
     let place = folder();
     let scene = place.path().join("discs.ply");
-    write_spatial(&scene, &discs(), &SpatialOptions::default()).unwrap();
+    write_3d(&scene, &discs(), &WriteOptions3d::default()).unwrap();
     let scene = scene.to_str().unwrap();
     for (flags, part) in [
-        (["--order", "tile-depth"], "both orders are compared"),
+        (["--order", "global"], "both orders are compared"),
         (["--step", "0"], "above 0"),
         (["--step", "NaN"], "above 0"),
         (["--frames", "3"], "--frames"),

@@ -143,7 +143,10 @@ fn an_image_is_fitted_first() {
     let json = profiled(&[image, "--backend", "cpu", "-n", "60"]);
     assert_eq!((&json["input"], &json["target"]), (&json!(image), &json!(image)));
     assert_eq!((&json["gaussians"], &json["fitted_steps"]), (&json!(60), &json!(100)));
-    assert_eq!((&json["blend"], &json["loss"], &json["chart"]), (&json!("sum"), &json!("l2"), &json!("local-frame")));
+    assert_eq!(
+        (&json["blend"], &json["loss"], &json["parameterization"]),
+        (&json!("sum"), &json!("l2"), &json!("covariance-factor"))
+    );
     // Added up under L2, a tile is blended forward and backward in one pass.
     let stages = json["stages"].as_array().unwrap();
     let replaced: Vec<&str> =
@@ -184,7 +187,10 @@ fn the_table_tells_backend_clock_stages_and_whole_steps() {
         assert_eq!(run.stderr, "", "a scene needs no fit");
         let text = run.stdout;
         assert!(text.starts_with(&format!("{backend} (")) && text.contains("as asked"), "{text}");
-        assert!(text.contains(": 40 Gaussians; 48x32 px, sum, l2, local-frame; target: its own rendering"), "{text}");
+        assert!(
+            text.contains(": 40 Gaussians; 48x32 px, sum, l2, covariance-factor; target: its own rendering"),
+            "{text}"
+        );
         assert!(text.contains(clock), "{text}");
         for row in STAGES.iter().chain(&["sum", "training step, lists made anew", "forward pass alone"]) {
             let found =
@@ -200,7 +206,7 @@ fn the_table_tells_backend_clock_stages_and_whole_steps() {
 fn nothing_takes_its_time_too() {
     let place = folder();
     let path = place.path().join("empty.gs2d.safetensors");
-    gs_io::write_scene(&path, &gs_io::PlanarFile { width: 1, height: 1, ..Default::default() }).unwrap();
+    gs_io::write_scene(&path, &gs_io::File2d { width: 1, height: 1, ..Default::default() }).unwrap();
     for backend in ["cpu", "wgpu"] {
         let run = profile(&[path.to_str().unwrap(), "--backend", backend]).done();
         assert!(run.stdout.contains(": 0 Gaussians; 1x1 px"), "{run:?}");
@@ -257,21 +263,21 @@ fn a_scene_in_space_is_profiled_on_both_backends() {
     let (scene, view) = (scene.to_str().unwrap(), format!("{}:3", dataset.display()));
     for backend in ["cpu", "wgpu"] {
         let output = place.path().join(backend);
-        let flags = ["--size", "40x30", "--order", "pixel-depth", "--backend", backend, "-o", output.to_str().unwrap()];
+        let flags = ["--size", "40x30", "--order", "per-pixel", "--backend", backend, "-o", output.to_str().unwrap()];
         let run = profile(&[&[scene], &flags[..]].concat()).done();
         assert!(run.stdout.contains("8 Gaussians; 40x30 px, over, order pixel-depth, antialias dilate, SH degree 0"));
         let json: Value = serde_json::from_slice(&fs::read(output.join("profile.json")).unwrap()).unwrap();
         check(&json, &fs::read_to_string(output.join("profile.csv")).unwrap());
-        let told = ["order", "loss", "chart", "target"].map(|key| json[key].clone());
+        let told = ["order", "loss", "parameterization", "target"].map(|key| json[key].clone());
         let loss = json!({ "l1-dssim": { "lambda": 0.2 } });
-        assert_eq!(told, [json!("pixel-depth"), loss, json!("scale-rotation"), json!("its own rendering")]);
+        assert_eq!(told, [json!("per-pixel"), loss, json!("scale-rotation"), json!("its own rendering")]);
     }
     let of_view = profile(&[scene, "--camera", &view, "--backend", "cpu", "--json"]).json();
-    assert_eq!((&of_view["width"], &of_view["order"]), (&json!(32), &json!("tile-depth")));
+    assert_eq!((&of_view["width"], &of_view["order"]), (&json!(32), &json!("global")));
     for (flags, part) in [(&["-n", "5"][..], "is a scene"), (&["--camera", "nowhere"], "DATASET:VIEW")] {
         let refused = profile(&[&[scene], flags].concat());
         assert!(refused.refusal().contains(part), "{refused:?}");
     }
-    let refused = profile(&["--order", "tile-depth"]);
-    assert!(refused.refusal().contains("are for scenes in space"), "{refused:?}");
+    let refused = profile(&["--order", "global"]);
+    assert!(refused.refusal().contains("are for 3D scenes"), "{refused:?}");
 }

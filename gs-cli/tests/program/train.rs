@@ -1,4 +1,4 @@
-//! `gs train`, and `gs render` and `gs eval` of scenes in space, from end to end.
+//! `gs train`, and `gs render` and `gs eval` of 3D scenes, from end to end.
 
 #[cfg(unix)]
 use std::process::Child;
@@ -10,10 +10,10 @@ use std::{
 
 use glam::{Vec2, Vec3};
 use gs_core::{
-    Blend, Camera, Rasterizer, RenderSettings, Scene, SpatialGaussian, SpatialScene, constants::SH_C0, effects::Order,
+    Blend, Camera, Gaussian3d, Rasterizer, RenderSettings, Scene, Scene3d, constants::SH_C0, effects::Order,
 };
 use gs_cpu::{CpuRasterizer, CpuSettings};
-use gs_train::spatial::looking_at;
+use gs_train::train::looking_at;
 use serde_json::{Value, json};
 
 #[cfg(unix)]
@@ -21,11 +21,11 @@ use crate::process::signal;
 use crate::process::{Run, command, folder, gs, names_in};
 
 /// A few Gaussians of different colours around the origin.
-fn scene() -> SpatialScene {
-    let mut scene = SpatialScene::default();
+fn scene() -> Scene3d {
+    let mut scene = Scene3d::default();
     for i in 0..8 {
         let angle = 0.8 * i as f32;
-        scene.push(SpatialGaussian {
+        scene.push(Gaussian3d {
             mean: 0.6 * Vec3::new(angle.cos(), angle.sin(), 0.5 * (2.0 * angle).sin()),
             log_scale: Vec3::new(0.2, 0.3, 0.15).map(f32::ln),
             rotation: [1.0, 0.1 * i as f32, 0.0, 0.3],
@@ -40,11 +40,11 @@ fn scene() -> SpatialScene {
 pub(crate) fn photographed(place: &Path) -> (PathBuf, PathBuf) {
     let (dataset, file) = (place.join("photographs"), place.join("true.ply"));
     fs::create_dir_all(dataset.join("images")).unwrap();
-    gs_io::write_spatial(&file, &scene(), &gs_io::SpatialOptions::default()).unwrap();
+    gs_io::write_3d(&file, &scene(), &gs_io::WriteOptions3d::default()).unwrap();
     let rasterizer = CpuRasterizer::new(CpuSettings { threads: Some(1), level: None }).unwrap();
     let lens = Camera::looking_forward(32, 24, 0.7);
     let mut render = RenderSettings::blended(Blend::Over).on([0.0; 3]);
-    render.effects.order = Order::TileDepth;
+    render.effects.order = Order::Global;
     render.effects.antialias = gs_core::effects::Antialias::Dilate;
     let mut frames = Vec::new();
     for i in 0..8 {
@@ -109,7 +109,7 @@ fn photographs_become_a_scene_and_a_summary() {
     assert_eq!(evaluation, summary["evaluation"]);
     let metrics = fs::read_to_string(output.join("metrics.csv")).unwrap();
     assert!(metrics.lines().next_back().unwrap().starts_with("40,"), "{metrics}");
-    let read = gs_io::read_spatial(output.join("scene.ply")).unwrap().scene;
+    let read = gs_io::read_3d(output.join("scene.ply")).unwrap().scene;
     assert_eq!((read.len() as u64, read.sh_degree), (summary["gaussians"].as_u64().unwrap(), 1));
 
     // What it wrote can be judged, and the same settings give the same scene.
@@ -199,7 +199,7 @@ fn a_stopped_training_goes_on_to_the_same_scene() {
     assert!(1000.0 < training && training < total, "the whole time holds that of the training: {summary}");
 
     let info = gs(["info", text(&checkpoint), "--json"]).json();
-    assert_eq!((&info["kind"], &info["sh_degree"]), (&"checkpoint of a training in space".into(), &1.into()));
+    assert_eq!((&info["kind"], &info["sh_degree"]), (&"checkpoint of a training in 3D".into(), &1.into()));
     assert_eq!((&info["metadata"]["step"], &info["not_finite"]["gaussians"]), (&"25".into(), &0.into()));
     let told = gs(["info", text(&checkpoint)]).done().stdout;
     assert!(told.contains("largest scale") && told.contains("spatial-training-1"), "{told}");
@@ -356,7 +356,7 @@ fn a_scene_of_which_nothing_is_to_be_seen_says_why() {
     nothing.rotations.iter_mut().take(3).for_each(|q| *q = [0.0; 4]);
     nothing.opacity_logits.iter_mut().skip(3).for_each(|logit| *logit = -100.0);
     let (file, picture) = (place.path().join("nothing.ply"), place.path().join("nothing.png"));
-    gs_io::write_spatial(&file, &nothing, &gs_io::SpatialOptions::default()).unwrap();
+    gs_io::write_3d(&file, &nothing, &gs_io::WriteOptions3d::default()).unwrap();
     let flags = ["--size", "48x40", "--backend", "cpu"];
     let run = gs(["render", text(&file), "-o", text(&picture)].into_iter().chain(flags)).done();
     let why = "of 8 Gaussians 3 without rotation or extent, 5 transparent";
@@ -416,7 +416,7 @@ fn cameras_that_look_away_are_the_data_sets_fault() {
     let (dataset, file) = photographed(place.path());
     let mut away = scene();
     away.means.iter_mut().for_each(|mean| mean.z += 1e4);
-    gs_io::write_spatial(&file, &away, &gs_io::SpatialOptions::default()).unwrap();
+    gs_io::write_3d(&file, &away, &gs_io::WriteOptions3d::default()).unwrap();
     let out = place.path().join("out");
     let run = gs([&small(&dataset, &out)[..], &["--start", text(&file)]].concat());
     assert_eq!(run.status, Some(1), "{run:?}");

@@ -13,8 +13,8 @@
 //! - **background**: none is needed before black, which is what none looks like.
 
 mod overlap;
-mod planar;
-mod spatial;
+mod scene2d;
+mod scene3d;
 
 use serde::Serialize;
 
@@ -108,11 +108,11 @@ impl Effects {
     /// Those of [`RenderSettings::validate`], of the wanted settings.
     ///
     /// ```
-    /// use gs_core::{Blend, Effects, PlanarScene, RenderSettings, effects::{Antialias, Order}};
+    /// use gs_core::{Blend, Effects, Scene2d, RenderSettings, effects::{Antialias, Order}};
     ///
     /// let mut wanted = RenderSettings::blended(Blend::Over).on([0.0; 3]);
-    /// wanted.effects.order = Order::TileDepth;
-    /// let called = Effects::called_for(&PlanarScene::default(), &[], &wanted)?;
+    /// wanted.effects.order = Order::Global;
+    /// let called = Effects::called_for(&Scene2d::default(), &[], &wanted)?;
     /// assert_eq!(called.settings.effects, Effects { blend: Blend::Over, ..Effects::default() });
     /// # Ok::<(), gs_core::Error>(())
     /// ```
@@ -151,7 +151,7 @@ impl Verdict {
 /// What is said of a background, whatever the scene.
 fn background(settings: &RenderSettings) -> Decision {
     let without = Effect::Background.off(&settings.effects);
-    match settings.backdrop() {
+    match settings.background_color() {
         _ if without == settings.effects => (without, "none is asked for".to_owned()),
         [0.0, 0.0, 0.0] => (without, "black is what none looks like".to_owned()),
         [r, g, b] => (settings.effects, format!("{r},{g},{b} shows where something stays transparent")),
@@ -161,13 +161,13 @@ fn background(settings: &RenderSettings) -> Decision {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::PlanarScene;
+    use crate::scene::Scene2d;
 
     #[test]
     fn settings_that_are_not_possible_call_for_nothing() {
         let mut wanted = RenderSettings::default();
         wanted.effects.sh_degree = 4;
-        let refused = Effects::called_for(&PlanarScene::default(), &[], &wanted).unwrap_err();
+        let refused = Effects::called_for(&Scene2d::default(), &[], &wanted).unwrap_err();
         assert_eq!(refused, RenderSettings::validate(&wanted).unwrap_err());
     }
 

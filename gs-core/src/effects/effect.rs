@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use super::{Antialias, Background, Blend, Effects, Order};
 use crate::error::Error;
 
-/// One of the effects that a scene may call for. What a caller asks a frame for besides (outputs, statistics), and what belongs to the data
+/// One of the effects that a scene may call for. What a caller asks a forward pass for besides (outputs, statistics), and what belongs to the data
 /// set (lens, exposure), are none of these.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -61,8 +61,8 @@ impl Effect {
             Self::Order => {
                 cheaper.order = match effects.order {
                     Order::Index => return None,
-                    Order::TileDepth => Order::Index,
-                    Order::PixelDepth => Order::TileDepth,
+                    Order::Global => Order::Index,
+                    Order::PerPixel => Order::Global,
                 }
             }
             Self::Blend => {
@@ -133,7 +133,7 @@ mod tests {
     #[test]
     fn every_effect_goes_down_to_off_step_by_step() {
         let all = Effects {
-            order: Order::PixelDepth,
+            order: Order::PerPixel,
             blend: Blend::Over,
             sh_degree: 3,
             antialias: Antialias::Mip,

@@ -4,7 +4,7 @@ use std::fmt;
 
 use serde::Serialize;
 
-/// A Gaussian whose axes differ more than this is a needle: in the plane the longer against the shorter, in space the longest against
+/// A Gaussian whose axes differ more than this is a needle: in 2D the longer against the shorter, in 3D the longest against
 /// the middle one (flat Gaussians are what surfaces are made of). Unit: none.
 ///
 /// This project's choice: a training by 3DGS's own code has none above 54 among 9,080; a scene that another tool has made has 14,456 among 124,495, as
@@ -44,11 +44,11 @@ pub enum Finding {
     /// Its colour, or an SH coefficient, is NaN or infinite.
     ColorNotFinite,
     /// Its quaternion is shorter than
-    /// [`MIN_QUATERNION_NORM2`](crate::constants::MIN_QUATERNION_NORM2) allows: it has no direction. Spatial scenes.
+    /// [`MIN_QUATERNION_NORM2`](crate::constants::MIN_QUATERNION_NORM2) allows: it has no direction. 3D scenes.
     NoRotation,
     /// A scale is exactly 0: its ln is −∞.
     ZeroScale,
-    /// Too small to be resolved: its longest axis is shorter than the distance between neighbouring `f32` at its mean, or, in the plane, det Σ is
+    /// Too small to be resolved: its longest axis is shorter than the distance between neighbouring `f32` at its mean, or, in 2D, det Σ is
     /// below [`MIN_DETERMINANT_PX4`](crate::constants::MIN_DETERMINANT_PX4). It is drawn only if an [`Antialias`](crate::effects::Antialias)
     /// widens it, or magnified.
     Vanishing,

@@ -6,7 +6,7 @@ use super::finding::{EXTREME_COLOR, Finding, NEEDLE_ASPECT, OUT_OF_RANGE_LOGIT, 
 use crate::{
     constants::{ALPHA_CUT, MIN_DETERMINANT_PX4, MIN_QUATERNION_NORM2},
     error::Error,
-    scene::{PlanarScene, Scene, SpatialScene, sigmoid},
+    scene::{Scene, Scene2d, Scene3d, sigmoid},
 };
 
 /// A scene that can be examined and repaired, however broken its values are.
@@ -20,7 +20,7 @@ pub trait Examinable: Scene {
     /// Tells what of Gaussian `index` itself is to be said, without regard to the others.
     fn examine_one(&self, index: usize, found: &mut dyn FnMut(Finding));
 
-    /// Its mean; the third coordinate of a planar one is 0.
+    /// Its mean; the third coordinate of a 2D one is 0.
     fn place(&self, index: usize) -> Vec3;
 
     /// Mean, ln-scales and rotation as bits that are equal where the values are; 0 where there is no such number.
@@ -33,7 +33,7 @@ pub trait Examinable: Scene {
     fn retain(&mut self, keep: &[bool]);
 }
 
-impl Examinable for PlanarScene {
+impl Examinable for Scene2d {
     fn validate_lengths(&self) -> Result<(), Error> {
         self.check_lengths()
     }
@@ -77,7 +77,7 @@ impl Examinable for PlanarScene {
     }
 }
 
-impl Examinable for SpatialScene {
+impl Examinable for Scene3d {
     fn validate_lengths(&self) -> Result<(), Error> {
         self.check_lengths()
     }

@@ -5,18 +5,18 @@
 //! repaired scene looks as the broken one did: what could be drawn is as it was, bit for bit.
 //!
 //! ```
-//! use gs_core::{Scene, SpatialGaussian, SpatialScene, examination::{Finding, examine, repair}};
+//! use gs_core::{Scene, Gaussian3d, Scene3d, examination::{Finding, examine, repair}};
 //! use glam::Vec3;
 //!
-//! let good = SpatialGaussian {
+//! let good = Gaussian3d {
 //!     mean: Vec3::ZERO,
 //!     log_scale: Vec3::ZERO,
 //!     rotation: [1.0, 0.0, 0.0, 0.0],
 //!     opacity_logit: 0.0,
 //!     sh: vec![Vec3::ZERO],
 //! };
-//! let mut scene = SpatialScene::default();
-//! scene.push(SpatialGaussian { mean: Vec3::NAN, ..good.clone() });
+//! let mut scene = Scene3d::default();
+//! scene.push(Gaussian3d { mean: Vec3::NAN, ..good.clone() });
 //! scene.push(good);
 //! let examination = examine(&scene)?;
 //! let case = examination.cases[0];

@@ -6,13 +6,13 @@ use super::*;
 use crate::{
     effects::Blend,
     perspective::{Ellipsoid, Perspective},
-    scene::{PlanarGaussian, PlanarScene, Scene, SpatialGaussian, SpatialScene},
+    scene::{Gaussian2d, Gaussian3d, Scene, Scene2d, Scene3d},
     settings::RenderSettings,
     view::Camera,
 };
 
-fn spatial(x: f32) -> SpatialGaussian {
-    SpatialGaussian {
+fn scene_3d(x: f32) -> Gaussian3d {
+    Gaussian3d {
         mean: Vec3::new(x, 1.0, 2.0),
         log_scale: Vec3::new(-1.0, -2.0, -9.0),
         rotation: [2.0, 0.0, 0.5, 0.0],
@@ -21,8 +21,8 @@ fn spatial(x: f32) -> SpatialGaussian {
     }
 }
 
-fn planar(x: f32) -> PlanarGaussian {
-    PlanarGaussian {
+fn scene_2d(x: f32) -> Gaussian2d {
+    Gaussian2d {
         mean: Vec2::new(x, 1.0),
         log_scale: Vec2::new(1.0, -1.0),
         rotation: 0.3,
@@ -32,15 +32,15 @@ fn planar(x: f32) -> PlanarGaussian {
 }
 
 /// Ten sound Gaussians of degree 1, and between them a spoilt one, which is the fifth.
-fn with_spoilt(spoil: impl Fn(&mut SpatialGaussian)) -> SpatialScene {
-    let mut scene = SpatialScene { sh_degree: 1, ..Default::default() };
+fn with_spoilt(spoil: impl Fn(&mut Gaussian3d)) -> Scene3d {
+    let mut scene = Scene3d { sh_degree: 1, ..Default::default() };
     for i in 0..10 {
         if i == 4 {
-            let mut spoilt = spatial(3.5);
+            let mut spoilt = scene_3d(3.5);
             spoil(&mut spoilt);
             scene.push(spoilt);
         }
-        scene.push(spatial(i as f32));
+        scene.push(scene_3d(i as f32));
     }
     scene
 }
@@ -58,7 +58,7 @@ fn a_sound_scene_has_nothing_and_stays_bit_for_bit() {
 
 #[test]
 fn each_fault_is_found_in_space() {
-    type Spoil = fn(&mut SpatialGaussian);
+    type Spoil = fn(&mut Gaussian3d);
     let cases: [(Finding, Spoil); 18] = [
         (Finding::MeanNotFinite, |g| g.mean.y = f32::NEG_INFINITY),
         (Finding::ScaleNotFinite, |g| g.log_scale.z = f32::NAN),
@@ -77,7 +77,7 @@ fn each_fault_is_found_in_space() {
         (Finding::OpacityOutOfRange, |g| g.opacity_logit = 1e4),
         (Finding::ExtremeColor, |g| g.sh[2].z = -2e3),
         (Finding::Outlier, |g| g.mean.z = 1e5),
-        (Finding::Duplicate, |g| *g = SpatialGaussian { opacity_logit: 2.0, sh: vec![Vec3::ZERO; 4], ..spatial(3.0) }),
+        (Finding::Duplicate, |g| *g = Gaussian3d { opacity_logit: 2.0, sh: vec![Vec3::ZERO; 4], ..scene_3d(3.0) }),
     ];
     for (finding, spoil) in cases {
         let scene = with_spoilt(spoil);
@@ -102,7 +102,7 @@ fn each_fault_is_found_in_space() {
 
 #[test]
 fn each_fault_is_found_in_the_plane() {
-    type Spoil = fn(&mut PlanarGaussian);
+    type Spoil = fn(&mut Gaussian2d);
     let cases: [(Finding, Spoil); 9] = [
         (Finding::MeanNotFinite, |g| g.mean.x = f32::NAN),
         (Finding::ScaleNotFinite, |g| g.log_scale.y = f32::INFINITY),
@@ -112,12 +112,12 @@ fn each_fault_is_found_in_the_plane() {
         (Finding::ZeroScale, |g| g.log_scale.x = f32::NEG_INFINITY),
         (Finding::Vanishing, |g| g.log_scale = Vec2::new(-4.0, -3.5)),
         (Finding::Needle, |g| g.log_scale = Vec2::new(7.0, -0.5)),
-        (Finding::Duplicate, |g| *g = PlanarGaussian { color: Vec3::ONE, ..planar(1.0) }),
+        (Finding::Duplicate, |g| *g = Gaussian2d { color: Vec3::ONE, ..scene_2d(1.0) }),
     ];
     for (finding, spoil) in cases {
-        let mut gaussians: Vec<PlanarGaussian> = (0..5).map(|i| planar(i as f32)).collect();
+        let mut gaussians: Vec<Gaussian2d> = (0..5).map(|i| scene_2d(i as f32)).collect();
         spoil(&mut gaussians[2]);
-        let scene: PlanarScene = gaussians.into_iter().collect();
+        let scene: Scene2d = gaussians.into_iter().collect();
         assert_eq!(examine(&scene).unwrap().cases, [Case { finding, count: 1, first: 2 }]);
         let mut repaired = scene.clone();
         repair(&mut repaired).unwrap();
@@ -133,10 +133,10 @@ fn what_is_drawn_from_afar_stays_however_large_it_is() {
     let perspective = Perspective::new(&camera, &RenderSettings::blended(Blend::Over));
     let drawn = |log_scale: f32| {
         let log_scale = Vec3::new(log_scale, log_scale, 0.0);
-        let g = SpatialGaussian { mean: Vec3::new(0.0, 0.0, 2e12), log_scale, ..spatial(0.0) };
-        let SpatialGaussian { mean, rotation, opacity_logit, .. } = g;
+        let g = Gaussian3d { mean: Vec3::new(0.0, 0.0, 2e12), log_scale, ..scene_3d(0.0) };
+        let Gaussian3d { mean, rotation, opacity_logit, .. } = g;
         let is_drawn = perspective.project(&Ellipsoid { mean, log_scale, rotation, opacity_logit }).is_ok();
-        let mut scene = SpatialScene { sh_degree: 1, ..Default::default() };
+        let mut scene = Scene3d { sh_degree: 1, ..Default::default() };
         scene.push(g);
         let findings: Vec<Finding> = examine(&scene).unwrap().cases.iter().map(|case| case.finding).collect();
         repair(&mut scene).unwrap();
@@ -166,14 +166,14 @@ fn arrays_that_do_not_fit_are_refused_and_an_empty_scene_is_sound() {
     scene.sh.pop();
     assert!(matches!(examine(&scene), Err(Error::Length { what: "sh", .. })));
     assert!(matches!(repair(&mut scene), Err(Error::Length { .. })));
-    assert!(examine(&SpatialScene::default()).unwrap().is_sound());
-    assert!(examine(&PlanarScene::default()).unwrap().is_sound());
+    assert!(examine(&Scene3d::default()).unwrap().is_sound());
+    assert!(examine(&Scene2d::default()).unwrap().is_sound());
 }
 
 #[test]
 fn a_repair_keeps_that_opacities_are_stored() {
-    let mut scene: PlanarScene =
-        [planar(0.0), PlanarGaussian { opacity_logit: f32::NAN, ..planar(1.0) }].into_iter().collect();
+    let mut scene: Scene2d =
+        [scene_2d(0.0), Gaussian2d { opacity_logit: f32::NAN, ..scene_2d(1.0) }].into_iter().collect();
     repair(&mut scene).unwrap();
     assert_eq!(scene.opacity_logits, [f32::INFINITY]);
 }

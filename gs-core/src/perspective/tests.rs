@@ -1,7 +1,7 @@
 //! Projections against their definition, and their VJPs against central differences.
 
 use super::*;
-use crate::scene::SpatialGaussian;
+use crate::scene::Gaussian3d;
 
 fn camera() -> Camera {
     let axis = Vec3::new(0.3, -0.8, 0.5).normalize();
@@ -34,13 +34,8 @@ fn the_projection_is_that_of_the_covariance() {
     let found = perspective.project(&g).unwrap();
     let (mean, depth) = camera().project(g.mean).unwrap();
     assert!((found.mean - mean).length() < 1e-4 && (found.depth - depth).abs() < 1e-6);
-    let gaussian = SpatialGaussian {
-        mean: g.mean,
-        log_scale: g.log_scale,
-        rotation: g.rotation,
-        opacity_logit: 0.0,
-        sh: Vec::new(),
-    };
+    let gaussian =
+        Gaussian3d { mean: g.mean, log_scale: g.log_scale, rotation: g.rotation, opacity_logit: 0.0, sh: Vec::new() };
     let p = camera().to_camera(g.mean);
     let sigma = camera().rotation * gaussian.covariance().unwrap() * camera().rotation.transpose();
     let gradients = [

@@ -1,12 +1,12 @@
-//! Scenes on the host: plain, serialisable sets of Gaussians. A backend's copy of one is its `Cloud`.
+//! Scenes on the host: plain, serialisable sets of Gaussians. A backend's copy of one is its `Splats`.
 
-mod planar;
-mod spatial;
+mod scene2d;
+mod scene3d;
 
 use std::fmt::Debug;
 
-pub use planar::{PlanarGaussian, PlanarScene};
-pub use spatial::{SpatialGaussian, SpatialScene};
+pub use scene2d::{Gaussian2d, Scene2d};
+pub use scene3d::{Gaussian3d, Scene3d};
 
 use crate::error::Error;
 
@@ -34,7 +34,7 @@ pub trait Scene: Clone + Debug + Default + PartialEq + Send + Sync {
     /// Appends one Gaussian.
     ///
     /// # Panics
-    /// Where it is not of this scene's kind, such as a spatial one with coefficients of another degree.
+    /// Where it is not of this scene's kind, such as a 3D one with coefficients of another degree.
     fn push(&mut self, gaussian: Self::Gaussian);
 
     /// Fails unless all arrays describe the same number of Gaussians and all values are finite (opacity logits may be ±∞:

@@ -2,17 +2,17 @@
 
 use glam::{Mat2, Mat3, Vec2, Vec3};
 
-use super::CloudState;
+use super::SplatsState;
 use crate::{
-    adam::Chart,
+    adam::Parameterization,
     error::Error,
-    scene::{PlanarGaussian, PlanarScene, SpatialGaussian, SpatialScene},
+    scene::{Gaussian2d, Gaussian3d, Scene2d, Scene3d},
     sh::coefficients,
 };
 
-impl CloudState {
+impl SplatsState {
     /// Whether the state is that of a 3D scene: only those have spherical harmonics.
-    pub fn is_spatial(&self) -> bool {
+    pub fn is_3d(&self) -> bool {
         self.contains("sh")
     }
 
@@ -21,18 +21,18 @@ impl CloudState {
     /// # Errors
     /// [`Error::State`] for tensors that are missing or of another type, [`Error::Length`] where they hold different numbers of
     /// Gaussians.
-    pub fn planar_scene(&self) -> Result<PlanarScene, Error> {
-        let (log_scales, rotations) = match self.chart {
-            Chart::ScaleRotation => {
+    pub fn scene_2d(&self) -> Result<Scene2d, Error> {
+        let (log_scales, rotations) = match self.parameterization {
+            Parameterization::ScaleRotation => {
                 let scales = self.rows::<2>("log_scale")?.into_iter().map(Vec2::from_array).collect();
                 (scales, self.rows::<1>("rotation")?.into_iter().flatten().collect())
             }
-            Chart::LocalFrame => {
-                let frames = self.rows::<4>("frame")?;
-                frames.iter().map(|frame| PlanarGaussian::shape_of_frame(Mat2::from_cols_array(frame))).unzip()
+            Parameterization::CovarianceFactor => {
+                let factors = self.rows::<4>("factor")?;
+                factors.iter().map(|factor| Gaussian2d::shape_of_factor(Mat2::from_cols_array(factor))).unzip()
             }
         };
-        let scene = PlanarScene {
+        let scene = Scene2d {
             means: self.rows::<2>("mean")?.into_iter().map(Vec2::from_array).collect(),
             log_scales,
             rotations,
@@ -46,26 +46,26 @@ impl CloudState {
         Ok(scene)
     }
 
-    /// The 3D scene of the state; as [`Self::planar_scene`].
+    /// The 3D scene of the state; as [`Self::scene_2d`].
     ///
     /// # Errors
-    /// Those of [`Self::planar_scene`].
-    pub fn spatial_scene(&self) -> Result<SpatialScene, Error> {
+    /// Those of [`Self::scene_2d`].
+    pub fn scene_3d(&self) -> Result<Scene3d, Error> {
         let (columns, sh) = self.matrix("sh")?;
         let Some(sh_degree) = (0..=3).find(|&degree| 3 * coefficients(degree) == columns) else {
             return Err(Error::State(format!("tensor `sh` has {columns} columns, not 3, 12, 27 or 48")));
         };
-        let (log_scales, rotations) = match self.chart {
-            Chart::ScaleRotation => {
+        let (log_scales, rotations) = match self.parameterization {
+            Parameterization::ScaleRotation => {
                 let scales = self.rows::<3>("log_scale")?.into_iter().map(Vec3::from_array).collect();
                 (scales, self.rows::<4>("rotation")?)
             }
-            Chart::LocalFrame => {
-                let frames = self.rows::<9>("frame")?;
-                frames.iter().map(|frame| SpatialGaussian::shape_of_frame(Mat3::from_cols_array(frame))).unzip()
+            Parameterization::CovarianceFactor => {
+                let factors = self.rows::<9>("factor")?;
+                factors.iter().map(|factor| Gaussian3d::shape_of_factor(Mat3::from_cols_array(factor))).unzip()
             }
         };
-        let scene = SpatialScene {
+        let scene = Scene3d {
             means: self.rows::<3>("mean")?.into_iter().map(Vec3::from_array).collect(),
             log_scales,
             rotations,
@@ -85,46 +85,46 @@ mod tests {
 
     #[test]
     fn a_2d_scene_is_read_in_either_chart() {
-        let mut state = CloudState::new(Chart::ScaleRotation);
+        let mut state = SplatsState::new(Parameterization::ScaleRotation);
         state.insert("mean", [[1.0, 2.0], [3.0, 4.0]]);
         state.insert("log_scale", [[0.1, 0.2], [0.3, 0.4]]);
         state.insert("rotation", [[0.5], [0.6]]);
         state.insert("color", [[0.7, 0.8, 0.9], [1.0, 1.1, -1.2]]);
-        let scene = state.planar_scene().unwrap();
-        assert!(!state.is_spatial() && !scene.has_opacity());
+        let scene = state.scene_2d().unwrap();
+        assert!(!state.is_3d() && !scene.has_opacity());
         assert_eq!(scene.gaussian(1).color, Vec3::new(1.0, 1.1, -1.2));
         assert_eq!((scene.gaussian(1).log_scale, scene.gaussian(1).rotation), (Vec2::new(0.3, 0.4), 0.6));
 
-        state.chart = Chart::LocalFrame;
-        assert!(state.planar_scene().is_err(), "there is no frame");
-        state.insert("frame", scene.iter().map(|g| g.frame().to_cols_array()));
+        state.parameterization = Parameterization::CovarianceFactor;
+        assert!(state.scene_2d().is_err(), "there is no factor");
+        state.insert("factor", scene.iter().map(|g| g.factor().to_cols_array()));
         state.insert("opacity_logit", [[1.5], [-1.5]]);
-        let framed = state.planar_scene().unwrap();
-        for (a, b) in scene.iter().zip(framed.iter()) {
+        let factored = state.scene_2d().unwrap();
+        for (a, b) in scene.iter().zip(factored.iter()) {
             assert!(a.covariance().abs_diff_eq(b.covariance(), 1e-5));
         }
-        assert_eq!(framed.opacity_logits, [1.5, -1.5]);
+        assert_eq!(factored.opacity_logits, [1.5, -1.5]);
         state.insert("color", [[0.7, 0.8, 0.9]]);
-        assert!(matches!(state.planar_scene(), Err(Error::Length { .. })));
+        assert!(matches!(state.scene_2d(), Err(Error::Length { .. })));
     }
 
     #[test]
     fn a_3d_scene_is_read_in_either_chart() {
-        let mut state = CloudState::new(Chart::ScaleRotation);
+        let mut state = SplatsState::new(Parameterization::ScaleRotation);
         state.insert("mean", [[1.0, 2.0, 3.0]]);
         state.insert("log_scale", [[0.1, 0.2, 0.3]]);
         state.insert("rotation", [[0.8, 0.0, 0.6, 0.0]]);
         state.insert("opacity_logit", [[0.25]]);
         state.insert_matrix("sh", 12, (0..12).map(|v| v as f32).collect());
-        let scene = state.spatial_scene().unwrap();
-        assert!(state.is_spatial());
+        let scene = state.scene_3d().unwrap();
+        assert!(state.is_3d());
         assert_eq!((scene.sh_degree, scene.sh[3]), (1, Vec3::new(9.0, 10.0, 11.0)));
-        state.chart = Chart::LocalFrame;
+        state.parameterization = Parameterization::CovarianceFactor;
         let covariance = scene.gaussian(0).covariance().unwrap();
-        state.insert("frame", [scene.gaussian(0).frame().unwrap().to_cols_array()]);
-        let framed = state.spatial_scene().unwrap();
-        assert!(framed.gaussian(0).covariance().unwrap().abs_diff_eq(covariance, 1e-5));
+        state.insert("factor", [scene.gaussian(0).factor().unwrap().to_cols_array()]);
+        let factored = state.scene_3d().unwrap();
+        assert!(factored.gaussian(0).covariance().unwrap().abs_diff_eq(covariance, 1e-5));
         state.insert_matrix("sh", 5, vec![0.0; 5]);
-        assert!(state.spatial_scene().unwrap_err().to_string().contains("5 columns"));
+        assert!(state.scene_3d().unwrap_err().to_string().contains("5 columns"));
     }
 }

@@ -1,4 +1,4 @@
-//! The view of a spatial scene: a posed pinhole camera.
+//! The view of a 3D scene: a posed pinhole camera.
 
 use glam::{Mat3, Vec2, Vec3};
 use serde::{Deserialize, Serialize};

@@ -1,4 +1,4 @@
-//! The view of a planar scene: a pixel grid over a rectangle of the plane.
+//! The view of a 2D scene: a pixel grid over a rectangle of the plane.
 
 use glam::Vec2;
 use serde::{Deserialize, Serialize};

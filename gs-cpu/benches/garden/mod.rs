@@ -1,7 +1,7 @@
-//! Random numbers, and a scene made of them that is like a trained one; what benchmarks of spatial scenes share.
+//! Random numbers, and a scene made of them that is like a trained one; what benchmarks of 3D scenes share.
 
 use glam::Vec3;
-use gs_core::{Camera, Scene, SpatialGaussian, SpatialScene, scene::logit};
+use gs_core::{Camera, Gaussian3d, Scene, Scene3d, scene::logit};
 
 /// Where all random numbers come from.
 pub(crate) const SEED: u64 = 20_261_121;
@@ -31,10 +31,10 @@ impl Random {
 
 /// As a trained outdoor scene: surfaces at all depths, flat Gaussians of a few pixels with a long tail, most of them nearly opaque or nearly
 /// transparent, colours of degree 3.
-pub(crate) fn garden(count: usize, (width, height): (u32, u32)) -> (SpatialScene, Camera) {
+pub(crate) fn garden(count: usize, (width, height): (u32, u32)) -> (Scene3d, Camera) {
     let mut random = Random(SEED);
     let camera = Camera::looking_forward(width, height, 1.2);
-    let mut scene = SpatialScene { sh_degree: 3, ..SpatialScene::default() };
+    let mut scene = Scene3d { sh_degree: 3, ..Scene3d::default() };
     for _ in 0..count {
         let depth = 1.5 * (2.5 * random.unit()).exp();
         let (x, y) = (1.2 * random.unit() - 0.1, 1.2 * random.unit() - 0.1);
@@ -46,7 +46,7 @@ pub(crate) fn garden(count: usize, (width, height): (u32, u32)) -> (SpatialScene
         let opacity = if random.unit() < 0.5 { 0.7 + 0.29 * random.unit() } else { 0.02 + 0.5 * random.unit() };
         let sh = (0..16).map(|k| random.direction() * if k == 0 { 1.0 } else { 0.1 }).collect();
         let rotation = [random.normal(), random.normal(), random.normal(), random.normal() + 1e-3];
-        scene.push(SpatialGaussian { mean, log_scale, rotation, opacity_logit: logit(opacity), sh });
+        scene.push(Gaussian3d { mean, log_scale, rotation, opacity_logit: logit(opacity), sh });
     }
     (scene, camera)
 }

@@ -1,9 +1,8 @@
-//! Gaussians as of a fitted image, in the plane and as a scene in space before a camera; what benchmarks of effects share.
+//! Gaussians as of a fitted image, in 2D and as a 3D scene before a camera; what benchmarks of effects share.
 
 use glam::{Vec2, Vec3};
 use gs_core::{
-    Blend, Camera, Canvas, Effects, Error, PlanarGaussian, PlanarScene, Rasterizer, RenderSettings, Scene,
-    SpatialGaussian, SpatialScene,
+    Blend, Camera, Canvas, Effects, Error, Gaussian2d, Gaussian3d, Rasterizer, RenderSettings, Scene, Scene2d, Scene3d,
     constants::SH_C0,
     effects::{Antialias, Order},
     scene::logit,
@@ -15,11 +14,11 @@ use crate::{
 };
 
 /// As fitted to a photograph of 768x512 px: the more Gaussians, the smaller.
-pub(crate) fn fitted(count: u32) -> (PlanarScene, Canvas) {
+pub(crate) fn fitted(count: u32) -> (Scene2d, Canvas) {
     let mut random = Random(SEED);
     let (width, height) = (768, 512);
     let smaller = 0.5 * (count as f32 / 9_000.0).ln();
-    let gaussian = |random: &mut Random| PlanarGaussian {
+    let gaussian = |random: &mut Random| Gaussian2d {
         mean: Vec2::new(random.unit() * width as f32, random.unit() * height as f32),
         log_scale: Vec2::new(1.6 + 0.5 * random.normal(), 0.9 + 0.5 * random.normal()) - smaller,
         rotation: std::f32::consts::PI * random.unit(),
@@ -30,13 +29,13 @@ pub(crate) fn fitted(count: u32) -> (PlanarScene, Canvas) {
 }
 
 /// The same Gaussians on a plane before a camera, one behind the other by a little, so that their order is that of the plane.
-fn before_a_camera(scene: &PlanarScene, canvas: &Canvas) -> (SpatialScene, Camera) {
+fn before_a_camera(scene: &Scene2d, canvas: &Canvas) -> (Scene3d, Camera) {
     let camera = Camera::looking_forward(canvas.width, canvas.height, 0.3);
-    let mut flat = SpatialScene { sh_degree: 3, ..SpatialScene::default() };
+    let mut flat = Scene3d { sh_degree: 3, ..Scene3d::default() };
     for (index, g) in scene.iter().enumerate() {
         let depth = 1.0 + 1e-6 * index as f32;
         let (sin, cos) = (0.5 * g.rotation).sin_cos();
-        let gaussian = SpatialGaussian {
+        let gaussian = Gaussian3d {
             mean: ((g.mean - camera.center) / camera.focal * depth).extend(depth),
             log_scale: (g.log_scale + (depth / camera.focal.x).ln()).extend(-20.0),
             rotation: [cos, 0.0, 0.0, sin],
@@ -48,26 +47,26 @@ fn before_a_camera(scene: &PlanarScene, canvas: &Canvas) -> (SpatialScene, Camer
     (flat, camera)
 }
 
-/// Gaussians of an image in the plane, and as a scene before a camera.
+/// Gaussians of an image in 2D, and as a scene before a camera.
 pub(crate) fn in_the_plane(
-    planar: &impl Rasterizer<PlanarScene>,
-    spatial: &impl Rasterizer<SpatialScene>,
+    scene_2d: &impl Rasterizer<Scene2d>,
+    scene_3d: &impl Rasterizer<Scene3d>,
     count: u32,
 ) -> Result<(), Error> {
     let (scene, canvas) = fitted(count);
     let (flat, camera) = before_a_camera(&scene, &canvas);
     let mut all = RenderSettings::blended(Blend::Over).on([1.0; 3]);
-    all.effects = Effects { order: Order::TileDepth, sh_degree: 3, antialias: Antialias::Dilate, ..all.effects };
+    all.effects = Effects { order: Order::Global, sh_degree: 3, antialias: Antialias::Dilate, ..all.effects };
     let mut some = all;
     some.effects = Effects { sh_degree: 0, antialias: Antialias::None, ..all.effects };
     let mut exact = all;
-    exact.effects.order = Order::PixelDepth;
+    exact.effects.order = Order::PerPixel;
     let rows = [
-        picture("in the plane, sum", planar, &scene, &canvas, RenderSettings::blended(Blend::Sum))?,
-        picture("in the plane, over", planar, &scene, &canvas, RenderSettings::blended(Blend::Over))?,
-        picture("through a camera, tile-depth", spatial, &flat, &camera, some)?,
-        picture("through a camera, tile-depth, sh-degree 3, dilate", spatial, &flat, &camera, all)?,
-        picture("through a camera, pixel-depth, sh-degree 3, dilate", spatial, &flat, &camera, exact)?,
+        picture("in 2D, sum", scene_2d, &scene, &canvas, RenderSettings::blended(Blend::Sum))?,
+        picture("in 2D, over", scene_2d, &scene, &canvas, RenderSettings::blended(Blend::Over))?,
+        picture("through a camera, global", scene_3d, &flat, &camera, some)?,
+        picture("through a camera, global, sh-degree 3, dilate", scene_3d, &flat, &camera, all)?,
+        picture("through a camera, per-pixel, sh-degree 3, dilate", scene_3d, &flat, &camera, exact)?,
     ];
     table(&format!("{count} Gaussians of an image, 768x512 px"), &rows)
 }

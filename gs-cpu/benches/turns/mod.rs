@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use gs_core::{Chart, Error, Rasterizer, RenderSettings, Scene, profile::Quantiles};
+use gs_core::{Error, Parameterization, Rasterizer, RenderSettings, Scene, profile::Quantiles};
 
 /// Measurements of a row.
 pub(crate) const ROUNDS: usize = 15;
@@ -52,8 +52,8 @@ pub(crate) fn picture<'a, S: Scene, R: Rasterizer<S>>(
     settings: RenderSettings,
 ) -> Result<Row<'a>, Error>
 where
-    R::Cloud: 'a,
+    R::Splats: 'a,
 {
-    let cloud = on.upload(scene, Chart::ScaleRotation)?;
-    Ok((name.to_owned(), Box::new(move || on.culled(&on.forward(&cloud, view, &settings)?).map(drop))))
+    let splats = on.upload(scene, Parameterization::ScaleRotation)?;
+    Ok((name.to_owned(), Box::new(move || on.culled(&on.forward(&splats, view, &settings)?).map(drop))))
 }

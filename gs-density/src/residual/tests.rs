@@ -6,8 +6,8 @@ use rand::SeedableRng;
 
 use super::*;
 
-fn gaussian(i: usize) -> PlanarGaussian {
-    PlanarGaussian {
+fn gaussian(i: usize) -> Gaussian2d {
+    Gaussian2d {
         mean: Vec2::new(1.0 + i as f32, 20.0),
         log_scale: Vec2::new(0.5, 0.1),
         rotation: 0.2,
@@ -16,7 +16,7 @@ fn gaussian(i: usize) -> PlanarGaussian {
     }
 }
 
-fn scene(len: usize) -> PlanarScene {
+fn scene(len: usize) -> Scene2d {
     (0..len).map(gaussian).collect()
 }
 
@@ -28,12 +28,7 @@ fn residual() -> Residual {
     Residual { target: target.unwrap(), rendered: Image::filled(60, 40, [0.25; 3]).unwrap() }
 }
 
-fn plan_at(
-    policy: &ResidualGrowth,
-    scene: &PlanarScene,
-    residual: &Residual,
-    progress: f32,
-) -> EditPlan<PlanarGaussian> {
+fn plan_at(policy: &ResidualGrowth, scene: &Scene2d, residual: &Residual, progress: f32) -> EditPlan<Gaussian2d> {
     let observation = Observation {
         scene,
         statistics: &DensityStatistics::zeros(scene.len()),
@@ -48,7 +43,7 @@ fn plan_at(
     plan
 }
 
-fn removed(plan: &EditPlan<PlanarGaussian>) -> Vec<u32> {
+fn removed(plan: &EditPlan<Gaussian2d>) -> Vec<u32> {
     plan.removed.iter().map(|r| r.index).collect()
 }
 
@@ -76,7 +71,7 @@ fn the_budget_is_met_from_above_and_from_nothing() {
 #[test]
 fn seeds_go_where_the_residual_is() {
     let plan = plan_at(&ResidualGrowth::default(), &scene(16), &residual(), 0.1);
-    let near = |b: &&Birth<PlanarGaussian>| {
+    let near = |b: &&Birth<Gaussian2d>| {
         let m = b.gaussian.mean;
         m.x > 27.0 && m.x < 45.0 && m.y > 7.0 && m.y < 25.0
     };
@@ -93,7 +88,7 @@ fn without_residual_seeds_are_finite_and_spread_evenly() {
     let mut flat = residual();
     flat.target = flat.rendered.clone();
     let plan = plan_at(&ResidualGrowth::default(), &scene(16), &flat, 1.0);
-    let seeds: PlanarScene = plan.added.iter().map(|b| b.gaussian).collect();
+    let seeds: Scene2d = plan.added.iter().map(|b| b.gaussian).collect();
     seeds.validate().unwrap();
     let left = seeds.means.iter().filter(|m| m.x < 30.0).count();
     assert!(left.abs_diff(seeds.len() / 2) <= 4);
@@ -104,7 +99,7 @@ fn a_residual_that_is_not_finite_does_no_harm() {
     let mut broken = residual();
     broken.rendered.pixels_mut()[700] = [f32::NAN, f32::INFINITY, 0.0];
     let plan = plan_at(&ResidualGrowth::default(), &scene(16), &broken, 1.0);
-    plan.added.iter().map(|b| b.gaussian).collect::<PlanarScene>().validate().unwrap();
+    plan.added.iter().map(|b| b.gaussian).collect::<Scene2d>().validate().unwrap();
 }
 
 #[test]
@@ -142,7 +137,7 @@ fn permuting_the_gaussians_permutes_the_plan() {
     let mut ordered = scene(60); // 60 different colours, so no ties
     ordered.colors.iter_mut().enumerate().for_each(|(i, c)| c.y += 1e-3 * i as f32);
     let permutation: Vec<usize> = (0..60).map(|i| (i * 37 + 5) % 60).collect();
-    let permuted: PlanarScene = permutation.iter().map(|&i| ordered.gaussian(i)).collect();
+    let permuted: Scene2d = permutation.iter().map(|&i| ordered.gaussian(i)).collect();
     let policy = ResidualGrowth::default();
     let (a, b) = (plan_at(&policy, &ordered, &residual(), 0.6), plan_at(&policy, &permuted, &residual(), 0.6));
     let mut mapped: Vec<u32> = removed(&b).into_iter().map(|i| permutation[i as usize] as u32).collect();
@@ -163,7 +158,7 @@ fn plans_are_equal_on_any_number_of_threads() {
     let target = Image::from_fn(200, 150, |x, y| [(0.3 * x as f32).sin(), (0.2 * y as f32).cos(), 0.5]).unwrap();
     let residual = Residual { rendered: Image::filled(200, 150, [0.1; 3]).unwrap(), target };
     let statistics = DensityStatistics::zeros(0);
-    let scene = PlanarScene::default();
+    let scene = Scene2d::default();
     let observation = Observation {
         scene: &scene,
         statistics: &statistics,

@@ -1,7 +1,7 @@
 //! From positions to Gaussians: how large, how long, which way, and of what colour.
 
 use glam::{Vec2, Vec3};
-use gs_core::{Image, PlanarGaussian};
+use gs_core::{Gaussian2d, Image};
 use rayon::prelude::*;
 
 use super::{DensityMap, Structure};
@@ -34,7 +34,7 @@ pub fn seed_gaussians(
     structure: &Structure<'_>,
     shape: &SeedShape,
     color: impl Fn(Vec2, f32) -> Vec3 + Sync,
-) -> Vec<PlanarGaussian> {
+) -> Vec<Gaussian2d> {
     let [smallest, largest] = shape.sigma_range_px;
     positions
         .par_iter()
@@ -44,7 +44,7 @@ pub fn seed_gaussians(
             let sigma = (shape.sigma_factor / density.at(mean).sqrt()).min(largest).max(smallest);
             let orientation = structure.at(mean);
             let half_log_aspect = 0.5 * orientation.aspect.min(shape.max_aspect).max(1.0).ln();
-            PlanarGaussian {
+            Gaussian2d {
                 mean,
                 log_scale: Vec2::new(half_log_aspect, -half_log_aspect) + sigma.ln(),
                 rotation: orientation.angle,

@@ -19,7 +19,7 @@ impl DensityMap {
     /// Lloyd 1982). Positions stay in order; they must lie in the image.
     ///
     /// The centroids are those of the squared density: positions at the centroids of a mass ρ² lie as densely as ρ (Gersho's
-    /// conjecture: centroids of a mass m lie as √m in the plane), so relaxing does not thin out what is dense. The plane is cut into
+    /// conjecture: centroids of a mass m lie as √m in 2D), so relaxing does not thin out what is dense. The plane is cut into
     /// square blocks, some 40 for each position, and a block goes to its nearest position as a whole.
     pub fn relax(&self, positions: &mut [Vec2], steps: u32) {
         if positions.is_empty() || steps == 0 {

@@ -1,4 +1,4 @@
-//! Posed photographs: what a spatial scene is trained from, read from the data sets that the field's tools write.
+//! Posed photographs: what a 3D scene is trained from, read from the data sets that the field's tools write.
 //!
 //! | kind | made by | what is looked for |
 //! |---|---|---|
@@ -41,7 +41,7 @@ pub use self::{
     colmap::{CameraModel, ColmapCamera, ColmapImage, ColmapModel, ColmapPoint, Observation},
     distortion::{AriaFisheye, BrownConrady, Distortion, Fisheye},
     lens::Lens,
-    photograph::Photograph,
+    photograph::PosedImage,
     remark::{Remark, Skip},
     source_camera::SourceCamera,
 };

@@ -10,7 +10,7 @@ use crate::{
 
 /// A photograph as a training step needs it: of the size of [`View::camera`], seen by a pinhole.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Photograph {
+pub struct PosedImage {
     /// The colours as stored, not multiplied by alpha.
     pub image: Image,
     /// Opacity, 0 to 1, row-major `[height · width]`; `None` where the file has no alpha channel, or where alpha is a mask
@@ -21,7 +21,7 @@ pub struct Photograph {
     pub mask: Option<Vec<bool>>,
 }
 
-impl Photograph {
+impl PosedImage {
     /// The image over a background: c·α + background·(1 − α), in the stored values.
     pub fn over(mut self, background: [f32; 3]) -> Image {
         if let Some(alpha) = &self.alpha {
@@ -42,7 +42,7 @@ impl View {
     /// # Errors
     /// Those of [`read_image_with`](crate::read_image_with), for the photograph and for its mask, in [`Error::BadView`] where it is their
     /// content; [`Error::ImageShape`] where either has another shape than when the data set was opened.
-    pub fn read_image(&self) -> Result<Photograph, Error> {
+    pub fn read_image(&self) -> Result<PosedImage, Error> {
         let decoded = decode(&self.image, self.orientation).map_err(leave_out)?;
         let expected = (self.source.width, self.source.height);
         if decoded.image.size() != expected {
@@ -59,7 +59,7 @@ impl View {
                 None
             }
         };
-        let mut photograph = Photograph { image: decoded.image, alpha, mask };
+        let mut photograph = PosedImage { image: decoded.image, alpha, mask };
         if !self.source.lens.is_pinhole() {
             photograph = undistorted(&photograph, &self.source, &self.full).map_err(Error::content(&self.image))?;
         }

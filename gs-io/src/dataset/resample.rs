@@ -3,23 +3,23 @@
 use glam::{DVec2, dvec2};
 use gs_core::{Camera, Image};
 
-use super::{photograph::Photograph, source_camera::SourceCamera};
+use super::{photograph::PosedImage, source_camera::SourceCamera};
 
 /// What `camera`, a pinhole at the place of `source`, would have seen.
 ///
 /// # Errors
 /// Where the camera's size is not possible.
 pub(super) fn undistorted(
-    photograph: &Photograph,
+    photograph: &PosedImage,
     source: &SourceCamera,
     camera: &Camera,
-) -> Result<Photograph, gs_core::Error> {
-    let Photograph { image, alpha, mask } = photograph;
+) -> Result<PosedImage, gs_core::Error> {
+    let PosedImage { image, alpha, mask } = photograph;
     match alpha {
         None => {
             let grid = Grid::new(image.pixels(), source);
             let (colors, mask) = grid.warp(source, camera, mask.as_deref());
-            Ok(Photograph { image: Image::from_pixels(camera.width, camera.height, colors)?, alpha: None, mask })
+            Ok(PosedImage { image: Image::from_pixels(camera.width, camera.height, colors)?, alpha: None, mask })
         }
         Some(alpha) => {
             // Transparent pixels have any colour at all, which must not bleed into their neighbours'.
@@ -29,7 +29,7 @@ pub(super) fn undistorted(
             let straight = |&[r, g, b, a]: &[f32; 4]| if a > 1e-4 { [r / a, g / a, b / a] } else { [0.0; 3] };
             let colors = pixels.iter().map(straight).collect();
             let alpha = Some(pixels.iter().map(|pixel| pixel[3]).collect());
-            Ok(Photograph { image: Image::from_pixels(camera.width, camera.height, colors)?, alpha, mask })
+            Ok(PosedImage { image: Image::from_pixels(camera.width, camera.height, colors)?, alpha, mask })
         }
     }
 }

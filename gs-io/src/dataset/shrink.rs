@@ -2,7 +2,7 @@
 
 use gs_core::{Camera, Error, Image};
 
-use super::photograph::Photograph;
+use super::photograph::PosedImage;
 
 /// The share of a pixel's area from which on it is covered; below it is rounding.
 const COVERED: f32 = 1e-4;
@@ -32,8 +32,8 @@ type Sums = [f32; 5];
 
 /// The photograph in no more pixels than it has: means of colours (of premultiplied ones where there is alpha) over the area that counts; a
 /// pixel counts where any of its area does.
-pub(super) fn shrunk(photograph: &Photograph, (width, height): (u32, u32)) -> Result<Photograph, Error> {
-    let Photograph { image, alpha, mask } = photograph;
+pub(super) fn shrunk(photograph: &PosedImage, (width, height): (u32, u32)) -> Result<PosedImage, Error> {
+    let PosedImage { image, alpha, mask } = photograph;
     let (columns, rows) = (spans(image.width(), width), spans(image.height(), height));
     let count = width as usize * height as usize;
     let (mut colors, mut alphas) = (Vec::with_capacity(count), Vec::with_capacity(count));
@@ -62,7 +62,7 @@ pub(super) fn shrunk(photograph: &Photograph, (width, height): (u32, u32)) -> Re
         }
     }
     let image = Image::from_pixels(width, height, colors)?;
-    Ok(Photograph { image, alpha: alpha.as_ref().map(|_| alphas), mask: mask.as_ref().map(|_| counts) })
+    Ok(PosedImage { image, alpha: alpha.as_ref().map(|_| alphas), mask: mask.as_ref().map(|_| counts) })
 }
 
 fn add(sums: &mut Sums, values: &Sums, weight: f32) {
@@ -97,8 +97,8 @@ fn spans(old: u32, new: u32) -> Vec<Span> {
 mod tests {
     use super::*;
 
-    fn opaque(width: u32, height: u32, color: impl Fn(u32, u32) -> [f32; 3]) -> Photograph {
-        Photograph { image: Image::from_fn(width, height, color).unwrap(), alpha: None, mask: None }
+    fn opaque(width: u32, height: u32, color: impl Fn(u32, u32) -> [f32; 3]) -> PosedImage {
+        PosedImage { image: Image::from_fn(width, height, color).unwrap(), alpha: None, mask: None }
     }
 
     #[test]

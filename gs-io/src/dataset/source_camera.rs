@@ -102,7 +102,7 @@ impl SourceCamera {
         dvec2(f64::from(self.width), f64::from(self.height))
     }
 
-    /// Opposite corners of the largest frame in the plane of the picture in which every pixel comes from the photograph, at most twice as
+    /// Opposite corners of the largest frame in 2D of the picture in which every pixel comes from the photograph, at most twice as
     /// large as that.
     fn seen(&self) -> (DVec2, DVec2) {
         let size = self.size();
@@ -110,7 +110,7 @@ impl SourceCamera {
         let reach = self.lens.max_angle().tan() * self.focal;
         let mut low = (size * SIDE_RANGE.0).max(self.center - reach);
         let mut high = (size * (1.0 - SIDE_RANGE.0)).min(self.center + reach);
-        // Where a border of the photograph lies in the plane of the picture; one that lies too far off the axis limits nothing.
+        // Where a border of the photograph lies in 2D of the picture; one that lies too far off the axis limits nothing.
         let seen = |x: f64, y: f64| self.to_ray(dvec2(x, y)).map(|ray| ray * self.focal + self.center);
         for k in 0..=BORDER_POINTS {
             let along = size * (f64::from(k) / f64::from(BORDER_POINTS));

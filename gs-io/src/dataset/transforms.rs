@@ -207,7 +207,7 @@ fn unused(frames: &[Frame], drafts: &[Draft]) -> Vec<Remark> {
     let has_none = |(frame, draft): (&Frame, &Draft)| frame.mask_path.clone().filter(|_| draft.mask.is_none());
     let missing: Vec<String> = frames.iter().zip(drafts).filter_map(has_none).collect();
     let masks = missing.first().map(|first| Remark::MasksMissing { count: missing.len(), first: first.clone() });
-    let depths = frames.iter().filter(|frame| frame.depth_file_path.is_some()).count();
+    let depths = frames.iter().filter(|factor| factor.depth_file_path.is_some()).count();
     masks.into_iter().chain((depths > 0).then_some(Remark::DepthsUnused { count: depths })).collect()
 }
 

@@ -6,7 +6,7 @@ use glam::{DVec2, dvec2};
 use gs_core::Image;
 use gs_io::{
     Error, Orientation,
-    dataset::{AlphaMeaning, CameraModel, Dataset, DatasetSettings, Photograph, read_dataset},
+    dataset::{AlphaMeaning, CameraModel, Dataset, DatasetSettings, PosedImage, read_dataset},
 };
 use image::{ImageBuffer, ImageEncoder, Rgba, codecs::png::PngEncoder, metadata::Orientation as Exif};
 
@@ -44,7 +44,7 @@ fn undistorted_pictures_show_what_a_pinhole_would_have_seen() {
         let seen = |x: u32, y: u32| of_ray(source.to_ray(dvec2(f64::from(x) + 0.5, f64::from(y) + 0.5)).unwrap());
         let picture = Image::from_fn(64, 48, seen).unwrap();
         let view = one_view(place.path(), name, parameters, &picture).views.remove(0);
-        let Photograph { image, mask, .. } = view.read_image().unwrap();
+        let PosedImage { image, mask, .. } = view.read_image().unwrap();
         assert_eq!(image.size(), (view.camera.width, view.camera.height));
         assert_eq!(mask, None, "{lens}: no pixel is blank");
         let (mut worst, mut unbent) = (0.0_f32, 0.0_f32);
@@ -71,7 +71,7 @@ fn pixels_that_the_lens_never_saw_do_not_count() {
     // Far more than a right angle from side to side, and folded in the corners.
     let picture = Image::filled(64, 48, [0.9, 0.5, 0.1]).unwrap();
     let view = one_view(place.path(), "SIMPLE_RADIAL", &[25.0, 32.0, 24.0, -0.3], &picture).views.remove(0);
-    let Photograph { image, mask, .. } = view.read_image().unwrap();
+    let PosedImage { image, mask, .. } = view.read_image().unwrap();
     let mask = mask.expect("the corners are blank");
     let (counted, width) = (mask.iter().filter(|counts| **counts).count(), image.width() as usize);
     assert!(counted > mask.len() / 2 && counted < mask.len(), "{counted} of {}", mask.len());

@@ -9,9 +9,9 @@ use std::{fs, path::Path, sync::LazyLock};
 use glam::dvec2;
 use gs_core::{Image, Scene};
 use gs_io::{
-    Error, SpatialFormat,
+    Error, Format3d,
     dataset::{CameraModel, ColmapCamera, ColmapModel, DatasetSettings, read_dataset},
-    decode_spatial,
+    decode_3d,
 };
 
 /// What a target does with bytes.
@@ -32,27 +32,27 @@ pub const TARGETS: [(&str, Target); 9] = [
 
 /// 3DGS PLY, in text and binary.
 pub fn ply(bytes: &[u8]) {
-    spatial(SpatialFormat::Ply, bytes);
+    scene_3d(Format3d::Ply, bytes);
 }
 
 /// Compressed PLY; the reader is that of [`ply`], the seeds are others.
 pub fn compressed_ply(bytes: &[u8]) {
-    spatial(SpatialFormat::CompressedPly, bytes);
+    scene_3d(Format3d::CompressedPly, bytes);
 }
 
 /// `.splat`.
 pub fn splat(bytes: &[u8]) {
-    spatial(SpatialFormat::Splat, bytes);
+    scene_3d(Format3d::Splat, bytes);
 }
 
 /// SPZ of every version.
 pub fn spz(bytes: &[u8]) {
-    spatial(SpatialFormat::Spz, bytes);
+    scene_3d(Format3d::Spz, bytes);
 }
 
 /// `.gltf` and `.glb`.
 pub fn gltf(bytes: &[u8]) {
-    spatial(SpatialFormat::Gltf, bytes);
+    scene_3d(Format3d::Gltf, bytes);
 }
 
 /// COLMAP's binary models: the length of `cameras.bin` and that of `images.bin`, two bytes each, then both files, then `points3D.bin`.
@@ -112,8 +112,8 @@ pub fn transforms(bytes: &[u8]) {
     }
 }
 
-fn spatial(format: SpatialFormat, bytes: &[u8]) {
-    if let Some(file) = one_line(decode_spatial(format, bytes, Path::new("fuzzed"))) {
+fn scene_3d(format: Format3d, bytes: &[u8]) {
+    if let Some(file) = one_line(decode_3d(format, bytes, Path::new("fuzzed"))) {
         // Arrays of lengths that do not match would be a reader's mistake, not the file's.
         assert!(!matches!(file.scene.validate(), Err(gs_core::Error::Length { .. })));
     }

@@ -21,7 +21,7 @@ const SMALL: u32 = 16;
 /// Width of a letter, as a part of the font's size.
 const LETTER: f64 = 0.5;
 
-type Chart<'a, DB> = ChartContext<'a, DB, Cartesian2d<Ticked, Ticked>>;
+type Parameterization<'a, DB> = ChartContext<'a, DB, Cartesian2d<Ticked, Ticked>>;
 type Drawn<DB> = Result<(), DrawingAreaErrorKind<<DB as DrawingBackend>::ErrorType>>;
 
 /// A point where the axes have it.
@@ -165,7 +165,7 @@ impl Figure {
         left: u32,
         (xs, x_ticks): (Range<f64>, Vec<f64>),
         (ys, y_ticks): (Range<f64>, Vec<f64>),
-    ) -> Result<Chart<'a, DB>, DrawingAreaErrorKind<DB::ErrorType>> {
+    ) -> Result<Parameterization<'a, DB>, DrawingAreaErrorKind<DB::ErrorType>> {
         let label_room = if self.y.label.is_empty() { left } else { left + 4 };
         ChartBuilder::on(area)
             .margin_top(top * zoom)
@@ -179,7 +179,7 @@ impl Figure {
 
     fn axes<DB: DrawingBackend>(
         &self,
-        chart: &mut Chart<'_, DB>,
+        chart: &mut Parameterization<'_, DB>,
         zoom: u32,
         x_label: &dyn Fn(&f64) -> String,
         y_label: &dyn Fn(&f64) -> String,

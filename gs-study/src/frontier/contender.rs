@@ -21,26 +21,26 @@ pub trait Renderer<V> {
     fn image(&self, view: &V, settings: &RenderSettings) -> Result<Image, Error>;
 }
 
-/// A rasterizer, and a cloud that it may share with others of its type.
+/// A rasterizer, and splats that it may share with others of its type.
 #[derive(Debug)]
 pub struct Loaded<R: Rasterizer<S>, S: Scene> {
     /// What renders.
     pub rasterizer: R,
     /// What is rendered.
-    pub cloud: Rc<R::Cloud>,
+    pub splats: Rc<R::Splats>,
 }
 
 impl<R: Rasterizer<S>, S: Scene> Renderer<S::View> for Loaded<R, S> {
     fn seconds(&self, view: &S::View, settings: &RenderSettings) -> Result<f64, Error> {
         let start = Instant::now();
-        let frame = self.rasterizer.forward(&self.cloud, view, settings)?;
+        let frame = self.rasterizer.forward(&self.splats, view, settings)?;
         // What a device counts is known when it is done.
         self.rasterizer.culled(&frame)?;
         Ok(start.elapsed().as_secs_f64())
     }
 
     fn image(&self, view: &S::View, settings: &RenderSettings) -> Result<Image, Error> {
-        self.rasterizer.image(&self.rasterizer.forward(&self.cloud, view, settings)?)
+        self.rasterizer.image(&self.rasterizer.forward(&self.splats, view, settings)?)
     }
 }
 

@@ -90,7 +90,7 @@ impl fmt::Display for Change {
 }
 
 /// Values of each setting that are tried instead of those of `base`, which is shown with the scene's SH degree, or fewer. Of a scene whose
-/// Gaussians are not hidden by each other (`Blend::Sum`), nothing becomes full or opaque; of one in the plane, nothing has an order or SH.
+/// Gaussians are not hidden by each other (`Blend::Sum`), nothing becomes full or opaque; of one in 2D, nothing has an order or SH.
 pub fn alternatives(base: &RenderSettings) -> Vec<Setting> {
     let over = base.effects.blend == gs_core::Blend::Over;
     let in_space = base.effects.order != Order::Index;
@@ -102,7 +102,7 @@ pub fn alternatives(base: &RenderSettings) -> Vec<Setting> {
         all.extend([0.99, 0.999, 0.9999].map(Setting::AlphaMax));
     }
     if in_space {
-        all.extend([Order::Index, Order::TileDepth, Order::PixelDepth].map(Setting::Order));
+        all.extend([Order::Index, Order::Global, Order::PerPixel].map(Setting::Order));
         all.extend(Antialias::ALL.map(Setting::Antialias));
         all.extend((0..base.effects.sh_degree).map(Setting::ShDegree));
     }
@@ -147,10 +147,10 @@ mod tests {
         let tried = alternatives(&sum);
         assert!(tried.iter().all(|s| matches!(s, Setting::AlphaCut(_) | Setting::Extent(_))), "{tried:?}");
         let mut space = RenderSettings::blended(Blend::Over);
-        space.effects.order = Order::TileDepth;
+        space.effects.order = Order::Global;
         space.effects.sh_degree = 2;
         let tried = alternatives(&space);
-        for expected in [Setting::Order(Order::PixelDepth), Setting::ShDegree(1), Setting::TransmittanceMin(0.0)] {
+        for expected in [Setting::Order(Order::PerPixel), Setting::ShDegree(1), Setting::TransmittanceMin(0.0)] {
             assert!(tried.contains(&expected), "{expected:?}");
         }
         for setting in tried {

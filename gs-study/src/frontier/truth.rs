@@ -5,7 +5,7 @@
 
 use std::{cell::RefCell, collections::HashMap};
 
-use gs_core::{Error, Image, PlanarScene, RenderSettings, Scene, SpatialScene};
+use gs_core::{Error, Image, RenderSettings, Scene, Scene2d, Scene3d};
 use gs_oracle::{Oracle, OracleScene, OracleView, Projection};
 use rayon::prelude::*;
 
@@ -26,13 +26,13 @@ pub trait Verifiable: Scene<View: OracleView> {
     fn rows(&self) -> OracleScene;
 }
 
-impl Verifiable for PlanarScene {
+impl Verifiable for Scene2d {
     fn rows(&self) -> OracleScene {
         self.into()
     }
 }
 
-impl Verifiable for SpatialScene {
+impl Verifiable for Scene3d {
     fn rows(&self) -> OracleScene {
         self.into()
     }

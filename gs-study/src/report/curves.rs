@@ -40,7 +40,7 @@ pub(crate) fn quality_over_count(results: &Results<'_>) -> Figure {
 pub(crate) fn quality_over_time(results: &Results<'_>, budget: u32) -> Figure {
     let reach = Reach::of_images(results, budget);
     let series = each_arm(results, Dots::Last, |arm| {
-        let measured = |run: &Finished| run.course.iter().find(|row| row.psnr.is_some()).map(|row| row.seconds);
+        let measured = |run: &Finished| run.trajectory.iter().find(|row| row.psnr.is_some()).map(|row| row.seconds);
         let firsts = results.finished(arm, budget).filter_map(|(_, end)| measured(end));
         let first = firsts.fold(0.0f64, f64::max).max(1e-4);
         let last = mean(reach.iter().filter_map(|reach| reach.seconds_of(arm)));
@@ -67,11 +67,11 @@ pub(crate) fn growth(results: &Results<'_>, budget: u32) -> Figure {
             .finished(arm, budget)
             .next()
             .into_iter()
-            .flat_map(|(_, run)| run.course.iter().map(|r| r.step))
+            .flat_map(|(_, run)| run.trajectory.iter().map(|r| r.step))
             .collect();
         let count = |run: &Finished, step: u32| {
-            let before = run.course.partition_point(|row| row.step <= step);
-            run.course.get(before.checked_sub(1)?).map(|row| f64::from(row.count))
+            let before = run.trajectory.partition_point(|row| row.step <= step);
+            run.trajectory.get(before.checked_sub(1)?).map(|row| f64::from(row.count))
         };
         steps
             .into_iter()

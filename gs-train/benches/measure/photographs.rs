@@ -7,7 +7,7 @@ use gs_core::Image;
 
 /// An image and its name.
 #[derive(Debug, Clone)]
-pub(crate) struct Photograph {
+pub(crate) struct PosedImage {
     /// The file's name without its ending.
     pub(crate) name: String,
     /// The pixels.
@@ -16,14 +16,14 @@ pub(crate) struct Photograph {
 
 /// The images at hand.
 #[derive(Debug)]
-pub(crate) struct Photographs {
+pub(crate) struct PosedImages {
     /// By name.
-    pub(crate) all: Vec<Photograph>,
+    pub(crate) all: Vec<PosedImage>,
     /// What they are, for the report.
     pub(crate) origin: String,
 }
 
-impl Photographs {
+impl PosedImages {
     /// Those of the Kodak test set in `kodak` of the test data; where there are none, a single synthetic image of the same size.
     pub(crate) fn load() -> Result<Self, Box<dyn Error>> {
         let mut paths: Vec<PathBuf> = match std::fs::read_dir(data::folder().join("kodak")) {
@@ -36,20 +36,20 @@ impl Photographs {
             .iter()
             .map(|path| {
                 let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-                Ok(Photograph { name, image: gs_io::read_image(path)?.image })
+                Ok(PosedImage { name, image: gs_io::read_image(path)?.image })
             })
             .collect::<Result<Vec<_>, gs_io::Error>>()?;
         if all.is_empty() {
             let image = synthetic(768, 512);
             let origin = "a SYNTHETIC image, as no photographs of the Kodak test set were found".to_owned();
-            return Ok(Self { all: vec![Photograph { name: "synthetic".to_owned(), image }], origin });
+            return Ok(Self { all: vec![PosedImage { name: "synthetic".to_owned(), image }], origin });
         }
         let origin = format!("{} photographs of the Kodak test set, 768x512 or 512x768 px", all.len());
         Ok(Self { all, origin })
     }
 
     /// The one that measurements of a single image use: kodim04, a portrait, or else the first there is.
-    pub(crate) fn portrait(&self) -> &Photograph {
+    pub(crate) fn portrait(&self) -> &PosedImage {
         self.all.iter().find(|photograph| photograph.name == "kodim04").unwrap_or(&self.all[0])
     }
 }

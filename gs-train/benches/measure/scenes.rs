@@ -1,6 +1,6 @@
 //! Scenes as a fit makes them, for measurements of a single stage or step.
 
-use gs_core::{AdamRates, Binning, Blend, Canvas, Image, Loss, PlanarScene, Rasterizer, RenderSettings, TrainStep};
+use gs_core::{AdamRates, Binning, Blend, Canvas, Image, Loss, Rasterizer, RenderSettings, Scene2d, TrainStep};
 use gs_cpu::CpuRasterizer;
 use gs_train::{FitSettings, Preset, fit};
 
@@ -33,7 +33,7 @@ pub(crate) const OVER_L2: Variant = Variant { name: "Over, L2", blend: Blend::Ov
 #[derive(Debug)]
 pub(crate) struct Fitted {
     /// The Gaussians.
-    pub(crate) scene: PlanarScene,
+    pub(crate) scene: Scene2d,
     /// What they were fitted with.
     pub(crate) settings: FitSettings,
     /// How well they were: PSNR of the 8-bit image, dB.
@@ -50,7 +50,7 @@ impl Variant {
     /// Fits `image` by [`Self::settings`].
     pub(crate) fn fit(
         &self,
-        rasterizer: &impl Rasterizer<PlanarScene>,
+        rasterizer: &impl Rasterizer<Scene2d>,
         image: &Image,
         gaussians: u32,
         iterations: u32,
@@ -70,9 +70,9 @@ impl Fitted {
         rebin_every: u32,
         repetitions: usize,
     ) -> Result<Quantiles, gs_core::Error> {
-        let FitSettings { render: settings, loss, adam, chart, .. } = &self.settings;
-        let mut cloud = rasterizer.upload(&self.scene, *chart)?;
-        let rasterizer = rasterizer.planar();
+        let FitSettings { render: settings, loss, adam, parameterization, .. } = &self.settings;
+        let mut splats = rasterizer.upload(&self.scene, *parameterization)?;
+        let rasterizer = rasterizer.for_2d();
         let target = rasterizer.upload_target(image)?;
         let view = Canvas::new(image.width(), image.height());
         // The rates of the end: the scene goes on as it is.
@@ -81,7 +81,7 @@ impl Fitted {
             for step in 0..rebin_every {
                 let binning = if step == 0 { Binning::Fresh } else { Binning::Reuse };
                 let step = TrainStep { settings, loss: *loss, rates: &rates, binning };
-                rasterizer.train_step(&mut cloud, &view, &target, &step)?;
+                rasterizer.train_step(&mut splats, &view, &target, &step)?;
             }
             Ok(())
         };

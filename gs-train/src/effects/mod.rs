@@ -30,7 +30,7 @@ pub struct Sight<'a, S: Scene, R: Rasterizer<S>> {
     /// What computes.
     pub on: &'a R,
     /// The scene there.
-    pub cloud: &'a R::Cloud,
+    pub splats: &'a R::Splats,
     /// At least one.
     pub views: &'a [S::View],
 }
@@ -44,7 +44,7 @@ impl<S: Scene, R: Rasterizer<S>> Sight<'_, S, R> {
     pub fn differences(&self, wanted: &RenderSettings, others: &[RenderSettings]) -> Result<Vec<Difference>, Error> {
         let mut sums = vec![Sum::default(); others.len()];
         for view in self.views {
-            let picture = |settings: &RenderSettings| self.on.image(&self.on.forward(self.cloud, view, settings)?);
+            let picture = |settings: &RenderSettings| self.on.image(&self.on.forward(self.splats, view, settings)?);
             let expected = picture(wanted)?;
             for (settings, sum) in others.iter().zip(&mut sums) {
                 sum.add(&picture(settings)?, &expected);

@@ -71,15 +71,15 @@ where
 mod tests {
     use glam::{Vec2, Vec3};
     use gs_core::{
-        Blend, Canvas, Chart, PlanarGaussian, PlanarScene,
+        Blend, Canvas, Gaussian2d, Parameterization, Scene2d,
         effects::{Antialias, Background, called_for::Answer},
     };
     use gs_cpu::{CpuRasterizer, CpuSettings};
 
     use super::*;
 
-    fn scene() -> PlanarScene {
-        let gaussian = |x: f32| PlanarGaussian {
+    fn scene() -> Scene2d {
+        let gaussian = |x: f32| Gaussian2d {
             mean: Vec2::new(x, 9.0),
             log_scale: Vec2::new(0.5, -1.0),
             rotation: 0.3,
@@ -92,10 +92,10 @@ mod tests {
     #[test]
     fn pictures_bear_out_what_is_right_and_overrule_what_is_wrong() {
         let cpu = CpuRasterizer::new(CpuSettings { threads: Some(1), level: None }).unwrap();
-        let cpu = cpu.planar();
-        let cloud = cpu.upload(&scene(), Chart::ScaleRotation).unwrap();
+        let cpu = cpu.for_2d();
+        let splats = cpu.upload(&scene(), Parameterization::ScaleRotation).unwrap();
         let views = [Canvas::new(24, 18), Canvas::new(9, 7).showing(Vec2::ZERO, Vec2::new(24.0, 18.0))];
-        let sight = Sight { on: cpu, cloud: &cloud, views: &views };
+        let sight = Sight { on: cpu, splats: &splats, views: &views };
         let mut wanted = RenderSettings::blended(Blend::Over).on([0.0; 3]);
         wanted.effects.antialias = Antialias::Dilate;
         wanted.effects.sh_degree = 2;

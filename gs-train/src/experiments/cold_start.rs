@@ -7,7 +7,7 @@
 mod findings;
 
 use glam::Vec2;
-use gs_core::{Canvas, Image, Loss, PlanarScene, Rasterizer, effects::Statistics};
+use gs_core::{Canvas, Image, Loss, Rasterizer, Scene2d, effects::Statistics};
 use gs_density::{Paper, Policy, ResidualGrowth, WhenFlat};
 
 use super::{
@@ -105,7 +105,7 @@ pub struct Pull {
 
 /// One start, over all seeds.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Course {
+pub struct Trajectory {
     /// Which.
     pub start: Start,
     /// PSNR at the end, dB, mean.
@@ -141,7 +141,7 @@ pub struct ColdStartMeasured {
     /// The pull on white, on randomly coloured, on large and on the good start's Gaussians, under L1 and under the paper's loss.
     pub pulls: Vec<Pull>,
     /// All starts, as in [`Start::ALL`].
-    pub courses: Vec<Course>,
+    pub trajectories: Vec<Trajectory>,
     seeds: u32,
     iterations: u32,
     losses: Vec<Series>,
@@ -152,7 +152,7 @@ pub struct ColdStartMeasured {
 ///
 /// # Errors
 /// Those of the fits.
-pub fn measure<R: Rasterizer<PlanarScene>>(laboratory: &mut Laboratory<'_, R>) -> Result<ColdStartMeasured, Error> {
+pub fn measure<R: Rasterizer<Scene2d>>(laboratory: &mut Laboratory<'_, R>) -> Result<ColdStartMeasured, Error> {
     let extent = laboratory.extent();
     let target = SyntheticTarget::PAPER_8_BIT.image();
     let seeds = extent.choose(3, 1);
@@ -163,7 +163,7 @@ pub fn measure<R: Rasterizer<PlanarScene>>(laboratory: &mut Laboratory<'_, R>) -
         runs.push((0..seeds).map(one).collect::<Result<_, Error>>()?);
     }
     let good = &runs[0];
-    let courses = Start::ALL.iter().zip(&runs).map(|(&start, runs)| course(start, runs, good)).collect();
+    let trajectories = Start::ALL.iter().zip(&runs).map(|(&start, runs)| trajectory(start, runs, good)).collect();
     let mut pulls = Vec::new();
     for start in [Start::ColdWhite, Start::ColdRandom, Start::LargeVariance, Start::Good] {
         let scene = Trainer::new(laboratory.rasterizer(), &target, settings(start, 0))?.scene()?;
@@ -185,7 +185,7 @@ pub fn measure<R: Rasterizer<PlanarScene>>(laboratory: &mut Laboratory<'_, R>) -
     }
     Ok(ColdStartMeasured {
         pulls,
-        courses,
+        trajectories,
         seeds,
         iterations: settings(Start::Good, 0).iterations,
         losses: Start::ALL
@@ -197,7 +197,7 @@ pub fn measure<R: Rasterizer<PlanarScene>>(laboratory: &mut Laboratory<'_, R>) -
     })
 }
 
-fn course(start: Start, runs: &[Run], good: &[Run]) -> Course {
+fn trajectory(start: Start, runs: &[Run], good: &[Run]) -> Trajectory {
     let ending = |(run, good): (&Run, &Run)| {
         let end = run.smoothed_loss(run.losses.len());
         Ending {
@@ -210,7 +210,7 @@ fn course(start: Start, runs: &[Run], good: &[Run]) -> Course {
     let by_seed: Vec<Ending> = runs.iter().zip(good).map(ending).collect();
     let over_seeds = |value: fn(&Ending) -> f64| mean(by_seed.iter().map(value));
     let middle = median(by_seed.iter().map(|ending| ending.steps_to_milestone.map_or(f64::INFINITY, f64::from)));
-    Course {
+    Trajectory {
         start,
         psnr: over_seeds(|ending| ending.psnr),
         count: mean(runs.iter().map(|run| f64::from(run.count()))),
@@ -222,10 +222,10 @@ fn course(start: Start, runs: &[Run], good: &[Run]) -> Course {
 }
 
 /// What the shapes do to the positional gradients of a scene before any step.
-fn pull<R: Rasterizer<PlanarScene>>(
+fn pull<R: Rasterizer<Scene2d>>(
     rasterizer: &R,
     start: Start,
-    scene: &PlanarScene,
+    scene: &Scene2d,
     target: &Image,
     settings: &FitSettings,
 ) -> Result<Pull, Error> {
@@ -247,29 +247,29 @@ fn pull<R: Rasterizer<PlanarScene>>(
 }
 
 /// ∂L/∂μ of every Gaussian, px⁻¹.
-fn positional_gradients<R: Rasterizer<PlanarScene>>(
+fn positional_gradients<R: Rasterizer<Scene2d>>(
     rasterizer: &R,
-    scene: &PlanarScene,
+    scene: &Scene2d,
     target: &Image,
     settings: &FitSettings,
 ) -> Result<Vec<Vec2>, Error> {
     let mut render = settings.render;
     render.effects.statistics = Statistics::None;
-    let cloud = rasterizer.upload(scene, settings.chart)?;
+    let splats = rasterizer.upload(scene, settings.parameterization)?;
     let canvas = Canvas::new(target.width(), target.height());
-    let frame = rasterizer.forward(&cloud, &canvas, &render)?;
+    let frame = rasterizer.forward(&splats, &canvas, &render)?;
     let target = rasterizer.upload_target(target)?;
-    let (_, gradients) = rasterizer.backward(&cloud, frame, &target, &settings.loss)?;
-    Ok(rasterizer.download_gradients(&cloud, &gradients)?.means)
+    let (_, gradients) = rasterizer.backward(&splats, frame, &target, &settings.loss)?;
+    Ok(rasterizer.download_gradients(&splats, &gradients)?.means)
 }
 
 impl ColdStartMeasured {
-    /// One of the courses.
+    /// One of the trajectories.
     ///
     /// # Panics
     /// Never: all starts are measured.
-    pub fn course(&self, start: Start) -> &Course {
-        self.courses.iter().find(|course| course.start == start).expect("all starts are measured")
+    pub fn trajectory(&self, start: Start) -> &Trajectory {
+        self.trajectories.iter().find(|trajectory| trajectory.start == start).expect("all starts are measured")
     }
 
     /// The pull on a start's Gaussians under a loss, where it was measured.

@@ -2,7 +2,7 @@
 //! the hard edge of the square and near the soft one of the disc.
 
 use glam::Vec2;
-use gs_core::{PlanarGaussian, PlanarScene, Rasterizer, scene::sigmoid};
+use gs_core::{Gaussian2d, Rasterizer, Scene2d, scene::sigmoid};
 
 use super::{
     Axis, Cell, Chart, Circumstance, Claim, Findings, Laboratory, Number, Picture, Series, Table,
@@ -132,7 +132,7 @@ pub struct EdgesMeasured {
 ///
 /// # Errors
 /// Those of the fits.
-pub fn measure<R: Rasterizer<PlanarScene>>(laboratory: &mut Laboratory<'_, R>) -> Result<EdgesMeasured, Error> {
+pub fn measure<R: Rasterizer<Scene2d>>(laboratory: &mut Laboratory<'_, R>) -> Result<EdgesMeasured, Error> {
     let target = paper_target();
     let seeds = laboratory.extent().seeds(8, 2);
     let mut scenes = Vec::new();
@@ -144,7 +144,7 @@ pub fn measure<R: Rasterizer<PlanarScene>>(laboratory: &mut Laboratory<'_, R>) -
     let caption = "The 600 Gaussians of seed 0 as ellipses of one standard deviation.";
     let picture = laboratory.picture("ellipses", caption, &scenes[0], shown)?;
     let populations = Zone::ALL.map(|zone| population(zone, &scenes)).to_vec();
-    let by_distance = |value: fn(&[PlanarGaussian], f64) -> f64| {
+    let by_distance = |value: fn(&[Gaussian2d], f64) -> f64| {
         vec![
             Series::dotted("the square's edge", binned(&scenes, from_square, value)),
             Series::dotted("the disc's edge", binned(&scenes, from_disc, value)),
@@ -159,11 +159,11 @@ pub fn measure<R: Rasterizer<PlanarScene>>(laboratory: &mut Laboratory<'_, R>) -
     })
 }
 
-fn counted(scene: &PlanarScene) -> impl Iterator<Item = PlanarGaussian> + '_ {
+fn counted(scene: &Scene2d) -> impl Iterator<Item = Gaussian2d> + '_ {
     scene.iter().filter(|g| sigmoid(g.opacity_logit) >= LEAST_OPACITY)
 }
 
-fn anisotropy(g: &PlanarGaussian) -> f64 {
+fn anisotropy(g: &Gaussian2d) -> f64 {
     f64::from((g.log_scale.max_element() - g.log_scale.min_element()).exp())
 }
 
@@ -172,12 +172,12 @@ fn pixel_centers() -> impl Iterator<Item = Vec2> {
     (0..PAPER_SIDE_PX).flat_map(|y| (0..PAPER_SIDE_PX).map(move |x| Vec2::new(x as f32, y as f32) + 0.5))
 }
 
-fn population(zone: Zone, scenes: &[PlanarScene]) -> Population {
+fn population(zone: Zone, scenes: &[Scene2d]) -> Population {
     let area_px2 = pixel_centers().filter(|&p| Zone::of(p) == zone).count() as f64;
     let within = |scene| counted(scene).filter(|g| Zone::of(g.mean) == zone).collect::<Vec<_>>();
-    let by_seed: Vec<Vec<PlanarGaussian>> = scenes.iter().map(within).collect();
-    let each = |value: fn(&PlanarGaussian) -> f64| by_seed.iter().map(|g| median(g.iter().map(value))).collect();
-    let off_edge = |g: &PlanarGaussian| {
+    let by_seed: Vec<Vec<Gaussian2d>> = scenes.iter().map(within).collect();
+    let each = |value: fn(&Gaussian2d) -> f64| by_seed.iter().map(|g| median(g.iter().map(value))).collect();
+    let off_edge = |g: &Gaussian2d| {
         let long_axis = g.rotation + if g.log_scale.x >= g.log_scale.y { 0.0 } else { std::f32::consts::FRAC_PI_2 };
         let turned = (long_axis - along_edge(g.mean, zone)).rem_euclid(std::f32::consts::PI);
         f64::from(turned.min(std::f32::consts::PI - turned).to_degrees())
@@ -195,11 +195,7 @@ fn population(zone: Zone, scenes: &[PlanarScene]) -> Population {
 }
 
 /// `value` of the Gaussians, all scenes together, and of the area of all, in bins of 2 px of the distance from an edge.
-fn binned(
-    scenes: &[PlanarScene],
-    distance: fn(Vec2) -> f32,
-    value: fn(&[PlanarGaussian], f64) -> f64,
-) -> Vec<(f64, f64)> {
+fn binned(scenes: &[Scene2d], distance: fn(Vec2) -> f32, value: fn(&[Gaussian2d], f64) -> f64) -> Vec<(f64, f64)> {
     (-9..8)
         .filter_map(|bin| {
             let (from, to) = (2.0 * bin as f32, 2.0 * bin as f32 + 2.0);

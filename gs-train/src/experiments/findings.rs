@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use gs_core::{Canvas, Image, PlanarScene};
+use gs_core::{Canvas, Image, Scene2d};
 use serde::Serialize;
 
 /// The results of one experiment, ready to be shown.
@@ -312,7 +312,7 @@ pub struct Picture {
     /// The pixels, not clamped.
     pub image: Image,
     /// Gaussians to draw as ellipses over the image, and the canvas that the image shows.
-    pub ellipses: Option<(PlanarScene, Canvas)>,
+    pub ellipses: Option<(Scene2d, Canvas)>,
 }
 
 #[cfg(test)]

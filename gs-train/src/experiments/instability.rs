@@ -11,13 +11,13 @@ mod floors;
 mod precision;
 mod small_fits;
 
-use gs_core::{PlanarScene, Rasterizer};
+use gs_core::{Rasterizer, Scene2d};
 
 pub use self::{
     driven::Drive,
     floors::{Floor, floor_settings},
     precision::{Determinant, Precision},
-    small_fits::{Course, Free, small_settings},
+    small_fits::{Free, Trajectory, small_settings},
 };
 use super::{
     Axis, Cell, Chart, Circumstance, Claim, Findings, Laboratory, Number, Paired, Picture, SHARP_DB, Series, Table,
@@ -93,7 +93,7 @@ pub struct InstabilityMeasured {
 ///
 /// # Errors
 /// Those of the product's fits but for [`Error::Diverged`], which is counted.
-pub fn measure<R: Rasterizer<PlanarScene>>(laboratory: &mut Laboratory<'_, R>) -> Result<InstabilityMeasured, Error> {
+pub fn measure<R: Rasterizer<Scene2d>>(laboratory: &mut Laboratory<'_, R>) -> Result<InstabilityMeasured, Error> {
     let small = SyntheticTarget::THIN_LINES_24_PX.image();
     let angles = laboratory.extent().choose(32, 8);
     let drives = Guard::ALL.iter().map(|&guard| Drive::measure(laboratory.rasterizer(), guard, &small, angles));

@@ -1,6 +1,6 @@
 //! Where experiments are made: fits on one backend before the eyes of whoever waits for them, with every loss and count kept.
 
-use gs_core::{Canvas, Image, PlanarScene, Rasterizer, RenderSettings, counted};
+use gs_core::{Canvas, Image, Rasterizer, RenderSettings, Scene2d, counted};
 
 use super::findings::Picture;
 use crate::{
@@ -98,7 +98,7 @@ impl<'a, R> Laboratory<'a, R> {
     }
 }
 
-impl<R: Rasterizer<PlanarScene>> Laboratory<'_, R> {
+impl<R: Rasterizer<Scene2d>> Laboratory<'_, R> {
     /// A fit from its settings, but one that fails is left alone: failures are what is looked at.
     pub(crate) fn fit(&mut self, label: &str, target: &Image, settings: FitSettings) -> Result<Run, Error> {
         let settings = FitSettings { recovery: Recovery::Never, ..settings };
@@ -117,7 +117,7 @@ impl<R: Rasterizer<PlanarScene>> Laboratory<'_, R> {
         &self,
         name: &'static str,
         caption: impl Into<String>,
-        scene: &PlanarScene,
+        scene: &Scene2d,
         shown: Shown<'_>,
     ) -> Result<Picture, Error> {
         let (width, height) = shown.size;

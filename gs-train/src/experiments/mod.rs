@@ -4,7 +4,7 @@
 //! the [`Circumstance`]s that have to hold for it and how often they do, of which its [`Verdict`] is a function, beside charts, tables and
 //! pictures. Who wants the numbers themselves calls the experiment's own function, such as [`cold_start::measure`].
 //!
-//! All but [`popping`] fit planar scenes. Every fit is an ordinary [`FitSettings`](crate::FitSettings) value; all of them are deterministic by their seeds.
+//! All but [`popping`] fit 2D scenes. Every fit is an ordinary [`FitSettings`](crate::FitSettings) value; all of them are deterministic by their seeds.
 
 pub mod cold_start;
 pub mod edges;
@@ -19,7 +19,7 @@ mod textbook;
 
 use std::fmt;
 
-use gs_core::{PlanarScene, Rasterizer, SpatialScene};
+use gs_core::{Rasterizer, Scene2d, Scene3d};
 
 pub use self::{
     findings::{
@@ -47,7 +47,7 @@ pub enum Experiment {
     Instability,
     /// Where the Gaussians of the result stand, and how they are shaped: [`edges`].
     Edges,
-    /// Orders of blending before a moving camera, in space: [`popping`].
+    /// Orders of blending before a moving camera, in 3D: [`popping`].
     Popping,
 }
 
@@ -106,7 +106,7 @@ impl Experiment {
     ///
     /// # Errors
     /// Those of the backend, and [`Error::Diverged`] where a fit of the product does that; [`instability`] counts those instead.
-    pub fn run<R: Rasterizer<PlanarScene> + Rasterizer<SpatialScene>>(
+    pub fn run<R: Rasterizer<Scene2d> + Rasterizer<Scene3d>>(
         self,
         laboratory: &mut Laboratory<'_, R>,
     ) -> Result<Findings, Error> {

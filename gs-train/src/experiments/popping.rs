@@ -10,7 +10,7 @@ mod pictures;
 mod scenes;
 
 use gs_core::{
-    Blend, Camera, Rasterizer, RenderSettings, SpatialScene,
+    Blend, Camera, Rasterizer, RenderSettings, Scene3d,
     effects::{Antialias, Order},
 };
 
@@ -59,7 +59,7 @@ pub struct PoppingMeasured {
 ///
 /// # Errors
 /// Those of the backend.
-pub fn measure<R: Rasterizer<SpatialScene>>(laboratory: &mut Laboratory<'_, R>) -> Result<PoppingMeasured, Error> {
+pub fn measure<R: Rasterizer<Scene3d>>(laboratory: &mut Laboratory<'_, R>) -> Result<PoppingMeasured, Error> {
     let (extent, rasterizer) = (laboratory.extent(), laboratory.rasterizer());
     let render = usual_settings();
     let mut pictures = Vec::new();
@@ -98,9 +98,9 @@ fn usual_settings() -> RenderSettings {
 
 /// How much a picture depends on where tiles meet: the same through a camera whose picture begins elsewhere, so that other pixels share a
 /// tile. By one depth a Gaussian; the largest difference of any pixel, 8-bit levels.
-fn grid_trace<R: Rasterizer<SpatialScene>>(
+fn grid_trace<R: Rasterizer<Scene3d>>(
     rasterizer: &R,
-    scene: &SpatialScene,
+    scene: &Scene3d,
     camera: &Camera,
     render: &RenderSettings,
 ) -> Result<f64, Error> {
@@ -111,7 +111,7 @@ fn grid_trace<R: Rasterizer<SpatialScene>>(
         height: camera.height + down,
         ..*camera
     };
-    let picture = |camera| rasterizer.render(scene, camera, &comparison::ordered(render, Order::TileDepth));
+    let picture = |camera| rasterizer.render(scene, camera, &comparison::ordered(render, Order::Global));
     let (there, moved) = (picture(camera)?, picture(&moved)?);
     let difference = |(x, y): (u32, u32)| {
         let (a, b) = (there.pixel(x, y), moved.pixel(x + right, y + down));

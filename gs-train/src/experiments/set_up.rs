@@ -7,7 +7,7 @@
 
 mod findings;
 
-use gs_core::{PlanarScene, Rasterizer, Scene as _};
+use gs_core::{Rasterizer, Scene as _, Scene2d};
 use gs_density::{Policy, RelativePercentile};
 
 use super::{
@@ -127,7 +127,7 @@ pub struct SetUpMeasured {
 ///
 /// # Errors
 /// Those of the fits.
-pub fn measure<R: Rasterizer<PlanarScene>>(laboratory: &mut Laboratory<'_, R>) -> Result<SetUpMeasured, Error> {
+pub fn measure<R: Rasterizer<Scene2d>>(laboratory: &mut Laboratory<'_, R>) -> Result<SetUpMeasured, Error> {
     let extent = laboratory.extent();
     let target = paper_target();
     let mut runs = |what: &str, seeds: u32, settings: &dyn Fn(u32) -> FitSettings| {
@@ -247,7 +247,7 @@ fn slopes(losses: &[f32], step: usize) -> (f64, f64) {
 }
 
 /// The start and the result, plain and with ellipses (Figs. 6 and 7), and what 20 come to.
-fn pictures<R: Rasterizer<PlanarScene>>(
+fn pictures<R: Rasterizer<Scene2d>>(
     laboratory: &Laboratory<'_, R>,
     grown: &Run,
     twenty: &Run,

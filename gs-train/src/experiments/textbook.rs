@@ -5,7 +5,7 @@
 //! the scales themselves, not their logarithms (§3.2: "a 2D scaling vector"). Each of these is a way to lose digits that gs-cpu does not
 //! go. Dense, one pixel after the other; for small images.
 
-use gs_core::{Image, PlanarGaussian, PlanarScene, scene::sigmoid};
+use gs_core::{Gaussian2d, Image, Scene2d, scene::sigmoid};
 
 /// What keeps a scale from harm.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -77,7 +77,7 @@ pub(crate) fn covariance(s1: f32, s2: f32, angle: f32) -> [f32; 3] {
 
 impl Textbook {
     /// Begins with a scene; `scale_rate_px` is Adam's step for the scales.
-    pub(crate) fn new(scene: &PlanarScene, background: [f32; 3], guards: Guards, scale_rate_px: f32) -> Self {
+    pub(crate) fn new(scene: &Scene2d, background: [f32; 3], guards: Guards, scale_rate_px: f32) -> Self {
         let mut rates = RATES;
         rates[S1..=S2].fill(scale_rate_px);
         let gaussians: Vec<Parameters> = scene.iter().map(|g| parameters(&g)).collect();
@@ -212,7 +212,7 @@ struct Layer {
     transmittance: f32,
 }
 
-fn parameters(g: &PlanarGaussian) -> Parameters {
+fn parameters(g: &Gaussian2d) -> Parameters {
     let scale = g.log_scale.map(f32::exp);
     let [r, green, b] = g.color.to_array();
     [g.mean.x, g.mean.y, scale.x, scale.y, g.rotation, g.opacity_logit, r, green, b]
@@ -225,8 +225,8 @@ mod tests {
     use super::*;
 
     /// Two Gaussians whose every parameter matters.
-    fn scene() -> PlanarScene {
-        let gaussian = |x: f32, rotation: f32, color: Vec3| PlanarGaussian {
+    fn scene() -> Scene2d {
+        let gaussian = |x: f32, rotation: f32, color: Vec3| Gaussian2d {
             mean: Vec2::new(x, 5.3),
             log_scale: Vec2::new(1.1, 0.4),
             rotation,

@@ -1,7 +1,7 @@
 //! Initialisers that put Gaussians where the target needs them.
 
 use glam::Vec3;
-use gs_core::{Blend, Error, Image, PlanarGaussian};
+use gs_core::{Blend, Error, Gaussian2d, Image};
 use gs_density::{
     Rng,
     seed::{DensityMap, HilbertOrder, Plane, SeedShape, Structure, mean_color, seed_gaussians},
@@ -71,14 +71,14 @@ impl Guided {
     }
 
     /// Density by the magnitude of luminance's gradient.
-    pub(super) fn by_gradient(&self, target: &Image, count: usize, blend: Blend, rng: &mut Rng) -> Vec<PlanarGaussian> {
+    pub(super) fn by_gradient(&self, target: &Image, count: usize, blend: Blend, rng: &mut Rng) -> Vec<Gaussian2d> {
         let structure = Structure::new(target);
         let weights = structure.gradient_magnitude();
         self.gaussians(target, &structure, weights, count, blend, rng)
     }
 
     /// Density by the squared difference from the mean colour.
-    pub(super) fn by_error(&self, target: &Image, count: usize, blend: Blend, rng: &mut Rng) -> Vec<PlanarGaussian> {
+    pub(super) fn by_error(&self, target: &Image, count: usize, blend: Blend, rng: &mut Rng) -> Vec<Gaussian2d> {
         let (width, height) = target.size();
         let sum = target.pixels().iter().fold([0.0f64; 3], |s, p| [0, 1, 2].map(|k| s[k] + f64::from(p[k])));
         let mean = Vec3::from_array(sum.map(|s| (s / target.pixels().len() as f64) as f32));
@@ -98,7 +98,7 @@ impl Guided {
         count: usize,
         blend: Blend,
         rng: &mut Rng,
-    ) -> Vec<PlanarGaussian> {
+    ) -> Vec<Gaussian2d> {
         let (width, height) = target.size();
         weights.smooth(self.smoothing_passes);
         weights.mix_uniform(self.uniform_fraction);

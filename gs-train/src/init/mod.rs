@@ -4,7 +4,7 @@ mod guided;
 mod scattered;
 
 use glam::Vec3;
-use gs_core::{Blend, Error, Image, PlanarGaussian, PlanarScene, scene::logit};
+use gs_core::{Blend, Error, Gaussian2d, Image, Scene2d, scene::logit};
 use gs_density::Rng;
 use serde::{Deserialize, Serialize};
 
@@ -43,7 +43,7 @@ impl Init {
     /// Under [`Blend::Sum`] the scene has no opacities, and colours that follow the target are divided by how many times over the
     /// Gaussians cover the plane, so that their sum is near the target. Under [`Blend::Over`] colours are the target's; where
     /// sizes differ ([`Init::Gradient`], [`Init::Error`]), the smallest Gaussians stand first, in front.
-    pub fn scene(&self, target: &Image, count: usize, blend: Blend, rng: &mut Rng) -> PlanarScene {
+    pub fn scene(&self, target: &Image, count: usize, blend: Blend, rng: &mut Rng) -> Scene2d {
         let mut gaussians = match self {
             Self::Random(random) => random.gaussians(target, count, blend, rng),
             Self::Periphery(periphery) => periphery.gaussians(target, count, blend, rng),
@@ -109,8 +109,8 @@ fn shared_color(color: Vec3, blend: Blend, sigma: f32, per_px2: f32) -> Vec3 {
 }
 
 /// A round Gaussian.
-fn round(mean: glam::Vec2, sigma: f32, opacity_logit: f32, color: Vec3) -> PlanarGaussian {
-    PlanarGaussian { mean, log_scale: glam::Vec2::splat(sigma.ln()), rotation: 0.0, opacity_logit, color }
+fn round(mean: glam::Vec2, sigma: f32, opacity_logit: f32, color: Vec3) -> Gaussian2d {
+    Gaussian2d { mean, log_scale: glam::Vec2::splat(sigma.ln()), rotation: 0.0, opacity_logit, color }
 }
 
 #[cfg(test)]

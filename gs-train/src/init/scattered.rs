@@ -1,7 +1,7 @@
 //! Initialisers that look at the target for its colours at most: at random, along the border, on a grid.
 
 use glam::{Vec2, Vec3};
-use gs_core::{Blend, Image, PlanarGaussian};
+use gs_core::{Blend, Gaussian2d, Image};
 use gs_density::{Rng, seed::mean_color};
 use rand::RngExt as _;
 use serde::{Deserialize, Serialize};
@@ -72,7 +72,7 @@ impl Default for Grid {
 }
 
 impl Random {
-    pub(super) fn gaussians(&self, target: &Image, count: usize, blend: Blend, rng: &mut Rng) -> Vec<PlanarGaussian> {
+    pub(super) fn gaussians(&self, target: &Image, count: usize, blend: Blend, rng: &mut Rng) -> Vec<Gaussian2d> {
         let size = Vec2::new(target.width() as f32, target.height() as f32);
         let per_px2 = count as f32 / size.element_product();
         let logit = opacity_logit(blend, self.opacity);
@@ -87,7 +87,7 @@ impl Random {
 }
 
 impl Periphery {
-    pub(super) fn gaussians(&self, target: &Image, count: usize, blend: Blend, rng: &mut Rng) -> Vec<PlanarGaussian> {
+    pub(super) fn gaussians(&self, target: &Image, count: usize, blend: Blend, rng: &mut Rng) -> Vec<Gaussian2d> {
         // The rectangle through the centres of the border pixels, walked clockwise from its top-left corner.
         let (width, height) = (target.width() as f32 - 1.0, target.height() as f32 - 1.0);
         let perimeter = 2.0 * (width + height);
@@ -113,7 +113,7 @@ impl Periphery {
 }
 
 impl Grid {
-    pub(super) fn gaussians(&self, target: &Image, count: usize, blend: Blend) -> Vec<PlanarGaussian> {
+    pub(super) fn gaussians(&self, target: &Image, count: usize, blend: Blend) -> Vec<Gaussian2d> {
         if count == 0 {
             return Vec::new();
         }

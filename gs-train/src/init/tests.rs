@@ -87,8 +87,10 @@ fn a_summed_start_is_near_a_flat_target() {
     for init in [Init::Grid(Grid::default()), Init::default()] {
         let scene = init.scene(&target, 100, Blend::Sum, &mut rng());
         let at = Vec2::splat(30.0);
-        let sum: Vec3 =
-            scene.iter().map(|g| g.color * (-0.5 * (g.frame().inverse() * (at - g.mean)).length_squared()).exp()).sum();
+        let sum: Vec3 = scene
+            .iter()
+            .map(|g| g.color * (-0.5 * (g.factor().inverse() * (at - g.mean)).length_squared()).exp())
+            .sum();
         assert!((sum - Vec3::new(0.4, 0.6, 0.8)).abs().max_element() < 0.2, "{init:?}: {sum}");
     }
 }

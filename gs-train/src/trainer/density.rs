@@ -11,8 +11,8 @@ use gs_density::{DensityGaussian, Observation, Rng};
 use super::{Trainer, policy, random};
 use crate::{
     checkpoint::Record,
-    course::{Course, RunSettings, Trainable},
     error::Error,
+    task::{RunSettings, Trainable, TrainingTask},
 };
 
 /// Which of the generator's streams the noise between steps is drawn from, so that it is independent of the rounds' draws.
@@ -23,15 +23,15 @@ impl<R: Rasterizer<S>, S: Trainable> Trainer<'_, R, S> {
     pub(super) fn control_density(&mut self, progress: f32) -> Result<EditCounts, Error> {
         let Record { settings, step, .. } = &self.record;
         let policy = policy(&self.foreign, settings);
-        let scene = self.rasterizer.download(&self.cloud)?;
+        let scene = self.rasterizer.download(&self.splats)?;
         let statistics = match policy.statistics() {
             Statistics::None => DensityStatistics::zeros(scene.len()),
-            _ => self.rasterizer.statistics(&self.cloud)?,
+            _ => self.rasterizer.statistics(&self.splats)?,
         };
-        let extent = self.course.extent();
+        let extent = self.task.extent();
         let effects = self.effects();
         let residual = match policy.needs_residual() {
-            true => self.course.residual(self.rasterizer, &self.cloud, settings, &effects)?,
+            true => self.task.residual(self.rasterizer, &self.splats, settings, &effects)?,
             false => None,
         };
         let observation = Observation {
@@ -45,13 +45,13 @@ impl<R: Rasterizer<S>, S: Trainable> Trainer<'_, R, S> {
         };
         let plan = policy.plan(&observation, &mut random(settings.seed(), *step))?;
         let counts = plan.counts();
-        self.rasterizer.edit(&mut self.cloud, &plan)?;
+        self.rasterizer.edit(&mut self.splats, &plan)?;
         if plan.opacity_ceiling.is_some() {
             self.watch.hear_reset(self.record.step);
         }
         self.record.edits.accumulate(&counts);
         self.binning = Binning::Fresh;
-        self.course.after_edit(self.rasterizer, &mut self.cloud, &self.record.settings, &effects)?;
+        self.task.after_edit(self.rasterizer, &mut self.splats, &self.record.settings, &effects)?;
         Ok(counts)
     }
 
@@ -61,25 +61,25 @@ impl<R: Rasterizer<S>, S: Trainable> Trainer<'_, R, S> {
         let Some(noise) = self.policy().noise().filter(|noise| noise.is_due(*step) && !self.is_finished()) else {
             return Ok(());
         };
-        let rate = self.pace() * settings.mean_factor(*step);
-        let scene = self.rasterizer.download(&self.cloud)?;
+        let rate = self.lr_scale() * settings.mean_factor(*step);
+        let scene = self.rasterizer.download(&self.splats)?;
         let mut rng = Rng::new(u128::from(settings.seed()) << 32 | u128::from(*step), NOISE_STREAM);
-        if let Some(shifts) = noise.shifts(&scene, self.course.extent(), rate, &mut rng) {
-            self.rasterizer.shift_means(&mut self.cloud, &shifts)?;
+        if let Some(shifts) = noise.shifts(&scene, self.task.extent(), rate, &mut rng) {
+            self.rasterizer.shift_means(&mut self.splats, &shifts)?;
         }
         Ok(())
     }
 
     /// Takes out what has become NaN or infinite since the last round; it draws nothing, and no file would take it.
     pub(super) fn drop_not_finite(&mut self, edits: &mut Option<EditCounts>) -> Result<(), Error> {
-        let scene = self.rasterizer.download(&self.cloud)?;
+        let scene = self.rasterizer.download(&self.splats)?;
         let lost =
             (0..scene.len()).filter(|&index| !scene.gaussian(index).is_finite() && Guard::PruneNotFinite.is_on());
         let removed: Vec<Removal> =
             lost.map(|index| Removal { index: index as u32, cause: PruneCause::NotFinite }).collect();
         if !removed.is_empty() {
             let plan = EditPlan { removed, statistics: AfterEdit::Keep, ..EditPlan::default() };
-            self.rasterizer.edit(&mut self.cloud, &plan)?;
+            self.rasterizer.edit(&mut self.splats, &plan)?;
             let counts = plan.counts();
             self.record.edits.accumulate(&counts);
             edits.get_or_insert_default().accumulate(&counts);

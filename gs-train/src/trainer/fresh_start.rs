@@ -5,9 +5,9 @@ use gs_core::{Binning, Loss, Rasterizer, Wait, constants::HALF_DISPLAY_STEP, edi
 use super::Trainer;
 use crate::{
     checkpoint::Record,
-    course::{Course, Due, RunSettings, Trainable},
     error::Error,
     recovery::{FreshStart, Judgement, Recovery, Watch},
+    task::{RunSettings, StepContext, Trainable, TrainingTask},
 };
 
 /// A scene's loss is the mean of at most so many steps.
@@ -50,7 +50,7 @@ impl<R: Rasterizer<S>, S: Trainable> Trainer<'_, R, S> {
     pub(super) fn keep_start(&mut self) -> Result<(), Error> {
         if self.start.is_none() && self.recovers() {
             let Record { step, edits, .. } = self.record;
-            self.start = Some(Start { scene: self.rasterizer.download(&self.cloud)?, step, edits });
+            self.start = Some(Start { scene: self.rasterizer.download(&self.splats)?, step, edits });
         }
         Ok(())
     }
@@ -71,7 +71,7 @@ impl<R: Rasterizer<S>, S: Trainable> Trainer<'_, R, S> {
         if !self.has_failed(judgement, &start.scene)? {
             return Ok(None);
         }
-        self.cloud = self.rasterizer.upload(&start.scene, self.record.settings.chart())?;
+        self.splats = self.rasterizer.upload(&start.scene, self.record.settings.parameterization())?;
         self.binning = Binning::Fresh;
         self.record.joins.joins.retain(|join| join.step <= start.step);
         self.record.edits = start.edits;
@@ -93,7 +93,7 @@ impl<R: Rasterizer<S>, S: Trainable> Trainer<'_, R, S> {
         if !self.is_finished() {
             return Ok(judgement.loss > loss_of_error(kind, SMALL_ERROR));
         }
-        let scene = self.rasterizer.download(&self.cloud)?;
+        let scene = self.rasterizer.download(&self.splats)?;
         let loss = self.loss_of(&scene)?;
         Ok(loss > loss_of_error(kind, HALF_DISPLAY_STEP) && loss > self.loss_of(start)?)
     }
@@ -101,15 +101,15 @@ impl<R: Rasterizer<S>, S: Trainable> Trainer<'_, R, S> {
     /// The mean loss of a scene in the last steps, as many as there are pictures.
     fn loss_of(&mut self, scene: &S) -> Result<f64, Error> {
         let settings = &self.record.settings;
-        let mut cloud = self.rasterizer.upload(scene, settings.chart())?;
+        let mut splats = self.rasterizer.upload(scene, settings.parameterization())?;
         let mut losses = Vec::new();
-        let steps = self.course.pictures().min(MOST_STEPS);
+        let steps = self.task.pictures().min(MOST_STEPS);
         for step in self.record.step.saturating_sub(steps)..self.record.step {
             let effects = settings.effects_after(step, &self.record.joins);
             // The loss is that before the step, so it does not matter where the step leads; it may not lead far, as there are others.
-            let due = Due { step, effects, pace: 0.0, binning: Binning::Fresh };
-            self.course.send(self.rasterizer, &mut cloud, settings, due)?;
-            self.rasterizer.losses(&mut cloud, Wait::All, &mut losses)?;
+            let context = StepContext { step, effects, lr_scale: 0.0, binning: Binning::Fresh };
+            self.task.send(self.rasterizer, &mut splats, settings, context)?;
+            self.rasterizer.losses(&mut splats, Wait::All, &mut losses)?;
         }
         Ok(losses.iter().map(|&loss| f64::from(loss)).sum::<f64>() / losses.len() as f64)
     }

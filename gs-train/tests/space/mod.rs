@@ -1,14 +1,14 @@
-//! A scene in space and the views of it that these tests share.
+//! A 3D scene and the views of it that these tests share.
 
 use glam::{Vec2, Vec3};
 use gs_core::{
-    Blend, Camera, Rasterizer, RenderSettings, Scene, SpatialGaussian, SpatialScene, constants::SH_C0, effects::Order,
+    Blend, Camera, Gaussian3d, Rasterizer, RenderSettings, Scene, Scene3d, constants::SH_C0, effects::Order,
 };
 use gs_cpu::{CpuRasterizer, CpuSettings};
-use gs_io::dataset::Photograph;
+use gs_io::dataset::PosedImage;
 use gs_train::{
-    Rounds, SpatialPreset, SpatialSettings,
-    spatial::{PosedView, Views, looking_at},
+    Rounds, TrainPreset, TrainSettings,
+    train::{PosedView, Views, looking_at},
 };
 
 /// Two threads, whatever the machine.
@@ -26,12 +26,12 @@ fn scattered(i: usize, k: usize) -> f32 {
 }
 
 /// Gaussians of all colours within about 1 of the origin.
-pub(crate) fn thirty() -> SpatialScene {
-    let mut scene = SpatialScene::default();
+pub(crate) fn thirty() -> Scene3d {
+    let mut scene = Scene3d::default();
     for i in 0..30 {
         let at = |k| scattered(i, k);
         let color = Vec3::new(at(0), at(1), at(2));
-        scene.push(SpatialGaussian {
+        scene.push(Gaussian3d {
             mean: 1.6 * Vec3::new(at(3), at(4), at(5)) - 0.8,
             log_scale: (0.1 + 0.25 * Vec3::new(at(6), at(7), at(8))).map(f32::ln),
             rotation: [1.0, at(9), at(10), at(11)],
@@ -53,7 +53,7 @@ pub(crate) fn camera(i: usize) -> Camera {
 /// How the scene was photographed: before black, in order of depth.
 pub(crate) fn render() -> RenderSettings {
     let mut render = RenderSettings::blended(Blend::Over).on([0.0; 3]);
-    render.effects.order = Order::TileDepth;
+    render.effects.order = Order::Global;
     render
 }
 
@@ -68,7 +68,7 @@ pub(crate) fn views(rasterizer: &CpuRasterizer) -> Views {
 }
 
 /// The same views with photographs that are changed.
-pub(crate) fn changed(views: Views, change: impl Fn(usize, Photograph) -> Photograph) -> Views {
+pub(crate) fn changed(views: Views, change: impl Fn(usize, PosedImage) -> PosedImage) -> Views {
     let change = |(i, view): (usize, PosedView)| {
         let photograph = change(i, view.photograph().expect("it is in memory"));
         PosedView { source: Box::new(photograph), ..view }
@@ -78,8 +78,8 @@ pub(crate) fn changed(views: Views, change: impl Fn(usize, Photograph) -> Photog
 }
 
 /// Few steps from few Gaussians, with rounds among them.
-pub(crate) fn short(iterations: u32) -> SpatialSettings {
-    let mut settings = SpatialPreset::ThreeDgs.settings(Some(iterations));
+pub(crate) fn short(iterations: u32) -> TrainSettings {
+    let mut settings = TrainPreset::ThreeDgs.settings(Some(iterations));
     settings.gaussians = 600;
     settings.init.random = 300;
     settings.render.effects.sh_degree = 1;

@@ -3,14 +3,14 @@
 use std::collections::BTreeMap;
 
 use gs_core::{
-    Binning, Chart, CloudState, EditPlan, Error, Loss, Rasterizer, TrainStep,
+    Binning, EditPlan, Error, Loss, Parameterization, Rasterizer, SplatsState, TrainStep,
     edit::{AfterEdit, Birth, Change, Moments, Origin, Place, PruneCause, Removal},
     effects::{Blend, Statistics},
     scene::logit,
     state::TensorData,
 };
 
-use super::charts;
+use super::parameterizations;
 use crate::{failure::Failure, oracle::OracleScene, subject::Subject};
 
 /// All that a state holds about one Gaussian: the numbers of each tensor, integers by their bits.
@@ -20,7 +20,7 @@ const MOMENTS: [&str; 3] = ["moment1", "moment2", "steps"];
 const STEPS: [&str; 1] = ["steps"];
 const STATISTICS: [&str; 2] = ["gradient_sum", "visible"];
 
-fn rows(state: &CloudState) -> Result<Vec<Row>, Failure> {
+fn rows(state: &SplatsState) -> Result<Vec<Row>, Failure> {
     let count = state.integers("steps")?.len();
     let mut rows = vec![Row::new(); count];
     for (name, tensor) in &state.tensors {
@@ -47,11 +47,11 @@ fn with(row: &Row, names: &[&str], from: &Row) -> Row {
     row
 }
 
-/// A new row that inherits moments: in local frames, those are in the coordinates of a frame, and so its own is the nearest to that.
+/// A new row that inherits moments: in covariance factors, those are in the coordinates of a factor, and so its own is the nearest to that.
 fn heir<S: Subject>(new: &Row, parent: &Row) -> Row {
     let mut row = with(new, &MOMENTS, parent);
-    if let Some(frame) = row.get_mut("frame") {
-        *frame = S::aligned(frame, &parent["frame"]);
+    if let Some(factor) = row.get_mut("factor") {
+        *factor = S::aligned(factor, &parent["factor"]);
     }
     row
 }
@@ -65,23 +65,27 @@ fn without(row: &Row, names: &[&str]) -> Row {
     row
 }
 
-/// A cloud that has been trained for a few steps, so that all its rows differ.
-fn trained<S: Subject, R: Rasterizer<S>>(rasterizer: &R, blend: Blend, chart: Chart) -> Result<R::Cloud, Failure> {
+/// splats that has been trained for a few steps, so that all its rows differ.
+fn trained<S: Subject, R: Rasterizer<S>>(
+    rasterizer: &R,
+    blend: Blend,
+    parameterization: Parameterization,
+) -> Result<R::Splats, Failure> {
     let mut draw = S::overlapping(blend, 9, (24, 20), 1803);
     draw.settings.effects.statistics = Statistics::MeanGradient;
     let target = rasterizer.upload_target(&draw.target()?)?;
     let rates = S::adam().at(0.0);
     let step = TrainStep { settings: &draw.settings, loss: Loss::L2, rates: &rates, binning: Binning::Fresh };
-    let mut cloud = rasterizer.upload(&draw.scene, chart)?;
+    let mut splats = rasterizer.upload(&draw.scene, parameterization)?;
     for _ in 0..3 {
-        rasterizer.train_step(&mut cloud, &draw.view, &target, &step)?;
+        rasterizer.train_step(&mut splats, &draw.view, &target, &step)?;
     }
-    for row in rows(&rasterizer.save(&cloud)?)? {
+    for row in rows(&rasterizer.save(&splats)?)? {
         let [first, second, sum] = ["moment1", "moment2", "gradient_sum"].map(|name| row[name][0]);
         let learned = first != 0.0 && second != 0.0 && row["steps"][0].to_bits() == 3 && sum > 0.0;
         Failure::unless(learned, || format!("a Gaussian has learned nothing in three steps: {row:?}"))?;
     }
-    Ok(cloud)
+    Ok(splats)
 }
 
 /// A plan that removes, changes and adds in every way there is.
@@ -117,19 +121,19 @@ fn plan<S: Subject>(newcomers: &S, statistics: AfterEdit) -> EditPlan<S::Gaussia
 /// # Errors
 /// [`Failure`] where the backend does not do so.
 pub fn edits_carry_everything_along<S: Subject, R: Rasterizer<S>>(rasterizer: &R) -> Result<(), Failure> {
-    for chart in charts::<S, R>(rasterizer)? {
+    for parameterization in parameterizations::<S, R>(rasterizer)? {
         for blend in [Blend::Sum, Blend::Over] {
             for statistics in [AfterEdit::Keep, AfterEdit::Restart] {
-                let mut cloud = trained::<S, R>(rasterizer, blend, chart)?;
-                let before = rows(&rasterizer.save(&cloud)?)?;
+                let mut splats = trained::<S, R>(rasterizer, blend, parameterization)?;
+                let before = rows(&rasterizer.save(&splats)?)?;
                 let newcomers = S::typical(blend, 7, (24, 20), 1807).scene;
                 // A Gaussian that has just been uploaded has learned nothing.
-                let new = rows(&rasterizer.save(&rasterizer.upload(&newcomers, chart)?)?)?;
+                let new = rows(&rasterizer.save(&rasterizer.upload(&newcomers, parameterization)?)?)?;
                 for name in MOMENTS.iter().chain(&STATISTICS) {
                     let zero = new.iter().all(|row| row[*name].iter().all(|&v| v == 0.0));
-                    Failure::unless(zero, || format!("a fresh cloud's `{name}` is not zero"))?;
+                    Failure::unless(zero, || format!("a fresh splats' `{name}` is not zero"))?;
                 }
-                rasterizer.edit(&mut cloud, &plan(&newcomers, statistics))?;
+                rasterizer.edit(&mut splats, &plan(&newcomers, statistics))?;
                 let mut expected = vec![
                     with(&new[3], &STATISTICS, &before[4]),
                     with(&new[1], &STATISTICS, &before[0]),
@@ -147,9 +151,9 @@ pub fn edits_carry_everything_along<S: Subject, R: Rasterizer<S>>(rasterizer: &R
                 if statistics == AfterEdit::Restart {
                     expected = expected.iter().map(|row| without(row, &STATISTICS)).collect();
                 }
-                let place = format!("{chart:?}, {blend:?}, {statistics:?}");
-                compare(&expected, &rows(&rasterizer.save(&cloud)?)?, &place)?;
-                let count = rasterizer.len(&cloud);
+                let place = format!("{parameterization:?}, {blend:?}, {statistics:?}");
+                compare(&expected, &rows(&rasterizer.save(&splats)?)?, &place)?;
+                let count = rasterizer.len(&splats);
                 Failure::unless(count == 12, || format!("{place}: {count} Gaussians"))?;
 
                 if blend == Blend::Over {
@@ -160,15 +164,16 @@ pub fn edits_carry_everything_along<S: Subject, R: Rasterizer<S>>(rasterizer: &R
                     Failure::unless((1..12).contains(&above), || {
                         format!("{above} of 12 opacities are above the ceiling")
                     })?;
-                    rasterizer.edit(&mut cloud, &plan)?;
+                    rasterizer.edit(&mut splats, &plan)?;
                     for row in &mut expected {
                         row.entry("opacity_logit".to_owned())
                             .and_modify(|value| value[0] = value[0].min(logit(ceiling)));
                         for name in ["moment1", "moment2"] {
-                            row.entry(name.to_owned()).and_modify(|values| values[S::opacity_moment(chart)] = 0.0);
+                            row.entry(name.to_owned())
+                                .and_modify(|values| values[S::opacity_moment(parameterization)] = 0.0);
                         }
                     }
-                    compare(&expected, &rows(&rasterizer.save(&cloud)?)?, &format!("{place}, ceiling"))?;
+                    compare(&expected, &rows(&rasterizer.save(&splats)?)?, &format!("{place}, ceiling"))?;
                 }
             }
         }
@@ -176,7 +181,7 @@ pub fn edits_carry_everything_along<S: Subject, R: Rasterizer<S>>(rasterizer: &R
     Ok(())
 }
 
-/// A Gaussian that is changed in place into what it is, and inherits its moments, goes on as if nothing had happened, in every chart.
+/// A Gaussian that is changed in place into what it is, and inherits its moments, goes on as if nothing had happened, in every parameterization.
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
@@ -185,21 +190,21 @@ pub fn changes_that_inherit_go_on<S: Subject, R: Rasterizer<S>>(rasterizer: &R) 
     let target = rasterizer.upload_target(&draw.target()?)?;
     let rates = S::adam().at(0.0);
     let step = TrainStep { settings: &draw.settings, loss: Loss::L2, rates: &rates, binning: Binning::Fresh };
-    for chart in charts::<S, R>(rasterizer)? {
+    for parameterization in parameterizations::<S, R>(rasterizer)? {
         let mut after = Vec::new();
         let mut before = draw.scene.emptied();
         for edited in [false, true] {
-            let mut cloud = rasterizer.upload(&draw.scene, chart)?;
-            (0..20).try_for_each(|_| rasterizer.train_step(&mut cloud, &draw.view, &target, &step))?;
-            before = rasterizer.download(&cloud)?;
+            let mut splats = rasterizer.upload(&draw.scene, parameterization)?;
+            (0..20).try_for_each(|_| rasterizer.train_step(&mut splats, &draw.view, &target, &step))?;
+            before = rasterizer.download(&splats)?;
             if edited {
                 let change =
                     |i: usize| Change { index: i as u32, gaussian: before.gaussian(i), moments: Moments::Inherit };
                 let changed = (0..before.len()).map(change).collect();
-                rasterizer.edit(&mut cloud, &EditPlan { changed, ..EditPlan::default() })?;
+                rasterizer.edit(&mut splats, &EditPlan { changed, ..EditPlan::default() })?;
             }
-            (0..5).try_for_each(|_| rasterizer.train_step(&mut cloud, &draw.view, &target, &step))?;
-            after.push(rasterizer.download(&cloud)?.rows());
+            (0..5).try_for_each(|_| rasterizer.train_step(&mut splats, &draw.view, &target, &step))?;
+            after.push(rasterizer.download(&splats)?.rows());
         }
         let means = |rows: &OracleScene| -> Vec<f64> {
             rows.gaussians.iter().flat_map(|row| row[..S::DIMENSIONS].to_vec()).collect()
@@ -210,7 +215,7 @@ pub fn changes_that_inherit_go_on<S: Subject, R: Rasterizer<S>>(rasterizer: &R) 
         let (moved, off) = (apart(&after[0], &before.rows()), apart(&after[0], &after[1]));
         Failure::unless(moved > 0.0 && off <= ASTRAY * moved, || {
             format!(
-                "{chart:?}: where means move by {moved:e}, those that were changed into themselves are {off:e} astray"
+                "{parameterization:?}: where means move by {moved:e}, those that were changed into themselves are {off:e} astray"
             )
         })?;
     }
@@ -245,7 +250,7 @@ fn compare(expected: &[Row], found: &[Row], place: &str) -> Result<(), Failure> 
     Ok(())
 }
 
-/// A plan that contradicts itself or the cloud is refused as [`Error::Plan`], and the cloud is as before.
+/// A plan that contradicts itself or the splats is refused as [`Error::Plan`], and the splats is as before.
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
@@ -260,13 +265,13 @@ pub fn refused_edits_change_nothing<S: Subject, R: Rasterizer<S>>(rasterizer: &R
     wrong[3].added[1].parent = Some(12);
     let twice = wrong[4].changed[0].clone();
     wrong[4].changed.push(twice);
-    let mut cloud = trained::<S, R>(rasterizer, Blend::Over, Chart::ScaleRotation)?;
-    let before = rasterizer.save(&cloud)?;
+    let mut splats = trained::<S, R>(rasterizer, Blend::Over, Parameterization::ScaleRotation)?;
+    let before = rasterizer.save(&splats)?;
     for (i, plan) in wrong.iter().enumerate() {
-        let refused = matches!(rasterizer.edit(&mut cloud, plan), Err(Error::Plan(_)));
+        let refused = matches!(rasterizer.edit(&mut splats, plan), Err(Error::Plan(_)));
         Failure::unless(refused, || format!("contradictory plan {i} is not refused as such"))?;
-        let same = rasterizer.save(&cloud)? == before;
-        Failure::unless(same, || format!("contradictory plan {i} is refused, but changed the cloud"))?;
+        let same = rasterizer.save(&splats)? == before;
+        Failure::unless(same, || format!("contradictory plan {i} is refused, but changed the splats"))?;
     }
     Ok(())
 }

@@ -2,7 +2,7 @@
 
 use glam::Vec2;
 use gs_core::{
-    Accuracy, Binning, Canvas, Chart, CloudState, Error, Image, Loss, PlanarScene, Rasterizer, RenderSettings,
+    Accuracy, Binning, Canvas, Error, Image, Loss, Parameterization, Rasterizer, RenderSettings, Scene2d, SplatsState,
     TrainStep,
     effects::Blend,
     state::{Tensor, TensorData},
@@ -27,7 +27,7 @@ pub(crate) fn refused<T>(what: &str, result: Result<T, Error>, right: impl Fn(&E
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
-pub fn scenes_that_are_not_finite_are_refused<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Result<(), Failure> {
+pub fn scenes_that_are_not_finite_are_refused<R: Rasterizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     let scene = Draw::new(Kind::Typical, Blend::Over, 6, (10, 10), 1900).scene;
     let mut wrong = vec![scene; 6];
     wrong[0].means[3].x = f32::NAN;
@@ -36,9 +36,9 @@ pub fn scenes_that_are_not_finite_are_refused<R: Rasterizer<PlanarScene>>(raster
     wrong[3].opacity_logits[2] = f32::NAN;
     wrong[4].colors[1].z = f32::NAN;
     wrong[5].colors.pop();
-    for chart in [Chart::ScaleRotation, Chart::LocalFrame] {
+    for parameterization in [Parameterization::ScaleRotation, Parameterization::CovarianceFactor] {
         for (i, scene) in wrong.iter().enumerate() {
-            refused(&format!("broken scene {i}"), rasterizer.upload(scene, chart), |error| match error {
+            refused(&format!("broken scene {i}"), rasterizer.upload(scene, parameterization), |error| match error {
                 Error::NotFinite { .. } => i < 5,
                 Error::Length { .. } => i == 5,
                 _ => false,
@@ -52,7 +52,7 @@ pub fn scenes_that_are_not_finite_are_refused<R: Rasterizer<PlanarScene>>(raster
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
-pub fn bad_views_and_settings_are_errors<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Result<(), Failure> {
+pub fn bad_views_and_settings_are_errors<R: Rasterizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     let draw = Draw::new(Kind::Typical, Blend::Over, 6, (10, 10), 1900);
     let view = draw.view;
     let views = [
@@ -97,62 +97,62 @@ pub(super) fn bad_are_errors<S: Subject, R: Rasterizer<S>>(
     }
     let target = rasterizer.upload_target(&draw.target()?)?;
     let rates = S::adam().at(0.0);
-    let mut cloud = rasterizer.upload(&draw.scene, Chart::ScaleRotation)?;
-    let before = rasterizer.save(&cloud)?;
+    let mut splats = rasterizer.upload(&draw.scene, Parameterization::ScaleRotation)?;
+    let before = rasterizer.save(&splats)?;
     for (what, view, settings, right) in cases {
-        refused(what, rasterizer.forward(&cloud, &view, &settings), right)?;
+        refused(what, rasterizer.forward(&splats, &view, &settings), right)?;
         let step = TrainStep { settings: &settings, loss: Loss::L2, rates: &rates, binning: Binning::Fresh };
-        refused(what, rasterizer.train_step(&mut cloud, &view, &target, &step), right)?;
+        refused(what, rasterizer.train_step(&mut splats, &view, &target, &step), right)?;
     }
     for lambda in [-0.5, 1.5, f32::NAN] {
         let loss = Loss::L1Dssim { lambda };
-        let frame = rasterizer.forward(&cloud, &draw.view, &good)?;
-        refused("an impossible λ", rasterizer.backward(&cloud, frame, &target, &loss), SETTING)?;
+        let frame = rasterizer.forward(&splats, &draw.view, &good)?;
+        refused("an impossible λ", rasterizer.backward(&splats, frame, &target, &loss), SETTING)?;
         let step = TrainStep { settings: &good, loss, rates: &rates, binning: Binning::Fresh };
-        refused("an impossible λ", rasterizer.train_step(&mut cloud, &draw.view, &target, &step), SETTING)?;
+        refused("an impossible λ", rasterizer.train_step(&mut splats, &draw.view, &target, &step), SETTING)?;
     }
-    let losses = losses_of(rasterizer, &mut cloud)?;
+    let losses = losses_of(rasterizer, &mut splats)?;
     Failure::unless(losses.is_empty(), || format!("training steps that were refused have losses: {losses:?}"))?;
-    Failure::unless(rasterizer.save(&cloud)? == before, || "a refused training step changed the cloud".to_owned())
+    Failure::unless(rasterizer.save(&splats)? == before, || "a refused training step changed the splats".to_owned())
 }
 
-/// Targets of another size, gradients of another cloud, states of no cloud, colours solved for under `Over`.
+/// Targets of another size, gradients of other splats, states of no splats, colours solved for under `Over`.
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
 pub fn mismatches_are_errors<S: Subject, R: Rasterizer<S>>(rasterizer: &R) -> Result<(), Failure> {
     let draw = S::typical(Blend::Over, 6, (10, 10), 1903);
-    let mut cloud = rasterizer.upload(&draw.scene, Chart::ScaleRotation)?;
-    let before = rasterizer.save(&cloud)?;
+    let mut splats = rasterizer.upload(&draw.scene, Parameterization::ScaleRotation)?;
+    let before = rasterizer.save(&splats)?;
     let rates = S::adam().at(0.0);
     let sizes_differ = |error: &Error| matches!(error, Error::SizesDiffer { .. });
     for (width, height) in [(11, 10), (10, 9), (5, 20), (1, 100)] {
         let target = rasterizer.upload_target(&Image::filled(width, height, [0.5; 3])?)?;
         let what = format!("a target of {width}x{height} px for a canvas of 10x10 px");
-        let frame = rasterizer.forward(&cloud, &draw.view, &draw.settings)?;
-        refused(&what, rasterizer.backward(&cloud, frame, &target, &Loss::L2), sizes_differ)?;
+        let frame = rasterizer.forward(&splats, &draw.view, &draw.settings)?;
+        refused(&what, rasterizer.backward(&splats, frame, &target, &Loss::L2), sizes_differ)?;
         let step = TrainStep { settings: &draw.settings, loss: Loss::L2, rates: &rates, binning: Binning::Fresh };
-        refused(&what, rasterizer.train_step(&mut cloud, &draw.view, &target, &step), sizes_differ)?;
+        refused(&what, rasterizer.train_step(&mut splats, &draw.view, &target, &step), sizes_differ)?;
         if S::SOLVES_COLORS {
             let settings = RenderSettings::blended(Blend::Sum);
-            refused(&what, rasterizer.solve_colors(&mut cloud, &draw.view, &target, &settings, 2), sizes_differ)?;
+            refused(&what, rasterizer.solve_colors(&mut splats, &draw.view, &target, &settings, 2), sizes_differ)?;
         }
     }
 
     let target = rasterizer.upload_target(&draw.target()?)?;
     let unsupported = |error: &Error| matches!(error, Error::Unsupported { .. });
-    let solved = rasterizer.solve_colors(&mut cloud, &draw.view, &target, &draw.settings, 2);
+    let solved = rasterizer.solve_colors(&mut splats, &draw.view, &target, &draw.settings, 2);
     refused("solving for colours under `Over`", solved, unsupported)?;
 
-    let mut smaller = rasterizer.upload(&draw.scene.picked(0..5), Chart::ScaleRotation)?;
-    let frame = rasterizer.forward(&cloud, &draw.view, &draw.settings)?;
-    let (_, gradients) = rasterizer.backward(&cloud, frame, &target, &Loss::L2)?;
+    let mut smaller = rasterizer.upload(&draw.scene.picked(0..5), Parameterization::ScaleRotation)?;
+    let frame = rasterizer.forward(&splats, &draw.view, &draw.settings)?;
+    let (_, gradients) = rasterizer.backward(&splats, frame, &target, &Loss::L2)?;
     let is_state = |error: &Error| matches!(error, Error::State(_));
-    refused("gradients of another cloud", rasterizer.step(&mut smaller, &gradients, &rates), is_state)?;
+    refused("gradients of other splats", rasterizer.step(&mut smaller, &gradients, &rates), is_state)?;
 
     // A missing or short tensor may be reported as either.
     let of_state = |error: &Error| matches!(error, Error::State(_) | Error::Length { .. });
-    refused("an empty state", rasterizer.restore(&CloudState::new(Chart::ScaleRotation)), of_state)?;
+    refused("an empty state", rasterizer.restore(&SplatsState::new(Parameterization::ScaleRotation)), of_state)?;
     for (name, tensor) in &before.tensors {
         let mut short = before.clone();
         short.tensors.insert(name.clone(), without_last_row(tensor));
@@ -163,10 +163,10 @@ pub fn mismatches_are_errors<S: Subject, R: Rasterizer<S>>(rasterizer: &R) -> Re
         lacking.tensors.remove(name);
         refused(&format!("a state without `{name}`"), rasterizer.restore(&lacking), of_state)?;
     }
-    let other = CloudState { chart: Chart::LocalFrame, ..before.clone() };
-    let of_chart = |error: &Error| of_state(error) || unsupported(error);
-    refused("a state of the other chart", rasterizer.restore(&other), of_chart)?;
-    Failure::unless(rasterizer.save(&cloud)? == before, || "what was refused changed the cloud".to_owned())
+    let other = SplatsState { parameterization: Parameterization::CovarianceFactor, ..before.clone() };
+    let of_parameterization = |error: &Error| of_state(error) || unsupported(error);
+    refused("a state of the other parameterization", rasterizer.restore(&other), of_parameterization)?;
+    Failure::unless(rasterizer.save(&splats)? == before, || "what was refused changed the splats".to_owned())
 }
 
 fn without_last_row(tensor: &Tensor) -> Tensor {

@@ -1,7 +1,7 @@
 //! Cases: losses and gradients against the oracle.
 
 use glam::Vec2;
-use gs_core::{Canvas, Chart, Loss, PlanarScene, Rasterizer, effects::Blend};
+use gs_core::{Canvas, Loss, Parameterization, Rasterizer, Scene2d, effects::Blend};
 
 use super::{LOSSES, check_gradients};
 use crate::{
@@ -15,12 +15,12 @@ const BLENDS: [Blend; 2] = [Blend::Sum, Blend::Over];
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
-pub fn gradients_match<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Result<(), Failure> {
+pub fn gradients_match<R: Rasterizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     for blend in BLENDS {
         for loss in LOSSES {
             for (seed, kind) in (500..).zip(Kind::ALL) {
                 let draw = Draw::new(kind, blend, 24, (35, 26), seed).on([0.3, 0.6, 0.2]);
-                check_gradients(rasterizer, &draw, &loss, Chart::ScaleRotation)?;
+                check_gradients(rasterizer, &draw, &loss, Parameterization::ScaleRotation)?;
             }
         }
     }
@@ -31,7 +31,7 @@ pub fn gradients_match<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Result<(),
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
-pub fn gradients_match_through_canvases<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Result<(), Failure> {
+pub fn gradients_match_through_canvases<R: Rasterizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     let views = [
         Canvas::new(1, 1),
         Canvas::new(1, 17),
@@ -45,22 +45,22 @@ pub fn gradients_match_through_canvases<R: Rasterizer<PlanarScene>>(rasterizer: 
             for (seed, view) in (600..).zip(views) {
                 let plane = (view.extent.x as u32, view.extent.y as u32);
                 let draw = Draw::new(Kind::Overlapping, blend, 6, plane, seed).through(view);
-                check_gradients(rasterizer, &draw, &loss, Chart::ScaleRotation)?;
+                check_gradients(rasterizer, &draw, &loss, Parameterization::ScaleRotation)?;
             }
         }
     }
     Ok(())
 }
 
-/// The gradients are those of the scene's parameters in the chart of local frames, too.
+/// The gradients are those of the scene's parameters in the parameterization of covariance factors, too.
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
-pub fn gradients_match_in_local_frames<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Result<(), Failure> {
+pub fn gradients_match_in_covariance_factors<R: Rasterizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     for blend in BLENDS {
         for (seed, kind) in (700..).zip([Kind::Typical, Kind::OffCanvas, Kind::Opaque]) {
             let draw = Draw::new(kind, blend, 20, (30, 30), seed);
-            check_gradients(rasterizer, &draw, &Loss::L2, Chart::LocalFrame)?;
+            check_gradients(rasterizer, &draw, &Loss::L2, Parameterization::CovarianceFactor)?;
         }
     }
     Ok(())

@@ -2,7 +2,7 @@
 
 use glam::{Vec2, Vec3};
 use gs_core::{
-    Accuracy, Canvas, Chart, Image, PlanarGaussian, PlanarScene, Rasterizer, RenderSettings, effects::Blend,
+    Accuracy, Canvas, Gaussian2d, Image, Parameterization, Rasterizer, RenderSettings, Scene2d, effects::Blend,
     statistics::Culled,
 };
 
@@ -18,7 +18,7 @@ const BLENDS: [Blend; 2] = [Blend::Sum, Blend::Over];
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
-pub fn images_match<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Result<(), Failure> {
+pub fn images_match<R: Rasterizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     for blend in BLENDS {
         for (seed, kind) in (100..).zip(Kind::ALL) {
             let draw = Draw::new(kind, blend, 40, (48, 37), seed);
@@ -33,7 +33,7 @@ pub fn images_match<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Result<(), Fa
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
-pub fn sizes_match<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Result<(), Failure> {
+pub fn sizes_match<R: Rasterizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     let sizes = [(1, 1), (1, 17), (17, 1), (15, 15), (16, 16), (17, 17), (257, 3), (3, 257), (64, 32), (31, 33)];
     for blend in BLENDS {
         for (seed, size) in (200..).zip(sizes) {
@@ -48,7 +48,7 @@ pub fn sizes_match<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Result<(), Fai
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
-pub fn canvases_match<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Result<(), Failure> {
+pub fn canvases_match<R: Rasterizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     let own = Canvas::new(40, 30);
     let views = [
         own.resized(97, 71),
@@ -71,7 +71,7 @@ pub fn canvases_match<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Result<(), 
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
-pub fn other_accuracies_match<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Result<(), Failure> {
+pub fn other_accuracies_match<R: Rasterizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     let usual = Accuracy::default();
     let accuracies = [
         Accuracy { alpha_cut: 1e-6, ..usual },
@@ -96,11 +96,11 @@ pub fn other_accuracies_match<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Res
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
-pub fn empty_scenes_show_the_background<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Result<(), Failure> {
+pub fn empty_scenes_show_the_background<R: Rasterizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     for blend in BLENDS {
         let settings = RenderSettings::blended(blend);
         for (settings, color) in [(settings, [0.0; 3]), (settings.on([0.25, 2.0, -1.0]), [0.25, 2.0, -1.0])] {
-            let image = rasterizer.render(&PlanarScene::default(), &Canvas::new(19, 18), &settings)?;
+            let image = rasterizer.render(&Scene2d::default(), &Canvas::new(19, 18), &settings)?;
             Failure::unless(image == Image::filled(19, 18, color)?, || format!("an empty scene is not all {color:?}"))?;
         }
     }
@@ -111,8 +111,8 @@ pub fn empty_scenes_show_the_background<R: Rasterizer<PlanarScene>>(rasterizer: 
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
-pub fn culled_are_counted<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Result<(), Failure> {
-    let good = PlanarGaussian {
+pub fn culled_are_counted<R: Rasterizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
+    let good = Gaussian2d {
         mean: Vec2::new(12.0, 9.0),
         log_scale: Vec2::new(0.8, 0.3),
         rotation: 0.4,
@@ -120,14 +120,14 @@ pub fn culled_are_counted<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Result<
         color: Vec3::new(0.2, 0.6, 0.9),
     };
     let left_out = [
-        PlanarGaussian { log_scale: Vec2::splat(-5.0), ..good },
-        PlanarGaussian { log_scale: Vec2::new(0.5, -9.0), ..good },
-        PlanarGaussian { mean: Vec2::new(4000.0, 9.0), ..good },
-        PlanarGaussian { mean: Vec2::new(12.0, -700.0), ..good },
-        PlanarGaussian { mean: Vec2::new(-60.0, -60.0), ..good },
-        PlanarGaussian { log_scale: Vec2::splat(70.0), ..good },
+        Gaussian2d { log_scale: Vec2::splat(-5.0), ..good },
+        Gaussian2d { log_scale: Vec2::new(0.5, -9.0), ..good },
+        Gaussian2d { mean: Vec2::new(4000.0, 9.0), ..good },
+        Gaussian2d { mean: Vec2::new(12.0, -700.0), ..good },
+        Gaussian2d { mean: Vec2::new(-60.0, -60.0), ..good },
+        Gaussian2d { log_scale: Vec2::splat(70.0), ..good },
     ];
-    let transparent = [-8.0, f32::NEG_INFINITY].map(|opacity_logit| PlanarGaussian { opacity_logit, ..good });
+    let transparent = [-8.0, f32::NEG_INFINITY].map(|opacity_logit| Gaussian2d { opacity_logit, ..good });
     let expected = Culled { not_finite: 1, degenerate: 2, outside: 3, ..Culled::default() };
     let view = Canvas::new(24, 18);
     for (blend, transparent, expected) in [
@@ -135,9 +135,9 @@ pub fn culled_are_counted<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Result<
         (Blend::Over, &transparent[..], Culled { transparent: 2, ..expected }),
     ] {
         let settings = RenderSettings::blended(blend);
-        let scene: PlanarScene = left_out.iter().chain(transparent).chain([&good]).copied().collect();
-        let cloud = rasterizer.upload(&scene, Chart::ScaleRotation)?;
-        let frame = rasterizer.forward(&cloud, &view, &settings)?;
+        let scene: Scene2d = left_out.iter().chain(transparent).chain([&good]).copied().collect();
+        let splats = rasterizer.upload(&scene, Parameterization::ScaleRotation)?;
+        let frame = rasterizer.forward(&splats, &view, &settings)?;
         let found = rasterizer.culled(&frame)?;
         Failure::unless(found == expected, || format!("{blend:?}: expected {expected:?}, found {found:?}"))?;
         let alone = rasterizer.render(&[good].into_iter().collect(), &view, &settings)?;

@@ -1,43 +1,43 @@
 //! Cases: the losses of training steps come late, but all of them, and nothing else shows that a step is still under way.
 
 use gs_core::{
-    Binning, Chart, CloudState, EditPlan, Error, Image, Loss, Rasterizer, TrainStep, Wait,
+    Binning, EditPlan, Error, Image, Loss, Parameterization, Rasterizer, SplatsState, TrainStep, Wait,
     edit::AfterEdit,
     effects::{Blend, Statistics},
 };
 
-use super::{charts, losses_of};
+use super::{losses_of, parameterizations};
 use crate::{failure::Failure, scenes::Draw, subject::Subject};
 
 /// More than any backend can be expected to have under way at once.
 const STEPS: usize = 13;
 
-/// A cloud to train, and how.
+/// splats to train, and how.
 struct Training<S: Subject> {
     draw: Draw<S>,
     image: Image,
-    chart: Chart,
+    parameterization: Parameterization,
 }
 
 impl<S: Subject> Training<S> {
     fn new<R: Rasterizer<S>>(rasterizer: &R, blend: Blend) -> Result<Self, Failure> {
         let mut draw = S::typical(blend, 15, (30, 24), 2001);
         draw.settings.effects.statistics = Statistics::MeanGradient;
-        let chart = charts::<S, R>(rasterizer)?.pop().unwrap_or_default();
-        Ok(Self { image: draw.target()?, draw, chart })
+        let parameterization = parameterizations::<S, R>(rasterizer)?.pop().unwrap_or_default();
+        Ok(Self { image: draw.target()?, draw, parameterization })
     }
 
-    fn upload<R: Rasterizer<S>>(&self, rasterizer: &R) -> Result<R::Cloud, Failure> {
-        Ok(rasterizer.upload(&self.draw.scene, self.chart)?)
+    fn upload<R: Rasterizer<S>>(&self, rasterizer: &R) -> Result<R::Splats, Failure> {
+        Ok(rasterizer.upload(&self.draw.scene, self.parameterization)?)
     }
 
     /// Sends steps with the numbers `steps`, of which every third makes its lists anew, and calls `after` after each.
     fn send<R: Rasterizer<S>>(
         &self,
         rasterizer: &R,
-        cloud: &mut R::Cloud,
+        splats: &mut R::Splats,
         steps: std::ops::Range<usize>,
-        mut after: impl FnMut(&mut R::Cloud) -> Result<(), Failure>,
+        mut after: impl FnMut(&mut R::Splats) -> Result<(), Failure>,
     ) -> Result<(), Failure> {
         let target = rasterizer.upload_target(&self.image)?;
         for number in steps {
@@ -46,8 +46,8 @@ impl<S: Subject> Training<S> {
             let binning = if number % 3 == 0 { Binning::Fresh } else { Binning::Reuse };
             let loss = [Loss::L2, Loss::L1][number % 2];
             let step = TrainStep { settings: &self.draw.settings, loss, rates: &rates, binning };
-            rasterizer.train_step(cloud, &self.draw.view, &target, &step)?;
-            after(cloud)?;
+            rasterizer.train_step(splats, &self.draw.view, &target, &step)?;
+            after(splats)?;
         }
         Ok(())
     }
@@ -66,41 +66,41 @@ fn same(what: &str, expected: &[f32], found: &[f32]) -> Result<(), Failure> {
 pub fn losses_are_told_once_and_in_order<S: Subject, R: Rasterizer<S>>(rasterizer: &R) -> Result<(), Failure> {
     for blend in [Blend::Sum, Blend::Over] {
         let training = Training::<S>::new(rasterizer, blend)?;
-        let mut cloud = training.upload(rasterizer)?;
-        let mut waited_for = losses_of(rasterizer, &mut cloud)?;
+        let mut splats = training.upload(rasterizer)?;
+        let mut waited_for = losses_of(rasterizer, &mut splats)?;
         same("before any step", &[], &waited_for)?;
-        training.send(rasterizer, &mut cloud, 0..STEPS, |cloud| {
-            let one = losses_of(rasterizer, cloud)?;
+        training.send(rasterizer, &mut splats, 0..STEPS, |splats| {
+            let one = losses_of(rasterizer, splats)?;
             Failure::unless(one.len() == 1, || format!("after one step there are {} losses", one.len()))?;
             waited_for.extend(one);
             Ok(())
         })?;
         let distinct = waited_for.iter().map(|v| v.to_bits()).collect::<std::collections::BTreeSet<_>>().len();
         Failure::unless(distinct == STEPS, || format!("of {STEPS} losses {distinct} differ"))?;
-        same("after the last", &[], &losses_of(rasterizer, &mut cloud)?)?;
+        same("after the last", &[], &losses_of(rasterizer, &mut splats)?)?;
 
-        let mut cloud = training.upload(rasterizer)?;
+        let mut splats = training.upload(rasterizer)?;
         let mut arrived = vec![-1.0];
-        training.send(rasterizer, &mut cloud, 0..STEPS, |cloud| {
-            Ok(rasterizer.losses(cloud, Wait::Arrived, &mut arrived)?)
+        training.send(rasterizer, &mut splats, 0..STEPS, |splats| {
+            Ok(rasterizer.losses(splats, Wait::Arrived, &mut arrived)?)
         })?;
-        rasterizer.losses(&mut cloud, Wait::All, &mut arrived)?;
+        rasterizer.losses(&mut splats, Wait::All, &mut arrived)?;
         same("as they arrive", &[&[-1.0], &waited_for[..]].concat(), &arrived)?;
 
-        let mut cloud = training.upload(rasterizer)?;
-        training.send(rasterizer, &mut cloud, 0..STEPS, |_| Ok(()))?;
+        let mut splats = training.upload(rasterizer)?;
+        training.send(rasterizer, &mut splats, 0..STEPS, |_| Ok(()))?;
         let wrong = rasterizer.upload_target(&Image::filled(3, 3, [0.5; 3])?)?;
         let rates = S::adam().at(0.0);
         let settings = &training.draw.settings;
         let step = TrainStep { settings, loss: Loss::L2, rates: &rates, binning: Binning::Fresh };
-        let refused = rasterizer.train_step(&mut cloud, &training.draw.view, &wrong, &step).is_err();
+        let refused = rasterizer.train_step(&mut splats, &training.draw.view, &wrong, &step).is_err();
         Failure::unless(refused, || "a step towards a target of another size is accepted".to_owned())?;
-        same("all at once", &waited_for, &losses_of(rasterizer, &mut cloud)?)?;
+        same("all at once", &waited_for, &losses_of(rasterizer, &mut splats)?)?;
     }
     Ok(())
 }
 
-/// Whatever looks at a cloud sees every step that was sent, and whatever changes it comes after them; neither changes the losses.
+/// Whatever looks at splats sees every step that was sent, and whatever changes it comes after them; neither changes the losses.
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
@@ -111,47 +111,47 @@ pub fn steps_under_way_are_seen_by_everything<S: Subject, R: Rasterizer<S>>(rast
         let Draw { view, settings, .. } = &training.draw;
         let rates = S::adam().at(0.0);
         type Look<'a, C> = &'a dyn Fn(&mut C) -> Result<Vec<f32>, Failure>;
-        let state = |cloud: &mut R::Cloud| -> Result<Vec<f32>, Failure> { Ok(floats(&rasterizer.save(cloud)?)) };
-        let looks: [(&str, Look<'_, R::Cloud>); 8] = [
+        let state = |splats: &mut R::Splats| -> Result<Vec<f32>, Failure> { Ok(floats(&rasterizer.save(splats)?)) };
+        let looks: [(&str, Look<'_, R::Splats>); 8] = [
             ("save", &state),
-            ("download", &|cloud| {
-                let rows = rasterizer.download(cloud)?.rows().gaussians;
+            ("download", &|splats| {
+                let rows = rasterizer.download(splats)?.rows().gaussians;
                 Ok(rows.into_iter().flatten().map(|v| v as f32).collect())
             }),
-            ("statistics", &|cloud| Ok(rasterizer.statistics(cloud)?.gradient_sum)),
-            ("forward", &|cloud| {
-                let image = rasterizer.image(&rasterizer.forward(cloud, view, settings)?)?;
+            ("statistics", &|splats| Ok(rasterizer.statistics(splats)?.gradient_sum)),
+            ("forward", &|splats| {
+                let image = rasterizer.image(&rasterizer.forward(splats, view, settings)?)?;
                 Ok(image.pixels().as_flattened().to_vec())
             }),
-            ("edit", &|cloud| {
-                rasterizer.edit(cloud, &EditPlan { statistics: AfterEdit::Restart, ..EditPlan::default() })?;
-                state(cloud)
+            ("edit", &|splats| {
+                rasterizer.edit(splats, &EditPlan { statistics: AfterEdit::Restart, ..EditPlan::default() })?;
+                state(splats)
             }),
-            ("step", &|cloud| {
-                let frame = rasterizer.forward(cloud, view, settings)?;
-                let (_, gradients) = rasterizer.backward(cloud, frame, &target, &Loss::L2)?;
-                rasterizer.step(cloud, &gradients, &rates)?;
-                state(cloud)
+            ("step", &|splats| {
+                let frame = rasterizer.forward(splats, view, settings)?;
+                let (_, gradients) = rasterizer.backward(splats, frame, &target, &Loss::L2)?;
+                rasterizer.step(splats, &gradients, &rates)?;
+                state(splats)
             }),
-            ("solve_colors", &|cloud| match rasterizer.solve_colors(cloud, view, &target, settings, 3) {
-                Ok(()) | Err(Error::Unsupported { .. }) => state(cloud),
+            ("solve_colors", &|splats| match rasterizer.solve_colors(splats, view, &target, settings, 3) {
+                Ok(()) | Err(Error::Unsupported { .. }) => state(splats),
                 Err(error) => Err(error.into()),
             }),
-            ("len", &|cloud| Ok(vec![rasterizer.len(cloud) as f32])),
+            ("len", &|splats| Ok(vec![rasterizer.len(splats) as f32])),
         ];
         for (what, look) in looks {
             // Both go on afterwards; steps 5 and 8 would reuse lists, which an edit forbids.
             let run = |settled: bool| {
-                let (mut cloud, mut losses, mut seen) = (training.upload(rasterizer)?, Vec::new(), Vec::new());
+                let (mut splats, mut losses, mut seen) = (training.upload(rasterizer)?, Vec::new(), Vec::new());
                 for steps in [0..5, 5..8] {
-                    training.send(rasterizer, &mut cloud, steps, |_| Ok(()))?;
+                    training.send(rasterizer, &mut splats, steps, |_| Ok(()))?;
                     if settled {
-                        losses.extend(losses_of(rasterizer, &mut cloud)?);
+                        losses.extend(losses_of(rasterizer, &mut splats)?);
                     }
-                    seen.extend(look(&mut cloud)?);
+                    seen.extend(look(&mut splats)?);
                 }
-                losses.extend(losses_of(rasterizer, &mut cloud)?);
-                seen.extend(state(&mut cloud)?);
+                losses.extend(losses_of(rasterizer, &mut splats)?);
+                seen.extend(state(&mut splats)?);
                 Ok::<_, Failure>((losses, seen))
             };
             let ((expected, seen), (losses, found)) = (run(true)?, run(false)?);
@@ -165,7 +165,7 @@ pub fn steps_under_way_are_seen_by_everything<S: Subject, R: Rasterizer<S>>(rast
 }
 
 /// All numbers of a state, one tensor after the other.
-fn floats(state: &CloudState) -> Vec<f32> {
+fn floats(state: &SplatsState) -> Vec<f32> {
     use gs_core::state::TensorData;
     let of = |data: &TensorData| match data {
         TensorData::F32(values) => values.clone(),

@@ -1,7 +1,7 @@
 //! Cases: changes to a scene or a view that must not change what is seen.
 
 use glam::{Vec2, Vec3};
-use gs_core::{Canvas, Image, PlanarGaussian, PlanarScene, Rasterizer, effects::Blend, scene::logit};
+use gs_core::{Canvas, Gaussian2d, Image, Rasterizer, Scene2d, effects::Blend, scene::logit};
 
 use crate::{
     failure::Failure,
@@ -49,11 +49,11 @@ pub(super) fn permuted<S: Subject>(scene: &S) -> S {
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
-pub fn halves_make_the_whole<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Result<(), Failure> {
+pub fn halves_make_the_whole<R: Rasterizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     for blend in [Blend::Sum, Blend::Over] {
         let mut draw = Draw::new(Kind::Typical, blend, 20, (40, 30), 850);
         let opacity = 0.75;
-        let whole = PlanarGaussian {
+        let whole = Gaussian2d {
             mean: Vec2::new(20.0, 15.0),
             log_scale: if blend == Blend::Sum { Vec2::new(1.5, 0.7) } else { Vec2::splat(1e6f32.ln()) },
             rotation: 0.6,
@@ -61,10 +61,10 @@ pub fn halves_make_the_whole<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Resu
             color: Vec3::new(0.8, 0.4, 0.6),
         };
         let half = match blend {
-            Blend::Sum => PlanarGaussian { color: whole.color * 0.5, ..whole },
-            Blend::Over => PlanarGaussian { opacity_logit: logit(1.0 - (1.0 - opacity).sqrt()), ..whole },
+            Blend::Sum => Gaussian2d { color: whole.color * 0.5, ..whole },
+            Blend::Over => Gaussian2d { opacity_logit: logit(1.0 - (1.0 - opacity).sqrt()), ..whole },
         };
-        let with = |parts: &[PlanarGaussian]| -> PlanarScene {
+        let with = |parts: &[Gaussian2d]| -> Scene2d {
             let (front, back) = (draw.scene.iter().take(10), draw.scene.iter().skip(10));
             front.chain(parts.iter().copied()).chain(back).collect()
         };
@@ -82,7 +82,7 @@ pub fn halves_make_the_whole<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Resu
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
-pub fn crops_are_parts_of_the_image<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Result<(), Failure> {
+pub fn crops_are_parts_of_the_image<R: Rasterizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     for blend in [Blend::Sum, Blend::Over] {
         for (seed, kind) in (900..).zip([Kind::Typical, Kind::Opaque, Kind::Large]) {
             let draw = Draw::new(kind, blend, 40, (60, 45), seed).on([0.2, 0.3, 0.4]);

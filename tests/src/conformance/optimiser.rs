@@ -2,7 +2,7 @@
 
 use glam::{DMat2, DVec2};
 use gs_core::{
-    Adam, AdamRates, Chart, EditPlan, Loss, PlanarScene, Rasterizer,
+    Adam, AdamRates, EditPlan, Loss, Parameterization, Rasterizer, Scene2d,
     adam::Group,
     edit::{AfterEdit, Birth, Moments, Origin, Place},
     effects::Blend,
@@ -35,19 +35,19 @@ pub(super) fn distinct<S: Subject>(epsilon: f32) -> AdamRates {
 /// One step of forward, backward and Adam; returns the gradients it used.
 pub(super) fn step<S: Subject, R: Rasterizer<S>>(
     rasterizer: &R,
-    cloud: &mut R::Cloud,
+    splats: &mut R::Splats,
     draw: &Draw<S>,
     target: &R::Target,
     rates: &AdamRates,
 ) -> Result<Vec<Parameters>, Failure> {
-    let frame = rasterizer.forward(cloud, &draw.view, &draw.settings)?;
-    let (_, gradients) = rasterizer.backward(cloud, frame, target, &Loss::L2)?;
-    let rows = rasterizer.download_gradients(cloud, &gradients)?.rows_of_gradients();
-    rasterizer.step(cloud, &gradients, rates)?;
+    let frame = rasterizer.forward(splats, &draw.view, &draw.settings)?;
+    let (_, gradients) = rasterizer.backward(splats, frame, target, &Loss::L2)?;
+    let rows = rasterizer.download_gradients(splats, &gradients)?.rows_of_gradients();
+    rasterizer.step(splats, &gradients, rates)?;
     Ok(rows)
 }
 
-/// Six steps in the chart of ln-scale and rotation, with a Gaussian born after the third, equal Adam in `f64`: rates and betas of
+/// Six steps in the parameterization of ln-scale and rotation, with a Gaussian born after the third, equal Adam in `f64`: rates and betas of
 /// each group, bias corrected by each Gaussian's own count, ε added to √v̂.
 ///
 /// # Errors
@@ -59,7 +59,7 @@ pub fn adam_matches<S: Subject, R: Rasterizer<S>>(rasterizer: &R) -> Result<(), 
             let newborn = S::overlapping(blend, 1, (24, 20), 1207).scene;
             let target = rasterizer.upload_target(&draw.target()?)?;
             let rates = distinct::<S>(epsilon);
-            let mut cloud = rasterizer.upload(&draw.scene, Chart::ScaleRotation)?;
+            let mut splats = rasterizer.upload(&draw.scene, Parameterization::ScaleRotation)?;
             let mut reference = AdamReference::new(draw.scene.rows());
             for steps in 1..=6 {
                 if steps == 4 {
@@ -72,12 +72,12 @@ pub fn adam_matches<S: Subject, R: Rasterizer<S>>(rasterizer: &R) -> Result<(), 
                     };
                     let added = vec![birth(newborn.gaussian(0))];
                     let plan = EditPlan { added, statistics: AfterEdit::Keep, ..EditPlan::default() };
-                    rasterizer.edit(&mut cloud, &plan)?;
+                    rasterizer.edit(&mut splats, &plan)?;
                     reference.push(newborn.rows().gaussians[0].clone());
                 }
-                let gradients = step(rasterizer, &mut cloud, &draw, &target, &rates)?;
+                let gradients = step(rasterizer, &mut splats, &draw, &target, &rates)?;
                 reference.step(&gradients, &rates);
-                let found = rasterizer.download(&cloud)?.rows();
+                let found = rasterizer.download(&splats)?.rows();
                 compare_parameters::<S>(&reference.scene, &found, &rates, steps)
                     .map_err(|failure| failure.at(format!("{blend:?}, epsilon {epsilon}, step {steps}")))?;
             }
@@ -107,25 +107,25 @@ pub(super) fn compare_parameters<S: Subject>(
     Ok(())
 }
 
-/// The first step in the chart of local frames moves by the rate against the sign of each gradient in the Gaussian's own frame:
+/// The first step in the parameterization of covariance factors moves by the rate against the sign of each gradient in the Gaussian's own frame:
 /// μ + L ξ and L (I + η + η²/2), η symmetric.
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
-pub fn local_frame_steps_match<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Result<(), Failure> {
+pub fn covariance_factor_steps_match<R: Rasterizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     for blend in [Blend::Sum, Blend::Over] {
         let draw = Draw::new(Kind::Typical, blend, 40, (40, 30), 1300);
         let target = rasterizer.upload_target(&draw.target()?)?;
         let adam =
             Adam { mean: Group::constant(0.12), scale: Group::constant(0.07), epsilon: 1e-15, ..Adam::default() };
         let rates = adam.at(0.0);
-        let mut cloud = rasterizer.upload(&draw.scene, Chart::LocalFrame)?;
-        let before = rasterizer.download(&cloud)?;
-        let gradients = step(rasterizer, &mut cloud, &draw, &target, &rates)?;
-        let after = rasterizer.download(&cloud)?;
+        let mut splats = rasterizer.upload(&draw.scene, Parameterization::CovarianceFactor)?;
+        let before = rasterizer.download(&splats)?;
+        let gradients = step(rasterizer, &mut splats, &draw, &target, &rates)?;
+        let after = rasterizer.download(&splats)?;
         let mut compared = 0;
         for (i, (old, new)) in before.iter().zip(after.iter()).enumerate() {
-            let frame = old.frame().as_dmat2();
+            let frame = old.factor().as_dmat2();
             let (g, s) = (&gradients[i], old.log_scale.to_array().map(|v| f64::from(v).exp()));
             let toward = frame.transpose() * DVec2::new(g[0], g[1]);
             // ∂L/∂η₁₂ moves Σ along L (e₁e₂ᵀ + e₂e₁ᵀ) Lᵀ, twice over; θ does by (s₁² − s₂²)/(s₁ s₂) of that.
@@ -141,7 +141,7 @@ pub fn local_frame_steps_match<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Re
             let eta = [slopes[2], slopes[3], slopes[4]].map(|v| -0.07 * v.signum());
             let eta = DMat2::from_cols(DVec2::new(eta[0], eta[2]), DVec2::new(eta[2], eta[1]));
             let factor = DMat2::IDENTITY + eta + eta * eta * 0.5;
-            let whitened = frame.inverse() * new.frame().as_dmat2();
+            let whitened = frame.inverse() * new.factor().as_dmat2();
             let shape = whitened * whitened.transpose();
             let right =
                 moved.abs_diff_eq(DVec2::new(xi_x, xi_y), 1e-3) && shape.abs_diff_eq(factor * factor.transpose(), 1e-3);

@@ -2,7 +2,7 @@
 //! [`Error::Unsupported`], in every pass, and with nothing done.
 
 use gs_core::{
-    Adam, Binning, Chart, Loss, Rasterizer, TrainStep,
+    Adam, Binning, Loss, Parameterization, Rasterizer, TrainStep,
     adam::Group,
     effects::{Blend, Statistics},
 };
@@ -111,30 +111,30 @@ fn collected_match<S: Subject, R: Rasterizer<S>>(
     let rates = Adam { color: still, color_rest: still, ..groups }.at(0.0);
     let image = draw.target()?;
     let target = rasterizer.upload_target(&image)?;
-    let mut cloud = rasterizer.upload(&draw.scene, Chart::ScaleRotation)?;
+    let mut splats = rasterizer.upload(&draw.scene, Parameterization::ScaleRotation)?;
     let step = TrainStep { settings: &draw.settings, loss, rates: &rates, binning: Binning::Fresh };
 
-    let frame = rasterizer.forward(&cloud, &draw.view, &draw.settings)?;
+    let frame = rasterizer.forward(&splats, &draw.view, &draw.settings)?;
     let oracle = Oracle::new(draw.view, draw.settings)?;
     let (mut expected, mut drawn) = ([0.0; COUNT], [0u32; COUNT]);
-    let (_, gradients) = rasterizer.backward(&cloud, frame, &target, &loss)?;
+    let (_, gradients) = rasterizer.backward(&splats, frame, &target, &loss)?;
     for whole in [false, true] {
-        let scene = rasterizer.download(&cloud)?.rows();
+        let scene = rasterizer.download(&splats)?.rows();
         let collected = oracle.statistics(&scene, &image, &loss)?;
         for (g, value) in of_step(&collected).iter().enumerate() {
             expected[g] += value;
             drawn[g] += u32::from(collected.pixel_error[g] > 0.0);
         }
         if whole {
-            rasterizer.train_step(&mut cloud, &draw.view, &target, &step)?;
+            rasterizer.train_step(&mut splats, &draw.view, &target, &step)?;
         } else {
-            rasterizer.step(&mut cloud, &gradients, &rates)?;
+            rasterizer.step(&mut splats, &gradients, &rates)?;
         }
     }
     if drawn.iter().filter(|&&n| n == 2).count() < 8 {
         return Err(Failure::Nothing(format!("hardly a Gaussian is drawn: {drawn:?}")));
     }
-    sums_match(&expected, &rasterizer.statistics(&cloud)?.gradient_sum)
+    sums_match(&expected, &rasterizer.statistics(&splats)?.gradient_sum)
 }
 
 fn sums_match(expected: &[f64], found: &[f32]) -> Result<(), Failure> {

@@ -2,12 +2,12 @@
 
 use glam::Vec2;
 use gs_core::{
-    Adam, Binning, Canvas, Chart, Loss, PlanarScene, Rasterizer, Scene, TrainStep,
+    Adam, Binning, Canvas, Loss, Parameterization, Rasterizer, Scene, Scene2d, TrainStep,
     adam::Group,
     effects::{Blend, Statistics},
 };
 
-use super::{LOSSES, charts, losses_of};
+use super::{LOSSES, losses_of, parameterizations};
 use crate::{
     failure::Failure,
     oracle::{Oracle, OracleScene, best_colors, rate_of, rows_of_gradients},
@@ -16,7 +16,7 @@ use crate::{
     tolerance::{FUSED_SHARE, LEAST_SQUARES, STATISTICS_SHARE},
 };
 
-const CHARTS: [Chart; 2] = [Chart::ScaleRotation, Chart::LocalFrame];
+const CHARTS: [Parameterization; 2] = [Parameterization::ScaleRotation, Parameterization::CovarianceFactor];
 
 /// Ten small steps each decrease the loss, by the oracle's reckoning; the loss that is told is the one before the step.
 ///
@@ -26,23 +26,23 @@ pub fn steps_decrease_the_loss<S: Subject, R: Rasterizer<S>>(rasterizer: &R) -> 
     let group = Group::constant(3e-3);
     let groups = Adam { mean: group, scale: group, rotation: group, ..S::adam() };
     let rates = Adam { opacity: group, color: group, color_rest: group, ..groups }.at(0.0);
-    for chart in charts::<S, R>(rasterizer)? {
+    for parameterization in parameterizations::<S, R>(rasterizer)? {
         for blend in [Blend::Sum, Blend::Over] {
             for loss in LOSSES {
                 let draw = S::overlapping(blend, 12, (26, 22), 1403);
                 let image = draw.target()?;
                 let oracle = Oracle::new(draw.view, draw.settings)?;
                 let target = rasterizer.upload_target(&image)?;
-                let mut cloud = rasterizer.upload(&draw.scene, chart)?;
+                let mut splats = rasterizer.upload(&draw.scene, parameterization)?;
                 let step = TrainStep { settings: &draw.settings, loss, rates: &rates, binning: Binning::Fresh };
-                let place = || format!("{chart:?}, {blend:?}, {loss:?}");
+                let place = || format!("{parameterization:?}, {blend:?}, {loss:?}");
                 let mut last = f64::INFINITY;
                 for steps in 0..10 {
-                    let scene = rasterizer.download(&cloud)?.rows();
+                    let scene = rasterizer.download(&splats)?.rows();
                     let now = oracle.loss(&scene, &image, &loss)?;
                     Failure::unless(now < last, || format!("{}: step {steps} led from {last} to {now}", place()))?;
-                    rasterizer.train_step(&mut cloud, &draw.view, &target, &step)?;
-                    let said = losses_of(rasterizer, &mut cloud)?;
+                    rasterizer.train_step(&mut splats, &draw.view, &target, &step)?;
+                    let said = losses_of(rasterizer, &mut splats)?;
                     let right = matches!(said[..], [said] if (f64::from(said) - now).abs() < 1e-3 * now);
                     Failure::unless(right, || format!("{}: `losses` says {said:?} where it is {now}", place()))?;
                     last = now;
@@ -54,17 +54,17 @@ pub fn steps_decrease_the_loss<S: Subject, R: Rasterizer<S>>(rasterizer: &R) -> 
 }
 
 /// Lists that a rendering left behind are not those of a step with [`Binning::Reuse`] after it: the Gaussians may have moved since. The step
-/// is that of a cloud which was stored and restored in between, bit for bit.
+/// is that of splats which was stored and restored in between, bit for bit.
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
-pub fn first_steps_owe_nothing_to_renderings<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Result<(), Failure> {
+pub fn first_steps_owe_nothing_to_renderings<R: Rasterizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     // Further than most reach.
     let rates = Adam { mean: Group::constant(8.0), ..Adam::default() }.at(0.0);
     for blend in [Blend::Sum, Blend::Over] {
         let draw = Draw::new(Kind::Typical, blend, 20, (70, 50), 1603);
         let target = rasterizer.upload_target(&draw.target()?)?;
-        let mut rendered = rasterizer.upload(&draw.scene, Chart::ScaleRotation)?;
+        let mut rendered = rasterizer.upload(&draw.scene, Parameterization::ScaleRotation)?;
         let frame = rasterizer.forward(&rendered, &draw.view, &draw.settings)?;
         let (_, gradients) = rasterizer.backward(&rendered, frame, &target, &Loss::L2)?;
         rasterizer.step(&mut rendered, &gradients, &rates)?;
@@ -72,9 +72,9 @@ pub fn first_steps_owe_nothing_to_renderings<R: Rasterizer<PlanarScene>>(rasteri
         drop(gradients);
         let mut restored = rasterizer.restore(&rasterizer.save(&rendered)?)?;
         let step = TrainStep { settings: &draw.settings, loss: Loss::L2, rates: &rates, binning: Binning::Reuse };
-        let after = |cloud: &mut R::Cloud| -> Result<_, Failure> {
-            rasterizer.train_step(cloud, &draw.view, &target, &step)?;
-            Ok((losses_of(rasterizer, cloud)?, rasterizer.save(cloud)?))
+        let after = |splats: &mut R::Splats| -> Result<_, Failure> {
+            rasterizer.train_step(splats, &draw.view, &target, &step)?;
+            Ok((losses_of(rasterizer, splats)?, rasterizer.save(splats)?))
         };
         let (found, expected) = (after(&mut rendered)?, after(&mut restored)?);
         let place = || format!("{blend:?}: the loss is {:?} instead of {:?}", found.0, expected.0);
@@ -83,7 +83,7 @@ pub fn first_steps_owe_nothing_to_renderings<R: Rasterizer<PlanarScene>>(rasteri
     Ok(())
 }
 
-/// `train_step` does what `forward`, `backward` and `step` do, over five steps, in every chart, blend and loss, through a canvas of
+/// `train_step` does what `forward`, `backward` and `step` do, over five steps, in every parameterization, blend and loss, through a canvas of
 /// another scale too.
 ///
 /// # Errors
@@ -91,9 +91,11 @@ pub fn first_steps_owe_nothing_to_renderings<R: Rasterizer<PlanarScene>>(rasteri
 pub fn fused_steps_match_their_stages<S: Subject, R: Rasterizer<S>>(rasterizer: &R) -> Result<(), Failure> {
     // ε keeps a step in proportion to a gradient that is hardly more than rounding.
     let rates = Adam { epsilon: 1e-3, ..S::adam() }.at(0.0);
-    let charts = charts::<S, R>(rasterizer)?;
-    let last = charts.last().map(|&chart| (chart, (43, 31)));
-    for (chart, size) in charts.iter().map(|&chart| (chart, (30, 24))).chain(last) {
+    let parameterizations = parameterizations::<S, R>(rasterizer)?;
+    let last = parameterizations.last().map(|&parameterization| (parameterization, (43, 31)));
+    for (parameterization, size) in
+        parameterizations.iter().map(|&parameterization| (parameterization, (30, 24))).chain(last)
+    {
         for blend in [Blend::Sum, Blend::Over] {
             for loss in LOSSES {
                 let draw = S::typical(blend, 20, (30, 24), 1503).on([0.2, 0.4, 0.1]);
@@ -101,9 +103,9 @@ pub fn fused_steps_match_their_stages<S: Subject, R: Rasterizer<S>>(rasterizer: 
                 let draw = draw.through(view);
                 let target = rasterizer.upload_target(&draw.target()?)?;
                 let step = TrainStep { settings: &draw.settings, loss, rates: &rates, binning: Binning::Fresh };
-                let mut fused = rasterizer.upload(&draw.scene, chart)?;
-                let mut staged = rasterizer.upload(&draw.scene, chart)?;
-                let place = format!("{chart:?}, {blend:?}, {loss:?}");
+                let mut fused = rasterizer.upload(&draw.scene, parameterization)?;
+                let mut staged = rasterizer.upload(&draw.scene, parameterization)?;
+                let place = format!("{parameterization:?}, {blend:?}, {loss:?}");
                 for _ in 0..5 {
                     rasterizer.train_step(&mut fused, &draw.view, &target, &step)?;
                 }
@@ -117,14 +119,14 @@ pub fn fused_steps_match_their_stages<S: Subject, R: Rasterizer<S>>(rasterizer: 
                     let close = (a - b).abs() <= FUSED_SHARE as f32 * b;
                     Failure::unless(close, || format!("{place}, step {steps}: the loss is {a} fused, {b} in stages"))?;
                 }
-                let [a, b] = [&fused, &staged].map(|cloud| rasterizer.download(cloud));
+                let [a, b] = [&fused, &staged].map(|splats| rasterizer.download(splats));
                 let (a, b) = (a?.rows(), b?.rows());
                 let start = draw.scene.rows();
                 Failure::unless(a.gaussians.len() == 20, || format!("{place}: {} Gaussians", a.gaussians.len()))?;
                 Failure::unless(a != start, || format!("{place}: five steps moved nothing"))?;
                 for (g, (a, b)) in a.gaussians.iter().zip(&b.gaussians).enumerate() {
                     for i in (0..b.len()).filter(|&i| b[i].is_finite()) {
-                        // In local frames a step in the mean is as long as the Gaussian, up to 6 px.
+                        // In covariance factors a step in the mean is as long as the Gaussian, up to 6 px.
                         let moved =
                             5.0 * f64::from(rate_of(i, b.len(), &rates).learning_rate) * if i < 2 { 6.0 } else { 2.0 };
                         let tolerance = FUSED_SHARE * moved + 4.0 * f64::from(f32::EPSILON) * b[i].abs();
@@ -145,7 +147,7 @@ pub fn fused_steps_match_their_stages<S: Subject, R: Rasterizer<S>>(rasterizer: 
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
-pub fn statistics_are_the_positional_gradients<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Result<(), Failure> {
+pub fn statistics_are_the_positional_gradients<R: Rasterizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     let still = Group::constant(1e-4);
     let rates = Adam { mean: still, scale: still, rotation: still, opacity: still, color: still, ..Adam::default() };
     let rates = rates.at(0.0);
@@ -154,30 +156,30 @@ pub fn statistics_are_the_positional_gradients<R: Rasterizer<PlanarScene>>(raste
     for blend in [Blend::Sum, Blend::Over] {
         for view in [own, zoomed] {
             let mut draw = Draw::new(Kind::Overlapping, blend, 10, (30, 24), 1600).through(view);
-            draw.scene.push(gs_core::PlanarGaussian { mean: Vec2::new(-500.0, 3.0), ..draw.scene.gaussian(0) });
+            draw.scene.push(gs_core::Gaussian2d { mean: Vec2::new(-500.0, 3.0), ..draw.scene.gaussian(0) });
             draw.settings.effects.statistics = Statistics::MeanGradient;
             let target = rasterizer.upload_target(&draw.target()?)?;
-            let mut cloud = rasterizer.upload(&draw.scene, Chart::ScaleRotation)?;
+            let mut splats = rasterizer.upload(&draw.scene, Parameterization::ScaleRotation)?;
             let mut expected = [0.0; 11];
             // Pixels of the canvas per unit of the plane; normalised device units per pixel.
             let pixels = view.scale().as_dvec2();
             let half = [f64::from(view.width) / 2.0, f64::from(view.height) / 2.0];
             for steps in 0..4 {
-                let frame = rasterizer.forward(&cloud, &view, &draw.settings)?;
-                let (_, gradients) = rasterizer.backward(&cloud, frame, &target, &Loss::L2)?;
-                let rows = rows_of_gradients(&rasterizer.download_gradients(&cloud, &gradients)?);
+                let frame = rasterizer.forward(&splats, &view, &draw.settings)?;
+                let (_, gradients) = rasterizer.backward(&splats, frame, &target, &Loss::L2)?;
+                let rows = rows_of_gradients(&rasterizer.download_gradients(&splats, &gradients)?);
                 for (sum, row) in expected.iter_mut().zip(&rows) {
                     *sum += (row[0] / pixels.x * half[0]).hypot(row[1] / pixels.y * half[1]);
                 }
                 if steps % 2 == 0 {
-                    rasterizer.step(&mut cloud, &gradients, &rates)?;
+                    rasterizer.step(&mut splats, &gradients, &rates)?;
                 } else {
                     let settings = &draw.settings;
                     let step = TrainStep { settings, loss: Loss::L2, rates: &rates, binning: Binning::Fresh };
-                    rasterizer.train_step(&mut cloud, &view, &target, &step)?;
+                    rasterizer.train_step(&mut splats, &view, &target, &step)?;
                 }
             }
-            let found = rasterizer.statistics(&cloud)?;
+            let found = rasterizer.statistics(&splats)?;
             let place = format!("{blend:?}, {}x{} px", view.width, view.height);
             let visible: Vec<u32> = (0..11).map(|i| if i < 10 { 4 } else { 0 }).collect();
             Failure::unless(found.visible == visible, || format!("{place}: drawn in {:?} of 4 steps", found.visible))?;
@@ -189,10 +191,10 @@ pub fn statistics_are_the_positional_gradients<R: Rasterizer<PlanarScene>>(raste
             }
 
             draw.settings.effects.statistics = Statistics::None;
-            let mut cloud = rasterizer.upload(&draw.scene, Chart::ScaleRotation)?;
+            let mut splats = rasterizer.upload(&draw.scene, Parameterization::ScaleRotation)?;
             let step = TrainStep { settings: &draw.settings, loss: Loss::L2, rates: &rates, binning: Binning::Fresh };
-            rasterizer.train_step(&mut cloud, &view, &target, &step)?;
-            let none = rasterizer.statistics(&cloud)?.gradient_sum == vec![0.0; 11];
+            rasterizer.train_step(&mut splats, &view, &target, &step)?;
+            let none = rasterizer.statistics(&splats)?.gradient_sum == vec![0.0; 11];
             Failure::unless(none, || format!("{place}: statistics that nobody asked for"))?;
         }
     }
@@ -203,19 +205,19 @@ pub fn statistics_are_the_positional_gradients<R: Rasterizer<PlanarScene>>(raste
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
-pub fn solved_colors_are_the_best<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Result<(), Failure> {
-    for chart in CHARTS {
+pub fn solved_colors_are_the_best<R: Rasterizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
+    for parameterization in CHARTS {
         for (kind, count, size) in
             [(Kind::Typical, 16, (24, 18)), (Kind::Overlapping, 5, (20, 20)), (Kind::Tiny, 30, (9, 7))]
         {
             let mut draw = Draw::new(kind, Blend::Sum, count, size, 1700).on([0.3, 0.1, 0.2]);
             let image = draw.target()?;
             let target = rasterizer.upload_target(&image)?;
-            let mut cloud = rasterizer.upload(&draw.scene, chart)?;
-            let before = rasterizer.download(&cloud)?;
-            rasterizer.solve_colors(&mut cloud, &draw.view, &target, &draw.settings, 60)?;
-            let after = rasterizer.download(&cloud)?;
-            let only_colors = PlanarScene { colors: before.colors.clone(), ..after.clone() } == before;
+            let mut splats = rasterizer.upload(&draw.scene, parameterization)?;
+            let before = rasterizer.download(&splats)?;
+            rasterizer.solve_colors(&mut splats, &draw.view, &target, &draw.settings, 60)?;
+            let after = rasterizer.download(&splats)?;
+            let only_colors = Scene2d { colors: before.colors.clone(), ..after.clone() } == before;
             Failure::unless(only_colors, || "solving for colours changed something else".to_owned())?;
 
             draw.scene = before;
@@ -227,7 +229,9 @@ pub fn solved_colors_are_the_best<R: Rasterizer<PlanarScene>>(rasterizer: &R) ->
             let (first, found) = (first?, found?);
             let bound = best * (1.0 + LEAST_SQUARES[0]) + LEAST_SQUARES[1];
             Failure::unless(first > 1.05 * bound && found <= bound, || {
-                format!("{chart:?}, {kind:?}: solving led from {first:e} to {found:e}, where {best:e} is possible")
+                format!(
+                    "{parameterization:?}, {kind:?}: solving led from {first:e} to {found:e}, where {best:e} is possible"
+                )
             })?;
         }
     }

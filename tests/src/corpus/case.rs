@@ -42,7 +42,7 @@ pub struct Case<S: Subject> {
     pub loss: Loss,
     /// How training moves.
     pub adam: Adam,
-    /// Training steps in each chart; fewer than [`STEPS`] only where one takes long.
+    /// Training steps in each parameterization; fewer than [`STEPS`] only where one takes long.
     pub steps: usize,
     /// What must come of it.
     pub expected: Expected,

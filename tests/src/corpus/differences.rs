@@ -8,7 +8,7 @@
 //! [`ROUNDINGS`] of that are allowed for. A gradient of which that is more than its share is counted as ill-conditioned: it is compared, but
 //! says little, and no more than [`ILL_CONDITIONED_SHARE`] of a set of scenes may be so.
 
-use gs_core::{Chart, Image, Loss, Rasterizer, RenderSettings, settings::Cut};
+use gs_core::{Image, Loss, Parameterization, Rasterizer, RenderSettings, settings::Cut};
 
 use super::case::NEGLIGIBLE;
 use crate::{
@@ -26,7 +26,7 @@ pub const ORACLE_SHARE: f64 = 1e-3;
 pub const BACKEND_SHARE: f64 = 1e-2;
 
 /// Largest share of a set's gradients that may be uncertain by more than their own share. Worst measured: 0.38 with L2 and 0.44
-/// with L1 and D-SSIM, of needles in space and of spatial Gaussians far beyond the field of view.
+/// with L1 and D-SSIM, of needles in 3D and of 3D Gaussians far beyond the field of view.
 pub const ILL_CONDITIONED_SHARE: f64 = 0.5;
 
 /// The smallest hard cut: what is below it in a smooth one is less than a rounding beside what is above.
@@ -118,11 +118,11 @@ impl<S: Subject> Quotients<S> {
     pub fn check_backend<R: Rasterizer<S>>(&self, rasterizer: &R) -> Result<Differences, Failure> {
         let mut settings = smooth(self.draw.settings);
         (settings.accuracy.cut, settings.accuracy.alpha_cut) = (Cut::Hard, FINEST_CUT);
-        let cloud = rasterizer.upload(&self.draw.scene, Chart::ScaleRotation)?;
-        let frame = rasterizer.forward(&cloud, &self.draw.view, &settings)?;
+        let splats = rasterizer.upload(&self.draw.scene, Parameterization::ScaleRotation)?;
+        let frame = rasterizer.forward(&splats, &self.draw.view, &settings)?;
         let target = rasterizer.upload_target(&self.target)?;
-        let (_, gradients) = rasterizer.backward(&cloud, frame, &target, &self.loss)?;
-        let found = rasterizer.download_gradients(&cloud, &gradients)?.rows_of_gradients();
+        let (_, gradients) = rasterizer.backward(&splats, frame, &target, &self.loss)?;
+        let found = rasterizer.download_gradients(&splats, &gradients)?.rows_of_gradients();
         self.compare(&found, (BACKEND_SHARE, ROUNDINGS))
     }
 

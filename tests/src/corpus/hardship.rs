@@ -3,14 +3,14 @@
 
 use glam::{Vec2, Vec3};
 use gs_core::{
-    PlanarScene, SpatialScene,
+    Scene2d, Scene3d,
     effects::{Antialias, Blend, Order},
     scene::logit,
 };
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
-use crate::scenes::{Draw, Kind, SpatialKind};
+use crate::scenes::{Draw, Kind, Kind3d};
 
 /// What is made hard about a scene.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -19,7 +19,7 @@ pub enum Hardship {
     Needles,
     /// Scales that differ by a millionth: hardly anything depends on the rotation.
     NearlyRound,
-    /// Short axes of 0.02 to 0.1 px, in space of nothing at all.
+    /// Short axes of 0.02 to 0.1 px, in 3D of nothing at all.
     Thin,
     /// Scales of 10³ to 10⁶ px.
     Huge,
@@ -43,8 +43,8 @@ const COUNT: usize = 4;
 /// Columns and rows of its image.
 const SIZE: (u32, u32) = (12, 9);
 
-/// A planar scene that is hard in one way; the same for the same seed.
-pub fn hard_planar(hardship: Hardship, blend: Blend, seed: u64) -> Draw<PlanarScene> {
+/// A 2D scene that is hard in one way; the same for the same seed.
+pub fn hard_2d(hardship: Hardship, blend: Blend, seed: u64) -> Draw<Scene2d> {
     let mut draw = Draw::new(Kind::Typical, blend, COUNT, SIZE, seed).on([0.3, 0.9, 0.1]);
     let mut rng = Pcg64::seed_from_u64(seed ^ 0x4a2d);
     let mut within = |least: f32, most: f32| rng.random_range(least..most);
@@ -81,9 +81,9 @@ pub fn hard_planar(hardship: Hardship, blend: Blend, seed: u64) -> Draw<PlanarSc
     draw
 }
 
-/// A spatial scene that is hard in one way; the same for the same seed, which also chooses how it is antialiased.
-pub fn hard_spatial(hardship: Hardship, seed: u64) -> Draw<SpatialScene> {
-    let mut draw = Draw::spatial(SpatialKind::Typical, Blend::Over, COUNT, SIZE, seed).on([0.3, 0.9, 0.1]);
+/// A 3D scene that is hard in one way; the same for the same seed, which also chooses how it is antialiased.
+pub fn hard_3d(hardship: Hardship, seed: u64) -> Draw<Scene3d> {
+    let mut draw = Draw::for_3d(Kind3d::Typical, Blend::Over, COUNT, SIZE, seed).on([0.3, 0.9, 0.1]);
     draw = draw.antialiased(Antialias::ALL[(seed % 4) as usize]);
     draw.settings.effects.order = Order::Index;
     let mut rng = Pcg64::seed_from_u64(seed ^ 0x4a2d);

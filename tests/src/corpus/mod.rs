@@ -2,15 +2,15 @@
 //! this field are most often reported for.
 //!
 //! Each [`Case`] says why it is hard, who met it before, and what must come of it: an exact outcome, agreement with the oracle within the
-//! roundings that its analysis of this very scene allows, or a typed error. It runs forward, backward and through training, in every chart.
+//! roundings that its analysis of this very scene allows, or a typed error. It runs forward, backward and through training, in every parameterization.
 //! `cargo run -p gs-conformance --example corpus` prints the table for the backends of this repository; another backend's tests do:
 //!
 //! ```
-//! use gs_conformance::corpus::{Record, planar_corpus, run};
-//! use gs_core::{PlanarScene, Rasterizer};
+//! use gs_conformance::corpus::{Record, corpus_2d, run};
+//! use gs_core::{Scene2d, Rasterizer};
 //!
-//! fn my_backend_stands_hard_cases(backend: &impl Rasterizer<PlanarScene>) {
-//!     for case in planar_corpus() {
+//! fn my_backend_stands_hard_cases(backend: &impl Rasterizer<Scene2d>) {
+//!     for case in corpus_2d() {
 //!         let record = run(backend, &case);
 //!         assert!(record.is_as_expected(), "{record}");
 //!     }
@@ -20,22 +20,19 @@
 mod case;
 mod differences;
 mod hardship;
-mod planar;
 mod poison;
 mod report;
 mod run;
-mod spatial;
+mod scene2d;
+mod scene3d;
 
 pub use self::{
     case::{Case, Drawn, Expected, Goal, NEGLIGIBLE, Picture, STEPS, Slopes, Source, Training},
     differences::{BACKEND_SHARE, Differences, ILL_CONDITIONED_SHARE, ORACLE_SHARE, Quotients},
-    hardship::{Hardship, hard_planar, hard_spatial},
-    planar::planar_corpus,
-    poison::{
-        Breadth, Inputs, Offered, Slot, VALUES, poison_planar, poison_planar_slots, poison_spatial,
-        poison_spatial_slots,
-    },
+    hardship::{Hardship, hard_2d, hard_3d},
+    poison::{Breadth, Inputs, Offered, Slot, VALUES, poison_2d, poison_3d, poison_slots_2d, poison_slots_3d},
     report::{Observed, Record},
     run::run,
-    spatial::spatial_corpus,
+    scene2d::corpus_2d,
+    scene3d::corpus_3d,
 };

@@ -6,11 +6,11 @@ mod state;
 
 use std::{cell::OnceCell, fmt::Display, time::Instant};
 
-use gs_core::{Chart, PlanarScene, Rasterizer, SpatialScene};
+use gs_core::{Parameterization, Rasterizer, Scene2d, Scene3d};
 
 use self::state::Clean;
 use super::report::{Observed, Record};
-use crate::{conformance::charts, failure::Failure, subject::Subject};
+use crate::{conformance::parameterizations, failure::Failure, subject::Subject};
 
 pub use self::inputs::{Breadth, Inputs, Offered, Slot};
 
@@ -40,32 +40,26 @@ pub const VALUES: [f32; 22] = [
     -1e-45,
 ];
 
-/// Puts every value into every slot of planar inputs; a record for each slot.
-pub fn poison_planar<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Vec<Record> {
-    poison_planar_slots(rasterizer, |_| true)
+/// Puts every value into every slot of 2D inputs; a record for each slot.
+pub fn poison_2d<R: Rasterizer<Scene2d>>(rasterizer: &R) -> Vec<Record> {
+    poison_slots_2d(rasterizer, |_| true)
 }
 
-/// [`poison_planar`], but for those slots alone of whose records' names `wanted` is true.
-pub fn poison_planar_slots<R: Rasterizer<PlanarScene>>(
-    rasterizer: &R,
-    wanted: impl Fn(&str) -> bool + Copy,
-) -> Vec<Record> {
+/// [`poison_2d`], but for those slots alone of whose records' names `wanted` is true.
+pub fn poison_slots_2d<R: Rasterizer<Scene2d>>(rasterizer: &R, wanted: impl Fn(&str) -> bool + Copy) -> Vec<Record> {
     let views = inputs::canvas_slots();
-    inputs::planar().iter().flat_map(|inputs| poison(rasterizer, inputs, &views, wanted)).collect()
+    inputs::scene_2d().iter().flat_map(|inputs| poison(rasterizer, inputs, &views, wanted)).collect()
 }
 
-/// Puts every value into every slot of spatial inputs; a record for each slot.
-pub fn poison_spatial<R: Rasterizer<SpatialScene>>(rasterizer: &R) -> Vec<Record> {
-    poison_spatial_slots(rasterizer, |_| true)
+/// Puts every value into every slot of 3D inputs; a record for each slot.
+pub fn poison_3d<R: Rasterizer<Scene3d>>(rasterizer: &R) -> Vec<Record> {
+    poison_slots_3d(rasterizer, |_| true)
 }
 
-/// [`poison_spatial`], but for those slots alone of whose records' names `wanted` is true.
-pub fn poison_spatial_slots<R: Rasterizer<SpatialScene>>(
-    rasterizer: &R,
-    wanted: impl Fn(&str) -> bool + Copy,
-) -> Vec<Record> {
+/// [`poison_3d`], but for those slots alone of whose records' names `wanted` is true.
+pub fn poison_slots_3d<R: Rasterizer<Scene3d>>(rasterizer: &R, wanted: impl Fn(&str) -> bool + Copy) -> Vec<Record> {
     let views = inputs::camera_slots();
-    inputs::spatial().iter().flat_map(|inputs| poison(rasterizer, inputs, &views, wanted)).collect()
+    inputs::scene_3d().iter().flat_map(|inputs| poison(rasterizer, inputs, &views, wanted)).collect()
 }
 
 /// `views`: the slots of their views.
@@ -84,22 +78,25 @@ fn poison<S: Subject, R: Rasterizer<S>>(
         })
     };
     let mut records = Vec::new();
-    let charts = charts::<S, R>(rasterizer).unwrap_or_else(|failure| {
-        records.extend(record(&"charts", &mut || Err(failure.clone())));
+    let parameterizations = parameterizations::<S, R>(rasterizer).unwrap_or_else(|failure| {
+        records.extend(record(&"parameterizations", &mut || Err(failure.clone())));
         Vec::new()
     });
-    for chart in charts {
+    for parameterization in parameterizations {
         // Shared by all slots, and made only where one of them is wanted.
         let clean = OnceCell::new();
-        let clean = || clean.get_or_init(|| Clean::new(rasterizer, inputs, chart)).as_ref().map_err(Failure::clone);
-        match state::slots(rasterizer, inputs, chart) {
+        let clean =
+            || clean.get_or_init(|| Clean::new(rasterizer, inputs, parameterization)).as_ref().map_err(Failure::clone);
+        match state::slots(rasterizer, inputs, parameterization) {
             Ok(of_state) => {
                 for slot in of_state {
-                    let name = in_chart(&slot, chart);
+                    let name = in_parameterization(&slot, parameterization);
                     records.extend(record(&name, &mut || state::poison(rasterizer, inputs, clean()?, &slot)));
                 }
             }
-            Err(failure) => records.extend(record(&in_chart(&"state", chart), &mut || Err(failure.clone()))),
+            Err(failure) => {
+                records.extend(record(&in_parameterization(&"state", parameterization), &mut || Err(failure.clone())))
+            }
         }
     }
     for slot in views.iter().chain(&inputs.slots()) {
@@ -108,10 +105,10 @@ fn poison<S: Subject, R: Rasterizer<S>>(
     records
 }
 
-/// The name of what is done in a chart.
-fn in_chart(what: &dyn Display, chart: Chart) -> String {
-    match chart {
-        Chart::ScaleRotation => what.to_string(),
-        Chart::LocalFrame => format!("{what}, in local frames"),
+/// The name of what is done in a parameterization.
+fn in_parameterization(what: &dyn Display, parameterization: Parameterization) -> String {
+    match parameterization {
+        Parameterization::ScaleRotation => what.to_string(),
+        Parameterization::CovarianceFactor => format!("{what}, in covariance factors"),
     }
 }

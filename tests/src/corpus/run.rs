@@ -1,8 +1,8 @@
-//! Puts a backend through a case: forward, backward, and training in every chart that the backend offers.
+//! Puts a backend through a case: forward, backward, and training in every parameterization that the backend offers.
 
 use std::{ops::RangeInclusive, time::Instant};
 
-use gs_core::{Binning, Chart, CloudState, Image, Rasterizer, TrainStep, Wait, statistics::Culled};
+use gs_core::{Binning, Image, Parameterization, Rasterizer, SplatsState, TrainStep, Wait, statistics::Culled};
 
 use super::{
     case::{Case, Drawn, Expected, NEGLIGIBLE, Picture, Slopes, Training},
@@ -34,74 +34,74 @@ fn outcome<S: Subject, R: Rasterizer<S>>(rasterizer: &R, case: &Case<S>) -> Resu
         }
     };
     let mut observed = Observed { runs: 1, ..Observed::default() };
-    for chart in crate::conformance::charts::<S, R>(rasterizer)? {
-        let run = Run { rasterizer, case, drawn, chart };
-        run.put_through(&mut observed).map_err(|failure| failure.at(format!("{chart:?}")))?;
+    for parameterization in crate::conformance::parameterizations::<S, R>(rasterizer)? {
+        let run = Run { rasterizer, case, drawn, parameterization };
+        run.put_through(&mut observed).map_err(|failure| failure.at(format!("{parameterization:?}")))?;
     }
     Ok(observed)
 }
 
-/// A scene's Gaussians as the oracle is to see them, which must be those of the cloud that was made of it.
+/// A scene's Gaussians as the oracle is to see them, which must be those of the splats that was made of it.
 pub(super) fn rows_of<S: Subject, R: Rasterizer<S>>(
     rasterizer: &R,
     scene: &S,
-    cloud: &R::Cloud,
-    chart: Chart,
+    splats: &R::Splats,
+    parameterization: Parameterization,
 ) -> Result<OracleScene, Failure> {
-    Ok(match chart {
-        Chart::ScaleRotation => scene.rows(),
-        Chart::LocalFrame => scene.rows_of_frames(rasterizer.save(cloud)?.matrix("frame")?.1),
+    Ok(match parameterization {
+        Parameterization::ScaleRotation => scene.rows(),
+        Parameterization::CovarianceFactor => scene.rows_of_factors(rasterizer.save(splats)?.matrix("factor")?.1),
     })
 }
 
-/// What ratios of a Gaussian's scales may be for its axes to be read from a rounded frame: those of what is round are any, and those of a needle are
+/// What ratios of a Gaussian's scales may be for its axes to be read from a rounded factor: those of what is round are any, and those of a needle are
 /// turned by as much as its aspect times the rounding.
 const TELLING_RATIOS: RangeInclusive<f64> = 1.05..=100.0;
 
 /// Whether gradients are by what the rows say, number by number.
-fn is_comparable<S: Subject>(rows: &OracleScene, chart: Chart) -> bool {
+fn is_comparable<S: Subject>(rows: &OracleScene, parameterization: Parameterization) -> bool {
     let has_axes = |row: &Parameters| {
         let mut log_scales = row[S::DIMENSIONS..2 * S::DIMENSIONS].to_vec();
         log_scales.sort_by(f64::total_cmp);
         log_scales.array_windows().all(|[a, b]| TELLING_RATIOS.contains(&(b - a).exp()))
     };
-    chart == Chart::ScaleRotation || rows.gaussians.iter().all(has_axes)
+    parameterization == Parameterization::ScaleRotation || rows.gaussians.iter().all(has_axes)
 }
 
-/// Takes the agreement in one more chart into account.
+/// Takes the agreement in one more parameterization into account.
 fn add(all: &mut Option<Agreement>, more: Agreement) {
     *all = Some(all.map_or(more, |before| before.and(more)));
 }
 
-/// A backend that is put through a case in one chart.
+/// A backend that is put through a case in one parameterization.
 struct Run<'r, S: Subject, R> {
     rasterizer: &'r R,
     case: &'r Case<S>,
     drawn: &'r Drawn,
-    chart: Chart,
+    parameterization: Parameterization,
 }
 
 impl<S: Subject, R: Rasterizer<S>> Run<'_, S, R> {
     fn put_through(&self, observed: &mut Observed) -> Result<(), Failure> {
-        let &Self { rasterizer, case, chart, .. } = self;
-        let cloud = rasterizer.upload(&case.scene, chart)?;
-        let frame = rasterizer.forward(&cloud, &case.view, &case.settings)?;
-        let shown = self.forward(&cloud, &frame, observed)?;
+        let &Self { rasterizer, case, parameterization, .. } = self;
+        let splats = rasterizer.upload(&case.scene, parameterization)?;
+        let factor = rasterizer.forward(&splats, &case.view, &case.settings)?;
+        let shown = self.forward(&splats, &factor, observed)?;
         let goal = case.goal.image(&shown)?;
         let target = rasterizer.upload_target(&goal)?;
-        let slopes = self.backward(&cloud, frame, (&goal, &target), observed)?;
-        self.train(cloud, &target, &slopes, observed)
+        let slopes = self.backward(&splats, factor, (&goal, &target), observed)?;
+        self.train(splats, &target, &slopes, observed)
     }
 
     /// The image.
-    fn forward(&self, cloud: &R::Cloud, frame: &R::Frame, observed: &mut Observed) -> Result<Image, Failure> {
+    fn forward(&self, splats: &R::Splats, factor: &R::ForwardPass, observed: &mut Observed) -> Result<Image, Failure> {
         let &Self { rasterizer, case, drawn, .. } = self;
-        let (image, culled) = (rasterizer.image(frame)?, rasterizer.culled(frame)?);
+        let (image, culled) = (rasterizer.image(factor)?, rasterizer.culled(factor)?);
         image.check_finite("the image")?;
         Failure::unless(culled == drawn.culled, || format!("left out {culled:?}, expected {:?}", drawn.culled))?;
         observed.drawn = [case.scene.len() as u64 - culled.total(), culled.total()];
         match &drawn.picture {
-            Picture::Oracle => self.is_the_oracles(cloud, &image, observed)?,
+            Picture::Oracle => self.is_the_oracles(splats, &image, observed)?,
             Picture::Exact(expected) => {
                 let bits =
                     |image: &Image| image.pixels().as_flattened().iter().map(|v| v.to_bits()).collect::<Vec<_>>();
@@ -115,9 +115,9 @@ impl<S: Subject, R: Rasterizer<S>> Run<'_, S, R> {
         Ok(image)
     }
 
-    fn is_the_oracles(&self, cloud: &R::Cloud, image: &Image, observed: &mut Observed) -> Result<(), Failure> {
-        let &Self { rasterizer, case, drawn, chart } = self;
-        let rows = rows_of(rasterizer, &case.scene, cloud, chart)?;
+    fn is_the_oracles(&self, splats: &R::Splats, image: &Image, observed: &mut Observed) -> Result<(), Failure> {
+        let &Self { rasterizer, case, drawn, parameterization } = self;
+        let rows = rows_of(rasterizer, &case.scene, splats, parameterization)?;
         let expected = Oracle::new(case.view, case.settings)?.render(&rows);
         // To the oracle, those behind full pixels are as much outside as those beyond the image; a backend's lists have them.
         let hidden = expected.culled.outside.saturating_sub(drawn.culled.outside);
@@ -135,14 +135,14 @@ impl<S: Subject, R: Rasterizer<S>> Run<'_, S, R> {
     /// The gradients, as rows.
     fn backward(
         &self,
-        cloud: &R::Cloud,
-        frame: R::Frame,
+        splats: &R::Splats,
+        factor: R::ForwardPass,
         (goal, target): (&Image, &R::Target),
         observed: &mut Observed,
     ) -> Result<Vec<Parameters>, Failure> {
-        let &Self { rasterizer, case, drawn, chart } = self;
-        let (loss, gradients) = rasterizer.backward(cloud, frame, target, &case.loss)?;
-        let gradients = rasterizer.download_gradients(cloud, &gradients)?;
+        let &Self { rasterizer, case, drawn, parameterization } = self;
+        let (loss, gradients) = rasterizer.backward(splats, factor, target, &case.loss)?;
+        let gradients = rasterizer.download_gradients(splats, &gradients)?;
         let rows = gradients.rows_of_gradients();
         if drawn.training != Training::Moves {
             none_is::<S>(&rows, |v| !v.is_finite(), "finite")?;
@@ -152,8 +152,8 @@ impl<S: Subject, R: Rasterizer<S>> Run<'_, S, R> {
             Slopes::Finite(_) => {}
             Slopes::Zero => none_is::<S>(&rows, |v| v != 0.0, "0")?,
             Slopes::Oracle | Slopes::Leading(_) => {
-                let shapes = rows_of(rasterizer, &case.scene, cloud, chart)?;
-                if is_comparable::<S>(&shapes, chart) {
+                let shapes = rows_of(rasterizer, &case.scene, splats, parameterization)?;
+                if is_comparable::<S>(&shapes, parameterization) {
                     let oracle = Oracle::new(case.view, case.settings)?;
                     let mut expected = oracle.gradients(&shapes, goal, &case.loss)?;
                     if drawn.slopes != Slopes::Oracle {
@@ -170,30 +170,30 @@ impl<S: Subject, R: Rasterizer<S>> Run<'_, S, R> {
     /// `slopes`: the gradients before the first step.
     fn train(
         &self,
-        mut cloud: R::Cloud,
+        mut splats: R::Splats,
         target: &R::Target,
         slopes: &[Parameters],
         observed: &mut Observed,
     ) -> Result<(), Failure> {
         let &Self { rasterizer, case, drawn, .. } = self;
-        let before = rasterizer.download(&cloud)?;
+        let before = rasterizer.download(&splats)?;
         let rates = case.adam.at(0.0);
         let step = TrainStep { settings: &case.settings, loss: case.loss, rates: &rates, binning: Binning::Fresh };
         let mut last_but_one = before.clone();
         for i in 0..case.steps {
             if i + 1 == case.steps && drawn.training == Training::Moves {
-                last_but_one = rasterizer.download(&cloud)?;
+                last_but_one = rasterizer.download(&splats)?;
             }
-            rasterizer.train_step(&mut cloud, &case.view, target, &step)?;
+            rasterizer.train_step(&mut splats, &case.view, target, &step)?;
         }
         let mut losses = Vec::new();
-        rasterizer.losses(&mut cloud, Wait::All, &mut losses)?;
+        rasterizer.losses(&mut splats, Wait::All, &mut losses)?;
         are_told(case, drawn, &losses)?;
-        let after = rasterizer.download(&cloud)?;
-        self.stay_finite(&cloud, &after)?;
+        let after = rasterizer.download(&splats)?;
+        self.stay_finite(&splats, &after)?;
         stay_bounded(case, &after)?;
         have_moved(case, slopes, &before, &after)?;
-        are_counted(case, &rasterizer.save(&cloud)?)?;
+        are_counted(case, &rasterizer.save(&splats)?)?;
         self.came_to(&losses, [&before, &last_but_one, &after], observed)
     }
 
@@ -225,14 +225,14 @@ impl<S: Subject, R: Rasterizer<S>> Run<'_, S, R> {
 
     /// All Gaussians are finite after training, but those that were left out from the start, because they have no direction or no size; of
     /// these, those that are not are counted.
-    fn stay_finite(&self, cloud: &R::Cloud, after: &S) -> Result<(), Failure> {
+    fn stay_finite(&self, splats: &R::Splats, after: &S) -> Result<(), Failure> {
         let &Self { rasterizer, case, drawn, .. } = self;
         if after.validate().is_ok() {
             return Ok(());
         }
         let broken: Vec<_> = (0..after.len()).filter_map(|i| after.picked([i]).validate().err()).collect();
         let Some(first) = broken.first() else { return Ok(()) };
-        let counted = rasterizer.culled(&rasterizer.forward(cloud, &case.view, &case.settings)?)?;
+        let counted = rasterizer.culled(&rasterizer.forward(splats, &case.view, &case.settings)?)?;
         let (most, broken) = ((drawn.culled.degenerate + drawn.culled.not_finite) as usize, broken.len());
         Failure::unless(broken <= most && broken <= counted.not_finite as usize, || {
             format!(
@@ -299,7 +299,7 @@ fn have_moved<S: Subject>(case: &Case<S>, slopes: &[Parameters], before: &S, aft
 }
 
 /// All steps are counted, for what Adam's moments are corrected by: also those of a Gaussian without a gradient.
-fn are_counted<S: Subject>(case: &Case<S>, state: &CloudState) -> Result<(), Failure> {
+fn are_counted<S: Subject>(case: &Case<S>, state: &SplatsState) -> Result<(), Failure> {
     let counted = state.integers("steps")?;
     let wrong = counted.iter().find(|&&steps| steps as usize != case.steps);
     Failure::unless(wrong.is_none(), || {
@@ -307,7 +307,7 @@ fn are_counted<S: Subject>(case: &Case<S>, state: &CloudState) -> Result<(), Fai
     })
 }
 
-/// How far beyond their bounds scales may be, as a difference of logarithms: those of a frame are found again with roundings, of the smallest as
+/// How far beyond their bounds scales may be, as a difference of logarithms: those of a factor are found again with roundings, of the smallest as
 /// many times more as the largest is larger. A millionth of a largest scale of 1 is a few dozen roundings.
 const BEYOND: f64 = 1e-1;
 

@@ -4,8 +4,8 @@ use std::array;
 
 use glam::{Mat3, Quat, Vec2, Vec3};
 use gs_core::{
-    Adam, AdamRates, Binning, Camera, Canvas, Chart, Image, Loss, PlanarGaussian, PlanarScene, RenderSettings, Scene,
-    SpatialGaussian, SpatialScene,
+    Adam, AdamRates, Binning, Camera, Canvas, Gaussian2d, Gaussian3d, Image, Loss, Parameterization, RenderSettings,
+    Scene, Scene2d, Scene3d,
     adam::{Group, Participants, Penalty},
     effects::{Antialias, Blend, Order, Statistics},
     settings::Extent,
@@ -37,25 +37,25 @@ pub struct Fuzzed<S: Scene> {
     /// What is minimised.
     pub loss: Loss,
     /// In which coordinates the optimiser steps.
-    pub chart: Chart,
+    pub parameterization: Parameterization,
     /// How it steps.
     pub rates: AdamRates,
     /// Whose tile lists steps after the first take.
     pub binning: Binning,
 }
 
-/// A planar scene before a canvas, from bytes.
-pub fn planar(bytes: &[u8]) -> Fuzzed<PlanarScene> {
+/// A 2D scene before a canvas, from bytes.
+pub fn scene_2d(bytes: &[u8]) -> Fuzzed<Scene2d> {
     let mut bytes = Bytes::new(bytes);
     let view = canvas(&mut bytes);
     let settings = settings(&mut bytes, [Order::Index; 3]);
-    let (target, loss, chart, rates) = training(&mut bytes, (view.width, view.height));
+    let (target, loss, parameterization, rates) = training(&mut bytes, (view.width, view.height));
     let binning = bytes.pick([Binning::Fresh, Binning::Reuse]);
-    // Penalties are for scenes in space.
+    // Penalties are for 3D scenes.
     let rates = AdamRates { penalty: Penalty::NONE, ..rates };
-    let mut scene = PlanarScene::default();
+    let mut scene = Scene2d::default();
     while scene.len() < MOST_GAUSSIANS && !bytes.is_empty() {
-        scene.push(PlanarGaussian {
+        scene.push(Gaussian2d {
             mean: Vec2::new(bytes.wild(-4.0..24.0, RARITY), bytes.wild(-4.0..22.0, RARITY)),
             log_scale: Vec2::new(bytes.wild(-2.0..3.0, RARITY), bytes.wild(-2.0..3.0, RARITY)),
             rotation: bytes.wild(-4.0..4.0, RARITY),
@@ -67,21 +67,21 @@ pub fn planar(bytes: &[u8]) -> Fuzzed<PlanarScene> {
             color: Vec3::from_array(array::from_fn(|_| bytes.wild(-0.5..1.5, RARITY))),
         });
     }
-    Fuzzed { scene, view, settings, target, loss, chart, rates, binning }
+    Fuzzed { scene, view, settings, target, loss, parameterization, rates, binning }
 }
 
-/// A scene in space before a camera, from bytes.
-pub fn spatial(bytes: &[u8]) -> Fuzzed<SpatialScene> {
+/// A 3D scene before a camera, from bytes.
+pub fn scene_3d(bytes: &[u8]) -> Fuzzed<Scene3d> {
     let mut bytes = Bytes::new(bytes);
     let view = camera(&mut bytes);
-    let settings = settings(&mut bytes, [Order::Index, Order::TileDepth, Order::PixelDepth]);
-    let (target, loss, chart, rates) = training(&mut bytes, (view.width, view.height));
+    let settings = settings(&mut bytes, [Order::Index, Order::Global, Order::PerPixel]);
+    let (target, loss, parameterization, rates) = training(&mut bytes, (view.width, view.height));
     let binning = bytes.pick([Binning::Fresh, Binning::Reuse]);
-    let mut scene = SpatialScene { sh_degree: bytes.below(4) as u8, ..SpatialScene::default() };
+    let mut scene = Scene3d { sh_degree: bytes.below(4) as u8, ..Scene3d::default() };
     while scene.len() < MOST_GAUSSIANS && !bytes.is_empty() {
         let ray = Vec3::new(bytes.wild(-0.8..0.8, RARITY), bytes.wild(-0.8..0.8, RARITY), 1.0);
         let mean = view.rotation.transpose() * (ray * bytes.wild(-0.5..6.0, RARITY) - view.translation);
-        scene.push(SpatialGaussian {
+        scene.push(Gaussian3d {
             mean,
             log_scale: Vec3::from_array(array::from_fn(|_| bytes.wild(-6.0..1.0, RARITY))),
             rotation: array::from_fn(|_| bytes.wild(-1.0..1.0, RARITY)),
@@ -89,7 +89,7 @@ pub fn spatial(bytes: &[u8]) -> Fuzzed<SpatialScene> {
             sh: (0..scene.sh_len()).map(|_| Vec3::from_array(array::from_fn(|_| bytes.wild(-2.0..2.0, 64)))).collect(),
         });
     }
-    Fuzzed { scene, view, settings, target, loss, chart, rates, binning }
+    Fuzzed { scene, view, settings, target, loss, parameterization, rates, binning }
 }
 
 fn size(bytes: &mut Bytes<'_>) -> (u32, u32) {
@@ -145,7 +145,7 @@ fn settings(bytes: &mut Bytes<'_>, orders: [Order; 3]) -> RenderSettings {
     settings
 }
 
-fn training(bytes: &mut Bytes<'_>, (width, height): (u32, u32)) -> (Image, Loss, Chart, AdamRates) {
+fn training(bytes: &mut Bytes<'_>, (width, height): (u32, u32)) -> (Image, Loss, Parameterization, AdamRates) {
     let brightness = bytes.pick([0.0, 1.0, 1.0, 1e4]);
     let checked = bytes.below(2) == 1;
     let pixel = |x: u32, y: u32| {
@@ -155,7 +155,7 @@ fn training(bytes: &mut Bytes<'_>, (width, height): (u32, u32)) -> (Image, Loss,
     let target = Image::from_fn(width, height, pixel).expect("a drawn size is possible");
     let lambda = bytes.wild(0.0..1.0, 64);
     let loss = bytes.pick([Loss::L2, Loss::L1, Loss::PAPER, Loss::L1Dssim { lambda }]);
-    let chart = bytes.pick([Chart::ScaleRotation, Chart::LocalFrame]);
+    let parameterization = bytes.pick([Parameterization::ScaleRotation, Parameterization::CovarianceFactor]);
     let mut group = || Group::constant(bytes.pick([0.0, 1e-3, 0.1, 10.0]));
     let adam = Adam {
         mean: group(),
@@ -170,5 +170,5 @@ fn training(bytes: &mut Bytes<'_>, (width, height): (u32, u32)) -> (Image, Loss,
         penalty: bytes.pick([Penalty::NONE, Penalty { opacity: 0.01, scale: 0.01 }]),
         ..Adam::default()
     };
-    (target, loss, chart, adam.at(0.0))
+    (target, loss, parameterization, adam.at(0.0))
 }

@@ -10,6 +10,6 @@ mod draw;
 mod owed;
 
 pub use self::{
-    draw::{Fuzzed, planar, spatial},
+    draw::{Fuzzed, scene_2d, scene_3d},
     owed::{Bounded, image_is_sound, owes},
 };

@@ -1,7 +1,7 @@
 //! What a backend owes a drawn scene, whatever it is.
 
 use gs_core::{
-    Error, Image, PlanarScene, Rasterizer, RenderSettings, SpatialScene, TrainStep, Wait,
+    Error, Image, Rasterizer, RenderSettings, Scene2d, Scene3d, TrainStep, Wait,
     constants::MIN_QUATERNION_NORM2,
     effects::{Blend, Order},
 };
@@ -43,7 +43,7 @@ fn all_moderate(values: impl IntoIterator<Item = f32>) -> bool {
     values.into_iter().all(|value| value.abs() <= MODERATE)
 }
 
-impl Bounded for PlanarScene {
+impl Bounded for Scene2d {
     fn largest_colors(&self) -> Vec<f64> {
         self.colors.iter().map(|color| f64::from(color.abs().max_element())).collect()
     }
@@ -65,7 +65,7 @@ impl Bounded for PlanarScene {
     }
 }
 
-impl Bounded for SpatialScene {
+impl Bounded for Scene3d {
     fn largest_colors(&self) -> Vec<f64> {
         let largest = |sh: &[glam::Vec3]| {
             let sum: f64 = sh.iter().map(|value| f64::from(value.abs().max_element())).sum();
@@ -77,7 +77,7 @@ impl Bounded for SpatialScene {
     fn is_moderate(&self) -> bool {
         let scales = self.log_scales.iter().all(|log| log.abs().max_element() <= MODERATE_LOG);
         let vectors = self.means.iter().chain(&self.sh).flat_map(|v| v.to_array());
-        // Without a direction a Gaussian has no local frame: there it becomes NaN, which draws nothing, is counted and pruned.
+        // Without a direction a Gaussian has no covariance factor: there it becomes NaN, which draws nothing, is counted and pruned.
         let turned = self.rotations.iter().all(|q| q.iter().map(|v| v * v).sum::<f32>() >= MIN_QUATERNION_NORM2);
         turned && scales && all_moderate(vectors.chain(self.rotations.iter().flatten().copied()))
     }
@@ -99,17 +99,17 @@ impl Bounded for SpatialScene {
 /// # Errors
 /// [`Failure::Broken`] for what must not be; [`Failure::Backend`] for an error where there was no reason for one.
 pub fn owes<S: Bounded, R: Rasterizer<S>>(rasterizer: &R, drawn: &Fuzzed<S>) -> Result<(), Failure> {
-    let Fuzzed { scene, view, settings, target, loss, chart, rates, binning } = drawn;
+    let Fuzzed { scene, view, settings, target, loss, parameterization, rates, binning } = drawn;
     let is_scene = scene.validate().is_ok();
-    let mut cloud = match rasterizer.upload(scene, *chart) {
+    let mut splats = match rasterizer.upload(scene, *parameterization) {
         Err(Error::Unsupported { .. }) => return Ok(()),
         uploaded => match accepted("the scene", is_scene, uploaded)? {
-            Some(cloud) => cloud,
+            Some(splats) => splats,
             None => return Ok(()),
         },
     };
     let possible = S::check_view(view).is_ok() && settings.validate().is_ok();
-    let frame = match rasterizer.forward(&cloud, view, settings) {
+    let frame = match rasterizer.forward(&splats, view, settings) {
         Err(Error::Unsupported { .. }) => return Ok(()),
         frame => match accepted("the view and the settings", possible, frame)? {
             Some(frame) => frame,
@@ -118,36 +118,36 @@ pub fn owes<S: Bounded, R: Rasterizer<S>>(rasterizer: &R, drawn: &Fuzzed<S>) -> 
     };
     let image = rasterizer.image(&frame)?;
     image_is_sound(scene, S::size(view), settings, &image)?;
-    let again = rasterizer.image(&rasterizer.forward(&cloud, view, settings)?)?;
+    let again = rasterizer.image(&rasterizer.forward(&splats, view, settings)?)?;
     Failure::unless(same_bits(&image, &again), || "the same frame has other bits the second time".to_owned())?;
     let culled = rasterizer.culled(&frame)?;
     Failure::unless(culled.total() <= scene.len() as u64, || format!("{culled:?} of {} Gaussians", scene.len()))?;
 
     let target_on = rasterizer.upload_target(target)?;
-    let answer = rasterizer.backward(&cloud, frame, &target_on, loss);
+    let answer = rasterizer.backward(&splats, frame, &target_on, loss);
     let Some((value, gradients)) = accepted("the loss", loss.validate().is_ok(), answer)? else { return Ok(()) };
-    let derivatives = rasterizer.download_gradients(&cloud, &gradients)?;
+    let derivatives = rasterizer.download_gradients(&splats, &gradients)?;
     Failure::unless(derivatives.len() == scene.len(), || format!("{} derivatives", derivatives.len()))?;
-    let moderate = scene.is_moderate() && S::view_is_moderate(view) && all_moderate(settings.backdrop());
+    let moderate = scene.is_moderate() && S::view_is_moderate(view) && all_moderate(settings.background_color());
     if moderate {
         Failure::unless(value.is_finite() && value >= 0.0, || format!("the loss is {value}"))?;
         Failure::unless(derivatives.validate().is_ok(), || format!("derivatives: {:?}", derivatives.validate()))?;
     }
     let step = TrainStep { settings, loss: *loss, rates, binning: *binning };
     for _ in 0..STEPS {
-        rasterizer.train_step(&mut cloud, view, &target_on, &step)?;
+        rasterizer.train_step(&mut splats, view, &target_on, &step)?;
     }
     let mut losses = Vec::new();
-    rasterizer.losses(&mut cloud, Wait::All, &mut losses)?;
+    rasterizer.losses(&mut splats, Wait::All, &mut losses)?;
     Failure::unless(losses.len() == STEPS, || format!("{} losses of {STEPS} steps", losses.len()))?;
-    let trained = rasterizer.download(&cloud)?;
+    let trained = rasterizer.download(&splats)?;
     Failure::unless(trained.len() == scene.len(), || "training alone has changed the count".to_owned())?;
     if moderate {
         Failure::unless(trained.validate().is_ok(), || format!("after {STEPS} steps: {:?}", trained.validate()))?;
     }
-    let state = rasterizer.save(&cloud)?;
+    let state = rasterizer.save(&splats)?;
     let restored = rasterizer.save(&rasterizer.restore(&state)?)?;
-    Failure::unless(state.chart == restored.chart && bits(&state) == bits(&restored), || {
+    Failure::unless(state.parameterization == restored.parameterization && bits(&state) == bits(&restored), || {
         "a restored state is another".to_owned()
     })
 }
@@ -173,11 +173,12 @@ pub fn image_is_sound<S: Bounded>(
     image: &Image,
 ) -> Result<(), Failure> {
     Failure::unless(image.size() == size, || format!("the image is of {:?} px, not {size:?}", image.size()))?;
-    let backdrop = settings.backdrop().into_iter().fold(0.0, |largest: f64, v| largest.max(f64::from(v.abs())));
+    let background =
+        settings.background_color().into_iter().fold(0.0, |largest: f64, v| largest.max(f64::from(v.abs())));
     let colors = scene.largest_colors();
     let bound = match settings.effects.blend {
-        Blend::Sum => backdrop + colors.iter().sum::<f64>(),
-        Blend::Over => colors.into_iter().fold(backdrop, f64::max),
+        Blend::Sum => background + colors.iter().sum::<f64>(),
+        Blend::Over => colors.into_iter().fold(background, f64::max),
     };
     // Sums of numbers that are nearly infinite are nobody's to bound.
     if bound >= f64::from(f32::MAX) / 64.0 {
@@ -189,7 +190,7 @@ pub fn image_is_sound<S: Bounded>(
         None => Ok(()),
         Some(at) => {
             let (value, order) = (image.pixels().as_flattened()[at], settings.effects.order);
-            let kind = if order == Order::PixelDepth { " by depth at each pixel" } else { "" };
+            let kind = if order == Order::PerPixel { " by depth at each pixel" } else { "" };
             Err(Failure::Broken(format!("value {at} of the image{kind} is {value}, beyond ±{bound}")))
         }
     }

@@ -1,22 +1,22 @@
 //! Scenes, views and targets to test with: seeded generators, and proptest strategies over them.
 
-mod planar;
-mod spatial;
+mod scene2d;
+mod scene3d;
 
-use gs_core::{Error, Image, PlanarScene, RenderSettings, effects::Blend};
+use gs_core::{Error, Image, RenderSettings, Scene2d, effects::Blend};
 use proptest::prelude::*;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
 pub use self::{
-    planar::{Kind, draws, kinds, scene, views},
-    spatial::{SpatialKind, camera, spatial_draws, spatial_kinds, spatial_scene},
+    scene2d::{Kind, draws, kinds, scene, views},
+    scene3d::{Kind3d, camera, draws_3d, kinds_3d, scene_3d},
 };
 use crate::{oracle::OracleView, subject::Subject};
 
 /// All that an image depends on.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Draw<S: Subject = PlanarScene> {
+pub struct Draw<S: Subject = Scene2d> {
     /// What is particular about the Gaussians.
     pub kind: S::Kind,
     /// The Gaussians.

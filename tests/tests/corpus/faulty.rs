@@ -3,8 +3,8 @@
 mod fallible;
 
 use gs_core::{
-    AdamRates, Chart, CloudState, DensityStatistics, EditPlan, Error, Image, Loss, Rasterizer, RenderSettings,
-    TrainStep, Wait,
+    AdamRates, DensityStatistics, EditPlan, Error, Image, Loss, Parameterization, Rasterizer, RenderSettings,
+    SplatsState, TrainStep, Wait,
     effects::{Antialias, Order},
     settings::Extent,
     state::TensorData,
@@ -71,7 +71,7 @@ pub(crate) enum Fault {
     /// Pixels are taken to be squares.
     SquaresPixels,
     /// Harmonics of the third degree are left out.
-    DropsHarmonics,
+    DropsSh,
     /// Gaussians are dilated, whether that is wanted or not.
     Dilates,
     /// What is dilated stays as opaque as it was.
@@ -100,8 +100,8 @@ impl<R> Faulty<'_, R> {
             CutsTwoUlpsLower => accuracy.alpha_cut = accuracy.alpha_cut.next_down().next_down(),
             IgnoresTheExtent if is_possible => accuracy.extent = Extent::AlphaCut,
             OrdersByIndex => effects.order = Order::Index,
-            OrdersByMean if effects.order == Order::PixelDepth => effects.order = Order::TileDepth,
-            DropsHarmonics => effects.sh_degree = effects.sh_degree.min(2),
+            OrdersByMean if effects.order == Order::PerPixel => effects.order = Order::Global,
+            DropsSh => effects.sh_degree = effects.sh_degree.min(2),
             Dilates if effects.antialias == Antialias::None => effects.antialias = Antialias::Dilate,
             ForgetsCompensation if effects.antialias.compensates() => effects.antialias = Antialias::Dilate,
             _ => {}
@@ -136,8 +136,8 @@ fn is_extreme(log_scales: &[f64]) -> bool {
 }
 
 impl<S: Fallible, R: Rasterizer<S>> Rasterizer<S> for Faulty<'_, R> {
-    type Cloud = R::Cloud;
-    type Frame = Frame<R::Frame>;
+    type Splats = R::Splats;
+    type ForwardPass = Frame<R::ForwardPass>;
     type Gradients = R::Gradients;
     type Target = R::Target;
 
@@ -145,28 +145,28 @@ impl<S: Fallible, R: Rasterizer<S>> Rasterizer<S> for Faulty<'_, R> {
         format!("{} ({:?})", self.inner.describe(), self.fault)
     }
 
-    fn upload(&self, scene: &S, chart: Chart) -> Result<R::Cloud, Error> {
+    fn upload(&self, scene: &S, parameterization: Parameterization) -> Result<R::Splats, Error> {
         if self.is(DropsExtremes) {
             let rows = scene.rows().gaussians;
             let scales = S::DIMENSIONS..2 * S::DIMENSIONS;
             let kept = (0..scene.len()).filter(|&i| !is_extreme(&rows[i][scales.clone()]));
-            return self.inner.upload(&scene.picked(kept), chart);
+            return self.inner.upload(&scene.picked(kept), parameterization);
         }
         if self.is(CutsWhatIsAtTheCut) {
             let mut scene = scene.clone();
             // 1 / (1 + e⁻ˣ) of this is 1 / (2 + 2⁻²²).
             scene.opacity_logits_mut().iter_mut().filter(|x| **x == 0.0).for_each(|x| *x = -2.0 * f32::EPSILON);
-            return self.inner.upload(&scene, chart);
+            return self.inner.upload(&scene, parameterization);
         }
-        self.inner.upload(scene, chart)
+        self.inner.upload(scene, parameterization)
     }
 
-    fn download(&self, cloud: &R::Cloud) -> Result<S, Error> {
-        self.inner.download(cloud)
+    fn download(&self, splats: &R::Splats) -> Result<S, Error> {
+        self.inner.download(splats)
     }
 
-    fn len(&self, cloud: &R::Cloud) -> usize {
-        self.inner.len(cloud)
+    fn len(&self, splats: &R::Splats) -> usize {
+        self.inner.len(splats)
     }
 
     fn upload_target(&self, image: &Image) -> Result<R::Target, Error> {
@@ -179,11 +179,11 @@ impl<S: Fallible, R: Rasterizer<S>> Rasterizer<S> for Faulty<'_, R> {
         self.inner.upload_target(image)
     }
 
-    fn save(&self, cloud: &R::Cloud) -> Result<CloudState, Error> {
-        self.inner.save(cloud)
+    fn save(&self, splats: &R::Splats) -> Result<SplatsState, Error> {
+        self.inner.save(splats)
     }
 
-    fn restore(&self, state: &CloudState) -> Result<R::Cloud, Error> {
+    fn restore(&self, state: &SplatsState) -> Result<R::Splats, Error> {
         let mut state = state.clone();
         if self.is(Sanitises) {
             for tensor in state.tensors.values_mut() {
@@ -195,22 +195,27 @@ impl<S: Fallible, R: Rasterizer<S>> Rasterizer<S> for Faulty<'_, R> {
         self.inner.restore(&state)
     }
 
-    fn forward(&self, cloud: &R::Cloud, view: &S::View, settings: &RenderSettings) -> Result<Self::Frame, Error> {
+    fn forward(
+        &self,
+        splats: &R::Splats,
+        view: &S::View,
+        settings: &RenderSettings,
+    ) -> Result<Self::ForwardPass, Error> {
         self.refuses(settings)?;
         let (view, settings) = (S::altered_view(self.fault, view), self.altered(settings));
-        let drawn = self.inner.forward(cloud, &view, &settings)?;
+        let drawn = self.inner.forward(splats, &view, &settings)?;
         let mut instead = None;
         if self.is(FollowsTheJacobian)
             && let Some(wider) = S::widened(&view)
         {
-            let image = self.inner.image(&self.inner.forward(cloud, &wider, &settings)?)?;
+            let image = self.inner.image(&self.inner.forward(splats, &wider, &settings)?)?;
             let (width, height) = self.inner.image(&drawn)?.size();
             instead = Some(Image::from_fn(width, height, |x, y| image.pixel(x, y))?);
         }
         Ok(Frame { drawn, instead })
     }
 
-    fn image(&self, Frame { drawn, instead }: &Self::Frame) -> Result<Image, Error> {
+    fn image(&self, Frame { drawn, instead }: &Self::ForwardPass) -> Result<Image, Error> {
         let mut image = instead.clone().map_or_else(|| self.inner.image(drawn), Ok)?;
         let culled = self.inner.culled(drawn)?;
         let last = image.pixels().len() - 1;
@@ -224,22 +229,22 @@ impl<S: Fallible, R: Rasterizer<S>> Rasterizer<S> for Faulty<'_, R> {
         Ok(image)
     }
 
-    fn culled(&self, frame: &Self::Frame) -> Result<Culled, Error> {
+    fn culled(&self, frame: &Self::ForwardPass) -> Result<Culled, Error> {
         if self.is(CountsNothing) { Ok(Culled::default()) } else { self.inner.culled(&frame.drawn) }
     }
 
     fn backward(
         &self,
-        cloud: &R::Cloud,
-        frame: Self::Frame,
+        splats: &R::Splats,
+        frame: Self::ForwardPass,
         target: &R::Target,
         loss: &Loss,
     ) -> Result<(f32, R::Gradients), Error> {
-        self.inner.backward(cloud, frame.drawn, target, &self.heard(*loss))
+        self.inner.backward(splats, frame.drawn, target, &self.heard(*loss))
     }
 
-    fn download_gradients(&self, cloud: &R::Cloud, gradients: &R::Gradients) -> Result<S, Error> {
-        let gradients = self.inner.download_gradients(cloud, gradients)?;
+    fn download_gradients(&self, splats: &R::Splats, gradients: &R::Gradients) -> Result<S, Error> {
+        let gradients = self.inner.download_gradients(splats, gradients)?;
         let rows = gradients.rows_of_gradients();
         match self.fault {
             DropsLargeGradients => {
@@ -255,13 +260,13 @@ impl<S: Fallible, R: Rasterizer<S>> Rasterizer<S> for Faulty<'_, R> {
         }
     }
 
-    fn step(&self, cloud: &mut R::Cloud, gradients: &R::Gradients, rates: &AdamRates) -> Result<(), Error> {
-        self.inner.step(cloud, gradients, rates)
+    fn step(&self, splats: &mut R::Splats, gradients: &R::Gradients, rates: &AdamRates) -> Result<(), Error> {
+        self.inner.step(splats, gradients, rates)
     }
 
     fn train_step(
         &self,
-        cloud: &mut R::Cloud,
+        splats: &mut R::Splats,
         view: &S::View,
         target: &R::Target,
         step: &TrainStep<'_>,
@@ -273,20 +278,20 @@ impl<S: Fallible, R: Rasterizer<S>> Rasterizer<S> for Faulty<'_, R> {
         let (view, settings, loss) =
             (S::altered_view(self.fault, view), self.altered(step.settings), self.heard(step.loss));
         if self.is(NeverSteps) {
-            let frame = self.inner.forward(cloud, &view, &settings)?;
-            let (loss, _) = self.inner.backward(cloud, frame, target, &loss)?;
-            self.inner.unread_losses(cloud).push(loss);
+            let frame = self.inner.forward(splats, &view, &settings)?;
+            let (loss, _) = self.inner.backward(splats, frame, target, &loss)?;
+            self.inner.unread_losses(splats).push(loss);
             return Ok(());
         }
-        self.inner.train_step(cloud, &view, target, &TrainStep { settings: &settings, loss, rates, ..*step })?;
+        self.inner.train_step(splats, &view, target, &TrainStep { settings: &settings, loss, rates, ..*step })?;
         if self.is(Creeps) {
-            self.inner.shift_means(cloud, &vec![1e-3; S::DIMENSIONS * self.inner.len(cloud)])?;
+            self.inner.shift_means(splats, &vec![1e-3; S::DIMENSIONS * self.inner.len(splats)])?;
         }
         Ok(())
     }
 
-    fn losses(&self, cloud: &mut R::Cloud, wait: Wait, losses: &mut Vec<f32>) -> Result<(), Error> {
-        self.inner.losses(cloud, wait, losses)?;
+    fn losses(&self, splats: &mut R::Splats, wait: Wait, losses: &mut Vec<f32>) -> Result<(), Error> {
+        self.inner.losses(splats, wait, losses)?;
         match self.fault {
             LosesItsLosses => losses.truncate(100),
             LosesItsLoss if losses.len() > 100 => losses[100] = f32::NAN,
@@ -295,26 +300,26 @@ impl<S: Fallible, R: Rasterizer<S>> Rasterizer<S> for Faulty<'_, R> {
         Ok(())
     }
 
-    fn unread_losses<'c>(&self, cloud: &'c mut R::Cloud) -> &'c mut Vec<f32> {
-        self.inner.unread_losses(cloud)
+    fn unread_losses<'c>(&self, splats: &'c mut R::Splats) -> &'c mut Vec<f32> {
+        self.inner.unread_losses(splats)
     }
 
     fn solve_colors(
         &self,
-        cloud: &mut R::Cloud,
+        splats: &mut R::Splats,
         view: &S::View,
         target: &R::Target,
         settings: &RenderSettings,
         iterations: u32,
     ) -> Result<(), Error> {
-        self.inner.solve_colors(cloud, view, target, settings, iterations)
+        self.inner.solve_colors(splats, view, target, settings, iterations)
     }
 
-    fn statistics(&self, cloud: &R::Cloud) -> Result<DensityStatistics, Error> {
-        self.inner.statistics(cloud)
+    fn statistics(&self, splats: &R::Splats) -> Result<DensityStatistics, Error> {
+        self.inner.statistics(splats)
     }
 
-    fn edit(&self, cloud: &mut R::Cloud, plan: &EditPlan<S::Gaussian>) -> Result<(), Error> {
-        self.inner.edit(cloud, plan)
+    fn edit(&self, splats: &mut R::Splats, plan: &EditPlan<S::Gaussian>) -> Result<(), Error> {
+        self.inner.edit(splats, plan)
     }
 }

@@ -8,12 +8,12 @@ use std::collections::HashSet;
 use gs_conformance::{
     Failure,
     corpus::{
-        Differences, Hardship, Quotients, Record, Source, hard_planar, hard_spatial, planar_corpus, poison_planar,
-        poison_planar_slots, poison_spatial, poison_spatial_slots, run, spatial_corpus,
+        Differences, Hardship, Quotients, Record, Source, corpus_2d, corpus_3d, hard_2d, hard_3d, poison_2d, poison_3d,
+        poison_slots_2d, poison_slots_3d, run,
     },
     subject::Subject,
 };
-use gs_core::{Loss, PlanarScene, Rasterizer, SpatialScene, effects::Blend};
+use gs_core::{Loss, Rasterizer, Scene2d, Scene3d, effects::Blend};
 use gs_cpu::{CpuRasterizer, CpuSettings, SimdLevel};
 use gs_wgpu::{FreshBuffers, Kernels, WgpuRasterizer, WgpuSettings};
 
@@ -40,11 +40,11 @@ fn wgpu() -> Vec<(Kernels, WgpuRasterizer)> {
 }
 
 /// All records of a backend, those of poison included.
-fn records<R: Rasterizer<PlanarScene> + Rasterizer<SpatialScene>>(rasterizer: &R) -> Vec<Record> {
-    let mut records: Vec<Record> = planar_corpus().iter().map(|case| run(rasterizer, case)).collect();
-    records.extend(spatial_corpus().iter().map(|case| run(rasterizer, case)));
-    records.extend(poison_planar(rasterizer));
-    records.extend(poison_spatial(rasterizer));
+fn records<R: Rasterizer<Scene2d> + Rasterizer<Scene3d>>(rasterizer: &R) -> Vec<Record> {
+    let mut records: Vec<Record> = corpus_2d().iter().map(|case| run(rasterizer, case)).collect();
+    records.extend(corpus_3d().iter().map(|case| run(rasterizer, case)));
+    records.extend(poison_2d(rasterizer));
+    records.extend(poison_3d(rasterizer));
     records
 }
 
@@ -86,8 +86,8 @@ fn the_gpu_stands_all_with_vectors() {
 
 #[test]
 fn cases_have_names_of_their_own_and_say_who_met_them() {
-    let cases = planar_corpus().into_iter().map(|c| (format!("planar: {}", c.name), c.why, c.source));
-    let cases = cases.chain(spatial_corpus().into_iter().map(|c| (format!("spatial: {}", c.name), c.why, c.source)));
+    let cases = corpus_2d().into_iter().map(|c| (format!("2D: {}", c.name), c.why, c.source));
+    let cases = cases.chain(corpus_3d().into_iter().map(|c| (format!("3D: {}", c.name), c.why, c.source)));
     let mut names = HashSet::new();
     for (name, why, source) in cases {
         assert!(!why.is_empty(), "{name}");
@@ -106,8 +106,8 @@ fn cases_have_names_of_their_own_and_say_who_met_them() {
 /// What of the corpus finds a fault: cases, or records of poison, whose names have this in them.
 #[derive(Debug, Clone, Copy)]
 enum By {
-    Planar(&'static str),
-    Spatial(&'static str),
+    TwoD(&'static str),
+    ThreeD(&'static str),
 }
 
 /// Faults, and what of the corpus each must be found by.
@@ -115,72 +115,72 @@ const FOUND_BY: &[(Fault, By)] = {
     use By::*;
     use Fault::*;
     &[
-        (DropsExtremes, Planar("needles")),
-        (DropsExtremes, Spatial("scale → 0 in one axis, dilated")),
-        (CountsNothing, Planar("scale → 0")),
-        (CountsNothing, Spatial("on the camera, behind it")),
-        (SpreadsToAPixel, Planar("poison, over: mean 0")),
-        (SpreadsToAPixel, Spatial("poison, by mean depth: mean 0")),
-        (SpreadsByAnUlp, Planar("poison, sum: log_scale 0")),
-        (SpreadsByAnUlp, Spatial("poison, by pixel depth: frame 4, in local frames")),
-        (ShowsNan, Planar("poison, over: color 0")),
-        (ShowsNan, Spatial("poison, by mean depth: sh 0")),
-        (Sanitises, Planar("poison, over: rotation 0")),
-        (Sanitises, Planar("poison, sum: frame 1, in local frames")),
-        (Sanitises, Spatial("poison, by mean depth: frame 0, in local frames")),
-        (TakesAnyTarget, Planar("target red")),
-        (TakesAnyTarget, Spatial("poison, by mean depth: target red")),
-        (TakesAnyRates, Planar("learning rate of means")),
-        (TakesAnyRates, Spatial("poison, by mean depth: beta1 of higher SH")),
-        (TakesAnyLoss, Planar("poison, over: lambda")),
-        (RefusesTheUnusual, Planar("poison, over: alpha_max")),
-        (RefusesTheUnusual, Spatial("poison, by pixel depth: alpha_max")),
-        (IgnoresTheExtent, Planar("poison, over: extent")),
-        (IgnoresTheExtent, Spatial("poison, by mean depth: extent")),
-        (ClampsElsewhere, Planar("logits")),
-        (ClampsElsewhere, Spatial("logits")),
-        (CutsTwoUlpsLower, Planar("α two ulps below the cut")),
-        (CutsWhatIsAtTheCut, Planar("α = cut")),
-        (DropsLargeGradients, Planar("axis-aligned")),
-        (DropsLargeGradients, Spatial("coincident")),
-        (LosesItsLosses, Planar("one Gaussian")),
-        (LosesItsLoss, Planar("one Gaussian")),
-        (LosesItsLoss, Spatial("one Gaussian")),
-        (Creeps, Planar("loss exactly 0")),
-        (NeverSteps, Planar("one Gaussian")),
-        (NeverSteps, Planar("10⁶ px away")),
-        (NeverSteps, Planar("loss exactly 0")),
-        (NeverSteps, Spatial("one Gaussian")),
-        (NeverSteps, Spatial("10⁶ px away")),
-        (MixesGradients, Planar("axis-aligned")),
-        (MixesGradients, Spatial("at the edge of the field of view")),
-        (IgnoresTheNearPlane, Spatial("on the near plane, an ulp either side")),
-        (OrdersByIndex, Spatial("sort keys at their limits, by depth of the mean")),
-        (OrdersByIndex, Spatial("sort keys at their limits, by depth at each pixel")),
-        (OrdersByMean, Spatial("two that interpenetrate, by depth at each pixel")),
-        (FollowsTheJacobian, Spatial("at the edge of the field of view")),
-        (CentresThePrincipalPoint, Spatial("with an off-centre principal point")),
-        (SquaresPixels, Spatial("pixels that are not square")),
-        (DropsHarmonics, Spatial("SH that drive the colour below 0")),
-        (Dilates, Spatial("scale → 0 in all axes, not antialiased")),
-        (ForgetsCompensation, Spatial("scale → 0 in all axes, mip")),
+        (DropsExtremes, TwoD("needles")),
+        (DropsExtremes, ThreeD("scale → 0 in one axis, dilated")),
+        (CountsNothing, TwoD("scale → 0")),
+        (CountsNothing, ThreeD("on the camera, behind it")),
+        (SpreadsToAPixel, TwoD("poison, over: mean 0")),
+        (SpreadsToAPixel, ThreeD("poison, by mean depth: mean 0")),
+        (SpreadsByAnUlp, TwoD("poison, sum: log_scale 0")),
+        (SpreadsByAnUlp, ThreeD("poison, by pixel depth: frame 4, in covariance factors")),
+        (ShowsNan, TwoD("poison, over: color 0")),
+        (ShowsNan, ThreeD("poison, by mean depth: sh 0")),
+        (Sanitises, TwoD("poison, over: rotation 0")),
+        (Sanitises, TwoD("poison, sum: frame 1, in covariance factors")),
+        (Sanitises, ThreeD("poison, by mean depth: frame 0, in covariance factors")),
+        (TakesAnyTarget, TwoD("target red")),
+        (TakesAnyTarget, ThreeD("poison, by mean depth: target red")),
+        (TakesAnyRates, TwoD("learning rate of means")),
+        (TakesAnyRates, ThreeD("poison, by mean depth: beta1 of higher SH")),
+        (TakesAnyLoss, TwoD("poison, over: lambda")),
+        (RefusesTheUnusual, TwoD("poison, over: alpha_max")),
+        (RefusesTheUnusual, ThreeD("poison, by pixel depth: alpha_max")),
+        (IgnoresTheExtent, TwoD("poison, over: extent")),
+        (IgnoresTheExtent, ThreeD("poison, by mean depth: extent")),
+        (ClampsElsewhere, TwoD("logits")),
+        (ClampsElsewhere, ThreeD("logits")),
+        (CutsTwoUlpsLower, TwoD("α two ulps below the cut")),
+        (CutsWhatIsAtTheCut, TwoD("α = cut")),
+        (DropsLargeGradients, TwoD("axis-aligned")),
+        (DropsLargeGradients, ThreeD("coincident")),
+        (LosesItsLosses, TwoD("one Gaussian")),
+        (LosesItsLoss, TwoD("one Gaussian")),
+        (LosesItsLoss, ThreeD("one Gaussian")),
+        (Creeps, TwoD("loss exactly 0")),
+        (NeverSteps, TwoD("one Gaussian")),
+        (NeverSteps, TwoD("10⁶ px away")),
+        (NeverSteps, TwoD("loss exactly 0")),
+        (NeverSteps, ThreeD("one Gaussian")),
+        (NeverSteps, ThreeD("10⁶ px away")),
+        (MixesGradients, TwoD("axis-aligned")),
+        (MixesGradients, ThreeD("at the edge of the field of view")),
+        (IgnoresTheNearPlane, ThreeD("on the near plane, an ulp either side")),
+        (OrdersByIndex, ThreeD("sort keys at their limits, by depth of the mean")),
+        (OrdersByIndex, ThreeD("sort keys at their limits, by depth at each pixel")),
+        (OrdersByMean, ThreeD("two that interpenetrate, by depth at each pixel")),
+        (FollowsTheJacobian, ThreeD("at the edge of the field of view")),
+        (CentresThePrincipalPoint, ThreeD("with an off-centre principal point")),
+        (SquaresPixels, ThreeD("pixels that are not square")),
+        (DropsSh, ThreeD("SH that drive the colour below 0")),
+        (Dilates, ThreeD("scale → 0 in all axes, not antialiased")),
+        (ForgetsCompensation, ThreeD("scale → 0 in all axes, mip")),
     ]
 };
 
 impl By {
     /// How many records there are, and those that are not as expected.
-    fn outcome<R: Rasterizer<PlanarScene> + Rasterizer<SpatialScene>>(self, rasterizer: &R) -> (usize, Vec<String>) {
+    fn outcome<R: Rasterizer<Scene2d> + Rasterizer<Scene3d>>(self, rasterizer: &R) -> (usize, Vec<String>) {
         let records = match self {
-            Self::Planar(word) => {
-                let cases = planar_corpus().into_iter().filter(|case| case.name.contains(word));
+            Self::TwoD(word) => {
+                let cases = corpus_2d().into_iter().filter(|case| case.name.contains(word));
                 let mut records: Vec<Record> = cases.map(|case| run(rasterizer, &case)).collect();
-                records.extend(poison_planar_slots(rasterizer, |name| name.contains(word)));
+                records.extend(poison_slots_2d(rasterizer, |name| name.contains(word)));
                 records
             }
-            Self::Spatial(word) => {
-                let cases = spatial_corpus().into_iter().filter(|case| case.name.contains(word));
+            Self::ThreeD(word) => {
+                let cases = corpus_3d().into_iter().filter(|case| case.name.contains(word));
                 let mut records: Vec<Record> = cases.map(|case| run(rasterizer, &case)).collect();
-                records.extend(poison_spatial_slots(rasterizer, |name| name.contains(word)));
+                records.extend(poison_slots_3d(rasterizer, |name| name.contains(word)));
                 records
             }
         };
@@ -210,22 +210,22 @@ const SEEDS: u64 = 3;
 
 /// Gradients of hard scenes by difference quotients, by what is hard about them.
 struct Sets {
-    planar: Vec<(String, Vec<Quotients<PlanarScene>>)>,
-    spatial: Vec<(String, Vec<Quotients<SpatialScene>>)>,
+    scene_2d: Vec<(String, Vec<Quotients<Scene2d>>)>,
+    scene_3d: Vec<(String, Vec<Quotients<Scene3d>>)>,
 }
 
 impl Sets {
     fn new(loss: Loss) -> Self {
-        let (mut planar, mut spatial) = (Vec::new(), Vec::new());
+        let (mut scene_2d, mut scene_3d) = (Vec::new(), Vec::new());
         for hardship in Hardship::ALL {
             for blend in [Blend::Sum, Blend::Over] {
-                let of = |seed| Quotients::new(hard_planar(hardship, blend, seed), loss).unwrap();
-                planar.push((format!("{hardship:?}, {blend:?}, {loss:?}"), (0..SEEDS).map(of).collect()));
+                let of = |seed| Quotients::new(hard_2d(hardship, blend, seed), loss).unwrap();
+                scene_2d.push((format!("{hardship:?}, {blend:?}, {loss:?}"), (0..SEEDS).map(of).collect()));
             }
-            let of = |seed| Quotients::new(hard_spatial(hardship, seed), loss).unwrap();
-            spatial.push((format!("{hardship:?}, in space, {loss:?}"), (0..SEEDS).map(of).collect()));
+            let of = |seed| Quotients::new(hard_3d(hardship, seed), loss).unwrap();
+            scene_3d.push((format!("{hardship:?}, in 3D, {loss:?}"), (0..SEEDS).map(of).collect()));
         }
-        Self { planar, spatial }
+        Self { scene_2d, scene_3d }
     }
 }
 
@@ -252,16 +252,16 @@ fn wrong<S: Subject>(
 fn gradients_of_hard_scenes_are_difference_quotients() {
     for loss in [Loss::L2, Loss::PAPER] {
         let sets = Sets::new(loss);
-        let mut failures = wrong(&sets.planar, Quotients::check_oracle);
-        failures.extend(wrong(&sets.spatial, Quotients::check_oracle));
+        let mut failures = wrong(&sets.scene_2d, Quotients::check_oracle);
+        failures.extend(wrong(&sets.scene_3d, Quotients::check_oracle));
         for level in SimdLevel::available() {
             let rasterizer = cpu(level);
-            failures.extend(wrong(&sets.planar, |quotients| quotients.check_backend(&rasterizer)));
-            failures.extend(wrong(&sets.spatial, |quotients| quotients.check_backend(&rasterizer)));
+            failures.extend(wrong(&sets.scene_2d, |quotients| quotients.check_backend(&rasterizer)));
+            failures.extend(wrong(&sets.scene_3d, |quotients| quotients.check_backend(&rasterizer)));
         }
         for (_, rasterizer) in wgpu() {
-            failures.extend(wrong(&sets.planar, |quotients| quotients.check_backend(&rasterizer)));
-            failures.extend(wrong(&sets.spatial, |quotients| quotients.check_backend(&rasterizer)));
+            failures.extend(wrong(&sets.scene_2d, |quotients| quotients.check_backend(&rasterizer)));
+            failures.extend(wrong(&sets.scene_3d, |quotients| quotients.check_backend(&rasterizer)));
         }
         assert!(failures.is_empty(), "{}", failures.join("\n"));
     }
@@ -273,7 +273,7 @@ fn gradients_of_other_scenes_are_not_these_difference_quotients() {
     let inner = cpu(SimdLevel::best());
     let faulty = Faulty { inner: &inner, fault: Fault::MixesGradients };
     for hardship in [Hardship::Needles, Hardship::Bright] {
-        let quotients = Quotients::new(hard_planar(hardship, Blend::Over, 1), Loss::L2).unwrap();
+        let quotients = Quotients::new(hard_2d(hardship, Blend::Over, 1), Loss::L2).unwrap();
         quotients.check_backend(&inner).unwrap();
         assert!(matches!(quotients.check_backend(&faulty), Err(Failure::Differs { .. })), "{hardship:?}");
     }

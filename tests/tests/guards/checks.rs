@@ -3,8 +3,8 @@
 use glam::{Vec2, Vec3};
 use gs_conformance::Failure;
 use gs_core::{
-    Adam, Binning, Blend, Camera, Canvas, Chart, CloudState, Error, Image, Loss, PlanarGaussian, PlanarScene,
-    Rasterizer, RenderSettings, Scene, SpatialGaussian, SpatialScene, TrainStep, adam::Group, constants::MAX_XI,
+    Adam, Binning, Blend, Camera, Canvas, Error, Gaussian2d, Gaussian3d, Image, Loss, Parameterization, Rasterizer,
+    RenderSettings, Scene, Scene2d, Scene3d, SplatsState, TrainStep, adam::Group, constants::MAX_XI,
     effects::Antialias, metrics, state::TensorData,
 };
 use gs_density::{Policy, Ranking, WhenFlat};
@@ -15,13 +15,13 @@ use gs_train::{FitSettings, InitialCount, Recovery, Rounds, Trainer, fit};
 pub(crate) enum Check {
     /// 1 − SSIM of constant images that are nearly equal, however bright, is within 0 to 2.
     SsimOfConstants,
-    /// Gradients are finite through frames that have an area by dilation alone.
+    /// Gradients are finite through factors that have an area by dilation alone.
     SingularFrames,
-    /// Gradients are finite through frames that have no extent at all along an axis.
+    /// Gradients are finite through factors that have no extent at all along an axis.
     FlatFrames,
     /// Squares of derivatives stay finite.
     SecondMoments,
-    /// A step in a local frame goes no further than the Gaussian reaches.
+    /// A step in a covariance factor goes no further than the Gaussian reaches.
     StepsWithinReach,
     /// Moments that no gradient renews do not decay to denormals.
     MomentsVanish,
@@ -57,8 +57,8 @@ impl Check {
     pub(crate) const fn name(self) -> &'static str {
         match self {
             Self::SsimOfConstants => "SSIM of constants",
-            Self::SingularFrames => "singular frames",
-            Self::FlatFrames => "flat frames",
+            Self::SingularFrames => "singular factors",
+            Self::FlatFrames => "flat factors",
             Self::SecondMoments => "second moments",
             Self::StepsWithinReach => "steps within reach",
             Self::MomentsVanish => "moments vanish",
@@ -72,7 +72,7 @@ impl Check {
 
     pub(crate) fn run<R>(self, rasterizer: &R) -> Result<(), Failure>
     where
-        R: Rasterizer<PlanarScene> + Rasterizer<SpatialScene>,
+        R: Rasterizer<Scene2d> + Rasterizer<Scene3d>,
     {
         match self {
             Self::SsimOfConstants => ssim_of_constants(rasterizer),
@@ -95,8 +95,8 @@ impl Check {
 
 const SIZE: (u32, u32) = (24, 19);
 
-fn plain(mean: Vec2, log_scale: f32) -> PlanarScene {
-    let gaussian = PlanarGaussian {
+fn plain(mean: Vec2, log_scale: f32) -> Scene2d {
+    let gaussian = Gaussian2d {
         mean,
         log_scale: Vec2::splat(log_scale),
         rotation: 0.4,
@@ -111,115 +111,116 @@ fn target() -> Result<Image, Error> {
 }
 
 /// The numbers of a tensor.
-fn floats<'s>(state: &'s mut CloudState, name: &str) -> Result<&'s mut Vec<f32>, Failure> {
+fn floats<'s>(state: &'s mut SplatsState, name: &str) -> Result<&'s mut Vec<f32>, Failure> {
     match state.tensors.get_mut(name).map(|tensor| &mut tensor.data) {
         Some(TensorData::F32(values)) => Ok(values),
         _ => Err(Failure::Broken(format!("a state without {name}"))),
     }
 }
 
-fn ssim_of_constants<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Result<(), Failure> {
-    let cloud = rasterizer.upload(&plain(Vec2::splat(1e4), 1.0), Chart::ScaleRotation)?;
+fn ssim_of_constants<R: Rasterizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
+    let splats = rasterizer.upload(&plain(Vec2::splat(1e4), 1.0), Parameterization::ScaleRotation)?;
     for k in 0..24 {
         let value = 30.0 * 1.7f32.powi(k);
         let settings = RenderSettings::blended(Blend::Sum).on([value; 3]);
         let target = rasterizer.upload_target(&Image::filled(SIZE.0, SIZE.1, [value * 1.001; 3])?)?;
-        let frame = rasterizer.forward(&cloud, &Canvas::new(SIZE.0, SIZE.1), &settings)?;
-        let (loss, _) = rasterizer.backward(&cloud, frame, &target, &Loss::L1Dssim { lambda: 1.0 })?;
+        let factor = rasterizer.forward(&splats, &Canvas::new(SIZE.0, SIZE.1), &settings)?;
+        let (loss, _) = rasterizer.backward(&splats, factor, &target, &Loss::L1Dssim { lambda: 1.0 })?;
         let possible = (-1e-3..=2.001).contains(&loss);
         Failure::unless(possible, || format!("1 − SSIM of two images of about {value} everywhere is {loss}"))?;
     }
     Ok(())
 }
 
-fn singular_frames<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Result<(), Failure> {
+fn singular_frames<R: Rasterizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     let mut settings = RenderSettings::blended(Blend::Sum);
     settings.effects.antialias = Antialias::Dilate;
     // The square of e⁻⁶⁰ is 0 in f32.
-    let cloud = rasterizer.upload(&plain(Vec2::new(8.3, 8.6), -60.0), Chart::ScaleRotation)?;
-    let frame = rasterizer.forward(&cloud, &Canvas::new(SIZE.0, SIZE.1), &settings)?;
+    let splats = rasterizer.upload(&plain(Vec2::new(8.3, 8.6), -60.0), Parameterization::ScaleRotation)?;
+    let factor = rasterizer.forward(&splats, &Canvas::new(SIZE.0, SIZE.1), &settings)?;
     let target = rasterizer.upload_target(&target()?)?;
-    let (_, gradients) = rasterizer.backward(&cloud, frame, &target, &Loss::L2)?;
-    let gradients = rasterizer.download_gradients(&cloud, &gradients)?;
+    let (_, gradients) = rasterizer.backward(&splats, factor, &target, &Loss::L2)?;
+    let gradients = rasterizer.download_gradients(&splats, &gradients)?;
     Ok(gradients.validate()?)
 }
 
-fn flat_frames<R: Rasterizer<SpatialScene>>(rasterizer: &R) -> Result<(), Failure> {
-    let gaussian = SpatialGaussian {
+fn flat_frames<R: Rasterizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
+    let gaussian = Gaussian3d {
         mean: Vec3::new(0.1, -0.1, 3.0),
         log_scale: Vec3::new(-1.0, -1.3, -1.6),
         rotation: [0.9, 0.2, -0.3, 0.1],
         opacity_logit: 0.3,
         sh: vec![Vec3::new(0.7, -0.4, 1.1)],
     };
-    let mut scene = SpatialScene::default();
+    let mut scene = Scene3d::default();
     scene.push(gaussian);
-    let mut state = rasterizer.save(&rasterizer.upload(&scene, Chart::LocalFrame)?)?;
-    // No scene has a scale of 0, as its logarithm is not finite; but a frame may have lost an axis to rounding.
-    let frame = floats(&mut state, "frame")?;
-    frame[6..].fill(0.0);
-    let cloud = rasterizer.restore(&state)?;
+    let mut state = rasterizer.save(&rasterizer.upload(&scene, Parameterization::CovarianceFactor)?)?;
+    // No scene has a scale of 0, as its logarithm is not finite; but a factor may have lost an axis to rounding.
+    let factor = floats(&mut state, "factor")?;
+    factor[6..].fill(0.0);
+    let splats = rasterizer.restore(&state)?;
     let mut settings = RenderSettings::blended(Blend::Over);
     settings.effects.antialias = Antialias::Dilate;
-    let seen = rasterizer.forward(&cloud, &Camera::looking_forward(SIZE.0, SIZE.1, 0.9), &settings)?;
+    let seen = rasterizer.forward(&splats, &Camera::looking_forward(SIZE.0, SIZE.1, 0.9), &settings)?;
     let culled = rasterizer.culled(&seen)?.total();
     Failure::unless(culled == 0, || "what has no extent along one axis is not drawn".to_owned())?;
     let target = rasterizer.upload_target(&target()?)?;
-    let (_, gradients) = rasterizer.backward(&cloud, seen, &target, &Loss::L2)?;
-    Ok(rasterizer.download_gradients(&cloud, &gradients)?.validate()?)
+    let (_, gradients) = rasterizer.backward(&splats, seen, &target, &Loss::L2)?;
+    Ok(rasterizer.download_gradients(&splats, &gradients)?.validate()?)
 }
 
-fn second_moments<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Result<(), Failure> {
+fn second_moments<R: Rasterizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     let mut scene = plain(Vec2::new(8.3, 8.6), 1.0);
     scene.colors[0] = Vec3::splat(1e10);
-    let mut cloud = rasterizer.upload(&scene, Chart::ScaleRotation)?;
+    let mut splats = rasterizer.upload(&scene, Parameterization::ScaleRotation)?;
     let (settings, rates) = (RenderSettings::blended(Blend::Sum), Adam::default().at(0.0));
     let step = TrainStep { settings: &settings, loss: Loss::L2, rates: &rates, binning: Binning::Fresh };
     // Derivatives by the mean are of the size of 10¹⁰ · 10¹⁷.
     let target = rasterizer.upload_target(&Image::filled(SIZE.0, SIZE.1, [1e17; 3])?)?;
-    rasterizer.train_step(&mut cloud, &Canvas::new(SIZE.0, SIZE.1), &target, &step)?;
-    let after = rasterizer.save(&cloud)?;
+    rasterizer.train_step(&mut splats, &Canvas::new(SIZE.0, SIZE.1), &target, &step)?;
+    let after = rasterizer.save(&splats)?;
     let (_, moments) = after.matrix("moment2")?;
     Failure::unless(moments.iter().all(|moment| moment.is_finite()), || format!("second moments {moments:?}"))
 }
 
-fn steps_within_reach<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Result<(), Failure> {
+fn steps_within_reach<R: Rasterizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     let before = plain(Vec2::new(8.3, 8.6), 1.0);
-    let mut cloud = rasterizer.upload(&before, Chart::LocalFrame)?;
+    let mut splats = rasterizer.upload(&before, Parameterization::CovarianceFactor)?;
     let adam = Adam { mean: Group::constant(20.0), ..Adam::default() };
     let (settings, rates) = (RenderSettings::blended(Blend::Sum), adam.at(0.0));
     let step = TrainStep { settings: &settings, loss: Loss::L2, rates: &rates, binning: Binning::Fresh };
     let target = rasterizer.upload_target(&target()?)?;
-    rasterizer.train_step(&mut cloud, &Canvas::new(SIZE.0, SIZE.1), &target, &step)?;
-    let moved = (rasterizer.download(&cloud)?.means[0] - before.means[0]).length();
+    rasterizer.train_step(&mut splats, &Canvas::new(SIZE.0, SIZE.1), &target, &step)?;
+    let moved = (rasterizer.download(&splats)?.means[0] - before.means[0]).length();
     // Along both axes, of e¹ px each; what the guard holds back is a step of 20 times that.
     let reach = MAX_XI * std::f32::consts::SQRT_2 * 1f32.exp();
     Failure::unless(moved > 0.0 && moved <= 1.001 * reach, || format!("a step of {moved} px, by a reach of {reach} px"))
 }
 
-fn moments_vanish<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Result<(), Failure> {
+fn moments_vanish<R: Rasterizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     let settings = RenderSettings::blended(Blend::Sum);
-    let mut state = rasterizer.save(&rasterizer.upload(&plain(Vec2::splat(1e4), 1.0), Chart::ScaleRotation)?)?;
+    let mut state =
+        rasterizer.save(&rasterizer.upload(&plain(Vec2::splat(1e4), 1.0), Parameterization::ScaleRotation)?)?;
     // A step takes a tenth off, and with it, these are below the least that is kept.
     floats(&mut state, "moment1")?.fill(1.05e-30);
-    let mut cloud = rasterizer.restore(&state)?;
+    let mut splats = rasterizer.restore(&state)?;
     let rates = Adam::default().at(0.0);
     let step = TrainStep { settings: &settings, loss: Loss::L2, rates: &rates, binning: Binning::Fresh };
     let target = rasterizer.upload_target(&target()?)?;
-    rasterizer.train_step(&mut cloud, &Canvas::new(SIZE.0, SIZE.1), &target, &step)?;
-    let after = rasterizer.save(&cloud)?;
+    rasterizer.train_step(&mut splats, &Canvas::new(SIZE.0, SIZE.1), &target, &step)?;
+    let after = rasterizer.save(&splats)?;
     let (columns, moments) = after.matrix("moment1")?;
     // The last is that of an opacity, which this scene has not.
     let kept = moments[..columns - 1].iter().find(|moment| **moment != 0.0);
     Failure::unless(kept.is_none(), || format!("a moment of {:e} is kept", kept.copied().unwrap_or_default()))
 }
 
-fn epsilon_of_zero<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Result<(), Failure> {
-    let mut cloud = rasterizer.upload(&plain(Vec2::splat(1e4), 1.0), Chart::ScaleRotation)?;
+fn epsilon_of_zero<R: Rasterizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
+    let mut splats = rasterizer.upload(&plain(Vec2::splat(1e4), 1.0), Parameterization::ScaleRotation)?;
     let (settings, rates) = (RenderSettings::blended(Blend::Sum), Adam { epsilon: 0.0, ..Adam::default() }.at(0.0));
     let step = TrainStep { settings: &settings, loss: Loss::L2, rates: &rates, binning: Binning::Fresh };
     let target = rasterizer.upload_target(&target()?)?;
-    match rasterizer.train_step(&mut cloud, &Canvas::new(SIZE.0, SIZE.1), &target, &step) {
+    match rasterizer.train_step(&mut splats, &Canvas::new(SIZE.0, SIZE.1), &target, &step) {
         Err(Error::Setting { .. }) => Ok(()),
         Err(other) => Err(other.into()),
         Ok(()) => Err(Failure::Broken("accepted, where it must be refused".to_owned())),
@@ -235,10 +236,15 @@ fn small_fit() -> FitSettings {
 }
 
 fn small_fit_without_rounds() -> FitSettings {
-    FitSettings { rounds: Rounds::NEVER, policy: Policy::None, chart: Chart::ScaleRotation, ..small_fit() }
+    FitSettings {
+        rounds: Rounds::NEVER,
+        policy: Policy::None,
+        parameterization: Parameterization::ScaleRotation,
+        ..small_fit()
+    }
 }
 
-fn fits_end_finite<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Result<(), Failure> {
+fn fits_end_finite<R: Rasterizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     // What is not finite goes at the end, whatever the policy.
     let mut settings = FitSettings { recovery: Recovery::Never, ..small_fit_without_rounds() };
     // Each step is as long as numbers go: after two, means are infinite.
@@ -247,7 +253,7 @@ fn fits_end_finite<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Result<(), Fai
     Ok(fitted.scene.validate()?)
 }
 
-fn fits_end_no_worse<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Result<(), Failure> {
+fn fits_end_no_worse<R: Rasterizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     let mut settings = FitSettings { iterations: 150, ..small_fit_without_rounds() };
     // Each step is longer than the picture, from which nothing leads back.
     settings.adam.mean.learning_rate = 1e3;
@@ -260,7 +266,7 @@ fn fits_end_no_worse<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Result<(), F
             Ok((first, trainer.scene()?))
         })
         .map_err(|error| Failure::Broken(error.to_string()))?;
-    let error = |scene: &PlanarScene| {
+    let error = |scene: &Scene2d| {
         let image = rasterizer.render(scene, &Canvas::new(SIZE.0, SIZE.1), &render)?;
         metrics::mean_absolute_error(&image, &target)
     };
@@ -268,7 +274,7 @@ fn fits_end_no_worse<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Result<(), F
     Failure::unless(last <= first, || format!("the mean error was {first} and is {last}"))
 }
 
-fn infinite_losses<R: Rasterizer<PlanarScene>>(rasterizer: &R) -> Result<(), Failure> {
+fn infinite_losses<R: Rasterizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     let target = Image::filled(SIZE.0, SIZE.1, [1e30; 3])?;
     let fitted = fit(rasterizer, &target, small_fit(), &mut ());
     Failure::unless(fitted.is_err(), || "a fit ended well whose loss was infinite".to_owned())

@@ -2,8 +2,8 @@
 
 #![cfg_attr(not(guards = "can-be-off"), allow(dead_code, reason = "guards are switched off in another build"))]
 
-use gs_conformance::corpus::{planar_corpus, poison_planar_slots, poison_spatial_slots, run, spatial_corpus};
-use gs_core::{PlanarScene, Rasterizer, SpatialScene, guards::Guard};
+use gs_conformance::corpus::{corpus_2d, corpus_3d, poison_slots_2d, poison_slots_3d, run};
+use gs_core::{Rasterizer, Scene2d, Scene3d, guards::Guard};
 use gs_cpu::{CpuRasterizer, CpuSettings};
 use gs_wgpu::{Kernels, WgpuRasterizer, WgpuSettings};
 
@@ -68,19 +68,19 @@ impl Notice {
         }
     }
 
-    fn run_on<R: Rasterizer<PlanarScene> + Rasterizer<SpatialScene>>(self, rasterizer: &R) -> Result<(), String> {
+    fn run_on<R: Rasterizer<Scene2d> + Rasterizer<Scene3d>>(self, rasterizer: &R) -> Result<(), String> {
         let records = match self {
             Self::Check(check) => return check.run(rasterizer).map_err(|failure| failure.to_string()),
             Self::Case(name) => {
-                let planar = planar_corpus().into_iter().filter(|case| case.name == name);
-                let mut records: Vec<_> = planar.map(|case| run(rasterizer, &case)).collect();
-                let spatial = spatial_corpus().into_iter().filter(|case| case.name == name);
-                records.extend(spatial.map(|case| run(rasterizer, &case)));
+                let scene_2d = corpus_2d().into_iter().filter(|case| case.name == name);
+                let mut records: Vec<_> = scene_2d.map(|case| run(rasterizer, &case)).collect();
+                let scene_3d = corpus_3d().into_iter().filter(|case| case.name == name);
+                records.extend(scene_3d.map(|case| run(rasterizer, &case)));
                 records
             }
             Self::Poison(name) => {
-                let mut records = poison_planar_slots(rasterizer, |record| record == name);
-                records.extend(poison_spatial_slots(rasterizer, |record| record == name));
+                let mut records = poison_slots_2d(rasterizer, |record| record == name);
+                records.extend(poison_slots_3d(rasterizer, |record| record == name));
                 records
             }
         };
@@ -115,7 +115,7 @@ pub(crate) const NOTICED: &[Noticed] = &[
     by(Guard::JacobianClamp, Case("at the edge of the field of view"), EVERYWHERE),
     by(Guard::SafeSquares, Case("viewing direction whose length underflows"), EVERYWHERE),
     by(Guard::ZeroDirection, Case("viewing direction of length zero"), EVERYWHERE),
-    by(Guard::SingularFrame, Notice::Check(Check::SingularFrames), &[Cpu]),
+    by(Guard::SingularFactor, Notice::Check(Check::SingularFrames), &[Cpu]),
     by(Guard::AlphaMax, Case("α above the clamp, over"), &[Cpu, Portable, Vectors]),
     by(Guard::Full, Case("12 on one pixel, nearly opaque, over"), &[Cpu, Portable, Vectors]),
     by(Guard::ExponentRange, Case("scale → 0 in all axes, over"), &[Cpu, Vectors]),

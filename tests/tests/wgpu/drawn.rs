@@ -16,17 +16,18 @@ fn runs_of_other_lengths_are_further_apart_than_that() {
     for loss in [Loss::L2, Loss::L1] {
         let draw = Draw::new(Kind::Typical, Blend::Sum, 40, (48, 40), 285);
         let before = rasterizer().render(&draw.scene, &draw.view, &draw.settings).unwrap();
-        let [long, short] =
-            [50, 20].map(|steps| image_of(&cpu(), &trained(&cpu(), &draw, loss, Chart::LocalFrame, (steps, 1)), &draw));
+        let [long, short] = [50, 20].map(|steps| {
+            image_of(&cpu(), &trained(&cpu(), &draw, loss, Parameterization::CovarianceFactor, (steps, 1)), &draw)
+        });
         let (apart, moved) = (root_mean_square(&long, &short), root_mean_square(&long, &before));
         assert!(apart > MOST_APART * moved, "{loss:?}: {apart} apart after moving by {moved}");
     }
 }
 
 /// The image of a state.
-fn image_of<R: Rasterizer<PlanarScene>>(r: &R, state: &CloudState, draw: &Draw) -> Image {
-    let cloud = r.restore(state).unwrap();
-    r.image(&r.forward(&cloud, &draw.view, &draw.settings).unwrap()).unwrap()
+fn image_of<R: Rasterizer<Scene2d>>(r: &R, state: &SplatsState, draw: &Draw) -> Image {
+    let splats = r.restore(state).unwrap();
+    r.image(&r.forward(&splats, &draw.view, &draw.settings).unwrap()).unwrap()
 }
 
 fn root_mean_square(a: &Image, b: &Image) -> f32 {
@@ -58,12 +59,12 @@ proptest! {
         local in any::<bool>(),
     ) {
         let draw = Draw::new(Kind::Typical, blend, 40, (48, 40), seed);
-        let chart = if local { Chart::LocalFrame } else { Chart::ScaleRotation };
+        let parameterization = if local { Parameterization::CovarianceFactor } else { Parameterization::ScaleRotation };
         let gpus = rasterizers();
         let (_, gpu) = &gpus[seed as usize % gpus.len()];
         let mut images = [
-            image_of(gpu, &trained(gpu, &draw, loss, chart, (50, 1)), &draw),
-            image_of(&cpu(), &trained(&cpu(), &draw, loss, chart, (50, 1)), &draw),
+            image_of(gpu, &trained(gpu, &draw, loss, parameterization, (50, 1)), &draw),
+            image_of(&cpu(), &trained(&cpu(), &draw, loss, parameterization, (50, 1)), &draw),
         ].to_vec();
         if !local {
             images.push(trained_by_oracle(&draw, loss, 50));
@@ -91,9 +92,9 @@ proptest! {
 
     #[test]
     fn drawn_gradients_match(draw in draws(), loss in losses(), local in any::<bool>()) {
-        let chart = if local { Chart::LocalFrame } else { Chart::ScaleRotation };
+        let parameterization = if local { Parameterization::CovarianceFactor } else { Parameterization::ScaleRotation };
         for (_, rasterizer) in rasterizers() {
-            judge(check_gradients(rasterizer, &draw, &loss, chart))?;
+            judge(check_gradients(rasterizer, &draw, &loss, parameterization))?;
         }
     }
 }

@@ -11,8 +11,8 @@ use gs_conformance::{
     scenes::{Draw, Kind, draws},
 };
 use gs_core::{
-    Adam, Binning, Blend, Chart, CloudState, EditPlan, Error, Image, Loss, PlanarScene, Rasterizer, RenderSettings,
-    Scene, TrainStep, Wait,
+    Adam, Binning, Blend, EditPlan, Error, Image, Loss, Parameterization, Rasterizer, RenderSettings, Scene, Scene2d,
+    SplatsState, TrainStep, Wait,
     adam::AdamRates,
     constants::ALPHA_CUT,
     edit::{AfterEdit, PruneCause, Removal},
@@ -20,8 +20,7 @@ use gs_core::{
 };
 use gs_cpu::{CpuRasterizer, CpuSettings};
 use gs_wgpu::{
-    FreshBuffers, Kernels, PlanarCloud, PlanarGradients, STEPS_IN_FLIGHT, Target, WgpuRasterizer, WgpuSettings,
-    adapters,
+    FreshBuffers, Gradients2d, Kernels, STEPS_IN_FLIGHT, Splats2d, Target, WgpuRasterizer, WgpuSettings, adapters,
 };
 use proptest::prelude::*;
 
@@ -86,7 +85,7 @@ fn differences_from_the_oracle_are_small_in_numbers() {
                 let draw = Draw::new(kind, blend, 24, (35, 26), seed).on([0.3, 0.6, 0.2]);
                 let image = check_image(r, &draw).unwrap();
                 assert!(image.worst_share <= 1e-5, "{kernels:?}, {kind:?}, {seed}, {blend:?}: {image:?}");
-                match check_gradients(r, &draw, &Loss::L2, Chart::ScaleRotation) {
+                match check_gradients(r, &draw, &Loss::L2, Parameterization::ScaleRotation) {
                     Err(Failure::Nothing(_)) => {}
                     gradients => {
                         let gradients = gradients.unwrap();
@@ -106,8 +105,8 @@ fn differences_from_the_oracle_are_small_in_numbers() {
 fn lists_that_are_out_of_date_never_make_what_is_not_finite() {
     for (kernels, r) in rasterizers() {
         let draw = Draw::new(Kind::Typical, Blend::Sum, 300, (64, 48), 7);
-        let target = r.planar().upload_target(&draw.target().unwrap()).unwrap();
-        let mut cloud = r.upload(&draw.scene, Chart::LocalFrame).unwrap();
+        let target = r.for_2d().upload_target(&draw.target().unwrap()).unwrap();
+        let mut splats = r.upload(&draw.scene, Parameterization::CovarianceFactor).unwrap();
         let mut adam = Adam { epsilon: 1e-6, ..Adam::default() };
         adam.scale.learning_rate = 1.0;
         adam.rotation.learning_rate = 1.0;
@@ -115,12 +114,12 @@ fn lists_that_are_out_of_date_never_make_what_is_not_finite() {
         for i in 0..24 {
             let binning = if i % 8 == 0 { Binning::Fresh } else { Binning::Reuse };
             let step = TrainStep { settings: &draw.settings, loss: Loss::L2, rates: &rates, binning };
-            r.train_step(&mut cloud, &draw.view, &target, &step).unwrap();
+            r.train_step(&mut splats, &draw.view, &target, &step).unwrap();
         }
         let mut losses = Vec::new();
-        r.losses(&mut cloud, Wait::All, &mut losses).unwrap();
+        r.losses(&mut splats, Wait::All, &mut losses).unwrap();
         assert!(losses.len() == 24 && losses.iter().all(|loss| loss.is_finite()), "{kernels:?}: {losses:?}");
-        r.download(&cloud).unwrap().validate().unwrap();
+        r.download(&splats).unwrap().validate().unwrap();
     }
 }
 
@@ -152,36 +151,37 @@ fn rates() -> AdamRates {
 }
 
 /// The state after so many steps, lists being made anew at every `rebin_every`th.
-fn trained<R: Rasterizer<PlanarScene>>(
+fn trained<R: Rasterizer<Scene2d>>(
     r: &R,
     draw: &Draw,
     loss: Loss,
-    chart: Chart,
+    parameterization: Parameterization,
     (steps, rebin_every): (usize, usize),
-) -> CloudState {
+) -> SplatsState {
     let target = r.upload_target(&draw.target().unwrap()).unwrap();
-    let mut cloud = r.upload(&draw.scene, chart).unwrap();
+    let mut splats = r.upload(&draw.scene, parameterization).unwrap();
     let rates = rates();
     for i in 0..steps {
         let binning = if i % rebin_every == 0 { Binning::Fresh } else { Binning::Reuse };
         let step = TrainStep { settings: &draw.settings, loss, rates: &rates, binning };
-        r.train_step(&mut cloud, &draw.view, &target, &step).unwrap();
+        r.train_step(&mut splats, &draw.view, &target, &step).unwrap();
     }
-    r.save(&cloud).unwrap()
+    r.save(&splats).unwrap()
 }
 
 #[test]
 fn repeats_itself_bit_for_bit() {
     let other = another();
-    for (blend, loss, chart) in
-        [(Blend::Sum, Loss::L2, Chart::LocalFrame), (Blend::Over, Loss::PAPER, Chart::ScaleRotation)]
-    {
+    for (blend, loss, parameterization) in [
+        (Blend::Sum, Loss::L2, Parameterization::CovarianceFactor),
+        (Blend::Over, Loss::PAPER, Parameterization::ScaleRotation),
+    ] {
         let draw = many(blend);
         let image = |r: &WgpuRasterizer| r.render(&draw.scene, &draw.view, &draw.settings).unwrap();
         assert_eq!(image(rasterizer()).pixels(), image(&other).pixels(), "{blend:?}");
-        let [one, two] = [rasterizer(), &other].map(|r| trained(r, &draw, loss, chart, (7, 3)));
+        let [one, two] = [rasterizer(), &other].map(|r| trained(r, &draw, loss, parameterization, (7, 3)));
         assert_eq!(bits(&one), bits(&two), "{blend:?}, {loss:?}");
-        let six = trained(rasterizer(), &draw, loss, chart, (6, 3));
+        let six = trained(rasterizer(), &draw, loss, parameterization, (6, 3));
         assert_ne!(bits(&one), bits(&six), "a step changes nothing: the comparison cannot fail");
     }
 }
@@ -199,7 +199,7 @@ fn an_adapter_is_found_by_its_name_or_not_at_all() {
 #[test]
 fn what_does_not_fit_is_refused_with_numbers() {
     let r = another();
-    let huge: PlanarScene =
+    let huge: Scene2d =
         std::iter::repeat_n(Draw::new(Kind::Large, Blend::Sum, 1, (16, 16), 1).scene.gaussian(0), 40_000).collect();
     let mut huge = huge;
     huge.log_scales.iter_mut().for_each(|s| *s = glam::Vec2::splat(9.0));

@@ -2,19 +2,19 @@
 
 use super::*;
 
-/// A cloud that is trained on one device, and how.
+/// splats that is trained on one device, and how.
 struct Training<'r> {
     r: &'r WgpuRasterizer,
     draw: Draw,
     target: Target,
-    cloud: PlanarCloud,
+    splats: Splats2d,
 }
 
 impl<'r> Training<'r> {
     fn new(r: &'r WgpuRasterizer, draw: Draw) -> Self {
-        let target = r.planar().upload_target(&draw.target().unwrap()).unwrap();
-        let cloud = r.upload(&draw.scene, Chart::LocalFrame).unwrap();
-        Self { r, draw, target, cloud }
+        let target = r.for_2d().upload_target(&draw.target().unwrap()).unwrap();
+        let splats = r.upload(&draw.scene, Parameterization::CovarianceFactor).unwrap();
+        Self { r, draw, target, splats }
     }
 
     /// Sends a step that draws the Gaussians down to this α.
@@ -23,7 +23,7 @@ impl<'r> Training<'r> {
         settings.accuracy.alpha_cut = alpha_cut;
         let rates = Adam { epsilon: 1e-6, ..Adam::default() }.at(0.0);
         let step = TrainStep { settings: &settings, loss: Loss::L2, rates: &rates, binning };
-        self.r.train_step(&mut self.cloud, &self.draw.view, &self.target, &step)
+        self.r.train_step(&mut self.splats, &self.draw.view, &self.target, &step)
     }
 
     fn send(&mut self, steps: usize) {
@@ -32,7 +32,7 @@ impl<'r> Training<'r> {
 
     fn losses(&mut self, wait: Wait) -> Vec<f32> {
         let mut losses = Vec::new();
-        self.r.losses(&mut self.cloud, wait, &mut losses).unwrap();
+        self.r.losses(&mut self.splats, wait, &mut losses).unwrap();
         losses
     }
 }
@@ -67,13 +67,13 @@ fn a_training_step_waits_only_where_enough_are_under_way() {
     let waits = r.waits();
     for sent in 1..=STEPS_IN_FLIGHT {
         training.send(1);
-        assert_eq!((training.cloud.steps_in_flight(), r.waits()), (sent, waits));
+        assert_eq!((training.splats.steps_in_flight(), r.waits()), (sent, waits));
     }
     let one_by_one: u64 = (0..5)
         .map(|_| {
             let waits = r.waits();
             training.send(1);
-            assert_eq!(training.cloud.steps_in_flight(), STEPS_IN_FLIGHT, "only the oldest is waited for");
+            assert_eq!(training.splats.steps_in_flight(), STEPS_IN_FLIGHT, "only the oldest is waited for");
             r.waits() - waits
         })
         .sum();
@@ -82,8 +82,8 @@ fn a_training_step_waits_only_where_enough_are_under_way() {
     let mut losses = training.losses(Wait::Arrived);
     assert_eq!(r.waits(), waits, "what has arrived is not waited for");
     losses.extend(training.losses(Wait::All));
-    assert_eq!((losses.len(), training.cloud.steps_in_flight()), (STEPS_IN_FLIGHT + 5, 0));
-    r.download(&training.cloud).unwrap();
+    assert_eq!((losses.len(), training.splats.steps_in_flight()), (STEPS_IN_FLIGHT + 5, 0));
+    r.download(&training.splats).unwrap();
     assert!(r.waits() > waits, "waits are not counted");
 }
 
@@ -108,7 +108,7 @@ impl Room {
 }
 
 /// Losses, state and bytes moved after steps of which some need far more room than those before.
-fn trained_with_room(blend: Blend, room: Room) -> (Vec<f32>, CloudState, u64) {
+fn trained_with_room(blend: Blend, room: Room) -> (Vec<f32>, SplatsState, u64) {
     let draw = Draw::new(Kind::Large, blend, 800, (173, 141), 42).on([0.1, 0.5, 0.3]);
     let r = room.device_for(&draw);
     let mut training = Training::new(&r, draw);
@@ -123,7 +123,7 @@ fn trained_with_room(blend: Blend, room: Room) -> (Vec<f32>, CloudState, u64) {
     for step in 0..6 {
         training.try_send(ALPHA_CUT, if step == 4 { Binning::Fresh } else { Binning::Reuse }).unwrap();
     }
-    let state = r.save(&training.cloud).unwrap();
+    let state = r.save(&training.splats).unwrap();
     losses.extend(training.losses(Wait::All));
     (losses, state, r.bytes_moved() - before)
 }
@@ -142,33 +142,33 @@ fn steps_that_have_to_be_sent_again_end_at_the_same_bits() {
     }
 }
 
-/// What is seen of, or done to, a cloud whose last steps are still under way; gradients are of before.
-type Look = fn(&mut Training<'_>, &PlanarGradients) -> Vec<f32>;
+/// What is seen of, or done to, splats whose last steps are still under way; gradients are of before.
+type Look = fn(&mut Training<'_>, &Gradients2d) -> Vec<f32>;
 
-fn numbers(state: &CloudState) -> Vec<f32> {
+fn numbers(state: &SplatsState) -> Vec<f32> {
     bits(state).into_values().flatten().map(f32::from_bits).collect()
 }
 
 const LOOKS: [(&str, Look); 7] = [
-    ("save", |t, _| numbers(&t.r.save(&t.cloud).unwrap())),
-    ("download", |t, _| t.r.download(&t.cloud).unwrap().colors.iter().flat_map(glam::Vec3::to_array).collect()),
-    ("statistics", |t, _| t.r.statistics(&t.cloud).unwrap().gradient_sum),
+    ("save", |t, _| numbers(&t.r.save(&t.splats).unwrap())),
+    ("download", |t, _| t.r.download(&t.splats).unwrap().colors.iter().flat_map(glam::Vec3::to_array).collect()),
+    ("statistics", |t, _| t.r.statistics(&t.splats).unwrap().gradient_sum),
     ("forward", |t, _| {
-        let frame = t.r.forward(&t.cloud, &t.draw.view, &t.draw.settings).unwrap();
+        let frame = t.r.forward(&t.splats, &t.draw.view, &t.draw.settings).unwrap();
         t.r.image(&frame).unwrap().pixels().as_flattened().to_vec()
     }),
     ("step", |t, gradients| {
-        t.r.step(&mut t.cloud, gradients, &Adam::default().at(0.0)).unwrap();
-        numbers(&t.r.save(&t.cloud).unwrap())
+        t.r.step(&mut t.splats, gradients, &Adam::default().at(0.0)).unwrap();
+        numbers(&t.r.save(&t.splats).unwrap())
     }),
     ("edit", |t, _| {
         let removed = vec![Removal { index: 3, cause: PruneCause::Unimportant }];
-        t.r.edit(&mut t.cloud, &EditPlan { removed, statistics: AfterEdit::Keep, ..EditPlan::default() }).unwrap();
-        numbers(&t.r.save(&t.cloud).unwrap())
+        t.r.edit(&mut t.splats, &EditPlan { removed, statistics: AfterEdit::Keep, ..EditPlan::default() }).unwrap();
+        numbers(&t.r.save(&t.splats).unwrap())
     }),
     ("solve_colors", |t, _| {
-        t.r.solve_colors(&mut t.cloud, &t.draw.view, &t.target, &t.draw.settings, 2).unwrap();
-        numbers(&t.r.save(&t.cloud).unwrap())
+        t.r.solve_colors(&mut t.splats, &t.draw.view, &t.target, &t.draw.settings, 2).unwrap();
+        numbers(&t.r.save(&t.splats).unwrap())
     }),
 ];
 
@@ -180,13 +180,13 @@ fn seen_after_two_steps(look: Look, room: Room) -> (Vec<u32>, u64) {
     draw.settings.effects.statistics = Statistics::MeanGradient;
     let r = room.device_for(&draw);
     let mut training = Training::new(&r, draw);
-    let Training { draw, target, cloud, .. } = &training;
+    let Training { draw, target, splats, .. } = &training;
     let elsewhere = draw.view.showing(glam::Vec2::splat(1e5), glam::Vec2::ONE);
-    let frame = r.forward(cloud, &elsewhere, &draw.settings).unwrap();
+    let frame = r.forward(splats, &elsewhere, &draw.settings).unwrap();
     assert_eq!(frame.entries(), 0, "its buffers stay as small as they are");
-    let (_, gradients) = r.backward(cloud, frame, target, &Loss::L2).unwrap();
+    let (_, gradients) = r.backward(splats, frame, target, &Loss::L2).unwrap();
     training.send(2);
-    assert_eq!(training.cloud.steps_in_flight(), 2);
+    assert_eq!(training.splats.steps_in_flight(), 2);
     let before = r.bytes_moved();
     let seen = look(&mut training, &gradients).into_iter().map(f32::to_bits).collect();
     assert_eq!(training.losses(Wait::Arrived).len(), 2);
@@ -204,7 +204,7 @@ fn steps_that_have_to_be_sent_again_are_seen_by_everything() {
 }
 
 #[test]
-fn a_cloud_can_be_dropped_with_steps_under_way() {
+fn a_splats_can_be_dropped_with_steps_under_way() {
     let r = another();
     let draw = || Draw::new(Kind::Typical, Blend::Sum, 200, (120, 80), 3);
     let mut expected = Training::new(&r, draw());
@@ -229,9 +229,9 @@ fn steps_under_way_on_a_lost_device_are_an_error_later() {
         r.lose_device();
         for _ in 0..2 {
             let outcomes = [
-                r.losses(&mut training.cloud, wait, &mut Vec::new()).unwrap_err(),
+                r.losses(&mut training.splats, wait, &mut Vec::new()).unwrap_err(),
                 training.try_send(ALPHA_CUT, Binning::Fresh).unwrap_err(),
-                r.statistics(&training.cloud).unwrap_err(),
+                r.statistics(&training.splats).unwrap_err(),
             ];
             for error in outcomes {
                 assert!(matches!(&error, Error::Backend { message, .. } if message.contains("lost")), "{error}");
@@ -245,19 +245,19 @@ fn a_lost_device_is_an_error_at_every_call() {
     let r = another();
     let draw = Draw::new(Kind::Typical, Blend::Sum, 20, (40, 30), 5);
     let image = draw.target().unwrap();
-    let target = r.planar().upload_target(&image).unwrap();
-    let mut cloud = r.upload(&draw.scene, Chart::LocalFrame).unwrap();
+    let target = r.for_2d().upload_target(&image).unwrap();
+    let mut splats = r.upload(&draw.scene, Parameterization::CovarianceFactor).unwrap();
     r.lose_device();
     let rates = Adam::default().at(0.0);
     let step = TrainStep { settings: &draw.settings, loss: Loss::L2, rates: &rates, binning: Binning::Fresh };
     let outcomes = [
-        r.train_step(&mut cloud, &draw.view, &target, &step).err(),
-        r.losses(&mut cloud, Wait::All, &mut Vec::new()).err(),
-        r.download(&cloud).err(),
-        r.save(&cloud).err(),
-        r.upload(&draw.scene, Chart::LocalFrame).err(),
-        r.planar().upload_target(&image).err(),
-        r.forward(&cloud, &draw.view, &draw.settings).err(),
+        r.train_step(&mut splats, &draw.view, &target, &step).err(),
+        r.losses(&mut splats, Wait::All, &mut Vec::new()).err(),
+        r.download(&splats).err(),
+        r.save(&splats).err(),
+        r.upload(&draw.scene, Parameterization::CovarianceFactor).err(),
+        r.for_2d().upload_target(&image).err(),
+        r.forward(&splats, &draw.view, &draw.settings).err(),
     ];
     for (call, error) in outcomes.into_iter().enumerate() {
         assert!(

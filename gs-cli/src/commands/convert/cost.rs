@@ -5,10 +5,10 @@ use std::{fmt, path::PathBuf};
 use clap::Args;
 use gs_core::counted;
 use gs_io::{
-    SpatialFile, TrainedWith,
+    File3d, TrainedWith,
     dataset::{Dataset, read_dataset},
 };
-use gs_train::spatial::Views;
+use gs_train::train::Views;
 use serde::Serialize;
 
 use crate::{
@@ -67,18 +67,13 @@ impl CostArgs {
     ///
     /// # Errors
     /// Where an image cannot be read or the backend fails.
-    pub(super) fn measure(
-        &self,
-        dataset: &Dataset,
-        before: &SpatialFile,
-        after: &SpatialFile,
-    ) -> Result<Cost, Failure> {
+    pub(super) fn measure(&self, dataset: &Dataset, before: &File3d, after: &File3d) -> Result<Cost, Failure> {
         let Views { train, test, .. } = Views::of_dataset(dataset);
         let views = if test.is_empty() { train } else { test };
         let backend = Backend::start(&self.backend)?;
-        let judge = |SpatialFile { scene, trained_with, .. }: &SpatialFile| {
+        let judge = |File3d { scene, trained_with, .. }: &File3d| {
             let render = &self.shown.settings_beside(scene, *trained_with, dataset);
-            backend.run_spatial(Judge { scene, views: &views, render })
+            backend.run_3d(Judge { scene, views: &views, render })
         };
         let (before, after) = (judge(before)?, judge(after)?);
         let dataset = self.dataset.iter().map(|path| path.display().to_string()).collect();

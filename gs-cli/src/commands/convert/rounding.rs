@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use gs_core::{SpatialScene, constants::SH_C0, scene::sigmoid};
+use gs_core::{Scene3d, constants::SH_C0, scene::sigmoid};
 use serde::Serialize;
 
 /// How far one quantity moved: from Gaussian to Gaussian on average, and at most.
@@ -15,7 +15,7 @@ pub(super) struct Rounding {
 }
 
 /// All quantities that moved. The scenes hold the same Gaussians in the same order; of harmonics, those that both have are compared.
-pub(super) fn between(before: &SpatialScene, after: &SpatialScene) -> Vec<Rounding> {
+pub(super) fn between(before: &Scene3d, after: &Scene3d) -> Vec<Rounding> {
     let all = [
         of("means", " units", before, |i| f64::from(before.means[i].distance(after.means[i]))),
         of("scales", " %", before, |i| {
@@ -34,7 +34,7 @@ pub(super) fn between(before: &SpatialScene, after: &SpatialScene) -> Vec<Roundi
     all.into_iter().filter(|rounding| rounding.largest > 0.0).collect()
 }
 
-fn of(quantity: &'static str, unit: &'static str, scene: &SpatialScene, distance: impl Fn(usize) -> f64) -> Rounding {
+fn of(quantity: &'static str, unit: &'static str, scene: &Scene3d, distance: impl Fn(usize) -> f64) -> Rounding {
     let count = scene.means.len();
     let (sum, largest) =
         (0..count).map(distance).fold((0.0, 0.0), |(sum, largest), distance| (sum + distance, distance.max(largest)));
@@ -42,7 +42,7 @@ fn of(quantity: &'static str, unit: &'static str, scene: &SpatialScene, distance
 }
 
 /// The largest change of these coefficients of Gaussian `i` in a channel.
-fn coefficients(before: &SpatialScene, after: &SpatialScene, i: usize, which: std::ops::Range<usize>) -> f64 {
+fn coefficients(before: &Scene3d, after: &Scene3d, i: usize, which: std::ops::Range<usize>) -> f64 {
     let change = |k: usize| before.sh[i * before.sh_len() + k] - after.sh[i * after.sh_len() + k];
     which.map(|k| f64::from(change(k).abs().max_element())).fold(0.0, f64::max)
 }
@@ -82,19 +82,19 @@ impl fmt::Display for Short {
 #[cfg(test)]
 mod tests {
     use glam::Vec3;
-    use gs_core::{Scene, SpatialGaussian};
+    use gs_core::{Gaussian3d, Scene};
 
     use super::*;
 
-    fn scene() -> SpatialScene {
-        let gaussian = SpatialGaussian {
+    fn scene() -> Scene3d {
+        let gaussian = Gaussian3d {
             mean: Vec3::ONE,
             log_scale: Vec3::ZERO,
             rotation: [1.0, 0.0, 0.0, 0.0],
             opacity_logit: 0.0,
             sh: vec![Vec3::ZERO; 4],
         };
-        let mut scene = SpatialScene { sh_degree: 1, ..SpatialScene::default() };
+        let mut scene = Scene3d { sh_degree: 1, ..Scene3d::default() };
         (0..2).for_each(|_| scene.push(gaussian.clone()));
         scene
     }

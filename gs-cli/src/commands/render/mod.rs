@@ -1,7 +1,7 @@
-//! `gs render`: a scene as a picture or, of a scene in space, as many pictures of a moving camera.
+//! `gs render`: a scene as a picture or, of a 3D scene, as many pictures of a moving camera.
 
-mod planar;
-mod spatial;
+mod scene2d;
+mod scene3d;
 
 use std::path::PathBuf;
 
@@ -19,7 +19,7 @@ use crate::{
 };
 
 const AFTER_HELP: &str = "\
-A scene of an image becomes one PNG, of any size or part. A scene in space (PLY, .splat, SPZ, glTF) needs a camera: that of a view of a \
+A scene of an image becomes one PNG, of any size or part. A 3D scene (PLY, .splat, SPZ, glTF) needs a camera: that of a view of a \
 data set (--camera photographs:DSC_0042.JPG), an orbit, or a path; without any, a flat scene is shown from its front, filling the \
 picture, and any other scene from slightly above. For an orbit or a path, OUTPUT is an animated PNG if it ends in .apng, a PNG if it ends \
 in .png and there is a single frame, and otherwise a folder of frames. Frames that an earlier, longer film left in that folder are removed.
@@ -77,7 +77,7 @@ impl RenderArgs {
     }
 }
 
-/// Where a scene in space is seen from.
+/// Where a 3D scene is seen from.
 #[derive(Debug, Clone, Args)]
 #[command(next_help_heading = "Camera")]
 struct CameraArgs {
@@ -114,13 +114,13 @@ pub(crate) fn run(args: &RenderArgs) -> Result<(), Failure> {
         return Err(failure.mend("let its name end in .png, of an animation in .apng"));
     }
     let file = match opened::scene(&args.scene)? {
-        Scene::Spatial(spatial) => return spatial::run(args, &spatial),
-        Scene::Planar(file) => file,
+        Scene::ThreeD(scene_3d) => return scene3d::run(args, &scene_3d),
+        Scene::TwoD(file) => file,
     };
     let CameraArgs { camera, orbit, path, up, .. } = &args.cameras;
     if camera.is_some() || orbit.is_some() || path.is_some() || up.is_some() || args.shown.is_some() {
         let message = "is the scene of an image, which has no camera, order or background to choose";
         return Err(Failure::usage(message).at(args.scene.display()).mend("use --size and --region alone"));
     }
-    planar::run(args, file)
+    scene2d::run(args, file)
 }

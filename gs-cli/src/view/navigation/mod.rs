@@ -7,7 +7,7 @@ use std::f32::consts::PI;
 
 use glam::{Vec2, Vec3};
 use gs_core::Camera;
-use gs_train::spatial::Bulk;
+use gs_train::train::Bulk;
 
 pub(crate) use self::{plane::PlaneNavigator, viewpoint::Viewpoint};
 use crate::view::painter::View;

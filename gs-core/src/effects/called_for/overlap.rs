@@ -14,7 +14,7 @@ use crate::{
     constants::NARROW_PX,
     effects::Order,
     perspective::{Ellipsoid, Perspective},
-    scene::{Scene, SpatialScene},
+    scene::{Scene, Scene3d},
     settings::RenderSettings,
     view::Camera,
 };
@@ -66,7 +66,7 @@ pub(super) struct Shown {
 
 impl Shown {
     /// Through a camera; nothing, where the camera is not possible.
-    pub(super) fn of(scene: &SpatialScene, camera: &Camera, settings: &RenderSettings) -> Self {
+    pub(super) fn of(scene: &Scene3d, camera: &Camera, settings: &RenderSettings) -> Self {
         let size = (camera.width, camera.height);
         let mut drawn = Vec::new();
         if camera.validate().is_ok() {
@@ -82,7 +82,7 @@ impl Shown {
     /// pairs to look at.
     pub(super) fn out_of_order(&self, wanted: Order, cheaper: Order) -> Option<usize> {
         let mut sequence: Vec<u32> = (0..self.drawn.len() as u32).collect();
-        if cheaper == Order::TileDepth {
+        if cheaper == Order::Global {
             // Stable, so that ties stay by index.
             sequence.sort_by(|&a, &b| self.drawn[a as usize].depth.total_cmp(&self.drawn[b as usize].depth));
         }
@@ -120,7 +120,7 @@ impl Shown {
             for &place in &lists[first..end] {
                 let drawn = &self.drawn[place as usize];
                 let terms = Among::Terms(drawn.depth_terms);
-                if wanted == Order::PixelDepth {
+                if wanted == Order::PerPixel {
                     let flat = (drawn.slope == Vec2::ZERO).then_some(Among::Flat);
                     mark(by_pixel.next(drawn.depths_in(corner), flat.unwrap_or(Among::None(place)), place));
                     // Nor must the cheaper order be another elsewhere.
@@ -185,7 +185,7 @@ struct Through<'a> {
 }
 
 impl Drawn {
-    fn of(scene: &SpatialScene, index: usize, through: &Through<'_>) -> Option<Self> {
+    fn of(scene: &Scene3d, index: usize, through: &Through<'_>) -> Option<Self> {
         let Through { camera, settings, perspective } = through;
         let ellipsoid = Ellipsoid {
             mean: scene.means[index],

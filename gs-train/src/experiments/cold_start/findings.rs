@@ -32,7 +32,7 @@ impl ColdStartMeasured {
                 y: Axis::logarithmic("loss (L1 + D-SSIM)"),
                 series: self.losses.clone(),
             }],
-            tables: vec![self.courses_table(), self.pulls_table()],
+            tables: vec![self.trajectories_table(), self.pulls_table()],
             pictures: self.pictures.clone(),
         }
     }
@@ -85,7 +85,7 @@ impl ColdStartMeasured {
 
     fn flat_claim(&self) -> Claim {
         let (white, random, good) =
-            (self.course(Start::ColdWhite), self.course(Start::ColdRandom), self.course(Start::Good));
+            (self.trajectory(Start::ColdWhite), self.trajectory(Start::ColdRandom), self.trajectory(Start::Good));
         let flat = |ratio: f64| (ratio - 1.0).abs() < 0.01;
         Claim {
             name: "loss-is-flat",
@@ -132,7 +132,7 @@ impl ColdStartMeasured {
         };
         let border = pulled("σ 15 px on the border", self.pull(Start::LargeVariance, Loss::L1)?);
         let anywhere = pulled("σ 15 px anywhere, the paper's start,", self.pull(Start::Good, Loss::L1)?);
-        let (large, good) = (self.course(Start::LargeVariance), self.course(Start::Good));
+        let (large, good) = (self.trajectory(Start::LargeVariance), self.trajectory(Start::Good));
         let good_steps = good.steps_to_milestone.unwrap_or(f64::NAN);
         Some(Claim {
             name: "large-variances-cure",
@@ -170,9 +170,9 @@ impl ColdStartMeasured {
     }
 
     fn mechanism_claim(&self) -> Claim {
-        let (forced, residual) = (self.course(Start::ColdForced), self.course(Start::ColdResidual));
+        let (forced, residual) = (self.trajectory(Start::ColdForced), self.trajectory(Start::ColdResidual));
         let stuck = |what: &str, start| {
-            let ends = self.course(start).by_seed.iter().map(|ending| ending.psnr < NOTHING_DB);
+            let ends = self.trajectory(start).by_seed.iter().map(|ending| ending.psnr < NOTHING_DB);
             Circumstance::counted(format!("seeds that end below {NOTHING_DB} dB {what}"), ends)
         };
         Claim {
@@ -204,21 +204,21 @@ impl ColdStartMeasured {
         }
     }
 
-    fn courses_table(&self) -> Table {
-        let row = |course: &Course| {
+    fn trajectories_table(&self) -> Table {
+        let row = |trajectory: &Trajectory| {
             vec![
-                course.start.name().into(),
-                course.steps_to_milestone.map_or("never".into(), |steps| Cell::Fixed(steps, 0)),
-                Cell::Fixed(course.count, 0),
-                Cell::Fixed(course.psnr, 2),
-                Cell::Significant(course.loss_ratio, 3),
+                trajectory.start.name().into(),
+                trajectory.steps_to_milestone.map_or("never".into(), |steps| Cell::Fixed(steps, 0)),
+                Cell::Fixed(trajectory.count, 0),
+                Cell::Fixed(trajectory.psnr, 2),
+                Cell::Significant(trajectory.loss_ratio, 3),
             ]
         };
         Table {
             name: "starts",
             title: format!("Steps until the loss is that of the good start at step {MILESTONE}"),
             columns: vec!["start", "steps", "Gaussians at the end", "PSNR, dB", "last loss / first"],
-            rows: self.courses.iter().map(row).collect(),
+            rows: self.trajectories.iter().map(row).collect(),
         }
     }
 

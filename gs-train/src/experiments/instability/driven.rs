@@ -1,7 +1,7 @@
 //! A scale that is driven to zero by hand: from where on a loss and its gradients are no longer finite, guard by guard.
 
 use glam::{Vec2, Vec3};
-use gs_core::{Canvas, Image, PlanarGaussian, PlanarScene, Rasterizer, Scene as _, scene::logit};
+use gs_core::{Canvas, Gaussian2d, Image, Rasterizer, Scene as _, Scene2d, scene::logit};
 
 use super::{Guard, NEEDLE_PX, small_settings};
 use crate::{error::Error, experiments::textbook::Textbook};
@@ -23,7 +23,7 @@ pub struct Drive {
 
 impl Drive {
     /// Lets one scale of a needle go to zero, in 8 steps a decade.
-    pub(super) fn measure<R: Rasterizer<PlanarScene>>(
+    pub(super) fn measure<R: Rasterizer<Scene2d>>(
         rasterizer: &R,
         guard: Guard,
         target: &Image,
@@ -36,8 +36,7 @@ impl Drive {
             let mut is_finite = true;
             for eighth in 0..=96 {
                 let short = 10f32.powf(-(eighth as f32) / 8.0);
-                let scene: PlanarScene =
-                    [needle(short, angle as f32 / angles as f32 * 3.0 + 0.05)].into_iter().collect();
+                let scene: Scene2d = [needle(short, angle as f32 / angles as f32 * 3.0 + 0.05)].into_iter().collect();
                 let finite = match guard.of_textbook() {
                     Some(guards) => {
                         let found =
@@ -45,14 +44,14 @@ impl Drive {
                         found.loss.is_finite() && found.has_finite_gradients
                     }
                     None => {
-                        let cloud = rasterizer.upload(&scene, settings.chart)?;
+                        let splats = rasterizer.upload(&scene, settings.parameterization)?;
                         let canvas = Canvas::new(target.width(), target.height());
-                        let frame = rasterizer.forward(&cloud, &canvas, &settings.render)?;
+                        let frame = rasterizer.forward(&splats, &canvas, &settings.render)?;
                         if rasterizer.culled(&frame)?.degenerate > 0 {
                             left_out_px = left_out_px.max(short.into());
                         }
-                        let (loss, gradients) = rasterizer.backward(&cloud, frame, &uploaded, &settings.loss)?;
-                        loss.is_finite() && rasterizer.download_gradients(&cloud, &gradients)?.validate().is_ok()
+                        let (loss, gradients) = rasterizer.backward(&splats, frame, &uploaded, &settings.loss)?;
+                        loss.is_finite() && rasterizer.download_gradients(&splats, &gradients)?.validate().is_ok()
                     }
                 };
                 if !finite {
@@ -68,8 +67,8 @@ impl Drive {
 }
 
 /// A needle off the centres of pixels.
-fn needle(short_px: f32, angle: f32) -> PlanarGaussian {
-    PlanarGaussian {
+fn needle(short_px: f32, angle: f32) -> Gaussian2d {
+    Gaussian2d {
         mean: Vec2::new(12.3, 11.6),
         log_scale: Vec2::new(NEEDLE_PX.ln(), short_px.ln()),
         rotation: angle,

@@ -12,8 +12,8 @@ impl InstabilityMeasured {
         };
         let scales = self.free.iter().filter(|free| free.guard == Guard::Off);
         let scales = scales.filter_map(|free| {
-            let course = free.courses.first()?;
-            Some(Series::line(format!("step of {} px", free.scale_rate_px?), course.scales.clone()))
+            let trajectory = free.trajectories.first()?;
+            Some(Series::line(format!("step of {} px", free.scale_rate_px?), trajectory.scales.clone()))
         });
         let side = SyntheticTarget::THIN_LINES_24_PX.image().width();
         Findings {
@@ -26,7 +26,7 @@ impl InstabilityMeasured {
                  project's guards, by the product. Last the paper's fit of 600 Gaussians, with the clamp at 1 px and with \
                  the project's floor of 0.25 px.",
                 self.drive(Guard::Off).angles,
-                self.courses(Guard::Project).count(),
+                self.trajectories(Guard::Project).count(),
             ),
             claims: vec![self.nan_claim(), self.clamp_claim(), self.price_claim()],
             charts: vec![
@@ -54,8 +54,8 @@ impl InstabilityMeasured {
     }
 
     /// The fits with a guard, whatever the step of the scales.
-    fn courses(&self, guard: Guard) -> impl Iterator<Item = &Course> {
-        self.free.iter().filter(move |free| free.guard == guard).flat_map(|free| &free.courses)
+    fn trajectories(&self, guard: Guard) -> impl Iterator<Item = &Trajectory> {
+        self.free.iter().filter(move |free| free.guard == guard).flat_map(|free| &free.trajectories)
     }
 
     fn nan_claim(&self) -> Claim {
@@ -63,9 +63,12 @@ impl InstabilityMeasured {
         let (fits, diverged) = self.free_fits(Guard::Off);
         let from = drive.from_px.unwrap_or(0.0);
         // Those that got where the needle's gradients are no longer finite, and those that diverged before.
-        let driven: Vec<&Course> =
-            self.courses(Guard::Off).filter(|course| course.diverged || course.smallest_scale_px <= from).collect();
-        let smallest = self.courses(Guard::Off).map(|course| course.smallest_scale_px).fold(f64::INFINITY, f64::min);
+        let driven: Vec<&Trajectory> = self
+            .trajectories(Guard::Off)
+            .filter(|trajectory| trajectory.diverged || trajectory.smallest_scale_px <= from)
+            .collect();
+        let smallest =
+            self.trajectories(Guard::Off).map(|trajectory| trajectory.smallest_scale_px).fold(f64::INFINITY, f64::min);
         Claim {
             name: "singular-covariances-give-nan",
             statement: "When the optimiser drives a scale to near zero, the covariance becomes singular and the loss NaN.",
@@ -83,7 +86,7 @@ impl InstabilityMeasured {
                 },
                 Circumstance::counted(
                     "fits in which the optimiser drives a scale there that diverge",
-                    driven.iter().map(|course| course.diverged),
+                    driven.iter().map(|trajectory| trajectory.diverged),
                 ),
             ],
             measured: format!(
@@ -114,10 +117,12 @@ impl InstabilityMeasured {
         let (fits, diverged) = self.free_fits(Guard::Paper);
         let (epsilon_fits, epsilon_diverged) = self.free_fits(Guard::Epsilon);
         let (project_fits, project_diverged) = self.free_fits(Guard::Project);
-        let smallest =
-            self.courses(Guard::Project).map(|course| course.smallest_scale_px).fold(f64::INFINITY, f64::min);
+        let smallest = self
+            .trajectories(Guard::Project)
+            .map(|trajectory| trajectory.smallest_scale_px)
+            .fold(f64::INFINITY, f64::min);
         // The same seeds and steps of the scales, in the same order.
-        let pairs = self.courses(Guard::Off).zip(self.courses(Guard::Paper));
+        let pairs = self.trajectories(Guard::Off).zip(self.trajectories(Guard::Paper));
         let cured = pairs.filter(|(off, _)| off.diverged).map(|(_, paper)| !paper.diverged);
         Claim {
             name: "clamp-and-epsilon-cure",

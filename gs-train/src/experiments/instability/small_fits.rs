@@ -1,6 +1,6 @@
 //! Small fits in which the optimiser may drive a scale to zero by itself, if the guard lets it.
 
-use gs_core::{Image, Loss, PlanarScene, Rasterizer};
+use gs_core::{Image, Loss, Rasterizer, Scene2d};
 use gs_density::Policy;
 
 use super::{Guard, unless_diverged};
@@ -29,12 +29,12 @@ pub struct Free {
     /// Adam's step for the scales, px; nothing for the product, which moves their logarithms.
     pub scale_rate_px: Option<f32>,
     /// One a seed.
-    pub courses: Vec<Course>,
+    pub trajectories: Vec<Trajectory>,
 }
 
 /// One small fit.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Course {
+pub struct Trajectory {
     /// Whether its loss or its gradients stopped being finite.
     pub diverged: bool,
     /// The smallest |σ| before any step and after the last, px.
@@ -62,7 +62,7 @@ pub fn small_settings(seed: u32) -> FitSettings {
 
 impl Free {
     /// All guards; the textbook's at each step of the scales.
-    pub(super) fn measure_all<R: Rasterizer<PlanarScene>>(
+    pub(super) fn measure_all<R: Rasterizer<Scene2d>>(
         laboratory: &mut Laboratory<'_, R>,
         target: &Image,
     ) -> Result<Vec<Self>, Error> {
@@ -71,19 +71,19 @@ impl Free {
         let mut all = Vec::new();
         for guard in Guard::ALL {
             let Some(guards) = guard.of_textbook() else {
-                let courses = seeds.clone().map(|seed| Course::by_product(laboratory, target, seed)).collect();
-                all.push(Self { guard, scale_rate_px: None, courses: Result::from_iter::<Vec<_>>(courses)? });
+                let trajectories = seeds.clone().map(|seed| Trajectory::by_product(laboratory, target, seed)).collect();
+                all.push(Self { guard, scale_rate_px: None, trajectories: Result::from_iter::<Vec<_>>(trajectories)? });
                 continue;
             };
             for &rate in rates {
-                let course = |seed| {
+                let trajectory = |seed| {
                     let settings = small_settings(seed);
                     let scene = Trainer::new(laboratory.rasterizer(), target, settings.clone())?.scene()?;
                     let textbook = Textbook::new(&scene, settings.render.background, guards, rate);
-                    Course::by_textbook(target, settings.iterations, textbook)
+                    Trajectory::by_textbook(target, settings.iterations, textbook)
                 };
-                let courses = seeds.clone().map(course).collect::<Result<_, Error>>()?;
-                all.push(Self { guard, scale_rate_px: Some(rate), courses });
+                let trajectories = seeds.clone().map(trajectory).collect::<Result<_, Error>>()?;
+                all.push(Self { guard, scale_rate_px: Some(rate), trajectories });
             }
         }
         Ok(all)
@@ -91,27 +91,27 @@ impl Free {
 
     /// How many fits.
     pub fn fits(&self) -> usize {
-        self.courses.len()
+        self.trajectories.len()
     }
 
     /// How many of them diverged.
     pub fn diverged(&self) -> usize {
-        self.courses.iter().filter(|course| course.diverged).count()
+        self.trajectories.iter().filter(|trajectory| trajectory.diverged).count()
     }
 
     /// The smallest |σ| met in any of them, px.
     pub fn smallest_scale_px(&self) -> f64 {
-        self.courses.iter().map(|course| course.smallest_scale_px).fold(f64::INFINITY, f64::min)
+        self.trajectories.iter().map(|trajectory| trajectory.smallest_scale_px).fold(f64::INFINITY, f64::min)
     }
 
     /// PSNR at the end of the fits that lived, dB, mean; nothing where none did.
     pub fn psnr(&self) -> Option<f64> {
-        let psnr = mean(self.courses.iter().filter_map(|course| course.psnr));
+        let psnr = mean(self.trajectories.iter().filter_map(|trajectory| trajectory.psnr));
         (!psnr.is_nan()).then_some(psnr)
     }
 }
 
-impl Course {
+impl Trajectory {
     fn new() -> Self {
         Self { diverged: false, smallest_scale_px: f64::INFINITY, psnr: None, scales: Vec::new() }
     }
@@ -125,40 +125,40 @@ impl Course {
     }
 
     fn by_textbook(target: &Image, iterations: u32, mut textbook: Textbook) -> Result<Self, Error> {
-        let mut course = Self::new();
+        let mut trajectory = Self::new();
         for step in 1..=iterations {
             let found = textbook.step(target);
-            course.note(step, found.smallest_scale_px.into());
+            trajectory.note(step, found.smallest_scale_px.into());
             if !(found.loss.is_finite() && found.has_finite_gradients) {
-                return Ok(Self { diverged: true, ..course });
+                return Ok(Self { diverged: true, ..trajectory });
             }
         }
-        course.note(iterations + 1, textbook.smallest_scale_px().into());
+        trajectory.note(iterations + 1, textbook.smallest_scale_px().into());
         let image = textbook.render(target.width(), target.height())?;
-        Ok(Self { psnr: Some(l1_and_psnr(&image, target).1), ..course })
+        Ok(Self { psnr: Some(l1_and_psnr(&image, target).1), ..trajectory })
     }
 
-    fn by_product<R: Rasterizer<PlanarScene>>(
+    fn by_product<R: Rasterizer<Scene2d>>(
         laboratory: &mut Laboratory<'_, R>,
         target: &Image,
         seed: u32,
     ) -> Result<Self, Error> {
-        let mut course = Self::new();
+        let mut trajectory = Self::new();
         let mut trainer = Trainer::new(laboratory.rasterizer(), target, small_settings(seed))?;
         laboratory.watch().on_fit(&format!("thin lines, seed {seed}"));
         while !trainer.is_finished() {
-            course.note(trainer.step() + 1, smallest_scale_px(&trainer.scene()?));
+            trajectory.note(trainer.step() + 1, smallest_scale_px(&trainer.scene()?));
             match unless_diverged(trainer.step_once())? {
                 Some(progress) => laboratory.watch().on_step(&progress),
-                None => return Ok(Self { diverged: true, ..course }),
+                None => return Ok(Self { diverged: true, ..trajectory }),
             }
         }
         let scene = trainer.scene()?;
-        course.note(trainer.step() + 1, smallest_scale_px(&scene));
-        Ok(Self { psnr: Some(trainer.quality()?.psnr), ..course })
+        trajectory.note(trainer.step() + 1, smallest_scale_px(&scene));
+        Ok(Self { psnr: Some(trainer.quality()?.psnr), ..trajectory })
     }
 }
 
-fn smallest_scale_px(scene: &PlanarScene) -> f64 {
+fn smallest_scale_px(scene: &Scene2d) -> f64 {
     scene.iter().map(|g| f64::from(g.log_scale.min_element().exp())).fold(f64::INFINITY, f64::min)
 }

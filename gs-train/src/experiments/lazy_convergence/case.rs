@@ -1,7 +1,7 @@
 //! One target of the lazy-convergence experiment: the threshold that would have worked on it, and what a relative criterion does there
 //! with the settings it has everywhere.
 
-use gs_core::{PlanarScene, Rasterizer, constants::TAU_POSITION};
+use gs_core::{Rasterizer, Scene2d, constants::TAU_POSITION};
 use gs_density::{AbsoluteThreshold, FORCED_GROWTH_PERCENT, Hybrid, Policy, RelativePercentile};
 
 use super::{Blank, per_pixel};
@@ -165,7 +165,7 @@ pub(super) fn targets(extent: Extent) -> Vec<(String, Variation, DiscAndSquare)>
 impl Case {
     /// Looks for the threshold that works, and tries what the other criteria make of the target. `of_paper` holds the thresholds that
     /// work on the paper's target, one a seed; without it, this is that target.
-    pub(super) fn measure<R: Rasterizer<PlanarScene>>(
+    pub(super) fn measure<R: Rasterizer<Scene2d>>(
         laboratory: &mut Laboratory<'_, R>,
         label: String,
         variation: Variation,
@@ -248,7 +248,7 @@ impl Case {
 }
 
 impl Blank {
-    pub(super) fn measure<R: Rasterizer<PlanarScene>>(
+    pub(super) fn measure<R: Rasterizer<Scene2d>>(
         laboratory: &mut Laboratory<'_, R>,
         trial: Trial,
     ) -> Result<Self, Error> {

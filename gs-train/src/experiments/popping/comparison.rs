@@ -11,14 +11,16 @@
 
 use std::collections::VecDeque;
 
-use gs_core::{Camera, Chart, Error as CoreError, Image, Rasterizer, RenderSettings, SpatialScene, effects::Order};
+use gs_core::{
+    Camera, Error as CoreError, Image, Parameterization, Rasterizer, RenderSettings, Scene3d, effects::Order,
+};
 use rayon::prelude::*;
 
 use super::flicker::{Flicker, flicker};
-use crate::{error::Error, spatial::Orbit, statistics::mean};
+use crate::{error::Error, statistics::mean, train::Orbit};
 
 /// The orders that are compared, the field's first.
-pub const ORDERS: [Order; 2] = [Order::TileDepth, Order::PixelDepth];
+pub const ORDERS: [Order; 2] = [Order::Global, Order::PerPixel];
 
 /// Frames from one of a triple to the next: the finest step and its multiples.
 pub const STRIDES: [usize; 3] = [1, 2, 4];
@@ -86,7 +88,7 @@ pub struct Popping {
     /// The highest flicker of any window, 8-bit levels.
     pub highest: f64,
     /// The root mean square flicker of each triple of frames, 8-bit levels, stretch after stretch.
-    pub course: Vec<f64>,
+    pub trajectory: Vec<f64>,
 }
 
 impl Popping {
@@ -154,14 +156,14 @@ impl Comparison {
 /// # Errors
 /// [`CoreError::Setting`] where the flight is not possible; those of the backend, such as [`CoreError::Unsupported`] where it has not both
 /// orders.
-pub fn compare<R: Rasterizer<SpatialScene>>(
+pub fn compare<R: Rasterizer<Scene3d>>(
     rasterizer: &R,
-    scene: &SpatialScene,
+    scene: &Scene3d,
     flight: &SlowOrbit,
     first: &Camera,
     render: &RenderSettings,
 ) -> Result<Comparison, Error> {
-    let cloud = rasterizer.upload(scene, Chart::ScaleRotation)?;
+    let splats = rasterizer.upload(scene, Parameterization::ScaleRotation)?;
     let stretches = flight.stretches(first)?;
     let mut tallies = [(); STRIDES.len()].map(|()| [Tally::default(), Tally::default()]);
     let mut best = Moment { cameras: [*first; 3], pixel: (0, 0), excess: f64::NEG_INFINITY };
@@ -170,7 +172,11 @@ pub fn compare<R: Rasterizer<SpatialScene>>(
         let mut frames: [VecDeque<Image>; 2] = Default::default();
         for (number, camera) in stretch.iter().enumerate() {
             for (order, frames) in ORDERS.into_iter().zip(&mut frames) {
-                frames.push_front(rasterizer.image(&rasterizer.forward(&cloud, camera, &ordered(render, order))?)?);
+                frames.push_front(rasterizer.image(&rasterizer.forward(
+                    &splats,
+                    camera,
+                    &ordered(render, order),
+                )?)?);
                 frames.truncate(2 * STRIDES[STRIDES.len() - 1] + 1);
             }
             let found = flickers(&frames)?;
@@ -245,7 +251,7 @@ impl Tally {
             squares_per_degree: per_degree(|triple| triple.0),
             times_per_degree: per_degree(|triple| triple.1),
             highest: self.highest,
-            course: self.stretches.iter().flatten().map(|triple| triple.0.sqrt()).collect(),
+            trajectory: self.stretches.iter().flatten().map(|triple| triple.0.sqrt()).collect(),
         }
     }
 }

@@ -27,7 +27,7 @@ impl Comparison {
                 orders[0].squares_per_degree.len(),
             ),
             claims: Vec::new(),
-            charts: vec![course_chart(what, self)],
+            charts: vec![trajectory_chart(what, self)],
             tables: vec![Table { rows: rows(self), ..table("popping", format!("{what}: what jumps"), &STEP_COLUMNS) }],
             pictures: vec![picture],
         }
@@ -37,10 +37,10 @@ impl Comparison {
     ///
     /// # Errors
     /// Those of the backend.
-    pub fn picture<R: Rasterizer<SpatialScene>>(
+    pub fn picture<R: Rasterizer<Scene3d>>(
         &self,
         rasterizer: &R,
-        scene: &SpatialScene,
+        scene: &Scene3d,
         render: &RenderSettings,
         what: &str,
     ) -> Result<Picture, Error> {
@@ -77,9 +77,9 @@ fn rows(comparison: &Comparison) -> Vec<Vec<Cell>> {
     comparison.steps.iter().flat_map(of_step).collect()
 }
 
-fn course_chart(what: &str, comparison: &Comparison) -> Chart {
+fn trajectory_chart(what: &str, comparison: &Comparison) -> Chart {
     let curve = |(order, popping): (Order, &Popping)| {
-        let points = (1..).zip(&popping.course).map(|(triple, &levels)| (f64::from(triple), levels));
+        let points = (1..).zip(&popping.trajectory).map(|(triple, &levels)| (f64::from(triple), levels));
         Series::line(order.name(), points.collect())
     };
     Chart {
@@ -106,7 +106,7 @@ impl PoppingMeasured {
                 self.extent.choose(8, 4)
             ),
             claims: vec![self.pops_claim(), self.size_claim()],
-            charts: vec![course_chart("Two discs", &self.discs), self.size_chart()],
+            charts: vec![trajectory_chart("Two discs", &self.discs), self.size_chart()],
             tables: vec![Table { rows: rows(&self.discs), ..discs }, self.size_table()],
             pictures: self.pictures.clone(),
         }
@@ -151,16 +151,12 @@ impl PoppingMeasured {
                 self.grid_trace
             ),
             numbers: vec![
-                Number::new("highest flicker of the discs, tile-depth", highest[0], "levels"),
-                Number::new("highest flicker of the discs, pixel-depth", highest[1], "levels"),
-                Number::new("left by half the step, tile-depth", tile, ""),
+                Number::new("highest flicker of the discs, global", highest[0], "levels"),
+                Number::new("highest flicker of the discs, per-pixel", highest[1], "levels"),
+                Number::new("left by half the step, global", tile, ""),
+                Number::new("jumps around the ball in the sea, global", coarse.tile().squares(), "levels² per degree"),
                 Number::new(
-                    "jumps around the ball in the sea, tile-depth",
-                    coarse.tile().squares(),
-                    "levels² per degree",
-                ),
-                Number::new(
-                    "jumps around the ball in the sea, pixel-depth",
+                    "jumps around the ball in the sea, per-pixel",
                     coarse.pixel().squares(),
                     "levels² per degree",
                 ),

@@ -1,6 +1,6 @@
 //! Popping to be looked at: two frames in a row under both orders, and their differences.
 
-use gs_core::{Chart, Image, Rasterizer, RenderSettings, SpatialScene, constants::SSIM_WINDOW};
+use gs_core::{Image, Parameterization, Rasterizer, RenderSettings, Scene3d, constants::SSIM_WINDOW};
 
 use super::{
     comparison::{Moment, ORDERS, ordered},
@@ -22,16 +22,16 @@ const GAP_PX: u32 = 8;
 ///
 /// # Errors
 /// Those of the backend.
-pub(super) fn picture<R: Rasterizer<SpatialScene>>(
+pub(super) fn picture<R: Rasterizer<Scene3d>>(
     rasterizer: &R,
-    scene: &SpatialScene,
+    scene: &Scene3d,
     moment: &Moment,
     render: &RenderSettings,
     (name, caption): (&'static str, String),
 ) -> Result<Picture, Error> {
-    let cloud = rasterizer.upload(scene, Chart::ScaleRotation)?;
+    let splats = rasterizer.upload(scene, Parameterization::ScaleRotation)?;
     let row = |order| {
-        let frame = |camera| rasterizer.image(&rasterizer.forward(&cloud, camera, &ordered(render, order))?);
+        let frame = |camera| rasterizer.image(&rasterizer.forward(&splats, camera, &ordered(render, order))?);
         moment.cameras.iter().map(frame).collect::<Result<Vec<Image>, _>>()
     };
     let rows = ORDERS.into_iter().map(row).collect::<Result<Vec<_>, _>>()?;
@@ -42,7 +42,7 @@ pub(super) fn picture<R: Rasterizer<SpatialScene>>(
     let at = usize::from(change(1) > change(0));
     let part = Part::around(moment.pixel, size, PART_PX);
     let cell_color = |row: &[Image], column: usize, pixel: (u32, u32)| {
-        let [before, after] = [&row[at], &row[at + 1]].map(|frame| frame.pixel(part.x + pixel.0, part.y + pixel.1));
+        let [before, after] = [&row[at], &row[at + 1]].map(|factor| factor.pixel(part.x + pixel.0, part.y + pixel.1));
         match column {
             0 => before,
             1 => after,

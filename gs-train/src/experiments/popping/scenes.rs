@@ -3,12 +3,12 @@
 use std::f32::consts::{PI, TAU};
 
 use glam::{Quat, Vec3};
-use gs_core::{Camera, Scene as _, SpatialGaussian, SpatialScene, constants::SH_C0, scene::logit};
+use gs_core::{Camera, Gaussian3d, Scene as _, Scene3d, constants::SH_C0, scene::logit};
 use gs_density::Rng;
 use rand::{RngExt as _, SeedableRng as _};
 
 use super::comparison::SlowOrbit;
-use crate::spatial::{Orbit, looking_at};
+use crate::train::{Orbit, looking_at};
 
 /// Across, rad.
 const FIELD_OF_VIEW: f32 = 0.7;
@@ -18,13 +18,13 @@ const DISTANCE: f32 = 4.0;
 
 /// Two flat Gaussians that pass through each other, a warm one and a cold one, each of which has one half in front. Their means change the order of
 /// their depths in the middle of [`discs_flight`], and not before or after.
-pub fn discs() -> SpatialScene {
+pub fn discs() -> Scene3d {
     let turned = |degrees: f32| Quat::from_rotation_y(degrees.to_radians());
     let disc = |side: f32, color: Vec3| {
         // A flat Gaussian's axis z is its normal.
         flat(Vec3::new(0.05 * side, 0.0, 0.0), turned(35.0 * side), 0.4, color)
     };
-    let mut scene = SpatialScene::default();
+    let mut scene = Scene3d::default();
     scene.push(disc(-1.0, Vec3::new(0.9, 0.45, 0.1)));
     scene.push(disc(1.0, Vec3::new(0.1, 0.4, 0.9)));
     scene
@@ -41,9 +41,9 @@ pub fn discs_flight(side: u32, frames: u32, step_degrees: f32) -> (SlowOrbit, Ca
 
 /// A ball of stripes half sunk in a sea of waves, both covered with flat Gaussians of σ = `size` world units that lie in their surface, but for a
 /// few degrees, as densely whatever their size. What is seen does not depend on the size, but for detail smaller than it.
-pub fn ball_in_sea(size: f32) -> SpatialScene {
+pub fn ball_in_sea(size: f32) -> Scene3d {
     let mut random = Rng::seed_from_u64(0);
-    let mut scene = SpatialScene::default();
+    let mut scene = Scene3d::default();
     let area = (SPACING * size).powi(2);
     let mut cover = |count: f32, surface: &dyn Fn(f32, f32) -> (Vec3, Vec3, Vec3)| {
         let count = count.ceil().max(1.0) as u32;
@@ -109,8 +109,8 @@ const TILT: f32 = 0.1;
 const GOLDEN_TURN: f64 = 0.381_966_011_250_105_1;
 
 /// A tenth as thick as wide, nine tenths opaque.
-fn flat(mean: Vec3, turned: Quat, size: f32, color: Vec3) -> SpatialGaussian {
-    SpatialGaussian {
+fn flat(mean: Vec3, turned: Quat, size: f32, color: Vec3) -> Gaussian3d {
+    Gaussian3d {
         mean,
         log_scale: Vec3::new(size, size, 0.1 * size).map(f32::ln),
         rotation: [turned.w, turned.x, turned.y, turned.z],

@@ -2,15 +2,15 @@
 
 use glam::{Vec2, Vec3};
 use gs_core::{
-    Adam, AdamRates, Binning, Camera, Canvas, Chart, Error, Image, Loss, PlanarScene, Rasterizer, RenderSettings,
-    Scene, SpatialScene, TrainStep, Wait,
+    Adam, AdamRates, Binning, Camera, Canvas, Error, Image, Loss, Parameterization, Rasterizer, RenderSettings, Scene,
+    Scene2d, Scene3d, TrainStep, Wait,
     effects::{Blend, Order},
     settings::Extent,
 };
 
 use super::{super::run::rows_of, VALUES, state::same_causes};
 use crate::{
-    conformance::{charts, refused},
+    conformance::{parameterizations, refused},
     failure::Failure,
     oracle::{Oracle, OracleView},
     scenes,
@@ -110,10 +110,10 @@ fn inputs<S: Subject>(
 }
 
 /// Three small Gaussians in a row, so that the poisoned one in the middle touches neither.
-pub(super) fn planar() -> Vec<Inputs<PlanarScene>> {
+pub(super) fn scene_2d() -> Vec<Inputs<Scene2d>> {
     [("sum", Breadth::Pictures, Blend::Sum), ("over", Breadth::Whole, Blend::Over)]
         .map(|(name, breadth, blend)| {
-            let gaussian = |i: usize| gs_core::PlanarGaussian {
+            let gaussian = |i: usize| gs_core::Gaussian2d {
                 mean: Vec2::new(3.2 + 6.6 * i as f32, 6.3),
                 log_scale: Vec2::new(-0.4, -0.2),
                 rotation: 0.4,
@@ -126,17 +126,17 @@ pub(super) fn planar() -> Vec<Inputs<PlanarScene>> {
         .into()
 }
 
-/// The same in space, in two orders.
-pub(super) fn spatial() -> Vec<Inputs<SpatialScene>> {
+/// The same in 3D, in two orders.
+pub(super) fn scene_3d() -> Vec<Inputs<Scene3d>> {
     let orders =
-        [("by mean depth", Breadth::Whole, Order::TileDepth), ("by pixel depth", Breadth::Pictures, Order::PixelDepth)];
+        [("by mean depth", Breadth::Whole, Order::Global), ("by pixel depth", Breadth::Pictures, Order::PerPixel)];
     orders
         .map(|(name, breadth, order)| {
             let view = Camera { near: 0.2, ..Camera::looking_forward(SIZE.0, SIZE.1, 0.9) };
-            let mut scene = SpatialScene { sh_degree: 1, ..SpatialScene::default() };
+            let mut scene = Scene3d { sh_degree: 1, ..Scene3d::default() };
             for i in 0..3 {
                 let pixel = Vec2::new(3.2 + 6.6 * i as f32, 6.3);
-                scene.push(gs_core::SpatialGaussian {
+                scene.push(gs_core::Gaussian3d {
                     mean: ((pixel - view.center) / view.focal).extend(1.0) * (2.0 + 0.5 * i as f32),
                     log_scale: Vec3::new(-3.2, -3.0, -3.1),
                     rotation: [0.9, 0.1, -0.3, 0.2],
@@ -213,7 +213,7 @@ fn optional<S: Scene, const N: usize>(slots: [Slot<S>; N]) -> [Slot<S>; N] {
     slots.map(|slot| Slot { offered: Offered::Optionally, ..slot })
 }
 
-pub(super) fn canvas_slots() -> [Slot<PlanarScene>; 4] {
+pub(super) fn canvas_slots() -> [Slot<Scene2d>; 4] {
     slots![
         "canvas origin x": |i, v| i.view.origin.x = v,
         "canvas origin y": |i, v| i.view.origin.y = v,
@@ -222,7 +222,7 @@ pub(super) fn canvas_slots() -> [Slot<PlanarScene>; 4] {
     ]
 }
 
-pub(super) fn camera_slots() -> [Slot<SpatialScene>; 17] {
+pub(super) fn camera_slots() -> [Slot<Scene3d>; 17] {
     slots![
         "camera rotation 00" [1.0]: |i, v| i.view.rotation.x_axis.x = v,
         "camera rotation 10": |i, v| i.view.rotation.x_axis.y = v,
@@ -266,7 +266,7 @@ impl Tally {
     }
 }
 
-/// Puts all values into one slot, in every chart that the backend offers; how many runs that were. What gs-core says is possible must be accepted,
+/// Puts all values into one slot, in every parameterization that the backend offers; how many runs that were. What gs-core says is possible must be accepted,
 /// and what it says is not, refused.
 pub(super) fn poison<S: Subject, R: Rasterizer<S>>(
     rasterizer: &R,
@@ -274,16 +274,16 @@ pub(super) fn poison<S: Subject, R: Rasterizer<S>>(
     slot: &Slot<S>,
 ) -> Result<usize, Failure> {
     let mut runs = 0;
-    for chart in charts::<S, R>(rasterizer)? {
+    for parameterization in parameterizations::<S, R>(rasterizer)? {
         let mut tally = Tally::default();
         for value in slot.values() {
             let mut poisoned = inputs.clone();
             (slot.put)(&mut poisoned, value);
             let outcome = if check(&poisoned).is_err() {
                 tally.refused += 1;
-                refuses(rasterizer, &poisoned, chart)
+                refuses(rasterizer, &poisoned, parameterization)
             } else {
-                match stands(rasterizer, inputs, &poisoned, chart) {
+                match stands(rasterizer, inputs, &poisoned, parameterization) {
                     Err(Failure::Backend(Error::Unsupported { .. })) if slot.offered == Offered::Optionally => {
                         tally.unsupported += 1;
                         Ok(())
@@ -295,7 +295,7 @@ pub(super) fn poison<S: Subject, R: Rasterizer<S>>(
                     }
                 }
             };
-            outcome.map_err(|failure| failure.at(format!("{value:e}, {chart:?}")))?;
+            outcome.map_err(|failure| failure.at(format!("{value:e}, {parameterization:?}")))?;
         }
         runs += tally.values(slot.offered)?;
     }
@@ -326,31 +326,35 @@ fn show_differently<S: Subject>(a: &Inputs<S>, b: &Inputs<S>) -> bool {
     a.view != b.view || a.settings != b.settings
 }
 
-/// Every call refuses what is not possible, and a step that does leaves the cloud as it was.
-fn refuses<S: Subject, R: Rasterizer<S>>(rasterizer: &R, inputs: &Inputs<S>, chart: Chart) -> Result<(), Failure> {
+/// Every call refuses what is not possible, and a step that does leaves the splats as it was.
+fn refuses<S: Subject, R: Rasterizer<S>>(
+    rasterizer: &R,
+    inputs: &Inputs<S>,
+    parameterization: Parameterization,
+) -> Result<(), Failure> {
     let refusal = |error: &Error| matches!(error, Error::Setting { .. } | Error::Size { .. } | Error::Pixel { .. });
     let target = rasterizer.upload_target(&inputs.target);
     if inputs.target.check_finite("the target").is_err() {
         return refused("the target", target, refusal);
     }
     let target = target?;
-    let mut cloud = rasterizer.upload(&inputs.scene, chart)?;
-    let before = rasterizer.save(&cloud)?;
-    let frame = rasterizer.forward(&cloud, &inputs.view, &inputs.settings);
+    let mut splats = rasterizer.upload(&inputs.scene, parameterization)?;
+    let before = rasterizer.save(&splats)?;
+    let frame = rasterizer.forward(&splats, &inputs.view, &inputs.settings);
     if check_picture(inputs).is_err() {
         refused("a forward pass", frame, refusal)?;
     } else {
-        let backward = rasterizer.backward(&cloud, frame?, &target, &inputs.loss);
+        let backward = rasterizer.backward(&splats, frame?, &target, &inputs.loss);
         if inputs.loss.validate().is_err() {
             refused("a backward pass", backward, refusal)?;
         } else {
             let (_, gradients) = backward?;
-            refused("a step", rasterizer.step(&mut cloud, &gradients, &inputs.rates), refusal)?;
+            refused("a step", rasterizer.step(&mut splats, &gradients, &inputs.rates), refusal)?;
         }
     }
-    refused("a training step", rasterizer.train_step(&mut cloud, &inputs.view, &target, &inputs.step()), refusal)?;
-    let kept = rasterizer.save(&cloud)? == before;
-    Failure::unless(kept, || "a step that was refused changed the cloud".to_owned())
+    refused("a training step", rasterizer.train_step(&mut splats, &inputs.view, &target, &inputs.step()), refusal)?;
+    let kept = rasterizer.save(&splats)? == before;
+    Failure::unless(kept, || "a step that was refused changed the splats".to_owned())
 }
 
 /// What is possible is drawn as the oracle draws it, and trained without a loss that is not a number; a Gaussian that does not stay finite is left
@@ -359,28 +363,28 @@ fn stands<S: Subject, R: Rasterizer<S>>(
     rasterizer: &R,
     clean: &Inputs<S>,
     inputs: &Inputs<S>,
-    chart: Chart,
+    parameterization: Parameterization,
 ) -> Result<(), Failure> {
-    let mut cloud = rasterizer.upload(&inputs.scene, chart)?;
+    let mut splats = rasterizer.upload(&inputs.scene, parameterization)?;
     if show_differently(clean, inputs) {
-        is_drawn(rasterizer, inputs, &cloud, chart)?;
+        is_drawn(rasterizer, inputs, &splats, parameterization)?;
     }
     let target = rasterizer.upload_target(&inputs.target)?;
     for _ in 0..2 {
-        if let Err(error) = rasterizer.train_step(&mut cloud, &inputs.view, &target, &inputs.step()) {
-            let before = rasterizer.upload(&inputs.scene, chart)?;
-            let kept = rasterizer.save(&cloud)? == rasterizer.save(&before)?;
-            Failure::unless(kept, || format!("a step that was refused ({error}) changed the cloud"))?;
+        if let Err(error) = rasterizer.train_step(&mut splats, &inputs.view, &target, &inputs.step()) {
+            let before = rasterizer.upload(&inputs.scene, parameterization)?;
+            let kept = rasterizer.save(&splats)? == rasterizer.save(&before)?;
+            Failure::unless(kept, || format!("a step that was refused ({error}) changed the splats"))?;
             return Err(error.into());
         }
     }
     let mut losses = Vec::new();
-    rasterizer.losses(&mut cloud, Wait::All, &mut losses)?;
+    rasterizer.losses(&mut splats, Wait::All, &mut losses)?;
     Failure::unless(!losses.iter().any(|loss| loss.is_nan()), || format!("losses {losses:?}"))?;
-    let frame = rasterizer.forward(&cloud, &inputs.view, &inputs.settings)?;
+    let frame = rasterizer.forward(&splats, &inputs.view, &inputs.settings)?;
     let (image, culled) = (rasterizer.image(&frame)?, rasterizer.culled(&frame)?);
     is_finite(&image).map_err(|failure| failure.at("after two steps"))?;
-    let after = rasterizer.download(&cloud)?;
+    let after = rasterizer.download(&splats)?;
     let broken = (0..after.len()).filter(|&i| after.picked([i]).validate().is_err()).count();
     Failure::unless(culled.not_finite as usize >= broken, || {
         format!("after two steps, {broken} Gaussians are not finite, and {} are counted", culled.not_finite)
@@ -391,12 +395,12 @@ fn stands<S: Subject, R: Rasterizer<S>>(
 fn is_drawn<S: Subject, R: Rasterizer<S>>(
     rasterizer: &R,
     inputs: &Inputs<S>,
-    cloud: &R::Cloud,
-    chart: Chart,
+    splats: &R::Splats,
+    parameterization: Parameterization,
 ) -> Result<(), Failure> {
-    let frame = rasterizer.forward(cloud, &inputs.view, &inputs.settings)?;
+    let frame = rasterizer.forward(splats, &inputs.view, &inputs.settings)?;
     let (image, culled) = (rasterizer.image(&frame)?, rasterizer.culled(&frame)?);
-    let rows = rows_of(rasterizer, &inputs.scene, cloud, chart)?;
+    let rows = rows_of(rasterizer, &inputs.scene, splats, parameterization)?;
     let expected = Oracle::new(inputs.view, inputs.settings)?.render(&rows);
     let same = same_causes(culled, expected.culled);
     Failure::unless(same, || format!("left out {culled:?}, the oracle {:?}", expected.culled))?;

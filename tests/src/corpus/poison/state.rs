@@ -1,9 +1,9 @@
-//! Poison in a cloud: in each number that a backend keeps of a Gaussian, parameters, moments and statistics. A training run or a checkpoint may
+//! Poison in splats: in each number that a backend keeps of a Gaussian, parameters, moments and statistics. A training run or a checkpoint may
 //! bring any value there, however carefully scenes are checked.
 
 use std::fmt;
 
-use gs_core::{Chart, CloudState, Error, Image, Rasterizer, Wait, state::TensorData, statistics::Culled};
+use gs_core::{Error, Image, Parameterization, Rasterizer, SplatsState, Wait, state::TensorData, statistics::Culled};
 
 use super::{
     super::run::rows_of,
@@ -23,7 +23,7 @@ const VICTIM: usize = 1;
 /// Training steps after a poisoning.
 const STEPS: usize = 3;
 
-/// A column of a tensor of a cloud's state.
+/// A column of a tensor of a splats' state.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct StateSlot {
     tensor: String,
@@ -37,7 +37,7 @@ enum Kept {
     /// An entry of a row of the oracle's parameters.
     Parameter(usize),
     /// An entry of its frame.
-    Frame(usize),
+    Factor(usize),
     /// No parameter: it has no part in pictures.
     Beside,
 }
@@ -48,9 +48,9 @@ impl fmt::Display for StateSlot {
     }
 }
 
-/// What all runs with the same inputs in the same chart share.
+/// What all runs with the same inputs in the same parameterization share.
 pub(super) struct Clean<S: Subject, R: Rasterizer<S>> {
-    state: CloudState,
+    state: SplatsState,
     target: R::Target,
     /// The Gaussians as the oracle sees them.
     rows: OracleScene,
@@ -60,14 +60,14 @@ pub(super) struct Clean<S: Subject, R: Rasterizer<S>> {
 }
 
 impl<S: Subject, R: Rasterizer<S>> Clean<S, R> {
-    pub(super) fn new(rasterizer: &R, inputs: &Inputs<S>, chart: Chart) -> Result<Self, Failure> {
-        let cloud = rasterizer.upload(&inputs.scene, chart)?;
-        let (state, rows) = (rasterizer.save(&cloud)?, rows_of(rasterizer, &inputs.scene, &cloud, chart)?);
+    pub(super) fn new(rasterizer: &R, inputs: &Inputs<S>, parameterization: Parameterization) -> Result<Self, Failure> {
+        let splats = rasterizer.upload(&inputs.scene, parameterization)?;
+        let (state, rows) = (rasterizer.save(&splats)?, rows_of(rasterizer, &inputs.scene, &splats, parameterization)?);
         let target = rasterizer.upload_target(&inputs.target)?;
         let others = inputs.scene.picked((0..inputs.scene.len()).filter(|&i| i != VICTIM));
-        let cloud = rasterizer.upload(&others, chart)?;
-        let (image, _) = seen(rasterizer, inputs, &cloud)?;
-        let Trained { stepped, .. } = Trained::of(rasterizer, inputs, cloud, &target, 1)?;
+        let splats = rasterizer.upload(&others, parameterization)?;
+        let (image, _) = seen(rasterizer, inputs, &splats)?;
+        let Trained { stepped, .. } = Trained::of(rasterizer, inputs, splats, &target, 1)?;
         Ok(Self { state, target, rows, image, stepped })
     }
 
@@ -76,8 +76,8 @@ impl<S: Subject, R: Rasterizer<S>> Clean<S, R> {
         let mut rows = self.rows.clone();
         match slot.kept {
             Kept::Parameter(entry) => rows.gaussians[VICTIM][entry] = f64::from(value),
-            Kept::Frame(_) => {
-                rows = inputs.scene.rows_of_frames(with(&self.state, slot, value).matrix(FRAME)?.1);
+            Kept::Factor(_) => {
+                rows = inputs.scene.rows_of_factors(with(&self.state, slot, value).matrix(FACTOR)?.1);
             }
             Kept::Beside => {}
         }
@@ -86,7 +86,7 @@ impl<S: Subject, R: Rasterizer<S>> Clean<S, R> {
 }
 
 /// The tensor of frames.
-const FRAME: &str = "frame";
+const FACTOR: &str = "factor";
 
 /// What the columns of a tensor are, from the first on.
 fn kept_in<S: Subject>(tensor: &str) -> impl Fn(usize) -> Kept {
@@ -100,10 +100,10 @@ fn kept_in<S: Subject>(tensor: &str) -> impl Fn(usize) -> Kept {
         "color" | "sh" => Some(opacity + 1),
         _ => None,
     };
-    let is_frame = tensor == FRAME;
+    let is_frame = tensor == FACTOR;
     move |column| match first {
         Some(first) => Kept::Parameter(first + column),
-        None if is_frame => Kept::Frame(column),
+        None if is_frame => Kept::Factor(column),
         None => Kept::Beside,
     }
 }
@@ -112,9 +112,9 @@ fn kept_in<S: Subject>(tensor: &str) -> impl Fn(usize) -> Kept {
 pub(super) fn slots<S: Subject, R: Rasterizer<S>>(
     rasterizer: &R,
     inputs: &Inputs<S>,
-    chart: Chart,
+    parameterization: Parameterization,
 ) -> Result<Vec<StateSlot>, Failure> {
-    let state = rasterizer.save(&rasterizer.upload(&inputs.scene, chart)?)?;
+    let state = rasterizer.save(&rasterizer.upload(&inputs.scene, parameterization)?)?;
     let mut slots = Vec::new();
     for (name, tensor) in &state.tensors {
         if matches!(tensor.data, TensorData::F32(_)) {
@@ -140,7 +140,7 @@ pub(super) fn poison<S: Subject, R: Rasterizer<S>>(
     Ok(VALUES.len())
 }
 
-fn with(state: &CloudState, slot: &StateSlot, value: f32) -> CloudState {
+fn with(state: &SplatsState, slot: &StateSlot, value: f32) -> SplatsState {
     let mut state = state.clone();
     if let Some(tensor) = state.tensors.get_mut(&slot.tensor) {
         let columns: usize = tensor.shape.iter().skip(1).product();
@@ -151,17 +151,17 @@ fn with(state: &CloudState, slot: &StateSlot, value: f32) -> CloudState {
     state
 }
 
-/// What a cloud shows, and what that leaves out.
+/// What splats shows, and what that leaves out.
 fn seen<S: Subject, R: Rasterizer<S>>(
     rasterizer: &R,
     inputs: &Inputs<S>,
-    cloud: &R::Cloud,
+    splats: &R::Splats,
 ) -> Result<(Image, Culled), Failure> {
-    let frame = rasterizer.forward(cloud, &inputs.view, &inputs.settings)?;
+    let frame = rasterizer.forward(splats, &inputs.view, &inputs.settings)?;
     Ok((rasterizer.image(&frame)?, rasterizer.culled(&frame)?))
 }
 
-/// What becomes of a cloud in training.
+/// What becomes of splats in training.
 struct Trained<S> {
     /// After the first step.
     stepped: S,
@@ -174,18 +174,18 @@ impl<S: Subject> Trained<S> {
     fn of<R: Rasterizer<S>>(
         rasterizer: &R,
         inputs: &Inputs<S>,
-        mut cloud: R::Cloud,
+        mut splats: R::Splats,
         target: &R::Target,
         steps: usize,
     ) -> Result<Self, Failure> {
         let (step, mut losses) = (inputs.step(), Vec::new());
-        rasterizer.train_step(&mut cloud, &inputs.view, target, &step)?;
-        let stepped = rasterizer.download(&cloud)?;
+        rasterizer.train_step(&mut splats, &inputs.view, target, &step)?;
+        let stepped = rasterizer.download(&splats)?;
         for _ in 1..steps {
-            rasterizer.train_step(&mut cloud, &inputs.view, target, &step)?;
+            rasterizer.train_step(&mut splats, &inputs.view, target, &step)?;
         }
-        rasterizer.losses(&mut cloud, Wait::All, &mut losses)?;
-        let scene = rasterizer.download(&cloud)?;
+        rasterizer.losses(&mut splats, Wait::All, &mut losses)?;
+        let scene = rasterizer.download(&splats)?;
         Ok(Self { stepped, losses, scene })
     }
 }
@@ -197,9 +197,9 @@ fn one<S: Subject, R: Rasterizer<S>>(
     slot: &StateSlot,
     value: f32,
 ) -> Result<(), Failure> {
-    let cloud = match rasterizer.restore(&with(&clean.state, slot, value)) {
+    let splats = match rasterizer.restore(&with(&clean.state, slot, value)) {
         Err(Error::State(_) | Error::NotFinite { .. }) if !value.is_finite() => return Ok(()),
-        cloud => cloud?,
+        splats => splats?,
     };
     let rows = clean.rows_with(inputs, slot, value)?;
     let oracle = Oracle::new(inputs.view, inputs.settings)?;
@@ -207,13 +207,13 @@ fn one<S: Subject, R: Rasterizer<S>>(
         oracle.footprint(&rows.gaussians[VICTIM])
     } else {
         if inputs.breadth == Breadth::Whole {
-            accepts_what_is_valid(rasterizer, &cloud)?;
+            accepts_what_is_valid(rasterizer, &splats)?;
         }
-        shown(&oracle, &rows, &seen(rasterizer, inputs, &cloud)?, &clean.image)?
+        shown(&oracle, &rows, &seen(rasterizer, inputs, &splats)?, &clean.image)?
     };
 
     // A Gaussian that shares no pixel with the victim takes the very step that it would have taken without it.
-    let trained = Trained::of(rasterizer, inputs, cloud, &clean.target, STEPS)?;
+    let trained = Trained::of(rasterizer, inputs, splats, &clean.target, STEPS)?;
     let mut apart = 0;
     for (i, other) in (0..inputs.scene.len()).filter(|&i| i != VICTIM).enumerate() {
         let own = oracle.footprint(&rows.gaussians[other]);
@@ -237,9 +237,9 @@ fn one<S: Subject, R: Rasterizer<S>>(
 }
 
 /// A scene that holds the value is accepted, and comes back to the bit, or refused with an error that says where it is.
-fn accepts_what_is_valid<S: Subject, R: Rasterizer<S>>(rasterizer: &R, cloud: &R::Cloud) -> Result<(), Failure> {
-    let scene = rasterizer.download(cloud)?;
-    match (scene.validate(), rasterizer.upload(&scene, Chart::ScaleRotation)) {
+fn accepts_what_is_valid<S: Subject, R: Rasterizer<S>>(rasterizer: &R, splats: &R::Splats) -> Result<(), Failure> {
+    let scene = rasterizer.download(splats)?;
+    match (scene.validate(), rasterizer.upload(&scene, Parameterization::ScaleRotation)) {
         (Err(_), Err(Error::NotFinite { index: VICTIM, .. })) => Ok(()),
         (Ok(()), Ok(uploaded)) => {
             let back = rasterizer.download(&uploaded)?;

@@ -2,7 +2,7 @@
 
 use glam::{Vec2, Vec3};
 use gs_conformance::subject::Subject;
-use gs_core::{Camera, Canvas, PlanarGaussian, PlanarScene, SpatialGaussian, SpatialScene};
+use gs_core::{Camera, Canvas, Gaussian2d, Gaussian3d, Scene2d, Scene3d};
 
 use super::Fault;
 
@@ -20,7 +20,7 @@ pub(crate) trait Fallible: Subject {
     fn zero(&self) -> Self::Gaussian;
 }
 
-impl Fallible for PlanarScene {
+impl Fallible for Scene2d {
     fn altered_view(_: Fault, view: &Canvas) -> Canvas {
         *view
     }
@@ -33,12 +33,12 @@ impl Fallible for PlanarScene {
         &mut self.opacity_logits
     }
 
-    fn zero(&self) -> PlanarGaussian {
-        PlanarGaussian { mean: Vec2::ZERO, log_scale: Vec2::ZERO, rotation: 0.0, opacity_logit: 0.0, color: Vec3::ZERO }
+    fn zero(&self) -> Gaussian2d {
+        Gaussian2d { mean: Vec2::ZERO, log_scale: Vec2::ZERO, rotation: 0.0, opacity_logit: 0.0, color: Vec3::ZERO }
     }
 }
 
-impl Fallible for SpatialScene {
+impl Fallible for Scene3d {
     fn altered_view(fault: Fault, view: &Camera) -> Camera {
         let middle = Vec2::new(view.width as f32, view.height as f32) * 0.5;
         match fault {
@@ -57,8 +57,8 @@ impl Fallible for SpatialScene {
         &mut self.opacity_logits
     }
 
-    fn zero(&self) -> SpatialGaussian {
-        SpatialGaussian {
+    fn zero(&self) -> Gaussian3d {
+        Gaussian3d {
             mean: Vec3::ZERO,
             log_scale: Vec3::ZERO,
             rotation: [0.0; 4],

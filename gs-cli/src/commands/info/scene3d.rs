@@ -1,0 +1,249 @@
+//! `gs info` of a 3D scene in any format, or of a checkpoint of one: how many Gaussians, where, how large, how opaque.
+
+use std::{collections::BTreeMap, fmt::Write};
+
+use glam::Vec3;
+use gs_core::{
+    Scene, Scene3d,
+    constants::MIN_QUATERNION_NORM2,
+    effects::{Antialias, Order},
+    scene::sigmoid,
+};
+use gs_io::File3d;
+use serde::Serialize;
+
+use super::{metadata_text, number};
+use crate::{
+    failure::Failure,
+    output::{self, Format, printable},
+};
+
+/// What `gs info --json` prints of a 3D scene.
+#[derive(Debug, Serialize)]
+struct Info {
+    kind: &'static str,
+    /// `null` of a checkpoint.
+    format: Option<String>,
+    /// Size of the file, with those beside a glTF.
+    bytes: u64,
+    /// `null` of a checkpoint without Gaussians.
+    bytes_per_gaussian: Option<f64>,
+    gaussians: usize,
+    sh_degree: u8,
+    /// Columns and rows of the picture that a flat scene shows, px.
+    picture: Option<(u32, u32)>,
+    /// Of the means that are finite, world units; `null` where none is.
+    bounds: Option<Bounds>,
+    /// Of the values that are finite, by parameter.
+    quantiles: BTreeMap<&'static str, Quantiles>,
+    /// Gaussians with a parameter that is NaN or infinite, by parameter (an opacity of exactly 0 or 1 is neither).
+    not_finite: NotFinite,
+    /// Gaussians whose quaternion is too short to be a rotation: they are never drawn.
+    without_rotation: usize,
+    /// How the scene was trained, as far as its file says: the treatment of Gaussians narrower than a pixel.
+    antialias: Option<&'static str>,
+    /// The order of blending.
+    order: Option<&'static str>,
+    /// What of the file is not in the scene.
+    losses: Vec<String>,
+    /// What a checkpoint says of itself.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    metadata: BTreeMap<String, String>,
+}
+
+#[derive(Debug, PartialEq, Serialize)]
+struct Bounds {
+    min: [f32; 3],
+    max: [f32; 3],
+}
+
+#[derive(Debug, PartialEq, Serialize)]
+struct Quantiles {
+    min: f32,
+    #[serde(rename = "5 %")]
+    low: f32,
+    median: f32,
+    #[serde(rename = "95 %")]
+    high: f32,
+    max: f32,
+}
+
+#[derive(Debug, Default, PartialEq, Serialize)]
+struct NotFinite {
+    gaussians: usize,
+    means: usize,
+    scales: usize,
+    rotations: usize,
+    opacities: usize,
+    colors: usize,
+}
+
+/// Tells what is in a 3D scene, whole or broken, or in a checkpoint of which `run` is what it says of its run.
+///
+/// # Errors
+/// Where nothing can be printed.
+pub(super) fn print(file: File3d, run: Option<BTreeMap<String, String>>, format: Format) -> Result<(), Failure> {
+    let File3d { scene, format: kind, bytes, losses, picture, trained_with } = file;
+    let losses = losses.iter().map(ToString::to_string).collect();
+    let info = match run {
+        Some(metadata) => Info { metadata, ..Info::of("checkpoint of a training in 3D", bytes, &scene) },
+        None => Info { format: Some(kind.to_string()), ..Info::of("3D scene", bytes, &scene) },
+    };
+    let (antialias, order) = (trained_with.antialias.map(Antialias::name), trained_with.order.map(Order::name));
+    Info { antialias, order, losses, picture, ..info }.print(format)
+}
+
+impl Info {
+    fn print(&self, format: Format) -> Result<(), Failure> {
+        match format {
+            Format::Json => output::json(self),
+            Format::Text => output::result(text(self)),
+        }
+    }
+
+    fn of(kind: &'static str, bytes: u64, scene: &Scene3d) -> Self {
+        let finite = scene.means.iter().filter(|mean| mean.is_finite());
+        let bounds = finite.fold(None, |bounds: Option<(Vec3, Vec3)>, &mean| {
+            Some(bounds.map_or((mean, mean), |(min, max)| (min.min(mean), max.max(mean))))
+        });
+        let mut quantiles = BTreeMap::new();
+        let mut add = |name, values: Vec<f32>| _ = Quantiles::of(values).map(|q| quantiles.insert(name, q));
+        add("opacity", scene.opacity_logits.iter().map(|&logit| sigmoid(logit)).collect());
+        add("largest scale", scene.log_scales.iter().map(|s| s.max_element().exp()).collect());
+        add("smallest scale", scene.log_scales.iter().map(|s| s.min_element().exp()).collect());
+        let norm2 = |q: &[f32; 4]| q.iter().map(|v| v * v).sum::<f32>();
+        Self {
+            kind,
+            format: None,
+            bytes,
+            bytes_per_gaussian: (!scene.is_empty()).then(|| bytes as f64 / scene.len() as f64),
+            gaussians: scene.len(),
+            sh_degree: scene.sh_degree,
+            picture: None,
+            bounds: bounds.map(|(min, max)| Bounds { min: min.to_array(), max: max.to_array() }),
+            quantiles,
+            not_finite: NotFinite::of(scene),
+            without_rotation: scene.rotations.iter().filter(|q| norm2(q) < MIN_QUATERNION_NORM2).count(),
+            antialias: None,
+            order: None,
+            losses: Vec::new(),
+            metadata: BTreeMap::new(),
+        }
+    }
+}
+
+impl Quantiles {
+    fn of(mut values: Vec<f32>) -> Option<Self> {
+        values.retain(|v| v.is_finite());
+        values.sort_by(f32::total_cmp);
+        let last = values.len().checked_sub(1)?;
+        let at = |share: f32| values[(share * last as f32).round() as usize];
+        Some(Self { min: at(0.0), low: at(0.05), median: at(0.5), high: at(0.95), max: values[last] })
+    }
+}
+
+impl NotFinite {
+    fn of(scene: &Scene3d) -> Self {
+        let mut count = Self::default();
+        for i in 0..scene.len() {
+            let colors = &scene.sh[i * scene.sh_len()..][..scene.sh_len()];
+            let broken = [
+                (!scene.means[i].is_finite(), &mut count.means),
+                (!scene.log_scales[i].is_finite(), &mut count.scales),
+                (!scene.rotations[i].iter().all(|v| v.is_finite()), &mut count.rotations),
+                (scene.opacity_logits[i].is_nan(), &mut count.opacities),
+                (!colors.iter().all(|c| c.is_finite()), &mut count.colors),
+            ];
+            let mut any = false;
+            for (is_broken, counter) in broken {
+                *counter += usize::from(is_broken);
+                any |= is_broken;
+            }
+            count.gaussians += usize::from(any);
+        }
+        count
+    }
+}
+
+fn text(info: &Info) -> String {
+    let kind = info.format.as_ref().map_or_else(|| info.kind.to_owned(), |format| format!("{}, {format}", info.kind));
+    let each = info.bytes_per_gaussian.map_or_else(String::new, |each| format!(", {each:.1} a Gaussian"));
+    let mut rows = vec![
+        ("kind", kind),
+        ("Gaussians", info.gaussians.to_string()),
+        ("SH degree", info.sh_degree.to_string()),
+        ("size", format!("{} bytes{each}", info.bytes)),
+    ];
+    if let Some((width, height)) = info.picture {
+        rows.push(("picture", format!("{width}x{height} px, in a plane")));
+    }
+    if let Some(Bounds { min, max }) = &info.bounds {
+        let side = |axis: usize| format!("{} to {}", number(min[axis]), number(max[axis]));
+        rows.extend([("x", side(0)), ("y", side(1)), ("z", side(2))]);
+    }
+    for (name, Quantiles { min, low, median, high, max }) in &info.quantiles {
+        let [min, low, median, high, max] = [min, low, median, high, max].map(|value| number(*value));
+        let quantiles = format!("{min} to {max}; 5 % {low}, median {median}, 95 % {high}");
+        rows.push((name, quantiles));
+    }
+    let NotFinite { gaussians, means, scales, rotations, opacities, colors } = info.not_finite;
+    let parts =
+        [("means", means), ("scales", scales), ("rotations", rotations), ("opacities", opacities), ("colours", colors)];
+    let parts: Vec<String> =
+        parts.iter().filter(|(_, count)| *count > 0).map(|(name, count)| format!("{name} {count}")).collect();
+    let parts = if parts.is_empty() { String::new() } else { format!(": {}", parts.join(", ")) };
+    rows.push(("not finite", format!("{gaussians}{parts}")));
+    rows.push(("without rotation", info.without_rotation.to_string()));
+    let trained_with = [("antialias", info.antialias), ("order", info.order)];
+    rows.extend(trained_with.into_iter().filter_map(|(name, value)| Some((name, format!("{} in training", value?)))));
+    rows.extend(info.losses.iter().map(|loss| ("lost in reading", loss.clone())));
+    let mut text = String::new();
+    for (name, value) in &rows {
+        let _ = writeln!(text, "{name:<20}{}", printable(value));
+    }
+    text += &metadata_text(&info.metadata);
+    text.truncate(text.trim_end().len());
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use gs_core::Gaussian3d;
+
+    fn scene(gaussians: impl IntoIterator<Item = (f32, f32, [f32; 4])>) -> Scene3d {
+        let mut scene = Scene3d::default();
+        for (x, opacity_logit, rotation) in gaussians {
+            let (mean, log_scale) = (Vec3::new(x, 1.0, 2.0), Vec3::new(0.0, x, -1.0));
+            scene.push(Gaussian3d { mean, log_scale, rotation, opacity_logit, sh: vec![Vec3::ZERO] });
+        }
+        scene
+    }
+
+    #[test]
+    fn what_is_broken_is_counted_and_left_out_of_the_rest() {
+        let unit = [1.0, 0.0, 0.0, 0.0];
+        let broken = scene([(0.0, f32::INFINITY, unit), (f32::NAN, 0.0, [f32::NAN; 4]), (1.0, f32::NAN, [0.0; 4])]);
+        let info = Info::of("3D scene", 300, &broken);
+        let expected = NotFinite { gaussians: 2, means: 1, scales: 1, rotations: 1, opacities: 1, colors: 0 };
+        assert_eq!((info.not_finite, info.without_rotation, info.bytes_per_gaussian), (expected, 1, Some(100.0)));
+        assert_eq!(info.bounds, Some(Bounds { min: [0.0, 1.0, 2.0], max: [1.0, 1.0, 2.0] }));
+        let Quantiles { min, median, max, .. } = info.quantiles["opacity"];
+        assert_eq!((min, median, max), (0.5, 1.0, 1.0));
+    }
+
+    #[test]
+    fn numbers_of_any_size_are_short() {
+        let unit = [1.0, 0.0, 0.0, 0.0];
+        let far = scene([(-2.2e37, 0.0, unit), (12.345_678, 0.0, unit)]);
+        let text = text(&Info::of("3D scene", 300, &far));
+        assert!(text.contains("-2.2000e37 to 12.346"), "{text}");
+    }
+
+    #[test]
+    fn quantiles_are_values_that_there_are() {
+        let quantiles = Quantiles::of((0..101).map(|v| v as f32).collect()).unwrap();
+        assert_eq!(quantiles, Quantiles { min: 0.0, low: 5.0, median: 50.0, high: 95.0, max: 100.0 });
+        assert_eq!(Quantiles::of(vec![f32::NAN]), None);
+    }
+}

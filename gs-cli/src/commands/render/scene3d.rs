@@ -1,0 +1,198 @@
+//! `gs render` of a 3D scene: the cameras that are asked for, and a picture from each.
+
+use std::{fs, path::Path};
+
+use gs_core::{
+    Camera, Image, Rasterizer, RenderSettings, Scene, Scene3d, counted, effects::CalledFor, statistics::Culled,
+};
+use gs_io::{Animation, File3d, FolderClaim, dataset::Dataset, write_animation, write_png};
+use gs_train::train::{CameraPath, Orbit, resized};
+
+use super::{CameraArgs, RenderArgs};
+use crate::{
+    backend::{Backend, Task3d},
+    cameras::{self, Home},
+    chosen::ChosenSettings,
+    effects::choice::told,
+    failure::Failure,
+    memory,
+    opened::Opened3d,
+    output,
+    output_folder::{self, OutputFolder},
+    shown::{effects, why_empty},
+    text_file::read_text,
+    values::Size,
+};
+
+/// Renders a scene from each camera.
+///
+/// # Errors
+/// Where the data set or the path cannot be read, there is no such view, or a picture cannot be written.
+pub(super) fn run(args: &RenderArgs, opened: &Opened3d) -> Result<(), Failure> {
+    if args.region.is_some() {
+        let message = "--region is for the scene of an image, but this is one in 3D";
+        return Err(Failure::usage(message).at(args.scene.display()).mend("leave it out"));
+    }
+    let scene = &opened.file.scene;
+    let (cameras, dataset) = cameras(&args.cameras, args.size, &opened.file)?;
+    for camera in &cameras {
+        camera.validate().map_err(|error| Failure::usage(error).at("--camera, --path or --size"))?;
+    }
+    let claim = claim(args, cameras.len(), dataset.as_ref())?;
+    let Camera { width, height, .. } = cameras[0];
+    memory::check_picture(args.scene.display(), (width, height))?;
+    let render = opened.settings(&args.shown, dataset.as_ref());
+    let chosen = args.settings.as_deref().map(ChosenSettings::read).transpose()?;
+    let backend = Backend::start(&args.backend.or_chosen(chosen.as_ref().map(|chosen| &chosen.machine)))?;
+    let render = chosen.map_or(render, |chosen| args.shown.overriding(chosen.applied_to(render), &render));
+    let CalledFor { settings, verdicts } = args.effects().choose(scene, &cameras, &render)?;
+    backend.run_3d(Frames { args, scene, cameras: &cameras, render: &settings, claim })?;
+    if args.settings.is_none() {
+        opened.note_guess(&args.shown);
+    }
+    if let Some(told) = told(&verdicts).filter(|_| args.verbose) {
+        output::note(told);
+    }
+    Ok(())
+}
+
+/// What is written, by the name of the output and whether it is a film, which may have a single frame.
+enum Output {
+    Picture,
+    Animation,
+    /// Frame by frame.
+    Folder,
+}
+
+impl Output {
+    fn of(args: &RenderArgs, frames: usize) -> Result<Self, Failure> {
+        let path = &args.output;
+        let is_film = args.cameras.path.is_some() || args.cameras.orbit.is_some();
+        match path.extension().and_then(|ending| ending.to_str()) {
+            Some("apng") => Ok(Self::Animation),
+            Some("png") if frames == 1 => Ok(Self::Picture),
+            _ if !is_film => Ok(Self::Picture),
+            Some("png") => {
+                let message = format!("--output {}: one PNG cannot hold {frames} frames", path.display());
+                Err(Failure::usage(message).mend("name a folder, or an animated PNG that ends in .apng"))
+            }
+            _ => Ok(Self::Folder),
+        }
+    }
+}
+
+/// The name of a frame's file.
+fn frame_name(number: usize) -> String {
+    format!("frame-{number:05}.png")
+}
+
+/// Refuses, before anything is rendered, an output that cannot hold the frames, or that would replace what it must not. The claim is to the
+/// folder, where there is to be one: to the frames, and to those of a longer film, whose end would be played after them.
+fn claim(args: &RenderArgs, frames: usize, dataset: Option<&Dataset>) -> Result<Option<FolderClaim>, Failure> {
+    let inputs = args.inputs().chain(dataset.into_iter().flat_map(Dataset::files));
+    if !matches!(Output::of(args, frames)?, Output::Folder) {
+        output_folder::check_file(&args.output, inputs)?;
+        return Ok(None);
+    }
+    let there = fs::read_dir(&args.output).into_iter().flatten().flatten();
+    let there = there.filter_map(|entry| entry.file_name().into_string().ok());
+    let names: Vec<String> = (0..frames).map(frame_name).chain(frames_after(frames, there)).collect();
+    let claim = args.overwrite.claim(&args.output, names.iter().map(String::as_str), inputs.collect());
+    output_folder::check(&claim)?;
+    Ok(Some(claim))
+}
+
+/// Of the names of files, those of frames that a film of so many would not replace.
+fn frames_after(frames: usize, names: impl IntoIterator<Item = String>) -> Vec<String> {
+    let number = |name: &str| name.strip_prefix("frame-")?.strip_suffix(".png")?.parse::<usize>().ok();
+    let is_after = |name: &String| number(name).is_some_and(|n| n >= frames && *name == frame_name(n));
+    let mut after: Vec<String> = names.into_iter().filter(is_after).collect();
+    after.sort();
+    after
+}
+
+/// The cameras, at least one, and the data set that they are from, if they are.
+fn cameras(args: &CameraArgs, size: Option<Size>, file: &File3d) -> Result<(Vec<Camera>, Option<Dataset>), Failure> {
+    if let Some(file) = &args.path {
+        let cameras = read_path(file)?.cameras().map_err(|error| Failure::usage(error).at(file.display()))?;
+        return Ok((cameras, None));
+    }
+    let sized = |camera: Camera| size.map_or(camera, |Size { width, height }| resized(&camera, width, height));
+    if let Some(name) = &args.camera {
+        let dataset = args.reading.read(&name.dataset)?;
+        let camera = sized(cameras::of_view(&dataset, name)?);
+        let cameras = match args.orbit {
+            None => vec![camera],
+            Some(frames) => around(&dataset, args, frames, &camera),
+        };
+        return Ok((cameras, Some(dataset)));
+    }
+    let Home { camera, target, up } = Home::of(file, size, args.up.map(|axis| axis.0))?;
+    let cameras = match args.orbit {
+        None => vec![camera],
+        Some(frames) => Orbit { center: target, axis: up, frames }.cameras(&camera),
+    };
+    Ok((cameras, None))
+}
+
+/// The camera taken around what the cameras of its data set look at.
+fn around(dataset: &Dataset, args: &CameraArgs, frames: u32, camera: &Camera) -> Vec<Camera> {
+    let axis = args.up.map_or_else(|| cameras::up_of(dataset), |axis| axis.0);
+    Orbit { center: cameras::looked_at(dataset, camera), axis, frames }.cameras(camera)
+}
+
+fn read_path(file: &Path) -> Result<CameraPath, Failure> {
+    let text = read_text(file, "name a path with --path")?;
+    serde_json::from_str(&text)
+        .map_err(|error| Failure::usage(error).at(file.display()).mend("gs render --help shows one"))
+}
+
+struct Frames<'a> {
+    args: &'a RenderArgs,
+    scene: &'a Scene3d,
+    cameras: &'a [Camera],
+    render: &'a RenderSettings,
+    /// To the folder of frames, where there is to be one.
+    claim: Option<FolderClaim>,
+}
+
+impl Task3d for Frames<'_> {
+    type Output = Result<(), Failure>;
+
+    fn run<R: Rasterizer<Scene3d>>(self, rasterizer: &R) -> Result<(), Failure> {
+        let Self { args, scene, cameras, render, claim } = self;
+        let splats = rasterizer.upload(scene, gs_core::Parameterization::ScaleRotation)?;
+        let mut culled = Culled::default();
+        let mut frame = |camera: &Camera| -> Result<Image, Failure> {
+            let (image, left_out) = rasterizer.draw(&splats, camera, render)?;
+            culled = culled.plus(left_out);
+            Ok(image)
+        };
+        let Camera { width, height, .. } = cameras[0];
+        let output = &args.output;
+        match (claim, Output::of(args, cameras.len())?) {
+            (None, Output::Animation) => {
+                let animation = Animation { width, height, frames: cameras.len() as u32, fps: args.cameras.fps };
+                write_animation(output, animation, |number| frame(&cameras[number as usize]))?;
+            }
+            (None, _) => write_png(output, &frame(&cameras[0])?)?,
+            (Some(claim), _) => {
+                let folder = OutputFolder::begin(claim)?;
+                let longer = frames_after(cameras.len(), folder.claimed("frame-"));
+                longer.iter().try_for_each(|name| folder.leave_out(name))?;
+                for (number, camera) in cameras.iter().enumerate() {
+                    write_png(folder.file(&frame_name(number)), &frame(camera)?)?;
+                }
+            }
+        }
+        let size = match cameras.len() {
+            1 if matches!(Output::of(args, 1)?, Output::Picture) => format!("{width}x{height} px"),
+            frames => format!("{} of {width}x{height} px", counted(frames, "frame")),
+        };
+        output::note(format_args!("wrote {}, {size}: {}", output.display(), effects(render)));
+        if let Some(why) = why_empty(culled, scene.len(), cameras.len()) {
+            output::note(format_args!("note: nothing of the scene is to be seen: {why}"));
+        }
+        Ok(())
+    }
+}

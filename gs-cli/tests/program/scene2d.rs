@@ -1,0 +1,200 @@
+//! 2D scenes outside of a fit: for viewers of splats, in output folders, in checkpoints, beside images.
+
+use std::{fs, path::Path};
+
+use gs_core::{Image, metrics};
+use serde_json::Value;
+
+use crate::{
+    process::{folder, gs, names_in, picture},
+    train::{photographed, small},
+};
+
+fn text(path: &Path) -> &str {
+    path.to_str().unwrap()
+}
+
+fn read(path: &Path) -> Image {
+    gs_io::read_image(path).unwrap().image
+}
+
+/// Fits a small picture, blended so.
+fn fitted(place: &Path, blend: &str) -> std::path::PathBuf {
+    let image = picture(place, 48, 32);
+    let output = place.join(blend);
+    let flags = ["-n", "150", "-i", "100", "--no-report", "--blend", blend, "--backend", "cpu"];
+    gs(["fit", text(&image), "-o", text(&output)].into_iter().chain(flags)).done();
+    output
+}
+
+/// Renders a PLY without camera flags, and compares it with the reconstruction beside it, dB.
+#[track_caller]
+fn seen(ply: &Path, output: &Path) -> f64 {
+    let png = output.join("seen.png");
+    gs(["render", text(ply), "-o", text(&png), "--backend", "cpu"]).done();
+    let (seen, wanted) = (read(&png), read(&output.join("reconstruction.png")));
+    assert_eq!(seen.size(), wanted.size(), "the size of the picture is the default");
+    let (width, height) = seen.size();
+    let psnr = metrics::psnr(&seen, &wanted).unwrap();
+    // Seen from behind, upside down or shifted by a pixel it would not be the picture.
+    let others: [&dyn Fn(u32, u32) -> (u32, u32); 3] =
+        [&|x, y| (width - 1 - x, y), &|x, y| (x, height - 1 - y), &|x, y| ((x + 1).min(width - 1), y)];
+    for other in others {
+        let turned = Image::from_fn(width, height, |x, y| {
+            let (x, y) = other(x, y);
+            seen.pixel(x, y)
+        });
+        assert!(metrics::psnr(&turned.unwrap(), &wanted).unwrap() < psnr - 6.0, "{psnr} dB");
+    }
+    psnr
+}
+
+#[test]
+fn a_fit_blended_over_has_a_ply_that_shows_the_image() {
+    let place = folder();
+    let output = fitted(place.path(), "over");
+    let psnr = seen(&output.join("scene.ply"), &output);
+    assert!(psnr > 35.0, "{psnr}");
+    let double = place.path().join("double.png");
+    gs(["render", text(&output.join("scene.ply")), "-o", text(&double), "--size", "96x64"]).done();
+    assert_eq!(read(&double).size(), (96, 64));
+}
+
+#[test]
+fn a_sum_is_converted_into_a_ply_that_shows_the_image() {
+    let place = folder();
+    let output = fitted(place.path(), "sum");
+    assert!(!output.join("scene.ply").exists(), "no viewer would show it");
+    let (first, again) = (place.path().join("a.ply"), place.path().join("b.ply"));
+    let conversion = gs(["convert", text(&output), text(&first), "--json"]).json();
+    let psnr = seen(&first, &output);
+    assert!(psnr > 35.0, "{psnr}");
+    assert!(
+        (conversion["psnr"].as_f64().unwrap() - psnr).abs() < 0.01,
+        "what is claimed is what is seen: {conversion}"
+    );
+    assert_eq!(conversion["gaussians"], 150);
+    assert_eq!(conversion["bytes"], fs::metadata(&first).unwrap().len());
+    gs(["convert", text(&output.join("scene.gs2d.safetensors")), text(&again)]).done();
+    assert!(fs::read(&first).unwrap() == fs::read(&again).unwrap(), "the same scene gives the same file");
+    let info = gs(["info", text(&first)]).done().stdout;
+    assert!(info.contains("48x32 px, in a plane"), "{info}");
+}
+
+#[test]
+fn a_2d_scene_becomes_an_svg() {
+    let place = folder();
+    let output = fitted(place.path(), "sum");
+    let svg = place.path().join("a.svg");
+    let told = gs(["convert", text(&output), text(&svg)]).done();
+    assert!(told.stdout.contains("PSNR") && told.stdout.contains("48x32 px"), "{told:?}");
+    let written = fs::read_to_string(&svg).unwrap();
+    assert!(written.starts_with("<svg ") && written.ends_with("</svg>\n"), "{written}");
+    assert_eq!(written.matches("<circle").count(), 150);
+    let spz = gs(["convert", text(&output), text(&place.path().join("a.spz"))]);
+    assert_eq!(spz.status, Some(2));
+    assert!(
+        spz.stderr.contains("a.spz: a 2D scene is not written in this format: let its name end in .ply or .svg"),
+        "{spz:?}"
+    );
+    let (_, scene) = photographed(place.path());
+    let refused = gs(["convert", text(&scene), text(&place.path().join("b.svg"))]);
+    assert_eq!(refused.status, Some(2));
+    assert!(refused.refusal().contains("3D scene is not written as SVG"), "{refused:?}");
+}
+
+#[test]
+fn a_2d_scene_is_judged_by_an_image() {
+    let place = folder();
+    let output = fitted(place.path(), "sum");
+    let image = place.path().join("picture-48x32.png");
+    let scene = output.join("scene.gs2d.safetensors");
+    let by_scene = gs(["eval", text(&scene), text(&image), "--json", "--backend", "cpu"]).json();
+    let by_picture = gs(["eval", text(&output.join("reconstruction.png")), text(&image), "--json"]).json();
+    assert_eq!(by_scene, by_picture, "the figures are those of the picture as it is written");
+    assert_eq!(gs(["eval", text(&output), text(&image), "--json", "--backend", "cpu"]).json(), by_scene);
+    let other = picture(place.path(), 32, 48);
+    let refused = gs(["eval", text(&scene), text(&other)]);
+    assert!(refused.refusal().contains("48x32 px") && refused.refusal().contains("32x48 px"), "{refused:?}");
+    let (dataset, _) = photographed(place.path());
+    let refused = gs(["eval", text(&scene), text(&dataset)]);
+    assert_eq!(refused.status, Some(2));
+    assert!(refused.refusal().contains("gs eval SCENE IMAGE"), "{refused:?}");
+}
+
+#[test]
+fn an_output_folder_stands_for_its_scene() {
+    let place = folder();
+    let output = fitted(place.path(), "sum");
+    let scene = output.join("scene.gs2d.safetensors");
+    let opened = format!("opened {}", text(&scene));
+    let info = gs(["info", text(&output), "--json"]).done();
+    assert!(info.stderr.contains(&opened), "{info:?}");
+    assert_eq!(info.json(), gs(["info", text(&scene), "--json"]).json());
+    let png = place.path().join("a.png");
+    assert!(gs(["render", text(&output), "-o", text(&png)]).done().stderr.contains(&opened));
+    assert!(read(&png) == read(&output.join("reconstruction.png")));
+    assert!(gs(["doctor", text(&output)]).done().stdout.contains("2D scene"));
+    let empty = place.path().join("empty");
+    fs::create_dir(&empty).unwrap();
+    let looked_for = "holds no scene: looked for scene.gs2d.safetensors, scene.ply";
+    for command in [&["render", "-o", text(&png)][..], &["doctor"], &["convert", "b.ply"], &["popping"]] {
+        let run = gs([command[0], text(&empty)].into_iter().chain(command[1..].iter().copied()));
+        assert!(run.refusal().contains(looked_for), "{run:?}");
+    }
+    assert!(gs(["info", text(&empty)]).refusal().contains("no data set"));
+    assert!(names_in(&empty).is_empty());
+}
+
+#[test]
+fn a_checkpoint_of_a_fit_is_a_scene() {
+    let place = folder();
+    let (image, output, state) = (picture(place.path(), 48, 32), place.path().join("fit"), place.path().join("state"));
+    let flags = ["-n", "60", "-i", "20", "--no-report", "--backend", "cpu", "--checkpoint", text(&state)];
+    gs(["fit", text(&image), "-o", text(&output)].into_iter().chain(flags).chain(["--checkpoint-every", "12"])).done();
+    let info = gs(["info", text(&state), "--json"]).json();
+    assert_eq!(
+        (&info["width"], &info["height"], &info["render"]["effects"]["blend"]),
+        (&48.into(), &32.into(), &"sum".into())
+    );
+    let png = place.path().join("a.png");
+    gs(["render", text(&state), "-o", text(&png)]).done();
+    assert_eq!(read(&png).size(), (48, 32));
+    let psnr =
+        |path: &Path| gs(["eval", text(path), text(&image), "--json", "--backend", "cpu"]).json()["psnr"].clone();
+    let (early, late) = (psnr(&state).as_f64().unwrap(), psnr(&output).as_f64().unwrap());
+    assert!(early > 15.0 && early < late, "{early} {late}");
+    let ply = place.path().join("a.ply");
+    assert!(gs(["convert", text(&state), text(&ply), "--json"]).json()["psnr"].as_f64().unwrap() > 30.0);
+}
+
+#[test]
+fn a_checkpoint_of_a_training_is_a_scene() {
+    let place = folder();
+    let (dataset, _) = photographed(place.path());
+    let (output, state) = (place.path().join("out"), place.path().join("state"));
+    let storing = ["--checkpoint", text(&state), "--checkpoint-every", "25", "--background", "0.2,0.3,0.4"];
+    gs(small(&dataset, &output).into_iter().chain(storing)).done();
+    let ply = place.path().join("state.ply");
+    let told: Value = gs(["convert", text(&state), text(&ply), "--json"]).json();
+    assert_eq!(told["read"]["format"], "checkpoint");
+    let at_25 = gs_io::read_3d(&ply).unwrap().scene;
+    assert_eq!(told["gaussians"], gs_core::Scene::len(&at_25));
+    let psnr = |path: &Path, flags: &[&str]| {
+        let words = ["eval", text(path), text(&dataset), "--json", "--backend", "cpu"];
+        gs(words.iter().chain(flags)).json()["psnr"].as_f64().unwrap()
+    };
+    let early = psnr(&state, &[]);
+    assert!((early - psnr(&ply, &["--background", "0.2,0.3,0.4"])).abs() < 1e-6, "it knows its background: {early}");
+    assert!((early - psnr(&ply, &["--background", "white"])).abs() > 0.01);
+    let png = place.path().join("a.png");
+    gs(["render", text(&state), "-o", text(&png), "--size", "32x24"]).done();
+    assert_eq!(read(&png).size(), (32, 24));
+    // A folder without results still has its checkpoint.
+    let stopped = place.path().join("stopped");
+    fs::create_dir(&stopped).unwrap();
+    fs::copy(&state, stopped.join("checkpoint.safetensors")).unwrap();
+    let run = gs(["info", text(&stopped), "--json"]).done();
+    assert!(run.stderr.contains("checkpoint.safetensors"), "{run:?}");
+    assert_eq!(run.json()["kind"], "checkpoint of a training in 3D");
+}

@@ -1,0 +1,101 @@
+//! What a 2D scene calls for: no depth and no harmonics, whatever is wanted; for the rest see the [module](super).
+
+use super::{CallsForEffects, Decision, Narrow, background};
+use crate::{
+    constants::NARROW_PX,
+    effects::{Antialias, Blend, Effect},
+    scene::{Scene, Scene2d},
+    settings::RenderSettings,
+    view::Canvas,
+    words::there_are,
+};
+
+impl CallsForEffects for Scene2d {
+    fn decide(&self, views: &[Canvas], settings: &RenderSettings) -> [Decision; Effect::ALL.len()] {
+        Effect::ALL.map(|effect| decide(self, effect, views, settings))
+    }
+
+    /// All are taken for shown.
+    fn narrow(&self, canvas: &Canvas, _: &RenderSettings) -> Narrow {
+        let scale = canvas.scale().min_element();
+        let width = |log_scale: &glam::Vec2| scale * log_scale.min_element().exp();
+        let narrow = self.log_scales.iter().filter(|log_scale| width(log_scale) < NARROW_PX).count();
+        Narrow { narrow, shown: self.len() }
+    }
+}
+
+fn decide(scene: &Scene2d, effect: Effect, views: &[Canvas], settings: &RenderSettings) -> Decision {
+    let effects = &settings.effects;
+    let off = effect.off(effects);
+    match effect {
+        Effect::Order => (off, "no depth order: the scene is planar".to_owned()),
+        Effect::ShDegree => (off, "a 2D Gaussian has one colour, from wherever it is seen".to_owned()),
+        Effect::Blend => match effects.blend {
+            Blend::Sum => (off, "Gaussians are added up, as the scene is made".to_owned()),
+            Blend::Over if scene.is_empty() => (*effects, "the scene is empty".to_owned()),
+            Blend::Over => (*effects, "one Gaussian may hide another, as the scene is made".to_owned()),
+        },
+        Effect::Antialias => match (effects.antialias, narrow(scene, views, settings)) {
+            (Antialias::None, None) => (off, "none is asked for".to_owned()),
+            (Antialias::None, Some(narrow)) => (off, format!("none is asked for, though {narrow}")),
+            (_, None) => (*effects, "it widens every Gaussian, as is asked for".to_owned()),
+            (_, Some(narrow)) => (*effects, narrow),
+        },
+        Effect::Background => background(settings),
+    }
+}
+
+/// How many Gaussians are narrower than a pixel, in the first view where some are.
+fn narrow(scene: &Scene2d, views: &[Canvas], settings: &RenderSettings) -> Option<String> {
+    views.iter().enumerate().find_map(|(number, canvas)| {
+        let Narrow { narrow, .. } = scene.narrow(canvas, settings);
+        (narrow > 0).then(|| format!("{} narrower than a pixel in view {}", there_are(narrow, "Gaussian"), number + 1))
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::{Vec2, Vec3};
+
+    use super::*;
+    use crate::{
+        effects::{Effects, Order, called_for::Answer},
+        scene::Gaussian2d,
+    };
+
+    fn scene() -> Scene2d {
+        let gaussian = |x: f32| Gaussian2d {
+            mean: Vec2::new(x, 8.0),
+            log_scale: Vec2::new(1.0, 0.0),
+            rotation: 0.4,
+            opacity_logit: 0.0,
+            color: Vec3::splat(0.5),
+        };
+        [gaussian(3.0), gaussian(9.0)].into_iter().collect()
+    }
+
+    #[test]
+    fn a_2d_scene_has_no_depth_and_no_sh() {
+        let mut wanted = RenderSettings::blended(Blend::Over).on([1.0; 3]);
+        wanted.effects.order = Order::PerPixel;
+        wanted.effects.sh_degree = 3;
+        wanted.effects.antialias = Antialias::Mip;
+        let called = Effects::called_for(&scene(), &[Canvas::new(16, 16)], &wanted).unwrap();
+        let answers: Vec<Answer> = called.verdicts.iter().map(|verdict| verdict.answer).collect();
+        use Answer::{CalledFor, NotCalledFor};
+        assert_eq!(answers, [NotCalledFor, CalledFor, NotCalledFor, CalledFor, CalledFor]);
+        let expected = Effects { order: Order::Index, sh_degree: 0, ..wanted.effects };
+        assert_eq!(called.settings, RenderSettings { effects: expected, ..wanted });
+    }
+
+    #[test]
+    fn gaussians_become_narrow_where_the_picture_is_small() {
+        let reason = |canvas: Canvas| {
+            let wanted = RenderSettings::blended(Blend::Sum);
+            Effects::called_for(&scene(), &[canvas], &wanted).unwrap().verdicts[3].reason.clone()
+        };
+        assert_eq!(reason(Canvas::new(16, 16)), "none is asked for");
+        let small = reason(Canvas::new(16, 16).resized(4, 4));
+        assert!(small.contains("2 Gaussians are narrower than a pixel in view 1"), "{small}");
+    }
+}

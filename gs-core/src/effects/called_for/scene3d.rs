@@ -1,0 +1,213 @@
+//! What a 3D scene calls for, as the [module](super) has it. Every view is projected once, and each effect's question put to what it shows.
+
+mod sh;
+
+use self::sh::Harmonics;
+use super::{CallsForEffects, Decision, Narrow, background, overlap::Shown};
+use crate::{
+    effects::{Antialias, Blend, Effect, Effects, Order},
+    scene::Scene3d,
+    settings::RenderSettings,
+    view::Camera,
+    words::{counted, there_are},
+};
+
+impl CallsForEffects for Scene3d {
+    fn decide(&self, views: &[Camera], settings: &RenderSettings) -> [Decision; Effect::ALL.len()] {
+        let effects = settings.effects;
+        let mut order = Orders::of(views, settings);
+        let mut harmonics = Harmonics::of(self, views, settings);
+        let mut widths = Widths::default();
+        for (number, camera) in (1..).zip(views) {
+            if order.is_settled() && harmonics.is_settled() && widths.is_settled() {
+                break;
+            }
+            let shown = Shown::of(self, camera, settings);
+            order.look(number, &shown);
+            harmonics.look(number, camera, &shown);
+            widths.look(number, &shown);
+        }
+        let blend = match effects.blend {
+            Blend::Sum => "Gaussians are added up, as is asked for",
+            Blend::Over => "one Gaussian may hide another",
+        };
+        let (sh_degree, reason) = harmonics.decided(views);
+        [
+            order.decided(views),
+            (effects, blend.to_owned()),
+            (Effects { sh_degree, ..effects }, reason),
+            widths.decided(self, views, settings),
+            background(settings),
+        ]
+    }
+
+    fn narrow(&self, camera: &Camera, settings: &RenderSettings) -> Narrow {
+        let shown = Shown::of(self, camera, settings).drawn;
+        Narrow { narrow: shown.iter().filter(|drawn| drawn.narrow).count(), shown: shown.len() }
+    }
+}
+
+/// One kind of sorting and the next cheaper one, and what is known of whether that does.
+struct Cheaper {
+    wanted: Effects,
+    cheaper: Effects,
+    /// Why it does not.
+    refuted: Option<Refuted>,
+}
+
+enum Refuted {
+    /// So many of those drawn come out of order in a view of this number.
+    By { out: usize, drawn: usize, number: usize },
+    /// There are too many drawn to tell.
+    Unknown { drawn: usize, number: usize },
+}
+
+impl Cheaper {
+    fn look(&mut self, number: usize, shown: &Shown) {
+        let drawn = shown.drawn.len();
+        self.refuted = match shown.out_of_order(self.wanted.order, self.cheaper.order) {
+            Some(0) => return,
+            Some(out) => Some(Refuted::By { out, drawn, number }),
+            None => Some(Refuted::Unknown { drawn, number }),
+        };
+    }
+
+    /// What is wrong with those that the cheaper kind has out of order, and what is said where there are none.
+    fn words(&self) -> [&'static str; 2] {
+        match self.wanted.order {
+            Order::PerPixel => ["interpenetrate others in depth", "one depth a Gaussian will do: none interpenetrate"],
+            _ => [
+                "are hidden out of the order of the scene",
+                "no depth order: nothing hides what the scene has before it",
+            ],
+        }
+    }
+}
+
+/// What is known of the order that is called for, view by view.
+struct Orders {
+    wanted: Effects,
+    /// From the wanted kind of sorting down; none where no view has to be asked.
+    steps: Vec<Cheaper>,
+    /// What is decided without a view.
+    at_once: Option<(Effects, &'static str)>,
+}
+
+impl Orders {
+    fn of(views: &[Camera], settings: &RenderSettings) -> Self {
+        let wanted = settings.effects;
+        let off = Effect::Order.off(&wanted);
+        let at_once = match (wanted.order, wanted.blend) {
+            (Order::Index, _) => Some((off, "none is asked for but the scene's own")),
+            (_, Blend::Sum) => Some((off, "sums do not depend on it")),
+            _ if views.is_empty() => Some((wanted, "without a view, nobody knows who hides whom")),
+            _ => None,
+        };
+        let down = std::iter::successors(Some(wanted), |effects| Effect::Order.cheaper(effects));
+        let steps = down.clone().zip(down.skip(1));
+        let steps = steps.map(|(wanted, cheaper)| Cheaper { wanted, cheaper, refuted: None });
+        Self { wanted, steps: if at_once.is_some() { Vec::new() } else { steps.collect() }, at_once }
+    }
+
+    fn is_settled(&self) -> bool {
+        // Behind a step that is not possible nobody asks for the next.
+        self.steps.first().is_none_or(|step| step.refuted.is_some())
+    }
+
+    fn look(&mut self, number: usize, shown: &Shown) {
+        for step in &mut self.steps {
+            if step.refuted.is_none() {
+                step.look(number, shown);
+            }
+            if step.refuted.is_some() {
+                break;
+            }
+        }
+    }
+
+    /// For these views, all of which have been looked at.
+    fn decided(self, views: &[Camera]) -> Decision {
+        if let Some((effects, reason)) = self.at_once {
+            return (effects, reason.to_owned());
+        }
+        let mut left = (self.wanted, String::new());
+        for step in self.steps {
+            let [what, so] = step.words();
+            match step.refuted {
+                None => left = (step.cheaper, format!("{so} {}", in_views(views))),
+                Some(Refuted::Unknown { drawn, number }) => {
+                    return (left.0, format!("{drawn} Gaussians overlap too much in view {number} to tell"));
+                }
+                Some(Refuted::By { out, drawn, number }) => {
+                    let found = format!("{out} of {} {what} in view {number}", counted(drawn, "Gaussian"));
+                    return (left.0, if left.1.is_empty() { found } else { format!("{}; but {found}", left.1) });
+                }
+            }
+        }
+        left
+    }
+}
+
+/// The views, in words.
+fn in_views(views: &[Camera]) -> String {
+    match views {
+        [] => "in any view".to_owned(),
+        [_] => "in this view".to_owned(),
+        _ => format!("in these {} views", views.len()),
+    }
+}
+
+/// What is known of what antialiasing does, view by view.
+#[derive(Default)]
+struct Widths {
+    /// In all views so far.
+    drawn: usize,
+    /// The first view in which Gaussians are narrower than a pixel.
+    narrow: Option<String>,
+}
+
+impl Widths {
+    fn is_settled(&self) -> bool {
+        self.narrow.is_some()
+    }
+
+    fn look(&mut self, number: usize, shown: &Shown) {
+        self.drawn += shown.drawn.len();
+        let narrow = shown.drawn.iter().filter(|drawn| drawn.narrow).count();
+        if narrow > 0 && self.narrow.is_none() {
+            let narrow = there_are(narrow, "Gaussian");
+            self.narrow = Some(format!("{narrow} narrower than a pixel in view {number}"));
+        }
+    }
+
+    /// For these views, all of which have been looked at.
+    fn decided(self, scene: &Scene3d, views: &[Camera], settings: &RenderSettings) -> Decision {
+        let effects = settings.effects;
+        match (effects.antialias, self.narrow) {
+            (Antialias::None, None) => (effects, "none is asked for".to_owned()),
+            (Antialias::None, Some(narrow)) => (effects, format!("none is asked for, though {narrow}")),
+            (_, Some(narrow)) => (effects, narrow),
+            (_, None) if self.drawn == 0 && !views.is_empty() => {
+                let off = Effect::Antialias.off(&effects);
+                // What fades as it is widened, and is not drawn for that, would be drawn without.
+                match first_drawn(scene, views, &RenderSettings { effects: off, ..*settings }) {
+                    None => (off, format!("nothing is drawn {}", in_views(views))),
+                    Some((number, count)) => {
+                        let drawn = there_are(count, "Gaussian");
+                        (effects, format!("without it {drawn} drawn in view {number}"))
+                    }
+                }
+            }
+            (_, None) => (effects, "it widens every Gaussian, as is asked for".to_owned()),
+        }
+    }
+}
+
+/// The number of the first view in which something is drawn, and how many Gaussians.
+fn first_drawn(scene: &Scene3d, views: &[Camera], settings: &RenderSettings) -> Option<(usize, usize)> {
+    let counts = views.iter().map(|camera| Shown::of(scene, camera, settings).drawn.len());
+    (1..).zip(counts).find(|&(_, count)| count > 0)
+}
+
+#[cfg(test)]
+mod tests;

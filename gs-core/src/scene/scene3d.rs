@@ -1,0 +1,172 @@
+//! Gaussians in 3D (paper §2.1).
+
+use glam::{Mat3, Vec3};
+use serde::{Deserialize, Serialize};
+
+use super::{Scene, check_finite, check_len, check_logit};
+use crate::{covariance_factor::frame_of, error::Error, sh::coefficients, view::Camera};
+
+/// N 3D Gaussians.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct Scene3d {
+    /// Means μ, `[N, 3]`, world units.
+    pub means: Vec<Vec3>,
+    /// ln of the scales along the three axes, `[N, 3]`, ln(world units).
+    pub log_scales: Vec<Vec3>,
+    /// Rotations as quaternions (w, x, y, z), `[N, 4]`, of any length but 0.
+    pub rotations: Vec<[f32; 4]>,
+    /// Opacity logits, `[N]`; ±∞ is legitimate.
+    pub opacity_logits: Vec<f32>,
+    /// Degree d of the spherical harmonics, 0 to 3.
+    pub sh_degree: u8,
+    /// Coefficients, `[N, K, 3]` with K = (d + 1)²; colour = ½ + SH(direction), clamped at 0.
+    pub sh: Vec<Vec3>,
+}
+
+/// One 3D Gaussian; units as in [`Scene3d`].
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Gaussian3d {
+    /// Mean, world units.
+    pub mean: Vec3,
+    /// ln(world units) along the three axes.
+    pub log_scale: Vec3,
+    /// (w, x, y, z), any length but 0.
+    pub rotation: [f32; 4],
+    /// Logit; +∞ is opaque.
+    pub opacity_logit: f32,
+    /// `[K, 3]`.
+    pub sh: Vec<Vec3>,
+}
+
+impl Gaussian3d {
+    /// A square root of Σ: M = R(q) S, so that Σ = M Mᵀ (paper eq. 5). `None` where q is too short to have a direction
+    /// ([`MIN_QUATERNION_NORM2`](crate::constants::MIN_QUATERNION_NORM2)).
+    pub fn factor(&self) -> Option<Mat3> {
+        frame_of(self.log_scale, self.rotation)
+    }
+
+    /// The same Gaussian with harmonics of another degree: coefficients beyond it are dropped, those that are missing are 0.
+    #[must_use]
+    pub fn with_degree(mut self, sh_degree: u8) -> Self {
+        self.sh.resize(coefficients(sh_degree), Vec3::ZERO);
+        self
+    }
+
+    /// Σ = R S Sᵀ Rᵀ (paper eq. 5), world units²; `None` as for [`Self::factor`].
+    pub fn covariance(&self) -> Option<Mat3> {
+        self.factor().map(|m| m * m.transpose())
+    }
+}
+
+impl Scene3d {
+    /// Coefficients per Gaussian and channel, K = (d + 1)².
+    pub fn sh_len(&self) -> usize {
+        coefficients(self.sh_degree)
+    }
+
+    /// Fails unless all arrays describe the same number of Gaussians.
+    pub(crate) fn check_lengths(&self) -> Result<(), Error> {
+        let n = self.len();
+        if self.sh_degree > 3 {
+            return Err(Error::setting("sh_degree", self.sh_degree, "0 to 3"));
+        }
+        check_len("log_scales", n, self.log_scales.len())?;
+        check_len("rotations", n, self.rotations.len())?;
+        check_len("opacity_logits", n, self.opacity_logits.len())?;
+        check_len("sh", n * self.sh_len(), self.sh.len())?;
+        Ok(())
+    }
+}
+
+impl Scene for Scene3d {
+    type View = Camera;
+    type Gaussian = Gaussian3d;
+
+    fn len(&self) -> usize {
+        self.means.len()
+    }
+
+    fn gaussian(&self, index: usize) -> Gaussian3d {
+        let k = self.sh_len();
+        Gaussian3d {
+            mean: self.means[index],
+            log_scale: self.log_scales[index],
+            rotation: self.rotations[index],
+            opacity_logit: self.opacity_logits[index],
+            sh: self.sh[index * k..][..k].to_vec(),
+        }
+    }
+
+    /// Appends one Gaussian.
+    ///
+    /// # Panics
+    /// Where it has not exactly [`sh_len`](Scene3d::sh_len) coefficients; [`Gaussian3d::with_degree`] makes them fit.
+    fn push(&mut self, g: Gaussian3d) {
+        let (found, degree) = (g.sh.len(), self.sh_degree);
+        assert_eq!(found, self.sh_len(), "a Gaussian of SH degree {degree} has {} coefficients", self.sh_len());
+        self.sh.extend(g.sh);
+        self.means.push(g.mean);
+        self.log_scales.push(g.log_scale);
+        self.rotations.push(g.rotation);
+        self.opacity_logits.push(g.opacity_logit);
+    }
+
+    fn validate(&self) -> Result<(), Error> {
+        self.check_lengths()?;
+        for i in 0..self.len() {
+            check_finite("mean", i, &self.means[i].to_array())?;
+            check_finite("log-scale", i, &self.log_scales[i].to_array())?;
+            check_finite("rotation", i, &self.rotations[i])?;
+            check_logit(i, self.opacity_logits[i])?;
+        }
+        for (i, c) in self.sh.iter().enumerate() {
+            check_finite("SH coefficient", i / self.sh_len(), &c.to_array())?;
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn covariance_follows_the_rotation_of_any_length() {
+        let quarter_turn_about_z = [2.0, 0.0, 0.0, 2.0];
+        let g = Gaussian3d {
+            mean: Vec3::ZERO,
+            log_scale: Vec3::new(2f32.ln(), 0.0, 0.0),
+            rotation: quarter_turn_about_z,
+            opacity_logit: 0.0,
+            sh: vec![Vec3::ZERO],
+        };
+        let expected = Mat3::from_diagonal(Vec3::new(1.0, 4.0, 1.0));
+        assert!(g.covariance().unwrap().abs_diff_eq(expected, 1e-5));
+        assert_eq!(Gaussian3d { rotation: [0.0; 4], ..g }.covariance(), None);
+    }
+
+    #[test]
+    fn a_gaussian_of_another_degree_is_converted_first() {
+        let mut scene = Scene3d { sh_degree: 1, ..Default::default() };
+        scene.push(of_degree_0().with_degree(1));
+        scene.validate().unwrap();
+        assert_eq!(scene.gaussian(0).sh, [Vec3::ONE, Vec3::ZERO, Vec3::ZERO, Vec3::ZERO]);
+        assert_eq!(scene.gaussian(0).with_degree(0), of_degree_0());
+    }
+
+    #[test]
+    #[should_panic(expected = "a Gaussian of SH degree 1 has 4 coefficients")]
+    fn a_gaussian_of_another_degree_is_not_taken() {
+        Scene3d { sh_degree: 1, ..Default::default() }.push(of_degree_0());
+    }
+
+    fn of_degree_0() -> Gaussian3d {
+        Gaussian3d {
+            mean: Vec3::ZERO,
+            log_scale: Vec3::ZERO,
+            rotation: [1.0, 0.0, 0.0, 0.0],
+            opacity_logit: f32::INFINITY,
+            sh: vec![Vec3::ONE],
+        }
+    }
+}

@@ -1,0 +1,251 @@
+//! 2D scenes as a [`Kind`]: their own buffers, and in which order tiles see their Gaussians.
+
+use fearless_simd::Level;
+use gs_core::{
+    AdamRates, Binning, Blend, Canvas, EditPlan, Error, Gaussian2d, Parameterization, Penalty, RenderSettings, Scene2d,
+    SplatsState, effects::Order, profile::Traffic,
+};
+
+use super::{
+    Splats2d, adam, project,
+    project_bwd::{self, Gradient},
+    solve_colors,
+    splats::{Shapes, VECTOR},
+};
+use crate::{
+    CpuRasterizer, Target,
+    bias::BiasTable,
+    kind::{Kind, Resources, Shared},
+    profile::Stage,
+    rasterizer::{check_settings, unsupported},
+    splat::Splat,
+    traffic::{INDEX, size, statistics_size},
+    workspace::Workspace,
+};
+
+/// A 2D scene's own buffers.
+#[derive(Debug)]
+pub struct Own2d {
+    pub(crate) canvas: Canvas,
+    /// place → Gaussian: in which order tiles see them.
+    pub(crate) order: Vec<u32>,
+    /// Gaussian → place.
+    place_of: Vec<u32>,
+    /// The next place in each image row, while they are given out.
+    row_places: Vec<u32>,
+    /// Every Gaussian's gradient, by place: neighbours' entries are neighbours in memory.
+    pub(crate) gradients: Vec<Gradient>,
+}
+
+impl Default for Own2d {
+    fn default() -> Self {
+        let (order, place_of, row_places, gradients) = Default::default();
+        Self { canvas: Canvas::new(1, 1), order, place_of, row_places, gradients }
+    }
+}
+
+impl Workspace<Scene2d> {
+    /// The gradient of Gaussian `index`.
+    pub(crate) fn gradient_of(&self, index: usize) -> &Gradient {
+        &self.own.gradients[self.own.place_of[index] as usize]
+    }
+}
+
+impl Kind for Scene2d {
+    type Splats = Splats2d;
+    type Own = Own2d;
+    type Bias = BiasTable<{ VECTOR + 1 }>;
+
+    const BEFORE_BIN: [Stage; 2] = [Stage::Sort, Stage::Project];
+
+    fn check_rates(rates: &AdamRates) -> Result<(), Error> {
+        if rates.penalty != Penalty::NONE {
+            return Err(unsupported("a penalty on the opacities and scales of a 2D scene"));
+        }
+        Ok(())
+    }
+
+    fn check(view: &Canvas, settings: &RenderSettings) -> Result<(), Error> {
+        view.validate()?;
+        check_settings(settings)?;
+        match settings.effects.order {
+            Order::Index => Ok(()),
+            order => Err(unsupported(format!("order {order:?} of a 2D scene, which has no depth"))),
+        }
+    }
+
+    fn size(view: &Canvas) -> (u32, u32) {
+        (view.width, view.height)
+    }
+
+    fn resources(rasterizer: &CpuRasterizer) -> &Resources<Self> {
+        &rasterizer.pool_2d
+    }
+
+    fn upload(scene: &Self, parameterization: Parameterization) -> Result<Splats2d, Error> {
+        Splats2d::new(scene, parameterization)
+    }
+
+    fn download(splats: &Splats2d) -> Self {
+        splats.scene()
+    }
+
+    fn save(splats: &Splats2d) -> SplatsState {
+        splats.save()
+    }
+
+    fn restore(state: &SplatsState) -> Result<Splats2d, Error> {
+        Splats2d::restore(state)
+    }
+
+    fn edit(splats: &mut Splats2d, plan: &EditPlan<Gaussian2d>) -> Result<(), Error> {
+        splats.edit(plan)
+    }
+
+    fn shift_means(splats: &mut Splats2d, shifts: &[f32]) -> Result<(), Error> {
+        splats.shift_means(shifts)
+    }
+
+    fn shared(splats: &Splats2d) -> &Shared<Self> {
+        &splats.shared
+    }
+
+    fn shared_mut(splats: &mut Splats2d) -> &mut Shared<Self> {
+        &mut splats.shared
+    }
+
+    fn prepare(
+        workspace: &mut Workspace<Self>,
+        splats: &Splats2d,
+        canvas: &Canvas,
+        settings: &RenderSettings,
+        binning: Binning,
+    ) -> Result<(), Error> {
+        let edition = Some(splats.shared.edition);
+        let same =
+            workspace.own.canvas == *canvas && workspace.tiles.settings == *settings && workspace.edition == edition;
+        let reuse = binning == Binning::Reuse && same;
+        workspace.len = splats.shared.len();
+        if !reuse {
+            workspace.own.canvas = *canvas;
+            workspace.tiles.set(Self::size(canvas), settings);
+            // Anew each time: an order that were kept would be state that no checkpoint holds.
+            workspace.edition = None;
+            Self::sort(workspace, splats);
+        }
+        Self::project(workspace, splats);
+        if !reuse {
+            workspace.tiles.bin()?;
+            workspace.edition = edition;
+        }
+        workspace.tiles.fit();
+        Ok(())
+    }
+
+    fn project(workspace: &mut Workspace<Self>, splats: &Splats2d) {
+        let Workspace { tiles, own, .. } = workspace;
+        project::project_all(splats, &own.canvas, &own.order, tiles);
+    }
+
+    /// By index where that matters, else by row, so that neighbours in a tile's list are neighbours in the cache.
+    fn sort(workspace: &mut Workspace<Self>, splats: &Splats2d) {
+        let Workspace { tiles, own, .. } = workspace;
+        let n = splats.shared.len() as u32;
+        own.place_of.clear();
+        match tiles.settings.effects.blend {
+            Blend::Over => own.place_of.extend(0..n),
+            Blend::Sum => {
+                // Counting sort, stable; NaN casts to row 0.
+                let rows = tiles.grid.height;
+                let row = |index: usize| (splats.means[index].y as usize).min(rows - 1);
+                own.row_places.clear();
+                own.row_places.resize(rows, 0);
+                (0..n as usize).for_each(|index| own.row_places[row(index)] += 1);
+                let mut next = 0;
+                for place in &mut own.row_places {
+                    next += std::mem::replace(place, next);
+                }
+                for index in 0..n as usize {
+                    let place = &mut own.row_places[row(index)];
+                    own.place_of.push(*place);
+                    *place += 1;
+                }
+            }
+        }
+        own.order.resize(n as usize, 0);
+        for (index, &place) in own.place_of.iter().enumerate() {
+            own.order[place as usize] = index as u32;
+        }
+    }
+
+    fn project_bwd(workspace: &mut Workspace<Self>, splats: &Splats2d, scale: f32) {
+        project_bwd::all(workspace, splats, scale);
+    }
+
+    fn derivatives(workspace: &Workspace<Self>, splats: &Splats2d) -> Self {
+        project_bwd::as_scene(splats, |index| workspace.gradient_of(index))
+    }
+
+    fn adam(
+        splats: &mut Splats2d,
+        bias: &mut Self::Bias,
+        rates: &AdamRates,
+        level: Level,
+        workspace: &Workspace<Self>,
+    ) {
+        let statistics = workspace.tiles.settings.effects.statistics;
+        adam::step(splats, bias, rates, level, statistics, |index| workspace.gradient_of(index));
+    }
+
+    fn solve_colors(
+        rasterizer: &CpuRasterizer,
+        splats: &mut Splats2d,
+        view: &Canvas,
+        target: &Target,
+        settings: &RenderSettings,
+        iterations: u32,
+    ) -> Result<(), Error> {
+        if settings.effects.blend != Blend::Sum {
+            return Err(unsupported("solving for colours under `over`, where the image is not linear in them"));
+        }
+        let mut workspace = rasterizer.pool_2d.pool.take().tuned(rasterizer.tuning);
+        rasterizer.threads.install(|| {
+            Self::prepare(&mut workspace, splats, view, settings, Binning::Fresh)?;
+            solve_colors::solve(&mut workspace, splats, target, rasterizer.level, iterations)
+        })?;
+        rasterizer.pool_2d.pool.give(workspace);
+        Ok(())
+    }
+
+    fn traffic(stage: Stage, workspace: &Workspace<Self>, splats: &Splats2d) -> Traffic {
+        let tiles = &workspace.tiles;
+        let over = tiles.settings.effects.blend == Blend::Over;
+        let (n, entries) = (splats.shared.len() as u64, tiles.bins.entries.len() as u64);
+        let slots = entries * tiles.stride as u64 * size::<f32>();
+        let shape = match splats.shapes {
+            Shapes::ScaleRotation(_) => size::<[f32; 3]>(),
+            Shapes::CovarianceFactor(_) => size::<glam::Mat2>(),
+        };
+        let (mean, color) = (size::<glam::Vec2>(), size::<[f32; 3]>());
+        let logit = if splats.opacity_logits.is_empty() { 0 } else { size::<f32>() };
+        let (read, written) = match stage {
+            // Under `Sum` by image row, with two passes over the means; then the order is inverted.
+            Stage::Sort if over => (n * INDEX, 2 * n * INDEX),
+            Stage::Sort => (n * (2 * mean + INDEX), 2 * n * INDEX),
+            Stage::Project => (n * (INDEX + mean + shape + color + if over { logit } else { 0 }), n * size::<Splat>()),
+            Stage::ProjectBwd => {
+                (n * (2 * INDEX + size::<Splat>() + mean + shape) + entries * INDEX + slots, n * size::<Gradient>())
+            }
+            // The step counts are read twice: their maximum comes first.
+            Stage::Adam => {
+                let steps = size::<u32>();
+                let moments = 2 * size::<[f32; VECTOR]>() + 2 * logit;
+                let statistics = statistics_size(tiles.settings.effects.statistics);
+                let state = mean + shape + color + logit + moments + steps + statistics;
+                (n * (INDEX + size::<Gradient>() + steps + state), n * state)
+            }
+            _ => (0, 0),
+        };
+        Traffic { read, written }
+    }
+}

@@ -1,0 +1,10 @@
+//! 2D scenes: what stands before `bin` and after `blend_bwd`.
+
+mod adam;
+mod kind;
+mod project;
+mod project_bwd;
+mod solve_colors;
+mod splats;
+
+pub use splats::Splats2d;

@@ -1,0 +1,87 @@
+//! Stage `project`: every Gaussian's parameters become what the pixels need ([`Splat`]). Parallel over Gaussians.
+//!
+//! With L′ = the factor L on the canvas, Σ′ = L′ L′ᵀ + δ I, whose determinant det² L′ + δ tr + δ² does not cancel.
+
+use glam::{Mat2, Vec2};
+use gs_core::{
+    Blend, Canvas, RenderSettings,
+    constants::MIN_DETERMINANT_PX4,
+    effects::{Antialias, written},
+    guards::Guard,
+    scene::sigmoid,
+    statistics::{Cause, Culled},
+};
+use rayon::prelude::*;
+
+use super::splats::Splats2d;
+use crate::{
+    splat::{CHUNK, Covariance, Splat},
+    tiles::Tiles,
+};
+
+/// L′ and the mean on the canvas: plane coordinates scaled to pixels.
+pub(crate) fn on_canvas(canvas: &Canvas, mean: Vec2, factor: Mat2) -> (Vec2, Mat2) {
+    let scale = canvas.scale();
+    ((mean - canvas.origin) * scale, Mat2::from_cols(factor.x_axis * scale, factor.y_axis * scale))
+}
+
+/// One Gaussian's splat, or why it has none.
+fn project(
+    mean: Vec2,
+    l: Mat2,
+    color: [f32; 3],
+    opacity: f32,
+    (settings, longest): (&RenderSettings, f32),
+) -> Result<Splat, Cause> {
+    let antialias = if written::ANTIALIAS { settings.effects.antialias } else { Antialias::None };
+    let delta = antialias.dilation();
+    let xx = l.x_axis.x * l.x_axis.x + l.y_axis.x * l.y_axis.x;
+    let yy = l.x_axis.y * l.x_axis.y + l.y_axis.y * l.y_axis.y;
+    let xy = l.x_axis.x * l.x_axis.y + l.y_axis.x * l.y_axis.y;
+    let undilated = l.determinant().powi(2);
+    let (determinant, xx, yy) = match written::ANTIALIAS {
+        true => (undilated + delta * (xx + yy) + delta * delta, xx + delta, yy + delta),
+        false => (undilated, xx, yy),
+    };
+    let broken = (Guard::FiniteParameters.is_on() && (!mean.is_finite() || opacity.is_nan()))
+        || (Guard::FiniteProjection.is_on() && !(determinant.is_finite() && (xx * yy).is_finite()))
+        || (Guard::FiniteColor.is_on() && !color.iter().all(|c| c.is_finite()));
+    if broken {
+        return Err(Cause::NotFinite);
+    }
+    if Guard::Determinant.is_on() && !(determinant >= MIN_DETERMINANT_PX4) {
+        return Err(Cause::Degenerate);
+    }
+    let opacity = match (settings.effects.blend, antialias) {
+        (Blend::Over, antialias) if antialias.compensates() => opacity * (undilated / determinant).sqrt(),
+        _ => opacity,
+    };
+    if Guard::Transparent.is_on() && !(opacity >= settings.accuracy.alpha_cut) {
+        return Err(Cause::Transparent);
+    }
+    let cut = settings.accuracy.cut_of(opacity);
+    Ok(Splat::new(mean, Covariance { xx, xy, yy, determinant }, color, (opacity, cut), longest))
+}
+
+/// Projects all Gaussians of `splats`, in the order `order` (place → index), into the tiles' projected, and counts those that it left out.
+pub(crate) fn project_all(splats: &Splats2d, canvas: &Canvas, order: &[u32], tiles: &mut Tiles) {
+    let Tiles { settings, tuning, projected, .. } = tiles;
+    let settings = (&*settings, f32::from(tuning.recurrence_rows));
+    projected.resize(order.len(), Splat::CULLED);
+    let opaque = settings.0.effects.blend == Blend::Sum || splats.opacity_logits.is_empty();
+    let chunk = |(out, order): (&mut [Splat], &[u32])| {
+        let mut culled = Culled::default();
+        for (splat, &index) in out.iter_mut().zip(order) {
+            let index = index as usize;
+            let (mean, l) = on_canvas(canvas, splats.means[index], splats.factor(index));
+            let opacity = if opaque { 1.0 } else { sigmoid(splats.opacity_logits[index]) };
+            *splat = project(mean, l, splats.colors[index], opacity, settings).unwrap_or_else(|cause| {
+                culled.count(cause);
+                Splat::CULLED
+            });
+        }
+        culled
+    };
+    let chunks = projected.par_chunks_mut(CHUNK).zip(order.par_chunks(CHUNK)).map(chunk);
+    tiles.culled = chunks.reduce(Culled::default, Culled::plus);
+}

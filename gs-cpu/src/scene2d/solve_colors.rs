@@ -1,0 +1,135 @@
+//! The colours that fit a target best under `Sum`, all else fixed: least squares by preconditioned conjugate gradients.
+//!
+//! The image is A c, with one column of A per Gaussian: its weights. Every iteration is one pass over the tiles that forms A p and
+//! Aᵀ(A p). The preconditioner is the diagonal of AᵀA, which is Σ w² ≈ π √det Σ′. The three channels are three systems with
+//! the same matrix.
+
+use fearless_simd::{Level, dispatch};
+use gs_core::{Error, Scene2d};
+use rayon::prelude::*;
+
+use super::splats::Splats2d;
+use crate::{
+    Target,
+    blend_sum::{self, COLOR_STRIDE},
+    layout::{Cuts, Row, TileBuffers, for_each_tile},
+    splat::CHUNK,
+    tiles::Tiles,
+    workspace::Workspace,
+};
+
+/// Improves the colours of `splats` by `iterations` steps; `workspace` has been prepared for it.
+///
+/// # Errors
+/// [`Error::Memory`].
+pub(crate) fn solve(
+    workspace: &mut Workspace<Scene2d>,
+    splats: &mut Splats2d,
+    target: &Target,
+    level: Level,
+    iterations: u32,
+) -> Result<(), Error> {
+    let Workspace { tiles, own, .. } = workspace;
+    let n = own.order.len();
+    let background = tiles.settings.background_color();
+    let diagonal: Vec<f32> =
+        (tiles.projected.iter()).map(|s| std::f32::consts::PI / (s.inverse_xx * s.c).sqrt()).collect();
+    let mut solution: Vec<[f32; 3]> = tiles.projected.iter().map(|s| s.color).collect();
+
+    // r = Aᵀ(y − A c); the pass yields Aᵀ(A c − (y − background)).
+    let mut residual = vec![[0.0f32; 3]; n];
+    normal_product(tiles, level, Some((&target.rows, background)), &mut residual)?;
+    residual.par_iter_mut().for_each(|r| *r = r.map(|v| -v));
+    let preconditioned =
+        |r: &[[f32; 3]]| -> Vec<[f32; 3]> { r.iter().zip(&diagonal).map(|(r, d)| r.map(|v| v / d)).collect() };
+    let mut z = preconditioned(&residual);
+    let mut direction = z.clone();
+    let mut rz = dot(&residual, &z);
+    let mut product = vec![[0.0f32; 3]; n];
+    for _ in 0..iterations {
+        for (splat, d) in tiles.projected.iter_mut().zip(&direction) {
+            splat.color = *d;
+        }
+        normal_product(tiles, level, None, &mut product)?;
+        let curvature = dot(&direction, &product);
+        let step = [0, 1, 2].map(|k| if curvature[k] > 0.0 { (rz[k] / curvature[k]) as f32 } else { 0.0 });
+        for i in 0..n {
+            for k in 0..3 {
+                solution[i][k] += step[k] * direction[i][k];
+                residual[i][k] -= step[k] * product[i][k];
+            }
+        }
+        z = preconditioned(&residual);
+        let next = dot(&residual, &z);
+        let keep = [0, 1, 2].map(|k| if rz[k] > 0.0 { (next[k] / rz[k]) as f32 } else { 0.0 });
+        for (d, z) in direction.iter_mut().zip(&z) {
+            *d = [0, 1, 2].map(|k| z[k] + keep[k] * d[k]);
+        }
+        rz = next;
+    }
+    for (place, &index) in own.order.iter().enumerate() {
+        let splat = &mut tiles.projected[place];
+        if !splat.is_culled() && solution[place].iter().all(|v| v.is_finite()) {
+            splats.colors[index as usize] = solution[place];
+        }
+    }
+    Ok(())
+}
+
+/// Per channel, the dot product of two vectors of colours.
+fn dot(a: &[[f32; 3]], b: &[[f32; 3]]) -> [f64; 3] {
+    let mut sums = [0.0; 3];
+    for (a, b) in a.iter().zip(b) {
+        for k in 0..3 {
+            sums[k] += f64::from(a[k]) * f64::from(b[k]);
+        }
+    }
+    sums
+}
+
+/// Aᵀ(A c − y), with c the projected' colours, y the target less the background, or 0; by place.
+fn normal_product(
+    tiles: &mut Tiles,
+    level: Level,
+    target: Option<(&[Row], [f32; 3])>,
+    out: &mut [[f32; 3]],
+) -> Result<(), Error> {
+    tiles.fit_slots(COLOR_STRIDE)?;
+    let Tiles { projected, bins, grid, tile_rows, slots, .. } = tiles;
+    let cuts = Cuts { grid, tile_start: &bins.tile_start, stride: COLOR_STRIDE };
+    let buffers = TileBuffers { rows: &mut [], scalars: &mut [], slots, sums: &mut [] };
+    for_each_tile(0..grid.tiles(), buffers, cuts, &|tile, buffers| {
+        let entries = bins.of(tile);
+        let (column, place) = grid.place(tile);
+        let target = target.map(|(target, background)| (&target[grid.first_row(tile)..][..place.len()], background));
+        let inside = grid.lanes_inside(tile);
+        tile_rows.with(|rows| {
+            rows.resize(place.len(), Row::ZERO);
+            dispatch!(level, simd => {
+                match target {
+                    None => rows.fill(Row::ZERO),
+                    Some((target, background)) => blend_sum::start(simd, background, target, rows),
+                }
+                blend_sum::forward(simd, entries, projected, column, place.start, rows);
+                if inside < 16 {
+                    for Row(pixels) in rows.iter_mut() {
+                        pixels.iter_mut().for_each(|channel| channel[inside..].fill(0.0));
+                    }
+                }
+                blend_sum::backward_colors(simd, entries, projected, column, place.start, rows, buffers.slots);
+            });
+        });
+    });
+    let slots = &*slots;
+    out.par_chunks_mut(CHUNK).enumerate().for_each(|(chunk, out)| {
+        for (i, sum) in out.iter_mut().enumerate() {
+            *sum = [0.0; 3];
+            for &slot in bins.slots_of(chunk * CHUNK + i) {
+                for k in 0..3 {
+                    sum[k] += slots[slot as usize * COLOR_STRIDE + k];
+                }
+            }
+        }
+    });
+    Ok(())
+}

@@ -1,0 +1,10 @@
+//! 3D scenes: what stands before `bin` and after `blend_bwd`.
+
+mod adam;
+mod depth_sort;
+mod kind;
+mod project;
+mod project_bwd;
+mod splats;
+
+pub use splats::Splats3d;

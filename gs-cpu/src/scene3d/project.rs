@@ -1,0 +1,105 @@
+//! Stage `project`: every Gaussian's parameters become what the pixels need ([`Splat`]). Parallel over Gaussians. Colours are evaluated
+//! where the ellipse's box touches the image, and nowhere else.
+
+use glam::Vec3;
+use gs_core::{
+    Accuracy, Parameterization,
+    effects::written,
+    guards::Guard,
+    perspective::Perspective,
+    sh,
+    statistics::{Cause, Culled},
+};
+use rayon::prelude::*;
+
+use super::splats::{self, Splats3d};
+use crate::{
+    bin::touches,
+    layout::Grid,
+    splat::{CHUNK, Covariance, Splat},
+    tiles::Tiles,
+};
+
+/// Depth of a Gaussian that is drawn, z and its slopes per px; `[0; 3]` of one that is not.
+pub(crate) type Depth = [f32; 3];
+
+/// How a factor sees Gaussians.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Eye {
+    pub(crate) perspective: Perspective,
+    /// Of the spherical harmonics.
+    pub(crate) degree: u8,
+    /// How rows hold shapes.
+    pub(crate) parameterization: Parameterization,
+}
+
+impl Eye {
+    #[inline(always)]
+    pub(crate) fn degree(&self) -> u8 {
+        if written::HARMONICS { self.degree } else { 0 }
+    }
+
+    /// Where a Gaussian is seen from, as a direction; any, where no colour depends on it.
+    #[inline(always)]
+    pub(crate) fn direction(&self, mean: Vec3) -> Vec3 {
+        if self.degree() == 0 { Vec3::Z } else { self.perspective.direction(mean) }
+    }
+
+    /// From v_d to v_μ.
+    #[inline(always)]
+    pub(crate) fn direction_vjp(&self, mean: Vec3, v_direction: Vec3) -> Vec3 {
+        if self.degree() == 0 { Vec3::ZERO } else { self.perspective.direction_vjp(mean, v_direction) }
+    }
+}
+
+fn project(
+    eye: &Eye,
+    row: &[f32],
+    grid: &Grid,
+    (accuracy, longest): (&Accuracy, f32),
+) -> Result<(Splat, Depth), Cause> {
+    let p = match eye.parameterization {
+        Parameterization::ScaleRotation => eye.perspective.project(&splats::ellipsoid(row)),
+        Parameterization::CovarianceFactor => eye.perspective.project_factored(&splats::factored(row)),
+    }?;
+    let [xx, xy, yy] = p.covariance;
+    let covariance = Covariance { xx, xy, yy, determinant: p.determinant };
+    let mut splat = Splat::new(p.mean, covariance, [0.0; 3], (p.opacity, accuracy.cut_of(p.opacity)), longest);
+    if !touches(&splat, (splat.reach * yy).sqrt(), grid) {
+        return Err(Cause::Outside);
+    }
+    splat.color = sh::color(eye.degree(), eye.direction(splats::mean(row)), splats::sh(row));
+    if Guard::FiniteColor.is_on() && !splat.color.iter().all(|c| c.is_finite()) {
+        return Err(Cause::NotFinite);
+    }
+    Ok((splat, [p.depth, p.depth_slope.x, p.depth_slope.y]))
+}
+
+/// Projects all Gaussians of `splats`, by index, for these tiles.
+pub(crate) fn project_all(
+    splats: &Splats3d,
+    eye: &Eye,
+    tiles: &Tiles,
+    projected: &mut Vec<Splat>,
+    depths: &mut Vec<Depth>,
+) -> Culled {
+    projected.resize(splats.len(), Splat::CULLED);
+    depths.resize(splats.len(), [0.0; 3]);
+    let (grid, how) = (&tiles.grid, (&tiles.settings.accuracy, f32::from(tiles.tuning.recurrence_rows)));
+    let chunk = |((projected, depths), rows): ((&mut [Splat], &mut [Depth]), &[f32])| {
+        let mut culled = Culled::default();
+        for ((splat, depth), row) in projected.iter_mut().zip(depths).zip(rows.chunks_exact(splats.pitch())) {
+            match project(eye, row, grid, how) {
+                Ok(found) => (*splat, *depth) = found,
+                Err(cause) => {
+                    culled.count(cause);
+                    *depth = [0.0; 3];
+                }
+            }
+        }
+        culled
+    };
+    let rows = splats.parameters.par_chunks(CHUNK * splats.pitch());
+    let out = projected.par_chunks_mut(CHUNK).zip(depths.par_chunks_mut(CHUNK));
+    out.zip(rows).map(chunk).reduce(Culled::default, Culled::plus)
+}

@@ -1,0 +1,351 @@
+//! The Gaussians where this backend computes, one row each, and how edits and checkpoints treat them.
+//!
+//! A row holds mean 3, shape 9, opacity logit, then the SH coefficients, R, G, B each; it is filled with zeros to whole vectors. The shape is
+//! log-scale 3 and rotation 4, or the three columns of a factor, as the parameterization moves it. A Gaussian is thus a few neighbouring cache lines, and
+//! Adam runs over rows without knowing what is in them.
+
+use std::ops::Range;
+
+use glam::{Mat3, Vec3};
+use gs_core::{
+    DensityStatistics, EditPlan, Error, Gaussian3d, Parameterization, Scene, Scene3d, SplatsState,
+    covariance_factor::{self, Factored, Symmetric3},
+    edit::{Moments, Source},
+    perspective::Ellipsoid,
+    scene::{logit, sigmoid},
+    sh::coefficients,
+};
+use rayon::prelude::*;
+
+use crate::{kind::Shared, lanes::LANES};
+
+/// Where a row holds what.
+pub(crate) const MEAN: Range<usize> = 0..3;
+/// In [`Parameterization::ScaleRotation`].
+pub(crate) const LOG_SCALE: Range<usize> = 3..6;
+pub(crate) const ROTATION: Range<usize> = 6..10;
+/// In [`Parameterization::CovarianceFactor`]: of parameters the columns of M, of gradients and moments those by η.
+pub(crate) const FACTOR: Range<usize> = 3..12;
+pub(crate) const STRETCH: Range<usize> = 3..9;
+/// In every parameterization.
+pub(crate) const OPACITY: usize = 12;
+pub(crate) const SH: usize = 13;
+
+/// 3D Gaussians on the CPU, with their Adam moments and density statistics.
+#[derive(Debug)]
+pub struct Splats3d {
+    pub(crate) parameterization: Parameterization,
+    pub(crate) sh_degree: u8,
+    /// `[N, pitch]`.
+    pub(crate) parameters: Vec<f32>,
+    /// First and second moments, laid out as the parameters.
+    pub(crate) moments: [Vec<f32>; 2],
+    /// Adam steps that each has taken.
+    pub(crate) steps: Vec<u32>,
+    pub(crate) shared: Shared<Scene3d>,
+}
+
+/// Numbers in a row before what fills it up.
+fn columns(sh_degree: u8) -> usize {
+    SH + 3 * coefficients(sh_degree)
+}
+
+/// Numbers of a row with harmonics of this degree, filled up. A row of a lower degree is the beginning of one of a higher.
+pub(crate) fn pitch_of(sh_degree: u8) -> usize {
+    columns(sh_degree).next_multiple_of(LANES)
+}
+
+/// A row's mean.
+#[inline(always)]
+pub(crate) fn mean(row: &[f32]) -> Vec3 {
+    Vec3::from_slice(&row[MEAN])
+}
+
+/// What a row of [`Parameterization::ScaleRotation`] holds besides its colour.
+#[inline(always)]
+pub(crate) fn ellipsoid(row: &[f32]) -> Ellipsoid {
+    Ellipsoid {
+        mean: mean(row),
+        log_scale: Vec3::from_slice(&row[LOG_SCALE]),
+        rotation: [row[6], row[7], row[8], row[9]],
+        opacity_logit: row[OPACITY],
+    }
+}
+
+/// What a row of [`Parameterization::CovarianceFactor`] holds besides its colour.
+#[inline(always)]
+pub(crate) fn factored(row: &[f32]) -> Factored {
+    Factored { mean: mean(row), factor: factor(row), opacity_logit: row[OPACITY] }
+}
+
+/// M of a row of [`Parameterization::CovarianceFactor`].
+#[inline(always)]
+pub(crate) fn factor(row: &[f32]) -> Mat3 {
+    Mat3::from_cols_slice(&row[FACTOR])
+}
+
+/// A gradient by η in a row of [`Parameterization::CovarianceFactor`].
+pub(crate) fn stretch(row: &[f32]) -> Symmetric3 {
+    std::array::from_fn(|k| row[STRETCH.start + k])
+}
+
+/// The SH coefficients of a row, and what fills it up.
+#[inline(always)]
+pub(crate) fn sh(row: &[f32]) -> &[[f32; 3]] {
+    row[SH..].as_chunks().0
+}
+
+/// Puts a shape into a row. One without direction has no factor: that is zeros.
+fn write_shape(parameterization: Parameterization, log_scale: Vec3, rotation: [f32; 4], row: &mut [f32]) {
+    match parameterization {
+        Parameterization::ScaleRotation => {
+            log_scale.write_to_slice(&mut row[LOG_SCALE]);
+            row[ROTATION].copy_from_slice(&rotation);
+        }
+        Parameterization::CovarianceFactor => {
+            let factor = covariance_factor::frame_of(log_scale, rotation).unwrap_or(Mat3::ZERO);
+            row[FACTOR].copy_from_slice(&factor.to_cols_array());
+        }
+    }
+}
+
+impl Splats3d {
+    pub(crate) fn new(scene: &Scene3d, parameterization: Parameterization) -> Result<Self, Error> {
+        scene.validate()?;
+        let n = scene.len();
+        let mut splats = Self::zeros(n, scene.sh_degree, parameterization);
+        let (pitch, columns) = (splats.pitch(), columns(scene.sh_degree));
+        let k = scene.sh_len();
+        for (i, row) in splats.parameters.chunks_exact_mut(pitch).enumerate() {
+            scene.means[i].write_to_slice(&mut row[MEAN]);
+            write_shape(parameterization, scene.log_scales[i], scene.rotations[i], row);
+            row[OPACITY] = scene.opacity_logits[i];
+            for (out, c) in row[SH..columns].as_chunks_mut::<3>().0.iter_mut().zip(&scene.sh[i * k..]) {
+                *out = c.to_array();
+            }
+        }
+        Ok(splats)
+    }
+
+    fn zeros(n: usize, sh_degree: u8, parameterization: Parameterization) -> Self {
+        let numbers = n * pitch_of(sh_degree);
+        Self {
+            parameterization,
+            sh_degree,
+            parameters: vec![0.0; numbers],
+            moments: [vec![0.0; numbers], vec![0.0; numbers]],
+            steps: vec![0; n],
+            shared: Shared::new(DensityStatistics::zeros(n)),
+        }
+    }
+
+    pub(crate) fn len(&self) -> usize {
+        self.steps.len()
+    }
+
+    /// Numbers from a row to the next.
+    pub(crate) fn pitch(&self) -> usize {
+        pitch_of(self.sh_degree)
+    }
+
+    /// A row of parameters but for its colour, as a scene has it.
+    fn seen(&self, row: &[f32]) -> Ellipsoid {
+        match self.parameterization {
+            Parameterization::ScaleRotation => ellipsoid(row),
+            Parameterization::CovarianceFactor => {
+                let Factored { mean, factor, opacity_logit } = factored(row);
+                let (log_scale, rotation) = Gaussian3d::shape_of_factor(factor);
+                Ellipsoid { mean, log_scale, rotation, opacity_logit }
+            }
+        }
+    }
+
+    /// A row of gradients of Gaussian `index` but for its colour, by what [`Self::seen`] tells of it.
+    pub(crate) fn seen_gradient(&self, index: usize, row: &[f32]) -> Ellipsoid {
+        let of_row = ellipsoid(row);
+        match self.parameterization {
+            Parameterization::ScaleRotation => of_row,
+            Parameterization::CovarianceFactor => {
+                let factor = factor(&self.parameters[index * self.pitch()..]);
+                let (log_scale, rotation) = covariance_factor::by_scale_rotation(factor, stretch(row));
+                Ellipsoid { log_scale, rotation, ..of_row }
+            }
+        }
+    }
+
+    /// Rows with what they hold but for their colour, as a scene; harmonics that a row does not hold are 0.
+    pub(crate) fn scene_of<'r>(&self, rows: impl Iterator<Item = (Ellipsoid, &'r [f32])>) -> Scene3d {
+        let mut scene = Scene3d { sh_degree: self.sh_degree, ..Scene3d::default() };
+        let k = coefficients(self.sh_degree);
+        for (g, row) in rows {
+            scene.means.push(g.mean);
+            scene.log_scales.push(g.log_scale);
+            scene.rotations.push(g.rotation);
+            scene.opacity_logits.push(g.opacity_logit);
+            let held = sh(row).iter().take(k).map(|&c| Vec3::from_array(c));
+            scene.sh.extend(held.chain(std::iter::repeat(Vec3::ZERO)).take(k));
+        }
+        scene
+    }
+
+    pub(crate) fn scene(&self) -> Scene3d {
+        let seen: Vec<Ellipsoid> = self.parameters.par_chunks_exact(self.pitch()).map(|row| self.seen(row)).collect();
+        self.scene_of(seen.into_iter().zip(self.parameters.chunks_exact(self.pitch())))
+    }
+
+    pub(crate) fn shift_means(&mut self, shifts: &[f32]) -> Result<(), Error> {
+        let (expected, pitch) = (3 * self.len(), self.pitch());
+        if shifts.len() != expected {
+            return Err(Error::Length { what: "mean", expected, found: shifts.len() });
+        }
+        for (row, shift) in self.parameters.chunks_exact_mut(pitch).zip(shifts.chunks_exact(3)) {
+            row[MEAN].iter_mut().zip(shift).for_each(|(value, shift)| *value += shift);
+        }
+        Ok(())
+    }
+
+    fn write(&self, g: &Gaussian3d, row: &mut [f32]) {
+        g.mean.write_to_slice(&mut row[MEAN]);
+        write_shape(self.parameterization, g.log_scale, g.rotation, row);
+        row[OPACITY] = g.opacity_logit;
+        let columns = columns(self.sh_degree);
+        for (out, c) in row[SH..columns].as_chunks_mut::<3>().0.iter_mut().zip(&g.sh) {
+            *out = c.to_array();
+        }
+    }
+
+    pub(crate) fn edit(&mut self, plan: &EditPlan<Gaussian3d>) -> Result<(), Error> {
+        let sources = plan.sources(self.len())?;
+        let pitch = self.pitch();
+        let mut parameters = vec![0.0; sources.len() * pitch];
+        for (row, source) in parameters.chunks_exact_mut(pitch).zip(&sources) {
+            match *source {
+                Source::Kept(i) => row.copy_from_slice(&self.parameters[i as usize * pitch..][..pitch]),
+                Source::Changed { change, .. } => self.write(&plan.changed[change as usize].gaussian, row),
+                Source::Added(k) => self.write(&plan.added[k as usize].gaussian, row),
+            }
+            let heir_of = plan.origin(source, Moments::heir_of).filter(|_| !matches!(source, Source::Kept(_)));
+            if let (Parameterization::CovarianceFactor, Some(i)) = (self.parameterization, heir_of) {
+                let parent = factor(&self.parameters[i as usize * pitch..]);
+                let aligned = covariance_factor::aligned(factor(row), parent);
+                row[FACTOR].copy_from_slice(&aligned.to_cols_array());
+            }
+        }
+        self.parameters = parameters;
+        // Whose moments each inherits, by the rule for moments.
+        let indices: Vec<Option<u32>> = (0..self.len() as u32).map(Some).collect();
+        let heirs = plan.gather_moments(&sources, &indices);
+        for moments in &mut self.moments {
+            let mut after = vec![0.0; sources.len() * pitch];
+            for (row, from) in after.chunks_exact_mut(pitch).zip(&heirs) {
+                if let Some(i) = from {
+                    row.copy_from_slice(&moments[*i as usize * pitch..][..pitch]);
+                }
+            }
+            *moments = after;
+        }
+        self.steps = plan.gather_steps(&sources, &self.steps);
+        let statistics = &self.shared.statistics;
+        self.shared.edited(DensityStatistics {
+            gradient_sum: plan.gather_statistics(&sources, &statistics.gradient_sum),
+            visible: plan.gather_statistics(&sources, &statistics.visible),
+        });
+        if let Some(ceiling) = plan.opacity_ceiling {
+            for row in self.parameters.chunks_exact_mut(pitch) {
+                if !(sigmoid(row[OPACITY]) <= ceiling) {
+                    row[OPACITY] = logit(ceiling);
+                }
+            }
+            for moments in &mut self.moments {
+                moments.chunks_exact_mut(pitch).for_each(|row| row[OPACITY] = 0.0);
+            }
+        }
+        Ok(())
+    }
+
+    pub(crate) fn save(&self) -> SplatsState {
+        let mut state = SplatsState::new(self.parameterization);
+        let cut = |numbers: &[f32], places: &[Range<usize>]| -> Vec<f32> {
+            let rows = numbers.chunks_exact(self.pitch());
+            rows.flat_map(|row| places.iter().flat_map(|range| &row[range.clone()])).copied().collect()
+        };
+        for (name, range) in tensors(self.parameterization, self.sh_degree) {
+            state.insert_matrix(name, range.len(), cut(&self.parameters, &[range]));
+        }
+        let places = moment_places(self.parameterization, self.sh_degree);
+        for (name, moments) in ["moment1", "moment2"].into_iter().zip(&self.moments) {
+            state.insert_matrix(name, width(&places), cut(moments, &places));
+        }
+        state.insert_u32("steps", self.steps.clone());
+        state.insert("gradient_sum", self.shared.statistics.gradient_sum.iter().map(|&g| [g]));
+        state.insert_u32("visible", self.shared.statistics.visible.clone());
+        state
+    }
+
+    pub(crate) fn restore(state: &SplatsState) -> Result<Self, Error> {
+        let (sh_columns, _) = state.matrix("sh")?;
+        let Some(sh_degree) = (0..=3).find(|&degree| 3 * coefficients(degree) == sh_columns) else {
+            return Err(Error::State(format!("tensor `sh` has {sh_columns} columns, not 3, 12, 27 or 48")));
+        };
+        let steps = state.integers("steps")?;
+        let mut splats = Self::zeros(steps.len(), sh_degree, state.parameterization);
+        let pitch = splats.pitch();
+        let paste = |name: &'static str, places: &[Range<usize>], into: &mut [f32]| {
+            let (found, numbers) = state.matrix(name)?;
+            if found != width(places) {
+                return Err(Error::State(format!("tensor `{name}` has {found} columns, not {}", width(places))));
+            }
+            check_len(name, steps.len(), numbers.len() / found)?;
+            for (row, mut values) in into.chunks_exact_mut(pitch).zip(numbers.chunks_exact(found)) {
+                for range in places {
+                    let (here, rest) = values.split_at(range.len());
+                    row[range.clone()].copy_from_slice(here);
+                    values = rest;
+                }
+            }
+            Ok::<(), Error>(())
+        };
+        for (name, range) in tensors(state.parameterization, sh_degree) {
+            paste(name, &[range], &mut splats.parameters)?;
+        }
+        for (name, moments) in ["moment1", "moment2"].into_iter().zip(&mut splats.moments) {
+            paste(name, &moment_places(state.parameterization, sh_degree), moments)?;
+        }
+        let statistics = DensityStatistics {
+            gradient_sum: state.rows::<1>("gradient_sum")?.into_iter().flatten().collect(),
+            visible: state.integers("visible")?,
+        };
+        check_len("gradient_sum", steps.len(), statistics.gradient_sum.len())?;
+        check_len("visible", steps.len(), statistics.visible.len())?;
+        splats.shared = Shared::new(statistics);
+        splats.steps = steps;
+        Ok(splats)
+    }
+}
+
+/// The tensors of parameters, and where a row holds them.
+fn tensors(parameterization: Parameterization, sh_degree: u8) -> Vec<(&'static str, Range<usize>)> {
+    let shape: &[(&'static str, Range<usize>)] = match parameterization {
+        Parameterization::ScaleRotation => &[("log_scale", LOG_SCALE), ("rotation", ROTATION)],
+        Parameterization::CovarianceFactor => &[("factor", FACTOR)],
+    };
+    let color = [("opacity_logit", OPACITY..SH), ("sh", SH..columns(sh_degree))];
+    [("mean", MEAN)].iter().chain(shape).chain(&color).cloned().collect()
+}
+
+/// Where a row of moments holds those of mean, shape, opacity and SH, which are a tensor's row together.
+fn moment_places(parameterization: Parameterization, sh_degree: u8) -> [Range<usize>; 2] {
+    let shape = match parameterization {
+        Parameterization::ScaleRotation => ROTATION,
+        Parameterization::CovarianceFactor => STRETCH,
+    };
+    [MEAN.start..shape.end, OPACITY..columns(sh_degree)]
+}
+
+fn width(places: &[Range<usize>]) -> usize {
+    places.iter().map(ExactSizeIterator::len).sum()
+}
+
+fn check_len(what: &'static str, expected: usize, found: usize) -> Result<(), Error> {
+    if found == expected { Ok(()) } else { Err(Error::Length { what, expected, found }) }
+}

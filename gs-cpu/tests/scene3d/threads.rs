@@ -1,0 +1,82 @@
+//! The same bits for every number of threads.
+
+use gs_core::{
+    Adam, Blend, Loss, Parameterization, Rasterizer, TrainStep, Wait,
+    effects::{Antialias, Order, Statistics},
+    rasterizer::Binning,
+};
+
+use crate::scenes::{camera, image, rasterizer, scene, settings};
+
+#[test]
+fn images_gradients_and_training_are_the_same_bits_for_every_number_of_threads() {
+    // More Gaussians than a task or a block of the sort takes at once.
+    let scene = scene(9000, 1, 3.0);
+    let (view, image) = (camera(150, 110), image(150, 110));
+    for (parameterization, blend, order, antialias, statistics) in [
+        (Parameterization::ScaleRotation, Blend::Over, Order::Global, Antialias::Mip, Statistics::MeanGradient),
+        (
+            Parameterization::ScaleRotation,
+            Blend::Over,
+            Order::PerPixel,
+            Antialias::Dilate,
+            Statistics::AbsoluteGradient,
+        ),
+        (Parameterization::ScaleRotation, Blend::Sum, Order::Index, Antialias::None, Statistics::PixelError),
+        (Parameterization::CovarianceFactor, Blend::Over, Order::Global, Antialias::Mip, Statistics::MeanGradient),
+    ] {
+        let mut settings = settings(order, 1);
+        settings.effects.blend = blend;
+        settings.effects.antialias = antialias;
+        settings.effects.statistics = statistics;
+        let results = [1, 2, 5].map(|threads| {
+            let r = rasterizer(threads);
+            let r = r.for_3d();
+            let target = r.upload_target(&image).unwrap();
+            let mut splats = r.upload(&scene, parameterization).unwrap();
+            let frame = r.forward(&splats, &view, &settings).unwrap();
+            let rendered = r.image(&frame).unwrap();
+            let (_, gradients) = r.backward(&splats, frame, &target, &Loss::PAPER).unwrap();
+            let gradients = r.download_gradients(&splats, &gradients).unwrap();
+            assert!(gradients.means.iter().any(|g| g.length() > 0.0));
+            let rates = Adam { min_scale: 1e-4, ..Adam::default() }.at(0.0);
+            let step = TrainStep { settings: &settings, loss: Loss::PAPER, rates: &rates, binning: Binning::Fresh };
+            for _ in 0..3 {
+                r.train_step(&mut splats, &view, &target, &step).unwrap();
+            }
+            let mut losses = Vec::new();
+            r.losses(&mut splats, Wait::All, &mut losses).unwrap();
+            assert!(losses.iter().all(|loss| loss.is_finite()));
+            (rendered, gradients, losses, r.save(&splats).unwrap())
+        });
+        assert!(results[0].3.rows::<1>("gradient_sum").unwrap().iter().any(|[g]| *g > 0.0));
+        assert!(results[0] == results[1] && results[1] == results[2], "{parameterization:?} {blend:?} {order:?}");
+    }
+}
+
+#[test]
+fn training_steps_are_forward_backward_and_step() {
+    let scene = scene(300, 2, 4.0);
+    let (view, image) = (camera(60, 50), image(60, 50));
+    let mut settings = settings(Order::Global, 2);
+    settings.effects.statistics = Statistics::MeanGradient;
+    let r = rasterizer(2);
+    let r = r.for_3d();
+    let target = r.upload_target(&image).unwrap();
+    let rates = Adam { min_scale: 1e-4, ..Adam::default() }.at(0.3);
+    let [mut whole, mut parts] = [0, 1].map(|_| r.upload(&scene, Parameterization::ScaleRotation).unwrap());
+    let mut losses = Vec::new();
+    for _ in 0..5 {
+        let step = TrainStep { settings: &settings, loss: Loss::PAPER, rates: &rates, binning: Binning::Fresh };
+        r.train_step(&mut whole, &view, &target, &step).unwrap();
+        let frame = r.forward(&parts, &view, &settings).unwrap();
+        let (loss, gradients) = r.backward(&parts, frame, &target, &Loss::PAPER).unwrap();
+        r.step(&mut parts, &gradients, &rates).unwrap();
+        losses.push(loss);
+    }
+    let mut found = Vec::new();
+    r.losses(&mut whole, Wait::All, &mut found).unwrap();
+    assert_eq!(found, losses);
+    assert!(losses[4] < losses[0]);
+    assert_eq!(r.save(&whole).unwrap(), r.save(&parts).unwrap());
+}

@@ -1,0 +1,142 @@
+//! The numbers behind an accessor, as `f32`.
+
+use super::{
+    buffers::Buffers,
+    document::{Accessor, Document},
+};
+use crate::{error::Error, scene3d::source::Source};
+
+/// A type of number, by glTF's (and OpenGL's) number for it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Component {
+    I8,
+    U8,
+    I16,
+    U16,
+    F32,
+}
+
+impl Component {
+    fn numbered(number: u32) -> Option<Self> {
+        Some(match number {
+            5120 => Self::I8,
+            5121 => Self::U8,
+            5122 => Self::I16,
+            5123 => Self::U16,
+            5126 => Self::F32,
+            _ => return None,
+        })
+    }
+
+    fn bytes(self) -> usize {
+        match self {
+            Self::I8 | Self::U8 => 1,
+            Self::I16 | Self::U16 => 2,
+            Self::F32 => 4,
+        }
+    }
+
+    /// The integer that stands for 1 where integers are normalised.
+    fn largest(self) -> Option<u16> {
+        match self {
+            Self::I8 => Some(127),
+            Self::U8 => Some(255),
+            Self::I16 => Some(32_767),
+            Self::U16 => Some(65_535),
+            Self::F32 => None,
+        }
+    }
+
+    /// The number at the start of `bytes`; a normalised integer stands for −1..1 or 0..1.
+    fn decode(self, bytes: &[u8], normalized: bool) -> f32 {
+        let two = || [bytes[0], bytes[1]];
+        let value = match self {
+            Self::I8 => f32::from(bytes[0].cast_signed()),
+            Self::U8 => f32::from(bytes[0]),
+            Self::I16 => f32::from(i16::from_le_bytes(two())),
+            Self::U16 => f32::from(u16::from_le_bytes(two())),
+            Self::F32 => f32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]]),
+        };
+        match self.largest().filter(|_| normalized) {
+            Some(largest) => (value / f32::from(largest)).max(-1.0),
+            None => value,
+        }
+    }
+}
+
+/// Looks into accessors.
+#[derive(Debug)]
+pub(super) struct Accessors<'a> {
+    pub(super) source: &'a Source<'a>,
+    pub(super) document: &'a Document,
+    pub(super) buffers: &'a Buffers<'a>,
+}
+
+impl Accessors<'_> {
+    /// How many rows accessor `number` claims to have.
+    pub(super) fn count(&self, number: usize) -> Result<u64, Error> {
+        Ok(self.accessor(number)?.count)
+    }
+
+    /// Into how many equal steps accessor `number` divides the numbers from 0 to 1; `None` where it has floats, or integers as they are.
+    pub(super) fn steps(&self, number: usize) -> Result<Option<u16>, Error> {
+        let accessor = self.accessor(number)?;
+        Ok(Component::numbered(accessor.component_type).and_then(Component::largest).filter(|_| accessor.normalized))
+    }
+
+    /// All rows of accessor `number`, each of N numbers; `name` is for messages.
+    pub(super) fn rows<const N: usize>(&self, number: usize, name: &str) -> Result<Vec<[f32; N]>, Error> {
+        let bad = |expected: &str, found: String| self.source.damaged(0, format!("{expected} in {name}"), found);
+        let accessor = self.accessor(number)?;
+        let wanted = match N {
+            1 => "SCALAR",
+            3 => "VEC3",
+            _ => "VEC4",
+        };
+        if accessor.kind != wanted {
+            return Err(bad(wanted, format!("{:?}", accessor.kind)));
+        }
+        let component = Component::numbered(accessor.component_type)
+            .ok_or_else(|| bad("a component type of at most 16 bits or float", accessor.component_type.to_string()))?;
+        let Some(view) = accessor.buffer_view.filter(|_| accessor.sparse.is_none()) else {
+            return Err(Error::Unsupported {
+                path: self.source.path.to_owned(),
+                what: format!("an accessor that is sparse or has no buffer, {name},"),
+                mend: "export it with plain accessors",
+            });
+        };
+        let view =
+            self.document.buffer_views.get(view).ok_or_else(|| bad("a buffer view that there is", view.to_string()))?;
+        let buffer =
+            self.buffers.get(view.buffer).ok_or_else(|| bad("a buffer that there is", view.buffer.to_string()))?;
+        let outside = |what: &str| bad(&format!("{what} within its bounds"), "one that points outside".to_owned());
+        let part = range(view.byte_offset, view.byte_length)
+            .and_then(|range| buffer.get(range))
+            .ok_or_else(|| outside("a buffer view"))?;
+        let row_bytes = (N * component.bytes()) as u64;
+        let stride = view.byte_stride.unwrap_or(row_bytes);
+        if stride < row_bytes {
+            return Err(bad(&format!("a stride of at least {row_bytes} bytes"), stride.to_string()));
+        }
+        let Some(last) = accessor.count.checked_sub(1) else { return Ok(Vec::new()) };
+        let bytes = last
+            .checked_mul(stride)
+            .and_then(|len| len.checked_add(row_bytes))
+            .and_then(|len| range(accessor.byte_offset, len))
+            .and_then(|range| part.get(range))
+            .ok_or_else(|| outside("an accessor"))?;
+        let row =
+            |row: &[u8]| std::array::from_fn(|k| component.decode(&row[k * component.bytes()..], accessor.normalized));
+        Ok(bytes.chunks(stride as usize).map(row).collect())
+    }
+
+    fn accessor(&self, number: usize) -> Result<&Accessor, Error> {
+        let there = self.document.accessors.get(number);
+        there.ok_or_else(|| self.source.damaged(0, "an accessor that there is", format!("accessor {number}")))
+    }
+}
+
+fn range(start: u64, len: u64) -> Option<std::ops::Range<usize>> {
+    let (start, len) = (usize::try_from(start).ok()?, usize::try_from(len).ok()?);
+    Some(start..start.checked_add(len)?)
+}

@@ -1,0 +1,189 @@
+//! Writing glTF: one primitive of points, each attribute in a piece of the one buffer, all as floats.
+
+use std::{io::Write as _, path::Path};
+
+use base64::{Engine, engine::general_purpose::STANDARD};
+use gs_core::{Scene, Scene3d};
+use serde_json::{Value, json};
+
+use super::{
+    SRGB, axes,
+    buffers::{BINARY_CHUNK, GLB_MAGIC, GLB_VERSION, JSON_CHUNK},
+    document::EXTENSION,
+};
+use crate::{
+    error::Error,
+    scene3d::{
+        TrainedWith,
+        conversion_loss::ConversionLoss,
+        quantity::{opacity_of_logit, scale_of_log},
+        unit::UnitRotations,
+    },
+};
+
+/// Where the numbers of a `.gltf` go.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum GltfBuffer {
+    /// Into the JSON as base64: one file, a third larger.
+    #[default]
+    Inside,
+    /// Into a `.bin` of the same name beside it.
+    Beside,
+}
+
+/// The kinds of glTF file.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum GltfFile {
+    /// JSON.
+    Text(GltfBuffer),
+    /// `.glb`.
+    Binary,
+}
+
+/// The bytes of a glTF and, where it has one, of the buffer beside it.
+pub(crate) struct Encoded {
+    pub(crate) file: Vec<u8>,
+    pub(crate) beside: Option<Vec<u8>>,
+    pub(crate) losses: Vec<ConversionLoss>,
+}
+
+/// `path` gives the buffer beside it its name.
+pub(crate) fn encode(
+    path: &Path,
+    scene: &Scene3d,
+    rotations: &UnitRotations<'_>,
+    trained_with: &TrainedWith,
+    kind: GltfFile,
+) -> Result<Encoded, Error> {
+    let (mut json, buffer) = document(scene, rotations);
+    if let Some(extras) = trained_with.extras() {
+        json["meshes"][0]["primitives"][0]["extras"] = extras;
+    }
+    let mut beside = None;
+    let file = match kind {
+        GltfFile::Text(place) => {
+            let uri = match place {
+                GltfBuffer::Inside => format!("data:application/octet-stream;base64,{}", STANDARD.encode(&buffer)),
+                GltfBuffer::Beside => {
+                    let name = path.with_extension("bin");
+                    beside = Some(buffer);
+                    percent_encoded(&name.file_name().unwrap_or_default().to_string_lossy())
+                }
+            };
+            json["buffers"][0]["uri"] = Value::String(uri);
+            json.to_string().into_bytes()
+        }
+        GltfFile::Binary => binary(path, &json, &buffer)?,
+    };
+    let mut losses = vec![
+        ConversionLoss::Rounded { what: "opacities", to: "24 bits of 0..1".to_owned() },
+        ConversionLoss::Rounded { what: "scales", to: "24 bits".to_owned() },
+    ];
+    if !rotations.all_unit() {
+        losses.push(ConversionLoss::QuaternionLengths);
+    }
+    Ok(Encoded { file, beside, losses })
+}
+
+/// The JSON, without a uri for its buffer, and the buffer.
+fn document(scene: &Scene3d, rotations: &UnitRotations<'_>) -> (Value, Vec<u8>) {
+    let (count, len) = (scene.len(), scene.sh_len());
+    let mut pieces = Pieces { count, ..Pieces::default() };
+    let means = scene.means.iter().map(|&mean| axes().mean(mean));
+    pieces.add("POSITION", means.clone().map(|mean| mean.to_array()));
+    let first = scene.means.first().map_or_else(Default::default, |&mean| axes().mean(mean));
+    let (low, high) = means.fold((first, first), |(low, high), mean| (low.min(mean), high.max(mean)));
+    pieces.accessors[0]["min"] = json!(low.to_array());
+    pieces.accessors[0]["max"] = json!(high.to_array());
+    let xyzw = |i: usize| {
+        let [w, x, y, z] = axes().rotation(rotations.get(i));
+        [x, y, z, w]
+    };
+    pieces.add("ROTATION", (0..count).map(xyzw));
+    pieces.add("SCALE", scene.log_scales.iter().map(|log| log.to_array().map(scale_of_log)));
+    pieces.add("OPACITY", scene.opacity_logits.iter().map(|&logit| [opacity_of_logit(logit)]));
+    let names = (0..=scene.sh_degree).flat_map(|l| (0..=2 * l).map(move |n| format!("SH_DEGREE_{l}_COEF_{n}")));
+    for (k, name) in names.enumerate() {
+        let sign = axes().sign_of_coefficient(k);
+        pieces.add(&name, scene.sh.iter().skip(k).step_by(len).map(|c| (*c * sign).to_array()));
+    }
+    let splatting = json!({
+        "kernel": "ellipse", "colorSpace": SRGB, "projection": "perspective", "sortingMethod": "cameraDistance"
+    });
+    const POINTS: u8 = 0;
+    let json = json!({
+        "asset": { "version": "2.0", "generator": concat!("gs ", env!("CARGO_PKG_VERSION")) },
+        "extensionsUsed": [EXTENSION],
+        "scene": 0,
+        "scenes": [{ "nodes": [0] }],
+        "nodes": [{ "mesh": 0 }],
+        "meshes": [{ "primitives": [{
+            "attributes": pieces.attributes, "mode": POINTS, "extensions": { EXTENSION: splatting }
+        }] }],
+        "accessors": pieces.accessors,
+        "bufferViews": pieces.views,
+        "buffers": [{ "byteLength": pieces.buffer.len() }],
+    });
+    (json, pieces.buffer)
+}
+
+/// Attributes, one after the other.
+#[derive(Default)]
+struct Pieces {
+    count: usize,
+    buffer: Vec<u8>,
+    attributes: serde_json::Map<String, Value>,
+    accessors: Vec<Value>,
+    views: Vec<Value>,
+}
+
+impl Pieces {
+    fn add<const N: usize>(&mut self, name: &str, rows: impl Iterator<Item = [f32; N]>) {
+        const FLOAT: u32 = 5126;
+        let start = self.buffer.len();
+        rows.flatten().for_each(|value| self.buffer.extend(value.to_le_bytes()));
+        let kind = match N {
+            1 => "SCALAR",
+            3 => "VEC3",
+            _ => "VEC4",
+        };
+        let name = if name == "POSITION" { name.to_owned() } else { format!("{EXTENSION}:{name}") };
+        let number = self.accessors.len();
+        self.attributes.insert(name, json!(number));
+        self.accessors.push(json!({ "bufferView": number, "componentType": FLOAT, "count": self.count, "type": kind }));
+        self.views.push(json!({ "buffer": 0, "byteOffset": start, "byteLength": self.buffer.len() - start }));
+    }
+}
+
+/// A `.glb` of two chunks, each filled up to a multiple of four bytes.
+fn binary(path: &Path, json: &Value, buffer: &[u8]) -> Result<Vec<u8>, Error> {
+    let mut text = json.to_string().into_bytes();
+    text.resize(text.len().next_multiple_of(4), b' ');
+    let total = 12 + 8 + text.len() + 8 + buffer.len().next_multiple_of(4);
+    let total = u32::try_from(total).map_err(|_| Error::Unsupported {
+        path: path.to_owned(),
+        what: format!("a .glb of {total} bytes, more than its 32-bit lengths hold,"),
+        mend: "write a PLY or an SPZ",
+    })?;
+    let mut file = GLB_MAGIC.to_vec();
+    file.extend([GLB_VERSION, total].map(u32::to_le_bytes).concat());
+    file.extend([(text.len() as u32).to_le_bytes(), JSON_CHUNK].concat());
+    file.extend(text);
+    file.extend([(buffer.len().next_multiple_of(4) as u32).to_le_bytes(), BINARY_CHUNK].concat());
+    file.extend(buffer);
+    file.resize(file.len().next_multiple_of(4), 0);
+    Ok(file)
+}
+
+/// A file name as a uri.
+fn percent_encoded(name: &str) -> String {
+    let mut uri = Vec::new();
+    for byte in name.bytes() {
+        match byte {
+            b'a'..=b'z' | b'A'..=b'Z' | b'0'..=b'9' | b'-' | b'_' | b'.' | b'~' => uri.push(byte),
+            // Writing to a vector cannot fail.
+            other => _ = write!(uri, "%{other:02X}"),
+        }
+    }
+    String::from_utf8_lossy(&uri).into_owned()
+}

@@ -1,0 +1,307 @@
+//! 3D scenes on disk, in the formats that the field exchanges them in.
+//!
+//! | format | read | written | keeps |
+//! |---|---|---|---|
+//! | 3DGS PLY: text, binary of either byte order | any degree up to 4 (3 kept) | binary little endian | everything, bit for bit, but infinite logits |
+//! | PlayCanvas compressed PLY | yes | – | 16 bytes a Gaussian, and one for each higher coefficient |
+//! | `.splat` | yes | yes | means and scales; degree 0 only, colours, opacities and rotations to 8 bits |
+//! | SPZ | versions 2, 3, 4 | versions 4, 3 | all degrees, everything rounded |
+//! | glTF `KHR_gaussian_splatting`, `.gltf` and `.glb` | yes, nodes applied | yes | means and harmonics bit for bit, the others to rounding |
+//!
+//! World axes are those of the data sets that scenes are trained on, COLMAP's: x right, y down, z forward. PLY and `.splat` have them
+//! by custom; SPZ (right, up, back) and glTF (left, up, forward) are turned on the way in and out.
+
+mod conversion_loss;
+mod flips;
+mod foreign;
+mod gltf;
+pub(crate) mod ply;
+mod quantity;
+mod sh_degree;
+mod sh_rotation;
+mod source;
+mod splat;
+mod spz;
+mod trained_with;
+mod transform;
+mod unit;
+
+use std::{
+    fmt,
+    path::{Path, PathBuf},
+};
+
+use glam::Vec3;
+use gs_core::{Scene, Scene3d, examination::Examinable};
+
+pub use self::{
+    conversion_loss::ConversionLoss,
+    gltf::GltfBuffer,
+    spz::{SpzOptions, SpzVersion},
+    trained_with::TrainedWith,
+};
+use self::{gltf::GltfFile, quantity::finite_logit, source::Source, unit::UnitRotations};
+use crate::{
+    atomic::{open, write_durably},
+    container::read_exactly,
+    error::Error,
+};
+
+/// The zeroth spherical harmonic, ½ √(1/π): colour = ½ + SH_0 · coefficient.
+pub(crate) const SH_0: f32 = 0.282_094_79;
+
+/// As much of a file as its kind is told by.
+const START_BYTES: usize = 64;
+
+/// A kind of file.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[non_exhaustive]
+pub enum Format3d {
+    /// 3DGS PLY.
+    Ply,
+    /// PlayCanvas compressed PLY. As what to read, it is the same as [`Self::Ply`]: the header tells.
+    CompressedPly,
+    /// `.splat`.
+    Splat,
+    /// SPZ.
+    Spz,
+    /// `.gltf`.
+    Gltf,
+    /// `.glb`. As what to read, it is the same as [`Self::Gltf`]: the first bytes tell.
+    Glb,
+    /// A checkpoint of a training, which [`read_checkpoint`](crate::read_checkpoint) reads, and no function of this module.
+    Checkpoint,
+}
+
+impl fmt::Display for Format3d {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Ply => "3DGS PLY",
+            Self::CompressedPly => "compressed PLY",
+            Self::Splat => ".splat",
+            Self::Spz => "SPZ",
+            Self::Gltf => "glTF",
+            Self::Glb => "binary glTF",
+            Self::Checkpoint => "checkpoint",
+        })
+    }
+}
+
+impl Format3d {
+    /// The kind of a file by its first bytes and, where they say nothing, by the ending of its name; `None` for another kind.
+    pub fn recognise(start: &[u8], path: &Path) -> Option<Self> {
+        let has_ending = |ending: &str| path.extension().is_some_and(|e| e.eq_ignore_ascii_case(ending));
+        if start.starts_with(b"ply\n") || start.starts_with(b"ply\r\n") {
+            Some(Self::Ply)
+        } else if start.starts_with(b"NGSP") || start.starts_with(&[0x1f, 0x8b, 8]) {
+            Some(Self::Spz)
+        } else if gltf::recognises(start) {
+            Some(if start.starts_with(b"glTF") { Self::Glb } else { Self::Gltf })
+        } else if has_ending("splat") {
+            Some(Self::Splat)
+        } else {
+            None
+        }
+    }
+
+    /// The kind of a file that is to be written, by the ending of its name; `None` where there is no such kind.
+    pub fn to_write(path: &Path) -> Option<Self> {
+        let name = path.file_name()?.to_string_lossy().to_lowercase();
+        let kinds = [
+            (".ply", Self::Ply),
+            (".splat", Self::Splat),
+            (".spz", Self::Spz),
+            (".gltf", Self::Gltf),
+            (".glb", Self::Glb),
+        ];
+        kinds.into_iter().find(|(ending, _)| name.ends_with(ending) && !name.ends_with(".compressed.ply")).map(|k| k.1)
+    }
+
+    fn what(self) -> &'static str {
+        match self {
+            Self::Ply | Self::CompressedPly => "a PLY of Gaussians",
+            Self::Splat => "a .splat file",
+            Self::Spz => "an SPZ file",
+            Self::Gltf | Self::Glb => "a glTF of Gaussians",
+            Self::Checkpoint => "a checkpoint",
+        }
+    }
+}
+
+/// A scene that was read.
+#[derive(Debug, Clone, PartialEq)]
+pub struct File3d {
+    /// The Gaussians.
+    pub scene: Scene3d,
+    /// What the file was.
+    pub format: Format3d,
+    /// Size of the file, with those beside it that it refers to, bytes.
+    pub bytes: u64,
+    /// What of the file is not in the scene.
+    pub losses: Vec<ConversionLoss>,
+    /// How the scene was trained, as far as the file says.
+    pub trained_with: TrainedWith,
+    /// Of a flat scene that shows a picture ([`write_ply`](crate::write_ply)): the picture's columns and rows, px.
+    pub picture: Option<(u32, u32)>,
+}
+
+/// The kind of scene that a file holds, by its content; `None` where it is none of these.
+///
+/// # Errors
+/// [`Error::Missing`], [`Error::NotAFile`] or [`Error::Read`]; [`Error::ForeignScene`] for a known kind that is not read.
+pub fn format_3d(path: impl AsRef<Path>) -> Result<Option<Format3d>, Error> {
+    let path = path.as_ref();
+    let (mut file, metadata) = open(path, WANTED)?;
+    let start = read_exactly(&mut file, metadata.len().min(START_BYTES as u64)).map_err(|e| Error::read(path, e))?;
+    match Format3d::recognise(&start, path) {
+        Some(format) => Ok(Some(format)),
+        None => foreign::refusal(&start, path).map_or(Ok(None), Err),
+    }
+}
+
+/// Reads a scene of any kind, told by content first and ending second; every value is checked. Scales of 0, which no scene can hold, are
+/// raised ([`ConversionLoss::ZeroScales`]), and infinite opacity logits made finite ([`ConversionLoss::InfiniteLogits`]).
+///
+/// # Errors
+/// Those of [`read_3d_unchecked`]; [`Error::Content`] for the first other value that is NaN or infinite.
+pub fn read_3d(path: impl AsRef<Path>) -> Result<File3d, Error> {
+    let path = path.as_ref();
+    let mut file = read_3d_unchecked(path)?;
+    file.losses.extend(raise_zero_scales(&mut file.scene));
+    file.losses.extend(infinite_logits(&file.scene));
+    file.scene.opacity_logits.iter_mut().for_each(|logit| *logit = finite_logit(*logit));
+    file.scene.validate().map_err(Error::content(path))?;
+    Ok(file)
+}
+
+fn raise_zero_scales(scene: &mut Scene3d) -> Option<ConversionLoss> {
+    let is_zero = |scales: &Vec3| scales.to_array().contains(&f32::NEG_INFINITY);
+    let zero: Vec<usize> = (0..scene.len()).filter(|&index| is_zero(&scene.log_scales[index])).collect();
+    zero.iter().for_each(|&index| scene.widen(index));
+    (!zero.is_empty()).then_some(ConversionLoss::ZeroScales { gaussians: zero.len() })
+}
+
+fn infinite_logits(scene: &Scene3d) -> Option<ConversionLoss> {
+    let gaussians = scene.opacity_logits.iter().filter(|logit| logit.is_infinite()).count();
+    (gaussians > 0).then_some(ConversionLoss::InfiniteLogits { gaussians })
+}
+
+/// As [`read_3d`], but values may be NaN or infinite, ln-scales −∞ among them: for those who look into a broken scene, or mend it.
+///
+/// # Errors
+/// [`Error::Missing`], [`Error::NotAFile`] or [`Error::Read`]; [`Error::ForeignScene`] or [`Error::NotA3dScene`] for another kind
+/// of file; those of [`decode_3d`].
+pub fn read_3d_unchecked(path: impl AsRef<Path>) -> Result<File3d, Error> {
+    let path = path.as_ref();
+    let (mut file, metadata) = open(path, WANTED)?;
+    let bytes = read_exactly(&mut file, metadata.len()).map_err(|source| Error::read(path, source))?;
+    let start = &bytes[..bytes.len().min(START_BYTES)];
+    let Some(format) = Format3d::recognise(start, path) else {
+        let unknown = || Error::NotA3dScene { path: path.to_owned(), found: Error::found(start) };
+        return Err(foreign::refusal(start, path).unwrap_or_else(unknown));
+    };
+    decode_3d(format, &bytes, path)
+}
+
+/// Makes a scene of a file's bytes; values may be NaN or infinite. `path` is what errors name, and where a glTF's buffers are looked
+/// for. Memory is taken only for what the bytes justify.
+///
+/// # Errors
+/// [`Error::Damaged`] for bytes that are not what their kind prescribes, [`Error::TooNew`], [`Error::MissingProperties`],
+/// [`Error::Unsupported`] for what is right but not read, [`Error::Expansion`] for a bomb, [`Error::Empty`] for no Gaussians,
+/// [`Error::NotA3dScene`] for a glTF of something else; for a glTF's buffer those of opening it.
+pub fn decode_3d(format: Format3d, bytes: &[u8], path: &Path) -> Result<File3d, Error> {
+    let source = Source { path, what: format.what(), bytes };
+    let mut size = bytes.len() as u64;
+    let mut picture = None;
+    let (scene, format, losses, trained_with) = match format {
+        Format3d::Ply | Format3d::CompressedPly => {
+            let read = ply::read(&source)?;
+            picture = read.picture;
+            (read.scene, read.format, read.losses, read.trained_with)
+        }
+        Format3d::Splat => (splat::read(&source)?, format, Vec::new(), TrainedWith::default()),
+        Format3d::Spz => {
+            let (scene, losses, trained_with) = spz::read(&source)?;
+            (scene, format, losses, trained_with)
+        }
+        Format3d::Gltf | Format3d::Glb => {
+            let gltf::Read { scene, losses, trained_with, bytes_beside } = gltf::read(&source)?;
+            size = size.saturating_add(bytes_beside);
+            (scene, format, losses, trained_with)
+        }
+        Format3d::Checkpoint => {
+            let found = "a checkpoint".to_owned();
+            return Err(Error::NotA3dScene { path: path.to_owned(), found });
+        }
+    };
+    if scene.is_empty() {
+        return Err(Error::Empty { path: path.to_owned() });
+    }
+    Ok(File3d { scene, format, bytes: size, losses, trained_with, picture })
+}
+
+/// How scenes are written, by format, and what is said of them.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct WriteOptions3d {
+    /// How the scene was trained, which the file says where the format has room for it.
+    pub trained_with: TrainedWith,
+    /// Of SPZ.
+    pub spz: SpzOptions,
+    /// Of `.gltf`.
+    pub gltf_buffer: GltfBuffer,
+}
+
+/// What was written.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Written3d {
+    /// The kind of file.
+    pub format: Format3d,
+    /// What of the scene is not in it.
+    pub losses: Vec<ConversionLoss>,
+    /// The buffer beside a glTF, where that was asked for.
+    pub beside: Option<PathBuf>,
+}
+
+/// Writes a scene, atomically, in the format that the ending of the name says: `.ply`, `.splat`, `.spz`, `.gltf` or `.glb`. Infinite
+/// opacity logits are written as finite ones that draw the same.
+///
+/// # Errors
+/// [`Error::UnknownEnding`]; [`Error::Content`] where [`Scene3d::validate`](Scene::validate) fails, or a quaternion is too short
+/// to be a rotation and the format needs one; [`Error::Empty`]; [`Error::Unsupported`] for a scene too large for the format; those
+/// of [`write_durably`].
+pub fn write_3d(path: impl AsRef<Path>, scene: &Scene3d, options: &WriteOptions3d) -> Result<Written3d, Error> {
+    let path = path.as_ref();
+    let Some(format) = Format3d::to_write(path) else {
+        return Err(Error::UnknownEnding { path: path.to_owned() });
+    };
+    scene.validate().map_err(Error::content(path))?;
+    if scene.is_empty() {
+        return Err(Error::Empty { path: path.to_owned() });
+    }
+    if format == Format3d::Ply {
+        write_durably(path, |file| ply::write(scene, &options.trained_with.comments(), file))?;
+        let losses = infinite_logits(scene).into_iter().collect();
+        return Ok(Written3d { format, losses, beside: None });
+    }
+    let rotations = UnitRotations::new(scene, path)?;
+    let mut beside = None;
+    let (bytes, losses) = match format {
+        Format3d::Spz => spz::encode(path, scene, &rotations, options)?,
+        Format3d::Gltf | Format3d::Glb => {
+            let kind = if format == Format3d::Glb { GltfFile::Binary } else { GltfFile::Text(options.gltf_buffer) };
+            let encoded = gltf::encode(path, scene, &rotations, &options.trained_with, kind)?;
+            if let Some(buffer) = encoded.beside {
+                let name = path.with_extension("bin");
+                write_durably(&name, |file| file.write_all(&buffer))?;
+                beside = Some(name);
+            }
+            (encoded.file, encoded.losses)
+        }
+        _ => splat::encode(scene, &rotations, &options.trained_with),
+    };
+    write_durably(path, |file| file.write_all(&bytes))?;
+    Ok(Written3d { format, losses, beside })
+}
+
+const WANTED: &str = "a scene file";

@@ -1,0 +1,142 @@
+//! SPZ, Niantic's compressed format: versions 2 to 4 read, 4 and 3 written.
+//!
+//! A Gaussian takes 20 bytes (19 in version 2) and one for each coefficient of the spherical harmonics above degree 0; see
+//! [`quantum`]. They are stored by parameter: all positions, opacities, colours, scales, rotations, harmonics. Versions 2 and 3 are
+//! one gzip stream; version 4 has a header in the clear, and a zstd stream for each parameter; see [`container`].
+//!
+//! *Source:* nianticlabs/spz, README and pull requests 73 (version 4) and 77 (extensions); its axes are right, up, back.
+
+mod container;
+mod quantum;
+
+use std::path::Path;
+
+use glam::DAffine3;
+use gs_core::{Scene, Scene3d};
+
+use self::{
+    container::{Extension, Head, Streams},
+    quantum::FractionalBits,
+};
+use super::{
+    TrainedWith, WriteOptions3d,
+    conversion_loss::ConversionLoss,
+    flips::Flips,
+    sh_degree::{MAX_DEGREE, rest_of_degree},
+    source::Source,
+    transform,
+    unit::UnitRotations,
+};
+use crate::error::Error;
+
+/// A version of SPZ that can be written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum SpzVersion {
+    /// One gzip stream: for readers older than 2026.
+    V3,
+    /// A zstd stream for each parameter: smaller, and faster to read.
+    #[default]
+    V4,
+}
+
+/// How an SPZ is written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct SpzOptions {
+    /// The version.
+    pub version: SpzVersion,
+    /// Bits kept of coefficients of degree 1, 1 to 8. Fewer compress better.
+    pub degree_1_bits: u8,
+    /// Bits kept of coefficients of higher degrees, 1 to 8.
+    pub higher_degree_bits: u8,
+}
+
+impl Default for SpzOptions {
+    /// Version 4, and 5 and 4 bits, as Niantic's library has it.
+    fn default() -> Self {
+        Self { version: SpzVersion::default(), degree_1_bits: 5, higher_degree_bits: 4 }
+    }
+}
+
+/// The axes that files have which do not say otherwise: right, up, back.
+const AXES: Flips = Flips::new([1.0, -1.0, -1.0]);
+
+/// Reads a scene, what of it was not kept, and how it was trained.
+pub(crate) fn read(source: &Source<'_>) -> Result<(Scene3d, Vec<ConversionLoss>, TrainedWith), Error> {
+    let packed = container::read(source)?;
+    let head = packed.head;
+    let streams = packed.streams();
+    let degree = head.degree.min(MAX_DEGREE);
+    let mut scene = Scene3d { sh_degree: degree, ..Scene3d::default() };
+    scene.means = streams.positions.as_chunks::<9>().0.iter().map(|p| quantum::position(p, head.fraction)).collect();
+    scene.opacity_logits = streams.opacities.iter().map(|&byte| quantum::opacity_logit(byte)).collect();
+    scene.log_scales = streams.scales.as_chunks::<3>().0.iter().map(|s| s.map(quantum::log_scale).into()).collect();
+    scene.rotations = match head.version {
+        2 => streams.rotations.as_chunks::<3>().0.iter().map(|&q| quantum::rotation_of_three(q)).collect(),
+        _ => streams.rotations.as_chunks::<4>().0.iter().map(|&q| quantum::rotation_of_smallest(q)).collect(),
+    };
+    let per_gaussian = rest_of_degree(head.degree);
+    let kept = rest_of_degree(degree);
+    scene.sh.reserve_exact(streams.colors.len() / 3 * scene.sh_len());
+    for (i, color) in streams.colors.as_chunks::<3>().0.iter().enumerate() {
+        scene.sh.push(color.map(quantum::color).into());
+        let rest = &streams.harmonics[i * per_gaussian..][..kept];
+        scene.sh.extend(rest.as_chunks::<3>().0.iter().map(|c| glam::Vec3::from(c.map(quantum::harmonic))));
+    }
+    match packed.extensions.iter().find_map(Extension::axes) {
+        None => AXES.apply(&mut scene),
+        Some(axes) => _ = transform::apply(&mut scene, &DAffine3::from_mat3(axes)),
+    }
+    let cut = degree < head.degree;
+    let losses = if cut { vec![ConversionLoss::Sh { from: head.degree, to: degree }] } else { Vec::new() };
+    Ok((scene, losses, TrainedWith::of_spz_flag(head.antialiased)))
+}
+
+/// Makes the file's bytes.
+pub(crate) fn encode(
+    path: &Path,
+    scene: &Scene3d,
+    rotations: &UnitRotations<'_>,
+    options: &WriteOptions3d,
+) -> Result<(Vec<u8>, Vec<ConversionLoss>), Error> {
+    let WriteOptions3d { spz: options, trained_with, .. } = *options;
+    let check = |bits: u8, what| match bits {
+        1..=8 => Ok(()),
+        _ => Err(Error::content(path)(gs_core::Error::setting(what, bits, "1 to 8"))),
+    };
+    check(options.degree_1_bits, "the number of bits of SH degree 1")?;
+    check(options.higher_degree_bits, "the number of bits of higher SH degrees")?;
+    let count = u32::try_from(scene.len()).map_err(|_| Error::Unsupported {
+        path: path.to_owned(),
+        what: format!("an SPZ of {} Gaussians", scene.len()),
+        mend: "write a PLY",
+    })?;
+    let fraction = FractionalBits::for_means(&scene.means).ok_or_else(|| Error::Unsupported {
+        path: path.to_owned(),
+        what: "a mean farther than 8,388,607 units from the origin along an axis".to_owned(),
+        mend: "scale the scene, remove such Gaussians, or write a PLY",
+    })?;
+    let mut packing = quantum::Packing::new(options, fraction);
+    let rest = scene.sh_len() - 1;
+    let mut streams = Streams::<Vec<u8>>::default();
+    for i in 0..scene.len() {
+        streams.positions.extend(packing.position(AXES.mean(scene.means[i])));
+        streams.opacities.push(packing.opacity(scene.opacity_logits[i]));
+        streams.scales.extend(packing.log_scale(scene.log_scales[i]));
+        streams.rotations.extend(packing.rotation(AXES.rotation(rotations.get(i))));
+        let coefficients = &scene.sh[i * scene.sh_len()..][..rest + 1];
+        streams.colors.extend(packing.color(coefficients[0]));
+        for (k, &c) in coefficients.iter().enumerate().skip(1) {
+            streams.harmonics.extend(packing.harmonic(k, c * AXES.sign_of_coefficient(k)));
+        }
+    }
+    let version = match options.version {
+        SpzVersion::V3 => 3,
+        SpzVersion::V4 => 4,
+    };
+    let antialiased = trained_with.spz_flag();
+    let head = Head { version, count, degree: scene.sh_degree, fraction, antialiased };
+    let bytes = container::write(&head, &streams).map_err(|source| Error::write(path, source))?;
+    let mut losses = packing.losses(scene.sh_degree, rotations);
+    losses.extend(trained_with.lost(&TrainedWith::of_spz_flag(antialiased)));
+    Ok((bytes, losses))
+}

@@ -1,0 +1,251 @@
+//! What SPZ makes of each number, and back.
+//!
+//! | parameter | bytes | stored |
+//! |---|---|---|
+//! | mean | 3 × 3 | signed fixed point; how many bits are the fraction, the head says |
+//! | opacity | 1 | 0 to 255 for 0 to 1; see `quantity` for the ends |
+//! | colour | 3 | 255 (½ + 0.15 c) of the coefficient c of degree 0, so that colours may lie somewhat outside 0..1 |
+//! | scale | 3 | 16 (logarithm + 10) |
+//! | rotation | 4 | the number of the largest of x, y, z, w in 2 bits; sign and 9 bits of each other's magnitude, over √½ |
+//! | | 3 | in version 2: x, y, z as 127.5 (v + 1), w ≥ 0 |
+//! | harmonics | 1 each | 128 + 128 c, rounded to multiples when written |
+
+use std::f32::consts::FRAC_1_SQRT_2;
+
+use glam::Vec3;
+
+use super::SpzOptions;
+use crate::scene3d::{
+    conversion_loss::{Clamp, ConversionLoss},
+    quantity::{byte_of_logit, logit_of_step},
+    unit::UnitRotations,
+};
+
+/// What a coefficient of degree 0 is multiplied by; that for colours would be 0.282.
+const COLOR_SCALE: f32 = 0.15;
+
+/// The largest magnitude of the nine bits of a quaternion's part.
+const PART_MAX: u32 = 511;
+
+/// How many bits of a mean are fraction.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct FractionalBits(u8);
+
+impl FractionalBits {
+    /// What other writers use always: steps of a quarter of a millimetre where units are metres.
+    const USUAL: u8 = 12;
+
+    /// Of a file; `None` for more bits than there are.
+    pub(super) fn new(bits: u8) -> Option<Self> {
+        (bits <= 23).then_some(Self(bits))
+    }
+
+    /// As many as leave room for these means, 12 at most; `None` where not even whole units fit.
+    pub(super) fn for_means(means: &[Vec3]) -> Option<Self> {
+        let farthest = means.iter().fold(0.0, |far: f32, m| far.max(m.abs().max_element()));
+        let fits = |bits: u8| (f64::from(farthest) * f64::from(1_u32 << bits)).round() <= f64::from((1 << 23) - 1);
+        (0..=Self::USUAL).rev().find(|&bits| fits(bits)).map(Self)
+    }
+
+    /// The number.
+    pub(super) fn get(self) -> u8 {
+        self.0
+    }
+
+    fn per_unit(self) -> f32 {
+        (1_u32 << self.0) as f32
+    }
+}
+
+pub(super) fn position(bytes: &[u8; 9], fraction: FractionalBits) -> Vec3 {
+    let value = |k: usize| {
+        // The sign is that of the top byte of four.
+        let bits = i32::from_le_bytes([0, bytes[k], bytes[k + 1], bytes[k + 2]]) >> 8;
+        bits as f32 / fraction.per_unit()
+    };
+    Vec3::new(value(0), value(3), value(6))
+}
+
+pub(super) fn opacity_logit(byte: u8) -> f32 {
+    logit_of_step(byte.into(), 255)
+}
+
+pub(super) fn log_scale(byte: u8) -> f32 {
+    f32::from(byte) / 16.0 - 10.0
+}
+
+pub(super) fn color(byte: u8) -> f32 {
+    (f32::from(byte) / 255.0 - 0.5) / COLOR_SCALE
+}
+
+pub(super) fn harmonic(byte: u8) -> f32 {
+    (f32::from(byte) - 128.0) / 128.0
+}
+
+/// (w, x, y, z) of version 2.
+pub(super) fn rotation_of_three(bytes: [u8; 3]) -> [f32; 4] {
+    let [x, y, z] = bytes.map(|byte| f32::from(byte) / 127.5 - 1.0);
+    [(1.0 - (x * x + y * y + z * z)).max(0.0).sqrt(), x, y, z]
+}
+
+/// (w, x, y, z) of versions 3 and 4.
+pub(super) fn rotation_of_smallest(bytes: [u8; 4]) -> [f32; 4] {
+    let mut bits = u32::from_le_bytes(bytes);
+    let largest = (bits >> 30) as usize;
+    let mut xyzw = [0.0_f32; 4];
+    for k in (0..4).rev().filter(|&k| k != largest) {
+        let magnitude = (bits & PART_MAX) as f32 / PART_MAX as f32 * FRAC_1_SQRT_2;
+        xyzw[k] = if bits >> 9 & 1 == 1 { -magnitude } else { magnitude };
+        bits >>= 10;
+    }
+    xyzw[largest] = (1.0 - xyzw.iter().map(|v| v * v).sum::<f32>()).max(0.0).sqrt();
+    let [x, y, z, w] = xyzw;
+    [w, x, y, z]
+}
+
+/// Rounds numbers to what is stored, and counts what does not fit.
+#[derive(Debug)]
+pub(super) struct Packing {
+    options: SpzOptions,
+    fraction: FractionalBits,
+    colors: Clamp,
+    log_scales: Clamp,
+    harmonics: Clamp,
+}
+
+impl Packing {
+    pub(super) fn new(options: SpzOptions, fraction: FractionalBits) -> Self {
+        let color_end = 0.5 / COLOR_SCALE;
+        Self {
+            options,
+            fraction,
+            colors: Clamp::new("coefficients of degree 0", -color_end, color_end, 0.5 / 255.0 / COLOR_SCALE),
+            log_scales: Clamp::new("log-scales", -10.0, 255.0 / 16.0 - 10.0, 0.5 / 16.0),
+            harmonics: Clamp::new("coefficients above degree 0", -1.0, 1.0, 0.0),
+        }
+    }
+
+    pub(super) fn position(&mut self, mean: Vec3) -> [u8; 9] {
+        let per_unit = f64::from(self.fraction.per_unit());
+        let [x, y, z] = mean.to_array().map(|v| ((f64::from(v) * per_unit).round() as i32).to_le_bytes());
+        [x[0], x[1], x[2], y[0], y[1], y[2], z[0], z[1], z[2]]
+    }
+
+    pub(super) fn opacity(&self, logit: f32) -> u8 {
+        byte_of_logit(logit)
+    }
+
+    pub(super) fn log_scale(&mut self, log: Vec3) -> [u8; 3] {
+        log.to_array().map(|v| ((self.log_scales.apply(v) + 10.0) * 16.0).round() as u8)
+    }
+
+    pub(super) fn color(&mut self, dc: Vec3) -> [u8; 3] {
+        dc.to_array().map(|v| ((self.colors.apply(v) * COLOR_SCALE + 0.5) * 255.0).round() as u8)
+    }
+
+    /// Coefficient `k` of the degrees above 0, k ≥ 1; to the nearest multiple of the step, of which 128 (0) is one.
+    pub(super) fn harmonic(&mut self, k: usize, c: Vec3) -> [u8; 3] {
+        let bits = if k < 4 { self.options.degree_1_bits } else { self.options.higher_degree_bits };
+        let step = (1_u32 << (8 - bits)) as f32;
+        // A saturating cast: what rounds up to 256 becomes 255.
+        c.to_array().map(|v| ((self.harmonics.apply(v) * 128.0 / step).round() * step + 128.0) as u8)
+    }
+
+    /// A quaternion (w, x, y, z) of unit length. q and −q are the same rotation: the largest part becomes positive.
+    pub(super) fn rotation(&self, [w, x, y, z]: [f32; 4]) -> [u8; 4] {
+        let xyzw = [x, y, z, w];
+        let largest = (0..4).fold(0, |best, k| if xyzw[k].abs() > xyzw[best].abs() { k } else { best });
+        let mut bits = largest as u32;
+        for k in (0..4).filter(|&k| k != largest) {
+            let negative = (xyzw[k] < 0.0) != (xyzw[largest] < 0.0);
+            let magnitude = (xyzw[k].abs() / FRAC_1_SQRT_2 * PART_MAX as f32).round() as u32;
+            bits = bits << 10 | u32::from(negative) << 9 | magnitude.min(PART_MAX);
+        }
+        bits.to_le_bytes()
+    }
+
+    pub(super) fn losses(&self, degree: u8, rotations: &UnitRotations<'_>) -> Vec<ConversionLoss> {
+        let rounded = |what, to: String| ConversionLoss::Rounded { what, to };
+        let mut losses = vec![
+            rounded("means", format!("{} units", 1.0 / self.fraction.per_unit())),
+            rounded("log-scales", "sixteenths".to_owned()),
+            rounded("colours and opacities", "8 bits".to_owned()),
+            rounded("the parts of quaternions", "10 bits".to_owned()),
+        ];
+        let bits = |bits: u8| format!("{bits} bits");
+        if degree > 0 {
+            losses.push(rounded("coefficients of degree 1", bits(self.options.degree_1_bits)));
+        }
+        if degree > 1 {
+            losses.push(rounded("coefficients of higher degrees", bits(self.options.higher_degree_bits)));
+        }
+        losses.extend([&self.log_scales, &self.colors, &self.harmonics].into_iter().filter_map(Clamp::loss));
+        if !rotations.all_unit() {
+            losses.push(ConversionLoss::QuaternionLengths);
+        }
+        losses
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn packing(means: &[Vec3]) -> Packing {
+        Packing::new(SpzOptions::default(), FractionalBits::for_means(means).unwrap())
+    }
+
+    #[test]
+    fn numbers_come_back_to_half_a_step() {
+        let mean = Vec3::new(-1.23456, 1999.9, 0.000_01);
+        let mut packing = packing(&[mean]);
+        assert!(
+            (position(&packing.position(mean), packing.fraction) - mean).abs().max_element() <= 0.5 / 4096.0 + 1e-4
+        );
+        for v in [-10.0, -3.21, 0.0, 5.9375] {
+            assert!((log_scale(packing.log_scale(Vec3::splat(v))[0]) - v).abs() <= 0.5 / 16.0);
+        }
+        for v in [-3.3, -0.4, 0.0, 1.7, 3.3] {
+            assert!((color(packing.color(Vec3::splat(v))[1]) - v).abs() <= 0.501 / 255.0 / COLOR_SCALE);
+        }
+        for (k, step) in [(1, 8.0), (3, 8.0), (4, 16.0), (15, 16.0)] {
+            for v in [-1.0, -0.61, 0.0, 0.03, 0.9] {
+                assert!((harmonic(packing.harmonic(k, Vec3::splat(v))[2]) - v).abs() <= 0.5 * step / 128.0, "{k} {v}");
+            }
+        }
+        assert_eq!(packing.losses(3, &UnitRotations::new(&Default::default(), "".as_ref()).unwrap()).len(), 6);
+    }
+
+    #[test]
+    fn rotations_come_back_up_to_their_sign() {
+        let half = [0.5_f32, -0.5, 0.5, -0.5];
+        for q in [[1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.6, -0.8], half, [-0.8, 0.36, 0.48, 0.0]] {
+            let back = rotation_of_smallest(packing(&[]).rotation(q));
+            let cosine: f32 = q.iter().zip(back).map(|(a, b)| a * b).sum();
+            assert!(cosine.abs() > 0.999_99, "{q:?} {back:?}");
+        }
+        let half_turn = rotation_of_three([255, 128, 127]);
+        assert!(half_turn[1] == 1.0 && half_turn[0] < 0.01, "{half_turn:?}");
+    }
+
+    #[test]
+    fn large_scenes_get_fewer_fractional_bits_and_too_large_ones_none() {
+        let bits = |x| FractionalBits::for_means(&[Vec3::X * x]).map(FractionalBits::get);
+        assert_eq!(
+            [bits(2047.9), bits(2048.0), bits(8e6), bits(8_388_607.0), bits(8_388_608.0)],
+            [Some(12), Some(11), Some(0), Some(0), None]
+        );
+        assert_eq!(FractionalBits::new(24), None);
+    }
+
+    #[test]
+    fn what_does_not_fit_is_counted() {
+        let mut packing = packing(&[]);
+        packing.log_scale(Vec3::new(-11.0, 0.0, 7.0));
+        packing.color(Vec3::new(4.0, 0.0, 0.0));
+        let losses = packing.losses(0, &UnitRotations::new(&Default::default(), "".as_ref()).unwrap());
+        let clamped =
+            |values| losses.iter().any(|l| matches!(l, ConversionLoss::Clamped { values: v, .. } if *v == values));
+        assert!(clamped(2) && clamped(1), "{losses:?}");
+    }
+}

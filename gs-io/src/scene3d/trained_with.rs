@@ -1,0 +1,140 @@
+//! How a scene was trained, as far as its file says: what a renderer must do to show it as it looked in training.
+//!
+//! | format | antialiasing | order of blending |
+//! |---|---|---|
+//! | PLY, compressed PLY | comment `gs antialias: NAME`; read as well: `SplatRenderMode: mip` or `default` (Brush, PlayCanvas), `antialiased 1` or `0` (Postshot) | comment `gs order: NAME` |
+//! | SPZ | flag 1 | – |
+//! | glTF | `extras.gs.antialias` of the primitive | `extras.gs.order` of the primitive |
+//! | `.splat` | – | – |
+//!
+//! SPZ's flag is documented as "antialiased mode (mip splatting)", so it is read as [`Antialias::Mip`]; a file without it is meant for
+//! the ordinary rendering of 3DGS, [`Antialias::Dilate`].
+
+use gs_core::effects::{Antialias, Order};
+use serde_json::{Value, json};
+
+use super::conversion_loss::ConversionLoss;
+
+/// What PLY comments of ours begin with, and the key of a glTF's extras.
+const OURS: &str = "gs";
+
+/// How a scene was trained; `None` where that is not known.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct TrainedWith {
+    /// The treatment of Gaussians narrower than a pixel.
+    pub antialias: Option<Antialias>,
+    /// The order of blending.
+    pub order: Option<Order>,
+}
+
+impl TrainedWith {
+    /// What other viewers assume of a file that says nothing: the rendering of 3DGS.
+    const USUAL: (Antialias, Order) = (Antialias::Dilate, Order::Global);
+
+    /// The lines of comment that say so in a PLY. Brush and PlayCanvas know `mip` and `default` alone, so what scales opacities is `mip`.
+    pub(crate) fn comments(&self) -> Vec<String> {
+        let mode = self.antialias.and_then(|antialias| match antialias {
+            Antialias::None => None,
+            Antialias::Dilate => Some("SplatRenderMode: default".to_owned()),
+            Antialias::Mip | Antialias::Compensated => Some("SplatRenderMode: mip".to_owned()),
+        });
+        let antialias = self.antialias.map(|antialias| format!("{OURS} antialias: {}", antialias.name()));
+        let order = self.order.map(|order| format!("{OURS} order: {}", order.name()));
+        mode.into_iter().chain(antialias).chain(order).collect()
+    }
+
+    /// From the comments of a PLY. Ours count before those of other programs, which say less; of several alike, the last counts.
+    pub(crate) fn of_comments<'a>(comments: impl IntoIterator<Item = &'a str>) -> Self {
+        let (mut ours, mut others) = (Self::default(), None);
+        for comment in comments {
+            let comment = comment.to_lowercase();
+            match comment.split_ascii_whitespace().collect::<Vec<_>>().as_slice() {
+                [OURS, "antialias:", name] => ours.antialias = Antialias::named(name).or(ours.antialias),
+                [OURS, "order:", name] => ours.order = Order::named(name).or(ours.order),
+                ["splatrendermode:", "mip"] | ["antialiased", "1"] => others = Some(Antialias::Mip),
+                ["splatrendermode:", "default"] | ["antialiased", "0"] => others = Some(Antialias::Dilate),
+                _ => {}
+            }
+        }
+        Self { antialias: ours.antialias.or(others), ..ours }
+    }
+
+    /// What an SPZ's flag says.
+    pub(crate) fn of_spz_flag(antialiased: bool) -> Self {
+        Self { antialias: Some(if antialiased { Antialias::Mip } else { Antialias::Dilate }), order: None }
+    }
+
+    /// SPZ's flag.
+    pub(crate) fn spz_flag(&self) -> bool {
+        self.antialias.is_some_and(Antialias::compensates)
+    }
+
+    /// The extras of a glTF's primitive; `None` where there is nothing to say.
+    pub(crate) fn extras(&self) -> Option<Value> {
+        let mut said = serde_json::Map::new();
+        said.extend(self.antialias.map(|antialias| ("antialias".to_owned(), json!(antialias.name()))));
+        said.extend(self.order.map(|order| ("order".to_owned(), json!(order.name()))));
+        (!said.is_empty()).then(|| json!({ OURS: said }))
+    }
+
+    /// From the extras of a glTF's primitive, whatever they are.
+    pub(crate) fn of_extras(extras: &Value) -> Self {
+        let name = |key: &str| extras[OURS][key].as_str();
+        Self { antialias: name("antialias").and_then(Antialias::named), order: name("order").and_then(Order::named) }
+    }
+
+    /// What both say alike.
+    pub(crate) fn in_common(self, other: Self) -> Self {
+        Self {
+            antialias: self.antialias.filter(|_| self.antialias == other.antialias),
+            order: self.order.filter(|_| self.order == other.order),
+        }
+    }
+
+    /// What of it is lost where a file's reader will know `kept`, and take the usual for the rest.
+    pub(crate) fn lost(&self, kept: &Self) -> Option<ConversionLoss> {
+        let (antialias, order) = Self::USUAL;
+        let antialias = self.antialias.filter(|&known| known != kept.antialias.unwrap_or(antialias));
+        let order = self.order.filter(|&known| known != kept.order.unwrap_or(order));
+        (antialias.is_some() || order.is_some()).then_some(ConversionLoss::TrainedWith(Self { antialias, order }))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn comments_and_extras_say_what_was_said() {
+        let orders = [None, Some(Order::Global), Some(Order::PerPixel)];
+        let antialiases = Antialias::ALL.map(Some).into_iter().chain([None]);
+        for (antialias, order) in antialiases.flat_map(|antialias| orders.map(|order| (antialias, order))) {
+            let said = TrainedWith { antialias, order };
+            let comments = said.comments();
+            assert_eq!(TrainedWith::of_comments(comments.iter().map(String::as_str)), said);
+            assert_eq!(TrainedWith::of_extras(&said.extras().unwrap_or_default()), said);
+        }
+        assert_eq!(TrainedWith::of_extras(&json!([{ "gs": 3 }])), TrainedWith::default());
+    }
+
+    #[test]
+    fn comments_of_other_programs_are_understood() {
+        let read = |comments: &[&str]| TrainedWith::of_comments(comments.iter().copied()).antialias;
+        assert_eq!(read(&["Exported from Brush", "SplatRenderMode: mip"]), Some(Antialias::Mip));
+        assert_eq!(read(&["splatrendermode:  DEFAULT "]), Some(Antialias::Dilate));
+        assert_eq!(read(&["antialiased 0", "antialiased 1"]), Some(Antialias::Mip));
+        assert_eq!(read(&["gs antialias: compensated", "SplatRenderMode: default"]), Some(Antialias::Compensated));
+        assert_eq!(read(&["SplatRenderMode: 2dgs", "gs antialias: sparkling", "antialiased"]), None);
+    }
+
+    #[test]
+    fn what_a_reader_would_assume_anyway_is_not_lost() {
+        let lost = |antialias, order, kept: TrainedWith| TrainedWith { antialias: Some(antialias), order }.lost(&kept);
+        let nothing = TrainedWith::default();
+        assert_eq!(lost(Antialias::Dilate, Some(Order::Global), nothing), None);
+        assert_eq!(lost(Antialias::Mip, None, TrainedWith::of_spz_flag(true)), None);
+        let compensated = lost(Antialias::Compensated, Some(Order::PerPixel), TrainedWith::of_spz_flag(true));
+        let expected = TrainedWith { antialias: Some(Antialias::Compensated), order: Some(Order::PerPixel) };
+        assert_eq!(compensated, Some(ConversionLoss::TrainedWith(expected)));
+    }
+}

@@ -1,0 +1,171 @@
+//! Small scenes, and files of every kind made of them: by the writers, and by hand where there is no writer.
+
+use std::{fs, io::Write, path::Path};
+
+use flate2::{Compression, write::GzEncoder};
+use glam::Vec3;
+use gs_core::{Gaussian3d, Scene, Scene3d};
+use gs_io::{File3d, Format3d, SpzOptions, SpzVersion, WriteOptions3d, decode_3d, write_3d};
+
+/// A scene whose numbers all differ, its quaternions of unit length.
+pub(crate) fn scene(count: usize, sh_degree: u8) -> Scene3d {
+    let mut scene = Scene3d { sh_degree, ..Scene3d::default() };
+    for i in 0..count {
+        let t = i as f32;
+        let wave = |k: usize| (1.7 * t + 0.9 * k as f32).sin();
+        let length = (0..4).map(|k| wave(k).powi(2)).sum::<f32>().sqrt();
+        let gaussian = Gaussian3d {
+            mean: Vec3::new(3.0 * wave(1), t - 2.0, 0.25 * wave(2)),
+            log_scale: Vec3::new(-4.0 + wave(3), -2.5, 0.1 * t),
+            rotation: [0, 1, 2, 3].map(|k| wave(k) / length),
+            opacity_logit: [f32::INFINITY, 0.3 * t, f32::NEG_INFINITY][i % 3],
+            sh: (0..16).map(|k| Vec3::new(0.9 * wave(k), 0.5 * wave(2 * k), -0.01 * k as f32)).collect(),
+        };
+        scene.push(gaussian.with_degree(sh_degree));
+    }
+    scene
+}
+
+/// The bytes of the file that a writer makes.
+pub(crate) fn written(name: &str, scene: &Scene3d, options: &WriteOptions3d) -> Vec<u8> {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join(name);
+    write_3d(&path, scene, options).unwrap();
+    fs::read(path).unwrap()
+}
+
+pub(crate) fn spz(version: SpzVersion) -> WriteOptions3d {
+    WriteOptions3d { spz: SpzOptions { version, ..SpzOptions::default() }, ..WriteOptions3d::default() }
+}
+
+/// What a reader makes of bytes, told by their start and this name.
+pub(crate) fn read(bytes: &[u8], name: &str) -> Result<File3d, gs_io::Error> {
+    let path = Path::new(name);
+    let format = Format3d::recognise(&bytes[..bytes.len().min(64)], path).expect("a kind");
+    decode_3d(format, bytes, path)
+}
+
+/// A PLY of degree 1 in text, its properties in an order of their own, with others between and elements around.
+pub(crate) fn text_ply() -> Vec<u8> {
+    let mut text = "ply\nformat ascii 1.0\ncomment by hand\nelement camera 2\nproperty float fov\n\
+        property list uchar int seen\nelement vertex 2\n"
+        .to_owned();
+    let scalars = "opacity red x y z rot_0 rot_1 rot_2 rot_3 scale_0 scale_1 scale_2 f_dc_0 f_dc_1 f_dc_2";
+    let names = scalars.split(' ').map(str::to_owned).chain((0..9).map(|k| format!("f_rest_{k}")));
+    names.for_each(|name| text += &format!("property float {name}\n"));
+    text += "element face 1\nproperty list uchar int vertex_indices\nend_header\n0.5 2 7 8\n0.25 0\n";
+    text += "inf 255 1 2 3 1 0 0 0 -1 -2 -3 0.1 0.2 0.3 1 2 3 4 5 6 7 8 9\n";
+    text += "-1.5 255 4 5 6 0 1 0 0 -4 -5 -6 0.4 0.5 0.6 -1 -2 -3 -4 -5 -6 -7 -8 -9\n3 0 1 2\n";
+    text.into_bytes()
+}
+
+/// The scene that [`text_ply`] holds.
+pub(crate) fn text_ply_scene() -> Scene3d {
+    let mut scene = Scene3d { sh_degree: 1, ..Scene3d::default() };
+    for (i, sign) in [1.0, -1.0].into_iter().enumerate() {
+        let t = 3.0 * i as f32;
+        scene.push(Gaussian3d {
+            mean: Vec3::new(1.0 + t, 2.0 + t, 3.0 + t),
+            log_scale: -Vec3::new(1.0 + t, 2.0 + t, 3.0 + t),
+            rotation: [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0]][i],
+            opacity_logit: [f32::INFINITY, -1.5][i],
+            sh: vec![
+                [Vec3::new(0.1, 0.2, 0.3), Vec3::new(0.4, 0.5, 0.6)][i],
+                sign * Vec3::new(1.0, 4.0, 7.0),
+                sign * Vec3::new(2.0, 5.0, 8.0),
+                sign * Vec3::new(3.0, 6.0, 9.0),
+            ],
+        });
+    }
+    scene
+}
+
+/// The same scene in binary, of either byte order, as doubles; the list between the numbers of a row makes rows differ in length.
+pub(crate) fn binary_ply(order: &str) -> Vec<u8> {
+    let scene = text_ply_scene();
+    let mut bytes = format!("ply\r\nformat binary_{order}_endian 1.0\r\nelement vertex 2\r\n").into_bytes();
+    let scalars = "x y z opacity rot_0 rot_1 rot_2 rot_3 scale_0 scale_1 scale_2";
+    let names = scalars.split(' ').map(|name| format!("double {name}"));
+    let harmonics = (0..3).map(|k| format!("float f_dc_{k}")).chain((0..9).map(|k| format!("float f_rest_{k}")));
+    let list = ["list ushort short notes".to_owned()];
+    names.chain(list).chain(harmonics).for_each(|p| bytes.extend(format!("property {p}\r\n").into_bytes()));
+    bytes.extend(b"end_header\r\n");
+    let mut put = |part: &[u8]| match order {
+        "big" => bytes.extend(part.iter().rev()),
+        _ => bytes.extend(part),
+    };
+    for i in 0..2 {
+        let g = scene.gaussian(i);
+        let doubles =
+            [g.mean.to_array().to_vec(), vec![g.opacity_logit], g.rotation.to_vec(), g.log_scale.to_array().to_vec()];
+        doubles.concat().into_iter().for_each(|v| put(&f64::from(v).to_le_bytes()));
+        put(&(2 * i as u16 + 1).to_le_bytes());
+        (0..2 * i as i16 + 1).for_each(|v| put(&v.to_le_bytes()));
+        let rest = (0..3).flat_map(|channel| (1..4).map(move |k| (channel, k)));
+        g.sh[0].to_array().into_iter().for_each(|v| put(&v.to_le_bytes()));
+        rest.for_each(|(channel, k)| put(&g.sh[k][channel].to_le_bytes()));
+    }
+    bytes
+}
+
+/// A compressed PLY of three Gaussians at the ends and in the middle of their ranges, of degree 1.
+pub(crate) fn compressed_ply() -> Vec<u8> {
+    let mut bytes = b"ply\nformat binary_little_endian 1.0\nelement chunk 1\n".to_vec();
+    let ranges = "min_x min_y min_z max_x max_y max_z min_scale_x min_scale_y min_scale_z max_scale_x max_scale_y max_scale_z \
+        min_r min_g min_b max_r max_g max_b";
+    ranges.split_whitespace().for_each(|name| bytes.extend(format!("property float {name}\n").into_bytes()));
+    bytes.extend(b"element vertex 3\n");
+    let packed = ["packed_position", "packed_rotation", "packed_scale", "packed_color"];
+    packed.iter().for_each(|name| bytes.extend(format!("property uint {name}\n").into_bytes()));
+    bytes.extend(b"element sh 3\n");
+    (0..9).for_each(|k| bytes.extend(format!("property uchar f_rest_{k}\n").into_bytes()));
+    bytes.extend(b"end_header\n");
+    let chunk = [-1.0_f32, -2.0, -3.0, 1.0, 2.0, 3.0, -9.0, -8.0, -7.0, -3.0, -2.0, -1.0, 0.0, 0.1, 0.2, 1.0, 1.1, 1.2];
+    bytes.extend(chunk.iter().flat_map(|v| v.to_le_bytes()));
+    let identity = 512 << 20 | 512 << 10 | 512_u32;
+    for vertex in [
+        [0_u32, identity, 0, 0],
+        [u32::MAX, 3 << 30 | identity, u32::MAX, u32::MAX],
+        [1024 << 21, identity, 0, 0xff00_0080],
+    ] {
+        bytes.extend(vertex.iter().flat_map(|v| v.to_le_bytes()));
+    }
+    bytes.extend((0..27).map(|k| if k < 9 { 0 } else { 255 }));
+    bytes
+}
+
+/// An SPZ of version 2, which we do not write: one Gaussian at (1, −2, 3) of ours, turned by half a turn about x.
+pub(crate) fn spz_of_version_2() -> Vec<u8> {
+    let mut bytes = b"NGSP".to_vec();
+    bytes.extend([2_u32, 1].map(u32::to_le_bytes).concat());
+    bytes.extend([0, 8, 0, 0]);
+    for value in [1_i32, 2, -3] {
+        bytes.extend(&(256 * value).to_le_bytes()[..3]);
+    }
+    bytes.extend([255, 0, 128, 255, 160, 144, 128, 255, 128, 127]);
+    gzip(&bytes)
+}
+
+pub(crate) fn gzip(bytes: &[u8]) -> Vec<u8> {
+    let mut encoder = GzEncoder::new(Vec::new(), Compression::best());
+    encoder.write_all(bytes).unwrap();
+    encoder.finish().unwrap()
+}
+
+/// One small file of every kind and shape.
+pub(crate) fn corpus() -> Vec<(&'static str, Vec<u8>)> {
+    let (small, options) = (scene(3, 1), WriteOptions3d::default());
+    vec![
+        ("text.ply", text_ply()),
+        ("little.ply", binary_ply("little")),
+        ("big.ply", binary_ply("big")),
+        ("a.ply", written("a.ply", &small, &options)),
+        ("a.compressed.ply", compressed_ply()),
+        ("a.splat", written("a.splat", &small, &options)),
+        ("2.spz", spz_of_version_2()),
+        ("3.spz", written("a.spz", &small, &spz(SpzVersion::V3))),
+        ("4.spz", written("a.spz", &small, &options)),
+        ("a.gltf", written("a.gltf", &small, &options)),
+        ("a.glb", written("a.glb", &small, &options)),
+    ]
+}

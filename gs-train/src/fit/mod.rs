@@ -1,0 +1,57 @@
+//! A whole fit in one call.
+
+pub(crate) mod task;
+
+use gs_core::{Image, Rasterizer, Scene2d};
+
+use crate::{
+    error::Error,
+    observer::Observer,
+    settings::FitSettings,
+    summary::FitSummary,
+    trainer::{Outcome, Trainer},
+};
+
+/// What a fit yields.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Fit {
+    /// The Gaussians.
+    pub scene: Scene2d,
+    /// The scene rendered at the target's size, not clamped.
+    pub image: Image,
+    /// Cost and quality.
+    pub summary: FitSummary,
+    /// Whether all steps were done.
+    pub outcome: Outcome,
+}
+
+/// Fits 2D Gaussians to an image; `&mut ()` is the observer for who does not want to watch.
+///
+/// # Errors
+/// Those of [`Trainer::new`] and [`Trainer::run`].
+///
+/// # Examples
+/// ```
+/// use gs_cpu::{CpuRasterizer, CpuSettings};
+/// use gs_train::{FitSettings, MetricsLog, fit, paper_target};
+///
+/// let rasterizer = CpuRasterizer::new(CpuSettings::default())?;
+/// let settings = FitSettings { iterations: 20, ..FitSettings::quick(50) };
+/// let mut log = MetricsLog::new(5);
+/// let fit = fit(&rasterizer, &paper_target(), settings, &mut log)?;
+/// assert_eq!(fit.summary.gaussians, 50);
+/// assert!(log.rows().last().and_then(|row| row.psnr).is_some_and(|psnr| psnr > 15.0));
+/// # Ok::<(), gs_train::Error>(())
+/// ```
+pub fn fit<R: Rasterizer<Scene2d>>(
+    rasterizer: &R,
+    target: &Image,
+    settings: FitSettings,
+    observer: &mut dyn Observer,
+) -> Result<Fit, Error> {
+    let mut trainer = Trainer::new(rasterizer, target, settings)?;
+    let outcome = trainer.run(observer)?;
+    let (image, culled) = trainer.render()?;
+    let summary = FitSummary::new(&trainer, &image, culled)?;
+    Ok(Fit { scene: trainer.scene()?, image, summary, outcome })
+}

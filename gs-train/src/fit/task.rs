@@ -1,0 +1,337 @@
+//! A fit of 2D Gaussians to one image: the part of the loop that knows the image.
+
+use std::time::Instant;
+
+use gs_core::{
+    Blend, Canvas, Effects, Gaussian2d, Image, Loss, Parameterization, Rasterizer, RenderSettings, Scene, Scene2d,
+    TrainStep, effects::called_for::CallsForEffects, statistics::Culled,
+};
+use gs_density::{DensityPolicy, Residual};
+use gs_io::Checkpoint;
+
+use crate::{
+    checkpoint::{Record, fingerprint},
+    clamped::Clamped,
+    error::Error,
+    joining::{AntialiasJoin, Joined, Joins},
+    observer::Quality,
+    quality::l1_and_psnr,
+    recovery::Recovery,
+    rounds::Rounds,
+    settings::FitSettings,
+    summary::FitSummary,
+    task::{RunSettings, StepContext, Trainable, TrainingTask},
+    trainer::{Trainer, random},
+};
+
+/// The image to fit, where the backend computes and on the host.
+pub struct ImageTask<R: Rasterizer<Scene2d>> {
+    canvas: Canvas,
+    target: R::Target,
+    /// The target on the host, beside the rendering that a policy has asked for; outside of its round that is a single pixel.
+    residual: Residual,
+}
+
+impl<R: Rasterizer<Scene2d>> std::fmt::Debug for ImageTask<R> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("ImageTask").field("canvas", &self.canvas).finish_non_exhaustive()
+    }
+}
+
+impl Trainable for Scene2d {
+    type Settings = FitSettings;
+    type TrainingTask<R: Rasterizer<Self>> = ImageTask<R>;
+
+    fn parameters(g: &Gaussian2d) -> Vec<(&'static str, Vec<f32>)> {
+        vec![
+            ("mean (px)", g.mean.to_array().to_vec()),
+            ("ln-scale", g.log_scale.to_array().to_vec()),
+            ("rotation", vec![g.rotation]),
+            ("colour", g.color.to_array().to_vec()),
+        ]
+    }
+
+    fn log_scale_range(&self, index: usize) -> (f32, f32) {
+        (self.log_scales[index].min_element(), self.log_scales[index].max_element())
+    }
+}
+
+impl RunSettings<Scene2d> for FitSettings {
+    const FORMAT: &'static str = "planar-fit-1";
+
+    fn validate(&self) -> Result<(), gs_core::Error> {
+        Self::validate(self)
+    }
+
+    fn iterations(&self) -> u32 {
+        self.iterations
+    }
+
+    fn seed(&self) -> u32 {
+        self.seed
+    }
+
+    fn budget(&self) -> u32 {
+        self.gaussians
+    }
+
+    fn rounds(&self) -> &Rounds {
+        &self.rounds
+    }
+
+    fn policy(&self) -> &dyn DensityPolicy {
+        &self.policy
+    }
+
+    fn effects_after(&self, step: u32, joins: &Joins) -> Effects {
+        self.joining.effects_after(step, &self.render.effects, joins)
+    }
+
+    fn mean_factor(&self, step: u32) -> f32 {
+        self.adam.mean.schedule.factor(step as f32 / self.iterations as f32)
+    }
+
+    fn scale_bounds(&self) -> (f32, f32) {
+        (self.adam.min_scale, self.adam.max_scale)
+    }
+
+    fn psnr_estimate(&self, loss: f32) -> Option<f32> {
+        (self.loss == Loss::L2).then(|| -10.0 * loss.log10())
+    }
+
+    fn loss(&self) -> Loss {
+        self.loss
+    }
+
+    fn parameterization(&self) -> Parameterization {
+        self.parameterization
+    }
+
+    fn recovery(&self) -> Recovery {
+        self.recovery
+    }
+
+    fn bins_afresh_after(&self, step: u32) -> bool {
+        step.is_multiple_of(self.rebin_every) || step.saturating_add(self.rebin_every) >= self.iterations
+    }
+}
+
+impl<R: Rasterizer<Scene2d>> TrainingTask<R, Scene2d> for ImageTask<R> {
+    fn extent(&self) -> f32 {
+        self.canvas.width.max(self.canvas.height) as f32
+    }
+
+    fn pictures(&self) -> u32 {
+        1
+    }
+
+    fn send(
+        &mut self,
+        on: &R,
+        splats: &mut R::Splats,
+        settings: &FitSettings,
+        context: StepContext,
+    ) -> Result<(), Error> {
+        let render = RenderSettings { effects: context.effects, ..settings.render };
+        let rates = settings.adam.at(context.step as f32 / settings.iterations as f32).times(context.lr_scale);
+        let step = TrainStep { settings: &render, loss: settings.loss, rates: &rates, binning: context.binning };
+        Ok(on.train_step(splats, &self.canvas, &self.target, &step)?)
+    }
+
+    fn residual(
+        &mut self,
+        on: &R,
+        splats: &R::Splats,
+        settings: &FitSettings,
+        effects: &Effects,
+    ) -> Result<Option<&Residual>, Error> {
+        self.residual.rendered = self.render(on, splats, settings, effects)?.0;
+        Ok(Some(&self.residual))
+    }
+
+    fn after_edit(
+        &mut self,
+        on: &R,
+        splats: &mut R::Splats,
+        settings: &FitSettings,
+        effects: &Effects,
+    ) -> Result<(), Error> {
+        self.residual.rendered = nothing_rendered()?;
+        self.solve_colors(on, splats, settings, effects, settings.color_solve.after_edit)
+    }
+
+    /// Antialiasing; an image calls for nothing else that could join.
+    fn called_for(
+        &mut self,
+        on: &R,
+        splats: &R::Splats,
+        settings: &FitSettings,
+        step: u32,
+        joins: &Joins,
+    ) -> Result<Joined, Error> {
+        let wanted = &settings.render;
+        let Some(calls) = settings.joining.asks_for_antialias(step, &wanted.effects, joins) else {
+            return Ok(Joined::default());
+        };
+        let narrow = on.download(splats)?.narrow(&self.canvas, wanted);
+        let called = narrow.share() > calls.narrow;
+        let antialias = called.then(|| AntialiasJoin::new(wanted.effects.antialias, narrow));
+        Ok(Joined { antialias, ..Joined::default() })
+    }
+
+    fn quality(&self, on: &R, splats: &R::Splats, settings: &FitSettings, effects: &Effects) -> Result<Quality, Error> {
+        let (image, culled) = self.render(on, splats, settings, effects)?;
+        let (l1, psnr) = l1_and_psnr(&image, &self.residual.target);
+        Ok(Quality { l1, psnr, culled, clamped: Clamped::default() })
+    }
+}
+
+impl<R: Rasterizer<Scene2d>> ImageTask<R> {
+    fn new(on: &R, target: &Image) -> Result<Self, Error> {
+        let canvas = Canvas::new(target.width(), target.height());
+        let residual = Residual { target: target.clone(), rendered: nothing_rendered()? };
+        Ok(Self { canvas, target: on.upload_target(target)?, residual })
+    }
+
+    fn render(
+        &self,
+        on: &R,
+        splats: &R::Splats,
+        settings: &FitSettings,
+        effects: &Effects,
+    ) -> Result<(Image, Culled), Error> {
+        let render = RenderSettings { effects: *effects, ..settings.render };
+        Ok(on.draw(splats, &self.canvas, &render)?)
+    }
+
+    fn solve_colors(
+        &self,
+        on: &R,
+        splats: &mut R::Splats,
+        settings: &FitSettings,
+        effects: &Effects,
+        iterations: u32,
+    ) -> Result<(), Error> {
+        let render = RenderSettings { effects: *effects, ..settings.render };
+        if iterations > 0 && render.effects.blend == Blend::Sum && on.len(splats) > 0 {
+            on.solve_colors(splats, &self.canvas, &self.target, &render, iterations)?;
+        }
+        Ok(())
+    }
+}
+
+impl<'a, R: Rasterizer<Scene2d>> Trainer<'a, R> {
+    /// Begins a fit with the scene that [`FitSettings::init`] makes for the target.
+    ///
+    /// # Errors
+    /// [`gs_core::Error::Setting`] where a setting is not possible or the target is not finite, and those of the backend.
+    pub fn new(rasterizer: &'a R, target: &Image, settings: FitSettings) -> Result<Self, Error> {
+        settings.validate()?;
+        let started = Instant::now();
+        let count = settings.initial.resolve(settings.gaussians) as usize;
+        let blend = settings.render.effects.blend;
+        let scene = settings.init.scene(target, count, blend, &mut random(settings.seed, 0));
+        let initialised = started.elapsed().as_secs_f64();
+        let mut trainer = Self::from_scene(rasterizer, target, &scene, settings)?;
+        trainer.record.seconds += initialised;
+        Ok(trainer)
+    }
+
+    /// Begins a fit with a given scene instead, whatever [`FitSettings::init`] and [`FitSettings::initial`] say.
+    ///
+    /// # Errors
+    /// Those of [`Trainer::new`]; also where the scene has more Gaussians than [`FitSettings::gaussians`] allows.
+    pub fn from_scene(
+        rasterizer: &'a R,
+        target: &Image,
+        scene: &Scene2d,
+        settings: FitSettings,
+    ) -> Result<Self, Error> {
+        settings.validate()?;
+        validate_target(target)?;
+        scene.validate()?;
+        if scene.len() > settings.gaussians as usize {
+            let allowed = "at most the number of Gaussians allowed";
+            return Err(gs_core::Error::setting("the number of Gaussians at the start", scene.len(), allowed).into());
+        }
+        let started = Instant::now();
+        let splats = rasterizer.upload(scene, settings.parameterization)?;
+        let record = Record::beginning(settings, fingerprint(target));
+        let mut trainer = Self::assemble(rasterizer, record, splats, ImageTask::new(rasterizer, target)?);
+        trainer.join_effects()?;
+        let effects = trainer.effects();
+        let Self { task, splats, record, .. } = &mut trainer;
+        task.solve_colors(rasterizer, splats, &record.settings, &effects, record.settings.color_solve.at_start)?;
+        trainer.record.seconds = started.elapsed().as_secs_f64();
+        Ok(trainer)
+    }
+
+    /// Goes on with a fit where a checkpoint left it; on the same backend it ends bit for bit as if it had never stopped,
+    /// unless it fails and begins again ([`Recovery`](crate::Recovery)).
+    ///
+    /// # Errors
+    /// [`Error::WrongTarget`] for an image of another size or content, [`Error::Checkpoint`] for metadata that are not those of
+    /// a fit, and those of the backend.
+    pub fn resume(rasterizer: &'a R, target: &Image, checkpoint: Checkpoint) -> Result<Self, Error> {
+        let record = Record::from_metadata::<Scene2d>(&checkpoint.metadata)?;
+        validate_target(target)?;
+        let found = fingerprint(target);
+        if record.pictures != found {
+            return Err(Error::WrongTarget { expected: record.pictures, found });
+        }
+        let splats = rasterizer.restore(&checkpoint.state)?;
+        Ok(Self::assemble(rasterizer, record, splats, ImageTask::new(rasterizer, target)?))
+    }
+
+    /// The fit as it stands, in numbers.
+    ///
+    /// # Errors
+    /// Those of the backend.
+    pub fn summary(&self) -> Result<FitSummary, Error> {
+        let (image, culled) = self.render()?;
+        FitSummary::new(self, &image, culled)
+    }
+
+    /// The scene as rendered now at the target's size, not clamped, and what was left out.
+    ///
+    /// # Errors
+    /// Those of the backend.
+    pub fn render(&self) -> Result<(Image, Culled), Error> {
+        self.task.render(self.rasterizer, &self.splats, &self.record.settings, &self.effects())
+    }
+
+    /// The loss of the scene as it is now, in the unit of [`FitSettings::loss`]. Unlike [`Trainer::loss`], which is that before a step.
+    ///
+    /// # Errors
+    /// Those of the backend.
+    pub fn scene_loss(&self) -> Result<f32, Error> {
+        let frame = self.rasterizer.forward(&self.splats, &self.task.canvas, &self.shown())?;
+        Ok(self.rasterizer.backward(&self.splats, frame, &self.task.target, &self.record.settings.loss)?.0)
+    }
+
+    /// How the scene is shown now: with the effects that it has been fitted with.
+    pub fn shown(&self) -> RenderSettings {
+        RenderSettings { effects: self.effects(), ..self.record.settings.render }
+    }
+
+    /// The target, as given.
+    pub fn target(&self) -> &Image {
+        &self.task.residual.target
+    }
+}
+
+/// What stands for a rendering where there is none.
+fn nothing_rendered() -> Result<Image, gs_core::Error> {
+    Image::filled(1, 1, [0.0; 3])
+}
+
+fn validate_target(target: &Image) -> Result<(), gs_core::Error> {
+    match target.pixels().iter().position(|p| !p.iter().all(|v| v.is_finite())) {
+        None => Ok(()),
+        Some(index) => {
+            let width = target.width() as usize;
+            let value = format!("{:?} at ({}, {})", target.pixels()[index], index % width, index / width);
+            Err(gs_core::Error::setting("a pixel of the target", value, "finite"))
+        }
+    }
+}

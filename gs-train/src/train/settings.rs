@@ -1,0 +1,333 @@
+//! Everything that the training of a 3D scene depends on besides its views: one value that can be stored, compared and sent along.
+
+use gs_core::{
+    Adam, AdamRates, Effects, Error, Loss, Parameterization, RenderSettings, Scene3d, constants::MAX_GAUSSIANS,
+};
+use gs_density::{DensityPolicy, Policy};
+use serde::{Deserialize, Serialize};
+
+use super::{init::PointInit, presets::geometric_groups, resolution::Resolution};
+use crate::{
+    joining::{Calls, Joining, Joins},
+    recovery::Recovery,
+    rounds::Rounds,
+    settings::validate_adam,
+    task::RunSettings,
+};
+
+/// What is behind the scene while it is trained.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum StepBackground {
+    /// What is behind it when it is rendered: [`RenderSettings::background`].
+    #[default]
+    Same,
+    /// Another colour in each step: what is transparent in the photographs cannot be painted, it must become transparent.
+    Random,
+}
+
+/// The settings of a training in 3D. Two runs with equal settings, views, start and backend give equal results, bit for bit.
+///
+/// Missing fields of a serialised form take the value of [`TrainSettings::default`]; unknown ones are an error.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
+pub struct TrainSettings {
+    /// The most Gaussians there may be, at least 1.
+    pub gaussians: u32,
+    /// Steps of the optimiser, one view each; 0 leaves the first scene as it is.
+    pub iterations: u32,
+    /// Over how many steps learning rates decay; 0 for all of the run. The published settings decay over 30,000, however early the run ends.
+    pub decay_over: u32,
+    /// Where all random numbers come from.
+    pub seed: u32,
+    /// The scene's extent, world units; that of the cameras ([`extent_of`](super::extent_of)) unless it is given.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub extent: Option<f32>,
+    /// In which coordinates the optimiser moves.
+    #[serde(alias = "chart")]
+    pub parameterization: Parameterization,
+    /// Effects, background and accuracy. Its `effects.sh_degree` is the highest, and its `effects.statistics` are overruled by what the
+    /// policy asks for.
+    pub render: RenderSettings,
+    /// What is behind in training.
+    #[serde(alias = "backdrop")]
+    pub background: StepBackground,
+    /// When harmonics and antialiasing join.
+    pub joining: Joining,
+    /// The degree of the harmonics grows by one every so many steps, from 0, or is asked about where it grows when it is called for; 0 begins
+    /// with the highest. Default 1000 (3DGS).
+    pub sh_degree_every: u32,
+    /// What is minimised.
+    pub loss: Loss,
+    /// The optimiser. The bounds of scales, and in [`Parameterization::ScaleRotation`] the learning rate of means, are in units of the extent.
+    pub adam: Adam,
+    /// How the first Gaussians are made of points.
+    pub init: PointInit,
+    /// Which Gaussians grow and which go.
+    pub policy: Policy,
+    /// When the policy is asked.
+    pub rounds: Rounds,
+    /// What becomes of a training that has become worse than it was at first.
+    #[serde(skip_serializing_if = "Recovery::is_default")]
+    pub recovery: Recovery,
+    /// At which resolution the steps see their photographs.
+    pub resolution: Resolution,
+}
+
+impl TrainSettings {
+    /// The highest degree of harmonics that the step after `step` steps evaluates where degrees join by the clock.
+    pub fn sh_degree_at(&self, step: u32) -> u8 {
+        let highest = self.render.effects.sh_degree;
+        match self.sh_degree_every {
+            0 => highest,
+            every => u8::try_from(step.saturating_add(1) / every).unwrap_or(u8::MAX).min(highest),
+        }
+    }
+
+    /// Whether, and by which bounds, harmonics of one more degree than have joined are asked for after `step` steps, and of which degree.
+    pub(super) fn asks_for_sh(&self, step: u32, joins: &Joins) -> Option<(Calls, u8)> {
+        let Joining::WhenCalledFor(calls) = self.joining else { return None };
+        let next = joins.sh_degree() + 1;
+        let is_due = self.sh_degree_every > 0 && step.is_multiple_of(self.sh_degree_every);
+        (is_due && next <= self.render.effects.sh_degree).then_some((calls, next))
+    }
+
+    /// Adam's numbers after `step` steps, in world units.
+    pub fn rates_at(&self, step: u32, extent: f32) -> AdamRates {
+        let mut rates = self.adam.at(self.decay_at(step));
+        if self.parameterization == Parameterization::ScaleRotation {
+            rates.mean.learning_rate *= extent;
+        }
+        rates.min_scale *= extent;
+        rates.max_scale *= extent;
+        rates
+    }
+
+    /// How far learning rates have decayed after `step` steps: 0 at first, 1 at the end or when [`Self::decay_over`] have passed.
+    fn decay_at(&self, step: u32) -> f32 {
+        let steps = if self.decay_over > 0 { self.decay_over } else { self.iterations };
+        (step as f32 / steps.max(1) as f32).min(1.0)
+    }
+
+    /// The same training before this background. White calls for an early reset of all opacities under the settings of 3DGS: an object before
+    /// it hides nothing, so that fog around it is all that can be wrong there. *Source:* 3DGS resets at its first round of density control,
+    /// too, where the background is white.
+    #[must_use]
+    pub fn on(mut self, background: [f32; 3]) -> Self {
+        self.render = self.render.on(background);
+        let first = self.rounds.from.next_multiple_of(self.rounds.every.max(1));
+        if let Some(actions) = self.policy.actions_mut().filter(|actions| actions.reset.every > 0) {
+            actions.reset.once_after = if background == [1.0; 3] { first } else { 0 };
+        }
+        self
+    }
+
+    /// The same training with steps in another parameterization, and the learning rates of mean and shape that are known to work there.
+    #[must_use]
+    pub fn moving_in(mut self, parameterization: Parameterization) -> Self {
+        if self.parameterization != parameterization {
+            self.parameterization = parameterization;
+            let Adam { mean, scale, rotation, .. } = &mut self.adam;
+            [*mean, *scale, *rotation] = geometric_groups(parameterization);
+        }
+        self
+    }
+
+    /// The same training under another policy. What is pruned, and when opacities are reset, stays as these settings have it, or as 3DGS
+    /// does where they have none.
+    #[must_use]
+    pub fn controlled_by(mut self, policy: Policy) -> Self {
+        let usual = self.policy.actions().copied().or(Self::default().policy.actions().copied()).unwrap_or_default();
+        self.policy = policy.in_space();
+        if let Some(actions) = self.policy.actions_mut() {
+            (actions.prune, actions.reset) = (usual.prune, usual.reset);
+        }
+        self
+    }
+
+    /// Fails where a setting is out of its range or contradicts another.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] naming the first offender, its value and what is allowed.
+    pub fn validate(&self) -> Result<(), Error> {
+        if !(1..=MAX_GAUSSIANS).contains(&self.gaussians) {
+            return Err(Error::setting("the number of Gaussians", self.gaussians, "1 to 100,000,000"));
+        }
+        if self.extent.is_some_and(|extent| !(extent > 0.0 && extent.is_finite())) {
+            return Err(Error::setting("the extent", self.extent.unwrap_or_default(), "positive and finite"));
+        }
+        self.init.validate()?;
+        self.policy.validate_3d()?;
+        self.rounds.validate()?;
+        self.resolution.validate()?;
+        self.render.validate()?;
+        self.joining.validate()?;
+        self.loss.validate()?;
+        validate_adam(&self.adam)
+    }
+}
+
+impl RunSettings<Scene3d> for TrainSettings {
+    const FORMAT: &'static str = "spatial-training-1";
+
+    fn validate(&self) -> Result<(), Error> {
+        Self::validate(self)
+    }
+
+    fn iterations(&self) -> u32 {
+        self.iterations
+    }
+
+    fn seed(&self) -> u32 {
+        self.seed
+    }
+
+    fn budget(&self) -> u32 {
+        self.gaussians
+    }
+
+    fn rounds(&self) -> &Rounds {
+        &self.rounds
+    }
+
+    fn policy(&self) -> &dyn DensityPolicy<Scene3d> {
+        &self.policy
+    }
+
+    fn effects_after(&self, step: u32, joins: &Joins) -> Effects {
+        let joined = self.joining.effects_after(step, &self.render.effects, joins);
+        let sh_degree = match self.joining {
+            Joining::WhenCalledFor(_) if self.sh_degree_every > 0 => joined.sh_degree,
+            _ => self.sh_degree_at(step),
+        };
+        Effects { sh_degree, ..joined }
+    }
+
+    fn mean_factor(&self, step: u32) -> f32 {
+        self.adam.mean.schedule.factor(self.decay_at(step))
+    }
+
+    fn scale_bounds(&self) -> (f32, f32) {
+        let rates = self.rates_at(0, self.extent.unwrap_or(1.0));
+        (rates.min_scale, rates.max_scale)
+    }
+
+    /// None: the loss is that of another view in each step.
+    fn psnr_estimate(&self, _: f32) -> Option<f32> {
+        None
+    }
+
+    fn loss(&self) -> Loss {
+        self.loss
+    }
+
+    fn parameterization(&self) -> Parameterization {
+        self.parameterization
+    }
+
+    fn recovery(&self) -> Recovery {
+        self.recovery
+    }
+
+    /// Always: each step has another view.
+    fn bins_afresh_after(&self, _: u32) -> bool {
+        true
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::train::presets::TrainPreset;
+
+    #[test]
+    fn presets_are_valid_and_come_back_unchanged() {
+        for preset in TrainPreset::ALL {
+            for iterations in [None, Some(0), Some(1), Some(300), Some(7_000)] {
+                let settings = preset.settings(iterations);
+                settings.validate().unwrap();
+                let text = toml::to_string(&settings).unwrap();
+                assert_eq!(toml::from_str::<TrainSettings>(&text).unwrap(), settings, "{text}");
+            }
+        }
+    }
+
+    #[test]
+    fn degrees_grow_one_by_one() {
+        let settings = TrainSettings { sh_degree_every: 100, ..TrainSettings::default() };
+        let degrees = [0, 98, 99, 199, 299, 999, u32::MAX].map(|step| settings.sh_degree_at(step));
+        assert_eq!(degrees, [0, 0, 1, 2, 3, 3, 3]);
+        assert_eq!(TrainSettings { sh_degree_every: 0, ..settings }.sh_degree_at(0), 3);
+    }
+
+    #[test]
+    fn lengths_are_in_units_of_the_extent() {
+        let settings = TrainPreset::ThreeDgs.settings(None);
+        let (first, last) = (settings.rates_at(0, 5.0), settings.rates_at(settings.iterations, 5.0));
+        assert!((first.mean.learning_rate - 8e-4).abs() < 1e-9);
+        assert!((last.mean.learning_rate - 8e-6).abs() < 1e-10);
+        assert_eq!(first.scale.learning_rate, 0.005);
+        assert_eq!(first.max_scale, 5.0 * settings.adam.max_scale);
+    }
+
+    #[test]
+    fn white_thins_the_fog_at_the_first_round() {
+        let once = |settings: &TrainSettings| settings.policy.actions().unwrap().reset.once_after;
+        let usual = TrainSettings::default();
+        assert_eq!(once(&usual.clone().on([0.0; 3])), 0);
+        let white = usual.on([1.0; 3]);
+        assert_eq!((once(&white), white.render.background_color()), (500, [1.0; 3]));
+        assert_eq!(once(&white.clone().on([0.0, 1.0, 0.0])), 0);
+        let quick = TrainPreset::Quick.settings(Some(2_000)).on([1.0; 3]);
+        assert!(quick.rounds.progress(once(&quick), 2_000).is_some(), "{:?}", quick.rounds);
+    }
+
+    #[test]
+    fn learning_rates_follow_the_chart() {
+        let usual = TrainPreset::ThreeDgs.settings(Some(100));
+        let local = usual.clone().moving_in(Parameterization::CovarianceFactor);
+        assert_eq!(usual.clone().moving_in(usual.parameterization), usual);
+        assert_eq!(local.clone().moving_in(usual.parameterization), usual);
+        // In standard deviations, whatever the extent; the bounds of scales are lengths still.
+        assert_eq!(local.rates_at(0, 5.0).mean.learning_rate, local.adam.mean.learning_rate);
+        assert_eq!(local.rates_at(0, 5.0).max_scale, 5.0 * local.adam.max_scale);
+        assert_eq!((local.adam.opacity, local.adam.color), (usual.adam.opacity, usual.adam.color));
+        local.validate().unwrap();
+    }
+
+    #[test]
+    fn another_policy_prunes_and_resets_as_before() {
+        for preset in TrainPreset::ALL {
+            for name in Policy::NAMES {
+                let policy = Policy::from_name(name).unwrap();
+                let settings = preset.settings(None).controlled_by(policy);
+                assert_eq!(settings.validate().is_err(), ["residual", "image-gs"].contains(&name), "{name}");
+                if let Some(actions) = settings.policy.actions() {
+                    assert_eq!(actions.prune.larger_after, 3000, "{name}");
+                    assert_eq!(actions.reset.every, 3000);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn what_cannot_work_is_refused() {
+        type Spoil = fn(&mut TrainSettings);
+        let cases: [(&str, Spoil); 7] = [
+            ("number of Gaussians", |s| s.gaussians = 0),
+            ("extent", |s| s.extent = Some(f32::NAN)),
+            ("initial opacity", |s| s.init.opacity = 1.0),
+            ("policy is `residual`", |s| s.policy = Policy::from_name("residual").unwrap()),
+            ("resolution.from", |s| s.resolution = Resolution::CoarseToFine { from: 5, full_after: 0.5 }),
+            ("sh-degree", |s| s.render.effects.sh_degree = 4),
+            ("learning rate of SH", |s| s.adam.color_rest.learning_rate = f32::NAN),
+        ];
+        for (expected, spoil) in cases {
+            let mut settings = TrainSettings::default();
+            spoil(&mut settings);
+            let message = settings.validate().unwrap_err().to_string();
+            assert!(message.contains(expected), "{message}");
+        }
+        assert!(toml::from_str::<TrainSettings>("iteration = 7").is_err());
+    }
+}

@@ -1,0 +1,151 @@
+//! Training of a 3D scene: where it begins, how it goes on from a checkpoint, and how good it has become.
+
+use std::time::Instant;
+
+use gs_core::{Camera, Image, Rasterizer, RenderSettings, Scene, Scene3d};
+use gs_io::{Checkpoint, dataset::AlphaMeaning};
+
+use super::{
+    evaluation::{Evaluation, TrainingViews, evaluate_splats},
+    geometry::extent_of,
+    init::Start,
+    settings::TrainSettings,
+    task::{ViewsTask, shown},
+    views::{Counting, PosedView, Views},
+};
+use crate::{
+    checkpoint::{Record, digest},
+    error::Error,
+    trainer::{Trainer, random},
+};
+
+/// The training of a 3D scene, in progress.
+pub type Trainer3d<'a, R> = Trainer<'a, R, Scene3d>;
+
+impl<'a, R: Rasterizer<Scene3d>> Trainer<'a, R, Scene3d> {
+    /// Begins a training.
+    ///
+    /// # Errors
+    /// [`gs_core::Error::Setting`] where a setting, a camera or the start is not possible; [`Error::NothingInView`] where no view to train
+    /// with sees any of the first Gaussians; those of the backend.
+    pub fn from_views(
+        rasterizer: &'a R,
+        views: Views,
+        start: Start,
+        mut settings: TrainSettings,
+    ) -> Result<Self, Error> {
+        let started = Instant::now();
+        settings.validate()?;
+        views.validate()?;
+        let cameras: Vec<Camera> = views.train_cameras().copied().collect();
+        let (budget, degree) = (settings.gaussians as usize, settings.render.effects.sh_degree);
+        let scene = start.scene(&cameras, &settings.init, budget, degree, &mut random(settings.seed, 0))?;
+        if !scene.means.iter().any(|&mean| cameras.iter().any(|camera| sees(camera, mean))) {
+            return Err(Error::NothingInView { gaussians: scene.len(), views: cameras.len() });
+        }
+        let extent = *settings.extent.get_or_insert_with(|| extent_of(&cameras, depth_of(&scene, &cameras)));
+        settings.validate()?;
+        let splats = rasterizer.upload(&scene, settings.parameterization)?;
+        let pictures = fingerprint(&views);
+        let record = Record::beginning(settings, pictures);
+        let mut trainer = Self::assemble(rasterizer, record, splats, ViewsTask::new(views, extent));
+        trainer.join_effects()?;
+        trainer.record.seconds = started.elapsed().as_secs_f64();
+        Ok(trainer)
+    }
+
+    /// Goes on with a training where a checkpoint left it; on the same backend it ends bit for bit as if it had never stopped,
+    /// unless it fails and begins again ([`Recovery`](crate::Recovery)).
+    ///
+    /// # Errors
+    /// [`Error::WrongTarget`] for other views, [`Error::Checkpoint`] for metadata that are not those of a training in 3D, and those of
+    /// the backend.
+    pub fn resume_views(rasterizer: &'a R, views: Views, checkpoint: Checkpoint) -> Result<Self, Error> {
+        let record = Record::from_metadata::<Scene3d>(&checkpoint.metadata)?;
+        views.validate()?;
+        let found = fingerprint(&views);
+        if record.pictures != found {
+            return Err(Error::WrongTarget { expected: record.pictures, found });
+        }
+        let Some(extent) = record.settings.extent else {
+            return Err(Error::Checkpoint("its settings lack the extent".to_owned()));
+        };
+        let splats = rasterizer.restore(&checkpoint.state)?;
+        Ok(Self::assemble(rasterizer, record, splats, ViewsTask::new(views, extent)))
+    }
+
+    /// The views.
+    pub fn views(&self) -> &Views {
+        self.task.views()
+    }
+
+    /// The views by which the scene is judged: the test views; without any, a few of those it is trained with.
+    pub fn judges(&self) -> Vec<&PosedView> {
+        self.task.judges()
+    }
+
+    /// How the scene is shown now.
+    pub fn shown(&self) -> RenderSettings {
+        shown(&self.record.settings, &self.effects())
+    }
+
+    /// The scene as it looks now to a camera, not clamped.
+    ///
+    /// # Errors
+    /// Those of the backend.
+    pub fn render_view(&self, camera: &Camera) -> Result<Image, Error> {
+        Ok(self.rasterizer.draw(&self.splats, camera, &self.shown())?.0)
+    }
+
+    /// Judges the scene by [`Self::judges`]; `look` sees each of them, in their order, and its rendering.
+    ///
+    /// # Errors
+    /// Those of the backend, of reading a photograph, and of `look`.
+    pub fn evaluate(&self, look: &mut dyn FnMut(&PosedView, &Image) -> Result<(), Error>) -> Result<Evaluation, Error> {
+        evaluate_splats(self.rasterizer, &self.splats, &self.task.judges(), &self.shown(), look)
+    }
+
+    /// How well the scene fits the views that it is trained with, by a sample of them.
+    ///
+    /// # Errors
+    /// Those of the backend, and of reading a photograph.
+    pub fn training_views(&self) -> Result<TrainingViews, Error> {
+        self.task.training_views(self.rasterizer, &self.splats, &self.record.settings, &self.effects())
+    }
+}
+
+fn sees(camera: &Camera, mean: glam::Vec3) -> bool {
+    let size = glam::Vec2::new(camera.width as f32, camera.height as f32);
+    camera.project(mean).is_some_and(|(at, _)| at.cmpge(glam::Vec2::ZERO).all() && at.cmple(size).all())
+}
+
+/// The median distance of the Gaussians from the first camera.
+fn depth_of(scene: &Scene3d, cameras: &[Camera]) -> Option<f32> {
+    let from = cameras.first()?.position();
+    let mut distances: Vec<f32> = scene.means.iter().map(|mean| mean.distance(from)).collect();
+    distances.sort_by(f32::total_cmp);
+    distances.get(scene.len() / 2).copied()
+}
+
+/// What tells these views from others: names, cameras, what they are for and which of their pixels count. Not the pixels themselves, which would
+/// all have to be read.
+fn fingerprint(views: &Views) -> String {
+    let mut bytes = Vec::new();
+    for (role, views) in [(0, &views.train), (1, &views.test)] {
+        for PosedView { name, camera, source } in views {
+            bytes.push(role);
+            let Counting { alpha, masked } = source.counting();
+            match (alpha, masked) {
+                (AlphaMeaning::Opacity, false) => {}
+                (AlphaMeaning::Opacity, true) => bytes.push(1),
+                (AlphaMeaning::Mask, masked) => bytes.push(2 + u8::from(masked)),
+            }
+            bytes.extend(name.as_bytes());
+            let numbers = camera.rotation.to_cols_array().into_iter().chain(camera.translation.to_array());
+            let intrinsics = camera.focal.to_array().into_iter().chain(camera.center.to_array()).chain([camera.near]);
+            bytes.extend(numbers.chain(intrinsics).flat_map(f32::to_le_bytes));
+            bytes.extend([camera.width, camera.height].into_iter().flat_map(u32::to_le_bytes));
+        }
+    }
+    format!("{} views and {} held out, {:016x}", views.train.len(), views.test.len(), digest(bytes))
+}

@@ -1,0 +1,378 @@
+//! Whole trainings in 3D: a scene comes back from its pictures, runs repeat and resume bit for bit, and what is masked or transparent
+//! counts as it should.
+
+mod space;
+
+use gs_core::{
+    Adam, Image, Participants, Penalty, Scene, Scene3d, adam::Group, constants::SH_C0, scene::sigmoid,
+    state::TensorData,
+};
+use gs_density::Policy;
+use gs_io::dataset::{Point, PosedImage};
+use gs_train::{
+    Control, Error, MetricsLog, Observer, Outcome, Progress, TrainSettings, Trainer3d,
+    train::{DRIFT_DB, Evaluation, PosedView, Resolution, Start, StepBackground, TrainSummary, Views, evaluate},
+};
+use space::{LENS, changed, rasterizer, render, short, thirty, views};
+
+fn trained(settings: TrainSettings, views: Views, start: Start) -> (Scene3d, Evaluation) {
+    let rasterizer = rasterizer();
+    let mut trainer = Trainer3d::from_views(&rasterizer, views, start, settings).unwrap();
+    assert_eq!(trainer.run(&mut ()).unwrap(), Outcome::Finished);
+    (trainer.scene().unwrap(), trainer.evaluate(&mut |_, _| Ok(())).unwrap())
+}
+
+/// The parameters' bits, so that −0 is not 0 and NaN is itself.
+fn bits(scene: &Scene3d) -> Vec<u32> {
+    let vectors = scene.means.iter().chain(&scene.log_scales).chain(&scene.sh).flat_map(|v| v.to_array());
+    let rest = scene.rotations.iter().flatten().chain(&scene.opacity_logits).copied();
+    vectors.chain(rest).map(f32::to_bits).collect()
+}
+
+#[test]
+fn a_scene_comes_back_from_its_pictures() {
+    let mut settings = short(900);
+    settings.render.effects.sh_degree = 0;
+    // So short a run takes larger steps.
+    let faster = |group: Group| Group { learning_rate: 4.0 * group.learning_rate, ..group };
+    let Adam { mean, scale, rotation, color, .. } = settings.adam;
+    settings.adam = Adam {
+        mean: faster(mean),
+        scale: faster(scale),
+        rotation: faster(rotation),
+        color: faster(color),
+        ..settings.adam
+    };
+    let (scene, evaluation) = trained(settings, views(&rasterizer()), Start::Random);
+    scene.validate().unwrap();
+    assert_eq!(evaluation.views.len(), 3);
+    assert!(evaluation.psnr > 30.0, "{:.2} dB with {} Gaussians", evaluation.psnr, scene.len());
+    assert!(evaluation.ssim > 0.9, "{}", evaluation.ssim);
+}
+
+#[test]
+fn the_true_scene_is_perfect_and_stays_so() {
+    let rasterizer = rasterizer();
+    let judged = evaluate(&rasterizer, &thirty(), &views(&rasterizer).test, &render()).unwrap();
+    // Its photographs are floats, from which rounding to 8 bits alone is 58.9 dB away.
+    assert!(judged.psnr > 58.5, "{judged:?}");
+    let mut settings = short(30);
+    settings.policy = Policy::None;
+    let (_, kept) = trained(settings, views(&rasterizer), Start::Scene(thirty()));
+    assert!(kept.psnr > 35.0, "{} dB", kept.psnr);
+}
+
+#[test]
+fn equal_seeds_give_equal_scenes_and_watching_changes_nothing() {
+    let rasterizer = rasterizer();
+    let run = |seed: u32, observer: &mut dyn Observer| {
+        let settings = TrainSettings { seed, background: StepBackground::Random, ..short(60) };
+        let mut trainer = Trainer3d::from_views(&rasterizer, views(&rasterizer), Start::Random, settings).unwrap();
+        trainer.run(observer).unwrap();
+        assert!(trainer.edits().added() > 0, "nothing grew");
+        bits(&trainer.scene().unwrap())
+    };
+    let mut log = MetricsLog::new(7);
+    let scene = run(1, &mut ());
+    assert!(scene == run(1, &mut log), "watching changes the training");
+    assert!(scene != run(2, &mut ()), "the seed makes no difference");
+    let last = log.rows().last().unwrap();
+    assert!(last.psnr.is_some() && last.culled.is_some() && last.step == 60, "{last:?}");
+    assert!(log.rows().iter().any(|row| row.edits.added() > 0));
+}
+
+/// Stops at the given steps.
+struct StopAt(Vec<u32>);
+
+impl Observer for StopAt {
+    fn on_step(&mut self, progress: &Progress) -> Control {
+        if self.0.contains(&progress.step) { Control::Stop } else { Control::Continue }
+    }
+}
+
+#[test]
+fn a_resumed_training_ends_bit_identical() {
+    let bits_of = |trainer: &mut Trainer3d<'_, gs_cpu::CpuRasterizer>| -> Vec<(String, Vec<u32>)> {
+        let state = trainer.checkpoint().unwrap().state;
+        let bits = |data: &TensorData| match data {
+            TensorData::F32(values) => values.iter().map(|v| v.to_bits()).collect(),
+            TensorData::U32(values) => values.clone(),
+        };
+        state.tensors.iter().map(|(name, tensor)| (name.clone(), bits(&tensor.data))).collect()
+    };
+    for name in ["absolute", "mcmc"] {
+        let mut settings = short(60).controlled_by(Policy::from_name(name).unwrap());
+        settings.background = StepBackground::Random;
+        settings.resolution = Resolution::CoarseToFine { from: 2, full_after: 0.5 };
+        let first = rasterizer();
+        let mut whole = Trainer3d::from_views(&first, views(&first), Start::Random, settings.clone()).unwrap();
+        whole.run(&mut ()).unwrap();
+
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("checkpoint.safetensors");
+        let mut stops = StopAt(vec![1, 17, 30, 44]);
+        let mut trainer = Trainer3d::from_views(&first, views(&first), Start::Random, settings).unwrap();
+        let mut outcome = trainer.run(&mut stops).unwrap();
+        let mut checkpoint = trainer.checkpoint().unwrap();
+        let mut pieces = 1;
+        let last = loop {
+            gs_io::write_checkpoint(&file, &checkpoint).unwrap();
+            let other = rasterizer();
+            let read = gs_io::read_checkpoint(&file).unwrap();
+            let mut resumed = Trainer3d::resume_views(&other, views(&other), read).unwrap();
+            if outcome == Outcome::Finished {
+                break bits_of(&mut resumed);
+            }
+            outcome = resumed.run(&mut stops).unwrap();
+            checkpoint = resumed.checkpoint().unwrap();
+            pieces += 1;
+        };
+        assert_eq!(pieces, 5);
+        assert!(last == bits_of(&mut whole), "{name}");
+    }
+}
+
+#[test]
+fn a_checkpoint_of_other_views_or_of_an_image_is_refused() {
+    let rasterizer = rasterizer();
+    let start = || Trainer3d::from_views(&rasterizer, views(&rasterizer), Start::Random, short(20)).unwrap();
+    let checkpoint = start().checkpoint().unwrap();
+    let mut fewer = views(&rasterizer);
+    fewer.train.pop();
+    let refused = Trainer3d::resume_views(&rasterizer, fewer, checkpoint.clone()).unwrap_err();
+    assert!(matches!(refused, Error::WrongTarget { .. }), "{refused}");
+    let all = |_, photograph: PosedImage| {
+        let mask = Some(vec![true; photograph.image.pixels().len()]);
+        PosedImage { mask, ..photograph }
+    };
+    let masked = changed(views(&rasterizer), all);
+    let refused = Trainer3d::resume_views(&rasterizer, masked, checkpoint.clone()).unwrap_err();
+    assert!(matches!(refused, Error::WrongTarget { .. }), "{refused}");
+    let mut flat = checkpoint;
+    flat.metadata.insert("format".to_owned(), "planar-fit-1".to_owned());
+    let refused = Trainer3d::resume_views(&rasterizer, views(&rasterizer), flat).unwrap_err();
+    assert!(matches!(refused, Error::Checkpoint(_)), "{refused}");
+}
+
+#[test]
+fn what_is_masked_does_not_count() {
+    let rasterizer = rasterizer();
+    // The left half of every photograph is painted over, and masked.
+    let spoiled = |masked: bool| {
+        changed(views(&rasterizer), |_, photograph| {
+            let (width, height) = photograph.image.size();
+            let left = |x: u32| x < width / 2;
+            let paint = |x, y| if left(x) { [0.0, 1.0, 0.0] } else { photograph.image.pixel(x, y) };
+            let image = Image::from_fn(width, height, paint).unwrap();
+            let mask = (0..height).flat_map(|_| (0..width).map(left)).map(|painted| !painted).collect();
+            PosedImage { image, alpha: None, mask: masked.then_some(mask) }
+        })
+    };
+    let quality = |masked| {
+        let mut settings = short(40);
+        settings.policy = Policy::None;
+        trained(settings, spoiled(masked), Start::Scene(thirty())).1.psnr
+    };
+    let (with_mask, without) = (quality(true), quality(false));
+    assert!(with_mask > 32.0 && without < with_mask - 5.0, "{with_mask} dB with the mask, {without} dB without");
+}
+
+#[test]
+fn the_loss_of_a_masked_step_is_told_in_its_place() {
+    let rasterizer = rasterizer();
+    let half_masked = changed(views(&rasterizer), |i, photograph| {
+        let mask = (i % 2 == 0).then(|| vec![true; photograph.image.pixels().len()]);
+        PosedImage { mask, ..photograph }
+    });
+    let losses = |views| {
+        let mut trainer = Trainer3d::from_views(&rasterizer, views, Start::Random, short(24)).unwrap();
+        let mut losses = Vec::new();
+        while !trainer.is_finished() {
+            trainer.step_once().unwrap();
+            losses.extend_from_slice(trainer.new_losses().1);
+        }
+        losses
+    };
+    let (plain, masked) = (losses(views(&rasterizer)), losses(half_masked));
+    assert_eq!((plain.len(), masked.len()), (24, 24));
+    for (step, (plain, masked)) in plain.iter().zip(&masked).enumerate() {
+        assert!((plain - masked).abs() < 1e-3 * plain, "step {step}: a mask that hides nothing: {plain}, {masked}");
+    }
+}
+
+#[test]
+fn random_backgrounds_make_what_is_transparent_so() {
+    let rasterizer = rasterizer();
+    // A photograph of nothing at all, stored as black glass.
+    let glass = || {
+        changed(views(&rasterizer), |_, photograph| {
+            let alpha = Some(vec![0.0; photograph.image.pixels().len()]);
+            PosedImage { image: Image::filled(48, 40, [0.0; 3]).unwrap(), alpha, mask: None }
+        })
+    };
+    let opacity = |background| {
+        let settings = TrainSettings { background, policy: Policy::None, ..short(60) };
+        let mut black = thirty();
+        black.sh.fill(glam::Vec3::splat(-0.5 / SH_C0));
+        let (scene, _) = trained(settings, glass(), Start::Scene(black));
+        scene.opacity_logits.iter().map(|&l| sigmoid(l)).sum::<f32>() / scene.len() as f32
+    };
+    let before = thirty().opacity_logits.iter().map(|&l| sigmoid(l)).sum::<f32>() / 30.0;
+    let (random, black) = (opacity(StepBackground::Random), opacity(StepBackground::Same));
+    assert!(black > 0.95 * before, "{black}: on black, black Gaussians do no harm");
+    assert!(random < 0.8 * before, "{random}, not {before}");
+}
+
+#[test]
+fn every_policy_trains_within_its_budget() {
+    let rasterizer = rasterizer();
+    let of = |settings: TrainSettings| trained(settings, views(&rasterizer), Start::Random);
+    let before = of(TrainSettings { iterations: 0, ..short(60) }).1.psnr;
+    for name in Policy::NAMES {
+        let settings = short(60).controlled_by(Policy::from_name(name).unwrap());
+        if ["residual", "image-gs"].contains(&name) {
+            let refused = Trainer3d::from_views(&rasterizer, views(&rasterizer), Start::Random, settings);
+            assert!(refused.unwrap_err().to_string().contains(name));
+            continue;
+        }
+        let (scene, evaluation) = of(settings);
+        scene.validate().unwrap();
+        assert!((1..=600).contains(&scene.len()), "{name}: {}", scene.len());
+        assert!(evaluation.psnr > before + 1.0, "{name}: {before} dB became {} dB", evaluation.psnr);
+    }
+}
+
+#[test]
+fn penalties_make_gaussians_fainter_and_smaller() {
+    let rasterizer = rasterizer();
+    let means = |penalty| {
+        let mut settings = TrainSettings { policy: Policy::None, ..short(60) };
+        settings.adam.penalty = penalty;
+        let (scene, _) = trained(settings, views(&rasterizer), Start::Random);
+        let count = scene.len() as f32;
+        let opacity = scene.opacity_logits.iter().map(|&l| sigmoid(l)).sum::<f32>() / count;
+        (opacity, scene.log_scales.iter().map(|s| s.map(f32::exp).element_sum()).sum::<f32>() / (3.0 * count))
+    };
+    let (opacity, scale) = means(Penalty::NONE);
+    let (fainter, _) = means(Penalty { opacity: 10.0, scale: 0.0 });
+    assert!(fainter < 0.5 * opacity, "{fainter}, not {opacity}");
+    let (_, smaller) = means(Penalty { opacity: 0.0, scale: 10.0 });
+    assert!(smaller < 0.9 * scale, "{smaller}, not {scale}");
+}
+
+#[test]
+fn sparse_steps_train_too() {
+    let rasterizer = rasterizer();
+    let mut settings = short(120);
+    settings.adam.participants = Participants::Visible;
+    let (_, sparse) = trained(settings, views(&rasterizer), Start::Random);
+    assert!(sparse.psnr > 18.0, "{}", sparse.psnr);
+}
+
+#[test]
+fn views_that_see_nothing_and_steps_that_are_over_are_errors() {
+    let rasterizer = rasterizer();
+    let behind = Start::Points(vec![Point { position: glam::Vec3::new(0.0, 0.0, 1e3), color: [0.5; 3] }]);
+    let refused = Trainer3d::from_views(&rasterizer, views(&rasterizer), behind, short(20)).unwrap_err();
+    assert!(matches!(refused, Error::NothingInView { .. }), "{refused}");
+    let none = Views::new(Vec::new(), Vec::new());
+    let refused = Trainer3d::from_views(&rasterizer, none, Start::Random, short(20)).unwrap_err();
+    assert!(refused.to_string().contains("views to train with"), "{refused}");
+    let mut trainer = Trainer3d::from_views(&rasterizer, views(&rasterizer), Start::Random, short(1)).unwrap();
+    trainer.step_once().unwrap();
+    assert!(matches!(trainer.step_once(), Err(Error::Finished { iterations: 1 })));
+}
+
+#[test]
+fn pictures_that_there_is_no_room_for_are_read_again() {
+    let rasterizer = rasterizer();
+    let with = |keep_bytes| trained(short(30), Views { keep_bytes, ..views(&rasterizer) }, Start::Random).0;
+    assert!(bits(&with(0)) == bits(&with(u64::MAX)));
+}
+
+#[test]
+fn a_test_view_of_which_no_pixel_counts_is_in_no_mean() {
+    let rasterizer = rasterizer();
+    let masked = |hidden: usize| {
+        let mut views = views(&rasterizer);
+        for view in &mut views.test[..hidden] {
+            let photograph = view.photograph().unwrap();
+            let mask = Some(vec![false; photograph.image.pixels().len()]);
+            view.source = Box::new(PosedImage { mask, ..photograph });
+        }
+        views
+    };
+    // Not the scene that was photographed, whose PSNR is infinite.
+    let mut fainter = thirty();
+    fainter.opacity_logits.iter_mut().for_each(|logit| *logit -= 0.5);
+    let judged = |hidden| evaluate(&rasterizer, &fainter, &masked(hidden).test, &render());
+    let two = judged(1).unwrap();
+    assert_eq!((two.views.len(), two.unmeasured.as_slice()), (2, &["view-12".to_owned()][..]));
+    let all = judged(0).unwrap();
+    assert!((two.ssim - (all.views[1].ssim + all.views[2].ssim) / 2.0).abs() < 1e-12 && two.psnr.is_finite());
+    assert!(matches!(judged(3), Err(Error::NothingCounts { views: 3 })));
+    // While it trains, too.
+    let quality = |hidden| {
+        Trainer3d::from_views(&rasterizer, masked(hidden), Start::Scene(fainter.clone()), short(40)).unwrap().quality()
+    };
+    assert!(quality(2).unwrap().psnr.is_finite());
+    assert!(matches!(quality(3), Err(Error::NothingCounts { views: 3 })));
+}
+
+#[test]
+fn the_summary_holds_how_well_the_views_are_fitted_that_it_trained_with() {
+    let rasterizer = rasterizer();
+    let mut fainter = thirty();
+    fainter.opacity_logits.iter_mut().for_each(|logit| *logit -= 0.5);
+    let summary = |views: Views, iterations| {
+        let start = Start::Scene(fainter.clone());
+        let mut trainer = Trainer3d::from_views(&rasterizer, views, start, short(iterations)).unwrap();
+        trainer.run(&mut ()).unwrap();
+        let evaluation = trainer.evaluate(&mut |_, _| Ok(())).unwrap();
+        TrainSummary::new(&trainer, evaluation).unwrap()
+    };
+    let usual = summary(views(&rasterizer), 0);
+    let training = usual.training.unwrap();
+    let (sampled, expected) = (views(&rasterizer), [0, 4, 8]);
+    let sample: Vec<PosedView> =
+        sampled.train.into_iter().enumerate().filter_map(|(i, view)| expected.contains(&i).then_some(view)).collect();
+    let mut shown = render();
+    shown.effects.sh_degree = 0;
+    let judged = evaluate(&rasterizer, &fainter, &sample, &shown).unwrap();
+    assert_eq!(training.views, 3, "as many as are held out");
+    assert!((training.psnr.unwrap() - judged.psnr).abs() < 1e-3, "{training:?} {judged:?}");
+    assert!(usual.loss == Some(training.loss) && training.loss > 0.0 && usual.drift().is_none(), "{training:?}");
+
+    // Held-out photographs that show something else are not fitted, however long it trains.
+    let mut others = views(&rasterizer);
+    for view in &mut others.test {
+        let photograph = view.photograph().unwrap();
+        let image = Image::filled(LENS.0, LENS.1, [0.9, 0.1, 0.5]).unwrap();
+        view.source = Box::new(PosedImage { image, ..photograph });
+    }
+    let drifted = summary(others, 20);
+    let apart = drifted.training.unwrap().psnr.unwrap() - drifted.evaluation.psnr;
+    assert!(apart > DRIFT_DB && drifted.drift() == Some(apart), "{apart}");
+
+    // A bound that nobody chose is none to reach.
+    let told = drifted.shortfall.as_ref().expect("one round is too few");
+    assert_eq!((told.gaussians, told.budget), (drifted.gaussians, 600));
+    let settings = TrainSettings { gaussians: TrainSettings::default().gaussians, ..short(4) };
+    let trainer = Trainer3d::from_views(&rasterizer, views(&rasterizer), Start::Scene(thirty()), settings).unwrap();
+    let evaluation = trainer.evaluate(&mut |_, _| Ok(())).unwrap();
+    assert_eq!(TrainSummary::new(&trainer, evaluation).unwrap().shortfall, None);
+}
+
+#[test]
+fn a_training_in_space_that_diverges_names_step_and_gaussian() {
+    let rasterizer = rasterizer();
+    let mut settings = short(40);
+    (settings.adam.color.learning_rate, settings.rounds) = (1e38, gs_train::Rounds::NEVER);
+    let mut trainer = Trainer3d::from_views(&rasterizer, views(&rasterizer), Start::Scene(thirty()), settings).unwrap();
+    let Err(Error::Diverged { step, loss, suspect }) = trainer.run(&mut ()) else { panic!("it did not diverge") };
+    assert!(!loss.is_finite() && (1..=40).contains(&step));
+    let suspect = suspect.expect("there are Gaussians");
+    assert!(suspect.index < 30 && suspect.to_string().contains("harmonics"), "{suspect}");
+    // No checkpoint is made of what came of it.
+    assert!(matches!(trainer.checkpoint(), Err(Error::Diverged { .. })));
+}

@@ -1,0 +1,32 @@
+// Stage `place` of 3D scenes: projected and their numbers of tiles go where blending meets them. One invocation a Gaussian, and one more
+// for the closing 0.
+
+// Place -> index.
+@group(0) @binding(1) var<storage, read> order: array<u32>;
+@group(0) @binding(2) var<storage, read> projected: array<Splat>;
+@group(0) @binding(3) var<storage, read> counts: array<u32>;
+@group(0) @binding(4) var<storage, read_write> projected: array<Splat>;
+// [N + 1]
+@group(0) @binding(5) var<storage, read_write> placed_counts: array<u32>;
+#if PIXEL_DEPTH
+@group(0) @binding(6) var<storage, read> pixel_depths: array<vec4f>;
+@group(0) @binding(7) var<storage, read_write> placed_depths: array<vec4f>;
+#endif
+
+@compute @workgroup_size(64)
+fn place(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
+    let at = flat(group, groups) * 64u + lane;
+    if at > step.gaussians {
+        return;
+    }
+    var count = 0u;
+    if at < step.gaussians {
+        let index = order[at];
+        projected[at] = projected[index];
+        count = counts[index];
+#if PIXEL_DEPTH
+        placed_depths[at] = pixel_depths[index];
+#endif
+    }
+    placed_counts[at] = count;
+}

@@ -1,0 +1,115 @@
+// Stage `project` of 3D scenes: every Gaussian becomes what the pixels need, how many tiles it touches, and its depth. One invocation
+// a Gaussian; all is by index here, and `place` puts it into the order of blending. Colours are evaluated of those that touch a tile.
+
+@group(0) @binding(1) var<uniform> camera: Camera;
+@group(0) @binding(2) var<storage, read> ellipsoids: array<Ellipsoid>;
+// [N, coefficients, 3]
+@group(0) @binding(3) var<storage, read> sh: array<f32>;
+@group(0) @binding(4) var<storage, read_write> projected: array<Splat>;
+@group(0) @binding(5) var<storage, read_write> counts: array<u32>;
+// What sorting by depth begins with: the bits of depths, which are positive, and indices.
+@group(0) @binding(6) var<storage, read_write> depths: array<u32>;
+@group(0) @binding(7) var<storage, read_write> order: array<u32>;
+@group(0) @binding(8) var<storage, read_write> status: Counted;
+#if PIXEL_DEPTH
+// By index: depth of the mean, its slope by px, and the bits of the index.
+@group(0) @binding(9) var<storage, read_write> pixel_depths: array<vec4f>;
+#endif
+
+fn color_of(index: u32, mean: vec3f) -> vec3f {
+    var y_k = basis(towards(camera, mean).xyz);
+    var sum = vec3f(0.5);
+    var at = index * step.coefficients * 3u;
+    for (var k = 0u; k < evaluated(); k++) {
+        sum += vec3f(sh[at], sh[at + 1u], sh[at + 2u]) * y_k[k];
+        at += 3u;
+    }
+    // What is not finite stays so: it must be seen, not drawn as black.
+    return select(sum, vec3f(0.0), (sum < vec3f(0.0)) & (sum >= vec3f(-3.4028235e38)));
+}
+
+// Without its colour. `depth_slope`: by how much the depth at a pixel grows with a px, where anything is drawn.
+fn project_one(e: Ellipsoid, p: vec3f, depth_slope: ptr<function, vec2f>) -> Splat {
+    let q = quaternion(e.rotation);
+    let norm2 = dot(q.scaled, q.scaled);
+    let finite = all_finite(e.mean) && all_finite(e.log_scale) && is_finite(norm2) && !is_nan(e.opacity_logit);
+    if (GUARD_FINITE_PARAMETERS && !finite) || (GUARD_FINITE_PROJECTION && (is_nan(p.x) || is_nan(p.y) || is_nan(p.z))) {
+        atomicAdd(&status.not_finite, 1u);
+        return culled();
+    }
+    if !(p.z >= camera.near) {
+        atomicAdd(&status.near, 1u);
+        return culled();
+    }
+    if !(norm2 >= MIN_QUATERNION_NORM2) {
+        atomicAdd(&status.degenerate, 1u);
+        return culled();
+    }
+    let i = intermediate(camera, e, p);
+    let mean = camera.focal * i.slope + camera.center;
+    let n = cross(i.r0, i.r1);
+    let undilated = dot(n, n);
+    let xx = dot(i.r0, i.r0);
+    let yy = dot(i.r1, i.r1);
+    let delta = camera.dilation;
+    let det = undilated + delta * (xx + yy) + delta * delta;
+    let covariance = vec3f(xx + delta, dot(i.r0, i.r1), yy + delta);
+    let sized = is_finite(mean.x) && is_finite(mean.y) && is_finite(covariance.x * covariance.z) && is_finite(det);
+    if GUARD_FINITE_PROJECTION && !sized {
+        atomicAdd(&status.not_finite, 1u);
+        return culled();
+    }
+    if !(det >= MIN_DETERMINANT_PX4) {
+        atomicAdd(&status.degenerate, 1u);
+        return culled();
+    }
+    var opacity = 1.0;
+    if step.opaque == 0u {
+        opacity = sigmoid(e.opacity_logit);
+        if camera.compensates == 1u {
+            opacity *= sqrt(undilated / det);
+        }
+    }
+    if GUARD_TRANSPARENT && !(opacity >= step.alpha_cut) {
+        atomicAdd(&status.transparent, 1u);
+        return culled();
+    }
+#if PIXEL_DEPTH
+    let undilated_slope = vec2f(dot(i.m[2], cross(i.r1, n)), dot(i.m[2], cross(n, i.r0)));
+    *depth_slope = (undilated_slope + delta * vec2f(dot(i.m[2], i.r0), dot(i.m[2], i.r1))) / det;
+#endif
+    return splat_of(mean, covariance, det, opacity, vec3f(0.0));
+}
+
+@compute @workgroup_size(64)
+fn project_3d(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
+    let index = flat(group, groups) * 64u + lane;
+    if index >= step.gaussians {
+        return;
+    }
+    let e = ellipsoids[index];
+    let p = in_camera(camera, e.mean);
+    var depth_slope = vec2f(0.0);
+    var splat = project_one(e, p, &depth_slope);
+    var touched = tiles_of(splat);
+    if splat.half_x >= 0.0 {
+        if touched == 0u {
+            atomicAdd(&status.outside, 1u);
+            splat = culled();
+        } else {
+            splat.color = color_of(index, e.mean);
+            if GUARD_FINITE_COLOR && !all_finite(splat.color) {
+                atomicAdd(&status.not_finite, 1u);
+                splat = culled();
+                touched = 0u;
+            }
+        }
+    }
+    projected[index] = splat;
+    counts[index] = touched;
+    depths[index] = bitcast<u32>(max(p.z, 0.0));
+    order[index] = index;
+#if PIXEL_DEPTH
+    pixel_depths[index] = vec4f(p.z, depth_slope, bitcast<f32>(index));
+#endif
+}

@@ -1,0 +1,105 @@
+//! What passes leave behind on the device: forward passes, gradients, and the pool that their buffers go back to.
+
+use std::{
+    fmt,
+    sync::{Arc, Mutex, PoisonError},
+};
+
+use gs_core::{Error, Image, RenderSettings, statistics::Culled};
+
+use crate::{gpu::Gpu, kind::Kind, layout::Status, splats::Splats, workspace::Workspace};
+
+/// Workspaces that are not in use.
+#[derive(Debug)]
+pub struct Pool<S: Kind>(Mutex<Vec<Workspace<S>>>);
+
+impl<S: Kind> Default for Pool<S> {
+    fn default() -> Self {
+        Self(Mutex::default())
+    }
+}
+
+impl<S: Kind> Pool<S> {
+    pub(crate) fn take(&self, gpu: &Gpu) -> Result<Workspace<S>, Error> {
+        match self.0.lock().unwrap_or_else(PoisonError::into_inner).pop() {
+            Some(mut workspace) => {
+                // So that results don't depend on what it served for before: neither the lengths of its lists nor the lists, which
+                // a step with `Binning::Reuse` would otherwise take up.
+                workspace.tiles.segments.clear();
+                workspace.edition = None;
+                Ok(workspace)
+            }
+            None => Workspace::new(gpu),
+        }
+    }
+
+    pub(crate) fn give(&self, workspace: Workspace<S>) {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).push(workspace);
+    }
+}
+
+/// One forward pass on the device: the image, and what its backward pass needs.
+pub struct ForwardPass<S: Kind> {
+    /// `Some` until dropped.
+    pub(crate) workspace: Option<Workspace<S>>,
+    pub(crate) status: Status,
+    pub(crate) pool: Arc<Pool<S>>,
+}
+
+impl<S: Kind> ForwardPass<S> {
+    pub(crate) fn workspace(&self) -> &Workspace<S> {
+        self.workspace.as_ref().expect("a forward pass has its workspace until it is dropped")
+    }
+
+    pub(crate) fn image(&self, gpu: &Gpu) -> Result<Image, Error> {
+        let tiles = &self.workspace().tiles;
+        let [width, height] = tiles.size;
+        let pixels: Vec<[f32; 4]> = gpu.read(&tiles.image.buffer, width as usize * height as usize)?;
+        Image::from_pixels(width, height, pixels.into_iter().map(|[r, g, b, _]| [r, g, b]).collect())
+    }
+
+    pub(crate) fn culled(&self) -> Culled {
+        let Status { not_finite, near, degenerate, transparent, outside, .. } = self.status;
+        Culled { not_finite, near, degenerate, transparent, outside }
+    }
+
+    /// Entries of all tiles' lists: one per Gaussian and tile of 16×16 px that it touches.
+    pub fn entries(&self) -> usize {
+        self.status.entries as usize
+    }
+}
+
+impl<S: Kind> Drop for ForwardPass<S> {
+    fn drop(&mut self) {
+        if let Some(workspace) = self.workspace.take() {
+            self.pool.give(workspace);
+        }
+    }
+}
+
+impl<S: Kind> fmt::Debug for ForwardPass<S> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("ForwardPass").field("status", &self.status).finish_non_exhaustive()
+    }
+}
+
+/// The gradients of one backward pass, `[N]`, on the device.
+#[derive(Debug)]
+pub struct Gradients<S: Kind> {
+    /// As many as the kind of scene has.
+    pub(crate) buffers: Vec<wgpu::Buffer>,
+    pub(crate) len: usize,
+    /// Of the forward pass, for what the device is told in a step of Adam.
+    pub(crate) view: S::View,
+    pub(crate) settings: RenderSettings,
+}
+
+impl<S: Kind> Gradients<S> {
+    /// Fails unless the gradients are of as many Gaussians as the splats has.
+    pub(crate) fn check_len(&self, splats: &Splats<S>) -> Result<(), Error> {
+        if self.len == splats.len {
+            return Ok(());
+        }
+        Err(Error::State(format!("gradients of {} Gaussians do not fit splats of {}", self.len, splats.len)))
+    }
+}

@@ -1,0 +1,248 @@
+//! What the backend needs to know about 2D scenes.
+
+use std::sync::Arc;
+
+use glam::{Vec2, Vec3};
+use gs_core::{
+    AdamRates, Blend, Canvas, Error, Gaussian2d, Parameterization, Penalty, RenderSettings, Scene2d, SplatsState,
+    effects::{Antialias, Order, Statistics as Collected},
+    profile::Traffic,
+    whitened::WhitenedGradient,
+};
+
+use super::{solve_colors::solve_colors, state::State2d};
+use crate::{
+    WgpuRasterizer,
+    dispatch::{Commands, Groups, dispatch, dispatch_some},
+    forward_pass::{Gradients, Pool},
+    gpu::Gpu,
+    kind::Kind,
+    layout::{Gaussian, Gradient, Moments, SPLAT_BYTES, Statistics, Step},
+    profile::Stage,
+    rasterizer::{check_settings, unsupported},
+    shaders::{Kernels, LANES, Variant},
+    splats::{Edit, Splats},
+    target::Target,
+    tiles::{BY_GAUSSIAN, Growing, groups_of},
+    traffic::{INDEX, size},
+    workspace::Workspace,
+};
+
+/// The vectors and scalars of `solve_colors`.
+#[derive(Debug)]
+pub struct Own2d {
+    pub(crate) vectors: Growing,
+    pub(crate) scalars: Growing,
+}
+
+fn in_parameterization(splats: &Splats<Scene2d>) -> Variant {
+    Variant {
+        covariance_factor: splats.state.parameterization == Parameterization::CovarianceFactor,
+        ..Variant::default()
+    }
+}
+
+impl Kind for Scene2d {
+    type State = State2d;
+    type Own = Own2d;
+
+    const LISTS_LAST: bool = true;
+
+    fn check(view: &Canvas, settings: &RenderSettings) -> Result<(), Error> {
+        view.validate()?;
+        check_settings(settings)?;
+        let effects = &settings.effects;
+        if effects.order != Order::Index {
+            return Err(unsupported(format!("order {:?} of a 2D scene, which has no depth", effects.order)));
+        }
+        if effects.antialias != Antialias::None {
+            return Err(unsupported(format!("antialias {:?} of a 2D scene", effects.antialias)));
+        }
+        Ok(())
+    }
+
+    fn check_rates(rates: &AdamRates) -> Result<(), Error> {
+        if rates.penalty != Penalty::NONE {
+            return Err(unsupported("a penalty on the opacities and scales of a 2D scene"));
+        }
+        Ok(())
+    }
+
+    fn size(view: &Canvas) -> [u32; 2] {
+        [view.width, view.height]
+    }
+
+    fn pool(rasterizer: &WgpuRasterizer) -> &Arc<Pool<Self>> {
+        &rasterizer.pool_2d
+    }
+
+    fn upload(gpu: &Gpu, scene: &Self, parameterization: Parameterization) -> Result<State2d, Error> {
+        State2d::new(gpu, scene, parameterization)
+    }
+
+    fn prepare(_: &Gpu, _: &mut State2d, _: usize) -> Result<(), Error> {
+        Ok(())
+    }
+
+    fn download(gpu: &Gpu, state: &State2d, len: usize) -> Result<Self, Error> {
+        state.scene(gpu, len)
+    }
+
+    fn save(gpu: &Gpu, state: &State2d, len: usize) -> Result<SplatsState, Error> {
+        state.save(gpu, len)
+    }
+
+    fn restore(gpu: &Gpu, state: &SplatsState, len: usize) -> Result<State2d, Error> {
+        State2d::restore(gpu, state, len)
+    }
+
+    fn has_opacity(state: &State2d, fresh: &[&Gaussian2d]) -> bool {
+        state.has_opacity_with(fresh)
+    }
+
+    fn coefficients(_: &State2d) -> u32 {
+        0
+    }
+
+    fn edit(
+        gpu: &Gpu,
+        commands: &mut Commands,
+        state: &State2d,
+        edit: &Edit<'_, Gaussian2d>,
+    ) -> Result<State2d, Error> {
+        state.edit(gpu, commands, edit)
+    }
+
+    fn own(gpu: &Gpu) -> Result<Own2d, Error> {
+        Ok(Own2d {
+            vectors: Growing::new(gpu, "vectors of conjugate gradients")?,
+            scalars: Growing::new(gpu, "scalars of conjugate gradients")?,
+        })
+    }
+
+    fn ensure(_: &mut Workspace<Self>, _: &Gpu, _: &Splats<Self>) -> Result<(), Error> {
+        Ok(())
+    }
+
+    fn gradient_bytes(splats: &Splats<Self>) -> Vec<u64> {
+        vec![(splats.len * size_of::<Gradient>()) as u64]
+    }
+
+    fn describe(view: &Canvas, settings: &RenderSettings, splats: &Splats<Self>, step: &mut Step) {
+        step.origin = view.origin.to_array();
+        step.pixels_per_unit = view.scale().to_array();
+        step.opaque = u32::from(settings.effects.blend == Blend::Sum || !splats.state.has_opacity);
+    }
+
+    fn write_view(_: &Workspace<Self>, _: &Gpu, _: &Canvas) {}
+
+    fn encode_project(
+        workspace: &Workspace<Self>,
+        gpu: &Gpu,
+        commands: &mut Commands,
+        splats: &Splats<Self>,
+        lists: bool,
+    ) {
+        let tiles = &workspace.tiles;
+        let (step, status, projected) = (&tiles.step, &tiles.status, &tiles.projected.buffer);
+        let variant = Variant { lists, ..in_parameterization(splats) };
+        let groups = groups_of(gpu, u64::from(tiles.gaussians) + 1, 64);
+        let gaussians = &splats.state.gaussians;
+        if lists {
+            let bindings = [step, gaussians, projected, &tiles.offsets.buffer, status];
+            dispatch(gpu, commands, "project", variant, &bindings, groups);
+        } else {
+            let bindings = [step, gaussians, projected, status];
+            dispatch_some(gpu, commands, "project", variant, (&[0, 1, 2, 4], &bindings), groups);
+        }
+    }
+
+    fn encode_project_bwd(workspace: &Workspace<Self>, gpu: &Gpu, commands: &mut Commands, splats: &Splats<Self>) {
+        let tiles = &workspace.tiles;
+        let bindings = [
+            &tiles.step,
+            &splats.state.gaussians,
+            &tiles.projected.buffer,
+            &tiles.offsets.buffer,
+            &tiles.slots.buffer,
+            &workspace.gradients[0].buffer,
+        ];
+        let invocations = if gpu.kernels == Kernels::Vectors { LANES } else { 64 };
+        let groups = groups_of(gpu, u64::from(tiles.gaussians), invocations.into());
+        let variant = Variant { covariance_factor: in_parameterization(splats).covariance_factor, ..tiles.variant() };
+        dispatch(gpu, commands, "project_bwd", variant, &bindings, groups);
+    }
+
+    fn encode_adam(
+        gpu: &Gpu,
+        commands: &mut Commands,
+        splats: &Splats<Self>,
+        step: &wgpu::Buffer,
+        gradients: &[&wgpu::Buffer],
+        indirect: Option<&wgpu::Buffer>,
+    ) {
+        let State2d { gaussians, moments, .. } = &splats.state;
+        let groups = match indirect {
+            Some(sizes) => Groups::Indirect(sizes, BY_GAUSSIAN),
+            None => groups_of(gpu, splats.len as u64, 64),
+        };
+        let bindings = [step, gradients[0], gaussians, moments, &splats.statistics];
+        dispatch(gpu, commands, "adam", in_parameterization(splats), &bindings, groups);
+    }
+
+    fn derivatives(gpu: &Gpu, splats: &Splats<Self>, gradients: &Gradients<Self>) -> Result<Self, Error> {
+        let found: Vec<Gradient> = gpu.read(&gradients.buffers[0], gradients.len)?;
+        let mut scene = Self::default();
+        for (gradient, gaussian) in found.iter().zip(splats.state.download_gaussians(gpu, splats.len)?) {
+            let (mean, [x, y, angle]) = match gradient.visible {
+                0 => (Vec2::ZERO, [0.0; 3]),
+                _ => by_scale_rotation(&splats.state, &gaussian, gradient),
+            };
+            scene.means.push(mean);
+            scene.log_scales.push(Vec2::new(x, y));
+            scene.rotations.push(angle);
+            scene.colors.push(Vec3::from_array(gradient.color));
+            if splats.state.has_opacity {
+                scene.opacity_logits.push(gradient.opacity_logit);
+            }
+        }
+        Ok(scene)
+    }
+
+    fn solve_colors(
+        rasterizer: &WgpuRasterizer,
+        splats: &mut Splats<Self>,
+        view: &Canvas,
+        target: &Target,
+        settings: &RenderSettings,
+        iterations: u32,
+    ) -> Result<(), Error> {
+        solve_colors(rasterizer, splats, view, target, settings, iterations)
+    }
+
+    fn traffic(stage: Stage, workspace: &Workspace<Self>, splats: &Splats<Self>) -> Traffic {
+        let n = splats.len as u64;
+        let (read, written) = match stage {
+            Stage::Project => (n * size::<Gaussian>(), n * (SPLAT_BYTES + INDEX)),
+            Stage::ProjectBwd => (n * (size::<Gaussian>() + SPLAT_BYTES + INDEX), n * size::<Gradient>()),
+            Stage::Adam => {
+                let collected = workspace.tiles.settings.effects.statistics != Collected::None;
+                let statistics = if collected { size::<Statistics>() } else { 0 };
+                let state = size::<Gaussian>() + size::<Moments>() + statistics;
+                (n * (size::<Gradient>() + state), n * state)
+            }
+            _ => (0, 0),
+        };
+        Traffic { read, written }
+    }
+}
+
+fn by_scale_rotation(state: &State2d, gaussian: &Gaussian, gradient: &Gradient) -> (Vec2, [f32; 3]) {
+    let whitened = WhitenedGradient { xi: Vec2::from_array(gradient.xi), eta: gradient.eta };
+    let l = state.factor(gaussian);
+    let (l, log_ratio, whitened) = match state.parameterization {
+        Parameterization::ScaleRotation => (l, gaussian.shape[0] - gaussian.shape[1], whitened),
+        Parameterization::CovarianceFactor => whitened.in_axes(l),
+    };
+    whitened.by_scale_rotation(l, log_ratio)
+}

@@ -1,0 +1,121 @@
+//! Solving for the colours under `Sum`, as commands: conjugate gradients on the normal equations.
+
+use gs_core::{Blend, Canvas, Error, RenderSettings, Scene2d, effects::Statistics};
+
+use crate::{
+    WgpuRasterizer,
+    blend::Differentiated,
+    dispatch::{Commands, Groups, dispatch_some},
+    gpu::{BACKEND, Gpu},
+    layout::{CONJUGATE_BYTES, Step},
+    shaders::Variant,
+    splats::Splats,
+    target::Target,
+    tiles::groups_of,
+    workspace::Workspace,
+};
+
+/// Moves the colours towards the least-squares solution.
+pub(crate) fn solve_colors(
+    rasterizer: &WgpuRasterizer,
+    splats: &Splats<Scene2d>,
+    view: &Canvas,
+    target: &Target,
+    settings: &RenderSettings,
+    iterations: u32,
+) -> Result<(), Error> {
+    if settings.effects.blend != Blend::Sum {
+        return Err(Error::Unsupported {
+            backend: BACKEND,
+            effect: "solving for colours under `over`, where the image is not linear in them".to_owned(),
+        });
+    }
+    // Nothing is collected.
+    let mut settings = *settings;
+    settings.effects.statistics = Statistics::None;
+    let gpu = &rasterizer.gpu;
+    splats.settle(gpu)?;
+    let mut workspace = rasterizer.pool_2d.take(gpu)?;
+    workspace.set(gpu, splats, view, &settings)?;
+    let describe = |w: &Workspace<Scene2d>| w.describe(gpu, splats, None, None);
+    rasterizer.with_lists(&mut workspace, splats, describe, |_, _| Ok(()))?;
+    let step = describe(&workspace);
+    let without_background = gpu.storage("step", &[Step { background: [0.0; 3], ..step }])?;
+    workspace.write_step(gpu, &step);
+    let mut commands = Commands::new(gpu);
+    workspace.encode_solve(gpu, &mut commands, splats, target, iterations, &without_background)?;
+    commands.submit(gpu);
+    rasterizer.pool_2d.give(workspace);
+    gpu.check()
+}
+
+impl Workspace<Scene2d> {
+    /// Solving for the colours, from lists that are there; `iterations` of conjugate gradients.
+    pub(crate) fn encode_solve(
+        &mut self,
+        gpu: &Gpu,
+        commands: &mut Commands,
+        splats: &Splats<Scene2d>,
+        target: &Target,
+        iterations: u32,
+        without_background: &wgpu::Buffer,
+    ) -> Result<(), Error> {
+        let n = u64::from(self.tiles.gaussians);
+        self.own.vectors.ensure(gpu, n * CONJUGATE_BYTES)?;
+        self.own.scalars.ensure(gpu, 64)?;
+        self.tiles.partial.ensure(gpu, n.div_ceil(256) * 16)?;
+        self.tiles.encode_blend(gpu, commands);
+        self.tiles.encode_loss(gpu, commands, target, None)?;
+        self.tiles.encode_blend_bwd(gpu, commands, Differentiated::Loss(target))?;
+        self.encode_solver(gpu, commands, splats, "solve_start", None);
+        self.encode_solver(gpu, commands, splats, "solve_scalars", Some(0));
+        // From here on the image is that of a direction, on nothing.
+        commands.encoder().copy_buffer_to_buffer(without_background, 0, &self.tiles.step, 0, size_of::<Step>() as u64);
+        for _ in 0..iterations {
+            self.tiles.encode_blend(gpu, commands);
+            self.tiles.encode_blend_bwd(gpu, commands, Differentiated::Image)?;
+            self.encode_solver(gpu, commands, splats, "solve_product", None);
+            self.encode_solver(gpu, commands, splats, "solve_scalars", Some(1));
+            self.encode_solver(gpu, commands, splats, "solve_step", None);
+            self.encode_solver(gpu, commands, splats, "solve_scalars", Some(2));
+            self.encode_solver(gpu, commands, splats, "solve_direction", None);
+        }
+        self.encode_solver(gpu, commands, splats, "solve_end", None);
+        Ok(())
+    }
+
+    fn encode_solver(
+        &self,
+        gpu: &Gpu,
+        commands: &mut Commands,
+        splats: &Splats<Scene2d>,
+        entry_point: &'static str,
+        scalars: Option<u32>,
+    ) {
+        let buffers = [
+            &self.tiles.step,
+            &self.tiles.projected.buffer,
+            &self.tiles.offsets.buffer,
+            &self.tiles.slots.buffer,
+            &self.own.vectors.buffer,
+            &self.tiles.partial.buffer,
+            &self.own.scalars.buffer,
+            &splats.state.gaussians,
+        ];
+        let used: &[u32] = match entry_point {
+            "solve_start" => &[0, 1, 2, 3, 4, 5],
+            "solve_product" => &[0, 2, 3, 4, 5],
+            "solve_step" => &[0, 1, 4, 5, 6],
+            "solve_direction" => &[0, 1, 4, 6],
+            "solve_end" => &[0, 1, 4, 7],
+            _ => &[0, 5, 6],
+        };
+        let bindings: Vec<&wgpu::Buffer> = used.iter().map(|&number| buffers[number as usize]).collect();
+        let variant = Variant { constant: scalars.map(|which| ("WHICH", which)), ..Variant::default() };
+        let groups = match scalars {
+            None => groups_of(gpu, u64::from(self.tiles.gaussians), 256),
+            Some(_) => Groups::Direct(1, 1),
+        };
+        dispatch_some(gpu, commands, entry_point, variant, (used, &bindings), groups);
+    }
+}

@@ -1,0 +1,199 @@
+//! What the backend needs to know about 3D scenes.
+
+use std::sync::Arc;
+
+use glam::Vec3;
+use gs_core::{
+    AdamRates, Camera, Error, Gaussian3d, Parameterization, RenderSettings, Scene3d, SplatsState,
+    effects::{Exposure, Lens, Statistics as Collected},
+    profile::Traffic,
+};
+
+use super::{
+    stages::{self, Own3d},
+    state::{COLOR_BYTES, State3d},
+};
+use crate::{
+    WgpuRasterizer,
+    dispatch::Commands,
+    forward_pass::{Gradients, Pool},
+    gpu::Gpu,
+    kind::Kind,
+    layout::{Ellipsoid, EllipsoidGradient, EllipsoidMoments, SPLAT_BYTES, Statistics, Step},
+    profile::Stage,
+    rasterizer::{check_settings, unsupported},
+    splats::{Edit, Splats},
+    target::Target,
+    tiles::DEPTH_BYTES,
+    traffic::{INDEX, size},
+    workspace::Workspace,
+};
+
+impl Kind for Scene3d {
+    type State = State3d;
+    type Own = Own3d;
+
+    const LISTS_LAST: bool = false;
+
+    fn check(camera: &Camera, settings: &RenderSettings) -> Result<(), Error> {
+        camera.validate()?;
+        check_settings(settings)?;
+        let effects = &settings.effects;
+        if effects.lens != Lens::Pinhole {
+            return Err(unsupported(format!("lens {:?}; undistort the images", effects.lens)));
+        }
+        if effects.exposure != Exposure::None {
+            return Err(unsupported(format!("exposure {:?}", effects.exposure)));
+        }
+        Ok(())
+    }
+
+    fn check_rates(_: &AdamRates) -> Result<(), Error> {
+        Ok(())
+    }
+
+    fn size(camera: &Camera) -> [u32; 2] {
+        [camera.width, camera.height]
+    }
+
+    fn pool(rasterizer: &WgpuRasterizer) -> &Arc<Pool<Self>> {
+        &rasterizer.pool_3d
+    }
+
+    fn upload(gpu: &Gpu, scene: &Self, parameterization: Parameterization) -> Result<State3d, Error> {
+        State3d::new(gpu, scene, parameterization)
+    }
+
+    fn prepare(gpu: &Gpu, state: &mut State3d, len: usize) -> Result<(), Error> {
+        state.make_moments(gpu, len)
+    }
+
+    fn download(gpu: &Gpu, state: &State3d, len: usize) -> Result<Self, Error> {
+        state.scene(gpu, len)
+    }
+
+    fn save(gpu: &Gpu, state: &State3d, len: usize) -> Result<SplatsState, Error> {
+        state.save(gpu, len)
+    }
+
+    fn restore(gpu: &Gpu, state: &SplatsState, len: usize) -> Result<State3d, Error> {
+        State3d::restore(gpu, state, len)
+    }
+
+    fn has_opacity(_: &State3d, _: &[&Gaussian3d]) -> bool {
+        true
+    }
+
+    fn coefficients(state: &State3d) -> u32 {
+        state.coefficients() as u32
+    }
+
+    fn edit(
+        gpu: &Gpu,
+        commands: &mut Commands,
+        state: &State3d,
+        edit: &Edit<'_, Gaussian3d>,
+    ) -> Result<State3d, Error> {
+        state.edit(gpu, commands, edit)
+    }
+
+    fn own(gpu: &Gpu) -> Result<Own3d, Error> {
+        Own3d::new(gpu)
+    }
+
+    fn ensure(workspace: &mut Workspace<Self>, gpu: &Gpu, splats: &Splats<Self>) -> Result<(), Error> {
+        let Workspace { tiles, own, .. } = workspace;
+        let n = splats.len as u64;
+        tiles.ensure_sorting(gpu, n)?;
+        own.projected.ensure(gpu, n * SPLAT_BYTES)?;
+        own.counts.ensure(gpu, n * INDEX)?;
+        if tiles.orders_by_pixel() {
+            own.pixel_depths.ensure(gpu, n * DEPTH_BYTES)?;
+        }
+        own.depths.iter_mut().chain(&mut own.order).try_for_each(|growing| growing.ensure(gpu, n * INDEX))
+    }
+
+    /// Of what stands in an [`Ellipsoid`]; of SH coefficients.
+    fn gradient_bytes(splats: &Splats<Self>) -> Vec<u64> {
+        let n = splats.len as u64;
+        vec![n * size::<EllipsoidGradient>(), n * splats.state.coefficients() as u64 * COLOR_BYTES]
+    }
+
+    fn describe(_: &Camera, settings: &RenderSettings, splats: &Splats<Self>, step: &mut Step) {
+        step.coefficients = splats.state.coefficients() as u32;
+        step.sh_degree = settings.effects.sh_degree.min(splats.state.sh_degree).into();
+    }
+
+    fn write_view(workspace: &Workspace<Self>, gpu: &Gpu, camera: &Camera) {
+        workspace.own.write_camera(gpu, camera, &workspace.tiles.settings);
+    }
+
+    fn encode_project(workspace: &Workspace<Self>, gpu: &Gpu, commands: &mut Commands, splats: &Splats<Self>, _: bool) {
+        workspace.encode_splats(gpu, commands, splats);
+    }
+
+    fn encode_project_bwd(workspace: &Workspace<Self>, gpu: &Gpu, commands: &mut Commands, splats: &Splats<Self>) {
+        workspace.encode_splats_bwd(gpu, commands, splats);
+    }
+
+    fn encode_adam(
+        gpu: &Gpu,
+        commands: &mut Commands,
+        splats: &Splats<Self>,
+        step: &wgpu::Buffer,
+        gradients: &[&wgpu::Buffer],
+        indirect: Option<&wgpu::Buffer>,
+    ) {
+        stages::encode_adam(gpu, commands, splats, step, gradients, indirect);
+    }
+
+    fn derivatives(gpu: &Gpu, splats: &Splats<Self>, gradients: &Gradients<Self>) -> Result<Self, Error> {
+        let k = splats.state.coefficients();
+        let found: Vec<EllipsoidGradient> = gpu.read(&gradients.buffers[0], gradients.len)?;
+        let sh: Vec<[f32; 3]> = gpu.read(&gradients.buffers[1], gradients.len * k)?;
+        let mut scene = Self { sh_degree: splats.state.sh_degree, ..Self::default() };
+        for (g, sh) in found.iter().zip(sh.chunks_exact(k)) {
+            scene.means.push(Vec3::from_array(g.mean));
+            scene.log_scales.push(Vec3::from_array(g.log_scale));
+            scene.rotations.push(g.rotation);
+            scene.opacity_logits.push(g.opacity_logit);
+            scene.sh.extend(sh.iter().map(|&c| if g.visible == 0 { Vec3::ZERO } else { Vec3::from_array(c) }));
+        }
+        Ok(scene)
+    }
+
+    fn solve_colors(
+        _: &WgpuRasterizer,
+        _: &mut Splats<Self>,
+        _: &Camera,
+        _: &Target,
+        _: &RenderSettings,
+        _: u32,
+    ) -> Result<(), Error> {
+        Err(unsupported("solving for the colours of 3D scenes"))
+    }
+
+    fn traffic(stage: Stage, workspace: &Workspace<Self>, splats: &Splats<Self>) -> Traffic {
+        let (n, sh) = (splats.len as u64, splats.state.coefficients() as u64 * COLOR_BYTES);
+        let geometry = size::<Ellipsoid>();
+        let (read, written) = match stage {
+            // By index, then by place. Each pass of sorting between counts keys, then moves keys and numbers.
+            Stage::Project => {
+                let passes = u64::from(workspace.depth_passes());
+                let read = geometry + sh + passes * 3 * INDEX + SPLAT_BYTES + 2 * INDEX;
+                (n * read, n * (2 * SPLAT_BYTES + 4 * INDEX + passes * 2 * INDEX))
+            }
+            Stage::ProjectBwd => {
+                (n * (geometry + sh + SPLAT_BYTES + 2 * INDEX), n * (size::<EllipsoidGradient>() + sh))
+            }
+            Stage::Adam => {
+                let collected = workspace.tiles.settings.effects.statistics != Collected::None;
+                let statistics = if collected { size::<Statistics>() } else { 0 };
+                let state = geometry + size::<EllipsoidMoments>() + 3 * sh + statistics;
+                (n * (size::<EllipsoidGradient>() + sh + state), n * state)
+            }
+            _ => (0, 0),
+        };
+        Traffic { read, written }
+    }
+}

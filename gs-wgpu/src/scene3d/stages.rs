@@ -1,0 +1,159 @@
+//! The stages that only 3D scenes have, as commands, and their buffers.
+
+use gs_core::{Camera, Error, RenderSettings, Scene3d, effects::Order, perspective::Perspective};
+
+use crate::{
+    dispatch::{Commands, Groups, dispatch},
+    gpu::Gpu,
+    layout,
+    lists::{Sorting, Which},
+    shaders::{Kernels, LANES, SORT_BITS, SORT_BLOCK, Variant},
+    splats::{Splats, UNIFORM},
+    tiles::{BY_COEFFICIENT, BY_GAUSSIAN, Growing, groups_of},
+    workspace::Workspace,
+};
+
+/// Passes of sorting by a depth of 32 bits: an even number, so that it ends where it began.
+const DEPTH_PASSES: u32 = u32::BITS / SORT_BITS;
+
+/// A 3D scene's own buffers.
+#[derive(Debug)]
+pub struct Own3d {
+    camera: wgpu::Buffer,
+    /// Splats by index, and how many tiles each touches.
+    pub(crate) projected: Growing,
+    pub(crate) counts: Growing,
+    /// With slopes and indices, for the order of depth at each pixel.
+    pub(crate) pixel_depths: Growing,
+    pub(crate) depths: [Growing; 2],
+    /// Place → index.
+    pub(crate) order: [Growing; 2],
+}
+
+impl Own3d {
+    pub(crate) fn new(gpu: &Gpu) -> Result<Self, Error> {
+        let growing = |label| Growing::new(gpu, label);
+        Ok(Self {
+            camera: gpu.allocate("camera", size_of::<layout::Camera>() as u64, UNIFORM)?,
+            projected: growing("projected by index")?,
+            counts: growing("tile counts")?,
+            pixel_depths: growing("depths by pixel")?,
+            depths: [growing("depths")?, growing("depths")?],
+            order: [growing("order of depth")?, growing("order of depth")?],
+        })
+    }
+
+    /// Tells the device of the camera.
+    pub(crate) fn write_camera(&self, gpu: &Gpu, camera: &Camera, settings: &RenderSettings) {
+        let [least_slope, most_slope] = Perspective::new(camera, settings).slopes();
+        let antialias = settings.effects.antialias;
+        let row = |i: usize| camera.rotation.row(i).extend(camera.translation[i]).to_array();
+        let camera = layout::Camera {
+            world_to_camera: [row(0), row(1), row(2)],
+            position: camera.position().to_array(),
+            near: camera.guarded_near(),
+            focal: camera.focal.to_array(),
+            center: camera.center.to_array(),
+            least_slope: least_slope.to_array(),
+            most_slope: most_slope.to_array(),
+            dilation: antialias.dilation(),
+            compensates: u32::from(antialias.compensates()),
+            unused: [0; 2],
+        };
+        gpu.write(&self.camera, bytemuck::bytes_of(&camera));
+    }
+}
+
+impl Workspace<Scene3d> {
+    /// Stage `project`: projected by index; then sorted by depth, where that matters, and put into their places.
+    pub(crate) fn encode_splats(&self, gpu: &Gpu, commands: &mut Commands, splats: &Splats<Scene3d>) {
+        let Self { tiles, own, .. } = self;
+        let n = u64::from(tiles.gaussians);
+        let by_pixel = tiles.orders_by_pixel();
+        let variant = Variant { by_pixel, ..Variant::default() };
+        let mut bindings = vec![
+            &tiles.step,
+            &own.camera,
+            &splats.state.ellipsoids,
+            &splats.state.sh,
+            &own.projected.buffer,
+            &own.counts.buffer,
+            &own.depths[0].buffer,
+            &own.order[0].buffer,
+            &tiles.status,
+        ];
+        if by_pixel {
+            bindings.push(&own.pixel_depths.buffer);
+        }
+        dispatch(gpu, commands, "project_3d", variant, &bindings, groups_of(gpu, n, 64));
+        let passes = self.depth_passes();
+        if passes > 0 {
+            let blocks = n.div_ceil(SORT_BLOCK.into());
+            let groups = [gpu.groups(blocks).into(), groups_of(gpu, blocks << SORT_BITS, 1024)];
+            let (keys, order) = (own.depths.each_ref(), own.order.each_ref());
+            let sorting = Sorting { which: Which::Gaussians, keys, order, passes, groups };
+            tiles.encode_sorting(gpu, commands, &sorting);
+        }
+        let mut bindings = vec![
+            &tiles.step,
+            &own.order[0].buffer,
+            &own.projected.buffer,
+            &own.counts.buffer,
+            &tiles.projected.buffer,
+            &tiles.offsets.buffer,
+        ];
+        if by_pixel {
+            bindings.extend([&own.pixel_depths.buffer, &tiles.depths.buffer]);
+        }
+        dispatch(gpu, commands, "place", variant, &bindings, groups_of(gpu, n + 1, 64));
+    }
+
+    /// Passes of sorting by depth: none where the order is the scene's.
+    pub(crate) fn depth_passes(&self) -> u32 {
+        let by_depth = self.tiles.variant().over && self.tiles.settings.effects.order != Order::Index;
+        if by_depth { DEPTH_PASSES } else { 0 }
+    }
+
+    /// Stage `project_bwd`.
+    pub(crate) fn encode_splats_bwd(&self, gpu: &Gpu, commands: &mut Commands, splats: &Splats<Scene3d>) {
+        let Self { tiles, own, gradients, .. } = self;
+        let bindings = [
+            &tiles.step,
+            &own.camera,
+            &tiles.projected.buffer,
+            &tiles.offsets.buffer,
+            &tiles.slots.buffer,
+            &gradients[0].buffer,
+            &splats.state.ellipsoids,
+            &splats.state.sh,
+            &gradients[1].buffer,
+            &own.order[0].buffer,
+        ];
+        let invocations = if gpu.kernels == Kernels::Vectors { LANES } else { 64 };
+        let groups = groups_of(gpu, u64::from(tiles.gaussians), invocations.into());
+        dispatch(gpu, commands, "project_bwd_3d", tiles.variant(), &bindings, groups);
+    }
+}
+
+/// Stage `adam`.
+pub(crate) fn encode_adam(
+    gpu: &Gpu,
+    commands: &mut Commands,
+    splats: &Splats<Scene3d>,
+    step: &wgpu::Buffer,
+    gradients: &[&wgpu::Buffer],
+    indirect: Option<&wgpu::Buffer>,
+) {
+    let (n, state) = (splats.len as u64, &splats.state);
+    let groups = |offset: u64, count: u64| match indirect {
+        Some(sizes) => Groups::Indirect(sizes, offset),
+        None => groups_of(gpu, count, 64),
+    };
+    let moments = state.moments();
+    let bindings = [step, gradients[0], &state.ellipsoids, &moments.geometry, &splats.statistics];
+    dispatch(gpu, commands, "adam_3d", Variant::default(), &bindings, groups(BY_GAUSSIAN, n));
+    let [first, second] = &moments.sh;
+    let bindings = [step, gradients[0], &state.ellipsoids, gradients[1], &state.sh, first, second];
+    let by_coefficient = groups(BY_COEFFICIENT, n * state.coefficients() as u64);
+    dispatch(gpu, commands, "adam_color_3d", Variant::default(), &bindings, by_coefficient);
+}

@@ -1,5 +1,0 @@
-//! Spatial scenes: what stands before `scan` and after `blend_bwd`.
-
-mod kind;
-mod stages;
-mod state;

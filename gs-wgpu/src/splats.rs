@@ -1,0 +1,166 @@
+//! The Gaussians where this backend computes, and what splats of every kind have in common: statistics, training steps under way, and how
+//! edits and checkpoints get there and back.
+
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use gs_core::{
+    DensityStatistics, EditPlan, Error, Parameterization, SplatsState, Wait,
+    edit::{AfterEdit, Moments as Heritage, Source as From},
+    scene::logit,
+};
+
+use crate::{
+    dispatch::Commands,
+    gpu::{Gpu, STORAGE},
+    in_flight::InFlight,
+    kind::Kind,
+    layout::{Source, Statistics, Step},
+};
+
+/// Gaussians on a device, with their Adam moments and density statistics.
+#[derive(Debug)]
+pub struct Splats<S: Kind> {
+    pub(crate) len: usize,
+    pub(crate) state: S::State,
+    pub(crate) statistics: wgpu::Buffer,
+    /// Training steps whose outcome is not known yet; what looks at the splats waits for them, though it may not change it.
+    pub(crate) in_flight: Mutex<InFlight<S>>,
+    /// Another number for every splats and after every edit, by which lists made for another state are recognised.
+    pub(crate) edition: u64,
+}
+
+/// An edit on its way to the device, for a kind of scene to do with its parameters and moments.
+#[derive(Debug)]
+pub struct Edit<'a, G> {
+    /// Gaussians after it.
+    pub(crate) len: usize,
+    pub(crate) step: wgpu::Buffer,
+    /// One [`Source`] a Gaussian after it.
+    pub(crate) sources: wgpu::Buffer,
+    /// Those that sources mean by fresh ones.
+    pub(crate) fresh: Vec<&'a G>,
+    /// Before and after.
+    pub(crate) statistics: [&'a wgpu::Buffer; 2],
+}
+
+impl<S: Kind> Splats<S> {
+    pub(crate) fn new(gpu: &Gpu, scene: &S, parameterization: Parameterization) -> Result<Self, Error> {
+        let state = S::upload(gpu, scene, parameterization)?;
+        Self::from_parts(gpu, state, &vec![Statistics::default(); scene.len()])
+    }
+
+    fn from_parts(gpu: &Gpu, state: S::State, statistics: &[Statistics]) -> Result<Self, Error> {
+        Ok(Self {
+            len: statistics.len(),
+            state,
+            statistics: gpu.storage("statistics", statistics)?,
+            in_flight: Mutex::default(),
+            edition: next_edition(),
+        })
+    }
+
+    /// Training steps that were sent and whose outcome is not known yet, at most [`STEPS_IN_FLIGHT`](crate::STEPS_IN_FLIGHT).
+    pub fn steps_in_flight(&self) -> usize {
+        self.in_flight().len()
+    }
+
+    pub(crate) fn in_flight(&self) -> MutexGuard<'_, InFlight<S>> {
+        self.in_flight.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Until all steps that were sent have been done: whatever looks at the splats' buffers begins with this.
+    pub(crate) fn settle(&self, gpu: &Gpu) -> Result<(), Error> {
+        self.in_flight().settle(gpu, self, Wait::All)
+    }
+
+    pub(crate) fn density_statistics(&self, gpu: &Gpu) -> Result<DensityStatistics, Error> {
+        let statistics: Vec<Statistics> = gpu.read(&self.statistics, self.len)?;
+        Ok(DensityStatistics {
+            gradient_sum: statistics.iter().map(|s| s.gradient_sum).collect(),
+            visible: statistics.iter().map(|s| s.visible).collect(),
+        })
+    }
+
+    /// One upload of where everything comes from, and of the new Gaussians; the arrays are rebuilt on the device.
+    pub(crate) fn edit(&mut self, gpu: &Gpu, plan: &EditPlan<S::Gaussian>) -> Result<(), Error> {
+        let sources = plan.sources(self.len)?;
+        let changed = plan.changed.iter().map(|c| &c.gaussian);
+        let fresh: Vec<&S::Gaussian> = changed.chain(plan.added.iter().map(|b| &b.gaussian)).collect();
+        let records: Vec<Source> = sources.iter().map(|source| record(plan, source)).collect();
+        let n = records.len();
+        let ceiling = plan.opacity_ceiling.filter(|_| S::has_opacity(&self.state, &fresh));
+        let step = Step {
+            gaussians: n as u32,
+            coefficients: S::coefficients(&self.state),
+            collect: u32::from(ceiling.is_some()),
+            alpha_max: ceiling.map_or(f32::INFINITY, logit),
+            ..Step::default()
+        };
+        let uniform = gpu.allocate("step", size_of::<Step>() as u64, UNIFORM)?;
+        gpu.write(&uniform, bytemuck::bytes_of(&step));
+        let statistics = gpu.allocate("statistics", (n * size_of::<Statistics>()) as u64, STORAGE)?;
+        let edit = Edit {
+            len: n,
+            step: uniform,
+            sources: gpu.storage("edits", &records)?,
+            fresh,
+            statistics: [&self.statistics, &statistics],
+        };
+        S::prepare(gpu, &mut self.state, self.len)?;
+        let mut commands = Commands::new(gpu);
+        let state = S::edit(gpu, &mut commands, &self.state, &edit)?;
+        commands.submit(gpu);
+        gpu.check()?;
+        (self.len, self.state, self.statistics, self.edition) = (n, state, statistics, next_edition());
+        Ok(())
+    }
+
+    pub(crate) fn save(&self, gpu: &Gpu) -> Result<SplatsState, Error> {
+        let mut state = S::save(gpu, &self.state, self.len)?;
+        let statistics = self.density_statistics(gpu)?;
+        state.insert("gradient_sum", statistics.gradient_sum.iter().map(|&g| [g]));
+        state.insert_u32("visible", statistics.visible);
+        Ok(state)
+    }
+
+    pub(crate) fn restore(gpu: &Gpu, state: &SplatsState) -> Result<Self, Error> {
+        let n = state.integers("steps")?.len();
+        let (sums, visible) = (state.rows::<1>("gradient_sum")?, state.integers("visible")?);
+        check_len("gradient_sum", n, sums.len())?;
+        check_len("visible", n, visible.len())?;
+        let statistics: Vec<Statistics> =
+            sums.iter().zip(&visible).map(|(&[gradient_sum], &visible)| Statistics { gradient_sum, visible }).collect();
+        Self::from_parts(gpu, S::restore(gpu, state, n)?, &statistics)
+    }
+}
+
+/// Usage of a uniform that the host writes.
+pub(crate) const UNIFORM: wgpu::BufferUsages = wgpu::BufferUsages::UNIFORM.union(wgpu::BufferUsages::COPY_DST);
+
+/// Fails where a tensor of a saved state is not of as many Gaussians as there are.
+pub(crate) fn check_len(what: &'static str, expected: usize, found: usize) -> Result<(), Error> {
+    if found == expected { Ok(()) } else { Err(Error::Length { what, expected, found }) }
+}
+
+/// What the device is told of one slot of the edited arrays.
+fn record<G>(plan: &EditPlan<G>, source: &From) -> Source {
+    let (parameters, is_fresh, statistics) = match *source {
+        From::Kept(i) => (i, 0, Some(i)),
+        From::Changed { before, change } => (change, 1, Some(before)),
+        From::Added(k) => (plan.changed.len() as u32 + k, 1, plan.added[k as usize].parent),
+    };
+    let or_none = |index: Option<u32>| index.unwrap_or(Source::NONE);
+    Source {
+        parameters,
+        moments: or_none(plan.origin(source, Heritage::heir_of)),
+        steps: or_none(plan.origin(source, Heritage::counts_on_from)),
+        statistics: or_none(statistics.filter(|_| plan.statistics == AfterEdit::Keep)),
+        is_fresh,
+    }
+}
+
+fn next_edition() -> u64 {
+    use std::sync::atomic::{AtomicU64, Ordering};
+    static NEXT: AtomicU64 = AtomicU64::new(0);
+    NEXT.fetch_add(1, Ordering::Relaxed)
+}

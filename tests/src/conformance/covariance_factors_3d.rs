@@ -1,0 +1,176 @@
+//! Cases: the parameterization of covariance factors of 3D scenes: what comes back, gradients, and steps against `f64`.
+
+use glam::{DMat3, DVec3};
+use gs_core::{
+    AdamRates, EditPlan, Loss, Parameterization, Rasterizer, Scene3d,
+    edit::{AfterEdit, Birth, Moments, Origin, Place},
+    effects::{Antialias, Blend},
+    scene::Scene,
+};
+
+use super::{
+    Outcome, check_gradients,
+    optimiser::{distinct, step},
+    parameterizations,
+};
+use crate::{
+    failure::Failure,
+    oracle::{FactoredReference, Parameters},
+    scenes::{Draw, Kind3d},
+    subject::Subject,
+    tolerance::FRAME_SHARE,
+};
+
+/// That a case is skipped, where the backend does not train 3D scenes in covariance factors, which it may refuse.
+fn without_frames<R: Rasterizer<Scene3d>>(rasterizer: &R) -> Result<Option<Outcome>, Failure> {
+    let offered = parameterizations::<Scene3d, R>(rasterizer)?.contains(&Parameterization::CovarianceFactor);
+    Ok((!offered).then(|| {
+        Outcome::Skipped(format!("parameterization {} for 3D scenes", Parameterization::CovarianceFactor.name()))
+    }))
+}
+
+/// Scenes that are held as factors come back with the same covariances, and all else bit for bit.
+///
+/// # Errors
+/// [`Failure`] where the backend does not do so.
+pub fn forward_passes_come_back_3d<R: Rasterizer<Scene3d>>(rasterizer: &R) -> Result<Outcome, Failure> {
+    if let Some(skipped) = without_frames(rasterizer)? {
+        return Ok(skipped);
+    }
+    for (seed, kind) in (2700..).zip([Kind3d::Typical, Kind3d::Needles, Kind3d::Opaque]) {
+        let scene = Draw::for_3d(kind, Blend::Over, 37, (40, 30), seed).scene;
+        let splats = rasterizer.upload(&scene, Parameterization::CovarianceFactor)?;
+        let back = rasterizer.download(&splats)?;
+        let restored = rasterizer.download(&rasterizer.restore(&rasterizer.save(&splats)?)?)?;
+        Failure::unless(back == restored, || format!("{kind:?}: restored as another scene"))?;
+        let same = (&back.means, &back.opacity_logits, &back.sh) == (&scene.means, &scene.opacity_logits, &scene.sh);
+        Failure::unless(same, || format!("{kind:?}: means, opacities or colours come back as others"))?;
+        for (i, (a, b)) in scene.rows().gaussians.iter().zip(&back.rows().gaussians).enumerate() {
+            let [a, b] = [a, b].map(|row| FactoredReference::new(row).factor);
+            let whitened = a.inverse() * b;
+            let same = (whitened * whitened.transpose()).abs_diff_eq(DMat3::IDENTITY, 1e-4);
+            Failure::unless(same, || format!("{kind:?}: Gaussian {i} had the factor {a}, came back with {b}"))?;
+        }
+    }
+    Ok(Outcome::Passed)
+}
+
+/// The gradients are those of the scene's parameters in the parameterization of covariance factors, too.
+///
+/// # Errors
+/// [`Failure`] where the backend does not do so.
+pub fn gradients_match_in_covariance_factors_3d<R: Rasterizer<Scene3d>>(rasterizer: &R) -> Result<Outcome, Failure> {
+    if let Some(skipped) = without_frames(rasterizer)? {
+        return Ok(skipped);
+    }
+    for blend in [Blend::Sum, Blend::Over] {
+        for antialias in Antialias::ALL {
+            for (seed, kind) in (2710..).zip([Kind3d::Typical, Kind3d::Edge, Kind3d::Opaque]) {
+                let draw = Draw::for_3d(kind, blend, 20, (30, 30), seed).antialiased(antialias);
+                check_gradients(rasterizer, &draw, &Loss::L2, Parameterization::CovarianceFactor)?;
+            }
+        }
+    }
+    Ok(Outcome::Passed)
+}
+
+/// Six steps in covariance factors, with a Gaussian born after the third, equal Adam in `f64`: ξ along M and η stretching it, each with the
+/// rates, betas and bias of its group; and the scales stay within their bounds.
+///
+/// # Errors
+/// [`Failure`] where the backend does not do so.
+pub fn frame_steps_match_3d<R: Rasterizer<Scene3d>>(rasterizer: &R) -> Result<Outcome, Failure> {
+    if let Some(skipped) = without_frames(rasterizer)? {
+        return Ok(skipped);
+    }
+    for blend in [Blend::Sum, Blend::Over] {
+        let draw = Scene3d::overlapping(blend, 12, (24, 20), 2723);
+        let newborn = Scene3d::overlapping(blend, 1, (24, 20), 2727).scene;
+        let target = rasterizer.upload_target(&draw.target()?)?;
+        // ε keeps a step in proportion to a gradient that is hardly more than rounding.
+        let rates = distinct::<Scene3d>(1e-3);
+        let mut splats = rasterizer.upload(&draw.scene, Parameterization::CovarianceFactor)?;
+        let mut reference: Vec<_> = draw.scene.rows().gaussians.iter().map(FactoredReference::new).collect();
+        for steps in 1..=6 {
+            if steps == 4 {
+                let birth = Birth {
+                    gaussian: newborn.gaussian(0),
+                    parent: None,
+                    moments: Moments::Fresh,
+                    origin: Origin::Seed,
+                    place: Place::Last,
+                };
+                let plan = EditPlan { added: vec![birth], statistics: AfterEdit::Keep, ..EditPlan::default() };
+                rasterizer.edit(&mut splats, &plan)?;
+                reference.push(FactoredReference::new(&newborn.rows().gaussians[0]));
+            }
+            let before = rasterizer.download(&splats)?.rows();
+            let gradients = step(rasterizer, &mut splats, &draw, &target, &rates)?;
+            let after = rasterizer.download(&splats)?.rows();
+            let count = after.gaussians.len();
+            Failure::unless(count == reference.len(), || format!("{count} Gaussians, not {}", reference.len()))?;
+            for (g, reference) in reference.iter_mut().enumerate() {
+                reference.step(&before.gaussians[g], &gradients[g], &rates);
+                compare(reference, &after.gaussians[g], &rates)
+                    .map_err(|failure| failure.at(format!("{blend:?}, step {steps}, Gaussian {g}")))?;
+            }
+        }
+    }
+    bounds_hold(rasterizer).map(Outcome::from)
+}
+
+/// Whether a row is what the reference says, seen from the reference's factor, within a share of what was moved.
+fn compare(reference: &FactoredReference, found: &Parameters, rates: &AdamRates) -> Result<(), Failure> {
+    let steps = f64::from(reference.steps);
+    let whiten = reference.factor.inverse();
+    let place = whiten * (DVec3::from_slice(found) - reference.mean);
+    let shape = whiten * FactoredReference::new(found).factor;
+    let shape = shape * shape.transpose();
+    let moved = |rate: f32| steps * (FRAME_SHARE * f64::from(rate) + 1e-5);
+    let check = |what: &str, difference: f64, tolerance: f64| {
+        let what = what.to_owned();
+        match difference <= tolerance {
+            true => Ok(()),
+            false => Err(Failure::Differs { what, expected: 0.0, found: difference, tolerance, others: 0 }),
+        }
+    };
+    check("whitened distance of the means", place.abs().max_element(), moved(rates.mean.learning_rate))?;
+    let largest = (shape - DMat3::IDENTITY).to_cols_array().into_iter().fold(0.0f64, |m, v| m.max(v.abs()));
+    check("whitened difference of the covariances", largest, moved(rates.scale.learning_rate))?;
+    for (k, (a, b)) in reference.rest.iter().zip(&found[found.len() - reference.rest.len()..]).enumerate() {
+        let rate = [rates.opacity, rates.color, rates.color_rest][if k == 0 {
+            0
+        } else if k < 4 {
+            1
+        } else {
+            2
+        }];
+        let difference = if a == b { 0.0 } else { (a - b).abs() };
+        check(&format!("entry {k} of opacity and colours"), difference, moved(rate.learning_rate))?;
+    }
+    Ok(())
+}
+
+/// Large steps lead no scale out of its bounds.
+fn bounds_hold<R: Rasterizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
+    let draw = Scene3d::overlapping(Blend::Over, 12, (24, 20), 2733);
+    let target = rasterizer.upload_target(&draw.target()?)?;
+    let mut rates = distinct::<Scene3d>(1e-12);
+    (rates.scale.learning_rate, rates.mean.learning_rate) = (0.4, 0.0);
+    let scales = |scene: &Scene3d| -> (f32, f32) {
+        let all = || scene.log_scales.iter().flat_map(|scales| scales.to_array()).map(f32::exp);
+        (all().fold(f32::INFINITY, f32::min), all().fold(0.0, f32::max))
+    };
+    let (smallest, largest) = scales(&draw.scene);
+    (rates.min_scale, rates.max_scale) = (0.8 * smallest, 1.25 * largest);
+    let mut splats = rasterizer.upload(&draw.scene, Parameterization::CovarianceFactor)?;
+    for _ in 0..4 {
+        step(rasterizer, &mut splats, &draw, &target, &rates)?;
+    }
+    let (low, high) = scales(&rasterizer.download(&splats)?);
+    let within = low >= 0.999 * rates.min_scale && high <= 1.001 * rates.max_scale;
+    let at_them = low <= 1.001 * rates.min_scale || high >= 0.999 * rates.max_scale;
+    Failure::unless(within && at_them, || {
+        format!("scales of {low} to {high} with bounds {} and {}", rates.min_scale, rates.max_scale)
+    })
+}

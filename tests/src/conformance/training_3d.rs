@@ -1,0 +1,140 @@
+//! Cases: what only 3D training has: views that change from step to step, and Gaussians that are not in view.
+
+use gs_core::{
+    Adam, Binning, Camera, Loss, Parameterization, Participants, Rasterizer, Scene3d, TrainStep,
+    adam::Group,
+    effects::{Blend, Statistics},
+    scene::Scene,
+};
+
+use super::{
+    losses_of,
+    optimiser::{compare_parameters, distinct, step},
+};
+use crate::{
+    failure::Failure,
+    oracle::{AdamReference, Oracle},
+    scenes::{Draw, Kind3d},
+    subject::Subject,
+    tolerance::FUSED_SHARE,
+};
+
+/// Scenes of every SH degree that are uploaded and downloaded are the same, bit for bit.
+///
+/// # Errors
+/// [`Failure`] where the backend does not do so.
+pub fn scenes_3d_come_back<R: Rasterizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
+    for seed in 2600..2604 {
+        let scene = Draw::for_3d(Kind3d::Opaque, Blend::Over, 37, (40, 30), seed).scene;
+        let splats = rasterizer.upload(&scene, Parameterization::ScaleRotation)?;
+        Failure::unless(rasterizer.len(&splats) == 37, || format!("{} of 37 Gaussians", rasterizer.len(&splats)))?;
+        let back = rasterizer.download(&splats)?;
+        Failure::unless(back == scene, || format!("degree {}: the scene that comes back is another", scene.sh_degree))?;
+        let restored = rasterizer.download(&rasterizer.restore(&rasterizer.save(&splats)?)?)?;
+        Failure::unless(restored == scene, || format!("degree {}: restored as another", scene.sh_degree))?;
+        let empty = rasterizer.download(&rasterizer.upload(&scene.emptied(), Parameterization::ScaleRotation)?)?;
+        Failure::unless(empty == scene.emptied(), || "an empty scene comes back as another".to_owned())?;
+    }
+    Ok(())
+}
+
+/// A camera that sees only what is further away than `near`.
+fn beyond(view: Camera, near: f32) -> Camera {
+    Camera { near, ..view }
+}
+
+/// With [`Participants::All`] Gaussians out of view move by what they have learned before; with [`Participants::Visible`] nothing of them
+/// changes, step counts included.
+///
+/// # Errors
+/// [`Failure`] where the backend does not do so.
+pub fn only_participants_move<R: Rasterizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
+    for participants in [Participants::All, Participants::Visible] {
+        let mut draw = Draw::for_3d(Kind3d::Typical, Blend::Over, 14, (30, 24), 2613);
+        let target = rasterizer.upload_target(&draw.target()?)?;
+        let mut rates = distinct::<Scene3d>(1e-3);
+        rates.participants = participants;
+        let mut splats = rasterizer.upload(&draw.scene, Parameterization::ScaleRotation)?;
+        let mut reference = AdamReference::new(draw.scene.rows());
+        let whole = draw.view;
+        for (steps, near) in (1..).zip([whole.near, 5.0, whole.near, 5.0]) {
+            draw.view = beyond(whole, near);
+            let drawn = Oracle::new(draw.view, draw.settings)?.render(&rasterizer.download(&splats)?.rows()).drawn;
+            let seen: Vec<usize> = (0..drawn.len()).filter(|&g| drawn[g]).collect();
+            let count = seen.len();
+            Failure::unless(near < 1.0 || (3..12).contains(&count), || format!("{count} of 14 are beyond {near}"))?;
+            let gradients = step(rasterizer, &mut splats, &draw, &target, &rates)?;
+            match participants {
+                Participants::All => reference.step(&gradients, &rates),
+                Participants::Visible => reference.step_some(&seen, &gradients, &rates),
+            }
+            let found = rasterizer.download(&splats)?.rows();
+            compare_parameters::<Scene3d>(&reference.scene, &found, &rates, steps)
+                .map_err(|failure| failure.at(format!("{participants:?}, step {steps}")))?;
+        }
+        let counts = rasterizer.save(&splats)?.integers("steps")?;
+        let expected: Vec<u32> = (0..14).map(|g| reference.moments(g).2 as u32).collect();
+        Failure::unless(counts == expected, || format!("{participants:?}: step counts {counts:?}, not {expected:?}"))?;
+    }
+    Ok(())
+}
+
+/// A step may use the lists of the step before: the same where nothing has moved in between, and where the camera is another, which the
+/// lists were not made for.
+///
+/// # Errors
+/// [`Failure`] where the backend does not do so.
+pub fn reused_lists_are_good_for_what_stands_still<R: Rasterizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
+    let still = Group::constant(0.0);
+    let groups = Adam { mean: still, scale: still, rotation: still, opacity: still, ..Scene3d::adam() };
+    let rates = Adam { color: still, color_rest: still, ..groups }.at(0.0);
+    let draw = Draw::for_3d(Kind3d::Typical, Blend::Over, 20, (40, 30), 2623);
+    let target = rasterizer.upload_target(&draw.target()?)?;
+    let mut elsewhere = draw.view;
+    elsewhere.translation += glam::Vec3::new(0.6, -0.4, 0.3);
+    for views in [[draw.view, draw.view], [draw.view, elsewhere]] {
+        let run = |binning| -> Result<(Vec<f32>, Vec<f32>), Failure> {
+            let mut splats = rasterizer.upload(&draw.scene, Parameterization::ScaleRotation)?;
+            for (view, binning) in views.iter().zip([Binning::Fresh, binning]) {
+                let step = TrainStep { settings: &draw.settings, loss: Loss::L2, rates: &rates, binning };
+                rasterizer.train_step(&mut splats, view, &target, &step)?;
+            }
+            let losses = losses_of(rasterizer, &mut splats)?;
+            Ok((losses, rasterizer.save(&splats)?.matrix("moment1")?.1.to_vec()))
+        };
+        let ((losses, moments), (again, others)) = (run(Binning::Fresh)?, run(Binning::Reuse)?);
+        let near = |a: &[f32], b: &[f32], share: f32| {
+            let largest = a.iter().fold(0.0f32, |m, v| m.max(v.abs()));
+            largest > 0.0 && a.len() == b.len() && a.iter().zip(b).all(|(a, b)| (a - b).abs() <= share * largest)
+        };
+        let same = near(&losses, &again, FUSED_SHARE as f32) && near(&moments, &others, FUSED_SHARE as f32);
+        Failure::unless(same, || format!("losses {losses:?} with lists made anew, {again:?} with reused ones"))?;
+    }
+    Ok(())
+}
+
+/// `visible` counts the steps in which a Gaussian was in view.
+///
+/// # Errors
+/// [`Failure`] where the backend does not do so.
+pub fn visible_are_counted<R: Rasterizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
+    let mut draw = Draw::for_3d(Kind3d::Typical, Blend::Over, 14, (30, 24), 2633);
+    draw.settings.effects.statistics = Statistics::MeanGradient;
+    let still = Group::constant(0.0);
+    let groups = Adam { mean: still, scale: still, rotation: still, opacity: still, ..Scene3d::adam() };
+    let rates = Adam { color: still, color_rest: still, ..groups }.at(0.0);
+    let target = rasterizer.upload_target(&draw.target()?)?;
+    let mut splats = rasterizer.upload(&draw.scene, Parameterization::ScaleRotation)?;
+    let mut expected = vec![0; draw.scene.len()];
+    for near in [draw.view.near, 5.5, 3.5] {
+        let view = beyond(draw.view, near);
+        let drawn = Oracle::new(view, draw.settings)?.render(&draw.scene.rows()).drawn;
+        expected.iter_mut().zip(drawn).for_each(|(count, drawn)| *count += u32::from(drawn));
+        let step = TrainStep { settings: &draw.settings, loss: Loss::L2, rates: &rates, binning: Binning::Fresh };
+        rasterizer.train_step(&mut splats, &view, &target, &step)?;
+    }
+    let found = rasterizer.statistics(&splats)?.visible;
+    let telling = (1..=3).all(|count| expected.contains(&count));
+    Failure::unless(telling, || format!("the scene does not tell counts apart: {expected:?}"))?;
+    Failure::unless(found == expected, || format!("in view in {found:?} of 3 steps, not {expected:?}"))
+}

@@ -1,0 +1,47 @@
+//! gs-cpu: the conformance suite for 3D scenes at every SIMD level of this machine with 1, 2 and 7 threads, and drawn scenes against
+//! the oracle.
+
+use gs_conformance::{
+    conformance::{check_gradients, check_image, conformance_3d},
+    properties::{judge, losses, repeatable},
+    scenes::draws_3d,
+};
+use gs_core::Parameterization;
+use gs_cpu::{CpuRasterizer, CpuSettings, SimdLevel};
+use proptest::prelude::*;
+
+fn rasterizer(level: SimdLevel, threads: usize) -> CpuRasterizer {
+    CpuRasterizer::new(CpuSettings { threads: Some(threads), level: Some(level) }).unwrap()
+}
+
+#[test]
+fn conforms_at_every_level_and_number_of_threads() {
+    let mut failures = Vec::new();
+    for level in SimdLevel::available() {
+        for threads in [1, 2, 7] {
+            match conformance_3d(&rasterizer(level, threads)) {
+                Ok(skipped) => assert_eq!(skipped, []),
+                Err(failure) => failures.push(format!("{level}, {threads} threads: {failure}")),
+            }
+        }
+    }
+    assert!(failures.is_empty(), "{}", failures.join("\n"));
+}
+
+fn levels() -> impl Strategy<Value = SimdLevel> {
+    proptest::sample::select(SimdLevel::available())
+}
+
+proptest! {
+    #![proptest_config(repeatable(300, 2026))]
+
+    #[test]
+    fn drawn_images_match(draw in draws_3d(), level in levels()) {
+        judge(check_image(&rasterizer(level, 2), &draw))?;
+    }
+
+    #[test]
+    fn drawn_gradients_match(draw in draws_3d(), level in levels(), loss in losses()) {
+        judge(check_gradients(&rasterizer(level, 2), &draw, &loss, Parameterization::ScaleRotation))?;
+    }
+}

@@ -1,0 +1,402 @@
+//! A backend that is the oracle itself, `f64` inside and `f32` in what it keeps and hands over, with one fault or none.
+
+use gs_conformance::{
+    oracle::{Oracle, OracleScene, SPATIAL_SH},
+    subject::Subject,
+};
+use gs_core::{
+    AdamRates, Camera, DensityStatistics, EditPlan, Error, Gaussian3d, Image, Loss, Parameterization, Participants,
+    Rasterizer, RenderSettings, Scene, Scene3d, SplatsState, TrainStep, Wait,
+    edit::{Moments, Source},
+    effects::{Antialias, Background, Order, Statistics},
+    scene::logit,
+    statistics::Culled,
+};
+
+mod splats;
+
+use splats::{FACTOR, Frame, Gradients, Splats, narrow, scene_of, tensors};
+
+/// What is wrong with the backend.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Fault {
+    /// Nothing: what passes.
+    Faultless,
+    /// Nothing either: a backend may.
+    RefusesFrames,
+    ShiftsImages,
+    DimsImages,
+    DrawsInTheScenesOrder,
+    OrdersByMean,
+    ForgetsAntialiasing,
+    ForgetsCompensation,
+    IgnoresTheDegree,
+    ForgetsTheAccuracy,
+    ForgetsTheBackground,
+    MistakesCauses,
+    NegatesQuaternionGradients,
+    GradientsInWrongUnits,
+    HoldsDirectionsFixed,
+    NormalisesQuaternions,
+    RoundsFrames,
+    TurnsTheGradientsAxes,
+    MovesInTheWorld,
+    ForgetsMomentsOnRestore,
+    StepsUphill,
+    OneRateForAllColours,
+    ForgetsBiasCorrection,
+    MovesAll,
+    MovesOnlyTheVisible,
+    FusedStepDoesTooMuch,
+    UsesListsOfAnotherView,
+    SwapsLosses,
+    ForgetsLossesOnEdit,
+    DoublesStatistics,
+    LetsGradientsCancel,
+    MistakesErrorsForGradients,
+    SeesEverything,
+    ShiftsAreSteps,
+    ForgetsMomentsOnEdit,
+    EditsEvenWhenItRefuses,
+    AcceptsNan,
+    SwallowsBadSettings,
+    RestoresAnything,
+    DrawsByParity,
+    DrawsByPlace,
+    NearIsAbsolute,
+}
+
+use Fault::*;
+
+/// The oracle as a backend: `f64` inside, `f32` in what it keeps and hands over.
+pub(crate) struct Faulty(pub(crate) Fault);
+
+impl Faulty {
+    fn is(&self, fault: Fault) -> bool {
+        self.0 == fault
+    }
+
+    fn check_parameterization(&self, parameterization: Parameterization) -> Result<(), Error> {
+        match parameterization {
+            Parameterization::CovarianceFactor if self.is(RefusesFrames) => {
+                Err(Error::Unsupported { backend: "oracle", effect: "parameterization CovarianceFactor".to_owned() })
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// What it renders with instead of what it is told.
+    fn altered(
+        &self,
+        splats: &Splats,
+        view: &Camera,
+        settings: &RenderSettings,
+    ) -> (OracleScene, Camera, RenderSettings) {
+        let (mut scene, mut view, mut settings) = (splats.rows(), *view, *settings);
+        let effects = &mut settings.effects;
+        match self.0 {
+            DrawsInTheScenesOrder => effects.order = Order::Index,
+            OrdersByMean if effects.order == Order::PerPixel => effects.order = Order::Global,
+            ForgetsAntialiasing => effects.antialias = Antialias::None,
+            ForgetsCompensation if effects.antialias.compensates() => effects.antialias = Antialias::Dilate,
+            IgnoresTheDegree => effects.sh_degree = 3,
+            ForgetsTheAccuracy => settings.accuracy = gs_core::Accuracy::default(),
+            ForgetsTheBackground => effects.background = Background::None,
+            NearIsAbsolute => view.near = 0.2,
+            SwallowsBadSettings if settings.validate().is_err() => settings = RenderSettings::default(),
+            DrawsByParity => scene.gaussians.iter_mut().step_by(2).for_each(|row| row[SPATIAL_SH] += 0.1),
+            DrawsByPlace => {
+                scene.gaussians.iter_mut().filter(|row| row[0] > 0.0).for_each(|row| row[SPATIAL_SH] += 0.1);
+            }
+            _ => {}
+        }
+        (scene, view, settings)
+    }
+}
+
+impl Rasterizer<Scene3d> for Faulty {
+    type Splats = Splats;
+    type ForwardPass = Frame;
+    type Gradients = Gradients;
+    type Target = Image;
+
+    fn describe(&self) -> String {
+        format!("oracle ({:?})", self.0)
+    }
+
+    fn upload(&self, scene: &Scene3d, parameterization: Parameterization) -> Result<Splats, Error> {
+        let mut scene = scene.clone();
+        if self.is(AcceptsNan) {
+            scene.means.iter_mut().filter(|mean| mean.is_nan()).for_each(|mean| *mean = glam::Vec3::ZERO);
+        }
+        scene.validate()?;
+        self.check_parameterization(parameterization)?;
+        if self.is(NormalisesQuaternions) {
+            for q in &mut scene.rotations {
+                *q = glam::Vec4::from_array(*q).normalize().to_array();
+            }
+        }
+        if self.is(RoundsFrames) && parameterization == Parameterization::CovarianceFactor {
+            scene.log_scales.iter_mut().for_each(|scales| *scales = (*scales * 100.0).round() / 100.0);
+        }
+        Ok(Splats::of(&scene, parameterization))
+    }
+
+    fn download(&self, splats: &Splats) -> Result<Scene3d, Error> {
+        Ok(scene_of(&narrow(&splats.rows().gaussians), splats.sh_len))
+    }
+
+    fn len(&self, splats: &Splats) -> usize {
+        splats.parameters.len()
+    }
+
+    fn upload_target(&self, image: &Image) -> Result<Image, Error> {
+        Ok(image.clone())
+    }
+
+    fn save(&self, splats: &Splats) -> Result<SplatsState, Error> {
+        let mut state = SplatsState::new(splats.parameterization);
+        let columns = |range: std::ops::Range<usize>| -> Vec<f32> {
+            splats.parameters.iter().flat_map(|row| row[range.clone()].iter().copied()).collect()
+        };
+        let mut from = 0;
+        for (name, columns_) in tensors(splats.parameterization, 3 * splats.sh_len) {
+            state.insert_matrix(name, columns_, columns(from..from + columns_));
+            from += columns_;
+        }
+        let width = splats.moments();
+        state.insert_matrix("moment1", width, splats.first.concat());
+        state.insert_matrix("moment2", width, splats.second.concat());
+        state.insert_matrix("gradient_sum", 1, splats.gradient_sum.clone());
+        state.insert_u32("steps", splats.steps.clone());
+        state.insert_u32("visible", splats.visible.clone());
+        Ok(state)
+    }
+
+    fn restore(&self, state: &SplatsState) -> Result<Splats, Error> {
+        self.check_parameterization(state.parameterization)?;
+        let restored = || {
+            let (sh_width, _) = state.matrix("sh")?;
+            let rows = |name, width| match state.matrix(name)? {
+                (columns, values) if columns == width => {
+                    Ok(values.chunks_exact(width).map(<[f32]>::to_vec).collect::<Vec<_>>())
+                }
+                (columns, _) => Err(Error::State(format!("`{name}` has {columns} columns"))),
+            };
+            let empty = Splats { parameterization: state.parameterization, sh_len: sh_width / 3, ..Splats::default() };
+            let all = empty.moments();
+            let mut parts = Vec::new();
+            for (name, width) in tensors(state.parameterization, sh_width) {
+                parts.push(rows(name, width)?);
+            }
+            let (steps, visible) = (state.integers("steps")?, state.integers("visible")?);
+            let gradient_sum = rows("gradient_sum", 1)?.concat();
+            let (first, second) = (rows("moment1", all)?, rows("moment2", all)?);
+            let count = steps.len();
+            let lengths = [first.len(), second.len(), visible.len(), gradient_sum.len()];
+            if parts.iter().map(Vec::len).chain(lengths).any(|n| n != count) {
+                return Err(Error::State("tensors of different lengths".to_owned()));
+            }
+            let parameters = (0..count).map(|g| parts.iter().flat_map(|part| part[g].clone()).collect()).collect();
+            let splats = Splats { parameters, first, second, steps, ..empty };
+            Ok(Splats { gradient_sum, visible, ..splats })
+        };
+        match restored() {
+            Err(_) if self.is(RestoresAnything) => Ok(Splats { sh_len: 1, ..Splats::default() }),
+            Ok(mut splats) if self.is(ForgetsMomentsOnRestore) => {
+                splats.forget_moments();
+                Ok(splats)
+            }
+            other => other,
+        }
+    }
+
+    fn forward(&self, splats: &Splats, view: &Camera, settings: &RenderSettings) -> Result<Frame, Error> {
+        let (scene, view, settings) = self.altered(splats, view, settings);
+        let oracle = Oracle::new(view, settings)?;
+        let rendering = oracle.render(&scene);
+        Ok(Frame { oracle, scene, rendering })
+    }
+
+    fn image(&self, frame: &Frame) -> Result<Image, Error> {
+        let image = frame.rendering.image();
+        let (w, h) = image.size();
+        match self.0 {
+            ShiftsImages => Image::from_fn(w, h, |x, y| image.pixel((x + 1) % w, (y + 1) % h)),
+            DimsImages => Image::from_fn(w, h, |x, y| image.pixel(x, y).map(|v| v * 0.9995)),
+            _ => Ok(image),
+        }
+    }
+
+    fn culled(&self, frame: &Frame) -> Result<Culled, Error> {
+        let culled = frame.rendering.culled;
+        let mistaken = Culled { near: 0, outside: culled.outside + culled.near, ..culled };
+        Ok(if self.is(MistakesCauses) { mistaken } else { culled })
+    }
+
+    fn backward(&self, _: &Splats, frame: Frame, target: &Image, loss: &Loss) -> Result<(f32, Gradients), Error> {
+        loss.validate()?;
+        let Frame { oracle, scene, rendering } = frame;
+        let mut gradients = oracle.gradients(&scene, target, loss)?;
+        if self.is(HoldsDirectionsFixed) {
+            // With SH of degree 0 alone nothing depends on the direction.
+            let mut settings = oracle.settings();
+            settings.effects.sh_degree = 0;
+            let flat = Oracle::new(oracle.view(), settings)?.gradients(&scene, target, loss)?;
+            for (row, flat) in gradients.values.iter_mut().zip(&flat.values) {
+                row[0..3].copy_from_slice(&flat[0..3]);
+            }
+        }
+        let of_step = oracle.statistics(&scene, target, loss)?;
+        let statistic = match oracle.settings().effects.statistics {
+            Statistics::None => vec![0.0; scene.gaussians.len()],
+            Statistics::AbsoluteGradient if !self.is(LetsGradientsCancel) => of_step.absolute_gradient,
+            Statistics::PixelError if !self.is(MistakesErrorsForGradients) => of_step.pixel_error,
+            _ => of_step.mean_gradient,
+        };
+        let drawn = rendering.drawn.iter().map(|&drawn| drawn || self.is(SeesEverything)).collect();
+        Ok((gradients.loss as f32, Gradients { rows: gradients.values, statistic, drawn }))
+    }
+
+    fn download_gradients(&self, splats: &Splats, gradients: &Gradients) -> Result<Scene3d, Error> {
+        let mut scene = scene_of(&narrow(&gradients.rows), splats.sh_len);
+        match self.0 {
+            NegatesQuaternionGradients => scene.rotations.iter_mut().flatten().for_each(|v| *v = -*v),
+            TurnsTheGradientsAxes if splats.parameterization == Parameterization::CovarianceFactor => {
+                scene.rotations.iter_mut().flatten().for_each(|v| *v *= 0.9);
+            }
+            GradientsInWrongUnits => scene.means.iter_mut().for_each(|v| *v *= 1.01),
+            _ => {}
+        }
+        Ok(scene)
+    }
+
+    fn step(&self, splats: &mut Splats, gradients: &Gradients, rates: &AdamRates) -> Result<(), Error> {
+        if gradients.rows.len() != splats.parameters.len() {
+            return Err(Error::State("gradients of other splats".to_owned()));
+        }
+        let mut rates = *rates;
+        match self.0 {
+            OneRateForAllColours => rates.color_rest = rates.color,
+            MovesAll => rates.participants = Participants::All,
+            MovesOnlyTheVisible => rates.participants = Participants::Visible,
+            MovesInTheWorld if splats.parameterization == Parameterization::CovarianceFactor => {
+                rates.mean.learning_rate *= 0.9
+            }
+            ForgetsBiasCorrection => splats.steps.iter_mut().for_each(|steps| *steps = 100_000),
+            StepsUphill => {
+                let AdamRates { mean, scale, rotation, opacity, color, color_rest, .. } = &mut rates;
+                for rate in [mean, scale, rotation, opacity, color, color_rest] {
+                    rate.learning_rate *= -1.0;
+                }
+            }
+            _ => {}
+        }
+        let which: Vec<usize> = (0..splats.steps.len())
+            .filter(|&g| rates.participants == Participants::All || gradients.drawn[g])
+            .collect();
+        splats.adam(&which, &gradients.rows, &rates);
+        for g in 0..splats.steps.len() {
+            let twice = if self.is(DoublesStatistics) { 2.0 } else { 1.0 };
+            splats.gradient_sum[g] += (twice * gradients.statistic[g]) as f32;
+            splats.visible[g] += u32::from(gradients.drawn[g]);
+        }
+        Ok(())
+    }
+
+    fn train_step(
+        &self,
+        splats: &mut Splats,
+        view: &Camera,
+        target: &Image,
+        step: &TrainStep<'_>,
+    ) -> Result<(), Error> {
+        let stale = self.is(UsesListsOfAnotherView) && step.binning == gs_core::Binning::Reuse;
+        let seen = splats.last_view.filter(|_| stale).unwrap_or(*view);
+        let frame = self.forward(splats, &seen, step.settings)?;
+        let (loss, gradients) = self.backward(splats, frame, target, &step.loss)?;
+        self.step(splats, &gradients, step.rates)?;
+        if self.is(FusedStepDoesTooMuch) {
+            self.step(splats, &gradients, step.rates)?;
+        }
+        splats.last_view = Some(*view);
+        splats.losses.push(loss);
+        Ok(())
+    }
+
+    fn losses(&self, splats: &mut Splats, _: Wait, losses: &mut Vec<f32>) -> Result<(), Error> {
+        if self.is(SwapsLosses) {
+            splats.losses.reverse();
+        }
+        losses.append(&mut splats.losses);
+        Ok(())
+    }
+
+    fn unread_losses<'c>(&self, splats: &'c mut Splats) -> &'c mut Vec<f32> {
+        &mut splats.losses
+    }
+
+    fn solve_colors(&self, _: &mut Splats, _: &Camera, _: &Image, _: &RenderSettings, _: u32) -> Result<(), Error> {
+        Err(Error::Unsupported { backend: "oracle", effect: "solving for SH".to_owned() })
+    }
+
+    fn statistics(&self, splats: &Splats) -> Result<DensityStatistics, Error> {
+        Ok(DensityStatistics { gradient_sum: splats.gradient_sum.clone(), visible: splats.visible.clone() })
+    }
+
+    fn shift_means(&self, splats: &mut Splats, shifts: &[f32]) -> Result<(), Error> {
+        if shifts.len() != 3 * splats.parameters.len() {
+            return Err(Error::Length { what: "mean", expected: 3 * splats.parameters.len(), found: shifts.len() });
+        }
+        for (row, shift) in splats.parameters.iter_mut().zip(shifts.chunks_exact(3)) {
+            (0..3).for_each(|i| row[i] += shift[i]);
+        }
+        if self.is(ShiftsAreSteps) {
+            splats.forget_moments();
+        }
+        Ok(())
+    }
+
+    fn edit(&self, splats: &mut Splats, plan: &EditPlan<Gaussian3d>) -> Result<(), Error> {
+        let sources = plan.sources(splats.parameters.len());
+        if sources.is_err() && self.is(EditsEvenWhenItRefuses) {
+            splats.forget_moments();
+        }
+        let sources = sources?;
+        let width = splats.moments();
+        let before = splats.parameters.clone();
+        splats.parameters = plan.gather(&sources, &before, |g| splats.row_of(g));
+        if splats.parameterization == Parameterization::CovarianceFactor {
+            // The frame of an heir is the one in whose coordinates the moments are.
+            let is_heir = |source: &Source| !matches!(source, Source::Kept(_));
+            for (row, source) in splats.parameters.iter_mut().zip(&sources).filter(|(_, source)| is_heir(source)) {
+                if let Some(parent) = plan.origin(source, Moments::heir_of) {
+                    let parent = &before[parent as usize][FACTOR];
+                    let aligned = Scene3d::aligned(&row[FACTOR], parent);
+                    row[FACTOR].copy_from_slice(&aligned);
+                }
+            }
+        }
+        for moments in [&mut splats.first, &mut splats.second] {
+            *moments = plan.gather_moments(&sources, moments);
+            moments.iter_mut().for_each(|row| row.resize(width, 0.0));
+        }
+        splats.steps = plan.gather_steps(&sources, &splats.steps);
+        splats.gradient_sum = plan.gather_statistics(&sources, &splats.gradient_sum);
+        splats.visible = plan.gather_statistics(&sources, &splats.visible);
+        if let Some(ceiling) = plan.opacity_ceiling {
+            let (place, moment) = (splats.geometry(), Scene3d::opacity_moment(splats.parameterization));
+            for g in 0..splats.steps.len() {
+                let value = &mut splats.parameters[g][place];
+                *value = value.min(logit(ceiling));
+                (splats.first[g][moment], splats.second[g][moment]) = (0.0, 0.0);
+            }
+        }
+        match self.0 {
+            ForgetsMomentsOnEdit => splats.forget_moments(),
+            ForgetsLossesOnEdit => splats.losses.clear(),
+            _ => {}
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,344 @@
+//! gs-wgpu's 3D scenes: the conformance suite with all kinds of kernels, drawn scenes against the oracle and against gs-cpu, and that
+//! they repeat themselves bit for bit.
+
+use std::{num::NonZero, sync::OnceLock};
+
+use glam::Vec3;
+use gs_conformance::{
+    bits::bits,
+    conformance::{check_gradients, check_image, conformance_3d},
+    properties::{judge, repeatable},
+    scenes::{Draw, Kind3d, draws_3d},
+};
+use gs_core::{
+    Adam, AdamRates, Binning, Blend, Camera, EditPlan, Error, Gaussian3d, Image, Loss, Parameterization, Participants,
+    Penalty, Rasterizer, RenderSettings, Scene, Scene3d, SplatsState, TrainStep, Wait,
+    effects::{Lens, Order, Outputs, Statistics},
+};
+use gs_cpu::{CpuRasterizer, CpuSettings};
+use gs_wgpu::{FreshBuffers, Kernels, WgpuRasterizer, WgpuSettings};
+use proptest::prelude::*;
+
+/// A device for each kind of kernels that the adapter can run, with few work groups in a row and fresh buffers full of NaN.
+fn rasterizers() -> &'static [(Kernels, WgpuRasterizer)] {
+    static RASTERIZERS: OnceLock<Vec<(Kernels, WgpuRasterizer)>> = OnceLock::new();
+    RASTERIZERS.get_or_init(|| {
+        let rasterizer = |kernels| {
+            let settings = WgpuSettings {
+                fresh_buffers: FreshBuffers::Poison,
+                kernels: Some(kernels),
+                most_groups: NonZero::new(3),
+                ..WgpuSettings::default()
+            };
+            Some((kernels, WgpuRasterizer::new(settings).ok()?))
+        };
+        let kernels = [Kernels::Portable, Kernels::Subgroups, Kernels::Vectors];
+        let found: Vec<_> = kernels.into_iter().filter_map(rasterizer).collect();
+        assert!(!found.is_empty(), "`cargo xtask test` installs a software driver where there is no adapter");
+        found
+    })
+}
+
+#[test]
+fn conforms_with_all_kernels() {
+    for (kernels, rasterizer) in rasterizers() {
+        let skipped = conformance_3d(rasterizer).unwrap_or_else(|failure| panic!("{kernels:?}: {failure}"));
+        // Of what a backend may refuse, it refuses covariance factors alone.
+        let others: Vec<_> = skipped.iter().filter(|skipped| !skipped.refused.contains("covariance-factor")).collect();
+        assert!(others.is_empty(), "{kernels:?}: {others:?}");
+    }
+}
+
+const ORDERS: [Order; 3] = [Order::Index, Order::Global, Order::PerPixel];
+
+/// More Gaussians than two sorting blocks, of which many cover many tiles.
+fn many(order: Order) -> Draw<Scene3d> {
+    let mut draw = Draw::for_3d(Kind3d::Typical, Blend::Over, 2500, (173, 141), 42).on([0.1, 0.5, 0.3]);
+    draw.settings.effects.order = order;
+    draw.settings.effects.statistics = Statistics::MeanGradient;
+    draw
+}
+
+fn cpu() -> CpuRasterizer {
+    CpuRasterizer::new(CpuSettings { threads: Some(2), level: None }).unwrap()
+}
+
+fn root_mean_square(a: &Image, b: &Image) -> f32 {
+    let squares = a.pixels().iter().flatten().zip(b.pixels().iter().flatten()).map(|(a, b)| (a - b).powi(2));
+    (squares.sum::<f32>() / (3 * a.pixels().len()) as f32).sqrt()
+}
+
+/// A wrong order of two Gaussians in a thousand would be seen.
+#[test]
+fn images_of_many_are_those_of_the_cpu() {
+    for order in ORDERS {
+        let draw = many(order);
+        let expected = cpu().render(&draw.scene, &draw.view, &draw.settings).unwrap();
+        for (kernels, r) in rasterizers() {
+            let found = r.render(&draw.scene, &draw.view, &draw.settings).unwrap();
+            let apart = root_mean_square(&found, &expected);
+            assert!(apart < 1e-5, "{kernels:?}, {order:?}: {apart}");
+        }
+    }
+    let images = ORDERS.map(many).map(|d| cpu().render(&d.scene, &d.view, &d.settings).unwrap());
+    for (one, other) in [(0, 1), (1, 2)] {
+        let apart = root_mean_square(&images[one], &images[other]);
+        assert!(apart > 1e-3, "{:?} is all but {:?}: the comparison cannot fail", ORDERS[one], ORDERS[other]);
+    }
+}
+
+/// What no one trains needs no moments, and moments of SH coefficients no larger a buffer than those: software drivers allow 128 MiB.
+#[test]
+fn scenes_of_every_size_that_fits_are_drawn_and_trained() {
+    let (_, r) = &rasterizers()[0];
+    let view = Camera::looking_forward(16, 16, 1.0);
+    let mut scene = Scene3d { sh_degree: 3, ..Scene3d::default() };
+    let gaussian = Gaussian3d {
+        mean: Vec3::new(0.0, 0.0, 5.0),
+        log_scale: Vec3::splat(-1.0),
+        rotation: [1.0, 0.0, 0.0, 0.0],
+        opacity_logit: 0.0,
+        sh: vec![Vec3::splat(0.5); 16],
+    };
+    scene.push(gaussian.clone());
+    // Behind the camera.
+    let behind = Gaussian3d { mean: Vec3::new(0.0, 0.0, -5.0), ..gaussian };
+    for _ in 0..400_000 {
+        scene.push(behind.clone());
+    }
+    let settings = RenderSettings::blended(Blend::Over);
+    let target = r.for_3d().upload_target(&Image::filled(16, 16, [0.2; 3]).unwrap()).unwrap();
+    let mut splats = r.upload(&scene, Parameterization::ScaleRotation).unwrap();
+    let frame = r.forward(&splats, &view, &settings).unwrap();
+    let drawn = r.image(&frame).unwrap();
+    assert!(drawn.pixels().iter().any(|p| p[0] > 0.1));
+    let rates = Adam::default().at(0.0);
+    let step = TrainStep { settings: &settings, loss: Loss::L2, rates: &rates, binning: Binning::Fresh };
+    r.train_step(&mut splats, &view, &target, &step).unwrap();
+    r.losses(&mut splats, Wait::All, &mut Vec::new()).unwrap();
+    let after = r.download(&splats).unwrap();
+    assert_ne!(after.sh[0], scene.sh[0]);
+    assert_eq!(after.sh[16..], scene.sh[16..]);
+    // And an edit of what was never trained has moments to hand on.
+    let mut untouched = r.upload(&scene, Parameterization::ScaleRotation).unwrap();
+    r.edit(&mut untouched, &EditPlan::default()).unwrap();
+    assert!(r.save(&untouched).unwrap().matrix("moment1").unwrap().1.iter().all(|&m| m == 0.0));
+}
+
+/// Steps that are small beside the scene, and whose gradients of mere rounding do not become whole steps.
+fn rates(participants: Participants) -> AdamRates {
+    let mut adam = Adam { epsilon: 1e-6, min_scale: 1e-4, participants, ..Adam::default() };
+    adam.mean.learning_rate = 1e-3;
+    adam.at(0.0)
+}
+
+fn trained<R: Rasterizer<Scene3d>>(
+    r: &R,
+    draw: &Draw<Scene3d>,
+    rates: &AdamRates,
+    steps: usize,
+) -> (SplatsState, Vec<f32>) {
+    let target = r.upload_target(&draw.target().unwrap()).unwrap();
+    let mut splats = r.upload(&draw.scene, Parameterization::ScaleRotation).unwrap();
+    for _ in 0..steps {
+        let step = TrainStep { settings: &draw.settings, loss: Loss::PAPER, rates, binning: Binning::Reuse };
+        r.train_step(&mut splats, &draw.view, &target, &step).unwrap();
+    }
+    let mut losses = Vec::new();
+    r.losses(&mut splats, Wait::All, &mut losses).unwrap();
+    (r.save(&splats).unwrap(), losses)
+}
+
+#[test]
+fn repeats_itself_bit_for_bit_whether_or_not_steps_have_to_be_sent_again() {
+    let by_depth = [Order::Global, Order::PerPixel].map(many);
+    let kernels = rasterizers().iter().map(|&(kernels, _)| kernels);
+    for (kernels, draw) in kernels.flat_map(|kernels| by_depth.iter().map(move |draw| (kernels, draw))) {
+        let other = || WgpuRasterizer::new(WgpuSettings { kernels: Some(kernels), ..WgpuSettings::default() }).unwrap();
+        let (cold, roomy) = (other(), other());
+        roomy.render(&draw.scene, &draw.view, &draw.settings).unwrap();
+        let [(one, losses), (two, again)] = [cold, roomy].map(|r| trained(&r, draw, &rates(Participants::All), 5));
+        assert_eq!(bits(&one), bits(&two), "{kernels:?}");
+        assert_eq!((losses.len(), &losses), (5, &again), "{kernels:?}");
+        assert!(losses[4] < losses[0], "{kernels:?}: {losses:?}");
+        let (_, r) = &rasterizers()[0];
+        assert_ne!(bits(&one), bits(&trained(r, draw, &rates(Participants::All), 4).0), "a step changes nothing");
+    }
+}
+
+/// The image of a state, by gs-cpu.
+fn image_of(state: &SplatsState, draw: &Draw<Scene3d>) -> Image {
+    let cpu = cpu();
+    let cpu = cpu.for_3d();
+    let splats = cpu.restore(state).unwrap();
+    cpu.image(&cpu.forward(&splats, &draw.view, &draw.settings).unwrap()).unwrap()
+}
+
+#[test]
+fn ten_steps_end_where_they_do_on_the_cpu() {
+    let draw = Draw::for_3d(Kind3d::Typical, Blend::Over, 60, (60, 44), 11).on([0.3, 0.2, 0.6]);
+    let before = cpu().render(&draw.scene, &draw.view, &draw.settings).unwrap();
+    let all = rates(Participants::All);
+    let (usual, _) = trained(cpu().for_3d(), &draw, &all, 10);
+    let usual = image_of(&usual, &draw);
+    let penalised = AdamRates { penalty: Penalty { opacity: 1.0, scale: 1.0 }, ..all };
+    // What each must differ from, or the comparison could not fail.
+    for (rates, other) in [(all, &before), (rates(Participants::Visible), &before), (penalised, &usual)] {
+        let (expected, _) = trained(cpu().for_3d(), &draw, &rates, 10);
+        let image = image_of(&expected, &draw);
+        let moved = root_mean_square(&image, other);
+        assert!(moved > 1e-3, "{rates:?} move the image by {moved} only");
+        for (kernels, r) in rasterizers() {
+            let (found, _) = trained(r, &draw, &rates, 10);
+            assert_eq!(found.integers("steps").unwrap(), expected.integers("steps").unwrap());
+            let apart = root_mean_square(&image_of(&found, &draw), &image);
+            assert!(apart < 0.03 * moved, "{kernels:?}: {apart} apart after moving by {moved}");
+        }
+    }
+}
+
+#[test]
+fn a_training_step_moves_few_bytes_however_many_gaussians_there_are() {
+    let bytes = |gaussians: usize| {
+        let r = WgpuRasterizer::new(WgpuSettings::default()).unwrap();
+        let draw = Draw::for_3d(Kind3d::Typical, Blend::Over, gaussians, (120, 80), 3);
+        let target = r.for_3d().upload_target(&draw.target().unwrap()).unwrap();
+        let mut splats = r.upload(&draw.scene, Parameterization::ScaleRotation).unwrap();
+        let rates = rates(Participants::All);
+        let step = TrainStep { settings: &draw.settings, loss: Loss::L2, rates: &rates, binning: Binning::Fresh };
+        // Buffers grow in the first.
+        r.train_step(&mut splats, &draw.view, &target, &step).unwrap();
+        r.losses(&mut splats, Wait::All, &mut Vec::new()).unwrap();
+        let before = r.bytes_moved();
+        for _ in 0..5 {
+            r.train_step(&mut splats, &draw.view, &target, &step).unwrap();
+        }
+        r.losses(&mut splats, Wait::All, &mut Vec::new()).unwrap();
+        r.bytes_moved() - before
+    };
+    let [few, many] = [30, 3000].map(bytes);
+    assert_eq!(few, many);
+    assert!(few > 0 && few <= 5 * 512, "{few} bytes in 5 steps");
+}
+
+/// The suite lets a backend refuse them; this one does not.
+#[test]
+fn all_orders_and_statistics_are_offered() {
+    let (_, r) = &rasterizers()[0];
+    let mut draw = Draw::for_3d(Kind3d::Typical, Blend::Over, 5, (20, 20), 3);
+    for order in ORDERS {
+        for statistics in [Statistics::MeanGradient, Statistics::AbsoluteGradient, Statistics::PixelError] {
+            (draw.settings.effects.order, draw.settings.effects.statistics) = (order, statistics);
+            r.render(&draw.scene, &draw.view, &draw.settings).unwrap();
+        }
+    }
+}
+
+/// What a step collects in the order of depth at each pixel, whose kernel has sums of its own, against gs-cpu.
+#[test]
+fn statistics_by_pixel_are_those_of_the_cpu() {
+    let mut draw = Draw::for_3d(Kind3d::Overlapping, Blend::Over, 40, (60, 44), 12).on([0.3, 0.2, 0.6]);
+    draw.settings.effects.order = Order::PerPixel;
+    let all = rates(Participants::All);
+    for statistics in [Statistics::MeanGradient, Statistics::AbsoluteGradient, Statistics::PixelError] {
+        draw.settings.effects.statistics = statistics;
+        let sums = |state: &SplatsState| state.rows::<1>("gradient_sum").unwrap();
+        let expected = sums(&trained(cpu().for_3d(), &draw, &all, 1).0);
+        let found = sums(&trained(&rasterizers()[0].1, &draw, &all, 1).0);
+        let largest = expected.iter().fold(0.0f32, |most, &[sum]| most.max(sum));
+        assert!(largest > 0.0);
+        for (i, ([a], [b])) in expected.iter().zip(&found).enumerate() {
+            assert!((a - b).abs() <= 1e-3 * (a + 1e-2 * largest), "{statistics:?} of Gaussian {i}: {a} and {b}");
+        }
+    }
+}
+
+/// 60,000 Gaussians that one pixel sees, all hardly visible: more than it can put in order.
+fn too_many_to_order() -> (Scene3d, Camera, RenderSettings) {
+    let g = Gaussian3d {
+        mean: Vec3::new(0.0, 0.0, 4.0),
+        log_scale: Vec3::splat(0.0),
+        rotation: [1.0, 0.0, 0.0, 0.0],
+        opacity_logit: -11.0,
+        sh: vec![Vec3::ONE],
+    };
+    let at = |i: u16| Gaussian3d { mean: g.mean + Vec3::Z * (f32::from(i) / 65_535.0), ..g.clone() };
+    let mut scene = Scene3d::default();
+    (0..60_000).for_each(|i| scene.push(at(i)));
+    let mut settings = RenderSettings::blended(Blend::Over);
+    settings.effects.order = Order::PerPixel;
+    (settings.accuracy.alpha_cut, settings.accuracy.transmittance_min) = (1e-6, 0.0);
+    (scene, Camera::looking_forward(1, 1, 1.0), settings)
+}
+
+#[test]
+fn more_than_a_pixel_can_put_in_order_is_an_error() {
+    let (_, r) = &rasterizers()[0];
+    let (scene, view, settings) = too_many_to_order();
+    let error = r.render(&scene, &view, &settings).unwrap_err();
+    assert!(error.to_string().contains("order of their depths"), "{error}");
+}
+
+/// Nor do the steps behind it, which were sent before its outcome was known.
+#[test]
+fn a_step_that_cannot_put_all_in_order_changes_nothing() {
+    let (_, r) = &rasterizers()[0];
+    let (scene, view, settings) = too_many_to_order();
+    let target = r.for_3d().upload_target(&Image::filled(1, 1, [0.5; 3]).unwrap()).unwrap();
+    let mut splats = r.upload(&scene, Parameterization::ScaleRotation).unwrap();
+    let before = r.save(&splats).unwrap();
+    let rates = rates(Participants::All);
+    let mut step = |settings: &RenderSettings| {
+        let step = TrainStep { settings, loss: Loss::L2, rates: &rates, binning: Binning::Fresh };
+        r.train_step(&mut splats, &view, &target, &step).unwrap();
+    };
+    step(&settings);
+    let mut in_order_of_means = settings;
+    in_order_of_means.effects.order = Order::Global;
+    step(&in_order_of_means);
+    let mut losses = Vec::new();
+    let error = r.losses(&mut splats, Wait::All, &mut losses).unwrap_err();
+    assert!(error.to_string().contains("order of their depths"), "{error}");
+    assert!(losses.is_empty());
+    assert!(r.save(&splats).unwrap() == before, "the splats has changed");
+
+    // The splats goes on from there.
+    let step = TrainStep { settings: &in_order_of_means, loss: Loss::L2, rates: &rates, binning: Binning::Fresh };
+    r.train_step(&mut splats, &view, &target, &step).unwrap();
+    r.losses(&mut splats, Wait::All, &mut losses).unwrap();
+    assert!(losses.len() == 1 && r.save(&splats).unwrap() != before, "{losses:?}");
+}
+
+#[test]
+fn what_is_not_offered_is_an_error_that_names_it() {
+    let (_, r) = &rasterizers()[0];
+    let draw = Draw::for_3d(Kind3d::Typical, Blend::Over, 5, (20, 20), 3);
+    let mut with_depth = draw.settings;
+    with_depth.effects.outputs = Outputs::ColorAlphaDepth;
+    let mut bent = draw.settings;
+    bent.effects.lens = Lens::Distorted;
+    for (settings, named) in [(with_depth, "ColorAlphaDepth"), (bent, "Distorted")] {
+        let error = r.render(&draw.scene, &draw.view, &settings).unwrap_err();
+        assert!(matches!(&error, Error::Unsupported { backend: "wgpu", effect } if effect.contains(named)), "{error}");
+    }
+    let error = r.upload(&draw.scene, Parameterization::CovarianceFactor).unwrap_err();
+    assert!(matches!(&error, Error::Unsupported { effect, .. } if effect.contains("CovarianceFactor")), "{error}");
+}
+
+proptest! {
+    #![proptest_config(repeatable(200, 2027))]
+
+    #[test]
+    fn drawn_images_match(draw in draws_3d()) {
+        for (_, rasterizer) in rasterizers() {
+            judge(check_image(rasterizer, &draw))?;
+        }
+    }
+
+    #[test]
+    fn drawn_gradients_match(draw in draws_3d(), loss in prop_oneof![Just(Loss::L2), Just(Loss::L1), Just(Loss::PAPER)]) {
+        for (_, rasterizer) in rasterizers() {
+            judge(check_gradients(rasterizer, &draw, &loss, Parameterization::ScaleRotation))?;
+        }
+    }
+}
