@@ -117,7 +117,7 @@ fn of_checkpoint(path: &Path, checkpoint: Checkpoint, values: Values) -> Result<
         let effects = &shown.effects;
         let trained_with = TrainedWith { antialias: Some(effects.antialias), order: Some(effects.order) };
         let (format, losses) = (Format3d::Checkpoint, Vec::new());
-        let file = File3d { scene, format, bytes, losses, trained_with, picture: None };
+        let file = File3d { scene, format, bytes, beside: Vec::new(), losses, trained_with, picture: None };
         (OpenedScene::ThreeD { file: Box::new(file), shown: Some(shown) }, left_out)
     } else {
         let record = record_of::<Scene2d>(path, &metadata)?;

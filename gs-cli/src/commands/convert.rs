@@ -125,8 +125,10 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<(), Failure> {
     let dataset = args.cost.dataset()?;
     let values = if args.drop_broken { Values::Any } else { Values::Checked };
     let Opened { path, scene, .. } = opened::open(&args.from, values)?;
-    // The numbers of a .gltf may be in a file of the same name.
-    let mut inputs = vec![path.clone(), path.with_extension("bin")];
+    let mut inputs = vec![path.clone()];
+    if let OpenedScene::ThreeD { file, .. } = &scene {
+        inputs.extend(file.beside.iter().cloned());
+    }
     inputs.extend(dataset.iter().flat_map(Dataset::files));
     output_folder::check_file(&args.to, &inputs)?;
     if args.gltf_buffer_beside() {

@@ -235,3 +235,18 @@ fn what_cannot_be_converted_is_refused() {
     }
     assert_eq!(names_in(place.path()), before);
 }
+
+#[test]
+fn the_buffer_that_a_gltf_is_read_from_is_not_replaced() {
+    let place = folder();
+    let path = |name: &str| place.path().join(name);
+    convert(&ply(place.path()), &path("a.gltf"), &["--gltf-buffer", "beside"]).done();
+    let text = fs::read_to_string(path("a.gltf")).unwrap();
+    assert!(text.contains("a.bin"), "{text}");
+    fs::write(path("b.gltf"), text.replace("a.bin", "other.bin")).unwrap();
+    fs::rename(path("a.bin"), path("other.bin")).unwrap();
+    let numbers = fs::read(path("other.bin")).unwrap();
+    let run = convert(&path("b.gltf"), &path("other.gltf"), &["--gltf-buffer", "beside"]);
+    assert!(run.refusal().contains("other.bin") && run.refusal().contains("is an input of this run"), "{run:?}");
+    assert_eq!(fs::read(path("other.bin")).unwrap(), numbers);
+}

@@ -45,14 +45,20 @@ impl Index {
         write_durably(folder.join(NAME), |file| file.write_all(text.as_bytes()))
     }
 
+    /// Writes it without waiting for the disk. Should that fail, or a power cut undo it, a later run asks before it replaces the
+    /// files that are missing in it.
+    pub(super) fn update(&self, folder: &Path) {
+        let text = self.text();
+        let _ = write_atomically(folder.join(NAME), |file| file.write_all(text.as_bytes()));
+    }
+
     /// Forgets the files that are not there; what is left need not be on the disk at once, as it says no more than before.
     pub(super) fn tidy(&self, folder: &Path) {
         let there =
             Self(self.0.iter().filter(|name| fs::symlink_metadata(folder.join(name)).is_ok()).cloned().collect());
         if there != *self {
-            let text = there.text();
             // The next run does the same with what this one leaves.
-            let _ = write_atomically(folder.join(NAME), |file| file.write_all(text.as_bytes()));
+            there.update(folder);
         }
     }
 

@@ -3,6 +3,7 @@
 mod index;
 
 use std::{
+    collections::BTreeSet,
     fs::{self, File, TryLockError},
     io,
     path::{Path, PathBuf},
@@ -125,7 +126,7 @@ impl FolderClaim {
     }
 
     /// Makes the folder if it is not there, keeps other runs out until the [`OutputFolder`] is dropped, removes the unfinished files of
-    /// runs that were killed, and adds the claimed files to the folder's index.
+    /// runs that were killed. The index gets the name of a file when [`OutputFolder::file`] hands out its path.
     ///
     /// # Errors
     /// Those of [`Self::check`], and [`Error::Write`] where the folder takes no files.
@@ -143,9 +144,9 @@ impl FolderClaim {
         // Another run may have ended since the check.
         let index = Index::of(&self.path);
         self.refuse_what_is_in_the_way(&index)?;
-        let files = self.files.clone();
-        let folder = OutputFolder { claim: self, index: Mutex::new(index), _lock: lock };
-        folder.adopt(files)?;
+        let claimed = Mutex::new(self.files.iter().cloned().collect());
+        let folder = OutputFolder { claim: self, claimed, index: Mutex::new(index), _lock: lock };
+        folder.index().store(folder.path())?;
         Ok(folder)
     }
 
@@ -191,6 +192,8 @@ impl FolderClaim {
 #[derive(Debug)]
 pub struct OutputFolder {
     claim: FolderClaim,
+    /// Files that this run may write; the index has only those that it began to write.
+    claimed: Mutex<BTreeSet<String>>,
     index: Mutex<Index>,
     _lock: File,
 }
@@ -201,22 +204,34 @@ impl OutputFolder {
         &self.claim.path
     }
 
-    /// The path of a file that has been claimed.
+    /// The path of a claimed file that is about to be written; the index has its name from now on.
     pub fn file(&self, name: &str) -> PathBuf {
-        debug_assert!(self.index().0.contains(name), "{name} is written without having been claimed");
+        let mut index = self.index();
+        debug_assert!(index.0.contains(name) || self.claims(name), "{name} is written without having been claimed");
+        if index.0.insert(name.to_owned()) {
+            index.update(self.path());
+        }
         self.path().join(name)
+    }
+
+    fn claims(&self, name: &str) -> bool {
+        self.lock_claimed().contains(name)
+    }
+
+    fn lock_claimed(&self) -> MutexGuard<'_, BTreeSet<String>> {
+        self.claimed.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Claims further files, whose names were not known at the beginning, before they are written.
     ///
     /// # Errors
-    /// As [`FolderClaim::check`] for these files; [`Error::Write`] where the index cannot be written.
+    /// As [`FolderClaim::check`] for these files.
     pub fn claim<N: Into<String>>(&self, names: impl IntoIterator<Item = N>) -> Result<(), Error> {
         let names: Vec<String> = names.into_iter().map(Into::into).collect();
         let index = self.index();
         names.iter().try_for_each(|name| self.claim.refuse(name, &index))?;
-        drop(index);
-        self.adopt(names)
+        self.lock_claimed().extend(names);
+        Ok(())
     }
 
     /// Takes files for those of a run that the caller knows by other means to be so, such as by the index of an earlier version.
@@ -232,7 +247,10 @@ impl OutputFolder {
 
     /// The claimed files, of this run or of earlier ones, whose paths in the folder begin so.
     pub fn claimed(&self, beginning: &str) -> Vec<String> {
-        self.index().0.iter().filter(|name| name.starts_with(beginning)).cloned().collect()
+        let mut names: BTreeSet<String> = self.index().0.clone();
+        names.extend(self.lock_claimed().iter().cloned());
+        names.retain(|name| name.starts_with(beginning));
+        names.into_iter().collect()
     }
 
     /// Removes a file of an earlier run, if it is there.
@@ -240,7 +258,8 @@ impl OutputFolder {
     /// # Errors
     /// [`Error::IsInput`], and [`Error::Remove`] where it cannot be removed.
     pub fn remove(&self, name: &str) -> Result<(), Error> {
-        let path = self.file(name);
+        debug_assert!(self.claims(name) || self.index().0.contains(name), "{name} has not been claimed");
+        let path = self.path().join(name);
         self.claim.inputs.guard(&path)?;
         match fs::remove_file(&path) {
             Err(source) if source.kind() != io::ErrorKind::NotFound => Err(Error::Remove { path, source }),
@@ -304,6 +323,18 @@ mod tests {
         let folder = claim.begin().unwrap();
         folder.remove("curve").unwrap();
         assert!(!curve.exists());
+    }
+
+    #[test]
+    fn a_killed_run_leaves_no_claim_to_what_it_did_not_begin_to_write() {
+        let place = tempfile::tempdir().unwrap();
+        let folder = begin(place.path(), &["scene", "curve"]).unwrap();
+        write(&folder, "scene");
+        // What a run that is killed here leaves is what its index says now.
+        let stored = Index::of(place.path());
+        fs::write(place.path().join("curve"), "mine").unwrap();
+        assert_eq!(Index::of(place.path()), stored);
+        assert_eq!(stored.0, BTreeSet::from(["scene".to_owned()]));
     }
 
     #[test]

@@ -137,6 +137,8 @@ pub struct File3d {
     pub format: Format3d,
     /// Size of the file, with those beside it that it refers to, bytes.
     pub bytes: u64,
+    /// The files beside it that were read: the buffers of a glTF.
+    pub beside: Vec<PathBuf>,
     /// What of the file is not in the scene.
     pub losses: Vec<ConversionLoss>,
     /// How the scene was trained, as far as the file says.
@@ -213,7 +215,7 @@ pub fn read_3d_unchecked(path: impl AsRef<Path>) -> Result<File3d, Error> {
 pub fn decode_3d(format: Format3d, bytes: &[u8], path: &Path) -> Result<File3d, Error> {
     let source = Source { path, what: format.what(), bytes };
     let mut size = bytes.len() as u64;
-    let mut picture = None;
+    let (mut picture, mut beside) = (None, Vec::new());
     let (scene, format, losses, trained_with) = match format {
         Format3d::Ply | Format3d::CompressedPly => {
             let read = ply::read(&source)?;
@@ -226,8 +228,9 @@ pub fn decode_3d(format: Format3d, bytes: &[u8], path: &Path) -> Result<File3d, 
             (scene, format, losses, trained_with)
         }
         Format3d::Gltf | Format3d::Glb => {
-            let gltf::Read { scene, losses, trained_with, bytes_beside } = gltf::read(&source)?;
-            size = size.saturating_add(bytes_beside);
+            let gltf::Read { scene, losses, trained_with, files } = gltf::read(&source)?;
+            size = files.values().fold(size, |sum, bytes| sum.saturating_add(*bytes));
+            beside = files.into_keys().collect();
             (scene, format, losses, trained_with)
         }
         Format3d::Checkpoint => {
@@ -238,7 +241,7 @@ pub fn decode_3d(format: Format3d, bytes: &[u8], path: &Path) -> Result<File3d, 
     if scene.is_empty() {
         return Err(Error::Empty { path: path.to_owned() });
     }
-    Ok(File3d { scene, format, bytes: size, losses, trained_with, picture })
+    Ok(File3d { scene, format, bytes: size, beside, losses, trained_with, picture })
 }
 
 /// How scenes are written, by format, and what is said of them.

@@ -83,7 +83,7 @@ struct NotFinite {
 /// # Errors
 /// Where nothing can be printed.
 pub(super) fn print(file: File3d, run: Option<BTreeMap<String, String>>, format: Format) -> Result<(), Failure> {
-    let File3d { scene, format: kind, bytes, losses, picture, trained_with } = file;
+    let File3d { scene, format: kind, bytes, losses, picture, trained_with, .. } = file;
     let losses = losses.iter().map(ToString::to_string).collect();
     let info = match run {
         Some(metadata) => Info { metadata, ..Info::of("checkpoint of a training in 3D", bytes, &scene) },

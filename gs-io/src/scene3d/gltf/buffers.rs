@@ -88,9 +88,9 @@ impl<'a> Buffers<'a> {
         self.contents.iter().filter(|b| matches!(b, Cow::Owned(_))).map(|b| b.len() as u64).sum()
     }
 
-    /// Bytes of the files beside the glTF, whole.
-    pub(super) fn file_bytes(&self) -> u64 {
-        self.files.values().fold(0, |sum, bytes| sum.saturating_add(*bytes))
+    /// The files beside the glTF and their sizes, whole.
+    pub(super) fn files(&self) -> &BTreeMap<PathBuf, u64> {
+        &self.files
     }
 }
 

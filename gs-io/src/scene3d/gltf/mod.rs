@@ -14,6 +14,8 @@ mod document;
 mod linear_light;
 mod write;
 
+use std::{collections::BTreeMap, path::PathBuf};
+
 use glam::{DAffine3, DMat3, DVec3, Vec3};
 use gs_core::Scene3d;
 
@@ -59,8 +61,8 @@ pub(crate) struct Read {
     pub(crate) scene: Scene3d,
     pub(crate) losses: Vec<ConversionLoss>,
     pub(crate) trained_with: TrainedWith,
-    /// Bytes of the files beside it.
-    pub(crate) bytes_beside: u64,
+    /// The files beside it that were read, and their sizes in bytes.
+    pub(crate) files: BTreeMap<PathBuf, u64>,
 }
 
 /// Reads all Gaussians of the default scene, and says what of them was not kept.
@@ -115,7 +117,7 @@ pub(crate) fn read(source: &Source<'_>) -> Result<Read, Error> {
     });
     let said = places.iter().map(|place| TrainedWith::of_extras(&place.primitive.extras));
     let trained_with = said.reduce(TrainedWith::in_common).unwrap_or_default();
-    Ok(Read { scene: whole, losses: once, trained_with, bytes_beside: buffers.file_bytes() })
+    Ok(Read { scene: whole, losses: once, trained_with, files: buffers.files().clone() })
 }
 
 /// A primitive of Gaussians, and from its coordinates to the scene's.
