@@ -12,7 +12,6 @@ use std::{
 use fearless_simd::Level;
 use gs_core::{
     AdamRates, Binning, DensityStatistics, EditPlan, Error, Parameterization, RenderSettings, Scene, SplatsState,
-    profile::Traffic,
 };
 
 use crate::{
@@ -108,9 +107,6 @@ pub trait Kind: Scene + 'static {
         settings: &RenderSettings,
         iterations: u32,
     ) -> Result<(), Error>;
-
-    /// The bytes that one of this kind's own stages moves at least.
-    fn traffic(stage: Stage, workspace: &Workspace<Self>, splats: &Self::Splats) -> Traffic;
 }
 
 /// What splats of every kind have besides their parameters and moments.

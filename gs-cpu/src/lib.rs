@@ -29,7 +29,6 @@ mod scene3d;
 mod scratches;
 mod splat;
 mod tiles;
-mod traffic;
 mod tuning;
 mod workspace;
 

@@ -7,7 +7,7 @@ use gs_core::{
     profile::{Clock, Profile, Profiler, StageTime, still},
 };
 
-use crate::{CpuRasterizer, Target, kind::Kind, loss, tiles::Tiles, traffic, workspace::Workspace};
+use crate::{CpuRasterizer, Target, kind::Kind, loss, tiles::Tiles, workspace::Workspace};
 
 /// The stages of a training step.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -129,13 +129,12 @@ impl<S: Kind> Profiler<S> for CpuRasterizer {
             }
             Ok::<(), Error>(())
         })?;
-        let Pass { workspace, splats, .. } = pass;
+        let Pass { workspace, .. } = pass;
         let pairs = workspace.tiles.bins.pairs();
         let stage_time = |(stage, seconds): (Stage, Vec<f64>)| StageTime {
             stage: stage.name(),
             seconds,
             pairs: if stage.visits_pairs() { pairs } else { 0 },
-            traffic: traffic::of(stage, &workspace, splats, &loss),
             replaces: stage.replaces(),
         };
         let stages = samples.into_iter().map(stage_time).collect();

@@ -5,7 +5,7 @@ use std::{fmt, sync::PoisonError};
 use fearless_simd::Level;
 use gs_core::{
     AdamRates, Binning, DensityStatistics, EditPlan, Error, Image, Loss, Parameterization, Rasterizer, RenderSettings,
-    Scene2d, Scene3d, SplatsState, TrainStep, counted, effects::Outputs, profile::Profiler, settings::Cut,
+    Scene2d, Scene3d, SplatsState, TrainStep, counted, profile::Profiler, settings::Cut,
     statistics::Culled,
 };
 
@@ -124,9 +124,6 @@ pub(crate) fn unsupported(effect: impl Into<String>) -> Error {
 /// Fails where a setting is not possible for any kind of scene.
 pub(crate) fn check_settings(settings: &RenderSettings) -> Result<(), Error> {
     settings.validate()?;
-    if settings.effects.outputs != Outputs::Color {
-        return Err(unsupported(format!("outputs {:?}", settings.effects.outputs)));
-    }
     if settings.accuracy.cut != Cut::Hard {
         return Err(unsupported("a smooth cut, which would touch every pixel"));
     }

@@ -6,7 +6,7 @@ use std::f64::consts::PI;
 use gs_core::{
     Canvas, Error, RenderSettings,
     constants::MIN_DETERMINANT_PX4,
-    effects::{Antialias, Order, Outputs},
+    effects::{Antialias, Order},
     statistics::Cause,
 };
 
@@ -46,7 +46,7 @@ impl OracleView for Canvas {
     fn check(&self, settings: &RenderSettings) -> Result<(), Error> {
         self.validate()?;
         let effects = settings.effects;
-        if effects.order != Order::Index || effects.antialias != Antialias::None || effects.outputs != Outputs::Color {
+        if effects.order != Order::Index || effects.antialias != Antialias::None {
             return Err(Error::Unsupported { backend: "oracle", effect: format!("{effects:?}") });
         }
         Ok(())

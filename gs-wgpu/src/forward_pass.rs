@@ -23,9 +23,7 @@ impl<S: Kind> Pool<S> {
     pub(crate) fn take(&self, gpu: &Gpu) -> Result<Workspace<S>, Error> {
         match self.0.lock().unwrap_or_else(PoisonError::into_inner).pop() {
             Some(mut workspace) => {
-                // So that results don't depend on what it served for before: neither the lengths of its lists nor the lists, which
-                // a step with `Binning::Reuse` would otherwise take up.
-                workspace.tiles.segments.clear();
+                // A step with `Binning::Reuse` must not take up the lists of what it served for before.
                 workspace.edition = None;
                 Ok(workspace)
             }

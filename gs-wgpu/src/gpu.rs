@@ -16,7 +16,6 @@ use wgpu::util::{BufferInitDescriptor, DeviceExt};
 
 use crate::{
     adapter::{self, AdapterSummary},
-    iterations::longest_walk,
     shaders::{Kernels, SORT_BITS, Variant, shader_of},
 };
 
@@ -44,9 +43,6 @@ pub struct WgpuSettings {
     /// Most work groups along an axis of a dispatch; what has more goes into several rows. `None`, or more than the adapter allows: as
     /// many as it allows.
     pub most_groups: Option<NonZero<u32>>,
-    /// Most entries of a tile's list that one dispatch of a blend kernel walks along; longer lists take several. `None`, or more than the
-    /// adapter can: as many as it can, which on GPUs is all.
-    pub longest_walk: Option<NonZero<u32>>,
 }
 
 /// How long the device may take to hand over what it has finished.
@@ -66,8 +62,6 @@ pub struct Gpu {
     limits: wgpu::Limits,
     /// Most work groups along an axis of a dispatch.
     pub(crate) most_groups: u32,
-    /// Most entries of a tile's list that one dispatch of a blend kernel walks along.
-    pub(crate) longest_walk: u32,
     /// Whether the adapter computes on a CPU.
     pub(crate) on_cpu: bool,
     /// How the kernels that visit every pixel are written.
@@ -141,7 +135,6 @@ impl Gpu {
                 .most_groups
                 .map_or(u32::MAX, NonZero::get)
                 .min(limits.max_compute_workgroups_per_dimension),
-            longest_walk: settings.longest_walk.map_or(u32::MAX, NonZero::get).min(longest_walk(on_cpu, kernels)),
             limits,
             on_cpu,
             kernels,

@@ -3,7 +3,7 @@
 
 use std::{fmt::Debug, sync::Arc};
 
-use gs_core::{AdamRates, Error, Parameterization, RenderSettings, Scene, SplatsState, profile::Traffic};
+use gs_core::{AdamRates, Error, Parameterization, RenderSettings, Scene, SplatsState};
 
 use crate::{
     WgpuRasterizer,
@@ -11,7 +11,6 @@ use crate::{
     forward_pass::{Gradients, Pool},
     gpu::Gpu,
     layout::Step,
-    profile::Stage,
     splats::{Edit, Splats},
     target::Target,
     workspace::Workspace,
@@ -117,7 +116,4 @@ pub trait Kind: Scene<View: PartialEq> + 'static {
         settings: &RenderSettings,
         iterations: u32,
     ) -> Result<(), Error>;
-
-    /// The bytes that one of this kind's own stages moves at least, without the entries' slots.
-    fn traffic(stage: Stage, workspace: &Workspace<Self>, splats: &Splats<Self>) -> Traffic;
 }

@@ -5,7 +5,6 @@ use std::sync::{Arc, PoisonError};
 use gs_core::{
     AdamRates, DensityStatistics, EditPlan, Error, Image, Loss, Parameterization, Rasterizer, RenderSettings, Scene2d,
     Scene3d, SplatsState, TrainStep, Wait,
-    effects::Outputs,
     profile::Profiler,
     settings::{Cut, Extent},
     statistics::Culled,
@@ -124,10 +123,6 @@ pub(crate) fn unsupported(effect: impl Into<String>) -> Error {
 /// Fails where a setting is not possible for any kind of scene.
 pub(crate) fn check_settings(settings: &RenderSettings) -> Result<(), Error> {
     settings.validate()?;
-    let effects = &settings.effects;
-    if effects.outputs != Outputs::Color {
-        return Err(unsupported(format!("outputs {:?}", effects.outputs)));
-    }
     if settings.accuracy.cut != Cut::Hard {
         return Err(unsupported("a smooth cut, which would touch every pixel"));
     }

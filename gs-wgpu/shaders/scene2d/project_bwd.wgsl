@@ -6,14 +6,13 @@
 @group(0) @binding(1) var<storage, read> gaussians: array<Gaussian>;
 @group(0) @binding(5) var<storage, read_write> gradients: array<Gradient>;
 
-@compute @workgroup_size(INVOCATIONS)
+@compute @workgroup_size(64)
 fn project_bwd(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
-    let first_index = flat(group, groups) * INVOCATIONS;
-    let index = first_index + lane;
-    let sums = received(first_index, lane);
+    let index = flat(group, groups) * 64u + lane;
     if index >= step.gaussians {
         return;
     }
+    let sums = received(index);
     let s = projected[index];
     var gradient = Gradient(vec3f(0.0), 0.0, vec3f(0.0), 0.0, vec2f(0.0), 0u, 0u);
     if offsets[index] < offsets[index + 1u] && s.half_x >= 0.0 {

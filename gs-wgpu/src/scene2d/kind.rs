@@ -5,8 +5,7 @@ use std::sync::Arc;
 use glam::{Vec2, Vec3};
 use gs_core::{
     AdamRates, Blend, Canvas, Error, Gaussian2d, Parameterization, Penalty, RenderSettings, Scene2d, SplatsState,
-    effects::{Antialias, Order, Statistics as Collected},
-    profile::Traffic,
+    effects::{Antialias, Order},
     whitened::WhitenedGradient,
 };
 
@@ -17,14 +16,12 @@ use crate::{
     forward_pass::{Gradients, Pool},
     gpu::Gpu,
     kind::Kind,
-    layout::{Gaussian, Gradient, Moments, SPLAT_BYTES, Statistics, Step},
-    profile::Stage,
+    layout::{Gaussian, Gradient, Step},
     rasterizer::{check_settings, unsupported},
-    shaders::{Kernels, LANES, Variant},
+    shaders::{Variant},
     splats::{Edit, Splats},
     target::Target,
     tiles::{BY_GAUSSIAN, Growing, groups_of},
-    traffic::{INDEX, size},
     workspace::Workspace,
 };
 
@@ -167,8 +164,7 @@ impl Kind for Scene2d {
             &tiles.slots.buffer,
             &workspace.gradients[0].buffer,
         ];
-        let invocations = if gpu.kernels == Kernels::Vectors { LANES } else { 64 };
-        let groups = groups_of(gpu, u64::from(tiles.gaussians), invocations.into());
+        let groups = groups_of(gpu, u64::from(tiles.gaussians), 64);
         let variant = Variant { covariance_factor: in_parameterization(splats).covariance_factor, ..tiles.variant() };
         dispatch(gpu, commands, "project_bwd", variant, &bindings, groups);
     }
@@ -218,22 +214,6 @@ impl Kind for Scene2d {
         iterations: u32,
     ) -> Result<(), Error> {
         solve_colors(rasterizer, splats, view, target, settings, iterations)
-    }
-
-    fn traffic(stage: Stage, workspace: &Workspace<Self>, splats: &Splats<Self>) -> Traffic {
-        let n = splats.len as u64;
-        let (read, written) = match stage {
-            Stage::Project => (n * size::<Gaussian>(), n * (SPLAT_BYTES + INDEX)),
-            Stage::ProjectBwd => (n * (size::<Gaussian>() + SPLAT_BYTES + INDEX), n * size::<Gradient>()),
-            Stage::Adam => {
-                let collected = workspace.tiles.settings.effects.statistics != Collected::None;
-                let statistics = if collected { size::<Statistics>() } else { 0 };
-                let state = size::<Gaussian>() + size::<Moments>() + statistics;
-                (n * (size::<Gradient>() + state), n * state)
-            }
-            _ => (0, 0),
-        };
-        Traffic { read, written }
     }
 }
 
