@@ -163,7 +163,8 @@ mod tests {
     fn kernels_of_earlier_versions_are_the_adapters_own_choice() {
         let parse = |name: &str| {
             let text = format!("[machine]\nkernels = '{name}'\n");
-            ChosenSettings::parse_if_chosen(&text, Path::new("settings.toml")).map(|chosen| chosen.unwrap().machine.kernels)
+            ChosenSettings::parse_if_chosen(&text, Path::new("settings.toml"))
+                .map(|chosen| chosen.unwrap().machine.kernels)
         };
         assert_eq!(parse("vectors").unwrap(), None);
         assert_eq!(parse("subgroups").unwrap(), Some(KernelsName::Subgroups));

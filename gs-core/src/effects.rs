@@ -195,7 +195,8 @@ impl TryFrom<Stored> for Effects {
 
     fn try_from(stored: Stored) -> Result<Self, String> {
         let Stored { order, blend, sh_degree, antialias, background, statistics, outputs, exposure, lens } = stored;
-        for (name, value, only) in [("outputs", outputs, "color"), ("exposure", exposure, "none"), ("lens", lens, "pinhole")]
+        for (name, value, only) in
+            [("outputs", outputs, "color"), ("exposure", exposure, "none"), ("lens", lens, "pinhole")]
         {
             if let Some(value) = value.filter(|value| value != only) {
                 return Err(format!("no backend offers {name} \"{value}\": leave {name} out, which means \"{only}\""));

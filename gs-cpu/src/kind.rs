@@ -20,54 +20,80 @@ use crate::{
     workspace::{Pool, Workspace},
 };
 
-/// A kind of scene that [`CpuRasterizer`] is a rasterizer for; implemented for 2D and 3D scenes, and for no others.
-pub trait Kind: Scene + 'static {
+mod sealed {
+    pub trait Sealed {}
+
+    impl Sealed for gs_core::Scene2d {}
+    impl Sealed for gs_core::Scene3d {}
+}
+
+/// A kind of scene that [`CpuRasterizer`] is a rasterizer for: a 2D or a 3D scene.
+///
+/// Implemented for [`Scene2d`](gs_core::Scene2d) and [`Scene3d`](gs_core::Scene3d), and sealed: what it consists of is a matter of this backend.
+pub trait SceneKind: sealed::Sealed + Scene + 'static {
+    #[doc(hidden)]
     /// The Gaussians where this backend computes.
     type Splats: Debug + Send + Sync;
+    #[doc(hidden)]
     /// Buffers of the stages that are this kind's own.
     type Own: Debug + Default + Send + Sync;
+    #[doc(hidden)]
     /// Bias corrections of Adam.
     type Bias: Debug + Default + Send;
 
+    #[doc(hidden)]
     /// The stages before `bin`, in their order.
     const BEFORE_BIN: [Stage; 2];
 
+    #[doc(hidden)]
     /// Fails where the view or an effect is not possible.
     fn check(view: &Self::View, settings: &RenderSettings) -> Result<(), Error>;
 
+    #[doc(hidden)]
     /// Fails where Adam's numbers ask for what this kind has not.
     fn check_rates(rates: &AdamRates) -> Result<(), Error>;
 
+    #[doc(hidden)]
     /// Columns and rows.
     fn size(view: &Self::View) -> (u32, u32);
 
+    #[doc(hidden)]
     /// What the rasterizer keeps for this kind.
     fn resources(rasterizer: &CpuRasterizer) -> &Resources<Self>;
 
+    #[doc(hidden)]
     /// splats of this scene.
     fn upload(scene: &Self, parameterization: Parameterization) -> Result<Self::Splats, Error>;
 
+    #[doc(hidden)]
     /// The splats' parameters.
     fn download(splats: &Self::Splats) -> Self;
 
+    #[doc(hidden)]
     /// Its whole state.
     fn save(splats: &Self::Splats) -> SplatsState;
 
+    #[doc(hidden)]
     /// splats in that state.
     fn restore(state: &SplatsState) -> Result<Self::Splats, Error>;
 
+    #[doc(hidden)]
     /// Applies a plan.
     fn edit(splats: &mut Self::Splats, plan: &EditPlan<Self::Gaussian>) -> Result<(), Error>;
 
+    #[doc(hidden)]
     /// Adds to the means.
     fn shift_means(splats: &mut Self::Splats, shifts: &[f32]) -> Result<(), Error>;
 
+    #[doc(hidden)]
     /// What splats of every kind have.
     fn shared(splats: &Self::Splats) -> &Shared<Self>;
 
+    #[doc(hidden)]
     /// The same, to change.
     fn shared_mut(splats: &mut Self::Splats) -> &mut Shared<Self>;
 
+    #[doc(hidden)]
     /// The stages up to `bin`.
     fn prepare(
         workspace: &mut Workspace<Self>,
@@ -77,18 +103,23 @@ pub trait Kind: Scene + 'static {
         binning: Binning,
     ) -> Result<(), Error>;
 
+    #[doc(hidden)]
     /// Stage `project`.
     fn project(workspace: &mut Workspace<Self>, splats: &Self::Splats);
 
+    #[doc(hidden)]
     /// Stage `sort`: the order in which tiles see the projected.
     fn sort(workspace: &mut Workspace<Self>, splats: &Self::Splats);
 
+    #[doc(hidden)]
     /// Stage `project_bwd`: every Gaussian's gradient, times `scale`.
     fn project_bwd(workspace: &mut Workspace<Self>, splats: &Self::Splats, scale: f32);
 
+    #[doc(hidden)]
     /// The gradients that `project_bwd` found, as a scene of derivatives.
     fn derivatives(workspace: &Workspace<Self>, splats: &Self::Splats) -> Self;
 
+    #[doc(hidden)]
     /// Stage `adam`: one step along the gradients that `project_bwd` found, and the statistics.
     fn adam(
         splats: &mut Self::Splats,
@@ -98,6 +129,7 @@ pub trait Kind: Scene + 'static {
         workspace: &Workspace<Self>,
     );
 
+    #[doc(hidden)]
     /// Solves for the colours, where the image is linear in them.
     fn solve_colors(
         rasterizer: &CpuRasterizer,
@@ -111,7 +143,7 @@ pub trait Kind: Scene + 'static {
 
 /// What splats of every kind have besides their parameters and moments.
 #[derive(Debug)]
-pub struct Shared<S: Kind> {
+pub struct Shared<S: SceneKind> {
     pub(crate) statistics: DensityStatistics,
     /// Buffers of training steps, with the lists that [`Binning::Reuse`] may use again.
     pub(crate) workspace: Option<Workspace<S>>,
@@ -121,7 +153,7 @@ pub struct Shared<S: Kind> {
     pub(crate) edition: u64,
 }
 
-impl<S: Kind> Shared<S> {
+impl<S: SceneKind> Shared<S> {
     pub(crate) fn new(statistics: DensityStatistics) -> Self {
         Self { statistics, workspace: None, losses: Vec::new(), edition: next_edition() }
     }
@@ -145,12 +177,12 @@ fn next_edition() -> u64 {
 
 /// What a rasterizer keeps for one kind of scene.
 #[derive(Debug)]
-pub struct Resources<S: Kind> {
+pub struct Resources<S: SceneKind> {
     pub(crate) pool: Arc<Pool<S>>,
     pub(crate) bias: Mutex<S::Bias>,
 }
 
-impl<S: Kind> Default for Resources<S> {
+impl<S: SceneKind> Default for Resources<S> {
     fn default() -> Self {
         Self { pool: Arc::default(), bias: Mutex::default() }
     }

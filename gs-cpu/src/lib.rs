@@ -32,6 +32,7 @@ mod tiles;
 mod tuning;
 mod workspace;
 
+pub use kind::SceneKind;
 pub use level::SimdLevel;
 pub use loss::Target;
 pub use rasterizer::{CpuRasterizer, CpuSettings};

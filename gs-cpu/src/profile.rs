@@ -7,7 +7,7 @@ use gs_core::{
     profile::{Clock, Profile, Profiler, StageTime, still},
 };
 
-use crate::{CpuRasterizer, Target, kind::Kind, loss, tiles::Tiles, workspace::Workspace};
+use crate::{CpuRasterizer, Target, kind::SceneKind, loss, tiles::Tiles, workspace::Workspace};
 
 /// The stages of a training step.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -63,7 +63,7 @@ impl Stage {
 }
 
 /// What the stages compute with.
-struct Pass<'a, S: Kind> {
+struct Pass<'a, S: SceneKind> {
     rasterizer: &'a CpuRasterizer,
     workspace: Workspace<S>,
     splats: &'a mut S::Splats,
@@ -73,7 +73,7 @@ struct Pass<'a, S: Kind> {
     bias: S::Bias,
 }
 
-impl<S: Kind> Pass<'_, S> {
+impl<S: SceneKind> Pass<'_, S> {
     fn run(&mut self, stage: Stage) -> Result<(), Error> {
         let Self { workspace, splats, target, bias, .. } = self;
         let level = self.rasterizer.level;
@@ -96,7 +96,7 @@ impl<S: Kind> Pass<'_, S> {
     }
 }
 
-impl<S: Kind> Profiler<S> for CpuRasterizer {
+impl<S: SceneKind> Profiler<S> for CpuRasterizer {
     fn profile(
         &self,
         splats: &mut S::Splats,

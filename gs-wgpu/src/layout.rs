@@ -331,8 +331,7 @@ mod tests {
             kernels: [Kernels::Portable, Kernels::Subgroups][(bits >> 5) as usize % 2],
             pass: [Pass::Forward, Pass::Backward][(bits >> 6) as usize % 2],
             by_pixel: bits & 128 != 0,
-            collected: [Collected::Nothing, Collected::AbsoluteGradients, Collected::PixelErrors]
-                [(bits >> 8) as usize],
+            collected: [Collected::Nothing, Collected::AbsoluteGradients, Collected::PixelErrors][(bits >> 8) as usize],
             ..Variant::default()
         })
     }

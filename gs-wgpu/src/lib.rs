@@ -53,13 +53,17 @@ use gs_core::{Scene2d, Scene3d};
 pub use crate::{
     adapter::{AdapterSummary, adapters},
     forward_pass::{ForwardPass, Gradients},
-    gpu::{FreshBuffers, WgpuSettings},
+    gpu::WgpuSettings,
     in_flight::STEPS_IN_FLIGHT,
+    kind::SceneKind,
     rasterizer::WgpuRasterizer,
     shaders::Kernels,
     splats::Splats,
     target::Target,
 };
+
+#[cfg(feature = "test-hooks")]
+pub use crate::gpu::FreshBuffers;
 
 /// 2D Gaussians on a device.
 pub type Splats2d = Splats<Scene2d>;

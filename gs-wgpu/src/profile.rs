@@ -13,7 +13,7 @@ use crate::{
     blend::Differentiated,
     dispatch::Commands,
     gpu::Gpu,
-    kind::Kind,
+    kind::SceneKind,
     shaders::{ROWS, TILE_COLUMNS, TILE_ROWS},
     splats::Splats,
     target::Target,
@@ -72,7 +72,7 @@ impl Stage {
 }
 
 /// What the stages compute with.
-struct Pass<'a, S: Kind> {
+struct Pass<'a, S: SceneKind> {
     rasterizer: &'a WgpuRasterizer,
     workspace: Workspace<S>,
     splats: &'a Splats<S>,
@@ -81,7 +81,7 @@ struct Pass<'a, S: Kind> {
     stages: Vec<Stage>,
 }
 
-impl<S: Kind> Pass<'_, S> {
+impl<S: SceneKind> Pass<'_, S> {
     fn encode(&mut self, stage: Stage, commands: &mut Commands) -> Result<(), Error> {
         let Self { rasterizer, workspace, splats, target, loss, .. } = self;
         let gpu = &rasterizer.gpu;
@@ -177,7 +177,7 @@ fn rows_visited(rows: u32) -> u32 {
 
 impl WgpuRasterizer {
     /// [`Profiler::profile`], by the clock that `timestamps` make for so many marks.
-    fn profile_by<S: Kind>(
+    fn profile_by<S: SceneKind>(
         &self,
         timestamps: impl Fn(&Gpu, u32) -> Result<Option<Timestamps>, Error>,
         splats: &Splats<S>,
@@ -218,7 +218,7 @@ impl WgpuRasterizer {
     }
 }
 
-impl<S: Kind> Profiler<S> for WgpuRasterizer {
+impl<S: SceneKind> Profiler<S> for WgpuRasterizer {
     fn profile(
         &self,
         splats: &mut Splats<S>,

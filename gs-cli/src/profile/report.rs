@@ -223,11 +223,8 @@ impl Report {
     /// The head, the table and its legend, for people.
     pub(crate) fn text(&self) -> String {
         let mut text = self.head();
-        let _ = writeln!(
-            text,
-            "\n{:<32}{:>10}{:>10}{:>10}{:>9}{:>10}",
-            "stage", "ms", "10 %", "90 %", "share", "Gpairs/s"
-        );
+        let _ =
+            writeln!(text, "\n{:<32}{:>10}{:>10}{:>10}{:>9}{:>10}", "stage", "ms", "10 %", "90 %", "share", "Gpairs/s");
         for stage in &self.stages {
             let share = match (stage.share, stage.replaced_by) {
                 (Some(share), _) => format!("{:.1} %", 100.0 * share),

@@ -15,7 +15,7 @@ use super::{
 use crate::{
     CpuRasterizer, Target,
     bias::BiasTable,
-    kind::{Kind, Resources, Shared},
+    kind::{Resources, SceneKind, Shared},
     profile::Stage,
     rasterizer::{check_settings, unsupported},
     workspace::Workspace,
@@ -49,7 +49,7 @@ impl Workspace<Scene2d> {
     }
 }
 
-impl Kind for Scene2d {
+impl SceneKind for Scene2d {
     type Splats = Splats2d;
     type Own = Own2d;
     type Bias = BiasTable<{ VECTOR + 1 }>;

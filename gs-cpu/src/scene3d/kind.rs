@@ -22,7 +22,7 @@ use crate::{
     CpuRasterizer, Target,
     bias::BiasTable,
     blend_per_pixel::PixelDepth,
-    kind::{Kind, Resources, Shared},
+    kind::{Resources, SceneKind, Shared},
     profile::Stage,
     rasterizer::{check_settings, unsupported},
     splat::{CHUNK, Splat},
@@ -73,7 +73,7 @@ impl Workspace<Scene3d> {
     }
 }
 
-impl Kind for Scene3d {
+impl SceneKind for Scene3d {
     type Splats = Splats3d;
     type Own = Own3d;
     type Bias = BiasTable<{ adam::GROUPS }>;

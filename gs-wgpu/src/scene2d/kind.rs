@@ -15,10 +15,10 @@ use crate::{
     dispatch::{Commands, Groups, dispatch, dispatch_some},
     forward_pass::{Gradients, Pool},
     gpu::Gpu,
-    kind::Kind,
+    kind::SceneKind,
     layout::{Gaussian, Gradient, Step},
     rasterizer::{check_settings, unsupported},
-    shaders::{Variant},
+    shaders::Variant,
     splats::{Edit, Splats},
     target::Target,
     tiles::{BY_GAUSSIAN, Growing, groups_of},
@@ -39,7 +39,7 @@ fn in_parameterization(splats: &Splats<Scene2d>) -> Variant {
     }
 }
 
-impl Kind for Scene2d {
+impl SceneKind for Scene2d {
     type State = State2d;
     type Own = Own2d;
 

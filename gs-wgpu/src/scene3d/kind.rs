@@ -3,9 +3,7 @@
 use std::sync::Arc;
 
 use glam::Vec3;
-use gs_core::{
-    AdamRates, Camera, Error, Gaussian3d, Parameterization, RenderSettings, Scene3d, SplatsState,
-};
+use gs_core::{AdamRates, Camera, Error, Gaussian3d, Parameterization, RenderSettings, Scene3d, SplatsState};
 
 use super::{
     stages::{self, Own3d},
@@ -16,7 +14,7 @@ use crate::{
     dispatch::Commands,
     forward_pass::{Gradients, Pool},
     gpu::Gpu,
-    kind::Kind,
+    kind::SceneKind,
     layout::{EllipsoidGradient, SPLAT_BYTES, Step},
     rasterizer::{check_settings, unsupported},
     splats::{Edit, Splats},
@@ -25,7 +23,7 @@ use crate::{
     workspace::Workspace,
 };
 
-impl Kind for Scene3d {
+impl SceneKind for Scene3d {
     type State = State3d;
     type Own = Own3d;
 

@@ -1,10 +1,7 @@
 //! Cases: what a caller can do wrong with 3D scenes and cameras is answered with the error that says so.
 
 use glam::{Mat3, Vec2, Vec3};
-use gs_core::{
-    Camera, Error, Parameterization, Rasterizer, Scene3d,
-    effects::Blend,
-};
+use gs_core::{Camera, Error, Parameterization, Rasterizer, Scene3d, effects::Blend};
 
 use super::errors::{SETTING, SIZE, bad_are_errors, refused};
 use crate::{
