@@ -31,70 +31,69 @@ mod sealed {
 ///
 /// Implemented for [`Scene2d`](gs_core::Scene2d) and [`Scene3d`](gs_core::Scene3d), and sealed: what it consists of is a matter of this backend.
 pub trait SceneKind: sealed::Sealed + Scene + 'static {
-    #[doc(hidden)]
     /// The Gaussians where this backend computes.
     type Splats: Debug + Send + Sync;
-    #[doc(hidden)]
     /// Buffers of the stages that are this kind's own.
-    type Own: Debug + Default + Send + Sync;
     #[doc(hidden)]
+    type Own: Debug + Default + Send + Sync;
     /// Bias corrections of Adam.
+    #[doc(hidden)]
     type Bias: Debug + Default + Send;
 
-    #[doc(hidden)]
     /// The stages before `bin`, in their order.
+    #[doc(hidden)]
     const BEFORE_BIN: [Stage; 2];
 
-    #[doc(hidden)]
     /// Fails where the view or an effect is not possible.
+    #[doc(hidden)]
     fn check(view: &Self::View, settings: &RenderSettings) -> Result<(), Error>;
 
-    #[doc(hidden)]
     /// Fails where Adam's numbers ask for what this kind has not.
+    #[doc(hidden)]
     fn check_rates(rates: &AdamRates) -> Result<(), Error>;
 
-    #[doc(hidden)]
     /// Columns and rows.
+    #[doc(hidden)]
     fn size(view: &Self::View) -> (u32, u32);
 
-    #[doc(hidden)]
     /// What the rasterizer keeps for this kind.
+    #[doc(hidden)]
     fn resources(rasterizer: &CpuRasterizer) -> &Resources<Self>;
 
-    #[doc(hidden)]
     /// splats of this scene.
+    #[doc(hidden)]
     fn upload(scene: &Self, parameterization: Parameterization) -> Result<Self::Splats, Error>;
 
-    #[doc(hidden)]
     /// The splats' parameters.
+    #[doc(hidden)]
     fn download(splats: &Self::Splats) -> Self;
 
-    #[doc(hidden)]
     /// Its whole state.
+    #[doc(hidden)]
     fn save(splats: &Self::Splats) -> SplatsState;
 
-    #[doc(hidden)]
     /// splats in that state.
+    #[doc(hidden)]
     fn restore(state: &SplatsState) -> Result<Self::Splats, Error>;
 
-    #[doc(hidden)]
     /// Applies a plan.
+    #[doc(hidden)]
     fn edit(splats: &mut Self::Splats, plan: &EditPlan<Self::Gaussian>) -> Result<(), Error>;
 
-    #[doc(hidden)]
     /// Adds to the means.
+    #[doc(hidden)]
     fn shift_means(splats: &mut Self::Splats, shifts: &[f32]) -> Result<(), Error>;
 
-    #[doc(hidden)]
     /// What splats of every kind have.
+    #[doc(hidden)]
     fn shared(splats: &Self::Splats) -> &Shared<Self>;
 
-    #[doc(hidden)]
     /// The same, to change.
+    #[doc(hidden)]
     fn shared_mut(splats: &mut Self::Splats) -> &mut Shared<Self>;
 
-    #[doc(hidden)]
     /// The stages up to `bin`.
+    #[doc(hidden)]
     fn prepare(
         workspace: &mut Workspace<Self>,
         splats: &Self::Splats,
@@ -103,24 +102,24 @@ pub trait SceneKind: sealed::Sealed + Scene + 'static {
         binning: Binning,
     ) -> Result<(), Error>;
 
-    #[doc(hidden)]
     /// Stage `project`.
+    #[doc(hidden)]
     fn project(workspace: &mut Workspace<Self>, splats: &Self::Splats);
 
-    #[doc(hidden)]
     /// Stage `sort`: the order in which tiles see the projected.
+    #[doc(hidden)]
     fn sort(workspace: &mut Workspace<Self>, splats: &Self::Splats);
 
-    #[doc(hidden)]
     /// Stage `project_bwd`: every Gaussian's gradient, times `scale`.
+    #[doc(hidden)]
     fn project_bwd(workspace: &mut Workspace<Self>, splats: &Self::Splats, scale: f32);
 
-    #[doc(hidden)]
     /// The gradients that `project_bwd` found, as a scene of derivatives.
+    #[doc(hidden)]
     fn derivatives(workspace: &Workspace<Self>, splats: &Self::Splats) -> Self;
 
-    #[doc(hidden)]
     /// Stage `adam`: one step along the gradients that `project_bwd` found, and the statistics.
+    #[doc(hidden)]
     fn adam(
         splats: &mut Self::Splats,
         bias: &mut Self::Bias,
@@ -129,8 +128,8 @@ pub trait SceneKind: sealed::Sealed + Scene + 'static {
         workspace: &Workspace<Self>,
     );
 
-    #[doc(hidden)]
     /// Solves for the colours, where the image is linear in them.
+    #[doc(hidden)]
     fn solve_colors(
         rasterizer: &CpuRasterizer,
         splats: &mut Self::Splats,

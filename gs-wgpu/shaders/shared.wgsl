@@ -333,7 +333,7 @@ fn sigmoid(x: f32) -> f32 {
 }
 
 // L with Sigma = L L^T.
-fn frame_of(shape: vec4f) -> mat2x2f {
+fn factor_of(shape: vec4f) -> mat2x2f {
 #if LOCAL_FRAME
     return mat2x2f(shape.xy, shape.zw);
 #else

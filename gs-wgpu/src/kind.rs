@@ -27,63 +27,63 @@ mod sealed {
 ///
 /// Implemented for [`Scene2d`](gs_core::Scene2d) and [`Scene3d`](gs_core::Scene3d), and sealed: what it consists of is a matter of this backend.
 pub trait SceneKind: sealed::Sealed + Scene<View: PartialEq> + 'static {
-    #[doc(hidden)]
     /// Parameters and Adam moments on the device.
-    type State: Debug + Send + Sync;
     #[doc(hidden)]
+    type State: Debug + Send + Sync;
     /// Buffers of the stages that are this kind's own.
+    #[doc(hidden)]
     type Own: Debug + Send + Sync;
 
-    #[doc(hidden)]
     /// Whether lists may serve more than one step: not where each looks through another camera.
+    #[doc(hidden)]
     const LISTS_LAST: bool;
 
-    #[doc(hidden)]
     /// Fails where the view or an effect is not possible.
+    #[doc(hidden)]
     fn check(view: &Self::View, settings: &RenderSettings) -> Result<(), Error>;
 
-    #[doc(hidden)]
     /// Fails where an optimiser's setting is not possible.
+    #[doc(hidden)]
     fn check_rates(rates: &AdamRates) -> Result<(), Error>;
 
-    #[doc(hidden)]
     /// Columns and rows.
+    #[doc(hidden)]
     fn size(view: &Self::View) -> [u32; 2];
 
-    #[doc(hidden)]
     /// Where the rasterizer keeps this kind's workspaces.
+    #[doc(hidden)]
     fn pool(rasterizer: &WgpuRasterizer) -> &Arc<Pool<Self>>;
 
-    #[doc(hidden)]
     /// The state of splats of this valid scene.
+    #[doc(hidden)]
     fn upload(gpu: &Gpu, scene: &Self, parameterization: Parameterization) -> Result<Self::State, Error>;
 
-    #[doc(hidden)]
     /// Makes what it takes to move or edit the state's `len` Gaussians, but not to look at them; to be called before either.
+    #[doc(hidden)]
     fn prepare(gpu: &Gpu, state: &mut Self::State, len: usize) -> Result<(), Error>;
 
-    #[doc(hidden)]
     /// The parameters of `len` Gaussians.
+    #[doc(hidden)]
     fn download(gpu: &Gpu, state: &Self::State, len: usize) -> Result<Self, Error>;
 
-    #[doc(hidden)]
     /// All of the state but the statistics.
+    #[doc(hidden)]
     fn save(gpu: &Gpu, state: &Self::State, len: usize) -> Result<SplatsState, Error>;
 
-    #[doc(hidden)]
     /// That state again, of as many Gaussians as are said.
+    #[doc(hidden)]
     fn restore(gpu: &Gpu, state: &SplatsState, len: usize) -> Result<Self::State, Error>;
 
-    #[doc(hidden)]
     /// Whether opacities are stored once `fresh` Gaussians have come.
+    #[doc(hidden)]
     fn has_opacity(state: &Self::State, fresh: &[&Self::Gaussian]) -> bool;
 
-    #[doc(hidden)]
     /// SH coefficients of a Gaussian.
+    #[doc(hidden)]
     fn coefficients(state: &Self::State) -> u32;
 
-    #[doc(hidden)]
     /// The edited state, as the commands will make it; those also edit the statistics.
+    #[doc(hidden)]
     fn edit(
         gpu: &Gpu,
         commands: &mut Commands,
@@ -91,28 +91,28 @@ pub trait SceneKind: sealed::Sealed + Scene<View: PartialEq> + 'static {
         edit: &Edit<'_, Self::Gaussian>,
     ) -> Result<Self::State, Error>;
 
-    #[doc(hidden)]
     /// Empty buffers of this kind's own stages.
+    #[doc(hidden)]
     fn own(gpu: &Gpu) -> Result<Self::Own, Error>;
 
-    #[doc(hidden)]
     /// Makes room in them for the splats.
+    #[doc(hidden)]
     fn ensure(workspace: &mut Workspace<Self>, gpu: &Gpu, splats: &Splats<Self>) -> Result<(), Error>;
 
-    #[doc(hidden)]
     /// Bytes of each buffer of gradients.
+    #[doc(hidden)]
     fn gradient_bytes(splats: &Splats<Self>) -> Vec<u64>;
 
-    #[doc(hidden)]
     /// Adds to what a pass tells the device.
+    #[doc(hidden)]
     fn describe(view: &Self::View, settings: &RenderSettings, splats: &Splats<Self>, step: &mut Step);
 
-    #[doc(hidden)]
     /// Tells the device of the view what does not stand in [`Step`].
+    #[doc(hidden)]
     fn write_view(workspace: &Workspace<Self>, gpu: &Gpu, view: &Self::View);
 
-    #[doc(hidden)]
     /// Stage `project`, and all until projected and their numbers of tiles stand in the order of blending.
+    #[doc(hidden)]
     fn encode_project(
         workspace: &Workspace<Self>,
         gpu: &Gpu,
@@ -121,12 +121,12 @@ pub trait SceneKind: sealed::Sealed + Scene<View: PartialEq> + 'static {
         lists: bool,
     );
 
-    #[doc(hidden)]
     /// Stage `project_bwd`.
+    #[doc(hidden)]
     fn encode_project_bwd(workspace: &Workspace<Self>, gpu: &Gpu, commands: &mut Commands, splats: &Splats<Self>);
 
-    #[doc(hidden)]
     /// Stage `adam`; the sizes of its dispatches stand in `indirect`, if the device is to say whether anything is done.
+    #[doc(hidden)]
     fn encode_adam(
         gpu: &Gpu,
         commands: &mut Commands,
@@ -136,12 +136,12 @@ pub trait SceneKind: sealed::Sealed + Scene<View: PartialEq> + 'static {
         indirect: Option<&wgpu::Buffer>,
     );
 
-    #[doc(hidden)]
     /// The gradients as a scene of derivatives.
+    #[doc(hidden)]
     fn derivatives(gpu: &Gpu, splats: &Splats<Self>, gradients: &Gradients<Self>) -> Result<Self, Error>;
 
-    #[doc(hidden)]
     /// Solves for the colours, where the image is linear in them.
+    #[doc(hidden)]
     fn solve_colors(
         rasterizer: &WgpuRasterizer,
         splats: &mut Splats<Self>,
