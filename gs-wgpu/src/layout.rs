@@ -187,8 +187,9 @@ pub struct Step {
     pub(crate) sh_degree: u32,
     pub(crate) depth_bits: u32,
     pub(crate) longest_list: u32,
+    pub(crate) dilation: f32,
+    pub(crate) compensates: u32,
     pub(crate) unused: u32,
-    pub(crate) unused_too: [u32; 2],
     /// Per group: learning rate, β₁, β₂, 1 − β₁.
     pub(crate) rates: [[f32; 4]; 6],
     /// Per group: ln β₁, ln β₂, 1 − β₂, and of scales and opacities what one number's penalty weighs.
@@ -278,8 +279,9 @@ mod tests {
                 sh_degree,
                 depth_bits,
                 longest_list,
+                dilation,
+                compensates,
                 unused,
-                unused_too,
                 rates,
                 decays,
             }

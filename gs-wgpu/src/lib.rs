@@ -3,9 +3,8 @@
 //! Every stage is one WGSL file of `shaders/`; `workspace.rs` says in which order they run, on which buffers. All state stays on the device,
 //! and reductions have a fixed order, or are of integers, so one adapter repeats itself bit for bit.
 //!
-//! Every order, blend and statistic is offered. What is not, is an [`Error::Unsupported`](gs_core::Error::Unsupported) that names it: outputs
-//! besides colour, lenses that bend rays, exposure, the smooth cut, extents in standard deviations, antialiasing of 2D scenes, and for 3D ones the parameterization `CovarianceFactor`
-//! and solving for colours.
+//! Every order, blend and statistic is offered. What is not, is an [`Error::Unsupported`](gs_core::Error::Unsupported) that names
+//! it: the smooth cut, extents in standard deviations, and for 3D scenes the parameterization `CovarianceFactor` and solving for colours.
 //!
 //! # How large a scene may be
 //!

@@ -5,8 +5,7 @@ use std::sync::Arc;
 use glam::{Vec2, Vec3};
 use gs_core::{
     AdamRates, Blend, Canvas, Error, Gaussian2d, Parameterization, Penalty, RenderSettings, Scene2d, SplatsState,
-    effects::{Antialias, Order},
-    whitened::WhitenedGradient,
+    effects::Order, whitened::WhitenedGradient,
 };
 
 use super::{solve_colors::solve_colors, state::State2d};
@@ -51,9 +50,6 @@ impl SceneKind for Scene2d {
         let effects = &settings.effects;
         if effects.order != Order::Index {
             return Err(unsupported(format!("order {:?} of a 2D scene, which has no depth", effects.order)));
-        }
-        if effects.antialias != Antialias::None {
-            return Err(unsupported(format!("antialias {:?} of a 2D scene", effects.antialias)));
         }
         Ok(())
     }
@@ -128,7 +124,10 @@ impl SceneKind for Scene2d {
     fn describe(view: &Canvas, settings: &RenderSettings, splats: &Splats<Self>, step: &mut Step) {
         step.origin = view.origin.to_array();
         step.pixels_per_unit = view.scale().to_array();
-        step.opaque = u32::from(settings.effects.blend == Blend::Sum || !splats.state.has_opacity);
+        let effects = &settings.effects;
+        step.opaque = u32::from(effects.blend == Blend::Sum || !splats.state.has_opacity);
+        step.dilation = effects.antialias.dilation();
+        step.compensates = u32::from(effects.blend == Blend::Over && effects.antialias.compensates());
     }
 
     fn write_view(_: &Workspace<Self>, _: &Gpu, _: &Canvas) {}
