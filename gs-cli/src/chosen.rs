@@ -7,12 +7,13 @@ use gs_core::{
     effects::{Antialias, Order},
 };
 use gs_cpu::CpuTuning;
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Deserializer, Serialize, de::Error as _};
 
 use crate::{
     backend::check_flags,
     failure::Failure,
     fit::settings::{parse_toml, read_toml, to_toml},
+    output,
 };
 
 /// What helps where such a file is wrong.
@@ -53,8 +54,8 @@ pub(crate) struct ChosenMachine {
     /// How the cpu backend goes about its work.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) cpu: Option<CpuTuning>,
-    /// How the wgpu backend's kernels are written, if not as the adapter likes them best: portable, subgroups or vectors.
-    #[serde(skip_serializing_if = "Option::is_none")]
+    /// How the wgpu backend's kernels are written, if not as the adapter likes them best: portable or subgroups.
+    #[serde(skip_serializing_if = "Option::is_none", deserialize_with = "kernels")]
     pub(crate) kernels: Option<KernelsName>,
 }
 
@@ -64,7 +65,24 @@ pub(crate) struct ChosenMachine {
 pub(crate) enum KernelsName {
     Portable,
     Subgroups,
-    Vectors,
+}
+
+/// The kernels of a name; none for `vectors`, which earlier versions had for drivers that compute on a CPU.
+fn kernels<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<KernelsName>, D::Error> {
+    #[derive(Deserialize)]
+    #[serde(untagged)]
+    enum Stored {
+        Name(KernelsName),
+        Other(String),
+    }
+    match Stored::deserialize(deserializer)? {
+        Stored::Name(name) => Ok(Some(name)),
+        Stored::Other(name) if name == "vectors" => {
+            output::note("machine.kernels \"vectors\" is no more: wgpu uses the kernels that suit the adapter best");
+            Ok(None)
+        }
+        Stored::Other(name) => Err(D::Error::unknown_variant(&name, &["portable", "subgroups"])),
+    }
 }
 
 impl ChosenSettings {
@@ -139,6 +157,19 @@ mod tests {
             assert_eq!(ChosenSettings::read(&file).unwrap(), chosen);
             assert_eq!(ChosenSettings::parse_if_chosen(&text, &file).unwrap(), Some(chosen));
         }
+    }
+
+    #[test]
+    fn kernels_of_earlier_versions_are_the_adapters_own_choice() {
+        let parse = |name: &str| {
+            let text = format!("[machine]\nkernels = '{name}'\n");
+            ChosenSettings::parse_if_chosen(&text, Path::new("settings.toml"))
+                .map(|chosen| chosen.unwrap().machine.kernels)
+        };
+        assert_eq!(parse("vectors").unwrap(), None);
+        assert_eq!(parse("subgroups").unwrap(), Some(KernelsName::Subgroups));
+        let line = parse("abacus").unwrap_err().line().unwrap();
+        assert!(line.contains("abacus") && line.contains("portable"), "{line}");
     }
 
     #[test]

@@ -3,7 +3,6 @@
 
 pub mod called_for;
 mod effect;
-pub mod written;
 
 use serde::{Deserialize, Serialize};
 
@@ -63,41 +62,6 @@ pub enum Background {
     /// [`RenderSettings::background`](crate::settings::RenderSettings::background), seen through what transmittance is left.
     /// Under [`Blend::Sum`], which has no transmittance, it is added to every pixel.
     Solid,
-}
-
-/// What a forward pass yields besides colour.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Outputs {
-    /// Colour only.
-    #[default]
-    Color,
-    /// Colour and alpha = 1 − the transmittance left.
-    ColorAlpha,
-    /// Colour, alpha and expected depth. 3D scenes.
-    ColorAlphaDepth,
-}
-
-/// Correction of a view's exposure, while training.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Exposure {
-    /// None.
-    #[default]
-    None,
-    /// An affine map of the colour per view.
-    AffinePerView,
-}
-
-/// How rays bend. 3D scenes.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Lens {
-    /// They don't.
-    #[default]
-    Pinhole,
-    /// By the coefficients of the data set's camera.
-    Distorted,
 }
 
 /// What a training step collects per Gaussian for the density policy.
@@ -195,7 +159,7 @@ impl Background {
 
 /// The effects of a rendering, together.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
-#[serde(default, rename_all = "kebab-case")]
+#[serde(rename_all = "kebab-case", try_from = "Stored")]
 pub struct Effects {
     /// Order of blending.
     pub order: Order,
@@ -207,12 +171,57 @@ pub struct Effects {
     pub antialias: Antialias,
     /// What is behind.
     pub background: Background,
-    /// What a forward pass yields.
-    pub outputs: Outputs,
-    /// Exposure correction.
-    pub exposure: Exposure,
-    /// Lens model.
-    pub lens: Lens,
     /// Statistics collected in training.
     pub statistics: Statistics,
+}
+
+/// [`Effects`] as files have them: also with settings of which there has only ever been one value.
+#[derive(Default, Deserialize)]
+#[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
+struct Stored {
+    order: Order,
+    blend: Blend,
+    sh_degree: u8,
+    antialias: Antialias,
+    background: Background,
+    statistics: Statistics,
+    outputs: Option<String>,
+    exposure: Option<String>,
+    lens: Option<String>,
+}
+
+impl TryFrom<Stored> for Effects {
+    type Error = String;
+
+    fn try_from(stored: Stored) -> Result<Self, String> {
+        let Stored { order, blend, sh_degree, antialias, background, statistics, outputs, exposure, lens } = stored;
+        for (name, value, only) in
+            [("outputs", outputs, "color"), ("exposure", exposure, "none"), ("lens", lens, "pinhole")]
+        {
+            if let Some(value) = value.filter(|value| value != only) {
+                return Err(format!("no backend offers {name} \"{value}\": leave {name} out, which means \"{only}\""));
+            }
+        }
+        Ok(Self { order, blend, sh_degree, antialias, background, statistics })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn settings_of_one_value_are_read_and_others_refused_by_name() {
+        let read = |text: &str| serde_json::from_str::<Effects>(text);
+        let all = r#"{"sh-degree": 2, "outputs": "color", "exposure": "none", "lens": "pinhole"}"#;
+        assert_eq!(read(all).unwrap(), Effects { sh_degree: 2, ..Effects::default() });
+        for (name, value) in [("outputs", "color-alpha"), ("exposure", "affine-per-view"), ("lens", "distorted")] {
+            let error = read(&format!("{{\"{name}\": \"{value}\"}}")).unwrap_err().to_string();
+            assert!(error.contains(name) && error.contains(value), "{error}");
+        }
+        assert!(read(r#"{"lense": "pinhole"}"#).unwrap_err().to_string().contains("unknown field `lense`"));
+        let written = serde_json::to_string(&Effects::default()).unwrap();
+        assert!(!written.contains("lens"), "{written}");
+        assert_eq!(read(&written).unwrap(), Effects::default());
+    }
 }

@@ -16,7 +16,7 @@ use glam::{Mat3, Vec2, Vec3};
 use crate::{
     constants::{JACOBIAN_MARGIN, MIN_DETERMINANT_PX4, MIN_QUATERNION_NORM2, QUATERNION_SHRINK, SAFE_SQUARES},
     covariance_factor::{Factored, FramedGradient},
-    effects::{Antialias, Blend, written},
+    effects::{Antialias, Blend},
     guards::Guard,
     scene::sigmoid,
     settings::RenderSettings,
@@ -226,16 +226,6 @@ impl Perspective {
         }
     }
 
-    #[inline(always)]
-    fn antialias(&self) -> Antialias {
-        if written::ANTIALIAS { self.antialias } else { Antialias::None }
-    }
-
-    #[inline(always)]
-    fn dilation(&self) -> f32 {
-        if written::ANTIALIAS { self.dilation } else { 0.0 }
-    }
-
     /// p of a finite mean that is in front of the near plane.
     #[inline(always)]
     fn in_front(&self, mean: Vec3) -> Result<Vec3, Cause> {
@@ -253,14 +243,12 @@ impl Perspective {
     fn project_rows(&self, p: Vec3, rows: [Vec3; 3], opacity_logit: f32) -> Result<Projection, Cause> {
         let Intermediate { projected: [r0, r1], slope, .. } = self.intermediate(p, &rows);
         let mean = self.focal * slope + self.center;
-        let delta = self.dilation();
+        let delta = self.dilation;
         let (xx, yy, xy) = (r0.length_squared(), r1.length_squared(), r0.dot(r1));
         let minors = r0.cross(r1);
         let undilated = minors.length_squared();
-        let (determinant, xx, yy) = match written::ANTIALIAS {
-            true => (undilated + delta * (xx + yy) + delta * delta, xx + delta, yy + delta),
-            false => (undilated, xx, yy),
-        };
+        let determinant = undilated + delta * (xx + yy) + delta * delta;
+        let (xx, yy) = (xx + delta, yy + delta);
         let finite = mean.is_finite() && (xx * yy).is_finite() && determinant.is_finite();
         if Guard::FiniteProjection.is_on() && !finite {
             return Err(Cause::NotFinite);
@@ -268,7 +256,7 @@ impl Perspective {
         if Guard::Determinant.is_on() && !(determinant >= MIN_DETERMINANT_PX4) {
             return Err(Cause::Degenerate);
         }
-        let opacity = match (self.blend, self.antialias()) {
+        let opacity = match (self.blend, self.antialias) {
             (Blend::Sum, _) => 1.0,
             (Blend::Over, antialias) if antialias.compensates() => {
                 sigmoid(opacity_logit) * (undilated / determinant).sqrt()
@@ -277,10 +265,6 @@ impl Perspective {
         };
         if Guard::Transparent.is_on() && !(opacity >= self.alpha_cut) {
             return Err(Cause::Transparent);
-        }
-        if !written::ORDER {
-            let depth_slope = Vec2::ZERO;
-            return Ok(Projection { mean, depth: p.z, covariance: [xx, xy, yy], determinant, opacity, depth_slope });
         }
         let (zu, zv) = (rows[2].dot(r0), rows[2].dot(r1));
         // z̃u Σyy − z̃v Σxy = m₂ · (r₁ × n), without the difference, which cancels in needles; and so for v.
@@ -296,10 +280,10 @@ impl Perspective {
         let [v_xx, v_xy, v_yy] = v.covariance;
         let mut v_r0 = 2.0 * (v_xx * r0 + v_xy * r1);
         let mut v_r1 = 2.0 * (v_xy * r0 + v_yy * r1);
-        if self.antialias().compensates() && self.blend == Blend::Over {
+        if self.antialias.compensates() && self.blend == Blend::Over {
             // ln ρ = ½ (ln D − ln D′), D = |n|², D′ = D + δ (|r₀|² + |r₁|²) + δ².
             let n = r0.cross(r1);
-            let (det, trace, delta) = (n.length_squared(), r0.length_squared() + r1.length_squared(), self.dilation());
+            let (det, trace, delta) = (n.length_squared(), r0.length_squared() + r1.length_squared(), self.dilation);
             // ρ of what is drawn is no less than the cut of α, so that D is not 0; of what is not drawn, there is nothing to differentiate.
             if det > 0.0 {
                 let grown = delta * trace + delta * delta;

@@ -51,35 +51,9 @@ pub struct StageTime {
     pub seconds: Vec<f64>,
     /// Pixel–Gaussian pairs that it visits; 0 where it visits none.
     pub pairs: u64,
-    /// Bytes that it moves at least.
-    pub traffic: Traffic,
     /// The stages that a training step with these settings does not run, because it runs this one instead; they are measured for
     /// comparison.
     pub replaces: &'static [&'static str],
-}
-
-/// Bytes that a stage moves at least, counted from the lengths of its arrays, not measured.
-///
-/// For each pass that the stage makes over its data: what it reads, and what it writes, of each array once, however often the pass
-/// comes back to it. A pass over tiles reads each entry of their lists and that entry's splat once; what it accumulates in an array
-/// counts as written once. Tables that are short beside Gaussians, entries and pixels are left out: where tiles begin, histograms,
-/// partial sums, uniforms.
-///
-/// So this is what memory has to deliver where no cache outlives a pass, and no array has to be fetched twice within one. Where a
-/// cache keeps arrays from one stage to the next, the rate of bytes per second may exceed that of the memory.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Traffic {
-    /// Bytes read.
-    pub read: u64,
-    /// Bytes written.
-    pub written: u64,
-}
-
-impl Traffic {
-    /// Bytes in both directions.
-    pub fn bytes(self) -> u64 {
-        self.read + self.written
-    }
 }
 
 /// What the seconds were measured by.
@@ -177,8 +151,7 @@ mod tests {
 
     #[test]
     fn a_step_runs_what_no_other_stage_replaces() {
-        let stage =
-            |stage, replaces| StageTime { stage, seconds: vec![1.0], pairs: 0, traffic: Traffic::default(), replaces };
+        let stage = |stage, replaces| StageTime { stage, seconds: vec![1.0], pairs: 0, replaces };
         let stages = vec![stage("project", &[]), stage("blend", &[]), stage("fused", &["blend", "loss"])];
         let profile = Profile { stages, clock: Clock::Host, pairs: 0, entries: 0 };
         let names: Vec<&str> = profile.of_a_step().map(|stage| stage.stage).collect();

@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::{
     constants::{ALPHA_CUT, ALPHA_MAX, TRANSMITTANCE_MIN},
-    effects::{Background, Blend, Effects, written},
+    effects::{Background, Blend, Effects},
     error::Error,
     guards::Guard,
 };
@@ -123,8 +123,8 @@ impl RenderSettings {
     /// The colour behind: black unless the background effect is on.
     pub fn background_color(&self) -> [f32; 3] {
         match self.effects.background {
-            Background::Solid if written::BACKGROUND => self.background,
-            _ => [0.0; 3],
+            Background::Solid => self.background,
+            Background::None => [0.0; 3],
         }
     }
 

@@ -8,7 +8,6 @@
 //! Legend: as in `blend_sum`, with t = α·v_α.
 
 use fearless_simd::{Simd, prelude::*};
-use gs_core::effects::written;
 
 use crate::{
     blend_sum::{Weights, add, add_absolute, add_collected, add_error, passes_by, u_in_row},
@@ -111,9 +110,6 @@ pub(crate) fn forward<S: Simd>(
             let left: S::f32s = load(simd, t, lane);
             let left = left.abs();
             store(left, t, lane);
-            if !written::BACKGROUND {
-                continue;
-            }
             for k in 0..3 {
                 let sum = fma(left, splat(simd, background[k]), load(simd, &pixels[k], lane));
                 store(sum, &mut pixels[k], lane);

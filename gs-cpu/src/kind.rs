@@ -12,7 +12,6 @@ use std::{
 use fearless_simd::Level;
 use gs_core::{
     AdamRates, Binning, DensityStatistics, EditPlan, Error, Parameterization, RenderSettings, Scene, SplatsState,
-    profile::Traffic,
 };
 
 use crate::{
@@ -21,55 +20,80 @@ use crate::{
     workspace::{Pool, Workspace},
 };
 
-/// A kind of scene that [`CpuRasterizer`] is a rasterizer for; implemented for 2D and 3D scenes, and for no others.
-pub trait Kind: Scene + 'static {
+mod sealed {
+    pub trait Sealed {}
+
+    impl Sealed for gs_core::Scene2d {}
+    impl Sealed for gs_core::Scene3d {}
+}
+
+/// A kind of scene that [`CpuRasterizer`] is a rasterizer for: a 2D or a 3D scene.
+///
+/// Implemented for [`Scene2d`](gs_core::Scene2d) and [`Scene3d`](gs_core::Scene3d), and sealed: what it consists of is a matter of this backend.
+pub trait SceneKind: sealed::Sealed + Scene + 'static {
     /// The Gaussians where this backend computes.
     type Splats: Debug + Send + Sync;
     /// Buffers of the stages that are this kind's own.
+    #[doc(hidden)]
     type Own: Debug + Default + Send + Sync;
     /// Bias corrections of Adam.
+    #[doc(hidden)]
     type Bias: Debug + Default + Send;
 
     /// The stages before `bin`, in their order.
+    #[doc(hidden)]
     const BEFORE_BIN: [Stage; 2];
 
     /// Fails where the view or an effect is not possible.
+    #[doc(hidden)]
     fn check(view: &Self::View, settings: &RenderSettings) -> Result<(), Error>;
 
     /// Fails where Adam's numbers ask for what this kind has not.
+    #[doc(hidden)]
     fn check_rates(rates: &AdamRates) -> Result<(), Error>;
 
     /// Columns and rows.
+    #[doc(hidden)]
     fn size(view: &Self::View) -> (u32, u32);
 
     /// What the rasterizer keeps for this kind.
+    #[doc(hidden)]
     fn resources(rasterizer: &CpuRasterizer) -> &Resources<Self>;
 
     /// splats of this scene.
+    #[doc(hidden)]
     fn upload(scene: &Self, parameterization: Parameterization) -> Result<Self::Splats, Error>;
 
     /// The splats' parameters.
+    #[doc(hidden)]
     fn download(splats: &Self::Splats) -> Self;
 
     /// Its whole state.
+    #[doc(hidden)]
     fn save(splats: &Self::Splats) -> SplatsState;
 
     /// splats in that state.
+    #[doc(hidden)]
     fn restore(state: &SplatsState) -> Result<Self::Splats, Error>;
 
     /// Applies a plan.
+    #[doc(hidden)]
     fn edit(splats: &mut Self::Splats, plan: &EditPlan<Self::Gaussian>) -> Result<(), Error>;
 
     /// Adds to the means.
+    #[doc(hidden)]
     fn shift_means(splats: &mut Self::Splats, shifts: &[f32]) -> Result<(), Error>;
 
     /// What splats of every kind have.
+    #[doc(hidden)]
     fn shared(splats: &Self::Splats) -> &Shared<Self>;
 
     /// The same, to change.
+    #[doc(hidden)]
     fn shared_mut(splats: &mut Self::Splats) -> &mut Shared<Self>;
 
     /// The stages up to `bin`.
+    #[doc(hidden)]
     fn prepare(
         workspace: &mut Workspace<Self>,
         splats: &Self::Splats,
@@ -79,18 +103,23 @@ pub trait Kind: Scene + 'static {
     ) -> Result<(), Error>;
 
     /// Stage `project`.
+    #[doc(hidden)]
     fn project(workspace: &mut Workspace<Self>, splats: &Self::Splats);
 
     /// Stage `sort`: the order in which tiles see the projected.
+    #[doc(hidden)]
     fn sort(workspace: &mut Workspace<Self>, splats: &Self::Splats);
 
     /// Stage `project_bwd`: every Gaussian's gradient, times `scale`.
+    #[doc(hidden)]
     fn project_bwd(workspace: &mut Workspace<Self>, splats: &Self::Splats, scale: f32);
 
     /// The gradients that `project_bwd` found, as a scene of derivatives.
+    #[doc(hidden)]
     fn derivatives(workspace: &Workspace<Self>, splats: &Self::Splats) -> Self;
 
     /// Stage `adam`: one step along the gradients that `project_bwd` found, and the statistics.
+    #[doc(hidden)]
     fn adam(
         splats: &mut Self::Splats,
         bias: &mut Self::Bias,
@@ -100,6 +129,7 @@ pub trait Kind: Scene + 'static {
     );
 
     /// Solves for the colours, where the image is linear in them.
+    #[doc(hidden)]
     fn solve_colors(
         rasterizer: &CpuRasterizer,
         splats: &mut Self::Splats,
@@ -108,14 +138,11 @@ pub trait Kind: Scene + 'static {
         settings: &RenderSettings,
         iterations: u32,
     ) -> Result<(), Error>;
-
-    /// The bytes that one of this kind's own stages moves at least.
-    fn traffic(stage: Stage, workspace: &Workspace<Self>, splats: &Self::Splats) -> Traffic;
 }
 
 /// What splats of every kind have besides their parameters and moments.
 #[derive(Debug)]
-pub struct Shared<S: Kind> {
+pub struct Shared<S: SceneKind> {
     pub(crate) statistics: DensityStatistics,
     /// Buffers of training steps, with the lists that [`Binning::Reuse`] may use again.
     pub(crate) workspace: Option<Workspace<S>>,
@@ -125,7 +152,7 @@ pub struct Shared<S: Kind> {
     pub(crate) edition: u64,
 }
 
-impl<S: Kind> Shared<S> {
+impl<S: SceneKind> Shared<S> {
     pub(crate) fn new(statistics: DensityStatistics) -> Self {
         Self { statistics, workspace: None, losses: Vec::new(), edition: next_edition() }
     }
@@ -149,12 +176,12 @@ fn next_edition() -> u64 {
 
 /// What a rasterizer keeps for one kind of scene.
 #[derive(Debug)]
-pub struct Resources<S: Kind> {
+pub struct Resources<S: SceneKind> {
     pub(crate) pool: Arc<Pool<S>>,
     pub(crate) bias: Mutex<S::Bias>,
 }
 
-impl<S: Kind> Default for Resources<S> {
+impl<S: SceneKind> Default for Resources<S> {
     fn default() -> Self {
         Self { pool: Arc::default(), bias: Mutex::default() }
     }

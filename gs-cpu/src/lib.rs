@@ -29,10 +29,10 @@ mod scene3d;
 mod scratches;
 mod splat;
 mod tiles;
-mod traffic;
 mod tuning;
 mod workspace;
 
+pub use kind::SceneKind;
 pub use level::SimdLevel;
 pub use loss::Target;
 pub use rasterizer::{CpuRasterizer, CpuSettings};

@@ -7,7 +7,7 @@ use gs_core::{
     profile::{Clock, Profile, Profiler, StageTime, still},
 };
 
-use crate::{CpuRasterizer, Target, kind::Kind, loss, tiles::Tiles, traffic, workspace::Workspace};
+use crate::{CpuRasterizer, Target, kind::SceneKind, loss, tiles::Tiles, workspace::Workspace};
 
 /// The stages of a training step.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -63,7 +63,7 @@ impl Stage {
 }
 
 /// What the stages compute with.
-struct Pass<'a, S: Kind> {
+struct Pass<'a, S: SceneKind> {
     rasterizer: &'a CpuRasterizer,
     workspace: Workspace<S>,
     splats: &'a mut S::Splats,
@@ -73,7 +73,7 @@ struct Pass<'a, S: Kind> {
     bias: S::Bias,
 }
 
-impl<S: Kind> Pass<'_, S> {
+impl<S: SceneKind> Pass<'_, S> {
     fn run(&mut self, stage: Stage) -> Result<(), Error> {
         let Self { workspace, splats, target, bias, .. } = self;
         let level = self.rasterizer.level;
@@ -96,7 +96,7 @@ impl<S: Kind> Pass<'_, S> {
     }
 }
 
-impl<S: Kind> Profiler<S> for CpuRasterizer {
+impl<S: SceneKind> Profiler<S> for CpuRasterizer {
     fn profile(
         &self,
         splats: &mut S::Splats,
@@ -129,13 +129,12 @@ impl<S: Kind> Profiler<S> for CpuRasterizer {
             }
             Ok::<(), Error>(())
         })?;
-        let Pass { workspace, splats, .. } = pass;
+        let Pass { workspace, .. } = pass;
         let pairs = workspace.tiles.bins.pairs();
         let stage_time = |(stage, seconds): (Stage, Vec<f64>)| StageTime {
             stage: stage.name(),
             seconds,
             pairs: if stage.visits_pairs() { pairs } else { 0 },
-            traffic: traffic::of(stage, &workspace, splats, &loss),
             replaces: stage.replaces(),
         };
         let stages = samples.into_iter().map(stage_time).collect();

@@ -5,13 +5,12 @@ use std::{fmt, sync::PoisonError};
 use fearless_simd::Level;
 use gs_core::{
     AdamRates, Binning, DensityStatistics, EditPlan, Error, Image, Loss, Parameterization, Rasterizer, RenderSettings,
-    Scene2d, Scene3d, SplatsState, TrainStep, counted, effects::Outputs, profile::Profiler, settings::Cut,
-    statistics::Culled,
+    Scene2d, Scene3d, SplatsState, TrainStep, counted, profile::Profiler, settings::Cut, statistics::Culled,
 };
 
 use crate::{
     ForwardPass2d, ForwardPass3d, Gradients2d, Gradients3d, SimdLevel, Splats2d, Splats3d, Target,
-    kind::{Kind, Resources},
+    kind::{Resources, SceneKind},
     loss,
     tiles::Tiles,
     tuning::CpuTuning,
@@ -124,16 +123,13 @@ pub(crate) fn unsupported(effect: impl Into<String>) -> Error {
 /// Fails where a setting is not possible for any kind of scene.
 pub(crate) fn check_settings(settings: &RenderSettings) -> Result<(), Error> {
     settings.validate()?;
-    if settings.effects.outputs != Outputs::Color {
-        return Err(unsupported(format!("outputs {:?}", settings.effects.outputs)));
-    }
     if settings.accuracy.cut != Cut::Hard {
         return Err(unsupported("a smooth cut, which would touch every pixel"));
     }
     Ok(())
 }
 
-impl<S: Kind> Rasterizer<S> for CpuRasterizer {
+impl<S: SceneKind> Rasterizer<S> for CpuRasterizer {
     type Splats = S::Splats;
     type ForwardPass = ForwardPass<S>;
     type Gradients = Gradients<S>;
@@ -307,7 +303,7 @@ impl<S: Kind> Rasterizer<S> for CpuRasterizer {
 }
 
 /// Fails unless the gradients are of as many Gaussians as the splats has.
-fn check_len<S: Kind>(gradients: &Gradients<S>, splats: &S::Splats) -> Result<(), Error> {
+fn check_len<S: SceneKind>(gradients: &Gradients<S>, splats: &S::Splats) -> Result<(), Error> {
     let (found, expected) = (gradients.workspace().len, S::shared(splats).len());
     if found == expected {
         return Ok(());

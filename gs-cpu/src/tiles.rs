@@ -6,7 +6,7 @@ use fearless_simd::{Level, dispatch};
 use glam::Vec2;
 use gs_core::{
     Accuracy, Blend, Effects, Error, Loss, RenderSettings,
-    effects::{Order, Statistics, written},
+    effects::{Order, Statistics},
     memory,
     statistics::Culled,
 };
@@ -160,12 +160,6 @@ impl Tiles {
         self.culled.plus(Culled { outside: self.bins.outside, ..Culled::default() })
     }
 
-    /// Those that kernels are written for.
-    fn effects(&self) -> Effects {
-        let order = if written::ORDER { self.settings.effects.order } else { Order::Index };
-        Effects { order, ..self.settings.effects }
-    }
-
     /// Stage `bin`.
     ///
     /// # Errors
@@ -187,7 +181,7 @@ impl Tiles {
     /// # Errors
     /// [`Error::Memory`].
     pub(crate) fn blend_tiles(&mut self, level: Level, tiles: Range<usize>) -> Result<(), Error> {
-        let Effects { blend, order, .. } = self.effects();
+        let Effects { blend, order, .. } = self.settings.effects;
         let background = self.settings.background_color();
         let count = self.grid.first_row(tiles.end) - self.grid.first_row(tiles.start);
         memory::resize(&mut self.rows, count, Row::ZERO, "the strips of an image")?;
@@ -230,7 +224,7 @@ impl Tiles {
     /// # Errors
     /// [`Error::Memory`].
     pub(crate) fn blend_bwd(&mut self, level: Level) -> Result<(), Error> {
-        let Effects { blend, order, statistics, .. } = self.effects();
+        let Effects { blend, order, statistics, .. } = self.settings.effects;
         self.fit_slots(self.stride)?;
         let Self { settings, grid, projected, depths, bins, rows, v_rows, errors, slots, scratches, .. } = self;
         let lists = Lists { settings, grid, projected, depths, bins };

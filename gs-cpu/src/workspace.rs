@@ -8,11 +8,11 @@ use std::{
 
 use gs_core::{Error, Image, Scene2d, Scene3d};
 
-use crate::{kind::Kind, tiles::Tiles, tuning::CpuTuning};
+use crate::{kind::SceneKind, tiles::Tiles, tuning::CpuTuning};
 
 /// One pass's inputs and results.
 #[derive(Debug)]
-pub struct Workspace<S: Kind> {
+pub struct Workspace<S: SceneKind> {
     pub(crate) tiles: Tiles,
     /// What is this kind's own.
     pub(crate) own: S::Own,
@@ -22,13 +22,13 @@ pub struct Workspace<S: Kind> {
     pub(crate) edition: Option<u64>,
 }
 
-impl<S: Kind> Default for Workspace<S> {
+impl<S: SceneKind> Default for Workspace<S> {
     fn default() -> Self {
         Self { tiles: Tiles::default(), own: S::Own::default(), len: 0, edition: None }
     }
 }
 
-impl<S: Kind> Workspace<S> {
+impl<S: SceneKind> Workspace<S> {
     /// For work that is gone about like this; lists that were made otherwise are of no use then.
     pub(crate) fn tuned(mut self, tuning: CpuTuning) -> Self {
         if self.tiles.tuning != tuning {
@@ -41,15 +41,15 @@ impl<S: Kind> Workspace<S> {
 
 /// Workspaces that are not in use.
 #[derive(Debug)]
-pub(crate) struct Pool<S: Kind>(Mutex<Vec<Workspace<S>>>);
+pub(crate) struct Pool<S: SceneKind>(Mutex<Vec<Workspace<S>>>);
 
-impl<S: Kind> Default for Pool<S> {
+impl<S: SceneKind> Default for Pool<S> {
     fn default() -> Self {
         Self(Mutex::default())
     }
 }
 
-impl<S: Kind> Pool<S> {
+impl<S: SceneKind> Pool<S> {
     /// One whose lists are nobody's: a step with `Binning::Reuse` takes up none that others left behind.
     pub(crate) fn take(&self) -> Workspace<S> {
         let taken = self.0.lock().unwrap_or_else(PoisonError::into_inner).pop().unwrap_or_default();
@@ -62,19 +62,19 @@ impl<S: Kind> Pool<S> {
 }
 
 /// A workspace that goes back to its pool when it is no longer needed.
-struct Lent<S: Kind> {
+struct Lent<S: SceneKind> {
     /// `Some` until dropped.
     workspace: Option<Workspace<S>>,
     pool: Arc<Pool<S>>,
 }
 
-impl<S: Kind> Lent<S> {
+impl<S: SceneKind> Lent<S> {
     fn get(&self) -> &Workspace<S> {
         self.workspace.as_ref().expect("what is lent is there until it is dropped")
     }
 }
 
-impl<S: Kind> Drop for Lent<S> {
+impl<S: SceneKind> Drop for Lent<S> {
     fn drop(&mut self) {
         if let Some(workspace) = self.workspace.take() {
             self.pool.give(workspace);
@@ -83,10 +83,10 @@ impl<S: Kind> Drop for Lent<S> {
 }
 
 /// One forward pass on the CPU: the image, and what its backward pass needs.
-pub struct ForwardPass<S: Kind>(Lent<S>);
+pub struct ForwardPass<S: SceneKind>(Lent<S>);
 
 /// The gradients of one backward pass on the CPU.
-pub struct Gradients<S: Kind>(Lent<S>);
+pub struct Gradients<S: SceneKind>(Lent<S>);
 
 /// A 2D scene's [`ForwardPass`].
 pub type ForwardPass2d = ForwardPass<Scene2d>;
@@ -100,7 +100,7 @@ pub type ForwardPass3d = ForwardPass<Scene3d>;
 /// A 3D scene's [`Gradients`].
 pub type Gradients3d = Gradients<Scene3d>;
 
-impl<S: Kind> ForwardPass<S> {
+impl<S: SceneKind> ForwardPass<S> {
     pub(crate) fn new(workspace: Workspace<S>, pool: &Arc<Pool<S>>) -> Self {
         Self(Lent { workspace: Some(workspace), pool: Arc::clone(pool) })
     }
@@ -134,20 +134,20 @@ impl<S: Kind> ForwardPass<S> {
     }
 }
 
-impl<S: Kind> Gradients<S> {
+impl<S: SceneKind> Gradients<S> {
     pub(crate) fn workspace(&self) -> &Workspace<S> {
         self.0.get()
     }
 }
 
-impl<S: Kind> fmt::Debug for ForwardPass<S> {
+impl<S: SceneKind> fmt::Debug for ForwardPass<S> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let tiles = &self.workspace().tiles;
         f.debug_struct("ForwardPass").field("grid", &tiles.grid).field("culled", &tiles.culled()).finish()
     }
 }
 
-impl<S: Kind> fmt::Debug for Gradients<S> {
+impl<S: SceneKind> fmt::Debug for Gradients<S> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_struct("Gradients").field("len", &self.workspace().len).finish()
     }

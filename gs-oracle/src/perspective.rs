@@ -7,7 +7,7 @@
 use gs_core::{
     Camera, Error, RenderSettings,
     constants::{DILATION_PX2, MIN_DETERMINANT_PX4, MIN_QUATERNION_NORM2, MIP_DILATION_PX2},
-    effects::{Antialias, Blend, Effects, Exposure, Lens, Order, Outputs},
+    effects::{Antialias, Blend, Effects, Order},
     statistics::Cause,
 };
 
@@ -67,12 +67,8 @@ impl Guards {
 impl OracleView for Camera {
     type Splat = Splat3d;
 
-    fn check(&self, settings: &RenderSettings) -> Result<(), Error> {
-        self.validate()?;
-        let effects = settings.effects;
-        let there =
-            effects.outputs == Outputs::Color && effects.exposure == Exposure::None && effects.lens == Lens::Pinhole;
-        if there { Ok(()) } else { Err(Error::Unsupported { backend: "oracle", effect: format!("{effects:?}") }) }
+    fn check(&self, _: &RenderSettings) -> Result<(), Error> {
+        self.validate()
     }
 
     fn size(&self) -> (u32, u32) {

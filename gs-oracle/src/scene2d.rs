@@ -5,8 +5,8 @@ use std::f64::consts::PI;
 
 use gs_core::{
     Canvas, Error, RenderSettings,
-    constants::MIN_DETERMINANT_PX4,
-    effects::{Antialias, Order, Outputs},
+    constants::{DILATION_PX2, MIN_DETERMINANT_PX4, MIP_DILATION_PX2},
+    effects::{Antialias, Blend, Order},
     statistics::Cause,
 };
 
@@ -37,6 +37,10 @@ pub struct Splat2d {
     variances: [f64; 2],
     /// Pixels per unit of the plane.
     zoom: [f64; 2],
+    /// Whether Σ′ is wider than the scales say.
+    dilated: bool,
+    /// Where the opacity makes up for that: ∂o/∂(ln s₁, ln s₂, θ, logit).
+    compensated: Option<[Rounded; 4]>,
     appearance: Appearance,
 }
 
@@ -46,7 +50,7 @@ impl OracleView for Canvas {
     fn check(&self, settings: &RenderSettings) -> Result<(), Error> {
         self.validate()?;
         let effects = settings.effects;
-        if effects.order != Order::Index || effects.antialias != Antialias::None || effects.outputs != Outputs::Color {
+        if effects.order != Order::Index {
             return Err(Error::Unsupported { backend: "oracle", effect: format!("{effects:?}") });
         }
         Ok(())
@@ -61,7 +65,7 @@ impl OracleView for Canvas {
         [f64::from(self.extent.x) / 2.0, f64::from(self.extent.y) / 2.0]
     }
 
-    fn project(&self, g: &[f64], _: &RenderSettings, _: Lean) -> Projection<Splat2d> {
+    fn project(&self, g: &[f64], settings: &RenderSettings, _: Lean) -> Projection<Splat2d> {
         let finite_in_f32 = |v: f64| v.abs() <= f64::from(f32::MAX); // NaN fails
         let all_but_logit = g.iter().enumerate().filter(|&(i, _)| i != OPACITY).all(|(_, &v)| finite_in_f32(v));
         if !all_but_logit || g[OPACITY].is_nan() {
@@ -77,8 +81,15 @@ impl OracleView for Canvas {
         let entry = |i: usize, j: usize| {
             zoom[i] * zoom[j] * (variances[0] * axes[0][i] * axes[0][j] + variances[1] * axes[1][i] * axes[1][j])
         };
-        let (xx, xy, yy) = (entry(0, 0), entry(0, 1), entry(1, 1));
-        let determinant = variances[0] * variances[1] * (zoom[0] * zoom[1]).powi(2);
+        let antialias = settings.effects.antialias;
+        let dilation = match antialias {
+            Antialias::None => 0.0,
+            Antialias::Dilate | Antialias::Compensated => f64::from(DILATION_PX2),
+            Antialias::Mip => f64::from(MIP_DILATION_PX2),
+        };
+        let thin = variances[0] * variances[1] * (zoom[0] * zoom[1]).powi(2);
+        let determinant = thin + dilation * (entry(0, 0) + entry(1, 1)) + dilation * dilation;
+        let (xx, xy, yy) = (entry(0, 0) + dilation, entry(0, 1), entry(1, 1) + dilation);
         // The product, too: what is finite is so in all that backends make of it.
         if ![xx, xy, yy, xx * yy, determinant].into_iter().all(finite_in_f32) {
             return Projection::Left(Cause::NotFinite);
@@ -87,7 +98,20 @@ impl OracleView for Canvas {
             return Projection::Left(Cause::Degenerate);
         }
         let center = [0, 1].map(|i| (g[i] - origin[i]) * zoom[i]);
-        let opacity = 1.0 / (1.0 + (-g[OPACITY]).exp());
+        let stored = 1.0 / (1.0 + (-g[OPACITY]).exp());
+        let compensates = matches!(antialias, Antialias::Mip | Antialias::Compensated);
+        let compensates = compensates && settings.effects.blend == Blend::Over;
+        let opacity = if compensates { stored * (thin / determinant).sqrt() } else { stored };
+        // ln ρ = ½ (ln D − ln D′), and D′ = D + δ tr + δ²: ∂(ln ρ)/∂(ln sₖ) = 1 − (D + δ ∂(½ tr)/∂(ln sₖ))/D′.
+        let compensated = compensates.then(|| {
+            let [thin, determinant] = [thin, determinant].map(Rounded::exact);
+            let along = |k: usize, l: usize| (0..2).map(|i| zoom[i].powi(2) * axes[k][i] * axes[l][i]).sum::<f64>();
+            let [first, second] = [0, 1].map(|k| Rounded::exact(dilation * variances[k] * along(k, k)) / determinant);
+            let turned = Rounded::exact(dilation * (variances[0] - variances[1]) * along(0, 1)) / determinant;
+            let whole = Rounded::ONE - thin / determinant;
+            [whole - first, whole - second, -turned, Rounded::exact(1.0 - stored)]
+                .map(|by| Rounded::exact(opacity) * by)
+        });
         Projection::Drawable(Splat2d {
             center,
             center_rounding: [0, 1]
@@ -96,10 +120,12 @@ impl OracleView for Canvas {
             axes,
             variances,
             zoom,
+            dilated: dilation > 0.0,
+            compensated,
             appearance: Appearance {
                 opacity,
                 opacity_rounding: 0.0, // Among the operations of a weight.
-                opacity_slope: opacity * (1.0 - opacity),
+                opacity_slope: if compensates { 1.0 } else { opacity * (1.0 - opacity) },
                 color: [g[COLOR], g[COLOR + 1], g[COLOR + 2]],
                 color_rounding: [0.0; 3],
                 undecided: false,
@@ -130,9 +156,12 @@ impl Splat for Splat2d {
         let moved = (0..2).map(|i| q[i].abs() * (self.center_rounding[i] + F32_ROUNDING * p[i].abs())).sum::<f64>();
         let plane = [q[0] * self.zoom[0], q[1] * self.zoom[1]];
         let plane_magnitude = [q_magnitude[0] * self.zoom[0], q_magnitude[1] * self.zoom[1]];
-        // The axes are eigenvectors: rₖ · Σ⁻¹ = rₖ / sₖ².
+        // Without dilation the axes are eigenvectors: rₖ · Σ⁻¹ = rₖ / sₖ².
         let along = [0, 1].map(|k| self.axes[k][0] * plane[0] + self.axes[k][1] * plane[1]);
         let along_magnitude = [0, 1].map(|k| {
+            if self.dilated {
+                return self.axes[k][0].abs() * plane_magnitude[0] + self.axes[k][1].abs() * plane_magnitude[1];
+            }
             let [x, y] = [0, 1].map(|i| (self.axes[k][i] * d[i] / self.zoom[i]).abs());
             (x + y) / self.variances[k]
         });
@@ -178,7 +207,13 @@ impl Splat for Splat2d {
     }
 
     fn jacobian(&self) -> Vec<[Rounded; 9]> {
-        (0..9).map(|i| std::array::from_fn(|j| if i == j { Rounded::ONE } else { Rounded::ZERO })).collect()
+        let mut rows: Vec<[Rounded; 9]> =
+            (0..9).map(|i| std::array::from_fn(|j| if i == j { Rounded::ONE } else { Rounded::ZERO })).collect();
+        // Of what is compensated, a share is in the opacity itself.
+        for (parameter, by) in [2, 3, ROTATION, OPACITY].into_iter().zip(self.compensated.into_iter().flatten()) {
+            rows[parameter][OPACITY] = by;
+        }
+        rows
     }
 }
 

@@ -30,18 +30,6 @@ fn bin(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec
     let splat = projected[index];
     var at = offsets[index];
     let end = offsets[index + 1u];
-#if VECTORS
-#if OVER
-    // The order stays that of the Gaussians.
-    let list = 1u;
-#else
-    // Half a block's rows before an ellipse the weight is no less than e^-80, well inside the range of f32.
-    let far = 0.5 * f32(BLOCK) + sqrt(splat.reach / splat.c);
-    let list = select(1u, 0u, 0.5 * splat.c * far * far <= 80.0 || !GUARD_RESTART);
-#endif
-#else
-    let list = 0u;
-#endif
     let columns = tile_columns(splat);
     for (var column = columns.x; column < columns.y; column++) {
         let rows = rows_in_column(splat, column);
@@ -55,9 +43,9 @@ fn bin(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec
             let first = max(rows.x, band * TILE_ROWS) - band * TILE_ROWS;
             let last = min(rows.y, (band + 1u) * TILE_ROWS) - band * TILE_ROWS;
             let tile = band * step.tiles.x + column;
-            keys[at] = tile * CLASSES + list;
+            keys[at] = tile;
 #if PIXEL_DEPTH
-            keys[at] = ((tile * CLASSES + list) << step.depth_bits) | depth_key(splat, depths[index], tile);
+            keys[at] = (tile << step.depth_bits) | depth_key(splat, depths[index], tile);
 #endif
             order[at] = at;
             entries[at] = vec2u(index, first | (last << 16u));

@@ -1,5 +1,5 @@
-// Stage `blend`: the image, from the sorted entries of each tile. A work group a tile; an invocation has ROWS rows of COLUMNS columns of
-// it, four rows to a vector. `@c` and `@r` count its columns and its fours of rows.
+// Stage `blend`: the image, from the sorted entries of each tile. A work group a tile; an invocation has four rows of a column of
+// it, as one vector.
 //
 // Under `Over`, a pixel that is full keeps its transmittance with the sign turned, so that every later Gaussian fails the test against
 // the minimum.
@@ -37,36 +37,13 @@ fn blend_rows(pixels: ptr<function, Pixels>, s: Splat, u: vec4f, across: f32, cu
     (*pixels).blue = fma(share, vec4f(s.color.z), (*pixels).blue);
 }
 
-#if SEGMENTED
-// As the walk before this one left them.
-fn resumed(column: u32, row: u32) -> Pixels {
-    var pixels: Pixels;
-    for (var k = 0u; k < 4u; k++) {
-        if column < step.size.x && row + k < step.size.y {
-            let pixel = image[(row + k) * step.size.x + column];
-            pixels.red[k] = pixel.x;
-            pixels.green[k] = pixel.y;
-            pixels.blue[k] = pixel.z;
-            pixels.transmittance[k] = pixel.w;
-        }
-    }
-    return pixels;
-}
-#endif
-
-fn store(pixels: Pixels, column: u32, row: u32, walk: Walk) {
+fn store(pixels: Pixels, column: u32, row: u32) {
     if column >= step.size.x {
         return;
     }
     for (var k = 0u; k < 4u; k++) {
         if row + k < step.size.y {
             var color = vec3f(pixels.red[k], pixels.green[k], pixels.blue[k]);
-#if SEGMENTED
-            if !walk.ends {
-                image[(row + k) * step.size.x + column] = vec4f(color, pixels.transmittance[k]);
-                continue;
-            }
-#endif
 #if OVER
             let left = abs(pixels.transmittance[k]);
             color += left * step.background;
@@ -79,53 +56,31 @@ fn store(pixels: Pixels, column: u32, row: u32, walk: Walk) {
     }
 }
 
-@compute @workgroup_size(LANES, TILE_ROWS / ROWS)
+@compute @workgroup_size(TILE_COLUMNS, TILE_ROWS / ROWS)
 fn blend(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_id) lane: vec3u) {
     let tile = flat(group, groups);
     if tile >= step.tiles.x * step.tiles.y {
         return;
     }
-    let walk = walk_along(tile_start[tile * CLASSES], tile_start[(tile + 1u) * CLASSES]);
-    if !is_due(walk) {
-        return;
-    }
     let corner = vec2u(tile % step.tiles.x, tile / step.tiles.x) * vec2u(TILE_COLUMNS, TILE_ROWS);
     let within = lane.y * ROWS;
     let y = vec4f(f32(corner.y + within) + 0.5) + vec4f(0.0, 1.0, 2.0, 3.0);
-#each c COLUMNS
-    let column_@c = corner.x + lane.x + @cu * LANES;
-    let x_@c = f32(column_@c) + 0.5;
-#each r ROWS4
-    var p_@c_@r = Pixels(vec4f(0.0), vec4f(0.0), vec4f(0.0), vec4f(1.0));
-#if SEGMENTED
-    if !walk.begins {
-        p_@c_@r = resumed(column_@c, corner.y + within + 4u * @ru);
-    }
-#endif
-#end
-#end
-    for (var i = walk.first; i < walk.end; i++) {
+    let column = corner.x + lane.x;
+    let x = f32(column) + 0.5;
+    var pixels = Pixels(vec4f(0.0), vec4f(0.0), vec4f(0.0), vec4f(1.0));
+    let end = tile_start[tile + 1u];
+    for (var i = tile_start[tile]; i < end; i++) {
         let entry = entries[order[i]];
         let first = entry.y & 0xffffu;
         let last = entry.y >> 16u;
         let s = projected[entry.x];
         let curve = -0.5 * LOG2_E * s.c;
-#each c COLUMNS
-        let dx_@c = x_@c - s.mean.x;
-        let across_@c = dx_@c * dx_@c * (-0.5 * LOG2_E * s.inverse_xx);
-        let u_@c = (y - s.mean.y) - s.slope * dx_@c;
-#end
-#each r ROWS4
-        if first < within + 4u * @ru + 4u && last > within + 4u * @ru {
-#each c COLUMNS
-            blend_rows(&p_@c_@r, s, u_@c + 4.0 * @r.0, across_@c, curve);
-#end
+        let dx = x - s.mean.x;
+        let across = dx * dx * (-0.5 * LOG2_E * s.inverse_xx);
+        let u = (y - s.mean.y) - s.slope * dx;
+        if first < within + ROWS && last > within {
+            blend_rows(&pixels, s, u, across, curve);
         }
-#end
     }
-#each c COLUMNS
-#each r ROWS4
-    store(p_@c_@r, column_@c, corner.y + within + 4u * @ru, walk);
-#end
-#end
+    store(pixels, column, corner.y + within);
 }

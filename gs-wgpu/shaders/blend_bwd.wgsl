@@ -10,25 +10,16 @@
 @group(0) @binding(2) var<storage, read> order: array<u32>;
 @group(0) @binding(3) var<storage, read> entries: array<vec2u>;
 @group(0) @binding(4) var<storage, read> projected: array<Splat>;
-// With the image, it keeps the pixels' state between SEGMENTED walks under `Over`.
-#if CARRIES
-@group(0) @binding(5) var<storage, read_write> v_image: array<vec4f>;
-#else
 @group(0) @binding(5) var<storage, read> v_image: array<vec4f>;
-#endif
 @group(0) @binding(6) var<storage, read_write> slots: array<f32>;
-#if CARRIES
-@group(0) @binding(7) var<storage, read_write> image: array<vec4f>;
-#else
 #if OVER_OR_ERROR
 @group(0) @binding(7) var<storage, read> image: array<vec4f>;
-#endif
 #endif
 #if ERROR
 @group(0) @binding(8) var<storage, read> target_image: array<vec4f>;
 #endif
 
-const INVOCATIONS: u32 = LANES * (TILE_ROWS / ROWS);
+const INVOCATIONS: u32 = TILE_COLUMNS * (TILE_ROWS / ROWS);
 
 // Four rows of the column.
 struct Rows {
@@ -60,7 +51,7 @@ const PARTS: u32 = INVOCATIONS;
 // Sums of an invocation or of a subgroup.
 var<workgroup> partial: array<f32, BATCH * STRIDE * PARTS>;
 
-fn load(column: u32, row: u32, walk: Walk) -> Rows {
+fn load(column: u32, row: u32) -> Rows {
     var rows = Rows(vec4f(0.0), vec4f(0.0), vec4f(0.0), vec4f(1.0), vec4f(0.0), vec4f(0.0));
     for (var k = 0u; k < 4u; k++) {
         if column < step.size.x && row + k < step.size.y {
@@ -72,12 +63,6 @@ fn load(column: u32, row: u32, walk: Walk) -> Rows {
 #if OVER
             rows.rest[k] = dot(v.xyz, image[at].xyz);
 #endif
-#if CARRIES
-            if !walk.begins {
-                rows.transmittance[k] = image[at].w;
-                rows.rest[k] = v.w;
-            }
-#endif
 #if ERROR
             rows.error[k] = dot(abs(image[at].xyz - target_image[at].xyz), vec3f(1.0 / 3.0));
 #endif
@@ -85,19 +70,6 @@ fn load(column: u32, row: u32, walk: Walk) -> Rows {
     }
     return rows;
 }
-
-#if CARRIES
-// For the walk after this one.
-fn leave(rows: Rows, column: u32, row: u32) {
-    for (var k = 0u; k < 4u; k++) {
-        if column < step.size.x && row + k < step.size.y {
-            let at = (row + k) * step.size.x + column;
-            image[at].w = rows.transmittance[k];
-            v_image[at].w = rows.rest[k];
-        }
-    }
-}
-#endif
 
 fn total(v: vec4f) -> f32 {
     return (v.x + v.y) + (v.z + v.w);
@@ -177,27 +149,19 @@ fn blend_bwd(
 #else
     let parts = INVOCATIONS;
 #endif
-    let lane = vec2u(invocation % LANES, invocation / LANES);
+    let lane = vec2u(invocation % TILE_COLUMNS, invocation / TILE_COLUMNS);
     let tile = flat(group, groups);
     if tile >= step.tiles.x * step.tiles.y {
-        return;
-    }
-    let walk = walk_along(tile_start[tile * CLASSES], tile_start[(tile + 1u) * CLASSES]);
-    if !is_due(walk) {
         return;
     }
     let corner = vec2u(tile % step.tiles.x, tile / step.tiles.x) * vec2u(TILE_COLUMNS, TILE_ROWS);
     let within = lane.y * ROWS;
     let y = vec4f(f32(corner.y + within) + 0.5) + vec4f(0.0, 1.0, 2.0, 3.0);
-#each c COLUMNS
-    let column_@c = corner.x + lane.x + @cu * LANES;
-    let x_@c = f32(column_@c) + 0.5;
-#each r ROWS4
-    var r_@c_@r = load(column_@c, corner.y + within + 4u * @ru, walk);
-#end
-#end
-    let end = walk.end;
-    for (var first_of_batch = walk.first; first_of_batch < end; first_of_batch += BATCH) {
+    let column = corner.x + lane.x;
+    let x = f32(column) + 0.5;
+    var rows = load(column, corner.y + within);
+    let end = tile_start[tile + 1u];
+    for (var first_of_batch = tile_start[tile]; first_of_batch < end; first_of_batch += BATCH) {
         for (var b = 0u; b < BATCH; b++) {
             if first_of_batch + b >= end {
                 break;
@@ -207,37 +171,21 @@ fn blend_bwd(
             let last = entry.y >> 16u;
             let s = projected[entry.x];
             let curve = -0.5 * LOG2_E * s.c;
-#each c COLUMNS
-            let dx_@c = x_@c - s.mean.x;
-            let across_@c = dx_@c * dx_@c * (-0.5 * LOG2_E * s.inverse_xx);
-            let u_@c = (y - s.mean.y) - s.slope * dx_@c;
-            var sums_@c = Sums(vec3f(0.0), 0.0, 0.0, 0.0, vec2f(0.0));
-#end
-#each r ROWS4
-            if first < within + 4u * @ru + 4u && last > within + 4u * @ru {
-#each c COLUMNS
-                gather_rows(&r_@c_@r, &sums_@c, s, dx_@c, u_@c + 4.0 * @r.0, across_@c, curve);
-#end
+            let dx = x - s.mean.x;
+            let across = dx * dx * (-0.5 * LOG2_E * s.inverse_xx);
+            let u = (y - s.mean.y) - s.slope * dx;
+            var sums = Sums(vec3f(0.0), 0.0, 0.0, 0.0, vec2f(0.0));
+            if first < within + ROWS && last > within {
+                gather_rows(&rows, &sums, s, dx, u, across, curve);
             }
-#end
-            var color = vec3f(0.0);
-            var t = 0.0;
-            var tx = 0.0;
-            var tu = 0.0;
-            var txx = 0.0;
-            var txu = 0.0;
-            var tuu = 0.0;
-            var collected = vec2f(0.0);
-#each c COLUMNS
-            color += sums_@c.color;
-            t += sums_@c.t;
-            tx += sums_@c.t * dx_@c;
-            tu += sums_@c.tu;
-            txx += sums_@c.t * dx_@c * dx_@c;
-            txu += sums_@c.tu * dx_@c;
-            tuu += sums_@c.tuu;
-            collected += sums_@c.collected;
-#end
+            var color = sums.color;
+            var t = sums.t;
+            let tx = t * dx;
+            let txx = t * dx * dx;
+            let tu = sums.tu;
+            let txu = tu * dx;
+            let tuu = sums.tuu;
+            var collected = sums.collected;
 #if SUBGROUPS
             color = subgroupAdd(color);
             let sums_x = subgroupAdd(vec2f(tx, txx));
@@ -266,13 +214,4 @@ fn blend_bwd(
         }
         workgroupBarrier();
     }
-#if CARRIES
-    if !walk.ends {
-#each c COLUMNS
-#each r ROWS4
-        leave(r_@c_@r, column_@c, corner.y + within + 4u * @ru);
-#end
-#end
-    }
-#endif
 }

@@ -198,8 +198,8 @@ fn blend_by_depth(
     let row = corner.y + lane.y;
     let is_inside = column < step.size.x && row < step.size.y;
     let place = row * step.size.x + column;
-    let start = tile_start[tile * CLASSES];
-    let end = tile_start[(tile + 1u) * CLASSES];
+    let start = tile_start[tile];
+    let end = tile_start[tile + 1u];
     var pixel: Pixel;
     pixel.center = vec2f(vec2u(column, row)) + 0.5;
     pixel.transmittance = 1.0;

@@ -77,16 +77,6 @@ fn sum_group(lane: u32, value: f32) -> f32 {
     return lanes[0];
 }
 
-// The same. A CPU stores its vectors' lanes one by one; and its compiler, if it saw through this, would compute each on its own there.
-fn whole(v: f32) -> f32 {
-#if VECTORS
-    // Never.
-    return select(v, 0.0, step.size.x == 0u);
-#else
-    return v;
-#endif
-}
-
 // SSIM is a quotient of fourth powers, which must be finite.
 fn within_ssim(value: f32) -> f32 {
     return clamp(value, -SSIM_MAX, SSIM_MAX);
@@ -207,7 +197,7 @@ fn dssim_gradient(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) 
                 let v = blur(&by, @ku);
                 difference += abs(x - y);
                 let by_ssim = v.x + 2.0 * within_ssim(x) * v.y + within_ssim(y) * v.z;
-                v_image[at] = whole(step.pointwise_scale * sign(x - y) - step.dssim_scale * by_ssim);
+                v_image[at] = step.pointwise_scale * sign(x - y) - step.dssim_scale * by_ssim;
             }
 #end
             continuing {

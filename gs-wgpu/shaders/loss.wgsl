@@ -1,6 +1,5 @@
 // Stage `loss`: the pointwise loss of each pixel and its gradient, `loss`, and the sum of everybody's, `loss_sum`, in a fixed order.
-// KIND: 0, the difference itself (for solving colours); 1, its square (L2); 2, its absolute value (L1). Pixels are summed by blocks, or by
-// tiles where invocations are lanes of a CPU's vector.
+// KIND: 0, the difference itself (for solving colours); 1, its square (L2); 2, its absolute value (L1). Pixels are summed by blocks.
 
 @group(0) @binding(1) var<storage, read> image: array<vec4f>;
 @group(0) @binding(2) var<storage, read> target_image: array<vec4f>;
@@ -10,7 +9,7 @@
 @group(0) @binding(5) var<storage, read_write> status: Status;
 
 override KIND: u32 = 1u;
-// Whose partial sums make the loss: 0, those of `loss`; 1, D-SSIM's, which are weighted; 2, one a tile.
+// Whose partial sums make the loss: 0, those of `loss`; 1, D-SSIM's, which are weighted.
 override SUM_OF: u32 = 0u;
 
 const PER_LANE: u32 = 4u;
@@ -46,29 +45,6 @@ fn compare(pixel: u32) -> f32 {
     return values.x + values.y + values.z;
 }
 
-#if VECTORS
-// A tile a work group, its pixels in the order in which `blend_vectors` goes through them where it does all in one pass: a step's loss is
-// the same, bit for bit, whether lists are short enough for that or not.
-@compute @workgroup_size(LANES)
-fn loss(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
-    let tile = flat(group, groups);
-    if tile >= step.tiles.x * step.tiles.y {
-        return;
-    }
-    let corner = vec2u(tile % step.tiles.x, tile / step.tiles.x) * vec2u(TILE_COLUMNS, TILE_ROWS);
-    let end = min(corner + vec2u(TILE_COLUMNS, TILE_ROWS), step.size);
-    var sum = 0.0;
-    for (var column = corner.x + lane; column < end.x; column += LANES) {
-        for (var row = corner.y; row < end.y; row++) {
-            sum += compare(row * step.size.x + column);
-        }
-    }
-    let total = sum_of_lanes(sum);
-    if lane == 0u {
-        partial[tile] = total;
-    }
-}
-#else
 @compute @workgroup_size(256)
 fn loss(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
     let block = flat(group, groups);
@@ -85,7 +61,6 @@ fn loss(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: ve
         partial[block] = total;
     }
 }
-#endif
 
 fn sum_partial(lane: u32, count: u32) -> f32 {
     var sum = 0.0;
@@ -102,8 +77,7 @@ fn loss_sum(@builtin(local_invocation_index) lane: u32) {
         value = sum_partial(lane, dssim_groups(step.size.x, step.size.y) + dssim_groups(step.size.y, step.size.x));
     } else {
         let pixels = step.size.x * step.size.y;
-        let blocks = select((pixels + 1023u) / 1024u, step.tiles.x * step.tiles.y, SUM_OF == 2u);
-        value = sum_partial(lane, blocks) * step.pointwise_scale;
+        value = sum_partial(lane, (pixels + 1023u) / 1024u) * step.pointwise_scale;
     }
     if lane == 0u {
         status.loss = value;

@@ -20,8 +20,8 @@ fn queue_up(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups
         return;
     }
     let corner = vec2u(tile % step.tiles.x, tile / step.tiles.x) * vec2u(TILE_COLUMNS, TILE_ROWS);
-    let start = tile_start[tile * CLASSES];
-    let end = tile_start[(tile + 1u) * CLASSES];
+    let start = tile_start[tile];
+    let end = tile_start[tile + 1u];
     var behind = NO_DEPTH;
     for (var block = (end - start + INVOCATIONS - 1u) / INVOCATIONS; block > 0u; block--) {
         let at = start + (block - 1u) * INVOCATIONS + lane;

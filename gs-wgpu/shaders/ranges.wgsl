@@ -2,7 +2,7 @@
 
 @group(0) @binding(1) var<storage, read_write> status: Counted;
 @group(0) @binding(2) var<storage, read> keys: array<u32>;
-// [lists + 1]
+// [tiles + 1]
 @group(0) @binding(3) var<storage, read_write> tile_start: array<u32>;
 // As in `sizes.wgsl`.
 @group(0) @binding(4) var<storage, read_write> indirect: array<atomic<u32>>;
@@ -28,14 +28,11 @@ fn ranges(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: 
     if tile >= step.tiles.x * step.tiles.y {
         return;
     }
-    let start = place_of(tile * CLASSES, 0u);
-    var end = start;
-    for (var k = 0u; k < CLASSES; k++) {
-        tile_start[tile * CLASSES + k] = end;
-        end = place_of(tile * CLASSES + k + 1u, end);
-    }
+    let start = place_of(tile, 0u);
+    let end = place_of(tile + 1u, start);
+    tile_start[tile] = start;
     if tile + 1u == step.tiles.x * step.tiles.y {
-        tile_start[(tile + 1u) * CLASSES] = end;
+        tile_start[tile + 1u] = end;
     }
     if end - start > step.longest_list {
         // As where entries do not fit, Adam changes nothing, in this pass or those behind it, until the host knows.

@@ -29,10 +29,12 @@ struct Step {
     sh_degree: u32,
     // Low bits of a tile's entries' keys that are their depth.
     depth_bits: u32,
-    // Entries of a tile that this pass's dispatches can walk along.
+    // Entries of a tile that this pass's kernels can loop over.
     longest_list: u32,
+    // Of 2D scenes: what is added to the diagonal of Sigma', px², and 1 where the opacity makes up for it.
+    dilation: f32,
+    compensates: u32,
     unused: u32,
-    unused_too: vec2u,
     // Adam: mean, scale, rotation, opacity, colour, SH above degree 0. Learning rate, beta1, beta2, and 1 - beta1; ln beta1, ln beta2, 1 - beta2,
     // and of scales and opacities what one number's penalty weighs.
     rates: array<vec4f, 6>,
@@ -333,7 +335,7 @@ fn sigmoid(x: f32) -> f32 {
 }
 
 // L with Sigma = L L^T.
-fn frame_of(shape: vec4f) -> mat2x2f {
+fn factor_of(shape: vec4f) -> mat2x2f {
 #if LOCAL_FRAME
     return mat2x2f(shape.xy, shape.zw);
 #else

@@ -57,8 +57,8 @@ fn units(
         most[invocation] = most_of(pixel.y * step.size.x + pixel.x);
     }
     workgroupBarrier();
-    let end = tile_start[(tile + 1u) * CLASSES];
-    for (var at = tile_start[tile * CLASSES] + invocation; at < end; at += TILE_COLUMNS * TILE_ROWS) {
+    let end = tile_start[tile + 1u];
+    for (var at = tile_start[tile] + invocation; at < end; at += TILE_COLUMNS * TILE_ROWS) {
         let q = queue[at];
         var found = vec3f(0.0);
         // Eight pixels at a time, so that software drivers do not end the loops before those of `blend_by_depth`.

@@ -4,10 +4,7 @@ use std::fmt;
 
 use gs_core::Error;
 
-use crate::{
-    gpu::backend_error,
-    shaders::{Kernels, LANES},
-};
+use crate::{gpu::backend_error, shaders::Kernels};
 
 /// What to install where there is no adapter at all.
 const INSTALL: &str = "install a graphics driver with Vulkan, Metal or DirectX 12; without a GPU, a software one will do \
@@ -114,21 +111,14 @@ pub(crate) fn kernels(
     info: &wgpu::AdapterInfo,
     features: wgpu::Features,
 ) -> Result<Kernels, Error> {
-    let subgroups = features.contains(wgpu::Features::SUBGROUP);
-    let vectors = subgroups && info.device_type == wgpu::DeviceType::Cpu && info.subgroup_min_size >= LANES;
-    let subgroups = subgroups && info.subgroup_min_size >= LEAST_SUBGROUP;
+    let subgroups = features.contains(wgpu::Features::SUBGROUP) && info.subgroup_min_size >= LEAST_SUBGROUP;
     match wanted {
-        None if vectors => Ok(Kernels::Vectors),
         None if subgroups => Ok(Kernels::Subgroups),
         None | Some(Kernels::Portable) => Ok(Kernels::Portable),
         Some(Kernels::Subgroups) if subgroups => Ok(Kernels::Subgroups),
-        Some(Kernels::Vectors) if vectors => Ok(Kernels::Vectors),
-        Some(kernels) => {
-            let needs = match kernels {
-                Kernels::Vectors => format!("a driver that computes on a CPU, with subgroups of {LANES} or more"),
-                _ => format!("subgroups of {LEAST_SUBGROUP} or more"),
-            };
-            Err(backend_error(format!("{} has no {kernels:?} kernels: they need {needs}", info.name)))
-        }
+        Some(Kernels::Subgroups) => Err(backend_error(format!(
+            "{} has no Subgroups kernels: they need subgroups of {LEAST_SUBGROUP} or more",
+            info.name
+        ))),
     }
 }

@@ -7,25 +7,23 @@ use std::{
 
 use gs_core::{Error, Image, RenderSettings, statistics::Culled};
 
-use crate::{gpu::Gpu, kind::Kind, layout::Status, splats::Splats, workspace::Workspace};
+use crate::{gpu::Gpu, kind::SceneKind, layout::Status, splats::Splats, workspace::Workspace};
 
 /// Workspaces that are not in use.
 #[derive(Debug)]
-pub struct Pool<S: Kind>(Mutex<Vec<Workspace<S>>>);
+pub struct Pool<S: SceneKind>(Mutex<Vec<Workspace<S>>>);
 
-impl<S: Kind> Default for Pool<S> {
+impl<S: SceneKind> Default for Pool<S> {
     fn default() -> Self {
         Self(Mutex::default())
     }
 }
 
-impl<S: Kind> Pool<S> {
+impl<S: SceneKind> Pool<S> {
     pub(crate) fn take(&self, gpu: &Gpu) -> Result<Workspace<S>, Error> {
         match self.0.lock().unwrap_or_else(PoisonError::into_inner).pop() {
             Some(mut workspace) => {
-                // So that results don't depend on what it served for before: neither the lengths of its lists nor the lists, which
-                // a step with `Binning::Reuse` would otherwise take up.
-                workspace.tiles.segments.clear();
+                // A step with `Binning::Reuse` must not take up the lists of what it served for before.
                 workspace.edition = None;
                 Ok(workspace)
             }
@@ -39,14 +37,14 @@ impl<S: Kind> Pool<S> {
 }
 
 /// One forward pass on the device: the image, and what its backward pass needs.
-pub struct ForwardPass<S: Kind> {
+pub struct ForwardPass<S: SceneKind> {
     /// `Some` until dropped.
     pub(crate) workspace: Option<Workspace<S>>,
     pub(crate) status: Status,
     pub(crate) pool: Arc<Pool<S>>,
 }
 
-impl<S: Kind> ForwardPass<S> {
+impl<S: SceneKind> ForwardPass<S> {
     pub(crate) fn workspace(&self) -> &Workspace<S> {
         self.workspace.as_ref().expect("a forward pass has its workspace until it is dropped")
     }
@@ -69,7 +67,7 @@ impl<S: Kind> ForwardPass<S> {
     }
 }
 
-impl<S: Kind> Drop for ForwardPass<S> {
+impl<S: SceneKind> Drop for ForwardPass<S> {
     fn drop(&mut self) {
         if let Some(workspace) = self.workspace.take() {
             self.pool.give(workspace);
@@ -77,7 +75,7 @@ impl<S: Kind> Drop for ForwardPass<S> {
     }
 }
 
-impl<S: Kind> fmt::Debug for ForwardPass<S> {
+impl<S: SceneKind> fmt::Debug for ForwardPass<S> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_struct("ForwardPass").field("status", &self.status).finish_non_exhaustive()
     }
@@ -85,7 +83,7 @@ impl<S: Kind> fmt::Debug for ForwardPass<S> {
 
 /// The gradients of one backward pass, `[N]`, on the device.
 #[derive(Debug)]
-pub struct Gradients<S: Kind> {
+pub struct Gradients<S: SceneKind> {
     /// As many as the kind of scene has.
     pub(crate) buffers: Vec<wgpu::Buffer>,
     pub(crate) len: usize,
@@ -94,7 +92,7 @@ pub struct Gradients<S: Kind> {
     pub(crate) settings: RenderSettings,
 }
 
-impl<S: Kind> Gradients<S> {
+impl<S: SceneKind> Gradients<S> {
     /// Fails unless the gradients are of as many Gaussians as the splats has.
     pub(crate) fn check_len(&self, splats: &Splats<S>) -> Result<(), Error> {
         if self.len == splats.len {

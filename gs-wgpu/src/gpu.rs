@@ -3,7 +3,6 @@
 use std::{
     collections::HashMap,
     fmt,
-    num::NonZero,
     sync::{
         Arc, Mutex, PoisonError,
         atomic::{AtomicU64, Ordering},
@@ -16,7 +15,6 @@ use wgpu::util::{BufferInitDescriptor, DeviceExt};
 
 use crate::{
     adapter::{self, AdapterSummary},
-    iterations::longest_walk,
     shaders::{Kernels, SORT_BITS, Variant, shader_of},
 };
 
@@ -24,6 +22,7 @@ pub(crate) const BACKEND: &str = "wgpu";
 
 /// What fresh buffers hold.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg(feature = "test-hooks")]
 pub enum FreshBuffers {
     /// Zeros, as WebGPU has it.
     #[default]
@@ -38,15 +37,36 @@ pub struct WgpuSettings {
     /// The first adapter whose name contains this, letter case aside; `None`: the fastest kind there is.
     pub adapter: Option<String>,
     /// What fresh buffers hold.
+    #[cfg(feature = "test-hooks")]
     pub fresh_buffers: FreshBuffers,
     /// How the kernels that visit every pixel are written; `None`: the fastest that the adapter can run.
     pub kernels: Option<Kernels>,
     /// Most work groups along an axis of a dispatch; what has more goes into several rows. `None`, or more than the adapter allows: as
     /// many as it allows.
-    pub most_groups: Option<NonZero<u32>>,
-    /// Most entries of a tile's list that one dispatch of a blend kernel walks along; longer lists take several. `None`, or more than the
-    /// adapter can: as many as it can, which on GPUs is all.
-    pub longest_walk: Option<NonZero<u32>>,
+    #[cfg(feature = "test-hooks")]
+    pub most_groups: Option<std::num::NonZero<u32>>,
+}
+
+#[cfg(feature = "test-hooks")]
+impl WgpuSettings {
+    fn most_groups(&self) -> u32 {
+        self.most_groups.map_or(u32::MAX, std::num::NonZero::get)
+    }
+
+    fn poisons(&self) -> bool {
+        self.fresh_buffers == FreshBuffers::Poison
+    }
+}
+
+#[cfg(not(feature = "test-hooks"))]
+impl WgpuSettings {
+    fn most_groups(&self) -> u32 {
+        u32::MAX
+    }
+
+    fn poisons(&self) -> bool {
+        false
+    }
 }
 
 /// How long the device may take to hand over what it has finished.
@@ -66,13 +86,12 @@ pub struct Gpu {
     limits: wgpu::Limits,
     /// Most work groups along an axis of a dispatch.
     pub(crate) most_groups: u32,
-    /// Most entries of a tile's list that one dispatch of a blend kernel walks along.
-    pub(crate) longest_walk: u32,
     /// Whether the adapter computes on a CPU.
     pub(crate) on_cpu: bool,
     /// How the kernels that visit every pixel are written.
     pub(crate) kernels: Kernels,
-    fresh: FreshBuffers,
+    /// Whether fresh buffers hold NaN instead of zeros.
+    poison: bool,
     /// What went wrong on the device, first things first.
     faults: Arc<Mutex<Option<String>>>,
     pipelines: Mutex<HashMap<(&'static str, Variant), Arc<wgpu::ComputePipeline>>>,
@@ -137,15 +156,11 @@ impl Gpu {
             queue,
             adapter: adapter::summary_of(&info),
             reason,
-            most_groups: settings
-                .most_groups
-                .map_or(u32::MAX, NonZero::get)
-                .min(limits.max_compute_workgroups_per_dimension),
-            longest_walk: settings.longest_walk.map_or(u32::MAX, NonZero::get).min(longest_walk(on_cpu, kernels)),
+            most_groups: settings.most_groups().min(limits.max_compute_workgroups_per_dimension),
             limits,
             on_cpu,
             kernels,
-            fresh: settings.fresh_buffers,
+            poison: settings.poisons(),
             faults,
             pipelines: Mutex::default(),
             shifts,
@@ -163,6 +178,7 @@ impl Gpu {
     }
 
     /// Makes the device unusable, as a driver that crashes would.
+    #[cfg(feature = "test-hooks")]
     pub(crate) fn lose(&self) {
         self.device.destroy();
         self.faults
@@ -199,7 +215,7 @@ impl Gpu {
         }
         // No smaller than any struct of the shaders.
         let size = bytes.max(256).next_multiple_of(16);
-        let poison = self.fresh == FreshBuffers::Poison && !usage.contains(wgpu::BufferUsages::MAP_READ);
+        let poison = self.poison && !usage.contains(wgpu::BufferUsages::MAP_READ);
         // A scope, so that a want of memory is an error of this call alone, and the device stays usable.
         let scope = self.device.push_error_scope(wgpu::ErrorFilter::OutOfMemory);
         let buffer = self.device.create_buffer(&wgpu::BufferDescriptor {

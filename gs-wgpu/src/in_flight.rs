@@ -16,7 +16,7 @@ use crate::{
     dispatch::Commands,
     forward_pass::Pool,
     gpu::{Gpu, MOST_PATIENCE},
-    kind::Kind,
+    kind::SceneKind,
     layout::Status,
     splats::Splats,
     target::Target,
@@ -30,7 +30,7 @@ pub const STEPS_IN_FLIGHT: usize = 4;
 
 /// All that it takes to send a step, and to send it again.
 #[derive(Debug)]
-pub(crate) struct Request<S: Kind> {
+pub(crate) struct Request<S: SceneKind> {
     view: S::View,
     target: Target,
     settings: RenderSettings,
@@ -39,7 +39,7 @@ pub(crate) struct Request<S: Kind> {
     binning: Binning,
 }
 
-impl<S: Kind> Request<S> {
+impl<S: SceneKind> Request<S> {
     pub(crate) fn new(view: &S::View, target: &Target, step: &TrainStep<'_>) -> Self {
         Self {
             view: view.clone(),
@@ -96,7 +96,7 @@ impl Slot {
 
 /// A step under way.
 #[derive(Debug)]
-struct Sent<S: Kind> {
+struct Sent<S: SceneKind> {
     request: Request<S>,
     slot: Slot,
     submission: wgpu::SubmissionIndex,
@@ -104,7 +104,7 @@ struct Sent<S: Kind> {
 
 /// A splats' steps under way, and what they work in.
 #[derive(Debug)]
-pub(crate) struct InFlight<S: Kind> {
+pub(crate) struct InFlight<S: SceneKind> {
     /// With the lists of the last step that was sent.
     workspace: Option<Workspace<S>>,
     /// Oldest first.
@@ -114,13 +114,13 @@ pub(crate) struct InFlight<S: Kind> {
     pub(crate) losses: Vec<f32>,
 }
 
-impl<S: Kind> Default for InFlight<S> {
+impl<S: SceneKind> Default for InFlight<S> {
     fn default() -> Self {
         Self { workspace: None, sent: VecDeque::new(), free: Vec::new(), losses: Vec::new() }
     }
 }
 
-impl<S: Kind> InFlight<S> {
+impl<S: SceneKind> InFlight<S> {
     pub(crate) fn len(&self) -> usize {
         self.sent.len()
     }

@@ -3,9 +3,8 @@
 //! Every stage is one WGSL file of `shaders/`; `workspace.rs` says in which order they run, on which buffers. All state stays on the device,
 //! and reductions have a fixed order, or are of integers, so one adapter repeats itself bit for bit.
 //!
-//! Every order, blend and statistic is offered. What is not, is an [`Error::Unsupported`](gs_core::Error::Unsupported) that names it: outputs
-//! besides colour, lenses that bend rays, exposure, the smooth cut, extents in standard deviations, antialiasing of 2D scenes, and for 3D ones the parameterization `CovarianceFactor`
-//! and solving for colours.
+//! Every order, blend and statistic is offered. What is not, is an [`Error::Unsupported`](gs_core::Error::Unsupported) that names
+//! it: the smooth cut, extents in standard deviations, and for 3D scenes the parameterization `CovarianceFactor` and solving for colours.
 //!
 //! # How large a scene may be
 //!
@@ -32,10 +31,10 @@ mod dispatch;
 mod forward_pass;
 mod gpu;
 mod in_flight;
-mod iterations;
 mod kind;
 mod layout;
 mod lists;
+mod loop_limit;
 mod loss;
 mod profile;
 mod rasterizer;
@@ -46,7 +45,6 @@ mod splats;
 mod target;
 mod tiles;
 mod timestamps;
-mod traffic;
 mod workspace;
 
 use gs_core::{Scene2d, Scene3d};
@@ -54,13 +52,17 @@ use gs_core::{Scene2d, Scene3d};
 pub use crate::{
     adapter::{AdapterSummary, adapters},
     forward_pass::{ForwardPass, Gradients},
-    gpu::{FreshBuffers, WgpuSettings},
+    gpu::WgpuSettings,
     in_flight::STEPS_IN_FLIGHT,
+    kind::SceneKind,
     rasterizer::WgpuRasterizer,
     shaders::Kernels,
     splats::Splats,
     target::Target,
 };
+
+#[cfg(feature = "test-hooks")]
+pub use crate::gpu::FreshBuffers;
 
 /// 2D Gaussians on a device.
 pub type Splats2d = Splats<Scene2d>;

@@ -5,7 +5,7 @@ use gs_core::{Error, Loss};
 use crate::{
     dispatch::{Commands, Groups, dispatch, dispatch_some},
     gpu::Gpu,
-    shaders::{DSSIM_GROUP, Kernels, Variant},
+    shaders::{DSSIM_GROUP, SSIM_SEGMENT, Variant},
     target::Target,
     tiles::{PIXEL_BYTES, Tiles},
 };
@@ -18,13 +18,11 @@ const STRIP: u64 = 8;
 
 /// Which partial sums make the loss, as `loss_sum` has it.
 #[derive(Debug, Clone, Copy)]
-pub(crate) enum LossSum {
+enum LossSum {
     /// Those of `loss`, by blocks of pixels.
     Pixels = 0,
     /// Those of `dssim_derivatives` and `dssim_gradient`.
     Dssim = 1,
-    /// One a tile: those of `loss`, and of `blend_vectors`, where invocations are lanes of a CPU's vector.
-    Tiles = 2,
 }
 
 impl Tiles {
@@ -44,16 +42,13 @@ impl Tiles {
             Some(Loss::L1) => 2,
             Some(Loss::L1Dssim { .. }) => return self.encode_dssim(gpu, commands, target),
         };
-        let (groups, sum) = match gpu.kernels {
-            Kernels::Vectors => (self.count(), LossSum::Tiles),
-            _ => (pixels.div_ceil(1024), LossSum::Pixels),
-        };
+        let groups = pixels.div_ceil(1024);
         self.partial.ensure(gpu, groups * 4)?;
         let variant = Variant { constant: Some(("KIND", kind)), ..Variant::default() };
         let bindings = [&self.step, &self.image.buffer, &target.buffer, &self.v_image.buffer, &self.partial.buffer];
         dispatch(gpu, commands, "loss", variant, &bindings, gpu.groups(groups).into());
         if loss.is_some() {
-            self.encode_loss_sum(gpu, commands, sum);
+            self.encode_loss_sum(gpu, commands, LossSum::Pixels);
         }
         Ok(())
     }
@@ -62,7 +57,7 @@ impl Tiles {
     fn encode_dssim(&mut self, gpu: &Gpu, commands: &mut Commands, target: &Target) -> Result<(), Error> {
         let [width, height] = self.size.map(u64::from);
         let groups = |lines: u64, length: u64| {
-            (3 * lines * length.div_ceil(u64::from(self.tiling.ssim_segment))).div_ceil(u64::from(DSSIM_GROUP))
+            (3 * lines * length.div_ceil(u64::from(SSIM_SEGMENT))).div_ceil(u64::from(DSSIM_GROUP))
         };
         let (down, along) = (groups(width, height), groups(height, width));
         self.partial.ensure(gpu, (down + along) * 4)?;
@@ -80,7 +75,7 @@ impl Tiles {
         Ok(())
     }
 
-    pub(crate) fn encode_loss_sum(&self, gpu: &Gpu, commands: &mut Commands, of: LossSum) {
+    fn encode_loss_sum(&self, gpu: &Gpu, commands: &mut Commands, of: LossSum) {
         let variant = Variant { constant: Some(("SUM_OF", of as u32)), ..Variant::default() };
         let bindings = (&[0, 4, 5][..], &[&self.step, &self.partial.buffer, &self.status][..]);
         dispatch_some(gpu, commands, "loss_sum", variant, bindings, Groups::Direct(1, 1));

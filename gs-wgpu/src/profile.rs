@@ -9,13 +9,22 @@ use gs_core::{
 };
 
 use crate::{
-    WgpuRasterizer, blend::Differentiated, dispatch::Commands, gpu::Gpu, kind::Kind, splats::Splats, target::Target,
-    timestamps::Timestamps, traffic, workspace::Workspace,
+    WgpuRasterizer,
+    blend::Differentiated,
+    dispatch::Commands,
+    gpu::Gpu,
+    kind::SceneKind,
+    shaders::{ROWS, TILE_COLUMNS, TILE_ROWS},
+    splats::Splats,
+    target::Target,
+    tiles::Tiles,
+    timestamps::Timestamps,
+    workspace::Workspace,
 };
 
 /// The stages in their order; `scan` includes `sizes`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Stage {
+pub(crate) enum Stage {
     Project,
     Scan,
     Bin,
@@ -24,14 +33,12 @@ pub enum Stage {
     Blend,
     Loss,
     BlendBwd,
-    /// The three before it in one pass, where a training step does it so.
-    Fused,
     ProjectBwd,
     Adam,
 }
 
 impl Stage {
-    const ALL: [Self; 11] = [
+    const ALL: [Self; 10] = [
         Self::Project,
         Self::Scan,
         Self::Bin,
@@ -40,7 +47,6 @@ impl Stage {
         Self::Blend,
         Self::Loss,
         Self::BlendBwd,
-        Self::Fused,
         Self::ProjectBwd,
         Self::Adam,
     ];
@@ -55,26 +61,18 @@ impl Stage {
             Self::Blend => "blend",
             Self::Loss => "loss",
             Self::BlendBwd => "blend_bwd",
-            Self::Fused => "fused",
             Self::ProjectBwd => "project_bwd",
             Self::Adam => "adam",
         }
     }
 
-    fn replaces(self) -> &'static [&'static str] {
-        match self {
-            Self::Fused => &["blend", "loss", "blend_bwd"],
-            _ => &[],
-        }
-    }
-
     fn visits_pairs(self) -> bool {
-        matches!(self, Self::Blend | Self::BlendBwd | Self::Fused)
+        matches!(self, Self::Blend | Self::BlendBwd)
     }
 }
 
 /// What the stages compute with.
-struct Pass<'a, S: Kind> {
+struct Pass<'a, S: SceneKind> {
     rasterizer: &'a WgpuRasterizer,
     workspace: Workspace<S>,
     splats: &'a Splats<S>,
@@ -83,7 +81,7 @@ struct Pass<'a, S: Kind> {
     stages: Vec<Stage>,
 }
 
-impl<S: Kind> Pass<'_, S> {
+impl<S: SceneKind> Pass<'_, S> {
     fn encode(&mut self, stage: Stage, commands: &mut Commands) -> Result<(), Error> {
         let Self { rasterizer, workspace, splats, target, loss, .. } = self;
         let gpu = &rasterizer.gpu;
@@ -96,7 +94,6 @@ impl<S: Kind> Pass<'_, S> {
             Stage::Blend => workspace.tiles.encode_blend(gpu, commands),
             Stage::Loss => workspace.tiles.encode_loss(gpu, commands, target, Some(*loss))?,
             Stage::BlendBwd => workspace.tiles.encode_blend_bwd(gpu, commands, Differentiated::Loss(target))?,
-            Stage::Fused => workspace.tiles.encode_image_and_gradient(gpu, commands, target, *loss)?,
             Stage::ProjectBwd => workspace.encode_project_bwd(gpu, commands, splats)?,
             Stage::Adam => workspace.encode_adam(gpu, commands, splats),
         }
@@ -161,9 +158,26 @@ fn agree(laps: &[f64], host: f64) -> bool {
     laps.iter().all(|&lap| lap >= 0.0) && sum > 0.0 && sum <= 1.05 * host
 }
 
+/// Pixel–Gaussian pairs that a blend kernel visits: of a tile, all columns of every four rows of which the entry touches one.
+fn pairs(gpu: &Gpu, tiles: &Tiles, entries: usize) -> Result<u64, Error> {
+    if tiles.orders_by_pixel() {
+        return Ok(entries as u64 * u64::from(TILE_ROWS * TILE_COLUMNS));
+    }
+    let entries: Vec<[u32; 2]> = gpu.read(&tiles.entries.buffer, entries)?;
+    Ok(entries.iter().map(|&[_, rows]| u64::from(rows_visited(rows)) * u64::from(TILE_COLUMNS)).sum())
+}
+
+/// Rows that are visited for an entry with these: first | end << 16.
+fn rows_visited(rows: u32) -> u32 {
+    match (rows & 0xffff, rows >> 16) {
+        (first, end) if first < end => end.next_multiple_of(ROWS) - first / ROWS * ROWS,
+        _ => 0,
+    }
+}
+
 impl WgpuRasterizer {
     /// [`Profiler::profile`], by the clock that `timestamps` make for so many marks.
-    fn profile_by<S: Kind>(
+    fn profile_by<S: SceneKind>(
         &self,
         timestamps: impl Fn(&Gpu, u32) -> Result<Option<Timestamps>, Error>,
         splats: &Splats<S>,
@@ -183,8 +197,7 @@ impl WgpuRasterizer {
         // All that depends on how many entries there are has room from here on.
         let status = self.with_lists(&mut workspace, splats, describe, |_, _| Ok(()))?;
         workspace.write_step(gpu, &describe(&workspace));
-        let stages: Vec<Stage> =
-            Stage::ALL.into_iter().filter(|&s| s != Stage::Fused || workspace.tiles.fuses(gpu, loss)).collect();
+        let stages = Stage::ALL.to_vec();
         let mut pass = Pass { rasterizer: self, workspace, splats, target, loss, stages };
         // Every pipeline that is measured is there.
         pass.by_host()?;
@@ -192,13 +205,12 @@ impl WgpuRasterizer {
         let (clock, laps) = pass.measure(timestamps, repetitions)?;
         let Pass { workspace, stages, .. } = pass;
         let entries = status.entries as usize;
-        let pairs = traffic::pairs(gpu, &workspace.tiles, entries)?;
+        let pairs = pairs(gpu, &workspace.tiles, entries)?;
         let stage_time = |(index, stage): (usize, Stage)| StageTime {
             stage: stage.name(),
             seconds: laps.iter().map(|laps| laps[index]).collect(),
             pairs: if stage.visits_pairs() { pairs } else { 0 },
-            traffic: traffic::of(stage, &workspace, splats, loss, entries as u64),
-            replaces: stage.replaces(),
+            replaces: &[],
         };
         let stages = stages.into_iter().enumerate().map(stage_time).collect();
         S::pool(self).give(workspace);
@@ -206,7 +218,7 @@ impl WgpuRasterizer {
     }
 }
 
-impl<S: Kind> Profiler<S> for WgpuRasterizer {
+impl<S: SceneKind> Profiler<S> for WgpuRasterizer {
     fn profile(
         &self,
         splats: &mut Splats<S>,
@@ -227,7 +239,7 @@ mod tests {
     use gs_core::{Blend, Canvas, Gaussian2d, Image, Parameterization, Rasterizer, Scene2d};
 
     use super::*;
-    use crate::{Kernels, WgpuSettings};
+    use crate::WgpuSettings;
 
     #[test]
     fn timestamps_that_cannot_be_right_are_not_believed() {
@@ -241,6 +253,38 @@ mod tests {
         assert!(!agree(&backwards, sum), "backwards");
         backwards[3] = f64::NAN;
         assert!(!agree(&backwards, sum));
+    }
+
+    #[test]
+    fn rows_are_visited_by_fours() {
+        for (first, end, visited) in [(0, 0, 0), (0, 1, 4), (3, 5, 8), (4, 8, 4), (2, 8, 8), (0, 16, 16), (15, 16, 4)] {
+            assert_eq!(rows_visited(first | end << 16), visited, "{first} to {end}");
+        }
+    }
+
+    #[test]
+    fn pairs_are_those_of_the_rows_that_entries_touch() {
+        let wgpu = WgpuRasterizer::new(WgpuSettings::default()).expect("`cargo xtask test` installs a driver");
+        let at = |x: f32| Gaussian2d {
+            mean: Vec2::new(x, 5.0),
+            log_scale: Vec2::ZERO,
+            rotation: 0.0,
+            opacity_logit: f32::INFINITY,
+            color: Vec3::ONE,
+        };
+        // The first touches two columns of tiles, the other one.
+        let scene: Scene2d = [at(16.0), at(26.0)].into_iter().collect();
+        let splats = &mut wgpu.upload(&scene, Parameterization::CovarianceFactor).unwrap();
+        let target = wgpu.for_2d().upload_target(&Image::filled(32, 10, [0.5; 3]).unwrap()).unwrap();
+        let settings = RenderSettings::blended(Blend::Sum);
+        let profile = wgpu.profile(splats, &Canvas::new(32, 10), &target, &settings, Loss::L2, 1).unwrap();
+        assert_eq!(profile.entries, 3);
+        // σ = 1 px: the cut's ellipse reaches 3.3 px, from row 2 to row 7, which are two fours.
+        assert_eq!(profile.pairs, 3 * 16 * 8);
+        for stage in &profile.stages {
+            let expected = if ["blend", "blend_bwd"].contains(&stage.stage) { profile.pairs } else { 0 };
+            assert_eq!(stage.pairs, expected, "{}", stage.stage);
+        }
     }
 
     #[test]
@@ -268,7 +312,6 @@ mod tests {
                 assert_eq!(by_device.clock, Clock::Device);
             }
             assert_eq!(names(&by_device), names(&by_host));
-            assert_eq!(names(&by_host).contains(&"fused"), wgpu.gpu.kernels == Kernels::Vectors && loss == Loss::L2);
             assert_eq!((by_device.pairs, by_device.entries), (by_host.pairs, by_host.entries));
             assert!(by_device.stages.iter().all(|s| s.seconds.len() == 3));
         }

@@ -5,7 +5,6 @@ use std::sync::{Arc, PoisonError};
 use gs_core::{
     AdamRates, DensityStatistics, EditPlan, Error, Image, Loss, Parameterization, Rasterizer, RenderSettings, Scene2d,
     Scene3d, SplatsState, TrainStep, Wait,
-    effects::Outputs,
     profile::Profiler,
     settings::{Cut, Extent},
     statistics::Culled,
@@ -19,7 +18,7 @@ use crate::{
     forward_pass::{ForwardPass, Gradients, Pool},
     gpu::{BACKEND, Gpu, STORAGE},
     in_flight::Request,
-    kind::Kind,
+    kind::SceneKind,
     layout::{Status, Step},
     shaders::Kernels,
     splats::{Splats, UNIFORM},
@@ -86,13 +85,14 @@ impl WgpuRasterizer {
         self.gpu.waits()
     }
 
-    /// Gives the device up, as if the driver had crashed: every later call is an [`Error::Backend`]. For tests of what a program does then.
+    /// Gives the device up, as if the driver had crashed: every later call is an [`Error::Backend`].
+    #[cfg(feature = "test-hooks")]
     pub fn lose_device(&self) {
         self.gpu.lose();
     }
 
     /// Runs `encode` on lists made anew, with more room until they fit; what became of it.
-    pub(crate) fn with_lists<S: Kind>(
+    pub(crate) fn with_lists<S: SceneKind>(
         &self,
         workspace: &mut Workspace<S>,
         splats: &Splats<S>,
@@ -124,10 +124,6 @@ pub(crate) fn unsupported(effect: impl Into<String>) -> Error {
 /// Fails where a setting is not possible for any kind of scene.
 pub(crate) fn check_settings(settings: &RenderSettings) -> Result<(), Error> {
     settings.validate()?;
-    let effects = &settings.effects;
-    if effects.outputs != Outputs::Color {
-        return Err(unsupported(format!("outputs {:?}", effects.outputs)));
-    }
     if settings.accuracy.cut != Cut::Hard {
         return Err(unsupported("a smooth cut, which would touch every pixel"));
     }
@@ -139,7 +135,7 @@ pub(crate) fn check_settings(settings: &RenderSettings) -> Result<(), Error> {
     Ok(())
 }
 
-impl<S: Kind> Rasterizer<S> for WgpuRasterizer {
+impl<S: SceneKind> Rasterizer<S> for WgpuRasterizer {
     type Splats = Splats<S>;
     type ForwardPass = ForwardPass<S>;
     type Gradients = Gradients<S>;

@@ -14,12 +14,23 @@ use gs_core::{
 
 use crate::{
     collect::Collected,
-    iterations::LONGEST_LOOP,
     tiles::{BY_COEFFICIENT, BY_GAUSSIAN, BY_HISTOGRAM, BY_SORT_BLOCK},
 };
 
 /// Columns of a tile.
 pub(crate) const TILE_COLUMNS: u32 = 16;
+
+/// Rows of a tile.
+pub(crate) const TILE_ROWS: u32 = 16;
+
+/// Rows of an invocation of the blend kernels, as one vector.
+pub(crate) const ROWS: u32 = 4;
+
+/// Pixels that an invocation of D-SSIM walks through.
+pub(crate) const SSIM_SEGMENT: u32 = 16;
+
+/// Pixels of a step of that walk.
+const SSIM_BLOCK: u32 = 4;
 
 /// Entries that a work group of `sort` moves.
 pub(crate) const SORT_BLOCK: u32 = 1024;
@@ -35,8 +46,6 @@ pub(crate) enum Pass {
     Forward,
     /// From the image's gradient to those of the entries.
     Backward,
-    /// From the Gaussians to the gradients of the entries, with a pointwise loss between.
-    Fused,
 }
 
 /// What a pipeline is compiled for; two variants that a shader does not tell apart are compiled once.
@@ -56,21 +65,13 @@ pub(crate) struct Variant {
     pub(crate) on_cpu: bool,
     /// How the pixels' kernels are written.
     pub(crate) kernels: Kernels,
-    /// What `blend_vectors` or `blend_by_depth` does in one pass over the tiles.
+    /// What `blend_by_depth` does in one pass over the tiles.
     pub(crate) pass: Pass,
-    /// The blend kernels walk along lists in several dispatches.
-    pub(crate) segmented: bool,
     /// What the backward kernels sum up besides the gradients.
     pub(crate) collected: Collected,
     /// The entry point's override, if it has one.
     pub(crate) constant: Option<(&'static str, u32)>,
 }
-
-/// Invocations of a work group of the blend kernels where those are lanes of a CPU's vector.
-pub(crate) const LANES: u32 = 8;
-
-/// Rows of the blocks that the recurrence runs through, from the middle row up and down.
-const BLOCK: u32 = 8;
 
 /// Gaussians that a pixel of `blend_by_depth` holds in the order of its own depths. More take registers, and time at each insertion; fewer
 /// let a pixel walk along its tile's queue more often.
@@ -90,36 +91,6 @@ pub enum Kernels {
     Portable,
     /// As portable, but sums over pixels are made by subgroups.
     Subgroups,
-    /// For drivers that compute on a CPU with vectors of eight numbers or more: an invocation is a lane, a subgroup a work group.
-    Vectors,
-}
-
-/// How pixels are dealt out.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) struct Tiling {
-    /// Rows of a tile.
-    pub(crate) tile_rows: u32,
-    /// Rows of an invocation of the blend kernels, in fours.
-    rows: u32,
-    /// Columns of such an invocation.
-    columns: u32,
-    /// Lists of a tile: where there are two, the second has the entries whose rows the recurrence must not run along.
-    pub(crate) classes: u32,
-    /// Pixels that an invocation of D-SSIM walks through.
-    pub(crate) ssim_segment: u32,
-    /// Pixels of a step of that walk.
-    ssim_block: u32,
-}
-
-/// A GPU has many invocations of few registers each. On a CPU, an invocation is a lane of a vector, and what is fetched for an entry should
-/// be good for many pixels.
-pub(crate) fn tiling(kernels: Kernels) -> Tiling {
-    match kernels {
-        Kernels::Portable | Kernels::Subgroups => {
-            Tiling { tile_rows: 16, rows: 4, columns: 1, classes: 1, ssim_segment: 16, ssim_block: 4 }
-        }
-        Kernels::Vectors => Tiling { tile_rows: 16, rows: 16, columns: 2, classes: 2, ssim_segment: 64, ssim_block: 3 },
-    }
 }
 
 /// A shader: the stage's file, after those that it shares with others.
@@ -153,14 +124,13 @@ shaders! {
     "bin" after "least_depth": ["bin"],
     "sort": ["sort_count", "sort_scatter"],
     "ranges" after "counted": ["ranges"],
-    "blend" after "walk": ["blend"],
-    "blend_vectors" after "walk" after "lanes" after "vectors": ["blend_vectors"],
+    "blend": ["blend"],
     "queue" after "least_depth": ["queue_up"],
     "units" after "queued": ["units"],
     "blend_by_depth" after "counted" after "queued": ["blend_by_depth"],
-    "loss" after "lanes": ["loss", "loss_sum"],
+    "loss": ["loss", "loss_sum"],
     "dssim": ["dssim_moments", "dssim_derivatives", "dssim_gradient"],
-    "blend_bwd" after "walk": ["blend_bwd"],
+    "blend_bwd": ["blend_bwd"],
     "scene2d/project_bwd" after "received": ["project_bwd"],
     "scene3d/project_bwd" after "received" after "scene3d/shared": ["project_bwd_3d"],
     "scene2d/adam" after "moments": ["adam"],
@@ -205,18 +175,16 @@ impl Shader {
 
 /// The constants, printed so that they parse back bit for bit.
 fn prelude(variant: Variant) -> String {
-    let Tiling { tile_rows, rows, columns, classes, ssim_segment, ssim_block } = tiling(variant.kernels);
-    let lanes = TILE_COLUMNS / columns;
     // As many entries at a time as their partial sums have room for in 16 KiB.
     let (gradients, stride) = (gradients(variant), stride(variant));
-    let invocations = lanes * (tile_rows / rows);
+    let invocations = TILE_COLUMNS * (TILE_ROWS / ROWS);
     let parts = if variant.kernels == Kernels::Subgroups { invocations / 4 } else { invocations };
     let batch = (16 * 1024 / 4 / (stride * parts)).min(8);
     let mut text = format!(
-        "const TILE_COLUMNS: u32 = {TILE_COLUMNS}u;\nconst TILE_ROWS: u32 = {tile_rows}u;\nconst ROWS: u32 = {rows}u;\n\
-         const LANES: u32 = {lanes}u;\nconst CLASSES: u32 = {classes}u;\nconst BLOCK: u32 = {BLOCK}u;\nconst HELD: u32 = {HELD}u;\nconst STRIDE: u32 = {stride}u;\nconst GRADIENTS: u32 = {gradients}u;\nconst BATCH: u32 = {batch}u;\n\
+        "const TILE_COLUMNS: u32 = {TILE_COLUMNS}u;\nconst TILE_ROWS: u32 = {TILE_ROWS}u;\nconst ROWS: u32 = {ROWS}u;\n\
+         const HELD: u32 = {HELD}u;\nconst STRIDE: u32 = {stride}u;\nconst GRADIENTS: u32 = {gradients}u;\nconst BATCH: u32 = {batch}u;\n\
          const SORT_BLOCK: u32 = {SORT_BLOCK}u;\n\
-         const SSIM_SEGMENT: u32 = {ssim_segment}u;\nconst SSIM_BLOCK: u32 = {ssim_block}u;\nconst DSSIM_GROUP: u32 = {DSSIM_GROUP}u;\nconst SSIM_RADIUS: u32 = {SSIM_RADIUS}u;\n\
+         const SSIM_SEGMENT: u32 = {SSIM_SEGMENT}u;\nconst SSIM_BLOCK: u32 = {SSIM_BLOCK}u;\nconst DSSIM_GROUP: u32 = {DSSIM_GROUP}u;\nconst SSIM_RADIUS: u32 = {SSIM_RADIUS}u;\n\
          const SSIM_C1: f32 = {SSIM_C1:?};\nconst SSIM_C2: f32 = {SSIM_C2:?};\n",
     );
     let list = |numbers: &[f32]| numbers.iter().map(|c| format!("{c:?}")).collect::<Vec<_>>().join(", ");
@@ -236,7 +204,6 @@ fn prelude(variant: Variant) -> String {
     ] {
         writeln!(text, "const {name}: u32 = {}u;", bytes / words).expect("a string takes everything");
     }
-    writeln!(text, "const LONGEST_LOOP: u32 = {LONGEST_LOOP}u;").expect("a string takes everything");
     writeln!(text, "const WINDOW = array<f32, {SSIM_WINDOW}>({});", list(&ssim_window()))
         .expect("a string takes everything");
     guards(&mut text);
@@ -291,15 +258,11 @@ fn preprocess(source: &str, variant: Variant) -> String {
         "SCENE_3D" => variant.scene_3d,
         "PIXEL_DEPTH" => variant.by_pixel,
         "ON_CPU" => variant.on_cpu,
-        "FORWARD" => variant.pass != Pass::Backward,
-        "BACKWARD" => variant.pass != Pass::Forward,
+        "BACKWARD" => variant.pass == Pass::Backward,
         "ABSOLUTE" => variant.collected == Collected::AbsoluteGradients,
         "ERROR" => variant.collected == Collected::PixelErrors,
         "COLLECTS" => variant.collected != Collected::Nothing,
-        "SEGMENTED" => variant.segmented && variant.pass != Pass::Fused,
-        "CARRIES" => variant.segmented && variant.over && variant.pass == Pass::Backward,
         "OVER_OR_ERROR" => variant.over || variant.collected == Collected::PixelErrors,
-        "VECTORS" => variant.kernels == Kernels::Vectors,
         "SUBGROUPS" => variant.kernels == Kernels::Subgroups,
         other => panic!("a shader asks for {other}, which is no variant"),
     };
@@ -320,11 +283,11 @@ fn preprocess(source: &str, variant: Variant) -> String {
         text.push('\n');
     }
     assert!(conditions.is_empty(), "an #if without #endif");
-    repeat(&text, tiling(variant.kernels))
+    repeat(&text)
 }
 
 /// Repeats what `#each` says; repetitions may stand in repetitions.
-fn repeat(source: &str, tiling: Tiling) -> String {
+fn repeat(source: &str) -> String {
     let mut text = String::with_capacity(source.len());
     let mut lines = source.lines();
     while let Some(line) = lines.next() {
@@ -335,18 +298,10 @@ fn repeat(source: &str, tiling: Tiling) -> String {
         };
         let (name, count) = head.split_once(' ').expect("#each has a name and a number");
         let indices: Vec<u32> = match count {
-            "COLUMNS" => (0..tiling.columns).collect(),
-            "BLOCK" => (0..BLOCK).collect(),
             "EIGHT" => (0..8).collect(),
             "HELD" => (0..HELD).collect(),
             "HELD_LESS_ONE" => (0..HELD - 1).collect(),
-            "STAGES" => (0..3).collect(),
-            "BLOCKS" => (0..tiling.rows / BLOCK).collect(),
-            "ROWS4" => (0..tiling.rows / 4).collect(),
-            // From the middle row on, and from there back.
-            "UP" => (BLOCK / 2..BLOCK).collect(),
-            "DOWN" => (0..BLOCK / 2).rev().collect(),
-            "SSIM_BLOCK" => (0..tiling.ssim_block).collect(),
+            "SSIM_BLOCK" => (0..SSIM_BLOCK).collect(),
             "SSIM_RADIUS" => (0..SSIM_RADIUS).collect(),
             "SSIM_SPAN" => (0..2 * SSIM_RADIUS).collect(),
             other => panic!("#each {name} {other}, which is no number"),
@@ -367,7 +322,7 @@ fn repeat(source: &str, tiling: Tiling) -> String {
         }
         assert_eq!(depth, 0, "#each {name} without #end");
         for index in indices {
-            text += &repeat(&body.replace(&format!("@{name}"), &index.to_string()), tiling);
+            text += &repeat(&body.replace(&format!("@{name}"), &index.to_string()));
         }
     }
     text

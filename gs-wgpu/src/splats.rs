@@ -13,13 +13,13 @@ use crate::{
     dispatch::Commands,
     gpu::{Gpu, STORAGE},
     in_flight::InFlight,
-    kind::Kind,
+    kind::SceneKind,
     layout::{Source, Statistics, Step},
 };
 
 /// Gaussians on a device, with their Adam moments and density statistics.
 #[derive(Debug)]
-pub struct Splats<S: Kind> {
+pub struct Splats<S: SceneKind> {
     pub(crate) len: usize,
     pub(crate) state: S::State,
     pub(crate) statistics: wgpu::Buffer,
@@ -43,7 +43,7 @@ pub struct Edit<'a, G> {
     pub(crate) statistics: [&'a wgpu::Buffer; 2],
 }
 
-impl<S: Kind> Splats<S> {
+impl<S: SceneKind> Splats<S> {
     pub(crate) fn new(gpu: &Gpu, scene: &S, parameterization: Parameterization) -> Result<Self, Error> {
         let state = S::upload(gpu, scene, parameterization)?;
         Self::from_parts(gpu, state, &vec![Statistics::default(); scene.len()])

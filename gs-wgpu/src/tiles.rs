@@ -5,10 +5,10 @@ use gs_core::{AdamRates, Blend, Error, Loss, Participants, RenderSettings, adam:
 use crate::{
     collect::Collected,
     dispatch::{Commands, Groups},
-    gpu::{Gpu, STORAGE, backend_error},
-    iterations::check_tiles,
+    gpu::{Gpu, STORAGE},
     layout::{QUEUED_BYTES, SPLAT_BYTES, Status, Step},
-    shaders::{SORT_BITS, SORT_BLOCK, TILE_COLUMNS, Tiling, Variant, stride, tiling},
+    loop_limit::{check_tiles, longest_list, too_long},
+    shaders::{SORT_BITS, SORT_BLOCK, TILE_COLUMNS, TILE_ROWS, Variant, stride},
     splats::UNIFORM,
 };
 
@@ -33,9 +33,6 @@ const LEAST_DEPTH_BITS: u32 = 16;
 
 /// Those of an `f32` between 2⁻⁸ and 2²⁴.
 const MOST_DEPTH_BITS: u32 = 28;
-
-/// Entries of a tile's list that stage `queue` can put into a queue where drivers end loops: it takes nine iterations for 256.
-const LONGEST_QUEUE: u32 = 1 << 20;
 
 /// Bytes of an entry's sums of so many numbers, in fixed-point numbers of 64 bits, and of their units.
 pub(crate) fn totals_bytes(stride: u64) -> u64 {
@@ -98,12 +95,8 @@ pub(crate) struct Tiles {
     /// Of D-SSIM.
     pub(crate) moments: Growing,
     pub(crate) derivatives: Growing,
-    /// How pixels are dealt out on this adapter.
-    pub(crate) tiling: Tiling,
     /// Entries that there is room for.
     capacity: u64,
-    /// What each dispatch of a blend kernel is told of its part of the lists, where lists are longer than one can walk along; else none.
-    pub(crate) segments: Vec<wgpu::Buffer>,
 }
 
 /// Work groups of `size` invocations for `count`.
@@ -140,25 +133,18 @@ impl Tiles {
             partial: growing("partial sums")?,
             moments: growing("D-SSIM's moments")?,
             derivatives: growing("D-SSIM's derivatives")?,
-            tiling: tiling(gpu.kernels),
             capacity: 0,
-            segments: Vec::new(),
         })
     }
 
     fn across_and_down(&self) -> [u32; 2] {
         let [width, height] = self.size;
-        [width.div_ceil(TILE_COLUMNS), height.div_ceil(self.tiling.tile_rows)]
+        [width.div_ceil(TILE_COLUMNS), height.div_ceil(TILE_ROWS)]
     }
 
     pub(crate) fn count(&self) -> u64 {
         let [across, down] = self.across_and_down();
         u64::from(across) * u64::from(down)
-    }
-
-    /// Lists of all tiles.
-    fn list_count(&self) -> u64 {
-        self.count() * u64::from(self.tiling.classes)
     }
 
     pub(crate) fn pixels(&self) -> u64 {
@@ -168,7 +154,7 @@ impl Tiles {
     pub(crate) fn variant(&self) -> Variant {
         let effects = &self.settings.effects;
         let (over, collected) = (effects.blend == Blend::Over, Collected::of(effects.statistics));
-        Variant { over, collected, segmented: !self.segments.is_empty(), ..Variant::default() }
+        Variant { over, collected, ..Variant::default() }
     }
 
     /// Whether each pixel has an order of its own.
@@ -184,7 +170,7 @@ impl Tiles {
 
     /// Of the last list's number.
     fn list_bits(&self) -> u32 {
-        let last = (self.list_count() - 1) as u32;
+        let last = (self.count() - 1) as u32;
         u32::BITS - last.leading_zeros()
     }
 
@@ -210,17 +196,13 @@ impl Tiles {
         size: [u32; 2],
         settings: &RenderSettings,
     ) -> Result<(), Error> {
-        if (self.size, self.gaussians) != (size, gaussians as u32) {
-            // Lists may have become shorter.
-            self.segments.clear();
-        }
         (self.size, self.settings, self.gaussians) = (size, *settings, gaussians as u32);
         check_tiles(gpu, size, self.across_and_down())?;
         let n = gaussians as u64;
         self.projected.ensure(gpu, n * SPLAT_BYTES)?;
         self.offsets.ensure(gpu, (n + 1) * 4)?;
         self.scan_sums.ensure(gpu, (n + 1).div_ceil(1024) * 4)?;
-        self.tile_start.ensure(gpu, (self.list_count() + 1) * 4)?;
+        self.tile_start.ensure(gpu, (self.count() + 1) * 4)?;
         self.image.ensure(gpu, self.pixels() * PIXEL_BYTES)?;
         if self.orders_by_pixel() {
             self.depths.ensure(gpu, n * DEPTH_BYTES)?;
@@ -284,7 +266,7 @@ impl Tiles {
             dssim_scale: (dssim / values) as f32,
             per_value: (1.0 / values) as f32,
             depth_bits: self.depth_bits(),
-            longest_list: self.longest_list(gpu),
+            longest_list: longest_list(gpu, self.orders_by_pixel()),
             opaque: u32::from(self.settings.effects.blend == Blend::Sum),
             collect: u32::from(self.settings.effects.statistics != effects::Statistics::None),
             ..Step::default()
@@ -314,44 +296,17 @@ impl Tiles {
         Ok(gpu.read(&self.status, 1)?[0])
     }
 
-    /// Makes room for what a pass asked for in vain, or has longer lists walked along in more dispatches, and forgets that it asked.
+    /// Makes room for what a pass asked for in vain, and forgets that it asked.
+    ///
+    /// # Errors
+    /// Where there is not so much room, or a list is longer than the adapter can loop over.
     pub(crate) fn make_room(&mut self, gpu: &Gpu, status: &Status) -> Result<(), Error> {
-        match status.longest {
-            0 => {
-                let entries = u64::from(status.overflow);
-                // With room for some more, if there is so much memory.
-                self.grow(gpu, entries + entries / 4).or_else(|_| self.grow(gpu, entries))?;
-            }
-            longest => self.segment(gpu, longest)?,
-        }
         gpu.write(&self.status, bytemuck::bytes_of(&Status::default()));
-        Ok(())
-    }
-
-    /// Entries of a tile that this pass's dispatches can walk along.
-    fn longest_list(&self, gpu: &Gpu) -> u32 {
-        match self.segments.len() as u32 {
-            _ if self.orders_by_pixel() && gpu.on_cpu => LONGEST_QUEUE,
-            _ if self.orders_by_pixel() => u32::MAX,
-            segments => gpu.longest_walk.saturating_mul(segments.max(1)),
+        if status.longest > 0 {
+            return Err(too_long(gpu, status.longest, self.orders_by_pixel()));
         }
-    }
-
-    /// Makes the blend kernels' dispatches as many as it takes to walk along so many entries.
-    fn segment(&mut self, gpu: &Gpu, longest: u32) -> Result<(), Error> {
-        if self.orders_by_pixel() {
-            return Err(backend_error(format!(
-                "a tile of {TILE_COLUMNS}x{} px has {longest} Gaussians, and on {} no more than {LONGEST_QUEUE} can be put in the order of \
-                 their depths at each pixel: use the order of tile depths, fewer or smaller Gaussians, or the CPU backend",
-                self.tiling.tile_rows, gpu.adapter.name
-            )));
-        }
-        let uniform = wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST;
-        for segment in self.segments.len() as u32..longest.div_ceil(gpu.longest_walk) {
-            let buffer = gpu.allocate("a part of long lists", 16, uniform)?;
-            gpu.write(&buffer, bytemuck::bytes_of(&[segment * gpu.longest_walk, gpu.longest_walk, 0, 0]));
-            self.segments.push(buffer);
-        }
-        Ok(())
+        let entries = u64::from(status.overflow);
+        // With room for some more, if there is so much memory.
+        self.grow(gpu, entries + entries / 4).or_else(|_| self.grow(gpu, entries))
     }
 }

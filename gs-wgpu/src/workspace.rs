@@ -5,7 +5,7 @@ use gs_core::{AdamRates, Error, Loss, RenderSettings};
 use crate::{
     dispatch::Commands,
     gpu::Gpu,
-    kind::Kind,
+    kind::SceneKind,
     layout::{Status, Step},
     splats::Splats,
     tiles::{Growing, Tiles},
@@ -13,7 +13,7 @@ use crate::{
 
 /// One pass's inputs and results.
 #[derive(Debug)]
-pub struct Workspace<S: Kind> {
+pub struct Workspace<S: SceneKind> {
     pub(crate) tiles: Tiles,
     /// Once there was a pass.
     pub(crate) view: Option<S::View>,
@@ -24,7 +24,7 @@ pub struct Workspace<S: Kind> {
     pub(crate) edition: Option<u64>,
 }
 
-impl<S: Kind> Workspace<S> {
+impl<S: SceneKind> Workspace<S> {
     pub(crate) fn new(gpu: &Gpu) -> Result<Self, Error> {
         Ok(Self { tiles: Tiles::new(gpu)?, view: None, own: S::own(gpu)?, gradients: Vec::new(), edition: None })
     }

@@ -98,7 +98,7 @@ fn main() -> Result<(), Failure> {
         measure(&level.to_string(), &rasterizer)?;
         measure_3d(&level.to_string(), &rasterizer)?;
     }
-    for kernels in [Kernels::Portable, Kernels::Subgroups, Kernels::Vectors] {
+    for kernels in [Kernels::Portable, Kernels::Subgroups] {
         match WgpuRasterizer::new(WgpuSettings { kernels: Some(kernels), ..WgpuSettings::default() }) {
             Ok(rasterizer) => measure(&format!("{kernels:?}"), &rasterizer)?,
             Err(error) => println!("{kernels:?}: {error}"),

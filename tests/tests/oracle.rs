@@ -8,7 +8,7 @@ use gs_conformance::{
 use gs_core::{
     Adam, Canvas, Error, Gaussian2d, Image, Loss, RenderSettings, Scene2d,
     adam::Group,
-    effects::{Antialias, Blend},
+    effects::{Antialias, Blend, Order},
     settings::Cut,
 };
 
@@ -67,6 +67,21 @@ fn gradients_are_the_derivatives_of_the_loss() {
                 worst_difference(&draw, &loss, &mut counted);
             }
             assert!(counted > 100, "{blend:?} {loss:?}: only {counted} gradients were compared");
+        }
+    }
+}
+
+#[test]
+fn gradients_hold_through_antialiasing() {
+    for antialias in [Antialias::Dilate, Antialias::Mip, Antialias::Compensated] {
+        for blend in [Blend::Sum, Blend::Over] {
+            let view = Canvas::new(14, 11).resized(9, 13);
+            let mut counted = 0;
+            for (seed, kind) in (70..).zip(Kind::ALL) {
+                let draw = Draw::new(kind, blend, 5, (14, 11), seed).antialiased(antialias).through(view);
+                worst_difference(&draw, &Loss::L2, &mut counted);
+            }
+            assert!(counted > 20, "{antialias:?} {blend:?}: only {counted} gradients were compared");
         }
     }
 }
@@ -209,7 +224,7 @@ fn best_colors_have_no_gradient_left() {
 #[test]
 fn what_the_oracle_cannot_do_is_an_error() {
     let mut settings = RenderSettings::default();
-    settings.effects.antialias = Antialias::Mip;
+    settings.effects.order = Order::Global;
     assert!(matches!(Oracle::new(Canvas::new(4, 4), settings), Err(Error::Unsupported { .. })));
     assert!(matches!(Oracle::new(Canvas::new(0, 4), RenderSettings::default()), Err(Error::Size { .. })));
     let oracle = Oracle::new(Canvas::new(4, 4), RenderSettings::default()).unwrap();

@@ -5,7 +5,7 @@ use gs_conformance::conformance::cases;
 use gs_core::{
     AdamRates, Canvas, DensityStatistics, EditPlan, Error, Gaussian2d, Image, Loss, Parameterization, Rasterizer,
     RenderSettings, Scene, Scene2d, SplatsState, TrainStep, Wait,
-    effects::{Blend, Statistics},
+    effects::{Antialias, Blend, Statistics},
     statistics::Culled,
 };
 use gs_cpu::{CpuRasterizer, CpuSettings, ForwardPass2d, Gradients2d, Splats2d, Target};
@@ -20,6 +20,8 @@ enum Fault {
     ForgetsTheBackground,
     ForgetsTheCanvas,
     ForgetsTheAccuracy,
+    ForgetsAntialiasing,
+    ForgetsCompensation,
     PaintsEmptyScenes,
     CountsNothingCulled,
     NegatesRotationGradients,
@@ -157,6 +159,10 @@ impl Rasterizer<Scene2d> for Sabotaged {
             ForgetsTheCanvas => view = Canvas::new(view.width, view.height),
             NoCropOrigin => view.origin = glam::Vec2::ZERO,
             ForgetsTheAccuracy => settings.accuracy = gs_core::Accuracy::default(),
+            ForgetsAntialiasing => settings.effects.antialias = Antialias::None,
+            ForgetsCompensation if settings.effects.antialias.compensates() => {
+                settings.effects.antialias = Antialias::Dilate;
+            }
             LetsGradientsCancel if settings.effects.statistics == Statistics::AbsoluteGradient => {
                 settings.effects.statistics = Statistics::MeanGradient;
             }
@@ -324,6 +330,9 @@ fn every_fault_is_caught_by_its_case() {
         (ForgetsTheCanvas, "canvases_match"),
         (ForgetsTheCanvas, "gradients_match_through_canvases"),
         (ForgetsTheAccuracy, "other_accuracies_match"),
+        (ForgetsAntialiasing, "antialiased_images_match_2d"),
+        (ForgetsCompensation, "antialiased_images_match_2d"),
+        (ForgetsCompensation, "antialiased_gradients_match_2d"),
         (PaintsEmptyScenes, "empty_scenes_show_the_background"),
         (CountsNothingCulled, "culled_are_counted"),
         (NegatesRotationGradients, "gradients_match"),

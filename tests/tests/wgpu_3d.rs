@@ -13,7 +13,8 @@ use gs_conformance::{
 use gs_core::{
     Adam, AdamRates, Binning, Blend, Camera, EditPlan, Error, Gaussian3d, Image, Loss, Parameterization, Participants,
     Penalty, Rasterizer, RenderSettings, Scene, Scene3d, SplatsState, TrainStep, Wait,
-    effects::{Lens, Order, Outputs, Statistics},
+    effects::{Order, Statistics},
+    settings::Cut,
 };
 use gs_cpu::{CpuRasterizer, CpuSettings};
 use gs_wgpu::{FreshBuffers, Kernels, WgpuRasterizer, WgpuSettings};
@@ -32,7 +33,7 @@ fn rasterizers() -> &'static [(Kernels, WgpuRasterizer)] {
             };
             Some((kernels, WgpuRasterizer::new(settings).ok()?))
         };
-        let kernels = [Kernels::Portable, Kernels::Subgroups, Kernels::Vectors];
+        let kernels = [Kernels::Portable, Kernels::Subgroups];
         let found: Vec<_> = kernels.into_iter().filter_map(rasterizer).collect();
         assert!(!found.is_empty(), "`cargo xtask test` installs a software driver where there is no adapter");
         found
@@ -313,14 +314,10 @@ fn a_step_that_cannot_put_all_in_order_changes_nothing() {
 fn what_is_not_offered_is_an_error_that_names_it() {
     let (_, r) = &rasterizers()[0];
     let draw = Draw::for_3d(Kind3d::Typical, Blend::Over, 5, (20, 20), 3);
-    let mut with_depth = draw.settings;
-    with_depth.effects.outputs = Outputs::ColorAlphaDepth;
-    let mut bent = draw.settings;
-    bent.effects.lens = Lens::Distorted;
-    for (settings, named) in [(with_depth, "ColorAlphaDepth"), (bent, "Distorted")] {
-        let error = r.render(&draw.scene, &draw.view, &settings).unwrap_err();
-        assert!(matches!(&error, Error::Unsupported { backend: "wgpu", effect } if effect.contains(named)), "{error}");
-    }
+    let mut smooth = draw.settings;
+    smooth.accuracy.cut = Cut::Smooth;
+    let error = r.render(&draw.scene, &draw.view, &smooth).unwrap_err();
+    assert!(matches!(&error, Error::Unsupported { backend: "wgpu", effect } if effect.contains("smooth")), "{error}");
     let error = r.upload(&draw.scene, Parameterization::CovarianceFactor).unwrap_err();
     assert!(matches!(&error, Error::Unsupported { effect, .. } if effect.contains("CovarianceFactor")), "{error}");
 }

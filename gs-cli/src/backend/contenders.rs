@@ -130,7 +130,7 @@ where
         Ok(())
     };
     add(*rasterizer, None)?;
-    for name in [KernelsName::Portable, KernelsName::Subgroups, KernelsName::Vectors] {
+    for name in [KernelsName::Portable, KernelsName::Subgroups] {
         if Kernels::from(name) == usual {
             continue;
         }
@@ -147,7 +147,6 @@ impl From<KernelsName> for Kernels {
         match name {
             KernelsName::Portable => Self::Portable,
             KernelsName::Subgroups => Self::Subgroups,
-            KernelsName::Vectors => Self::Vectors,
         }
     }
 }

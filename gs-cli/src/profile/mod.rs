@@ -30,8 +30,7 @@ is seen whole; an image, or the circle and square, is fitted first, in a few ste
 Gaussians as they are. No step that is measured moves them.
 
 A row of the table is a stage of a training step: its median time and 10 % and 90 % quantiles; its share of the sum; the pairs of a \
-pixel and a Gaussian that it visits in a second; the bytes that it reads and writes at least, counted from the sizes of its arrays and \
-not measured (each entry of a tile's list with its Gaussian, and each other array once in each pass), and their rate. A stage that a \
+pixel and a Gaussian that it visits in a second. A stage that a \
 training step does not run, because another one does its work in the same pass, has no share. Below stand whole training steps (means \
 over 4, sent one behind the other as in a fit), with lists made anew and with those of the step before (in 3D always anew), and the forward pass alone, as \
 a caller sees them.

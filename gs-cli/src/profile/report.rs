@@ -102,9 +102,6 @@ struct Stage {
     /// None where the stage visits no pairs.
     pairs: Option<u64>,
     pairs_per_second: Option<f64>,
-    bytes_read: u64,
-    bytes_written: u64,
-    bytes_per_second: f64,
 }
 
 /// Seconds.
@@ -130,16 +127,12 @@ impl Stage {
         let seconds = Times::of(&time.seconds);
         let replaced_by = profile.replaced_by(time);
         let pairs = (time.pairs > 0).then_some(time.pairs);
-        let traffic = time.traffic;
         Self {
             stage: time.stage,
             share: replaced_by.is_none().then(|| seconds.median / sum),
             replaced_by,
             pairs,
             pairs_per_second: pairs.map(|pairs| pairs as f64 / seconds.median),
-            bytes_read: traffic.read,
-            bytes_written: traffic.written,
-            bytes_per_second: traffic.bytes() as f64 / seconds.median,
             seconds,
         }
     }
@@ -212,21 +205,17 @@ impl Report {
     /// The table as CSV: stages, their sum, whole passes. A cell that does not apply is empty.
     pub(crate) fn csv(&self) -> String {
         let cell = |value: Option<String>| value.unwrap_or_default();
-        let mut csv = String::from(
-            "row,seconds,seconds_low,seconds_high,share,pairs,pairs_per_second,bytes_read,bytes_written,bytes_per_second\n",
-        );
+        let mut csv = String::from("row,seconds,seconds_low,seconds_high,share,pairs,pairs_per_second\n");
         for stage in &self.stages {
             let Times { median, low, high, .. } = stage.seconds;
             let share = cell(stage.share.map(|share| share.to_string()));
             let pairs = cell(stage.pairs.map(|pairs| pairs.to_string()));
             let rate = cell(stage.pairs_per_second.map(|rate| rate.to_string()));
-            let Stage { stage, bytes_read, bytes_written, bytes_per_second, .. } = stage;
-            let bytes = format_args!("{bytes_read},{bytes_written},{bytes_per_second}");
-            let _ = writeln!(csv, "{stage},{median},{low},{high},{share},{pairs},{rate},{bytes}");
+            let _ = writeln!(csv, "{},{median},{low},{high},{share},{pairs},{rate}", stage.stage);
         }
-        let _ = writeln!(csv, "sum,{},,,1,,,,,", self.sum_seconds);
+        let _ = writeln!(csv, "sum,{},,,1,,", self.sum_seconds);
         for (row, _, Times { median, low, high, .. }) in self.whole() {
-            let _ = writeln!(csv, "{row},{median},{low},{high},,,,,,");
+            let _ = writeln!(csv, "{row},{median},{low},{high},,,");
         }
         csv
     }
@@ -234,25 +223,15 @@ impl Report {
     /// The head, the table and its legend, for people.
     pub(crate) fn text(&self) -> String {
         let mut text = self.head();
-        let _ = writeln!(
-            text,
-            "\n{:<32}{:>10}{:>10}{:>10}{:>9}{:>10}{:>10}{:>8}",
-            "stage", "ms", "10 %", "90 %", "share", "Gpairs/s", "MB", "GB/s"
-        );
+        let _ =
+            writeln!(text, "\n{:<32}{:>10}{:>10}{:>10}{:>9}{:>10}", "stage", "ms", "10 %", "90 %", "share", "Gpairs/s");
         for stage in &self.stages {
             let share = match (stage.share, stage.replaced_by) {
                 (Some(share), _) => format!("{:.1} %", 100.0 * share),
                 (None, by) => by.map_or_else(String::new, |by| format!("({by})")),
             };
             let rate = stage.pairs_per_second.map_or_else(|| "-".to_owned(), |rate| format!("{:.3}", 1e-9 * rate));
-            let megabytes = 1e-6 * (stage.bytes_read + stage.bytes_written) as f64;
-            let _ = writeln!(
-                text,
-                "{:<32}{}{share:>9}{rate:>10}{megabytes:>10.3}{:>8.2}",
-                stage.stage,
-                milliseconds(&stage.seconds),
-                1e-9 * stage.bytes_per_second
-            );
+            let _ = writeln!(text, "{:<32}{}{share:>9}{rate:>10}", stage.stage, milliseconds(&stage.seconds));
         }
         let _ = writeln!(text, "{:<32}{:>10.4}{:>29}", "sum", 1e3 * self.sum_seconds, "100.0 %");
         text.push('\n');
@@ -286,9 +265,7 @@ impl Report {
 
     /// What the rows and columns need to be understood.
     fn legend(&self) -> String {
-        let mut legend = String::from(
-            "\nMB: what a stage reads and writes at least, counted from the sizes of its arrays, not measured; GB/s: that, by its time.",
-        );
+        let mut legend = String::new();
         let replaced: Vec<&str> =
             self.stages.iter().filter(|stage| stage.replaced_by.is_some()).map(|stage| stage.stage).collect();
         if let Some(by) = self.stages.iter().find_map(|stage| stage.replaced_by) {

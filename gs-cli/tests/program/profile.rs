@@ -76,17 +76,12 @@ fn check(json: &Value, csv: &str) {
             ("share", &stage["share"]),
             ("pairs", &stage["pairs"]),
             ("pairs_per_second", &stage["pairs_per_second"]),
-            ("bytes_read", &stage["bytes_read"]),
-            ("bytes_written", &stage["bytes_written"]),
-            ("bytes_per_second", &stage["bytes_per_second"]),
         ] {
             match (row.get(column), value.as_f64()) {
                 (Some(&in_csv), Some(in_json)) => assert!(same(in_csv, in_json), "{column} of {name}: {csv}"),
                 (in_csv, in_json) => assert!(in_csv.is_none() && in_json.is_none(), "{column} of {name}: {csv}"),
             }
         }
-        let bytes = number(&stage["bytes_read"]) + number(&stage["bytes_written"]);
-        assert!(bytes > 0.0 || name == "sort", "{stage}");
     }
     assert!((shares - 1.0).abs() < 1e-9, "shares sum to {shares}");
     assert!(same(sum, number(&json["sum_seconds"])) && same(sum, rows["sum"]["seconds"]), "{csv}");
@@ -198,7 +193,7 @@ fn the_table_tells_backend_clock_stages_and_whole_steps() {
             let first = found[32..].split_whitespace().next().unwrap();
             assert!(first.parse::<f64>().is_ok_and(|ms| ms >= 0.0), "{found}");
         }
-        assert!(text.contains("100.0 %") && text.contains("not measured"), "{text}");
+        assert!(text.contains("100.0 %"), "{text}");
     }
 }
 

@@ -16,7 +16,6 @@ use gs_core::{
     constants::{SSIM_C1, SSIM_C2, SSIM_MAX},
     guards::Guard,
     memory,
-    profile::Traffic,
 };
 use rayon::prelude::*;
 
@@ -150,13 +149,6 @@ fn band_rows(grid: &Grid) -> usize {
 fn emptied<'a>(mut list: Vec<&mut [Row]>) -> Vec<&'a mut [Row]> {
     list.clear();
     list.into_iter().map(|_| -> &mut [Row] { unreachable!("the list is empty") }).collect()
-}
-
-/// What [`loss`] moves at least, once the target's part is there.
-pub(crate) fn traffic(grid: &Grid) -> Traffic {
-    let image = (grid.rows() * size_of::<Row>()) as u64;
-    // The image, the target, and its blurred mean and square.
-    Traffic { read: 4 * image, written: image }
 }
 
 /// (1 − λ) L1 + λ (1 − SSIM); its gradient into `tiles.v_rows`, which has its size, 0 in lanes beyond the image.

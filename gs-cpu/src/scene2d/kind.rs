@@ -3,23 +3,21 @@
 use fearless_simd::Level;
 use gs_core::{
     AdamRates, Binning, Blend, Canvas, EditPlan, Error, Gaussian2d, Parameterization, Penalty, RenderSettings, Scene2d,
-    SplatsState, effects::Order, profile::Traffic,
+    SplatsState, effects::Order,
 };
 
 use super::{
     Splats2d, adam, project,
     project_bwd::{self, Gradient},
     solve_colors,
-    splats::{Shapes, VECTOR},
+    splats::VECTOR,
 };
 use crate::{
     CpuRasterizer, Target,
     bias::BiasTable,
-    kind::{Kind, Resources, Shared},
+    kind::{Resources, SceneKind, Shared},
     profile::Stage,
     rasterizer::{check_settings, unsupported},
-    splat::Splat,
-    traffic::{INDEX, size, statistics_size},
     workspace::Workspace,
 };
 
@@ -51,7 +49,7 @@ impl Workspace<Scene2d> {
     }
 }
 
-impl Kind for Scene2d {
+impl SceneKind for Scene2d {
     type Splats = Splats2d;
     type Own = Own2d;
     type Bias = BiasTable<{ VECTOR + 1 }>;
@@ -215,37 +213,5 @@ impl Kind for Scene2d {
         })?;
         rasterizer.pool_2d.pool.give(workspace);
         Ok(())
-    }
-
-    fn traffic(stage: Stage, workspace: &Workspace<Self>, splats: &Splats2d) -> Traffic {
-        let tiles = &workspace.tiles;
-        let over = tiles.settings.effects.blend == Blend::Over;
-        let (n, entries) = (splats.shared.len() as u64, tiles.bins.entries.len() as u64);
-        let slots = entries * tiles.stride as u64 * size::<f32>();
-        let shape = match splats.shapes {
-            Shapes::ScaleRotation(_) => size::<[f32; 3]>(),
-            Shapes::CovarianceFactor(_) => size::<glam::Mat2>(),
-        };
-        let (mean, color) = (size::<glam::Vec2>(), size::<[f32; 3]>());
-        let logit = if splats.opacity_logits.is_empty() { 0 } else { size::<f32>() };
-        let (read, written) = match stage {
-            // Under `Sum` by image row, with two passes over the means; then the order is inverted.
-            Stage::Sort if over => (n * INDEX, 2 * n * INDEX),
-            Stage::Sort => (n * (2 * mean + INDEX), 2 * n * INDEX),
-            Stage::Project => (n * (INDEX + mean + shape + color + if over { logit } else { 0 }), n * size::<Splat>()),
-            Stage::ProjectBwd => {
-                (n * (2 * INDEX + size::<Splat>() + mean + shape) + entries * INDEX + slots, n * size::<Gradient>())
-            }
-            // The step counts are read twice: their maximum comes first.
-            Stage::Adam => {
-                let steps = size::<u32>();
-                let moments = 2 * size::<[f32; VECTOR]>() + 2 * logit;
-                let statistics = statistics_size(tiles.settings.effects.statistics);
-                let state = mean + shape + color + logit + moments + steps + statistics;
-                (n * (INDEX + size::<Gradient>() + steps + state), n * state)
-            }
-            _ => (0, 0),
-        };
-        Traffic { read, written }
     }
 }

@@ -6,7 +6,6 @@ use glam::{Mat2, Vec2};
 use gs_core::{
     Blend, Canvas, RenderSettings,
     constants::MIN_DETERMINANT_PX4,
-    effects::{Antialias, written},
     guards::Guard,
     scene::sigmoid,
     statistics::{Cause, Culled},
@@ -33,16 +32,14 @@ fn project(
     opacity: f32,
     (settings, longest): (&RenderSettings, f32),
 ) -> Result<Splat, Cause> {
-    let antialias = if written::ANTIALIAS { settings.effects.antialias } else { Antialias::None };
+    let antialias = settings.effects.antialias;
     let delta = antialias.dilation();
     let xx = l.x_axis.x * l.x_axis.x + l.y_axis.x * l.y_axis.x;
     let yy = l.x_axis.y * l.x_axis.y + l.y_axis.y * l.y_axis.y;
     let xy = l.x_axis.x * l.x_axis.y + l.y_axis.x * l.y_axis.y;
     let undilated = l.determinant().powi(2);
-    let (determinant, xx, yy) = match written::ANTIALIAS {
-        true => (undilated + delta * (xx + yy) + delta * delta, xx + delta, yy + delta),
-        false => (undilated, xx, yy),
-    };
+    let determinant = undilated + delta * (xx + yy) + delta * delta;
+    let (xx, yy) = (xx + delta, yy + delta);
     let broken = (Guard::FiniteParameters.is_on() && (!mean.is_finite() || opacity.is_nan()))
         || (Guard::FiniteProjection.is_on() && !(determinant.is_finite() && (xx * yy).is_finite()))
         || (Guard::FiniteColor.is_on() && !color.iter().all(|c| c.is_finite()));

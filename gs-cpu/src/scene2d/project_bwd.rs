@@ -7,7 +7,7 @@
 use glam::{Mat2, Vec2};
 use gs_core::{
     Blend, Scene2d,
-    effects::{Antialias, Statistics, written},
+    effects::{Antialias, Statistics},
     scene::sigmoid,
     whitened::{WhitenedGradient, solve_transposed},
 };
@@ -58,10 +58,7 @@ pub(crate) fn all(workspace: &mut Workspace<Scene2d>, splats: &Splats2d, scale: 
 #[inline(always)]
 fn gradient(workspace: &Workspace<Scene2d>, splats: &Splats2d, place: usize, scale: f32) -> Option<Gradient> {
     let Workspace { tiles, own, .. } = workspace;
-    let mut effects = tiles.settings.effects;
-    if !written::ANTIALIAS {
-        effects.antialias = Antialias::None;
-    }
+    let effects = tiles.settings.effects;
     let index = own.order[place] as usize;
     let splat = &tiles.projected[place];
     let received = tiles.received(place).filter(|_| !splat.is_culled())?;

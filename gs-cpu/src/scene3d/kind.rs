@@ -6,9 +6,8 @@ use fearless_simd::Level;
 use gs_core::{
     AdamRates, Binning, Blend, Camera, EditPlan, Error, Gaussian3d, Parameterization, RenderSettings, Scene3d,
     SplatsState,
-    effects::{Exposure, Lens, Order, written},
+    effects::Order,
     perspective::{Ellipsoid, Perspective},
-    profile::Traffic,
 };
 use rayon::prelude::*;
 
@@ -17,17 +16,16 @@ use super::{
     depth_sort::DepthSort,
     project::{self, Depth, Eye},
     project_bwd,
-    splats::{SH, pitch_of},
+    splats::pitch_of,
 };
 use crate::{
     CpuRasterizer, Target,
     bias::BiasTable,
     blend_per_pixel::PixelDepth,
-    kind::{Kind, Resources, Shared},
+    kind::{Resources, SceneKind, Shared},
     profile::Stage,
     rasterizer::{check_settings, unsupported},
     splat::{CHUNK, Splat},
-    traffic::{INDEX, size, statistics_size},
     workspace::Workspace,
 };
 
@@ -75,7 +73,7 @@ impl Workspace<Scene3d> {
     }
 }
 
-impl Kind for Scene3d {
+impl SceneKind for Scene3d {
     type Splats = Splats3d;
     type Own = Own3d;
     type Bias = BiasTable<{ adam::GROUPS }>;
@@ -85,13 +83,6 @@ impl Kind for Scene3d {
     fn check(camera: &Camera, settings: &RenderSettings) -> Result<(), Error> {
         camera.validate()?;
         check_settings(settings)?;
-        let effects = &settings.effects;
-        if effects.lens != Lens::Pinhole {
-            return Err(unsupported(format!("lens {:?}; undistort the images", effects.lens)));
-        }
-        if effects.exposure != Exposure::None {
-            return Err(unsupported(format!("exposure {:?}", effects.exposure)));
-        }
         Ok(())
     }
 
@@ -175,7 +166,7 @@ impl Kind for Scene3d {
         let Workspace { tiles, own, .. } = workspace;
         let Own3d { projected, depths, depth_sort, place_of, .. } = own;
         let blend = tiles.settings.effects.blend;
-        let order = if written::ORDER { tiles.settings.effects.order } else { Order::Index };
+        let order = tiles.settings.effects.order;
         let depth = |index: usize| depths[index][0];
         match (blend, order) {
             (Blend::Sum, _) | (Blend::Over, Order::Index) => depth_sort.collect(&depth, depths.len()),
@@ -238,35 +229,5 @@ impl Kind for Scene3d {
         _: u32,
     ) -> Result<(), Error> {
         Err(unsupported("solving for the colours of 3D scenes"))
-    }
-
-    fn traffic(stage: Stage, workspace: &Workspace<Self>, splats: &Splats3d) -> Traffic {
-        let tiles = &workspace.tiles;
-        let (n, drawn, entries) = (splats.len() as u64, tiles.projected.len() as u64, tiles.bins.entries.len() as u64);
-        // Up to the harmonics that are evaluated.
-        let row = workspace.own.gradient_pitch() as u64 * size::<f32>();
-        let key = size::<u64>();
-        let slots = entries * tiles.stride as u64 * size::<f32>();
-        let (read, written) = match stage {
-            // Of a Gaussian that is not drawn, what stands before its colour.
-            Stage::Project => {
-                (drawn * row + (n - drawn) * SH as u64 * size::<f32>(), drawn * size::<Splat>() + n * size::<Depth>())
-            }
-            // Keys are collected in two passes, then sorted in three, each of which counts and scatters.
-            Stage::Sort => (
-                2 * n * size::<Depth>() + drawn * (7 * key + size::<Splat>()),
-                drawn * (4 * key + size::<Splat>() + INDEX) + n * INDEX,
-            ),
-            Stage::ProjectBwd => {
-                (n * INDEX + drawn * (size::<Splat>() + row) + entries * INDEX + slots, drawn * row + n * size::<f32>())
-            }
-            Stage::Adam => {
-                let steps = size::<u32>();
-                let state = 3 * row + steps + statistics_size(tiles.settings.effects.statistics);
-                (n * (INDEX + steps + state) + drawn * row, n * state)
-            }
-            _ => (0, 0),
-        };
-        Traffic { read, written }
     }
 }

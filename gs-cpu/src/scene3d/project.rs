@@ -4,7 +4,6 @@
 use glam::Vec3;
 use gs_core::{
     Accuracy, Parameterization,
-    effects::written,
     guards::Guard,
     perspective::Perspective,
     sh,
@@ -34,21 +33,16 @@ pub(crate) struct Eye {
 }
 
 impl Eye {
-    #[inline(always)]
-    pub(crate) fn degree(&self) -> u8 {
-        if written::HARMONICS { self.degree } else { 0 }
-    }
-
     /// Where a Gaussian is seen from, as a direction; any, where no colour depends on it.
     #[inline(always)]
     pub(crate) fn direction(&self, mean: Vec3) -> Vec3 {
-        if self.degree() == 0 { Vec3::Z } else { self.perspective.direction(mean) }
+        if self.degree == 0 { Vec3::Z } else { self.perspective.direction(mean) }
     }
 
     /// From v_d to v_μ.
     #[inline(always)]
     pub(crate) fn direction_vjp(&self, mean: Vec3, v_direction: Vec3) -> Vec3 {
-        if self.degree() == 0 { Vec3::ZERO } else { self.perspective.direction_vjp(mean, v_direction) }
+        if self.degree == 0 { Vec3::ZERO } else { self.perspective.direction_vjp(mean, v_direction) }
     }
 }
 
@@ -68,7 +62,7 @@ fn project(
     if !touches(&splat, (splat.reach * yy).sqrt(), grid) {
         return Err(Cause::Outside);
     }
-    splat.color = sh::color(eye.degree(), eye.direction(splats::mean(row)), splats::sh(row));
+    splat.color = sh::color(eye.degree, eye.direction(splats::mean(row)), splats::sh(row));
     if Guard::FiniteColor.is_on() && !splat.color.iter().all(|c| c.is_finite()) {
         return Err(Cause::NotFinite);
     }

@@ -65,7 +65,7 @@ fn gradient(
     row[SH..].fill(0.0);
     let mean = splats::mean(parameters);
     let (sh_row, direction) = (row[SH..].as_chunks_mut().0, eye.direction(mean));
-    let v_direction = sh::color_vjp(eye.degree(), direction, splats::sh(parameters), v_color, sh_row);
+    let v_direction = sh::color_vjp(eye.degree, direction, splats::sh(parameters), v_color, sh_row);
     let by_direction = eye.direction_vjp(mean, v_direction);
     match eye.parameterization {
         Parameterization::ScaleRotation => {

@@ -11,12 +11,15 @@ fn project_one(g: Gaussian) -> Splat {
     let plane = factor_of(g.shape);
     let l = mat2x2f(plane[0] * step.pixels_per_unit, plane[1] * step.pixels_per_unit);
     let mean = (g.mean - step.origin) * step.pixels_per_unit;
-    let opacity = select(sigmoid(g.opacity_logit), 1.0, step.opaque == 1u);
-    let xx = l[0].x * l[0].x + l[1].x * l[1].x;
-    let yy = l[0].y * l[0].y + l[1].y * l[1].y;
+    var opacity = select(sigmoid(g.opacity_logit), 1.0, step.opaque == 1u);
+    var xx = l[0].x * l[0].x + l[1].x * l[1].x;
+    var yy = l[0].y * l[0].y + l[1].y * l[1].y;
     let xy = l[0].x * l[0].y + l[1].x * l[1].y;
     let root = determinant_of(l);
-    let det = root * root;
+    let undilated = root * root;
+    let det = undilated + step.dilation * (xx + yy) + step.dilation * step.dilation;
+    xx += step.dilation;
+    yy += step.dilation;
     let placed = is_finite(mean.x) && is_finite(mean.y) && (step.opaque == 1u || !is_nan(g.opacity_logit));
     let sized = is_finite(det) && is_finite(xx * yy);
     let colored = is_finite(g.color.x) && is_finite(g.color.y) && is_finite(g.color.z);
@@ -27,6 +30,9 @@ fn project_one(g: Gaussian) -> Splat {
     if !(det >= MIN_DETERMINANT_PX4) {
         atomicAdd(&status.degenerate, 1u);
         return culled();
+    }
+    if step.compensates == 1u {
+        opacity *= sqrt(undilated / det);
     }
     if GUARD_TRANSPARENT && !(opacity >= step.alpha_cut) {
         atomicAdd(&status.transparent, 1u);

@@ -5,7 +5,7 @@
 @group(0) @binding(1) var<storage, read> order: array<u32>;
 @group(0) @binding(2) var<storage, read> projected: array<Splat>;
 @group(0) @binding(3) var<storage, read> counts: array<u32>;
-@group(0) @binding(4) var<storage, read_write> projected: array<Splat>;
+@group(0) @binding(4) var<storage, read_write> placed: array<Splat>;
 // [N + 1]
 @group(0) @binding(5) var<storage, read_write> placed_counts: array<u32>;
 #if PIXEL_DEPTH
@@ -22,7 +22,7 @@ fn place(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: v
     var count = 0u;
     if at < step.gaussians {
         let index = order[at];
-        projected[at] = projected[index];
+        placed[at] = projected[index];
         count = counts[index];
 #if PIXEL_DEPTH
         placed_depths[at] = pixel_depths[index];

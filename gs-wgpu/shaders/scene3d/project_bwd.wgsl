@@ -130,14 +130,13 @@ fn geometry_bwd(e: Ellipsoid, v_mean: vec2f, v_covariance: vec3f, v_log_opacity:
     return g;
 }
 
-@compute @workgroup_size(INVOCATIONS)
+@compute @workgroup_size(64)
 fn project_bwd_3d(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
-    let first_place = flat(group, groups) * INVOCATIONS;
-    let place = first_place + lane;
-    let sums = received(first_place, lane);
+    let place = flat(group, groups) * 64u + lane;
     if place >= step.gaussians {
         return;
     }
+    let sums = received(place);
     let index = order[place];
     let s = projected[place];
     var gradient: EllipsoidGradient;

@@ -5,9 +5,7 @@ use std::sync::Arc;
 use glam::{Vec2, Vec3};
 use gs_core::{
     AdamRates, Blend, Canvas, Error, Gaussian2d, Parameterization, Penalty, RenderSettings, Scene2d, SplatsState,
-    effects::{Antialias, Order, Statistics as Collected},
-    profile::Traffic,
-    whitened::WhitenedGradient,
+    effects::Order, whitened::WhitenedGradient,
 };
 
 use super::{solve_colors::solve_colors, state::State2d};
@@ -16,15 +14,13 @@ use crate::{
     dispatch::{Commands, Groups, dispatch, dispatch_some},
     forward_pass::{Gradients, Pool},
     gpu::Gpu,
-    kind::Kind,
-    layout::{Gaussian, Gradient, Moments, SPLAT_BYTES, Statistics, Step},
-    profile::Stage,
+    kind::SceneKind,
+    layout::{Gaussian, Gradient, Step},
     rasterizer::{check_settings, unsupported},
-    shaders::{Kernels, LANES, Variant},
+    shaders::Variant,
     splats::{Edit, Splats},
     target::Target,
     tiles::{BY_GAUSSIAN, Growing, groups_of},
-    traffic::{INDEX, size},
     workspace::Workspace,
 };
 
@@ -42,7 +38,7 @@ fn in_parameterization(splats: &Splats<Scene2d>) -> Variant {
     }
 }
 
-impl Kind for Scene2d {
+impl SceneKind for Scene2d {
     type State = State2d;
     type Own = Own2d;
 
@@ -54,9 +50,6 @@ impl Kind for Scene2d {
         let effects = &settings.effects;
         if effects.order != Order::Index {
             return Err(unsupported(format!("order {:?} of a 2D scene, which has no depth", effects.order)));
-        }
-        if effects.antialias != Antialias::None {
-            return Err(unsupported(format!("antialias {:?} of a 2D scene", effects.antialias)));
         }
         Ok(())
     }
@@ -131,7 +124,10 @@ impl Kind for Scene2d {
     fn describe(view: &Canvas, settings: &RenderSettings, splats: &Splats<Self>, step: &mut Step) {
         step.origin = view.origin.to_array();
         step.pixels_per_unit = view.scale().to_array();
-        step.opaque = u32::from(settings.effects.blend == Blend::Sum || !splats.state.has_opacity);
+        let effects = &settings.effects;
+        step.opaque = u32::from(effects.blend == Blend::Sum || !splats.state.has_opacity);
+        step.dilation = effects.antialias.dilation();
+        step.compensates = u32::from(effects.blend == Blend::Over && effects.antialias.compensates());
     }
 
     fn write_view(_: &Workspace<Self>, _: &Gpu, _: &Canvas) {}
@@ -167,8 +163,7 @@ impl Kind for Scene2d {
             &tiles.slots.buffer,
             &workspace.gradients[0].buffer,
         ];
-        let invocations = if gpu.kernels == Kernels::Vectors { LANES } else { 64 };
-        let groups = groups_of(gpu, u64::from(tiles.gaussians), invocations.into());
+        let groups = groups_of(gpu, u64::from(tiles.gaussians), 64);
         let variant = Variant { covariance_factor: in_parameterization(splats).covariance_factor, ..tiles.variant() };
         dispatch(gpu, commands, "project_bwd", variant, &bindings, groups);
     }
@@ -218,22 +213,6 @@ impl Kind for Scene2d {
         iterations: u32,
     ) -> Result<(), Error> {
         solve_colors(rasterizer, splats, view, target, settings, iterations)
-    }
-
-    fn traffic(stage: Stage, workspace: &Workspace<Self>, splats: &Splats<Self>) -> Traffic {
-        let n = splats.len as u64;
-        let (read, written) = match stage {
-            Stage::Project => (n * size::<Gaussian>(), n * (SPLAT_BYTES + INDEX)),
-            Stage::ProjectBwd => (n * (size::<Gaussian>() + SPLAT_BYTES + INDEX), n * size::<Gradient>()),
-            Stage::Adam => {
-                let collected = workspace.tiles.settings.effects.statistics != Collected::None;
-                let statistics = if collected { size::<Statistics>() } else { 0 };
-                let state = size::<Gaussian>() + size::<Moments>() + statistics;
-                (n * (size::<Gradient>() + state), n * state)
-            }
-            _ => (0, 0),
-        };
-        Traffic { read, written }
     }
 }
 

@@ -3,11 +3,7 @@
 use std::sync::Arc;
 
 use glam::Vec3;
-use gs_core::{
-    AdamRates, Camera, Error, Gaussian3d, Parameterization, RenderSettings, Scene3d, SplatsState,
-    effects::{Exposure, Lens, Statistics as Collected},
-    profile::Traffic,
-};
+use gs_core::{AdamRates, Camera, Error, Gaussian3d, Parameterization, RenderSettings, Scene3d, SplatsState};
 
 use super::{
     stages::{self, Own3d},
@@ -18,18 +14,16 @@ use crate::{
     dispatch::Commands,
     forward_pass::{Gradients, Pool},
     gpu::Gpu,
-    kind::Kind,
-    layout::{Ellipsoid, EllipsoidGradient, EllipsoidMoments, SPLAT_BYTES, Statistics, Step},
-    profile::Stage,
+    kind::SceneKind,
+    layout::{EllipsoidGradient, SPLAT_BYTES, Step},
     rasterizer::{check_settings, unsupported},
     splats::{Edit, Splats},
     target::Target,
     tiles::DEPTH_BYTES,
-    traffic::{INDEX, size},
     workspace::Workspace,
 };
 
-impl Kind for Scene3d {
+impl SceneKind for Scene3d {
     type State = State3d;
     type Own = Own3d;
 
@@ -38,13 +32,6 @@ impl Kind for Scene3d {
     fn check(camera: &Camera, settings: &RenderSettings) -> Result<(), Error> {
         camera.validate()?;
         check_settings(settings)?;
-        let effects = &settings.effects;
-        if effects.lens != Lens::Pinhole {
-            return Err(unsupported(format!("lens {:?}; undistort the images", effects.lens)));
-        }
-        if effects.exposure != Exposure::None {
-            return Err(unsupported(format!("exposure {:?}", effects.exposure)));
-        }
         Ok(())
     }
 
@@ -106,17 +93,17 @@ impl Kind for Scene3d {
         let n = splats.len as u64;
         tiles.ensure_sorting(gpu, n)?;
         own.projected.ensure(gpu, n * SPLAT_BYTES)?;
-        own.counts.ensure(gpu, n * INDEX)?;
+        own.counts.ensure(gpu, n * 4)?;
         if tiles.orders_by_pixel() {
             own.pixel_depths.ensure(gpu, n * DEPTH_BYTES)?;
         }
-        own.depths.iter_mut().chain(&mut own.order).try_for_each(|growing| growing.ensure(gpu, n * INDEX))
+        own.depths.iter_mut().chain(&mut own.order).try_for_each(|growing| growing.ensure(gpu, n * 4))
     }
 
     /// Of what stands in an [`Ellipsoid`]; of SH coefficients.
     fn gradient_bytes(splats: &Splats<Self>) -> Vec<u64> {
         let n = splats.len as u64;
-        vec![n * size::<EllipsoidGradient>(), n * splats.state.coefficients() as u64 * COLOR_BYTES]
+        vec![n * size_of::<EllipsoidGradient>() as u64, n * splats.state.coefficients() as u64 * COLOR_BYTES]
     }
 
     fn describe(_: &Camera, settings: &RenderSettings, splats: &Splats<Self>, step: &mut Step) {
@@ -171,29 +158,5 @@ impl Kind for Scene3d {
         _: u32,
     ) -> Result<(), Error> {
         Err(unsupported("solving for the colours of 3D scenes"))
-    }
-
-    fn traffic(stage: Stage, workspace: &Workspace<Self>, splats: &Splats<Self>) -> Traffic {
-        let (n, sh) = (splats.len as u64, splats.state.coefficients() as u64 * COLOR_BYTES);
-        let geometry = size::<Ellipsoid>();
-        let (read, written) = match stage {
-            // By index, then by place. Each pass of sorting between counts keys, then moves keys and numbers.
-            Stage::Project => {
-                let passes = u64::from(workspace.depth_passes());
-                let read = geometry + sh + passes * 3 * INDEX + SPLAT_BYTES + 2 * INDEX;
-                (n * read, n * (2 * SPLAT_BYTES + 4 * INDEX + passes * 2 * INDEX))
-            }
-            Stage::ProjectBwd => {
-                (n * (geometry + sh + SPLAT_BYTES + 2 * INDEX), n * (size::<EllipsoidGradient>() + sh))
-            }
-            Stage::Adam => {
-                let collected = workspace.tiles.settings.effects.statistics != Collected::None;
-                let statistics = if collected { size::<Statistics>() } else { 0 };
-                let state = geometry + size::<EllipsoidMoments>() + 3 * sh + statistics;
-                (n * (size::<EllipsoidGradient>() + sh + state), n * state)
-            }
-            _ => (0, 0),
-        };
-        Traffic { read, written }
     }
 }

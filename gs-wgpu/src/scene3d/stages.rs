@@ -7,7 +7,7 @@ use crate::{
     gpu::Gpu,
     layout,
     lists::{Sorting, Which},
-    shaders::{Kernels, LANES, SORT_BITS, SORT_BLOCK, Variant},
+    shaders::{SORT_BITS, SORT_BLOCK, Variant},
     splats::{Splats, UNIFORM},
     tiles::{BY_COEFFICIENT, BY_GAUSSIAN, Growing, groups_of},
     workspace::Workspace,
@@ -129,8 +129,7 @@ impl Workspace<Scene3d> {
             &gradients[1].buffer,
             &own.order[0].buffer,
         ];
-        let invocations = if gpu.kernels == Kernels::Vectors { LANES } else { 64 };
-        let groups = groups_of(gpu, u64::from(tiles.gaussians), invocations.into());
+        let groups = groups_of(gpu, u64::from(tiles.gaussians), 64);
         dispatch(gpu, commands, "project_bwd_3d", tiles.variant(), &bindings, groups);
     }
 }

@@ -1,10 +1,7 @@
 //! Cases: what a caller can do wrong with 3D scenes and cameras is answered with the error that says so.
 
 use glam::{Mat3, Vec2, Vec3};
-use gs_core::{
-    Camera, Error, Parameterization, Rasterizer, Scene3d,
-    effects::{Blend, Exposure, Lens, Outputs},
-};
+use gs_core::{Camera, Error, Parameterization, Rasterizer, Scene3d, effects::Blend};
 
 use super::errors::{SETTING, SIZE, bad_are_errors, refused};
 use crate::{
@@ -63,16 +60,5 @@ pub fn bad_cameras_and_settings_are_errors<R: Rasterizer<Scene3d>>(rasterizer: &
         ("a near plane behind", Camera { near: -1.0, ..view }, SETTING),
         ("a NaN near plane", Camera { near: f32::NAN, ..view }, SETTING),
     ];
-    bad_are_errors(rasterizer, &draw, &views)?;
-
-    let splats = rasterizer.upload(&draw.scene, Parameterization::ScaleRotation)?;
-    let unsupported = |error: &Error| matches!(error, Error::Unsupported { .. });
-    let mut settings = [draw.settings; 3];
-    settings[0].effects.lens = Lens::Distorted;
-    settings[1].effects.exposure = Exposure::AffinePerView;
-    settings[2].effects.outputs = Outputs::ColorAlphaDepth;
-    for (what, settings) in ["a lens", "an exposure", "outputs"].into_iter().zip(&settings) {
-        refused(&format!("{what} without a definition"), rasterizer.forward(&splats, &view, settings), unsupported)?;
-    }
-    Ok(())
+    bad_are_errors(rasterizer, &draw, &views)
 }

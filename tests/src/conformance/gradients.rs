@@ -1,7 +1,10 @@
 //! Cases: losses and gradients against the oracle.
 
 use glam::Vec2;
-use gs_core::{Canvas, Loss, Parameterization, Rasterizer, Scene2d, effects::Blend};
+use gs_core::{
+    Canvas, Loss, Parameterization, Rasterizer, Scene2d,
+    effects::{Antialias, Blend},
+};
 
 use super::{LOSSES, check_gradients};
 use crate::{
@@ -22,6 +25,26 @@ pub fn gradients_match<R: Rasterizer<Scene2d>>(rasterizer: &R) -> Result<(), Fai
                 let draw = Draw::new(kind, blend, 24, (35, 26), seed).on([0.3, 0.6, 0.2]);
                 check_gradients(rasterizer, &draw, &loss, Parameterization::ScaleRotation)?;
             }
+        }
+    }
+    Ok(())
+}
+
+/// Gradients through a widened Σ′, and through the compensation of the opacity.
+///
+/// # Errors
+/// [`Failure`] where the backend does not do so.
+pub fn antialiased_gradients_match_2d<R: Rasterizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
+    for (antialias, blend) in [
+        (Antialias::Dilate, Blend::Sum),
+        (Antialias::Dilate, Blend::Over),
+        (Antialias::Mip, Blend::Over),
+        (Antialias::Compensated, Blend::Over),
+    ] {
+        // Of dilated needles, sums in the axes of the canvas leave too few digits along their own.
+        for (seed, kind) in (2950..).zip(Kind::ALL.into_iter().filter(|&kind| kind != Kind::Needles)) {
+            let draw = Draw::new(kind, blend, 20, (35, 26), seed).on([0.3, 0.6, 0.2]).antialiased(antialias);
+            check_gradients(rasterizer, &draw, &Loss::L2, Parameterization::ScaleRotation)?;
         }
     }
     Ok(())

@@ -2,7 +2,8 @@
 
 use glam::{Vec2, Vec3};
 use gs_core::{
-    Accuracy, Canvas, Gaussian2d, Image, Parameterization, Rasterizer, RenderSettings, Scene2d, effects::Blend,
+    Accuracy, Canvas, Gaussian2d, Image, Parameterization, Rasterizer, RenderSettings, Scene2d,
+    effects::{Antialias, Blend},
     statistics::Culled,
 };
 
@@ -24,6 +25,23 @@ pub fn images_match<R: Rasterizer<Scene2d>>(rasterizer: &R) -> Result<(), Failur
             let draw = Draw::new(kind, blend, 40, (48, 37), seed);
             check_image(rasterizer, &draw)?;
             check_image(rasterizer, &draw.on([0.9, 0.2, 0.5]))?;
+        }
+    }
+    Ok(())
+}
+
+/// Widened Gaussians, with and without what compensates for it, also through canvases that shrink and stretch.
+///
+/// # Errors
+/// [`Failure`] where the backend does not do so.
+pub fn antialiased_images_match_2d<R: Rasterizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
+    for antialias in [Antialias::Dilate, Antialias::Mip, Antialias::Compensated] {
+        for blend in BLENDS {
+            for (seed, kind) in (2900..).zip(Kind::ALL) {
+                let draw = Draw::new(kind, blend, 30, (48, 37), seed).antialiased(antialias);
+                check_image(rasterizer, &draw)?;
+                check_image(rasterizer, &draw.through(Canvas::new(48, 37).resized(24, 11)))?;
+            }
         }
     }
     Ok(())

@@ -47,13 +47,16 @@ pub use self::{
     editing::{changes_that_inherit_go_on, edits_carry_everything_along, refused_edits_change_nothing},
     errors::{bad_views_and_settings_are_errors, mismatches_are_errors, scenes_that_are_not_finite_are_refused},
     errors_3d::{bad_cameras_and_settings_are_errors, scenes_3d_that_are_not_finite_are_refused},
-    gradients::{gradients_match, gradients_match_in_covariance_factors, gradients_match_through_canvases},
+    gradients::{
+        antialiased_gradients_match_2d, gradients_match, gradients_match_in_covariance_factors,
+        gradients_match_through_canvases,
+    },
     gradients_3d::{
         antialiased_gradients_match, gradients_match_3d, gradients_match_in_all_orders, sh_gradients_match,
     },
     images::{
-        canvases_match, culled_are_counted, empty_scenes_show_the_background, images_match, other_accuracies_match,
-        sizes_match,
+        antialiased_images_match_2d, canvases_match, culled_are_counted, empty_scenes_show_the_background,
+        images_match, other_accuracies_match, sizes_match,
     },
     images_3d::{
         accuracies_match_3d, antialiased_images_match, causes_are_counted, empty_space_shows_the_background,
@@ -136,12 +139,14 @@ macro_rules! named {
 pub fn cases<R: Rasterizer<Scene2d>>() -> Vec<Case<R>> {
     named![
         images_match: images_match::<R>,
+        antialiased_images_match_2d: antialiased_images_match_2d::<R>,
         sizes_match: sizes_match::<R>,
         canvases_match: canvases_match::<R>,
         other_accuracies_match: other_accuracies_match::<R>,
         empty_scenes_show_the_background: empty_scenes_show_the_background::<R>,
         culled_are_counted: culled_are_counted::<R>,
         gradients_match: gradients_match::<R>,
+        antialiased_gradients_match_2d: antialiased_gradients_match_2d::<R>,
         gradients_match_through_canvases: gradients_match_through_canvases::<R>,
         gradients_match_in_covariance_factors: gradients_match_in_covariance_factors::<R>,
         scenes_come_back: scenes_come_back::<R>,

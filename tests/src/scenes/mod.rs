@@ -3,7 +3,10 @@
 mod scene2d;
 mod scene3d;
 
-use gs_core::{Error, Image, RenderSettings, Scene2d, effects::Blend};
+use gs_core::{
+    Error, Image, RenderSettings, Scene2d,
+    effects::{Antialias, Blend},
+};
 use proptest::prelude::*;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
@@ -34,6 +37,13 @@ impl<S: Subject> Draw<S> {
     #[must_use]
     pub fn through(self, view: S::View) -> Self {
         Self { view, ..self }
+    }
+
+    /// The same with another treatment of what is narrower than a pixel.
+    #[must_use]
+    pub fn antialiased(mut self, antialias: Antialias) -> Self {
+        self.settings.effects.antialias = antialias;
+        self
     }
 
     /// The same before a solid background.

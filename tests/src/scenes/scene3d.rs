@@ -159,13 +159,6 @@ impl Draw<Scene3d> {
         self.settings.effects.order = order;
         self
     }
-
-    /// The same with another treatment of what is narrower than a pixel.
-    #[must_use]
-    pub fn antialiased(mut self, antialias: Antialias) -> Self {
-        self.settings.effects.antialias = antialias;
-        self
-    }
 }
 
 /// Every [`Kind3d`].

@@ -34,15 +34,21 @@ fn wgpu_with(kernels: Kernels) -> Option<WgpuRasterizer> {
 /// A device for each kind of kernels that the adapter can run.
 fn wgpu() -> Vec<(Kernels, WgpuRasterizer)> {
     let of = |kernels| Some((kernels, wgpu_with(kernels)?));
-    let found: Vec<_> = [Kernels::Portable, Kernels::Subgroups, Kernels::Vectors].into_iter().filter_map(of).collect();
+    let found: Vec<_> = [Kernels::Portable, Kernels::Subgroups].into_iter().filter_map(of).collect();
     assert!(!found.is_empty(), "`cargo xtask test` installs a software driver where there is no adapter");
     found
 }
 
-/// All records of a backend, those of poison included.
-fn records<R: Rasterizer<Scene2d> + Rasterizer<Scene3d>>(rasterizer: &R) -> Vec<Record> {
+/// All cases of a backend.
+fn cases<R: Rasterizer<Scene2d> + Rasterizer<Scene3d>>(rasterizer: &R) -> Vec<Record> {
     let mut records: Vec<Record> = corpus_2d().iter().map(|case| run(rasterizer, case)).collect();
     records.extend(corpus_3d().iter().map(|case| run(rasterizer, case)));
+    records
+}
+
+/// All records of a backend, those of poison included.
+fn records<R: Rasterizer<Scene2d> + Rasterizer<Scene3d>>(rasterizer: &R) -> Vec<Record> {
+    let mut records = cases(rasterizer);
     records.extend(poison_2d(rasterizer));
     records.extend(poison_3d(rasterizer));
     records
@@ -60,28 +66,33 @@ fn the_cpu_stands_all_at_every_level() {
     }
 }
 
-/// All cases with one kind of kernels, if the adapter has it.
-fn stands_all(kernels: Kernels) {
+/// What is not as expected with one kind of kernels, if the adapter has it.
+fn stands(kernels: Kernels, records: fn(&WgpuRasterizer) -> Vec<Record>) {
     let Some(rasterizer) = wgpu_with(kernels) else { return };
     let failures = unexpected(&records(&rasterizer));
     assert!(failures.is_empty(), "{kernels:?}:\n{}", failures.join("\n"));
 }
 
 #[test]
-#[ignore = "minutes on a software driver; `cargo xtask test --slow` runs it"]
-fn the_gpu_stands_all_with_portable_kernels() {
-    stands_all(Kernels::Portable);
+fn the_gpu_stands_all_cases_with_portable_kernels() {
+    stands(Kernels::Portable, cases);
+}
+
+#[test]
+fn the_gpu_stands_all_cases_with_subgroups() {
+    stands(Kernels::Subgroups, cases);
 }
 
 #[test]
 #[ignore = "minutes on a software driver; `cargo xtask test --slow` runs it"]
-fn the_gpu_stands_all_with_subgroups() {
-    stands_all(Kernels::Subgroups);
+fn the_gpu_stands_poison_with_portable_kernels() {
+    stands(Kernels::Portable, records);
 }
 
 #[test]
-fn the_gpu_stands_all_with_vectors() {
-    stands_all(Kernels::Vectors);
+#[ignore = "minutes on a software driver; `cargo xtask test --slow` runs it"]
+fn the_gpu_stands_poison_with_subgroups() {
+    stands(Kernels::Subgroups, records);
 }
 
 #[test]

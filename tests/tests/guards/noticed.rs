@@ -15,8 +15,6 @@ pub(crate) enum On {
     Cpu,
     /// gs-wgpu with kernels for any adapter.
     Portable,
-    /// gs-wgpu with kernels for adapters that compute on a CPU.
-    Vectors,
 }
 
 /// What fails without a guard.
@@ -64,7 +62,6 @@ impl Notice {
         match on {
             On::Cpu => self.run_on(&cpu()),
             On::Portable => wgpu(Kernels::Portable).map_or(Ok(()), |rasterizer| self.run_on(&rasterizer)),
-            On::Vectors => wgpu(Kernels::Vectors).map_or(Ok(()), |rasterizer| self.run_on(&rasterizer)),
         }
     }
 
@@ -95,9 +92,9 @@ const fn by(guard: Guard, by: Notice, on: &'static [On]) -> Noticed {
 }
 
 use Notice::{Case, Poison};
-use On::{Cpu, Portable, Vectors};
+use On::{Cpu, Portable};
 
-const EVERYWHERE: &[On] = &[Cpu, Vectors];
+const EVERYWHERE: &[On] = &[Cpu, Portable];
 
 /// What notices each guard.
 pub(crate) const NOTICED: &[Noticed] = &[
@@ -116,10 +113,10 @@ pub(crate) const NOTICED: &[Noticed] = &[
     by(Guard::SafeSquares, Case("viewing direction whose length underflows"), EVERYWHERE),
     by(Guard::ZeroDirection, Case("viewing direction of length zero"), EVERYWHERE),
     by(Guard::SingularFactor, Notice::Check(Check::SingularFrames), &[Cpu]),
-    by(Guard::AlphaMax, Case("α above the clamp, over"), &[Cpu, Portable, Vectors]),
-    by(Guard::Full, Case("12 on one pixel, nearly opaque, over"), &[Cpu, Portable, Vectors]),
-    by(Guard::ExponentRange, Case("scale → 0 in all axes, over"), &[Cpu, Vectors]),
-    by(Guard::Restart, Case("needles of aspect 10⁶ at every angle, sum"), EVERYWHERE),
+    by(Guard::AlphaMax, Case("α above the clamp, over"), EVERYWHERE),
+    by(Guard::Full, Case("12 on one pixel, nearly opaque, over"), EVERYWHERE),
+    by(Guard::ExponentRange, Case("scale → 0 in all axes, over"), &[Cpu, Portable]),
+    by(Guard::Restart, Case("needles of aspect 10⁶ at every angle, sum"), &[Cpu]),
     by(Guard::GrowthLessOne, Case("a wide Gaussian down a tall image, sum"), &[Cpu]),
     by(Guard::MaxResidual, Case("Adam with gradients of 10^38, sum"), EVERYWHERE),
     by(Guard::SsimMax, Case("constant image of 10^30 in SSIM, sum"), EVERYWHERE),
