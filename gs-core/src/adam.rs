@@ -5,7 +5,6 @@ use serde::{Deserialize, Serialize};
 use crate::{
     constants::{MAX_SCALE_PX, MIN_SCALE_PX},
     error::Error,
-    guards::Guard,
 };
 
 /// In which coordinates the optimiser moves a Gaussian.
@@ -231,7 +230,7 @@ impl AdamRates {
             }
         }
         // Where no gradient has ever been, a step is 0/ε.
-        if Guard::Epsilon.is_on() && !(self.epsilon >= f32::MIN_POSITIVE && self.epsilon.is_finite()) {
+        if !(self.epsilon >= f32::MIN_POSITIVE && self.epsilon.is_finite()) {
             return Err(Error::setting("epsilon", self.epsilon, "finite and at least 1.2e-38"));
         }
         if !(self.min_scale >= 0.0 && self.min_scale < f32::INFINITY) {

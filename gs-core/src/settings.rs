@@ -6,7 +6,6 @@ use crate::{
     constants::{ALPHA_CUT, ALPHA_MAX, TRANSMITTANCE_MIN},
     effects::{Background, Blend, Effects, written},
     error::Error,
-    guards::Guard,
 };
 
 /// What happens at the α cut.
@@ -76,15 +75,6 @@ impl Accuracy {
         transmittance_min: TRANSMITTANCE_MIN,
         extent: Extent::Sigmas(3.0),
     };
-
-    /// The largest α, and the least transmittance behind a Gaussian that counts, as backends' kernels take them.
-    #[inline(always)]
-    pub fn guarded_limits(&self) -> (f32, f32) {
-        let alpha_max = if Guard::AlphaMax.is_on() { self.alpha_max } else { f32::INFINITY };
-        // Full pixels are marked by negative transmittances.
-        let transmittance_min = if Guard::Full.is_on() { self.transmittance_min } else { 0.0 };
-        (alpha_max, transmittance_min)
-    }
 
     /// What α = o·w of a Gaussian of opacity `o` (under [`Blend::Sum`]: 1) must reach to count: the cut, or its value at the extent's edge.
     pub fn cut_of(&self, opacity: f32) -> f32 {

@@ -37,7 +37,7 @@ fn bin(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec
 #else
     // Half a block's rows before an ellipse the weight is no less than e^-80, well inside the range of f32.
     let far = 0.5 * f32(BLOCK) + sqrt(splat.reach / splat.c);
-    let list = select(1u, 0u, 0.5 * splat.c * far * far <= 80.0 || !GUARD_RESTART);
+    let list = select(1u, 0u, 0.5 * splat.c * far * far <= 80.0);
 #endif
 #else
     let list = 0u;

@@ -1,7 +1,6 @@
 //! The chores of this project. It uses no crate, so that it compiles in a second on a fresh machine.
 
 mod effects;
-mod guards;
 mod miri;
 mod test;
 mod wrapper;
@@ -12,13 +11,11 @@ const HELP: &str = "\
 The chores of this project.
 
 Usage: cargo xtask test [--slow]
-       cargo xtask guards
        cargo xtask effects
        cargo xtask miri
 
   test          run every test of the workspace, documentation tests included, and install first what they need
   test --slow   then also run the slow tests (marked #[ignore]), in the release profile
-  guards        switch each guard of the arithmetic off, and see that what needs it fails
   effects       measure what effects cost that are off, beside kernels in which they were never written
   miri          run property tests and others under Miri, which sees undefined behaviour in what the libraries rest on
   help          print this";
@@ -32,7 +29,6 @@ fn main() -> ExitCode {
     let outcome = match words[..] {
         ["test"] => test::run(test::Scope::Ordinary),
         ["test", "--slow"] => test::run(test::Scope::AlsoSlow),
-        ["guards"] => guards::run(),
         ["effects"] => effects::run(),
         ["miri"] => miri::run(),
         [] | ["help" | "-h" | "--help"] => {

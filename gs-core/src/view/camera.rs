@@ -3,7 +3,7 @@
 use glam::{Mat3, Vec2, Vec3};
 use serde::{Deserialize, Serialize};
 
-use crate::{constants::NEAR_WORLD, error::Error, guards::Guard, image::check_size};
+use crate::{constants::NEAR_WORLD, error::Error, image::check_size};
 
 /// A posed pinhole camera; its axes are right, down, forward (OpenCV, COLMAP).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -47,11 +47,6 @@ impl Camera {
     /// The camera's place in the world, −Wᵀ t.
     pub fn position(&self) -> Vec3 {
         -(self.rotation.transpose() * self.translation)
-    }
-
-    /// The depth below which nothing is drawn: [`Self::near`], as backends' kernels take it.
-    pub fn guarded_near(&self) -> f32 {
-        if Guard::NearPlane.is_on() { self.near } else { f32::NEG_INFINITY }
     }
 
     /// Where a world point falls on the image, px (u = fx·x/z + cx, compared with pixel centres at j + ½), and its depth z;

@@ -7,7 +7,6 @@ use gs_core::{
     Blend, Canvas, RenderSettings,
     constants::MIN_DETERMINANT_PX4,
     effects::{Antialias, written},
-    guards::Guard,
     scene::sigmoid,
     statistics::{Cause, Culled},
 };
@@ -43,20 +42,20 @@ fn project(
         true => (undilated + delta * (xx + yy) + delta * delta, xx + delta, yy + delta),
         false => (undilated, xx, yy),
     };
-    let broken = (Guard::FiniteParameters.is_on() && (!mean.is_finite() || opacity.is_nan()))
-        || (Guard::FiniteProjection.is_on() && !(determinant.is_finite() && (xx * yy).is_finite()))
-        || (Guard::FiniteColor.is_on() && !color.iter().all(|c| c.is_finite()));
+    let broken = ((!mean.is_finite() || opacity.is_nan()))
+        || (!(determinant.is_finite() && (xx * yy).is_finite()))
+        || (!color.iter().all(|c| c.is_finite()));
     if broken {
         return Err(Cause::NotFinite);
     }
-    if Guard::Determinant.is_on() && !(determinant >= MIN_DETERMINANT_PX4) {
+    if !(determinant >= MIN_DETERMINANT_PX4) {
         return Err(Cause::Degenerate);
     }
     let opacity = match (settings.effects.blend, antialias) {
         (Blend::Over, antialias) if antialias.compensates() => opacity * (undilated / determinant).sqrt(),
         _ => opacity,
     };
-    if Guard::Transparent.is_on() && !(opacity >= settings.accuracy.alpha_cut) {
+    if !(opacity >= settings.accuracy.alpha_cut) {
         return Err(Cause::Transparent);
     }
     let cut = settings.accuracy.cut_of(opacity);
