@@ -16,7 +16,7 @@ pub enum Parameterization {
     ScaleRotation,
     /// The Gaussian's own whitened coordinates, Σ = L Lᵀ: μ ← μ + L ξ, L ← L (I + η + η²/2) with η symmetric. A step means the same
     /// fraction of its extent for every Gaussian, however small or thin. In space: [`covariance_factor`](crate::covariance_factor).
-    #[serde(alias = "local-factor")]
+    #[serde(alias = "local-frame")]
     CovarianceFactor,
 }
 
@@ -32,7 +32,7 @@ impl Parameterization {
 
 /// How a learning rate changes over a run, as a factor of its first value.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
+#[serde(deny_unknown_fields, rename_all = "kebab-case")]
 pub enum Schedule {
     /// 1.
     #[default]
@@ -63,7 +63,7 @@ impl Schedule {
 
 /// Adam's numbers for one group of parameters.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(default, rename_all = "kebab-case")]
+#[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
 pub struct Group {
     /// Step size, in the parameter's own unit (in [`Parameterization::CovarianceFactor`]: in standard deviations).
     pub learning_rate: f32,
@@ -119,7 +119,7 @@ impl Penalty {
 
 /// Adam's settings. Bias correction counts each Gaussian's own steps, so that one born late starts as the first did.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(default, rename_all = "kebab-case")]
+#[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
 pub struct Adam {
     /// Mean: px (3D scenes: world units), or ξ in the covariance factor.
     pub mean: Group,

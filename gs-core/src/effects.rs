@@ -195,7 +195,7 @@ impl Background {
 
 /// The effects of a rendering, together.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
-#[serde(default, rename_all = "kebab-case")]
+#[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
 pub struct Effects {
     /// Order of blending.
     pub order: Order,

@@ -21,7 +21,7 @@ pub enum Cut {
 
 /// How far from its mean a Gaussian is looked at.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
+#[serde(deny_unknown_fields, rename_all = "kebab-case")]
 pub enum Extent {
     /// To the ellipse on which α falls to [`Accuracy::alpha_cut`]: nothing that is above the cut is lost. It reaches
     /// √(2 ln(o / cut)) σ, so that a faint Gaussian is a small one.
@@ -34,7 +34,7 @@ pub enum Extent {
 
 /// The approximations of a rendering, each with its error and its price.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(default, rename_all = "kebab-case")]
+#[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
 pub struct Accuracy {
     /// α (under [`Blend::Sum`]: weight) below this adds nothing. 1e-6..=0.5, default [`ALPHA_CUT`].
     pub alpha_cut: f32,
@@ -87,7 +87,7 @@ impl Accuracy {
 
 /// Everything that a rendering depends on besides the scene and the view.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
-#[serde(default, rename_all = "kebab-case")]
+#[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
 pub struct RenderSettings {
     /// Which effects.
     pub effects: Effects,

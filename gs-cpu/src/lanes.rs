@@ -6,7 +6,7 @@
 use std::ops::{BitAnd, Shl};
 
 use fearless_simd::{Select, Simd, f32x16, prelude::*};
-use gs_core::{constants::MAX_DERIVATIVE};
+use gs_core::constants::MAX_DERIVATIVE;
 
 /// Columns in a strip, and the most pixels in a vector.
 pub(crate) const LANES: usize = 16;

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::percentile::share_of;
+use crate::grow::share_of;
 
 /// What growth by rank does with Gaussians that have no gradient, among which there is no ranking.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]

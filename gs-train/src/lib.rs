@@ -26,6 +26,7 @@ mod quality;
 pub mod recovery;
 mod rounds;
 mod settings;
+mod settings_file;
 mod shortfall;
 pub mod statistics;
 mod summary;
@@ -57,6 +58,7 @@ pub use crate::{
     recovery::{FreshStart, Recovery},
     rounds::Rounds,
     settings::{ColorSolve, FitSettings, InitialCount},
+    settings_file::{parse_settings, settings_to_toml},
     shortfall::Shortfall,
     summary::FitSummary,
     suspect::Suspect,

@@ -1,7 +1,6 @@
 //! What a run knows of its losses. Backends may tell them some steps late, but in order and each once, so that the first that is not
 //! finite is known with its step.
 
-
 /// The losses of a run up to the last that has been seen.
 #[derive(Debug)]
 pub(crate) struct Losses {

@@ -54,7 +54,7 @@ pub struct FitSettings {
 
 /// How many Gaussians a fit starts with.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
+#[serde(deny_unknown_fields, rename_all = "kebab-case")]
 pub enum InitialCount {
     /// So many, 1 to the budget.
     Fixed(u32),

@@ -42,7 +42,7 @@ fn project(
         true => (undilated + delta * (xx + yy) + delta * delta, xx + delta, yy + delta),
         false => (undilated, xx, yy),
     };
-    let broken = ((!mean.is_finite() || opacity.is_nan()))
+    let broken = (!mean.is_finite() || opacity.is_nan())
         || (!(determinant.is_finite() && (xx * yy).is_finite()))
         || (!color.iter().all(|c| c.is_finite()));
     if broken {

@@ -72,8 +72,7 @@ impl<R: Rasterizer<S>, S: Trainable> Trainer<'_, R, S> {
     /// Takes out what has become NaN or infinite since the last round; it draws nothing, and no file would take it.
     pub(super) fn drop_not_finite(&mut self, edits: &mut Option<EditCounts>) -> Result<(), Error> {
         let scene = self.rasterizer.download(&self.splats)?;
-        let lost =
-            (0..scene.len()).filter(|&index| !scene.gaussian(index).is_finite());
+        let lost = (0..scene.len()).filter(|&index| !scene.gaussian(index).is_finite());
         let removed: Vec<Removal> =
             lost.map(|index| Removal { index: index as u32, cause: PruneCause::NotFinite }).collect();
         if !removed.is_empty() {
