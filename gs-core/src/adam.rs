@@ -221,9 +221,17 @@ impl AdamRates {
             let right = value >= 0.0 && value.is_finite();
             if right { Ok(()) } else { Err(Error::setting(what, value, "finite and not negative")) }
         };
-        for rate in [self.mean, self.scale, self.rotation, self.opacity, self.color, self.color_rest] {
-            not_negative("learning rate", rate.learning_rate)?;
-            for (what, beta) in [("beta1", rate.beta1), ("beta2", rate.beta2)] {
+        let groups = [
+            ("the learning rate of means", self.mean),
+            ("the learning rate of scales", self.scale),
+            ("the learning rate of rotations", self.rotation),
+            ("the learning rate of opacities", self.opacity),
+            ("the learning rate of colours", self.color),
+            ("the learning rate of SH coefficients above degree 0", self.color_rest),
+        ];
+        for (what, rate) in groups {
+            not_negative(what, rate.learning_rate)?;
+            for (what, beta) in [("beta1 of Adam", rate.beta1), ("beta2 of Adam", rate.beta2)] {
                 if !(0.0..1.0).contains(&beta) {
                     return Err(Error::setting(what, beta, "at least 0 and below 1"));
                 }
@@ -245,6 +253,20 @@ impl AdamRates {
 }
 
 impl Adam {
+    /// Fails where a number is outside its range: a schedule's, or one that [`AdamRates::validate`] refuses.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] naming the first offender.
+    pub fn validate(&self) -> Result<(), Error> {
+        for group in [self.mean, self.scale, self.rotation, self.opacity, self.color, self.color_rest] {
+            let (Schedule::Cosine { to } | Schedule::Exponential { to }) = group.schedule else { continue };
+            if !(to > 0.0 && to.is_finite()) {
+                return Err(Error::setting("the last factor of a schedule", to, "positive and finite"));
+            }
+        }
+        self.at(0.0).validate()
+    }
+
     /// The numbers at `progress` in 0..=1 of the run.
     pub fn at(&self, progress: f32) -> AdamRates {
         let rate = |g: &Group| Rate {
@@ -275,7 +297,7 @@ mod tests {
     #[test]
     fn rates_that_would_make_what_is_not_a_number_are_refused() {
         let good = Adam::default();
-        good.at(0.0).validate().unwrap();
+        good.validate().unwrap();
         Adam { min_scale: 0.0, max_scale: f32::INFINITY, ..good }.at(0.0).validate().unwrap();
         let wrong = [
             Adam { mean: Group::constant(f32::NAN), ..good },
@@ -288,8 +310,12 @@ mod tests {
             Adam { penalty: Penalty { opacity: -1.0, ..Penalty::NONE }, ..good },
         ];
         for adam in wrong {
-            let refused = adam.at(0.0).validate();
-            assert!(matches!(refused, Err(Error::Setting { .. })), "{adam:?}");
+            for refused in [adam.at(0.0).validate(), adam.validate()] {
+                assert!(matches!(refused, Err(Error::Setting { .. })), "{adam:?}");
+            }
+        }
+        for schedule in [Schedule::Cosine { to: 0.0 }, Schedule::Exponential { to: f32::INFINITY }] {
+            assert!(Adam { mean: Group { schedule, ..good.mean }, ..good }.validate().is_err(), "{schedule:?}");
         }
     }
 
