@@ -166,8 +166,7 @@ impl Gaussian3d {
 /// not finite stays so: it must be seen and pruned; and so does one of zeros, which has no direction to grow in.
 #[inline]
 pub fn stretched(factor: Mat3, eta: Symmetric3, rates: &AdamRates) -> Mat3 {
-    let most = MAX_ETA;
-    let eta = symmetric(eta.map(|entry| entry.clamp(-most, most)));
+    let eta = symmetric(eta.map(|entry| entry.clamp(-MAX_ETA, MAX_ETA)));
     let m = factor + factor * (eta + eta * eta * 0.5);
     // The largest scale is at most the Frobenius norm of M, and the inverse of the smallest that of M⁻¹ = (cofactors of M)ᵀ/|M|.
     let cofactors = Mat3::from_cols(m.y_axis.cross(m.z_axis), m.z_axis.cross(m.x_axis), m.x_axis.cross(m.y_axis));

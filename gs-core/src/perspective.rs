@@ -128,8 +128,7 @@ impl Perspective {
     /// A valid camera's, with valid settings.
     pub fn new(camera: &Camera, settings: &RenderSettings) -> Self {
         let size = Vec2::new(camera.width as f32, camera.height as f32);
-        let margin = JACOBIAN_MARGIN;
-        let margin = margin * 0.5 * size / camera.focal;
+        let margin = JACOBIAN_MARGIN * 0.5 * size / camera.focal;
         let effects = &settings.effects;
         Self {
             rotation: camera.rotation,

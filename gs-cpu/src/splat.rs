@@ -99,7 +99,6 @@ impl Splat {
         let c = xx / determinant;
         // A row whose weight is above the cut has σ ≤ reach/2; going back n rows adds at most n √(c/2) to √σ.
         let restart = ((SAFE_EXPONENT.sqrt() - (0.5 * reach).sqrt()) / (0.5 * c).sqrt()).clamp(1.0, longest);
-        let restart = restart;
         let half_y = (reach * yy).sqrt();
         Self {
             mean: mean.to_array(),

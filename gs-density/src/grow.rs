@@ -19,6 +19,7 @@ const FLOOR_SHARE: f32 = 0.01;
 
 /// How rank and threshold are combined.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+#[non_exhaustive]
 pub enum Combine {
     /// A Gaussian grows that is among the first by rank and reaches the threshold.
     #[default]

@@ -30,6 +30,7 @@ const MOST_ROUNDS: f64 = 15.0;
 /// Settings by name.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
+#[non_exhaustive]
 pub enum Preset {
     /// [`FitSettings::paper`].
     Paper,

@@ -191,8 +191,7 @@ fn step_all<'g, S: Simd>(
         }
         if local {
             let l = slices.factors[i];
-            let most = MAX_XI;
-            slices.means[i] -= l * Vec2::new(u.clamp(-most, most), w.clamp(-most, most));
+            slices.means[i] -= l * Vec2::new(u.clamp(-MAX_XI, MAX_XI), w.clamp(-MAX_XI, MAX_XI));
             slices.factors[i] = turn(l, [s0, s1, s2], step.rates);
         } else {
             slices.means[i] -= Vec2::new(u, w);
@@ -229,9 +228,8 @@ fn step_all<'g, S: Simd>(
 /// L (I + η + η²/2) with η = −`moved` (η₀₀, η₀₁, η₁₁), and scales within their bounds.
 #[inline(always)]
 fn turn(l: Mat2, moved: [f32; 3], rates: &AdamRates) -> Mat2 {
-    let most = MAX_ETA;
     let [a, b, d] = moved;
-    let [a, b, d] = [(-a).clamp(-most, most), (-b).clamp(-most, most), (-d).clamp(-most, most)];
+    let [a, b, d] = [(-a).clamp(-MAX_ETA, MAX_ETA), (-b).clamp(-MAX_ETA, MAX_ETA), (-d).clamp(-MAX_ETA, MAX_ETA)];
     // I + η + η²/2, symmetric.
     let b2 = b * b;
     let (xx, yy) = (1.0 + a + 0.5 * (a * a + b2), 1.0 + d + 0.5 * (d * d + b2));

@@ -42,10 +42,10 @@ fn project(
         true => (undilated + delta * (xx + yy) + delta * delta, xx + delta, yy + delta),
         false => (undilated, xx, yy),
     };
-    let broken = (!mean.is_finite() || opacity.is_nan())
-        || (!(determinant.is_finite() && (xx * yy).is_finite()))
-        || (!color.iter().all(|c| c.is_finite()));
-    if broken {
+    let placed = mean.is_finite() && !opacity.is_nan();
+    let sized = determinant.is_finite() && (xx * yy).is_finite();
+    let colored = color.iter().all(|c| c.is_finite());
+    if !(placed && sized && colored) {
         return Err(Cause::NotFinite);
     }
     if !(determinant >= MIN_DETERMINANT_PX4) {

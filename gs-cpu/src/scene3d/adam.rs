@@ -204,8 +204,7 @@ fn add_pull(
 #[inline(always)]
 fn move_frame(parameters: &mut [f32], moved: [f32; LANES], rates: &AdamRates) {
     let factor = splats::factor(parameters);
-    let most = MAX_XI;
-    let xi = Vec3::from_slice(&moved[MEAN]).map(|entry| entry.clamp(-most, most));
+    let xi = Vec3::from_slice(&moved[MEAN]).map(|entry| entry.clamp(-MAX_XI, MAX_XI));
     let mean = splats::mean(parameters) - factor * xi;
     mean.write_to_slice(&mut parameters[MEAN]);
     let eta = std::array::from_fn(|k| -moved[STRETCH.start + k]);

@@ -18,6 +18,7 @@ pub const INITIAL_OPACITY: f32 = 0.7;
 /// A way of placing the first Gaussians. `opacity` in each counts under [`Blend::Over`] only; scenes for [`Blend::Sum`] have none.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "kind", rename_all = "kebab-case")]
+#[non_exhaustive]
 pub enum Init {
     /// Anywhere, large: the paper's experiment (§3.4).
     Random(Random),

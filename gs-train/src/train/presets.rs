@@ -22,6 +22,7 @@ use crate::{joining::Joining, recovery::Recovery, rounds::Rounds};
 /// Settings by name.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
+#[non_exhaustive]
 pub enum TrainPreset {
     /// The settings of 3DGS (Kerbl et al. 2023), 30,000 steps: what others compare with.
     #[default]
