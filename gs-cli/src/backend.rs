@@ -20,7 +20,7 @@ pub(crate) use self::{
 };
 use crate::{
     backend::{fastest::Fastest, threads::Threads},
-    chosen::ChosenMachine,
+    chosen_machine::ChosenMachine,
     failure::Failure,
     values::whole,
 };

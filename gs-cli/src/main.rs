@@ -6,6 +6,7 @@
 mod backend;
 mod cameras;
 mod chosen;
+mod chosen_machine;
 mod command_line;
 mod commands;
 mod dataset;
@@ -21,10 +22,12 @@ mod output_folder;
 mod paper;
 mod profile;
 mod report;
+mod settings_file;
 mod shown;
 mod study;
 mod text_file;
 mod train;
+mod training_arguments;
 mod values;
 mod view;
 

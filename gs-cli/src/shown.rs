@@ -10,7 +10,8 @@ use gs_io::{TrainedWith, dataset::Dataset};
 
 use crate::{
     output,
-    train::{AntialiasName, OrderName},
+    train::OrderName,
+    training_arguments::AntialiasName,
     values::{Color, whole},
 };
 

@@ -5,7 +5,6 @@ use serde::{Deserialize, Serialize};
 use crate::{
     constants::{MAX_SCALE_PX, MIN_SCALE_PX},
     error::Error,
-    guards::Guard,
 };
 
 /// In which coordinates the optimiser moves a Gaussian.
@@ -17,7 +16,7 @@ pub enum Parameterization {
     ScaleRotation,
     /// The Gaussian's own whitened coordinates, Σ = L Lᵀ: μ ← μ + L ξ, L ← L (I + η + η²/2) with η symmetric. A step means the same
     /// fraction of its extent for every Gaussian, however small or thin. In space: [`covariance_factor`](crate::covariance_factor).
-    #[serde(alias = "local-factor")]
+    #[serde(alias = "local-frame")]
     CovarianceFactor,
 }
 
@@ -33,7 +32,7 @@ impl Parameterization {
 
 /// How a learning rate changes over a run, as a factor of its first value.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
+#[serde(deny_unknown_fields, rename_all = "kebab-case")]
 pub enum Schedule {
     /// 1.
     #[default]
@@ -64,7 +63,7 @@ impl Schedule {
 
 /// Adam's numbers for one group of parameters.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(default, rename_all = "kebab-case")]
+#[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
 pub struct Group {
     /// Step size, in the parameter's own unit (in [`Parameterization::CovarianceFactor`]: in standard deviations).
     pub learning_rate: f32,
@@ -120,7 +119,7 @@ impl Penalty {
 
 /// Adam's settings. Bias correction counts each Gaussian's own steps, so that one born late starts as the first did.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(default, rename_all = "kebab-case")]
+#[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
 pub struct Adam {
     /// Mean: px (3D scenes: world units), or ξ in the covariance factor.
     pub mean: Group,
@@ -222,16 +221,24 @@ impl AdamRates {
             let right = value >= 0.0 && value.is_finite();
             if right { Ok(()) } else { Err(Error::setting(what, value, "finite and not negative")) }
         };
-        for rate in [self.mean, self.scale, self.rotation, self.opacity, self.color, self.color_rest] {
-            not_negative("learning rate", rate.learning_rate)?;
-            for (what, beta) in [("beta1", rate.beta1), ("beta2", rate.beta2)] {
+        let groups = [
+            ("the learning rate of means", self.mean),
+            ("the learning rate of scales", self.scale),
+            ("the learning rate of rotations", self.rotation),
+            ("the learning rate of opacities", self.opacity),
+            ("the learning rate of colours", self.color),
+            ("the learning rate of SH coefficients above degree 0", self.color_rest),
+        ];
+        for (what, rate) in groups {
+            not_negative(what, rate.learning_rate)?;
+            for (what, beta) in [("beta1 of Adam", rate.beta1), ("beta2 of Adam", rate.beta2)] {
                 if !(0.0..1.0).contains(&beta) {
                     return Err(Error::setting(what, beta, "at least 0 and below 1"));
                 }
             }
         }
         // Where no gradient has ever been, a step is 0/ε.
-        if Guard::Epsilon.is_on() && !(self.epsilon >= f32::MIN_POSITIVE && self.epsilon.is_finite()) {
+        if !(self.epsilon >= f32::MIN_POSITIVE && self.epsilon.is_finite()) {
             return Err(Error::setting("epsilon", self.epsilon, "finite and at least 1.2e-38"));
         }
         if !(self.min_scale >= 0.0 && self.min_scale < f32::INFINITY) {
@@ -246,6 +253,20 @@ impl AdamRates {
 }
 
 impl Adam {
+    /// Fails where a number is outside its range: a schedule's, or one that [`AdamRates::validate`] refuses.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] naming the first offender.
+    pub fn validate(&self) -> Result<(), Error> {
+        for group in [self.mean, self.scale, self.rotation, self.opacity, self.color, self.color_rest] {
+            let (Schedule::Cosine { to } | Schedule::Exponential { to }) = group.schedule else { continue };
+            if !(to > 0.0 && to.is_finite()) {
+                return Err(Error::setting("the last factor of a schedule", to, "positive and finite"));
+            }
+        }
+        self.at(0.0).validate()
+    }
+
     /// The numbers at `progress` in 0..=1 of the run.
     pub fn at(&self, progress: f32) -> AdamRates {
         let rate = |g: &Group| Rate {
@@ -276,7 +297,7 @@ mod tests {
     #[test]
     fn rates_that_would_make_what_is_not_a_number_are_refused() {
         let good = Adam::default();
-        good.at(0.0).validate().unwrap();
+        good.validate().unwrap();
         Adam { min_scale: 0.0, max_scale: f32::INFINITY, ..good }.at(0.0).validate().unwrap();
         let wrong = [
             Adam { mean: Group::constant(f32::NAN), ..good },
@@ -289,8 +310,12 @@ mod tests {
             Adam { penalty: Penalty { opacity: -1.0, ..Penalty::NONE }, ..good },
         ];
         for adam in wrong {
-            let refused = adam.at(0.0).validate();
-            assert!(matches!(refused, Err(Error::Setting { .. })), "{adam:?}");
+            for refused in [adam.at(0.0).validate(), adam.validate()] {
+                assert!(matches!(refused, Err(Error::Setting { .. })), "{adam:?}");
+            }
+        }
+        for schedule in [Schedule::Cosine { to: 0.0 }, Schedule::Exponential { to: f32::INFINITY }] {
+            assert!(Adam { mean: Group { schedule, ..good.mean }, ..good }.validate().is_err(), "{schedule:?}");
         }
     }
 

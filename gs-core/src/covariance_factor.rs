@@ -13,7 +13,6 @@ use glam::{DMat3, DQuat, DVec3, Mat3, Quat, Vec3};
 use crate::{
     adam::AdamRates,
     constants::{MAX_ETA, MIN_QUATERNION_NORM2},
-    guards::Guard,
     perspective::{Quaternion, quaternion_vjp},
     scene::Gaussian3d,
 };
@@ -167,14 +166,13 @@ impl Gaussian3d {
 /// not finite stays so: it must be seen and pruned; and so does one of zeros, which has no direction to grow in.
 #[inline]
 pub fn stretched(factor: Mat3, eta: Symmetric3, rates: &AdamRates) -> Mat3 {
-    let most = if Guard::MaxEta.is_on() { MAX_ETA } else { f32::INFINITY };
-    let eta = symmetric(eta.map(|entry| entry.clamp(-most, most)));
+    let eta = symmetric(eta.map(|entry| entry.clamp(-MAX_ETA, MAX_ETA)));
     let m = factor + factor * (eta + eta * eta * 0.5);
     // The largest scale is at most the Frobenius norm of M, and the inverse of the smallest that of M⁻¹ = (cofactors of M)ᵀ/|M|.
     let cofactors = Mat3::from_cols(m.y_axis.cross(m.z_axis), m.z_axis.cross(m.x_axis), m.x_axis.cross(m.y_axis));
     let determinant = m.x_axis.dot(cofactors.x_axis);
     let suspicious = determinant.abs() <= rates.min_scale * frobenius(&cofactors) || frobenius(&m) > rates.max_scale;
-    if suspicious && Guard::ScaleBounds.is_on() { bounded(m, rates) } else { m }
+    if suspicious { bounded(m, rates) } else { m }
 }
 
 /// M with its scales moved into their bounds, its axes on either side as they are.
@@ -207,7 +205,7 @@ pub fn by_scale_rotation(factor: Mat3, stretch: Symmetric3) -> (Vec3, [f32; 4]) 
     // A turn between two axes of which one has no extent (ln 0) is none.
     let about = |v: f64, log_ratio: f64| {
         let turned = 2.0 * v * log_ratio.sinh();
-        if turned.is_finite() || !Guard::FlatTurn.is_on() { turned } else { 0.0 }
+        if turned.is_finite() { turned } else { 0.0 }
     };
     let v_turn = DVec3::new(about(v.y_axis.z, b - c), about(v.z_axis.x, c - a), about(v.x_axis.y, a - b));
     let v_turn = principal.axes * v_turn;

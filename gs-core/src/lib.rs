@@ -14,7 +14,6 @@ pub mod edit;
 pub mod effects;
 pub mod error;
 pub mod examination;
-pub mod guards;
 pub mod image;
 pub mod loss;
 pub mod memory;

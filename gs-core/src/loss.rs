@@ -7,7 +7,7 @@ use crate::{constants::DSSIM_LAMBDA, error::Error};
 /// A loss between the rendered image C and the target Y, both `[H, W, 3]`, not clamped. All are means over pixels and channels,
 /// so that gradients do not depend on the unit an image is cut into.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
+#[serde(deny_unknown_fields, rename_all = "kebab-case")]
 pub enum Loss {
     /// mean (C − Y)². *Source:* GaussianImage.
     L2,

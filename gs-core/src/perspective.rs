@@ -17,7 +17,6 @@ use crate::{
     constants::{JACOBIAN_MARGIN, MIN_DETERMINANT_PX4, MIN_QUATERNION_NORM2, QUATERNION_SHRINK, SAFE_SQUARES},
     covariance_factor::{Factored, FramedGradient},
     effects::{Antialias, Blend},
-    guards::Guard,
     scene::sigmoid,
     settings::RenderSettings,
     statistics::Cause,
@@ -129,8 +128,7 @@ impl Perspective {
     /// A valid camera's, with valid settings.
     pub fn new(camera: &Camera, settings: &RenderSettings) -> Self {
         let size = Vec2::new(camera.width as f32, camera.height as f32);
-        let margin = if Guard::JacobianClamp.is_on() { JACOBIAN_MARGIN } else { f32::INFINITY };
-        let margin = margin * 0.5 * size / camera.focal;
+        let margin = JACOBIAN_MARGIN * 0.5 * size / camera.focal;
         let effects = &settings.effects;
         Self {
             rotation: camera.rotation,
@@ -138,7 +136,7 @@ impl Perspective {
             position: camera.position(),
             focal: camera.focal,
             center: camera.center,
-            near: camera.guarded_near(),
+            near: camera.near,
             slopes: [-(camera.center / camera.focal) - margin, (size - camera.center) / camera.focal + margin],
             dilation: effects.antialias.dilation(),
             antialias: effects.antialias,
@@ -161,11 +159,11 @@ impl Perspective {
         let quaternion = Quaternion::new(g.rotation);
         // A sum is finite only if all its terms are.
         let finite = g.mean.is_finite() && g.log_scale.is_finite() && quaternion.norm2.is_finite();
-        if Guard::FiniteParameters.is_on() && (!finite || g.opacity_logit.is_nan()) {
+        if !finite || g.opacity_logit.is_nan() {
             return Err(Cause::NotFinite);
         }
         let p = self.in_front(g.mean)?;
-        if Guard::QuaternionNorm.is_on() && !(quaternion.norm2 >= MIN_QUATERNION_NORM2) {
+        if !(quaternion.norm2 >= MIN_QUATERNION_NORM2) {
             return Err(Cause::Degenerate);
         }
         self.project_rows(p, self.rows(&turned(&quaternion).rotation, g.log_scale), g.opacity_logit)
@@ -178,7 +176,7 @@ impl Perspective {
     #[inline]
     pub fn project_factored(&self, g: &Factored) -> Result<Projection, Cause> {
         let finite = g.mean.is_finite() && g.factor.is_finite();
-        if Guard::FiniteParameters.is_on() && (!finite || g.opacity_logit.is_nan()) {
+        if !finite || g.opacity_logit.is_nan() {
             return Err(Cause::NotFinite);
         }
         let p = self.in_front(g.mean)?;
@@ -230,7 +228,7 @@ impl Perspective {
     #[inline(always)]
     fn in_front(&self, mean: Vec3) -> Result<Vec3, Cause> {
         let p = self.rotation * mean + self.translation;
-        if Guard::FiniteProjection.is_on() && p.is_nan() {
+        if p.is_nan() {
             return Err(Cause::NotFinite);
         }
         if !(p.z >= self.near) {
@@ -250,10 +248,10 @@ impl Perspective {
         let determinant = undilated + delta * (xx + yy) + delta * delta;
         let (xx, yy) = (xx + delta, yy + delta);
         let finite = mean.is_finite() && (xx * yy).is_finite() && determinant.is_finite();
-        if Guard::FiniteProjection.is_on() && !finite {
+        if !finite {
             return Err(Cause::NotFinite);
         }
-        if Guard::Determinant.is_on() && !(determinant >= MIN_DETERMINANT_PX4) {
+        if !(determinant >= MIN_DETERMINANT_PX4) {
             return Err(Cause::Degenerate);
         }
         let opacity = match (self.blend, self.antialias) {
@@ -263,7 +261,7 @@ impl Perspective {
             }
             (Blend::Over, _) => sigmoid(opacity_logit),
         };
-        if Guard::Transparent.is_on() && !(opacity >= self.alpha_cut) {
+        if !(opacity >= self.alpha_cut) {
             return Err(Cause::Transparent);
         }
         let (zu, zv) = (rows[2].dot(r0), rows[2].dot(r1));
@@ -329,7 +327,7 @@ impl Perspective {
     fn towards(&self, mean: Vec3) -> (Vec3, f32) {
         let offset = mean - self.position;
         let norm2 = offset.length_squared();
-        if (SAFE_SQUARES[0]..=SAFE_SQUARES[1]).contains(&norm2) || !Guard::SafeSquares.is_on() {
+        if (SAFE_SQUARES[0]..=SAFE_SQUARES[1]).contains(&norm2) {
             let inverse = 1.0 / norm2.sqrt();
             return (offset * inverse, inverse);
         }
@@ -358,7 +356,7 @@ impl Perspective {
 #[cold]
 fn towards_extremes(offset: Vec3) -> (Vec3, f32) {
     let largest = offset.abs().max_element();
-    if Guard::ZeroDirection.is_on() && largest == 0.0 {
+    if largest == 0.0 {
         return (Vec3::Z, 0.0);
     }
     let scaled = offset / largest;
@@ -376,7 +374,7 @@ impl Quaternion {
     pub(crate) fn new(q: [f32; 4]) -> Self {
         let norm2 = |[w, x, y, z]: [f32; 4]| w * w + x * x + y * y + z * z;
         let plain = Self { scaled: q, norm2: norm2(q), scale: 1.0 };
-        if plain.norm2 < f32::INFINITY || !Guard::QuaternionShrink.is_on() {
+        if plain.norm2 < f32::INFINITY {
             return plain;
         }
         let scaled = q.map(|c| c * QUATERNION_SHRINK);

@@ -6,7 +6,6 @@ use crate::{
     constants::{ALPHA_CUT, ALPHA_MAX, TRANSMITTANCE_MIN},
     effects::{Background, Blend, Effects},
     error::Error,
-    guards::Guard,
 };
 
 /// What happens at the α cut.
@@ -22,7 +21,7 @@ pub enum Cut {
 
 /// How far from its mean a Gaussian is looked at.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
+#[serde(deny_unknown_fields, rename_all = "kebab-case")]
 pub enum Extent {
     /// To the ellipse on which α falls to [`Accuracy::alpha_cut`]: nothing that is above the cut is lost. It reaches
     /// √(2 ln(o / cut)) σ, so that a faint Gaussian is a small one.
@@ -35,7 +34,7 @@ pub enum Extent {
 
 /// The approximations of a rendering, each with its error and its price.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(default, rename_all = "kebab-case")]
+#[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
 pub struct Accuracy {
     /// α (under [`Blend::Sum`]: weight) below this adds nothing. 1e-6..=0.5, default [`ALPHA_CUT`].
     pub alpha_cut: f32,
@@ -77,15 +76,6 @@ impl Accuracy {
         extent: Extent::Sigmas(3.0),
     };
 
-    /// The largest α, and the least transmittance behind a Gaussian that counts, as backends' kernels take them.
-    #[inline(always)]
-    pub fn guarded_limits(&self) -> (f32, f32) {
-        let alpha_max = if Guard::AlphaMax.is_on() { self.alpha_max } else { f32::INFINITY };
-        // Full pixels are marked by negative transmittances.
-        let transmittance_min = if Guard::Full.is_on() { self.transmittance_min } else { 0.0 };
-        (alpha_max, transmittance_min)
-    }
-
     /// What α = o·w of a Gaussian of opacity `o` (under [`Blend::Sum`]: 1) must reach to count: the cut, or its value at the extent's edge.
     pub fn cut_of(&self, opacity: f32) -> f32 {
         match self.extent {
@@ -97,7 +87,7 @@ impl Accuracy {
 
 /// Everything that a rendering depends on besides the scene and the view.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
-#[serde(default, rename_all = "kebab-case")]
+#[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
 pub struct RenderSettings {
     /// Which effects.
     pub effects: Effects,

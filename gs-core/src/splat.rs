@@ -92,7 +92,7 @@ pub mod over {
 
     /// α = min(o·w, α_max).
     pub fn alpha(opacity_times_weight: f32, accuracy: &Accuracy) -> f32 {
-        opacity_times_weight.min(accuracy.guarded_limits().0)
+        opacity_times_weight.min(accuracy.alpha_max)
     }
 
     /// Blends one Gaussian behind what is there; returns whether it counted.
@@ -101,7 +101,7 @@ pub mod over {
             return false;
         }
         let behind = pixel.transmittance * (1.0 - alpha);
-        if behind < accuracy.guarded_limits().1 {
+        if behind < accuracy.transmittance_min {
             pixel.full = true;
             return false;
         }
@@ -141,7 +141,7 @@ pub mod over {
         }
         let t = pixel.transmittance;
         let behind = t * (1.0 - alpha);
-        if behind < accuracy.guarded_limits().1 {
+        if behind < accuracy.transmittance_min {
             pixel.full = true;
             return None;
         }

@@ -5,7 +5,7 @@
 
 use glam::{Mat2, Vec2};
 
-use crate::{guards::Guard, scene::Gaussian2d};
+use crate::scene::Gaussian2d;
 
 /// ∂L/∂(ξ, η) of one 2D Gaussian.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -58,7 +58,7 @@ pub fn aligned(factor: Mat2, parent: Mat2) -> Mat2 {
 /// L⁻ᵀ v; 0 where L is singular, which a dilated Gaussian's may be.
 pub fn solve_transposed(l: Mat2, v: Vec2) -> Vec2 {
     let inverse = 1.0 / l.determinant();
-    if Guard::SingularFactor.is_on() && inverse.is_infinite() {
+    if inverse.is_infinite() {
         return Vec2::ZERO;
     }
     Vec2::new(l.y_axis.y * v.x - l.x_axis.y * v.y, l.x_axis.x * v.y - l.y_axis.x * v.x) * inverse

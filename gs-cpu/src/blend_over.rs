@@ -132,7 +132,7 @@ fn forward_part<S: Simd, V: Floats<S>, const LANE: usize>(
         return;
     }
     let (zero, cut, opacity): (V, V, V) = (splat(simd, 0.0), splat(simd, s.cut), splat(simd, s.opacity));
-    let (alpha_max, minimum) = accuracy.guarded_limits();
+    let (alpha_max, minimum) = (accuracy.alpha_max, accuracy.transmittance_min);
     let (alpha_max, minimum): (V, V) = (splat(simd, alpha_max), splat(simd, minimum));
     let color = splat3(simd, s.color);
     let mut weights = Weights::<V>::new(simd, s, first_column, LANE);
@@ -216,7 +216,7 @@ fn backward_part<S: Simd, V: Floats<S>, K: Collect, const LANE: usize>(
     }
     let (zero, one): (V, V) = (splat(simd, 0.0), splat(simd, 1.0));
     let (cut, opacity): (V, V) = (splat(simd, s.cut), splat(simd, s.opacity));
-    let (alpha_max, minimum) = accuracy.guarded_limits();
+    let (alpha_max, minimum) = (accuracy.alpha_max, accuracy.transmittance_min);
     let (alpha_max, minimum): (V, V) = (splat(simd, alpha_max), splat(simd, minimum));
     let color = splat3(simd, s.color);
     let mut weights = Weights::<V>::new(simd, s, first_column, LANE);

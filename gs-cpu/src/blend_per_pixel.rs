@@ -168,7 +168,7 @@ pub(crate) fn backward<K: Collect>(
                     break;
                 };
                 // The gradient of a clamped α is zero.
-                let t = if seen.uncut <= sight.accuracy.guarded_limits().0 { v_alpha * alpha } else { 0.0 };
+                let t = if seen.uncut <= sight.accuracy.alpha_max { v_alpha * alpha } else { 0.0 };
                 let dx = (sight.first_column + lane) as f32 + 0.5 - s.mean[0];
                 let u = (sight.first_row + row) as f32 + 0.5 - s.mean[1] - s.slope * dx;
                 let slot = &mut slots[seen.entry as usize * (STRIDE + K::NUMBERS)..][..STRIDE + K::NUMBERS];

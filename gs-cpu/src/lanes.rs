@@ -6,7 +6,7 @@
 use std::ops::{BitAnd, Shl};
 
 use fearless_simd::{Select, Simd, f32x16, prelude::*};
-use gs_core::{constants::MAX_DERIVATIVE, guards::Guard};
+use gs_core::constants::MAX_DERIVATIVE;
 
 /// Columns in a strip, and the most pixels in a vector.
 pub(crate) const LANES: usize = 16;
@@ -111,7 +111,7 @@ fn exp_parts<S: Simd, V: Floats<S>>(simd: S, x: V) -> (V, V) {
 #[inline(always)]
 pub(crate) fn exp<S: Simd, V: Floats<S>>(simd: S, x: V) -> V {
     let (power, rest) = exp_parts(simd, x);
-    let least = if Guard::ExponentRange.is_on() { -87.0 } else { f32::NEG_INFINITY };
+    let least = -87.0;
     x.simd_ge(splat::<S, V>(simd, least)).select(power.mul_add(rest, power), splat(simd, 0.0))
 }
 
@@ -125,7 +125,7 @@ pub(crate) fn exp_less<S: Simd, V: Floats<S>>(simd: S, x: V, base: f32) -> V {
 /// A derivative as Adam takes it: within ±[`MAX_DERIVATIVE`]. NaN stays: it must be seen and pruned.
 #[inline(always)]
 pub(crate) fn bounded_derivative<S: Simd, V: Floats<S>>(simd: S, g: V) -> V {
-    let most: V = splat(simd, if Guard::MaxDerivative.is_on() { MAX_DERIVATIVE } else { f32::INFINITY });
+    let most: V = splat(simd, MAX_DERIVATIVE);
     g.abs().simd_gt(most).select(most.copysign(g), g)
 }
 

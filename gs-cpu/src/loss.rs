@@ -3,7 +3,7 @@
 use std::sync::OnceLock;
 
 use fearless_simd::{Level, Simd, dispatch, prelude::*};
-use gs_core::{Error, Image, Loss, constants::MAX_RESIDUAL, guards::Guard, memory};
+use gs_core::{Error, Image, Loss, constants::MAX_RESIDUAL, memory};
 
 use crate::{
     dssim::{self, BlurredTarget},
@@ -137,7 +137,7 @@ fn residual<S: Simd>(simd: S, c: &[f32; LANES], y: &[f32; LANES], inside: usize)
 fn bound_residuals(scaled: &mut [Row], scale: f32, squares: f64) {
     // No residual is larger than the root of the sum, so that nearly always none has to be looked at.
     let (bound, most) = (f64::from(MAX_RESIDUAL), MAX_RESIDUAL * scale);
-    if Guard::MaxResidual.is_on() && !(squares <= bound * bound) {
+    if !(squares <= bound * bound) {
         let values = scaled.iter_mut().flat_map(|Row(channels)| channels.as_flattened_mut());
         values.for_each(|value| *value = value.clamp(-most, most));
     }

@@ -5,7 +5,6 @@
 //! where it does not cancel either.
 
 use glam::{Mat2, Vec2};
-use gs_core::guards::Guard;
 
 /// Gaussians a task of the stages over Gaussians handles.
 pub(crate) const CHUNK: usize = 1024;
@@ -100,7 +99,6 @@ impl Splat {
         let c = xx / determinant;
         // A row whose weight is above the cut has σ ≤ reach/2; going back n rows adds at most n √(c/2) to √σ.
         let restart = ((SAFE_EXPONENT.sqrt() - (0.5 * reach).sqrt()) / (0.5 * c).sqrt()).clamp(1.0, longest);
-        let restart = if Guard::Restart.is_on() { restart } else { longest };
         let half_y = (reach * yy).sqrt();
         Self {
             mean: mean.to_array(),
@@ -108,7 +106,7 @@ impl Splat {
             slope: xy / xx,
             c,
             ratio: (-c).exp(),
-            fall: if c < WIDE && Guard::GrowthLessOne.is_on() { fall(c) } else { 0.0 },
+            fall: if c < WIDE { fall(c) } else { 0.0 },
             color,
             opacity,
             cut,

@@ -32,7 +32,7 @@ pub enum ClonePlacement {
 
 /// Where the two halves stand that splitting makes.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
+#[serde(deny_unknown_fields, rename_all = "kebab-case")]
 pub enum SplitPlacement {
     /// At two points drawn independently from the parent (paper §2.2.2, 3DGS).
     #[default]

@@ -3,8 +3,7 @@
 //! A policy ([`DensityPolicy`]) is a struct of thresholds without hidden state: it looks at an [`Observation`] and returns an
 //! [`EditPlan`](gs_core::EditPlan), which a backend applies. It knows no rasterizer.
 //!
-//! - Who grows, by rank or threshold: [`AbsoluteThreshold`], [`RelativePercentile`], their product [`Hybrid`], their union [`Paper`]; measured
-//!   by one of three statistics ([`Signal`]).
+//! - Who grows, by rank and threshold: [`Grow`], measured by one of three statistics ([`Signal`]).
 //! - What is done then, the same for all of them ([`Actions`]): [`Densify`] clones and splits, [`Prune`] removes, [`OpacityReset`]
 //!   resets. The budget is met exactly where enough Gaussians qualify; those that call for growth the most go first.
 //! - Growth without parents: [`ResidualGrowth`] prunes and seeds where the residual is large, [`ErrorAddition`] (Image-GS) only adds.
@@ -74,17 +73,14 @@
 // Guards are phrased so that NaN fails them: `!(x > 0.0)` is not `x <= 0.0`.
 #![allow(clippy::neg_cmp_op_on_partial_ord)]
 
-mod absolute;
 mod correction;
 mod densify;
 mod error_addition;
 mod gaussian;
-mod hybrid;
+mod grow;
 mod mcmc;
 mod noise;
 mod observation;
-mod paper;
-mod percentile;
 mod policy;
 mod prune;
 mod ranking;
@@ -95,17 +91,14 @@ pub mod seed;
 mod signal;
 mod size;
 
-pub use absolute::AbsoluteThreshold;
 pub use correction::OpacityCorrection;
 pub use densify::{ClonePlacement, Densify, LongAxisSplit, MomentHeir, SplitPlacement};
 pub use error_addition::ErrorAddition;
 pub use gaussian::{DensityGaussian, DensityScene};
-pub use hybrid::Hybrid;
+pub use grow::{Combine, FORCED_GROWTH_PERCENT, Grow, share_of};
 pub use mcmc::Mcmc;
 pub use noise::Noise;
 pub use observation::{DensityPolicy, Observation, Residual, Rng};
-pub use paper::Paper;
-pub use percentile::{FORCED_GROWTH_PERCENT, RelativePercentile, share_of};
 pub use policy::Policy;
 pub use prune::Prune;
 pub use ranking::{Ranking, WhenFlat};

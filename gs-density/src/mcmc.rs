@@ -13,9 +13,9 @@ use serde::{Deserialize, Serialize};
 use crate::{
     densify::check_newcomers,
     gaussian::{DensityGaussian, DensityScene},
+    grow::{check_percent, share_of},
     noise::Noise,
     observation::{DensityPolicy, Observation, Rng},
-    percentile::{check_percent, share_of},
     prune::Prune,
 };
 

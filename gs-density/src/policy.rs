@@ -4,16 +4,13 @@ use gs_core::{EditPlan, Error, Gaussian2d, Gaussian3d, Scene2d, Scene3d, edit::M
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    absolute::AbsoluteThreshold,
     densify::{Densify, SplitPlacement},
     error_addition::ErrorAddition,
     gaussian::DensityScene,
-    hybrid::Hybrid,
+    grow::{Combine, Grow, GrowForm},
     mcmc::Mcmc,
     noise::Noise,
     observation::{DensityPolicy, Observation, Rng},
-    paper::Paper,
-    percentile::RelativePercentile,
     prune::Prune,
     residual::ResidualGrowth,
     round::Actions,
@@ -32,22 +29,17 @@ const ABS_GS_SPLIT_ABOVE: SizeThreshold = SizeThreshold::ExtentFraction(1e-3);
 /// Any of the policies. In a settings file, `kind` names it and stands beside its settings.
 ///
 /// ```
-/// use gs_density::{Policy, RelativePercentile};
+/// use gs_density::{Grow, Policy};
 ///
 /// let policy: Policy = toml::from_str("kind = 'percentile'\npercent = 5.0\nactions.densify.shrink = 2.0").unwrap();
-/// assert!(matches!(policy, Policy::Percentile(RelativePercentile { percent: 5.0, .. })));
+/// assert!(matches!(policy, Policy::Grow(Grow { percent: 5.0, .. })));
 /// ```
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(tag = "kind", rename_all = "kebab-case")]
+#[serde(from = "Form", into = "Form")]
+#[non_exhaustive]
 pub enum Policy {
-    /// Grow above a threshold.
-    Absolute(AbsoluteThreshold),
-    /// Grow the first few by rank.
-    Percentile(RelativePercentile),
-    /// Grow the first few by rank that are above a floor.
-    Hybrid(Hybrid),
-    /// Grow the first few by rank and what is above a threshold.
-    Paper(Paper),
+    /// Grow by rank and threshold.
+    Grow(Grow),
     /// Seed where the residual is large.
     Residual(ResidualGrowth),
     /// Relocate and copy by opacity, with noise between steps.
@@ -57,6 +49,62 @@ pub enum Policy {
     /// Grow nothing, and prune only what is not finite. With all Gaussians there from the start, the control that says what growth is
     /// worth.
     None,
+}
+
+/// A policy in a settings file. The kinds of [`Grow`] are the names of its constructors.
+#[derive(Serialize, Deserialize)]
+#[serde(tag = "kind", rename_all = "kebab-case", deny_unknown_fields)]
+enum Form {
+    Absolute(GrowForm),
+    Percentile(GrowForm),
+    Hybrid(GrowForm),
+    Paper(GrowForm),
+    Residual(ResidualGrowth),
+    Mcmc(Mcmc),
+    ImageGs(ErrorAddition),
+    None {},
+}
+
+impl From<Form> for Policy {
+    fn from(form: Form) -> Self {
+        match form {
+            Form::Absolute(form) => Self::Grow(form.or(Grow::absolute)),
+            Form::Percentile(form) => Self::Grow(form.or(Grow::percentile)),
+            Form::Hybrid(form) => Self::Grow(form.or(Grow::hybrid)),
+            Form::Paper(form) => Self::Grow(form.or(Grow::paper)),
+            Form::Residual(policy) => Self::Residual(policy),
+            Form::Mcmc(policy) => Self::Mcmc(policy),
+            Form::ImageGs(policy) => Self::ImageGs(policy),
+            Form::None {} => Self::None,
+        }
+    }
+}
+
+impl From<Policy> for Form {
+    fn from(policy: Policy) -> Self {
+        match policy {
+            Policy::Grow(grow) => match kind(&grow) {
+                "paper" => Self::Paper(grow.into()),
+                "absolute" => Self::Absolute(grow.into()),
+                "percentile" => Self::Percentile(grow.into()),
+                _ => Self::Hybrid(grow.into()),
+            },
+            Policy::Residual(policy) => Self::Residual(policy),
+            Policy::Mcmc(policy) => Self::Mcmc(policy),
+            Policy::ImageGs(policy) => Self::ImageGs(policy),
+            Policy::None => Self::None {},
+        }
+    }
+}
+
+/// The constructor of [`Grow`] that makes a rule like this one: `paper`, `absolute`, `percentile` or `hybrid`.
+fn kind(grow: &Grow) -> &'static str {
+    match grow.combine {
+        Combine::Either => "paper",
+        Combine::Both if grow.percent >= 100.0 => "absolute",
+        Combine::Both if grow.threshold == 0.0 => "percentile",
+        Combine::Both => "hybrid",
+    }
 }
 
 impl Policy {
@@ -82,37 +130,38 @@ impl Policy {
 
     /// The policy of that name, with its default settings:
     ///
-    /// - `absolute`, `abs-gs`, `absolute-error`: [`AbsoluteThreshold`] by mean gradient (3DGS), absolute gradient (AbsGS, which splits what is
-    ///   larger than a thousandth of the image, not a hundredth) or pixel error (Rota Bulò et al. 2024);
-    /// - `percentile`, `percentile-abs-gs`, `percentile-error`: [`RelativePercentile`] by the same;
-    /// - `hybrid`, `hybrid-abs-gs`, `hybrid-error`: [`Hybrid`] by the same;
-    /// - `long-axis`: [`AbsoluteThreshold`] by the absolute gradient, at its source's threshold of 0.00035, with a
+    /// - `absolute`, `abs-gs`, `absolute-error`: [`Grow::absolute`] by mean gradient (3DGS), absolute gradient (AbsGS, which splits
+    ///   what is larger than a thousandth of the image, not a hundredth) or pixel error (Rota Bulò et al. 2024);
+    /// - `percentile`, `percentile-abs-gs`, `percentile-error`: [`Grow::percentile`] by the same;
+    /// - `hybrid`, `hybrid-abs-gs`, `hybrid-error`: [`Grow::hybrid`] by the same;
+    /// - `long-axis`: [`Grow::absolute`] by the absolute gradient, at its source's threshold of 0.00035, with a
     ///   [`LongAxisSplit`](crate::LongAxisSplit) for both clone and split;
-    /// - `paper`: [`Paper`]; `mcmc`: [`Mcmc`]; `image-gs`: [`ErrorAddition`]; `residual`: [`ResidualGrowth`]; `none`: [`Policy::None`].
+    /// - `paper`: [`Grow::paper`]; `mcmc`: [`Mcmc`]; `image-gs`: [`ErrorAddition`]; `residual`: [`ResidualGrowth`];
+    ///   `none`: [`Policy::None`].
     ///
     /// # Errors
     /// [`Error::Setting`], listing the names.
     pub fn from_name(name: &str) -> Result<Self, Error> {
         use Signal::{AbsoluteGradient, MeanGradient, PixelError};
         Ok(match name {
-            "absolute" => Self::Absolute(AbsoluteThreshold::by(MeanGradient)),
-            "abs-gs" => Self::Absolute(AbsoluteThreshold {
-                actions: splitting(Densify { split_above: ABS_GS_SPLIT_ABOVE, ..Densify::default() }),
-                ..AbsoluteThreshold::by(AbsoluteGradient)
-            }),
-            "absolute-error" => Self::Absolute(AbsoluteThreshold::by(PixelError)),
-            "percentile" => Self::Percentile(RelativePercentile::by(MeanGradient)),
-            "percentile-abs-gs" => Self::Percentile(RelativePercentile::by(AbsoluteGradient)),
-            "percentile-error" => Self::Percentile(RelativePercentile::by(PixelError)),
-            "hybrid" => Self::Hybrid(Hybrid::by(MeanGradient)),
-            "hybrid-abs-gs" => Self::Hybrid(Hybrid::by(AbsoluteGradient)),
-            "hybrid-error" => Self::Hybrid(Hybrid::by(PixelError)),
-            "long-axis" => Self::Absolute(AbsoluteThreshold {
+            "absolute" => Self::Grow(Grow::absolute(MeanGradient)),
+            "abs-gs" => Self::Grow(
+                Grow::absolute(AbsoluteGradient)
+                    .with_actions(splitting(Densify { split_above: ABS_GS_SPLIT_ABOVE, ..Densify::default() })),
+            ),
+            "absolute-error" => Self::Grow(Grow::absolute(PixelError)),
+            "percentile" => Self::Grow(Grow::percentile(MeanGradient)),
+            "percentile-abs-gs" => Self::Grow(Grow::percentile(AbsoluteGradient)),
+            "percentile-error" => Self::Grow(Grow::percentile(PixelError)),
+            "hybrid" => Self::Grow(Grow::hybrid(MeanGradient)),
+            "hybrid-abs-gs" => Self::Grow(Grow::hybrid(AbsoluteGradient)),
+            "hybrid-error" => Self::Grow(Grow::hybrid(PixelError)),
+            "long-axis" => Self::Grow(Grow {
                 threshold: LONG_AXIS_THRESHOLD,
                 actions: splitting(Densify::along_long_axes()),
-                ..AbsoluteThreshold::by(AbsoluteGradient)
+                ..Grow::absolute(AbsoluteGradient)
             }),
-            "paper" => Self::Paper(Paper::default()),
+            "paper" => Self::Grow(Grow::paper(MeanGradient)),
             "mcmc" => Self::Mcmc(Mcmc::default()),
             "image-gs" => Self::ImageGs(ErrorAddition::default()),
             "residual" => Self::Residual(ResidualGrowth::default()),
@@ -125,27 +174,23 @@ impl Policy {
         })
     }
 
-    /// The policy's name, as in [`Self::NAMES`]: that of its kind, signal and way to split, whatever its other settings.
+    /// The policy's name, as in [`Self::NAMES`]: that of its rule, signal and way to split, whatever its other settings.
     pub fn name(&self) -> &'static str {
         use Signal::{AbsoluteGradient, MeanGradient, PixelError};
         match self {
-            Self::Absolute(policy) => match (policy.actions.densify.split_placement, policy.signal) {
-                (SplitPlacement::LongAxisSplit(_), AbsoluteGradient) => "long-axis",
-                (_, MeanGradient) => "absolute",
-                (_, AbsoluteGradient) => "abs-gs",
-                (_, PixelError) => "absolute-error",
+            Self::Grow(grow) => match (kind(grow), grow.actions.densify.split_placement, grow.signal) {
+                ("paper", ..) => "paper",
+                ("absolute", SplitPlacement::LongAxisSplit(_), AbsoluteGradient) => "long-axis",
+                ("absolute", _, MeanGradient) => "absolute",
+                ("absolute", _, AbsoluteGradient) => "abs-gs",
+                ("absolute", _, PixelError) => "absolute-error",
+                ("percentile", _, MeanGradient) => "percentile",
+                ("percentile", _, AbsoluteGradient) => "percentile-abs-gs",
+                ("percentile", _, PixelError) => "percentile-error",
+                (_, _, MeanGradient) => "hybrid",
+                (_, _, AbsoluteGradient) => "hybrid-abs-gs",
+                (_, _, PixelError) => "hybrid-error",
             },
-            Self::Percentile(policy) => match policy.signal {
-                MeanGradient => "percentile",
-                AbsoluteGradient => "percentile-abs-gs",
-                PixelError => "percentile-error",
-            },
-            Self::Hybrid(policy) => match policy.signal {
-                MeanGradient => "hybrid",
-                AbsoluteGradient => "hybrid-abs-gs",
-                PixelError => "hybrid-error",
-            },
-            Self::Paper(_) => "paper",
             Self::Mcmc(_) => "mcmc",
             Self::ImageGs(_) => "image-gs",
             Self::Residual(_) => "residual",
@@ -159,10 +204,7 @@ impl Policy {
     /// [`Error::Setting`] naming the first offender.
     pub fn validate(&self) -> Result<(), Error> {
         match self {
-            Self::Absolute(policy) => policy.validate(),
-            Self::Percentile(policy) => policy.validate(),
-            Self::Hybrid(policy) => policy.validate(),
-            Self::Paper(policy) => policy.validate(),
+            Self::Grow(policy) => policy.validate(),
             Self::Residual(policy) => policy.validate(),
             Self::Mcmc(policy) => policy.validate(),
             Self::ImageGs(policy) => policy.validate(),
@@ -173,16 +215,17 @@ impl Policy {
     /// Whether the number of Gaussians that is allowed is one to reach, as far as the rounds go: by a pace, or exactly. Under a threshold it is
     /// a bound.
     pub fn aims_at_budget(&self) -> bool {
-        matches!(self, Self::Hybrid(_) | Self::Residual(_) | Self::Mcmc(_) | Self::ImageGs(_))
+        match self {
+            Self::Grow(grow) => kind(grow) == "hybrid",
+            Self::Residual(_) | Self::Mcmc(_) | Self::ImageGs(_) => true,
+            Self::None => false,
+        }
     }
 
     /// What is done to the Gaussians, by policies that choose who grows.
     pub fn actions(&self) -> Option<&Actions> {
         match self {
-            Self::Absolute(policy) => Some(&policy.actions),
-            Self::Percentile(policy) => Some(&policy.actions),
-            Self::Hybrid(policy) => Some(&policy.actions),
-            Self::Paper(policy) => Some(&policy.actions),
+            Self::Grow(policy) => Some(&policy.actions),
             Self::Residual(_) | Self::Mcmc(_) | Self::ImageGs(_) | Self::None => None,
         }
     }
@@ -190,10 +233,7 @@ impl Policy {
     /// The same, to change.
     pub fn actions_mut(&mut self) -> Option<&mut Actions> {
         match self {
-            Self::Absolute(policy) => Some(&mut policy.actions),
-            Self::Percentile(policy) => Some(&mut policy.actions),
-            Self::Hybrid(policy) => Some(&mut policy.actions),
-            Self::Paper(policy) => Some(&mut policy.actions),
+            Self::Grow(policy) => Some(&mut policy.actions),
             Self::Residual(_) | Self::Mcmc(_) | Self::ImageGs(_) | Self::None => None,
         }
     }
@@ -248,10 +288,7 @@ impl Policy {
     /// The policy for scenes of any kind; none where it is of 2D scenes only.
     fn of_any_scene<S: DensityScene>(&self) -> Option<&dyn DensityPolicy<S>> {
         Some(match self {
-            Self::Absolute(policy) => policy,
-            Self::Percentile(policy) => policy,
-            Self::Hybrid(policy) => policy,
-            Self::Paper(policy) => policy,
+            Self::Grow(policy) => policy,
             Self::Mcmc(policy) => policy,
             Self::None => &NoGrowth,
             Self::Residual(_) | Self::ImageGs(_) => return None,
@@ -355,20 +392,20 @@ mod tests {
             [("mean-gradient", "", 2e-4), ("absolute-gradient", "abs-gs", 4e-4), ("pixel-error", "error", 0.1)]
         {
             let read = |kind| toml::from_str::<Policy>(&format!("kind = '{kind}'\nsignal = '{signal}'")).unwrap();
-            let Policy::Absolute(absolute) = read("absolute") else { panic!("another kind") };
+            let Policy::Grow(absolute) = read("absolute") else { panic!("another kind") };
             assert_eq!(absolute.threshold, threshold);
-            let Policy::Hybrid(hybrid) = read("hybrid") else { panic!("another kind") };
-            assert_eq!(hybrid.floor, 0.01 * threshold);
+            let Policy::Grow(hybrid) = read("hybrid") else { panic!("another kind") };
+            assert_eq!(hybrid.threshold, 0.01 * threshold);
             assert!(read("percentile").name().ends_with(if suffix.is_empty() { "percentile" } else { suffix }));
         }
         let given = "kind = 'absolute'\nsignal = 'pixel-error'\nthreshold = 0.3";
-        assert!(matches!(toml::from_str(given).unwrap(), Policy::Absolute(AbsoluteThreshold { threshold: 0.3, .. })));
+        assert!(matches!(toml::from_str(given).unwrap(), Policy::Grow(Grow { threshold: 0.3, .. })));
     }
 
     #[test]
     fn abs_gs_splits_what_3dgs_would_clone() {
         let split_above = |name| match Policy::from_name(name).unwrap() {
-            Policy::Absolute(policy) => policy.actions.densify.split_above.bound(768.0),
+            Policy::Grow(policy) => policy.actions.densify.split_above.bound(768.0),
             other => panic!("{other:?}"),
         };
         assert!((split_above("absolute") - 7.68).abs() < 1e-4 && (split_above("abs-gs") - 0.768).abs() < 1e-5);
@@ -384,6 +421,7 @@ mod tests {
         assert!(read("kind = 'absolute'\nsignal = 'smoke'").is_err());
         assert!(read("kind = 'absolute'\nthresh = 1.0").is_err());
         assert!(read("kind = 'hybrid'\nfloors = 1.0").is_err());
+        assert!(read("kind = 'none'\npercent = 1.0").is_err());
         for out_of_range in [
             "kind = 'absolute'\nthreshold = -1.0",
             "kind = 'percentile'\npercent = 101.0",

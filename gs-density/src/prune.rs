@@ -4,7 +4,6 @@ use gs_core::{
     Error,
     constants::PRUNE_OPACITY,
     edit::{PruneCause, Removal},
-    guards::Guard,
     scene::sigmoid,
 };
 use serde::{Deserialize, Serialize};
@@ -50,7 +49,7 @@ impl Prune {
     pub fn cause(&self, gaussian: &impl DensityGaussian, extent: f32, step: u32) -> Option<PruneCause> {
         let too_large =
             || step > self.larger_after && self.larger_than.is_some_and(|b| b.is_exceeded(gaussian, extent));
-        if Guard::PruneNotFinite.is_on() && !gaussian.is_finite() {
+        if !gaussian.is_finite() {
             Some(PruneCause::NotFinite)
         } else if sigmoid(gaussian.opacity_logit()) < self.opacity {
             Some(PruneCause::Transparent)

@@ -1,9 +1,8 @@
 //! Gaussians ranked by how much they call for growth; every criterion picks the first few of one ranking.
 
-use gs_core::guards::Guard;
 use serde::{Deserialize, Serialize};
 
-use crate::percentile::share_of;
+use crate::grow::share_of;
 
 /// What growth by rank does with Gaussians that have no gradient, among which there is no ranking.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
@@ -32,7 +31,7 @@ impl Ranking {
         let mut pairs: Vec<(u32, f32)> = scores
             .into_iter()
             .inspect(|_| population += 1)
-            .filter(|&(_, score)| score.is_finite() || !Guard::FiniteScore.is_on())
+            .filter(|&(_, score)| score.is_finite())
             .filter(|&(_, score)| score > 0.0 || (score == 0.0 && when_flat == WhenFlat::Forced))
             .map(|(index, score)| (index, score.abs())) // no −0, which would rank below 0
             .collect();

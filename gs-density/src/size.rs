@@ -7,7 +7,7 @@ use crate::gaussian::DensityGaussian;
 
 /// A bound on the largest of a Gaussian's scales (its standard deviation along the longest axis).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
+#[serde(deny_unknown_fields, rename_all = "kebab-case")]
 pub enum SizeThreshold {
     /// A fraction of the scene's extent ([`Observation::extent`](crate::Observation::extent)), positive. 3DGS has `percent_dense` = 0.01
     /// of the cameras'; of an image it is the longer side.

@@ -6,8 +6,7 @@ use glam::{Vec2, Vec3};
 use gs_conformance::properties::fresh;
 use gs_core::{DensityStatistics, EditPlan, Error, Gaussian2d, Scene2d, constants::TAU_POSITION, scene::logit};
 use gs_density::{
-    AbsoluteThreshold, Actions, DensityPolicy, Hybrid, Observation, OpacityReset, Paper, Policy, Prune,
-    RelativePercentile, Rng, WhenFlat,
+    Actions, DensityPolicy, Grow, Observation, OpacityReset, Policy, Prune, Rng, Signal::MeanGradient, WhenFlat,
 };
 use proptest::prelude::*;
 
@@ -62,20 +61,20 @@ fn each_criterion_picks_its_own() {
     let seen = observation(&scene, &statistics, 1000);
     let first = |n: u32| (0..n).collect::<BTreeSet<u32>>();
 
-    assert_eq!(growing(&plan(&AbsoluteThreshold::default(), &seen)), first(8));
-    assert_eq!(growing(&plan(&AbsoluteThreshold { threshold: 0.0, ..Default::default() }, &seen)), first(29));
-    assert_eq!(growing(&plan(&RelativePercentile::default(), &seen)), first(3));
-    assert_eq!(growing(&plan(&RelativePercentile { percent: 100.0, ..Default::default() }, &seen)), first(29));
-    let forced = RelativePercentile { percent: 100.0, when_flat: WhenFlat::Forced, ..Default::default() };
+    assert_eq!(growing(&plan(&Grow::absolute(MeanGradient), &seen)), first(8));
+    assert_eq!(growing(&plan(&Grow { threshold: 0.0, ..Grow::absolute(MeanGradient) }, &seen)), first(29));
+    assert_eq!(growing(&plan(&Grow::percentile(MeanGradient), &seen)), first(3));
+    assert_eq!(growing(&plan(&Grow { percent: 100.0, ..Grow::percentile(MeanGradient) }, &seen)), first(29));
+    let forced = Grow { percent: 100.0, when_flat: WhenFlat::Forced, ..Grow::percentile(MeanGradient) };
     assert_eq!(growing(&plan(&forced, &seen)), first(30));
 
-    let hybrid = |percent| Hybrid { percent, floor: TAU_POSITION, ..Default::default() };
+    let hybrid = |percent| Grow { percent, threshold: TAU_POSITION, ..Grow::hybrid(MeanGradient) };
     assert_eq!(growing(&plan(&hybrid(10.0), &seen)), first(3));
     assert_eq!(growing(&plan(&hybrid(50.0), &seen)), first(8));
-    let paper = |percent| Paper { percent, ..Default::default() };
+    let paper = |percent| Grow { percent, ..Grow::paper(MeanGradient) };
     assert_eq!(growing(&plan(&paper(10.0), &seen)), first(8));
     assert_eq!(growing(&plan(&paper(50.0), &seen)), first(15));
-    let without_share = Paper { threshold: 0.0, percent: 0.0, when_flat: WhenFlat::Forced, ..Default::default() };
+    let without_share = Grow { threshold: 0.0, percent: 0.0, when_flat: WhenFlat::Forced, ..Grow::paper(MeanGradient) };
     assert_eq!(growing(&plan(&without_share, &seen)), first(29));
 }
 
@@ -87,9 +86,9 @@ fn without_gradients_nothing_grows_unless_forced() {
     for policy in ranking_policies() {
         assert!(plan(&policy, &seen).is_empty(), "{policy:?}");
     }
-    let forced = RelativePercentile { when_flat: WhenFlat::Forced, ..Default::default() };
+    let forced = Grow { when_flat: WhenFlat::Forced, ..Grow::percentile(MeanGradient) };
     assert_eq!(growing(&plan(&forced, &seen)), BTreeSet::from([0, 1, 2]));
-    let forced = Paper { when_flat: WhenFlat::Forced, ..Default::default() };
+    let forced = Grow { when_flat: WhenFlat::Forced, ..Grow::paper(MeanGradient) };
     assert_eq!(growing(&plan(&forced, &seen)), BTreeSet::from([0, 1, 2]));
 }
 
@@ -106,11 +105,11 @@ fn the_papers_twenty_become_six_hundred() {
         }
         scene.means.len()
     };
-    assert_eq!(rounds(&RelativePercentile::default(), 1e-3, 24), 234);
-    assert_eq!(rounds(&Paper::default(), 1e-5, 24), 234);
-    assert_eq!(rounds(&Paper::default(), 1e-3, 4), 320);
-    assert_eq!(rounds(&Paper::default(), 1e-3, 6), 600);
-    assert_eq!(rounds(&AbsoluteThreshold::default(), 1e-5, 24), 20);
+    assert_eq!(rounds(&Grow::percentile(MeanGradient), 1e-3, 24), 234);
+    assert_eq!(rounds(&Grow::paper(MeanGradient), 1e-5, 24), 234);
+    assert_eq!(rounds(&Grow::paper(MeanGradient), 1e-3, 4), 320);
+    assert_eq!(rounds(&Grow::paper(MeanGradient), 1e-3, 6), 600);
+    assert_eq!(rounds(&Grow::absolute(MeanGradient), 1e-5, 24), 20);
 }
 
 #[test]
@@ -130,12 +129,12 @@ fn opacities_are_reset_on_time_and_only_where_there_are_some() {
         assert_eq!(ceiling(&policy, &opaque, 2999, 0.3), None);
     }
     let reset = OpacityReset { once_after: 500, ..OpacityReset::NEVER };
-    let once = Policy::Paper(Paper { actions: Actions { reset, ..Default::default() }, ..Default::default() });
+    let once = Policy::Grow(Grow::paper(MeanGradient).with_actions(Actions { reset, ..Default::default() }));
     assert_eq!(ceiling(&once, &translucent, 499, 0.1), Some(0.01));
     assert_eq!(ceiling(&once, &translucent, 999, 0.2), None);
     assert_eq!(ceiling(&once, &translucent, 499, 1.0), None);
-    let never = Paper { actions: Actions { reset: OpacityReset::NEVER, ..Default::default() }, ..Default::default() };
-    assert_eq!(ceiling(&Policy::Paper(never), &translucent, 2999, 0.3), None);
+    let never = Grow::paper(MeanGradient).with_actions(Actions { reset: OpacityReset::NEVER, ..Default::default() });
+    assert_eq!(ceiling(&Policy::Grow(never), &translucent, 2999, 0.3), None);
     assert_eq!(ceiling(&Policy::None, &translucent, 2999, 0.3), None);
 }
 
@@ -194,22 +193,22 @@ fn any_policy() -> impl Strategy<Value = Policy> {
     };
     let threshold = || (-15f32..0.0).prop_map(f32::exp);
     prop_oneof![
-        (threshold(), actions()).prop_map(|(threshold, actions)| Policy::Absolute(AbsoluteThreshold {
+        (threshold(), actions()).prop_map(|(threshold, actions)| Policy::Grow(Grow {
             threshold,
             actions,
-            ..Default::default()
+            ..Grow::absolute(MeanGradient)
         })),
         (0f32..=100.0, actions()).prop_map(|(percent, actions)| {
-            Policy::Percentile(RelativePercentile { percent, actions, ..Default::default() })
+            Policy::Grow(Grow { percent, actions, ..Grow::percentile(MeanGradient) })
         }),
-        (0f32..=100.0, threshold(), actions()).prop_map(|(percent, floor, actions)| Policy::Hybrid(Hybrid {
+        (0f32..=100.0, threshold(), actions()).prop_map(|(percent, threshold, actions)| Policy::Grow(Grow {
             percent,
-            floor,
+            threshold,
             actions,
-            ..Default::default()
+            ..Grow::hybrid(MeanGradient)
         })),
         (0f32..=100.0, threshold(), actions()).prop_map(|(percent, threshold, actions)| {
-            Policy::Paper(Paper { percent, threshold, actions, ..Default::default() })
+            Policy::Grow(Grow { percent, threshold, actions, ..Grow::paper(MeanGradient) })
         }),
         Just(Policy::None),
     ]

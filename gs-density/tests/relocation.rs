@@ -150,7 +150,7 @@ fn image_gs_starts_with_half_and_adds_four_times() {
 
 #[test]
 fn a_long_axis_split_puts_two_side_by_side() {
-    let Policy::Absolute(policy) = Policy::from_name("long-axis").unwrap() else { panic!("another kind") };
+    let Policy::Grow(policy) = Policy::from_name("long-axis").unwrap() else { panic!("another kind") };
     let LongAxisSplit { offset, length, width, opacity } = LongAxisSplit::default();
     assert_eq!(policy.actions.densify.split_placement, SplitPlacement::LongAxisSplit(LongAxisSplit::default()));
     for opaque in [false, true] {

@@ -7,8 +7,8 @@ use gs_core::{
     scene::{logit, sigmoid},
 };
 use gs_density::{
-    AbsoluteThreshold, Actions, Densify, DensityPolicy, LongAxisSplit, Mcmc, Observation, Policy, Prune, Rng,
-    SizeThreshold, SplitPlacement,
+    Actions, Densify, DensityPolicy, Grow, LongAxisSplit, Mcmc, Observation, Policy, Prune, Rng, Signal, SizeThreshold,
+    SplitPlacement,
 };
 
 const EXTENT: f32 = 5.0;
@@ -51,7 +51,7 @@ fn plan_at(policy: &dyn DensityPolicy<Scene3d>, scene: &Scene3d, gradients: &[f3
 
 #[test]
 fn the_rules_of_3dgs() {
-    let rules = AbsoluteThreshold {
+    let rules = Grow {
         actions: Actions {
             prune: Prune {
                 larger_than: Some(SizeThreshold::ExtentFraction(0.1)),
@@ -60,7 +60,7 @@ fn the_rules_of_3dgs() {
             },
             ..Actions::default()
         },
-        ..AbsoluteThreshold::default()
+        ..Grow::absolute(Signal::MeanGradient)
     };
     let (small, large) = (0.01 * EXTENT * 0.9, 0.01 * EXTENT * 1.1);
     let before = scene(&[
@@ -96,7 +96,7 @@ fn the_rules_of_3dgs() {
 fn halves_are_drawn_as_their_parent_is_spread() {
     let parent = gaussian(1.0, 0.5);
     let before = scene(&vec![parent.clone(); 50]);
-    let policy = AbsoluteThreshold::default();
+    let policy = Grow::absolute(Signal::MeanGradient);
     let mut sum = 0.0;
     let plan = plan_at(&policy, &before, &[1.0; 50], 99);
     let whiten = parent.factor().unwrap().inverse();
@@ -111,8 +111,8 @@ fn halves_are_drawn_as_their_parent_is_spread() {
 fn a_long_axis_split_puts_two_side_by_side() {
     let split = LongAxisSplit::default();
     let densify = Densify { split_placement: SplitPlacement::LongAxisSplit(split), ..Densify::default() };
-    let policy =
-        AbsoluteThreshold { actions: Actions { densify, ..Actions::default() }, ..AbsoluteThreshold::default() };
+    let actions = Actions { densify, ..Actions::default() };
+    let policy = Grow::absolute(Signal::MeanGradient).with_actions(actions);
     let parent = gaussian(1.0, 0.5);
     let plan = plan_at(&policy, &scene(std::slice::from_ref(&parent)), &[1.0], 99);
     // The second axis is the longest.

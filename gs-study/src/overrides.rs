@@ -7,7 +7,7 @@ use toml::{Table, Value};
 const CHOICES: [[&str; 2]; 3] = [["fixed", "fraction"], ["extent-fraction", "pixels"], ["cosine", "exponential"]];
 
 /// Keys that had another name in earlier versions, and their names now.
-const RENAMED: [(&str, &str); 1] = [("chart", "parameterization")];
+const RENAMED: [(&str, &str); 2] = [("chart", "parameterization"), ("floor", "threshold")];
 
 /// Lays `over` upon `base`, key by key. A choice is replaced as a whole: a table with another `kind`, or with the other of two keys
 /// that exclude each other.
@@ -78,7 +78,7 @@ mod tests {
             with("initial = { fraction = 0.5 }\nadam.mean.learning-rate = 0.5\npolicy.percent = 20").unwrap();
         let mut expected = FitSettings { initial: InitialCount::Fraction(0.5), ..FitSettings::paper() };
         expected.adam.mean.learning_rate = 0.5;
-        let Policy::Paper(paper) = &mut expected.policy else { panic!("the paper's policy") };
+        let Policy::Grow(paper) = &mut expected.policy else { panic!("the paper's policy") };
         paper.percent = 20.0;
         assert_eq!(settings, expected);
         assert_eq!(with("").unwrap(), FitSettings::paper());
@@ -90,7 +90,7 @@ mod tests {
         lay_upon(&mut base, &"adam.scale.beta1 = 0.6\npolicy.kind = 'hybrid'".parse().unwrap());
         let settings = applied(&FitSettings::paper(), &base).unwrap();
         assert_eq!((settings.adam.mean.beta1, settings.adam.scale.beta1), (0.5, 0.6));
-        let Policy::Hybrid(hybrid) = settings.policy else { panic!("the policy is {:?}", settings.policy) };
+        let Policy::Grow(hybrid) = settings.policy else { panic!("the policy is {:?}", settings.policy) };
         assert_eq!(hybrid.actions.densify.shrink, 2.0);
     }
 

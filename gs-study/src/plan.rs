@@ -169,7 +169,7 @@ mod tests {
     fn a_policy_by_its_name_is_what_settings_differ_from() {
         let named =
             TWO_ARMS.replace("settings.policy.kind = 'percentile'", "policy = 'hybrid'\nsettings.policy.percent = 25");
-        let Policy::Hybrid(hybrid) = plan(&named).unwrap().runs[1].settings.policy.clone() else { panic!("a hybrid") };
+        let Policy::Grow(hybrid) = plan(&named).unwrap().runs[1].settings.policy.clone() else { panic!("a hybrid") };
         assert_eq!((hybrid.percent, hybrid.actions.densify.shrink), (25.0, 2.0));
     }
 

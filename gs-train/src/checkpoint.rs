@@ -167,7 +167,7 @@ pub(crate) fn digest(bytes: impl IntoIterator<Item = u8>) -> u64 {
 #[cfg(test)]
 mod tests {
     use gs_core::{Scene2d, effects::Antialias};
-    use gs_density::{AbsoluteThreshold, Policy};
+    use gs_density::{Grow, Policy, Signal};
 
     use super::*;
     use crate::{
@@ -228,7 +228,7 @@ mod tests {
         for odd in [1, 12_345, 0x0012_3457].map(|ulps| f32::from_bits(0.1f32.to_bits() + ulps)) {
             for threshold in [odd, f32::INFINITY] {
                 record.settings.adam.mean.learning_rate = odd;
-                record.settings.policy = Policy::Absolute(AbsoluteThreshold { threshold, ..Default::default() });
+                record.settings.policy = Policy::Grow(Grow { threshold, ..Grow::absolute(Signal::MeanGradient) });
                 record.seconds = f64::from(odd) / 3.0;
                 let metadata = record.to_metadata::<Scene2d>().unwrap();
                 assert_eq!(Record::from_metadata::<Scene2d>(&metadata).unwrap(), record, "{metadata:?}");

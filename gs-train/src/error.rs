@@ -16,6 +16,19 @@ pub enum Error {
     /// A file: see [`gs_io::Error`].
     #[error(transparent)]
     Io(#[from] gs_io::Error),
+    /// A settings file that cannot be understood.
+    #[error("{}:{line}: {problem}", file.display())]
+    Settings {
+        /// The file.
+        file: PathBuf,
+        /// The line, counted from 1.
+        line: usize,
+        /// What is wrong there.
+        problem: String,
+    },
+    /// Settings that have no form in TOML.
+    #[error("the settings cannot be written as TOML: {0}")]
+    UnwritableSettings(String),
     /// The loss stopped being finite.
     #[error(
         "the training diverged: the loss is {loss} at step {step}{}; lower the learning rates",

@@ -34,6 +34,16 @@ pub fn flat_color(image: &Image) -> Option<[f32; 3]> {
     (share >= FLAT_SHARE).then(|| color.map(|level| f32::from(level) / 255.0))
 }
 
+/// The mean of an image's pixels.
+pub fn mean_color(image: &Image) -> [f32; 3] {
+    let count = image.pixels().len() as f64;
+    let sum = image
+        .pixels()
+        .iter()
+        .fold([0.0; 3], |sum: [f64; 3], pixel| std::array::from_fn(|channel| sum[channel] + f64::from(pixel[channel])));
+    sum.map(|channel| (channel / count) as f32)
+}
+
 impl FitSettings {
     /// The same fit before the colour that nearly all of the target has ([`flat_color`]), if there is one, Gaussians are summed, and nothing
     /// else is behind them.

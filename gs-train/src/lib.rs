@@ -26,6 +26,7 @@ mod quality;
 pub mod recovery;
 mod rounds;
 mod settings;
+mod settings_file;
 mod shortfall;
 pub mod statistics;
 mod summary;
@@ -46,7 +47,7 @@ pub use crate::{
     error::Error,
     fit::task::ImageTask,
     fit::{Fit, fit},
-    flat::flat_color,
+    flat::{flat_color, mean_color},
     init::Init,
     joining::{Calls, Join, Joined, Joining, Joins},
     metrics_log::{MetricsLog, MetricsRow},
@@ -56,7 +57,8 @@ pub use crate::{
     quality::ImageQuality,
     recovery::{FreshStart, Recovery},
     rounds::Rounds,
-    settings::{ColorSolve, FitSettings, InitialCount},
+    settings::{ColorSolve, FitSettings, InitialCount, gaussians_for},
+    settings_file::{parse_settings, settings_to_toml},
     shortfall::Shortfall,
     summary::FitSummary,
     suspect::Suspect,

@@ -1,8 +1,6 @@
 //! What a run knows of its losses. Backends may tell them some steps late, but in order and each once, so that the first that is not
 //! finite is known with its step.
 
-use gs_core::guards::Guard;
-
 /// The losses of a run up to the last that has been seen.
 #[derive(Debug)]
 pub(crate) struct Losses {
@@ -45,7 +43,7 @@ impl Losses {
     ) -> Result<(), E> {
         let known = self.untold.len();
         let added = add(&mut self.untold);
-        let broken = |loss: &f32| Guard::FiniteLoss.is_on() && !loss.is_finite();
+        let broken = |loss: &f32| !loss.is_finite();
         if let Some(finite) = self.untold[known..].iter().position(broken) {
             let step = self.seen + finite as u32 + 1;
             self.diverged.get_or_insert((step, self.untold[known + finite]));

@@ -6,7 +6,7 @@ use gs_core::{
     Adam, Blend, Loss, Parameterization, RenderSettings,
     adam::{Group, Schedule},
 };
-use gs_density::{Paper, Policy, ResidualGrowth};
+use gs_density::{Grow, Policy, ResidualGrowth, Signal};
 use serde::{Deserialize, Serialize};
 
 use crate::{
@@ -30,6 +30,7 @@ const MOST_ROUNDS: f64 = 15.0;
 /// Settings by name.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
+#[non_exhaustive]
 pub enum Preset {
     /// [`FitSettings::paper`].
     Paper,
@@ -104,7 +105,7 @@ impl FitSettings {
             loss: Loss::PAPER,
             adam: Adam::default(),
             init: Init::Random(Random::default()),
-            policy: Policy::Paper(Paper::default()),
+            policy: Policy::Grow(Grow::paper(Signal::MeanGradient)),
             rounds: Rounds::until(100, 1000),
             recovery: Recovery::BeginAgain,
             rebin_every: 1,

@@ -1,12 +1,31 @@
 //! Everything that a fit depends on besides the image: one value that can be stored, compared and sent along with a result.
 
-use gs_core::{
-    Adam, Error, Loss, Parameterization, RenderSettings, adam::Group, adam::Schedule, constants::MAX_GAUSSIANS,
-};
+use gs_core::{Adam, Blend, Error, Loss, Parameterization, RenderSettings, constants::MAX_GAUSSIANS};
 use gs_density::Policy;
 use serde::{Deserialize, Serialize};
 
-use crate::{init::Init, joining::Joining, recovery::Recovery, rounds::Rounds};
+use crate::{init::Init, joining::Joining, presets::Preset, recovery::Recovery, rounds::Rounds};
+
+/// Step size of opacity logits where a fit without opacities is blended front to back.
+const OPACITY_RATE: f32 = 0.05;
+/// Step size in standard deviations where a fit is moved to the covariance factor.
+const COVARIANCE_FACTOR_RATE: f32 = 0.15;
+
+/// Images of fewer pixels have a Gaussian for each by default, and larger ones so many at least.
+///
+/// By the share of larger images, an image of 8x12 px has 2 Gaussians and ends at 18.1 dB, one of 16x24 px at 19.5 dB, one of 32x48 px
+/// at 23.9 dB. With 256 at most they end at 66.1, 64.0 and 39.7 dB, and one of 64x96 px at 31.8 instead of 28.5 dB, in a tenth of a
+/// second. Noise takes one Gaussian a pixel: 3x2 px end at 67.9 dB with 6 and at 33.0 dB with 4, 16x16 px at 67.6 dB with 256 and at
+/// 44.3 dB with 128.
+const ENOUGH_GAUSSIANS: u64 = 256;
+
+/// How many Gaussians an image of this size (columns, rows) has by default: 9,000 for each 768x512 px, the size of the Kodak test set,
+/// and no fewer than 256 unless it has fewer pixels.
+pub fn gaussians_for((width, height): (u32, u32)) -> u32 {
+    let pixels = u64::from(width) * u64::from(height);
+    let count = (pixels * 9_000 / (768 * 512)).max(ENOUGH_GAUSSIANS.min(pixels));
+    u32::try_from(count).unwrap_or(u32::MAX)
+}
 
 /// The settings of a 2D fit. Two fits with equal settings, target and backend give equal results, bit for bit.
 ///
@@ -54,7 +73,7 @@ pub struct FitSettings {
 
 /// How many Gaussians a fit starts with.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
+#[serde(deny_unknown_fields, rename_all = "kebab-case")]
 pub enum InitialCount {
     /// So many, 1 to the budget.
     Fixed(u32),
@@ -85,6 +104,89 @@ pub struct ColorSolve {
 }
 
 impl FitSettings {
+    /// The settings of a preset for an image of `size` (columns, rows), in another number of Gaussians or steps if these are given. The
+    /// number of Gaussians is otherwise that of [`gaussians_for`], or the paper's.
+    pub fn from_preset(preset: Preset, size: (u32, u32), gaussians: Option<u32>, iterations: Option<u32>) -> Self {
+        match (preset, iterations) {
+            (Preset::Paper, _) => {
+                let paper = Self::paper();
+                let (gaussians, iterations) =
+                    (gaussians.unwrap_or(paper.gaussians), iterations.unwrap_or(paper.iterations));
+                paper.with_iterations(iterations).with_gaussians(gaussians)
+            }
+            (_, Some(iterations)) => {
+                Self::for_image(gaussians.unwrap_or_else(|| gaussians_for(size)), size, iterations)
+            }
+            (_, None) => preset.settings(gaussians.unwrap_or_else(|| gaussians_for(size)), size),
+        }
+    }
+
+    /// The same fit with at most so many Gaussians; no more than these are there at the start.
+    #[must_use]
+    pub fn with_gaussians(mut self, gaussians: u32) -> Self {
+        self.gaussians = gaussians;
+        if let InitialCount::Fixed(count) = &mut self.initial {
+            *count = (*count).min(gaussians);
+        }
+        self
+    }
+
+    /// The same fit with steps in another parameterization. Learning rates of mean and shape have other units there, so they become
+    /// those that are known to work.
+    #[must_use]
+    pub fn with_parameterization(mut self, parameterization: Parameterization) -> Self {
+        if self.parameterization == parameterization {
+            return self;
+        }
+        self.parameterization = parameterization;
+        let usual = Adam::default();
+        let rates = match parameterization {
+            Parameterization::ScaleRotation => {
+                [usual.mean, usual.scale, usual.rotation].map(|group| group.learning_rate)
+            }
+            Parameterization::CovarianceFactor => [COVARIANCE_FACTOR_RATE; 3],
+        };
+        let Adam { mean, scale, rotation, .. } = &mut self.adam;
+        for (group, rate) in [mean, scale, rotation].into_iter().zip(rates) {
+            group.learning_rate = rate;
+        }
+        self
+    }
+
+    /// The same fit with another blending. Front to back, `background` is put behind, as light that no Gaussian covers must come from
+    /// somewhere, and opacities begin to move; of other effects, none is left.
+    #[must_use]
+    pub fn with_blend(mut self, blend: Blend, background: [f32; 3]) -> Self {
+        if self.render.effects.blend == blend {
+            return self;
+        }
+        match blend {
+            Blend::Sum => self.render.effects.blend = blend,
+            Blend::Over => {
+                let accuracy = self.render.accuracy;
+                self.render = RenderSettings { accuracy, ..RenderSettings::blended(blend) }.on(background);
+                self.adam.opacity.learning_rate = OPACITY_RATE;
+            }
+        }
+        self
+    }
+
+    /// The same fit under another policy. It starts with as many Gaussians as the policy asks for: with all of them if it adds none.
+    #[must_use]
+    pub fn with_policy(mut self, mut policy: Policy) -> Self {
+        match &mut policy {
+            Policy::Residual(growth) => {
+                let first = self.initial.resolve(self.gaussians) as f32;
+                growth.start_fraction = first / self.gaussians as f32;
+            }
+            Policy::ImageGs(addition) => self.initial = InitialCount::Fraction(addition.start_fraction),
+            Policy::None => self.initial = InitialCount::Fraction(1.0),
+            _ => {}
+        }
+        self.policy = policy;
+        self
+    }
+
     /// Fails where a setting is out of its range or contradicts another.
     ///
     /// # Errors
@@ -114,56 +216,13 @@ impl FitSettings {
         self.render.validate()?;
         self.joining.validate()?;
         self.loss.validate()?;
-        validate_adam(&self.adam)
+        self.adam.validate()
     }
-}
-
-pub(crate) fn validate_adam(adam: &Adam) -> Result<(), Error> {
-    let groups: [(&'static str, &Group); 6] = [
-        ("the learning rate of means", &adam.mean),
-        ("the learning rate of scales", &adam.scale),
-        ("the learning rate of rotations", &adam.rotation),
-        ("the learning rate of opacities", &adam.opacity),
-        ("the learning rate of colours", &adam.color),
-        ("the learning rate of SH coefficients above degree 0", &adam.color_rest),
-    ];
-    for (what, group) in groups {
-        if !(group.learning_rate >= 0.0 && group.learning_rate.is_finite()) {
-            return Err(Error::setting(what, group.learning_rate, "finite and not negative"));
-        }
-        for (what, beta) in [("beta1 of Adam", group.beta1), ("beta2 of Adam", group.beta2)] {
-            if !(0.0..1.0).contains(&beta) {
-                return Err(Error::setting(what, beta, "at least 0 and below 1"));
-            }
-        }
-        let (Schedule::Cosine { to } | Schedule::Exponential { to }) = group.schedule else { continue };
-        if !(to > 0.0 && to.is_finite()) {
-            return Err(Error::setting("the last factor of a schedule", to, "positive and finite"));
-        }
-    }
-    if !(adam.epsilon > 0.0 && adam.epsilon.is_finite()) {
-        return Err(Error::setting("epsilon of Adam", adam.epsilon, "positive and finite"));
-    }
-    for (what, weight) in
-        [("the weight of the mean opacity", adam.penalty.opacity), ("the weight of the mean scale", adam.penalty.scale)]
-    {
-        if !(weight >= 0.0 && weight.is_finite()) {
-            return Err(Error::setting(what, weight, "finite and not negative"));
-        }
-    }
-    if !(adam.min_scale > 0.0 && adam.min_scale.is_finite()) {
-        return Err(Error::setting("the smallest scale", adam.min_scale, "positive and finite"));
-    }
-    if !(adam.max_scale >= adam.min_scale && adam.max_scale.is_finite()) {
-        return Err(Error::setting("the largest scale", adam.max_scale, "finite and at least the smallest"));
-    }
-    Ok(())
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::presets::Preset;
 
     #[test]
     fn presets_are_valid_and_come_back_from_json_unchanged() {
@@ -211,5 +270,35 @@ mod tests {
         assert_eq!(InitialCount::Fraction(0.08).resolve(9_000), 720);
         assert_eq!(InitialCount::Fraction(0.08).resolve(1), 1);
         assert_eq!(InitialCount::Fixed(20).resolve(600), 20);
+    }
+
+    #[test]
+    fn the_number_of_gaussians_follows_the_image_unless_it_is_given() {
+        assert_eq!(gaussians_for((768, 512)), 9_000);
+        assert_eq!([(1, 1), (3, 2), (16, 16), (32, 32), (106, 106)].map(gaussians_for), [1, 6, 256, 256, 257]);
+        assert_eq!(gaussians_for((16_384, 16_384)), 6_144_000);
+        let few = FitSettings::from_preset(Preset::Paper, (64, 48), Some(7), Some(250));
+        assert_eq!((few.gaussians, few.initial, few.iterations), (7, InitialCount::Fixed(7), 250));
+        few.validate().unwrap();
+    }
+
+    #[test]
+    fn each_change_leaves_a_fit_that_is_possible_and_the_same_change_twice_is_one() {
+        let standard = || FitSettings::standard(1000);
+        let over = standard().with_blend(Blend::Over, [0.5, 0.25, 1.0]);
+        assert_eq!(over.render.background_color(), [0.5, 0.25, 1.0]);
+        assert_eq!(over.adam.opacity.learning_rate, OPACITY_RATE);
+        assert_eq!(over.clone().with_blend(Blend::Over, [0.0; 3]), over);
+        let pixels = standard().with_parameterization(Parameterization::ScaleRotation);
+        assert_eq!(pixels.adam.mean.learning_rate, Adam::default().mean.learning_rate);
+        assert_eq!(standard().with_parameterization(Parameterization::CovarianceFactor), standard());
+        for name in Policy::NAMES {
+            let changed = standard().with_policy(Policy::from_name(name).unwrap());
+            assert_eq!(changed.policy.name(), name);
+            changed.validate().unwrap();
+        }
+        assert_eq!(standard().with_policy(Policy::None).initial.resolve(1000), 1000);
+        let half = standard().with_policy(Policy::from_name("image-gs").unwrap());
+        assert_eq!(half.initial.resolve(1000), 500);
     }
 }

@@ -3,7 +3,7 @@
 use std::fmt;
 
 use gs_core::{Rasterizer, edit::EditCounts};
-use gs_density::{Policy, Signal, share_of};
+use gs_density::{Combine, Grow, Policy, Signal, share_of};
 use serde::{Deserialize, Serialize};
 
 use crate::{
@@ -91,19 +91,19 @@ impl Growth<'_> {
         };
         let grown = match policy {
             Policy::Mcmc(mcmc) => return self.by_share(name, mcmc.percent, None),
-            Policy::Percentile(percentile) => return self.by_share(name, percentile.percent, None),
-            Policy::Hybrid(hybrid) => {
-                return self.by_share(name, hybrid.percent, Some(by_threshold(hybrid.signal, hybrid.floor)));
+            Policy::Grow(Grow { percent, threshold, signal, combine, .. }) => {
+                let calling = (*threshold > 0.0).then(|| by_threshold(*signal, *threshold));
+                match (combine, calling) {
+                    (Combine::Both, Some(calling)) if *percent >= 100.0 => {
+                        format!("lets only Gaussians grow {calling}")
+                    }
+                    (Combine::Either, Some(calling)) => {
+                        format!("lets {percent} % of the Gaussians grow in a round, and besides those {calling}")
+                    }
+                    (_, calling) => return self.by_share(name, *percent, calling),
+                }
             }
-            Policy::Absolute(absolute) => {
-                format!("lets only Gaussians grow {}", by_threshold(absolute.signal, absolute.threshold))
-            }
-            Policy::Paper(paper) => format!(
-                "lets {} % of the Gaussians grow in a round, and besides those {}",
-                paper.percent,
-                by_threshold(Signal::MeanGradient, paper.threshold)
-            ),
-            Policy::Residual(_) | Policy::ImageGs(_) | Policy::None => "adds none after its last round".to_owned(),
+            _ => "adds none after its last round".to_owned(),
         };
         format!("policy `{name}` {grown}{}", self.pruned())
     }

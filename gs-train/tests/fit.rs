@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use glam::{Vec2, Vec3};
 use gs_core::{Blend, Gaussian2d, Image, Loss, Rasterizer, RenderSettings, Scene, Scene2d, scene::logit};
-use gs_density::{Mcmc, Noise, Policy, RelativePercentile};
+use gs_density::{Grow, Mcmc, Noise, Policy, Signal};
 use gs_train::{
     ColorSolve, Control, Error, Fit, FitSettings, FitSummary, ImageQuality, Init, InitialCount, MetricsLog, Observer,
     Outcome, Preset, Progress, Rounds, Trainer, fit,
@@ -295,7 +295,7 @@ fn gaussians_that_reach_nothing_do_not_move() {
         initial: InitialCount::Fixed(40),
         iterations: 50,
         rounds: Rounds::until(10, 40),
-        policy: Policy::Percentile(RelativePercentile::default()),
+        policy: Policy::Grow(Grow::percentile(Signal::MeanGradient)),
         loss: Loss::L2,
         ..FitSettings::paper()
     };

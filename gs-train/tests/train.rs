@@ -101,7 +101,7 @@ fn a_resumed_training_ends_bit_identical() {
         state.tensors.iter().map(|(name, tensor)| (name.clone(), bits(&tensor.data))).collect()
     };
     for name in ["absolute", "mcmc"] {
-        let mut settings = short(60).controlled_by(Policy::from_name(name).unwrap());
+        let mut settings = short(60).with_policy(Policy::from_name(name).unwrap());
         settings.background = StepBackground::Random;
         settings.resolution = Resolution::CoarseToFine { from: 2, full_after: 0.5 };
         let first = rasterizer();
@@ -229,7 +229,7 @@ fn every_policy_trains_within_its_budget() {
     let of = |settings: TrainSettings| trained(settings, views(&rasterizer), Start::Random);
     let before = of(TrainSettings { iterations: 0, ..short(60) }).1.psnr;
     for name in Policy::NAMES {
-        let settings = short(60).controlled_by(Policy::from_name(name).unwrap());
+        let settings = short(60).with_policy(Policy::from_name(name).unwrap());
         if ["residual", "image-gs"].contains(&name) {
             let refused = Trainer3d::from_views(&rasterizer, views(&rasterizer), Start::Random, settings);
             assert!(refused.unwrap_err().to_string().contains(name));

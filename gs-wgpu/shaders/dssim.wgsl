@@ -121,9 +121,9 @@ fn ssim(m: vec4f) -> vec4f {
     let squares = m.x * m.x + m.y * m.y;
     let a = 2.0 * product + SSIM_C1;
     // What rounding leaves of large numbers where a window is nearly constant: bounded as by its definition, so that SSIM stays within ±1.
-    let variances = select(m.z - squares, max(m.z - squares, 0.0), GUARD_SSIM_VARIANCES);
+    let variances = max(m.z - squares, 0.0);
     let covariance = 2.0 * (m.w - product);
-    let b = select(covariance, clamp(covariance, -variances, variances), GUARD_SSIM_VARIANCES) + SSIM_C2;
+    let b = clamp(covariance, -variances, variances) + SSIM_C2;
     let c = squares + SSIM_C1;
     let d = variances + SSIM_C2;
     let inverse = 1.0 / (c * d);

@@ -3,13 +3,9 @@
 
 use std::fmt::Write;
 
-use gs_core::{
-    constants::{
-        MAX_DERIVATIVE, MAX_ETA, MAX_RESIDUAL, MAX_XI, MIN_DETERMINANT_PX4, MIN_QUATERNION_NORM2, QUATERNION_SHRINK,
-        SAFE_SQUARES, SH_C0, SH_C1, SH_C2, SH_C3, SSIM_C1, SSIM_C2, SSIM_MAX, SSIM_SIGMA, SSIM_WINDOW,
-        VANISHING_MOMENT,
-    },
-    guards::Guard,
+use gs_core::constants::{
+    MAX_DERIVATIVE, MAX_ETA, MAX_RESIDUAL, MAX_XI, MIN_DETERMINANT_PX4, MIN_QUATERNION_NORM2, QUATERNION_SHRINK,
+    SAFE_SQUARES, SH_C0, SH_C1, SH_C2, SH_C3, SSIM_C1, SSIM_C2, SSIM_MAX, SSIM_SIGMA, SSIM_WINDOW, VANISHING_MOMENT,
 };
 
 use crate::{
@@ -210,31 +206,25 @@ fn prelude(variant: Variant) -> String {
     text
 }
 
-/// What the shaders' guards compare with, and for those that compare with nothing, whether they are on.
+/// What the shaders' guards compare with.
 fn guards(text: &mut String) {
     let [safe_least, safe_most] = SAFE_SQUARES;
-    // Of a guard that is off, what everything is on the right side of.
-    for (name, value, guard, unguarded) in [
-        ("MIN_DETERMINANT_PX4", MIN_DETERMINANT_PX4, Guard::Determinant, f32::MIN),
-        ("MIN_QUATERNION_NORM2", MIN_QUATERNION_NORM2, Guard::QuaternionNorm, f32::MIN),
-        ("QUATERNION_SHRINK", QUATERNION_SHRINK, Guard::QuaternionShrink, 1.0),
-        ("SAFE_SQUARE_LEAST", safe_least, Guard::SafeSquares, f32::MIN),
-        ("SAFE_SQUARE_MOST", safe_most, Guard::SafeSquares, f32::MAX),
-        ("MAX_EXPONENT_2", 126.0, Guard::ExponentRange, f32::MAX),
-        ("MAX_EXPONENT_E", 87.0, Guard::ExponentRange, f32::MAX),
-        ("MAX_RESIDUAL", MAX_RESIDUAL, Guard::MaxResidual, f32::MAX),
-        ("SSIM_MAX", SSIM_MAX, Guard::SsimMax, f32::MAX),
-        ("MAX_DERIVATIVE", MAX_DERIVATIVE, Guard::MaxDerivative, f32::MAX),
-        ("MAX_XI", MAX_XI, Guard::MaxXi, f32::MAX),
-        ("MAX_ETA", MAX_ETA, Guard::MaxEta, f32::MAX),
-        ("VANISHING_MOMENT", VANISHING_MOMENT, Guard::VanishingMoment, 0.0),
+    for (name, value) in [
+        ("MIN_DETERMINANT_PX4", MIN_DETERMINANT_PX4),
+        ("MIN_QUATERNION_NORM2", MIN_QUATERNION_NORM2),
+        ("QUATERNION_SHRINK", QUATERNION_SHRINK),
+        ("SAFE_SQUARE_LEAST", safe_least),
+        ("SAFE_SQUARE_MOST", safe_most),
+        ("MAX_EXPONENT_2", 126.0),
+        ("MAX_EXPONENT_E", 87.0),
+        ("MAX_RESIDUAL", MAX_RESIDUAL),
+        ("SSIM_MAX", SSIM_MAX),
+        ("MAX_DERIVATIVE", MAX_DERIVATIVE),
+        ("MAX_XI", MAX_XI),
+        ("MAX_ETA", MAX_ETA),
+        ("VANISHING_MOMENT", VANISHING_MOMENT),
     ] {
-        let value = if guard.is_on() { value } else { unguarded };
         writeln!(text, "const {name}: f32 = {value:?};").expect("a string takes everything");
-    }
-    for guard in Guard::ALL {
-        let name = guard.name().to_uppercase().replace('-', "_");
-        writeln!(text, "const GUARD_{name}: bool = {};", guard.is_on()).expect("a string takes everything");
     }
 }
 

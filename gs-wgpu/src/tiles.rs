@@ -248,7 +248,7 @@ impl Tiles {
     /// What this pass tells the device, but for what the kind of scene adds.
     pub(crate) fn describe(&self, gpu: &Gpu, loss: Option<Loss>, rates: Option<&AdamRates>) -> Step {
         let (accuracy, values) = (&self.settings.accuracy, 3.0 * self.pixels() as f64);
-        let (alpha_max, transmittance_min) = accuracy.guarded_limits();
+        let (alpha_max, transmittance_min) = (accuracy.alpha_max, accuracy.transmittance_min);
         let (pointwise, dssim) = match loss {
             Some(Loss::L1Dssim { lambda }) => (1.0 - f64::from(lambda), f64::from(lambda)),
             _ => (1.0, 0.0),

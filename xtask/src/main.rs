@@ -1,9 +1,7 @@
 //! The chores of this project. It uses no crate, so that it compiles in a second on a fresh machine.
 
-mod guards;
 mod miri;
 mod test;
-mod wrapper;
 
 use std::process::ExitCode;
 
@@ -11,25 +9,19 @@ const HELP: &str = "\
 The chores of this project.
 
 Usage: cargo xtask test [--slow]
-       cargo xtask guards
        cargo xtask miri
 
   test          run every test of the workspace, documentation tests included, and install first what they need
   test --slow   then also run the slow tests (marked #[ignore]), in the release profile
-  guards        switch each guard of the arithmetic off, and see that what needs it fails
   miri          run property tests and others under Miri, which sees undefined behaviour in what the libraries rest on
   help          print this";
 
 fn main() -> ExitCode {
-    if let Some(code) = wrapper::compile() {
-        return code;
-    }
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let words: Vec<&str> = arguments.iter().map(String::as_str).collect();
     let outcome = match words[..] {
         ["test"] => test::run(test::Scope::Ordinary),
         ["test", "--slow"] => test::run(test::Scope::AlsoSlow),
-        ["guards"] => guards::run(),
         ["miri"] => miri::run(),
         [] | ["help" | "-h" | "--help"] => {
             eprintln!("{HELP}");

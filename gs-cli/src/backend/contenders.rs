@@ -9,7 +9,7 @@ use gs_wgpu::{Kernels, WgpuRasterizer};
 
 use crate::{
     backend::{AnyRasterizer, Backend, BackendArgs, Choice, machine, named},
-    chosen::{ChosenMachine, KernelsName},
+    chosen_machine::{ChosenMachine, KernelsName},
     failure::Failure,
     output,
 };

@@ -11,7 +11,7 @@ use gs_core::{
     },
 };
 
-use crate::fit::arguments::Detail;
+use crate::training_arguments::Detail;
 
 /// The flag of commands that show something.
 #[derive(Debug, Clone, Default, Args)]

@@ -11,7 +11,9 @@ use crate::{
     effects::choice::EffectsArgs,
     output::Format,
     output_folder::OverwriteArgs,
-    train::AntialiasName,
+    training_arguments::{
+        AntialiasName, CheckpointArgs, Detail, JoiningName, LossName, ParameterizationName, PolicyName,
+    },
     values::{Color, whole},
 };
 
@@ -132,16 +134,6 @@ impl FitArgs {
     }
 }
 
-/// How much a fit tells while it runs.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub(crate) enum Detail {
-    /// How far it is.
-    #[default]
-    Steps,
-    /// That, a line for each round of density control, the Gaussians whose scales reach a bound, and the effects that are simulated.
-    Rounds,
-}
-
 /// Which pictures a fit leaves behind.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Pictures {
@@ -162,7 +154,7 @@ pub(crate) struct SettingsArgs {
     #[arg(long, value_name = "FILE.toml", conflicts_with = "preset")]
     pub(crate) settings: Option<PathBuf>,
     /// The most Gaussians there may be
-    #[arg(short = 'n', long, value_name = "N", value_parser = whole::<u32>(1..))]
+    #[arg(short = 'n', long, alias = "max-gaussians", value_name = "N", value_parser = whole::<u32>(1..))]
     pub(crate) gaussians: Option<u32>,
     /// Steps of the optimiser; 0 leaves the first Gaussians as they are
     #[arg(short, long, value_name = "K", value_parser = whole::<u32>(0..))]
@@ -196,27 +188,6 @@ pub(crate) struct SettingsArgs {
     pub(crate) seed: Option<u32>,
 }
 
-/// When the state of a fit or a training is stored.
-#[derive(Debug, Clone, Args)]
-#[command(next_help_heading = "Checkpoints")]
-pub(crate) struct CheckpointArgs {
-    /// Where checkpoints go [default: DIR/checkpoint.safetensors, or checkpoint-2 and so on if another run's checkpoint has that name; removed
-    /// when the run is done, unless --checkpoint-every asks for it]
-    #[arg(long, value_name = "FILE")]
-    pub(crate) checkpoint: Option<PathBuf>,
-    /// Save a checkpoint about every STEPS steps [default: every two minutes; also every tenth of all steps, if --checkpoint is
-    /// given or a training has 2000 steps or more]
-    #[arg(long, value_name = "STEPS", value_parser = whole::<u32>(1..))]
-    pub(crate) checkpoint_every: Option<u32>,
-}
-
-impl CheckpointArgs {
-    /// Whether a flag asks for checkpoints.
-    pub(crate) fn are_asked_for(&self) -> bool {
-        self.checkpoint.is_some() || self.checkpoint_every.is_some()
-    }
-}
-
 /// Settings that belong together.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(crate) enum PresetName {
@@ -228,41 +199,6 @@ pub(crate) enum PresetName {
     Standard,
     /// More steps, a little better
     Best,
-}
-
-/// A way of controlling density.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub(crate) enum PolicyName {
-    /// Grow where the positional gradient exceeds a fixed threshold (3DGS)
-    Absolute,
-    /// The same by the absolute gradient, which does not cancel (AbsGS)
-    AbsGs,
-    /// The same by the error of the pixels that a Gaussian covers (Revising Densification)
-    AbsoluteError,
-    /// Grow the top percents by positional gradient (the paper's forced growth)
-    Percentile,
-    /// The same by the absolute gradient
-    PercentileAbsGs,
-    /// The same by the pixels' error
-    PercentileError,
-    /// Grow by rank, above a floor and within a budget
-    Hybrid,
-    /// The same by the absolute gradient
-    HybridAbsGs,
-    /// The same by the pixels' error
-    HybridError,
-    /// abs-gs, each split side by side along its long axis instead of cloned or split at random
-    LongAxis,
-    /// The paper's experiment: the top percents together with the fixed threshold
-    Paper,
-    /// Move the transparent to the opaque and add 5 % a round, with noise between steps (3DGS-MCMC); needs opacities, so for images --blend over
-    Mcmc,
-    /// Start with half, add the rest in four parts in proportion to the error (Image-GS)
-    ImageGs,
-    /// Drop those that contribute least, add where the residual is large
-    Residual,
-    /// The first Gaussians stay as many as they are
-    None,
 }
 
 /// A way of placing the first Gaussians.
@@ -280,17 +216,6 @@ pub(crate) enum InitName {
     Error,
 }
 
-/// What is minimised.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub(crate) enum LossName {
-    /// Mean squared difference: the best PSNR
-    L2,
-    /// Mean absolute difference
-    L1,
-    /// 0.8 L1 + 0.2 (1 - SSIM), as the paper has it
-    L1Dssim,
-}
-
 /// How Gaussians are blended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(crate) enum BlendName {
@@ -298,25 +223,6 @@ pub(crate) enum BlendName {
     Sum,
     /// Front to back with opacities, as splat viewers do
     Over,
-}
-
-/// When effects join.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub(crate) enum JoiningName {
-    /// By the clock: antialiasing from the first step, harmonics degree by degree (3DGS)
-    Scheduled,
-    /// When they are called for: antialiasing when Gaussians become narrower than a pixel, harmonics when residuals depend on the view
-    WhenCalledFor,
-}
-
-/// In which coordinates the optimiser moves a Gaussian.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub(crate) enum ParameterizationName {
-    /// Position, ln-scale and rotation (3DGS)
-    ScaleRotation,
-    /// The Gaussian's own frame: a step is the same fraction of every Gaussian
-    #[value(alias = "local-frame")]
-    CovarianceFactor,
 }
 
 #[cfg(test)]

@@ -12,8 +12,9 @@ use gs_train::{Error, Observer, Outcome, Progress};
 
 use crate::{
     failure::Failure,
-    fit::{arguments::CheckpointArgs, progress::Voice, quoted},
+    fit::{progress::Voice, quoted},
     output_folder::{OutputFolder, OverwriteArgs, folder_of},
+    training_arguments::CheckpointArgs,
 };
 
 /// The most work that is lost where nobody said how often to store.

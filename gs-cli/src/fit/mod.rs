@@ -26,7 +26,7 @@ use crate::{
     backend::{Backend, Task},
     failure::Failure,
     fit::{
-        arguments::{Detail, FitArgs},
+        arguments::FitArgs,
         checkpoints::{Checkpoints, Storing, check_checkpoint_file},
         observers::{Curve, LogFile, StopOnInterrupt},
         progress::Display,
@@ -38,6 +38,7 @@ use crate::{
     memory::{self, Need},
     output::{self, Format},
     output_folder::{self, OutputFolder},
+    training_arguments::Detail,
 };
 
 /// Fits Gaussians to an image and writes the results.

@@ -11,8 +11,9 @@ use gs_train::{Control, FreshStart, Joined, Observer, Progress};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle, TermLike};
 
 use crate::{
-    fit::{arguments::Detail, status::Status, terminal::Terminal, trouble::Trouble},
+    fit::{status::Status, terminal::Terminal, trouble::Trouble},
     output,
+    training_arguments::Detail,
 };
 
 /// Time between two drawings of the bar: fast enough for the eye.

@@ -18,19 +18,15 @@ use crate::{
     commands::convert::scene2d::ForViewers,
     effects::choice::{EffectsArgs, told_in},
     failure::Failure,
-    fit::{
-        arguments::{Detail, Pictures},
-        observers::write_table,
-        settings,
-        target::Target,
-        trouble::Trouble,
-    },
+    fit::{arguments::Pictures, observers::write_table, target::Target, trouble::Trouble},
     memory, output,
     output_folder::OutputFolder,
     report::{
         curve::{self, Point},
         ellipses,
     },
+    settings_file::to_toml,
+    training_arguments::Detail,
 };
 
 /// What `summary.json` holds and `--json` prints.
@@ -130,7 +126,7 @@ impl Results<'_> {
         let mut tried = vec![self.folder.write_precious("scene.gs2d.safetensors", |path| write_scene(path, &file))];
         let mut looks = self.look(rasterizer, trainer, &file);
         let background = looks.as_mut().ok().and_then(|looks| looks.background.take());
-        let settings = settings::to_toml(trainer.settings());
+        let settings = to_toml(trainer.settings());
         let title = format!("{}: {}", self.target.title(), counted(trainer.count(), "Gaussian"));
 
         let fit = thread::scope(|scope| {

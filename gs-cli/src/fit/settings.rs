@@ -1,36 +1,22 @@
 //! From flags to the settings of a fit: a preset or a file is the start, flags replace parts of it, and what depends on a
 //! replaced part follows.
 
-use std::path::Path;
-
-use clap::ValueEnum;
-use gs_core::{Adam, Blend, Image, Loss, Parameterization, RenderSettings, adam::Group, effects::Background};
+use gs_core::{Blend, effects::Background};
 use gs_density::Policy;
-use gs_train::{
-    FitSettings, Init, InitialCount, Joining, Preset,
-    init::{Colors, Grid, Guided, Periphery, Random},
-};
-use serde::{Serialize, de::DeserializeOwned};
+use gs_train::{FitSettings, Init, Preset, mean_color};
 
 use crate::{
-    chosen::{ChosenMachine, ChosenSettings},
+    chosen::ChosenSettings,
+    chosen_machine::ChosenMachine,
     failure::Failure,
     fit::{
-        arguments::{
-            BlendName, InitName, JoiningName, LossName, ParameterizationName, PolicyName, PresetName, SettingsArgs,
-        },
+        arguments::{BlendName, PresetName, SettingsArgs},
         target::Target,
     },
-    text_file::read_text,
+    settings_file::{parse_toml, read_settings_text},
+    training_arguments::{joining, name_of},
     values::Color,
 };
-
-/// What helps where there is no file of settings.
-const MEND_FILE: &str = "name a file of settings";
-/// Step size of opacity logits where a preset without opacities is blended front to back.
-const OPACITY_RATE: f32 = 0.05;
-/// Step size in standard deviations where a preset for pixels is moved to the covariance factor.
-const LOCAL_FRAME_RATE: f32 = 0.15;
 
 /// What the file of settings holds, if there is one. It is read once: it may be a pipe.
 #[derive(Debug, Clone, PartialEq)]
@@ -50,7 +36,7 @@ impl Given {
     /// Where it cannot be read, or a number in it is not possible.
     pub(crate) fn read(args: &SettingsArgs) -> Result<Self, Failure> {
         let Some(file) = args.settings.as_deref() else { return Ok(Self::Nothing) };
-        let text = read_text(file, MEND_FILE)?;
+        let text = read_settings_text(file)?;
         if let Some(chosen) = ChosenSettings::parse_if_chosen(&text, file)? {
             return Ok(Self::Chosen(Box::new(chosen)));
         }
@@ -87,24 +73,27 @@ pub(crate) fn resolve(args: &SettingsArgs, given: &Given, target: &Target) -> Re
         Given::Fit(settings) => {
             let gaussians = args.gaussians.unwrap_or(settings.gaussians);
             let iterations = args.iterations.unwrap_or(settings.iterations);
-            FitSettings { gaussians, ..(**settings).clone() }.with_iterations(iterations)
+            settings.as_ref().clone().with_gaussians(gaussians).with_iterations(iterations)
         }
-        _ => from_preset(args, target.image.size(), args.preset.map_or(target.preset(), Preset::from)),
+        _ => {
+            let preset = args.preset.map_or(target.preset(), Preset::from);
+            FitSettings::from_preset(preset, target.image.size(), args.gaussians, args.iterations)
+        }
     };
     if let Given::Chosen(chosen) = given {
         settings.render.accuracy = chosen.accuracy;
-    }
-    if let InitialCount::Fixed(count) = &mut settings.initial {
-        *count = (*count).min(settings.gaussians);
     }
     if let Some(loss) = args.loss {
         settings.loss = loss.into();
     }
     if let Some(parameterization) = args.parameterization {
-        move_to_parameterization(&mut settings, parameterization.into());
+        settings = settings.with_parameterization(parameterization.into());
     }
     if let Some(blend) = args.blend {
-        blend_by(&mut settings, blend.into(), target);
+        // What the target's transparent pixels show, so that the settings, which do not hold the target, put them on the same
+        // colour when they are used again; or else the mean colour.
+        let behind = target.behind.map_or_else(|| mean_color(&target.image), |color| color.0);
+        settings = settings.with_blend(blend.into(), behind);
     }
     if let Some(antialias) = args.antialias {
         settings.render.effects.antialias = antialias.into();
@@ -114,10 +103,10 @@ pub(crate) fn resolve(args: &SettingsArgs, given: &Given, target: &Target) -> Re
         settings.render = settings.render.on(color.0);
     }
     if let Some(policy) = args.policy {
-        control_by(&mut settings, policy)?;
+        settings = settings.with_policy(Policy::from_name(&name_of(&policy))?);
     }
     if let Some(init) = args.init {
-        settings.init = initialiser(init, &settings);
+        settings.init = Init::from_name(&name_of(&init), settings.render.effects.blend)?;
     }
     settings.seed = args.seed.unwrap_or(settings.seed);
     if !matches!(given, Given::Fit(_)) {
@@ -127,76 +116,6 @@ pub(crate) fn resolve(args: &SettingsArgs, given: &Given, target: &Target) -> Re
     Ok(settings)
 }
 
-/// The settings as TOML, for [`SettingsArgs::settings`] to read. Numbers have as many digits as tell them apart as `f32`.
-///
-/// # Errors
-/// Where they cannot be written as TOML.
-pub(crate) fn to_toml(settings: &impl Serialize) -> Result<String, Failure> {
-    let failed = |error| Failure::failed(error).at("settings");
-    let mut value = toml::Value::try_from(settings).map_err(failed)?;
-    shorten(&mut value);
-    toml::to_string(&value).map_err(failed)
-}
-
-/// Every number of the settings is an `f32`, which a wider type shows with digits that mean nothing.
-fn shorten(value: &mut toml::Value) {
-    match value {
-        toml::Value::Float(number) => *number = (*number as f32).to_string().parse().unwrap_or(*number),
-        toml::Value::Array(values) => values.iter_mut().for_each(shorten),
-        toml::Value::Table(table) => table.iter_mut().for_each(|(_, value)| shorten(value)),
-        _ => {}
-    }
-}
-
-/// Reads a file of settings of any kind; `mend` is what helps where its content is wrong.
-///
-/// # Errors
-/// Where it cannot be read, or is not of this kind.
-pub(crate) fn read_toml<T: DeserializeOwned>(file: &Path, mend: &str) -> Result<T, Failure> {
-    parse_toml(&read_text(file, MEND_FILE)?, file, mend)
-}
-
-/// The same of the text of a file that was read.
-///
-/// # Errors
-/// Where it is not of this kind.
-pub(crate) fn parse_toml<T: DeserializeOwned>(text: &str, file: &Path, mend: &str) -> Result<T, Failure> {
-    toml::from_str(text).map_err(|error| {
-        let line = error.span().map_or(1, |span| 1 + text[..span.start.min(text.len())].matches('\n').count());
-        Failure::usage(format_args!("line {line}: {}", error.message())).mend(mend).at(file.display())
-    })
-}
-
-fn from_preset(args: &SettingsArgs, size: (u32, u32), preset: Preset) -> FitSettings {
-    let settings = match preset {
-        Preset::Paper => FitSettings::paper(),
-        _ => preset.settings(gaussians_for(size), size),
-    };
-    let gaussians = args.gaussians.unwrap_or(settings.gaussians);
-    match (preset, args.iterations) {
-        (Preset::Paper, iterations) => {
-            FitSettings { gaussians, ..settings }.with_iterations(iterations.unwrap_or(FitSettings::paper().iterations))
-        }
-        (_, Some(iterations)) => FitSettings::for_image(gaussians, size, iterations),
-        (_, None) => preset.settings(gaussians, size),
-    }
-}
-
-/// Images of fewer pixels have a Gaussian for each by default, and larger ones so many at least.
-///
-/// By the share of larger images, a photograph of 8x12 px has 2 Gaussians and ends at 18.1 dB, one of 16x24 px at 19.5 dB, one of 32x48 px
-/// at 23.9 dB. With 256 at most they end at 66.1, 64.0 and 39.7 dB, and one of 64x96 px at 31.8 instead of 28.5 dB, in a tenth of a second.
-/// Noise takes one Gaussian a pixel: 3x2 px end at 67.9 dB with 6 and at 33.0 dB with 4, 16x16 px at 67.6 dB with 256 and at 44.3 dB with 128.
-const ENOUGH_GAUSSIANS: u64 = 256;
-
-/// How many Gaussians an image has by default: 9,000 for each 768x512 px, the size of the Kodak test set, but enough for tiny images
-/// ([`ENOUGH_GAUSSIANS`]).
-fn gaussians_for((width, height): (u32, u32)) -> u32 {
-    let pixels = u64::from(width) * u64::from(height);
-    let count = (pixels * 9_000 / (768 * 512)).max(ENOUGH_GAUSSIANS.min(pixels));
-    u32::try_from(count).unwrap_or(u32::MAX)
-}
-
 /// A target that is of one colour but for details is fitted before that colour. Not where its transparent pixels show another one: whoever
 /// uses these settings again would see them on this.
 fn before_flat_color(settings: FitSettings, target: &Target) -> FitSettings {
@@ -204,91 +123,6 @@ fn before_flat_color(settings: FitSettings, target: &Target) -> FitSettings {
     match target.behind {
         Some(behind) if before.render.background_color() != behind.0 => settings,
         _ => before,
-    }
-}
-
-/// Step sizes have other units in the other parameterization.
-fn move_to_parameterization(settings: &mut FitSettings, parameterization: Parameterization) {
-    if settings.parameterization == parameterization {
-        return;
-    }
-    settings.parameterization = parameterization;
-    let adam = &mut settings.adam;
-    let usual = Adam::default();
-    let rates = match parameterization {
-        Parameterization::ScaleRotation => {
-            [usual.mean, usual.scale, usual.rotation].map(|group: Group| group.learning_rate)
-        }
-        Parameterization::CovarianceFactor => [LOCAL_FRAME_RATE; 3],
-    };
-    for (group, rate) in [&mut adam.mean, &mut adam.scale, &mut adam.rotation].into_iter().zip(rates) {
-        group.learning_rate = rate;
-    }
-}
-
-/// Front to back, something must be behind, and opacities must move. Behind is what the target's transparent pixels show, so that
-/// the settings, which do not hold the target, put them on the same colour when they are used again; or else the mean colour.
-fn blend_by(settings: &mut FitSettings, blend: Blend, target: &Target) {
-    if settings.render.effects.blend == blend {
-        return;
-    }
-    match blend {
-        Blend::Sum => settings.render.effects.blend = blend,
-        Blend::Over => {
-            let accuracy = settings.render.accuracy;
-            let behind = target.behind.map_or_else(|| mean_color(&target.image), |color| color.0);
-            settings.render = RenderSettings { accuracy, ..RenderSettings::blended(blend) }.on(behind);
-            settings.adam.opacity.learning_rate = OPACITY_RATE;
-        }
-    }
-}
-
-/// The flag's, with the bounds of the settings where these have some already.
-pub(crate) fn joining(name: Option<JoiningName>, settings: Joining, iterations: u32) -> Joining {
-    match (name, settings) {
-        (None, _) | (Some(JoiningName::WhenCalledFor), Joining::WhenCalledFor(_)) => settings,
-        (Some(JoiningName::WhenCalledFor), Joining::Scheduled) => Joining::when_called_for(iterations),
-        (Some(JoiningName::Scheduled), _) => Joining::Scheduled,
-    }
-}
-
-fn mean_color(image: &Image) -> [f32; 3] {
-    let count = image.pixels().len() as f64;
-    let sum = image
-        .pixels()
-        .iter()
-        .fold([0.0; 3], |sum: [f64; 3], pixel| std::array::from_fn(|channel| sum[channel] + f64::from(pixel[channel])));
-    sum.map(|channel| (channel / count) as f32)
-}
-
-fn control_by(settings: &mut FitSettings, name: PolicyName) -> Result<(), Failure> {
-    let name = name.to_possible_value().expect("no policy is skipped");
-    settings.policy = Policy::from_name(name.get_name())?;
-    match &mut settings.policy {
-        Policy::Residual(growth) => {
-            let first = settings.initial.resolve(settings.gaussians) as f32;
-            growth.start_fraction = first / settings.gaussians as f32;
-        }
-        Policy::ImageGs(addition) => settings.initial = InitialCount::Fraction(addition.start_fraction),
-        // What cannot grow must be there from the start.
-        Policy::None => settings.initial = InitialCount::Fraction(1.0),
-        _ => {}
-    }
-    Ok(())
-}
-
-fn initialiser(name: InitName, settings: &FitSettings) -> Init {
-    // Added up, colours that know nothing of the image would have to be unlearnt first.
-    let colors = match settings.render.effects.blend {
-        Blend::Sum => Colors::Target,
-        Blend::Over => Colors::Random,
-    };
-    match name {
-        InitName::Random => Init::Random(Random { colors, ..Random::default() }),
-        InitName::Periphery => Init::Periphery(Periphery { colors, ..Periphery::default() }),
-        InitName::Grid => Init::Grid(Grid::default()),
-        InitName::Gradient => Init::Gradient(Guided::default()),
-        InitName::Error => Init::Error(Guided::default()),
     }
 }
 
@@ -303,16 +137,6 @@ impl From<PresetName> for Preset {
     }
 }
 
-impl From<LossName> for Loss {
-    fn from(name: LossName) -> Self {
-        match name {
-            LossName::L2 => Self::L2,
-            LossName::L1 => Self::L1,
-            LossName::L1Dssim => Self::PAPER,
-        }
-    }
-}
-
 impl From<BlendName> for Blend {
     fn from(name: BlendName) -> Self {
         match name {
@@ -322,18 +146,17 @@ impl From<BlendName> for Blend {
     }
 }
 
-impl From<ParameterizationName> for Parameterization {
-    fn from(name: ParameterizationName) -> Self {
-        match name {
-            ParameterizationName::ScaleRotation => Self::ScaleRotation,
-            ParameterizationName::CovarianceFactor => Self::CovarianceFactor,
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
+    use clap::ValueEnum;
+    use gs_core::{Adam, Image};
+
     use super::*;
+    use crate::{
+        fit::arguments::InitName,
+        settings_file::to_toml,
+        training_arguments::{ParameterizationName, PolicyName},
+    };
 
     fn target() -> Target {
         let image = Image::from_fn(64, 48, |x, _| [x as f32 / 63.0, 0.5, 0.25]).unwrap();
@@ -360,27 +183,12 @@ mod tests {
     }
 
     #[test]
-    fn the_number_of_gaussians_follows_the_image_unless_it_is_given() {
-        assert_eq!(gaussians_for((768, 512)), 9_000);
-        assert_eq!([(1, 1), (3, 2), (16, 16), (32, 32), (106, 106)].map(gaussians_for), [1, 6, 256, 256, 257]);
-        assert_eq!(gaussians_for((16_384, 16_384)), 6_144_000);
-        let few = resolved(&SettingsArgs {
-            preset: Some(PresetName::Paper),
-            gaussians: Some(7),
-            iterations: Some(250),
-            ..SettingsArgs::default()
-        });
-        assert_eq!((few.gaussians, few.initial.resolve(7), few.iterations), (7, 7, 250));
-        assert!(few.rounds.last(250) <= 250);
-    }
-
-    #[test]
     fn front_to_back_has_a_background_and_moving_opacities() {
         let over = resolved(&SettingsArgs { blend: Some(BlendName::Over), ..SettingsArgs::default() });
         assert_eq!(over.render.effects.blend, Blend::Over);
         assert_eq!(over.render.effects.background, Background::Solid);
         assert!((over.render.background[0] - 0.5).abs() < 1e-3 && (over.render.background[2] - 0.25).abs() < 1e-6);
-        assert_eq!(over.adam.opacity.learning_rate, OPACITY_RATE);
+        assert!(over.adam.opacity.learning_rate > 0.0);
     }
 
     #[test]
@@ -402,7 +210,7 @@ mod tests {
     }
 
     #[test]
-    fn step_sizes_follow_the_chart() {
+    fn step_sizes_follow_the_parameterization() {
         let pixels = resolved(&SettingsArgs {
             parameterization: Some(ParameterizationName::ScaleRotation),
             ..SettingsArgs::default()

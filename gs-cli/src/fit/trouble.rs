@@ -5,7 +5,7 @@ use std::fmt;
 use gs_core::{counted, edit::EditCounts, statistics::Culled};
 use gs_train::{Clamped, FreshStart};
 
-use crate::fit::arguments::Detail;
+use crate::training_arguments::Detail;
 
 /// Gaussians with which something is wrong, and how often the whole training went wrong.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]

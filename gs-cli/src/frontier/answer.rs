@@ -5,7 +5,8 @@ use gs_study::frontier::{Budget, Choice, Frontier, Measured, Noise, Verification
 use serde::Serialize;
 
 use crate::{
-    chosen::{ChosenEffects, ChosenMachine, ChosenSettings},
+    chosen::{ChosenEffects, ChosenSettings},
+    chosen_machine::ChosenMachine,
     failure::Failure,
 };
 

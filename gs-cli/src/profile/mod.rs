@@ -15,12 +15,13 @@ use crate::{
     backend::{Backend, BackendArgs},
     dataset::ReadingArgs,
     failure::Failure,
-    fit::arguments::{BlendName, LossName, ParameterizationName},
+    fit::arguments::BlendName,
     opened::{self, Scene},
     output,
     output_folder::{self, OutputFolder, OverwriteArgs},
     profile::{measure::Measure, scene3d::Subject3d, subject::Subject},
     shown::ShownArgs,
+    training_arguments::{LossName, ParameterizationName},
     values::{Size, ViewName, whole},
 };
 

@@ -7,9 +7,9 @@ use gs_study::{Machine, Places, Plan, Replayed, Run, Study, StudyFolder, recorde
 use crate::{
     backend::{Backend, Task, machine},
     failure::Failure,
-    fit::settings,
     output,
     output_folder::{self, OutputFolder},
+    settings_file::to_toml,
     study::{arguments::ReplayArgs, places},
 };
 
@@ -75,6 +75,6 @@ fn write(run: &Run, replayed: &Replayed, claim: FolderClaim) -> Result<(), Failu
         &File2d { scene: scene.clone(), width, height, settings: *render },
     )?;
     write_png(folder.file("reconstruction.png"), image)?;
-    folder.write_text("settings.toml", &settings::to_toml(&run.settings)?)?;
+    folder.write_text("settings.toml", &to_toml(&run.settings)?)?;
     folder.write_json("summary.json", finished)
 }

@@ -12,9 +12,11 @@ use crate::{
     backend::BackendArgs,
     dataset::ReadingArgs,
     effects::choice::EffectsArgs,
-    fit::arguments::{CheckpointArgs, Detail, JoiningName, LossName, ParameterizationName, PolicyName},
     output::Format,
     output_folder::OverwriteArgs,
+    training_arguments::{
+        AntialiasName, CheckpointArgs, Detail, JoiningName, LossName, ParameterizationName, PolicyName,
+    },
     values::{Backing, whole},
 };
 
@@ -193,7 +195,7 @@ pub(crate) struct TrainSettingsArgs {
     #[arg(long, value_name = "FILE.toml", conflicts_with_all = ["preset", "iterations"])]
     pub(crate) settings: Option<PathBuf>,
     /// The most Gaussians there may be
-    #[arg(short = 'n', long = "max-gaussians", value_name = "N", value_parser = whole::<u32>(1..))]
+    #[arg(short = 'n', long, alias = "max-gaussians", value_name = "N", value_parser = whole::<u32>(1..))]
     pub(crate) gaussians: Option<u32>,
     /// Steps of the optimiser, one view each; the preset's schedules follow [default: 30000, short: 6000, quick: 2000]
     #[arg(short, long, value_name = "K", value_parser = whole::<u32>(0..))]
@@ -297,19 +299,6 @@ pub(crate) enum OrderName {
     PerPixel,
 }
 
-/// Treatment of Gaussians narrower than a pixel.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub(crate) enum AntialiasName {
-    /// Nothing
-    None,
-    /// Widened by 0.3 px² (3DGS)
-    Dilate,
-    /// Widened by 0.1 px², and fainter for it (Mip-Splatting)
-    Mip,
-    /// Widened by 0.3 px², and fainter for it (gsplat's and Nerfstudio's `antialiased`)
-    Compensated,
-}
-
 /// Who takes part in a step of Adam.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(crate) enum ParticipantsName {
@@ -333,7 +322,7 @@ mod tests {
             .map(|name| name.to_possible_value().unwrap().get_name().to_owned())
             .collect();
         for name in Policy::NAMES {
-            let settings = TrainPreset::default().settings(None).controlled_by(Policy::from_name(name).unwrap());
+            let settings = TrainPreset::default().settings(None).with_policy(Policy::from_name(name).unwrap());
             assert_eq!(offered.iter().any(|offered| offered == name), settings.validate().is_ok(), "{name}");
         }
     }

@@ -24,7 +24,7 @@ use gs_train::{
 };
 
 pub(crate) use self::{
-    arguments::{AntialiasName, DatasetArgs, OrderName, TrainArgs},
+    arguments::{DatasetArgs, OrderName, TrainArgs},
     settings::usual_background,
 };
 use crate::{

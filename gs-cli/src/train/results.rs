@@ -16,15 +16,17 @@ use crate::{
     backend::Backend,
     effects::choice::told_in,
     failure::Failure,
-    fit::{arguments::Detail, observers::write_table, results::sound, settings, trouble::Trouble},
+    fit::{observers::write_table, results::sound, trouble::Trouble},
     memory, output,
     output_folder::OutputFolder,
     report::{
         curve::{self, Point},
         ellipses,
     },
+    settings_file::to_toml,
     shown::trained_with,
     train::{arguments::TrainArgs, pictures::ViewPictures},
+    training_arguments::Detail,
 };
 
 /// The most views in which a scene is asked what it calls for.
@@ -128,7 +130,7 @@ impl Results<'_> {
         let mut tried = vec![
             self.write_scene(&scene, &trainer.shown()),
             write_table(self.folder, log),
-            settings::to_toml(trainer.settings()).and_then(|text| self.folder.write_text("settings.toml", &text)),
+            to_toml(trainer.settings()).and_then(|text| self.folder.write_text("settings.toml", &text)),
             // What a fit left here would be taken for this training's.
             ["scene.gs2d.safetensors", "reconstruction.png"].iter().try_for_each(|name| self.folder.leave_out(name)),
             match self.args.no_report {

@@ -2,11 +2,7 @@
 
 use std::path::Path;
 
-use clap::ValueEnum;
-use gs_core::{
-    Participants, counted,
-    effects::{Antialias, Order},
-};
+use gs_core::{Participants, counted, effects::Order};
 use gs_density::Policy;
 use gs_io::dataset::{Dataset, DatasetKind};
 use gs_train::{
@@ -16,13 +12,11 @@ use gs_train::{
 
 use crate::{
     failure::Failure,
-    fit::settings::{joining, read_toml},
-    train::arguments::{AntialiasName, OrderName, ParticipantsName, TrainPresetName, TrainSettingsArgs},
+    settings_file::read_toml,
+    train::arguments::{OrderName, ParticipantsName, TrainPresetName, TrainSettingsArgs},
+    training_arguments::{joining, name_of},
     values::Backing,
 };
-
-/// The share of the run after which pictures are at full resolution.
-const FULL_AFTER: f32 = 0.4;
 
 /// The settings that the flags ask for, for this data set.
 ///
@@ -41,13 +35,12 @@ pub(crate) fn resolve(args: &TrainSettingsArgs, dataset: &Dataset) -> Result<Tra
         }
     };
     if let Some(policy) = args.policy {
-        let name = policy.to_possible_value().expect("no policy is skipped");
-        settings = settings.controlled_by(Policy::from_name(name.get_name())?);
+        settings = settings.with_policy(Policy::from_name(&name_of(&policy))?);
     }
     settings.gaussians = args.gaussians.unwrap_or(settings.gaussians);
     settings.loss = args.loss.map_or(settings.loss, Into::into);
     if let Some(parameterization) = args.parameterization {
-        settings = settings.moving_in(parameterization.into());
+        settings = settings.with_parameterization(parameterization.into());
     }
     settings.seed = args.seed.unwrap_or(settings.seed);
     let effects = &mut settings.render.effects;
@@ -63,10 +56,8 @@ pub(crate) fn resolve(args: &TrainSettingsArgs, dataset: &Dataset) -> Result<Tra
             settings = settings.on(color.0);
         }
     }
-    match args.coarse {
-        None => {}
-        Some(1) => settings.resolution = Resolution::Full,
-        Some(from) => settings.resolution = Resolution::CoarseToFine { from, full_after: FULL_AFTER },
+    if let Some(from) = args.coarse {
+        settings.resolution = Resolution::from_coarse(from);
     }
     let adam = &mut settings.adam;
     adam.participants = args.participants.map_or(adam.participants, Into::into);
@@ -119,17 +110,6 @@ impl From<OrderName> for Order {
         match name {
             OrderName::Global => Self::Global,
             OrderName::PerPixel => Self::PerPixel,
-        }
-    }
-}
-
-impl From<AntialiasName> for Antialias {
-    fn from(name: AntialiasName) -> Self {
-        match name {
-            AntialiasName::None => Self::None,
-            AntialiasName::Dilate => Self::Dilate,
-            AntialiasName::Mip => Self::Mip,
-            AntialiasName::Compensated => Self::Compensated,
         }
     }
 }

@@ -13,7 +13,6 @@ use gs_core::{
     Blend, Camera, Gaussian3d, Rasterizer, RenderSettings, Scene, Scene3d, constants::SH_C0, effects::Order,
 };
 use gs_cpu::{CpuRasterizer, CpuSettings};
-use gs_train::train::looking_at;
 use serde_json::{Value, json};
 
 #[cfg(unix)]
@@ -49,7 +48,7 @@ pub(crate) fn photographed(place: &Path) -> (PathBuf, PathBuf) {
     let mut frames = Vec::new();
     for i in 0..8 {
         let position = 4.0 * Vec2::from_angle(0.8 * i as f32).extend(0.3).normalize();
-        let camera = looking_at(&lens, position, Vec3::ZERO, Vec3::Z).unwrap();
+        let camera = lens.looking_at(position, Vec3::ZERO, Vec3::Z).unwrap();
         let image = rasterizer.render(&scene(), &camera, &render).unwrap();
         let name = format!("images/{i}.png");
         gs_io::write_png(dataset.join(&name), &image).unwrap();

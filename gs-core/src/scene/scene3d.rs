@@ -78,6 +78,18 @@ impl Scene3d {
     }
 }
 
+/// The scene's degree is the highest of its Gaussians'; the coefficients that others lack are 0.
+impl FromIterator<Gaussian3d> for Scene3d {
+    fn from_iter<T: IntoIterator<Item = Gaussian3d>>(gaussians: T) -> Self {
+        let gaussians: Vec<Gaussian3d> = gaussians.into_iter().collect();
+        let most = gaussians.iter().map(|g| g.sh.len()).max().unwrap_or(0);
+        let sh_degree = (0..3).find(|&degree| coefficients(degree) >= most).unwrap_or(3);
+        let mut scene = Self { sh_degree, ..Self::default() };
+        gaussians.into_iter().for_each(|g| scene.push(g.with_degree(sh_degree)));
+        scene
+    }
+}
+
 impl Scene for Scene3d {
     type View = Camera;
     type Gaussian = Gaussian3d;
@@ -129,6 +141,23 @@ impl Scene for Scene3d {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn gaussians_are_collected_at_the_highest_of_their_degrees() {
+        let gaussian = |coefficients: usize| Gaussian3d {
+            mean: Vec3::splat(coefficients as f32),
+            log_scale: Vec3::ZERO,
+            rotation: [1.0, 0.0, 0.0, 0.0],
+            opacity_logit: 0.5,
+            sh: vec![Vec3::ONE; coefficients],
+        };
+        let scene: Scene3d = [gaussian(1), gaussian(9), gaussian(4)].into_iter().collect();
+        scene.validate().unwrap();
+        assert_eq!((scene.len(), scene.sh_degree), (3, 2));
+        assert_eq!(scene.gaussian(0), gaussian(1).with_degree(2));
+        assert_eq!(scene.gaussian(1), gaussian(9));
+        assert_eq!(std::iter::empty::<Gaussian3d>().collect::<Scene3d>(), Scene3d::default());
+    }
 
     #[test]
     fn covariance_follows_the_rotation_of_any_length() {

@@ -3,7 +3,7 @@
 use glam::{Mat3, Vec2, Vec3};
 use serde::{Deserialize, Serialize};
 
-use crate::{constants::NEAR_WORLD, error::Error, guards::Guard, image::check_size};
+use crate::{constants::NEAR_WORLD, error::Error, image::check_size};
 
 /// A posed pinhole camera; its axes are right, down, forward (OpenCV, COLMAP).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -39,6 +39,28 @@ impl Camera {
         }
     }
 
+    /// The same camera at `position` (world units), turned towards `target`, with `up` upwards in its image. `None` where these do not
+    /// say how: a target at the position, or straight up or down from it.
+    ///
+    /// ```
+    /// use glam::{Vec2, Vec3};
+    /// use gs_core::Camera;
+    ///
+    /// let lens = Camera::looking_forward(64, 48, 1.0);
+    /// let camera = lens.looking_at(Vec3::new(0.0, -4.0, 2.0), Vec3::ZERO, Vec3::Z).unwrap();
+    /// let (pixel, depth) = camera.project(Vec3::ZERO).unwrap();
+    /// assert!(pixel.distance(Vec2::new(32.0, 24.0)) < 1e-3 && (depth - 20f32.sqrt()).abs() < 1e-5);
+    /// ```
+    pub fn looking_at(&self, position: Vec3, target: Vec3, up: Vec3) -> Option<Self> {
+        let forward = (target - position).try_normalize()?;
+        let right = forward.cross(up.try_normalize()?).try_normalize().filter(|_| {
+            // Nearly parallel directions have a cross product of roundings.
+            forward.cross(up.normalize()).length() > 1e-4
+        })?;
+        let rotation = Mat3::from_cols(right, forward.cross(right), forward).transpose();
+        Some(Self { rotation, translation: -(rotation * position), ..*self })
+    }
+
     /// A world point in camera coordinates.
     pub fn to_camera(&self, world: Vec3) -> Vec3 {
         self.rotation * world + self.translation
@@ -47,11 +69,6 @@ impl Camera {
     /// The camera's place in the world, −Wᵀ t.
     pub fn position(&self) -> Vec3 {
         -(self.rotation.transpose() * self.translation)
-    }
-
-    /// The depth below which nothing is drawn: [`Self::near`], as backends' kernels take it.
-    pub fn guarded_near(&self) -> f32 {
-        if Guard::NearPlane.is_on() { self.near } else { f32::NEG_INFINITY }
     }
 
     /// Where a world point falls on the image, px (u = fx·x/z + cx, compared with pixel centres at j + ½), and its depth z;
@@ -96,6 +113,19 @@ mod tests {
         camera.validate().unwrap();
         assert_eq!(camera.project(Vec3::new(0.0, 0.0, 3.0)), Some((Vec2::new(32.0, 24.0), 3.0)));
         assert_eq!(camera.project(Vec3::new(0.0, 0.0, -3.0)), None);
+    }
+
+    #[test]
+    fn a_camera_is_turned_towards_its_target_unless_that_is_no_direction() {
+        let lens = Camera::looking_forward(64, 48, 1.0);
+        let position = Vec3::new(1.0, 2.0, 3.0);
+        let camera = lens.looking_at(position, Vec3::X, Vec3::Z).unwrap();
+        camera.validate().unwrap();
+        assert!(camera.position().distance(position) < 1e-5);
+        let above = camera.project(Vec3::X + 0.1 * Vec3::Z).unwrap().0;
+        assert!(above.y < 24.0 && (above.x - 32.0).abs() < 1e-3, "{above}");
+        assert_eq!(lens.looking_at(position, position, Vec3::Z), None);
+        assert_eq!(lens.looking_at(position, position + Vec3::Z, Vec3::Z), None);
     }
 
     #[test]

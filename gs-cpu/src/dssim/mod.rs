@@ -14,7 +14,6 @@ use fearless_simd::{Level, Simd, dispatch, prelude::*};
 use gs_core::{
     Error,
     constants::{SSIM_C1, SSIM_C2, SSIM_MAX},
-    guards::Guard,
     memory,
 };
 use rayon::prelude::*;
@@ -136,7 +135,7 @@ impl Pair<'_> {
 /// Values within ±[`SSIM_MAX`]; NaN stays.
 #[inline(always)]
 fn bounded<S: Simd>(simd: S, values: Whole<S>) -> Whole<S> {
-    let most: Whole<S> = splat(simd, if Guard::SsimMax.is_on() { SSIM_MAX } else { f32::INFINITY });
+    let most: Whole<S> = splat(simd, SSIM_MAX);
     values.abs().simd_gt(most).select(most.copysign(values), values)
 }
 
@@ -351,12 +350,8 @@ fn derivatives<S: Simd>(
     // σx² + σy² and 2 σxy of a window that is nearly constant are what rounding leaves of large numbers: more than C2 where colours are
     // beyond 100. So bounded, as they are by their definition, SSIM stays within ±1.
     let (variances, covariance) = (square - xx + square_y - yy, (product - xy) * 2.0);
-    let (variances, covariance) = if Guard::SsimVariances.is_on() {
-        let variances = variances.max(zero);
-        (variances, covariance.max(zero - variances).min(variances))
-    } else {
-        (variances, covariance)
-    };
+    let variances = variances.max(zero);
+    let covariance = covariance.max(zero - variances).min(variances);
     let a2 = covariance + SSIM_C2;
     let b2 = variances + SSIM_C2;
     let inverse = pair.beyond(simd, strip).select(zero, one / (b1 * b2));

@@ -9,7 +9,6 @@ use gs_core::{
     AdamRates, Gaussian2d, Participants,
     constants::{MAX_DERIVATIVE, MAX_ETA, MAX_XI, VANISHING_MOMENT},
     effects::Statistics,
-    guards::Guard,
 };
 
 use super::{
@@ -154,7 +153,7 @@ fn step_all<'g, S: Simd>(
     let (rate, beta1, beta2) = (lane(step.lanes.rate), lane(step.lanes.beta1), lane(step.lanes.beta2));
     let (rest1, rest2) = (1.0 - beta1, 1.0 - beta2);
     let (zero, epsilon) = (f32x8::splat(simd, 0.0), f32x8::splat(simd, step.rates.epsilon));
-    let vanishing = f32x8::splat(simd, if Guard::VanishingMoment.is_on() { VANISHING_MOMENT } else { 0.0 });
+    let vanishing = f32x8::splat(simd, VANISHING_MOMENT);
     for (i, index) in indices.enumerate() {
         let gradient = gradient_of(index);
         if !gradient.visible && step.rates.participants == Participants::Visible {
@@ -192,8 +191,7 @@ fn step_all<'g, S: Simd>(
         }
         if local {
             let l = slices.factors[i];
-            let most = if Guard::MaxXi.is_on() { MAX_XI } else { f32::INFINITY };
-            slices.means[i] -= l * Vec2::new(u.clamp(-most, most), w.clamp(-most, most));
+            slices.means[i] -= l * Vec2::new(u.clamp(-MAX_XI, MAX_XI), w.clamp(-MAX_XI, MAX_XI));
             slices.factors[i] = turn(l, [s0, s1, s2], step.rates);
         } else {
             slices.means[i] -= Vec2::new(u, w);
@@ -202,9 +200,7 @@ fn step_all<'g, S: Simd>(
             let (floor, ceiling) = (step.rates.min_scale.ln(), step.rates.max_scale.ln());
             for scale in &mut shape[..2] {
                 // NaN stays: it must be seen and pruned.
-                if !Guard::ScaleBounds.is_on() {
-                    break;
-                } else if *scale < floor {
+                if *scale < floor {
                     *scale = floor;
                 } else if *scale > ceiling {
                     *scale = ceiling;
@@ -214,7 +210,7 @@ fn step_all<'g, S: Simd>(
         if let Some(logit) = slices.opacity_logits.get_mut(i) {
             let [m, v] = &mut slices.opacity_moments[i];
             let g = gradient.opacity_logit;
-            let is_large = Guard::MaxDerivative.is_on() && g.abs() > MAX_DERIVATIVE;
+            let is_large = g.abs() > MAX_DERIVATIVE;
             let g = if is_large { MAX_DERIVATIVE.copysign(g) } else { g };
             let rate = step.rates.opacity;
             *m = rate.beta1 * *m + (1.0 - rate.beta1) * g;
@@ -232,9 +228,8 @@ fn step_all<'g, S: Simd>(
 /// L (I + η + η²/2) with η = −`moved` (η₀₀, η₀₁, η₁₁), and scales within their bounds.
 #[inline(always)]
 fn turn(l: Mat2, moved: [f32; 3], rates: &AdamRates) -> Mat2 {
-    let most = if Guard::MaxEta.is_on() { MAX_ETA } else { f32::INFINITY };
     let [a, b, d] = moved;
-    let [a, b, d] = [(-a).clamp(-most, most), (-b).clamp(-most, most), (-d).clamp(-most, most)];
+    let [a, b, d] = [(-a).clamp(-MAX_ETA, MAX_ETA), (-b).clamp(-MAX_ETA, MAX_ETA), (-d).clamp(-MAX_ETA, MAX_ETA)];
     // I + η + η²/2, symmetric.
     let b2 = b * b;
     let (xx, yy) = (1.0 + a + 0.5 * (a * a + b2), 1.0 + d + 0.5 * (d * d + b2));
@@ -245,7 +240,7 @@ fn turn(l: Mat2, moved: [f32; 3], rates: &AdamRates) -> Mat2 {
     let floor = rates.min_scale * rates.min_scale;
     let is_small = product < floor * (sum - floor) || sum < 2.0 * floor;
     let is_large = sum > rates.max_scale * rates.max_scale;
-    if (is_small || is_large) && Guard::ScaleBounds.is_on() { bounded(l, rates) } else { l }
+    if is_small || is_large { bounded(l, rates) } else { l }
 }
 
 /// L with its scales moved into their bounds, its axes and its right-hand rotation as they are. In f64, where det L of a needle has digits.

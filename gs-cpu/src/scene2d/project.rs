@@ -6,7 +6,6 @@ use glam::{Mat2, Vec2};
 use gs_core::{
     Blend, Canvas, RenderSettings,
     constants::MIN_DETERMINANT_PX4,
-    guards::Guard,
     scene::sigmoid,
     statistics::{Cause, Culled},
 };
@@ -40,20 +39,20 @@ fn project(
     let undilated = l.determinant().powi(2);
     let determinant = undilated + delta * (xx + yy) + delta * delta;
     let (xx, yy) = (xx + delta, yy + delta);
-    let broken = (Guard::FiniteParameters.is_on() && (!mean.is_finite() || opacity.is_nan()))
-        || (Guard::FiniteProjection.is_on() && !(determinant.is_finite() && (xx * yy).is_finite()))
-        || (Guard::FiniteColor.is_on() && !color.iter().all(|c| c.is_finite()));
-    if broken {
+    let placed = mean.is_finite() && !opacity.is_nan();
+    let sized = determinant.is_finite() && (xx * yy).is_finite();
+    let colored = color.iter().all(|c| c.is_finite());
+    if !(placed && sized && colored) {
         return Err(Cause::NotFinite);
     }
-    if Guard::Determinant.is_on() && !(determinant >= MIN_DETERMINANT_PX4) {
+    if !(determinant >= MIN_DETERMINANT_PX4) {
         return Err(Cause::Degenerate);
     }
     let opacity = match (settings.effects.blend, antialias) {
         (Blend::Over, antialias) if antialias.compensates() => opacity * (undilated / determinant).sqrt(),
         _ => opacity,
     };
-    if Guard::Transparent.is_on() && !(opacity >= settings.accuracy.alpha_cut) {
+    if !(opacity >= settings.accuracy.alpha_cut) {
         return Err(Cause::Transparent);
     }
     let cut = settings.accuracy.cut_of(opacity);

@@ -8,7 +8,6 @@ use gs_core::{
     constants::{MAX_XI, VANISHING_MOMENT},
     covariance_factor::{stretched, sum_of_scales_vjp},
     effects::Statistics,
-    guards::Guard,
     scene::sigmoid,
 };
 use rayon::prelude::*;
@@ -128,7 +127,7 @@ fn move_row<S: Simd>(simd: S, row: Row<'_>, step: &Step<'_>, steps: u32) {
     let mut lanes = Lanes::<S>::of_first(simd, step, bias);
     let zero: Whole<S> = splat(simd, 0.0);
     let epsilon: Whole<S> = splat(simd, step.rates.epsilon);
-    let vanishing: Whole<S> = splat(simd, if Guard::VanishingMoment.is_on() { VANISHING_MOMENT } else { 0.0 });
+    let vanishing: Whole<S> = splat(simd, VANISHING_MOMENT);
     for at in (0..row.parameters.len()).step_by(LANES) {
         if at == LANES {
             lanes = Lanes::of_rest(simd, step, bias);
@@ -155,9 +154,7 @@ fn move_row<S: Simd>(simd: S, row: Row<'_>, step: &Step<'_>, steps: u32) {
         let [floor, ceiling] = step.log_scales;
         for scale in &mut row.parameters[LOG_SCALE] {
             // NaN stays: it must be seen and pruned.
-            if !Guard::ScaleBounds.is_on() {
-                break;
-            } else if *scale < floor {
+            if *scale < floor {
                 *scale = floor;
             } else if *scale > ceiling {
                 *scale = ceiling;
@@ -207,8 +204,7 @@ fn add_pull(
 #[inline(always)]
 fn move_frame(parameters: &mut [f32], moved: [f32; LANES], rates: &AdamRates) {
     let factor = splats::factor(parameters);
-    let most = if Guard::MaxXi.is_on() { MAX_XI } else { f32::INFINITY };
-    let xi = Vec3::from_slice(&moved[MEAN]).map(|entry| entry.clamp(-most, most));
+    let xi = Vec3::from_slice(&moved[MEAN]).map(|entry| entry.clamp(-MAX_XI, MAX_XI));
     let mean = splats::mean(parameters) - factor * xi;
     mean.write_to_slice(&mut parameters[MEAN]);
     let eta = std::array::from_fn(|k| -moved[STRETCH.start + k]);

@@ -4,7 +4,6 @@
 use glam::Vec3;
 use gs_core::{
     Accuracy, Parameterization,
-    guards::Guard,
     perspective::Perspective,
     sh,
     statistics::{Cause, Culled},
@@ -63,7 +62,7 @@ fn project(
         return Err(Cause::Outside);
     }
     splat.color = sh::color(eye.degree, eye.direction(splats::mean(row)), splats::sh(row));
-    if Guard::FiniteColor.is_on() && !splat.color.iter().all(|c| c.is_finite()) {
+    if !splat.color.iter().all(|c| c.is_finite()) {
         return Err(Cause::NotFinite);
     }
     Ok((splat, [p.depth, p.depth_slope.x, p.depth_slope.y]))

@@ -8,7 +8,7 @@ mod findings;
 
 use glam::Vec2;
 use gs_core::{Canvas, Image, Loss, Rasterizer, Scene2d, effects::Statistics};
-use gs_density::{Paper, Policy, ResidualGrowth, WhenFlat};
+use gs_density::{Grow, Policy, ResidualGrowth, Signal, WhenFlat};
 
 use super::{
     Axis, Cell, Chart, Circumstance, Claim, Findings, Laboratory, Number, Picture, SHARP_DB, Series, Table,
@@ -78,7 +78,7 @@ impl Start {
             Self::LargeVariance => border(LARGE_SCALE_PX, Colors::Random),
         };
         let policy = match self {
-            Self::ColdForced => Policy::Paper(Paper { when_flat: WhenFlat::Forced, ..Paper::default() }),
+            Self::ColdForced => Policy::Grow(Grow { when_flat: WhenFlat::Forced, ..Grow::paper(Signal::MeanGradient) }),
             Self::ColdResidual => Policy::Residual(ResidualGrowth::default()),
             _ => paper.policy.clone(),
         };

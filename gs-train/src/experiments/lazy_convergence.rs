@@ -10,7 +10,7 @@ mod case;
 mod findings;
 
 use gs_core::{Rasterizer, Scene2d, constants::TAU_POSITION};
-use gs_density::{AbsoluteThreshold, Policy, RelativePercentile};
+use gs_density::{Grow, Policy, Signal};
 
 pub use self::case::{Case, Outcome, Trial, Variation};
 use self::case::{SQUARE_SIDE_PX, absolute, targets};
@@ -55,11 +55,11 @@ impl Criterion {
 
     /// The policy for an image of `side` px.
     pub fn policy(self, side: u32) -> Policy {
-        let absolute = |threshold| Policy::Absolute(AbsoluteThreshold { threshold, ..AbsoluteThreshold::default() });
+        let absolute = |threshold| Policy::Grow(Grow { threshold, ..Grow::absolute(Signal::MeanGradient) });
         match self {
             Self::AbsoluteDevice => absolute(TAU_POSITION),
             Self::AbsolutePixel => absolute(per_pixel(side)),
-            Self::Forced => Policy::Percentile(RelativePercentile::default()),
+            Self::Forced => Policy::Grow(Grow::percentile(Signal::MeanGradient)),
         }
     }
 

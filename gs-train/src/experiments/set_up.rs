@@ -8,7 +8,7 @@
 mod findings;
 
 use gs_core::{Rasterizer, Scene as _, Scene2d};
-use gs_density::{Policy, RelativePercentile};
+use gs_density::{Grow, Policy, Signal};
 
 use super::{
     Axis, Cell, Chart, Circumstance, Claim, Extent, Findings, Laboratory, Number, Paired, Picture, SHARP_DB, Series,
@@ -44,7 +44,7 @@ pub fn paper_settings(extent: Extent, seed: u32) -> FitSettings {
 /// Forced growth alone, in a round every 100 steps to the end.
 pub fn forced_growth_settings(extent: Extent, seed: u32) -> FitSettings {
     let paper = paper_settings(extent, seed);
-    let policy = Policy::Percentile(RelativePercentile::default());
+    let policy = Policy::Grow(Grow::percentile(Signal::MeanGradient));
     FitSettings { policy, rounds: Rounds::until(100, paper.iterations - 1), ..paper }
 }
 

@@ -18,6 +18,7 @@ pub const INITIAL_OPACITY: f32 = 0.7;
 /// A way of placing the first Gaussians. `opacity` in each counts under [`Blend::Over`] only; scenes for [`Blend::Sum`] have none.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "kind", rename_all = "kebab-case")]
+#[non_exhaustive]
 pub enum Init {
     /// Anywhere, large: the paper's experiment (§3.4).
     Random(Random),
@@ -38,6 +39,30 @@ impl Default for Init {
 }
 
 impl Init {
+    /// The initialiser of that name (`random`, `periphery`, `grid`, `gradient`, `error`), as `kind` in a settings file, with its
+    /// usual settings for this blending: random ones have the target's colours under [`Blend::Sum`], where others would have to be
+    /// unlearnt first.
+    ///
+    /// # Errors
+    /// [`Error::Setting`], listing the names.
+    pub fn from_name(name: &str, blend: Blend) -> Result<Self, Error> {
+        let colors = match blend {
+            Blend::Sum => Colors::Target,
+            Blend::Over => Colors::Random,
+        };
+        Ok(match name {
+            "random" => Self::Random(Random { colors, ..Random::default() }),
+            "periphery" => Self::Periphery(Periphery { colors, ..Periphery::default() }),
+            "grid" => Self::Grid(Grid::default()),
+            "gradient" => Self::Gradient(Guided::default()),
+            "error" => Self::Error(Guided::default()),
+            _ => {
+                let allowed = "one of random, periphery, grid, gradient, error";
+                return Err(Error::setting("init", format!("`{name}`"), allowed));
+            }
+        })
+    }
+
     /// A scene of `count` Gaussians for `target`. Equal random numbers give an equal scene, on any number of threads.
     ///
     /// Under [`Blend::Sum`] the scene has no opacities, and colours that follow the target are divided by how many times over the

@@ -14,18 +14,6 @@ const AROUND: f32 = 1.35;
 /// Standard deviations of a Gaussian that are taken for its extent: beyond two, an opaque one covers less than an eighth.
 const REACH: f32 = 2.0;
 
-/// The camera moved to `position` and turned towards `target`, with `up` upwards in its picture; `None` where these do not say how: a target
-/// at the position, or straight up or down from it.
-pub fn looking_at(camera: &Camera, position: Vec3, target: Vec3, up: Vec3) -> Option<Camera> {
-    let forward = (target - position).try_normalize()?;
-    let right = forward.cross(up.try_normalize()?).try_normalize().filter(|_| {
-        // Nearly parallel directions have a cross product of roundings.
-        forward.cross(up.normalize()).length() > 1e-4
-    })?;
-    let rotation = Mat3::from_cols(right, forward.cross(right), forward).transpose();
-    Some(Camera { rotation, translation: -(rotation * position), ..*camera })
-}
-
 /// A circle around something, as seen from it all the way round.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Orbit {
@@ -84,7 +72,7 @@ impl Bulk {
         Some(Self { center, radius: if radius > 0.0 { radius } else { 1.0 } })
     }
 
-    /// A camera of this size that has the bulk in view, from a little above; `up` as for [`looking_at`].
+    /// A camera of this size that has the bulk in view, from a little above; `up` as for [`Camera::looking_at`].
     pub fn overview(&self, width: u32, height: u32, fov_x: f32, up: Vec3) -> Option<Camera> {
         let camera = Camera::looking_forward(width, height, fov_x);
         let half_side = 0.5 * width.min(height) as f32 / camera.focal.x;
@@ -92,7 +80,7 @@ impl Bulk {
         let back = up.any_orthonormal_vector();
         let away = (back + 0.35 * up).normalize() * (self.radius * AROUND / half_side);
         let near = NEAR_WORLD.min(0.01 * self.radius);
-        looking_at(&Camera { near, ..camera }, self.center + away, self.center, up)
+        Camera { near, ..camera }.looking_at(self.center + away, self.center, up)
     }
 }
 
@@ -166,7 +154,7 @@ impl CameraPath {
         (0..self.frames)
             .map(|frame| {
                 let (position, target) = self.at(frame as f32 / steps * stretches);
-                looking_at(&lens, position, target, self.up).ok_or_else(|| {
+                lens.looking_at(position, target, self.up).ok_or_else(|| {
                     let value = format!("from {position} to {target} at frame {frame}");
                     Error::setting(
                         "a view of the path",
@@ -236,21 +224,19 @@ mod tests {
     fn a_camera_turned_to_a_target_has_it_in_the_middle_and_up_above() {
         let lens = Camera::looking_forward(40, 30, 1.0);
         let (position, target) = (Vec3::new(3.0, -1.0, 2.0), Vec3::new(0.5, 0.5, 0.0));
-        let camera = looking_at(&lens, position, target, Vec3::Z).unwrap();
+        let camera = lens.looking_at(position, target, Vec3::Z).unwrap();
         camera.validate().unwrap();
         assert!((camera.position() - position).length() < 1e-5);
         assert!(middle(&camera, target) < 1e-3);
         let (above, _) = camera.project(target + 0.1 * Vec3::Z).unwrap();
         assert!(above.y < 15.0, "y points down in pictures: {above}");
-        assert_eq!(looking_at(&lens, position, position, Vec3::Z), None);
-        assert_eq!(looking_at(&lens, position, position + Vec3::Z, Vec3::Z), None);
     }
 
     #[test]
     fn an_orbit_keeps_its_centre_in_place_and_its_distance() {
         let lens = Camera::looking_forward(40, 40, 1.0);
         let center = Vec3::new(1.0, 2.0, 3.0);
-        let first = looking_at(&lens, Vec3::new(4.0, 2.0, 3.5), center, Vec3::Y).unwrap();
+        let first = lens.looking_at(Vec3::new(4.0, 2.0, 3.5), center, Vec3::Y).unwrap();
         let cameras = Orbit { center, axis: Vec3::Y * 3.0, frames: 8 }.cameras(&first);
         assert_eq!(cameras.len(), 8);
         for camera in &cameras {

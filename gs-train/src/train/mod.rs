@@ -23,7 +23,7 @@ mod views;
 pub use self::{
     evaluation::{Evaluation, TrainingViews, ViewQuality, evaluate},
     flat::Flat,
-    flight::{Bulk, CameraPath, Ends, Key, Orbit, looking_at, resized},
+    flight::{Bulk, CameraPath, Ends, Key, Orbit, resized},
     geometry::{Focus, extent_of},
     init::{PointInit, Start, gaussians_at, random_points},
     neighbours::neighbour_distances,

@@ -9,7 +9,7 @@ use gs_core::{
     edit::Moments,
     effects::{Antialias, Order},
 };
-use gs_density::{AbsoluteThreshold, Actions, Densify, Mcmc, Policy, Prune, RelativePercentile, SizeThreshold};
+use gs_density::{Actions, Densify, Grow, Mcmc, Policy, Prune, Signal, SizeThreshold};
 use serde::{Deserialize, Serialize};
 
 use super::{
@@ -22,6 +22,7 @@ use crate::{joining::Joining, recovery::Recovery, rounds::Rounds};
 /// Settings by name.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
+#[non_exhaustive]
 pub enum TrainPreset {
     /// The settings of 3DGS (Kerbl et al. 2023), 30,000 steps: what others compare with.
     #[default]
@@ -132,7 +133,7 @@ fn three_dgs(iterations: u32) -> TrainSettings {
             ..Adam::default()
         },
         init: PointInit::default(),
-        policy: Policy::Absolute(AbsoluteThreshold { actions, ..AbsoluteThreshold::default() }),
+        policy: Policy::Grow(Grow::absolute(Signal::MeanGradient).with_actions(actions)),
         rounds: published_rounds(iterations, 0.5),
         resolution: Resolution::Full,
     }
@@ -195,12 +196,12 @@ fn short(iterations: u32) -> TrainSettings {
 
 fn quick(iterations: u32) -> TrainSettings {
     let usual = three_dgs(iterations);
-    let Policy::Absolute(AbsoluteThreshold { actions, .. }) = usual.policy else { return usual };
+    let Policy::Grow(Grow { actions, .. }) = usual.policy else { return usual };
     TrainSettings {
         gaussians: 200_000,
         decay_over: 0,
         adam: faster(usual.adam, 4.0, 4.0),
-        policy: Policy::Percentile(RelativePercentile { actions, ..RelativePercentile::default() }),
+        policy: Policy::Grow(Grow::percentile(Signal::MeanGradient).with_actions(actions)),
         rounds: rounds(iterations, 200, 0.6),
         init: PointInit { random: 20_000, ..PointInit::default() },
         resolution: Resolution::CoarseToFine { from: 2, full_after: 0.4 },

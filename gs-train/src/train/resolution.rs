@@ -22,7 +22,15 @@ pub enum Resolution {
     },
 }
 
+/// The share of a run after which [`Resolution::from_coarse`] is at full resolution.
+const FULL_AFTER: f32 = 0.4;
+
 impl Resolution {
+    /// Coarse to fine, from 1/`from` of the resolution on: 2, 4 or 8, or 1 for full resolution at once.
+    pub fn from_coarse(from: u32) -> Self {
+        if from == 1 { Self::Full } else { Self::CoarseToFine { from, full_after: FULL_AFTER } }
+    }
+
     /// By what the sides of the photographs are divided at `progress` in 0..=1 of the run.
     pub fn factor(self, progress: f32) -> u32 {
         let Self::CoarseToFine { from, full_after } = self else { return 1 };

@@ -11,7 +11,6 @@ use crate::{
     joining::{Calls, Joining, Joins},
     recovery::Recovery,
     rounds::Rounds,
-    settings::validate_adam,
     task::RunSettings,
 };
 
@@ -124,7 +123,7 @@ impl TrainSettings {
 
     /// The same training with steps in another parameterization, and the learning rates of mean and shape that are known to work there.
     #[must_use]
-    pub fn moving_in(mut self, parameterization: Parameterization) -> Self {
+    pub fn with_parameterization(mut self, parameterization: Parameterization) -> Self {
         if self.parameterization != parameterization {
             self.parameterization = parameterization;
             let Adam { mean, scale, rotation, .. } = &mut self.adam;
@@ -136,7 +135,7 @@ impl TrainSettings {
     /// The same training under another policy. What is pruned, and when opacities are reset, stays as these settings have it, or as 3DGS
     /// does where they have none.
     #[must_use]
-    pub fn controlled_by(mut self, policy: Policy) -> Self {
+    pub fn with_policy(mut self, policy: Policy) -> Self {
         let usual = self.policy.actions().copied().or(Self::default().policy.actions().copied()).unwrap_or_default();
         self.policy = policy.in_space();
         if let Some(actions) = self.policy.actions_mut() {
@@ -163,7 +162,7 @@ impl TrainSettings {
         self.render.validate()?;
         self.joining.validate()?;
         self.loss.validate()?;
-        validate_adam(&self.adam)
+        self.adam.validate()
     }
 }
 
@@ -285,9 +284,9 @@ mod tests {
     #[test]
     fn learning_rates_follow_the_chart() {
         let usual = TrainPreset::ThreeDgs.settings(Some(100));
-        let local = usual.clone().moving_in(Parameterization::CovarianceFactor);
-        assert_eq!(usual.clone().moving_in(usual.parameterization), usual);
-        assert_eq!(local.clone().moving_in(usual.parameterization), usual);
+        let local = usual.clone().with_parameterization(Parameterization::CovarianceFactor);
+        assert_eq!(usual.clone().with_parameterization(usual.parameterization), usual);
+        assert_eq!(local.clone().with_parameterization(usual.parameterization), usual);
         // In standard deviations, whatever the extent; the bounds of scales are lengths still.
         assert_eq!(local.rates_at(0, 5.0).mean.learning_rate, local.adam.mean.learning_rate);
         assert_eq!(local.rates_at(0, 5.0).max_scale, 5.0 * local.adam.max_scale);
@@ -300,7 +299,7 @@ mod tests {
         for preset in TrainPreset::ALL {
             for name in Policy::NAMES {
                 let policy = Policy::from_name(name).unwrap();
-                let settings = preset.settings(None).controlled_by(policy);
+                let settings = preset.settings(None).with_policy(policy);
                 assert_eq!(settings.validate().is_err(), ["residual", "image-gs"].contains(&name), "{name}");
                 if let Some(actions) = settings.policy.actions() {
                     assert_eq!(actions.prune.larger_after, 3000, "{name}");

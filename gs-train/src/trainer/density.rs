@@ -4,7 +4,6 @@ use gs_core::{
     Binning, DensityStatistics, EditPlan, Rasterizer,
     edit::{AfterEdit, EditCounts, PruneCause, Removal},
     effects::Statistics,
-    guards::Guard,
 };
 use gs_density::{DensityGaussian, Observation, Rng};
 
@@ -73,8 +72,7 @@ impl<R: Rasterizer<S>, S: Trainable> Trainer<'_, R, S> {
     /// Takes out what has become NaN or infinite since the last round; it draws nothing, and no file would take it.
     pub(super) fn drop_not_finite(&mut self, edits: &mut Option<EditCounts>) -> Result<(), Error> {
         let scene = self.rasterizer.download(&self.splats)?;
-        let lost =
-            (0..scene.len()).filter(|&index| !scene.gaussian(index).is_finite() && Guard::PruneNotFinite.is_on());
+        let lost = (0..scene.len()).filter(|&index| !scene.gaussian(index).is_finite());
         let removed: Vec<Removal> =
             lost.map(|index| Removal { index: index as u32, cause: PruneCause::NotFinite }).collect();
         if !removed.is_empty() {

@@ -1,6 +1,6 @@
 //! How a run begins again that has become worse than it was at first; see [`Recovery`].
 
-use gs_core::{Binning, Loss, Rasterizer, Wait, constants::HALF_DISPLAY_STEP, edit::EditCounts, guards::Guard};
+use gs_core::{Binning, Loss, Rasterizer, Wait, constants::HALF_DISPLAY_STEP, edit::EditCounts};
 
 use super::Trainer;
 use crate::{
@@ -43,7 +43,7 @@ impl<R: Rasterizer<S>, S: Trainable> Trainer<'_, R, S> {
     }
 
     fn recovers(&self) -> bool {
-        self.record.settings.recovery() == Recovery::BeginAgain && Guard::FreshStart.is_on()
+        self.record.settings.recovery() == Recovery::BeginAgain
     }
 
     /// Keeps the Gaussians that this run begins with, where it may have to go back to them.

@@ -8,7 +8,7 @@ use gs_cpu::{CpuRasterizer, CpuSettings};
 use gs_io::dataset::PosedImage;
 use gs_train::{
     Rounds, TrainPreset, TrainSettings,
-    train::{PosedView, Views, looking_at},
+    train::{PosedView, Views},
 };
 
 /// Two threads, whatever the machine.
@@ -47,7 +47,7 @@ pub(crate) fn camera(i: usize) -> Camera {
     let lens = Camera::looking_forward(LENS.0, LENS.1, 0.7);
     let (angle, height) = (2.4 * i as f32, 0.9 - 1.7 * ((i as f32 * 0.618) % 1.0));
     let around = Vec2::from_angle(angle) * (1.0 - height * height).sqrt();
-    looking_at(&lens, 4.03 * around.extend(height), Vec3::ZERO, Vec3::Z).expect("it does not look straight up")
+    lens.looking_at(4.03 * around.extend(height), Vec3::ZERO, Vec3::Z).expect("it does not look straight up")
 }
 
 /// How the scene was photographed: before black, in order of depth.

@@ -48,7 +48,7 @@ fn turn(l: mat2x2f, by: vec3f) -> mat2x2f {
     let turned = mat2x2f(l[0] * xx + l[1] * xy, l[0] * xy + l[1] * yy);
     let frobenius = sqrt(dot(turned[0], turned[0]) + dot(turned[1], turned[1]));
     let suspicious = abs(determinant_of(turned)) <= step.min_scale * frobenius || frobenius > step.max_scale;
-    if GUARD_SCALE_BOUNDS && suspicious {
+    if suspicious {
         return bounded(turned);
     }
     return turned;
@@ -106,10 +106,8 @@ fn adam(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: ve
     let ceiling = log(step.max_scale);
     var scales = g.shape.xy - place.zw;
     // NaN stays: it must be seen and pruned.
-    if GUARD_SCALE_BOUNDS {
-        scales = select(scales, vec2f(floor_), scales < vec2f(floor_));
-        scales = select(scales, vec2f(ceiling), scales > vec2f(ceiling));
-    }
+    scales = select(scales, vec2f(floor_), scales < vec2f(floor_));
+    scales = select(scales, vec2f(ceiling), scales > vec2f(ceiling));
     g.shape = vec4f(scales, g.shape.z - rest.x, 0.0);
 #endif
     if step.opaque == 0u {

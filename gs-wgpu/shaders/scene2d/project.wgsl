@@ -23,7 +23,7 @@ fn project_one(g: Gaussian) -> Splat {
     let placed = is_finite(mean.x) && is_finite(mean.y) && (step.opaque == 1u || !is_nan(g.opacity_logit));
     let sized = is_finite(det) && is_finite(xx * yy);
     let colored = is_finite(g.color.x) && is_finite(g.color.y) && is_finite(g.color.z);
-    if (GUARD_FINITE_PARAMETERS && !placed) || (GUARD_FINITE_PROJECTION && !sized) || (GUARD_FINITE_COLOR && !colored) {
+    if !placed || !sized || !colored {
         atomicAdd(&status.not_finite, 1u);
         return culled();
     }
@@ -34,7 +34,7 @@ fn project_one(g: Gaussian) -> Splat {
     if step.compensates == 1u {
         opacity *= sqrt(undilated / det);
     }
-    if GUARD_TRANSPARENT && !(opacity >= step.alpha_cut) {
+    if !(opacity >= step.alpha_cut) {
         atomicAdd(&status.transparent, 1u);
         return culled();
     }

@@ -44,10 +44,8 @@ fn adam_3d(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups:
     let ceiling = vec3f(log(step.max_scale));
     var scales = e.log_scale - size.xyz;
     // NaN stays: it must be seen and pruned.
-    if GUARD_SCALE_BOUNDS {
-        scales = select(scales, floor_, scales < floor_);
-        scales = select(scales, ceiling, scales > ceiling);
-    }
+    scales = select(scales, floor_, scales < floor_);
+    scales = select(scales, ceiling, scales > ceiling);
     e.log_scale = scales;
     ellipsoids[index] = e;
     moments[index] = m;

@@ -33,7 +33,7 @@ fn project_one(e: Ellipsoid, p: vec3f, depth_slope: ptr<function, vec2f>) -> Spl
     let q = quaternion(e.rotation);
     let norm2 = dot(q.scaled, q.scaled);
     let finite = all_finite(e.mean) && all_finite(e.log_scale) && is_finite(norm2) && !is_nan(e.opacity_logit);
-    if (GUARD_FINITE_PARAMETERS && !finite) || (GUARD_FINITE_PROJECTION && (is_nan(p.x) || is_nan(p.y) || is_nan(p.z))) {
+    if !finite || is_nan(p.x) || is_nan(p.y) || is_nan(p.z) {
         atomicAdd(&status.not_finite, 1u);
         return culled();
     }
@@ -55,7 +55,7 @@ fn project_one(e: Ellipsoid, p: vec3f, depth_slope: ptr<function, vec2f>) -> Spl
     let det = undilated + delta * (xx + yy) + delta * delta;
     let covariance = vec3f(xx + delta, dot(i.r0, i.r1), yy + delta);
     let sized = is_finite(mean.x) && is_finite(mean.y) && is_finite(covariance.x * covariance.z) && is_finite(det);
-    if GUARD_FINITE_PROJECTION && !sized {
+    if !sized {
         atomicAdd(&status.not_finite, 1u);
         return culled();
     }
@@ -70,7 +70,7 @@ fn project_one(e: Ellipsoid, p: vec3f, depth_slope: ptr<function, vec2f>) -> Spl
             opacity *= sqrt(undilated / det);
         }
     }
-    if GUARD_TRANSPARENT && !(opacity >= step.alpha_cut) {
+    if !(opacity >= step.alpha_cut) {
         atomicAdd(&status.transparent, 1u);
         return culled();
     }
@@ -98,7 +98,7 @@ fn project_3d(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) grou
             splat = culled();
         } else {
             splat.color = color_of(index, e.mean);
-            if GUARD_FINITE_COLOR && !all_finite(splat.color) {
+            if !all_finite(splat.color) {
                 atomicAdd(&status.not_finite, 1u);
                 splat = culled();
                 touched = 0u;

@@ -91,7 +91,7 @@ fn towards(camera: Camera, mean: vec3f) -> vec4f {
         return vec4f(offset * inverse, inverse);
     }
     let largest = max(max(abs(offset.x), abs(offset.y)), abs(offset.z));
-    if GUARD_ZERO_DIRECTION && largest == 0.0 {
+    if largest == 0.0 {
         return vec4f(0.0, 0.0, 1.0, 0.0);
     }
     let scaled = offset / largest;

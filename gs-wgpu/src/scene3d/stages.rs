@@ -51,7 +51,7 @@ impl Own3d {
         let camera = layout::Camera {
             world_to_camera: [row(0), row(1), row(2)],
             position: camera.position().to_array(),
-            near: camera.guarded_near(),
+            near: camera.near,
             focal: camera.focal.to_array(),
             center: camera.center.to_array(),
             least_slope: least_slope.to_array(),

@@ -133,7 +133,6 @@ fn wrapped(angle: f32) -> f32 {
 
 #[cfg(test)]
 mod tests {
-    use gs_train::train::looking_at;
 
     use super::*;
 
@@ -142,7 +141,7 @@ mod tests {
     }
 
     fn start() -> Viewpoint {
-        let camera = looking_at(&lens(), Vec3::new(3.0, -2.0, 1.0), Vec3::new(0.5, 0.0, 0.0), Vec3::NEG_Y).unwrap();
+        let camera = lens().looking_at(Vec3::new(3.0, -2.0, 1.0), Vec3::new(0.5, 0.0, 0.0), Vec3::NEG_Y).unwrap();
         Viewpoint::of(&camera, camera.position().distance(Vec3::new(0.5, 0.0, 0.0)), Vec3::NEG_Y)
     }
 

@@ -2,7 +2,7 @@
 //! with the settings it has everywhere.
 
 use gs_core::{Rasterizer, Scene2d, constants::TAU_POSITION};
-use gs_density::{AbsoluteThreshold, FORCED_GROWTH_PERCENT, Hybrid, Policy, RelativePercentile};
+use gs_density::{FORCED_GROWTH_PERCENT, Grow, Policy, Signal};
 
 use super::{Blank, per_pixel};
 use crate::{
@@ -134,11 +134,11 @@ impl Trial {
     }
 
     fn hybrid(&self) -> Policy {
-        Policy::Hybrid(Hybrid { percent: self.percent, ..Hybrid::default() })
+        Policy::Grow(Grow { percent: self.percent, ..Grow::hybrid(Signal::MeanGradient) })
     }
 
     fn by_rank(percent: f32) -> Policy {
-        Policy::Percentile(RelativePercentile { percent, ..RelativePercentile::default() })
+        Policy::Grow(Grow { percent, ..Grow::percentile(Signal::MeanGradient) })
     }
 }
 
@@ -147,7 +147,7 @@ fn threshold(half_octaves: i32) -> f64 {
 }
 
 pub(super) fn absolute(threshold: f64) -> Policy {
-    Policy::Absolute(AbsoluteThreshold { threshold: threshold as f32, ..AbsoluteThreshold::default() })
+    Policy::Grow(Grow { threshold: threshold as f32, ..Grow::absolute(Signal::MeanGradient) })
 }
 
 /// The targets: the paper's, which comes first, and others that differ from it in size, contrast or frequency.

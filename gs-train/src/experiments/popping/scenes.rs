@@ -8,7 +8,7 @@ use gs_density::Rng;
 use rand::{RngExt as _, SeedableRng as _};
 
 use super::comparison::SlowOrbit;
-use crate::train::{Orbit, looking_at};
+use crate::train::Orbit;
 
 /// Across, rad.
 const FIELD_OF_VIEW: f32 = 0.7;
@@ -121,5 +121,5 @@ fn flat(mean: Vec3, turned: Quat, size: f32, color: Vec3) -> Gaussian3d {
 
 fn camera(side: u32, towards: Vec3) -> Camera {
     let lens = Camera::looking_forward(side, side, FIELD_OF_VIEW);
-    looking_at(&lens, DISTANCE * towards, Vec3::ZERO, Vec3::NEG_Y).unwrap_or(lens)
+    lens.looking_at(DISTANCE * towards, Vec3::ZERO, Vec3::NEG_Y).unwrap_or(lens)
 }

@@ -1,4 +1,4 @@
-//! What needs a guard and is no case of the corpus: where only some backends offer it, or where it is none of a backend's.
+//! Guards of the arithmetic (`docs/guards.md`) that no case of the corpus needs: only some backends have them, or none.
 
 use glam::{Vec2, Vec3};
 use gs_conformance::Failure;
@@ -7,90 +7,50 @@ use gs_core::{
     RenderSettings, Scene, Scene2d, Scene3d, SplatsState, TrainStep, adam::Group, constants::MAX_XI,
     effects::Antialias, metrics, state::TensorData,
 };
+use gs_cpu::{CpuRasterizer, CpuSettings};
 use gs_density::{Policy, Ranking, WhenFlat};
 use gs_train::{FitSettings, InitialCount, Recovery, Rounds, Trainer, fit};
 
-/// A check, which any backend of both kinds of scenes can be put through.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Check {
-    /// 1 − SSIM of constant images that are nearly equal, however bright, is within 0 to 2.
-    SsimOfConstants,
-    /// Gradients are finite through factors that have an area by dilation alone.
-    SingularFrames,
-    /// Gradients are finite through factors that have no extent at all along an axis.
-    FlatFrames,
-    /// Squares of derivatives stay finite.
-    SecondMoments,
-    /// A step in a covariance factor goes no further than the Gaussian reaches.
-    StepsWithinReach,
-    /// Moments that no gradient renews do not decay to denormals.
-    MomentsVanish,
-    /// An ε of 0 is refused.
-    EpsilonOfZero,
-    /// What stops being finite in a fit is not in the scene that comes of it.
-    FitsEndFinite,
-    /// A fit whose Gaussians leave the picture ends no worse than it began.
-    FitsEndNoWorse,
-    /// An infinite score is no reason to grow.
-    InfiniteScores,
-    /// A fit whose loss overflows ends with an error.
-    InfiniteLosses,
+/// Runs each of these checks as a test on gs-cpu.
+macro_rules! checks {
+    ($($(#[$what:meta])* $test:ident: $check:expr;)*) => {
+        $($(#[$what])*
+        #[test]
+        fn $test() {
+            // One thread: in images of this size, threads would wait for each other.
+            let rasterizer = CpuRasterizer::new(CpuSettings { threads: Some(1), level: None }).unwrap();
+            ($check)(&rasterizer).unwrap_or_else(|failure: Failure| panic!("{failure}"));
+        })*
+    };
 }
 
-impl Check {
-    /// All of them.
-    pub(crate) const ALL: [Self; 11] = [
-        Self::SecondMoments,
-        Self::SsimOfConstants,
-        Self::SingularFrames,
-        Self::FlatFrames,
-        Self::StepsWithinReach,
-        Self::MomentsVanish,
-        Self::EpsilonOfZero,
-        Self::FitsEndFinite,
-        Self::FitsEndNoWorse,
-        Self::InfiniteScores,
-        Self::InfiniteLosses,
-    ];
+checks! {
+    /// 1 − SSIM of constant images that are nearly equal, however bright, is within 0 to 2.
+    ssim_of_nearly_equal_constants_is_possible: ssim_of_constants;
+    /// Gradients are finite through factors that have an area by dilation alone.
+    gradients_through_singular_factors_are_finite: singular_factors;
+    /// Gradients are finite through factors that have no extent at all along an axis.
+    gradients_through_flat_factors_are_finite: flat_factors;
+    /// Squares of derivatives stay finite.
+    second_moments_stay_finite: second_moments;
+    /// A step in a covariance factor goes no further than the Gaussian reaches.
+    steps_go_no_further_than_a_gaussian_reaches: steps_within_reach;
+    /// Moments that no gradient renews do not decay to denormals.
+    moments_vanish_before_they_are_denormal: moments_vanish;
+    /// An ε of 0 is refused.
+    an_epsilon_of_zero_is_refused: epsilon_of_zero;
+    /// What stops being finite in a fit is not in the scene that comes of it.
+    what_is_not_finite_is_not_in_a_fits_scene: fits_end_finite;
+    /// A fit whose Gaussians leave the picture ends no worse than it began.
+    fits_end_no_worse_than_they_began: fits_end_no_worse;
+    /// A fit whose loss overflows ends with an error.
+    an_infinite_loss_ends_a_fit: infinite_losses;
+}
 
-    /// Its name in the table of guards.
-    pub(crate) const fn name(self) -> &'static str {
-        match self {
-            Self::SsimOfConstants => "SSIM of constants",
-            Self::SingularFrames => "singular factors",
-            Self::FlatFrames => "flat factors",
-            Self::SecondMoments => "second moments",
-            Self::StepsWithinReach => "steps within reach",
-            Self::MomentsVanish => "moments vanish",
-            Self::EpsilonOfZero => "epsilon of 0",
-            Self::FitsEndFinite => "fits end finite",
-            Self::FitsEndNoWorse => "fits end no worse",
-            Self::InfiniteScores => "infinite scores",
-            Self::InfiniteLosses => "infinite losses",
-        }
-    }
-
-    pub(crate) fn run<R>(self, rasterizer: &R) -> Result<(), Failure>
-    where
-        R: Rasterizer<Scene2d> + Rasterizer<Scene3d>,
-    {
-        match self {
-            Self::SsimOfConstants => ssim_of_constants(rasterizer),
-            Self::SingularFrames => singular_frames(rasterizer),
-            Self::FlatFrames => flat_frames(rasterizer),
-            Self::SecondMoments => second_moments(rasterizer),
-            Self::StepsWithinReach => steps_within_reach(rasterizer),
-            Self::MomentsVanish => moments_vanish(rasterizer),
-            Self::EpsilonOfZero => epsilon_of_zero(rasterizer),
-            Self::FitsEndFinite => fits_end_finite(rasterizer),
-            Self::FitsEndNoWorse => fits_end_no_worse(rasterizer),
-            Self::InfiniteScores => {
-                let ranking = Ranking::new([(0, f32::INFINITY), (1, 0.5), (2, f32::NAN)], WhenFlat::Nothing);
-                Failure::unless(ranking.all() == [1], || format!("{:?} are to grow", ranking.all()))
-            }
-            Self::InfiniteLosses => infinite_losses(rasterizer),
-        }
-    }
+#[test]
+fn an_infinite_score_is_no_reason_to_grow() {
+    let ranking = Ranking::new([(0, f32::INFINITY), (1, 0.5), (2, f32::NAN)], WhenFlat::Nothing);
+    assert_eq!(ranking.all(), [1]);
 }
 
 const SIZE: (u32, u32) = (24, 19);
@@ -132,7 +92,7 @@ fn ssim_of_constants<R: Rasterizer<Scene2d>>(rasterizer: &R) -> Result<(), Failu
     Ok(())
 }
 
-fn singular_frames<R: Rasterizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
+fn singular_factors<R: Rasterizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     let mut settings = RenderSettings::blended(Blend::Sum);
     settings.effects.antialias = Antialias::Dilate;
     // The square of e⁻⁶⁰ is 0 in f32.
@@ -144,7 +104,7 @@ fn singular_frames<R: Rasterizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure
     Ok(gradients.validate()?)
 }
 
-fn flat_frames<R: Rasterizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
+fn flat_factors<R: Rasterizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
     let gaussian = Gaussian3d {
         mean: Vec3::new(0.1, -0.1, 3.0),
         log_scale: Vec3::new(-1.0, -1.3, -1.6),

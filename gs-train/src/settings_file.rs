@@ -1,0 +1,281 @@
+//! Settings in TOML files: read with an error that names the line, the key and the nearest known key.
+
+use std::{fmt, path::Path};
+
+use serde::{Serialize, de::DeserializeOwned};
+use toml::{
+    Spanned,
+    de::{DeTable, DeValue},
+};
+
+use crate::error::Error;
+
+/// Reads the text of a settings file. `file` is its name, for the error.
+///
+/// ```
+/// use gs_train::{FitSettings, parse_settings};
+///
+/// let text = "iterations = 7\n[render.effects]\nantialais = 'mip'";
+/// let error = parse_settings::<FitSettings>(text, "settings.toml".as_ref()).unwrap_err();
+/// let expected = "settings.toml:3: unknown key `antialais` in [render.effects]: did you mean `antialias`?";
+/// assert_eq!(error.to_string(), expected);
+/// ```
+///
+/// # Errors
+/// [`Error::Settings`] where the text is not TOML, a key is unknown, or a value is of the wrong kind. Ranges are checked by the
+/// settings' own `validate`.
+pub fn parse_settings<T: DeserializeOwned>(text: &str, file: &Path) -> Result<T, Error> {
+    toml::from_str(text).map_err(|error| {
+        let start = error.span().map_or(0, |span| span.start.min(text.len()));
+        let (start, problem) = match Unknown::of(error.message(), text, start) {
+            Some(unknown) => (unknown.start, unknown.to_string()),
+            None => (start, error.message().to_owned()),
+        };
+        let line = 1 + text[..start].matches('\n').count();
+        Error::Settings { file: file.to_owned(), line, problem }
+    })
+}
+
+/// The settings as the text of a TOML file, for [`parse_settings`] to read. Numbers have as many digits as tell them apart as `f32`.
+///
+/// # Errors
+/// [`Error::UnwritableSettings`] where TOML has no form for them.
+pub fn settings_to_toml(settings: &impl Serialize) -> Result<String, Error> {
+    let unwritable = |error: toml::ser::Error| Error::UnwritableSettings(error.to_string());
+    let mut value = toml::Value::try_from(settings).map_err(unwritable)?;
+    shorten(&mut value);
+    toml::to_string(&value).map_err(unwritable)
+}
+
+/// Every number of the settings is an `f32`, which a wider type shows with digits that mean nothing.
+fn shorten(value: &mut toml::Value) {
+    match value {
+        toml::Value::Float(number) => *number = (*number as f32).to_string().parse().unwrap_or(*number),
+        toml::Value::Array(values) => values.iter_mut().for_each(shorten),
+        toml::Value::Table(table) => table.iter_mut().for_each(|(_, value)| shorten(value)),
+        _ => {}
+    }
+}
+
+/// A key, or the name of a value, that the settings do not know.
+struct Unknown<'a> {
+    /// Whether it is a key or a name.
+    what: &'static str,
+    /// The key, or the name.
+    word: &'a str,
+    /// Where it stands in the text, bytes.
+    start: usize,
+    /// The table that it stands in; empty for the file's own.
+    table: String,
+    /// The known one that is most like it.
+    nearest: Option<&'a str>,
+}
+
+impl<'a> Unknown<'a> {
+    /// What the message says, if it is about an unknown key or name, at the first of these from `start` on. The message of a
+    /// table with a `kind` points at the table.
+    fn of(message: &'a str, text: &str, start: usize) -> Option<Self> {
+        let (what, word, nearest) = if let Some(rest) = message.strip_prefix("unexpected keys in table: ") {
+            // The toml crate's own words, of the table of an enum's variant.
+            let (keys, known) = rest.split_once(", available keys: ")?;
+            let key = keys.split(", ").next()?;
+            ("key", key, nearest(key, known.split(", ")))
+        } else {
+            let key = message.strip_prefix("unknown field `").map(|rest| ("key", rest));
+            let (what, rest) = key.or_else(|| Some(("name", message.strip_prefix("unknown variant `")?)))?;
+            let mut names = rest.split('`').step_by(2);
+            let word = names.next()?;
+            (what, word, nearest(word, names))
+        };
+        let mut places = Vec::new();
+        if let Ok(document) = DeTable::parse(text) {
+            find(document.get_ref(), word, "", &mut places);
+        }
+        places.sort_unstable();
+        let place = places.iter().find(|(place, _)| *place >= start).or(places.first()).cloned();
+        let (start, table) = place.unwrap_or((start, String::new()));
+        Some(Self { what, word, start, table, nearest })
+    }
+}
+
+impl fmt::Display for Unknown<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "unknown {} `{}`", self.what, self.word)?;
+        if !self.table.is_empty() {
+            write!(f, " in [{}]", self.table)?;
+        }
+        match self.nearest {
+            Some(nearest) => write!(f, ": did you mean `{nearest}`?"),
+            None => Ok(()),
+        }
+    }
+}
+
+/// The name that is most like `word`, if any is: among equals, the first.
+fn nearest<'a>(word: &str, names: impl Iterator<Item = &'a str>) -> Option<&'a str> {
+    let far = 1 + word.chars().count() / 3;
+    names
+        .map(|name| (strsim::osa_distance(word, name), name))
+        .filter(|(distance, _)| *distance <= far)
+        .min_by_key(|(distance, _)| *distance)
+        .map(|(_, name)| name)
+}
+
+/// Every place of `word` in a table and those in it, as a key or a text: the byte where it stands, and the path of its table.
+fn find(table: &DeTable<'_>, word: &str, path: &str, places: &mut Vec<(usize, String)>) {
+    for (name, value) in table {
+        if name.get_ref() == word || value.get_ref().as_str() == Some(word) {
+            places.push((name.span().start, path.to_owned()));
+        }
+        let path = if path.is_empty() { name.get_ref().to_string() } else { format!("{path}.{}", name.get_ref()) };
+        find_within(value, word, &path, places);
+    }
+}
+
+fn find_within(value: &Spanned<DeValue<'_>>, word: &str, path: &str, places: &mut Vec<(usize, String)>) {
+    match value.get_ref() {
+        DeValue::Table(table) => find(table, word, path, places),
+        DeValue::Array(values) => values.iter().for_each(|value| find_within(value, word, path, places)),
+        _ => {}
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use gs_core::{
+        Loss, Parameterization,
+        adam::{Group, Schedule},
+        effects::Order,
+        settings::Extent,
+    };
+    use gs_density::{LongAxisSplit, Policy, SizeThreshold, SplitPlacement};
+    use toml::Table;
+
+    use super::*;
+    use crate::{
+        FitSettings, Init, InitialCount, Joining, Preset, Recovery, TrainPreset, TrainSettings,
+        init::{Grid, Guided, Periphery, Random},
+        train::{Resolution, StepBackground},
+    };
+
+    fn parse<T: DeserializeOwned>(text: &str) -> Result<T, String> {
+        parse_settings(text, "settings.toml".as_ref()).map_err(|error| error.to_string())
+    }
+
+    /// Misspells each key in turn, and expects it to be named, with its table and the right key.
+    fn misspell_each<T: DeserializeOwned>(whole: &Table, path: &[&str]) -> usize {
+        let table = path.iter().fold(whole, |table, key| table[*key].as_table().unwrap());
+        let mut seen = 0;
+        for (key, value) in table {
+            let misspelt = format!("{key}h");
+            let mut wrong = whole.clone();
+            let place = path.iter().fold(&mut wrong, |table, key| table[*key].as_table_mut().unwrap());
+            let value_kept = place.remove(key).unwrap();
+            place.insert(misspelt.clone(), value_kept);
+            let text = toml::to_string(&wrong).unwrap();
+            let message = parse::<T>(&text).err().unwrap_or_else(|| panic!("`{misspelt}` passes:\n{text}"));
+            if key == "kind" {
+                assert!(message.contains("missing field `kind`"), "{message}");
+            } else {
+                let place = if path.is_empty() { String::new() } else { format!(" in [{}]", path.join(".")) };
+                let named = format!("`{misspelt}`{place}: did you mean `{key}`?");
+                assert!(message.contains(&named), "{named}: {message}\n{text}");
+                let line = 1 + text.lines().position(|line| line.contains(&misspelt)).unwrap();
+                assert!(message.starts_with(&format!("settings.toml:{line}: unknown ")), "{message}\n{text}");
+            }
+            seen += 1;
+            if value.is_table() {
+                seen += misspell_each::<T>(whole, &[path, &[key]].concat());
+            }
+        }
+        seen
+    }
+
+    fn held<T: Serialize + DeserializeOwned + PartialEq + std::fmt::Debug>(settings: &T) {
+        let text = settings_to_toml(settings).unwrap();
+        assert_eq!(&parse::<T>(&text).unwrap(), settings, "{text}");
+        let seen = misspell_each::<T>(&text.parse().unwrap(), &[]);
+        assert!(seen > 40, "{seen} keys");
+    }
+
+    /// Every policy, with what its settings may have or not.
+    fn policies() -> Vec<Policy> {
+        let mut policies: Vec<Policy> = Policy::NAMES.iter().map(|name| Policy::from_name(name).unwrap()).collect();
+        for policy in &mut policies {
+            if let Some(actions) = policy.actions_mut() {
+                actions.prune.larger_than = Some(SizeThreshold::ExtentFraction(0.5));
+                actions.prune.larger_after = 7;
+                actions.densify.split_placement = SplitPlacement::LongAxisSplit(LongAxisSplit::default());
+            }
+        }
+        policies
+    }
+
+    #[test]
+    fn each_key_of_a_fits_settings_is_known_and_no_other() {
+        let inits = [
+            Init::Random(Random::default()),
+            Init::Periphery(Periphery::default()),
+            Init::Grid(Grid::default()),
+            Init::Gradient(Guided::default()),
+            Init::Error(Guided::default()),
+        ];
+        let initials = [InitialCount::Fixed(3), InitialCount::Fraction(0.5)];
+        let schedules = [Schedule::Constant, Schedule::Cosine { to: 0.5 }, Schedule::Exponential { to: 0.25 }];
+        for (index, policy) in policies().into_iter().enumerate() {
+            let mut settings = Preset::ALL[index % Preset::ALL.len()].settings(9, (8, 8));
+            settings.policy = policy;
+            settings.init = inits[index % inits.len()];
+            settings.initial = initials[index % initials.len()];
+            settings.adam.mean = Group { schedule: schedules[index % schedules.len()], ..settings.adam.mean };
+            settings.joining = Joining::when_called_for(100);
+            settings.recovery = Recovery::Never;
+            settings.loss = Loss::PAPER;
+            settings.render.accuracy.extent = Extent::Sigmas(3.0);
+            held(&settings);
+        }
+    }
+
+    #[test]
+    fn each_key_of_a_trainings_settings_is_known_and_no_other() {
+        for (index, policy) in policies().into_iter().enumerate() {
+            let mut settings = TrainPreset::ALL[index % TrainPreset::ALL.len()].settings(Some(100));
+            settings.policy = policy;
+            settings.extent = Some(2.0);
+            settings.recovery = Recovery::Never;
+            settings.resolution = Resolution::CoarseToFine { from: 2, full_after: 0.5 };
+            settings.joining = Joining::when_called_for(100);
+            held(&settings);
+        }
+    }
+
+    #[test]
+    fn a_key_that_is_known_elsewhere_is_named_where_it_is_not() {
+        let text = "adam.mean.schedule.cosine.to = 0.5\n[render.accuracy]\nto = 1";
+        let message = parse::<FitSettings>(text).unwrap_err();
+        assert_eq!(message, "settings.toml:3: unknown key `to` in [render.accuracy]");
+        let message = parse::<FitSettings>("[adam.mean]\nlearning-rate = 1\n[policy]\nkind = 'none'\npercent = 5");
+        assert_eq!(message.unwrap_err(), "settings.toml:5: unknown key `percent` in [policy]");
+        let message = parse::<FitSettings>("init.kind = 'gird'").unwrap_err();
+        assert_eq!(message, "settings.toml:1: unknown name `gird` in [init]: did you mean `grid`?");
+        let message = parse::<FitSettings>("seed = 3\niterations = 'many'").unwrap_err();
+        assert!(message.starts_with("settings.toml:2: invalid type"), "{message}");
+        assert!(parse::<FitSettings>("seed = = 3").unwrap_err().starts_with("settings.toml:1: "));
+    }
+
+    #[test]
+    fn files_of_earlier_versions_are_read() {
+        let text = "\
+            chart = 'local-frame'\n\
+            [render.effects]\norder = 'pixel-depth'\noutputs = 'color'\nexposure = 'none'\nlens = 'pinhole'\n\
+            [policy]\nkind = 'hybrid'\nsignal = 'mean-gradient'\npercent = 20.0\nfloor = 0.5\n";
+        let fit = parse::<FitSettings>(text).unwrap();
+        assert_eq!(fit.parameterization, Parameterization::CovarianceFactor);
+        assert_eq!(fit.render.effects.order, Order::PerPixel);
+        let Policy::Grow(grow) = fit.policy else { panic!("another policy") };
+        assert_eq!((grow.percent, grow.threshold), (20.0, 0.5));
+        let text = "backdrop = 'random'\nchart = 'scale-rotation'\nrender.effects.order = 'tile-depth'";
+        let train = parse::<TrainSettings>(text).unwrap();
+        assert_eq!((train.background, train.render.effects.order), (StepBackground::Random, Order::Global));
+    }
+}
