@@ -20,7 +20,6 @@ mod output;
 mod output_folder;
 mod paper;
 mod profile;
-mod report;
 mod shown;
 mod study;
 mod text_file;

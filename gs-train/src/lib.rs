@@ -9,13 +9,11 @@
 
 mod checkpoint;
 mod clamped;
-pub mod effects;
+mod effect_schedule;
 mod error;
-pub mod experiments;
 mod fit;
 mod flat;
 pub mod init;
-pub mod joining;
 mod losses;
 pub mod memory;
 mod metrics_log;
@@ -27,10 +25,9 @@ pub mod recovery;
 mod rounds;
 mod settings;
 mod shortfall;
-pub mod statistics;
 mod summary;
 mod suspect;
-mod targets;
+mod target;
 mod task;
 pub mod train;
 mod trainer;
@@ -48,21 +45,18 @@ pub use crate::{
     fit::{Fit, fit},
     flat::flat_color,
     init::Init,
-    joining::{Calls, Join, Joined, Joining, Joins},
     metrics_log::{MetricsLog, MetricsRow},
     observer::{Control, Observer, Progress, Quality},
     open::{Opened, OpenedScene, SCENE_NAMES, Values, is_scene, open_scene, scene_in},
     presets::Preset,
-    quality::ImageQuality,
+    quality::{ImageQuality, l1_and_psnr},
     recovery::{FreshStart, Recovery},
     rounds::Rounds,
     settings::{ColorSolve, FitSettings, InitialCount},
     shortfall::Shortfall,
     summary::FitSummary,
     suspect::Suspect,
-    targets::{
-        DiscAndSquare, Fill, PAPER_DISC, PAPER_SIDE_PX, PAPER_SQUARE, SyntheticTarget, paper_target, thin_lines,
-    },
+    target::{DiscAndSquare, Fill, PAPER_DISC, PAPER_SIDE_PX, PAPER_SQUARE, paper_target},
     task::{RunSettings, StepContext, Trainable, TrainingTask},
     train::{TrainPreset, TrainSettings, Trainer3d},
     trainer::{ForeignPolicy, Outcome, Trainer},

@@ -6,7 +6,7 @@ use gs_core::{
 use gs_density::Policy;
 use serde::{Deserialize, Serialize};
 
-use crate::{init::Init, joining::Joining, recovery::Recovery, rounds::Rounds};
+use crate::{init::Init, recovery::Recovery, rounds::Rounds};
 
 /// The settings of a 2D fit. Two fits with equal settings, target and backend give equal results, bit for bit.
 ///
@@ -27,8 +27,9 @@ pub struct FitSettings {
     pub parameterization: Parameterization,
     /// Blending, background and accuracy. Its `effects.statistics` are overruled by what the policy asks for.
     pub render: RenderSettings,
-    /// When antialiasing joins, if `render` has it. Blending is as `render` says from the first step on.
-    pub joining: Joining,
+    #[doc(hidden)]
+    #[serde(skip_serializing, deserialize_with = "crate::effect_schedule::by_the_clock")]
+    pub joining: (),
     /// What is minimised.
     pub loss: Loss,
     /// The optimiser.
@@ -112,7 +113,6 @@ impl FitSettings {
         self.policy.validate()?;
         self.rounds.validate()?;
         self.render.validate()?;
-        self.joining.validate()?;
         self.loss.validate()?;
         validate_adam(&self.adam)
     }

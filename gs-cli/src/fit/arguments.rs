@@ -42,7 +42,7 @@ of metrics.csv up to it, so that a resumed fit has the whole table, in any folde
 
 /// The flags of [`SettingsArgs`] that a checkpoint settles: all but the background, which a resumed fit needs to see a transparent
 /// image as before.
-const SETTLED: [&str; 12] = [
+const SETTLED: [&str; 11] = [
     "preset",
     "settings",
     "gaussians",
@@ -52,7 +52,6 @@ const SETTLED: [&str; 12] = [
     "loss",
     "blend",
     "antialias",
-    "joining",
     "parameterization",
     "seed",
 ];
@@ -182,9 +181,6 @@ pub(crate) struct SettingsArgs {
     /// What is done about Gaussians narrower than a pixel [default: none]
     #[arg(long, value_enum, value_name = "ANTIALIAS")]
     pub(crate) antialias: Option<AntialiasName>,
-    /// When antialiasing joins, if there is to be any; what blends is settled from the first step on
-    #[arg(long, value_enum, value_name = "WHEN")]
-    pub(crate) joining: Option<JoiningName>,
     /// In which coordinates the optimiser moves
     #[arg(long, value_enum, value_name = "NAME", alias = "chart")]
     pub(crate) parameterization: Option<ParameterizationName>,
@@ -298,15 +294,6 @@ pub(crate) enum BlendName {
     Sum,
     /// Front to back with opacities, as splat viewers do
     Over,
-}
-
-/// When effects join.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub(crate) enum JoiningName {
-    /// By the clock: antialiasing from the first step, harmonics degree by degree (3DGS)
-    Scheduled,
-    /// When they are called for: antialiasing when Gaussians become narrower than a pixel, harmonics when residuals depend on the view
-    WhenCalledFor,
 }
 
 /// In which coordinates the optimiser moves a Gaussian.

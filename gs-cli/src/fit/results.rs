@@ -10,6 +10,10 @@ use gs_core::{
     statistics::Culled,
 };
 use gs_io::{File2d, write_ply, write_png, write_scene};
+use gs_lab::figure::{
+    curve::{self, Point},
+    ellipses,
+};
 use gs_train::{ColorRange, FitSummary, MetricsLog, Trainer, Viewable};
 use serde::Serialize;
 
@@ -27,10 +31,6 @@ use crate::{
     },
     memory, output,
     output_folder::OutputFolder,
-    report::{
-        curve::{self, Point},
-        ellipses,
-    },
 };
 
 /// What `summary.json` holds and `--json` prints.
@@ -141,7 +141,7 @@ impl Results<'_> {
             let others = scope.spawn(|| {
                 vec![
                     write_table(self.folder, log),
-                    settings.and_then(|text| self.folder.write_text("settings.toml", &text)),
+                    settings.and_then(|text| self.folder.write("settings.toml", &text)),
                     match self.pictures {
                         Pictures::All => self.write_curve(points, log, &title),
                         Pictures::Reconstruction => {
@@ -248,8 +248,7 @@ impl Results<'_> {
     }
 
     fn write_curve(&self, points: &[Point], log: &MetricsLog, title: &str) -> Result<(), Failure> {
-        let picture = curve::draw(points, &curve::measured(log.rows()), title)
-            .map_err(|error| Failure::failed(error).at("curve.png"))?;
+        let picture = curve::draw(points, &curve::measured(log.rows()), title)?;
         Ok(write_png(self.folder.file("curve.png"), &picture)?)
     }
 }

@@ -7,7 +7,7 @@ use clap::ValueEnum;
 use gs_core::{Adam, Blend, Image, Loss, Parameterization, RenderSettings, adam::Group, effects::Background};
 use gs_density::Policy;
 use gs_train::{
-    FitSettings, Init, InitialCount, Joining, Preset,
+    FitSettings, Init, InitialCount, Preset,
     init::{Colors, Grid, Guided, Periphery, Random},
 };
 use serde::{Serialize, de::DeserializeOwned};
@@ -16,9 +16,7 @@ use crate::{
     chosen::{ChosenMachine, ChosenSettings},
     failure::Failure,
     fit::{
-        arguments::{
-            BlendName, InitName, JoiningName, LossName, ParameterizationName, PolicyName, PresetName, SettingsArgs,
-        },
+        arguments::{BlendName, InitName, LossName, ParameterizationName, PolicyName, PresetName, SettingsArgs},
         target::Target,
     },
     text_file::read_text,
@@ -109,7 +107,6 @@ pub(crate) fn resolve(args: &SettingsArgs, given: &Given, target: &Target) -> Re
     if let Some(antialias) = args.antialias {
         settings.render.effects.antialias = antialias.into();
     }
-    settings.joining = joining(args.joining, settings.joining, settings.iterations);
     if let Some(color) = args.background {
         settings.render = settings.render.on(color.0);
     }
@@ -240,15 +237,6 @@ fn blend_by(settings: &mut FitSettings, blend: Blend, target: &Target) {
             settings.render = RenderSettings { accuracy, ..RenderSettings::blended(blend) }.on(behind);
             settings.adam.opacity.learning_rate = OPACITY_RATE;
         }
-    }
-}
-
-/// The flag's, with the bounds of the settings where these have some already.
-pub(crate) fn joining(name: Option<JoiningName>, settings: Joining, iterations: u32) -> Joining {
-    match (name, settings) {
-        (None, _) | (Some(JoiningName::WhenCalledFor), Joining::WhenCalledFor(_)) => settings,
-        (Some(JoiningName::WhenCalledFor), Joining::Scheduled) => Joining::when_called_for(iterations),
-        (Some(JoiningName::Scheduled), _) => Joining::Scheduled,
     }
 }
 

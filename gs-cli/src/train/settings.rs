@@ -16,7 +16,7 @@ use gs_train::{
 
 use crate::{
     failure::Failure,
-    fit::settings::{joining, read_toml},
+    fit::settings::read_toml,
     train::arguments::{AntialiasName, OrderName, ParticipantsName, TrainPresetName, TrainSettingsArgs},
     values::Backing,
 };
@@ -54,7 +54,6 @@ pub(crate) fn resolve(args: &TrainSettingsArgs, dataset: &Dataset) -> Result<Tra
     effects.sh_degree = args.sh_degree.unwrap_or(effects.sh_degree);
     effects.order = args.order.map_or(effects.order, Into::into);
     effects.antialias = args.antialias.map_or(effects.antialias, Into::into);
-    settings.joining = joining(args.joining, settings.joining, settings.iterations);
     match args.background {
         None => {}
         Some(Backing::Random) => settings.background = StepBackground::Random,

@@ -9,11 +9,11 @@ use std::{
 };
 
 use glam::{Vec2, Vec3};
+use gs_core::view::looking_at;
 use gs_core::{
     Blend, Camera, Gaussian3d, Rasterizer, RenderSettings, Scene, Scene3d, constants::SH_C0, effects::Order,
 };
 use gs_cpu::{CpuRasterizer, CpuSettings};
-use gs_train::train::looking_at;
 use serde_json::{Value, json};
 
 #[cfg(unix)]

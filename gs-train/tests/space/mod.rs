@@ -3,12 +3,13 @@
 use glam::{Vec2, Vec3};
 use gs_core::{
     Blend, Camera, Gaussian3d, Rasterizer, RenderSettings, Scene, Scene3d, constants::SH_C0, effects::Order,
+    view::looking_at,
 };
 use gs_cpu::{CpuRasterizer, CpuSettings};
 use gs_io::dataset::PosedImage;
 use gs_train::{
     Rounds, TrainPreset, TrainSettings,
-    train::{PosedView, Views, looking_at},
+    train::{PosedView, Views},
 };
 
 /// Two threads, whatever the machine.

@@ -133,7 +133,7 @@ fn wrapped(angle: f32) -> f32 {
 
 #[cfg(test)]
 mod tests {
-    use gs_train::train::looking_at;
+    use gs_core::view::looking_at;
 
     use super::*;
 
