@@ -213,7 +213,7 @@ fn whole(value: Option<u32>) -> String {
 }
 
 /// A cell that may hold anything (RFC 4180).
-fn quoted(cell: &str) -> String {
+pub(crate) fn quoted(cell: &str) -> String {
     match cell.contains([',', '"', '\n', '\r']) {
         true => format!("\"{}\"", cell.replace('"', "\"\"")),
         false => cell.to_owned(),

@@ -178,7 +178,7 @@ where
     }?;
     if let Some(folder) = folder {
         let figure = figure(&frontier, &what);
-        folder.write("frontier.csv", &to_csv(&frontier))?;
+        folder.write("frontier.csv", to_csv(&frontier))?;
         folder.write_json("frontier.json", &report)?;
         folder.write("frontier.svg", &figure.svg_file()?)?;
         gs_io::write_png(folder.file("frontier.png"), &figure.image()?)?;

@@ -3,7 +3,7 @@
 use gs_io::png_bytes;
 
 use super::{Chapter, Findings, Table};
-use crate::{error::Error, figure::Figure};
+use crate::{error::Error, export::quoted, figure::Figure};
 
 /// A file of an experiment's results.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -81,14 +81,6 @@ fn table_csv(table: &Table) -> String {
 fn add_row<T: AsRef<str>>(csv: &mut String, cells: impl IntoIterator<Item = T>) {
     let cells: Vec<String> = cells.into_iter().map(|cell| quoted(cell.as_ref())).collect();
     csv.push_str(&(cells.join(",") + "\n"));
-}
-
-/// A cell as RFC 4180 has it.
-fn quoted(cell: &str) -> String {
-    match cell.contains([',', '"', '\n']) {
-        true => format!("\"{}\"", cell.replace('"', "\"\"")),
-        false => cell.to_owned(),
-    }
 }
 
 #[cfg(test)]
