@@ -1,7 +1,7 @@
 //! The training loop: initialisers, schedules, density control, observers and checkpoints.
 //!
 //! [`fit()`] fits an image in one call. [`Trainer`] is the loop itself, for who wants to stop, store and resume it. What a fit does
-//! is in its [`FitSettings`]; [`Preset`] names the good ones; [`experiments`] are those of the paper. [`Observer`] is how a caller watches and stops it. All of it is
+//! is in its [`FitSettings`]; [`Preset`] names the good ones. [`Observer`] is how a caller watches and stops it. All of it is
 //! generic over the backend: any [`Rasterizer`](gs_core::Rasterizer) of 2D scenes.
 
 // Guards are phrased so that NaN fails them: `!(x > 0.0)` is not `x <= 0.0`.

@@ -33,11 +33,11 @@ impl SyntheticTarget {
     pub const PAPER_8_BIT: Self =
         Self { name: "paper-8bit", about: "in 8 bits a channel", recipe: Recipe::DiscAndSquareInEightBits };
 
-    /// [`thin_lines`], as large as the paper's.
+    /// Dark lines of one pixel, as large as the paper's.
     pub const THIN_LINES: Self =
         Self { name: "thin-lines", about: "thin lines", recipe: Recipe::ThinLines { side_px: PAPER.side_px } };
 
-    /// [`thin_lines`] for fits of a few Gaussians.
+    /// Dark lines of one pixel, for fits of a few Gaussians.
     pub const THIN_LINES_24_PX: Self =
         Self { name: "thin-lines-24px", about: "thin lines, 24×24 px", recipe: Recipe::ThinLines { side_px: 24 } };
 
