@@ -11,7 +11,7 @@ use std::env::consts;
 use clap::{Args, Parser, ValueEnum, builder::NonEmptyStringValueParser};
 use gs_core::{Canvas, Error, Parameterization, Rasterizer, RenderSettings, Scene2d, Scene3d, profile::Profiler};
 use gs_cpu::{CpuRasterizer, CpuSettings, CpuTuning, SimdLevel};
-use gs_study::Machine;
+use gs_lab::Machine;
 use gs_wgpu::{AdapterSummary, Kernels, WgpuRasterizer, WgpuSettings};
 
 pub(crate) use self::{

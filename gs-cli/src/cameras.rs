@@ -3,9 +3,9 @@
 use std::path::Path;
 
 use glam::Vec3;
-use gs_core::{Camera, Scene3d};
+use gs_core::{Camera, Scene3d, view::Bulk};
 use gs_io::{File3d, dataset::Dataset};
-use gs_train::train::{Bulk, Flat, Focus, extent_of};
+use gs_train::train::{Flat, Focus, extent_of};
 
 use crate::{
     failure::Failure,

@@ -163,9 +163,9 @@ impl From<gs_train::Error> for Failure {
     }
 }
 
-impl From<gs_study::Error> for Failure {
-    fn from(error: gs_study::Error) -> Self {
-        use gs_study::Error::{Arm, Backend, Fit, Form, Io, NoRow, NoTarget, Study, Unknown};
+impl From<gs_lab::Error> for Failure {
+    fn from(error: gs_lab::Error) -> Self {
+        use gs_lab::Error::{Arm, Backend, Fit, Form, Io, NoRow, NoTarget, Study, Unknown};
         match error {
             Fit(error) => error.into(),
             Io(error) => error.into(),

@@ -21,7 +21,6 @@ mod output;
 mod output_folder;
 mod paper;
 mod profile;
-mod report;
 mod settings_file;
 mod shown;
 mod study;

@@ -100,12 +100,12 @@ impl OutputFolder {
         Ok(path)
     }
 
-    /// Writes a file of text that can be made again.
+    /// Writes a file that can be made again.
     ///
     /// # Errors
     /// Where it cannot be written.
-    pub(crate) fn write_text(&self, name: &str, text: &str) -> Result<(), Failure> {
-        Ok(write_atomically(self.file(name), |file| file.write_all(text.as_bytes()))?)
+    pub(crate) fn write(&self, name: &str, content: impl AsRef<[u8]>) -> Result<(), Failure> {
+        Ok(write_atomically(self.file(name), |file| file.write_all(content.as_ref()))?)
     }
 
     /// Writes a file of text that the whole work led to, so that it outlasts a power cut.

@@ -4,7 +4,6 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 use gs_core::{Loss, Parameterization, effects::Antialias};
-use gs_train::Joining;
 
 use crate::values::whole;
 
@@ -85,15 +84,6 @@ pub(crate) enum LossName {
     L1Dssim,
 }
 
-/// When effects join.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub(crate) enum JoiningName {
-    /// By the clock: antialiasing from the first step, harmonics degree by degree (3DGS)
-    Scheduled,
-    /// When they are called for: antialiasing when Gaussians become narrower than a pixel, harmonics when residuals depend on the view
-    WhenCalledFor,
-}
-
 /// In which coordinates the optimiser moves a Gaussian.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(crate) enum ParameterizationName {
@@ -133,15 +123,6 @@ impl From<ParameterizationName> for Parameterization {
             ParameterizationName::ScaleRotation => Self::ScaleRotation,
             ParameterizationName::CovarianceFactor => Self::CovarianceFactor,
         }
-    }
-}
-
-/// The flag's, with the bounds of the settings where these have some already.
-pub(crate) fn joining(name: Option<JoiningName>, settings: Joining, iterations: u32) -> Joining {
-    match (name, settings) {
-        (None, _) | (Some(JoiningName::WhenCalledFor), Joining::WhenCalledFor(_)) => settings,
-        (Some(JoiningName::WhenCalledFor), Joining::Scheduled) => Joining::when_called_for(iterations),
-        (Some(JoiningName::Scheduled), _) => Joining::Scheduled,
     }
 }
 

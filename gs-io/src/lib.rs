@@ -39,8 +39,8 @@ pub use crate::{
     checkpoint::{Checkpoint, is_checkpoint, read_checkpoint, write_checkpoint},
     error::Error,
     image::{
-        AlphaMode, ImageRemark, LoadedImage, Orientation, Transparency, read_image, read_image_size, read_image_with,
-        write_png,
+        AlphaMode, ImageRemark, LoadedImage, Orientation, Transparency, png_bytes, read_image, read_image_size,
+        read_image_with, write_png,
     },
     inputs::Inputs,
     output_folder::{FolderClaim, OutputFolder},

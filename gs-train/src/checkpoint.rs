@@ -7,7 +7,6 @@ use serde::{Deserialize, Serialize, de::DeserializeOwned};
 
 use crate::{
     error::Error,
-    joining::Joins,
     recovery::FreshStart,
     task::{RunSettings, Trainable},
 };
@@ -20,8 +19,6 @@ pub(crate) struct Record<C> {
     pub(crate) step: u32,
     pub(crate) seconds: f64,
     pub(crate) edits: EditCounts,
-    /// The effects that have joined; none where all come by the clock.
-    pub(crate) joins: Joins,
     /// How often it has begun again.
     pub(crate) fresh_starts: Vec<FreshStart>,
     /// What tells the pictures to reach from others, such as the [`fingerprint`] of a target.
@@ -31,15 +28,7 @@ pub(crate) struct Record<C> {
 impl<C> Record<C> {
     /// That of a run before its first step.
     pub(crate) fn beginning(settings: C, pictures: String) -> Self {
-        Self {
-            settings,
-            step: 0,
-            seconds: 0.0,
-            edits: EditCounts::default(),
-            joins: Joins::default(),
-            fresh_starts: Vec::new(),
-            pictures,
-        }
+        Self { settings, step: 0, seconds: 0.0, edits: EditCounts::default(), fresh_starts: Vec::new(), pictures }
     }
 
     /// The effects that the scene has been trained with: those of the last step, or of the first one where none is done.
@@ -47,7 +36,7 @@ impl<C> Record<C> {
     where
         C: RunSettings<S>,
     {
-        let effects = self.settings.effects_after(self.step.saturating_sub(1), &self.joins);
+        let effects = self.settings.effects_after(self.step.saturating_sub(1));
         Effects { statistics: Statistics::None, ..effects }
     }
 
@@ -62,7 +51,6 @@ impl<C> Record<C> {
             ("step", self.step.to_string()),
             ("seconds", format!("{:?}", self.seconds)),
             ("edits", toml::to_string(&self.edits).map_err(unwritable)?),
-            ("joins", toml::to_string(&self.joins).map_err(unwritable)?),
             ("health", toml::to_string(&Health::of(self)).map_err(unwritable)?),
             ("target", self.pictures.clone()),
         ]
@@ -80,20 +68,16 @@ impl<C> Record<C> {
         }
         let settings: C = table(metadata, "settings")?;
         settings.validate()?;
-        // Both were added later.
+        // Added later.
         let health: Health = table_or_default(metadata, "health")?;
         let record = Self {
             settings,
             step: step_of(metadata)?,
             seconds: parsed(metadata, "seconds")?,
             edits: table(metadata, "edits")?,
-            joins: table_or_default(metadata, "joins")?,
             fresh_starts: health.fresh_starts,
             pictures: value(metadata, "target")?.to_owned(),
         };
-        if let Some(join) = record.joins.joins.iter().find(|join| join.step > record.step) {
-            return Err(Error::Checkpoint(format!("an effect joined it at step {}, after its own", join.step)));
-        }
         if let Some(start) = record.fresh_starts.iter().find(|start| start.step > record.step) {
             return Err(Error::Checkpoint(format!("it began again at step {}, after its own", start.step)));
         }
@@ -166,26 +150,18 @@ pub(crate) fn digest(bytes: impl IntoIterator<Item = u8>) -> u64 {
 
 #[cfg(test)]
 mod tests {
-    use gs_core::{Scene2d, effects::Antialias};
+    use gs_core::Scene2d;
     use gs_density::{Grow, Policy, Signal};
 
     use super::*;
-    use crate::{
-        joining::{AntialiasJoin, HarmonicsJoin, Join, Joined},
-        settings::FitSettings,
-    };
+    use crate::settings::FitSettings;
 
     fn record() -> Record<FitSettings> {
-        let joined = Joined {
-            harmonics: Some(HarmonicsJoin { degree: 1, explains: Some(0.1 + 0.2) }),
-            antialias: Some(AntialiasJoin { antialias: Antialias::Mip, narrow: 3, shown: 7 }),
-        };
         Record {
             settings: FitSettings::paper(),
             step: 300,
             seconds: 0.1 + 0.2,
             edits: EditCounts { seeded: 7, pruned_unimportant: 2, ..EditCounts::default() },
-            joins: Joins { joins: vec![Join { step: 100, joined }] },
             fresh_starts: vec![FreshStart { step: 200, loss: 0.1 + 0.2, first: 0.1 }],
             pictures: "1x1 px, 0".to_owned(),
         }
@@ -207,18 +183,14 @@ mod tests {
             ("step", "2501"),
             ("seconds", "NaN"),
             ("edits", "cloned = -1"),
-            ("joins", "joins = [{ step = 301 }]"),
+            ("settings", "[joining.when-called-for]\nevery = 10"),
             ("health", "fresh-starts = [{ step = 301, loss = 1.0, first = 0.5 }]"),
         ] {
             let mut metadata = good.clone();
             metadata.insert(key.to_owned(), bad.to_owned());
             assert!(Record::from_metadata::<Scene2d>(&metadata).is_err(), "{key} = {bad}");
             metadata.remove(key);
-            assert_eq!(
-                Record::from_metadata::<Scene2d>(&metadata).is_ok(),
-                matches!(key, "joins" | "health"),
-                "no {key}"
-            );
+            assert_eq!(Record::from_metadata::<Scene2d>(&metadata).is_ok(), key == "health", "no {key}");
         }
     }
 

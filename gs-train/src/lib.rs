@@ -1,7 +1,7 @@
 //! The training loop: initialisers, schedules, density control, observers and checkpoints.
 //!
 //! [`fit()`] fits an image in one call. [`Trainer`] is the loop itself, for who wants to stop, store and resume it. What a fit does
-//! is in its [`FitSettings`]; [`Preset`] names the good ones; [`experiments`] are those of the paper. [`Observer`] is how a caller watches and stops it. All of it is
+//! is in its [`FitSettings`]; [`Preset`] names the good ones. [`Observer`] is how a caller watches and stops it. All of it is
 //! generic over the backend: any [`Rasterizer`](gs_core::Rasterizer) of 2D scenes.
 
 // Guards are phrased so that NaN fails them: `!(x > 0.0)` is not `x <= 0.0`.
@@ -9,13 +9,11 @@
 
 mod checkpoint;
 mod clamped;
-pub mod effects;
+mod effect_schedule;
 mod error;
-pub mod experiments;
 mod fit;
 mod flat;
 pub mod init;
-pub mod joining;
 mod losses;
 pub mod memory;
 mod metrics_log;
@@ -28,10 +26,9 @@ mod rounds;
 mod settings;
 mod settings_file;
 mod shortfall;
-pub mod statistics;
 mod summary;
 mod suspect;
-mod targets;
+mod target;
 mod task;
 pub mod train;
 mod trainer;
@@ -49,12 +46,11 @@ pub use crate::{
     fit::{Fit, fit},
     flat::{flat_color, mean_color},
     init::Init,
-    joining::{Calls, Join, Joined, Joining, Joins},
     metrics_log::{MetricsLog, MetricsRow},
     observer::{Control, Observer, Progress, Quality},
     open::{Opened, OpenedScene, SCENE_NAMES, Values, is_scene, open_scene, scene_in},
     presets::Preset,
-    quality::ImageQuality,
+    quality::{ImageQuality, l1_and_psnr},
     recovery::{FreshStart, Recovery},
     rounds::Rounds,
     settings::{ColorSolve, FitSettings, InitialCount, gaussians_for},
@@ -62,9 +58,7 @@ pub use crate::{
     shortfall::Shortfall,
     summary::FitSummary,
     suspect::Suspect,
-    targets::{
-        DiscAndSquare, Fill, PAPER_DISC, PAPER_SIDE_PX, PAPER_SQUARE, SyntheticTarget, paper_target, thin_lines,
-    },
+    target::{DiscAndSquare, Fill, PAPER_DISC, PAPER_SIDE_PX, PAPER_SQUARE, paper_target},
     task::{RunSettings, StepContext, Trainable, TrainingTask},
     train::{TrainPreset, TrainSettings, Trainer3d},
     trainer::{ForeignPolicy, Outcome, Trainer},

@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, VecDeque};
 
-use gs_core::{edit::EditCounts, effects::Antialias, statistics::Culled};
+use gs_core::{edit::EditCounts, statistics::Culled};
 use gs_io::Checkpoint;
 use serde::{Deserialize, Serialize};
 
@@ -10,7 +10,6 @@ use crate::{
     checkpoint::step_of,
     clamped::Clamped,
     error::Error,
-    joining::{AntialiasJoin, HarmonicsJoin, Joined},
     observer::{Control, Observer, Progress},
     recovery::FreshStart,
     settings::FitSettings,
@@ -24,9 +23,13 @@ const MOST_KEPT_ROWS: usize = 50_000;
 
 const HEADINGS: &str = "step,seconds,count,cloned,split,seeded,pruned_transparent,pruned_too_large,pruned_not_finite,\
                         pruned_unimportant,loss,l1,psnr,culled_not_finite,culled_near,culled_degenerate,culled_transparent,\
-                        culled_outside,clamped_smallest,clamped_largest,joined_sh_degree,sh_explains,joined_antialias,narrow,shown,began_again_at_loss,first_loss";
+                        culled_outside,clamped_smallest,clamped_largest,began_again_at_loss,first_loss";
 
 const FRESH_START_HEADINGS: &str = ",began_again_at_loss,first_loss";
+
+/// Columns of tables that earlier versions wrote, after [`RETIRED_FROM`] others: effects that were switched on because the scene required them.
+const RETIRED_HEADINGS: &str = ",joined_sh_degree,sh_explains,joined_antialias,narrow,shown";
+const RETIRED_FROM: usize = 20;
 
 /// One row of a [`MetricsLog`].
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -53,15 +56,12 @@ pub struct MetricsRow {
     /// Gaussians with a scale at a bound; where it was measured.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub clamped: Option<Clamped>,
-    /// What joined after the step because it was called for, and why.
-    #[serde(default, skip_serializing_if = "Joined::is_empty")]
-    pub joined: Joined,
     /// That the run began again after the step, and why.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub fresh_start: Option<FreshStart>,
 }
 
-/// An observer that keeps a row for the first step, every `every` steps, every round of density control, whenever an effect joins or the run begins again, and
+/// An observer that keeps a row for the first step, every `every` steps, every round of density control, whenever the run begins again, and
 /// the last step.
 ///
 /// A checkpoint that is taken while it watches holds its rows, so that the log of a resumed fit can go on with them:
@@ -124,7 +124,7 @@ impl MetricsLog {
 
     fn is_due(&self, progress: &Progress) -> bool {
         let regular = progress.step == 1 || progress.step.is_multiple_of(self.every) || progress.is_last();
-        regular || progress.edits.is_some() || !progress.joined.is_empty() || progress.fresh_start.is_some()
+        regular || progress.edits.is_some() || progress.fresh_start.is_some()
     }
 
     fn is_measured(&self, progress: &Progress) -> bool {
@@ -141,7 +141,7 @@ fn csv(rows: &[MetricsRow]) -> String {
 
 /// A row with its line break.
 fn line(row: &MetricsRow) -> String {
-    let MetricsRow { step, seconds, count, edits: e, loss, l1, psnr, culled, clamped, joined, fresh_start } = row;
+    let MetricsRow { step, seconds, count, edits: e, loss, l1, psnr, culled, clamped, fresh_start } = row;
     let (cloned, split, seeded) = (e.cloned, e.split, e.seeded);
     let (transparent, too_large) = (e.pruned_transparent, e.pruned_too_large);
     let (not_finite, unimportant) = (e.pruned_not_finite, e.pruned_unimportant);
@@ -155,20 +155,10 @@ fn line(row: &MetricsRow) -> String {
     );
     let clamped =
         clamped.map_or_else(|| ",".to_owned(), |Clamped { smallest, largest }| format!("{smallest},{largest}"));
-    let harmonics = joined.harmonics.map_or_else(
-        || ",".to_owned(),
-        |HarmonicsJoin { degree, explains }| {
-            format!("{degree},{}", explains.map_or_else(String::new, |share| share.to_string()))
-        },
-    );
-    let antialias = joined.antialias.map_or_else(
-        || ",,".to_owned(),
-        |AntialiasJoin { antialias, narrow, shown }| format!("{},{narrow},{shown}", antialias.name()),
-    );
     let began_again = fresh_start.map_or_else(|| ",".to_owned(), |start| format!("{},{}", start.loss, start.first));
     format!(
         "{step},{seconds:.6},{count},{cloned},{split},{seeded},{transparent},{too_large},{not_finite},{unimportant},\
-         {loss},{l1},{psnr},{culled},{clamped},{harmonics},{antialias},{began_again}\n"
+         {loss},{l1},{psnr},{culled},{clamped},{began_again}\n"
     )
 }
 
@@ -176,16 +166,22 @@ fn line(row: &MetricsRow) -> String {
 fn rows_of(csv: &str, last_step: u32) -> Result<Vec<MetricsRow>, Error> {
     let wrong = |line: usize, what: &str| Error::Checkpoint(format!("line {line} of its `{KEY}` {what}"));
     let mut lines = csv.lines();
+    let headings = lines.next().unwrap_or_default();
+    let retired = headings.contains(RETIRED_HEADINGS);
     // A table of before runs could begin again has no columns for it.
-    let missing = match lines.next() {
-        Some(HEADINGS) => "",
-        Some(headings) if HEADINGS.strip_prefix(headings) == Some(FRESH_START_HEADINGS) => ",,",
+    let missing = match headings.replace(RETIRED_HEADINGS, "").as_str() {
+        HEADINGS => "",
+        headings if HEADINGS.strip_prefix(headings) == Some(FRESH_START_HEADINGS) => ",,",
         _ => return Err(wrong(1, "does not name the columns of a table of metrics")),
     };
     let mut rows: Vec<MetricsRow> = Vec::new();
     for (line, text) in lines.enumerate().map(|(i, text)| (i + 2, text)) {
-        let row = row_of(&format!("{text}{missing}"))
-            .ok_or_else(|| wrong(line, &format!("is no row of metrics: `{text}`")))?;
+        let mut cells: Vec<&str> = text.split(',').collect();
+        if retired && cells.len() >= RETIRED_FROM + 5 {
+            cells.drain(RETIRED_FROM..RETIRED_FROM + 5);
+        }
+        cells.extend(missing.split_terminator(','));
+        let row = row_of(&cells).ok_or_else(|| wrong(line, &format!("is no row of metrics: `{text}`")))?;
         if rows.last().is_some_and(|before| before.step >= row.step) || row.step > last_step {
             return Err(wrong(line, &format!("is out of order: step {} of a fit at step {last_step}", row.step)));
         }
@@ -194,8 +190,7 @@ fn rows_of(csv: &str, last_step: u32) -> Result<Vec<MetricsRow>, Error> {
     Ok(rows)
 }
 
-fn row_of(text: &str) -> Option<MetricsRow> {
-    let cells: Vec<&str> = text.split(',').collect();
+fn row_of(cells: &[&str]) -> Option<MetricsRow> {
     let (
         &[step, seconds, count, cloned, split, seeded, transparent, too_large, not_finite, unimportant, loss, l1, psnr],
         measurements,
@@ -213,7 +208,7 @@ fn row_of(text: &str) -> Option<MetricsRow> {
     };
     let (seconds, loss) = (seconds.parse().ok()?, loss.parse().ok()?);
     let (l1, psnr) = (measured(l1)?, measured(psnr)?);
-    let (measurements, joined) = measurements.split_first_chunk::<7>()?;
+    let (measurements, fresh_start) = measurements.split_first_chunk::<7>()?;
     let (culled, clamped) = match *measurements {
         ["", "", "", "", "", "", ""] => (None, None),
         [not_finite, near, degenerate, transparent, outside, smallest, largest] => {
@@ -228,33 +223,12 @@ fn row_of(text: &str) -> Option<MetricsRow> {
         }
     };
     let (step, count) = (whole(step)?, whole(count)?);
-    let (joined, fresh_start) = joined.split_at_checked(5)?;
-    let joined = joined_of(joined)?;
     let fresh_start = match *fresh_start {
         ["", ""] => None,
         [loss, first] => Some(FreshStart { step, loss: loss.parse().ok()?, first: first.parse().ok()? }),
         _ => return None,
     };
-    Some(MetricsRow { step, seconds, count, edits, loss, l1, psnr, culled, clamped, joined, fresh_start })
-}
-
-/// What five cells of a row tell.
-fn joined_of(cells: &[&str]) -> Option<Joined> {
-    let &[degree, explains, antialias, narrow, shown] = cells else { return None };
-    let harmonics = match (degree, explains) {
-        ("", "") => None,
-        (degree, "") => Some(HarmonicsJoin { degree: degree.parse().ok()?, explains: None }),
-        (degree, share) => Some(HarmonicsJoin { degree: degree.parse().ok()?, explains: Some(share.parse().ok()?) }),
-    };
-    let antialias = match (antialias, narrow, shown) {
-        ("", "", "") => None,
-        (name, narrow, shown) => Some(AntialiasJoin {
-            antialias: Antialias::named(name)?,
-            narrow: narrow.parse().ok()?,
-            shown: shown.parse().ok()?,
-        }),
-    };
-    Some(Joined { harmonics, antialias })
+    Some(MetricsRow { step, seconds, count, edits, loss, l1, psnr, culled, clamped, fresh_start })
 }
 
 impl Observer for MetricsLog {
@@ -280,7 +254,6 @@ impl Observer for MetricsLog {
                 psnr: quality.map(|q| q.psnr),
                 culled: quality.map(|q| q.culled),
                 clamped: quality.map(|q| q.clamped),
-                joined: progress.joined,
                 fresh_start: progress.fresh_start,
             });
         }
@@ -312,13 +285,8 @@ mod tests {
         let (l1, psnr) = if step == 2 { (None, None) } else { (Some(0.25), Some(f64::INFINITY)) };
         let culled = psnr.map(|_| Culled { outside: step, near: 3, ..Culled::default() });
         let clamped = psnr.map(|_| Clamped { smallest: 2 * step, largest: 1 });
-        let explains = (step == 1).then_some(0.1 + 0.2);
-        let joined = Joined {
-            harmonics: (step < 3).then_some(HarmonicsJoin { degree: 3 - step as u8, explains }),
-            antialias: (step > 1).then_some(AntialiasJoin { antialias: Antialias::Mip, narrow: step, shown: 9 }),
-        };
         let fresh_start = (step == 2).then_some(FreshStart { step, loss: 0.1 + 0.2, first: 0.1 });
-        MetricsRow { step, seconds, count: 20 + step, edits, loss, l1, psnr, culled, clamped, joined, fresh_start }
+        MetricsRow { step, seconds, count: 20 + step, edits, loss, l1, psnr, culled, clamped, fresh_start }
     }
 
     #[test]
@@ -328,6 +296,9 @@ mod tests {
         assert_eq!(rows_of(&csv(&[]), 0).unwrap(), []);
         let before = csv(&rows[..1]).replace(FRESH_START_HEADINGS, "").replace(",,\n", "\n");
         assert_eq!(rows_of(&before, 3).unwrap(), rows[..1], "{before}");
+        let earlier = before.replace("clamped_largest", &format!("clamped_largest{RETIRED_HEADINGS}"));
+        let earlier = earlier.trim_end().to_owned() + ",1,0.5,mip,2,9\n";
+        assert_eq!(rows_of(&earlier, 3).unwrap(), rows[..1], "{earlier}");
         let log = MetricsLog { rows, ..MetricsLog::new(1) };
         assert_eq!(
             log.csv_from(1) + &log.csv_from(9),

@@ -3,7 +3,7 @@
 use gs_core::{edit::EditCounts, statistics::Culled};
 use gs_io::Checkpoint;
 
-use crate::{clamped::Clamped, error::Error, joining::Joined, recovery::FreshStart};
+use crate::{clamped::Clamped, error::Error, recovery::FreshStart};
 
 /// Whether to go on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -48,8 +48,6 @@ pub struct Progress {
     pub loss_step: u32,
     /// What density control did after the step, where it ran.
     pub edits: Option<EditCounts>,
-    /// What joined after the step because it was called for; with the first step also what joined before it.
-    pub joined: Joined,
     /// That the run begins again after the step, where it has become worse than it was at first; the count is that of the Gaussians it
     /// goes on with.
     pub fresh_start: Option<FreshStart>,
@@ -74,7 +72,7 @@ impl Progress {
 
 /// Someone who watches a fit. Every method has a default that asks for nothing; `()` is an observer.
 ///
-/// After each step: [`on_edit`](Self::on_edit) where density control ran, [`on_join`](Self::on_join) where an effect joined,
+/// After each step: [`on_edit`](Self::on_edit) where density control ran,
 /// [`on_fresh_start`](Self::on_fresh_start) where the run begins again, [`wants_quality`](Self::wants_quality),
 /// [`on_step`](Self::on_step), [`wants_checkpoint`](Self::wants_checkpoint) and, at once or a few steps later,
 /// [`on_losses`](Self::on_losses) and [`on_checkpoint`](Self::on_checkpoint).
@@ -82,11 +80,6 @@ pub trait Observer {
     /// Density control ran after the step; `counts` are also in `progress.edits`.
     fn on_edit(&mut self, progress: &Progress, counts: &EditCounts) {
         let _ = (progress, counts);
-    }
-
-    /// Effects have joined after the step; they are also in `progress.joined`.
-    fn on_join(&mut self, progress: &Progress, joined: &Joined) {
-        let _ = (progress, joined);
     }
 
     /// The run begins again after the step; `fresh_start` is also in `progress`.
@@ -136,10 +129,6 @@ impl<O: Observer + ?Sized> Observer for &mut O {
         (**self).on_edit(progress, counts);
     }
 
-    fn on_join(&mut self, progress: &Progress, joined: &Joined) {
-        (**self).on_join(progress, joined);
-    }
-
     fn on_fresh_start(&mut self, progress: &Progress, fresh_start: &FreshStart) {
         (**self).on_fresh_start(progress, fresh_start);
     }
@@ -170,11 +159,6 @@ impl<A: Observer, B: Observer> Observer for (A, B) {
     fn on_edit(&mut self, progress: &Progress, counts: &EditCounts) {
         self.0.on_edit(progress, counts);
         self.1.on_edit(progress, counts);
-    }
-
-    fn on_join(&mut self, progress: &Progress, joined: &Joined) {
-        self.0.on_join(progress, joined);
-        self.1.on_join(progress, joined);
     }
 
     fn on_fresh_start(&mut self, progress: &Progress, fresh_start: &FreshStart) {

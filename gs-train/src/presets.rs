@@ -11,7 +11,6 @@ use serde::{Deserialize, Serialize};
 
 use crate::{
     init::{Init, Random},
-    joining::Joining,
     recovery::Recovery,
     rounds::Rounds,
     settings::{ColorSolve, FitSettings, InitialCount},
@@ -101,7 +100,7 @@ impl FitSettings {
             seed: 0,
             parameterization: Parameterization::ScaleRotation,
             render: RenderSettings::blended(Blend::Over).on([1.0; 3]),
-            joining: Joining::Scheduled,
+            joining: (),
             loss: Loss::PAPER,
             adam: Adam::default(),
             init: Init::Random(Random::default()),
@@ -157,7 +156,7 @@ impl FitSettings {
             seed: 0,
             parameterization: Parameterization::CovarianceFactor,
             render: RenderSettings::blended(Blend::Sum),
-            joining: Joining::Scheduled,
+            joining: (),
             loss: Loss::L2,
             adam: Adam {
                 mean: shape,

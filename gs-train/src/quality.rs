@@ -67,10 +67,10 @@ pub(crate) fn psnr_float(rendered: &Image, target: &Image) -> Result<f64, Error>
     Ok(-10.0 * (squared / (3 * target.pixels().len()) as f64).log10())
 }
 
-/// L1 and PSNR of a rendering, as it is written in 8 bits, against `target`; the images have one size.
+/// L1 (0 to 1) and PSNR (dB) of a rendering, as it is written in 8 bits, against `target`; the images have one size.
 ///
 /// What [`ImageQuality::as_written`] gives, in one pass over the two images, so that watching a training stays cheap.
-pub(crate) fn l1_and_psnr(rendered: &Image, target: &Image) -> (f64, f64) {
+pub fn l1_and_psnr(rendered: &Image, target: &Image) -> (f64, f64) {
     debug_assert_eq!(rendered.size(), target.size());
     let row = rendered.width() as usize * 3;
     let (rendered, wanted) = (rendered.pixels().as_flattened(), target.pixels().as_flattened());

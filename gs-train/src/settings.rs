@@ -4,7 +4,7 @@ use gs_core::{Adam, Blend, Error, Loss, Parameterization, RenderSettings, consta
 use gs_density::Policy;
 use serde::{Deserialize, Serialize};
 
-use crate::{init::Init, joining::Joining, presets::Preset, recovery::Recovery, rounds::Rounds};
+use crate::{init::Init, presets::Preset, recovery::Recovery, rounds::Rounds};
 
 /// Step size of opacity logits where a fit without opacities is blended front to back.
 const OPACITY_RATE: f32 = 0.05;
@@ -46,8 +46,9 @@ pub struct FitSettings {
     pub parameterization: Parameterization,
     /// Blending, background and accuracy. Its `effects.statistics` are overruled by what the policy asks for.
     pub render: RenderSettings,
-    /// When antialiasing joins, if `render` has it. Blending is as `render` says from the first step on.
-    pub joining: Joining,
+    #[doc(hidden)]
+    #[serde(skip_serializing, deserialize_with = "crate::effect_schedule::by_the_clock")]
+    pub joining: (),
     /// What is minimised.
     pub loss: Loss,
     /// The optimiser.
@@ -214,7 +215,6 @@ impl FitSettings {
         self.policy.validate()?;
         self.rounds.validate()?;
         self.render.validate()?;
-        self.joining.validate()?;
         self.loss.validate()?;
         self.adam.validate()
     }

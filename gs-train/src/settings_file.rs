@@ -153,7 +153,7 @@ mod tests {
 
     use super::*;
     use crate::{
-        FitSettings, Init, InitialCount, Joining, Preset, Recovery, TrainPreset, TrainSettings,
+        FitSettings, Init, InitialCount, Preset, Recovery, TrainPreset, TrainSettings,
         init::{Grid, Guided, Periphery, Random},
         train::{Resolution, StepBackground},
     };
@@ -228,7 +228,6 @@ mod tests {
             settings.init = inits[index % inits.len()];
             settings.initial = initials[index % initials.len()];
             settings.adam.mean = Group { schedule: schedules[index % schedules.len()], ..settings.adam.mean };
-            settings.joining = Joining::when_called_for(100);
             settings.recovery = Recovery::Never;
             settings.loss = Loss::PAPER;
             settings.render.accuracy.extent = Extent::Sigmas(3.0);
@@ -244,7 +243,6 @@ mod tests {
             settings.extent = Some(2.0);
             settings.recovery = Recovery::Never;
             settings.resolution = Resolution::CoarseToFine { from: 2, full_after: 0.5 };
-            settings.joining = Joining::when_called_for(100);
             held(&settings);
         }
     }

@@ -6,7 +6,6 @@ use serde::{Deserialize, Deserializer, Serialize};
 use crate::{
     clamped::Clamped,
     error::Error,
-    joining::Join,
     quality::{ImageQuality, psnr_float},
     recovery::FreshStart,
     settings::FitSettings,
@@ -55,9 +54,6 @@ pub struct FitSummary {
     pub loss: Option<f32>,
     /// What density control did to its Gaussians, all rounds together; of those before a fresh start nothing is left.
     pub edits: EditCounts,
-    /// The effects that joined because they were called for.
-    #[serde(default)]
-    pub joins: Vec<Join>,
     /// How often the fit began again, and why.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub fresh_starts: Vec<FreshStart>,
@@ -99,7 +95,6 @@ impl FitSummary {
             seed: trainer.settings().seed,
             loss: Some(trainer.scene_loss()?),
             edits: *trainer.edits(),
-            joins: trainer.joins().joins.clone(),
             fresh_starts: trainer.fresh_starts().to_vec(),
             culled,
             clamped: trainer.clamped()?,

@@ -6,13 +6,7 @@ use gs_core::{Effects, Loss, Parameterization, Rasterizer};
 use gs_density::{DensityPolicy, DensityScene, Residual};
 use serde::{Serialize, de::DeserializeOwned};
 
-use crate::{
-    error::Error,
-    joining::{Joined, Joins},
-    observer::Quality,
-    recovery::Recovery,
-    rounds::Rounds,
-};
+use crate::{error::Error, observer::Quality, recovery::Recovery, rounds::Rounds};
 
 /// A kind of scene that [`Trainer`](crate::Trainer) can train.
 pub trait Trainable: DensityScene {
@@ -53,8 +47,8 @@ pub trait RunSettings<S: Trainable>: Clone + Debug + PartialEq + Serialize + Des
     fn parameterization(&self) -> Parameterization;
     /// How it is.
     fn policy(&self) -> &dyn DensityPolicy<S>;
-    /// The effects of the step that follows `step` steps, as far as they have joined; statistics are a matter of the policy.
-    fn effects_after(&self, step: u32, joins: &Joins) -> Effects;
+    /// The effects of the step that follows `step` steps, by the effect schedule; statistics are a matter of the policy.
+    fn effects_after(&self, step: u32) -> Effects;
     /// What the position's learning rate has become after `step` steps, as a multiple of what it was at first.
     fn mean_factor(&self, step: u32) -> f32;
     /// Between what the optimiser keeps every scale, in the scene's unit.
@@ -74,7 +68,7 @@ pub trait RunSettings<S: Trainable>: Clone + Debug + PartialEq + Serialize + Des
 pub struct StepContext {
     /// Steps done before it.
     pub step: u32,
-    /// What has joined, and the statistics that density control wants.
+    /// The effects of the step, with the statistics that density control wants.
     pub effects: Effects,
     /// What is left of the learning rates of the settings: 1 unless the run had to begin again.
     pub lr_scale: f32,
@@ -125,20 +119,6 @@ pub trait TrainingTask<R: Rasterizer<S>, S: Trainable> {
         settings: &S::Settings,
         effects: &Effects,
     ) -> Result<(), Error>;
-
-    /// What joins after `step` steps, where the settings let effects join when they are called for; a function of what is passed and of the
-    /// pictures alone.
-    ///
-    /// # Errors
-    /// Those of the backend, and of reading a picture.
-    fn called_for(
-        &mut self,
-        on: &R,
-        splats: &R::Splats,
-        settings: &S::Settings,
-        step: u32,
-        joins: &Joins,
-    ) -> Result<Joined, Error>;
 
     /// How good the scene is with these effects; [`Quality::clamped`] is left to the loop.
     ///

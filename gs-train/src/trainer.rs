@@ -17,7 +17,6 @@ use crate::{
     checkpoint::Record,
     clamped::Clamped,
     error::Error,
-    joining::{Join, Joined, Joins},
     losses::Losses,
     observer::{Control, Observer, Progress, Quality},
     recovery::{FreshStart, Watch, lr_scale},
@@ -113,16 +112,13 @@ impl<'a, R: Rasterizer<S>, S: Trainable> Trainer<'a, R, S> {
             if let Some(counts) = &progress.edits {
                 observer.on_edit(&progress, counts);
             }
-            if !progress.joined.is_empty() {
-                observer.on_join(&progress, &progress.joined);
-            }
             if let Some(fresh_start) = &progress.fresh_start {
                 observer.on_fresh_start(&progress, fresh_start);
             }
             if observer.wants_quality(&progress) {
                 self.settle()?;
-                let Progress { edits, joined, fresh_start, .. } = progress;
-                progress = Progress { quality: Some(self.quality()?), ..self.progress(edits, joined, fresh_start)? };
+                let Progress { edits, fresh_start, .. } = progress;
+                progress = Progress { quality: Some(self.quality()?), ..self.progress(edits, fresh_start)? };
             }
             stop |= observer.on_step(&progress) == Control::Stop;
             checkpoint |= observer.wants_checkpoint(&progress);
@@ -171,34 +167,12 @@ impl<'a, R: Rasterizer<S>, S: Trainable> Trainer<'a, R, S> {
             self.drop_not_finite(&mut edits)?;
         }
         let fresh_start = self.begin_again()?;
-        let joined = self.join_effects()?;
         self.record.seconds += started.elapsed().as_secs_f64();
-        // What joined before the first step is told with it.
-        let before = if self.record.step == 1 { self.record.joins.at(0) } else { Joined::default() };
-        self.progress(edits, joined.or(before), fresh_start)
-    }
-
-    /// Lets join what is called for now; not after the last step, which nothing would follow.
-    pub(crate) fn join_effects(&mut self) -> Result<Joined, Error> {
-        if self.is_finished() {
-            return Ok(Joined::default());
-        }
-        let Record { settings, step, joins, .. } = &mut self.record;
-        let joined = self.task.called_for(self.rasterizer, &self.splats, settings, *step, joins)?;
-        if !joined.is_empty() {
-            joins.joins.push(Join { step: *step, joined });
-            self.binning = Binning::Fresh;
-        }
-        Ok(joined)
+        self.progress(edits, fresh_start)
     }
 
     /// Where the run stands.
-    fn progress(
-        &self,
-        edits: Option<EditCounts>,
-        joined: Joined,
-        fresh_start: Option<FreshStart>,
-    ) -> Result<Progress, Error> {
+    fn progress(&self, edits: Option<EditCounts>, fresh_start: Option<FreshStart>) -> Result<Progress, Error> {
         let loss = self.losses.last().ok_or_else(|| self.missing_losses())?;
         Ok(Progress {
             step: self.record.step,
@@ -208,7 +182,6 @@ impl<'a, R: Rasterizer<S>, S: Trainable> Trainer<'a, R, S> {
             loss,
             loss_step: self.losses.seen(),
             edits,
-            joined,
             fresh_start,
             psnr_estimate: self.record.settings.psnr_estimate(loss),
             quality: None,
@@ -242,13 +215,13 @@ impl<'a, R: Rasterizer<S>, S: Trainable> Trainer<'a, R, S> {
 
     /// Forward, backward and Adam, sent on their way.
     fn optimise(&mut self) -> Result<(), Error> {
-        let Record { settings, step, joins, .. } = &self.record;
+        let Record { settings, step, .. } = &self.record;
         // Statistics that no round will look at are not collected.
         let statistics = match *step < self.rounds().last(settings.iterations()) {
             true => self.policy().statistics(),
             false => Statistics::None,
         };
-        let effects = Effects { statistics, ..settings.effects_after(*step, joins) };
+        let effects = Effects { statistics, ..settings.effects_after(*step) };
         let context = StepContext { step: *step, effects, lr_scale: self.lr_scale(), binning: self.binning };
         self.task.send(self.rasterizer, &mut self.splats, settings, context)
     }
@@ -377,11 +350,6 @@ impl<'a, R: Rasterizer<S>, S: Trainable> Trainer<'a, R, S> {
     /// The effects that the scene is trained with as it is now: those of the last step, or of the first one where none is done.
     pub fn effects(&self) -> Effects {
         self.record.effects()
-    }
-
-    /// What has joined so far because it was called for, and why; see [`Joining`](crate::Joining).
-    pub fn joins(&self) -> &Joins {
-        &self.record.joins
     }
 
     /// How often the run has begun again, and why; see [`Recovery`](crate::Recovery).

@@ -5,7 +5,7 @@
 
 /// Shared with benchmarks, which use all of it.
 #[allow(dead_code)]
-#[path = "../benches/measure/memory.rs"]
+#[path = "../../gs-lab/benches/measure/memory.rs"]
 mod memory;
 /// Shared with other tests, which use all of it.
 #[allow(dead_code)]

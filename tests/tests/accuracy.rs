@@ -18,7 +18,6 @@ use gs_core::{
     settings::{Cut, Extent},
 };
 use gs_cpu::{Bounds, CpuRasterizer, CpuSettings, CpuTuning, SimdLevel};
-use gs_train::train::Bulk;
 
 const BLENDS: [Blend; 2] = [Blend::Sum, Blend::Over];
 
@@ -219,7 +218,7 @@ fn a_cut_of_an_8192nd_changes_no_pixel_by_half_a_display_step() {
         settings.effects.order = Order::Global;
         settings.effects.antialias = Antialias::Dilate;
         settings.effects.sh_degree = scene.sh_degree;
-        let view = Bulk::of(&scene).unwrap().overview(320, 240, 1.0, glam::Vec3::NEG_Y).unwrap();
+        let view = gs_core::view::Bulk::of(&scene).unwrap().overview(320, 240, 1.0, glam::Vec3::NEG_Y).unwrap();
         let [default, invisible] = cut_off(&scene, view, settings, &every_pixel((320, 240), 24));
         eprintln!("{name}: the default's cut-offs change a pixel by {default:.1e}, the finer ones by {invisible:.1e}");
         note([default, invisible]);

@@ -13,7 +13,6 @@ use gs_core::{
     metrics::psnr,
 };
 use gs_cpu::{CpuRasterizer, CpuSettings};
-use gs_train::train::Bulk;
 use gs_wgpu::{WgpuRasterizer, WgpuSettings};
 
 /// 9,080 Gaussians of all degrees of harmonics, whose training was stopped early.
@@ -40,7 +39,7 @@ fn scene(name: &str) -> Option<(Scene3d, RenderSettings)> {
 
 /// The whole from afar.
 fn overview(scene: &Scene3d, size: (u32, u32)) -> Camera {
-    Bulk::of(scene).unwrap().overview(size.0, size.1, 1.0, Vec3::NEG_Y).unwrap()
+    gs_core::view::Bulk::of(scene).unwrap().overview(size.0, size.1, 1.0, Vec3::NEG_Y).unwrap()
 }
 
 /// The middle of it, large.

@@ -4,7 +4,7 @@ use std::rc::Rc;
 
 use gs_core::{Blend, Error, Parameterization, Rasterizer, Scene};
 use gs_cpu::{Bounds, CpuRasterizer, CpuSettings, CpuTuning, SimdLevel};
-use gs_study::frontier::{Change, Contender, Loaded};
+use gs_lab::frontier::{Change, Contender, Loaded};
 use gs_wgpu::{Kernels, WgpuRasterizer};
 
 use crate::{

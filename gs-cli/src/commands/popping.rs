@@ -3,14 +3,11 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use gs_core::{Camera, Parameterization, Rasterizer, RenderSettings, Scene, Scene3d, counted};
+use gs_core::{Camera, Parameterization, Rasterizer, RenderSettings, Scene, Scene3d, counted, view::Orbit};
 use gs_io::Inputs;
-use gs_train::{
-    experiments::{
-        Findings, Table,
-        popping::{Comparison, STRIDES, SlowOrbit, compare},
-    },
-    train::Orbit,
+use gs_lab::experiments::{
+    Findings, Table,
+    popping::{Comparison, STRIDES, SlowOrbit, compare},
 };
 
 use crate::{
@@ -19,7 +16,7 @@ use crate::{
     failure::Failure,
     opened, output,
     output_folder::{self, OutputFolder, OverwriteArgs},
-    paper::files,
+    paper::write_findings,
     shown::{ShownArgs, why_empty},
     values::{Axis, Size, whole},
 };
@@ -95,7 +92,7 @@ pub(crate) fn run(args: &PoppingArgs) -> Result<(), Failure> {
     let name = args.scene.file_stem().map_or_else(|| "scene".into(), |stem| stem.to_string_lossy());
     let what = format!("{name}, {}", counted(scene.len(), "Gaussian"));
     let findings = backend.run_3d(Fly { scene, flight, first, render, what })?;
-    files::write_findings(&folder, "", &findings)?;
+    write_findings(&folder, "", &findings)?;
     for table in &findings.tables {
         output::result(text(table))?;
     }

@@ -8,13 +8,12 @@ use std::path::PathBuf;
 use clap::Args;
 use gs_core::{
     Camera, Canvas, Parameterization, Rasterizer, RenderSettings, Scene, Scene2d, Scene3d, counted,
-    effects::called_for::CallsForEffects,
+    effects::called_for::CallsForEffects, view::Orbit,
 };
+use gs_lab::effects::{Sight, prices, prove, sampled};
 use gs_train::{
-    Trainer,
-    effects::{Sight, prices, prove, sampled},
-    is_scene,
-    train::{Orbit, PosedView, Views, resized},
+    Trainer, is_scene,
+    train::{PosedView, Views},
 };
 
 use crate::{
@@ -142,7 +141,7 @@ impl Subject {
         let Views { train, test, .. } = Views::of_dataset(&dataset);
         let (views, which) = if test.is_empty() { (train, "view") } else { (test, "test view") };
         let all: Vec<Camera> = views.iter().map(|PosedView { camera, .. }| *camera).collect();
-        let sized = |camera: Camera| args.size.map_or(camera, |size| resized(&camera, size.width, size.height));
+        let sized = |camera: Camera| args.size.map_or(camera, |size| camera.resized(size.width, size.height));
         let cameras: Vec<Camera> = sampled(&all, most).into_iter().map(sized).collect();
         for camera in &cameras {
             camera.validate().map_err(|error| Failure::usage(error).at("--size"))?;

@@ -3,7 +3,7 @@
 use std::fmt::Write;
 
 use gs_core::{counted, effects::called_for::Verdict};
-use gs_train::effects::{Difference, Price, Prices, Proof};
+use gs_lab::effects::{Difference, Price, Prices, Proof};
 use serde::Serialize;
 
 /// What was examined.

@@ -11,9 +11,7 @@ use crate::{
     effects::choice::EffectsArgs,
     output::Format,
     output_folder::OverwriteArgs,
-    training_arguments::{
-        AntialiasName, CheckpointArgs, Detail, JoiningName, LossName, ParameterizationName, PolicyName,
-    },
+    training_arguments::{AntialiasName, CheckpointArgs, Detail, LossName, ParameterizationName, PolicyName},
     values::{Color, whole},
 };
 
@@ -44,7 +42,7 @@ of metrics.csv up to it, so that a resumed fit has the whole table, in any folde
 
 /// The flags of [`SettingsArgs`] that a checkpoint settles: all but the background, which a resumed fit needs to see a transparent
 /// image as before.
-const SETTLED: [&str; 12] = [
+const SETTLED: [&str; 11] = [
     "preset",
     "settings",
     "gaussians",
@@ -54,7 +52,6 @@ const SETTLED: [&str; 12] = [
     "loss",
     "blend",
     "antialias",
-    "joining",
     "parameterization",
     "seed",
 ];
@@ -174,9 +171,6 @@ pub(crate) struct SettingsArgs {
     /// What is done about Gaussians narrower than a pixel [default: none]
     #[arg(long, value_enum, value_name = "ANTIALIAS")]
     pub(crate) antialias: Option<AntialiasName>,
-    /// When antialiasing joins, if there is to be any; what blends is settled from the first step on
-    #[arg(long, value_enum, value_name = "WHEN")]
-    pub(crate) joining: Option<JoiningName>,
     /// In which coordinates the optimiser moves
     #[arg(long, value_enum, value_name = "NAME", alias = "chart")]
     pub(crate) parameterization: Option<ParameterizationName>,

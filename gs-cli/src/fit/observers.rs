@@ -8,11 +8,10 @@ use std::{
 
 use gs_core::edit::EditCounts;
 use gs_io::Checkpoint;
+use gs_lab::figure::curve::Point;
 use gs_train::{Control, Error, MetricsLog, Observer, Progress};
 
-use crate::{
-    failure::Failure, fit::progress::Voice, interrupt::Interrupt, output_folder::OutputFolder, report::curve::Point,
-};
+use crate::{failure::Failure, fit::progress::Voice, interrupt::Interrupt, output_folder::OutputFolder};
 
 /// The table of a run that has come to its end.
 const TABLE: &str = "metrics.csv";
@@ -134,7 +133,6 @@ impl Observer for Curve {
 
 #[cfg(test)]
 mod tests {
-    use gs_train::Joined;
 
     use super::*;
 
@@ -149,7 +147,6 @@ mod tests {
             loss: 0.5,
             loss_step: 10,
             edits: None,
-            joined: Joined::default(),
             fresh_start: None,
             psnr_estimate: None,
             quality: None,

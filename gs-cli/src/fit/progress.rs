@@ -7,7 +7,7 @@ use std::{
 };
 
 use gs_core::{counted, edit::EditCounts};
-use gs_train::{Control, FreshStart, Joined, Observer, Progress};
+use gs_train::{Control, FreshStart, Observer, Progress};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle, TermLike};
 
 use crate::{
@@ -161,10 +161,6 @@ impl Observer for Display {
         if self.detail == Detail::Rounds {
             self.voice().say(round(progress, counts));
         }
-    }
-
-    fn on_join(&mut self, progress: &Progress, joined: &Joined) {
-        self.voice().say(format_args!("step {}: {joined}", progress.step));
     }
 
     fn on_fresh_start(&mut self, progress: &Progress, fresh_start: &FreshStart) {

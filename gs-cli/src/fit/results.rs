@@ -10,6 +10,10 @@ use gs_core::{
     statistics::Culled,
 };
 use gs_io::{File2d, write_ply, write_png, write_scene};
+use gs_lab::figure::{
+    curve::{self, Point},
+    ellipses,
+};
 use gs_train::{ColorRange, FitSummary, MetricsLog, Trainer, Viewable};
 use serde::Serialize;
 
@@ -21,10 +25,6 @@ use crate::{
     fit::{arguments::Pictures, observers::write_table, target::Target, trouble::Trouble},
     memory, output,
     output_folder::OutputFolder,
-    report::{
-        curve::{self, Point},
-        ellipses,
-    },
     settings_file::to_toml,
     training_arguments::Detail,
 };
@@ -137,7 +137,7 @@ impl Results<'_> {
             let others = scope.spawn(|| {
                 vec![
                     write_table(self.folder, log),
-                    settings.and_then(|text| self.folder.write_text("settings.toml", &text)),
+                    settings.and_then(|text| self.folder.write("settings.toml", &text)),
                     match self.pictures {
                         Pictures::All => self.write_curve(points, log, &title),
                         Pictures::Reconstruction => {
@@ -244,8 +244,7 @@ impl Results<'_> {
     }
 
     fn write_curve(&self, points: &[Point], log: &MetricsLog, title: &str) -> Result<(), Failure> {
-        let picture = curve::draw(points, &curve::measured(log.rows()), title)
-            .map_err(|error| Failure::failed(error).at("curve.png"))?;
+        let picture = curve::draw(points, &curve::measured(log.rows()), title)?;
         Ok(write_png(self.folder.file("curve.png"), &picture)?)
     }
 }

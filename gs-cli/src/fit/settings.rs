@@ -14,7 +14,7 @@ use crate::{
         target::Target,
     },
     settings_file::{parse_toml, read_settings_text},
-    training_arguments::{joining, name_of},
+    training_arguments::name_of,
     values::Color,
 };
 
@@ -98,7 +98,6 @@ pub(crate) fn resolve(args: &SettingsArgs, given: &Given, target: &Target) -> Re
     if let Some(antialias) = args.antialias {
         settings.render.effects.antialias = antialias.into();
     }
-    settings.joining = joining(args.joining, settings.joining, settings.iterations);
     if let Some(color) = args.background {
         settings.render = settings.render.on(color.0);
     }

@@ -1,7 +1,7 @@
 //! The answer to a budget: a file of settings, with what it promises and how it did on other views.
 
 use gs_core::{Effects, RenderSettings, counted, profile::Quantiles};
-use gs_study::frontier::{Budget, Choice, Frontier, Measured, Noise, Verification};
+use gs_lab::frontier::{Budget, Choice, Frontier, Measured, Noise, Verification};
 use serde::Serialize;
 
 use crate::{

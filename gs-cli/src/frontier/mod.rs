@@ -9,8 +9,8 @@ use clap::Args;
 use gs_core::{Rasterizer, counted};
 use gs_cpu::CpuRasterizer;
 use gs_io::Inputs;
+use gs_lab::frontier::{Budget, Chosen, Field, Frontier, Pace, Verifiable, figure, search, to_csv, to_text};
 use gs_oracle::OracleView;
-use gs_study::frontier::{Budget, Chosen, Field, Frontier, Pace, Verifiable, figure, search, to_csv, to_text};
 use gs_wgpu::WgpuRasterizer;
 use serde::Serialize;
 
@@ -178,12 +178,12 @@ where
     }?;
     if let Some(folder) = folder {
         let figure = figure(&frontier, &what);
-        folder.write_text("frontier.csv", &to_csv(&frontier))?;
+        folder.write("frontier.csv", to_csv(&frontier))?;
         folder.write_json("frontier.json", &report)?;
-        folder.write_text("frontier.svg", &figure.svg_file()?)?;
+        folder.write("frontier.svg", &figure.svg_file()?)?;
         gs_io::write_png(folder.file("frontier.png"), &figure.image()?)?;
         match &answer {
-            Some(answer) => folder.write_text("settings.toml", &answer.file)?,
+            Some(answer) => folder.write("settings.toml", &answer.file)?,
             None => folder.leave_out("settings.toml")?,
         }
         output::note(format_args!("wrote the frontier in {}", folder.path().display()));

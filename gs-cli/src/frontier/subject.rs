@@ -3,14 +3,10 @@
 use std::path::Path;
 
 use glam::Vec2;
-use gs_core::{Camera, Canvas, Effects, RenderSettings, Scene, Scene2d, Scene3d, counted};
+use gs_core::{Camera, Canvas, Effects, RenderSettings, Scene, Scene2d, Scene3d, counted, view::Orbit};
 use gs_io::File2d;
-use gs_train::{
-    Trainer,
-    effects::sampled,
-    is_scene,
-    train::{Orbit, resized},
-};
+use gs_lab::effects::sampled;
+use gs_train::{Trainer, is_scene};
 
 use crate::{
     backend::{Backend, Task},
@@ -153,7 +149,8 @@ fn scene_3d(args: &FrontierArgs, opened: Opened3d) -> Result<Seen<Scene3d>, Fail
             let dataset = args.reading.read(path)?;
             let cameras: Vec<Camera> = dataset.views.iter().map(|view| view.camera).collect();
             let even = sampled(&cameras, 2 * count).into_iter();
-            let sized = |camera| args.size.map_or(camera, |Size { width, height }| resized(&camera, width, height));
+            let sized =
+                |camera: Camera| args.size.map_or(camera, |Size { width, height }| camera.resized(width, height));
             (even.map(sized).collect(), opened.settings(&args.shown, Some(&dataset)))
         }
         None => {
@@ -175,7 +172,7 @@ fn scene_3d(args: &FrontierArgs, opened: Opened3d) -> Result<Seen<Scene3d>, Fail
     if unseen.is_empty() {
         // There is one view: its pixels at half the size are others.
         let Camera { width, height, .. } = views[0];
-        unseen.push(resized(&views[0], width.div_ceil(2), height.div_ceil(2)));
+        unseen.push(views[0].resized(width.div_ceil(2), height.div_ceil(2)));
     }
     opened.note_guess(&args.shown);
     Ok(Seen { name: name_of(&args.input), scene: opened.file.scene, shown, views, unseen, chooses })

@@ -1,7 +1,5 @@
 //! `gs paper`: the experiments of the paper, and a page that sets what it says beside what was measured.
 
-pub(crate) mod files;
-mod page;
 mod progress;
 
 use std::{path::PathBuf, time::Instant};
@@ -12,14 +10,14 @@ use clap::{
 };
 use gs_core::{Rasterizer, Scene2d, Scene3d, counted, profile::Profiler};
 use gs_io::Inputs;
-use gs_train::experiments::{Experiment, Extent, Findings, Laboratory};
+use gs_lab::experiments::{Chapter, Experiment, Extent, Findings, Laboratory, PageSetting, claims_csv, page};
 
 use crate::{
     backend::{Backend, BackendArgs, Task},
     failure::{self, Failure},
     output,
     output_folder::{self, OutputFolder, OverwriteArgs},
-    paper::{files::Figures, progress::Display},
+    paper::progress::Display,
 };
 
 const AFTER_HELP: &str = "\
@@ -58,12 +56,10 @@ fn experiment_parser() -> impl clap::builder::TypedValueParser<Value = Experimen
     PossibleValuesParser::new(Experiment::ALL.map(Experiment::name)).try_map(|name| Experiment::from_name(&name))
 }
 
-/// One experiment's results, with its figures written and kept for the page.
-struct Chapter {
-    experiment: Experiment,
-    findings: Findings,
-    figures: Figures,
-}
+/// The page.
+const PAGE: &str = "index.html";
+/// The table of claims.
+const CLAIMS: &str = "claims.csv";
 
 /// Makes the experiments and writes their results.
 ///
@@ -72,7 +68,7 @@ struct Chapter {
 pub(crate) fn run(args: &PaperArgs) -> Result<(), Failure> {
     let started = Instant::now();
     let experiments = args.only.map_or_else(|| Experiment::ALL.to_vec(), |only| vec![only]);
-    let claim = args.overwrite.claim(&args.output, [files::CLAIMS, files::PAGE], Inputs::default());
+    let claim = args.overwrite.claim(&args.output, [CLAIMS, PAGE], Inputs::default());
     let claim = claim.folders(experiments.iter().map(|experiment| experiment.name()));
     output_folder::check(&claim)?;
     let backend = Backend::start(&args.backend)?;
@@ -80,14 +76,14 @@ pub(crate) fn run(args: &PaperArgs) -> Result<(), Failure> {
     output::note(&backend.reason);
     let extent = if args.quick { Extent::Quick } else { Extent::Full };
     let chapters = backend.run(Experiments { experiments, extent, folder: &folder })?;
-    files::write_claims(&folder, &chapters)?;
-    let page = page::page(&chapters, &page::Setting { extent, only: args.only, backend: &backend.reason });
-    folder.write_text(files::PAGE, &page)?;
+    folder.write(CLAIMS, claims_csv(&chapters))?;
+    let page = page(&chapters, PageSetting { extent, only: args.only, backend: &backend.reason })?;
+    folder.write(PAGE, page)?;
     output::note(format_args!(
         "{} in {:.0} s; see {}",
         verdicts(chapters.iter().flat_map(|chapter| &chapter.findings.claims)),
         started.elapsed().as_secs_f64(),
-        folder.file(files::PAGE).display()
+        folder.file(PAGE).display()
     ));
     Ok(())
 }
@@ -119,8 +115,9 @@ impl Task for Experiments<'_> {
             display.begin(experiment);
             let made = experiment.run(&mut Laboratory::new(rasterizer, self.extent, &mut display));
             let written = made.map_err(Failure::from).and_then(|findings| {
-                let figures = files::write_experiment(self.folder, experiment, &findings)?;
-                Ok(Chapter { experiment, findings, figures })
+                self.folder.make(experiment.name())?;
+                write_findings(self.folder, &format!("{experiment}/"), &findings)?;
+                Ok(Chapter { experiment, findings })
             });
             let chapter = written.inspect_err(|_| voice.clear())?;
             let told = verdicts(&chapter.findings.claims);
@@ -136,9 +133,19 @@ impl Task for Experiments<'_> {
     }
 }
 
+/// Writes tables, figures and pictures, all of whose names in the folder begin with `part`.
+///
+/// # Errors
+/// Where a file is in the way or cannot be written, or a figure cannot be drawn.
+pub(crate) fn write_findings(folder: &OutputFolder, part: &str, findings: &Findings) -> Result<(), Failure> {
+    let files = findings.files(part)?;
+    folder.claim(files.iter().map(|file| file.name.clone()))?;
+    files.into_iter().try_for_each(|file| folder.write(&file.name, file.bytes))
+}
+
 /// "3 claims confirmed, 1 partly".
-fn verdicts<'a>(claims: impl IntoIterator<Item = &'a gs_train::experiments::Claim>) -> String {
-    use gs_train::experiments::Verdict::{Confirmed, Partly, Refuted};
+fn verdicts<'a>(claims: impl IntoIterator<Item = &'a gs_lab::experiments::Claim>) -> String {
+    use gs_lab::experiments::Verdict::{Confirmed, Partly, Refuted};
     let claims: Vec<_> = claims.into_iter().collect();
     let of = |verdict| claims.iter().filter(|claim| claim.verdict() == verdict).count();
     let numbers = [Confirmed, Partly, Refuted].map(|verdict| (of(verdict), verdict));

@@ -5,10 +5,8 @@ use std::{
     time::{Duration, Instant},
 };
 
-use gs_train::{
-    Progress,
-    experiments::{Experiment, Watch},
-};
+use gs_lab::experiments::{Experiment, Watch};
+use gs_train::Progress;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use crate::{

@@ -123,7 +123,7 @@ pub(crate) fn run(args: &ProfileArgs) -> Result<(), Failure> {
         AnySubject::ThreeD(subject) => backend.run_3d(Measure { subject: *subject, backend: &backend, repetitions }),
     }?;
     if let Some(folder) = &folder {
-        folder.write_text("profile.csv", &report.csv())?;
+        folder.write("profile.csv", report.csv())?;
         folder.write_json("profile.json", &report)?;
         output::note(format_args!("wrote profile.csv and profile.json in {}", folder.path().display()));
     }

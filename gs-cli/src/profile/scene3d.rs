@@ -4,8 +4,6 @@ use std::path::Path;
 
 use gs_core::{Camera, Loss, Parameterization, Rasterizer, RenderSettings, Scene3d};
 
-use gs_train::train::resized;
-
 use crate::{
     cameras::{self, Home},
     failure::Failure,
@@ -44,7 +42,7 @@ impl Subject3d {
             Some(view) => {
                 let dataset = args.reading.read(&view.dataset)?;
                 let camera = cameras::of_view(&dataset, view)?;
-                let sized = |Size { width, height }: Size| resized(&camera, width, height);
+                let sized = |Size { width, height }: Size| camera.resized(width, height);
                 (args.size.map_or(camera, sized), opened.settings(&args.shown, Some(&dataset)))
             }
             None => {

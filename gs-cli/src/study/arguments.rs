@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
-use gs_study::Selection;
+use gs_lab::Selection;
 
 use crate::{backend::BackendArgs, output_folder::OverwriteArgs, values::whole};
 
@@ -138,7 +138,7 @@ pub(crate) struct ReplayArgs {
 
 #[cfg(test)]
 mod tests {
-    use gs_study::{Places, Plan, Study};
+    use gs_lab::{Places, Plan, Study};
 
     use super::*;
 
@@ -156,10 +156,10 @@ mod tests {
 
     #[test]
     fn the_help_names_all_studies_and_synthetic_targets() {
-        for (name, _) in gs_study::BUILT_IN {
+        for (name, _) in gs_lab::BUILT_IN {
             assert!(AFTER_HELP.contains(&format!("\n  {name} ")), "{name}");
         }
-        for target in gs_train::SyntheticTarget::ALL {
+        for target in gs_lab::SyntheticTarget::ALL {
             // Of names that differ in their end alone, the first stands there whole.
             let (start, end) = target.name().rsplit_once('-').unwrap_or((target.name(), ""));
             let is_there = AFTER_HELP.contains(target.name())

@@ -10,7 +10,7 @@ use std::{
 };
 
 use gs_core::{Rasterizer, Scene2d, counted};
-use gs_study::{
+use gs_lab::{
     Conducted, Existing, Outcome, Places, Plan, Results, Safety, Study, StudyFolder, built_in, conduct,
     refuse_unsupported, report, write_tables,
 };

@@ -7,7 +7,7 @@ use std::{
 };
 
 use gs_core::counted;
-use gs_study::{Outcome, Plan, Run, StudyFolder, Watcher};
+use gs_lab::{Outcome, Plan, Run, StudyFolder, Watcher};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use crate::{

@@ -2,7 +2,7 @@
 
 use gs_core::{Rasterizer, Scene2d, counted};
 use gs_io::{File2d, FolderClaim, Inputs, write_png, write_scene};
-use gs_study::{Machine, Places, Plan, Replayed, Run, Study, StudyFolder, recorded_run, replay};
+use gs_lab::{Machine, Places, Plan, Replayed, Run, Study, StudyFolder, recorded_run, replay};
 
 use crate::{
     backend::{Backend, Task, machine},
@@ -75,6 +75,6 @@ fn write(run: &Run, replayed: &Replayed, claim: FolderClaim) -> Result<(), Failu
         &File2d { scene: scene.clone(), width, height, settings: *render },
     )?;
     write_png(folder.file("reconstruction.png"), image)?;
-    folder.write_text("settings.toml", &to_toml(&run.settings)?)?;
+    folder.write("settings.toml", &to_toml(&run.settings)?)?;
     folder.write_json("summary.json", finished)
 }

@@ -14,9 +14,7 @@ use crate::{
     effects::choice::EffectsArgs,
     output::Format,
     output_folder::OverwriteArgs,
-    training_arguments::{
-        AntialiasName, CheckpointArgs, Detail, JoiningName, LossName, ParameterizationName, PolicyName,
-    },
+    training_arguments::{AntialiasName, CheckpointArgs, Detail, LossName, ParameterizationName, PolicyName},
     values::{Backing, whole},
 };
 
@@ -47,7 +45,7 @@ Ctrl-C stops the training, saves a checkpoint, and writes what there is so far; 
 or more quits at once.";
 
 /// The flags that a checkpoint settles.
-const SETTLED: [&str; 18] = [
+const SETTLED: [&str; 17] = [
     "preset",
     "settings",
     "gaussians",
@@ -59,7 +57,6 @@ const SETTLED: [&str; 18] = [
     "sh_degree",
     "order",
     "antialias",
-    "joining",
     "background",
     "coarse",
     "participants",
@@ -221,9 +218,6 @@ pub(crate) struct TrainSettingsArgs {
     /// What is done about Gaussians narrower than a pixel
     #[arg(long, value_enum, value_name = "ANTIALIAS")]
     pub(crate) antialias: Option<AntialiasName>,
-    /// When harmonics and antialiasing join
-    #[arg(long, value_enum, value_name = "WHEN")]
-    pub(crate) joining: Option<JoiningName>,
     /// What is behind: black, white, random (another colour in each step), or R,G,B [default: white for Blender, else black]
     #[arg(long, value_name = "COLOUR")]
     pub(crate) background: Option<Backing>,

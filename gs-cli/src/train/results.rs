@@ -5,10 +5,16 @@ use std::{path::Path, time::Instant};
 
 use gs_core::{Camera, Canvas, Rasterizer, RenderSettings, Scene, Scene3d, counted, effects::called_for::Verdict};
 use gs_io::{WriteOptions3d, write_3d, write_png};
+use gs_lab::{
+    effects::sampled,
+    figure::{
+        curve::{self, Point},
+        ellipses,
+    },
+};
 use gs_train::{
     MetricsLog, Trainer3d,
-    effects::sampled,
-    train::{DRIFT_DB, Evaluation, TrainSummary, TrainingViews, Views, resized},
+    train::{DRIFT_DB, Evaluation, TrainSummary, TrainingViews, Views},
 };
 use serde::Serialize;
 
@@ -19,10 +25,6 @@ use crate::{
     fit::{observers::write_table, results::sound, trouble::Trouble},
     memory, output,
     output_folder::OutputFolder,
-    report::{
-        curve::{self, Point},
-        ellipses,
-    },
     settings_file::to_toml,
     shown::trained_with,
     train::{arguments::TrainArgs, pictures::ViewPictures},
@@ -130,7 +132,7 @@ impl Results<'_> {
         let mut tried = vec![
             self.write_scene(&scene, &trainer.shown()),
             write_table(self.folder, log),
-            to_toml(trainer.settings()).and_then(|text| self.folder.write_text("settings.toml", &text)),
+            to_toml(trainer.settings()).and_then(|text| self.folder.write("settings.toml", &text)),
             // What a fit left here would be taken for this training's.
             ["scene.gs2d.safetensors", "reconstruction.png"].iter().try_for_each(|name| self.folder.leave_out(name)),
             match self.args.no_report {
@@ -221,9 +223,9 @@ impl Results<'_> {
     ) -> Result<(), Failure> {
         let Some(view) = trainer.judges().first().map(|view| view.camera) else { return Ok(()) };
         let Canvas { width, height, .. } = ellipses::canvas_for(Canvas::new(view.width, view.height));
-        let camera = resized(&view, width, height);
+        let camera = view.resized(width, height);
         let mut picture = trainer.render_view(&camera)?.clamped();
-        ellipses::draw_in_space(&mut picture, scene, &camera, &trainer.shown());
+        ellipses::draw_3d(&mut picture, scene, &camera, &trainer.shown());
         Ok(write_png(self.folder.file("ellipses.png"), &picture)?)
     }
 
@@ -244,8 +246,7 @@ impl Results<'_> {
         let name =
             path.file_name().map_or_else(|| path.display().to_string(), |name| name.to_string_lossy().into_owned());
         let title = format!("{name}: {}", counted(count, "Gaussian"));
-        let picture = curve::draw(points, &curve::measured(log.rows()), &title)
-            .map_err(|error| Failure::failed(error).at("curve.png"))?;
+        let picture = curve::draw(points, &curve::measured(log.rows()), &title)?;
         Ok(write_png(self.folder.file("curve.png"), &picture)?)
     }
 }

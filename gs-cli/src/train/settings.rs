@@ -14,7 +14,7 @@ use crate::{
     failure::Failure,
     settings_file::read_toml,
     train::arguments::{OrderName, ParticipantsName, TrainPresetName, TrainSettingsArgs},
-    training_arguments::{joining, name_of},
+    training_arguments::name_of,
     values::Backing,
 };
 
@@ -47,7 +47,6 @@ pub(crate) fn resolve(args: &TrainSettingsArgs, dataset: &Dataset) -> Result<Tra
     effects.sh_degree = args.sh_degree.unwrap_or(effects.sh_degree);
     effects.order = args.order.map_or(effects.order, Into::into);
     effects.antialias = args.antialias.map_or(effects.antialias, Into::into);
-    settings.joining = joining(args.joining, settings.joining, settings.iterations);
     match args.background {
         None => {}
         Some(Backing::Random) => settings.background = StepBackground::Random,

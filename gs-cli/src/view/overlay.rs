@@ -103,11 +103,11 @@ mod tests {
     use std::time::{Duration, Instant};
 
     use glam::{Vec2, Vec3};
+    use gs_core::view::Bulk;
     use gs_core::{
         Blend, Image, RenderSettings,
         effects::{Antialias, Order},
     };
-    use gs_train::train::Bulk;
 
     use super::*;
     use crate::view::{

@@ -7,7 +7,6 @@ use std::{
 };
 
 use gs_core::{Camera, Canvas, Parameterization, Rasterizer, RenderSettings, Scene, Scene2d, Scene3d};
-use gs_train::train;
 
 use crate::{
     backend::{Task, Task3d},
@@ -30,7 +29,7 @@ impl View for Camera {
     }
 
     fn resized(&self, width: u32, height: u32) -> Self {
-        train::resized(self, width, height)
+        Camera::resized(self, width, height)
     }
 }
 

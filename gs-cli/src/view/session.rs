@@ -266,8 +266,8 @@ impl<N: Navigate> Session<N> {
 #[cfg(test)]
 mod tests {
     use glam::Vec3;
+    use gs_core::view::Bulk;
     use gs_core::{Blend, Camera, Image};
-    use gs_train::train::Bulk;
 
     use super::*;
     use crate::view::{

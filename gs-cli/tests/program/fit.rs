@@ -7,7 +7,6 @@ use std::{
     process::{Child, ChildStderr, Stdio},
 };
 
-use gs_core::Image;
 use serde_json::Value;
 
 #[cfg(unix)]
@@ -61,7 +60,7 @@ fn an_image_becomes_results_and_a_summary() {
         rows.next().unwrap(),
         "step,seconds,count,cloned,split,seeded,pruned_transparent,pruned_too_large,pruned_not_finite,\
          pruned_unimportant,loss,l1,psnr,culled_not_finite,culled_near,culled_degenerate,culled_transparent,culled_outside,\
-         clamped_smallest,clamped_largest,joined_sh_degree,sh_explains,joined_antialias,narrow,shown,began_again_at_loss,\
+         clamped_smallest,clamped_largest,began_again_at_loss,\
          first_loss"
     );
     assert!(rows.next_back().unwrap().starts_with("20,"), "{metrics}");
@@ -70,29 +69,21 @@ fn an_image_becomes_results_and_a_summary() {
 }
 
 #[test]
-fn effects_that_join_are_told() {
+fn settings_of_effects_on_demand_are_refused_with_the_reason() {
     let place = folder();
-    let stripes = Image::from_fn(40, 32, |x, _| if x % 3 == 0 { [0.9; 3] } else { [0.1; 3] }).unwrap();
-    let (image, output) = (place.path().join("stripes.png"), place.path().join("out"));
-    gs_io::write_png(&image, &stripes).unwrap();
-    let fit = |joining: &'static str| {
-        let more = ["-n", "300", "--antialias", "mip", "--joining", joining, "--json", "--no-report"];
-        gs(small(&image, &output).into_iter().filter(|&arg| !["-n", "60"].contains(&arg)).chain(more))
+    let settings = place.path().join("old.toml");
+    let fit = |text: &str| {
+        fs::write(&settings, text).unwrap();
+        let output = place.path().join("out");
+        let words = ["fit", "-n", "5", "--iterations", "2", "--no-report", "--backend", "cpu", "--settings"];
+        gs(words.into_iter().chain([settings.to_str().unwrap(), "-o", output.to_str().unwrap()]))
     };
-    let run = fit("when-called-for");
-    let line = run.stderr.lines().find(|line| line.contains("antialiasing (mip) joins: "));
-    let line = line.unwrap_or_else(|| panic!("{}", run.stderr)).to_owned();
-    let join = run.json()["joins"][0].clone();
-    assert_eq!(join["antialias"]["antialias"], "mip");
-    let step = join["step"].as_u64().unwrap().max(1);
-    assert!(line.starts_with(&format!("step {step}: ")), "{line}");
-    let metrics = fs::read_to_string(output.join("metrics.csv")).unwrap();
-    let row = metrics.lines().find(|row| row.starts_with(&format!("{step},"))).unwrap();
-    assert!(row.contains(&format!(",mip,{},", join["antialias"]["narrow"])), "{row}");
-
-    let by_the_clock = fit("scheduled");
-    assert!(!by_the_clock.stderr.contains("joins"), "{}", by_the_clock.stderr);
-    assert_eq!(by_the_clock.json()["joins"].as_array().map(Vec::len), Some(0));
+    let refused = fit("[joining.when-called-for]\nevery = 10\n");
+    assert_eq!(refused.status, Some(2), "{}", refused.stderr);
+    for part in ["old.toml", "no longer possible", "sh-degree-every"] {
+        assert!(refused.refusal().contains(part), "{}", refused.stderr);
+    }
+    fit("joining = \"scheduled\"\n").done();
 }
 
 #[test]

@@ -73,27 +73,6 @@ pub type Decision = (Effects, String);
 pub trait CallsForEffects: Scene {
     /// Says of each effect, in the order of [`Effect::ALL`], what of it is called for where these settings, which are valid, are wanted.
     fn decide(&self, views: &[Self::View], settings: &RenderSettings) -> [Decision; Effect::ALL.len()];
-
-    /// How many of the Gaussians that a view shows are narrower than a pixel, before `settings` widen them; none, where the view is not
-    /// possible.
-    fn narrow(&self, view: &Self::View, settings: &RenderSettings) -> Narrow;
-}
-
-/// Of the Gaussians that a view shows, how many are narrower than a pixel ([`NARROW_PX`]).
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub struct Narrow {
-    /// So many are.
-    pub narrow: usize,
-    /// Of so many.
-    pub shown: usize,
-}
-
-impl Narrow {
-    /// The share of those that are, 0 to 1; 0 where nothing is shown.
-    pub fn share(&self) -> f32 {
-        self.narrow as f32 / self.shown.max(1) as f32
-    }
 }
 
 impl Effects {

@@ -6,7 +6,15 @@ mod ssim;
 pub use ms_ssim::ms_ssim;
 pub use ssim::ssim;
 
+use std::borrow::Borrow;
+
 use crate::{error::Error, image::Image};
+
+/// The mean of values, such as PSNR over images; NaN of none.
+pub fn mean(values: impl IntoIterator<Item: Borrow<f64>>) -> f64 {
+    let (sum, count) = values.into_iter().fold((0.0, 0usize), |(sum, n), value| (sum + value.borrow(), n + 1));
+    sum / count as f64
+}
 
 /// Mean |a − b| over pixels and channels.
 ///

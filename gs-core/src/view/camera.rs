@@ -78,6 +78,13 @@ impl Camera {
         (p.z >= self.near).then(|| (self.focal * p.truncate() / p.z + self.center, p.z))
     }
 
+    /// The camera with another size of image: what it sees across stays, the principal point moves along.
+    #[must_use]
+    pub fn resized(&self, width: u32, height: u32) -> Self {
+        let by = Vec2::new(width as f32 / self.width as f32, height as f32 / self.height as f32);
+        Self { focal: self.focal * by, center: self.center * by, width, height, ..*self }
+    }
+
     /// Fails unless the size is possible, the pose finite, the rotation orthonormal and no reflection, focal lengths and near plane positive.
     ///
     /// # Errors
@@ -137,5 +144,14 @@ mod tests {
         }
         let turned = Camera { rotation: Mat3::from_diagonal(Vec3::new(-1.0, -1.0, 1.0)), ..camera };
         assert_eq!(turned.validate(), Ok(()));
+    }
+
+    #[test]
+    fn a_resized_camera_sees_the_same() {
+        let camera = Camera::looking_forward(40, 30, 1.0);
+        let point = Vec3::new(0.2, 0.1, 1.0);
+        let (small, _) = camera.project(point).unwrap();
+        let (large, _) = camera.resized(80, 90).project(point).unwrap();
+        assert!((large - small * Vec2::new(2.0, 3.0)).length() < 1e-4);
     }
 }

@@ -6,7 +6,10 @@ mod kind;
 mod remark;
 mod whole;
 
-use std::{io::Write, path::Path};
+use std::{
+    io::{self, Write},
+    path::Path,
+};
 
 use gs_core::{Image, image::to_8_bits};
 
@@ -149,19 +152,28 @@ pub(crate) fn composite(image: &mut Image, alpha: &[f32], behind: [f32; 3]) {
 /// # Errors
 /// Those of [`write_atomically`].
 pub fn write_png(path: impl AsRef<Path>, image: &Image) -> Result<(), Error> {
-    write_atomically(path, |file| {
-        let mut encoder = png::Encoder::new(file, image.width(), image.height());
-        encoder.set_color(png::ColorType::Rgb);
-        encoder.set_depth(png::BitDepth::Eight);
-        encoder.set_compression(png::Compression::Fast);
-        encoder.set_filter(png::Filter::Adaptive);
-        let mut writer = encoder.write_header()?;
-        // Row by row: neither the bytes of a large image nor what they are packed into is in memory as a whole.
-        let mut stream = writer.stream_writer_with_size(CHUNK_BYTES)?;
-        (0..image.height()).try_for_each(|y| stream.write_all(&bytes_of(image.row(y))))?;
-        stream.finish()?;
-        Ok(writer.finish()?)
-    })
+    write_atomically(path, |file| encode_png(image, file))
+}
+
+/// The bytes of the file that [`write_png`] writes.
+pub fn png_bytes(image: &Image) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    encode_png(image, &mut bytes).expect("memory can be written to, and every image has a size that PNG has");
+    bytes
+}
+
+fn encode_png(image: &Image, to: impl Write) -> io::Result<()> {
+    let mut encoder = png::Encoder::new(to, image.width(), image.height());
+    encoder.set_color(png::ColorType::Rgb);
+    encoder.set_depth(png::BitDepth::Eight);
+    encoder.set_compression(png::Compression::Fast);
+    encoder.set_filter(png::Filter::Adaptive);
+    let mut writer = encoder.write_header()?;
+    // Row by row: neither the bytes of a large image nor what they are packed into is in memory as a whole.
+    let mut stream = writer.stream_writer_with_size(CHUNK_BYTES)?;
+    (0..image.height()).try_for_each(|y| stream.write_all(&bytes_of(image.row(y))))?;
+    stream.finish()?;
+    Ok(writer.finish()?)
 }
 
 /// Bytes of a PNG that are packed before they are written.

@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use gs_core::{
     Blend, Canvas, Effects, Gaussian2d, Image, Loss, Parameterization, Rasterizer, RenderSettings, Scene, Scene2d,
-    TrainStep, effects::called_for::CallsForEffects, statistics::Culled,
+    TrainStep, statistics::Culled,
 };
 use gs_density::{DensityPolicy, Residual};
 use gs_io::Checkpoint;
@@ -13,7 +13,6 @@ use crate::{
     checkpoint::{Record, fingerprint},
     clamped::Clamped,
     error::Error,
-    joining::{AntialiasJoin, Joined, Joins},
     observer::Quality,
     quality::l1_and_psnr,
     recovery::Recovery,
@@ -83,8 +82,8 @@ impl RunSettings<Scene2d> for FitSettings {
         &self.policy
     }
 
-    fn effects_after(&self, step: u32, joins: &Joins) -> Effects {
-        self.joining.effects_after(step, &self.render.effects, joins)
+    fn effects_after(&self, _: u32) -> Effects {
+        self.render.effects
     }
 
     fn mean_factor(&self, step: u32) -> f32 {
@@ -158,25 +157,6 @@ impl<R: Rasterizer<Scene2d>> TrainingTask<R, Scene2d> for ImageTask<R> {
     ) -> Result<(), Error> {
         self.residual.rendered = nothing_rendered()?;
         self.solve_colors(on, splats, settings, effects, settings.color_solve.after_edit)
-    }
-
-    /// Antialiasing; an image calls for nothing else that could join.
-    fn called_for(
-        &mut self,
-        on: &R,
-        splats: &R::Splats,
-        settings: &FitSettings,
-        step: u32,
-        joins: &Joins,
-    ) -> Result<Joined, Error> {
-        let wanted = &settings.render;
-        let Some(calls) = settings.joining.asks_for_antialias(step, &wanted.effects, joins) else {
-            return Ok(Joined::default());
-        };
-        let narrow = on.download(splats)?.narrow(&self.canvas, wanted);
-        let called = narrow.share() > calls.narrow;
-        let antialias = called.then(|| AntialiasJoin::new(wanted.effects.antialias, narrow));
-        Ok(Joined { antialias, ..Joined::default() })
     }
 
     fn quality(&self, on: &R, splats: &R::Splats, settings: &FitSettings, effects: &Effects) -> Result<Quality, Error> {
@@ -258,7 +238,6 @@ impl<'a, R: Rasterizer<Scene2d>> Trainer<'a, R> {
         let splats = rasterizer.upload(scene, settings.parameterization)?;
         let record = Record::beginning(settings, fingerprint(target));
         let mut trainer = Self::assemble(rasterizer, record, splats, ImageTask::new(rasterizer, target)?);
-        trainer.join_effects()?;
         let effects = trainer.effects();
         let Self { task, splats, record, .. } = &mut trainer;
         task.solve_colors(rasterizer, splats, &record.settings, &effects, record.settings.color_solve.at_start)?;

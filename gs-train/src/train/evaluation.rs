@@ -1,11 +1,15 @@
 //! How good a scene is, view by view: PSNR, SSIM and mean absolute difference of its renderings as they are written in 8 bits.
 
-use gs_core::{Image, Parameterization, Rasterizer, RenderSettings, Scene3d, metrics, statistics::Culled};
+use gs_core::{
+    Image, Parameterization, Rasterizer, RenderSettings, Scene3d,
+    metrics::{self, mean},
+    statistics::Culled,
+};
 use gs_io::dataset::PosedImage;
 use serde::{Deserialize, Serialize};
 
 use super::{task::where_masked, views::PosedView};
-use crate::{error::Error, quality::l1_and_psnr, statistics::mean, summary::infinite_where_null};
+use crate::{error::Error, quality::l1_and_psnr, summary::infinite_where_null};
 
 /// How good one view is.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

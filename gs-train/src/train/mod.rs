@@ -5,7 +5,6 @@
 
 mod evaluation;
 mod flat;
-mod flight;
 mod geometry;
 mod init;
 mod neighbours;
@@ -17,13 +16,11 @@ mod settings;
 mod summary;
 mod task;
 mod trainer;
-mod view_dependence;
 mod views;
 
 pub use self::{
     evaluation::{Evaluation, TrainingViews, ViewQuality, evaluate},
     flat::Flat,
-    flight::{Bulk, CameraPath, Ends, Key, Orbit, resized},
     geometry::{Focus, extent_of},
     init::{PointInit, Start, gaussians_at, random_points},
     neighbours::neighbour_distances,
@@ -33,7 +30,6 @@ pub use self::{
     summary::{DRIFT_DB, TrainSummary},
     task::ViewsTask,
     trainer::Trainer3d,
-    view_dependence::ViewDependence,
     views::{Counting, ImageSource, PosedView, Views},
 };
 

@@ -17,7 +17,7 @@ use super::{
     resolution::Resolution,
     settings::{StepBackground, TrainSettings},
 };
-use crate::{joining::Joining, recovery::Recovery, rounds::Rounds};
+use crate::{recovery::Recovery, rounds::Rounds};
 
 /// Settings by name.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
@@ -116,7 +116,7 @@ fn three_dgs(iterations: u32) -> TrainSettings {
         render,
         background: StepBackground::Same,
         recovery: Recovery::BeginAgain,
-        joining: Joining::Scheduled,
+        joining: (),
         sh_degree_every: (iterations / 7).clamp(1, 1_000),
         loss: Loss::PAPER,
         adam: Adam {

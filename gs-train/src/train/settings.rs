@@ -7,12 +7,7 @@ use gs_density::{DensityPolicy, Policy};
 use serde::{Deserialize, Serialize};
 
 use super::{init::PointInit, presets::geometric_groups, resolution::Resolution};
-use crate::{
-    joining::{Calls, Joining, Joins},
-    recovery::Recovery,
-    rounds::Rounds,
-    task::RunSettings,
-};
+use crate::{recovery::Recovery, rounds::Rounds, task::RunSettings};
 
 /// What is behind the scene while it is trained.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
@@ -51,10 +46,10 @@ pub struct TrainSettings {
     /// What is behind in training.
     #[serde(alias = "backdrop")]
     pub background: StepBackground,
-    /// When harmonics and antialiasing join.
-    pub joining: Joining,
-    /// The degree of the harmonics grows by one every so many steps, from 0, or is asked about where it grows when it is called for; 0 begins
-    /// with the highest. Default 1000 (3DGS).
+    #[doc(hidden)]
+    #[serde(skip_serializing, deserialize_with = "crate::effect_schedule::by_the_clock")]
+    pub joining: (),
+    /// The effect schedule: the degree of SH grows by one every so many steps, from 0; 0 begins with the highest. Default 1000 (3DGS).
     pub sh_degree_every: u32,
     /// What is minimised.
     pub loss: Loss,
@@ -74,21 +69,13 @@ pub struct TrainSettings {
 }
 
 impl TrainSettings {
-    /// The highest degree of harmonics that the step after `step` steps evaluates where degrees join by the clock.
+    /// The highest degree of SH that the step after `step` steps evaluates.
     pub fn sh_degree_at(&self, step: u32) -> u8 {
         let highest = self.render.effects.sh_degree;
         match self.sh_degree_every {
             0 => highest,
             every => u8::try_from(step.saturating_add(1) / every).unwrap_or(u8::MAX).min(highest),
         }
-    }
-
-    /// Whether, and by which bounds, harmonics of one more degree than have joined are asked for after `step` steps, and of which degree.
-    pub(super) fn asks_for_sh(&self, step: u32, joins: &Joins) -> Option<(Calls, u8)> {
-        let Joining::WhenCalledFor(calls) = self.joining else { return None };
-        let next = joins.sh_degree() + 1;
-        let is_due = self.sh_degree_every > 0 && step.is_multiple_of(self.sh_degree_every);
-        (is_due && next <= self.render.effects.sh_degree).then_some((calls, next))
     }
 
     /// Adam's numbers after `step` steps, in world units.
@@ -160,7 +147,6 @@ impl TrainSettings {
         self.rounds.validate()?;
         self.resolution.validate()?;
         self.render.validate()?;
-        self.joining.validate()?;
         self.loss.validate()?;
         self.adam.validate()
     }
@@ -193,13 +179,8 @@ impl RunSettings<Scene3d> for TrainSettings {
         &self.policy
     }
 
-    fn effects_after(&self, step: u32, joins: &Joins) -> Effects {
-        let joined = self.joining.effects_after(step, &self.render.effects, joins);
-        let sh_degree = match self.joining {
-            Joining::WhenCalledFor(_) if self.sh_degree_every > 0 => joined.sh_degree,
-            _ => self.sh_degree_at(step),
-        };
-        Effects { sh_degree, ..joined }
+    fn effects_after(&self, step: u32) -> Effects {
+        Effects { sh_degree: self.sh_degree_at(step), ..self.render.effects }
     }
 
     fn mean_factor(&self, step: u32) -> f32 {

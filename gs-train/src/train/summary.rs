@@ -3,7 +3,7 @@
 use gs_core::{Rasterizer, Scene3d, edit::EditCounts};
 use serde::{Deserialize, Serialize};
 
-use crate::{clamped::Clamped, error::Error, joining::Join, recovery::FreshStart, shortfall::Shortfall};
+use crate::{clamped::Clamped, error::Error, recovery::FreshStart, shortfall::Shortfall};
 
 use super::{
     evaluation::{Evaluation, TrainingViews},
@@ -45,9 +45,6 @@ pub struct TrainSummary {
     pub loss: Option<f32>,
     /// What density control did to its Gaussians, all rounds together; of those before a fresh start nothing is left.
     pub edits: EditCounts,
-    /// The effects that joined because they were called for.
-    #[serde(default)]
-    pub joins: Vec<Join>,
     /// How often the training began again, and why.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub fresh_starts: Vec<FreshStart>,
@@ -84,7 +81,6 @@ impl TrainSummary {
             seed: settings.seed,
             loss: Some(training.loss),
             edits: *trainer.edits(),
-            joins: trainer.joins().joins.clone(),
             fresh_starts: trainer.fresh_starts().to_vec(),
             clamped: trainer.clamped()?,
             evaluation,

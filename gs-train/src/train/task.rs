@@ -2,15 +2,9 @@
 
 use std::fmt;
 
-use glam::Vec3;
 use gs_core::{
-    Camera, Effects, Gaussian3d, Image, Loss, Rasterizer, RenderSettings, Scene3d, TrainStep, Wait,
-    constants::HALF_DISPLAY_STEP,
-    effects::{
-        Background,
-        called_for::{CallsForEffects, Narrow},
-    },
-    statistics::Culled,
+    Camera, Effects, Gaussian3d, Image, Rasterizer, RenderSettings, Scene3d, TrainStep, Wait, effects::Background,
+    metrics::mean, statistics::Culled,
 };
 use gs_density::{Residual, Rng};
 use gs_io::dataset::PosedImage;
@@ -22,16 +16,13 @@ use super::{
     pictures::{Picture, Pictures},
     resolution::{possible, reduced_camera},
     settings::{StepBackground, TrainSettings},
-    view_dependence::{Residuals, Seen, ViewDependence},
     views::{PosedView, Views},
 };
 use crate::{
     clamped::Clamped,
     error::Error,
-    joining::{AntialiasJoin, HarmonicsJoin, Joined, Joins},
     observer::Quality,
-    statistics::mean,
-    task::{RunSettings, StepContext, Trainable, TrainingTask},
+    task::{StepContext, Trainable, TrainingTask},
 };
 
 /// Which of the generator's streams the backgrounds are drawn from.
@@ -43,15 +34,6 @@ const STAND_INS: usize = 8;
 /// By at most so many of the training views it is told how well a scene fits them: their mean is known to half a dB, and they cost less than
 /// the test views.
 const MOST_SAMPLED: usize = 32;
-
-/// In so many views, residuals are asked how they depend on the view: as dear as twice so many steps without the optimiser.
-const ASKED_VIEWS: u32 = 8;
-
-/// Most Gaussians that are asked, evenly spread: enough for any share that matters.
-const ASKED_GAUSSIANS: usize = 50_000;
-
-/// In so many views, evenly spread, Gaussians narrower than a pixel are counted.
-const COUNTED_VIEWS: usize = 4;
 
 /// Views to train from, and their photographs as far as they have been read.
 pub struct ViewsTask<R: Rasterizer<Scene3d>> {
@@ -159,61 +141,6 @@ impl<R: Rasterizer<Scene3d>> ViewsTask<R> {
         (if factor > 1 { reduced_camera(camera, factor) } else { *camera }, factor)
     }
 
-    /// The largest share of Gaussians narrower than a pixel, over some of the views.
-    fn narrowest(&self, scene: &Scene3d, settings: &TrainSettings, step: u32) -> Narrow {
-        let count = self.views.train.len();
-        let asked = count.min(COUNTED_VIEWS);
-        let views = (0..asked).map(|k| self.reduced(k * count / asked, settings, step).0);
-        let found = views.map(|camera| scene.narrow(&camera, &settings.render));
-        found.max_by(|a, b| a.share().total_cmp(&b.share())).unwrap_or_default()
-    }
-
-    /// How residuals depend on the view, by harmonics of this degree, in the views of the next few steps.
-    fn view_dependence(
-        &mut self,
-        on: &R,
-        splats: &R::Splats,
-        settings: &TrainSettings,
-        (step, degree): (u32, u8),
-        render: &RenderSettings,
-        means: &[Vec3],
-    ) -> Result<ViewDependence, Error> {
-        let count = self.views.train.len();
-        let mut asked: Vec<usize> =
-            (step..step.saturating_add(ASKED_VIEWS)).map(|at| self.order.view(settings.seed, at, count)).collect();
-        asked.sort_unstable();
-        asked.dedup();
-        let stride = means.len().div_ceil(ASKED_GAUSSIANS).max(1);
-        let mut residuals = Residuals::of(means.len().div_ceil(stride));
-        let fixed = (settings.background == StepBackground::Same).then(|| render.background_color());
-        for index in asked {
-            let (camera, factor) = self.reduced(index, settings, step);
-            let frame = on.forward(splats, &camera, render)?;
-            // Compared with what is darker by 1 everywhere, each Gaussian's gradient is what it shows.
-            let mut darker = on.image(&frame)?;
-            darker.pixels_mut().iter_mut().for_each(|pixel| *pixel = pixel.map(|value| value - 1.0));
-            let (_, gradients) = match self.pictures.get(on, &self.views.train[index], index, factor, fixed)? {
-                Picture::Target(target) => on.backward(splats, frame, target, &Loss::L2)?,
-                Picture::PosedImage(photograph) => {
-                    let target = Self::target(on, &frame, photograph, render)?;
-                    on.backward(splats, frame, &target, &Loss::L2)?
-                }
-            };
-            let pulls = on.download_gradients(splats, &gradients)?;
-            let again = on.forward(splats, &camera, render)?;
-            let (_, gradients) = on.backward(splats, again, &on.upload_target(&darker)?, &Loss::L2)?;
-            let shown = on.download_gradients(splats, &gradients)?;
-            let (position, of_one) = (camera.position(), pulls.sh_len());
-            let seen = (0..means.len()).step_by(stride).map(|index| Seen {
-                direction: (means[index] - position).normalize_or_zero(),
-                pull: pulls.sh[index * of_one],
-                shown: shown.sh[index * of_one].max_element(),
-            });
-            residuals.add(seen);
-        }
-        Ok(residuals.explained_by(degree))
-    }
-
     /// A step whose loss leaves out what the mask does.
     fn masked_step(
         on: &R,
@@ -303,45 +230,6 @@ impl<R: Rasterizer<Scene3d>> TrainingTask<R, Scene3d> for ViewsTask<R> {
 
     fn after_edit(&mut self, _: &R, _: &mut R::Splats, _: &TrainSettings, _: &Effects) -> Result<(), Error> {
         Ok(())
-    }
-
-    /// Antialiasing by the widths of Gaussians, harmonics by how residuals depend on the view. Before the first step there are no residuals worth
-    /// asking: then those degrees join that the first scene has.
-    fn called_for(
-        &mut self,
-        on: &R,
-        splats: &R::Splats,
-        settings: &TrainSettings,
-        step: u32,
-        joins: &Joins,
-    ) -> Result<Joined, Error> {
-        let wanted = &settings.render;
-        let asks_for_antialias = settings.joining.asks_for_antialias(step, &wanted.effects, joins);
-        let asks_for_sh = settings.asks_for_sh(step, joins);
-        let mut joined = Joined::default();
-        if asks_for_antialias.is_none() && asks_for_sh.is_none() {
-            return Ok(joined);
-        }
-        let scene = on.download(splats)?;
-        if let Some(calls) = asks_for_antialias {
-            let narrow = self.narrowest(&scene, settings, step);
-            joined.antialias =
-                (narrow.share() > calls.narrow).then(|| AntialiasJoin::new(wanted.effects.antialias, narrow));
-        }
-        if let Some((calls, next)) = asks_for_sh {
-            joined.harmonics = if step == 0 {
-                let degree = Effects::called_for(&scene, &[], wanted)?.settings.effects.sh_degree;
-                (degree > 0).then_some(HarmonicsJoin { degree, explains: None })
-            } else {
-                let effects = settings.effects_after(step, joins);
-                let mut render = background(settings, step);
-                render.effects = Effects { background: render.effects.background, ..effects };
-                let found = self.view_dependence(on, splats, settings, (step, next), &render, &scene.means)?;
-                let called = found.share > calls.view_dependence && found.amplitude > HALF_DISPLAY_STEP;
-                called.then_some(HarmonicsJoin { degree: next, explains: Some(found.share) })
-            };
-        }
-        Ok(joined)
     }
 
     /// Means over the test views (or those that stand in for them) of which some pixel counts, and what was left out in all of them

@@ -49,7 +49,6 @@ impl<'a, R: Rasterizer<Scene3d>> Trainer<'a, R, Scene3d> {
         let pictures = fingerprint(&views);
         let record = Record::beginning(settings, pictures);
         let mut trainer = Self::assemble(rasterizer, record, splats, ViewsTask::new(views, extent));
-        trainer.join_effects()?;
         trainer.record.seconds = started.elapsed().as_secs_f64();
         Ok(trainer)
     }

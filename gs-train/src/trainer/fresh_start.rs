@@ -4,7 +4,6 @@ use gs_core::{Binning, Loss, Rasterizer, Wait, constants::HALF_DISPLAY_STEP, edi
 
 use super::Trainer;
 use crate::{
-    checkpoint::Record,
     error::Error,
     recovery::{FreshStart, Judgement, Recovery, Watch},
     task::{RunSettings, StepContext, Trainable, TrainingTask},
@@ -16,8 +15,6 @@ const MOST_STEPS: u32 = 50;
 /// What a run began with.
 pub(super) struct Start<S> {
     scene: S,
-    /// Steps done before.
-    step: u32,
     /// What density control had done before.
     edits: EditCounts,
 }
@@ -49,8 +46,8 @@ impl<R: Rasterizer<S>, S: Trainable> Trainer<'_, R, S> {
     /// Keeps the Gaussians that this run begins with, where it may have to go back to them.
     pub(super) fn keep_start(&mut self) -> Result<(), Error> {
         if self.start.is_none() && self.recovers() {
-            let Record { step, edits, .. } = self.record;
-            self.start = Some(Start { scene: self.rasterizer.download(&self.splats)?, step, edits });
+            let edits = self.record.edits;
+            self.start = Some(Start { scene: self.rasterizer.download(&self.splats)?, edits });
         }
         Ok(())
     }
@@ -73,7 +70,6 @@ impl<R: Rasterizer<S>, S: Trainable> Trainer<'_, R, S> {
         }
         self.splats = self.rasterizer.upload(&start.scene, self.record.settings.parameterization())?;
         self.binning = Binning::Fresh;
-        self.record.joins.joins.retain(|join| join.step <= start.step);
         self.record.edits = start.edits;
         let fresh_start = FreshStart { step: self.record.step, loss: judgement.loss, first: judgement.first };
         self.record.fresh_starts.push(fresh_start);
@@ -105,7 +101,7 @@ impl<R: Rasterizer<S>, S: Trainable> Trainer<'_, R, S> {
         let mut losses = Vec::new();
         let steps = self.task.pictures().min(MOST_STEPS);
         for step in self.record.step.saturating_sub(steps)..self.record.step {
-            let effects = settings.effects_after(step, &self.record.joins);
+            let effects = settings.effects_after(step);
             // The loss is that before the step, so it does not matter where the step leads; it may not lead far, as there are others.
             let context = StepContext { step, effects, lr_scale: 0.0, binning: Binning::Fresh };
             self.task.send(self.rasterizer, &mut splats, settings, context)?;

@@ -3,10 +3,12 @@
 use std::{fs, path::Path};
 
 use gs_core::{
-    Camera, Image, Rasterizer, RenderSettings, Scene, Scene3d, counted, effects::CalledFor, statistics::Culled,
+    Camera, Image, Rasterizer, RenderSettings, Scene, Scene3d, counted,
+    effects::CalledFor,
+    statistics::Culled,
+    view::{CameraPath, Orbit},
 };
 use gs_io::{Animation, File3d, FolderClaim, dataset::Dataset, write_animation, write_png};
-use gs_train::train::{CameraPath, Orbit, resized};
 
 use super::{CameraArgs, RenderArgs};
 use crate::{
@@ -117,7 +119,7 @@ fn cameras(args: &CameraArgs, size: Option<Size>, file: &File3d) -> Result<(Vec<
         let cameras = read_path(file)?.cameras().map_err(|error| Failure::usage(error).at(file.display()))?;
         return Ok((cameras, None));
     }
-    let sized = |camera: Camera| size.map_or(camera, |Size { width, height }| resized(&camera, width, height));
+    let sized = |camera: Camera| size.map_or(camera, |Size { width, height }| camera.resized(width, height));
     if let Some(name) = &args.camera {
         let dataset = args.reading.read(&name.dataset)?;
         let camera = sized(cameras::of_view(&dataset, name)?);

@@ -6,8 +6,7 @@ mod viewpoint;
 use std::f32::consts::PI;
 
 use glam::{Vec2, Vec3};
-use gs_core::Camera;
-use gs_train::train::Bulk;
+use gs_core::{Camera, view::Bulk};
 
 pub(crate) use self::{plane::PlaneNavigator, viewpoint::Viewpoint};
 use crate::view::painter::View;

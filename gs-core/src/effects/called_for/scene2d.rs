@@ -1,6 +1,6 @@
 //! What a 2D scene calls for: no depth and no harmonics, whatever is wanted; for the rest see the [module](super).
 
-use super::{CallsForEffects, Decision, Narrow, background};
+use super::{CallsForEffects, Decision, background};
 use crate::{
     constants::NARROW_PX,
     effects::{Antialias, Blend, Effect},
@@ -13,14 +13,6 @@ use crate::{
 impl CallsForEffects for Scene2d {
     fn decide(&self, views: &[Canvas], settings: &RenderSettings) -> [Decision; Effect::ALL.len()] {
         Effect::ALL.map(|effect| decide(self, effect, views, settings))
-    }
-
-    /// All are taken for shown.
-    fn narrow(&self, canvas: &Canvas, _: &RenderSettings) -> Narrow {
-        let scale = canvas.scale().min_element();
-        let width = |log_scale: &glam::Vec2| scale * log_scale.min_element().exp();
-        let narrow = self.log_scales.iter().filter(|log_scale| width(log_scale) < NARROW_PX).count();
-        Narrow { narrow, shown: self.len() }
     }
 }
 
@@ -35,7 +27,7 @@ fn decide(scene: &Scene2d, effect: Effect, views: &[Canvas], settings: &RenderSe
             Blend::Over if scene.is_empty() => (*effects, "the scene is empty".to_owned()),
             Blend::Over => (*effects, "one Gaussian may hide another, as the scene is made".to_owned()),
         },
-        Effect::Antialias => match (effects.antialias, narrow(scene, views, settings)) {
+        Effect::Antialias => match (effects.antialias, narrow(scene, views)) {
             (Antialias::None, None) => (off, "none is asked for".to_owned()),
             (Antialias::None, Some(narrow)) => (off, format!("none is asked for, though {narrow}")),
             (_, None) => (*effects, "it widens every Gaussian, as is asked for".to_owned()),
@@ -46,9 +38,11 @@ fn decide(scene: &Scene2d, effect: Effect, views: &[Canvas], settings: &RenderSe
 }
 
 /// How many Gaussians are narrower than a pixel, in the first view where some are.
-fn narrow(scene: &Scene2d, views: &[Canvas], settings: &RenderSettings) -> Option<String> {
+fn narrow(scene: &Scene2d, views: &[Canvas]) -> Option<String> {
     views.iter().enumerate().find_map(|(number, canvas)| {
-        let Narrow { narrow, .. } = scene.narrow(canvas, settings);
+        let scale = canvas.scale().min_element();
+        let width = |log_scale: &glam::Vec2| scale * log_scale.min_element().exp();
+        let narrow = scene.log_scales.iter().filter(|log_scale| width(log_scale) < NARROW_PX).count();
         (narrow > 0).then(|| format!("{} narrower than a pixel in view {}", there_are(narrow, "Gaussian"), number + 1))
     })
 }

@@ -3,7 +3,7 @@
 mod sh;
 
 use self::sh::Harmonics;
-use super::{CallsForEffects, Decision, Narrow, background, overlap::Shown};
+use super::{CallsForEffects, Decision, background, overlap::Shown};
 use crate::{
     effects::{Antialias, Blend, Effect, Effects, Order},
     scene::Scene3d,
@@ -39,11 +39,6 @@ impl CallsForEffects for Scene3d {
             widths.decided(self, views, settings),
             background(settings),
         ]
-    }
-
-    fn narrow(&self, camera: &Camera, settings: &RenderSettings) -> Narrow {
-        let shown = Shown::of(self, camera, settings).drawn;
-        Narrow { narrow: shown.iter().filter(|drawn| drawn.narrow).count(), shown: shown.len() }
     }
 }
 

@@ -1,0 +1,326 @@
+//! Cameras on the move, to look at a scene with: orbits, and paths through key positions.
+
+use glam::{Mat3, Quat, Vec3};
+use serde::{Deserialize, Serialize};
+
+use crate::{
+    constants::NEAR_WORLD,
+    error::Error,
+    scene::{Scene, Scene3d, sigmoid},
+    view::Camera,
+};
+
+/// Most frames of a path; a mistyped number is refused before anything is rendered.
+const MOST_FRAMES: u32 = 100_000;
+
+/// How much of an overview's picture is around the bulk's radius: room for the tenth that is outside of it, and for what is nearer than its centre
+/// and so looks larger.
+const AROUND: f32 = 1.35;
+
+/// Standard deviations of a Gaussian that are taken for its extent: beyond two, an opaque one covers less than an eighth.
+const REACH: f32 = 2.0;
+
+/// A circle around something, as seen from it all the way round.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Orbit {
+    /// What the circle goes around, world units.
+    pub center: Vec3,
+    /// Its axis; any length but 0.
+    pub axis: Vec3,
+    /// How many places on it.
+    pub frames: u32,
+}
+
+impl Orbit {
+    /// The camera turned around the axis, evenly, once; it is itself the first. Seen from the tip of the axis it goes counter-clockwise.
+    pub fn cameras(&self, first: &Camera) -> Vec<Camera> {
+        let angle = |frame: u32| std::f32::consts::TAU * frame as f32 / self.frames as f32;
+        (0..self.frames).map(|frame| self.turned(first, angle(frame))).collect()
+    }
+
+    /// The camera turned around the axis by an angle, rad.
+    pub fn turned(&self, camera: &Camera, angle: f32) -> Camera {
+        let turn = Mat3::from_quat(Quat::from_axis_angle(self.axis.normalize_or(Vec3::NEG_Y), angle));
+        let rotation = camera.rotation * turn.transpose();
+        let position = self.center + turn * (camera.position() - self.center);
+        Camera { rotation, translation: -(rotation * position), ..*camera }
+    }
+}
+
+/// Where the bulk of a scene is, however many strays it has.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Bulk {
+    /// The median of the means, axis by axis, world units.
+    pub center: Vec3,
+    /// The distance from there within which nine tenths of them are, each out to two standard deviations, world units.
+    pub radius: f32,
+}
+
+impl Bulk {
+    /// The bulk of the Gaussians that can be seen (of more than a tenth of opacity; of all where there are none such); `None` without any
+    /// that is finite.
+    pub fn of(scene: &Scene3d) -> Option<Self> {
+        let finite = |index: &usize| scene.means[*index].is_finite();
+        let mut seen: Vec<usize> = (0..scene.len()).filter(finite).collect();
+        let opaque = |index: &usize| sigmoid(scene.opacity_logits[*index]) > 0.1;
+        if seen.iter().any(&opaque) {
+            seen.retain(opaque);
+        }
+        let quantile = |mut values: Vec<f32>, share: f32| {
+            values.sort_by(f32::total_cmp);
+            values.get(((values.len() as f32 * share) as usize).min(values.len().saturating_sub(1))).copied()
+        };
+        let median = |axis: usize| quantile(seen.iter().map(|&index| scene.means[index][axis]).collect(), 0.5);
+        let center = Vec3::new(median(0)?, median(1)?, median(2)?);
+        let farthest =
+            |index: usize| scene.means[index].distance(center) + REACH * scene.log_scales[index].max_element().exp();
+        let radius = quantile(seen.iter().map(|&index| farthest(index)).collect(), 0.9)?;
+        Some(Self { center, radius: if radius > 0.0 { radius } else { 1.0 } })
+    }
+
+    /// A camera of this size that has the bulk in view, from a little above; `up` as for [`Camera::looking_at`].
+    pub fn overview(&self, width: u32, height: u32, fov_x: f32, up: Vec3) -> Option<Camera> {
+        let camera = Camera::looking_forward(width, height, fov_x);
+        let half_side = 0.5 * width.min(height) as f32 / camera.focal.x;
+        let up = up.try_normalize()?;
+        let back = up.any_orthonormal_vector();
+        let away = (back + 0.35 * up).normalize() * (self.radius * AROUND / half_side);
+        let near = NEAR_WORLD.min(0.01 * self.radius);
+        Camera { near, ..camera }.looking_at(self.center + away, self.center, up)
+    }
+}
+
+/// Whether a path comes back to its first key.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Ends {
+    /// It ends at its last key.
+    #[default]
+    Open,
+    /// From the last key it goes on to the first.
+    Closed,
+}
+
+/// A place on a path.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, rename_all = "kebab-case")]
+pub struct Key {
+    /// Where the camera is, world units.
+    pub position: Vec3,
+    /// What it looks at, world units.
+    pub target: Vec3,
+}
+
+/// A path of a camera through keys, smooth between them; what `gs render --path` reads.
+///
+/// ```
+/// let text = r#"{ "width": 800, "height": 600, "fov": 60, "up": [0, -1, 0], "frames": 90,
+///                 "keys": [{ "position": [0, 0, -4], "target": [0, 0, 0] },
+///                          { "position": [4, 0, 0], "target": [0, 0, 0] }] }"#;
+/// let path: gs_core::view::CameraPath = serde_json::from_str(text).unwrap();
+/// assert_eq!(path.cameras().unwrap().len(), 90);
+/// ```
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, rename_all = "kebab-case")]
+pub struct CameraPath {
+    /// Columns.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// Horizontal field of view, degrees, above 0 and below 180.
+    pub fov: f32,
+    /// What is up in the picture; y points down in data sets of COLMAP, so that up is (0, −1, 0) there.
+    pub up: Vec3,
+    /// How many frames.
+    pub frames: u32,
+    /// Whether it comes back.
+    #[serde(default)]
+    pub ends: Ends,
+    /// The keys, at least one.
+    pub keys: Vec<Key>,
+}
+
+impl CameraPath {
+    /// The cameras, evenly spread over the stretches between keys. *Source of the interpolation:* Catmull & Rom 1974.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] or [`Error::Size`] where a number is not possible, or a frame would look nowhere.
+    pub fn cameras(&self) -> Result<Vec<Camera>, Error> {
+        self.validate()?;
+        let lens = Camera::looking_forward(self.width, self.height, self.fov.to_radians());
+        lens.validate()?;
+        let stretches = match self.ends {
+            Ends::Open => self.keys.len() - 1,
+            Ends::Closed => self.keys.len(),
+        } as f32;
+        let steps = match self.ends {
+            Ends::Open => self.frames.saturating_sub(1).max(1),
+            Ends::Closed => self.frames,
+        } as f32;
+        (0..self.frames)
+            .map(|frame| {
+                let (position, target) = self.at(frame as f32 / steps * stretches);
+                lens.looking_at(position, target, self.up).ok_or_else(|| {
+                    let value = format!("from {position} to {target} at frame {frame}");
+                    Error::setting(
+                        "a view of the path",
+                        value,
+                        "to another place than its own, and not straight up or down",
+                    )
+                })
+            })
+            .collect()
+    }
+
+    /// Position and target at `along` stretches from the first key.
+    fn at(&self, along: f32) -> (Vec3, Vec3) {
+        let count = self.keys.len() as i64;
+        let key = |index: i64| match self.ends {
+            Ends::Open => self.keys[index.clamp(0, count - 1) as usize],
+            Ends::Closed => self.keys[index.rem_euclid(count) as usize],
+        };
+        let start = along.floor();
+        let (index, t) = (start as i64, along - start);
+        let keys = [index - 1, index, index + 1, index + 2].map(key);
+        let spline = |of: fn(&Key) -> Vec3| {
+            let [a, b, c, d] = [of(&keys[0]), of(&keys[1]), of(&keys[2]), of(&keys[3])];
+            let (linear, square) = (c - a, 2.0 * a - 5.0 * b + 4.0 * c - d);
+            let cube = 3.0 * (b - c) + d - a;
+            b + 0.5 * t * (linear + t * (square + t * cube))
+        };
+        (spline(|k| k.position), spline(|k| k.target))
+    }
+
+    fn validate(&self) -> Result<(), Error> {
+        if !(1..=MOST_FRAMES).contains(&self.frames) {
+            return Err(Error::setting("the number of frames", self.frames, "1 to 100,000"));
+        }
+        if !(self.fov > 0.0 && self.fov < 180.0) {
+            return Err(Error::setting("the field of view", self.fov, "above 0 and below 180 degrees"));
+        }
+        if self.keys.is_empty() {
+            return Err(Error::setting("the number of keys", 0, "at least 1"));
+        }
+        let finite = |key: &Key| key.position.is_finite() && key.target.is_finite();
+        match self.keys.iter().position(|key| !finite(key)) {
+            Some(index) => Err(Error::setting("a key of the path", format!("the {index}th"), "finite")),
+            None => Ok(()),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::Vec2;
+
+    use crate::scene::Gaussian3d;
+
+    use super::*;
+
+    fn middle(camera: &Camera, point: Vec3) -> f32 {
+        let (at, _) = camera.project(point).unwrap();
+        (at - camera.center).length()
+    }
+
+    #[test]
+    fn a_camera_turned_to_a_target_has_it_in_the_middle_and_up_above() {
+        let lens = Camera::looking_forward(40, 30, 1.0);
+        let (position, target) = (Vec3::new(3.0, -1.0, 2.0), Vec3::new(0.5, 0.5, 0.0));
+        let camera = lens.looking_at(position, target, Vec3::Z).unwrap();
+        camera.validate().unwrap();
+        assert!((camera.position() - position).length() < 1e-5);
+        assert!(middle(&camera, target) < 1e-3);
+        let (above, _) = camera.project(target + 0.1 * Vec3::Z).unwrap();
+        assert!(above.y < 15.0, "y points down in pictures: {above}");
+    }
+
+    #[test]
+    fn an_orbit_keeps_its_centre_in_place_and_its_distance() {
+        let lens = Camera::looking_forward(40, 40, 1.0);
+        let center = Vec3::new(1.0, 2.0, 3.0);
+        let first = lens.looking_at(Vec3::new(4.0, 2.0, 3.5), center, Vec3::Y).unwrap();
+        let cameras = Orbit { center, axis: Vec3::Y * 3.0, frames: 8 }.cameras(&first);
+        assert_eq!(cameras.len(), 8);
+        for camera in &cameras {
+            camera.validate().unwrap();
+            assert!(middle(camera, center) < 1e-2);
+            assert!((camera.position().distance(center) - first.position().distance(center)).abs() < 1e-4);
+        }
+        assert!((cameras[0].position() - first.position()).length() < 1e-5);
+        assert!((cameras[2].position() - Vec3::new(1.5, 2.0, 0.0)).length() < 1e-4, "{}", cameras[2].position());
+    }
+
+    #[test]
+    fn the_bulk_knows_no_strays_and_its_overview_shows_it() {
+        let mut scene = Scene3d::default();
+        let at = |mean: Vec3| Gaussian3d {
+            mean,
+            log_scale: Vec3::splat(-7.0),
+            rotation: [1.0, 0.0, 0.0, 0.0],
+            opacity_logit: 2.0,
+            sh: vec![Vec3::ZERO],
+        };
+        for i in 0..95 {
+            let angle = i as f32;
+            scene.push(at(Vec3::new(5.0 + angle.cos(), angle.sin(), 1.0)));
+        }
+        (0..5).for_each(|i| scene.push(at(Vec3::splat(1e4 * i as f32))));
+        let bulk = Bulk::of(&scene).unwrap();
+        assert!((bulk.center - Vec3::new(5.0, 0.0, 1.0)).length() < 0.3, "{bulk:?}");
+        assert!((0.8..1.4).contains(&bulk.radius), "{bulk:?}");
+        let camera = bulk.overview(64, 48, 0.9, Vec3::NEG_Y).unwrap();
+        let inside = |mean: &&Vec3| {
+            camera
+                .project(**mean)
+                .is_some_and(|(at, _)| at.cmpge(Vec2::ZERO).all() && at.cmple(Vec2::new(64.0, 48.0)).all())
+        };
+        assert!(scene.means.iter().filter(inside).count() >= 95);
+        assert_eq!(Bulk::of(&Scene3d::default()), None);
+    }
+
+    #[test]
+    fn an_overview_shows_gaussians_whole_where_all_are_in_one_place() {
+        let gaussian = |scale: f32| Gaussian3d {
+            mean: Vec3::ONE,
+            log_scale: Vec3::new(scale, 0.1, 0.1).map(f32::ln),
+            rotation: [1.0, 0.0, 0.0, 0.0],
+            opacity_logit: 2.0,
+            sh: vec![Vec3::ZERO],
+        };
+        let mut scene = Scene3d::default();
+        (0..20).for_each(|i| scene.push(gaussian(if i < 10 { 1.0 } else { 50.0 })));
+        let bulk = Bulk::of(&scene).unwrap();
+        assert!((bulk.radius - 100.0).abs() < 1e-3, "{bulk:?}");
+        let camera = bulk.overview(64, 48, 0.9, Vec3::NEG_Y).unwrap();
+        for end in [-100.0, 100.0] {
+            let (at, _) = camera.project(Vec3::ONE + end * Vec3::X).unwrap();
+            assert!(at.cmpge(Vec2::ZERO).all() && at.cmple(Vec2::new(64.0, 48.0)).all(), "{at}");
+        }
+    }
+
+    #[test]
+    fn a_path_goes_through_its_keys() {
+        let key = |x: f32, z: f32| Key { position: Vec3::new(x, 0.0, z), target: Vec3::ZERO };
+        let keys = vec![key(0.0, -4.0), key(4.0, 0.0), key(0.0, 4.0)];
+        let path = CameraPath { width: 8, height: 6, fov: 60.0, up: Vec3::NEG_Y, frames: 5, ends: Ends::Open, keys };
+        let positions: Vec<Vec3> = path.cameras().unwrap().iter().map(Camera::position).collect();
+        for (frame, key) in [(0, 0), (2, 1), (4, 2)] {
+            assert!((positions[frame] - path.keys[key].position).length() < 1e-5, "{positions:?}");
+        }
+        let closed = CameraPath { ends: Ends::Closed, frames: 6, ..path.clone() };
+        let positions: Vec<Vec3> = closed.cameras().unwrap().iter().map(Camera::position).collect();
+        assert!((positions[4] - path.keys[2].position).length() < 1e-5);
+        assert_ne!(positions[5], positions[4]);
+        for bad in [
+            CameraPath { frames: 0, ..path.clone() },
+            CameraPath { fov: 180.0, ..path.clone() },
+            CameraPath { keys: Vec::new(), ..path.clone() },
+            CameraPath { width: 0, ..path.clone() },
+            CameraPath { up: Vec3::ZERO, ..path.clone() },
+            CameraPath { keys: vec![Key { position: Vec3::ZERO, target: Vec3::ZERO }], ..path.clone() },
+            CameraPath { keys: vec![Key { position: Vec3::NAN, target: Vec3::ZERO }], ..path },
+        ] {
+            assert!(bad.cameras().is_err(), "{bad:?}");
+        }
+    }
+}

@@ -1,0 +1,105 @@
+//! gs-wgpu beside gs-cpu: time of one training iteration and of starting up, and what fits of photographs end at.
+//!
+//! `cargo bench -p gs-lab --bench backends -- [--threads N] [--quick]`
+
+#![allow(clippy::print_stdout)]
+
+mod measure;
+
+use std::time::Instant;
+
+use clap::Parser;
+use gs_core::{AdamRates, Binning, Canvas, Image, Rasterizer, Scene2d, TrainStep, Wait};
+use gs_train::{Preset, fit};
+use gs_wgpu::{WgpuRasterizer, WgpuSettings};
+use measure::{
+    Options, Outcome, Quantiles, ms, number,
+    photographs::PosedImages,
+    print_columns, print_head, print_row, print_section,
+    scenes::{Fitted, OVER_L1_DSSIM, OVER_L2, SUM_L2, Variant},
+    try_time,
+};
+
+const GAUSSIANS: u32 = 9_000;
+
+fn main() -> Outcome {
+    let options = Options::parse();
+    let photographs = PosedImages::load()?;
+    let portrait = photographs.portrait();
+    print_head("Backends", &options, &[options.threads()], &photographs.origin);
+    let cpu = options.rasterizer(options.threads())?;
+
+    print_section("Starting up");
+    let start = Instant::now();
+    let wgpu = WgpuRasterizer::new(WgpuSettings::default())?;
+    let device = start.elapsed();
+    println!("- adapter: {}; {}", wgpu.adapter(), wgpu.reason());
+    println!("- adapter and device: {} s", number(device.as_secs_f64()));
+    for variant in [SUM_L2, OVER_L1_DSSIM] {
+        let start = Instant::now();
+        let fitted = variant.fit(&wgpu, &portrait.image, 100, 20)?;
+        println!(
+            "- {}: first fit of {} Gaussians, 20 steps, all its pipelines compiled: {} s",
+            variant.name,
+            fitted.scene.means.len(),
+            number(start.elapsed().as_secs_f64())
+        );
+    }
+
+    print_section("One iteration, 9,000 Gaussians, lists made anew at every 4th");
+    print_columns(&["blending, loss", "cpu, ms", "wgpu, ms", "wgpu/cpu"]);
+    for variant in [SUM_L2, OVER_L2, OVER_L1_DSSIM] {
+        let fitted = variant.fit(&cpu, &portrait.image, GAUSSIANS, options.pick(100, 20))?;
+        let repetitions = options.pick(30, 3);
+        let on_cpu = iterations(&cpu, &variant, &portrait.image, &fitted, repetitions)?;
+        let on_wgpu = iterations(&wgpu, &variant, &portrait.image, &fitted, repetitions)?;
+        print_row(&[variant.name.to_owned(), ms(on_cpu), ms(on_wgpu), number(on_wgpu.median / on_cpu.median)]);
+    }
+
+    print_section("Fits of photographs, preset standard, 9,000 Gaussians");
+    print_columns(&["photograph", "cpu, dB", "wgpu, dB", "difference, dB", "cpu, s", "wgpu, s"]);
+    for photograph in photographs.all.iter().take(options.pick(usize::MAX, 1)) {
+        let settings = || Preset::Standard.settings(GAUSSIANS, photograph.image.size());
+        let on_cpu = fit(&cpu, &photograph.image, settings(), &mut ())?.summary;
+        let on_wgpu = fit(&wgpu, &photograph.image, settings(), &mut ())?.summary;
+        print_row(&[
+            photograph.name.clone(),
+            format!("{:.3}", on_cpu.psnr),
+            format!("{:.3}", on_wgpu.psnr),
+            format!("{:+.3}", on_wgpu.psnr - on_cpu.psnr),
+            number(on_cpu.seconds),
+            number(on_wgpu.seconds),
+        ]);
+    }
+    Ok(())
+}
+
+/// Seconds per iteration, as means over four, of which the first makes the lists. The device may be some steps behind when a round ends,
+/// as it is in training, but in each round equally many.
+fn iterations<R: Rasterizer<Scene2d>>(
+    rasterizer: &R,
+    variant: &Variant,
+    image: &Image,
+    fitted: &Fitted,
+    repetitions: usize,
+) -> Result<Quantiles, gs_core::Error> {
+    let mut splats = rasterizer.upload(&fitted.scene, fitted.settings.parameterization)?;
+    let target = rasterizer.upload_target(image)?;
+    let view = Canvas::new(image.width(), image.height());
+    // The rates of the end: the scene goes on as it is.
+    let rates: AdamRates = fitted.settings.adam.at(1.0);
+    let mut losses = Vec::new();
+    let mut round = || {
+        for step in 0..4 {
+            let binning = if step == 0 { Binning::Fresh } else { Binning::Reuse };
+            let step = TrainStep { settings: &fitted.settings.render, loss: variant.loss, rates: &rates, binning };
+            rasterizer.train_step(&mut splats, &view, &target, &step)?;
+            losses.clear();
+            rasterizer.losses(&mut splats, Wait::Arrived, &mut losses)?;
+        }
+        Ok(())
+    };
+    // As many as it takes until a step has to wait for another.
+    (0..2).try_for_each(|_| round())?;
+    Ok(Quantiles::of(&try_time(repetitions, round)?).times(0.25))
+}

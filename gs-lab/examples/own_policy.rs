@@ -1,0 +1,38 @@
+//! A policy of your own in a study: the Gaussians that are both restless and large grow, against forced growth and no growth.
+//! `cargo run --release -p gs-lab --example own_policy`
+
+use std::{error::Error, sync::Arc};
+
+use gs_core::{EditPlan, Gaussian2d, effects::Statistics};
+use gs_cpu::{CpuRasterizer, CpuSettings};
+use gs_density::{Actions, DensityPolicy, Observation, Rng, Round, WhenFlat};
+use gs_lab::{Arm, Existing, Places, Plan, Results, Study, StudyFolder, conduct, report, write_tables};
+
+struct RestlessMass(f32);
+
+impl DensityPolicy for RestlessMass {
+    fn plan(&self, seen: &Observation<'_>, rng: &mut Rng) -> Result<EditPlan<Gaussian2d>, gs_core::Error> {
+        let round = Round::open(&Actions::default(), seen)?;
+        let mass = |i: usize| seen.statistics.mean_gradient(i) * seen.scene.log_scales[i].element_sum().exp();
+        let ranking = round.rank_by(mass, WhenFlat::Nothing);
+        Ok(round.grow(ranking.top_percent(self.0), rng))
+    }
+    fn statistics(&self) -> Statistics {
+        Statistics::MeanGradient
+    }
+    fn needs_residual(&self) -> bool {
+        false
+    }
+}
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let mut study = Study::from_toml(include_str!("own_policy.toml"), "own_policy.toml")?;
+    study.arms.push(Arm::with_policy("restless-mass", "restless mass, top 10 %", Arc::new(RestlessMass(10.0))));
+    let cpu = CpuRasterizer::new(CpuSettings::default())?;
+    let plan = Plan::new(study, &Places::default(), format!("cpu {}", cpu.simd_level()))?;
+    let folder = StudyFolder::prepare("gs-out/own-policy".as_ref(), &plan, Existing::Resume)?;
+    conduct(&plan, &[&cpu], &folder, &())?;
+    let results = Results::read(&plan, &folder);
+    write_tables(&results, &folder)?;
+    Ok(report::write(&results, &folder, "cargo run --release -p gs-lab --example own_policy")?)
+}

@@ -1,0 +1,275 @@
+//! The cold start (paper §3.4.1, §5.1, Fig. 9 top): small Gaussians along the border, none of which reaches the shapes; and what cures
+//! it.
+//!
+//! Whether the shapes pull is asked of the backend itself: the gradients with the shapes in the target, less those with a white target.
+//! What is left of the gradients then is the border's own affair: a Gaussian that is not white is pushed about by the white it stands on.
+
+mod findings;
+
+use glam::Vec2;
+use gs_core::{Canvas, Image, Loss, Rasterizer, Scene2d, effects::Statistics};
+use gs_density::{Grow, Policy, ResidualGrowth, Signal, WhenFlat};
+
+use super::{
+    Cell, Circumstance, Claim, Findings, Laboratory, Number, Picture, SHARP_DB, Table,
+    findings::significant,
+    laboratory::{Ellipses, Run, Shown, seeds_in_words},
+    paired::{mean, median},
+    set_up::paper_settings,
+};
+use crate::figure::{Axis, Figure, Marks, Series};
+use crate::synthetic::SyntheticTarget;
+use gs_train::{Error, FitSettings, Init, Trainer, init::Colors, init::Periphery};
+
+/// σ of the Gaussians on the border, px: with the loss' window, none reaches further than 9 px into the image.
+pub const COLD_SCALE_PX: f32 = 1.0;
+
+/// σ of the large ones on the border, px: that of the paper's good start.
+pub const LARGE_SCALE_PX: f32 = 15.0;
+
+/// The step of the good start whose loss the others have to reach.
+const MILESTONE: usize = 500;
+
+/// A start and what is done about it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Start {
+    /// 20 of σ 15 px anywhere: the paper's own, which works.
+    Good,
+    /// 20 small ones on the border, as white as it is.
+    ColdWhite,
+    /// 20 small ones on the border in random colours.
+    ColdRandom,
+    /// The same, and growth by gradient is forced even where there is none.
+    ColdForced,
+    /// The same, with growth by residual.
+    ColdResidual,
+    /// 20 large ones on the border, in random colours.
+    LargeVariance,
+}
+
+impl Start {
+    /// All of them.
+    pub const ALL: [Self; 6] =
+        [Self::Good, Self::ColdWhite, Self::ColdRandom, Self::ColdForced, Self::ColdResidual, Self::LargeVariance];
+
+    /// Its name for people.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Good => "good start: σ 15 px anywhere",
+            Self::ColdWhite => "cold: σ 1 px on the border, white",
+            Self::ColdRandom => "cold: σ 1 px on the border",
+            Self::ColdForced => "cold, growth forced where flat",
+            Self::ColdResidual => "cold, seeding by residual",
+            Self::LargeVariance => "σ 15 px on the border",
+        }
+    }
+
+    /// The fit that begins so: the paper's but for what the name says.
+    pub fn settings(self, paper: FitSettings) -> FitSettings {
+        let border = |scale_px, colors| Init::Periphery(Periphery { scale_px, colors, ..Periphery::default() });
+        let init = match self {
+            Self::Good => paper.init,
+            Self::ColdWhite => border(COLD_SCALE_PX, Colors::Target),
+            Self::ColdRandom | Self::ColdForced | Self::ColdResidual => border(COLD_SCALE_PX, Colors::Random),
+            Self::LargeVariance => border(LARGE_SCALE_PX, Colors::Random),
+        };
+        let policy = match self {
+            Self::ColdForced => Policy::Grow(Grow { when_flat: WhenFlat::Forced, ..Grow::paper(Signal::MeanGradient) }),
+            Self::ColdResidual => Policy::Residual(ResidualGrowth::default()),
+            _ => paper.policy.clone(),
+        };
+        FitSettings { init, policy, ..paper }
+    }
+}
+
+/// The positional gradients of the Gaussians of a start, before the first step, in normalised device units.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Pull {
+    /// The start.
+    pub start: Start,
+    /// The loss: L1 looks at the Gaussians' own pixels alone, D-SSIM at those 10 px further.
+    pub loss: Loss,
+    /// How many Gaussians.
+    pub gaussians: usize,
+    /// Of how many the shapes change any gradient at all.
+    pub moved_by_shapes: usize,
+    /// The largest positional gradient that the shapes are the cause of.
+    pub by_shapes: f64,
+    /// The largest positional gradient, whatever the cause.
+    pub in_all: f64,
+}
+
+/// One start, over all seeds.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Trajectory {
+    /// Which.
+    pub start: Start,
+    /// PSNR at the end, dB, mean.
+    pub psnr: f64,
+    /// Gaussians at the end, mean.
+    pub count: f64,
+    /// Steps until the loss is that of the good start of the same seed at step 500, median; nothing where most never get there.
+    pub steps_to_milestone: Option<f64>,
+    /// The loss at the end over that at a fifth of the steps, mean: 1 is flat.
+    pub late_ratio: f64,
+    /// The loss at the end over the first, mean.
+    pub loss_ratio: f64,
+    /// What these come to with each seed.
+    pub by_seed: Vec<Ending>,
+}
+
+/// One start with one seed.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Ending {
+    /// PSNR at the end, dB.
+    pub psnr: f64,
+    /// Steps until the loss is that of the good start of this seed at step 500; nothing where it never is.
+    pub steps_to_milestone: Option<u32>,
+    /// The loss at the end over that at a fifth of the steps.
+    pub late_ratio: f64,
+    /// The loss at the end over the first.
+    pub loss_ratio: f64,
+}
+
+/// What came out.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ColdStartMeasured {
+    /// The pull on white, on randomly coloured, on large and on the good start's Gaussians, under L1 and under the paper's loss.
+    pub pulls: Vec<Pull>,
+    /// All starts, as in [`Start::ALL`].
+    pub trajectories: Vec<Trajectory>,
+    seeds: u32,
+    iterations: u32,
+    losses: Vec<Series>,
+    pictures: Vec<Picture>,
+}
+
+/// Starts from the border, with and without cures, and as the paper does.
+///
+/// # Errors
+/// Those of the fits.
+pub fn measure<R: Rasterizer<Scene2d>>(laboratory: &mut Laboratory<'_, R>) -> Result<ColdStartMeasured, Error> {
+    let extent = laboratory.extent();
+    let target = SyntheticTarget::PAPER_8_BIT.image();
+    let seeds = extent.choose(3, 1);
+    let settings = |start: Start, seed| start.settings(paper_settings(extent, seed));
+    let mut runs: Vec<Vec<Run>> = Vec::new();
+    for start in Start::ALL {
+        let one = |seed| laboratory.fit(&format!("{}, seed {seed}", start.name()), &target, settings(start, seed));
+        runs.push((0..seeds).map(one).collect::<Result<_, Error>>()?);
+    }
+    let good = &runs[0];
+    let trajectories = Start::ALL.iter().zip(&runs).map(|(&start, runs)| trajectory(start, runs, good)).collect();
+    let mut pulls = Vec::new();
+    for start in [Start::ColdWhite, Start::ColdRandom, Start::LargeVariance, Start::Good] {
+        let scene = Trainer::new(laboratory.rasterizer(), &target, settings(start, 0))?.scene()?;
+        for loss in [Loss::L1, Loss::PAPER] {
+            let settings = FitSettings { loss, ..settings(start, 0) };
+            pulls.push(pull(laboratory.rasterizer(), start, &scene, &target, &settings)?);
+        }
+    }
+    let mut pictures = Vec::new();
+    for (start, name) in [(2, "cold"), (4, "residual"), (5, "large-variance")] {
+        let run = &runs[start][0];
+        let shown = Shown {
+            size: target.size(),
+            render: &run.fit.summary.settings.render,
+            ellipses: if start == 2 { Ellipses::Drawn } else { Ellipses::LeftOut },
+        };
+        let caption = format!("{}: {:.1} dB at the end.", Start::ALL[start].name(), run.psnr());
+        pictures.push(laboratory.picture(name, caption, &run.fit.scene, shown)?);
+    }
+    Ok(ColdStartMeasured {
+        pulls,
+        trajectories,
+        seeds,
+        iterations: settings(Start::Good, 0).iterations,
+        losses: Start::ALL
+            .iter()
+            .zip(&runs)
+            .map(|(start, runs)| Series::line(start.name(), runs[0].loss_curve()))
+            .collect(),
+        pictures,
+    })
+}
+
+fn trajectory(start: Start, runs: &[Run], good: &[Run]) -> Trajectory {
+    let ending = |(run, good): (&Run, &Run)| {
+        let end = run.smoothed_loss(run.losses.len());
+        Ending {
+            psnr: run.psnr(),
+            steps_to_milestone: run.first_step_below(good.smoothed_loss(MILESTONE)),
+            late_ratio: end / run.smoothed_loss(run.losses.len() / 5),
+            loss_ratio: end / f64::from(run.losses[0]),
+        }
+    };
+    let by_seed: Vec<Ending> = runs.iter().zip(good).map(ending).collect();
+    let over_seeds = |value: fn(&Ending) -> f64| mean(by_seed.iter().map(value));
+    let middle = median(by_seed.iter().map(|ending| ending.steps_to_milestone.map_or(f64::INFINITY, f64::from)));
+    Trajectory {
+        start,
+        psnr: over_seeds(|ending| ending.psnr),
+        count: mean(runs.iter().map(|run| f64::from(run.count()))),
+        steps_to_milestone: middle.is_finite().then_some(middle),
+        late_ratio: over_seeds(|ending| ending.late_ratio),
+        loss_ratio: over_seeds(|ending| ending.loss_ratio),
+        by_seed,
+    }
+}
+
+/// What the shapes do to the positional gradients of a scene before any step.
+fn pull<R: Rasterizer<Scene2d>>(
+    rasterizer: &R,
+    start: Start,
+    scene: &Scene2d,
+    target: &Image,
+    settings: &FitSettings,
+) -> Result<Pull, Error> {
+    let white = Image::filled(target.width(), target.height(), [1.0; 3])?;
+    let with = positional_gradients(rasterizer, scene, target, settings)?;
+    let without = positional_gradients(rasterizer, scene, &white, settings)?;
+    // As gradients are means over all pixels, they are the same sums in both.
+    let device = Vec2::new(target.width() as f32, target.height() as f32) * 0.5;
+    let norms = |v: Vec<Vec2>| v.into_iter().map(|v| f64::from((v * device).length())).collect::<Vec<_>>();
+    let by_shapes = norms(with.iter().zip(&without).map(|(a, b)| *a - *b).collect());
+    Ok(Pull {
+        start,
+        loss: settings.loss,
+        gaussians: with.len(),
+        moved_by_shapes: by_shapes.iter().filter(|&&norm| norm != 0.0).count(),
+        by_shapes: by_shapes.into_iter().fold(0.0, f64::max),
+        in_all: norms(with).into_iter().fold(0.0, f64::max),
+    })
+}
+
+/// ∂L/∂μ of every Gaussian, px⁻¹.
+fn positional_gradients<R: Rasterizer<Scene2d>>(
+    rasterizer: &R,
+    scene: &Scene2d,
+    target: &Image,
+    settings: &FitSettings,
+) -> Result<Vec<Vec2>, Error> {
+    let mut render = settings.render;
+    render.effects.statistics = Statistics::None;
+    let splats = rasterizer.upload(scene, settings.parameterization)?;
+    let canvas = Canvas::new(target.width(), target.height());
+    let frame = rasterizer.forward(&splats, &canvas, &render)?;
+    let target = rasterizer.upload_target(target)?;
+    let (_, gradients) = rasterizer.backward(&splats, frame, &target, &settings.loss)?;
+    Ok(rasterizer.download_gradients(&splats, &gradients)?.means)
+}
+
+impl ColdStartMeasured {
+    /// One of the trajectories.
+    ///
+    /// # Panics
+    /// Never: all starts are measured.
+    pub fn trajectory(&self, start: Start) -> &Trajectory {
+        self.trajectories.iter().find(|trajectory| trajectory.start == start).expect("all starts are measured")
+    }
+
+    /// The pull on a start's Gaussians under a loss, where it was measured.
+    pub fn pull(&self, start: Start, loss: Loss) -> Option<&Pull> {
+        self.pulls.iter().find(|pull| pull.start == start && pull.loss == loss)
+    }
+}

@@ -1,0 +1,100 @@
+//! The files of an experiment: tables and curves as CSV, figures as PNG and SVG, pictures as PNG.
+
+use gs_io::png_bytes;
+
+use super::{Chapter, Findings, Table};
+use crate::{error::Error, export::quoted, figure::Figure};
+
+/// A file of an experiment's results.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ResultFile {
+    /// Its name in the folder of results; folders are separated by `/`.
+    pub name: String,
+    /// Its content.
+    pub bytes: Vec<u8>,
+}
+
+impl Findings {
+    /// Tables, figures and pictures as files whose names all begin with `part`, such as `edges/`.
+    ///
+    /// # Errors
+    /// [`Error::Picture`] where a figure cannot be drawn.
+    pub fn files(&self, part: &str) -> Result<Vec<ResultFile>, Error> {
+        let file = |name: String, bytes: Vec<u8>| ResultFile { name: format!("{part}{name}"), bytes };
+        let mut files = Vec::new();
+        for table in &self.tables {
+            files.push(file(format!("{}.csv", table.name), table_csv(table).into_bytes()));
+        }
+        for figure in &self.charts {
+            let name = |kind: &str| format!("{}-chart.{kind}", figure.name);
+            files.push(file(name("csv"), figure_csv(figure).into_bytes()));
+            files.push(file(name("png"), png_bytes(&figure.image()?)));
+            files.push(file(name("svg"), figure.svg_file()?.into_bytes()));
+        }
+        for picture in &self.pictures {
+            files.push(file(format!("{}.png", picture.name), png_bytes(&picture.drawn())));
+        }
+        Ok(files)
+    }
+}
+
+/// All claims with their verdicts as CSV: one row for each circumstance, with how often it holds, and one for each number.
+pub fn claims_csv(chapters: &[Chapter]) -> String {
+    let mut csv = "experiment,claim,section,verdict,number,value,unit\n".to_owned();
+    for Chapter { experiment, findings } in chapters {
+        for claim in &findings.claims {
+            let verdict = claim.verdict().to_string();
+            let mut add = |what: &str, value: &str, unit: &str| {
+                add_row(&mut csv, [experiment.name(), claim.name, claim.section, &verdict, what, value, unit]);
+            };
+            for circumstance in &claim.circumstances {
+                add(&circumstance.what, &circumstance.held.to_string(), &format!("of {}", circumstance.of));
+            }
+            for number in &claim.numbers {
+                add(&number.what, &number.value.to_string(), number.unit);
+            }
+        }
+    }
+    csv
+}
+
+fn figure_csv(figure: &Figure) -> String {
+    let mut csv = String::new();
+    add_row(&mut csv, ["series", &figure.x.label, &figure.y.label]);
+    for series in figure.lines() {
+        for point in &series.points {
+            add_row(&mut csv, [series.name.as_str(), &point.x.to_string(), &point.y.to_string()]);
+        }
+    }
+    csv
+}
+
+fn table_csv(table: &Table) -> String {
+    let mut csv = String::new();
+    add_row(&mut csv, table.columns.iter().copied());
+    for row in &table.rows {
+        add_row(&mut csv, row.iter().map(ToString::to_string));
+    }
+    csv
+}
+
+fn add_row<T: AsRef<str>>(csv: &mut String, cells: impl IntoIterator<Item = T>) {
+    let cells: Vec<String> = cells.into_iter().map(|cell| quoted(cell.as_ref())).collect();
+    csv.push_str(&(cells.join(",") + "\n"));
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn cells_are_quoted_where_they_must_be() {
+        let table = Table {
+            name: "t",
+            title: String::new(),
+            columns: vec!["a, px", "b"],
+            rows: vec![vec!["x \"y\"".into(), 3u32.into()]],
+        };
+        assert_eq!(table_csv(&table), "\"a, px\",b\n\"x \"\"y\"\"\",3\n");
+    }
+}

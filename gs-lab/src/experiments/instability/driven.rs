@@ -1,0 +1,79 @@
+//! A scale that is driven to zero by hand: from where on a loss and its gradients are no longer finite, guard by guard.
+
+use glam::{Vec2, Vec3};
+use gs_core::{Canvas, Gaussian2d, Image, Rasterizer, Scene as _, Scene2d, scene::logit};
+
+use super::{Guard, NEEDLE_PX, small_settings};
+use crate::experiments::textbook::Textbook;
+use gs_train::Error;
+
+/// A needle, turned by many angles, one of whose scales goes down to 1e-12 px by itself.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Drive {
+    /// What guards it.
+    pub guard: Guard,
+    /// Angles tried.
+    pub angles: usize,
+    /// At how many of them the loss or a gradient stops being finite somewhere.
+    pub not_finite: usize,
+    /// The largest scale at which it does, px.
+    pub from_px: Option<f64>,
+    /// The largest scale at which the Gaussian is left out, px; this project's guard does that.
+    pub left_out_px: Option<f64>,
+}
+
+impl Drive {
+    /// Lets one scale of a needle go to zero, in 8 steps a decade.
+    pub(super) fn measure<R: Rasterizer<Scene2d>>(
+        rasterizer: &R,
+        guard: Guard,
+        target: &Image,
+        angles: u32,
+    ) -> Result<Self, Error> {
+        let (mut not_finite, mut from_px, mut left_out_px) = (0, 0.0f64, 0.0f64);
+        let uploaded = rasterizer.upload_target(target)?;
+        let settings = small_settings(0);
+        for angle in 0..angles {
+            let mut is_finite = true;
+            for eighth in 0..=96 {
+                let short = 10f32.powf(-(eighth as f32) / 8.0);
+                let scene: Scene2d = [needle(short, angle as f32 / angles as f32 * 3.0 + 0.05)].into_iter().collect();
+                let finite = match guard.of_textbook() {
+                    Some(guards) => {
+                        let found =
+                            Textbook::new(&scene, settings.render.background, guards, 0.0).clamped().step(target);
+                        found.loss.is_finite() && found.has_finite_gradients
+                    }
+                    None => {
+                        let splats = rasterizer.upload(&scene, settings.parameterization)?;
+                        let canvas = Canvas::new(target.width(), target.height());
+                        let frame = rasterizer.forward(&splats, &canvas, &settings.render)?;
+                        if rasterizer.culled(&frame)?.degenerate > 0 {
+                            left_out_px = left_out_px.max(short.into());
+                        }
+                        let (loss, gradients) = rasterizer.backward(&splats, frame, &uploaded, &settings.loss)?;
+                        loss.is_finite() && rasterizer.download_gradients(&splats, &gradients)?.validate().is_ok()
+                    }
+                };
+                if !finite {
+                    is_finite = false;
+                    from_px = from_px.max(short.into());
+                }
+            }
+            not_finite += usize::from(!is_finite);
+        }
+        let met = |scale: f64| (scale > 0.0).then_some(scale);
+        Ok(Self { guard, angles: angles as usize, not_finite, from_px: met(from_px), left_out_px: met(left_out_px) })
+    }
+}
+
+/// A needle off the centres of pixels.
+fn needle(short_px: f32, angle: f32) -> Gaussian2d {
+    Gaussian2d {
+        mean: Vec2::new(12.3, 11.6),
+        log_scale: Vec2::new(NEEDLE_PX.ln(), short_px.ln()),
+        rotation: angle,
+        opacity_logit: logit(0.7),
+        color: Vec3::splat(0.2),
+    }
+}

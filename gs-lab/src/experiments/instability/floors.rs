@@ -1,0 +1,79 @@
+//! What a floor of the scales costs: the paper's own fit, with the paper's clamp and with this project's floor.
+
+use gs_core::{Image, Rasterizer, Scene2d};
+
+use super::{CLAMP_PX, unless_diverged};
+use crate::{
+    experiments::Extent, experiments::Laboratory, experiments::Picture, experiments::laboratory::Ellipses,
+    experiments::laboratory::Run, experiments::laboratory::Shown, experiments::paired::mean,
+    experiments::set_up::paper_settings,
+};
+use gs_train::{Error, FitSettings};
+
+/// A floor of the scales in the paper's own fit.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Floor {
+    /// The target.
+    pub target: &'static str,
+    /// The smallest σ allowed, px.
+    pub min_scale_px: f32,
+    /// PSNR at the end, dB, one a seed; nothing where the fit diverged.
+    pub psnr: Vec<Option<f64>>,
+    /// Gaussians of which a scale is below 1 px at the end, share of all, mean over the fits that lived.
+    pub below_one_px: f64,
+}
+
+/// The paper's fit with another floor of the scales.
+pub fn floor_settings(extent: Extent, seed: u32, min_scale_px: f32) -> FitSettings {
+    let mut settings = paper_settings(extent, seed);
+    settings.adam.min_scale = min_scale_px;
+    settings
+}
+
+impl Floor {
+    /// Fits with this floor, and a picture of the first that lived.
+    pub(super) fn measure<R: Rasterizer<Scene2d>>(
+        laboratory: &mut Laboratory<'_, R>,
+        name: &'static str,
+        target: &Image,
+        min_scale_px: f32,
+    ) -> Result<(Self, Option<Picture>), Error> {
+        let extent = laboratory.extent();
+        let mut runs: Vec<Option<Run>> = Vec::new();
+        for seed in extent.seeds(6, 1) {
+            let label = format!("{name}, σ ≥ {min_scale_px} px, seed {seed}");
+            runs.push(unless_diverged(laboratory.fit(&label, target, floor_settings(extent, seed, min_scale_px)))?);
+        }
+        let picture = runs.iter().flatten().next().map(|run| {
+            let render = &run.fit.summary.settings.render;
+            let shown = Shown { size: target.size(), render, ellipses: Ellipses::LeftOut };
+            let file = if min_scale_px == CLAMP_PX { "lines-clamped" } else { "lines-guarded" };
+            let caption = format!("{name}, σ ≥ {min_scale_px} px: {:.1} dB.", run.psnr());
+            laboratory.picture(file, caption, &run.fit.scene, shown)
+        });
+        Ok((Self::of(name, min_scale_px, &runs), picture.transpose()?))
+    }
+
+    fn of(target: &'static str, min_scale_px: f32, runs: &[Option<Run>]) -> Self {
+        let below = |run: &Run| {
+            let scales = &run.fit.scene.log_scales;
+            scales.iter().filter(|s| s.min_element() < 0.0).count() as f64 / scales.len().max(1) as f64
+        };
+        Self {
+            target,
+            min_scale_px,
+            psnr: runs.iter().map(|run| run.as_ref().map(Run::psnr)).collect(),
+            below_one_px: mean(runs.iter().flatten().map(below)),
+        }
+    }
+
+    /// PSNR, dB, mean over the fits that lived; NaN where none did.
+    pub fn mean_psnr(&self) -> f64 {
+        mean(self.psnr.iter().copied().flatten())
+    }
+
+    /// How many of the fits diverged.
+    pub fn diverged(&self) -> usize {
+        self.psnr.iter().filter(|psnr| psnr.is_none()).count()
+    }
+}

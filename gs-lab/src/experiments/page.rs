@@ -1,0 +1,234 @@
+//! The page of the experiments: what the paper says beside what was measured.
+
+use gs_core::counted;
+use gs_io::png_bytes;
+use maud::{Markup, html};
+
+use super::{Chapter, Circumstance, Claim, ELSEWHERE, Experiment, Extent, Picture, Table, Verdict};
+use crate::{error::Error, html};
+
+/// Rows of a table that are shown at once; longer ones are folded.
+const MOST_OPEN_ROWS: usize = 14;
+
+/// How the experiments were made.
+#[derive(Debug, Clone, Copy)]
+pub struct PageSetting<'a> {
+    /// How much was measured.
+    pub extent: Extent,
+    /// The experiment that was made alone, if one was.
+    pub only: Option<Experiment>,
+    /// The backend, in words.
+    pub backend: &'a str,
+}
+
+/// The page as HTML: one file that needs nothing beside it.
+///
+/// # Errors
+/// [`Error::Picture`] where a figure cannot be drawn.
+pub fn page(chapters: &[Chapter], setting: PageSetting<'_>) -> Result<String, Error> {
+    let sections = chapters.iter().map(section).collect::<Result<Vec<_>, _>>()?;
+    let body = html! {
+        (head(chapters, setting))
+        main {
+            @for section in sections { (section) }
+            @if setting.only.is_none() { (elsewhere()) }
+        }
+    };
+    Ok(html::page("The paper's experiments, measured", &body))
+}
+
+fn head(chapters: &[Chapter], setting: PageSetting<'_>) -> Markup {
+    let quick = if setting.extent == Extent::Quick { " --quick" } else { "" };
+    let only = setting.only.map_or_else(String::new, |only| format!(" --only {only}"));
+    html! {
+        header {
+            h1 { "The paper’s experiments, measured" }
+            p.question {
+                "What " cite { "Analysis of Gaussian Splatting and implementation of 2D" } " says, in other words, beside what "
+                code { "gs paper" (quick) (only) } " measured. Verdicts are computed from the numbers. PSNR is that of a picture rounded "
+                "to 8 bits, against its target before rounding."
+            }
+            p.quiet.small { "gs " (env!("CARGO_PKG_VERSION")) " · " (setting.backend) }
+            @if setting.extent == Extent::Quick {
+                p.note { "Quick form: fewer seeds and steps than the whole, so numbers differ from its." }
+            }
+            div.wide { table {
+                thead { tr { th { "experiment" } th { "the paper says" } th { "verdict" } } }
+                tbody {
+                    @for Chapter { experiment, findings } in chapters {
+                        @for (index, claim) in findings.claims.iter().enumerate() {
+                            tr.first[index == 0] {
+                                @if index == 0 {
+                                    th rowspan=(findings.claims.len()) { a href={ "#" (experiment) } { (experiment.title()) } }
+                                }
+                                td { (claim.statement) }
+                                td { (badge(claim.verdict())) }
+                            }
+                        }
+                    }
+                }
+            } }
+        }
+    }
+}
+
+fn section(Chapter { experiment, findings }: &Chapter) -> Result<Markup, Error> {
+    let charts = findings.charts.iter().map(html::figure).collect::<Result<Vec<_>, _>>()?;
+    Ok(html! {
+        section id=(experiment) {
+            h2 { (experiment.title()) " " span.quiet.small { (experiment.section()) } }
+            p.quiet { (findings.method) }
+            @for claim in &findings.claims { (claim_card(claim)) }
+            div.figures { @for chart in charts { (chart) } }
+            div.pictures { @for picture in &findings.pictures { (shown(picture)) } }
+            @for table in findings.tables.iter().filter(|table| !table.rows.is_empty()) { (table_of(table)) }
+        }
+    })
+}
+
+/// A picture of several side by side has to be larger to be seen.
+fn shown(picture: &Picture) -> Markup {
+    let image = picture.drawn();
+    let is_broad = image.width() > image.height();
+    html! {
+        figure.broad[is_broad] {
+            img src=(html::data_uri("png", &png_bytes(&image))) alt=(picture.caption);
+            figcaption { (picture.caption) }
+        }
+    }
+}
+
+fn claim_card(claim: &Claim) -> Markup {
+    html! {
+        div.claim {
+            div {
+                h3 { "The paper says " span.quiet { (claim.section) } }
+                p { (claim.statement) }
+            }
+            div {
+                h3 { "Measured here " (badge(claim.verdict())) }
+                ul { @for circumstance in &claim.circumstances { (line(circumstance)) } }
+                p { (claim.measured) }
+            }
+        }
+    }
+}
+
+/// A line of the list from which a verdict follows.
+fn line(circumstance: &Circumstance) -> Markup {
+    let verdict = circumstance.verdict();
+    html! { li { span class=(verdict) title=(verdict) { (sign(verdict)) } (circumstance) } }
+}
+
+/// A verdict that is seen without colour, too.
+fn badge(verdict: Verdict) -> Markup {
+    html! { span class={ "badge " (verdict) } { (sign(verdict)) " " (verdict) } }
+}
+
+fn sign(verdict: Verdict) -> &'static str {
+    match verdict {
+        Verdict::Confirmed => "✓",
+        Verdict::Partly => "◐",
+        Verdict::Refuted => "✗",
+    }
+}
+
+fn table_of(table: &Table) -> Markup {
+    let rows = html! {
+        div.wide { table.numbers {
+            thead { tr { @for column in &table.columns { th { (column) } } } }
+            tbody { @for row in &table.rows { tr { @for cell in row { td { (cell) } } } } }
+        } }
+    };
+    html! {
+        @if table.rows.len() > MOST_OPEN_ROWS {
+            details { summary { (table.title) " (" (counted(table.rows.len(), "row")) ")" } (rows) }
+        } @else {
+            h3 { (table.title) }
+            (rows)
+        }
+    }
+}
+
+fn elsewhere() -> Markup {
+    html! {
+        section id="elsewhere" {
+            h2 { "Measured elsewhere" }
+            @for elsewhere in ELSEWHERE {
+                div.claim {
+                    div {
+                        h3 { "The paper says " span.quiet { (elsewhere.section) } }
+                        p { b { (elsewhere.title) "." } " " (elsewhere.statement) }
+                    }
+                    div {
+                        h3 { "Measured " span.badge { "– not here" } }
+                        p { (elsewhere.by) }
+                    }
+                }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        experiments::{Findings, Number},
+        figure::{Axis, Figure, Marks, Series},
+    };
+
+    fn chapter() -> Chapter {
+        let drawn = Figure {
+            name: "loss".to_owned(),
+            title: "Loss".to_owned(),
+            x: Axis::linear("step"),
+            y: Axis::linear("loss"),
+            marks: Marks::lines(vec![Series::line("one", vec![(0.0, 1.0), (1.0, 2.0)])]),
+        };
+        let claim = Claim {
+            name: "c",
+            statement: "a < b & c",
+            section: "§1",
+            circumstances: vec![Circumstance::counted("held < of", [true, false])],
+            measured: "1 > 0".to_owned(),
+            numbers: vec![Number::new("n", 1.0, "dB")],
+        };
+        Chapter {
+            experiment: Experiment::Edges,
+            findings: Findings {
+                method: "m".to_owned(),
+                claims: vec![claim],
+                charts: vec![drawn],
+                tables: vec![Table {
+                    name: "t",
+                    title: "T".to_owned(),
+                    columns: vec!["n"],
+                    rows: (0..20u32).map(|i| vec![i.into()]).collect(),
+                }],
+                pictures: vec![],
+            },
+        }
+    }
+
+    #[test]
+    fn the_page_stands_alone_and_sets_statement_beside_measurement() {
+        let setting = |only| PageSetting { extent: Extent::Quick, only, backend: "cpu" };
+        let whole = page(&[chapter()], setting(None)).unwrap();
+        for part in [
+            "a &lt; b &amp; c",
+            "1 &gt; 0",
+            "◐ partly",
+            "held &lt; of: 1 of 2",
+            "<svg",
+            "20 rows",
+            "Memory and storage",
+            "Quick form",
+        ] {
+            assert!(whole.contains(part), "{part}");
+        }
+        let outside = whole.replace("http://www.w3.org/2000/svg", "");
+        assert!(!outside.contains("http") && !outside.contains("<script") && !outside.contains("url("), "no network");
+        assert!(!page(&[chapter()], setting(Some(Experiment::Edges))).unwrap().contains("Memory and storage"));
+    }
+}

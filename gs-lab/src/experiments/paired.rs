@@ -1,0 +1,119 @@
+//! Paired differences: is one thing larger than another, beyond chance?
+
+use crate::{statistics::Interval, statistics::bootstrap_interval};
+
+pub(crate) use crate::{statistics::mean, statistics::median};
+
+/// By how much one PSNR exceeds another, dB: 0 for equal ones, also where both are infinite because both pictures are exact.
+pub(crate) fn gain(of: f64, over: f64) -> f64 {
+    if of == over { 0.0 } else { of - over }
+}
+
+/// Which of a pair is taken from which, in words.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Sense {
+    /// As in the differences.
+    Forward,
+    /// The other way round.
+    Reversed,
+}
+
+/// What paired differences come to.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Paired {
+    /// How many pairs.
+    pub pairs: usize,
+    /// How many of the differences are negative.
+    pub negative: usize,
+    /// Their mean.
+    pub mean: f64,
+    /// 95 % interval of the mean, by [`bootstrap_interval`]; nothing where there are too few pairs.
+    pub interval: Option<Interval>,
+    /// Two-sided p of the sign test: how probable so one-sided a count of signs is where both are equally probable. Zeros don't count.
+    pub p: f64,
+}
+
+impl Paired {
+    /// Of the differences of all pairs, which are independent of each other. Of none everything is NaN, and p is 1.
+    pub fn of(differences: &[f64]) -> Self {
+        let negative = differences.iter().filter(|&&d| d < 0.0).count();
+        let positive = differences.iter().filter(|&&d| d > 0.0).count();
+        Self {
+            pairs: differences.len(),
+            negative,
+            mean: mean(differences),
+            interval: bootstrap_interval(differences),
+            p: sign_test(negative, positive),
+        }
+    }
+
+    /// Whether 0 lies above the whole interval: the differences are negative beyond chance.
+    pub fn is_negative(&self) -> bool {
+        self.interval.is_some_and(|interval| interval.high < 0.0)
+    }
+
+    /// The interval in words, to so many decimals, of the differences as they are or turned about.
+    pub(crate) fn interval_in_words(&self, sense: Sense, decimals: usize) -> String {
+        match (self.interval, sense) {
+            (Some(Interval { low, high }), Sense::Forward) => {
+                format!("95 % interval {low:+.decimals$} to {high:+.decimals$}")
+            }
+            (Some(Interval { low, high }), Sense::Reversed) => {
+                format!("95 % interval {:+.decimals$} to {:+.decimals$}", -high, -low)
+            }
+            (None, _) if self.mean.is_infinite() => format!("{} in all, of which some are infinite", self.pairs),
+            (None, _) => format!("{} in all, too few for an interval", self.pairs),
+        }
+    }
+}
+
+/// Two-sided p of `a` signs of one kind and `b` of the other: twice the binomial tail at one half, at most 1.
+fn sign_test(a: usize, b: usize) -> f64 {
+    let (n, least) = (a + b, a.min(b));
+    // C(n, k) / 2ⁿ from k = 0 on.
+    let mut term = 0.5f64.powi(n as i32);
+    let mut tail = 0.0;
+    for k in 0..=least {
+        tail += term;
+        term *= (n - k) as f64 / (k + 1) as f64;
+    }
+    (2.0 * tail).min(1.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_sign_test_is_binomial() {
+        assert!((sign_test(0, 5) - 2.0 / 32.0).abs() < 1e-12);
+        assert!((sign_test(8, 2) - 2.0 * (1.0 + 10.0 + 45.0) / 1024.0).abs() < 1e-12);
+        assert_eq!(sign_test(3, 3), 1.0);
+        assert_eq!(sign_test(0, 0), 1.0);
+    }
+
+    #[test]
+    fn exact_pictures_are_equal_to_each_other_and_better_than_all_others() {
+        let exact = f64::INFINITY;
+        assert_eq!([gain(exact, exact), gain(exact, 60.0), gain(60.0, exact)], [0.0, exact, -exact]);
+        let found = Paired::of(&[gain(exact, 60.0), gain(exact, exact), gain(61.0, 60.0)]);
+        assert_eq!((found.mean, found.negative, found.interval), (exact, 0, None));
+        assert_eq!(found.interval_in_words(Sense::Forward, 1), "3 in all, of which some are infinite");
+    }
+
+    #[test]
+    fn a_clear_difference_is_one_and_noise_is_none() {
+        let clear: Vec<f64> = (0..20).map(|i| -1.0 + 0.5 * f64::from(i).sin()).collect();
+        let found = Paired::of(&clear);
+        assert!(found.is_negative() && found.p < 1e-4, "{found:?}");
+        let Interval { low, high } = found.interval.unwrap();
+        assert!(low < found.mean && found.mean < high);
+        assert!(found.interval_in_words(Sense::Reversed, 1).starts_with("95 % interval +"));
+        assert_eq!(Paired::of(&[1.0]).interval_in_words(Sense::Forward, 1), "1 in all, too few for an interval");
+        let noise: Vec<f64> = (0..20).map(|i| if i % 2 == 0 { 1.0 } else { -1.0 }).collect();
+        let found = Paired::of(&noise);
+        assert!(!found.is_negative() && found.p > 0.5, "{found:?}");
+        assert_eq!(Paired::of(&clear), Paired::of(&clear));
+        assert!(Paired::of(&[]).mean.is_nan() && !Paired::of(&[]).is_negative());
+    }
+}

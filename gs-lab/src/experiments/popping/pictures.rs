@@ -1,0 +1,96 @@
+//! Popping to be looked at: two frames in a row under both orders, and their differences.
+
+use gs_core::{Image, Parameterization, Rasterizer, RenderSettings, Scene3d, constants::SSIM_WINDOW};
+
+use super::{
+    comparison::{Moment, ORDERS, ordered},
+    findings::DIFFERENCE_GAIN,
+};
+use crate::experiments::Picture;
+use gs_train::Error;
+
+/// Longest side of the part that is shown, px.
+const PART_PX: u32 = 96;
+
+/// About the longest side of a part as it is shown, px.
+const SHOWN_PX: u32 = 384;
+
+/// Between two parts, px.
+const GAP_PX: u32 = 8;
+
+/// The part of the picture around a moment: a row for each of [`ORDERS`], in it the frame before the jump, the one after it, and the difference,
+/// ½ + gain · (after − before).
+///
+/// # Errors
+/// Those of the backend.
+pub(super) fn picture<R: Rasterizer<Scene3d>>(
+    rasterizer: &R,
+    scene: &Scene3d,
+    moment: &Moment,
+    render: &RenderSettings,
+    (name, caption): (&'static str, String),
+) -> Result<Picture, Error> {
+    let splats = rasterizer.upload(scene, Parameterization::ScaleRotation)?;
+    let row = |order| {
+        let frame = |camera| rasterizer.image(&rasterizer.forward(&splats, camera, &ordered(render, order))?);
+        moment.cameras.iter().map(frame).collect::<Result<Vec<Image>, _>>()
+    };
+    let rows = ORDERS.into_iter().map(row).collect::<Result<Vec<_>, _>>()?;
+    // The jump is between the first two or the last two, which the first order tells.
+    let size = rows[0][0].size();
+    let window = Part::around(moment.pixel, size, SSIM_WINDOW as u32);
+    let change = |k: usize| window.change(&rows[0][k], &rows[0][k + 1]);
+    let at = usize::from(change(1) > change(0));
+    let part = Part::around(moment.pixel, size, PART_PX);
+    let cell_color = |row: &[Image], column: usize, pixel: (u32, u32)| {
+        let [before, after] = [&row[at], &row[at + 1]].map(|factor| factor.pixel(part.x + pixel.0, part.y + pixel.1));
+        match column {
+            0 => before,
+            1 => after,
+            _ => [0, 1, 2].map(|c| 0.5 + DIFFERENCE_GAIN * (after[c] - before[c])),
+        }
+    };
+    let factor = (SHOWN_PX / part.width.max(part.height)).max(1);
+    let (cell_width, cell_height) = (part.width * factor, part.height * factor);
+    let image = Image::from_fn(3 * cell_width + 2 * GAP_PX, 2 * cell_height + GAP_PX, |x, y| {
+        let ((column, x), (row, y)) = (cell(x, cell_width), cell(y, cell_height));
+        if x >= cell_width || y >= cell_height {
+            return [1.0; 3];
+        }
+        cell_color(&rows[row], column, (x / factor, y / factor))
+    })?;
+    Ok(Picture { name, caption, image, ellipses: None })
+}
+
+/// In which cell of a row or column of cells something lies, and where in it; beyond its side in the gap.
+fn cell(at: u32, side: u32) -> (usize, u32) {
+    ((at / (side + GAP_PX)) as usize, at % (side + GAP_PX))
+}
+
+/// A part of a picture, px.
+#[derive(Clone, Copy)]
+struct Part {
+    x: u32,
+    y: u32,
+    width: u32,
+    height: u32,
+}
+
+impl Part {
+    /// A square with a pixel in its middle, as far as the picture's border allows; smaller where the picture is.
+    fn around((x, y): (u32, u32), (width, height): (u32, u32), side: u32) -> Self {
+        let (w, h) = (width.min(side), height.min(side));
+        let start = |middle: u32, part: u32, whole: u32| middle.saturating_sub(part / 2).min(whole - part);
+        Self { x: start(x, w, width), y: start(y, h, height), width: w, height: h }
+    }
+
+    /// Σ |after − before| over it.
+    fn change(&self, before: &Image, after: &Image) -> f32 {
+        let rows = (self.y..self.y + self.height).flat_map(|y| (self.x..self.x + self.width).map(move |x| (x, y)));
+        rows.map(|(x, y)| {
+            let (a, b) = (before.pixel(x, y), after.pixel(x, y));
+            (0..3).map(|c| (a[c] - b[c]).abs()).sum::<f32>()
+        })
+        .sum()
+    }
+}

@@ -1,0 +1,312 @@
+//! The paper's set-up and result (§3.1 to §3.3, Figs. 6, 7, 8): 20 large Gaussians become 600, the loss falls, and whether growth is
+//! what makes it fall.
+//!
+//! Whether "spikes in count bring drops in loss" is a statistic here: the slope of ln loss in the steps after each round of growth less
+//! that before it, and where the loss stands in the end against the same steps of a fit that does not grow. Rounds of one seed are no
+//! independent witnesses: they follow one another in one fit, and share their control. So each seed gives one value, the mean over its rounds.
+
+mod findings;
+
+use gs_core::{Rasterizer, Scene as _, Scene2d};
+use gs_density::{Grow, Policy, Signal};
+
+use super::{
+    Cell, Circumstance, Claim, Extent, Findings, Laboratory, Number, Paired, Picture, SHARP_DB, Table,
+    findings::significant,
+    laboratory::{Ellipses, Run, Shown},
+    paired::{Sense, gain, mean, median},
+};
+use crate::figure::{Axis, Figure, Marks, Series};
+use gs_train::{Error, FitSettings, Init, InitialCount, Rounds, Trainer, init::Random, paper_target};
+
+/// σ of 600 that cover as much together as the paper's 20 of 15 px do, px: N σ² is the same.
+pub const SMALL_SCALE_PX: f32 = 2.738_613;
+
+/// Steps before and after a round over which the slope of the loss is taken: half of what lies between two rounds.
+const WINDOW: usize = 50;
+
+/// Steps at either end of a window whose losses are averaged.
+const END: usize = 10;
+
+/// The paper's fit; in its quick form it ends soon after its growth has.
+pub fn paper_settings(extent: Extent, seed: u32) -> FitSettings {
+    let paper = FitSettings::paper();
+    FitSettings { seed, iterations: extent.choose(paper.iterations, 1000), ..paper }
+}
+
+/// Forced growth alone, in a round every 100 steps to the end.
+pub fn forced_growth_settings(extent: Extent, seed: u32) -> FitSettings {
+    let paper = paper_settings(extent, seed);
+    let policy = Policy::Grow(Grow::percentile(Signal::MeanGradient));
+    FitSettings { policy, rounds: Rounds::until(100, paper.iterations - 1), ..paper }
+}
+
+/// No growth: `count` Gaussians of `scale_px` from the start.
+pub fn fixed_settings(extent: Extent, seed: u32, count: u32, scale_px: f32) -> FitSettings {
+    FitSettings {
+        initial: InitialCount::Fixed(count),
+        init: Init::Random(Random { scale_px, ..Random::default() }),
+        policy: Policy::None,
+        rounds: Rounds::NEVER,
+        ..paper_settings(extent, seed)
+    }
+}
+
+/// One way of getting to the end, over all seeds.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Way {
+    /// What it does, in words.
+    pub label: String,
+    /// Gaussians at the end, one a seed.
+    pub counts: Vec<u32>,
+    /// PSNR at the end, dB, one a seed.
+    pub psnr: Vec<f64>,
+    /// Loss at the end, one a seed.
+    pub loss: Vec<f64>,
+}
+
+/// A round of growth and what the loss did about it; slopes are those of ln loss, per 100 steps.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct GrowthRound {
+    /// Seed of the fit.
+    pub seed: u32,
+    /// The step after which it was.
+    pub step: u32,
+    /// Gaussians before and after.
+    pub count: (u32, u32),
+    /// Slope in the 50 steps before.
+    pub slope_before: f64,
+    /// Slope in the 50 steps after.
+    pub slope_after: f64,
+    /// ln of the loss right after the round over that right before it: what the edit itself does to the picture.
+    pub jump: f64,
+    /// ln of the loss just before the next round over that just before this one: what the round has come to in the end.
+    pub net: f64,
+    /// Slope after less slope before, at the same step of the fit of the same seed that does not grow.
+    pub control_change: f64,
+    /// `net` of that fit.
+    pub control_net: f64,
+}
+
+/// What came out.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SetUpMeasured {
+    /// The paper's growth.
+    pub grown: Way,
+    /// Forced growth alone.
+    pub forced: Way,
+    /// 20 Gaussians that stay 20.
+    pub twenty: Way,
+    /// 600 from the start, which together cover as much as the 20 do.
+    pub many_small: Way,
+    /// 600 from the start, each as large as the 20.
+    pub many_large: Way,
+    /// Steps until the paper's growth has made 600, one a seed; the number of steps where it did not.
+    pub steps_to_budget: Vec<u32>,
+    /// The rounds in which something grew, of the paper's growth and of forced growth alone.
+    pub rounds: Vec<GrowthRound>,
+    /// The change of slope at these rounds, per 100 steps: a seed's mean is one of the differences.
+    pub change: Paired,
+    /// What a round has come to after 100 steps, ln of the loss, less that of the fit without growth: a seed's mean is one of them.
+    pub net_beyond_control: Paired,
+    /// PSNR of the better of the two ways that start with 600, less that of growth from the same seed, dB.
+    pub start_against_growth: Paired,
+    extent: Extent,
+    curves: [Vec<Series>; 2],
+    pictures: Vec<Picture>,
+}
+
+/// Grows the paper's fit, and fits as long without growth.
+///
+/// # Errors
+/// Those of the fits.
+pub fn measure<R: Rasterizer<Scene2d>>(laboratory: &mut Laboratory<'_, R>) -> Result<SetUpMeasured, Error> {
+    let extent = laboratory.extent();
+    let target = paper_target();
+    let mut runs = |what: &str, seeds: u32, settings: &dyn Fn(u32) -> FitSettings| {
+        let one = |seed| laboratory.fit(&format!("{what}, seed {seed}"), &target, settings(seed));
+        (0..seeds).map(one).collect::<Result<Vec<Run>, Error>>()
+    };
+    let seeds = extent.choose(8, 6);
+    let grown = runs("20 to 600", seeds, &|seed| paper_settings(extent, seed))?;
+    let forced = runs("forced growth alone", seeds, &|seed| forced_growth_settings(extent, seed))?;
+    let twenty = runs("20 without growth", seeds, &|seed| fixed_settings(extent, seed, 20, 15.0))?;
+    let few = extent.choose(8, 2);
+    let many_small = runs("600 small ones", few, &|seed| fixed_settings(extent, seed, 600, SMALL_SCALE_PX))?;
+    let many_large = runs("600 large ones", few, &|seed| fixed_settings(extent, seed, 600, 15.0))?;
+
+    let rounds: Vec<GrowthRound> = [&grown, &forced]
+        .into_iter()
+        .flat_map(|runs| (0..).zip(runs.iter().zip(&twenty)))
+        .flat_map(|(seed, (run, control))| growth_rounds(seed, run, control))
+        .collect();
+    let budget = paper_settings(extent, 0).gaussians;
+    let reached = |run: &Run| run.counts.iter().position(|&c| c >= budget).unwrap_or(run.counts.len()) as u32 + 1;
+    let labelled = [("20 to 600", &grown[0]), ("forced growth alone", &forced[0]), ("20, no growth", &twenty[0])];
+    let labelled = labelled.into_iter().chain([("600 from the start", &many_small[0])]);
+    let curves = [Run::count_curve as fn(&Run) -> _, Run::loss_curve]
+        .map(|curve| labelled.clone().map(|(label, run)| Series::line(label, curve(run))).collect());
+    Ok(SetUpMeasured {
+        change: by_seed(&rounds, seeds, |r| r.slope_after - r.slope_before),
+        net_beyond_control: by_seed(&rounds, seeds, |r| r.net - r.control_net),
+        start_against_growth: Paired::of(
+            &(many_small.iter().zip(&many_large).zip(&grown))
+                .map(|((small, large), grown)| gain(small.psnr().max(large.psnr()), grown.psnr()))
+                .collect::<Vec<_>>(),
+        ),
+        steps_to_budget: grown.iter().map(reached).collect(),
+        pictures: pictures(laboratory, &grown[0], &twenty[0])?,
+        grown: Way::of("growth from 20 to 600 (forced growth and threshold)", &grown),
+        forced: Way::of("growth from 20, the top 10 % alone", &forced),
+        twenty: Way::of("20 from the start, no growth", &twenty),
+        many_small: Way::of("600 from the start of σ 2.7 px, no growth", &many_small),
+        many_large: Way::of("600 from the start of σ 15 px, no growth", &many_large),
+        rounds,
+        extent,
+        curves,
+    })
+}
+
+impl Way {
+    fn of(label: &str, runs: &[Run]) -> Self {
+        Self {
+            label: label.to_owned(),
+            counts: runs.iter().map(Run::count).collect(),
+            psnr: runs.iter().map(Run::psnr).collect(),
+            loss: runs.iter().map(Run::last_loss).collect(),
+        }
+    }
+
+    /// Mean PSNR over the seeds, dB.
+    pub fn mean_psnr(&self) -> f64 {
+        mean(self.psnr.iter().copied())
+    }
+
+    /// The lowest and the highest PSNR, dB.
+    fn range(&self) -> (f64, f64) {
+        self.psnr.iter().fold((f64::MAX, f64::MIN), |(low, high), &psnr| (low.min(psnr), high.max(psnr)))
+    }
+
+    fn mean_count(&self) -> f64 {
+        mean(self.counts.iter().map(|&count| f64::from(count)))
+    }
+}
+
+/// The rounds of a run in which something grew, with a whole window on either side.
+fn growth_rounds(seed: u32, run: &Run, control: &Run) -> Vec<GrowthRound> {
+    let last = run.counts.len().saturating_sub(2 * WINDOW) + 1;
+    (WINDOW..last)
+        .filter(|&step| run.counts[step - 1] > run.counts[step - 2])
+        .map(|step| {
+            let (slope_before, slope_after) = slopes(&run.losses, step);
+            let (control_before, control_after) = slopes(&control.losses, step);
+            GrowthRound {
+                seed,
+                step: step as u32,
+                count: (run.counts[step - 2], run.counts[step - 1]),
+                slope_before,
+                slope_after,
+                jump: (f64::from(run.losses[step]) / f64::from(run.losses[step - 1])).ln(),
+                net: net(&run.losses, step),
+                control_change: control_after - control_before,
+                control_net: net(&control.losses, step),
+            }
+        })
+        .collect()
+}
+
+/// A value of the rounds, averaged over those of each seed; a seed without a round has none.
+fn by_seed(rounds: &[GrowthRound], seeds: u32, value: impl Fn(&GrowthRound) -> f64) -> Paired {
+    let of_seed = |seed| mean(rounds.iter().filter(|round| round.seed == seed).map(&value));
+    Paired::of(&(0..seeds).map(of_seed).filter(|mean| !mean.is_nan()).collect::<Vec<_>>())
+}
+
+/// ln of the loss 100 steps after `step` over that at `step`, before the round.
+fn net(losses: &[f32], step: usize) -> f64 {
+    level(losses, step + 2 * WINDOW - END) - level(losses, step - END)
+}
+
+/// ln of the mean of [`END`] losses.
+fn level(losses: &[f32], from: usize) -> f64 {
+    mean(losses[from..from + END].iter().map(|&loss| f64::from(loss))).ln()
+}
+
+/// Slopes of ln loss in the windows before and after `step` steps, per 100 steps. `losses[i]` is the loss before step i + 1, so that
+/// of the edited scene comes first in the second window.
+fn slopes(losses: &[f32], step: usize) -> (f64, f64) {
+    let slope =
+        |from: usize| (level(losses, from + WINDOW - END) - level(losses, from)) * 100.0 / (WINDOW - END) as f64;
+    (slope(step - WINDOW), slope(step))
+}
+
+/// The start and the result, plain and with ellipses (Figs. 6 and 7), and what 20 come to.
+fn pictures<R: Rasterizer<Scene2d>>(
+    laboratory: &Laboratory<'_, R>,
+    grown: &Run,
+    twenty: &Run,
+) -> Result<Vec<Picture>, Error> {
+    let target = paper_target();
+    let settings = &grown.fit.summary.settings;
+    let start = Trainer::new(laboratory.rasterizer(), &target, settings.clone())?.scene()?;
+    let shown = |ellipses| Shown { size: target.size(), render: &settings.render, ellipses };
+    let end = &grown.fit.scene;
+    let count = end.len();
+    let psnr = grown.psnr();
+    Ok(vec![
+        Picture { name: "target", caption: "The target.".to_owned(), image: target.clone(), ellipses: None },
+        laboratory.picture("start", "The start: 20 Gaussians of σ 15 px.", &start, shown(Ellipses::Drawn))?,
+        laboratory.picture(
+            "reconstruction",
+            format!("{count} Gaussians, {psnr:.1} dB."),
+            end,
+            shown(Ellipses::LeftOut),
+        )?,
+        laboratory.picture(
+            "ellipses",
+            "The same as ellipses of one standard deviation.",
+            end,
+            shown(Ellipses::Drawn),
+        )?,
+        laboratory.picture(
+            "twenty",
+            format!("20 Gaussians without growth, as many steps: {:.1} dB.", twenty.psnr()),
+            &twenty.fit.scene,
+            shown(Ellipses::Drawn),
+        )?,
+    ])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_seed_is_one_witness_however_many_its_rounds() {
+        let round = |seed: u32, jump: f64| GrowthRound {
+            seed,
+            step: 100,
+            count: (20, 22),
+            slope_before: 0.0,
+            slope_after: 0.0,
+            jump,
+            net: 0.0,
+            control_change: 0.0,
+            control_net: 0.0,
+        };
+        let rounds: Vec<_> = (0..30).map(|_| round(0, -3.0)).chain([round(1, 1.0), round(1, 2.0)]).collect();
+        let found = by_seed(&rounds, 3, |round| round.jump);
+        assert_eq!((found.pairs, found.negative, found.mean), (2, 1, -0.75), "{found:?}");
+    }
+
+    #[test]
+    fn slopes_are_those_of_either_side() {
+        // e-fold every 200 steps before step 100, every 50 after.
+        let loss = |step: usize| match step {
+            s if s < 100 => (-(s as f32) / 200.0).exp(),
+            s => 0.9 * (-((s - 100) as f32) / 50.0).exp(),
+        };
+        let losses: Vec<f32> = (0..200).map(loss).collect();
+        let (before, after) = slopes(&losses, 100);
+        assert!((before + 0.5).abs() < 1e-3 && (after + 2.0).abs() < 1e-3, "{before} {after}");
+    }
+}

@@ -1,0 +1,233 @@
+//! The tables as files: comma-separated values and JSON. What depends on the clock stands in files of its own, so that all others are
+//! equal, byte for byte, however a study was run: side by side, interrupted, on more threads.
+
+use std::fmt::Write;
+
+use serde::{Deserialize, Serialize};
+
+use crate::{
+    comparison::Difference,
+    error::Error,
+    folder::StudyFolder,
+    machine::Machine,
+    plan::{Plan, Run, VERSION},
+    record::{Outcome, Record},
+    remark::Remark,
+    study::Matching,
+    tables::{Quality, Results, Spread},
+};
+
+const RESULTS: &str = "results.json";
+
+/// The files of tables.
+pub(crate) const TABLES: [&str; 6] =
+    ["runs.csv", "quality.csv", "differences.csv", "differences-at-time.csv", "times.csv", RESULTS];
+
+/// One run in `runs.csv` and `results.json`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) struct Row {
+    row: usize,
+    arm: String,
+    image: String,
+    budget: u32,
+    seed: u32,
+    pub(crate) address: String,
+    status: String,
+    gaussians: Option<u32>,
+    iterations: Option<u32>,
+    psnr: Option<f64>,
+    ssim: Option<f64>,
+    ms_ssim: Option<f64>,
+    l1: Option<f64>,
+    pub(crate) scene: Option<String>,
+    error: Option<String>,
+}
+
+impl Row {
+    fn new(plan: &Plan, run: &Run, record: Option<&Record>) -> Self {
+        let end = record.and_then(|record| record.outcome.finished());
+        let (status, error) = match record.map(|record| &record.outcome) {
+            Some(Outcome::Finished(_)) => ("finished", None),
+            Some(Outcome::Failed { error }) => ("failed", Some(error.clone())),
+            None => ("missing", None),
+        };
+        Self {
+            row: run.row,
+            arm: plan.arm(run).name.clone(),
+            image: plan.target(run).name.clone(),
+            budget: run.budget,
+            seed: run.seed,
+            address: run.address.clone(),
+            status: status.to_owned(),
+            gaussians: end.map(|end| end.gaussians),
+            iterations: end.map(|end| end.iterations),
+            psnr: end.map(|end| end.psnr),
+            ssim: end.map(|end| end.ssim),
+            ms_ssim: end.and_then(|end| end.ms_ssim),
+            l1: end.map(|end| end.l1),
+            scene: end.map(|end| end.scene.clone()),
+            error,
+        }
+    }
+}
+
+#[derive(Serialize)]
+#[serde(rename_all = "kebab-case")]
+struct Everything<'a> {
+    study: &'a str,
+    version: &'static str,
+    #[serde(flatten)]
+    machine: &'a Machine,
+    runs: &'a [Row],
+    quality: &'a [Quality],
+    differences: &'a [Difference],
+}
+
+/// What [`recorded`] reads of [`Everything`].
+#[derive(Debug, Deserialize)]
+pub(crate) struct Recorded {
+    pub(crate) version: String,
+    #[serde(flatten)]
+    pub(crate) machine: Machine,
+    pub(crate) runs: Vec<Row>,
+}
+
+/// Writes `runs.csv`, `quality.csv`, `differences.csv` and, with all three, `results.json`; and what depends on the clock:
+/// `times.csv`, `differences-at-time.csv`.
+///
+/// # Errors
+/// [`Error::Io`].
+pub fn write_tables(results: &Results<'_>, folder: &StudyFolder) -> Result<(), Error> {
+    let Results { plan, .. } = results;
+    let runs: Vec<Row> = results.rows().map(|(run, record)| Row::new(plan, run, record)).collect();
+    let quality = results.qualities();
+    let differences = results.differences(&[Matching::Count, Matching::Iterations]);
+    folder.write("runs.csv", &runs_csv(&runs))?;
+    folder.write("quality.csv", &quality_csv(&quality))?;
+    folder.write("differences.csv", &differences_csv(&differences))?;
+    folder.write("differences-at-time.csv", &differences_csv(&results.differences(&[Matching::Time])))?;
+    folder.write("times.csv", &times_csv(results))?;
+    let everything = Everything {
+        study: &plan.study.name,
+        version: VERSION,
+        machine: &plan.machine,
+        runs: &runs,
+        quality: &quality,
+        differences: &differences,
+    };
+    let json = serde_json::to_string(&everything)
+        .map_err(|error| Error::Path { path: folder.file(RESULTS), source: error.into() })?;
+    folder.write(RESULTS, &(json + "\n"))
+}
+
+/// The rows as they were last written, where they were.
+pub(crate) fn recorded(folder: &StudyFolder) -> Option<Recorded> {
+    serde_json::from_slice(&std::fs::read(folder.file(RESULTS)).ok()?).ok()
+}
+
+fn runs_csv(rows: &[Row]) -> String {
+    let header = "row,arm,image,budget,seed,address,status,gaussians,iterations,psnr,ssim,ms_ssim,l1,scene,error";
+    let lines = rows.iter().map(|r| {
+        let cells = [
+            r.row.to_string(),
+            quoted(&r.arm),
+            quoted(&r.image),
+            r.budget.to_string(),
+            r.seed.to_string(),
+            r.address.clone(),
+            r.status.clone(),
+            whole(r.gaussians),
+            whole(r.iterations),
+            number(r.psnr, 6),
+            number(r.ssim, 8),
+            number(r.ms_ssim, 8),
+            number(r.l1, 8),
+            r.scene.clone().unwrap_or_default(),
+            r.error.as_deref().map_or_else(String::new, quoted),
+        ];
+        cells.join(",")
+    });
+    table(header, lines)
+}
+
+fn quality_csv(rows: &[Quality]) -> String {
+    let header =
+        "arm,budget,finished,failed,missing,images,gaussians,gaussians_sd,psnr,psnr_sd,ssim,ssim_sd,ms_ssim,ms_ssim_sd";
+    let lines = rows.iter().map(|q| {
+        let spread = |spread: Option<Spread>, digits: usize| {
+            let over_seeds = spread.and_then(|spread| spread.over_seeds);
+            format!("{},{}", number(spread.map(|spread| spread.mean), digits), number(over_seeds, digits))
+        };
+        let measured = [spread(q.gaussians, 1), spread(q.psnr, 4), spread(q.ssim, 6), spread(q.ms_ssim, 6)].join(",");
+        format!("{},{},{},{},{},{},{measured}", quoted(&q.arm), q.budget, q.finished, q.failed, q.missing, q.images)
+    });
+    table(header, lines)
+}
+
+fn differences_csv(rows: &[Difference]) -> String {
+    let header = "match,metric,budget,arm,against,paired,pairs,mean,low,high,verdict,remarks";
+    let lines = rows.iter().map(|d| {
+        let cells = [
+            d.matching.name().to_owned(),
+            d.metric.name().to_owned(),
+            d.budget.to_string(),
+            quoted(&d.arm),
+            quoted(&d.against),
+            d.pairing.words().to_owned(),
+            d.pairs.to_string(),
+            number(d.mean, 6),
+            number(d.interval.map(|interval| interval.low), 6),
+            number(d.interval.map(|interval| interval.high), 6),
+            d.verdict.words().to_owned(),
+            quoted(&d.remarks.iter().map(Remark::to_string).collect::<Vec<_>>().join("; ")),
+        ];
+        cells.join(",")
+    });
+    table(header, lines)
+}
+
+fn times_csv(results: &Results<'_>) -> String {
+    let ends = results.rows().filter_map(|(run, record)| Some((run, record?.outcome.finished()?)));
+    let line = |(run, end): (&Run, &crate::Finished)| {
+        format!("{},{:.6},{},{}", run.row, end.seconds, quoted(&end.backend), end.side_by_side)
+    };
+    table("row,seconds,backend,side_by_side", ends.map(line))
+}
+
+fn table(header: &str, lines: impl Iterator<Item = String>) -> String {
+    let mut text = format!("{header}\n");
+    for line in lines {
+        let written = writeln!(text, "{line}");
+        debug_assert!(written.is_ok(), "a string can always be written to");
+    }
+    text
+}
+
+fn number(value: Option<f64>, digits: usize) -> String {
+    value.map_or_else(String::new, |value| format!("{value:.digits$}"))
+}
+
+fn whole(value: Option<u32>) -> String {
+    value.map_or_else(String::new, |value| value.to_string())
+}
+
+/// A cell that may hold anything (RFC 4180).
+pub(crate) fn quoted(cell: &str) -> String {
+    match cell.contains([',', '"', '\n', '\r']) {
+        true => format!("\"{}\"", cell.replace('"', "\"\"")),
+        false => cell.to_owned(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn cells_hold_anything() {
+        assert_eq!(quoted("a b"), "a b");
+        assert_eq!(quoted("a, \"b\""), "\"a, \"\"b\"\"\"");
+        assert_eq!((number(None, 2), number(Some(1.0 / 3.0), 2)), (String::new(), "0.33".to_owned()));
+    }
+}

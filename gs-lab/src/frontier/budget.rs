@@ -1,0 +1,167 @@
+//! A budget is answered: the quickest settings that are exact enough, or the most exact that are quick enough, held against views that
+//! the search has not seen.
+
+use crate::statistics::median;
+use gs_core::Error;
+use serde::Serialize;
+
+use super::{Comparison, Field, Frontier, Measured, PictureError, Role, Verifiable, pareto::ROUNDING};
+
+/// What must be kept.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Budget {
+    /// The largest error of any channel of any pixel.
+    MaxError(f64),
+    /// Seconds a view.
+    MaxSeconds(f64),
+}
+
+/// How settings did on views that the search has not seen.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct Verification {
+    /// Views.
+    pub views: usize,
+    /// How far their pictures are from what they should be.
+    pub error: PictureError,
+    /// Median seconds a view.
+    pub seconds: f64,
+}
+
+/// Settings that keep a budget, also on views that the search has not seen.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct Choice {
+    /// Their row.
+    #[serde(skip)]
+    pub row: usize,
+    /// How they did on other views.
+    pub verification: Verification,
+    /// How many kept the budget on the search's views, and not on the others.
+    pub failed: usize,
+    /// How many others keep the budget on the search's views in times that the noise does not tell from theirs.
+    pub within_noise: usize,
+}
+
+/// What comes of a budget.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Chosen {
+    /// It can be kept.
+    Kept(Choice),
+    /// Nothing that was measured keeps it: the least error, or the fewest seconds, that there is.
+    OutOfReach(f64),
+    /// So many settings keep it on the views of the search, and none of them on the others.
+    NotElsewhere(usize),
+}
+
+impl Budget {
+    fn is_kept(self, error: f64, seconds: f64) -> bool {
+        match self {
+            Self::MaxError(most) => error <= most,
+            Self::MaxSeconds(most) => seconds <= most,
+        }
+    }
+
+    /// The rows that keep it, the best first, each by its own measurement: of settings whose times are within the noise of each other, that
+    /// with the lowest median comes first, and never a slower one because it is more exact than was asked for. Errors are measured exactly,
+    /// but below a rounding they are equal.
+    fn candidates(self, frontier: &Frontier) -> Vec<usize> {
+        let of = |row: &Measured| (row.times().median, row.error.max);
+        let is_kept = |&i: &usize| {
+            let (seconds, error) = of(&frontier.rows[i]);
+            frontier.rows[i].role != Role::Again && self.is_kept(error, seconds)
+        };
+        let mut rows: Vec<usize> = (0..frontier.rows.len()).filter(is_kept).collect();
+        rows.sort_by(|&a, &b| {
+            let (a, b) = (&frontier.rows[a], &frontier.rows[b]);
+            let ((a_seconds, a_error), (b_seconds, b_error)) = (of(a), of(b));
+            let by_time = a_seconds.total_cmp(&b_seconds);
+            match self {
+                Self::MaxError(_) => by_time.then(a_error.total_cmp(&b_error)),
+                Self::MaxSeconds(_) => a_error.max(ROUNDING).total_cmp(&b_error.max(ROUNDING)).then(by_time),
+            }
+        });
+        rows
+    }
+
+    /// The best settings of a frontier that keep the budget on its views and on `unseen` ones too, which get `seconds` for timing.
+    ///
+    /// Settings with which a backend cannot render the unseen views do not keep it.
+    ///
+    /// # Errors
+    /// Those of rendering, and of the oracle; [`Error::Setting`] without an unseen view.
+    pub fn choose<S: Verifiable>(
+        self,
+        field: &Field<'_, S>,
+        frontier: &Frontier,
+        unseen: &[S::View],
+        seconds: f64,
+    ) -> Result<Chosen, Error> {
+        if unseen.is_empty() {
+            return Err(Error::setting("the number of views to verify on", 0, "at least 1"));
+        }
+        let truths = field.truths(unseen)?;
+        let candidates = self.candidates(frontier);
+        for (failed, &row) in candidates.iter().enumerate() {
+            let measured = &frontier.rows[row];
+            if field.refusal(measured.contender, &measured.settings, unseen)?.is_some() {
+                continue;
+            }
+            let error = field.error(measured.contender, &measured.settings, unseen, &truths)?;
+            let times = field.times(&[measured], unseen, seconds / candidates.len() as f64)?;
+            let verification = Verification { views: unseen.len(), error, seconds: median(&times[0]) };
+            if self.is_kept(error.max, verification.seconds) {
+                let noise = frontier.noise_of(&measured.backend);
+                let is_alike = |other: &usize| {
+                    let seconds = frontier.rows[*other].times().median;
+                    *other != row && noise.compare(seconds, measured.times().median) == Comparison::NoDifference
+                };
+                let within_noise = candidates.iter().filter(|other| is_alike(other)).count();
+                return Ok(Chosen::Kept(Choice { row, verification, failed, within_noise }));
+            }
+        }
+        if !candidates.is_empty() {
+            return Ok(Chosen::NotElsewhere(candidates.len()));
+        }
+        let least = |of: fn(&Measured) -> f64| frontier.rows.iter().map(of).fold(f64::INFINITY, f64::min);
+        Ok(Chosen::OutOfReach(match self {
+            Self::MaxError(_) => least(|row| row.error.max),
+            Self::MaxSeconds(_) => least(|row| row.times().median),
+        }))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use gs_core::RenderSettings;
+
+    use super::*;
+    use crate::frontier::{Noise, outcome::BackendNoise};
+
+    fn row(seconds: f64, error: f64, on_frontier: bool) -> Measured {
+        Measured {
+            backend: "cpu".to_owned(),
+            machine: "one thread".to_owned(),
+            contender: 0,
+            role: Role::Alone,
+            changes: Vec::new(),
+            settings: RenderSettings::default(),
+            seconds: vec![seconds],
+            error: PictureError { max: error, ..PictureError::default() },
+            on_frontier,
+            comparison: Comparison::NoDifference,
+        }
+    }
+
+    /// Under a noise of a third, the frontier keeps the more exact of two settings though it took longer.
+    #[test]
+    fn noise_does_not_make_a_slower_setting_the_quickest() {
+        let rows = vec![row(1.3, 1e-4, true), row(1.0, 1e-3, false), row(1.1, 9e-4, false), row(9.0, 1e-8, true)];
+        let noise = vec![BackendNoise { backend: "cpu".to_owned(), noise: Noise { factor: 1.33, again: 1.0 } }];
+        let frontier = Frontier { rows, refused: Vec::new(), noise, views: 1, sampled: 0, uncertainty: 0.0 };
+        assert_eq!(Budget::MaxError(2e-3).candidates(&frontier), [1, 2, 0, 3]);
+        assert_eq!(Budget::MaxError(5e-4).candidates(&frontier), [0, 3]);
+        assert_eq!(Budget::MaxSeconds(2.0).candidates(&frontier), [0, 2, 1]);
+    }
+}

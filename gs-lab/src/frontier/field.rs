@@ -1,0 +1,373 @@
+//! The search: who is measured, in which order, and what becomes of it.
+
+use gs_core::{Accuracy, Error, RenderSettings, Scene, settings::Extent};
+
+use super::{
+    Comparison, Contender, Frontier, Measured, Noise, PictureError, Role, Setting, Truth, Verifiable, alternatives,
+    frontier_of,
+    outcome::{BackendNoise, Refused, name},
+    predict::{Alone, combinations},
+    timing::{Candidate, interleaved},
+};
+
+/// The share of the time that goes into finding out which combinations are worth measuring.
+const SCOUTING: f64 = 0.25;
+
+/// A scene on several contenders, and the views from which it is measured.
+#[derive(Debug)]
+pub struct Field<'a, S: Scene> {
+    /// The scene.
+    pub scene: &'a S,
+    /// Who renders it, at least one; those of a backend stand together, the one that its default is measured on first.
+    pub contenders: Vec<Contender<'a, S::View>>,
+    /// How it is shown: the default of all backends. Its effects are those of the true picture.
+    pub shown: RenderSettings,
+}
+
+/// How much is measured.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Pace {
+    /// Seconds for timing; at least seven rounds are made, however long they take.
+    pub seconds: f64,
+    /// Most combinations of settings for each backend.
+    pub combinations: usize,
+}
+
+impl Default for Pace {
+    fn default() -> Self {
+        Self { seconds: 24.0, combinations: 12 }
+    }
+}
+
+/// A candidate and why it is one.
+struct Entry {
+    candidate: Candidate,
+    role: Role,
+    changes: Vec<super::Change>,
+}
+
+impl<S: Verifiable> Field<'_, S> {
+    /// The settings without cut-offs that the true picture has.
+    fn tightest(&self) -> RenderSettings {
+        RenderSettings { accuracy: Accuracy::TIGHTEST, ..self.shown }
+    }
+
+    /// The true pictures of views: where they are worst to look at is found on the first backend that can do without cut-offs.
+    ///
+    /// # Errors
+    /// Those of rendering, and of the oracle for effects that it does not have.
+    pub fn truths(&self, views: &[S::View]) -> Result<Vec<Truth<S>>, Error> {
+        let (scene, settings) = (self.scene.rows(), self.tightest());
+        let able = self.able(&settings, views)?.unwrap_or_default();
+        let truth = |view: &S::View| {
+            let tightest = self.contenders[able].renderer.image(view, &settings)?;
+            Truth::new(&scene, view, &settings, tightest, views.len())
+        };
+        views.iter().map(truth).collect()
+    }
+
+    /// How far a candidate's pictures are from the truth.
+    ///
+    /// # Errors
+    /// Those of rendering.
+    pub fn error(
+        &self,
+        contender: usize,
+        settings: &RenderSettings,
+        views: &[S::View],
+        truths: &[Truth<S>],
+    ) -> Result<PictureError, Error> {
+        let renderer = &self.contenders[contender].renderer;
+        let one = |(view, truth): (&S::View, &Truth<S>)| truth.error(&renderer.image(view, settings)?);
+        let errors = views.iter().zip(truths).map(one).collect::<Result<Vec<_>, Error>>()?;
+        Ok(PictureError::of_views(&errors))
+    }
+
+    /// Seconds a view of each of these, measured in turn; as [`search`] does it.
+    ///
+    /// # Errors
+    /// Those of rendering.
+    pub fn times(&self, rows: &[&Measured], views: &[S::View], seconds: f64) -> Result<Vec<Vec<f64>>, Error> {
+        let candidates: Vec<Candidate> =
+            rows.iter().map(|row| Candidate { contender: row.contender, settings: row.settings }).collect();
+        interleaved(&self.contenders, &candidates, views, seconds)
+    }
+
+    /// The first contender of each backend.
+    fn bases(&self) -> Vec<usize> {
+        let is_first = |&i: &usize| self.contenders[i].change.is_none();
+        (0..self.contenders.len()).filter(is_first).collect()
+    }
+
+    fn entry(&self, contender: usize, settings: RenderSettings, role: Role, changes: &[Setting]) -> Entry {
+        let own = self.contenders[contender].change.iter().cloned();
+        let changes = own.chain(changes.iter().map(|setting| setting.change())).collect();
+        Entry { candidate: Candidate { contender, settings }, role, changes }
+    }
+
+    /// The first backend that can render these views with these settings.
+    fn able(&self, settings: &RenderSettings, views: &[S::View]) -> Result<Option<usize>, Error> {
+        for base in self.bases() {
+            if self.refusal(base, settings, views)?.is_none() {
+                return Ok(Some(base));
+            }
+        }
+        Ok(None)
+    }
+
+    /// Takes up an entry that its contender can render, and tells of one that it cannot.
+    fn admit(
+        &self,
+        entry: Entry,
+        views: &[S::View],
+        admitted: &mut Vec<Entry>,
+        refused: &mut Vec<Refused>,
+    ) -> Result<(), Error> {
+        let Candidate { contender, settings } = &entry.candidate;
+        match self.refusal(*contender, settings, views)? {
+            None => admitted.push(entry),
+            Some(why) => {
+                let (backend, what) = (self.contenders[*contender].backend.clone(), name(entry.role, &entry.changes));
+                refused.push(Refused { backend, what, why });
+            }
+        }
+        Ok(())
+    }
+
+    /// What stands in every table of a backend.
+    fn landmarks(&self, base: usize, views: &[S::View], refused: &mut Vec<Refused>) -> Result<Vec<Entry>, Error> {
+        let three_dgs = RenderSettings { accuracy: Accuracy::THREE_DGS, ..self.shown };
+        let without_extent = Setting::Extent(Extent::AlphaCut).applied_to(&three_dgs);
+        let mut all =
+            vec![self.entry(base, self.shown, Role::Default, &[]), self.entry(base, self.shown, Role::Again, &[])];
+        self.admit(self.entry(base, self.tightest(), Role::Tightest, &[]), views, &mut all, refused)?;
+        let closest = if self.refusal(base, &three_dgs, views)?.is_none() { three_dgs } else { without_extent };
+        self.admit(self.entry(base, closest, Role::ThreeDgs, &[]), views, &mut all, refused)?;
+        Ok(all)
+    }
+
+    /// Why a contender cannot render these views with these settings: it does not offer them, or not for so much.
+    pub(super) fn refusal(
+        &self,
+        contender: usize,
+        settings: &RenderSettings,
+        views: &[S::View],
+    ) -> Result<Option<String>, Error> {
+        for view in views {
+            match self.contenders[contender].renderer.seconds(view, settings) {
+                Err(Error::Unsupported { effect, .. }) => return Ok(Some(effect)),
+                // Such as more Gaussians at a pixel than can be put in order. A device that is lost fails for all settings, the default's too.
+                Err(Error::Backend { message, .. }) => return Ok(Some(message)),
+                Err(error) => return Err(error),
+                Ok(_) => {}
+            }
+        }
+        Ok(None)
+    }
+
+    /// Every setting alone, and every contender.
+    fn alone(&self, base: usize, views: &[S::View], refused: &mut Vec<Refused>) -> Result<Vec<Entry>, Error> {
+        let backend = &self.contenders[base].backend;
+        let mut all = Vec::new();
+        for setting in alternatives(&self.shown) {
+            let entry = self.entry(base, setting.applied_to(&self.shown), Role::Alone, &[setting]);
+            self.admit(entry, views, &mut all, refused)?;
+        }
+        for other in (0..self.contenders.len()).filter(|&i| i != base && self.contenders[i].backend == *backend) {
+            self.admit(self.entry(other, self.shown, Role::Alone, &[]), views, &mut all, refused)?;
+        }
+        Ok(all)
+    }
+
+    /// The largest error of each setting's values where that is the only approximation, the default's among them, on the first backend that
+    /// offers it.
+    fn only(&self, views: &[S::View], truths: &[Truth<S>]) -> Result<Vec<(Setting, f64)>, Error> {
+        let tightest = self.tightest();
+        let mut all: Vec<(Setting, f64)> = Vec::new();
+        for setting in alternatives(&self.shown).into_iter().flat_map(|setting| [setting.of(&self.shown), setting]) {
+            let settings = setting.applied_to(&tightest);
+            if all.iter().any(|(known, _)| *known == setting) {
+                continue;
+            }
+            if let Some(able) = self.able(&settings, views)? {
+                all.push((setting, self.error(able, &settings, views, truths)?.max));
+            }
+        }
+        Ok(all)
+    }
+
+    /// The combinations that are worth measuring, on whichever contender of the backend is quickest.
+    fn together(
+        &self,
+        base: usize,
+        scouted: &[(Entry, f64)],
+        noise: Noise,
+        most: usize,
+        only: &[(Setting, f64)],
+    ) -> Vec<Entry> {
+        let default = scouted.iter().find(|(entry, _)| entry.role == Role::Default).map_or(1.0, |(_, time)| *time);
+        let error = |setting: Setting| only.iter().find(|(s, _)| *s == setting).map(|(_, error)| *error);
+        let mut axes: Vec<(String, Vec<Alone>)> = Vec::new();
+        for setting in alternatives(&self.shown) {
+            let settings = setting.applied_to(&self.shown);
+            let Some((_, time)) =
+                scouted.iter().find(|(e, _)| e.role == Role::Alone && e.candidate.settings == settings)
+            else {
+                continue;
+            };
+            // What no backend can do without other approximations has no price of its own.
+            let (Some(usual), Some(error)) = (error(setting.of(&self.shown)), error(setting)) else {
+                continue;
+            };
+            let axis = setting.change().axis;
+            if axes.last().is_none_or(|(last, _)| *last != axis) {
+                axes.push((axis, vec![Alone { setting: None, ratio: 1.0, error: usual }]));
+            }
+            let alone = Alone { setting: Some(setting), ratio: time / default, error };
+            axes.last_mut().into_iter().for_each(|(_, values)| values.push(alone));
+        }
+        let mut quickest = (base, default);
+        for (Entry { candidate: Candidate { contender, .. }, .. }, time) in scouted {
+            if self.contenders[*contender].change.is_some() && noise.compare(*time, quickest.1) == Comparison::Faster {
+                quickest = (*contender, *time);
+            }
+        }
+        let values: Vec<Vec<Alone>> = axes.into_iter().map(|(_, values)| values).collect();
+        let found = combinations(&values, most).into_iter().filter_map(|combination| {
+            let settings = combination.settings.iter().fold(self.shown, |settings, s| s.applied_to(&settings));
+            let is_new = combination.settings.len() > 1 || (quickest.0 != base && !combination.settings.is_empty());
+            is_new.then(|| self.entry(quickest.0, settings, Role::Together, &combination.settings))
+        });
+        found.collect()
+    }
+}
+
+/// Measures every setting alone and the combinations that are worth it, on every backend of the field, and tells `watch` what it is about.
+///
+/// # Errors
+/// Those of rendering, and of the oracle for effects that it does not have; [`Error::Setting`] without a view or a contender.
+pub fn search<S: Verifiable>(
+    field: &Field<'_, S>,
+    views: &[S::View],
+    pace: Pace,
+    watch: &mut dyn FnMut(&str),
+) -> Result<Frontier, Error> {
+    if views.is_empty() || field.contenders.is_empty() {
+        return Err(Error::setting("the number of views or contenders", 0, "at least 1"));
+    }
+    watch("asking the 64-bit oracle");
+    let truths = field.truths(views)?;
+    let bases = field.bases();
+    let (mut refused, mut entries, mut groups) = (Vec::new(), Vec::new(), Vec::new());
+    for &base in &bases {
+        let mut own = field.landmarks(base, views, &mut refused)?;
+        own.extend(field.alone(base, views, &mut refused)?);
+        groups.push(own.len());
+        entries.extend(own);
+    }
+    watch(&format!("looking at {} settings", entries.len()));
+    let candidates = |entries: &[Entry]| entries.iter().map(|entry| entry.candidate.clone()).collect::<Vec<_>>();
+    let scouted = interleaved(&field.contenders, &candidates(&entries), views, SCOUTING * pace.seconds)?;
+    watch("finding out which combinations are worth measuring");
+    let only = field.only(views, &truths)?;
+    let mut all = Vec::new();
+    let mut scouted = entries.into_iter().zip(scouted);
+    for (&base, group) in bases.iter().zip(groups) {
+        let own: Vec<(Entry, Vec<f64>)> = scouted.by_ref().take(group).collect();
+        let noise = noise_of(own.iter().map(|(entry, times)| (entry.role, &times[..])));
+        let medians: Vec<(Entry, f64)> = own
+            .into_iter()
+            .map(|(entry, times)| {
+                let median = crate::statistics::median(times);
+                (entry, median)
+            })
+            .collect();
+        let together = field.together(base, &medians, noise, pace.combinations, &only);
+        all.extend(medians.into_iter().map(|(entry, _)| entry));
+        for entry in together {
+            field.admit(entry, views, &mut all, &mut refused)?;
+        }
+    }
+    watch(&format!("measuring {} settings in turn", all.len()));
+    let times = interleaved(&field.contenders, &candidates(&all), views, (1.0 - SCOUTING) * pace.seconds)?;
+    let mut rows = Vec::with_capacity(all.len());
+    for (Entry { candidate: Candidate { contender, settings }, role, changes }, seconds) in all.into_iter().zip(times) {
+        let error = field.error(contender, &settings, views, &truths)?;
+        let Contender { backend, name, .. } = &field.contenders[contender];
+        rows.push(Measured {
+            backend: backend.clone(),
+            machine: name.clone(),
+            contender,
+            role,
+            changes,
+            settings,
+            seconds,
+            error,
+            on_frontier: false,
+            comparison: Comparison::NoDifference,
+        });
+    }
+    let noise = judge(&mut rows);
+    Ok(Frontier {
+        rows,
+        refused,
+        noise,
+        views: views.len(),
+        sampled: truths.iter().map(Truth::sampled).sum(),
+        uncertainty: truths.iter().map(Truth::uncertainty).fold(0.0, f64::max),
+    })
+}
+
+fn noise_of<'t>(rows: impl Iterator<Item = (Role, &'t [f64])> + Clone) -> Noise {
+    let of = |wanted: Role| rows.clone().find(|(role, _)| *role == wanted).map(|(_, times)| times);
+    match (of(Role::Default), of(Role::Again)) {
+        (Some(first), Some(again)) => Noise::of(first, again),
+        _ => Noise { factor: 1.0, again: 1.0 },
+    }
+}
+
+/// Sorts rows by backend and time, finds each backend's noise, and what lies on its frontier.
+fn judge(rows: &mut [Measured]) -> Vec<BackendNoise> {
+    let mut backends: Vec<String> = Vec::new();
+    for row in rows.iter() {
+        if !backends.contains(&row.backend) {
+            backends.push(row.backend.clone());
+        }
+    }
+    let place = |backend: &String| backends.iter().position(|known| known == backend);
+    rows.sort_by(|a, b| {
+        let by_time = a.times().median.total_cmp(&b.times().median);
+        place(&a.backend).cmp(&place(&b.backend)).then(by_time)
+    });
+    let mut all = Vec::new();
+    for backend in &backends {
+        let mut own: Vec<&mut Measured> = rows.iter_mut().filter(|row| row.backend == *backend).collect();
+        let noise = noise_of(own.iter().map(|row| (row.role, &row.seconds[..])));
+        let default = own.iter().find(|row| row.role == Role::Default).map_or(f64::NAN, |row| row.times().median);
+        // The default counts once.
+        let points: Vec<(f64, f64)> = own
+            .iter()
+            .map(|row| match row.role {
+                Role::Again => (f64::INFINITY, f64::INFINITY),
+                _ => (row.times().median, row.error.max),
+            })
+            .collect();
+        for (row, on_frontier) in own.iter_mut().zip(frontier_of(&points, noise)) {
+            row.on_frontier = on_frontier && row.role != Role::Again;
+            row.comparison = noise.compare(row.times().median, default);
+        }
+        // Steps that make the same picture count once: the one that changes least.
+        for place in 0..own.len() {
+            let simpler = |other: usize| {
+                let (changes, others) = (own[place].changes.len(), own[other].changes.len());
+                let same = own[other].on_frontier && own[other].error == own[place].error;
+                same && (others < changes || (others == changes && other < place))
+            };
+            if (0..own.len()).any(simpler) {
+                own[place].on_frontier = false;
+            }
+        }
+        all.push(BackendNoise { backend: backend.clone(), noise });
+    }
+    all
+}

@@ -1,0 +1,215 @@
+//! A study laid out: every run that it asks for, in a fixed order, with all its settings and its address.
+
+use gs_core::counted;
+use gs_density::Policy;
+use gs_train::{FitSettings, InitialCount, Preset};
+
+use crate::{
+    digest,
+    error::Error,
+    machine::Machine,
+    overrides,
+    study::{Arm, Study},
+    target::{Places, Target},
+};
+
+/// The version of this program: results of another are never taken for its own. That of the package and, of a checkout, the digest of all
+/// sources that a result depends on: "0.1.0+1f0c9d2a7b3e".
+pub const VERSION: &str = env!("GS_LAB_VERSION");
+
+/// A study with its images and all its runs.
+#[derive(Debug, Clone)]
+pub struct Plan {
+    /// The study.
+    pub study: Study,
+    /// Its images, in its order.
+    pub targets: Vec<Target>,
+    /// What computes.
+    pub machine: Machine,
+    /// Its runs: seed by seed, in each budget by budget, in each image by image, in each arm by arm. What belongs together for a
+    /// comparison stands together, and a study that is stopped early has whole comparisons.
+    pub runs: Vec<Run>,
+}
+
+/// One fit of a study.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Run {
+    /// Its row in the tables, from 1.
+    pub row: usize,
+    /// Index into [`Study::arms`].
+    pub arm: usize,
+    /// Index into [`Plan::targets`].
+    pub target: usize,
+    /// The most Gaussians there may be.
+    pub budget: u32,
+    /// The seed of all random numbers.
+    pub seed: u32,
+    /// All settings of the fit.
+    pub settings: FitSettings,
+    /// The digest of all that the result depends on: settings, target, policy of the caller's own, machine and version.
+    pub address: String,
+}
+
+impl Plan {
+    /// Reads the images of a study and lays out its runs; `machine` as in [`Plan::machine`].
+    ///
+    /// # Errors
+    /// [`Error::Study`], [`Error::Arm`] where settings are not possible, [`Error::NoImage`] and [`Error::Io`] for images.
+    pub fn new(study: Study, places: &Places, machine: impl Into<Machine>) -> Result<Self, Error> {
+        study.validate()?;
+        let machine = machine.into();
+        let targets = study.images.iter().map(|name| Target::load(name, places)).collect::<Result<Vec<_>, _>>()?;
+        let mut runs = Vec::new();
+        for &seed in &study.seeds {
+            for &budget in &study.budgets {
+                for (target, image) in targets.iter().enumerate() {
+                    for (arm, of) in study.arms.iter().enumerate() {
+                        let settings = FitSettings { seed, ..settings(&study, of, budget, image.image.size())? };
+                        let address = address(of, &settings, image, &machine.name).map_err(|m| wrong(&study, of, m))?;
+                        runs.push(Run { row: runs.len() + 1, arm, target, budget, seed, settings, address });
+                    }
+                }
+            }
+        }
+        Ok(Self { study, targets, machine, runs })
+    }
+
+    /// The run of a row, counted from 1.
+    ///
+    /// # Errors
+    /// [`Error::NoRow`].
+    pub fn run(&self, row: usize) -> Result<&Run, Error> {
+        let rows = self.runs.len();
+        row.checked_sub(1).and_then(|index| self.runs.get(index)).ok_or(Error::NoRow { row, rows })
+    }
+
+    /// The arm of a run.
+    pub fn arm(&self, run: &Run) -> &Arm {
+        &self.study.arms[run.arm]
+    }
+
+    /// The image of a run.
+    pub fn target(&self, run: &Run) -> &Target {
+        &self.targets[run.target]
+    }
+
+    /// A run for people: "percentile, kodim04, 3000 Gaussians, seed 0".
+    pub fn describe(&self, run: &Run) -> String {
+        let Run { budget, seed, .. } = run;
+        let budget = counted(*budget, "Gaussian");
+        format!("{}, {}, {budget}, seed {seed}", self.arm(run).name, self.target(run).label())
+    }
+}
+
+/// All settings of an arm but the seed, for an image of `size` (columns, rows).
+fn settings(study: &Study, arm: &Arm, budget: u32, size: (u32, u32)) -> Result<FitSettings, Error> {
+    let mut start = match (arm.preset.unwrap_or(study.preset), arm.iterations.or(study.iterations)) {
+        (Preset::Paper, iterations) => {
+            let paper = Preset::Paper.settings(budget, size);
+            let iterations = iterations.unwrap_or(paper.iterations);
+            paper.with_iterations(iterations)
+        }
+        (_, Some(iterations)) => FitSettings::for_image(budget, size, iterations),
+        (preset, None) => preset.settings(budget, size),
+    };
+    if let Some(name) = &arm.policy {
+        start.policy = Policy::from_name(name).map_err(|error| wrong(study, arm, error.to_string()))?;
+    }
+    let mut over = study.settings.clone();
+    overrides::lay_upon(&mut over, &arm.settings);
+    let mut settings = overrides::applied(&start, &over).map_err(|message| wrong(study, arm, message))?;
+    if let InitialCount::Fixed(count) = &mut settings.initial {
+        *count = (*count).min(settings.gaussians);
+    }
+    settings.validate().map_err(|error| wrong(study, arm, error.to_string()))?;
+    Ok(settings)
+}
+
+fn wrong(study: &Study, arm: &Arm, message: String) -> Error {
+    Error::Arm { study: study.name.clone(), line: arm.line, arm: arm.name.clone(), message }
+}
+
+fn address(arm: &Arm, settings: &FitSettings, target: &Target, machine: &str) -> Result<String, String> {
+    let settings = toml::to_string(settings).map_err(|error| error.to_string())?;
+    let policy = arm.own_policy.as_ref().map_or("", |own| own.fingerprint.as_str());
+    Ok(digest::of_texts(["gs-lab run 1", VERSION, machine, &target.digest, policy, &settings]))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::collections::HashSet;
+
+    fn plan(text: &str) -> Result<Plan, Error> {
+        Plan::new(Study::from_toml(text, "a.toml")?, &Places::default(), "test")
+    }
+
+    const TWO_ARMS: &str = "name = 'x'\nimages = ['paper']\nbudgets = [10, 600]\nseeds = [3, 4]\npreset = 'paper'\niterations = 50\n\
+                            settings.policy.actions.densify.shrink = 2.0\n[[arm]]\nname = 'a'\n[[arm]]\nname = 'b'\n\
+                            settings.policy.kind = 'percentile'\n";
+
+    #[test]
+    fn runs_are_all_combinations_in_a_fixed_order_each_with_its_address() {
+        let plan = plan(TWO_ARMS).unwrap();
+        let order: Vec<_> = plan.runs.iter().map(|r| (r.row, r.seed, r.budget, r.arm)).collect();
+        let expected = [(1, 3, 10, 0), (2, 3, 10, 1), (3, 3, 600, 0), (4, 3, 600, 1), (5, 4, 10, 0)];
+        assert_eq!((order.len(), &order[..5]), (8, &expected[..]));
+        let addresses: HashSet<_> = plan.runs.iter().map(|r| &r.address).collect();
+        assert_eq!(addresses.len(), 8);
+        let first = &plan.run(1).unwrap().settings;
+        assert_eq!((first.seed, first.gaussians, first.iterations, first.initial.resolve(10)), (3, 10, 50, 10));
+        for run in &plan.runs {
+            let text = toml::to_string(&run.settings.policy).unwrap();
+            assert!(text.contains("shrink = 2.0"), "what all arms have in common: {text}");
+        }
+        assert!(matches!(plan.run(0), Err(Error::NoRow { .. })) && plan.run(9).is_err());
+    }
+
+    #[test]
+    fn a_policy_by_its_name_is_what_settings_differ_from() {
+        let named =
+            TWO_ARMS.replace("settings.policy.kind = 'percentile'", "policy = 'hybrid'\nsettings.policy.percent = 25");
+        let Policy::Grow(hybrid) = plan(&named).unwrap().runs[1].settings.policy.clone() else { panic!("a hybrid") };
+        assert_eq!((hybrid.percent, hybrid.actions.densify.shrink), (25.0, 2.0));
+    }
+
+    #[test]
+    fn an_address_follows_all_that_the_result_depends_on() {
+        let base = plan(TWO_ARMS).unwrap().runs[0].address.clone();
+        assert_eq!(
+            plan(&TWO_ARMS.replace("'x'", "'another name'".replace(' ', "-").as_str())).unwrap().runs[0].address,
+            base
+        );
+        assert_ne!(plan(&TWO_ARMS.replace("shrink = 2.0", "shrink = 2.1")).unwrap().runs[0].address, base);
+        let other_machine = Plan::new(Study::from_toml(TWO_ARMS, "").unwrap(), &Places::default(), "other").unwrap();
+        assert_ne!(other_machine.runs[0].address, base);
+    }
+
+    #[test]
+    fn what_is_wrong_with_a_study_is_said_with_its_place_and_mend() {
+        for (from, to, expected) in [
+            ("seeds = [3, 4]", "seeds = []", "study `x`: seeds: there are none: name at least one"),
+            ("seeds = [3, 4]", "seeds = [3, 3]", "seeds: 3 stands there twice"),
+            ("seeds = [3, 4]", "seed = [3]", "a.toml: line 4: unknown field `seed`"),
+            ("seeds = [3, 4]", "seeds = [-1]", "line 4"),
+            ("budgets = [10, 600]", "budgets = [0]", "0 Gaussians draw nothing"),
+            ("'paper']", "'no/such.png']", "no/such.png: no such file in any folder: name the folder"),
+            (
+                "name = 'b'",
+                "name = 'b'\npolicy = 'percentil'",
+                "line 11: arm `b`: policy is `percentil`, but must be one of absolute",
+            ),
+            ("name = 'b'", "name = 'a'", "\"a\" stands there twice"),
+            ("name = 'b'", "name = 'a/b'", "its name is not a word"),
+            ("name = 'x'", "name = 'x'\nbaseline = 'c'", "there is no arm `c`"),
+            ("'percentile'", "'percentil'", "study `x`: line 11: arm `b`: "),
+            ("shrink = 2.0", "shrink = 0.5", "line 9: arm `a`: densify.shrink is 0.5"),
+            ("shrink = 2.0", "shrunk = 2.0", "shrunk"),
+            ("settings.policy.actions", "settings.gaussians = 3\nsettings.policy.actions", "list it under budgets"),
+            ("name = 'x'", "name = = 'x'", "a.toml: line 1: "),
+        ] {
+            let message = plan(&TWO_ARMS.replace(from, to)).map(|plan| plan.runs.len()).unwrap_err().to_string();
+            assert!(message.contains(expected), "{to}: {message}");
+        }
+    }
+}

@@ -1,0 +1,183 @@
+//! What is stored of a run: what it was, and what came of it.
+
+use gs_core::{edit::EditCounts, statistics::Culled};
+use gs_train::MetricsRow;
+use serde::{Deserialize, Deserializer, Serialize};
+
+use crate::machine::Machine;
+
+/// A run's file.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct Record {
+    /// The digest of all that follows but the outcome; also the file's name.
+    pub address: String,
+    /// The version of the program.
+    pub version: String,
+    /// What computed, and how it was chosen.
+    #[serde(flatten)]
+    pub machine: Machine,
+    /// The image, as the study named it.
+    pub image: String,
+    /// The digest of its pixels.
+    pub target: String,
+    /// The fingerprint of a policy of the caller's own.
+    pub policy: Option<String>,
+    /// All settings, as TOML: `gs fit --settings` takes it.
+    pub settings: String,
+    /// What came of it.
+    pub outcome: Outcome,
+}
+
+/// What came of a run.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "status", rename_all = "kebab-case")]
+pub enum Outcome {
+    /// All steps were done.
+    Finished(Box<Finished>),
+    /// The fit failed.
+    Failed {
+        /// Why.
+        error: String,
+    },
+}
+
+impl Outcome {
+    /// What came of a run that did all its steps.
+    pub fn finished(&self) -> Option<&Finished> {
+        match self {
+            Self::Finished(finished) => Some(finished),
+            Self::Failed { .. } => None,
+        }
+    }
+}
+
+/// A run that did all its steps. Qualities are those of the 8-bit picture, as in [`gs_train::FitSummary`].
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct Finished {
+    /// Gaussians at the end.
+    pub gaussians: u32,
+    /// Steps done.
+    pub iterations: u32,
+    /// dB; ∞ for equal images, which JSON writes as `null`.
+    #[serde(deserialize_with = "infinite_where_null")]
+    pub psnr: f64,
+    /// Structural similarity.
+    pub ssim: f64,
+    /// Multi-scale structural similarity; nothing for images too small for it.
+    pub ms_ssim: Option<f64>,
+    /// Mean absolute difference.
+    pub l1: f64,
+    /// The loss of the scene.
+    pub loss: Option<f32>,
+    /// What density control did, all rounds together.
+    pub edits: EditCounts,
+    /// Gaussians that the last rendering left out.
+    pub culled: Culled,
+    /// The digest of the scene: a replay ends in the same.
+    pub scene: String,
+    /// Time spent fitting, s.
+    pub seconds: f64,
+    /// What computed, threads included.
+    pub backend: String,
+    /// How many runs were under way side by side.
+    pub side_by_side: usize,
+    /// Count, loss and, in some rows, quality over steps and time.
+    pub trajectory: Vec<MetricsRow>,
+}
+
+/// JSON has no infinity: `null` is what becomes of it.
+fn infinite_where_null<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
+    Ok(Option::<f64>::deserialize(deserializer)?.unwrap_or(f64::INFINITY))
+}
+
+impl Finished {
+    /// PSNR at a place of the trajectory, dB, between two measurements interpolated; before the first and after the last, theirs.
+    fn psnr_at(&self, place: f64, of: impl Fn(&MetricsRow) -> f64) -> Option<f64> {
+        let points: Vec<(f64, f64)> = self.trajectory.iter().filter_map(|row| Some((of(row), row.psnr?))).collect();
+        let after = points.partition_point(|&(x, _)| x <= place);
+        let (Some(&last), Some(&first)) = (points.last(), points.first()) else { return None };
+        let Some(&(from, low)) = after.checked_sub(1).and_then(|before| points.get(before)) else {
+            return Some(first.1);
+        };
+        let Some(&(to, high)) = points.get(after) else { return Some(last.1) };
+        let share = (place - from) / (to - from);
+        // On the way to an exact picture nothing can be interpolated.
+        Some(if share > 0.0 && low.is_finite() && high.is_finite() { low + (high - low) * share } else { low })
+    }
+
+    /// PSNR after so many steps, dB; from the rows in which it was measured.
+    pub fn psnr_after(&self, steps: u32) -> Option<f64> {
+        self.psnr_at(f64::from(steps), |row| f64::from(row.step))
+    }
+
+    /// PSNR after so many seconds of fitting, dB; from the rows in which it was measured.
+    pub fn psnr_within(&self, seconds: f64) -> Option<f64> {
+        self.psnr_at(seconds, |row| row.seconds)
+    }
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+
+    use super::*;
+
+    /// A run that ended with `psnr` after 100 steps and 2 s, in a straight line from 10 dB after 20 steps and 1 s.
+    pub(crate) fn finished(psnr: f64) -> Finished {
+        let row = |step, seconds, psnr| MetricsRow {
+            step,
+            seconds,
+            count: step,
+            edits: EditCounts::default(),
+            loss: 0.5,
+            l1: None,
+            psnr,
+            culled: None,
+            clamped: None,
+            fresh_start: None,
+        };
+        Finished {
+            gaussians: 100,
+            iterations: 100,
+            psnr,
+            ssim: 0.5,
+            ms_ssim: None,
+            l1: 0.1,
+            loss: Some(0.25),
+            edits: EditCounts::default(),
+            culled: Culled::default(),
+            scene: "0".to_owned(),
+            seconds: 2.0,
+            backend: "test".to_owned(),
+            side_by_side: 1,
+            trajectory: vec![row(20, 1.0, Some(10.0)), row(60, 1.5, None), row(100, 2.0, Some(psnr))],
+        }
+    }
+
+    #[test]
+    fn quality_is_known_at_every_place_of_the_course() {
+        let run = finished(30.0);
+        assert_eq!([0, 20, 60, 100, 999].map(|step| run.psnr_after(step).unwrap()), [10.0, 10.0, 20.0, 30.0, 30.0]);
+        assert_eq!(run.psnr_within(1.75), Some(25.0));
+        assert_eq!(Finished { trajectory: vec![], ..run }.psnr_after(3), None);
+        let exact = finished(f64::INFINITY);
+        assert_eq!(
+            [20, 99, 100, 999].map(|step| exact.psnr_after(step).unwrap()),
+            [10.0, 10.0, f64::INFINITY, f64::INFINITY]
+        );
+    }
+
+    #[test]
+    fn a_record_comes_back_bit_for_bit() {
+        let mut run = finished(0.1 + 0.2);
+        run.seconds = 1.0 / 3.0;
+        let outcomes = [Outcome::Finished(Box::new(run)), Outcome::Failed { error: "diverged".to_owned() }];
+        for outcome in outcomes {
+            let json = serde_json::to_string(&outcome).unwrap();
+            assert_eq!(serde_json::from_str::<Outcome>(&json).unwrap(), outcome, "{json}");
+        }
+        let perfect = serde_json::to_string(&finished(f64::INFINITY)).unwrap();
+        assert_eq!(serde_json::from_str::<Finished>(&perfect).unwrap().psnr, f64::INFINITY);
+    }
+}

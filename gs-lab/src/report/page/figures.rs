@@ -1,0 +1,63 @@
+//! What the page shows: curves, and pictures beside each other.
+
+use maud::{Markup, html};
+
+use crate::{
+    error::Error,
+    html,
+    report::{
+        page::{Page, words::gaussians},
+        pictures::FULL_SCALE,
+    },
+};
+
+impl Page<'_> {
+    pub(super) fn curves(&self) -> Result<Markup, Error> {
+        let mut drawn = Vec::new();
+        for figure in self.figures.iter().filter(|figure| !figure.name.starts_with("differences")) {
+            drawn.push(html::figure(figure)?);
+        }
+        Ok(html! {
+            section {
+                h2 { "Curves" }
+                p {
+                    "Lines are means over images and seeds; bands go from the lowest to the highest seed, each a mean over the images. "
+                    "The same as SVG and PNG: " code { "plots/" } "."
+                }
+                div.figures { @for figure in drawn { (figure) } }
+            }
+        })
+    }
+
+    pub(super) fn pictures(&self) -> Markup {
+        let side =
+            |window: [u32; 4]| format!("{}×{} px at column {}, row {}", window[2], window[3], window[0], window[1]);
+        html! {
+            section {
+                h2 { "Pictures" }
+                p {
+                    "At most " (gaussians(self.pictured)) ", seed " (self.results.plan.study.seeds[0]) ": the part of each image in which the "
+                    "arms differ the most, and below it the largest absolute error of a channel, from black (0) to pale yellow ("
+                    (FULL_SCALE) " of full scale and more). PSNR is that of the whole image."
+                }
+                @for multiples in self.multiples {
+                    h3 { (multiples.image) " " span.quiet { (side(multiples.window)) } }
+                    div.multiples {
+                        figure {
+                            img src=(multiples.target) alt={ (multiples.image) ", the image itself" };
+                            figcaption { "image" }
+                        }
+                        @for multiple in &multiples.arms {
+                            @let name = &self.results.plan.study.arms[multiple.arm].name;
+                            figure {
+                                img src=(multiple.reconstruction) alt={ (multiples.image) " by " (name) };
+                                img src=(multiple.error_map) alt={ "error of " (name) };
+                                figcaption { (self.swatch(multiple.arm)) (name) br; span.quiet { (format!("{:.2} dB", multiple.psnr)) } }
+                            }
+                        }
+                    }
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,108 @@
+//! The last part of the page: settings of the arms, runs that failed, and how all was done.
+
+use crate::statistics::{CONFIDENCE, FEWEST, RESAMPLES};
+use maud::{Markup, html};
+
+use crate::{
+    comparison::EQUAL_COUNT,
+    plan::{Run, VERSION},
+    record::Outcome,
+    remark::FEWEST_SEEDS,
+    report::page::{Page, words::grouped},
+};
+
+impl Page<'_> {
+    pub(super) fn arms(&self) -> Markup {
+        let plan = self.results.plan;
+        let of_arm = |arm: usize| plan.runs.iter().rev().find(|run| run.arm == arm);
+        let all = |run: &Run| toml::to_string(&run.settings).unwrap_or_default();
+        let common = toml::to_string(&plan.study.settings).unwrap_or_default();
+        html! {
+            section {
+                h2 { "Arms" }
+                p {
+                    "All start from the preset " code { (plan.study.preset) }
+                    @if let Some(iterations) = plan.study.iterations { " in " (iterations) " iterations" }
+                    @if common.is_empty() { "." } @else { ", with:" }
+                }
+                @if !common.is_empty() { pre { (common) } }
+                @for (index, arm) in plan.study.arms.iter().enumerate() {
+                    h3 { (self.swatch(index)) (arm.name) }
+                    p { (arm.about) }
+                    @if let Some(preset) = arm.preset { p { "Preset " code { (preset) } "." } }
+                    @if let Some(iterations) = arm.iterations { p { (iterations) " iterations." } }
+                    @if let Some(policy) = &arm.policy { p { "Policy " code { (policy) } "." } }
+                    @if let Some(own) = &arm.own_policy { p { "A policy of its own: " code { (own.fingerprint) } "." } }
+                    @if !arm.settings.is_empty() { pre { (toml::to_string(&arm.settings).unwrap_or_default()) } }
+                    @if let Some(run) = of_arm(index) {
+                        details {
+                            summary { "all settings of row " (run.row) " (" (plan.describe(run)) ")" }
+                            pre { (all(run)) }
+                        }
+                    }
+                }
+            }
+        }
+    }
+
+    pub(super) fn failures(&self) -> Markup {
+        let plan = self.results.plan;
+        let failed: Vec<(&Run, &str)> = self
+            .results
+            .rows()
+            .filter_map(|(run, record)| match &record?.outcome {
+                Outcome::Failed { error } => Some((run, error.as_str())),
+                Outcome::Finished(_) => None,
+            })
+            .collect();
+        html! {
+            @if !failed.is_empty() {
+                section {
+                    h2 { "Runs that failed" }
+                    div.wide { table {
+                        thead { tr { th { "row" } th { "run" } th { "error" } } }
+                        tbody { @for (run, error) in failed { tr { td { (run.row) } td { (plan.describe(run)) } td { (error) } } } }
+                    } }
+                }
+            }
+        }
+    }
+
+    pub(super) fn method(&self) -> Markup {
+        let plan = self.results.plan;
+        let side_by_side = self.results.records.iter().flatten().filter_map(|record| record.outcome.finished());
+        let (jobs, backends) = side_by_side.fold((1, Vec::new()), |(jobs, mut backends), run| {
+            if !backends.contains(&&run.backend) {
+                backends.push(&run.backend);
+            }
+            (run.side_by_side.max(jobs), backends)
+        });
+        html! {
+            section {
+                h2 { "How this was done" }
+                ul {
+                    li { "Every arm fitted every image at every budget from every seed with the same rasterizer. Each run is a row of "
+                        code { "runs.csv" } "; " code { "gs study replay DIR ROW" } " does it again and ends in the same scene, bit for bit." }
+                    li { "A difference is taken image by image (mean over seeds first) where there are several images, else seed by seed. Its interval: "
+                        (grouped(RESAMPLES as u32)) " bootstrap resamples of these pairs, of which there must be " (FEWEST) " at least; their means, and percentiles expanded for small samples "
+                        "(Hesterberg 2015), for a confidence of " (format!("{:.0}", 100.0 * CONFIDENCE)) " %. With several comparisons, one in twenty "
+                        "may be called a difference where there is none." }
+                    li { "Equal count: the ends of the fits; arms whose counts on an image differ by more than "
+                        (format!("{:.0}", 100.0 * EQUAL_COUNT)) " %, run by run, are not judged. Equal iterations: PSNR at the last step that all arms of "
+                        "the study have reached on an image, interpolated between measurements (about twenty a fit)." }
+                    li { "Equal time: an arm's time on an image is the median over its runs, and each run is put on that clock, so that what else the "
+                        "machine did in a run does not decide. Arms are compared when the study's fastest has ended: a slower one is then judged before the "
+                        "end of its schedule. Where runs were timed on other backends, or with others beside them, there is no verdict. Measuring is "
+                        "not part of the time." }
+                    li { "Runs that failed are left out: arms are compared over the pairs of which both runs have finished, and not at all where an image "
+                        "has none. A study should have " (FEWEST_SEEDS) " seeds at least." }
+                    li { "Times are those of this machine: " (backends.iter().map(|b| b.as_str()).collect::<Vec<_>>().join(", "))
+                        @if jobs > 1 { ", with up to " (jobs) " runs side by side, which slows all of them" } "." }
+                    li { "Results are of version " code { (VERSION) } " on " (plan.machine.name) ". What follows the + is the digest of the sources that a "
+                        "result depends on, of a build from a checkout; runs of other versions or machines are never taken over." }
+                    li { "Images: " (plan.targets.iter().map(|t| format!("{} ({}×{} px)", t.name, t.image.width(), t.image.height())).collect::<Vec<_>>().join(", ")) "." }
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,80 @@
+//! The page: what the study found first, then the numbers, then how it was done.
+
+mod figures;
+mod method;
+mod numbers;
+mod winners;
+mod words;
+
+use maud::{Markup, html};
+
+use crate::{
+    error::Error,
+    figure::Figure,
+    html,
+    plan::VERSION,
+    record::Outcome,
+    report::{page::words::listed, pictures::Multiples},
+    tables::Results,
+};
+
+pub(crate) use winners::headline;
+
+/// All that stands on the page.
+pub(crate) struct Page<'a> {
+    pub(crate) results: &'a Results<'a>,
+    pub(crate) command: &'a str,
+    pub(crate) figures: &'a [Figure],
+    pub(crate) multiples: &'a [Multiples],
+    /// The budget whose pictures are shown.
+    pub(crate) pictured: u32,
+}
+
+impl Page<'_> {
+    /// The page as HTML.
+    pub(crate) fn html(&self) -> Result<String, Error> {
+        let study = &self.results.plan.study;
+        let body = html! {
+            header {
+                p.kind { "Study" }
+                h1 { (study.name) }
+                p.question { (study.question) }
+                (self.facts())
+            }
+            main {
+                (self.winners())
+                (self.quality())
+                (self.differences()?)
+                (self.curves()?)
+                (self.pictures())
+                (self.arms())
+                (self.failures())
+                (self.method())
+            }
+        };
+        Ok(html::page(&format!("Study: {}", study.name), &body))
+    }
+
+    fn facts(&self) -> Markup {
+        let plan = self.results.plan;
+        let study = &plan.study;
+        let ended = self.results.records.iter().flatten();
+        let done = ended.filter(|record| matches!(record.outcome, Outcome::Finished(_))).count();
+        html! {
+            dl.facts {
+                div { dt { "Runs" } dd { (done) " of " (plan.runs.len()) " finished" } }
+                div { dt { "Arms" } dd { (study.arms.len()) } }
+                div { dt { "Images" } dd { (plan.targets.len()) } }
+                div { dt { "Budgets" } dd { (listed(&study.budgets)) } }
+                div { dt { "Seeds" } dd { (listed(&study.seeds)) } }
+                div { dt { "Computed by" } dd { "gs " (VERSION) ", " (plan.machine.name) } }
+            }
+            pre.command { "$ " (self.command) }
+        }
+    }
+
+    /// The colour of an arm, before its name.
+    fn swatch(&self, arm: usize) -> Markup {
+        html::swatch(arm)
+    }
+}

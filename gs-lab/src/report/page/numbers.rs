@@ -1,0 +1,169 @@
+//! The page's tables: the quality of every arm, and differences from the baseline.
+
+use maud::{Markup, html};
+
+use crate::{
+    comparison::{Difference, Verdict},
+    error::Error,
+    html,
+    remark::{FEWEST_SEEDS, Remark},
+    report::{
+        at_equal, figure,
+        page::{
+            Page,
+            words::{capital, grouped, signed},
+        },
+    },
+    study::Matching,
+    tables::{Metric, Quality, Spread},
+};
+
+impl Page<'_> {
+    pub(super) fn quality(&self) -> Markup {
+        let qualities = self.results.qualities();
+        let images = self.results.plan.targets.len();
+        let seconds = |quality: &Quality| {
+            let arm = self.results.plan.study.arms.iter().position(|arm| arm.name == quality.arm)?;
+            self.results.spread(arm, quality.budget, |run| Some(run.seconds))
+        };
+        html! {
+            section {
+                h2 { "Quality" }
+                p {
+                    "Mean over images of means over seeds, at the end of the fits; ± is the standard deviation of a single run over seeds. "
+                    "PSNR in dB, SSIM and MS-SSIM from 0 to 1, of the pictures as they are written in 8 bits; time in seconds as measured. Means are over finished runs."
+                }
+                div.wide { table {
+                    thead { tr {
+                        th { "budget" } th { "arm" } th.number { "Gaussians" } th.number { "PSNR, dB" } th.number { "SSIM" }
+                        th.number { "MS-SSIM" } th.number { "time, s" } th.number { "runs" }
+                    } }
+                    tbody {
+                        @for (index, quality) in qualities.iter().enumerate() {
+                            @let arm = index % self.results.plan.study.arms.len();
+                            tr.first[arm == 0] {
+                                td { @if arm == 0 { (grouped(quality.budget)) } }
+                                td { (self.swatch(arm)) (quality.arm) }
+                                td.number { (spread(quality.gaussians, 0)) }
+                                td.number { (spread(quality.psnr, 2)) }
+                                td.number { (spread(quality.ssim, 4)) }
+                                td.number { (spread(quality.ms_ssim, 4)) }
+                                td.number { (spread(seconds(quality), 2)) }
+                                td.number {
+                                    (quality.finished)
+                                    @if quality.failed > 0 { span.verdict.worse { " (" (quality.failed) " failed)" } }
+                                    @if quality.missing > 0 { span.quiet { " (" (quality.missing) " missing)" } }
+                                    @if quality.images < images {
+                                        br; span.verdict.worse { "on " (quality.images) " of " (images) " images only" }
+                                    }
+                                }
+                            }
+                        }
+                    }
+                } }
+            }
+        }
+    }
+
+    pub(super) fn differences(&self) -> Result<Markup, Error> {
+        let study = &self.results.plan.study;
+        let baseline = study.baseline_arm();
+        let others: Vec<usize> = (0..study.arms.len()).filter(|&arm| arm != baseline).collect();
+        let mut parts = Vec::new();
+        for &matching in &study.matchings {
+            let drawn = match figure(self.figures, &format!("differences-at-equal-{}", matching.name())) {
+                Some(figure) => html::figure(figure)?,
+                None => Markup::default(),
+            };
+            // At the ends of fits there are more measures than PSNR.
+            let second = (matching == Matching::Count && self.has_ms_ssim()).then_some(Metric::MsSsim);
+            let columns = if second.is_some() { 6 } else { 4 };
+            let rows: Vec<(u32, usize)> =
+                study.budgets.iter().flat_map(|&budget| others.iter().map(move |&arm| (budget, arm))).collect();
+            let of = |metric: Metric, (budget, arm): (u32, usize)| {
+                self.results.difference(matching, metric, budget, arm, baseline)
+            };
+            parts.push(html! {
+                h3 { (capital(at_equal(matching))) }
+                div.beside {
+                    (drawn)
+                    div.wide { table.small {
+                        thead { tr {
+                            th { "budget" } th { "arm" } th.number { "PSNR, dB" } th { }
+                            @if second.is_some() { th.number { "MS-SSIM" } th { } }
+                        } }
+                        tbody {
+                            @for &row in &rows {
+                                @let psnr = of(Metric::Psnr, row);
+                                tr.remarked[remark(&psnr).is_some()] {
+                                    td { (grouped(row.0)) }
+                                    td.name { (self.swatch(row.1)) (study.arms[row.1].name) }
+                                    (difference_cells(&psnr, 2))
+                                    @if let Some(metric) = second { (difference_cells(&of(metric, row), 4)) }
+                                }
+                                @if let Some(text) = remark(&psnr) {
+                                    tr.remark { td {} td.quiet colspan=(columns - 1) { (text) } }
+                                }
+                            }
+                        }
+                    } }
+                }
+            });
+        }
+        Ok(html! {
+            section {
+                h2 { "Differences from " (study.arms[baseline].name) }
+                p {
+                    "Paired: each image with itself. Under each mean difference is its 95 % interval; an arm is better or worse where the whole of it lies "
+                    "on one side of 0. "
+                    "Hollow marks are not judged. Every other pair of arms is in " code { "differences.csv" } "."
+                    @if study.seeds.len() < FEWEST_SEEDS {
+                        " " b { "Few seeds: " (study.seeds.len()) ", " (FEWEST_SEEDS) " would do." } " A difference may be one of luck with them."
+                    }
+                }
+                @for part in parts { (part) }
+            }
+        })
+    }
+
+    fn has_ms_ssim(&self) -> bool {
+        let mut finished = self.results.records.iter().flatten().filter_map(|record| record.outcome.finished());
+        finished.any(|run| run.ms_ssim.is_some())
+    }
+}
+
+/// Two cells: the difference with its interval, and the verdict.
+fn difference_cells(difference: &Difference, digits: usize) -> Markup {
+    let class = match difference.verdict {
+        Verdict::Better => "verdict better",
+        Verdict::Worse => "verdict worse",
+        Verdict::CannotTell => "verdict",
+    };
+    html! {
+        td.number {
+            @if let Some(mean) = difference.mean { (signed(mean, digits)) } @else { "–" }
+            @if let Some(interval) = difference.interval {
+                br; span.quiet { (signed(interval.low, digits)) " to " (signed(interval.high, digits)) }
+            }
+        }
+        td {
+            span class=(class) { (difference.verdict.words()) }
+        }
+    }
+}
+
+/// What must be known besides, for a row of its own: the cells above are narrow. Seeds are the same for all rows.
+fn remark(difference: &Difference) -> Option<String> {
+    let of_row = difference.remarks.iter().filter(|remark| !matches!(remark, Remark::FewSeeds { .. }));
+    let words: Vec<String> = of_row.map(Remark::to_string).collect();
+    (!words.is_empty()).then(|| words.join("; "))
+}
+
+fn spread(value: Option<Spread>, digits: usize) -> Markup {
+    html! {
+        @if let Some(Spread { mean, over_seeds }) = value {
+            (format!("{mean:.digits$}"))
+            @if let Some(sd) = over_seeds { span.quiet { (format!(" ± {sd:.digits$}")) } }
+        } @else { "–" }
+    }
+}

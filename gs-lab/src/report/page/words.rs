@@ -1,0 +1,36 @@
+//! Numbers and lists as the page writes them.
+
+pub(super) fn listed(values: &[u32]) -> String {
+    values.iter().map(|&value| grouped(value)).collect::<Vec<_>>().join(", ")
+}
+
+/// A number with a comma before each three digits.
+pub(super) fn grouped(value: u32) -> String {
+    crate::figure::grouped(&value.to_string())
+}
+
+/// "1 Gaussian", "9,000 Gaussians".
+pub(super) fn gaussians(count: u32) -> String {
+    format!("{} Gaussian{}", grouped(count), if count == 1 { "" } else { "s" })
+}
+
+/// A number with its sign, with a minus as wide as a plus.
+pub(super) fn signed(value: f64, digits: usize) -> String {
+    format!("{value:+.digits$}").replace('-', "−")
+}
+
+pub(super) fn capital(text: &str) -> String {
+    let mut letters = text.chars();
+    letters.next().map_or_else(String::new, |first| first.to_uppercase().chain(letters).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_are_grouped_by_thousands() {
+        assert_eq!([0, 999, 1000, 9000, 1_234_567].map(grouped), ["0", "999", "1,000", "9,000", "1,234,567"]);
+        assert_eq!(capital("at equal count"), "At equal count");
+    }
+}

@@ -1,0 +1,159 @@
+//! The pictures of a report: what each arm makes of the same few pixels, and how wrong it is there, packed into the page.
+
+use gs_core::Image;
+use image::{ExtendedColorType, ImageEncoder, codecs::jpeg::JpegEncoder};
+
+use crate::{error::Error, html::data_uri, tables::Results};
+
+/// Side of a picture, px.
+const SIDE: u32 = 176;
+/// Quality of the packed pictures, 1 to 100.
+const QUALITY: u8 = 80;
+/// A report shows this many pictures at most.
+const MOST: usize = 88;
+/// The largest absolute difference of a channel that the error maps tell from larger ones.
+pub(crate) const FULL_SCALE: f32 = 0.25;
+
+/// An image of the study with what the arms made of it.
+#[derive(Debug, Clone)]
+pub(crate) struct Multiples {
+    pub(crate) image: String,
+    /// Left, top, columns and rows of what is shown, px.
+    pub(crate) window: [u32; 4],
+    /// The image itself, as the address of an `img`.
+    pub(crate) target: String,
+    pub(crate) arms: Vec<Multiple>,
+}
+
+/// What an arm made of an image.
+#[derive(Debug, Clone)]
+pub(crate) struct Multiple {
+    pub(crate) arm: usize,
+    /// Of the whole image, dB.
+    pub(crate) psnr: f64,
+    pub(crate) reconstruction: String,
+    pub(crate) error_map: String,
+}
+
+/// Pictures of the first seed at a budget, for as many images as a page can take.
+///
+/// # Errors
+/// [`Error::Picture`].
+pub(crate) fn multiples(
+    results: &Results<'_>,
+    budget: u32,
+    picture: impl Fn(&crate::Run) -> Option<Image>,
+) -> Result<Vec<Multiples>, Error> {
+    let plan = results.plan;
+    let images = (MOST / (2 * plan.study.arms.len() + 1)).max(1);
+    let seed = plan.study.seeds[0];
+    let mut shown = Vec::new();
+    for (index, target) in plan.targets.iter().enumerate().take(images) {
+        let of_image = results.rows().filter(|(run, _)| (run.target, run.budget, run.seed) == (index, budget, seed));
+        let arms: Vec<(usize, f64, Image)> = of_image
+            .filter_map(|(run, record)| Some((run.arm, record?.outcome.finished()?.psnr, picture(run)?)))
+            .filter(|(_, _, image)| image.size() == target.image.size())
+            .collect();
+        let window = telling_window(&target.image, &arms.iter().map(|arm| &arm.2).collect::<Vec<_>>());
+        let pack = |image: &Image| pack(&target.name, image);
+        let multiple = |(arm, psnr, image): &(usize, f64, Image)| {
+            let part = cut(image, window);
+            let error_map = pack(&error_map(&part, &cut(&target.image, window)))?;
+            Ok::<_, Error>(Multiple { arm: *arm, psnr: *psnr, reconstruction: pack(&part)?, error_map })
+        };
+        shown.push(Multiples {
+            image: target.label().to_owned(),
+            window,
+            target: pack(&cut(&target.image, window))?,
+            arms: arms.iter().map(multiple).collect::<Result<_, _>>()?,
+        });
+    }
+    Ok(shown)
+}
+
+/// Where arms differ the most: the window with the largest spread of their squared errors.
+fn telling_window(target: &Image, arms: &[&Image]) -> [u32; 4] {
+    let (width, height) = target.size();
+    let (columns, rows) = (width.min(SIDE), height.min(SIDE));
+    let stride = width as usize + 1;
+    // Sums over all pixels left of and above a corner.
+    let mut sums = vec![0.0f64; stride * (height as usize + 1)];
+    for y in 0..height as usize {
+        let mut row = 0.0;
+        for x in 0..width as usize {
+            let pixel = y * width as usize + x;
+            let error = |image: &&Image| squared(image.pixels()[pixel], target.pixels()[pixel]);
+            let (low, high) = arms.iter().map(error).fold((f64::MAX, 0.0f64), |(l, h), e| (l.min(e), h.max(e)));
+            row += (high - low).max(0.0);
+            sums[(y + 1) * stride + x + 1] = sums[y * stride + x + 1] + row;
+        }
+    }
+    let sum = |x: u32, y: u32| {
+        let at = |x: u32, y: u32| sums[y as usize * stride + x as usize];
+        at(x + columns, y + rows) - at(x, y + rows) - at(x + columns, y) + at(x, y)
+    };
+    let places = (0..=height - rows).step_by(8).flat_map(|y| (0..=width - columns).step_by(8).map(move |x| (x, y)));
+    let best = places.max_by(|a, b| sum(a.0, a.1).total_cmp(&sum(b.0, b.1)));
+    let (x, y) = best.unwrap_or((0, 0));
+    [x, y, columns, rows]
+}
+
+fn squared(a: [f32; 3], b: [f32; 3]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| f64::from(a.clamp(0.0, 1.0) - b).powi(2)).sum()
+}
+
+fn cut(image: &Image, [left, top, columns, rows]: [u32; 4]) -> Image {
+    Image::from_fn(columns, rows, |x, y| image.pixel(left + x, top + y))
+        .expect("a part of an image is of a possible size")
+}
+
+/// The largest absolute difference of a channel, from black (none) over red to pale yellow ([`FULL_SCALE`] and more): a scale that gets
+/// brighter all the way, for any colour vision.
+fn error_map(image: &Image, target: &Image) -> Image {
+    const STOPS: [[f32; 3]; 5] =
+        [[0.0, 0.0, 0.02], [0.27, 0.06, 0.36], [0.73, 0.22, 0.33], [0.98, 0.55, 0.15], [0.99, 1.0, 0.75]];
+    Image::from_fn(image.width(), image.height(), |x, y| {
+        let (a, b) = (image.pixel(x, y), target.pixel(x, y));
+        let worst = a.iter().zip(b).map(|(a, b)| (a.clamp(0.0, 1.0) - b).abs()).fold(0.0f32, f32::max);
+        let place = (worst / FULL_SCALE).clamp(0.0, 1.0) * (STOPS.len() - 1) as f32;
+        let below = (place as usize).min(STOPS.len() - 2);
+        let part = place - below as f32;
+        std::array::from_fn(|c| STOPS[below][c] + part * (STOPS[below + 1][c] - STOPS[below][c]))
+    })
+    .expect("as large as an image")
+}
+
+/// The image as the address of an `img`, with its content in it.
+fn pack(name: &str, image: &Image) -> Result<String, Error> {
+    let bytes: Vec<u8> =
+        image.pixels().as_flattened().iter().map(|v| (v.clamp(0.0, 1.0) * 255.0).round() as u8).collect();
+    let mut packed = Vec::new();
+    JpegEncoder::new_with_quality(&mut packed, QUALITY)
+        .write_image(&bytes, image.width(), image.height(), ExtendedColorType::Rgb8)
+        .map_err(|error| Error::Picture { name: name.to_owned(), message: error.to_string() })?;
+    Ok(data_uri("jpeg", &packed))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_window_lies_where_arms_differ() {
+        let target = Image::filled(600, 400, [0.5; 3]).unwrap();
+        let spoiled = Image::from_fn(600, 400, |x, y| if x > 450 && y > 300 { [0.9; 3] } else { [0.5; 3] }).unwrap();
+        let [left, top, columns, rows] = telling_window(&target, &[&target, &spoiled]);
+        assert!(left > 400 && top > 200 && (columns, rows) == (SIDE, SIDE), "{left} {top}");
+        assert_eq!(telling_window(&Image::filled(20, 10, [0.0; 3]).unwrap(), &[]), [0, 0, 20, 10]);
+    }
+
+    #[test]
+    fn larger_errors_are_brighter() {
+        let target = Image::filled(64, 1, [0.5; 3]).unwrap();
+        let image = Image::from_fn(64, 1, |x, _| [0.5, 0.5 + x as f32 / 63.0 * FULL_SCALE, 0.5]).unwrap();
+        let map = error_map(&image, &target);
+        let luma = |[r, g, b]: [f32; 3]| 0.2126 * r + 0.7152 * g + 0.0722 * b;
+        assert!(map.pixels().windows(2).all(|pair| luma(pair[0]) < luma(pair[1])));
+        assert!(pack("a", &map).unwrap().starts_with("data:image/jpeg;base64,/9j/"));
+    }
+}

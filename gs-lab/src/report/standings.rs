@@ -1,0 +1,75 @@
+//! Who leads: in each respect, at each budget, the best arm and those that cannot be told from it.
+
+use std::collections::BTreeMap;
+
+use crate::statistics::mean;
+
+use crate::{
+    comparison::Verdict,
+    reach::Reach,
+    study::Matching,
+    tables::{Metric, Results},
+};
+
+/// The arms in one respect at one budget. Means and verdicts are of the same runs at the same place, as far as all arms have finished.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Standing {
+    pub(crate) matching: Matching,
+    pub(crate) budget: u32,
+    /// The arm with the best mean, and that mean, dB.
+    pub(crate) leader: (usize, f64),
+    /// The best mean of the others, dB.
+    pub(crate) next: Option<f64>,
+    /// Arms that the leader is not shown to be better than, though it is compared with them.
+    pub(crate) not_told_apart: Vec<usize>,
+    /// Arms that there is no verdict on, by the reason.
+    pub(crate) not_judged: BTreeMap<String, Vec<usize>>,
+}
+
+/// Every respect of the study at every budget; without those that no arm has finished runs for.
+pub(crate) fn standings(results: &Results<'_>) -> Vec<Standing> {
+    let study = &results.plan.study;
+    let all = study.matchings.iter().flat_map(|&matching| study.budgets.iter().map(move |&budget| (matching, budget)));
+    all.filter_map(|(matching, budget)| standing(results, matching, budget)).collect()
+}
+
+fn standing(results: &Results<'_>, matching: Matching, budget: u32) -> Option<Standing> {
+    let mut means = mean_psnrs(results, matching, budget);
+    means.sort_by(|a, b| b.1.total_cmp(&a.1));
+    let &leader = means.first()?;
+    let (mut not_told_apart, mut not_judged) = (Vec::new(), BTreeMap::<_, Vec<usize>>::new());
+    for arm in (0..results.plan.study.arms.len()).filter(|&arm| arm != leader.0) {
+        let difference = results.difference(matching, Metric::Psnr, budget, leader.0, arm);
+        match difference.obstacle() {
+            Some(obstacle) => not_judged.entry(obstacle.to_string()).or_default().push(arm),
+            None if difference.verdict == Verdict::Better => {}
+            None => not_told_apart.push(arm),
+        }
+    }
+    let next = means.get(1).map(|next| next.1);
+    Some(Standing { matching, budget, leader, next, not_told_apart, not_judged })
+}
+
+/// Of every arm that has finished runs on all images: mean PSNR over images of means over the seeds that all of these arms have finished.
+fn mean_psnrs(results: &Results<'_>, matching: Matching, budget: u32) -> Vec<(usize, f64)> {
+    let images = results.plan.targets.len();
+    let seeds = &results.plan.study.seeds;
+    let reach = Reach::of_images(results, budget);
+    let values: BTreeMap<(usize, usize, u32), f64> = results
+        .all_finished(budget)
+        .filter_map(|(run, end)| {
+            let value = reach[run.target].measured(matching, Metric::Psnr, run, end)?;
+            Some(((run.arm, run.target, run.seed), value))
+        })
+        .collect();
+    let has_all = |arm: &usize| (0..images).all(|t| seeds.iter().any(|&seed| values.contains_key(&(*arm, t, seed))));
+    let ranked: Vec<usize> = (0..results.plan.study.arms.len()).filter(has_all).collect();
+    let common = |target: usize, seed: u32| ranked.iter().all(|&arm| values.contains_key(&(arm, target, seed)));
+    let of_image = |arm: usize, target: usize| {
+        mean(seeds.iter().filter(|&&seed| common(target, seed)).filter_map(|&seed| values.get(&(arm, target, seed))))
+    };
+    // Where an image has no seed that all have finished, there is no mean that is fair to all.
+    let of_arm =
+        |arm: usize| Some((arm, mean((0..images).map(|t| of_image(arm, t))))).filter(|found| !found.1.is_nan());
+    ranked.iter().filter_map(|&arm| of_arm(arm)).collect()
+}

@@ -1,0 +1,119 @@
+//! The digest of all sources that a result depends on: part of the version under which results are stored. The build script makes it.
+
+use std::{
+    fs, io,
+    path::{Path, PathBuf},
+};
+
+use sha2::{Digest, Sha256};
+
+/// What a run's result depends on besides its settings, as files and folders of the workspace: backends, policies, the training loop, the
+/// reading of images, what of this crate makes targets and makes a fit into a record, and the versions of everything from elsewhere.
+/// The paper's experiments, tables and reports are left out: they may change while results stand.
+pub(crate) const SOURCES: [&str; 11] = [
+    "Cargo.lock",
+    "gs-core/src",
+    "gs-cpu/src",
+    "gs-wgpu/src",
+    "gs-density/src",
+    "gs-io/src",
+    "gs-train/src",
+    "gs-lab/src/conduct.rs",
+    "gs-lab/src/digest.rs",
+    "gs-lab/src/record.rs",
+    "gs-lab/src/synthetic",
+];
+
+/// Hexadecimal digits of the digest.
+const DIGITS: usize = 12;
+
+/// The digest of [`SOURCES`] in a workspace; nothing where one of them is not there, as in a package from a registry.
+pub(crate) fn digest(workspace: &Path) -> Option<String> {
+    let mut files = Vec::new();
+    for source in SOURCES {
+        collect(&workspace.join(source), &mut files).ok()?;
+    }
+    // By names that are the same everywhere, so that the order is, too.
+    let name = |file: &PathBuf| Some(file.strip_prefix(workspace).ok()?.to_str()?.replace('\\', "/"));
+    let mut named = files.iter().map(|file| Some((name(file)?, file))).collect::<Option<Vec<_>>>()?;
+    named.sort();
+    let mut hash = Sha256::new();
+    for (name, file) in named {
+        let content = fs::read(file).ok()?;
+        for part in [name.as_bytes(), &content] {
+            hash.update((part.len() as u64).to_le_bytes());
+            hash.update(part);
+        }
+    }
+    let mut digits: String = hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect();
+    digits.truncate(DIGITS);
+    Some(digits)
+}
+
+/// A file, or all files of a folder and the folders in it.
+fn collect(source: &Path, files: &mut Vec<PathBuf>) -> io::Result<()> {
+    if fs::metadata(source)?.is_file() {
+        files.push(source.to_owned());
+        return Ok(());
+    }
+    for entry in fs::read_dir(source)? {
+        collect(&entry?.path(), files)?;
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A workspace with a file for every source.
+    fn workspace() -> tempfile::TempDir {
+        let place = tempfile::tempdir().unwrap();
+        for source in SOURCES {
+            let path = place.path().join(source);
+            let file = if path.extension().is_some() { path } else { path.join("shaders/blend.wgsl") };
+            write(place.path(), file.to_str().unwrap(), source);
+        }
+        place
+    }
+
+    fn write(workspace: &Path, name: &str, content: &str) {
+        let file = workspace.join(name);
+        fs::create_dir_all(file.parent().unwrap()).unwrap();
+        fs::write(file, content).unwrap();
+    }
+
+    #[test]
+    fn every_source_of_a_result_counts_and_nothing_else() {
+        let place = workspace();
+        let before = digest(place.path()).unwrap();
+        assert_eq!((before.len(), digest(place.path())), (DIGITS, Some(before.clone())));
+        write(place.path(), "gs-cli/src/main.rs", "fn main() {}");
+        write(place.path(), "gs-lab/src/report/page.rs", "another page");
+        write(place.path(), "gs-lab/src/experiments/edges.rs", "another experiment");
+        assert_eq!(digest(place.path()), Some(before.clone()));
+        for (name, content) in [
+            ("gs-cpu/src/shaders/blend.wgsl", "a kernel by another formula"),
+            ("gs-density/src/policies/new.rs", "a file more"),
+            ("Cargo.lock", "another version of a dependency"),
+        ] {
+            write(place.path(), name, content);
+            assert_ne!(digest(place.path()), Some(before.clone()), "{name}");
+        }
+    }
+
+    #[test]
+    fn a_package_without_its_workspace_has_none() {
+        let place = workspace();
+        fs::remove_dir_all(place.path().join("gs-cpu")).unwrap();
+        assert_eq!(digest(place.path()), None);
+    }
+
+    #[test]
+    fn the_version_of_this_build_names_the_sources() {
+        let workspace = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap();
+        let package = env!("CARGO_PKG_VERSION");
+        let expected = digest(workspace).map_or_else(|| package.to_owned(), |digest| format!("{package}+{digest}"));
+        assert_eq!(crate::VERSION, expected);
+    }
+}

@@ -1,0 +1,145 @@
+//! Synthetic targets by name, for studies and experiments.
+
+mod thin_lines;
+
+use gs_core::{Error, Image};
+
+use gs_train::{DiscAndSquare, Fill};
+
+use self::thin_lines::thin_lines;
+
+/// A target that needs no file.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SyntheticTarget {
+    name: &'static str,
+    about: &'static str,
+    recipe: Recipe,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Recipe {
+    DiscAndSquare(DiscAndSquare),
+    DiscAndSquareInEightBits,
+    ThinLines { side_px: u32 },
+}
+
+const PAPER: DiscAndSquare = DiscAndSquare::PAPER;
+
+impl SyntheticTarget {
+    /// The paper's.
+    pub const PAPER: Self = Self::varied("paper", "the paper's", PAPER);
+
+    /// The paper's as an image file holds it, 8 bits a channel: the disc's faint rim ends somewhere, and does not reach the border.
+    pub const PAPER_8_BIT: Self =
+        Self { name: "paper-8bit", about: "in 8 bits a channel", recipe: Recipe::DiscAndSquareInEightBits };
+
+    /// Dark lines of one pixel, as large as the paper's.
+    pub const THIN_LINES: Self =
+        Self { name: "thin-lines", about: "thin lines", recipe: Recipe::ThinLines { side_px: PAPER.side_px } };
+
+    /// Dark lines of one pixel, for fits of a few Gaussians.
+    pub const THIN_LINES_24_PX: Self =
+        Self { name: "thin-lines-24px", about: "thin lines, 24×24 px", recipe: Recipe::ThinLines { side_px: 24 } };
+
+    /// All of them: the paper's, then those that differ from it in one respect, then others.
+    pub const ALL: [Self; 13] = [
+        Self::PAPER,
+        Self::varied("paper-64px", "64×64 px", DiscAndSquare { side_px: 64, ..PAPER }),
+        Self::varied("paper-256px", "256×256 px", DiscAndSquare { side_px: 256, ..PAPER }),
+        Self::varied("paper-contrast-50", "contrast × 0.5", DiscAndSquare { contrast: 0.5, ..PAPER }),
+        Self::varied("paper-contrast-25", "contrast × 0.25", DiscAndSquare { contrast: 0.25, ..PAPER }),
+        Self::varied("paper-contrast-10", "contrast × 0.1", DiscAndSquare { contrast: 0.1, ..PAPER }),
+        Self::varied("paper-soft-4px", "square's edge softened by 4 px", DiscAndSquare { softness_px: 4.0, ..PAPER }),
+        Self::striped("paper-stripes-20px", "stripes of 20 px", 20.0),
+        Self::striped("paper-stripes-10px", "stripes of 10 px", 10.0),
+        Self::striped("paper-stripes-5px", "stripes of 5 px", 5.0),
+        Self::PAPER_8_BIT,
+        Self::THIN_LINES,
+        Self::THIN_LINES_24_PX,
+    ];
+
+    const fn varied(name: &'static str, about: &'static str, varied: DiscAndSquare) -> Self {
+        Self { name, about, recipe: Recipe::DiscAndSquare(varied) }
+    }
+
+    const fn striped(name: &'static str, about: &'static str, period_px: f32) -> Self {
+        Self::varied(name, about, DiscAndSquare { fill: Fill::Stripes { period_px }, ..PAPER })
+    }
+
+    /// The target of that name.
+    ///
+    /// # Errors
+    /// [`Error::Setting`], listing the names.
+    pub fn from_name(name: &str) -> Result<Self, Error> {
+        let allowed = "one of paper, paper-64px, paper-256px, paper-contrast-50, paper-contrast-25, paper-contrast-10, paper-soft-4px, \
+                       paper-stripes-20px, paper-stripes-10px, paper-stripes-5px, paper-8bit, thin-lines, thin-lines-24px";
+        let found = Self::ALL.into_iter().find(|target| target.name == name);
+        found.ok_or_else(|| Error::setting("the synthetic target", format!("`{name}`"), allowed))
+    }
+
+    /// Its name, in kebab-case.
+    pub const fn name(&self) -> &'static str {
+        self.name
+    }
+
+    /// What it is for people: in what it differs from the paper's, or what it shows instead.
+    pub const fn about(&self) -> &'static str {
+        self.about
+    }
+
+    /// The paper's with something varied, where it is no more than that.
+    pub const fn disc_and_square(&self) -> Option<DiscAndSquare> {
+        match self.recipe {
+            Recipe::DiscAndSquare(varied) => Some(varied),
+            Recipe::DiscAndSquareInEightBits | Recipe::ThinLines { .. } => None,
+        }
+    }
+
+    /// The picture.
+    pub fn image(&self) -> Image {
+        let image = match self.recipe {
+            Recipe::DiscAndSquare(varied) => varied.image(),
+            Recipe::DiscAndSquareInEightBits => PAPER.image().map(in_eight_bits),
+            Recipe::ThinLines { side_px } => thin_lines(side_px),
+        };
+        image.expect("the sides listed are possible")
+    }
+}
+
+/// Every channel rounded to the nearest of 256 values.
+fn in_eight_bits(mut image: Image) -> Image {
+    image.pixels_mut().as_flattened_mut().iter_mut().for_each(|v| *v = (*v * 255.0).round() / 255.0);
+    image
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use gs_train::paper_target;
+
+    #[test]
+    fn names_are_found_and_the_error_lists_them() {
+        let message = SyntheticTarget::from_name("papr").unwrap_err().to_string();
+        for target in SyntheticTarget::ALL {
+            assert_eq!(SyntheticTarget::from_name(target.name()).unwrap(), target);
+            assert!(message.contains(&format!(" {},", target.name())) || message.ends_with(target.name()), "{message}");
+        }
+    }
+
+    #[test]
+    fn no_two_are_alike_and_each_is_what_its_name_says() {
+        let images = SyntheticTarget::ALL.map(|target| target.image());
+        for (i, image) in images.iter().enumerate() {
+            assert!(!images[..i].contains(image), "{}", SyntheticTarget::ALL[i].name());
+            let sides = [("64px", 64), ("256px", 256), ("24px", 24)];
+            let side = sides.into_iter().find(|(end, _)| SyntheticTarget::ALL[i].name().ends_with(end));
+            assert_eq!(image.width(), side.map_or(128, |(_, side)| side));
+        }
+        assert_eq!(images[0], paper_target());
+        let rounded = SyntheticTarget::PAPER_8_BIT.image();
+        let paper = paper_target();
+        let mut off = rounded.pixels().as_flattened().iter().zip(paper.pixels().as_flattened());
+        assert!(off.all(|(a, b)| (a - b).abs() <= 0.5 / 255.0 + 1e-6));
+        assert_eq!(rounded.pixel(0, 0), [1.0; 3], "the rim does not reach the corner");
+    }
+}

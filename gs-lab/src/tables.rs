@@ -1,0 +1,166 @@
+//! What a study comes to: its runs with what is stored of them, and the quality of each arm at each budget.
+
+use crate::statistics::{mean, variance};
+use serde::Serialize;
+
+use crate::{
+    folder::StudyFolder,
+    plan::{Plan, Run},
+    record::{Finished, Outcome, Record},
+};
+
+/// All that is known of a study's runs.
+#[derive(Debug, Clone)]
+pub struct Results<'a> {
+    /// The study laid out.
+    pub plan: &'a Plan,
+    /// What is stored of each run, in the plan's order; nothing where it was not done yet.
+    pub records: Vec<Option<Record>>,
+}
+
+/// What is measured at the end of a fit. More is better.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Metric {
+    /// dB.
+    Psnr,
+    /// Structural similarity, 0 to 1.
+    Ssim,
+    /// Multi-scale structural similarity, 0 to 1; only images of 176 px or more have one.
+    MsSsim,
+}
+
+impl Metric {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Psnr, Self::Ssim, Self::MsSsim];
+
+    /// Its name in tables.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Psnr => "psnr",
+            Self::Ssim => "ssim",
+            Self::MsSsim => "ms-ssim",
+        }
+    }
+
+    pub(crate) fn of(self, run: &Finished) -> Option<f64> {
+        match self {
+            Self::Psnr => Some(run.psnr),
+            Self::Ssim => Some(run.ssim),
+            Self::MsSsim => run.ms_ssim,
+        }
+    }
+}
+
+/// A mean over images of means over seeds, and how much a single run strays from its image's mean.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Spread {
+    /// The mean.
+    pub mean: f64,
+    /// Standard deviation over seeds, pooled over images; nothing for a single seed.
+    pub over_seeds: Option<f64>,
+}
+
+/// How good an arm is at a budget.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct Quality {
+    /// The arm's name.
+    pub arm: String,
+    /// The most Gaussians there might be.
+    pub budget: u32,
+    /// Runs that did all their steps.
+    pub finished: usize,
+    /// Runs that failed.
+    pub failed: usize,
+    /// Runs that were not done yet.
+    pub missing: usize,
+    /// Images with finished runs: the means are over these, and not those of the study where they are fewer.
+    pub images: usize,
+    /// Gaussians at the end.
+    pub gaussians: Option<Spread>,
+    /// dB.
+    pub psnr: Option<Spread>,
+    /// 0 to 1.
+    pub ssim: Option<Spread>,
+    /// 0 to 1.
+    pub ms_ssim: Option<Spread>,
+}
+
+impl<'a> Results<'a> {
+    /// Reads what is stored of a plan's runs.
+    pub fn read(plan: &'a Plan, folder: &StudyFolder) -> Self {
+        Self { plan, records: plan.runs.iter().map(|run| folder.record(run)).collect() }
+    }
+
+    /// Each run with what is stored of it, in the plan's order.
+    pub fn rows(&self) -> impl Iterator<Item = (&'a Run, Option<&Record>)> {
+        self.plan.runs.iter().zip(self.records.iter().map(Option::as_ref))
+    }
+
+    /// The runs of all arms at a budget that did all their steps.
+    pub fn all_finished(&self, budget: u32) -> impl Iterator<Item = (&'a Run, &Finished)> {
+        let at_budget = self.rows().filter(move |(run, _)| run.budget == budget);
+        at_budget.filter_map(|(run, record)| Some((run, record?.outcome.finished()?)))
+    }
+
+    /// The runs of an arm at a budget that did all their steps.
+    pub fn finished(&self, arm: usize, budget: u32) -> impl Iterator<Item = (&'a Run, &Finished)> {
+        self.all_finished(budget).filter(move |(run, _)| run.arm == arm)
+    }
+
+    /// Whether every run has ended, well or not.
+    pub fn is_whole(&self) -> bool {
+        self.records.iter().all(Option::is_some)
+    }
+
+    /// The quality of every arm at every budget.
+    pub fn qualities(&self) -> Vec<Quality> {
+        let budgets = &self.plan.study.budgets;
+        budgets
+            .iter()
+            .flat_map(|&budget| (0..self.plan.study.arms.len()).map(move |arm| (arm, budget)))
+            .map(|(arm, budget)| self.quality(arm, budget))
+            .collect()
+    }
+
+    fn quality(&self, arm: usize, budget: u32) -> Quality {
+        let of_arm = || self.rows().filter(move |(run, _)| run.arm == arm && run.budget == budget);
+        let failed = of_arm().filter(|(_, r)| r.is_some_and(|r| matches!(r.outcome, Outcome::Failed { .. }))).count();
+        let targets = 0..self.plan.targets.len();
+        let has_runs = |target: &usize| self.finished(arm, budget).any(|(run, _)| run.target == *target);
+        Quality {
+            arm: self.plan.study.arms[arm].name.clone(),
+            budget,
+            finished: self.finished(arm, budget).count(),
+            failed,
+            missing: of_arm().filter(|(_, record)| record.is_none()).count(),
+            images: targets.filter(has_runs).count(),
+            gaussians: self.spread(arm, budget, |run| Some(f64::from(run.gaussians))),
+            psnr: self.spread(arm, budget, |run| Metric::Psnr.of(run)),
+            ssim: self.spread(arm, budget, |run| Metric::Ssim.of(run)),
+            ms_ssim: self.spread(arm, budget, |run| Metric::MsSsim.of(run)),
+        }
+    }
+
+    /// Mean and spread of what `of` finds in the runs of an arm at a budget.
+    pub fn spread(&self, arm: usize, budget: u32, of: impl Fn(&Finished) -> Option<f64>) -> Option<Spread> {
+        let images: Vec<Vec<f64>> = (0..self.plan.targets.len())
+            .map(|target| {
+                let of_target = self.finished(arm, budget).filter(|(run, _)| run.target == target);
+                of_target.filter_map(|(_, run)| of(run)).collect::<Vec<f64>>()
+            })
+            .filter(|values| !values.is_empty())
+            .collect();
+        let means: Vec<f64> = images.iter().map(mean).collect();
+        let variances: Vec<f64> = images.iter().filter_map(|values| variance(values)).collect();
+        let over_seeds = (!variances.is_empty()).then(|| mean(&variances).sqrt());
+        (!means.is_empty()).then(|| Spread { mean: mean(&means), over_seeds })
+    }
+
+    /// Whether any run has this measure.
+    pub(crate) fn is_measured(&self, metric: Metric) -> bool {
+        let mut finished = self.records.iter().flatten().filter_map(|record| record.outcome.finished());
+        finished.any(|run| metric.of(run).is_some())
+    }
+}

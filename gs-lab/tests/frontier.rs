@@ -1,0 +1,272 @@
+//! The frontier of accuracy against time, with pictures that are rendered and times that are made up, so that no verdict depends on the machine: what is
+//! measured, what is said of it, and that whoever is wrong or slow is seen to be.
+
+use std::{cell::Cell, rc::Rc};
+
+use glam::{Vec2, Vec3};
+use gs_core::{Blend, Canvas, Error, Gaussian2d, Image, Parameterization, Rasterizer, RenderSettings, Scene2d};
+use gs_cpu::{CpuRasterizer, CpuSettings};
+use gs_lab::frontier::{
+    Budget, Change, Chosen, Comparison, Contender, Field, Frontier, Loaded, Pace, Renderer, Role, figure, search,
+    to_csv, to_text,
+};
+
+const PACE: Pace = Pace { seconds: 0.3, combinations: 4 };
+
+/// Overlapping discs whose tails the default's cut takes away.
+fn scene() -> Scene2d {
+    let at = |i: u32| Gaussian2d {
+        mean: Vec2::new((i * 37 % 64) as f32, (i * 23 % 48) as f32),
+        log_scale: Vec2::new(1.2 + 0.01 * i as f32, 1.6),
+        rotation: 0.1 * i as f32,
+        opacity_logit: 0.02 * i as f32,
+        color: Vec3::new(0.3, 0.02 * (i % 20) as f32, 0.5),
+    };
+    (0..60).map(at).collect()
+}
+
+/// A renderer whose times are made up, and whose every picture is off by as much as this says.
+struct Pretending {
+    renderer: Loaded<CpuRasterizer, Scene2d>,
+    /// What it takes longer than others.
+    slower: f64,
+    off: f32,
+    calls: Cell<u32>,
+}
+
+impl Pretending {
+    fn new(scene: &Scene2d, slower: f64, off: f32) -> Self {
+        Self { renderer: loaded(scene), slower, off, calls: Cell::new(0) }
+    }
+}
+
+impl Renderer<Canvas> for Pretending {
+    /// About 1 ms, less where less is drawn, and never twice quite the same.
+    fn seconds(&self, _: &Canvas, settings: &RenderSettings) -> Result<f64, Error> {
+        let call = self.calls.replace(self.calls.get() + 1);
+        let accuracy = settings.accuracy;
+        let drawn = |left_out: f32| 1.0 - 0.05 * f64::from(left_out.max(1e-9)).ln();
+        let drawn = drawn(accuracy.alpha_cut) * drawn(accuracy.transmittance_min);
+        Ok(1e-3 * drawn * (1.0 + 0.002 * f64::from(call % 7)) + self.slower)
+    }
+
+    fn image(&self, view: &Canvas, settings: &RenderSettings) -> Result<Image, Error> {
+        let mut image = self.renderer.image(view, settings)?;
+        image.pixels_mut()[100][1] += self.off;
+        Ok(image)
+    }
+}
+
+/// A renderer that does not offer everything: not the settings that this says.
+struct Choosy<R>(R, Refuses);
+
+type Refuses = fn(&RenderSettings) -> bool;
+
+impl<R> Choosy<R> {
+    fn check(&self, settings: &RenderSettings) -> Result<(), Error> {
+        if (self.1)(settings) {
+            return Err(Error::Unsupported { backend: "choosy", effect: "what it does not like".to_owned() });
+        }
+        Ok(())
+    }
+}
+
+impl<V, R: Renderer<V>> Renderer<V> for Choosy<R> {
+    fn seconds(&self, view: &V, settings: &RenderSettings) -> Result<f64, Error> {
+        self.check(settings)?;
+        self.0.seconds(view, settings)
+    }
+
+    fn image(&self, view: &V, settings: &RenderSettings) -> Result<Image, Error> {
+        self.check(settings)?;
+        self.0.image(view, settings)
+    }
+}
+
+fn loaded(scene: &Scene2d) -> Loaded<CpuRasterizer, Scene2d> {
+    let rasterizer = CpuRasterizer::new(CpuSettings { threads: Some(1), level: None }).unwrap();
+    let splats = Rc::new(rasterizer.for_2d().upload(scene, Parameterization::ScaleRotation).unwrap());
+    Loaded { rasterizer, splats }
+}
+
+fn field(scene: &Scene2d, blend: Blend) -> Field<'_, Scene2d> {
+    let contender = |value: Option<&str>, slower: f64, off: f32| Contender {
+        backend: "cpu".to_owned(),
+        name: "one thread".to_owned(),
+        change: value.map(|value| Change { axis: "handicap".to_owned(), value: value.to_owned() }),
+        renderer: Box::new(Pretending::new(scene, slower, off)),
+    };
+    let contenders =
+        vec![contender(None, 0.0, 0.0), contender(Some("slow"), 0.02, 0.0), contender(Some("wrong"), 0.0, 0.25)];
+    Field { scene, contenders, shown: RenderSettings::blended(blend) }
+}
+
+fn found(blend: Blend) -> Frontier {
+    let scene = scene();
+    search(&field(&scene, blend), &[Canvas::new(64, 48)], PACE, &mut |_| ()).unwrap()
+}
+
+fn row<'f>(frontier: &'f Frontier, name: &str) -> &'f gs_lab::frontier::Measured {
+    let row = frontier.rows.iter().find(|row| row.name() == name);
+    row.unwrap_or_else(|| panic!("no row {name}"))
+}
+
+#[test]
+fn errors_and_times_are_those_of_the_settings() {
+    for blend in [Blend::Sum, Blend::Over] {
+        let frontier = found(blend);
+        assert!(frontier.uncertainty < 1e-5, "{}", frontier.uncertainty);
+        // All, where the machine has the time.
+        assert!((200..=64 * 48).contains(&frontier.sampled), "{}", frontier.sampled);
+        let [exact, default, coarse] =
+            ["no cut-offs", "default", "alpha cut 1/32"].map(|name| row(&frontier, name).error);
+        assert!(exact.max < 1e-5 && exact.psnr() > 110.0, "{exact:?}");
+        assert!(default.max > 1e-3 && default.max < 0.05, "{default:?}");
+        assert!(coarse.max > 2.0 * default.max && coarse.share_visible > default.share_visible, "{coarse:?}");
+        let wrong = row(&frontier, "handicap wrong");
+        assert!((wrong.error.max - 0.25).abs() < 0.02, "{:?}", wrong.error);
+        let slow = row(&frontier, "handicap slow");
+        assert_eq!(slow.comparison, Comparison::Slower);
+        assert!(slow.times().median > 0.02);
+        assert!(!slow.on_frontier && !wrong.on_frontier);
+        assert!(frontier.rows.iter().all(|row| row.seconds.len() >= 3), "too few rounds");
+        assert_eq!(frontier.rows.iter().filter(|row| row.role == Role::Again).count(), 1);
+    }
+}
+
+#[test]
+fn each_step_of_the_frontier_is_more_exact_than_quicker_ones() {
+    let frontier = found(Blend::Over);
+    let steps = frontier.steps();
+    assert!(!steps.is_empty());
+    for (i, step) in steps.iter().enumerate() {
+        let noise = frontier.noise_of("cpu");
+        for quicker in &steps[..i] {
+            let is_quicker = noise.compare(quicker.times().median, step.times().median) == Comparison::Faster;
+            assert!(!is_quicker || quicker.error.max.max(1e-5) > step.error.max, "{} {}", quicker.name(), step.name());
+        }
+    }
+}
+
+#[test]
+fn all_forms_of_the_result_have_all_rows() {
+    let frontier = found(Blend::Sum);
+    let (csv, text) = (to_csv(&frontier), to_text(&frontier));
+    assert_eq!(csv.lines().count(), 1 + frontier.rows.len());
+    for row in &frontier.rows {
+        assert!(text.contains(&row.name()), "{}", row.name());
+    }
+    let svg = figure(&frontier, "a scene").svg_file().unwrap();
+    for expected in ["a scene", "cpu: best trade-offs", "cpu: other settings", "cpu: as in 3DGS", "largest error"] {
+        assert!(svg.contains(expected), "{expected}");
+    }
+}
+
+#[test]
+fn a_budget_is_kept_on_other_views_too_or_said_to_be_out_of_reach() {
+    let scene = scene();
+    let field = field(&scene, Blend::Over);
+    let view = Canvas::new(64, 48);
+    let frontier = search(&field, &[view], PACE, &mut |_| ()).unwrap();
+    let unseen = [view.resized(40, 30), view.showing(Vec2::new(8.0, 8.0), Vec2::new(32.0, 24.0))];
+    let choose = |budget: Budget| budget.choose(&field, &frontier, &unseen, 0.05).unwrap();
+    let Chosen::Kept(choice) = choose(Budget::MaxError(2e-3)) else { panic!("out of reach") };
+    assert!(choice.verification.error.max <= 2e-3 && choice.verification.views == 2);
+    let row = &frontier.rows[choice.row];
+    let keeps = frontier.rows.iter().filter(|row| row.role != Role::Again && row.error.max <= 2e-3);
+    let quicker = keeps.filter(|other| other.times().median < row.times().median).count();
+    assert!(row.error.max <= 2e-3 && quicker == choice.failed, "{choice:?}");
+    let Chosen::Kept(choice) = choose(Budget::MaxSeconds(10.0)) else { panic!("out of reach") };
+    assert!(frontier.rows[choice.row].error.max < 1e-4, "ten seconds are enough for the most exact");
+    let Chosen::OutOfReach(best) = choose(Budget::MaxError(1e-12)) else { panic!("rounding is more") };
+    assert!(best > 1e-12 && best < 1e-5);
+    assert!(matches!(choose(Budget::MaxSeconds(1e-9)), Chosen::OutOfReach(_)));
+    assert!(Budget::MaxError(2e-3).choose(&field, &frontier, &[], 0.05).is_err(), "nothing is verified by no view");
+    // Whatever was measured can be had, whether or not noise and rounding leave it on the frontier.
+    for row in frontier.rows.iter().filter(|row| row.role != Role::Again) {
+        let found = choose(Budget::MaxError(row.error.max));
+        assert!(!matches!(found, Chosen::OutOfReach(_)), "{}: {found:?}", row.name());
+    }
+}
+
+#[test]
+fn what_keeps_a_budget_on_no_other_view_is_told_apart() {
+    let scene = scene();
+    let shown = RenderSettings::blended(Blend::Over);
+    let contender = |off: f32| Contender {
+        backend: "cpu".to_owned(),
+        name: "one thread".to_owned(),
+        change: None,
+        renderer: Box::new(Pretending::new(&scene, 0.0, off)),
+    };
+    let field = |off: f32| Field { scene: &scene, contenders: vec![contender(off)], shown };
+    let frontier = search(&field(0.0), &[Canvas::new(64, 48)], PACE, &mut |_| ()).unwrap();
+    let chosen = Budget::MaxError(0.1).choose(&field(0.5), &frontier, &[Canvas::new(40, 30)], 0.05).unwrap();
+    assert!(matches!(chosen, Chosen::NotElsewhere(count) if count > 3), "{chosen:?}");
+}
+
+/// Alone, together or without cut-offs: what a backend does not offer is listed, and the search goes on.
+#[test]
+fn what_a_backend_does_not_offer_is_listed_and_ends_no_search() {
+    let scene = scene();
+    let shown = RenderSettings::blended(Blend::Over);
+    let refusals: [(Refuses, &str); 3] = [
+        (|settings| settings.accuracy.alpha_cut < 1e-5, "no cut-offs"),
+        (|settings| settings.accuracy.alpha_cut == 1.0 / 32.0, "alpha cut 1/32"),
+        (
+            |settings| {
+                let (accuracy, usual) = (settings.accuracy, RenderSettings::blended(Blend::Over).accuracy);
+                accuracy.alpha_cut > usual.alpha_cut && accuracy.transmittance_min != usual.transmittance_min
+            },
+            ", ",
+        ),
+    ];
+    for (refuses, expected) in refusals {
+        let contender = |backend: &str, renderer: Box<dyn Renderer<Canvas>>| Contender {
+            backend: backend.to_owned(),
+            name: backend.to_owned(),
+            change: None,
+            renderer,
+        };
+        let contenders = vec![
+            contender("choosy", Box::new(Choosy(Pretending::new(&scene, 0.0, 0.0), refuses))),
+            contender("cpu", Box::new(Pretending::new(&scene, 0.0, 0.0))),
+        ];
+        let field = Field { scene: &scene, contenders, shown };
+        let frontier = search(&field, &[Canvas::new(64, 48)], PACE, &mut |_| ()).unwrap();
+        let refused: Vec<&str> = frontier.refused.iter().map(|refused| refused.what.as_str()).collect();
+        assert!(refused.iter().any(|what| what.contains(expected)), "{expected}: {refused:?}");
+        assert!(frontier.rows.iter().any(|row| row.backend == "choosy" && row.on_frontier));
+        assert!(to_text(&frontier).contains("not offered"));
+    }
+}
+
+/// A picture that holds no number at some pixel is as far off as can be, wherever the oracle is asked.
+#[test]
+fn what_is_not_a_number_is_not_exact() {
+    let scene = scene();
+    let field = field(&scene, Blend::Sum);
+    let view = Canvas::new(64, 48);
+    let truths = field.truths(&[view]).unwrap();
+    for broken in [f32::NAN, f32::INFINITY] {
+        for at in [0, 1234, 64 * 48 - 1] {
+            let mut picture = field.contenders[0].renderer.image(&view, &field.shown).unwrap();
+            picture.pixels_mut()[at][2] = broken;
+            let error = truths[0].error(&picture).unwrap();
+            assert_eq!((error.max, error.mean), (f64::INFINITY, f64::INFINITY), "{broken} at {at}");
+        }
+    }
+}
+
+#[test]
+fn nothing_to_look_at_is_an_error() {
+    let scene = scene();
+    assert!(search(&field(&scene, Blend::Sum), &[], PACE, &mut |_| ()).is_err());
+}
+
+#[test]
+fn what_renders_is_timed() {
+    let scene = scene();
+    let seconds = loaded(&scene).seconds(&Canvas::new(64, 48), &RenderSettings::blended(Blend::Sum)).unwrap();
+    assert!(seconds > 0.0 && seconds.is_finite(), "{seconds}");
+}

@@ -1,0 +1,378 @@
+//! Studies from end to end, through the library: what is stored, what is done again and what is not, and what the tables say.
+
+use std::{
+    collections::BTreeMap,
+    fs,
+    path::Path,
+    sync::{
+        Arc, Mutex,
+        atomic::{AtomicBool, AtomicUsize, Ordering},
+    },
+};
+
+use gs_core::{EditPlan, Error as CoreError, Gaussian2d, effects::Statistics};
+use gs_cpu::{CpuRasterizer, CpuSettings};
+use gs_density::{DensityPolicy, Observation, Rng};
+use gs_lab::{
+    Arm, Conducted, Error, Existing, Machine, Matching, Metric, Outcome, Places, Plan, Remark, Results, Run, Safety,
+    Study, StudyFolder, Verdict, Watcher, conduct, replay, report, scene_digest, write_tables,
+};
+use gs_train::fit;
+
+const STUDY: &str = "name = 'small'\nquestion = 'Does growth help?'\nimages = ['paper', 'stripes.png']\nbudgets = [30, 60]\nseeds = [0, 1]\n\
+    preset = 'paper'\niterations = 30\n[settings]\nrounds = { every = 5, from = 5, until = 25 }\n\
+    [[arm]]\nname = 'none'\nsettings.policy.kind = 'none'\n\
+    [[arm]]\nname = 'percentile'\nsettings.policy = { kind = 'percentile', percent = 50 }\n";
+
+fn cpu(threads: usize) -> CpuRasterizer {
+    CpuRasterizer::new(CpuSettings { threads: Some(threads), level: None }).unwrap()
+}
+
+/// A folder with an image for the study.
+fn place() -> tempfile::TempDir {
+    let place = tempfile::tempdir().unwrap();
+    let stripes =
+        gs_core::Image::from_fn(48, 40, |x, y| [if x / 6 % 2 == 0 { 0.9 } else { 0.1 }, y as f32 / 40.0, 0.5]);
+    gs_io::write_png(place.path().join("stripes.png"), &stripes.unwrap()).unwrap();
+    place
+}
+
+fn laid_out(study: Study, place: &Path) -> Plan {
+    let places = Places { data: Some(place.to_owned()), ..Places::default() };
+    Plan::new(study, &places, "test").unwrap()
+}
+
+fn study() -> Study {
+    Study::from_toml(STUDY, "small.toml").unwrap()
+}
+
+/// Conducts a plan and writes all there is to write.
+fn conducted(plan: &Plan, output: &Path, jobs: usize, threads: usize) -> StudyFolder {
+    let folder = StudyFolder::prepare(output, plan, Existing::Resume).unwrap();
+    let team: Vec<CpuRasterizer> = (0..jobs).map(|_| cpu(threads)).collect();
+    let done = conduct(plan, &team.iter().collect::<Vec<_>>(), &folder, &()).unwrap();
+    assert_eq!(done, Conducted::Whole);
+    let results = Results::read(plan, &folder);
+    assert!(results.is_whole());
+    write_tables(&results, &folder).unwrap();
+    report::write(&results, &folder, "gs study small.toml").unwrap();
+    folder
+}
+
+/// The tables that do not depend on the clock.
+fn tables(folder: &StudyFolder) -> BTreeMap<&'static str, String> {
+    let names = ["runs.csv", "quality.csv", "differences.csv", "results.json"];
+    names.map(|name| (name, fs::read_to_string(folder.file(name)).unwrap())).into()
+}
+
+/// Counts runs, and stops when so many have ended.
+#[derive(Default)]
+struct Counter {
+    begun: AtomicUsize,
+    failed: Mutex<Vec<usize>>,
+    stop_after: Option<usize>,
+    stop: AtomicBool,
+}
+
+impl Watcher for Counter {
+    fn begun(&self, _: &Run) {
+        self.begun.fetch_add(1, Ordering::Relaxed);
+    }
+
+    fn ended(&self, run: &Run, outcome: &Outcome) {
+        if matches!(outcome, Outcome::Failed { .. }) {
+            self.failed.lock().unwrap().push(run.row);
+        }
+        if self.stop_after.is_some_and(|most| self.begun.load(Ordering::Relaxed) >= most) {
+            self.stop.store(true, Ordering::Relaxed);
+        }
+    }
+
+    fn wants_stop(&self) -> bool {
+        self.stop.load(Ordering::Relaxed)
+    }
+}
+
+#[test]
+fn tables_depend_neither_on_jobs_nor_on_threads_nor_on_a_pause() {
+    let place = place();
+    let plan = laid_out(study(), place.path());
+    let alone = conducted(&plan, &place.path().join("alone"), 1, 2);
+    let side_by_side = conducted(&plan, &place.path().join("side-by-side"), 3, 1);
+    assert_eq!(tables(&alone), tables(&side_by_side));
+
+    let paused = StudyFolder::prepare(&place.path().join("paused"), &plan, Existing::Refuse).unwrap();
+    let counter = Counter { stop_after: Some(5), ..Counter::default() };
+    assert_eq!(conduct(&plan, &[&cpu(1)], &paused, &counter).unwrap(), Conducted::Stopped);
+    drop(paused);
+    let paused = place.path().join("paused");
+    assert!(matches!(StudyFolder::prepare(&paused, &plan, Existing::Refuse), Err(Error::Folder { .. })));
+    assert_eq!(tables(&alone), tables(&conducted(&plan, &paused, 1, 1)));
+}
+
+#[test]
+fn what_is_finished_is_not_done_again_and_what_is_new_is() {
+    let place = place();
+    let output = place.path().join("out");
+    let plan = laid_out(study(), place.path());
+    let folder = conducted(&plan, &output, 1, 1);
+    let again = Counter::default();
+    conduct(&plan, &[&cpu(1)], &folder, &again).unwrap();
+    assert_eq!(again.begun.into_inner(), 0);
+    drop(folder);
+
+    let mut longer = study();
+    longer.seeds.push(7);
+    let plan = laid_out(longer, place.path());
+    let folder = StudyFolder::prepare(&output, &plan, Existing::Resume).unwrap();
+    // A file cut short, as no atomic write leaves it, is as good as none.
+    fs::write(folder.file("runs").join(format!("{}.json", plan.runs[2].address)), "{\"address\": ").unwrap();
+    let counter = Counter::default();
+    conduct(&plan, &[&cpu(1)], &folder, &counter).unwrap();
+    assert_eq!(counter.begun.into_inner(), 8 + 1);
+}
+
+#[test]
+fn every_row_is_a_fit_that_ends_in_the_recorded_scene() {
+    let place = place();
+    let plan = laid_out(study(), place.path());
+    let folder = conducted(&plan, &place.path().join("out"), 2, 1);
+    let (rasterizer, other) = (cpu(1), cpu(2));
+    for row in [1, 4, plan.runs.len()] {
+        let replayed = replay(&plan, row, &rasterizer, &folder).unwrap();
+        let run = plan.run(row).unwrap();
+        let as_fit = fit(&other, &plan.target(run).image, run.settings.clone(), &mut ()).unwrap();
+        assert_eq!(replayed.scene, as_fit.scene);
+        assert_eq!(scene_digest(&as_fit.scene), replayed.finished.scene);
+    }
+    // The tables alone are enough.
+    fs::remove_dir_all(folder.file("runs")).unwrap();
+    replay(&plan, 2, &rasterizer, &folder).unwrap();
+    assert!(matches!(replay(&plan, 99, &rasterizer, &folder), Err(Error::NoRow { row: 99, rows: 16 })));
+    // A row of another machine is refused, and so is a scene that is not the recorded one.
+    let places = Places { data: Some(place.path().to_owned()), ..Places::default() };
+    let elsewhere = Plan::new(study(), &places, "another machine").unwrap();
+    let refused = replay(&elsewhere, 2, &rasterizer, &folder).unwrap_err().to_string();
+    assert_eq!(refused, "row 2: recorded on test, but this is another machine: replay it there");
+    let other_settings = laid_out(Study { iterations: Some(31), ..study() }, place.path());
+    assert!(matches!(replay(&other_settings, 2, &rasterizer, &folder), Err(Error::OtherRun { row: 2, .. })));
+    let json = fs::read_to_string(folder.file("results.json")).unwrap();
+    let scene = replay(&plan, 2, &rasterizer, &folder).unwrap().finished.scene;
+    folder.write("results.json", &json.replace(&scene, "0123")).unwrap();
+    let refused = replay(&plan, 2, &rasterizer, &folder).unwrap_err().to_string();
+    assert!(refused.contains("not the recorded one") && refused.contains("0123"), "{refused}");
+}
+
+#[test]
+fn a_row_of_another_machine_or_version_says_so_and_how_to_get_there() {
+    let place = place();
+    let plan = laid_out(study(), place.path());
+    let flags = ["--backend", "wgpu", "--adapter", "some GPU"].map(str::to_owned).to_vec();
+    let there = Plan { machine: Machine { name: "wgpu some GPU".to_owned(), flags }, ..plan.clone() };
+    let output = place.path().join("out");
+    drop(conducted(&there, &output, 1, 1));
+    let folder = StudyFolder::open(&output).unwrap();
+    let refused = replay(&plan, 1, &cpu(1), &folder).unwrap_err().to_string();
+    let expected = "row 1: recorded on wgpu some GPU, but this is test: add --backend wgpu --adapter 'some GPU'";
+    assert_eq!(refused, expected);
+    // The tables alone say it, too.
+    fs::remove_dir_all(folder.file("runs")).unwrap();
+    fs::remove_file(folder.file("machine.json")).unwrap();
+    let mut moved = plan.clone();
+    moved.runs[0].address = "0".to_owned();
+    assert_eq!(replay(&moved, 1, &cpu(1), &folder).unwrap_err().to_string(), expected);
+    let json = fs::read_to_string(folder.file("results.json")).unwrap();
+    let older = json.replace(&format!("\"version\":\"{}\"", gs_lab::VERSION), "\"version\":\"0.0.9\"");
+    folder.write("results.json", &older.replace("wgpu some GPU", "test")).unwrap();
+    let refused = replay(&moved, 1, &cpu(1), &folder).unwrap_err().to_string();
+    assert!(refused.starts_with("row 1: recorded by version 0.0.9, but this is 0."), "{refused}");
+}
+
+#[test]
+fn a_folder_is_for_one_study_and_one_process_at_a_time() {
+    let place = place();
+    let output = place.path().join("out");
+    let plan = laid_out(study(), place.path());
+    let folder = StudyFolder::prepare(&output, &plan, Existing::Refuse).unwrap();
+    // What another process is writing is not swept away.
+    let half_written = folder.file("runs").join(".gs-a1b2c3.tmp");
+    fs::write(&half_written, "").unwrap();
+    let busy = StudyFolder::prepare(&output, &plan, Existing::Resume).unwrap_err().to_string();
+    assert!(busy.contains("another run of gs is at work in this folder") && half_written.exists(), "{busy}");
+    drop(folder);
+
+    let before = fs::read_to_string(output.join("study.toml")).unwrap();
+    let other = laid_out(Study { name: "other".to_owned(), ..study() }, place.path());
+    let taken = StudyFolder::prepare(&output, &other, Existing::Resume).unwrap_err().to_string();
+    assert!(taken.contains("holds another study than `other`: `small`: choose another folder"), "{taken}");
+    assert_eq!(fs::read_to_string(output.join("study.toml")).unwrap(), before);
+    StudyFolder::prepare(&output, &plan, Existing::Resume).unwrap();
+    assert!(!half_written.exists(), "of a process that is gone");
+}
+
+#[test]
+fn a_study_replaces_no_file_that_is_not_a_studys() {
+    let place = place();
+    let output = place.path().join("out");
+    let plan = laid_out(study(), place.path());
+    fs::create_dir(&output).unwrap();
+    fs::write(output.join("report.html"), "mine").unwrap();
+    let prepare = |existing, overwrite| {
+        let safety = Safety { overwrite, ..Safety::default() };
+        StudyFolder::prepare_with(&output, &plan, existing, &safety)
+    };
+    let refused = prepare(Existing::Refuse, false).unwrap_err().to_string();
+    assert!(refused.contains("report.html: is in the way"), "{refused}");
+    assert_eq!(fs::read_dir(&output).unwrap().count(), 1, "nothing is begun");
+    drop(prepare(Existing::Refuse, true).unwrap());
+    // What it has prepared is its own from then on; and so is all in a folder of a version that kept no index.
+    drop(prepare(Existing::Resume, false).unwrap());
+    fs::write(output.join("runs.csv"), "of an older version").unwrap();
+    fs::remove_file(output.join(".gs-files.json")).unwrap();
+    drop(prepare(Existing::Resume, false).unwrap());
+
+    // A study that is resumed by the file in its own folder leaves that as it is.
+    let own = output.join("study.toml");
+    let text = format!("# mine\n{}", fs::read_to_string(&own).unwrap());
+    fs::write(&own, &text).unwrap();
+    let safety = Safety { inputs: vec![own.clone()], overwrite: false };
+    StudyFolder::prepare_with(&output, &plan, Existing::Resume, &safety).unwrap();
+    assert_eq!(fs::read_to_string(&own).unwrap(), text);
+}
+
+/// Fails at some seeds, by an error or by a panic.
+struct Moody;
+
+impl DensityPolicy for Moody {
+    fn plan(&self, seen: &Observation<'_>, _: &mut Rng) -> Result<EditPlan<Gaussian2d>, CoreError> {
+        match seen.budget {
+            30 => Err(CoreError::State("not today".to_owned())),
+            _ => panic!("not at all"),
+        }
+    }
+
+    fn statistics(&self) -> Statistics {
+        Statistics::None
+    }
+
+    fn needs_residual(&self) -> bool {
+        false
+    }
+}
+
+#[test]
+fn a_run_that_fails_is_recorded_and_does_not_stop_the_others() {
+    let place = place();
+    let mut with_moods = study();
+    with_moods.arms.insert(1, Arm::with_policy("moody", "fails always", Arc::new(Moody)));
+    let plan = laid_out(with_moods, place.path());
+    let folder = StudyFolder::prepare(&place.path().join("out"), &plan, Existing::Refuse).unwrap();
+    let counter = Counter::default();
+    conduct(&plan, &[&cpu(1), &cpu(1)], &folder, &counter).unwrap();
+    assert_eq!(counter.failed.lock().unwrap().len(), 8);
+    let results = Results::read(&plan, &folder);
+    write_tables(&results, &folder).unwrap();
+    report::write(&results, &folder, "gs study").unwrap();
+    let runs = fs::read_to_string(folder.file("runs.csv")).unwrap();
+    assert_eq!(runs.matches(",failed,").count(), 8);
+    assert_eq!(runs.matches("not today").count(), 4);
+    assert_eq!(runs.matches("panicked: not at all").count(), 4);
+    assert_eq!(runs.matches(",finished,").count(), 16);
+    let page = fs::read_to_string(folder.file("report.html")).unwrap();
+    assert!(page.contains("Runs that failed") && page.contains("not today"));
+    let headlines = report::headlines(&results);
+    assert!(
+        headlines.iter().all(|line| line.contains("; no verdict on moody: no pair of finished runs on ")),
+        "{headlines:?}"
+    );
+    // The others are compared as if it had not been there.
+    let difference = results.difference(Matching::Iterations, Metric::Psnr, 60, 2, 0);
+    assert_eq!((difference.pairs, results.difference(Matching::Count, Metric::Psnr, 60, 1, 0).pairs), (2, 0));
+    // What failed is tried again when the study is resumed.
+    let again = Counter::default();
+    conduct(&plan, &[&cpu(1)], &folder, &again).unwrap();
+    assert_eq!(again.begun.into_inner(), 8);
+}
+
+#[test]
+fn a_policy_of_ones_own_takes_part_under_its_fingerprint() {
+    let place = place();
+    let same = |fingerprint: &str| {
+        let mut study = study();
+        let policy = gs_density::Policy::from_name("none").unwrap();
+        study.arms.push(Arm::with_policy("own", fingerprint, Arc::new(policy)));
+        laid_out(study, place.path())
+    };
+    let (plan, other) = (same("own 1"), same("own 2"));
+    let addresses = |plan: &Plan| plan.runs.iter().map(|run| run.address.clone()).collect::<Vec<_>>();
+    let changed = addresses(&plan).iter().zip(addresses(&other)).filter(|(a, b)| **a != *b).count();
+    assert_eq!(changed, plan.runs.len() / 3, "those of the arm with another policy, and no others");
+    let folder = conducted(&plan, &place.path().join("out"), 1, 1);
+    let results = Results::read(&plan, &folder);
+    // It does what the arm `none` does, to the bit.
+    let scenes = |arm: usize| results.finished(arm, 60).map(|(_, end)| end.scene.clone()).collect::<Vec<_>>();
+    assert_eq!(scenes(2), scenes(0));
+    assert_ne!(scenes(1), scenes(0));
+    replay(&plan, 3, &cpu(1), &folder).unwrap();
+}
+
+#[test]
+fn arms_that_are_alike_are_not_told_apart_and_counts_that_differ_are_not_compared() {
+    let place = place();
+    // Six images, the least that an interval is made of.
+    for i in 0..6 {
+        let waves =
+            |x: u32, y: u32| [0.0, 1.0, 2.0].map(|c| 0.5 + 0.4 * ((x + 2 * y) as f32 / (3 + i) as f32 + c).sin());
+        let name = format!("{i}.png");
+        gs_io::write_png(place.path().join(name), &gs_core::Image::from_fn(24, 20, waves).unwrap()).unwrap();
+    }
+    let mut twins = Study { images: (0..6).map(|i| format!("{i}.png")).collect(), ..study() };
+    twins.arms.push(Arm { name: "none-again".to_owned(), ..twins.arms[0].clone() });
+    let plan = laid_out(twins, place.path());
+    let folder = conducted(&plan, &place.path().join("out"), 1, 1);
+    let results = Results::read(&plan, &folder);
+    let twins = results.difference(Matching::Count, Metric::Psnr, 60, 2, 0);
+    assert_eq!((twins.mean, twins.verdict), (Some(0.0), Verdict::CannotTell));
+    assert_eq!(twins.remarks, [Remark::FewSeeds { seeds: 2 }]);
+    let grown = results.difference(Matching::Count, Metric::Psnr, 60, 1, 0);
+    assert_eq!(grown.verdict, Verdict::CannotTell);
+    assert!(grown.remarks.iter().any(|remark| remark.to_string().starts_with("counts differ: ")), "{grown:?}");
+    let after_steps = results.difference(Matching::Iterations, Metric::Psnr, 60, 1, 0);
+    assert_eq!((after_steps.pairs, after_steps.verdict), (6, Verdict::Better), "{after_steps:?}");
+    let differences = fs::read_to_string(folder.file("differences.csv")).unwrap();
+    assert_eq!(
+        differences.lines().count(),
+        1 + 2 * 3 * (2 + 1),
+        "2 budgets, 3 pairs; PSNR and SSIM at equal count, PSNR"
+    );
+}
+
+#[test]
+fn the_report_is_one_page_with_all_its_pictures() {
+    let place = place();
+    let plan = laid_out(study(), place.path());
+    let folder = conducted(&plan, &place.path().join("out"), 1, 2);
+    let page = fs::read_to_string(folder.file("report.html")).unwrap();
+    for expected in [
+        gs_lab::VERSION,
+        "Few seeds: 2, 5 would do.",
+        "2 images are too few: 6 at least",
+        "tr class=\"remark\"",
+        "Which arm wins",
+        "Does growth help?",
+        "gs study small.toml",
+        "percentile",
+        "<svg",
+        "data:image/jpeg;base64,",
+    ] {
+        assert!(page.contains(expected), "{expected}");
+    }
+    let linked = page.matches("src=\"").count();
+    assert_eq!(linked, 2 * (1 + 2 * 2), "two images, each with two arms and their errors");
+    assert_eq!(page.matches("src=\"data:").count(), linked, "nothing from elsewhere");
+    assert!(!page.contains("href=") && !page.contains("<script"));
+    for plot in ["quality-over-count", "quality-over-time-60", "growth-30", "differences-at-equal-time"] {
+        assert!(folder.file("plots").join(format!("{plot}.svg")).is_file(), "{plot}");
+        gs_io::read_image(folder.file("plots").join(format!("{plot}.png"))).unwrap();
+    }
+}
