@@ -120,22 +120,23 @@ pub(crate) fn forward<S: Simd>(
 
 /// [`forward`] of one entry, in the lanes of one vector.
 #[inline(always)]
-fn forward_part<S: Simd, V: Floats<S>, const LANE: usize>(
+fn forward_part<S: Simd, V: Floats<S>>(
     simd: S,
     s: &Splat,
     &Sight { accuracy, first_column, .. }: &Sight<'_>,
     mut row: usize,
     rows: &mut [Row],
     transmittance: &mut [ScalarRow],
+    lane: usize,
 ) {
-    if passes_by::<S, V>(s, first_column, LANE) {
+    if passes_by::<S, V>(s, first_column, lane) {
         return;
     }
     let (zero, cut, opacity): (V, V, V) = (splat(simd, 0.0), splat(simd, s.cut), splat(simd, s.opacity));
     let (alpha_max, minimum) = (accuracy.alpha_max, accuracy.transmittance_min);
     let (alpha_max, minimum): (V, V) = (splat(simd, alpha_max), splat(simd, minimum));
     let color = splat3(simd, s.color);
-    let mut weights = Weights::<V>::new(simd, s, first_column, LANE);
+    let mut weights = Weights::<V>::new(simd, s, first_column, lane);
     let run = s.restart_rows as usize;
     for (rows, transmittance) in rows.chunks_mut(run).zip(transmittance.chunks_mut(run)) {
         weights.start(simd, u_in_row(simd, s, weights.dx, row));
@@ -143,16 +144,16 @@ fn forward_part<S: Simd, V: Floats<S>, const LANE: usize>(
         for (Row(pixels), ScalarRow(t)) in rows.iter_mut().zip(transmittance) {
             let uncut = weights.w * opacity;
             let alpha = uncut.min(alpha_max);
-            let before: V = load(simd, t, LANE);
+            let before: V = load(simd, t, lane);
             let share = before * alpha;
             let behind = before - share;
             let touches = uncut.simd_ge(cut);
             let counts = behind.simd_ge(minimum);
             let after = counts.select(behind, -before.abs());
-            store(touches.select(after, before), t, LANE);
+            store(touches.select(after, before), t, lane);
             let share = (touches & counts).select(share, zero);
             for k in 0..3 {
-                store(fma(share, color[k], load(simd, &pixels[k], LANE)), &mut pixels[k], LANE);
+                store(fma(share, color[k], load(simd, &pixels[k], lane)), &mut pixels[k], lane);
             }
             weights.advance::<S>();
         }
@@ -201,7 +202,7 @@ pub(crate) fn backward<S: Simd, K: Collect>(
 /// [`backward`] of one entry, in the lanes of one vector.
 #[expect(clippy::too_many_arguments, reason = "a kernel's inputs are slices of different owners")]
 #[inline(always)]
-fn backward_part<S: Simd, V: Floats<S>, K: Collect, const LANE: usize>(
+fn backward_part<S: Simd, V: Floats<S>, K: Collect>(
     simd: S,
     s: &Splat,
     &Sight { accuracy, first_column, .. }: &Sight<'_>,
@@ -210,8 +211,9 @@ fn backward_part<S: Simd, V: Floats<S>, K: Collect, const LANE: usize>(
     v_rows: &[Row],
     mut errors: &[ScalarRow],
     slot: &mut [f32],
+    lane: usize,
 ) {
-    if passes_by::<S, V>(s, first_column, LANE) {
+    if passes_by::<S, V>(s, first_column, lane) {
         return;
     }
     let (zero, one): (V, V) = (splat(simd, 0.0), splat(simd, 1.0));
@@ -219,7 +221,7 @@ fn backward_part<S: Simd, V: Floats<S>, K: Collect, const LANE: usize>(
     let (alpha_max, minimum) = (accuracy.alpha_max, accuracy.transmittance_min);
     let (alpha_max, minimum): (V, V) = (splat(simd, alpha_max), splat(simd, minimum));
     let color = splat3(simd, s.color);
-    let mut weights = Weights::<V>::new(simd, s, first_column, LANE);
+    let mut weights = Weights::<V>::new(simd, s, first_column, lane);
     let (mut v_color, mut s_0, mut s_u, mut s_uu) = ([zero; 3], zero, zero, zero);
     let across = weights.dx * s.inverse_xx;
     let mut collected = [zero; 2];
@@ -231,24 +233,24 @@ fn backward_part<S: Simd, V: Floats<S>, K: Collect, const LANE: usize>(
         for (Row([t, rest, _]), Row(v)) in rows.iter_mut().zip(v_rows) {
             let uncut = weights.w * opacity;
             let alpha = uncut.min(alpha_max);
-            let before: V = load(simd, t, LANE);
+            let before: V = load(simd, t, lane);
             let share = before * alpha;
             let behind = before - share;
             let touches = uncut.simd_ge(cut);
             let counts = behind.simd_ge(minimum);
             let after = counts.select(behind, -before.abs());
-            store(touches.select(after, before), t, LANE);
+            store(touches.select(after, before), t, lane);
             let counted = touches & counts;
             let share = counted.select(share, zero);
 
-            let v = load3(simd, v, LANE);
+            let v = load3(simd, v, lane);
             for k in 0..3 {
                 v_color[k] = fma(share, v[k], v_color[k]);
             }
             let v_dot_c = fma(v[2], color[2], fma(v[1], color[1], v[0] * color[0]));
-            let rest_before: V = load(simd, rest, LANE);
+            let rest_before: V = load(simd, rest, lane);
             let behind_it = rest_before - share * v_dot_c;
-            store(behind_it, rest, LANE);
+            store(behind_it, rest, lane);
             let v_alpha = before * v_dot_c - behind_it / (one - alpha);
             // The gradient of a clamped α is zero.
             let free = counted & uncut.simd_le(alpha_max);
@@ -261,7 +263,7 @@ fn backward_part<S: Simd, V: Floats<S>, K: Collect, const LANE: usize>(
                 add_absolute(&mut collected, t, across, u, s);
             }
             if K::ERROR {
-                errors = add_error(simd, &mut collected, share, errors, LANE);
+                errors = add_error(simd, &mut collected, share, errors, lane);
             }
             u += 1.0;
             weights.advance::<S>();

@@ -199,7 +199,7 @@ pub(crate) fn backward<S: Simd, K: Collect>(
 
 /// [`backward`] of one entry, in the lanes of one vector.
 #[inline(always)]
-fn backward_part<S: Simd, V: Floats<S>, K: Collect, const LANE: usize>(
+fn backward_part<S: Simd, V: Floats<S>, K: Collect>(
     simd: S,
     s: &Splat,
     first_column: usize,
@@ -207,13 +207,14 @@ fn backward_part<S: Simd, V: Floats<S>, K: Collect, const LANE: usize>(
     rows: &[Row],
     mut errors: &[ScalarRow],
     slot: &mut [f32],
+    lane: usize,
 ) {
-    if passes_by::<S, V>(s, first_column, LANE) {
+    if passes_by::<S, V>(s, first_column, lane) {
         return;
     }
     let (zero, cut): (V, V) = (splat(simd, 0.0), splat(simd, s.cut));
     let color = splat3(simd, s.color);
-    let mut weights = Weights::<V>::new(simd, s, first_column, LANE);
+    let mut weights = Weights::<V>::new(simd, s, first_column, lane);
     let (mut v_color, mut s_u, mut s_uu) = ([zero; 3], zero, zero);
     let across = weights.dx * s.inverse_xx;
     let mut collected = [zero; 2];
@@ -223,7 +224,7 @@ fn backward_part<S: Simd, V: Floats<S>, K: Collect, const LANE: usize>(
         row += rows.len();
         for Row(v) in rows {
             let w = weights.w.simd_ge(cut).select(weights.w, zero);
-            let v = load3(simd, v, LANE);
+            let v = load3(simd, v, lane);
             for k in 0..3 {
                 v_color[k] = fma(w, v[k], v_color[k]);
             }
@@ -235,7 +236,7 @@ fn backward_part<S: Simd, V: Floats<S>, K: Collect, const LANE: usize>(
                 add_absolute(&mut collected, w * v_w, across, u, s);
             }
             if K::ERROR {
-                errors = add_error(simd, &mut collected, w, errors, LANE);
+                errors = add_error(simd, &mut collected, w, errors, lane);
             }
             u += 1.0;
             weights.advance::<S>();
@@ -309,19 +310,20 @@ pub(crate) fn backward_colors<S: Simd>(
 
 /// [`backward_colors`] of one entry, in the lanes of one vector.
 #[inline(always)]
-fn colors_part<S: Simd, V: Floats<S>, const LANE: usize>(
+fn colors_part<S: Simd, V: Floats<S>>(
     simd: S,
     s: &Splat,
     first_column: usize,
     mut row: usize,
     rows: &[Row],
     slot: &mut [f32; COLOR_STRIDE],
+    lane: usize,
 ) {
-    if passes_by::<S, V>(s, first_column, LANE) {
+    if passes_by::<S, V>(s, first_column, lane) {
         return;
     }
     let (zero, cut): (V, V) = (splat(simd, 0.0), splat(simd, s.cut));
-    let mut weights = Weights::<V>::new(simd, s, first_column, LANE);
+    let mut weights = Weights::<V>::new(simd, s, first_column, lane);
     let mut v_color = [zero; 3];
     for rows in rows.chunks(s.restart_rows as usize) {
         weights.start(simd, u_in_row(simd, s, weights.dx, row));
@@ -329,7 +331,7 @@ fn colors_part<S: Simd, V: Floats<S>, const LANE: usize>(
         for Row(v) in rows {
             let w = weights.w.simd_ge(cut).select(weights.w, zero);
             for k in 0..3 {
-                v_color[k] = fma(w, load(simd, &v[k], LANE), v_color[k]);
+                v_color[k] = fma(w, load(simd, &v[k], lane), v_color[k]);
             }
             weights.advance::<S>();
         }

@@ -11,19 +11,23 @@ use gs_core::constants::MAX_DERIVATIVE;
 /// Columns in a strip, and the most pixels in a vector.
 pub(crate) const LANES: usize = 16;
 
-/// Calls `$part::<S, S::f32s, $kind, LANE>($args)` for the first lane of every vector that makes up a row: constants, so that nothing has to be
-/// checked where a part of a row is loaded.
+/// Calls `$part::<S, S::f32s, $kind>($args, lane)` for the first lane of every vector that makes up a row.
+///
+/// Where a row is one or two vectors, the lane is a constant of each call, so that nothing has to be checked where a part of a row
+/// is loaded. Where it is four, one body serves them all, which the compiler sees once instead of four times.
 macro_rules! each_part {
     ($simd:ty $(, $kind:ty)?; $part:ident($($arg:expr),* $(,)?)) => {{
-        $part::<$simd, <$simd as fearless_simd::Simd>::f32s, $($kind,)? 0>($($arg),*);
-        if <$simd as fearless_simd::Simd>::f32s::LEN == 4 {
-            $part::<$simd, <$simd as fearless_simd::Simd>::f32s, $($kind,)? 4>($($arg),*);
-        }
-        if <$simd as fearless_simd::Simd>::f32s::LEN <= 8 {
-            $part::<$simd, <$simd as fearless_simd::Simd>::f32s, $($kind,)? 8>($($arg),*);
-        }
-        if <$simd as fearless_simd::Simd>::f32s::LEN == 4 {
-            $part::<$simd, <$simd as fearless_simd::Simd>::f32s, $($kind,)? 12>($($arg),*);
+        match <$simd as fearless_simd::Simd>::f32s::LEN {
+            4 => {
+                for lane in [0, 4, 8, 12] {
+                    $part::<$simd, <$simd as fearless_simd::Simd>::f32s $(, $kind)?>($($arg,)* lane);
+                }
+            }
+            8 => {
+                $part::<$simd, <$simd as fearless_simd::Simd>::f32s $(, $kind)?>($($arg,)* 0);
+                $part::<$simd, <$simd as fearless_simd::Simd>::f32s $(, $kind)?>($($arg,)* 8);
+            }
+            _ => $part::<$simd, <$simd as fearless_simd::Simd>::f32s $(, $kind)?>($($arg,)* 0),
         }
     }};
 }
