@@ -6,10 +6,13 @@ mod fastest;
 mod team;
 mod threads;
 
+use pollster::FutureExt as _;
 use std::env::consts;
 
 use clap::{Args, Parser, ValueEnum, builder::NonEmptyStringValueParser};
-use gs_core::{Canvas, Error, Parameterization, Rasterizer, RenderSettings, Scene2d, Scene3d, profile::Profiler};
+use gs_core::{
+    Canvas, Error, Optimizer, Parameterization, Rasterizer, RenderSettings, Scene2d, Scene3d, profile::Profiler,
+};
 use gs_cpu::{CpuRasterizer, CpuSettings, CpuTuning, SimdLevel};
 use gs_lab::Machine;
 use gs_wgpu::{AdapterSummary, Kernels, WgpuRasterizer, WgpuSettings};
@@ -88,7 +91,7 @@ pub(crate) trait Task {
     type Output;
 
     /// Does it on this rasterizer.
-    fn run<R: Profiler<Scene2d> + Rasterizer<Scene3d>>(self, rasterizer: &R) -> Self::Output;
+    fn run<R: Profiler<Scene2d> + Optimizer<Scene3d>>(self, rasterizer: &R) -> Self::Output;
 }
 
 /// Work that any rasterizer of 3D scenes can do.
@@ -173,7 +176,7 @@ impl Backend {
         let (level, why_level) = simd_level(simd)?;
         let settings = CpuSettings { threads: Some(threads.count), level: Some(level) };
         let rasterizer = CpuRasterizer::new(settings)?.with_tuning(tuning)?;
-        let what = Rasterizer::<Scene2d>::describe(&rasterizer);
+        let what = gs_core::Backend::describe(&rasterizer);
         Ok(Self {
             reason: format!("{what}: {why}, {why_level}, {}", threads.why),
             rasterizer: AnyRasterizer::Cpu(Box::new(rasterizer)),
@@ -185,7 +188,7 @@ impl Backend {
     }
 
     fn wgpu(rasterizer: WgpuRasterizer, threads: &Threads, why: &str) -> Self {
-        let what = Rasterizer::<Scene2d>::describe(&rasterizer);
+        let what = gs_core::Backend::describe(&rasterizer);
         Self {
             reason: format!("{what}: {why}, {}, {} for seeding", rasterizer.reason(), threads.why),
             name: "wgpu",
@@ -331,19 +334,19 @@ fn wanted(args: &BackendArgs) -> Result<Wanted<'_>, Failure> {
 
 /// Fails where the GPU cannot show the scenes of images in this way.
 fn shows_images(gpu: &WgpuRasterizer, render: &RenderSettings) -> Result<(), Error> {
-    gpu.for_2d().render(&Scene2d::default(), &Canvas::new(1, 1), render).map(drop)
+    gpu.for_2d().render(&Scene2d::default(), &Canvas::new(1, 1), render).block_on().map(drop)
 }
 
 /// The adapter of that name, or the first.
 fn named(adapter: Option<&str>, kernels: Option<Kernels>) -> Result<WgpuRasterizer, Failure> {
     let settings = WgpuSettings { adapter: adapter.map(str::to_owned), kernels, ..WgpuSettings::default() };
-    let error = match WgpuRasterizer::new(settings) {
+    let error = match WgpuRasterizer::new(settings).block_on() {
         Ok(rasterizer) => return Ok(rasterizer),
         Err(error) => Failure::from(error),
     };
     let Some(name) = adapter else { return Err(error) };
     // A name that nothing has is bad usage, like a SIMD level that the machine has not; all else is the machine's failure.
-    let found: Vec<String> = gs_wgpu::adapters().into_iter().map(|found| found.name).collect();
+    let found: Vec<String> = gs_wgpu::adapters().block_on().into_iter().map(|found| found.name).collect();
     let matches = |found: &String| found.to_lowercase().contains(&name.to_lowercase());
     if found.is_empty() || found.iter().any(matches) {
         return Err(error);

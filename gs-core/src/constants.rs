@@ -31,6 +31,16 @@ pub const ALPHA_MAX: f32 = 0.999;
 /// *Source:* 3DGS. The Gaussian that would cross it does not count, forward and backward alike.
 pub const TRANSMITTANCE_MIN: f32 = 1e-4;
 
+/// How sharply the noise on means ends where opacity begins: k of 3DGS-MCMC. Unit: none.
+///
+/// *Source:* the code of 3DGS-MCMC. Smaller shakes Gaussians that are seen.
+pub const NOISE_STEEPNESS: f32 = 100.0;
+
+/// The opacity at which the noise on means has half its strength: t of 3DGS-MCMC, 1 − t in its code. Unit: none.
+///
+/// *Source:* the code of 3DGS-MCMC. Larger shakes Gaussians that are seen.
+pub const NOISE_OPACITY: f32 = 0.005;
+
 /// What [`Antialias::Dilate` and `Compensated`](crate::effects::Antialias) add to the diagonal of Σ′. Unit: px².
 ///
 /// *Source:* 3DGS; gsplat with `rasterize_mode="antialiased"`. Smaller lets sub-pixel Gaussians fall between pixel centres and flicker.

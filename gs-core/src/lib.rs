@@ -1,5 +1,5 @@
 //! The core of a Gaussian-splatting engine: scenes and views, the mathematics of one Gaussian at one pixel, effects and settings,
-//! the [`Rasterizer`] trait that backends implement, and the metrics by which results are judged.
+//! the [`Rasterizer`] and [`Optimizer`] traits that backends implement, and the metrics by which results are judged.
 //!
 //! Nothing here knows a backend, a thread, a GPU or a file. Start at [`Rasterizer`]; scenes are in [`scene`], what one Gaussian does
 //! at one pixel is in [`splat`], and every number that backends must agree on is in [`constants`].
@@ -18,6 +18,7 @@ pub mod image;
 pub mod loss;
 pub mod memory;
 pub mod metrics;
+pub mod noise;
 pub mod perspective;
 pub mod profile;
 pub mod rasterizer;
@@ -27,6 +28,7 @@ pub mod sh;
 pub mod splat;
 pub mod state;
 pub mod statistics;
+pub mod target;
 pub mod view;
 pub mod whitened;
 mod words;
@@ -38,11 +40,13 @@ pub use crate::{
     error::Error,
     image::Image,
     loss::Loss,
-    rasterizer::{Binning, Rasterizer, TrainStep, Wait},
+    noise::MeanNoise,
+    rasterizer::{Backend, Binning, Optimizer, Rasterizer, TrainStep, Wait},
     scene::{Gaussian2d, Gaussian3d, Scene, Scene2d, Scene3d},
     settings::{Accuracy, RenderSettings},
     state::SplatsState,
     statistics::DensityStatistics,
+    target::TargetImage,
     view::{Camera, Canvas},
     words::counted,
 };

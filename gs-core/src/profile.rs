@@ -1,23 +1,23 @@
 //! Where the time of a training step goes, stage by stage, as backends report it.
 
-use std::fmt;
+use std::{fmt, future::Future};
 
 use crate::{
     adam::{Adam, AdamRates},
     error::Error,
     loss::Loss,
-    rasterizer::Rasterizer,
+    rasterizer::Optimizer,
     scene::Scene,
     settings::RenderSettings,
 };
 
 /// A backend that can say where the time of a training step goes.
-pub trait Profiler<S: Scene>: Rasterizer<S> {
+pub trait Profiler<S: Scene>: Optimizer<S> {
     /// Runs every stage `repetitions` times, interleaved, after once without looking at the clock. The splats stays as it is but for
     /// its Adam moments, step counts and statistics: the rates are [`still`].
     ///
     /// # Errors
-    /// Those of [`Rasterizer::train_step`].
+    /// Those of [`Optimizer::train_step`].
     fn profile(
         &self,
         splats: &mut Self::Splats,
@@ -26,7 +26,7 @@ pub trait Profiler<S: Scene>: Rasterizer<S> {
         settings: &RenderSettings,
         loss: Loss,
         repetitions: usize,
-    ) -> Result<Profile, Error>;
+    ) -> impl Future<Output = Result<Profile, Error>>;
 }
 
 /// Adam's numbers for steps that move nothing: all learning rates are 0.

@@ -115,22 +115,6 @@ impl SplatsState {
         }
     }
 
-    /// Adds `shifts`, row-major, to a tensor of floats.
-    ///
-    /// # Errors
-    /// [`Error::State`] where the tensor is missing or of another type, [`Error::Length`] where it has not as many numbers.
-    pub fn shift(&mut self, name: &'static str, shifts: &[f32]) -> Result<(), Error> {
-        self.get(name)?;
-        let Some(Tensor { data: TensorData::F32(values), .. }) = self.tensors.get_mut(name) else {
-            return Err(Error::State(format!("tensor `{name}` holds integers, not floats")));
-        };
-        if values.len() != shifts.len() {
-            return Err(Error::Length { what: name, expected: values.len(), found: shifts.len() });
-        }
-        values.iter_mut().zip(shifts).for_each(|(value, shift)| *value += shift);
-        Ok(())
-    }
-
     /// Whether a tensor of this name is there.
     pub fn contains(&self, name: &str) -> bool {
         self.tensors.contains_key(name)

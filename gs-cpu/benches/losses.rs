@@ -10,6 +10,7 @@ use gs_core::{
     profile::{Profiler, Quantiles},
 };
 use gs_cpu::{CpuRasterizer, CpuSettings};
+use pollster::FutureExt as _;
 
 const REPETITIONS: usize = 60;
 
@@ -41,7 +42,7 @@ fn main() -> Result<(), Error> {
             for loss in [Loss::L2, Loss::L1, Loss::L1Dssim { lambda: 0.2 }] {
                 let settings = RenderSettings::blended(Blend::Over);
                 let canvas = Canvas::new(width, height);
-                let profile = cpu.profile(&mut splats, &canvas, &target, &settings, loss, REPETITIONS)?;
+                let profile = cpu.profile(&mut splats, &canvas, &target, &settings, loss, REPETITIONS).block_on()?;
                 let stage = profile.stages.iter().find(|stage| stage.stage == "loss").expect("a step has a loss");
                 let Quantiles { low, median, high } = Quantiles::of(&stage.seconds);
                 print!(" | {:.2} ({:.2}–{:.2})", 1e3 * median, 1e3 * low, 1e3 * high);

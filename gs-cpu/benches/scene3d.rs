@@ -7,13 +7,14 @@
 
 mod garden;
 
+use gs_core::Backend as _;
+use pollster::FutureExt as _;
 use std::time::Instant;
 
 use garden::{Random, SEED, garden};
 use glam::Vec3;
 use gs_core::{
-    Blend, Camera, Error, Gaussian3d, Image, Loss, Parameterization, Rasterizer, RenderSettings, Scene, Scene3d,
-    TrainStep,
+    Blend, Camera, Error, Gaussian3d, Image, Loss, Parameterization, RenderSettings, Scene, Scene3d, TrainStep,
     effects::{Antialias, Order, Statistics},
     profile::{Profiler, Quantiles, still},
     rasterizer::Binning,
@@ -123,8 +124,8 @@ fn measure(cpu: &impl Profiler<Scene3d>, subject: &Subject) -> Result<(), Error>
     let target = cpu.upload_target(&image)?;
     let mut splats = cpu.upload(scene, Parameterization::ScaleRotation)?;
     let (loss, rates) = (Loss::PAPER, still());
-    let profile = cpu.profile(&mut splats, camera, &target, settings, loss, *repetitions)?;
-    let culled = cpu.culled(&cpu.forward(&splats, camera, settings)?)?;
+    let profile = cpu.profile(&mut splats, camera, &target, settings, loss, *repetitions).block_on()?;
+    let culled = cpu.culled(&cpu.forward(&splats, camera, settings).block_on()?);
     println!(
         "{name}: {} Gaussians, {}x{} px, {} entries, {} M pairs; {culled:?}",
         scene.len(),
@@ -136,13 +137,13 @@ fn measure(cpu: &impl Profiler<Scene3d>, subject: &Subject) -> Result<(), Error>
     for stage in profile.of_a_step() {
         println!("  {:12} {:8.2} ms", stage.stage, Quantiles::of(&stage.seconds).median * 1e3);
     }
-    let forward = median(*repetitions, || cpu.forward(&splats, camera, settings).map(drop))?;
+    let forward = median(*repetitions, || cpu.forward(&splats, camera, settings).block_on().map(drop))?;
     let both = median(*repetitions, || {
-        let frame = cpu.forward(&splats, camera, settings)?;
-        cpu.backward(&splats, frame, &target, &loss).map(drop)
+        let frame = cpu.forward(&splats, camera, settings).block_on()?;
+        cpu.backward(&splats, frame, &target, &loss).block_on().map(drop)
     })?;
     let step = TrainStep { settings, loss, rates: &rates, binning: Binning::Fresh };
-    let whole = median(*repetitions, || cpu.train_step(&mut splats, camera, &target, &step))?;
+    let whole = median(*repetitions, || cpu.train_step(&mut splats, camera, &target, &step).block_on())?;
     println!("  forward {forward:.1} ms, forward and backward {both:.1} ms, training step {whole:.1} ms");
     Ok(())
 }

@@ -42,6 +42,7 @@ impl Tiles {
 mod tests {
     use glam::{Vec2, Vec3};
     use gs_core::{Blend, Canvas, Gaussian2d, Parameterization, Rasterizer, RenderSettings, Scene2d};
+    use pollster::FutureExt as _;
 
     use super::*;
     use crate::{CpuRasterizer, CpuSettings};
@@ -69,9 +70,9 @@ mod tests {
             }
             let settings = RenderSettings::blended(blend).on([0.5, 0.25, 0.125]);
             let splats = cpu.upload(&scene, Parameterization::default()).unwrap();
-            let pass = cpu.forward(&splats, &canvas, &settings).unwrap();
-            let expected = (cpu.image(&pass).unwrap(), cpu.culled(&pass).unwrap());
-            assert!(cpu.draw(&splats, &canvas, &settings).unwrap() == expected, "{blend:?}");
+            let pass = cpu.forward(&splats, &canvas, &settings).block_on().unwrap();
+            let expected = (cpu.image(&pass).block_on().unwrap(), cpu.culled(&pass));
+            assert!(cpu.draw(&splats, &canvas, &settings).block_on().unwrap() == expected, "{blend:?}");
         }
     }
 }

@@ -11,7 +11,8 @@ use std::{
 
 use fearless_simd::Level;
 use gs_core::{
-    AdamRates, Binning, DensityStatistics, EditPlan, Error, Parameterization, RenderSettings, Scene, SplatsState,
+    AdamRates, Binning, DensityStatistics, EditPlan, Error, MeanNoise, Parameterization, RenderSettings, Scene,
+    SplatsState,
 };
 
 use crate::{
@@ -80,9 +81,9 @@ pub trait SceneKind: sealed::Sealed + Scene + 'static {
     #[doc(hidden)]
     fn edit(splats: &mut Self::Splats, plan: &EditPlan<Self::Gaussian>) -> Result<(), Error>;
 
-    /// Adds to the means.
+    /// Adds noise to the means.
     #[doc(hidden)]
-    fn shift_means(splats: &mut Self::Splats, shifts: &[f32]) -> Result<(), Error>;
+    fn add_noise(splats: &mut Self::Splats, noise: &MeanNoise);
 
     /// What splats of every kind have.
     #[doc(hidden)]

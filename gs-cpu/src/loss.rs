@@ -3,7 +3,8 @@
 use std::sync::OnceLock;
 
 use fearless_simd::{Level, Simd, dispatch, prelude::*};
-use gs_core::{Error, Image, Loss, constants::MAX_RESIDUAL, memory};
+use gs_core::{Error, Loss, TargetImage, constants::MAX_RESIDUAL, memory, target};
+use rayon::prelude::*;
 
 use crate::{
     dssim::{self, BlurredTarget},
@@ -13,20 +14,51 @@ use crate::{
 };
 
 /// An image to compare with, as strips.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct Target {
     pub(crate) width: u32,
     pub(crate) height: u32,
     pub(crate) rows: Vec<Row>,
+    /// What [`TargetImage::coverage`] says of each pixel, and 1 in lanes beyond the image; empty where the rows are complete.
+    coverage: Vec<ScalarRow>,
     /// What D-SSIM needs of the target alone, made when first needed.
     pub(crate) blurred: OnceLock<BlurredTarget>,
 }
 
 impl Target {
-    pub(crate) fn new(image: &Image) -> Result<Self, Error> {
-        let (width, height) = image.size();
-        let rows = Grid::new((width, height), 1).strips_of(image)?;
-        Ok(Self { width, height, rows, blurred: OnceLock::new() })
+    pub(crate) fn new(target: &TargetImage<'_>) -> Result<Self, Error> {
+        target.validate()?;
+        let (width, height) = target.image.size();
+        let grid = Grid::new((width, height), 1);
+        let mut coverage = Vec::new();
+        if let Some(of_pixels) = target.coverage() {
+            memory::resize(&mut coverage, grid.rows(), ScalarRow([1.0; LANES]), "a target's alpha and mask")?;
+            for (line, of_line) in of_pixels.chunks_exact(width as usize).enumerate() {
+                for (strip, values) in of_line.chunks(LANES).enumerate() {
+                    coverage[strip * grid.height + line].0[..values.len()].copy_from_slice(values);
+                }
+            }
+        }
+        Ok(Self { width, height, rows: grid.strips_of(target.image)?, coverage, blurred: OnceLock::new() })
+    }
+
+    /// Whether the colours depend neither on the background nor on the rendering.
+    pub(crate) fn is_complete(&self) -> bool {
+        self.coverage.is_empty()
+    }
+
+    /// Puts the colours before a background, and those of pixels that do not count to what is rendered, into `completed`.
+    fn complete(&self, background: [f32; 3], rendered: &[Row], completed: &mut Self) -> Result<(), Error> {
+        (completed.width, completed.height) = (self.width, self.height);
+        memory::resize(&mut completed.rows, self.rows.len(), Row::ZERO, "a target")?;
+        completed.blurred.take();
+        let inputs = self.rows.par_iter().zip(&self.coverage).zip(rendered);
+        (completed.rows.par_iter_mut().zip(inputs)).for_each(|(Row(out), ((Row(y), ScalarRow(coverage)), Row(c)))| {
+            for k in 0..3 {
+                out[k] = std::array::from_fn(|i| target::completed(y[k][i], coverage[i], background[k], c[k][i]));
+            }
+        });
+        Ok(())
     }
 
     /// Fails unless the target has this size.
@@ -49,6 +81,17 @@ impl Target {
 /// # Errors
 /// [`Error::Memory`].
 pub(crate) fn loss(tiles: &mut Tiles, target: &Target, loss: &Loss, level: Level) -> Result<f64, Error> {
+    if target.is_complete() {
+        return loss_of_complete(tiles, target, loss, level);
+    }
+    let mut completed = std::mem::take(&mut tiles.completed);
+    target.complete(tiles.settings.background_color(), &tiles.rows, &mut completed)?;
+    let value = loss_of_complete(tiles, &completed, loss, level);
+    tiles.completed = completed;
+    value
+}
+
+fn loss_of_complete(tiles: &mut Tiles, target: &Target, loss: &Loss, level: Level) -> Result<f64, Error> {
     let pixels = if tiles.collects_errors() { tiles.grid.rows() } else { 0 };
     memory::resize(&mut tiles.errors, pixels, ScalarRow([0.0; LANES]), "the pixels' errors")?;
     if tiles.collects_errors() {

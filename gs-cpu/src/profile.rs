@@ -1,11 +1,10 @@
 //! Where the time of a training step goes, stage by stage.
 
-use std::time::Instant;
-
 use gs_core::{
     AdamRates, Binning, Error, Loss, RenderSettings,
     profile::{Clock, Profile, Profiler, StageTime, still},
 };
+use web_time::Instant;
 
 use crate::{CpuRasterizer, Target, kind::SceneKind, loss, tiles::Tiles, workspace::Workspace};
 
@@ -97,7 +96,7 @@ impl<S: SceneKind> Pass<'_, S> {
 }
 
 impl<S: SceneKind> Profiler<S> for CpuRasterizer {
-    fn profile(
+    async fn profile(
         &self,
         splats: &mut S::Splats,
         view: &S::View,
@@ -109,7 +108,7 @@ impl<S: SceneKind> Profiler<S> for CpuRasterizer {
         S::check(view, settings)?;
         loss.validate()?;
         target.check_size(S::size(view))?;
-        let is_fused = Tiles::is_fused(&settings.effects, loss);
+        let is_fused = target.is_complete() && Tiles::is_fused(&settings.effects, loss);
         let stages = S::BEFORE_BIN.into_iter().chain(Stage::FROM_BIN);
         let stages = stages.filter(|&stage| stage != Stage::Fused || is_fused);
         let mut samples: Vec<(Stage, Vec<f64>)> =
@@ -117,7 +116,7 @@ impl<S: SceneKind> Profiler<S> for CpuRasterizer {
         let pool = &S::resources(self).pool;
         let (workspace, bias) = (pool.take().tuned(self.tuning), S::Bias::default());
         let mut pass = Pass::<S> { rasterizer: self, workspace, splats, target, loss, rates: still(), bias };
-        self.threads.install(|| {
+        self.install(|| {
             S::prepare(&mut pass.workspace, pass.splats, view, settings, Binning::Fresh)?;
             samples.iter().try_for_each(|&(stage, _)| pass.run(stage))?;
             for _ in 0..repetitions {

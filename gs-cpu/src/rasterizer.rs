@@ -4,8 +4,9 @@ use std::{fmt, sync::PoisonError};
 
 use fearless_simd::Level;
 use gs_core::{
-    AdamRates, Binning, DensityStatistics, EditPlan, Error, Image, Loss, Parameterization, Rasterizer, RenderSettings,
-    Scene2d, Scene3d, SplatsState, TrainStep, counted, profile::Profiler, settings::Cut, statistics::Culled,
+    AdamRates, Backend, Binning, DensityStatistics, EditPlan, Error, Image, Loss, MeanNoise, Optimizer,
+    Parameterization, Rasterizer, RenderSettings, Scene2d, Scene3d, SplatsState, TargetImage, TrainStep, Wait, counted,
+    profile::Profiler, settings::Cut, statistics::Culled,
 };
 
 use crate::{
@@ -31,7 +32,8 @@ pub struct CpuSettings {
 
 /// The CPU backend: owns its threads, and the buffers that its forward passes use in turn.
 pub struct CpuRasterizer {
-    pub(crate) threads: rayon::ThreadPool,
+    /// `None` where no threads can be started, as on a page: then passes run on rayon's global pool, which is the calling thread there.
+    threads: Option<rayon::ThreadPool>,
     simd: SimdLevel,
     pub(crate) level: Level,
     pub(crate) tuning: CpuTuning,
@@ -56,8 +58,14 @@ impl CpuRasterizer {
         let threads = rayon::ThreadPoolBuilder::new()
             .num_threads(settings.threads.unwrap_or(0))
             .thread_name(|i| format!("gs-cpu-{i}"))
-            .build()
-            .map_err(|e| Error::Backend { backend: BACKEND, message: format!("threads cannot be started: {e}") })?;
+            .build();
+        let threads = match threads {
+            Ok(threads) => Some(threads),
+            Err(_) if cfg!(target_family = "wasm") => None,
+            Err(e) => {
+                return Err(Error::Backend { backend: BACKEND, message: format!("threads cannot be started: {e}") });
+            }
+        };
         Ok(Self {
             threads,
             simd,
@@ -100,7 +108,15 @@ impl CpuRasterizer {
 
     /// Threads in use.
     pub fn threads(&self) -> usize {
-        self.threads.current_num_threads()
+        self.threads.as_ref().map_or(1, rayon::ThreadPool::current_num_threads)
+    }
+
+    /// Runs work on this rasterizer's threads.
+    pub(crate) fn install<T: Send>(&self, work: impl FnOnce() -> T + Send) -> T {
+        match &self.threads {
+            Some(threads) => threads.install(work),
+            None => work(),
+        }
     }
 
     /// Instruction set in use.
@@ -129,74 +145,52 @@ pub(crate) fn check_settings(settings: &RenderSettings) -> Result<(), Error> {
     Ok(())
 }
 
+impl Backend for CpuRasterizer {
+    fn describe(&self) -> String {
+        format!("cpu ({}, {})", self.simd, counted(self.threads(), "thread"))
+    }
+}
+
+/// Every future is ready when it is first polled: the work is done then.
 impl<S: SceneKind> Rasterizer<S> for CpuRasterizer {
     type Splats = S::Splats;
     type ForwardPass = ForwardPass<S>;
     type Gradients = Gradients<S>;
     type Target = Target;
 
-    fn describe(&self) -> String {
-        format!("cpu ({}, {})", self.simd, counted(self.threads(), "thread"))
-    }
-
     fn upload(&self, scene: &S, parameterization: Parameterization) -> Result<S::Splats, Error> {
         S::upload(scene, parameterization)
     }
 
-    fn download(&self, splats: &S::Splats) -> Result<S, Error> {
-        Ok(S::download(splats))
-    }
-
-    fn len(&self, splats: &S::Splats) -> usize {
-        S::shared(splats).len()
-    }
-
-    fn upload_target(&self, image: &Image) -> Result<Target, Error> {
-        image.check_finite("the target")?;
-        Target::new(image)
-    }
-
-    fn save(&self, splats: &S::Splats) -> Result<SplatsState, Error> {
-        Ok(S::save(splats))
-    }
-
-    fn restore(&self, state: &SplatsState) -> Result<S::Splats, Error> {
-        S::restore(state)
-    }
-
-    fn forward(&self, splats: &S::Splats, view: &S::View, settings: &RenderSettings) -> Result<ForwardPass<S>, Error> {
+    async fn forward(
+        &self,
+        splats: &S::Splats,
+        view: &S::View,
+        settings: &RenderSettings,
+    ) -> Result<ForwardPass<S>, Error> {
         S::check(view, settings)?;
         let pool = &S::resources(self).pool;
         let mut workspace = pool.take().tuned(self.tuning);
-        self.threads.install(|| {
+        self.install(|| {
             S::prepare(&mut workspace, splats, view, settings, Binning::Fresh)?;
             workspace.tiles.blend(self.level)
         })?;
         Ok(ForwardPass::new(workspace, pool))
     }
 
-    fn image(&self, pass: &ForwardPass<S>) -> Result<Image, Error> {
+    async fn image(&self, pass: &ForwardPass<S>) -> Result<Image, Error> {
         pass.image()
     }
 
-    fn draw(&self, splats: &S::Splats, view: &S::View, settings: &RenderSettings) -> Result<(Image, Culled), Error> {
-        S::check(view, settings)?;
-        let pool = &S::resources(self).pool;
-        let mut workspace = pool.take().tuned(self.tuning);
-        let image = self.threads.install(|| {
-            S::prepare(&mut workspace, splats, view, settings, Binning::Fresh)?;
-            workspace.tiles.draw(self.level)
-        })?;
-        let culled = workspace.tiles.culled();
-        pool.give(workspace);
-        Ok((image, culled))
+    fn culled(&self, pass: &ForwardPass<S>) -> Culled {
+        pass.workspace().tiles.culled()
     }
 
-    fn culled(&self, pass: &ForwardPass<S>) -> Result<Culled, Error> {
-        Ok(pass.workspace().tiles.culled())
+    fn upload_target<'a>(&self, target: impl Into<TargetImage<'a>>) -> Result<Target, Error> {
+        Target::new(&target.into())
     }
 
-    fn backward(
+    async fn backward(
         &self,
         splats: &S::Splats,
         mut pass: ForwardPass<S>,
@@ -207,9 +201,9 @@ impl<S: SceneKind> Rasterizer<S> for CpuRasterizer {
         let workspace = pass.workspace_mut();
         target.check_size(workspace.tiles.grid.size())?;
         if workspace.edition != Some(S::shared(splats).edition) {
-            return Err(Error::State("the forward pass is of other splats, or of this one before an edit".to_owned()));
+            return Err(Error::State("the forward pass is of other splats, or of these before an edit".to_owned()));
         }
-        let value = self.threads.install(|| {
+        let value = self.install(|| {
             let value = loss::loss(&mut workspace.tiles, target, loss, self.level)?;
             workspace.tiles.blend_bwd(self.level)?;
             S::project_bwd(workspace, splats, 1.0);
@@ -218,22 +212,40 @@ impl<S: SceneKind> Rasterizer<S> for CpuRasterizer {
         Ok((value as f32, pass.into_gradients()))
     }
 
-    fn download_gradients(&self, splats: &S::Splats, gradients: &Gradients<S>) -> Result<S, Error> {
+    async fn gradients(&self, splats: &S::Splats, gradients: &Gradients<S>) -> Result<S, Error> {
         check_len::<S>(gradients, splats)?;
         Ok(S::derivatives(gradients.workspace(), splats))
     }
 
-    fn step(&self, splats: &mut S::Splats, gradients: &Gradients<S>, rates: &AdamRates) -> Result<(), Error> {
-        check_len::<S>(gradients, splats)?;
-        rates.validate()?;
-        S::check_rates(rates)?;
-        let mut bias = S::resources(self).bias.lock().unwrap_or_else(PoisonError::into_inner);
-        let bias = &mut *bias;
-        self.threads.install(|| S::adam(splats, bias, rates, self.level, gradients.workspace()));
-        Ok(())
+    async fn download(&self, splats: &S::Splats) -> Result<S, Error> {
+        Ok(S::download(splats))
     }
 
-    fn train_step(
+    fn len(&self, splats: &S::Splats) -> usize {
+        S::shared(splats).len()
+    }
+
+    async fn draw(
+        &self,
+        splats: &S::Splats,
+        view: &S::View,
+        settings: &RenderSettings,
+    ) -> Result<(Image, Culled), Error> {
+        S::check(view, settings)?;
+        let pool = &S::resources(self).pool;
+        let mut workspace = pool.take().tuned(self.tuning);
+        let image = self.install(|| {
+            S::prepare(&mut workspace, splats, view, settings, Binning::Fresh)?;
+            workspace.tiles.draw(self.level)
+        })?;
+        let culled = workspace.tiles.culled();
+        pool.give(workspace);
+        Ok((image, culled))
+    }
+}
+
+impl<S: SceneKind> Optimizer<S> for CpuRasterizer {
+    async fn train_step(
         &self,
         splats: &mut S::Splats,
         view: &S::View,
@@ -250,10 +262,10 @@ impl<S: SceneKind> Rasterizer<S> for CpuRasterizer {
         let mut workspace = workspace.tuned(self.tuning);
         let mut bias = bias.lock().unwrap_or_else(PoisonError::into_inner);
         let bias = &mut *bias;
-        let value = self.threads.install(|| {
+        let value = self.install(|| {
             S::prepare(&mut workspace, splats, view, step.settings, step.binning)?;
             let tiles = &mut workspace.tiles;
-            let (value, scale) = if Tiles::is_fused(&step.settings.effects, step.loss) {
+            let (value, scale) = if target.is_complete() && Tiles::is_fused(&step.settings.effects, step.loss) {
                 let count = 3.0 * tiles.grid.width as f64 * tiles.grid.height as f64;
                 (tiles.blend_l2_fused(self.level, &target.rows)? / count, (2.0 / count) as f32)
             } else {
@@ -272,11 +284,36 @@ impl<S: SceneKind> Rasterizer<S> for CpuRasterizer {
         Ok(())
     }
 
-    fn unread_losses<'c>(&self, splats: &'c mut S::Splats) -> &'c mut Vec<f32> {
-        &mut S::shared_mut(splats).losses
+    async fn losses(&self, splats: &mut S::Splats, _: Wait, losses: &mut Vec<f32>) -> Result<(), Error> {
+        losses.append(&mut S::shared_mut(splats).losses);
+        Ok(())
     }
 
-    fn solve_colors(
+    async fn step(&self, splats: &mut S::Splats, gradients: &Gradients<S>, rates: &AdamRates) -> Result<(), Error> {
+        check_len::<S>(gradients, splats)?;
+        rates.validate()?;
+        S::check_rates(rates)?;
+        let mut bias = S::resources(self).bias.lock().unwrap_or_else(PoisonError::into_inner);
+        let bias = &mut *bias;
+        self.install(|| S::adam(splats, bias, rates, self.level, gradients.workspace()));
+        Ok(())
+    }
+
+    async fn statistics(&self, splats: &S::Splats) -> Result<DensityStatistics, Error> {
+        Ok(S::shared(splats).statistics.clone())
+    }
+
+    async fn edit(&self, splats: &mut S::Splats, plan: &EditPlan<S::Gaussian>) -> Result<(), Error> {
+        S::edit(splats, plan)
+    }
+
+    fn add_noise(&self, splats: &mut S::Splats, noise: &MeanNoise) -> Result<(), Error> {
+        noise.validate()?;
+        self.install(|| S::add_noise(splats, noise));
+        Ok(())
+    }
+
+    async fn solve_colors(
         &self,
         splats: &mut S::Splats,
         view: &S::View,
@@ -286,19 +323,18 @@ impl<S: SceneKind> Rasterizer<S> for CpuRasterizer {
     ) -> Result<(), Error> {
         S::check(view, settings)?;
         target.check_size(S::size(view))?;
+        if !target.is_complete() {
+            return Err(unsupported("solving for the colours where the target has an alpha or a mask"));
+        }
         S::solve_colors(self, splats, view, target, settings, iterations)
     }
 
-    fn statistics(&self, splats: &S::Splats) -> Result<DensityStatistics, Error> {
-        Ok(S::shared(splats).statistics.clone())
+    async fn save(&self, splats: &S::Splats) -> Result<SplatsState, Error> {
+        Ok(S::save(splats))
     }
 
-    fn shift_means(&self, splats: &mut S::Splats, shifts: &[f32]) -> Result<(), Error> {
-        S::shift_means(splats, shifts)
-    }
-
-    fn edit(&self, splats: &mut S::Splats, plan: &EditPlan<S::Gaussian>) -> Result<(), Error> {
-        S::edit(splats, plan)
+    fn restore(&self, state: &SplatsState) -> Result<S::Splats, Error> {
+        S::restore(state)
     }
 }
 
@@ -315,6 +351,7 @@ fn check_len<S: SceneKind>(gradients: &Gradients<S>, splats: &S::Splats) -> Resu
 mod tests {
     use glam::{Vec2, Vec3};
     use gs_core::{Adam, Blend, Canvas, Gaussian2d, Participants, Scene, Wait};
+    use pollster::FutureExt as _;
 
     use super::*;
     use crate::workspace::Workspace;
@@ -348,24 +385,24 @@ mod tests {
         };
 
         let mut splats = cpu.upload(&scene, Parameterization::default()).unwrap();
-        let before = cpu.save(&splats).unwrap();
+        let before = cpu.save(&splats).block_on().unwrap();
         next_takes(11);
-        refused(cpu.forward(&splats, &view, &settings).map(drop));
+        refused(cpu.forward(&splats, &view, &settings).block_on().map(drop));
         next_takes(11);
-        refused(cpu.solve_colors(&mut splats, &view, &target, &settings, 1));
+        refused(cpu.solve_colors(&mut splats, &view, &target, &settings, 1).block_on());
         next_takes(11);
-        refused(cpu.train_step(&mut splats, &view, &target, &step));
-        assert_eq!(cpu.save(&splats).unwrap(), before);
+        refused(cpu.train_step(&mut splats, &view, &target, &step).block_on());
+        assert_eq!(cpu.save(&splats).block_on().unwrap(), before);
 
         let mut fresh = cpu.upload(&scene, Parameterization::default()).unwrap();
         let [mut found, mut expected] = [Vec::new(), Vec::new()];
         for (splats, losses) in [(&mut splats, &mut found), (&mut fresh, &mut expected)] {
             next_takes(12);
-            cpu.train_step(splats, &view, &target, &step).unwrap();
-            cpu.losses(splats, Wait::All, losses).unwrap();
+            cpu.train_step(splats, &view, &target, &step).block_on().unwrap();
+            cpu.losses(splats, Wait::All, losses).block_on().unwrap();
         }
         assert_eq!((found.len(), &found), (1, &expected), "what was refused has no loss");
-        assert_eq!(cpu.save(&splats).unwrap(), cpu.save(&fresh).unwrap());
+        assert_eq!(cpu.save(&splats).block_on().unwrap(), cpu.save(&fresh).block_on().unwrap());
     }
 
     #[test]
@@ -390,11 +427,11 @@ mod tests {
             let wide_target = cpu.upload_target(&Image::filled(1024, 16, [0.2; 3]).unwrap()).unwrap();
             let rates = Adam { participants, ..Adam::default() }.at(0.0);
             let step = TrainStep { settings: &settings, loss: Loss::L1, rates: &rates, binning: Binning::Fresh };
-            cpu.train_step(&mut splats, &wide, &wide_target, &step).unwrap();
-            let before = cpu.download(&splats).unwrap();
-            cpu.train_step(&mut splats, &Canvas::new(16, 16), &target, &step).unwrap();
-            let after = cpu.download(&splats).unwrap();
-            assert_eq!(cpu.save(&splats).unwrap().integers("steps").unwrap(), steps);
+            cpu.train_step(&mut splats, &wide, &wide_target, &step).block_on().unwrap();
+            let before = cpu.download(&splats).block_on().unwrap();
+            cpu.train_step(&mut splats, &Canvas::new(16, 16), &target, &step).block_on().unwrap();
+            let after = cpu.download(&splats).block_on().unwrap();
+            assert_eq!(cpu.save(&splats).block_on().unwrap().integers("steps").unwrap(), steps);
             assert_ne!(after.gaussian(0), before.gaussian(0));
             assert_eq!(after.gaussian(1) == before.gaussian(1), participants == Participants::Visible);
         }

@@ -19,7 +19,7 @@ use crate::{
     collect::{Nothing, collecting, numbers},
     dssim,
     layout::{Cuts, Grid, MOST_ROWS_OVER, Row, ScalarRow, TileBuffers, for_each_tile},
-    loss::squares_in_place,
+    loss::{Target, squares_in_place},
     scratches::Scratches,
     splat::{Received, Splat},
     tuning::CpuTuning,
@@ -62,6 +62,8 @@ pub(crate) struct Tiles {
     /// What projection left out.
     pub(crate) culled: Culled,
     pub(crate) dssim: dssim::Scratch,
+    /// The last target that this background or rendering had to complete.
+    pub(crate) completed: Target,
 }
 
 /// A tile's lists, and where it is.

@@ -5,6 +5,7 @@
 
 #![allow(unsafe_code, reason = "an allocator that counts has to be an allocator")]
 
+use pollster::FutureExt as _;
 use std::{
     alloc::{GlobalAlloc, Layout, System},
     sync::atomic::{AtomicUsize, Ordering},
@@ -12,7 +13,7 @@ use std::{
 
 use glam::{Vec2, Vec3};
 use gs_core::{
-    Adam, Binning, Blend, Canvas, Gaussian2d, Image, Loss, Parameterization, Rasterizer, RenderSettings, Scene2d,
+    Adam, Binning, Blend, Canvas, Gaussian2d, Image, Loss, Optimizer, Parameterization, RenderSettings, Scene2d,
     TrainStep, Wait,
 };
 use gs_cpu::{CpuRasterizer, CpuSettings};
@@ -39,7 +40,7 @@ unsafe impl GlobalAlloc for Counting {
 static ALLOCATOR: Counting = Counting;
 
 /// Bytes that `steps` warm training steps allocate.
-fn bytes_of_warm_steps(cpu: &impl Rasterizer<Scene2d>, blend: Blend, loss: Loss, steps: usize) -> usize {
+fn bytes_of_warm_steps(cpu: &impl Optimizer<Scene2d>, blend: Blend, loss: Loss, steps: usize) -> usize {
     let (width, height) = (160, 120);
     let scene: Scene2d = (0..2000u32)
         .map(|i| Gaussian2d {
@@ -64,9 +65,9 @@ fn bytes_of_warm_steps(cpu: &impl Rasterizer<Scene2d>, blend: Blend, loss: Loss,
     let mut losses = Vec::new();
     let mut run = |steps| {
         for _ in 0..steps {
-            cpu.train_step(&mut splats, &Canvas::new(width, height), &target, &step).unwrap();
+            cpu.train_step(&mut splats, &Canvas::new(width, height), &target, &step).block_on().unwrap();
             losses.clear();
-            cpu.losses(&mut splats, Wait::All, &mut losses).unwrap();
+            cpu.losses(&mut splats, Wait::All, &mut losses).block_on().unwrap();
             assert_eq!(losses.len(), 1);
         }
     };

@@ -7,6 +7,7 @@ use gs_core::{
     splat::{Conic, cut, over, sum, weight},
 };
 use gs_cpu::{CpuRasterizer, CpuSettings, SimdLevel};
+use pollster::FutureExt as _;
 
 /// Gaussians that a hash of their index places; needles, large and small ones among them.
 fn scene(count: u32, size: (u32, u32), translucent: bool) -> Scene2d {
@@ -62,7 +63,7 @@ fn kernels_agree_with_one_gaussian_at_one_pixel() {
             let expected = dense(&scene, size, &settings);
             for level in SimdLevel::available() {
                 let cpu = CpuRasterizer::new(CpuSettings { level: Some(level), threads: Some(2) }).unwrap();
-                let got = cpu.render(&scene, &Canvas::new(size.0, size.1), &settings).unwrap();
+                let got = cpu.render(&scene, &Canvas::new(size.0, size.1), &settings).block_on().unwrap();
                 let apart = |(a, b): (&[f32; 3], &[f32; 3])| (0..3).any(|k| (a[k] - b[k]).abs() > 2e-5);
                 // A pixel at the very cut may fall on either side of it.
                 let flips = got.pixels().iter().zip(expected.pixels()).filter(|&(a, b)| apart((a, b))).count();
@@ -80,7 +81,7 @@ fn the_comparison_notices_a_moved_gaussian() {
     let mut moved = scene.clone();
     moved.means[7].x += 0.01;
     let cpu = CpuRasterizer::new(CpuSettings::default()).unwrap();
-    let got = cpu.render(&moved, &Canvas::new(size.0, size.1), &settings).unwrap();
+    let got = cpu.render(&moved, &Canvas::new(size.0, size.1), &settings).block_on().unwrap();
     let expected = dense(&scene, size, &settings);
     let off = |(a, b): (&[f32; 3], &[f32; 3])| (0..3).any(|k| (a[k] - b[k]).abs() > 2e-5);
     let differing = got.pixels().iter().zip(expected.pixels()).filter(|&(a, b)| off((a, b))).count();

@@ -11,9 +11,6 @@ use crate::observation::Rng;
 
 /// A Gaussian whose density can be controlled. Lengths are in the scene's unit: px, or world units.
 pub trait DensityGaussian: Clone + Debug + PartialEq {
-    /// A place, as many numbers as the space has dimensions.
-    type Vector: IntoIterator<Item = f32>;
-
     /// Whether all parameters, and the covariance made of them, are finite. The opacity's logit may be ±∞: opaque, vanishing.
     fn is_finite(&self) -> bool;
 
@@ -42,9 +39,6 @@ pub trait DensityGaussian: Clone + Debug + PartialEq {
     /// The same, moved so many of its largest scales along its longest axis.
     #[must_use]
     fn moved_along(&self, scales: f32) -> Self;
-
-    /// `factor` · Σ η with η standard normal; 0 where that is not finite.
-    fn diffusion(&self, factor: f32, rng: &mut Rng) -> Self::Vector;
 }
 
 /// A scene whose density can be controlled.
@@ -75,8 +69,6 @@ pub trait DensityScene: Scene<Gaussian: DensityGaussian> {
 }
 
 impl DensityGaussian for Gaussian2d {
-    type Vector = [f32; 2];
-
     fn is_finite(&self) -> bool {
         self.mean.is_finite()
             && self.log_scale.is_finite()
@@ -120,11 +112,6 @@ impl DensityGaussian for Gaussian2d {
         let axis = if is_first_longer(self) { factor.x_axis } else { factor.y_axis };
         Self { mean: self.mean + scales * axis, ..*self }
     }
-
-    fn diffusion(&self, factor: f32, rng: &mut Rng) -> [f32; 2] {
-        let shift = self.covariance() * normal2(rng) * factor;
-        if shift.is_finite() { shift.to_array() } else { [0.0; 2] }
-    }
 }
 
 impl DensityScene for Scene2d {
@@ -161,8 +148,6 @@ impl DensityScene for Scene2d {
 }
 
 impl DensityGaussian for Gaussian3d {
-    type Vector = [f32; 3];
-
     /// Also whether the rotation has a direction: without one, nothing is finite that is made of it.
     fn is_finite(&self) -> bool {
         self.mean.is_finite()
@@ -207,12 +192,6 @@ impl DensityGaussian for Gaussian3d {
     fn moved_along(&self, scales: f32) -> Self {
         let axis = self.factor().map_or(Vec3::ZERO, |factor| factor.col(longest(self)));
         Self { mean: self.mean + scales * axis, ..self.clone() }
-    }
-
-    fn diffusion(&self, factor: f32, rng: &mut Rng) -> [f32; 3] {
-        let normal = normal3(rng);
-        let shift = self.covariance().map_or(Vec3::ZERO, |covariance| covariance * normal * factor);
-        if shift.is_finite() { shift.to_array() } else { [0.0; 3] }
     }
 }
 

@@ -6,10 +6,11 @@
 
 mod measure;
 
+use pollster::FutureExt as _;
 use std::time::Instant;
 
 use clap::Parser;
-use gs_core::{AdamRates, Binning, Canvas, Image, Rasterizer, Scene2d, TrainStep, Wait};
+use gs_core::{AdamRates, Binning, Canvas, Image, Optimizer, Scene2d, TrainStep, Wait};
 use gs_train::{Preset, fit};
 use gs_wgpu::{WgpuRasterizer, WgpuSettings};
 use measure::{
@@ -31,7 +32,7 @@ fn main() -> Outcome {
 
     print_section("Starting up");
     let start = Instant::now();
-    let wgpu = WgpuRasterizer::new(WgpuSettings::default())?;
+    let wgpu = WgpuRasterizer::new(WgpuSettings::default()).block_on()?;
     let device = start.elapsed();
     println!("- adapter: {}; {}", wgpu.adapter(), wgpu.reason());
     println!("- adapter and device: {} s", number(device.as_secs_f64()));
@@ -60,8 +61,8 @@ fn main() -> Outcome {
     print_columns(&["photograph", "cpu, dB", "wgpu, dB", "difference, dB", "cpu, s", "wgpu, s"]);
     for photograph in photographs.all.iter().take(options.pick(usize::MAX, 1)) {
         let settings = || Preset::Standard.settings(GAUSSIANS, photograph.image.size());
-        let on_cpu = fit(&cpu, &photograph.image, settings(), &mut ())?.summary;
-        let on_wgpu = fit(&wgpu, &photograph.image, settings(), &mut ())?.summary;
+        let on_cpu = fit(&cpu, &photograph.image, settings(), &mut ()).block_on()?.summary;
+        let on_wgpu = fit(&wgpu, &photograph.image, settings(), &mut ()).block_on()?.summary;
         print_row(&[
             photograph.name.clone(),
             format!("{:.3}", on_cpu.psnr),
@@ -76,7 +77,7 @@ fn main() -> Outcome {
 
 /// Seconds per iteration, as means over four, of which the first makes the lists. The device may be some steps behind when a round ends,
 /// as it is in training, but in each round equally many.
-fn iterations<R: Rasterizer<Scene2d>>(
+fn iterations<R: Optimizer<Scene2d>>(
     rasterizer: &R,
     variant: &Variant,
     image: &Image,
@@ -93,9 +94,9 @@ fn iterations<R: Rasterizer<Scene2d>>(
         for step in 0..4 {
             let binning = if step == 0 { Binning::Fresh } else { Binning::Reuse };
             let step = TrainStep { settings: &fitted.settings.render, loss: variant.loss, rates: &rates, binning };
-            rasterizer.train_step(&mut splats, &view, &target, &step)?;
+            rasterizer.train_step(&mut splats, &view, &target, &step).block_on()?;
             losses.clear();
-            rasterizer.losses(&mut splats, Wait::Arrived, &mut losses)?;
+            rasterizer.losses(&mut splats, Wait::Arrived, &mut losses).block_on()?;
         }
         Ok(())
     };

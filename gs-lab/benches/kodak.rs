@@ -7,6 +7,7 @@
 
 mod measure;
 
+use pollster::FutureExt as _;
 use std::{error::Error, fmt::Write, path::PathBuf};
 
 use clap::Parser;
@@ -120,7 +121,8 @@ fn fit_one(
     gaussians: u32,
 ) -> Result<Run, gs_train::Error> {
     let mut trajectory = Trajectory::default();
-    let summary = fit(rasterizer, &of.image, preset.settings(gaussians, of.image.size()), &mut trajectory)?.summary;
+    let summary =
+        fit(rasterizer, &of.image, preset.settings(gaussians, of.image.size()), &mut trajectory).block_on()?.summary;
     Ok(Run { preset, gaussians, photograph: of.name.clone(), summary, trajectory })
 }
 

@@ -9,6 +9,7 @@
 
 mod measure;
 
+use pollster::FutureExt as _;
 use std::{
     error::Error,
     process::{Command, Stdio},
@@ -141,7 +142,7 @@ fn measure_elsewhere(case: Case) -> Result<Measured, Box<dyn Error>> {
 fn measure_here(options: &MemoryOptions, case: Case) -> Result<Measured, Box<dyn Error>> {
     match options.backend {
         Backend::Cpu => measure(options.common.rasterizer(options.common.threads())?.for_3d(), case),
-        Backend::Wgpu => measure(WgpuRasterizer::new(WgpuSettings::default())?.for_3d(), case),
+        Backend::Wgpu => measure(WgpuRasterizer::new(WgpuSettings::default()).block_on()?.for_3d(), case),
     }
 }
 
@@ -159,15 +160,15 @@ fn measure(rasterizer: &impl Profiler<Scene3d>, case: Case) -> Result<Measured, 
     let rates = still();
     let step = TrainStep { settings: &settings, loss: Loss::PAPER, rates: &rates, binning: Binning::Fresh };
     for _ in 0..STEPS {
-        rasterizer.train_step(&mut splats, &camera, &target, &step)?;
+        rasterizer.train_step(&mut splats, &camera, &target, &step).block_on()?;
     }
     grow(rasterizer, &mut splats)?;
     for _ in 0..STEPS {
-        rasterizer.train_step(&mut splats, &camera, &target, &step)?;
+        rasterizer.train_step(&mut splats, &camera, &target, &step).block_on()?;
     }
-    rasterizer.losses(&mut splats, Wait::All, &mut Vec::new())?;
+    rasterizer.losses(&mut splats, Wait::All, &mut Vec::new()).block_on()?;
     let bytes = memory::peak().ok_or("peak memory is measured on Linux alone")?.saturating_sub(before);
-    let entries = rasterizer.profile(&mut splats, &camera, &target, &settings, Loss::PAPER, 1)?.entries;
+    let entries = rasterizer.profile(&mut splats, &camera, &target, &settings, Loss::PAPER, 1).block_on()?.entries;
     Ok(Measured { case: Case { gaussians: rasterizer.len(&splats) as u32, ..case }, entries, bytes })
 }
 
@@ -194,7 +195,7 @@ fn strewn(case: Case, camera: &Camera) -> Scene3d {
 
 /// A round of growth as training has it: a policy looks at the scene and its statistics on the host, and every tenth Gaussian is cloned.
 fn grow<R: Profiler<Scene3d>>(rasterizer: &R, splats: &mut R::Splats) -> Result<(), gs_core::Error> {
-    let (scene, statistics) = (rasterizer.download(splats)?, rasterizer.statistics(splats)?);
+    let (scene, statistics) = (rasterizer.download(splats).block_on()?, rasterizer.statistics(splats).block_on()?);
     let clone = |index: u32| Birth {
         gaussian: scene.gaussian(index as usize),
         parent: Some(index),
@@ -203,7 +204,7 @@ fn grow<R: Profiler<Scene3d>>(rasterizer: &R, splats: &mut R::Splats) -> Result<
         place: Place::Last,
     };
     let plan = EditPlan { added: (0..scene.len() as u32).step_by(10).map(clone).collect(), ..EditPlan::default() };
-    rasterizer.edit(splats, &plan)?;
+    rasterizer.edit(splats, &plan).block_on()?;
     drop((scene, statistics));
     Ok(())
 }

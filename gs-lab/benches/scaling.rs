@@ -7,6 +7,8 @@
 
 mod measure;
 
+use gs_core::Optimizer as _;
+use pollster::FutureExt as _;
 use std::{
     error::Error,
     process::{Command, Stdio},
@@ -171,10 +173,10 @@ fn measure(options: &Options, series: Series, gaussians: u32, side: u32) -> Resu
     let mut splats = rasterizer.upload(&scene, Parameterization::CovarianceFactor)?;
     drop(scene);
     let (view, settings) = (Canvas::new(side, side), RenderSettings::blended(series.blend()));
-    let frame = rasterizer.for_2d().forward(&splats, &view, &settings)?;
+    let frame = rasterizer.for_2d().forward(&splats, &view, &settings).block_on()?;
     let (entries, pairs) = (frame.entries() as u64, frame.pairs());
     drop(frame);
-    let forward = try_time(options.pick(15, 3), || rasterizer.for_2d().forward(&splats, &view, &settings))?;
+    let forward = try_time(options.pick(15, 3), || rasterizer.for_2d().forward(&splats, &view, &settings).block_on())?;
     // So little that the scene stays what it is.
     let mut adam = Adam::default();
     for group in [&mut adam.mean, &mut adam.scale, &mut adam.rotation, &mut adam.opacity, &mut adam.color] {
@@ -185,7 +187,7 @@ fn measure(options: &Options, series: Series, gaussians: u32, side: u32) -> Resu
         (0..REBIN_EVERY).try_for_each(|i| {
             let binning = if i == 0 { Binning::Fresh } else { Binning::Reuse };
             let step = TrainStep { settings: &settings, loss: Loss::L2, rates: &rates, binning };
-            rasterizer.for_2d().train_step(&mut splats, &view, &target, &step)
+            rasterizer.for_2d().train_step(&mut splats, &view, &target, &step).block_on()
         })
     };
     steps()?;

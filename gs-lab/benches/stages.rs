@@ -7,6 +7,7 @@
 mod bare_loop;
 mod measure;
 
+use pollster::FutureExt as _;
 use std::error::Error;
 
 use bare_loop::{BareLoop, PAIRS, instructions};
@@ -102,7 +103,10 @@ fn measure_threads(
     let target = rasterizer.for_2d().upload_target(image)?;
     let view = Canvas::new(image.width(), image.height());
     let mut profile = |rasterizer: &CpuRasterizer, repetitions: usize| {
-        rasterizer.for_2d().profile(&mut splats, &view, &target, &fitted.settings.render, variant.loss, repetitions)
+        rasterizer
+            .for_2d()
+            .profile(&mut splats, &view, &target, &fitted.settings.render, variant.loss, repetitions)
+            .block_on()
     };
     profile(&rasterizer, 2)?;
     let mut bare_loop = BareLoop::new();

@@ -6,11 +6,12 @@
 
 mod measure;
 
+use pollster::FutureExt as _;
 use std::time::Instant;
 
 use clap::Parser;
 use gs_conformance::data;
-use gs_core::{Rasterizer, Scene3d};
+use gs_core::{Optimizer, Scene3d};
 use gs_io::dataset::{Dataset, DatasetSettings, read_dataset};
 use gs_train::{
     Rounds, TrainPreset, TrainSettings, Trainer3d,
@@ -37,7 +38,7 @@ fn main() -> Outcome {
     if let Some(bytes) = memory::peak() {
         println!("- peak memory of gs-cpu's training, with all photographs: {} MB", bytes / 1_000_000);
     }
-    let wgpu = WgpuRasterizer::new(WgpuSettings::default())?;
+    let wgpu = WgpuRasterizer::new(WgpuSettings::default()).block_on()?;
     println!("- adapter: {}; {}", wgpu.adapter(), wgpu.reason());
 
     print_section("One training step of banana, from its points, L1 + D-SSIM, means over the 12 views of an epoch");
@@ -87,21 +88,16 @@ fn start(data: &Dataset) -> Start {
 }
 
 /// Seconds per step, one number an epoch: each view once.
-fn steps<R: Rasterizer<Scene3d>>(
-    on: &R,
-    data: &Dataset,
-    degree: u8,
-    epochs: u32,
-) -> Result<Quantiles, gs_train::Error> {
+fn steps<R: Optimizer<Scene3d>>(on: &R, data: &Dataset, degree: u8, epochs: u32) -> Result<Quantiles, gs_train::Error> {
     let mut settings = TrainPreset::ThreeDgs.settings(None);
     (settings.rounds, settings.sh_degree_every) = (Rounds::NEVER, 0);
     settings.render.effects.sh_degree = degree;
     let views = Views::of_dataset(data);
     let in_an_epoch = views.train.len();
-    let mut trainer = Trainer3d::from_views(on, views, start(data), settings)?;
+    let mut trainer = Trainer3d::from_views(on, views, start(data), settings).block_on()?;
     let mut epoch = || -> Result<f64, gs_train::Error> {
         let started = Instant::now();
-        (0..in_an_epoch).try_for_each(|_| trainer.step_once().map(|_| ()))?;
+        (0..in_an_epoch).try_for_each(|_| trainer.step_once().block_on().map(|_| ()))?;
         Ok(started.elapsed().as_secs_f64() / in_an_epoch as f64)
     };
     // The first reads photographs and compiles pipelines.
@@ -115,9 +111,9 @@ struct Trained {
     seconds: f64,
 }
 
-fn trained<R: Rasterizer<Scene3d>>(on: &R, data: &Dataset, steps: u32) -> Result<Trained, gs_train::Error> {
+fn trained<R: Optimizer<Scene3d>>(on: &R, data: &Dataset, steps: u32) -> Result<Trained, gs_train::Error> {
     let settings: TrainSettings = TrainPreset::ThreeDgs.settings(Some(steps)).on([1.0; 3]);
-    let mut trainer = Trainer3d::from_views(on, Views::of_dataset(data), start(data), settings)?;
-    trainer.run(&mut ())?;
-    Ok(Trained { count: trainer.count(), psnr: trainer.quality()?.psnr, seconds: trainer.seconds() })
+    let mut trainer = Trainer3d::from_views(on, Views::of_dataset(data), start(data), settings).block_on()?;
+    trainer.run(&mut ()).block_on()?;
+    Ok(Trained { count: trainer.count(), psnr: trainer.quality().block_on()?.psnr, seconds: trainer.seconds() })
 }

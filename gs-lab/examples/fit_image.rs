@@ -3,6 +3,7 @@
 use gs_core::{Canvas, Rasterizer, RenderSettings};
 use gs_cpu::{CpuRasterizer, CpuSettings};
 use gs_train::{Preset, fit, paper_target};
+use pollster::FutureExt as _;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let target = match std::env::args().nth(1) {
@@ -13,9 +14,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let rasterizer = CpuRasterizer::new(CpuSettings::default())?;
     let settings = Preset::Standard.settings(600, (width, height));
     let render: RenderSettings = settings.render;
-    let result = fit(&rasterizer, &target, settings, &mut ())?;
+    let result = fit(&rasterizer, &target, settings, &mut ()).block_on()?;
     let double = Canvas::new(width, height).resized(2 * width, 2 * height);
-    gs_io::write_png("doubled.png", &rasterizer.render(&result.scene, &double, &render)?)?;
+    gs_io::write_png("doubled.png", &rasterizer.render(&result.scene, &double, &render).block_on()?)?;
     let summary = result.summary;
     eprintln!("{} Gaussians, {:.2} dB in {:.2} s", summary.gaussians, summary.psnr, summary.seconds);
     Ok(())

@@ -3,6 +3,7 @@
 use gs_cpu::{CpuRasterizer, CpuSettings};
 use gs_train::{FitSettings, fit, paper_target};
 use gs_wgpu::{WgpuRasterizer, WgpuSettings};
+use pollster::FutureExt as _;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let target = match std::env::args().nth(1) {
@@ -10,14 +11,14 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         None => paper_target(),
     };
     let settings = FitSettings::standard(600);
-    let result = match WgpuRasterizer::new(WgpuSettings::default()) {
+    let result = match WgpuRasterizer::new(WgpuSettings::default()).block_on() {
         Ok(gpu) => {
             eprintln!("on {}: {}", gpu.adapter(), gpu.reason());
-            fit(&gpu, &target, settings, &mut ())?
+            fit(&gpu, &target, settings, &mut ()).block_on()?
         }
         Err(reason) => {
             eprintln!("on the CPU: {reason}");
-            fit(&CpuRasterizer::new(CpuSettings::default())?, &target, settings, &mut ())?
+            fit(&CpuRasterizer::new(CpuSettings::default())?, &target, settings, &mut ()).block_on()?
         }
     };
     gs_io::write_png("fitted.png", &result.image)?;

@@ -1,5 +1,6 @@
 //! The runs of a study, side by side: each on a rasterizer of its own, each stored as soon as it has ended.
 
+use pollster::FutureExt as _;
 use std::{
     any::Any,
     panic::{AssertUnwindSafe, catch_unwind},
@@ -11,7 +12,7 @@ use std::{
 };
 
 use gs_core::{
-    Blend, Canvas, Error as CoreError, Gaussian2d, Image, Parameterization, Rasterizer, RenderSettings, Scene2d,
+    Blend, Canvas, Error as CoreError, Gaussian2d, Image, Optimizer, Parameterization, RenderSettings, Scene2d,
 };
 use gs_train::{
     Control, Error as FitError, FitSettings, FitSummary, MetricsLog, Observer, Progress, Recovery, Trainer,
@@ -62,7 +63,7 @@ pub enum Conducted {
 /// # Errors
 /// [`Error::Arm`] as [`refuse_unsupported`], [`Error::Backend`] where a backend has failed for good, and [`Error::Io`] where a result cannot
 /// be stored.
-pub fn conduct<R: Rasterizer<Scene2d> + Sync>(
+pub fn conduct<R: Optimizer<Scene2d> + Sync>(
     plan: &Plan,
     team: &[&R],
     folder: &StudyFolder,
@@ -112,7 +113,7 @@ pub fn conduct<R: Rasterizer<Scene2d> + Sync>(
 ///
 /// # Errors
 /// [`Error::Arm`] with what is not offered.
-pub fn refuse_unsupported<R: Rasterizer<Scene2d>>(plan: &Plan, rasterizer: &R) -> Result<(), Error> {
+pub fn refuse_unsupported<R: Optimizer<Scene2d>>(plan: &Plan, rasterizer: &R) -> Result<(), Error> {
     for (index, arm) in plan.study.arms.iter().enumerate() {
         let Some(run) = plan.runs.iter().find(|run| run.arm == index) else { continue };
         let settings = &run.settings;
@@ -130,7 +131,7 @@ pub fn refuse_unsupported<R: Rasterizer<Scene2d>>(plan: &Plan, rasterizer: &R) -
 }
 
 /// A drawing of one Gaussian on one pixel, which shows what the backend can do.
-fn draw_one<R: Rasterizer<Scene2d>>(
+fn draw_one<R: Optimizer<Scene2d>>(
     rasterizer: &R,
     render: &RenderSettings,
     parameterization: Parameterization,
@@ -143,11 +144,11 @@ fn draw_one<R: Rasterizer<Scene2d>>(
         color: [0.5; 3].into(),
     };
     let splats = rasterizer.upload(&[gaussian].into_iter().collect(), parameterization)?;
-    rasterizer.forward(&splats, &Canvas::new(1, 1), render).map(drop)
+    rasterizer.forward(&splats, &Canvas::new(1, 1), render).block_on().map(drop)
 }
 
 /// Whether the backend still does what it is told.
-fn answers<R: Rasterizer<Scene2d>>(rasterizer: &R, run: &Run) -> bool {
+fn answers<R: Optimizer<Scene2d>>(rasterizer: &R, run: &Run) -> bool {
     let drawn =
         catch_unwind(AssertUnwindSafe(|| draw_one(rasterizer, &run.settings.render, run.settings.parameterization)));
     !matches!(drawn, Err(_) | Ok(Err(CoreError::Backend { .. })))
@@ -160,7 +161,7 @@ fn is_shown(plan: &Plan, run: &Run) -> bool {
 
 /// What comes of a run and what its scene looks like; nothing where the watcher stopped it. An error where the backend failed and does not
 /// come back: that says nothing about the run.
-fn attempt<R: Rasterizer<Scene2d>>(
+fn attempt<R: Optimizer<Scene2d>>(
     plan: &Plan,
     run: &Run,
     rasterizer: &R,
@@ -190,7 +191,7 @@ fn message(panic: &(dyn Any + Send)) -> &str {
 }
 
 /// The fit that a run is: its scene, what that looks like, and the numbers; nothing where the watcher stopped it.
-pub(crate) fn fit<R: Rasterizer<Scene2d>>(
+pub(crate) fn fit<R: Optimizer<Scene2d>>(
     plan: &Plan,
     run: &Run,
     rasterizer: &R,
@@ -198,18 +199,18 @@ pub(crate) fn fit<R: Rasterizer<Scene2d>>(
 ) -> Result<Option<Replayed>, FitError> {
     // An arm that fails is seen to fail.
     let settings = FitSettings { recovery: Recovery::Never, ..run.settings.clone() };
-    let mut trainer = Trainer::new(rasterizer, &plan.target(run).image, settings)?;
+    let mut trainer = Trainer::new(rasterizer, &plan.target(run).image, settings).block_on()?;
     if let Some(own) = &plan.arm(run).own_policy {
         trainer = trainer.controlled_by(own.policy.clone());
     }
     let mut log = MetricsLog::for_settings(&run.settings);
-    trainer.run(&mut (&mut log, StopWith(watcher)))?;
+    trainer.run(&mut (&mut log, StopWith(watcher))).block_on()?;
     if !trainer.is_finished() {
         return Ok(None);
     }
-    let (image, culled) = trainer.render()?;
-    let summary = FitSummary::new(&trainer, &image, culled)?;
-    let scene = trainer.scene()?;
+    let (image, culled) = trainer.render().block_on()?;
+    let summary = FitSummary::new(&trainer, &image, culled).block_on()?;
+    let scene = trainer.scene().block_on()?;
     let finished = Finished {
         gaussians: summary.gaussians,
         iterations: summary.iterations,

@@ -1,6 +1,6 @@
 //! A row of a study, done again: it ends in the recorded scene, bit for bit, or the difference is an error.
 
-use gs_core::{Image, Rasterizer, RenderSettings, Scene2d};
+use gs_core::{Image, Optimizer, RenderSettings, Scene2d};
 
 use crate::{
     conduct,
@@ -40,7 +40,7 @@ struct End {
 /// [`Error::NoRow`]; [`Error::Folder`] where the row has not been done; [`Error::OtherMachine`], [`Error::OtherVersion`] or
 /// [`Error::OtherRun`], before anything is computed, where it was computed from something else; [`Error::NotReplayed`] where its scene is
 /// another all the same; [`Error::Fit`] where it fails, as it may have done in the study.
-pub fn replay<R: Rasterizer<Scene2d>>(
+pub fn replay<R: Optimizer<Scene2d>>(
     plan: &Plan,
     row: usize,
     rasterizer: &R,

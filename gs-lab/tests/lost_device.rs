@@ -1,5 +1,6 @@
 //! A GPU that is lost under way stops a study: what is pending is not recorded as failed, and the study goes on elsewhere.
 
+use pollster::FutureExt as _;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use gs_lab::{Error, Existing, Outcome, Places, Plan, Results, Run, Study, StudyFolder, Watcher, conduct};
@@ -9,7 +10,7 @@ const STUDY: &str = "name = 'lost'\nimages = ['paper']\nbudgets = [20]\nseeds = 
     [[arm]]\nname = 'none'\nsettings.policy.kind = 'none'\n";
 
 fn wgpu() -> WgpuRasterizer {
-    WgpuRasterizer::new(WgpuSettings::default()).expect("`cargo xtask test` installs a driver")
+    WgpuRasterizer::new(WgpuSettings::default()).block_on().expect("`cargo xtask test` installs a driver")
 }
 
 fn plan(study: &str) -> Plan {

@@ -1,5 +1,6 @@
 //! Studies from end to end, through the library: what is stored, what is done again and what is not, and what the tables say.
 
+use pollster::FutureExt as _;
 use std::{
     collections::BTreeMap,
     fs,
@@ -141,7 +142,7 @@ fn every_row_is_a_fit_that_ends_in_the_recorded_scene() {
     for row in [1, 4, plan.runs.len()] {
         let replayed = replay(&plan, row, &rasterizer, &folder).unwrap();
         let run = plan.run(row).unwrap();
-        let as_fit = fit(&other, &plan.target(run).image, run.settings.clone(), &mut ()).unwrap();
+        let as_fit = fit(&other, &plan.target(run).image, run.settings.clone(), &mut ()).block_on().unwrap();
         assert_eq!(replayed.scene, as_fit.scene);
         assert_eq!(scene_digest(&as_fit.scene), replayed.finished.scene);
     }

@@ -35,14 +35,14 @@ impl Losses {
         self.diverged
     }
 
-    /// Takes note of the losses that `add` adds to the end of a list, and `hear` hears of those that are finite, each with its step.
-    pub(crate) fn see<E>(
-        &mut self,
-        add: impl FnOnce(&mut Vec<f32>) -> Result<(), E>,
-        mut hear: impl FnMut(u32, f32),
-    ) -> Result<(), E> {
-        let known = self.untold.len();
-        let added = add(&mut self.untold);
+    /// The end of this list is where new losses go, before [`Self::see`].
+    pub(crate) fn list(&mut self) -> &mut Vec<f32> {
+        &mut self.untold
+    }
+
+    /// Takes note of the losses that were added to the list since it had this length; `hear` is called with each that is finite and its
+    /// step.
+    pub(crate) fn see(&mut self, known: usize, mut hear: impl FnMut(u32, f32)) {
         let broken = |loss: &f32| !loss.is_finite();
         if let Some(finite) = self.untold[known..].iter().position(broken) {
             let step = self.seen + finite as u32 + 1;
@@ -54,7 +54,6 @@ impl Losses {
             hear(self.seen, loss);
         }
         self.last = self.untold.last().copied().or(self.last);
-        added
     }
 
     /// The losses that nobody has been told, and the step of the first.
@@ -73,11 +72,9 @@ mod tests {
     use super::*;
 
     fn see(losses: &mut Losses, new: &[f32]) {
-        let add = |list: &mut Vec<f32>| -> Result<(), ()> {
-            list.extend(new);
-            Ok(())
-        };
-        losses.see(add, |_, _| {}).unwrap();
+        let known = losses.list().len();
+        losses.list().extend(new);
+        losses.see(known, |_, _| {});
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use gs_core::{Rasterizer, edit::EditCounts};
+use gs_core::{Optimizer, edit::EditCounts};
 use gs_density::{Combine, Grow, Policy, Signal, share_of};
 use serde::{Deserialize, Serialize};
 
@@ -39,7 +39,7 @@ impl fmt::Display for Shortfall {
 
 impl Shortfall {
     /// That of a run under this policy; nothing where the run is not finished or comes near its budget.
-    pub(crate) fn of<R: Rasterizer<S>, S: Trainable>(trainer: &Trainer<'_, R, S>, policy: &Policy) -> Option<Self> {
+    pub(crate) fn of<R: Optimizer<S>, S: Trainable>(trainer: &Trainer<'_, R, S>, policy: &Policy) -> Option<Self> {
         let (gaussians, budget) = (trainer.count(), trainer.settings().budget());
         if !trainer.is_finished() || f64::from(gaussians) >= CLEARLY * f64::from(budget) {
             return None;

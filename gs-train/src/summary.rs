@@ -1,6 +1,6 @@
 //! The result of a fit in one value: what `summary.json` holds.
 
-use gs_core::{Image, Rasterizer, Scene2d, edit::EditCounts, statistics::Culled};
+use gs_core::{Image, Optimizer, Scene2d, edit::EditCounts, statistics::Culled};
 use serde::{Deserialize, Deserializer, Serialize};
 
 use crate::{
@@ -71,7 +71,7 @@ impl FitSummary {
     ///
     /// # Errors
     /// [`gs_core::Error::SizesDiffer`] where `rendered` is not of the target's size; those of the backend.
-    pub fn new<R: Rasterizer<Scene2d>>(
+    pub async fn new<R: Optimizer<Scene2d>>(
         trainer: &Trainer<'_, R>,
         rendered: &Image,
         culled: Culled,
@@ -93,11 +93,11 @@ impl FitSummary {
             backend: trainer.backend(),
             threads: None,
             seed: trainer.settings().seed,
-            loss: Some(trainer.scene_loss()?),
+            loss: Some(trainer.scene_loss().await?),
             edits: *trainer.edits(),
             fresh_starts: trainer.fresh_starts().to_vec(),
             culled,
-            clamped: trainer.clamped()?,
+            clamped: trainer.clamped().await?,
             settings: trainer.settings().clone(),
         })
     }

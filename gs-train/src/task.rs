@@ -1,8 +1,8 @@
 //! What one kind of training adds to the loop that all kinds share: its settings, and its course, which knows the pictures to reach.
 
-use std::fmt::Debug;
+use std::{fmt::Debug, future::Future};
 
-use gs_core::{Effects, Loss, Parameterization, Rasterizer};
+use gs_core::{Effects, Loss, Optimizer, Parameterization};
 use gs_density::{DensityPolicy, DensityScene, Residual};
 use serde::{Serialize, de::DeserializeOwned};
 
@@ -13,7 +13,7 @@ pub trait Trainable: DensityScene {
     /// Everything that its training depends on besides pictures and backend.
     type Settings: RunSettings<Self>;
     /// Its part of the loop.
-    type TrainingTask<R: Rasterizer<Self>>: TrainingTask<R, Self>;
+    type TrainingTask<R: Optimizer<Self>>: TrainingTask<R, Self>;
 
     /// All parameters of a Gaussian but its opacity, with their names and units, for people.
     fn parameters(gaussian: &Self::Gaussian) -> Vec<(&'static str, Vec<f32>)>;
@@ -77,7 +77,7 @@ pub struct StepContext {
 }
 
 /// The part of the loop that knows what the pictures are.
-pub trait TrainingTask<R: Rasterizer<S>, S: Trainable> {
+pub trait TrainingTask<R: Optimizer<S>, S: Trainable> {
     /// The scene's extent as [`Observation`](gs_density::Observation) has it.
     fn extent(&self) -> f32;
 
@@ -94,7 +94,7 @@ pub trait TrainingTask<R: Rasterizer<S>, S: Trainable> {
         splats: &mut R::Splats,
         settings: &S::Settings,
         context: StepContext,
-    ) -> Result<(), Error>;
+    ) -> impl Future<Output = Result<(), Error>>;
 
     /// The residual that a policy asks for, where there is one.
     ///
@@ -106,7 +106,7 @@ pub trait TrainingTask<R: Rasterizer<S>, S: Trainable> {
         splats: &R::Splats,
         settings: &S::Settings,
         effects: &Effects,
-    ) -> Result<Option<&Residual>, Error>;
+    ) -> impl Future<Output = Result<Option<&Residual>, Error>>;
 
     /// Follows an edit of density control.
     ///
@@ -118,11 +118,17 @@ pub trait TrainingTask<R: Rasterizer<S>, S: Trainable> {
         splats: &mut R::Splats,
         settings: &S::Settings,
         effects: &Effects,
-    ) -> Result<(), Error>;
+    ) -> impl Future<Output = Result<(), Error>>;
 
     /// How good the scene is with these effects; [`Quality::clamped`] is left to the loop.
     ///
     /// # Errors
     /// Those of the backend, and of reading a picture.
-    fn quality(&self, on: &R, splats: &R::Splats, settings: &S::Settings, effects: &Effects) -> Result<Quality, Error>;
+    fn quality(
+        &self,
+        on: &R,
+        splats: &R::Splats,
+        settings: &S::Settings,
+        effects: &Effects,
+    ) -> impl Future<Output = Result<Quality, Error>>;
 }

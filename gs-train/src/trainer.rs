@@ -4,12 +4,13 @@
 mod density;
 mod fresh_start;
 
-use std::{fmt, sync::Arc, time::Instant};
+use std::{fmt, sync::Arc};
 
-use gs_core::{Binning, Effects, Rasterizer, Scene2d, Wait, edit::EditCounts, effects::Statistics};
+use gs_core::{Binning, Effects, Optimizer, Scene2d, Wait, edit::EditCounts, effects::Statistics};
 use gs_density::{DensityPolicy, Rng};
 use gs_io::Checkpoint;
 use rand::SeedableRng;
+use web_time::Instant;
 
 use fresh_start::Start;
 
@@ -40,7 +41,7 @@ pub enum Outcome {
 /// A run is a function of settings, pictures and backend. What it depends on at a step from which it can be resumed is in the
 /// splats' state, the settings and the step: random numbers are drawn afresh from (seed, step) in each round, and lists of which
 /// Gaussian touches which pixels are never carried over such a step.
-pub struct Trainer<'a, R: Rasterizer<S>, S: Trainable = Scene2d> {
+pub struct Trainer<'a, R: Optimizer<S>, S: Trainable = Scene2d> {
     pub(crate) rasterizer: &'a R,
     pub(crate) record: Record<S::Settings>,
     pub(crate) splats: R::Splats,
@@ -58,7 +59,7 @@ pub struct Trainer<'a, R: Rasterizer<S>, S: Trainable = Scene2d> {
 /// A policy from outside of this project, which settings cannot name.
 pub type ForeignPolicy<S = Scene2d> = Arc<dyn DensityPolicy<S> + Send + Sync>;
 
-impl<R: Rasterizer<S>, S: Trainable> fmt::Debug for Trainer<'_, R, S> {
+impl<R: Optimizer<S>, S: Trainable> fmt::Debug for Trainer<'_, R, S> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_struct("Trainer")
             .field("backend", &self.rasterizer.describe())
@@ -68,7 +69,7 @@ impl<R: Rasterizer<S>, S: Trainable> fmt::Debug for Trainer<'_, R, S> {
     }
 }
 
-impl<'a, R: Rasterizer<S>, S: Trainable> Trainer<'a, R, S> {
+impl<'a, R: Optimizer<S>, S: Trainable> Trainer<'a, R, S> {
     /// A run that stands where its record says.
     pub(crate) fn assemble(
         rasterizer: &'a R,
@@ -105,10 +106,10 @@ impl<'a, R: Rasterizer<S>, S: Trainable> Trainer<'a, R, S> {
     ///
     /// # Errors
     /// [`Error::Diverged`], those of the backend, and what an observer returns.
-    pub fn run(&mut self, observer: &mut dyn Observer) -> Result<Outcome, Error> {
+    pub async fn run(&mut self, observer: &mut dyn Observer) -> Result<Outcome, Error> {
         let (mut stop, mut checkpoint) = (false, false);
         while !self.is_finished() {
-            let mut progress = self.step_once()?;
+            let mut progress = self.step_once().await?;
             if let Some(counts) = &progress.edits {
                 observer.on_edit(&progress, counts);
             }
@@ -116,19 +117,19 @@ impl<'a, R: Rasterizer<S>, S: Trainable> Trainer<'a, R, S> {
                 observer.on_fresh_start(&progress, fresh_start);
             }
             if observer.wants_quality(&progress) {
-                self.settle()?;
+                self.settle().await?;
                 let Progress { edits, fresh_start, .. } = progress;
-                progress = Progress { quality: Some(self.quality()?), ..self.progress(edits, fresh_start)? };
+                progress = Progress { quality: Some(self.quality().await?), ..self.progress(edits, fresh_start)? };
             }
             stop |= observer.on_step(&progress) == Control::Stop;
             checkpoint |= observer.wants_checkpoint(&progress);
             let ends_here = (stop || checkpoint) && self.can_checkpoint();
             if ends_here {
-                self.settle()?;
+                self.settle().await?;
             }
             self.tell_losses(observer);
             if checkpoint && ends_here {
-                observer.on_checkpoint(&mut self.checkpoint()?)?;
+                observer.on_checkpoint(&mut self.checkpoint().await?)?;
                 checkpoint = false;
             }
             if stop && ends_here && !self.is_finished() {
@@ -145,28 +146,31 @@ impl<'a, R: Rasterizer<S>, S: Trainable> Trainer<'a, R, S> {
     /// # Errors
     /// [`Error::Diverged`] where the loss of this or of an earlier step is not finite, [`Error::Finished`] after the last step, and those
     /// of the backend.
-    pub fn step_once(&mut self) -> Result<Progress, Error> {
+    pub async fn step_once(&mut self) -> Result<Progress, Error> {
         let iterations = self.record.settings.iterations();
         if self.is_finished() {
             return Err(Error::Finished { iterations });
         }
-        self.check_divergence()?;
+        self.check_divergence().await?;
         self.losses.forget_untold();
         let started = Instant::now();
-        self.keep_start()?;
-        self.optimise()?;
+        self.keep_start().await?;
+        self.optimise().await?;
         self.record.step += 1;
         let due = self.rounds().progress(self.record.step, iterations);
         let settled = due.is_some() || self.is_judged() || self.is_finished() || self.losses.last().is_none();
-        self.see_losses(if settled { Wait::All } else { Wait::Arrived })?;
+        self.see_losses(if settled { Wait::All } else { Wait::Arrived }).await?;
         let fresh = self.record.settings.bins_afresh_after(self.record.step);
         self.binning = if fresh { Binning::Fresh } else { Binning::Reuse };
-        let mut edits = due.map(|progress| self.control_density(progress)).transpose()?;
+        let mut edits = match due {
+            Some(progress) => Some(self.control_density(progress).await?),
+            None => None,
+        };
         self.add_noise()?;
         if self.is_finished() {
-            self.drop_not_finite(&mut edits)?;
+            self.drop_not_finite(&mut edits).await?;
         }
-        let fresh_start = self.begin_again()?;
+        let fresh_start = self.begin_again().await?;
         self.record.seconds += started.elapsed().as_secs_f64();
         self.progress(edits, fresh_start)
     }
@@ -214,7 +218,7 @@ impl<'a, R: Rasterizer<S>, S: Trainable> Trainer<'a, R, S> {
     }
 
     /// Forward, backward and Adam, sent on their way.
-    fn optimise(&mut self) -> Result<(), Error> {
+    async fn optimise(&mut self) -> Result<(), Error> {
         let Record { settings, step, .. } = &self.record;
         // Statistics that no round will look at are not collected.
         let statistics = match *step < self.rounds().last(settings.iterations()) {
@@ -223,15 +227,19 @@ impl<'a, R: Rasterizer<S>, S: Trainable> Trainer<'a, R, S> {
         };
         let effects = Effects { statistics, ..settings.effects_after(*step) };
         let context = StepContext { step: *step, effects, lr_scale: self.lr_scale(), binning: self.binning };
-        self.task.send(self.rasterizer, &mut self.splats, settings, context)
+        self.task.send(self.rasterizer, &mut self.splats, settings, context).await
     }
 
     /// Looks at the losses that have come, or waits for all.
-    fn see_losses(&mut self, wait: Wait) -> Result<(), Error> {
+    async fn see_losses(&mut self, wait: Wait) -> Result<(), Error> {
         let (pictures, watch) = (self.task.pictures(), &mut self.watch);
-        let seen = |list: &mut Vec<f32>| self.rasterizer.losses(&mut self.splats, wait, list);
-        self.losses.see(seen, |step, loss| watch.hear(step, loss, pictures))?;
-        self.check_divergence()?;
+        let list = self.losses.list();
+        let known = list.len();
+        let added = self.rasterizer.losses(&mut self.splats, wait, list).await;
+        // What came before an error counts.
+        self.losses.see(known, |step, loss| watch.hear(step, loss, pictures));
+        added?;
+        self.check_divergence().await?;
         match wait == Wait::All && self.losses.seen() != self.record.step {
             true => Err(self.missing_losses()),
             false => Ok(()),
@@ -244,20 +252,20 @@ impl<'a, R: Rasterizer<S>, S: Trainable> Trainer<'a, R, S> {
     }
 
     /// Waits for the steps under way, which is time spent fitting, and sees their losses.
-    fn settle(&mut self) -> Result<(), Error> {
+    async fn settle(&mut self) -> Result<(), Error> {
         let started = Instant::now();
-        self.see_losses(Wait::All)?;
+        self.see_losses(Wait::All).await?;
         self.record.seconds += started.elapsed().as_secs_f64();
         Ok(())
     }
 
-    fn check_divergence(&self) -> Result<(), Error> {
+    async fn check_divergence(&self) -> Result<(), Error> {
         match self.losses.diverged() {
             None => Ok(()),
             Some((step, loss)) => Err(Error::Diverged {
                 step,
                 loss,
-                suspect: self.scene().ok().and_then(|scene| Suspect::of(&scene)).map(Box::new),
+                suspect: self.scene().await.ok().and_then(|scene| Suspect::of(&scene)).map(Box::new),
             }),
         }
     }
@@ -274,25 +282,25 @@ impl<'a, R: Rasterizer<S>, S: Trainable> Trainer<'a, R, S> {
     ///
     /// # Errors
     /// Those of the backend, and of reading a picture.
-    pub fn quality(&self) -> Result<Quality, Error> {
-        let quality = self.task.quality(self.rasterizer, &self.splats, &self.record.settings, &self.effects())?;
-        Ok(Quality { clamped: self.clamped()?, ..quality })
+    pub async fn quality(&self) -> Result<Quality, Error> {
+        let quality = self.task.quality(self.rasterizer, &self.splats, &self.record.settings, &self.effects()).await?;
+        Ok(Quality { clamped: self.clamped().await?, ..quality })
     }
 
     /// How many Gaussians have a scale at one of the optimiser's bounds.
     ///
     /// # Errors
     /// Those of the backend.
-    pub fn clamped(&self) -> Result<Clamped, Error> {
-        Ok(Clamped::of(&self.scene()?, &self.record.settings))
+    pub async fn clamped(&self) -> Result<Clamped, Error> {
+        Ok(Clamped::of(&self.scene().await?, &self.record.settings))
     }
 
     /// The scene as it is now.
     ///
     /// # Errors
     /// Those of the backend.
-    pub fn scene(&self) -> Result<S, Error> {
-        Ok(self.rasterizer.download(&self.splats)?)
+    pub async fn scene(&self) -> Result<S, Error> {
+        Ok(self.rasterizer.download(&self.splats).await?)
     }
 
     /// Whether the next step makes its lists anew, so that nothing but the splats, the settings and the step matters to it; or
@@ -307,14 +315,14 @@ impl<'a, R: Rasterizer<S>, S: Trainable> Trainer<'a, R, S> {
     /// # Errors
     /// [`Error::BetweenCheckpoints`] where [`Trainer::can_checkpoint`] is false, [`Error::Diverged`], [`Error::Checkpoint`] for
     /// settings that cannot be stored, and those of the backend.
-    pub fn checkpoint(&mut self) -> Result<Checkpoint, Error> {
+    pub async fn checkpoint(&mut self) -> Result<Checkpoint, Error> {
         if !self.can_checkpoint() {
             let Record { settings, step, .. } = &self.record;
             let next = (step + 1..).find(|&next| settings.bins_afresh_after(next)).unwrap_or(settings.iterations());
             return Err(Error::BetweenCheckpoints { step: *step, next });
         }
-        self.settle()?;
-        Ok(Checkpoint { state: self.rasterizer.save(&self.splats)?, metadata: self.record.to_metadata()? })
+        self.settle().await?;
+        Ok(Checkpoint { state: self.rasterizer.save(&self.splats).await?, metadata: self.record.to_metadata()? })
     }
 
     /// Steps done.

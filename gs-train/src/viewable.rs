@@ -8,7 +8,7 @@ use std::sync::Arc;
 
 use glam::{Vec2, Vec3};
 use gs_core::{
-    Blend, Canvas, EditPlan, Gaussian2d, Image, Rasterizer, RenderSettings, Scene2d, Scene3d,
+    Blend, Canvas, EditPlan, Gaussian2d, Image, Optimizer, Rasterizer, RenderSettings, Scene2d, Scene3d,
     edit::{Change, Moments},
     effects::{Antialias, Order, Statistics},
     examination, metrics,
@@ -73,13 +73,13 @@ pub struct Viewable {
 /// # Errors
 /// [`gs_core::Error::State`] for a scene that shows nothing; [`gs_core::Error::Unsupported`] where the backend has no antialiasing of
 /// 2D scenes; those of [`Trainer`].
-pub fn viewable<R>(on: &R, file: &File2d, range: ColorRange) -> Result<Viewable, Error>
+pub async fn viewable<R>(on: &R, file: &File2d, range: ColorRange) -> Result<Viewable, Error>
 where
-    R: Rasterizer<Scene2d> + Rasterizer<Scene3d>,
+    R: Optimizer<Scene2d> + Optimizer<Scene3d>,
 {
     file.validate()?;
     let canvas = Canvas::new(file.width, file.height);
-    let target = Rasterizer::<Scene2d>::render(on, &file.scene, &canvas, &file.settings)?.clamped();
+    let target = Rasterizer::<Scene2d>::render(on, &file.scene, &canvas, &file.settings).await?.clamped();
     let start = start(file, &target, range);
     if start.means.is_empty() {
         return Err(
@@ -87,21 +87,22 @@ where
         );
     }
     let settings = settings(start.means.len() as u32, target.size());
-    let mut trainer = Trainer::from_scene(on, &target, &start, settings)?.controlled_by(Arc::new(KeepColors(range)));
-    trainer.run(&mut ())?;
-    let mut scene = trainer.scene()?;
+    let mut trainer =
+        Trainer::from_scene(on, &target, &start, settings).await?.controlled_by(Arc::new(KeepColors(range)));
+    trainer.run(&mut ()).await?;
+    let mut scene = trainer.scene().await?;
     examination::repair(&mut scene)?;
     scene.colors.iter_mut().for_each(|color| *color = range.nearest(*color));
     let made = File2d { scene, settings: trainer.shown(), ..*file };
-    let psnr = psnr_of(on, &made, &target)?;
+    let psnr = psnr_of(on, &made, &target).await?;
     Ok(Viewable { file: made, psnr })
 }
 
 /// PSNR of a scene as a viewer shows it, dB.
-fn psnr_of<R: Rasterizer<Scene3d>>(on: &R, file: &File2d, target: &Image) -> Result<f64, Error> {
+async fn psnr_of<R: Optimizer<Scene3d>>(on: &R, file: &File2d, target: &Image) -> Result<f64, Error> {
     let size = (file.width, file.height);
     let camera = Flat::picture(size).camera(size);
-    let image = on.render(&flat_scene(file)?, &camera, &as_viewers_do())?;
+    let image = on.render(&flat_scene(file)?, &camera, &as_viewers_do()).await?;
     Ok(metrics::psnr(&image.rounded_to_8_bits(), &target.rounded_to_8_bits())?)
 }
 

@@ -2,6 +2,7 @@
 
 mod scenes;
 
+use pollster::FutureExt as _;
 use std::sync::Arc;
 
 use glam::{Vec2, Vec3};
@@ -20,7 +21,7 @@ fn equal_seeds_give_equal_scenes_and_watching_changes_nothing() {
     let (rasterizer, target) = (rasterizer(), small_target());
     for blend in [Blend::Sum, Blend::Over] {
         let run = |seed, observer: &mut dyn Observer| {
-            fit(&rasterizer, &target, FitSettings { seed, ..small_fit(blend) }, observer).unwrap().scene
+            fit(&rasterizer, &target, FitSettings { seed, ..small_fit(blend) }, observer).block_on().unwrap().scene
         };
         let scene = run(1, &mut ());
         assert!(scene == run(1, &mut ()), "{blend:?}: not repeatable");
@@ -34,7 +35,7 @@ fn growth_by_residual_meets_the_budget_exactly() {
     let (rasterizer, target) = (rasterizer(), small_target());
     for (gaussians, iterations) in [(1, 10), (7, 50), (61, 5), (200, 150)] {
         let settings = FitSettings::for_image(gaussians, target.size(), iterations);
-        let fit = fit(&rasterizer, &target, settings, &mut ()).unwrap();
+        let fit = fit(&rasterizer, &target, settings, &mut ()).block_on().unwrap();
         assert_eq!(fit.scene.len(), gaussians as usize, "{iterations} iterations");
         assert_eq!(fit.summary.gaussians, gaussians);
         fit.scene.validate().unwrap();
@@ -46,7 +47,7 @@ fn a_budget_that_is_missed_is_told_with_the_reason() {
     let (rasterizer, target) = (rasterizer(), small_target());
     let shortfall = |policy: &str, iterations| {
         let settings = FitSettings { policy: Policy::from_name(policy).unwrap(), iterations, ..small_fit(Blend::Over) };
-        let summary = fit(&rasterizer, &target, settings, &mut ()).unwrap().summary;
+        let summary = fit(&rasterizer, &target, settings, &mut ()).block_on().unwrap().summary;
         if let Some(told) = &summary.shortfall {
             assert_eq!((told.gaussians, told.budget), (summary.gaussians, 60));
         }
@@ -68,7 +69,7 @@ fn a_budget_that_is_missed_is_told_with_the_reason() {
 fn a_fit_is_judged_by_the_picture_that_is_written_of_it() {
     let target = small_target().rounded_to_8_bits();
     let Fit { image, summary, scene, .. } =
-        fit(&rasterizer(), &target, FitSettings::for_image(200, (48, 40), 150), &mut ()).unwrap();
+        fit(&rasterizer(), &target, FitSettings::for_image(200, (48, 40), 150), &mut ()).block_on().unwrap();
     let written = ImageQuality::between(&image.rounded_to_8_bits(), &target).unwrap();
     let FitSummary { psnr, ssim, ms_ssim, l1, .. } = summary;
     assert_eq!(ImageQuality { psnr, ssim, ms_ssim, l1 }, written);
@@ -80,8 +81,10 @@ fn a_fit_is_judged_by_the_picture_that_is_written_of_it() {
         &scene,
         FitSettings { color_solve: ColorSolve::default(), ..summary.settings },
     )
+    .block_on()
     .unwrap()
     .scene_loss()
+    .block_on()
     .unwrap();
     assert!((again / summary.loss.unwrap() - 1.0).abs() < 1e-3, "{again} {:?}", summary.loss);
     let float = 10f64.powf(-summary.psnr_float / 10.0);
@@ -92,7 +95,7 @@ fn a_fit_is_judged_by_the_picture_that_is_written_of_it() {
 fn a_picture_of_one_colour_is_exact_and_details_on_it_nearly() {
     let psnr = |target: &Image| {
         let settings = FitSettings::for_image(60, target.size(), 100).before_flat_color(target);
-        fit(&rasterizer(), target, settings, &mut ()).unwrap().summary.psnr
+        fit(&rasterizer(), target, settings, &mut ()).block_on().unwrap().summary.psnr
     };
     for color in [[1.0; 3], [0.0; 3], [0.2, 0.4, 0.8]] {
         assert_eq!(psnr(&Image::filled(60, 44, color).unwrap()), f64::INFINITY, "{color:?}");
@@ -106,12 +109,13 @@ fn a_picture_of_one_colour_is_exact_and_details_on_it_nearly() {
 fn every_policy_fits_within_its_budget() {
     let (rasterizer, target) = (rasterizer(), small_target());
     for blend in [Blend::Sum, Blend::Over] {
-        let psnr = |settings: FitSettings| fit(&rasterizer, &target, settings, &mut ()).unwrap().summary.psnr;
+        let psnr =
+            |settings: FitSettings| fit(&rasterizer, &target, settings, &mut ()).block_on().unwrap().summary.psnr;
         let before = psnr(FitSettings { iterations: 0, ..small_fit(blend) });
         for name in Policy::NAMES {
             let policy = Policy::from_name(name).unwrap();
             let settings = FitSettings { policy, ..small_fit(blend) };
-            let fit = fit(&rasterizer, &target, settings.clone(), &mut ()).unwrap();
+            let fit = fit(&rasterizer, &target, settings.clone(), &mut ()).block_on().unwrap();
             fit.scene.validate().unwrap();
             assert!(fit.scene.len() <= settings.gaussians as usize, "{blend:?} {name}: {}", fit.scene.len());
             if ["residual", "image-gs"].contains(&name) {
@@ -137,9 +141,9 @@ fn noise_moves_the_transparent_and_only_where_it_is_asked_for() {
         let scene: Scene2d = (0..24).map(faint).collect();
         let policy = Policy::Mcmc(Mcmc { noise, ..Mcmc::default() });
         let settings = FitSettings { policy, ..small_fit(blend) };
-        let mut trainer = Trainer::from_scene(&rasterizer, &target, &scene, settings).unwrap();
-        trainer.run(&mut ()).unwrap();
-        trainer.scene().unwrap()
+        let mut trainer = Trainer::from_scene(&rasterizer, &target, &scene, settings).block_on().unwrap();
+        trainer.run(&mut ()).block_on().unwrap();
+        trainer.scene().block_on().unwrap()
     };
     let noise = Noise::default();
     assert!(run(noise, Blend::Over) != run(Noise::NONE, Blend::Over), "noise makes no difference");
@@ -154,12 +158,12 @@ fn noise_is_that_of_the_policy_in_charge() {
     let still = FitSettings { init, policy: Policy::None, rounds: Rounds::NEVER, ..small_fit(Blend::Over) };
     let noisy = FitSettings { policy: Policy::Mcmc(Mcmc::default()), ..still.clone() };
     let run = |settings: &FitSettings, other: Option<&FitSettings>| {
-        let mut trainer = Trainer::new(&rasterizer, &target, settings.clone()).unwrap();
+        let mut trainer = Trainer::new(&rasterizer, &target, settings.clone()).block_on().unwrap();
         if let Some(other) = other {
             trainer = trainer.controlled_by(Arc::new(other.policy.clone()));
         }
-        trainer.run(&mut ()).unwrap();
-        trainer.scene().unwrap()
+        trainer.run(&mut ()).block_on().unwrap();
+        trainer.scene().block_on().unwrap()
     };
     assert!(run(&noisy, None) != run(&still, None), "noise makes no difference");
     assert_eq!(run(&still, Some(&noisy)), run(&noisy, None));
@@ -170,7 +174,7 @@ fn noise_is_that_of_the_policy_in_charge() {
 fn no_steps_leave_the_initial_scene() {
     let (rasterizer, target) = (rasterizer(), small_target());
     let settings = FitSettings { iterations: 0, ..small_fit(Blend::Sum) };
-    let fit = fit(&rasterizer, &target, settings, &mut ()).unwrap();
+    let fit = fit(&rasterizer, &target, settings, &mut ()).block_on().unwrap();
     assert_eq!((fit.outcome, fit.scene.len()), (Outcome::Finished, 20));
     assert!(fit.summary.loss.is_some_and(|loss| loss > 0.0), "that of the scene, though no step was made");
 }
@@ -181,7 +185,7 @@ fn an_image_of_one_pixel_can_be_fitted() {
     for preset in Preset::ALL {
         let settings = FitSettings { iterations: 60, ..preset.settings(3, target.size()) };
         let settings = FitSettings { initial: InitialCount::Fixed(1), ..settings };
-        let fit = fit(&rasterizer(), &target, settings, &mut ()).unwrap();
+        let fit = fit(&rasterizer(), &target, settings, &mut ()).block_on().unwrap();
         assert!(fit.summary.psnr > 20.0, "{preset}: {} dB", fit.summary.psnr);
         assert_eq!(fit.summary.ms_ssim, None);
     }
@@ -191,7 +195,7 @@ fn an_image_of_one_pixel_can_be_fitted() {
 fn the_log_tells_every_edit_and_where_the_fit_ends() {
     let (rasterizer, target) = (rasterizer(), small_target());
     let mut log = MetricsLog::new(7);
-    let fit = fit(&rasterizer, &target, small_fit(Blend::Sum), &mut log).unwrap();
+    let fit = fit(&rasterizer, &target, small_fit(Blend::Sum), &mut log).block_on().unwrap();
     let steps: Vec<u32> = log.rows().iter().map(|r| r.step).collect();
     assert_eq!(steps, [1, 7, 10, 14, 20, 21, 28, 30, 35, 42]);
     let mut edits = gs_core::edit::EditCounts::default();
@@ -223,8 +227,8 @@ fn the_quality_is_measured_in_few_rows_and_for_the_log_alone() {
     let settings = FitSettings { iterations: 230, ..small_fit(Blend::Sum) };
     let mut log = MetricsLog::for_settings(&settings);
     let mut watched = log.clone();
-    fit(&rasterizer, &target, settings.clone(), &mut log).unwrap();
-    fit(&rasterizer, &target, settings, &mut (&mut watched, Curious)).unwrap();
+    fit(&rasterizer, &target, settings.clone(), &mut log).block_on().unwrap();
+    fit(&rasterizer, &target, settings, &mut (&mut watched, Curious)).block_on().unwrap();
     let measured = |log: &MetricsLog| -> Vec<u32> {
         log.rows().iter().filter(|r| r.psnr.is_some() && r.l1.is_some()).map(|r| r.step).collect()
     };
@@ -256,7 +260,7 @@ fn an_observer_stops_a_run_and_sees_the_checkpoints_it_wants() {
         }
     }
     let mut watch = Watch::default();
-    let fit = fit(&rasterizer(), &small_target(), small_fit(Blend::Sum), &mut watch).unwrap();
+    let fit = fit(&rasterizer(), &small_target(), small_fit(Blend::Sum), &mut watch).block_on().unwrap();
     assert_eq!((fit.outcome, fit.summary.iterations), (Outcome::Stopped, 16));
     assert_eq!(watch.checkpoints, ["8"]);
     assert!(watch.edits > 0 && watch.edits == fit.summary.edits.added());
@@ -266,7 +270,8 @@ fn an_observer_stops_a_run_and_sees_the_checkpoints_it_wants() {
 fn a_loss_that_is_not_finite_ends_the_run_and_names_a_suspect() {
     let mut settings = FitSettings { rounds: Rounds::NEVER, ..small_fit(Blend::Sum) };
     settings.adam.color.learning_rate = 1e38;
-    let Err(Error::Diverged { step, loss, suspect }) = fit(&rasterizer(), &small_target(), settings, &mut ()).map(drop)
+    let Err(Error::Diverged { step, loss, suspect }) =
+        fit(&rasterizer(), &small_target(), settings, &mut ()).block_on().map(drop)
     else {
         panic!("the run did not diverge");
     };
@@ -280,7 +285,7 @@ fn a_loss_that_is_not_finite_ends_the_run_and_names_a_suspect() {
 fn a_target_that_is_not_finite_is_refused() {
     let mut target = small_target();
     target.pixels_mut()[49][2] = f32::NAN;
-    let error = Trainer::new(&rasterizer(), &target, small_fit(Blend::Sum)).unwrap_err().to_string();
+    let error = Trainer::new(&rasterizer(), &target, small_fit(Blend::Sum)).block_on().unwrap_err().to_string();
     assert!(error.contains("(1, 1)"), "{error}");
 }
 
@@ -309,15 +314,15 @@ fn gaussians_that_reach_nothing_do_not_move() {
     }
     let mut scene = settings.init.scene(&target, 40, Blend::Over, &mut rng);
     scene.colors.fill([0.0; 3].into());
-    let mut trainer = Trainer::from_scene(&rasterizer, &target, &scene, settings).unwrap();
+    let mut trainer = Trainer::from_scene(&rasterizer, &target, &scene, settings).block_on().unwrap();
     let mut losses = Vec::new();
     while !trainer.is_finished() {
-        trainer.step_once().unwrap();
+        trainer.step_once().block_on().unwrap();
         losses.extend_from_slice(trainer.new_losses().1);
     }
     assert_eq!(losses.len(), 50);
     assert!(losses.iter().all(|&l| l == losses[0] && l > 0.0), "{losses:?}");
-    assert_eq!(trainer.scene().unwrap().means, scene.means);
+    assert_eq!(trainer.scene().block_on().unwrap().means, scene.means);
     assert_eq!((trainer.count(), trainer.edits().added()), (40, 0));
 }
 
@@ -326,9 +331,9 @@ fn the_papers_experiment_reaches_its_count() {
     let rasterizer = rasterizer();
     let settings = FitSettings::paper();
     let render = settings.render;
-    let fit = fit(&rasterizer, &paper_target(), settings, &mut ()).unwrap();
+    let fit = fit(&rasterizer, &paper_target(), settings, &mut ()).block_on().unwrap();
     assert!((500..=600).contains(&fit.summary.gaussians), "{} Gaussians", fit.summary.gaussians);
     assert!(fit.summary.psnr >= 40.0, "{} dB", fit.summary.psnr);
-    let again = rasterizer.render(&fit.scene, &gs_core::Canvas::new(128, 128), &render).unwrap();
+    let again = rasterizer.render(&fit.scene, &gs_core::Canvas::new(128, 128), &render).block_on().unwrap();
     assert_eq!(again, fit.image);
 }

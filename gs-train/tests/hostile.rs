@@ -13,7 +13,7 @@ mod space;
 
 use glam::{Vec2, Vec3};
 use gs_core::{
-    Adam, Blend, Camera, Canvas, Gaussian2d, Image, Loss, Parameterization, Rasterizer, RenderSettings, Scene, Scene2d,
+    Adam, Blend, Camera, Canvas, Gaussian2d, Image, Loss, Optimizer, Parameterization, RenderSettings, Scene, Scene2d,
     Scene3d, adam::Group,
 };
 use gs_cpu::{CpuRasterizer, CpuSettings};
@@ -22,6 +22,7 @@ use gs_train::{
     Trainer3d,
     train::{PosedView, Start, Views},
 };
+use pollster::FutureExt as _;
 use rand::{RngExt, SeedableRng};
 
 /// What is hostile about a fit.
@@ -129,16 +130,16 @@ impl Observer for TrainingTask {
 }
 
 /// Runs a fit to its end and finds what must not be; how often it began again. `loss_of` tells the loss of a scene over all pictures.
-fn endure<R: Rasterizer<S>, S: Trainable>(
+fn endure<R: Optimizer<S>, S: Trainable>(
     mut trainer: Trainer<'_, R, S>,
     loss_of: impl Fn(&S) -> Result<f64, Error>,
     budget: u32,
 ) -> Result<usize, String> {
     let told = |error: Error| error.to_string();
-    let first = trainer.scene().and_then(|scene| loss_of(&scene)).map_err(told)?;
+    let first = trainer.scene().block_on().and_then(|scene| loss_of(&scene)).map_err(told)?;
     let mut trajectory = TrainingTask::default();
-    trainer.run(&mut trajectory).map_err(told)?;
-    let scene = trainer.scene().map_err(told)?;
+    trainer.run(&mut trajectory).block_on().map_err(told)?;
+    let scene = trainer.scene().block_on().map_err(told)?;
     scene.validate().map_err(|error| error.to_string())?;
     if trajectory.most > budget {
         return Err(format!("{} Gaussians, {budget} allowed", trajectory.most));
@@ -200,8 +201,9 @@ fn scene_2d(
                 color: Vec3::ZERO,
             };
             Trainer::from_scene(rasterizer, &target, &(0..8).map(unseen).collect::<Scene2d>(), settings.clone())
+                .block_on()
         }
-        _ => Trainer::new(rasterizer, &target, settings.clone()),
+        _ => Trainer::new(rasterizer, &target, settings.clone()).block_on(),
     };
     let pictures = [(Canvas::new(PLANE.0, PLANE.1), target.clone())];
     let loss_of = |scene: &Scene2d| loss_of(rasterizer, scene, &pictures, (&settings.render, settings.loss));
@@ -209,7 +211,7 @@ fn scene_2d(
 }
 
 /// The mean loss of a scene over these pictures.
-fn loss_of<R: Rasterizer<S>, S: Scene>(
+fn loss_of<R: Optimizer<S>, S: Scene>(
     on: &R,
     scene: &S,
     pictures: &[(S::View, Image)],
@@ -217,8 +219,8 @@ fn loss_of<R: Rasterizer<S>, S: Scene>(
 ) -> Result<f64, Error> {
     let splats = on.upload(scene, Parameterization::ScaleRotation)?;
     let losses = pictures.iter().map(|(view, target)| {
-        let frame = on.forward(&splats, view, render)?;
-        Ok(f64::from(on.backward(&splats, frame, &on.upload_target(target)?, &loss)?.0))
+        let frame = on.forward(&splats, view, render).block_on()?;
+        Ok(f64::from(on.backward(&splats, frame, &on.upload_target(target)?, &loss).block_on()?.0))
     });
     Ok(losses.sum::<Result<f64, Error>>()? / pictures.len() as f64)
 }
@@ -242,7 +244,7 @@ fn scene_3d(rasterizer: &CpuRasterizer, hostility: Hostility, length: Length, se
     let trainer = Trainer3d::from_views(rasterizer, views, Start::Scene(start), settings.clone());
     let pictures: Vec<(Camera, Image)> = (0..2).map(|i| (camera(i), target.clone())).collect();
     let loss_of = |scene: &Scene3d| loss_of(rasterizer, scene, &pictures, (&settings.render, settings.loss));
-    endure(trainer.map_err(|error| error.to_string())?, loss_of, 60)
+    endure(trainer.block_on().map_err(|error| error.to_string())?, loss_of, 60)
 }
 
 /// One thread: the images are too small for more.

@@ -3,13 +3,27 @@
 mod scenes;
 
 use gs_core::{
-    AdamRates, Blend, Canvas, DensityStatistics, EditPlan, Error as CoreError, Gaussian2d, Image, Loss,
-    Parameterization, Rasterizer, RenderSettings, Scene2d, SplatsState, TrainStep, Wait, statistics::Culled,
+    AdamRates, Backend, Blend, Canvas, DensityStatistics, EditPlan, Error as CoreError, Gaussian2d, Image, Loss,
+    MeanNoise, Optimizer, Parameterization, Rasterizer, RenderSettings, Scene2d, SplatsState, TargetImage, TrainStep,
+    Wait, statistics::Culled,
 };
-use gs_cpu::CpuRasterizer;
+use gs_cpu::{CpuRasterizer, Splats2d};
 use gs_train::{Control, Error, FitSettings, MetricsLog, Observer, Outcome, Progress, Rounds, Trainer};
 use gs_wgpu::{WgpuRasterizer, WgpuSettings};
+use pollster::FutureExt as _;
 use scenes::{rasterizer, small_fit, small_target};
+
+/// The CPU backend's splats, and the losses that are not told yet.
+struct Kept {
+    sound: Splats2d,
+    losses: Vec<f32>,
+}
+
+impl From<Splats2d> for Kept {
+    fn from(sound: Splats2d) -> Self {
+        Self { sound, losses: Vec::new() }
+    }
+}
 
 /// The CPU backend, but the last losses come only to who waits for them.
 struct Late {
@@ -19,87 +33,97 @@ struct Late {
 
 type Sound = CpuRasterizer;
 
+impl Backend for Late {
+    fn describe(&self) -> String {
+        format!("{} steps late", self.by)
+    }
+}
+
 impl Rasterizer<Scene2d> for Late {
-    type Splats = <Sound as Rasterizer<Scene2d>>::Splats;
+    type Splats = Kept;
     type ForwardPass = <Sound as Rasterizer<Scene2d>>::ForwardPass;
     type Gradients = <Sound as Rasterizer<Scene2d>>::Gradients;
     type Target = <Sound as Rasterizer<Scene2d>>::Target;
 
-    fn describe(&self) -> String {
-        format!("{} steps late", self.by)
-    }
-
     fn upload(&self, scene: &Scene2d, parameterization: Parameterization) -> Result<Self::Splats, CoreError> {
-        self.sound.for_2d().upload(scene, parameterization)
+        self.sound.for_2d().upload(scene, parameterization).map(Kept::from)
     }
 
-    fn download(&self, splats: &Self::Splats) -> Result<Scene2d, CoreError> {
-        self.sound.for_2d().download(splats)
+    async fn download(&self, splats: &Self::Splats) -> Result<Scene2d, CoreError> {
+        self.sound.for_2d().download(&splats.sound).await
     }
 
     fn len(&self, splats: &Self::Splats) -> usize {
-        self.sound.for_2d().len(splats)
+        self.sound.for_2d().len(&splats.sound)
     }
 
-    fn upload_target(&self, image: &Image) -> Result<Self::Target, CoreError> {
-        self.sound.for_2d().upload_target(image)
+    fn upload_target<'a>(&self, target: impl Into<TargetImage<'a>>) -> Result<Self::Target, CoreError> {
+        self.sound.for_2d().upload_target(target)
     }
 
-    fn save(&self, splats: &Self::Splats) -> Result<SplatsState, CoreError> {
-        self.sound.for_2d().save(splats)
-    }
-
-    fn restore(&self, state: &SplatsState) -> Result<Self::Splats, CoreError> {
-        self.sound.for_2d().restore(state)
-    }
-
-    fn forward(
+    async fn forward(
         &self,
         splats: &Self::Splats,
         view: &Canvas,
         settings: &RenderSettings,
     ) -> Result<Self::ForwardPass, CoreError> {
-        self.sound.for_2d().forward(splats, view, settings)
+        self.sound.for_2d().forward(&splats.sound, view, settings).await
     }
 
-    fn image(&self, frame: &Self::ForwardPass) -> Result<Image, CoreError> {
-        self.sound.for_2d().image(frame)
+    async fn image(&self, frame: &Self::ForwardPass) -> Result<Image, CoreError> {
+        self.sound.for_2d().image(frame).await
     }
 
-    fn culled(&self, frame: &Self::ForwardPass) -> Result<Culled, CoreError> {
+    fn culled(&self, frame: &Self::ForwardPass) -> Culled {
         self.sound.for_2d().culled(frame)
     }
 
-    fn backward(
+    async fn backward(
         &self,
         splats: &Self::Splats,
         frame: Self::ForwardPass,
         target: &Self::Target,
         loss: &Loss,
     ) -> Result<(f32, Self::Gradients), CoreError> {
-        self.sound.for_2d().backward(splats, frame, target, loss)
+        self.sound.for_2d().backward(&splats.sound, frame, target, loss).await
     }
 
-    fn download_gradients(&self, splats: &Self::Splats, gradients: &Self::Gradients) -> Result<Scene2d, CoreError> {
-        self.sound.for_2d().download_gradients(splats, gradients)
+    async fn gradients(&self, splats: &Self::Splats, gradients: &Self::Gradients) -> Result<Scene2d, CoreError> {
+        self.sound.for_2d().gradients(&splats.sound, gradients).await
+    }
+}
+
+impl Optimizer<Scene2d> for Late {
+    async fn save(&self, splats: &Self::Splats) -> Result<SplatsState, CoreError> {
+        self.sound.for_2d().save(&splats.sound).await
     }
 
-    fn step(&self, splats: &mut Self::Splats, gradients: &Self::Gradients, rates: &AdamRates) -> Result<(), CoreError> {
-        self.sound.for_2d().step(splats, gradients, rates)
+    fn restore(&self, state: &SplatsState) -> Result<Self::Splats, CoreError> {
+        self.sound.for_2d().restore(state).map(Kept::from)
     }
 
-    fn train_step(
+    async fn step(
+        &self,
+        splats: &mut Self::Splats,
+        gradients: &Self::Gradients,
+        rates: &AdamRates,
+    ) -> Result<(), CoreError> {
+        self.sound.for_2d().step(&mut splats.sound, gradients, rates).await
+    }
+
+    async fn train_step(
         &self,
         splats: &mut Self::Splats,
         view: &Canvas,
         target: &Self::Target,
         step: &TrainStep<'_>,
     ) -> Result<(), CoreError> {
-        self.sound.for_2d().train_step(splats, view, target, step)
+        self.sound.for_2d().train_step(&mut splats.sound, view, target, step).await
     }
 
-    fn losses(&self, splats: &mut Self::Splats, wait: Wait, losses: &mut Vec<f32>) -> Result<(), CoreError> {
-        let unread = self.sound.for_2d().unread_losses(splats);
+    async fn losses(&self, splats: &mut Self::Splats, wait: Wait, losses: &mut Vec<f32>) -> Result<(), CoreError> {
+        let unread = &mut splats.losses;
+        self.sound.for_2d().losses(&mut splats.sound, Wait::All, unread).await?;
         let kept = match wait {
             Wait::Arrived => self.by.min(unread.len()),
             Wait::All => 0,
@@ -108,11 +132,7 @@ impl Rasterizer<Scene2d> for Late {
         Ok(())
     }
 
-    fn unread_losses<'c>(&self, splats: &'c mut Self::Splats) -> &'c mut Vec<f32> {
-        self.sound.for_2d().unread_losses(splats)
-    }
-
-    fn solve_colors(
+    async fn solve_colors(
         &self,
         splats: &mut Self::Splats,
         view: &Canvas,
@@ -120,15 +140,19 @@ impl Rasterizer<Scene2d> for Late {
         settings: &RenderSettings,
         iterations: u32,
     ) -> Result<(), CoreError> {
-        self.sound.for_2d().solve_colors(splats, view, target, settings, iterations)
+        self.sound.for_2d().solve_colors(&mut splats.sound, view, target, settings, iterations).await
     }
 
-    fn statistics(&self, splats: &Self::Splats) -> Result<DensityStatistics, CoreError> {
-        self.sound.for_2d().statistics(splats)
+    async fn statistics(&self, splats: &Self::Splats) -> Result<DensityStatistics, CoreError> {
+        self.sound.for_2d().statistics(&splats.sound).await
     }
 
-    fn edit(&self, splats: &mut Self::Splats, plan: &EditPlan<Gaussian2d>) -> Result<(), CoreError> {
-        self.sound.for_2d().edit(splats, plan)
+    fn add_noise(&self, splats: &mut Self::Splats, noise: &MeanNoise) -> Result<(), CoreError> {
+        self.sound.for_2d().add_noise(&mut splats.sound, noise)
+    }
+
+    async fn edit(&self, splats: &mut Self::Splats, plan: &EditPlan<Gaussian2d>) -> Result<(), CoreError> {
+        self.sound.for_2d().edit(&mut splats.sound, plan).await
     }
 }
 
@@ -188,11 +212,11 @@ struct Known {
     checkpoints: Vec<String>,
 }
 
-fn fit<R: Rasterizer<Scene2d>>(rasterizer: &R, settings: FitSettings, stop_at: Option<u32>) -> (Known, Witness) {
+fn fit<R: Optimizer<Scene2d>>(rasterizer: &R, settings: FitSettings, stop_at: Option<u32>) -> (Known, Witness) {
     let mut log = MetricsLog::new(7);
     let mut witness = Witness { measured_every: 12, stop_at, ..Witness::default() };
-    let mut trainer = Trainer::new(rasterizer, &small_target(), settings).unwrap();
-    let outcome = trainer.run(&mut (&mut log, &mut witness)).unwrap();
+    let mut trainer = Trainer::new(rasterizer, &small_target(), settings).block_on().unwrap();
+    let outcome = trainer.run(&mut (&mut log, &mut witness)).block_on().unwrap();
     assert_eq!(outcome, if stop_at.is_some() { Outcome::Stopped } else { Outcome::Finished });
     assert_eq!(trainer.loss(), witness.losses.last().copied());
     for row in log.rows() {
@@ -200,7 +224,7 @@ fn fit<R: Rasterizer<Scene2d>>(rasterizer: &R, settings: FitSettings, stop_at: O
     }
     let cells = |row: &str| row.split(',').enumerate().filter(|&(k, _)| k != 1).map(|(_, c)| c.to_owned()).collect();
     let known = Known {
-        state: trainer.checkpoint().unwrap().state,
+        state: trainer.checkpoint().block_on().unwrap().state,
         rows: log.to_csv().lines().map(cells).collect(),
         losses: witness.losses.clone(),
         checkpoints: witness.checkpoints.clone(),
@@ -245,7 +269,8 @@ fn a_fit_begins_again_at_the_same_step_however_late_its_losses_come() {
 #[test]
 fn fits_on_a_gpu_repeat_themselves_in_every_row() {
     let run = || {
-        let wgpu = WgpuRasterizer::new(WgpuSettings::default()).expect("`cargo xtask test` installs a driver");
+        let wgpu =
+            WgpuRasterizer::new(WgpuSettings::default()).block_on().expect("`cargo xtask test` installs a driver");
         fit(&wgpu, small_fit(Blend::Sum), None).0
     };
     assert_eq!(run(), run());
@@ -253,13 +278,13 @@ fn fits_on_a_gpu_repeat_themselves_in_every_row() {
 
 #[test]
 fn a_divergence_is_that_of_its_step_however_late_it_is_seen() {
-    fn diverge<R: Rasterizer<Scene2d>>(rasterizer: &R) -> (u32, u32, u32) {
+    fn diverge<R: Optimizer<Scene2d>>(rasterizer: &R) -> (u32, u32, u32) {
         let mut settings = FitSettings { rounds: Rounds::NEVER, ..small_fit(Blend::Sum) };
         settings.adam.color.learning_rate = 1e36;
-        let mut trainer = Trainer::new(rasterizer, &small_target(), settings).unwrap();
+        let mut trainer = Trainer::new(rasterizer, &small_target(), settings).block_on().unwrap();
         let mut seen = Vec::new();
         loop {
-            match trainer.step_once().map(drop) {
+            match trainer.step_once().block_on().map(drop) {
                 Ok(()) => seen.extend_from_slice(trainer.new_losses().1),
                 Err(Error::Diverged { step, loss, suspect }) => {
                     assert!(!loss.is_finite() && suspect.is_some());
@@ -267,7 +292,7 @@ fn a_divergence_is_that_of_its_step_however_late_it_is_seen() {
                     assert!(seen.iter().all(|loss| loss.is_finite()) && seen.len() == step as usize - 1, "{seen:?}");
                     let steps_done = trainer.step();
                     // It stays so: nothing is made of such a state.
-                    for again in [trainer.step_once().map(drop), trainer.checkpoint().map(drop)] {
+                    for again in [trainer.step_once().block_on().map(drop), trainer.checkpoint().block_on().map(drop)] {
                         let between = matches!(again, Err(Error::BetweenCheckpoints { .. }));
                         assert!(between || matches!(again, Err(Error::Diverged { step: s, .. }) if s == step));
                     }

@@ -2,6 +2,7 @@
 
 mod scenes;
 
+use pollster::FutureExt as _;
 use std::{fs, path::PathBuf};
 
 use gs_core::Blend;
@@ -49,20 +50,20 @@ fn is_of_backend<T>(result: Result<T, Error>) {
 /// Loses the device after so many of 42 steps, and goes on with the checkpoint of `stored_at` on the CPU.
 fn lose_and_go_on(settings: FitSettings, after: u32, stored_at: u32) {
     let target = small_target();
-    let wgpu = WgpuRasterizer::new(WgpuSettings::default()).expect("`cargo xtask test` installs a driver");
+    let wgpu = WgpuRasterizer::new(WgpuSettings::default()).block_on().expect("`cargo xtask test` installs a driver");
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("checkpoint.safetensors");
     let mut observer = LoseAfter { rasterizer: &wgpu, step: after, file: file.clone(), stored: Vec::new() };
-    let mut trainer = Trainer::new(&wgpu, &target, settings.clone()).unwrap();
-    is_of_backend(trainer.run(&mut observer));
+    let mut trainer = Trainer::new(&wgpu, &target, settings.clone()).block_on().unwrap();
+    is_of_backend(trainer.run(&mut observer).block_on());
     assert_eq!(trainer.step(), after);
     // Nothing else that is asked of it works, or panics.
-    is_of_backend(trainer.step_once());
-    is_of_backend(trainer.scene());
-    is_of_backend(trainer.render());
-    is_of_backend(Trainer::new(&wgpu, &target, settings.clone()));
+    is_of_backend(trainer.step_once().block_on());
+    is_of_backend(trainer.scene().block_on());
+    is_of_backend(trainer.render().block_on());
+    is_of_backend(Trainer::new(&wgpu, &target, settings.clone()).block_on());
     if trainer.can_checkpoint() {
-        is_of_backend(trainer.checkpoint());
+        is_of_backend(trainer.checkpoint().block_on());
     }
 
     assert!(fs::read(&file).unwrap() == observer.stored, "the last checkpoint is as it was");
@@ -70,10 +71,10 @@ fn lose_and_go_on(settings: FitSettings, after: u32, stored_at: u32) {
     let cpu = rasterizer();
     let mut resumed = Trainer::resume(&cpu, &target, read_checkpoint(&file).unwrap()).unwrap();
     assert_eq!(resumed.step(), stored_at);
-    assert_eq!(resumed.run(&mut ()).unwrap(), Outcome::Finished);
-    let mut whole = Trainer::new(&cpu, &target, settings).unwrap();
-    whole.run(&mut ()).unwrap();
-    let (resumed, whole) = (resumed.quality().unwrap().psnr, whole.quality().unwrap().psnr);
+    assert_eq!(resumed.run(&mut ()).block_on().unwrap(), Outcome::Finished);
+    let mut whole = Trainer::new(&cpu, &target, settings).block_on().unwrap();
+    whole.run(&mut ()).block_on().unwrap();
+    let (resumed, whole) = (resumed.quality().block_on().unwrap().psnr, whole.quality().block_on().unwrap().psnr);
     // Between fresh lists the backends' tiles decide what a moving Gaussian still reaches, so the ends differ a little.
     assert!((resumed - whole).abs() < 2.0, "{resumed} dB, and {whole} dB where nothing was lost");
 }

@@ -1,5 +1,6 @@
 //! The quality that the default settings promise, on real photographs, where they are there.
 
+use pollster::FutureExt as _;
 use std::path::PathBuf;
 
 use gs_cpu::{CpuRasterizer, CpuSettings};
@@ -22,7 +23,8 @@ fn nine_thousand_gaussians_pass_what_is_promised() {
     let (mut psnr, mut ms_ssim) = (0.0, 0.0);
     for path in &photographs {
         let target = gs_io::read_image(path).unwrap().image;
-        let summary = fit(&cpu, &target, Preset::Standard.settings(9_000, target.size()), &mut ()).unwrap().summary;
+        let summary =
+            fit(&cpu, &target, Preset::Standard.settings(9_000, target.size()), &mut ()).block_on().unwrap().summary;
         assert_eq!(summary.gaussians, 9_000);
         psnr += summary.psnr / photographs.len() as f64;
         ms_ssim += summary.ms_ssim.unwrap() / photographs.len() as f64;

@@ -11,6 +11,7 @@ use gs_train::{
     Control, FitSettings, FreshStart, MetricsLog, Observer, Outcome, Progress, Recovery, Rounds, TrainSettings,
     Trainer, Trainer3d, fit, train::Start,
 };
+use pollster::FutureExt as _;
 use scenes::{rasterizer, small_fit, small_target};
 
 /// Two windows, whose first begins with steps longer than the picture.
@@ -40,12 +41,14 @@ impl Observer for Told {
 #[test]
 fn a_failed_fit_begins_again_and_says_so() {
     let (mut log, mut told) = (MetricsLog::new(1), Told::default());
-    let fitted = fit(&rasterizer(), &small_target(), hasty(Recovery::BeginAgain), &mut (&mut log, &mut told)).unwrap();
+    let fitted = fit(&rasterizer(), &small_target(), hasty(Recovery::BeginAgain), &mut (&mut log, &mut told))
+        .block_on()
+        .unwrap();
     assert_eq!(told.0.iter().map(|start| start.step).collect::<Vec<_>>(), [50]);
     assert_eq!(fitted.summary.fresh_starts, told.0);
     assert_eq!(log.rows().iter().filter_map(|row| row.fresh_start).collect::<Vec<_>>(), told.0);
     assert!(told.0.iter().all(|start| start.loss > start.first && start.first > 0.0));
-    let never = fit(&rasterizer(), &small_target(), hasty(Recovery::Never), &mut ()).unwrap();
+    let never = fit(&rasterizer(), &small_target(), hasty(Recovery::Never), &mut ()).block_on().unwrap();
     assert!(never.summary.fresh_starts.is_empty());
     assert!(never.summary.l1 > 1.2 * fitted.summary.l1, "{} and {}", never.summary.l1, fitted.summary.l1);
 }
@@ -54,11 +57,11 @@ fn a_failed_fit_begins_again_and_says_so() {
 fn a_fit_that_has_failed_at_its_end_ends_with_its_first_gaussians() {
     let (rasterizer, target) = (rasterizer(), small_target());
     let settings = FitSettings { iterations: 50, ..hasty(Recovery::BeginAgain) };
-    let mut trainer = Trainer::new(&rasterizer, &target, settings).unwrap();
-    let start = trainer.scene().unwrap();
-    trainer.run(&mut ()).unwrap();
+    let mut trainer = Trainer::new(&rasterizer, &target, settings).block_on().unwrap();
+    let start = trainer.scene().block_on().unwrap();
+    trainer.run(&mut ()).block_on().unwrap();
     assert_eq!(trainer.fresh_starts().len(), 1);
-    assert_eq!(trainer.scene().unwrap(), start);
+    assert_eq!(trainer.scene().block_on().unwrap(), start);
 }
 
 #[test]
@@ -67,11 +70,11 @@ fn the_summary_of_a_fit_that_went_back_is_that_of_the_scene_it_went_back_to() {
     let mut settings = FitSettings { iterations: 50, ..hasty(Recovery::BeginAgain) };
     (settings.adam.color.learning_rate, settings.adam.mean.learning_rate) = (1e6, 0.2);
     (settings.rounds, settings.policy) = (Rounds::until(10, 40), Policy::from_name("percentile").unwrap());
-    let mut trainer = Trainer::new(&rasterizer, &target, settings.clone()).unwrap();
-    let (start, first) = (trainer.scene().unwrap(), trainer.summary().unwrap());
-    trainer.run(&mut ()).unwrap();
-    let last = trainer.summary().unwrap();
-    assert_eq!((trainer.scene().unwrap(), last.fresh_starts.len()), (start, 1));
+    let mut trainer = Trainer::new(&rasterizer, &target, settings.clone()).block_on().unwrap();
+    let (start, first) = (trainer.scene().block_on().unwrap(), trainer.summary().block_on().unwrap());
+    trainer.run(&mut ()).block_on().unwrap();
+    let last = trainer.summary().block_on().unwrap();
+    assert_eq!((trainer.scene().block_on().unwrap(), last.fresh_starts.len()), (start, 1));
     assert!(trainer.loss() > last.loss, "that of the Gaussians that were thrown away");
     assert_eq!((last.loss, last.edits, last.gaussians), (first.loss, EditCounts::default(), 20));
     assert_eq!(
@@ -86,7 +89,7 @@ fn the_summary_of_a_fit_that_went_back_is_that_of_the_scene_it_went_back_to() {
 fn a_scene_that_shows_no_error_has_not_failed() {
     let (rasterizer, grey) = (rasterizer(), gs_core::Image::filled(40, 30, [0.25, 0.5, 0.75]).unwrap());
     let settings = FitSettings::for_image(60, grey.size(), 100).before_flat_color(&grey);
-    let summary = fit(&rasterizer, &grey, settings, &mut ()).unwrap().summary;
+    let summary = fit(&rasterizer, &grey, settings, &mut ()).block_on().unwrap().summary;
     assert_eq!((summary.fresh_starts.len(), summary.gaussians), (0, 60), "{summary:?}");
 }
 
@@ -95,7 +98,8 @@ fn a_fit_that_goes_well_is_bit_for_bit_that_which_nobody_watches() {
     for blend in [Blend::Sum, Blend::Over] {
         let watched = FitSettings { iterations: 120, ..small_fit(blend) };
         let alone = FitSettings { recovery: Recovery::Never, ..watched.clone() };
-        let [watched, alone] = [watched, alone].map(|it| fit(&rasterizer(), &small_target(), it, &mut ()).unwrap());
+        let [watched, alone] =
+            [watched, alone].map(|it| fit(&rasterizer(), &small_target(), it, &mut ()).block_on().unwrap());
         assert_eq!(watched.scene, alone.scene);
         assert!(watched.summary.fresh_starts.is_empty());
     }
@@ -119,9 +123,9 @@ fn a_training_whose_opacities_are_reset_is_not_taken_for_one_that_failed() {
     let alone = TrainSettings { recovery: Recovery::Never, ..settings.clone() };
     let [watched, alone] = [settings, alone].map(|settings| {
         let views = space::views(&rasterizer);
-        let mut trainer = Trainer3d::from_views(&rasterizer, views, Start::Random, settings).unwrap();
-        trainer.run(&mut ()).unwrap();
-        (trainer.scene().unwrap(), trainer.fresh_starts().len())
+        let mut trainer = Trainer3d::from_views(&rasterizer, views, Start::Random, settings).block_on().unwrap();
+        trainer.run(&mut ()).block_on().unwrap();
+        (trainer.scene().block_on().unwrap(), trainer.fresh_starts().len())
     });
     assert_eq!(watched.1, 0);
     assert!(watched.0 == alone.0);
@@ -147,26 +151,26 @@ fn a_fit_that_fails_again_and_again_goes_on_without_density_control() {
     settings.adam.mean.learning_rate = 1e6;
     let mut steps = Steps::default();
     let rasterizer = rasterizer();
-    let mut trainer = Trainer::new(&rasterizer, &small_target(), settings).unwrap();
-    let start = trainer.scene().unwrap();
-    trainer.run(&mut steps).unwrap();
+    let mut trainer = Trainer::new(&rasterizer, &small_target(), settings).block_on().unwrap();
+    let start = trainer.scene().block_on().unwrap();
+    trainer.run(&mut steps).block_on().unwrap();
     assert_eq!(steps.fresh_starts, [50, 100, 150, 200, 250], "a thousandth of these rates is too much, too");
     assert_eq!(steps.rounds, [20, 40, 60, 80, 100]);
-    assert_eq!(trainer.scene().unwrap(), start);
+    assert_eq!(trainer.scene().block_on().unwrap(), start);
 }
 
 #[test]
 fn a_fit_that_is_resumed_after_it_began_again_ends_as_one_that_was_not_stopped() {
     let (rasterizer, target) = (rasterizer(), small_target());
     let settings = FitSettings { rebin_every: 1, ..hasty(Recovery::BeginAgain) };
-    let mut trainer = Trainer::new(&rasterizer, &target, settings).unwrap();
-    assert_eq!(trainer.run(&mut StopAt(60)).unwrap(), Outcome::Stopped);
+    let mut trainer = Trainer::new(&rasterizer, &target, settings).block_on().unwrap();
+    assert_eq!(trainer.run(&mut StopAt(60)).block_on().unwrap(), Outcome::Stopped);
     assert_eq!(trainer.fresh_starts().len(), 1);
-    let checkpoint = trainer.checkpoint().unwrap();
-    trainer.run(&mut ()).unwrap();
+    let checkpoint = trainer.checkpoint().block_on().unwrap();
+    trainer.run(&mut ()).block_on().unwrap();
     let mut resumed = Trainer::resume(&rasterizer, &target, checkpoint).unwrap();
-    resumed.run(&mut ()).unwrap();
-    assert_eq!(resumed.scene().unwrap(), trainer.scene().unwrap(), "its steps are as short");
+    resumed.run(&mut ()).block_on().unwrap();
+    assert_eq!(resumed.scene().block_on().unwrap(), trainer.scene().block_on().unwrap(), "its steps are as short");
     assert_eq!(resumed.fresh_starts(), trainer.fresh_starts());
 }
 
@@ -176,15 +180,15 @@ fn a_resumed_fit_goes_back_to_what_it_was_resumed_with() {
     let calm = FitSettings { rebin_every: 1, iterations: 50, ..hasty(Recovery::BeginAgain) };
     let mut settings = calm.clone();
     settings.adam.mean.learning_rate = 0.2;
-    let mut trainer = Trainer::new(&rasterizer, &target, settings.clone()).unwrap();
-    trainer.run(&mut StopAt(7)).unwrap();
-    let (mut checkpoint, kept) = (trainer.checkpoint().unwrap(), trainer.scene().unwrap());
+    let mut trainer = Trainer::new(&rasterizer, &target, settings.clone()).block_on().unwrap();
+    trainer.run(&mut StopAt(7)).block_on().unwrap();
+    let (mut checkpoint, kept) = (trainer.checkpoint().block_on().unwrap(), trainer.scene().block_on().unwrap());
     // From here on, it is hasty.
     let hasty = checkpoint.metadata["settings"].replace("learning-rate = 0.2", "learning-rate = 200.0");
     assert_ne!(checkpoint.metadata["settings"], hasty);
     checkpoint.metadata.insert("settings".to_owned(), hasty);
     let mut resumed = Trainer::resume(&rasterizer, &target, checkpoint).unwrap();
-    resumed.run(&mut ()).unwrap();
+    resumed.run(&mut ()).block_on().unwrap();
     assert_eq!(resumed.fresh_starts().len(), 1);
-    assert_eq!(resumed.scene().unwrap(), kept);
+    assert_eq!(resumed.scene().block_on().unwrap(), kept);
 }

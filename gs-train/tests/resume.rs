@@ -6,6 +6,7 @@ use gs_conformance::bits::bits;
 use gs_core::{Blend, Image, Parameterization, SplatsState};
 use gs_density::Policy;
 use gs_train::{Control, Error, FitSettings, MetricsLog, Observer, Outcome, Progress, Rounds, Trainer};
+use pollster::FutureExt as _;
 use scenes::{rasterizer, small_fit, small_target};
 
 /// Stops at given steps, or at the first possible one after.
@@ -19,9 +20,9 @@ impl Observer for StopAt {
 
 fn end_state(settings: FitSettings, target: &Image) -> SplatsState {
     let rasterizer = rasterizer();
-    let mut trainer = Trainer::new(&rasterizer, target, settings).unwrap();
-    assert_eq!(trainer.run(&mut ()).unwrap(), Outcome::Finished);
-    trainer.checkpoint().unwrap().state
+    let mut trainer = Trainer::new(&rasterizer, target, settings).block_on().unwrap();
+    assert_eq!(trainer.run(&mut ()).block_on().unwrap(), Outcome::Finished);
+    trainer.checkpoint().block_on().unwrap().state
 }
 
 /// Stops and resumes, through a file each time and on a rasterizer of its own, until the end.
@@ -30,16 +31,16 @@ fn end_state_in_pieces(settings: FitSettings, target: &Image, stops: &[u32]) -> 
     let file = folder.path().join("checkpoint.safetensors");
     let mut observer = StopAt(stops.to_vec());
     let first = rasterizer();
-    let mut trainer = Trainer::new(&first, target, settings).unwrap();
-    let mut outcome = trainer.run(&mut observer).unwrap();
-    let mut checkpoint = trainer.checkpoint().unwrap();
+    let mut trainer = Trainer::new(&first, target, settings).block_on().unwrap();
+    let mut outcome = trainer.run(&mut observer).block_on().unwrap();
+    let mut checkpoint = trainer.checkpoint().block_on().unwrap();
     let mut pieces = 1;
     while outcome == Outcome::Stopped {
         gs_io::write_checkpoint(&file, &checkpoint).unwrap();
         let rasterizer = rasterizer();
         let mut trainer = Trainer::resume(&rasterizer, target, gs_io::read_checkpoint(&file).unwrap()).unwrap();
-        outcome = trainer.run(&mut observer).unwrap();
-        checkpoint = trainer.checkpoint().unwrap();
+        outcome = trainer.run(&mut observer).block_on().unwrap();
+        checkpoint = trainer.checkpoint().block_on().unwrap();
         pieces += 1;
     }
     assert_eq!(pieces, stops.len() + 1);
@@ -67,19 +68,19 @@ fn a_resumed_run_ends_bit_identical_in_both_charts_and_blends() {
 fn stopping_waits_for_a_step_that_bins_afresh() {
     let rasterizer = rasterizer();
     let settings = FitSettings { rounds: Rounds::NEVER, ..small_fit(Blend::Sum) };
-    let mut trainer = Trainer::new(&rasterizer, &small_target(), settings).unwrap();
-    assert_eq!(trainer.run(&mut StopAt(vec![5])).unwrap(), Outcome::Stopped);
+    let mut trainer = Trainer::new(&rasterizer, &small_target(), settings).block_on().unwrap();
+    assert_eq!(trainer.run(&mut StopAt(vec![5])).block_on().unwrap(), Outcome::Stopped);
     assert_eq!(trainer.step(), 8);
-    trainer.step_once().unwrap();
-    assert!(matches!(trainer.checkpoint(), Err(Error::BetweenCheckpoints { step: 9, next: 12 })));
+    trainer.step_once().block_on().unwrap();
+    assert!(matches!(trainer.checkpoint().block_on(), Err(Error::BetweenCheckpoints { step: 9, next: 12 })));
 }
 
 #[test]
 fn another_target_is_refused() {
     let rasterizer = rasterizer();
     let target = small_target();
-    let mut trainer = Trainer::new(&rasterizer, &target, small_fit(Blend::Sum)).unwrap();
-    let checkpoint = trainer.checkpoint().unwrap();
+    let mut trainer = Trainer::new(&rasterizer, &target, small_fit(Blend::Sum)).block_on().unwrap();
+    let checkpoint = trainer.checkpoint().block_on().unwrap();
     let mut other = target.clone();
     other.pixels_mut()[7][1] += 0.25;
     let wider = Image::filled(target.width() + 1, target.height(), [0.5; 3]).unwrap();
@@ -94,7 +95,8 @@ fn another_target_is_refused() {
 fn a_checkpoint_of_something_else_is_refused() {
     let rasterizer = rasterizer();
     let target = small_target();
-    let checkpoint = Trainer::new(&rasterizer, &target, small_fit(Blend::Sum)).unwrap().checkpoint().unwrap();
+    let checkpoint =
+        Trainer::new(&rasterizer, &target, small_fit(Blend::Sum)).block_on().unwrap().checkpoint().block_on().unwrap();
     let mut foreign = checkpoint.clone();
     foreign.metadata.clear();
     assert!(matches!(Trainer::resume(&rasterizer, &target, foreign), Err(Error::Checkpoint(_))));
@@ -113,18 +115,18 @@ fn the_log_of_a_resumed_fit_begins_with_the_rows_of_its_checkpoint() {
     }
     let (rasterizer, target, settings) = (rasterizer(), small_target(), small_fit(Blend::Sum));
     let mut whole = MetricsLog::new(7);
-    Trainer::new(&rasterizer, &target, settings.clone()).unwrap().run(&mut whole).unwrap();
+    Trainer::new(&rasterizer, &target, settings.clone()).block_on().unwrap().run(&mut whole).block_on().unwrap();
 
     let mut log = MetricsLog::new(7);
-    let mut trainer = Trainer::new(&rasterizer, &target, settings).unwrap();
-    assert_eq!(trainer.run(&mut (&mut log, StopAt(vec![15]))).unwrap(), Outcome::Stopped);
-    let unwatched = trainer.checkpoint().unwrap();
+    let mut trainer = Trainer::new(&rasterizer, &target, settings).block_on().unwrap();
+    assert_eq!(trainer.run(&mut (&mut log, StopAt(vec![15]))).block_on().unwrap(), Outcome::Stopped);
+    let unwatched = trainer.checkpoint().block_on().unwrap();
     let mut checkpoint = unwatched.clone();
     log.on_checkpoint(&mut checkpoint).unwrap();
 
     let mut resumed = MetricsLog::new(7).resumed(&checkpoint.metadata).unwrap();
     assert_eq!(table(&resumed), table(&log));
-    Trainer::resume(&rasterizer, &target, checkpoint.clone()).unwrap().run(&mut resumed).unwrap();
+    Trainer::resume(&rasterizer, &target, checkpoint.clone()).unwrap().run(&mut resumed).block_on().unwrap();
     assert_eq!(table(&resumed), table(&whole));
 
     assert!(MetricsLog::new(7).resumed(&unwatched.metadata).unwrap().rows().is_empty());

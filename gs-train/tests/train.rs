@@ -13,13 +13,14 @@ use gs_train::{
     Control, Error, MetricsLog, Observer, Outcome, Progress, TrainSettings, Trainer3d,
     train::{DRIFT_DB, Evaluation, PosedView, Resolution, Start, StepBackground, TrainSummary, Views, evaluate},
 };
+use pollster::FutureExt as _;
 use space::{LENS, changed, rasterizer, render, short, thirty, views};
 
 fn trained(settings: TrainSettings, views: Views, start: Start) -> (Scene3d, Evaluation) {
     let rasterizer = rasterizer();
-    let mut trainer = Trainer3d::from_views(&rasterizer, views, start, settings).unwrap();
-    assert_eq!(trainer.run(&mut ()).unwrap(), Outcome::Finished);
-    (trainer.scene().unwrap(), trainer.evaluate(&mut |_, _| Ok(())).unwrap())
+    let mut trainer = Trainer3d::from_views(&rasterizer, views, start, settings).block_on().unwrap();
+    assert_eq!(trainer.run(&mut ()).block_on().unwrap(), Outcome::Finished);
+    (trainer.scene().block_on().unwrap(), trainer.evaluate(&mut |_, _| Ok(())).block_on().unwrap())
 }
 
 /// The parameters' bits, so that −0 is not 0 and NaN is itself.
@@ -53,7 +54,7 @@ fn a_scene_comes_back_from_its_pictures() {
 #[test]
 fn the_true_scene_is_perfect_and_stays_so() {
     let rasterizer = rasterizer();
-    let judged = evaluate(&rasterizer, &thirty(), &views(&rasterizer).test, &render()).unwrap();
+    let judged = evaluate(&rasterizer, &thirty(), &views(&rasterizer).test, &render()).block_on().unwrap();
     // Its photographs are floats, from which rounding to 8 bits alone is 58.9 dB away.
     assert!(judged.psnr > 58.5, "{judged:?}");
     let mut settings = short(30);
@@ -67,10 +68,11 @@ fn equal_seeds_give_equal_scenes_and_watching_changes_nothing() {
     let rasterizer = rasterizer();
     let run = |seed: u32, observer: &mut dyn Observer| {
         let settings = TrainSettings { seed, background: StepBackground::Random, ..short(60) };
-        let mut trainer = Trainer3d::from_views(&rasterizer, views(&rasterizer), Start::Random, settings).unwrap();
-        trainer.run(observer).unwrap();
+        let mut trainer =
+            Trainer3d::from_views(&rasterizer, views(&rasterizer), Start::Random, settings).block_on().unwrap();
+        trainer.run(observer).block_on().unwrap();
         assert!(trainer.edits().added() > 0, "nothing grew");
-        bits(&trainer.scene().unwrap())
+        bits(&trainer.scene().block_on().unwrap())
     };
     let mut log = MetricsLog::new(7);
     let scene = run(1, &mut ());
@@ -93,7 +95,7 @@ impl Observer for StopAt {
 #[test]
 fn a_resumed_training_ends_bit_identical() {
     let bits_of = |trainer: &mut Trainer3d<'_, gs_cpu::CpuRasterizer>| -> Vec<(String, Vec<u32>)> {
-        let state = trainer.checkpoint().unwrap().state;
+        let state = trainer.checkpoint().block_on().unwrap().state;
         let bits = |data: &TensorData| match data {
             TensorData::F32(values) => values.iter().map(|v| v.to_bits()).collect(),
             TensorData::U32(values) => values.clone(),
@@ -105,15 +107,16 @@ fn a_resumed_training_ends_bit_identical() {
         settings.background = StepBackground::Random;
         settings.resolution = Resolution::CoarseToFine { from: 2, full_after: 0.5 };
         let first = rasterizer();
-        let mut whole = Trainer3d::from_views(&first, views(&first), Start::Random, settings.clone()).unwrap();
-        whole.run(&mut ()).unwrap();
+        let mut whole =
+            Trainer3d::from_views(&first, views(&first), Start::Random, settings.clone()).block_on().unwrap();
+        whole.run(&mut ()).block_on().unwrap();
 
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("checkpoint.safetensors");
         let mut stops = StopAt(vec![1, 17, 30, 44]);
-        let mut trainer = Trainer3d::from_views(&first, views(&first), Start::Random, settings).unwrap();
-        let mut outcome = trainer.run(&mut stops).unwrap();
-        let mut checkpoint = trainer.checkpoint().unwrap();
+        let mut trainer = Trainer3d::from_views(&first, views(&first), Start::Random, settings).block_on().unwrap();
+        let mut outcome = trainer.run(&mut stops).block_on().unwrap();
+        let mut checkpoint = trainer.checkpoint().block_on().unwrap();
         let mut pieces = 1;
         let last = loop {
             gs_io::write_checkpoint(&file, &checkpoint).unwrap();
@@ -123,8 +126,8 @@ fn a_resumed_training_ends_bit_identical() {
             if outcome == Outcome::Finished {
                 break bits_of(&mut resumed);
             }
-            outcome = resumed.run(&mut stops).unwrap();
-            checkpoint = resumed.checkpoint().unwrap();
+            outcome = resumed.run(&mut stops).block_on().unwrap();
+            checkpoint = resumed.checkpoint().block_on().unwrap();
             pieces += 1;
         };
         assert_eq!(pieces, 5);
@@ -135,8 +138,8 @@ fn a_resumed_training_ends_bit_identical() {
 #[test]
 fn a_checkpoint_of_other_views_or_of_an_image_is_refused() {
     let rasterizer = rasterizer();
-    let start = || Trainer3d::from_views(&rasterizer, views(&rasterizer), Start::Random, short(20)).unwrap();
-    let checkpoint = start().checkpoint().unwrap();
+    let start = || Trainer3d::from_views(&rasterizer, views(&rasterizer), Start::Random, short(20)).block_on().unwrap();
+    let checkpoint = start().checkpoint().block_on().unwrap();
     let mut fewer = views(&rasterizer);
     fewer.train.pop();
     let refused = Trainer3d::resume_views(&rasterizer, fewer, checkpoint.clone()).unwrap_err();
@@ -185,10 +188,10 @@ fn the_loss_of_a_masked_step_is_told_in_its_place() {
         PosedImage { mask, ..photograph }
     });
     let losses = |views| {
-        let mut trainer = Trainer3d::from_views(&rasterizer, views, Start::Random, short(24)).unwrap();
+        let mut trainer = Trainer3d::from_views(&rasterizer, views, Start::Random, short(24)).block_on().unwrap();
         let mut losses = Vec::new();
         while !trainer.is_finished() {
-            trainer.step_once().unwrap();
+            trainer.step_once().block_on().unwrap();
             losses.extend_from_slice(trainer.new_losses().1);
         }
         losses
@@ -232,7 +235,7 @@ fn every_policy_trains_within_its_budget() {
         let settings = short(60).with_policy(Policy::from_name(name).unwrap());
         if ["residual", "image-gs"].contains(&name) {
             let refused = Trainer3d::from_views(&rasterizer, views(&rasterizer), Start::Random, settings);
-            assert!(refused.unwrap_err().to_string().contains(name));
+            assert!(refused.block_on().unwrap_err().to_string().contains(name));
             continue;
         }
         let (scene, evaluation) = of(settings);
@@ -273,14 +276,15 @@ fn sparse_steps_train_too() {
 fn views_that_see_nothing_and_steps_that_are_over_are_errors() {
     let rasterizer = rasterizer();
     let behind = Start::Points(vec![Point { position: glam::Vec3::new(0.0, 0.0, 1e3), color: [0.5; 3] }]);
-    let refused = Trainer3d::from_views(&rasterizer, views(&rasterizer), behind, short(20)).unwrap_err();
+    let refused = Trainer3d::from_views(&rasterizer, views(&rasterizer), behind, short(20)).block_on().unwrap_err();
     assert!(matches!(refused, Error::NothingInView { .. }), "{refused}");
     let none = Views::new(Vec::new(), Vec::new());
-    let refused = Trainer3d::from_views(&rasterizer, none, Start::Random, short(20)).unwrap_err();
+    let refused = Trainer3d::from_views(&rasterizer, none, Start::Random, short(20)).block_on().unwrap_err();
     assert!(refused.to_string().contains("views to train with"), "{refused}");
-    let mut trainer = Trainer3d::from_views(&rasterizer, views(&rasterizer), Start::Random, short(1)).unwrap();
-    trainer.step_once().unwrap();
-    assert!(matches!(trainer.step_once(), Err(Error::Finished { iterations: 1 })));
+    let mut trainer =
+        Trainer3d::from_views(&rasterizer, views(&rasterizer), Start::Random, short(1)).block_on().unwrap();
+    trainer.step_once().block_on().unwrap();
+    assert!(matches!(trainer.step_once().block_on(), Err(Error::Finished { iterations: 1 })));
 }
 
 #[test]
@@ -305,7 +309,7 @@ fn a_test_view_of_which_no_pixel_counts_is_in_no_mean() {
     // Not the scene that was photographed, whose PSNR is infinite.
     let mut fainter = thirty();
     fainter.opacity_logits.iter_mut().for_each(|logit| *logit -= 0.5);
-    let judged = |hidden| evaluate(&rasterizer, &fainter, &masked(hidden).test, &render());
+    let judged = |hidden| evaluate(&rasterizer, &fainter, &masked(hidden).test, &render()).block_on();
     let two = judged(1).unwrap();
     assert_eq!((two.views.len(), two.unmeasured.as_slice()), (2, &["view-12".to_owned()][..]));
     let all = judged(0).unwrap();
@@ -313,7 +317,11 @@ fn a_test_view_of_which_no_pixel_counts_is_in_no_mean() {
     assert!(matches!(judged(3), Err(Error::NothingCounts { views: 3 })));
     // While it trains, too.
     let quality = |hidden| {
-        Trainer3d::from_views(&rasterizer, masked(hidden), Start::Scene(fainter.clone()), short(40)).unwrap().quality()
+        Trainer3d::from_views(&rasterizer, masked(hidden), Start::Scene(fainter.clone()), short(40))
+            .block_on()
+            .unwrap()
+            .quality()
+            .block_on()
     };
     assert!(quality(2).unwrap().psnr.is_finite());
     assert!(matches!(quality(3), Err(Error::NothingCounts { views: 3 })));
@@ -326,10 +334,10 @@ fn the_summary_holds_how_well_the_views_are_fitted_that_it_trained_with() {
     fainter.opacity_logits.iter_mut().for_each(|logit| *logit -= 0.5);
     let summary = |views: Views, iterations| {
         let start = Start::Scene(fainter.clone());
-        let mut trainer = Trainer3d::from_views(&rasterizer, views, start, short(iterations)).unwrap();
-        trainer.run(&mut ()).unwrap();
-        let evaluation = trainer.evaluate(&mut |_, _| Ok(())).unwrap();
-        TrainSummary::new(&trainer, evaluation).unwrap()
+        let mut trainer = Trainer3d::from_views(&rasterizer, views, start, short(iterations)).block_on().unwrap();
+        trainer.run(&mut ()).block_on().unwrap();
+        let evaluation = trainer.evaluate(&mut |_, _| Ok(())).block_on().unwrap();
+        TrainSummary::new(&trainer, evaluation).block_on().unwrap()
     };
     let usual = summary(views(&rasterizer), 0);
     let training = usual.training.unwrap();
@@ -338,7 +346,7 @@ fn the_summary_holds_how_well_the_views_are_fitted_that_it_trained_with() {
         sampled.train.into_iter().enumerate().filter_map(|(i, view)| expected.contains(&i).then_some(view)).collect();
     let mut shown = render();
     shown.effects.sh_degree = 0;
-    let judged = evaluate(&rasterizer, &fainter, &sample, &shown).unwrap();
+    let judged = evaluate(&rasterizer, &fainter, &sample, &shown).block_on().unwrap();
     assert_eq!(training.views, 3, "as many as are held out");
     assert!((training.psnr.unwrap() - judged.psnr).abs() < 1e-3, "{training:?} {judged:?}");
     assert!(usual.loss == Some(training.loss) && training.loss > 0.0 && usual.drift().is_none(), "{training:?}");
@@ -358,9 +366,10 @@ fn the_summary_holds_how_well_the_views_are_fitted_that_it_trained_with() {
     let told = drifted.shortfall.as_ref().expect("one round is too few");
     assert_eq!((told.gaussians, told.budget), (drifted.gaussians, 600));
     let settings = TrainSettings { gaussians: TrainSettings::default().gaussians, ..short(4) };
-    let trainer = Trainer3d::from_views(&rasterizer, views(&rasterizer), Start::Scene(thirty()), settings).unwrap();
-    let evaluation = trainer.evaluate(&mut |_, _| Ok(())).unwrap();
-    assert_eq!(TrainSummary::new(&trainer, evaluation).unwrap().shortfall, None);
+    let trainer =
+        Trainer3d::from_views(&rasterizer, views(&rasterizer), Start::Scene(thirty()), settings).block_on().unwrap();
+    let evaluation = trainer.evaluate(&mut |_, _| Ok(())).block_on().unwrap();
+    assert_eq!(TrainSummary::new(&trainer, evaluation).block_on().unwrap().shortfall, None);
 }
 
 #[test]
@@ -368,11 +377,14 @@ fn a_training_in_space_that_diverges_names_step_and_gaussian() {
     let rasterizer = rasterizer();
     let mut settings = short(40);
     (settings.adam.color.learning_rate, settings.rounds) = (1e38, gs_train::Rounds::NEVER);
-    let mut trainer = Trainer3d::from_views(&rasterizer, views(&rasterizer), Start::Scene(thirty()), settings).unwrap();
-    let Err(Error::Diverged { step, loss, suspect }) = trainer.run(&mut ()) else { panic!("it did not diverge") };
+    let mut trainer =
+        Trainer3d::from_views(&rasterizer, views(&rasterizer), Start::Scene(thirty()), settings).block_on().unwrap();
+    let Err(Error::Diverged { step, loss, suspect }) = trainer.run(&mut ()).block_on() else {
+        panic!("it did not diverge")
+    };
     assert!(!loss.is_finite() && (1..=40).contains(&step));
     let suspect = suspect.expect("there are Gaussians");
     assert!(suspect.index < 30 && suspect.to_string().contains("harmonics"), "{suspect}");
     // No checkpoint is made of what came of it.
-    assert!(matches!(trainer.checkpoint(), Err(Error::Diverged { .. })));
+    assert!(matches!(trainer.checkpoint().block_on(), Err(Error::Diverged { .. })));
 }

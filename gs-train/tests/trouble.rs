@@ -5,6 +5,7 @@ mod scenes;
 use gs_core::{Blend, Parameterization, Scene};
 use gs_density::Policy;
 use gs_train::{Clamped, Control, FitSettings, MetricsLog, Observer, Progress, Recovery, Rounds, fit};
+use pollster::FutureExt as _;
 use scenes::{rasterizer, small_fit, small_target};
 
 /// What an observer is told of Gaussians that are not finite.
@@ -35,7 +36,7 @@ fn gaussians_that_stop_being_finite_are_counted_everywhere_and_removed() {
                 FitSettings { rounds, recovery, parameterization: Parameterization::ScaleRotation, ..small_fit(blend) };
             settings.adam.mean.learning_rate = 2e38;
             let (mut log, mut told) = (MetricsLog::new(1), Told::default());
-            let result = fit(&rasterizer(), &small_target(), settings, &mut (&mut log, &mut told)).unwrap();
+            let result = fit(&rasterizer(), &small_target(), settings, &mut (&mut log, &mut told)).block_on().unwrap();
             assert!(
                 told.left_out > 0 && told.removed > 0,
                 "{blend:?}, {rounds:?}: {}, {}",
@@ -58,7 +59,7 @@ fn scales_that_bounds_hold_are_counted() {
         let mut settings = FitSettings { policy: Policy::None, rounds: Rounds::NEVER, ..small_fit(Blend::Sum) };
         (settings.adam.min_scale, settings.adam.max_scale) = bounds;
         let mut log = MetricsLog::new(10);
-        let result = fit(&rasterizer(), &small_target(), settings, &mut log).unwrap();
+        let result = fit(&rasterizer(), &small_target(), settings, &mut log).block_on().unwrap();
         assert_eq!(log.rows().last().unwrap().clamped, Some(result.summary.clamped));
         result.summary.clamped
     };

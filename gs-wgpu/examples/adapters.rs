@@ -3,7 +3,7 @@
 #![allow(clippy::print_stdout)]
 
 fn main() -> std::process::ExitCode {
-    let adapters = gs_wgpu::adapters();
+    let adapters = pollster::block_on(gs_wgpu::adapters());
     adapters.iter().for_each(|adapter| println!("{adapter}"));
     if adapters.is_empty() { std::process::ExitCode::FAILURE } else { std::process::ExitCode::SUCCESS }
 }

@@ -34,7 +34,8 @@ impl fmt::Display for AdapterSummary {
 
 fn instance() -> wgpu::Instance {
     // Not OpenGL: as a silent fallback it takes minutes to compile what it then runs slowly.
-    let backends = wgpu::Backends::VULKAN | wgpu::Backends::METAL | wgpu::Backends::DX12;
+    let backends =
+        wgpu::Backends::VULKAN | wgpu::Backends::METAL | wgpu::Backends::DX12 | wgpu::Backends::BROWSER_WEBGPU;
     let defaults = wgpu::InstanceDescriptor::new_without_display_handle();
     // Indirect dispatches are ours alone, and `sizes.wgsl` keeps them within limits; checking each would take a dispatch of its own.
     let flags = defaults.flags.difference(wgpu::InstanceFlags::VALIDATION_INDIRECT_CALL);
@@ -65,20 +66,25 @@ fn rank(info: &wgpu::AdapterInfo) -> u32 {
     }
 }
 
-fn found(instance: &wgpu::Instance) -> Vec<wgpu::Adapter> {
-    let mut adapters = pollster::block_on(instance.enumerate_adapters(wgpu::Backends::all()));
+/// What a device must allow.
+pub(crate) fn least_limits() -> wgpu::Limits {
+    wgpu::Limits::default()
+}
+
+async fn found(instance: &wgpu::Instance) -> Vec<wgpu::Adapter> {
+    let mut adapters = instance.enumerate_adapters(wgpu::Backends::all()).await;
     adapters.sort_by_key(|a| rank(&a.get_info()));
     adapters
 }
 
 /// The adapters of this machine, the one that is taken unless another is named first.
-pub fn adapters() -> Vec<AdapterSummary> {
-    found(&instance()).iter().map(|a| summary_of(&a.get_info())).collect()
+pub async fn adapters() -> Vec<AdapterSummary> {
+    found(&instance()).await.iter().map(|a| summary_of(&a.get_info())).collect()
 }
 
 /// The adapter whose name contains `wanted`, or the fastest kind there is; and why it.
-pub(crate) fn choose(wanted: Option<&str>) -> Result<(wgpu::Adapter, String), Error> {
-    let mut adapters = found(&instance());
+pub(crate) async fn choose(wanted: Option<&str>) -> Result<(wgpu::Adapter, String), Error> {
+    let mut adapters = found(&instance()).await;
     let (index, reason) = match wanted {
         _ if adapters.is_empty() => {
             let none = "no adapter was found (looked for Vulkan, Metal and DirectX 12)";

@@ -43,7 +43,7 @@ impl Tiles {
         let image = &self.image.buffer;
         // An image that is differentiated itself is compared with nothing, and nothing is collected of it.
         let (v_image, target) = match of {
-            Differentiated::Loss(target) => (&self.v_image.buffer, &target.buffer),
+            Differentiated::Loss(target) => (&self.v_image.buffer, self.compared(target)),
             Differentiated::Image => (image, image),
         };
         let errors = variant.collected == Collected::PixelErrors;

@@ -49,16 +49,15 @@ impl<S: SceneKind> ForwardPass<S> {
         self.workspace.as_ref().expect("a forward pass has its workspace until it is dropped")
     }
 
-    pub(crate) fn image(&self, gpu: &Gpu) -> Result<Image, Error> {
+    pub(crate) async fn image(&self, gpu: &Gpu) -> Result<Image, Error> {
         let tiles = &self.workspace().tiles;
         let [width, height] = tiles.size;
-        let pixels: Vec<[f32; 4]> = gpu.read(&tiles.image.buffer, width as usize * height as usize)?;
+        let pixels: Vec<[f32; 4]> = gpu.read(&tiles.image.buffer, width as usize * height as usize).await?;
         Image::from_pixels(width, height, pixels.into_iter().map(|[r, g, b, _]| [r, g, b]).collect())
     }
 
     pub(crate) fn culled(&self) -> Culled {
-        let Status { not_finite, near, degenerate, transparent, outside, .. } = self.status;
-        Culled { not_finite, near, degenerate, transparent, outside }
+        self.status.culled()
     }
 
     /// Entries of all tiles' lists: one per Gaussian and tile of 16×16 px that it touches.

@@ -3,18 +3,22 @@
 use std::{
     collections::HashMap,
     fmt,
+    pin::pin,
     sync::{
         Arc, Mutex, PoisonError,
         atomic::{AtomicU64, Ordering},
     },
-    time::Duration,
+    task::{Context, Poll, Waker},
 };
 
 use gs_core::Error;
 use wgpu::util::{BufferInitDescriptor, DeviceExt};
 
+#[cfg(not(target_family = "wasm"))]
+use crate::answer::Poller;
 use crate::{
     adapter::{self, AdapterSummary},
+    answer::Answer,
     shaders::{Kernels, SORT_BITS, Variant, shader_of},
 };
 
@@ -69,11 +73,26 @@ impl WgpuSettings {
     }
 }
 
-/// How long the device may take to hand over what it has finished.
-pub(crate) const MOST_PATIENCE: Duration = Duration::from_secs(60);
-
 pub(crate) fn backend_error(message: impl Into<String>) -> Error {
     Error::Backend { backend: BACKEND, message: message.into() }
+}
+
+/// What went wrong on a device, first things first.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Faults(Arc<Mutex<Option<String>>>);
+
+impl Faults {
+    pub(crate) fn note(&self, text: String) {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(text);
+    }
+
+    /// Fails if anything went wrong.
+    pub(crate) fn check(&self) -> Result<(), Error> {
+        match &*self.0.lock().unwrap_or_else(PoisonError::into_inner) {
+            None => Ok(()),
+            Some(fault) => Err(backend_error(fault.clone())),
+        }
+    }
 }
 
 /// Device, queue and pipelines of one adapter.
@@ -92,9 +111,12 @@ pub struct Gpu {
     pub(crate) kernels: Kernels,
     /// Whether fresh buffers hold NaN instead of zeros.
     poison: bool,
-    /// What went wrong on the device, first things first.
-    faults: Arc<Mutex<Option<String>>>,
+    faults: Faults,
+    #[cfg(not(target_family = "wasm"))]
+    poller: Poller,
     pipelines: Mutex<HashMap<(&'static str, Variant), Arc<wgpu::ComputePipeline>>>,
+    /// Those that write to textures of a format.
+    pub(crate) shown: Mutex<HashMap<wgpu::TextureFormat, wgpu::RenderPipeline>>,
     /// One uniform per sorting pass: how far its digit is shifted.
     pub(crate) shifts: Vec<wgpu::Buffer>,
     /// Bytes that were moved between host and device.
@@ -110,11 +132,11 @@ impl fmt::Debug for Gpu {
 }
 
 impl Gpu {
-    pub(crate) fn new(settings: &WgpuSettings) -> Result<Self, Error> {
-        let (adapter, reason) = adapter::choose(settings.adapter.as_deref())?;
+    /// Opens a device on the adapter that the settings choose.
+    pub(crate) async fn open(settings: &WgpuSettings) -> Result<Self, Error> {
+        let (adapter, reason) = adapter::choose(settings.adapter.as_deref()).await?;
         let info = adapter.get_info();
         let offered = adapter.limits();
-        let offered_features = adapter.features();
         // More than the defaults only where scenes could not grow otherwise: how large a buffer may be.
         let limits = wgpu::Limits {
             max_buffer_size: offered.max_buffer_size,
@@ -124,24 +146,52 @@ impl Gpu {
         let descriptor = wgpu::DeviceDescriptor {
             label: Some("gs-wgpu"),
             // Timestamps are for profiles only.
-            required_features: offered_features & (wgpu::Features::SUBGROUP | wgpu::Features::TIMESTAMP_QUERY),
+            required_features: adapter.features() & (wgpu::Features::SUBGROUP | wgpu::Features::TIMESTAMP_QUERY),
             required_limits: limits.clone(),
             ..wgpu::DeviceDescriptor::default()
         };
-        let (device, queue) = pollster::block_on(adapter.request_device(&descriptor))
+        let (device, queue) = adapter
+            .request_device(&descriptor)
+            .await
             .map_err(|e| backend_error(format!("{} gives no device: {e}", info.name)))?;
-        let on_cpu = info.device_type == wgpu::DeviceType::Cpu;
-        let kernels = adapter::kernels(settings.kernels, &info, offered_features)?;
-        let faults = Arc::new(Mutex::new(None));
-        let note = |faults: &Mutex<Option<String>>, text: String| {
-            faults.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(text);
-        };
-        let uncaptured = Arc::clone(&faults);
-        device.on_uncaptured_error(Arc::new(move |e: wgpu::Error| note(&uncaptured, e.to_string())));
-        let lost = Arc::clone(&faults);
+        let faults = Faults::default();
+        let uncaptured = faults.clone();
+        device.on_uncaptured_error(Arc::new(move |e: wgpu::Error| uncaptured.note(e.to_string())));
+        let lost = faults.clone();
         device.set_device_lost_callback(move |reason, text| {
-            note(&lost, format!("the device was lost ({reason:?}): {text}"))
+            lost.note(format!("the device was lost ({reason:?}): {text}"));
         });
+        Self::on(device, queue, &info, limits, faults, reason, settings)
+    }
+
+    /// Shares a device that the host program has opened, with whose own error handlers.
+    pub(crate) fn shared(device: wgpu::Device, queue: wgpu::Queue, settings: &WgpuSettings) -> Result<Self, Error> {
+        let (info, limits) = (device.adapter_info(), device.limits());
+        let mut missing = Vec::new();
+        adapter::least_limits().check_limits_with_fail_fn(&limits, false, |name, needed, found| {
+            missing.push(format!("{name} must be at least {needed} and is {found}"));
+        });
+        if !missing.is_empty() {
+            let missing = missing.join(", ");
+            return Err(backend_error(format!(
+                "the device of the host program was opened with too low limits: {missing}"
+            )));
+        }
+        let reason = "the host program's device".to_owned();
+        Self::on(device, queue, &info, limits, Faults::default(), reason, settings)
+    }
+
+    fn on(
+        device: wgpu::Device,
+        queue: wgpu::Queue,
+        info: &wgpu::AdapterInfo,
+        limits: wgpu::Limits,
+        faults: Faults,
+        reason: String,
+        settings: &WgpuSettings,
+    ) -> Result<Self, Error> {
+        let on_cpu = info.device_type == wgpu::DeviceType::Cpu;
+        let kernels = adapter::kernels(settings.kernels, info, device.features())?;
         let shift = |pass: u32| {
             let contents = [pass * SORT_BITS, 0, 0, 0];
             device.create_buffer_init(&BufferInitDescriptor {
@@ -154,7 +204,7 @@ impl Gpu {
         Ok(Self {
             device,
             queue,
-            adapter: adapter::summary_of(&info),
+            adapter: adapter::summary_of(info),
             reason,
             most_groups: settings.most_groups().min(limits.max_compute_workgroups_per_dimension),
             limits,
@@ -162,7 +212,10 @@ impl Gpu {
             kernels,
             poison: settings.poisons(),
             faults,
+            #[cfg(not(target_family = "wasm"))]
+            poller: Poller::default(),
             pipelines: Mutex::default(),
+            shown: Mutex::default(),
             shifts,
             moved: AtomicU64::new(0),
             waits: AtomicU64::new(0),
@@ -171,20 +224,14 @@ impl Gpu {
 
     /// Fails if anything went wrong on the device since it was made.
     pub(crate) fn check(&self) -> Result<(), Error> {
-        match &*self.faults.lock().unwrap_or_else(PoisonError::into_inner) {
-            None => Ok(()),
-            Some(fault) => Err(backend_error(fault.clone())),
-        }
+        self.faults.check()
     }
 
     /// Makes the device unusable, as a driver that crashes would.
     #[cfg(feature = "test-hooks")]
     pub(crate) fn lose(&self) {
         self.device.destroy();
-        self.faults
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner)
-            .get_or_insert_with(|| "the device was lost: it was destroyed".to_owned());
+        self.faults.note("the device was lost: it was destroyed".to_owned());
     }
 
     /// Work groups for so many, as rows of at most what a dispatch allows.
@@ -216,7 +263,8 @@ impl Gpu {
         // No smaller than any struct of the shaders.
         let size = bytes.max(256).next_multiple_of(16);
         let poison = self.poison && !usage.contains(wgpu::BufferUsages::MAP_READ);
-        // A scope, so that a want of memory is an error of this call alone, and the device stays usable.
+        // A scope, so that a want of memory is an error of this call alone, and the device stays usable. In a browser its outcome is not
+        // known yet when this returns: there a want of memory is an error of a later call.
         let scope = self.device.push_error_scope(wgpu::ErrorFilter::OutOfMemory);
         let buffer = self.device.create_buffer(&wgpu::BufferDescriptor {
             label: Some(label),
@@ -224,7 +272,8 @@ impl Gpu {
             usage,
             mapped_at_creation: poison,
         });
-        if pollster::block_on(scope.pop()).is_some() {
+        let popped = pin!(scope.pop()).poll(&mut Context::from_waker(Waker::noop()));
+        if let Poll::Ready(Some(_)) = popped {
             return Err(backend_error(format!(
                 "{label} need {} MiB, and {} has not so much memory left: use fewer or smaller Gaussians or a smaller canvas, or the CPU \
                  backend",
@@ -259,7 +308,7 @@ impl Gpu {
     }
 
     /// Device to host: the first `count` of a buffer, once everything before has been done.
-    pub(crate) fn read<T: bytemuck::Pod>(&self, buffer: &wgpu::Buffer, count: usize) -> Result<Vec<T>, Error> {
+    pub(crate) async fn read<T: bytemuck::Pod>(&self, buffer: &wgpu::Buffer, count: usize) -> Result<Vec<T>, Error> {
         let bytes = (count * size_of::<T>()) as u64;
         if bytes == 0 {
             return Ok(Vec::new());
@@ -267,16 +316,17 @@ impl Gpu {
         let staging = self.allocate("staging", bytes, wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST)?;
         let mut encoder = self.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
         encoder.copy_buffer_to_buffer(buffer, 0, &staging, 0, bytes.next_multiple_of(4));
-        self.queue.submit([encoder.finish()]);
-        let (tell, told) = std::sync::mpsc::channel();
-        staging.map_async(wgpu::MapMode::Read, ..bytes, move |result| {
-            // Nobody listens where waiting failed before.
-            let _ = tell.send(result);
-        });
-        self.wait()?;
-        // Another thread's waiting may be what calls back, a little later.
-        let mapped = told.recv_timeout(MOST_PATIENCE).is_ok_and(|result| result.is_ok());
+        let submission = self.queue.submit([encoder.finish()]);
+        let mapped = self.wait_for(&Self::map(&staging, bytes), &submission).await;
         self.contents(&staging, bytes, mapped, bytemuck::pod_collect_to_vec)
+    }
+
+    /// Asks for the first `bytes` of a buffer; to be called when what fills them has been submitted.
+    pub(crate) fn map(staging: &wgpu::Buffer, bytes: u64) -> Answer {
+        let answer = Answer::default();
+        let mapped = answer.clone();
+        staging.map_async(wgpu::MapMode::Read, ..bytes, move |result| mapped.give(result.is_ok()));
+        answer
     }
 
     /// Looks at the first `bytes` of a buffer that is `mapped` unless the device was lost, and gives it back to the device.
@@ -299,27 +349,24 @@ impl Gpu {
         Ok(found)
     }
 
-    /// Until everything submitted has been done.
-    pub(crate) fn wait(&self) -> Result<(), Error> {
-        self.wait_until(None)
+    /// An answer that comes when this, and what was submitted before it, has been done.
+    pub(crate) async fn wait_for(&self, answer: &Answer, submission: &wgpu::SubmissionIndex) -> bool {
+        self.waits.fetch_add(1, Ordering::Relaxed);
+        #[cfg(not(target_family = "wasm"))]
+        self.poller.expect(&self.device, &self.faults, submission, answer);
+        #[cfg(target_family = "wasm")]
+        let _ = submission;
+        answer.wait().await
     }
 
     /// Until this, and what was submitted before it, has been done.
-    pub(crate) fn wait_for(&self, submission: &wgpu::SubmissionIndex) -> Result<(), Error> {
-        self.wait_until(Some(submission.clone()))
-    }
-
-    fn wait_until(&self, submission_index: Option<wgpu::SubmissionIndex>) -> Result<(), Error> {
-        self.waits.fetch_add(1, Ordering::Relaxed);
-        let waited = self.device.poll(wgpu::PollType::Wait { submission_index, timeout: Some(LONGEST_WAIT) });
+    pub(crate) async fn done(&self, submission: &wgpu::SubmissionIndex) -> Result<(), Error> {
+        let answer = Answer::default();
+        let done = answer.clone();
+        self.queue.on_submitted_work_done(move || done.give(true));
+        let done = self.wait_for(&answer, submission).await;
         self.check()?;
-        if let Err(wgpu::PollError::Timeout) = waited {
-            let seconds = LONGEST_WAIT.as_secs();
-            return Err(backend_error(format!(
-                "the device has not answered for {seconds} s: its driver hangs, start anew"
-            )));
-        }
-        waited.map(drop).map_err(|e| backend_error(format!("waiting for the device: {e}")))
+        if done { Ok(()) } else { Err(backend_error("the device was lost while work was under way")) }
     }
 
     /// Takes note of what the device has done, without waiting.
@@ -367,9 +414,6 @@ impl Gpu {
         }))
     }
 }
-
-/// A driver that does not answer for so long never will: drivers give up on a single submission far earlier.
-const LONGEST_WAIT: Duration = Duration::from_secs(600);
 
 /// Usage of a buffer that shaders read and write and the host fills and reads.
 pub(crate) const STORAGE: wgpu::BufferUsages =

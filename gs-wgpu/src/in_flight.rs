@@ -7,19 +7,25 @@
 
 use std::{
     collections::VecDeque,
-    sync::mpsc::{Receiver, SyncSender, TryRecvError, sync_channel},
+    future::poll_fn,
+    ops::{Deref, DerefMut},
+    sync::{Mutex, PoisonError},
+    task::{Poll, Waker},
 };
 
-use gs_core::{AdamRates, Binning, Error, Loss, RenderSettings, TrainStep, Wait};
+use gs_core::{AdamRates, Binning, Error, Loss, MeanNoise, RenderSettings, TrainStep, Wait};
 
 use crate::{
-    dispatch::Commands,
+    answer::Answer,
+    dispatch::{Commands, Groups, dispatch_some},
     forward_pass::Pool,
-    gpu::{Gpu, MOST_PATIENCE},
+    gpu::Gpu,
     kind::SceneKind,
-    layout::Status,
-    splats::Splats,
+    layout::{Noise, Status},
+    shaders::Variant,
+    splats::{Splats, UNIFORM},
     target::Target,
+    tiles::{BY_GAUSSIAN, groups_of},
     workspace::Workspace,
 };
 
@@ -37,6 +43,8 @@ pub(crate) struct Request<S: SceneKind> {
     loss: Loss,
     rates: AdamRates,
     binning: Binning,
+    /// Added to the means after the step.
+    noise: Vec<MeanNoise>,
 }
 
 impl<S: SceneKind> Request<S> {
@@ -48,58 +56,96 @@ impl<S: SceneKind> Request<S> {
             loss: step.loss,
             rates: *step.rates,
             binning: step.binning,
+            noise: Vec::new(),
         }
     }
 }
 
-/// Where one step's status goes.
-#[derive(Debug)]
-struct Slot {
-    staging: wgpu::Buffer,
-    tell: SyncSender<bool>,
-    /// Whether the buffer could be mapped, once that is known.
-    told: Receiver<bool>,
-}
-
 const STATUS_BYTES: u64 = size_of::<Status>() as u64;
-
-impl Slot {
-    fn new(gpu: &Gpu) -> Result<Self, Error> {
-        let usage = wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST;
-        let (tell, told) = sync_channel(1);
-        Ok(Self { staging: gpu.allocate("status to read", STATUS_BYTES, usage)?, tell, told })
-    }
-
-    /// Asks for the contents; to be called when what fills them has been submitted.
-    fn map(&self) {
-        let tell = self.tell.clone();
-        self.staging.map_async(wgpu::MapMode::Read, ..STATUS_BYTES, move |result| {
-            // Nobody listens where the slot was given up.
-            let _ = tell.try_send(result.is_ok());
-        });
-    }
-
-    /// What `submission` has left here, if it is done; the slot can then be used again.
-    fn status(&self, gpu: &Gpu, submission: &wgpu::SubmissionIndex, wait: Wait) -> Result<Option<Status>, Error> {
-        let mapped = match (self.told.try_recv(), wait) {
-            (Ok(mapped), _) => mapped,
-            (Err(TryRecvError::Empty), Wait::Arrived) => return Ok(None),
-            (Err(_), _) => {
-                gpu.wait_for(submission)?;
-                // Another thread's waiting may be what calls back, a little later.
-                self.told.recv_timeout(MOST_PATIENCE).unwrap_or(false)
-            }
-        };
-        gpu.contents(&self.staging, STATUS_BYTES, mapped, bytemuck::pod_read_unaligned).map(Some)
-    }
-}
 
 /// A step under way.
 #[derive(Debug)]
 struct Sent<S: SceneKind> {
     request: Request<S>,
-    slot: Slot,
+    /// Where its status goes.
+    status: wgpu::Buffer,
+    /// Whether that could be mapped.
+    mapped: Answer,
     submission: wgpu::SubmissionIndex,
+}
+
+/// Where the steps under way are, unless somebody waits for them.
+#[derive(Debug)]
+pub(crate) struct Home<S: SceneKind> {
+    in_flight: Option<InFlight<S>>,
+    /// Who else wants them.
+    wakers: Vec<Waker>,
+}
+
+impl<S: SceneKind> Default for Home<S> {
+    fn default() -> Self {
+        Self { in_flight: Some(InFlight::default()), wakers: Vec::new() }
+    }
+}
+
+/// The steps under way in the hands of whoever waits for them. They go back when the waiting ends, and where it is given up.
+#[derive(Debug)]
+pub(crate) struct Taken<'a, S: SceneKind> {
+    home: &'a Mutex<Home<S>>,
+    in_flight: InFlight<S>,
+}
+
+impl<'a, S: SceneKind> Taken<'a, S> {
+    /// Takes them, once nobody else has them.
+    pub(crate) async fn from(home: &'a Mutex<Home<S>>) -> Self {
+        poll_fn(|context| {
+            let mut found = home.lock().unwrap_or_else(PoisonError::into_inner);
+            match found.in_flight.take() {
+                Some(in_flight) => Poll::Ready(Self { home, in_flight }),
+                None => {
+                    found.wakers.push(context.waker().clone());
+                    Poll::Pending
+                }
+            }
+        })
+        .await
+    }
+}
+
+impl<S: SceneKind> Drop for Taken<'_, S> {
+    fn drop(&mut self) {
+        let mut home = self.home.lock().unwrap_or_else(PoisonError::into_inner);
+        home.in_flight = Some(std::mem::take(&mut self.in_flight));
+        let wakers = std::mem::take(&mut home.wakers);
+        drop(home);
+        wakers.into_iter().for_each(Waker::wake);
+    }
+}
+
+impl<S: SceneKind> Deref for Taken<'_, S> {
+    type Target = InFlight<S>;
+
+    fn deref(&self) -> &InFlight<S> {
+        &self.in_flight
+    }
+}
+
+impl<S: SceneKind> DerefMut for Taken<'_, S> {
+    fn deref_mut(&mut self) -> &mut InFlight<S> {
+        &mut self.in_flight
+    }
+}
+
+impl<S: SceneKind> Home<S> {
+    /// Steps under way; 0 while somebody waits for them.
+    pub(crate) fn len(&self) -> usize {
+        self.in_flight.as_ref().map_or(0, |in_flight| in_flight.sent.len())
+    }
+
+    /// The steps under way of splats that nobody else can look at.
+    pub(crate) fn in_flight(&mut self) -> &mut InFlight<S> {
+        self.in_flight.get_or_insert_default()
+    }
 }
 
 /// A splats' steps under way, and what they work in.
@@ -109,24 +155,23 @@ pub(crate) struct InFlight<S: SceneKind> {
     workspace: Option<Workspace<S>>,
     /// Oldest first.
     sent: VecDeque<Sent<S>>,
-    free: Vec<Slot>,
+    /// Buffers for statuses.
+    free: Vec<wgpu::Buffer>,
+    /// What the device is told of noise.
+    noise: Option<wgpu::Buffer>,
     /// Of steps that are done, until they are asked for.
     pub(crate) losses: Vec<f32>,
 }
 
 impl<S: SceneKind> Default for InFlight<S> {
     fn default() -> Self {
-        Self { workspace: None, sent: VecDeque::new(), free: Vec::new(), losses: Vec::new() }
+        Self { workspace: None, sent: VecDeque::new(), free: Vec::new(), noise: None, losses: Vec::new() }
     }
 }
 
 impl<S: SceneKind> InFlight<S> {
-    pub(crate) fn len(&self) -> usize {
-        self.sent.len()
-    }
-
     /// Sends a step, as soon as there are fewer than [`STEPS_IN_FLIGHT`].
-    pub(crate) fn train(
+    pub(crate) async fn train(
         &mut self,
         gpu: &Gpu,
         pool: &Pool<S>,
@@ -135,7 +180,7 @@ impl<S: SceneKind> InFlight<S> {
     ) -> Result<(), Error> {
         gpu.check()?;
         while self.sent.len() >= STEPS_IN_FLIGHT {
-            self.finish_oldest(gpu, splats, Wait::All)?;
+            self.finish_oldest(gpu, splats, Wait::All).await?;
         }
         let mut workspace = match self.workspace.take() {
             Some(workspace) => workspace,
@@ -148,19 +193,19 @@ impl<S: SceneKind> InFlight<S> {
     }
 
     /// Takes note of the steps that are done, or waits until all are.
-    pub(crate) fn settle(&mut self, gpu: &Gpu, splats: &Splats<S>, wait: Wait) -> Result<(), Error> {
+    pub(crate) async fn settle(&mut self, gpu: &Gpu, splats: &Splats<S>, wait: Wait) -> Result<(), Error> {
         gpu.check()?;
         if wait == Wait::Arrived && !self.sent.is_empty() {
             gpu.look()?;
         }
-        while !self.sent.is_empty() && self.finish_oldest(gpu, splats, wait)? {}
+        while !self.sent.is_empty() && self.finish_oldest(gpu, splats, wait).await? {}
         Ok(())
     }
 
     /// Whether there was something to do: the oldest step is done, or it and all behind it were sent again. After an error none is under
     /// way.
-    fn finish_oldest(&mut self, gpu: &Gpu, splats: &Splats<S>, wait: Wait) -> Result<bool, Error> {
-        let finished = self.try_finish_oldest(gpu, splats, wait);
+    async fn finish_oldest(&mut self, gpu: &Gpu, splats: &Splats<S>, wait: Wait) -> Result<bool, Error> {
+        let finished = self.try_finish_oldest(gpu, splats, wait).await;
         if finished.is_err() {
             let losses = std::mem::take(&mut self.losses);
             *self = Self { losses, ..Self::default() };
@@ -168,21 +213,25 @@ impl<S: SceneKind> InFlight<S> {
         finished
     }
 
-    fn try_finish_oldest(&mut self, gpu: &Gpu, splats: &Splats<S>, wait: Wait) -> Result<bool, Error> {
-        let Some(oldest) = self.sent.pop_front() else { return Ok(false) };
-        let Some(status) = oldest.slot.status(gpu, &oldest.submission, wait)? else {
-            self.sent.push_front(oldest);
-            return Ok(false);
+    async fn try_finish_oldest(&mut self, gpu: &Gpu, splats: &Splats<S>, wait: Wait) -> Result<bool, Error> {
+        // It stays in the queue while it is waited for: whoever gives up waiting loses nothing.
+        let Some(Sent { mapped, submission, .. }) = self.sent.front() else { return Ok(false) };
+        let mapped = match (mapped.given(), wait) {
+            (Some(mapped), _) => mapped,
+            (None, Wait::Arrived) => return Ok(false),
+            (None, Wait::All) => gpu.wait_for(mapped, submission).await,
         };
+        let Some(oldest) = self.sent.pop_front() else { return Ok(false) };
+        let status: Status = gpu.contents(&oldest.status, STATUS_BYTES, mapped, bytemuck::pod_read_unaligned)?;
         status.check()?;
         if status.overflow == 0 {
             self.losses.push(status.loss);
-            self.free.push(oldest.slot);
+            self.free.push(oldest.status);
             return Ok(true);
         }
         let mut workspace = self.workspace.take().expect("steps under way have a workspace");
         workspace.make_room(gpu, &status)?;
-        // Slots of those behind are not free yet, so they are given up.
+        // Buffers of those behind are not free yet, so they are given up.
         let behind = std::mem::take(&mut self.sent).into_iter().map(|sent| sent.request);
         for request in [oldest.request].into_iter().chain(behind) {
             self.send(gpu, splats, &mut workspace, request)?;
@@ -203,7 +252,9 @@ impl<S: SceneKind> InFlight<S> {
         if fresh {
             workspace.edition = None;
         }
-        let slot = self.free.pop().map_or_else(|| Slot::new(gpu), Ok)?;
+        let usage = wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST;
+        let buffer = || gpu.allocate("status to read", STATUS_BYTES, usage);
+        let status = self.free.pop().map_or_else(buffer, Ok)?;
         // Written when this step is submitted, behind those before it: each sees its own.
         workspace.write_step(gpu, &workspace.describe(gpu, splats, Some(request.loss), Some(&request.rates)));
         let mut commands = Commands::new(gpu);
@@ -211,12 +262,53 @@ impl<S: SceneKind> InFlight<S> {
         workspace.tiles.encode_image_and_gradient(gpu, &mut commands, &request.target, request.loss)?;
         workspace.encode_project_bwd(gpu, &mut commands, splats)?;
         workspace.encode_adam(gpu, &mut commands, splats);
-        workspace.tiles.encode_status(&mut commands, &slot.staging);
+        workspace.tiles.encode_status(&mut commands, &status);
         let submission = commands.submit(gpu);
-        slot.map();
+        let mapped = Gpu::map(&status, STATUS_BYTES);
         // If these lists do not fit, whoever makes room forgets them again.
         workspace.edition = Some(splats.edition);
-        self.sent.push_back(Sent { request, slot, submission });
+        for noise in &request.noise {
+            self.send_noise(gpu, splats, noise, Some(&workspace.tiles.indirect))?;
+        }
+        self.sent.push_back(Sent { request, status, mapped, submission });
+        Ok(())
+    }
+
+    /// Sends noise behind all steps under way: it is added if the last of them is done, and sent again with it.
+    pub(crate) fn add_noise(&mut self, gpu: &Gpu, splats: &Splats<S>, noise: &MeanNoise) -> Result<(), Error> {
+        gpu.check()?;
+        let indirect = match (self.sent.back_mut(), &self.workspace) {
+            (Some(last), Some(workspace)) => {
+                last.request.noise.push(*noise);
+                Some(workspace.tiles.indirect.clone())
+            }
+            _ => None,
+        };
+        self.send_noise(gpu, splats, noise, indirect.as_ref())
+    }
+
+    fn send_noise(
+        &mut self,
+        gpu: &Gpu,
+        splats: &Splats<S>,
+        &MeanNoise { scale, seed, step }: &MeanNoise,
+        indirect: Option<&wgpu::Buffer>,
+    ) -> Result<(), Error> {
+        let uniform = match self.noise.take() {
+            Some(uniform) => uniform,
+            None => gpu.allocate("noise", size_of::<Noise>() as u64, UNIFORM)?,
+        };
+        gpu.write(&uniform, bytemuck::bytes_of(&Noise { scale, seed, step, gaussians: splats.len as u32 }));
+        let groups = match indirect {
+            Some(sizes) => Groups::Indirect(sizes, BY_GAUSSIAN),
+            None => groups_of(gpu, splats.len as u64, 64),
+        };
+        let (entry_point, gaussians) = S::noise(splats);
+        let variant = Variant { covariance_factor: S::has_factors(&splats.state), ..Variant::default() };
+        let mut commands = Commands::new(gpu);
+        dispatch_some(gpu, &mut commands, entry_point, variant, (&[1, 2], &[&uniform, gaussians]), groups);
+        commands.submit(gpu);
+        self.noise = Some(uniform);
         Ok(())
     }
 }

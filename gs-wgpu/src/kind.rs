@@ -1,7 +1,7 @@
 //! What this backend needs to know about a kind of scene: its parameters on the device, and the stages before `scan` and after `blend_bwd`.
 //! All that lies between, and the trait's implementation around it, is written once.
 
-use std::{fmt::Debug, sync::Arc};
+use std::{fmt::Debug, future::Future, sync::Arc};
 
 use gs_core::{AdamRates, Error, Parameterization, RenderSettings, Scene, SplatsState};
 
@@ -29,10 +29,10 @@ mod sealed {
 pub trait SceneKind: sealed::Sealed + Scene<View: PartialEq> + 'static {
     /// Parameters and Adam moments on the device.
     #[doc(hidden)]
-    type State: Debug + Send + Sync;
+    type State: Debug + wgpu::WasmNotSendSync;
     /// Buffers of the stages that are this kind's own.
     #[doc(hidden)]
-    type Own: Debug + Send + Sync;
+    type Own: Debug + wgpu::WasmNotSendSync;
 
     /// Whether lists may serve more than one step: not where each looks through another camera.
     #[doc(hidden)]
@@ -64,11 +64,11 @@ pub trait SceneKind: sealed::Sealed + Scene<View: PartialEq> + 'static {
 
     /// The parameters of `len` Gaussians.
     #[doc(hidden)]
-    fn download(gpu: &Gpu, state: &Self::State, len: usize) -> Result<Self, Error>;
+    fn download(gpu: &Gpu, state: &Self::State, len: usize) -> impl Future<Output = Result<Self, Error>>;
 
     /// All of the state but the statistics.
     #[doc(hidden)]
-    fn save(gpu: &Gpu, state: &Self::State, len: usize) -> Result<SplatsState, Error>;
+    fn save(gpu: &Gpu, state: &Self::State, len: usize) -> impl Future<Output = Result<SplatsState, Error>>;
 
     /// That state again, of as many Gaussians as are said.
     #[doc(hidden)]
@@ -138,7 +138,19 @@ pub trait SceneKind: sealed::Sealed + Scene<View: PartialEq> + 'static {
 
     /// The gradients as a scene of derivatives.
     #[doc(hidden)]
-    fn derivatives(gpu: &Gpu, splats: &Splats<Self>, gradients: &Gradients<Self>) -> Result<Self, Error>;
+    fn derivatives(
+        gpu: &Gpu,
+        splats: &Splats<Self>,
+        gradients: &Gradients<Self>,
+    ) -> impl Future<Output = Result<Self, Error>>;
+
+    /// The entry point that adds noise to means, and the buffer that has them.
+    #[doc(hidden)]
+    fn noise(splats: &Splats<Self>) -> (&'static str, &wgpu::Buffer);
+
+    /// Whether the parameterization is `CovarianceFactor`.
+    #[doc(hidden)]
+    fn has_factors(state: &Self::State) -> bool;
 
     /// Solves for the colours, where the image is linear in them.
     #[doc(hidden)]
@@ -149,5 +161,5 @@ pub trait SceneKind: sealed::Sealed + Scene<View: PartialEq> + 'static {
         target: &Target,
         settings: &RenderSettings,
         iterations: u32,
-    ) -> Result<(), Error>;
+    ) -> impl Future<Output = Result<(), Error>>;
 }

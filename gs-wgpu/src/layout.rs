@@ -3,7 +3,7 @@
 use std::mem::offset_of;
 
 use bytemuck::{Pod, Zeroable};
-use gs_core::Error;
+use gs_core::{Error, statistics::Culled};
 
 use crate::gpu::backend_error;
 
@@ -124,6 +124,12 @@ pub(crate) struct Status {
 }
 
 impl Status {
+    /// What projection left out.
+    pub(crate) fn culled(&self) -> Culled {
+        let Self { not_finite, near, degenerate, transparent, outside, .. } = *self;
+        Culled { not_finite, near, degenerate, transparent, outside }
+    }
+
     /// Where the counts begin, bytes.
     pub(crate) const COUNTS: u64 = offset_of!(Self, near) as u64;
 
@@ -194,6 +200,25 @@ pub struct Step {
     pub(crate) rates: [[f32; 4]; 6],
     /// Per group: ln β₁, ln β₂, 1 − β₂, and of scales and opacities what one number's penalty weighs.
     pub(crate) decays: [[f32; 4]; 6],
+}
+
+/// What the device is told of noise on the means.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
+#[repr(C)]
+pub(crate) struct Noise {
+    pub(crate) scale: f32,
+    pub(crate) seed: u32,
+    pub(crate) step: u32,
+    pub(crate) gaussians: u32,
+}
+
+/// What `show.wgsl` is told of a texture.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
+#[repr(C)]
+pub(crate) struct Shown {
+    pub(crate) width: u32,
+    pub(crate) encodes: u32,
+    pub(crate) unused: [u32; 2],
 }
 
 /// Bytes of one of `solve_colors.wgsl`'s `Conjugate`, and of its `Scalars`.
@@ -286,6 +311,11 @@ mod tests {
                 decays,
             }
         );
+        same_layout!(
+            &module(&shader("scene2d/noise").text(Variant::default())),
+            Noise { scale, seed, step, gaussians }
+        );
+        same_layout!(&module(include_str!("../shaders/show.wgsl")), Shown { width, encodes, unused });
         assert_eq!(u64::from(in_shader(m, "Splat").1), SPLAT_BYTES);
         assert_eq!(u64::from(in_shader(m, "Queued").1), QUEUED_BYTES);
         let m = &module(&shader("scene2d/solve_colors").text(Variant::default()));

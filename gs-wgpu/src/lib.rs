@@ -14,17 +14,25 @@
 //! 32 to 44 where it is trained (72 to 88), so 3 to 4 million entries in 128 MiB. What does not fit is an [`Error::Backend`](gs_core::Error::Backend)
 //! with both sizes. Moments and gradients are made when a scene is first trained: to look at one takes a third of the memory.
 //!
+//! Nothing here blocks: what waits for the device is a future. On native platforms a thread of the device's own polls it while a future is
+//! pending; in a browser, the browser does. A program that wants to wait does so with an executor, for instance that of `pollster`:
+//!
 //! ```no_run
 //! use gs_core::{Blend, Canvas, Scene2d, Rasterizer, RenderSettings};
 //! use gs_wgpu::{WgpuRasterizer, WgpuSettings};
 //!
 //! # fn main() -> Result<(), gs_core::Error> {
-//! let wgpu = WgpuRasterizer::new(WgpuSettings::default())?;
-//! let image = wgpu.render(&Scene2d::default(), &Canvas::new(64, 48), &RenderSettings::blended(Blend::Sum))?;
-//! # Ok(()) }
+//! pollster::block_on(async {
+//!     let wgpu = WgpuRasterizer::new(WgpuSettings::default()).await?;
+//!     let settings = RenderSettings::blended(Blend::Sum);
+//!     let image = wgpu.render(&Scene2d::default(), &Canvas::new(64, 48), &settings).await?;
+//!     Ok(())
+//! })
+//! # }
 //! ```
 
 mod adapter;
+mod answer;
 mod blend;
 mod collect;
 mod dispatch;
@@ -41,6 +49,7 @@ mod rasterizer;
 mod scene2d;
 mod scene3d;
 mod shaders;
+mod show;
 mod splats;
 mod target;
 mod tiles;
@@ -48,6 +57,7 @@ mod timestamps;
 mod workspace;
 
 use gs_core::{Scene2d, Scene3d};
+pub use wgpu;
 
 pub use crate::{
     adapter::{AdapterSummary, adapters},

@@ -7,7 +7,7 @@ use crate::{
     gpu::Gpu,
     shaders::{DSSIM_GROUP, SSIM_SEGMENT, Variant},
     target::Target,
-    tiles::{PIXEL_BYTES, Tiles},
+    tiles::{PIXEL_BYTES, Tiles, groups_of},
 };
 
 /// Bytes of a channel of a pixel in D-SSIM's moments, and in its derivatives, which are one number less and room for it.
@@ -36,16 +36,22 @@ impl Tiles {
     ) -> Result<(), Error> {
         let pixels = self.pixels();
         self.v_image.ensure(gpu, pixels * PIXEL_BYTES)?;
+        if !target.is_complete {
+            self.completed.ensure(gpu, pixels * PIXEL_BYTES)?;
+            let bindings = [&self.step, &self.image.buffer, &target.buffer, &self.completed.buffer];
+            dispatch(gpu, commands, "complete", Variant::default(), &bindings, groups_of(gpu, pixels, 256));
+        }
+        let compared = self.compared(target).clone();
         let kind = match loss {
             None => 0,
             Some(Loss::L2) => 1,
             Some(Loss::L1) => 2,
-            Some(Loss::L1Dssim { .. }) => return self.encode_dssim(gpu, commands, target),
+            Some(Loss::L1Dssim { .. }) => return self.encode_dssim(gpu, commands, &compared),
         };
         let groups = pixels.div_ceil(1024);
         self.partial.ensure(gpu, groups * 4)?;
         let variant = Variant { constant: Some(("KIND", kind)), ..Variant::default() };
-        let bindings = [&self.step, &self.image.buffer, &target.buffer, &self.v_image.buffer, &self.partial.buffer];
+        let bindings = [&self.step, &self.image.buffer, &compared, &self.v_image.buffer, &self.partial.buffer];
         dispatch(gpu, commands, "loss", variant, &bindings, gpu.groups(groups).into());
         if loss.is_some() {
             self.encode_loss_sum(gpu, commands, LossSum::Pixels);
@@ -53,8 +59,13 @@ impl Tiles {
         Ok(())
     }
 
+    /// The colours that the image is compared with, once stage `loss` has been recorded.
+    pub(crate) fn compared<'a>(&'a self, target: &'a Target) -> &'a wgpu::Buffer {
+        if target.is_complete { &target.buffer } else { &self.completed.buffer }
+    }
+
     /// Stage `loss`, of L1 and D-SSIM.
-    fn encode_dssim(&mut self, gpu: &Gpu, commands: &mut Commands, target: &Target) -> Result<(), Error> {
+    fn encode_dssim(&mut self, gpu: &Gpu, commands: &mut Commands, target: &wgpu::Buffer) -> Result<(), Error> {
         let [width, height] = self.size.map(u64::from);
         let groups = |lines: u64, length: u64| {
             (3 * lines * length.div_ceil(u64::from(SSIM_SEGMENT))).div_ceil(u64::from(DSSIM_GROUP))
@@ -63,7 +74,7 @@ impl Tiles {
         self.partial.ensure(gpu, (down + along) * 4)?;
         self.moments.ensure(gpu, 3 * width * height * MOMENTS_BYTES)?;
         self.derivatives.ensure(gpu, (3 * width).next_multiple_of(STRIP) * height * MOMENTS_BYTES)?;
-        let (step, image, target, v_image) = (&self.step, &self.image.buffer, &target.buffer, &self.v_image.buffer);
+        let (step, image, target, v_image) = (&self.step, &self.image.buffer, target, &self.v_image.buffer);
         let (moments, derivatives, partial) = (&self.moments.buffer, &self.derivatives.buffer, &self.partial.buffer);
         let (plain, [down, along]) = (Variant::default(), [down, along].map(|groups| gpu.groups(groups).into()));
         dispatch(gpu, commands, "dssim_moments", plain, &[step, image, target, moments], down);

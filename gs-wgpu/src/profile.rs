@@ -1,12 +1,11 @@
 //! Where the time of a training step goes, stage by stage: by the device's clock, all stages in one submission; or, where the adapter
 //! has no timestamps, by the host's, each stage sent alone and waited for.
 
-use std::time::Instant;
-
 use gs_core::{
     Error, Loss, RenderSettings,
     profile::{Clock, Profile, Profiler, StageTime, still},
 };
+use web_time::Instant;
 
 use crate::{
     WgpuRasterizer,
@@ -101,7 +100,7 @@ impl<S: SceneKind> Pass<'_, S> {
     }
 
     /// Seconds of each stage, all of them in one submission with timestamps between; `None` where those contradict the host's clock.
-    fn by_device(&mut self, timestamps: &Timestamps) -> Result<Option<Vec<f64>>, Error> {
+    async fn by_device(&mut self, timestamps: &Timestamps) -> Result<Option<Vec<f64>>, Error> {
         let gpu = &self.rasterizer.gpu;
         let mut commands = Commands::new(gpu);
         for index in 0..self.stages.len() {
@@ -111,23 +110,23 @@ impl<S: SceneKind> Pass<'_, S> {
         timestamps.mark(&mut commands, self.stages.len() as u32);
         timestamps.resolve(&mut commands);
         let start = Instant::now();
-        commands.submit(gpu);
-        gpu.wait()?;
+        let submission = commands.submit(gpu);
+        gpu.done(&submission).await?;
         let host = start.elapsed().as_secs_f64();
-        let laps = timestamps.laps(gpu)?;
+        let laps = timestamps.laps(gpu).await?;
         Ok(agree(&laps, host).then_some(laps))
     }
 
     /// Seconds of each stage, each in a submission of its own.
-    fn by_host(&mut self) -> Result<Vec<f64>, Error> {
+    async fn by_host(&mut self) -> Result<Vec<f64>, Error> {
         let gpu = &self.rasterizer.gpu;
         let mut laps = Vec::with_capacity(self.stages.len());
         for index in 0..self.stages.len() {
             let mut commands = Commands::new(gpu);
             self.encode(self.stages[index], &mut commands)?;
             let start = Instant::now();
-            commands.submit(gpu);
-            gpu.wait()?;
+            let submission = commands.submit(gpu);
+            gpu.done(&submission).await?;
             laps.push(start.elapsed().as_secs_f64());
         }
         Ok(laps)
@@ -135,18 +134,30 @@ impl<S: SceneKind> Pass<'_, S> {
 
     /// Each repetition's seconds of each stage: by the device's clock, if there is one and it can be right in every repetition; by the
     /// host's otherwise.
-    fn measure(&mut self, timestamps: Option<Timestamps>, repetitions: usize) -> Result<(Clock, Vec<Vec<f64>>), Error> {
+    async fn measure(
+        &mut self,
+        timestamps: Option<Timestamps>,
+        repetitions: usize,
+    ) -> Result<(Clock, Vec<Vec<f64>>), Error> {
         let why = match timestamps {
             None => "the adapter has no timestamps",
             Some(timestamps) => {
-                let laps = (0..repetitions).map(|_| self.by_device(&timestamps)).collect::<Result<Option<_>, _>>()?;
-                match laps {
-                    Some(laps) => return Ok((Clock::Device, laps)),
-                    None => "the adapter's timestamps contradict the host's clock",
+                let mut laps = Vec::with_capacity(repetitions);
+                while laps.len() < repetitions
+                    && let Some(found) = self.by_device(&timestamps).await?
+                {
+                    laps.push(found);
                 }
+                if laps.len() == repetitions {
+                    return Ok((Clock::Device, laps));
+                }
+                "the adapter's timestamps contradict the host's clock"
             }
         };
-        let laps = (0..repetitions).map(|_| self.by_host()).collect::<Result<_, _>>()?;
+        let mut laps = Vec::with_capacity(repetitions);
+        while laps.len() < repetitions {
+            laps.push(self.by_host().await?);
+        }
         Ok((Clock::RoundTrip { why: why.to_owned() }, laps))
     }
 }
@@ -159,11 +170,11 @@ fn agree(laps: &[f64], host: f64) -> bool {
 }
 
 /// Pixel–Gaussian pairs that a blend kernel visits: of a tile, all columns of every four rows of which the entry touches one.
-fn pairs(gpu: &Gpu, tiles: &Tiles, entries: usize) -> Result<u64, Error> {
+async fn pairs(gpu: &Gpu, tiles: &Tiles, entries: usize) -> Result<u64, Error> {
     if tiles.orders_by_pixel() {
         return Ok(entries as u64 * u64::from(TILE_ROWS * TILE_COLUMNS));
     }
-    let entries: Vec<[u32; 2]> = gpu.read(&tiles.entries.buffer, entries)?;
+    let entries: Vec<[u32; 2]> = gpu.read(&tiles.entries.buffer, entries).await?;
     Ok(entries.iter().map(|&[_, rows]| u64::from(rows_visited(rows)) * u64::from(TILE_COLUMNS)).sum())
 }
 
@@ -177,7 +188,7 @@ fn rows_visited(rows: u32) -> u32 {
 
 impl WgpuRasterizer {
     /// [`Profiler::profile`], by the clock that `timestamps` make for so many marks.
-    fn profile_by<S: SceneKind>(
+    async fn profile_by<S: SceneKind>(
         &self,
         timestamps: impl Fn(&Gpu, u32) -> Result<Option<Timestamps>, Error>,
         splats: &Splats<S>,
@@ -190,22 +201,22 @@ impl WgpuRasterizer {
         loss.validate()?;
         target.check_size(S::size(view))?;
         let (gpu, rates) = (&self.gpu, still());
-        splats.settle(gpu)?;
+        splats.settle(gpu).await?;
         let mut workspace = S::pool(self).take(gpu)?;
         workspace.set(gpu, splats, view, settings)?;
         let describe = |w: &Workspace<S>| w.describe(gpu, splats, Some(loss), Some(&rates));
         // All that depends on how many entries there are has room from here on.
-        let status = self.with_lists(&mut workspace, splats, describe, |_, _| Ok(()))?;
+        let status = self.with_lists(&mut workspace, splats, describe, |_, _| Ok(())).await?;
         workspace.write_step(gpu, &describe(&workspace));
         let stages = Stage::ALL.to_vec();
         let mut pass = Pass { rasterizer: self, workspace, splats, target, loss, stages };
         // Every pipeline that is measured is there.
-        pass.by_host()?;
+        pass.by_host().await?;
         let timestamps = timestamps(gpu, pass.stages.len() as u32 + 1)?;
-        let (clock, laps) = pass.measure(timestamps, repetitions)?;
+        let (clock, laps) = pass.measure(timestamps, repetitions).await?;
         let Pass { workspace, stages, .. } = pass;
         let entries = status.entries as usize;
-        let pairs = pairs(gpu, &workspace.tiles, entries)?;
+        let pairs = pairs(gpu, &workspace.tiles, entries).await?;
         let stage_time = |(index, stage): (usize, Stage)| StageTime {
             stage: stage.name(),
             seconds: laps.iter().map(|laps| laps[index]).collect(),
@@ -219,7 +230,7 @@ impl WgpuRasterizer {
 }
 
 impl<S: SceneKind> Profiler<S> for WgpuRasterizer {
-    fn profile(
+    async fn profile(
         &self,
         splats: &mut Splats<S>,
         view: &S::View,
@@ -229,7 +240,7 @@ impl<S: SceneKind> Profiler<S> for WgpuRasterizer {
         repetitions: usize,
     ) -> Result<Profile, Error> {
         S::prepare(&self.gpu, &mut splats.state, splats.len)?;
-        self.profile_by(Timestamps::new, splats, (view, target), settings, loss, repetitions)
+        self.profile_by(Timestamps::new, splats, (view, target), settings, loss, repetitions).await
     }
 }
 
@@ -237,6 +248,7 @@ impl<S: SceneKind> Profiler<S> for WgpuRasterizer {
 mod tests {
     use glam::{Vec2, Vec3};
     use gs_core::{Blend, Canvas, Gaussian2d, Image, Parameterization, Rasterizer, Scene2d};
+    use pollster::FutureExt as _;
 
     use super::*;
     use crate::WgpuSettings;
@@ -264,7 +276,8 @@ mod tests {
 
     #[test]
     fn pairs_are_those_of_the_rows_that_entries_touch() {
-        let wgpu = WgpuRasterizer::new(WgpuSettings::default()).expect("`cargo xtask test` installs a driver");
+        let wgpu =
+            WgpuRasterizer::new(WgpuSettings::default()).block_on().expect("`cargo xtask test` installs a driver");
         let at = |x: f32| Gaussian2d {
             mean: Vec2::new(x, 5.0),
             log_scale: Vec2::ZERO,
@@ -277,7 +290,7 @@ mod tests {
         let splats = &mut wgpu.upload(&scene, Parameterization::CovarianceFactor).unwrap();
         let target = wgpu.for_2d().upload_target(&Image::filled(32, 10, [0.5; 3]).unwrap()).unwrap();
         let settings = RenderSettings::blended(Blend::Sum);
-        let profile = wgpu.profile(splats, &Canvas::new(32, 10), &target, &settings, Loss::L2, 1).unwrap();
+        let profile = wgpu.profile(splats, &Canvas::new(32, 10), &target, &settings, Loss::L2, 1).block_on().unwrap();
         assert_eq!(profile.entries, 3);
         // σ = 1 px: the cut's ellipse reaches 3.3 px, from row 2 to row 7, which are two fours.
         assert_eq!(profile.pairs, 3 * 16 * 8);
@@ -289,7 +302,8 @@ mod tests {
 
     #[test]
     fn both_clocks_see_the_same_stages_and_leave_the_gaussians_where_they_are() {
-        let wgpu = WgpuRasterizer::new(WgpuSettings::default()).expect("`cargo xtask test` installs a driver");
+        let wgpu =
+            WgpuRasterizer::new(WgpuSettings::default()).block_on().expect("`cargo xtask test` installs a driver");
         let gaussian = |i: u32| Gaussian2d {
             mean: Vec2::new((i * 37 % 96) as f32, (i * 91 % 64) as f32),
             log_scale: Vec2::new(1.5, 0.5),
@@ -304,10 +318,11 @@ mod tests {
         let none = |_: &Gpu, _: u32| Ok(None);
         let names = |profile: &Profile| profile.stages.iter().map(|s| s.stage).collect::<Vec<_>>();
         for loss in [Loss::L2, Loss::PAPER] {
-            let by_host = wgpu.profile_by(none, &splats, (&view, &target), &settings, loss, 3).unwrap();
+            let by_host = wgpu.profile_by(none, &splats, (&view, &target), &settings, loss, 3).block_on().unwrap();
             assert!(matches!(&by_host.clock, Clock::RoundTrip { why } if why.contains("no timestamps")));
             assert!(by_host.stages.iter().all(|s| s.seconds.len() == 3 && s.seconds.iter().all(|&s| s > 0.0)));
-            let by_device = wgpu.profile_by(Timestamps::new, &splats, (&view, &target), &settings, loss, 3).unwrap();
+            let by_device =
+                wgpu.profile_by(Timestamps::new, &splats, (&view, &target), &settings, loss, 3).block_on().unwrap();
             if wgpu.gpu.device.features().contains(wgpu::Features::TIMESTAMP_QUERY) {
                 assert_eq!(by_device.clock, Clock::Device);
             }
@@ -315,7 +330,7 @@ mod tests {
             assert_eq!((by_device.pairs, by_device.entries), (by_host.pairs, by_host.entries));
             assert!(by_device.stages.iter().all(|s| s.seconds.len() == 3));
         }
-        let after = wgpu.download(&splats).unwrap();
+        let after = wgpu.download(&splats).block_on().unwrap();
         assert_eq!(after, scene);
     }
 }

@@ -3,8 +3,8 @@
 use std::sync::{Arc, PoisonError};
 
 use gs_core::{
-    AdamRates, DensityStatistics, EditPlan, Error, Image, Loss, Parameterization, Rasterizer, RenderSettings, Scene2d,
-    Scene3d, SplatsState, TrainStep, Wait,
+    AdamRates, Backend, DensityStatistics, EditPlan, Error, Image, Loss, MeanNoise, Optimizer, Parameterization,
+    Rasterizer, RenderSettings, Scene2d, Scene3d, SplatsState, TargetImage, TrainStep, Wait,
     profile::Profiler,
     settings::{Cut, Extent},
     statistics::Culled,
@@ -39,8 +39,24 @@ impl WgpuRasterizer {
     ///
     /// # Errors
     /// [`Error::Backend`] where there is no adapter, none of that name, or it gives no device.
-    pub fn new(settings: WgpuSettings) -> Result<Self, Error> {
-        Ok(Self { gpu: Gpu::new(&settings)?, pool_2d: Arc::default(), pool_3d: Arc::default() })
+    pub async fn new(settings: WgpuSettings) -> Result<Self, Error> {
+        Ok(Self::with(Gpu::open(&settings).await?))
+    }
+
+    /// A rasterizer on a device that the host program has opened, for instance to draw into its textures.
+    ///
+    /// [`WgpuSettings::adapter`] is of no meaning here. Scenes may be as large as the limits on the sizes of buffers allow that the device
+    /// was opened with. Kernels use subgroups where the device has [`wgpu::Features::SUBGROUP`]. The device's handlers of errors stay the
+    /// program's: an error that wgpu reports to them is not an [`Error`] here unless the device is lost.
+    ///
+    /// # Errors
+    /// [`Error::Backend`] naming each limit that is too low: [`wgpu::Limits::default`] is enough.
+    pub fn from_device(device: wgpu::Device, queue: wgpu::Queue, settings: WgpuSettings) -> Result<Self, Error> {
+        Ok(Self::with(Gpu::shared(device, queue, &settings)?))
+    }
+
+    fn with(gpu: Gpu) -> Self {
+        Self { gpu, pool_2d: Arc::default(), pool_3d: Arc::default() }
     }
 
     /// This rasterizer for 2D scenes alone, where the types of the arguments do not say which kind of scene is meant.
@@ -92,7 +108,7 @@ impl WgpuRasterizer {
     }
 
     /// Runs `encode` on lists made anew, with more room until they fit; what became of it.
-    pub(crate) fn with_lists<S: SceneKind>(
+    pub(crate) async fn with_lists<S: SceneKind>(
         &self,
         workspace: &mut Workspace<S>,
         splats: &Splats<S>,
@@ -105,7 +121,7 @@ impl WgpuRasterizer {
             workspace.encode_lists(&self.gpu, &mut commands, splats, true);
             encode(workspace, &mut commands)?;
             commands.submit(&self.gpu);
-            let status = workspace.tiles.read_status(&self.gpu)?;
+            let status = workspace.tiles.read_status(&self.gpu).await?;
             if status.overflow == 0 {
                 status.check()?;
                 workspace.edition = Some(splats.edition);
@@ -135,70 +151,55 @@ pub(crate) fn check_settings(settings: &RenderSettings) -> Result<(), Error> {
     Ok(())
 }
 
+impl Backend for WgpuRasterizer {
+    fn describe(&self) -> String {
+        let AdapterSummary { name, kind, interface, .. } = &self.gpu.adapter;
+        format!("wgpu ({name}, {kind}, {interface})")
+    }
+}
+
 impl<S: SceneKind> Rasterizer<S> for WgpuRasterizer {
     type Splats = Splats<S>;
     type ForwardPass = ForwardPass<S>;
     type Gradients = Gradients<S>;
     type Target = Target;
 
-    fn describe(&self) -> String {
-        let AdapterSummary { name, kind, interface, .. } = &self.gpu.adapter;
-        format!("wgpu ({name}, {kind}, {interface})")
-    }
-
     fn upload(&self, scene: &S, parameterization: Parameterization) -> Result<Splats<S>, Error> {
         Splats::new(&self.gpu, scene, parameterization)
     }
 
-    fn download(&self, splats: &Splats<S>) -> Result<S, Error> {
-        splats.settle(&self.gpu)?;
-        S::download(&self.gpu, &splats.state, splats.len)
-    }
-
-    fn len(&self, splats: &Splats<S>) -> usize {
-        splats.len
-    }
-
-    fn upload_target(&self, image: &Image) -> Result<Target, Error> {
-        image.check_finite("the target")?;
-        Target::new(&self.gpu, image)
-    }
-
-    fn save(&self, splats: &Splats<S>) -> Result<SplatsState, Error> {
-        splats.settle(&self.gpu)?;
-        splats.save(&self.gpu)
-    }
-
-    fn restore(&self, state: &SplatsState) -> Result<Splats<S>, Error> {
-        Splats::restore(&self.gpu, state)
-    }
-
-    fn forward(&self, splats: &Splats<S>, view: &S::View, settings: &RenderSettings) -> Result<ForwardPass<S>, Error> {
+    async fn forward(
+        &self,
+        splats: &Splats<S>,
+        view: &S::View,
+        settings: &RenderSettings,
+    ) -> Result<ForwardPass<S>, Error> {
         S::check(view, settings)?;
-        splats.settle(&self.gpu)?;
+        splats.settle(&self.gpu).await?;
         let mut workspace = S::pool(self).take(&self.gpu)?;
         workspace.set(&self.gpu, splats, view, settings)?;
-        let status = self.with_lists(
-            &mut workspace,
-            splats,
-            |w| w.describe(&self.gpu, splats, None, None),
-            |w, commands| {
-                w.tiles.encode_blend(&self.gpu, commands);
-                Ok(())
-            },
-        )?;
+        let describe = |w: &Workspace<S>| w.describe(&self.gpu, splats, None, None);
+        let blend = |w: &mut Workspace<S>, commands: &mut Commands| {
+            w.tiles.encode_blend(&self.gpu, commands);
+            Ok(())
+        };
+        let status = self.with_lists(&mut workspace, splats, describe, blend).await?;
         Ok(ForwardPass { workspace: Some(workspace), status, pool: Arc::clone(S::pool(self)) })
     }
 
-    fn image(&self, pass: &ForwardPass<S>) -> Result<Image, Error> {
-        pass.image(&self.gpu)
+    async fn image(&self, pass: &ForwardPass<S>) -> Result<Image, Error> {
+        pass.image(&self.gpu).await
     }
 
-    fn culled(&self, pass: &ForwardPass<S>) -> Result<Culled, Error> {
-        Ok(pass.culled())
+    fn culled(&self, pass: &ForwardPass<S>) -> Culled {
+        pass.culled()
     }
 
-    fn backward(
+    fn upload_target<'a>(&self, target: impl Into<TargetImage<'a>>) -> Result<Target, Error> {
+        Target::new(&self.gpu, &target.into())
+    }
+
+    async fn backward(
         &self,
         splats: &Splats<S>,
         mut pass: ForwardPass<S>,
@@ -210,9 +211,9 @@ impl<S: SceneKind> Rasterizer<S> for WgpuRasterizer {
         let workspace = pass.workspace.as_mut().expect("a forward pass has its workspace until it is dropped");
         target.check_size(workspace.tiles.size)?;
         if workspace.edition != Some(splats.edition) {
-            return Err(Error::State("the forward pass is of other splats, or of this one before an edit".to_owned()));
+            return Err(Error::State("the forward pass is of other splats, or of these before an edit".to_owned()));
         }
-        splats.settle(gpu)?;
+        splats.settle(gpu).await?;
         workspace.write_step(gpu, &workspace.describe(gpu, splats, Some(*loss), None));
         let mut commands = Commands::new(gpu);
         workspace.tiles.encode_loss(gpu, &mut commands, target, Some(*loss))?;
@@ -225,24 +226,59 @@ impl<S: SceneKind> Rasterizer<S> for WgpuRasterizer {
             buffers.push(buffer);
         }
         commands.submit(gpu);
-        let status = workspace.tiles.read_status(gpu)?;
+        let status = workspace.tiles.read_status(gpu).await?;
         status.check()?;
         let view = workspace.view.clone().expect("a forward pass has a view");
         Ok((status.loss, Gradients { buffers, len: splats.len, view, settings: workspace.tiles.settings }))
     }
 
-    fn download_gradients(&self, splats: &Splats<S>, gradients: &Gradients<S>) -> Result<S, Error> {
+    async fn gradients(&self, splats: &Splats<S>, gradients: &Gradients<S>) -> Result<S, Error> {
         gradients.check_len(splats)?;
-        splats.settle(&self.gpu)?;
-        S::derivatives(&self.gpu, splats, gradients)
+        splats.settle(&self.gpu).await?;
+        S::derivatives(&self.gpu, splats, gradients).await
     }
 
-    fn step(&self, splats: &mut Splats<S>, gradients: &Gradients<S>, rates: &AdamRates) -> Result<(), Error> {
+    async fn download(&self, splats: &Splats<S>) -> Result<S, Error> {
+        splats.settle(&self.gpu).await?;
+        S::download(&self.gpu, &splats.state, splats.len).await
+    }
+
+    fn len(&self, splats: &Splats<S>) -> usize {
+        splats.len
+    }
+}
+
+impl<S: SceneKind> Optimizer<S> for WgpuRasterizer {
+    async fn train_step(
+        &self,
+        splats: &mut Splats<S>,
+        view: &S::View,
+        target: &Target,
+        step: &TrainStep<'_>,
+    ) -> Result<(), Error> {
+        S::check(view, step.settings)?;
+        step.loss.validate()?;
+        step.rates.validate()?;
+        S::check_rates(step.rates)?;
+        target.check_size(S::size(view))?;
+        S::prepare(&self.gpu, &mut splats.state, splats.len)?;
+        let mut in_flight = splats.in_flight().await;
+        in_flight.train(&self.gpu, S::pool(self), splats, Request::new(view, target, step)).await
+    }
+
+    async fn losses(&self, splats: &mut Splats<S>, wait: Wait, losses: &mut Vec<f32>) -> Result<(), Error> {
+        let mut in_flight = splats.in_flight().await;
+        in_flight.settle(&self.gpu, splats, wait).await?;
+        losses.append(&mut in_flight.losses);
+        Ok(())
+    }
+
+    async fn step(&self, splats: &mut Splats<S>, gradients: &Gradients<S>, rates: &AdamRates) -> Result<(), Error> {
         gradients.check_len(splats)?;
         rates.validate()?;
         S::check_rates(rates)?;
         let gpu = &self.gpu;
-        splats.settle(gpu)?;
+        splats.settle(gpu).await?;
         S::prepare(gpu, &mut splats.state, splats.len)?;
         let mut workspace = S::pool(self).take(gpu)?;
         workspace.set(gpu, splats, &gradients.view, &gradients.settings)?;
@@ -257,33 +293,29 @@ impl<S: SceneKind> Rasterizer<S> for WgpuRasterizer {
         gpu.check()
     }
 
-    fn train_step(
-        &self,
-        splats: &mut Splats<S>,
-        view: &S::View,
-        target: &Target,
-        step: &TrainStep<'_>,
-    ) -> Result<(), Error> {
-        S::check(view, step.settings)?;
-        step.loss.validate()?;
-        step.rates.validate()?;
-        S::check_rates(step.rates)?;
-        target.check_size(S::size(view))?;
-        S::prepare(&self.gpu, &mut splats.state, splats.len)?;
-        splats.in_flight().train(&self.gpu, S::pool(self), splats, Request::new(view, target, step))
+    async fn statistics(&self, splats: &Splats<S>) -> Result<DensityStatistics, Error> {
+        splats.settle(&self.gpu).await?;
+        splats.density_statistics(&self.gpu).await
     }
 
-    fn losses(&self, splats: &mut Splats<S>, wait: Wait, losses: &mut Vec<f32>) -> Result<(), Error> {
-        splats.in_flight().settle(&self.gpu, splats, wait)?;
-        losses.append(self.unread_losses(splats));
-        Ok(())
+    async fn edit(&self, splats: &mut Splats<S>, plan: &EditPlan<S::Gaussian>) -> Result<(), Error> {
+        splats.settle(&self.gpu).await?;
+        splats.edit(&self.gpu, plan)
     }
 
-    fn unread_losses<'c>(&self, splats: &'c mut Splats<S>) -> &'c mut Vec<f32> {
-        &mut splats.in_flight.get_mut().unwrap_or_else(PoisonError::into_inner).losses
+    fn add_noise(&self, splats: &mut Splats<S>, noise: &MeanNoise) -> Result<(), Error> {
+        noise.validate()?;
+        if splats.len == 0 || !S::has_opacity(&splats.state, &[]) {
+            return Ok(());
+        }
+        let home = splats.in_flight.get_mut().unwrap_or_else(PoisonError::into_inner);
+        let mut in_flight = std::mem::take(home.in_flight());
+        let sent = in_flight.add_noise(&self.gpu, splats, noise);
+        *splats.in_flight.get_mut().unwrap_or_else(PoisonError::into_inner).in_flight() = in_flight;
+        sent.and_then(|()| self.gpu.check())
     }
 
-    fn solve_colors(
+    async fn solve_colors(
         &self,
         splats: &mut Splats<S>,
         view: &S::View,
@@ -293,17 +325,19 @@ impl<S: SceneKind> Rasterizer<S> for WgpuRasterizer {
     ) -> Result<(), Error> {
         S::check(view, settings)?;
         target.check_size(S::size(view))?;
-        S::solve_colors(self, splats, view, target, settings, iterations)
+        if !target.is_complete {
+            return Err(unsupported("solving for the colours where the target has an alpha or a mask"));
+        }
+        S::solve_colors(self, splats, view, target, settings, iterations).await
     }
 
-    fn statistics(&self, splats: &Splats<S>) -> Result<DensityStatistics, Error> {
-        splats.settle(&self.gpu)?;
-        splats.density_statistics(&self.gpu)
+    async fn save(&self, splats: &Splats<S>) -> Result<SplatsState, Error> {
+        splats.settle(&self.gpu).await?;
+        splats.save(&self.gpu).await
     }
 
-    fn edit(&self, splats: &mut Splats<S>, plan: &EditPlan<S::Gaussian>) -> Result<(), Error> {
-        splats.settle(&self.gpu)?;
-        splats.edit(&self.gpu, plan)
+    fn restore(&self, state: &SplatsState) -> Result<Splats<S>, Error> {
+        Splats::restore(&self.gpu, state)
     }
 }
 

@@ -4,8 +4,9 @@
 use std::fmt::Write;
 
 use gs_core::constants::{
-    MAX_DERIVATIVE, MAX_ETA, MAX_RESIDUAL, MAX_XI, MIN_DETERMINANT_PX4, MIN_QUATERNION_NORM2, QUATERNION_SHRINK,
-    SAFE_SQUARES, SH_C0, SH_C1, SH_C2, SH_C3, SSIM_C1, SSIM_C2, SSIM_MAX, SSIM_SIGMA, SSIM_WINDOW, VANISHING_MOMENT,
+    MAX_DERIVATIVE, MAX_ETA, MAX_RESIDUAL, MAX_XI, MIN_DETERMINANT_PX4, MIN_QUATERNION_NORM2, NOISE_OPACITY,
+    NOISE_STEEPNESS, QUATERNION_SHRINK, SAFE_SQUARES, SH_C0, SH_C1, SH_C2, SH_C3, SSIM_C1, SSIM_C2, SSIM_MAX,
+    SSIM_SIGMA, SSIM_WINDOW, VANISHING_MOMENT,
 };
 
 use crate::{
@@ -132,6 +133,9 @@ shaders! {
     "scene2d/adam" after "moments": ["adam"],
     "scene3d/adam" after "moments": ["adam_3d"],
     "scene3d/adam_color" after "moments": ["adam_color_3d"],
+    "scene2d/noise" after "noise": ["add_noise"],
+    "scene3d/noise" after "noise" after "scene3d/shared": ["add_noise_3d"],
+    "complete": ["complete"],
     "edit" after "sources": ["edit"],
     "scene3d/edit_color" after "sources": ["edit_color"],
     "scene2d/solve_colors": [
@@ -181,7 +185,8 @@ fn prelude(variant: Variant) -> String {
          const HELD: u32 = {HELD}u;\nconst STRIDE: u32 = {stride}u;\nconst GRADIENTS: u32 = {gradients}u;\nconst BATCH: u32 = {batch}u;\n\
          const SORT_BLOCK: u32 = {SORT_BLOCK}u;\n\
          const SSIM_SEGMENT: u32 = {SSIM_SEGMENT}u;\nconst SSIM_BLOCK: u32 = {SSIM_BLOCK}u;\nconst DSSIM_GROUP: u32 = {DSSIM_GROUP}u;\nconst SSIM_RADIUS: u32 = {SSIM_RADIUS}u;\n\
-         const SSIM_C1: f32 = {SSIM_C1:?};\nconst SSIM_C2: f32 = {SSIM_C2:?};\n",
+         const SSIM_C1: f32 = {SSIM_C1:?};\nconst SSIM_C2: f32 = {SSIM_C2:?};\n\
+         const NOISE_STEEPNESS: f32 = {NOISE_STEEPNESS:?};\nconst NOISE_OPACITY: f32 = {NOISE_OPACITY:?};\n",
     );
     let list = |numbers: &[f32]| numbers.iter().map(|c| format!("{c:?}")).collect::<Vec<_>>().join(", ");
     write!(

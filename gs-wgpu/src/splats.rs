@@ -1,7 +1,7 @@
 //! The Gaussians where this backend computes, and what splats of every kind have in common: statistics, training steps under way, and how
 //! edits and checkpoints get there and back.
 
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Mutex, PoisonError};
 
 use gs_core::{
     DensityStatistics, EditPlan, Error, Parameterization, SplatsState, Wait,
@@ -12,7 +12,7 @@ use gs_core::{
 use crate::{
     dispatch::Commands,
     gpu::{Gpu, STORAGE},
-    in_flight::InFlight,
+    in_flight::{Home, Taken},
     kind::SceneKind,
     layout::{Source, Statistics, Step},
 };
@@ -24,7 +24,7 @@ pub struct Splats<S: SceneKind> {
     pub(crate) state: S::State,
     pub(crate) statistics: wgpu::Buffer,
     /// Training steps whose outcome is not known yet; what looks at the splats waits for them, though it may not change it.
-    pub(crate) in_flight: Mutex<InFlight<S>>,
+    pub(crate) in_flight: Mutex<Home<S>>,
     /// Another number for every splats and after every edit, by which lists made for another state are recognised.
     pub(crate) edition: u64,
 }
@@ -59,22 +59,23 @@ impl<S: SceneKind> Splats<S> {
         })
     }
 
-    /// Training steps that were sent and whose outcome is not known yet, at most [`STEPS_IN_FLIGHT`](crate::STEPS_IN_FLIGHT).
+    /// Training steps that were sent and whose outcome is not known yet, at most [`STEPS_IN_FLIGHT`](crate::STEPS_IN_FLIGHT); 0 while
+    /// another future waits for them.
     pub fn steps_in_flight(&self) -> usize {
-        self.in_flight().len()
+        self.in_flight.lock().unwrap_or_else(PoisonError::into_inner).len()
     }
 
-    pub(crate) fn in_flight(&self) -> MutexGuard<'_, InFlight<S>> {
-        self.in_flight.lock().unwrap_or_else(PoisonError::into_inner)
+    pub(crate) async fn in_flight(&self) -> Taken<'_, S> {
+        Taken::from(&self.in_flight).await
     }
 
     /// Until all steps that were sent have been done: whatever looks at the splats' buffers begins with this.
-    pub(crate) fn settle(&self, gpu: &Gpu) -> Result<(), Error> {
-        self.in_flight().settle(gpu, self, Wait::All)
+    pub(crate) async fn settle(&self, gpu: &Gpu) -> Result<(), Error> {
+        self.in_flight().await.settle(gpu, self, Wait::All).await
     }
 
-    pub(crate) fn density_statistics(&self, gpu: &Gpu) -> Result<DensityStatistics, Error> {
-        let statistics: Vec<Statistics> = gpu.read(&self.statistics, self.len)?;
+    pub(crate) async fn density_statistics(&self, gpu: &Gpu) -> Result<DensityStatistics, Error> {
+        let statistics: Vec<Statistics> = gpu.read(&self.statistics, self.len).await?;
         Ok(DensityStatistics {
             gradient_sum: statistics.iter().map(|s| s.gradient_sum).collect(),
             visible: statistics.iter().map(|s| s.visible).collect(),
@@ -115,9 +116,9 @@ impl<S: SceneKind> Splats<S> {
         Ok(())
     }
 
-    pub(crate) fn save(&self, gpu: &Gpu) -> Result<SplatsState, Error> {
-        let mut state = S::save(gpu, &self.state, self.len)?;
-        let statistics = self.density_statistics(gpu)?;
+    pub(crate) async fn save(&self, gpu: &Gpu) -> Result<SplatsState, Error> {
+        let mut state = S::save(gpu, &self.state, self.len).await?;
+        let statistics = self.density_statistics(gpu).await?;
         state.insert("gradient_sum", statistics.gradient_sum.iter().map(|&g| [g]));
         state.insert_u32("visible", statistics.visible);
         Ok(state)

@@ -1,6 +1,6 @@
 //! An image to compare with, on the device.
 
-use gs_core::{Error, Image};
+use gs_core::{Error, TargetImage};
 
 use crate::gpu::Gpu;
 
@@ -10,13 +10,21 @@ pub struct Target {
     width: u32,
     height: u32,
     pub(crate) buffer: wgpu::Buffer,
+    /// Whether the colours depend neither on the background nor on the rendering. If they do, the fourth number of a pixel is what
+    /// [`TargetImage::coverage`] says.
+    pub(crate) is_complete: bool,
 }
 
 impl Target {
-    pub(crate) fn new(gpu: &Gpu, image: &Image) -> Result<Self, Error> {
-        let (width, height) = image.size();
-        let pixels: Vec<[f32; 4]> = image.pixels().iter().map(|&[r, g, b]| [r, g, b, 0.0]).collect();
-        Ok(Self { width, height, buffer: gpu.storage("the target", &pixels)? })
+    pub(crate) fn new(gpu: &Gpu, target: &TargetImage<'_>) -> Result<Self, Error> {
+        target.validate()?;
+        let (width, height) = target.image.size();
+        let mut pixels: Vec<[f32; 4]> = target.image.pixels().iter().map(|&[r, g, b]| [r, g, b, 0.0]).collect();
+        let coverage = target.coverage();
+        for (pixel, coverage) in pixels.iter_mut().zip(coverage.iter().flatten()) {
+            pixel[3] = *coverage;
+        }
+        Ok(Self { width, height, buffer: gpu.storage("the target", &pixels)?, is_complete: coverage.is_none() })
     }
 
     /// Fails unless the target has this size.

@@ -95,6 +95,8 @@ pub(crate) struct Tiles {
     /// Of D-SSIM.
     pub(crate) moments: Growing,
     pub(crate) derivatives: Growing,
+    /// A target that this background or rendering had to complete.
+    pub(crate) completed: Growing,
     /// Entries that there is room for.
     capacity: u64,
 }
@@ -133,6 +135,7 @@ impl Tiles {
             partial: growing("partial sums")?,
             moments: growing("D-SSIM's moments")?,
             derivatives: growing("D-SSIM's derivatives")?,
+            completed: growing("the target")?,
             capacity: 0,
         })
     }
@@ -292,8 +295,8 @@ impl Tiles {
     }
 
     /// What became of the pass, once it has been done.
-    pub(crate) fn read_status(&self, gpu: &Gpu) -> Result<Status, Error> {
-        Ok(gpu.read(&self.status, 1)?[0])
+    pub(crate) async fn read_status(&self, gpu: &Gpu) -> Result<Status, Error> {
+        Ok(gpu.read(&self.status, 1).await?[0])
     }
 
     /// Makes room for what a pass asked for in vain, and forgets that it asked.

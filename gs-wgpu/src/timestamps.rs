@@ -59,8 +59,8 @@ impl Timestamps {
     ///
     /// # Errors
     /// [`Error::Backend`] where the device is lost.
-    pub(crate) fn laps(&self, gpu: &Gpu) -> Result<Vec<f64>, Error> {
-        let ticks: Vec<u64> = gpu.read(&self.resolved, self.count as usize)?;
+    pub(crate) async fn laps(&self, gpu: &Gpu) -> Result<Vec<f64>, Error> {
+        let ticks: Vec<u64> = gpu.read(&self.resolved, self.count as usize).await?;
         Ok(ticks.windows(2).map(|pair| pair[1].wrapping_sub(pair[0]).cast_signed() as f64 * self.period).collect())
     }
 }

@@ -126,12 +126,14 @@ impl<S: SceneKind> Workspace<S> {
 mod tests {
     use glam::{Vec2, Vec3};
     use gs_core::{Canvas, Gaussian2d, Image, Loss, Parameterization, Rasterizer, RenderSettings, Scene2d};
+    use pollster::FutureExt as _;
 
     use crate::{WgpuRasterizer, WgpuSettings};
 
     #[test]
     fn what_is_only_looked_at_has_no_room_for_gradients() {
-        let wgpu = WgpuRasterizer::new(WgpuSettings::default()).expect("`cargo xtask test` installs a driver");
+        let wgpu =
+            WgpuRasterizer::new(WgpuSettings::default()).block_on().expect("`cargo xtask test` installs a driver");
         let gaussian = Gaussian2d {
             mean: Vec2::splat(8.0),
             log_scale: Vec2::ONE,
@@ -141,10 +143,10 @@ mod tests {
         };
         let scene: Scene2d = [gaussian].into_iter().collect();
         let splats = wgpu.upload(&scene, Parameterization::ScaleRotation).unwrap();
-        let pass = wgpu.forward(&splats, &Canvas::new(16, 16), &RenderSettings::default()).unwrap();
+        let pass = wgpu.forward(&splats, &Canvas::new(16, 16), &RenderSettings::default()).block_on().unwrap();
         assert!(pass.workspace().gradients.is_empty());
         let target = wgpu.for_2d().upload_target(&Image::filled(16, 16, [0.5; 3]).unwrap()).unwrap();
-        let (_, gradients) = wgpu.backward(&splats, pass, &target, &Loss::L2).unwrap();
-        assert_ne!(wgpu.download_gradients(&splats, &gradients).unwrap().colors, [Vec3::ZERO]);
+        let (_, gradients) = wgpu.backward(&splats, pass, &target, &Loss::L2).block_on().unwrap();
+        assert_ne!(wgpu.gradients(&splats, &gradients).block_on().unwrap().colors, [Vec3::ZERO]);
     }
 }

@@ -7,6 +7,7 @@
 
 #![allow(clippy::print_stdout)]
 
+use pollster::FutureExt as _;
 use std::{
     fmt,
     process::ExitCode,
@@ -19,7 +20,7 @@ use gs_conformance::{
     Failure,
     corpus::{Record, corpus_2d, corpus_3d, poison_2d, poison_3d, run},
 };
-use gs_core::{Rasterizer, Scene2d, Scene3d};
+use gs_core::{Optimizer, Scene2d, Scene3d};
 use gs_cpu::{CpuRasterizer, CpuSettings, SimdLevel};
 use gs_wgpu::{Kernels, WgpuRasterizer, WgpuSettings};
 
@@ -53,14 +54,15 @@ impl Backend {
             Self::Cpu(level) => {
                 records(&CpuRasterizer::new(CpuSettings { threads: Some(1), level: Some(level) })?, word)
             }
-            Self::Wgpu(kernels) => {
-                records(&WgpuRasterizer::new(WgpuSettings { kernels: Some(kernels), ..WgpuSettings::default() })?, word)
-            }
+            Self::Wgpu(kernels) => records(
+                &WgpuRasterizer::new(WgpuSettings { kernels: Some(kernels), ..WgpuSettings::default() }).block_on()?,
+                word,
+            ),
         })
     }
 }
 
-fn records<R: Rasterizer<Scene2d> + Rasterizer<Scene3d>>(rasterizer: &R, word: &str) -> Vec<Record> {
+fn records<R: Optimizer<Scene2d> + Optimizer<Scene3d>>(rasterizer: &R, word: &str) -> Vec<Record> {
     let scene_2d = corpus_2d().into_iter().filter(|case| case.name.contains(word));
     let scene_3d = corpus_3d().into_iter().filter(|case| case.name.contains(word));
     let mut records: Vec<Record> = scene_2d.map(|case| run(rasterizer, &case)).collect();

@@ -11,11 +11,12 @@ use gs_conformance::{
     tolerance::Agreement,
 };
 use gs_core::{
-    Loss, Parameterization, Rasterizer, Scene2d, Scene3d,
+    Loss, Optimizer, Parameterization, Scene2d, Scene3d,
     effects::{Antialias, Blend, Order},
 };
 use gs_cpu::{CpuRasterizer, CpuSettings, SimdLevel};
 use gs_wgpu::{Kernels, WgpuRasterizer, WgpuSettings};
+use pollster::FutureExt as _;
 
 /// Worst agreement so far, and how many scenes had nothing to compare.
 #[derive(Default)]
@@ -42,7 +43,7 @@ impl Worst {
 }
 
 /// Prints a line per kind of scenes and blending.
-fn measure<R: Rasterizer<Scene2d>>(name: &str, rasterizer: &R) -> Result<(), Failure> {
+fn measure<R: Optimizer<Scene2d>>(name: &str, rasterizer: &R) -> Result<(), Failure> {
     for kind in Kind::ALL {
         for blend in [Blend::Sum, Blend::Over] {
             let scenes = format!("{kind:?} {blend:?}");
@@ -53,7 +54,7 @@ fn measure<R: Rasterizer<Scene2d>>(name: &str, rasterizer: &R) -> Result<(), Fai
 }
 
 /// Prints a line per kind of 3D scenes, blending, order and antialiasing.
-fn measure_3d<R: Rasterizer<Scene3d>>(name: &str, rasterizer: &R) -> Result<(), Failure> {
+fn measure_3d<R: Optimizer<Scene3d>>(name: &str, rasterizer: &R) -> Result<(), Failure> {
     for kind in Kind3d::ALL {
         for (blend, order, antialias) in [
             (Blend::Sum, Order::Global, Antialias::None),
@@ -69,7 +70,7 @@ fn measure_3d<R: Rasterizer<Scene3d>>(name: &str, rasterizer: &R) -> Result<(), 
     Ok(())
 }
 
-fn worst_of<S: Subject, R: Rasterizer<S>>(
+fn worst_of<S: Subject, R: Optimizer<S>>(
     name: &str,
     scenes: &str,
     rasterizer: &R,
@@ -99,7 +100,7 @@ fn main() -> Result<(), Failure> {
         measure_3d(&level.to_string(), &rasterizer)?;
     }
     for kernels in [Kernels::Portable, Kernels::Subgroups] {
-        match WgpuRasterizer::new(WgpuSettings { kernels: Some(kernels), ..WgpuSettings::default() }) {
+        match WgpuRasterizer::new(WgpuSettings { kernels: Some(kernels), ..WgpuSettings::default() }).block_on() {
             Ok(rasterizer) => measure(&format!("{kernels:?}"), &rasterizer)?,
             Err(error) => println!("{kernels:?}: {error}"),
         }

@@ -4,7 +4,7 @@ use std::fmt::Debug;
 
 use glam::{DQuat, Mat2, Mat3};
 use gs_core::{
-    Adam, Error, Parameterization, Scene, Scene2d, Scene3d,
+    Adam, Error, Gaussian2d, MeanNoise, Parameterization, Scene, Scene2d, Scene3d,
     adam::Group,
     covariance_factor::{self, PrincipalAxes},
     effects::Blend,
@@ -56,6 +56,12 @@ pub trait Subject: Scene<View: OracleView + PartialEq> {
     /// A frame as it is beside moments of this parent, both as splats in [`Parameterization::CovarianceFactor`] saves them.
     fn aligned(frame: &[f32], parent: &[f32]) -> Vec<f32>;
 
+    /// The logits of all opacities.
+    fn opacity_logits_mut(&mut self) -> &mut [f32];
+
+    /// By how much noise moves the means, `[N, DIMENSIONS]`.
+    fn shifts(&self, noise: &MeanNoise) -> Vec<f32>;
+
     /// No Gaussians of the same kind, SH degree included.
     fn emptied(&self) -> Self;
 
@@ -100,6 +106,15 @@ impl Subject for Scene2d {
 
     fn check_view(view: &Self::View) -> Result<(), Error> {
         view.validate()
+    }
+
+    fn opacity_logits_mut(&mut self) -> &mut [f32] {
+        &mut self.opacity_logits
+    }
+
+    fn shifts(&self, noise: &MeanNoise) -> Vec<f32> {
+        let shift = |(i, g): (usize, Gaussian2d)| noise.shift_2d(i as u32, g.factor(), g.opacity_logit).to_array();
+        self.iter().enumerate().flat_map(shift).collect()
     }
 
     fn emptied(&self) -> Self {
@@ -178,6 +193,18 @@ impl Subject for Scene3d {
 
     fn check_view(view: &Self::View) -> Result<(), Error> {
         view.validate()
+    }
+
+    fn opacity_logits_mut(&mut self) -> &mut [f32] {
+        &mut self.opacity_logits
+    }
+
+    fn shifts(&self, noise: &MeanNoise) -> Vec<f32> {
+        let shift = |i: usize| {
+            let factor = covariance_factor::frame_of(self.log_scales[i], self.rotations[i]).unwrap_or(Mat3::ZERO);
+            noise.shift_3d(i as u32, factor, self.opacity_logits[i]).to_array()
+        };
+        (0..self.len()).flat_map(shift).collect()
     }
 
     fn emptied(&self) -> Self {

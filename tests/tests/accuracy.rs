@@ -11,13 +11,15 @@ use gs_conformance::{
     subject::Subject,
     tolerance::Agreement,
 };
+use gs_core::Rasterizer as _;
 use gs_core::{
-    Accuracy, Blend, Loss, Parameterization, Rasterizer, RenderSettings, Scene2d, Scene3d,
+    Accuracy, Blend, Loss, Optimizer, Parameterization, RenderSettings, Scene2d, Scene3d,
     constants::HALF_DISPLAY_STEP,
     effects::{Antialias, Order},
     settings::{Cut, Extent},
 };
 use gs_cpu::{Bounds, CpuRasterizer, CpuSettings, CpuTuning, SimdLevel};
+use pollster::FutureExt as _;
 
 const BLENDS: [Blend; 2] = [Blend::Sum, Blend::Over];
 
@@ -39,7 +41,7 @@ fn scene_3d(blend: Blend, order: Order, seed: u64) -> Draw<Scene3d> {
 /// Images and gradients against the oracle; a drawing in which there is nothing to compare does not count.
 fn check<S: Subject>(cpu: &CpuRasterizer, draw: &Draw<S>) -> usize
 where
-    CpuRasterizer: Rasterizer<S>,
+    CpuRasterizer: Optimizer<S>,
 {
     let judge = |result: Result<Agreement, Failure>| match result {
         Ok(_) => 1,
@@ -78,7 +80,8 @@ fn an_extent_cuts_what_is_beyond_it() {
     let mut narrow = draw.clone();
     narrow.settings.accuracy.extent = Extent::Sigmas(1.0);
     let cpu = cpu(SimdLevel::best(), CpuTuning::default());
-    let [wide, narrow] = [draw, narrow].map(|d| cpu.for_2d().render(&d.scene, &d.view, &d.settings).unwrap());
+    let [wide, narrow] =
+        [draw, narrow].map(|d| cpu.for_2d().render(&d.scene, &d.view, &d.settings).block_on().unwrap());
     assert!(gs_core::metrics::psnr(&wide, &narrow).unwrap() < 40.0);
 }
 
@@ -116,7 +119,7 @@ fn a_longer_recurrence_is_less_exact_and_a_tuning_out_of_range_is_refused() {
     let exact = Oracle::new(draw.view, draw.settings).unwrap().render(&draw.scene.rows()).image();
     let error = |recurrence_rows: u16| {
         let cpu = cpu(SimdLevel::best(), CpuTuning { recurrence_rows, ..CpuTuning::default() });
-        let image = cpu.for_2d().render(&draw.scene, &draw.view, &draw.settings).unwrap();
+        let image = cpu.for_2d().render(&draw.scene, &draw.view, &draw.settings).block_on().unwrap();
         gs_core::metrics::mean_absolute_error(&image, &exact).unwrap()
     };
     let [short, usual, long] = [1, 32, 256].map(error);

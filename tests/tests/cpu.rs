@@ -7,12 +7,15 @@ use gs_conformance::{
     properties::{judge, losses, repeatable},
     scenes::{Draw, Kind, draws},
 };
+use gs_core::Backend as _;
+use gs_core::Optimizer as _;
 use gs_core::{
     Adam, Binning, EditPlan, Loss, Parameterization, Rasterizer, Scene, SplatsState, TrainStep,
     edit::{Birth, Moments, Origin, Place, PruneCause, Removal},
     effects::{Blend, Statistics},
 };
 use gs_cpu::{CpuRasterizer, CpuSettings, SimdLevel};
+use pollster::FutureExt as _;
 use proptest::prelude::*;
 
 const THREADS: [usize; 3] = [1, 2, 7];
@@ -57,10 +60,10 @@ fn images_and_gradients_are_the_same_bits_for_every_number_of_threads() {
                     let r = r.for_2d();
                     let splats = r.upload(&draw.scene, Parameterization::ScaleRotation).unwrap();
                     let target = r.upload_target(&image).unwrap();
-                    let frame = r.forward(&splats, &draw.view, &draw.settings).unwrap();
-                    let rendered = r.image(&frame).unwrap();
-                    let (loss, gradients) = r.backward(&splats, frame, &target, &loss).unwrap();
-                    let gradients = r.download_gradients(&splats, &gradients).unwrap();
+                    let frame = r.forward(&splats, &draw.view, &draw.settings).block_on().unwrap();
+                    let rendered = r.image(&frame).block_on().unwrap();
+                    let (loss, gradients) = r.backward(&splats, frame, &target, &loss).block_on().unwrap();
+                    let gradients = r.gradients(&splats, &gradients).block_on().unwrap();
                     assert!(gradients.means.iter().any(|g| g.length() > 0.0));
                     let pixels: Vec<u32> = rendered.pixels().as_flattened().iter().map(|v| v.to_bits()).collect();
                     (loss.to_bits(), pixels, gradients)
@@ -88,7 +91,7 @@ fn trained(
         let rates = Adam::default().at(step as f32 / 50.0);
         let binning = if step % 2 == 1 { Binning::Reuse } else { Binning::Fresh };
         let step_ = TrainStep { settings: &draw.settings, loss, rates: &rates, binning };
-        r.train_step(&mut splats, &draw.view, &target, &step_).unwrap();
+        r.train_step(&mut splats, &draw.view, &target, &step_).block_on().unwrap();
         if step == 25 {
             let birth = |i: u32| Birth {
                 gaussian: draw.scene.gaussian(i as usize),
@@ -99,13 +102,13 @@ fn trained(
             };
             let removed = (0..200).map(|i| Removal { index: i * 7, cause: PruneCause::Unimportant }).collect();
             let added = (0..300).map(|i| birth(i * 5)).collect();
-            r.edit(&mut splats, &EditPlan { removed, added, ..EditPlan::default() }).unwrap();
+            r.edit(&mut splats, &EditPlan { removed, added, ..EditPlan::default() }).block_on().unwrap();
             if blend == Blend::Sum {
-                r.solve_colors(&mut splats, &draw.view, &target, &draw.settings, 3).unwrap();
+                r.solve_colors(&mut splats, &draw.view, &target, &draw.settings, 3).block_on().unwrap();
             }
         }
     }
-    r.save(&splats).unwrap()
+    r.save(&splats).block_on().unwrap()
 }
 
 #[test]

@@ -4,6 +4,7 @@ use gs_conformance::fuzzed::{image_is_sound, owes, scene_2d, scene_3d};
 use gs_core::{Image, Scene};
 use gs_cpu::{CpuRasterizer, CpuSettings};
 use gs_wgpu::{WgpuRasterizer, WgpuSettings};
+use pollster::FutureExt as _;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
@@ -41,7 +42,7 @@ fn the_processor_owes_nothing_to_scenes_in_space() {
 #[test]
 #[cfg_attr(miri, ignore = "drivers are not interpreted")]
 fn a_gpu_owes_nothing_either() {
-    let wgpu = WgpuRasterizer::new(WgpuSettings::default()).expect("`cargo xtask test` installs a driver");
+    let wgpu = WgpuRasterizer::new(WgpuSettings::default()).block_on().expect("`cargo xtask test` installs a driver");
     for input in inputs(40, 3) {
         let (flat, deep) = (scene_2d(&input), scene_3d(&input));
         owes(&wgpu, &flat).unwrap_or_else(|failure| panic!("{failure}: {flat:?}"));
@@ -59,7 +60,8 @@ fn drawn_scenes_are_worth_drawing() {
         scenes += usize::from(drawn.scene.validate().is_ok());
         views += usize::from(possible);
         if possible && drawn.scene.validate().is_ok() {
-            let image = gs_core::Rasterizer::render(&cpu, &drawn.scene, &drawn.view, &drawn.settings).unwrap();
+            let image =
+                gs_core::Rasterizer::render(&cpu, &drawn.scene, &drawn.view, &drawn.settings).block_on().unwrap();
             let background = drawn.settings.background_color();
             seen += usize::from(image.pixels().iter().any(|pixel| *pixel != background));
         }

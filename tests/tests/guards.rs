@@ -3,13 +3,14 @@
 use glam::{Vec2, Vec3};
 use gs_conformance::Failure;
 use gs_core::{
-    Adam, Binning, Blend, Camera, Canvas, Error, Gaussian2d, Gaussian3d, Image, Loss, Parameterization, Rasterizer,
+    Adam, Binning, Blend, Camera, Canvas, Error, Gaussian2d, Gaussian3d, Image, Loss, Optimizer, Parameterization,
     RenderSettings, Scene, Scene2d, Scene3d, SplatsState, TrainStep, adam::Group, constants::MAX_XI,
     effects::Antialias, metrics, state::TensorData,
 };
 use gs_cpu::{CpuRasterizer, CpuSettings};
 use gs_density::{Policy, Ranking, WhenFlat};
 use gs_train::{FitSettings, InitialCount, Recovery, Rounds, Trainer, fit};
+use pollster::FutureExt as _;
 
 /// Runs each of these checks as a test on gs-cpu.
 macro_rules! checks {
@@ -78,33 +79,33 @@ fn floats<'s>(state: &'s mut SplatsState, name: &str) -> Result<&'s mut Vec<f32>
     }
 }
 
-fn ssim_of_constants<R: Rasterizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
+fn ssim_of_constants<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     let splats = rasterizer.upload(&plain(Vec2::splat(1e4), 1.0), Parameterization::ScaleRotation)?;
     for k in 0..24 {
         let value = 30.0 * 1.7f32.powi(k);
         let settings = RenderSettings::blended(Blend::Sum).on([value; 3]);
         let target = rasterizer.upload_target(&Image::filled(SIZE.0, SIZE.1, [value * 1.001; 3])?)?;
-        let factor = rasterizer.forward(&splats, &Canvas::new(SIZE.0, SIZE.1), &settings)?;
-        let (loss, _) = rasterizer.backward(&splats, factor, &target, &Loss::L1Dssim { lambda: 1.0 })?;
+        let factor = rasterizer.forward(&splats, &Canvas::new(SIZE.0, SIZE.1), &settings).block_on()?;
+        let (loss, _) = rasterizer.backward(&splats, factor, &target, &Loss::L1Dssim { lambda: 1.0 }).block_on()?;
         let possible = (-1e-3..=2.001).contains(&loss);
         Failure::unless(possible, || format!("1 − SSIM of two images of about {value} everywhere is {loss}"))?;
     }
     Ok(())
 }
 
-fn singular_factors<R: Rasterizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
+fn singular_factors<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     let mut settings = RenderSettings::blended(Blend::Sum);
     settings.effects.antialias = Antialias::Dilate;
     // The square of e⁻⁶⁰ is 0 in f32.
     let splats = rasterizer.upload(&plain(Vec2::new(8.3, 8.6), -60.0), Parameterization::ScaleRotation)?;
-    let factor = rasterizer.forward(&splats, &Canvas::new(SIZE.0, SIZE.1), &settings)?;
+    let factor = rasterizer.forward(&splats, &Canvas::new(SIZE.0, SIZE.1), &settings).block_on()?;
     let target = rasterizer.upload_target(&target()?)?;
-    let (_, gradients) = rasterizer.backward(&splats, factor, &target, &Loss::L2)?;
-    let gradients = rasterizer.download_gradients(&splats, &gradients)?;
+    let (_, gradients) = rasterizer.backward(&splats, factor, &target, &Loss::L2).block_on()?;
+    let gradients = rasterizer.gradients(&splats, &gradients).block_on()?;
     Ok(gradients.validate()?)
 }
 
-fn flat_factors<R: Rasterizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
+fn flat_factors<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
     let gaussian = Gaussian3d {
         mean: Vec3::new(0.1, -0.1, 3.0),
         log_scale: Vec3::new(-1.0, -1.3, -1.6),
@@ -114,22 +115,22 @@ fn flat_factors<R: Rasterizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
     };
     let mut scene = Scene3d::default();
     scene.push(gaussian);
-    let mut state = rasterizer.save(&rasterizer.upload(&scene, Parameterization::CovarianceFactor)?)?;
+    let mut state = rasterizer.save(&rasterizer.upload(&scene, Parameterization::CovarianceFactor)?).block_on()?;
     // No scene has a scale of 0, as its logarithm is not finite; but a factor may have lost an axis to rounding.
     let factor = floats(&mut state, "factor")?;
     factor[6..].fill(0.0);
     let splats = rasterizer.restore(&state)?;
     let mut settings = RenderSettings::blended(Blend::Over);
     settings.effects.antialias = Antialias::Dilate;
-    let seen = rasterizer.forward(&splats, &Camera::looking_forward(SIZE.0, SIZE.1, 0.9), &settings)?;
-    let culled = rasterizer.culled(&seen)?.total();
+    let seen = rasterizer.forward(&splats, &Camera::looking_forward(SIZE.0, SIZE.1, 0.9), &settings).block_on()?;
+    let culled = rasterizer.culled(&seen).total();
     Failure::unless(culled == 0, || "what has no extent along one axis is not drawn".to_owned())?;
     let target = rasterizer.upload_target(&target()?)?;
-    let (_, gradients) = rasterizer.backward(&splats, seen, &target, &Loss::L2)?;
-    Ok(rasterizer.download_gradients(&splats, &gradients)?.validate()?)
+    let (_, gradients) = rasterizer.backward(&splats, seen, &target, &Loss::L2).block_on()?;
+    Ok(rasterizer.gradients(&splats, &gradients).block_on()?.validate()?)
 }
 
-fn second_moments<R: Rasterizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
+fn second_moments<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     let mut scene = plain(Vec2::new(8.3, 8.6), 1.0);
     scene.colors[0] = Vec3::splat(1e10);
     let mut splats = rasterizer.upload(&scene, Parameterization::ScaleRotation)?;
@@ -137,50 +138,51 @@ fn second_moments<R: Rasterizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure>
     let step = TrainStep { settings: &settings, loss: Loss::L2, rates: &rates, binning: Binning::Fresh };
     // Derivatives by the mean are of the size of 10¹⁰ · 10¹⁷.
     let target = rasterizer.upload_target(&Image::filled(SIZE.0, SIZE.1, [1e17; 3])?)?;
-    rasterizer.train_step(&mut splats, &Canvas::new(SIZE.0, SIZE.1), &target, &step)?;
-    let after = rasterizer.save(&splats)?;
+    rasterizer.train_step(&mut splats, &Canvas::new(SIZE.0, SIZE.1), &target, &step).block_on()?;
+    let after = rasterizer.save(&splats).block_on()?;
     let (_, moments) = after.matrix("moment2")?;
     Failure::unless(moments.iter().all(|moment| moment.is_finite()), || format!("second moments {moments:?}"))
 }
 
-fn steps_within_reach<R: Rasterizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
+fn steps_within_reach<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     let before = plain(Vec2::new(8.3, 8.6), 1.0);
     let mut splats = rasterizer.upload(&before, Parameterization::CovarianceFactor)?;
     let adam = Adam { mean: Group::constant(20.0), ..Adam::default() };
     let (settings, rates) = (RenderSettings::blended(Blend::Sum), adam.at(0.0));
     let step = TrainStep { settings: &settings, loss: Loss::L2, rates: &rates, binning: Binning::Fresh };
     let target = rasterizer.upload_target(&target()?)?;
-    rasterizer.train_step(&mut splats, &Canvas::new(SIZE.0, SIZE.1), &target, &step)?;
-    let moved = (rasterizer.download(&splats)?.means[0] - before.means[0]).length();
+    rasterizer.train_step(&mut splats, &Canvas::new(SIZE.0, SIZE.1), &target, &step).block_on()?;
+    let moved = (rasterizer.download(&splats).block_on()?.means[0] - before.means[0]).length();
     // Along both axes, of e¹ px each; what the guard holds back is a step of 20 times that.
     let reach = MAX_XI * std::f32::consts::SQRT_2 * 1f32.exp();
     Failure::unless(moved > 0.0 && moved <= 1.001 * reach, || format!("a step of {moved} px, by a reach of {reach} px"))
 }
 
-fn moments_vanish<R: Rasterizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
+fn moments_vanish<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     let settings = RenderSettings::blended(Blend::Sum);
-    let mut state =
-        rasterizer.save(&rasterizer.upload(&plain(Vec2::splat(1e4), 1.0), Parameterization::ScaleRotation)?)?;
+    let mut state = rasterizer
+        .save(&rasterizer.upload(&plain(Vec2::splat(1e4), 1.0), Parameterization::ScaleRotation)?)
+        .block_on()?;
     // A step takes a tenth off, and with it, these are below the least that is kept.
     floats(&mut state, "moment1")?.fill(1.05e-30);
     let mut splats = rasterizer.restore(&state)?;
     let rates = Adam::default().at(0.0);
     let step = TrainStep { settings: &settings, loss: Loss::L2, rates: &rates, binning: Binning::Fresh };
     let target = rasterizer.upload_target(&target()?)?;
-    rasterizer.train_step(&mut splats, &Canvas::new(SIZE.0, SIZE.1), &target, &step)?;
-    let after = rasterizer.save(&splats)?;
+    rasterizer.train_step(&mut splats, &Canvas::new(SIZE.0, SIZE.1), &target, &step).block_on()?;
+    let after = rasterizer.save(&splats).block_on()?;
     let (columns, moments) = after.matrix("moment1")?;
     // The last is that of an opacity, which this scene has not.
     let kept = moments[..columns - 1].iter().find(|moment| **moment != 0.0);
     Failure::unless(kept.is_none(), || format!("a moment of {:e} is kept", kept.copied().unwrap_or_default()))
 }
 
-fn epsilon_of_zero<R: Rasterizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
+fn epsilon_of_zero<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     let mut splats = rasterizer.upload(&plain(Vec2::splat(1e4), 1.0), Parameterization::ScaleRotation)?;
     let (settings, rates) = (RenderSettings::blended(Blend::Sum), Adam { epsilon: 0.0, ..Adam::default() }.at(0.0));
     let step = TrainStep { settings: &settings, loss: Loss::L2, rates: &rates, binning: Binning::Fresh };
     let target = rasterizer.upload_target(&target()?)?;
-    match rasterizer.train_step(&mut splats, &Canvas::new(SIZE.0, SIZE.1), &target, &step) {
+    match rasterizer.train_step(&mut splats, &Canvas::new(SIZE.0, SIZE.1), &target, &step).block_on() {
         Err(Error::Setting { .. }) => Ok(()),
         Err(other) => Err(other.into()),
         Ok(()) => Err(Failure::Broken("accepted, where it must be refused".to_owned())),
@@ -204,38 +206,41 @@ fn small_fit_without_rounds() -> FitSettings {
     }
 }
 
-fn fits_end_finite<R: Rasterizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
+fn fits_end_finite<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     // What is not finite goes at the end, whatever the policy.
     let mut settings = FitSettings { recovery: Recovery::Never, ..small_fit_without_rounds() };
     // Each step is as long as numbers go: after two, means are infinite.
     settings.adam.mean.learning_rate = 2e38;
-    let fitted = fit(rasterizer, &target()?, settings, &mut ()).map_err(|error| Failure::Broken(error.to_string()))?;
+    let fitted = fit(rasterizer, &target()?, settings, &mut ())
+        .block_on()
+        .map_err(|error| Failure::Broken(error.to_string()))?;
     Ok(fitted.scene.validate()?)
 }
 
-fn fits_end_no_worse<R: Rasterizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
+fn fits_end_no_worse<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     let mut settings = FitSettings { iterations: 150, ..small_fit_without_rounds() };
     // Each step is longer than the picture, from which nothing leads back.
     settings.adam.mean.learning_rate = 1e3;
     let target = target()?;
     let render = settings.render;
     let (first, last) = Trainer::new(rasterizer, &target, settings)
+        .block_on()
         .and_then(|mut trainer| {
-            let first = trainer.scene()?;
-            trainer.run(&mut ())?;
-            Ok((first, trainer.scene()?))
+            let first = trainer.scene().block_on()?;
+            trainer.run(&mut ()).block_on()?;
+            Ok((first, trainer.scene().block_on()?))
         })
         .map_err(|error| Failure::Broken(error.to_string()))?;
     let error = |scene: &Scene2d| {
-        let image = rasterizer.render(scene, &Canvas::new(SIZE.0, SIZE.1), &render)?;
+        let image = rasterizer.render(scene, &Canvas::new(SIZE.0, SIZE.1), &render).block_on()?;
         metrics::mean_absolute_error(&image, &target)
     };
     let (first, last) = (error(&first)?, error(&last)?);
     Failure::unless(last <= first, || format!("the mean error was {first} and is {last}"))
 }
 
-fn infinite_losses<R: Rasterizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
+fn infinite_losses<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     let target = Image::filled(SIZE.0, SIZE.1, [1e30; 3])?;
-    let fitted = fit(rasterizer, &target, small_fit(), &mut ());
+    let fitted = fit(rasterizer, &target, small_fit(), &mut ()).block_on();
     Failure::unless(fitted.is_err(), || "a fit ended well whose loss was infinite".to_owned())
 }

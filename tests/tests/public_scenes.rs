@@ -14,6 +14,7 @@ use gs_core::{
 };
 use gs_cpu::{CpuRasterizer, CpuSettings};
 use gs_wgpu::{WgpuRasterizer, WgpuSettings};
+use pollster::FutureExt as _;
 
 /// 9,080 Gaussians of all degrees of harmonics, whose training was stopped early.
 const SMALL: &str = "kacytran_iter7000_point_cloud.ply";
@@ -57,7 +58,7 @@ fn window(camera: Camera, place: Vec2) -> Camera {
 
 fn both(scenes: &[&str], check: impl Fn(&str, &Scene3d, RenderSettings, &CpuRasterizer, &WgpuRasterizer)) {
     let cpu = CpuRasterizer::new(CpuSettings::default()).unwrap();
-    let wgpu = WgpuRasterizer::new(WgpuSettings::default()).unwrap();
+    let wgpu = WgpuRasterizer::new(WgpuSettings::default()).block_on().unwrap();
     for &name in scenes {
         if let Some((scene, settings)) = scene(name) {
             check(name, &scene, settings, &cpu, &wgpu);
@@ -94,7 +95,10 @@ fn both_backends_draw_large_published_scenes_as_the_oracle_does() {
 fn the_backends_draw_published_scenes_alike_on_a_screen() {
     both(&[SMALL, PERSON, ROOM], |name, scene, settings, cpu, wgpu| {
         for view in [overview(scene, SCREEN), detail(scene, SCREEN)] {
-            let [a, b] = [cpu.render(scene, &view, &settings).unwrap(), wgpu.render(scene, &view, &settings).unwrap()];
+            let [a, b] = [
+                cpu.render(scene, &view, &settings).block_on().unwrap(),
+                wgpu.render(scene, &view, &settings).block_on().unwrap(),
+            ];
             let off = |limit: f32| {
                 let differ = |(a, b): (&[f32; 3], &[f32; 3])| !(0..3).all(|k| (a[k] - b[k]).abs() <= limit);
                 a.pixels().iter().zip(b.pixels()).filter(|&pair| differ(pair)).count()

@@ -1,10 +1,13 @@
 //! Negative controls of the suite itself: a backend with one fault is caught by the case that is there for it.
 
+use pollster::FutureExt as _;
+use std::ops::{Deref, DerefMut};
+
 use glam::Vec2Swizzles;
 use gs_conformance::conformance::cases;
 use gs_core::{
-    AdamRates, Canvas, DensityStatistics, EditPlan, Error, Gaussian2d, Image, Loss, Parameterization, Rasterizer,
-    RenderSettings, Scene, Scene2d, SplatsState, TrainStep, Wait,
+    AdamRates, Backend, Canvas, DensityStatistics, EditPlan, Error, Gaussian2d, Image, Loss, MeanNoise, Optimizer,
+    Parameterization, Rasterizer, RenderSettings, Scene, Scene2d, SplatsState, TargetImage, TrainStep, Wait,
     effects::{Antialias, Blend, Statistics},
     statistics::Culled,
 };
@@ -43,7 +46,9 @@ enum Fault {
     LetsGradientsCancel,
     MistakesErrorsForGradients,
     CollectsUnderOneBlend,
-    ShiftsAreSteps,
+    NoiseIsAStep,
+    IgnoresMasks,
+    IgnoresAlpha,
     SolvesNothing,
     ForgetsMomentsOnEdit,
     ForgetsStatisticsOnEdit,
@@ -62,10 +67,36 @@ struct Sabotaged {
     fault: Fault,
 }
 
+/// Sound splats, and the losses that nobody has asked for.
+struct Kept {
+    sound: Splats2d,
+    losses: Vec<f32>,
+}
+
+impl From<Splats2d> for Kept {
+    fn from(sound: Splats2d) -> Self {
+        Self { sound, losses: Vec::new() }
+    }
+}
+
+impl Deref for Kept {
+    type Target = Splats2d;
+
+    fn deref(&self) -> &Splats2d {
+        &self.sound
+    }
+}
+
+impl DerefMut for Kept {
+    fn deref_mut(&mut self) -> &mut Splats2d {
+        &mut self.sound
+    }
+}
+
 impl Sabotaged {
     fn sound(
         &self,
-    ) -> &impl Rasterizer<Scene2d, Splats = Splats2d, ForwardPass = ForwardPass2d, Gradients = Gradients2d, Target = Target>
+    ) -> &impl Optimizer<Scene2d, Splats = Splats2d, ForwardPass = ForwardPass2d, Gradients = Gradients2d, Target = Target>
     {
         self.sound.for_2d()
     }
@@ -75,10 +106,10 @@ impl Sabotaged {
     }
 
     /// Replaces the splats by one in an altered state.
-    fn alter(&self, splats: &mut Splats2d, change: impl Fn(&mut SplatsState)) -> Result<(), Error> {
-        let mut state = self.sound().save(splats)?;
+    fn alter(&self, splats: &mut Kept, change: impl Fn(&mut SplatsState)) -> Result<(), Error> {
+        let mut state = self.sound().save(splats).block_on()?;
         change(&mut state);
-        *splats = self.sound().restore(&state)?;
+        splats.sound = self.sound().restore(&state)?;
         Ok(())
     }
 }
@@ -91,15 +122,17 @@ fn zero_moments(state: &mut SplatsState) {
 
 type Sound = CpuRasterizer;
 
-impl Rasterizer<Scene2d> for Sabotaged {
-    type Splats = <Sound as Rasterizer<Scene2d>>::Splats;
-    type ForwardPass = <Sound as Rasterizer<Scene2d>>::ForwardPass;
-    type Gradients = <Sound as Rasterizer<Scene2d>>::Gradients;
-    type Target = <Sound as Rasterizer<Scene2d>>::Target;
-
+impl Backend for Sabotaged {
     fn describe(&self) -> String {
         format!("{:?}", self.fault)
     }
+}
+
+impl Rasterizer<Scene2d> for Sabotaged {
+    type Splats = Kept;
+    type ForwardPass = <Sound as Rasterizer<Scene2d>>::ForwardPass;
+    type Gradients = <Sound as Rasterizer<Scene2d>>::Gradients;
+    type Target = <Sound as Rasterizer<Scene2d>>::Target;
 
     fn upload(&self, scene: &Scene2d, parameterization: Parameterization) -> Result<Self::Splats, Error> {
         let mut scene = scene.clone();
@@ -111,11 +144,11 @@ impl Rasterizer<Scene2d> for Sabotaged {
             let log_scale = glam::Vec2::ONE;
             scene.push(Gaussian2d { mean, log_scale, rotation: 0.0, opacity_logit: f32::INFINITY, color });
         }
-        self.sound().upload(&scene, parameterization)
+        self.sound().upload(&scene, parameterization).map(Kept::from)
     }
 
-    fn download(&self, splats: &Self::Splats) -> Result<Scene2d, Error> {
-        let scene = self.sound().download(splats)?;
+    async fn download(&self, splats: &Self::Splats) -> Result<Scene2d, Error> {
+        let scene = self.sound().download(splats).block_on()?;
         let count = scene.len().saturating_sub(usize::from(self.is(LosesTheLastGaussian)));
         Ok(if count == scene.len() { scene } else { scene.iter().take(count).collect() })
     }
@@ -124,26 +157,17 @@ impl Rasterizer<Scene2d> for Sabotaged {
         self.sound().len(splats)
     }
 
-    fn upload_target(&self, image: &Image) -> Result<Self::Target, Error> {
-        self.sound().upload_target(image)
-    }
-
-    fn save(&self, splats: &Self::Splats) -> Result<SplatsState, Error> {
-        self.sound().save(splats)
-    }
-
-    fn restore(&self, state: &SplatsState) -> Result<Self::Splats, Error> {
-        if self.is(RestoresAnything) && self.sound().restore(state).is_err() {
-            return self.sound().upload(&Scene2d::default(), state.parameterization);
+    fn upload_target<'a>(&self, target: impl Into<TargetImage<'a>>) -> Result<Self::Target, Error> {
+        let mut target = target.into();
+        match self.fault {
+            IgnoresMasks => target.mask = None,
+            IgnoresAlpha => target.alpha = None,
+            _ => {}
         }
-        let mut splats = self.sound().restore(state)?;
-        if self.is(ForgetsMomentsOnRestore) {
-            self.alter(&mut splats, zero_moments)?;
-        }
-        Ok(splats)
+        self.sound().upload_target(target)
     }
 
-    fn forward(
+    async fn forward(
         &self,
         splats: &Self::Splats,
         view: &Canvas,
@@ -173,19 +197,18 @@ impl Rasterizer<Scene2d> for Sabotaged {
             _ => {}
         }
         if self.is(DrawsByParity) {
-            let mut scene = self.sound().download(splats)?;
+            let mut scene = self.sound().download(splats).block_on()?;
             scene.colors.iter_mut().step_by(2).for_each(|c| *c *= 0.9);
-            return self.sound().forward(
-                &self.sound().upload(&scene, Parameterization::ScaleRotation)?,
-                &view,
-                &settings,
-            );
+            return self
+                .sound()
+                .forward(&self.sound().upload(&scene, Parameterization::ScaleRotation)?, &view, &settings)
+                .block_on();
         }
-        self.sound().forward(splats, &view, &settings)
+        self.sound().forward(splats, &view, &settings).block_on()
     }
 
-    fn image(&self, frame: &Self::ForwardPass) -> Result<Image, Error> {
-        let image = self.sound().image(frame)?;
+    async fn image(&self, frame: &Self::ForwardPass) -> Result<Image, Error> {
+        let image = self.sound().image(frame).block_on()?;
         let (w, h) = image.size();
         match self.fault {
             ShiftsImages => Image::from_fn(w, h, |x, y| image.pixel((x + 1) % w, y)),
@@ -194,23 +217,23 @@ impl Rasterizer<Scene2d> for Sabotaged {
         }
     }
 
-    fn culled(&self, frame: &Self::ForwardPass) -> Result<Culled, Error> {
-        if self.is(CountsNothingCulled) { Ok(Culled::default()) } else { self.sound().culled(frame) }
+    fn culled(&self, frame: &Self::ForwardPass) -> Culled {
+        if self.is(CountsNothingCulled) { Culled::default() } else { self.sound().culled(frame) }
     }
 
-    fn backward(
+    async fn backward(
         &self,
         splats: &Self::Splats,
         frame: Self::ForwardPass,
         target: &Self::Target,
         loss: &Loss,
     ) -> Result<(f32, Self::Gradients), Error> {
-        let (loss, gradients) = self.sound().backward(splats, frame, target, loss)?;
+        let (loss, gradients) = self.sound().backward(splats, frame, target, loss).block_on()?;
         Ok((if self.is(DoublesLosses) { 2.0 * loss } else { loss }, gradients))
     }
 
-    fn download_gradients(&self, splats: &Self::Splats, gradients: &Self::Gradients) -> Result<Scene2d, Error> {
-        let mut scene = self.sound().download_gradients(splats, gradients)?;
+    async fn gradients(&self, splats: &Self::Splats, gradients: &Self::Gradients) -> Result<Scene2d, Error> {
+        let mut scene = self.sound().gradients(splats, gradients).block_on()?;
         match self.fault {
             NegatesRotationGradients => scene.rotations.iter_mut().for_each(|v| *v = -*v),
             SwapsMeanGradients => scene.means.iter_mut().for_each(|v| *v = v.yx()),
@@ -219,8 +242,30 @@ impl Rasterizer<Scene2d> for Sabotaged {
         }
         Ok(scene)
     }
+}
 
-    fn step(&self, splats: &mut Self::Splats, gradients: &Self::Gradients, rates: &AdamRates) -> Result<(), Error> {
+impl Optimizer<Scene2d> for Sabotaged {
+    async fn save(&self, splats: &Self::Splats) -> Result<SplatsState, Error> {
+        self.sound().save(splats).block_on()
+    }
+
+    fn restore(&self, state: &SplatsState) -> Result<Self::Splats, Error> {
+        if self.is(RestoresAnything) && self.sound().restore(state).is_err() {
+            return self.sound().upload(&Scene2d::default(), state.parameterization).map(Kept::from);
+        }
+        let mut splats = Kept::from(self.sound().restore(state)?);
+        if self.is(ForgetsMomentsOnRestore) {
+            self.alter(&mut splats, zero_moments)?;
+        }
+        Ok(splats)
+    }
+
+    async fn step(
+        &self,
+        splats: &mut Self::Splats,
+        gradients: &Self::Gradients,
+        rates: &AdamRates,
+    ) -> Result<(), Error> {
         let mut rates = *rates;
         match self.fault {
             StepsUphill => {
@@ -238,43 +283,39 @@ impl Rasterizer<Scene2d> for Sabotaged {
             })?,
             _ => {}
         }
-        self.sound().step(splats, gradients, &rates)
+        self.sound().step(splats, gradients, &rates).block_on()
     }
 
-    fn train_step(
+    async fn train_step(
         &self,
         splats: &mut Self::Splats,
         view: &Canvas,
         target: &Self::Target,
         step: &TrainStep<'_>,
     ) -> Result<(), Error> {
-        let frame = self.forward(splats, view, step.settings)?;
-        let (loss, gradients) = self.backward(splats, frame, target, &step.loss)?;
-        self.step(splats, &gradients, step.rates)?;
+        let frame = self.forward(splats, view, step.settings).block_on()?;
+        let (loss, gradients) = self.backward(splats, frame, target, &step.loss).block_on()?;
+        self.step(splats, &gradients, step.rates).block_on()?;
         if self.is(FusedStepDoesTooMuch) {
-            self.step(splats, &gradients, step.rates)?;
+            self.step(splats, &gradients, step.rates).block_on()?;
         }
-        self.unread_losses(splats).push(loss);
+        splats.losses.push(loss);
         Ok(())
     }
 
-    fn losses(&self, splats: &mut Self::Splats, wait: Wait, losses: &mut Vec<f32>) -> Result<(), Error> {
+    async fn losses(&self, splats: &mut Self::Splats, _: Wait, losses: &mut Vec<f32>) -> Result<(), Error> {
         let known = losses.len();
-        self.sound().losses(splats, wait, losses)?;
+        losses.append(&mut splats.losses);
         match self.fault {
             SwapsLosses => losses[known..].reverse(),
             DropsLosses if losses.len() > known + 1 => drop(losses.pop()),
-            RepeatsLosses => self.unread_losses(splats).extend_from_slice(&losses[known..]),
+            RepeatsLosses => splats.losses.extend_from_slice(&losses[known..]),
             _ => {}
         }
         Ok(())
     }
 
-    fn unread_losses<'c>(&self, splats: &'c mut Self::Splats) -> &'c mut Vec<f32> {
-        self.sound().unread_losses(splats)
-    }
-
-    fn solve_colors(
+    async fn solve_colors(
         &self,
         splats: &mut Self::Splats,
         view: &Canvas,
@@ -283,27 +324,27 @@ impl Rasterizer<Scene2d> for Sabotaged {
         iterations: u32,
     ) -> Result<(), Error> {
         let iterations = if self.is(SolvesNothing) { 1 } else { iterations };
-        self.sound().solve_colors(splats, view, target, settings, iterations)
+        self.sound().solve_colors(splats, view, target, settings, iterations).block_on()
     }
 
-    fn statistics(&self, splats: &Self::Splats) -> Result<DensityStatistics, Error> {
-        let mut statistics = self.sound().statistics(splats)?;
+    async fn statistics(&self, splats: &Self::Splats) -> Result<DensityStatistics, Error> {
+        let mut statistics = self.sound().statistics(splats).block_on()?;
         if self.is(DoublesStatistics) {
             statistics.gradient_sum.iter_mut().for_each(|v| *v *= 2.0);
         }
         Ok(statistics)
     }
 
-    fn shift_means(&self, splats: &mut Self::Splats, shifts: &[f32]) -> Result<(), Error> {
-        self.sound().shift_means(splats, shifts)?;
-        if self.is(ShiftsAreSteps) { self.alter(splats, zero_moments) } else { Ok(()) }
+    fn add_noise(&self, splats: &mut Self::Splats, noise: &MeanNoise) -> Result<(), Error> {
+        self.sound().add_noise(splats, noise)?;
+        if self.is(NoiseIsAStep) { self.alter(splats, zero_moments) } else { Ok(()) }
     }
 
-    fn edit(&self, splats: &mut Self::Splats, plan: &EditPlan<Gaussian2d>) -> Result<(), Error> {
+    async fn edit(&self, splats: &mut Self::Splats, plan: &EditPlan<Gaussian2d>) -> Result<(), Error> {
         if self.is(EditsEvenWhenItRefuses) && plan.sources(self.sound().len(splats)).is_err() {
             self.alter(splats, zero_moments)?;
         }
-        self.sound().edit(splats, plan)?;
+        self.sound().edit(splats, plan).block_on()?;
         match self.fault {
             ForgetsMomentsOnEdit => self.alter(splats, zero_moments),
             ForgetsStatisticsOnEdit => self.alter(splats, |state| {
@@ -311,7 +352,7 @@ impl Rasterizer<Scene2d> for Sabotaged {
                 state.insert("gradient_sum", vec![[0.0]; count]);
             }),
             ForgetsLossesOnEdit => {
-                self.unread_losses(splats).clear();
+                splats.losses.clear();
                 Ok(())
             }
             _ => Ok(()),
@@ -360,7 +401,9 @@ fn every_fault_is_caught_by_its_case() {
         (MistakesErrorsForGradients, "pixel_errors_match"),
         (CollectsUnderOneBlend, "absolute_gradients_match"),
         (CollectsUnderOneBlend, "pixel_errors_match"),
-        (ShiftsAreSteps, "shifts_move_means_and_nothing_else"),
+        (IgnoresMasks, "incomplete_targets_are_completed"),
+        (IgnoresAlpha, "incomplete_targets_are_completed"),
+        (NoiseIsAStep, "noise_moves_means_and_nothing_else"),
         (SolvesNothing, "solved_colors_are_the_best"),
         (ForgetsMomentsOnEdit, "edits_carry_everything_along"),
         (ForgetsMomentsOnEdit, "changes_that_inherit_go_on"),

@@ -1,6 +1,8 @@
 //! gs-wgpu's 3D scenes: the conformance suite with all kinds of kernels, drawn scenes against the oracle and against gs-cpu, and that
 //! they repeat themselves bit for bit.
 
+use gs_core::Rasterizer as _;
+use pollster::FutureExt as _;
 use std::{num::NonZero, sync::OnceLock};
 
 use glam::Vec3;
@@ -11,8 +13,8 @@ use gs_conformance::{
     scenes::{Draw, Kind3d, draws_3d},
 };
 use gs_core::{
-    Adam, AdamRates, Binning, Blend, Camera, EditPlan, Error, Gaussian3d, Image, Loss, Parameterization, Participants,
-    Penalty, Rasterizer, RenderSettings, Scene, Scene3d, SplatsState, TrainStep, Wait,
+    Adam, AdamRates, Binning, Blend, Camera, EditPlan, Error, Gaussian3d, Image, Loss, Optimizer, Parameterization,
+    Participants, Penalty, RenderSettings, Scene, Scene3d, SplatsState, TrainStep, Wait,
     effects::{Order, Statistics},
     settings::Cut,
 };
@@ -31,7 +33,7 @@ fn rasterizers() -> &'static [(Kernels, WgpuRasterizer)] {
                 most_groups: NonZero::new(3),
                 ..WgpuSettings::default()
             };
-            Some((kernels, WgpuRasterizer::new(settings).ok()?))
+            Some((kernels, WgpuRasterizer::new(settings).block_on().ok()?))
         };
         let kernels = [Kernels::Portable, Kernels::Subgroups];
         let found: Vec<_> = kernels.into_iter().filter_map(rasterizer).collect();
@@ -74,14 +76,14 @@ fn root_mean_square(a: &Image, b: &Image) -> f32 {
 fn images_of_many_are_those_of_the_cpu() {
     for order in ORDERS {
         let draw = many(order);
-        let expected = cpu().render(&draw.scene, &draw.view, &draw.settings).unwrap();
+        let expected = cpu().render(&draw.scene, &draw.view, &draw.settings).block_on().unwrap();
         for (kernels, r) in rasterizers() {
-            let found = r.render(&draw.scene, &draw.view, &draw.settings).unwrap();
+            let found = r.render(&draw.scene, &draw.view, &draw.settings).block_on().unwrap();
             let apart = root_mean_square(&found, &expected);
             assert!(apart < 1e-5, "{kernels:?}, {order:?}: {apart}");
         }
     }
-    let images = ORDERS.map(many).map(|d| cpu().render(&d.scene, &d.view, &d.settings).unwrap());
+    let images = ORDERS.map(many).map(|d| cpu().render(&d.scene, &d.view, &d.settings).block_on().unwrap());
     for (one, other) in [(0, 1), (1, 2)] {
         let apart = root_mean_square(&images[one], &images[other]);
         assert!(apart > 1e-3, "{:?} is all but {:?}: the comparison cannot fail", ORDERS[one], ORDERS[other]);
@@ -110,20 +112,20 @@ fn scenes_of_every_size_that_fits_are_drawn_and_trained() {
     let settings = RenderSettings::blended(Blend::Over);
     let target = r.for_3d().upload_target(&Image::filled(16, 16, [0.2; 3]).unwrap()).unwrap();
     let mut splats = r.upload(&scene, Parameterization::ScaleRotation).unwrap();
-    let frame = r.forward(&splats, &view, &settings).unwrap();
-    let drawn = r.image(&frame).unwrap();
+    let frame = r.forward(&splats, &view, &settings).block_on().unwrap();
+    let drawn = r.image(&frame).block_on().unwrap();
     assert!(drawn.pixels().iter().any(|p| p[0] > 0.1));
     let rates = Adam::default().at(0.0);
     let step = TrainStep { settings: &settings, loss: Loss::L2, rates: &rates, binning: Binning::Fresh };
-    r.train_step(&mut splats, &view, &target, &step).unwrap();
-    r.losses(&mut splats, Wait::All, &mut Vec::new()).unwrap();
-    let after = r.download(&splats).unwrap();
+    r.train_step(&mut splats, &view, &target, &step).block_on().unwrap();
+    r.losses(&mut splats, Wait::All, &mut Vec::new()).block_on().unwrap();
+    let after = r.download(&splats).block_on().unwrap();
     assert_ne!(after.sh[0], scene.sh[0]);
     assert_eq!(after.sh[16..], scene.sh[16..]);
     // And an edit of what was never trained has moments to hand on.
     let mut untouched = r.upload(&scene, Parameterization::ScaleRotation).unwrap();
-    r.edit(&mut untouched, &EditPlan::default()).unwrap();
-    assert!(r.save(&untouched).unwrap().matrix("moment1").unwrap().1.iter().all(|&m| m == 0.0));
+    r.edit(&mut untouched, &EditPlan::default()).block_on().unwrap();
+    assert!(r.save(&untouched).block_on().unwrap().matrix("moment1").unwrap().1.iter().all(|&m| m == 0.0));
 }
 
 /// Steps that are small beside the scene, and whose gradients of mere rounding do not become whole steps.
@@ -133,7 +135,7 @@ fn rates(participants: Participants) -> AdamRates {
     adam.at(0.0)
 }
 
-fn trained<R: Rasterizer<Scene3d>>(
+fn trained<R: Optimizer<Scene3d>>(
     r: &R,
     draw: &Draw<Scene3d>,
     rates: &AdamRates,
@@ -143,11 +145,11 @@ fn trained<R: Rasterizer<Scene3d>>(
     let mut splats = r.upload(&draw.scene, Parameterization::ScaleRotation).unwrap();
     for _ in 0..steps {
         let step = TrainStep { settings: &draw.settings, loss: Loss::PAPER, rates, binning: Binning::Reuse };
-        r.train_step(&mut splats, &draw.view, &target, &step).unwrap();
+        r.train_step(&mut splats, &draw.view, &target, &step).block_on().unwrap();
     }
     let mut losses = Vec::new();
-    r.losses(&mut splats, Wait::All, &mut losses).unwrap();
-    (r.save(&splats).unwrap(), losses)
+    r.losses(&mut splats, Wait::All, &mut losses).block_on().unwrap();
+    (r.save(&splats).block_on().unwrap(), losses)
 }
 
 #[test]
@@ -155,9 +157,11 @@ fn repeats_itself_bit_for_bit_whether_or_not_steps_have_to_be_sent_again() {
     let by_depth = [Order::Global, Order::PerPixel].map(many);
     let kernels = rasterizers().iter().map(|&(kernels, _)| kernels);
     for (kernels, draw) in kernels.flat_map(|kernels| by_depth.iter().map(move |draw| (kernels, draw))) {
-        let other = || WgpuRasterizer::new(WgpuSettings { kernels: Some(kernels), ..WgpuSettings::default() }).unwrap();
+        let other = || {
+            WgpuRasterizer::new(WgpuSettings { kernels: Some(kernels), ..WgpuSettings::default() }).block_on().unwrap()
+        };
         let (cold, roomy) = (other(), other());
-        roomy.render(&draw.scene, &draw.view, &draw.settings).unwrap();
+        roomy.render(&draw.scene, &draw.view, &draw.settings).block_on().unwrap();
         let [(one, losses), (two, again)] = [cold, roomy].map(|r| trained(&r, draw, &rates(Participants::All), 5));
         assert_eq!(bits(&one), bits(&two), "{kernels:?}");
         assert_eq!((losses.len(), &losses), (5, &again), "{kernels:?}");
@@ -172,13 +176,13 @@ fn image_of(state: &SplatsState, draw: &Draw<Scene3d>) -> Image {
     let cpu = cpu();
     let cpu = cpu.for_3d();
     let splats = cpu.restore(state).unwrap();
-    cpu.image(&cpu.forward(&splats, &draw.view, &draw.settings).unwrap()).unwrap()
+    cpu.image(&cpu.forward(&splats, &draw.view, &draw.settings).block_on().unwrap()).block_on().unwrap()
 }
 
 #[test]
 fn ten_steps_end_where_they_do_on_the_cpu() {
     let draw = Draw::for_3d(Kind3d::Typical, Blend::Over, 60, (60, 44), 11).on([0.3, 0.2, 0.6]);
-    let before = cpu().render(&draw.scene, &draw.view, &draw.settings).unwrap();
+    let before = cpu().render(&draw.scene, &draw.view, &draw.settings).block_on().unwrap();
     let all = rates(Participants::All);
     let (usual, _) = trained(cpu().for_3d(), &draw, &all, 10);
     let usual = image_of(&usual, &draw);
@@ -201,20 +205,20 @@ fn ten_steps_end_where_they_do_on_the_cpu() {
 #[test]
 fn a_training_step_moves_few_bytes_however_many_gaussians_there_are() {
     let bytes = |gaussians: usize| {
-        let r = WgpuRasterizer::new(WgpuSettings::default()).unwrap();
+        let r = WgpuRasterizer::new(WgpuSettings::default()).block_on().unwrap();
         let draw = Draw::for_3d(Kind3d::Typical, Blend::Over, gaussians, (120, 80), 3);
         let target = r.for_3d().upload_target(&draw.target().unwrap()).unwrap();
         let mut splats = r.upload(&draw.scene, Parameterization::ScaleRotation).unwrap();
         let rates = rates(Participants::All);
         let step = TrainStep { settings: &draw.settings, loss: Loss::L2, rates: &rates, binning: Binning::Fresh };
         // Buffers grow in the first.
-        r.train_step(&mut splats, &draw.view, &target, &step).unwrap();
-        r.losses(&mut splats, Wait::All, &mut Vec::new()).unwrap();
+        r.train_step(&mut splats, &draw.view, &target, &step).block_on().unwrap();
+        r.losses(&mut splats, Wait::All, &mut Vec::new()).block_on().unwrap();
         let before = r.bytes_moved();
         for _ in 0..5 {
-            r.train_step(&mut splats, &draw.view, &target, &step).unwrap();
+            r.train_step(&mut splats, &draw.view, &target, &step).block_on().unwrap();
         }
-        r.losses(&mut splats, Wait::All, &mut Vec::new()).unwrap();
+        r.losses(&mut splats, Wait::All, &mut Vec::new()).block_on().unwrap();
         r.bytes_moved() - before
     };
     let [few, many] = [30, 3000].map(bytes);
@@ -230,7 +234,7 @@ fn all_orders_and_statistics_are_offered() {
     for order in ORDERS {
         for statistics in [Statistics::MeanGradient, Statistics::AbsoluteGradient, Statistics::PixelError] {
             (draw.settings.effects.order, draw.settings.effects.statistics) = (order, statistics);
-            r.render(&draw.scene, &draw.view, &draw.settings).unwrap();
+            r.render(&draw.scene, &draw.view, &draw.settings).block_on().unwrap();
         }
     }
 }
@@ -276,7 +280,7 @@ fn too_many_to_order() -> (Scene3d, Camera, RenderSettings) {
 fn more_than_a_pixel_can_put_in_order_is_an_error() {
     let (_, r) = &rasterizers()[0];
     let (scene, view, settings) = too_many_to_order();
-    let error = r.render(&scene, &view, &settings).unwrap_err();
+    let error = r.render(&scene, &view, &settings).block_on().unwrap_err();
     assert!(error.to_string().contains("order of their depths"), "{error}");
 }
 
@@ -287,27 +291,27 @@ fn a_step_that_cannot_put_all_in_order_changes_nothing() {
     let (scene, view, settings) = too_many_to_order();
     let target = r.for_3d().upload_target(&Image::filled(1, 1, [0.5; 3]).unwrap()).unwrap();
     let mut splats = r.upload(&scene, Parameterization::ScaleRotation).unwrap();
-    let before = r.save(&splats).unwrap();
+    let before = r.save(&splats).block_on().unwrap();
     let rates = rates(Participants::All);
     let mut step = |settings: &RenderSettings| {
         let step = TrainStep { settings, loss: Loss::L2, rates: &rates, binning: Binning::Fresh };
-        r.train_step(&mut splats, &view, &target, &step).unwrap();
+        r.train_step(&mut splats, &view, &target, &step).block_on().unwrap();
     };
     step(&settings);
     let mut in_order_of_means = settings;
     in_order_of_means.effects.order = Order::Global;
     step(&in_order_of_means);
     let mut losses = Vec::new();
-    let error = r.losses(&mut splats, Wait::All, &mut losses).unwrap_err();
+    let error = r.losses(&mut splats, Wait::All, &mut losses).block_on().unwrap_err();
     assert!(error.to_string().contains("order of their depths"), "{error}");
     assert!(losses.is_empty());
-    assert!(r.save(&splats).unwrap() == before, "the splats has changed");
+    assert!(r.save(&splats).block_on().unwrap() == before, "the splats has changed");
 
     // The splats goes on from there.
     let step = TrainStep { settings: &in_order_of_means, loss: Loss::L2, rates: &rates, binning: Binning::Fresh };
-    r.train_step(&mut splats, &view, &target, &step).unwrap();
-    r.losses(&mut splats, Wait::All, &mut losses).unwrap();
-    assert!(losses.len() == 1 && r.save(&splats).unwrap() != before, "{losses:?}");
+    r.train_step(&mut splats, &view, &target, &step).block_on().unwrap();
+    r.losses(&mut splats, Wait::All, &mut losses).block_on().unwrap();
+    assert!(losses.len() == 1 && r.save(&splats).block_on().unwrap() != before, "{losses:?}");
 }
 
 #[test]
@@ -316,7 +320,7 @@ fn what_is_not_offered_is_an_error_that_names_it() {
     let draw = Draw::for_3d(Kind3d::Typical, Blend::Over, 5, (20, 20), 3);
     let mut smooth = draw.settings;
     smooth.accuracy.cut = Cut::Smooth;
-    let error = r.render(&draw.scene, &draw.view, &smooth).unwrap_err();
+    let error = r.render(&draw.scene, &draw.view, &smooth).block_on().unwrap_err();
     assert!(matches!(&error, Error::Unsupported { backend: "wgpu", effect } if effect.contains("smooth")), "{error}");
     let error = r.upload(&draw.scene, Parameterization::CovarianceFactor).unwrap_err();
     assert!(matches!(&error, Error::Unsupported { effect, .. } if effect.contains("CovarianceFactor")), "{error}");

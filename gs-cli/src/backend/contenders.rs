@@ -1,8 +1,11 @@
 //! All that can render a scene here, side by side: backends, instruction sets, numbers of threads, ways of going about the work.
 
+use gs_core::Backend as _;
+use gs_core::Rasterizer as _;
+use pollster::FutureExt as _;
 use std::rc::Rc;
 
-use gs_core::{Blend, Error, Parameterization, Rasterizer, Scene};
+use gs_core::{Blend, Error, Optimizer, Parameterization, Scene};
 use gs_cpu::{Bounds, CpuRasterizer, CpuSettings, CpuTuning, SimdLevel};
 use gs_lab::frontier::{Change, Contender, Loaded};
 use gs_wgpu::{Kernels, WgpuRasterizer};
@@ -24,8 +27,8 @@ pub(crate) type Contenders<'a, V> = (Vec<Contender<'a, V>>, Vec<ChosenMachine>);
 pub(crate) fn contenders<'a, S>(args: &BackendArgs, scene: &S, blend: Blend) -> Result<Contenders<'a, S::View>, Failure>
 where
     S: Scene + 'a,
-    CpuRasterizer: Rasterizer<S>,
-    WgpuRasterizer: Rasterizer<S>,
+    CpuRasterizer: Optimizer<S>,
+    WgpuRasterizer: Optimizer<S>,
 {
     let (mut all, mut machines) = (Vec::new(), Vec::new());
     let wants_cpu = args.backend != Choice::Wgpu && args.adapter.is_none();
@@ -35,7 +38,9 @@ where
         add_cpu(base, scene, blend, (&mut all, &mut machines))?;
     }
     let may_use_wgpu = args.backend != Choice::Cpu && args.simd.is_none();
-    if may_use_wgpu && (args.backend == Choice::Wgpu || args.adapter.is_some() || !gs_wgpu::adapters().is_empty()) {
+    if may_use_wgpu
+        && (args.backend == Choice::Wgpu || args.adapter.is_some() || !gs_wgpu::adapters().block_on().is_empty())
+    {
         let base = Backend::start_compared(args, Choice::Wgpu)?;
         output::note(&base.reason);
         add_wgpu(base, args, scene, (&mut all, &mut machines))?;
@@ -53,7 +58,7 @@ fn add_cpu<'a, S>(
 ) -> Result<(), Failure>
 where
     S: Scene + 'a,
-    CpuRasterizer: Rasterizer<S>,
+    CpuRasterizer: Optimizer<S>,
 {
     let chosen = machine(&base).flags;
     let AnyRasterizer::Cpu(rasterizer) = base.rasterizer else { return Ok(()) };
@@ -112,7 +117,7 @@ fn add_wgpu<'a, S>(
 ) -> Result<(), Failure>
 where
     S: Scene + 'a,
-    WgpuRasterizer: Rasterizer<S>,
+    WgpuRasterizer: Optimizer<S>,
 {
     let flags = machine(&base).flags;
     let AnyRasterizer::Wgpu(rasterizer) = base.rasterizer else { return Ok(()) };

@@ -3,6 +3,7 @@
 //! Asking the graphics drivers takes time, and on Linux they may write to standard error about a desktop that is not there. So they
 //! are asked only where the system has a device that may be a GPU.
 
+use pollster::FutureExt as _;
 use std::{fs, path::Path};
 
 use gs_core::Error;
@@ -25,7 +26,7 @@ pub(super) fn find(suits: impl FnOnce(&WgpuRasterizer) -> Result<(), Error>) -> 
     if cfg!(target_os = "linux") && !may_have_gpu(Path::new("/dev")) {
         return Fastest::Cpu { why: none.to_owned() };
     }
-    match WgpuRasterizer::new(WgpuSettings::default()) {
+    match WgpuRasterizer::new(WgpuSettings::default()).block_on() {
         // Adapters are ranked, so that if the first is none, no other is.
         Ok(first) if first.adapter().kind == "CPU" => {
             Fastest::Cpu { why: format!("{none}, only a software driver ({})", first.adapter().name) }
@@ -65,7 +66,8 @@ mod tests {
     #[test]
     fn a_gpu_that_does_not_offer_what_is_needed_is_passed_by() {
         let found = |parameterization| {
-            let gpu = WgpuRasterizer::new(WgpuSettings::default()).expect("`cargo xtask test` installs a driver");
+            let gpu =
+                WgpuRasterizer::new(WgpuSettings::default()).block_on().expect("`cargo xtask test` installs a driver");
             if_suited(gpu, |gpu| gpu.upload(&Scene3d::default(), parameterization).map(drop))
         };
         assert!(matches!(found(Parameterization::ScaleRotation), Fastest::Gpu(_)));
@@ -78,7 +80,8 @@ mod tests {
     #[test]
     fn a_gpu_is_taken_for_images_only_where_it_offers_the_effects() {
         let found = |antialias| {
-            let gpu = WgpuRasterizer::new(WgpuSettings::default()).expect("`cargo xtask test` installs a driver");
+            let gpu =
+                WgpuRasterizer::new(WgpuSettings::default()).block_on().expect("`cargo xtask test` installs a driver");
             let mut render = RenderSettings::default();
             render.effects.antialias = antialias;
             if_suited(gpu, |gpu| shows_images(gpu, &render))

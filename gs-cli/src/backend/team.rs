@@ -1,6 +1,6 @@
 //! Several rasterizers of one kind, for work that goes side by side.
 
-use gs_core::{Rasterizer, Scene2d};
+use gs_core::{Optimizer, Scene2d};
 use gs_lab::Machine;
 
 use crate::{
@@ -17,7 +17,7 @@ pub(crate) trait TeamTask {
     type Output;
 
     /// Does it on these rasterizers, of which there is at least one.
-    fn run<R: Rasterizer<Scene2d> + Sync>(self, team: &[&R]) -> Self::Output;
+    fn run<R: Optimizer<Scene2d> + Sync>(self, team: &[&R]) -> Self::Output;
 }
 
 impl Team {

@@ -2,6 +2,7 @@
 
 use gs_core::Error;
 use gs_wgpu::{AdapterSummary, WgpuRasterizer, WgpuSettings};
+use pollster::FutureExt as _;
 use serde::Serialize;
 
 use crate::{
@@ -42,7 +43,7 @@ struct Auto {
 /// # Errors
 /// Where the answer cannot be printed.
 pub(crate) fn run(format: Format) -> Result<(), Failure> {
-    let found = gs_wgpu::adapters();
+    let found = gs_wgpu::adapters().block_on();
     let backend = Backend::start(&BackendArgs::default())?;
     let advice = if found.is_empty() { advice() } else { None };
     if format == Format::Json {
@@ -56,7 +57,7 @@ pub(crate) fn run(format: Format) -> Result<(), Failure> {
 
 /// What the backend says where it finds nothing.
 fn advice() -> Option<String> {
-    match WgpuRasterizer::new(WgpuSettings::default()).err()? {
+    match WgpuRasterizer::new(WgpuSettings::default()).block_on().err()? {
         Error::Backend { message, .. } => Some(message),
         error => Some(error.to_string()),
     }

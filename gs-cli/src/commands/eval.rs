@@ -1,9 +1,10 @@
 //! `gs eval`: how close two images are, a 2D scene is to an image, or a 3D scene is to the images of a data set.
 
+use pollster::FutureExt as _;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use gs_core::{Canvas, Image, Rasterizer, RenderSettings, Scene as _, Scene2d, Scene3d, counted};
+use gs_core::{Canvas, Image, Optimizer, RenderSettings, Scene as _, Scene2d, Scene3d, counted};
 use gs_io::{
     File2d, ImageRemark, LoadedImage,
     dataset::{may_be_dataset, read_dataset},
@@ -107,9 +108,9 @@ struct Draw<'a>(&'a File2d);
 impl Task for Draw<'_> {
     type Output = Result<Image, gs_core::Error>;
 
-    fn run<R: Rasterizer<Scene2d>>(self, rasterizer: &R) -> Self::Output {
+    fn run<R: Optimizer<Scene2d>>(self, rasterizer: &R) -> Self::Output {
         let File2d { scene, width, height, settings } = self.0;
-        rasterizer.render(scene, &Canvas::new(*width, *height), settings)
+        rasterizer.render(scene, &Canvas::new(*width, *height), settings).block_on()
     }
 }
 
@@ -154,7 +155,7 @@ pub(crate) struct Judge<'a> {
 impl Task3d for Judge<'_> {
     type Output = Result<Evaluation, gs_train::Error>;
 
-    fn run<R: Rasterizer<Scene3d>>(self, rasterizer: &R) -> Self::Output {
-        evaluate(rasterizer, self.scene, self.views, self.render)
+    fn run<R: Optimizer<Scene3d>>(self, rasterizer: &R) -> Self::Output {
+        evaluate(rasterizer, self.scene, self.views, self.render).block_on()
     }
 }

@@ -1,9 +1,10 @@
 //! `gs popping`: how much jumps in a 3D scene while the camera moves, by one depth a Gaussian and by the depth at each pixel.
 
+use pollster::FutureExt as _;
 use std::path::PathBuf;
 
 use clap::Args;
-use gs_core::{Camera, Parameterization, Rasterizer, RenderSettings, Scene, Scene3d, counted, view::Orbit};
+use gs_core::{Camera, Optimizer, Parameterization, RenderSettings, Scene, Scene3d, counted, view::Orbit};
 use gs_io::Inputs;
 use gs_lab::experiments::{
     Findings, Table,
@@ -111,10 +112,12 @@ struct Fly<'a> {
 impl Task3d for Fly<'_> {
     type Output = Result<Findings, gs_train::Error>;
 
-    fn run<R: Rasterizer<Scene3d>>(self, rasterizer: &R) -> Self::Output {
+    fn run<R: Optimizer<Scene3d>>(self, rasterizer: &R) -> Self::Output {
         let Self { scene, flight, first, render, what } = self;
-        let frame = rasterizer.forward(&rasterizer.upload(scene, Parameterization::ScaleRotation)?, &first, &render)?;
-        if let Some(why) = why_empty(rasterizer.culled(&frame)?, scene.len(), 1) {
+        let frame = rasterizer
+            .forward(&rasterizer.upload(scene, Parameterization::ScaleRotation)?, &first, &render)
+            .block_on()?;
+        if let Some(why) = why_empty(rasterizer.culled(&frame), scene.len(), 1) {
             output::note(format_args!("note: nothing of the scene is in the first frame: {why}"));
         }
         drop(frame);

@@ -3,11 +3,12 @@
 pub(crate) mod choice;
 mod report;
 
+use pollster::FutureExt as _;
 use std::path::PathBuf;
 
 use clap::Args;
 use gs_core::{
-    Camera, Canvas, Parameterization, Rasterizer, RenderSettings, Scene, Scene2d, Scene3d, counted,
+    Camera, Canvas, Optimizer, Parameterization, RenderSettings, Scene, Scene2d, Scene3d, counted,
     effects::called_for::CallsForEffects, view::Orbit,
 };
 use gs_lab::effects::{Sight, prices, prove, sampled};
@@ -160,7 +161,7 @@ struct Examine<'a> {
 impl Task for Examine<'_> {
     type Output = Result<Report, Failure>;
 
-    fn run<R: Rasterizer<Scene2d> + Rasterizer<Scene3d>>(self, rasterizer: &R) -> Self::Output {
+    fn run<R: Optimizer<Scene2d> + Optimizer<Scene3d>>(self, rasterizer: &R) -> Self::Output {
         let Self { subject, args, backend } = self;
         let facts = |seen: String, gaussians: usize, width: u32, height: u32| Facts {
             input: args.input.display().to_string(),
@@ -184,9 +185,9 @@ impl Task for Examine<'_> {
                 let settings = settings::resolve(&flags, &Given::Nothing, &target)?;
                 let (steps, wanted) = (settings.iterations, settings.render);
                 output::note(format_args!("fitting {} in {} first", target.name(), counted(steps, "step")));
-                let mut trainer = Trainer::new(rasterizer, &target.image, settings)?;
-                trainer.run(&mut ())?;
-                let scene = trainer.scene()?;
+                let mut trainer = Trainer::new(rasterizer, &target.image, settings).block_on()?;
+                trainer.run(&mut ()).block_on()?;
+                let scene = trainer.scene().block_on()?;
                 let canvas = canvas(target.image.size(), size)?;
                 let seen = format!("its canvas, after {}", counted(steps, "step"));
                 let facts = facts(seen, scene.len(), canvas.width, canvas.height);
@@ -196,7 +197,7 @@ impl Task for Examine<'_> {
     }
 }
 
-fn examine<S: CallsForEffects, R: Rasterizer<S>>(
+fn examine<S: CallsForEffects, R: Optimizer<S>>(
     rasterizer: &R,
     scene: &S,
     views: &[S::View],

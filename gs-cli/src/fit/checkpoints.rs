@@ -209,6 +209,7 @@ impl Observer for Storing<'_> {
 
 #[cfg(test)]
 mod tests {
+    use pollster::FutureExt as _;
     use std::process::ExitCode;
 
     use gs_core::Image;
@@ -232,9 +233,9 @@ mod tests {
         let file = place.path().join("state");
         let fitted = |at_most| {
             let mut stored = Checkpoints { file: file.clone(), every: None, at_most, ..checkpoints(false, None) };
-            let mut trainer = Trainer::new(&cpu, &image, settings.clone()).unwrap();
-            trainer.run(&mut Storing::new(&mut stored, Voice::above(None))).unwrap();
-            (trainer.scene().unwrap(), stored.stored)
+            let mut trainer = Trainer::new(&cpu, &image, settings.clone()).block_on().unwrap();
+            trainer.run(&mut Storing::new(&mut stored, Voice::above(None))).block_on().unwrap();
+            (trainer.scene().block_on().unwrap(), stored.stored)
         };
         let (scene, stored) = fitted(None);
         assert!(!stored);
@@ -242,8 +243,8 @@ mod tests {
         assert_eq!(fitted(Some(Duration::ZERO)), (scene.clone(), true));
         let mut resumed = Trainer::resume(&cpu, &image, read_checkpoint(&file).unwrap()).unwrap();
         assert!((1..40).contains(&resumed.step()));
-        resumed.run(&mut ()).unwrap();
-        assert_eq!(resumed.scene().unwrap(), scene);
+        resumed.run(&mut ()).block_on().unwrap();
+        assert_eq!(resumed.scene().block_on().unwrap(), scene);
     }
 
     #[test]

@@ -13,12 +13,13 @@ pub(crate) mod target;
 pub(crate) mod terminal;
 pub(crate) mod trouble;
 
+use pollster::FutureExt as _;
 use std::{
     path::{Path, PathBuf},
     time::Instant,
 };
 
-use gs_core::{Rasterizer, RenderSettings, Scene2d, counted};
+use gs_core::{Optimizer, RenderSettings, Scene2d, counted};
 use gs_io::{Checkpoint, FolderClaim, read_checkpoint};
 use gs_train::{FitSettings, MetricsLog, Observer, Outcome, RunSettings, Trainable, Trainer};
 
@@ -91,7 +92,7 @@ impl Start {
     }
 
     /// The fit where it begins, and its log up to there.
-    fn begin<'r, R: Rasterizer<Scene2d>>(
+    fn begin<'r, R: Optimizer<Scene2d>>(
         self,
         rasterizer: &'r R,
         target: &Target,
@@ -100,7 +101,7 @@ impl Start {
             Self::Fresh(settings) => {
                 check_memory(target, &settings)?;
                 let log = MetricsLog::for_settings(&settings);
-                Ok((Trainer::new(rasterizer, &target.image, *settings)?, log))
+                Ok((Trainer::new(rasterizer, &target.image, *settings).block_on()?, log))
             }
             Self::Resumed(checkpoint, file) => {
                 let failed = |error| not_resumed(error, &file);
@@ -126,7 +127,7 @@ struct Fit<'a> {
 impl Task for Fit<'_> {
     type Output = Result<(), Failure>;
 
-    fn run<R: Rasterizer<Scene2d>>(self, rasterizer: &R) -> Result<(), Failure> {
+    fn run<R: Optimizer<Scene2d>>(self, rasterizer: &R) -> Result<(), Failure> {
         let Self { args, target, start, backend, claim, started } = self;
         let (mut trainer, mut log) = start.begin(rasterizer, target)?;
         let folder = OutputFolder::begin(claim)?;
@@ -154,7 +155,7 @@ impl Task for Fit<'_> {
 }
 
 /// Steps to the end, or to where Ctrl-C lets it be resumed, before the eyes of the observers; the curve is what they saw.
-pub(crate) fn follow<R: Rasterizer<S>, S: Trainable>(
+pub(crate) fn follow<R: Optimizer<S>, S: Trainable>(
     detail: Detail,
     trainer: &mut Trainer<'_, R, S>,
     log: &mut MetricsLog,
@@ -168,12 +169,12 @@ pub(crate) fn follow<R: Rasterizer<S>, S: Trainable>(
     let stop = StopOnInterrupt(&interrupt);
     let mut file = LogFile::begin(folder, log, voice.clone())?;
     let storing = Storing::new(checkpoints, voice.clone());
-    let outcome = trainer.run(&mut ((&mut display, &mut file), (&mut curve, (storing, stop))));
+    let outcome = trainer.run(&mut ((&mut display, &mut file), (&mut curve, (storing, stop)))).block_on();
     voice.clear();
     let outcome = outcome?;
     if outcome == Outcome::Stopped {
         // Results come next, whatever becomes of it.
-        let taken = trainer.checkpoint().and_then(|mut checkpoint| {
+        let taken = trainer.checkpoint().block_on().and_then(|mut checkpoint| {
             log.on_checkpoint(&mut checkpoint)?;
             Ok(checkpoint)
         });
@@ -200,7 +201,7 @@ fn not_resumed(error: gs_train::Error, file: &Path) -> Failure {
     if wrong_target { failure.mend("give the same image and --background") } else { failure }
 }
 
-fn announce<R: Rasterizer<Scene2d>>(args: &FitArgs, target: &Target, backend: &Backend, trainer: &Trainer<'_, R>) {
+fn announce<R: Optimizer<Scene2d>>(args: &FitArgs, target: &Target, backend: &Backend, trainer: &Trainer<'_, R>) {
     output::note(&backend.reason);
     target.remarks.iter().for_each(output::note);
     let settings = trainer.settings();
@@ -262,7 +263,8 @@ mod tests {
         let target = Target::load(None, None).unwrap();
         let start = Start::Fresh(Box::new(settings::resolve(&args.settings, &Given::Nothing, &target).unwrap()));
         let backend = Backend::start(&BackendArgs { backend: Choice::Cpu, ..BackendArgs::default() }).unwrap();
-        let wgpu = WgpuRasterizer::new(WgpuSettings::default()).expect("`cargo xtask test` installs a driver");
+        let wgpu =
+            WgpuRasterizer::new(WgpuSettings::default()).block_on().expect("`cargo xtask test` installs a driver");
         let failure = thread::scope(|scope| {
             scope.spawn(|| {
                 while !state.exists() {

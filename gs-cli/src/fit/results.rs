@@ -1,10 +1,11 @@
 //! What a fit leaves behind in its folder. Each file appears complete or not at all, none of an earlier fit stays beside them, and none that
 //! fails takes another with it; the summary comes last.
 
+use pollster::FutureExt as _;
 use std::{path::Path, thread, time::Instant};
 
 use gs_core::{
-    Blend, Canvas, Image, Rasterizer, Scene, Scene2d, counted,
+    Blend, Canvas, Image, Optimizer, Scene, Scene2d, counted,
     effects::called_for::Verdict,
     examination::{self, Examinable},
     statistics::Culled,
@@ -112,7 +113,7 @@ impl Results<'_> {
     ///
     /// # Errors
     /// The first of what failed: where a file cannot be written, or the backend fails.
-    pub(crate) fn write<R: Rasterizer<Scene2d>>(
+    pub(crate) fn write<R: Optimizer<Scene2d>>(
         &self,
         rasterizer: &R,
         trainer: &Trainer<'_, R>,
@@ -121,7 +122,7 @@ impl Results<'_> {
     ) -> Result<Summary, Failure> {
         let render = trainer.shown();
         let (width, height) = trainer.target().size();
-        let file = File2d { scene: sound(trainer.scene()?)?, width, height, settings: render };
+        let file = File2d { scene: sound(trainer.scene().block_on()?)?, width, height, settings: render };
         // Before anything else: all the rest can be made of it again.
         let mut tried = vec![self.folder.write_precious("scene.gs2d.safetensors", |path| write_scene(path, &file))];
         let mut looks = self.look(rasterizer, trainer, &file);
@@ -147,7 +148,7 @@ impl Results<'_> {
                 ]
             });
             let fit = looks.map_err(Failure::clone).and_then(|Looks { reconstruction, culled, .. }| {
-                FitSummary::new(trainer, reconstruction, *culled).map_err(Failure::from)
+                FitSummary::new(trainer, reconstruction, *culled).block_on().map_err(Failure::from)
             });
             for thread in drawn.into_iter().chain([others]).chain(ellipses) {
                 tried.extend(thread.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)));
@@ -169,17 +170,17 @@ impl Results<'_> {
     }
 
     /// What needs the backend, which may fail where no file does.
-    fn look<R: Rasterizer<Scene2d>>(
+    fn look<R: Optimizer<Scene2d>>(
         &self,
         rasterizer: &R,
         trainer: &Trainer<'_, R>,
         file: &File2d,
     ) -> Result<Looks, Failure> {
-        let (reconstruction, culled) = trainer.render()?;
+        let (reconstruction, culled) = trainer.render().block_on()?;
         let large = ellipses::canvas_for(canvas_of(file));
         let background = match self.pictures {
             Pictures::All if large != canvas_of(file) => {
-                Some((rasterizer.render(&file.scene, &large, &file.settings)?, large))
+                Some((rasterizer.render(&file.scene, &large, &file.settings).block_on()?, large))
             }
             Pictures::All | Pictures::Reconstruction => None,
         };

@@ -6,7 +6,7 @@ mod subject;
 use std::path::PathBuf;
 
 use clap::Args;
-use gs_core::{Rasterizer, counted};
+use gs_core::{Optimizer, counted};
 use gs_cpu::CpuRasterizer;
 use gs_io::Inputs;
 use gs_lab::frontier::{Budget, Chosen, Field, Frontier, Pace, Verifiable, figure, search, to_csv, to_text};
@@ -137,8 +137,8 @@ pub(crate) fn run(args: &FrontierArgs) -> Result<(), Failure> {
 fn measure<S>(args: &FrontierArgs, seen: &Seen<S>, folder: Option<&OutputFolder>) -> Result<(), Failure>
 where
     S: Verifiable,
-    CpuRasterizer: Rasterizer<S>,
-    WgpuRasterizer: Rasterizer<S>,
+    CpuRasterizer: Optimizer<S>,
+    WgpuRasterizer: Optimizer<S>,
 {
     let (contenders, machines) = contenders(&args.backend, &seen.scene, seen.shown.effects.blend)?;
     let field = Field { scene: &seen.scene, contenders, shown: seen.shown };

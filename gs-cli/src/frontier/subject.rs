@@ -1,5 +1,6 @@
 //! What is measured: a scene, how it is shown, the views of the search, and others to verify what it finds.
 
+use pollster::FutureExt as _;
 use std::path::Path;
 
 use glam::Vec2;
@@ -125,10 +126,10 @@ struct Fit<'a> {
 impl Task for Fit<'_> {
     type Output = Result<Scene2d, Failure>;
 
-    fn run<R: gs_core::Rasterizer<Scene2d>>(self, rasterizer: &R) -> Self::Output {
-        let mut trainer = Trainer::new(rasterizer, &self.target.image, self.settings)?;
-        trainer.run(&mut ())?;
-        Ok(trainer.scene()?)
+    fn run<R: gs_core::Optimizer<Scene2d>>(self, rasterizer: &R) -> Self::Output {
+        let mut trainer = Trainer::new(rasterizer, &self.target.image, self.settings).block_on()?;
+        trainer.run(&mut ()).block_on()?;
+        Ok(trainer.scene().block_on()?)
     }
 }
 

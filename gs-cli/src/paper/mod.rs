@@ -8,7 +8,7 @@ use clap::{
     Args,
     builder::{PossibleValuesParser, TypedValueParser as _},
 };
-use gs_core::{Rasterizer, Scene2d, Scene3d, counted, profile::Profiler};
+use gs_core::{Optimizer, Scene2d, Scene3d, counted, profile::Profiler};
 use gs_io::Inputs;
 use gs_lab::experiments::{Chapter, Experiment, Extent, Findings, Laboratory, PageSetting, claims_csv, page};
 
@@ -97,7 +97,7 @@ struct Experiments<'a> {
 impl Task for Experiments<'_> {
     type Output = Result<Vec<Chapter>, Failure>;
 
-    fn run<R: Profiler<Scene2d> + Rasterizer<Scene3d>>(self, rasterizer: &R) -> Result<Vec<Chapter>, Failure> {
+    fn run<R: Profiler<Scene2d> + Optimizer<Scene3d>>(self, rasterizer: &R) -> Result<Vec<Chapter>, Failure> {
         let mut display = Display::new(self.experiments.len());
         let voice = display.voice();
         // Every experiment is written whole or not at all: there is nothing to save.

@@ -1,9 +1,10 @@
 //! Measures a subject on a backend: the stages, as the backend sees them, and whole passes, as a caller sees them.
 
+use pollster::FutureExt as _;
 use std::time::Instant;
 
 use gs_core::{
-    Binning, Error, Loss, Parameterization, Rasterizer, RenderSettings, Scene, Scene2d, Scene3d, TrainStep, Wait,
+    Binning, Error, Loss, Optimizer, Parameterization, RenderSettings, Scene, Scene2d, Scene3d, TrainStep, Wait,
     profile::{Profiler, still},
 };
 
@@ -95,7 +96,7 @@ impl About {
         let Ready { scene, view, target, render, loss, parameterization, fitted_steps } = ready;
         let mut splats = rasterizer.upload(&scene, parameterization)?;
         let uploaded = rasterizer.upload_target(&target.image)?;
-        let profile = rasterizer.profile(&mut splats, &view, &uploaded, &render, loss, repetitions)?;
+        let profile = rasterizer.profile(&mut splats, &view, &uploaded, &render, loss, repetitions).block_on()?;
         let rates = still();
         let step = TrainStep { settings: &render, loss, rates: &rates, binning: Binning::Fresh };
         let whole = whole(rasterizer, &mut splats, (&view, &uploaded), &step, repetitions)?;
@@ -118,7 +119,7 @@ impl About {
 
 /// Runs whole passes, interleaved, after one of each without looking at the clock. The rates of `step` should be such that the
 /// Gaussians stay where they are.
-fn whole<S: Scene, R: Rasterizer<S>>(
+fn whole<S: Scene, R: Optimizer<S>>(
     rasterizer: &R,
     splats: &mut R::Splats,
     (view, target): (&S::View, &R::Target),
@@ -129,10 +130,10 @@ fn whole<S: Scene, R: Rasterizer<S>>(
     let mut train = |splats: &mut R::Splats, binning: Binning| {
         let start = Instant::now();
         for _ in 0..STEPS {
-            rasterizer.train_step(splats, view, target, &TrainStep { binning, ..*step })?;
+            rasterizer.train_step(splats, view, target, &TrainStep { binning, ..*step }).block_on()?;
         }
         losses.clear();
-        rasterizer.losses(splats, Wait::All, &mut losses)?;
+        rasterizer.losses(splats, Wait::All, &mut losses).block_on()?;
         Ok(start.elapsed().as_secs_f64() / f64::from(STEPS))
     };
     for repetition in 0..=repetitions {
@@ -140,7 +141,7 @@ fn whole<S: Scene, R: Rasterizer<S>>(
         let fresh = train(splats, Binning::Fresh)?;
         let reused = train(splats, Binning::Reuse)?;
         let start = Instant::now();
-        let frame = rasterizer.forward(splats, view, step.settings)?;
+        let frame = rasterizer.forward(splats, view, step.settings).block_on()?;
         let forward = start.elapsed().as_secs_f64();
         drop(frame);
         if repetition > 0 {

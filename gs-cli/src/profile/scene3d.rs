@@ -1,8 +1,9 @@
 //! What is profiled of 3D scenes: the Gaussians as they are, from a camera, and what they are compared with.
 
+use pollster::FutureExt as _;
 use std::path::Path;
 
-use gs_core::{Camera, Loss, Parameterization, Rasterizer, RenderSettings, Scene3d};
+use gs_core::{Camera, Loss, Optimizer, Parameterization, RenderSettings, Scene3d};
 
 use crate::{
     cameras::{self, Home},
@@ -66,11 +67,11 @@ impl Subject3d {
     ///
     /// # Errors
     /// Where the backend fails.
-    pub(crate) fn prepare<R: Rasterizer<Scene3d>>(self, rasterizer: &R) -> Result<Ready<Scene3d>, Failure> {
+    pub(crate) fn prepare<R: Optimizer<Scene3d>>(self, rasterizer: &R) -> Result<Ready<Scene3d>, Failure> {
         let Self { scene, camera, render, loss, parameterization, target, .. } = self;
         let target = match target {
             Some(target) => target,
-            None => Compared::own(rasterizer.render(&scene, &camera, &render)?),
+            None => Compared::own(rasterizer.render(&scene, &camera, &render).block_on()?),
         };
         Ok(Ready { scene, view: camera, target, render, loss, parameterization, fitted_steps: None })
     }

@@ -1,8 +1,9 @@
 //! What is profiled of images: Gaussians on a canvas, from a scene or fitted to an image, and what they are compared with.
 
+use pollster::FutureExt as _;
 use std::path::Path;
 
-use gs_core::{Canvas, Image, Loss, Parameterization, Rasterizer, RenderSettings, Scene2d, counted};
+use gs_core::{Canvas, Image, Loss, Optimizer, Parameterization, RenderSettings, Scene2d, counted};
 use gs_io::File2d;
 use gs_train::{FitSettings, Trainer};
 
@@ -128,7 +129,7 @@ impl Subject {
     ///
     /// # Errors
     /// Where the fit diverges or the backend fails.
-    pub(crate) fn prepare<R: Rasterizer<Scene2d>>(self, rasterizer: &R) -> Result<Ready<Scene2d>, Failure> {
+    pub(crate) fn prepare<R: Optimizer<Scene2d>>(self, rasterizer: &R) -> Result<Ready<Scene2d>, Failure> {
         let Self { name, canvas, render, loss, parameterization, source, target, .. } = self;
         let (scene, fitted_steps) = match source {
             Source::Scene(scene) => (scene, None),
@@ -142,14 +143,14 @@ impl Subject {
                     counted(settings.iterations, "step")
                 ));
                 let iterations = settings.iterations;
-                let mut trainer = Trainer::new(rasterizer, &image, *settings)?;
-                trainer.run(&mut ())?;
-                (trainer.scene()?, Some(iterations))
+                let mut trainer = Trainer::new(rasterizer, &image, *settings).block_on()?;
+                trainer.run(&mut ()).block_on()?;
+                (trainer.scene().block_on()?, Some(iterations))
             }
         };
         let target = match target {
             Some(target) => target,
-            None => Compared::own(rasterizer.render(&scene, &canvas, &render)?),
+            None => Compared::own(rasterizer.render(&scene, &canvas, &render).block_on()?),
         };
         Ok(Ready { scene, view: canvas, target, render, loss, parameterization, fitted_steps })
     }

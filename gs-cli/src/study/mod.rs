@@ -9,7 +9,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use gs_core::{Rasterizer, Scene2d, counted};
+use gs_core::{Optimizer, Scene2d, counted};
 use gs_lab::{
     Conducted, Existing, Outcome, Places, Plan, Results, Safety, Study, StudyFolder, built_in, conduct,
     refuse_unsupported, report, write_tables,
@@ -84,7 +84,7 @@ struct Refuse<'a>(&'a Plan);
 impl TeamTask for Refuse<'_> {
     type Output = Result<(), Failure>;
 
-    fn run<R: Rasterizer<Scene2d> + Sync>(self, team: &[&R]) -> Self::Output {
+    fn run<R: Optimizer<Scene2d> + Sync>(self, team: &[&R]) -> Self::Output {
         Ok(team.first().map_or(Ok(()), |rasterizer| refuse_unsupported(self.0, *rasterizer))?)
     }
 }
@@ -97,7 +97,7 @@ struct Conduct<'a> {
 impl TeamTask for Conduct<'_> {
     type Output = Result<Conducted, Failure>;
 
-    fn run<R: Rasterizer<Scene2d> + Sync>(self, team: &[&R]) -> Self::Output {
+    fn run<R: Optimizer<Scene2d> + Sync>(self, team: &[&R]) -> Self::Output {
         let display = Display::new(self.plan, self.folder);
         let interrupt = Interrupt::listen(display.voice());
         let watched = display.stopped_by(&interrupt);

@@ -1,6 +1,6 @@
 //! `gs study replay`: a row done again, as a fit of its own.
 
-use gs_core::{Rasterizer, Scene2d, counted};
+use gs_core::{Optimizer, Scene2d, counted};
 use gs_io::{File2d, FolderClaim, Inputs, write_png, write_scene};
 use gs_lab::{Machine, Places, Plan, Replayed, Run, Study, StudyFolder, recorded_run, replay};
 
@@ -60,7 +60,7 @@ struct Again<'a> {
 impl Task for Again<'_> {
     type Output = Result<Replayed, Failure>;
 
-    fn run<R: Rasterizer<Scene2d>>(self, rasterizer: &R) -> Self::Output {
+    fn run<R: Optimizer<Scene2d>>(self, rasterizer: &R) -> Self::Output {
         Ok(replay(self.plan, self.row, rasterizer, self.folder)?)
     }
 }

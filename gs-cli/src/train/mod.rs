@@ -7,12 +7,13 @@ mod pictures;
 mod results;
 mod settings;
 
+use pollster::FutureExt as _;
 use std::{
     path::{Path, PathBuf},
     time::Instant,
 };
 
-use gs_core::{Parameterization, Rasterizer, Scene3d, counted};
+use gs_core::{Optimizer, Parameterization, Scene3d, counted};
 use gs_io::{
     Checkpoint, FolderClaim,
     dataset::{Dataset, Remark, Split, read_dataset},
@@ -91,7 +92,7 @@ impl Begin {
     }
 
     /// The training where it begins, its log up to there, and the beginning in words.
-    fn begin<'r, R: Rasterizer<Scene3d>>(
+    fn begin<'r, R: Optimizer<Scene3d>>(
         self,
         rasterizer: &'r R,
         dataset: &Dataset,
@@ -101,7 +102,7 @@ impl Begin {
             Self::Fresh { settings, start, told } => {
                 let log = MetricsLog::for_steps(settings.iterations);
                 let trainer = Trainer3d::from_views(rasterizer, views, start, *settings);
-                Ok((trainer.map_err(|error| not_begun(error, &dataset.root))?, log, told))
+                Ok((trainer.block_on().map_err(|error| not_begun(error, &dataset.root))?, log, told))
             }
             Self::Resumed(checkpoint, file) => {
                 let failed = |error| not_resumed(error, &file, dataset);
@@ -127,7 +128,7 @@ struct Train<'a> {
 impl Task3d for Train<'_> {
     type Output = Result<(), Failure>;
 
-    fn run<R: Rasterizer<Scene3d>>(self, rasterizer: &R) -> Result<(), Failure> {
+    fn run<R: Optimizer<Scene3d>>(self, rasterizer: &R) -> Result<(), Failure> {
         let Self { args, dataset, begin, backend, claim, started } = self;
         output::note(&backend.reason);
         dataset.remarks.iter().for_each(|remark| output::note(format_args!("note: {}", remark_text(remark))));
@@ -159,7 +160,7 @@ impl Task3d for Train<'_> {
 }
 
 /// Fails where there is not the memory for the views and the Gaussians that there are; tells what all Gaussians that there may be take.
-fn check_memory<R: Rasterizer<Scene3d>>(args: &TrainArgs, trainer: &Trainer3d<'_, R>) -> Result<(), Failure> {
+fn check_memory<R: Optimizer<Scene3d>>(args: &TrainArgs, trainer: &Trainer3d<'_, R>) -> Result<(), Failure> {
     let (views, settings) = (trainer.views(), trainer.settings());
     let sizes = || views.train_cameras().map(|camera| (camera.width, camera.height));
     let of = |gaussians: u32| Need {
@@ -197,7 +198,7 @@ fn not_resumed(error: gs_train::Error, file: &Path, dataset: &Dataset) -> Failur
     }
 }
 
-fn announce<R: Rasterizer<Scene3d>>(args: &TrainArgs, dataset: &Dataset, told: &str, trainer: &Trainer3d<'_, R>) {
+fn announce<R: Optimizer<Scene3d>>(args: &TrainArgs, dataset: &Dataset, told: &str, trainer: &Trainer3d<'_, R>) {
     let settings = trainer.settings();
     output::note(format_args!(
         "training on {} of {} of {} ({}, {} held out) from {told}, with at most {} in {}, into {}",

@@ -1,9 +1,10 @@
 //! What a training leaves behind in its folder. Each file appears complete or not at all, and none takes another with it; the summary comes
 //! last.
 
+use pollster::{FutureExt as _, block_on};
 use std::{path::Path, time::Instant};
 
-use gs_core::{Camera, Canvas, Rasterizer, RenderSettings, Scene, Scene3d, counted, effects::called_for::Verdict};
+use gs_core::{Camera, Canvas, Optimizer, RenderSettings, Scene, Scene3d, counted, effects::called_for::Verdict};
 use gs_io::{WriteOptions3d, write_3d, write_png};
 use gs_lab::{
     effects::sampled,
@@ -121,14 +122,14 @@ impl Results<'_> {
     ///
     /// # Errors
     /// The first of what failed: where a file cannot be written, a photograph not be read, or the backend fails.
-    pub(crate) fn write<R: Rasterizer<Scene3d>>(
+    pub(crate) fn write<R: Optimizer<Scene3d>>(
         &self,
         trainer: &Trainer3d<'_, R>,
         log: &MetricsLog,
         points: &[Point],
     ) -> Result<Summary, Failure> {
         // Before anything else: all the rest can be made of it again.
-        let scene = sound(trainer.scene()?)?;
+        let scene = sound(trainer.scene().block_on()?)?;
         let mut tried = vec![
             self.write_scene(&scene, &trainer.shown()),
             write_table(self.folder, log),
@@ -143,7 +144,7 @@ impl Results<'_> {
         let evaluation = match self.args.no_report {
             true => {
                 tried.push(ViewPictures::clear(self.folder));
-                trainer.evaluate(&mut |_, _| Ok(())).map_err(Failure::from)
+                trainer.evaluate(&mut |_, _| Ok(())).block_on().map_err(Failure::from)
             }
             false => {
                 tried.push(self.write_ellipses(trainer, &scene));
@@ -167,7 +168,7 @@ impl Results<'_> {
 
     /// Judges the scene and writes its views beside their photographs. A picture that cannot be written is no reason not to judge: what became of
     /// them is added to `tried`.
-    fn write_views<R: Rasterizer<Scene3d>>(
+    fn write_views<R: Optimizer<Scene3d>>(
         &self,
         trainer: &Trainer3d<'_, R>,
         tried: &mut Vec<Result<(), Failure>>,
@@ -182,17 +183,17 @@ impl Results<'_> {
             }
         };
         let mut names = names.iter();
-        let evaluation = trainer.evaluate(&mut |view, rendered| {
+        let evaluation = block_on(trainer.evaluate(&mut |view, rendered| {
             if let Some((pictures, name)) = pictures.as_ref().zip(names.next()) {
                 let photograph = view.photograph()?.over(background);
                 tried.push(pictures.write(name, photograph, rendered).map_err(Failure::from));
             }
             Ok(())
-        });
+        }));
         Ok(evaluation?)
     }
 
-    fn summary<R: Rasterizer<Scene3d>>(
+    fn summary<R: Optimizer<Scene3d>>(
         &self,
         trainer: &Trainer3d<'_, R>,
         scene: &Scene3d,
@@ -204,7 +205,7 @@ impl Results<'_> {
                 gaussians: scene.len() as u32,
                 backend: self.backend.name.to_owned(),
                 threads: u32::try_from(self.backend.threads).ok(),
-                ..TrainSummary::new(trainer, evaluation)?
+                ..TrainSummary::new(trainer, evaluation).block_on()?
             },
             adapter: self.backend.adapter.clone(),
             simd: self.backend.simd.clone(),
@@ -216,7 +217,7 @@ impl Results<'_> {
     }
 
     /// The first of the views that judge, with Gaussians drawn over it.
-    fn write_ellipses<R: Rasterizer<Scene3d>>(
+    fn write_ellipses<R: Optimizer<Scene3d>>(
         &self,
         trainer: &Trainer3d<'_, R>,
         scene: &Scene3d,
@@ -224,7 +225,7 @@ impl Results<'_> {
         let Some(view) = trainer.judges().first().map(|view| view.camera) else { return Ok(()) };
         let Canvas { width, height, .. } = ellipses::canvas_for(Canvas::new(view.width, view.height));
         let camera = view.resized(width, height);
-        let mut picture = trainer.render_view(&camera)?.clamped();
+        let mut picture = trainer.render_view(&camera).block_on()?.clamped();
         ellipses::draw_3d(&mut picture, scene, &camera, &trainer.shown());
         Ok(write_png(self.folder.file("ellipses.png"), &picture)?)
     }

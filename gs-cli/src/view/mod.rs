@@ -17,7 +17,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 use glam::Vec3;
-use gs_core::{Camera, Rasterizer, RenderSettings, Scene, Scene3d, effects::CalledFor, image::check_size};
+use gs_core::{Camera, Optimizer, RenderSettings, Scene, Scene3d, effects::CalledFor, image::check_size};
 use gs_io::File2d;
 
 use crate::{
@@ -161,7 +161,7 @@ struct Describe;
 impl Task3d for Describe {
     type Output = String;
 
-    fn run<R: Rasterizer<Scene3d>>(self, rasterizer: &R) -> String {
+    fn run<R: Optimizer<Scene3d>>(self, rasterizer: &R) -> String {
         rasterizer.describe()
     }
 }

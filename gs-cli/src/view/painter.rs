@@ -1,12 +1,13 @@
 //! Frames, off the window's thread: the chosen backend holds the scene and draws what it is sent, one frame at a time.
 
+use pollster::FutureExt as _;
 use std::{
     panic::{AssertUnwindSafe, catch_unwind},
     sync::mpsc::Receiver,
     time::{Duration, Instant},
 };
 
-use gs_core::{Camera, Canvas, Parameterization, Rasterizer, RenderSettings, Scene, Scene2d, Scene3d};
+use gs_core::{Camera, Canvas, Optimizer, Parameterization, RenderSettings, Scene, Scene2d, Scene3d};
 
 use crate::{
     backend::{Task, Task3d},
@@ -93,7 +94,7 @@ pub(crate) struct Painter<'a, S: Scene, A> {
 impl<A: Fn(Answer<Camera>) -> bool> Task3d for Painter<'_, Scene3d, A> {
     type Output = ();
 
-    fn run<R: Rasterizer<Scene3d>>(self, rasterizer: &R) {
+    fn run<R: Optimizer<Scene3d>>(self, rasterizer: &R) {
         self.paint(rasterizer);
     }
 }
@@ -101,21 +102,22 @@ impl<A: Fn(Answer<Camera>) -> bool> Task3d for Painter<'_, Scene3d, A> {
 impl<A: Fn(Answer<Canvas>) -> bool> Task for Painter<'_, Scene2d, A> {
     type Output = ();
 
-    fn run<R: Rasterizer<Scene2d>>(self, rasterizer: &R) {
+    fn run<R: Optimizer<Scene2d>>(self, rasterizer: &R) {
         self.paint(rasterizer);
     }
 }
 
 impl<S: Scene<View: View>, A: Fn(Answer<S::View>) -> bool> Painter<'_, S, A> {
-    fn paint<R: Rasterizer<S>>(self, rasterizer: &R) {
+    fn paint<R: Optimizer<S>>(self, rasterizer: &R) {
         // What fails here is told to whoever asks for the first frame.
         let splats = caught(|| Ok(rasterizer.upload(self.scene, Parameterization::ScaleRotation)?));
         let draw = |request: &Request<S::View>| -> Result<Painted, Failure> {
             let splats = splats.as_ref().map_err(Failure::clone)?;
             let (width, height) = request.size();
             let start = Instant::now();
-            let frame = rasterizer.forward(splats, &request.view.resized(width, height), &request.settings)?;
-            let image = rasterizer.image(&frame)?;
+            let frame =
+                rasterizer.forward(splats, &request.view.resized(width, height), &request.settings).block_on()?;
+            let image = rasterizer.image(&frame).block_on()?;
             let took = start.elapsed();
             Ok(Painted { picture: Picture::of(&image), took })
         };

@@ -1,6 +1,7 @@
 //! `gs train`, and `gs render` and `gs eval` of 3D scenes, from end to end.
 
 #[cfg(unix)]
+use pollster::FutureExt as _;
 use std::process::Child;
 use std::{
     fs,
@@ -49,7 +50,7 @@ pub(crate) fn photographed(place: &Path) -> (PathBuf, PathBuf) {
     for i in 0..8 {
         let position = 4.0 * Vec2::from_angle(0.8 * i as f32).extend(0.3).normalize();
         let camera = lens.looking_at(position, Vec3::ZERO, Vec3::Z).unwrap();
-        let image = rasterizer.render(&scene(), &camera, &render).unwrap();
+        let image = rasterizer.render(&scene(), &camera, &render).block_on().unwrap();
         let name = format!("images/{i}.png");
         gs_io::write_png(dataset.join(&name), &image).unwrap();
         // Their camera axes are right, up, backward.

@@ -2,8 +2,8 @@
 
 use fearless_simd::Level;
 use gs_core::{
-    AdamRates, Binning, Blend, Canvas, EditPlan, Error, Gaussian2d, Parameterization, Penalty, RenderSettings, Scene2d,
-    SplatsState, effects::Order,
+    AdamRates, Binning, Blend, Canvas, EditPlan, Error, Gaussian2d, MeanNoise, Parameterization, Penalty,
+    RenderSettings, Scene2d, SplatsState, effects::Order,
 };
 
 use super::{
@@ -100,8 +100,8 @@ impl SceneKind for Scene2d {
         splats.edit(plan)
     }
 
-    fn shift_means(splats: &mut Splats2d, shifts: &[f32]) -> Result<(), Error> {
-        splats.shift_means(shifts)
+    fn add_noise(splats: &mut Splats2d, noise: &MeanNoise) {
+        splats.add_noise(noise);
     }
 
     fn shared(splats: &Splats2d) -> &Shared<Self> {
@@ -207,7 +207,7 @@ impl SceneKind for Scene2d {
             return Err(unsupported("solving for colours under `over`, where the image is not linear in them"));
         }
         let mut workspace = rasterizer.pool_2d.pool.take().tuned(rasterizer.tuning);
-        rasterizer.threads.install(|| {
+        rasterizer.install(|| {
             Self::prepare(&mut workspace, splats, view, settings, Binning::Fresh)?;
             solve_colors::solve(&mut workspace, splats, target, rasterizer.level, iterations)
         })?;

@@ -2,11 +2,12 @@
 
 use glam::{Mat2, Vec2, Vec3};
 use gs_core::{
-    DensityStatistics, EditPlan, Error, Gaussian2d, Parameterization, Scene, Scene2d, SplatsState,
+    DensityStatistics, EditPlan, Error, Gaussian2d, MeanNoise, Parameterization, Scene, Scene2d, SplatsState,
     edit::{Moments, Source},
     scene::{logit, sigmoid},
     whitened::aligned,
 };
+use rayon::prelude::*;
 
 use crate::kind::Shared;
 
@@ -145,15 +146,11 @@ impl Splats2d {
         Ok(())
     }
 
-    pub(crate) fn shift_means(&mut self, shifts: &[f32]) -> Result<(), Error> {
-        let expected = 2 * self.len();
-        if shifts.len() != expected {
-            return Err(Error::Length { what: "mean", expected, found: shifts.len() });
-        }
-        for (mean, &shift) in self.means.iter_mut().zip(shifts.as_chunks::<2>().0) {
-            *mean += Vec2::from_array(shift);
-        }
-        Ok(())
+    pub(crate) fn add_noise(&mut self, noise: &MeanNoise) {
+        let mut means = std::mem::take(&mut self.means);
+        (means.par_iter_mut().zip(&self.opacity_logits).enumerate())
+            .for_each(|(i, (mean, &logit))| *mean += noise.shift_2d(i as u32, self.factor(i), logit));
+        self.means = means;
     }
 
     pub(crate) fn save(&self) -> SplatsState {

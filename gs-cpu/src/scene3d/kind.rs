@@ -4,8 +4,8 @@ use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
 use fearless_simd::Level;
 use gs_core::{
-    AdamRates, Binning, Blend, Camera, EditPlan, Error, Gaussian3d, Parameterization, RenderSettings, Scene3d,
-    SplatsState,
+    AdamRates, Binning, Blend, Camera, EditPlan, Error, Gaussian3d, MeanNoise, Parameterization, RenderSettings,
+    Scene3d, SplatsState,
     effects::Order,
     perspective::{Ellipsoid, Perspective},
 };
@@ -118,8 +118,8 @@ impl SceneKind for Scene3d {
         splats.edit(plan)
     }
 
-    fn shift_means(splats: &mut Splats3d, shifts: &[f32]) -> Result<(), Error> {
-        splats.shift_means(shifts)
+    fn add_noise(splats: &mut Splats3d, noise: &MeanNoise) {
+        splats.add_noise(noise);
     }
 
     fn shared(splats: &Splats3d) -> &Shared<Self> {

@@ -8,7 +8,7 @@ use std::ops::Range;
 
 use glam::{Mat3, Vec3};
 use gs_core::{
-    DensityStatistics, EditPlan, Error, Gaussian3d, Parameterization, Scene, Scene3d, SplatsState,
+    DensityStatistics, EditPlan, Error, Gaussian3d, MeanNoise, Parameterization, Scene, Scene3d, SplatsState,
     covariance_factor::{self, Factored, Symmetric3},
     edit::{Moments, Source},
     perspective::Ellipsoid,
@@ -193,15 +193,19 @@ impl Splats3d {
         self.scene_of(seen.into_iter().zip(self.parameters.chunks_exact(self.pitch())))
     }
 
-    pub(crate) fn shift_means(&mut self, shifts: &[f32]) -> Result<(), Error> {
-        let (expected, pitch) = (3 * self.len(), self.pitch());
-        if shifts.len() != expected {
-            return Err(Error::Length { what: "mean", expected, found: shifts.len() });
-        }
-        for (row, shift) in self.parameters.chunks_exact_mut(pitch).zip(shifts.chunks_exact(3)) {
-            row[MEAN].iter_mut().zip(shift).for_each(|(value, shift)| *value += shift);
-        }
-        Ok(())
+    pub(crate) fn add_noise(&mut self, noise: &MeanNoise) {
+        let (pitch, parameterization) = (self.pitch(), self.parameterization);
+        self.parameters.par_chunks_exact_mut(pitch).enumerate().for_each(|(index, row)| {
+            let factor = match parameterization {
+                Parameterization::ScaleRotation => {
+                    let Ellipsoid { log_scale, rotation, .. } = ellipsoid(row);
+                    covariance_factor::frame_of(log_scale, rotation).unwrap_or(Mat3::ZERO)
+                }
+                Parameterization::CovarianceFactor => factor(row),
+            };
+            let shift = noise.shift_3d(index as u32, factor, row[OPACITY]);
+            row[MEAN].iter_mut().zip(shift.to_array()).for_each(|(value, shift)| *value += shift);
+        });
     }
 
     fn write(&self, g: &Gaussian3d, row: &mut [f32]) {

@@ -5,6 +5,7 @@ use gs_core::{
     constants::HALF_DISPLAY_STEP,
     effects::{Antialias, Effect, Order, called_for::Answer},
 };
+use pollster::FutureExt as _;
 
 use crate::scenes::{camera, rasterizer, scene, settings};
 
@@ -35,7 +36,7 @@ fn what_is_not_called_for_is_not_seen() {
         }
         for views in [&[view][..], &[]] {
             let called = Effects::called_for(&scene, views, &wanted).unwrap();
-            let picture = |settings: &RenderSettings| cpu.render(&scene, &view, settings).unwrap();
+            let picture = |settings: &RenderSettings| cpu.render(&scene, &view, settings).block_on().unwrap();
             let (whole, less) = (picture(&wanted), picture(&called.settings));
             let pixels = whole.pixels().as_flattened().iter().zip(less.pixels().as_flattened());
             let most = pixels.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
@@ -73,7 +74,10 @@ fn an_order_that_is_called_for_would_be_missed() {
     assert_eq!(called.settings.effects.order, Order::PerPixel, "{:#?}", called.verdicts);
     let mut cheaper = wanted;
     cheaper.effects.order = Order::Global;
-    let (whole, less) = (cpu.render(&crowd, &view, &wanted).unwrap(), cpu.render(&crowd, &view, &cheaper).unwrap());
+    let (whole, less) = (
+        cpu.render(&crowd, &view, &wanted).block_on().unwrap(),
+        cpu.render(&crowd, &view, &cheaper).block_on().unwrap(),
+    );
     let pixels = whole.pixels().as_flattened().iter().zip(less.pixels().as_flattened());
     assert!(pixels.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max) > HALF_DISPLAY_STEP);
 }

@@ -1,16 +1,18 @@
 //! Gradients of all parameters against central differences of the rendered image.
 
 use glam::Vec3;
+use gs_core::Rasterizer as _;
 use gs_core::{
-    Blend, Camera, Image, Loss, Parameterization, Rasterizer, RenderSettings, Scene3d,
+    Blend, Camera, Image, Loss, Optimizer, Parameterization, RenderSettings, Scene3d,
     effects::{Antialias, Order},
 };
+use pollster::FutureExt as _;
 
 use crate::scenes::{camera, image, rasterizer, scene, settings};
 
 /// Half the sum of the squared differences, in `f64`: the mean would be too small for differences.
-fn loss(r: &impl Rasterizer<Scene3d>, s: &Scene3d, view: &Camera, settings: &RenderSettings, target: &Image) -> f64 {
-    let found = r.render(s, view, settings).unwrap();
+fn loss(r: &impl Optimizer<Scene3d>, s: &Scene3d, view: &Camera, settings: &RenderSettings, target: &Image) -> f64 {
+    let found = r.render(s, view, settings).block_on().unwrap();
     let pairs = found.pixels().as_flattened().iter().zip(target.pixels().as_flattened());
     pairs.map(|(&a, &b)| (f64::from(a) - f64::from(b)).powi(2)).sum::<f64>() / 2.0
 }
@@ -55,9 +57,9 @@ fn gradients_are_central_differences() {
         settings.accuracy.alpha_cut = 1e-6;
         let on_backend = cpu.upload_target(&target).unwrap();
         let splats = cpu.upload(&scene, Parameterization::ScaleRotation).unwrap();
-        let frame = cpu.forward(&splats, &view, &settings).unwrap();
-        let (_, gradients) = cpu.backward(&splats, frame, &on_backend, &Loss::L2).unwrap();
-        let mut found = cpu.download_gradients(&splats, &gradients).unwrap();
+        let frame = cpu.forward(&splats, &view, &settings).block_on().unwrap();
+        let (_, gradients) = cpu.backward(&splats, frame, &on_backend, &Loss::L2).block_on().unwrap();
+        let mut found = cpu.gradients(&splats, &gradients).block_on().unwrap();
         let found = groups(&mut found)
             .map(|(name, values)| (name, values.into_iter().map(|v| *v * count / 2.0).collect::<Vec<_>>()));
         for (group, (name, found)) in found.into_iter().enumerate() {

@@ -1,6 +1,7 @@
 //! Scenes and cameras that mean harm: no panic, no NaN, and every Gaussian that is left out is counted.
 
 use glam::{Mat3, Vec2, Vec3};
+use gs_core::Optimizer as _;
 use gs_core::{
     Adam, Blend, Camera, Error, Gaussian3d, Image, Loss, Parameterization, Rasterizer, Scene, Scene3d, SplatsState,
     TrainStep,
@@ -9,6 +10,7 @@ use gs_core::{
     state::{Tensor, TensorData},
     statistics::Culled,
 };
+use pollster::FutureExt as _;
 
 use crate::scenes::{camera, image, rasterizer, scene, settings};
 
@@ -77,22 +79,22 @@ fn hostile_gaussians_leave_pictures_and_gradients_finite() {
             settings.effects.blend = blend;
             settings.effects.antialias = antialias;
             let mut splats = cpu.upload(&hostile(), parameterization).unwrap();
-            let factor = cpu.forward(&splats, &view, &settings).unwrap();
-            assert!(finite(&cpu.image(&factor).unwrap()), "{blend:?} {order:?} {antialias:?}");
-            let culled = cpu.culled(&factor).unwrap();
+            let factor = cpu.forward(&splats, &view, &settings).block_on().unwrap();
+            assert!(finite(&cpu.image(&factor).block_on().unwrap()), "{blend:?} {order:?} {antialias:?}");
+            let culled = cpu.culled(&factor);
             assert!(culled.near >= 2 && culled.not_finite >= 2, "{culled:?}");
             assert!(culled.degenerate >= 1 || parameterization == Parameterization::CovarianceFactor, "{culled:?}");
             assert!(total(culled) < hostile().len() as u32);
-            let (loss, gradients) = cpu.backward(&splats, factor, &target, &Loss::PAPER).unwrap();
+            let (loss, gradients) = cpu.backward(&splats, factor, &target, &Loss::PAPER).block_on().unwrap();
             assert!(loss.is_finite(), "{blend:?} {order:?} {antialias:?}");
-            let g = cpu.download_gradients(&splats, &gradients).unwrap();
+            let g = cpu.gradients(&splats, &gradients).block_on().unwrap();
             let vectors = g.means.iter().chain(&g.log_scales).chain(&g.sh).flat_map(|v| v.to_array());
             let mut numbers = vectors.chain(g.rotations.iter().flatten().copied()).chain(g.opacity_logits.clone());
             assert!(numbers.all(f32::is_finite), "{blend:?} {order:?} {antialias:?}: {g:?}");
             let rates = Adam { min_scale: 1e-4, ..Adam::default() }.at(0.0);
             let step = TrainStep { settings: &settings, loss: Loss::PAPER, rates: &rates, binning: Binning::Fresh };
             for _ in 0..3 {
-                cpu.train_step(&mut splats, &view, &target, &step).unwrap();
+                cpu.train_step(&mut splats, &view, &target, &step).block_on().unwrap();
             }
         }
     }
@@ -112,17 +114,17 @@ fn parameters_that_training_has_lost_are_counted_and_draw_nothing() {
     let cpu = cpu.for_3d();
     let settings = settings(Order::Global, 1);
     let in_parameterization =
-        |parameterization| cpu.save(&cpu.upload(&scene(9, 1, 4.0), parameterization).unwrap()).unwrap();
+        |parameterization| cpu.save(&cpu.upload(&scene(9, 1, 4.0), parameterization).unwrap()).block_on().unwrap();
     let (sound, framed) =
         (in_parameterization(Parameterization::ScaleRotation), in_parameterization(Parameterization::CovarianceFactor));
     let all = ["mean", "log_scale", "rotation", "opacity_logit", "sh"].map(|what| (&sound, what));
     for (sound, what) in all.into_iter().chain([(&framed, "mean"), (&framed, "factor")]) {
         let splats = cpu.restore(&spoilt(sound, what, f32::NAN)).unwrap();
-        let factor = cpu.forward(&splats, &camera(40, 30), &settings).unwrap();
-        assert_eq!(cpu.culled(&factor).unwrap(), Culled { not_finite: 9, ..Culled::default() }, "{what}");
-        assert!(cpu.image(&factor).unwrap().pixels().iter().all(|&p| p == settings.background_color()));
+        let factor = cpu.forward(&splats, &camera(40, 30), &settings).block_on().unwrap();
+        assert_eq!(cpu.culled(&factor), Culled { not_finite: 9, ..Culled::default() }, "{what}");
+        assert!(cpu.image(&factor).block_on().unwrap().pixels().iter().all(|&p| p == settings.background_color()));
         let target = cpu.upload_target(&image(40, 30)).unwrap();
-        let (loss, _) = cpu.backward(&splats, factor, &target, &Loss::L1).unwrap();
+        let (loss, _) = cpu.backward(&splats, factor, &target, &Loss::L1).block_on().unwrap();
         assert!(loss.is_finite());
     }
 }
@@ -135,13 +137,13 @@ fn views_of_nothing_are_the_background() {
     let away = Camera { rotation: Mat3::from_diagonal(Vec3::new(-1.0, 1.0, -1.0)), ..camera(40, 30) };
     for (scene, near) in [(scene(30, 1, 3.0), 30), (Scene3d::default(), 0)] {
         let mut splats = cpu.upload(&scene, Parameterization::ScaleRotation).unwrap();
-        let factor = cpu.forward(&splats, &away, &settings).unwrap();
-        assert_eq!(cpu.culled(&factor).unwrap(), Culled { near, ..Culled::default() });
-        assert!(cpu.image(&factor).unwrap().pixels().iter().all(|&p| p == settings.background_color()));
+        let factor = cpu.forward(&splats, &away, &settings).block_on().unwrap();
+        assert_eq!(cpu.culled(&factor), Culled { near, ..Culled::default() });
+        assert!(cpu.image(&factor).block_on().unwrap().pixels().iter().all(|&p| p == settings.background_color()));
         let target = cpu.upload_target(&image(40, 30)).unwrap();
         let rates = Adam::default().at(0.0);
         let step = TrainStep { settings: &settings, loss: Loss::PAPER, rates: &rates, binning: Binning::Fresh };
-        cpu.train_step(&mut splats, &away, &target, &step).unwrap();
+        cpu.train_step(&mut splats, &away, &target, &step).block_on().unwrap();
     }
 }
 
@@ -161,13 +163,13 @@ fn what_is_not_possible_is_an_error() {
     ] {
         let mut view = view;
         spoil(&mut view);
-        assert!(cpu.forward(&splats, &view, &sound).is_err(), "{view:?}");
+        assert!(cpu.forward(&splats, &view, &sound).block_on().is_err(), "{view:?}");
     }
     let mut splats = cpu.upload(&scene(3, 0, 3.0), Parameterization::ScaleRotation).unwrap();
     let target = cpu.upload_target(&image(20, 20)).unwrap();
     let solved = cpu.solve_colors(&mut splats, &view, &target, &sound, 3);
-    assert!(matches!(solved, Err(Error::Unsupported { .. })));
-    let factor = cpu.forward(&splats, &view, &sound).unwrap();
+    assert!(matches!(solved.block_on(), Err(Error::Unsupported { .. })));
+    let factor = cpu.forward(&splats, &view, &sound).block_on().unwrap();
     let other = cpu.upload(&scene(3, 0, 3.0), Parameterization::ScaleRotation).unwrap();
-    assert!(matches!(cpu.backward(&other, factor, &target, &Loss::L1), Err(Error::State(_))));
+    assert!(matches!(cpu.backward(&other, factor, &target, &Loss::L1).block_on(), Err(Error::State(_))));
 }

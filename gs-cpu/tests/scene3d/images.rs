@@ -8,6 +8,7 @@ use gs_core::{
     sh,
     splat::{Conic, cut, over, weight},
 };
+use pollster::FutureExt as _;
 
 use crate::scenes::{camera, rasterizer, scene, settings};
 
@@ -80,7 +81,7 @@ fn images_are_those_of_one_gaussian_at_one_pixel() {
                 settings.effects.blend = blend;
                 settings.effects.antialias = antialias;
                 let expected = dense(&scene, &view, &settings);
-                let found = cpu.for_3d().render(&scene, &view, &settings).unwrap();
+                let found = cpu.for_3d().render(&scene, &view, &settings).block_on().unwrap();
                 // A pixel at the very cut, or between two Gaussians at one depth, may fall on either side.
                 let share = flips(&found, &expected);
                 assert!(share < 2e-3, "{count} {blend:?} {order:?} {antialias:?}: {share} of the pixels differ");
@@ -94,7 +95,7 @@ fn orders_differ_and_the_comparison_notices() {
     let scene = scene(400, 1, 6.0);
     let view = camera(75, 140);
     let [index, tile, pixel] = [Order::Index, Order::Global, Order::PerPixel]
-        .map(|order| rasterizer(1).for_3d().render(&scene, &view, &settings(order, 1)).unwrap());
+        .map(|order| rasterizer(1).for_3d().render(&scene, &view, &settings(order, 1)).block_on().unwrap());
     for pair in [(&index, &tile), (&tile, &pixel), (&index, &pixel)] {
         assert!(flips(pair.0, pair.1) > 0.05);
     }

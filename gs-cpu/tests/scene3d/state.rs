@@ -1,26 +1,28 @@
 //! Edits, and saving and restoring.
 
 use glam::Vec3;
+use gs_core::Rasterizer as _;
 use gs_core::{
-    Adam, EditPlan, Loss, Parameterization, Participants, Rasterizer, Scene, Scene3d, SplatsState, TrainStep,
+    Adam, EditPlan, Loss, Optimizer, Parameterization, Participants, Scene, Scene3d, SplatsState, TrainStep,
     edit::{AfterEdit, Birth, Change, Moments, Origin, Place, PruneCause, Removal},
     effects::{Order, Statistics},
     rasterizer::Binning,
     scene::sigmoid,
 };
+use pollster::FutureExt as _;
 
 use crate::scenes::{camera, image, rasterizer, scene, settings};
 
 const CHARTS: [Parameterization; 2] = [Parameterization::ScaleRotation, Parameterization::CovarianceFactor];
 
-fn train<R: Rasterizer<Scene3d>>(r: &R, splats: &mut R::Splats, steps: usize, participants: Participants) {
+fn train<R: Optimizer<Scene3d>>(r: &R, splats: &mut R::Splats, steps: usize, participants: Participants) {
     let mut settings = settings(Order::Global, 1);
     settings.effects.statistics = Statistics::MeanGradient;
     let target = r.upload_target(&image(60, 50)).unwrap();
     let rates = Adam { min_scale: 1e-4, participants, ..Adam::default() }.at(0.0);
     let step = TrainStep { settings: &settings, loss: Loss::L1, rates: &rates, binning: Binning::Fresh };
     for _ in 0..steps {
-        r.train_step(splats, &camera(60, 50), &target, &step).unwrap();
+        r.train_step(splats, &camera(60, 50), &target, &step).block_on().unwrap();
     }
 }
 
@@ -33,15 +35,17 @@ fn a_restored_splats_goes_on_as_the_saved_one() {
     {
         let scene = scene(50, degree, 4.0);
         let mut splats = r.upload(&scene, parameterization).unwrap();
-        assert!(parameterization == Parameterization::CovarianceFactor || r.download(&splats).unwrap() == scene);
+        assert!(
+            parameterization == Parameterization::CovarianceFactor || r.download(&splats).block_on().unwrap() == scene
+        );
         train(r, &mut splats, 3, Participants::All);
-        let saved = r.save(&splats).unwrap();
+        let saved = r.save(&splats).block_on().unwrap();
         assert_eq!(saved.matrix("sh").unwrap().0, 3 * (usize::from(degree) + 1).pow(2));
         let mut restored = r.restore(&saved).unwrap();
-        assert_eq!(r.save(&restored).unwrap(), saved);
+        assert_eq!(r.save(&restored).block_on().unwrap(), saved);
         train(r, &mut splats, 2, Participants::All);
         train(r, &mut restored, 2, Participants::All);
-        assert_eq!(r.save(&restored).unwrap(), r.save(&splats).unwrap());
+        assert_eq!(r.save(&restored).block_on().unwrap(), r.save(&splats).block_on().unwrap());
     }
 }
 
@@ -50,7 +54,7 @@ fn states_of_something_else_are_refused() {
     let r = rasterizer(1);
     let r = r.for_3d();
     let splats = r.upload(&scene(5, 1, 4.0), Parameterization::ScaleRotation).unwrap();
-    let sound = r.save(&splats).unwrap();
+    let sound = r.save(&splats).block_on().unwrap();
     let refused = |spoil: &dyn Fn(&mut SplatsState)| {
         let mut state = sound.clone();
         spoil(&mut state);
@@ -73,8 +77,8 @@ fn everything_follows_its_gaussian_through_an_edit() {
     let scene = scene(20, 1, 4.0);
     let mut splats = r.upload(&scene, Parameterization::ScaleRotation).unwrap();
     train(r, &mut splats, 2, Participants::All);
-    let before = r.save(&splats).unwrap();
-    let trained = r.download(&splats).unwrap();
+    let before = r.save(&splats).block_on().unwrap();
+    let trained = r.download(&splats).block_on().unwrap();
     let new = scene.gaussian(7);
     let plan = EditPlan {
         removed: vec![Removal { index: 3, cause: PruneCause::Transparent }],
@@ -98,8 +102,8 @@ fn everything_follows_its_gaussian_through_an_edit() {
         opacity_ceiling: None,
         statistics: AfterEdit::Keep,
     };
-    r.edit(&mut splats, &plan).unwrap();
-    let (after, edited) = (r.save(&splats).unwrap(), r.download(&splats).unwrap());
+    r.edit(&mut splats, &plan).block_on().unwrap();
+    let (after, edited) = (r.save(&splats).block_on().unwrap(), r.download(&splats).block_on().unwrap());
     assert_eq!(r.len(&splats), 21);
     // Slot after the edit, where its parameters are from (`None`: new), where its moments are from, where its statistics are from.
     for (slot, own, moments, statistics) in [
@@ -116,11 +120,11 @@ fn everything_follows_its_gaussian_through_an_edit() {
         assert_eq!(visible(&after, slot), visible(&before, statistics));
     }
     let ceiling = EditPlan { opacity_ceiling: Some(0.01), ..EditPlan::default() };
-    r.edit(&mut splats, &ceiling).unwrap();
-    assert!(r.download(&splats).unwrap().opacity_logits.iter().all(|&o| sigmoid(o) <= 0.0101));
+    r.edit(&mut splats, &ceiling).block_on().unwrap();
+    assert!(r.download(&splats).block_on().unwrap().opacity_logits.iter().all(|&o| sigmoid(o) <= 0.0101));
     let refused =
         EditPlan { removed: vec![Removal { index: 99, cause: PruneCause::NotFinite }], ..EditPlan::default() };
-    assert!(r.edit(&mut splats, &refused).is_err());
+    assert!(r.edit(&mut splats, &refused).block_on().is_err());
     train(r, &mut splats, 2, Participants::All);
 }
 
@@ -133,10 +137,10 @@ fn only_those_in_view_take_part_if_so_told() {
     for participants in [Participants::All, Participants::Visible] {
         let mut splats = r.upload(&scene, Parameterization::ScaleRotation).unwrap();
         train(r, &mut splats, 3, participants);
-        let state = r.save(&splats).unwrap();
+        let state = r.save(&splats).block_on().unwrap();
         assert_eq!(state.integers("steps").unwrap()[6], if participants == Participants::All { 3 } else { 0 });
         assert_eq!(state.integers("visible").unwrap()[6], 0);
         assert_eq!(state.integers("steps").unwrap()[5], 3);
-        assert_eq!(r.download(&splats).unwrap().gaussian(6), scene.gaussian(6));
+        assert_eq!(r.download(&splats).block_on().unwrap().gaussian(6), scene.gaussian(6));
     }
 }

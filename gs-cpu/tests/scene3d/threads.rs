@@ -1,10 +1,12 @@
 //! The same bits for every number of threads.
 
+use gs_core::Optimizer as _;
 use gs_core::{
     Adam, Blend, Loss, Parameterization, Rasterizer, TrainStep, Wait,
     effects::{Antialias, Order, Statistics},
     rasterizer::Binning,
 };
+use pollster::FutureExt as _;
 
 use crate::scenes::{camera, image, rasterizer, scene, settings};
 
@@ -34,20 +36,20 @@ fn images_gradients_and_training_are_the_same_bits_for_every_number_of_threads()
             let r = r.for_3d();
             let target = r.upload_target(&image).unwrap();
             let mut splats = r.upload(&scene, parameterization).unwrap();
-            let frame = r.forward(&splats, &view, &settings).unwrap();
-            let rendered = r.image(&frame).unwrap();
-            let (_, gradients) = r.backward(&splats, frame, &target, &Loss::PAPER).unwrap();
-            let gradients = r.download_gradients(&splats, &gradients).unwrap();
+            let frame = r.forward(&splats, &view, &settings).block_on().unwrap();
+            let rendered = r.image(&frame).block_on().unwrap();
+            let (_, gradients) = r.backward(&splats, frame, &target, &Loss::PAPER).block_on().unwrap();
+            let gradients = r.gradients(&splats, &gradients).block_on().unwrap();
             assert!(gradients.means.iter().any(|g| g.length() > 0.0));
             let rates = Adam { min_scale: 1e-4, ..Adam::default() }.at(0.0);
             let step = TrainStep { settings: &settings, loss: Loss::PAPER, rates: &rates, binning: Binning::Fresh };
             for _ in 0..3 {
-                r.train_step(&mut splats, &view, &target, &step).unwrap();
+                r.train_step(&mut splats, &view, &target, &step).block_on().unwrap();
             }
             let mut losses = Vec::new();
-            r.losses(&mut splats, Wait::All, &mut losses).unwrap();
+            r.losses(&mut splats, Wait::All, &mut losses).block_on().unwrap();
             assert!(losses.iter().all(|loss| loss.is_finite()));
-            (rendered, gradients, losses, r.save(&splats).unwrap())
+            (rendered, gradients, losses, r.save(&splats).block_on().unwrap())
         });
         assert!(results[0].3.rows::<1>("gradient_sum").unwrap().iter().any(|[g]| *g > 0.0));
         assert!(results[0] == results[1] && results[1] == results[2], "{parameterization:?} {blend:?} {order:?}");
@@ -68,15 +70,15 @@ fn training_steps_are_forward_backward_and_step() {
     let mut losses = Vec::new();
     for _ in 0..5 {
         let step = TrainStep { settings: &settings, loss: Loss::PAPER, rates: &rates, binning: Binning::Fresh };
-        r.train_step(&mut whole, &view, &target, &step).unwrap();
-        let frame = r.forward(&parts, &view, &settings).unwrap();
-        let (loss, gradients) = r.backward(&parts, frame, &target, &Loss::PAPER).unwrap();
-        r.step(&mut parts, &gradients, &rates).unwrap();
+        r.train_step(&mut whole, &view, &target, &step).block_on().unwrap();
+        let frame = r.forward(&parts, &view, &settings).block_on().unwrap();
+        let (loss, gradients) = r.backward(&parts, frame, &target, &Loss::PAPER).block_on().unwrap();
+        r.step(&mut parts, &gradients, &rates).block_on().unwrap();
         losses.push(loss);
     }
     let mut found = Vec::new();
-    r.losses(&mut whole, Wait::All, &mut found).unwrap();
+    r.losses(&mut whole, Wait::All, &mut found).block_on().unwrap();
     assert_eq!(found, losses);
     assert!(losses[4] < losses[0]);
-    assert_eq!(r.save(&whole).unwrap(), r.save(&parts).unwrap());
+    assert_eq!(r.save(&whole).block_on().unwrap(), r.save(&parts).block_on().unwrap());
 }

@@ -1,8 +1,10 @@
 //! Scenes as a fit makes them, for measurements of a single stage or step.
 
+use gs_core::Optimizer as _;
 use gs_core::{AdamRates, Binning, Blend, Canvas, Image, Loss, Rasterizer, RenderSettings, Scene2d, TrainStep};
 use gs_cpu::CpuRasterizer;
 use gs_train::{FitSettings, Preset, fit};
+use pollster::FutureExt as _;
 
 use super::{Quantiles, try_time};
 
@@ -50,13 +52,13 @@ impl Variant {
     /// Fits `image` by [`Self::settings`].
     pub(crate) fn fit(
         &self,
-        rasterizer: &impl Rasterizer<Scene2d>,
+        rasterizer: &impl gs_core::Optimizer<Scene2d>,
         image: &Image,
         gaussians: u32,
         iterations: u32,
     ) -> Result<Fitted, gs_train::Error> {
         let settings = self.settings(image, gaussians, iterations);
-        let fit = fit(rasterizer, image, settings.clone(), &mut ())?;
+        let fit = fit(rasterizer, image, settings.clone(), &mut ()).block_on()?;
         Ok(Fitted { scene: fit.scene, settings, psnr: fit.summary.psnr })
     }
 }
@@ -81,7 +83,7 @@ impl Fitted {
             for step in 0..rebin_every {
                 let binning = if step == 0 { Binning::Fresh } else { Binning::Reuse };
                 let step = TrainStep { settings, loss: *loss, rates: &rates, binning };
-                rasterizer.train_step(&mut splats, &view, &target, &step)?;
+                rasterizer.train_step(&mut splats, &view, &target, &step).block_on()?;
             }
             Ok(())
         };

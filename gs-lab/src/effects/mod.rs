@@ -7,6 +7,7 @@ mod proof;
 #[cfg(doc)]
 use gs_core::Effects;
 use gs_core::{Camera, Error, Image, Rasterizer, RenderSettings, Scene};
+use pollster::FutureExt as _;
 use serde::Serialize;
 
 pub use self::{
@@ -44,7 +45,9 @@ impl<S: Scene, R: Rasterizer<S>> Sight<'_, S, R> {
     pub fn differences(&self, wanted: &RenderSettings, others: &[RenderSettings]) -> Result<Vec<Difference>, Error> {
         let mut sums = vec![Sum::default(); others.len()];
         for view in self.views {
-            let picture = |settings: &RenderSettings| self.on.image(&self.on.forward(self.splats, view, settings)?);
+            let picture = |settings: &RenderSettings| {
+                self.on.image(&self.on.forward(self.splats, view, settings).block_on()?).block_on()
+            };
             let expected = picture(wanted)?;
             for (settings, sum) in others.iter().zip(&mut sums) {
                 sum.add(&picture(settings)?, &expected);

@@ -1,5 +1,6 @@
 //! What each effect costs, and what leaving it out would change.
 
+use pollster::FutureExt as _;
 use std::time::Instant;
 
 use gs_core::{Effects, Error, Rasterizer, RenderSettings, Scene, effects::Effect, profile::Quantiles};
@@ -88,7 +89,7 @@ impl<S: Scene, R: Rasterizer<S>> Sight<'_, S, R> {
         let started = Instant::now();
         for view in self.views {
             // What was left out is known when the picture is done, and is little to read from a device.
-            self.on.culled(&self.on.forward(self.splats, view, settings)?)?;
+            self.on.culled(&self.on.forward(self.splats, view, settings).block_on()?);
         }
         Ok(started.elapsed().as_secs_f64() * 1e3 / self.views.len().max(1) as f64)
     }

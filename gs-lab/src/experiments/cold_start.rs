@@ -7,8 +7,9 @@
 mod findings;
 
 use glam::Vec2;
-use gs_core::{Canvas, Image, Loss, Rasterizer, Scene2d, effects::Statistics};
+use gs_core::{Canvas, Image, Loss, Optimizer, Scene2d, effects::Statistics};
 use gs_density::{Grow, Policy, ResidualGrowth, Signal, WhenFlat};
+use pollster::FutureExt as _;
 
 use super::{
     Cell, Circumstance, Claim, Findings, Laboratory, Number, Picture, SHARP_DB, Table,
@@ -148,7 +149,7 @@ pub struct ColdStartMeasured {
 ///
 /// # Errors
 /// Those of the fits.
-pub fn measure<R: Rasterizer<Scene2d>>(laboratory: &mut Laboratory<'_, R>) -> Result<ColdStartMeasured, Error> {
+pub fn measure<R: Optimizer<Scene2d>>(laboratory: &mut Laboratory<'_, R>) -> Result<ColdStartMeasured, Error> {
     let extent = laboratory.extent();
     let target = SyntheticTarget::PAPER_8_BIT.image();
     let seeds = extent.choose(3, 1);
@@ -162,7 +163,8 @@ pub fn measure<R: Rasterizer<Scene2d>>(laboratory: &mut Laboratory<'_, R>) -> Re
     let trajectories = Start::ALL.iter().zip(&runs).map(|(&start, runs)| trajectory(start, runs, good)).collect();
     let mut pulls = Vec::new();
     for start in [Start::ColdWhite, Start::ColdRandom, Start::LargeVariance, Start::Good] {
-        let scene = Trainer::new(laboratory.rasterizer(), &target, settings(start, 0))?.scene()?;
+        let scene =
+            Trainer::new(laboratory.rasterizer(), &target, settings(start, 0)).block_on()?.scene().block_on()?;
         for loss in [Loss::L1, Loss::PAPER] {
             let settings = FitSettings { loss, ..settings(start, 0) };
             pulls.push(pull(laboratory.rasterizer(), start, &scene, &target, &settings)?);
@@ -218,7 +220,7 @@ fn trajectory(start: Start, runs: &[Run], good: &[Run]) -> Trajectory {
 }
 
 /// What the shapes do to the positional gradients of a scene before any step.
-fn pull<R: Rasterizer<Scene2d>>(
+fn pull<R: Optimizer<Scene2d>>(
     rasterizer: &R,
     start: Start,
     scene: &Scene2d,
@@ -243,7 +245,7 @@ fn pull<R: Rasterizer<Scene2d>>(
 }
 
 /// ∂L/∂μ of every Gaussian, px⁻¹.
-fn positional_gradients<R: Rasterizer<Scene2d>>(
+fn positional_gradients<R: Optimizer<Scene2d>>(
     rasterizer: &R,
     scene: &Scene2d,
     target: &Image,
@@ -253,10 +255,10 @@ fn positional_gradients<R: Rasterizer<Scene2d>>(
     render.effects.statistics = Statistics::None;
     let splats = rasterizer.upload(scene, settings.parameterization)?;
     let canvas = Canvas::new(target.width(), target.height());
-    let frame = rasterizer.forward(&splats, &canvas, &render)?;
+    let frame = rasterizer.forward(&splats, &canvas, &render).block_on()?;
     let target = rasterizer.upload_target(target)?;
-    let (_, gradients) = rasterizer.backward(&splats, frame, &target, &settings.loss)?;
-    Ok(rasterizer.download_gradients(&splats, &gradients)?.means)
+    let (_, gradients) = rasterizer.backward(&splats, frame, &target, &settings.loss).block_on()?;
+    Ok(rasterizer.gradients(&splats, &gradients).block_on()?.means)
 }
 
 impl ColdStartMeasured {

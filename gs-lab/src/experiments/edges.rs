@@ -2,7 +2,7 @@
 //! the hard edge of the square and near the soft one of the disc.
 
 use glam::Vec2;
-use gs_core::{Gaussian2d, Rasterizer, Scene2d, scene::sigmoid};
+use gs_core::{Gaussian2d, Optimizer, Scene2d, scene::sigmoid};
 
 use super::{
     Cell, Circumstance, Claim, Findings, Laboratory, Number, Picture, Table,
@@ -129,7 +129,7 @@ pub struct EdgesMeasured {
 ///
 /// # Errors
 /// Those of the fits.
-pub fn measure<R: Rasterizer<Scene2d>>(laboratory: &mut Laboratory<'_, R>) -> Result<EdgesMeasured, Error> {
+pub fn measure<R: Optimizer<Scene2d>>(laboratory: &mut Laboratory<'_, R>) -> Result<EdgesMeasured, Error> {
     let target = paper_target();
     let seeds = laboratory.extent().seeds(8, 2);
     let mut scenes = Vec::new();

@@ -11,7 +11,7 @@ mod floors;
 mod precision;
 mod small_fits;
 
-use gs_core::{Rasterizer, Scene2d};
+use gs_core::{Optimizer, Scene2d};
 
 pub use self::{
     driven::Drive,
@@ -95,7 +95,7 @@ pub struct InstabilityMeasured {
 ///
 /// # Errors
 /// Those of the product's fits but for [`Error::Diverged`], which is counted.
-pub fn measure<R: Rasterizer<Scene2d>>(laboratory: &mut Laboratory<'_, R>) -> Result<InstabilityMeasured, Error> {
+pub fn measure<R: Optimizer<Scene2d>>(laboratory: &mut Laboratory<'_, R>) -> Result<InstabilityMeasured, Error> {
     let small = SyntheticTarget::THIN_LINES_24_PX.image();
     let angles = laboratory.extent().choose(32, 8);
     let drives = Guard::ALL.iter().map(|&guard| Drive::measure(laboratory.rasterizer(), guard, &small, angles));

@@ -1,6 +1,7 @@
 //! Where experiments are made: fits on one backend before the eyes of whoever waits for them, with every loss and count kept.
 
-use gs_core::{Canvas, Image, Rasterizer, RenderSettings, Scene2d, counted};
+use gs_core::{Canvas, Image, Optimizer, RenderSettings, Scene2d, counted};
+use pollster::FutureExt as _;
 
 use super::findings::Picture;
 use gs_train::{Control, Error, Fit, FitSettings, FitSummary, Observer, Progress, Recovery, Trainer};
@@ -90,18 +91,18 @@ impl<'a, R> Laboratory<'a, R> {
     }
 }
 
-impl<R: Rasterizer<Scene2d>> Laboratory<'_, R> {
+impl<R: Optimizer<Scene2d>> Laboratory<'_, R> {
     /// A fit from its settings, but one that fails is left alone: failures are what is looked at.
     pub(crate) fn fit(&mut self, label: &str, target: &Image, settings: FitSettings) -> Result<Run, Error> {
         let settings = FitSettings { recovery: Recovery::Never, ..settings };
-        let mut trainer = Trainer::new(self.rasterizer, target, settings)?;
+        let mut trainer = Trainer::new(self.rasterizer, target, settings).block_on()?;
         self.watch.on_fit(label);
         let mut record = Record { losses: Vec::new(), counts: Vec::new(), watch: self.watch };
-        let outcome = trainer.run(&mut record)?;
+        let outcome = trainer.run(&mut record).block_on()?;
         let Record { losses, counts, .. } = record;
-        let (image, culled) = trainer.render()?;
-        let summary = FitSummary::new(&trainer, &image, culled)?;
-        Ok(Run { fit: Fit { scene: trainer.scene()?, image, summary, outcome }, losses, counts })
+        let (image, culled) = trainer.render().block_on()?;
+        let summary = FitSummary::new(&trainer, &image, culled).block_on()?;
+        Ok(Run { fit: Fit { scene: trainer.scene().block_on()?, image, summary, outcome }, losses, counts })
     }
 
     /// A picture of a scene made for a square of `side` px, enlarged to about 512 px, with its Gaussians drawn in it.
@@ -115,7 +116,7 @@ impl<R: Rasterizer<Scene2d>> Laboratory<'_, R> {
         let (width, height) = shown.size;
         let factor = (PICTURE_PX / width.max(height).max(1)).max(1);
         let canvas = Canvas::new(width, height).resized(width * factor, height * factor);
-        let image = self.rasterizer.render(scene, &canvas, shown.render)?;
+        let image = self.rasterizer.render(scene, &canvas, shown.render).block_on()?;
         let ellipses = (shown.ellipses == Ellipses::Drawn).then(|| (scene.clone(), canvas));
         Ok(Picture { name, caption: caption.into(), image, ellipses })
     }

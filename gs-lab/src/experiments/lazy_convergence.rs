@@ -9,7 +9,7 @@
 mod case;
 mod findings;
 
-use gs_core::{Rasterizer, Scene2d, constants::TAU_POSITION};
+use gs_core::{Optimizer, Scene2d, constants::TAU_POSITION};
 use gs_density::{Grow, Policy, Signal};
 
 pub use self::case::{Case, Outcome, Trial, Variation};
@@ -114,7 +114,7 @@ pub struct Blank {
 ///
 /// # Errors
 /// Those of the fits.
-pub fn measure<R: Rasterizer<Scene2d>>(laboratory: &mut Laboratory<'_, R>) -> Result<LazyMeasured, Error> {
+pub fn measure<R: Optimizer<Scene2d>>(laboratory: &mut Laboratory<'_, R>) -> Result<LazyMeasured, Error> {
     let extent = laboratory.extent();
     let target = DiscAndSquare::default().image()?;
     let mut runs: Vec<Vec<Run>> = Vec::new();

@@ -21,7 +21,7 @@ mod textbook;
 
 use std::fmt;
 
-use gs_core::{Rasterizer, Scene2d, Scene3d};
+use gs_core::{Optimizer, Scene2d, Scene3d};
 
 pub use self::{
     files::{ResultFile, claims_csv},
@@ -108,7 +108,7 @@ impl Experiment {
     ///
     /// # Errors
     /// Those of the backend, and [`Error::Diverged`] where a fit of the product does that; [`instability`] counts those instead.
-    pub fn run<R: Rasterizer<Scene2d> + Rasterizer<Scene3d>>(
+    pub fn run<R: Optimizer<Scene2d> + Optimizer<Scene3d>>(
         self,
         laboratory: &mut Laboratory<'_, R>,
     ) -> Result<Findings, Error> {

@@ -10,9 +10,10 @@ mod pictures;
 mod scenes;
 
 use gs_core::{
-    Blend, Camera, Rasterizer, RenderSettings, Scene3d,
+    Blend, Camera, Optimizer, RenderSettings, Scene3d,
     effects::{Antialias, Order},
 };
+use pollster::FutureExt as _;
 
 pub use self::{
     comparison::{AtStep, Comparison, Moment, ORDERS, Popping, STRIDES, SlowOrbit, VISIBLE_LEVELS, compare},
@@ -60,7 +61,7 @@ pub struct PoppingMeasured {
 ///
 /// # Errors
 /// Those of the backend.
-pub fn measure<R: Rasterizer<Scene3d>>(laboratory: &mut Laboratory<'_, R>) -> Result<PoppingMeasured, Error> {
+pub fn measure<R: Optimizer<Scene3d>>(laboratory: &mut Laboratory<'_, R>) -> Result<PoppingMeasured, Error> {
     let (extent, rasterizer) = (laboratory.extent(), laboratory.rasterizer());
     let render = usual_settings();
     let mut pictures = Vec::new();
@@ -99,7 +100,7 @@ fn usual_settings() -> RenderSettings {
 
 /// How much a picture depends on where tiles meet: the same through a camera whose picture begins elsewhere, so that other pixels share a
 /// tile. By one depth a Gaussian; the largest difference of any pixel, 8-bit levels.
-fn grid_trace<R: Rasterizer<Scene3d>>(
+fn grid_trace<R: Optimizer<Scene3d>>(
     rasterizer: &R,
     scene: &Scene3d,
     camera: &Camera,
@@ -112,7 +113,7 @@ fn grid_trace<R: Rasterizer<Scene3d>>(
         height: camera.height + down,
         ..*camera
     };
-    let picture = |camera| rasterizer.render(scene, camera, &comparison::ordered(render, Order::Global));
+    let picture = |camera| rasterizer.render(scene, camera, &comparison::ordered(render, Order::Global)).block_on();
     let (there, moved) = (picture(camera)?, picture(&moved)?);
     let difference = |(x, y): (u32, u32)| {
         let (a, b) = (there.pixel(x, y), moved.pixel(x + right, y + down));

@@ -7,8 +7,9 @@
 
 mod findings;
 
-use gs_core::{Rasterizer, Scene as _, Scene2d};
+use gs_core::{Optimizer, Scene as _, Scene2d};
 use gs_density::{Grow, Policy, Signal};
+use pollster::FutureExt as _;
 
 use super::{
     Cell, Circumstance, Claim, Extent, Findings, Laboratory, Number, Paired, Picture, SHARP_DB, Table,
@@ -120,7 +121,7 @@ pub struct SetUpMeasured {
 ///
 /// # Errors
 /// Those of the fits.
-pub fn measure<R: Rasterizer<Scene2d>>(laboratory: &mut Laboratory<'_, R>) -> Result<SetUpMeasured, Error> {
+pub fn measure<R: Optimizer<Scene2d>>(laboratory: &mut Laboratory<'_, R>) -> Result<SetUpMeasured, Error> {
     let extent = laboratory.extent();
     let target = paper_target();
     let mut runs = |what: &str, seeds: u32, settings: &dyn Fn(u32) -> FitSettings| {
@@ -240,14 +241,14 @@ fn slopes(losses: &[f32], step: usize) -> (f64, f64) {
 }
 
 /// The start and the result, plain and with ellipses (Figs. 6 and 7), and what 20 come to.
-fn pictures<R: Rasterizer<Scene2d>>(
+fn pictures<R: Optimizer<Scene2d>>(
     laboratory: &Laboratory<'_, R>,
     grown: &Run,
     twenty: &Run,
 ) -> Result<Vec<Picture>, Error> {
     let target = paper_target();
     let settings = &grown.fit.summary.settings;
-    let start = Trainer::new(laboratory.rasterizer(), &target, settings.clone())?.scene()?;
+    let start = Trainer::new(laboratory.rasterizer(), &target, settings.clone()).block_on()?.scene().block_on()?;
     let shown = |ellipses| Shown { size: target.size(), render: &settings.render, ellipses };
     let end = &grown.fit.scene;
     let count = end.len();

@@ -1,8 +1,9 @@
 //! Who renders: a backend, at one instruction set and going about its work in one way, that has the scene ready.
 
+use pollster::FutureExt as _;
 use std::{rc::Rc, time::Instant};
 
-use gs_core::{Error, Image, Rasterizer, RenderSettings, Scene};
+use gs_core::{Error, Image, Optimizer, RenderSettings, Scene};
 
 use super::Change;
 
@@ -23,24 +24,24 @@ pub trait Renderer<V> {
 
 /// A rasterizer, and splats that it may share with others of its type.
 #[derive(Debug)]
-pub struct Loaded<R: Rasterizer<S>, S: Scene> {
+pub struct Loaded<R: Optimizer<S>, S: Scene> {
     /// What renders.
     pub rasterizer: R,
     /// What is rendered.
     pub splats: Rc<R::Splats>,
 }
 
-impl<R: Rasterizer<S>, S: Scene> Renderer<S::View> for Loaded<R, S> {
+impl<R: Optimizer<S>, S: Scene> Renderer<S::View> for Loaded<R, S> {
     fn seconds(&self, view: &S::View, settings: &RenderSettings) -> Result<f64, Error> {
         let start = Instant::now();
-        let frame = self.rasterizer.forward(&self.splats, view, settings)?;
+        let frame = self.rasterizer.forward(&self.splats, view, settings).block_on()?;
         // What a device counts is known when it is done.
-        self.rasterizer.culled(&frame)?;
+        self.rasterizer.culled(&frame);
         Ok(start.elapsed().as_secs_f64())
     }
 
     fn image(&self, view: &S::View, settings: &RenderSettings) -> Result<Image, Error> {
-        self.rasterizer.image(&self.rasterizer.forward(&self.splats, view, settings)?)
+        self.rasterizer.image(&self.rasterizer.forward(&self.splats, view, settings).block_on()?).block_on()
     }
 }
 

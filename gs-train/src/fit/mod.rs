@@ -2,7 +2,7 @@
 
 pub(crate) mod task;
 
-use gs_core::{Image, Rasterizer, Scene2d};
+use gs_core::{Image, Optimizer, Scene2d};
 
 use crate::{
     error::Error,
@@ -43,15 +43,15 @@ pub struct Fit {
 /// assert!(log.rows().last().and_then(|row| row.psnr).is_some_and(|psnr| psnr > 15.0));
 /// # Ok::<(), gs_train::Error>(())
 /// ```
-pub fn fit<R: Rasterizer<Scene2d>>(
+pub async fn fit<R: Optimizer<Scene2d>>(
     rasterizer: &R,
     target: &Image,
     settings: FitSettings,
     observer: &mut dyn Observer,
 ) -> Result<Fit, Error> {
-    let mut trainer = Trainer::new(rasterizer, target, settings)?;
-    let outcome = trainer.run(observer)?;
-    let (image, culled) = trainer.render()?;
-    let summary = FitSummary::new(&trainer, &image, culled)?;
-    Ok(Fit { scene: trainer.scene()?, image, summary, outcome })
+    let mut trainer = Trainer::new(rasterizer, target, settings).await?;
+    let outcome = trainer.run(observer).await?;
+    let (image, culled) = trainer.render().await?;
+    let summary = FitSummary::new(&trainer, &image, culled).await?;
+    Ok(Fit { scene: trainer.scene().await?, image, summary, outcome })
 }

@@ -1,13 +1,12 @@
 //! A fit of 2D Gaussians to one image: the part of the loop that knows the image.
 
-use std::time::Instant;
-
 use gs_core::{
-    Blend, Canvas, Effects, Gaussian2d, Image, Loss, Parameterization, Rasterizer, RenderSettings, Scene, Scene2d,
+    Blend, Canvas, Effects, Gaussian2d, Image, Loss, Optimizer, Parameterization, RenderSettings, Scene, Scene2d,
     TrainStep, statistics::Culled,
 };
 use gs_density::{DensityPolicy, Residual};
 use gs_io::Checkpoint;
+use web_time::Instant;
 
 use crate::{
     checkpoint::{Record, fingerprint},
@@ -24,14 +23,14 @@ use crate::{
 };
 
 /// The image to fit, where the backend computes and on the host.
-pub struct ImageTask<R: Rasterizer<Scene2d>> {
+pub struct ImageTask<R: Optimizer<Scene2d>> {
     canvas: Canvas,
     target: R::Target,
     /// The target on the host, beside the rendering that a policy has asked for; outside of its round that is a single pixel.
     residual: Residual,
 }
 
-impl<R: Rasterizer<Scene2d>> std::fmt::Debug for ImageTask<R> {
+impl<R: Optimizer<Scene2d>> std::fmt::Debug for ImageTask<R> {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("ImageTask").field("canvas", &self.canvas).finish_non_exhaustive()
     }
@@ -39,7 +38,7 @@ impl<R: Rasterizer<Scene2d>> std::fmt::Debug for ImageTask<R> {
 
 impl Trainable for Scene2d {
     type Settings = FitSettings;
-    type TrainingTask<R: Rasterizer<Self>> = ImageTask<R>;
+    type TrainingTask<R: Optimizer<Self>> = ImageTask<R>;
 
     fn parameters(g: &Gaussian2d) -> Vec<(&'static str, Vec<f32>)> {
         vec![
@@ -115,7 +114,7 @@ impl RunSettings<Scene2d> for FitSettings {
     }
 }
 
-impl<R: Rasterizer<Scene2d>> TrainingTask<R, Scene2d> for ImageTask<R> {
+impl<R: Optimizer<Scene2d>> TrainingTask<R, Scene2d> for ImageTask<R> {
     fn extent(&self) -> f32 {
         self.canvas.width.max(self.canvas.height) as f32
     }
@@ -124,7 +123,7 @@ impl<R: Rasterizer<Scene2d>> TrainingTask<R, Scene2d> for ImageTask<R> {
         1
     }
 
-    fn send(
+    async fn send(
         &mut self,
         on: &R,
         splats: &mut R::Splats,
@@ -134,21 +133,21 @@ impl<R: Rasterizer<Scene2d>> TrainingTask<R, Scene2d> for ImageTask<R> {
         let render = RenderSettings { effects: context.effects, ..settings.render };
         let rates = settings.adam.at(context.step as f32 / settings.iterations as f32).times(context.lr_scale);
         let step = TrainStep { settings: &render, loss: settings.loss, rates: &rates, binning: context.binning };
-        Ok(on.train_step(splats, &self.canvas, &self.target, &step)?)
+        Ok(on.train_step(splats, &self.canvas, &self.target, &step).await?)
     }
 
-    fn residual(
+    async fn residual(
         &mut self,
         on: &R,
         splats: &R::Splats,
         settings: &FitSettings,
         effects: &Effects,
     ) -> Result<Option<&Residual>, Error> {
-        self.residual.rendered = self.render(on, splats, settings, effects)?.0;
+        self.residual.rendered = self.render(on, splats, settings, effects).await?.0;
         Ok(Some(&self.residual))
     }
 
-    fn after_edit(
+    async fn after_edit(
         &mut self,
         on: &R,
         splats: &mut R::Splats,
@@ -156,24 +155,30 @@ impl<R: Rasterizer<Scene2d>> TrainingTask<R, Scene2d> for ImageTask<R> {
         effects: &Effects,
     ) -> Result<(), Error> {
         self.residual.rendered = nothing_rendered()?;
-        self.solve_colors(on, splats, settings, effects, settings.color_solve.after_edit)
+        self.solve_colors(on, splats, settings, effects, settings.color_solve.after_edit).await
     }
 
-    fn quality(&self, on: &R, splats: &R::Splats, settings: &FitSettings, effects: &Effects) -> Result<Quality, Error> {
-        let (image, culled) = self.render(on, splats, settings, effects)?;
+    async fn quality(
+        &self,
+        on: &R,
+        splats: &R::Splats,
+        settings: &FitSettings,
+        effects: &Effects,
+    ) -> Result<Quality, Error> {
+        let (image, culled) = self.render(on, splats, settings, effects).await?;
         let (l1, psnr) = l1_and_psnr(&image, &self.residual.target);
         Ok(Quality { l1, psnr, culled, clamped: Clamped::default() })
     }
 }
 
-impl<R: Rasterizer<Scene2d>> ImageTask<R> {
+impl<R: Optimizer<Scene2d>> ImageTask<R> {
     fn new(on: &R, target: &Image) -> Result<Self, Error> {
         let canvas = Canvas::new(target.width(), target.height());
         let residual = Residual { target: target.clone(), rendered: nothing_rendered()? };
         Ok(Self { canvas, target: on.upload_target(target)?, residual })
     }
 
-    fn render(
+    async fn render(
         &self,
         on: &R,
         splats: &R::Splats,
@@ -181,10 +186,10 @@ impl<R: Rasterizer<Scene2d>> ImageTask<R> {
         effects: &Effects,
     ) -> Result<(Image, Culled), Error> {
         let render = RenderSettings { effects: *effects, ..settings.render };
-        Ok(on.draw(splats, &self.canvas, &render)?)
+        Ok(on.draw(splats, &self.canvas, &render).await?)
     }
 
-    fn solve_colors(
+    async fn solve_colors(
         &self,
         on: &R,
         splats: &mut R::Splats,
@@ -194,25 +199,25 @@ impl<R: Rasterizer<Scene2d>> ImageTask<R> {
     ) -> Result<(), Error> {
         let render = RenderSettings { effects: *effects, ..settings.render };
         if iterations > 0 && render.effects.blend == Blend::Sum && on.len(splats) > 0 {
-            on.solve_colors(splats, &self.canvas, &self.target, &render, iterations)?;
+            on.solve_colors(splats, &self.canvas, &self.target, &render, iterations).await?;
         }
         Ok(())
     }
 }
 
-impl<'a, R: Rasterizer<Scene2d>> Trainer<'a, R> {
+impl<'a, R: Optimizer<Scene2d>> Trainer<'a, R> {
     /// Begins a fit with the scene that [`FitSettings::init`] makes for the target.
     ///
     /// # Errors
     /// [`gs_core::Error::Setting`] where a setting is not possible or the target is not finite, and those of the backend.
-    pub fn new(rasterizer: &'a R, target: &Image, settings: FitSettings) -> Result<Self, Error> {
+    pub async fn new(rasterizer: &'a R, target: &Image, settings: FitSettings) -> Result<Self, Error> {
         settings.validate()?;
         let started = Instant::now();
         let count = settings.initial.resolve(settings.gaussians) as usize;
         let blend = settings.render.effects.blend;
         let scene = settings.init.scene(target, count, blend, &mut random(settings.seed, 0));
         let initialised = started.elapsed().as_secs_f64();
-        let mut trainer = Self::from_scene(rasterizer, target, &scene, settings)?;
+        let mut trainer = Self::from_scene(rasterizer, target, &scene, settings).await?;
         trainer.record.seconds += initialised;
         Ok(trainer)
     }
@@ -221,7 +226,7 @@ impl<'a, R: Rasterizer<Scene2d>> Trainer<'a, R> {
     ///
     /// # Errors
     /// Those of [`Trainer::new`]; also where the scene has more Gaussians than [`FitSettings::gaussians`] allows.
-    pub fn from_scene(
+    pub async fn from_scene(
         rasterizer: &'a R,
         target: &Image,
         scene: &Scene2d,
@@ -240,7 +245,7 @@ impl<'a, R: Rasterizer<Scene2d>> Trainer<'a, R> {
         let mut trainer = Self::assemble(rasterizer, record, splats, ImageTask::new(rasterizer, target)?);
         let effects = trainer.effects();
         let Self { task, splats, record, .. } = &mut trainer;
-        task.solve_colors(rasterizer, splats, &record.settings, &effects, record.settings.color_solve.at_start)?;
+        task.solve_colors(rasterizer, splats, &record.settings, &effects, record.settings.color_solve.at_start).await?;
         trainer.record.seconds = started.elapsed().as_secs_f64();
         Ok(trainer)
     }
@@ -266,26 +271,26 @@ impl<'a, R: Rasterizer<Scene2d>> Trainer<'a, R> {
     ///
     /// # Errors
     /// Those of the backend.
-    pub fn summary(&self) -> Result<FitSummary, Error> {
-        let (image, culled) = self.render()?;
-        FitSummary::new(self, &image, culled)
+    pub async fn summary(&self) -> Result<FitSummary, Error> {
+        let (image, culled) = self.render().await?;
+        FitSummary::new(self, &image, culled).await
     }
 
     /// The scene as rendered now at the target's size, not clamped, and what was left out.
     ///
     /// # Errors
     /// Those of the backend.
-    pub fn render(&self) -> Result<(Image, Culled), Error> {
-        self.task.render(self.rasterizer, &self.splats, &self.record.settings, &self.effects())
+    pub async fn render(&self) -> Result<(Image, Culled), Error> {
+        self.task.render(self.rasterizer, &self.splats, &self.record.settings, &self.effects()).await
     }
 
     /// The loss of the scene as it is now, in the unit of [`FitSettings::loss`]. Unlike [`Trainer::loss`], which is that before a step.
     ///
     /// # Errors
     /// Those of the backend.
-    pub fn scene_loss(&self) -> Result<f32, Error> {
-        let frame = self.rasterizer.forward(&self.splats, &self.task.canvas, &self.shown())?;
-        Ok(self.rasterizer.backward(&self.splats, frame, &self.task.target, &self.record.settings.loss)?.0)
+    pub async fn scene_loss(&self) -> Result<f32, Error> {
+        let frame = self.rasterizer.forward(&self.splats, &self.task.canvas, &self.shown()).await?;
+        Ok(self.rasterizer.backward(&self.splats, frame, &self.task.target, &self.record.settings.loss).await?.0)
     }
 
     /// How the scene is shown now: with the effects that it has been fitted with.

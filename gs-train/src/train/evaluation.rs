@@ -97,18 +97,18 @@ impl Pair {
 /// # Errors
 /// Those of the backend and of reading a photograph; [`gs_core::Error::Setting`] without a view, and [`Error::NothingCounts`] where no pixel
 /// of any counts.
-pub fn evaluate<R: Rasterizer<Scene3d>>(
+pub async fn evaluate<R: Rasterizer<Scene3d>>(
     rasterizer: &R,
     scene: &Scene3d,
     views: &[PosedView],
     render: &RenderSettings,
 ) -> Result<Evaluation, Error> {
     let splats = rasterizer.upload(scene, Parameterization::ScaleRotation)?;
-    evaluate_splats(rasterizer, &splats, &views.iter().collect::<Vec<_>>(), render, &mut |_, _| Ok(()))
+    evaluate_splats(rasterizer, &splats, &views.iter().collect::<Vec<_>>(), render, &mut |_, _| Ok(())).await
 }
 
 /// The same for splats; `look` sees each view's rendering, unclamped.
-pub(super) fn evaluate_splats<R: Rasterizer<Scene3d>>(
+pub(super) async fn evaluate_splats<R: Rasterizer<Scene3d>>(
     rasterizer: &R,
     splats: &R::Splats,
     views: &[&PosedView],
@@ -121,7 +121,7 @@ pub(super) fn evaluate_splats<R: Rasterizer<Scene3d>>(
     let mut culled = Culled::default();
     let (mut qualities, mut unmeasured) = (Vec::with_capacity(views.len()), Vec::new());
     for view in views {
-        let (rendered, left_out) = rasterizer.draw(splats, &view.camera, render)?;
+        let (rendered, left_out) = rasterizer.draw(splats, &view.camera, render).await?;
         culled = culled.plus(left_out);
         look(view, &rendered)?;
         let Some(pair) = measure(&rendered, view.photograph()?, render.background_color()) else {

@@ -2,30 +2,22 @@
 
 use std::collections::{BTreeMap, btree_map::Entry};
 
-use gs_core::{Rasterizer, Scene3d};
+use gs_core::{Rasterizer, Scene3d, TargetImage};
 use gs_io::dataset::PosedImage;
 
 use super::{resolution::reduced, views::PosedView};
 use crate::error::Error;
 
-/// A photograph as a step uses it.
-pub(super) enum Picture<T> {
-    /// The same in every step: where the backend computes.
-    Target(T),
-    /// To be put on another background in each step, or masked.
-    PosedImage(PosedImage),
-}
-
 /// What has been read.
 pub(super) struct Pictures<T> {
-    /// By view, all of one resolution.
-    kept: BTreeMap<usize, Picture<T>>,
+    /// By view, all of one resolution, where the backend computes.
+    kept: BTreeMap<usize, T>,
     factor: u32,
     bytes: u64,
     /// Most bytes.
     limit: u64,
     /// The last that there was no room for.
-    passing: Option<Picture<T>>,
+    passing: Option<T>,
 }
 
 impl<T> Pictures<T> {
@@ -34,7 +26,7 @@ impl<T> Pictures<T> {
         Self { kept: BTreeMap::new(), factor: 1, bytes: 0, limit, passing: None }
     }
 
-    /// The picture of view `index` at 1/`factor` of its size, on `background` if that never changes.
+    /// The picture of view `index` at 1/`factor` of its size, before `background` if that never changes, or else with its alpha.
     ///
     /// # Errors
     /// Those of reading it, and of the backend.
@@ -45,7 +37,7 @@ impl<T> Pictures<T> {
         index: usize,
         factor: u32,
         background: Option<[f32; 3]>,
-    ) -> Result<&Picture<T>, Error> {
+    ) -> Result<&T, Error> {
         if factor != self.factor {
             (self.kept, self.bytes, self.factor) = (BTreeMap::new(), 0, factor);
         }
@@ -57,18 +49,28 @@ impl<T> Pictures<T> {
         if factor > 1 {
             photograph = reduced(&photograph, factor)?;
         }
-        let pixels = photograph.image.pixels().len() as u64;
-        let fixed = photograph.alpha.is_none() || background.is_some();
-        let picture = match photograph.mask.is_none() && fixed {
-            true => Picture::Target(on.upload_target(&photograph.over(background.unwrap_or_default()))?),
-            false => Picture::PosedImage(photograph),
-        };
-        // Three floats a pixel; a fourth for alpha and a byte for the mask where they are kept.
-        let bytes = pixels * if matches!(picture, Picture::Target(_)) { 12 } else { 17 };
+        let (target, floats) = target(on, photograph, background)?;
+        let bytes = floats * size_of::<f32>() as u64;
         if self.bytes + bytes > self.limit {
-            return Ok(self.passing.insert(picture));
+            return Ok(self.passing.insert(target));
         }
         self.bytes += bytes;
-        Ok(place.insert(picture))
+        Ok(place.insert(target))
     }
+}
+
+/// A photograph where the backend computes, before `background` if there is one, or else with its alpha; and how many numbers it has.
+pub(super) fn target<R: Rasterizer<Scene3d>>(
+    on: &R,
+    photograph: PosedImage,
+    background: Option<[f32; 3]>,
+) -> Result<(R::Target, u64), Error> {
+    let mask = photograph.mask.clone();
+    let (image, alpha) = match background {
+        Some(background) => (photograph.over(background), None),
+        None => (photograph.image, photograph.alpha),
+    };
+    let target = TargetImage { image: &image, alpha: alpha.as_deref(), mask: mask.as_deref() };
+    let floats = if alpha.is_none() && mask.is_none() { 3 } else { 4 };
+    Ok((on.upload_target(target)?, floats * image.pixels().len() as u64))
 }

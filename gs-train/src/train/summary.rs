@@ -1,6 +1,6 @@
 //! The result of a training in 3D in one value: what `summary.json` holds.
 
-use gs_core::{Rasterizer, Scene3d, edit::EditCounts};
+use gs_core::{Optimizer, Scene3d, edit::EditCounts};
 use serde::{Deserialize, Serialize};
 
 use crate::{clamped::Clamped, error::Error, recovery::FreshStart, shortfall::Shortfall};
@@ -65,8 +65,8 @@ impl TrainSummary {
     ///
     /// # Errors
     /// Those of the backend.
-    pub fn new<R: Rasterizer<Scene3d>>(trainer: &Trainer3d<'_, R>, evaluation: Evaluation) -> Result<Self, Error> {
-        let training = trainer.training_views()?;
+    pub async fn new<R: Optimizer<Scene3d>>(trainer: &Trainer3d<'_, R>, evaluation: Evaluation) -> Result<Self, Error> {
+        let training = trainer.training_views().await?;
         let settings = trainer.settings();
         let is_bound = settings.gaussians == TrainSettings::default().gaussians && !settings.policy.aims_at_budget();
         Ok(Self {
@@ -82,7 +82,7 @@ impl TrainSummary {
             loss: Some(training.loss),
             edits: *trainer.edits(),
             fresh_starts: trainer.fresh_starts().to_vec(),
-            clamped: trainer.clamped()?,
+            clamped: trainer.clamped().await?,
             evaluation,
             training: Some(training),
             settings: settings.clone(),

@@ -3,17 +3,16 @@
 use std::fmt;
 
 use gs_core::{
-    Camera, Effects, Gaussian3d, Image, Rasterizer, RenderSettings, Scene3d, TrainStep, Wait, effects::Background,
+    Camera, Effects, Gaussian3d, Image, Optimizer, RenderSettings, Scene3d, TrainStep, effects::Background,
     metrics::mean, statistics::Culled,
 };
 use gs_density::{Residual, Rng};
-use gs_io::dataset::PosedImage;
 use rand::{RngExt, SeedableRng};
 
 use super::{
     evaluation::{TrainingViews, measure},
     order::Order,
-    pictures::{Picture, Pictures},
+    pictures::{self, Pictures},
     resolution::{possible, reduced_camera},
     settings::{StepBackground, TrainSettings},
     views::{PosedView, Views},
@@ -36,14 +35,14 @@ const STAND_INS: usize = 8;
 const MOST_SAMPLED: usize = 32;
 
 /// Views to train from, and their photographs as far as they have been read.
-pub struct ViewsTask<R: Rasterizer<Scene3d>> {
+pub struct ViewsTask<R: Optimizer<Scene3d>> {
     views: Views,
     extent: f32,
     order: Order,
     pictures: Pictures<R::Target>,
 }
 
-impl<R: Rasterizer<Scene3d>> fmt::Debug for ViewsTask<R> {
+impl<R: Optimizer<Scene3d>> fmt::Debug for ViewsTask<R> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_struct("ViewsTask").field("views", &self.views).field("extent", &self.extent).finish_non_exhaustive()
     }
@@ -51,7 +50,7 @@ impl<R: Rasterizer<Scene3d>> fmt::Debug for ViewsTask<R> {
 
 impl Trainable for Scene3d {
     type Settings = TrainSettings;
-    type TrainingTask<R: Rasterizer<Self>> = ViewsTask<R>;
+    type TrainingTask<R: Optimizer<Self>> = ViewsTask<R>;
 
     fn parameters(g: &Gaussian3d) -> Vec<(&'static str, Vec<f32>)> {
         vec![
@@ -67,7 +66,7 @@ impl Trainable for Scene3d {
     }
 }
 
-impl<R: Rasterizer<Scene3d>> ViewsTask<R> {
+impl<R: Optimizer<Scene3d>> ViewsTask<R> {
     pub(super) fn new(views: Views, extent: f32) -> Self {
         let pictures = Pictures::new(views.keep_bytes);
         Self { views, extent, order: Order::default(), pictures }
@@ -96,7 +95,7 @@ impl<R: Rasterizer<Scene3d>> ViewsTask<R> {
     }
 
     /// How well the scene fits the views that it is trained with, by a sample of them.
-    pub(super) fn training_views(
+    pub(super) async fn training_views(
         &self,
         on: &R,
         splats: &R::Splats,
@@ -107,31 +106,14 @@ impl<R: Rasterizer<Scene3d>> ViewsTask<R> {
         let (mut psnr, mut losses) = (Vec::new(), Vec::new());
         for view in self.sample() {
             let photograph = view.photograph()?;
-            let frame = on.forward(splats, &view.camera, &render)?;
-            let target = Self::target(on, &frame, &photograph, &render)?;
-            psnr.extend(
-                measure(&on.image(&frame)?, photograph, render.background_color()).map(|pair| pair.l1_and_psnr().1),
-            );
-            losses.push(f64::from(on.backward(splats, frame, &target, &settings.loss)?.0));
+            let frame = on.forward(splats, &view.camera, &render).await?;
+            let background = render.background_color();
+            let (target, _) = pictures::target(on, photograph.clone(), Some(background))?;
+            psnr.extend(measure(&on.image(&frame).await?, photograph, background).map(|pair| pair.l1_and_psnr().1));
+            losses.push(f64::from(on.backward(splats, frame, &target, &settings.loss).await?.0));
         }
         let measured = !psnr.is_empty();
         Ok(TrainingViews { views: psnr.len(), psnr: measured.then(|| mean(psnr)), loss: mean(losses) as f32 })
-    }
-
-    /// What a frame is compared with: the photograph before these settings' background, but where the mask says that it does not count, what
-    /// is rendered, so that nothing pulls.
-    fn target(
-        on: &R,
-        frame: &R::ForwardPass,
-        photograph: &PosedImage,
-        settings: &RenderSettings,
-    ) -> Result<R::Target, Error> {
-        let target = photograph.clone().over(settings.background_color());
-        let target = match &photograph.mask {
-            Some(mask) => where_masked(target, mask, &on.image(frame)?),
-            None => target,
-        };
-        Ok(on.upload_target(&target)?)
     }
 
     /// The camera of a training view as the step after `step` steps sees it, and by what its sides are divided.
@@ -139,26 +121,6 @@ impl<R: Rasterizer<Scene3d>> ViewsTask<R> {
         let camera = &self.views.train[index].camera;
         let factor = possible(camera, settings.resolution.factor(step as f32 / settings.iterations as f32));
         (if factor > 1 { reduced_camera(camera, factor) } else { *camera }, factor)
-    }
-
-    /// A step whose loss leaves out what the mask does.
-    fn masked_step(
-        on: &R,
-        splats: &mut R::Splats,
-        camera: &Camera,
-        photograph: &PosedImage,
-        step: &TrainStep<'_>,
-    ) -> Result<(), Error> {
-        let frame = on.forward(splats, camera, step.settings)?;
-        let target = Self::target(on, &frame, photograph, step.settings)?;
-        let (loss, gradients) = on.backward(splats, frame, &target, &step.loss)?;
-        on.step(splats, &gradients, step.rates)?;
-        // Losses are told in the order of their steps, and some may still be under way.
-        let mut known = Vec::new();
-        on.losses(splats, Wait::All, &mut known)?;
-        known.push(loss);
-        *on.unread_losses(splats) = known;
-        Ok(())
     }
 }
 
@@ -184,7 +146,7 @@ fn background(settings: &TrainSettings, step: u32) -> RenderSettings {
     }
 }
 
-impl<R: Rasterizer<Scene3d>> TrainingTask<R, Scene3d> for ViewsTask<R> {
+impl<R: Optimizer<Scene3d>> TrainingTask<R, Scene3d> for ViewsTask<R> {
     fn extent(&self) -> f32 {
         self.extent
     }
@@ -193,7 +155,7 @@ impl<R: Rasterizer<Scene3d>> TrainingTask<R, Scene3d> for ViewsTask<R> {
         self.views.train.len() as u32
     }
 
-    fn send(
+    async fn send(
         &mut self,
         on: &R,
         splats: &mut R::Splats,
@@ -211,30 +173,27 @@ impl<R: Rasterizer<Scene3d>> TrainingTask<R, Scene3d> for ViewsTask<R> {
         let step = TrainStep { settings: &render, loss: settings.loss, rates: &rates, binning };
 
         let fixed = (settings.background == StepBackground::Same).then(|| render.background_color());
-        match self.pictures.get(on, view, index, factor, fixed)? {
-            Picture::Target(target) => on.train_step(splats, &camera, target, &step)?,
-            Picture::PosedImage(photograph) if photograph.mask.is_some() => {
-                Self::masked_step(on, splats, &camera, photograph, &step)?;
-            }
-            Picture::PosedImage(photograph) => {
-                let target = photograph.clone().over(render.background_color());
-                on.train_step(splats, &camera, &on.upload_target(&target)?, &step)?;
-            }
-        }
-        Ok(())
+        let target = self.pictures.get(on, view, index, factor, fixed)?;
+        Ok(on.train_step(splats, &camera, target, &step).await?)
     }
 
-    fn residual(&mut self, _: &R, _: &R::Splats, _: &TrainSettings, _: &Effects) -> Result<Option<&Residual>, Error> {
+    async fn residual(
+        &mut self,
+        _: &R,
+        _: &R::Splats,
+        _: &TrainSettings,
+        _: &Effects,
+    ) -> Result<Option<&Residual>, Error> {
         Ok(None)
     }
 
-    fn after_edit(&mut self, _: &R, _: &mut R::Splats, _: &TrainSettings, _: &Effects) -> Result<(), Error> {
+    async fn after_edit(&mut self, _: &R, _: &mut R::Splats, _: &TrainSettings, _: &Effects) -> Result<(), Error> {
         Ok(())
     }
 
     /// Means over the test views (or those that stand in for them) of which some pixel counts, and what was left out in all of them
     /// together.
-    fn quality(
+    async fn quality(
         &self,
         on: &R,
         splats: &R::Splats,
@@ -245,7 +204,7 @@ impl<R: Rasterizer<Scene3d>> TrainingTask<R, Scene3d> for ViewsTask<R> {
         let judges = self.judges();
         let (mut l1, mut psnr, mut culled) = (Vec::new(), Vec::new(), Culled::default());
         for view in &judges {
-            let (rendered, left_out) = on.draw(splats, &view.camera, &render)?;
+            let (rendered, left_out) = on.draw(splats, &view.camera, &render).await?;
             culled = culled.plus(left_out);
             if let Some(pair) = measure(&rendered, view.photograph()?, render.background_color()) {
                 let measured = pair.l1_and_psnr();

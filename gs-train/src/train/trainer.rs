@@ -1,9 +1,8 @@
 //! Training of a 3D scene: where it begins, how it goes on from a checkpoint, and how good it has become.
 
-use std::time::Instant;
-
-use gs_core::{Camera, Image, Rasterizer, RenderSettings, Scene, Scene3d};
+use gs_core::{Camera, Image, Optimizer, RenderSettings, Scene, Scene3d};
 use gs_io::{Checkpoint, dataset::AlphaMeaning};
+use web_time::Instant;
 
 use super::{
     evaluation::{Evaluation, TrainingViews, evaluate_splats},
@@ -22,13 +21,13 @@ use crate::{
 /// The training of a 3D scene, in progress.
 pub type Trainer3d<'a, R> = Trainer<'a, R, Scene3d>;
 
-impl<'a, R: Rasterizer<Scene3d>> Trainer<'a, R, Scene3d> {
+impl<'a, R: Optimizer<Scene3d>> Trainer<'a, R, Scene3d> {
     /// Begins a training.
     ///
     /// # Errors
     /// [`gs_core::Error::Setting`] where a setting, a camera or the start is not possible; [`Error::NothingInView`] where no view to train
     /// with sees any of the first Gaussians; those of the backend.
-    pub fn from_views(
+    pub async fn from_views(
         rasterizer: &'a R,
         views: Views,
         start: Start,
@@ -92,24 +91,27 @@ impl<'a, R: Rasterizer<Scene3d>> Trainer<'a, R, Scene3d> {
     ///
     /// # Errors
     /// Those of the backend.
-    pub fn render_view(&self, camera: &Camera) -> Result<Image, Error> {
-        Ok(self.rasterizer.draw(&self.splats, camera, &self.shown())?.0)
+    pub async fn render_view(&self, camera: &Camera) -> Result<Image, Error> {
+        Ok(self.rasterizer.draw(&self.splats, camera, &self.shown()).await?.0)
     }
 
     /// Judges the scene by [`Self::judges`]; `look` sees each of them, in their order, and its rendering.
     ///
     /// # Errors
     /// Those of the backend, of reading a photograph, and of `look`.
-    pub fn evaluate(&self, look: &mut dyn FnMut(&PosedView, &Image) -> Result<(), Error>) -> Result<Evaluation, Error> {
-        evaluate_splats(self.rasterizer, &self.splats, &self.task.judges(), &self.shown(), look)
+    pub async fn evaluate(
+        &self,
+        look: &mut dyn FnMut(&PosedView, &Image) -> Result<(), Error>,
+    ) -> Result<Evaluation, Error> {
+        evaluate_splats(self.rasterizer, &self.splats, &self.task.judges(), &self.shown(), look).await
     }
 
     /// How well the scene fits the views that it is trained with, by a sample of them.
     ///
     /// # Errors
     /// Those of the backend, and of reading a photograph.
-    pub fn training_views(&self) -> Result<TrainingViews, Error> {
-        self.task.training_views(self.rasterizer, &self.splats, &self.record.settings, &self.effects())
+    pub async fn training_views(&self) -> Result<TrainingViews, Error> {
+        self.task.training_views(self.rasterizer, &self.splats, &self.record.settings, &self.effects()).await
     }
 }
 

@@ -1,11 +1,11 @@
 //! What happens to the set of Gaussians between the steps of a run: rounds of density control, noise, and the removal of what is broken.
 
 use gs_core::{
-    Binning, DensityStatistics, EditPlan, Rasterizer,
+    Binning, DensityStatistics, EditPlan, Optimizer,
     edit::{AfterEdit, EditCounts, PruneCause, Removal},
     effects::Statistics,
 };
-use gs_density::{DensityGaussian, Observation, Rng};
+use gs_density::{DensityGaussian, Observation};
 
 use super::{Trainer, policy, random};
 use crate::{
@@ -14,23 +14,20 @@ use crate::{
     task::{RunSettings, Trainable, TrainingTask},
 };
 
-/// Which of the generator's streams the noise between steps is drawn from, so that it is independent of the rounds' draws.
-const NOISE_STREAM: u128 = 0x6e_6f69_7365;
-
-impl<R: Rasterizer<S>, S: Trainable> Trainer<'_, R, S> {
+impl<R: Optimizer<S>, S: Trainable> Trainer<'_, R, S> {
     /// Shows the scene to the policy and does what it says; `progress` as in [`Observation`].
-    pub(super) fn control_density(&mut self, progress: f32) -> Result<EditCounts, Error> {
+    pub(super) async fn control_density(&mut self, progress: f32) -> Result<EditCounts, Error> {
         let Record { settings, step, .. } = &self.record;
         let policy = policy(&self.foreign, settings);
-        let scene = self.rasterizer.download(&self.splats)?;
+        let scene = self.rasterizer.download(&self.splats).await?;
         let statistics = match policy.statistics() {
             Statistics::None => DensityStatistics::zeros(scene.len()),
-            _ => self.rasterizer.statistics(&self.splats)?,
+            _ => self.rasterizer.statistics(&self.splats).await?,
         };
         let extent = self.task.extent();
         let effects = self.effects();
         let residual = match policy.needs_residual() {
-            true => self.task.residual(self.rasterizer, &self.splats, settings, &effects)?,
+            true => self.task.residual(self.rasterizer, &self.splats, settings, &effects).await?,
             false => None,
         };
         let observation = Observation {
@@ -44,13 +41,13 @@ impl<R: Rasterizer<S>, S: Trainable> Trainer<'_, R, S> {
         };
         let plan = policy.plan(&observation, &mut random(settings.seed(), *step))?;
         let counts = plan.counts();
-        self.rasterizer.edit(&mut self.splats, &plan)?;
+        self.rasterizer.edit(&mut self.splats, &plan).await?;
         if plan.opacity_ceiling.is_some() {
             self.watch.hear_reset(self.record.step);
         }
         self.record.edits.accumulate(&counts);
         self.binning = Binning::Fresh;
-        self.task.after_edit(self.rasterizer, &mut self.splats, &self.record.settings, &effects)?;
+        self.task.after_edit(self.rasterizer, &mut self.splats, &self.record.settings, &effects).await?;
         Ok(counts)
     }
 
@@ -61,23 +58,19 @@ impl<R: Rasterizer<S>, S: Trainable> Trainer<'_, R, S> {
             return Ok(());
         };
         let rate = self.lr_scale() * settings.mean_factor(*step);
-        let scene = self.rasterizer.download(&self.splats)?;
-        let mut rng = Rng::new(u128::from(settings.seed()) << 32 | u128::from(*step), NOISE_STREAM);
-        if let Some(shifts) = noise.shifts(&scene, self.task.extent(), rate, &mut rng) {
-            self.rasterizer.shift_means(&mut self.splats, &shifts)?;
-        }
-        Ok(())
+        let noise = noise.of_step::<S>(self.task.extent(), rate, settings.seed(), *step);
+        Ok(self.rasterizer.add_noise(&mut self.splats, &noise)?)
     }
 
     /// Takes out what has become NaN or infinite since the last round; it draws nothing, and no file would take it.
-    pub(super) fn drop_not_finite(&mut self, edits: &mut Option<EditCounts>) -> Result<(), Error> {
-        let scene = self.rasterizer.download(&self.splats)?;
+    pub(super) async fn drop_not_finite(&mut self, edits: &mut Option<EditCounts>) -> Result<(), Error> {
+        let scene = self.rasterizer.download(&self.splats).await?;
         let lost = (0..scene.len()).filter(|&index| !scene.gaussian(index).is_finite());
         let removed: Vec<Removal> =
             lost.map(|index| Removal { index: index as u32, cause: PruneCause::NotFinite }).collect();
         if !removed.is_empty() {
             let plan = EditPlan { removed, statistics: AfterEdit::Keep, ..EditPlan::default() };
-            self.rasterizer.edit(&mut self.splats, &plan)?;
+            self.rasterizer.edit(&mut self.splats, &plan).await?;
             let counts = plan.counts();
             self.record.edits.accumulate(&counts);
             edits.get_or_insert_default().accumulate(&counts);

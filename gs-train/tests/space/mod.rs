@@ -10,6 +10,7 @@ use gs_train::{
     Rounds, TrainPreset, TrainSettings,
     train::{PosedView, Views},
 };
+use pollster::FutureExt as _;
 
 /// Two threads, whatever the machine.
 pub(crate) fn rasterizer() -> CpuRasterizer {
@@ -61,7 +62,7 @@ pub(crate) fn render() -> RenderSettings {
 pub(crate) fn views(rasterizer: &CpuRasterizer) -> Views {
     let view = |i: usize| {
         let camera = camera(i);
-        let image = rasterizer.render(&thirty(), &camera, &render()).expect("the scene can be rendered");
+        let image = rasterizer.render(&thirty(), &camera, &render()).block_on().expect("the scene can be rendered");
         PosedView::of_image(format!("view-{i:02}"), camera, image.clamped())
     };
     Views::new((0..12).map(view).collect(), (12..15).map(view).collect())

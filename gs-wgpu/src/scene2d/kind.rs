@@ -32,10 +32,7 @@ pub struct Own2d {
 }
 
 fn in_parameterization(splats: &Splats<Scene2d>) -> Variant {
-    Variant {
-        covariance_factor: splats.state.parameterization == Parameterization::CovarianceFactor,
-        ..Variant::default()
-    }
+    Variant { covariance_factor: Scene2d::has_factors(&splats.state), ..Variant::default() }
 }
 
 impl SceneKind for Scene2d {
@@ -77,12 +74,12 @@ impl SceneKind for Scene2d {
         Ok(())
     }
 
-    fn download(gpu: &Gpu, state: &State2d, len: usize) -> Result<Self, Error> {
-        state.scene(gpu, len)
+    async fn download(gpu: &Gpu, state: &State2d, len: usize) -> Result<Self, Error> {
+        state.scene(gpu, len).await
     }
 
-    fn save(gpu: &Gpu, state: &State2d, len: usize) -> Result<SplatsState, Error> {
-        state.save(gpu, len)
+    async fn save(gpu: &Gpu, state: &State2d, len: usize) -> Result<SplatsState, Error> {
+        state.save(gpu, len).await
     }
 
     fn restore(gpu: &Gpu, state: &SplatsState, len: usize) -> Result<State2d, Error> {
@@ -185,10 +182,10 @@ impl SceneKind for Scene2d {
         dispatch(gpu, commands, "adam", in_parameterization(splats), &bindings, groups);
     }
 
-    fn derivatives(gpu: &Gpu, splats: &Splats<Self>, gradients: &Gradients<Self>) -> Result<Self, Error> {
-        let found: Vec<Gradient> = gpu.read(&gradients.buffers[0], gradients.len)?;
+    async fn derivatives(gpu: &Gpu, splats: &Splats<Self>, gradients: &Gradients<Self>) -> Result<Self, Error> {
+        let found: Vec<Gradient> = gpu.read(&gradients.buffers[0], gradients.len).await?;
         let mut scene = Self::default();
-        for (gradient, gaussian) in found.iter().zip(splats.state.download_gaussians(gpu, splats.len)?) {
+        for (gradient, gaussian) in found.iter().zip(splats.state.download_gaussians(gpu, splats.len).await?) {
             let (mean, [x, y, angle]) = match gradient.visible {
                 0 => (Vec2::ZERO, [0.0; 3]),
                 _ => by_scale_rotation(&splats.state, &gaussian, gradient),
@@ -204,7 +201,15 @@ impl SceneKind for Scene2d {
         Ok(scene)
     }
 
-    fn solve_colors(
+    fn noise(splats: &Splats<Self>) -> (&'static str, &wgpu::Buffer) {
+        ("add_noise", &splats.state.gaussians)
+    }
+
+    fn has_factors(state: &State2d) -> bool {
+        state.parameterization == Parameterization::CovarianceFactor
+    }
+
+    async fn solve_colors(
         rasterizer: &WgpuRasterizer,
         splats: &mut Splats<Self>,
         view: &Canvas,
@@ -212,7 +217,7 @@ impl SceneKind for Scene2d {
         settings: &RenderSettings,
         iterations: u32,
     ) -> Result<(), Error> {
-        solve_colors(rasterizer, splats, view, target, settings, iterations)
+        solve_colors(rasterizer, splats, view, target, settings, iterations).await
     }
 }
 

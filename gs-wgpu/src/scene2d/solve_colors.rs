@@ -16,7 +16,7 @@ use crate::{
 };
 
 /// Moves the colours towards the least-squares solution.
-pub(crate) fn solve_colors(
+pub(crate) async fn solve_colors(
     rasterizer: &WgpuRasterizer,
     splats: &Splats<Scene2d>,
     view: &Canvas,
@@ -34,11 +34,11 @@ pub(crate) fn solve_colors(
     let mut settings = *settings;
     settings.effects.statistics = Statistics::None;
     let gpu = &rasterizer.gpu;
-    splats.settle(gpu)?;
+    splats.settle(gpu).await?;
     let mut workspace = rasterizer.pool_2d.take(gpu)?;
     workspace.set(gpu, splats, view, &settings)?;
     let describe = |w: &Workspace<Scene2d>| w.describe(gpu, splats, None, None);
-    rasterizer.with_lists(&mut workspace, splats, describe, |_, _| Ok(()))?;
+    rasterizer.with_lists(&mut workspace, splats, describe, |_, _| Ok(())).await?;
     let step = describe(&workspace);
     let without_background = gpu.storage("step", &[Step { background: [0.0; 3], ..step }])?;
     workspace.write_step(gpu, &step);

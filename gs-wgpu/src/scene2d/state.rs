@@ -69,13 +69,13 @@ impl State2d {
         }
     }
 
-    pub(crate) fn download_gaussians(&self, gpu: &Gpu, len: usize) -> Result<Vec<Gaussian>, Error> {
-        gpu.read(&self.gaussians, len)
+    pub(crate) async fn download_gaussians(&self, gpu: &Gpu, len: usize) -> Result<Vec<Gaussian>, Error> {
+        gpu.read(&self.gaussians, len).await
     }
 
-    pub(crate) fn scene(&self, gpu: &Gpu, len: usize) -> Result<Scene2d, Error> {
+    pub(crate) async fn scene(&self, gpu: &Gpu, len: usize) -> Result<Scene2d, Error> {
         let mut scene = Scene2d::default();
-        for g in self.download_gaussians(gpu, len)? {
+        for g in self.download_gaussians(gpu, len).await? {
             let (log_scale, rotation) = match self.parameterization {
                 Parameterization::ScaleRotation => (Vec2::new(g.shape[0], g.shape[1]), g.shape[2]),
                 Parameterization::CovarianceFactor => Gaussian2d::shape_of_factor(Mat2::from_cols_array(&g.shape)),
@@ -125,9 +125,9 @@ impl State2d {
         Ok(edited)
     }
 
-    pub(crate) fn save(&self, gpu: &Gpu, len: usize) -> Result<SplatsState, Error> {
-        let gaussians = self.download_gaussians(gpu, len)?;
-        let moments: Vec<Moments> = gpu.read(&self.moments, len)?;
+    pub(crate) async fn save(&self, gpu: &Gpu, len: usize) -> Result<SplatsState, Error> {
+        let gaussians = self.download_gaussians(gpu, len).await?;
+        let moments: Vec<Moments> = gpu.read(&self.moments, len).await?;
         let mut state = SplatsState::new(self.parameterization);
         state.insert("mean", gaussians.iter().map(|g| g.mean));
         match self.parameterization {

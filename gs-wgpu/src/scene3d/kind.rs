@@ -55,12 +55,12 @@ impl SceneKind for Scene3d {
         state.make_moments(gpu, len)
     }
 
-    fn download(gpu: &Gpu, state: &State3d, len: usize) -> Result<Self, Error> {
-        state.scene(gpu, len)
+    async fn download(gpu: &Gpu, state: &State3d, len: usize) -> Result<Self, Error> {
+        state.scene(gpu, len).await
     }
 
-    fn save(gpu: &Gpu, state: &State3d, len: usize) -> Result<SplatsState, Error> {
-        state.save(gpu, len)
+    async fn save(gpu: &Gpu, state: &State3d, len: usize) -> Result<SplatsState, Error> {
+        state.save(gpu, len).await
     }
 
     fn restore(gpu: &Gpu, state: &SplatsState, len: usize) -> Result<State3d, Error> {
@@ -134,10 +134,10 @@ impl SceneKind for Scene3d {
         stages::encode_adam(gpu, commands, splats, step, gradients, indirect);
     }
 
-    fn derivatives(gpu: &Gpu, splats: &Splats<Self>, gradients: &Gradients<Self>) -> Result<Self, Error> {
+    async fn derivatives(gpu: &Gpu, splats: &Splats<Self>, gradients: &Gradients<Self>) -> Result<Self, Error> {
         let k = splats.state.coefficients();
-        let found: Vec<EllipsoidGradient> = gpu.read(&gradients.buffers[0], gradients.len)?;
-        let sh: Vec<[f32; 3]> = gpu.read(&gradients.buffers[1], gradients.len * k)?;
+        let found: Vec<EllipsoidGradient> = gpu.read(&gradients.buffers[0], gradients.len).await?;
+        let sh: Vec<[f32; 3]> = gpu.read(&gradients.buffers[1], gradients.len * k).await?;
         let mut scene = Self { sh_degree: splats.state.sh_degree, ..Self::default() };
         for (g, sh) in found.iter().zip(sh.chunks_exact(k)) {
             scene.means.push(Vec3::from_array(g.mean));
@@ -149,7 +149,15 @@ impl SceneKind for Scene3d {
         Ok(scene)
     }
 
-    fn solve_colors(
+    fn noise(splats: &Splats<Self>) -> (&'static str, &wgpu::Buffer) {
+        ("add_noise_3d", &splats.state.ellipsoids)
+    }
+
+    fn has_factors(_: &State3d) -> bool {
+        false
+    }
+
+    async fn solve_colors(
         _: &WgpuRasterizer,
         _: &mut Splats<Self>,
         _: &Camera,

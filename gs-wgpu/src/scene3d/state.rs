@@ -142,15 +142,15 @@ impl State3d {
         coefficients(self.sh_degree)
     }
 
-    pub(crate) fn scene(&self, gpu: &Gpu, len: usize) -> Result<Scene3d, Error> {
+    pub(crate) async fn scene(&self, gpu: &Gpu, len: usize) -> Result<Scene3d, Error> {
         let mut scene = Scene3d { sh_degree: self.sh_degree, ..Scene3d::default() };
-        for g in gpu.read::<Ellipsoid>(&self.ellipsoids, len)? {
+        for g in gpu.read::<Ellipsoid>(&self.ellipsoids, len).await? {
             scene.means.push(Vec3::from_array(g.mean));
             scene.log_scales.push(Vec3::from_array(g.log_scale));
             scene.rotations.push(g.rotation);
             scene.opacity_logits.push(g.opacity_logit);
         }
-        let sh: Vec<[f32; 3]> = gpu.read(&self.sh, len * self.coefficients())?;
+        let sh: Vec<[f32; 3]> = gpu.read(&self.sh, len * self.coefficients()).await?;
         scene.sh = sh.into_iter().map(Vec3::from_array).collect();
         Ok(scene)
     }
@@ -192,15 +192,15 @@ impl State3d {
         Ok(Self { sh_degree: self.sh_degree, ellipsoids, sh, moments: Some(edited) })
     }
 
-    pub(crate) fn save(&self, gpu: &Gpu, len: usize) -> Result<SplatsState, Error> {
+    pub(crate) async fn save(&self, gpu: &Gpu, len: usize) -> Result<SplatsState, Error> {
         let columns = 3 * self.coefficients();
-        let ellipsoids: Vec<Ellipsoid> = gpu.read(&self.ellipsoids, len)?;
-        let sh: Vec<f32> = gpu.read(&self.sh, len * columns)?;
+        let ellipsoids: Vec<Ellipsoid> = gpu.read(&self.ellipsoids, len).await?;
+        let sh: Vec<f32> = gpu.read(&self.sh, len * columns).await?;
         let (moments, sh_moments) = match &self.moments {
             None => (vec![EllipsoidMoments::default(); len], [0, 1].map(|_| vec![0.0; len * columns])),
             Some(Moments { geometry, sh: [first, second] }) => {
-                let sh = [gpu.read::<f32>(first, len * columns)?, gpu.read(second, len * columns)?];
-                (gpu.read(geometry, len)?, sh)
+                let sh = [gpu.read::<f32>(first, len * columns).await?, gpu.read(second, len * columns).await?];
+                (gpu.read(geometry, len).await?, sh)
             }
         };
         let mut state = SplatsState::new(Parameterization::ScaleRotation);

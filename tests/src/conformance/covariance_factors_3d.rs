@@ -2,11 +2,12 @@
 
 use glam::{DMat3, DVec3};
 use gs_core::{
-    AdamRates, EditPlan, Loss, Parameterization, Rasterizer, Scene3d,
+    AdamRates, EditPlan, Loss, Optimizer, Parameterization, Scene3d,
     edit::{AfterEdit, Birth, Moments, Origin, Place},
     effects::{Antialias, Blend},
     scene::Scene,
 };
+use pollster::FutureExt as _;
 
 use super::{
     Outcome, check_gradients,
@@ -22,7 +23,7 @@ use crate::{
 };
 
 /// That a case is skipped, where the backend does not train 3D scenes in covariance factors, which it may refuse.
-fn without_frames<R: Rasterizer<Scene3d>>(rasterizer: &R) -> Result<Option<Outcome>, Failure> {
+fn without_frames<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<Option<Outcome>, Failure> {
     let offered = parameterizations::<Scene3d, R>(rasterizer)?.contains(&Parameterization::CovarianceFactor);
     Ok((!offered).then(|| {
         Outcome::Skipped(format!("parameterization {} for 3D scenes", Parameterization::CovarianceFactor.name()))
@@ -33,15 +34,15 @@ fn without_frames<R: Rasterizer<Scene3d>>(rasterizer: &R) -> Result<Option<Outco
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
-pub fn forward_passes_come_back_3d<R: Rasterizer<Scene3d>>(rasterizer: &R) -> Result<Outcome, Failure> {
+pub fn forward_passes_come_back_3d<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<Outcome, Failure> {
     if let Some(skipped) = without_frames(rasterizer)? {
         return Ok(skipped);
     }
     for (seed, kind) in (2700..).zip([Kind3d::Typical, Kind3d::Needles, Kind3d::Opaque]) {
         let scene = Draw::for_3d(kind, Blend::Over, 37, (40, 30), seed).scene;
         let splats = rasterizer.upload(&scene, Parameterization::CovarianceFactor)?;
-        let back = rasterizer.download(&splats)?;
-        let restored = rasterizer.download(&rasterizer.restore(&rasterizer.save(&splats)?)?)?;
+        let back = rasterizer.download(&splats).block_on()?;
+        let restored = rasterizer.download(&rasterizer.restore(&rasterizer.save(&splats).block_on()?)?).block_on()?;
         Failure::unless(back == restored, || format!("{kind:?}: restored as another scene"))?;
         let same = (&back.means, &back.opacity_logits, &back.sh) == (&scene.means, &scene.opacity_logits, &scene.sh);
         Failure::unless(same, || format!("{kind:?}: means, opacities or colours come back as others"))?;
@@ -59,7 +60,7 @@ pub fn forward_passes_come_back_3d<R: Rasterizer<Scene3d>>(rasterizer: &R) -> Re
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
-pub fn gradients_match_in_covariance_factors_3d<R: Rasterizer<Scene3d>>(rasterizer: &R) -> Result<Outcome, Failure> {
+pub fn gradients_match_in_covariance_factors_3d<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<Outcome, Failure> {
     if let Some(skipped) = without_frames(rasterizer)? {
         return Ok(skipped);
     }
@@ -79,7 +80,7 @@ pub fn gradients_match_in_covariance_factors_3d<R: Rasterizer<Scene3d>>(rasteriz
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
-pub fn frame_steps_match_3d<R: Rasterizer<Scene3d>>(rasterizer: &R) -> Result<Outcome, Failure> {
+pub fn frame_steps_match_3d<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<Outcome, Failure> {
     if let Some(skipped) = without_frames(rasterizer)? {
         return Ok(skipped);
     }
@@ -101,12 +102,12 @@ pub fn frame_steps_match_3d<R: Rasterizer<Scene3d>>(rasterizer: &R) -> Result<Ou
                     place: Place::Last,
                 };
                 let plan = EditPlan { added: vec![birth], statistics: AfterEdit::Keep, ..EditPlan::default() };
-                rasterizer.edit(&mut splats, &plan)?;
+                rasterizer.edit(&mut splats, &plan).block_on()?;
                 reference.push(FactoredReference::new(&newborn.rows().gaussians[0]));
             }
-            let before = rasterizer.download(&splats)?.rows();
+            let before = rasterizer.download(&splats).block_on()?.rows();
             let gradients = step(rasterizer, &mut splats, &draw, &target, &rates)?;
-            let after = rasterizer.download(&splats)?.rows();
+            let after = rasterizer.download(&splats).block_on()?.rows();
             let count = after.gaussians.len();
             Failure::unless(count == reference.len(), || format!("{count} Gaussians, not {}", reference.len()))?;
             for (g, reference) in reference.iter_mut().enumerate() {
@@ -152,7 +153,7 @@ fn compare(reference: &FactoredReference, found: &Parameters, rates: &AdamRates)
 }
 
 /// Large steps lead no scale out of its bounds.
-fn bounds_hold<R: Rasterizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
+fn bounds_hold<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
     let draw = Scene3d::overlapping(Blend::Over, 12, (24, 20), 2733);
     let target = rasterizer.upload_target(&draw.target()?)?;
     let mut rates = distinct::<Scene3d>(1e-12);
@@ -167,7 +168,7 @@ fn bounds_hold<R: Rasterizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
     for _ in 0..4 {
         step(rasterizer, &mut splats, &draw, &target, &rates)?;
     }
-    let (low, high) = scales(&rasterizer.download(&splats)?);
+    let (low, high) = scales(&rasterizer.download(&splats).block_on()?);
     let within = low >= 0.999 * rates.min_scale && high <= 1.001 * rates.max_scale;
     let at_them = low <= 1.001 * rates.min_scale || high >= 0.999 * rates.max_scale;
     Failure::unless(within && at_them, || {

@@ -1,9 +1,10 @@
 //! Cases: edits, held against a plain reading of the plan, row by row of the saved state's tensors.
 
+use pollster::FutureExt as _;
 use std::collections::BTreeMap;
 
 use gs_core::{
-    Binning, EditPlan, Error, Loss, Parameterization, Rasterizer, SplatsState, TrainStep,
+    Binning, EditPlan, Error, Loss, Optimizer, Parameterization, SplatsState, TrainStep,
     edit::{AfterEdit, Birth, Change, Moments, Origin, Place, PruneCause, Removal},
     effects::{Blend, Statistics},
     scene::logit,
@@ -66,7 +67,7 @@ fn without(row: &Row, names: &[&str]) -> Row {
 }
 
 /// splats that has been trained for a few steps, so that all its rows differ.
-fn trained<S: Subject, R: Rasterizer<S>>(
+fn trained<S: Subject, R: Optimizer<S>>(
     rasterizer: &R,
     blend: Blend,
     parameterization: Parameterization,
@@ -78,9 +79,9 @@ fn trained<S: Subject, R: Rasterizer<S>>(
     let step = TrainStep { settings: &draw.settings, loss: Loss::L2, rates: &rates, binning: Binning::Fresh };
     let mut splats = rasterizer.upload(&draw.scene, parameterization)?;
     for _ in 0..3 {
-        rasterizer.train_step(&mut splats, &draw.view, &target, &step)?;
+        rasterizer.train_step(&mut splats, &draw.view, &target, &step).block_on()?;
     }
-    for row in rows(&rasterizer.save(&splats)?)? {
+    for row in rows(&rasterizer.save(&splats).block_on()?)? {
         let [first, second, sum] = ["moment1", "moment2", "gradient_sum"].map(|name| row[name][0]);
         let learned = first != 0.0 && second != 0.0 && row["steps"][0].to_bits() == 3 && sum > 0.0;
         Failure::unless(learned, || format!("a Gaussian has learned nothing in three steps: {row:?}"))?;
@@ -120,20 +121,20 @@ fn plan<S: Subject>(newcomers: &S, statistics: AfterEdit) -> EditPlan<S::Gaussia
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
-pub fn edits_carry_everything_along<S: Subject, R: Rasterizer<S>>(rasterizer: &R) -> Result<(), Failure> {
+pub fn edits_carry_everything_along<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> Result<(), Failure> {
     for parameterization in parameterizations::<S, R>(rasterizer)? {
         for blend in [Blend::Sum, Blend::Over] {
             for statistics in [AfterEdit::Keep, AfterEdit::Restart] {
                 let mut splats = trained::<S, R>(rasterizer, blend, parameterization)?;
-                let before = rows(&rasterizer.save(&splats)?)?;
+                let before = rows(&rasterizer.save(&splats).block_on()?)?;
                 let newcomers = S::typical(blend, 7, (24, 20), 1807).scene;
                 // A Gaussian that has just been uploaded has learned nothing.
-                let new = rows(&rasterizer.save(&rasterizer.upload(&newcomers, parameterization)?)?)?;
+                let new = rows(&rasterizer.save(&rasterizer.upload(&newcomers, parameterization)?).block_on()?)?;
                 for name in MOMENTS.iter().chain(&STATISTICS) {
                     let zero = new.iter().all(|row| row[*name].iter().all(|&v| v == 0.0));
                     Failure::unless(zero, || format!("a fresh splats' `{name}` is not zero"))?;
                 }
-                rasterizer.edit(&mut splats, &plan(&newcomers, statistics))?;
+                rasterizer.edit(&mut splats, &plan(&newcomers, statistics)).block_on()?;
                 let mut expected = vec![
                     with(&new[3], &STATISTICS, &before[4]),
                     with(&new[1], &STATISTICS, &before[0]),
@@ -152,7 +153,7 @@ pub fn edits_carry_everything_along<S: Subject, R: Rasterizer<S>>(rasterizer: &R
                     expected = expected.iter().map(|row| without(row, &STATISTICS)).collect();
                 }
                 let place = format!("{parameterization:?}, {blend:?}, {statistics:?}");
-                compare(&expected, &rows(&rasterizer.save(&splats)?)?, &place)?;
+                compare(&expected, &rows(&rasterizer.save(&splats).block_on()?)?, &place)?;
                 let count = rasterizer.len(&splats);
                 Failure::unless(count == 12, || format!("{place}: {count} Gaussians"))?;
 
@@ -164,7 +165,7 @@ pub fn edits_carry_everything_along<S: Subject, R: Rasterizer<S>>(rasterizer: &R
                     Failure::unless((1..12).contains(&above), || {
                         format!("{above} of 12 opacities are above the ceiling")
                     })?;
-                    rasterizer.edit(&mut splats, &plan)?;
+                    rasterizer.edit(&mut splats, &plan).block_on()?;
                     for row in &mut expected {
                         row.entry("opacity_logit".to_owned())
                             .and_modify(|value| value[0] = value[0].min(logit(ceiling)));
@@ -173,7 +174,7 @@ pub fn edits_carry_everything_along<S: Subject, R: Rasterizer<S>>(rasterizer: &R
                                 .and_modify(|values| values[S::opacity_moment(parameterization)] = 0.0);
                         }
                     }
-                    compare(&expected, &rows(&rasterizer.save(&splats)?)?, &format!("{place}, ceiling"))?;
+                    compare(&expected, &rows(&rasterizer.save(&splats).block_on()?)?, &format!("{place}, ceiling"))?;
                 }
             }
         }
@@ -185,7 +186,7 @@ pub fn edits_carry_everything_along<S: Subject, R: Rasterizer<S>>(rasterizer: &R
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
-pub fn changes_that_inherit_go_on<S: Subject, R: Rasterizer<S>>(rasterizer: &R) -> Result<(), Failure> {
+pub fn changes_that_inherit_go_on<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> Result<(), Failure> {
     let draw = S::overlapping(Blend::Over, 9, (24, 20), 1811);
     let target = rasterizer.upload_target(&draw.target()?)?;
     let rates = S::adam().at(0.0);
@@ -195,16 +196,16 @@ pub fn changes_that_inherit_go_on<S: Subject, R: Rasterizer<S>>(rasterizer: &R) 
         let mut before = draw.scene.emptied();
         for edited in [false, true] {
             let mut splats = rasterizer.upload(&draw.scene, parameterization)?;
-            (0..20).try_for_each(|_| rasterizer.train_step(&mut splats, &draw.view, &target, &step))?;
-            before = rasterizer.download(&splats)?;
+            (0..20).try_for_each(|_| rasterizer.train_step(&mut splats, &draw.view, &target, &step).block_on())?;
+            before = rasterizer.download(&splats).block_on()?;
             if edited {
                 let change =
                     |i: usize| Change { index: i as u32, gaussian: before.gaussian(i), moments: Moments::Inherit };
                 let changed = (0..before.len()).map(change).collect();
-                rasterizer.edit(&mut splats, &EditPlan { changed, ..EditPlan::default() })?;
+                rasterizer.edit(&mut splats, &EditPlan { changed, ..EditPlan::default() }).block_on()?;
             }
-            (0..5).try_for_each(|_| rasterizer.train_step(&mut splats, &draw.view, &target, &step))?;
-            after.push(rasterizer.download(&splats)?.rows());
+            (0..5).try_for_each(|_| rasterizer.train_step(&mut splats, &draw.view, &target, &step).block_on())?;
+            after.push(rasterizer.download(&splats).block_on()?.rows());
         }
         let means = |rows: &OracleScene| -> Vec<f64> {
             rows.gaussians.iter().flat_map(|row| row[..S::DIMENSIONS].to_vec()).collect()
@@ -254,7 +255,7 @@ fn compare(expected: &[Row], found: &[Row], place: &str) -> Result<(), Failure> 
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
-pub fn refused_edits_change_nothing<S: Subject, R: Rasterizer<S>>(rasterizer: &R) -> Result<(), Failure> {
+pub fn refused_edits_change_nothing<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> Result<(), Failure> {
     let newcomers = S::typical(Blend::Over, 7, (24, 20), 1807).scene;
     let good = plan(&newcomers, AfterEdit::Restart);
     let gone = |index| Removal { index, cause: PruneCause::Transparent };
@@ -266,11 +267,11 @@ pub fn refused_edits_change_nothing<S: Subject, R: Rasterizer<S>>(rasterizer: &R
     let twice = wrong[4].changed[0].clone();
     wrong[4].changed.push(twice);
     let mut splats = trained::<S, R>(rasterizer, Blend::Over, Parameterization::ScaleRotation)?;
-    let before = rasterizer.save(&splats)?;
+    let before = rasterizer.save(&splats).block_on()?;
     for (i, plan) in wrong.iter().enumerate() {
-        let refused = matches!(rasterizer.edit(&mut splats, plan), Err(Error::Plan(_)));
+        let refused = matches!(rasterizer.edit(&mut splats, plan).block_on(), Err(Error::Plan(_)));
         Failure::unless(refused, || format!("contradictory plan {i} is not refused as such"))?;
-        let same = rasterizer.save(&splats)? == before;
+        let same = rasterizer.save(&splats).block_on()? == before;
         Failure::unless(same, || format!("contradictory plan {i} is refused, but changed the splats"))?;
     }
     Ok(())

@@ -2,11 +2,12 @@
 
 use glam::Vec2;
 use gs_core::{
-    Accuracy, Binning, Canvas, Error, Image, Loss, Parameterization, Rasterizer, RenderSettings, Scene2d, SplatsState,
+    Accuracy, Binning, Canvas, Error, Image, Loss, Optimizer, Parameterization, RenderSettings, Scene2d, SplatsState,
     TrainStep,
     effects::Blend,
     state::{Tensor, TensorData},
 };
+use pollster::FutureExt as _;
 
 use super::losses_of;
 use crate::{
@@ -27,7 +28,7 @@ pub(crate) fn refused<T>(what: &str, result: Result<T, Error>, right: impl Fn(&E
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
-pub fn scenes_that_are_not_finite_are_refused<R: Rasterizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
+pub fn scenes_that_are_not_finite_are_refused<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     let scene = Draw::new(Kind::Typical, Blend::Over, 6, (10, 10), 1900).scene;
     let mut wrong = vec![scene; 6];
     wrong[0].means[3].x = f32::NAN;
@@ -52,7 +53,7 @@ pub fn scenes_that_are_not_finite_are_refused<R: Rasterizer<Scene2d>>(rasterizer
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
-pub fn bad_views_and_settings_are_errors<R: Rasterizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
+pub fn bad_views_and_settings_are_errors<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     let draw = Draw::new(Kind::Typical, Blend::Over, 6, (10, 10), 1900);
     let view = draw.view;
     let views = [
@@ -72,7 +73,7 @@ pub(super) const SETTING: Right = |error| matches!(error, Error::Setting { .. })
 pub(super) const SIZE: Right = |error| matches!(error, Error::Size { .. });
 
 /// Refused views, and settings and losses that are impossible for every view.
-pub(super) fn bad_are_errors<S: Subject, R: Rasterizer<S>>(
+pub(super) fn bad_are_errors<S: Subject, R: Optimizer<S>>(
     rasterizer: &R,
     draw: &Draw<S>,
     views: &[(&'static str, S::View, Right)],
@@ -98,57 +99,63 @@ pub(super) fn bad_are_errors<S: Subject, R: Rasterizer<S>>(
     let target = rasterizer.upload_target(&draw.target()?)?;
     let rates = S::adam().at(0.0);
     let mut splats = rasterizer.upload(&draw.scene, Parameterization::ScaleRotation)?;
-    let before = rasterizer.save(&splats)?;
+    let before = rasterizer.save(&splats).block_on()?;
     for (what, view, settings, right) in cases {
-        refused(what, rasterizer.forward(&splats, &view, &settings), right)?;
+        refused(what, rasterizer.forward(&splats, &view, &settings).block_on(), right)?;
         let step = TrainStep { settings: &settings, loss: Loss::L2, rates: &rates, binning: Binning::Fresh };
-        refused(what, rasterizer.train_step(&mut splats, &view, &target, &step), right)?;
+        refused(what, rasterizer.train_step(&mut splats, &view, &target, &step).block_on(), right)?;
     }
     for lambda in [-0.5, 1.5, f32::NAN] {
         let loss = Loss::L1Dssim { lambda };
-        let frame = rasterizer.forward(&splats, &draw.view, &good)?;
-        refused("an impossible λ", rasterizer.backward(&splats, frame, &target, &loss), SETTING)?;
+        let frame = rasterizer.forward(&splats, &draw.view, &good).block_on()?;
+        refused("an impossible λ", rasterizer.backward(&splats, frame, &target, &loss).block_on(), SETTING)?;
         let step = TrainStep { settings: &good, loss, rates: &rates, binning: Binning::Fresh };
-        refused("an impossible λ", rasterizer.train_step(&mut splats, &draw.view, &target, &step), SETTING)?;
+        refused("an impossible λ", rasterizer.train_step(&mut splats, &draw.view, &target, &step).block_on(), SETTING)?;
     }
     let losses = losses_of(rasterizer, &mut splats)?;
     Failure::unless(losses.is_empty(), || format!("training steps that were refused have losses: {losses:?}"))?;
-    Failure::unless(rasterizer.save(&splats)? == before, || "a refused training step changed the splats".to_owned())
+    Failure::unless(rasterizer.save(&splats).block_on()? == before, || {
+        "a refused training step changed the splats".to_owned()
+    })
 }
 
 /// Targets of another size, gradients of other splats, states of no splats, colours solved for under `Over`.
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
-pub fn mismatches_are_errors<S: Subject, R: Rasterizer<S>>(rasterizer: &R) -> Result<(), Failure> {
+pub fn mismatches_are_errors<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> Result<(), Failure> {
     let draw = S::typical(Blend::Over, 6, (10, 10), 1903);
     let mut splats = rasterizer.upload(&draw.scene, Parameterization::ScaleRotation)?;
-    let before = rasterizer.save(&splats)?;
+    let before = rasterizer.save(&splats).block_on()?;
     let rates = S::adam().at(0.0);
     let sizes_differ = |error: &Error| matches!(error, Error::SizesDiffer { .. });
     for (width, height) in [(11, 10), (10, 9), (5, 20), (1, 100)] {
         let target = rasterizer.upload_target(&Image::filled(width, height, [0.5; 3])?)?;
         let what = format!("a target of {width}x{height} px for a canvas of 10x10 px");
-        let frame = rasterizer.forward(&splats, &draw.view, &draw.settings)?;
-        refused(&what, rasterizer.backward(&splats, frame, &target, &Loss::L2), sizes_differ)?;
+        let frame = rasterizer.forward(&splats, &draw.view, &draw.settings).block_on()?;
+        refused(&what, rasterizer.backward(&splats, frame, &target, &Loss::L2).block_on(), sizes_differ)?;
         let step = TrainStep { settings: &draw.settings, loss: Loss::L2, rates: &rates, binning: Binning::Fresh };
-        refused(&what, rasterizer.train_step(&mut splats, &draw.view, &target, &step), sizes_differ)?;
+        refused(&what, rasterizer.train_step(&mut splats, &draw.view, &target, &step).block_on(), sizes_differ)?;
         if S::SOLVES_COLORS {
             let settings = RenderSettings::blended(Blend::Sum);
-            refused(&what, rasterizer.solve_colors(&mut splats, &draw.view, &target, &settings, 2), sizes_differ)?;
+            refused(
+                &what,
+                rasterizer.solve_colors(&mut splats, &draw.view, &target, &settings, 2).block_on(),
+                sizes_differ,
+            )?;
         }
     }
 
     let target = rasterizer.upload_target(&draw.target()?)?;
     let unsupported = |error: &Error| matches!(error, Error::Unsupported { .. });
     let solved = rasterizer.solve_colors(&mut splats, &draw.view, &target, &draw.settings, 2);
-    refused("solving for colours under `Over`", solved, unsupported)?;
+    refused("solving for colours under `Over`", solved.block_on(), unsupported)?;
 
     let mut smaller = rasterizer.upload(&draw.scene.picked(0..5), Parameterization::ScaleRotation)?;
-    let frame = rasterizer.forward(&splats, &draw.view, &draw.settings)?;
-    let (_, gradients) = rasterizer.backward(&splats, frame, &target, &Loss::L2)?;
+    let frame = rasterizer.forward(&splats, &draw.view, &draw.settings).block_on()?;
+    let (_, gradients) = rasterizer.backward(&splats, frame, &target, &Loss::L2).block_on()?;
     let is_state = |error: &Error| matches!(error, Error::State(_));
-    refused("gradients of other splats", rasterizer.step(&mut smaller, &gradients, &rates), is_state)?;
+    refused("gradients of other splats", rasterizer.step(&mut smaller, &gradients, &rates).block_on(), is_state)?;
 
     // A missing or short tensor may be reported as either.
     let of_state = |error: &Error| matches!(error, Error::State(_) | Error::Length { .. });
@@ -166,7 +173,7 @@ pub fn mismatches_are_errors<S: Subject, R: Rasterizer<S>>(rasterizer: &R) -> Re
     let other = SplatsState { parameterization: Parameterization::CovarianceFactor, ..before.clone() };
     let of_parameterization = |error: &Error| of_state(error) || unsupported(error);
     refused("a state of the other parameterization", rasterizer.restore(&other), of_parameterization)?;
-    Failure::unless(rasterizer.save(&splats)? == before, || "what was refused changed the splats".to_owned())
+    Failure::unless(rasterizer.save(&splats).block_on()? == before, || "what was refused changed the splats".to_owned())
 }
 
 fn without_last_row(tensor: &Tensor) -> Tensor {

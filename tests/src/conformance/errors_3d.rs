@@ -1,7 +1,7 @@
 //! Cases: what a caller can do wrong with 3D scenes and cameras is answered with the error that says so.
 
 use glam::{Mat3, Vec2, Vec3};
-use gs_core::{Camera, Error, Parameterization, Rasterizer, Scene3d, effects::Blend};
+use gs_core::{Camera, Error, Optimizer, Parameterization, Scene3d, effects::Blend};
 
 use super::errors::{SETTING, SIZE, bad_are_errors, refused};
 use crate::{
@@ -17,7 +17,7 @@ fn draw() -> Draw<Scene3d> {
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
-pub fn scenes_3d_that_are_not_finite_are_refused<R: Rasterizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
+pub fn scenes_3d_that_are_not_finite_are_refused<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
     let mut wrong = vec![draw().scene; 7];
     wrong[0].means[3].z = f32::NAN;
     wrong[1].log_scales[5].y = f32::INFINITY;
@@ -44,7 +44,7 @@ pub fn scenes_3d_that_are_not_finite_are_refused<R: Rasterizer<Scene3d>>(rasteri
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
-pub fn bad_cameras_and_settings_are_errors<R: Rasterizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
+pub fn bad_cameras_and_settings_are_errors<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
     let draw = draw();
     let view = draw.view;
     let views = [

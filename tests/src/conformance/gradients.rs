@@ -2,7 +2,7 @@
 
 use glam::Vec2;
 use gs_core::{
-    Canvas, Loss, Parameterization, Rasterizer, Scene2d,
+    Canvas, Loss, Optimizer, Parameterization, Scene2d,
     effects::{Antialias, Blend},
 };
 
@@ -18,7 +18,7 @@ const BLENDS: [Blend; 2] = [Blend::Sum, Blend::Over];
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
-pub fn gradients_match<R: Rasterizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
+pub fn gradients_match<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     for blend in BLENDS {
         for loss in LOSSES {
             for (seed, kind) in (500..).zip(Kind::ALL) {
@@ -34,7 +34,7 @@ pub fn gradients_match<R: Rasterizer<Scene2d>>(rasterizer: &R) -> Result<(), Fai
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
-pub fn antialiased_gradients_match_2d<R: Rasterizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
+pub fn antialiased_gradients_match_2d<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     for (antialias, blend) in [
         (Antialias::Dilate, Blend::Sum),
         (Antialias::Dilate, Blend::Over),
@@ -54,7 +54,7 @@ pub fn antialiased_gradients_match_2d<R: Rasterizer<Scene2d>>(rasterizer: &R) ->
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
-pub fn gradients_match_through_canvases<R: Rasterizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
+pub fn gradients_match_through_canvases<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     let views = [
         Canvas::new(1, 1),
         Canvas::new(1, 17),
@@ -79,7 +79,7 @@ pub fn gradients_match_through_canvases<R: Rasterizer<Scene2d>>(rasterizer: &R) 
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
-pub fn gradients_match_in_covariance_factors<R: Rasterizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
+pub fn gradients_match_in_covariance_factors<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     for blend in BLENDS {
         for (seed, kind) in (700..).zip([Kind::Typical, Kind::OffCanvas, Kind::Opaque]) {
             let draw = Draw::new(kind, blend, 20, (30, 30), seed);

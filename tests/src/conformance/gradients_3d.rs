@@ -1,7 +1,7 @@
 //! Cases: losses of 3D scenes and their gradients against the oracle.
 
 use gs_core::{
-    Loss, Parameterization, Rasterizer, Scene3d,
+    Loss, Optimizer, Parameterization, Scene3d,
     effects::{Antialias, Blend, Order},
 };
 
@@ -15,7 +15,7 @@ use crate::{
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
-pub fn gradients_match_3d<R: Rasterizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
+pub fn gradients_match_3d<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
     for blend in [Blend::Sum, Blend::Over] {
         for loss in LOSSES {
             for (seed, kind) in (2300..).zip(Kind3d::ALL) {
@@ -31,7 +31,7 @@ pub fn gradients_match_3d<R: Rasterizer<Scene3d>>(rasterizer: &R) -> Result<(), 
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
-pub fn gradients_match_in_all_orders<R: Rasterizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
+pub fn gradients_match_in_all_orders<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
     for order in [Order::Index, Order::PerPixel] {
         for (seed, kind) in (2320..).zip([Kind3d::Typical, Kind3d::Needles, Kind3d::Overlapping, Kind3d::Edge]) {
             let draw = Draw::for_3d(kind, Blend::Over, 20, (35, 26), seed).on([0.3, 0.6, 0.2]).in_order(order);
@@ -47,7 +47,7 @@ pub fn gradients_match_in_all_orders<R: Rasterizer<Scene3d>>(rasterizer: &R) -> 
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
-pub fn antialiased_gradients_match<R: Rasterizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
+pub fn antialiased_gradients_match<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
     for (antialias, blend) in [
         (Antialias::Dilate, Blend::Over),
         (Antialias::Mip, Blend::Over),
@@ -66,7 +66,7 @@ pub fn antialiased_gradients_match<R: Rasterizer<Scene3d>>(rasterizer: &R) -> Re
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
-pub fn sh_gradients_match<R: Rasterizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
+pub fn sh_gradients_match<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
     for seed in 2360..2364 {
         for sh_degree in 0..=3 {
             let mut draw = Draw::for_3d(Kind3d::Overlapping, Blend::Over, 10, (20, 17), seed);

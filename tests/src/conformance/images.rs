@@ -2,10 +2,11 @@
 
 use glam::{Vec2, Vec3};
 use gs_core::{
-    Accuracy, Canvas, Gaussian2d, Image, Parameterization, Rasterizer, RenderSettings, Scene2d,
+    Accuracy, Canvas, Gaussian2d, Image, Optimizer, Parameterization, RenderSettings, Scene2d,
     effects::{Antialias, Blend},
     statistics::Culled,
 };
+use pollster::FutureExt as _;
 
 use super::check_image;
 use crate::{
@@ -19,7 +20,7 @@ const BLENDS: [Blend; 2] = [Blend::Sum, Blend::Over];
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
-pub fn images_match<R: Rasterizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
+pub fn images_match<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     for blend in BLENDS {
         for (seed, kind) in (100..).zip(Kind::ALL) {
             let draw = Draw::new(kind, blend, 40, (48, 37), seed);
@@ -34,7 +35,7 @@ pub fn images_match<R: Rasterizer<Scene2d>>(rasterizer: &R) -> Result<(), Failur
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
-pub fn antialiased_images_match_2d<R: Rasterizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
+pub fn antialiased_images_match_2d<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     for antialias in [Antialias::Dilate, Antialias::Mip, Antialias::Compensated] {
         for blend in BLENDS {
             for (seed, kind) in (2900..).zip(Kind::ALL) {
@@ -51,7 +52,7 @@ pub fn antialiased_images_match_2d<R: Rasterizer<Scene2d>>(rasterizer: &R) -> Re
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
-pub fn sizes_match<R: Rasterizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
+pub fn sizes_match<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     let sizes = [(1, 1), (1, 17), (17, 1), (15, 15), (16, 16), (17, 17), (257, 3), (3, 257), (64, 32), (31, 33)];
     for blend in BLENDS {
         for (seed, size) in (200..).zip(sizes) {
@@ -66,7 +67,7 @@ pub fn sizes_match<R: Rasterizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
-pub fn canvases_match<R: Rasterizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
+pub fn canvases_match<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     let own = Canvas::new(40, 30);
     let views = [
         own.resized(97, 71),
@@ -89,7 +90,7 @@ pub fn canvases_match<R: Rasterizer<Scene2d>>(rasterizer: &R) -> Result<(), Fail
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
-pub fn other_accuracies_match<R: Rasterizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
+pub fn other_accuracies_match<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     let usual = Accuracy::default();
     let accuracies = [
         Accuracy { alpha_cut: 1e-6, ..usual },
@@ -114,11 +115,11 @@ pub fn other_accuracies_match<R: Rasterizer<Scene2d>>(rasterizer: &R) -> Result<
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
-pub fn empty_scenes_show_the_background<R: Rasterizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
+pub fn empty_scenes_show_the_background<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     for blend in BLENDS {
         let settings = RenderSettings::blended(blend);
         for (settings, color) in [(settings, [0.0; 3]), (settings.on([0.25, 2.0, -1.0]), [0.25, 2.0, -1.0])] {
-            let image = rasterizer.render(&Scene2d::default(), &Canvas::new(19, 18), &settings)?;
+            let image = rasterizer.render(&Scene2d::default(), &Canvas::new(19, 18), &settings).block_on()?;
             Failure::unless(image == Image::filled(19, 18, color)?, || format!("an empty scene is not all {color:?}"))?;
         }
     }
@@ -129,7 +130,7 @@ pub fn empty_scenes_show_the_background<R: Rasterizer<Scene2d>>(rasterizer: &R) 
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
-pub fn culled_are_counted<R: Rasterizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
+pub fn culled_are_counted<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     let good = Gaussian2d {
         mean: Vec2::new(12.0, 9.0),
         log_scale: Vec2::new(0.8, 0.3),
@@ -155,11 +156,11 @@ pub fn culled_are_counted<R: Rasterizer<Scene2d>>(rasterizer: &R) -> Result<(), 
         let settings = RenderSettings::blended(blend);
         let scene: Scene2d = left_out.iter().chain(transparent).chain([&good]).copied().collect();
         let splats = rasterizer.upload(&scene, Parameterization::ScaleRotation)?;
-        let frame = rasterizer.forward(&splats, &view, &settings)?;
-        let found = rasterizer.culled(&frame)?;
+        let frame = rasterizer.forward(&splats, &view, &settings).block_on()?;
+        let found = rasterizer.culled(&frame);
         Failure::unless(found == expected, || format!("{blend:?}: expected {expected:?}, found {found:?}"))?;
-        let alone = rasterizer.render(&[good].into_iter().collect(), &view, &settings)?;
-        let image = rasterizer.image(&frame)?;
+        let alone = rasterizer.render(&[good].into_iter().collect(), &view, &settings).block_on()?;
+        let image = rasterizer.image(&frame).block_on()?;
         Failure::unless(image == alone, || format!("{blend:?}: Gaussians that are left out change the image"))?;
     }
     Ok(())

@@ -2,11 +2,12 @@
 
 use glam::Vec3;
 use gs_core::{
-    Accuracy, Camera, Gaussian3d, Image, Parameterization, Rasterizer, RenderSettings, Scene3d,
+    Accuracy, Camera, Gaussian3d, Image, Optimizer, Parameterization, RenderSettings, Scene3d,
     effects::{Antialias, Blend, Order},
     scene::Scene,
     statistics::Culled,
 };
+use pollster::FutureExt as _;
 
 use super::{check_image, is_refused};
 use crate::{
@@ -22,7 +23,7 @@ const BLENDS: [Blend; 2] = [Blend::Sum, Blend::Over];
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
-pub fn images_match_3d<R: Rasterizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
+pub fn images_match_3d<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
     for blend in BLENDS {
         for (seed, kind) in (2100..).zip(Kind3d::ALL) {
             let draw = Draw::for_3d(kind, blend, 40, (48, 37), seed);
@@ -37,7 +38,7 @@ pub fn images_match_3d<R: Rasterizer<Scene3d>>(rasterizer: &R) -> Result<(), Fai
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
-pub fn orders_match<R: Rasterizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
+pub fn orders_match<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
     for order in [Order::Index, Order::PerPixel] {
         for (seed, kind) in (2120..).zip(Kind3d::ALL) {
             let draw = Draw::for_3d(kind, Blend::Over, 40, (48, 37), seed).on([0.2, 0.5, 0.1]).in_order(order);
@@ -53,7 +54,7 @@ pub fn orders_match<R: Rasterizer<Scene3d>>(rasterizer: &R) -> Result<(), Failur
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
-pub fn antialiased_images_match<R: Rasterizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
+pub fn antialiased_images_match<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
     for (antialias, blend) in [
         (Antialias::Dilate, Blend::Over),
         (Antialias::Mip, Blend::Over),
@@ -71,7 +72,7 @@ pub fn antialiased_images_match<R: Rasterizer<Scene3d>>(rasterizer: &R) -> Resul
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
-pub fn sh_match<R: Rasterizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
+pub fn sh_match<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
     for seed in 2160..2164 {
         for sh_degree in 0..=3 {
             let mut draw = Draw::for_3d(Kind3d::Typical, Blend::Over, 25, (33, 24), seed);
@@ -86,7 +87,7 @@ pub fn sh_match<R: Rasterizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
-pub fn sizes_match_3d<R: Rasterizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
+pub fn sizes_match_3d<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
     let sizes = [(1, 1), (1, 17), (17, 1), (15, 15), (16, 16), (17, 17), (129, 3), (3, 129), (64, 32), (31, 33)];
     for blend in BLENDS {
         for (seed, size) in (2200..).zip(sizes) {
@@ -102,7 +103,7 @@ pub fn sizes_match_3d<R: Rasterizer<Scene3d>>(rasterizer: &R) -> Result<(), Fail
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
-pub fn accuracies_match_3d<R: Rasterizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
+pub fn accuracies_match_3d<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
     let usual = Accuracy::default();
     let accuracies = [
         Accuracy { alpha_cut: 1e-6, ..usual },
@@ -127,7 +128,7 @@ pub fn accuracies_match_3d<R: Rasterizer<Scene3d>>(rasterizer: &R) -> Result<(),
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
-pub fn empty_space_shows_the_background<R: Rasterizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
+pub fn empty_space_shows_the_background<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
     let mut away = Draw::for_3d(Kind3d::Typical, Blend::Over, 9, (19, 18), 2260);
     // A camera that looks the other way: x and z change their signs.
     away.view.rotation = glam::Mat3::from_diagonal(Vec3::new(-1.0, 1.0, -1.0)) * away.view.rotation;
@@ -137,7 +138,7 @@ pub fn empty_space_shows_the_background<R: Rasterizer<Scene3d>>(rasterizer: &R) 
             let mut settings = away.settings;
             settings.effects.blend = blend;
             for (settings, color) in [(settings, [0.0; 3]), (settings.on([0.25, 2.0, -1.0]), [0.25, 2.0, -1.0])] {
-                let image = rasterizer.render(&scene, &away.view, &settings)?;
+                let image = rasterizer.render(&scene, &away.view, &settings).block_on()?;
                 let count = scene.len();
                 Failure::unless(image == Image::filled(19, 18, color)?, || {
                     format!("{count} Gaussians behind the camera leave an image that is not all {color:?}")
@@ -152,7 +153,7 @@ pub fn empty_space_shows_the_background<R: Rasterizer<Scene3d>>(rasterizer: &R) 
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
-pub fn causes_are_counted<R: Rasterizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
+pub fn causes_are_counted<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
     let view = Camera { near: 0.5, ..Camera::looking_forward(24, 18, 1.2) };
     let good = Gaussian3d {
         mean: Vec3::new(0.1, -0.2, 3.0),
@@ -185,11 +186,11 @@ pub fn causes_are_counted<R: Rasterizer<Scene3d>>(rasterizer: &R) -> Result<(), 
         let oracle = Oracle::new(view, settings)?.render(&scene.rows());
         Failure::unless(oracle.culled == expected, || format!("the oracle counts {:?}", oracle.culled))?;
         let splats = rasterizer.upload(&scene, Parameterization::ScaleRotation)?;
-        let frame = rasterizer.forward(&splats, &view, &settings)?;
-        let found = rasterizer.culled(&frame)?;
+        let frame = rasterizer.forward(&splats, &view, &settings).block_on()?;
+        let found = rasterizer.culled(&frame);
         Failure::unless(found == expected, || format!("{blend:?}: expected {expected:?}, found {found:?}"))?;
-        let alone = rasterizer.render(&scene_of([&good]), &view, &settings)?;
-        let image = rasterizer.image(&frame)?;
+        let alone = rasterizer.render(&scene_of([&good]), &view, &settings).block_on()?;
+        let image = rasterizer.image(&frame).block_on()?;
         Failure::unless(image == alone, || format!("{blend:?}: Gaussians that are left out change the image"))?;
     }
     // At the near plane to the bit: z = near is drawn, whatever else is not.
@@ -217,14 +218,14 @@ pub fn causes_are_counted<R: Rasterizer<Scene3d>>(rasterizer: &R) -> Result<(), 
     Ok(())
 }
 
-fn culled<R: Rasterizer<Scene3d>>(
+fn culled<R: Optimizer<Scene3d>>(
     rasterizer: &R,
     scene: &Scene3d,
     view: &Camera,
     settings: &RenderSettings,
 ) -> Result<Culled, Failure> {
     let splats = rasterizer.upload(scene, Parameterization::ScaleRotation)?;
-    Ok(rasterizer.culled(&rasterizer.forward(&splats, view, settings)?)?)
+    Ok(rasterizer.culled(&rasterizer.forward(&splats, view, settings).block_on()?))
 }
 
 fn scene_of<'g>(gaussians: impl IntoIterator<Item = &'g Gaussian3d>) -> Scene3d {

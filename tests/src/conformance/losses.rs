@@ -1,10 +1,11 @@
 //! Cases: the losses of training steps come late, but all of them, and nothing else shows that a step is still under way.
 
 use gs_core::{
-    Binning, EditPlan, Error, Image, Loss, Parameterization, Rasterizer, SplatsState, TrainStep, Wait,
+    Binning, EditPlan, Error, Image, Loss, Optimizer, Parameterization, SplatsState, TrainStep, Wait,
     edit::AfterEdit,
     effects::{Blend, Statistics},
 };
+use pollster::FutureExt as _;
 
 use super::{losses_of, parameterizations};
 use crate::{failure::Failure, scenes::Draw, subject::Subject};
@@ -20,19 +21,19 @@ struct Training<S: Subject> {
 }
 
 impl<S: Subject> Training<S> {
-    fn new<R: Rasterizer<S>>(rasterizer: &R, blend: Blend) -> Result<Self, Failure> {
+    fn new<R: Optimizer<S>>(rasterizer: &R, blend: Blend) -> Result<Self, Failure> {
         let mut draw = S::typical(blend, 15, (30, 24), 2001);
         draw.settings.effects.statistics = Statistics::MeanGradient;
         let parameterization = parameterizations::<S, R>(rasterizer)?.pop().unwrap_or_default();
         Ok(Self { image: draw.target()?, draw, parameterization })
     }
 
-    fn upload<R: Rasterizer<S>>(&self, rasterizer: &R) -> Result<R::Splats, Failure> {
+    fn upload<R: Optimizer<S>>(&self, rasterizer: &R) -> Result<R::Splats, Failure> {
         Ok(rasterizer.upload(&self.draw.scene, self.parameterization)?)
     }
 
     /// Sends steps with the numbers `steps`, of which every third makes its lists anew, and calls `after` after each.
-    fn send<R: Rasterizer<S>>(
+    fn send<R: Optimizer<S>>(
         &self,
         rasterizer: &R,
         splats: &mut R::Splats,
@@ -46,7 +47,7 @@ impl<S: Subject> Training<S> {
             let binning = if number % 3 == 0 { Binning::Fresh } else { Binning::Reuse };
             let loss = [Loss::L2, Loss::L1][number % 2];
             let step = TrainStep { settings: &self.draw.settings, loss, rates: &rates, binning };
-            rasterizer.train_step(splats, &self.draw.view, &target, &step)?;
+            rasterizer.train_step(splats, &self.draw.view, &target, &step).block_on()?;
             after(splats)?;
         }
         Ok(())
@@ -63,7 +64,7 @@ fn same(what: &str, expected: &[f32], found: &[f32]) -> Result<(), Failure> {
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
-pub fn losses_are_told_once_and_in_order<S: Subject, R: Rasterizer<S>>(rasterizer: &R) -> Result<(), Failure> {
+pub fn losses_are_told_once_and_in_order<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> Result<(), Failure> {
     for blend in [Blend::Sum, Blend::Over] {
         let training = Training::<S>::new(rasterizer, blend)?;
         let mut splats = training.upload(rasterizer)?;
@@ -82,9 +83,9 @@ pub fn losses_are_told_once_and_in_order<S: Subject, R: Rasterizer<S>>(rasterize
         let mut splats = training.upload(rasterizer)?;
         let mut arrived = vec![-1.0];
         training.send(rasterizer, &mut splats, 0..STEPS, |splats| {
-            Ok(rasterizer.losses(splats, Wait::Arrived, &mut arrived)?)
+            Ok(rasterizer.losses(splats, Wait::Arrived, &mut arrived).block_on()?)
         })?;
-        rasterizer.losses(&mut splats, Wait::All, &mut arrived)?;
+        rasterizer.losses(&mut splats, Wait::All, &mut arrived).block_on()?;
         same("as they arrive", &[&[-1.0], &waited_for[..]].concat(), &arrived)?;
 
         let mut splats = training.upload(rasterizer)?;
@@ -93,7 +94,7 @@ pub fn losses_are_told_once_and_in_order<S: Subject, R: Rasterizer<S>>(rasterize
         let rates = S::adam().at(0.0);
         let settings = &training.draw.settings;
         let step = TrainStep { settings, loss: Loss::L2, rates: &rates, binning: Binning::Fresh };
-        let refused = rasterizer.train_step(&mut splats, &training.draw.view, &wrong, &step).is_err();
+        let refused = rasterizer.train_step(&mut splats, &training.draw.view, &wrong, &step).block_on().is_err();
         Failure::unless(refused, || "a step towards a target of another size is accepted".to_owned())?;
         same("all at once", &waited_for, &losses_of(rasterizer, &mut splats)?)?;
     }
@@ -104,36 +105,39 @@ pub fn losses_are_told_once_and_in_order<S: Subject, R: Rasterizer<S>>(rasterize
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
-pub fn steps_under_way_are_seen_by_everything<S: Subject, R: Rasterizer<S>>(rasterizer: &R) -> Result<(), Failure> {
+pub fn steps_under_way_are_seen_by_everything<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> Result<(), Failure> {
     for blend in [Blend::Sum, Blend::Over] {
         let training = Training::<S>::new(rasterizer, blend)?;
         let target = rasterizer.upload_target(&training.image)?;
         let Draw { view, settings, .. } = &training.draw;
         let rates = S::adam().at(0.0);
         type Look<'a, C> = &'a dyn Fn(&mut C) -> Result<Vec<f32>, Failure>;
-        let state = |splats: &mut R::Splats| -> Result<Vec<f32>, Failure> { Ok(floats(&rasterizer.save(splats)?)) };
+        let state =
+            |splats: &mut R::Splats| -> Result<Vec<f32>, Failure> { Ok(floats(&rasterizer.save(splats).block_on()?)) };
         let looks: [(&str, Look<'_, R::Splats>); 8] = [
             ("save", &state),
             ("download", &|splats| {
-                let rows = rasterizer.download(splats)?.rows().gaussians;
+                let rows = rasterizer.download(splats).block_on()?.rows().gaussians;
                 Ok(rows.into_iter().flatten().map(|v| v as f32).collect())
             }),
-            ("statistics", &|splats| Ok(rasterizer.statistics(splats)?.gradient_sum)),
+            ("statistics", &|splats| Ok(rasterizer.statistics(splats).block_on()?.gradient_sum)),
             ("forward", &|splats| {
-                let image = rasterizer.image(&rasterizer.forward(splats, view, settings)?)?;
+                let image = rasterizer.image(&rasterizer.forward(splats, view, settings).block_on()?).block_on()?;
                 Ok(image.pixels().as_flattened().to_vec())
             }),
             ("edit", &|splats| {
-                rasterizer.edit(splats, &EditPlan { statistics: AfterEdit::Restart, ..EditPlan::default() })?;
+                rasterizer
+                    .edit(splats, &EditPlan { statistics: AfterEdit::Restart, ..EditPlan::default() })
+                    .block_on()?;
                 state(splats)
             }),
             ("step", &|splats| {
-                let frame = rasterizer.forward(splats, view, settings)?;
-                let (_, gradients) = rasterizer.backward(splats, frame, &target, &Loss::L2)?;
-                rasterizer.step(splats, &gradients, &rates)?;
+                let frame = rasterizer.forward(splats, view, settings).block_on()?;
+                let (_, gradients) = rasterizer.backward(splats, frame, &target, &Loss::L2).block_on()?;
+                rasterizer.step(splats, &gradients, &rates).block_on()?;
                 state(splats)
             }),
-            ("solve_colors", &|splats| match rasterizer.solve_colors(splats, view, &target, settings, 3) {
+            ("solve_colors", &|splats| match rasterizer.solve_colors(splats, view, &target, settings, 3).block_on() {
                 Ok(()) | Err(Error::Unsupported { .. }) => state(splats),
                 Err(error) => Err(error.into()),
             }),

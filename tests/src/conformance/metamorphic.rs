@@ -1,7 +1,8 @@
 //! Cases: changes to a scene or a view that must not change what is seen.
 
 use glam::{Vec2, Vec3};
-use gs_core::{Canvas, Gaussian2d, Image, Rasterizer, Scene2d, effects::Blend, scene::logit};
+use gs_core::{Canvas, Gaussian2d, Image, Optimizer, Scene2d, effects::Blend, scene::logit};
+use pollster::FutureExt as _;
 
 use crate::{
     failure::Failure,
@@ -28,11 +29,11 @@ pub(super) fn analysis<S: Subject>(draw: &Draw<S>) -> Result<Rendering, Failure>
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
-pub fn order_does_not_matter_under_sum<S: Subject, R: Rasterizer<S>>(rasterizer: &R) -> Result<(), Failure> {
+pub fn order_does_not_matter_under_sum<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> Result<(), Failure> {
     let (size, count) = ((40, 30), 50);
     for draw in [S::typical(Blend::Sum, count, size, 800), S::overlapping(Blend::Sum, count, size, 801)] {
-        let image = rasterizer.render(&draw.scene, &draw.view, &draw.settings)?;
-        let again = rasterizer.render(&permuted(&draw.scene), &draw.view, &draw.settings)?;
+        let image = rasterizer.render(&draw.scene, &draw.view, &draw.settings).block_on()?;
+        let again = rasterizer.render(&permuted(&draw.scene), &draw.view, &draw.settings).block_on()?;
         compare_images(&around(&image, &analysis(&draw)?), &again).map_err(|failure| failure.at("permuted"))?;
     }
     Ok(())
@@ -49,7 +50,7 @@ pub(super) fn permuted<S: Subject>(scene: &S) -> S {
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
-pub fn halves_make_the_whole<R: Rasterizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
+pub fn halves_make_the_whole<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     for blend in [Blend::Sum, Blend::Over] {
         let mut draw = Draw::new(Kind::Typical, blend, 20, (40, 30), 850);
         let opacity = 0.75;
@@ -69,8 +70,8 @@ pub fn halves_make_the_whole<R: Rasterizer<Scene2d>>(rasterizer: &R) -> Result<(
             front.chain(parts.iter().copied()).chain(back).collect()
         };
         let (one, two) = (with(&[whole]), with(&[half, half]));
-        let image = rasterizer.render(&one, &draw.view, &draw.settings)?;
-        let again = rasterizer.render(&two, &draw.view, &draw.settings)?;
+        let image = rasterizer.render(&one, &draw.view, &draw.settings).block_on()?;
+        let again = rasterizer.render(&two, &draw.view, &draw.settings).block_on()?;
         draw.scene = one;
         compare_images(&around(&image, &analysis(&draw)?), &again)
             .map_err(|failure| failure.at(format!("halved under {blend:?}")))?;
@@ -82,17 +83,17 @@ pub fn halves_make_the_whole<R: Rasterizer<Scene2d>>(rasterizer: &R) -> Result<(
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
-pub fn crops_are_parts_of_the_image<R: Rasterizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
+pub fn crops_are_parts_of_the_image<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     for blend in [Blend::Sum, Blend::Over] {
         for (seed, kind) in (900..).zip([Kind::Typical, Kind::Opaque, Kind::Large]) {
             let draw = Draw::new(kind, blend, 40, (60, 45), seed).on([0.2, 0.3, 0.4]);
-            let image = rasterizer.render(&draw.scene, &draw.view, &draw.settings)?;
+            let image = rasterizer.render(&draw.scene, &draw.view, &draw.settings).block_on()?;
             for (x, y, width, height) in [(0, 0, 16, 16), (7, 5, 33, 21), (59, 44, 1, 1), (13, 31, 47, 9)] {
                 let view = Canvas::new(width, height)
                     .showing(Vec2::new(x as f32, y as f32), Vec2::new(width as f32, height as f32));
                 let part = Image::from_fn(width, height, |i, j| image.pixel(x + i, y + j))?;
                 let draw = draw.clone().through(view);
-                let crop = rasterizer.render(&draw.scene, &view, &draw.settings)?;
+                let crop = rasterizer.render(&draw.scene, &view, &draw.settings).block_on()?;
                 let analysis = analysis(&draw)?;
                 if analysis.drawn.contains(&true) {
                     compare_images(&around(&part, &analysis), &crop)

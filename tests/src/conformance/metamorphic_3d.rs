@@ -2,10 +2,11 @@
 
 use glam::{Mat3, Quat, Vec3, Vec4};
 use gs_core::{
-    Camera, Image, Rasterizer, Scene3d,
+    Camera, Image, Optimizer, Scene3d,
     effects::{Blend, Order},
     scene::Scene,
 };
+use pollster::FutureExt as _;
 
 use super::{
     is_refused,
@@ -22,15 +23,15 @@ use crate::{
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
-pub fn indices_do_not_matter_by_depth<R: Rasterizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
+pub fn indices_do_not_matter_by_depth<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
     for order in [Order::Global, Order::PerPixel] {
         for (seed, kind) in (2500..).zip([Kind3d::Typical, Kind3d::Overlapping, Kind3d::Needles]) {
             let draw = Draw::for_3d(kind, Blend::Over, 50, (40, 30), seed).in_order(order);
             if order == Order::PerPixel && is_refused(rasterizer, &draw)? {
                 continue;
             }
-            let image = rasterizer.render(&draw.scene, &draw.view, &draw.settings)?;
-            let again = rasterizer.render(&permuted(&draw.scene), &draw.view, &draw.settings)?;
+            let image = rasterizer.render(&draw.scene, &draw.view, &draw.settings).block_on()?;
+            let again = rasterizer.render(&permuted(&draw.scene), &draw.view, &draw.settings).block_on()?;
             compare_images(&around(&image, &analysis(&draw)?), &again)
                 .map_err(|failure| failure.at(format!("{kind:?}, {order:?}, permuted")))?;
         }
@@ -42,7 +43,7 @@ pub fn indices_do_not_matter_by_depth<R: Rasterizer<Scene3d>>(rasterizer: &R) ->
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
-pub fn rigid_motions_change_nothing<R: Rasterizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
+pub fn rigid_motions_change_nothing<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
     let turn = Quat::from_axis_angle(Vec3::new(0.6, -0.48, 0.64), 2.1);
     let shift = Vec3::new(3.0, -5.5, 1.25);
     let moved = |draw: &Draw<Scene3d>| {
@@ -84,7 +85,7 @@ pub fn rigid_motions_change_nothing<R: Rasterizer<Scene3d>>(rasterizer: &R) -> R
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
-pub fn scales_of_the_world_change_nothing<R: Rasterizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
+pub fn scales_of_the_world_change_nothing<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
     for power in [-5, 7] {
         let factor = 2f32.powi(power);
         for (seed, kind) in (2541..).zip([Kind3d::Typical, Kind3d::Near, Kind3d::Edge]) {
@@ -100,9 +101,9 @@ pub fn scales_of_the_world_change_nothing<R: Rasterizer<Scene3d>>(rasterizer: &R
     Ok(())
 }
 
-fn same<R: Rasterizer<Scene3d>>(rasterizer: &R, draw: &Draw<Scene3d>, other: &Draw<Scene3d>) -> Result<(), Failure> {
+fn same<R: Optimizer<Scene3d>>(rasterizer: &R, draw: &Draw<Scene3d>, other: &Draw<Scene3d>) -> Result<(), Failure> {
     let [a, b]: [Result<Image, _>; 2] =
-        [draw, other].map(|draw| rasterizer.render(&draw.scene, &draw.view, &draw.settings));
+        [draw, other].map(|draw| rasterizer.render(&draw.scene, &draw.view, &draw.settings).block_on());
     let (first, second) = (analysis(draw)?, analysis(other)?);
     Failure::unless(draw.scene != other.scene && draw.scene.len() == other.scene.len(), || "nothing moved".to_owned())?;
     // Each image may be off by its own roundings, and the other scene is itself rounded.

@@ -1,4 +1,4 @@
-//! The suite that any `Rasterizer<Scene2d>` or `Rasterizer<Scene3d>` can be put through: named cases, each usable alone.
+//! The suite that any `Optimizer<Scene2d>` or `Optimizer<Scene3d>` can be put through: named cases, each usable alone.
 //!
 //! A backend's own tests call [`conformance`] or [`conformance_3d`], or list [`cases`] or [`cases_3d`] to see each by name.
 //! Cases that are generic over [`Subject`] are the same for both kinds of scenes. Every case compares with the oracle, with `f64`
@@ -6,9 +6,9 @@
 //!
 //! ```
 //! use gs_conformance::{Failure, conformance::conformance};
-//! use gs_core::{Scene2d, Rasterizer};
+//! use gs_core::{Optimizer, Scene2d};
 //!
-//! fn my_backend_conforms(backend: &impl Rasterizer<Scene2d>) -> Result<(), Failure> {
+//! fn my_backend_conforms(backend: &impl Optimizer<Scene2d>) -> Result<(), Failure> {
 //!     for skipped in conformance(backend)? {
 //!         eprintln!("{skipped}");
 //!     }
@@ -30,14 +30,16 @@ mod metamorphic_3d;
 mod optimiser;
 mod state;
 mod statistics;
+mod targets;
 mod training;
 mod training_3d;
 
+use pollster::FutureExt as _;
 use std::fmt;
 
 pub(crate) use self::errors::refused;
 use gs_core::{
-    Binning, Blend, Error, Image, Loss, Parameterization, Rasterizer, Scene2d, Scene3d, SplatsState, TrainStep, Wait,
+    Binning, Blend, Error, Image, Loss, Optimizer, Parameterization, Scene2d, Scene3d, SplatsState, TrainStep, Wait,
 };
 
 pub use self::{
@@ -68,8 +70,9 @@ pub use self::{
         indices_do_not_matter_by_depth, rigid_motions_change_nothing, scales_of_the_world_change_nothing,
     },
     optimiser::{adam_matches, covariance_factor_steps_match},
-    state::{restored_splats_continue_bit_for_bit, scenes_come_back, shifts_move_means_and_nothing_else},
+    state::{noise_moves_means_and_nothing_else, restored_splats_continue_bit_for_bit, scenes_come_back},
     statistics::{absolute_gradients_match, mean_gradients_match, pixel_errors_match},
+    targets::incomplete_targets_are_completed,
     training::{
         first_steps_owe_nothing_to_renderings, fused_steps_match_their_stages, solved_colors_are_the_best,
         statistics_are_the_positional_gradients, steps_decrease_the_loss,
@@ -136,7 +139,7 @@ macro_rules! named {
 }
 
 /// All cases for 2D scenes.
-pub fn cases<R: Rasterizer<Scene2d>>() -> Vec<Case<R>> {
+pub fn cases<R: Optimizer<Scene2d>>() -> Vec<Case<R>> {
     named![
         images_match: images_match::<R>,
         antialiased_images_match_2d: antialiased_images_match_2d::<R>,
@@ -161,7 +164,8 @@ pub fn cases<R: Rasterizer<Scene2d>>() -> Vec<Case<R>> {
         statistics_are_the_positional_gradients: statistics_are_the_positional_gradients::<R>,
         absolute_gradients_match: absolute_gradients_match::<Scene2d, R>,
         pixel_errors_match: pixel_errors_match::<Scene2d, R>,
-        shifts_move_means_and_nothing_else: shifts_move_means_and_nothing_else::<Scene2d, R>,
+        noise_moves_means_and_nothing_else: noise_moves_means_and_nothing_else::<Scene2d, R>,
+        incomplete_targets_are_completed: incomplete_targets_are_completed::<Scene2d, R>,
         solved_colors_are_the_best: solved_colors_are_the_best::<R>,
         edits_carry_everything_along: edits_carry_everything_along::<Scene2d, R>,
         changes_that_inherit_go_on: changes_that_inherit_go_on::<Scene2d, R>,
@@ -176,7 +180,7 @@ pub fn cases<R: Rasterizer<Scene2d>>() -> Vec<Case<R>> {
 }
 
 /// All cases for 3D scenes.
-pub fn cases_3d<R: Rasterizer<Scene3d>>() -> Vec<Case<R>> {
+pub fn cases_3d<R: Optimizer<Scene3d>>() -> Vec<Case<R>> {
     named![
         images_match_3d: images_match_3d::<R>,
         orders_match: orders_match::<R>,
@@ -206,7 +210,8 @@ pub fn cases_3d<R: Rasterizer<Scene3d>>() -> Vec<Case<R>> {
         absolute_gradients_match: absolute_gradients_match::<Scene3d, R>,
         pixel_errors_match: pixel_errors_match::<Scene3d, R>,
         visible_are_counted: visible_are_counted::<R>,
-        shifts_move_means_and_nothing_else: shifts_move_means_and_nothing_else::<Scene3d, R>,
+        noise_moves_means_and_nothing_else: noise_moves_means_and_nothing_else::<Scene3d, R>,
+        incomplete_targets_are_completed: incomplete_targets_are_completed::<Scene3d, R>,
         edits_carry_everything_along: edits_carry_everything_along::<Scene3d, R>,
         changes_that_inherit_go_on: changes_that_inherit_go_on::<Scene3d, R>,
         refused_edits_change_nothing: refused_edits_change_nothing::<Scene3d, R>,
@@ -224,7 +229,7 @@ pub fn cases_3d<R: Rasterizer<Scene3d>>() -> Vec<Case<R>> {
 ///
 /// # Errors
 /// [`Failure::Several`] of [`Failure::Case`]s: all that fail.
-pub fn conformance<R: Rasterizer<Scene2d>>(rasterizer: &R) -> Result<Vec<Skipped>, Failure> {
+pub fn conformance<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<Vec<Skipped>, Failure> {
     run_all(rasterizer, cases::<R>())
 }
 
@@ -232,7 +237,7 @@ pub fn conformance<R: Rasterizer<Scene2d>>(rasterizer: &R) -> Result<Vec<Skipped
 ///
 /// # Errors
 /// [`Failure::Several`] of [`Failure::Case`]s: all that fail.
-pub fn conformance_3d<R: Rasterizer<Scene3d>>(rasterizer: &R) -> Result<Vec<Skipped>, Failure> {
+pub fn conformance_3d<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<Vec<Skipped>, Failure> {
     run_all(rasterizer, cases_3d::<R>())
 }
 
@@ -252,9 +257,9 @@ fn run_all<R>(rasterizer: &R, cases: Vec<Case<R>>) -> Result<Vec<Skipped>, Failu
 ///
 /// # Errors
 /// [`Failure`] where they differ, or the backend or the comparison fails.
-pub fn check_image<S: Subject, R: Rasterizer<S>>(rasterizer: &R, draw: &Draw<S>) -> Result<Agreement, Failure> {
+pub fn check_image<S: Subject, R: Optimizer<S>>(rasterizer: &R, draw: &Draw<S>) -> Result<Agreement, Failure> {
     let expected = Oracle::new(draw.view, draw.settings)?.render(&draw.scene.rows());
-    let found = rasterizer.render(&draw.scene, &draw.view, &draw.settings)?;
+    let found = rasterizer.render(&draw.scene, &draw.view, &draw.settings).block_on()?;
     compare_images(&expected, &found).map_err(|failure| failure.at(place(draw)))
 }
 
@@ -263,7 +268,7 @@ pub fn check_image<S: Subject, R: Rasterizer<S>>(rasterizer: &R, draw: &Draw<S>)
 ///
 /// # Errors
 /// [`Failure`] where they differ, or the backend or the comparison fails.
-pub fn check_gradients<S: Subject, R: Rasterizer<S>>(
+pub fn check_gradients<S: Subject, R: Optimizer<S>>(
     rasterizer: &R,
     draw: &Draw<S>,
     loss: &Loss,
@@ -279,34 +284,35 @@ pub fn check_gradients<S: Subject, R: Rasterizer<S>>(
 
 /// Whether the backend refuses a drawing's effects, which it may for some: as [`Error::Unsupported`], in a training step as in a forward pass,
 /// and with nothing done.
-fn is_refused<S: Subject, R: Rasterizer<S>>(rasterizer: &R, draw: &Draw<S>) -> Result<bool, Failure> {
+fn is_refused<S: Subject, R: Optimizer<S>>(rasterizer: &R, draw: &Draw<S>) -> Result<bool, Failure> {
     let mut splats = rasterizer.upload(&draw.scene, Parameterization::ScaleRotation)?;
-    match rasterizer.forward(&splats, &draw.view, &draw.settings) {
+    match rasterizer.forward(&splats, &draw.view, &draw.settings).block_on() {
         Err(Error::Unsupported { .. }) => {}
         other => return Ok(other.map(|_| false)?),
     }
-    let before = rasterizer.save(&splats)?;
+    let before = rasterizer.save(&splats).block_on()?;
     let target = rasterizer.upload_target(&draw.target()?)?;
     let rates = S::adam().at(0.0);
     let step = TrainStep { settings: &draw.settings, loss: Loss::L2, rates: &rates, binning: Binning::Fresh };
     let refused = rasterizer.train_step(&mut splats, &draw.view, &target, &step);
-    let right = matches!(refused, Err(Error::Unsupported { .. })) && rasterizer.save(&splats)? == before;
+    let right =
+        matches!(refused.block_on(), Err(Error::Unsupported { .. })) && rasterizer.save(&splats).block_on()? == before;
     Failure::unless(right, || format!("{}: refused in a forward pass, but not in a step", place(draw)))?;
     Ok(true)
 }
 
 /// Those of a kind's parameterizations that the backend offers: the first, and all that it does not refuse as [`Error::Unsupported`] when a scene is
 /// uploaded. What it refuses it must not restore either.
-pub(crate) fn parameterizations<S: Subject, R: Rasterizer<S>>(
-    rasterizer: &R,
-) -> Result<Vec<Parameterization>, Failure> {
+pub(crate) fn parameterizations<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> Result<Vec<Parameterization>, Failure> {
     let empty = S::typical(Blend::Over, 1, (8, 8), 1).scene.emptied();
     let mut offered = Vec::new();
     for &parameterization in S::CHARTS {
         match rasterizer.upload(&empty, parameterization) {
             Err(Error::Unsupported { .. }) if parameterization != S::CHARTS[0] => {
-                let state =
-                    SplatsState { parameterization, ..rasterizer.save(&rasterizer.upload(&empty, S::CHARTS[0])?)? };
+                let state = SplatsState {
+                    parameterization,
+                    ..rasterizer.save(&rasterizer.upload(&empty, S::CHARTS[0])?).block_on()?
+                };
                 let refused = matches!(rasterizer.restore(&state), Err(Error::Unsupported { .. }));
                 Failure::unless(refused, || {
                     format!("{parameterization:?} is refused for a scene, but not for a saved state")
@@ -330,7 +336,7 @@ struct Backward<S> {
 }
 
 impl<S: Subject> Backward<S> {
-    fn of<R: Rasterizer<S>>(
+    fn of<R: Optimizer<S>>(
         rasterizer: &R,
         draw: &Draw<S>,
         target: &Image,
@@ -339,10 +345,10 @@ impl<S: Subject> Backward<S> {
     ) -> Result<Self, Failure> {
         let splats = rasterizer.upload(&draw.scene, parameterization)?;
         let uploaded = rasterizer.upload_target(target)?;
-        let frame = rasterizer.forward(&splats, &draw.view, &draw.settings)?;
-        let (loss, gradients) = rasterizer.backward(&splats, frame, &uploaded, loss)?;
-        let gradients = rasterizer.download_gradients(&splats, &gradients)?;
-        Ok(Self { scene: rasterizer.download(&splats)?, loss, gradients })
+        let frame = rasterizer.forward(&splats, &draw.view, &draw.settings).block_on()?;
+        let (loss, gradients) = rasterizer.backward(&splats, frame, &uploaded, loss).block_on()?;
+        let gradients = rasterizer.gradients(&splats, &gradients).block_on()?;
+        Ok(Self { scene: rasterizer.download(&splats).block_on()?, loss, gradients })
     }
 
     fn expected(&self, draw: &Draw<S>, target: &Image, loss: &Loss) -> Result<Gradients, Failure> {
@@ -351,9 +357,9 @@ impl<S: Subject> Backward<S> {
 }
 
 /// The losses of all training steps of splats that have not been asked for.
-fn losses_of<S: Subject, R: Rasterizer<S>>(rasterizer: &R, splats: &mut R::Splats) -> Result<Vec<f32>, Failure> {
+fn losses_of<S: Subject, R: Optimizer<S>>(rasterizer: &R, splats: &mut R::Splats) -> Result<Vec<f32>, Failure> {
     let mut losses = Vec::new();
-    rasterizer.losses(splats, Wait::All, &mut losses)?;
+    rasterizer.losses(splats, Wait::All, &mut losses).block_on()?;
     Ok(losses)
 }
 

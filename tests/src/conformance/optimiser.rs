@@ -2,11 +2,12 @@
 
 use glam::{DMat2, DVec2};
 use gs_core::{
-    Adam, AdamRates, EditPlan, Loss, Parameterization, Rasterizer, Scene2d,
+    Adam, AdamRates, EditPlan, Loss, Optimizer, Parameterization, Scene2d,
     adam::Group,
     edit::{AfterEdit, Birth, Moments, Origin, Place},
     effects::Blend,
 };
+use pollster::FutureExt as _;
 
 use crate::{
     failure::Failure,
@@ -33,17 +34,17 @@ pub(super) fn distinct<S: Subject>(epsilon: f32) -> AdamRates {
 }
 
 /// One step of forward, backward and Adam; returns the gradients it used.
-pub(super) fn step<S: Subject, R: Rasterizer<S>>(
+pub(super) fn step<S: Subject, R: Optimizer<S>>(
     rasterizer: &R,
     splats: &mut R::Splats,
     draw: &Draw<S>,
     target: &R::Target,
     rates: &AdamRates,
 ) -> Result<Vec<Parameters>, Failure> {
-    let frame = rasterizer.forward(splats, &draw.view, &draw.settings)?;
-    let (_, gradients) = rasterizer.backward(splats, frame, target, &Loss::L2)?;
-    let rows = rasterizer.download_gradients(splats, &gradients)?.rows_of_gradients();
-    rasterizer.step(splats, &gradients, rates)?;
+    let frame = rasterizer.forward(splats, &draw.view, &draw.settings).block_on()?;
+    let (_, gradients) = rasterizer.backward(splats, frame, target, &Loss::L2).block_on()?;
+    let rows = rasterizer.gradients(splats, &gradients).block_on()?.rows_of_gradients();
+    rasterizer.step(splats, &gradients, rates).block_on()?;
     Ok(rows)
 }
 
@@ -52,7 +53,7 @@ pub(super) fn step<S: Subject, R: Rasterizer<S>>(
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
-pub fn adam_matches<S: Subject, R: Rasterizer<S>>(rasterizer: &R) -> Result<(), Failure> {
+pub fn adam_matches<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> Result<(), Failure> {
     for blend in [Blend::Sum, Blend::Over] {
         for epsilon in [1e-3, 1e-8] {
             let draw = S::overlapping(blend, 12, (24, 20), 1203);
@@ -72,12 +73,12 @@ pub fn adam_matches<S: Subject, R: Rasterizer<S>>(rasterizer: &R) -> Result<(), 
                     };
                     let added = vec![birth(newborn.gaussian(0))];
                     let plan = EditPlan { added, statistics: AfterEdit::Keep, ..EditPlan::default() };
-                    rasterizer.edit(&mut splats, &plan)?;
+                    rasterizer.edit(&mut splats, &plan).block_on()?;
                     reference.push(newborn.rows().gaussians[0].clone());
                 }
                 let gradients = step(rasterizer, &mut splats, &draw, &target, &rates)?;
                 reference.step(&gradients, &rates);
-                let found = rasterizer.download(&splats)?.rows();
+                let found = rasterizer.download(&splats).block_on()?.rows();
                 compare_parameters::<S>(&reference.scene, &found, &rates, steps)
                     .map_err(|failure| failure.at(format!("{blend:?}, epsilon {epsilon}, step {steps}")))?;
             }
@@ -112,7 +113,7 @@ pub(super) fn compare_parameters<S: Subject>(
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
-pub fn covariance_factor_steps_match<R: Rasterizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
+pub fn covariance_factor_steps_match<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     for blend in [Blend::Sum, Blend::Over] {
         let draw = Draw::new(Kind::Typical, blend, 40, (40, 30), 1300);
         let target = rasterizer.upload_target(&draw.target()?)?;
@@ -120,9 +121,9 @@ pub fn covariance_factor_steps_match<R: Rasterizer<Scene2d>>(rasterizer: &R) -> 
             Adam { mean: Group::constant(0.12), scale: Group::constant(0.07), epsilon: 1e-15, ..Adam::default() };
         let rates = adam.at(0.0);
         let mut splats = rasterizer.upload(&draw.scene, Parameterization::CovarianceFactor)?;
-        let before = rasterizer.download(&splats)?;
+        let before = rasterizer.download(&splats).block_on()?;
         let gradients = step(rasterizer, &mut splats, &draw, &target, &rates)?;
-        let after = rasterizer.download(&splats)?;
+        let after = rasterizer.download(&splats).block_on()?;
         let mut compared = 0;
         for (i, (old, new)) in before.iter().zip(after.iter()).enumerate() {
             let frame = old.factor().as_dmat2();

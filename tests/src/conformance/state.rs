@@ -1,9 +1,11 @@
 //! Cases: what goes to the backend comes back, scenes and whole states.
 
 use gs_core::{
-    Binning, Error, Gaussian2d, Parameterization, Rasterizer, Scene, Scene2d, SplatsState, TrainStep,
+    Binning, Error, Gaussian2d, MeanNoise, Optimizer, Parameterization, Scene, Scene2d, SplatsState, TrainStep,
     effects::{Blend, Statistics},
+    scene::logit,
 };
+use pollster::FutureExt as _;
 
 use super::{LOSSES, losses_of, parameterizations};
 use crate::{
@@ -16,15 +18,15 @@ use crate::{
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
-pub fn scenes_come_back<R: Rasterizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
+pub fn scenes_come_back<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     for (blend, kind) in [(Blend::Sum, Kind::Typical), (Blend::Over, Kind::Opaque), (Blend::Over, Kind::Needles)] {
         let scene = Draw::new(kind, blend, 37, (40, 30), 1000).scene;
         let splats = rasterizer.upload(&scene, Parameterization::ScaleRotation)?;
         Failure::unless(rasterizer.len(&splats) == 37, || format!("{} of 37 Gaussians", rasterizer.len(&splats)))?;
-        let back = rasterizer.download(&splats)?;
+        let back = rasterizer.download(&splats).block_on()?;
         Failure::unless(back == scene, || format!("{kind:?}: the scene that comes back is another"))?;
 
-        let back = rasterizer.download(&rasterizer.upload(&scene, Parameterization::CovarianceFactor)?)?;
+        let back = rasterizer.download(&rasterizer.upload(&scene, Parameterization::CovarianceFactor)?).block_on()?;
         Failure::unless(back.len() == 37, || format!("{} of 37 Gaussians in covariance factors", back.len()))?;
         for (i, (a, b)) in scene.iter().zip(back.iter()).enumerate() {
             let same = (a.mean, a.color, a.opacity_logit) == (b.mean, b.color, b.opacity_logit);
@@ -34,7 +36,9 @@ pub fn scenes_come_back<R: Rasterizer<Scene2d>>(rasterizer: &R) -> Result<(), Fa
         }
     }
     let empty = rasterizer.upload(&Scene2d::default(), Parameterization::ScaleRotation)?;
-    Failure::unless(rasterizer.download(&empty)?.is_empty(), || "an empty scene comes back with Gaussians".to_owned())
+    Failure::unless(rasterizer.download(&empty).block_on()?.is_empty(), || {
+        "an empty scene comes back with Gaussians".to_owned()
+    })
 }
 
 /// Whether two covariances are the same, seen from the frame of the first.
@@ -48,7 +52,7 @@ fn same_shape(a: &Gaussian2d, b: &Gaussian2d) -> bool {
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
-pub fn restored_splats_continue_bit_for_bit<S: Subject, R: Rasterizer<S>>(rasterizer: &R) -> Result<(), Failure> {
+pub fn restored_splats_continue_bit_for_bit<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> Result<(), Failure> {
     for parameterization in parameterizations::<S, R>(rasterizer)? {
         for blend in [Blend::Sum, Blend::Over] {
             for loss in LOSSES {
@@ -59,24 +63,24 @@ pub fn restored_splats_continue_bit_for_bit<S: Subject, R: Rasterizer<S>>(raster
                 let step = TrainStep { settings: &draw.settings, loss, rates: &rates, binning: Binning::Fresh };
                 let mut splats = rasterizer.upload(&draw.scene, parameterization)?;
                 for _ in 0..3 {
-                    rasterizer.train_step(&mut splats, &draw.view, &target, &step)?;
+                    rasterizer.train_step(&mut splats, &draw.view, &target, &step).block_on()?;
                 }
                 losses_of(rasterizer, &mut splats)?;
-                let state = rasterizer.save(&splats)?;
+                let state = rasterizer.save(&splats).block_on()?;
                 check_moments(&state)?;
                 let mut twin = rasterizer.restore(&state)?;
                 let place = || format!("{parameterization:?}, {blend:?}, {loss:?}");
-                Failure::unless(rasterizer.save(&twin)? == state, || {
+                Failure::unless(rasterizer.save(&twin).block_on()? == state, || {
                     format!("{}: restored is another state", place())
                 })?;
                 for _ in 0..3 {
-                    rasterizer.train_step(&mut splats, &draw.view, &target, &step)?;
-                    rasterizer.train_step(&mut twin, &draw.view, &target, &step)?;
+                    rasterizer.train_step(&mut splats, &draw.view, &target, &step).block_on()?;
+                    rasterizer.train_step(&mut twin, &draw.view, &target, &step).block_on()?;
                 }
                 let (a, b) = (losses_of(rasterizer, &mut splats)?, losses_of(rasterizer, &mut twin)?);
                 let same = a.len() == 3 && a.iter().map(|v| v.to_bits()).eq(b.iter().map(|v| v.to_bits()));
                 Failure::unless(same, || format!("{}: losses {a:?} and {b:?}", place()))?;
-                let (state, twin) = (rasterizer.save(&splats)?, rasterizer.save(&twin)?);
+                let (state, twin) = (rasterizer.save(&splats).block_on()?, rasterizer.save(&twin).block_on()?);
                 let different = state.tensors.iter().find(|(name, tensor)| twin.tensors.get(*name) != Some(tensor));
                 Failure::unless(different.is_none(), || {
                     let names = different.iter().map(|(name, _)| name.as_str()).collect::<String>();
@@ -98,46 +102,59 @@ fn check_moments(state: &SplatsState) -> Result<(), Failure> {
     Failure::unless(steps.iter().all(|&s| s == 3), || format!("after three steps the counts are {steps:?}"))
 }
 
-/// `shift_means` adds to the means and leaves all else of the state bit for bit, losses that nobody has asked for included; shifts of another
-/// number of Gaussians are refused.
+/// `add_noise` moves the means as [`MeanNoise`] says and leaves all else of the state bit for bit, losses that nobody has asked for included;
+/// between steps under way it makes no difference whether anybody waits.
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
-pub fn shifts_move_means_and_nothing_else<S: Subject, R: Rasterizer<S>>(rasterizer: &R) -> Result<(), Failure> {
+pub fn noise_moves_means_and_nothing_else<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> Result<(), Failure> {
+    let noise = MeanNoise { scale: 0.05, seed: 11, step: 3 };
     for parameterization in parameterizations::<S, R>(rasterizer)? {
         let mut draw = S::typical(Blend::Over, 9, (34, 20), 1151);
         draw.settings.effects.statistics = Statistics::MeanGradient;
+        // Faint ones move, by more or less; one that is seen stays.
+        let logits = draw.scene.opacity_logits_mut();
+        logits.iter_mut().enumerate().for_each(|(i, value)| *value = logit(0.004 + 0.002 * i as f32));
+        logits[8] = logit(0.7);
         let target = rasterizer.upload_target(&draw.target()?)?;
         let rates = S::adam().at(0.0);
         let step = TrainStep { settings: &draw.settings, loss: LOSSES[0], rates: &rates, binning: Binning::Fresh };
         let mut splats = rasterizer.upload(&draw.scene, parameterization)?;
-        rasterizer.train_step(&mut splats, &draw.view, &target, &step)?;
-        let before = rasterizer.save(&splats)?;
-        let shifts: Vec<f32> = (0..9 * S::DIMENSIONS).map(|i| 0.01 * i as f32 - 0.1).collect();
-        rasterizer.shift_means(&mut splats, &shifts)?;
-        let mut expected = before.clone();
-        expected.shift("mean", &shifts)?;
-        let found = rasterizer.save(&splats)?;
-        Failure::unless(found == expected && found != before, || {
-            format!("{parameterization:?}: more or less than means moved")
-        })?;
-        let told = losses_of(rasterizer, &mut splats)?.len();
-        Failure::unless(told == 1, || format!("{parameterization:?}: {told} losses of one step after a shift"))?;
+        rasterizer.train_step(&mut splats, &draw.view, &target, &step).block_on()?;
+        let (before, scene) = (rasterizer.save(&splats).block_on()?, rasterizer.download(&splats).block_on()?);
+        rasterizer.add_noise(&mut splats, &noise)?;
+        let mut found = rasterizer.save(&splats).block_on()?;
+        let (_, means) = before.matrix("mean")?;
+        let (_, moved) = found.matrix("mean")?;
+        let shifts = scene.shifts(&noise);
+        let most = shifts.iter().fold(0.0f32, |most, shift| most.max(shift.abs()));
+        let at_most = |i: usize| 1e-4 * most + 4.0 * f32::EPSILON * means[i].abs();
+        for (i, shift) in shifts.iter().enumerate() {
+            Failure::unless((moved[i] - means[i] - shift).abs() <= at_most(i), || {
+                format!("{parameterization:?}: number {i} of the means moves by {}, not {shift}", moved[i] - means[i])
+            })?;
+        }
+        found.tensors.insert("mean".to_owned(), before.tensors["mean"].clone());
+        Failure::unless(found == before, || format!("{parameterization:?}: noise changes more than means"))?;
+        let reported = losses_of(rasterizer, &mut splats)?.len();
+        Failure::unless(reported == 1, || format!("{parameterization:?}: {reported} losses of one step after noise"))?;
 
-        // What is seen after a shift is the shifted scene.
-        let scene = rasterizer.download(&splats)?;
-        let fresh = rasterizer.upload(&scene, parameterization)?;
-        let image =
-            |splats| rasterizer.forward(splats, &draw.view, &draw.settings).and_then(|frame| rasterizer.image(&frame));
-        let same = (image(&splats)?.pixels().as_flattened().iter())
-            .zip(image(&fresh)?.pixels().as_flattened())
-            .all(|(a, b)| (a - b).abs() < 1e-4);
-        Failure::unless(same, || format!("{parameterization:?}: a shifted splats does not look like its scene"))?;
-        let refused =
-            matches!(rasterizer.shift_means(&mut splats, &shifts[S::DIMENSIONS..]), Err(Error::Length { .. }));
-        Failure::unless(refused && rasterizer.save(&splats)? == expected, || {
-            format!("{parameterization:?}: shifts of 8 Gaussians are accepted for 9")
+        let after = |waits: bool| -> Result<SplatsState, Failure> {
+            let mut splats = rasterizer.upload(&draw.scene, parameterization)?;
+            for step_number in 0..3 {
+                rasterizer.train_step(&mut splats, &draw.view, &target, &step).block_on()?;
+                if waits {
+                    losses_of(rasterizer, &mut splats)?;
+                }
+                rasterizer.add_noise(&mut splats, &MeanNoise { step: step_number, ..noise })?;
+            }
+            Ok(rasterizer.save(&splats).block_on()?)
+        };
+        Failure::unless(after(true)? == after(false)?, || {
+            format!("{parameterization:?}: noise between steps depends on whether these are waited for")
         })?;
+        let refused = rasterizer.add_noise(&mut splats, &MeanNoise { scale: f32::NAN, ..noise });
+        Failure::unless(matches!(refused, Err(Error::Setting { .. })), || "noise of scale NaN is accepted".to_owned())?;
     }
     Ok(())
 }

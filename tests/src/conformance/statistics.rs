@@ -2,10 +2,11 @@
 //! [`Error::Unsupported`], in every pass, and with nothing done.
 
 use gs_core::{
-    Adam, Binning, Loss, Parameterization, Rasterizer, TrainStep,
+    Adam, Binning, Loss, Optimizer, Parameterization, TrainStep,
     adam::Group,
     effects::{Blend, Statistics},
 };
+use pollster::FutureExt as _;
 
 use super::{Outcome, is_refused};
 use crate::{
@@ -20,7 +21,7 @@ use crate::{
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
-pub fn mean_gradients_match<S: Subject, R: Rasterizer<S>>(rasterizer: &R) -> Result<Outcome, Failure> {
+pub fn mean_gradients_match<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> Result<Outcome, Failure> {
     check(rasterizer, Statistics::MeanGradient, |step| &step.mean_gradient)
 }
 
@@ -29,7 +30,7 @@ pub fn mean_gradients_match<S: Subject, R: Rasterizer<S>>(rasterizer: &R) -> Res
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
-pub fn absolute_gradients_match<S: Subject, R: Rasterizer<S>>(rasterizer: &R) -> Result<Outcome, Failure> {
+pub fn absolute_gradients_match<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> Result<Outcome, Failure> {
     check(rasterizer, Statistics::AbsoluteGradient, |step| &step.absolute_gradient)
 }
 
@@ -37,7 +38,7 @@ pub fn absolute_gradients_match<S: Subject, R: Rasterizer<S>>(rasterizer: &R) ->
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
-pub fn pixel_errors_match<S: Subject, R: Rasterizer<S>>(rasterizer: &R) -> Result<Outcome, Failure> {
+pub fn pixel_errors_match<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> Result<Outcome, Failure> {
     check(rasterizer, Statistics::PixelError, |step| &step.pixel_error)
 }
 
@@ -72,7 +73,7 @@ fn drawings<S: Subject>(statistics: Statistics) -> Vec<(Draw<S>, Loss)> {
 }
 
 /// All drawings, or none of those that the backend draws where nothing is collected.
-fn check<S: Subject, R: Rasterizer<S>>(
+fn check<S: Subject, R: Optimizer<S>>(
     rasterizer: &R,
     statistics: Statistics,
     of_step: impl Fn(&StepStatistics) -> &Vec<f64>,
@@ -100,7 +101,7 @@ fn check<S: Subject, R: Rasterizer<S>>(
 }
 
 /// Two steps of one drawing, one in stages and one whole.
-fn collected_match<S: Subject, R: Rasterizer<S>>(
+fn collected_match<S: Subject, R: Optimizer<S>>(
     rasterizer: &R,
     draw: &Draw<S>,
     loss: Loss,
@@ -114,27 +115,27 @@ fn collected_match<S: Subject, R: Rasterizer<S>>(
     let mut splats = rasterizer.upload(&draw.scene, Parameterization::ScaleRotation)?;
     let step = TrainStep { settings: &draw.settings, loss, rates: &rates, binning: Binning::Fresh };
 
-    let frame = rasterizer.forward(&splats, &draw.view, &draw.settings)?;
+    let frame = rasterizer.forward(&splats, &draw.view, &draw.settings).block_on()?;
     let oracle = Oracle::new(draw.view, draw.settings)?;
     let (mut expected, mut drawn) = ([0.0; COUNT], [0u32; COUNT]);
-    let (_, gradients) = rasterizer.backward(&splats, frame, &target, &loss)?;
+    let (_, gradients) = rasterizer.backward(&splats, frame, &target, &loss).block_on()?;
     for whole in [false, true] {
-        let scene = rasterizer.download(&splats)?.rows();
+        let scene = rasterizer.download(&splats).block_on()?.rows();
         let collected = oracle.statistics(&scene, &image, &loss)?;
         for (g, value) in of_step(&collected).iter().enumerate() {
             expected[g] += value;
             drawn[g] += u32::from(collected.pixel_error[g] > 0.0);
         }
         if whole {
-            rasterizer.train_step(&mut splats, &draw.view, &target, &step)?;
+            rasterizer.train_step(&mut splats, &draw.view, &target, &step).block_on()?;
         } else {
-            rasterizer.step(&mut splats, &gradients, &rates)?;
+            rasterizer.step(&mut splats, &gradients, &rates).block_on()?;
         }
     }
     if drawn.iter().filter(|&&n| n == 2).count() < 8 {
         return Err(Failure::Nothing(format!("hardly a Gaussian is drawn: {drawn:?}")));
     }
-    sums_match(&expected, &rasterizer.statistics(&splats)?.gradient_sum)
+    sums_match(&expected, &rasterizer.statistics(&splats).block_on()?.gradient_sum)
 }
 
 fn sums_match(expected: &[f64], found: &[f32]) -> Result<(), Failure> {

@@ -2,10 +2,11 @@
 
 use glam::Vec2;
 use gs_core::{
-    Adam, Binning, Canvas, Loss, Parameterization, Rasterizer, Scene, Scene2d, TrainStep,
+    Adam, Binning, Canvas, Loss, Optimizer, Parameterization, Scene, Scene2d, TrainStep,
     adam::Group,
     effects::{Blend, Statistics},
 };
+use pollster::FutureExt as _;
 
 use super::{LOSSES, losses_of, parameterizations};
 use crate::{
@@ -22,7 +23,7 @@ const CHARTS: [Parameterization; 2] = [Parameterization::ScaleRotation, Paramete
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
-pub fn steps_decrease_the_loss<S: Subject, R: Rasterizer<S>>(rasterizer: &R) -> Result<(), Failure> {
+pub fn steps_decrease_the_loss<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> Result<(), Failure> {
     let group = Group::constant(3e-3);
     let groups = Adam { mean: group, scale: group, rotation: group, ..S::adam() };
     let rates = Adam { opacity: group, color: group, color_rest: group, ..groups }.at(0.0);
@@ -38,10 +39,10 @@ pub fn steps_decrease_the_loss<S: Subject, R: Rasterizer<S>>(rasterizer: &R) -> 
                 let place = || format!("{parameterization:?}, {blend:?}, {loss:?}");
                 let mut last = f64::INFINITY;
                 for steps in 0..10 {
-                    let scene = rasterizer.download(&splats)?.rows();
+                    let scene = rasterizer.download(&splats).block_on()?.rows();
                     let now = oracle.loss(&scene, &image, &loss)?;
                     Failure::unless(now < last, || format!("{}: step {steps} led from {last} to {now}", place()))?;
-                    rasterizer.train_step(&mut splats, &draw.view, &target, &step)?;
+                    rasterizer.train_step(&mut splats, &draw.view, &target, &step).block_on()?;
                     let said = losses_of(rasterizer, &mut splats)?;
                     let right = matches!(said[..], [said] if (f64::from(said) - now).abs() < 1e-3 * now);
                     Failure::unless(right, || format!("{}: `losses` says {said:?} where it is {now}", place()))?;
@@ -58,23 +59,23 @@ pub fn steps_decrease_the_loss<S: Subject, R: Rasterizer<S>>(rasterizer: &R) -> 
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
-pub fn first_steps_owe_nothing_to_renderings<R: Rasterizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
+pub fn first_steps_owe_nothing_to_renderings<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     // Further than most reach.
     let rates = Adam { mean: Group::constant(8.0), ..Adam::default() }.at(0.0);
     for blend in [Blend::Sum, Blend::Over] {
         let draw = Draw::new(Kind::Typical, blend, 20, (70, 50), 1603);
         let target = rasterizer.upload_target(&draw.target()?)?;
         let mut rendered = rasterizer.upload(&draw.scene, Parameterization::ScaleRotation)?;
-        let frame = rasterizer.forward(&rendered, &draw.view, &draw.settings)?;
-        let (_, gradients) = rasterizer.backward(&rendered, frame, &target, &Loss::L2)?;
-        rasterizer.step(&mut rendered, &gradients, &rates)?;
+        let frame = rasterizer.forward(&rendered, &draw.view, &draw.settings).block_on()?;
+        let (_, gradients) = rasterizer.backward(&rendered, frame, &target, &Loss::L2).block_on()?;
+        rasterizer.step(&mut rendered, &gradients, &rates).block_on()?;
         // With the gradients goes what held the lists.
         drop(gradients);
-        let mut restored = rasterizer.restore(&rasterizer.save(&rendered)?)?;
+        let mut restored = rasterizer.restore(&rasterizer.save(&rendered).block_on()?)?;
         let step = TrainStep { settings: &draw.settings, loss: Loss::L2, rates: &rates, binning: Binning::Reuse };
         let after = |splats: &mut R::Splats| -> Result<_, Failure> {
-            rasterizer.train_step(splats, &draw.view, &target, &step)?;
-            Ok((losses_of(rasterizer, splats)?, rasterizer.save(splats)?))
+            rasterizer.train_step(splats, &draw.view, &target, &step).block_on()?;
+            Ok((losses_of(rasterizer, splats)?, rasterizer.save(splats).block_on()?))
         };
         let (found, expected) = (after(&mut rendered)?, after(&mut restored)?);
         let place = || format!("{blend:?}: the loss is {:?} instead of {:?}", found.0, expected.0);
@@ -88,7 +89,7 @@ pub fn first_steps_owe_nothing_to_renderings<R: Rasterizer<Scene2d>>(rasterizer:
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
-pub fn fused_steps_match_their_stages<S: Subject, R: Rasterizer<S>>(rasterizer: &R) -> Result<(), Failure> {
+pub fn fused_steps_match_their_stages<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> Result<(), Failure> {
     // ε keeps a step in proportion to a gradient that is hardly more than rounding.
     let rates = Adam { epsilon: 1e-3, ..S::adam() }.at(0.0);
     let parameterizations = parameterizations::<S, R>(rasterizer)?;
@@ -107,20 +108,20 @@ pub fn fused_steps_match_their_stages<S: Subject, R: Rasterizer<S>>(rasterizer: 
                 let mut staged = rasterizer.upload(&draw.scene, parameterization)?;
                 let place = format!("{parameterization:?}, {blend:?}, {loss:?}");
                 for _ in 0..5 {
-                    rasterizer.train_step(&mut fused, &draw.view, &target, &step)?;
+                    rasterizer.train_step(&mut fused, &draw.view, &target, &step).block_on()?;
                 }
                 let fused_losses = losses_of(rasterizer, &mut fused)?;
                 let count = fused_losses.len();
                 Failure::unless(count == 5, || format!("{place}: {count} losses of 5 steps"))?;
                 for (steps, a) in (1..).zip(fused_losses) {
-                    let frame = rasterizer.forward(&staged, &draw.view, &draw.settings)?;
-                    let (b, gradients) = rasterizer.backward(&staged, frame, &target, &loss)?;
-                    rasterizer.step(&mut staged, &gradients, &rates)?;
+                    let frame = rasterizer.forward(&staged, &draw.view, &draw.settings).block_on()?;
+                    let (b, gradients) = rasterizer.backward(&staged, frame, &target, &loss).block_on()?;
+                    rasterizer.step(&mut staged, &gradients, &rates).block_on()?;
                     let close = (a - b).abs() <= FUSED_SHARE as f32 * b;
                     Failure::unless(close, || format!("{place}, step {steps}: the loss is {a} fused, {b} in stages"))?;
                 }
                 let [a, b] = [&fused, &staged].map(|splats| rasterizer.download(splats));
-                let (a, b) = (a?.rows(), b?.rows());
+                let (a, b) = (a.block_on()?.rows(), b.block_on()?.rows());
                 let start = draw.scene.rows();
                 Failure::unless(a.gaussians.len() == 20, || format!("{place}: {} Gaussians", a.gaussians.len()))?;
                 Failure::unless(a != start, || format!("{place}: five steps moved nothing"))?;
@@ -147,7 +148,7 @@ pub fn fused_steps_match_their_stages<S: Subject, R: Rasterizer<S>>(rasterizer: 
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
-pub fn statistics_are_the_positional_gradients<R: Rasterizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
+pub fn statistics_are_the_positional_gradients<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     let still = Group::constant(1e-4);
     let rates = Adam { mean: still, scale: still, rotation: still, opacity: still, color: still, ..Adam::default() };
     let rates = rates.at(0.0);
@@ -165,21 +166,21 @@ pub fn statistics_are_the_positional_gradients<R: Rasterizer<Scene2d>>(rasterize
             let pixels = view.scale().as_dvec2();
             let half = [f64::from(view.width) / 2.0, f64::from(view.height) / 2.0];
             for steps in 0..4 {
-                let frame = rasterizer.forward(&splats, &view, &draw.settings)?;
-                let (_, gradients) = rasterizer.backward(&splats, frame, &target, &Loss::L2)?;
-                let rows = rows_of_gradients(&rasterizer.download_gradients(&splats, &gradients)?);
+                let frame = rasterizer.forward(&splats, &view, &draw.settings).block_on()?;
+                let (_, gradients) = rasterizer.backward(&splats, frame, &target, &Loss::L2).block_on()?;
+                let rows = rows_of_gradients(&rasterizer.gradients(&splats, &gradients).block_on()?);
                 for (sum, row) in expected.iter_mut().zip(&rows) {
                     *sum += (row[0] / pixels.x * half[0]).hypot(row[1] / pixels.y * half[1]);
                 }
                 if steps % 2 == 0 {
-                    rasterizer.step(&mut splats, &gradients, &rates)?;
+                    rasterizer.step(&mut splats, &gradients, &rates).block_on()?;
                 } else {
                     let settings = &draw.settings;
                     let step = TrainStep { settings, loss: Loss::L2, rates: &rates, binning: Binning::Fresh };
-                    rasterizer.train_step(&mut splats, &view, &target, &step)?;
+                    rasterizer.train_step(&mut splats, &view, &target, &step).block_on()?;
                 }
             }
-            let found = rasterizer.statistics(&splats)?;
+            let found = rasterizer.statistics(&splats).block_on()?;
             let place = format!("{blend:?}, {}x{} px", view.width, view.height);
             let visible: Vec<u32> = (0..11).map(|i| if i < 10 { 4 } else { 0 }).collect();
             Failure::unless(found.visible == visible, || format!("{place}: drawn in {:?} of 4 steps", found.visible))?;
@@ -193,8 +194,8 @@ pub fn statistics_are_the_positional_gradients<R: Rasterizer<Scene2d>>(rasterize
             draw.settings.effects.statistics = Statistics::None;
             let mut splats = rasterizer.upload(&draw.scene, Parameterization::ScaleRotation)?;
             let step = TrainStep { settings: &draw.settings, loss: Loss::L2, rates: &rates, binning: Binning::Fresh };
-            rasterizer.train_step(&mut splats, &view, &target, &step)?;
-            let none = rasterizer.statistics(&splats)?.gradient_sum == vec![0.0; 11];
+            rasterizer.train_step(&mut splats, &view, &target, &step).block_on()?;
+            let none = rasterizer.statistics(&splats).block_on()?.gradient_sum == vec![0.0; 11];
             Failure::unless(none, || format!("{place}: statistics that nobody asked for"))?;
         }
     }
@@ -205,7 +206,7 @@ pub fn statistics_are_the_positional_gradients<R: Rasterizer<Scene2d>>(rasterize
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
-pub fn solved_colors_are_the_best<R: Rasterizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
+pub fn solved_colors_are_the_best<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     for parameterization in CHARTS {
         for (kind, count, size) in
             [(Kind::Typical, 16, (24, 18)), (Kind::Overlapping, 5, (20, 20)), (Kind::Tiny, 30, (9, 7))]
@@ -214,9 +215,9 @@ pub fn solved_colors_are_the_best<R: Rasterizer<Scene2d>>(rasterizer: &R) -> Res
             let image = draw.target()?;
             let target = rasterizer.upload_target(&image)?;
             let mut splats = rasterizer.upload(&draw.scene, parameterization)?;
-            let before = rasterizer.download(&splats)?;
-            rasterizer.solve_colors(&mut splats, &draw.view, &target, &draw.settings, 60)?;
-            let after = rasterizer.download(&splats)?;
+            let before = rasterizer.download(&splats).block_on()?;
+            rasterizer.solve_colors(&mut splats, &draw.view, &target, &draw.settings, 60).block_on()?;
+            let after = rasterizer.download(&splats).block_on()?;
             let only_colors = Scene2d { colors: before.colors.clone(), ..after.clone() } == before;
             Failure::unless(only_colors, || "solving for colours changed something else".to_owned())?;
 

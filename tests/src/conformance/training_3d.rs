@@ -1,11 +1,12 @@
 //! Cases: what only 3D training has: views that change from step to step, and Gaussians that are not in view.
 
 use gs_core::{
-    Adam, Binning, Camera, Loss, Parameterization, Participants, Rasterizer, Scene3d, TrainStep,
+    Adam, Binning, Camera, Loss, Optimizer, Parameterization, Participants, Scene3d, TrainStep,
     adam::Group,
     effects::{Blend, Statistics},
     scene::Scene,
 };
+use pollster::FutureExt as _;
 
 use super::{
     losses_of,
@@ -23,16 +24,17 @@ use crate::{
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
-pub fn scenes_3d_come_back<R: Rasterizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
+pub fn scenes_3d_come_back<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
     for seed in 2600..2604 {
         let scene = Draw::for_3d(Kind3d::Opaque, Blend::Over, 37, (40, 30), seed).scene;
         let splats = rasterizer.upload(&scene, Parameterization::ScaleRotation)?;
         Failure::unless(rasterizer.len(&splats) == 37, || format!("{} of 37 Gaussians", rasterizer.len(&splats)))?;
-        let back = rasterizer.download(&splats)?;
+        let back = rasterizer.download(&splats).block_on()?;
         Failure::unless(back == scene, || format!("degree {}: the scene that comes back is another", scene.sh_degree))?;
-        let restored = rasterizer.download(&rasterizer.restore(&rasterizer.save(&splats)?)?)?;
+        let restored = rasterizer.download(&rasterizer.restore(&rasterizer.save(&splats).block_on()?)?).block_on()?;
         Failure::unless(restored == scene, || format!("degree {}: restored as another", scene.sh_degree))?;
-        let empty = rasterizer.download(&rasterizer.upload(&scene.emptied(), Parameterization::ScaleRotation)?)?;
+        let empty =
+            rasterizer.download(&rasterizer.upload(&scene.emptied(), Parameterization::ScaleRotation)?).block_on()?;
         Failure::unless(empty == scene.emptied(), || "an empty scene comes back as another".to_owned())?;
     }
     Ok(())
@@ -48,7 +50,7 @@ fn beyond(view: Camera, near: f32) -> Camera {
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
-pub fn only_participants_move<R: Rasterizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
+pub fn only_participants_move<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
     for participants in [Participants::All, Participants::Visible] {
         let mut draw = Draw::for_3d(Kind3d::Typical, Blend::Over, 14, (30, 24), 2613);
         let target = rasterizer.upload_target(&draw.target()?)?;
@@ -59,7 +61,8 @@ pub fn only_participants_move<R: Rasterizer<Scene3d>>(rasterizer: &R) -> Result<
         let whole = draw.view;
         for (steps, near) in (1..).zip([whole.near, 5.0, whole.near, 5.0]) {
             draw.view = beyond(whole, near);
-            let drawn = Oracle::new(draw.view, draw.settings)?.render(&rasterizer.download(&splats)?.rows()).drawn;
+            let drawn =
+                Oracle::new(draw.view, draw.settings)?.render(&rasterizer.download(&splats).block_on()?.rows()).drawn;
             let seen: Vec<usize> = (0..drawn.len()).filter(|&g| drawn[g]).collect();
             let count = seen.len();
             Failure::unless(near < 1.0 || (3..12).contains(&count), || format!("{count} of 14 are beyond {near}"))?;
@@ -68,11 +71,11 @@ pub fn only_participants_move<R: Rasterizer<Scene3d>>(rasterizer: &R) -> Result<
                 Participants::All => reference.step(&gradients, &rates),
                 Participants::Visible => reference.step_some(&seen, &gradients, &rates),
             }
-            let found = rasterizer.download(&splats)?.rows();
+            let found = rasterizer.download(&splats).block_on()?.rows();
             compare_parameters::<Scene3d>(&reference.scene, &found, &rates, steps)
                 .map_err(|failure| failure.at(format!("{participants:?}, step {steps}")))?;
         }
-        let counts = rasterizer.save(&splats)?.integers("steps")?;
+        let counts = rasterizer.save(&splats).block_on()?.integers("steps")?;
         let expected: Vec<u32> = (0..14).map(|g| reference.moments(g).2 as u32).collect();
         Failure::unless(counts == expected, || format!("{participants:?}: step counts {counts:?}, not {expected:?}"))?;
     }
@@ -84,7 +87,7 @@ pub fn only_participants_move<R: Rasterizer<Scene3d>>(rasterizer: &R) -> Result<
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
-pub fn reused_lists_are_good_for_what_stands_still<R: Rasterizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
+pub fn reused_lists_are_good_for_what_stands_still<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
     let still = Group::constant(0.0);
     let groups = Adam { mean: still, scale: still, rotation: still, opacity: still, ..Scene3d::adam() };
     let rates = Adam { color: still, color_rest: still, ..groups }.at(0.0);
@@ -97,10 +100,10 @@ pub fn reused_lists_are_good_for_what_stands_still<R: Rasterizer<Scene3d>>(raste
             let mut splats = rasterizer.upload(&draw.scene, Parameterization::ScaleRotation)?;
             for (view, binning) in views.iter().zip([Binning::Fresh, binning]) {
                 let step = TrainStep { settings: &draw.settings, loss: Loss::L2, rates: &rates, binning };
-                rasterizer.train_step(&mut splats, view, &target, &step)?;
+                rasterizer.train_step(&mut splats, view, &target, &step).block_on()?;
             }
             let losses = losses_of(rasterizer, &mut splats)?;
-            Ok((losses, rasterizer.save(&splats)?.matrix("moment1")?.1.to_vec()))
+            Ok((losses, rasterizer.save(&splats).block_on()?.matrix("moment1")?.1.to_vec()))
         };
         let ((losses, moments), (again, others)) = (run(Binning::Fresh)?, run(Binning::Reuse)?);
         let near = |a: &[f32], b: &[f32], share: f32| {
@@ -117,7 +120,7 @@ pub fn reused_lists_are_good_for_what_stands_still<R: Rasterizer<Scene3d>>(raste
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.
-pub fn visible_are_counted<R: Rasterizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
+pub fn visible_are_counted<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
     let mut draw = Draw::for_3d(Kind3d::Typical, Blend::Over, 14, (30, 24), 2633);
     draw.settings.effects.statistics = Statistics::MeanGradient;
     let still = Group::constant(0.0);
@@ -131,9 +134,9 @@ pub fn visible_are_counted<R: Rasterizer<Scene3d>>(rasterizer: &R) -> Result<(),
         let drawn = Oracle::new(view, draw.settings)?.render(&draw.scene.rows()).drawn;
         expected.iter_mut().zip(drawn).for_each(|(count, drawn)| *count += u32::from(drawn));
         let step = TrainStep { settings: &draw.settings, loss: Loss::L2, rates: &rates, binning: Binning::Fresh };
-        rasterizer.train_step(&mut splats, &view, &target, &step)?;
+        rasterizer.train_step(&mut splats, &view, &target, &step).block_on()?;
     }
-    let found = rasterizer.statistics(&splats)?.visible;
+    let found = rasterizer.statistics(&splats).block_on()?.visible;
     let telling = (1..=3).all(|count| expected.contains(&count));
     Failure::unless(telling, || format!("the scene does not tell counts apart: {expected:?}"))?;
     Failure::unless(found == expected, || format!("in view in {found:?} of 3 steps, not {expected:?}"))

@@ -8,7 +8,8 @@
 //! [`ROUNDINGS`] of that are allowed for. A gradient of which that is more than its share is counted as ill-conditioned: it is compared, but
 //! says little, and no more than [`ILL_CONDITIONED_SHARE`] of a set of scenes may be so.
 
-use gs_core::{Image, Loss, Parameterization, Rasterizer, RenderSettings, settings::Cut};
+use gs_core::{Image, Loss, Optimizer, Parameterization, RenderSettings, settings::Cut};
+use pollster::FutureExt as _;
 
 use super::case::NEGLIGIBLE;
 use crate::{
@@ -115,14 +116,14 @@ impl<S: Subject> Quotients<S> {
     ///
     /// # Errors
     /// [`Failure::Differs`] naming the first that is too far off; what the backend refuses.
-    pub fn check_backend<R: Rasterizer<S>>(&self, rasterizer: &R) -> Result<Differences, Failure> {
+    pub fn check_backend<R: Optimizer<S>>(&self, rasterizer: &R) -> Result<Differences, Failure> {
         let mut settings = smooth(self.draw.settings);
         (settings.accuracy.cut, settings.accuracy.alpha_cut) = (Cut::Hard, FINEST_CUT);
         let splats = rasterizer.upload(&self.draw.scene, Parameterization::ScaleRotation)?;
-        let frame = rasterizer.forward(&splats, &self.draw.view, &settings)?;
+        let frame = rasterizer.forward(&splats, &self.draw.view, &settings).block_on()?;
         let target = rasterizer.upload_target(&self.target)?;
-        let (_, gradients) = rasterizer.backward(&splats, frame, &target, &self.loss)?;
-        let found = rasterizer.download_gradients(&splats, &gradients)?.rows_of_gradients();
+        let (_, gradients) = rasterizer.backward(&splats, frame, &target, &self.loss).block_on()?;
+        let found = rasterizer.gradients(&splats, &gradients).block_on()?.rows_of_gradients();
         self.compare(&found, (BACKEND_SHARE, ROUNDINGS))
     }
 

@@ -7,9 +7,9 @@
 //!
 //! ```
 //! use gs_conformance::corpus::{Record, corpus_2d, run};
-//! use gs_core::{Scene2d, Rasterizer};
+//! use gs_core::{Scene2d, Optimizer};
 //!
-//! fn my_backend_stands_hard_cases(backend: &impl Rasterizer<Scene2d>) {
+//! fn my_backend_stands_hard_cases(backend: &impl Optimizer<Scene2d>) {
 //!     for case in corpus_2d() {
 //!         let record = run(backend, &case);
 //!         assert!(record.is_as_expected(), "{record}");

@@ -6,7 +6,7 @@ mod state;
 
 use std::{cell::OnceCell, fmt::Display, time::Instant};
 
-use gs_core::{Parameterization, Rasterizer, Scene2d, Scene3d};
+use gs_core::{Optimizer, Parameterization, Scene2d, Scene3d};
 
 use self::state::Clean;
 use super::report::{Observed, Record};
@@ -41,29 +41,29 @@ pub const VALUES: [f32; 22] = [
 ];
 
 /// Puts every value into every slot of 2D inputs; a record for each slot.
-pub fn poison_2d<R: Rasterizer<Scene2d>>(rasterizer: &R) -> Vec<Record> {
+pub fn poison_2d<R: Optimizer<Scene2d>>(rasterizer: &R) -> Vec<Record> {
     poison_slots_2d(rasterizer, |_| true)
 }
 
 /// [`poison_2d`], but for those slots alone of whose records' names `wanted` is true.
-pub fn poison_slots_2d<R: Rasterizer<Scene2d>>(rasterizer: &R, wanted: impl Fn(&str) -> bool + Copy) -> Vec<Record> {
+pub fn poison_slots_2d<R: Optimizer<Scene2d>>(rasterizer: &R, wanted: impl Fn(&str) -> bool + Copy) -> Vec<Record> {
     let views = inputs::canvas_slots();
     inputs::scene_2d().iter().flat_map(|inputs| poison(rasterizer, inputs, &views, wanted)).collect()
 }
 
 /// Puts every value into every slot of 3D inputs; a record for each slot.
-pub fn poison_3d<R: Rasterizer<Scene3d>>(rasterizer: &R) -> Vec<Record> {
+pub fn poison_3d<R: Optimizer<Scene3d>>(rasterizer: &R) -> Vec<Record> {
     poison_slots_3d(rasterizer, |_| true)
 }
 
 /// [`poison_3d`], but for those slots alone of whose records' names `wanted` is true.
-pub fn poison_slots_3d<R: Rasterizer<Scene3d>>(rasterizer: &R, wanted: impl Fn(&str) -> bool + Copy) -> Vec<Record> {
+pub fn poison_slots_3d<R: Optimizer<Scene3d>>(rasterizer: &R, wanted: impl Fn(&str) -> bool + Copy) -> Vec<Record> {
     let views = inputs::camera_slots();
     inputs::scene_3d().iter().flat_map(|inputs| poison(rasterizer, inputs, &views, wanted)).collect()
 }
 
 /// `views`: the slots of their views.
-fn poison<S: Subject, R: Rasterizer<S>>(
+fn poison<S: Subject, R: Optimizer<S>>(
     rasterizer: &R,
     inputs: &Inputs<S>,
     views: &[Slot<S>],

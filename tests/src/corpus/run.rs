@@ -1,8 +1,9 @@
 //! Puts a backend through a case: forward, backward, and training in every parameterization that the backend offers.
 
+use pollster::FutureExt as _;
 use std::{ops::RangeInclusive, time::Instant};
 
-use gs_core::{Binning, Image, Parameterization, Rasterizer, SplatsState, TrainStep, Wait, statistics::Culled};
+use gs_core::{Binning, Image, Optimizer, Parameterization, SplatsState, TrainStep, Wait, statistics::Culled};
 
 use super::{
     case::{Case, Drawn, Expected, NEGLIGIBLE, Picture, Slopes, Training},
@@ -16,17 +17,17 @@ use crate::{
 };
 
 /// Puts `rasterizer` through one case.
-pub fn run<S: Subject, R: Rasterizer<S>>(rasterizer: &R, case: &Case<S>) -> Record {
+pub fn run<S: Subject, R: Optimizer<S>>(rasterizer: &R, case: &Case<S>) -> Record {
     let start = Instant::now();
     let outcome = outcome(rasterizer, case);
     Record { case: case.name.clone(), backend: rasterizer.describe(), outcome, took: start.elapsed() }
 }
 
-fn outcome<S: Subject, R: Rasterizer<S>>(rasterizer: &R, case: &Case<S>) -> Result<Observed, Failure> {
+fn outcome<S: Subject, R: Optimizer<S>>(rasterizer: &R, case: &Case<S>) -> Result<Observed, Failure> {
     let drawn = match &case.expected {
         Expected::Drawn(drawn) => drawn,
         Expected::Refused(right) => {
-            return match rasterizer.render(&case.scene, &case.view, &case.settings) {
+            return match rasterizer.render(&case.scene, &case.view, &case.settings).block_on() {
                 Ok(_) => Err(Failure::Broken("accepted, where it must be refused".to_owned())),
                 Err(error) if right(&error) => Ok(Observed::default()),
                 Err(error) => Err(error.into()),
@@ -42,7 +43,7 @@ fn outcome<S: Subject, R: Rasterizer<S>>(rasterizer: &R, case: &Case<S>) -> Resu
 }
 
 /// A scene's Gaussians as the oracle is to see them, which must be those of the splats that was made of it.
-pub(super) fn rows_of<S: Subject, R: Rasterizer<S>>(
+pub(super) fn rows_of<S: Subject, R: Optimizer<S>>(
     rasterizer: &R,
     scene: &S,
     splats: &R::Splats,
@@ -50,7 +51,9 @@ pub(super) fn rows_of<S: Subject, R: Rasterizer<S>>(
 ) -> Result<OracleScene, Failure> {
     Ok(match parameterization {
         Parameterization::ScaleRotation => scene.rows(),
-        Parameterization::CovarianceFactor => scene.rows_of_factors(rasterizer.save(splats)?.matrix("factor")?.1),
+        Parameterization::CovarianceFactor => {
+            scene.rows_of_factors(rasterizer.save(splats).block_on()?.matrix("factor")?.1)
+        }
     })
 }
 
@@ -81,11 +84,11 @@ struct Run<'r, S: Subject, R> {
     parameterization: Parameterization,
 }
 
-impl<S: Subject, R: Rasterizer<S>> Run<'_, S, R> {
+impl<S: Subject, R: Optimizer<S>> Run<'_, S, R> {
     fn put_through(&self, observed: &mut Observed) -> Result<(), Failure> {
         let &Self { rasterizer, case, parameterization, .. } = self;
         let splats = rasterizer.upload(&case.scene, parameterization)?;
-        let factor = rasterizer.forward(&splats, &case.view, &case.settings)?;
+        let factor = rasterizer.forward(&splats, &case.view, &case.settings).block_on()?;
         let shown = self.forward(&splats, &factor, observed)?;
         let goal = case.goal.image(&shown)?;
         let target = rasterizer.upload_target(&goal)?;
@@ -96,7 +99,7 @@ impl<S: Subject, R: Rasterizer<S>> Run<'_, S, R> {
     /// The image.
     fn forward(&self, splats: &R::Splats, factor: &R::ForwardPass, observed: &mut Observed) -> Result<Image, Failure> {
         let &Self { rasterizer, case, drawn, .. } = self;
-        let (image, culled) = (rasterizer.image(factor)?, rasterizer.culled(factor)?);
+        let (image, culled) = (rasterizer.image(factor).block_on()?, rasterizer.culled(factor));
         image.check_finite("the image")?;
         Failure::unless(culled == drawn.culled, || format!("left out {culled:?}, expected {:?}", drawn.culled))?;
         observed.drawn = [case.scene.len() as u64 - culled.total(), culled.total()];
@@ -141,8 +144,8 @@ impl<S: Subject, R: Rasterizer<S>> Run<'_, S, R> {
         observed: &mut Observed,
     ) -> Result<Vec<Parameters>, Failure> {
         let &Self { rasterizer, case, drawn, parameterization } = self;
-        let (loss, gradients) = rasterizer.backward(splats, factor, target, &case.loss)?;
-        let gradients = rasterizer.download_gradients(splats, &gradients)?;
+        let (loss, gradients) = rasterizer.backward(splats, factor, target, &case.loss).block_on()?;
+        let gradients = rasterizer.gradients(splats, &gradients).block_on()?;
         let rows = gradients.rows_of_gradients();
         if drawn.training != Training::Moves {
             none_is::<S>(&rows, |v| !v.is_finite(), "finite")?;
@@ -176,24 +179,24 @@ impl<S: Subject, R: Rasterizer<S>> Run<'_, S, R> {
         observed: &mut Observed,
     ) -> Result<(), Failure> {
         let &Self { rasterizer, case, drawn, .. } = self;
-        let before = rasterizer.download(&splats)?;
+        let before = rasterizer.download(&splats).block_on()?;
         let rates = case.adam.at(0.0);
         let step = TrainStep { settings: &case.settings, loss: case.loss, rates: &rates, binning: Binning::Fresh };
         let mut last_but_one = before.clone();
         for i in 0..case.steps {
             if i + 1 == case.steps && drawn.training == Training::Moves {
-                last_but_one = rasterizer.download(&splats)?;
+                last_but_one = rasterizer.download(&splats).block_on()?;
             }
-            rasterizer.train_step(&mut splats, &case.view, target, &step)?;
+            rasterizer.train_step(&mut splats, &case.view, target, &step).block_on()?;
         }
         let mut losses = Vec::new();
-        rasterizer.losses(&mut splats, Wait::All, &mut losses)?;
+        rasterizer.losses(&mut splats, Wait::All, &mut losses).block_on()?;
         are_told(case, drawn, &losses)?;
-        let after = rasterizer.download(&splats)?;
+        let after = rasterizer.download(&splats).block_on()?;
         self.stay_finite(&splats, &after)?;
         stay_bounded(case, &after)?;
         have_moved(case, slopes, &before, &after)?;
-        are_counted(case, &rasterizer.save(&splats)?)?;
+        are_counted(case, &rasterizer.save(&splats).block_on()?)?;
         self.came_to(&losses, [&before, &last_but_one, &after], observed)
     }
 
@@ -232,7 +235,7 @@ impl<S: Subject, R: Rasterizer<S>> Run<'_, S, R> {
         }
         let broken: Vec<_> = (0..after.len()).filter_map(|i| after.picked([i]).validate().err()).collect();
         let Some(first) = broken.first() else { return Ok(()) };
-        let counted = rasterizer.culled(&rasterizer.forward(splats, &case.view, &case.settings)?)?;
+        let counted = rasterizer.culled(&rasterizer.forward(splats, &case.view, &case.settings).block_on()?);
         let (most, broken) = ((drawn.culled.degenerate + drawn.culled.not_finite) as usize, broken.len());
         Failure::unless(broken <= most && broken <= counted.not_finite as usize, || {
             format!(

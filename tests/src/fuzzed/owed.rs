@@ -1,10 +1,11 @@
 //! What a backend owes a drawn scene, whatever it is.
 
 use gs_core::{
-    Error, Image, Rasterizer, RenderSettings, Scene2d, Scene3d, TrainStep, Wait,
+    Error, Image, Optimizer, RenderSettings, Scene2d, Scene3d, TrainStep, Wait,
     constants::MIN_QUATERNION_NORM2,
     effects::{Blend, Order},
 };
+use pollster::FutureExt as _;
 
 use super::draw::Fuzzed;
 use crate::{bits::bits, failure::Failure, subject::Subject};
@@ -98,7 +99,7 @@ impl Bounded for Scene3d {
 ///
 /// # Errors
 /// [`Failure::Broken`] for what must not be; [`Failure::Backend`] for an error where there was no reason for one.
-pub fn owes<S: Bounded, R: Rasterizer<S>>(rasterizer: &R, drawn: &Fuzzed<S>) -> Result<(), Failure> {
+pub fn owes<S: Bounded, R: Optimizer<S>>(rasterizer: &R, drawn: &Fuzzed<S>) -> Result<(), Failure> {
     let Fuzzed { scene, view, settings, target, loss, parameterization, rates, binning } = drawn;
     let is_scene = scene.validate().is_ok();
     let mut splats = match rasterizer.upload(scene, *parameterization) {
@@ -109,24 +110,26 @@ pub fn owes<S: Bounded, R: Rasterizer<S>>(rasterizer: &R, drawn: &Fuzzed<S>) -> 
         },
     };
     let possible = S::check_view(view).is_ok() && settings.validate().is_ok();
-    let frame = match rasterizer.forward(&splats, view, settings) {
+    let frame = match rasterizer.forward(&splats, view, settings).block_on() {
         Err(Error::Unsupported { .. }) => return Ok(()),
         frame => match accepted("the view and the settings", possible, frame)? {
             Some(frame) => frame,
             None => return Ok(()),
         },
     };
-    let image = rasterizer.image(&frame)?;
+    let image = rasterizer.image(&frame).block_on()?;
     image_is_sound(scene, S::size(view), settings, &image)?;
-    let again = rasterizer.image(&rasterizer.forward(&splats, view, settings)?)?;
+    let again = rasterizer.image(&rasterizer.forward(&splats, view, settings).block_on()?).block_on()?;
     Failure::unless(same_bits(&image, &again), || "the same frame has other bits the second time".to_owned())?;
-    let culled = rasterizer.culled(&frame)?;
+    let culled = rasterizer.culled(&frame);
     Failure::unless(culled.total() <= scene.len() as u64, || format!("{culled:?} of {} Gaussians", scene.len()))?;
 
     let target_on = rasterizer.upload_target(target)?;
     let answer = rasterizer.backward(&splats, frame, &target_on, loss);
-    let Some((value, gradients)) = accepted("the loss", loss.validate().is_ok(), answer)? else { return Ok(()) };
-    let derivatives = rasterizer.download_gradients(&splats, &gradients)?;
+    let Some((value, gradients)) = accepted("the loss", loss.validate().is_ok(), answer.block_on())? else {
+        return Ok(());
+    };
+    let derivatives = rasterizer.gradients(&splats, &gradients).block_on()?;
     Failure::unless(derivatives.len() == scene.len(), || format!("{} derivatives", derivatives.len()))?;
     let moderate = scene.is_moderate() && S::view_is_moderate(view) && all_moderate(settings.background_color());
     if moderate {
@@ -135,18 +138,18 @@ pub fn owes<S: Bounded, R: Rasterizer<S>>(rasterizer: &R, drawn: &Fuzzed<S>) -> 
     }
     let step = TrainStep { settings, loss: *loss, rates, binning: *binning };
     for _ in 0..STEPS {
-        rasterizer.train_step(&mut splats, view, &target_on, &step)?;
+        rasterizer.train_step(&mut splats, view, &target_on, &step).block_on()?;
     }
     let mut losses = Vec::new();
-    rasterizer.losses(&mut splats, Wait::All, &mut losses)?;
+    rasterizer.losses(&mut splats, Wait::All, &mut losses).block_on()?;
     Failure::unless(losses.len() == STEPS, || format!("{} losses of {STEPS} steps", losses.len()))?;
-    let trained = rasterizer.download(&splats)?;
+    let trained = rasterizer.download(&splats).block_on()?;
     Failure::unless(trained.len() == scene.len(), || "training alone has changed the count".to_owned())?;
     if moderate {
         Failure::unless(trained.validate().is_ok(), || format!("after {STEPS} steps: {:?}", trained.validate()))?;
     }
-    let state = rasterizer.save(&splats)?;
-    let restored = rasterizer.save(&rasterizer.restore(&state)?)?;
+    let state = rasterizer.save(&splats).block_on()?;
+    let restored = rasterizer.save(&rasterizer.restore(&state)?).block_on()?;
     Failure::unless(state.parameterization == restored.parameterization && bits(&state) == bits(&restored), || {
         "a restored state is another".to_owned()
     })

@@ -3,13 +3,15 @@
 mod fallible;
 
 use gs_core::{
-    AdamRates, DensityStatistics, EditPlan, Error, Image, Loss, Parameterization, Rasterizer, RenderSettings,
-    SplatsState, TrainStep, Wait,
+    AdamRates, Backend, DensityStatistics, EditPlan, Error, Image, Loss, MeanNoise, Optimizer, Parameterization,
+    Rasterizer, RenderSettings, SplatsState, TargetImage, TrainStep, Wait,
+    edit::{AfterEdit, Change, Moments},
     effects::{Antialias, Order},
     settings::Extent,
     state::TensorData,
     statistics::Culled,
 };
+use pollster::FutureExt as _;
 
 use self::fallible::Fallible;
 
@@ -135,15 +137,17 @@ fn is_extreme(log_scales: &[f64]) -> bool {
     most - least > 6.9
 }
 
-impl<S: Fallible, R: Rasterizer<S>> Rasterizer<S> for Faulty<'_, R> {
+impl<R: Backend> Backend for Faulty<'_, R> {
+    fn describe(&self) -> String {
+        format!("{} ({:?})", self.inner.describe(), self.fault)
+    }
+}
+
+impl<S: Fallible, R: Optimizer<S>> Rasterizer<S> for Faulty<'_, R> {
     type Splats = R::Splats;
     type ForwardPass = Frame<R::ForwardPass>;
     type Gradients = R::Gradients;
     type Target = R::Target;
-
-    fn describe(&self) -> String {
-        format!("{} ({:?})", self.inner.describe(), self.fault)
-    }
 
     fn upload(&self, scene: &S, parameterization: Parameterization) -> Result<R::Splats, Error> {
         if self.is(DropsExtremes) {
@@ -161,41 +165,26 @@ impl<S: Fallible, R: Rasterizer<S>> Rasterizer<S> for Faulty<'_, R> {
         self.inner.upload(scene, parameterization)
     }
 
-    fn download(&self, splats: &R::Splats) -> Result<S, Error> {
-        self.inner.download(splats)
+    async fn download(&self, splats: &R::Splats) -> Result<S, Error> {
+        self.inner.download(splats).block_on()
     }
 
     fn len(&self, splats: &R::Splats) -> usize {
         self.inner.len(splats)
     }
 
-    fn upload_target(&self, image: &Image) -> Result<R::Target, Error> {
+    fn upload_target<'a>(&self, target: impl Into<TargetImage<'a>>) -> Result<R::Target, Error> {
+        let target = target.into();
         if self.is(TakesAnyTarget) {
-            let mut image = image.clone();
+            let mut image = target.image.clone();
             let broken = image.pixels_mut().as_flattened_mut().iter_mut().filter(|v| !v.is_finite());
             broken.for_each(|v| *v = 0.0);
-            return self.inner.upload_target(&image);
+            return self.inner.upload_target(TargetImage { image: &image, ..target });
         }
-        self.inner.upload_target(image)
+        self.inner.upload_target(target)
     }
 
-    fn save(&self, splats: &R::Splats) -> Result<SplatsState, Error> {
-        self.inner.save(splats)
-    }
-
-    fn restore(&self, state: &SplatsState) -> Result<R::Splats, Error> {
-        let mut state = state.clone();
-        if self.is(Sanitises) {
-            for tensor in state.tensors.values_mut() {
-                if let TensorData::F32(values) = &mut tensor.data {
-                    values.iter_mut().filter(|v| v.is_nan()).for_each(|v| *v = 0.0);
-                }
-            }
-        }
-        self.inner.restore(&state)
-    }
-
-    fn forward(
+    async fn forward(
         &self,
         splats: &R::Splats,
         view: &S::View,
@@ -203,21 +192,21 @@ impl<S: Fallible, R: Rasterizer<S>> Rasterizer<S> for Faulty<'_, R> {
     ) -> Result<Self::ForwardPass, Error> {
         self.refuses(settings)?;
         let (view, settings) = (S::altered_view(self.fault, view), self.altered(settings));
-        let drawn = self.inner.forward(splats, &view, &settings)?;
+        let drawn = self.inner.forward(splats, &view, &settings).block_on()?;
         let mut instead = None;
         if self.is(FollowsTheJacobian)
             && let Some(wider) = S::widened(&view)
         {
-            let image = self.inner.image(&self.inner.forward(splats, &wider, &settings)?)?;
-            let (width, height) = self.inner.image(&drawn)?.size();
+            let image = self.inner.image(&self.inner.forward(splats, &wider, &settings).block_on()?).block_on()?;
+            let (width, height) = self.inner.image(&drawn).block_on()?.size();
             instead = Some(Image::from_fn(width, height, |x, y| image.pixel(x, y))?);
         }
         Ok(Frame { drawn, instead })
     }
 
-    fn image(&self, Frame { drawn, instead }: &Self::ForwardPass) -> Result<Image, Error> {
-        let mut image = instead.clone().map_or_else(|| self.inner.image(drawn), Ok)?;
-        let culled = self.inner.culled(drawn)?;
+    async fn image(&self, Frame { drawn, instead }: &Self::ForwardPass) -> Result<Image, Error> {
+        let mut image = instead.clone().map_or_else(|| self.inner.image(drawn).block_on(), Ok)?;
+        let culled = self.inner.culled(drawn);
         let last = image.pixels().len() - 1;
         let pixels = image.pixels_mut();
         match self.fault {
@@ -229,22 +218,22 @@ impl<S: Fallible, R: Rasterizer<S>> Rasterizer<S> for Faulty<'_, R> {
         Ok(image)
     }
 
-    fn culled(&self, frame: &Self::ForwardPass) -> Result<Culled, Error> {
-        if self.is(CountsNothing) { Ok(Culled::default()) } else { self.inner.culled(&frame.drawn) }
+    fn culled(&self, frame: &Self::ForwardPass) -> Culled {
+        if self.is(CountsNothing) { Culled::default() } else { self.inner.culled(&frame.drawn) }
     }
 
-    fn backward(
+    async fn backward(
         &self,
         splats: &R::Splats,
         frame: Self::ForwardPass,
         target: &R::Target,
         loss: &Loss,
     ) -> Result<(f32, R::Gradients), Error> {
-        self.inner.backward(splats, frame.drawn, target, &self.heard(*loss))
+        self.inner.backward(splats, frame.drawn, target, &self.heard(*loss)).block_on()
     }
 
-    fn download_gradients(&self, splats: &R::Splats, gradients: &R::Gradients) -> Result<S, Error> {
-        let gradients = self.inner.download_gradients(splats, gradients)?;
+    async fn gradients(&self, splats: &R::Splats, gradients: &R::Gradients) -> Result<S, Error> {
+        let gradients = self.inner.gradients(splats, gradients).block_on()?;
         let rows = gradients.rows_of_gradients();
         match self.fault {
             DropsLargeGradients => {
@@ -259,12 +248,30 @@ impl<S: Fallible, R: Rasterizer<S>> Rasterizer<S> for Faulty<'_, R> {
             _ => Ok(gradients),
         }
     }
+}
 
-    fn step(&self, splats: &mut R::Splats, gradients: &R::Gradients, rates: &AdamRates) -> Result<(), Error> {
-        self.inner.step(splats, gradients, rates)
+impl<S: Fallible, R: Optimizer<S>> Optimizer<S> for Faulty<'_, R> {
+    async fn save(&self, splats: &R::Splats) -> Result<SplatsState, Error> {
+        self.inner.save(splats).block_on()
     }
 
-    fn train_step(
+    fn restore(&self, state: &SplatsState) -> Result<R::Splats, Error> {
+        let mut state = state.clone();
+        if self.is(Sanitises) {
+            for tensor in state.tensors.values_mut() {
+                if let TensorData::F32(values) = &mut tensor.data {
+                    values.iter_mut().filter(|v| v.is_nan()).for_each(|v| *v = 0.0);
+                }
+            }
+        }
+        self.inner.restore(&state)
+    }
+
+    async fn step(&self, splats: &mut R::Splats, gradients: &R::Gradients, rates: &AdamRates) -> Result<(), Error> {
+        self.inner.step(splats, gradients, rates).block_on()
+    }
+
+    async fn train_step(
         &self,
         splats: &mut R::Splats,
         view: &S::View,
@@ -278,20 +285,27 @@ impl<S: Fallible, R: Rasterizer<S>> Rasterizer<S> for Faulty<'_, R> {
         let (view, settings, loss) =
             (S::altered_view(self.fault, view), self.altered(step.settings), self.heard(step.loss));
         if self.is(NeverSteps) {
-            let frame = self.inner.forward(splats, &view, &settings)?;
-            let (loss, _) = self.inner.backward(splats, frame, target, &loss)?;
-            self.inner.unread_losses(splats).push(loss);
-            return Ok(());
+            let rates = rates.times(0.0);
+            let step = TrainStep { settings: &settings, loss, rates: &rates, ..*step };
+            return self.inner.train_step(splats, &view, target, &step).await;
         }
-        self.inner.train_step(splats, &view, target, &TrainStep { settings: &settings, loss, rates, ..*step })?;
+        self.inner
+            .train_step(splats, &view, target, &TrainStep { settings: &settings, loss, rates, ..*step })
+            .block_on()?;
         if self.is(Creeps) {
-            self.inner.shift_means(splats, &vec![1e-3; S::DIMENSIONS * self.inner.len(splats)])?;
+            let scene = self.inner.download(splats).await?;
+            let changed = (0..scene.len()).map(|index| {
+                let gaussian = S::crept(scene.gaussian(index));
+                Change { index: index as u32, gaussian, moments: Moments::Inherit }
+            });
+            let plan = EditPlan { changed: changed.collect(), statistics: AfterEdit::Keep, ..EditPlan::default() };
+            self.inner.edit(splats, &plan).await?;
         }
         Ok(())
     }
 
-    fn losses(&self, splats: &mut R::Splats, wait: Wait, losses: &mut Vec<f32>) -> Result<(), Error> {
-        self.inner.losses(splats, wait, losses)?;
+    async fn losses(&self, splats: &mut R::Splats, wait: Wait, losses: &mut Vec<f32>) -> Result<(), Error> {
+        self.inner.losses(splats, wait, losses).block_on()?;
         match self.fault {
             LosesItsLosses => losses.truncate(100),
             LosesItsLoss if losses.len() > 100 => losses[100] = f32::NAN,
@@ -300,11 +314,7 @@ impl<S: Fallible, R: Rasterizer<S>> Rasterizer<S> for Faulty<'_, R> {
         Ok(())
     }
 
-    fn unread_losses<'c>(&self, splats: &'c mut R::Splats) -> &'c mut Vec<f32> {
-        self.inner.unread_losses(splats)
-    }
-
-    fn solve_colors(
+    async fn solve_colors(
         &self,
         splats: &mut R::Splats,
         view: &S::View,
@@ -312,14 +322,18 @@ impl<S: Fallible, R: Rasterizer<S>> Rasterizer<S> for Faulty<'_, R> {
         settings: &RenderSettings,
         iterations: u32,
     ) -> Result<(), Error> {
-        self.inner.solve_colors(splats, view, target, settings, iterations)
+        self.inner.solve_colors(splats, view, target, settings, iterations).block_on()
     }
 
-    fn statistics(&self, splats: &R::Splats) -> Result<DensityStatistics, Error> {
-        self.inner.statistics(splats)
+    async fn statistics(&self, splats: &R::Splats) -> Result<DensityStatistics, Error> {
+        self.inner.statistics(splats).block_on()
     }
 
-    fn edit(&self, splats: &mut R::Splats, plan: &EditPlan<S::Gaussian>) -> Result<(), Error> {
-        self.inner.edit(splats, plan)
+    fn add_noise(&self, splats: &mut R::Splats, noise: &MeanNoise) -> Result<(), Error> {
+        self.inner.add_noise(splats, noise)
+    }
+
+    async fn edit(&self, splats: &mut R::Splats, plan: &EditPlan<S::Gaussian>) -> Result<(), Error> {
+        self.inner.edit(splats, plan).block_on()
     }
 }

@@ -3,6 +3,7 @@
 
 mod faulty;
 
+use pollster::FutureExt as _;
 use std::collections::HashSet;
 
 use gs_conformance::{
@@ -13,7 +14,7 @@ use gs_conformance::{
     },
     subject::Subject,
 };
-use gs_core::{Loss, Rasterizer, Scene2d, Scene3d, effects::Blend};
+use gs_core::{Loss, Optimizer, Scene2d, Scene3d, effects::Blend};
 use gs_cpu::{CpuRasterizer, CpuSettings, SimdLevel};
 use gs_wgpu::{FreshBuffers, Kernels, WgpuRasterizer, WgpuSettings};
 
@@ -28,7 +29,7 @@ fn cpu(level: SimdLevel) -> CpuRasterizer {
 fn wgpu_with(kernels: Kernels) -> Option<WgpuRasterizer> {
     let settings =
         WgpuSettings { fresh_buffers: FreshBuffers::Poison, kernels: Some(kernels), ..WgpuSettings::default() };
-    WgpuRasterizer::new(settings).ok()
+    WgpuRasterizer::new(settings).block_on().ok()
 }
 
 /// A device for each kind of kernels that the adapter can run.
@@ -40,14 +41,14 @@ fn wgpu() -> Vec<(Kernels, WgpuRasterizer)> {
 }
 
 /// All cases of a backend.
-fn cases<R: Rasterizer<Scene2d> + Rasterizer<Scene3d>>(rasterizer: &R) -> Vec<Record> {
+fn cases<R: Optimizer<Scene2d> + Optimizer<Scene3d>>(rasterizer: &R) -> Vec<Record> {
     let mut records: Vec<Record> = corpus_2d().iter().map(|case| run(rasterizer, case)).collect();
     records.extend(corpus_3d().iter().map(|case| run(rasterizer, case)));
     records
 }
 
 /// All records of a backend, those of poison included.
-fn records<R: Rasterizer<Scene2d> + Rasterizer<Scene3d>>(rasterizer: &R) -> Vec<Record> {
+fn records<R: Optimizer<Scene2d> + Optimizer<Scene3d>>(rasterizer: &R) -> Vec<Record> {
     let mut records = cases(rasterizer);
     records.extend(poison_2d(rasterizer));
     records.extend(poison_3d(rasterizer));
@@ -180,7 +181,7 @@ const FOUND_BY: &[(Fault, By)] = {
 
 impl By {
     /// How many records there are, and those that are not as expected.
-    fn outcome<R: Rasterizer<Scene2d> + Rasterizer<Scene3d>>(self, rasterizer: &R) -> (usize, Vec<String>) {
+    fn outcome<R: Optimizer<Scene2d> + Optimizer<Scene3d>>(self, rasterizer: &R) -> (usize, Vec<String>) {
         let records = match self {
             Self::TwoD(word) => {
                 let cases = corpus_2d().into_iter().filter(|case| case.name.contains(word));

@@ -5,13 +5,16 @@ use gs_conformance::{
     subject::Subject,
 };
 use gs_core::{
-    AdamRates, Camera, DensityStatistics, EditPlan, Error, Gaussian3d, Image, Loss, Parameterization, Participants,
-    Rasterizer, RenderSettings, Scene, Scene3d, SplatsState, TrainStep, Wait,
+    AdamRates, Backend, Camera, DensityStatistics, EditPlan, Error, Gaussian3d, Image, Loss, MeanNoise, Optimizer,
+    Parameterization, Participants, Rasterizer, RenderSettings, Scene, Scene3d, SplatsState, TargetImage, TrainStep,
+    Wait,
     edit::{Moments, Source},
     effects::{Antialias, Background, Order, Statistics},
     scene::logit,
     statistics::Culled,
+    target::completed,
 };
+use pollster::FutureExt as _;
 
 mod splats;
 
@@ -55,7 +58,9 @@ pub(crate) enum Fault {
     LetsGradientsCancel,
     MistakesErrorsForGradients,
     SeesEverything,
-    ShiftsAreSteps,
+    NoiseIsAStep,
+    IgnoresMasks,
+    IgnoresAlpha,
     ForgetsMomentsOnEdit,
     EditsEvenWhenItRefuses,
     AcceptsNan,
@@ -67,6 +72,23 @@ pub(crate) enum Fault {
 }
 
 use Fault::*;
+
+/// An image to compare with, and what [`TargetImage::coverage`] says of it.
+pub(crate) struct Target {
+    image: Image,
+    coverage: Option<Vec<f32>>,
+}
+
+impl Target {
+    fn completed(&self, rendered: &Image, background: [f32; 3]) -> Image {
+        let mut image = self.image.clone();
+        let pixels = image.pixels_mut().iter_mut().zip(rendered.pixels());
+        for ((pixel, rendered), &coverage) in pixels.zip(self.coverage.iter().flatten()) {
+            *pixel = std::array::from_fn(|k| completed(pixel[k], coverage, background[k], rendered[k]));
+        }
+        image
+    }
+}
 
 /// The oracle as a backend: `f64` inside, `f32` in what it keeps and hands over.
 pub(crate) struct Faulty(pub(crate) Fault);
@@ -114,15 +136,17 @@ impl Faulty {
     }
 }
 
+impl Backend for Faulty {
+    fn describe(&self) -> String {
+        format!("oracle ({:?})", self.0)
+    }
+}
+
 impl Rasterizer<Scene3d> for Faulty {
     type Splats = Splats;
     type ForwardPass = Frame;
     type Gradients = Gradients;
-    type Target = Image;
-
-    fn describe(&self) -> String {
-        format!("oracle ({:?})", self.0)
-    }
+    type Target = Target;
 
     fn upload(&self, scene: &Scene3d, parameterization: Parameterization) -> Result<Splats, Error> {
         let mut scene = scene.clone();
@@ -142,7 +166,7 @@ impl Rasterizer<Scene3d> for Faulty {
         Ok(Splats::of(&scene, parameterization))
     }
 
-    fn download(&self, splats: &Splats) -> Result<Scene3d, Error> {
+    async fn download(&self, splats: &Splats) -> Result<Scene3d, Error> {
         Ok(scene_of(&narrow(&splats.rows().gaussians), splats.sh_len))
     }
 
@@ -150,11 +174,87 @@ impl Rasterizer<Scene3d> for Faulty {
         splats.parameters.len()
     }
 
-    fn upload_target(&self, image: &Image) -> Result<Image, Error> {
-        Ok(image.clone())
+    fn upload_target<'a>(&self, target: impl Into<TargetImage<'a>>) -> Result<Target, Error> {
+        let mut target = target.into();
+        target.validate()?;
+        match self.0 {
+            IgnoresMasks => target.mask = None,
+            IgnoresAlpha => target.alpha = None,
+            _ => {}
+        }
+        Ok(Target { image: target.image.clone(), coverage: target.coverage() })
     }
 
-    fn save(&self, splats: &Splats) -> Result<SplatsState, Error> {
+    async fn forward(&self, splats: &Splats, view: &Camera, settings: &RenderSettings) -> Result<Frame, Error> {
+        let (scene, view, settings) = self.altered(splats, view, settings);
+        let oracle = Oracle::new(view, settings)?;
+        let rendering = oracle.render(&scene);
+        Ok(Frame { oracle, scene, rendering })
+    }
+
+    async fn image(&self, frame: &Frame) -> Result<Image, Error> {
+        let image = frame.rendering.image();
+        let (w, h) = image.size();
+        match self.0 {
+            ShiftsImages => Image::from_fn(w, h, |x, y| image.pixel((x + 1) % w, (y + 1) % h)),
+            DimsImages => Image::from_fn(w, h, |x, y| image.pixel(x, y).map(|v| v * 0.9995)),
+            _ => Ok(image),
+        }
+    }
+
+    fn culled(&self, frame: &Frame) -> Culled {
+        let culled = frame.rendering.culled;
+        let mistaken = Culled { near: 0, outside: culled.outside + culled.near, ..culled };
+        if self.is(MistakesCauses) { mistaken } else { culled }
+    }
+
+    async fn backward(
+        &self,
+        _: &Splats,
+        frame: Frame,
+        target: &Target,
+        loss: &Loss,
+    ) -> Result<(f32, Gradients), Error> {
+        loss.validate()?;
+        let Frame { oracle, scene, rendering } = frame;
+        let target = &target.completed(&rendering.image(), oracle.settings().background_color());
+        let mut gradients = oracle.gradients(&scene, target, loss)?;
+        if self.is(HoldsDirectionsFixed) {
+            // With SH of degree 0 alone nothing depends on the direction.
+            let mut settings = oracle.settings();
+            settings.effects.sh_degree = 0;
+            let flat = Oracle::new(oracle.view(), settings)?.gradients(&scene, target, loss)?;
+            for (row, flat) in gradients.values.iter_mut().zip(&flat.values) {
+                row[0..3].copy_from_slice(&flat[0..3]);
+            }
+        }
+        let of_step = oracle.statistics(&scene, target, loss)?;
+        let statistic = match oracle.settings().effects.statistics {
+            Statistics::None => vec![0.0; scene.gaussians.len()],
+            Statistics::AbsoluteGradient if !self.is(LetsGradientsCancel) => of_step.absolute_gradient,
+            Statistics::PixelError if !self.is(MistakesErrorsForGradients) => of_step.pixel_error,
+            _ => of_step.mean_gradient,
+        };
+        let drawn = rendering.drawn.iter().map(|&drawn| drawn || self.is(SeesEverything)).collect();
+        Ok((gradients.loss as f32, Gradients { rows: gradients.values, statistic, drawn }))
+    }
+
+    async fn gradients(&self, splats: &Splats, gradients: &Gradients) -> Result<Scene3d, Error> {
+        let mut scene = scene_of(&narrow(&gradients.rows), splats.sh_len);
+        match self.0 {
+            NegatesQuaternionGradients => scene.rotations.iter_mut().flatten().for_each(|v| *v = -*v),
+            TurnsTheGradientsAxes if splats.parameterization == Parameterization::CovarianceFactor => {
+                scene.rotations.iter_mut().flatten().for_each(|v| *v *= 0.9);
+            }
+            GradientsInWrongUnits => scene.means.iter_mut().for_each(|v| *v *= 1.01),
+            _ => {}
+        }
+        Ok(scene)
+    }
+}
+
+impl Optimizer<Scene3d> for Faulty {
+    async fn save(&self, splats: &Splats) -> Result<SplatsState, Error> {
         let mut state = SplatsState::new(splats.parameterization);
         let columns = |range: std::ops::Range<usize>| -> Vec<f32> {
             splats.parameters.iter().flat_map(|row| row[range.clone()].iter().copied()).collect()
@@ -211,67 +311,7 @@ impl Rasterizer<Scene3d> for Faulty {
         }
     }
 
-    fn forward(&self, splats: &Splats, view: &Camera, settings: &RenderSettings) -> Result<Frame, Error> {
-        let (scene, view, settings) = self.altered(splats, view, settings);
-        let oracle = Oracle::new(view, settings)?;
-        let rendering = oracle.render(&scene);
-        Ok(Frame { oracle, scene, rendering })
-    }
-
-    fn image(&self, frame: &Frame) -> Result<Image, Error> {
-        let image = frame.rendering.image();
-        let (w, h) = image.size();
-        match self.0 {
-            ShiftsImages => Image::from_fn(w, h, |x, y| image.pixel((x + 1) % w, (y + 1) % h)),
-            DimsImages => Image::from_fn(w, h, |x, y| image.pixel(x, y).map(|v| v * 0.9995)),
-            _ => Ok(image),
-        }
-    }
-
-    fn culled(&self, frame: &Frame) -> Result<Culled, Error> {
-        let culled = frame.rendering.culled;
-        let mistaken = Culled { near: 0, outside: culled.outside + culled.near, ..culled };
-        Ok(if self.is(MistakesCauses) { mistaken } else { culled })
-    }
-
-    fn backward(&self, _: &Splats, frame: Frame, target: &Image, loss: &Loss) -> Result<(f32, Gradients), Error> {
-        loss.validate()?;
-        let Frame { oracle, scene, rendering } = frame;
-        let mut gradients = oracle.gradients(&scene, target, loss)?;
-        if self.is(HoldsDirectionsFixed) {
-            // With SH of degree 0 alone nothing depends on the direction.
-            let mut settings = oracle.settings();
-            settings.effects.sh_degree = 0;
-            let flat = Oracle::new(oracle.view(), settings)?.gradients(&scene, target, loss)?;
-            for (row, flat) in gradients.values.iter_mut().zip(&flat.values) {
-                row[0..3].copy_from_slice(&flat[0..3]);
-            }
-        }
-        let of_step = oracle.statistics(&scene, target, loss)?;
-        let statistic = match oracle.settings().effects.statistics {
-            Statistics::None => vec![0.0; scene.gaussians.len()],
-            Statistics::AbsoluteGradient if !self.is(LetsGradientsCancel) => of_step.absolute_gradient,
-            Statistics::PixelError if !self.is(MistakesErrorsForGradients) => of_step.pixel_error,
-            _ => of_step.mean_gradient,
-        };
-        let drawn = rendering.drawn.iter().map(|&drawn| drawn || self.is(SeesEverything)).collect();
-        Ok((gradients.loss as f32, Gradients { rows: gradients.values, statistic, drawn }))
-    }
-
-    fn download_gradients(&self, splats: &Splats, gradients: &Gradients) -> Result<Scene3d, Error> {
-        let mut scene = scene_of(&narrow(&gradients.rows), splats.sh_len);
-        match self.0 {
-            NegatesQuaternionGradients => scene.rotations.iter_mut().flatten().for_each(|v| *v = -*v),
-            TurnsTheGradientsAxes if splats.parameterization == Parameterization::CovarianceFactor => {
-                scene.rotations.iter_mut().flatten().for_each(|v| *v *= 0.9);
-            }
-            GradientsInWrongUnits => scene.means.iter_mut().for_each(|v| *v *= 1.01),
-            _ => {}
-        }
-        Ok(scene)
-    }
-
-    fn step(&self, splats: &mut Splats, gradients: &Gradients, rates: &AdamRates) -> Result<(), Error> {
+    async fn step(&self, splats: &mut Splats, gradients: &Gradients, rates: &AdamRates) -> Result<(), Error> {
         if gradients.rows.len() != splats.parameters.len() {
             return Err(Error::State("gradients of other splats".to_owned()));
         }
@@ -304,27 +344,27 @@ impl Rasterizer<Scene3d> for Faulty {
         Ok(())
     }
 
-    fn train_step(
+    async fn train_step(
         &self,
         splats: &mut Splats,
         view: &Camera,
-        target: &Image,
+        target: &Target,
         step: &TrainStep<'_>,
     ) -> Result<(), Error> {
         let stale = self.is(UsesListsOfAnotherView) && step.binning == gs_core::Binning::Reuse;
         let seen = splats.last_view.filter(|_| stale).unwrap_or(*view);
-        let frame = self.forward(splats, &seen, step.settings)?;
-        let (loss, gradients) = self.backward(splats, frame, target, &step.loss)?;
-        self.step(splats, &gradients, step.rates)?;
+        let frame = self.forward(splats, &seen, step.settings).block_on()?;
+        let (loss, gradients) = self.backward(splats, frame, target, &step.loss).block_on()?;
+        self.step(splats, &gradients, step.rates).block_on()?;
         if self.is(FusedStepDoesTooMuch) {
-            self.step(splats, &gradients, step.rates)?;
+            self.step(splats, &gradients, step.rates).block_on()?;
         }
         splats.last_view = Some(*view);
         splats.losses.push(loss);
         Ok(())
     }
 
-    fn losses(&self, splats: &mut Splats, _: Wait, losses: &mut Vec<f32>) -> Result<(), Error> {
+    async fn losses(&self, splats: &mut Splats, _: Wait, losses: &mut Vec<f32>) -> Result<(), Error> {
         if self.is(SwapsLosses) {
             splats.losses.reverse();
         }
@@ -332,32 +372,34 @@ impl Rasterizer<Scene3d> for Faulty {
         Ok(())
     }
 
-    fn unread_losses<'c>(&self, splats: &'c mut Splats) -> &'c mut Vec<f32> {
-        &mut splats.losses
-    }
-
-    fn solve_colors(&self, _: &mut Splats, _: &Camera, _: &Image, _: &RenderSettings, _: u32) -> Result<(), Error> {
+    async fn solve_colors(
+        &self,
+        _: &mut Splats,
+        _: &Camera,
+        _: &Target,
+        _: &RenderSettings,
+        _: u32,
+    ) -> Result<(), Error> {
         Err(Error::Unsupported { backend: "oracle", effect: "solving for SH".to_owned() })
     }
 
-    fn statistics(&self, splats: &Splats) -> Result<DensityStatistics, Error> {
+    async fn statistics(&self, splats: &Splats) -> Result<DensityStatistics, Error> {
         Ok(DensityStatistics { gradient_sum: splats.gradient_sum.clone(), visible: splats.visible.clone() })
     }
 
-    fn shift_means(&self, splats: &mut Splats, shifts: &[f32]) -> Result<(), Error> {
-        if shifts.len() != 3 * splats.parameters.len() {
-            return Err(Error::Length { what: "mean", expected: 3 * splats.parameters.len(), found: shifts.len() });
-        }
+    fn add_noise(&self, splats: &mut Splats, noise: &MeanNoise) -> Result<(), Error> {
+        noise.validate()?;
+        let shifts = scene_of(&narrow(&splats.rows().gaussians), splats.sh_len).shifts(noise);
         for (row, shift) in splats.parameters.iter_mut().zip(shifts.chunks_exact(3)) {
             (0..3).for_each(|i| row[i] += shift[i]);
         }
-        if self.is(ShiftsAreSteps) {
+        if self.is(NoiseIsAStep) {
             splats.forget_moments();
         }
         Ok(())
     }
 
-    fn edit(&self, splats: &mut Splats, plan: &EditPlan<Gaussian3d>) -> Result<(), Error> {
+    async fn edit(&self, splats: &mut Splats, plan: &EditPlan<Gaussian3d>) -> Result<(), Error> {
         let sources = plan.sources(splats.parameters.len());
         if sources.is_err() && self.is(EditsEvenWhenItRefuses) {
             splats.forget_moments();

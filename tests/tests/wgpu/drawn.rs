@@ -15,7 +15,7 @@ const MOST_APART: f32 = 0.03;
 fn runs_of_other_lengths_are_further_apart_than_that() {
     for loss in [Loss::L2, Loss::L1] {
         let draw = Draw::new(Kind::Typical, Blend::Sum, 40, (48, 40), 285);
-        let before = rasterizer().render(&draw.scene, &draw.view, &draw.settings).unwrap();
+        let before = rasterizer().render(&draw.scene, &draw.view, &draw.settings).block_on().unwrap();
         let [long, short] = [50, 20].map(|steps| {
             image_of(&cpu(), &trained(&cpu(), &draw, loss, Parameterization::CovarianceFactor, (steps, 1)), &draw)
         });
@@ -25,9 +25,9 @@ fn runs_of_other_lengths_are_further_apart_than_that() {
 }
 
 /// The image of a state.
-fn image_of<R: Rasterizer<Scene2d>>(r: &R, state: &SplatsState, draw: &Draw) -> Image {
+fn image_of<R: gs_core::Optimizer<Scene2d>>(r: &R, state: &SplatsState, draw: &Draw) -> Image {
     let splats = r.restore(state).unwrap();
-    r.image(&r.forward(&splats, &draw.view, &draw.settings).unwrap()).unwrap()
+    r.image(&r.forward(&splats, &draw.view, &draw.settings).block_on().unwrap()).block_on().unwrap()
 }
 
 fn root_mean_square(a: &Image, b: &Image) -> f32 {
@@ -69,7 +69,7 @@ proptest! {
         if !local {
             images.push(trained_by_oracle(&draw, loss, 50));
         }
-        let before = gpu.render(&draw.scene, &draw.view, &draw.settings).unwrap();
+        let before = gpu.render(&draw.scene, &draw.view, &draw.settings).block_on().unwrap();
         let moved = root_mean_square(&images[0], &before);
         prop_assert!(moved > 1e-3, "training moved the image by {moved} only");
         for (one, other) in [(0, 1), (0, 2), (1, 2)] {

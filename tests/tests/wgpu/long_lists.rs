@@ -2,6 +2,7 @@
 
 use glam::{Vec2, Vec3};
 use gs_core::{Camera, Canvas, Gaussian2d, Gaussian3d, Scene3d, effects::Order};
+use pollster::FutureExt as _;
 
 use super::*;
 
@@ -47,17 +48,17 @@ fn apart(found: &[f32], expected: &[f32]) -> f64 {
 }
 
 /// The image, and its loss' gradients by means and colours.
-fn outcome<R: Rasterizer<Scene2d>>(
+fn outcome<R: Optimizer<Scene2d>>(
     r: &R,
     (scene, view): &(Scene2d, Canvas),
     settings: &RenderSettings,
 ) -> Result<[Vec<f32>; 3], Error> {
     let splats = r.upload(scene, Parameterization::ScaleRotation)?;
     let target = r.upload_target(&Image::filled(view.width, view.height, [0.3, 0.1, -0.2])?)?;
-    let pass = r.forward(&splats, view, settings)?;
-    let image = r.image(&pass)?.pixels().as_flattened().to_vec();
-    let (_, gradients) = r.backward(&splats, pass, &target, &Loss::L2)?;
-    let gradients = r.download_gradients(&splats, &gradients)?;
+    let pass = r.forward(&splats, view, settings).block_on()?;
+    let image = r.image(&pass).block_on()?.pixels().as_flattened().to_vec();
+    let (_, gradients) = r.backward(&splats, pass, &target, &Loss::L2).block_on()?;
+    let gradients = r.gradients(&splats, &gradients).block_on()?;
     let means = gradients.means.iter().flat_map(|mean| mean.to_array()).collect();
     Ok([image, means, gradients.colors.iter().flat_map(|color| color.to_array()).collect()])
 }
@@ -112,17 +113,20 @@ fn a_step_with_a_longer_list_changes_nothing() {
     for (kernels, r) in rasterizers().iter().filter(|(_, r)| r.adapter().kind == "CPU") {
         let target = r.for_2d().upload_target(&Image::filled(16, 16, [0.3, 0.1, 0.2]).unwrap()).unwrap();
         let mut splats = r.upload(&scene, Parameterization::ScaleRotation).unwrap();
-        let before = r.save(&splats).unwrap();
+        let before = r.save(&splats).block_on().unwrap();
         let step = TrainStep { settings: &settings, loss: Loss::L2, rates: &rates, binning: Binning::Fresh };
-        r.train_step(&mut splats, &view, &target, &step).unwrap();
-        r.train_step(&mut splats, &aside, &target, &step).unwrap();
+        r.train_step(&mut splats, &view, &target, &step).block_on().unwrap();
+        r.train_step(&mut splats, &aside, &target, &step).block_on().unwrap();
         let mut losses = Vec::new();
-        limit(&r.losses(&mut splats, Wait::All, &mut losses).unwrap_err());
-        assert!(losses.is_empty() && r.save(&splats).unwrap() == before, "{kernels:?}: the splats have changed");
+        limit(&r.losses(&mut splats, Wait::All, &mut losses).block_on().unwrap_err());
+        assert!(
+            losses.is_empty() && r.save(&splats).block_on().unwrap() == before,
+            "{kernels:?}: the splats have changed"
+        );
 
         // They go on from there, where lists are short.
-        r.train_step(&mut splats, &aside, &target, &step).unwrap();
-        r.losses(&mut splats, Wait::All, &mut losses).unwrap();
+        r.train_step(&mut splats, &aside, &target, &step).block_on().unwrap();
+        r.losses(&mut splats, Wait::All, &mut losses).block_on().unwrap();
         assert_eq!(losses.len(), 1, "{kernels:?}");
     }
 }
@@ -151,8 +155,8 @@ fn by_pixel_depth_a_list_may_be_longer() {
         r(&settings).pixels().as_flattened().to_vec()
     };
     let (_, r) = &rasterizers()[0];
-    let found = image(&|settings| r.render(&scene, &view, settings).unwrap(), Order::PerPixel);
-    let on_cpu = |settings: &RenderSettings| cpu().render(&scene, &view, settings).unwrap();
+    let found = image(&|settings| r.render(&scene, &view, settings).block_on().unwrap(), Order::PerPixel);
+    let on_cpu = |settings: &RenderSettings| cpu().render(&scene, &view, settings).block_on().unwrap();
     let expected = image(&on_cpu, Order::PerPixel);
     let of_others = apart(&image(&on_cpu, Order::Global), &expected);
     assert!(of_others > 3.0 * APART, "the order makes no difference: {of_others}");

@@ -1,5 +1,7 @@
 //! gs-wgpu: the conformance suite, drawn scenes against the oracle and against gs-cpu, and that it repeats itself bit for bit.
 
+use gs_core::Rasterizer as _;
+use pollster::FutureExt as _;
 use std::{num::NonZero, sync::OnceLock};
 
 use gs_conformance::{
@@ -11,7 +13,7 @@ use gs_conformance::{
     scenes::{Draw, Kind, draws},
 };
 use gs_core::{
-    Adam, Binning, Blend, EditPlan, Error, Image, Loss, Parameterization, Rasterizer, RenderSettings, Scene, Scene2d,
+    Adam, Binning, Blend, EditPlan, Error, Image, Loss, Optimizer, Parameterization, RenderSettings, Scene, Scene2d,
     SplatsState, TrainStep, Wait,
     adam::AdamRates,
     constants::ALPHA_CUT,
@@ -41,7 +43,7 @@ fn poisoned(kernels: Option<Kernels>) -> Result<WgpuRasterizer, Error> {
     // 65,535, the usual limit.
     let most_groups = if kernels.is_some() { NonZero::new(3) } else { None };
     let fresh_buffers = FreshBuffers::Poison;
-    WgpuRasterizer::new(WgpuSettings { fresh_buffers, kernels, most_groups, ..WgpuSettings::default() })
+    WgpuRasterizer::new(WgpuSettings { fresh_buffers, kernels, most_groups, ..WgpuSettings::default() }).block_on()
 }
 
 /// A device for each kind of kernels that the adapter can run.
@@ -55,7 +57,7 @@ fn rasterizers() -> &'static [(Kernels, WgpuRasterizer)] {
 
 /// The other device of its own, as a later process would have.
 fn another() -> WgpuRasterizer {
-    WgpuRasterizer::new(WgpuSettings::default()).unwrap()
+    WgpuRasterizer::new(WgpuSettings::default()).block_on().unwrap()
 }
 
 /// The suite lets a backend refuse them; this one does not.
@@ -64,7 +66,7 @@ fn all_statistics_are_offered() {
     let mut draw = Draw::new(Kind::Typical, Blend::Over, 5, (20, 20), 3);
     for statistics in [Statistics::MeanGradient, Statistics::AbsoluteGradient, Statistics::PixelError] {
         draw.settings.effects.statistics = statistics;
-        rasterizer().render(&draw.scene, &draw.view, &draw.settings).unwrap();
+        rasterizer().render(&draw.scene, &draw.view, &draw.settings).block_on().unwrap();
     }
 }
 
@@ -115,12 +117,12 @@ fn lists_that_are_out_of_date_never_make_what_is_not_finite() {
         for i in 0..24 {
             let binning = if i % 8 == 0 { Binning::Fresh } else { Binning::Reuse };
             let step = TrainStep { settings: &draw.settings, loss: Loss::L2, rates: &rates, binning };
-            r.train_step(&mut splats, &draw.view, &target, &step).unwrap();
+            r.train_step(&mut splats, &draw.view, &target, &step).block_on().unwrap();
         }
         let mut losses = Vec::new();
-        r.losses(&mut splats, Wait::All, &mut losses).unwrap();
+        r.losses(&mut splats, Wait::All, &mut losses).block_on().unwrap();
         assert!(losses.len() == 24 && losses.iter().all(|loss| loss.is_finite()), "{kernels:?}: {losses:?}");
-        r.download(&splats).unwrap().validate().unwrap();
+        r.download(&splats).block_on().unwrap().validate().unwrap();
     }
 }
 
@@ -150,7 +152,7 @@ fn rates() -> AdamRates {
 }
 
 /// The state after so many steps, lists being made anew at every `rebin_every`th.
-fn trained<R: Rasterizer<Scene2d>>(
+fn trained<R: Optimizer<Scene2d>>(
     r: &R,
     draw: &Draw,
     loss: Loss,
@@ -163,9 +165,9 @@ fn trained<R: Rasterizer<Scene2d>>(
     for i in 0..steps {
         let binning = if i % rebin_every == 0 { Binning::Fresh } else { Binning::Reuse };
         let step = TrainStep { settings: &draw.settings, loss, rates: &rates, binning };
-        r.train_step(&mut splats, &draw.view, &target, &step).unwrap();
+        r.train_step(&mut splats, &draw.view, &target, &step).block_on().unwrap();
     }
-    r.save(&splats).unwrap()
+    r.save(&splats).block_on().unwrap()
 }
 
 #[test]
@@ -176,7 +178,7 @@ fn repeats_itself_bit_for_bit() {
         (Blend::Over, Loss::PAPER, Parameterization::ScaleRotation),
     ] {
         let draw = many(blend);
-        let image = |r: &WgpuRasterizer| r.render(&draw.scene, &draw.view, &draw.settings).unwrap();
+        let image = |r: &WgpuRasterizer| r.render(&draw.scene, &draw.view, &draw.settings).block_on().unwrap();
         assert_eq!(image(rasterizer()).pixels(), image(&other).pixels(), "{blend:?}");
         let [one, two] = [rasterizer(), &other].map(|r| trained(r, &draw, loss, parameterization, (7, 3)));
         assert_eq!(bits(&one), bits(&two), "{blend:?}, {loss:?}");
@@ -187,11 +189,11 @@ fn repeats_itself_bit_for_bit() {
 
 #[test]
 fn an_adapter_is_found_by_its_name_or_not_at_all() {
-    let first = adapters().remove(0);
+    let first = adapters().block_on().remove(0);
     let by_name =
         |name: &str| WgpuRasterizer::new(WgpuSettings { adapter: Some(name.to_owned()), ..WgpuSettings::default() });
-    assert_eq!(by_name(&first.name.to_uppercase()).unwrap().adapter(), &first);
-    let error = by_name("no such adapter").unwrap_err().to_string();
+    assert_eq!(by_name(&first.name.to_uppercase()).block_on().unwrap().adapter(), &first);
+    let error = by_name("no such adapter").block_on().unwrap_err().to_string();
     assert!(error.contains("no such adapter") && error.contains(&first.name), "{error}");
 }
 
@@ -204,11 +206,12 @@ fn what_does_not_fit_is_refused_with_numbers() {
     huge.log_scales.iter_mut().for_each(|s| *s = glam::Vec2::splat(9.0));
     let error = r
         .render(&huge, &gs_core::Canvas::new(4000, 4000), &RenderSettings::blended(Blend::Sum))
+        .block_on()
         .unwrap_err()
         .to_string();
     assert!(error.contains("MiB") && error.contains(&r.adapter().name), "{error}");
     if r.adapter().kind == "CPU" {
-        let error = r.render(&huge, &gs_core::Canvas::new(4096, 4096), &RenderSettings::blended(Blend::Sum));
+        let error = r.render(&huge, &gs_core::Canvas::new(4096, 4096), &RenderSettings::blended(Blend::Sum)).block_on();
         let error = error.unwrap_err().to_string();
         assert!(error.contains("4096x4096") && error.contains("CPU backend"), "{error}");
     }

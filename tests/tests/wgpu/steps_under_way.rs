@@ -23,7 +23,7 @@ impl<'r> Training<'r> {
         settings.accuracy.alpha_cut = alpha_cut;
         let rates = Adam { epsilon: 1e-6, ..Adam::default() }.at(0.0);
         let step = TrainStep { settings: &settings, loss: Loss::L2, rates: &rates, binning };
-        self.r.train_step(&mut self.splats, &self.draw.view, &self.target, &step)
+        self.r.train_step(&mut self.splats, &self.draw.view, &self.target, &step).block_on()
     }
 
     fn send(&mut self, steps: usize) {
@@ -32,7 +32,7 @@ impl<'r> Training<'r> {
 
     fn losses(&mut self, wait: Wait) -> Vec<f32> {
         let mut losses = Vec::new();
-        self.r.losses(&mut self.splats, wait, &mut losses).unwrap();
+        self.r.losses(&mut self.splats, wait, &mut losses).block_on().unwrap();
         losses
     }
 }
@@ -83,7 +83,7 @@ fn a_training_step_waits_only_where_enough_are_under_way() {
     assert_eq!(r.waits(), waits, "what has arrived is not waited for");
     losses.extend(training.losses(Wait::All));
     assert_eq!((losses.len(), training.splats.steps_in_flight()), (STEPS_IN_FLIGHT + 5, 0));
-    r.download(&training.splats).unwrap();
+    r.download(&training.splats).block_on().unwrap();
     assert!(r.waits() > waits, "waits are not counted");
 }
 
@@ -101,7 +101,7 @@ impl Room {
     fn device_for(self, draw: &Draw) -> WgpuRasterizer {
         let r = another();
         if self == Self::AtOnce {
-            r.render(&draw.scene, &draw.view, &draw.settings).unwrap();
+            r.render(&draw.scene, &draw.view, &draw.settings).block_on().unwrap();
         }
         r
     }
@@ -123,7 +123,7 @@ fn trained_with_room(blend: Blend, room: Room) -> (Vec<f32>, SplatsState, u64) {
     for step in 0..6 {
         training.try_send(ALPHA_CUT, if step == 4 { Binning::Fresh } else { Binning::Reuse }).unwrap();
     }
-    let state = r.save(&training.splats).unwrap();
+    let state = r.save(&training.splats).block_on().unwrap();
     losses.extend(training.losses(Wait::All));
     (losses, state, r.bytes_moved() - before)
 }
@@ -150,25 +150,29 @@ fn numbers(state: &SplatsState) -> Vec<f32> {
 }
 
 const LOOKS: [(&str, Look); 7] = [
-    ("save", |t, _| numbers(&t.r.save(&t.splats).unwrap())),
-    ("download", |t, _| t.r.download(&t.splats).unwrap().colors.iter().flat_map(glam::Vec3::to_array).collect()),
-    ("statistics", |t, _| t.r.statistics(&t.splats).unwrap().gradient_sum),
+    ("save", |t, _| numbers(&t.r.save(&t.splats).block_on().unwrap())),
+    ("download", |t, _| {
+        t.r.download(&t.splats).block_on().unwrap().colors.iter().flat_map(glam::Vec3::to_array).collect()
+    }),
+    ("statistics", |t, _| t.r.statistics(&t.splats).block_on().unwrap().gradient_sum),
     ("forward", |t, _| {
-        let frame = t.r.forward(&t.splats, &t.draw.view, &t.draw.settings).unwrap();
-        t.r.image(&frame).unwrap().pixels().as_flattened().to_vec()
+        let frame = t.r.forward(&t.splats, &t.draw.view, &t.draw.settings).block_on().unwrap();
+        t.r.image(&frame).block_on().unwrap().pixels().as_flattened().to_vec()
     }),
     ("step", |t, gradients| {
-        t.r.step(&mut t.splats, gradients, &Adam::default().at(0.0)).unwrap();
-        numbers(&t.r.save(&t.splats).unwrap())
+        t.r.step(&mut t.splats, gradients, &Adam::default().at(0.0)).block_on().unwrap();
+        numbers(&t.r.save(&t.splats).block_on().unwrap())
     }),
     ("edit", |t, _| {
         let removed = vec![Removal { index: 3, cause: PruneCause::Unimportant }];
-        t.r.edit(&mut t.splats, &EditPlan { removed, statistics: AfterEdit::Keep, ..EditPlan::default() }).unwrap();
-        numbers(&t.r.save(&t.splats).unwrap())
+        t.r.edit(&mut t.splats, &EditPlan { removed, statistics: AfterEdit::Keep, ..EditPlan::default() })
+            .block_on()
+            .unwrap();
+        numbers(&t.r.save(&t.splats).block_on().unwrap())
     }),
     ("solve_colors", |t, _| {
-        t.r.solve_colors(&mut t.splats, &t.draw.view, &t.target, &t.draw.settings, 2).unwrap();
-        numbers(&t.r.save(&t.splats).unwrap())
+        t.r.solve_colors(&mut t.splats, &t.draw.view, &t.target, &t.draw.settings, 2).block_on().unwrap();
+        numbers(&t.r.save(&t.splats).block_on().unwrap())
     }),
 ];
 
@@ -182,9 +186,9 @@ fn seen_after_two_steps(look: Look, room: Room) -> (Vec<u32>, u64) {
     let mut training = Training::new(&r, draw);
     let Training { draw, target, splats, .. } = &training;
     let elsewhere = draw.view.showing(glam::Vec2::splat(1e5), glam::Vec2::ONE);
-    let frame = r.forward(splats, &elsewhere, &draw.settings).unwrap();
+    let frame = r.forward(splats, &elsewhere, &draw.settings).block_on().unwrap();
     assert_eq!(frame.entries(), 0, "its buffers stay as small as they are");
-    let (_, gradients) = r.backward(splats, frame, target, &Loss::L2).unwrap();
+    let (_, gradients) = r.backward(splats, frame, target, &Loss::L2).block_on().unwrap();
     training.send(2);
     assert_eq!(training.splats.steps_in_flight(), 2);
     let before = r.bytes_moved();
@@ -229,9 +233,9 @@ fn steps_under_way_on_a_lost_device_are_an_error_later() {
         r.lose_device();
         for _ in 0..2 {
             let outcomes = [
-                r.losses(&mut training.splats, wait, &mut Vec::new()).unwrap_err(),
+                r.losses(&mut training.splats, wait, &mut Vec::new()).block_on().unwrap_err(),
                 training.try_send(ALPHA_CUT, Binning::Fresh).unwrap_err(),
-                r.statistics(&training.splats).unwrap_err(),
+                r.statistics(&training.splats).block_on().unwrap_err(),
             ];
             for error in outcomes {
                 assert!(matches!(&error, Error::Backend { message, .. } if message.contains("lost")), "{error}");
@@ -251,13 +255,13 @@ fn a_lost_device_is_an_error_at_every_call() {
     let rates = Adam::default().at(0.0);
     let step = TrainStep { settings: &draw.settings, loss: Loss::L2, rates: &rates, binning: Binning::Fresh };
     let outcomes = [
-        r.train_step(&mut splats, &draw.view, &target, &step).err(),
-        r.losses(&mut splats, Wait::All, &mut Vec::new()).err(),
-        r.download(&splats).err(),
-        r.save(&splats).err(),
+        r.train_step(&mut splats, &draw.view, &target, &step).block_on().err(),
+        r.losses(&mut splats, Wait::All, &mut Vec::new()).block_on().err(),
+        r.download(&splats).block_on().err(),
+        r.save(&splats).block_on().err(),
         r.upload(&draw.scene, Parameterization::CovarianceFactor).err(),
         r.for_2d().upload_target(&image).err(),
-        r.forward(&splats, &draw.view, &draw.settings).err(),
+        r.forward(&splats, &draw.view, &draw.settings).block_on().err(),
     ];
     for (call, error) in outcomes.into_iter().enumerate() {
         assert!(

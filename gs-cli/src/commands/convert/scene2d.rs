@@ -1,8 +1,9 @@
 //! `gs convert` of a 2D scene: into a PLY that splat viewers show as the picture, or into an SVG.
 
+use pollster::FutureExt as _;
 use std::path::Path;
 
-use gs_core::{Rasterizer, Scene, Scene2d, Scene3d, counted, examination};
+use gs_core::{Optimizer, Scene, Scene2d, Scene3d, counted, examination};
 use gs_io::{File2d, Format3d, write_ply, write_svg};
 use gs_train::{ColorRange, Viewable, viewable};
 use serde::Serialize;
@@ -81,8 +82,8 @@ pub(crate) struct ForViewers<'a> {
 impl Task for ForViewers<'_> {
     type Output = Result<Viewable, gs_train::Error>;
 
-    fn run<R: Rasterizer<Scene2d> + Rasterizer<Scene3d>>(self, rasterizer: &R) -> Self::Output {
-        viewable(rasterizer, self.file, self.range)
+    fn run<R: Optimizer<Scene2d> + Optimizer<Scene3d>>(self, rasterizer: &R) -> Self::Output {
+        viewable(rasterizer, self.file, self.range).block_on()
     }
 }
 

@@ -1,8 +1,9 @@
 //! `gs render` of an image's scene: a picture of any size, or a part of it.
 
 use glam::Vec2;
-use gs_core::{Canvas, Image, Rasterizer, RenderSettings, Scene2d, effects::CalledFor};
+use gs_core::{Canvas, Image, Optimizer, RenderSettings, Scene2d, effects::CalledFor};
 use gs_io::File2d;
+use pollster::FutureExt as _;
 
 use super::RenderArgs;
 use crate::{
@@ -57,7 +58,7 @@ struct Render<'a> {
 impl Task for Render<'_> {
     type Output = Result<Image, gs_core::Error>;
 
-    fn run<R: Rasterizer<Scene2d>>(self, rasterizer: &R) -> Self::Output {
-        rasterizer.render(&self.file.scene, self.canvas, self.settings)
+    fn run<R: Optimizer<Scene2d>>(self, rasterizer: &R) -> Self::Output {
+        rasterizer.render(&self.file.scene, self.canvas, self.settings).block_on()
     }
 }

@@ -1,9 +1,10 @@
 //! `gs render` of a 3D scene: the cameras that are asked for, and a picture from each.
 
+use pollster::FutureExt as _;
 use std::{fs, path::Path};
 
 use gs_core::{
-    Camera, Image, Rasterizer, RenderSettings, Scene, Scene3d, counted,
+    Camera, Image, Optimizer, RenderSettings, Scene, Scene3d, counted,
     effects::CalledFor,
     statistics::Culled,
     view::{CameraPath, Orbit},
@@ -161,12 +162,12 @@ struct Frames<'a> {
 impl Task3d for Frames<'_> {
     type Output = Result<(), Failure>;
 
-    fn run<R: Rasterizer<Scene3d>>(self, rasterizer: &R) -> Result<(), Failure> {
+    fn run<R: Optimizer<Scene3d>>(self, rasterizer: &R) -> Result<(), Failure> {
         let Self { args, scene, cameras, render, claim } = self;
         let splats = rasterizer.upload(scene, gs_core::Parameterization::ScaleRotation)?;
         let mut culled = Culled::default();
         let mut frame = |camera: &Camera| -> Result<Image, Failure> {
-            let (image, left_out) = rasterizer.draw(&splats, camera, render)?;
+            let (image, left_out) = rasterizer.draw(&splats, camera, render).block_on()?;
             culled = culled.plus(left_out);
             Ok(image)
         };

@@ -17,6 +17,9 @@ use std::io::{self, Read, Write};
 use flate2::{Compression, read::GzDecoder, write::GzEncoder};
 use glam::{DMat3, DVec3};
 
+#[cfg(feature = "zstd")]
+use zstd::bulk::{compress, decompress};
+
 use super::quantum::FractionalBits;
 use crate::{
     error::Error,
@@ -208,7 +211,7 @@ fn read_streams(source: &Source<'_>) -> Result<Packed, Error> {
         let stream = source.slice(at, compressed, "a stream")?;
         let damaged = |found: String| source.damaged(at, format!("a zstd stream of {size} bytes"), found);
         // All at once, into memory of the right size: decoding piece by piece would take what a frame claims as its window.
-        let part = zstd::bulk::decompress(stream, size as usize).map_err(|error| damaged(error.to_string()))?;
+        let part = decompress(stream, size as usize).map_err(|error| damaged(error.to_string()))?;
         if part.len() as u64 != size {
             return Err(damaged(part.len().to_string()));
         }
@@ -216,6 +219,21 @@ fn read_streams(source: &Source<'_>) -> Result<Packed, Error> {
         at += stream.len();
     }
     Ok(Packed { head, extensions, bytes })
+}
+
+#[cfg(not(feature = "zstd"))]
+fn without_zstd() -> io::Error {
+    io::Error::new(io::ErrorKind::Unsupported, "SPZ version 4 needs zstd, and this build is without it")
+}
+
+#[cfg(not(feature = "zstd"))]
+fn compress(_: &[u8], _: i32) -> io::Result<Vec<u8>> {
+    Err(without_zstd())
+}
+
+#[cfg(not(feature = "zstd"))]
+fn decompress(_: &[u8], _: usize) -> io::Result<Vec<u8>> {
+    Err(without_zstd())
 }
 
 /// The records of extensions; what is cut short is none of ours and passed over.
@@ -249,7 +267,7 @@ pub(super) fn write(head: &Head, streams: &Streams<Vec<u8>>) -> io::Result<Vec<u
     start.extend((HEAD_BYTES as u32).to_le_bytes());
     start.resize(HEAD_BYTES, 0);
     let compressed: Vec<Vec<u8>> =
-        streams.iter().map(|bytes| zstd::bulk::compress(bytes, ZSTD_LEVEL)).collect::<io::Result<_>>()?;
+        streams.iter().map(|bytes| compress(bytes, ZSTD_LEVEL)).collect::<io::Result<_>>()?;
     for (part, bytes) in compressed.iter().zip(&streams) {
         start.extend([part.len() as u64, bytes.len() as u64].map(u64::to_le_bytes).concat());
     }

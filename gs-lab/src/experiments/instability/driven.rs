@@ -1,7 +1,8 @@
 //! A scale that is driven to zero by hand: from where on a loss and its gradients are no longer finite, guard by guard.
 
 use glam::{Vec2, Vec3};
-use gs_core::{Canvas, Gaussian2d, Image, Rasterizer, Scene as _, Scene2d, scene::logit};
+use gs_core::{Canvas, Gaussian2d, Image, Optimizer, Scene as _, Scene2d, scene::logit};
+use pollster::FutureExt as _;
 
 use super::{Guard, NEEDLE_PX, small_settings};
 use crate::experiments::textbook::Textbook;
@@ -24,7 +25,7 @@ pub struct Drive {
 
 impl Drive {
     /// Lets one scale of a needle go to zero, in 8 steps a decade.
-    pub(super) fn measure<R: Rasterizer<Scene2d>>(
+    pub(super) fn measure<R: Optimizer<Scene2d>>(
         rasterizer: &R,
         guard: Guard,
         target: &Image,
@@ -47,12 +48,13 @@ impl Drive {
                     None => {
                         let splats = rasterizer.upload(&scene, settings.parameterization)?;
                         let canvas = Canvas::new(target.width(), target.height());
-                        let frame = rasterizer.forward(&splats, &canvas, &settings.render)?;
-                        if rasterizer.culled(&frame)?.degenerate > 0 {
+                        let frame = rasterizer.forward(&splats, &canvas, &settings.render).block_on()?;
+                        if rasterizer.culled(&frame).degenerate > 0 {
                             left_out_px = left_out_px.max(short.into());
                         }
-                        let (loss, gradients) = rasterizer.backward(&splats, frame, &uploaded, &settings.loss)?;
-                        loss.is_finite() && rasterizer.download_gradients(&splats, &gradients)?.validate().is_ok()
+                        let (loss, gradients) =
+                            rasterizer.backward(&splats, frame, &uploaded, &settings.loss).block_on()?;
+                        loss.is_finite() && rasterizer.gradients(&splats, &gradients).block_on()?.validate().is_ok()
                     }
                 };
                 if !finite {

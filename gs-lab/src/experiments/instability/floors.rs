@@ -1,6 +1,6 @@
 //! What a floor of the scales costs: the paper's own fit, with the paper's clamp and with this project's floor.
 
-use gs_core::{Image, Rasterizer, Scene2d};
+use gs_core::{Image, Optimizer, Scene2d};
 
 use super::{CLAMP_PX, unless_diverged};
 use crate::{
@@ -32,7 +32,7 @@ pub fn floor_settings(extent: Extent, seed: u32, min_scale_px: f32) -> FitSettin
 
 impl Floor {
     /// Fits with this floor, and a picture of the first that lived.
-    pub(super) fn measure<R: Rasterizer<Scene2d>>(
+    pub(super) fn measure<R: Optimizer<Scene2d>>(
         laboratory: &mut Laboratory<'_, R>,
         name: &'static str,
         target: &Image,

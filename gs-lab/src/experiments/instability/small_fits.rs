@@ -1,7 +1,8 @@
 //! Small fits in which the optimiser may drive a scale to zero by itself, if the guard lets it.
 
-use gs_core::{Image, Loss, Rasterizer, Scene2d};
+use gs_core::{Image, Loss, Optimizer, Scene2d};
 use gs_density::Policy;
+use pollster::FutureExt as _;
 
 use super::{Guard, unless_diverged};
 use crate::{experiments::Laboratory, experiments::paired::mean, experiments::textbook::Textbook};
@@ -55,7 +56,7 @@ pub fn small_settings(seed: u32) -> FitSettings {
 
 impl Free {
     /// All guards; the textbook's at each step of the scales.
-    pub(super) fn measure_all<R: Rasterizer<Scene2d>>(
+    pub(super) fn measure_all<R: Optimizer<Scene2d>>(
         laboratory: &mut Laboratory<'_, R>,
         target: &Image,
     ) -> Result<Vec<Self>, Error> {
@@ -71,7 +72,10 @@ impl Free {
             for &rate in rates {
                 let trajectory = |seed| {
                     let settings = small_settings(seed);
-                    let scene = Trainer::new(laboratory.rasterizer(), target, settings.clone())?.scene()?;
+                    let scene = Trainer::new(laboratory.rasterizer(), target, settings.clone())
+                        .block_on()?
+                        .scene()
+                        .block_on()?;
                     let textbook = Textbook::new(&scene, settings.render.background, guards, rate);
                     Trajectory::by_textbook(target, settings.iterations, textbook)
                 };
@@ -131,24 +135,24 @@ impl Trajectory {
         Ok(Self { psnr: Some(l1_and_psnr(&image, target).1), ..trajectory })
     }
 
-    fn by_product<R: Rasterizer<Scene2d>>(
+    fn by_product<R: Optimizer<Scene2d>>(
         laboratory: &mut Laboratory<'_, R>,
         target: &Image,
         seed: u32,
     ) -> Result<Self, Error> {
         let mut trajectory = Self::new();
-        let mut trainer = Trainer::new(laboratory.rasterizer(), target, small_settings(seed))?;
+        let mut trainer = Trainer::new(laboratory.rasterizer(), target, small_settings(seed)).block_on()?;
         laboratory.watch().on_fit(&format!("thin lines, seed {seed}"));
         while !trainer.is_finished() {
-            trajectory.note(trainer.step() + 1, smallest_scale_px(&trainer.scene()?));
-            match unless_diverged(trainer.step_once())? {
+            trajectory.note(trainer.step() + 1, smallest_scale_px(&trainer.scene().block_on()?));
+            match unless_diverged(trainer.step_once().block_on())? {
                 Some(progress) => laboratory.watch().on_step(&progress),
                 None => return Ok(Self { diverged: true, ..trajectory }),
             }
         }
-        let scene = trainer.scene()?;
+        let scene = trainer.scene().block_on()?;
         trajectory.note(trainer.step() + 1, smallest_scale_px(&scene));
-        Ok(Self { psnr: Some(trainer.quality()?.psnr), ..trajectory })
+        Ok(Self { psnr: Some(trainer.quality().block_on()?.psnr), ..trajectory })
     }
 }
 

@@ -1,7 +1,7 @@
 //! One target of the lazy-convergence experiment: the threshold that would have worked on it, and what a relative criterion does there
 //! with the settings it has everywhere.
 
-use gs_core::{Rasterizer, Scene2d, constants::TAU_POSITION};
+use gs_core::{Optimizer, Scene2d, constants::TAU_POSITION};
 use gs_density::{FORCED_GROWTH_PERCENT, Grow, Policy, Signal};
 
 use super::{Blank, per_pixel};
@@ -157,7 +157,7 @@ pub(super) fn targets(extent: Extent) -> Vec<(String, Variation, DiscAndSquare)>
 impl Case {
     /// Looks for the threshold that works, and tries what the other criteria make of the target. `of_paper` holds the thresholds that
     /// work on the paper's target, one a seed; without it, this is that target.
-    pub(super) fn measure<R: Rasterizer<Scene2d>>(
+    pub(super) fn measure<R: Optimizer<Scene2d>>(
         laboratory: &mut Laboratory<'_, R>,
         label: String,
         variation: Variation,
@@ -240,7 +240,7 @@ impl Case {
 }
 
 impl Blank {
-    pub(super) fn measure<R: Rasterizer<Scene2d>>(
+    pub(super) fn measure<R: Optimizer<Scene2d>>(
         laboratory: &mut Laboratory<'_, R>,
         trial: Trial,
     ) -> Result<Self, Error> {

@@ -9,10 +9,11 @@
 //! Squares, because sharp edges between Gaussians that pass through each other sweep over the picture and make its pixels jump, one by one. Nobody
 //! sees that. Of an area that jumps at once and one whose pixels jump each at its own time the magnitudes have the same sum; the squares have not.
 
+use pollster::FutureExt as _;
 use std::collections::VecDeque;
 
 use gs_core::{
-    Camera, Error as CoreError, Image, Parameterization, Rasterizer, RenderSettings, Scene3d, effects::Order,
+    Camera, Error as CoreError, Image, Optimizer, Parameterization, RenderSettings, Scene3d, effects::Order,
 };
 use rayon::prelude::*;
 
@@ -158,7 +159,7 @@ impl Comparison {
 /// # Errors
 /// [`CoreError::Setting`] where the flight is not possible; those of the backend, such as [`CoreError::Unsupported`] where it has not both
 /// orders.
-pub fn compare<R: Rasterizer<Scene3d>>(
+pub fn compare<R: Optimizer<Scene3d>>(
     rasterizer: &R,
     scene: &Scene3d,
     flight: &SlowOrbit,
@@ -174,11 +175,11 @@ pub fn compare<R: Rasterizer<Scene3d>>(
         let mut frames: [VecDeque<Image>; 2] = Default::default();
         for (number, camera) in stretch.iter().enumerate() {
             for (order, frames) in ORDERS.into_iter().zip(&mut frames) {
-                frames.push_front(rasterizer.image(&rasterizer.forward(
-                    &splats,
-                    camera,
-                    &ordered(render, order),
-                )?)?);
+                frames.push_front(
+                    rasterizer
+                        .image(&rasterizer.forward(&splats, camera, &ordered(render, order)).block_on()?)
+                        .block_on()?,
+                );
                 frames.truncate(2 * STRIDES[STRIDES.len() - 1] + 1);
             }
             let found = flickers(&frames)?;

@@ -37,7 +37,7 @@ impl Comparison {
     ///
     /// # Errors
     /// Those of the backend.
-    pub fn picture<R: Rasterizer<Scene3d>>(
+    pub fn picture<R: gs_core::Optimizer<Scene3d>>(
         &self,
         rasterizer: &R,
         scene: &Scene3d,

@@ -1,6 +1,7 @@
 //! Popping to be looked at: two frames in a row under both orders, and their differences.
 
-use gs_core::{Image, Parameterization, Rasterizer, RenderSettings, Scene3d, constants::SSIM_WINDOW};
+use gs_core::{Image, Optimizer, Parameterization, RenderSettings, Scene3d, constants::SSIM_WINDOW};
+use pollster::FutureExt as _;
 
 use super::{
     comparison::{Moment, ORDERS, ordered},
@@ -23,7 +24,7 @@ const GAP_PX: u32 = 8;
 ///
 /// # Errors
 /// Those of the backend.
-pub(super) fn picture<R: Rasterizer<Scene3d>>(
+pub(super) fn picture<R: Optimizer<Scene3d>>(
     rasterizer: &R,
     scene: &Scene3d,
     moment: &Moment,
@@ -32,7 +33,9 @@ pub(super) fn picture<R: Rasterizer<Scene3d>>(
 ) -> Result<Picture, Error> {
     let splats = rasterizer.upload(scene, Parameterization::ScaleRotation)?;
     let row = |order| {
-        let frame = |camera| rasterizer.image(&rasterizer.forward(&splats, camera, &ordered(render, order))?);
+        let frame = |camera| {
+            rasterizer.image(&rasterizer.forward(&splats, camera, &ordered(render, order)).block_on()?).block_on()
+        };
         moment.cameras.iter().map(frame).collect::<Result<Vec<Image>, _>>()
     };
     let rows = ORDERS.into_iter().map(row).collect::<Result<Vec<_>, _>>()?;

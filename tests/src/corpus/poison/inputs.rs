@@ -2,11 +2,12 @@
 
 use glam::{Vec2, Vec3};
 use gs_core::{
-    Adam, AdamRates, Binning, Camera, Canvas, Error, Image, Loss, Parameterization, Rasterizer, RenderSettings, Scene,
+    Adam, AdamRates, Binning, Camera, Canvas, Error, Image, Loss, Optimizer, Parameterization, RenderSettings, Scene,
     Scene2d, Scene3d, TrainStep, Wait,
     effects::{Blend, Order},
     settings::Extent,
 };
+use pollster::FutureExt as _;
 
 use super::{super::run::rows_of, VALUES, state::same_causes};
 use crate::{
@@ -268,7 +269,7 @@ impl Tally {
 
 /// Puts all values into one slot, in every parameterization that the backend offers; how many runs that were. What gs-core says is possible must be accepted,
 /// and what it says is not, refused.
-pub(super) fn poison<S: Subject, R: Rasterizer<S>>(
+pub(super) fn poison<S: Subject, R: Optimizer<S>>(
     rasterizer: &R,
     inputs: &Inputs<S>,
     slot: &Slot<S>,
@@ -327,7 +328,7 @@ fn show_differently<S: Subject>(a: &Inputs<S>, b: &Inputs<S>) -> bool {
 }
 
 /// Every call refuses what is not possible, and a step that does leaves the splats as it was.
-fn refuses<S: Subject, R: Rasterizer<S>>(
+fn refuses<S: Subject, R: Optimizer<S>>(
     rasterizer: &R,
     inputs: &Inputs<S>,
     parameterization: Parameterization,
@@ -339,27 +340,31 @@ fn refuses<S: Subject, R: Rasterizer<S>>(
     }
     let target = target?;
     let mut splats = rasterizer.upload(&inputs.scene, parameterization)?;
-    let before = rasterizer.save(&splats)?;
+    let before = rasterizer.save(&splats).block_on()?;
     let frame = rasterizer.forward(&splats, &inputs.view, &inputs.settings);
     if check_picture(inputs).is_err() {
-        refused("a forward pass", frame, refusal)?;
+        refused("a forward pass", frame.block_on(), refusal)?;
     } else {
-        let backward = rasterizer.backward(&splats, frame?, &target, &inputs.loss);
+        let backward = rasterizer.backward(&splats, frame.block_on()?, &target, &inputs.loss);
         if inputs.loss.validate().is_err() {
-            refused("a backward pass", backward, refusal)?;
+            refused("a backward pass", backward.block_on(), refusal)?;
         } else {
-            let (_, gradients) = backward?;
-            refused("a step", rasterizer.step(&mut splats, &gradients, &inputs.rates), refusal)?;
+            let (_, gradients) = backward.block_on()?;
+            refused("a step", rasterizer.step(&mut splats, &gradients, &inputs.rates).block_on(), refusal)?;
         }
     }
-    refused("a training step", rasterizer.train_step(&mut splats, &inputs.view, &target, &inputs.step()), refusal)?;
-    let kept = rasterizer.save(&splats)? == before;
+    refused(
+        "a training step",
+        rasterizer.train_step(&mut splats, &inputs.view, &target, &inputs.step()).block_on(),
+        refusal,
+    )?;
+    let kept = rasterizer.save(&splats).block_on()? == before;
     Failure::unless(kept, || "a step that was refused changed the splats".to_owned())
 }
 
 /// What is possible is drawn as the oracle draws it, and trained without a loss that is not a number; a Gaussian that does not stay finite is left
 /// out and counted.
-fn stands<S: Subject, R: Rasterizer<S>>(
+fn stands<S: Subject, R: Optimizer<S>>(
     rasterizer: &R,
     clean: &Inputs<S>,
     inputs: &Inputs<S>,
@@ -371,20 +376,20 @@ fn stands<S: Subject, R: Rasterizer<S>>(
     }
     let target = rasterizer.upload_target(&inputs.target)?;
     for _ in 0..2 {
-        if let Err(error) = rasterizer.train_step(&mut splats, &inputs.view, &target, &inputs.step()) {
+        if let Err(error) = rasterizer.train_step(&mut splats, &inputs.view, &target, &inputs.step()).block_on() {
             let before = rasterizer.upload(&inputs.scene, parameterization)?;
-            let kept = rasterizer.save(&splats)? == rasterizer.save(&before)?;
+            let kept = rasterizer.save(&splats).block_on()? == rasterizer.save(&before).block_on()?;
             Failure::unless(kept, || format!("a step that was refused ({error}) changed the splats"))?;
             return Err(error.into());
         }
     }
     let mut losses = Vec::new();
-    rasterizer.losses(&mut splats, Wait::All, &mut losses)?;
+    rasterizer.losses(&mut splats, Wait::All, &mut losses).block_on()?;
     Failure::unless(!losses.iter().any(|loss| loss.is_nan()), || format!("losses {losses:?}"))?;
-    let frame = rasterizer.forward(&splats, &inputs.view, &inputs.settings)?;
-    let (image, culled) = (rasterizer.image(&frame)?, rasterizer.culled(&frame)?);
+    let frame = rasterizer.forward(&splats, &inputs.view, &inputs.settings).block_on()?;
+    let (image, culled) = (rasterizer.image(&frame).block_on()?, rasterizer.culled(&frame));
     is_finite(&image).map_err(|failure| failure.at("after two steps"))?;
-    let after = rasterizer.download(&splats)?;
+    let after = rasterizer.download(&splats).block_on()?;
     let broken = (0..after.len()).filter(|&i| after.picked([i]).validate().is_err()).count();
     Failure::unless(culled.not_finite as usize >= broken, || {
         format!("after two steps, {broken} Gaussians are not finite, and {} are counted", culled.not_finite)
@@ -392,14 +397,14 @@ fn stands<S: Subject, R: Rasterizer<S>>(
 }
 
 /// The picture is the oracle's, and so is what it leaves out.
-fn is_drawn<S: Subject, R: Rasterizer<S>>(
+fn is_drawn<S: Subject, R: Optimizer<S>>(
     rasterizer: &R,
     inputs: &Inputs<S>,
     splats: &R::Splats,
     parameterization: Parameterization,
 ) -> Result<(), Failure> {
-    let frame = rasterizer.forward(splats, &inputs.view, &inputs.settings)?;
-    let (image, culled) = (rasterizer.image(&frame)?, rasterizer.culled(&frame)?);
+    let frame = rasterizer.forward(splats, &inputs.view, &inputs.settings).block_on()?;
+    let (image, culled) = (rasterizer.image(&frame).block_on()?, rasterizer.culled(&frame));
     let rows = rows_of(rasterizer, &inputs.scene, splats, parameterization)?;
     let expected = Oracle::new(inputs.view, inputs.settings)?.render(&rows);
     let same = same_causes(culled, expected.culled);

@@ -1,9 +1,10 @@
 //! Poison in splats: in each number that a backend keeps of a Gaussian, parameters, moments and statistics. A training run or a checkpoint may
 //! bring any value there, however carefully scenes are checked.
 
+use pollster::FutureExt as _;
 use std::fmt;
 
-use gs_core::{Error, Image, Parameterization, Rasterizer, SplatsState, Wait, state::TensorData, statistics::Culled};
+use gs_core::{Error, Image, Optimizer, Parameterization, SplatsState, Wait, state::TensorData, statistics::Culled};
 
 use super::{
     super::run::rows_of,
@@ -49,7 +50,7 @@ impl fmt::Display for StateSlot {
 }
 
 /// What all runs with the same inputs in the same parameterization share.
-pub(super) struct Clean<S: Subject, R: Rasterizer<S>> {
+pub(super) struct Clean<S: Subject, R: Optimizer<S>> {
     state: SplatsState,
     target: R::Target,
     /// The Gaussians as the oracle sees them.
@@ -59,10 +60,11 @@ pub(super) struct Clean<S: Subject, R: Rasterizer<S>> {
     stepped: S,
 }
 
-impl<S: Subject, R: Rasterizer<S>> Clean<S, R> {
+impl<S: Subject, R: Optimizer<S>> Clean<S, R> {
     pub(super) fn new(rasterizer: &R, inputs: &Inputs<S>, parameterization: Parameterization) -> Result<Self, Failure> {
         let splats = rasterizer.upload(&inputs.scene, parameterization)?;
-        let (state, rows) = (rasterizer.save(&splats)?, rows_of(rasterizer, &inputs.scene, &splats, parameterization)?);
+        let (state, rows) =
+            (rasterizer.save(&splats).block_on()?, rows_of(rasterizer, &inputs.scene, &splats, parameterization)?);
         let target = rasterizer.upload_target(&inputs.target)?;
         let others = inputs.scene.picked((0..inputs.scene.len()).filter(|&i| i != VICTIM));
         let splats = rasterizer.upload(&others, parameterization)?;
@@ -109,12 +111,12 @@ fn kept_in<S: Subject>(tensor: &str) -> impl Fn(usize) -> Kept {
 }
 
 /// The numbers that are kept of one Gaussian: all, or those that have a part in pictures.
-pub(super) fn slots<S: Subject, R: Rasterizer<S>>(
+pub(super) fn slots<S: Subject, R: Optimizer<S>>(
     rasterizer: &R,
     inputs: &Inputs<S>,
     parameterization: Parameterization,
 ) -> Result<Vec<StateSlot>, Failure> {
-    let state = rasterizer.save(&rasterizer.upload(&inputs.scene, parameterization)?)?;
+    let state = rasterizer.save(&rasterizer.upload(&inputs.scene, parameterization)?).block_on()?;
     let mut slots = Vec::new();
     for (name, tensor) in &state.tensors {
         if matches!(tensor.data, TensorData::F32(_)) {
@@ -128,7 +130,7 @@ pub(super) fn slots<S: Subject, R: Rasterizer<S>>(
 }
 
 /// Puts all values into one slot; how many runs that were.
-pub(super) fn poison<S: Subject, R: Rasterizer<S>>(
+pub(super) fn poison<S: Subject, R: Optimizer<S>>(
     rasterizer: &R,
     inputs: &Inputs<S>,
     clean: &Clean<S, R>,
@@ -152,13 +154,13 @@ fn with(state: &SplatsState, slot: &StateSlot, value: f32) -> SplatsState {
 }
 
 /// What splats shows, and what that leaves out.
-fn seen<S: Subject, R: Rasterizer<S>>(
+fn seen<S: Subject, R: Optimizer<S>>(
     rasterizer: &R,
     inputs: &Inputs<S>,
     splats: &R::Splats,
 ) -> Result<(Image, Culled), Failure> {
-    let frame = rasterizer.forward(splats, &inputs.view, &inputs.settings)?;
-    Ok((rasterizer.image(&frame)?, rasterizer.culled(&frame)?))
+    let frame = rasterizer.forward(splats, &inputs.view, &inputs.settings).block_on()?;
+    Ok((rasterizer.image(&frame).block_on()?, rasterizer.culled(&frame)))
 }
 
 /// What becomes of splats in training.
@@ -171,7 +173,7 @@ struct Trained<S> {
 }
 
 impl<S: Subject> Trained<S> {
-    fn of<R: Rasterizer<S>>(
+    fn of<R: Optimizer<S>>(
         rasterizer: &R,
         inputs: &Inputs<S>,
         mut splats: R::Splats,
@@ -179,18 +181,18 @@ impl<S: Subject> Trained<S> {
         steps: usize,
     ) -> Result<Self, Failure> {
         let (step, mut losses) = (inputs.step(), Vec::new());
-        rasterizer.train_step(&mut splats, &inputs.view, target, &step)?;
-        let stepped = rasterizer.download(&splats)?;
+        rasterizer.train_step(&mut splats, &inputs.view, target, &step).block_on()?;
+        let stepped = rasterizer.download(&splats).block_on()?;
         for _ in 1..steps {
-            rasterizer.train_step(&mut splats, &inputs.view, target, &step)?;
+            rasterizer.train_step(&mut splats, &inputs.view, target, &step).block_on()?;
         }
-        rasterizer.losses(&mut splats, Wait::All, &mut losses)?;
-        let scene = rasterizer.download(&splats)?;
+        rasterizer.losses(&mut splats, Wait::All, &mut losses).block_on()?;
+        let scene = rasterizer.download(&splats).block_on()?;
         Ok(Self { stepped, losses, scene })
     }
 }
 
-fn one<S: Subject, R: Rasterizer<S>>(
+fn one<S: Subject, R: Optimizer<S>>(
     rasterizer: &R,
     inputs: &Inputs<S>,
     clean: &Clean<S, R>,
@@ -237,12 +239,12 @@ fn one<S: Subject, R: Rasterizer<S>>(
 }
 
 /// A scene that holds the value is accepted, and comes back to the bit, or refused with an error that says where it is.
-fn accepts_what_is_valid<S: Subject, R: Rasterizer<S>>(rasterizer: &R, splats: &R::Splats) -> Result<(), Failure> {
-    let scene = rasterizer.download(splats)?;
+fn accepts_what_is_valid<S: Subject, R: Optimizer<S>>(rasterizer: &R, splats: &R::Splats) -> Result<(), Failure> {
+    let scene = rasterizer.download(splats).block_on()?;
     match (scene.validate(), rasterizer.upload(&scene, Parameterization::ScaleRotation)) {
         (Err(_), Err(Error::NotFinite { index: VICTIM, .. })) => Ok(()),
         (Ok(()), Ok(uploaded)) => {
-            let back = rasterizer.download(&uploaded)?;
+            let back = rasterizer.download(&uploaded).block_on()?;
             Failure::unless(back == scene, || "a scene does not come back as it was".to_owned())
         }
         (valid, accepted) => {

@@ -14,7 +14,8 @@ pub(crate) trait Fallible: Subject {
     /// A view of which `view` is the first columns and rows, where the field of view has a part in what is seen there.
     fn widened(view: &Self::View) -> Option<Self::View>;
 
-    fn opacity_logits_mut(&mut self) -> &mut [f32];
+    /// The same a little elsewhere.
+    fn crept(gaussian: Self::Gaussian) -> Self::Gaussian;
 
     /// All parameters 0.
     fn zero(&self) -> Self::Gaussian;
@@ -29,8 +30,8 @@ impl Fallible for Scene2d {
         None
     }
 
-    fn opacity_logits_mut(&mut self) -> &mut [f32] {
-        &mut self.opacity_logits
+    fn crept(gaussian: Gaussian2d) -> Gaussian2d {
+        Gaussian2d { mean: gaussian.mean + 1e-3, ..gaussian }
     }
 
     fn zero(&self) -> Gaussian2d {
@@ -53,8 +54,8 @@ impl Fallible for Scene3d {
         Some(Camera { width: 2 * view.width, height: 2 * view.height, ..*view })
     }
 
-    fn opacity_logits_mut(&mut self) -> &mut [f32] {
-        &mut self.opacity_logits
+    fn crept(gaussian: Gaussian3d) -> Gaussian3d {
+        Gaussian3d { mean: gaussian.mean + 1e-3, ..gaussian }
     }
 
     fn zero(&self) -> Gaussian3d {

@@ -1,0 +1,325 @@
+//! Any of the backends behind one type.
+
+use gs_core::{
+    AdamRates, Backend, DensityStatistics, EditPlan, Error, Image, Loss, MeanNoise, Optimizer, Parameterization,
+    Rasterizer, RenderSettings, Scene, Scene2d, Scene3d, SplatsState, TargetImage, TrainStep, Wait,
+    profile::{Profile, Profiler},
+    statistics::Culled,
+};
+
+/// A rasterizer of one of the backends of this build, for scenes of both kinds.
+///
+/// What it uploads and makes belongs to the backend that it is: with a rasterizer of another backend it is an [`Error::State`].
+#[derive(Debug)]
+pub enum AnyRasterizer {
+    /// On the processor.
+    #[cfg(feature = "cpu")]
+    Cpu(Box<gs_cpu::CpuRasterizer>),
+    /// On a GPU.
+    #[cfg(feature = "wgpu")]
+    Wgpu(Box<gs_wgpu::WgpuRasterizer>),
+}
+
+/// What belongs to one of the backends.
+#[derive(Debug)]
+pub enum AnyOf<C, W> {
+    /// To that of the processor.
+    Cpu(C),
+    /// To that of GPUs.
+    Wgpu(W),
+}
+
+#[cfg(not(all(feature = "cpu", feature = "wgpu")))]
+mod absent {
+    /// What a backend would have that this build is without.
+    #[derive(Debug)]
+    pub struct Absent<S>(std::convert::Infallible, std::marker::PhantomData<S>);
+}
+
+macro_rules! sides {
+    ($($any:ident, $cpu:ident, $wgpu:ident: $of:ident, $text:literal;)*) => {$(
+        #[cfg(feature = "cpu")]
+        type $cpu<S> = <gs_cpu::CpuRasterizer as Rasterizer<S>>::$of;
+        #[cfg(not(feature = "cpu"))]
+        type $cpu<S> = absent::Absent<S>;
+        #[cfg(feature = "wgpu")]
+        type $wgpu<S> = <gs_wgpu::WgpuRasterizer as Rasterizer<S>>::$of;
+        #[cfg(not(feature = "wgpu"))]
+        type $wgpu<S> = absent::Absent<S>;
+        #[doc = $text]
+        pub type $any<S> = AnyOf<$cpu<S>, $wgpu<S>>;
+    )*};
+}
+
+sides! {
+    AnySplats, CpuSplats, WgpuSplats: Splats, "Splats of one of the backends.";
+    AnyForwardPass, CpuForwardPass, WgpuForwardPass: ForwardPass, "A forward pass of one of the backends.";
+    AnyGradients, CpuGradients, WgpuGradients: Gradients, "Gradients of one of the backends.";
+    AnyTarget, CpuTarget, WgpuTarget: Target, "A target of one of the backends.";
+}
+
+impl AnyRasterizer {
+    /// This rasterizer for 2D scenes alone, where the types of the arguments do not say which kind of scene is meant.
+    pub fn for_2d(
+        &self,
+    ) -> &impl Profiler<
+        Scene2d,
+        Splats = AnySplats<Scene2d>,
+        ForwardPass = AnyForwardPass<Scene2d>,
+        Gradients = AnyGradients<Scene2d>,
+        Target = AnyTarget<Scene2d>,
+    > {
+        self
+    }
+
+    /// This rasterizer for 3D scenes alone, as [`Self::for_2d`].
+    pub fn for_3d(
+        &self,
+    ) -> &impl Profiler<
+        Scene3d,
+        Splats = AnySplats<Scene3d>,
+        ForwardPass = AnyForwardPass<Scene3d>,
+        Gradients = AnyGradients<Scene3d>,
+        Target = AnyTarget<Scene3d>,
+    > {
+        self
+    }
+
+    /// Short name of the backend: "cpu" or "wgpu".
+    pub fn name(&self) -> &'static str {
+        match self {
+            #[cfg(feature = "cpu")]
+            Self::Cpu(_) => "cpu",
+            #[cfg(feature = "wgpu")]
+            Self::Wgpu(_) => "wgpu",
+        }
+    }
+}
+
+fn mismatch() -> Error {
+    Error::State("splats, passes, gradients and targets of one backend are used with another".to_owned())
+}
+
+/// Runs `$work` on the backend that this rasterizer and all of `$value` are of.
+macro_rules! on {
+    ($self:ident as $on:ident, $($value:ident),+ => $work:expr, else $otherwise:expr) => {
+        match ($self, $($value),+) {
+            #[cfg(feature = "cpu")]
+            (Self::Cpu($on), $(AnyOf::Cpu($value)),+) => {
+                let $on = $on.as_ref();
+                $work
+            }
+            #[cfg(feature = "wgpu")]
+            (Self::Wgpu($on), $(AnyOf::Wgpu($value)),+) => {
+                let $on = $on.as_ref();
+                $work
+            }
+            _ => $otherwise,
+        }
+    };
+}
+
+/// Wraps what either backend makes.
+macro_rules! made {
+    ($self:ident as $on:ident => $work:expr) => {
+        Ok(match $self {
+            #[cfg(feature = "cpu")]
+            Self::Cpu($on) => {
+                let $on = $on.as_ref();
+                AnyOf::Cpu($work?)
+            }
+            #[cfg(feature = "wgpu")]
+            Self::Wgpu($on) => {
+                let $on = $on.as_ref();
+                AnyOf::Wgpu($work?)
+            }
+        })
+    };
+}
+
+impl Backend for AnyRasterizer {
+    fn describe(&self) -> String {
+        match self {
+            #[cfg(feature = "cpu")]
+            Self::Cpu(on) => on.describe(),
+            #[cfg(feature = "wgpu")]
+            Self::Wgpu(on) => on.describe(),
+        }
+    }
+}
+
+macro_rules! for_scene {
+    ($scene:ty) => {
+        impl Rasterizer<$scene> for AnyRasterizer {
+            type Splats = AnySplats<$scene>;
+            type ForwardPass = AnyForwardPass<$scene>;
+            type Gradients = AnyGradients<$scene>;
+            type Target = AnyTarget<$scene>;
+
+            fn upload(&self, scene: &$scene, parameterization: Parameterization) -> Result<Self::Splats, Error> {
+                made!(self as on => on.upload(scene, parameterization))
+            }
+
+            async fn forward(
+                &self,
+                splats: &Self::Splats,
+                view: &<$scene as Scene>::View,
+                settings: &RenderSettings,
+            ) -> Result<Self::ForwardPass, Error> {
+                match (self, splats) {
+                    #[cfg(feature = "cpu")]
+                    (Self::Cpu(on), AnyOf::Cpu(splats)) => on.forward(splats, view, settings).await.map(AnyOf::Cpu),
+                    #[cfg(feature = "wgpu")]
+                    (Self::Wgpu(on), AnyOf::Wgpu(splats)) => on.forward(splats, view, settings).await.map(AnyOf::Wgpu),
+                    _ => Err(mismatch()),
+                }
+            }
+
+            async fn image(&self, pass: &Self::ForwardPass) -> Result<Image, Error> {
+                on!(self as on, pass => Rasterizer::<$scene>::image(on, pass).await, else Err(mismatch()))
+            }
+
+            /// None for a pass of another backend.
+            fn culled(&self, pass: &Self::ForwardPass) -> Culled {
+                on!(self as on, pass => Rasterizer::<$scene>::culled(on, pass), else Culled::default())
+            }
+
+            fn upload_target<'a>(&self, target: impl Into<TargetImage<'a>>) -> Result<Self::Target, Error> {
+                made!(self as on => Rasterizer::<$scene>::upload_target(on, target))
+            }
+
+            async fn backward(
+                &self,
+                splats: &Self::Splats,
+                pass: Self::ForwardPass,
+                target: &Self::Target,
+                loss: &Loss,
+            ) -> Result<(f32, Self::Gradients), Error> {
+                match (self, splats, pass, target) {
+                    #[cfg(feature = "cpu")]
+                    (Self::Cpu(on), AnyOf::Cpu(splats), AnyOf::Cpu(pass), AnyOf::Cpu(target)) => {
+                        let found = Rasterizer::<$scene>::backward(on.as_ref(), splats, pass, target, loss).await;
+                        found.map(|(loss, gradients)| (loss, AnyOf::Cpu(gradients)))
+                    }
+                    #[cfg(feature = "wgpu")]
+                    (Self::Wgpu(on), AnyOf::Wgpu(splats), AnyOf::Wgpu(pass), AnyOf::Wgpu(target)) => {
+                        let found = Rasterizer::<$scene>::backward(on.as_ref(), splats, pass, target, loss).await;
+                        found.map(|(loss, gradients)| (loss, AnyOf::Wgpu(gradients)))
+                    }
+                    _ => Err(mismatch()),
+                }
+            }
+
+            async fn gradients(&self, splats: &Self::Splats, gradients: &Self::Gradients) -> Result<$scene, Error> {
+                on!(self as on, splats, gradients => on.gradients(splats, gradients).await, else Err(mismatch()))
+            }
+
+            async fn download(&self, splats: &Self::Splats) -> Result<$scene, Error> {
+                on!(self as on, splats => on.download(splats).await, else Err(mismatch()))
+            }
+
+            /// 0 for splats of another backend.
+            fn len(&self, splats: &Self::Splats) -> usize {
+                on!(self as on, splats => Rasterizer::<$scene>::len(on, splats), else 0)
+            }
+
+            async fn draw(
+                &self,
+                splats: &Self::Splats,
+                view: &<$scene as Scene>::View,
+                settings: &RenderSettings,
+            ) -> Result<(Image, Culled), Error> {
+                on!(self as on, splats => {
+                    Rasterizer::<$scene>::draw(on, splats, view, settings).await
+                }, else Err(mismatch()))
+            }
+        }
+
+        impl Optimizer<$scene> for AnyRasterizer {
+            async fn train_step(
+                &self,
+                splats: &mut Self::Splats,
+                view: &<$scene as Scene>::View,
+                target: &Self::Target,
+                step: &TrainStep<'_>,
+            ) -> Result<(), Error> {
+                on!(self as on, splats, target => {
+                    Optimizer::<$scene>::train_step(on, splats, view, target, step).await
+                }, else Err(mismatch()))
+            }
+
+            async fn losses(&self, splats: &mut Self::Splats, wait: Wait, losses: &mut Vec<f32>) -> Result<(), Error> {
+                on!(self as on, splats => {
+                    Optimizer::<$scene>::losses(on, splats, wait, losses).await
+                }, else Err(mismatch()))
+            }
+
+            async fn step(
+                &self,
+                splats: &mut Self::Splats,
+                gradients: &Self::Gradients,
+                rates: &AdamRates,
+            ) -> Result<(), Error> {
+                on!(self as on, splats, gradients => {
+                    Optimizer::<$scene>::step(on, splats, gradients, rates).await
+                }, else Err(mismatch()))
+            }
+
+            async fn statistics(&self, splats: &Self::Splats) -> Result<DensityStatistics, Error> {
+                on!(self as on, splats => Optimizer::<$scene>::statistics(on, splats).await, else Err(mismatch()))
+            }
+
+            async fn edit(
+                &self,
+                splats: &mut Self::Splats,
+                plan: &EditPlan<<$scene as Scene>::Gaussian>,
+            ) -> Result<(), Error> {
+                on!(self as on, splats => Optimizer::<$scene>::edit(on, splats, plan).await, else Err(mismatch()))
+            }
+
+            fn add_noise(&self, splats: &mut Self::Splats, noise: &MeanNoise) -> Result<(), Error> {
+                on!(self as on, splats => Optimizer::<$scene>::add_noise(on, splats, noise), else Err(mismatch()))
+            }
+
+            async fn solve_colors(
+                &self,
+                splats: &mut Self::Splats,
+                view: &<$scene as Scene>::View,
+                target: &Self::Target,
+                settings: &RenderSettings,
+                iterations: u32,
+            ) -> Result<(), Error> {
+                on!(self as on, splats, target => {
+                    Optimizer::<$scene>::solve_colors(on, splats, view, target, settings, iterations).await
+                }, else Err(mismatch()))
+            }
+
+            async fn save(&self, splats: &Self::Splats) -> Result<SplatsState, Error> {
+                on!(self as on, splats => Optimizer::<$scene>::save(on, splats).await, else Err(mismatch()))
+            }
+
+            fn restore(&self, state: &SplatsState) -> Result<Self::Splats, Error> {
+                made!(self as on => Optimizer::<$scene>::restore(on, state))
+            }
+        }
+
+        impl Profiler<$scene> for AnyRasterizer {
+            async fn profile(
+                &self,
+                splats: &mut Self::Splats,
+                view: &<$scene as Scene>::View,
+                target: &Self::Target,
+                settings: &RenderSettings,
+                loss: Loss,
+                repetitions: usize,
+            ) -> Result<Profile, Error> {
+                on!(self as on, splats, target => {
+                    Profiler::<$scene>::profile(on, splats, view, target, settings, loss, repetitions).await
+                }, else Err(mismatch()))
+            }
+        }
+    };
+}
+
+for_scene!(Scene2d);
+for_scene!(Scene3d);

@@ -1,0 +1,153 @@
+//! Noise on the means between training steps: what a backend adds where it computes, as a function of a seed, a step and a Gaussian's
+//! index, so that every backend adds the same, to rounding.
+
+use glam::{Mat2, Mat3, Vec2, Vec3};
+
+use crate::{
+    constants::{NOISE_OPACITY, NOISE_STEEPNESS},
+    error::Error,
+    scene::sigmoid,
+};
+
+/// Noise by which faint Gaussians explore: each mean moves by `scale` · s(−100 (o − 0.005)) · Σ η, with s the logistic function, o the
+/// opacity, Σ the covariance and η standard normal (*source:* 3DGS-MCMC, Kheradmand et al. 2024). A Gaussian whose shift is not
+/// finite stays where it is.
+///
+/// η is a function of `seed`, `step` and the Gaussian's index: four random words `r` = [`random_words`]`([seed, step, index, 0])` become
+/// uniform numbers u = (⌊r / 2⁸⌋ + 1) / 2²⁴, and those, by the method of Box and Muller, √(−2 ln u₀) cos 2π u₁,
+/// √(−2 ln u₀) sin 2π u₁ and √(−2 ln u₂) cos 2π u₃.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MeanNoise {
+    /// What multiplies Σ η. Unit: 1/px in 2D scenes, 1/world unit in 3D scenes.
+    pub scale: f32,
+    /// Which sequence of random numbers.
+    pub seed: u32,
+    /// Which place in it.
+    pub step: u32,
+}
+
+impl MeanNoise {
+    /// Fails where the scale is not finite.
+    ///
+    /// # Errors
+    /// [`Error::Setting`].
+    pub fn validate(&self) -> Result<(), Error> {
+        match self.scale.is_finite() {
+            true => Ok(()),
+            false => Err(Error::setting("the scale of the noise", self.scale, "finite")),
+        }
+    }
+
+    /// η of Gaussian `index`; in 2D scenes its first two numbers.
+    #[inline]
+    pub fn normals(&self, index: u32) -> Vec3 {
+        let [a, b, c, d] = random_words([self.seed, self.step, index, 0]).map(uniform);
+        let (sin, cos) = (std::f32::consts::TAU * b).sin_cos();
+        let (radius, other) = ((-2.0 * a.ln()).sqrt(), (-2.0 * c.ln()).sqrt());
+        Vec3::new(radius * cos, radius * sin, other * (std::f32::consts::TAU * d).cos())
+    }
+
+    /// What is added to the mean of Gaussian `index` of a 2D scene, px, where Σ = L Lᵀ.
+    #[inline]
+    pub fn shift_2d(&self, index: u32, l: Mat2, opacity_logit: f32) -> Vec2 {
+        let shift = l * (l.transpose() * self.normals(index).truncate()) * self.weight(opacity_logit);
+        if shift.is_finite() { shift } else { Vec2::ZERO }
+    }
+
+    /// What is added to the mean of Gaussian `index` of a 3D scene, world units, where Σ = M Mᵀ.
+    #[inline]
+    pub fn shift_3d(&self, index: u32, m: Mat3, opacity_logit: f32) -> Vec3 {
+        let shift = m * (m.transpose() * self.normals(index)) * self.weight(opacity_logit);
+        if shift.is_finite() { shift } else { Vec3::ZERO }
+    }
+
+    fn weight(&self, opacity_logit: f32) -> f32 {
+        self.scale * sigmoid(-NOISE_STEEPNESS * (sigmoid(opacity_logit) - NOISE_OPACITY))
+    }
+}
+
+/// Four random words from four words that count: the hash `pcg4d` of Jarzynski and Olano, *Hash functions for GPU rendering*, 2020.
+#[inline]
+pub fn random_words(counter: [u32; 4]) -> [u32; 4] {
+    let mut v = counter.map(|word| word.wrapping_mul(1_664_525).wrapping_add(1_013_904_223));
+    let mix = |v: &mut [u32; 4]| {
+        for (to, [a, b]) in [(0, [1, 3]), (1, [2, 0]), (2, [0, 1]), (3, [1, 2])] {
+            v[to] = v[to].wrapping_add(v[a].wrapping_mul(v[b]));
+        }
+    };
+    mix(&mut v);
+    v = v.map(|word| word ^ (word >> 16));
+    mix(&mut v);
+    v
+}
+
+/// In (0, 1]; exact.
+fn uniform(word: u32) -> f32 {
+    ((word >> 8) + 1) as f32 / 16_777_216.0
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::logit;
+
+    #[test]
+    fn normals_have_mean_0_and_variance_1_and_do_not_correlate() {
+        let count = 100_000;
+        for noise in [MeanNoise { scale: 1.0, seed: 0, step: 0 }, MeanNoise { scale: 1.0, seed: 7, step: 30_000 }] {
+            let next = MeanNoise { step: noise.step + 1, ..noise };
+            let (mut mean, mut second, mut with_next) = (Vec3::ZERO, Mat3::ZERO, Vec3::ZERO);
+            for index in 0..count {
+                let normals = noise.normals(index);
+                mean += normals / count as f32;
+                second += Mat3::from_cols(normals * normals.x, normals * normals.y, normals * normals.z)
+                    * (1.0 / count as f32);
+                with_next += normals * next.normals(index) / count as f32;
+            }
+            let within = 4.0 * (2.0 / count as f32).sqrt();
+            assert!(mean.abs().max_element() < within, "{mean}");
+            assert!(second.abs_diff_eq(Mat3::IDENTITY, within), "{second}");
+            assert!(with_next.abs().max_element() < within, "{with_next}");
+        }
+    }
+
+    #[test]
+    fn the_transparent_move_as_their_covariance_says_and_the_opaque_stay() {
+        let count = 20_000;
+        let l = Mat2::from_cols(Vec2::new(3.4, 2.9), Vec2::new(-0.8, 0.9));
+        // Half of the strength at the threshold's opacity; in units of the noise's own covariance, whose root is Σ.
+        let noise = MeanNoise { scale: 0.25, seed: 3, step: 4 };
+        let whiten = (l * l.transpose() * 0.125).inverse();
+        let mut second = Mat2::ZERO;
+        for index in 0..count {
+            let z = whiten * noise.shift_2d(index, l, logit(0.005));
+            second += Mat2::from_cols(z * z.x, z * z.y) * (1.0 / count as f32);
+            assert!(noise.shift_2d(index, l, logit(0.5)).length() < 1e-6);
+            assert!(noise.shift_2d(index, l, f32::INFINITY).length() < 1e-6);
+        }
+        assert!(second.abs_diff_eq(Mat2::IDENTITY, 4.0 * (2.0 / count as f32).sqrt()), "{second}");
+    }
+
+    #[test]
+    fn in_3d_the_noise_has_all_three_axes() {
+        let count = 20_000;
+        let m = Mat3::from_cols(Vec3::new(0.4, 0.1, 0.0), Vec3::new(-0.3, 1.2, 0.2), Vec3::new(0.1, -0.5, 2.0));
+        let noise = MeanNoise { scale: 3.0, seed: 3, step: 4 };
+        let whiten = (m * m.transpose() * 1.5).inverse();
+        let mut second = Mat3::ZERO;
+        for index in 0..count {
+            let z = whiten * noise.shift_3d(index, m, logit(0.005));
+            second += Mat3::from_cols(z * z.x, z * z.y, z * z.z) * (1.0 / count as f32);
+        }
+        assert!(second.abs_diff_eq(Mat3::IDENTITY, 4.0 * (2.0 / count as f32).sqrt()), "{second}");
+    }
+
+    #[test]
+    fn what_is_broken_stays() {
+        let noise = MeanNoise { scale: 1.0, seed: 1, step: 1 };
+        assert_eq!(noise.shift_2d(0, Mat2::NAN, logit(0.001)), Vec2::ZERO);
+        assert_eq!(noise.shift_3d(0, Mat3::IDENTITY, f32::NAN), Vec3::ZERO);
+        noise.validate().unwrap();
+        assert!(MeanNoise { scale: f32::NAN, ..noise }.validate().is_err());
+    }
+}

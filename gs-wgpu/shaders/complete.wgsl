@@ -1,0 +1,22 @@
+// A target completed: before the background where it is transparent, and as it is rendered where it does not count. One invocation a pixel.
+
+@group(0) @binding(1) var<storage, read> image: array<vec4f>;
+// Colours, and in place of a fourth the alpha, or -1 where a pixel does not count.
+@group(0) @binding(2) var<storage, read> target_image: array<vec4f>;
+@group(0) @binding(3) var<storage, read_write> completed: array<vec4f>;
+
+@compute @workgroup_size(256)
+fn complete(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
+    let pixel = flat(group, groups) * 256u + lane;
+    if pixel >= step.size.x * step.size.y {
+        return;
+    }
+    let y = target_image[pixel];
+    var color = y.xyz;
+    if y.w < 0.0 {
+        color = image[pixel].xyz;
+    } else if y.w < 1.0 {
+        color = y.xyz * y.w + step.background * (1.0 - y.w);
+    }
+    completed[pixel] = vec4f(color, 0.0);
+}
