@@ -98,7 +98,7 @@ impl CpuRasterizer {
         self
     }
 
-    /// This rasterizer for 3D scenes alone, as [`Self::2D`].
+    /// This rasterizer for 3D scenes alone, as [`Self::for_2d`].
     pub fn for_3d(
         &self,
     ) -> &impl Profiler<Scene3d, Splats = Splats3d, ForwardPass = ForwardPass3d, Gradients = Gradients3d, Target = Target>

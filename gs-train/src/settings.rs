@@ -94,7 +94,7 @@ impl InitialCount {
     }
 }
 
-/// Conjugate-gradient iterations of [`Rasterizer::solve_colors`](gs_core::Rasterizer::solve_colors).
+/// Conjugate-gradient iterations of [`Optimizer::solve_colors`](gs_core::Optimizer::solve_colors).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
 pub struct ColorSolve {

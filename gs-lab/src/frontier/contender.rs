@@ -12,13 +12,13 @@ pub trait Renderer<V> {
     /// Seconds of one forward pass, until the backend is done with it; the image stays where it is.
     ///
     /// # Errors
-    /// Those of [`Rasterizer::forward`].
+    /// Those of [`Rasterizer::forward`](gs_core::Rasterizer::forward).
     fn seconds(&self, view: &V, settings: &RenderSettings) -> Result<f64, Error>;
 
     /// The picture.
     ///
     /// # Errors
-    /// Those of [`Rasterizer::forward`].
+    /// Those of [`Rasterizer::forward`](gs_core::Rasterizer::forward).
     fn image(&self, view: &V, settings: &RenderSettings) -> Result<Image, Error>;
 }
 

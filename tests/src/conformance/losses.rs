@@ -59,7 +59,7 @@ fn same(what: &str, expected: &[f32], found: &[f32]) -> Result<(), Failure> {
     Failure::unless(bits(expected) == bits(found), || format!("{what}: the losses are {found:?}, not {expected:?}"))
 }
 
-/// [`Rasterizer::losses`] hands over the loss of each step once and in order, behind what the caller has: the same whether each step is
+/// [`Optimizer::losses`] hands over the loss of each step once and in order, behind what the caller has: the same whether each step is
 /// waited for, those that have arrived are asked for as it goes on, or all are at the end. What was refused has none.
 ///
 /// # Errors
