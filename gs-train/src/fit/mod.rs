@@ -38,7 +38,7 @@ pub struct Fit {
 /// let rasterizer = CpuRasterizer::new(CpuSettings::default())?;
 /// let settings = FitSettings { iterations: 20, ..FitSettings::quick(50) };
 /// let mut log = MetricsLog::new(5);
-/// let fit = fit(&rasterizer, &paper_target(), settings, &mut log)?;
+/// let fit = pollster::block_on(fit(&rasterizer, &paper_target(), settings, &mut log))?;
 /// assert_eq!(fit.summary.gaussians, 50);
 /// assert!(log.rows().last().and_then(|row| row.psnr).is_some_and(|psnr| psnr > 15.0));
 /// # Ok::<(), gs_train::Error>(())
