@@ -17,6 +17,9 @@ mod space;
 /// What describes a step, and what comes back of it: two structures of half a KiB, and a camera.
 const MOST_BYTES: u64 = 2048;
 
+/// What comes back of the steps that are still under way when counting begins or ends, spread over those that are counted: four times 40 bytes.
+const UNDER_WAY: u64 = 4 * 40 / 8;
+
 fn wgpu() -> WgpuRasterizer {
     WgpuRasterizer::new(WgpuSettings::default()).block_on().expect("`cargo xtask test` installs a driver")
 }
@@ -88,7 +91,7 @@ fn a_step_of_a_fit_moves_few_bytes_whatever_the_policy() {
     for name in Policy::NAMES {
         let policy = Policy::from_name(name).unwrap();
         let (small, large) = (of_fit(&wgpu, policy.clone(), 40, (32, 24)), of_fit(&wgpu, policy, 160, (64, 48)));
-        assert_eq!(small, large, "{name}");
+        assert!(small.abs_diff(large) <= UNDER_WAY, "{name}: {small} and {large} bytes");
         assert!((1..=MOST_BYTES).contains(&small), "{name}: {small} bytes");
     }
 }
@@ -99,7 +102,7 @@ fn a_step_of_training_moves_few_bytes_with_and_without_masks() {
     for policy in [Policy::from_name("mcmc").unwrap(), Policy::from_name("absolute").unwrap(), Policy::None] {
         for masked in [false, true] {
             let [small, large] = [(1, 1), (4, 2)].map(|sizes| of_training(&wgpu, &policy, masked, sizes));
-            assert_eq!(small, large, "{policy:?}, masked: {masked}");
+            assert!(small.abs_diff(large) <= UNDER_WAY, "{policy:?}, masked: {masked}: {small} and {large} bytes");
             assert!((1..=MOST_BYTES).contains(&small), "{policy:?}, masked: {masked}: {small} bytes");
         }
     }
