@@ -198,6 +198,7 @@ pub(crate) fn backward<S: Simd, K: Collect>(
 }
 
 /// [`backward`] of one entry, in the lanes of one vector.
+#[expect(clippy::too_many_arguments, reason = "a kernel's inputs are slices of different owners")]
 #[inline(always)]
 fn backward_part<S: Simd, V: Floats<S>, K: Collect>(
     simd: S,

@@ -99,6 +99,10 @@ impl StudyFolder {
             }
             error => error.into(),
         })?;
+        if is_of_older_version {
+            let there = files_of(plan).chain([STUDY.to_owned()]).filter(|name| path.join(name).exists());
+            output.adopt(there.collect::<Vec<_>>())?;
+        }
         let folder = Self { path: path.to_owned(), output: Some(output) };
         for part in [folder.file(RUNS), folder.file(PICTURES)] {
             fs::create_dir_all(&part).map_err(|source| Error::Path { path: part, source })?;
@@ -157,7 +161,7 @@ impl StudyFolder {
 
     /// What is stored of a run. A file that is not this run's record is as good as none.
     pub fn record(&self, run: &Run) -> Option<Record> {
-        let text = fs::read(self.record_file(run)).ok()?;
+        let text = fs::read(self.file(&record_name(run))).ok()?;
         let record: Record = serde_json::from_slice(&text).ok()?;
         (record.address == run.address).then_some(record)
     }
@@ -174,7 +178,7 @@ impl StudyFolder {
     /// [`Error::Io`].
     pub fn store(&self, run: &Run, record: &Record) -> Result<(), Error> {
         let json = serde_json::to_vec(record).map_err(std::io::Error::other);
-        Ok(write_durably(self.record_file(run), |file| file.write_all(&json?))?)
+        Ok(write_durably(self.file_to_write(&record_name(run)), |file| file.write_all(&json?))?)
     }
 
     /// Stores the picture of a run's scene. A power cut may take it: the report then leaves it out.
@@ -182,12 +186,12 @@ impl StudyFolder {
     /// # Errors
     /// [`Error::Io`].
     pub fn store_picture(&self, run: &Run, picture: &Image) -> Result<(), Error> {
-        Ok(write_png(self.picture_file(run), picture)?)
+        Ok(write_png(self.file_to_write(&picture_name(run)), picture)?)
     }
 
     /// The picture of a run's scene, where it was stored.
     pub fn picture(&self, run: &Run) -> Option<Image> {
-        Some(read_image(self.picture_file(run)).ok()?.image)
+        Some(read_image(self.file(&picture_name(run))).ok()?.image)
     }
 
     /// Writes a text into it.
@@ -195,7 +199,7 @@ impl StudyFolder {
     /// # Errors
     /// [`Error::Io`].
     pub fn write(&self, name: &str, text: &str) -> Result<(), Error> {
-        Ok(gs_io::write_atomically(self.file(name), |file| file.write_all(text.as_bytes()))?)
+        Ok(gs_io::write_atomically(self.file_to_write(name), |file| file.write_all(text.as_bytes()))?)
     }
 
     /// Claims files whose names depend on the results, before they are written.
@@ -203,12 +207,9 @@ impl StudyFolder {
         Ok(self.output.as_ref().map_or(Ok(()), |output| output.claim(names))?)
     }
 
-    fn record_file(&self, run: &Run) -> PathBuf {
-        self.file(&record_name(run))
-    }
-
-    fn picture_file(&self, run: &Run) -> PathBuf {
-        self.file(&picture_name(run))
+    /// A file that is about to be written, which the folder's index has from now on.
+    pub(crate) fn file_to_write(&self, name: &str) -> PathBuf {
+        self.output.as_ref().map_or_else(|| self.file(name), |output| output.file(name))
     }
 }
 

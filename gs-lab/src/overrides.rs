@@ -1,6 +1,8 @@
 //! Settings that differ in a few places from others: tables merged, and held to what settings know.
 
-use gs_train::FitSettings;
+use std::path::Path;
+
+use gs_train::{FitSettings, parse_settings};
 use toml::{Table, Value};
 
 /// Settings of which one excludes the other, though each is a key of the same table.
@@ -43,7 +45,12 @@ pub(crate) fn applied(settings: &FitSettings, over: &Table) -> Result<FitSetting
     let unwritable = |error: toml::ser::Error| error.to_string();
     let mut table = Table::try_from(settings).map_err(unwritable)?;
     lay_upon(&mut table, over);
-    let merged: FitSettings = table.try_into().map_err(|error: toml::de::Error| error.message().to_owned())?;
+    let text = toml::to_string(&table).map_err(unwritable)?;
+    let merged: FitSettings = parse_settings(&text, Path::new("")).map_err(|error| match error {
+        // The line is one of a text that nobody has seen.
+        gs_train::Error::Settings { problem, .. } => problem,
+        error => error.to_string(),
+    })?;
     // Some tables of the settings let unknown keys pass; what was understood comes back.
     let understood = Table::try_from(&merged).map_err(unwritable)?;
     match first_unknown(over, &understood) {
@@ -105,10 +112,10 @@ mod tests {
     fn unknown_keys_are_named_wherever_they_stand() {
         for (text, expected) in [
             ("iteration = 7", "iteration"),
-            ("adam.means.learning-rate = 1.0", "`adam.means`"),
-            ("adam.mean.rate = 1.0", "`adam.mean.rate`"),
+            ("adam.means.learning-rate = 1.0", "`means` in [adam]: did you mean `mean`?"),
+            ("adam.mean.rate = 1.0", "`rate` in [adam.mean]"),
             ("policy = { kind = 'percentile', percentage = 5 }", "percentage"),
-            ("policy = { kind = 'none', percent = 5 }", "`policy.percent`"),
+            ("policy = { kind = 'none', percent = 5 }", "`percent` in [policy]"),
             ("policy.kind = 'everything'", "everything"),
         ] {
             let message = with(text).unwrap_err();

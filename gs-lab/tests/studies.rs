@@ -226,8 +226,8 @@ fn a_study_replaces_no_file_that_is_not_a_studys() {
     assert!(refused.contains("report.html: is in the way"), "{refused}");
     assert_eq!(fs::read_dir(&output).unwrap().count(), 1, "nothing is begun");
     drop(prepare(Existing::Refuse, true).unwrap());
-    // What it has prepared is its own from then on; and so is all in a folder of a version that kept no index.
-    drop(prepare(Existing::Resume, false).unwrap());
+    // It has not written the report, which is still somebody else's. All in a folder of a version that kept no index is a study's.
+    prepare(Existing::Resume, false).unwrap_err();
     fs::write(output.join("runs.csv"), "of an older version").unwrap();
     fs::remove_file(output.join(".gs-files.json")).unwrap();
     drop(prepare(Existing::Resume, false).unwrap());

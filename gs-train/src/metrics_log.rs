@@ -313,10 +313,10 @@ mod tests {
             (good.replace("loss", "cost"), "line 1"),
             (String::new(), "line 1"),
             (good.clone() + "3,x\n", "line 4 of its `metrics` is no row"),
-            (good.clone() + "2,0.1,1,0,0,0,0,0,0,0,0.5,,,,,,,,,,,,,,,,\n", "out of order"),
-            (good.clone() + "3,0.1,1,0,0,0,0,0,0,0,0.5,,,,,,,,,,,blur,1,2,,\n", "line 4"),
-            (good.clone() + "10,0.1,1,0,0,0,0,0,0,0,0.5,,,,,,,,,,,,,,,,\n", "step 10 of a fit at step 9"),
-            (good + "3,0.1,-1,0,0,0,0,0,0,0,0.5,,,,,,,,,,,,,,,,\n", "line 4"),
+            (good.clone() + "2,0.1,1,0,0,0,0,0,0,0,0.5,,,,,,,,,,,\n", "out of order"),
+            (good.clone() + "3,0.1,1,0,0,0,0,0,0,0,0.5,,blur,,,,,,,,,\n", "line 4"),
+            (good.clone() + "10,0.1,1,0,0,0,0,0,0,0,0.5,,,,,,,,,,,\n", "step 10 of a fit at step 9"),
+            (good + "3,0.1,-1,0,0,0,0,0,0,0,0.5,,,,,,,,,,,\n", "line 4"),
         ] {
             let message = rows_of(&bad, 9).unwrap_err().to_string();
             assert!(message.contains(expected), "{message}");

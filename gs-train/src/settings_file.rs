@@ -69,24 +69,28 @@ struct Unknown<'a> {
     table: String,
     /// The known one that is most like it.
     nearest: Option<&'a str>,
+    /// All names that are known, where it is a name.
+    names: Vec<&'a str>,
 }
 
 impl<'a> Unknown<'a> {
     /// What the message says, if it is about an unknown key or name, at the first of these from `start` on. The message of a
     /// table with a `kind` points at the table.
     fn of(message: &'a str, text: &str, start: usize) -> Option<Self> {
-        let (what, word, nearest) = if let Some(rest) = message.strip_prefix("unexpected keys in table: ") {
+        let (what, word, known) = if let Some(rest) = message.strip_prefix("unexpected keys in table: ") {
             // The toml crate's own words, of the table of an enum's variant.
             let (keys, known) = rest.split_once(", available keys: ")?;
             let key = keys.split(", ").next()?;
-            ("key", key, nearest(key, known.split(", ")))
+            ("key", key, known.split(", ").collect::<Vec<_>>())
         } else {
             let key = message.strip_prefix("unknown field `").map(|rest| ("key", rest));
             let (what, rest) = key.or_else(|| Some(("name", message.strip_prefix("unknown variant `")?)))?;
             let mut names = rest.split('`').step_by(2);
             let word = names.next()?;
-            (what, word, nearest(word, names))
+            (what, word, names.collect())
         };
+        let nearest = nearest(word, known.iter().copied());
+        let names = if what == "name" { known } else { Vec::new() };
         let mut places = Vec::new();
         if let Ok(document) = DeTable::parse(text) {
             find(document.get_ref(), word, "", &mut places);
@@ -94,7 +98,7 @@ impl<'a> Unknown<'a> {
         places.sort_unstable();
         let place = places.iter().find(|(place, _)| *place >= start).or(places.first()).cloned();
         let (start, table) = place.unwrap_or((start, String::new()));
-        Some(Self { what, word, start, table, nearest })
+        Some(Self { what, word, start, table, nearest, names })
     }
 }
 
@@ -106,7 +110,8 @@ impl fmt::Display for Unknown<'_> {
         }
         match self.nearest {
             Some(nearest) => write!(f, ": did you mean `{nearest}`?"),
-            None => Ok(()),
+            None if self.names.is_empty() => Ok(()),
+            None => write!(f, ", which is none of {}", self.names.join(", ")),
         }
     }
 }

@@ -57,7 +57,7 @@ fn has_name(folder: &Path, beginnings: &[&str]) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use gs_core::{Parameterization, Rasterizer, RenderSettings, Scene3d, effects::Antialias};
+    use gs_core::{Parameterization, Rasterizer, RenderSettings, Scene3d, settings::Cut};
 
     use super::*;
     use crate::backend::shows_images;
@@ -79,16 +79,16 @@ mod tests {
 
     #[test]
     fn a_gpu_is_taken_for_images_only_where_it_offers_the_effects() {
-        let found = |antialias| {
+        let found = |cut| {
             let gpu =
                 WgpuRasterizer::new(WgpuSettings::default()).block_on().expect("`cargo xtask test` installs a driver");
             let mut render = RenderSettings::default();
-            render.effects.antialias = antialias;
+            render.accuracy.cut = cut;
             if_suited(gpu, |gpu| shows_images(gpu, &render))
         };
-        assert!(matches!(found(Antialias::None), Fastest::Gpu(_)));
-        let Fastest::Cpu { why } = found(Antialias::Mip) else { panic!("wgpu has no antialiasing of images") };
-        assert!(why.starts_with("the GPU ") && why.contains("does not offer antialias Mip"), "{why}");
+        assert!(matches!(found(Cut::Hard), Fastest::Gpu(_)));
+        let Fastest::Cpu { why } = found(Cut::Smooth) else { panic!("wgpu has no smooth cut") };
+        assert!(why.starts_with("the GPU ") && why.contains("does not offer a smooth cut"), "{why}");
     }
 
     #[test]

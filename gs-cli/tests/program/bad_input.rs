@@ -104,10 +104,10 @@ fn settings_files_that_cannot_be() {
     let output = place.path().join("out");
     let file = place.path().join("settings.toml");
     for (text, expected) in [
-        ("iterations = \"many\"", "line 1"),
+        ("iterations = \"many\"", "settings.toml:1: "),
         ("iteration = 3", "iteration"),
         ("gaussians = 0", "Gaussians"),
-        ("iterations = [", "line 1"),
+        ("iterations = [", "settings.toml:1: "),
         ("rebin-every = 0", "rebin-every"),
     ] {
         fs::write(&file, text).unwrap();

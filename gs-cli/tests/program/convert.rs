@@ -132,12 +132,12 @@ fn how_a_scene_was_trained_goes_along() {
     convert(&first, &path("a.ply"), &["--antialias", "compensated", "--order", "pixel-depth"]).done();
     convert(&path("a.ply"), &path("a.glb"), &[]).done();
     let kept = info("a.glb");
-    assert_eq!((&kept["antialias"], &kept["order"]), (&"compensated".into(), &"pixel-depth".into()));
+    assert_eq!((&kept["antialias"], &kept["order"]), (&"compensated".into(), &"per-pixel".into()));
     let told = render("a.glb", &["--effects", "all"]);
-    assert!(told.contains("order pixel-depth, antialias compensated") && !told.contains(guess), "{told}");
+    assert!(told.contains("order per-pixel, antialias compensated") && !told.contains(guess), "{told}");
     let lost = convert(&path("a.glb"), &path("a.spz"), &[]).done().stdout;
     assert!(
-        lost.contains("lost        how the scene was trained, with antialias compensated, order pixel-depth"),
+        lost.contains("lost        how the scene was trained, with antialias compensated, order per-pixel"),
         "{lost}"
     );
     assert_eq!(info("a.spz")["antialias"], "mip");

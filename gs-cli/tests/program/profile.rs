@@ -260,7 +260,7 @@ fn a_scene_in_space_is_profiled_on_both_backends() {
         let output = place.path().join(backend);
         let flags = ["--size", "40x30", "--order", "per-pixel", "--backend", backend, "-o", output.to_str().unwrap()];
         let run = profile(&[&[scene], &flags[..]].concat()).done();
-        assert!(run.stdout.contains("8 Gaussians; 40x30 px, over, order pixel-depth, antialias dilate, SH degree 0"));
+        assert!(run.stdout.contains("8 Gaussians; 40x30 px, over, order per-pixel, antialias dilate, SH degree 0"));
         let json: Value = serde_json::from_slice(&fs::read(output.join("profile.json")).unwrap()).unwrap();
         check(&json, &fs::read_to_string(output.join("profile.csv")).unwrap());
         let told = ["order", "loss", "parameterization", "target"].map(|key| json[key].clone());

@@ -283,7 +283,7 @@ fn a_scene_is_shown_from_views_orbits_and_paths() {
     let overview = at("overview.png");
     let flags = ["--size", "40x30", "--up", "z", "--background", "white", "--antialias", "mip"];
     let run = gs(["render", text(&scene), "-o", text(&overview)].into_iter().chain(flags)).done();
-    assert!(run.stderr.contains("order tile-depth, antialias mip, SH degree 0, background white"), "{run:?}");
+    assert!(run.stderr.contains("order global, antialias mip, SH degree 0, background white"), "{run:?}");
     let seen = gs_io::read_image(&overview).unwrap().image;
     assert!(seen.pixels().iter().any(|p| p[0] < 0.5) && seen.pixel(0, 0) == [1.0; 3], "something, before white");
 

@@ -31,7 +31,7 @@ pub fn write(results: &Results<'_>, folder: &StudyFolder, command: &str) -> Resu
     )?;
     for figure in &figures {
         folder.write(&format!("{PLOTS}/{}.svg", figure.name), &figure.svg_file()?)?;
-        gs_io::write_png(folder.file(PLOTS).join(format!("{}.png", figure.name)), &figure.image()?)?;
+        gs_io::write_png(folder.file_to_write(&format!("{PLOTS}/{}.png", figure.name)), &figure.image()?)?;
     }
     let most = study.budgets.iter().copied().max().unwrap_or(0);
     let multiples = pictures::multiples(results, most, |run| folder.picture(run))?;
