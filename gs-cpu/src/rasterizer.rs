@@ -338,7 +338,7 @@ impl<S: SceneKind> Optimizer<S> for CpuRasterizer {
     }
 }
 
-/// Fails unless the gradients are of as many Gaussians as the splats has.
+/// Fails unless the gradients are of as many Gaussians as there are splats.
 fn check_len<S: SceneKind>(gradients: &Gradients<S>, splats: &S::Splats) -> Result<(), Error> {
     let (found, expected) = (gradients.workspace().len, S::shared(splats).len());
     if found == expected {

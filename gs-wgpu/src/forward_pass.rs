@@ -92,7 +92,7 @@ pub struct Gradients<S: SceneKind> {
 }
 
 impl<S: SceneKind> Gradients<S> {
-    /// Fails unless the gradients are of as many Gaussians as the splats has.
+    /// Fails unless the gradients are of as many Gaussians as there are splats.
     pub(crate) fn check_len(&self, splats: &Splats<S>) -> Result<(), Error> {
         if self.len == splats.len {
             return Ok(());

@@ -251,7 +251,7 @@ fn compare(expected: &[Row], found: &[Row], place: &str) -> Result<(), Failure> 
     Ok(())
 }
 
-/// A plan that contradicts itself or the splats is refused as [`Error::Plan`], and the splats is as before.
+/// A plan that contradicts itself or the splats is refused as [`Error::Plan`], and the splats are as before.
 ///
 /// # Errors
 /// [`Failure`] where the backend does not do so.

@@ -264,7 +264,7 @@ pub fn check_image<S: Subject, R: Optimizer<S>>(rasterizer: &R, draw: &Draw<S>) 
 }
 
 /// Differentiates a drawing and holds loss and gradients against the oracle's, at the parameters that the backend itself says the
-/// splats has.
+/// splats have.
 ///
 /// # Errors
 /// [`Failure`] where they differ, or the backend or the comparison fails.
