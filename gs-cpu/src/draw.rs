@@ -48,7 +48,6 @@ mod tests {
     use crate::{CpuRasterizer, CpuSettings};
 
     #[test]
-    #[cfg_attr(miri, ignore = "minutes: an image of thousands of rows")]
     fn what_is_drawn_is_what_forward_shows_to_the_bit() {
         let rasterizer = CpuRasterizer::new(CpuSettings { threads: Some(2), level: None }).unwrap();
         let cpu = rasterizer.for_2d();

@@ -357,7 +357,6 @@ mod tests {
     use crate::workspace::Workspace;
 
     #[test]
-    #[cfg_attr(miri, ignore = "minutes: thousands of pixels, blended again and again")]
     fn too_many_tile_entries_are_an_error_and_leave_the_splats_as_it_was() {
         let rasterizer = CpuRasterizer::new(CpuSettings::default()).unwrap();
         let cpu = rasterizer.for_2d();
@@ -406,7 +405,6 @@ mod tests {
     }
 
     #[test]
-    #[cfg_attr(miri, ignore = "minutes: images of 1024 px")]
     fn those_out_of_view_take_part_only_if_all_do() {
         let rasterizer = CpuRasterizer::new(CpuSettings::default()).unwrap();
         let cpu = rasterizer.for_2d();

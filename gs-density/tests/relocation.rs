@@ -13,7 +13,7 @@ use gs_density::{
 use proptest::prelude::*;
 
 // Under Miri just so large that all Gaussians lie inside, and both colours of the target show.
-const SIZE: (u32, u32) = if cfg!(miri) { (22, 16) } else { (40, 30) };
+const SIZE: (u32, u32) = (40, 30);
 
 fn gaussian(opacity: f32) -> Gaussian2d {
     Gaussian2d {

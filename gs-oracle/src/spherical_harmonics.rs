@@ -81,7 +81,6 @@ mod tests {
     }
 
     #[test]
-    #[cfg_attr(miri, ignore = "minutes: a quadrature of the whole sphere")]
     fn the_basis_is_orthonormal_on_the_sphere() {
         let points = quadrature();
         assert!((points.iter().map(|p| p.1).sum::<f64>() - 4.0 * PI).abs() < 1e-12);

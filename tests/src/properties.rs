@@ -8,25 +8,16 @@ use proptest::{
 
 use crate::Failure;
 
-/// Under Miri, which takes a few thousand times as long as a processor, one case in so many is drawn.
-const CASES_PER_CASE_UNDER_MIRI: u32 = 64;
-
-/// How many of so many cases are drawn: all, but under Miri few.
-const fn few_under_miri(cases: u32) -> u32 {
-    if cfg!(miri) { cases.div_ceil(CASES_PER_CASE_UNDER_MIRI) } else { cases }
-}
-
-/// Proptest's own settings with so many cases. Under Miri there are few, and no file of failures, which isolation leaves no folder for.
+/// Proptest's own settings with this number of cases.
 #[must_use]
 pub fn fresh(cases: u32) -> ProptestConfig {
-    let ordinary = ProptestConfig { cases: few_under_miri(cases), ..ProptestConfig::default() };
-    if cfg!(miri) { ProptestConfig { failure_persistence: None, ..ordinary } } else { ordinary }
+    ProptestConfig { cases, ..ProptestConfig::default() }
 }
 
-/// So many cases, those of a seed, and no file of failures: a failing case fails again, and prints what it shrank to. Under Miri, few of them.
+/// The same cases in each run, without a file of failures: a failing case fails again, and prints
+/// what it shrank to.
 #[must_use]
 pub fn repeatable(cases: u32, seed: u64) -> ProptestConfig {
-    let cases = few_under_miri(cases);
     ProptestConfig {
         cases,
         max_global_rejects: cases / 2,

@@ -9,7 +9,7 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
 /// How many scenes of each kind are drawn; few under Miri, to which one is half a minute.
-const SCENES: usize = if cfg!(miri) { 4 } else { 3000 };
+const SCENES: usize = 3000;
 
 /// Random inputs of up to 400 bytes, the same in each run.
 fn inputs(count: usize, seed: u64) -> impl Iterator<Item = Vec<u8>> {
@@ -40,7 +40,6 @@ fn the_processor_owes_nothing_to_scenes_in_space() {
 }
 
 #[test]
-#[cfg_attr(miri, ignore = "drivers are not interpreted")]
 fn a_gpu_owes_nothing_either() {
     let wgpu = WgpuRasterizer::new(WgpuSettings::default()).block_on().expect("`cargo xtask test` installs a driver");
     for input in inputs(40, 3) {
@@ -51,7 +50,6 @@ fn a_gpu_owes_nothing_either() {
 }
 
 #[test]
-#[cfg_attr(miri, ignore = "minutes: counts how many of a thousand are")]
 fn drawn_scenes_are_worth_drawing() {
     let cpu = cpu();
     let (mut scenes, mut views, mut seen) = (0, 0, 0);

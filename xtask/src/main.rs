@@ -1,38 +1,46 @@
-//! The chores of this project. It uses no crate, so that it compiles in a second on a fresh machine.
+//! The project's own commands: `cargo xtask test` runs all the tests.
+//!
+//! This program depends on no crate, so that it compiles within a second on a fresh machine.
 
-mod miri;
 mod test;
 
 use std::process::ExitCode;
 
+use crate::test::Options;
+
 const HELP: &str = "\
-The chores of this project.
+Runs the tests of the workspace, documentation tests included.
 
-Usage: cargo xtask test [--slow]
-       cargo xtask miri
+Usage: cargo xtask test [--install] [--slow]
 
-  test          run every test of the workspace, documentation tests included, and install first what they need
-  test --slow   then also run the slow tests (marked #[ignore]), in the release profile
-  miri          run property tests and others under Miri, which sees undefined behaviour in what the libraries rest on
-  help          print this";
+Options:
+  --install  install what the tests need: Mesa's software Vulkan driver, where there is no
+             graphics adapter. Without it nothing is installed, and tests that need an
+             adapter are skipped and listed by name
+  --slow     then run the slow tests (marked #[ignore]) in the release profile
+
+Tests on real images and scenes read the folder that GS_DATA names, ../shared/data by default.
+They pass without checking anything where it is absent.";
 
 fn main() -> ExitCode {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let words: Vec<&str> = arguments.iter().map(String::as_str).collect();
-    let outcome = match words[..] {
-        ["test"] => test::run(test::Scope::Ordinary),
-        ["test", "--slow"] => test::run(test::Scope::AlsoSlow),
-        ["miri"] => miri::run(),
-        [] | ["help" | "-h" | "--help"] => {
+    let options = match &words[..] {
+        [] | ["help" | "-h" | "--help"] | ["test", "-h" | "--help"] => {
             eprintln!("{HELP}");
             return ExitCode::SUCCESS;
         }
-        _ => {
-            eprintln!("error: unknown chore: cargo xtask {}: see cargo xtask help", words.join(" "));
+        ["test", flags @ ..] => Options::parse(flags),
+        [other, ..] => Err(format!("unknown command {other}")),
+    };
+    let options = match options {
+        Ok(options) => options,
+        Err(message) => {
+            eprintln!("error: {message}: see cargo xtask help");
             return ExitCode::from(2);
         }
     };
-    match outcome {
+    match test::run(options) {
         Ok(()) => ExitCode::SUCCESS,
         Err(message) => {
             eprintln!("error: {message}");

@@ -92,7 +92,6 @@ mod tests {
     use super::*;
 
     #[test]
-    #[cfg_attr(miri, ignore = "minutes: images of 160 px and more")]
     fn one_pass_finds_what_each_measure_finds_by_itself() {
         for (width, height) in [(40, 30), (161, 165)] {
             let (a, noisy) = test_images::clean_and_noisy(width, height);

@@ -125,7 +125,6 @@ mod tests {
 
     /// Expected values: direct 11×11 convolutions and padded 2×2 means in NumPy, in f64, written apart from this file.
     #[test]
-    #[cfg_attr(miri, ignore = "minutes: images of 160 px and more")]
     fn values_agree_with_an_independent_computation() {
         for (width, height, expected) in
             [(192, 176, 0.945_792_533_227), (175, 163, 0.943_897_668_680), (161, 165, 0.944_491_308_393)]
@@ -137,7 +136,6 @@ mod tests {
     }
 
     #[test]
-    #[cfg_attr(miri, ignore = "minutes: images of 160 px and more")]
     fn equal_images_score_one_and_a_negative_scores_zero() {
         let (image, _) = clean_and_noisy(192, 176);
         assert_eq!(ms_ssim(&image, &image).unwrap(), Some(1.0));
@@ -146,7 +144,6 @@ mod tests {
     }
 
     #[test]
-    #[cfg_attr(miri, ignore = "minutes: images of 160 px and more")]
     fn it_is_defined_from_161_px_on() {
         for (width, height) in [(160, 300), (300, 160), (1, 1)] {
             let (image, _) = clean_and_noisy(width, height);
@@ -155,7 +152,6 @@ mod tests {
     }
 
     #[test]
-    #[cfg_attr(miri, ignore = "minutes: images of 160 px and more")]
     fn a_pixel_that_is_not_a_number_is_not_hidden() {
         let (clean, mut noisy) = clean_and_noisy(176, 176);
         noisy.pixels_mut()[5000][2] = f32::NAN;

@@ -183,7 +183,6 @@ mod tests {
     /// use_sample_covariance=False, data_range=1, channel_axis=2)` in f64; that of 6×9 px, where scikit-image has no window,
     /// a direct 5×5 convolution in NumPy.
     #[test]
-    #[cfg_attr(miri, ignore = "minutes: thousands of pixels with windows of 121")]
     fn values_agree_with_scikit_image() {
         for (width, height, expected) in [
             (40, 30, 0.770_675_721_947),
@@ -199,7 +198,6 @@ mod tests {
     }
 
     #[test]
-    #[cfg_attr(miri, ignore = "minutes: thousands of pixels with windows of 121")]
     fn equal_images_score_one_at_every_size() {
         for (width, height) in [(1, 1), (2, 30), (10, 10), (12, 11), (64, 40)] {
             let (image, _) = clean_and_noisy(width, height);

@@ -117,7 +117,6 @@ mod tests {
     use super::*;
 
     #[test]
-    #[cfg_attr(miri, ignore = "minutes: half a million depths")]
     fn nearest_first_and_ties_by_index() {
         let mut sort = DepthSort::default();
         for count in [0, 1, 7, 1000, 100_000, 400_000] {

@@ -119,7 +119,6 @@ proptest! {
     }
 
     #[test]
-    #[cfg_attr(miri, ignore = "zstd is written in C")]
     fn spz_stays_within_its_steps(
         scene in scenes(|| -2000.0..2000.0_f32, || -1.0..=1.0_f32),
         version in prop_oneof![Just(SpzVersion::V3), Just(SpzVersion::V4)],

@@ -79,16 +79,14 @@ pub fn target(width: u32, height: u32, seed: u64) -> Result<Image, Error> {
     })
 }
 
-/// Widths and heights of up to so many px. Under Miri, to which one pixel of one Gaussian is thousands of steps, of at most two of gs-cpu's
-/// strips of 16 columns, and a few rows.
+/// Widths and heights from 1 px to these.
 fn sizes(columns: u32, rows: u32) -> impl Strategy<Value = (u32, u32)> + Clone {
-    let (columns, rows) = if cfg!(miri) { (20, 6) } else { (columns, rows) };
     (1..=columns, 1..=rows)
 }
 
-/// How many Gaussians drawn scenes have: up to 24, under Miri up to 4.
+/// Number of Gaussians in drawn scenes.
 fn counts() -> impl Strategy<Value = usize> {
-    1_usize..=if cfg!(miri) { 4 } else { 24 }
+    1_usize..=24
 }
 
 /// Both blends.
