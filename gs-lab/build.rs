@@ -1,5 +1,6 @@
-//! Tells the library by which version a result was computed: that of the package and, where the sources of the engine are beside it, as in
-//! a checkout, their digest. Without it a kernel could change under a version that stays the same, and old results would pass for new.
+//! Sets the version under which results are stored: the package's and, in a checkout, a digest of
+//! the engine's sources. Without the digest, results of an older kernel could be reused after the
+//! kernel has changed.
 
 #[path = "src/sources.rs"]
 mod sources;

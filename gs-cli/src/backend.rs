@@ -14,7 +14,7 @@ use gs_core::{
     Canvas, Error, Optimizer, Parameterization, Rasterizer, RenderSettings, Scene2d, Scene3d, profile::Profiler,
 };
 use gs_cpu::{CpuRasterizer, CpuSettings, CpuTuning, SimdLevel};
-use gs_lab::Machine;
+use gs_lab::study::Machine;
 use gs_wgpu::{AdapterSummary, Kernels, WgpuRasterizer, WgpuSettings};
 
 pub(crate) use self::{

@@ -1,4 +1,4 @@
-//! gs-wgpu beside gs-cpu: time of one training iteration and of starting up, and what fits of photographs end at.
+//! gs-wgpu compared with gs-cpu: time of a training iteration, start-up time, and quality of fits.
 //!
 //! `cargo bench -p gs-lab --bench backends -- [--threads N] [--quick]`
 
@@ -14,9 +14,9 @@ use gs_core::{AdamRates, Binning, Canvas, Image, Optimizer, Scene2d, TrainStep, 
 use gs_train::{Preset, fit};
 use gs_wgpu::{WgpuRasterizer, WgpuSettings};
 use measure::{
-    Options, Outcome, Quantiles, ms, number,
-    photographs::PosedImages,
-    print_columns, print_head, print_row, print_section,
+    Options, Outcome, Quantiles,
+    images::BenchImages,
+    ms, number, print_columns, print_head, print_row, print_section,
     scenes::{Fitted, OVER_L1_DSSIM, OVER_L2, SUM_L2, Variant},
     try_time,
 };
@@ -25,9 +25,9 @@ const GAUSSIANS: u32 = 9_000;
 
 fn main() -> Outcome {
     let options = Options::parse();
-    let photographs = PosedImages::load()?;
-    let portrait = photographs.portrait();
-    print_head("Backends", &options, &[options.threads()], &photographs.origin);
+    let images = BenchImages::load()?;
+    let portrait = images.portrait();
+    print_head("Backends", &options, &[options.threads()], &images.origin);
     let cpu = options.rasterizer(options.threads())?;
 
     print_section("Starting up");
@@ -57,14 +57,14 @@ fn main() -> Outcome {
         print_row(&[variant.name.to_owned(), ms(on_cpu), ms(on_wgpu), number(on_wgpu.median / on_cpu.median)]);
     }
 
-    print_section("Fits of photographs, preset standard, 9,000 Gaussians");
-    print_columns(&["photograph", "cpu, dB", "wgpu, dB", "difference, dB", "cpu, s", "wgpu, s"]);
-    for photograph in photographs.all.iter().take(options.pick(usize::MAX, 1)) {
-        let settings = || Preset::Standard.settings(GAUSSIANS, photograph.image.size());
-        let on_cpu = fit(&cpu, &photograph.image, settings(), &mut ()).block_on()?.summary;
-        let on_wgpu = fit(&wgpu, &photograph.image, settings(), &mut ()).block_on()?.summary;
+    print_section("Fits of images, preset standard, 9,000 Gaussians");
+    print_columns(&["image", "cpu, dB", "wgpu, dB", "difference, dB", "cpu, s", "wgpu, s"]);
+    for kodak in images.all.iter().take(options.pick(usize::MAX, 1)) {
+        let settings = || Preset::Standard.settings(GAUSSIANS, kodak.image.size());
+        let on_cpu = fit(&cpu, &kodak.image, settings(), &mut ()).block_on()?.summary;
+        let on_wgpu = fit(&wgpu, &kodak.image, settings(), &mut ()).block_on()?.summary;
         print_row(&[
-            photograph.name.clone(),
+            kodak.name.clone(),
             format!("{:.3}", on_cpu.psnr),
             format!("{:.3}", on_wgpu.psnr),
             format!("{:+.3}", on_wgpu.psnr - on_cpu.psnr),
@@ -75,8 +75,8 @@ fn main() -> Outcome {
     Ok(())
 }
 
-/// Seconds per iteration, as means over four, of which the first makes the lists. The device may be some steps behind when a round ends,
-/// as it is in training, but in each round equally many.
+/// Seconds per iteration, averaged over four, of which the first makes new lists. As in training,
+/// the device may be some steps behind when a round ends, but by equally many in each round.
 fn iterations<R: Optimizer<Scene2d>>(
     rasterizer: &R,
     variant: &Variant,
@@ -87,7 +87,7 @@ fn iterations<R: Optimizer<Scene2d>>(
     let mut splats = rasterizer.upload(&fitted.scene, fitted.settings.parameterization)?;
     let target = rasterizer.upload_target(image)?;
     let view = Canvas::new(image.width(), image.height());
-    // The rates of the end: the scene goes on as it is.
+    // With the learning rates of the end, the scene hardly changes.
     let rates: AdamRates = fitted.settings.adam.at(1.0);
     let mut losses = Vec::new();
     let mut round = || {
@@ -100,7 +100,7 @@ fn iterations<R: Optimizer<Scene2d>>(
         }
         Ok(())
     };
-    // As many as it takes until a step has to wait for another.
+    // Fills the queue, until a step has to wait for another.
     (0..2).try_for_each(|_| round())?;
     Ok(Quantiles::of(&try_time(repetitions, round)?).times(0.25))
 }

@@ -1,4 +1,5 @@
-//! What a Gaussian takes on disk in each format, at each SH degree, and how long reading and writing take (paper §5.3).
+//! Size on disk of a Gaussian in each format and SH degree, and the time of reading and writing
+//! (paper §5.3).
 //!
 //! `GS_DATA=../shared/data cargo bench -p gs-lab --bench formats -- [--quick]`
 
@@ -16,7 +17,8 @@ use measure::{
     Options, Outcome, Quantiles, count, ms, number, print_columns, print_head, print_row, print_section, try_time,
 };
 
-/// The scenes: one with all harmonics from 3DGS's own code, one without any that was quantised before.
+/// The scenes: one by 3DGS's own code with all SH coefficients, and a quantised one without SH
+/// above degree 0.
 const SCENES: [&str; 2] = ["kacytran_iter7000_point_cloud.ply", "biker.compressed.ply"];
 
 fn main() -> Outcome {
@@ -56,18 +58,18 @@ fn main() -> Outcome {
     Ok(())
 }
 
-/// A scene without the harmonics above a degree.
+/// A scene without the SH coefficients above a degree.
 fn of_degree(scene: &Scene3d, sh_degree: u8) -> Scene3d {
     let mut cut = Scene3d { sh_degree, ..Scene3d::default() };
     (0..scene.len()).for_each(|index| cut.push(scene.gaussian(index).with_degree(sh_degree)));
     cut
 }
 
-/// One format's.
+/// The results of a format.
 struct Row {
     format: String,
     bytes: u64,
-    /// Of writing and reading, as a table's cells.
+    /// Times of writing and reading, as table cells.
     times: [String; 2],
 }
 
@@ -79,7 +81,7 @@ impl Row {
     }
 }
 
-/// Writes a scene in every format, 3DGS's PLY first, and reads it again.
+/// Writes a scene in every format, 3DGS's PLY first, and reads it back.
 fn written(scene: &Scene3d, folder: &Path, repetitions: usize) -> Result<Vec<Row>, gs_io::Error> {
     let plain = WriteOptions3d::default();
     let spz = |version| WriteOptions3d { spz: SpzOptions { version, ..SpzOptions::default() }, ..plain };

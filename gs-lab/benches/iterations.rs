@@ -1,4 +1,4 @@
-//! Time of one training iteration beside that of a comparable engine on the CPU.
+//! Time of a training iteration compared with that of another engine on the CPU.
 //!
 //! `cargo bench -p gs-lab --bench iterations -- [--level avx2] [--threads N] [--quick]`
 
@@ -8,26 +8,25 @@ mod measure;
 
 use clap::Parser;
 use measure::{
-    Options, Outcome, count, ms, number,
-    photographs::{PosedImages, cropped, halved},
-    print_columns, print_head, print_row, print_section,
+    Options, Outcome, count,
+    images::{BenchImages, cropped, halved},
+    ms, number, print_columns, print_head, print_row, print_section,
     scenes::{OVER_L1_DSSIM, OVER_L2, SUM_L2},
 };
 
 const GAUSSIANS: u32 = 10_000;
 
-/// OpenSplat's CPU path on two cores: seconds for one iteration (forward, backward, Adam) with 10,000 Gaussians on a square
-/// image of so many pixels a side.
+/// OpenSplat's CPU path on two cores: side of a square image, px, and seconds per iteration
+/// (forward, backward, Adam) with 10,000 Gaussians.
 const OPENSPLAT: [(u32, f64); 2] = [(512, 0.625), (256, 0.135)];
 
 fn main() -> Outcome {
     let options = Options::parse();
-    let photographs = PosedImages::load()?;
-    let portrait = photographs.portrait();
+    let images = BenchImages::load()?;
+    let portrait = images.portrait();
     let large = cropped(&portrait.image, OPENSPLAT[0].0, OPENSPLAT[0].0);
     let small = halved(&large);
-    let data =
-        format!("{}, its middle of 512x512 px and that at half size; found: {}", portrait.name, photographs.origin);
+    let data = format!("{}, its middle of 512x512 px and that at half size; found: {}", portrait.name, images.origin);
     print_head("Training iterations", &options, &options.thread_counts(), &data);
     for ((side, opensplat), image) in OPENSPLAT.into_iter().zip([&large, &small]) {
         print_section(&format!("{side}x{side} px, {} Gaussians", count(u64::from(GAUSSIANS))));

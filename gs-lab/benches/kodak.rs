@@ -1,5 +1,5 @@
-//! The fit benchmark: quality against the number of Gaussians and against time, on photographs, for every preset; and what a
-//! narrower SIMD level costs.
+//! The fit benchmark: quality against the number of Gaussians and against time for every preset,
+//! and the cost of a narrower SIMD level.
 //!
 //! `cargo bench -p gs-lab --bench kodak -- [--level avx2] [--threads N] [--quick] [--csv FILE]`
 
@@ -14,36 +14,37 @@ use clap::Parser;
 use gs_cpu::{CpuRasterizer, SimdLevel};
 use gs_train::{Control, FitSummary, Observer, Preset, Progress, fit};
 use measure::{
-    Options, Outcome, Quantiles, cell, count, mean, number,
-    photographs::{PosedImage, PosedImages},
-    print_columns, print_head, print_row, print_section,
+    Options, Outcome, Quantiles, cell, count,
+    images::{BenchImage, BenchImages},
+    mean, number, print_columns, print_head, print_row, print_section,
 };
 
-/// The count at which time is looked at closely.
+/// The count for which quality against time is measured.
 const GAUSSIANS: u32 = 9_000;
 
-/// GaussianImage (ECCV 2024) with 9,000 Gaussians, mean of all 24 photographs, on an RTX 4090 in 29.9 s.
+/// PSNR of GaussianImage (ECCV 2024) with 9,000 Gaussians: mean of all 24 Kodak images, in 29.9 s
+/// on an RTX 4090.
 const ANCHOR_DB: f64 = 32.05;
 
 #[derive(Debug, Parser)]
 struct KodakOptions {
     #[command(flatten)]
     common: Options,
-    /// Also writes every fit, one a line
+    /// Also writes a line per fit to FILE
     #[arg(long)]
     csv: Option<PathBuf>,
 }
 
-/// One fit, and how it went.
+/// A fit with its trajectory.
 struct Run {
     preset: Preset,
     gaussians: u32,
-    photograph: String,
+    image: String,
     summary: FitSummary,
     trajectory: Trajectory,
 }
 
-/// (seconds, dB), in order: when so many seconds of fitting had passed, and PSNR then. Measuring it is not part of the time.
+/// (seconds of fitting, PSNR in dB), in order. Measuring the PSNR is not part of the time.
 #[derive(Debug, Default)]
 struct Trajectory {
     points: Vec<(f64, f64)>,
@@ -61,7 +62,8 @@ impl Observer for Trajectory {
 }
 
 impl Trajectory {
-    /// PSNR at a time, between measurements interpolated, after the last that of the last; nothing before the first.
+    /// PSNR at a time: interpolated between measurements, constant after the last, `None` before
+    /// the first.
     fn at(&self, seconds: f64) -> Option<f64> {
         let after = self.points.partition_point(|&(s, _)| s <= seconds);
         let &(from, low) = self.points.get(after.checked_sub(1)?)?;
@@ -73,13 +75,13 @@ impl Trajectory {
 fn main() -> Outcome {
     let options = KodakOptions::parse();
     let common = &options.common;
-    let mut photographs = PosedImages::load()?;
-    let found = photographs.all.len();
-    photographs.all.truncate(common.pick(usize::MAX, 2));
-    let all = &photographs.all;
+    let mut images = BenchImages::load()?;
+    let found = images.all.len();
+    images.all.truncate(common.pick(usize::MAX, 2));
+    let all = &images.all;
     let cut = if all.len() < found { format!(", of which the first {}", all.len()) } else { String::new() };
-    let used = format!("{}{cut}", photographs.origin);
-    print_head("Fits of photographs", common, &[common.threads()], &used);
+    let used = format!("{}{cut}", images.origin);
+    print_head("Fits of images", common, &[common.threads()], &used);
     let rasterizer = common.rasterizer(common.threads())?;
     fit_one(&rasterizer, &all[0], Preset::Quick, 1_000)?; // Threads and caches are warm from here on.
 
@@ -91,8 +93,8 @@ fn main() -> Outcome {
         print_columns(&["Gaussians", "PSNR, dB", "MS-SSIM", "fitting, s (mean)", "fitting, s (median)"]);
         for &gaussians in counts.iter().filter(|&&n| preset != Preset::Best || n == GAUSSIANS) {
             let first = runs.len();
-            for photograph in all {
-                runs.push(fit_one(&rasterizer, photograph, preset, gaussians)?);
+            for image in all {
+                runs.push(fit_one(&rasterizer, image, preset, gaussians)?);
             }
             let runs: &[Run] = &runs[first..];
             print_row(&[count(u64::from(gaussians)), psnr(runs), ms_ssim(runs), seconds(runs), cell(times(runs))]);
@@ -116,21 +118,21 @@ fn main() -> Outcome {
 
 fn fit_one(
     rasterizer: &CpuRasterizer,
-    of: &PosedImage,
+    of: &BenchImage,
     preset: Preset,
     gaussians: u32,
 ) -> Result<Run, gs_train::Error> {
     let mut trajectory = Trajectory::default();
     let summary =
         fit(rasterizer, &of.image, preset.settings(gaussians, of.image.size()), &mut trajectory).block_on()?.summary;
-    Ok(Run { preset, gaussians, photograph: of.name.clone(), summary, trajectory })
+    Ok(Run { preset, gaussians, image: of.name.clone(), summary, trajectory })
 }
 
 fn psnr(runs: &[Run]) -> String {
     format!("{:.2}", mean(runs.iter().map(|run| run.summary.psnr)))
 }
 
-/// The mean of those photographs that are large enough for it.
+/// Mean over the images that are large enough for MS-SSIM.
 fn ms_ssim(runs: &[Run]) -> String {
     format!("{:.4}", mean(runs.iter().filter_map(|run| run.summary.ms_ssim)))
 }
@@ -143,17 +145,17 @@ fn times(runs: &[Run]) -> Quantiles {
     Quantiles::of(&runs.iter().map(|run| run.summary.seconds).collect::<Vec<_>>())
 }
 
-/// Mean PSNR of all photographs at a time, from the first at which every fit has one.
+/// Mean PSNR over all images at a time; `None` before the first measurement of each fit.
 fn mean_trajectory(runs: &[Run], seconds: f64) -> Option<f64> {
     let at = runs.iter().map(|run| run.trajectory.at(seconds)).collect::<Option<Vec<f64>>>()?;
     Some(mean(at))
 }
 
-/// Prints quality against time at [`GAUSSIANS`], and when the anchor is passed.
-fn print_trajectories(runs: &[Run], photographs: usize) {
-    let presets: Vec<&[Run]> = runs.chunks(photographs).filter(|runs| runs[0].gaussians == GAUSSIANS).collect();
+/// Prints quality against time at [`GAUSSIANS`], and when GaussianImage's PSNR is reached.
+fn print_trajectories(runs: &[Run], images: usize) {
+    let presets: Vec<&[Run]> = runs.chunks(images).filter(|runs| runs[0].gaussians == GAUSSIANS).collect();
     print_section(&format!("Quality against time, {} Gaussians", count(u64::from(GAUSSIANS))));
-    println!("Mean over the photographs of PSNR, dB, at so many seconds of fitting; after the end, that of the end.\n");
+    println!("Mean PSNR over the images, dB, after so many seconds of fitting; constant after the end.\n");
     let mut columns = vec!["seconds"];
     columns.extend(presets.iter().map(|runs| runs[0].preset.name()));
     print_columns(&columns);
@@ -177,8 +179,9 @@ fn print_trajectories(runs: &[Run], photographs: usize) {
     }
 }
 
-/// Prints how much longer a fit takes at AVX2 than at the best level, in pairs of fits one after the other.
-fn compare_levels(options: &Options, photographs: &[PosedImage]) -> Result<(), Box<dyn Error>> {
+/// Prints how much longer a fit takes at AVX2 than at the best level, from alternating pairs of
+/// fits.
+fn compare_levels(options: &Options, images: &[BenchImage]) -> Result<(), Box<dyn Error>> {
     let (best, narrow) = (SimdLevel::best(), SimdLevel::Avx2);
     if best <= narrow || !SimdLevel::available().contains(&narrow) {
         return Ok(());
@@ -188,11 +191,11 @@ fn compare_levels(options: &Options, photographs: &[PosedImage]) -> Result<(), B
         [options.rasterizer_at(best, options.threads())?, options.rasterizer_at(narrow, options.threads())?];
     let (mut seconds, mut ratios, mut losses) = ([Vec::new(), Vec::new()], Vec::new(), Vec::new());
     for round in 0..options.pick(3, 1) {
-        for (i, photograph) in photographs.iter().enumerate() {
-            // Neither is always the first.
+        for (i, image) in images.iter().enumerate() {
+            // The levels take turns in going first.
             let first = (round + i) % 2;
-            let one = fit_one(&rasterizers[first], photograph, preset, GAUSSIANS)?.summary;
-            let other = fit_one(&rasterizers[1 - first], photograph, preset, GAUSSIANS)?.summary;
+            let one = fit_one(&rasterizers[first], image, preset, GAUSSIANS)?.summary;
+            let other = fit_one(&rasterizers[1 - first], image, preset, GAUSSIANS)?.summary;
             let [wide, narrow] = if first == 0 { [one, other] } else { [other, one] };
             ratios.push(narrow.seconds / wide.seconds);
             losses.push(narrow.psnr - wide.psnr);
@@ -210,12 +213,12 @@ fn compare_levels(options: &Options, photographs: &[PosedImage]) -> Result<(), B
 }
 
 fn as_csv(runs: &[Run], rasterizer: &CpuRasterizer) -> String {
-    let mut csv = "photograph,preset,gaussians,level,threads,seconds,psnr,ms_ssim\n".to_owned();
+    let mut csv = "image,preset,gaussians,level,threads,seconds,psnr,ms_ssim\n".to_owned();
     let (level, threads) = (rasterizer.simd_level(), rasterizer.threads());
-    for Run { preset, photograph, summary, .. } in runs {
+    for Run { preset, image, summary, .. } in runs {
         let FitSummary { gaussians, seconds, psnr, .. } = summary;
         let ms_ssim = summary.ms_ssim.map_or(String::new(), |value| format!("{value:.6}"));
-        let line = format!("{photograph},{preset},{gaussians},{level},{threads},{seconds:.6},{psnr:.4},{ms_ssim}");
+        let line = format!("{image},{preset},{gaussians},{level},{threads},{seconds:.6},{psnr:.4},{ms_ssim}");
         writeln!(csv, "{line}").expect("a string takes all that is written to it");
     }
     csv

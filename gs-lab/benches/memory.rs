@@ -1,9 +1,11 @@
-//! Peak memory in training 3D scenes (paper §5.3), against the number of Gaussians, of tile entries and of pixels, for both backends and the
-//! lowest and the highest SH degree. Each size runs in a process of its own, as peak memory is a process's.
+//! Peak memory in training 3D scenes (paper §5.3) against the number of Gaussians, tile entries and
+//! pixels, for both backends and the lowest and highest SH degree. Each size is measured in a
+//! process of its own.
 //!
 //! `cargo bench -p gs-lab --bench memory -- [--backend wgpu] [--threads N] [--quick]`
 //!
-//! Of gs-wgpu the figure holds where the driver computes on the host, such as lavapipe: there the device's memory is the process's.
+//! For gs-wgpu the figure is valid if the driver computes on the host, such as lavapipe: only then
+//! is the device's memory the process's.
 
 #![allow(clippy::print_stdout)]
 
@@ -36,7 +38,8 @@ use serde::{Deserialize, Serialize};
 /// Images: (columns, rows).
 const SIZES: [(u32, u32); 2] = [(800, 532), (1920, 1080)];
 
-/// Mean scales, px: with two of them entries are not in one proportion with Gaussians.
+/// Mean scales, px. With two of them, the number of entries is not proportional to that of
+/// Gaussians.
 const SCALES_PX: [f32; 2] = [1.0, 3.0];
 
 /// Training steps before the edit and after it.
@@ -46,10 +49,10 @@ const STEPS: usize = 2;
 struct MemoryOptions {
     #[command(flatten)]
     common: Options,
-    /// What trains
+    /// The backend that trains
     #[arg(long, value_enum, default_value = "cpu")]
     backend: Backend,
-    /// Measures one case and prints it as JSON: what the benchmark calls itself with
+    /// Measures one case and prints it as JSON; the benchmark calls itself with this option
     #[arg(long, hide = true)]
     case: Option<String>,
 }
@@ -60,7 +63,7 @@ enum Backend {
     Wgpu,
 }
 
-/// One size to be measured.
+/// A size to be measured.
 #[derive(Debug, Clone, Copy, Serialize, Deserialize)]
 struct Case {
     gaussians: u32,
@@ -70,12 +73,12 @@ struct Case {
     sh_degree: u8,
 }
 
-/// What was measured.
+/// The measurement of a case.
 #[derive(Debug, Clone, Copy, Serialize, Deserialize)]
 struct Measured {
     case: Case,
     entries: usize,
-    /// Peak memory above that before there were Gaussians and pictures, bytes.
+    /// Peak memory above that before scene and image were made, bytes.
     bytes: u64,
 }
 
@@ -120,13 +123,13 @@ fn main() -> Outcome {
     }
     println!(
         "\nPeak of the process from before scene and picture are made: the scene on the host until it is uploaded, the splats with Adam's \
-         moments and statistics, lists, frame, target; {STEPS} training steps, a round in which the scene comes to the host and every \
-         tenth Gaussian is cloned, {STEPS} more. Counts are those after it. Memory is told by Linux (VmHWM)."
+         moments and statistics, lists, forward pass, target; {STEPS} training steps, a round in which the scene comes to the host and every \
+         tenth Gaussian is cloned, {STEPS} more. Counts are those after it. Memory is VmHWM of Linux."
     );
     Ok(())
 }
 
-/// Calls this program for one case.
+/// Runs this program for a case.
 fn measure_elsewhere(case: Case) -> Result<Measured, Box<dyn Error>> {
     let output = Command::new(std::env::current_exe()?)
         .args(std::env::args_os().skip(1))
@@ -156,7 +159,7 @@ fn measure(rasterizer: &impl Profiler<Scene3d>, case: Case) -> Result<Measured, 
     settings.effects.sh_degree = case.sh_degree;
     settings.effects.statistics = Statistics::MeanGradient;
     let mut splats = rasterizer.upload(&strewn(case, &camera), Parameterization::ScaleRotation)?;
-    // Nothing moves, so that entries stay what they are.
+    // Nothing moves, so the number of entries stays the same.
     let rates = still();
     let step = TrainStep { settings: &settings, loss: Loss::PAPER, rates: &rates, binning: Binning::Fresh };
     for _ in 0..STEPS {
@@ -172,7 +175,7 @@ fn measure(rasterizer: &impl Profiler<Scene3d>, case: Case) -> Result<Measured, 
     Ok(Measured { case: Case { gaussians: rasterizer.len(&splats) as u32, ..case }, entries, bytes })
 }
 
-/// Gaussians in the whole of the picture, at all depths, translucent, so that none hides all others.
+/// Translucent Gaussians all over the picture at all depths.
 fn strewn(case: Case, camera: &Camera) -> Scene3d {
     let mut random = Rng::seed_from_u64(u64::from(case.gaussians));
     let mut scene = Scene3d { sh_degree: case.sh_degree, ..Scene3d::default() };
@@ -193,7 +196,8 @@ fn strewn(case: Case, camera: &Camera) -> Scene3d {
     scene
 }
 
-/// A round of growth as training has it: a policy looks at the scene and its statistics on the host, and every tenth Gaussian is cloned.
+/// A round of growth as in training: the scene and its statistics are read back, and every tenth
+/// Gaussian is cloned.
 fn grow<R: Profiler<Scene3d>>(rasterizer: &R, splats: &mut R::Splats) -> Result<(), gs_core::Error> {
     let (scene, statistics) = (rasterizer.download(splats).block_on()?, rasterizer.statistics(splats).block_on()?);
     let clone = |index: u32| Birth {
@@ -209,7 +213,8 @@ fn grow<R: Profiler<Scene3d>>(rasterizer: &R, splats: &mut R::Splats) -> Result<
     Ok(())
 }
 
-/// Prints memory as a linear function for each size of image, and what a pixel takes by the difference of the two.
+/// Prints memory as a linear function for each size of image, and the memory per pixel from the
+/// difference of the two.
 fn print_models(of_sizes: &[Vec<Measured>]) {
     println!();
     let models = of_sizes.iter().map(|measured| {
@@ -231,7 +236,7 @@ fn print_models(of_sizes: &[Vec<Measured>]) {
     println!("- 20 GB hold {} million Gaussians at {}x{}", number(at_limit / 1e6), SIZES[1].0, SIZES[1].1);
 }
 
-/// Entries a Gaussian, over all that were measured.
+/// Mean entries per Gaussian.
 fn mean_entries(measured: &[Measured]) -> f64 {
     measure::mean(measured.iter().map(|m| m.entries as f64 / f64::from(m.case.gaussians)))
 }

@@ -1,5 +1,5 @@
-//! Time and memory against the number of Gaussians, of tile entries and of pixel–Gaussian pairs, up to 1,000,000 Gaussians on
-//! 4096×4096 px. Each size runs in a process of its own, as peak memory is a process's.
+//! Time and memory against the number of Gaussians, tile entries and pixel–Gaussian pairs, up to
+//! 1,000,000 Gaussians on 4096×4096 px. Each size is measured in a process of its own.
 //!
 //! `cargo bench -p gs-lab --bench scaling -- [--level avx2] [--threads N] [--quick]`
 
@@ -28,22 +28,22 @@ use measure::{
 use rand::{RngExt, SeedableRng};
 use serde::{Deserialize, Serialize};
 
-/// Lists are made anew at every so many steps.
+/// Steps between which lists are made anew.
 const REBIN_EVERY: usize = 4;
 
 #[derive(Debug, Parser)]
 struct ScalingOptions {
     #[command(flatten)]
     common: Options,
-    /// Measures one size and prints it as JSON: what the benchmark calls itself with
+    /// Measures one size and prints it as JSON; the benchmark calls itself with this option
     #[arg(long, hide = true, requires = "series")]
     gaussians: Option<u32>,
-    /// Which series that size is of
+    /// The series of that size
     #[arg(long, hide = true)]
     series: Option<Series>,
 }
 
-/// How scenes change with the number of Gaussians, and how they are blended.
+/// How scenes change with the number of Gaussians, and their blending.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Series {
     SumShrinking,
@@ -77,7 +77,7 @@ impl Series {
         }
     }
 
-    /// Gaussians strewn at random, twice as long as wide.
+    /// Gaussians at random positions, twice as long as wide.
     fn scene(self, gaussians: u32, side: u32) -> Scene2d {
         let sigma = self.sigma(gaussians, side);
         let mut random = Rng::seed_from_u64(u64::from(gaussians));
@@ -94,7 +94,7 @@ impl Series {
     }
 }
 
-/// One size, measured.
+/// The measurement of a size.
 #[derive(Debug, Serialize, Deserialize)]
 struct Measured {
     gaussians: u32,
@@ -102,9 +102,10 @@ struct Measured {
     pairs: u64,
     /// Seconds of forward passes.
     forward: Vec<f64>,
-    /// Seconds of training steps, as means over [`REBIN_EVERY`].
+    /// Seconds of training steps, averaged over [`REBIN_EVERY`].
     step: Vec<f64>,
-    /// Peak memory above that before there were Gaussians, bytes; nothing where the system does not tell.
+    /// Peak memory above that before the scene was made, bytes; `None` where the system does not
+    /// provide it.
     bytes: Option<u64>,
 }
 
@@ -146,12 +147,12 @@ fn main() -> Outcome {
     }
     println!(
         "\nForward passes make their lists; of training steps, every {REBIN_EVERY}th does. Memory is the process's peak less \
-         what it held before the scene was made (mostly the target): the scene on the host, the splats, lists and frames."
+         what it held before the scene was made (mostly the target): the scene on the host, the splats, lists and forward passes."
     );
     Ok(())
 }
 
-/// Calls this program for one size.
+/// Runs this program for a size.
 fn measure_elsewhere(series: Series, gaussians: u32) -> Result<Measured, Box<dyn Error>> {
     let series = series.to_possible_value().ok_or("every series has a name")?;
     let output = Command::new(std::env::current_exe()?)
@@ -173,11 +174,11 @@ fn measure(options: &Options, series: Series, gaussians: u32, side: u32) -> Resu
     let mut splats = rasterizer.upload(&scene, Parameterization::CovarianceFactor)?;
     drop(scene);
     let (view, settings) = (Canvas::new(side, side), RenderSettings::blended(series.blend()));
-    let frame = rasterizer.for_2d().forward(&splats, &view, &settings).block_on()?;
-    let (entries, pairs) = (frame.entries() as u64, frame.pairs());
-    drop(frame);
+    let pass = rasterizer.for_2d().forward(&splats, &view, &settings).block_on()?;
+    let (entries, pairs) = (pass.entries() as u64, pass.pairs());
+    drop(pass);
     let forward = try_time(options.pick(15, 3), || rasterizer.for_2d().forward(&splats, &view, &settings).block_on())?;
-    // So little that the scene stays what it is.
+    // With such learning rates the scene hardly changes.
     let mut adam = Adam::default();
     for group in [&mut adam.mean, &mut adam.scale, &mut adam.rotation, &mut adam.opacity, &mut adam.color] {
         group.learning_rate = 1e-6;
@@ -214,7 +215,7 @@ fn print_measured(measured: &Measured) {
     ]);
 }
 
-/// Prints time and memory as linear functions, and how far they are from it.
+/// Prints time and memory as linear functions, with the largest deviation.
 fn print_models(measured: &[Measured]) {
     println!("\nThe least-squares linear functions through both series:\n");
     let model = |y: fn(&Measured) -> u64, cost: &dyn Fn(&Measured) -> Option<f64>| {

@@ -1,4 +1,5 @@
-//! Time of each stage of a training step on a fitted scene, and what blending reaches of the rate of its bare inner loop.
+//! Time of each stage of a training step on a fitted scene, and the share of the bare inner loop's
+//! rate that blending reaches.
 //!
 //! `cargo bench -p gs-lab --bench stages -- [--level avx2] [--threads N] [--quick]`
 
@@ -18,24 +19,24 @@ use gs_core::{
 };
 use gs_cpu::CpuRasterizer;
 use measure::{
-    Options, Outcome, Quantiles, cell, count, ms, number,
-    photographs::PosedImages,
-    print_columns, print_head, print_row, print_section,
+    Options, Outcome, Quantiles, cell, count,
+    images::BenchImages,
+    ms, number, print_columns, print_head, print_row, print_section,
     scenes::{Fitted, OVER_L1_DSSIM, SUM_L2, Variant},
     time,
 };
 
 const GAUSSIANS: u32 = 9_000;
 
-/// Gaussians that one sample of a bare loop blends: about a millisecond.
+/// Gaussians per sample of a bare loop: about a millisecond.
 const BARE_GAUSSIANS: usize = 20_000;
 
 fn main() -> Outcome {
     let options = Options::parse();
-    let photographs = PosedImages::load()?;
-    let portrait = photographs.portrait();
+    let images = BenchImages::load()?;
+    let portrait = images.portrait();
     let image = &portrait.image;
-    let data = format!("{} ({}x{} px); found: {}", portrait.name, image.width(), image.height(), photographs.origin);
+    let data = format!("{} ({}x{} px); found: {}", portrait.name, image.width(), image.height(), images.origin);
     print_head("Stages of a training step", &options, &options.thread_counts(), &data);
     let rasterizer = options.rasterizer(options.threads())?;
     for (variant, iterations) in [(SUM_L2, options.pick(500, 50)), (OVER_L1_DSSIM, options.pick(150, 50))] {
@@ -45,7 +46,7 @@ fn main() -> Outcome {
     Ok(())
 }
 
-/// What was measured with one number of threads.
+/// The measurements with a number of threads.
 struct Measured {
     threads: usize,
     profile: Profile,
@@ -89,7 +90,8 @@ fn measure(options: &Options, variant: &Variant, image: &Image, fitted: &Fitted)
     Ok(())
 }
 
-/// Profiles the stages, with samples of the bare loops between, so that all meet the same state of the machine.
+/// Profiles the stages and the bare loops in turns, so that both are affected by the same
+/// disturbances.
 fn measure_threads(
     options: &Options,
     threads: usize,
@@ -130,7 +132,7 @@ fn measure_threads(
     Ok(Measured { threads, profile, bare })
 }
 
-/// Prints what the two blend stages reach of their bare loops' rates on one thread.
+/// Prints the share of the bare loops' rates that the blend stages reach on one thread.
 fn print_rates(Measured { profile, bare, .. }: &Measured) {
     println!(
         "\nAgainst the bare inner loop on 16 rows in the first-level cache, 1 thread; the goal is a rate of at least 0.5:\n"

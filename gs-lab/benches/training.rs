@@ -1,4 +1,5 @@
-//! Training in 3D on both backends: time of one step from the points of a reconstruction, and where the same steps end.
+//! Training in 3D on both backends: time of a step from the points of a reconstruction, and quality
+//! after the same steps.
 //!
 //! `GS_DATA=../shared/data cargo bench -p gs-lab --bench training -- [--threads N] [--quick]`
 
@@ -20,7 +21,8 @@ use gs_train::{
 use gs_wgpu::{WgpuRasterizer, WgpuSettings};
 use measure::{Options, Outcome, Quantiles, memory, ms, number, print_columns, print_head, print_row, print_section};
 
-/// Every 7th view of banana is held out, as the test data's own figures have it; lego says itself which are.
+/// Every 7th view of banana is held out, as in the published figures of that data set; lego has a
+/// split of its own.
 const HOLDOUT: u32 = 7;
 
 fn main() -> Outcome {
@@ -34,15 +36,15 @@ fn main() -> Outcome {
     let cpu = options.rasterizer(options.threads())?;
     let (degrees, epochs) = ([0, 3], options.pick(20, 2));
     let on_cpu = degrees.map(|degree| steps(&cpu, &banana, degree, epochs));
-    // Before a software driver has taken memory of the same process.
+    // Measured before a software driver allocates memory in the same process.
     if let Some(bytes) = memory::peak() {
-        println!("- peak memory of gs-cpu's training, with all photographs: {} MB", bytes / 1_000_000);
+        println!("- peak memory of gs-cpu's training, with all images: {} MB", bytes / 1_000_000);
     }
     let wgpu = WgpuRasterizer::new(WgpuSettings::default()).block_on()?;
     println!("- adapter: {}; {}", wgpu.adapter(), wgpu.reason());
 
     print_section("One training step of banana, from its points, L1 + D-SSIM, means over the 12 views of an epoch");
-    print_columns(&["harmonics", "cpu, ms", "wgpu, ms", "wgpu/cpu"]);
+    print_columns(&["SH degree", "cpu, ms", "wgpu, ms", "wgpu/cpu"]);
     for (degree, on_cpu) in degrees.into_iter().zip(on_cpu) {
         let (on_cpu, on_wgpu) = (on_cpu?, steps(&wgpu, &banana, degree, epochs)?);
         print_row(&[degree.to_string(), ms(on_cpu), ms(on_wgpu), number(on_wgpu.median / on_cpu.median)]);
@@ -87,7 +89,7 @@ fn start(data: &Dataset) -> Start {
     if data.points.is_empty() { Start::Random } else { Start::Points(data.points.clone()) }
 }
 
-/// Seconds per step, one number an epoch: each view once.
+/// Seconds per step, one value per epoch.
 fn steps<R: Optimizer<Scene3d>>(on: &R, data: &Dataset, degree: u8, epochs: u32) -> Result<Quantiles, gs_train::Error> {
     let mut settings = TrainPreset::ThreeDgs.settings(None);
     (settings.rounds, settings.sh_degree_every) = (Rounds::NEVER, 0);
@@ -100,7 +102,7 @@ fn steps<R: Optimizer<Scene3d>>(on: &R, data: &Dataset, degree: u8, epochs: u32)
         (0..in_an_epoch).try_for_each(|_| trainer.step_once().block_on().map(|_| ()))?;
         Ok(started.elapsed().as_secs_f64() / in_an_epoch as f64)
     };
-    // The first reads photographs and compiles pipelines.
+    // The first epochs read images and compile pipelines.
     (0..2).try_for_each(|_| epoch().map(|_| ()))?;
     Ok(Quantiles::of(&(0..epochs).map(|_| epoch()).collect::<Result<Vec<_>, _>>()?))
 }

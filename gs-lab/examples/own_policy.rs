@@ -1,12 +1,16 @@
-//! A policy of your own in a study: the Gaussians that are both restless and large grow, against forced growth and no growth.
-//! `cargo run --release -p gs-lab --example own_policy`
+//! A study of a policy of your own, which grows the Gaussians with the largest gradient × area,
+//! against forced growth and no growth. Run it with `cargo run --release -p gs-lab --example
+//! own_policy`.
 
 use std::{error::Error, sync::Arc};
 
 use gs_core::{EditPlan, Gaussian2d, effects::Statistics};
 use gs_cpu::{CpuRasterizer, CpuSettings};
 use gs_density::{Actions, DensityPolicy, Observation, Rng, Round, WhenFlat};
-use gs_lab::{Arm, Existing, Places, Plan, Results, Study, StudyFolder, conduct, report, write_tables};
+use gs_lab::{
+    Existing, Places, Plan, Results, Study, StudyFolder, conduct, report,
+    study::{Arm, write_tables},
+};
 
 struct RestlessMass(f32);
 

@@ -1,8 +1,9 @@
-//! The studies that come with the program: one for each experiment of the paper, and three on photographs.
+//! The studies that come with the program: one for each 2D experiment of the paper, and three on
+//! the Kodak images.
 
 use crate::{error::Error, study::Study};
 
-/// Their names, and their files.
+/// Name and TOML text of each built-in study.
 pub const BUILT_IN: [(&str, &str); 8] = [
     ("set-up", include_str!("../studies/set-up.toml")),
     ("cold-start", include_str!("../studies/cold-start.toml")),
@@ -14,10 +15,10 @@ pub const BUILT_IN: [(&str, &str); 8] = [
     ("accuracy-in-training", include_str!("../studies/accuracy-in-training.toml")),
 ];
 
-/// Other names, and what they stand for: the paper's experiment as a whole is its set-up.
+/// Other names of built-in studies. `paper` is the paper's main experiment, the set-up.
 const ALIASES: [(&str, &str); 1] = [("paper", "set-up")];
 
-/// The study of that name. `paper` is another name of `set-up`.
+/// The built-in study of that name. `paper` is another name of `set-up`.
 ///
 /// # Errors
 /// [`Error::Unknown`], listing the names.
@@ -44,7 +45,8 @@ mod tests {
                 study.arms.iter().all(|arm| arm.about.ends_with('.')),
                 "{name}: an arm that says nothing of itself"
             );
-            // Photographs are not here: their place is taken by an image that is.
+            // The Kodak images are not part of the repository, so a synthetic target takes their
+            // place.
             let on_photographs = study.images[0].ends_with(".png");
             let images = if on_photographs { vec!["paper".to_owned()] } else { study.images.clone() };
             let plan = Plan::new(Study { images, ..study }, &Places::default(), "test").unwrap();

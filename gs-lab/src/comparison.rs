@@ -1,4 +1,5 @@
-//! An arm held against another: paired differences, their interval, what may be said, and what speaks against saying more.
+//! Comparison of two arms: paired differences, their interval, the verdict, and what prevents a
+//! verdict.
 
 use std::collections::BTreeSet;
 
@@ -14,10 +15,10 @@ use crate::{
     tables::{Metric, Results},
 };
 
-/// Counts that differ by more than this share are not equal counts.
-pub const EQUAL_COUNT: f64 = 0.01;
+/// Counts that differ by more than this share are treated as different.
+pub(crate) const EQUAL_COUNT: f64 = 0.01;
 
-/// What may be said of a difference.
+/// The verdict on a difference between two arms.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Verdict {
@@ -25,12 +26,12 @@ pub enum Verdict {
     Better,
     /// The whole interval lies below 0.
     Worse,
-    /// 0 lies in the interval, or there is none, or a remark forbids to say more.
+    /// 0 lies in the interval, there is no interval, or a remark forbids a verdict.
     CannotTell,
 }
 
 impl Verdict {
-    /// What an interval says of a difference of which more is better.
+    /// The verdict that follows from an interval alone, of a metric of which more is better.
     pub fn of(interval: Interval) -> Self {
         if interval.low > 0.0 {
             Self::Better
@@ -41,7 +42,7 @@ impl Verdict {
         }
     }
 
-    /// In words.
+    /// The verdict as reports print it.
     pub const fn words(self) -> &'static str {
         match self {
             Self::Better => "better",
@@ -55,38 +56,38 @@ impl Verdict {
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Difference {
-    /// What is equal.
+    /// What is held equal between the arms.
     pub matching: Matching,
     /// What is measured.
     pub metric: Metric,
-    /// The most Gaussians there might be.
+    /// The largest number of Gaussians allowed.
     pub budget: u32,
-    /// The arm judged.
+    /// The arm that is judged.
     pub arm: String,
-    /// The arm it is held against.
+    /// The arm that it is compared with.
     pub against: String,
-    /// What is paired.
+    /// Whether images or seeds are paired.
     pub pairing: Pairing,
-    /// How many pairs there are.
+    /// Number of pairs.
     pub pairs: usize,
-    /// Mean difference, in the metric's unit; nothing without pairs, and where it is not finite.
+    /// Mean difference, in the metric's unit; `None` without pairs and where it is not finite.
     pub mean: Option<f64>,
-    /// Where the mean difference of all images (or seeds) probably lies.
+    /// 95 % interval of the mean difference over all images (or seeds).
     pub interval: Option<Interval>,
-    /// What may be said.
+    /// The verdict.
     pub verdict: Verdict,
-    /// What must be known besides, most of it why nothing may be said.
+    /// What the reader must know besides the numbers, such as why there is no verdict.
     pub remarks: Vec<Remark>,
 }
 
 impl Difference {
-    /// The remark for which nothing may be said.
+    /// The first remark that forbids a verdict.
     pub fn obstacle(&self) -> Option<&Remark> {
         self.remarks.iter().find(|remark| remark.forbids_verdict())
     }
 }
 
-/// Two finished runs of one image and seed.
+/// Two finished runs on the same image with the same seed.
 struct Pair<'a> {
     run: &'a Run,
     twin: &'a Run,
@@ -95,7 +96,8 @@ struct Pair<'a> {
 }
 
 impl Results<'_> {
-    /// Every arm held against every other that stands before it, in each of these respects.
+    /// Compares every arm with every arm listed before it, at equal count, iterations or time as
+    /// given.
     pub fn differences(&self, matchings: &[Matching]) -> Vec<Difference> {
         let arms = self.plan.study.arms.len();
         let mut differences = Vec::new();
@@ -114,7 +116,7 @@ impl Results<'_> {
         differences
     }
 
-    /// An arm held against another, over the pairs of runs that have both finished.
+    /// Compares two arms over the pairs of runs that both finished.
     pub fn difference(
         &self,
         matching: Matching,
@@ -173,7 +175,7 @@ impl Results<'_> {
         }
     }
 
-    /// Finished runs of two arms at a budget that agree in image and seed.
+    /// Pairs of finished runs of two arms at a budget, with the same image and seed.
     fn pairs(&self, arm: usize, against: usize, budget: u32) -> Vec<Pair<'_>> {
         let others: Vec<_> = self.finished(against, budget).collect();
         self.finished(arm, budget)
@@ -184,7 +186,7 @@ impl Results<'_> {
             .collect()
     }
 
-    /// Images, or else pairs, that are not there since runs have failed or are missing.
+    /// Remarks about images or pairs that are missing because runs failed or were not done.
     fn gaps(&self, pairs: &[Pair<'_>], pairing: Pairing) -> Vec<Remark> {
         let images = self.plan.targets.len();
         let is_missing = |target: &usize| pairs.iter().all(|pair| pair.run.target != *target);
@@ -197,8 +199,9 @@ impl Results<'_> {
         }
     }
 
-    /// Where two arms end with other counts, on the image where they do the most. Counts are compared run by run: more here does not
-    /// make up for less there.
+    /// A remark if the arms end with different counts on some image; it names the image with the
+    /// largest difference. Counts are compared run by run, so that a surplus in one run does not
+    /// balance a deficit in another.
     fn counts_differ(&self, pairs: &[Pair<'_>]) -> Option<Remark> {
         let of_image = |target: usize| {
             let counts = || {
@@ -215,7 +218,7 @@ impl Results<'_> {
         Some(Remark::CountsDiffer { arm, against, image })
     }
 
-    /// Where the runs at a budget, which set the common time, were not all timed in one way.
+    /// A remark if the runs at a budget were not all timed under the same conditions.
     fn clocks_differ(&self, budget: u32) -> Option<Remark> {
         let clock = |end: &Finished| match end.side_by_side {
             1 => end.backend.clone(),

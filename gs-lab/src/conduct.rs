@@ -1,4 +1,5 @@
-//! The runs of a study, side by side: each on a rasterizer of its own, each stored as soon as it has ended.
+//! Conducts a study: runs its fits side by side, each on its own rasterizer, and stores each result
+//! at once.
 
 use pollster::FutureExt as _;
 use std::{
@@ -27,19 +28,19 @@ use crate::{
     replay::Replayed,
 };
 
-/// Someone who watches a study, from several threads; `()` watches nothing.
+/// Watches a study; called from several threads. `()` ignores everything.
 pub trait Watcher: Sync {
     /// A run has begun.
     fn begun(&self, run: &Run) {
         let _ = run;
     }
 
-    /// A run has ended, and what came of it is stored.
+    /// A run has ended, and its outcome is stored.
     fn ended(&self, run: &Run, outcome: &Outcome) {
         let _ = (run, outcome);
     }
 
-    /// Whether to stop. Runs under way are given up.
+    /// Whether to stop. Runs in progress are abandoned.
     fn wants_stop(&self) -> bool {
         false
     }
@@ -52,17 +53,20 @@ impl Watcher for () {}
 pub enum Conducted {
     /// Every run has ended.
     Whole,
-    /// The watcher stopped it; it can be resumed.
+    /// The watcher stopped the study; it can be resumed.
     Stopped,
 }
 
-/// Does all runs that are not finished, `team.len()` of them side by side, the rest in the order of their rows. Results depend neither
-/// on how many there are in the team nor on their threads. Runs that fail, by an error or a panic, are recorded and do not stop the rest;
-/// but where the backend has failed for good, nothing more is begun, and the run in which it did is as if it had not been.
+/// Runs all fits of a plan that are not finished, in the order of their rows, one at a time on each
+/// rasterizer of `team`.
+///
+/// Results depend neither on the size of the team nor on its threads. Runs that fail or panic are
+/// recorded and do not stop the others. If a backend fails for good, no further run begins, and
+/// nothing is recorded of the run in which it failed.
 ///
 /// # Errors
-/// [`Error::Arm`] as [`refuse_unsupported`], [`Error::Backend`] where a backend has failed for good, and [`Error::Io`] where a result cannot
-/// be stored.
+/// [`Error::Arm`] as for [`refuse_unsupported`], [`Error::Backend`] where a backend fails for good,
+/// and [`Error::Io`] where a result cannot be stored.
 pub fn conduct<R: Optimizer<Scene2d> + Sync>(
     plan: &Plan,
     team: &[&R],
@@ -78,7 +82,7 @@ pub fn conduct<R: Optimizer<Scene2d> + Sync>(
             watcher.begun(run);
             let stored = attempt(plan, run, rasterizer, team.len(), watcher).and_then(|ended| {
                 let Some((outcome, picture)) = ended else { return Ok(None) };
-                // The picture first: a run that is recorded has all its files.
+                // The picture is stored first, so that a recorded run has all its files.
                 let shown = picture.filter(|_| is_shown(plan, run));
                 shown.map_or(Ok(()), |picture| folder.store_picture(run, &picture))?;
                 folder.store(run, &record(plan, run, outcome.clone())?)?;
@@ -109,10 +113,10 @@ pub fn conduct<R: Optimizer<Scene2d> + Sync>(
     }
 }
 
-/// Fails where the backend does not offer what an arm needs, before anything is done: every run of that arm would fail.
+/// Fails where the backend does not support what an arm needs, before any run begins.
 ///
 /// # Errors
-/// [`Error::Arm`] with what is not offered.
+/// [`Error::Arm`] with what is not supported.
 pub fn refuse_unsupported<R: Optimizer<Scene2d>>(plan: &Plan, rasterizer: &R) -> Result<(), Error> {
     for (index, arm) in plan.study.arms.iter().enumerate() {
         let Some(run) = plan.runs.iter().find(|run| run.arm == index) else { continue };
@@ -130,7 +134,7 @@ pub fn refuse_unsupported<R: Optimizer<Scene2d>>(plan: &Plan, rasterizer: &R) ->
     Ok(())
 }
 
-/// A drawing of one Gaussian on one pixel, which shows what the backend can do.
+/// Draws one Gaussian on one pixel, to find out what the backend supports.
 fn draw_one<R: Optimizer<Scene2d>>(
     rasterizer: &R,
     render: &RenderSettings,
@@ -147,20 +151,20 @@ fn draw_one<R: Optimizer<Scene2d>>(
     rasterizer.forward(&splats, &Canvas::new(1, 1), render).block_on().map(drop)
 }
 
-/// Whether the backend still does what it is told.
+/// Whether the backend still works.
 fn answers<R: Optimizer<Scene2d>>(rasterizer: &R, run: &Run) -> bool {
     let drawn =
         catch_unwind(AssertUnwindSafe(|| draw_one(rasterizer, &run.settings.render, run.settings.parameterization)));
     !matches!(drawn, Err(_) | Ok(Err(CoreError::Backend { .. })))
 }
 
-/// The runs whose pictures are kept: those of the first seed.
+/// Whether a run's picture is stored: only runs of the first seed.
 fn is_shown(plan: &Plan, run: &Run) -> bool {
     plan.study.seeds.first() == Some(&run.seed)
 }
 
-/// What comes of a run and what its scene looks like; nothing where the watcher stopped it. An error where the backend failed and does not
-/// come back: that says nothing about the run.
+/// Does a run. `None` where the watcher stopped it; an error where the backend failed and does not
+/// recover, which says nothing about the run.
 fn attempt<R: Optimizer<Scene2d>>(
     plan: &Plan,
     run: &Run,
@@ -168,7 +172,7 @@ fn attempt<R: Optimizer<Scene2d>>(
     side_by_side: usize,
     watcher: &dyn Watcher,
 ) -> Result<Option<(Outcome, Option<Image>)>, Error> {
-    // A fit that panicked leaves nothing behind that another looks at: its trainer is gone with it.
+    // A fit that panicked shares no state with others: its trainer was dropped.
     let fitted = catch_unwind(AssertUnwindSafe(|| fit(plan, run, rasterizer, watcher)));
     match fitted {
         Ok(Ok(Some(Replayed { image, finished, .. }))) => {
@@ -176,7 +180,7 @@ fn attempt<R: Optimizer<Scene2d>>(
             Ok(Some((Outcome::Finished(Box::new(finished)), Some(image))))
         }
         Ok(Ok(None)) => Ok(None),
-        // A device that has too little memory for this run may well do for others.
+        // A device with too little memory for this run may still have enough for others.
         Ok(Err(FitError::Core(source @ CoreError::Backend { .. }))) if !answers(rasterizer, run) => {
             Err(Error::Backend { row: run.row, run: plan.describe(run), source })
         }
@@ -190,14 +194,14 @@ fn message(panic: &(dyn Any + Send)) -> &str {
     text.or_else(|| panic.downcast_ref::<&str>().copied()).unwrap_or("without a message")
 }
 
-/// The fit that a run is: its scene, what that looks like, and the numbers; nothing where the watcher stopped it.
+/// The fit of a run, with its scene, image and numbers; `None` where the watcher stopped it.
 pub(crate) fn fit<R: Optimizer<Scene2d>>(
     plan: &Plan,
     run: &Run,
     rasterizer: &R,
     watcher: &dyn Watcher,
 ) -> Result<Option<Replayed>, FitError> {
-    // An arm that fails is seen to fail.
+    // A diverging arm must fail instead of recovering, so that the study shows it.
     let settings = FitSettings { recovery: Recovery::Never, ..run.settings.clone() };
     let mut trainer = Trainer::new(rasterizer, &plan.target(run).image, settings).block_on()?;
     if let Some(own) = &plan.arm(run).own_policy {

@@ -1,4 +1,4 @@
-//! Short names for contents: SHA-256, of which the first 128 bits are written, in hexadecimal.
+//! Digests of contents: the first 128 bits of SHA-256, in hexadecimal.
 
 use gs_core::{Image, Scene2d};
 use sha2::{Digest, Sha256};
@@ -6,7 +6,7 @@ use sha2::{Digest, Sha256};
 /// Hexadecimal digits of a digest.
 const DIGITS: usize = 32;
 
-/// The digest of several texts, none of which runs into the next.
+/// The digest of several texts, which depends on where one ends and the next begins.
 pub(crate) fn of_texts<'a>(texts: impl IntoIterator<Item = &'a str>) -> String {
     let mut hash = Sha256::new();
     for text in texts {
@@ -17,14 +17,14 @@ pub(crate) fn of_texts<'a>(texts: impl IntoIterator<Item = &'a str>) -> String {
 }
 
 /// The digest of an image: its size and the bit patterns of its values.
-pub fn of_image(image: &Image) -> String {
+pub(crate) fn of_image(image: &Image) -> String {
     let mut hash = Sha256::new();
     hash.update([image.width(), image.height()].map(u32::to_le_bytes).as_flattened());
     hash_floats(&mut hash, image.pixels().as_flattened().iter().copied());
     digits(hash)
 }
 
-/// The digest of a scene: equal for two scenes only if they are, bit for bit, the same.
+/// The digest of a scene. Two scenes have the same digest only if they are bit-identical.
 pub fn of_scene(scene: &Scene2d) -> String {
     let mut hash = Sha256::new();
     hash.update((scene.means.len() as u64).to_le_bytes());

@@ -1,4 +1,4 @@
-//! What can go wrong with a study as a whole. A single run that goes wrong is a row of the study, not an error of it.
+//! Errors of a study as a whole. A failing run is no error but a row of the study.
 
 use std::path::PathBuf;
 
@@ -8,7 +8,7 @@ use thiserror::Error;
 #[derive(Debug, Error)]
 #[non_exhaustive]
 pub enum Error {
-    /// A study's file that is no study: not TOML, an unknown key, a value of the wrong kind.
+    /// A study file that is not TOML, or has an unknown key or a value of the wrong type.
     #[error("{origin}: line {line}: {message}")]
     Form {
         /// The file.
@@ -18,22 +18,23 @@ pub enum Error {
         /// What is wrong.
         message: String,
     },
-    /// A study that says something impossible.
+    /// A study that is not possible, such as one without seeds.
     #[error("study `{study}`: {what}: {mend}")]
     Study {
-        /// Its name.
+        /// The study's name.
         study: String,
         /// What is wrong, and where.
         what: String,
-        /// How to mend it.
+        /// How to fix it.
         mend: &'static str,
     },
-    /// Settings of an arm that are not possible.
+    /// An arm whose settings are not possible.
     #[error("study `{study}`: {}arm `{arm}`: {message}", line.map_or_else(String::new, |line| format!("line {line}: ")))]
     Arm {
         /// The study's name.
         study: String,
-        /// The line of the study's file on which the arm has its name, counted from 1; nothing where it is from no file.
+        /// Line of the study file with the arm's name, counted from 1; `None` for an arm that is
+        /// not from a file.
         line: Option<usize>,
         /// The arm's name.
         arm: String,
@@ -43,68 +44,69 @@ pub enum Error {
     /// There is neither a file nor a built-in study of this name.
     #[error("{name}: is neither a file nor a study that comes with the program: those are {known}")]
     Unknown {
-        /// What was asked for.
+        /// The name that was given.
         name: String,
-        /// The built-in ones.
+        /// The built-in studies.
         known: String,
     },
-    /// An image of the study is nowhere to be found.
+    /// An image of the study was not found.
     #[error("{image}: no such file in {looked}: name the folder that has it with --data or GS_DATA")]
     NoImage {
-        /// As the study names it.
+        /// The image, as the study names it.
         image: String,
-        /// The folders that were looked into.
+        /// The folders that were searched.
         looked: String,
     },
     /// An image of the study is neither a file nor a synthetic target.
     #[error("{image}: is neither an image file nor a synthetic target: those are {known}")]
     NoTarget {
-        /// As the study names it.
+        /// The image, as the study names it.
         image: String,
         /// The synthetic targets.
         known: String,
     },
-    /// A folder that holds something else than this study.
+    /// The output folder cannot be used for this study.
     #[error("{}: {what}: {mend}", folder.display())]
     Folder {
         /// The folder.
         folder: PathBuf,
         /// What is wrong with it.
         what: String,
-        /// How to mend it.
+        /// How to fix it.
         mend: &'static str,
     },
-    /// A row that a study does not have.
+    /// The study has no such row.
     #[error("row {row}: the study has rows 1 to {rows}")]
     NoRow {
-        /// What was asked for.
+        /// The row that was given.
         row: usize,
-        /// How many there are.
+        /// Number of rows of the study.
         rows: usize,
     },
-    /// The backend failed for good in a run, such as a GPU that is lost. Nothing is recorded of the run.
+    /// The backend failed for good during a run, such as a GPU that was lost. Nothing is recorded
+    /// of the run.
     #[error("row {row} ({run}): {source}: nothing is lost but the runs under way; start gs study again with --resume")]
     Backend {
         /// The row.
         row: usize,
-        /// Which run that is, in words.
+        /// The run in words.
         run: String,
-        /// What the backend says.
+        /// The backend's error.
         source: gs_core::Error,
     },
-    /// A replay on something else than computed the row, which would end in another scene.
+    /// A replay on another machine than recorded the row; it would end in another scene.
     #[error("row {row}: recorded on {recorded}, but this is {found}: {mend}")]
     OtherMachine {
         /// The row.
         row: usize,
-        /// What computed it.
+        /// The machine of the record.
         recorded: String,
-        /// What would compute it now.
+        /// This machine.
         found: String,
-        /// How to choose the first.
+        /// How to get the recorded machine.
         mend: String,
     },
-    /// A replay by another program than recorded the row, which may end in another scene.
+    /// A replay by another version than recorded the row; it may end in another scene.
     #[error(
         "row {row}: recorded by version {recorded}, but this is {found}: replay it with that version, or do the study again"
     )]
@@ -129,7 +131,7 @@ pub enum Error {
         /// Its address now.
         found: String,
     },
-    /// A replay that should have ended in the recorded scene and did not.
+    /// A replay that ended in another scene than the recorded one.
     #[error(
         "row {row}: the scene is not the recorded one ({found} instead of {recorded}), though nothing that is known differs"
     )]
@@ -141,26 +143,26 @@ pub enum Error {
         /// Digest of the scene found.
         found: String,
     },
-    /// A file: see [`gs_io::Error`].
+    /// An error of a file: see [`gs_io::Error`].
     #[error(transparent)]
     Io(#[from] gs_io::Error),
-    /// A fit that was replayed: see [`gs_train::Error`].
+    /// An error of a fit: see [`gs_train::Error`].
     #[error(transparent)]
     Fit(#[from] gs_train::Error),
-    /// A folder or a file that cannot be read or made.
+    /// A folder or a file cannot be read or created.
     #[error("{}: {source}", path.display())]
     Path {
-        /// Which.
+        /// The path.
         path: PathBuf,
-        /// Why not.
+        /// The error of the operating system.
         source: std::io::Error,
     },
-    /// A picture that could not be drawn or packed.
+    /// A picture cannot be drawn or encoded.
     #[error("{name}: cannot be drawn: {message}")]
     Picture {
-        /// Its file.
+        /// The picture's file name.
         name: String,
-        /// What the drawing library says.
+        /// What the drawing library reports.
         message: String,
     },
 }

@@ -1,5 +1,6 @@
-//! The tables as files: comma-separated values and JSON. What depends on the clock stands in files of its own, so that all others are
-//! equal, byte for byte, however a study was run: side by side, interrupted, on more threads.
+//! The tables of a study as CSV and JSON files. Times are in files of their own, so that all other
+//! files are the same byte for byte however a study was run: side by side, interrupted, or on more
+//! threads.
 
 use std::fmt::Write;
 
@@ -19,7 +20,7 @@ use crate::{
 
 const RESULTS: &str = "results.json";
 
-/// The files of tables.
+/// File names of the tables.
 pub(crate) const TABLES: [&str; 6] =
     ["runs.csv", "quality.csv", "differences.csv", "differences-at-time.csv", "times.csv", RESULTS];
 
@@ -84,7 +85,7 @@ struct Everything<'a> {
     differences: &'a [Difference],
 }
 
-/// What [`recorded`] reads of [`Everything`].
+/// The part of [`Everything`] that [`recorded`] reads.
 #[derive(Debug, Deserialize)]
 pub(crate) struct Recorded {
     pub(crate) version: String,
@@ -93,8 +94,8 @@ pub(crate) struct Recorded {
     pub(crate) runs: Vec<Row>,
 }
 
-/// Writes `runs.csv`, `quality.csv`, `differences.csv` and, with all three, `results.json`; and what depends on the clock:
-/// `times.csv`, `differences-at-time.csv`.
+/// Writes the tables: `runs.csv`, `quality.csv`, `differences.csv`, and `results.json` with all
+/// three. Tables that depend on measured time are `times.csv` and `differences-at-time.csv`.
 ///
 /// # Errors
 /// [`Error::Io`].
@@ -121,7 +122,7 @@ pub fn write_tables(results: &Results<'_>, folder: &StudyFolder) -> Result<(), E
     folder.write(RESULTS, &(json + "\n"))
 }
 
-/// The rows as they were last written, where they were.
+/// The rows as they were last written, if they can be read.
 pub(crate) fn recorded(folder: &StudyFolder) -> Option<Recorded> {
     serde_json::from_slice(&std::fs::read(folder.file(RESULTS)).ok()?).ok()
 }
@@ -189,7 +190,7 @@ fn differences_csv(rows: &[Difference]) -> String {
 
 fn times_csv(results: &Results<'_>) -> String {
     let ends = results.rows().filter_map(|(run, record)| Some((run, record?.outcome.finished()?)));
-    let line = |(run, end): (&Run, &crate::Finished)| {
+    let line = |(run, end): (&Run, &crate::record::Finished)| {
         format!("{},{:.6},{},{}", run.row, end.seconds, quoted(&end.backend), end.side_by_side)
     };
     table("row,seconds,backend,side_by_side", ends.map(line))
@@ -212,7 +213,7 @@ fn whole(value: Option<u32>) -> String {
     value.map_or_else(String::new, |value| value.to_string())
 }
 
-/// A cell that may hold anything (RFC 4180).
+/// A CSV cell, quoted where necessary (RFC 4180).
 pub(crate) fn quoted(cell: &str) -> String {
     match cell.contains([',', '"', '\n', '\r']) {
         true => format!("\"{}\"", cell.replace('"', "\"\"")),

@@ -1,4 +1,5 @@
-//! The folder of a study: one file per run, named by its address, each complete or not there; and what is made of them.
+//! The output folder of a study: a file per run, named by the run's address and written atomically,
+//! and the tables, plots and report.
 
 use std::{
     collections::BTreeMap,
@@ -24,44 +25,45 @@ const MACHINE: &str = "machine.json";
 const RUNS: &str = "runs";
 const PICTURES: &str = "pictures";
 
-/// What is to be done about results that are there already.
+/// What to do if the folder already holds results.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Existing {
-    /// They are those of another study, or of this one and forgotten about: an error.
+    /// Fail.
     Refuse,
-    /// They are taken over; runs that failed are tried again.
+    /// Reuse them; runs that failed are tried again.
     Resume,
 }
 
-/// What a study must leave as it is, besides files that no run wrote.
+/// Which files a study must not replace.
 #[derive(Debug, Clone, Default)]
 pub struct Safety {
-    /// Files that are read; the images of the study are among them anyhow.
+    /// Files that the caller reads. The images of the study need not be listed.
     pub inputs: Vec<PathBuf>,
-    /// Whether files are replaced that no run wrote and that have the name of a result.
+    /// Whether files that no run wrote may be replaced.
     pub overwrite: bool,
 }
 
-/// A study's folder.
+/// The output folder of a study.
 #[derive(Debug)]
 pub struct StudyFolder {
     path: PathBuf,
-    /// Kept from others as long as this is open; nothing where the folder is only read.
+    /// Locks the folder; `None` where the folder is only read.
     output: Option<OutputFolder>,
 }
 
 impl StudyFolder {
-    /// Makes the folder for a plan, or opens it to go on. The study is stored in it, so that its rows can be replayed. Until the folder is
-    /// dropped, nobody else can prepare it.
+    /// Creates the folder for a plan, or opens it to resume. The study file is stored in it, so
+    /// that rows can be replayed. The folder is locked until this value is dropped.
     ///
     /// # Errors
-    /// [`Error::Folder`] where it holds a study of another name, or any and `existing` refuses it, or where it cannot be written to;
-    /// [`Error::Io`] where a file is in the way, where someone else works in the folder, and for files.
+    /// [`Error::Folder`] where the folder holds another study, or this one and `existing` is
+    /// [`Existing::Refuse`], or cannot be written to; [`Error::Io`] where a file that no run wrote
+    /// would be replaced, or another process uses the folder.
     pub fn prepare(path: &Path, plan: &Plan, existing: Existing) -> Result<Self, Error> {
         Self::prepare_with(path, plan, existing, &Safety::default())
     }
 
-    /// The same, with further files that must stay as they are, or with less care.
+    /// As [`Self::prepare`], with further files to protect, or with permission to replace files.
     ///
     /// # Errors
     /// As [`Self::prepare`].
@@ -83,9 +85,9 @@ impl StudyFolder {
         }
         let images = plan.targets.iter().filter_map(|target| Some((&target.name, target.file.as_ref()?)));
         let inputs = Inputs::from_iter(images.clone().map(|(_, file)| file).chain(&safety.inputs));
-        // A study that is taken from its own folder is there already.
+        // When a study is resumed from the file in its own folder, that file stays as it is.
         let is_input = inputs.contain(&study);
-        // Until there were indices, the study's file told whose the other files are.
+        // Earlier versions kept no index of their files; the study file identifies their folders.
         let is_of_older_version = is_held && !FolderClaim::is_indexed(path);
         let claim = FolderClaim::new(path)
             .files((!is_input).then_some(STUDY))
@@ -119,10 +121,10 @@ impl StudyFolder {
         Ok(folder)
     }
 
-    /// The folder of a study that has been run, to read it.
+    /// Opens the folder of a study to read it.
     ///
     /// # Errors
-    /// [`Error::Folder`] where there is none.
+    /// [`Error::Folder`] where there is no study in it.
     pub fn open(path: &Path) -> Result<Self, Error> {
         match path.join(STUDY).is_file() {
             true => Ok(Self { path: path.to_owned(), output: None }),
@@ -134,45 +136,46 @@ impl StudyFolder {
         }
     }
 
-    /// Its path.
+    /// The folder's path.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// A file in it.
+    /// The path of a file in the folder.
     pub fn file(&self, name: &str) -> PathBuf {
         self.path.join(name)
     }
 
-    /// Where the study found its images, for [`Places::remembered`](crate::Places::remembered); nothing where it does not say.
+    /// Where the study found its images, for [`Places::remembered`](crate::Places::remembered);
+    /// empty if that was not stored.
     pub fn images(&self) -> BTreeMap<String, PathBuf> {
         fs::read(self.file(IMAGES)).ok().and_then(|text| serde_json::from_slice(&text).ok()).unwrap_or_default()
     }
 
-    /// What the study was last conducted on; nothing where it does not say.
+    /// The machine that last conducted the study, if it was stored.
     pub fn machine(&self) -> Option<Machine> {
         serde_json::from_slice(&fs::read(self.file(MACHINE)).ok()?).ok()
     }
 
-    /// The file of the study itself.
+    /// The path of the study file.
     pub fn study_file(&self) -> PathBuf {
         self.file(STUDY)
     }
 
-    /// What is stored of a run. A file that is not this run's record is as good as none.
+    /// The stored record of a run. A file with another run's address counts as missing.
     pub fn record(&self, run: &Run) -> Option<Record> {
         let text = fs::read(self.file(&record_name(run))).ok()?;
         let record: Record = serde_json::from_slice(&text).ok()?;
         (record.address == run.address).then_some(record)
     }
 
-    /// Whether the run needs not be done again.
+    /// Whether the run is finished and need not be done again.
     pub fn is_finished(&self, run: &Run) -> bool {
         self.record(run).is_some_and(|record| matches!(record.outcome, Outcome::Finished(_)))
     }
 
-    /// Stores what came of a run so that it outlasts a power cut: it takes seconds or minutes to compute, and milliseconds to have on
-    /// the disk.
+    /// Stores the record of a run. It is on the disk before this returns, so that a power cut does
+    /// not lose it.
     ///
     /// # Errors
     /// [`Error::Io`].
@@ -181,7 +184,8 @@ impl StudyFolder {
         Ok(write_durably(self.file_to_write(&record_name(run)), |file| file.write_all(&json?))?)
     }
 
-    /// Stores the picture of a run's scene. A power cut may take it: the report then leaves it out.
+    /// Stores the picture of a run's scene, without waiting for the disk. The report leaves out
+    /// pictures that are missing.
     ///
     /// # Errors
     /// [`Error::Io`].
@@ -189,12 +193,12 @@ impl StudyFolder {
         Ok(write_png(self.file_to_write(&picture_name(run)), picture)?)
     }
 
-    /// The picture of a run's scene, where it was stored.
+    /// The stored picture of a run's scene.
     pub fn picture(&self, run: &Run) -> Option<Image> {
         Some(read_image(self.file(&picture_name(run))).ok()?.image)
     }
 
-    /// Writes a text into it.
+    /// Writes a text file into the folder.
     ///
     /// # Errors
     /// [`Error::Io`].
@@ -207,7 +211,7 @@ impl StudyFolder {
         Ok(self.output.as_ref().map_or(Ok(()), |output| output.claim(names))?)
     }
 
-    /// A file that is about to be written, which the folder's index has from now on.
+    /// The path of a file that is about to be written; it is added to the folder's index.
     pub(crate) fn file_to_write(&self, name: &str) -> PathBuf {
         self.output.as_ref().map_or_else(|| self.file(name), |output| output.file(name))
     }
@@ -221,7 +225,7 @@ fn picture_name(run: &Run) -> String {
     format!("{PICTURES}/{}.png", run.address)
 }
 
-/// All files of a plan whose names are known before it is conducted, but that of the study itself.
+/// All files of a plan whose names are known in advance, except the study file.
 fn files_of(plan: &Plan) -> impl Iterator<Item = String> {
     let runs = plan.runs.iter().flat_map(|run| [record_name(run), picture_name(run)]);
     [IMAGES, MACHINE, PAGE].into_iter().chain(TABLES).map(str::to_owned).chain(runs)
@@ -231,7 +235,7 @@ fn to_toml(plan: &Plan) -> Result<String, Error> {
     toml::to_string(&plan.study).map_err(|error| plan.study.wrong(error.to_string(), "leave it out"))
 }
 
-/// The name of a study, by its file.
+/// The name of the study in a study file.
 fn name_of(text: &str) -> Option<String> {
     let table: toml::Table = text.parse().ok()?;
     Some(table.get("name")?.as_str()?.to_owned())

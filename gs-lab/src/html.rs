@@ -1,4 +1,5 @@
-//! The skeleton of every page: one file that needs nothing beside it and no network, readable in light and dark.
+//! The frame of all HTML pages: a single file without links or network access, with a light and a
+//! dark theme.
 
 use base64::{Engine, engine::general_purpose::STANDARD};
 use maud::{DOCTYPE, Markup, PreEscaped, html};
@@ -11,7 +12,7 @@ use crate::{
 
 const STYLE: &str = include_str!("html.css");
 
-/// A page of this title with this body.
+/// An HTML page with this title and body.
 pub(crate) fn page(title: &str, body: &Markup) -> String {
     let page = html! {
         (DOCTYPE)
@@ -28,7 +29,7 @@ pub(crate) fn page(title: &str, body: &Markup) -> String {
     page.into_string()
 }
 
-/// A figure under its title.
+/// A figure with its title as caption.
 ///
 /// # Errors
 /// [`Error::Picture`].
@@ -37,17 +38,19 @@ pub(crate) fn figure(drawn: &Figure) -> Result<Markup, Error> {
     Ok(html! { figure { figcaption.title { (drawn.title) } (PreEscaped(svg)) } })
 }
 
-/// The colour of a [`Series::style`](crate::figure::Series::style), before a name.
+/// A square in the colour of a [`Series::style`](crate::figure::Series::style), shown before a
+/// name.
 pub(crate) fn swatch(style: usize) -> Markup {
     html! { span.swatch style=(format!("background:var(--curve-{})", style % COLORS.len())) {} }
 }
 
-/// The address of an `img` that holds its content; `kind` is such as `png`.
+/// A data URI for the `src` of an `img`; `kind` is the subtype, such as `png`.
 pub(crate) fn data_uri(kind: &str, bytes: &[u8]) -> String {
     format!("data:image/{kind};base64,{}", STANDARD.encode(bytes))
 }
 
-/// Makes the colours of figures follow the page: each is a variable of the style, and curves that are dark are lighter on dark.
+/// CSS rules that make figures follow the page's theme. Each colour is a variable; dark curves are
+/// lightened on a dark page.
 fn figure_style() -> String {
     let hex = |RGBColor(r, g, b): RGBColor| format!("#{r:02X}{g:02X}{b:02X}");
     let lighter = |color: RGBColor| {

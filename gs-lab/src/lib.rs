@@ -73,28 +73,19 @@ pub mod report;
 mod selection;
 #[cfg(test)]
 mod sources;
-pub mod statistics;
-mod study;
+mod statistics;
+pub mod study;
 mod synthetic;
 mod tables;
 mod target;
 
 pub use crate::{
-    built_in::{BUILT_IN, built_in},
-    comparison::{Difference, EQUAL_COUNT, Verdict},
-    conduct::{Conducted, Watcher, conduct, refuse_unsupported},
-    digest::{of_image as image_digest, of_scene as scene_digest},
+    built_in::built_in,
+    conduct::conduct,
     error::Error,
-    export::write_tables,
-    folder::{Existing, Safety, StudyFolder},
-    machine::Machine,
-    plan::{Plan, Run, VERSION},
-    record::{Finished, Outcome, Record},
-    remark::{FEWEST_SEEDS, Pairing, Remark},
-    replay::{Replayed, recorded_run, replay},
-    selection::Selection,
-    study::{Arm, Matching, OwnPolicy, Study},
-    synthetic::SyntheticTarget,
-    tables::{Metric, Quality, Results, Spread},
-    target::{Places, Target},
+    folder::{Existing, StudyFolder},
+    plan::Plan,
+    study::Study,
+    tables::Results,
+    target::Places,
 };

@@ -1,18 +1,18 @@
-//! Settings that differ in a few places from others: tables merged, and held to what settings know.
+//! Partial settings laid over complete ones.
 
 use std::path::Path;
 
 use gs_train::{FitSettings, parse_settings};
 use toml::{Table, Value};
 
-/// Settings of which one excludes the other, though each is a key of the same table.
+/// Pairs of keys of the same table that exclude each other.
 const CHOICES: [[&str; 2]; 3] = [["fixed", "fraction"], ["extent-fraction", "pixels"], ["cosine", "exponential"]];
 
-/// Keys that had another name in earlier versions, and their names now.
+/// Keys that were renamed: the old name and the present one.
 const RENAMED: [(&str, &str); 2] = [("chart", "parameterization"), ("floor", "threshold")];
 
-/// Lays `over` upon `base`, key by key. A choice is replaced as a whole: a table with another `kind`, or with the other of two keys
-/// that exclude each other.
+/// Merges `over` into `base`, key by key. A table is replaced as a whole if `over` has another
+/// `kind`, or the other one of two keys that exclude each other.
 pub(crate) fn lay_upon(base: &mut Table, over: &Table) {
     let other_kind = base.get("kind").zip(over.get("kind")).is_some_and(|(a, b)| a != b);
     let other_choice = CHOICES
@@ -31,41 +31,25 @@ pub(crate) fn lay_upon(base: &mut Table, over: &Table) {
     }
 }
 
-/// The name that `key` has in `table`, which knows it by its present name alone.
+/// The present name of `key`, if `table` has it under that name only.
 fn current_name<'k>(table: &Table, key: &'k str) -> &'k str {
     let renamed = RENAMED.iter().find(|(old, new)| *old == key && table.contains_key(*new));
     renamed.map_or(key, |&(_, new)| new)
 }
 
-/// `settings` with what `over` says in their place.
+/// `settings` with the values of `over` in place of their own.
 ///
 /// # Errors
-/// In words, where a key is unknown or a value is of the wrong kind.
+/// A message that names an unknown key or a value of the wrong type.
 pub(crate) fn applied(settings: &FitSettings, over: &Table) -> Result<FitSettings, String> {
     let unwritable = |error: toml::ser::Error| error.to_string();
     let mut table = Table::try_from(settings).map_err(unwritable)?;
     lay_upon(&mut table, over);
     let text = toml::to_string(&table).map_err(unwritable)?;
-    let merged: FitSettings = parse_settings(&text, Path::new("")).map_err(|error| match error {
-        // The line is one of a text that nobody has seen.
+    // The line number is left out: it is one of the merged text, which the user does not see.
+    parse_settings(&text, Path::new("")).map_err(|error| match error {
         gs_train::Error::Settings { problem, .. } => problem,
         error => error.to_string(),
-    })?;
-    // Some tables of the settings let unknown keys pass; what was understood comes back.
-    let understood = Table::try_from(&merged).map_err(unwritable)?;
-    match first_unknown(over, &understood) {
-        Some(key) => Err(format!("unknown key `{key}` in its settings")),
-        None => Ok(merged),
-    }
-}
-
-fn first_unknown(over: &Table, understood: &Table) -> Option<String> {
-    over.iter().find_map(|(key, value)| match (value, understood.get(current_name(understood, key))) {
-        (_, None) => Some(key.clone()),
-        (Value::Table(over), Some(Value::Table(understood))) => {
-            first_unknown(over, understood).map(|rest| format!("{key}.{rest}"))
-        }
-        _ => None,
     })
 }
 

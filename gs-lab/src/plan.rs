@@ -1,4 +1,4 @@
-//! A study laid out: every run that it asks for, in a fixed order, with all its settings and its address.
+//! The plan of a study: all its runs in a fixed order, each with all its settings and its address.
 
 use gs_core::counted;
 use gs_density::Policy;
@@ -13,8 +13,8 @@ use crate::{
     target::{Places, Target},
 };
 
-/// The version of this program: results of another are never taken for its own. That of the package and, of a checkout, the digest of all
-/// sources that a result depends on: "0.1.0+1f0c9d2a7b3e".
+/// The version of this program, such as "0.1.0+1f0c9d2a7b3e". Results of another version are never
+/// reused. In a checkout it contains a digest of all sources that a result depends on.
 pub const VERSION: &str = env!("GS_LAB_VERSION");
 
 /// A study with its images and all its runs.
@@ -22,36 +22,39 @@ pub const VERSION: &str = env!("GS_LAB_VERSION");
 pub struct Plan {
     /// The study.
     pub study: Study,
-    /// Its images, in its order.
+    /// The images of the study, in its order.
     pub targets: Vec<Target>,
-    /// What computes.
+    /// The machine that computes.
     pub machine: Machine,
-    /// Its runs: seed by seed, in each budget by budget, in each image by image, in each arm by arm. What belongs together for a
-    /// comparison stands together, and a study that is stopped early has whole comparisons.
+    /// All runs, ordered by seed, then budget, then image, then arm. Runs that are compared with
+    /// each other are neighbours, so that a study that was stopped early contains complete
+    /// comparisons.
     pub runs: Vec<Run>,
 }
 
 /// One fit of a study.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Run {
-    /// Its row in the tables, from 1.
+    /// Row in the tables, counted from 1.
     pub row: usize,
     /// Index into [`Study::arms`].
     pub arm: usize,
     /// Index into [`Plan::targets`].
     pub target: usize,
-    /// The most Gaussians there may be.
+    /// The largest number of Gaussians allowed.
     pub budget: u32,
     /// The seed of all random numbers.
     pub seed: u32,
     /// All settings of the fit.
     pub settings: FitSettings,
-    /// The digest of all that the result depends on: settings, target, policy of the caller's own, machine and version.
+    /// Digest of everything that the result depends on: settings, target, own policy, machine and
+    /// version.
     pub address: String,
 }
 
 impl Plan {
-    /// Reads the images of a study and lays out its runs; `machine` as in [`Plan::machine`].
+    /// Reads the images of a study and plans its runs. `machine` names what computes: see
+    /// [`Machine::name`].
     ///
     /// # Errors
     /// [`Error::Study`], [`Error::Arm`] where settings are not possible, [`Error::NoImage`] and [`Error::Io`] for images.
@@ -93,7 +96,7 @@ impl Plan {
         &self.targets[run.target]
     }
 
-    /// A run for people: "percentile, kodim04, 3000 Gaussians, seed 0".
+    /// A description of the run: "percentile, kodim04, 3000 Gaussians, seed 0".
     pub fn describe(&self, run: &Run) -> String {
         let Run { budget, seed, .. } = run;
         let budget = counted(*budget, "Gaussian");
@@ -101,7 +104,7 @@ impl Plan {
     }
 }
 
-/// All settings of an arm but the seed, for an image of `size` (columns, rows).
+/// The settings of an arm without the seed, for an image of `size` (columns, rows).
 fn settings(study: &Study, arm: &Arm, budget: u32, size: (u32, u32)) -> Result<FitSettings, Error> {
     let mut start = match (arm.preset.unwrap_or(study.preset), arm.iterations.or(study.iterations)) {
         (Preset::Paper, iterations) => {
@@ -190,7 +193,7 @@ mod tests {
         for (from, to, expected) in [
             ("seeds = [3, 4]", "seeds = []", "study `x`: seeds: there are none: name at least one"),
             ("seeds = [3, 4]", "seeds = [3, 3]", "seeds: 3 stands there twice"),
-            ("seeds = [3, 4]", "seed = [3]", "a.toml: line 4: unknown field `seed`"),
+            ("seeds = [3, 4]", "seed = [3]", "a.toml: line 4: unknown key `seed`: did you mean `seeds`?"),
             ("seeds = [3, 4]", "seeds = [-1]", "line 4"),
             ("budgets = [10, 600]", "budgets = [0]", "0 Gaussians draw nothing"),
             ("'paper']", "'no/such.png']", "no/such.png: no such file in any folder: name the folder"),

@@ -1,8 +1,9 @@
-//! How far the arms of a study get on an image: the step and the second at which all of them are compared, and where a run is then.
+//! The step and the time at which the arms of a study are compared on an image.
 //!
-//! There is one such place for each image and budget, that of all arms of the study, so that whoever leads by a table's means is held
-//! against the others by the same means. Times are an arm's, not a run's: the median over its runs. A run that the machine was slow for is
-//! put on that clock and judged where the others are, instead of moving the place for everybody.
+//! Each image and budget has one such step and one such time for all arms, so that tables, rankings
+//! and verdicts use the same numbers. Times belong to arms, not to runs: an arm's time is the
+//! median over its runs. A run that was slowed down by other programs is rescaled to that time,
+//! instead of changing the comparison for all arms.
 
 use crate::statistics::median;
 
@@ -13,19 +14,19 @@ use crate::{
     tables::{Metric, Results},
 };
 
-/// How far every arm gets on an image at a budget.
+/// The common step and time of all arms on an image at a budget.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Reach {
-    /// Steps that the finished runs of all arms have done.
+    /// Number of steps that the finished runs of all arms have reached.
     steps: u32,
     /// The shortest of the arms' times, s.
     seconds: f64,
-    /// Each arm's time, s; nothing where none of its runs has finished.
+    /// Time of each arm, s; `None` for an arm without a finished run.
     arms: Vec<Option<f64>>,
 }
 
 impl Reach {
-    /// That of each image of the study, in its order.
+    /// One value for each image of the study, in its order.
     pub(crate) fn of_images(results: &Results<'_>, budget: u32) -> Vec<Self> {
         let plan = results.plan;
         let arms = plan.study.arms.len();
@@ -43,12 +44,13 @@ impl Reach {
         seconds.into_iter().zip(steps).map(of_image).collect()
     }
 
-    /// An arm's time on the image, s.
+    /// Time of an arm on the image, s.
     pub(crate) fn seconds_of(&self, arm: usize) -> Option<f64> {
         self.arms[arm]
     }
 
-    /// What is measured of a run on the image where all arms are equal in this respect. At equal count that is its end.
+    /// The metric of a run at the point where all arms are equal in count, iterations or time. At
+    /// equal count that is the end of the run.
     pub(crate) fn measured(&self, matching: Matching, metric: Metric, run: &Run, end: &Finished) -> Option<f64> {
         match matching {
             Matching::Count => metric.of(end),
@@ -57,7 +59,7 @@ impl Reach {
         }
     }
 
-    /// PSNR of a run after so many seconds of its arm's clock, dB.
+    /// PSNR of a run after `seconds` of its arm's time, dB.
     pub(crate) fn psnr_within(&self, seconds: f64, run: &Run, end: &Finished) -> Option<f64> {
         let arm = self.seconds_of(run.arm)?;
         let own = if arm > 0.0 { seconds * end.seconds / arm } else { seconds };

@@ -1,4 +1,4 @@
-//! What is stored of a run: what it was, and what came of it.
+//! The stored record of a run.
 
 use gs_core::{edit::EditCounts, statistics::Culled};
 use gs_train::MetricsRow;
@@ -6,30 +6,30 @@ use serde::{Deserialize, Deserializer, Serialize};
 
 use crate::machine::Machine;
 
-/// A run's file.
+/// The content of a run's file.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Record {
-    /// The digest of all that follows but the outcome; also the file's name.
+    /// Digest of all other fields but the outcome; also the file's name.
     pub address: String,
     /// The version of the program.
     pub version: String,
-    /// What computed, and how it was chosen.
+    /// The machine that computed the run.
     #[serde(flatten)]
     pub machine: Machine,
-    /// The image, as the study named it.
+    /// The image, as the study names it.
     pub image: String,
-    /// The digest of its pixels.
+    /// Digest of the image.
     pub target: String,
-    /// The fingerprint of a policy of the caller's own.
+    /// Fingerprint of a policy that settings cannot name.
     pub policy: Option<String>,
-    /// All settings, as TOML: `gs fit --settings` takes it.
+    /// All settings as TOML; `gs fit --settings` reads them.
     pub settings: String,
-    /// What came of it.
+    /// Whether the run finished, and its numbers.
     pub outcome: Outcome,
 }
 
-/// What came of a run.
+/// The outcome of a run.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "status", rename_all = "kebab-case")]
 pub enum Outcome {
@@ -37,13 +37,13 @@ pub enum Outcome {
     Finished(Box<Finished>),
     /// The fit failed.
     Failed {
-        /// Why.
+        /// The error.
         error: String,
     },
 }
 
 impl Outcome {
-    /// What came of a run that did all its steps.
+    /// The numbers of a run that finished; `None` if it failed.
     pub fn finished(&self) -> Option<&Finished> {
         match self {
             Self::Finished(finished) => Some(finished),
@@ -52,7 +52,8 @@ impl Outcome {
     }
 }
 
-/// A run that did all its steps. Qualities are those of the 8-bit picture, as in [`gs_train::FitSummary`].
+/// The numbers of a finished run. Quality is that of the 8-bit image, as in
+/// [`gs_train::FitSummary`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Finished {
@@ -60,40 +61,41 @@ pub struct Finished {
     pub gaussians: u32,
     /// Steps done.
     pub iterations: u32,
-    /// dB; ∞ for equal images, which JSON writes as `null`.
+    /// PSNR, dB; ∞ for equal images, which JSON stores as `null`.
     #[serde(deserialize_with = "infinite_where_null")]
     pub psnr: f64,
     /// Structural similarity.
     pub ssim: f64,
-    /// Multi-scale structural similarity; nothing for images too small for it.
+    /// Multi-scale structural similarity; `None` for images that are too small for it.
     pub ms_ssim: Option<f64>,
     /// Mean absolute difference.
     pub l1: f64,
-    /// The loss of the scene.
+    /// Loss of the final scene.
     pub loss: Option<f32>,
-    /// What density control did, all rounds together.
+    /// Edits by density control, summed over all rounds.
     pub edits: EditCounts,
-    /// Gaussians that the last rendering left out.
+    /// Gaussians that were left out of the last rendering.
     pub culled: Culled,
-    /// The digest of the scene: a replay ends in the same.
+    /// Digest of the scene. A replay must end in the same.
     pub scene: String,
     /// Time spent fitting, s.
     pub seconds: f64,
-    /// What computed, threads included.
+    /// The backend, with its threads.
     pub backend: String,
-    /// How many runs were under way side by side.
+    /// Number of runs that were done side by side.
     pub side_by_side: usize,
     /// Count, loss and, in some rows, quality over steps and time.
     pub trajectory: Vec<MetricsRow>,
 }
 
-/// JSON has no infinity: `null` is what becomes of it.
+/// Reads `null` as ∞, which JSON cannot represent.
 fn infinite_where_null<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
     Ok(Option::<f64>::deserialize(deserializer)?.unwrap_or(f64::INFINITY))
 }
 
 impl Finished {
-    /// PSNR at a place of the trajectory, dB, between two measurements interpolated; before the first and after the last, theirs.
+    /// PSNR at a position of the trajectory, dB: interpolated between measurements, constant before
+    /// the first and after the last.
     fn psnr_at(&self, place: f64, of: impl Fn(&MetricsRow) -> f64) -> Option<f64> {
         let points: Vec<(f64, f64)> = self.trajectory.iter().filter_map(|row| Some((of(row), row.psnr?))).collect();
         let after = points.partition_point(|&(x, _)| x <= place);
@@ -103,16 +105,16 @@ impl Finished {
         };
         let Some(&(to, high)) = points.get(after) else { return Some(last.1) };
         let share = (place - from) / (to - from);
-        // On the way to an exact picture nothing can be interpolated.
+        // Infinite values cannot be interpolated.
         Some(if share > 0.0 && low.is_finite() && high.is_finite() { low + (high - low) * share } else { low })
     }
 
-    /// PSNR after so many steps, dB; from the rows in which it was measured.
+    /// PSNR after `steps` steps, dB, interpolated between measurements.
     pub fn psnr_after(&self, steps: u32) -> Option<f64> {
         self.psnr_at(f64::from(steps), |row| f64::from(row.step))
     }
 
-    /// PSNR after so many seconds of fitting, dB; from the rows in which it was measured.
+    /// PSNR after `seconds` of fitting, dB, interpolated between measurements.
     pub fn psnr_within(&self, seconds: f64) -> Option<f64> {
         self.psnr_at(seconds, |row| row.seconds)
     }
@@ -123,7 +125,8 @@ pub(crate) mod tests {
 
     use super::*;
 
-    /// A run that ended with `psnr` after 100 steps and 2 s, in a straight line from 10 dB after 20 steps and 1 s.
+    /// A run that ended with `psnr` after 100 steps and 2 s, rising linearly from 10 dB after 20
+    /// steps and 1 s.
     pub(crate) fn finished(psnr: f64) -> Finished {
         let row = |step, seconds, psnr| MetricsRow {
             step,

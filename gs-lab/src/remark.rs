@@ -1,4 +1,5 @@
-//! What a reader of a difference must know besides its numbers, and whether anything may be said at all.
+//! Remarks on a difference: what a reader must know besides its numbers, and what forbids a
+//! verdict.
 
 use std::fmt;
 
@@ -6,21 +7,24 @@ use crate::statistics::FEWEST;
 use gs_core::counted;
 use serde::{Serialize, Serializer};
 
-/// With fewer seeds a difference may be one of luck with them, which no interval over images shows.
-pub const FEWEST_SEEDS: usize = 5;
+/// With fewer seeds, a difference may be due to the choice of seeds, which an interval over images
+/// does not show.
+pub(crate) const FEWEST_SEEDS: usize = 5;
 
-/// What is paired in a comparison, and so what its interval generalises to.
+/// What is paired in a comparison.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Pairing {
-    /// Images, each with its mean over seeds: other images of the same kind.
+    /// Images, each with its mean over seeds. The interval generalises to other images of the same
+    /// kind.
     Images,
-    /// Seeds, where there is one image only: other seeds, for this image.
+    /// Seeds, where the study has one image only. The interval generalises to other seeds on this
+    /// image.
     Seeds,
 }
 
 impl Pairing {
-    /// In a word, for several.
+    /// The plural noun.
     pub const fn words(self) -> &'static str {
         match self {
             Self::Images => "images",
@@ -36,43 +40,44 @@ impl Pairing {
     }
 }
 
-/// What a reader of a difference must know besides its numbers.
+/// A remark on a difference.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Remark {
-    /// Of some images there is no seed from which both arms have finished. Forbids a verdict.
+    /// On some images there is no seed with which both arms finished. Forbids a verdict.
     ImagesMissing {
-        /// How many.
+        /// Number of such images.
         missing: usize,
         /// Images of the study.
         of: usize,
     },
-    /// Images or seeds are fewer than a verdict needs. Forbids it.
+    /// There are fewer images or seeds than a verdict needs. Forbids a verdict.
     TooFew {
-        /// How many there are.
+        /// Number of pairs.
         pairs: usize,
-        /// Of what.
+        /// What is paired.
         pairing: Pairing,
     },
-    /// The arms end with other counts. Forbids a verdict at equal count.
+    /// The arms end with different counts. Forbids a verdict at equal count.
     CountsDiffer {
-        /// Mean count of the arm, on the image where they differ the most.
+        /// Mean count of the arm that is judged, on the image with the largest difference.
         arm: f64,
-        /// That of the arm it is held against.
+        /// Mean count of the other arm.
         against: f64,
-        /// The image's name; nothing where there is one only.
+        /// The image's name; `None` where the study has one image only.
         image: Option<String>,
     },
-    /// Runs were timed on other backends, or with others beside them. Forbids a verdict at equal time.
+    /// Runs were timed on different backends, or with different numbers of runs side by side.
+    /// Forbids a verdict at equal time.
     ClocksDiffer {
-        /// Each way in which runs were timed.
+        /// The different conditions.
         clocks: Vec<String>,
     },
-    /// Some images were met exactly, where PSNR is infinite. Forbids a verdict.
+    /// Some runs reproduce their image exactly, so that PSNR is infinite. Forbids a verdict.
     Infinite {
         /// Pairs with such a run.
         pairs: usize,
     },
-    /// Some runs have failed or are missing; the comparison is over the rest.
+    /// Some runs failed or are missing; the comparison covers the others.
     Incomplete {
         /// Pairs of finished runs.
         pairs: usize,
@@ -81,13 +86,13 @@ pub enum Remark {
     },
     /// Seeds are fewer than [`FEWEST_SEEDS`].
     FewSeeds {
-        /// How many.
+        /// Number of seeds.
         seeds: usize,
     },
 }
 
 impl Remark {
-    /// Whether nothing may be said, whatever the interval.
+    /// Whether the remark forbids a verdict, whatever the interval.
     pub const fn forbids_verdict(&self) -> bool {
         !matches!(self, Self::Incomplete { .. } | Self::FewSeeds { .. })
     }

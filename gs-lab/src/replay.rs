@@ -1,4 +1,4 @@
-//! A row of a study, done again: it ends in the recorded scene, bit for bit, or the difference is an error.
+//! Replays a row of a study. It must end in the recorded scene, bit for bit.
 
 use gs_core::{Image, Optimizer, RenderSettings, Scene2d};
 
@@ -12,20 +12,20 @@ use crate::{
     record::Finished,
 };
 
-/// A run, whole, and what came of it.
+/// A replayed run.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Replayed {
-    /// The scene: the recorded one.
+    /// The scene, which is the recorded one.
     pub scene: Scene2d,
-    /// What it looks like at the target's size, not clamped.
+    /// The rendering of the scene at the target's size, not clamped.
     pub image: Image,
-    /// How it is rendered so: with the effects that it was fitted with.
+    /// How it is rendered: with the effects that it was fitted with.
     pub settings: RenderSettings,
     /// The numbers; times are those of the replay.
     pub finished: Finished,
 }
 
-/// What is known of a row's end.
+/// What is recorded of a row.
 struct End {
     address: String,
     scene: Option<String>,
@@ -33,13 +33,14 @@ struct End {
     machine: Machine,
 }
 
-/// Does a row of the study in `folder` again, and holds the scene against the recorded one. The tables are enough: the runs' own files
-/// may be gone.
+/// Replays a row of the study in `folder` and compares the scene with the recorded one. The tables
+/// in the folder suffice; the files of the runs may be missing.
 ///
 /// # Errors
-/// [`Error::NoRow`]; [`Error::Folder`] where the row has not been done; [`Error::OtherMachine`], [`Error::OtherVersion`] or
-/// [`Error::OtherRun`], before anything is computed, where it was computed from something else; [`Error::NotReplayed`] where its scene is
-/// another all the same; [`Error::Fit`] where it fails, as it may have done in the study.
+/// [`Error::NoRow`]; [`Error::Folder`] where the row has not been done; [`Error::OtherMachine`],
+/// [`Error::OtherVersion`] or [`Error::OtherRun`] where the record is of something else, before
+/// anything is computed; [`Error::NotReplayed`] where the scene differs from the recorded one;
+/// [`Error::Fit`] where the fit fails.
 pub fn replay<R: Optimizer<Scene2d>>(
     plan: &Plan,
     row: usize,
@@ -72,7 +73,7 @@ pub fn replay<R: Optimizer<Scene2d>>(
     }
 }
 
-/// In what a run differs from the one recorded.
+/// The error that says how a run differs from the recorded one.
 fn difference(plan: &Plan, run: &Run, end: &End) -> Error {
     let row = run.row;
     if end.machine.name != plan.machine.name {
@@ -92,7 +93,8 @@ fn other_machine(row: usize, recorded: &Machine, found: &Machine) -> Error {
     Error::OtherMachine { row, recorded: recorded.name.clone(), found: found.name.clone(), mend }
 }
 
-/// The run that stands in a row of the folder's runs.csv: of a study of which a part was conducted last, the rows are those of the part.
+/// The run of a row in the folder's `runs.csv`. If only a part of the study was conducted last,
+/// rows are those of the part.
 ///
 /// # Errors
 /// [`Error::NoRow`].
@@ -102,7 +104,7 @@ pub fn recorded_run<'p>(plan: &'p Plan, row: usize, folder: &StudyFolder) -> Res
     let found = row.checked_sub(1).and_then(|index| recorded.runs.get(index)).ok_or(Error::NoRow { row, rows })?;
     match plan.runs.iter().find(|run| run.address == found.address) {
         Some(run) => Ok(run),
-        // Whatever the difference, it is told of the run that stands there in the whole study.
+        // The error that follows is about the row of the whole study.
         None => plan.run(row),
     }
 }

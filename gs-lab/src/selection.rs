@@ -4,10 +4,10 @@ use std::{fmt::Display, path::Path};
 
 use crate::{error::Error, study::Study};
 
-/// Which images, budgets, seeds and arms of a study are wanted. An empty list means all of them.
+/// The images, budgets, seeds and arms of a study to run. An empty list selects all.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Selection {
-    /// Images by their names in the study, or by their file names with or without ending.
+    /// Images by their names in the study, or by their file names with or without extension.
     pub images: Vec<String>,
     /// Budgets.
     pub budgets: Vec<u32>,
@@ -18,12 +18,15 @@ pub struct Selection {
 }
 
 impl Study {
-    /// The study with nothing but what is selected, in its own order. The baseline is the first arm that is left if its own is not.
+    /// The study restricted to the selection, in its own order. If the baseline is not selected,
+    /// the first selected arm takes its place.
     ///
-    /// Runs keep their addresses, which do not depend on the other runs of a study. So the results of several parts add up in one folder.
+    /// Runs keep their addresses, which do not depend on the other runs, so the results of several
+    /// parts add up in one folder.
     ///
     /// # Errors
-    /// [`Error::Study`] where a name or a number is selected that the study does not have, with those that it has.
+    /// [`Error::Study`] where the study does not have a selected name or number; the message lists
+    /// those it has.
     pub fn select(mut self, selection: &Selection) -> Result<Self, Error> {
         let Selection { images, budgets, seeds, arms } = selection;
         let same = |one: &u32, other: &u32| one == other;
@@ -38,13 +41,14 @@ impl Study {
         Ok(Self { images, budgets, seeds, ..self })
     }
 
-    /// How many runs the study asks for.
+    /// Number of runs of the study.
     pub fn runs(&self) -> usize {
         self.arms.len() * self.images.len() * self.budgets.len() * self.seeds.len()
     }
 }
 
-/// Those of `all` that are wanted, or all where nothing is. Fails with a sentence about what is wanted and not there.
+/// The elements of `all` that are in `wanted`, or all if `wanted` is empty. Fails with a message if
+/// an element of `wanted` is unknown.
 fn kept<T: Clone + Display>(
     what: &str,
     all: &[T],
@@ -63,7 +67,7 @@ fn kept<T: Clone + Display>(
     }
 }
 
-/// Whether an image of a study is meant by a name.
+/// Whether a name stands for an image of a study.
 fn is_called(image: &String, name: &String) -> bool {
     let path = Path::new(image);
     let is = |part: Option<&std::ffi::OsStr>| part.is_some_and(|part| *part == **name);

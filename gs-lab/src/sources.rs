@@ -1,4 +1,5 @@
-//! The digest of all sources that a result depends on: part of the version under which results are stored. The build script makes it.
+//! A digest of all sources that a result depends on. The build script makes it a part of the
+//! version under which results are stored.
 
 use std::{
     fs, io,
@@ -7,9 +8,8 @@ use std::{
 
 use sha2::{Digest, Sha256};
 
-/// What a run's result depends on besides its settings, as files and folders of the workspace: backends, policies, the training loop, the
-/// reading of images, what of this crate makes targets and makes a fit into a record, and the versions of everything from elsewhere.
-/// The paper's experiments, tables and reports are left out: they may change while results stand.
+/// Files and folders of the workspace that the result of a run depends on. The paper's experiments,
+/// tables and reports may change without invalidating results, so they are left out.
 pub(crate) const SOURCES: [&str; 11] = [
     "Cargo.lock",
     "gs-core/src",
@@ -27,13 +27,14 @@ pub(crate) const SOURCES: [&str; 11] = [
 /// Hexadecimal digits of the digest.
 const DIGITS: usize = 12;
 
-/// The digest of [`SOURCES`] in a workspace; nothing where one of them is not there, as in a package from a registry.
+/// The digest of [`SOURCES`] in a workspace; `None` where one of them is missing, as in a published
+/// package.
 pub(crate) fn digest(workspace: &Path) -> Option<String> {
     let mut files = Vec::new();
     for source in SOURCES {
         collect(&workspace.join(source), &mut files).ok()?;
     }
-    // By names that are the same everywhere, so that the order is, too.
+    // Relative paths with `/` give the same order on every system.
     let name = |file: &PathBuf| Some(file.strip_prefix(workspace).ok()?.to_str()?.replace('\\', "/"));
     let mut named = files.iter().map(|file| Some((name(file)?, file))).collect::<Option<Vec<_>>>()?;
     named.sort();
@@ -50,7 +51,7 @@ pub(crate) fn digest(workspace: &Path) -> Option<String> {
     Some(digits)
 }
 
-/// A file, or all files of a folder and the folders in it.
+/// Collects a file, or all files of a folder and its subfolders.
 fn collect(source: &Path, files: &mut Vec<PathBuf>) -> io::Result<()> {
     if fs::metadata(source)?.is_file() {
         files.push(source.to_owned());
@@ -66,7 +67,7 @@ fn collect(source: &Path, files: &mut Vec<PathBuf>) -> io::Result<()> {
 mod tests {
     use super::*;
 
-    /// A workspace with a file for every source.
+    /// A workspace with a file for each source.
     fn workspace() -> tempfile::TempDir {
         let place = tempfile::tempdir().unwrap();
         for source in SOURCES {
@@ -114,6 +115,6 @@ mod tests {
         let workspace = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap();
         let package = env!("CARGO_PKG_VERSION");
         let expected = digest(workspace).map_or_else(|| package.to_owned(), |digest| format!("{package}+{digest}"));
-        assert_eq!(crate::VERSION, expected);
+        assert_eq!(crate::study::VERSION, expected);
     }
 }

@@ -1,27 +1,28 @@
-//! Means, spreads, and intervals of means by the bootstrap: the one that the paper's experiments and studies share.
+//! Means, variances, and bootstrap intervals of means, for experiments and studies.
 
 use std::borrow::Borrow;
 
-pub use gs_core::metrics::mean;
+pub(crate) use gs_core::metrics::mean;
 use gs_density::Rng;
 use rand::{RngExt, SeedableRng};
 use serde::{Deserialize, Serialize};
 use statrs::distribution::{ContinuousCDF, Normal, StudentsT};
 
-/// How often the units are drawn anew.
-pub const RESAMPLES: usize = 10_000;
+/// Number of bootstrap resamples.
+pub(crate) const RESAMPLES: usize = 10_000;
 
-/// Of fewer values no verdict should be made: the interval of five is at most as wide as they lie apart, and where there is no difference
-/// all five have the same sign in one of sixteen studies, more often than an interval of 95 % may be wrong.
-pub const FEWEST: usize = 6;
+/// Fewest pairs for a verdict. With five, the interval is at most as wide as the values' range, and
+/// without a true difference all five have the same sign in one of sixteen studies: more often than
+/// an interval of 95 % may be wrong.
+pub(crate) const FEWEST: usize = 6;
 
-/// The share of intervals that cover the true mean.
-pub const CONFIDENCE: f64 = 0.95;
+/// Nominal coverage of the intervals.
+pub(crate) const CONFIDENCE: f64 = 0.95;
 
-/// Where the bootstrap's random numbers come from; fixed, so that equal data give equal tables.
+/// Seed of the resampling; fixed, so that equal data give equal tables.
 const SEED: u64 = 0x6773_2d73_7475_6479;
 
-/// Where a mean probably lies.
+/// A confidence interval of a mean.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Interval {
     /// Lower end.
@@ -30,8 +31,8 @@ pub struct Interval {
     pub high: f64,
 }
 
-/// The middle value; of an even number the mean of the two in the middle; NaN of none.
-pub fn median(values: impl IntoIterator<Item: Borrow<f64>>) -> f64 {
+/// The median: the mean of the two middle values of an even number, NaN of none.
+pub(crate) fn median(values: impl IntoIterator<Item: Borrow<f64>>) -> f64 {
     let mut values: Vec<f64> = values.into_iter().map(|value| *value.borrow()).collect();
     values.sort_unstable_by(f64::total_cmp);
     match values.len() {
@@ -41,20 +42,22 @@ pub fn median(values: impl IntoIterator<Item: Borrow<f64>>) -> f64 {
     }
 }
 
-/// The variance of the population that the values are drawn from (with n − 1); nothing of fewer than two.
-pub fn variance(values: &[f64]) -> Option<f64> {
+/// The sample variance (with n − 1); `None` for fewer than two values.
+pub(crate) fn variance(values: &[f64]) -> Option<f64> {
     let center = mean(values);
     let squares: f64 = values.iter().map(|value| (value - center).powi(2)).sum();
     (values.len() > 1).then(|| squares / (values.len() - 1) as f64)
 }
 
-/// The interval in which the mean of the population lies that the values are independent draws from, by [`RESAMPLES`] draws of as
-/// many with replacement. The same for equal values. Nothing for fewer than two, or where one is not finite; see also [`FEWEST`].
+/// The bootstrap interval of the mean, from [`RESAMPLES`] resamples; equal values always give the
+/// same interval. `None` for fewer than two values and where one is not finite; see also
+/// [`FEWEST`].
 ///
-/// Of few values the plain percentile interval is too narrow: it covers the mean of eight normal values 89 times out of a hundred
-/// instead of 95. The percentiles are therefore moved out so far that for normal data the interval is as wide as Student's.
-/// *Source:* Hesterberg 2015, "What teachers should know about the bootstrap", §5.3 (expanded percentile interval).
-pub fn bootstrap_interval(values: &[f64]) -> Option<Interval> {
+/// For few values the plain percentile interval is too narrow: with eight normal values it covers
+/// the mean 89 times out of a hundred instead of 95. The percentiles are therefore expanded so that
+/// for normal data the interval is as wide as Student's. *Source:* Hesterberg 2015, "What teachers
+/// should know about the bootstrap", §5.3 (expanded percentile interval).
+pub(crate) fn bootstrap_interval(values: &[f64]) -> Option<Interval> {
     let n = values.len();
     if n < 2 || !values.iter().all(|value| value.is_finite()) {
         return None;
@@ -67,7 +70,8 @@ pub fn bootstrap_interval(values: &[f64]) -> Option<Interval> {
     Some(Interval { low: quantile(&means, tail), high: quantile(&means, 1.0 - tail) })
 }
 
-/// The share of resampled means that is cut off at either end: Φ(−√(n/(n−1)) t), t being Student's quantile.
+/// The share of resampled means to cut off at either end: Φ(−√(n/(n−1)) t), with Student's quantile
+/// t.
 fn expanded_tail(n: usize) -> Option<f64> {
     let freedom = (n - 1) as f64;
     let student = StudentsT::new(0.0, 1.0, freedom).ok()?.inverse_cdf(0.5 + 0.5 * CONFIDENCE);
@@ -75,7 +79,7 @@ fn expanded_tail(n: usize) -> Option<f64> {
     Some(normal.cdf(-(n as f64 / freedom).sqrt() * student))
 }
 
-/// The value below which this share of sorted values lies, between two of them interpolated.
+/// The quantile of sorted values, linearly interpolated.
 fn quantile(sorted: &[f64], share: f64) -> f64 {
     let place = share * (sorted.len() - 1) as f64;
     let (below, part) = (place.floor() as usize, place.fract());
@@ -87,7 +91,7 @@ fn quantile(sorted: &[f64], share: f64) -> f64 {
 mod tests {
     use super::*;
 
-    /// `n` values of a normal distribution, from uniform ones.
+    /// `n` normally distributed values.
     fn normal(rng: &mut Rng, n: usize, mean: f64, sd: f64) -> Vec<f64> {
         let law = Normal::new(mean, sd).unwrap();
         (0..n).map(|_| law.inverse_cdf(rng.random_range(1e-12..1.0 - 1e-12))).collect()
@@ -114,7 +118,7 @@ mod tests {
                 low > 0.0 || high < 0.0
             })
             .count();
-        // 20 expected; 4 standard deviations are 17.
+        // 20 are expected; 4 standard deviations are 17.
         assert!((4..=37).contains(&seen), "{seen} of {studies}");
     }
 

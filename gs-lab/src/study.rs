@@ -1,12 +1,29 @@
-//! What a study is: arms × images × budgets × seeds, as a short TOML file has them.
+//! The definition of a study: arms × images × budgets × seeds, read from a short TOML file.
 
-use gs_train::{ForeignPolicy, Preset};
+use gs_train::{ForeignPolicy, Preset, parse_settings};
 use serde::{Deserialize, Serialize};
-use std::fmt;
+use std::{fmt, path::Path};
+
+pub use crate::{
+    built_in::BUILT_IN,
+    comparison::{Difference, Verdict},
+    conduct::{Conducted, Watcher, refuse_unsupported},
+    digest::of_scene as scene_digest,
+    export::write_tables,
+    folder::Safety,
+    machine::Machine,
+    plan::{Run, VERSION},
+    record::{Finished, Outcome, Record},
+    remark::{Pairing, Remark},
+    replay::{Replayed, recorded_run, replay},
+    selection::Selection,
+    statistics::Interval,
+    synthetic::SyntheticTarget,
+    tables::{Metric, Quality, Spread},
+    target::Target,
+};
 
 use crate::error::Error;
-#[cfg(doc)]
-use crate::synthetic::SyntheticTarget;
 
 /// An experiment: every arm fits every image at every budget from every seed.
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -14,32 +31,34 @@ use crate::synthetic::SyntheticTarget;
 pub struct Study {
     /// A short name, for folders and titles.
     pub name: String,
-    /// What the study is to find out, one or two sentences.
+    /// The question that the study answers, one or two sentences.
     #[serde(default)]
     pub question: String,
-    /// Image files, relative to the folder of data or to that of the study's file; and names of [`SyntheticTarget`]s, which need no file,
-    /// such as `paper`, the circle and square.
+    /// Image files, relative to the data folder or to the study file; and names of
+    /// [`SyntheticTarget`]s, which need no file, such as `paper`.
     pub images: Vec<String>,
-    /// The most Gaussians there may be.
+    /// The largest numbers of Gaussians allowed.
     pub budgets: Vec<u32>,
     /// Seeds of all random numbers, the same for every arm.
     pub seeds: Vec<u32>,
-    /// In which respects arms are compared.
+    /// What is held equal when arms are compared.
     #[serde(default = "Matching::all", rename = "match")]
     pub matchings: Vec<Matching>,
-    /// The arm against which the others are shown; the first, where none is named. The tables compare all with all.
+    /// The arm that the report compares the others with; by default the first. The tables compare
+    /// all pairs.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub baseline: Option<String>,
-    /// What all arms start from. An arm may name another.
+    /// The preset that arms start from, unless they name another.
     #[serde(default = "standard")]
     pub preset: Preset,
-    /// Steps of the optimiser, in place of the preset's; its schedule follows.
+    /// Steps of the optimiser instead of the preset's. The schedule is stretched accordingly.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub iterations: Option<u32>,
-    /// Settings of all arms that differ from the preset's, as in a file of [`gs_train::FitSettings`].
+    /// Settings of all arms that differ from the preset's, with the keys of
+    /// [`gs_train::FitSettings`].
     #[serde(default, skip_serializing_if = "toml::Table::is_empty")]
     pub settings: toml::Table,
-    /// What is compared.
+    /// The arms that are compared.
     #[serde(rename = "arm")]
     pub arms: Vec<Arm>,
 }
@@ -48,36 +67,37 @@ fn standard() -> Preset {
     Preset::Standard
 }
 
-/// One of the things that a study compares: a policy, or anything else that a fit can set.
+/// An arm of a study: a policy, or any other settings of a fit.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, rename_all = "kebab-case")]
 pub struct Arm {
     /// A short name, for tables.
     pub name: String,
-    /// What it is, in a sentence.
+    /// A description, one sentence.
     #[serde(default)]
     pub about: String,
-    /// In place of the study's preset.
+    /// Replaces the study's preset.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub preset: Option<Preset>,
-    /// In place of the study's iterations.
+    /// Replaces the study's iterations.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub iterations: Option<u32>,
-    /// A policy by its name, with its source's numbers: one of [`gs_density::Policy::NAMES`].
+    /// A policy by its name, with its source's parameters: one of [`gs_density::Policy::NAMES`].
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub policy: Option<String>,
     /// Settings that differ from the study's and the policy's.
     #[serde(default, skip_serializing_if = "toml::Table::is_empty")]
     pub settings: toml::Table,
-    /// In place of a policy that settings can name; in the library only.
+    /// A policy that settings cannot name; available in the library only.
     #[serde(skip)]
     pub own_policy: Option<OwnPolicy>,
-    /// The line of the study's file on which its name stands, counted from 1; nothing of an arm that is from no file.
+    /// Line of the study file with the arm's name, counted from 1; `None` for an arm that is not
+    /// from a file.
     #[serde(skip)]
     pub line: Option<usize>,
 }
 
-/// Where the arms have their names.
+/// Used to find the lines of the arms' names.
 #[derive(Deserialize)]
 struct NamedArms {
     arm: Vec<NamedArm>,
@@ -88,11 +108,11 @@ struct NamedArm {
     name: toml::Spanned<String>,
 }
 
-/// A policy of the caller's own.
+/// A policy that settings cannot name.
 #[derive(Clone)]
 pub struct OwnPolicy {
-    /// All that its plans depend on, in words or numbers: two policies that plan differently must differ here, or a study takes the
-    /// results of one for those of the other.
+    /// Describes everything that the policy's plans depend on. Two policies that plan differently
+    /// must have different fingerprints, or a study reuses the results of one for the other.
     pub fingerprint: String,
     /// The policy.
     pub policy: ForeignPolicy,
@@ -105,8 +125,8 @@ impl fmt::Debug for OwnPolicy {
 }
 
 impl Arm {
-    /// An arm that differs from the study's settings in nothing but its policy, one of the caller's own; `fingerprint` as in
-    /// [`OwnPolicy::fingerprint`].
+    /// An arm that differs from the study's settings only in its policy. `fingerprint` is explained
+    /// at [`OwnPolicy::fingerprint`].
     pub fn with_policy(name: impl Into<String>, fingerprint: impl Into<String>, policy: ForeignPolicy) -> Self {
         Self {
             name: name.into(),
@@ -121,13 +141,13 @@ impl Arm {
     }
 }
 
-/// What is equal where two arms are compared.
+/// What is held equal when two arms are compared.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Matching {
-    /// The number of Gaussians: the ends of fits, where both arms have used their budget alike.
+    /// The number of Gaussians: the ends of fits whose counts are equal.
     Count,
-    /// The steps of the optimiser: the largest number that all arms of the study have done.
+    /// The number of steps: the largest that all arms of the study have reached.
     Iterations,
     /// The time spent fitting: that of the study's fastest arm.
     Time,
@@ -139,7 +159,7 @@ impl Matching {
         vec![Self::Count, Self::Iterations, Self::Time]
     }
 
-    /// Its name, as in a study's file.
+    /// The name in study files.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Count => "count",
@@ -150,29 +170,31 @@ impl Matching {
 }
 
 impl Study {
-    /// Reads a study from its TOML; `origin` names it in errors.
+    /// Reads a study from TOML text. `origin` is the file's name for errors.
     ///
     /// # Errors
-    /// [`Error::Form`] with the line, [`Error::Study`] as [`Study::validate`].
+    /// [`Error::Form`] with the line, and those of [`Study::validate`].
     pub fn from_toml(text: &str, origin: &str) -> Result<Self, Error> {
-        let line = |at: usize| 1 + text.bytes().take(at).filter(|&byte| byte == b'\n').count();
-        let wrong = |error: toml::de::Error| {
-            let line = line(error.span().map_or(0, |span| span.start));
-            Error::Form { origin: origin.to_owned(), line, message: error.message().to_owned() }
+        let wrong = |error| match error {
+            gs_train::Error::Settings { line, problem, .. } => {
+                Error::Form { origin: origin.to_owned(), line, message: problem }
+            }
+            error => Error::Fit(error),
         };
-        let mut study: Self = toml::from_str(text).map_err(wrong)?;
-        let named: NamedArms = toml::from_str(text).map_err(wrong)?;
+        let mut study: Self = parse_settings(text, Path::new(origin)).map_err(wrong)?;
+        let named: NamedArms = parse_settings(text, Path::new(origin)).map_err(wrong)?;
         for (arm, named) in study.arms.iter_mut().zip(named.arm) {
-            arm.line = Some(line(named.name.span().start));
+            arm.line = Some(1 + text[..named.name.span().start].matches('\n').count());
         }
         study.validate()?;
         Ok(study)
     }
 
-    /// Fails where the study compares nothing, or says something twice. Settings are looked at when it is laid out for its images.
+    /// Fails where the study lists nothing to compare, or lists something twice. Settings are
+    /// checked by [`Plan::new`](crate::Plan::new).
     ///
     /// # Errors
-    /// [`Error::Study`] with what is wrong and how to mend it.
+    /// [`Error::Study`] with the problem and how to fix it.
     pub fn validate(&self) -> Result<(), Error> {
         let names: Vec<&str> = self.arms.iter().map(|arm| arm.name.as_str()).collect();
         let fine = |name: &str| name.chars().all(|c| c.is_alphanumeric() || "-_.".contains(c)) && !name.is_empty();
@@ -207,7 +229,7 @@ impl Study {
         Ok(())
     }
 
-    /// The place of the baseline among the arms.
+    /// Index of the baseline among the arms.
     pub fn baseline_arm(&self) -> usize {
         self.baseline.as_ref().and_then(|name| self.arms.iter().position(|arm| arm.name == *name)).unwrap_or(0)
     }

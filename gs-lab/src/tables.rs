@@ -1,4 +1,4 @@
-//! What a study comes to: its runs with what is stored of them, and the quality of each arm at each budget.
+//! The results of a study: its runs with their records, and the quality of each arm at each budget.
 
 use crate::statistics::{mean, variance};
 use serde::Serialize;
@@ -9,24 +9,24 @@ use crate::{
     record::{Finished, Outcome, Record},
 };
 
-/// All that is known of a study's runs.
+/// The results of a study.
 #[derive(Debug, Clone)]
 pub struct Results<'a> {
-    /// The study laid out.
+    /// The plan of the study.
     pub plan: &'a Plan,
-    /// What is stored of each run, in the plan's order; nothing where it was not done yet.
+    /// The record of each run, in the plan's order; `None` where the run was not done yet.
     pub records: Vec<Option<Record>>,
 }
 
-/// What is measured at the end of a fit. More is better.
+/// A quality metric, measured at the end of a fit. More is better.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Metric {
-    /// dB.
+    /// Peak signal-to-noise ratio, dB.
     Psnr,
     /// Structural similarity, 0 to 1.
     Ssim,
-    /// Multi-scale structural similarity, 0 to 1; only images of 176 px or more have one.
+    /// Multi-scale structural similarity, 0 to 1; `None` for images below 176 px.
     MsSsim,
 }
 
@@ -52,7 +52,7 @@ impl Metric {
     }
 }
 
-/// A mean over images of means over seeds, and how much a single run strays from its image's mean.
+/// The mean over images of means over seeds, and the standard deviation over seeds.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Spread {
     /// The mean.
@@ -61,13 +61,13 @@ pub struct Spread {
     pub over_seeds: Option<f64>,
 }
 
-/// How good an arm is at a budget.
+/// The quality of an arm at a budget.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Quality {
     /// The arm's name.
     pub arm: String,
-    /// The most Gaussians there might be.
+    /// The largest number of Gaussians allowed.
     pub budget: u32,
     /// Runs that did all their steps.
     pub finished: usize,
@@ -75,41 +75,41 @@ pub struct Quality {
     pub failed: usize,
     /// Runs that were not done yet.
     pub missing: usize,
-    /// Images with finished runs: the means are over these, and not those of the study where they are fewer.
+    /// Images with finished runs. The means are over these images only.
     pub images: usize,
     /// Gaussians at the end.
     pub gaussians: Option<Spread>,
-    /// dB.
+    /// PSNR, dB.
     pub psnr: Option<Spread>,
-    /// 0 to 1.
+    /// SSIM, 0 to 1.
     pub ssim: Option<Spread>,
-    /// 0 to 1.
+    /// MS-SSIM, 0 to 1.
     pub ms_ssim: Option<Spread>,
 }
 
 impl<'a> Results<'a> {
-    /// Reads what is stored of a plan's runs.
+    /// Reads the records of a plan's runs.
     pub fn read(plan: &'a Plan, folder: &StudyFolder) -> Self {
         Self { plan, records: plan.runs.iter().map(|run| folder.record(run)).collect() }
     }
 
-    /// Each run with what is stored of it, in the plan's order.
+    /// Each run with its record, in the plan's order.
     pub fn rows(&self) -> impl Iterator<Item = (&'a Run, Option<&Record>)> {
         self.plan.runs.iter().zip(self.records.iter().map(Option::as_ref))
     }
 
-    /// The runs of all arms at a budget that did all their steps.
+    /// The finished runs of all arms at a budget.
     pub fn all_finished(&self, budget: u32) -> impl Iterator<Item = (&'a Run, &Finished)> {
         let at_budget = self.rows().filter(move |(run, _)| run.budget == budget);
         at_budget.filter_map(|(run, record)| Some((run, record?.outcome.finished()?)))
     }
 
-    /// The runs of an arm at a budget that did all their steps.
+    /// The finished runs of an arm at a budget.
     pub fn finished(&self, arm: usize, budget: u32) -> impl Iterator<Item = (&'a Run, &Finished)> {
         self.all_finished(budget).filter(move |(run, _)| run.arm == arm)
     }
 
-    /// Whether every run has ended, well or not.
+    /// Whether every run has ended, successfully or not.
     pub fn is_whole(&self) -> bool {
         self.records.iter().all(Option::is_some)
     }
@@ -143,7 +143,7 @@ impl<'a> Results<'a> {
         }
     }
 
-    /// Mean and spread of what `of` finds in the runs of an arm at a budget.
+    /// Mean and standard deviation of a number over the runs of an arm at a budget.
     pub fn spread(&self, arm: usize, budget: u32, of: impl Fn(&Finished) -> Option<f64>) -> Option<Spread> {
         let images: Vec<Vec<f64>> = (0..self.plan.targets.len())
             .map(|target| {
@@ -158,7 +158,7 @@ impl<'a> Results<'a> {
         (!means.is_empty()).then(|| Spread { mean: mean(&means), over_seeds })
     }
 
-    /// Whether any run has this measure.
+    /// Whether any run has this metric.
     pub(crate) fn is_measured(&self, metric: Metric) -> bool {
         let mut finished = self.records.iter().flatten().filter_map(|record| record.outcome.finished());
         finished.any(|run| metric.of(run).is_some())

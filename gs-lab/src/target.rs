@@ -1,4 +1,4 @@
-//! The images of a study, found and read.
+//! The images of a study.
 
 use std::{
     collections::BTreeMap,
@@ -8,35 +8,35 @@ use std::{
 use crate::{digest, error::Error, synthetic::SyntheticTarget};
 use gs_core::Image;
 
-/// Where images are looked for, in this order.
+/// Where images are searched, in this order.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Places {
-    /// The folder of data that the user has named.
+    /// The data folder that the user has named.
     pub data: Option<PathBuf>,
-    /// The folder of the study's file.
+    /// The folder of the study file.
     pub beside: Option<PathBuf>,
-    /// Where images were found before, by the names that the study has for them.
+    /// Where images were found before, by their names in the study.
     pub remembered: BTreeMap<String, PathBuf>,
 }
 
 /// An image to fit.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Target {
-    /// As the study names it.
+    /// The name in the study.
     pub name: String,
-    /// Its file; a synthetic target has none.
+    /// The file; `None` for a synthetic target.
     pub file: Option<PathBuf>,
-    /// Its pixels, transparent ones on white.
+    /// The pixels, composited over white.
     pub image: Image,
-    /// The digest of its size and pixels.
+    /// Digest of size and pixels.
     pub digest: String,
 }
 
 impl Target {
-    /// Makes the synthetic target of that name, or finds and reads the image.
+    /// Makes the synthetic target of that name, or finds and reads the image file.
     ///
     /// # Errors
-    /// [`Error::NoImage`], [`Error::NoTarget`], and [`Error::Io`] where the file is no image.
+    /// [`Error::NoImage`], [`Error::NoTarget`], and [`Error::Io`] where the file is not an image.
     pub fn load(name: &str, places: &Places) -> Result<Self, Error> {
         let (file, image) = match SyntheticTarget::from_name(name) {
             Ok(target) => (None, target.image()),
@@ -49,13 +49,14 @@ impl Target {
         Ok(Self { name: name.to_owned(), file, digest: digest::of_image(&image), image })
     }
 
-    /// Its name for people: without folder and ending.
+    /// The name without folder and extension.
     pub fn label(&self) -> &str {
         Path::new(&self.name).file_stem().and_then(|stem| stem.to_str()).unwrap_or(&self.name)
     }
 }
 
-/// The file: as it stands, or in one of the places with its folders or, so that any folder of images will do, without them.
+/// Finds the file under its path or, so that any folder of images can be used, under its bare file
+/// name.
 fn find(name: &str, places: &Places) -> Result<PathBuf, Error> {
     let path = Path::new(name);
     let folders: Vec<&PathBuf> = places.data.iter().chain(&places.beside).collect();
@@ -64,7 +65,7 @@ fn find(name: &str, places: &Places) -> Result<PathBuf, Error> {
     let remembered = places.remembered.get(name).cloned();
     candidates.chain(remembered).find(|file| file.is_file()).ok_or_else(|| {
         let looked = folders.iter().map(|folder| folder.display().to_string()).collect::<Vec<_>>().join(" or ");
-        // A name that no file would have was meant for another.
+        // A bare word was probably meant as a synthetic target.
         if path.extension().is_none() && path.components().count() == 1 {
             let known = SyntheticTarget::ALL.map(|target| target.name()).join(", ");
             return Error::NoTarget { image: name.to_owned(), known };

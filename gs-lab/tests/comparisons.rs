@@ -1,12 +1,13 @@
-//! What may be said of arms, on runs that are made up: each test is a way in which a comparison could be unfair.
+//! Verdicts on made-up runs. Each test is a way in which a comparison could be unfair.
 
 use gs_core::{Image, edit::EditCounts, statistics::Culled};
 use gs_lab::{
-    Difference, Finished, Matching, Metric, Outcome, Places, Plan, Record, Remark, Results, Run, Study, Verdict, report,
+    Places, Plan, Results, Study, report,
+    study::{Difference, Finished, Matching, Metric, Outcome, Record, Remark, Run, Verdict},
 };
 use gs_train::MetricsRow;
 
-/// A study of that many images and seeds, with arms `a`, `b`, ….
+/// A study with the given numbers of images, seeds and arms. Arms are called `a`, `b`, ….
 struct Scenario {
     plan: Plan,
     _place: tempfile::TempDir,
@@ -32,7 +33,7 @@ impl Scenario {
         Self { plan, _place: place }
     }
 
-    /// Results in which every run came to what is said.
+    /// Results in which each run has the given outcome.
     fn results(&self, outcome: impl Fn(&Run) -> Option<Outcome>) -> Results<'_> {
         let record = |run: &Run| {
             Some(Record {
@@ -58,7 +59,7 @@ fn finished(end: Finished) -> Option<Outcome> {
     Some(Outcome::Finished(Box::new(end)))
 }
 
-/// A run whose PSNR rises evenly from 0 dB to `psnr` in `seconds`.
+/// A run whose PSNR rises linearly from 0 dB to `psnr` in `seconds`.
 fn rising(psnr: f64, seconds: f64) -> Finished {
     let row = |tenth: u32| {
         let part = f64::from(tenth) / 10.0;
@@ -93,7 +94,7 @@ fn rising(psnr: f64, seconds: f64) -> Finished {
     }
 }
 
-/// Some change of quality from run to run.
+/// A small variation of quality from run to run.
 fn wobble(run: &Run) -> f64 {
     0.02 * f64::from((7 * run.seed + 3 * run.target as u32 + run.arm as u32) % 5)
 }
@@ -105,7 +106,7 @@ fn at(results: &Results<'_>, matching: Matching, arm: usize, against: usize) -> 
 #[test]
 fn a_machine_that_stalls_in_a_few_runs_decides_nothing_at_equal_time() {
     let scenario = Scenario::new(6, 5, 2);
-    // Both arms take 2 s, but in one run of each something else had the machine, and another was let through at once.
+    // Both arms take 2 s, except that a run of each was slowed down and another was faster.
     let jitter = |run: &Run| match (run.arm, run.seed) {
         (0, 1) | (1, 3) => 7.0,
         (0, 2) | (1, 0) => 0.5,
@@ -155,7 +156,8 @@ fn runs_that_were_timed_in_other_ways_are_not_compared_by_time() {
 #[test]
 fn who_leads_is_held_against_the_others_where_it_leads() {
     let scenario = Scenario::new(6, 5, 3);
-    // `c` ends after a fifth of the time and of the steps; up to there `a` is ahead of `b`, later behind.
+    // `c` ends after a fifth of the time and of the steps. Up to there `a` is ahead of `b`, later
+    // behind.
     let results = scenario.results(|run| {
         let mut end = rising([30.0, 36.0, 3.0][run.arm] + wobble(run), [5.0, 5.0, 1.0][run.arm]);
         if run.arm == 0 {
@@ -191,7 +193,8 @@ fn a_headline_without_a_verdict_has_the_reason_that_the_tables_have() {
 #[test]
 fn runs_that_fail_leave_complete_pairs_and_a_remark() {
     let scenario = Scenario::new(6, 5, 2);
-    // The arm fails where it would have been bad: over all that finished it would seem the better one.
+    // The arm fails where it would have been bad: averaged over its finished runs it would seem
+    // better.
     let results = scenario.results(|run| match (run.arm, run.seed) {
         (1, 0) if run.target == 2 => failed(),
         (0, 3) if run.target == 4 => None,
@@ -212,7 +215,7 @@ fn runs_that_fail_leave_complete_pairs_and_a_remark() {
 #[test]
 fn an_arm_that_fails_on_an_image_is_neither_judged_nor_ranked() {
     let scenario = Scenario::new(8, 5, 3);
-    // The image on which `c` fails is the hardest, so that its mean over the rest would be the best.
+    // The image on which `c` fails is the hardest, so its mean over the others would be the best.
     let results = scenario.results(|run| match (run.arm, run.target) {
         (2, 3) => failed(),
         (_, 3) => finished(rising(12.0 + run.arm as f64 + wobble(run), 2.0)),

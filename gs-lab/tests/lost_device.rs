@@ -1,9 +1,13 @@
-//! A GPU that is lost under way stops a study: what is pending is not recorded as failed, and the study goes on elsewhere.
+//! A GPU that is lost during a study stops the study: nothing is recorded of pending runs, and the
+//! study can be resumed on another device.
 
 use pollster::FutureExt as _;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use gs_lab::{Error, Existing, Outcome, Places, Plan, Results, Run, Study, StudyFolder, Watcher, conduct};
+use gs_lab::{
+    Error, Existing, Places, Plan, Results, Study, StudyFolder, conduct,
+    study::{Outcome, Run, Watcher},
+};
 use gs_wgpu::{WgpuRasterizer, WgpuSettings};
 
 const STUDY: &str = "name = 'lost'\nimages = ['paper']\nbudgets = [20]\nseeds = [0, 1, 2, 3]\npreset = 'paper'\niterations = 3\n\
@@ -17,7 +21,7 @@ fn plan(study: &str) -> Plan {
     Plan::new(Study::from_toml(study, "lost.toml").unwrap(), &Places::default(), "test").unwrap()
 }
 
-/// Loses the device when a row begins.
+/// Loses the device when the given row begins.
 struct LoseAt<'a> {
     rasterizer: &'a WgpuRasterizer,
     row: usize,

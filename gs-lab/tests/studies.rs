@@ -1,4 +1,5 @@
-//! Studies from end to end, through the library: what is stored, what is done again and what is not, and what the tables say.
+//! Studies from end to end: which runs are stored, resumed and replayed, and what the tables
+//! contain.
 
 use pollster::FutureExt as _;
 use std::{
@@ -15,8 +16,11 @@ use gs_core::{EditPlan, Error as CoreError, Gaussian2d, effects::Statistics};
 use gs_cpu::{CpuRasterizer, CpuSettings};
 use gs_density::{DensityPolicy, Observation, Rng};
 use gs_lab::{
-    Arm, Conducted, Error, Existing, Machine, Matching, Metric, Outcome, Places, Plan, Remark, Results, Run, Safety,
-    Study, StudyFolder, Verdict, Watcher, conduct, replay, report, scene_digest, write_tables,
+    Error, Existing, Places, Plan, Results, Study, StudyFolder, conduct, report,
+    study::{
+        Arm, Conducted, Machine, Matching, Metric, Outcome, Remark, Run, Safety, VERSION, Verdict, Watcher, replay,
+        scene_digest, write_tables,
+    },
 };
 use gs_train::fit;
 
@@ -47,7 +51,7 @@ fn study() -> Study {
     Study::from_toml(STUDY, "small.toml").unwrap()
 }
 
-/// Conducts a plan and writes all there is to write.
+/// Conducts a plan and writes tables and report.
 fn conducted(plan: &Plan, output: &Path, jobs: usize, threads: usize) -> StudyFolder {
     let folder = StudyFolder::prepare(output, plan, Existing::Resume).unwrap();
     let team: Vec<CpuRasterizer> = (0..jobs).map(|_| cpu(threads)).collect();
@@ -60,13 +64,13 @@ fn conducted(plan: &Plan, output: &Path, jobs: usize, threads: usize) -> StudyFo
     folder
 }
 
-/// The tables that do not depend on the clock.
+/// The tables that do not depend on measured time.
 fn tables(folder: &StudyFolder) -> BTreeMap<&'static str, String> {
     let names = ["runs.csv", "quality.csv", "differences.csv", "results.json"];
     names.map(|name| (name, fs::read_to_string(folder.file(name)).unwrap())).into()
 }
 
-/// Counts runs, and stops when so many have ended.
+/// Counts runs, and stops the study after some.
 #[derive(Default)]
 struct Counter {
     begun: AtomicUsize,
@@ -126,7 +130,7 @@ fn what_is_finished_is_not_done_again_and_what_is_new_is() {
     longer.seeds.push(7);
     let plan = laid_out(longer, place.path());
     let folder = StudyFolder::prepare(&output, &plan, Existing::Resume).unwrap();
-    // A file cut short, as no atomic write leaves it, is as good as none.
+    // A truncated file counts as missing.
     fs::write(folder.file("runs").join(format!("{}.json", plan.runs[2].address)), "{\"address\": ").unwrap();
     let counter = Counter::default();
     conduct(&plan, &[&cpu(1)], &folder, &counter).unwrap();
@@ -146,11 +150,11 @@ fn every_row_is_a_fit_that_ends_in_the_recorded_scene() {
         assert_eq!(replayed.scene, as_fit.scene);
         assert_eq!(scene_digest(&as_fit.scene), replayed.finished.scene);
     }
-    // The tables alone are enough.
+    // The tables suffice.
     fs::remove_dir_all(folder.file("runs")).unwrap();
     replay(&plan, 2, &rasterizer, &folder).unwrap();
     assert!(matches!(replay(&plan, 99, &rasterizer, &folder), Err(Error::NoRow { row: 99, rows: 16 })));
-    // A row of another machine is refused, and so is a scene that is not the recorded one.
+    // A row of another machine is refused, and so is a scene other than the recorded one.
     let places = Places { data: Some(place.path().to_owned()), ..Places::default() };
     let elsewhere = Plan::new(study(), &places, "another machine").unwrap();
     let refused = replay(&elsewhere, 2, &rasterizer, &folder).unwrap_err().to_string();
@@ -176,14 +180,14 @@ fn a_row_of_another_machine_or_version_says_so_and_how_to_get_there() {
     let refused = replay(&plan, 1, &cpu(1), &folder).unwrap_err().to_string();
     let expected = "row 1: recorded on wgpu some GPU, but this is test: add --backend wgpu --adapter 'some GPU'";
     assert_eq!(refused, expected);
-    // The tables alone say it, too.
+    // The tables alone give the same error.
     fs::remove_dir_all(folder.file("runs")).unwrap();
     fs::remove_file(folder.file("machine.json")).unwrap();
     let mut moved = plan.clone();
     moved.runs[0].address = "0".to_owned();
     assert_eq!(replay(&moved, 1, &cpu(1), &folder).unwrap_err().to_string(), expected);
     let json = fs::read_to_string(folder.file("results.json")).unwrap();
-    let older = json.replace(&format!("\"version\":\"{}\"", gs_lab::VERSION), "\"version\":\"0.0.9\"");
+    let older = json.replace(&format!("\"version\":\"{}\"", VERSION), "\"version\":\"0.0.9\"");
     folder.write("results.json", &older.replace("wgpu some GPU", "test")).unwrap();
     let refused = replay(&moved, 1, &cpu(1), &folder).unwrap_err().to_string();
     assert!(refused.starts_with("row 1: recorded by version 0.0.9, but this is 0."), "{refused}");
@@ -195,7 +199,7 @@ fn a_folder_is_for_one_study_and_one_process_at_a_time() {
     let output = place.path().join("out");
     let plan = laid_out(study(), place.path());
     let folder = StudyFolder::prepare(&output, &plan, Existing::Refuse).unwrap();
-    // What another process is writing is not swept away.
+    // Files that another process is writing are not removed.
     let half_written = folder.file("runs").join(".gs-a1b2c3.tmp");
     fs::write(&half_written, "").unwrap();
     let busy = StudyFolder::prepare(&output, &plan, Existing::Resume).unwrap_err().to_string();
@@ -226,13 +230,14 @@ fn a_study_replaces_no_file_that_is_not_a_studys() {
     assert!(refused.contains("report.html: is in the way"), "{refused}");
     assert_eq!(fs::read_dir(&output).unwrap().count(), 1, "nothing is begun");
     drop(prepare(Existing::Refuse, true).unwrap());
-    // It has not written the report, which is still somebody else's. All in a folder of a version that kept no index is a study's.
+    // That run did not write the report, so it is still the user's. In a folder of a version
+    // without an index, all files count as a study's.
     prepare(Existing::Resume, false).unwrap_err();
     fs::write(output.join("runs.csv"), "of an older version").unwrap();
     fs::remove_file(output.join(".gs-files.json")).unwrap();
     drop(prepare(Existing::Resume, false).unwrap());
 
-    // A study that is resumed by the file in its own folder leaves that as it is.
+    // A study that is resumed from the file in its own folder does not change that file.
     let own = output.join("study.toml");
     let text = format!("# mine\n{}", fs::read_to_string(&own).unwrap());
     fs::write(&own, &text).unwrap();
@@ -241,7 +246,7 @@ fn a_study_replaces_no_file_that_is_not_a_studys() {
     assert_eq!(fs::read_to_string(&own).unwrap(), text);
 }
 
-/// Fails at some seeds, by an error or by a panic.
+/// Fails at small budgets by an error, at others by a panic.
 struct Moody;
 
 impl DensityPolicy for Moody {
@@ -286,10 +291,10 @@ fn a_run_that_fails_is_recorded_and_does_not_stop_the_others() {
         headlines.iter().all(|line| line.contains("; no verdict on moody: no pair of finished runs on ")),
         "{headlines:?}"
     );
-    // The others are compared as if it had not been there.
+    // The other arms are compared as if it did not exist.
     let difference = results.difference(Matching::Iterations, Metric::Psnr, 60, 2, 0);
     assert_eq!((difference.pairs, results.difference(Matching::Count, Metric::Psnr, 60, 1, 0).pairs), (2, 0));
-    // What failed is tried again when the study is resumed.
+    // Failed runs are tried again when the study is resumed.
     let again = Counter::default();
     conduct(&plan, &[&cpu(1)], &folder, &again).unwrap();
     assert_eq!(again.begun.into_inner(), 8);
@@ -310,7 +315,7 @@ fn a_policy_of_ones_own_takes_part_under_its_fingerprint() {
     assert_eq!(changed, plan.runs.len() / 3, "those of the arm with another policy, and no others");
     let folder = conducted(&plan, &place.path().join("out"), 1, 1);
     let results = Results::read(&plan, &folder);
-    // It does what the arm `none` does, to the bit.
+    // It does the same as the arm `none`, to the bit.
     let scenes = |arm: usize| results.finished(arm, 60).map(|(_, end)| end.scene.clone()).collect::<Vec<_>>();
     assert_eq!(scenes(2), scenes(0));
     assert_ne!(scenes(1), scenes(0));
@@ -320,7 +325,7 @@ fn a_policy_of_ones_own_takes_part_under_its_fingerprint() {
 #[test]
 fn arms_that_are_alike_are_not_told_apart_and_counts_that_differ_are_not_compared() {
     let place = place();
-    // Six images, the least that an interval is made of.
+    // Six images are the fewest for an interval.
     for i in 0..6 {
         let waves =
             |x: u32, y: u32| [0.0, 1.0, 2.0].map(|c| 0.5 + 0.4 * ((x + 2 * y) as f32 / (3 + i) as f32 + c).sin());
@@ -355,7 +360,7 @@ fn the_report_is_one_page_with_all_its_pictures() {
     let folder = conducted(&plan, &place.path().join("out"), 1, 2);
     let page = fs::read_to_string(folder.file("report.html")).unwrap();
     for expected in [
-        gs_lab::VERSION,
+        VERSION,
         "Few seeds: 2, 5 would do.",
         "2 images are too few: 6 at least",
         "tr class=\"remark\"",

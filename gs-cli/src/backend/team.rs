@@ -1,7 +1,7 @@
 //! Several rasterizers of one kind, for work that goes side by side.
 
 use gs_core::{Optimizer, Scene2d};
-use gs_lab::Machine;
+use gs_lab::study::Machine;
 
 use crate::{
     backend::{AnyRasterizer, Backend, BackendArgs, Threads, machine},

@@ -11,7 +11,7 @@ use gs_core::{
     Camera, Canvas, Optimizer, Parameterization, RenderSettings, Scene, Scene2d, Scene3d, counted,
     effects::called_for::CallsForEffects, view::Orbit,
 };
-use gs_lab::effects::{Sight, prices, prove, sampled};
+use gs_lab::effects::{UploadedScene, prices, prove, sampled};
 use gs_train::{
     Trainer, is_scene,
     train::{PosedView, Views},
@@ -206,7 +206,7 @@ fn examine<S: CallsForEffects, R: Optimizer<S>>(
     facts: Facts,
 ) -> Result<Report, Failure> {
     let splats = rasterizer.upload(scene, Parameterization::ScaleRotation)?;
-    let sight = Sight { on: rasterizer, splats: &splats, views };
+    let sight = UploadedScene { rasterizer, splats: &splats, views };
     let proof = prove(scene, &sight, wanted)?;
     let prices = prices(&sight, wanted, &proof.called.settings, args.repetitions as usize)?;
     Ok(Report { facts, proof, prices })

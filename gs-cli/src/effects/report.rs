@@ -35,7 +35,7 @@ impl Report {
     pub(crate) fn text(&self) -> String {
         let Self { facts: Facts { input, gaussians, seen, width, height, machine }, proof, prices } = self;
         let gaussians = counted(*gaussians, "Gaussian");
-        let Prices { milliseconds, called_for_milliseconds, noise, .. } = prices;
+        let Prices { milliseconds, required_milliseconds, noise, .. } = prices;
         let mut text = format!("{input}: {gaussians}, seen through {seen}, {width}x{height} px\n{machine}\n\n");
         let titles = ["effect", "wanted", "called for", "cost, ms", "%", "instead", "max error", "PSNR, dB", "why"];
         let rows: Vec<[String; 9]> = proof.called.verdicts.iter().map(|verdict| self.row(verdict)).collect();
@@ -56,9 +56,9 @@ impl Report {
         }
         let _ = write!(
             text,
-            "\na picture takes {milliseconds:.2} ms with all that is wanted, {called_for_milliseconds:.2} ms with what is called for \
+            "\na picture takes {milliseconds:.2} ms with all that is wanted, {required_milliseconds:.2} ms with what is called for \
              ({:.2} times as fast); {noise:.2} ms are noise\nproof: in {}, both rendered, {}",
-            milliseconds / called_for_milliseconds,
+            milliseconds / required_milliseconds,
             counted(proof.views, "view"),
             match proof.difference {
                 Difference { most: 0.0, .. } => "every pixel is the same".to_owned(),
@@ -120,7 +120,7 @@ mod tests {
                 machine: "cpu".to_owned(),
             },
             proof: Proof { called: CalledFor { settings, verdicts: verdicts.to_vec() }, difference, views: 1 },
-            prices: Prices { milliseconds: 2.0, called_for_milliseconds: 1.5, noise: 0.1, each: vec![price] },
+            prices: Prices { milliseconds: 2.0, required_milliseconds: 1.5, noise: 0.1, each: vec![price] },
         };
         let text = report.text();
         let lines: Vec<&str> = text.lines().collect();

@@ -9,7 +9,7 @@ use clap::Args;
 use gs_core::{Optimizer, counted};
 use gs_cpu::CpuRasterizer;
 use gs_io::Inputs;
-use gs_lab::frontier::{Budget, Chosen, Field, Frontier, Pace, Verifiable, figure, search, to_csv, to_text};
+use gs_lab::frontier::{Budget, Chosen, Field, Frontier, SearchLimits, Verifiable, figure, search, to_csv, to_text};
 use gs_oracle::OracleView;
 use gs_wgpu::WgpuRasterizer;
 use serde::Serialize;
@@ -142,7 +142,7 @@ where
 {
     let (contenders, machines) = contenders(&args.backend, &seen.scene, seen.shown.effects.blend)?;
     let field = Field { scene: &seen.scene, contenders, shown: seen.shown };
-    let pace = Pace { seconds: f64::from(args.seconds), ..Pace::default() };
+    let pace = SearchLimits { seconds: f64::from(args.seconds), ..SearchLimits::default() };
     let frontier = search(&field, &seen.views, pace, &mut |what| output::note(what))?;
     let (width, height) = seen.views[0].size();
     let what = format!("{}: {}, {width}x{height} px", seen.name, counted(seen.scene.len(), "Gaussian"));

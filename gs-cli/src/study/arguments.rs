@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
-use gs_lab::Selection;
+use gs_lab::study::Selection;
 
 use crate::{backend::BackendArgs, output_folder::OverwriteArgs, values::whole};
 
@@ -156,10 +156,10 @@ mod tests {
 
     #[test]
     fn the_help_names_all_studies_and_synthetic_targets() {
-        for (name, _) in gs_lab::BUILT_IN {
+        for (name, _) in gs_lab::study::BUILT_IN {
             assert!(AFTER_HELP.contains(&format!("\n  {name} ")), "{name}");
         }
-        for target in gs_lab::SyntheticTarget::ALL {
+        for target in gs_lab::study::SyntheticTarget::ALL {
             // Of names that differ in their end alone, the first stands there whole.
             let (start, end) = target.name().rsplit_once('-').unwrap_or((target.name(), ""));
             let is_there = AFTER_HELP.contains(target.name())

@@ -11,8 +11,8 @@ use std::{
 
 use gs_core::{Optimizer, Scene2d, counted};
 use gs_lab::{
-    Conducted, Existing, Outcome, Places, Plan, Results, Safety, Study, StudyFolder, built_in, conduct,
-    refuse_unsupported, report, write_tables,
+    Existing, Places, Plan, Results, Study, StudyFolder, built_in, conduct, report,
+    study::{Conducted, Outcome, Safety, refuse_unsupported, write_tables},
 };
 
 use crate::{

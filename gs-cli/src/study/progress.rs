@@ -7,7 +7,10 @@ use std::{
 };
 
 use gs_core::counted;
-use gs_lab::{Outcome, Plan, Run, StudyFolder, Watcher};
+use gs_lab::{
+    Plan, StudyFolder,
+    study::{Outcome, Run, Watcher},
+};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use crate::{

@@ -2,7 +2,10 @@
 
 use gs_core::{Optimizer, Scene2d, counted};
 use gs_io::{File2d, FolderClaim, Inputs, write_png, write_scene};
-use gs_lab::{Machine, Places, Plan, Replayed, Run, Study, StudyFolder, recorded_run, replay};
+use gs_lab::{
+    Places, Plan, Study, StudyFolder,
+    study::{Machine, Replayed, Run, recorded_run, replay},
+};
 
 use crate::{
     backend::{Backend, Task, machine},

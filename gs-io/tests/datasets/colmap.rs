@@ -8,7 +8,7 @@ use gs_io::{
     dataset::{CameraModel, ColmapModel, DatasetKind, DatasetSettings, Remark, Skip, Split, read_dataset},
 };
 
-use crate::made::{binary, colmap, folder, model, picture, read, refusal, skipped, text, write_model, write_pictures};
+use super::made::{binary, colmap, folder, model, picture, read, refusal, skipped, text, write_model, write_pictures};
 
 #[test]
 fn both_encodings_hold_the_same_model() {

@@ -6,7 +6,7 @@ use gs_conformance::properties::fresh;
 use gs_io::dataset::{ColmapModel, DatasetSettings, read_dataset};
 use proptest::prelude::*;
 
-use crate::made::{binary, colmap, folder, model, picture, text};
+use super::made::{binary, colmap, folder, model, picture, text};
 
 /// Changes of a file's bytes: at a place in parts of its length, one to overwrite, to drop, or to insert.
 fn any_changes() -> impl Strategy<Value = Vec<(f64, u8, u8)>> {

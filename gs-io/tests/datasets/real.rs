@@ -6,7 +6,7 @@ use glam::{DVec3, Vec2};
 use gs_conformance::data;
 use gs_io::dataset::{ColmapModel, Dataset, DatasetKind, Distortion, Remark, Split};
 
-use crate::made::read;
+use super::made::read;
 
 /// Mean distance from where the model's points project to where they were observed: with the lens into the full-size photograph, and as
 /// the engine sees them, through the views' pinholes; both in px at full size. And how many were compared.

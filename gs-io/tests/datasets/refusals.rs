@@ -10,7 +10,7 @@ use gs_io::{
 use image::{ExtendedColorType, ImageEncoder, codecs};
 use serde_json::{Value, json};
 
-use crate::made::{binary, colmap, folder, model, picture, read, refusal, skipped, text, write_model, write_pictures};
+use super::made::{binary, colmap, folder, model, picture, read, refusal, skipped, text, write_model, write_pictures};
 
 fn frame(file: &str) -> Value {
     json!({"file_path": file, "transform_matrix": [[1, 0, 0, 2], [0, 1, 0, 3], [0, 0, 1, 5], [0, 0, 0, 1]]})

@@ -6,7 +6,7 @@ use glam::{Vec2, Vec3, dvec2};
 use gs_io::dataset::{DatasetKind, DatasetSettings, Distortion, Remark, Skip, Split, read_dataset};
 use serde_json::{Value, json};
 
-use crate::made::{binary, folder, model, picture, read, refusal, skipped, write_model};
+use super::made::{binary, folder, model, picture, read, refusal, skipped, write_model};
 
 /// Camera-to-world at (2, 3, 5), looking along −z with y up.
 fn pose() -> Value {

@@ -7,7 +7,7 @@ use moxcms::ColorProfile;
 use png::chunk::{ChunkType, gAMA, sRGB};
 use proptest::prelude::*;
 
-use crate::{folder, fresh, saved};
+use super::{folder, fresh, saved};
 
 const CICP: ChunkType = ChunkType(*b"cICP");
 const CHRM: ChunkType = ChunkType(*b"cHRM");

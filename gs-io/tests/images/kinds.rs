@@ -6,7 +6,7 @@ use gs_core::Image;
 use gs_io::{Animation, Error, ImageRemark, read_image, write_animation};
 use image::{Frame, ImageBuffer, ImageFormat, codecs::gif::GifEncoder};
 
-use crate::{encoded, folder, refusal, rgb_pattern, saved};
+use super::{encoded, folder, refusal, rgb_pattern, saved};
 
 #[test]
 fn what_is_no_image_is_said_to_be_none() {

@@ -8,7 +8,7 @@ use gs_io::{
     write_3d,
 };
 
-use crate::samples::{self, compressed_ply, gzip, read, scene, text_ply, written};
+use super::samples::{self, compressed_ply, gzip, read, scene, text_ply, written};
 
 /// The bytes with one piece replaced.
 fn edited(bytes: &[u8], from: &[u8], to: &[u8]) -> Vec<u8> {

@@ -5,7 +5,7 @@ use std::path::Path;
 use gs_core::Scene;
 use gs_io::{Error, Format3d, decode_3d};
 
-use crate::samples::corpus;
+use super::samples::corpus;
 
 /// Mutants of each file.
 const MUTANTS: u32 = 600;

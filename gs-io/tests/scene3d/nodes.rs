@@ -5,7 +5,7 @@ use gs_core::{Scene, Scene3d};
 use gs_io::{ConversionLoss, WriteOptions3d};
 use serde_json::{Value, json};
 
-use crate::samples::{read, scene, written};
+use super::samples::{read, scene, written};
 
 fn document(scene: &Scene3d) -> Value {
     serde_json::from_slice(&written("a.gltf", scene, &WriteOptions3d::default())).unwrap()

@@ -4,7 +4,7 @@ use glam::Vec3;
 use gs_core::{Scene, Scene3d, scene::sigmoid};
 use gs_io::{ConversionLoss, File3d, Format3d, WriteOptions3d, read_3d};
 
-use crate::samples;
+use super::samples;
 
 /// A file of `$GS_DATA/splats` or `../shared/data/splats`, read; `None`, and a line that says so, where there is none.
 fn file(name: &str) -> Option<File3d> {

@@ -12,7 +12,7 @@ use gs_core::{
 use gs_io::{ConversionLoss, Format3d, GltfBuffer, SpzVersion, TrainedWith, WriteOptions3d, read_3d, write_3d};
 use proptest::{collection::vec, prelude::*};
 
-use crate::samples;
+use super::samples;
 
 fn finite() -> impl Strategy<Value = f32> {
     use prop::num::f32::{NEGATIVE, NORMAL, POSITIVE, SUBNORMAL, ZERO};

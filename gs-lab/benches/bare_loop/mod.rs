@@ -1,6 +1,6 @@
-//! The inner loops of blending under `Sum` and nothing else: the same arithmetic per pixel–Gaussian pair, on 16 rows that stay in
-//! the first-level cache. What a whole stage reaches of their rate is how little it loses to lists, memory, exponentials and
-//! threads.
+//! The inner loops of blending under `Sum` alone: the same arithmetic per pixel–Gaussian pair, on
+//! 16 rows that stay in the first-level cache. The share of their rate that a whole stage reaches
+//! shows what lists, memory, exponentials and threads cost.
 //!
 //! Per row of 16 pixels, forward: two fused multiply-adds and a masking for the next weight, compare and select at the cut, three fused
 //! multiply-adds with load and store. Backward: the same weights, three loads, five fused multiply-adds and a multiplication for
@@ -20,16 +20,17 @@ pub(crate) const ROWS: usize = 16;
 /// Pixel–Gaussian pairs of one Gaussian.
 pub(crate) const PAIRS: usize = LANES * ROWS;
 
-/// Three channels of a row, on cache lines of their own.
+/// Three channels of a row, in cache lines of their own.
 #[derive(Debug, Clone, Copy)]
 #[repr(C, align(64))]
 struct Row([[f32; LANES]; 3]);
 
-/// A strip that fits into the first-level cache, and a Gaussian on it.
+/// A strip that fits into the first-level cache, with a Gaussian on it.
 #[derive(Debug)]
 pub(crate) struct BareLoop {
     rows: [Row; ROWS],
-    /// Weights in the first row, their growth to the next less 1, and by how much that changes.
+    /// Weights in the first row, their growth to the next row minus 1, and the change of that
+    /// growth.
     weight: [f32; LANES],
     growth: [f32; LANES],
     ratio: f32,
@@ -58,19 +59,19 @@ impl BareLoop {
         }
     }
 
-    /// Blends the Gaussian so many times.
+    /// Blends the Gaussian `gaussians` times.
     pub(crate) fn forward(&mut self, level: Level, gaussians: usize) -> f32 {
         dispatch!(level, simd => forward(simd, self, gaussians));
         self.rows[0].0[0][0]
     }
 
-    /// Differentiates the Gaussian so many times.
+    /// Differentiates the Gaussian `gaussians` times.
     pub(crate) fn backward(&self, level: Level, gaussians: usize) -> f32 {
         dispatch!(level, simd => backward(simd, self, gaussians))
     }
 }
 
-/// One vector holds a row, or several together do, as in the kernel.
+/// A row is one vector or several, as in the kernel.
 #[inline(always)]
 fn forward<S: Simd>(simd: S, bare: &mut BareLoop, gaussians: usize) {
     let load = |values: &[f32; LANES]| f32x16::from_slice(simd, values);
@@ -79,7 +80,7 @@ fn forward<S: Simd>(simd: S, bare: &mut BareLoop, gaussians: usize) {
     let [red, green, blue] = bare.color;
     let color = [f32x16::splat(simd, red), f32x16::splat(simd, green), f32x16::splat(simd, blue)];
     for _ in 0..gaussians {
-        // Another Gaussian, for all the compiler knows: nothing can be computed once for all of them.
+        // The compiler must not hoist computations out of the loop over Gaussians.
         let bare = black_box(&mut *bare);
         let (mut weight, mut growth) = (load(&bare.weight), load(&bare.growth));
         for Row(pixels) in &mut bare.rows {
@@ -93,7 +94,7 @@ fn forward<S: Simd>(simd: S, bare: &mut BareLoop, gaussians: usize) {
     }
 }
 
-/// The level's own registers, one part of the rows after another, as in the kernel.
+/// Vectors of the level's own length, one part of the rows after another, as in the kernel.
 #[inline(always)]
 fn backward<S: Simd>(simd: S, bare: &BareLoop, gaussians: usize) -> f32 {
     let mut total = S::f32s::splat(simd, 0.0);
@@ -133,7 +134,7 @@ fn backward_part<S: Simd>(simd: S, bare: &BareLoop, gaussians: usize, lane: usiz
     v_color[0] + v_color[1] + v_color[2] + s_u + s_uu
 }
 
-/// The instructions of a level, where this machine has them.
+/// The instructions of a level, if this machine supports them.
 pub(crate) fn instructions(level: SimdLevel) -> Option<Level> {
     #[cfg(any(target_arch = "x86", target_arch = "x86_64"))]
     match level {

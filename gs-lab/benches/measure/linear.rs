@@ -1,25 +1,25 @@
-//! A cost as a linear function of two sizes, to see that it is one.
+//! A least-squares fit of a cost as a linear function of two sizes.
 
 use glam::{DMat3, DVec3};
 
 /// cost ≈ fixed + first · x + second · y.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct LinearModel {
-    /// Cost of nothing.
+    /// Constant cost.
     pub(crate) fixed: f64,
-    /// Cost of one x.
+    /// Cost per x.
     pub(crate) first: f64,
-    /// Cost of one y.
+    /// Cost per y.
     pub(crate) second: f64,
     /// The largest relative deviation of a measured cost from the model.
     pub(crate) worst: f64,
 }
 
 impl LinearModel {
-    /// The least relative squares for `[x, y, cost]`; nothing where they do not determine it (fewer than three, or x and y in
-    /// one proportion).
+    /// Minimises the relative squares for `[x, y, cost]`; `None` where they do not determine the
+    /// model (fewer than three points, or x and y in one proportion).
     pub(crate) fn of(measured: &[[f64; 3]]) -> Option<Self> {
-        // Both sizes scaled to 1, so that the matrix is well conditioned.
+        // Scales both sizes to 1, so that the matrix is well conditioned.
         let largest = |k: usize| measured.iter().map(|m| m[k]).fold(f64::MIN_POSITIVE, f64::max);
         let scale = DVec3::new(1.0, 1.0 / largest(0), 1.0 / largest(1));
         let (mut matrix, mut right) = (DMat3::ZERO, DVec3::ZERO);

@@ -1,11 +1,11 @@
-//! What all benchmarks share: their options, the head of a report, timing, and numbers as tables show them.
+//! What all benchmarks share: options, the head of a report, timing, and table cells.
 
-// Every benchmark compiles this module for itself and uses a part of it.
+// Every benchmark compiles this module and uses a part of it.
 #![allow(dead_code)]
 
+pub(crate) mod images;
 pub(crate) mod linear;
 pub(crate) mod memory;
-pub(crate) mod photographs;
 pub(crate) mod scenes;
 
 use std::{error::Error, hint::black_box, time::Instant};
@@ -14,7 +14,7 @@ use clap::Parser;
 pub(crate) use gs_core::profile::Quantiles;
 use gs_cpu::{CpuRasterizer, CpuSettings, SimdLevel};
 
-/// What a benchmark returns to the shell.
+/// The result of a benchmark's `main`.
 pub(crate) type Outcome = Result<(), Box<dyn Error>>;
 
 /// The options of every benchmark, after `--`.
@@ -27,16 +27,16 @@ pub(crate) struct Options {
     /// Most threads [default: as many as the machine offers]
     #[arg(long)]
     threads: Option<usize>,
-    /// A few seconds to see that it works, instead of numbers to keep
+    /// Runs for a few seconds, to see that the benchmark works
     #[arg(long)]
     quick: bool,
-    /// Cargo says this to benchmarks; a run under `cargo test --all-targets` goes without, and is quick
+    /// Passed by `cargo bench`. Without it, as in `cargo test --all-targets`, the run is quick
     #[arg(long, hide = true)]
     bench: bool,
 }
 
 impl Options {
-    /// Whether this is only to see that it works.
+    /// Whether this is a quick run.
     pub(crate) fn is_quick(&self) -> bool {
         self.quick || !self.bench
     }
@@ -56,14 +56,14 @@ impl Options {
         self.threads.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from))
     }
 
-    /// 1, and the most threads in use.
+    /// 1, and the most threads.
     pub(crate) fn thread_counts(&self) -> Vec<usize> {
         let mut counts = vec![1, self.threads()];
         counts.dedup();
         counts
     }
 
-    /// The CPU backend with so many threads.
+    /// The CPU backend with `threads` threads.
     pub(crate) fn rasterizer(&self, threads: usize) -> Result<CpuRasterizer, gs_core::Error> {
         self.rasterizer_at(self.level(), threads)
     }
@@ -90,7 +90,7 @@ pub(crate) fn print_head(title: &str, options: &Options, threads: &[usize], data
     }
 }
 
-/// The CPU's name where the system tells it.
+/// The CPU's name, if the system provides it.
 fn cpu_model() -> String {
     let info = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
     let model = info.lines().find_map(|line| line.strip_prefix("model name")?.split_once(':'));
@@ -102,7 +102,7 @@ pub(crate) fn print_section(title: &str) {
     println!("\n## {title}\n");
 }
 
-/// Prints a table's first two lines.
+/// Prints the header of a table.
 pub(crate) fn print_columns(names: &[&str]) {
     print_row(names);
     print_row(&vec!["---"; names.len()]);
@@ -114,7 +114,7 @@ pub(crate) fn print_row<T: AsRef<str>>(cells: &[T]) {
     println!("| {} |", cells.join(" | "));
 }
 
-/// Seconds that each of so many runs takes.
+/// Seconds of each of `repetitions` runs.
 pub(crate) fn time<T>(repetitions: usize, mut run: impl FnMut() -> T) -> Vec<f64> {
     (0..repetitions)
         .map(|_| {
@@ -125,7 +125,7 @@ pub(crate) fn time<T>(repetitions: usize, mut run: impl FnMut() -> T) -> Vec<f64
         .collect()
 }
 
-/// As [`time`], for what can fail: the first failure ends it.
+/// As [`time`], for runs that can fail.
 pub(crate) fn try_time<T, E>(repetitions: usize, mut run: impl FnMut() -> Result<T, E>) -> Result<Vec<f64>, E> {
     let mut seconds = Vec::with_capacity(repetitions);
     for _ in 0..repetitions {
@@ -146,13 +146,13 @@ pub(crate) fn ms(seconds: Quantiles) -> String {
     cell(seconds.times(1e3))
 }
 
-/// A number with three digits that count.
+/// A number with three significant digits.
 pub(crate) fn number(value: f64) -> String {
     let digits = if value == 0.0 || !value.is_finite() { 0 } else { value.abs().log10().floor() as i32 };
     format!("{value:.*}", (2 - digits).clamp(0, 6) as usize)
 }
 
-/// A count with its thousands apart: "1,000,000".
+/// A count with thousands separators: "1,000,000".
 pub(crate) fn count(value: u64) -> String {
     let digits = value.to_string();
     let groups: Vec<&str> =

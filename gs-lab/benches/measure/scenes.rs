@@ -1,4 +1,4 @@
-//! Scenes as a fit makes them, for measurements of a single stage or step.
+//! Fitted scenes, for measurements of a single stage or step.
 
 use gs_core::Optimizer as _;
 use gs_core::{AdamRates, Binning, Blend, Canvas, Image, Loss, Rasterizer, RenderSettings, Scene2d, TrainStep};
@@ -11,7 +11,7 @@ use super::{Quantiles, try_time};
 /// A blending and a loss.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Variant {
-    /// As reports call it.
+    /// The name in reports.
     pub(crate) name: &'static str,
     /// How Gaussians combine.
     pub(crate) blend: Blend,
@@ -22,13 +22,13 @@ pub(crate) struct Variant {
 /// The paper's loss.
 pub(crate) const L1_DSSIM: Loss = Loss::PAPER;
 
-/// What images are fitted with.
+/// The default of image fits.
 pub(crate) const SUM_L2: Variant = Variant { name: "Sum, L2", blend: Blend::Sum, loss: Loss::L2 };
 
-/// What the paper fits with.
+/// The paper's variant.
 pub(crate) const OVER_L1_DSSIM: Variant = Variant { name: "Over, L1 + D-SSIM", blend: Blend::Over, loss: L1_DSSIM };
 
-/// The paper's blending, the simplest loss.
+/// The paper's blending with the simplest loss.
 pub(crate) const OVER_L2: Variant = Variant { name: "Over, L2", blend: Blend::Over, loss: Loss::L2 };
 
 /// A fitted scene.
@@ -36,14 +36,14 @@ pub(crate) const OVER_L2: Variant = Variant { name: "Over, L2", blend: Blend::Ov
 pub(crate) struct Fitted {
     /// The Gaussians.
     pub(crate) scene: Scene2d,
-    /// What they were fitted with.
+    /// The settings of the fit.
     pub(crate) settings: FitSettings,
-    /// How well they were: PSNR of the 8-bit image, dB.
+    /// PSNR of the 8-bit image, dB.
     pub(crate) psnr: f64,
 }
 
 impl Variant {
-    /// The standard preset in so many steps, with this blending and loss.
+    /// The standard preset with this number of steps, blending and loss.
     pub(crate) fn settings(&self, image: &Image, gaussians: u32, iterations: u32) -> FitSettings {
         let standard = Preset::Standard.settings(gaussians, image.size()).with_iterations(iterations);
         FitSettings { render: RenderSettings::blended(self.blend), loss: self.loss, ..standard }
@@ -64,7 +64,8 @@ impl Variant {
 }
 
 impl Fitted {
-    /// Seconds per iteration of going on with the fit of `image`, as means over so many iterations that lists are made anew once.
+    /// Seconds per iteration of continuing the fit of `image`, averaged over as many iterations as
+    /// share their lists.
     pub(crate) fn iterations(
         &self,
         rasterizer: &CpuRasterizer,
@@ -77,7 +78,7 @@ impl Fitted {
         let rasterizer = rasterizer.for_2d();
         let target = rasterizer.upload_target(image)?;
         let view = Canvas::new(image.width(), image.height());
-        // The rates of the end: the scene goes on as it is.
+        // With the learning rates of the end, the scene hardly changes.
         let rates: AdamRates = adam.at(1.0);
         let mut round = || {
             for step in 0..rebin_every {

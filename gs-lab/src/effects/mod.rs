@@ -1,5 +1,5 @@
-//! What effects do to a scene's pictures and what they cost, measured on any backend: the proof of what [`Effects::called_for`] decides by
-//! bounds, and the price of each effect.
+//! What effects change in a scene's pictures and what they cost in time, measured on any backend.
+//! Renderings prove the bounds behind [`Effects::called_for`], and each effect is timed.
 
 mod prices;
 mod proof;
@@ -15,30 +15,30 @@ pub use self::{
     proof::{Proof, prove},
 };
 
-/// How far pictures are from those they stand for, in floats that are neither clamped nor rounded to 8 bits.
+/// The difference between pictures, without clamping or rounding to 8 bits.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Difference {
-    /// The largest of a channel of a pixel, over all views.
+    /// The largest difference of any channel of any pixel, over all views.
     pub most: f32,
-    /// Over all pixels of all views, dB; ∞ where there is none, which JSON writes as `null`.
+    /// PSNR over all pixels of all views, dB; ∞ without a difference, which JSON writes as `null`.
     pub psnr: f64,
 }
 
-/// A scene where a backend computes, and the views that it is looked at through.
+/// A scene uploaded to a backend, and views of it.
 #[derive(Debug)]
-pub struct Sight<'a, S: Scene, R: Rasterizer<S>> {
-    /// What computes.
-    pub on: &'a R,
-    /// The scene there.
+pub struct UploadedScene<'a, S: Scene, R: Rasterizer<S>> {
+    /// The backend.
+    pub rasterizer: &'a R,
+    /// The uploaded scene.
     pub splats: &'a R::Splats,
-    /// At least one.
+    /// At least one view.
     pub views: &'a [S::View],
 }
 
-impl<S: Scene, R: Rasterizer<S>> Sight<'_, S, R> {
-    /// How far the pictures with each of these settings are from those with the `wanted`; view by view, so that no more than two pictures are
-    /// held, however many views there are.
+impl<S: Scene, R: Rasterizer<S>> UploadedScene<'_, S, R> {
+    /// The differences between the pictures with `wanted` settings and those with each of the
+    /// `others`. Works view by view, so that at most two pictures are in memory.
     ///
     /// # Errors
     /// Those of [`Rasterizer::forward`].
@@ -46,7 +46,7 @@ impl<S: Scene, R: Rasterizer<S>> Sight<'_, S, R> {
         let mut sums = vec![Sum::default(); others.len()];
         for view in self.views {
             let picture = |settings: &RenderSettings| {
-                self.on.image(&self.on.forward(self.splats, view, settings).block_on()?).block_on()
+                self.rasterizer.image(&self.rasterizer.forward(self.splats, view, settings).block_on()?).block_on()
             };
             let expected = picture(wanted)?;
             for (settings, sum) in others.iter().zip(&mut sums) {
@@ -57,7 +57,7 @@ impl<S: Scene, R: Rasterizer<S>> Sight<'_, S, R> {
     }
 }
 
-/// A [`Difference`] as far as it is known.
+/// A [`Difference`] that is being accumulated.
 #[derive(Debug, Clone, Copy, Default)]
 struct Sum {
     most: f32,
@@ -66,12 +66,12 @@ struct Sum {
 }
 
 impl Sum {
-    /// Adds a view: two pictures of one size.
+    /// Adds two pictures of a view, which have the same size.
     fn add(&mut self, image: &Image, expected: &Image) {
         debug_assert_eq!(image.size(), expected.size());
         for (a, b) in image.pixels().as_flattened().iter().zip(expected.pixels().as_flattened()) {
             let difference = (a - b).abs();
-            // What is not a number is as far as can be.
+            // NaN counts as the largest possible difference.
             self.most = if difference <= self.most { self.most } else { difference };
             self.squares += f64::from(difference).powi(2);
         }
@@ -84,7 +84,7 @@ impl Sum {
     }
 }
 
-/// Of many views at most so many, evenly spread.
+/// At most `most` of the cameras, evenly spread.
 pub fn sampled(cameras: &[Camera], most: usize) -> Vec<Camera> {
     let count = cameras.len().min(most);
     (0..count).map(|number| cameras[number * cameras.len() / count]).collect()

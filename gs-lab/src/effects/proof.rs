@@ -1,4 +1,4 @@
-//! Whether pictures bear out what was decided about effects by bounds.
+//! Proves by rendering that leaving out effects does not change pictures.
 
 use gs_core::{
     Effects, Error, Rasterizer, RenderSettings,
@@ -10,41 +10,47 @@ use gs_core::{
 };
 use serde::Serialize;
 
-use super::{Difference, Sight};
+use super::{Difference, UploadedScene};
 
-/// What is called for, with the pictures that show it.
+/// The required effects, with the measured difference that leaving out the others makes.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Proof {
-    /// As [`Effects::called_for`] has it, but for effects whose absence was seen: they stay.
+    /// The result of [`Effects::called_for`], to which effects are added whose absence changed a
+    /// picture.
     pub called: CalledFor,
-    /// How far the pictures with what is called for are from those with all that is wanted.
+    /// The difference between pictures with the required effects and with all wanted effects.
     pub difference: Difference,
-    /// How many views were rendered both ways.
+    /// Number of views that were rendered both ways.
     pub views: usize,
 }
 
-/// Asks a scene which effects of the `wanted` settings it calls for in these views, and renders them both ways. Where the pictures
-/// contradict, the effect to blame stays.
+/// Finds out which effects of the `wanted` settings a scene requires in these views, and renders
+/// the views with these and with all effects. If pictures differ visibly, the effect that causes
+/// the difference is kept.
 ///
 /// # Errors
 /// Those of [`Rasterizer::forward`].
-pub fn prove<S, R>(scene: &S, sight: &Sight<'_, S, R>, wanted: &RenderSettings) -> Result<Proof, Error>
+pub fn prove<S, R>(scene: &S, uploaded: &UploadedScene<'_, S, R>, wanted: &RenderSettings) -> Result<Proof, Error>
 where
     S: CallsForEffects,
     R: Rasterizer<S>,
 {
-    borne_out(Effects::called_for(scene, sight.views, wanted)?, sight, wanted)
+    borne_out(Effects::called_for(scene, uploaded.views, wanted)?, uploaded, wanted)
 }
 
-/// While the pictures show that something is missing, gives back the effect whose return brings them closest to the wanted ones, measured for
-/// each that is left out by itself.
-fn borne_out<S, R>(mut called: CalledFor, sight: &Sight<'_, S, R>, wanted: &RenderSettings) -> Result<Proof, Error>
+/// While pictures differ visibly, restores the effect that reduces the difference most, found by
+/// restoring each alone.
+fn borne_out<S, R>(
+    mut called: CalledFor,
+    uploaded: &UploadedScene<'_, S, R>,
+    wanted: &RenderSettings,
+) -> Result<Proof, Error>
 where
     S: CallsForEffects,
     R: Rasterizer<S>,
 {
-    let mut difference = sight.differences(wanted, &[called.settings])?[0];
+    let mut difference = uploaded.differences(wanted, &[called.settings])?[0];
     while difference.most > HALF_DISPLAY_STEP {
         let left = called.settings.effects;
         let is_out = |effect: &Effect| effect.value(&left) != effect.value(&wanted.effects);
@@ -52,7 +58,7 @@ where
         let with =
             |effect: &Effect| RenderSettings { effects: effect.copied(&wanted.effects, &left), ..called.settings };
         let restored: Vec<RenderSettings> = out.iter().map(with).collect();
-        let found = sight.differences(wanted, &restored)?;
+        let found = uploaded.differences(wanted, &restored)?;
         let closer = |a: &usize, b: &usize| {
             let (a, b): (Difference, Difference) = (found[*a], found[*b]);
             a.most.total_cmp(&b.most).then(b.psnr.total_cmp(&a.psnr))
@@ -64,7 +70,7 @@ where
         }
         (called.settings, difference) = (restored[guilty], found[guilty]);
     }
-    Ok(Proof { called, difference, views: sight.views.len() })
+    Ok(Proof { called, difference, views: uploaded.views.len() })
 }
 
 #[cfg(test)]
@@ -95,20 +101,21 @@ mod tests {
         let cpu = cpu.for_2d();
         let splats = cpu.upload(&scene(), Parameterization::ScaleRotation).unwrap();
         let views = [Canvas::new(24, 18), Canvas::new(9, 7).showing(Vec2::ZERO, Vec2::new(24.0, 18.0))];
-        let sight = Sight { on: cpu, splats: &splats, views: &views };
+        let uploaded = UploadedScene { rasterizer: cpu, splats: &splats, views: &views };
         let mut wanted = RenderSettings::blended(Blend::Over).on([0.0; 3]);
         wanted.effects.antialias = Antialias::Dilate;
         wanted.effects.sh_degree = 2;
 
-        let proof = prove(&scene(), &sight, &wanted).unwrap();
+        let proof = prove(&scene(), &uploaded, &wanted).unwrap();
         assert_eq!((proof.difference, proof.views), (Difference { most: 0.0, psnr: f64::INFINITY }, 2));
         assert_eq!(proof.called.settings.effects.background, Background::None);
 
-        // Somebody leaves out what shows, besides what does not: harmonics, which come first, and black.
+        // Leaves out antialiasing, which shows, besides what does not show: SH and the black
+        // background.
         let mut wrong = proof.called.clone();
         wrong.settings.effects.antialias = Antialias::None;
-        assert!(sight.differences(&wanted, &[wrong.settings]).unwrap()[0].most > HALF_DISPLAY_STEP);
-        let Proof { called: mended, difference, .. } = borne_out(wrong, &sight, &wanted).unwrap();
+        assert!(uploaded.differences(&wanted, &[wrong.settings]).unwrap()[0].most > HALF_DISPLAY_STEP);
+        let Proof { called: mended, difference, .. } = borne_out(wrong, &uploaded, &wanted).unwrap();
         assert_eq!(
             mended.settings.effects,
             Effects { background: Background::None, sh_degree: 0, ..wanted.effects },

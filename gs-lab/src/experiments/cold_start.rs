@@ -1,8 +1,9 @@
-//! The cold start (paper §3.4.1, §5.1, Fig. 9 top): small Gaussians along the border, none of which reaches the shapes; and what cures
-//! it.
+//! The cold start (paper §3.4.1, §5.1, Fig. 9 top): small Gaussians along the border that do not
+//! reach the shapes, and its cures.
 //!
-//! Whether the shapes pull is asked of the backend itself: the gradients with the shapes in the target, less those with a white target.
-//! What is left of the gradients then is the border's own affair: a Gaussian that is not white is pushed about by the white it stands on.
+//! The pull of the shapes is the difference between the gradients with the shapes in the target and
+//! those with a white target. The gradients that remain without shapes are due to the border: a
+//! Gaussian that is not white is pushed about by the white below it.
 
 mod findings;
 
@@ -22,39 +23,39 @@ use crate::figure::{Axis, Figure, Marks, Series};
 use crate::synthetic::SyntheticTarget;
 use gs_train::{Error, FitSettings, Init, Trainer, init::Colors, init::Periphery};
 
-/// σ of the Gaussians on the border, px: with the loss' window, none reaches further than 9 px into the image.
-pub const COLD_SCALE_PX: f32 = 1.0;
+/// σ of the small Gaussians on the border, px. With the window of the loss, they reach at most 9 px
+/// into the image.
+pub(crate) const COLD_SCALE_PX: f32 = 1.0;
 
-/// σ of the large ones on the border, px: that of the paper's good start.
-pub const LARGE_SCALE_PX: f32 = 15.0;
+/// σ of the large Gaussians on the border, px: that of the paper's good start.
+pub(crate) const LARGE_SCALE_PX: f32 = 15.0;
 
-/// The step of the good start whose loss the others have to reach.
+/// The step of the good start whose loss the other starts have to reach.
 const MILESTONE: usize = 500;
 
-/// A start and what is done about it.
+/// A start, and the cure that is applied.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub enum Start {
-    /// 20 of σ 15 px anywhere: the paper's own, which works.
+pub(crate) enum Start {
+    /// 20 Gaussians of σ 15 px anywhere: the paper's own start, which works.
     Good,
-    /// 20 small ones on the border, as white as it is.
+    /// 20 small white Gaussians on the border.
     ColdWhite,
-    /// 20 small ones on the border in random colours.
+    /// 20 small Gaussians on the border in random colours.
     ColdRandom,
-    /// The same, and growth by gradient is forced even where there is none.
+    /// As [`Self::ColdRandom`], with growth by gradient forced even where gradients are zero.
     ColdForced,
-    /// The same, with growth by residual.
+    /// As [`Self::ColdRandom`], with growth by residual.
     ColdResidual,
-    /// 20 large ones on the border, in random colours.
+    /// 20 large Gaussians on the border in random colours.
     LargeVariance,
 }
 
 impl Start {
-    /// All of them.
-    pub const ALL: [Self; 6] =
+    pub(crate) const ALL: [Self; 6] =
         [Self::Good, Self::ColdWhite, Self::ColdRandom, Self::ColdForced, Self::ColdResidual, Self::LargeVariance];
 
-    /// Its name for people.
-    pub fn name(self) -> &'static str {
+    /// The name in reports.
+    pub(crate) fn name(self) -> &'static str {
         match self {
             Self::Good => "good start: σ 15 px anywhere",
             Self::ColdWhite => "cold: σ 1 px on the border, white",
@@ -65,8 +66,8 @@ impl Start {
         }
     }
 
-    /// The fit that begins so: the paper's but for what the name says.
-    pub fn settings(self, paper: FitSettings) -> FitSettings {
+    /// The paper's fit with this start.
+    pub(crate) fn settings(self, paper: FitSettings) -> FitSettings {
         let border = |scale_px, colors| Init::Periphery(Periphery { scale_px, colors, ..Periphery::default() });
         let init = match self {
             Self::Good => paper.init,
@@ -83,73 +84,73 @@ impl Start {
     }
 }
 
-/// The positional gradients of the Gaussians of a start, before the first step, in normalised device units.
+/// The positional gradients of a start before the first step, in normalised device units.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Pull {
-    /// The start.
-    pub start: Start,
-    /// The loss: L1 looks at the Gaussians' own pixels alone, D-SSIM at those 10 px further.
-    pub loss: Loss,
-    /// How many Gaussians.
-    pub gaussians: usize,
-    /// Of how many the shapes change any gradient at all.
-    pub moved_by_shapes: usize,
-    /// The largest positional gradient that the shapes are the cause of.
-    pub by_shapes: f64,
-    /// The largest positional gradient, whatever the cause.
-    pub in_all: f64,
+pub(crate) struct Pull {
+    pub(crate) start: Start,
+    /// The loss. L1 depends on a Gaussian's own pixels, D-SSIM on pixels up to 10 px further.
+    pub(crate) loss: Loss,
+    pub(crate) gaussians: usize,
+    /// Number of Gaussians with a gradient that the shapes change.
+    pub(crate) moved_by_shapes: usize,
+    /// The largest change of a positional gradient by the shapes.
+    pub(crate) by_shapes: f64,
+    /// The largest positional gradient.
+    pub(crate) in_all: f64,
 }
 
-/// One start, over all seeds.
+/// The fits of a start, averaged over seeds.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Trajectory {
-    /// Which.
-    pub start: Start,
+pub(crate) struct Trajectory {
+    pub(crate) start: Start,
     /// PSNR at the end, dB, mean.
-    pub psnr: f64,
+    pub(crate) psnr: f64,
     /// Gaussians at the end, mean.
-    pub count: f64,
-    /// Steps until the loss is that of the good start of the same seed at step 500, median; nothing where most never get there.
-    pub steps_to_milestone: Option<f64>,
-    /// The loss at the end over that at a fifth of the steps, mean: 1 is flat.
-    pub late_ratio: f64,
-    /// The loss at the end over the first, mean.
-    pub loss_ratio: f64,
-    /// What these come to with each seed.
-    pub by_seed: Vec<Ending>,
+    pub(crate) count: f64,
+    /// Median steps until the loss is that of the good start of the same seed at step 500; `None`
+    /// if most fits never get there.
+    pub(crate) steps_to_milestone: Option<f64>,
+    /// Mean of the final loss divided by the loss at a fifth of the steps; 1 is flat.
+    pub(crate) late_ratio: f64,
+    /// Mean of the final loss divided by the first.
+    pub(crate) loss_ratio: f64,
+    /// The single fits.
+    pub(crate) by_seed: Vec<Ending>,
 }
 
-/// One start with one seed.
+/// A fit of a start.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Ending {
+pub(crate) struct Ending {
     /// PSNR at the end, dB.
-    pub psnr: f64,
-    /// Steps until the loss is that of the good start of this seed at step 500; nothing where it never is.
-    pub steps_to_milestone: Option<u32>,
-    /// The loss at the end over that at a fifth of the steps.
-    pub late_ratio: f64,
-    /// The loss at the end over the first.
-    pub loss_ratio: f64,
+    pub(crate) psnr: f64,
+    /// Steps until the loss is that of the good start of this seed at step 500; `None` if it never
+    /// is.
+    pub(crate) steps_to_milestone: Option<u32>,
+    /// The final loss divided by the loss at a fifth of the steps.
+    pub(crate) late_ratio: f64,
+    /// The final loss divided by the first.
+    pub(crate) loss_ratio: f64,
 }
 
-/// What came out.
+/// The results of the experiment.
 #[derive(Debug, Clone, PartialEq)]
-pub struct ColdStartMeasured {
-    /// The pull on white, on randomly coloured, on large and on the good start's Gaussians, under L1 and under the paper's loss.
-    pub pulls: Vec<Pull>,
+pub(crate) struct ColdStartMeasured {
+    /// The pull on white, randomly coloured, large, and the good start's Gaussians, under L1 and
+    /// under the paper's loss.
+    pub(crate) pulls: Vec<Pull>,
     /// All starts, as in [`Start::ALL`].
-    pub trajectories: Vec<Trajectory>,
+    pub(crate) trajectories: Vec<Trajectory>,
     seeds: u32,
     iterations: u32,
     losses: Vec<Series>,
     pictures: Vec<Picture>,
 }
 
-/// Starts from the border, with and without cures, and as the paper does.
+/// Fits from the border with and without cures, and from the paper's start.
 ///
 /// # Errors
 /// Those of the fits.
-pub fn measure<R: Optimizer<Scene2d>>(laboratory: &mut Laboratory<'_, R>) -> Result<ColdStartMeasured, Error> {
+pub(crate) fn measure<R: Optimizer<Scene2d>>(laboratory: &mut Laboratory<'_, R>) -> Result<ColdStartMeasured, Error> {
     let extent = laboratory.extent();
     let target = SyntheticTarget::PAPER_8_BIT.image();
     let seeds = extent.choose(3, 1);
@@ -219,7 +220,7 @@ fn trajectory(start: Start, runs: &[Run], good: &[Run]) -> Trajectory {
     }
 }
 
-/// What the shapes do to the positional gradients of a scene before any step.
+/// The effect of the shapes on the positional gradients of a scene before the first step.
 fn pull<R: Optimizer<Scene2d>>(
     rasterizer: &R,
     start: Start,
@@ -230,7 +231,7 @@ fn pull<R: Optimizer<Scene2d>>(
     let white = Image::filled(target.width(), target.height(), [1.0; 3])?;
     let with = positional_gradients(rasterizer, scene, target, settings)?;
     let without = positional_gradients(rasterizer, scene, &white, settings)?;
-    // As gradients are means over all pixels, they are the same sums in both.
+    // Gradients are means over all pixels, so both targets give the same sums.
     let device = Vec2::new(target.width() as f32, target.height() as f32) * 0.5;
     let norms = |v: Vec<Vec2>| v.into_iter().map(|v| f64::from((v * device).length())).collect::<Vec<_>>();
     let by_shapes = norms(with.iter().zip(&without).map(|(a, b)| *a - *b).collect());
@@ -262,16 +263,16 @@ fn positional_gradients<R: Optimizer<Scene2d>>(
 }
 
 impl ColdStartMeasured {
-    /// One of the trajectories.
+    /// The fits of a start.
     ///
     /// # Panics
     /// Never: all starts are measured.
-    pub fn trajectory(&self, start: Start) -> &Trajectory {
+    pub(crate) fn trajectory(&self, start: Start) -> &Trajectory {
         self.trajectories.iter().find(|trajectory| trajectory.start == start).expect("all starts are measured")
     }
 
-    /// The pull on a start's Gaussians under a loss, where it was measured.
-    pub fn pull(&self, start: Start, loss: Loss) -> Option<&Pull> {
+    /// The pull on a start's Gaussians under a loss, if it was measured.
+    pub(crate) fn pull(&self, start: Start, loss: Loss) -> Option<&Pull> {
         self.pulls.iter().find(|pull| pull.start == start && pull.loss == loss)
     }
 }

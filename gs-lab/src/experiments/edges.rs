@@ -1,5 +1,5 @@
-//! Edges against blobs (paper §3.3, Fig. 7): where the Gaussians of the finished fit stand, how large and how stretched they are, near
-//! the hard edge of the square and near the soft one of the disc.
+//! Edges and blobs (paper §3.3, Fig. 7): positions, sizes and shapes of the Gaussians near the hard
+//! edge of the square and near the soft edge of the disc.
 
 use glam::Vec2;
 use gs_core::{Gaussian2d, Optimizer, Scene2d, scene::sigmoid};
@@ -12,18 +12,19 @@ use super::{
 use crate::figure::{Axis, Figure, Marks, Series};
 use gs_train::{Error, FitSettings, PAPER_DISC, PAPER_SIDE_PX, PAPER_SQUARE, paper_target};
 
-/// Half the breadth of the zone about an edge, px: the disc's edge rises from 12 % to 88 % within it.
-pub const ZONE_PX: f32 = 4.0;
+/// Half the width of the zone around an edge, px. The disc's edge rises from 12 % to 88 % within
+/// it.
+pub(crate) const ZONE_PX: f32 = 4.0;
 
-/// Gaussians of less opacity are not counted: they are on their way out.
+/// Gaussians of less opacity are not counted: they are about to be pruned.
 const LEAST_OPACITY: f32 = 0.05;
 
-/// A Gaussian at least so many times longer than broad has a direction.
+/// A Gaussian whose scales have at least this ratio has a direction.
 const DIRECTED: f32 = 1.5;
 
-/// The parts of the paper's target.
+/// A part of the paper's target.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub enum Zone {
+pub(crate) enum Zone {
     /// Within [`ZONE_PX`] of the square's border.
     SquareEdge,
     /// Further inside the square.
@@ -32,17 +33,16 @@ pub enum Zone {
     DiscEdge,
     /// Further inside the disc.
     DiscInside,
-    /// The white rest.
+    /// Outside of both shapes.
     Background,
 }
 
 impl Zone {
-    /// All of them.
-    pub const ALL: [Self; 5] =
+    pub(crate) const ALL: [Self; 5] =
         [Self::SquareEdge, Self::SquareInside, Self::DiscEdge, Self::DiscInside, Self::Background];
 
-    /// Its name for people.
-    pub fn name(self) -> &'static str {
+    /// The name in reports.
+    pub(crate) fn name(self) -> &'static str {
         match self {
             Self::SquareEdge => "the square's edge",
             Self::SquareInside => "inside the square",
@@ -52,8 +52,8 @@ impl Zone {
         }
     }
 
-    /// The zone of a place, px.
-    pub fn of(place: Vec2) -> Self {
+    /// The zone of a position, px.
+    pub(crate) fn of(place: Vec2) -> Self {
         let (square, disc) = (from_square(place), from_disc(place));
         if square.abs() <= ZONE_PX {
             Self::SquareEdge
@@ -94,42 +94,43 @@ fn along_edge(place: Vec2, zone: Zone) -> f32 {
     }
 }
 
-/// What stands in one zone, over all seeds.
+/// The Gaussians in a zone, over all seeds.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Population {
-    /// The zone.
-    pub zone: Zone,
+pub(crate) struct Population {
+    pub(crate) zone: Zone,
     /// Its area, px².
-    pub area_px2: f64,
-    /// Gaussians per fit, mean.
-    pub count: f64,
-    /// Gaussians per 100 px² of the zone, one value a seed.
-    pub per_100_px2: Vec<f64>,
-    /// Median of the ratio of the longer scale to the shorter, one value a seed.
-    pub anisotropy: Vec<f64>,
-    /// Median of √(σ₁σ₂), px, one value a seed.
-    pub size_px: Vec<f64>,
-    /// Median angle between the long axis and the nearest edge, degrees, of those that have a direction; 45 is chance.
-    pub off_edge_degrees: f64,
+    pub(crate) area_px2: f64,
+    /// Mean number of Gaussians per fit.
+    pub(crate) count: f64,
+    /// Gaussians per 100 px² of the zone, one value per seed.
+    pub(crate) per_100_px2: Vec<f64>,
+    /// Median ratio of the longer scale to the shorter, one value per seed.
+    pub(crate) anisotropy: Vec<f64>,
+    /// Median √(σ₁σ₂), px, one value per seed.
+    pub(crate) size_px: Vec<f64>,
+    /// Median angle between the long axis and the nearest edge, degrees, of Gaussians that have a
+    /// direction; 45 is chance.
+    pub(crate) off_edge_degrees: f64,
 }
 
-/// What came out.
+/// The results of the experiment.
 #[derive(Debug, Clone, PartialEq)]
-pub struct EdgesMeasured {
+pub(crate) struct EdgesMeasured {
     /// Zone by zone, as in [`Zone::ALL`].
-    pub populations: Vec<Population>,
-    /// Fits made.
-    pub seeds: u32,
+    pub(crate) populations: Vec<Population>,
+    /// Number of fits.
+    pub(crate) seeds: u32,
     density_by_distance: Vec<Series>,
     anisotropy_by_distance: Vec<Series>,
     picture: Picture,
 }
 
-/// Fits the paper's target as the paper does, with several seeds, and looks at where the Gaussians are.
+/// Fits the paper's target as the paper does, with several seeds, and evaluates where the Gaussians
+/// are.
 ///
 /// # Errors
 /// Those of the fits.
-pub fn measure<R: Optimizer<Scene2d>>(laboratory: &mut Laboratory<'_, R>) -> Result<EdgesMeasured, Error> {
+pub(crate) fn measure<R: Optimizer<Scene2d>>(laboratory: &mut Laboratory<'_, R>) -> Result<EdgesMeasured, Error> {
     let target = paper_target();
     let seeds = laboratory.extent().seeds(8, 2);
     let mut scenes = Vec::new();
@@ -164,7 +165,7 @@ fn anisotropy(g: &Gaussian2d) -> f64 {
     f64::from((g.log_scale.max_element() - g.log_scale.min_element()).exp())
 }
 
-/// The centres of the pixels of the target.
+/// The pixel centres of the target.
 fn pixel_centers() -> impl Iterator<Item = Vec2> {
     (0..PAPER_SIDE_PX).flat_map(|y| (0..PAPER_SIDE_PX).map(move |x| Vec2::new(x as f32, y as f32) + 0.5))
 }
@@ -191,7 +192,8 @@ fn population(zone: Zone, scenes: &[Scene2d]) -> Population {
     }
 }
 
-/// `value` of the Gaussians, all scenes together, and of the area of all, in bins of 2 px of the distance from an edge.
+/// `value` of the Gaussians of all scenes and of the area, in bins of 2 px of the distance from an
+/// edge.
 fn binned(scenes: &[Scene2d], distance: fn(Vec2) -> f32, value: fn(&[Gaussian2d], f64) -> f64) -> Vec<(f64, f64)> {
     (-9..8)
         .filter_map(|bin| {
@@ -204,7 +206,7 @@ fn binned(scenes: &[Scene2d], distance: fn(Vec2) -> f32, value: fn(&[Gaussian2d]
         .collect()
 }
 
-/// In how many seeds a value is less than another.
+/// Counts the seeds for which one value is less than another.
 fn seeds_with(what: &str, less: &[f64], more: &[f64]) -> Circumstance {
     Circumstance::counted(
         format!("seeds whose Gaussians are {what}"),
@@ -213,16 +215,15 @@ fn seeds_with(what: &str, less: &[f64], more: &[f64]) -> Circumstance {
 }
 
 impl EdgesMeasured {
-    /// What stands in one zone.
+    /// The Gaussians in a zone.
     ///
     /// # Panics
     /// Never: all zones are measured.
-    pub fn population(&self, zone: Zone) -> &Population {
+    pub(crate) fn population(&self, zone: Zone) -> &Population {
         self.populations.iter().find(|p| p.zone == zone).expect("all zones are measured")
     }
 
-    /// Claims, charts, tables and pictures.
-    pub fn findings(&self) -> Findings {
+    pub(crate) fn findings(&self) -> Findings {
         Findings {
             method: format!(
                 "The paper's fit (20 Gaussians to 600 in 2,500 steps), seeds 0 to {}. A Gaussian belongs to the edge within \
@@ -283,8 +284,8 @@ impl EdgesMeasured {
         }
     }
 
-    /// Of a shape, its edge and its inside: how many Gaussians, and their median sizes in px weighted by how many are in either zone; one
-    /// value a seed.
+    /// The number of Gaussians on a shape, and their median sizes in px averaged over its edge and
+    /// inside by count; one value per seed.
     fn shape(&self, edge: Zone, inside: Zone) -> (Vec<f64>, Vec<f64>) {
         let parts = [self.population(edge), self.population(inside)];
         let of_seed = |seed: usize| {

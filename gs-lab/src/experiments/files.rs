@@ -1,21 +1,22 @@
-//! The files of an experiment: tables and curves as CSV, figures as PNG and SVG, pictures as PNG.
+//! The result files of an experiment: tables and curves as CSV, figures as PNG and SVG, pictures as
+//! PNG.
 
 use gs_io::png_bytes;
 
 use super::{Chapter, Findings, Table};
 use crate::{error::Error, export::quoted, figure::Figure};
 
-/// A file of an experiment's results.
+/// A result file of an experiment.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ResultFile {
-    /// Its name in the folder of results; folders are separated by `/`.
+    /// Path in the results folder, with `/`.
     pub name: String,
     /// Its content.
     pub bytes: Vec<u8>,
 }
 
 impl Findings {
-    /// Tables, figures and pictures as files whose names all begin with `part`, such as `edges/`.
+    /// Tables, figures and pictures as files. All names begin with `part`, such as `edges/`.
     ///
     /// # Errors
     /// [`Error::Picture`] where a figure cannot be drawn.
@@ -38,7 +39,8 @@ impl Findings {
     }
 }
 
-/// All claims with their verdicts as CSV: one row for each circumstance, with how often it holds, and one for each number.
+/// All claims with their verdicts as CSV: a row for each circumstance, with how often it holds, and
+/// one for each number.
 pub fn claims_csv(chapters: &[Chapter]) -> String {
     let mut csv = "experiment,claim,section,verdict,number,value,unit\n".to_owned();
     for Chapter { experiment, findings } in chapters {

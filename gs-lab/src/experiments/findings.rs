@@ -1,4 +1,5 @@
-//! What an experiment yields, in a form that any report can show: claims with verdicts and numbers, charts, tables and pictures.
+//! The findings of an experiment in a form for reports: claims with verdicts, charts, tables and
+//! pictures.
 
 use std::fmt;
 
@@ -7,12 +8,12 @@ use serde::Serialize;
 
 use crate::figure::{Figure, ellipses};
 
-/// The results of one experiment, ready to be shown.
+/// The results of an experiment.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Findings {
-    /// What was done, in a few sentences: target, settings, number of fits.
+    /// The method in a few sentences: target, settings, number of fits.
     pub method: String,
-    /// What the paper says, and what was measured.
+    /// The paper's claims, with what was measured.
     pub claims: Vec<Claim>,
     /// Curves.
     pub charts: Vec<Figure>,
@@ -22,54 +23,54 @@ pub struct Findings {
     pub pictures: Vec<Picture>,
 }
 
-/// A statement of the paper beside what was measured here.
+/// A claim of the paper, with what was measured.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Claim {
     /// Short name, in kebab-case, unique within an experiment.
     pub name: &'static str,
-    /// What the paper says, in other words.
+    /// What the paper claims, in other words.
     pub statement: &'static str,
-    /// Where it says so: sections and figures.
+    /// Sections and figures of the paper.
     pub section: &'static str,
-    /// What has to hold for the claim to hold; together they are its verdict.
+    /// The conditions that the verdict is computed from.
     pub circumstances: Vec<Circumstance>,
-    /// What was measured, in words and numbers.
+    /// The measurement in words and numbers.
     pub measured: String,
-    /// Numbers behind it.
+    /// The numbers behind it.
     pub numbers: Vec<Number>,
 }
 
 impl Claim {
-    /// What the circumstances come to together.
+    /// The verdict that follows from the circumstances.
     pub fn verdict(&self) -> Verdict {
         Verdict::of(&self.circumstances)
     }
 }
 
-/// One thing that a claim of the paper says or implies, counted over all that was looked at: seeds, angles, targets.
+/// A condition of a claim, counted over all cases: seeds, angles, targets.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Circumstance {
-    /// What should be so, such as "600 Gaussians are reached".
+    /// The condition, such as "600 Gaussians are reached".
     pub what: String,
-    /// In how many of those looked at it is so.
+    /// Number of cases in which it holds.
     pub held: usize,
-    /// How many were looked at. Of none nothing was seen, and the circumstance does not hold.
+    /// Number of cases. Without any case the condition does not hold.
     pub of: usize,
 }
 
 impl Circumstance {
-    /// One measurement, which shows it or does not.
+    /// A condition with a single case.
     pub fn once(what: impl Into<String>, holds: bool) -> Self {
         Self { what: what.into(), held: holds.into(), of: 1 }
     }
 
-    /// Counted over many.
+    /// A condition counted over many cases.
     pub fn counted(what: impl Into<String>, each: impl IntoIterator<Item = bool>) -> Self {
         let (held, of) = each.into_iter().fold((0, 0), |(held, of), holds| (held + usize::from(holds), of + 1));
         Self { what: what.into(), held, of }
     }
 
-    /// Confirmed where it holds throughout, refuted where it never does.
+    /// Confirmed if it holds in all cases, refuted if in none.
     pub fn verdict(&self) -> Verdict {
         match self.held {
             0 => Verdict::Refuted,
@@ -88,21 +89,20 @@ impl fmt::Display for Circumstance {
     }
 }
 
-/// Whether a claim holds here.
+/// The verdict on a claim.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Verdict {
-    /// It does.
+    /// All circumstances hold in all cases.
     Confirmed,
-    /// It does not.
+    /// No circumstance holds in any case.
     Refuted,
-    /// Some of its circumstances hold, or hold sometimes.
+    /// Some circumstances hold, or hold in some cases.
     Partly,
 }
 
 impl Verdict {
-    /// Confirmed where all circumstances hold throughout, refuted where none ever does, and partly in between. Of no circumstance nothing
-    /// is confirmed.
+    /// The verdict that follows from the circumstances. Without circumstances nothing is confirmed.
     pub fn of(circumstances: &[Circumstance]) -> Self {
         let all = |verdict| circumstances.iter().all(|circumstance| circumstance.verdict() == verdict);
         if all(Self::Refuted) {
@@ -125,10 +125,10 @@ impl fmt::Display for Verdict {
     }
 }
 
-/// One measured number.
+/// A measured number.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Number {
-    /// What it is.
+    /// What was measured.
     pub what: String,
     /// Its value.
     pub value: f64,
@@ -143,7 +143,7 @@ impl Number {
     }
 }
 
-/// Numbers in rows and columns.
+/// A table.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Table {
     /// File name without extension, in kebab-case.
@@ -159,15 +159,15 @@ pub struct Table {
 /// A cell of a table.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Cell {
-    /// Words.
+    /// Text.
     Text(String),
     /// A whole number.
     Count(u64),
-    /// A number, shown with so many digits after the point.
+    /// A number with so many decimals.
     Fixed(f64, usize),
-    /// A number of unknown magnitude, shown with so many significant digits.
+    /// A number of unknown magnitude, with so many significant digits.
     Significant(f64, usize),
-    /// Nothing was measured, or nothing reached.
+    /// An empty cell, where nothing was measured or reached.
     Empty,
 }
 
@@ -213,7 +213,8 @@ impl fmt::Display for Cell {
     }
 }
 
-/// A number with so many significant digits, in plain notation where that is short and as a power of ten otherwise.
+/// A number with `digits` significant digits, in plain notation where that is short and as a power
+/// of ten otherwise.
 pub(crate) fn significant(value: f64, digits: usize) -> String {
     if value == 0.0 || !value.is_finite() {
         return format!("{value}");
@@ -225,7 +226,7 @@ pub(crate) fn significant(value: f64, digits: usize) -> String {
     }
 }
 
-/// A rendering, and what is drawn over it.
+/// A picture, with ellipses that are drawn over it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Picture {
     /// File name without extension, in kebab-case.
@@ -234,12 +235,12 @@ pub struct Picture {
     pub caption: String,
     /// The pixels, not clamped.
     pub image: Image,
-    /// Gaussians to draw as ellipses over the image, and the canvas that the image shows.
+    /// Gaussians to draw as ellipses, and the canvas that the image shows.
     pub ellipses: Option<(Scene2d, Canvas)>,
 }
 
 impl Picture {
-    /// The pixels with the ellipses over them.
+    /// The pixels with the ellipses drawn over them.
     pub(crate) fn drawn(&self) -> Image {
         let mut image = self.image.clone();
         if let Some((scene, canvas)) = &self.ellipses {

@@ -1,9 +1,10 @@
-//! Numerical instability (paper §3.4.2): what becomes of a loss and its gradients as a scale goes to zero, without guards, with the
-//! paper's clamp and ε, and with this project's guards, which allow less than a pixel; and what each costs in PSNR.
+//! Numerical instability (paper §3.4.2): loss and gradients as a scale goes to zero, without
+//! guards, with the paper's clamp and ε, and with this project's guards, which allow scales below a
+//! pixel; and the price of each in PSNR.
 //!
-//! The product's guards cannot be switched off. What is computed without them is computed by `textbook`, a dense solver as the paper's
-//! formulas are written down, of which nothing else is used. A fit that diverges ends no experiment here, whichever solver made it: it is
-//! counted.
+//! The product's guards cannot be switched off. Fits without them use `textbook`, a dense solver
+//! that follows the paper's formulas literally. A fit that diverges is counted and does not end the
+//! experiment.
 
 mod driven;
 mod findings;
@@ -13,9 +14,11 @@ mod small_fits;
 
 use gs_core::{Optimizer, Scene2d};
 
-pub use self::{
+#[cfg(test)]
+pub(crate) use self::floors::floor_settings;
+pub(crate) use self::{
     driven::Drive,
-    floors::{Floor, floor_settings},
+    floors::Floor,
     precision::{Determinant, Precision},
     small_fits::{Free, Trajectory, small_settings},
 };
@@ -27,37 +30,36 @@ use crate::figure::{Axis, Figure, Marks, Series};
 use crate::synthetic::SyntheticTarget;
 use gs_train::Error;
 
-/// Length of the needle whose other scale is driven to zero, px.
+/// Length of the needle whose other scale goes to zero, px.
 const NEEDLE_PX: f32 = 10.0;
 
 /// The paper's clamp, px.
 const CLAMP_PX: f32 = 1.0;
 
-/// This project's floor of the scales, px.
+/// This project's minimum scale, px.
 const PROJECT_FLOOR_PX: f32 = 0.25;
 
-/// The smallest σ allowed in the fits that price a floor, px: the paper's and this project's.
-pub const FLOORS_PX: [f32; 2] = [CLAMP_PX, PROJECT_FLOOR_PX];
+/// The minimum scales whose price is measured, px: the paper's and this project's.
+pub(crate) const FLOORS_PX: [f32; 2] = [CLAMP_PX, PROJECT_FLOOR_PX];
 
-/// What keeps a scale from harm.
+/// What keeps scales from going to zero.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub enum Guard {
-    /// Nothing.
+pub(crate) enum Guard {
+    /// No guard.
     Off,
-    /// An ε of 1e-6 px⁴ on the determinant.
+    /// ε = 1e-6 px⁴ added to the determinant.
     Epsilon,
-    /// No scale below 1 px, and the ε: the paper's.
+    /// The paper's guards: no scale below 1 px, and ε.
     Paper,
-    /// This project's: the product itself.
+    /// This project's guards, as in the product.
     Project,
 }
 
 impl Guard {
-    /// All of them.
-    pub const ALL: [Self; 4] = [Self::Off, Self::Epsilon, Self::Paper, Self::Project];
+    pub(crate) const ALL: [Self; 4] = [Self::Off, Self::Epsilon, Self::Paper, Self::Project];
 
-    /// Its name for people.
-    pub fn name(self) -> &'static str {
+    /// The name in reports.
+    pub(crate) fn name(self) -> &'static str {
         match self {
             Self::Off => "none",
             Self::Epsilon => "ε = 1e-6 on the determinant",
@@ -66,7 +68,7 @@ impl Guard {
         }
     }
 
-    /// The textbook's; nothing for the product, which has its own.
+    /// The guards of the textbook solver; `None` for the product, which has its own.
     fn of_textbook(self) -> Option<Guards> {
         match self {
             Self::Off => Some(Guards::OFF),
@@ -77,25 +79,26 @@ impl Guard {
     }
 }
 
-/// What came out.
+/// The results of the experiment.
 #[derive(Debug, Clone, PartialEq)]
-pub struct InstabilityMeasured {
+pub(crate) struct InstabilityMeasured {
     /// The determinant of a needle of 10 px.
-    pub precision: Precision,
-    /// A scale that is driven to zero, as in [`Guard::ALL`].
-    pub drives: Vec<Drive>,
-    /// Fits that may drive one there themselves.
-    pub free: Vec<Free>,
-    /// The price of a floor, in fits of 600 Gaussians.
-    pub floors: Vec<Floor>,
+    pub(crate) precision: Precision,
+    /// A scale that is set to ever smaller values, as in [`Guard::ALL`].
+    pub(crate) drives: Vec<Drive>,
+    /// Small fits in which the optimiser may shrink a scale by itself.
+    pub(crate) free: Vec<Free>,
+    /// The price of a minimum scale, in fits of 600 Gaussians.
+    pub(crate) floors: Vec<Floor>,
     pictures: Vec<Picture>,
 }
 
-/// Drives a scale to zero with every guard, lets fits do so, and prices the floors.
+/// Sets a scale to ever smaller values with every guard, makes small fits, and measures the price
+/// of minimum scales.
 ///
 /// # Errors
 /// Those of the product's fits but for [`Error::Diverged`], which is counted.
-pub fn measure<R: Optimizer<Scene2d>>(laboratory: &mut Laboratory<'_, R>) -> Result<InstabilityMeasured, Error> {
+pub(crate) fn measure<R: Optimizer<Scene2d>>(laboratory: &mut Laboratory<'_, R>) -> Result<InstabilityMeasured, Error> {
     let small = SyntheticTarget::THIN_LINES_24_PX.image();
     let angles = laboratory.extent().choose(32, 8);
     let drives = Guard::ALL.iter().map(|&guard| Drive::measure(laboratory.rasterizer(), guard, &small, angles));
@@ -113,7 +116,7 @@ pub fn measure<R: Optimizer<Scene2d>>(laboratory: &mut Laboratory<'_, R>) -> Res
     Ok(InstabilityMeasured { precision: Precision::of_needle(), drives, free, floors, pictures })
 }
 
-/// What a fit came to, or nothing where it diverged.
+/// `None` for a fit that diverged.
 fn unless_diverged<T>(made: Result<T, Error>) -> Result<Option<T>, Error> {
     match made {
         Ok(made) => Ok(Some(made)),
@@ -123,32 +126,33 @@ fn unless_diverged<T>(made: Result<T, Error>) -> Result<Option<T>, Error> {
 }
 
 impl InstabilityMeasured {
-    /// A driven scale under a guard.
+    /// The results of setting a scale under a guard.
     ///
     /// # Panics
     /// Never: all guards are measured.
-    pub fn drive(&self, guard: Guard) -> &Drive {
+    pub(crate) fn drive(&self, guard: Guard) -> &Drive {
         self.drives.iter().find(|drive| drive.guard == guard).expect("all guards are measured")
     }
 
-    /// The fits of a target with a floor.
+    /// The fits of a target with a minimum scale.
     ///
     /// # Panics
     /// Where they were not made: targets are "circle and square" and "thin lines", floors 1 and 0.25 px.
-    pub fn floor(&self, target: &str, min_scale_px: f32) -> &Floor {
+    pub(crate) fn floor(&self, target: &str, min_scale_px: f32) -> &Floor {
         let mut floors = self.floors.iter();
         floors.find(|f| f.target == target && f.min_scale_px == min_scale_px).expect("all floors are measured")
     }
 
-    /// PSNR with the clamp at 1 px less that with this project's floor and the same seed, dB, where both fits lived.
-    pub fn price_of_clamp(&self, target: &str) -> Paired {
+    /// PSNR with the clamp at 1 px less that with this project's minimum and the same seed, dB,
+    /// where neither fit diverged.
+    pub(crate) fn price_of_clamp(&self, target: &str) -> Paired {
         let [clamped, guarded] = [CLAMP_PX, PROJECT_FLOOR_PX].map(|floor| &self.floor(target, floor).psnr);
         let pairs = clamped.iter().zip(guarded).filter_map(|(clamped, guarded)| Some(gain((*clamped)?, (*guarded)?)));
         Paired::of(&pairs.collect::<Vec<_>>())
     }
 
-    /// (fits, of them diverged) with a guard, whatever the step of the scales.
-    pub fn free_fits(&self, guard: Guard) -> (usize, usize) {
+    /// Number of small fits with a guard, and how many of them diverged.
+    pub(crate) fn free_fits(&self, guard: Guard) -> (usize, usize) {
         let with = self.free.iter().filter(|free| free.guard == guard);
         with.fold((0, 0), |(fits, diverged), free| (fits + free.fits(), diverged + free.diverged()))
     }

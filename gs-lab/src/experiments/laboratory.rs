@@ -1,4 +1,4 @@
-//! Where experiments are made: fits on one backend before the eyes of whoever waits for them, with every loss and count kept.
+//! Runs the fits of experiments on one backend, and keeps every loss and count.
 
 use gs_core::{Canvas, Image, Optimizer, RenderSettings, Scene2d, counted};
 use pollster::FutureExt as _;
@@ -6,18 +6,18 @@ use pollster::FutureExt as _;
 use super::findings::Picture;
 use gs_train::{Control, Error, Fit, FitSettings, FitSummary, Observer, Progress, Recovery, Trainer};
 
-/// How much is measured.
+/// The extent of an experiment.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub enum Extent {
     /// Several seeds and all cases.
     #[default]
     Full,
-    /// One or two seeds and the cases that decide, in less than half a minute.
+    /// One or two seeds and the decisive cases, in less than half a minute.
     Quick,
 }
 
 impl Extent {
-    /// The one or the other.
+    /// One of the two values.
     pub(crate) fn choose<T>(self, full: T, quick: T) -> T {
         match self {
             Self::Full => full,
@@ -25,20 +25,20 @@ impl Extent {
         }
     }
 
-    /// So many seeds, from 0.
+    /// A range of seeds, from 0.
     pub(crate) fn seeds(self, full: u32, quick: u32) -> std::ops::Range<u32> {
         0..self.choose(full, quick)
     }
 }
 
-/// Someone who waits for the experiments. `()` does not mind.
+/// Receives the progress of experiments. `()` ignores it.
 pub trait Watch {
-    /// A fit begins, or a flight around a scene.
+    /// A fit, or a camera flight, begins.
     fn on_fit(&mut self, label: &str) {
         let _ = label;
     }
 
-    /// A step of it is done.
+    /// A step of a fit is done.
     fn on_step(&mut self, progress: &Progress) {
         let _ = progress;
     }
@@ -46,7 +46,7 @@ pub trait Watch {
 
 impl Watch for () {}
 
-/// A backend to experiment with.
+/// A backend to run experiments on, with the extent and who watches.
 pub struct Laboratory<'a, R> {
     rasterizer: &'a R,
     extent: Extent,
@@ -75,24 +75,22 @@ impl<'a, R> Laboratory<'a, R> {
         Self { rasterizer, extent, watch }
     }
 
-    /// How much is to be measured.
-    pub fn extent(&self) -> Extent {
+    pub(crate) fn extent(&self) -> Extent {
         self.extent
     }
 
-    /// The backend.
     pub(crate) fn rasterizer(&self) -> &'a R {
         self.rasterizer
     }
 
-    /// Who waits.
     pub(crate) fn watch(&mut self) -> &mut dyn Watch {
         self.watch
     }
 }
 
 impl<R: Optimizer<Scene2d>> Laboratory<'_, R> {
-    /// A fit from its settings, but one that fails is left alone: failures are what is looked at.
+    /// Runs a fit. A diverging fit fails instead of recovering, because failures are a part of the
+    /// results.
     pub(crate) fn fit(&mut self, label: &str, target: &Image, settings: FitSettings) -> Result<Run, Error> {
         let settings = FitSettings { recovery: Recovery::Never, ..settings };
         let mut trainer = Trainer::new(self.rasterizer, target, settings).block_on()?;
@@ -105,7 +103,7 @@ impl<R: Optimizer<Scene2d>> Laboratory<'_, R> {
         Ok(Run { fit: Fit { scene: trainer.scene().block_on()?, image, summary, outcome }, losses, counts })
     }
 
-    /// A picture of a scene made for a square of `side` px, enlarged to about 512 px, with its Gaussians drawn in it.
+    /// A picture of a scene, enlarged to about 512 px.
     pub(crate) fn picture(
         &self,
         name: &'static str,
@@ -128,7 +126,7 @@ const PICTURE_PX: u32 = 512;
 /// How a scene is shown.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Shown<'a> {
-    /// The image the scene was made for: (columns, rows).
+    /// Size of the image that the scene was made for: (columns, rows).
     pub(crate) size: (u32, u32),
     pub(crate) render: &'a RenderSettings,
     pub(crate) ellipses: Ellipses,
@@ -142,22 +140,21 @@ pub(crate) enum Ellipses {
 }
 
 impl Run {
-    /// PSNR at the end, dB: of the picture as it is written in 8 bits, against the target in floats.
+    /// Final PSNR of the 8-bit image, dB.
     pub(crate) fn psnr(&self) -> f64 {
         self.fit.summary.psnr
     }
 
-    /// Gaussians at the end.
+    /// Final number of Gaussians.
     pub(crate) fn count(&self) -> u32 {
         self.fit.summary.gaussians
     }
 
-    /// The last loss.
     pub(crate) fn last_loss(&self) -> f64 {
         self.losses.last().map_or(f64::NAN, |&loss| loss.into())
     }
 
-    /// Count over steps, as stairs: the points at which it changes, before and after, and the ends.
+    /// Count over steps as a step function: the points before and after each change, and both ends.
     pub(crate) fn count_curve(&self) -> Vec<(f64, f64)> {
         let numbered = (1..).zip(&self.counts).map(|(step, &count)| (f64::from(step), f64::from(count)));
         let points: Vec<(f64, f64)> = numbered.collect();
@@ -166,7 +163,7 @@ impl Run {
         points.first().copied().into_iter().chain(stairs).chain(points.last().copied()).collect()
     }
 
-    /// Loss over steps, thinned to every tenth.
+    /// Loss over steps, reduced to every tenth.
     pub(crate) fn loss_curve(&self) -> Vec<(f64, f64)> {
         let numbered = (1..).zip(&self.losses).map(|(step, &loss)| (f64::from(step), f64::from(loss)));
         numbered.filter(|&(step, _)| step == 1.0 || step % 10.0 == 0.0).collect()
@@ -187,10 +184,9 @@ impl Run {
     }
 }
 
-/// Steps over which a loss is averaged where its noise would decide.
+/// Steps over which a noisy loss is averaged.
 pub(crate) const SMOOTHED_STEPS: usize = 10;
 
-/// "1 seed", "3 seeds".
 pub(crate) fn seeds_in_words(seeds: u32) -> String {
     counted(seeds, "seed")
 }

@@ -1,5 +1,5 @@
-//! Lazy convergence (paper §3.4.3, §5.2, Fig. 9 bottom): the absolute threshold under which growth stagnates, forced growth that does
-//! not, and why no threshold is universal.
+//! Lazy convergence (paper §3.4.3, §5.2, Fig. 9 bottom): the absolute threshold with which growth
+//! stagnates, forced growth, and why no threshold is universal.
 //!
 //! A threshold on a gradient has a unit. 3DGS compares in normalised device units (the image is 2 wide); a solver that compares the same
 //! 0.0002 with gradients per pixel asks for 64 times as much at 128 px. Both are measured. The threshold that would have worked is found
@@ -12,7 +12,7 @@ mod findings;
 use gs_core::{Optimizer, Scene2d, constants::TAU_POSITION};
 use gs_density::{Grow, Policy, Signal};
 
-pub use self::case::{Case, Outcome, Trial, Variation};
+pub(crate) use self::case::{Case, Outcome, Trial, Variation};
 use self::case::{SQUARE_SIDE_PX, absolute, targets};
 use super::{
     Cell, Circumstance, Claim, Extent, Findings, Laboratory, Number, Paired, Picture, SHARP_DB, Table,
@@ -24,23 +24,22 @@ use super::{
 use crate::figure::{Axis, Figure, Marks, Series};
 use gs_train::{DiscAndSquare, Error, Fill, FitSettings, PAPER_SIDE_PX, Rounds};
 
-/// Who grows.
+/// The criterion that decides which Gaussians grow.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Criterion {
-    /// The absolute threshold 0.0002 in normalised device units, as 3DGS has it.
+pub(crate) enum Criterion {
+    /// The absolute threshold 0.0002 in normalised device units, as in 3DGS.
     AbsoluteDevice,
-    /// The same number on gradients per pixel.
+    /// The same number applied to gradients per pixel.
     AbsolutePixel,
     /// The top 10 %.
     Forced,
 }
 
 impl Criterion {
-    /// All of them.
-    pub const ALL: [Self; 3] = [Self::AbsoluteDevice, Self::AbsolutePixel, Self::Forced];
+    pub(crate) const ALL: [Self; 3] = [Self::AbsoluteDevice, Self::AbsolutePixel, Self::Forced];
 
-    /// Its name for people.
-    pub fn name(self) -> &'static str {
+    /// The name in reports.
+    pub(crate) fn name(self) -> &'static str {
         match self {
             Self::AbsoluteDevice => "absolute, τ = 0.0002 per device unit",
             Self::AbsolutePixel => "absolute, τ = 0.0002 per pixel",
@@ -49,7 +48,7 @@ impl Criterion {
     }
 
     /// The policy for an image of `side` px.
-    pub fn policy(self, side: u32) -> Policy {
+    pub(crate) fn policy(self, side: u32) -> Policy {
         let absolute = |threshold| Policy::Grow(Grow { threshold, ..Grow::absolute(Signal::MeanGradient) });
         match self {
             Self::AbsoluteDevice => absolute(TAU_POSITION),
@@ -58,63 +57,64 @@ impl Criterion {
         }
     }
 
-    /// The paper's fit under this criterion, with rounds to the end.
-    pub fn settings(self, extent: Extent, seed: u32) -> FitSettings {
+    /// The paper's fit with this criterion, with rounds to the end.
+    pub(crate) fn settings(self, extent: Extent, seed: u32) -> FitSettings {
         let paper = paper_settings(extent, seed);
         FitSettings { policy: self.policy(PAPER_SIDE_PX), rounds: Rounds::until(100, paper.iterations - 1), ..paper }
     }
 }
 
-/// 3DGS's threshold taken per pixel, in normalised device units: a pixel is 2/side of them.
+/// 3DGS's threshold per pixel, in normalised device units: a pixel is 2/side of them.
 fn per_pixel(side: u32) -> f32 {
     TAU_POSITION * side as f32 / 2.0
 }
 
-/// How a criterion fared on the paper's target.
+/// The fits with a criterion on the paper's target.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Growth {
-    /// Which.
-    pub criterion: Criterion,
-    /// Gaussians at the end, one a seed.
-    pub counts: Vec<u32>,
-    /// The last step at which the count rose, mean.
-    pub last_growth: f64,
-    /// PSNR at the end, dB, one a seed.
-    pub psnr: Vec<f64>,
+pub(crate) struct Growth {
+    pub(crate) criterion: Criterion,
+    /// Final number of Gaussians, one value per seed.
+    pub(crate) counts: Vec<u32>,
+    /// Mean of the last step at which the count rose.
+    pub(crate) last_growth: f64,
+    /// Final PSNR, dB, one value per seed.
+    pub(crate) psnr: Vec<f64>,
 }
 
-/// What came out.
+/// The results of the experiment.
 #[derive(Debug, Clone, PartialEq)]
-pub struct LazyMeasured {
+pub(crate) struct LazyMeasured {
     /// The criteria on the paper's target, as in [`Criterion::ALL`].
-    pub growths: Vec<Growth>,
+    pub(crate) growths: Vec<Growth>,
     /// (threshold in normalised device units, Gaussians, PSNR in dB) on the paper's target.
-    pub scan: Vec<(f64, u32, f64)>,
-    /// Targets that differ in one respect; the first is the paper's.
-    pub cases: Vec<Case>,
-    /// A target without anything on it: what is left to gain on it is nothing.
-    pub blank: Blank,
-    /// How the cases are fitted.
-    pub trial: Trial,
+    pub(crate) scan: Vec<(f64, u32, f64)>,
+    /// Targets that differ from the paper's in one respect; the first is the paper's.
+    pub(crate) cases: Vec<Case>,
+    /// A white target, on which growth gains nothing.
+    pub(crate) blank: Blank,
+    /// The settings of the cases.
+    pub(crate) trial: Trial,
     extent: Extent,
     curves: [Vec<Series>; 2],
     pictures: Vec<Picture>,
 }
 
-/// Growth by rank on a white image, with a floor and without: Gaussians at the end, one a seed.
+/// Growth by rank on a white image, with and without a minimum gradient: final number of Gaussians,
+/// one value per seed.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Blank {
+pub(crate) struct Blank {
     /// By rank alone.
-    pub by_rank: Vec<u32>,
-    /// By the hybrid: rank × floor × budget.
-    pub by_hybrid: Vec<u32>,
+    pub(crate) by_rank: Vec<u32>,
+    /// By rank above a minimum gradient, up to the budget.
+    pub(crate) by_hybrid: Vec<u32>,
 }
 
-/// Grows by all criteria on the paper's target, and looks for the threshold that works on others.
+/// Fits the paper's target with all criteria, and searches the threshold that works on other
+/// targets.
 ///
 /// # Errors
 /// Those of the fits.
-pub fn measure<R: Optimizer<Scene2d>>(laboratory: &mut Laboratory<'_, R>) -> Result<LazyMeasured, Error> {
+pub(crate) fn measure<R: Optimizer<Scene2d>>(laboratory: &mut Laboratory<'_, R>) -> Result<LazyMeasured, Error> {
     let extent = laboratory.extent();
     let target = DiscAndSquare::default().image()?;
     let mut runs: Vec<Vec<Run>> = Vec::new();
@@ -176,27 +176,27 @@ impl Growth {
         }
     }
 
-    /// PSNR at the end, dB, mean.
-    pub fn mean_psnr(&self) -> f64 {
+    /// Mean final PSNR, dB.
+    pub(crate) fn mean_psnr(&self) -> f64 {
         mean(self.psnr.iter().copied())
     }
 
-    /// Gaussians at the end, mean.
-    pub fn mean_count(&self) -> f64 {
+    /// Mean final number of Gaussians.
+    pub(crate) fn mean_count(&self) -> f64 {
         mean(self.counts.iter().map(|&count| f64::from(count)))
     }
 }
 
 impl LazyMeasured {
-    /// How a criterion fared on the paper's target.
+    /// The fits with a criterion.
     ///
     /// # Panics
     /// Never: all criteria are measured.
-    pub fn growth(&self, criterion: Criterion) -> &Growth {
+    pub(crate) fn growth(&self, criterion: Criterion) -> &Growth {
         self.growths.iter().find(|growth| growth.criterion == criterion).expect("all criteria are measured")
     }
 
-    /// PSNR of another criterion less that of this one from the same seed, dB.
+    /// PSNR of `other` less that of `this` from the same seed, dB.
     fn against(&self, other: Criterion, this: Criterion) -> Paired {
         let pairs = self.growth(other).psnr.iter().zip(&self.growth(this).psnr);
         Paired::of(&pairs.map(|(&other, &this)| gain(other, this)).collect::<Vec<_>>())

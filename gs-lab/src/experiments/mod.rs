@@ -1,60 +1,65 @@
-//! The experiments of the paper (§3 to §5.4, Figs. 6 to 9), each as a function that measures and a type that holds what came out.
+//! The experiments of the paper (§3 to §5.4, Figs. 6 to 9).
 //!
-//! [`Experiment::run`] makes one of them, whatever the backend, and gives its [`Findings`]: the paper's claims in other words, each with
-//! the [`Circumstance`]s that have to hold for it and how often they do, of which its [`Verdict`] is a function, beside charts, tables and
-//! pictures. Who wants the numbers themselves calls the experiment's own function, such as [`cold_start::measure`].
+//! [`Experiment::run`] performs an experiment on any backend. Its [`Findings`] contain the paper's
+//! claims, each with a [`Verdict`] that is computed from its [`Circumstance`]s, and charts, tables
+//! and pictures.
 //!
-//! All but [`popping`] fit 2D scenes. Every fit is an ordinary [`FitSettings`](gs_train::FitSettings) value; all of them are deterministic by their seeds.
+//! All experiments but [`popping`] fit 2D scenes. Every fit has ordinary
+//! [`FitSettings`](gs_train::FitSettings) and is deterministic for a given seed.
 
-pub mod cold_start;
-pub mod edges;
+#[cfg(test)]
+mod as_studies;
+#[cfg(test)]
+mod claims;
+mod cold_start;
+mod edges;
 mod files;
 mod findings;
-pub mod instability;
+mod instability;
 mod laboratory;
-pub mod lazy_convergence;
+mod lazy_convergence;
 mod page;
 mod paired;
 pub mod popping;
-pub mod set_up;
+mod set_up;
 mod textbook;
 
 use std::fmt;
 
 use gs_core::{Optimizer, Scene2d, Scene3d};
 
+pub(crate) use self::paired::Paired;
 pub use self::{
     files::{ResultFile, claims_csv},
     findings::{Cell, Circumstance, Claim, Findings, Number, Picture, Table, Verdict},
     laboratory::{Extent, Laboratory, Watch},
     page::{PageSetting, page},
-    paired::Paired,
 };
 use gs_train::Error;
 
-/// A reconstruction of the paper's target is called sharp from this PSNR on, dB: its root mean square error is then 1.8 % of the range,
-/// while 20 Gaussians that stay 20, the paper's blurry blobs, leave 8 %.
+/// From this PSNR on, a reconstruction of the paper's target counts as sharp, dB. Its root mean
+/// square error is then 1.8 % of the range; that of 20 Gaussians without growth is 8 %.
 pub const SHARP_DB: f64 = 35.0;
 
-/// The experiments, in the paper's order.
+/// An experiment, in the paper's order.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Experiment {
-    /// 20 large Gaussians become 600, and what growth is worth: [`set_up`].
+    /// 20 large Gaussians become 600, and the value of growth.
     SetUp,
-    /// Small Gaussians on the periphery: [`cold_start`].
+    /// Small Gaussians along the border.
     ColdStart,
-    /// The absolute threshold and its rivals: [`lazy_convergence`].
+    /// The absolute threshold and other criteria of growth.
     LazyConvergence,
-    /// A scale that is driven towards zero: [`instability`].
+    /// A scale that goes to zero.
     Instability,
-    /// Where the Gaussians of the result stand, and how they are shaped: [`edges`].
+    /// Positions and shapes of the Gaussians of the result.
     Edges,
-    /// Orders of blending before a moving camera, in 3D: [`popping`].
+    /// Sort orders with a moving camera, in 3D.
     Popping,
 }
 
 impl Experiment {
-    /// All of them.
+    /// All experiments.
     pub const ALL: [Self; 6] =
         [Self::SetUp, Self::ColdStart, Self::LazyConvergence, Self::Instability, Self::Edges, Self::Popping];
 
@@ -82,7 +87,7 @@ impl Experiment {
         }
     }
 
-    /// What of the paper it repeats.
+    /// The sections and figures of the paper that it repeats.
     pub const fn section(self) -> &'static str {
         match self {
             Self::SetUp => "§3.1–3.3, Figs. 6, 7, 8",
@@ -104,10 +109,11 @@ impl Experiment {
         found.ok_or_else(|| gs_core::Error::setting("the experiment", format!("`{name}`"), allowed))
     }
 
-    /// Makes the experiment.
+    /// Performs the experiment.
     ///
     /// # Errors
-    /// Those of the backend, and [`Error::Diverged`] where a fit of the product does that; [`instability`] counts those instead.
+    /// Those of the backend, and [`Error::Diverged`] where a fit diverges. [`Self::Instability`]
+    /// counts diverging fits instead.
     pub fn run<R: Optimizer<Scene2d> + Optimizer<Scene3d>>(
         self,
         laboratory: &mut Laboratory<'_, R>,
@@ -123,12 +129,12 @@ impl Experiment {
     }
 }
 
-/// An experiment with what came out of it.
+/// An experiment with its findings.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Chapter {
-    /// Which it is.
+    /// The experiment.
     pub experiment: Experiment,
-    /// What came out.
+    /// Its findings.
     pub findings: Findings,
 }
 
@@ -138,26 +144,26 @@ impl fmt::Display for Experiment {
     }
 }
 
-/// A claim of the paper that no experiment here tests.
+/// A claim of the paper that no experiment tests.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Elsewhere {
-    /// Its title.
+    /// Title.
     pub title: &'static str,
-    /// Where the paper makes it.
+    /// Where the paper claims it.
     pub section: &'static str,
-    /// What the paper says, in other words.
+    /// What the paper claims, in other words.
     pub statement: &'static str,
     /// What measures it instead.
     pub by: &'static str,
 }
 
-/// What benchmarks measure: it is of the machine and the build as much as of the method.
+/// Claims that benchmarks measure, because they depend on the machine and the build.
 pub const ELSEWHERE: [Elsewhere; 1] = [Elsewhere {
     title: "Memory and storage",
     section: "§5.3",
     statement: "Trained scenes of millions of Gaussians take gigabytes on disk and more than 20 GB of memory while they are trained.",
-    by: "Measured by the benchmarks of gs-lab: `formats`, bytes a Gaussian on disk in every format, and `memory`, the peak of memory in \
-         training by Gaussians, tile entries and pixels. Their records stand under benchmarks/.",
+    by: "Measured by two benchmarks of gs-lab: `formats` (bytes per Gaussian on disk in every format) and `memory` (peak memory in \
+         training by Gaussians, tile entries and pixels). Their records are in benchmarks/.",
 }];
 
 #[cfg(test)]

@@ -1,4 +1,4 @@
-//! The page of the experiments: what the paper says beside what was measured.
+//! The page of the experiments: the paper's claims beside what was measured.
 
 use gs_core::counted;
 use gs_io::png_bytes;
@@ -7,21 +7,21 @@ use maud::{Markup, html};
 use super::{Chapter, Circumstance, Claim, ELSEWHERE, Experiment, Extent, Picture, Table, Verdict};
 use crate::{error::Error, html};
 
-/// Rows of a table that are shown at once; longer ones are folded.
+/// Tables with more rows are folded.
 const MOST_OPEN_ROWS: usize = 14;
 
-/// How the experiments were made.
+/// How the experiments were performed.
 #[derive(Debug, Clone, Copy)]
 pub struct PageSetting<'a> {
-    /// How much was measured.
+    /// The extent of the measurements.
     pub extent: Extent,
-    /// The experiment that was made alone, if one was.
+    /// The experiment, if only one was performed.
     pub only: Option<Experiment>,
     /// The backend, in words.
     pub backend: &'a str,
 }
 
-/// The page as HTML: one file that needs nothing beside it.
+/// The page as HTML, in a single file.
 ///
 /// # Errors
 /// [`Error::Picture`] where a figure cannot be drawn.
@@ -50,7 +50,7 @@ fn head(chapters: &[Chapter], setting: PageSetting<'_>) -> Markup {
             }
             p.quiet.small { "gs " (env!("CARGO_PKG_VERSION")) " · " (setting.backend) }
             @if setting.extent == Extent::Quick {
-                p.note { "Quick form: fewer seeds and steps than the whole, so numbers differ from its." }
+                p.note { "Quick form: fewer seeds and steps, so numbers differ from those of the full form." }
             }
             div.wide { table {
                 thead { tr { th { "experiment" } th { "the paper says" } th { "verdict" } } }
@@ -86,7 +86,7 @@ fn section(Chapter { experiment, findings }: &Chapter) -> Result<Markup, Error> 
     })
 }
 
-/// A picture of several side by side has to be larger to be seen.
+/// Pictures that consist of several are shown wider.
 fn shown(picture: &Picture) -> Markup {
     let image = picture.drawn();
     let is_broad = image.width() > image.height();
@@ -114,13 +114,13 @@ fn claim_card(claim: &Claim) -> Markup {
     }
 }
 
-/// A line of the list from which a verdict follows.
+/// A condition of the verdict as a list item.
 fn line(circumstance: &Circumstance) -> Markup {
     let verdict = circumstance.verdict();
     html! { li { span class=(verdict) title=(verdict) { (sign(verdict)) } (circumstance) } }
 }
 
-/// A verdict that is seen without colour, too.
+/// A verdict with a sign, so that it does not depend on colour.
 fn badge(verdict: Verdict) -> Markup {
     html! { span class={ "badge " (verdict) } { (sign(verdict)) " " (verdict) } }
 }

@@ -1,41 +1,41 @@
-//! Paired differences: is one thing larger than another, beyond chance?
+//! Paired differences with their significance.
 
 use crate::{statistics::Interval, statistics::bootstrap_interval};
 
 pub(crate) use crate::{statistics::mean, statistics::median};
 
-/// By how much one PSNR exceeds another, dB: 0 for equal ones, also where both are infinite because both pictures are exact.
+/// Difference of two PSNRs, dB; 0 for equal ones, even if both are infinite.
 pub(crate) fn gain(of: f64, over: f64) -> f64 {
     if of == over { 0.0 } else { of - over }
 }
 
-/// Which of a pair is taken from which, in words.
+/// The sign with which differences are shown.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Sense {
-    /// As in the differences.
+    /// As they are.
     Forward,
-    /// The other way round.
+    /// Negated.
     Reversed,
 }
 
-/// What paired differences come to.
+/// A statistic of paired differences.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Paired {
-    /// How many pairs.
-    pub pairs: usize,
-    /// How many of the differences are negative.
-    pub negative: usize,
+pub(crate) struct Paired {
+    /// Number of pairs.
+    pub(crate) pairs: usize,
+    /// Number of negative differences.
+    pub(crate) negative: usize,
     /// Their mean.
-    pub mean: f64,
-    /// 95 % interval of the mean, by [`bootstrap_interval`]; nothing where there are too few pairs.
-    pub interval: Option<Interval>,
-    /// Two-sided p of the sign test: how probable so one-sided a count of signs is where both are equally probable. Zeros don't count.
-    pub p: f64,
+    pub(crate) mean: f64,
+    /// 95 % interval of the mean by [`bootstrap_interval`]; `None` with too few pairs.
+    pub(crate) interval: Option<Interval>,
+    /// Two-sided p-value of the sign test; zeros do not count.
+    pub(crate) p: f64,
 }
 
 impl Paired {
-    /// Of the differences of all pairs, which are independent of each other. Of none everything is NaN, and p is 1.
-    pub fn of(differences: &[f64]) -> Self {
+    /// The statistic of independent differences. Without differences the mean is NaN and p is 1.
+    pub(crate) fn of(differences: &[f64]) -> Self {
         let negative = differences.iter().filter(|&&d| d < 0.0).count();
         let positive = differences.iter().filter(|&&d| d > 0.0).count();
         Self {
@@ -47,12 +47,12 @@ impl Paired {
         }
     }
 
-    /// Whether 0 lies above the whole interval: the differences are negative beyond chance.
-    pub fn is_negative(&self) -> bool {
+    /// Whether the whole interval is below 0.
+    pub(crate) fn is_negative(&self) -> bool {
         self.interval.is_some_and(|interval| interval.high < 0.0)
     }
 
-    /// The interval in words, to so many decimals, of the differences as they are or turned about.
+    /// The interval as text, with so many decimals.
     pub(crate) fn interval_in_words(&self, sense: Sense, decimals: usize) -> String {
         match (self.interval, sense) {
             (Some(Interval { low, high }), Sense::Forward) => {
@@ -67,10 +67,11 @@ impl Paired {
     }
 }
 
-/// Two-sided p of `a` signs of one kind and `b` of the other: twice the binomial tail at one half, at most 1.
+/// Two-sided p-value for `a` signs of one kind and `b` of the other: twice the binomial tail at one
+/// half, at most 1.
 fn sign_test(a: usize, b: usize) -> f64 {
     let (n, least) = (a + b, a.min(b));
-    // C(n, k) / 2ⁿ from k = 0 on.
+    // C(n, k) / 2ⁿ, starting with k = 0.
     let mut term = 0.5f64.powi(n as i32);
     let mut tail = 0.0;
     for k in 0..=least {

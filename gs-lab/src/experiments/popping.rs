@@ -1,7 +1,8 @@
-//! Popping (§5.4, §2.3.1): whether sorting by one depth a Gaussian makes colours jump while the camera moves, whether sorting by the depth at each pixel
-//! cures it, and whether it goes away as Gaussians get small.
+//! Popping (paper §5.4, §2.3.1): whether the global depth sort makes colours jump while the camera
+//! moves, whether the per-pixel sort cures it, and whether it vanishes for small Gaussians.
 //!
-//! [`compare`] looks at any scene; [`measure`] at two that are made by formulas, in which it is known what there is to see.
+//! [`compare`] measures any scene; the experiment measures two synthetic scenes whose popping is
+//! known.
 
 mod comparison;
 mod findings;
@@ -15,53 +16,55 @@ use gs_core::{
 };
 use pollster::FutureExt as _;
 
+pub(crate) use self::{
+    comparison::{AtStep, ORDERS, Popping, VISIBLE_LEVELS},
+    scenes::{ball_flight, ball_in_sea, discs_flight},
+};
 pub use self::{
-    comparison::{AtStep, Comparison, Moment, ORDERS, Popping, STRIDES, SlowOrbit, VISIBLE_LEVELS, compare},
-    flicker::{Flicker, flicker},
-    scenes::{ball_flight, ball_in_sea, discs, discs_flight},
+    comparison::{Comparison, STRIDES, SlowOrbit, compare},
+    scenes::discs,
 };
 use super::{Cell, Circumstance, Claim, Extent, Findings, Laboratory, Number, Picture, Table};
 use crate::figure::{Axis, Figure, Marks, Series};
 use gs_train::Error;
 
-/// Side of the pictures of the scenes made by formulas, px.
+/// Side of the pictures of the synthetic scenes, px.
 const SIDE_PX: u32 = 240;
 
-/// The finest step there, degrees: what is farthest from the middle moves by 0.1 px.
+/// The finest step, degrees: the outermost pixels move by 0.1 px.
 const STEP_DEGREES: f32 = 0.062_5;
 
-/// By how much the grid of tiles is moved, columns and rows, px: no multiple of any tile's side.
+/// Shift of the tile grid, columns and rows, px: no multiple of any tile's side.
 const GRID_PX: (u32, u32) = (5, 11);
 
-/// One size of the Gaussians of the ball in the sea.
+/// The ball in the sea with Gaussians of one size.
 #[derive(Debug, Clone, PartialEq)]
-pub struct OfSize {
+pub(crate) struct OfSize {
     /// σ in the middle of the picture, px.
-    pub sigma_px: f32,
-    /// How many there are.
-    pub gaussians: usize,
-    /// What jumps.
-    pub comparison: Comparison,
+    pub(crate) sigma_px: f32,
+    pub(crate) gaussians: usize,
+    pub(crate) comparison: Comparison,
 }
 
-/// What came out.
+/// The results of the experiment.
 #[derive(Debug, Clone, PartialEq)]
-pub struct PoppingMeasured {
-    /// Of two discs through each other, whose means' depths change their order once.
-    pub discs: Comparison,
-    /// Of the ball in the sea, by falling size.
-    pub ball: Vec<OfSize>,
-    /// The largest difference of any pixel between pictures whose tiles are at other places, 8-bit levels, by one depth a Gaussian.
-    pub grid_trace: f64,
+pub(crate) struct PoppingMeasured {
+    /// Two intersecting discs, whose means change their depth order once.
+    pub(crate) discs: Comparison,
+    /// The ball in the sea, by falling size.
+    pub(crate) ball: Vec<OfSize>,
+    /// Largest difference between pictures with shifted tile grids, 8-bit levels, with the global
+    /// sort.
+    pub(crate) grid_trace: f64,
     extent: Extent,
     pictures: Vec<Picture>,
 }
 
-/// Flies around both scenes.
+/// Flies around both synthetic scenes.
 ///
 /// # Errors
 /// Those of the backend.
-pub fn measure<R: Optimizer<Scene3d>>(laboratory: &mut Laboratory<'_, R>) -> Result<PoppingMeasured, Error> {
+pub(crate) fn measure<R: Optimizer<Scene3d>>(laboratory: &mut Laboratory<'_, R>) -> Result<PoppingMeasured, Error> {
     let (extent, rasterizer) = (laboratory.extent(), laboratory.rasterizer());
     let render = usual_settings();
     let mut pictures = Vec::new();
@@ -91,15 +94,15 @@ pub fn measure<R: Optimizer<Scene3d>>(laboratory: &mut Laboratory<'_, R>) -> Res
     Ok(PoppingMeasured { discs: of_discs, ball, grid_trace, extent, pictures })
 }
 
-/// As 3DGS shows its scenes.
+/// The settings with which 3DGS shows scenes.
 fn usual_settings() -> RenderSettings {
     let mut render = RenderSettings::blended(Blend::Over);
     render.effects.antialias = Antialias::Dilate;
     render
 }
 
-/// How much a picture depends on where tiles meet: the same through a camera whose picture begins elsewhere, so that other pixels share a
-/// tile. By one depth a Gaussian; the largest difference of any pixel, 8-bit levels.
+/// How much a picture depends on the tile grid: the largest difference, in 8-bit levels, to a
+/// picture with a shifted grid, with the global sort.
 fn grid_trace<R: Optimizer<Scene3d>>(
     rasterizer: &R,
     scene: &Scene3d,

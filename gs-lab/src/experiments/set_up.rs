@@ -1,9 +1,10 @@
-//! The paper's set-up and result (§3.1 to §3.3, Figs. 6, 7, 8): 20 large Gaussians become 600, the loss falls, and whether growth is
-//! what makes it fall.
+//! The paper's set-up and result (§3.1 to §3.3, Figs. 6, 7, 8): 20 large Gaussians become 600, the
+//! loss falls, and whether growth is the cause.
 //!
-//! Whether "spikes in count bring drops in loss" is a statistic here: the slope of ln loss in the steps after each round of growth less
-//! that before it, and where the loss stands in the end against the same steps of a fit that does not grow. Rounds of one seed are no
-//! independent witnesses: they follow one another in one fit, and share their control. So each seed gives one value, the mean over its rounds.
+//! "Spikes in count bring drops in loss" is tested by statistics: the slope of ln loss after each
+//! round of growth compared with that before it, and the loss 100 steps later compared with a fit
+//! without growth. The rounds of a seed are not independent, so each seed contributes one value,
+//! the mean over its rounds.
 
 mod findings;
 
@@ -20,30 +21,31 @@ use super::{
 use crate::figure::{Axis, Figure, Marks, Series};
 use gs_train::{Error, FitSettings, Init, InitialCount, Rounds, Trainer, init::Random, paper_target};
 
-/// σ of 600 that cover as much together as the paper's 20 of 15 px do, px: N σ² is the same.
-pub const SMALL_SCALE_PX: f32 = 2.738_613;
+/// σ of 600 Gaussians that cover as much as the paper's 20 of 15 px: N σ² is the same.
+pub(crate) const SMALL_SCALE_PX: f32 = 2.738_613;
 
-/// Steps before and after a round over which the slope of the loss is taken: half of what lies between two rounds.
+/// Steps before and after a round over which the slope of the loss is taken: half the distance of
+/// two rounds.
 const WINDOW: usize = 50;
 
 /// Steps at either end of a window whose losses are averaged.
 const END: usize = 10;
 
-/// The paper's fit; in its quick form it ends soon after its growth has.
-pub fn paper_settings(extent: Extent, seed: u32) -> FitSettings {
+/// The paper's fit. The quick form ends soon after growth has ended.
+pub(crate) fn paper_settings(extent: Extent, seed: u32) -> FitSettings {
     let paper = FitSettings::paper();
     FitSettings { seed, iterations: extent.choose(paper.iterations, 1000), ..paper }
 }
 
 /// Forced growth alone, in a round every 100 steps to the end.
-pub fn forced_growth_settings(extent: Extent, seed: u32) -> FitSettings {
+pub(crate) fn forced_growth_settings(extent: Extent, seed: u32) -> FitSettings {
     let paper = paper_settings(extent, seed);
     let policy = Policy::Grow(Grow::percentile(Signal::MeanGradient));
     FitSettings { policy, rounds: Rounds::until(100, paper.iterations - 1), ..paper }
 }
 
-/// No growth: `count` Gaussians of `scale_px` from the start.
-pub fn fixed_settings(extent: Extent, seed: u32, count: u32, scale_px: f32) -> FitSettings {
+/// A fit without growth: `count` Gaussians of `scale_px` from the start.
+pub(crate) fn fixed_settings(extent: Extent, seed: u32, count: u32, scale_px: f32) -> FitSettings {
     FitSettings {
         initial: InitialCount::Fixed(count),
         init: Init::Random(Random { scale_px, ..Random::default() }),
@@ -53,75 +55,77 @@ pub fn fixed_settings(extent: Extent, seed: u32, count: u32, scale_px: f32) -> F
     }
 }
 
-/// One way of getting to the end, over all seeds.
+/// A way of reaching the final scene, over all seeds.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Way {
-    /// What it does, in words.
-    pub label: String,
-    /// Gaussians at the end, one a seed.
-    pub counts: Vec<u32>,
-    /// PSNR at the end, dB, one a seed.
-    pub psnr: Vec<f64>,
-    /// Loss at the end, one a seed.
-    pub loss: Vec<f64>,
+pub(crate) struct Way {
+    /// Description.
+    pub(crate) label: String,
+    /// Final number of Gaussians, one value per seed.
+    pub(crate) counts: Vec<u32>,
+    /// Final PSNR, dB, one value per seed.
+    pub(crate) psnr: Vec<f64>,
+    /// Final loss, one value per seed.
+    pub(crate) loss: Vec<f64>,
 }
 
-/// A round of growth and what the loss did about it; slopes are those of ln loss, per 100 steps.
+/// A round of growth and its effect on the loss. Slopes are those of ln loss per 100 steps.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct GrowthRound {
-    /// Seed of the fit.
-    pub seed: u32,
-    /// The step after which it was.
-    pub step: u32,
-    /// Gaussians before and after.
-    pub count: (u32, u32),
+pub(crate) struct GrowthRound {
+    pub(crate) seed: u32,
+    /// The step after which it took place.
+    pub(crate) step: u32,
+    /// Number of Gaussians before and after.
+    pub(crate) count: (u32, u32),
     /// Slope in the 50 steps before.
-    pub slope_before: f64,
+    pub(crate) slope_before: f64,
     /// Slope in the 50 steps after.
-    pub slope_after: f64,
-    /// ln of the loss right after the round over that right before it: what the edit itself does to the picture.
-    pub jump: f64,
-    /// ln of the loss just before the next round over that just before this one: what the round has come to in the end.
-    pub net: f64,
-    /// Slope after less slope before, at the same step of the fit of the same seed that does not grow.
-    pub control_change: f64,
-    /// `net` of that fit.
-    pub control_net: f64,
+    pub(crate) slope_after: f64,
+    /// ln of the loss right after the round divided by that right before: the effect of the edit
+    /// itself.
+    pub(crate) jump: f64,
+    /// ln of the loss before the next round divided by that before this one: the net effect of the
+    /// round.
+    pub(crate) net: f64,
+    /// Change of the slope at the same step in the fit of the same seed without growth.
+    pub(crate) control_change: f64,
+    /// Net effect in that fit.
+    pub(crate) control_net: f64,
 }
 
-/// What came out.
+/// The results of the experiment.
 #[derive(Debug, Clone, PartialEq)]
-pub struct SetUpMeasured {
+pub(crate) struct SetUpMeasured {
     /// The paper's growth.
-    pub grown: Way,
+    pub(crate) grown: Way,
     /// Forced growth alone.
-    pub forced: Way,
-    /// 20 Gaussians that stay 20.
-    pub twenty: Way,
-    /// 600 from the start, which together cover as much as the 20 do.
-    pub many_small: Way,
-    /// 600 from the start, each as large as the 20.
-    pub many_large: Way,
-    /// Steps until the paper's growth has made 600, one a seed; the number of steps where it did not.
-    pub steps_to_budget: Vec<u32>,
-    /// The rounds in which something grew, of the paper's growth and of forced growth alone.
-    pub rounds: Vec<GrowthRound>,
-    /// The change of slope at these rounds, per 100 steps: a seed's mean is one of the differences.
-    pub change: Paired,
-    /// What a round has come to after 100 steps, ln of the loss, less that of the fit without growth: a seed's mean is one of them.
-    pub net_beyond_control: Paired,
-    /// PSNR of the better of the two ways that start with 600, less that of growth from the same seed, dB.
-    pub start_against_growth: Paired,
+    pub(crate) forced: Way,
+    /// 20 Gaussians without growth.
+    pub(crate) twenty: Way,
+    /// 600 Gaussians from the start, which cover as much as the 20.
+    pub(crate) many_small: Way,
+    /// 600 Gaussians from the start, each as large as the 20.
+    pub(crate) many_large: Way,
+    /// Steps until the paper's growth reaches 600, one value per seed; the number of all steps
+    /// where it does not.
+    pub(crate) steps_to_budget: Vec<u32>,
+    /// Rounds in which the count grew, with the paper's growth and with forced growth alone.
+    pub(crate) rounds: Vec<GrowthRound>,
+    /// Change of the slope at these rounds, per 100 steps, averaged by seed.
+    pub(crate) change: Paired,
+    /// Net effect of a round, ln loss, less that in the fit without growth, averaged by seed.
+    pub(crate) net_beyond_control: Paired,
+    /// PSNR of the better fit that starts with 600 less that of growth from the same seed, dB.
+    pub(crate) start_against_growth: Paired,
     extent: Extent,
     curves: [Vec<Series>; 2],
     pictures: Vec<Picture>,
 }
 
-/// Grows the paper's fit, and fits as long without growth.
+/// Fits with the paper's growth, and equally long fits without growth.
 ///
 /// # Errors
 /// Those of the fits.
-pub fn measure<R: Optimizer<Scene2d>>(laboratory: &mut Laboratory<'_, R>) -> Result<SetUpMeasured, Error> {
+pub(crate) fn measure<R: Optimizer<Scene2d>>(laboratory: &mut Laboratory<'_, R>) -> Result<SetUpMeasured, Error> {
     let extent = laboratory.extent();
     let target = paper_target();
     let mut runs = |what: &str, seeds: u32, settings: &dyn Fn(u32) -> FitSettings| {
@@ -179,7 +183,7 @@ impl Way {
     }
 
     /// Mean PSNR over the seeds, dB.
-    pub fn mean_psnr(&self) -> f64 {
+    pub(crate) fn mean_psnr(&self) -> f64 {
         mean(self.psnr.iter().copied())
     }
 
@@ -193,7 +197,7 @@ impl Way {
     }
 }
 
-/// The rounds of a run in which something grew, with a whole window on either side.
+/// The rounds in which the count grew, with a whole window on either side.
 fn growth_rounds(seed: u32, run: &Run, control: &Run) -> Vec<GrowthRound> {
     let last = run.counts.len().saturating_sub(2 * WINDOW) + 1;
     (WINDOW..last)
@@ -216,13 +220,13 @@ fn growth_rounds(seed: u32, run: &Run, control: &Run) -> Vec<GrowthRound> {
         .collect()
 }
 
-/// A value of the rounds, averaged over those of each seed; a seed without a round has none.
+/// A number of the rounds, averaged for each seed that has rounds.
 fn by_seed(rounds: &[GrowthRound], seeds: u32, value: impl Fn(&GrowthRound) -> f64) -> Paired {
     let of_seed = |seed| mean(rounds.iter().filter(|round| round.seed == seed).map(&value));
     Paired::of(&(0..seeds).map(of_seed).filter(|mean| !mean.is_nan()).collect::<Vec<_>>())
 }
 
-/// ln of the loss 100 steps after `step` over that at `step`, before the round.
+/// ln of the loss 100 steps after `step` divided by that before the round at `step`.
 fn net(losses: &[f32], step: usize) -> f64 {
     level(losses, step + 2 * WINDOW - END) - level(losses, step - END)
 }
@@ -232,15 +236,15 @@ fn level(losses: &[f32], from: usize) -> f64 {
     mean(losses[from..from + END].iter().map(|&loss| f64::from(loss))).ln()
 }
 
-/// Slopes of ln loss in the windows before and after `step` steps, per 100 steps. `losses[i]` is the loss before step i + 1, so that
-/// of the edited scene comes first in the second window.
+/// Slopes of ln loss in the windows before and after `step`, per 100 steps. `losses[i]` is the loss
+/// before step i + 1, so the second window starts with the loss of the edited scene.
 fn slopes(losses: &[f32], step: usize) -> (f64, f64) {
     let slope =
         |from: usize| (level(losses, from + WINDOW - END) - level(losses, from)) * 100.0 / (WINDOW - END) as f64;
     (slope(step - WINDOW), slope(step))
 }
 
-/// The start and the result, plain and with ellipses (Figs. 6 and 7), and what 20 come to.
+/// The start and the result, plain and with ellipses (Figs. 6 and 7), and the fit of 20 Gaussians.
 fn pictures<R: Optimizer<Scene2d>>(
     laboratory: &Laboratory<'_, R>,
     grown: &Run,
@@ -301,7 +305,7 @@ mod tests {
 
     #[test]
     fn slopes_are_those_of_either_side() {
-        // e-fold every 200 steps before step 100, every 50 after.
+        // Falls by a factor of e every 200 steps before step 100, every 50 after.
         let loss = |step: usize| match step {
             s if s < 100 => (-(s as f32) / 200.0).exp(),
             s => 0.9 * (-((s - 100) as f32) / 50.0).exp(),

@@ -1,34 +1,36 @@
-//! The paper's solver as its formulas are written down, in `f32` and without this project's guards: the patient of
-//! [`super::instability`], and no part of the product.
+//! A solver that follows the paper's formulas literally, in `f32` and without this project's
+//! guards. It exists for [`super::instability`] only.
 //!
-//! Σ = R S Sᵀ Rᵀ is multiplied out (paper eq. 7), inverted by its determinant a·c − b², and blended front to back (eq. 2); Adam moves
-//! the scales themselves, not their logarithms (§3.2: "a 2D scaling vector"). Each of these is a way to lose digits that gs-cpu does not
-//! go. Dense, one pixel after the other; for small images.
+//! Σ = R S Sᵀ Rᵀ is multiplied out (paper eq. 7), inverted by its determinant a·c − b², and blended
+//! front to back (eq. 2); Adam moves the scales themselves, not their logarithms (§3.2: "a 2D
+//! scaling vector"). Each of these loses digits, which gs-cpu avoids. It is dense and visits pixel
+//! after pixel, for small images.
 
 use gs_core::{Gaussian2d, Image, Scene2d, scene::sigmoid};
 
-/// What keeps a scale from harm.
+/// Guards against vanishing scales.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Guards {
-    /// No scale is smaller after a step, px; nothing where there is no clamp.
+    /// Minimum scale after a step, px; `None` without a clamp.
     pub(crate) min_scale_px: Option<f32>,
     /// Added to the determinant of Σ, px⁴.
     pub(crate) epsilon_px4: f32,
 }
 
 impl Guards {
-    /// None.
+    /// No guards.
     pub(crate) const OFF: Self = Self { min_scale_px: None, epsilon_px4: 0.0 };
     /// An ε on the determinant, no clamp.
     pub(crate) const EPSILON: Self = Self { min_scale_px: None, epsilon_px4: 1e-6 };
-    /// Those of the paper (§3.4.2); how large its ε is it does not say.
+    /// The paper's guards (§3.4.2). The paper does not state its ε.
     pub(crate) const PAPER: Self = Self { min_scale_px: Some(1.0), epsilon_px4: 1e-6 };
 }
 
-/// Step sizes of Adam, those of [`Adam::default`](gs_core::Adam); the scales', which here are px and no logarithms, are a setting.
+/// Step sizes of Adam, those of [`Adam::default`](gs_core::Adam). The one for scales, which here
+/// are in px and not logarithms, is a setting.
 const RATES: [f32; PARAMETERS] = [0.2, 0.2, 0.0, 0.0, 0.02, 0.05, 0.01, 0.01, 0.01];
 
-/// Mean x, y; scale 1, 2; rotation; opacity logit; colour.
+/// Parameters of a Gaussian: mean x, y; scale 1, 2; rotation; opacity logit; colour.
 const PARAMETERS: usize = 9;
 const S1: usize = 2;
 const S2: usize = 3;
@@ -38,7 +40,7 @@ const COLOR: usize = 6;
 
 type Parameters = [f32; PARAMETERS];
 
-/// A fit by the textbook.
+/// A fit by this solver.
 #[derive(Debug, Clone)]
 pub(crate) struct Textbook {
     gaussians: Vec<Parameters>,
@@ -50,7 +52,7 @@ pub(crate) struct Textbook {
     background: [f32; 3],
 }
 
-/// What one step came to.
+/// The result of a step.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Step {
     /// Mean |C − Y| before the step.
@@ -76,7 +78,7 @@ pub(crate) fn covariance(s1: f32, s2: f32, angle: f32) -> [f32; 3] {
 }
 
 impl Textbook {
-    /// Begins with a scene; `scale_rate_px` is Adam's step for the scales.
+    /// Starts with a scene; `scale_rate_px` is Adam's step size for scales.
     pub(crate) fn new(scene: &Scene2d, background: [f32; 3], guards: Guards, scale_rate_px: f32) -> Self {
         let mut rates = RATES;
         rates[S1..=S2].fill(scale_rate_px);
@@ -85,13 +87,13 @@ impl Textbook {
         Self { first: zeros.clone(), second: zeros, gaussians, step: 0, guards, rates, background }
     }
 
-    /// The same with its scales clamped as after a step.
+    /// Clamps the scales as after a step.
     pub(crate) fn clamped(mut self) -> Self {
         self.clamp();
         self
     }
 
-    /// The picture as it is now.
+    /// Renders the present scene.
     pub(crate) fn render(&self, width: u32, height: u32) -> Result<Image, gs_core::Error> {
         let conics = self.conics();
         let mut layers = vec![Layer::default(); self.gaussians.len()];
@@ -112,7 +114,7 @@ impl Textbook {
             let v_color = [0, 1, 2].map(|k| {
                 let difference = color[k] - wanted[k];
                 loss += difference.abs() * per_value;
-                // The sign, NaN included.
+                // The sign; NaN stays NaN.
                 if difference == 0.0 { 0.0 } else { difference / difference.abs() * per_value }
             });
             self.pixel_bwd(v_color, &layers, &mut gradients);
@@ -123,7 +125,7 @@ impl Textbook {
         Step { loss, smallest_scale_px, has_finite_gradients }
     }
 
-    /// The smallest |scale| as it is now, px.
+    /// The smallest |scale| of the present scene, px.
     pub(crate) fn smallest_scale_px(&self) -> f32 {
         self.gaussians.iter().flat_map(|g| [g[S1].abs(), g[S2].abs()]).fold(f32::INFINITY, f32::min)
     }
@@ -133,7 +135,7 @@ impl Textbook {
         self.gaussians.iter().map(conic).collect()
     }
 
-    /// The colour of the pixel centred at `p`, and what each Gaussian did there.
+    /// The colour of the pixel centred at `p`, and each Gaussian's contribution.
     fn pixel(&self, conics: &[[f32; 3]], p: [f32; 2], layers: &mut [Layer]) -> [f32; 3] {
         let (mut color, mut transmittance) = ([0.0f32; 3], 1.0f32);
         for ((g, [a, b, c]), layer) in self.gaussians.iter().zip(conics).zip(layers) {
@@ -153,7 +155,8 @@ impl Textbook {
         color
     }
 
-    /// Adds one pixel's part of the gradients, from the last Gaussian to the first: no division by 1 − α is needed.
+    /// Adds the gradients of a pixel, from the last Gaussian to the first, which needs no division
+    /// by 1 − α.
     fn pixel_bwd(&self, v_color: [f32; 3], layers: &[Layer], gradients: &mut [Parameters]) {
         let mut behind = self.background;
         for ((g, layer), v) in self.gaussians.iter().zip(layers).zip(gradients).rev() {
@@ -202,13 +205,13 @@ impl Textbook {
     }
 }
 
-/// What a Gaussian did at a pixel.
+/// The contribution of a Gaussian at a pixel.
 #[derive(Debug, Clone, Copy, Default)]
 struct Layer {
     /// Σ⁻¹ d, px⁻¹.
     q: [f32; 2],
     alpha: f32,
-    /// Before it.
+    /// The transmittance before it.
     transmittance: f32,
 }
 
@@ -224,7 +227,7 @@ mod tests {
 
     use super::*;
 
-    /// Two Gaussians whose every parameter matters.
+    /// Two Gaussians for which every parameter matters.
     fn scene() -> Scene2d {
         let gaussian = |x: f32, rotation: f32, color: Vec3| Gaussian2d {
             mean: Vec2::new(x, 5.3),
@@ -246,7 +249,7 @@ mod tests {
             let image = fit.render(11, 10).unwrap();
             gs_core::metrics::mean_absolute_error(&image, &target).unwrap()
         };
-        // With both betas at their first step, Adam's first moment is 0.1 of the gradient.
+        // After the first step, Adam's first moment is 0.1 of the gradient.
         let mut stepped = textbook.clone();
         stepped.step(&target);
         for i in 0..2 {

@@ -1,50 +1,11 @@
-//! Axes of a figure: the span of the values, round ticks and short labels.
+//! Axes of a figure: range, ticks and labels.
 
 use std::ops::Range;
 
-use plotters::{
-    coord::{
-        ranged1d::{DefaultFormatting, KeyPointHint},
-        types::RangedCoordf64,
-    },
-    prelude::Ranged,
-};
-
 use crate::figure::Scale;
 
-/// A linear axis with its ticks where they are wanted. Logarithmic axes are linear ones of logarithms.
-#[derive(Debug, Clone)]
-pub(crate) struct Ticked {
-    range: Range<f64>,
-    ticks: Vec<f64>,
-}
-
-impl Ticked {
-    /// An axis over this range.
-    pub(crate) fn new(range: Range<f64>, ticks: Vec<f64>) -> Self {
-        Self { range, ticks }
-    }
-}
-
-impl Ranged for Ticked {
-    type FormatOption = DefaultFormatting;
-    type ValueType = f64;
-
-    fn map(&self, value: &f64, limit: (i32, i32)) -> i32 {
-        RangedCoordf64::from(self.range.clone()).map(value, limit)
-    }
-
-    fn key_points<Hint: KeyPointHint>(&self, hint: Hint) -> Vec<f64> {
-        if hint.weight().allow_light_points() { Vec::new() } else { self.ticks.clone() }
-    }
-
-    fn range(&self) -> Range<f64> {
-        self.range.clone()
-    }
-}
-
 impl Scale {
-    /// Where a value stands on the axis; nothing where it stands nowhere.
+    /// Position of a value on the axis; `None` where it has none.
     pub(super) fn place(self, value: f64) -> Option<f64> {
         match self {
             Self::Linear => Some(value),
@@ -53,8 +14,9 @@ impl Scale {
         .filter(|place| place.is_finite())
     }
 
-    /// Round values in a range of places: a logarithmic axis has the decimal logarithms of round values.
-    pub(crate) fn ticks(self, range: &Range<f64>) -> Vec<f64> {
+    /// Ticks in a range of positions. A logarithmic axis has the decimal logarithms of round
+    /// values.
+    pub(super) fn ticks(self, range: &Range<f64>) -> Vec<f64> {
         match self {
             Self::Linear => ticks(range, 7),
             Self::Logarithmic => {
@@ -66,7 +28,7 @@ impl Scale {
                 } else {
                     &[1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0]
                 };
-                // Of very many decades every second, third, ….
+                // With very many decades, only every second, third, … has a tick.
                 let stride = (decades / 8.0).ceil().max(1.0) as usize;
                 let first = range.start.floor() as i32;
                 let each = (first..=range.end.ceil() as i32).step_by(stride);
@@ -84,7 +46,7 @@ impl Scale {
     }
 }
 
-/// The span of the values with some room around them; never empty.
+/// The range of the values with a margin; never empty.
 pub(super) fn range(values: impl Iterator<Item = f64>, room: f64) -> Range<f64> {
     let (low, high) = values.filter(|v| v.is_finite()).fold((f64::MAX, f64::MIN), |(l, h), v| (l.min(v), h.max(v)));
     if low > high {
@@ -107,7 +69,7 @@ fn step(range: &Range<f64>, count: usize) -> f64 {
     [1.0, 2.0, 5.0, 10.0].map(|s| s * decade).into_iter().find(|&s| s >= rough).unwrap_or(decade)
 }
 
-/// Digits behind the point that tell ticks apart.
+/// Decimals that distinguish the ticks.
 pub(super) fn digits(ticks: &[f64]) -> usize {
     let step = ticks.windows(2).map(|pair| pair[1] - pair[0]).fold(f64::INFINITY, f64::min);
     if step.is_finite() { (-(step * 1.001).log10().floor()).clamp(0.0, 9.0) as usize } else { 1 }
@@ -118,11 +80,12 @@ pub(super) fn label(value: f64, digits: usize) -> String {
         return with_exponent(value);
     }
     let text = grouped(&format!("{value:.digits$}"));
-    // -0 is 0.
+    // Writes -0 as 0.
     if text.trim_start_matches('-').chars().all(|c| c == '0' || c == '.') { text.replace('-', "") } else { text }
 }
 
-/// A number as people write it, to three digits: "0", "0.002", "9,000", and beyond "10⁻⁵" and "2.5·10⁹".
+/// A number with three significant digits as text: "0", "0.002", "9,000"; beyond that "10⁻⁵" and
+/// "2.5·10⁹".
 pub fn human(value: f64) -> String {
     let size = value.abs();
     if size != 0.0 && !(0.9999e-4..0.9999e7).contains(&size) {
@@ -141,7 +104,7 @@ fn with_exponent(value: f64) -> String {
         '1' => '¹',
         '2' => '²',
         '3' => '³',
-        // The others stand in a row.
+        // The code points of 4 to 9 are contiguous.
         _ => digit.to_digit(10).and_then(|n| char::from_u32('⁰' as u32 + n)).unwrap_or(digit),
     };
     let power: String = exponent.chars().map(raised).collect();
@@ -152,7 +115,7 @@ fn with_exponent(value: f64) -> String {
     }
 }
 
-/// A number's text with a comma before each three digits in front of its point.
+/// Inserts a comma before each group of three digits in front of the decimal point.
 pub(crate) fn grouped(text: &str) -> String {
     let (whole, rest) = text.find('.').map_or((text, ""), |point| text.split_at(point));
     let (sign, digits) = whole.strip_prefix('-').map_or(("", whole), |digits| ("-", digits));

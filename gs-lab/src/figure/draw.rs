@@ -1,30 +1,27 @@
-//! The drawing of a figure: lines with bands or intervals, in their axes, under a title and a legend.
+//! Draws a figure: lines with bands, or intervals, with axes, title and legend.
 
 use std::ops::Range;
 
 use plotters::{
-    coord::Shift,
     prelude::*,
-    style::text_anchor::{HPos, Pos, VPos},
+    style::text_anchor::{HPos, VPos},
 };
 
 use crate::figure::{
-    Bar, COLORS, Dots, FONT, Figure, GRID, INK, Paper, Series, WIDTH,
-    axis::{Ticked, digits, label, range, ticks},
+    Axis, Bar, COLORS, Dots, Figure, GRID, INK, Paper, Series, WIDTH,
+    axis::{digits, label, range, ticks},
     color,
+    surface::{Place, Surface},
 };
 
-/// Sizes of letters, in the unit of the drawing library: a quarter more than px.
+/// Font sizes, in the unit of the drawing library: 1.24 times the size in px.
 const TITLE: u32 = 19;
 const MEDIUM: u32 = 17;
 const SMALL: u32 = 16;
-/// Width of a letter, as a part of the font's size.
+/// Width of a letter, as a share of the font size.
 const LETTER: f64 = 0.5;
 
-type Parameterization<'a, DB> = ChartContext<'a, DB, Cartesian2d<Ticked, Ticked>>;
-type Drawn<DB> = Result<(), DrawingAreaErrorKind<<DB as DrawingBackend>::ErrorType>>;
-
-/// A point where the axes have it.
+/// A point in the coordinates of the axes.
 #[derive(Clone, Copy)]
 struct Placed {
     x: f64,
@@ -33,49 +30,197 @@ struct Placed {
     high: f64,
 }
 
-impl Figure {
-    pub(super) fn draw_lines<DB: DrawingBackend>(
-        &self,
-        area: &DrawingArea<DB, Shift>,
-        paper: Paper,
-        zoom: u32,
-        series: &[Series],
-    ) -> Drawn<DB> {
-        let top = self.head(area, paper, zoom, series)?;
-        let placed: Vec<Vec<Placed>> = series.iter().map(|series| self.placed(series)).collect();
+/// A figure while it is being drawn.
+pub(super) struct Drawing<'a> {
+    pub(super) surface: Surface<'a>,
+    /// Width and height, px.
+    pub(super) size: (u32, u32),
+    pub(super) paper: Paper,
+    /// All lengths are multiplied by this.
+    pub(super) zoom: u32,
+}
+
+/// The area between the axes.
+struct Plot {
+    /// Left and right edge, px.
+    columns: (i32, i32),
+    /// Bottom and top edge, px.
+    rows: (i32, i32),
+    xs: Range<f64>,
+    ys: Range<f64>,
+}
+
+/// The ticks of an axis with their labels.
+type Ticks = Vec<(f64, String)>;
+
+impl Plot {
+    /// The pixel of a point.
+    fn at(&self, x: f64, y: f64) -> Place {
+        let map = |value: f64, range: &Range<f64>, (from, to): (i32, i32)| {
+            let share = (value - range.start) / (range.end - range.start);
+            from + (share * f64::from(to - from)).round() as i32
+        };
+        (map(x, &self.xs, self.columns), map(y, &self.ys, self.rows))
+    }
+}
+
+impl Drawing<'_> {
+    pub(super) fn lines(&mut self, figure: &Figure, series: &[Series]) -> Result<(), String> {
+        let top = self.head(&figure.title, series)?;
+        let placed: Vec<Vec<Placed>> = series.iter().map(|series| figure.placed(series)).collect();
         let points = || placed.iter().flatten();
         let xs = range(points().map(|point| point.x), 0.02);
         let ys = range(points().flat_map(|point| [point.low, point.high]), 0.05);
-        let (x_ticks, y_ticks) = (self.x.scale.ticks(&xs), self.y.scale.ticks(&ys));
-        let (x_digits, y_digits) = (digits(&x_ticks), digits(&y_ticks));
-        let mut chart = self.chart(area, zoom, top, 62, (xs, x_ticks), (ys, y_ticks))?;
-        let (x, y) = (self.x.scale, self.y.scale);
-        self.axes(&mut chart, zoom, &|place| x.label(*place, x_digits), &|place| y.label(*place, y_digits))?;
+        let labelled = |axis: &Axis, range: &Range<f64>| -> Ticks {
+            let ticks = axis.scale.ticks(range);
+            let digits = digits(&ticks);
+            ticks.into_iter().map(|place| (place, axis.scale.label(place, digits))).collect()
+        };
+        let (x_ticks, y_ticks) = (labelled(&figure.x, &xs), labelled(&figure.y, &ys));
+        let plot = self.plot(top, 62, xs, ys);
+        self.axes(figure, &plot, &x_ticks, &y_ticks)?;
+        let zoom = self.zoom;
         for (Series { style, dots, .. }, points) in series.iter().zip(&placed).filter(|(_, points)| !points.is_empty())
         {
             if points.iter().any(|point| point.low < point.high) {
-                let there = points.iter().map(|point| (point.x, point.low));
-                let back = points.iter().rev().map(|point| (point.x, point.high));
-                chart.draw_series([Polygon::new(there.chain(back).collect::<Vec<_>>(), color(*style).mix(0.18))])?;
+                let there = points.iter().map(|point| plot.at(point.x, point.low));
+                let back = points.iter().rev().map(|point| plot.at(point.x, point.high));
+                self.surface.polygon(&there.chain(back).collect::<Vec<_>>(), color(*style).mix(0.18))?;
             }
-            let line: Vec<(f64, f64)> = points.iter().map(|point| (point.x, point.y)).collect();
-            let pen = color(*style).stroke_width(2 * zoom);
+            let line: Vec<Place> = points.iter().map(|point| plot.at(point.x, point.y)).collect();
             match is_dashed(*style) {
-                _ if *dots == Dots::Alone => chart.draw_series(Vec::<PathElement<(f64, f64)>>::new())?,
-                true => chart.draw_series(DashedLineSeries::new(line.clone(), 6 * zoom, 4 * zoom, pen))?,
-                // Segment by segment: where a noisy line is drawn in one piece, its pointed corners shoot far beyond it.
-                false => chart.draw_series(line.windows(2).map(|ends| PathElement::new(ends.to_vec(), pen)))?,
-            };
+                _ if *dots == Dots::Alone => {}
+                true => {
+                    for dash in dashes(&line, f64::from(6 * zoom), f64::from(4 * zoom)) {
+                        self.surface.line(&dash, color(*style), 2 * zoom)?;
+                    }
+                }
+                false => self.surface.line(&line, color(*style), 2 * zoom)?,
+            }
             let marked = if *dots == Dots::Last { &line[line.len() - 1..] } else { &line[..] };
-            for &place in marked {
-                let pixel = chart.backend_coord(&place);
-                mark(area, *style, pixel, 4 * zoom as i32)?;
+            marked.iter().try_for_each(|&place| self.mark(*style, place, 4))?;
+        }
+        Ok(())
+    }
+
+    pub(super) fn intervals(&mut self, figure: &Figure, bars: &[Bar]) -> Result<(), String> {
+        let top = self.head(&figure.title, &[])?;
+        let xs = range(bars.iter().flat_map(|bar| [bar.interval.low, bar.interval.high]).chain([0.0]), 0.05);
+        let rows = bars.len().max(1) as f64;
+        let longest = bars.iter().map(|bar| bar.label.chars().count()).max().unwrap_or(0);
+        let labels = (longest as f64 * LETTER * f64::from(SMALL)) as u32 + 12;
+        let x_ticks = ticks(&xs, 8);
+        let x_digits = digits(&x_ticks);
+        let x_ticks: Ticks = x_ticks.into_iter().map(|x| (x, label(x, x_digits))).collect();
+        let middle = |row: usize| row as f64 + 0.5;
+        let y_ticks: Ticks = bars.iter().enumerate().map(|(row, bar)| (middle(row), bar.label.clone())).collect();
+        let plot = self.plot(top, labels, xs, rows..0.0);
+        self.axes(figure, &plot, &x_ticks, &y_ticks)?;
+        let zoom = self.zoom;
+        self.surface.line(&[plot.at(0.0, 0.0), plot.at(0.0, rows)], INK, zoom)?;
+        for (row, bar) in bars.iter().enumerate() {
+            let (y, ink) = (middle(row), color(bar.style));
+            self.surface.line(&[plot.at(bar.interval.low, y), plot.at(bar.interval.high, y)], ink, 2 * zoom)?;
+            match bar.is_judged {
+                true => self.mark(bar.style, plot.at(bar.mean, y), 5)?,
+                false => self.surface.circle(plot.at(bar.mean, y), 5 * zoom, ink, 2 * zoom)?,
             }
         }
         Ok(())
     }
 
-    /// The points that the axes can show. A band that they cannot is as narrow as the line.
+    fn px(&self, length: u32) -> i32 {
+        (length * self.zoom) as i32
+    }
+
+    fn text(&mut self, text: &str, place: Place, size: u32, anchor: (HPos, VPos)) -> Result<(), String> {
+        self.surface.text(text, place, f64::from(size * self.zoom), anchor)
+    }
+
+    /// Draws title and legend; returns their height, px before zooming. In a page the caption is
+    /// the title.
+    fn head(&mut self, title: &str, series: &[Series]) -> Result<u32, String> {
+        let (width, height) = (self.size.0 as i32, self.size.1 as i32);
+        if self.paper == Paper::White {
+            self.surface.polygon(&[(0, 0), (width, 0), (width, height), (0, height)], WHITE.to_rgba())?;
+        }
+        let z = self.zoom as i32;
+        let middle = (HPos::Left, VPos::Center);
+        let untitled = title.is_empty() || self.paper == Paper::Clear;
+        if !untitled {
+            self.text(title, (14 * z, 18 * z), TITLE, middle)?;
+        }
+        let (mut x, mut y) = (14, if untitled { 18 } else { 42 });
+        for Series { style, name, dots, .. } in series {
+            let width = 36 + (name.chars().count() as f64 * LETTER * f64::from(SMALL)) as i32;
+            if x + width > WIDTH as i32 - 10 && x > 14 {
+                (x, y) = (14, y + 20);
+            }
+            // Dashed or invisible, like the line itself.
+            let pieces: &[(i32, i32)] = match dots {
+                Dots::Alone => &[],
+                _ if is_dashed(*style) => &[(0, 6), (10, 14), (18, 24)],
+                _ => &[(0, 24)],
+            };
+            for (from, to) in pieces {
+                let ends = [((x + from) * z, y * z), ((x + to) * z, y * z)];
+                self.surface.line(&ends, color(*style), 2 * self.zoom)?;
+            }
+            self.mark(*style, ((x + 12) * z, y * z), 4)?;
+            self.text(name, ((x + 29) * z, y * z), SMALL, middle)?;
+            x += width + 12;
+        }
+        Ok(if series.is_empty() { 34 } else { y as u32 + 14 })
+    }
+
+    /// The area below the head with room for labels of `left` px.
+    fn plot(&self, top: u32, left: u32, xs: Range<f64>, ys: Range<f64>) -> Plot {
+        let (width, height) = (self.size.0 as i32, self.size.1 as i32);
+        Plot { columns: (self.px(left + 10), width - self.px(18)), rows: (height - self.px(52), self.px(top)), xs, ys }
+    }
+
+    /// Grid, axes, and their labels.
+    fn axes(&mut self, figure: &Figure, plot: &Plot, x_ticks: &Ticks, y_ticks: &Ticks) -> Result<(), String> {
+        let (zoom, tick) = (self.zoom, self.px(5));
+        let ((left, right), (bottom, top)) = (plot.columns, plot.rows);
+        for (x, label) in x_ticks {
+            let (x, _) = plot.at(*x, plot.ys.start);
+            self.surface.line(&[(x, bottom), (x, top)], GRID, zoom)?;
+            self.surface.line(&[(x, bottom), (x, bottom + tick)], INK, zoom)?;
+            self.text(label, (x, bottom + 2 * tick), SMALL, (HPos::Center, VPos::Top))?;
+        }
+        for (y, label) in y_ticks {
+            let (_, y) = plot.at(plot.xs.start, *y);
+            self.surface.line(&[(left, y), (right, y)], GRID, zoom)?;
+            self.surface.line(&[(left - tick, y), (left, y)], INK, zoom)?;
+            self.text(label, (left - 2 * tick, y), SMALL, (HPos::Right, VPos::Center))?;
+        }
+        self.surface.line(&[(left, top), (left, bottom), (right, bottom)], INK, zoom)?;
+        let below = (i32::midpoint(left, right), self.size.1 as i32 - self.px(6));
+        self.text(&figure.x.label, below, MEDIUM, (HPos::Center, VPos::Bottom))?;
+        if figure.y.label.is_empty() {
+            return Ok(());
+        }
+        let beside = (self.px(6), i32::midpoint(bottom, top));
+        self.surface.upward_text(&figure.y.label, beside, f64::from(MEDIUM * zoom))
+    }
+
+    /// Draws the marker of a style, one of four shapes, of radius `r` px before zooming.
+    fn mark(&mut self, style: usize, (x, y): Place, r: u32) -> Result<(), String> {
+        let (fill, radius, r) = (color(style), r * self.zoom, self.px(r));
+        let corners: &[Place] = match style % 4 {
+            0 => return self.surface.disc((x, y), radius, fill),
+            1 => &[(x - r, y - r), (x + r, y - r), (x + r, y + r), (x - r, y + r)],
+            2 => &[(x - r - 1, y + r), (x + r + 1, y + r), (x, y - r - 1)],
+            _ => &[(x - r - 1, y), (x, y - r - 1), (x + r + 1, y), (x, y + r + 1)],
+        };
+        self.surface.polygon(corners, fill.to_rgba())
+    }
+}
+
+impl Figure {
+    /// The points that the axes can show. Where they cannot show a band's edge, the line takes its
+    /// place.
     fn placed(&self, series: &Series) -> Vec<Placed> {
         let place = |point: &crate::figure::Point| {
             let (x, y) = (self.x.scale.place(point.x)?, self.y.scale.place(point.y)?);
@@ -84,133 +229,54 @@ impl Figure {
         };
         series.points.iter().filter_map(place).collect()
     }
-
-    pub(super) fn intervals<DB: DrawingBackend>(
-        &self,
-        area: &DrawingArea<DB, Shift>,
-        paper: Paper,
-        zoom: u32,
-        bars: &[Bar],
-    ) -> Drawn<DB> {
-        let top = self.head(area, paper, zoom, &[])?;
-        let xs = range(bars.iter().flat_map(|bar| [bar.interval.low, bar.interval.high]).chain([0.0]), 0.05);
-        let rows = bars.len().max(1) as f64;
-        let centers: Vec<f64> = (0..bars.len()).map(|row| row as f64 + 0.5).collect();
-        let longest = bars.iter().map(|bar| bar.label.chars().count()).max().unwrap_or(0);
-        let labels = (longest as f64 * LETTER * f64::from(SMALL)) as u32 + 12;
-        let mut chart = self.chart(area, zoom, top, labels, (xs.clone(), ticks(&xs, 8)), (rows..0.0, centers))?;
-        let x_digits = digits(&ticks(&xs, 8));
-        let name = |y: &f64| bars.get(*y as usize).map_or_else(String::new, |bar| bar.label.clone());
-        self.axes(&mut chart, zoom, &|x| label(*x, x_digits), &name)?;
-        chart.draw_series([PathElement::new(vec![(0.0, 0.0), (0.0, rows)], INK.stroke_width(zoom))])?;
-        for (bar, y) in bars.iter().zip((0..).map(|row| f64::from(row) + 0.5)) {
-            let ink = color(bar.style);
-            let ends = [(bar.interval.low, y), (bar.interval.high, y)];
-            chart.draw_series([PathElement::new(ends.to_vec(), ink.stroke_width(2 * zoom))])?;
-            let pixel = chart.backend_coord(&(bar.mean, y));
-            match bar.is_judged {
-                true => mark(area, bar.style, pixel, 5 * zoom as i32)?,
-                false => area.draw(&Circle::new(pixel, 5 * zoom, ink.stroke_width(2 * zoom)))?,
-            }
-        }
-        Ok(())
-    }
-
-    /// Title, where no page has it, and legend; returns how high they are, px before zooming.
-    fn head<DB: DrawingBackend>(
-        &self,
-        area: &DrawingArea<DB, Shift>,
-        paper: Paper,
-        zoom: u32,
-        series: &[Series],
-    ) -> Result<u32, DrawingAreaErrorKind<DB::ErrorType>> {
-        if paper == Paper::White {
-            area.fill(&WHITE)?;
-        }
-        let z = zoom as i32;
-        let middle = Pos::new(HPos::Left, VPos::Center);
-        let text = |size: u32| (FONT, f64::from(size * zoom)).into_font().color(&INK).pos(middle);
-        let untitled = self.title.is_empty() || paper == Paper::Clear;
-        if !untitled {
-            area.draw(&Text::new(self.title.clone(), (14 * z, 18 * z), text(TITLE)))?;
-        }
-        let (mut x, mut y) = (14, if untitled { 18 } else { 42 });
-        for Series { style, name, dots, .. } in series {
-            let width = 36 + (name.chars().count() as f64 * LETTER * f64::from(SMALL)) as i32;
-            if x + width > WIDTH as i32 - 10 && x > 14 {
-                (x, y) = (14, y + 20);
-            }
-            let pen = color(*style).stroke_width(2 * zoom);
-            // As the line is drawn: dashed, or not at all.
-            let pieces: &[(i32, i32)] = match dots {
-                Dots::Alone => &[],
-                _ if is_dashed(*style) => &[(0, 6), (10, 14), (18, 24)],
-                _ => &[(0, 24)],
-            };
-            for (from, to) in pieces {
-                area.draw(&PathElement::new(vec![((x + from) * z, y * z), ((x + to) * z, y * z)], pen))?;
-            }
-            mark(area, *style, ((x + 12) * z, y * z), 4 * z)?;
-            area.draw(&Text::new(name.clone(), ((x + 29) * z, y * z), text(SMALL)))?;
-            x += width + 12;
-        }
-        Ok(if series.is_empty() { 34 } else { y as u32 + 14 })
-    }
-
-    fn chart<'a, DB: DrawingBackend>(
-        &self,
-        area: &'a DrawingArea<DB, Shift>,
-        zoom: u32,
-        top: u32,
-        left: u32,
-        (xs, x_ticks): (Range<f64>, Vec<f64>),
-        (ys, y_ticks): (Range<f64>, Vec<f64>),
-    ) -> Result<Parameterization<'a, DB>, DrawingAreaErrorKind<DB::ErrorType>> {
-        let label_room = if self.y.label.is_empty() { left } else { left + 4 };
-        ChartBuilder::on(area)
-            .margin_top(top * zoom)
-            .margin_right(18 * zoom)
-            .margin_left(6 * zoom)
-            .margin_bottom(6 * zoom)
-            .x_label_area_size(46 * zoom)
-            .y_label_area_size(label_room * zoom)
-            .build_cartesian_2d(Ticked::new(xs, x_ticks), Ticked::new(ys, y_ticks))
-    }
-
-    fn axes<DB: DrawingBackend>(
-        &self,
-        chart: &mut Parameterization<'_, DB>,
-        zoom: u32,
-        x_label: &dyn Fn(&f64) -> String,
-        y_label: &dyn Fn(&f64) -> String,
-    ) -> Drawn<DB> {
-        let font = |size: u32| (FONT, f64::from(size * zoom)).into_font().color(&INK);
-        chart
-            .configure_mesh()
-            .light_line_style(TRANSPARENT)
-            .bold_line_style(GRID.stroke_width(zoom))
-            .axis_style(INK.stroke_width(zoom))
-            .x_desc(&self.x.label)
-            .y_desc(&self.y.label)
-            .x_label_formatter(x_label)
-            .y_label_formatter(y_label)
-            .axis_desc_style(font(MEDIUM))
-            .label_style(font(SMALL))
-            .draw()
-    }
-}
-
-/// The mark of a style: one of four shapes.
-fn mark<DB: DrawingBackend>(area: &DrawingArea<DB, Shift>, style: usize, (x, y): (i32, i32), r: i32) -> Drawn<DB> {
-    let fill = color(style).filled();
-    match style % 4 {
-        0 => area.draw(&Circle::new((x, y), r, fill)),
-        1 => area.draw(&Rectangle::new([(x - r, y - r), (x + r, y + r)], fill)),
-        2 => area.draw(&Polygon::new(vec![(x - r - 1, y + r), (x + r + 1, y + r), (x, y - r - 1)], fill)),
-        _ => area.draw(&Polygon::new(vec![(x - r - 1, y), (x, y - r - 1), (x + r + 1, y), (x, y + r + 1)], fill)),
-    }
 }
 
 fn is_dashed(style: usize) -> bool {
     style >= COLORS.len()
+}
+
+/// The dashes of a line, with gaps between them, px.
+fn dashes(line: &[Place], dash: f64, gap: f64) -> Vec<Vec<Place>> {
+    let mut all = Vec::new();
+    let mut current: Vec<Place> = line.first().copied().into_iter().collect();
+    let (mut is_drawn, mut left) = (true, dash);
+    for ends in line.windows(2) {
+        let [from, to] = [ends[0], ends[1]].map(|(x, y)| (f64::from(x), f64::from(y)));
+        let length = (to.0 - from.0).hypot(to.1 - from.1);
+        let mut done = 0.0;
+        while length - done > left {
+            done += left;
+            let share = done / length;
+            let place = (from.0 + share * (to.0 - from.0), from.1 + share * (to.1 - from.1));
+            let place = (place.0.round() as i32, place.1.round() as i32);
+            if is_drawn {
+                current.push(place);
+                all.push(std::mem::take(&mut current));
+            } else {
+                current = vec![place];
+            }
+            is_drawn = !is_drawn;
+            left = if is_drawn { dash } else { gap };
+        }
+        left -= length - done;
+        if is_drawn {
+            current.push(ends[1]);
+        }
+    }
+    if current.len() > 1 {
+        all.push(current);
+    }
+    all
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn dashes_follow_the_line_around_corners() {
+        let found = dashes(&[(0, 0), (10, 0), (10, 10)], 6.0, 2.0);
+        assert_eq!(found, [vec![(0, 0), (6, 0)], vec![(8, 0), (10, 0), (10, 4)], vec![(10, 6), (10, 10)]]);
+        assert!(dashes(&[], 6.0, 2.0).is_empty() && dashes(&[(1, 1)], 6.0, 2.0).is_empty());
+    }
 }

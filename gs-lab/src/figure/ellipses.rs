@@ -1,5 +1,5 @@
-//! The Gaussians of a scene drawn as ellipses over its picture (paper Fig. 7): the outline at one standard deviation, and the centre; of a 3D scene,
-//! of its projection.
+//! Draws the Gaussians of a scene as ellipses over its picture (paper Fig. 7): the outline at one
+//! standard deviation and the centre. 3D Gaussians are projected first.
 //!
 //! An outline is drawn from its distance field, not as a polygon: pixel `p` lies about (|z| − 1) / |∇|z|| from the ellipse,
 //! where z = L⁻¹ (p − μ) is the whitened offset. Each line is therefore smooth and of even width at any size, and the time
@@ -15,25 +15,26 @@ use gs_core::{
     scene::sigmoid,
 };
 
-/// Where a picture has fewer pixels than this for each Gaussian, not all of them are drawn.
+/// If a picture has fewer pixels per Gaussian than this, only a part of the Gaussians is drawn.
 const PIXELS_EACH: usize = 1_000;
 
-/// Side of the squares of the picture, px, in each of which one is then drawn: that which matters most.
+/// Side of the squares, px, in each of which only the most important Gaussian is then drawn.
 const SQUARE_PX: f32 = 28.0;
 
-/// Above this many ellipses lines are thin and centres are left out.
+/// With more ellipses than this, lines are thin and centres are left out.
 const DENSE: usize = 500;
 
-/// What is fainter than this is not drawn in 3D.
+/// In 3D, Gaussians of less opacity are not drawn.
 const FAINT: f32 = 0.1;
 
-/// The colour of lines and centres: no common colour of photographs, and brighter than their seam.
+/// Colour of lines and centres: rare in images, and brighter than the seam.
 const INK: [f32; 3] = [1.0, 0.86, 0.1];
 
-/// The colour of the seam.
+/// Colour of the seam around lines.
 const SEAM: [f32; 3] = [0.0; 3];
 
-/// The canvas to draw on: the fit's own, enlarged by a whole factor where it is so small that lines would hide the picture.
+/// The canvas to draw on: the fit's own, enlarged by a whole factor if it is so small that lines
+/// would hide the picture.
 pub fn canvas_for(canvas: Canvas) -> Canvas {
     const READABLE_PX: u32 = 1024;
     let longest = canvas.width.max(canvas.height).max(1);
@@ -41,21 +42,21 @@ pub fn canvas_for(canvas: Canvas) -> Canvas {
     canvas.resized(canvas.width * factor, canvas.height * factor)
 }
 
-/// Draws the Gaussians of `scene` that matter most onto `picture`, a rendering through `canvas`: those that add the most to it, by area, opacity
-/// and, where they are added up, by how far their colour is from nothing.
+/// Draws the most important Gaussians of `scene` onto `picture`, a rendering through `canvas`.
+/// Importance is area × opacity, or area × colour for `Blend::Sum`.
 pub fn draw(picture: &mut Image, scene: &Scene2d, canvas: &Canvas) {
     let grid = Mat2::from_diagonal(canvas.scale());
     let outline = |g: gs_core::Gaussian2d| {
         let factor = grid * g.factor();
-        // Under the sum nothing has an opacity.
+        // Gaussians that are summed have no opacity.
         let strength = if g.opacity_logit == f32::INFINITY { g.color.length() } else { sigmoid(g.opacity_logit) };
         Outline { mean: grid * (g.mean - canvas.origin), factor, matters: factor.determinant().abs() * strength }
     };
     draw_outlines(picture, scene.iter().map(outline).collect());
 }
 
-/// Draws Gaussians of `scene` that are to be seen onto `picture`, a rendering through `camera` with `render`: of those that are not
-/// faint, those that matter most, by area and opacity.
+/// Draws the most important Gaussians of `scene` onto `picture`, a rendering through `camera` with
+/// the settings `render`. Importance is area × opacity; faint Gaussians are left out.
 pub fn draw_3d(picture: &mut Image, scene: &Scene3d, camera: &Camera, render: &RenderSettings) {
     let perspective = Perspective::new(camera, render);
     let seen = |index: usize| {
@@ -63,7 +64,7 @@ pub fn draw_3d(picture: &mut Image, scene: &Scene3d, camera: &Camera, render: &R
         let ellipsoid =
             Ellipsoid { mean: scene.means[index], log_scale, rotation, opacity_logit: scene.opacity_logits[index] };
         let Projection { mean, covariance: [a, b, c], opacity, .. } = perspective.project(&ellipsoid).ok()?;
-        // Cholesky's factor of the covariance.
+        // Cholesky factor of the covariance.
         let (width, shear) = (a.sqrt(), b / a.sqrt());
         let factor = Mat2::from_cols(Vec2::new(width, shear), Vec2::new(0.0, (c - shear * shear).sqrt()));
         let outline = Outline { mean, factor, matters: factor.determinant().abs() * opacity };
@@ -75,13 +76,14 @@ pub fn draw_3d(picture: &mut Image, scene: &Scene3d, camera: &Camera, render: &R
 /// A Gaussian in px of the picture.
 struct Outline {
     mean: Vec2,
-    /// L, with L Lᵀ the covariance.
+    /// A matrix L with L Lᵀ = Σ.
     factor: Mat2,
-    /// How much it adds to the picture, beside others.
+    /// How much it adds to the picture, relative to others.
     matters: f32,
 }
 
-/// Draws the ellipses whose centre is in the picture; of more than it has room for, those that matter most around them.
+/// Draws the ellipses whose centre is in the picture. Of too many, the most important in each
+/// square are drawn.
 fn draw_outlines(picture: &mut Image, mut outlines: Vec<Outline>) {
     let size = Vec2::new(picture.width() as f32, picture.height() as f32);
     let is_there = |mean: Vec2| mean.cmpge(Vec2::ZERO).all() && mean.cmplt(size).all();
@@ -96,7 +98,7 @@ fn draw_outlines(picture: &mut Image, mut outlines: Vec<Outline>) {
     } else {
         Pen { half_width_px: 0.7, dot_radius_px: 1.5 }
     };
-    // Lines that cross are as dark and as bright as one alone.
+    // Where lines cross, the pixel is as dark or bright as under one line.
     let mut cover = vec![Cover::default(); picture.pixels().len()];
     for ellipse in outlines.iter().filter_map(Ellipse::of) {
         pen.trace(&mut cover, picture.size(), &ellipse);
@@ -109,7 +111,7 @@ fn draw_outlines(picture: &mut Image, mut outlines: Vec<Outline>) {
     }
 }
 
-/// How much of a pixel lines cover, and their seams, 0 to 1.
+/// Coverage of a pixel by lines and by their seams, 0 to 1.
 #[derive(Clone, Copy, Default)]
 struct Cover {
     ink: f32,
@@ -135,15 +137,15 @@ impl Ellipse {
     }
 }
 
-/// How lines look.
+/// The look of lines.
 struct Pen {
     half_width_px: f32,
-    /// 0 draws no centre.
+    /// Radius of the centre's dot; 0 for none.
     dot_radius_px: f32,
 }
 
 impl Pen {
-    /// How far a seam reaches beyond its line, px.
+    /// Width of the seam beyond the line, px.
     const SEAM_PX: f32 = 0.9;
 
     fn trace(&self, cover: &mut [Cover], (width, height): (u32, u32), ellipse: &Ellipse) {
@@ -162,7 +164,8 @@ impl Pen {
         }
     }
 
-    /// How far the pixel centred at `p` is inside of the line or the dot, px; from 0 to 1 the part that it covers.
+    /// Depth of the pixel centre `p` inside the line or the dot, px. From 0 to 1, it is the pixel's
+    /// coverage.
     fn inside(&self, ellipse: &Ellipse, p: Vec2) -> f32 {
         let offset = p - ellipse.mean;
         let z = ellipse.whiten * offset;

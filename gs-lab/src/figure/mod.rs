@@ -1,14 +1,17 @@
-//! A figure, drawn as SVG and as pixels by the same code: lines with bands, or intervals. The figures of studies, of the paper's
-//! experiments and of frontiers are all of this one kind; [`curve`] and [`ellipses`] draw over pictures and steps of a single fit.
+//! Figures, drawn as SVG and as pixels by the same code: lines with bands, or intervals. Studies,
+//! the paper's experiments and frontiers all use this type; [`curve`] and [`ellipses`] show a
+//! single fit.
 //!
-//! Colours are those of Okabe and Ito, which people with any kind of colour vision tell apart; lines beyond the seventh are dashed, and
-//! each has a mark of its own shape. Ink and grid have one colour each, so that a page can replace them in the dark. The lettering is an
-//! embedded font (Hack, MIT licence), so that a picture is the same on a machine that has none.
+//! Colours are those of Okabe and Ito, which can be told apart with any kind of colour vision.
+//! Lines beyond the seventh are dashed, and markers differ in shape. Ink and grid have one colour
+//! each, so that a page can replace them in its dark theme. The font is embedded (Hack, MIT
+//! licence), so that pictures are the same on every machine.
 
 mod axis;
 pub mod curve;
 mod draw;
 pub mod ellipses;
+mod surface;
 
 use std::sync::Once;
 
@@ -18,19 +21,20 @@ pub use self::axis::human;
 use crate::statistics::Interval;
 use gs_core::Image;
 use plotters::{
-    coord::Shift,
     prelude::*,
     style::{FontStyle, register_font},
 };
 
+use self::{draw::Drawing, surface::Surface};
+
 use crate::error::Error;
 
-/// What text and axes are drawn in.
+/// Colour of text and axes.
 pub(crate) const INK: RGBColor = RGBColor(40, 40, 40);
-/// What the grid is drawn in.
+/// Colour of the grid.
 pub(crate) const GRID: RGBColor = RGBColor(221, 221, 221);
 
-/// Okabe and Ito 2008, "Color universal design", without black.
+/// Colours of the lines. *Source:* Okabe and Ito 2008, "Color universal design", without black.
 pub(crate) const COLORS: [RGBColor; 7] = [
     RGBColor(0, 114, 178),
     RGBColor(213, 94, 0),
@@ -44,22 +48,22 @@ pub(crate) const COLORS: [RGBColor; 7] = [
 /// The family under which [`embed_font`] registers the font.
 pub(crate) const FONT: &str = "sans-serif";
 
-/// Size of a figure, px.
+/// Width and height of a figure, px.
 const WIDTH: u32 = 640;
 const HEIGHT: u32 = 420;
-/// Enlargement of the picture in pixels.
+/// Scale of the pixel image, for sharp text.
 const SHARPNESS: u32 = 2;
 
-/// A figure before it is drawn.
+/// A figure, ready to be drawn.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Figure {
-    /// Its file, without ending.
+    /// File name without extension.
     pub name: String,
-    /// What stands above it; in a page, its caption.
+    /// The title above it; in a page, its caption.
     pub title: String,
     /// The horizontal axis.
     pub x: Axis,
-    /// The vertical axis; [`Marks::Intervals`] have names there.
+    /// The vertical axis; unused by [`Marks::Intervals`], which has names there.
     pub y: Axis,
     /// What is drawn.
     pub marks: Marks,
@@ -68,25 +72,25 @@ pub struct Figure {
 /// An axis of a figure.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Axis {
-    /// What it shows, with its unit.
+    /// Quantity and unit.
     pub label: String,
-    /// How it is divided.
+    /// Linear or logarithmic.
     pub scale: Scale,
 }
 
 impl Axis {
-    /// A linear one.
+    /// A linear axis.
     pub fn linear(label: impl Into<String>) -> Self {
         Self { label: label.into(), scale: Scale::Linear }
     }
 
-    /// A logarithmic one; values that are not positive are left out.
+    /// A logarithmic axis; values that are not positive are left out.
     pub fn logarithmic(label: impl Into<String>) -> Self {
         Self { label: label.into(), scale: Scale::Logarithmic }
     }
 }
 
-/// How an axis is divided.
+/// The scale of an axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Scale {
     /// Equal steps are equal differences.
@@ -95,17 +99,18 @@ pub enum Scale {
     Logarithmic,
 }
 
-/// What is drawn.
+/// The content of a figure.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Marks {
-    /// Lines, each with its band.
+    /// Lines, each with a band.
     Lines(Vec<Series>),
-    /// Means in their intervals, one below the other.
+    /// Means with intervals, one below the other.
     Intervals(Vec<Bar>),
 }
 
 impl Marks {
-    /// Lines in the order of the legend. Every other is dashed, so that lines on top of each other are seen, too.
+    /// Lines in the order of the legend. Every other line is dashed, so that lines on top of each
+    /// other remain visible.
     pub fn lines(series: Vec<Series>) -> Self {
         let styled = |(index, series): (usize, Series)| {
             let style = index % COLORS.len() + COLORS.len() * (index % 2);
@@ -115,49 +120,49 @@ impl Marks {
     }
 }
 
-/// Which points of a line are marked.
+/// Which points of a line have a marker.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Dots {
-    /// Every one.
+    /// Every point.
     All,
-    /// The last.
+    /// The last point.
     Last,
-    /// Every one, and no line between them.
+    /// Every point, without a line between them.
     Alone,
 }
 
-/// A line and its band.
+/// A line with a band.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Series {
-    /// The place of its colour and its mark among all there are.
+    /// Index of its colour and marker.
     pub style: usize,
     /// Its name in the legend.
     pub name: String,
-    /// Its points, from left to right. Those that are not finite are left out.
+    /// Its points, by rising x. Points that are not finite are left out.
     pub points: Vec<Point>,
-    /// Which of them are marked.
+    /// Which points have a marker.
     pub dots: Dots,
 }
 
 impl Series {
-    /// A line through (x, y) by rising x.
+    /// A line through (x, y), by rising x.
     pub fn line(name: impl Into<String>, points: Vec<(f64, f64)>) -> Self {
         let points = points.into_iter().map(|(x, y)| Point { x, y, low: y, high: y }).collect();
         Self { style: 0, name: name.into(), points, dots: Dots::Last }
     }
 
-    /// The same with a mark at each point, for few points.
+    /// A line with a marker at each point, for few points.
     pub fn dotted(name: impl Into<String>, points: Vec<(f64, f64)>) -> Self {
         Self { dots: Dots::All, ..Self::line(name, points) }
     }
 }
 
-/// A point of a line, and of its band.
+/// A point of a line and of its band.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Point {
-    /// Where it stands from left to right.
+    /// Horizontal position.
     pub x: f64,
-    /// Where the line is.
+    /// The line's value.
     pub y: f64,
     /// The band's lower edge.
     pub low: f64,
@@ -165,26 +170,26 @@ pub struct Point {
     pub high: f64,
 }
 
-/// A mean in its interval.
+/// A mean with its interval.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Bar {
     /// As in [`Series::style`].
     pub style: usize,
-    /// What it is of.
+    /// What the mean is of.
     pub label: String,
     /// The mean.
     pub mean: f64,
-    /// Where it probably lies.
+    /// The interval of the mean.
     pub interval: Interval,
-    /// Whether a verdict may rest on it; it is drawn hollow where not.
+    /// Whether a verdict rests on it; drawn hollow otherwise.
     pub is_judged: bool,
 }
 
-/// What is behind a figure.
+/// The background of a figure.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Paper {
     White,
-    /// Whatever the page has.
+    /// Transparent, for use in a page.
     Clear,
 }
 
@@ -193,15 +198,15 @@ pub(crate) fn color(style: usize) -> RGBColor {
     COLORS[style % COLORS.len()]
 }
 
-/// Makes [`FONT`] known to the drawing library; again and again does no harm.
+/// Registers [`FONT`] with the drawing library, once.
 pub(crate) fn embed_font() {
     static ONCE: Once = Once::new();
-    // A font that cannot be read shows up as an error of the first text that is drawn.
+    // If the font cannot be read, drawing the first text fails.
     ONCE.call_once(|| drop(register_font(FONT, FontStyle::Normal, epaint_default_fonts::HACK_REGULAR)));
 }
 
 impl Figure {
-    /// Its lines; none of a figure of intervals.
+    /// The lines; empty for a figure of intervals.
     pub fn lines(&self) -> &[Series] {
         match &self.marks {
             Marks::Lines(series) => series,
@@ -209,7 +214,7 @@ impl Figure {
         }
     }
 
-    /// As SVG to stand in a page, which has its title and what is behind it.
+    /// SVG for use in a page, without title and background.
     ///
     /// # Errors
     /// [`Error::Picture`] with what the drawing library reports.
@@ -217,7 +222,7 @@ impl Figure {
         self.svg(Paper::Clear)
     }
 
-    /// As SVG to stand alone.
+    /// SVG as a file of its own.
     ///
     /// # Errors
     /// [`Error::Picture`] with what the drawing library reports.
@@ -225,26 +230,24 @@ impl Figure {
         self.svg(Paper::White)
     }
 
-    /// As an image.
+    /// The figure as pixels.
     ///
     /// # Errors
     /// [`Error::Picture`] with what the drawing library reports.
     pub fn image(&self) -> Result<Image, Error> {
         let (width, height) = (WIDTH * SHARPNESS, self.height() * SHARPNESS);
         let mut bytes = vec![255; 3 * (width * height) as usize];
-        let area = BitMapBackend::with_buffer(&mut bytes, (width, height)).into_drawing_area();
-        self.draw(&area, Paper::White, SHARPNESS).map_err(|message| self.failed(message))?;
-        drop(area);
+        let surface = Surface::Pixels(BitMapBackend::with_buffer(&mut bytes, (width, height)));
+        self.draw(surface, Paper::White, SHARPNESS)?;
         let pixels = bytes.as_chunks::<3>().0.iter().map(|rgb| rgb.map(|v| f32::from(v) / 255.0)).collect();
         Image::from_pixels(width, height, pixels).map_err(|error| self.failed(error.to_string()))
     }
 
     fn svg(&self, paper: Paper) -> Result<String, Error> {
         let mut text = String::new();
-        let area = SVGBackend::with_string(&mut text, (WIDTH, self.height())).into_drawing_area();
-        self.draw(&area, paper, 1).map_err(|message| self.failed(message))?;
-        drop(area);
-        Ok(text)
+        self.draw(Surface::Svg(SVGBackend::with_string(&mut text, (WIDTH, self.height()))), paper, 1)?;
+        // The corners of noisy lines must not reach beyond them.
+        Ok(text.replacen("<svg ", "<svg stroke-linejoin=\"round\" ", 1))
     }
 
     fn failed(&self, message: String) -> Error {
@@ -258,13 +261,15 @@ impl Figure {
         }
     }
 
-    fn draw<DB: DrawingBackend>(&self, area: &DrawingArea<DB, Shift>, paper: Paper, zoom: u32) -> Result<(), String> {
+    fn draw(&self, surface: Surface<'_>, paper: Paper, zoom: u32) -> Result<(), Error> {
         embed_font();
+        let size = (WIDTH * zoom, self.height() * zoom);
+        let mut drawing = Drawing { surface, size, paper, zoom };
         let drawn = match &self.marks {
-            Marks::Lines(series) => self.draw_lines(area, paper, zoom, series),
-            Marks::Intervals(bars) => self.intervals(area, paper, zoom, bars),
+            Marks::Lines(series) => drawing.lines(self, series),
+            Marks::Intervals(bars) => drawing.intervals(self, bars),
         };
-        drawn.and_then(|()| area.present()).map_err(|error| error.to_string())
+        drawn.and_then(|()| drawing.surface.finish()).map_err(|message| self.failed(message))
     }
 }
 

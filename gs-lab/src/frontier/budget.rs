@@ -1,5 +1,5 @@
-//! A budget is answered: the quickest settings that are exact enough, or the most exact that are quick enough, held against views that
-//! the search has not seen.
+//! Finds the quickest settings that are exact enough, or the most exact that are quick enough, and
+//! verifies them on views that the search has not used.
 
 use crate::statistics::median;
 use gs_core::Error;
@@ -7,7 +7,7 @@ use serde::Serialize;
 
 use super::{Comparison, Field, Frontier, Measured, PictureError, Role, Verifiable, pareto::ROUNDING};
 
-/// What must be kept.
+/// A limit on error or time.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Budget {
@@ -17,41 +17,42 @@ pub enum Budget {
     MaxSeconds(f64),
 }
 
-/// How settings did on views that the search has not seen.
+/// The error and time of settings on views that the search has not used.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Verification {
-    /// Views.
+    /// Number of views.
     pub views: usize,
-    /// How far their pictures are from what they should be.
+    /// The error of their pictures.
     pub error: PictureError,
     /// Median seconds a view.
     pub seconds: f64,
 }
 
-/// Settings that keep a budget, also on views that the search has not seen.
+/// Settings that keep a budget, also on views that the search has not used.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Choice {
-    /// Their row.
+    /// Index of their row.
     #[serde(skip)]
     pub row: usize,
-    /// How they did on other views.
+    /// Error and time on the other views.
     pub verification: Verification,
-    /// How many kept the budget on the search's views, and not on the others.
+    /// Number of better candidates that kept the budget on the search's views only.
     pub failed: usize,
-    /// How many others keep the budget on the search's views in times that the noise does not tell from theirs.
+    /// Number of other candidates whose times do not differ from theirs beyond the noise.
     pub within_noise: usize,
 }
 
-/// What comes of a budget.
+/// The result of [`Budget::choose`].
 #[derive(Debug, Clone, PartialEq)]
 pub enum Chosen {
-    /// It can be kept.
+    /// These settings keep the budget.
     Kept(Choice),
-    /// Nothing that was measured keeps it: the least error, or the fewest seconds, that there is.
+    /// No measured settings keep the budget. Holds the least error, or the shortest time, that was
+    /// measured.
     OutOfReach(f64),
-    /// So many settings keep it on the views of the search, and none of them on the others.
+    /// So many settings keep the budget on the search's views, but none of them on the others.
     NotElsewhere(usize),
 }
 
@@ -63,9 +64,9 @@ impl Budget {
         }
     }
 
-    /// The rows that keep it, the best first, each by its own measurement: of settings whose times are within the noise of each other, that
-    /// with the lowest median comes first, and never a slower one because it is more exact than was asked for. Errors are measured exactly,
-    /// but below a rounding they are equal.
+    /// The rows that keep the budget by their own measurement, best first. Times decide by their
+    /// medians, even within the noise, so that settings that are more exact than necessary are not
+    /// preferred. Errors below a rounding are equal.
     fn candidates(self, frontier: &Frontier) -> Vec<usize> {
         let of = |row: &Measured| (row.times().median, row.error.max);
         let is_kept = |&i: &usize| {
@@ -85,12 +86,13 @@ impl Budget {
         rows
     }
 
-    /// The best settings of a frontier that keep the budget on its views and on `unseen` ones too, which get `seconds` for timing.
+    /// The best settings of a frontier that keep the budget both on its views and on `unseen` ones,
+    /// which are timed for `seconds`.
     ///
-    /// Settings with which a backend cannot render the unseen views do not keep it.
+    /// Settings that a backend cannot render the unseen views with do not keep it.
     ///
     /// # Errors
-    /// Those of rendering, and of the oracle; [`Error::Setting`] without an unseen view.
+    /// Those of rendering, and of the oracle; [`Error::Setting`] if `unseen` is empty.
     pub fn choose<S: Verifiable>(
         self,
         field: &Field<'_, S>,
@@ -154,7 +156,8 @@ mod tests {
         }
     }
 
-    /// Under a noise of a third, the frontier keeps the more exact of two settings though it took longer.
+    /// With a noise of a third, the frontier contains the more exact of two settings though it took
+    /// longer.
     #[test]
     fn noise_does_not_make_a_slower_setting_the_quickest() {
         let rows = vec![row(1.3, 1e-4, true), row(1.0, 1e-3, false), row(1.1, 9e-4, false), row(9.0, 1e-8, true)];

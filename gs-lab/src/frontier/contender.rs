@@ -1,4 +1,4 @@
-//! Who renders: a backend, at one instruction set and going about its work in one way, that has the scene ready.
+//! A contender: a backend with its configuration and the uploaded scene.
 
 use pollster::FutureExt as _;
 use std::{rc::Rc, time::Instant};
@@ -7,9 +7,9 @@ use gs_core::{Error, Image, Optimizer, RenderSettings, Scene};
 
 use super::Change;
 
-/// A rasterizer with its scene, whatever its type.
+/// A rasterizer with its scene, independent of its type.
 pub trait Renderer<V> {
-    /// Seconds of one forward pass, until the backend is done with it; the image stays where it is.
+    /// Seconds of one forward pass, until the backend has finished it. The image is not read back.
     ///
     /// # Errors
     /// Those of [`Rasterizer::forward`](gs_core::Rasterizer::forward).
@@ -22,7 +22,7 @@ pub trait Renderer<V> {
     fn image(&self, view: &V, settings: &RenderSettings) -> Result<Image, Error>;
 }
 
-/// A rasterizer, and splats that it may share with others of its type.
+/// A rasterizer with splats, which several rasterizers of the type may share.
 #[derive(Debug)]
 pub struct Loaded<R: Optimizer<S>, S: Scene> {
     /// What renders.
@@ -35,7 +35,7 @@ impl<R: Optimizer<S>, S: Scene> Renderer<S::View> for Loaded<R, S> {
     fn seconds(&self, view: &S::View, settings: &RenderSettings) -> Result<f64, Error> {
         let start = Instant::now();
         let frame = self.rasterizer.forward(&self.splats, view, settings).block_on()?;
-        // What a device counts is known when it is done.
+        // Reading the counts waits for the device.
         self.rasterizer.culled(&frame);
         Ok(start.elapsed().as_secs_f64())
     }
@@ -45,13 +45,14 @@ impl<R: Optimizer<S>, S: Scene> Renderer<S::View> for Loaded<R, S> {
     }
 }
 
-/// A renderer among others.
+/// A named renderer.
 pub struct Contender<'a, V> {
-    /// The backend that it belongs to; the first of a backend is the one that its default is measured on.
+    /// Name of its backend. The first contender of a backend is the one that the default is
+    /// measured on.
     pub backend: String,
-    /// What it computes with, for reports: "cpu (avx512, 2 threads)".
+    /// The machine for reports: "cpu (avx512, 2 threads)".
     pub name: String,
-    /// In what it differs from the first of its backend; nothing for the first.
+    /// How it differs from the first contender of its backend; `None` for the first.
     pub change: Option<Change>,
     /// What renders.
     pub renderer: Box<dyn Renderer<V> + 'a>,

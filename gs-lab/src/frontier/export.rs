@@ -1,5 +1,4 @@
-//! A frontier as a table for people, as comma-separated values, and as a figure. All show the same numbers; the table also has what was refused,
-//! and JSON, its serialised form, has all there is.
+//! Exports a frontier as text table, CSV and figure. The JSON form is its serialisation.
 
 use std::fmt::Write;
 
@@ -8,10 +7,11 @@ use gs_core::{counted, profile::Quantiles};
 use super::{Frontier, Measured, Role};
 use crate::figure::{Axis, Dots, Figure, Marks, Point, Series};
 
-/// Errors are shown from here on: less is rounding.
+/// Smaller errors are drawn at this value; they are due to rounding.
 const LEAST_ERROR: f64 = 1e-8;
 
-/// All rows, times in seconds; `changes` are separated by semicolons. Times of a backend whose ratio is below `noise` do not differ.
+/// A CSV table of all rows, with times in seconds; `changes` are separated by semicolons. Times of
+/// a backend whose ratio is below `noise` do not differ.
 pub fn to_csv(frontier: &Frontier) -> String {
     let mut csv = String::from(
         "backend,machine,role,changes,seconds,seconds_low,seconds_high,rounds,compared_with_default,max_error,mean_error,psnr_db,\
@@ -38,7 +38,7 @@ pub fn to_csv(frontier: &Frontier) -> String {
     csv
 }
 
-/// A table for each backend, quickest first; `*` marks the steps of its frontier.
+/// A text table for each backend, quickest first; `*` marks rows on its frontier.
 pub fn to_text(frontier: &Frontier) -> String {
     let mut text = String::new();
     let widest = frontier.rows.iter().map(|row| row.name().chars().count()).max().unwrap_or(0).max(8);
@@ -49,7 +49,7 @@ pub fn to_text(frontier: &Frontier) -> String {
         let machine = default.map_or(backend.backend.as_str(), |row| row.machine.as_str());
         let _ = writeln!(
             text,
-            "{machine}: times less than {:.1} % apart are no difference (the default measured again: {:+.1} %)\n",
+            "{machine}: times that differ by less than {:.1} % count as equal (the default measured again: {:+.1} %)\n",
             100.0 * (backend.noise.factor - 1.0),
             100.0 * (backend.noise.again - 1.0)
         );
@@ -74,15 +74,15 @@ pub fn to_text(frontier: &Frontier) -> String {
             );
         }
         for refused in frontier.refused.iter().filter(|refused| refused.backend == backend.backend) {
-            let _ = writeln!(text, "  {}: not offered ({})", refused.what, refused.why);
+            let _ = writeln!(text, "  {}: not supported ({})", refused.what, refused.why);
         }
         text.push('\n');
     }
     let _ = write!(
         text,
-        "*: on the frontier, where no other settings of the backend are both quicker and as exact. x: time by the default's. Errors are those of \
-         the largest channel of any pixel, of {}, against the 64-bit oracle, which was asked at {} and wherever a picture is worst; where that \
-         is, says a rendering that is itself within {:.0e} of it.",
+        "*: on the frontier: no other settings of the backend are both quicker and as exact. x: time divided by the default's. Errors are \
+         maxima over all channels and pixels of {}, against the 64-bit oracle, which computed {} and the worst pixel of each picture. A \
+         rendering within {:.0e} of the oracle locates the worst pixels.",
         counted(frontier.views, "view"),
         counted(frontier.sampled, "pixel"),
         frontier.uncertainty
@@ -90,8 +90,8 @@ pub fn to_text(frontier: &Frontier) -> String {
     text
 }
 
-/// Largest error against time, both logarithmic: the frontier of each backend, its best trade-offs, as a line, all other settings as points, the
-/// default and 3DGS marked.
+/// A figure of the largest error against time, both logarithmic: the frontier of each backend as a
+/// line, all other settings as points, the default and 3DGS marked.
 pub fn figure(frontier: &Frontier, title: &str) -> Figure {
     let point = |row: &Measured| {
         let (x, y) = (1e3 * row.times().median, row.error.max.max(LEAST_ERROR));

@@ -1,4 +1,4 @@
-//! The search: who is measured, in which order, and what becomes of it.
+//! The search for the frontier.
 
 use gs_core::{Accuracy, Error, RenderSettings, Scene, settings::Extent};
 
@@ -10,36 +10,37 @@ use super::{
     timing::{Candidate, interleaved},
 };
 
-/// The share of the time that goes into finding out which combinations are worth measuring.
+/// Share of the time for finding out which combinations are worth measuring.
 const SCOUTING: f64 = 0.25;
 
-/// A scene on several contenders, and the views from which it is measured.
+/// A scene with the contenders that render it.
 #[derive(Debug)]
 pub struct Field<'a, S: Scene> {
     /// The scene.
     pub scene: &'a S,
-    /// Who renders it, at least one; those of a backend stand together, the one that its default is measured on first.
+    /// The contenders, at least one. Those of a backend are neighbours, the one that its default is
+    /// measured on first.
     pub contenders: Vec<Contender<'a, S::View>>,
-    /// How it is shown: the default of all backends. Its effects are those of the true picture.
+    /// The default settings of all backends. Their effects define the true picture.
     pub shown: RenderSettings,
 }
 
-/// How much is measured.
+/// Limits of a search.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Pace {
-    /// Seconds for timing; at least seven rounds are made, however long they take.
+pub struct SearchLimits {
+    /// Seconds for timing. At least seven rounds are measured, however long they take.
     pub seconds: f64,
-    /// Most combinations of settings for each backend.
+    /// Most combinations of settings per backend.
     pub combinations: usize,
 }
 
-impl Default for Pace {
+impl Default for SearchLimits {
     fn default() -> Self {
         Self { seconds: 24.0, combinations: 12 }
     }
 }
 
-/// A candidate and why it is one.
+/// A candidate with its role.
 struct Entry {
     candidate: Candidate,
     role: Role,
@@ -47,16 +48,17 @@ struct Entry {
 }
 
 impl<S: Verifiable> Field<'_, S> {
-    /// The settings without cut-offs that the true picture has.
+    /// The default settings without cut-offs, which the true picture has.
     fn tightest(&self) -> RenderSettings {
         RenderSettings { accuracy: Accuracy::TIGHTEST, ..self.shown }
     }
 
-    /// The true pictures of views: where they are worst to look at is found on the first backend that can do without cut-offs.
+    /// The true pictures of the views. Their worst pixels are found on the first backend that can
+    /// render without cut-offs.
     ///
     /// # Errors
     /// Those of rendering, and of the oracle for effects that it does not have.
-    pub fn truths(&self, views: &[S::View]) -> Result<Vec<Truth<S>>, Error> {
+    pub(super) fn truths(&self, views: &[S::View]) -> Result<Vec<Truth<S>>, Error> {
         let (scene, settings) = (self.scene.rows(), self.tightest());
         let able = self.able(&settings, views)?.unwrap_or_default();
         let truth = |view: &S::View| {
@@ -66,11 +68,11 @@ impl<S: Verifiable> Field<'_, S> {
         views.iter().map(truth).collect()
     }
 
-    /// How far a candidate's pictures are from the truth.
+    /// The error of a candidate's pictures.
     ///
     /// # Errors
     /// Those of rendering.
-    pub fn error(
+    pub(super) fn error(
         &self,
         contender: usize,
         settings: &RenderSettings,
@@ -83,11 +85,11 @@ impl<S: Verifiable> Field<'_, S> {
         Ok(PictureError::of_views(&errors))
     }
 
-    /// Seconds a view of each of these, measured in turn; as [`search`] does it.
+    /// Seconds per view of each row, measured interleaved as by [`search`].
     ///
     /// # Errors
     /// Those of rendering.
-    pub fn times(&self, rows: &[&Measured], views: &[S::View], seconds: f64) -> Result<Vec<Vec<f64>>, Error> {
+    pub(super) fn times(&self, rows: &[&Measured], views: &[S::View], seconds: f64) -> Result<Vec<Vec<f64>>, Error> {
         let candidates: Vec<Candidate> =
             rows.iter().map(|row| Candidate { contender: row.contender, settings: row.settings }).collect();
         interleaved(&self.contenders, &candidates, views, seconds)
@@ -115,7 +117,7 @@ impl<S: Verifiable> Field<'_, S> {
         Ok(None)
     }
 
-    /// Takes up an entry that its contender can render, and tells of one that it cannot.
+    /// Adds an entry to `admitted` if its contender can render it, else to `refused`.
     fn admit(
         &self,
         entry: Entry,
@@ -134,7 +136,7 @@ impl<S: Verifiable> Field<'_, S> {
         Ok(())
     }
 
-    /// What stands in every table of a backend.
+    /// The entries that every backend's table contains.
     fn landmarks(&self, base: usize, views: &[S::View], refused: &mut Vec<Refused>) -> Result<Vec<Entry>, Error> {
         let three_dgs = RenderSettings { accuracy: Accuracy::THREE_DGS, ..self.shown };
         let without_extent = Setting::Extent(Extent::AlphaCut).applied_to(&three_dgs);
@@ -146,7 +148,7 @@ impl<S: Verifiable> Field<'_, S> {
         Ok(all)
     }
 
-    /// Why a contender cannot render these views with these settings: it does not offer them, or not for so much.
+    /// The reason why a contender cannot render these views with these settings, if it cannot.
     pub(super) fn refusal(
         &self,
         contender: usize,
@@ -156,7 +158,8 @@ impl<S: Verifiable> Field<'_, S> {
         for view in views {
             match self.contenders[contender].renderer.seconds(view, settings) {
                 Err(Error::Unsupported { effect, .. }) => return Ok(Some(effect)),
-                // Such as more Gaussians at a pixel than can be put in order. A device that is lost fails for all settings, the default's too.
+                // For example too many Gaussians at a pixel to be sorted. A lost device fails for
+                // all settings, the default too.
                 Err(Error::Backend { message, .. }) => return Ok(Some(message)),
                 Err(error) => return Err(error),
                 Ok(_) => {}
@@ -165,7 +168,7 @@ impl<S: Verifiable> Field<'_, S> {
         Ok(None)
     }
 
-    /// Every setting alone, and every contender.
+    /// Each setting alone, and each contender.
     fn alone(&self, base: usize, views: &[S::View], refused: &mut Vec<Refused>) -> Result<Vec<Entry>, Error> {
         let backend = &self.contenders[base].backend;
         let mut all = Vec::new();
@@ -179,8 +182,8 @@ impl<S: Verifiable> Field<'_, S> {
         Ok(all)
     }
 
-    /// The largest error of each setting's values where that is the only approximation, the default's among them, on the first backend that
-    /// offers it.
+    /// The largest error of each value of each setting, the default's included, if it is the only
+    /// approximation; measured on the first backend that supports it.
     fn only(&self, views: &[S::View], truths: &[Truth<S>]) -> Result<Vec<(Setting, f64)>, Error> {
         let tightest = self.tightest();
         let mut all: Vec<(Setting, f64)> = Vec::new();
@@ -196,7 +199,7 @@ impl<S: Verifiable> Field<'_, S> {
         Ok(all)
     }
 
-    /// The combinations that are worth measuring, on whichever contender of the backend is quickest.
+    /// The combinations that are worth measuring, on the quickest contender of the backend.
     fn together(
         &self,
         base: usize,
@@ -215,7 +218,7 @@ impl<S: Verifiable> Field<'_, S> {
             else {
                 continue;
             };
-            // What no backend can do without other approximations has no price of its own.
+            // An error cannot be attributed to a setting that no backend supports alone.
             let (Some(usual), Some(error)) = (error(setting.of(&self.shown)), error(setting)) else {
                 continue;
             };
@@ -242,20 +245,21 @@ impl<S: Verifiable> Field<'_, S> {
     }
 }
 
-/// Measures every setting alone and the combinations that are worth it, on every backend of the field, and tells `watch` what it is about.
+/// Measures every setting alone and the combinations that are worth it, on every backend of the
+/// field. Reports its progress to `watch`.
 ///
 /// # Errors
 /// Those of rendering, and of the oracle for effects that it does not have; [`Error::Setting`] without a view or a contender.
 pub fn search<S: Verifiable>(
     field: &Field<'_, S>,
     views: &[S::View],
-    pace: Pace,
+    limits: SearchLimits,
     watch: &mut dyn FnMut(&str),
 ) -> Result<Frontier, Error> {
     if views.is_empty() || field.contenders.is_empty() {
         return Err(Error::setting("the number of views or contenders", 0, "at least 1"));
     }
-    watch("asking the 64-bit oracle");
+    watch("computing true pictures with the 64-bit oracle");
     let truths = field.truths(views)?;
     let bases = field.bases();
     let (mut refused, mut entries, mut groups) = (Vec::new(), Vec::new(), Vec::new());
@@ -265,10 +269,10 @@ pub fn search<S: Verifiable>(
         groups.push(own.len());
         entries.extend(own);
     }
-    watch(&format!("looking at {} settings", entries.len()));
+    watch(&format!("scouting {} settings", entries.len()));
     let candidates = |entries: &[Entry]| entries.iter().map(|entry| entry.candidate.clone()).collect::<Vec<_>>();
-    let scouted = interleaved(&field.contenders, &candidates(&entries), views, SCOUTING * pace.seconds)?;
-    watch("finding out which combinations are worth measuring");
+    let scouted = interleaved(&field.contenders, &candidates(&entries), views, SCOUTING * limits.seconds)?;
+    watch("predicting which combinations are worth measuring");
     let only = field.only(views, &truths)?;
     let mut all = Vec::new();
     let mut scouted = entries.into_iter().zip(scouted);
@@ -282,14 +286,14 @@ pub fn search<S: Verifiable>(
                 (entry, median)
             })
             .collect();
-        let together = field.together(base, &medians, noise, pace.combinations, &only);
+        let together = field.together(base, &medians, noise, limits.combinations, &only);
         all.extend(medians.into_iter().map(|(entry, _)| entry));
         for entry in together {
             field.admit(entry, views, &mut all, &mut refused)?;
         }
     }
     watch(&format!("measuring {} settings in turn", all.len()));
-    let times = interleaved(&field.contenders, &candidates(&all), views, (1.0 - SCOUTING) * pace.seconds)?;
+    let times = interleaved(&field.contenders, &candidates(&all), views, (1.0 - SCOUTING) * limits.seconds)?;
     let mut rows = Vec::with_capacity(all.len());
     for (Entry { candidate: Candidate { contender, settings }, role, changes }, seconds) in all.into_iter().zip(times) {
         let error = field.error(contender, &settings, views, &truths)?;
@@ -326,7 +330,7 @@ fn noise_of<'t>(rows: impl Iterator<Item = (Role, &'t [f64])> + Clone) -> Noise 
     }
 }
 
-/// Sorts rows by backend and time, finds each backend's noise, and what lies on its frontier.
+/// Sorts rows by backend and time, and determines each backend's noise and frontier.
 fn judge(rows: &mut [Measured]) -> Vec<BackendNoise> {
     let mut backends: Vec<String> = Vec::new();
     for row in rows.iter() {
@@ -356,7 +360,8 @@ fn judge(rows: &mut [Measured]) -> Vec<BackendNoise> {
             row.on_frontier = on_frontier && row.role != Role::Again;
             row.comparison = noise.compare(row.times().median, default);
         }
-        // Steps that make the same picture count once: the one that changes least.
+        // Of rows with the same picture, only the one with the fewest changes is kept on the
+        // frontier.
         for place in 0..own.len() {
             let simpler = |other: usize| {
                 let (changes, others) = (own[place].changes.len(), own[other].changes.len());

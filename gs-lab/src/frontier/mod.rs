@@ -1,17 +1,19 @@
-//! What accuracy costs in time: every approximation of a rendering is a setting, and here each has its price, on the scene, the views and the
-//! machine at hand.
+//! The price of accuracy: every approximation of a rendering is a setting, and its cost in time and
+//! error is measured on the given scene, views and machine.
 //!
-//! A [`Field`] is the scene on several [`Contender`]s: backends, instruction sets, ways of going about the work. [`search`] measures every
-//! [`Setting`] alone, predicts from that which combinations lie on the frontier, measures those, and says of each how long it takes and how far
-//! its picture is from the 64-bit oracle's ([`Truth`]). Runs are interleaved, after a warm-up; each backend's default is measured twice as if it
-//! were two settings, and what those differ by is the noise within which nothing is called faster ([`Noise`]). [`Budget::choose`] picks the
-//! cheapest settings that are exact enough, and holds them against views that the search has not seen.
+//! A [`Field`] is a scene on several [`Contender`]s: backends, instruction sets and configurations.
+//! [`search`] measures every setting alone, predicts which combinations lie on the frontier, and
+//! measures those: their times, and their errors against the 64-bit oracle. Measurements are
+//! interleaved, after a warm-up. Each backend's default is measured twice, as if it were two
+//! settings; their difference is the noise below which nothing counts as faster ([`Noise`]).
+//! [`Budget::choose`] picks the cheapest settings that are exact enough, and verifies them on views
+//! that the search has not used.
 //!
-//! *What is exact* is the picture with the effects that the caller shows the scene with, without cut-offs: no cut of α, no full pixels.
-//! Other orders, other antialiasing and fewer SH coefficients are other pictures; they are priced by how much they differ from it.
+//! The exact picture has the effects of the default settings and no cut-offs: no α cut, no early
+//!   stop at full pixels. Other sort orders, other antialiasing and fewer SH coefficients make
+//!   other pictures; their errors are the differences from the exact one.
 //!
-//! Left out: `Binning::Reuse`, which is an approximation of training steps and not of a picture, and
-//! what `gs_cpu::CpuTuning` says has no variant.
+//! `Binning::Reuse` is left out: it is an approximation of training steps, not of a picture.
 
 mod budget;
 mod contender;
@@ -23,6 +25,8 @@ mod pareto;
 mod picture_error;
 mod predict;
 mod setting;
+#[cfg(test)]
+mod tests;
 mod timing;
 mod truth;
 
@@ -30,11 +34,15 @@ pub use self::{
     budget::{Budget, Choice, Chosen, Verification},
     contender::{Contender, Loaded, Renderer},
     export::{figure, to_csv, to_text},
-    field::{Field, Pace, search},
+    field::{Field, SearchLimits, search},
     noise::{Comparison, Noise},
     outcome::{Frontier, Measured, Role},
-    pareto::frontier_of,
     picture_error::PictureError,
-    setting::{Change, Setting, alternatives},
-    truth::{Truth, Verifiable},
+    setting::Change,
+    truth::Verifiable,
+};
+use self::{
+    pareto::frontier_of,
+    setting::{Setting, alternatives},
+    truth::Truth,
 };

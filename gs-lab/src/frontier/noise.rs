@@ -1,4 +1,4 @@
-//! Below what a difference of two times is none.
+//! The difference below which two times count as equal.
 
 use std::cmp::Ordering;
 
@@ -7,38 +7,38 @@ use gs_density::Rng;
 use rand::{RngExt, SeedableRng};
 use serde::Serialize;
 
-/// Pairs of medians that are drawn.
+/// Number of resampled pairs of medians.
 const DRAWS: usize = 2000;
 
-/// The share of them that differ by less than the noise.
+/// Share of the pairs that differ by less than the noise.
 const CONFIDENCE: f64 = 0.95;
 
-/// Where the draws come from; fixed, so that equal times give equal verdicts.
+/// Seed of the resampling; fixed, so that equal times give equal verdicts.
 const SEED: u64 = 0x006e_6f69_7365;
 
-/// What two medians of one and the same setting differ by.
+/// The noise of time measurements, as the difference between two measurements of the same setting.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Noise {
-    /// At least 1: medians whose ratio is nearer to 1 than this, in either direction, are not different.
+    /// At least 1. Medians differ if their ratio is above this or below its inverse.
     pub factor: f64,
-    /// The ratio of the two that were measured, the second's median by the first's.
+    /// The second median divided by the first.
     pub again: f64,
 }
 
-/// What may be said of two times.
+/// The verdict on two times.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Comparison {
-    /// Less than the noise allows for equal ones.
+    /// Shorter by more than the noise.
     Faster,
     /// Within the noise.
     NoDifference,
-    /// More than the noise allows for equal ones.
+    /// Longer by more than the noise.
     Slower,
 }
 
 impl Comparison {
-    /// In words.
+    /// The verdict as reports print it.
     pub fn words(self) -> &'static str {
         match self {
             Self::Faster => "faster",
@@ -49,8 +49,9 @@ impl Comparison {
 }
 
 impl Noise {
-    /// Of a setting that was measured twice, as if it were two, with at least one time each. All times are put together and as many as each had are drawn from
-    /// them, twice and again: the noise is what 95 % of such pairs of medians stay within, or what the two really differ by, if that is more.
+    /// The noise of a setting that was measured twice, with at least one time each. Pairs of
+    /// medians are resampled from all times together; the noise is what 95 % of the pairs stay
+    /// within, or the observed difference of the two if that is larger.
     pub fn of(first: &[f64], again: &[f64]) -> Self {
         let all: Vec<f64> = first.iter().chain(again).copied().collect();
         let observed = median(again) / median(first);
@@ -62,7 +63,7 @@ impl Noise {
         Self { factor: drawn.max(observed.ln().abs()).exp(), again: observed }
     }
 
-    /// How a time compares with another.
+    /// Compares a time with another.
     pub fn compare(self, seconds: f64, with: f64) -> Comparison {
         let is_less = |a: f64, b: f64| (a * self.factor).total_cmp(&b) == Ordering::Less;
         if is_less(seconds, with) {

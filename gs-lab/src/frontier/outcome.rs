@@ -1,52 +1,52 @@
-//! What a search found: every setting that was measured, with its time, its error, and whether it lies on the frontier.
+//! The result of a search: the times and errors of all measured settings.
 
 use gs_core::{RenderSettings, profile::Quantiles};
 use serde::Serialize;
 
 use super::{Change, Comparison, Noise, PictureError};
 
-/// Why a row is there.
+/// The role of a row.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Role {
-    /// How the scene is shown if nothing else is asked for.
+    /// The default settings.
     Default,
-    /// The default once more, as if it were another setting: what it differs by is noise.
+    /// The default settings measured again, to determine the noise.
     Again,
-    /// What 3DGS does, as far as the backend can.
+    /// The settings of 3DGS, as far as the backend supports them.
     ThreeDgs,
-    /// No approximation at all that can be left out.
+    /// No cut-offs.
     Tightest,
     /// One setting differs from the default.
     Alone,
-    /// Several do.
+    /// Several settings differ.
     Together,
 }
 
-/// One row.
+/// A row: settings on a contender, with their times and error.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Measured {
     /// The backend.
     pub backend: String,
-    /// What computes: "cpu (avx512, 2 threads)".
+    /// The machine: "cpu (avx512, 2 threads)".
     pub machine: String,
-    /// Its place among the contenders.
+    /// Index of the contender.
     #[serde(skip)]
     pub contender: usize,
-    /// Why it is there.
+    /// Its role.
     pub role: Role,
-    /// In what it differs from the backend's default.
+    /// Differences from the backend's default.
     pub changes: Vec<Change>,
     /// All settings.
     pub settings: RenderSettings,
-    /// Seconds a view, one for each round.
+    /// Seconds per view, one value for each round.
     pub seconds: Vec<f64>,
-    /// How far the pictures are from what they should be.
+    /// The error of the pictures.
     pub error: PictureError,
     /// Whether nothing of the same backend is both quicker and as exact.
     pub on_frontier: bool,
-    /// How its time compares with that of the backend's default.
+    /// Its time compared with that of the backend's default.
     pub comparison: Comparison,
 }
 
@@ -56,13 +56,13 @@ impl Measured {
         Quantiles::of(&self.seconds)
     }
 
-    /// What differs from the default, in words.
+    /// The differences from the default, in words.
     pub fn name(&self) -> String {
         name(self.role, &self.changes)
     }
 }
 
-/// What differs from the default, in words.
+/// The differences from the default, in words.
 pub(super) fn name(role: Role, changes: &[Change]) -> String {
     match role {
         Role::Default => "default".to_owned(),
@@ -73,14 +73,14 @@ pub(super) fn name(role: Role, changes: &[Change]) -> String {
     }
 }
 
-/// What a backend does not offer.
+/// Settings that a backend does not support.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Refused {
     /// The backend.
     pub backend: String,
-    /// What was tried.
+    /// The settings.
     pub what: String,
-    /// What it says.
+    /// The backend's reason.
     pub why: String,
 }
 
@@ -89,30 +89,31 @@ pub struct Refused {
 pub struct BackendNoise {
     /// The backend.
     pub backend: String,
-    /// Below what its times do not differ.
+    /// The noise of its times.
     pub noise: Noise,
 }
 
-/// What a search found.
+/// The result of a search.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Frontier {
-    /// All that was measured: by backend, within it quickest first.
+    /// All measured rows, by backend, quickest first.
     pub rows: Vec<Measured>,
-    /// What was not, because the backend does not offer it.
+    /// Settings that were not measured because a backend does not support them.
     pub refused: Vec<Refused>,
-    /// Below what times do not differ, by backend.
+    /// The noise of each backend.
     pub noise: Vec<BackendNoise>,
-    /// Views that were looked at.
+    /// Number of views.
     pub views: usize,
-    /// Pixels of all views at which the oracle was asked whatever the picture.
+    /// Pixels of all views that the oracle computed for every picture.
     pub sampled: usize,
-    /// How far the rendering that says where a picture is worst is itself from the oracle, at most.
+    /// Largest difference between the oracle and the backend rendering that locates the worst
+    /// pixels.
     pub uncertainty: f64,
 }
 
 impl Frontier {
-    /// The noise of a backend; none known is none.
+    /// The noise of a backend; none if it is unknown.
     pub fn noise_of(&self, backend: &str) -> Noise {
         let found = self.noise.iter().find(|noise| noise.backend == backend);
         found.map_or(Noise { factor: 1.0, again: 1.0 }, |found| found.noise)

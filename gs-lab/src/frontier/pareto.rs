@@ -1,18 +1,20 @@
-//! The frontier: what nothing else is both quicker and at least as exact as.
+//! The frontier: rows for which no other is both quicker and at least as exact.
 
 use super::Noise;
 
-/// Errors below this are roundings, of which less is not better: a four-hundredth of a display step.
+/// Errors below this are due to rounding and count as equal: a four-hundredth of a display step.
 pub(super) const ROUNDING: f64 = 1e-5;
 
-/// An error must be less than this part of another to be less.
+/// An error counts as smaller only below this share of the other.
 const LESS: f64 = 0.98;
 
-/// Which of these (seconds, largest error) lie on the frontier. One does not where another that lies on it is no less exact and quicker by more
-/// than the noise, or more exact and not slower by more than the noise.
+/// Which of these (seconds, largest error) lie on the frontier. A point does not if another point
+/// on the frontier is at least as exact and quicker by more than the noise, or more exact and not
+/// slower by more than the noise.
 ///
-/// What is beaten itself beats nothing: else a row of points, each within the noise of the next, would leave only its most exact one.
-pub fn frontier_of(points: &[(f64, f64)], noise: Noise) -> Vec<bool> {
+/// Only points on the frontier exclude others. Otherwise a chain of points, each within the noise
+/// of the next, would leave only its most exact one.
+pub(super) fn frontier_of(points: &[(f64, f64)], noise: Noise) -> Vec<bool> {
     let error = |place: usize| points[place].1.max(ROUNDING);
     let beats = |one: usize, other: usize| {
         let (time, other_time) = (points[one].0, points[other].0);
@@ -20,7 +22,7 @@ pub fn frontier_of(points: &[(f64, f64)], noise: Noise) -> Vec<bool> {
             && (time * noise.factor < other_time
                 || (error(one) < LESS * error(other) && time <= other_time * noise.factor))
     };
-    // Nothing is beaten by what comes later in this order.
+    // In this order, no point is excluded by a later one.
     let mut order: Vec<usize> = (0..points.len()).collect();
     order.sort_by(|&a, &b| error(a).total_cmp(&error(b)).then(points[a].0.total_cmp(&points[b].0)));
     let mut on_frontier = vec![false; points.len()];
@@ -48,7 +50,8 @@ mod tests {
         ];
         assert_eq!(frontier_of(&points, noise), [true, false, false, true, true, true, false]);
         assert!(frontier_of(&[], noise).is_empty());
-        // Each within the noise of the next: the third is beaten by nothing that is not beaten by the first.
+        // Each is within the noise of the next. Only the second excludes the third, and the first
+        // excludes the second.
         let chain: Vec<(f64, f64)> = (0..6).map(|i| (10.0 * 0.96f64.powi(i), 1e-3 * 2f64.powi(i))).collect();
         assert_eq!(frontier_of(&chain, noise), [true, false, true, false, true, false]);
         let much = Noise { factor: 3.8, again: 1.0 };

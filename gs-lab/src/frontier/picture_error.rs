@@ -1,11 +1,11 @@
-//! How far a picture is from what it should be.
+//! The error of a picture.
 
 use serde::Serialize;
 
-/// One display step of 8 bits.
+/// A display step of 8 bits.
 const DISPLAY_STEP: f64 = 1.0 / 255.0;
 
-/// How far pictures are from the truth, over all channels of all their pixels, not clamped.
+/// The error of pictures, over all channels of all pixels, without clamping.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
 pub struct PictureError {
     /// Largest absolute difference.
@@ -14,19 +14,19 @@ pub struct PictureError {
     pub mean: f64,
     /// Mean squared difference.
     pub mean_squared: f64,
-    /// Share of the pixels of which some channel is off by more than a display step, 1/255.
+    /// Share of the pixels with a channel that is off by more than a display step, 1/255.
     pub share_visible: f64,
 }
 
 impl PictureError {
-    /// Peak signal-to-noise ratio, dB, with peak 1; ∞ where there is no difference. Of floats, as all errors here are: it is about what an
-    /// approximation changes, most of which an 8-bit picture does not show. How good a fit is, is a matter of 8-bit pictures
-    /// ([`gs_train::ImageQuality`]).
+    /// PSNR with peak 1, dB; ∞ without error. It is computed without rounding to 8 bits, because
+    /// most approximations change less than a display step. The quality of a fit is measured on
+    /// 8-bit images ([`gs_train::ImageQuality`]).
     pub fn psnr(&self) -> f64 {
         -10.0 * self.mean_squared.log10()
     }
 
-    /// Of the differences of these pixels; all 0 of none. What is not a number is ∞.
+    /// The error of these pixel differences; all 0 without pixels. NaN counts as ∞.
     pub(super) fn of(differences: impl Iterator<Item = [f64; 3]>) -> Self {
         let (mut error, mut pixels) = (Self::default(), 0u64);
         for difference in differences {
@@ -48,7 +48,7 @@ impl PictureError {
         }
     }
 
-    /// Of several views of one size: the largest difference, and means of means.
+    /// The error of several views of one size: the largest maximum, and means of the means.
     pub(super) fn of_views(views: &[Self]) -> Self {
         let share = 1.0 / views.len().max(1) as f64;
         let mut all = Self::default();

@@ -1,35 +1,37 @@
-//! Which combinations are worth measuring: those that lie on the frontier if times multiply and errors add up.
+//! Predicts which combinations lie on the frontier, assuming that time ratios multiply and errors
+//! add up.
 
 use super::Setting;
 
-/// A value of one setting, as it was measured alone.
+/// A value of a setting, measured alone.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Alone {
-    /// The value; nothing is that of the default.
+    /// The value; `None` for the default's.
     pub(super) setting: Option<Setting>,
-    /// Its time by that of the default.
+    /// Its time divided by the default's.
     pub(super) ratio: f64,
-    /// The largest error where it is the only approximation.
+    /// Its largest error if it is the only approximation.
     pub(super) error: f64,
 }
 
-/// A value for some of the settings.
+/// A combination of values of several settings.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Combination {
-    /// What differs from the default.
+    /// Differences from the default.
     pub(super) settings: Vec<Setting>,
-    /// Predicted, by the time of the default.
+    /// Predicted time divided by the default's.
     pub(super) ratio: f64,
-    /// Predicted: the sum of what each does alone, which the triangle inequality makes an upper bound but for what they do to each other.
+    /// Predicted error: the sum of the single errors, an upper bound as long as settings do not
+    /// influence each other.
     pub(super) error: f64,
 }
 
-/// The predicted frontier over all choices of one value from each list, quickest first, thinned out to `most` combinations, the ends among
-/// them.
+/// The predicted frontier over all choices of one value per setting, quickest first, thinned out to
+/// `most` combinations including both ends.
 pub(super) fn combinations(settings: &[Vec<Alone>], most: usize) -> Vec<Combination> {
     let mut frontier = vec![Combination { settings: Vec::new(), ratio: 1.0, error: 0.0 }];
     for values in settings {
-        // What is beaten stays so, whatever follows: each further value multiplies and adds alike.
+        // A combination that is excluded stays so: each further value multiplies and adds alike.
         let with = |combination: &Combination, value: &Alone| Combination {
             settings: combination.settings.iter().copied().chain(value.setting).collect(),
             ratio: combination.ratio * value.ratio,
@@ -43,7 +45,8 @@ pub(super) fn combinations(settings: &[Vec<Alone>], most: usize) -> Vec<Combinat
     frontier.into_iter().enumerate().filter(|(i, _)| kept.contains(i)).map(|(_, combination)| combination).collect()
 }
 
-/// Quickest first, each more exact than all before it; of equals the one that changes less.
+/// Keeps the combinations that are more exact than all quicker ones, quickest first; of equal ones
+/// the one with the fewest changes.
 fn undominated(mut all: Vec<Combination>) -> Vec<Combination> {
     all.sort_by(|a, b| {
         let by_time = a.ratio.total_cmp(&b.ratio).then(a.error.total_cmp(&b.error));
@@ -73,7 +76,8 @@ mod tests {
         ];
         let found = combinations(&settings, 100);
         let names: Vec<_> = found.iter().map(|combination| combination.settings.clone()).collect();
-        // "late" costs nothing and is more exact, so that the default of the second is never chosen.
+        // "late" is as quick and more exact than the default of the second setting, so that one is
+        // never chosen.
         assert_eq!(
             names,
             [vec![coarse, early], vec![coarse, late], vec![early], vec![late], vec![fine, early], vec![fine, late]]

@@ -1,4 +1,4 @@
-//! The settings that are priced, each by a name and a value, and which values of each are tried.
+//! The settings that are measured, and the values that are tried.
 
 use std::fmt;
 
@@ -8,28 +8,28 @@ use gs_core::{
     settings::Extent,
 };
 
-/// One setting of a rendering and its value.
+/// A setting of a rendering with a value.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Setting {
-    /// α below this adds nothing.
+pub(super) enum Setting {
+    /// Contributions with a smaller α are left out.
     AlphaCut(f32),
-    /// A pixel is full when its transmittance would fall below this.
+    /// Blending stops before the transmittance of a pixel falls below this.
     TransmittanceMin(f32),
-    /// α is clamped to this.
+    /// Upper limit of α.
     AlphaMax(f32),
-    /// How far from its mean a Gaussian is looked at.
+    /// How far from its mean a Gaussian is evaluated.
     Extent(Extent),
-    /// In which order Gaussians are blended.
+    /// Sort order of blending.
     Order(Order),
-    /// What is done about those narrower than a pixel.
+    /// Treatment of Gaussians narrower than a pixel.
     Antialias(Antialias),
-    /// Highest degree of the spherical harmonics.
+    /// Highest SH degree.
     ShDegree(u8),
 }
 
 impl Setting {
-    /// The settings that it makes of others.
-    pub fn applied_to(self, settings: &RenderSettings) -> RenderSettings {
+    /// `settings` with this value.
+    pub(super) fn applied_to(self, settings: &RenderSettings) -> RenderSettings {
         let mut settings = *settings;
         let RenderSettings { effects, accuracy, .. } = &mut settings;
         match self {
@@ -44,8 +44,8 @@ impl Setting {
         settings
     }
 
-    /// The value that `settings` have of the same setting.
-    pub fn of(self, settings: &RenderSettings) -> Self {
+    /// The value of the same setting in `settings`.
+    pub(super) fn of(self, settings: &RenderSettings) -> Self {
         let RenderSettings { effects, accuracy, .. } = settings;
         match self {
             Self::AlphaCut(_) => Self::AlphaCut(accuracy.alpha_cut),
@@ -58,8 +58,8 @@ impl Setting {
         }
     }
 
-    /// As it is said.
-    pub fn change(self) -> Change {
+    /// Name and value as text.
+    pub(super) fn change(self) -> Change {
         let (axis, value) = match self {
             Self::AlphaCut(cut) => ("alpha cut", fraction(cut)),
             Self::TransmittanceMin(minimum) => ("full below", fraction(minimum)),
@@ -74,7 +74,7 @@ impl Setting {
     }
 }
 
-/// What differs from a backend's default: a setting of the rendering, or of the backend.
+/// A difference from a backend's default: a setting of the rendering, or of the backend.
 #[derive(Debug, Clone, PartialEq, Eq, serde::Serialize)]
 pub struct Change {
     /// The setting: "alpha cut".
@@ -89,9 +89,9 @@ impl fmt::Display for Change {
     }
 }
 
-/// Values of each setting that are tried instead of those of `base`, which is shown with the scene's SH degree, or fewer. Of a scene whose
-/// Gaussians are not hidden by each other (`Blend::Sum`), nothing becomes full or opaque; of one in 2D, nothing has an order or SH.
-pub fn alternatives(base: &RenderSettings) -> Vec<Setting> {
+/// The values of each setting to try instead of those of `base`. With `Blend::Sum`, transmittance
+/// and the limit of α do not apply; in 2D, sort order, antialiasing and SH do not.
+pub(super) fn alternatives(base: &RenderSettings) -> Vec<Setting> {
     let over = base.effects.blend == gs_core::Blend::Over;
     let in_space = base.effects.order != Order::Index;
     let cuts = [16, 32, 64, 128, 255, 512, 1024, 2048, 4096, 16384].map(|n| 1.0 / n as f32);
@@ -110,7 +110,7 @@ pub fn alternatives(base: &RenderSettings) -> Vec<Setting> {
     all
 }
 
-/// 1/n where that is what is meant.
+/// A number as "1/n" if it is such a fraction.
 fn fraction(value: f32) -> String {
     let n = (1.0 / value).round();
     let is_fraction = (2.0..1e5).contains(&n) && (1.0 / n - value).abs() <= f32::EPSILON * value && value < 0.1;

@@ -1,4 +1,5 @@
-//! The times of many candidates, measured in turn so that whatever else the machine does falls on all of them alike.
+//! Times of many candidates, interleaved so that disturbances of the machine affect all of them
+//! alike.
 
 use gs_core::{Error, RenderSettings};
 
@@ -7,22 +8,24 @@ use super::Contender;
 /// Fewest and most rounds.
 const ROUNDS: [usize; 2] = [7, 60];
 
-/// A candidate that takes longer than this many times the quickest of its backend is measured in every second round; four times that, in every fourth.
+/// A candidate slower than the quickest of its backend by this factor is measured in every second
+/// round; by four times this factor, in every fourth.
 const SLOW: f64 = 4.0;
 
-/// Fewest times of a candidate.
+/// Fewest measurements of a candidate.
 const FEWEST: usize = 3;
 
-/// Who renders with which settings.
+/// A contender with settings.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Candidate {
-    /// Its place among the contenders.
+    /// Index of the contender.
     pub(super) contender: usize,
     pub(super) settings: RenderSettings,
 }
 
-/// Seconds a view of each candidate, one for each round that it was in; as many rounds as fit into `seconds`, but at least seven, after one that does not
-/// count. Every second round goes backwards, so that nobody always follows the same neighbour.
+/// Seconds per view of each candidate, one value for each round that it took part in. There are as
+/// many rounds as fit into `seconds`, but at least seven, after a warm-up. Every second round is in
+/// reverse order, so that a candidate does not always follow the same neighbour.
 ///
 /// # Errors
 /// Those of rendering.
@@ -60,10 +63,10 @@ pub(super) fn interleaved<V>(
     for round in 0..rounds {
         for step in 0..candidates.len() {
             let at = if round % 2 == 0 { step } else { candidates.len() - 1 - step };
-            // Slow ones take turns, too.
+            // Slow candidates are spread over the rounds.
             if (round + at) % every[at] == 0 {
                 let Candidate { contender, settings } = &candidates[at];
-                // Threads that have slept while another's worked wake up first, as they do in a row of frames.
+                // One pass that is not measured wakes up the contender's threads.
                 if last.replace(*contender) != Some(*contender) {
                     renderer(*contender).seconds(&views[0], settings)?;
                 }

@@ -1,7 +1,10 @@
-//! What a picture should be: by the 64-bit oracle where it is asked, by the tightest settings of a backend everywhere else.
+//! The true picture of a view: by the 64-bit oracle at some pixels, by a backend's tightest
+//! settings elsewhere.
 //!
-//! The oracle is dense: a pixel costs as much as the scene has Gaussians. So it is asked at a sample of pixels, evenly spread, and, of each picture that is judged, at
-//! the pixel where it is worst. Where that is, the backend's rendering without cut-offs says, which is itself held against the oracle at all of those.
+//! The oracle is dense: a pixel costs time in proportion to the number of Gaussians. It computes a
+//! sample of evenly spread pixels and, for each picture that is judged, the pixel with the largest
+//! error. That pixel is found with the backend's rendering without cut-offs, which is compared with
+//! the oracle at all computed pixels.
 
 use std::{cell::RefCell, collections::HashMap};
 
@@ -11,18 +14,20 @@ use rayon::prelude::*;
 
 use super::PictureError;
 
-/// Pairs of a Gaussian and a pixel that the oracle is asked for, in all views: some seconds.
+/// Most pairs of a Gaussian and a pixel that the oracle computes for the samples of all views: some
+/// seconds.
 const PAIRS: usize = 200_000_000;
 
-/// Fewest and most pixels of a view that it is asked at.
+/// Fewest and most pixels in the sample of a view.
 const SAMPLE: [usize; 2] = [128, 8192];
 
-/// The part of the width that neighbours in the sample lie apart: the golden ratio, by which any number of them is evenly spread.
+/// Distance of neighbours in the sample, as a share of the width: the golden ratio spreads any
+/// number of pixels evenly.
 const GOLDEN: f64 = 0.618_033_988_749_894_9;
 
 /// A kind of scene that the oracle can render.
 pub trait Verifiable: Scene<View: OracleView> {
-    /// The scene as the oracle sees it.
+    /// The scene in the oracle's form.
     fn rows(&self) -> OracleScene;
 }
 
@@ -40,15 +45,15 @@ impl Verifiable for Scene3d {
 
 type SplatOf<S> = <<S as Scene>::View as OracleView>::Splat;
 
-/// One view's picture as it should be.
-pub struct Truth<S: Verifiable> {
+/// The true picture of a view.
+pub(super) struct Truth<S: Verifiable> {
     oracle: Oracle<S::View>,
     projected: Vec<Projection<SplatOf<S>>>,
-    /// Without cut-offs, by a backend.
+    /// A backend's rendering without cut-offs.
     tightest: Image,
-    /// Pixels at which the oracle was asked, and what it says.
+    /// The sampled pixels with the oracle's colours.
     sample: Vec<([u32; 2], [f64; 3])>,
-    /// The same of pixels at which some picture was worst.
+    /// Worst pixels of pictures so far, with the oracle's colours.
     worst: RefCell<HashMap<[u32; 2], [f64; 3]>>,
 }
 
@@ -59,11 +64,12 @@ impl<S: Verifiable> std::fmt::Debug for Truth<S> {
 }
 
 impl<S: Verifiable> Truth<S> {
-    /// The truth of one of `views` views of a scene; `settings` are without cut-offs, and `tightest` is their picture by a backend.
+    /// The true picture of one of `views` views of a scene. `settings` have no cut-offs, and
+    /// `tightest` is a backend's rendering with them.
     ///
     /// # Errors
     /// Those of [`Oracle::new`], where the oracle does not have an effect.
-    pub fn new(
+    pub(super) fn new(
         scene: &OracleScene,
         view: &S::View,
         settings: &RenderSettings,
@@ -82,17 +88,18 @@ impl<S: Verifiable> Truth<S> {
         Ok(Self { oracle, projected, tightest, sample, worst: RefCell::default() })
     }
 
-    /// Pixels at which the oracle is asked whatever the picture.
-    pub fn sampled(&self) -> usize {
+    /// Number of pixels in the sample.
+    pub(super) fn sampled(&self) -> usize {
         self.sample.len()
     }
 
-    /// How far a picture of this view is from what it should be. Its largest difference is that at the worst pixel and those of the sample, by the
-    /// oracle; the means are over all pixels by the tightest rendering, or over the sample by the oracle, whichever say more.
+    /// The error of a picture of this view. The maximum is over the worst pixel and the sample, by
+    /// the oracle. The means are over all pixels by the tightest rendering, or over the sample by
+    /// the oracle, whichever are larger.
     ///
     /// # Errors
     /// [`Error::SizesDiffer`].
-    pub fn error(&self, picture: &Image) -> Result<PictureError, Error> {
+    pub(super) fn error(&self, picture: &Image) -> Result<PictureError, Error> {
         self.tightest.same_size(picture)?;
         let difference = |[x, y]: [u32; 2], true_color: [f64; 3]| {
             let shown = picture.pixel(x, y);
@@ -124,8 +131,9 @@ impl<S: Verifiable> Truth<S> {
         })
     }
 
-    /// The largest difference between the tightest rendering and the oracle, at all pixels at which that was asked so far.
-    pub fn uncertainty(&self) -> f64 {
+    /// Largest difference between the tightest rendering and the oracle, at all pixels that the
+    /// oracle has computed so far.
+    pub(super) fn uncertainty(&self) -> f64 {
         let worst = self.worst.borrow();
         let asked = self.sample.iter().map(|(place, color)| (place, color)).chain(worst.iter());
         let differences = asked.map(|(&[x, y], color)| {
@@ -144,7 +152,7 @@ fn spread(width: u32, height: u32, count: usize) -> Vec<[u32; 2]> {
     }
     let mut places: Vec<u64> = (0..count as u64)
         .map(|i| {
-            // Rows one after the other, columns by the golden ratio.
+            // Rows in order, columns by the golden ratio.
             let row = i * u64::from(height) / count as u64;
             let column = ((i as f64 * GOLDEN).fract() * f64::from(width)) as u64;
             (row * u64::from(width) + column).min(all - 1)

@@ -1,4 +1,5 @@
-//! The curves of a study, as numbers: quality against count and time, growth over steps, differences from the baseline.
+//! The figures of a study: quality against count and time, growth over steps, differences from the
+//! baseline.
 
 use crate::statistics::mean;
 use gs_core::counted;
@@ -15,7 +16,7 @@ use crate::{
 /// Points of a curve over time.
 const TIMES: usize = 48;
 
-/// PSNR at the end against the Gaussians at the end, one point a budget.
+/// PSNR against the number of Gaussians at the end, one point per budget.
 pub(crate) fn quality_over_count(results: &Results<'_>) -> Figure {
     let budgets = &results.plan.study.budgets;
     let series = each_arm(results, Dots::All, |arm| {
@@ -36,7 +37,7 @@ pub(crate) fn quality_over_count(results: &Results<'_>) -> Figure {
     }
 }
 
-/// PSNR against the time spent fitting, on each arm's clock: see [`Reach`].
+/// PSNR against fitting time, on each arm's time scale: see [`Reach`].
 pub(crate) fn quality_over_time(results: &Results<'_>, budget: u32) -> Figure {
     let reach = Reach::of_images(results, budget);
     let series = each_arm(results, Dots::Last, |arm| {
@@ -87,7 +88,7 @@ pub(crate) fn growth(results: &Results<'_>, budget: u32) -> Figure {
     }
 }
 
-/// How much better each arm is than the baseline, in PSNR.
+/// The difference of each arm from the baseline, in PSNR.
 pub(crate) fn differences(results: &Results<'_>, matching: Matching) -> Figure {
     let study = &results.plan.study;
     let baseline = study.baseline_arm();
@@ -114,7 +115,7 @@ fn each_arm(results: &Results<'_>, dots: Dots, points: impl Fn(usize) -> Vec<Poi
     arms.map(|(arm, of)| Series { style: arm, name: of.name.clone(), points: points(arm), dots }).collect()
 }
 
-/// The mean over images and seeds; below and above it the means over images of the lowest and the highest seed.
+/// The mean over images and seeds, with the lowest and the highest seed as band.
 fn point(
     results: &Results<'_>,
     arm: usize,

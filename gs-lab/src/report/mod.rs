@@ -1,4 +1,4 @@
-//! The report of a study: one page that needs no network, and its curves as SVG and PNG beside it.
+//! The report of a study: one HTML page without network access, and its figures as SVG and PNG.
 
 mod curves;
 mod page;
@@ -9,12 +9,12 @@ use std::fs;
 
 use crate::{error::Error, figure::Figure, folder::StudyFolder, report::page::Page, study::Matching, tables::Results};
 
-/// The page.
+/// The file name of the page.
 pub(crate) const PAGE: &str = "report.html";
-/// The folder of its curves.
+/// The folder of the figures.
 pub(crate) const PLOTS: &str = "plots";
 
-/// Writes `report.html` and `plots/`; `command` is what the page says it was made with.
+/// Writes `report.html` and `plots/`. The page shows `command` as the way it was made.
 ///
 /// # Errors
 /// [`Error::Io`] and [`Error::Path`] for files, [`Error::Picture`] where something cannot be drawn.
@@ -39,7 +39,7 @@ pub fn write(results: &Results<'_>, folder: &StudyFolder, command: &str) -> Resu
     folder.write(PAGE, &page.html()?)
 }
 
-/// What the study found, in a line for each respect and budget.
+/// The leading arm at each budget, at equal count, iterations and time, one line each.
 pub fn headlines(results: &Results<'_>) -> Vec<String> {
     standings::standings(results).iter().map(|standing| page::headline(results, standing)).collect()
 }
@@ -49,7 +49,7 @@ fn figure<'a>(figures: &'a [Figure], name: &str) -> Option<&'a Figure> {
     figures.iter().find(|figure| figure.name == name)
 }
 
-/// What is equal, in words.
+/// What is held equal, in words.
 fn at_equal(matching: Matching) -> &'static str {
     match matching {
         Matching::Count => "at equal count",

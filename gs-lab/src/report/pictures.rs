@@ -1,4 +1,5 @@
-//! The pictures of a report: what each arm makes of the same few pixels, and how wrong it is there, packed into the page.
+//! The pictures of a report, embedded in the page: each arm's result in the same window of an
+//! image, and its error there.
 
 use gs_core::Image;
 use image::{ExtendedColorType, ImageEncoder, codecs::jpeg::JpegEncoder};
@@ -6,49 +7,50 @@ use image::{ExtendedColorType, ImageEncoder, codecs::jpeg::JpegEncoder};
 use crate::{error::Error, html::data_uri, tables::Results};
 
 /// Side of a picture, px.
-const SIDE: u32 = 176;
-/// Quality of the packed pictures, 1 to 100.
-const QUALITY: u8 = 80;
-/// A report shows this many pictures at most.
-const MOST: usize = 88;
-/// The largest absolute difference of a channel that the error maps tell from larger ones.
+const SIDE: u32 = 144;
+/// JPEG quality of the pictures, 1 to 100.
+const QUALITY: u8 = 75;
+/// Most characters of all embedded pictures together, so that a report of many images and arms
+/// stays small.
+const MOST_CHARS: usize = 300_000;
+/// The error of a channel at which error maps reach their brightest colour.
 pub(crate) const FULL_SCALE: f32 = 0.25;
 
-/// An image of the study with what the arms made of it.
+/// An image of the study with the results of the arms.
 #[derive(Debug, Clone)]
 pub(crate) struct Multiples {
     pub(crate) image: String,
-    /// Left, top, columns and rows of what is shown, px.
+    /// Left, top, columns and rows of the window, px.
     pub(crate) window: [u32; 4],
-    /// The image itself, as the address of an `img`.
+    /// The image itself, as a data URI.
     pub(crate) target: String,
     pub(crate) arms: Vec<Multiple>,
 }
 
-/// What an arm made of an image.
+/// The result of an arm on an image.
 #[derive(Debug, Clone)]
 pub(crate) struct Multiple {
     pub(crate) arm: usize,
-    /// Of the whole image, dB.
+    /// PSNR of the whole image, dB.
     pub(crate) psnr: f64,
     pub(crate) reconstruction: String,
     pub(crate) error_map: String,
 }
 
-/// Pictures of the first seed at a budget, for as many images as a page can take.
+/// Pictures of the first seed at a budget, for as many images as fit into [`MOST_CHARS`], at least
+/// one.
 ///
 /// # Errors
 /// [`Error::Picture`].
 pub(crate) fn multiples(
     results: &Results<'_>,
     budget: u32,
-    picture: impl Fn(&crate::Run) -> Option<Image>,
+    picture: impl Fn(&crate::plan::Run) -> Option<Image>,
 ) -> Result<Vec<Multiples>, Error> {
     let plan = results.plan;
-    let images = (MOST / (2 * plan.study.arms.len() + 1)).max(1);
     let seed = plan.study.seeds[0];
-    let mut shown = Vec::new();
-    for (index, target) in plan.targets.iter().enumerate().take(images) {
+    let (mut shown, mut chars) = (Vec::new(), 0);
+    for (index, target) in plan.targets.iter().enumerate() {
         let of_image = results.rows().filter(|(run, _)| (run.target, run.budget, run.seed) == (index, budget, seed));
         let arms: Vec<(usize, f64, Image)> = of_image
             .filter_map(|(run, record)| Some((run.arm, record?.outcome.finished()?.psnr, picture(run)?)))
@@ -61,22 +63,35 @@ pub(crate) fn multiples(
             let error_map = pack(&error_map(&part, &cut(&target.image, window)))?;
             Ok::<_, Error>(Multiple { arm: *arm, psnr: *psnr, reconstruction: pack(&part)?, error_map })
         };
-        shown.push(Multiples {
+        let multiples = Multiples {
             image: target.label().to_owned(),
             window,
             target: pack(&cut(&target.image, window))?,
             arms: arms.iter().map(multiple).collect::<Result<_, _>>()?,
-        });
+        };
+        chars += multiples.chars();
+        if chars > MOST_CHARS && !shown.is_empty() {
+            break;
+        }
+        shown.push(multiples);
     }
     Ok(shown)
 }
 
-/// Where arms differ the most: the window with the largest spread of their squared errors.
+impl Multiples {
+    /// Total length of the data URIs.
+    fn chars(&self) -> usize {
+        let of_arms = self.arms.iter().map(|arm| arm.reconstruction.len() + arm.error_map.len());
+        self.target.len() + of_arms.sum::<usize>()
+    }
+}
+
+/// The window in which the squared errors of the arms differ most.
 fn telling_window(target: &Image, arms: &[&Image]) -> [u32; 4] {
     let (width, height) = target.size();
     let (columns, rows) = (width.min(SIDE), height.min(SIDE));
     let stride = width as usize + 1;
-    // Sums over all pixels left of and above a corner.
+    // Summed-area table.
     let mut sums = vec![0.0f64; stride * (height as usize + 1)];
     for y in 0..height as usize {
         let mut row = 0.0;
@@ -107,8 +122,8 @@ fn cut(image: &Image, [left, top, columns, rows]: [u32; 4]) -> Image {
         .expect("a part of an image is of a possible size")
 }
 
-/// The largest absolute difference of a channel, from black (none) over red to pale yellow ([`FULL_SCALE`] and more): a scale that gets
-/// brighter all the way, for any colour vision.
+/// A map of the largest absolute error of a channel, from black (none) over red to pale yellow
+/// ([`FULL_SCALE`] and more). Its brightness rises monotonically, for any colour vision.
 fn error_map(image: &Image, target: &Image) -> Image {
     const STOPS: [[f32; 3]; 5] =
         [[0.0, 0.0, 0.02], [0.27, 0.06, 0.36], [0.73, 0.22, 0.33], [0.98, 0.55, 0.15], [0.99, 1.0, 0.75]];
@@ -123,7 +138,7 @@ fn error_map(image: &Image, target: &Image) -> Image {
     .expect("as large as an image")
 }
 
-/// The image as the address of an `img`, with its content in it.
+/// The image as a data URI.
 fn pack(name: &str, image: &Image) -> Result<String, Error> {
     let bytes: Vec<u8> =
         image.pixels().as_flattened().iter().map(|v| (v.clamp(0.0, 1.0) * 255.0).round() as u8).collect();

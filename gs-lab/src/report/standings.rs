@@ -1,4 +1,4 @@
-//! Who leads: in each respect, at each budget, the best arm and those that cannot be told from it.
+//! The leading arm at each budget, and the arms that it cannot be distinguished from.
 
 use std::collections::BTreeMap;
 
@@ -11,22 +11,23 @@ use crate::{
     tables::{Metric, Results},
 };
 
-/// The arms in one respect at one budget. Means and verdicts are of the same runs at the same place, as far as all arms have finished.
+/// The ranking of the arms at a budget. Means and verdicts are of the same runs, as far as all arms
+/// have finished.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Standing {
     pub(crate) matching: Matching,
     pub(crate) budget: u32,
     /// The arm with the best mean, and that mean, dB.
     pub(crate) leader: (usize, f64),
-    /// The best mean of the others, dB.
+    /// The second-best mean, dB.
     pub(crate) next: Option<f64>,
-    /// Arms that the leader is not shown to be better than, though it is compared with them.
-    pub(crate) not_told_apart: Vec<usize>,
-    /// Arms that there is no verdict on, by the reason.
+    /// Arms that are compared with the leader and not shown to be worse.
+    pub(crate) indistinguishable: Vec<usize>,
+    /// Arms without a verdict, by the reason.
     pub(crate) not_judged: BTreeMap<String, Vec<usize>>,
 }
 
-/// Every respect of the study at every budget; without those that no arm has finished runs for.
+/// The standings of the study, without those for which no arm has finished runs.
 pub(crate) fn standings(results: &Results<'_>) -> Vec<Standing> {
     let study = &results.plan.study;
     let all = study.matchings.iter().flat_map(|&matching| study.budgets.iter().map(move |&budget| (matching, budget)));
@@ -37,20 +38,21 @@ fn standing(results: &Results<'_>, matching: Matching, budget: u32) -> Option<St
     let mut means = mean_psnrs(results, matching, budget);
     means.sort_by(|a, b| b.1.total_cmp(&a.1));
     let &leader = means.first()?;
-    let (mut not_told_apart, mut not_judged) = (Vec::new(), BTreeMap::<_, Vec<usize>>::new());
+    let (mut indistinguishable, mut not_judged) = (Vec::new(), BTreeMap::<_, Vec<usize>>::new());
     for arm in (0..results.plan.study.arms.len()).filter(|&arm| arm != leader.0) {
         let difference = results.difference(matching, Metric::Psnr, budget, leader.0, arm);
         match difference.obstacle() {
             Some(obstacle) => not_judged.entry(obstacle.to_string()).or_default().push(arm),
             None if difference.verdict == Verdict::Better => {}
-            None => not_told_apart.push(arm),
+            None => indistinguishable.push(arm),
         }
     }
     let next = means.get(1).map(|next| next.1);
-    Some(Standing { matching, budget, leader, next, not_told_apart, not_judged })
+    Some(Standing { matching, budget, leader, next, indistinguishable, not_judged })
 }
 
-/// Of every arm that has finished runs on all images: mean PSNR over images of means over the seeds that all of these arms have finished.
+/// Mean PSNR of each arm that has finished runs on all images: over images, and over the seeds that
+/// all of these arms have finished.
 fn mean_psnrs(results: &Results<'_>, matching: Matching, budget: u32) -> Vec<(usize, f64)> {
     let images = results.plan.targets.len();
     let seeds = &results.plan.study.seeds;
@@ -68,7 +70,7 @@ fn mean_psnrs(results: &Results<'_>, matching: Matching, budget: u32) -> Vec<(us
     let of_image = |arm: usize, target: usize| {
         mean(seeds.iter().filter(|&&seed| common(target, seed)).filter_map(|&seed| values.get(&(arm, target, seed))))
     };
-    // Where an image has no seed that all have finished, there is no mean that is fair to all.
+    // If the arms have no common seed on an image, there is no fair mean.
     let of_arm =
         |arm: usize| Some((arm, mean((0..images).map(|t| of_image(arm, t))))).filter(|found| !found.1.is_nan());
     ranked.iter().filter_map(|&arm| of_arm(arm)).collect()

@@ -26,22 +26,23 @@ enum Recipe {
 const PAPER: DiscAndSquare = DiscAndSquare::PAPER;
 
 impl SyntheticTarget {
-    /// The paper's.
+    /// The paper's target.
     pub const PAPER: Self = Self::varied("paper", "the paper's", PAPER);
 
-    /// The paper's as an image file holds it, 8 bits a channel: the disc's faint rim ends somewhere, and does not reach the border.
+    /// The paper's target rounded to 8 bits a channel, as an image file holds it: the disc's faint
+    /// rim ends before the border.
     pub const PAPER_8_BIT: Self =
         Self { name: "paper-8bit", about: "in 8 bits a channel", recipe: Recipe::DiscAndSquareInEightBits };
 
-    /// Dark lines of one pixel, as large as the paper's.
+    /// Dark lines of one pixel, as large as the paper's target.
     pub const THIN_LINES: Self =
         Self { name: "thin-lines", about: "thin lines", recipe: Recipe::ThinLines { side_px: PAPER.side_px } };
 
-    /// Dark lines of one pixel, for fits of a few Gaussians.
+    /// Dark lines of one pixel in a small image, for fits of a few Gaussians.
     pub const THIN_LINES_24_PX: Self =
         Self { name: "thin-lines-24px", about: "thin lines, 24×24 px", recipe: Recipe::ThinLines { side_px: 24 } };
 
-    /// All of them: the paper's, then those that differ from it in one respect, then others.
+    /// All targets: the paper's, then variations of it, then others.
     pub const ALL: [Self; 13] = [
         Self::PAPER,
         Self::varied("paper-64px", "64×64 px", DiscAndSquare { side_px: 64, ..PAPER }),
@@ -82,12 +83,12 @@ impl SyntheticTarget {
         self.name
     }
 
-    /// What it is for people: in what it differs from the paper's, or what it shows instead.
+    /// A short description: how it differs from the paper's target, or what it shows.
     pub const fn about(&self) -> &'static str {
         self.about
     }
 
-    /// The paper's with something varied, where it is no more than that.
+    /// The parameters of the paper's target or of a variation of it; `None` for other targets.
     pub const fn disc_and_square(&self) -> Option<DiscAndSquare> {
         match self.recipe {
             Recipe::DiscAndSquare(varied) => Some(varied),
@@ -95,7 +96,7 @@ impl SyntheticTarget {
         }
     }
 
-    /// The picture.
+    /// The image.
     pub fn image(&self) -> Image {
         let image = match self.recipe {
             Recipe::DiscAndSquare(varied) => varied.image(),
@@ -106,7 +107,7 @@ impl SyntheticTarget {
     }
 }
 
-/// Every channel rounded to the nearest of 256 values.
+/// Rounds every channel to 8 bits.
 fn in_eight_bits(mut image: Image) -> Image {
     image.pixels_mut().as_flattened_mut().iter_mut().for_each(|v| *v = (*v * 255.0).round() / 255.0);
     image

@@ -1,12 +1,14 @@
-//! Lines too thin for a Gaussian of a pixel's breadth: the target on which a floor of the scales has its price.
+//! Lines thinner than the minimum scales of some guards allow, to measure what such a minimum
+//! costs.
 
 use glam::Vec2;
 use gs_core::Image;
 
-/// Direction of each line's normal, rad, and how far along it the line stands, of the side.
+/// Direction of each line's normal, rad, and the line's position along it as a share of the image's
+/// side.
 const LINES: [(f32, f32); 5] = [(0.13, 0.3), (0.71, 0.45), (1.22, 0.6), (1.9, 0.38), (2.6, 0.55)];
 
-/// Dark lines of one pixel's breadth on white, in several directions.
+/// Dark lines of one pixel's width on white, in several directions.
 ///
 /// # Errors
 /// [`gs_core::Error::Size`] where the side is not possible.

@@ -1,13 +1,12 @@
-//! What the cold start says of the paper: its claims, charts, tables and pictures.
+//! The findings of the cold start.
 
 use super::*;
 
-/// What ends below this has learnt nothing, dB: a white image is at 10.
+/// A fit that ends below this has learnt nothing, dB: a white image has 10.
 const NOTHING_DB: f64 = 12.0;
 
 impl ColdStartMeasured {
-    /// Claims, charts, tables and pictures.
-    pub fn findings(&self) -> Findings {
+    pub(crate) fn findings(&self) -> Findings {
         Findings {
             method: format!(
                 "The paper's fit, {} steps, from 20 Gaussians of σ {COLD_SCALE_PX} px on the border of the image instead; {}. The \
@@ -250,7 +249,7 @@ impl ColdStartMeasured {
     }
 }
 
-/// A number that is zero or is not.
+/// A number as text, "exactly 0" if it is.
 fn exact(value: f64) -> String {
     if value == 0.0 { "exactly 0".to_owned() } else { format!("{} at most", significant(value, 2)) }
 }

@@ -1,4 +1,5 @@
-//! A scale that is driven to zero by hand: from where on a loss and its gradients are no longer finite, guard by guard.
+//! A scale that is set to ever smaller values: where loss and gradients stop being finite, for each
+//! guard.
 
 use glam::{Vec2, Vec3};
 use gs_core::{Canvas, Gaussian2d, Image, Optimizer, Scene as _, Scene2d, scene::logit};
@@ -8,23 +9,22 @@ use super::{Guard, NEEDLE_PX, small_settings};
 use crate::experiments::textbook::Textbook;
 use gs_train::Error;
 
-/// A needle, turned by many angles, one of whose scales goes down to 1e-12 px by itself.
+/// The results for a needle, turned by many angles, one of whose scales goes down to 1e-12 px.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Drive {
-    /// What guards it.
-    pub guard: Guard,
-    /// Angles tried.
-    pub angles: usize,
-    /// At how many of them the loss or a gradient stops being finite somewhere.
-    pub not_finite: usize,
+pub(crate) struct Drive {
+    pub(crate) guard: Guard,
+    /// Number of angles.
+    pub(crate) angles: usize,
+    /// Number of angles at which the loss or a gradient stops being finite.
+    pub(crate) not_finite: usize,
     /// The largest scale at which it does, px.
-    pub from_px: Option<f64>,
-    /// The largest scale at which the Gaussian is left out, px; this project's guard does that.
-    pub left_out_px: Option<f64>,
+    pub(crate) from_px: Option<f64>,
+    /// The largest scale at which the Gaussian is left out, px, as this project's guards do.
+    pub(crate) left_out_px: Option<f64>,
 }
 
 impl Drive {
-    /// Lets one scale of a needle go to zero, in 8 steps a decade.
+    /// Lets a scale of the needle go to zero, in 8 steps per decade.
     pub(super) fn measure<R: Optimizer<Scene2d>>(
         rasterizer: &R,
         guard: Guard,
@@ -69,7 +69,7 @@ impl Drive {
     }
 }
 
-/// A needle off the centres of pixels.
+/// A needle away from pixel centres.
 fn needle(short_px: f32, angle: f32) -> Gaussian2d {
     Gaussian2d {
         mean: Vec2::new(12.3, 11.6),

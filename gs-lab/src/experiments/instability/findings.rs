@@ -1,11 +1,10 @@
-//! What the instability experiment says of the paper: its claims, charts, tables and pictures.
+//! The findings of the instability experiment.
 
 use super::{small_fits::SMALL_GAUSSIANS, *};
 use crate::experiments::paired::Sense;
 
 impl InstabilityMeasured {
-    /// Claims, charts, tables and pictures.
-    pub fn findings(&self) -> Findings {
+    pub(crate) fn findings(&self) -> Findings {
         let error = |label, value: fn(&Determinant) -> f64| {
             let determinants = self.precision.determinants.iter().rev();
             Series::line(label, determinants.map(|d| (d.short_px, value(d).max(1e-9))).collect())
@@ -18,12 +17,12 @@ impl InstabilityMeasured {
         let side = SyntheticTarget::THIN_LINES_24_PX.image().width();
         Findings {
             method: format!(
-                "First one scale of a needle of {NEEDLE_PX} px is driven to 1e-12 px, at {} angles, and loss and gradients \
-                 are looked at. Then {SMALL_GAUSSIANS} Gaussians are fitted to thin lines on {side}×{side} \
+                "First one scale of a needle of {NEEDLE_PX} px goes to 1e-12 px, at {} angles, and loss and gradients \
+                 are examined. Then {SMALL_GAUSSIANS} Gaussians are fitted to thin lines on {side}×{side} \
                  px (L1, 800 steps, {} seeds), where an optimiser may drive a scale to zero by itself. Without guards and with the \
                  paper's, this is computed in 32 bits as the formulas are written down (Σ multiplied out, inverted by a·c − \
-                 b², Adam on the scales themselves), by a dense solver that is part of this experiment alone; with this \
-                 project's guards, by the product. Last the paper's fit of 600 Gaussians, with the clamp at 1 px and with \
+                 b², Adam on the scales themselves), by a dense solver that only this experiment uses; with this \
+                 project's guards, by the product. Finally the paper's fit of 600 Gaussians, with the clamp at 1 px and with \
                  the project's floor of 0.25 px.",
                 self.drive(Guard::Off).angles,
                 self.trajectories(Guard::Project).count(),
@@ -37,7 +36,7 @@ impl InstabilityMeasured {
                     y: Axis::logarithmic("relative error, worst of 32 angles"),
                     marks: Marks::lines(vec![
                         error("a·c − b² of Σ", |d| d.of_covariance),
-                        error("of the frame, squared", |d| d.of_frame),
+                        error("of the covariance factor, squared", |d| d.of_factor),
                     ]),
                 },
                 Figure {
@@ -53,7 +52,7 @@ impl InstabilityMeasured {
         }
     }
 
-    /// The fits with a guard, whatever the step of the scales.
+    /// The small fits with a guard, of all step sizes.
     fn trajectories(&self, guard: Guard) -> impl Iterator<Item = &Trajectory> {
         self.free.iter().filter(move |free| free.guard == guard).flat_map(|free| &free.trajectories)
     }
@@ -62,7 +61,8 @@ impl InstabilityMeasured {
         let drive = self.drive(Guard::Off);
         let (fits, diverged) = self.free_fits(Guard::Off);
         let from = drive.from_px.unwrap_or(0.0);
-        // Those that got where the needle's gradients are no longer finite, and those that diverged before.
+        // Fits that reached the scale at which the needle's gradients stop being finite, or
+        // diverged before.
         let driven: Vec<&Trajectory> = self
             .trajectories(Guard::Off)
             .filter(|trajectory| trajectory.diverged || trajectory.smallest_scale_px <= from)
@@ -121,7 +121,7 @@ impl InstabilityMeasured {
             .trajectories(Guard::Project)
             .map(|trajectory| trajectory.smallest_scale_px)
             .fold(f64::INFINITY, f64::min);
-        // The same seeds and steps of the scales, in the same order.
+        // Both have the same seeds and step sizes in the same order.
         let pairs = self.trajectories(Guard::Off).zip(self.trajectories(Guard::Paper));
         let cured = pairs.filter(|(off, _)| off.diverged).map(|(_, paper)| !paper.diverged);
         Claim {
@@ -179,8 +179,8 @@ impl InstabilityMeasured {
             measured: format!(
                 "With 600 Gaussians the clamp leaves {:.1} dB on the circle and square. Against this project's floor of {PROJECT_FLOOR_PX} \
                  px, of whose {fits} fits {diverged} diverged, it costs {:.1} dB there (seeds: {}), and {:.1} \
-                 dB ({}) on thin lines, where it leaves {clamped_lines:.1} dB. Of a price the paper says nothing, and the verdict \
-                 does not count it.",
+                 dB ({}) on thin lines, where it leaves {clamped_lines:.1} dB. The paper does not mention a price, so the verdict \
+                 ignores it.",
                 clamped.mean_psnr(),
                 -shapes.mean,
                 shapes.interval_in_words(Sense::Reversed, 1),

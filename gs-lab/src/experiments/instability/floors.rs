@@ -1,4 +1,5 @@
-//! What a floor of the scales costs: the paper's own fit, with the paper's clamp and with this project's floor.
+//! The price of a minimum scale: the paper's fit with the paper's clamp and with this project's
+//! minimum.
 
 use gs_core::{Image, Optimizer, Scene2d};
 
@@ -10,28 +11,28 @@ use crate::{
 };
 use gs_train::{Error, FitSettings};
 
-/// A floor of the scales in the paper's own fit.
+/// The paper's fit with a minimum scale.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Floor {
-    /// The target.
-    pub target: &'static str,
-    /// The smallest σ allowed, px.
-    pub min_scale_px: f32,
-    /// PSNR at the end, dB, one a seed; nothing where the fit diverged.
-    pub psnr: Vec<Option<f64>>,
-    /// Gaussians of which a scale is below 1 px at the end, share of all, mean over the fits that lived.
-    pub below_one_px: f64,
+pub(crate) struct Floor {
+    pub(crate) target: &'static str,
+    /// The minimum scale, px.
+    pub(crate) min_scale_px: f32,
+    /// Final PSNR, dB, one value per seed; `None` for a fit that diverged.
+    pub(crate) psnr: Vec<Option<f64>>,
+    /// Share of the Gaussians with a scale below 1 px at the end, averaged over the fits that did
+    /// not diverge.
+    pub(crate) below_one_px: f64,
 }
 
-/// The paper's fit with another floor of the scales.
-pub fn floor_settings(extent: Extent, seed: u32, min_scale_px: f32) -> FitSettings {
+/// The paper's fit with another minimum scale.
+pub(crate) fn floor_settings(extent: Extent, seed: u32, min_scale_px: f32) -> FitSettings {
     let mut settings = paper_settings(extent, seed);
     settings.adam.min_scale = min_scale_px;
     settings
 }
 
 impl Floor {
-    /// Fits with this floor, and a picture of the first that lived.
+    /// Fits with this minimum, and a picture of the first that does not diverge.
     pub(super) fn measure<R: Optimizer<Scene2d>>(
         laboratory: &mut Laboratory<'_, R>,
         name: &'static str,
@@ -67,13 +68,13 @@ impl Floor {
         }
     }
 
-    /// PSNR, dB, mean over the fits that lived; NaN where none did.
-    pub fn mean_psnr(&self) -> f64 {
+    /// Mean PSNR of the fits that did not diverge, dB; NaN if all did.
+    pub(crate) fn mean_psnr(&self) -> f64 {
         mean(self.psnr.iter().copied().flatten())
     }
 
-    /// How many of the fits diverged.
-    pub fn diverged(&self) -> usize {
+    /// Number of fits that diverged.
+    pub(crate) fn diverged(&self) -> usize {
         self.psnr.iter().filter(|psnr| psnr.is_none()).count()
     }
 }

@@ -1,36 +1,36 @@
-//! What is left of a determinant in `f32` as one scale goes to zero.
+//! The precision of a determinant in `f32` as one scale goes to zero.
 
 use glam::Mat2;
 
 use super::NEEDLE_PX;
 use crate::experiments::textbook::covariance;
 
-/// What is left of a determinant in `f32`.
+/// The precision of a determinant in `f32`.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Precision {
+pub(crate) struct Precision {
     /// By falling short scale.
-    pub determinants: Vec<Determinant>,
-    /// The largest short scale at which a·c − b² is wrong by more than a tenth, px.
-    pub wrong_below_px: f64,
-    /// The largest at which it is not positive, px: Σ is then singular, or no covariance at all.
-    pub singular_below_px: f64,
+    pub(crate) determinants: Vec<Determinant>,
+    /// The largest short scale at which a·c − b² is off by more than a tenth, px.
+    pub(crate) wrong_below_px: f64,
+    /// The largest short scale at which it is not positive, px; Σ is then not a covariance.
+    pub(crate) singular_below_px: f64,
 }
 
-/// The determinant of a needle's covariance, the worst of many angles.
+/// The determinant of a needle's covariance, the worst over many angles.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Determinant {
+pub(crate) struct Determinant {
     /// The short scale, px.
-    pub short_px: f64,
+    pub(crate) short_px: f64,
     /// Relative error of a·c − b² of Σ.
-    pub of_covariance: f64,
-    /// Relative error of the squared determinant of the frame R S.
-    pub of_frame: f64,
+    pub(crate) of_covariance: f64,
+    /// Relative error of the squared determinant of the covariance factor R S.
+    pub(crate) of_factor: f64,
     /// Whether a·c − b² is positive at all angles.
-    pub is_positive: bool,
+    pub(crate) is_positive: bool,
 }
 
 impl Precision {
-    /// Of a Gaussian of 10 px by less and less.
+    /// The precision for a Gaussian of 10 px.
     pub(super) fn of_needle() -> Self {
         let determinants: Vec<_> = (0..=48).map(|i| Determinant::of_needle(10f32.powf(-(i as f32) / 8.0))).collect();
         let first = |is_so: &dyn Fn(&Determinant) -> bool| {
@@ -48,14 +48,14 @@ impl Determinant {
     fn of_needle(short_px: f32) -> Self {
         let exact = f64::from(NEEDLE_PX).powi(2) * f64::from(short_px).powi(2);
         let error = |found: f32| (f64::from(found) - exact).abs() / exact;
-        let mut worst = Self { short_px: short_px.into(), of_covariance: 0.0, of_frame: 0.0, is_positive: true };
+        let mut worst = Self { short_px: short_px.into(), of_covariance: 0.0, of_factor: 0.0, is_positive: true };
         for angle in (0..32).map(|i| 0.05 + i as f32 * 0.093) {
             let [a, b, c] = covariance(NEEDLE_PX, short_px, angle);
             let determinant = a * c - b * b;
             let rotation = Mat2::from_angle(angle);
-            let frame = Mat2::from_cols(rotation.x_axis * NEEDLE_PX, rotation.y_axis * short_px);
+            let factor = Mat2::from_cols(rotation.x_axis * NEEDLE_PX, rotation.y_axis * short_px);
             worst.of_covariance = worst.of_covariance.max(error(determinant));
-            worst.of_frame = worst.of_frame.max(error(frame.determinant().powi(2)));
+            worst.of_factor = worst.of_factor.max(error(factor.determinant().powi(2)));
             worst.is_positive &= determinant > 0.0;
         }
         worst
@@ -67,12 +67,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_frame_keeps_the_digits_that_the_covariance_loses() {
+    fn the_factor_keeps_the_digits_that_the_covariance_loses() {
         let precision = Precision::of_needle();
         assert!((1e-3..0.1).contains(&precision.wrong_below_px), "{precision:?}");
         assert!((1e-4..precision.wrong_below_px).contains(&precision.singular_below_px), "{precision:?}");
-        assert!(precision.determinants.iter().all(|determinant| determinant.of_frame < 1e-5), "{precision:?}");
-        // Not positive is another thing than wrong: it is wrong before, and the errors of what is not positive are at least 1.
+        assert!(precision.determinants.iter().all(|determinant| determinant.of_factor < 1e-5), "{precision:?}");
+        // A determinant that is not positive has an error of at least 1.
         let singular = precision.determinants.iter().filter(|determinant| !determinant.is_positive);
         assert!(singular.clone().count() > 0 && singular.clone().all(|d| d.of_covariance >= 1.0), "{precision:?}");
     }

@@ -1,4 +1,4 @@
-//! Small fits in which the optimiser may drive a scale to zero by itself, if the guard lets it.
+//! Small fits in which the optimiser may shrink a scale to zero by itself.
 
 use gs_core::{Image, Loss, Optimizer, Scene2d};
 use gs_density::Policy;
@@ -8,39 +8,38 @@ use super::{Guard, unless_diverged};
 use crate::{experiments::Laboratory, experiments::paired::mean, experiments::textbook::Textbook};
 use gs_train::{Error, FitSettings, Init, InitialCount, Rounds, Trainer, init::Random, l1_and_psnr};
 
-/// Gaussians of a small fit.
+/// Number of Gaussians.
 pub(super) const SMALL_GAUSSIANS: u32 = 6;
 
-/// Adam's steps for the scales in the fits without this project's guards, px. The paper names none. The last is the one that brings scales
-/// to zero, and the only one of the quick form.
+/// Step sizes of Adam for scales in the textbook solver, px; the paper names none. The last brings
+/// scales to zero, and is the only one of the quick form.
 const SCALE_RATES_PX: [f32; 3] = [0.05, 0.2, 1.0];
 
-/// Small fits with one guard, in which the optimiser does what it wants.
+/// Small fits with a guard.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Free {
-    /// What guards them.
-    pub guard: Guard,
-    /// Adam's step for the scales, px; nothing for the product, which moves their logarithms.
-    pub scale_rate_px: Option<f32>,
-    /// One a seed.
-    pub trajectories: Vec<Trajectory>,
+pub(crate) struct Free {
+    pub(crate) guard: Guard,
+    /// Step size of Adam for scales, px; `None` for the product, which moves their logarithms.
+    pub(crate) scale_rate_px: Option<f32>,
+    /// One fit per seed.
+    pub(crate) trajectories: Vec<Trajectory>,
 }
 
-/// One small fit.
+/// A small fit.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Trajectory {
+pub(crate) struct Trajectory {
     /// Whether its loss or its gradients stopped being finite.
-    pub diverged: bool,
+    pub(crate) diverged: bool,
     /// The smallest |σ| before any step and after the last, px.
-    pub smallest_scale_px: f64,
-    /// PSNR at the end, dB; nothing where it diverged.
-    pub psnr: Option<f64>,
-    /// (step, the smallest |σ| before it in px), at every fourth step.
-    pub scales: Vec<(f64, f64)>,
+    pub(crate) smallest_scale_px: f64,
+    /// Final PSNR, dB; `None` if it diverged.
+    pub(crate) psnr: Option<f64>,
+    /// (step, smallest |σ| before it in px), at every fourth step.
+    pub(crate) scales: Vec<(f64, f64)>,
 }
 
-/// The product's fit of a small start: L1, no growth, as many steps as the textbook's.
-pub fn small_settings(seed: u32) -> FitSettings {
+/// The product's fit of a small scene: L1, no growth, as many steps as with the textbook solver.
+pub(crate) fn small_settings(seed: u32) -> FitSettings {
     FitSettings {
         seed,
         gaussians: SMALL_GAUSSIANS,
@@ -55,7 +54,7 @@ pub fn small_settings(seed: u32) -> FitSettings {
 }
 
 impl Free {
-    /// All guards; the textbook's at each step of the scales.
+    /// Fits with all guards; those of the textbook solver with each step size.
     pub(super) fn measure_all<R: Optimizer<Scene2d>>(
         laboratory: &mut Laboratory<'_, R>,
         target: &Image,
@@ -86,23 +85,21 @@ impl Free {
         Ok(all)
     }
 
-    /// How many fits.
-    pub fn fits(&self) -> usize {
+    pub(crate) fn fits(&self) -> usize {
         self.trajectories.len()
     }
 
-    /// How many of them diverged.
-    pub fn diverged(&self) -> usize {
+    pub(crate) fn diverged(&self) -> usize {
         self.trajectories.iter().filter(|trajectory| trajectory.diverged).count()
     }
 
-    /// The smallest |σ| met in any of them, px.
-    pub fn smallest_scale_px(&self) -> f64 {
+    /// The smallest |σ| of all fits, px.
+    pub(crate) fn smallest_scale_px(&self) -> f64 {
         self.trajectories.iter().map(|trajectory| trajectory.smallest_scale_px).fold(f64::INFINITY, f64::min)
     }
 
-    /// PSNR at the end of the fits that lived, dB, mean; nothing where none did.
-    pub fn psnr(&self) -> Option<f64> {
+    /// Mean final PSNR of the fits that did not diverge, dB; `None` if all did.
+    pub(crate) fn psnr(&self) -> Option<f64> {
         let psnr = mean(self.trajectories.iter().filter_map(|trajectory| trajectory.psnr));
         (!psnr.is_nan()).then_some(psnr)
     }
@@ -113,7 +110,7 @@ impl Trajectory {
         Self { diverged: false, smallest_scale_px: f64::INFINITY, psnr: None, scales: Vec::new() }
     }
 
-    /// Takes note of the smallest scale before a step, counted from 1.
+    /// Records the smallest scale before a step, counted from 1.
     fn note(&mut self, step: u32, scale_px: f64) {
         self.smallest_scale_px = self.smallest_scale_px.min(scale_px);
         if step % 4 == 1 {

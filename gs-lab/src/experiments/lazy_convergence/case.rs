@@ -1,5 +1,5 @@
-//! One target of the lazy-convergence experiment: the threshold that would have worked on it, and what a relative criterion does there
-//! with the settings it has everywhere.
+//! A target of the lazy-convergence experiment: the threshold that would have worked on it, and a
+//! relative criterion with the same settings on all targets.
 
 use gs_core::{Optimizer, Scene2d, constants::TAU_POSITION};
 use gs_density::{FORCED_GROWTH_PERCENT, Grow, Policy, Signal};
@@ -14,26 +14,26 @@ use gs_train::{DiscAndSquare, Error, FitSettings, Init, PAPER_SIDE_PX, PAPER_SQU
 /// Side of the paper's square, px.
 pub(super) const SQUARE_SIDE_PX: f32 = PAPER_SQUARE.1.x - PAPER_SQUARE.0.x;
 
-/// Exponents, in half octaves, of the thresholds that are tried: a quarter of 3DGS's to 64 times as much.
+/// Exponents, in half octaves, of the thresholds to try: a quarter of 3DGS's to 64 times as much.
 const HALF_OCTAVES: (i32, i32) = (-4, 12);
 
-/// In what a target differs from the paper's.
+/// How a target differs from the paper's.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub enum Variation {
-    /// In nothing: it is the paper's.
+pub(crate) enum Variation {
+    /// It is the paper's target.
     None,
-    /// How large the image is.
+    /// The size of the image.
     Size,
-    /// How far the shapes are from the white.
+    /// The contrast of the shapes with the white.
     Contrast,
-    /// How soft the square's edge is: fewer high frequencies at the edge.
+    /// The softness of the square's edge.
     Softness,
-    /// How finely the square is striped: another frequency inside it.
+    /// The period of stripes in the square.
     Stripes,
 }
 
 impl Variation {
-    /// In what this target differs; the first respect, where there are several.
+    /// The first respect in which the target differs.
     fn of(target: DiscAndSquare) -> Self {
         let paper = DiscAndSquare::PAPER;
         let respects = [
@@ -48,55 +48,55 @@ impl Variation {
 
 /// A target that differs from the paper's in one respect.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Case {
-    /// The target in words.
-    pub label: String,
-    /// In which respect.
-    pub variation: Variation,
-    /// The target.
-    pub target: DiscAndSquare,
-    /// What came of it, one a seed.
-    pub outcomes: Vec<Outcome>,
+pub(crate) struct Case {
+    /// Description of the target.
+    pub(crate) label: String,
+    pub(crate) variation: Variation,
+    pub(crate) target: DiscAndSquare,
+    /// The fits, one value per seed.
+    pub(crate) outcomes: Vec<Outcome>,
     /// Gaussians with 3DGS's threshold per device unit, seed 0.
-    pub count_device: u32,
+    pub(crate) count_device: u32,
     /// Gaussians with the same number per pixel, seed 0.
-    pub count_pixel: u32,
+    pub(crate) count_pixel: u32,
 }
 
-/// What one seed comes to on a target.
+/// The fits of a seed on a target.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Outcome {
-    /// The largest threshold with which growth reaches the budget, normalised device units; nothing where the smallest tried is too large.
-    pub working: Option<f64>,
-    /// PSNR with that threshold, which is tuned to this target and seed, dB; NaN where there is none.
-    pub psnr_tuned: f64,
+pub(crate) struct Outcome {
+    /// The largest threshold with which growth reaches the budget, normalised device units; `None`
+    /// if the smallest tried is too large.
+    pub(crate) working: Option<f64>,
+    /// PSNR with that threshold, which is tuned to target and seed, dB; NaN without one.
+    pub(crate) psnr_tuned: f64,
     /// Gaussians with the threshold that works on the paper's target with the same seed.
-    pub count_transferred: u32,
+    pub(crate) count_transferred: u32,
     /// PSNR with it, dB.
-    pub psnr_transferred: f64,
+    pub(crate) psnr_transferred: f64,
     /// Gaussians with the paper's top 10 %.
-    pub count_forced: u32,
+    pub(crate) count_forced: u32,
     /// PSNR with them, dB.
-    pub psnr_forced: f64,
-    /// Gaussians with the hybrid, whose share is that of the [`Trial`].
-    pub count_hybrid: u32,
+    pub(crate) psnr_forced: f64,
+    /// Gaussians with the hybrid, whose share is in [`Trial`].
+    pub(crate) count_hybrid: u32,
     /// PSNR with it, dB.
-    pub psnr_hybrid: f64,
+    pub(crate) psnr_hybrid: f64,
 }
 
-/// How long, and how many Gaussians, a case is given.
+/// The settings of the fits of all cases.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Trial {
-    /// Gaussians that growth has to reach.
-    pub budget: u32,
-    /// Steps; there is a round every 100 of them.
-    pub iterations: u32,
-    /// The hybrid's share, %: chosen so that it leads from 20 to the budget in these rounds, which the paper's 10 % do not.
-    pub percent: f32,
-    /// Seeds, from 0.
-    pub seeds: u32,
-    /// Half octaves between the thresholds tried.
-    pub stride: i32,
+pub(crate) struct Trial {
+    /// The budget that growth has to reach.
+    pub(crate) budget: u32,
+    /// Number of steps; there is a round every 100 steps.
+    pub(crate) iterations: u32,
+    /// The hybrid's share, %, chosen so that growth from 20 reaches the budget in these rounds. The
+    /// paper's 10 % does not.
+    pub(crate) percent: f32,
+    /// Number of seeds.
+    pub(crate) seeds: u32,
+    /// Half octaves between the thresholds.
+    pub(crate) stride: i32,
 }
 
 impl Trial {
@@ -108,7 +108,7 @@ impl Trial {
     }
 
     /// The fit of a case: the paper's, with lengths in proportion to the image.
-    pub fn settings(&self, side: u32, policy: Policy, seed: u32) -> FitSettings {
+    pub(crate) fn settings(&self, side: u32, policy: Policy, seed: u32) -> FitSettings {
         let paper = FitSettings::paper();
         let zoom = side as f32 / PAPER_SIDE_PX as f32;
         let mut adam = paper.adam;
@@ -142,7 +142,7 @@ pub(super) fn absolute(threshold: f64) -> Policy {
     Policy::Grow(Grow { threshold: threshold as f32, ..Grow::absolute(Signal::MeanGradient) })
 }
 
-/// The targets: the paper's, which comes first, and others that differ from it in size, contrast or frequency.
+/// The targets: first the paper's, then others that differ from it in size, contrast or frequency.
 pub(super) fn targets(extent: Extent) -> Vec<(String, Variation, DiscAndSquare)> {
     let quick = ["paper", "paper-contrast-10", "paper-soft-4px", "paper-stripes-5px"];
     (SyntheticTarget::ALL.into_iter())
@@ -155,8 +155,8 @@ pub(super) fn targets(extent: Extent) -> Vec<(String, Variation, DiscAndSquare)>
 }
 
 impl Case {
-    /// Looks for the threshold that works, and tries what the other criteria make of the target. `of_paper` holds the thresholds that
-    /// work on the paper's target, one a seed; without it, this is that target.
+    /// Searches the threshold that works, and fits with the other criteria. `of_paper` are the
+    /// thresholds that work on the paper's target, one per seed; without them, this is that target.
     pub(super) fn measure<R: Optimizer<Scene2d>>(
         laboratory: &mut Laboratory<'_, R>,
         label: String,
@@ -176,7 +176,7 @@ impl Case {
         let (count_device, count_pixel) = (count(TAU_POSITION.into())?, count(per_pixel(side).into())?);
         let mut outcomes = Vec::new();
         for seed in 0..trial.seeds {
-            // (threshold, Gaussians, PSNR): what was fitted once is not fitted again.
+            // (threshold, Gaussians, PSNR) of fits that were made already.
             let mut tried: Vec<(f64, u32, f64)> = Vec::new();
             let mut by_threshold = |tau: f64| {
                 if let Some(&(_, count, psnr)) = tried.iter().find(|tried| tried.0 == tau) {
@@ -189,7 +189,7 @@ impl Case {
             let works = |half_octaves| Ok(by_threshold(threshold(half_octaves))?.0 >= trial.budget);
             let working = bisect(works, trial.stride)?.map(threshold);
             let psnr_tuned = working.map_or(Ok(f64::NAN), |tau| Ok::<_, Error>(by_threshold(tau)?.1))?;
-            // Where nothing works on the paper's target, there is nothing to transfer: growth by no threshold at all.
+            // If no threshold works on the paper's target, none is transferred, and nothing grows.
             let transferred = of_paper.map_or(working, |of_paper| of_paper[seed as usize]).unwrap_or(f64::MAX);
             let (count_transferred, psnr_transferred) = by_threshold(transferred)?;
             let forced = fit("top 10 %", Trial::by_rank(FORCED_GROWTH_PERCENT), seed)?;
@@ -208,20 +208,21 @@ impl Case {
         Ok(Self { label, variation, target, outcomes, count_device, count_pixel })
     }
 
-    /// A number of the outcomes, averaged over the seeds.
-    pub fn mean_of(&self, value: impl Fn(&Outcome) -> f64) -> f64 {
+    /// A number of the outcomes, averaged over seeds.
+    pub(crate) fn mean_of(&self, value: impl Fn(&Outcome) -> f64) -> f64 {
         mean(self.outcomes.iter().map(value))
     }
 
-    /// The median over the seeds of the largest threshold that works, normalised device units; nothing where one seed has none.
-    pub fn working(&self) -> Option<f64> {
+    /// Median over seeds of the largest threshold that works, normalised device units; `None` if a
+    /// seed has none.
+    pub(crate) fn working(&self) -> Option<f64> {
         let working: Option<Vec<f64>> = self.outcomes.iter().map(|outcome| outcome.working).collect();
         working.map(median)
     }
 
-    /// By how many octaves the largest threshold that works lies above that on another target with the same seed, seed by seed; infinite
-    /// where one of them has none.
-    pub fn octaves_above(&self, other: &Self) -> Vec<f64> {
+    /// Octaves by which the threshold that works is above that of another target with the same
+    /// seed; infinite where one of them has none.
+    pub(crate) fn octaves_above(&self, other: &Self) -> Vec<f64> {
         let octaves = |outcome: &Outcome| outcome.working.map_or(f64::NEG_INFINITY, f64::log2);
         let pairs = self.outcomes.iter().zip(&other.outcomes);
         pairs
@@ -230,8 +231,9 @@ impl Case {
             .collect()
     }
 
-    /// Whether the threshold moves against another target's beyond what seeds do to it: with each of them, and the same way.
-    pub fn moves_against(&self, other: &Self) -> bool {
+    /// Whether the threshold moves against another target's beyond the variation over seeds: for
+    /// each seed, in the same direction.
+    pub(crate) fn moves_against(&self, other: &Self) -> bool {
         let octaves = self.octaves_above(other);
         !octaves.is_empty()
             && octaves.len() == self.outcomes.len()
@@ -260,11 +262,11 @@ impl Blank {
     }
 }
 
-/// The largest exponent on the grid that works, where smaller ones do if larger ones do.
+/// The largest exponent on the grid that works, if `works` is monotonic.
 fn bisect(mut works: impl FnMut(i32) -> Result<bool, Error>, stride: i32) -> Result<Option<i32>, Error> {
     let (lowest, highest) = HALF_OCTAVES;
     let at = |index: i32| lowest + index * stride;
-    // `low` works, or is one below the grid; `high` does not, or is one above it.
+    // `low` works or is one below the grid; `high` does not work or is one above it.
     let (mut low, mut high) = (-1, (highest - lowest) / stride + 1);
     while high - low > 1 {
         let middle = (low + high) / 2;

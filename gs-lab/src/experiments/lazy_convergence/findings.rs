@@ -1,21 +1,20 @@
-//! What the lazy-convergence experiment says of the paper: its claims, charts, tables and pictures.
+//! The findings of the lazy-convergence experiment.
 
 use super::*;
 
-/// From how many to how many Gaussians are "about 30".
+/// The range that counts as "about 30" Gaussians.
 const ABOUT_30: (u32, u32) = (20, 45);
 
-/// A criterion does as well as a tuned one where it ends at most so much below, dB.
+/// A criterion comes near a tuned one if its PSNR is at most this much lower, dB.
 const NEAR_DB: f64 = 1.0;
 
-/// Whether the threshold that works on the paper's target does not on this one, with some seed.
+/// Whether the threshold that works on the paper's target fails on this one with some seed.
 fn falls_short(case: &Case, budget: u32) -> bool {
     case.outcomes.iter().any(|outcome| outcome.count_transferred < budget)
 }
 
 impl LazyMeasured {
-    /// Claims, charts, tables and pictures.
-    pub fn findings(&self) -> Findings {
+    pub(crate) fn findings(&self) -> Findings {
         let [counts, losses] = self.curves.clone();
         let Trial { budget, iterations, percent, .. } = self.trial;
         let mut charts = vec![
@@ -38,7 +37,7 @@ impl LazyMeasured {
         if !self.scan.is_empty() {
             charts.push(Figure {
                 name: "threshold".to_owned(),
-                title: "What a threshold comes to on the paper's target".to_owned(),
+                title: "Results by threshold on the paper's target".to_owned(),
                 x: Axis::logarithmic("τ, per normalised device unit"),
                 y: Axis::linear("Gaussians at the end"),
                 marks: Marks::lines(vec![Series::dotted(
@@ -70,7 +69,7 @@ impl LazyMeasured {
         }
     }
 
-    /// The working threshold over what the targets differ in, each relative to the paper's.
+    /// The threshold that works as a function of each respect, relative to the paper's target.
     fn dependence_chart(&self) -> Figure {
         let series = |label: &str, relative: fn(&DiscAndSquare) -> Option<f32>| {
             let found = self.cases.iter().filter_map(|case| Some((relative(&case.target)?.into(), case.working()?)));
@@ -164,7 +163,7 @@ impl LazyMeasured {
                 ),
             ],
             measured: format!(
-                "It makes {:.0} Gaussians and {:.1} dB, {:+.1} dB above the threshold per pixel with the same seed (seeds: {}). That the count rises in every round is so by construction, and says nothing.",
+                "It makes {:.0} Gaussians and {:.1} dB, {:+.1} dB above the threshold per pixel with the same seed (seeds: {}). The count rises in every round by construction, which proves nothing.",
                 forced.mean_count(),
                 forced.mean_psnr(),
                 -pixel.mean,
@@ -183,7 +182,7 @@ impl LazyMeasured {
         self.cases.iter().filter(move |case| case.variation == variation)
     }
 
-    /// How often the working threshold moves where the targets differ in this respect.
+    /// How often the threshold moves where targets differ in this respect.
     fn moves(&self, what: &str, variation: Variation) -> Circumstance {
         Circumstance::counted(
             format!("{what} that move the working threshold with every seed"),
@@ -275,7 +274,7 @@ impl LazyMeasured {
             measured: format!(
                 "Against the threshold tuned to each target and seed, the paper's top 10 % come to {:+.1} to {:+.1} dB (means over {}), the \
                  hybrid at {percent} % to {:+.1} to {:+.1} dB. Its share is not tuned to any image, but to the number of rounds and the \
-                 budget, where a threshold finds its own pace. On a white image, where there is nothing to gain, rank alone makes \
+                 budget, unlike a threshold, which needs neither. On a white image, where there is nothing to gain, rank alone makes \
                  {by_rank:.0} Gaussians of 20, and with the hybrid's floor it makes {by_hybrid:.0}.",
                 forced_range.0,
                 forced_range.1,
@@ -367,7 +366,7 @@ impl LazyMeasured {
             |&(tau, count, psnr): &(f64, u32, f64)| vec![Cell::Significant(tau, 3), count.into(), Cell::Fixed(psnr, 2)];
         Table {
             name: "scan",
-            title: "What a threshold comes to on the paper's target, seed 0".to_owned(),
+            title: "Results by threshold on the paper's target, seed 0".to_owned(),
             columns: vec!["τ, per device unit", "Gaussians", "PSNR, dB"],
             rows: self.scan.iter().map(row).collect(),
         }

@@ -1,13 +1,15 @@
-//! Both orders of blending before a camera that moves slowly: how much of what changes jumps.
+//! Compares both sort orders under a slowly moving camera.
 //!
-//! The measure is [`flicker`], the second difference of three frames, in 8-bit levels. Its square, summed over the frames of an arc and halved, as each
-//! jump is in two triples, is what jumped there: on average over the places of a stretch that a jump may have, it does not depend on the step (the
-//! coarser triples of a short stretch see its middle more often than its ends), while motion contributes in proportion to the step's cube. So
-//! each flight is looked at with three steps, and what stays is popping. The coarser steps skip frames of the finest: all are made of the same
-//! pictures.
+//! The measure is [`flicker`], the second difference of three frames, in 8-bit levels. Its square,
+//! summed over the frames of an arc and halved because each jump is in two triples, measures the
+//! jumps. Averaged over the possible positions of a jump it does not depend on the step, while
+//! motion contributes in proportion to the cube of the step. So each flight is evaluated with three
+//! steps; what does not change with the step is popping. The coarser steps skip frames of the
+//! finest, so all use the same pictures.
 //!
-//! Squares, because sharp edges between Gaussians that pass through each other sweep over the picture and make its pixels jump, one by one. Nobody
-//! sees that. Of an area that jumps at once and one whose pixels jump each at its own time the magnitudes have the same sum; the squares have not.
+//! Squares are summed because sharp edges between intersecting Gaussians sweep over the picture and
+//! make its pixels jump one by one, which is not visible. The sum of magnitudes would be the same
+//! for an area that jumps at once; the sum of squares is not.
 
 use pollster::FutureExt as _;
 use std::collections::VecDeque;
@@ -22,14 +24,14 @@ use crate::statistics::mean;
 use gs_core::view::Orbit;
 use gs_train::Error;
 
-/// The orders that are compared, the field's first.
-pub const ORDERS: [Order; 2] = [Order::Global, Order::PerPixel];
+/// The orders that are compared.
+pub(crate) const ORDERS: [Order; 2] = [Order::Global, Order::PerPixel];
 
-/// Frames from one of a triple to the next: the finest step and its multiples.
+/// Distances between the frames of a triple: the finest step and its multiples.
 pub const STRIDES: [usize; 3] = [1, 2, 4];
 
-/// Flicker that is seen: of more than four 8-bit levels over a window, a difference that an attentive eye notices. Popping is counted from here on.
-pub const VISIBLE_LEVELS: f64 = 4.0;
+/// Visible flicker: more than four 8-bit levels over a window. Popping is counted above this.
+pub(crate) const VISIBLE_LEVELS: f64 = 4.0;
 
 /// Most frames of a stretch.
 const MOST_FRAMES: u32 = 10_000;
@@ -37,17 +39,17 @@ const MOST_FRAMES: u32 = 10_000;
 /// Most frames of all stretches together.
 const MOST_FRAMES_IN_ALL: u64 = 1_000_000;
 
-/// Most pixels of a frame: 4K fits. What is held of a stretch at a time takes some 300 bytes a pixel, of these 2.5 GB.
+/// Most pixels of a frame, so that 4K fits. A stretch needs about 300 bytes a pixel, or 2.5 GB.
 const MOST_PIXELS: u64 = 1 << 23;
 
-/// Short stretches of an orbit, slowly.
+/// Slow camera movements along short stretches of an orbit.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SlowOrbit {
-    /// What is gone around; as many stretches begin as it has frames, evenly spread.
+    /// The orbit. As many stretches as it has frames begin evenly spread along it.
     pub orbit: Orbit,
-    /// Frames of a stretch: 9, which the coarsest triple needs, to 10,000.
+    /// Frames per stretch: 9, which the coarsest triple needs, to 10,000.
     pub frames: u32,
-    /// Between two frames, degrees: the finest step. Above 0, at most 5.
+    /// Angle between two frames, degrees: above 0, at most 5.
     pub step_degrees: f32,
 }
 
@@ -81,84 +83,89 @@ impl SlowOrbit {
     }
 }
 
-/// What jumped under one order, looked at with one step.
+/// The jumps with one order, evaluated with one step.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Popping {
-    /// The squares of what jumps while the camera turns by a degree: 8-bit levels², mean over pixels; one a stretch.
-    pub squares_per_degree: Vec<f64>,
-    /// How often a pixel jumps visibly ([`VISIBLE_LEVELS`]) while the camera turns by a degree, mean over pixels; one a stretch.
-    pub times_per_degree: Vec<f64>,
+pub(crate) struct Popping {
+    /// Squared jumps while the camera turns by a degree, 8-bit levels², averaged over pixels; one
+    /// value per stretch.
+    pub(crate) squares_per_degree: Vec<f64>,
+    /// Visible jumps ([`VISIBLE_LEVELS`]) of a pixel while the camera turns by a degree, averaged
+    /// over pixels; one value per stretch.
+    pub(crate) times_per_degree: Vec<f64>,
     /// The highest flicker of any window, 8-bit levels.
-    pub highest: f64,
-    /// The root mean square flicker of each triple of frames, 8-bit levels, stretch after stretch.
-    pub trajectory: Vec<f64>,
+    pub(crate) highest: f64,
+    /// Root mean square flicker of each triple of frames, 8-bit levels, stretch after stretch.
+    pub(crate) trajectory: Vec<f64>,
 }
 
 impl Popping {
-    /// The squares of what jumps while the camera turns by a degree, 8-bit levels², mean over pixels and stretches.
-    pub fn squares(&self) -> f64 {
+    /// Squared jumps while the camera turns by a degree, 8-bit levels², averaged over pixels and
+    /// stretches.
+    pub(crate) fn squares(&self) -> f64 {
         mean(&self.squares_per_degree)
     }
 
-    /// How often a pixel jumps visibly while the camera turns by a degree, mean over pixels and stretches.
-    pub fn times(&self) -> f64 {
+    /// Visible jumps of a pixel while the camera turns by a degree, averaged over pixels and
+    /// stretches.
+    pub(crate) fn times(&self) -> f64 {
         mean(&self.times_per_degree)
     }
 }
 
-/// Both orders, looked at with one step.
+/// Both orders, evaluated with one step.
 #[derive(Debug, Clone, PartialEq)]
-pub struct AtStep {
-    /// Between frames, degrees.
+pub(crate) struct AtStep {
+    /// Angle between frames, degrees.
     pub step_degrees: f64,
-    /// One for each of [`ORDERS`].
-    pub orders: [Popping; 2],
+    /// One value for each of [`ORDERS`].
+    pub(crate) orders: [Popping; 2],
 }
 
 impl AtStep {
-    /// By one depth a Gaussian.
-    pub fn tile(&self) -> &Popping {
+    /// With the global sort.
+    pub(crate) fn tile(&self) -> &Popping {
         &self.orders[0]
     }
 
-    /// By the depth at each pixel.
-    pub fn pixel(&self) -> &Popping {
+    /// With the per-pixel sort.
+    pub(crate) fn pixel(&self) -> &Popping {
         &self.orders[1]
     }
 }
 
-/// Where popping shows best: the frames around the triple, and the pixel, where the first of [`ORDERS`] flickers most beyond the other.
+/// The frames and the pixel at which the first of [`ORDERS`] flickers most beyond the other.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Moment {
-    /// The cameras of the triple, at the finest step.
-    pub cameras: [Camera; 3],
+pub(crate) struct Moment {
+    /// The cameras of the triple, with the finest step.
+    pub(crate) cameras: [Camera; 3],
     /// Column and row of the window's middle.
-    pub pixel: (u32, u32),
-    /// How much more the first order flickers there, 8-bit levels.
-    pub excess: f64,
+    pub(crate) pixel: (u32, u32),
+    /// The excess of the first order's flicker, 8-bit levels.
+    pub(crate) excess: f64,
 }
 
-/// What came out of a flight.
+/// The result of a flight.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Comparison {
-    /// One for each of [`STRIDES`], the finest first.
-    pub steps: Vec<AtStep>,
-    /// Where it shows best.
-    pub moment: Moment,
+    /// One value for each of [`STRIDES`], the finest first.
+    pub(crate) steps: Vec<AtStep>,
+    /// Where popping shows best.
+    pub(crate) moment: Moment,
 }
 
 impl Comparison {
-    /// At the finest step, of which motion contributes least.
-    pub fn finest(&self) -> &AtStep {
+    /// The finest step, to which motion contributes least.
+    pub(crate) fn finest(&self) -> &AtStep {
         &self.steps[0]
     }
 }
 
-/// Renders each stretch in both orders, all else as `render` has it, and measures what jumps.
+/// Renders each stretch with both orders and otherwise the settings `render`, and measures the
+/// jumps.
 ///
 /// # Errors
-/// [`CoreError::Setting`] where the flight is not possible; those of the backend, such as [`CoreError::Unsupported`] where it has not both
-/// orders.
+/// [`CoreError::Setting`] where the flight is not possible; those of the backend, such as
+/// [`CoreError::Unsupported`] where it does not support both orders.
 pub fn compare<R: Optimizer<Scene3d>>(
     rasterizer: &R,
     scene: &Scene3d,
@@ -207,7 +214,8 @@ pub(super) fn ordered(render: &RenderSettings, order: Order) -> RenderSettings {
     render
 }
 
-/// For each stride, that of each order's triple which ends with the newest frame (at the front); empty while there are too few frames.
+/// For each stride and order, the flicker of the triple that ends with the newest frame (at the
+/// front); empty with too few frames.
 fn flickers(frames: &[VecDeque<Image>; 2]) -> Result<Vec<Vec<Flicker>>, CoreError> {
     let of = |frames: &VecDeque<Image>, stride: usize| {
         let triple = [frames.get(2 * stride)?, frames.get(stride)?, frames.front()?];
@@ -216,17 +224,17 @@ fn flickers(frames: &[VecDeque<Image>; 2]) -> Result<Vec<Vec<Flicker>>, CoreErro
     STRIDES.par_iter().map(|&stride| frames.par_iter().filter_map(|frames| of(frames, stride)).collect()).collect()
 }
 
-/// Where the first flickers most beyond the second, and by how many 8-bit levels.
+/// The pixel at which `a` flickers most beyond `b`, with the excess in 8-bit levels.
 fn greatest_excess(a: &Flicker, b: &Flicker) -> Option<(f64, (u32, u32))> {
     let excess = a.values().iter().zip(b.values()).map(|(a, b)| a - b);
     let (index, excess) = excess.enumerate().max_by(|a, b| a.1.total_cmp(&b.1))?;
     Some((f64::from(excess) * 255.0, a.position(index)))
 }
 
-/// What is added up over triples.
+/// Sums over triples.
 #[derive(Default)]
 struct Tally {
-    /// Mean square flicker of each triple, levels², and the share of its windows that is visible; stretch by stretch.
+    /// Mean square flicker of each triple, levels², and its share of visible windows, by stretch.
     stretches: Vec<Vec<(f64, f64)>>,
     highest: f64,
 }

@@ -1,29 +1,30 @@
-//! What the flights say of the paper, and of any scene: claims, charts, tables and pictures.
+//! The findings of camera flights, for the experiment and for any scene.
 
 use super::*;
 
-/// By what factor differences are shown larger than they are.
+/// Factor by which differences are enlarged.
 pub(super) const DIFFERENCE_GAIN: f32 = 4.0;
 
-/// Of a jump's highest flicker, half the step leaves at least this much; of motion's a quarter.
+/// Half the step leaves at least this share of a jump's highest flicker, and a quarter of motion's.
 const STAYS: f64 = 0.8;
 
-/// What a picture of [`pictures::picture`] shows.
+/// The caption of a picture made by [`pictures::picture`].
 pub(super) fn caption(what: &str, step_degrees: f64) -> String {
     format!(
-        "{what}: above sorted by one depth a Gaussian, below by the depth at each pixel. Two frames {step_degrees:.3}° apart, and their \
+        "{what}: above with the global sort, below with the per-pixel sort. Two frames {step_degrees:.3}° apart, and their \
          difference, {DIFFERENCE_GAIN} times as large, around grey."
     )
 }
 
 impl Comparison {
-    /// Table, chart and picture of a scene that `what` names; `picture` as [`Comparison::picture`] yields it.
+    /// Table, chart and picture of a scene with the name `what`. `picture` is made by
+    /// [`Comparison::picture`].
     pub fn findings(&self, what: &str, picture: Picture) -> Findings {
         let AtStep { step_degrees, orders } = self.finest();
         Findings {
             method: format!(
-                "{what}: {} stretches of an orbit, frames {step_degrees:.4}° apart, rendered in both orders. What jumps is the second difference \
-                 of three frames, averaged under SSIM's window: half the step leaves a quarter of motion's, and all of a jump's.",
+                "{what}: {} stretches of an orbit, frames {step_degrees:.4}° apart, rendered in both orders. Jumps are measured by the second difference \
+                 of three frames, averaged with SSIM's window: half the step leaves a quarter of motion, and all of a jump.",
                 orders[0].squares_per_degree.len(),
             ),
             claims: Vec::new(),
@@ -33,7 +34,7 @@ impl Comparison {
         }
     }
 
-    /// Where popping shows best, to be looked at; the arguments are those of [`compare`].
+    /// A picture of the place where popping shows best. The arguments are those of [`compare`].
     ///
     /// # Errors
     /// Those of the backend.
@@ -48,8 +49,8 @@ impl Comparison {
         pictures::picture(rasterizer, scene, &self.moment, render, ("popping", caption))
     }
 
-    /// What half the step leaves of the highest flicker, for each of [`ORDERS`].
-    pub fn left_by_half_a_step(&self) -> [f64; 2] {
+    /// The share of the highest flicker that half the step leaves, for each of [`ORDERS`].
+    pub(crate) fn left_by_half_a_step(&self) -> [f64; 2] {
         [0, 1].map(|order| self.steps[0].orders[order].highest / self.steps[1].orders[order].highest)
     }
 }
@@ -92,16 +93,15 @@ fn trajectory_chart(what: &str, comparison: &Comparison) -> Figure {
 }
 
 impl PoppingMeasured {
-    /// Claims, charts, tables and pictures.
-    pub fn findings(&self) -> Findings {
+    pub(crate) fn findings(&self) -> Findings {
         let discs = table("discs", "Two discs through each other".to_owned(), &STEP_COLUMNS);
         let sizes = self.ball.iter();
         Findings {
             method: format!(
-                "Scenes made by formulas, {SIDE_PX}×{SIDE_PX} px, before a camera on an orbit: two flat Gaussians through each other, and a ball \
+                "Scenes made by formulas, {SIDE_PX}×{SIDE_PX} px, with a camera on an orbit: two flat Gaussians through each other, and a ball \
                  half sunk in a sea, both covered with flat Gaussians of {} px. Frames {STEP_DEGREES}° apart at {} places, in both \
-                 orders. What jumps is told from motion by the second difference of three frames, averaged under SSIM's window: half the \
-                 step leaves a quarter of motion's, and all of a jump's.",
+                 orders. Jumps are distinguished from motion by the second difference of three frames, averaged with SSIM's window: half \
+                 the step leaves a quarter of motion, and all of a jump.",
                 sizes.map(|of| of.sigma_px.to_string()).collect::<Vec<_>>().join(", "),
                 self.extent.choose(8, 4)
             ),
@@ -124,19 +124,16 @@ impl PoppingMeasured {
             section: "§5.4",
             circumstances: vec![
                 Circumstance::once("two discs through each other jump, whatever the step", tile >= STAYS),
-                Circumstance::once(
-                    "sorted by the depth at each pixel nothing jumps visibly",
-                    highest[1] < VISIBLE_LEVELS,
-                ),
+                Circumstance::once("with the per-pixel sort nothing jumps visibly", highest[1] < VISIBLE_LEVELS),
                 Circumstance::counted(
-                    "sizes of the Gaussians of the ball in the sea at which more jumps by one depth a Gaussian",
+                    "sizes of the Gaussians of the ball in the sea at which more jumps with the global sort",
                     self.ball.iter().map(more),
                 ),
-                Circumstance::once("where tiles meet is seen in the picture", self.grid_trace > 1.0),
+                Circumstance::once("tile borders are visible in the picture", self.grid_trace > 1.0),
             ],
             measured: format!(
                 "As the means of the discs change their order of depth, the flicker of a window rises to {:.0} of 255 levels, and half the step \
-                 leaves {:.0} % of it; by the depth at each pixel it is {:.2} levels. Around the ball in the sea, of Gaussians of {} px, flicker \
+                 leaves {:.0} % of it; with the per-pixel sort it is {:.2} levels. Around the ball in the sea, of Gaussians of {} px, flicker \
                  rises to {:.1} levels against {:.1}, and the squares of what jumps come to {:.3} levels² per degree against {:.3}. Tiles \
                  leave no trace: with their grid elsewhere no pixel differs by more than {:.4} levels, as a Gaussian has the same depth in \
                  every tile.",
@@ -188,7 +185,7 @@ impl PoppingMeasured {
                 ),
             ],
             measured: format!(
-                "The same ball in the same sea, sorted by one depth a Gaussian: of {} Gaussians of {} px the squares of what jumps come to \
+                "The same ball in the same sea, with the global sort: of {} Gaussians of {} px the squares of what jumps come to \
                  {:.3} levels² per degree and flicker rises to {:.1} levels, of {} Gaussians of {} px to {:.4} and {:.1}.",
                 largest.gaussians,
                 largest.sigma_px,

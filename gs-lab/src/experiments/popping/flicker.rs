@@ -1,33 +1,37 @@
-//! How unevenly a pixel's colour changes over three frames in a row: what tells a jump from motion.
+//! Flicker: how unevenly a pixel's colour changes over three successive frames, which distinguishes
+//! a jump from motion.
 //!
-//! Of frames at even steps h, the second difference f₋ − 2 f + f₊ of anything that changes smoothly is h² f″: halve the step, and a quarter is left. A
-//! jump between two of the frames stays as high as it is, whatever the step. A sharp edge in motion makes each pixel that it crosses jump, so
-//! frames are averaged under SSIM's window first: an edge that moves by a small part of the window changes that average evenly, while
-//! an area that changes its colour at once does not. Averaging and differencing commute; the difference is averaged, once.
+//! For frames with step h, the second difference f₋ − 2 f + f₊ of a smooth function is h² f″: half
+//! the step leaves a quarter. A jump between two frames keeps its height, whatever the step. A
+//! moving sharp edge makes each pixel that it crosses jump, so frames are averaged with SSIM's
+//! window first: an edge that moves by a small part of the window changes the average evenly, while
+//! an area that changes its colour at once does not. Averaging and differencing commute, so the
+//! difference is averaged, once.
 //!
-//! Flow or reprojection, by which others take motion out of two frames (*compare* StopThePop, Radl et al. 2024), are not needed, nor is a
-//! depth, of which Gaussians have several a pixel.
+//! Optical flow and reprojection, with which others remove motion (*compare* StopThePop, Radl et
+//! al. 2024), are not needed.
 
 use gs_core::{
     Error, Image,
     constants::{SSIM_SIGMA, SSIM_WINDOW},
 };
 
-/// Second differences of three frames, one for each position at which the window lies inside the frame.
+/// Second differences of three frames, one for each position at which the window lies inside the
+/// frame.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Flicker {
+pub(crate) struct Flicker {
     width: u32,
     margin: u32,
     values: Vec<f32>,
 }
 
-/// The second difference of three frames in a row, as a display shows them (clamped to 0..=1), under the window of [`ssim`](gs_core::metrics::ssim()): at each
-/// pixel the mean over the three channels of its magnitude. A jump by J of a whole window's colours makes it J in the two triples that
-/// the jump is in.
+/// The second difference of three successive frames, clamped to 0..=1, averaged with the window of
+/// [`ssim`](gs_core::metrics::ssim()): at each pixel the mean magnitude over the channels. A jump
+/// by J of a whole window gives J in the two triples that contain it.
 ///
 /// # Errors
 /// [`Error::SizesDiffer`].
-pub fn flicker(frames: [&Image; 3]) -> Result<Flicker, Error> {
+pub(crate) fn flicker(frames: [&Image; 3]) -> Result<Flicker, Error> {
     let [before, now, after] = frames;
     now.same_size(before)?;
     now.same_size(after)?;
@@ -46,13 +50,14 @@ pub fn flicker(frames: [&Image; 3]) -> Result<Flicker, Error> {
     Ok(Flicker { width: columns as u32, margin: side as u32 / 2, values })
 }
 
-/// f₋ − 2 f + f₊ of each number, taken to 0..=1 first.
+/// f₋ − 2 f + f₊ of each number, clamped to 0..=1 first.
 fn second_differences(frames: [&[f32]; 3]) -> Vec<f32> {
     let [before, now, after] = frames.map(|values| values.iter().map(|v| v.clamp(0.0, 1.0)));
     before.zip(now).zip(after).map(|((before, now), after)| before - 2.0 * now + after).collect()
 }
 
-/// SSIM's window, normalised: [`SSIM_WINDOW`] weights or, if that does not fit, the largest odd number ≤ `fit`.
+/// SSIM's normalised window of [`SSIM_WINDOW`] weights; if that does not fit, of the largest odd
+/// number ≤ `fit`.
 fn window(fit: usize) -> Vec<f32> {
     let side = SSIM_WINDOW.min(fit - (fit + 1) % 2);
     let weight = |k: usize| (-0.5 * ((k as f32 - (side / 2) as f32) / SSIM_SIGMA).powi(2)).exp();
@@ -60,7 +65,7 @@ fn window(fit: usize) -> Vec<f32> {
     (0..side).map(|k| weight(k) / sum).collect()
 }
 
-/// `out` = Σ weights[k] · the beginning of rows(k).
+/// Computes `out` = Σ weights[k] · rows(k), as far as `out` is long.
 fn average<'a>(out: &mut [f32], weights: &[f32], rows: impl Fn(usize) -> &'a [f32]) {
     out.fill(0.0);
     for (k, weight) in weights.iter().enumerate() {
@@ -69,23 +74,24 @@ fn average<'a>(out: &mut [f32], weights: &[f32], rows: impl Fn(usize) -> &'a [f3
 }
 
 impl Flicker {
-    /// All values, row-major, NaN where a pixel is NaN; fewer than the frame's pixels by the window's margin on each side.
-    pub fn values(&self) -> &[f32] {
+    /// All values, row-major, NaN where a pixel is NaN. The window's margin is left out on each
+    /// side.
+    pub(crate) fn values(&self) -> &[f32] {
         &self.values
     }
 
-    /// The mean of their squares.
-    pub fn mean_square(&self) -> f64 {
+    /// The mean of the squared values.
+    pub(crate) fn mean_square(&self) -> f64 {
         self.values.iter().map(|&value| f64::from(value).powi(2)).sum::<f64>() / self.values.len() as f64
     }
 
-    /// The share of them above `level`, 0 to 1.
-    pub fn share_above(&self, level: f32) -> f64 {
+    /// The share of values above `level`, 0 to 1.
+    pub(crate) fn share_above(&self, level: f32) -> f64 {
         self.values.iter().filter(|&&value| value > level).count() as f64 / self.values.len() as f64
     }
 
-    /// The column and row, in the frame, of a value.
-    pub fn position(&self, index: usize) -> (u32, u32) {
+    /// Column and row of a value in the frame.
+    pub(crate) fn position(&self, index: usize) -> (u32, u32) {
         let index = index as u32;
         (index % self.width + self.margin, index / self.width + self.margin)
     }
@@ -95,12 +101,12 @@ impl Flicker {
 mod tests {
     use super::*;
 
-    /// A picture at a time: waves that travel by `speed` px a unit of time under a sharp edge that does so too, and from time 0 on a square of
-    /// 20 px that is lighter by `jump`.
+    /// A frame with waves and a sharp edge that move by `speed` px per unit of time, and from time
+    /// 0 on a square of 20 px that is lighter by `jump`.
     fn frame(time: f32, speed: f32, jump: f32) -> Image {
         Image::from_fn(64, 48, |x, y| {
             let along = x as f32 + 0.5 - speed * time;
-            // A pixel's share of what lies beyond the edge, as an antialiased picture has it.
+            // Share of a pixel beyond the edge, as in an antialiased picture.
             let beyond = (along - 40.25).clamp(0.0, 1.0);
             let wave = 0.5 + 0.2 * (0.3 * along + 0.2 * y as f32).sin();
             let lighter = if time > 0.0 && (10..30).contains(&x) && (10..30).contains(&y) { jump } else { 0.0 };
@@ -134,7 +140,7 @@ mod tests {
             (0..found.values().len()).filter(|&i| found.values()[i] > 0.05).map(|i| found.position(i)).collect();
         assert_eq!((jumped[0], jumped[jumped.len() - 1]), ((11, 10), (28, 29)), "the corners are rounded off");
         assert!((found.share_above(0.05) - jumped.len() as f64 / (54.0 * 38.0)).abs() < 1e-9);
-        // Of a square so large only the border is softened.
+        // Of a square this large, only the border is softened.
         let whole = 0.01 * 400.0 / (54.0 * 38.0);
         assert!((0.8 * whole..whole).contains(&found.mean_square()), "{} of {whole}", found.mean_square());
     }

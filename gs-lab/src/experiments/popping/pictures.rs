@@ -1,4 +1,4 @@
-//! Popping to be looked at: two frames in a row under both orders, and their differences.
+//! Pictures of popping: successive frames with both orders, and their differences.
 
 use gs_core::{Image, Optimizer, Parameterization, RenderSettings, Scene3d, constants::SSIM_WINDOW};
 use pollster::FutureExt as _;
@@ -13,14 +13,14 @@ use gs_train::Error;
 /// Longest side of the part that is shown, px.
 const PART_PX: u32 = 96;
 
-/// About the longest side of a part as it is shown, px.
+/// About the longest side of the enlarged part, px.
 const SHOWN_PX: u32 = 384;
 
-/// Between two parts, px.
+/// Gap between two parts, px.
 const GAP_PX: u32 = 8;
 
-/// The part of the picture around a moment: a row for each of [`ORDERS`], in it the frame before the jump, the one after it, and the difference,
-/// ½ + gain · (after − before).
+/// The part of the picture around a moment: a row for each of [`ORDERS`], with the frame before the
+/// jump, the one after it, and the difference ½ + gain · (after − before).
 ///
 /// # Errors
 /// Those of the backend.
@@ -39,7 +39,7 @@ pub(super) fn picture<R: Optimizer<Scene3d>>(
         moment.cameras.iter().map(frame).collect::<Result<Vec<Image>, _>>()
     };
     let rows = ORDERS.into_iter().map(row).collect::<Result<Vec<_>, _>>()?;
-    // The jump is between the first two or the last two, which the first order tells.
+    // The jump is between the first or the last two frames; the first order shows between which.
     let size = rows[0][0].size();
     let window = Part::around(moment.pixel, size, SSIM_WINDOW as u32);
     let change = |k: usize| window.change(&rows[0][k], &rows[0][k + 1]);
@@ -65,7 +65,7 @@ pub(super) fn picture<R: Optimizer<Scene3d>>(
     Ok(Picture { name, caption, image, ellipses: None })
 }
 
-/// In which cell of a row or column of cells something lies, and where in it; beyond its side in the gap.
+/// Index of a cell in a row or column, and the position in it; beyond `side` is the gap.
 fn cell(at: u32, side: u32) -> (usize, u32) {
     ((at / (side + GAP_PX)) as usize, at % (side + GAP_PX))
 }
@@ -80,14 +80,14 @@ struct Part {
 }
 
 impl Part {
-    /// A square with a pixel in its middle, as far as the picture's border allows; smaller where the picture is.
+    /// A square centred at a pixel, moved inside the picture; smaller if the picture is.
     fn around((x, y): (u32, u32), (width, height): (u32, u32), side: u32) -> Self {
         let (w, h) = (width.min(side), height.min(side));
         let start = |middle: u32, part: u32, whole: u32| middle.saturating_sub(part / 2).min(whole - part);
         Self { x: start(x, w, width), y: start(y, h, height), width: w, height: h }
     }
 
-    /// Σ |after − before| over it.
+    /// Σ |after − before| over the part.
     fn change(&self, before: &Image, after: &Image) -> f32 {
         let rows = (self.y..self.y + self.height).flat_map(|y| (self.x..self.x + self.width).map(move |x| (x, y)));
         rows.map(|(x, y)| {

@@ -1,4 +1,4 @@
-//! Scenes made by formulas in which orders of blending differ: two discs through each other, and a ball in a sea.
+//! Synthetic scenes in which sort orders differ: two intersecting discs, and a ball in a sea.
 
 use std::f32::consts::{PI, TAU};
 
@@ -10,18 +10,18 @@ use rand::{RngExt as _, SeedableRng as _};
 use super::comparison::SlowOrbit;
 use gs_core::view::Orbit;
 
-/// Across, rad.
+/// Horizontal field of view, rad.
 const FIELD_OF_VIEW: f32 = 0.7;
 
-/// Where the cameras of these scenes are, from the origin, world units.
+/// Distance of the cameras from the origin, world units.
 const DISTANCE: f32 = 4.0;
 
-/// Two flat Gaussians that pass through each other, a warm one and a cold one, each of which has one half in front. Their means change the order of
-/// their depths in the middle of [`discs_flight`], and not before or after.
+/// Two intersecting flat Gaussians, a warm and a cold one, each with one half in front. Their means
+/// swap the order of their depths in the middle of a flight around them.
 pub fn discs() -> Scene3d {
     let turned = |degrees: f32| Quat::from_rotation_y(degrees.to_radians());
     let disc = |side: f32, color: Vec3| {
-        // A flat Gaussian's axis z is its normal.
+        // The normal of a flat Gaussian is its z axis.
         flat(Vec3::new(0.05 * side, 0.0, 0.0), turned(35.0 * side), 0.4, color)
     };
     let mut scene = Scene3d::default();
@@ -30,25 +30,27 @@ pub fn discs() -> Scene3d {
     scene
 }
 
-/// One stretch around [`discs`], and its first camera, of a square of `side` px: so many frames with this step that the means have equal depths
-/// between the two in its middle (of an even number).
-pub fn discs_flight(side: u32, frames: u32, step_degrees: f32) -> (SlowOrbit, Camera) {
+/// One stretch around [`discs`] with its first camera, of a square of `side` px. The means have
+/// equal depths in its middle, between two frames if `frames` is even.
+pub(crate) fn discs_flight(side: u32, frames: u32, step_degrees: f32) -> (SlowOrbit, Camera) {
     let orbit = Orbit { center: Vec3::ZERO, axis: Vec3::NEG_Y, frames: 1 };
     let ahead = camera(side, Vec3::NEG_Z);
     let back = -0.5 * (frames as f32 - 1.0) * step_degrees;
     (SlowOrbit { orbit, frames, step_degrees }, orbit.turned(&ahead, back.to_radians()))
 }
 
-/// A ball of stripes half sunk in a sea of waves, both covered with flat Gaussians of σ = `size` world units that lie in their surface, but for a
-/// few degrees, as densely whatever their size. What is seen does not depend on the size, but for detail smaller than it.
-pub fn ball_in_sea(size: f32) -> Scene3d {
+/// A striped ball, half sunk in a sea of waves. Both are covered with flat Gaussians of σ = `size`
+/// world units that lie in the surface up to a few degrees, with a density in proportion. The
+/// picture does not depend on the size, except for smaller details.
+pub(crate) fn ball_in_sea(size: f32) -> Scene3d {
     let mut random = Rng::seed_from_u64(0);
     let mut scene = Scene3d::default();
     let area = (SPACING * size).powi(2);
     let mut cover = |count: f32, surface: &dyn Fn(f32, f32) -> (Vec3, Vec3, Vec3)| {
         let count = count.ceil().max(1.0) as u32;
         for index in 0..count {
-            // Points as on a sunflower (Vogel 1979): equal areas, no rows. The angle in f64, as it grows to many turns.
+            // Points as on a sunflower (Vogel 1979): equal areas, no rows. The angle is in f64
+            // because it grows to many turns.
             let (share, turn) = ((index as f32 + 0.5) / count as f32, f64::from(index) * GOLDEN_TURN);
             let (mean, normal, color) = surface(share, TAU * turn.fract() as f32);
             let mut tilt = || (random.random::<f32>() - 0.5) * 2.0 * TILT;
@@ -80,14 +82,14 @@ pub fn ball_in_sea(size: f32) -> Scene3d {
     scene
 }
 
-/// The whole orbit around [`ball_in_sea`], and its first camera, of a square of `side` px.
-pub fn ball_flight(side: u32, places: u32, frames: u32, step_degrees: f32) -> (SlowOrbit, Camera) {
+/// The whole orbit around [`ball_in_sea`] with its first camera, of a square of `side` px.
+pub(crate) fn ball_flight(side: u32, places: u32, frames: u32, step_degrees: f32) -> (SlowOrbit, Camera) {
     let orbit = Orbit { center: Vec3::ZERO, axis: Vec3::NEG_Y, frames: places };
-    // From a little above: y points down.
+    // Slightly from above; y points down.
     (SlowOrbit { orbit, frames, step_degrees }, camera(side, Vec3::new(0.0, -0.5, -0.866)))
 }
 
-/// How many px a world unit at the scenes' middle has in a picture of `side` px.
+/// Pixels per world unit at the scene's centre, in a picture of `side` px.
 pub(super) fn px_per_unit(side: u32) -> f32 {
     Camera::looking_forward(side, side, FIELD_OF_VIEW).focal.x / DISTANCE
 }
@@ -98,17 +100,17 @@ const BALL: f32 = 0.6;
 /// Radius of the sea, world units.
 const SEA: f32 = 1.15;
 
-/// Between neighbours, σ.
+/// Distance of neighbours, σ.
 const SPACING: f32 = 1.25;
 
-/// How far normals may be off the surface's, as a slope. Without any, neighbours would lie in one plane, and which is in front would be decided by
-/// rounding; in trained scenes they do not either.
+/// Largest deviation of normals from the surface's, as a slope. Without it, neighbours would lie in
+/// one plane, and rounding would decide which is in front, unlike in trained scenes.
 const TILT: f32 = 0.1;
 
 /// 1 − 1/φ of a turn.
 const GOLDEN_TURN: f64 = 0.381_966_011_250_105_1;
 
-/// A tenth as thick as wide, nine tenths opaque.
+/// A flat Gaussian, a tenth as thick as wide, with an opacity of 0.9.
 fn flat(mean: Vec3, turned: Quat, size: f32, color: Vec3) -> Gaussian3d {
     Gaussian3d {
         mean,

@@ -1,10 +1,9 @@
-//! What the set-up says of the paper: its claims, charts, tables and pictures.
+//! The findings of the set-up.
 
 use super::*;
 
 impl SetUpMeasured {
-    /// Claims, charts, tables and pictures.
-    pub fn findings(&self) -> Findings {
+    pub(crate) fn findings(&self) -> Findings {
         let settings = paper_settings(self.extent, 0);
         let [counts, losses] = self.curves.clone();
         Findings {
@@ -247,7 +246,7 @@ impl SetUpMeasured {
     }
 }
 
-/// The ends of an interval, where there is one.
+/// The ends of an interval, if there is one.
 fn interval_numbers(paired: &Paired, unit: &'static str) -> Vec<Number> {
     let ends = paired.interval.map(|interval| [("from", interval.low), ("to", interval.high)]);
     let number = |(end, value)| Number::new(format!("its 95 % interval over seeds, {end}"), value, unit);

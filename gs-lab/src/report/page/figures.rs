@@ -1,4 +1,4 @@
-//! What the page shows: curves, and pictures beside each other.
+//! The figures and pictures of the page.
 
 use maud::{Markup, html};
 
@@ -22,7 +22,7 @@ impl Page<'_> {
                 h2 { "Curves" }
                 p {
                     "Lines are means over images and seeds; bands go from the lowest to the highest seed, each a mean over the images. "
-                    "The same as SVG and PNG: " code { "plots/" } "."
+                    "Files in SVG and PNG are in " code { "plots/" } "."
                 }
                 div.figures { @for figure in drawn { (figure) } }
             }
@@ -36,9 +36,9 @@ impl Page<'_> {
             section {
                 h2 { "Pictures" }
                 p {
-                    "At most " (gaussians(self.pictured)) ", seed " (self.results.plan.study.seeds[0]) ": the part of each image in which the "
-                    "arms differ the most, and below it the largest absolute error of a channel, from black (0) to pale yellow ("
-                    (FULL_SCALE) " of full scale and more). PSNR is that of the whole image."
+                    "At most " (gaussians(self.pictured)) ", seed " (self.results.plan.study.seeds[0]) ": the window of each image in which the "
+                    "arms differ most, and below it the largest absolute error of a channel, from black (0) to pale yellow ("
+                    (FULL_SCALE) " of full scale and more). PSNR is that of the whole image. If there is no room for all images, the first are shown."
                 }
                 @for multiples in self.multiples {
                     h3 { (multiples.image) " " span.quiet { (side(multiples.window)) } }

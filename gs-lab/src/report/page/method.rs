@@ -1,4 +1,4 @@
-//! The last part of the page: settings of the arms, runs that failed, and how all was done.
+//! The last part of the page: settings of the arms, failed runs, and the method.
 
 use crate::statistics::{CONFIDENCE, FEWEST, RESAMPLES};
 use maud::{Markup, html};
@@ -83,23 +83,23 @@ impl Page<'_> {
                 ul {
                     li { "Every arm fitted every image at every budget from every seed with the same rasterizer. Each run is a row of "
                         code { "runs.csv" } "; " code { "gs study replay DIR ROW" } " does it again and ends in the same scene, bit for bit." }
-                    li { "A difference is taken image by image (mean over seeds first) where there are several images, else seed by seed. Its interval: "
-                        (grouped(RESAMPLES as u32)) " bootstrap resamples of these pairs, of which there must be " (FEWEST) " at least; their means, and percentiles expanded for small samples "
-                        "(Hesterberg 2015), for a confidence of " (format!("{:.0}", 100.0 * CONFIDENCE)) " %. With several comparisons, one in twenty "
-                        "may be called a difference where there is none." }
-                    li { "Equal count: the ends of the fits; arms whose counts on an image differ by more than "
+                    li { "Differences are taken image by image (after averaging over seeds), or seed by seed if there is one image only. Their intervals come from "
+                        (grouped(RESAMPLES as u32)) " bootstrap resamples of at least " (FEWEST) " pairs, with percentiles expanded for small samples "
+                        "(Hesterberg 2015), for a confidence of " (format!("{:.0}", 100.0 * CONFIDENCE)) " %. Of comparisons without a true difference, "
+                        "about one in twenty is reported as a difference." }
+                    li { "Equal count: the ends of the fits. Arms whose counts on an image differ by more than "
                         (format!("{:.0}", 100.0 * EQUAL_COUNT)) " %, run by run, are not judged. Equal iterations: PSNR at the last step that all arms of "
                         "the study have reached on an image, interpolated between measurements (about twenty a fit)." }
-                    li { "Equal time: an arm's time on an image is the median over its runs, and each run is put on that clock, so that what else the "
-                        "machine did in a run does not decide. Arms are compared when the study's fastest has ended: a slower one is then judged before the "
-                        "end of its schedule. Where runs were timed on other backends, or with others beside them, there is no verdict. Measuring is "
-                        "not part of the time." }
-                    li { "Runs that failed are left out: arms are compared over the pairs of which both runs have finished, and not at all where an image "
-                        "has none. A study should have " (FEWEST_SEEDS) " seeds at least." }
+                    li { "Equal time: an arm's time on an image is the median over its runs, and each run is rescaled to that time, so that "
+                        "disturbances of single runs do not matter. Arms are compared when the study's fastest has ended; a slower one is then judged before the "
+                        "end of its schedule. There is no verdict if runs were timed on different backends, or with different numbers of runs side by side. "
+                        "Measuring is not part of the time." }
+                    li { "Failed runs are left out: arms are compared over the pairs of which both runs finished, and not at all if an image "
+                        "has no such pair. A study should have " (FEWEST_SEEDS) " seeds or more." }
                     li { "Times are those of this machine: " (backends.iter().map(|b| b.as_str()).collect::<Vec<_>>().join(", "))
                         @if jobs > 1 { ", with up to " (jobs) " runs side by side, which slows all of them" } "." }
-                    li { "Results are of version " code { (VERSION) } " on " (plan.machine.name) ". What follows the + is the digest of the sources that a "
-                        "result depends on, of a build from a checkout; runs of other versions or machines are never taken over." }
+                    li { "Results are of version " code { (VERSION) } " on " (plan.machine.name) ". In builds from a checkout, a digest of the sources that "
+                        "results depend on follows the +. Runs of other versions or machines are never reused." }
                     li { "Images: " (plan.targets.iter().map(|t| format!("{} ({}×{} px)", t.name, t.image.width(), t.image.height())).collect::<Vec<_>>().join(", ")) "." }
                 }
             }

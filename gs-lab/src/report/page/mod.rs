@@ -1,4 +1,4 @@
-//! The page: what the study found first, then the numbers, then how it was done.
+//! The page: first the winners, then the numbers, then the method.
 
 mod figures;
 mod method;
@@ -20,13 +20,13 @@ use crate::{
 
 pub(crate) use winners::headline;
 
-/// All that stands on the page.
+/// The content of the page.
 pub(crate) struct Page<'a> {
     pub(crate) results: &'a Results<'a>,
     pub(crate) command: &'a str,
     pub(crate) figures: &'a [Figure],
     pub(crate) multiples: &'a [Multiples],
-    /// The budget whose pictures are shown.
+    /// The budget of the pictures.
     pub(crate) pictured: u32,
 }
 
@@ -73,7 +73,7 @@ impl Page<'_> {
         }
     }
 
-    /// The colour of an arm, before its name.
+    /// The colour of an arm, shown before its name.
     fn swatch(&self, arm: usize) -> Markup {
         html::swatch(arm)
     }

@@ -1,4 +1,4 @@
-//! The page's tables: the quality of every arm, and differences from the baseline.
+//! The tables of the page: the quality of each arm, and differences from the baseline.
 
 use maud::{Markup, html};
 
@@ -31,7 +31,7 @@ impl Page<'_> {
                 h2 { "Quality" }
                 p {
                     "Mean over images of means over seeds, at the end of the fits; ± is the standard deviation of a single run over seeds. "
-                    "PSNR in dB, SSIM and MS-SSIM from 0 to 1, of the pictures as they are written in 8 bits; time in seconds as measured. Means are over finished runs."
+                    "PSNR in dB, SSIM and MS-SSIM from 0 to 1, of the pictures as they are written in 8 bits; time in seconds. Means are over finished runs."
                 }
                 div.wide { table {
                     thead { tr {
@@ -75,7 +75,7 @@ impl Page<'_> {
                 Some(figure) => html::figure(figure)?,
                 None => Markup::default(),
             };
-            // At the ends of fits there are more measures than PSNR.
+            // Other metrics than PSNR are measured at the end of fits only.
             let second = (matching == Matching::Count && self.has_ms_ssim()).then_some(Metric::MsSsim);
             let columns = if second.is_some() { 6 } else { 4 };
             let rows: Vec<(u32, usize)> =
@@ -114,11 +114,11 @@ impl Page<'_> {
             section {
                 h2 { "Differences from " (study.arms[baseline].name) }
                 p {
-                    "Paired: each image with itself. Under each mean difference is its 95 % interval; an arm is better or worse where the whole of it lies "
+                    "Differences are paired image by image. Below each mean difference is its 95 % interval; an arm is better or worse if the whole interval lies "
                     "on one side of 0. "
-                    "Hollow marks are not judged. Every other pair of arms is in " code { "differences.csv" } "."
+                    "Hollow marks have no verdict. Every other pair of arms is in " code { "differences.csv" } "."
                     @if study.seeds.len() < FEWEST_SEEDS {
-                        " " b { "Few seeds: " (study.seeds.len()) ", " (FEWEST_SEEDS) " would do." } " A difference may be one of luck with them."
+                        " " b { "Few seeds: " (study.seeds.len()) ", " (FEWEST_SEEDS) " would do." } " A difference may be due to chance."
                     }
                 }
                 @for part in parts { (part) }
@@ -152,7 +152,8 @@ fn difference_cells(difference: &Difference, digits: usize) -> Markup {
     }
 }
 
-/// What must be known besides, for a row of its own: the cells above are narrow. Seeds are the same for all rows.
+/// The remarks on a difference, for a table row of their own. Few seeds are mentioned once for all
+/// rows.
 fn remark(difference: &Difference) -> Option<String> {
     let of_row = difference.remarks.iter().filter(|remark| !matches!(remark, Remark::FewSeeds { .. }));
     let words: Vec<String> = of_row.map(Remark::to_string).collect();

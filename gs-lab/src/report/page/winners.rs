@@ -1,4 +1,4 @@
-//! The first part of the page: which arm wins, and where.
+//! The first part of the page: the winning arm at each budget.
 
 use gs_core::counted;
 use maud::{Markup, html};
@@ -13,15 +13,15 @@ use crate::{
     tables::Results,
 };
 
-/// What a standing says, in a line.
+/// A standing as a line of text.
 pub(crate) fn headline(results: &Results<'_>, standing: &Standing) -> String {
-    let Standing { matching, budget, leader, next, not_told_apart, not_judged } = standing;
+    let Standing { matching, budget, leader, next, indistinguishable, not_judged } = standing;
     let ahead = next.map_or_else(String::new, |next| format!(", {:.2} dB ahead", leader.1 - next));
     let name = &results.plan.study.arms[leader.0].name;
     let budget = counted(*budget, "Gaussian");
     let mut text = format!("{budget}, {}: {name} leads with {:.2} dB{ahead}", at_equal(*matching), leader.1);
-    if !not_told_apart.is_empty() {
-        text += &format!("; can't be told from it: {}", names(results, not_told_apart));
+    if !indistinguishable.is_empty() {
+        text += &format!("; can't be distinguished from it: {}", names(results, indistinguishable));
     }
     for (why, arms) in not_judged {
         text += &format!("; no verdict on {}: {why}", names(results, arms));
@@ -49,8 +49,8 @@ impl Page<'_> {
             section {
                 h2 { "Which arm wins, and where" }
                 p {
-                    "The arm with the highest mean PSNR. It wins where it is shown to be better than every other; those that it cannot be "
-                    "told from are named, and those that there is no verdict on, with the reason."
+                    "The arm with the highest mean PSNR. It wins if it is shown to be better than every other arm. Arms that it cannot be "
+                    "distinguished from are listed, and arms without a verdict, with the reason."
                 }
                 div.wide { table.winners {
                     thead { tr { th { } @for budget in &study.budgets { th { (gaussians(*budget)) } } } }
@@ -65,15 +65,15 @@ impl Page<'_> {
     }
 
     fn winner(&self, standing: &Standing) -> Markup {
-        let Standing { leader, next, not_told_apart, not_judged, .. } = standing;
+        let Standing { leader, next, indistinguishable, not_judged, .. } = standing;
         html! {
             (self.swatch(leader.0)) b { (self.results.plan.study.arms[leader.0].name) } " "
             span.number { (format!("{:.2} dB", leader.1)) }
-            @if let (Some(next), true, true) = (next, not_told_apart.is_empty(), not_judged.is_empty()) {
+            @if let (Some(next), true, true) = (next, indistinguishable.is_empty(), not_judged.is_empty()) {
                 br; span.verdict.better { "wins" } span.quiet { (format!(" by {:.2} dB", leader.1 - next)) }
             }
-            @if !not_told_apart.is_empty() {
-                br; span.verdict { "can't be told from " } (names(self.results, not_told_apart))
+            @if !indistinguishable.is_empty() {
+                br; span.verdict { "can't be distinguished from " } (names(self.results, indistinguishable))
             }
             @for (why, arms) in not_judged {
                 br; span.quiet { "no verdict on " (names(self.results, arms)) ": " (why) }

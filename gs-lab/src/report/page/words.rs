@@ -1,4 +1,4 @@
-//! Numbers and lists as the page writes them.
+//! Numbers and lists as the page shows them.
 
 pub(super) fn listed(values: &[u32]) -> String {
     values.iter().map(|&value| grouped(value)).collect::<Vec<_>>().join(", ")
@@ -14,7 +14,7 @@ pub(super) fn gaussians(count: u32) -> String {
     format!("{} Gaussian{}", grouped(count), if count == 1 { "" } else { "s" })
 }
 
-/// A number with its sign, with a minus as wide as a plus.
+/// A number with its sign; the minus is as wide as the plus.
 pub(super) fn signed(value: f64, digits: usize) -> String {
     format!("{value:+.digits$}").replace('-', "−")
 }

@@ -1,15 +1,18 @@
-//! The studies that repeat the paper's experiments, held to the settings that the experiments themselves fit with; and the one of all
-//! policies, to those that there are.
+//! The built-in studies that repeat experiments must have the experiments' settings, and the study
+//! of all policies must contain every policy.
 
-use gs_density::Policy;
-use gs_lab::experiments::{
+use super::{
     Experiment, Extent,
     cold_start::Start,
     instability::{FLOORS_PX, floor_settings},
     lazy_convergence::Criterion,
     set_up::{SMALL_SCALE_PX, fixed_settings, forced_growth_settings, paper_settings},
 };
-use gs_lab::{Places, Plan, Run, Study, built_in};
+use crate::{
+    Places, Plan, Study, built_in,
+    study::{Run, SyntheticTarget},
+};
+use gs_density::Policy;
 use gs_train::FitSettings;
 
 fn laid_out(name: &str) -> Plan {
@@ -18,7 +21,8 @@ fn laid_out(name: &str) -> Plan {
 
 type MadeBy<'a> = (&'a str, &'a dyn Fn(u32) -> FitSettings);
 
-/// Holds every run of the arms that an experiment makes, too, to what it makes of the run's seed; the study has those and `others`.
+/// Compares the settings of the study's arms with those that the experiment uses for the same seed.
+/// The study has these arms and `others`.
 fn check(name: &str, arms: &[MadeBy<'_>], others: &[&str]) {
     let plan = laid_out(name);
     let listed: Vec<&str> = plan.study.arms.iter().map(|arm| arm.name.as_str()).collect();
@@ -39,7 +43,7 @@ const FULL: Extent = Extent::Full;
 fn every_experiment_that_fits_is_a_study() {
     for experiment in Experiment::ALL.into_iter().filter(|&experiment| experiment != Experiment::Popping) {
         let study = built_in(experiment.name()).unwrap();
-        assert!(study.images.iter().all(|image| gs_lab::SyntheticTarget::from_name(image).is_ok()), "{experiment}");
+        assert!(study.images.iter().all(|image| SyntheticTarget::from_name(image).is_ok()), "{experiment}");
     }
 }
 
@@ -80,8 +84,8 @@ fn criteria_are_those_of_the_experiment() {
     let criteria = Criterion::ALL.map(|criterion| move |seed| criterion.settings(FULL, seed));
     let arms: Vec<MadeBy<'_>> = names.into_iter().zip(&criteria).map(|(name, made)| (name, made as _)).collect();
     check("lazy-convergence", &arms, &["hybrid"]);
-    // All of the experiment's targets that have the size for which these settings are.
-    let of_size = gs_lab::SyntheticTarget::ALL.into_iter().filter_map(|target| {
+    // All targets of the experiment with the size that these settings are for.
+    let of_size = SyntheticTarget::ALL.into_iter().filter_map(|target| {
         let varied = target.disc_and_square()?;
         (varied.side_px == gs_train::PAPER_SIDE_PX).then(|| target.name().to_owned())
     });
@@ -117,7 +121,8 @@ fn no_policy_is_forgotten_and_each_has_its_sources_numbers() {
         let arms = plan.study.arms.iter().enumerate();
         let of_policy = arms.filter(|(_, arm)| arm.policy.as_deref() == Some(name)).collect::<Vec<_>>();
         assert!(!of_policy.is_empty(), "{name} takes no part");
-        // The first of them is the policy itself, but that opacities are conserved where it lets that be chosen.
+        // The first of them is the policy itself, except that opacities are conserved where this
+        // can be chosen.
         let (index, arm) = of_policy[0];
         let run = plan.runs.iter().find(|run| run.arm == index).unwrap();
         let mut source = Policy::from_name(name).unwrap();

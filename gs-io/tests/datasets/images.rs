@@ -10,7 +10,7 @@ use gs_io::{
 };
 use image::{ImageBuffer, ImageEncoder, Rgba, codecs::png::PngEncoder, metadata::Orientation as Exif};
 
-use crate::made::{binary, colmap, folder, model, read, write_model};
+use super::made::{binary, colmap, folder, model, read, write_model};
 
 /// A data set of one view, whose camera of 64×48 px has this model and this picture.
 fn one_view(root: &std::path::Path, name: &str, parameters: &[f64], picture: &Image) -> Dataset {

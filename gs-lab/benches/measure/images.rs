@@ -1,4 +1,4 @@
-//! Which images benchmarks fit: real photographs where they are, else one that a formula makes.
+//! The images that benchmarks fit: the Kodak images if they are there, else a synthetic one.
 
 use std::{error::Error, path::PathBuf};
 
@@ -7,24 +7,25 @@ use gs_core::Image;
 
 /// An image and its name.
 #[derive(Debug, Clone)]
-pub(crate) struct PosedImage {
-    /// The file's name without its ending.
+pub(crate) struct BenchImage {
+    /// The file name without extension.
     pub(crate) name: String,
     /// The pixels.
     pub(crate) image: Image,
 }
 
-/// The images at hand.
+/// The images for benchmarks.
 #[derive(Debug)]
-pub(crate) struct PosedImages {
-    /// By name.
-    pub(crate) all: Vec<PosedImage>,
-    /// What they are, for the report.
+pub(crate) struct BenchImages {
+    /// Sorted by name.
+    pub(crate) all: Vec<BenchImage>,
+    /// Their origin, for the report.
     pub(crate) origin: String,
 }
 
-impl PosedImages {
-    /// Those of the Kodak test set in `kodak` of the test data; where there are none, a single synthetic image of the same size.
+impl BenchImages {
+    /// Loads the images in the folder `kodak` of the test data; without them, makes a synthetic
+    /// image of the same size.
     pub(crate) fn load() -> Result<Self, Box<dyn Error>> {
         let mut paths: Vec<PathBuf> = match std::fs::read_dir(data::folder().join("kodak")) {
             Ok(folder) => folder.map(|entry| Ok(entry?.path())).collect::<Result<_, std::io::Error>>()?,
@@ -36,27 +37,28 @@ impl PosedImages {
             .iter()
             .map(|path| {
                 let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-                Ok(PosedImage { name, image: gs_io::read_image(path)?.image })
+                Ok(BenchImage { name, image: gs_io::read_image(path)?.image })
             })
             .collect::<Result<Vec<_>, gs_io::Error>>()?;
         if all.is_empty() {
             let image = synthetic(768, 512);
-            let origin = "a SYNTHETIC image, as no photographs of the Kodak test set were found".to_owned();
-            return Ok(Self { all: vec![PosedImage { name: "synthetic".to_owned(), image }], origin });
+            let origin = "a SYNTHETIC image, as the Kodak images were not found".to_owned();
+            return Ok(Self { all: vec![BenchImage { name: "synthetic".to_owned(), image }], origin });
         }
-        let origin = format!("{} photographs of the Kodak test set, 768x512 or 512x768 px", all.len());
+        let origin = format!("{} images of the Kodak test set, 768x512 or 512x768 px", all.len());
         Ok(Self { all, origin })
     }
 
-    /// The one that measurements of a single image use: kodim04, a portrait, or else the first there is.
-    pub(crate) fn portrait(&self) -> &PosedImage {
-        self.all.iter().find(|photograph| photograph.name == "kodim04").unwrap_or(&self.all[0])
+    /// The image for measurements of a single one: kodim04, a portrait, or else the first.
+    pub(crate) fn portrait(&self) -> &BenchImage {
+        self.all.iter().find(|image| image.name == "kodim04").unwrap_or(&self.all[0])
     }
 }
 
-/// Like a photograph: waves in all directions whose amplitude falls with frequency, and sharp-edged discs that hide each other.
+/// Similar to a natural image: waves in all directions whose amplitude falls with frequency, and
+/// discs with sharp edges that hide each other.
 fn synthetic(width: u32, height: u32) -> Image {
-    // Steps of the golden angle and of other irrational numbers: spread out, and the same everywhere.
+    // Multiples of irrational numbers are evenly spread and the same on every machine.
     let spread = |i: u32, step: f32| (i as f32 * step).fract();
     let waves: Vec<[f32; 5]> = (1..=24)
         .map(|i| {
@@ -86,7 +88,7 @@ fn synthetic(width: u32, height: u32) -> Image {
     Image::from_fn(width, height, color).expect("the size is possible")
 }
 
-/// The middle of an image; of all of it where it is smaller.
+/// The middle of an image, or all of it if it is smaller.
 pub(crate) fn cropped(image: &Image, width: u32, height: u32) -> Image {
     let (width, height) = (width.min(image.width()), height.min(image.height()));
     let (left, top) = ((image.width() - width) / 2, (image.height() - height) / 2);

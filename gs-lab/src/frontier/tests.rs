@@ -1,19 +1,18 @@
-//! The frontier of accuracy against time, with pictures that are rendered and times that are made up, so that no verdict depends on the machine: what is
-//! measured, what is said of it, and that whoever is wrong or slow is seen to be.
+//! Searches with real pictures and made-up times, so that no verdict depends on the machine.
 
 use std::{cell::Cell, rc::Rc};
 
+use super::{
+    Budget, Change, Chosen, Comparison, Contender, Field, Frontier, Loaded, Renderer, Role, SearchLimits, figure,
+    search, to_csv, to_text,
+};
 use glam::{Vec2, Vec3};
 use gs_core::{Blend, Canvas, Error, Gaussian2d, Image, Parameterization, Rasterizer, RenderSettings, Scene2d};
 use gs_cpu::{CpuRasterizer, CpuSettings};
-use gs_lab::frontier::{
-    Budget, Change, Chosen, Comparison, Contender, Field, Frontier, Loaded, Pace, Renderer, Role, figure, search,
-    to_csv, to_text,
-};
 
-const PACE: Pace = Pace { seconds: 0.3, combinations: 4 };
+const LIMITS: SearchLimits = SearchLimits { seconds: 0.3, combinations: 4 };
 
-/// Overlapping discs whose tails the default's cut takes away.
+/// Overlapping discs whose tails the default's cut removes.
 fn scene() -> Scene2d {
     let at = |i: u32| Gaussian2d {
         mean: Vec2::new((i * 37 % 64) as f32, (i * 23 % 48) as f32),
@@ -25,10 +24,10 @@ fn scene() -> Scene2d {
     (0..60).map(at).collect()
 }
 
-/// A renderer whose times are made up, and whose every picture is off by as much as this says.
+/// A renderer with made-up times and an error of `off` in every picture.
 struct Pretending {
     renderer: Loaded<CpuRasterizer, Scene2d>,
-    /// What it takes longer than others.
+    /// Added to all times, s.
     slower: f64,
     off: f32,
     calls: Cell<u32>,
@@ -41,7 +40,7 @@ impl Pretending {
 }
 
 impl Renderer<Canvas> for Pretending {
-    /// About 1 ms, less where less is drawn, and never twice quite the same.
+    /// About 1 ms, less if less is drawn, and slightly different in each call.
     fn seconds(&self, _: &Canvas, settings: &RenderSettings) -> Result<f64, Error> {
         let call = self.calls.replace(self.calls.get() + 1);
         let accuracy = settings.accuracy;
@@ -57,7 +56,7 @@ impl Renderer<Canvas> for Pretending {
     }
 }
 
-/// A renderer that does not offer everything: not the settings that this says.
+/// A renderer that does not support the settings for which the function returns true.
 struct Choosy<R>(R, Refuses);
 
 type Refuses = fn(&RenderSettings) -> bool;
@@ -103,10 +102,10 @@ fn field(scene: &Scene2d, blend: Blend) -> Field<'_, Scene2d> {
 
 fn found(blend: Blend) -> Frontier {
     let scene = scene();
-    search(&field(&scene, blend), &[Canvas::new(64, 48)], PACE, &mut |_| ()).unwrap()
+    search(&field(&scene, blend), &[Canvas::new(64, 48)], LIMITS, &mut |_| ()).unwrap()
 }
 
-fn row<'f>(frontier: &'f Frontier, name: &str) -> &'f gs_lab::frontier::Measured {
+fn row<'f>(frontier: &'f Frontier, name: &str) -> &'f super::Measured {
     let row = frontier.rows.iter().find(|row| row.name() == name);
     row.unwrap_or_else(|| panic!("no row {name}"))
 }
@@ -116,7 +115,7 @@ fn errors_and_times_are_those_of_the_settings() {
     for blend in [Blend::Sum, Blend::Over] {
         let frontier = found(blend);
         assert!(frontier.uncertainty < 1e-5, "{}", frontier.uncertainty);
-        // All, where the machine has the time.
+        // All pixels, if the sample is large enough.
         assert!((200..=64 * 48).contains(&frontier.sampled), "{}", frontier.sampled);
         let [exact, default, coarse] =
             ["no cut-offs", "default", "alpha cut 1/32"].map(|name| row(&frontier, name).error);
@@ -167,7 +166,7 @@ fn a_budget_is_kept_on_other_views_too_or_said_to_be_out_of_reach() {
     let scene = scene();
     let field = field(&scene, Blend::Over);
     let view = Canvas::new(64, 48);
-    let frontier = search(&field, &[view], PACE, &mut |_| ()).unwrap();
+    let frontier = search(&field, &[view], LIMITS, &mut |_| ()).unwrap();
     let unseen = [view.resized(40, 30), view.showing(Vec2::new(8.0, 8.0), Vec2::new(32.0, 24.0))];
     let choose = |budget: Budget| budget.choose(&field, &frontier, &unseen, 0.05).unwrap();
     let Chosen::Kept(choice) = choose(Budget::MaxError(2e-3)) else { panic!("out of reach") };
@@ -182,7 +181,7 @@ fn a_budget_is_kept_on_other_views_too_or_said_to_be_out_of_reach() {
     assert!(best > 1e-12 && best < 1e-5);
     assert!(matches!(choose(Budget::MaxSeconds(1e-9)), Chosen::OutOfReach(_)));
     assert!(Budget::MaxError(2e-3).choose(&field, &frontier, &[], 0.05).is_err(), "nothing is verified by no view");
-    // Whatever was measured can be had, whether or not noise and rounding leave it on the frontier.
+    // Every measured row can be chosen, whether or not it is on the frontier.
     for row in frontier.rows.iter().filter(|row| row.role != Role::Again) {
         let found = choose(Budget::MaxError(row.error.max));
         assert!(!matches!(found, Chosen::OutOfReach(_)), "{}: {found:?}", row.name());
@@ -200,12 +199,13 @@ fn what_keeps_a_budget_on_no_other_view_is_told_apart() {
         renderer: Box::new(Pretending::new(&scene, 0.0, off)),
     };
     let field = |off: f32| Field { scene: &scene, contenders: vec![contender(off)], shown };
-    let frontier = search(&field(0.0), &[Canvas::new(64, 48)], PACE, &mut |_| ()).unwrap();
+    let frontier = search(&field(0.0), &[Canvas::new(64, 48)], LIMITS, &mut |_| ()).unwrap();
     let chosen = Budget::MaxError(0.1).choose(&field(0.5), &frontier, &[Canvas::new(40, 30)], 0.05).unwrap();
     assert!(matches!(chosen, Chosen::NotElsewhere(count) if count > 3), "{chosen:?}");
 }
 
-/// Alone, together or without cut-offs: what a backend does not offer is listed, and the search goes on.
+/// Settings that a backend does not support, alone, combined or without cut-offs, are listed, and
+/// the search goes on.
 #[test]
 fn what_a_backend_does_not_offer_is_listed_and_ends_no_search() {
     let scene = scene();
@@ -233,15 +233,15 @@ fn what_a_backend_does_not_offer_is_listed_and_ends_no_search() {
             contender("cpu", Box::new(Pretending::new(&scene, 0.0, 0.0))),
         ];
         let field = Field { scene: &scene, contenders, shown };
-        let frontier = search(&field, &[Canvas::new(64, 48)], PACE, &mut |_| ()).unwrap();
+        let frontier = search(&field, &[Canvas::new(64, 48)], LIMITS, &mut |_| ()).unwrap();
         let refused: Vec<&str> = frontier.refused.iter().map(|refused| refused.what.as_str()).collect();
         assert!(refused.iter().any(|what| what.contains(expected)), "{expected}: {refused:?}");
         assert!(frontier.rows.iter().any(|row| row.backend == "choosy" && row.on_frontier));
-        assert!(to_text(&frontier).contains("not offered"));
+        assert!(to_text(&frontier).contains("not supported"));
     }
 }
 
-/// A picture that holds no number at some pixel is as far off as can be, wherever the oracle is asked.
+/// A picture with NaN or ∞ at any pixel has an infinite error.
 #[test]
 fn what_is_not_a_number_is_not_exact() {
     let scene = scene();
@@ -261,7 +261,7 @@ fn what_is_not_a_number_is_not_exact() {
 #[test]
 fn nothing_to_look_at_is_an_error() {
     let scene = scene();
-    assert!(search(&field(&scene, Blend::Sum), &[], PACE, &mut |_| ()).is_err());
+    assert!(search(&field(&scene, Blend::Sum), &[], LIMITS, &mut |_| ()).is_err());
 }
 
 #[test]

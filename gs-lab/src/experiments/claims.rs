@@ -1,11 +1,10 @@
-//! The paper's claims, each with the number that shows it, in the quick form of its experiment.
+//! The paper's claims in the quick form of the experiments, each with its verdict and the numbers
+//! behind it.
 //!
-//! A test is an experiment, made once; below it stands a function for each of its claims. None can be forgotten: the claims that an
-//! experiment makes are held against the list of those that are looked at.
+//! A test runs an experiment once and checks each of its claims in a function of its own. A claim
+//! without such a function fails the test.
 
-use gs_core::Loss;
-use gs_cpu::{CpuRasterizer, CpuSettings};
-use gs_lab::experiments::{
+use super::{
     Cell, Extent, Findings, Laboratory, Verdict, Watch,
     cold_start::{self, ColdStartMeasured, Start},
     edges::{self, EdgesMeasured, Zone},
@@ -14,16 +13,19 @@ use gs_lab::experiments::{
     popping::{self, PoppingMeasured, VISIBLE_LEVELS},
     set_up::{self, SetUpMeasured},
 };
+use gs_core::Loss;
+use gs_cpu::{CpuRasterizer, CpuSettings};
 use gs_train::PAPER_SIDE_PX;
 
 fn cpu(threads: Option<usize>) -> CpuRasterizer {
     CpuRasterizer::new(CpuSettings { threads, ..CpuSettings::default() }).unwrap()
 }
 
-/// The name of a claim, its verdict in the quick form, and a look at its numbers.
+/// Name of a claim, its verdict in the quick form, and the check of its numbers.
 type Check<M> = (&'static str, Verdict, fn(&M));
 
-/// Looks at every claim of an experiment: its verdict, whether its words hold numbers, and by `check` at the numbers themselves.
+/// Checks the verdicts and numbers of all claims of an experiment, and that tables and charts are
+/// complete.
 fn check_claims<M>(measured: &M, findings: &Findings, checks: &[Check<M>]) {
     let made: Vec<&str> = findings.claims.iter().map(|claim| claim.name).collect();
     let checked: Vec<&str> = checks.iter().map(|check| check.0).collect();
@@ -47,7 +49,7 @@ fn check_claims<M>(measured: &M, findings: &Findings, checks: &[Check<M>]) {
     }
 }
 
-/// Counts the fits that are announced.
+/// Counts the fits.
 #[derive(Default)]
 struct Counter(u32);
 
@@ -84,17 +86,18 @@ mod set_up_and_result {
         assert!(m.steps_to_budget.iter().all(|step| (500..=900).contains(step)), "{:?}", m.steps_to_budget);
     }
 
-    /// 20 grow by a tenth, rounded up, in each of 9 rounds: 22, 25, 28, 31, 35, 39, 43, 48, 53.
+    /// 20 Gaussians grow by a tenth, rounded up, in each of 9 rounds: 22, 25, 28, 31, 35, 39, 43,
+    /// 48, 53.
     fn forced_growth_makes_600(m: &SetUpMeasured) {
         assert_eq!(m.forced.counts, [53; 6]);
     }
 
     fn spikes_bring_drops(m: &SetUpMeasured) {
-        // A seed is one witness, however many rounds its fits have.
+        // Each seed counts once, however many rounds its fits have.
         assert!(m.change.pairs == 6 && m.rounds.len() >= 70, "{:?}", m.change);
         assert!(m.change.interval.unwrap().high < -0.5 && m.change.negative == 6, "{:?}", m.change);
         assert!(m.net_beyond_control.interval.unwrap().high < -0.05, "{:?}", m.net_beyond_control);
-        // What the edit itself does to the loss is no improvement.
+        // The edit itself increases the loss.
         assert!(m.rounds.iter().filter(|round| round.jump > 0.0).count() * 10 > m.rounds.len() * 9);
     }
 
@@ -133,10 +136,10 @@ mod cold_starts {
             assert_eq!((pull.gaussians, pull.moved_by_shapes, pull.by_shapes), (20, 0, 0.0), "{pull:?}");
             assert!(m.pull(start, Loss::PAPER).unwrap().by_shapes < 1e-4);
         }
-        // The comparison can tell: where Gaussians overlap the shapes, all of them are pulled.
+        // Control: where Gaussians overlap the shapes, all of them are pulled.
         let good = m.pull(Start::Good, Loss::L1).unwrap();
         assert!(good.moved_by_shapes == 20 && good.by_shapes > 0.01, "{good:?}");
-        // Coloured Gaussians do have gradients: their own quarrel with the white.
+        // Coloured Gaussians have gradients because they differ from the white below them.
         assert!(m.pull(Start::ColdRandom, Loss::L1).unwrap().in_all > 1e-4);
     }
 
@@ -148,7 +151,8 @@ mod cold_starts {
 
     fn large_variances_cure(m: &ColdStartMeasured) {
         assert_eq!(m.trajectory(Start::Good).steps_to_milestone, Some(500.0));
-        // The paper's start has all of its Gaussians pulled; on the border not every one of the same size reaches a shape.
+        // In the paper's start all Gaussians are pulled; on the border, some of the same size reach
+        // no shape.
         let pulled = |start| m.pull(start, Loss::L1).unwrap().moved_by_shapes;
         assert!(pulled(Start::Good) == 20 && (10..20).contains(&pulled(Start::LargeVariance)));
         assert!(m.trajectory(Start::LargeVariance).steps_to_milestone.is_some_and(|steps| steps < 1000.0));
@@ -187,7 +191,7 @@ mod lazy {
         assert_eq!(device.counts, [600; 2]);
     }
 
-    /// Its count is so by construction; what it is worth is not.
+    /// The count follows from the policy; the PSNR does not.
     fn forced_growth_does_not(m: &LazyMeasured) {
         let (forced, pixel) = (m.growth(Criterion::Forced), m.growth(Criterion::AbsolutePixel));
         assert_eq!(forced.counts, [53; 2]);
@@ -208,7 +212,7 @@ mod lazy {
     fn relative_criteria_generalise(m: &LazyMeasured) {
         let reached = |case: &Case| case.outcomes.iter().all(|outcome| outcome.count_hybrid == m.trial.budget);
         assert!(m.cases.len() >= 3 && m.cases.iter().all(reached), "{:?}", m.cases);
-        // At the paper's 10 % the rounds are too few for the budget.
+        // With the paper's 10 % the rounds are too few for the budget.
         assert!(m.cases.iter().flat_map(|case| &case.outcomes).all(|outcome| outcome.count_forced < m.trial.budget));
     }
 }
@@ -245,7 +249,7 @@ mod instabilities {
         }
         assert!(m.drive(Guard::Epsilon).not_finite > 0, "it is not the ε that cures");
         assert!(m.drive(Guard::Project).left_out_px.is_some_and(|scale| scale < 1e-3));
-        // Looked at in every step, the product's scales keep to its floor, and come near it.
+        // The scales are checked at every step: they stay above the minimum and come close to it.
         let project = m.free.iter().find(|free| free.guard == Guard::Project).unwrap();
         assert!(
             project.trajectories.iter().all(|trajectory| trajectory.scales.len() == 201),
@@ -255,7 +259,7 @@ mod instabilities {
     }
 
     fn price_of_the_clamp(m: &InstabilityMeasured) {
-        // Of the thin lines one seed says nothing: a fit may be caught while it recovers from a round.
+        // One seed is too few for the thin lines: a fit may end while it recovers from a round.
         assert!(m.price_of_clamp("circle and square").mean < -5.0, "{:?}", m.floors);
         assert!(m.floors.iter().all(|floor| floor.diverged() == 0));
     }
@@ -268,7 +272,7 @@ mod edges_and_blobs {
     fn claims() {
         let measured = edges::measure(&mut Laboratory::new(&cpu(None), Extent::Quick, &mut ())).unwrap();
         let findings = measured.findings();
-        // One of two seeds may go the other way by a rounding; what they are on average does not.
+        // A rounding may reverse the order for one of the two seeds, but not on average.
         let fewer = findings.claims[1].verdict();
         assert!(matches!(fewer, Verdict::Confirmed | Verdict::Partly), "{fewer:?}");
         check_claims(
@@ -286,7 +290,7 @@ mod edges_and_blobs {
 
     fn edges_are_dense_and_stretched(m: &EdgesMeasured) {
         let (square, disc) = (m.population(Zone::SquareEdge), m.population(Zone::DiscEdge));
-        // A single fit is chaotic: one rounding of the target moves these by a fifth.
+        // A single fit is chaotic: rounding the target changes these numbers by a fifth.
         let mean = |of: &[f64]| of.iter().sum::<f64>() / of.len() as f64;
         assert!(mean(&square.per_100_px2) > 1.3 * mean(&disc.per_100_px2), "{square:?} {disc:?}");
         assert!(mean(&square.anisotropy) > 1.5 * mean(&disc.anisotropy), "{square:?} {disc:?}");
@@ -302,9 +306,9 @@ mod edges_and_blobs {
 }
 
 mod popping_of_colours {
+    use super::super::popping::{Comparison, SlowOrbit, compare, discs, discs_flight};
     use glam::Vec3;
     use gs_core::{Blend, RenderSettings, Scene, Scene3d, effects::Antialias};
-    use gs_lab::experiments::popping::{Comparison, SlowOrbit, compare, discs, discs_flight};
 
     use super::*;
 
@@ -322,10 +326,11 @@ mod popping_of_colours {
     }
 
     fn colours_pop(m: &PoppingMeasured) {
-        // By one depth a Gaussian the discs jump at once by more than a third of the range; by the depth at each pixel not at all.
+        // With the global sort the discs jump at once by more than a third of the range; with the
+        // per-pixel sort not at all.
         let [tile, pixel] = m.discs.finest().orders.each_ref().map(|popping| popping.highest);
         assert!(tile > 85.0 && pixel < 0.5, "{tile} {pixel}");
-        // The jump is one of a third of the pixels, and is counted once, whatever the step.
+        // A third of the pixels jumps once, whatever the step.
         let left = m.discs.left_by_half_a_step()[0];
         assert!((0.98..1.02).contains(&left), "{left}");
         let largest = m.ball[0].comparison.finest();
@@ -344,18 +349,18 @@ mod popping_of_colours {
         let (flight, first) = discs_flight(96, 16, step_degrees);
         let mut render = RenderSettings::blended(Blend::Over);
         render.effects.antialias = Antialias::Dilate;
-        // The rim of the α cut is an edge, too, if a faint one.
+        // A high α cut would leave visible rims.
         render.accuracy.alpha_cut = 1e-6;
         compare(cpu(None).for_3d(), scene, &flight, &first, &render).unwrap()
     }
 
-    /// One disc has no order: what the camera's motion alone comes to falls to a quarter with half the step, and orders agree. Two jump, and
-    /// stay.
+    /// With one disc there is no order: half the step leaves a quarter of the motion, with either
+    /// order. With two discs, a jump remains.
     #[test]
     fn motion_goes_with_the_step_and_a_jump_stays() {
         let one: Scene3d = {
             let mut scene = Scene3d::default();
-            // Off the axis, so that it crosses the picture.
+            // Off the axis, so that it moves across the picture.
             let gaussian = discs().gaussian(0);
             scene.push(gs_core::Gaussian3d { mean: Vec3::new(0.3, 0.0, -1.0), ..gaussian });
             scene
@@ -366,7 +371,7 @@ mod popping_of_colours {
         for steps in moved.steps.windows(2) {
             let left = steps[0].tile().highest / steps[1].tile().highest;
             assert!((0.2..0.3).contains(&left), "{left}");
-            // In squares, by a degree, an eighth.
+            // Squares per degree fall to an eighth.
             let left = steps[0].tile().squares() / steps[1].tile().squares();
             assert!((0.08..0.17).contains(&left), "{left}");
         }
@@ -375,7 +380,7 @@ mod popping_of_colours {
             let left = steps[0].tile().highest / steps[1].tile().highest;
             assert!((0.98..1.02).contains(&left), "{left}");
         }
-        // The camera turns by 15 steps, in which everybody's jump is one.
+        // The camera turns by 15 steps, during which each pixel jumps once.
         let turned = 15.0 * 0.05;
         let share = jumped.finest().tile().times() * turned;
         assert!((0.1..0.5).contains(&share), "{share}");

@@ -1,0 +1,8 @@
+//! What gs-io reads and writes. One binary for all modules, so that the tests link once.
+
+mod containers;
+mod datasets;
+mod flat_ply;
+mod fuzzed;
+mod images;
+mod scene3d;
