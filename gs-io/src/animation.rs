@@ -1,4 +1,4 @@
-//! Moving pictures: PNGs that browsers play (APNG), written frame by frame.
+//! Animated PNGs (APNG), written frame by frame.
 
 use std::{io, path::Path};
 
@@ -6,24 +6,26 @@ use gs_core::Image;
 
 use crate::{atomic::write_atomically, error::Error};
 
-/// How a moving picture is to be.
+/// The format of an animation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Animation {
     /// Columns of each frame.
     pub width: u32,
     /// Rows of each frame.
     pub height: u32,
-    /// How many frames, at least 1.
+    /// Number of frames, at least 1.
     pub frames: u32,
     /// Frames per second, at least 1.
     pub fps: u16,
 }
 
-/// Writes an 8-bit RGB PNG of many frames that is played over and over, atomically; values as for [`write_png`](crate::write_png). Only one
-/// frame is in memory at a time: `frame` is asked for each in turn.
+/// Writes an 8-bit RGB animated PNG that repeats forever, atomically; values are converted as by
+/// [`write_png`](crate::write_png). `frame` is called for each frame in turn, so that only one is
+/// in memory.
 ///
 /// # Errors
-/// The first of `frame`; [`Error::Write`], also where a frame is not of the size announced, or where there are none.
+/// The first error of `frame`; [`Error::Write`], also where a frame has another size than
+/// announced, or where there are no frames.
 pub fn write_animation<E: From<Error>>(
     path: impl AsRef<Path>,
     animation: Animation,

@@ -1,4 +1,4 @@
-//! Writing a file so that it is there complete or not at all, and opening one to read.
+//! Atomic writing of files, and opening files to read.
 
 use std::{
     collections::BTreeSet,
@@ -10,13 +10,15 @@ use std::{
 
 use crate::error::Error;
 
-/// Writes a file through `content`, which is handed a buffered writer, into a temporary file in the same folder, and renames
-/// that to `path` when all of it is written. After a failure the temporary file is gone and what stood at `path` is as before.
+/// Writes a file so that it is there complete or not at all. `content` writes into a temporary file
+/// in the same folder, which is then renamed to `path`. After a failure, the temporary file is
+/// removed and the file at `path` is unchanged.
 ///
-/// A file that is replaced keeps its permissions; a symbolic link is followed. A device or a pipe, which cannot be replaced,
-/// is written to directly.
+/// A file that is replaced keeps its permissions; symbolic links are followed. Devices and pipes
+/// are written to directly.
 ///
-/// A power cut soon after may take the file with it, the old one included: [`write_durably`] is for what cannot be made again.
+/// A power cut soon afterwards may lose the file, and the replaced one too. Use [`write_durably`]
+/// for files that cannot be made again.
 ///
 /// ```
 /// # let folder = tempfile::tempdir().unwrap();
@@ -35,9 +37,9 @@ pub fn write_atomically(
     write(path.as_ref(), content, Durability::Usual)
 }
 
-/// As [`write_atomically`], for files that took long to compute: after a power cut there is the old file or the new one, whole. The
-/// new one is on the disk before it replaces the old one, and the folder, where the system lets it, before this returns. That takes
-/// milliseconds for each file.
+/// As [`write_atomically`], but a power cut leaves either the old file or the new one. The file is
+/// synchronised to the disk before it replaces the old one, and the folder, where the system
+/// supports it, before this returns. That takes milliseconds per file.
 ///
 /// # Errors
 /// Those of [`write_atomically`].
@@ -48,12 +50,12 @@ pub fn write_durably(
     write(path.as_ref(), content, Durability::PowerCut)
 }
 
-/// What a file that has been written outlasts.
+/// What a written file must survive.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Durability {
-    /// The end of the process, however it comes.
+    /// The end of the process.
     Usual,
-    /// The end of the machine, too.
+    /// The end of the machine.
     PowerCut,
 }
 
@@ -73,7 +75,7 @@ fn write(
         }
         _ => {}
     }
-    // Renaming onto a link would replace the link, not the file that it names.
+    // Renaming onto a link would replace the link instead of the file that it leads to.
     let target = if replaced.is_some() { fs::canonicalize(path).map_err(failed)? } else { path.to_owned() };
     let folder = match target.parent() {
         Some(parent) if !parent.as_os_str().is_empty() => parent,
@@ -97,7 +99,8 @@ fn write(
     Ok(())
 }
 
-/// Has the names in a folder on the disk. Some file systems cannot; the file itself is there then, too.
+/// Synchronises a folder to the disk. Some file systems do not support this; the file itself is
+/// safe anyway.
 #[cfg(unix)]
 fn sync_folder(folder: &Path) {
     let _ = File::open(folder).and_then(|folder| folder.sync_all());
@@ -106,10 +109,11 @@ fn sync_folder(folder: &Path) {
 #[cfg(not(unix))]
 fn sync_folder(_: &Path) {}
 
-/// Makes a folder that files are written into later, and finds out whether it takes any; removes what [`remove_leftovers`] does.
+/// Creates a folder, checks that files can be written into it, and removes leftovers as
+/// [`remove_leftovers`] does.
 ///
 /// # Errors
-/// [`Error::Write`] where it cannot be made or takes no files.
+/// [`Error::Write`] where the folder cannot be created or written to.
 pub fn prepare_folder(folder: &Path) -> Result<(), Error> {
     let made = fs::create_dir_all(folder).and_then(|()| Temporary::new(folder));
     made.map_err(|source| Error::write(folder, source))?;
@@ -117,8 +121,8 @@ pub fn prepare_folder(folder: &Path) -> Result<(), Error> {
     Ok(())
 }
 
-/// Removes from a folder the temporary files of processes that were killed while they wrote. Those that a living process is writing
-/// stay: they are locked. What cannot be removed does no harm.
+/// Removes the temporary files of processes that were killed while writing. Those of running
+/// processes are locked and stay. Files that cannot be removed are ignored.
 pub fn remove_leftovers(folder: &Path) {
     for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
         if !entry.file_name().to_str().is_some_and(is_temporary) || !entry.file_type().is_ok_and(|kind| kind.is_file())
@@ -132,32 +136,32 @@ pub fn remove_leftovers(folder: &Path) {
     }
 }
 
-/// Ends every [`write_atomically`] that is under way, in any thread, as if it had failed: its temporary file is removed, and the
-/// thread never returns from it; nor from one that it begins later. For a program that is about to exit at once, such as on a
-/// second Ctrl-C: without it, the temporary files would stay behind.
+/// Cancels all writes in progress, in all threads, for a program that exits at once, such as on a
+/// second Ctrl-C. Their temporary files are removed. Threads never return from a cancelled write,
+/// nor from one that begins later.
 pub fn abandon_writes() {
     let mut under_way = under_way();
     while let Some(path) = under_way.pop_first() {
-        // What cannot be removed now cannot be removed at all.
+        // Nothing more can be done about a file that cannot be removed.
         let _ = fs::remove_file(path);
     }
-    // Whoever wants to begin or end a write waits for this lock.
+    // Threads that begin or end a write wait for this lock.
     std::mem::forget(under_way);
 }
 
-/// The temporary files that are there.
+/// The existing temporary files of this process.
 fn under_way() -> MutexGuard<'static, BTreeSet<PathBuf>> {
     static PATHS: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
     PATHS.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// A temporary file that [`abandon_writes`] knows of; removed when dropped.
+/// A temporary file that is registered for [`abandon_writes`]; removed when dropped.
 struct Temporary {
     file: tempfile::NamedTempFile,
     known: Known,
 }
 
-/// A path among those of [`under_way`].
+/// A registered path in [`under_way`].
 struct Known(PathBuf);
 
 impl Temporary {
@@ -165,7 +169,7 @@ impl Temporary {
         let mut under_way = under_way();
         let file = loop {
             let file = new_temporary(folder)?;
-            // Whoever removes leftovers may have met it before it was locked.
+            // Another process may have removed the file before it was locked.
             let locked = file.as_file().lock();
             if locked.is_err() || file.path().exists() {
                 break file;
@@ -176,7 +180,7 @@ impl Temporary {
         Ok(Self { file, known })
     }
 
-    /// Gives the file its name.
+    /// Renames the file to its final name.
     fn persist(self, target: &Path) -> io::Result<()> {
         let Self { file, known } = self;
         let not_abandoned = under_way();
@@ -199,7 +203,7 @@ fn fill(file: &File, content: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> 
     writer.flush()
 }
 
-/// What the names of temporary files begin with, have in between (letters and digits, drawn), and end with.
+/// Names of temporary files: prefix, number of random letters and digits, suffix.
 const TEMPORARY: (&str, usize, &str) = (".gs-", 6, ".tmp");
 
 /// Whether a file name is that of a temporary file of [`write_atomically`].
@@ -213,7 +217,8 @@ fn new_temporary(folder: &Path) -> io::Result<tempfile::NamedTempFile> {
     let mut builder = tempfile::Builder::new();
     let (prefix, drawn, suffix) = TEMPORARY;
     builder.prefix(prefix).rand_bytes(drawn).suffix(suffix);
-    // As for any new file, the user's umask decides who may read it; temporary files are private otherwise.
+    // The user's umask decides who may read it, as for any new file; temporary files are private
+    // otherwise.
     #[cfg(unix)]
     builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
     builder.tempfile_in(folder)
@@ -221,7 +226,7 @@ fn new_temporary(folder: &Path) -> io::Result<tempfile::NamedTempFile> {
 
 /// Opens a regular file to read; `wanted` names its kind: "an image file".
 pub(crate) fn open(path: &Path, wanted: &'static str) -> Result<(File, fs::Metadata), Error> {
-    // Before opening it: opening a pipe without a writer would wait for ever.
+    // Checked before opening, because opening a pipe without a writer waits forever.
     let kind = fs::metadata(path).map_err(|source| Error::read(path, source))?;
     if !kind.is_file() {
         let found = if kind.is_dir() { "a folder" } else { "a pipe or a device" };
@@ -307,7 +312,7 @@ mod tests {
         assert_eq!(fs::read_to_string(&path).unwrap(), "new");
         assert!(fs::symlink_metadata(&link).unwrap().is_symlink());
         assert_eq!(fs::metadata(&path).unwrap().permissions().mode() & 0o777, 0o640);
-        // A new file may be read by whom the umask lets, as one made by `File::create`.
+        // The umask decides who may read a new file, as with `File::create`.
         let (new, plain) = (folder.path().join("new"), folder.path().join("plain"));
         write_atomically(&new, |_| Ok(())).unwrap();
         fs::write(&plain, "").unwrap();

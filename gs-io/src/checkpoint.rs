@@ -1,8 +1,9 @@
-//! Checkpoints of a training run on disk: a splats' whole state, bit for bit, NaN included, so that a resumed run ends as one
-//! never stopped.
+//! Checkpoints of a training run: the whole state of the splats, bit for bit including NaN, so that
+//! a resumed run ends as if it had never stopped.
 //!
-//! The same container as scene files. The state's tensors are called `state.` and their name, F32 or U32; the metadata entry
-//! `gs` is `{"format": "gs-checkpoint", "version": 1, "program": …, "content": {"parameterization": …, "metadata": {…}}}`.
+//! Checkpoints use the container of scene files. Tensors of the state are named `state.` and their
+//! name, with type F32 or U32. The metadata entry `gs` is `{"format": "gs-checkpoint", "version":
+//! 1, "program": …, "content": {"parameterization": …, "metadata": {…}}}`.
 
 use std::{collections::BTreeMap, path::Path};
 
@@ -21,12 +22,12 @@ use crate::{
 const KIND: Kind = Kind { format: "gs-checkpoint", version: 1, what: "a checkpoint" };
 const PREFIX: &str = "state.";
 
-/// What a training run needs to go on.
+/// The state of a training run.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Checkpoint {
-    /// The splats.
+    /// The state of the splats.
     pub state: SplatsState,
-    /// All else, by name, as its owner writes it: the step, settings, the random generator.
+    /// All other state by name, as the trainer writes it: step, settings, random generator.
     pub metadata: BTreeMap<String, String>,
 }
 
@@ -37,11 +38,12 @@ struct Content {
     metadata: BTreeMap<String, String>,
 }
 
-/// Writes a checkpoint losslessly and atomically: a crash halfway leaves the previous one. The same checkpoint gives the same
-/// bytes.
+/// Writes a checkpoint losslessly and atomically: a crash leaves the previous one. Equal
+/// checkpoints give equal bytes.
 ///
 /// # Errors
-/// [`Error::Content`] where a tensor's shape is not that of its numbers; those of [`write_durably`](crate::write_durably).
+/// [`Error::Content`] where a tensor's shape does not fit its numbers; those of
+/// [`write_durably`](crate::write_durably).
 pub fn write_checkpoint(path: impl AsRef<Path>, checkpoint: &Checkpoint) -> Result<(), Error> {
     let Checkpoint { state, metadata } = checkpoint;
     let tensors = state.tensors.iter().map(|(name, Tensor { shape, data })| {
@@ -55,17 +57,18 @@ pub fn write_checkpoint(path: impl AsRef<Path>, checkpoint: &Checkpoint) -> Resu
     container::write(path.as_ref(), &KIND, &content, tensors.collect())
 }
 
-/// Whether a file says that it is a checkpoint. Reads its header alone, so the rest may be damaged.
+/// Whether a file is a checkpoint. Only its header is read, so the rest may be damaged.
 pub fn is_checkpoint(path: impl AsRef<Path>) -> bool {
     container::format_of(path.as_ref()).is_some_and(|format| format == KIND.format)
 }
 
-/// Reads what [`write_checkpoint`] wrote: the same state, bit for bit. Whether it is that of splats, the backend that restores
-/// it decides.
+/// Reads what [`write_checkpoint`] wrote: the same state, bit for bit. The backend that restores
+/// the state checks whether it is complete.
 ///
 /// # Errors
-/// [`Error::Missing`], [`Error::NotAFile`] or [`Error::Read`]; [`Error::Damaged`] for a file that is cut short or something else,
-/// [`Error::TooNew`] for one of a later version, [`Error::Tensor`] for a tensor that is no part of a state.
+/// [`Error::Missing`], [`Error::NotAFile`] or [`Error::Read`]; [`Error::Damaged`] for a truncated
+/// file or another kind of file, [`Error::TooNew`] for one of a later version, [`Error::Tensor`]
+/// for a tensor that is not part of a state.
 pub fn read_checkpoint(path: impl AsRef<Path>) -> Result<Checkpoint, Error> {
     let file = container::read::<Content>(path.as_ref(), &KIND)?;
     let mut state = SplatsState::new(file.content.parameterization);
@@ -79,7 +82,7 @@ pub fn read_checkpoint(path: impl AsRef<Path>) -> Result<Checkpoint, Error> {
             Some(Dtype::F32) => TensorData::F32(file.f32(&full_name, &shape)?),
             _ => return Err(file.tensor_error(&full_name, "F32 or U32".to_owned())),
         };
-        // What is now "factor" was called "frame" in earlier versions.
+        // "factor" was called "frame" in earlier versions.
         let name = if name == "frame" { "factor" } else { name };
         state.tensors.insert(name.to_owned(), Tensor { shape, data });
     }

@@ -1,8 +1,9 @@
-//! The container of scene files and checkpoints: a safetensors file whose metadata holds one entry, `gs`, a JSON object of
-//! format, version, program and content.
+//! The container of scene files and checkpoints: a safetensors file with one metadata entry, `gs`,
+//! which is a JSON object of format, version, program and content.
 //!
-//! One entry, because safetensors writes several in random order, and the same scene shall give the same bytes. Reading takes
-//! memory only after the header has been held against the file's length: never more than the file is long.
+//! There is one entry because safetensors writes several in random order, and equal scenes must
+//! give equal bytes. Memory is allocated only after the header has been checked against the file's
+//! length.
 
 use std::{
     collections::HashMap,
@@ -22,10 +23,10 @@ use crate::{
     error::Error,
 };
 
-/// The longest header that is read or written, bytes: a hundred thousand tensors' worth.
+/// The longest header that is read or written, bytes. It has room for a hundred thousand tensors.
 const MAX_HEADER_BYTES: u64 = 16 << 20;
 
-/// Bytes of the header's length, a little-endian u64, at the start of the file.
+/// Length of the header's length, a little-endian u64 at the start of the file.
 const LENGTH_BYTES: u64 = 8;
 
 /// The metadata entry that holds [`Head`].
@@ -34,11 +35,11 @@ const HEAD_KEY: &str = "gs";
 /// A kind of file in this container.
 #[derive(Debug)]
 pub(crate) struct Kind {
-    /// Its name in the head, which tells it from other kinds.
+    /// The format's name in the head.
     pub(crate) format: &'static str,
-    /// The version that is written, and the newest that is read.
+    /// The version that is written, and the newest that can be read.
     pub(crate) version: u32,
-    /// The kind in words, for messages: "a scene file".
+    /// The kind for messages: "a scene file".
     pub(crate) what: &'static str,
 }
 
@@ -50,7 +51,7 @@ struct Head<C> {
     content: C,
 }
 
-/// A tensor to write.
+/// A tensor to be written.
 pub(crate) struct TensorBytes {
     dtype: Dtype,
     shape: Vec<usize>,
@@ -87,7 +88,7 @@ impl View for TensorBytes {
     }
 }
 
-/// Writes a file of this kind, atomically.
+/// Writes a file of this kind, atomically and durably.
 pub(crate) fn write<C: Serialize>(
     path: &Path,
     kind: &'static Kind,
@@ -109,10 +110,10 @@ pub(crate) fn write<C: Serialize>(
     write_durably(path, |file| file.write_all(&bytes))
 }
 
-/// A file of this container, read.
+/// A file of this container.
 #[derive(Debug)]
 pub(crate) struct Container<C> {
-    /// What its head holds.
+    /// The content of its head.
     pub(crate) content: C,
     path: PathBuf,
     kind: &'static Kind,
@@ -150,7 +151,8 @@ pub(crate) fn read<C: DeserializeOwned>(path: &Path, kind: &'static Kind) -> Res
         let column = if e.line() == 1 { e.column().saturating_sub(1) as u64 } else { 0 };
         damaged(LENGTH_BYTES + column, expected.to_owned(), e.to_string())
     };
-    // Not `SafeTensors::deserialize`: it adds the lengths that a header claims without a check for overflow.
+    // `SafeTensors::deserialize` adds the lengths that a header claims without checking for
+    // overflow.
     let header: Metadata = serde_json::from_slice(&read(&mut file, header_bytes)?)
         .map_err(|e| in_header("the JSON header of a safetensors file", e))?;
 
@@ -183,7 +185,7 @@ pub(crate) fn read<C: DeserializeOwned>(path: &Path, kind: &'static Kind) -> Res
     Ok(Container { content, path: path.to_owned(), kind, header, data })
 }
 
-/// The format that the head of a file names; `None` where the file is no file of this container.
+/// The format in the head of a file; `None` for a file of another kind.
 pub(crate) fn format_of(path: &Path) -> Option<String> {
     let mut file = File::open(path).ok()?;
     let header_bytes = u64::from_le_bytes(*read_exactly(&mut file, LENGTH_BYTES).ok()?.first_chunk()?);
@@ -195,7 +197,7 @@ pub(crate) fn format_of(path: &Path) -> Option<String> {
     Some(serde_json::from_str::<Head<serde_json::Value>>(head).ok()?.format)
 }
 
-/// The next bytes of a file, all of them or an error; memory is asked for in a way that may fail.
+/// Reads exactly `bytes` bytes. Running out of memory is an error.
 pub(crate) fn read_exactly(file: &mut File, bytes: u64) -> io::Result<Vec<u8>> {
     let mut content = Vec::new();
     let len = usize::try_from(bytes).map_err(|_| io::ErrorKind::OutOfMemory)?;
@@ -213,12 +215,12 @@ impl<C> Container<C> {
         self.header.offset_keys()
     }
 
-    /// The shape of a tensor, if it is there.
+    /// The shape of a tensor, if it exists.
     pub(crate) fn shape(&self, name: &str) -> Option<&[usize]> {
         self.header.info(name).map(|info| info.shape.as_slice())
     }
 
-    /// The type of a tensor, if it is there.
+    /// The type of a tensor, if it exists.
     pub(crate) fn dtype(&self, name: &str) -> Option<Dtype> {
         self.header.info(name).map(|info| info.dtype)
     }
@@ -233,7 +235,7 @@ impl<C> Container<C> {
         Ok(self.words(name, Dtype::U32, shape)?.iter().map(|&word| u32::from_le_bytes(word)).collect())
     }
 
-    /// A complaint about a tensor; `expected` is its type and shape in words.
+    /// An error about a tensor; `expected` is its type and shape in words.
     pub(crate) fn tensor_error(&self, name: &str, expected: String) -> Error {
         let found = match self.header.info(name) {
             Some(TensorInfo { dtype, shape, .. }) => format!("{dtype:?} {shape:?}"),

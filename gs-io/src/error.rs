@@ -1,4 +1,5 @@
-//! What can be wrong with a file: where, what was expected, what was found, and how to mend it, in one line each.
+//! Errors of reading and writing files. Each names the file, what was expected, what was found, and
+//! how to fix it, in one line.
 
 use std::{
     io,
@@ -7,98 +8,103 @@ use std::{
 
 use thiserror::Error;
 
-/// An error of reading or writing a file. Its text is one line, made to be shown to the user as it is.
+/// An error of reading or writing a file. Its text is one line that can be shown to the user.
 #[derive(Debug, Error)]
 #[non_exhaustive]
 pub enum Error {
-    /// There is nothing at this path.
-    #[error("{}: no such file; check the path", path.display())]
+    /// The file does not exist.
+    #[error("{}: no such file; check the path", one_line(path))]
     Missing {
         /// The file.
         path: PathBuf,
     },
-    /// A folder, a pipe or a device stands where a file was expected.
-    #[error("{}: is {found}, but must be a file; name {wanted}", path.display())]
+    /// A folder, pipe or device where a file was expected.
+    #[error("{}: is {found}, but must be a file; name {wanted}", one_line(path))]
     NotAFile {
         /// The path.
         path: PathBuf,
-        /// "a folder" or the like.
+        /// Such as "a folder".
         found: &'static str,
-        /// What kind of file is meant: "an image file".
+        /// The expected kind of file: "an image file".
         wanted: &'static str,
     },
-    /// The operating system refused to read.
-    #[error("{}: cannot be read: {source}; check the file's permissions and its disk", path.display())]
+    /// The file cannot be read.
+    #[error("{}: cannot be read: {source}; check the file's permissions and its disk", one_line(path))]
     Read {
         /// The file.
         path: PathBuf,
-        /// Why.
+        /// The error of the operating system.
         source: io::Error,
     },
-    /// The folder to write into is not there.
-    #[error("{}: cannot be written: there is no folder {}; create it first", path.display(), folder.display())]
+    /// The folder to write into does not exist.
+    #[error("{}: cannot be written: there is no folder {}; create it first", one_line(path), one_line(folder))]
     NoFolder {
         /// The file.
         path: PathBuf,
         /// Its folder.
         folder: PathBuf,
     },
-    /// The operating system refused to write. Nothing of the file is left behind, and what stood there before is untouched.
-    #[error("{}: cannot be written: {source}; check the folder's permissions and the space left", path.display())]
+    /// The file cannot be written. No part of it is left behind, and what it would replace is
+    /// unchanged.
+    #[error("{}: cannot be written: {source}; check the folder's permissions and the space left", one_line(path))]
     Write {
         /// The file.
         path: PathBuf,
-        /// Why.
+        /// The error of the operating system.
         source: io::Error,
     },
-    /// A file has the name of a result, and no run wrote it.
-    #[error("{}: is in the way: no run of gs wrote it into this folder", path.display())]
+    /// A result has the name of a file that no run of gs wrote.
+    #[error("{}: is in the way: no run of gs wrote it into this folder", one_line(path))]
     InTheWay {
         /// The file.
         path: PathBuf,
     },
-    /// A result would replace a file that the run reads.
-    #[error("{}: is an input of this run, which is never replaced", path.display())]
+    /// A result would replace an input of the run.
+    #[error("{}: is an input of this run, which is never replaced", one_line(path))]
     IsInput {
-        /// The file, as the result would be called.
+        /// The file under the result's name.
         path: PathBuf,
     },
-    /// Another run writes into the folder.
-    #[error("{}: another run of gs is at work in this folder", folder.display())]
+    /// Another run is writing into the folder.
+    #[error("{}: another run of gs is at work in this folder", one_line(folder))]
     Busy {
         /// The folder.
         folder: PathBuf,
     },
-    /// The operating system refused to remove a file of an earlier run.
-    #[error("{}: was written by an earlier run and cannot be removed: {source}", path.display())]
+    /// A file of an earlier run cannot be removed.
+    #[error("{}: was written by an earlier run and cannot be removed: {source}", one_line(path))]
     Remove {
         /// The file.
         path: PathBuf,
-        /// Why.
+        /// The error of the operating system.
         source: io::Error,
     },
-    /// Not an image, or not one of a kind that can be read.
-    #[error("{}: {found}; {mend}", path.display())]
+    /// The file is not an image, or an image of a kind that cannot be read.
+    #[error("{}: {found}; {mend}", one_line(path))]
     NotAnImage {
         /// The file.
         path: PathBuf,
-        /// What it is instead: "is empty", "is a HEIC image, but …".
+        /// What it is: "is empty", "is a HEIC image, but …".
         found: String,
         /// What to do.
         mend: String,
     },
-    /// An image of a known kind that is cut short or damaged.
-    #[error("{}: damaged {format} image: {message}; fetch or export it again", path.display())]
+    /// A truncated or damaged image.
+    #[error("{}: damaged {format} image: {message}; fetch or export it again", one_line(path))]
     DamagedImage {
         /// The file.
         path: PathBuf,
-        /// "PNG" or the like.
+        /// Such as "PNG".
         format: &'static str,
-        /// What the decoder says.
+        /// The decoder's message.
         message: String,
     },
-    /// An image of no size, or larger than a canvas can be; refused before memory is allocated for it.
-    #[error("{}: the image is {width}x{height} px, but each side must be 1 to {limit} px; scale it first", path.display())]
+    /// An image without pixels, or larger than a canvas can be. It is refused before memory is
+    /// allocated.
+    #[error(
+        "{}: the image is {width}x{height} px, but each side must be 1 to {limit} px; scale it first",
+        one_line(path)
+    )]
     ImageSize {
         /// The file.
         path: PathBuf,
@@ -106,11 +112,11 @@ pub enum Error {
         width: u32,
         /// Rows.
         height: u32,
-        /// The longest side.
+        /// The longest side allowed.
         limit: u32,
     },
-    /// A floating-point image with a value that is NaN or infinite.
-    #[error("{}: pixel ({x}, {y}) is {value}, not a finite number; repair it in an image editor", path.display())]
+    /// A floating-point image contains NaN or ∞.
+    #[error("{}: pixel ({x}, {y}) is {value}, not a finite number; repair it in an image editor", one_line(path))]
     ImageNotFinite {
         /// The file.
         path: PathBuf,
@@ -118,92 +124,101 @@ pub enum Error {
         x: u32,
         /// Row.
         y: u32,
-        /// What stands there.
+        /// The value.
         value: f32,
     },
-    /// A folder in which none of the data sets' files was found.
-    #[error("{}: is no data set: looked for {looked_for}; {mend}", path.display())]
+    /// A folder that contains no data set.
+    #[error("{}: is no data set: looked for {looked_for}; {mend}", one_line(path))]
     NotADataset {
         /// The folder.
         path: PathBuf,
-        /// The files, in words.
+        /// The files that were searched, in words.
         looked_for: &'static str,
         /// What to do.
         mend: String,
     },
-    /// A data set that names a file outside its folder.
+    /// A data set refers to a file outside its folder.
     #[error(
         "{}: {key} `{name}` leads out of the data set's folder{}; copy what it needs into the folder",
-        path.display(),
+        one_line(path),
         if *more > 0 { format!(" (and {})", gs_core::counted(*more, "more path")) } else { String::new() }
     )]
     LeavesDataset {
-        /// The file that names it.
+        /// The file with the reference.
         path: PathBuf,
-        /// As what it is named.
+        /// The key of the reference.
         key: &'static str,
-        /// The path that is named.
+        /// The path that it refers to.
         name: String,
-        /// How many others are outside.
+        /// Number of other references that leave the folder.
         more: usize,
     },
-    /// A photograph of a data set whose content cannot be read.
+    /// The image of a view cannot be read.
     #[error("{0}, or remove the file, and the view is left out")]
     BadView(Box<Error>),
-    /// A data set of which not one view can be used.
-    #[error("{}: this {kind} data set has {}, of which none can be used: {}", path.display(), gs_core::counted(*found, "view"), skipped.join("; "))]
+    /// A data set without any usable view.
+    #[error("{}: this {kind} data set has {}, of which none can be used: {}", one_line(path), gs_core::counted(*found, "view"), skipped.join("; "))]
     NoViews {
         /// Its folder.
         path: PathBuf,
-        /// "COLMAP" or the like.
+        /// Such as "COLMAP".
         kind: &'static str,
-        /// How many there are.
+        /// Number of views.
         found: usize,
-        /// Why not, each with how many and the first.
+        /// The reasons, each with the number of views and the first of them.
         skipped: Vec<String>,
     },
-    /// A text file whose line is not what its kind prescribes.
-    #[error("{}: line {line}: expected {expected}, found {found}; it is damaged or not {what}: write or fetch it again", path.display())]
+    /// A text file with a line that its format does not allow.
+    #[error(
+        "{}: line {line}: expected {expected}, found {found}; it is damaged or not {what}: write or fetch it again",
+        one_line(path)
+    )]
     DamagedLine {
         /// The file.
         path: PathBuf,
-        /// "a COLMAP cameras.txt" or the like.
+        /// Such as "a COLMAP cameras.txt".
         what: &'static str,
-        /// Counted from 1.
+        /// The line, counted from 1.
         line: usize,
-        /// What should stand there.
+        /// What the format requires.
         expected: String,
-        /// What does.
+        /// What was found.
         found: String,
     },
-    /// A `transforms.json` that is no JSON, or lacks what it must have.
-    #[error("{}: {message}; it is damaged or not a transforms.json: write or fetch it again", path.display())]
+    /// A `transforms.json` that is not JSON or lacks a required value.
+    #[error("{}: {message}; it is damaged or not a transforms.json: write or fetch it again", one_line(path))]
     DamagedJson {
         /// The file.
         path: PathBuf,
-        /// What, with line and column.
+        /// The problem, with line and column.
         message: String,
     },
-    /// A camera model that is not known.
-    #[error("{}: camera model {found} is not known (known: {known}); undistort the data set with the program that made it", path.display())]
+    /// An unknown camera model.
+    #[error(
+        "{}: camera model {found} is not known (known: {known}); undistort the data set with the program that made it",
+        one_line(path)
+    )]
     UnknownCameraModel {
         /// The file.
         path: PathBuf,
         /// Its name or number.
         found: String,
-        /// Those that are known.
+        /// The known models.
         known: String,
     },
-    /// A PLY file that is no point cloud: damaged, or without positions.
-    #[error("{}: expected a PLY point cloud: {message}; export it again", path.display())]
+    /// A PLY file that is not a point cloud: it is damaged or has no positions.
+    #[error("{}: expected a PLY point cloud: {message}; export it again", one_line(path))]
     NotAPointCloud {
         /// The file.
         path: PathBuf,
         /// What is wrong.
         message: String,
     },
-    /// An image of another shape than what it belongs to.
-    #[error("{}: the image is {width}x{height} px, but {expected_width}x{expected_height} px or its shape is needed; put the right one there", path.display())]
+    /// An image whose size does not fit what it belongs to.
+    #[error(
+        "{}: the image is {width}x{height} px, but {expected_width}x{expected_height} px or its shape is needed; put the right one there",
+        one_line(path)
+    )]
     ImageShape {
         /// The file.
         path: PathBuf,
@@ -216,116 +231,135 @@ pub enum Error {
         /// Rows that are needed.
         expected_height: u32,
     },
-    /// A scene file or checkpoint whose bytes are not what its kind prescribes.
-    #[error("{}: byte {byte}: expected {expected}, found {found}; it is damaged or not {what}: write or fetch it again", path.display())]
+    /// A scene file or checkpoint with bytes that its format does not allow.
+    #[error(
+        "{}: byte {byte}: expected {expected}, found {found}; it is damaged or not {what}: write or fetch it again",
+        one_line(path)
+    )]
     Damaged {
         /// The file.
         path: PathBuf,
-        /// "a scene file" or the like.
+        /// Such as "a scene file".
         what: &'static str,
-        /// Where, counted from the start of the file.
+        /// Position in the file, counted from 0.
         byte: u64,
-        /// What should stand there.
+        /// What the format requires.
         expected: String,
-        /// What does.
+        /// What was found.
         found: String,
     },
-    /// A file of the right kind, written by a later version of this program.
-    #[error("{}: expected {what} of version {supported} or older, found version {found}; update this program", path.display())]
+    /// A file that a later version of this program wrote.
+    #[error(
+        "{}: expected {what} of version {supported} or older, found version {found}; update this program",
+        one_line(path)
+    )]
     TooNew {
         /// The file.
         path: PathBuf,
-        /// "a scene file" or the like.
+        /// Such as "a scene file".
         what: &'static str,
         /// The newest version that can be read.
         supported: u32,
-        /// The file's.
+        /// The file's version.
         found: u32,
     },
-    /// A tensor of a scene file or checkpoint is missing, superfluous, or of another shape or type.
-    #[error("{}: tensor `{tensor}`: expected {expected}, found {found}; write {what} again", path.display())]
+    /// A tensor of a scene file or checkpoint is missing, unexpected, or of another shape or type.
+    #[error("{}: tensor `{tensor}`: expected {expected}, found {found}; write {what} again", one_line(path))]
     Tensor {
         /// The file.
         path: PathBuf,
-        /// "the scene file" or the like.
+        /// Such as "a scene file".
         what: &'static str,
         /// The tensor.
         tensor: String,
         /// Type and shape that it should have.
         expected: String,
-        /// What it is.
+        /// The tensor's type and shape, or "none".
         found: String,
     },
-    /// Not a 3D scene, or not one of a kind that can be read.
+    /// The file is not a 3D scene of a kind that can be read.
     #[error(
         "{}: expected a scene (PLY, compressed PLY, .splat, SPZ, .gltf or .glb), found {found}; export it as PLY",
-        path.display()
+        one_line(path)
     )]
     NotA3dScene {
         /// The file.
         path: PathBuf,
-        /// What its first bytes or its content say.
+        /// What its first bytes or its content are.
         found: String,
     },
-    /// A scene, a mesh or the like of a known kind that is not read.
-    #[error("{}: is {what}, which is not read; {mend}", path.display())]
+    /// A scene, mesh or the like of a known kind that cannot be read.
+    #[error("{}: is {what}, which is not read; {mend}", one_line(path))]
     ForeignScene {
         /// The file.
         path: PathBuf,
-        /// "a SOG scene" or the like.
+        /// Such as "a SOG scene".
         what: &'static str,
-        /// How to come by a scene that is read.
+        /// How to get a scene that can be read.
         mend: &'static str,
     },
-    /// A PLY without properties that every Gaussian must have.
-    #[error("{}: its vertices have no {}; it is not a scene of Gaussians: export it as a 3DGS PLY", path.display(), names.join(", "))]
+    /// A PLY that lacks properties of Gaussians.
+    #[error("{}: its vertices have no {}; it is not a scene of Gaussians: export it as a 3DGS PLY", one_line(path), names.join(", "))]
     MissingProperties {
         /// The file.
         path: PathBuf,
-        /// The properties' names, or the first of them.
+        /// The missing properties, or the first of them.
         names: Vec<String>,
     },
     /// A scene without Gaussians.
-    #[error("{}: a scene without Gaussians, which has nothing to show; at least one is needed", path.display())]
+    #[error("{}: a scene without Gaussians, which has nothing to show; at least one is needed", one_line(path))]
     Empty {
         /// The file.
         path: PathBuf,
     },
-    /// A compressed file that claims to hold so much more than its size that it is refused before memory is asked for.
-    #[error("{}: its {file_bytes} bytes claim to hold {claimed_bytes}, more than can be believed; fetch it again", path.display())]
+    /// A compressed file that claims to hold much more than its size allows. It is refused before
+    /// memory is allocated.
+    #[error(
+        "{}: its {file_bytes} bytes claim to hold {claimed_bytes}, more than can be believed; fetch it again",
+        one_line(path)
+    )]
     Expansion {
         /// The file.
         path: PathBuf,
-        /// Its size, with what it refers to.
+        /// Its size, with the files it refers to.
         file_bytes: u64,
-        /// The size of what it claims to hold.
+        /// The claimed size.
         claimed_bytes: u64,
     },
-    /// A file that is right, and uses what is not supported.
-    #[error("{}: {what} is not supported; {mend}", path.display())]
+    /// A valid file with a feature that is not supported.
+    #[error("{}: {what} is not supported; {mend}", one_line(path))]
     Unsupported {
         /// The file.
         path: PathBuf,
-        /// What it uses.
+        /// The feature.
         what: String,
         /// What to do.
         mend: &'static str,
     },
-    /// A 3D scene was to be written into a file whose ending names no kind that can be written.
-    #[error("{}: its ending names no kind of scene that can be written; use .ply, .splat, .spz, .gltf or .glb", path.display())]
+    /// The extension of an output file is not that of a 3D scene format that can be written.
+    #[error(
+        "{}: its ending names no kind of scene that can be written; use .ply, .splat, .spz, .gltf or .glb",
+        one_line(path)
+    )]
     UnknownEnding {
         /// The file.
         path: PathBuf,
     },
-    /// A file whose form is right but whose content is not possible, such as a NaN among the means; or such a content that was
-    /// to be written.
-    #[error("{}: {source}", path.display())]
+    /// A well-formed file, or a scene to be written, with impossible values such as NaN among the
+    /// means.
+    #[error("{}: {source}", one_line(path))]
     Content {
         /// The file.
         path: PathBuf,
         /// What is wrong.
         source: gs_core::Error,
     },
+}
+
+/// A path with its control characters escaped, so that an error stays one line.
+fn one_line(path: &Path) -> String {
+    let escape = |c: char| if c.is_control() { c.escape_default().to_string() } else { c.to_string() };
+    path.to_string_lossy().chars().map(escape).collect()
 }
 
 impl Error {
@@ -342,13 +376,13 @@ impl Error {
         Self::Write { path: path.to_owned(), source }
     }
 
-    /// An image of a shape that does not fit.
+    /// An image with a size that does not fit.
     pub(crate) fn image_shape(path: &Path, (width, height): (u32, u32), expected: (u32, u32)) -> Self {
         let (expected_width, expected_height) = expected;
         Self::ImageShape { path: path.to_owned(), width, height, expected_width, expected_height }
     }
 
-    /// What a file that is of no known kind seems to be, by its first bytes.
+    /// Describes a file of an unknown kind by its first bytes.
     pub(crate) fn found(start: &[u8]) -> String {
         match start {
             [] => "an empty file".to_owned(),
@@ -357,8 +391,19 @@ impl Error {
         }
     }
 
-    /// Content that the core refuses.
+    /// Turns an error of gs-core into [`Error::Content`].
     pub(crate) fn content(path: &Path) -> impl Fn(gs_core::Error) -> Self {
         move |source| Self::Content { path: path.to_owned(), source }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_path_with_a_line_break_stays_on_one_line() {
+        let error = Error::Missing { path: "a\nb.png".into() };
+        assert_eq!(error.to_string(), "a\\nb.png: no such file; check the path");
     }
 }

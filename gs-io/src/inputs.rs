@@ -1,11 +1,11 @@
-//! The files that a run reads, so that it can tell them from those that it writes.
+//! The files that a run reads and must not replace.
 
 use std::{collections::BTreeSet, fs, path::Path};
 
 use crate::error::Error;
 
-/// The input files of a run, which it never replaces or removes, under whatever name they are found: links, hard or symbolic, are the
-/// file that they lead to.
+/// The input files of a run, which it never replaces or removes. Hard and symbolic links to them
+/// count as the same files.
 ///
 /// ```
 /// # let folder = tempfile::tempdir().unwrap();
@@ -17,20 +17,20 @@ use crate::error::Error;
 #[derive(Debug, Clone, Default)]
 pub struct Inputs(BTreeSet<Identity>);
 
-/// What two paths to one file have in common: device and number of the file.
+/// Identifies a file: device and file number.
 #[cfg(unix)]
 type Identity = (u64, u64);
-/// What two paths to one file have in common; hard links are not seen through here.
+/// Identifies a file by its canonical path; hard links are not recognised.
 #[cfg(not(unix))]
 type Identity = std::path::PathBuf;
 
 impl Inputs {
-    /// Whether a file is one of them.
+    /// Whether the path leads to one of the inputs.
     pub fn contain(&self, path: &Path) -> bool {
         identity(path).is_some_and(|found| self.0.contains(&found))
     }
 
-    /// Refuses to write to one of them.
+    /// Fails if the path leads to one of the inputs.
     ///
     /// # Errors
     /// [`Error::IsInput`].
@@ -39,7 +39,7 @@ impl Inputs {
     }
 }
 
-/// Of these paths, those at which there is a file: a pipe or a folder cannot be replaced by a file.
+/// Only paths of files count: pipes and folders cannot be replaced by a file.
 impl<P: AsRef<Path>> FromIterator<P> for Inputs {
     fn from_iter<I: IntoIterator<Item = P>>(paths: I) -> Self {
         Self(paths.into_iter().filter_map(|path| identity(path.as_ref())).collect())
@@ -77,7 +77,7 @@ mod tests {
             std::os::unix::fs::symlink(&photo, &link).unwrap();
             assert!(inputs.contain(&hard) && inputs.contain(&link));
         }
-        let told = inputs.guard(&photo).unwrap_err().to_string();
-        assert!(told.ends_with("photo.png: is an input of this run, which is never replaced"), "{told}");
+        let message = inputs.guard(&photo).unwrap_err().to_string();
+        assert!(message.ends_with("photo.png: is an input of this run, which is never replaced"), "{message}");
     }
 }

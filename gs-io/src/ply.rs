@@ -1,16 +1,18 @@
 //! Export of 2D scenes to the PLY of 3DGS: a flat 3D scene that splat viewers show as the picture.
 //!
-//! The picture lies in 2D z = 0, centred at the origin, its longer side [`PICTURE_WORLD`] long. x points right, **y down and
-//! z away from the viewer**: the axes of scenes trained on COLMAP cameras. A viewer that has y up shows the picture upside down
-//! until told otherwise. To see it, look along +z from (0, 0, −[`PICTURE_DISTANCE_WORLD`]). A comment in the header,
-//! `gs picture WxH`, gives the picture's size in pixels.
+//! The picture lies in the plane z = 0, centred at the origin; its longer side is [`PICTURE_WORLD`]
+//! long. x points right, **y down and z away from the viewer**, as in scenes trained on COLMAP
+//! cameras. A viewer with y up shows the picture upside down unless configured otherwise. Look at
+//! it along +z from (0, 0, −[`PICTURE_DISTANCE_WORLD`]). A comment in the header, `gs picture WxH`,
+//! gives its size in pixels.
 //!
-//! Only scenes blended [`Blend::Over`] can be written, because no viewer adds Gaussians up as [`Blend::Sum`] does. Viewers differ
-//! from the renderer of 2D scenes in three more ways: they widen each Gaussian by 0.3 px², they take negative colours for 0, and
-//! they do not know the scene's background. `gs_train::viewable` makes a scene of any 2D scene for which none of this matters.
+//! Only scenes blended [`Blend::Over`] can be written, because no viewer sums Gaussians as
+//! [`Blend::Sum`] does. Viewers differ from the renderer of 2D scenes in three more ways: they
+//! dilate each Gaussian by 0.3 px², clamp negative colours to 0, and do not know the background.
+//! `gs_train::viewable` turns any 2D scene into one for which none of this matters.
 //!
-//! The order of blending becomes depth: each Gaussian lies a tiny step behind the one before. It is also larger and farther from
-//! the middle by as much as it is farther away, so that the depth changes nothing that is seen from that place.
+//! The order of blending becomes depth: each Gaussian lies slightly behind the one before. It is
+//! enlarged in proportion to its distance, so that the depth is invisible from the intended place.
 
 use std::path::Path;
 
@@ -30,19 +32,22 @@ use crate::{
 /// Length of the longer side of an exported picture, world units.
 pub const PICTURE_WORLD: f32 = 2.0;
 
-/// From where an exported picture is meant to be seen: so far in front of its middle, world units.
+/// Distance from which an exported picture is meant to be seen, world units.
 pub const PICTURE_DISTANCE_WORLD: f32 = 3.0;
 
-/// Standard deviation across the plane, world units: flat, yet not degenerate.
+/// Standard deviation across the plane, world units: flat, but not degenerate.
 const THICKNESS_WORLD: f32 = 1e-4 * PICTURE_WORLD;
 
-/// Depth from one Gaussian to the next, world units: two steps of `f32` at a distance of 2 to 4, where the picture fills a view.
+/// Depth between successive Gaussians, world units: two steps of `f32` at a distance of 2 to 4,
+/// where the picture fills a view.
 const DEPTH_STEP_WORLD: f32 = 5e-7;
 
-/// Depth of the whole stack at most, world units: more would show as parallax from other places.
+/// Largest depth of all Gaussians together, world units. More would be visible as parallax from
+/// other places.
 const MAX_DEPTH_WORLD: f32 = 0.02;
 
-/// Opacity logits are written between −this and this: not all viewers read ±∞, and 1/(1 + e⁻¹⁶) is 1 to a ten-millionth.
+/// Largest magnitude of opacity logits that are written: not all viewers read ±∞, and 1/(1 + e⁻¹⁶)
+/// is 1 to seven digits.
 const MAX_LOGIT: f32 = 16.0;
 
 /// Writes the scene as a binary little-endian 3DGS PLY, atomically. Vertices are in the scene's order.

@@ -1,4 +1,4 @@
-//! 2D scenes on disk, bit for bit: a safetensors file, which any tensor library opens.
+//! Lossless files of 2D scenes, in the safetensors format, which any tensor library can open.
 //!
 //! | tensor | type, shape | unit |
 //! |---|---|---|
@@ -22,27 +22,28 @@ use crate::{
     error::Error,
 };
 
-/// The extension of scene files: `kodim04.gs2d.safetensors`. Readers do not insist on it.
+/// The extension of scene files: `kodim04.gs2d.safetensors`. Files with other names can be read,
+/// too.
 pub const SCENE_EXTENSION: &str = "gs2d.safetensors";
 
 const KIND: Kind = Kind { format: "gs-planar-scene", version: 1, what: "a scene file" };
 const TENSORS: [&str; 5] = ["mean", "log_scale", "rotation", "opacity_logit", "color"];
 
-/// A 2D scene with what is needed to show it as it was made.
+/// A 2D scene with its canvas and render settings.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct File2d {
     /// The Gaussians.
     pub scene: Scene2d,
     /// Columns of the image that the scene was made for.
     pub width: u32,
-    /// Rows of it.
+    /// Rows of the image.
     pub height: u32,
-    /// How it was rendered.
+    /// How to render it.
     pub settings: RenderSettings,
 }
 
 impl File2d {
-    /// Fails unless the scene, the size and the settings are all possible; what [`write_scene`] and [`read_scene`] check.
+    /// Checks scene, size and settings, as [`write_scene`] and [`read_scene`] do.
     ///
     /// # Errors
     /// Those of [`Scene2d::validate`](Scene::validate), [`check_size`] and [`RenderSettings::validate`].
@@ -64,7 +65,7 @@ struct Content {
     settings: RenderSettings,
 }
 
-/// Writes a scene losslessly and atomically. The same scene gives the same bytes.
+/// Writes a scene losslessly and atomically. Equal scenes give equal bytes.
 ///
 /// # Errors
 /// [`Error::Content`] where [`File2d::validate`] fails; those of [`write_durably`](crate::write_durably).
@@ -88,12 +89,12 @@ pub fn write_scene(path: impl AsRef<Path>, file: &File2d) -> Result<(), Error> {
     container::write(path, &KIND, &content, names.into_iter().zip(tensors).collect())
 }
 
-/// Whether a file says that it is a 2D scene. Reads its header alone, so the rest may be damaged.
+/// Whether a file is a 2D scene. Only its header is read, so the rest may be damaged.
 pub fn is_scene(path: impl AsRef<Path>) -> bool {
     container::format_of(path.as_ref()).is_some_and(|format| format == KIND.format)
 }
 
-/// Reads what [`write_scene`] wrote: the same scene, bit for bit. A scene without Gaussians is allowed.
+/// Reads what [`write_scene`] wrote: the same scene, bit for bit. The scene may be empty.
 ///
 /// # Errors
 /// Those of [`read_scene_unchecked`]; [`Error::Content`] for values that are not possible (NaN).
@@ -104,12 +105,14 @@ pub fn read_scene(path: impl AsRef<Path>) -> Result<File2d, Error> {
     Ok(file)
 }
 
-/// As [`read_scene`], but Gaussians' values may be NaN or infinite: for those who look into a broken scene, or mend it.
+/// As [`read_scene`], but Gaussians may contain NaN and ∞, for programs that inspect or repair
+/// broken scenes.
 ///
 /// # Errors
-/// [`Error::Missing`], [`Error::NotAFile`] or [`Error::Read`]; [`Error::Damaged`] for a file that is cut short or something else,
-/// [`Error::TooNew`] for one of a later version, [`Error::Tensor`] for a tensor of the wrong type or shape, [`Error::Content`]
-/// for an impossible canvas or settings.
+/// [`Error::Missing`], [`Error::NotAFile`] or [`Error::Read`]; [`Error::Damaged`] for a truncated
+/// file or another kind of file, [`Error::TooNew`] for one of a later version, [`Error::Tensor`]
+/// for a tensor of the wrong type or shape, [`Error::Content`] for an impossible canvas or
+/// settings.
 pub fn read_scene_unchecked(path: impl AsRef<Path>) -> Result<File2d, Error> {
     let path = path.as_ref();
     let file = container::read::<Content>(path, &KIND)?;

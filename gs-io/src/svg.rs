@@ -1,7 +1,8 @@
 //! Export of 2D scenes to SVG: each Gaussian is an ellipse with a radial gradient, painted back to front.
 //!
-//! What is lost: a gradient has [`STOPS`] stops with straight lines between them, and ends at [`RADIUS`] standard deviations. Colours
-//! and opacities have 8 bits. The widening of an antialiased scene is that of the picture's own size.
+//! The export is approximate: a gradient has [`STOPS`] stops with linear interpolation, and ends at
+//! [`RADIUS`] standard deviations; colours and opacities have 8 bits; antialiasing is that of the
+//! picture's own size.
 
 use std::{
     io::{self, Write},
@@ -13,10 +14,11 @@ use gs_core::{Blend, Gaussian2d, Scene, effects::Antialias, image::to_8_bits, sc
 
 use crate::{File2d, atomic::write_durably, error::Error};
 
-/// Where a gradient ends, standard deviations: its opacity is 1/255 there, where the renderer cuts it off too.
+/// Radius of a gradient, standard deviations. A Gaussian's weight is 1/255 there, where the
+/// renderer cuts it off, too.
 const RADIUS: f32 = 3.33;
 
-/// Stops of a gradient. Straight lines between so many differ from a Gaussian by 0.01 at most.
+/// Stops of a gradient. Linear interpolation between them is within 0.01 of a Gaussian.
 const STOPS: u32 = 10;
 
 /// Writes the scene as an SVG of the picture's size, atomically.
@@ -47,7 +49,7 @@ fn write(file: &File2d, out: &mut dyn Write) -> io::Result<()> {
     writeln!(out, "</svg>")
 }
 
-/// A Gaussian as a circle of [`RADIUS`] around the origin, which a matrix takes to its place.
+/// Writes a Gaussian as a circle of [`RADIUS`] around the origin with a transformation.
 fn ellipse(index: usize, g: &Gaussian2d, antialias: Antialias, out: &mut dyn Write) -> io::Result<()> {
     let (frame, share) = shown(g.factor(), antialias);
     let opacity = share * sigmoid(g.opacity_logit);
@@ -66,7 +68,7 @@ fn ellipse(index: usize, g: &Gaussian2d, antialias: Antialias, out: &mut dyn Wri
     )
 }
 
-/// A square root of Σ as it is shown, and the share of the opacity that is left.
+/// The covariance factor and the share of the opacity after antialiasing.
 fn shown(frame: Mat2, antialias: Antialias) -> (Mat2, f32) {
     if antialias == Antialias::None {
         return (frame, 1.0);

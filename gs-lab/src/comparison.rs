@@ -21,6 +21,7 @@ pub(crate) const EQUAL_COUNT: f64 = 0.01;
 /// The verdict on a difference between two arms.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
+#[non_exhaustive]
 pub enum Verdict {
     /// The whole interval lies above 0.
     Better,
@@ -55,6 +56,7 @@ impl Verdict {
 /// How much better an arm is than another.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
+#[non_exhaustive]
 pub struct Difference {
     /// What is held equal between the arms.
     pub matching: Matching,

@@ -50,6 +50,7 @@ impl Watcher for () {}
 
 /// How a study ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Conducted {
     /// Every run has ended.
     Whole,

@@ -27,6 +27,7 @@ const PICTURES: &str = "pictures";
 
 /// What to do if the folder already holds results.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Existing {
     /// Fail.
     Refuse,

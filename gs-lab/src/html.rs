@@ -30,9 +30,6 @@ pub(crate) fn page(title: &str, body: &Markup) -> String {
 }
 
 /// A figure with its title as caption.
-///
-/// # Errors
-/// [`Error::Picture`].
 pub(crate) fn figure(drawn: &Figure) -> Result<Markup, Error> {
     let svg = drawn.inline_svg()?;
     Ok(html! { figure { figcaption.title { (drawn.title) } (PreEscaped(svg)) } })

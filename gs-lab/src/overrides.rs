@@ -38,9 +38,6 @@ fn current_name<'k>(table: &Table, key: &'k str) -> &'k str {
 }
 
 /// `settings` with the values of `over` in place of their own.
-///
-/// # Errors
-/// A message that names an unknown key or a value of the wrong type.
 pub(crate) fn applied(settings: &FitSettings, over: &Table) -> Result<FitSettings, String> {
     let unwritable = |error: toml::ser::Error| error.to_string();
     let mut table = Table::try_from(settings).map_err(unwritable)?;

@@ -196,6 +196,7 @@ mod tests {
             ("seeds = [3, 4]", "seed = [3]", "a.toml: line 4: unknown key `seed`: did you mean `seeds`?"),
             ("seeds = [3, 4]", "seeds = [-1]", "line 4"),
             ("budgets = [10, 600]", "budgets = [0]", "0 Gaussians draw nothing"),
+            ("'paper']", "\"a\\nb.png\"]", r#"images: "a\nb.png" has a control character"#),
             ("'paper']", "'no/such.png']", "no/such.png: no such file in any folder: name the folder"),
             (
                 "name = 'b'",

@@ -14,6 +14,7 @@ pub(crate) const FEWEST_SEEDS: usize = 5;
 /// What is paired in a comparison.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
+#[non_exhaustive]
 pub enum Pairing {
     /// Images, each with its mean over seeds. The interval generalises to other images of the same
     /// kind.
@@ -42,6 +43,7 @@ impl Pairing {
 
 /// A remark on a difference.
 #[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
 pub enum Remark {
     /// On some images there is no seed with which both arms finished. Forbids a verdict.
     ImagesMissing {

@@ -144,6 +144,7 @@ impl Arm {
 /// What is held equal when two arms are compared.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
+#[non_exhaustive]
 pub enum Matching {
     /// The number of Gaussians: the ends of fits whose counts are equal.
     Count,
@@ -211,6 +212,9 @@ impl Study {
         self.listed("seeds", &self.seeds, "name at least one, such as seeds = [0, 1, 2, 3, 4]")?;
         self.listed("arm", &names, "name at least one: [[arm]] with a name")?;
         self.listed("match", &self.matchings, "name at least one of \"count\", \"iterations\", \"time\"")?;
+        if let Some(image) = self.images.iter().find(|image| image.contains(char::is_control)) {
+            return Err(self.wrong(format!("images: {image:?} has a control character"), "rename the file"));
+        }
         if self.budgets.contains(&0) {
             return Err(self.wrong("budgets: 0 Gaussians draw nothing", "leave 0 out"));
         }

@@ -21,6 +21,7 @@ pub struct Results<'a> {
 /// A quality metric, measured at the end of a fit. More is better.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
+#[non_exhaustive]
 pub enum Metric {
     /// Peak signal-to-noise ratio, dB.
     Psnr,
@@ -64,6 +65,7 @@ pub struct Spread {
 /// The quality of an arm at a budget.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
+#[non_exhaustive]
 pub struct Quality {
     /// The arm's name.
     pub arm: String,

@@ -1,5 +1,5 @@
-//! From what a data set says to views that can be used: finds the photographs, fits the intrinsics to their real size, splits, and
-//! counts what must be left out. The one path for every kind of data set.
+//! Turns the content of a data set of any kind into usable views: finds the images, fits the
+//! intrinsics to their size, splits, and counts what is left out.
 
 use std::{
     collections::HashSet,
@@ -19,22 +19,22 @@ use crate::{
     image::{ImageHeader, ImageRemark, Orientation, read_header},
 };
 
-/// A view as the data set has it.
+/// A view as the data set describes it.
 #[derive(Debug, Clone)]
 pub(super) struct Draft {
     pub(super) name: String,
-    /// The photograph, below the image folder; `None` where the name leads nowhere.
+    /// Path of the image below the image folder; `None` for an invalid name.
     pub(super) file: Option<PathBuf>,
     pub(super) mask: Option<PathBuf>,
     pub(super) intrinsics: Result<Intrinsics, Skip>,
-    /// What the intrinsics are from.
+    /// Where the intrinsics come from, for messages.
     pub(super) stated: Stated,
     pub(super) pose: Option<Pose>,
-    /// `None` where the data set says nothing.
+    /// `None` if the data set does not say.
     pub(super) split: Option<Split>,
 }
 
-/// A camera's numbers as a file has them, for messages.
+/// The numbers of a camera as its file has them, for messages.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Stated {
     /// "transforms.json", "camera 7 of cameras.bin".
@@ -53,19 +53,19 @@ impl fmt::Display for Stated {
     }
 }
 
-/// A camera as it was calibrated.
+/// The calibration of a camera.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Intrinsics {
     pub(super) focal: Focal,
-    /// px; the middle where it is not said.
+    /// Principal point, px; by default the centre.
     pub(super) center: Option<DVec2>,
-    /// Columns and rows of the calibration, px; those of the photograph where it is not said.
+    /// Columns and rows of the calibration, px; by default those of the image.
     pub(super) size: Option<DVec2>,
     pub(super) distortion: Distortion,
 }
 
 impl Intrinsics {
-    /// The camera of a photograph of `width` × `height` px, where the calibration was made at `calibrated` px.
+    /// The camera of an image of `width` × `height` px, calibrated at `calibrated` px.
     pub(super) fn source(&self, calibrated: DVec2, (width, height): (u32, u32), lens: Lens) -> SourceCamera {
         let scale = dvec2(f64::from(width), f64::from(height)) / calibrated;
         let focal = match self.focal {
@@ -78,38 +78,35 @@ impl Intrinsics {
     }
 }
 
-/// How wide a camera looks.
+/// The field of view of a camera.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Focal {
     /// Focal lengths, px.
     Lengths(DVec2),
-    /// Angles from side to side and from top to bottom, rad; without the second, pixels are square.
+    /// Horizontal and vertical angle of view, rad. Without the second, pixels are square.
     Angles(f64, Option<f64>),
 }
 
-/// Whether an image shows what one of another size shows: equal but for rounding the sides to whole pixels.
+/// Whether two sizes are those of the same picture, apart from rounding to whole pixels.
 pub(super) fn same_shape((width, height): (u32, u32), (other_width, other_height): (f64, f64)) -> bool {
     let (width, height) = (f64::from(width), f64::from(height));
-    // (w + a)·H = (h + b)·W with |a|, |b| < 1. NaN fails.
+    // (w + a)·H = (h + b)·W with |a|, |b| < 1. False for NaN.
     (width * other_height - height * other_width).abs() < other_width + other_height
 }
 
-/// What the readers of the different kinds hand over.
+/// The result of a reader.
 #[derive(Debug)]
 pub(super) struct Parts<'a> {
     pub(super) kind: DatasetKind,
     pub(super) root: &'a Path,
     pub(super) drafts: Vec<Draft>,
     pub(super) points: Vec<Point>,
-    /// Where photographs may be; the first place in which there is one is taken.
+    /// Folders that may contain the images; the first with an image of the name is used.
     pub(super) places: Vec<Place>,
     pub(super) remarks: Vec<Remark>,
 }
 
-/// Makes the data set.
-///
-/// # Errors
-/// [`Error::NoViews`].
+/// Assembles the data set.
 pub(super) fn assemble(parts: Parts<'_>, settings: &DatasetSettings) -> Result<Dataset, Error> {
     let Parts { kind, root, mut drafts, mut points, places, mut remarks } = parts;
     let found = drafts.len();
@@ -118,7 +115,7 @@ pub(super) fn assemble(parts: Parts<'_>, settings: &DatasetSettings) -> Result<D
     let place = places.iter().find(|place| has(place));
     let mut tally = Tally::default();
     let mut names = HashSet::new();
-    // Of two views of one name the first in the file stays.
+    // Of two views with the same name, the first in the file is kept.
     drafts.retain(|draft| {
         let first = names.insert(draft.name.clone());
         if !first {
@@ -159,7 +156,7 @@ pub(super) fn assemble(parts: Parts<'_>, settings: &DatasetSettings) -> Result<D
     Ok(Dataset { kind, root: root.to_owned(), views, points, remarks })
 }
 
-/// As the data set says; where it holds nothing out, by the settings.
+/// Applies the data set's own split or, if it has no test views, that of the settings.
 fn split(views: &mut [View], stored: &[Option<Split>], settings: &DatasetSettings, remarks: &mut Vec<Remark>) {
     let stored_holds_out = stored.iter().any(|split| split.is_some_and(|split| split != Split::Train));
     for (i, view) in views.iter_mut().enumerate() {
@@ -175,16 +172,16 @@ fn split(views: &mut [View], stored: &[Option<Split>], settings: &DatasetSetting
     }
 }
 
-/// A view that can be used.
+/// A usable view.
 struct Made {
     view: View,
-    /// (columns, rows) of its camera's calibration.
+    /// Columns and rows of its camera's calibration.
     calibrated: (u64, u64),
-    /// What is to be said of its file.
+    /// Remarks on its image file.
     remarks: Vec<ImageRemark>,
 }
 
-/// Why a view cannot be used, and what exactly is wrong where more can be said.
+/// Why a view cannot be used, with details if there are any.
 struct Refusal {
     why: Skip,
     detail: Option<String>,
@@ -197,7 +194,8 @@ impl From<Skip> for Refusal {
 }
 
 impl Refusal {
-    /// A file that cannot be read; the error's text begins with the file's path, which the view's name stands for.
+    /// A refusal because of a file that cannot be read. The view's name replaces the path at the
+    /// beginning of the error.
     fn of_file(why: Skip, path: &Path, error: &Error) -> Self {
         let text = error.to_string();
         let detail = text.strip_prefix(&format!("{}: ", path.display())).unwrap_or(&text);
@@ -205,7 +203,7 @@ impl Refusal {
     }
 }
 
-/// A view with a photograph that fits its camera.
+/// Makes a view of an image that fits its camera.
 fn make_view(
     draft: &Draft,
     place: Option<&Place>,
@@ -238,7 +236,7 @@ fn make_view(
     Ok(Made { view, calibrated, remarks: header.remarks })
 }
 
-/// Fails unless a mask can be read and has the shape of its photograph.
+/// Checks that a mask can be read and has the shape of its image.
 fn check_mask(mask: &Path, (width, height): (u32, u32)) -> Result<(), Refusal> {
     let refused = |error: Error| Refusal::of_file(Skip::BadMask, mask, &error);
     let stored = read_header(mask).map_err(refused)?.stored;
@@ -261,7 +259,8 @@ fn camera(pinhole: &SourceCamera, pose: &Pose) -> Result<Camera, Skip> {
     camera.validate().map(|()| camera).map_err(|_| Skip::BadCamera)
 }
 
-/// Which way up a photograph fits its camera, its size that way up, and the size of the camera's calibration.
+/// The orientation in which an image fits its camera, its size in that orientation, and the size of
+/// the calibration.
 fn fit(intrinsics: &Intrinsics, sizes: &ImageHeader, shrunk: f64) -> Result<(Orientation, (u32, u32), DVec2), Skip> {
     let ways = [(Orientation::AsStored, sizes.stored), (Orientation::Exif, sizes.upright)];
     let Some(size) = intrinsics.size else {
@@ -277,7 +276,7 @@ fn fit(intrinsics: &Intrinsics, sizes: &ImageHeader, shrunk: f64) -> Result<(Ori
     way.map(|&(orientation, side)| (orientation, side, size)).ok_or(Skip::OtherShape)
 }
 
-/// Lenses of the cameras so far: neighbours share theirs, and to look for folds takes a millisecond.
+/// Caches lenses, which neighbouring views share: checking one for folds takes a millisecond.
 #[derive(Default)]
 struct Lenses(Option<(Distortion, Option<Lens>)>);
 

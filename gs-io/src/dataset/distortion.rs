@@ -1,18 +1,19 @@
-//! How real lenses bend rays: the camera models of COLMAP, OpenCV and Nerfstudio, as maps of the plane.
+//! Lens distortion: the camera models of COLMAP, OpenCV and Nerfstudio as maps of the plane.
 //!
-//! All work in *normalised* coordinates: a ray (X, Y, Z) with Z > 0, camera axes right, down, forward, has p = (X/Z, Y/Z), and a lens
-//! sends it to d; the pixel is then (fx·d.x + cx, fy·d.y + cy). A pinhole has d = p. r = ‖p‖, and θ = atan r is the angle from the
-//! optical axis.
+//! All use *normalised* coordinates: with camera axes right, down, forward, a ray (X, Y, Z), Z > 0,
+//! has p = (X/Z, Y/Z). The lens maps it to d, which is the pixel (fx·d.x + cx, fy·d.y + cy). A
+//! pinhole has d = p. r = ‖p‖, and θ = atan r is the angle from the optical axis.
 //!
-//! *Source:* the formulas are those documented by COLMAP (`sensor/models`) and OpenCV (`calib3d`), whose parameters these are.
+//! *Source:* the documentation of COLMAP (`sensor/models`) and OpenCV (`calib3d`), which also
+//!   define the parameters.
 
 use glam::{DVec2, dvec2};
 
-/// How a lens bends rays. All coefficients are without unit unless said.
+/// The distortion of a lens. Coefficients are dimensionless unless stated otherwise.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 #[non_exhaustive]
 pub enum Distortion {
-    /// Not at all: a pinhole.
+    /// No distortion: a pinhole.
     #[default]
     None,
     /// Radial and tangential, in powers of r.
@@ -36,7 +37,8 @@ pub enum Distortion {
     },
     /// Kannala and Brandt 2006, in powers of θ, with tangential and thin-prism terms.
     Fisheye(Fisheye),
-    /// The fish-eye of Project Aria ("Fisheye624"): tangential and prism terms act on what the radial ones made.
+    /// The fish-eye of Project Aria ("Fisheye624"): tangential and prism terms act on the result of
+    /// the radial ones.
     AriaFisheye(AriaFisheye),
 }
 
@@ -69,13 +71,13 @@ pub struct Fisheye {
 pub struct AriaFisheye {
     /// k₁ … k₆.
     pub radial: [f64; 6],
-    /// p₁, p₂ in [`BrownConrady`]'s order, which is the reverse of COLMAP's.
+    /// p₁, p₂ in [`BrownConrady`]'s order, the reverse of COLMAP's.
     pub tangential: [f64; 2],
     /// s₁ … s₄.
     pub prism: [f64; 4],
 }
 
-/// What a lens does first: which plane its polynomial acts on.
+/// The plane that a lens's polynomial acts on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Plane {
     /// p itself.
@@ -85,7 +87,7 @@ pub(super) enum Plane {
 }
 
 impl Distortion {
-    /// Whether the coefficients are finite and in their ranges.
+    /// Whether the coefficients are finite and in range.
     pub fn is_possible(&self) -> bool {
         let finite = |values: &[f64]| values.iter().all(|v| v.is_finite());
         match self {
@@ -99,7 +101,7 @@ impl Distortion {
         }
     }
 
-    /// What the model is called where cameras are calibrated.
+    /// The name in calibration programs.
     pub fn name(&self) -> &'static str {
         match self {
             Self::None => "pinhole",
@@ -119,7 +121,7 @@ impl Distortion {
         }
     }
 
-    /// The map of the plane ([`Plane`]) to d; not finite where it has a pole or no value.
+    /// Maps the plane ([`Plane`]) to d; not finite at poles and outside of the domain.
     pub(super) fn map(&self, p: DVec2) -> DVec2 {
         let r2 = p.length_squared();
         match self {
@@ -129,7 +131,7 @@ impl Distortion {
             Self::FieldOfView { omega } => {
                 let slope = 2.0 * (0.5 * omega).tan();
                 let r = r2.sqrt();
-                // At the axis the quotient is its limit.
+                // The limit of the quotient at the axis.
                 p * if r < 1e-9 { slope / omega } else { (r * slope).atan() / (r * omega) }
             }
             Self::Division { k } => p * (2.0 / (1.0 + (1.0 - 4.0 * r2 * k).sqrt())),
@@ -145,7 +147,8 @@ impl Distortion {
         }
     }
 
-    /// The inverse of [`Self::map`] where it has a closed form: `None` where no ray comes from, the outer `None` where there is no form.
+    /// The inverse of [`Self::map`] in closed form. The outer `None` means that there is none, the
+    /// inner that no ray arrives at `d`.
     pub(super) fn closed_inverse(&self, d: DVec2) -> Option<Option<DVec2>> {
         let r2 = d.length_squared();
         Some(match *self {
@@ -159,7 +162,7 @@ impl Distortion {
             }
             Self::Division { k } => {
                 let divisor = 1.0 + k * r2;
-                // At k‖d‖² = 1 the map of the plane folds.
+                // At k‖d‖² = 1 the map folds.
                 (divisor > 0.0 && k * r2 <= 1.0).then(|| d / divisor)
             }
             Self::EnhancedUnified { alpha, beta } => {

@@ -1,7 +1,8 @@
-//! A lens that can be looked through both ways: its distortion, and how far from the axis that distortion is one-to-one.
+//! A lens with its distortion and the inverse of it, restricted to where it is one-to-one.
 //!
-//! A polynomial that was fitted inside the picture goes wherever it likes outside: it turns round, and rays from far off the axis would
-//! fall into the picture a second time. The lens knows where that begins and images nothing beyond.
+//! A polynomial that was fitted inside the picture can turn round outside of it, so that rays far
+//! off the axis fall into the picture a second time. The lens knows where that begins and images
+//! nothing beyond.
 
 use std::f64::consts::FRAC_PI_2;
 
@@ -9,30 +10,31 @@ use glam::{DMat2, DVec2};
 
 use super::distortion::{Distortion, Plane};
 
-/// No ray further off the axis than this is looked at, rad (89°): a pinhole image would need an infinite plane for it.
+/// Largest angle of rays from the axis, rad (89°): a pinhole image would need an infinite plane
+/// beyond.
 const MAX_ANGLE: f64 = FRAC_PI_2 * 89.0 / 90.0;
 
-/// Where the lens shrinks areas, relative to the middle, to less than this, it has folded or is about to: one pixel would be stretched
-/// over a hundred.
+/// If areas shrink below this share of those at the centre, the lens has folded or is about to: a
+/// pixel would be stretched over a hundred.
 const MIN_STRETCH: f64 = 0.01;
 
 /// Directions and angles at which the distortion is probed for folds.
 const PROBES: (u32, u32) = (16, 512);
 
-/// Halvings to find a fold, and to find a radius: to 1e-13 of the interval.
+/// Bisection steps to find a fold or a radius, to 1e-13 of the interval.
 const HALVINGS: u32 = 44;
 
-/// Newton's steps at most; quadratic convergence needs 3 to 6.
+/// Most steps of Newton's method, which needs 3 to 6.
 const MAX_NEWTON_STEPS: u32 = 24;
 
-/// How near the inverse must come to its target, in normalised coordinates: 1e-7 px at a focal length of 10,000 px.
+/// Tolerance of the inverse in normalised coordinates: 1e-7 px at a focal length of 10,000 px.
 const INVERSE_TOLERANCE: f64 = 1e-11;
 
 /// A [`Distortion`], restricted to where it is one-to-one.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Lens {
     distortion: Distortion,
-    /// The radius in the distortion's plane up to which it is one-to-one.
+    /// Largest radius in the distortion's plane for which it is one-to-one.
     limit: f64,
 }
 
@@ -44,14 +46,14 @@ impl Default for Lens {
 }
 
 impl Lens {
-    /// A lens of this distortion; `None` where its coefficients are not possible ([`Distortion::is_possible`]), or where it is not
-    /// one-to-one even around the axis.
+    /// A lens with this distortion; `None` if its coefficients are not possible
+    /// ([`Distortion::is_possible`]), or if it is not one-to-one around the axis.
     pub fn new(distortion: Distortion) -> Option<Self> {
         if !distortion.is_possible() {
             return None;
         }
         let limit = match distortion.closed_inverse(DVec2::ZERO) {
-            // Those with a closed form grow all the way, but for a division that ends where 4kr² = 1.
+            // Closed forms are monotonic, except a division that ends where 4kr² = 1.
             Some(_) => match distortion {
                 Distortion::Division { k } if k > 0.0 => MAX_ANGLE.tan().min(0.5 / k.sqrt()),
                 _ => MAX_ANGLE.tan(),
@@ -66,12 +68,12 @@ impl Lens {
         &self.distortion
     }
 
-    /// Whether it bends no ray.
+    /// Whether it is without distortion.
     pub fn is_pinhole(&self) -> bool {
         self.distortion == Distortion::None
     }
 
-    /// The angle from the axis up to which the lens is used, rad: where it folds, or 89°.
+    /// Largest usable angle from the axis, rad: where it folds, or 89°.
     pub fn max_angle(&self) -> f64 {
         match self.distortion.plane() {
             Plane::Tangent => self.limit.atan(),
@@ -79,7 +81,8 @@ impl Lens {
         }
     }
 
-    /// Where the ray p = (X/Z, Y/Z) arrives, in normalised coordinates; `None` beyond [`Self::max_angle`].
+    /// The position of the ray p = (X/Z, Y/Z) in normalised coordinates; `None` beyond
+    /// [`Self::max_angle`].
     pub fn distort(&self, p: DVec2) -> Option<DVec2> {
         let p = match self.distortion.plane() {
             Plane::Tangent => p,
@@ -88,7 +91,7 @@ impl Lens {
                 if r < 1e-9 { p } else { p * (r.atan() / r) }
             }
         };
-        // Phrased so that NaN fails it.
+        // False for NaN.
         if !(p.length_squared() <= self.limit * self.limit) {
             return None;
         }
@@ -96,7 +99,8 @@ impl Lens {
         d.is_finite().then_some(d)
     }
 
-    /// The ray (X/Z, Y/Z) that arrives at `d`, the inverse of [`Self::distort`]; `None` where none does.
+    /// The ray (X/Z, Y/Z) that arrives at `d`, the inverse of [`Self::distort`]; `None` if there is
+    /// none.
     pub fn undistort(&self, d: DVec2) -> Option<DVec2> {
         if !d.is_finite() {
             return None;
@@ -115,8 +119,8 @@ impl Lens {
         }
     }
 
-    /// The point of the distortion's plane that is mapped to `d`: along d's direction by halving, which is exact for a radial lens, then
-    /// by Newton's method for the rest.
+    /// The point of the distortion's plane that is mapped to `d`: bisection along d's direction,
+    /// which is exact for a radial lens, then Newton's method.
     fn solve(&self, d: DVec2) -> Option<DVec2> {
         let radius = d.length();
         if radius < 1e-14 {
@@ -145,14 +149,15 @@ impl Lens {
     }
 }
 
-/// The radius at which the distortion first folds in some direction, or that of [`MAX_ANGLE`].
+/// The radius at which the distortion first folds in any direction, or that of [`MAX_ANGLE`].
 fn fold(distortion: &Distortion) -> f64 {
     let radius = |angle: f64| match distortion.plane() {
         Plane::Tangent => angle.tan(),
         Plane::Equidistant => angle,
     };
     let (directions, angles) = PROBES;
-    // Two negative stretches, behind a fold too narrow for the probes, have a positive product as well. NaN fails.
+    // Two negative stretches, behind a fold too narrow for the probes, have a positive product,
+    // too. False for NaN.
     let unfolded = |direction: DVec2, angle: f64| {
         let stretch = jacobian(distortion, direction * radius(angle));
         stretch.determinant() > MIN_STRETCH && stretch.x_axis.x + stretch.y_axis.y > 0.0

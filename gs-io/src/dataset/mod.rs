@@ -1,4 +1,4 @@
-//! Posed photographs: what a 3D scene is trained from, read from the data sets that the field's tools write.
+//! Data sets of posed images, from which 3D scenes are trained, as common tools write them.
 //!
 //! | kind | made by | what is looked for |
 //! |---|---|---|
@@ -6,9 +6,9 @@
 //! | [`Nerfstudio`](DatasetKind::Nerfstudio) | Nerfstudio, instant-ngp, Polycam | `transforms.json` |
 //! | [`Colmap`](DatasetKind::Colmap) | COLMAP and what writes its files | `cameras`, `images`, `points3D`, `.bin` or `.txt`, in `sparse/0`, `sparse`, `colmap/sparse/0` or the folder itself |
 //!
-//! [`read_dataset`] finds out which and reads all but the pixels: of the photographs only the headers, so that the intrinsics are those
-//! of the files that are there. [`View::read_image`] reads a photograph when it is needed, undistorted. What was left out, and why, is
-//! counted in [`Dataset::remarks`]; a data set without a usable view is an error.
+//! [`read_dataset`] recognises the kind and reads everything but the pixels. Of the images it reads
+//! the headers, so that intrinsics fit the files that exist. [`View::read_image`] reads and
+//! undistorts an image when it is needed. [`Dataset::remarks`] says what was left out, and why.
 //!
 //! World axes and unit are the data set's own.
 
@@ -16,10 +16,10 @@ mod assemble;
 mod colmap;
 mod distortion;
 mod lens;
-mod photograph;
 mod place;
 mod point_cloud;
 mod pose;
+mod posed_image;
 mod remark;
 mod resample;
 mod shrink;
@@ -41,35 +41,37 @@ pub use self::{
     colmap::{CameraModel, ColmapCamera, ColmapImage, ColmapModel, ColmapPoint, Observation},
     distortion::{AriaFisheye, BrownConrady, Distortion, Fisheye},
     lens::Lens,
-    photograph::PosedImage,
+    posed_image::PosedImage,
     remark::{Remark, Skip},
     source_camera::SourceCamera,
 };
 use crate::{atomic::open, error::Error, image::Orientation};
 
-/// Where COLMAP models are looked for, relative to the data set.
+/// Where COLMAP models are searched, relative to the data set.
 const COLMAP_FOLDERS: [&str; 5] = ["sparse/0", "sparse", "colmap/sparse/0", "colmap/sparse", "."];
 
 const LOOKED_FOR: &str = "transforms_train.json (Blender), transforms.json (Nerfstudio), and cameras.bin or cameras.txt in sparse/0, \
                           sparse, colmap/sparse/0, colmap/sparse and the folder itself (COLMAP)";
 
-/// What to read of a data set, and how.
+/// Settings for reading a data set.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct DatasetSettings {
-    /// The folder inside the data set that the photographs are taken from, such as `images_4`. `None`: where the data set says; else the
-    /// first of `images`, `images_2`, `images_4` and `images_8` in which there is one. Intrinsics follow the real size.
+    /// The folder with the images, relative to the data set, such as `images_4`. `None` uses the
+    /// data set's own, or the first of `images`, `images_2`, `images_4` and `images_8` that has
+    /// images. Intrinsics follow the real size.
     pub image_folder: Option<String>,
-    /// Where the data set says nothing about it, every n-th view by name, the first included, is held out for tests; `None` holds out
-    /// none. *Source:* Mip-NeRF 360 and 3DGS hold out every 8th.
+    /// If the data set has no split, every n-th view by name, starting with the first, is held out
+    /// for tests; `None` holds out none. *Source:* Mip-NeRF 360 and 3DGS hold out every 8th.
     pub test_every: Option<NonZeroU32>,
-    /// What alpha channels of photographs mean.
+    /// The meaning of the images' alpha channels.
     pub alpha: AlphaMeaning,
-    /// Photographs whose longer side has more pixels than this are scaled down to it when they are read, and intrinsics with them. `None`
-    /// leaves them as they are.
+    /// Images with a longer side are scaled down to this many pixels when they are read, with their
+    /// intrinsics. `None` never scales.
     pub max_side: Option<NonZeroU32>,
-    /// Whether files outside the data set's folder are read where the data set names them: by absolute paths, or through `..`. Without it
-    /// such a data set is refused. Links inside the folder are followed in either case.
+    /// Whether files outside the data set's folder may be read, if the data set refers to them by
+    /// absolute paths or `..`. Otherwise such a data set is refused. Links inside the folder are
+    /// always followed.
     pub allow_outside: bool,
 }
 
@@ -85,18 +87,18 @@ impl Default for DatasetSettings {
     }
 }
 
-/// What the alpha channel of a photograph means.
+/// The meaning of an image's alpha channel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum AlphaMeaning {
-    /// How opaque the object is there: the scene shall be as transparent (NeRF-synthetic).
+    /// Opacity of the object: the scene should be as transparent (NeRF-synthetic).
     #[default]
     Opacity,
-    /// Whether the pixel counts: from ½ on it does.
+    /// A mask: pixels count from ½ on.
     Mask,
 }
 
-/// Who made a data set.
+/// The kind of a data set.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 #[non_exhaustive]
@@ -110,7 +112,7 @@ pub enum DatasetKind {
 }
 
 impl DatasetKind {
-    /// As its users write it.
+    /// The name for messages.
     pub fn name(self) -> &'static str {
         match self {
             Self::Colmap => "COLMAP",
@@ -120,41 +122,41 @@ impl DatasetKind {
     }
 }
 
-/// What a view is for.
+/// The purpose of a view.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Split {
-    /// To train with.
+    /// Training.
     Train,
-    /// To choose settings by; Blender's `transforms_val.json`.
+    /// Choosing settings: Blender's `transforms_val.json`.
     Validation,
-    /// To be judged by, never trained with.
+    /// Evaluation only.
     Test,
 }
 
-/// Posed photographs, and the points that were triangulated from them.
+/// A data set of posed images, with the points that were triangulated from them.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Dataset {
-    /// Who made it.
+    /// The kind.
     pub kind: DatasetKind,
-    /// Its folder.
+    /// The folder.
     pub root: PathBuf,
-    /// The views that can be used, sorted by name, each name once; never empty, and never without one to train with.
+    /// The usable views, sorted by unique names; never empty, and at least one is for training.
     pub views: Vec<View>,
     /// Points of the scene; often none (Blender).
     pub points: Vec<Point>,
-    /// What is worth knowing: what was left out, scaled, undistorted.
+    /// Remarks on what was left out, scaled or undistorted.
     pub remarks: Vec<Remark>,
 }
 
 impl Dataset {
-    /// The views of one split, by name.
+    /// The views of a split, sorted by name.
     pub fn views_of(&self, split: Split) -> impl Iterator<Item = &View> {
         self.views.iter().filter(move |view| view.split == split)
     }
 
-    /// The files that belong to it: the images and masks of its views, and what lies beside them in its folder and in COLMAP's `sparse`,
-    /// such as poses and points. A program that reads the data set must not write to them.
+    /// All files of the data set, which a program that reads it must not replace: images, masks,
+    /// and everything beside them in its folder and in COLMAP's `sparse`, such as poses and points.
     pub fn files(&self) -> Vec<PathBuf> {
         let of_views = self.views.iter().flat_map(|view| [Some(view.image.clone()), view.mask.clone()]).flatten();
         let root = if self.root.as_os_str().is_empty() { Path::new(".") } else { &self.root };
@@ -164,44 +166,47 @@ impl Dataset {
     }
 }
 
-/// A photograph, where it was taken from, and with which camera.
+/// An image with its pose and camera.
 #[derive(Debug, Clone, PartialEq)]
 pub struct View {
-    /// As the data set calls it: the path below its image folder, with extension where it has one.
+    /// The name in the data set: the path below its image folder, with extension if it has one.
     pub name: String,
-    /// The pinhole camera of what [`Self::read_image`] gives: pose, and intrinsics at that size.
+    /// The pinhole camera of [`Self::read_image`]: pose, and intrinsics at that size.
     pub camera: Camera,
-    /// The same at the full size of the photograph, from which it may be scaled down ([`DatasetSettings::max_side`]).
+    /// The same camera at the image's full size, before it is scaled down
+    /// ([`DatasetSettings::max_side`]).
     pub full: Camera,
-    /// The camera that took the photograph: size and intrinsics of the file, and its lens.
+    /// The camera of the image file: its size, intrinsics and lens.
     pub source: SourceCamera,
-    /// The file of the photograph.
+    /// The image file.
     pub image: PathBuf,
-    /// Which way up the file is taken: cameras are calibrated on pixels as they are stored, unless only the turned picture fits.
+    /// The orientation of the file. Cameras are calibrated on pixels as stored, unless only the
+    /// rotated image fits.
     pub orientation: Orientation,
-    /// An image of the photograph's shape, at any size; what is darker than mid-grey does not count.
+    /// The mask file: an image of the same shape, of any size, whose pixels darker than mid-grey do
+    /// not count.
     pub mask: Option<PathBuf>,
-    /// What the photograph's alpha channel means, where it has one.
+    /// The meaning of the image's alpha channel.
     pub alpha: AlphaMeaning,
-    /// What the view is for.
+    /// The purpose of the view.
     pub split: Split,
 }
 
 /// A point of the scene.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Point {
-    /// World units; finite.
+    /// Position, world units; finite.
     pub position: Vec3,
-    /// RGB as in the photographs, 0 to 1.
+    /// RGB as in the images, 0 to 1.
     pub color: [f32; 3],
 }
 
-/// Whether a path names a data set rather than a file of another kind: a folder, or a JSON file.
+/// Whether a path may be that of a data set: a folder, or a JSON file.
 pub fn may_be_dataset(path: &Path) -> bool {
     path.is_dir() || path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("json"))
 }
 
-/// Reads a data set: a folder, of which the content tells the kind, or a `transforms.json`.
+/// Reads a data set: a folder, whose content determines the kind, or a `transforms.json`.
 ///
 /// # Errors
 /// [`Error::Missing`], [`Error::NotADataset`], [`Error::NoViews`], [`Error::LeavesDataset`]; for its files [`Error::Read`], [`Error::Damaged`],
@@ -233,7 +238,7 @@ fn not_a_dataset(path: &Path) -> Error {
     Error::NotADataset { path: path.to_owned(), looked_for: LOOKED_FOR, mend: place::how_to_begin(path) }
 }
 
-/// The folder of a data set that holds a COLMAP model.
+/// The folder of the COLMAP model in a data set.
 fn colmap_folder(root: &Path) -> Option<PathBuf> {
     let holds_model = |folder: &PathBuf| ["cameras.bin", "cameras.txt"].iter().any(|name| folder.join(name).is_file());
     COLMAP_FOLDERS
@@ -242,7 +247,7 @@ fn colmap_folder(root: &Path) -> Option<PathBuf> {
         .find(holds_model)
 }
 
-/// All bytes of one of a data set's files.
+/// Reads a file of a data set.
 fn read_file(path: &Path) -> Result<Vec<u8>, Error> {
     let mut bytes = Vec::new();
     let read = open(path, "a file of a data set")?.0.read_to_end(&mut bytes);

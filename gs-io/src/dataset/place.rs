@@ -1,4 +1,4 @@
-//! Where photographs are: the folders of a data set, and names that lack an extension or have an old one.
+//! Finds images: the folders of a data set, and file names without extension or with another one.
 
 use std::{
     fs, io,
@@ -8,35 +8,32 @@ use std::{
 use super::DatasetSettings;
 use crate::error::Error;
 
-/// Where photographs are looked for where nothing names a folder, the finest first.
+/// Folders that are searched for images if none is given, the largest images first.
 pub(super) const IMAGE_FOLDERS: [&str; 4] = ["images", "images_2", "images_4", "images_8"];
 
-/// Tried, in this order, where a file is named without its extension or with another one.
+/// Extensions that are tried, in this order, if a file has no extension or does not exist.
 const EXTENSIONS: [&str; 12] = ["png", "jpg", "jpeg", "PNG", "JPG", "JPEG", "webp", "tif", "tiff", "bmp", "ppm", "gif"];
 
-/// A folder in which photographs may be.
+/// A folder that may contain images.
 #[derive(Debug, Clone)]
 pub(super) struct Place {
     pub(super) folder: PathBuf,
     pub(super) part: NamePart,
-    /// How many times smaller its photographs are than those that the data set is about.
+    /// The factor by which its images are smaller than those of the data set.
     pub(super) shrunk: f64,
 }
 
-/// What of a photograph's name counts in a folder.
+/// The part of an image's name that is looked up in a folder.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum NamePart {
-    /// All of it.
+    /// The whole path.
     Path,
-    /// What stands after the last slash.
+    /// The file name only.
     FileName,
 }
 
 impl Place {
-    /// The folder that the settings name; `None` where they name none.
-    ///
-    /// # Errors
-    /// [`Error::Missing`] where there is no such folder.
+    /// The folder that the settings name, if they do.
     pub(super) fn chosen(root: &Path, settings: &DatasetSettings, part: NamePart) -> Result<Option<Self>, Error> {
         let Some(name) = &settings.image_folder else { return Ok(None) };
         let folder = root.join(name);
@@ -44,13 +41,13 @@ impl Place {
         Ok(Some(Self::new(root, name, part)))
     }
 
-    /// A folder whose name ends in `_4` has photographs a quarter of the size.
+    /// A folder whose name ends in `_4` contains images of a quarter of the size.
     pub(super) fn new(root: &Path, name: &str, part: NamePart) -> Self {
         let shrunk = name.rsplit_once('_').and_then(|(_, factor)| factor.parse::<u32>().ok()).filter(|f| *f > 0);
         Self { folder: root.join(name), part, shrunk: shrunk.map_or(1.0, f64::from) }
     }
 
-    /// The file of a photograph of this name.
+    /// The file of the image of this name.
     pub(super) fn find(&self, file: &Path) -> Option<PathBuf> {
         let path = match self.part {
             NamePart::Path => self.folder.join(file),
@@ -60,7 +57,7 @@ impl Place {
     }
 }
 
-/// The image at a path, or with the path's name and an extension of its own.
+/// The image at a path, or one with the same name and another extension.
 pub(super) fn find_image(path: &Path) -> Option<PathBuf> {
     if path.is_file() {
         return Some(path.to_owned());
@@ -75,11 +72,8 @@ pub(super) fn find_image(path: &Path) -> Option<PathBuf> {
     appended.chain(replaced).find(|path| path.is_file())
 }
 
-/// Fails where a data set names a file outside its folder `root`, unless the settings allow it. `file` holds the names, each with the key
-/// that it stands at.
-///
-/// # Errors
-/// [`Error::LeavesDataset`] with the first.
+/// Fails where a data set refers to a file outside its folder `root`, unless the settings allow it.
+/// `file` contains the references, with their keys.
 pub(super) fn check_inside<'n>(
     root: &Path,
     file: &Path,
@@ -92,8 +86,8 @@ pub(super) fn check_inside<'n>(
     Err(Error::LeavesDataset { path: file.to_owned(), key, name: name.to_owned(), more })
 }
 
-/// Whether a path, joined to a folder, leads out of it. Links are not looked into: a link inside the folder was put there by whoever may put
-/// files there.
+/// Whether a path, joined to a folder, leaves it. Links are not checked: whoever may put files into
+/// the folder may put links there.
 fn leaves(folder: &Path, path: &Path) -> bool {
     let up = |part| matches!(part, Component::ParentDir);
     if path.is_absolute() {
@@ -118,7 +112,7 @@ fn leaves(folder: &Path, path: &Path) -> bool {
     })
 }
 
-/// What to do about a folder that is no data set: for one that holds photographs, how their cameras are found.
+/// Advice for a folder that is not a data set; if it contains images, how to find their cameras.
 pub(super) fn how_to_begin(folder: &Path) -> String {
     let is_image = |name: &Path| {
         let ending = name.extension().map(|ending| ending.to_string_lossy().to_lowercase());
@@ -139,7 +133,7 @@ pub(super) fn how_to_begin(folder: &Path) -> String {
     }
 }
 
-/// A path as one word of a command.
+/// A path quoted for a shell command.
 fn quoted(path: &Path) -> String {
     let text = path.display().to_string();
     match text.contains(|c: char| c.is_whitespace() || "'\"$&;()<>|*?`!#".contains(c)) {

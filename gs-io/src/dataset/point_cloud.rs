@@ -1,4 +1,5 @@
-//! Points of a PLY file, such as Nerfstudio's `sparse_pc.ply`: positions, and colours where there are any.
+//! Reads points from a PLY file, such as Nerfstudio's `sparse_pc.ply`: positions and, if present,
+//! colours.
 
 use std::path::Path;
 
@@ -9,13 +10,14 @@ use serde_ply::{PlyReader, PropertyType, ScalarType};
 use super::{Point, read_file};
 use crate::error::Error;
 
-/// One row of the `vertex` element.
+/// A row of the element `vertex`.
 #[derive(Deserialize)]
 struct Row {
     x: f64,
     y: f64,
     z: f64,
-    // `default` for binary files: their rows come as sequences, in which what is missing is no `None` by itself.
+    // `default` is for binary files, whose rows are sequences, in which a missing value is not
+    // `None` by itself.
     #[serde(default)]
     red: Option<f64>,
     #[serde(default)]
@@ -25,9 +27,6 @@ struct Row {
 }
 
 /// Reads a point cloud; points without a colour are mid-grey.
-///
-/// # Errors
-/// [`Error::Missing`] or [`Error::Read`]; [`Error::NotAPointCloud`].
 pub(super) fn read(path: &Path) -> Result<Vec<Point>, Error> {
     parse(&read_file(path)?).map_err(|message| Error::NotAPointCloud { path: path.to_owned(), message })
 }
@@ -44,7 +43,7 @@ fn parse(bytes: &[u8]) -> Result<Vec<Point>, String> {
             return Err(format!("its vertices have no number `{name}`"));
         }
     }
-    // A row takes three bytes at the very least, whatever the header counts.
+    // A row has three bytes at least, whatever the header claims.
     if vertex.count > bytes.len() / 3 {
         return Err(format!("it counts {} vertices in a file of {} bytes", vertex.count, bytes.len()));
     }

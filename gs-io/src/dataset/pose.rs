@@ -1,11 +1,12 @@
-//! Where a camera stood: from the conventions of data sets to the engine's world-to-camera pose.
+//! Camera poses: converts the conventions of data sets to world-to-camera.
 
 use glam::{DMat3, DQuat, DVec3, dvec3};
 
-/// How far a matrix may be from a rotation, in any element of MᵀM − 1: text of six digits and `f32` arithmetic stay well below.
+/// Tolerance of a rotation matrix, for any element of MᵀM − 1. Text with six digits and `f32`
+/// arithmetic stay well below.
 const ROTATION_TOLERANCE: f64 = 1e-3;
 
-/// x_camera = rotation · x_world + translation; camera axes are right, down, forward.
+/// A pose: x_camera = rotation · x_world + translation, with camera axes right, down, forward.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Pose {
     pub(super) rotation: DMat3,
@@ -13,7 +14,7 @@ pub(super) struct Pose {
 }
 
 impl Pose {
-    /// As COLMAP has it: world-to-camera, the quaternion of any length but 0. `None` where it is none.
+    /// The pose of COLMAP's world-to-camera form, with a quaternion of any length but 0.
     pub(super) fn world_to_camera(rotation: DQuat, translation: DVec3) -> Option<Self> {
         let norm = rotation.length();
         if !(norm > 1e-6) || !norm.is_finite() || !translation.as_vec3().is_finite() {
@@ -22,9 +23,10 @@ impl Pose {
         Some(Self { rotation: DMat3::from_quat(rotation / norm), translation })
     }
 
-    /// As Blender and Nerfstudio have it: the rows of a camera-to-world matrix, 3 or 4 of them, camera axes right, up, back (OpenGL).
-    /// A uniform scale, which a scaled camera object has in Blender, changes no picture and is left out. `None` where it is anything
-    /// else than a rotation, a translation and a scale.
+    /// The pose of Blender's and Nerfstudio's form: 3 or 4 rows of a camera-to-world matrix with
+    /// camera axes right, up, back (OpenGL). A uniform scale, as of a scaled camera object in
+    /// Blender, does not change the picture and is ignored. `None` if the matrix is anything but
+    /// rotation, translation and uniform scale.
     pub(super) fn camera_to_world(rows: &[Vec<f64>]) -> Option<Self> {
         let (linear, position) = affine(rows)?;
         let scale = linear.determinant().cbrt();
@@ -35,15 +37,15 @@ impl Pose {
         if !(turned.transpose() * turned).abs_diff_eq(DMat3::IDENTITY, ROTATION_TOLERANCE) {
             return None;
         }
-        // Exactly orthonormal again, then from (right, up, back) to (right, down, forward).
+        // Orthonormalises the matrix, then converts (right, up, back) to (right, down, forward).
         let turned = DMat3::from_quat(DQuat::from_mat3(&turned).normalize());
         let rotation = DMat3::from_cols(turned.x_axis, -turned.y_axis, -turned.z_axis).transpose();
         Some(Self { rotation, translation: -(rotation * position) })
     }
 }
 
-/// The linear part and the translation of a 3×4 or 4×4 matrix given by rows; `None` where it has another shape, a last row other than
-/// (0, 0, 0, 1), or a number that is not finite.
+/// The linear part and the translation of a 3×4 or 4×4 matrix by rows; `None` for another shape, a
+/// last row other than (0, 0, 0, 1), or numbers that are not finite.
 pub(super) fn affine(rows: &[Vec<f64>]) -> Option<(DMat3, DVec3)> {
     let finite = rows.iter().all(|row| row.len() == 4 && row.iter().all(|v| v.is_finite()));
     let last = rows.get(3).is_none_or(|row| row[..] == [0.0, 0.0, 0.0, 1.0]);

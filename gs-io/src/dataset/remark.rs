@@ -1,4 +1,4 @@
-//! What a data set's reader has to say: what it left out, and what it changed.
+//! Remarks on a data set: what was left out or changed when it was read.
 
 use std::fmt;
 
@@ -7,88 +7,88 @@ use serde::Serialize;
 
 use crate::image::ImageRemark;
 
-/// Something worth knowing about a data set that was read.
+/// A remark on a data set.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 #[non_exhaustive]
 pub enum Remark {
     /// Views that cannot be used.
     Skipped {
-        /// Why.
+        /// The reason.
         why: Skip,
-        /// How many.
+        /// Number of views.
         count: usize,
-        /// The name of the first, in the order of the data set.
+        /// Name of the first, in the order of the data set.
         first: String,
-        /// What exactly is wrong with the first, where more can be said.
+        /// Details about the first, if there are any.
         detail: Option<String>,
     },
-    /// Something that is to be said of photographs' files.
+    /// A remark on image files.
     Image {
-        /// What.
+        /// The remark.
         remark: ImageRemark,
-        /// Of how many.
+        /// Number of images.
         count: usize,
-        /// The name of the first.
+        /// Name of the first.
         first: String,
     },
-    /// Photographs that are scaled down when they are read.
+    /// Images are scaled down when they are read.
     Reduced {
-        /// How many.
+        /// Number of images.
         count: usize,
-        /// The most pixels that their longer side keeps.
+        /// The most pixels of their longer side.
         max_side: u32,
-        /// (columns, rows) of the first one.
+        /// Columns and rows of the first.
         from: (u32, u32),
-        /// (columns, rows) that it gets.
+        /// Columns and rows of the first after scaling.
         to: (u32, u32),
     },
-    /// Masks that the data set names are not there, so that every pixel of their photographs counts.
+    /// Masks do not exist, so every pixel of their images counts.
     MasksMissing {
-        /// How many.
+        /// Number of masks.
         count: usize,
         /// The first, as the data set names it.
         first: String,
     },
-    /// The data set names images of depths, which nothing here makes use of.
+    /// The data set refers to depth images, which are not used.
     DepthsUnused {
-        /// How many.
+        /// Number of images.
         count: usize,
     },
-    /// Photographs that are undistorted when they are read.
+    /// Images are undistorted when they are read.
     Undistorted {
-        /// How many.
+        /// Number of images.
         count: usize,
-        /// Their lens.
+        /// Their lens model.
         lens: &'static str,
     },
-    /// Photographs of another size than the camera's calibration, whose intrinsics were scaled.
+    /// Images have another size than their camera's calibration, and intrinsics were scaled.
     Scaled {
-        /// How many.
+        /// Number of images.
         count: usize,
-        /// (columns, rows) of the first one's calibration.
+        /// Columns and rows of the first one's calibration.
         from: (u64, u64),
-        /// (columns, rows) of the first one.
+        /// Columns and rows of the first.
         to: (u32, u32),
     },
-    /// There are no points: a scene must start at random or from a file.
+    /// There are no points, so a scene must start at random or from a file.
     NoPoints,
     /// Points that were left out because they are not finite.
     PointsNotFinite {
-        /// How many.
+        /// Number of points.
         count: usize,
     },
-    /// The data set names a file of points that is not there.
+    /// The file of points does not exist.
     PointsMissing {
         /// The file, as the data set names it.
         file: String,
     },
-    /// COLMAP made several models that do not hang together; only the first is read.
+    /// There are several COLMAP models that are not connected; only the first is read.
     OtherModels {
-        /// How many others.
+        /// Number of other models.
         count: usize,
     },
-    /// A split would have left nothing to train with, so that every view is trained with.
+    /// The split would leave no view for training, so every view is used for training.
     NothingHeldOut,
 }
 
@@ -97,23 +97,23 @@ pub enum Remark {
 #[serde(rename_all = "kebab-case")]
 #[non_exhaustive]
 pub enum Skip {
-    /// There is no image file of its name.
+    /// The image file does not exist.
     NoImage,
-    /// The image file cannot be read, or is cut short.
+    /// The image file cannot be read, or is truncated.
     BadImage,
     /// The mask cannot be read, or has another shape than the image.
     BadMask,
-    /// The image has another shape than the camera that is said to have taken it.
+    /// The image has another shape than its camera.
     OtherShape,
-    /// The model has no camera of its number.
+    /// The camera does not exist.
     NoCamera,
     /// Size, focal lengths, principal point or lens are not possible.
     BadCamera,
     /// A panorama, which no pinhole camera can show.
     Panorama,
-    /// The pose is not finite, or no rotation.
+    /// The pose is not finite or not a rotation.
     BadPose,
-    /// Another view before it has the same name.
+    /// An earlier view has the same name.
     SameName,
 }
 

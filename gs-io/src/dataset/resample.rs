@@ -1,20 +1,17 @@
-//! The picture that a pinhole would have taken, interpolated from one that a distorted lens took.
+//! Undistorts images: computes the picture of a pinhole camera by interpolation.
 
 use glam::{DVec2, dvec2};
 use gs_core::{Camera, Image};
 
-use super::{photograph::PosedImage, source_camera::SourceCamera};
+use super::{posed_image::PosedImage, source_camera::SourceCamera};
 
-/// What `camera`, a pinhole at the place of `source`, would have seen.
-///
-/// # Errors
-/// Where the camera's size is not possible.
+/// The picture that the pinhole `camera` would have seen from the place of `source`.
 pub(super) fn undistorted(
-    photograph: &PosedImage,
+    posed: &PosedImage,
     source: &SourceCamera,
     camera: &Camera,
 ) -> Result<PosedImage, gs_core::Error> {
-    let PosedImage { image, alpha, mask } = photograph;
+    let PosedImage { image, alpha, mask } = posed;
     match alpha {
         None => {
             let grid = Grid::new(image.pixels(), source);
@@ -22,7 +19,8 @@ pub(super) fn undistorted(
             Ok(PosedImage { image: Image::from_pixels(camera.width, camera.height, colors)?, alpha: None, mask })
         }
         Some(alpha) => {
-            // Transparent pixels have any colour at all, which must not bleed into their neighbours'.
+            // Transparent pixels have arbitrary colours, which must not bleed into their
+            // neighbours.
             let premultiplied = image.pixels().iter().zip(alpha.iter().map(|a| a.clamp(0.0, 1.0)));
             let premultiplied: Vec<[f32; 4]> = premultiplied.map(|(&[r, g, b], a)| [r * a, g * a, b * a, a]).collect();
             let (pixels, mask) = Grid::new(&premultiplied, source).warp(source, camera, mask.as_deref());
@@ -34,7 +32,7 @@ pub(super) fn undistorted(
     }
 }
 
-/// Pixels that can be read between their centres.
+/// Pixels with interpolation.
 struct Grid<'a, const N: usize> {
     pixels: &'a [[f32; N]],
     width: u32,
@@ -46,7 +44,8 @@ impl<'a, const N: usize> Grid<'a, N> {
         Self { pixels, width: source.width, height: source.height }
     }
 
-    /// The pixels of the pinhole picture, row-major, 0 where there are none, and which of them count, where not all do.
+    /// The pixels of the pinhole picture, row-major, 0 where there are none, and a mask if not all
+    /// are valid.
     fn warp(
         &self,
         source: &SourceCamera,
@@ -69,14 +68,14 @@ impl<'a, const N: usize> Grid<'a, N> {
         (pixels, (!all).then_some(counts))
     }
 
-    /// The pixel that a place inside the frame falls on.
+    /// The pixel at a position inside the frame.
     fn nearest(&self, place: DVec2) -> usize {
         let (x, y) = ((place.x as u32).min(self.width - 1), (place.y as u32).min(self.height - 1));
         y as usize * self.width as usize + x as usize
     }
 
-    /// Catmull-Rom's cubic through the 4×4 pixels around a place inside the frame, kept within their range: a cubic rings at edges, and
-    /// a picture has no colours brighter than its own.
+    /// Interpolates at a position inside the frame with Catmull-Rom's cubic over 4×4 pixels,
+    /// clamped to their range, because a cubic overshoots at edges.
     fn between(&self, place: DVec2) -> [f32; N] {
         let corner = (place - 0.5).floor();
         let fraction = place - 0.5 - corner;
@@ -99,7 +98,8 @@ impl<'a, const N: usize> Grid<'a, N> {
     }
 }
 
-/// Weights of the four values at −1, 0, 1, 2 for a place `t` between 0 and 1 (Catmull and Rom 1974; Keys 1981 with a = −½).
+/// Weights of the values at −1, 0, 1, 2 for a position `t` between 0 and 1 (Catmull and Rom 1974;
+/// Keys 1981 with a = −½).
 fn catmull_rom(t: f32) -> [f32; 4] {
     let (t2, t3) = (t * t, t * t * t);
     [0.5 * (-t3 + 2.0 * t2 - t), 0.5 * (3.0 * t3 - 5.0 * t2 + 2.0), 0.5 * (-3.0 * t3 + 4.0 * t2 + t), 0.5 * (t3 - t2)]

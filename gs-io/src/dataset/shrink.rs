@@ -1,13 +1,13 @@
-//! Photographs in fewer pixels, each the mean of the area that it covers.
+//! Scales images down by averaging over areas.
 
 use gs_core::{Camera, Error, Image};
 
-use super::photograph::PosedImage;
+use super::posed_image::PosedImage;
 
-/// The share of a pixel's area from which on it is covered; below it is rounding.
+/// A pixel counts if at least this share of its area is covered; less is rounding.
 const COVERED: f32 = 1e-4;
 
-/// The camera of the same picture at this size.
+/// The camera of the same picture at another size.
 pub(super) fn resized(camera: &Camera, (width, height): (u32, u32)) -> Camera {
     let by = |new: u32, old: u32| f64::from(new) / f64::from(old);
     let scale = glam::dvec2(by(width, camera.width), by(height, camera.height));
@@ -20,20 +20,20 @@ pub(super) fn resized(camera: &Camera, (width, height): (u32, u32)) -> Camera {
     }
 }
 
-/// The sides of a picture whose longer one shall have at most so many pixels.
+/// The size of a picture scaled down to at most this many pixels on its longer side.
 pub(super) fn within((width, height): (u32, u32), max_side: u32) -> (u32, u32) {
     let longer = width.max(height);
     let scaled = |side: u32| ((f64::from(side) * f64::from(max_side) / f64::from(longer)).round() as u32).max(1);
     if longer > max_side { (scaled(width), scaled(height)) } else { (width, height) }
 }
 
-/// What a pixel gathers: colour times alpha, alpha, and area, of the pixels that count.
+/// Sums over the counting pixels below a new pixel: colour times alpha, alpha, and area.
 type Sums = [f32; 5];
 
-/// The photograph in no more pixels than it has: means of colours (of premultiplied ones where there is alpha) over the area that counts; a
-/// pixel counts where any of its area does.
-pub(super) fn shrunk(photograph: &PosedImage, (width, height): (u32, u32)) -> Result<PosedImage, Error> {
-    let PosedImage { image, alpha, mask } = photograph;
+/// The image at a size no larger than its own: means of (premultiplied) colours over the area that
+/// counts. A pixel counts if any of its area does.
+pub(super) fn shrunk(posed: &PosedImage, (width, height): (u32, u32)) -> Result<PosedImage, Error> {
+    let PosedImage { image, alpha, mask } = posed;
     let (columns, rows) = (spans(image.width(), width), spans(image.height(), height));
     let count = width as usize * height as usize;
     let (mut colors, mut alphas) = (Vec::with_capacity(count), Vec::with_capacity(count));
@@ -69,7 +69,7 @@ fn add(sums: &mut Sums, values: &Sums, weight: f32) {
     sums.iter_mut().zip(values).for_each(|(sum, value)| *sum += weight * value);
 }
 
-/// The old pixels that a new one covers along an axis: the first of them, and the share of the new one that each takes up.
+/// The old pixels that a new one covers along an axis: the first, and the share of each.
 struct Span {
     first: usize,
     weights: Vec<f32>,
@@ -81,7 +81,7 @@ impl Span {
     }
 }
 
-/// The spans of `new` pixels over `old`, of which there are at least as many.
+/// The spans of `new` pixels over `old` ≥ `new`.
 fn spans(old: u32, new: u32) -> Vec<Span> {
     let step = f64::from(old) / f64::from(new);
     let span = |i: u32| {

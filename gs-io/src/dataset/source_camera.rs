@@ -1,35 +1,37 @@
-//! The camera that took a photograph, lens included, and the pinhole camera of the picture that is made of it.
+//! The camera of an image file with its lens, and the pinhole camera of the undistorted picture.
 
 use glam::{DVec2, dvec2};
 use gs_core::constants::MAX_SIDE_PX;
 
 use super::lens::Lens;
 
-/// How far an undistorted picture may reach beyond the photograph's own frame, or stay within it, on each side, in parts of the frame's
-/// side: together 2 times to a fifth, the limits of COLMAP's undistortion.
+/// How far an undistorted picture may extend beyond the image's frame or stay within it on each
+/// side, relative to the frame's side: twice to a fifth in total, the limits of COLMAP's
+/// undistortion.
 const SIDE_RANGE: (f64, f64) = (-0.5, 0.4);
 
-/// Focal lengths that a camera may have, in parts of the longer side of its images: an angle of 178.9 degrees from side to side, and one of
-/// 20 arc seconds.
+/// Range of possible focal lengths, relative to the image's longer side: angles of view from 20 arc
+/// seconds to 178.9 degrees.
 const FOCAL_RANGE: (f64, f64) = (0.01, 1e4);
 
-/// How far from the middle of the image the principal point may be, in parts of the image's longer side. Only of cut-outs it is outside.
+/// Largest distance of the principal point from the image's centre, relative to the image's longer
+/// side. It is outside of the image for cut-outs only.
 const CENTER_RANGE: f64 = 100.0;
 
-/// How far from the axis a lens is looked at for what it does there, in parts of the image's longer side; and how many times nearer to the
-/// axis or further away it may move a pixel.
+/// Distance from the axis at which a lens is checked, relative to the image's longer side; and the
+/// largest factor by which it may move a pixel there.
 const NEAR_AXIS: f64 = 0.05;
 const STRETCH: f64 = 10.0;
 
-/// Points of each border of the photograph that are looked at.
+/// Points that are checked on each border of the image.
 const BORDER_POINTS: u32 = 256;
 
-/// The camera that took a photograph, for the photograph as it is stored now: intrinsics are scaled to its real size.
+/// The camera of an image file, with intrinsics for its real size.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SourceCamera {
-    /// Columns of the photograph.
+    /// Columns of the image.
     pub width: u32,
-    /// Rows of it.
+    /// Rows of the image.
     pub height: u32,
     /// Focal lengths (fx, fy), px.
     pub focal: DVec2,
@@ -40,19 +42,21 @@ pub struct SourceCamera {
 }
 
 impl SourceCamera {
-    /// The pixel where the ray (X/Z, Y/Z) arrives, inside the frame or not; `None` where the lens does not image it.
+    /// The pixel of the ray (X/Z, Y/Z), inside the frame or not; `None` if the lens does not image
+    /// it.
     pub fn to_pixel(&self, ray: DVec2) -> Option<DVec2> {
         self.lens.distort(ray).map(|d| d * self.focal + self.center)
     }
 
-    /// The ray (X/Z, Y/Z) that arrives at a pixel; `None` where none does.
+    /// The ray (X/Z, Y/Z) of a pixel; `None` if there is none.
     pub fn to_ray(&self, pixel: DVec2) -> Option<DVec2> {
         self.lens.undistort((pixel - self.center) / self.focal)
     }
 
-    /// The pinhole camera of the undistorted picture: the same focal lengths, and the largest frame in which every pixel comes from the
-    /// photograph (COLMAP with `blank_pixels` = 0, OpenCV with alpha = 0), as far as that is between a fifth and twice the photograph's
-    /// sides. Of a pinhole, the camera itself.
+    /// The pinhole camera of the undistorted picture: the same focal lengths, and the largest frame
+    /// in which every pixel comes from the image (COLMAP with `blank_pixels` = 0, OpenCV with alpha
+    /// = 0), limited to between a fifth and twice the image's sides. For a pinhole, the camera
+    /// itself.
     pub fn pinhole(&self) -> Self {
         if self.lens.is_pinhole() {
             return *self;
@@ -61,20 +65,20 @@ impl SourceCamera {
         let (low, high) = self.seen();
         let low = low.min(size * SIDE_RANGE.1);
         let high = high.max(size * (1.0 - SIDE_RANGE.1));
-        // A sliver less than a pixel is no column; what is left over is shared by both sides.
+        // A fraction of a pixel is no column; it is shared by both sides.
         let sides = (high - low + 1e-6).floor().clamp(DVec2::ONE, DVec2::splat(f64::from(MAX_SIDE_PX)));
         let corner = low + 0.5 * (high - low - sides);
         let (width, height) = (sides.x as u32, sides.y as u32);
         Self { width, height, focal: self.focal, center: self.center - corner, lens: Lens::default() }
     }
 
-    /// What no camera can be, in words for people: a focal length or a principal point far beyond those of any camera, or a lens that shows
-    /// less than a fifth of the photograph's width or height.
+    /// Why the camera is impossible, in words: focal length or principal point beyond any camera's,
+    /// or a lens that shows less than a fifth of the image's width or height.
     pub(super) fn fault(&self) -> Option<String> {
         let (size, longer) = (self.size(), self.size().max_element());
         let of = format!("for an image of {}x{} px", self.width, self.height);
         let shares = self.focal / longer;
-        // Phrased so that NaN fails them.
+        // True for NaN.
         if !(shares.min_element() >= FOCAL_RANGE.0 && shares.max_element() <= FOCAL_RANGE.1) {
             let DVec2 { x, y } = self.focal;
             return Some(format!("focal lengths of {x:e} and {y:e} px {of}"));
@@ -89,7 +93,8 @@ impl SourceCamera {
         let (low, high) = self.seen();
         let least = 1.0 - 2.0 * SIDE_RANGE.1;
         let shows_enough = ((high - low) / size).cmpge(DVec2::splat(least - 1e-9)).all();
-        // Near the axis first: where a lens is wild, the borders of its picture may not be found at all.
+        // Checked near the axis first: with an extreme lens, the borders of the picture may not be
+        // found.
         let sane = [DVec2::X, DVec2::NEG_X, DVec2::Y, DVec2::NEG_Y].into_iter().all(|direction| {
             let away = NEAR_AXIS * longer;
             let pixel = self.lens.distort(direction * away / self.focal).map(|d| (d * self.focal).length());
@@ -102,15 +107,16 @@ impl SourceCamera {
         dvec2(f64::from(self.width), f64::from(self.height))
     }
 
-    /// Opposite corners of the largest frame in 2D of the picture in which every pixel comes from the photograph, at most twice as
-    /// large as that.
+    /// Opposite corners of the largest frame, in the plane of the undistorted picture, in which
+    /// every pixel comes from the image; at most twice as large as the image.
     fn seen(&self) -> (DVec2, DVec2) {
         let size = self.size();
-        // Beyond the largest angle there is nothing to show.
+        // Nothing is visible beyond the largest angle.
         let reach = self.lens.max_angle().tan() * self.focal;
         let mut low = (size * SIDE_RANGE.0).max(self.center - reach);
         let mut high = (size * (1.0 - SIDE_RANGE.0)).min(self.center + reach);
-        // Where a border of the photograph lies in 2D of the picture; one that lies too far off the axis limits nothing.
+        // Where a border of the image lies in the plane of the picture. A border too far off the
+        // axis does not limit the frame.
         let seen = |x: f64, y: f64| self.to_ray(dvec2(x, y)).map(|ray| ray * self.focal + self.center);
         for k in 0..=BORDER_POINTS {
             let along = size * (f64::from(k) / f64::from(BORDER_POINTS));

@@ -1,4 +1,4 @@
-//! Counts what is to be said of a data set's views: of each kind how many, and which was the first.
+//! Counts remarks on the views of a data set, with the first view of each kind.
 
 use std::collections::BTreeMap;
 
@@ -7,7 +7,7 @@ use gs_core::Camera;
 use super::{Remark, Skip, SourceCamera, View};
 use crate::image::ImageRemark;
 
-/// Views so far.
+/// Counts so far.
 #[derive(Default)]
 pub(super) struct Tally {
     skipped: BTreeMap<Skip, Remark>,
@@ -18,13 +18,13 @@ pub(super) struct Tally {
 }
 
 impl Tally {
-    /// A view that is left out.
+    /// Counts a view that is left out.
     pub(super) fn skip(&mut self, name: &str, why: Skip, detail: Option<String>) {
         let first = || Remark::Skipped { why, count: 0, first: name.to_owned(), detail };
         add(self.skipped.entry(why).or_insert_with(first));
     }
 
-    /// A view that stays, whose camera was calibrated at this size, and what is to be said of its file.
+    /// Counts a view that stays, with the size of its calibration and the remarks on its file.
     pub(super) fn count(&mut self, view: &View, calibrated: (u64, u64), remarks: &[ImageRemark]) {
         let SourceCamera { width, height, lens, .. } = view.source;
         if !lens.is_pinhole() {
@@ -45,7 +45,7 @@ impl Tally {
         }
     }
 
-    /// What there is to say.
+    /// All remarks.
     pub(super) fn remarks(self) -> Vec<Remark> {
         let images = self.images.into_values();
         let sizes = self.scaled.into_iter().chain(self.reduced);
@@ -53,7 +53,7 @@ impl Tally {
     }
 }
 
-/// One more.
+/// Increments a remark's count.
 fn add(remark: &mut Remark) {
     if let Remark::Skipped { count, .. }
     | Remark::Image { count, .. }

@@ -1,8 +1,8 @@
-//! `transforms.json`: Nerfstudio's, instant-ngp's, and the three of NeRF-synthetic.
+//! `transforms.json` of Nerfstudio and instant-ngp, and the three files of NeRF-synthetic.
 //!
-//! Poses are camera-to-world with axes right, up, back (OpenGL); the world is the file's own. Nerfstudio may have turned it
-//! (`applied_transform`) against that of the COLMAP model that it was made from; its `ply_file_path` is in the file's world already, a
-//! COLMAP model beside it is not.
+//! Poses are camera-to-world with axes right, up, back (OpenGL), in the file's own world.
+//! Nerfstudio may have rotated that world (`applied_transform`) relative to the COLMAP model it was
+//! made from. Its `ply_file_path` is already in the file's world; a COLMAP model beside it is not.
 //!
 //! *Source:* Nerfstudio's documentation ("Data conventions"), and the files of NeRF-synthetic (Mildenhall et al. 2020).
 
@@ -27,23 +27,24 @@ use crate::error::Error;
 
 /// The file of a Nerfstudio data set.
 pub(super) const NERFSTUDIO: &str = "transforms.json";
-/// The first file of a Blender data set.
+/// The first file of a NeRF-synthetic data set.
 pub(super) const BLENDER_TRAIN: &str = "transforms_train.json";
 
-/// All files of a Blender data set.
+/// All files of a NeRF-synthetic data set.
 const BLENDER: [(&str, Split); 3] =
     [(BLENDER_TRAIN, Split::Train), ("transforms_val.json", Split::Validation), ("transforms_test.json", Split::Test)];
 
-/// Where Nerfstudio keeps the COLMAP model that it started from.
+/// Where Nerfstudio stores the COLMAP model that it started from.
 const NERFSTUDIO_COLMAP: &str = "colmap/sparse/0";
 
-/// What Nerfstudio did to COLMAP's world before it wrote down `applied_transform`.
+/// The transformation of COLMAP's world by Nerfstudio versions that did not write
+/// `applied_transform`.
 const OLD_TRANSFORM: DMat3 = DMat3::from_cols(DVec3::Y, DVec3::X, DVec3::NEG_Z);
 
-/// The file.
+/// The content of the file.
 #[derive(Debug, Deserialize)]
 struct Transforms {
-    /// Of every frame that has none of its own.
+    /// Intrinsics of frames without their own.
     #[serde(flatten)]
     camera: CameraFields,
     frames: Vec<Frame>,
@@ -56,7 +57,7 @@ struct Transforms {
     test_filenames: Option<Vec<String>>,
 }
 
-/// One photograph.
+/// An image.
 #[derive(Debug, Deserialize)]
 struct Frame {
     file_path: String,
@@ -67,7 +68,7 @@ struct Frame {
     camera: CameraFields,
 }
 
-/// Intrinsics, for all frames or for one. Lengths in px, angles in rad.
+/// Intrinsics, shared or of a frame. Lengths in px, angles in rad.
 #[derive(Debug, Clone, Default, Deserialize)]
 struct CameraFields {
     camera_model: Option<String>,
@@ -89,7 +90,7 @@ struct CameraFields {
 }
 
 impl CameraFields {
-    /// These, and where they say nothing the shared ones.
+    /// These intrinsics, completed by the shared ones.
     fn or(&self, shared: &Self) -> Self {
         Self {
             camera_model: self.camera_model.clone().or_else(|| shared.camera_model.clone()),
@@ -111,7 +112,7 @@ impl CameraFields {
         }
     }
 
-    /// The numbers that there are, by their keys.
+    /// The numbers that are present, by their keys.
     fn numbers(&self) -> Vec<(&'static str, f64)> {
         let Self { camera_model: _, is_fisheye: _, camera_angle_x, camera_angle_y, fl_x, fl_y, cx, cy, w, h, .. } =
             self;
@@ -135,8 +136,6 @@ impl CameraFields {
         all.into_iter().filter_map(|(key, value)| Some((key, (*value)?))).collect()
     }
 
-    /// # Errors
-    /// [`Error::UnknownCameraModel`]; what a frame lacks is its own matter, in the inner result.
     fn intrinsics(&self, path: &Path) -> Result<Result<Intrinsics, Skip>, Error> {
         let zero = Option::unwrap_or_default;
         let radial = [self.k1, self.k2, self.k3, self.k4].map(zero);
@@ -169,7 +168,7 @@ impl CameraFields {
     }
 }
 
-/// Names of `camera_model`, the first of which is meant where there is none.
+/// Values of `camera_model` for the perspective model; the first is the default.
 const PERSPECTIVE: [&str; 6] = ["OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "PERSPECTIVE"];
 const FISHEYE: [&str; 4] = ["OPENCV_FISHEYE", "FISHEYE", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE"];
 const PANORAMA: &str = "EQUIRECTANGULAR";
@@ -192,8 +191,6 @@ impl Frame {
 }
 
 impl Transforms {
-    /// # Errors
-    /// [`Error::LeavesDataset`].
     fn check_inside(&self, root: &Path, path: &Path, settings: &DatasetSettings) -> Result<(), Error> {
         let images = self.frames.iter().map(|frame| ("file_path", frame.file_path.as_str()));
         let masks = self.frames.iter().filter_map(|frame| Some(("mask_path", frame.mask_path.as_deref()?)));
@@ -202,7 +199,7 @@ impl Transforms {
     }
 }
 
-/// What frames name and nobody reads: masks that are not there, and depths.
+/// Remarks on files that frames refer to and that are not used: missing masks, and depths.
 fn unused(frames: &[Frame], drafts: &[Draft]) -> Vec<Remark> {
     let has_none = |(frame, draft): (&Frame, &Draft)| frame.mask_path.clone().filter(|_| draft.mask.is_none());
     let missing: Vec<String> = frames.iter().zip(drafts).filter_map(has_none).collect();
@@ -211,10 +208,7 @@ fn unused(frames: &[Frame], drafts: &[Draft]) -> Vec<Remark> {
     masks.into_iter().chain((depths > 0).then_some(Remark::DepthsUnused { count: depths })).collect()
 }
 
-/// Reads NeRF-synthetic and its like.
-///
-/// # Errors
-/// [`Error::DamagedJson`], [`Error::NoViews`] and those of [`read_nerfstudio`].
+/// Reads a data set in the format of NeRF-synthetic.
 pub(super) fn read_blender(root: &Path, settings: &DatasetSettings) -> Result<Dataset, Error> {
     let (mut drafts, mut points, mut remarks) = (Vec::new(), Vec::new(), Vec::new());
     for (name, split) in BLENDER {
@@ -237,11 +231,7 @@ pub(super) fn read_blender(root: &Path, settings: &DatasetSettings) -> Result<Da
     assemble(Parts { kind: DatasetKind::Blender, root, drafts, points, places, remarks }, settings)
 }
 
-/// Reads a `transforms.json` whose files are below `root`.
-///
-/// # Errors
-/// [`Error::DamagedJson`], [`Error::UnknownCameraModel`], [`Error::NotAPointCloud`], [`Error::NoViews`], those of
-/// [`ColmapModel::read`] for the model beside it.
+/// Reads a `transforms.json` with files below `root`.
 pub(super) fn read_nerfstudio(root: &Path, path: &Path, settings: &DatasetSettings) -> Result<Dataset, Error> {
     let file: Transforms = parse(path)?;
     file.check_inside(root, path, settings)?;
@@ -269,7 +259,7 @@ pub(super) fn read_nerfstudio(root: &Path, path: &Path, settings: &DatasetSettin
     assemble(Parts { kind: DatasetKind::Nerfstudio, root, drafts, points, places, remarks }, settings)
 }
 
-/// The frames' own paths, then the smaller copies; or the folder that the settings name.
+/// Where images may be: the frames' own paths and smaller copies, or the folder of the settings.
 fn places(root: &Path, settings: &DatasetSettings) -> Result<Vec<Place>, Error> {
     if let Some(place) = Place::chosen(root, settings, NamePart::FileName)? {
         return Ok(vec![place]);
@@ -279,7 +269,7 @@ fn places(root: &Path, settings: &DatasetSettings) -> Result<Vec<Place>, Error> 
     Ok(std::iter::once(own).chain(copies).collect())
 }
 
-/// The points of the file that is named; `None` where none is.
+/// The points of the referenced file; `None` without a reference.
 fn listed_points(root: &Path, file: &Transforms, remarks: &mut Vec<Remark>) -> Result<Option<Vec<Point>>, Error> {
     let Some(name) = &file.ply_file_path else { return Ok(None) };
     match point_cloud::read(&root.join(name)) {
@@ -291,12 +281,12 @@ fn listed_points(root: &Path, file: &Transforms, remarks: &mut Vec<Remark>) -> R
     }
 }
 
-/// The points of the COLMAP model beside the file, in the file's world; none where there is no model.
+/// The points of the COLMAP model beside the file, in the file's world.
 fn colmap_points(root: &Path, file: &Transforms) -> Result<Vec<Point>, Error> {
     let folder = root.join(NERFSTUDIO_COLMAP);
     let (linear, offset) = match &file.applied_transform {
         None => (OLD_TRANSFORM, DVec3::ZERO),
-        // A transform that is none leaves no way to tell where the points are.
+        // With an invalid transform, the place of the points is unknown.
         Some(rows) => match affine(rows) {
             Some(transform) => transform,
             None => return Ok(Vec::new()),

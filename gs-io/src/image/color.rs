@@ -1,7 +1,7 @@
-//! What an image's numbers stand for: what its file declares, and the conversion of that to sRGB.
+//! The colour space that an image file declares, and conversion to sRGB.
 //!
-//! In PNG, cICP counts before an ICC profile, that before sRGB, and that before gAMA and cHRM. *Source:* the PNG specification, third
-//! edition, §4.3.
+//! In PNG, cICP takes precedence over an ICC profile, that over sRGB, and that over gAMA and cHRM.
+//! *Source:* the PNG specification, third edition, §4.3.
 
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -12,30 +12,32 @@ use moxcms::{
 
 use super::ImageRemark;
 
-/// Where a conversion changes no colour by more than this, colours stay as they are, bit for bit: one step of 8 bits. A profile's own
-/// numbers are rounded, and so are those of the conversion.
+/// If a conversion changes no colour by more than this, it is skipped, so that colours stay
+/// bit-identical: one step of 8 bits. Profiles and conversions are rounded, too.
 const SAME: f32 = 1.0 / 255.0;
 
-/// How far a PNG's gamma may be from 1/2.2, in parts of it, to stand for sRGB; libpng's threshold. Files have 0.45455 for sRGB.
+/// Relative tolerance within which a PNG's gamma counts as 1/2.2, that of sRGB: libpng's threshold.
+/// Files have 0.45455.
 const GAMMA_TOLERANCE: f64 = 0.05;
 
-/// Pixels that are converted at once.
+/// Pixels per call of the conversion.
 const CHUNK: usize = 4096;
 
 /// The transfer functions of HDR (ITU-T H.273): PQ and HLG.
 const HDR: [u8; 2] = [16, 18];
 
-/// The last ICC profile, and what became of it: the photographs of a data set share theirs, and to make its tables takes milliseconds.
+/// The last ICC profile with its conversion. The images of a data set share their profile, and
+/// building its tables takes milliseconds.
 static LAST: Mutex<Option<(Vec<u8>, Colors)>> = Mutex::new(None);
 
-/// What becomes of an image's colours.
+/// How an image's colours are converted.
 #[derive(Clone)]
 pub(super) enum Colors {
-    /// They are sRGB, or nothing says what they are.
+    /// They are sRGB, or the file declares nothing.
     AsStored,
-    /// They are converted.
+    /// They are converted to sRGB.
     Converted(Conversion),
-    /// They are something else that cannot be converted, for this reason.
+    /// They are in another space that cannot be converted, for this reason.
     Ignored(String),
 }
 
@@ -43,13 +45,13 @@ pub(super) enum Colors {
 #[derive(Clone)]
 pub(super) struct Conversion {
     transform: Arc<TransformF32Executor>,
-    /// Whether it converts grey values.
+    /// Whether the input is grey.
     grey: bool,
     from: String,
 }
 
 impl Colors {
-    /// Those of an image with this ICC profile.
+    /// The colours of an image with this ICC profile.
     pub(super) fn of_profile(icc: &[u8]) -> Self {
         let mut last = LAST.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some((_, colors)) = last.as_ref().filter(|(known, _)| known == icc) {
@@ -63,7 +65,7 @@ impl Colors {
         colors
     }
 
-    /// Those that the chunks of a PNG declare.
+    /// The colours that a PNG's chunks declare.
     pub(super) fn of_png(info: &png::Info<'_>) -> Self {
         if let Some(points) = info.coding_independent_code_points {
             return Self::of_code_points(points);
@@ -95,7 +97,7 @@ impl Colors {
         }
     }
 
-    /// By gAMA and cHRM; where there is only one of them, the other is that of sRGB.
+    /// Colours by gAMA and cHRM. If one of them is missing, sRGB's is used.
     fn of_gamma(info: &png::Info<'_>) -> Self {
         let gamma = info.gama_chunk.map(|gamma| f64::from(gamma.into_scaled()) / 1e5);
         let gamma = gamma.filter(|gamma| (gamma * 2.2 - 1.0).abs() > GAMMA_TOLERANCE);
@@ -120,7 +122,7 @@ impl Colors {
         if names.is_empty() { Self::AsStored } else { Self::of(&profile, names.join(" and ")) }
     }
 
-    /// Those of a profile, which is called so.
+    /// The colours of a profile with this name.
     fn of(profile: &ColorProfile, name: String) -> Self {
         let layout = match profile.color_space {
             DataColorSpace::Rgb => Layout::Rgb,
@@ -143,14 +145,14 @@ impl Colors {
         if differences.fold(0.0, f32::max) <= SAME { Self::AsStored } else { Self::Converted(conversion) }
     }
 
-    /// The pixels in sRGB. What sRGB has no numbers for becomes the nearest that it has, channel by channel.
+    /// Converts pixels to sRGB. Colours outside sRGB are clamped, channel by channel.
     pub(super) fn apply(&self, pixels: &mut [[f32; 3]]) {
         if let Self::Converted(conversion) = self {
             conversion.apply(pixels);
         }
     }
 
-    /// What is to be said about it.
+    /// The remark on the conversion.
     pub(super) fn remark(&self) -> Option<ImageRemark> {
         match self {
             Self::AsStored => None,
@@ -170,7 +172,7 @@ impl Conversion {
             } else {
                 stored.extend_from_slice(pixels.as_flattened());
             }
-            // The lengths match, which is all that it can complain about.
+            // It only fails if the lengths differ, which they do not.
             if self.transform.transform(&stored, pixels.as_flattened_mut()).is_ok() {
                 let within = |value: f32| if value.is_nan() { 0.0 } else { value.clamp(0.0, 1.0) };
                 pixels.as_flattened_mut().iter_mut().for_each(|value| *value = within(*value));
@@ -179,7 +181,7 @@ impl Conversion {
     }
 }
 
-/// Colours by which a conversion is told from none: all greys of 8 bits, and a coarse cube.
+/// Colours that show whether a conversion changes anything: all greys of 8 bits, and a coarse cube.
 fn probes(grey: bool) -> Vec<[f32; 3]> {
     let greys = (0..256_u16).map(|value| [f32::from(value) / 255.0; 3]);
     if grey {
@@ -190,7 +192,7 @@ fn probes(grey: bool) -> Vec<[f32; 3]> {
     greys.chain(cube).collect()
 }
 
-/// What a profile calls itself.
+/// The name in a profile.
 fn name_of(profile: &ColorProfile) -> String {
     let name = match &profile.description {
         Some(ProfileText::PlainString(text)) => text.as_str(),

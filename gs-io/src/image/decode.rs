@@ -1,4 +1,5 @@
-//! From a file to pixels: the format is found, the file checked, decoded, and its colours made sRGB.
+//! Decodes an image file: finds the format, checks the file, decodes it, and converts its colours
+//! to sRGB.
 
 use std::{
     fs::File,
@@ -15,14 +16,12 @@ use image::{
 use super::{Decoded, ImageHeader, ImageRemark, Orientation, color::Colors, kind, whole};
 use crate::{atomic::open, error::Error};
 
-/// The most memory a decoder may ask for: an image of the largest size with four 16-bit channels (2 GiB), and half as much
-/// again for its own tables.
+/// The most memory a decoder may allocate: an image of the largest size with four 16-bit channels
+/// (2 GiB), and half of that for its own tables.
 const MAX_DECODER_BYTES: u64 = 3 * (MAX_SIDE_PX as u64) * (MAX_SIDE_PX as u64) * 4;
 
-/// The header of an image. Its pixels are decoded only where the file seems to end too early, to know whether it does.
-///
-/// # Errors
-/// Those of [`read_image_with`](crate::read_image_with).
+/// Reads the header of an image. If the file seems to end too early, its pixels are decoded to find
+/// out.
 pub(crate) fn read_header(path: &Path) -> Result<ImageHeader, Error> {
     let mut file = ImageFile::open(path)?;
     if !whole::seems_whole(file.format, &mut file.reader).map_err(|error| Error::read(path, error))? {
@@ -38,10 +37,8 @@ pub(crate) fn read_header(path: &Path) -> Result<ImageHeader, Error> {
     Ok(ImageHeader { stored: (width, height), upright, remarks: with_remark(remarks, &colors) })
 }
 
-/// Reads an image, colour and alpha apart; what can be read is as for [`read_image_with`](crate::read_image_with).
-///
-/// # Errors
-/// Those of [`read_image_with`](crate::read_image_with).
+/// Reads an image, with colour and alpha separate. The formats are those of
+/// [`read_image_with`](crate::read_image_with).
 pub(crate) fn decode(path: &Path, orientation: Orientation) -> Result<Decoded, Error> {
     let (mut pixels, colors, remarks) = read_pixels(path, orientation)?;
     colors.apply(&mut pixels.colors);
@@ -50,10 +47,7 @@ pub(crate) fn decode(path: &Path, orientation: Orientation) -> Result<Decoded, E
     Ok(Decoded { image, alpha, bits_per_channel, remarks: with_remark(remarks, &colors) })
 }
 
-/// Reads a mask: an image whose numbers are no colours and stay as they are stored, as do rows and columns.
-///
-/// # Errors
-/// Those of [`read_image_with`](crate::read_image_with).
+/// Reads a mask: an image whose values are not colours and stay as stored, without rotation.
 pub(crate) fn decode_mask(path: &Path) -> Result<Image, Error> {
     let (Pixels { width, height, colors, .. }, ..) = read_pixels(path, Orientation::AsStored)?;
     Image::from_pixels(width, height, colors).map_err(Error::content(path))
@@ -64,7 +58,7 @@ fn with_remark(mut remarks: Vec<ImageRemark>, colors: &Colors) -> Vec<ImageRemar
     remarks
 }
 
-/// The pixels as stored, what is to become of their colours, and what else is to be said of the file.
+/// The stored pixels, how to convert their colours, and remarks on the file.
 fn read_pixels(path: &Path, orientation: Orientation) -> Result<(Pixels, Colors, Vec<ImageRemark>), Error> {
     let mut file = ImageFile::open(path)?;
     file.check_end()?;
@@ -84,7 +78,8 @@ fn read_pixels(path: &Path, orientation: Orientation) -> Result<(Pixels, Colors,
     }
 }
 
-/// Asks for all the memory that decoding takes, and gives it back: decoders abort where they are refused it.
+/// Allocates and frees the memory that decoding needs, because decoders abort where allocation
+/// fails.
 fn check_memory(decoder: &impl ImageDecoder) -> Result<(), gs_core::Error> {
     let (width, height) = decoder.dimensions();
     let pixels = u64::from(width) * u64::from(height);
@@ -106,7 +101,8 @@ impl<'a> ImageFile<'a> {
         Ok(Self { path, format, reader })
     }
 
-    /// Fails where a JPEG ends before its end marker: decoders fill what is missing with grey and say nothing.
+    /// Fails if a JPEG ends before its end marker. Decoders silently fill the missing part with
+    /// grey.
     fn check_end(&mut self) -> Result<(), Error> {
         if self.format != ImageFormat::Jpeg {
             return Ok(());
@@ -120,8 +116,8 @@ impl<'a> ImageFile<'a> {
         }
     }
 
-    /// A decoder that has read the header, of an image of a possible size; what is to become of its colours, and what else there is in the
-    /// file.
+    /// A decoder that has read the header of an image of a valid size, how to convert colours, and
+    /// remarks on the file.
     fn into_decoder(self) -> Result<(impl ImageDecoder + 'a, Colors, Vec<ImageRemark>), Error> {
         let Self { path, format, mut reader } = self;
         let read = |error| Error::read(path, error);
@@ -131,7 +127,7 @@ impl<'a> ImageFile<'a> {
         }
         let mut colors = Colors::AsStored;
         if format == ImageFormat::Png {
-            // What is wrong with it the other decoder says.
+            // Errors are reported by the other decoder.
             if let Ok(png) = png::Decoder::new(&mut reader).read_info() {
                 colors = Colors::of_png(png.info());
                 let animated = png.info().animation_control.is_some_and(|animation| animation.num_frames > 1);
@@ -139,7 +135,7 @@ impl<'a> ImageFile<'a> {
             }
             reader.rewind().map_err(read)?;
         }
-        // With limits, this decoder reads no profile that is larger than the image.
+        // With limits, this decoder skips profiles that are larger than the image.
         let tiff = (format == ImageFormat::Tiff).then(|| TiffDecoder::new(&mut reader)?.icc_profile());
         reader.rewind().map_err(read)?;
         let mut decoder = open_decoder(path, format, reader)?;
@@ -158,7 +154,7 @@ impl<'a> ImageFile<'a> {
     }
 }
 
-/// A decoder that has read the header, of an image of a possible size.
+/// A decoder that has read the header of an image of a valid size.
 fn open_decoder<'a>(
     path: &Path,
     format: ImageFormat,
@@ -202,7 +198,7 @@ fn one_line(message: &str) -> String {
     message.split_whitespace().collect::<Vec<_>>().join(" ")
 }
 
-/// Colours and alpha made of stored samples.
+/// Colour and alpha as numbers.
 struct Pixels {
     width: u32,
     height: u32,
@@ -230,7 +226,7 @@ impl Pixels {
         Self { width, height, colors, alpha, bits_per_channel }
     }
 
-    /// Column and row of the first pixel with a value that is NaN or infinite, and that value.
+    /// Column, row and value of the first pixel that is NaN or infinite.
     fn first_not_finite(&self) -> Option<(u32, u32, f32)> {
         let color =
             self.colors.iter().flatten().position(|v| !v.is_finite()).map(|k| (k / 3, self.colors[k / 3][k % 3]));
@@ -241,7 +237,8 @@ impl Pixels {
     }
 }
 
-/// Colours and alpha of `CHANNELS` = 1 (grey), 2 (grey, alpha), 3 (RGB) or 4 (RGB, alpha) samples a pixel, of which `white` stands for 1.
+/// Separates colour and alpha of pixels with `CHANNELS` = 1 (grey), 2 (grey, alpha), 3 (RGB) or 4
+/// (RGB, alpha) samples. The sample `white` stands for 1.
 fn split<const CHANNELS: usize, S: Copy + Into<f32>>(samples: &[S], white: f32) -> (Vec<[f32; 3]>, Option<Vec<f32>>) {
     let pixels = samples.as_chunks::<CHANNELS>().0;
     let value = |pixel: &[S; CHANNELS], k: usize| pixel[k].into() / white;

@@ -1,4 +1,5 @@
-//! What a file is by its first bytes: an image that can be read, or what else, and how to make one of it.
+//! Recognises files by their first bytes: readable images, and other files with advice on
+//! converting them.
 
 use std::{
     io::{Read, Seek, SeekFrom},
@@ -12,11 +13,11 @@ use crate::error::Error;
 /// The kinds of images that can be read, as messages list them.
 const READABLE: &str = "PNG, JPEG, BMP, TIFF, WebP, GIF and PNM";
 
-/// Bytes at both ends of a file by which its kind is told.
+/// Bytes at both ends of a file that identify its kind.
 const START_BYTES: u64 = 1024;
 const END_BYTES: u64 = 26;
 
-/// Kinds that are told by bytes at a place, with their usual extension.
+/// Signatures of unreadable kinds: position, bytes, name, usual extension.
 const SIGNATURES: [(usize, &[u8], &str, &str); 22] = [
     (0, b"\xff\x0a", "a JPEG XL image", "jxl"),
     (4, b"JXL \r\n\x87\n", "a JPEG XL image", "jxl"),
@@ -42,13 +43,10 @@ const SIGNATURES: [(usize, &[u8], &str, &str); 22] = [
     (0, b"BPG\xfb", "a BPG image", "bpg"),
 ];
 
-/// Endings of raw images that are TIFF files, whose first picture is a thumbnail.
+/// Extensions of raw images that are TIFF files, whose first picture is a thumbnail.
 const RAW_TIFF: [&str; 7] = ["dng", "nef", "arw", "cr2", "pef", "srw", "nrw"];
 
-/// The format that the content announces.
-///
-/// # Errors
-/// [`Error::NotAnImage`] where it is none that can be read.
+/// The format of the content.
 pub(super) fn format_of(path: &Path, reader: &mut (impl Read + Seek)) -> Result<ImageFormat, Error> {
     let (start, end) = ends(reader).map_err(|error| Error::read(path, error))?;
     let ending = path.extension().map_or_else(String::new, |ending| ending.to_string_lossy().to_lowercase());
@@ -61,19 +59,19 @@ pub(super) fn format_of(path: &Path, reader: &mut (impl Read + Seek)) -> Result<
     }
 }
 
-/// An image of a kind that is known and cannot be read.
+/// The error for an image of a known kind that cannot be read.
 fn not_readable(path: &Path, what: &str, extension: &str) -> Error {
     let found = format!("is {what}, but {READABLE} are the images that can be read");
     Error::NotAnImage { path: path.to_owned(), found, mend: convert(extension) }
 }
 
-/// An image of a kind that can be read, in a variant that cannot.
+/// The error for an unsupported variant of a readable format.
 pub(super) fn not_supported(path: &Path, format: &str, message: &str) -> Error {
     let found = format!("is a {format} image of a kind that cannot be read ({message})");
     Error::NotAnImage { path: path.to_owned(), found, mend: convert(&format.to_lowercase()) }
 }
 
-/// An image in the colours of a printer.
+/// The error for an image in CMYK.
 pub(super) fn cmyk(path: &Path, extension: &str) -> Error {
     let found = "is an image in CMYK, a printer's colours, which only its profile could turn into RGB".to_owned();
     let mend = format!("{} -profile sRGB.icc photo.png", convert(extension).trim_end_matches(" photo.png"));
@@ -110,7 +108,7 @@ fn no_image(path: &Path, ending: &str, start: &[u8], end: &[u8]) -> Error {
             "take a frame of it: ffmpeg -i video.mp4 -frames:v 1 frame.png",
         );
     }
-    // Only its newer version has a signature, and that at its end.
+    // Only the newer version of the format has a signature, at the end.
     if end.starts_with(b"TRUEVISION-XFILE") || end.ends_with(b"TRUEVISION-XFILE.\0") || ending == "tga" {
         return not_readable(path, "a TGA image", "tga");
     }
@@ -129,7 +127,7 @@ fn no_image(path: &Path, ending: &str, start: &[u8], end: &[u8]) -> Error {
     error(found, &format!("name an image; {READABLE} can be read"))
 }
 
-/// The first bytes as text, if they are; a character may be cut at their end.
+/// The first bytes as text, if they are; the last character may be cut off.
 fn text_of(start: &[u8]) -> Option<&str> {
     let text = match std::str::from_utf8(start) {
         Ok(text) => text,

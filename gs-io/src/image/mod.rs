@@ -1,4 +1,4 @@
-//! Images: read from the usual formats into `f32`, written as PNG.
+//! Images: read from common formats into `f32`, written as PNG.
 
 mod color;
 mod decode;
@@ -17,24 +17,26 @@ pub(crate) use self::decode::{decode, decode_mask, read_header};
 pub use self::remark::ImageRemark;
 use crate::{atomic::write_atomically, error::Error};
 
-/// What an alpha channel means for the image that is read.
+/// The meaning of an alpha channel.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum AlphaMode {
-    /// Transparent pixels let this colour shine through: c·α + colour·(1 − α), in the stored values, as browsers do.
+    /// Transparent pixels are composited over this colour: c·α + colour·(1 − α), in the stored
+    /// values, as browsers do.
     Composite([f32; 3]),
-    /// Alpha is dropped; transparent pixels have whatever colour the file stores for them.
+    /// Alpha is dropped, and transparent pixels keep the colour that the file stores for them.
     Ignore,
 }
 
 impl Default for AlphaMode {
-    /// Over white.
+    /// Composites over white.
     fn default() -> Self {
         Self::Composite([1.0; 3])
     }
 }
 
-/// Whether an image had transparent pixels, and what became of them.
+/// Whether an image had transparent pixels, and how they were treated.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Transparency {
     /// No alpha channel, or an opaque one.
     None,
@@ -44,20 +46,21 @@ pub enum Transparency {
     Ignored,
 }
 
-/// An image, and what is worth telling about its file.
+/// An image with information about its file.
 #[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
 pub struct LoadedImage {
-    /// The pixels: grey repeated in all channels, palettes looked up.
+    /// The pixels. Grey is repeated in all channels, and palettes are looked up.
     pub image: Image,
     /// Bits per channel as decoded: 8, 16 or 32 (floating point).
     pub bits_per_channel: u8,
-    /// What became of transparent pixels.
+    /// How transparent pixels were treated.
     pub transparency: Transparency,
-    /// What else is worth knowing, such as that colours were converted.
+    /// Remarks, such as that colours were converted.
     pub remarks: Vec<ImageRemark>,
 }
 
-/// [`read_image_with`] the default [`AlphaMode`]: transparent pixels are composited over white.
+/// Reads an image; transparent pixels are composited over white. See [`read_image_with`].
 ///
 /// # Errors
 /// Those of [`read_image_with`].
@@ -65,8 +68,9 @@ pub fn read_image(path: impl AsRef<Path>) -> Result<LoadedImage, Error> {
     read_image_with(path, AlphaMode::default())
 }
 
-/// Reads a PNG, JPEG, BMP, TIFF, WebP, GIF or PNM image (told apart by content, not by name) of 8 or 16 bits per channel, grey,
-/// RGB or palette, with or without alpha; of an animation, the first frame.
+/// Reads a PNG, JPEG, BMP, TIFF, WebP, GIF or PNM image, recognised by its content. It may have 8
+/// or 16 bits per channel, grey, RGB or palette, with or without alpha. Of an animation, the first
+/// frame is read.
 ///
 /// Values are those stored, divided by 255 or 65535, without linearisation. Colours that the file declares to be other than sRGB, by an
 /// ICC profile or by PNG's cICP, gAMA and cHRM, are converted to sRGB; a colour outside sRGB becomes the nearest inside, channel by
@@ -89,49 +93,49 @@ pub fn read_image_with(path: impl AsRef<Path>, alpha: AlphaMode) -> Result<Loade
     Ok(LoadedImage { image, bits_per_channel, transparency, remarks })
 }
 
-/// Columns and rows of an image, upright, from its header alone.
+/// Columns and rows of an upright image; only its header is read.
 ///
 /// # Errors
-/// Those of [`read_image_with`] that a header can have.
+/// Those of [`read_image_with`] that concern the header.
 pub fn read_image_size(path: impl AsRef<Path>) -> Result<(u32, u32), Error> {
     Ok(read_header(path.as_ref())?.upright)
 }
 
-/// Which way up the pixels of a file are taken.
+/// Which way up an image is read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Orientation {
     /// Rows and columns as they are stored.
     AsStored,
-    /// Turned as the file's EXIF data asks for, if it has any.
+    /// Rotated as the file's EXIF data says, if it has any.
     Exif,
 }
 
-/// What an image's header says.
+/// The header of an image.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct ImageHeader {
     /// Columns and rows as stored, px.
     pub(crate) stored: (u32, u32),
-    /// Columns and rows when turned as EXIF asks for, px.
+    /// Columns and rows after the EXIF rotation, px.
     pub(crate) upright: (u32, u32),
-    /// What [`decode`] will say about it.
+    /// The remarks of [`decode`].
     pub(crate) remarks: Vec<ImageRemark>,
 }
 
-/// An image as its file has it, colour and alpha apart.
+/// An image as stored, with colour and alpha separate.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Decoded {
     /// The colours, whatever their alpha.
     pub(crate) image: Image,
-    /// Row-major like the image; `None` where the file has no such channel.
+    /// Row-major like the image; `None` without an alpha channel.
     pub(crate) alpha: Option<Vec<f32>>,
-    /// 8, 16 or 32.
+    /// Bits per channel: 8, 16 or 32.
     pub(crate) bits_per_channel: u8,
     /// What is worth knowing about the file.
     pub(crate) remarks: Vec<ImageRemark>,
 }
 
 impl Decoded {
-    /// c·α + behind·(1 − α).
+    /// The image composited over a colour: c·α + behind·(1 − α).
     pub(crate) fn over(mut self, behind: [f32; 3]) -> Image {
         if let Some(alpha) = self.alpha {
             composite(&mut self.image, &alpha, behind);
@@ -140,14 +144,16 @@ impl Decoded {
     }
 }
 
-/// Puts a colour behind an image: c·α + behind·(1 − α), in the stored values. `alpha` is row-major and as long as the image.
+/// Composites an image over a colour: c·α + behind·(1 − α), in the stored values. `alpha` is
+/// row-major and as long as the image.
 pub(crate) fn composite(image: &mut Image, alpha: &[f32], behind: [f32; 3]) {
     for (color, &alpha) in image.pixels_mut().iter_mut().zip(alpha).filter(|(_, alpha)| **alpha < 1.0) {
         *color = std::array::from_fn(|k| color[k] * alpha + behind[k] * (1.0 - alpha));
     }
 }
 
-/// Writes an 8-bit RGB PNG, atomically: values are clamped to 0..=1 and rounded to the nearest of 256 steps; NaN becomes 0.
+/// Writes an 8-bit RGB PNG, atomically. Values are clamped to 0..=1 and rounded to the nearest of
+/// 256 steps; NaN becomes 0.
 ///
 /// # Errors
 /// Those of [`write_atomically`].
@@ -169,14 +175,15 @@ fn encode_png(image: &Image, to: impl Write) -> io::Result<()> {
     encoder.set_compression(png::Compression::Fast);
     encoder.set_filter(png::Filter::Adaptive);
     let mut writer = encoder.write_header()?;
-    // Row by row: neither the bytes of a large image nor what they are packed into is in memory as a whole.
+    // Row by row, so that neither the image's bytes nor the compressed ones are in memory as a
+    // whole.
     let mut stream = writer.stream_writer_with_size(CHUNK_BYTES)?;
     (0..image.height()).try_for_each(|y| stream.write_all(&bytes_of(image.row(y))))?;
     stream.finish()?;
     Ok(writer.finish()?)
 }
 
-/// Bytes of a PNG that are packed before they are written.
+/// Bytes that are compressed before they are written.
 const CHUNK_BYTES: usize = 1 << 16;
 
 /// Pixels in 8 bits a channel, as [`write_png`] has them.

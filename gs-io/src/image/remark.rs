@@ -1,26 +1,26 @@
-//! What is worth knowing about an image that was read.
+//! Remarks on an image file.
 
 use std::fmt;
 
 use serde::Serialize;
 
-/// Something that an image's pixels alone do not say. Its text is one line, made to follow the image's name.
+/// A remark on an image file. Its text is one line that follows the image's name.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "kebab-case")]
 #[non_exhaustive]
 pub enum ImageRemark {
-    /// The file holds an animation, of which the first frame is the image.
+    /// The file is an animation; its first frame was read.
     FirstFrame,
-    /// The file holds several pages, of which the first is the image.
+    /// The file has several pages; the first was read.
     FirstPage,
     /// The colours were converted to sRGB.
     Converted {
-        /// From what: a profile's name, or a gamma.
+        /// The profile's name, or the gamma.
         from: String,
     },
-    /// The colours are not known to be sRGB, and are taken as if they were.
+    /// The colours were read as sRGB though the file declares something else.
     ProfileIgnored {
-        /// Why they were not converted.
+        /// The reason.
         why: String,
     },
 }

@@ -1,4 +1,4 @@
-//! Whether a file holds all of its image, and only one: by a look at a few of its bytes.
+//! Checks whether a file contains a whole image and only one, without decoding it.
 
 use std::io::{Read, Result, Seek, SeekFrom};
 
@@ -6,14 +6,17 @@ use image::ImageFormat;
 
 use super::ImageRemark;
 
-/// Bytes at a file's end in which its end marker is looked for. Programs append their own data there.
+/// Bytes at the end of a file in which the end marker is searched, because programs append data of
+/// their own.
 const END_BYTES: u64 = 64 << 10;
 
-/// JPEG's markers of the start of pixels and of the image's end. After each 0xff, pixels have a 0, so that they never hold these by chance.
+/// JPEG's markers of the start of a scan and of the end of the image. Scans have a 0 after each
+/// 0xff, so they never contain these.
 const SCAN_START: [u8; 2] = [0xff, 0xda];
 const IMAGE_END: [u8; 2] = [0xff, 0xd9];
 
-/// Whether a file seems to hold its image to the end. `false` is no proof; `true` neither, but that it was not cut short.
+/// Whether a file seems to contain its image to the end. `false` is no proof that it does not;
+/// `true` means that it was not cut off.
 pub(super) fn seems_whole(format: ImageFormat, reader: &mut (impl Read + Seek)) -> Result<bool> {
     let length = reader.seek(SeekFrom::End(0))?;
     let end = bytes(reader, length.saturating_sub(END_BYTES), END_BYTES)?;
@@ -33,7 +36,8 @@ pub(super) fn seems_whole(format: ImageFormat, reader: &mut (impl Read + Seek)) 
     })
 }
 
-/// Where a JPEG ends before its end marker, if it does; decoders fill what is missing with grey and say nothing.
+/// The length of a JPEG that ends before its end marker. Decoders silently fill the missing part
+/// with grey.
 pub(super) fn jpeg_is_cut_at(reader: &mut (impl Read + Seek)) -> Result<Option<usize>> {
     if seems_whole(ImageFormat::Jpeg, reader)? {
         return Ok(None);
@@ -45,7 +49,7 @@ pub(super) fn jpeg_is_cut_at(reader: &mut (impl Read + Seek)) -> Result<Option<u
     Ok((scan.is_some() && image < scan).then_some(bytes.len()))
 }
 
-/// The number of a JPEG's channels, by its frame header; `None` where there is none.
+/// Number of channels in a JPEG's frame header; `None` without a frame header.
 pub(super) fn jpeg_channels(reader: &mut (impl Read + Seek)) -> Result<Option<u8>> {
     let mut at = 2;
     let channels = loop {
@@ -65,7 +69,7 @@ pub(super) fn jpeg_channels(reader: &mut (impl Read + Seek)) -> Result<Option<u8
     Ok(channels)
 }
 
-/// What is to be said of a file that holds more than one image. That of PNG is in its header.
+/// The remark on a file with more than one image. For PNG, the header has this information.
 pub(super) fn more_than_one(format: ImageFormat, reader: &mut (impl Read + Seek)) -> Result<Option<ImageRemark>> {
     let several = match format {
         // The flags of the extended header.
@@ -79,7 +83,7 @@ pub(super) fn more_than_one(format: ImageFormat, reader: &mut (impl Read + Seek)
             reader.read_to_end(&mut bytes)?;
             has_second_frame(&bytes).unwrap_or(false).then_some(ImageRemark::FirstFrame)
         }
-        // Offsets that lead nowhere are for the decoder to complain about.
+        // The decoder reports invalid offsets.
         ImageFormat::Tiff => has_second_page(reader).unwrap_or(false).then_some(ImageRemark::FirstPage),
         _ => None,
     };
@@ -90,7 +94,7 @@ pub(super) fn more_than_one(format: ImageFormat, reader: &mut (impl Read + Seek)
 /// Whether a GIF has two images; `None` where it ends too early. *Source:* the GIF89a specification.
 fn has_second_frame(bytes: &[u8]) -> Option<bool> {
     let table = |flags: u8| if flags & 0x80 != 0 { 3 << ((flags & 7) + 1) } else { 0 };
-    // The blocks of data that begin here, each after its length, up to an empty one; the place after them.
+    // The position after the data blocks that begin here; an empty block ends them.
     let after_blocks = |mut at: usize| loop {
         let length = usize::from(*bytes.get(at)?);
         at += 1 + length;
@@ -101,9 +105,9 @@ fn has_second_frame(bytes: &[u8]) -> Option<bool> {
     let (mut at, mut frames) = (13 + table(*bytes.get(10)?), 0);
     while frames < 2 {
         at = match bytes.get(at)? {
-            // An extension, with its label.
+            // An extension with its label.
             0x21 => after_blocks(at + 2)?,
-            // A frame: its place and size, its colours, and the size of the first code.
+            // A frame: position and size, colour table, and first code size.
             0x2c => {
                 frames += 1;
                 after_blocks(at + 11 + table(*bytes.get(at + 9)?))?
@@ -114,7 +118,8 @@ fn has_second_frame(bytes: &[u8]) -> Option<bool> {
     Some(true)
 }
 
-/// Whether a TIFF's first directory names another after it. BigTIFF has numbers of 8 bytes where TIFF has them of 4 and of 2.
+/// Whether a TIFF's first directory refers to a second one. BigTIFF uses 8-byte numbers instead of
+/// 4 and 2 bytes.
 fn has_second_page(reader: &mut (impl Read + Seek)) -> Result<bool> {
     let head = bytes(reader, 0, 16)?;
     let little = head.starts_with(b"II");

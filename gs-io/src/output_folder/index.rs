@@ -1,4 +1,4 @@
-//! The list of the files in a folder that runs wrote there, as a file beside them.
+//! The index of a folder: a file that lists the files that runs of gs wrote there.
 
 use std::{
     collections::BTreeSet,
@@ -13,12 +13,12 @@ use crate::{
     error::Error,
 };
 
-/// The file that holds the list.
+/// The name of the index file.
 pub(super) const NAME: &str = ".gs-files.json";
 
 const ABOUT: &str = "Files in this folder that runs of gs wrote. A later run replaces these, and no others.";
 
-/// The files that runs wrote into a folder, by their paths in it.
+/// The paths, relative to the folder, of files that runs of gs wrote.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub(super) struct Index(pub(super) BTreeSet<String>);
 
@@ -30,8 +30,8 @@ struct Content {
 }
 
 impl Index {
-    /// The index of a folder, of the files that are still there. One that cannot be read is as good as none: then nothing in the folder
-    /// counts as written by a run.
+    /// The index of a folder, without files that no longer exist. An unreadable index counts as
+    /// empty, so that no file in the folder is replaced.
     pub(super) fn of(folder: &Path) -> Self {
         let text = fs::read(folder.join(NAME)).unwrap_or_default();
         let mut files = serde_json::from_slice(&text).map(|Content { files, .. }| files).unwrap_or_default();
@@ -39,25 +39,26 @@ impl Index {
         Self(files)
     }
 
-    /// Writes it so that it outlasts a power cut, before the files that it has are written.
+    /// Writes the index durably, before the files in it are written.
     pub(super) fn store(&self, folder: &Path) -> Result<(), Error> {
         let text = self.text();
         write_durably(folder.join(NAME), |file| file.write_all(text.as_bytes()))
     }
 
-    /// Writes it without waiting for the disk. Should that fail, or a power cut undo it, a later run asks before it replaces the
-    /// files that are missing in it.
+    /// Writes the index without waiting for the disk. If that is lost, a later run asks before it
+    /// replaces the missing files.
     pub(super) fn update(&self, folder: &Path) {
         let text = self.text();
         let _ = write_atomically(folder.join(NAME), |file| file.write_all(text.as_bytes()));
     }
 
-    /// Forgets the files that are not there; what is left need not be on the disk at once, as it says no more than before.
+    /// Removes files from the index that do not exist. This need not be durable, because no file is
+    /// added.
     pub(super) fn tidy(&self, folder: &Path) {
         let there =
             Self(self.0.iter().filter(|name| fs::symlink_metadata(folder.join(name)).is_ok()).cloned().collect());
         if there != *self {
-            // The next run does the same with what this one leaves.
+            // The next run repeats this if it is lost.
             there.update(folder);
         }
     }
@@ -68,7 +69,7 @@ impl Index {
     }
 }
 
-/// Whether a name from an index is that of a file in the folder, and no path to elsewhere.
+/// Whether a name in an index is that of a file in the folder.
 fn stays_inside(name: &str) -> bool {
     !name.is_empty() && Path::new(name).components().all(|part| matches!(part, Component::Normal(_)))
 }

@@ -1,4 +1,5 @@
-//! The folder that a run writes its results into: one run at a time, and no run replaces what is not a run's.
+//! The folder that a run writes its results into. One run at a time uses it, and it replaces only
+//! files that runs of gs wrote.
 
 mod index;
 
@@ -18,14 +19,15 @@ use crate::{
     inputs::Inputs,
 };
 
-/// Locked as long as a run works in the folder. The file stays there; a lock goes with its process, whatever ends that.
+/// The lock file of the folder. It remains there; the lock ends with its process.
 const LOCK: &str = ".gs-lock";
 
-/// What a run is going to write into a folder, before it does.
+/// Names the files that a run is going to write into a folder.
 ///
-/// A folder has an index of the files that runs wrote into it (`.gs-files.json`). A run replaces and removes these, and no others:
-/// [`check`](Self::check) and [`begin`](Self::begin) refuse where another file has the name of a result, so that a command can refuse
-/// before it computes. Inputs of the run are never replaced.
+/// A folder has an index of the files that runs of gs wrote into it (`.gs-files.json`). A run
+/// replaces and removes only these. [`check`](Self::check) and [`begin`](Self::begin) fail if a
+/// result has the name of another file, so that a command can fail before it computes. Inputs of
+/// the run are never replaced.
 ///
 /// ```
 /// use gs_io::{FolderClaim, Inputs};
@@ -53,7 +55,7 @@ pub struct FolderClaim {
 }
 
 impl FolderClaim {
-    /// A claim to the folder at `path`, which need not be there.
+    /// A claim to the folder at `path`, which need not exist.
     pub fn new(path: impl Into<PathBuf>) -> Self {
         Self { path: path.into(), files: Vec::new(), folders: Vec::new(), inputs: Inputs::default(), overwrite: false }
     }
@@ -65,21 +67,21 @@ impl FolderClaim {
         self
     }
 
-    /// Adds sub-folders in which the run writes files whose names come later, by [`OutputFolder::claim`]: every file in them is in the
-    /// way that no run wrote.
+    /// Adds subfolders for files whose names are not known yet; [`OutputFolder::claim`] adds the
+    /// names. They must not contain files that no run of gs wrote.
     #[must_use]
     pub fn folders<N: Into<String>>(mut self, names: impl IntoIterator<Item = N>) -> Self {
         self.folders.extend(names.into_iter().map(Into::into));
         self
     }
 
-    /// The files that the run reads.
+    /// Sets the files that the run reads.
     #[must_use]
     pub fn inputs(self, inputs: Inputs) -> Self {
         Self { inputs, ..self }
     }
 
-    /// Whether files that are in the way are replaced, or removed, all the same; inputs are not.
+    /// Allows to replace and remove files that no run of gs wrote, except inputs.
     #[must_use]
     pub fn overwriting(self, overwrite: bool) -> Self {
         Self { overwrite, ..self }
@@ -90,7 +92,7 @@ impl FolderClaim {
         &self.path
     }
 
-    /// Whether a path is that of a file which the run may write or remove in the folder.
+    /// Whether the run may write or remove the file at this path.
     pub fn claims(&self, path: &Path) -> bool {
         let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
         let same = |a: &Path, b: &Path| {
@@ -100,16 +102,17 @@ impl FolderClaim {
         same(folder, &self.path) && self.files.iter().any(|file| Some(file.as_str()) == name)
     }
 
-    /// Whether a folder has an index, which those that older versions wrote into lack.
+    /// Whether a folder has an index. Earlier versions wrote none.
     pub fn is_indexed(folder: &Path) -> bool {
         folder.join(index::NAME).exists()
     }
 
-    /// Finds out whether the run may begin, and changes nothing.
+    /// Checks whether the run may begin, without changing anything.
     ///
     /// # Errors
-    /// [`Error::InTheWay`] for a file that is no run's, [`Error::IsInput`] for one that this run reads, [`Error::NotAFile`] where a
-    /// folder has the name of a result, [`Error::Busy`] where another run is at work, [`Error::Write`] where the path is no folder.
+    /// [`Error::InTheWay`] for a file that no run of gs wrote, [`Error::IsInput`] for an input of
+    /// this run, [`Error::NotAFile`] where a result has the name of a folder, [`Error::Busy`] where
+    /// another run uses the folder, [`Error::Write`] where the path is not a folder.
     pub fn check(&self) -> Result<(), Error> {
         match fs::metadata(&self.path) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(()),
@@ -125,11 +128,12 @@ impl FolderClaim {
         self.refuse_what_is_in_the_way(&Index::of(&self.path))
     }
 
-    /// Makes the folder if it is not there, keeps other runs out until the [`OutputFolder`] is dropped, removes the unfinished files of
-    /// runs that were killed. The index gets the name of a file when [`OutputFolder::file`] hands out its path.
+    /// Creates the folder if necessary, locks it until the [`OutputFolder`] is dropped, and removes
+    /// temporary files of killed runs. A file is added to the index when [`OutputFolder::file`]
+    /// returns its path.
     ///
     /// # Errors
-    /// Those of [`Self::check`], and [`Error::Write`] where the folder takes no files.
+    /// Those of [`Self::check`], and [`Error::Write`] where the folder cannot be written to.
     pub fn begin(self) -> Result<OutputFolder, Error> {
         self.check()?;
         fs::create_dir_all(&self.path).map_err(|error| Error::write(&self.path, error))?;
@@ -153,7 +157,8 @@ impl FolderClaim {
     fn acquire(&self, lock: &File) -> Result<(), Error> {
         match lock.try_lock() {
             Err(TryLockError::WouldBlock) => Err(Error::Busy { folder: self.path.clone() }),
-            // Some file systems know no locks. Results are worth more than a guard against starting twice.
+            // Some file systems have no locks. Results matter more than protection against starting
+            // twice.
             Ok(()) | Err(TryLockError::Error(_)) => Ok(()),
         }
     }
@@ -166,7 +171,7 @@ impl FolderClaim {
                 return Err(Error::write(&path, io::ErrorKind::NotADirectory.into()));
             }
             let entries = fs::read_dir(path).into_iter().flatten().flatten();
-            // What a killed run left half-written is removed when the run begins.
+            // Temporary files of killed runs are removed when the run begins.
             let names =
                 entries.filter_map(|entry| entry.file_name().into_string().ok()).filter(|name| !is_temporary(name));
             let mut names: Vec<String> = names.map(|name| format!("{folder}/{name}")).collect();
@@ -176,7 +181,7 @@ impl FolderClaim {
         Ok(())
     }
 
-    /// Refuses the name of a file that must stay as it is.
+    /// Fails if the name is that of a file that must not be replaced.
     fn refuse(&self, name: &str, index: &Index) -> Result<(), Error> {
         let path = self.path.join(name);
         let Ok(found) = fs::symlink_metadata(&path) else { return Ok(()) };
@@ -188,11 +193,11 @@ impl FolderClaim {
     }
 }
 
-/// A folder that one run writes its results into; made by [`FolderClaim::begin`].
+/// An output folder in use by a run; made by [`FolderClaim::begin`].
 #[derive(Debug)]
 pub struct OutputFolder {
     claim: FolderClaim,
-    /// Files that this run may write; the index has only those that it began to write.
+    /// The files that this run may write. The index has only those that it began to write.
     claimed: Mutex<BTreeSet<String>>,
     index: Mutex<Index>,
     _lock: File,
@@ -204,7 +209,7 @@ impl OutputFolder {
         &self.claim.path
     }
 
-    /// The path of a claimed file that is about to be written; the index has its name from now on.
+    /// The path of a claimed file that is about to be written; adds it to the index.
     pub fn file(&self, name: &str) -> PathBuf {
         let mut index = self.index();
         debug_assert!(index.0.contains(name) || self.claims(name), "{name} is written without having been claimed");
@@ -222,7 +227,7 @@ impl OutputFolder {
         self.claimed.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Claims further files, whose names were not known at the beginning, before they are written.
+    /// Claims further files, whose names were not known at the beginning.
     ///
     /// # Errors
     /// As [`FolderClaim::check`] for these files.
@@ -234,7 +239,8 @@ impl OutputFolder {
         Ok(())
     }
 
-    /// Takes files for those of a run that the caller knows by other means to be so, such as by the index of an earlier version.
+    /// Adds files to the index that are known to be results of earlier runs, such as those of a
+    /// version without an index.
     ///
     /// # Errors
     /// [`Error::Write`] where the index cannot be written.
@@ -245,7 +251,7 @@ impl OutputFolder {
         if index.0.len() > known { index.store(self.path()) } else { Ok(()) }
     }
 
-    /// The claimed files, of this run or of earlier ones, whose paths in the folder begin so.
+    /// The claimed and indexed files whose paths in the folder begin with `beginning`.
     pub fn claimed(&self, beginning: &str) -> Vec<String> {
         let mut names: BTreeSet<String> = self.index().0.clone();
         names.extend(self.lock_claimed().iter().cloned());
@@ -253,7 +259,7 @@ impl OutputFolder {
         names.into_iter().collect()
     }
 
-    /// Removes a file of an earlier run, if it is there.
+    /// Removes a file of an earlier run, if it exists.
     ///
     /// # Errors
     /// [`Error::IsInput`], and [`Error::Remove`] where it cannot be removed.
@@ -272,7 +278,7 @@ impl OutputFolder {
     }
 }
 
-/// What was claimed and not written is no run's any more.
+/// Removes claimed files from the index that were not written.
 impl Drop for OutputFolder {
     fn drop(&mut self) {
         self.index().tidy(self.path());
@@ -311,7 +317,7 @@ mod tests {
         let folder = begin(&path, &["scene", "curve"]).unwrap();
         write(&folder, "scene");
         drop(folder);
-        // What was claimed and never written is the user's to make.
+        // A file that was claimed and never written does not belong to the run.
         let curve = path.join("curve");
         fs::write(&curve, "mine").unwrap();
         assert!(begin(&path, &["scene"]).is_ok());
@@ -330,7 +336,7 @@ mod tests {
         let place = tempfile::tempdir().unwrap();
         let folder = begin(place.path(), &["scene", "curve"]).unwrap();
         write(&folder, "scene");
-        // What a run that is killed here leaves is what its index says now.
+        // The stored index is what a killed run leaves.
         let stored = Index::of(place.path());
         fs::write(place.path().join("curve"), "mine").unwrap();
         assert_eq!(Index::of(place.path()), stored);

@@ -1,4 +1,4 @@
-//! What a format, or the way into one, does not keep.
+//! Losses of converting a scene from or to a file format.
 
 use std::fmt;
 
@@ -6,55 +6,59 @@ use gs_core::counted;
 
 use super::trained_with::TrainedWith;
 
-/// Something that was dropped or rounded when a scene was read or written. Its text completes "lost: …".
+/// Something that was dropped or rounded when a scene was read or written. Its text follows "lost:
+/// ".
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub enum ConversionLoss {
-    /// Spherical harmonics above a degree: colour no longer changes with the direction as it did.
+    /// SH above a degree were dropped: colours depend less on the direction.
     Sh {
-        /// The degree that there was.
+        /// The degree before.
         from: u8,
-        /// The degree that is left.
+        /// The degree that is kept.
         to: u8,
     },
-    /// Values were rounded, as the format prescribes.
+    /// Values were rounded, as the format requires.
     Rounded {
         /// The parameter: "opacities".
         what: &'static str,
-        /// To what: "8 bits".
+        /// The precision: "8 bits".
         to: String,
     },
-    /// Some values lay outside of what the format can hold, and were moved to its border.
+    /// Values outside of the format's range were clamped.
     Clamped {
         /// The parameter: "log-scales".
         what: &'static str,
-        /// How many values, not Gaussians.
+        /// Number of values, not of Gaussians.
         values: usize,
-        /// The smallest that can be held.
+        /// The smallest possible value.
         low: f32,
-        /// The largest.
+        /// The largest possible value.
         high: f32,
     },
-    /// Scales of 0, of which there is no logarithm, were raised to the smallest normal number; what is drawn is the same.
+    /// Scales of 0, which have no logarithm, were raised to the smallest normal number. Pictures do
+    /// not change.
     ZeroScales {
-        /// How many Gaussians have such a scale.
+        /// Number of Gaussians with such a scale.
         gaussians: usize,
     },
-    /// Logits of ±∞, opacities of exactly 1 and 0, were made finite; what is drawn is the same.
+    /// Infinite logits, which are opacities of exactly 1 and 0, were made finite. Pictures do not
+    /// change.
     InfiniteLogits {
-        /// How many Gaussians have one.
+        /// Number of Gaussians with such a logit.
         gaussians: usize,
     },
-    /// How the scene was trained, of which the file has no room to tell: readers will show it otherwise.
+    /// The file cannot store how the scene was trained, so readers may render it differently.
     TrainedWith(TrainedWith),
-    /// Quaternions were brought to unit length; the rotations that they stand for are the same.
+    /// Quaternions were normalised. Rotations do not change.
     QuaternionLengths,
-    /// Colours were converted from linear light: the constant part exactly, what depends on the direction to first order, and
-    /// blending is not the same.
+    /// Colours were converted from linear light: the constant part exactly, the directional part to
+    /// first order. Blending is different.
     LinearLight,
-    /// Scales were taken as logarithms, as drafts of the format had them, because some are negative.
+    /// Scales were read as logarithms, as in drafts of the format, because some are negative.
     DraftScales,
-    /// A node stretches its Gaussians unequally: shapes follow exactly, the directions of their colours only its rotation.
+    /// A node scales its Gaussians non-uniformly. Shapes are transformed exactly; the directions of
+    /// colours follow its rotation only.
     Stretched,
 }
 
@@ -64,7 +68,7 @@ impl fmt::Display for ConversionLoss {
             Self::Sh { from, to } => {
                 let coefficients = |degree: &u8| 3 * (usize::from(*degree) + 1).pow(2);
                 let dropped = coefficients(from) - coefficients(to);
-                write!(f, "spherical harmonics above degree {to}: {dropped} coefficients of each Gaussian")
+                write!(f, "SH above degree {to}: {dropped} coefficients of each Gaussian")
             }
             Self::Rounded { what, to } => write!(f, "{what} are rounded to {to}"),
             Self::Clamped { what, values, low, high } => {
@@ -84,7 +88,7 @@ impl fmt::Display for ConversionLoss {
                 let antialias = antialias.map(|antialias| format!("antialias {}", antialias.name()));
                 let order = order.map(|order| format!("order {}", order.name()));
                 let trained_with = antialias.into_iter().chain(order).collect::<Vec<_>>().join(", ");
-                write!(f, "how the scene was trained, with {trained_with}: viewers must be told")
+                write!(f, "how the scene was trained, with {trained_with}: viewers must be set accordingly")
             }
             Self::QuaternionLengths => f.write_str("the lengths of quaternions, which mean nothing"),
             Self::LinearLight => f.write_str("colours in linear light are converted to sRGB to first order"),
@@ -94,7 +98,7 @@ impl fmt::Display for ConversionLoss {
     }
 }
 
-/// Clamps a value and counts where that moved it by more than rounding would.
+/// Clamps values and counts those that change by more than rounding.
 #[derive(Debug)]
 pub(crate) struct Clamp {
     what: &'static str,
@@ -105,7 +109,7 @@ pub(crate) struct Clamp {
 }
 
 impl Clamp {
-    /// To `low..=high`; what lies no more than `tolerance` outside is not counted.
+    /// Clamps to `low..=high`; values up to `tolerance` outside are not counted.
     pub(crate) fn new(what: &'static str, low: f32, high: f32, tolerance: f32) -> Self {
         Self { what, low, high, tolerance, values: 0 }
     }

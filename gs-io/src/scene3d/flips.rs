@@ -1,22 +1,22 @@
-//! Turning axes round: what files with y up or z back need, exact to the bit.
+//! Flips axes, bit-exactly, for files with y up or z back.
 
 use glam::{DMat3, DVec3, Vec3};
 use gs_core::{Scene, Scene3d};
 
-/// The axes along which each of 3DGS's spherical harmonics is odd: 1 for x, 2 for y, 4 for z. Degrees 0 to 3.
+/// The axes along which each of 3DGS's SH is odd: 1 for x, 2 for y, 4 for z. Degrees 0 to 3.
 const ODD_AXES: [u8; 16] = [0, 2, 4, 1, 3, 6, 0, 5, 0, 2, 7, 2, 4, 1, 4, 1];
 
-/// Each axis as it is (1) or turned round (−1); as many as one likes, so this may be a reflection.
+/// The sign of each axis, 1 or −1; a reflection if one or three are flipped.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Flips([f32; 3]);
 
 impl Flips {
-    /// Of signs, each 1 or −1.
+    /// Flips with these signs, each 1 or −1.
     pub(crate) const fn new(signs: [f32; 3]) -> Self {
         Self(signs)
     }
 
-    /// That which a matrix does, if it is one.
+    /// The flips that a matrix performs, if it is one of flips.
     pub(crate) fn of_matrix(matrix: DMat3) -> Option<Self> {
         let signs = DVec3::new(matrix.x_axis.x, matrix.y_axis.y, matrix.z_axis.z);
         let is = matrix == DMat3::from_diagonal(signs) && signs.abs() == DVec3::ONE;
@@ -27,18 +27,18 @@ impl Flips {
         mean * Vec3::from(self.0)
     }
 
-    /// Of a quaternion (w, x, y, z): F R F, whose axes are those of F R up to their signs.
+    /// Flips a quaternion (w, x, y, z): F R F, whose axes are those of F R up to their signs.
     pub(crate) fn rotation(self, [w, x, y, z]: [f32; 4]) -> [f32; 4] {
         let [a, b, c] = self.0;
         [w, x * (b * c), y * (c * a), z * (a * b)]
     }
 
-    /// What coefficient `k` of the spherical harmonics is multiplied by.
+    /// The factor of SH coefficient `k`.
     pub(crate) fn sign_of_coefficient(self, k: usize) -> f32 {
         (0..3).filter(|axis| ODD_AXES[k] >> axis & 1 == 1).map(|axis| self.0[axis]).product()
     }
 
-    /// Turns a whole scene.
+    /// Flips a whole scene.
     pub(crate) fn apply(self, scene: &mut Scene3d) {
         if self.0 == [1.0; 3] {
             return;

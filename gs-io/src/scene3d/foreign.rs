@@ -1,4 +1,4 @@
-//! Files that others call scenes and that are not read here: what they are, and what makes a PLY of them.
+//! Recognises scene files of other formats, and says how to convert them to PLY.
 
 use std::path::Path;
 
@@ -9,7 +9,7 @@ const SPLAT_TRANSFORM: &str =
     "convert it with PlayCanvas's splat-transform: npx @playcanvas/splat-transform FILE scene.ply";
 const TRAIN: &str = "it holds no Gaussians; train a scene from images with gs train, or name a PLY of Gaussians";
 
-/// A kind of file by what its bytes start with, where that says it, and by the endings of its name, where these are needed to tell.
+/// A kind of file, recognised by its first bytes or its extension, or both.
 struct Kind {
     start: &'static [u8],
     endings: &'static [&'static str],
@@ -19,7 +19,7 @@ struct Kind {
 
 const ANY: &[&str] = &[];
 
-/// The first that fits counts.
+/// The first match counts.
 const KINDS: [Kind; 11] = [
     Kind { start: b"", endings: &["sog", "sogs"], what: "a SOG scene", mend: SPLAT_TRANSFORM },
     Kind { start: b"", endings: &["ksplat"], what: "a .ksplat scene", mend: SPLAT_TRANSFORM },
@@ -49,7 +49,7 @@ const KINDS: [Kind; 11] = [
     },
 ];
 
-/// What is wrong with a file that is none of the scenes that are read: that it is of another kind, if it is one that is known.
+/// The error for a file that is not a readable scene: it names the file's kind if that is known.
 pub(crate) fn refusal(start: &[u8], path: &Path) -> Option<Error> {
     let has_ending = |ending: &&str| path.extension().is_some_and(|e| e.eq_ignore_ascii_case(ending));
     let fits = |kind: &&Kind| {
@@ -59,7 +59,7 @@ pub(crate) fn refusal(start: &[u8], path: &Path) -> Option<Error> {
     Some(Error::ForeignScene { path: path.to_owned(), what, mend })
 }
 
-/// The same of a JSON object that is no glTF of Gaussians.
+/// The same for a JSON object that is not a glTF of Gaussians.
 pub(crate) fn refusal_of_json(json: &[u8], path: &Path) -> Option<Error> {
     let object: serde_json::Map<String, serde_json::Value> = serde_json::from_slice(json).ok()?;
     let has = |keys: &[&str]| keys.iter().all(|key| object.contains_key(*key));

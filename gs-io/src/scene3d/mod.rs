@@ -1,4 +1,4 @@
-//! 3D scenes on disk, in the formats that the field exchanges them in.
+//! Files of 3D scenes in common formats.
 //!
 //! | format | read | written | keeps |
 //! |---|---|---|---|
@@ -6,10 +6,10 @@
 //! | PlayCanvas compressed PLY | yes | – | 16 bytes a Gaussian, and one for each higher coefficient |
 //! | `.splat` | yes | yes | means and scales; degree 0 only, colours, opacities and rotations to 8 bits |
 //! | SPZ | versions 2, 3, 4 | versions 4, 3 | all degrees, everything rounded |
-//! | glTF `KHR_gaussian_splatting`, `.gltf` and `.glb` | yes, nodes applied | yes | means and harmonics bit for bit, the others to rounding |
+//! | glTF `KHR_gaussian_splatting`, `.gltf` and `.glb` | yes, nodes applied | yes | means and SH bit for bit, the others to rounding |
 //!
-//! World axes are those of the data sets that scenes are trained on, COLMAP's: x right, y down, z forward. PLY and `.splat` have them
-//! by custom; SPZ (right, up, back) and glTF (left, up, forward) are turned on the way in and out.
+//! World axes are those of COLMAP's data sets: x right, y down, z forward. PLY and `.splat` use
+//! them by convention; SPZ (right, up, back) and glTF (left, up, forward) are converted.
 
 mod conversion_loss;
 mod flips;
@@ -47,19 +47,20 @@ use crate::{
     error::Error,
 };
 
-/// The zeroth spherical harmonic, ½ √(1/π): colour = ½ + SH_0 · coefficient.
+/// SH of degree 0, ½ √(1/π): colour = ½ + SH_0 · coefficient.
 pub(crate) const SH_0: f32 = 0.282_094_79;
 
-/// As much of a file as its kind is told by.
+/// Bytes that are enough to recognise a file.
 const START_BYTES: usize = 64;
 
-/// A kind of file.
+/// A file format of 3D scenes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[non_exhaustive]
 pub enum Format3d {
     /// 3DGS PLY.
     Ply,
-    /// PlayCanvas compressed PLY. As what to read, it is the same as [`Self::Ply`]: the header tells.
+    /// PlayCanvas compressed PLY. Readers treat it like [`Self::Ply`], because the header
+    /// distinguishes them.
     CompressedPly,
     /// `.splat`.
     Splat,
@@ -67,9 +68,10 @@ pub enum Format3d {
     Spz,
     /// `.gltf`.
     Gltf,
-    /// `.glb`. As what to read, it is the same as [`Self::Gltf`]: the first bytes tell.
+    /// `.glb`. Readers treat it like [`Self::Gltf`], because the first bytes distinguish them.
     Glb,
-    /// A checkpoint of a training, which [`read_checkpoint`](crate::read_checkpoint) reads, and no function of this module.
+    /// A checkpoint of a training run, which [`read_checkpoint`](crate::read_checkpoint) reads
+    /// instead of this module.
     Checkpoint,
 }
 
@@ -88,7 +90,8 @@ impl fmt::Display for Format3d {
 }
 
 impl Format3d {
-    /// The kind of a file by its first bytes and, where they say nothing, by the ending of its name; `None` for another kind.
+    /// The format of a file by its first bytes or else by its extension; `None` for another kind of
+    /// file.
     pub fn recognise(start: &[u8], path: &Path) -> Option<Self> {
         let has_ending = |ending: &str| path.extension().is_some_and(|e| e.eq_ignore_ascii_case(ending));
         if start.starts_with(b"ply\n") || start.starts_with(b"ply\r\n") {
@@ -104,7 +107,7 @@ impl Format3d {
         }
     }
 
-    /// The kind of a file that is to be written, by the ending of its name; `None` where there is no such kind.
+    /// The format to write by a file's extension; `None` if there is none.
     pub fn to_write(path: &Path) -> Option<Self> {
         let name = path.file_name()?.to_string_lossy().to_lowercase();
         let kinds = [
@@ -128,29 +131,31 @@ impl Format3d {
     }
 }
 
-/// A scene that was read.
+/// A scene with information about its file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct File3d {
     /// The Gaussians.
     pub scene: Scene3d,
-    /// What the file was.
+    /// The format of the file.
     pub format: Format3d,
-    /// Size of the file, with those beside it that it refers to, bytes.
+    /// Size of the file and of those it refers to, bytes.
     pub bytes: u64,
-    /// The files beside it that were read: the buffers of a glTF.
+    /// The files that it refers to: buffers of a glTF.
     pub beside: Vec<PathBuf>,
     /// What of the file is not in the scene.
     pub losses: Vec<ConversionLoss>,
     /// How the scene was trained, as far as the file says.
     pub trained_with: TrainedWith,
-    /// Of a flat scene that shows a picture ([`write_ply`](crate::write_ply)): the picture's columns and rows, px.
+    /// The picture's columns and rows, px, if the scene is a flat one that shows a picture
+    /// ([`write_ply`](crate::write_ply)).
     pub picture: Option<(u32, u32)>,
 }
 
-/// The kind of scene that a file holds, by its content; `None` where it is none of these.
+/// The format of a scene file by its content; `None` for another kind of file.
 ///
 /// # Errors
-/// [`Error::Missing`], [`Error::NotAFile`] or [`Error::Read`]; [`Error::ForeignScene`] for a known kind that is not read.
+/// [`Error::Missing`], [`Error::NotAFile`] or [`Error::Read`]; [`Error::ForeignScene`] for a known
+/// kind that cannot be read.
 pub fn format_3d(path: impl AsRef<Path>) -> Result<Option<Format3d>, Error> {
     let path = path.as_ref();
     let (mut file, metadata) = open(path, WANTED)?;
@@ -161,11 +166,12 @@ pub fn format_3d(path: impl AsRef<Path>) -> Result<Option<Format3d>, Error> {
     }
 }
 
-/// Reads a scene of any kind, told by content first and ending second; every value is checked. Scales of 0, which no scene can hold, are
-/// raised ([`ConversionLoss::ZeroScales`]), and infinite opacity logits made finite ([`ConversionLoss::InfiniteLogits`]).
+/// Reads a scene of any format, recognised by content first and extension second, and checks every
+/// value. Scales of 0 are raised ([`ConversionLoss::ZeroScales`]), and infinite opacity logits are
+/// made finite ([`ConversionLoss::InfiniteLogits`]).
 ///
 /// # Errors
-/// Those of [`read_3d_unchecked`]; [`Error::Content`] for the first other value that is NaN or infinite.
+/// Those of [`read_3d_unchecked`]; [`Error::Content`] for other values that are NaN or infinite.
 pub fn read_3d(path: impl AsRef<Path>) -> Result<File3d, Error> {
     let path = path.as_ref();
     let mut file = read_3d_unchecked(path)?;
@@ -188,7 +194,8 @@ fn infinite_logits(scene: &Scene3d) -> Option<ConversionLoss> {
     (gaussians > 0).then_some(ConversionLoss::InfiniteLogits { gaussians })
 }
 
-/// As [`read_3d`], but values may be NaN or infinite, ln-scales −∞ among them: for those who look into a broken scene, or mend it.
+/// As [`read_3d`], but values may be NaN or infinite, including ln-scales of −∞, for programs that
+/// inspect or repair broken scenes.
 ///
 /// # Errors
 /// [`Error::Missing`], [`Error::NotAFile`] or [`Error::Read`]; [`Error::ForeignScene`] or [`Error::NotA3dScene`] for another kind
@@ -205,8 +212,8 @@ pub fn read_3d_unchecked(path: impl AsRef<Path>) -> Result<File3d, Error> {
     decode_3d(format, &bytes, path)
 }
 
-/// Makes a scene of a file's bytes; values may be NaN or infinite. `path` is what errors name, and where a glTF's buffers are looked
-/// for. Memory is taken only for what the bytes justify.
+/// Decodes the bytes of a scene file; values may be NaN or infinite. `path` is used for errors, and
+/// to find a glTF's buffers. Memory is limited by the number of bytes.
 ///
 /// # Errors
 /// [`Error::Damaged`] for bytes that are not what their kind prescribes, [`Error::TooNew`], [`Error::MissingProperties`],
@@ -244,30 +251,31 @@ pub fn decode_3d(format: Format3d, bytes: &[u8], path: &Path) -> Result<File3d, 
     Ok(File3d { scene, format, bytes: size, beside, losses, trained_with, picture })
 }
 
-/// How scenes are written, by format, and what is said of them.
+/// Options for writing scenes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct WriteOptions3d {
-    /// How the scene was trained, which the file says where the format has room for it.
+    /// How the scene was trained, which is stored if the format allows it.
     pub trained_with: TrainedWith,
-    /// Of SPZ.
+    /// Options for SPZ.
     pub spz: SpzOptions,
-    /// Of `.gltf`.
+    /// Options for `.gltf`.
     pub gltf_buffer: GltfBuffer,
 }
 
-/// What was written.
+/// The result of writing a scene.
 #[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
 pub struct Written3d {
-    /// The kind of file.
+    /// The format of the file.
     pub format: Format3d,
-    /// What of the scene is not in it.
+    /// What of the scene is not in the file.
     pub losses: Vec<ConversionLoss>,
-    /// The buffer beside a glTF, where that was asked for.
+    /// The separate buffer of a glTF, if it has one.
     pub beside: Option<PathBuf>,
 }
 
-/// Writes a scene, atomically, in the format that the ending of the name says: `.ply`, `.splat`, `.spz`, `.gltf` or `.glb`. Infinite
-/// opacity logits are written as finite ones that draw the same.
+/// Writes a scene, atomically, in the format of the file's extension: `.ply`, `.splat`, `.spz`,
+/// `.gltf` or `.glb`. Infinite opacity logits are written as finite ones with the same picture.
 ///
 /// # Errors
 /// [`Error::UnknownEnding`]; [`Error::Content`] where [`Scene3d::validate`](Scene::validate) fails, or a quaternion is too short

@@ -1,18 +1,20 @@
-//! Conversions between what scenes hold (logits, logarithms) and what some formats do (opacities, scales), in `f64`, so that they
-//! add no error beyond the rounding of the result.
+//! Converts logits and logarithms of scenes to opacities and scales of formats and back, in `f64`,
+//! so that only the result is rounded.
 //!
-//! A logit that is read or written is finite. An opacity of 0 or 1 stands for all that round to it, so it is read as a logit from the
-//! middle of that half step, which rounds to it again: files come back with the same bytes.
+//! Logits are always finite. An opacity of 0 or 1 stands for all values that round to it, so it is
+//! read as the logit of the middle of that half step, which rounds to it again: files come back
+//! with the same bytes.
 
 use gs_core::examination::OUT_OF_RANGE_LOGIT;
 
-/// The logit of the opacity 1 − 2⁻²⁶: an `f32` rounds it to 1, and so does every backend's sigmoid.
+/// The logit of the opacity 1 − 2⁻²⁶, which `f32` and every backend's sigmoid round to 1.
 pub(crate) const OPAQUE_LOGIT: f32 = 18.021_827;
 
-/// A logit whose opacity is below the normal numbers, and written as 0.
+/// A logit whose opacity is below the normal numbers and written as 0.
 pub(crate) const TRANSPARENT_LOGIT: f32 = -OUT_OF_RANGE_LOGIT;
 
-/// ln of a scale: −∞ of 0; of what is too small for a normal number, ln of the smallest normal number. A negative scale gives NaN.
+/// ln of a scale: −∞ for 0, ln of the smallest normal number for smaller scales, NaN for negative
+/// ones.
 pub(crate) fn log_of_scale(scale: f32) -> f32 {
     match scale {
         0.0 => f32::NEG_INFINITY,
@@ -21,12 +23,12 @@ pub(crate) fn log_of_scale(scale: f32) -> f32 {
     }
 }
 
-/// The scale of a logarithm, kept among the normal numbers.
+/// The scale of a logarithm, clamped to normal numbers.
 pub(crate) fn scale_of_log(log: f32) -> f32 {
     (f64::from(log).exp() as f32).clamp(f32::MIN_POSITIVE, f32::MAX)
 }
 
-/// The logit of an opacity, [`TRANSPARENT_LOGIT`] and [`OPAQUE_LOGIT`] at the ends, NaN outside.
+/// The logit of an opacity; [`TRANSPARENT_LOGIT`] and [`OPAQUE_LOGIT`] at the ends, NaN outside.
 pub(crate) fn logit_of_opacity(opacity: f32) -> f32 {
     match opacity {
         1.0 => OPAQUE_LOGIT,
@@ -35,13 +37,13 @@ pub(crate) fn logit_of_opacity(opacity: f32) -> f32 {
     }
 }
 
-/// The opacity of a logit; 0 where it would be below the normal numbers.
+/// The opacity of a logit; 0 below the normal numbers.
 pub(crate) fn opacity_of_logit(logit: f32) -> f32 {
     let opacity = opacity(logit) as f32;
     if opacity < f32::MIN_POSITIVE { 0.0 } else { opacity }
 }
 
-/// The logit of an opacity that is held as `step` of `steps` equal steps from 0 to 1; `step` may not be beyond them.
+/// The logit of an opacity that is stored as `step` ≤ `steps` of equal steps from 0 to 1.
 pub(crate) fn logit_of_step(step: u16, steps: u16) -> f32 {
     let place = match step {
         0 => 0.25,
@@ -51,12 +53,12 @@ pub(crate) fn logit_of_step(step: u16, steps: u16) -> f32 {
     logit(place / f64::from(steps))
 }
 
-/// The nearest of 255 equal steps to the opacity of a logit.
+/// The opacity of a logit, rounded to 255 steps.
 pub(crate) fn byte_of_logit(logit: f32) -> u8 {
     (opacity(logit) * 255.0).round() as u8
 }
 
-/// An infinite logit made finite.
+/// Makes an infinite logit finite.
 pub(crate) fn finite_logit(logit: f32) -> f32 {
     match logit {
         f32::INFINITY => OPAQUE_LOGIT,

@@ -1,7 +1,9 @@
-//! Spherical harmonics under rotation: new coefficients whose colours in the turned direction are the old ones in the old.
+//! Rotates SH coefficients, so that the rotated function has the old colours in the rotated
+//! directions.
 //!
-//! *Source:* Ivanic and Ruedenberg 1996 (and its correction of 1998): the matrix of each degree from that of the degree below, by
-//! products with that of degree 1, which is the rotation's own. 3DGS's harmonics have the sign (−1)^m.
+//! *Source:* Ivanic and Ruedenberg 1996 (and its correction of 1998): the matrix of each degree
+//!   follows from that of the degree below by products with that of degree 1, which is the rotation
+//!   itself. 3DGS's SH have the sign (−1)^m.
 
 use glam::{DMat3, Vec3};
 
@@ -19,7 +21,7 @@ impl ShRotation {
         Self { degrees: [first, second, third] }
     }
 
-    /// Turns the coefficients of one Gaussian, of whatever degree.
+    /// Rotates the coefficients of a Gaussian, of any degree.
     pub(crate) fn apply(&self, coefficients: &mut [Vec3]) {
         for (matrix, l) in self.degrees.iter().zip(1_i32..) {
             let (start, len) = ((l * l) as usize, (2 * l + 1) as usize);
@@ -37,7 +39,8 @@ impl ShRotation {
     }
 }
 
-/// What the real harmonics of one degree l, without the sign (−1)^m, become: rows and columns are numbered −l to l.
+/// The rotation matrix of the real SH of degree l without the sign (−1)^m: rows and columns run
+/// from −l to l.
 #[derive(Debug)]
 struct Matrix {
     l: i32,
@@ -49,7 +52,7 @@ impl Matrix {
         self.values[(m + self.l) as usize][(n + self.l) as usize]
     }
 
-    /// The harmonics of degree 1 are y, z and x.
+    /// The SH of degree 1 are y, z and x.
     fn of_degree_1(rotation: DMat3) -> Self {
         let mut values = [[0.0; 7]; 7];
         for (m, row) in [1, 2, 0].into_iter().enumerate() {
@@ -107,7 +110,7 @@ mod tests {
     use super::*;
     use glam::DVec3;
 
-    /// 3DGS's sixteen harmonics.
+    /// 3DGS's sixteen SH.
     fn basis(d: DVec3) -> [f64; 16] {
         let DVec3 { x, y, z } = d;
         let (xx, yy, zz) = (x * x, y * y, z * z);

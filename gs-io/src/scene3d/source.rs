@@ -1,29 +1,30 @@
-//! The bytes of a scene file with the name they are complained about by; every read is checked against their length.
+//! The bytes of a scene file with bounds-checked reading.
 
 use std::path::Path;
 
 use crate::error::Error;
 
-/// What a file may claim to hold beyond its own size before it is held against it: small scenes compress as well as they like.
+/// Claimed size below which a file's claim is never refused: small scenes may compress by any
+/// factor.
 const FREE_BYTES: u64 = 64 << 20;
 
-/// How many times its size a larger file may claim to hold. Scenes from training shrink to a tenth at best, but a gzip stream of
-/// zeros to a thousandth: more than this is a bomb.
+/// Largest claimed size of larger files relative to their own. Trained scenes shrink to a tenth at
+/// best, a gzip stream of zeros to a thousandth.
 const MAX_EXPANSION: u64 = 100;
 
 /// A file's content.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Source<'a> {
-    /// The file, for messages, and for finding what stands beside it.
+    /// The file, for errors and for files that it refers to.
     pub(crate) path: &'a Path,
-    /// Its kind in words: "an SPZ file".
+    /// The file's kind: "an SPZ file".
     pub(crate) what: &'static str,
-    /// All of it.
+    /// The whole content.
     pub(crate) bytes: &'a [u8],
 }
 
 impl<'a> Source<'a> {
-    /// A complaint about what stands at a byte.
+    /// An error about the content at a byte.
     pub(crate) fn damaged(&self, byte: usize, expected: impl Into<String>, found: impl Into<String>) -> Error {
         let (path, what) = (self.path.to_owned(), self.what);
         Error::Damaged { path, what, byte: byte as u64, expected: expected.into(), found: found.into() }
@@ -38,7 +39,7 @@ impl<'a> Source<'a> {
         })
     }
 
-    /// So many bytes as an array.
+    /// `N` bytes as an array.
     pub(crate) fn array<const N: usize>(&self, start: usize, name: &str) -> Result<[u8; N], Error> {
         let mut array = [0; N];
         array.copy_from_slice(self.slice(start, N as u64, name)?);
@@ -55,7 +56,7 @@ impl<'a> Source<'a> {
         self.array(start, name).map(u64::from_le_bytes)
     }
 
-    /// Fails where a file of this size, with what it refers to, cannot honestly hold so much.
+    /// Fails if a file of this size, with the files it refers to, claims to contain too much.
     pub(crate) fn check_claim(&self, file_bytes: u64, claimed_bytes: u64) -> Result<(), Error> {
         if claimed_bytes <= FREE_BYTES.saturating_add(file_bytes.saturating_mul(MAX_EXPANSION)) {
             return Ok(());

@@ -1,4 +1,4 @@
-//! `.splat`: 32 bytes a Gaussian and nothing else, as antimatter15's viewer has it.
+//! `.splat`: 32 bytes per Gaussian without a header, as in antimatter15's viewer.
 //!
 //! | bytes | what |
 //! |---|---|
@@ -7,7 +7,8 @@
 //! | 24–27 | red, green, blue, opacity: 0 to 255 stand for 0 to 1 |
 //! | 28–31 | quaternion w, x, y, z: (byte − 128) / 128 |
 //!
-//! Little endian; axes are those of the PLY it was made from. There is no header, so its name alone tells it.
+//! Little-endian; axes are those of the PLY it was made from. Without a header, only its extension
+//! identifies it.
 
 use gs_core::{Scene, Scene3d};
 
@@ -43,7 +44,7 @@ pub(crate) fn read(source: &Source<'_>) -> Result<Scene3d, Error> {
     Ok(scene)
 }
 
-/// Makes the file's bytes.
+/// Encodes a scene.
 pub(crate) fn encode(
     scene: &Scene3d,
     rotations: &UnitRotations<'_>,
@@ -58,7 +59,7 @@ pub(crate) fn encode(
         let color = scene.sh[i * scene.sh_len()].to_array().map(|c| clamp.apply(0.5 + SH_0 * c));
         bytes.extend(color.map(byte));
         bytes.push(byte_of_logit(scene.opacity_logits[i]));
-        // A saturating cast: 1 becomes 255, which is 127/128; readers normalise.
+        // The cast saturates: 1 becomes 255, which is 127/128; readers normalise.
         bytes.extend(rotations.get(i).map(|q| (q * 128.0 + 128.0).round() as u8));
     }
     let mut losses = Vec::new();

@@ -1,4 +1,4 @@
-//! How a scene was trained, as far as its file says: what a renderer must do to show it as it looked in training.
+//! How a scene was trained, as far as its file says, so that it can be rendered in the same way.
 //!
 //! | format | antialiasing | order of blending |
 //! |---|---|---|
@@ -7,31 +7,32 @@
 //! | glTF | `extras.gs.antialias` of the primitive | `extras.gs.order` of the primitive |
 //! | `.splat` | – | – |
 //!
-//! SPZ's flag is documented as "antialiased mode (mip splatting)", so it is read as [`Antialias::Mip`]; a file without it is meant for
-//! the ordinary rendering of 3DGS, [`Antialias::Dilate`].
+//! SPZ's flag is documented as "antialiased mode (mip splatting)", so it is read as
+//! [`Antialias::Mip`]; a file without it is meant for the rendering of 3DGS, [`Antialias::Dilate`].
 
 use gs_core::effects::{Antialias, Order};
 use serde_json::{Value, json};
 
 use super::conversion_loss::ConversionLoss;
 
-/// What PLY comments of ours begin with, and the key of a glTF's extras.
+/// The start of our PLY comments, and the key in a glTF's extras.
 const OURS: &str = "gs";
 
-/// How a scene was trained; `None` where that is not known.
+/// How a scene was trained; `None` where that is unknown.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct TrainedWith {
     /// The treatment of Gaussians narrower than a pixel.
     pub antialias: Option<Antialias>,
-    /// The order of blending.
+    /// The sort order of blending.
     pub order: Option<Order>,
 }
 
 impl TrainedWith {
-    /// What other viewers assume of a file that says nothing: the rendering of 3DGS.
+    /// What other viewers assume by default: the rendering of 3DGS.
     const USUAL: (Antialias, Order) = (Antialias::Dilate, Order::Global);
 
-    /// The lines of comment that say so in a PLY. Brush and PlayCanvas know `mip` and `default` alone, so what scales opacities is `mip`.
+    /// The PLY comments that store it. Brush and PlayCanvas know only `mip` and `default`, so `mip`
+    /// stands for scaled opacities.
     pub(crate) fn comments(&self) -> Vec<String> {
         let mode = self.antialias.and_then(|antialias| match antialias {
             Antialias::None => None,
@@ -43,7 +44,8 @@ impl TrainedWith {
         mode.into_iter().chain(antialias).chain(order).collect()
     }
 
-    /// From the comments of a PLY. Ours count before those of other programs, which say less; of several alike, the last counts.
+    /// Reads PLY comments. Ours take precedence over those of other programs, which say less;
+    /// otherwise the last counts.
     pub(crate) fn of_comments<'a>(comments: impl IntoIterator<Item = &'a str>) -> Self {
         let (mut ours, mut others) = (Self::default(), None);
         for comment in comments {
@@ -59,7 +61,7 @@ impl TrainedWith {
         Self { antialias: ours.antialias.or(others), ..ours }
     }
 
-    /// What an SPZ's flag says.
+    /// The meaning of SPZ's flag.
     pub(crate) fn of_spz_flag(antialiased: bool) -> Self {
         Self { antialias: Some(if antialiased { Antialias::Mip } else { Antialias::Dilate }), order: None }
     }
@@ -69,7 +71,7 @@ impl TrainedWith {
         self.antialias.is_some_and(Antialias::compensates)
     }
 
-    /// The extras of a glTF's primitive; `None` where there is nothing to say.
+    /// The extras of a glTF's primitive; `None` if nothing is known.
     pub(crate) fn extras(&self) -> Option<Value> {
         let mut said = serde_json::Map::new();
         said.extend(self.antialias.map(|antialias| ("antialias".to_owned(), json!(antialias.name()))));
@@ -77,13 +79,13 @@ impl TrainedWith {
         (!said.is_empty()).then(|| json!({ OURS: said }))
     }
 
-    /// From the extras of a glTF's primitive, whatever they are.
+    /// Reads the extras of a glTF's primitive.
     pub(crate) fn of_extras(extras: &Value) -> Self {
         let name = |key: &str| extras[OURS][key].as_str();
         Self { antialias: name("antialias").and_then(Antialias::named), order: name("order").and_then(Order::named) }
     }
 
-    /// What both say alike.
+    /// What two values agree on.
     pub(crate) fn in_common(self, other: Self) -> Self {
         Self {
             antialias: self.antialias.filter(|_| self.antialias == other.antialias),
@@ -91,7 +93,7 @@ impl TrainedWith {
         }
     }
 
-    /// What of it is lost where a file's reader will know `kept`, and take the usual for the rest.
+    /// What is lost if a file's reader knows only `kept` and assumes the usual for the rest.
     pub(crate) fn lost(&self, kept: &Self) -> Option<ConversionLoss> {
         let (antialias, order) = Self::USUAL;
         let antialias = self.antialias.filter(|&known| known != kept.antialias.unwrap_or(antialias));

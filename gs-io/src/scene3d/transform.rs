@@ -1,19 +1,23 @@
-//! Moving a scene by an affine map: axes of files that differ from ours by more than signs, and the nodes of glTF.
+//! Transforms a scene by an affine map: for axes that differ by more than signs, and for nodes of
+//! glTF.
 //!
-//! With p′ = A p + t, the covariance becomes A Σ Aᵀ, exactly, whatever A is. Colours follow the rotation nearest to A.
+//! With p′ = A p + t, the covariance becomes A Σ Aᵀ, exactly, for any A. Colours follow the
+//! rotation nearest to A.
 
 use glam::{DAffine3, DMat3, DQuat, DVec3, Vec3};
 use gs_core::{Scene, Scene3d, constants::MIN_QUATERNION_NORM2};
 
 use super::{conversion_loss::ConversionLoss, flips::Flips, sh_rotation::ShRotation};
 
-/// How far AᵀA may be from a multiple of the identity, relatively, for A to count as rotation and scale.
+/// Relative tolerance with which AᵀA must be a multiple of the identity for A to count as rotation
+/// and scale.
 const SIMILARITY_TOLERANCE: f64 = 1e-6;
 
-/// Sweeps of the Jacobi iteration, which converges quadratically: 5 do for double precision.
+/// Most sweeps of the Jacobi iteration; 5 are enough for double precision.
 const SWEEPS: usize = 30;
 
-/// Moves every Gaussian; says so where colours cannot follow exactly. Turned axes are exact to the bit.
+/// Transforms every Gaussian. Returns the loss if colours cannot follow exactly. Flips are
+/// bit-exact.
 pub(crate) fn apply(scene: &mut Scene3d, map: &DAffine3) -> Option<ConversionLoss> {
     let (matrix, shift) = (map.matrix3, map.translation);
     if let Some(flips) = Flips::of_matrix(matrix) {
@@ -40,17 +44,17 @@ pub(crate) fn apply(scene: &mut Scene3d, map: &DAffine3) -> Option<ConversionLos
             let scales = scene.log_scales[i].as_dvec3().map(f64::exp);
             let Svd { u, s, .. } = Svd::of(matrix * DMat3::from_quat(q.normalize()) * DMat3::from_diagonal(scales));
             scene.log_scales[i] = s.map(log_of_axis).as_vec3();
-            // The axes of an ellipsoid have no sign.
+            // The sign of an ellipsoid's axis does not matter.
             let proper = if u.determinant() < 0.0 { DMat3::from_cols(u.x_axis, u.y_axis, -u.z_axis) } else { u };
             scene.rotations[i] = wxyz(DQuat::from_mat3(&proper));
         }
     }
-    let harmonics = ShRotation::new(DMat3::from_quat(turn));
+    let sh_rotation = ShRotation::new(DMat3::from_quat(turn));
     let len = scene.sh_len();
     scene.sh.chunks_exact_mut(len).for_each(|coefficients: &mut [Vec3]| {
-        harmonics.apply(coefficients);
+        sh_rotation.apply(coefficients);
         if reflects {
-            // A reflection is a rotation and −1, under which odd degrees change their sign.
+            // A reflection is a rotation times −1, which changes the sign of odd degrees.
             let odd = (1..len).filter(|&k| matches!(k, 1..4 | 9..16));
             odd.for_each(|k| coefficients[k] = -coefficients[k]);
         }
@@ -67,7 +71,7 @@ fn wxyz(q: DQuat) -> [f32; 4] {
     [q.w, q.x, q.y, q.z].map(|v| v as f32)
 }
 
-/// A = U diag(s) Vᵀ with s ≥ 0 in no order; U and V are orthogonal, whatever A's rank.
+/// A = U diag(s) Vᵀ with s ≥ 0 in any order; U and V are orthogonal, whatever A's rank.
 struct Svd {
     u: DMat3,
     s: DVec3,
@@ -75,7 +79,8 @@ struct Svd {
 }
 
 impl Svd {
-    /// By Hestenes's one-sided Jacobi iteration, which keeps the short axis of a needle to full relative accuracy.
+    /// By Hestenes's one-sided Jacobi iteration, which keeps the full relative accuracy of a
+    /// needle's short axis.
     fn of(matrix: DMat3) -> Self {
         let mut b = matrix.to_cols_array_2d().map(DVec3::from);
         let mut v = DMat3::IDENTITY.to_cols_array_2d().map(DVec3::from);
@@ -104,7 +109,7 @@ impl Svd {
     }
 }
 
-/// Columns that are orthogonal already, brought to unit length; those of no length are filled in.
+/// Normalises orthogonal columns; columns of length 0 are replaced.
 fn orthonormal(columns: [DVec3; 3]) -> DMat3 {
     let mut units = columns.map(DVec3::try_normalize);
     for k in 0..3 {
@@ -142,7 +147,7 @@ mod tests {
         scene
     }
 
-    /// The covariance of each must be A Σ Aᵀ.
+    /// Checks that each covariance is A Σ Aᵀ.
     fn check_covariances(map: DMat3) {
         let before = scene();
         let mut after = before.clone();
@@ -181,7 +186,7 @@ mod tests {
                 apply(&mut flat, &DAffine3::from_mat3(map)),
                 Some(ConversionLoss::Stretched).filter(|_| map != DMat3::ZERO)
             );
-            // Axes without length reach whoever asks for them; a reader that does not raises them.
+            // Axes of length 0 are visible to unchecked readers; other readers raise them.
             assert!(flat.log_scales.iter().all(|s| s.to_array().contains(&f32::NEG_INFINITY)));
             raise_zero_scales(&mut flat).expect("scales of 0");
             flat.validate().unwrap();

@@ -1,4 +1,4 @@
-//! Rotations as quaternions of unit length, which most formats want; scenes hold them at any length but 0.
+//! Unit quaternions, which most formats require. Scenes may have any length but 0.
 
 use std::path::Path;
 
@@ -6,15 +6,16 @@ use gs_core::{Scene3d, constants::MIN_QUATERNION_NORM2};
 
 use crate::error::Error;
 
-/// How far a squared length may be from 1 to count as 1: a few roundings of `f32`.
+/// Tolerance of a squared length of 1: a few roundings of `f32`.
 const UNIT_TOLERANCE: f32 = 1e-6;
 
-/// The rotations of a scene, every one of which has a direction.
+/// The rotations of a scene without zero quaternions.
 #[derive(Debug)]
 pub(crate) struct UnitRotations<'a>(&'a Scene3d);
 
 impl<'a> UnitRotations<'a> {
-    /// Fails at the first quaternion that is too short to be normalised; its Gaussian is never drawn.
+    /// Fails for the first quaternion that is too short to be normalised; such a Gaussian is never
+    /// drawn.
     pub(crate) fn new(scene: &'a Scene3d, path: &Path) -> Result<Self, Error> {
         match scene.rotations.iter().position(|q| !(norm2(q) >= MIN_QUATERNION_NORM2)) {
             None => Ok(Self(scene)),
@@ -26,7 +27,8 @@ impl<'a> UnitRotations<'a> {
         }
     }
 
-    /// (w, x, y, z) of Gaussian `i`; bit for bit what the scene holds where that has unit length to rounding.
+    /// (w, x, y, z) of Gaussian `i`; bit-identical to the scene's if that is a unit quaternion to
+    /// rounding.
     pub(crate) fn get(&self, i: usize) -> [f32; 4] {
         let q = self.0.rotations[i];
         if is_unit(&q) {
@@ -36,7 +38,7 @@ impl<'a> UnitRotations<'a> {
         q.map(|v| (f64::from(v) / length) as f32)
     }
 
-    /// Whether all of them have unit length already.
+    /// Whether all are unit quaternions already.
     pub(crate) fn all_unit(&self) -> bool {
         self.0.rotations.iter().all(is_unit)
     }

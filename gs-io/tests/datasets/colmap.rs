@@ -39,8 +39,8 @@ fn views_and_points_are_the_models() {
     assert_eq!(dataset.remarks, [Remark::Undistorted { count: 1, lens: "Brown-Conrady" }]);
     let bent = &dataset.views[2];
     assert!(!bent.source.lens.is_pinhole() && bent.camera.width >= 32);
-    let photograph = bent.read_image().unwrap();
-    assert_eq!(photograph.image.size(), (bent.camera.width, bent.camera.height));
+    let posed = bent.read_image().unwrap();
+    assert_eq!(posed.image.size(), (bent.camera.width, bent.camera.height));
 }
 
 #[test]
@@ -107,7 +107,7 @@ fn intrinsics_follow_the_size_of_the_image() {
 }
 
 #[test]
-fn the_same_photographs_in_another_format_are_taken() {
+fn the_same_images_in_another_format_are_taken() {
     let place = folder();
     let mut model = colmap(place.path(), 2);
     model.images.iter_mut().for_each(|image| image.name = image.name.replace(".png", ".JPG"));

@@ -1,4 +1,4 @@
-//! What a view's photograph is when it is read: undistorted, masked, with its alpha, the right way up.
+//! The image of a view: undistorted, masked, with its alpha, the right way up.
 
 use std::fs;
 
@@ -92,17 +92,17 @@ fn alpha_is_opacity_or_a_mask() {
     // Transparent pixels of a glaring colour, which must not show.
     let file = place.path().join("images/view 000.png");
     rgba(40, 30, |x, _| if x < 20 { [255, 0, 0, 0] } else { [0, 102, 255, 204] }).save(&file).unwrap();
-    let photograph = read(place.path()).views[0].read_image().unwrap();
-    let alpha = photograph.alpha.as_ref().unwrap();
-    assert_eq!((alpha[0], alpha[39], photograph.mask.is_none()), (0.0, 0.8, true));
-    assert_eq!(photograph.image.pixel(39, 0), [0.0, 0.4, 1.0], "not multiplied");
-    let over = photograph.over([1.0; 3]);
+    let posed = read(place.path()).views[0].read_image().unwrap();
+    let alpha = posed.alpha.as_ref().unwrap();
+    assert_eq!((alpha[0], alpha[39], posed.mask.is_none()), (0.0, 0.8, true));
+    assert_eq!(posed.image.pixel(39, 0), [0.0, 0.4, 1.0], "not multiplied");
+    let over = posed.over([1.0; 3]);
     assert_eq!((over.pixel(0, 0), over.pixel(39, 0)[1]), ([1.0; 3], 0.4 * 0.8 + 1.0 * (1.0 - 0.8)));
 
     let settings = DatasetSettings { alpha: AlphaMeaning::Mask, ..Default::default() };
-    let photograph = read_dataset(place.path(), &settings).unwrap().views[0].read_image().unwrap();
-    assert_eq!(photograph.alpha, None);
-    assert_eq!(photograph.mask.unwrap()[..40], std::array::from_fn::<bool, 40, _>(|x| x >= 20));
+    let posed = read_dataset(place.path(), &settings).unwrap().views[0].read_image().unwrap();
+    assert_eq!(posed.alpha, None);
+    assert_eq!(posed.mask.unwrap()[..40], std::array::from_fn::<bool, 40, _>(|x| x >= 20));
 }
 
 #[test]
@@ -112,10 +112,10 @@ fn transparent_colours_do_not_bleed_when_undistorted() {
     let mut dataset = one_view(place.path(), "SIMPLE_RADIAL", &[60.0, 32.0, 24.0, -0.1], &blank);
     let file = place.path().join("images/view 000.png");
     rgba(64, 48, |x, _| if x % 7 < 3 { [255, 0, 0, 0] } else { [0, 102, 255, 255] }).save(&file).unwrap();
-    let photograph = dataset.views.remove(0).read_image().unwrap();
-    let alpha = photograph.alpha.as_ref().unwrap();
+    let posed = dataset.views.remove(0).read_image().unwrap();
+    let alpha = posed.alpha.as_ref().unwrap();
     assert!(alpha.iter().any(|a| *a > 0.2 && *a < 0.8), "edges are between");
-    for (pixel, alpha) in photograph.image.pixels().iter().zip(alpha).filter(|(_, alpha)| **alpha > 0.1) {
+    for (pixel, alpha) in posed.image.pixels().iter().zip(alpha).filter(|(_, alpha)| **alpha > 0.1) {
         assert!(pixel[0] < 1e-6 && (pixel[2] - 1.0).abs() < 1e-5, "{pixel:?} at {alpha}");
     }
 }
@@ -143,7 +143,7 @@ fn masks_of_any_size_black_out_what_does_not_count() {
 }
 
 #[test]
-fn a_photograph_that_changed_since_is_refused() {
+fn an_image_that_changed_since_is_refused() {
     let place = folder();
     colmap(place.path(), 1);
     let view = read(place.path()).views.remove(0);

@@ -124,7 +124,7 @@ pub(crate) fn write_model(folder: &Path, files: &[Vec<u8>; 3], extension: &str) 
     }
 }
 
-/// Writes the photographs of a model below `folder`, their sides divided by `shrink`.
+/// Writes the images of a model below `folder`, their sides divided by `shrink`.
 pub(crate) fn write_pictures(folder: &Path, model: &ColmapModel, shrink: u32) {
     for image in &model.images {
         let Some(camera) = model.cameras.get(&image.camera_id) else { continue };

@@ -54,7 +54,7 @@ proptest! {
 proptest! {
     #![proptest_config(fresh(60))]
 
-    /// The whole way, photographs included.
+    /// Reads a data set with its images.
     #[test]
     fn mutated_data_sets(which in 0..3_usize, changes in any_changes()) {
         let place = folder();
@@ -66,8 +66,8 @@ proptest! {
                 prop_assert!(!dataset.views.is_empty() && dataset.views.len() <= 3);
                 for view in dataset.views {
                     view.camera.validate().unwrap();
-                    let photograph = view.read_image().unwrap();
-                    prop_assert_eq!(photograph.image.size(), (view.camera.width, view.camera.height));
+                    let posed = view.read_image().unwrap();
+                    prop_assert_eq!(posed.image.size(), (view.camera.width, view.camera.height));
                 }
                 prop_assert!(dataset.points.iter().all(|point| point.position.is_finite()));
             }

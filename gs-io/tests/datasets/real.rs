@@ -8,7 +8,7 @@ use gs_io::dataset::{ColmapModel, Dataset, DatasetKind, Distortion, Remark, Spli
 
 use super::made::read;
 
-/// Mean distance from where the model's points project to where they were observed: with the lens into the full-size photograph, and as
+/// Mean distance from where the model's points project to where they were observed: with the lens into the full-size image, and as
 /// the engine sees them, through the views' pinholes; both in px at full size. And how many were compared.
 fn reprojection_errors(dataset: &Dataset, model: &ColmapModel) -> (f64, f64, usize) {
     let points: HashMap<u64, DVec3> = model.points.iter().map(|point| (point.id, point.position)).collect();
@@ -47,8 +47,8 @@ fn banana() {
     let (bent, straight, count) = reprojection_errors(&dataset, &model);
     eprintln!("banana: {count} observations, {bent:.3} px, through the views {straight:.3} px");
     assert!(count > 20_000 && bent < 1.5 && (straight - bent).abs() < 0.01, "{bent} {straight} {count}");
-    let photograph = dataset.views[3].read_image().unwrap();
-    assert_eq!((photograph.image.size(), photograph.alpha, photograph.mask), ((800, 532), None, None));
+    let posed = dataset.views[3].read_image().unwrap();
+    assert_eq!((posed.image.size(), posed.alpha, posed.mask), ((800, 532), None, None));
 }
 
 #[test]
@@ -69,8 +69,8 @@ fn lund_door() {
     let (bent, straight, count) = reprojection_errors(&dataset, &model);
     eprintln!("lund_door: {count} observations, {bent:.3} px, through the views {straight:.3} px");
     assert!(count > 50_000 && bent < 1.5 && (straight - bent).abs() < 0.05, "{bent} {straight} {count}");
-    let photograph = view.read_image().unwrap();
-    assert_eq!((photograph.image.size(), photograph.mask), ((view.camera.width, view.camera.height), None));
+    let posed = view.read_image().unwrap();
+    assert_eq!((posed.image.size(), posed.mask), ((view.camera.width, view.camera.height), None));
 
     // The colours that COLMAP gave the points are those of the undistorted pixels where they project.
     let (mut at_place, mut elsewhere, mut seen) = (0.0, 0.0, 0.0);
@@ -83,8 +83,8 @@ fn lund_door() {
         let (pixel, _) = view.camera.project(point.position).unwrap();
         let (x, y) = (pixel.x as u32, pixel.y as u32);
         if x < view.camera.width && y < view.camera.height {
-            at_place += difference(point.color, photograph.image.pixel(x, y));
-            elsewhere += difference(point.color, photograph.image.pixel(view.camera.width - 1 - x, y));
+            at_place += difference(point.color, posed.image.pixel(x, y));
+            elsewhere += difference(point.color, posed.image.pixel(view.camera.width - 1 - x, y));
             seen += 1.0;
         }
     }
@@ -110,9 +110,9 @@ fn lego() {
             view.name
         );
     }
-    let photograph = dataset.views[0].read_image().unwrap();
-    let alpha = photograph.alpha.as_ref().unwrap();
+    let posed = dataset.views[0].read_image().unwrap();
+    let alpha = posed.alpha.as_ref().unwrap();
     let opaque = alpha.iter().filter(|a| **a > 0.99).count() as f32 / alpha.len() as f32;
     assert!((0.1..0.5).contains(&opaque) && alpha[0] == 0.0, "{opaque}");
-    assert_eq!(photograph.over([1.0; 3]).pixel(0, 0), [1.0; 3]);
+    assert_eq!(posed.over([1.0; 3]).pixel(0, 0), [1.0; 3]);
 }

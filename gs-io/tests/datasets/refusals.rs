@@ -200,7 +200,7 @@ fn masks_are_used_and_those_that_cannot_be_are_told() {
 }
 
 #[test]
-fn photographs_alone_are_told_how_to_become_a_data_set() {
+fn for_images_alone_the_error_says_how_to_make_a_data_set() {
     let place = folder();
     for root in [place.path().join("a"), place.path().join("with blank")] {
         ["x.JPG", "y.png"].iter().for_each(|name| drop(picture(root.join(name), 4, 3)));
@@ -218,7 +218,7 @@ fn photographs_alone_are_told_how_to_become_a_data_set() {
     ["x.png", "y.png"].iter().for_each(|name| drop(picture(nested.join("images").join(name), 4, 3)));
     assert!(refusal(&nested).contains(&format!("--image_path {} ", nested.join("images").display())));
 
-    // What that command leaves: a model beside the photographs.
+    // What that command leaves: a model beside the images.
     let model = model(2);
     write_model(&plain.join("sparse/0"), &binary(&model), "bin");
     write_pictures(&plain, &model, 1);
@@ -226,7 +226,7 @@ fn photographs_alone_are_told_how_to_become_a_data_set() {
 }
 
 #[test]
-fn large_photographs_are_scaled_down_with_their_cameras() {
+fn large_images_are_scaled_down_with_their_cameras() {
     let place = folder();
     colmap(place.path(), 3);
     let sized = |max_side: u32| {

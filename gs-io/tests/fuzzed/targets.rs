@@ -93,8 +93,8 @@ static FOLDER: LazyLock<tempfile::TempDir> = LazyLock::new(|| {
     folder
 });
 
-/// Data sets with a `transforms.json`, photographs and points included: that file and `a.ply`, with a 0 byte between them; beside them is
-/// one photograph, `a.png`.
+/// Data sets with a `transforms.json`, images and points included: that file and `a.ply`, with a 0 byte between them; beside them is
+/// one image, `a.png`.
 pub fn transforms(bytes: &[u8]) {
     let file = FOLDER.path().join("transforms.json");
     let (json, points) = match bytes.iter().position(|byte| *byte == 0) {
@@ -107,8 +107,8 @@ pub fn transforms(bytes: &[u8]) {
     assert!(dataset.points.iter().all(|point| point.position.is_finite()));
     for view in dataset.views {
         view.camera.validate().expect("a possible camera");
-        let photograph = view.read_image().expect("a photograph that is there");
-        assert_eq!(photograph.image.size(), (view.camera.width, view.camera.height));
+        let posed = view.read_image().expect("an image that is there");
+        assert_eq!(posed.image.size(), (view.camera.width, view.camera.height));
     }
 }
 

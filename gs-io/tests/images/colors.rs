@@ -96,7 +96,7 @@ fn converted(from: &str) -> Vec<ImageRemark> {
 }
 
 #[test]
-fn a_display_p3_photograph_does_not_shift() {
+fn a_display_p3_image_does_not_shift() {
     let profile = ColorProfile::new_display_p3().encode().unwrap();
     let expected = expected(P3, linear);
     assert_eq!(read_as(&png_in(&profile), &expected), converted("the colour profile Display P3"));

@@ -86,9 +86,9 @@ pub(crate) fn binary_ply(order: &str) -> Vec<u8> {
     let mut bytes = format!("ply\r\nformat binary_{order}_endian 1.0\r\nelement vertex 2\r\n").into_bytes();
     let scalars = "x y z opacity rot_0 rot_1 rot_2 rot_3 scale_0 scale_1 scale_2";
     let names = scalars.split(' ').map(|name| format!("double {name}"));
-    let harmonics = (0..3).map(|k| format!("float f_dc_{k}")).chain((0..9).map(|k| format!("float f_rest_{k}")));
+    let sh = (0..3).map(|k| format!("float f_dc_{k}")).chain((0..9).map(|k| format!("float f_rest_{k}")));
     let list = ["list ushort short notes".to_owned()];
-    names.chain(list).chain(harmonics).for_each(|p| bytes.extend(format!("property {p}\r\n").into_bytes()));
+    names.chain(list).chain(sh).for_each(|p| bytes.extend(format!("property {p}\r\n").into_bytes()));
     bytes.extend(b"end_header\r\n");
     let mut put = |part: &[u8]| match order {
         "big" => bytes.extend(part.iter().rev()),

@@ -147,9 +147,6 @@ pub(crate) struct ColdStartMeasured {
 }
 
 /// Fits from the border with and without cures, and from the paper's start.
-///
-/// # Errors
-/// Those of the fits.
 pub(crate) fn measure<R: Optimizer<Scene2d>>(laboratory: &mut Laboratory<'_, R>) -> Result<ColdStartMeasured, Error> {
     let extent = laboratory.extent();
     let target = SyntheticTarget::PAPER_8_BIT.image();
@@ -264,9 +261,6 @@ fn positional_gradients<R: Optimizer<Scene2d>>(
 
 impl ColdStartMeasured {
     /// The fits of a start.
-    ///
-    /// # Panics
-    /// Never: all starts are measured.
     pub(crate) fn trajectory(&self, start: Start) -> &Trajectory {
         self.trajectories.iter().find(|trajectory| trajectory.start == start).expect("all starts are measured")
     }

@@ -127,9 +127,6 @@ pub(crate) struct EdgesMeasured {
 
 /// Fits the paper's target as the paper does, with several seeds, and evaluates where the Gaussians
 /// are.
-///
-/// # Errors
-/// Those of the fits.
 pub(crate) fn measure<R: Optimizer<Scene2d>>(laboratory: &mut Laboratory<'_, R>) -> Result<EdgesMeasured, Error> {
     let target = paper_target();
     let seeds = laboratory.extent().seeds(8, 2);
@@ -216,9 +213,6 @@ fn seeds_with(what: &str, less: &[f64], more: &[f64]) -> Circumstance {
 
 impl EdgesMeasured {
     /// The Gaussians in a zone.
-    ///
-    /// # Panics
-    /// Never: all zones are measured.
     pub(crate) fn population(&self, zone: Zone) -> &Population {
         self.populations.iter().find(|p| p.zone == zone).expect("all zones are measured")
     }

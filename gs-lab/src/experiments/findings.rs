@@ -158,6 +158,7 @@ pub struct Table {
 
 /// A cell of a table.
 #[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
 pub enum Cell {
     /// Text.
     Text(String),

@@ -95,9 +95,6 @@ pub(crate) struct InstabilityMeasured {
 
 /// Sets a scale to ever smaller values with every guard, makes small fits, and measures the price
 /// of minimum scales.
-///
-/// # Errors
-/// Those of the product's fits but for [`Error::Diverged`], which is counted.
 pub(crate) fn measure<R: Optimizer<Scene2d>>(laboratory: &mut Laboratory<'_, R>) -> Result<InstabilityMeasured, Error> {
     let small = SyntheticTarget::THIN_LINES_24_PX.image();
     let angles = laboratory.extent().choose(32, 8);
@@ -127,17 +124,11 @@ fn unless_diverged<T>(made: Result<T, Error>) -> Result<Option<T>, Error> {
 
 impl InstabilityMeasured {
     /// The results of setting a scale under a guard.
-    ///
-    /// # Panics
-    /// Never: all guards are measured.
     pub(crate) fn drive(&self, guard: Guard) -> &Drive {
         self.drives.iter().find(|drive| drive.guard == guard).expect("all guards are measured")
     }
 
     /// The fits of a target with a minimum scale.
-    ///
-    /// # Panics
-    /// Where they were not made: targets are "circle and square" and "thin lines", floors 1 and 0.25 px.
     pub(crate) fn floor(&self, target: &str, min_scale_px: f32) -> &Floor {
         let mut floors = self.floors.iter();
         floors.find(|f| f.target == target && f.min_scale_px == min_scale_px).expect("all floors are measured")

@@ -4,6 +4,7 @@ use gs_core::{Canvas, Image, Optimizer, RenderSettings, Scene2d, counted};
 use pollster::FutureExt as _;
 
 use super::findings::Picture;
+use crate::figure::{Axis, Figure, Marks, Series};
 use gs_train::{Control, Error, Fit, FitSettings, FitSummary, Observer, Progress, Recovery, Trainer};
 
 /// The extent of an experiment.
@@ -182,6 +183,21 @@ impl Run {
         let from = end.saturating_sub(SMOOTHED_STEPS);
         self.losses[from..end].iter().map(|&loss| f64::from(loss)).sum::<f64>() / (end - from).max(1) as f64
     }
+}
+
+/// Charts of count and loss over the steps of seed 0.
+pub(crate) fn course_charts([counts, losses]: &[Vec<Series>; 2]) -> [Figure; 2] {
+    let chart = |name: &str, title: &str, y: Axis, series: &Vec<Series>| Figure {
+        name: name.to_owned(),
+        title: title.to_owned(),
+        x: Axis::linear("step"),
+        y,
+        marks: Marks::lines(series.clone()),
+    };
+    [
+        chart("count", "Gaussians over steps, seed 0", Axis::linear("Gaussians"), counts),
+        chart("loss", "Loss over steps, seed 0", Axis::logarithmic("loss (L1 + D-SSIM)"), losses),
+    ]
 }
 
 /// Steps over which a noisy loss is averaged.

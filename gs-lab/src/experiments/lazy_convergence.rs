@@ -13,11 +13,11 @@ use gs_core::{Optimizer, Scene2d, constants::TAU_POSITION};
 use gs_density::{Grow, Policy, Signal};
 
 pub(crate) use self::case::{Case, Outcome, Trial, Variation};
-use self::case::{SQUARE_SIDE_PX, absolute, targets};
+use self::case::{SQUARE_SIDE_PX, targets};
 use super::{
     Cell, Circumstance, Claim, Extent, Findings, Laboratory, Number, Paired, Picture, SHARP_DB, Table,
     findings::significant,
-    laboratory::{Ellipses, Run, Shown, seeds_in_words},
+    laboratory::{Ellipses, Run, Shown, course_charts, seeds_in_words},
     paired::{Sense, gain, mean},
     set_up::paper_settings,
 };
@@ -86,8 +86,6 @@ pub(crate) struct Growth {
 pub(crate) struct LazyMeasured {
     /// The criteria on the paper's target, as in [`Criterion::ALL`].
     pub(crate) growths: Vec<Growth>,
-    /// (threshold in normalised device units, Gaussians, PSNR in dB) on the paper's target.
-    pub(crate) scan: Vec<(f64, u32, f64)>,
     /// Targets that differ from the paper's in one respect; the first is the paper's.
     pub(crate) cases: Vec<Case>,
     /// A white target, on which growth gains nothing.
@@ -111,9 +109,6 @@ pub(crate) struct Blank {
 
 /// Fits the paper's target with all criteria, and searches the threshold that works on other
 /// targets.
-///
-/// # Errors
-/// Those of the fits.
 pub(crate) fn measure<R: Optimizer<Scene2d>>(laboratory: &mut Laboratory<'_, R>) -> Result<LazyMeasured, Error> {
     let extent = laboratory.extent();
     let target = DiscAndSquare::default().image()?;
@@ -124,14 +119,6 @@ pub(crate) fn measure<R: Optimizer<Scene2d>>(laboratory: &mut Laboratory<'_, R>)
             laboratory.fit(&label, &target, criterion.settings(extent, seed))
         };
         runs.push((0..extent.choose(6, 2)).map(one).collect::<Result<_, Error>>()?);
-    }
-    let scanned: &[f64] =
-        extent.choose(&[0.0002, 0.0005, 0.001, 0.002, 0.004, 0.006, 0.008, 0.01, 0.0128, 0.02, 0.04, 0.08], &[]);
-    let mut scan = Vec::new();
-    for &tau in scanned {
-        let settings = FitSettings { policy: absolute(tau), ..Criterion::AbsoluteDevice.settings(extent, 0) };
-        let run = laboratory.fit(&format!("threshold {tau}"), &target, settings)?;
-        scan.push((tau, run.count(), run.psnr()));
     }
     let trial = Trial::of(extent);
     let mut cases: Vec<Case> = Vec::new();
@@ -155,7 +142,6 @@ pub(crate) fn measure<R: Optimizer<Scene2d>>(laboratory: &mut Laboratory<'_, R>)
     }
     Ok(LazyMeasured {
         growths: Criterion::ALL.iter().zip(&runs).map(|(&criterion, runs)| Growth::of(criterion, runs)).collect(),
-        scan,
         cases,
         blank,
         trial,
@@ -189,9 +175,6 @@ impl Growth {
 
 impl LazyMeasured {
     /// The fits with a criterion.
-    ///
-    /// # Panics
-    /// Never: all criteria are measured.
     pub(crate) fn growth(&self, criterion: Criterion) -> &Growth {
         self.growths.iter().find(|growth| growth.criterion == criterion).expect("all criteria are measured")
     }

@@ -43,6 +43,7 @@ pub const SHARP_DB: f64 = 35.0;
 
 /// An experiment, in the paper's order.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[non_exhaustive]
 pub enum Experiment {
     /// 20 large Gaussians become 600, and the value of growth.
     SetUp,
@@ -143,28 +144,6 @@ impl fmt::Display for Experiment {
         f.write_str(self.name())
     }
 }
-
-/// A claim of the paper that no experiment tests.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Elsewhere {
-    /// Title.
-    pub title: &'static str,
-    /// Where the paper claims it.
-    pub section: &'static str,
-    /// What the paper claims, in other words.
-    pub statement: &'static str,
-    /// What measures it instead.
-    pub by: &'static str,
-}
-
-/// Claims that benchmarks measure, because they depend on the machine and the build.
-pub const ELSEWHERE: [Elsewhere; 1] = [Elsewhere {
-    title: "Memory and storage",
-    section: "§5.3",
-    statement: "Trained scenes of millions of Gaussians take gigabytes on disk and more than 20 GB of memory while they are trained.",
-    by: "Measured by two benchmarks of gs-lab: `formats` (bytes per Gaussian on disk in every format) and `memory` (peak memory in \
-         training by Gaussians, tile entries and pixels). Their records are in benchmarks/.",
-}];
 
 #[cfg(test)]
 mod tests {

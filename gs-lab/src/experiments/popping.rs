@@ -61,9 +61,6 @@ pub(crate) struct PoppingMeasured {
 }
 
 /// Flies around both synthetic scenes.
-///
-/// # Errors
-/// Those of the backend.
 pub(crate) fn measure<R: Optimizer<Scene3d>>(laboratory: &mut Laboratory<'_, R>) -> Result<PoppingMeasured, Error> {
     let (extent, rasterizer) = (laboratory.extent(), laboratory.rasterizer());
     let render = usual_settings();

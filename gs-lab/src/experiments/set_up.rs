@@ -14,11 +14,10 @@ use pollster::FutureExt as _;
 
 use super::{
     Cell, Circumstance, Claim, Extent, Findings, Laboratory, Number, Paired, Picture, SHARP_DB, Table,
-    findings::significant,
-    laboratory::{Ellipses, Run, Shown},
+    laboratory::{Ellipses, Run, Shown, course_charts},
     paired::{Sense, gain, mean, median},
 };
-use crate::figure::{Axis, Figure, Marks, Series};
+use crate::figure::Series;
 use gs_train::{Error, FitSettings, Init, InitialCount, Rounds, Trainer, init::Random, paper_target};
 
 /// σ of 600 Gaussians that cover as much as the paper's 20 of 15 px: N σ² is the same.
@@ -86,8 +85,6 @@ pub(crate) struct GrowthRound {
     /// ln of the loss before the next round divided by that before this one: the net effect of the
     /// round.
     pub(crate) net: f64,
-    /// Change of the slope at the same step in the fit of the same seed without growth.
-    pub(crate) control_change: f64,
     /// Net effect in that fit.
     pub(crate) control_net: f64,
 }
@@ -122,9 +119,6 @@ pub(crate) struct SetUpMeasured {
 }
 
 /// Fits with the paper's growth, and equally long fits without growth.
-///
-/// # Errors
-/// Those of the fits.
 pub(crate) fn measure<R: Optimizer<Scene2d>>(laboratory: &mut Laboratory<'_, R>) -> Result<SetUpMeasured, Error> {
     let extent = laboratory.extent();
     let target = paper_target();
@@ -204,7 +198,6 @@ fn growth_rounds(seed: u32, run: &Run, control: &Run) -> Vec<GrowthRound> {
         .filter(|&step| run.counts[step - 1] > run.counts[step - 2])
         .map(|step| {
             let (slope_before, slope_after) = slopes(&run.losses, step);
-            let (control_before, control_after) = slopes(&control.losses, step);
             GrowthRound {
                 seed,
                 step: step as u32,
@@ -213,7 +206,6 @@ fn growth_rounds(seed: u32, run: &Run, control: &Run) -> Vec<GrowthRound> {
                 slope_after,
                 jump: (f64::from(run.losses[step]) / f64::from(run.losses[step - 1])).ln(),
                 net: net(&run.losses, step),
-                control_change: control_after - control_before,
                 control_net: net(&control.losses, step),
             }
         })
@@ -295,7 +287,6 @@ mod tests {
             slope_after: 0.0,
             jump,
             net: 0.0,
-            control_change: 0.0,
             control_net: 0.0,
         };
         let rounds: Vec<_> = (0..30).map(|_| round(0, -3.0)).chain([round(1, 1.0), round(1, 2.0)]).collect();

@@ -10,15 +10,9 @@ use super::Change;
 /// A rasterizer with its scene, independent of its type.
 pub trait Renderer<V> {
     /// Seconds of one forward pass, until the backend has finished it. The image is not read back.
-    ///
-    /// # Errors
-    /// Those of [`Rasterizer::forward`](gs_core::Rasterizer::forward).
     fn seconds(&self, view: &V, settings: &RenderSettings) -> Result<f64, Error>;
 
     /// The picture.
-    ///
-    /// # Errors
-    /// Those of [`Rasterizer::forward`](gs_core::Rasterizer::forward).
     fn image(&self, view: &V, settings: &RenderSettings) -> Result<Image, Error>;
 }
 

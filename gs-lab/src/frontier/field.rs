@@ -55,9 +55,6 @@ impl<S: Verifiable> Field<'_, S> {
 
     /// The true pictures of the views. Their worst pixels are found on the first backend that can
     /// render without cut-offs.
-    ///
-    /// # Errors
-    /// Those of rendering, and of the oracle for effects that it does not have.
     pub(super) fn truths(&self, views: &[S::View]) -> Result<Vec<Truth<S>>, Error> {
         let (scene, settings) = (self.scene.rows(), self.tightest());
         let able = self.able(&settings, views)?.unwrap_or_default();
@@ -69,9 +66,6 @@ impl<S: Verifiable> Field<'_, S> {
     }
 
     /// The error of a candidate's pictures.
-    ///
-    /// # Errors
-    /// Those of rendering.
     pub(super) fn error(
         &self,
         contender: usize,
@@ -86,9 +80,6 @@ impl<S: Verifiable> Field<'_, S> {
     }
 
     /// Seconds per view of each row, measured interleaved as by [`search`].
-    ///
-    /// # Errors
-    /// Those of rendering.
     pub(super) fn times(&self, rows: &[&Measured], views: &[S::View], seconds: f64) -> Result<Vec<Vec<f64>>, Error> {
         let candidates: Vec<Candidate> =
             rows.iter().map(|row| Candidate { contender: row.contender, settings: row.settings }).collect();

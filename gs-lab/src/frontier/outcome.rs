@@ -8,6 +8,7 @@ use super::{Change, Comparison, Noise, PictureError};
 /// The role of a row.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
+#[non_exhaustive]
 pub enum Role {
     /// The default settings.
     Default,
@@ -26,6 +27,7 @@ pub enum Role {
 /// A row: settings on a contender, with their times and error.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
+#[non_exhaustive]
 pub struct Measured {
     /// The backend.
     pub backend: String,
@@ -96,6 +98,7 @@ pub struct BackendNoise {
 /// The result of a search.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
+#[non_exhaustive]
 pub struct Frontier {
     /// All measured rows, by backend, quickest first.
     pub rows: Vec<Measured>,

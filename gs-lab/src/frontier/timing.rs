@@ -26,9 +26,6 @@ pub(super) struct Candidate {
 /// Seconds per view of each candidate, one value for each round that it took part in. There are as
 /// many rounds as fit into `seconds`, but at least seven, after a warm-up. Every second round is in
 /// reverse order, so that a candidate does not always follow the same neighbour.
-///
-/// # Errors
-/// Those of rendering.
 pub(super) fn interleaved<V>(
     contenders: &[Contender<'_, V>],
     candidates: &[Candidate],

@@ -66,9 +66,6 @@ impl<S: Verifiable> std::fmt::Debug for Truth<S> {
 impl<S: Verifiable> Truth<S> {
     /// The true picture of one of `views` views of a scene. `settings` have no cut-offs, and
     /// `tightest` is a backend's rendering with them.
-    ///
-    /// # Errors
-    /// Those of [`Oracle::new`], where the oracle does not have an effect.
     pub(super) fn new(
         scene: &OracleScene,
         view: &S::View,
@@ -96,9 +93,6 @@ impl<S: Verifiable> Truth<S> {
     /// The error of a picture of this view. The maximum is over the worst pixel and the sample, by
     /// the oracle. The means are over all pixels by the tightest rendering, or over the sample by
     /// the oracle, whichever are larger.
-    ///
-    /// # Errors
-    /// [`Error::SizesDiffer`].
     pub(super) fn error(&self, picture: &Image) -> Result<PictureError, Error> {
         self.tightest.same_size(picture)?;
         let difference = |[x, y]: [u32; 2], true_color: [f64; 3]| {

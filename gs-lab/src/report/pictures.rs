@@ -39,9 +39,6 @@ pub(crate) struct Multiple {
 
 /// Pictures of the first seed at a budget, for as many images as fit into [`MOST_CHARS`], at least
 /// one.
-///
-/// # Errors
-/// [`Error::Picture`].
 pub(crate) fn multiples(
     results: &Results<'_>,
     budget: u32,

@@ -9,9 +9,6 @@ use gs_core::Image;
 const LINES: [(f32, f32); 5] = [(0.13, 0.3), (0.71, 0.45), (1.22, 0.6), (1.9, 0.38), (2.6, 0.55)];
 
 /// Dark lines of one pixel's width on white, in several directions.
-///
-/// # Errors
-/// [`gs_core::Error::Size`] where the side is not possible.
 pub(super) fn thin_lines(side_px: u32) -> Result<Image, gs_core::Error> {
     let side = side_px as f32;
     Image::from_fn(side_px, side_px, |x, y| {

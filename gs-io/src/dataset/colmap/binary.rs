@@ -1,4 +1,4 @@
-//! COLMAP's binary files: little-endian, without padding; each starts with its count of records.
+//! COLMAP's binary files: little-endian, without padding; each starts with its number of records.
 
 use std::{collections::BTreeMap, path::Path};
 
@@ -7,15 +7,16 @@ use glam::{DQuat, DVec3, dvec2, dvec3};
 use super::{CameraModel, ColmapCamera, ColmapImage, ColmapPoint, NO_POINT, Observation, unknown_model};
 use crate::error::Error;
 
-/// Bytes of a camera's number, model and size.
+/// Size of a camera's id, model and size.
 const CAMERA_BYTES: usize = 4 + 4 + 8 + 8;
-/// Bytes of an image without a name and keypoints: number, pose, camera, end of the name, count of keypoints.
+/// Size of an image without name and keypoints: id, pose, camera, end of the name, number of
+/// keypoints.
 const IMAGE_BYTES: usize = 4 + 7 * 8 + 4 + 1 + 8;
 /// Bytes of a keypoint.
 const OBSERVATION_BYTES: usize = 8 + 8 + 8;
-/// Bytes of a point without a track: number, position, colour, error, length of the track.
+/// Size of a point without a track: id, position, colour, error, length of the track.
 const POINT_BYTES: usize = 8 + 3 * 8 + 3 + 8 + 8;
-/// Bytes of an element of a track: image, keypoint.
+/// Size of a track element: image, keypoint.
 const TRACK_BYTES: usize = 4 + 4;
 
 /// `cameras.bin`.
@@ -83,7 +84,7 @@ pub(super) fn points(path: &Path, bytes: &[u8]) -> Result<Vec<ColmapPoint>, Erro
     Ok(points)
 }
 
-/// Bytes, and how far they are read.
+/// A cursor in the bytes of a file.
 struct Reader<'a> {
     path: &'a Path,
     what: &'static str,
@@ -120,7 +121,8 @@ impl Reader<'_> {
         Ok(values)
     }
 
-    /// A count of records of at least `least` bytes each, all of which the rest of the file has room for.
+    /// Reads a number of records of at least `least` bytes each, and checks that the rest of the
+    /// file has room for them.
     fn count(&mut self, records: &str, least: usize) -> Result<usize, Error> {
         let start = self.at;
         let count = self.u64()?;
@@ -134,7 +136,7 @@ impl Reader<'_> {
         }
     }
 
-    /// A text that ends with a 0 byte; what is not UTF-8 in it becomes U+FFFD.
+    /// Reads a text that ends with a 0 byte; invalid UTF-8 becomes U+FFFD.
     fn name(&mut self) -> Result<String, Error> {
         let rest = &self.bytes[self.at..];
         let Some(length) = rest.iter().position(|byte| *byte == 0) else {

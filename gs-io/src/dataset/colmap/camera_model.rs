@@ -1,4 +1,4 @@
-//! COLMAP's camera models: number, name, how many parameters in which order, and what they mean.
+//! COLMAP's camera models: ids, names, and the order and meaning of their parameters.
 //!
 //! *Source:* COLMAP's documentation ("Camera Models") and `sensor/models`, as of version 4.
 
@@ -9,10 +9,11 @@ use crate::dataset::{
     assemble::{Focal, Intrinsics},
 };
 
-/// A camera model of COLMAP; the discriminant is its number in binary files.
+/// A camera model of COLMAP. The discriminant is its id in binary files.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[repr(u8)]
 #[allow(missing_docs, reason = "the names are COLMAP's, and their parameters stand in `parameter_names`")]
+#[non_exhaustive]
 pub enum CameraModel {
     SimplePinhole,
     Pinhole,
@@ -37,7 +38,7 @@ pub enum CameraModel {
 use CameraModel as M;
 
 impl CameraModel {
-    /// All of them, in the order of their numbers.
+    /// All models in the order of their ids.
     pub const ALL: [Self; 18] = [
         M::SimplePinhole,
         M::Pinhole,
@@ -83,22 +84,23 @@ impl CameraModel {
         }
     }
 
-    /// The number in binary files.
+    /// The id in binary files.
     pub fn id(self) -> u32 {
         self as u32
     }
 
-    /// The model of a number; `None` where there is none.
+    /// The model of an id.
     pub fn from_id(id: u32) -> Option<Self> {
         Self::ALL.get(id as usize).copied()
     }
 
-    /// The model of a name; `None` where there is none.
+    /// The model of a name.
     pub fn from_name(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|model| model.name() == name)
     }
 
-    /// The parameters in their order: focal lengths and principal point in px, coefficients without unit.
+    /// The names of the parameters, in their order: focal lengths and principal point in px, and
+    /// dimensionless coefficients.
     pub fn parameter_names(self) -> &'static [&'static str] {
         match self {
             M::SimplePinhole | M::SimpleFisheye => &["f", "cx", "cy"],
@@ -119,7 +121,7 @@ impl CameraModel {
         }
     }
 
-    /// What the parameters say of a camera of `size` px.
+    /// The intrinsics of a camera of `size` px with these parameters.
     pub(in crate::dataset) fn intrinsics(self, parameters: &[f64], size: DVec2) -> Result<Intrinsics, Skip> {
         if parameters.len() != self.parameter_names().len() {
             return Err(Skip::BadCamera);
@@ -133,7 +135,7 @@ impl CameraModel {
         Ok(Intrinsics { focal: Focal::Lengths(focal), center: Some(center), size: Some(size), distortion })
     }
 
-    /// What follows focal lengths and principal point; `None` where there are too many or too few.
+    /// The distortion by the parameters after the principal point; `None` if their number is wrong.
     fn distortion(self, coefficients: &[f64]) -> Option<Distortion> {
         let brown = |radial: [f64; 3], divisor: [f64; 3], tangential: [f64; 2]| {
             let [k1, k2, k3] = radial;

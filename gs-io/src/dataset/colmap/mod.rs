@@ -1,7 +1,7 @@
-//! COLMAP's sparse models: cameras, images and points, as the files have them, and the data set that is made of them.
+//! COLMAP's sparse models: cameras, images and points as stored, and the data set made of them.
 //!
-//! *Source:* COLMAP's documentation ("Output Format"). `rigs` and `frames`, which newer versions add, say nothing that the images' own
-//! poses do not; they are not read.
+//! *Source:* COLMAP's documentation ("Output Format"). `rigs` and `frames`, which newer versions
+//!   add, contain nothing beyond the images' own poses and are not read.
 
 mod binary;
 mod camera_model;
@@ -25,33 +25,33 @@ use super::{
 };
 use crate::error::Error;
 
-/// Where masks are looked for: `masks/NAME.png` for the photograph `images/NAME`, as COLMAP has it.
+/// The folder of masks: `masks/NAME.png` for the image `images/NAME`.
 const MASK_FOLDER: &str = "masks";
 
-/// The number of no point.
+/// The id that stands for no point.
 const NO_POINT: u64 = u64::MAX;
 
-/// A sparse model, as its files have it: nothing is checked but their form.
+/// A sparse model as stored in its files. Only the format is checked.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct ColmapModel {
-    /// Cameras by number.
+    /// Cameras by id.
     pub cameras: BTreeMap<u32, ColmapCamera>,
-    /// Registered images, in the order of the file.
+    /// Registered images, in file order.
     pub images: Vec<ColmapImage>,
-    /// Points, in the order of the file.
+    /// Points, in file order.
     pub points: Vec<ColmapPoint>,
 }
 
-/// A camera: what several images may share.
+/// A camera, which several images may share.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ColmapCamera {
-    /// The model, which says what the parameters are.
+    /// The model, which defines the parameters.
     pub model: CameraModel,
     /// Columns of its images, px.
     pub width: u64,
     /// Rows of its images, px.
     pub height: u64,
-    /// As [`CameraModel::parameter_names`] lists them.
+    /// The parameters, in the order of [`CameraModel::parameter_names`].
     pub parameters: Vec<f64>,
 }
 
@@ -59,7 +59,7 @@ impl ColmapCamera {
     /// The camera of its images at full size.
     ///
     /// # Errors
-    /// Why there is none: [`Skip::BadCamera`] or [`Skip::Panorama`].
+    /// [`Skip::BadCamera`] or [`Skip::Panorama`].
     pub fn source(&self) -> Result<SourceCamera, Skip> {
         let size = dvec2(self.width as f64, self.height as f64);
         let intrinsics = self.model.intrinsics(&self.parameters, size)?;
@@ -73,15 +73,15 @@ impl ColmapCamera {
 /// A registered image.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ColmapImage {
-    /// Its number.
+    /// The id.
     pub id: u32,
     /// World-to-camera rotation, not normalised.
     pub rotation: DQuat,
     /// World-to-camera translation, world units.
     pub translation: DVec3,
-    /// The number of its camera.
+    /// The id of its camera.
     pub camera_id: u32,
-    /// Its path below the image folder.
+    /// The path below the image folder.
     pub name: String,
     /// Its keypoints.
     pub observations: Vec<Observation>,
@@ -90,28 +90,29 @@ pub struct ColmapImage {
 /// A keypoint of an image.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Observation {
-    /// px of the distorted image from its top-left corner; pixel (i, j) has its centre at (i + ½, j + ½).
+    /// Position in px of the distorted image, from its top-left corner; pixel (i, j) has its centre
+    /// at (i + ½, j + ½).
     pub position: DVec2,
-    /// The number of the point that it shows, if it was triangulated.
+    /// The id of its point, if it was triangulated.
     pub point: Option<u64>,
 }
 
 /// A triangulated point.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ColmapPoint {
-    /// Its number.
+    /// The id.
     pub id: u64,
-    /// World units.
+    /// Position, world units.
     pub position: DVec3,
-    /// RGB.
+    /// Colour, RGB.
     pub color: [u8; 3],
     /// Mean reprojection error, px; −1 where COLMAP did not compute it.
     pub error: f64,
 }
 
 impl ColmapModel {
-    /// Reads the model in a folder: the binary files where there is a `cameras.bin`, else the text files. A model without a file of points
-    /// has none.
+    /// Reads the model in a folder: the binary files if there is a `cameras.bin`, else the text
+    /// files. The file of points is optional.
     ///
     /// # Errors
     /// [`Error::Missing`] or [`Error::Read`]; those of [`Self::from_binary`] or [`Self::from_text`].
@@ -127,11 +128,12 @@ impl ColmapModel {
         parse(folder, &cameras, &images, points.as_deref())
     }
 
-    /// The model that these bytes of `cameras.bin`, `images.bin` and `points3D.bin` hold; `folder` is for messages. No more memory is
-    /// taken than their lengths justify, whatever they count.
+    /// The model in the bytes of `cameras.bin`, `images.bin` and `points3D.bin`; `folder` is for
+    /// messages. Memory is limited by their lengths, not by the counts they claim.
     ///
     /// # Errors
-    /// [`Error::Damaged`] where a file ends early or counts more than it can hold, [`Error::UnknownCameraModel`].
+    /// [`Error::Damaged`] where a file ends early or claims more than it can contain,
+    /// [`Error::UnknownCameraModel`].
     pub fn from_binary(folder: &Path, cameras: &[u8], images: &[u8], points: Option<&[u8]>) -> Result<Self, Error> {
         let points = points.map(|bytes| binary::points(&folder.join("points3D.bin"), bytes)).transpose()?;
         Ok(Self {
@@ -141,7 +143,8 @@ impl ColmapModel {
         })
     }
 
-    /// The model that these bytes of `cameras.txt`, `images.txt` and `points3D.txt` hold; `folder` is for messages.
+    /// The model in the bytes of `cameras.txt`, `images.txt` and `points3D.txt`; `folder` is for
+    /// messages.
     ///
     /// # Errors
     /// [`Error::DamagedLine`], [`Error::UnknownCameraModel`].
@@ -154,7 +157,7 @@ impl ColmapModel {
         })
     }
 
-    /// `file` is that of the cameras.
+    /// Drafts of the views. `file` is that of the cameras.
     fn draft(&self, masks: Option<&Path>, file: &str, image: &ColmapImage) -> Draft {
         let intrinsics = self.cameras.get(&image.camera_id).ok_or(Skip::NoCamera).and_then(|camera| {
             let size = dvec2(camera.width as f64, camera.height as f64);
@@ -172,22 +175,19 @@ impl ColmapModel {
     }
 }
 
-/// What the names of a model's files end in.
+/// The extension of a model's files.
 fn extension(folder: &Path) -> &'static str {
     if folder.join("cameras.bin").is_file() { "bin" } else { "txt" }
 }
 
-/// Points as the engine has them; what is not finite is left to be counted.
+/// Points in the engine's form; those that are not finite are counted later.
 pub(super) fn points_of(points: &[ColmapPoint]) -> impl Iterator<Item = Point> {
     points
         .iter()
         .map(|point| Point { position: point.position.as_vec3(), color: point.color.map(|c| f32::from(c) / 255.0) })
 }
 
-/// Reads the data set at `root` whose model is in `folder`.
-///
-/// # Errors
-/// Those of [`ColmapModel::read`], [`Error::NoViews`], [`Error::Missing`] for an image folder that the settings name.
+/// Reads the data set at `root` with the model in `folder`.
 pub(super) fn read(root: &Path, folder: &Path, settings: &DatasetSettings) -> Result<Dataset, Error> {
     let model = ColmapModel::read(folder)?;
     let extension = extension(folder);
@@ -196,7 +196,7 @@ pub(super) fn read(root: &Path, folder: &Path, settings: &DatasetSettings) -> Re
     let places = match Place::chosen(root, settings, NamePart::Path)? {
         Some(place) => vec![place],
         None => {
-            // COLMAP may have been given the folder of the photographs itself to work in.
+            // COLMAP can work inside the folder of the images itself.
             let own = Place { folder: root.to_owned(), part: NamePart::Path, shrunk: 1.0 };
             IMAGE_FOLDERS.map(|name| Place::new(root, name, NamePart::Path)).into_iter().chain([own]).collect()
         }
@@ -214,7 +214,8 @@ fn unknown_model(path: &Path, found: impl ToString) -> Error {
     Error::UnknownCameraModel { path: path.to_owned(), found: found.to_string(), known }
 }
 
-/// COLMAP numbers the parts of a scene that it could not connect: 0, 1, …
+/// The remark on other models in the folder: COLMAP numbers the parts of a scene that it could not
+/// connect.
 fn other_models(folder: &Path) -> Option<Remark> {
     if folder.file_name()? != "0" {
         return None;

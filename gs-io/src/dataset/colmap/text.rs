@@ -1,5 +1,5 @@
-//! COLMAP's text files: a record a line, words between blanks, comments after `#`. An image has two lines, of which the second, its
-//! keypoints, may be empty.
+//! COLMAP's text files: one record per line, words separated by blanks, comments after `#`. An
+//! image has two lines, of which the second, its keypoints, may be empty.
 
 use std::{collections::BTreeMap, path::Path, str::FromStr};
 
@@ -8,7 +8,7 @@ use glam::{DQuat, dvec2, dvec3};
 use super::{CameraModel, ColmapCamera, ColmapImage, ColmapPoint, NO_POINT, Observation, unknown_model};
 use crate::error::Error;
 
-/// `cameras.txt`: number, model, columns, rows, parameters.
+/// `cameras.txt`: id, model, columns, rows, parameters.
 pub(super) fn cameras(path: &Path, bytes: &[u8]) -> Result<BTreeMap<u32, ColmapCamera>, Error> {
     let mut lines = Lines::new(path, "a COLMAP cameras.txt", bytes);
     let mut cameras = BTreeMap::new();
@@ -24,7 +24,8 @@ pub(super) fn cameras(path: &Path, bytes: &[u8]) -> Result<BTreeMap<u32, ColmapC
     Ok(cameras)
 }
 
-/// `images.txt`: number, quaternion w x y z, translation, camera, name; then the keypoints: x, y, point or −1.
+/// `images.txt`: id, quaternion w x y z, translation, camera, name; then the keypoints: x, y, point
+/// or −1.
 pub(super) fn images(path: &Path, bytes: &[u8]) -> Result<Vec<ColmapImage>, Error> {
     let mut lines = Lines::new(path, "a COLMAP images.txt", bytes);
     let mut images = Vec::new();
@@ -38,7 +39,7 @@ pub(super) fn images(path: &Path, bytes: &[u8]) -> Result<Vec<ColmapImage>, Erro
         if let Some(mut words) = lines.next()? {
             while !words.is_empty() {
                 let [x, y] = words.numbers("a keypoint x y")?;
-                // No point is -1, or the largest number in files of old versions.
+                // -1 stands for no point, in files of old versions the largest number.
                 let point: i128 = words.number("a point's number or -1")?;
                 let point = u64::try_from(point).ok().filter(|point| *point != NO_POINT);
                 observations.push(Observation { position: dvec2(x, y), point });
@@ -50,7 +51,7 @@ pub(super) fn images(path: &Path, bytes: &[u8]) -> Result<Vec<ColmapImage>, Erro
     Ok(images)
 }
 
-/// `points3D.txt`: number, position, colour, error, track.
+/// `points3D.txt`: id, position, colour, error, track.
 pub(super) fn points(path: &Path, bytes: &[u8]) -> Result<Vec<ColmapPoint>, Error> {
     let mut lines = Lines::new(path, "a COLMAP points3D.txt", bytes);
     let mut points = Vec::new();
@@ -64,7 +65,7 @@ pub(super) fn points(path: &Path, bytes: &[u8]) -> Result<Vec<ColmapPoint>, Erro
     Ok(points)
 }
 
-/// A file's lines, counted.
+/// The lines of a file with their numbers.
 struct Lines<'a> {
     path: &'a Path,
     what: &'static str,
@@ -72,7 +73,7 @@ struct Lines<'a> {
     line: usize,
 }
 
-/// The words of a line that are still to be read.
+/// The remaining words of a line.
 struct Words<'a> {
     path: &'a Path,
     what: &'static str,
@@ -134,7 +135,7 @@ impl<'a> Words<'a> {
         Ok(values)
     }
 
-    /// All that is left, blanks included.
+    /// The rest of the line, blanks included.
     fn rest(&mut self, expected: &str) -> Result<&'a str, Error> {
         match std::mem::take(&mut self.rest) {
             "" => Err(self.damaged(expected, "the end of the line".to_owned())),
@@ -156,7 +157,7 @@ impl<'a> Words<'a> {
     }
 }
 
-/// A word that fits into a message.
+/// A word shortened for a message.
 fn shortened(word: &str) -> String {
     word.chars().filter(|c| !c.is_control()).take(40).collect()
 }

@@ -1,4 +1,4 @@
-//! The numbers behind an accessor, as `f32`.
+//! Reads the numbers of accessors as `f32`.
 
 use super::{
     buffers::Buffers,
@@ -6,7 +6,7 @@ use super::{
 };
 use crate::{error::Error, scene3d::source::Source};
 
-/// A type of number, by glTF's (and OpenGL's) number for it.
+/// A number type, by glTF's and OpenGL's code.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Component {
     I8,
@@ -36,7 +36,7 @@ impl Component {
         }
     }
 
-    /// The integer that stands for 1 where integers are normalised.
+    /// The integer that stands for 1 if integers are normalised.
     fn largest(self) -> Option<u16> {
         match self {
             Self::I8 => Some(127),
@@ -47,7 +47,7 @@ impl Component {
         }
     }
 
-    /// The number at the start of `bytes`; a normalised integer stands for −1..1 or 0..1.
+    /// Decodes the number at the start of `bytes`; a normalised integer stands for −1..1 or 0..1.
     fn decode(self, bytes: &[u8], normalized: bool) -> f32 {
         let two = || [bytes[0], bytes[1]];
         let value = match self {
@@ -64,7 +64,7 @@ impl Component {
     }
 }
 
-/// Looks into accessors.
+/// Reads accessors.
 #[derive(Debug)]
 pub(super) struct Accessors<'a> {
     pub(super) source: &'a Source<'a>,
@@ -73,12 +73,13 @@ pub(super) struct Accessors<'a> {
 }
 
 impl Accessors<'_> {
-    /// How many rows accessor `number` claims to have.
+    /// The number of rows that accessor `number` claims to have.
     pub(super) fn count(&self, number: usize) -> Result<u64, Error> {
         Ok(self.accessor(number)?.count)
     }
 
-    /// Into how many equal steps accessor `number` divides the numbers from 0 to 1; `None` where it has floats, or integers as they are.
+    /// The number of equal steps between 0 and 1 in accessor `number`; `None` for floats and
+    /// integers that are not normalised.
     pub(super) fn steps(&self, number: usize) -> Result<Option<u16>, Error> {
         let accessor = self.accessor(number)?;
         Ok(Component::numbered(accessor.component_type).and_then(Component::largest).filter(|_| accessor.normalized))

@@ -1,4 +1,5 @@
-//! The bytes that a glTF refers to: in the second chunk of a `.glb`, in the JSON as base64, or in a file beside it.
+//! The buffers of a glTF: in the second chunk of a `.glb`, in the JSON as base64, or in a separate
+//! file.
 
 use std::{
     borrow::Cow,
@@ -19,13 +20,13 @@ pub(super) const BINARY_CHUNK: [u8; 4] = *b"BIN\0";
 const GLB_HEAD_BYTES: usize = 12;
 const CHUNK_HEAD_BYTES: usize = 8;
 
-/// Where the JSON of a glTF starts, that JSON, and the binary chunk of a `.glb`.
+/// Position of the JSON, the JSON, and the binary chunk of a `.glb`.
 pub(super) type Parts<'a> = (usize, &'a [u8], Option<&'a [u8]>);
 
 /// The parts of a glTF of either kind.
 pub(super) fn split<'a>(source: &Source<'a>) -> Result<Parts<'a>, Error> {
     if !source.bytes.starts_with(&GLB_MAGIC) {
-        // A byte-order mark, which JSON has no room for.
+        // A byte-order mark is not valid in JSON.
         let start = if source.bytes.starts_with(b"\xef\xbb\xbf") { 3 } else { 0 };
         return Ok((start, &source.bytes[start..], None));
     }
@@ -56,7 +57,7 @@ fn chunk<'a>(file: &Source<'a>, start: usize, kind: [u8; 4]) -> Result<&'a [u8],
 #[derive(Debug)]
 pub(super) struct Buffers<'a> {
     contents: Vec<Cow<'a, [u8]>>,
-    /// Sizes of the files beside the glTF, each once.
+    /// Sizes of the separate files, each once.
     files: BTreeMap<PathBuf, u64>,
 }
 
@@ -83,12 +84,12 @@ impl<'a> Buffers<'a> {
         self.contents.get(number).map(AsRef::as_ref)
     }
 
-    /// Bytes of all of them that are not in the file itself as they are.
+    /// Total size of buffers that are not part of the file as they are.
     pub(super) fn decoded_bytes(&self) -> u64 {
         self.contents.iter().filter(|b| matches!(b, Cow::Owned(_))).map(|b| b.len() as u64).sum()
     }
 
-    /// The files beside the glTF and their sizes, whole.
+    /// The separate files with their sizes.
     pub(super) fn files(&self) -> &BTreeMap<PathBuf, u64> {
         &self.files
     }
@@ -116,14 +117,14 @@ fn of_uri(
     Ok(bytes)
 }
 
-/// The path of a file in the glTF's folder or below.
+/// The path of a file in the glTF's folder or a subfolder.
 fn beside(gltf: &Path, uri: &str) -> Option<PathBuf> {
     let name = decoded(uri)?;
     let inside = Path::new(&name).components().all(|part| matches!(part, Component::Normal(_)));
     (inside && !name.is_empty() && !name.contains(':')).then(|| gltf.with_file_name(name))
 }
 
-/// A uri without its percent signs.
+/// Decodes percent signs of a uri.
 fn decoded(uri: &str) -> Option<String> {
     let mut parts = uri.split('%');
     let mut bytes = parts.next()?.as_bytes().to_vec();

@@ -1,16 +1,16 @@
-//! What of a glTF's JSON concerns Gaussians.
+//! The parts of a glTF's JSON that concern Gaussians.
 //!
-//! Own structures and not those of the gltf crates: they know the names of glTF's own attributes only, and drop the others.
+//! The gltf crates are not used because they drop unknown attributes.
 
 use std::collections::BTreeMap;
 
 use glam::{DAffine3, DMat4, DQuat, DVec3};
 use serde::Deserialize;
 
-/// The extension, and the start of its attributes' names.
+/// The name of the extension, with which its attributes begin.
 pub(super) const EXTENSION: &str = "KHR_gaussian_splatting";
 
-/// A document; whatever else it has is passed over.
+/// A document; other members are ignored.
 #[derive(Debug, Default, Deserialize)]
 #[serde(rename_all = "camelCase", default)]
 pub(super) struct Document {
@@ -35,7 +35,7 @@ pub(super) struct SceneNodes {
 pub(super) struct Node {
     pub(super) mesh: Option<usize>,
     pub(super) children: Vec<usize>,
-    /// Column by column.
+    /// By columns.
     matrix: Option<[f64; 16]>,
     translation: Option<[f64; 3]>,
     /// x, y, z, w.
@@ -44,13 +44,13 @@ pub(super) struct Node {
 }
 
 impl Node {
-    /// From the node's coordinates to its parent's.
+    /// The map from the node's coordinates to its parent's.
     pub(super) fn map(&self) -> DAffine3 {
         match &self.matrix {
             Some(matrix) => DAffine3::from_mat4(DMat4::from_cols_array(matrix)),
             None => {
                 let rotation = self.rotation.map_or(DQuat::IDENTITY, DQuat::from_array);
-                // A quaternion of another length would scale.
+                // A quaternion that is not normalised would scale.
                 let rotation = if rotation.is_normalized() { rotation } else { rotation.normalize() };
                 DAffine3::from_scale_rotation_translation(
                     self.scale.map_or(DVec3::ONE, DVec3::from),
@@ -73,7 +73,7 @@ pub(super) struct Mesh {
 pub(super) struct Primitive {
     pub(super) attributes: BTreeMap<String, usize>,
     extensions: BTreeMap<String, serde_json::Value>,
-    /// Whatever a program has to say besides.
+    /// Free data of the program that wrote the file.
     pub(super) extras: serde_json::Value,
 }
 
@@ -82,12 +82,12 @@ pub(super) struct Primitive {
 #[serde(rename_all = "camelCase", default)]
 pub(super) struct Splatting {
     pub(super) color_space: Option<String>,
-    /// Such as a compression.
+    /// For example a compression.
     pub(super) extensions: BTreeMap<String, serde_json::Value>,
 }
 
 impl Primitive {
-    /// The extension, if these are Gaussians.
+    /// The extension, if the primitive consists of Gaussians.
     pub(super) fn splatting(&self) -> Option<Splatting> {
         self.extensions.get(EXTENSION).map(|value| serde_json::from_value(value.clone()).unwrap_or_default())
     }

@@ -1,8 +1,8 @@
-//! Colours in linear light, made into those of image files.
+//! Converts colours from linear light to sRGB.
 //!
-//! The extension's `lin_rec709_display` wants splats blended in linear light, and the picture converted. Scenes here hold colours as
-//! image files do, so each Gaussian's are converted by themselves: c′(d) ≈ f(c₀) + f′(c₀) (c(d) − c₀) with sRGB's f and the constant
-//! part c₀.
+//! The extension's `lin_rec709_display` requires blending in linear light and converting the
+//! picture. Scenes here have sRGB colours, so each Gaussian's are converted: c′(d) ≈ f(c₀) + f′(c₀)
+//! (c(d) − c₀) with sRGB's f and the constant part c₀.
 
 use glam::Vec3;
 
@@ -17,7 +17,7 @@ pub(super) fn to_srgb(coefficients: &mut [Vec3]) {
     rest.iter_mut().for_each(|c| *c *= slope);
 }
 
-/// sRGB's transfer function (IEC 61966-2-1), its straight part going on below 0.
+/// sRGB's transfer function (IEC 61966-2-1), linear below 0.
 fn encoded(linear: f32) -> f32 {
     if linear > 0.003_130_8 { 1.055 * linear.powf(1.0 / 2.4) - 0.055 } else { 12.92 * linear }
 }

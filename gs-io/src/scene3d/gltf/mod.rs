@@ -1,12 +1,14 @@
-//! glTF with `KHR_gaussian_splatting`: `.gltf` with its buffer inside or beside it, and `.glb`.
+//! glTF with `KHR_gaussian_splatting`: `.gltf` with an embedded or separate buffer, and `.glb`.
 //!
-//! A primitive's attributes are POSITION and, after the extension's name and a colon, ROTATION (x, y, z, w), SCALE (linear), OPACITY
-//! (0 to 1) and SH_DEGREE_l_COEF_n. All primitives of the default scene are read into one, each where its node puts it.
+//! A primitive's attributes are POSITION and, after the extension's name and a colon, ROTATION (x,
+//! y, z, w), SCALE (linear), OPACITY (0 to 1) and SH_DEGREE_l_COEF_n. All primitives of the default
+//! scene are merged into one scene, transformed by their nodes.
 //!
-//! glTF has y up and z forward; scenes here have y down and z forward, as COLMAP has them: x and y are negated on the way in and out.
+//! glTF has y up and z forward; scenes here have y down and z forward, as in COLMAP, so x and y are
+//! negated.
 //!
-//! *Source:* Khronos, KHR_gaussian_splatting, ratified. Drafts of it had logarithms as scales; a file with a scale below 0, which the
-//! ratified text forbids, is taken for one of them.
+//! *Source:* Khronos, KHR_gaussian_splatting, ratified. Drafts of it had logarithms as scales; a
+//!   file with a scale below 0, which the ratified text forbids, is read as a draft.
 
 mod accessor;
 mod buffers;
@@ -38,17 +40,17 @@ use super::{
 };
 use crate::error::Error;
 
-/// Between glTF's axes and ours.
+/// Signs between glTF's axes and ours.
 const AXES: [f32; 3] = [-1.0, -1.0, 1.0];
 
-/// The colour space of scenes here; that in linear light is `lin_rec709_display`.
+/// The colour space of scenes here. The one in linear light is `lin_rec709_display`.
 const SRGB: &str = "srgb_rec709_display";
 const LINEAR: &str = "lin_rec709_display";
 
-/// Extensions that a file may require without our minding: ours, and integers as components, which we read anyway.
+/// Required extensions that are supported: ours, and integers as components.
 const HARMLESS: [&str; 2] = [EXTENSION, "KHR_mesh_quantization"];
 
-/// Whether a file starts as a `.glb` does, or a `.gltf`, which is JSON.
+/// Whether a file starts like a `.glb` or a `.gltf`, which is JSON.
 pub(crate) fn recognises(start: &[u8]) -> bool {
     let text = start.strip_prefix(b"\xef\xbb\xbf").unwrap_or(start);
     let mut visible = text.iter().filter(|byte| !byte.is_ascii_whitespace());
@@ -56,16 +58,16 @@ pub(crate) fn recognises(start: &[u8]) -> bool {
         || (visible.next() == Some(&b'{') && matches!(visible.next(), Some(b'"' | b'}')))
 }
 
-/// What was read of a glTF.
+/// The content of a glTF.
 pub(crate) struct Read {
     pub(crate) scene: Scene3d,
     pub(crate) losses: Vec<ConversionLoss>,
     pub(crate) trained_with: TrainedWith,
-    /// The files beside it that were read, and their sizes in bytes.
+    /// The separate files with their sizes in bytes.
     pub(crate) files: BTreeMap<PathBuf, u64>,
 }
 
-/// Reads all Gaussians of the default scene, and says what of them was not kept.
+/// Reads all Gaussians of the default scene, with the losses.
 pub(crate) fn read(source: &Source<'_>) -> Result<Read, Error> {
     let (json_start, json, binary) = buffers::split(source)?;
     let document: Document = serde_json::from_slice(json).map_err(|error| {
@@ -90,7 +92,7 @@ pub(crate) fn read(source: &Source<'_>) -> Result<Read, Error> {
     for place in &places {
         parts.push(read_part(&accessors, place)?);
     }
-    // A scale below 0 anywhere tells a draft, whose scales are logarithms everywhere.
+    // A negative scale identifies a draft, whose scales are all logarithms.
     let draft = parts.iter().any(|part| part.scales.iter().flatten().any(|&scale| scale < 0.0));
     let sh_degree = parts.iter().map(|part| part.scene.sh_degree).max().unwrap_or(0);
     let mut whole = Scene3d { sh_degree, ..Scene3d::default() };
@@ -120,14 +122,14 @@ pub(crate) fn read(source: &Source<'_>) -> Result<Read, Error> {
     Ok(Read { scene: whole, losses: once, trained_with, files: buffers.files().clone() })
 }
 
-/// A primitive of Gaussians, and from its coordinates to the scene's.
+/// A primitive of Gaussians with the transformation to the scene's coordinates.
 struct Place<'a> {
     primitive: &'a Primitive,
     splatting: Splatting,
     map: DAffine3,
 }
 
-/// All primitives of Gaussians below the default scene's nodes, in the order of the tree.
+/// All primitives of Gaussians below the default scene's nodes, in tree order.
 fn places<'a>(source: &Source<'_>, document: &'a Document) -> Result<Vec<Place<'a>>, Error> {
     let bad = |expected: &str, number: usize| source.damaged(0, expected, format!("number {number}"));
     let roots: Vec<usize> = match document.scenes.get(document.scene) {
@@ -156,7 +158,8 @@ fn places<'a>(source: &Source<'_>, document: &'a Document) -> Result<Vec<Place<'
             let mesh = document.meshes.get(mesh).ok_or_else(|| bad("a mesh that there is", mesh))?;
             let splats = mesh.primitives.iter().filter_map(|primitive| Some((primitive, primitive.splatting()?)));
             found.extend(splats.map(|(primitive, splatting)| Place { primitive, splatting, map }));
-            // Many nodes that each show a mesh of many primitives: few bytes, endless places.
+            // Many nodes that refer to a mesh of many primitives could make a small file expand
+            // without limit.
             source.check_claim(source.bytes.len() as u64, (found.len() * size_of::<Place<'_>>()) as u64)?;
         }
         next.extend(node.children.iter().rev().map(|&child| (child, map)));
@@ -164,13 +167,13 @@ fn places<'a>(source: &Source<'_>, document: &'a Document) -> Result<Vec<Place<'
     Ok(found)
 }
 
-/// Fails where primitives that share accessors would add up to more than the file's size justifies.
+/// Fails if primitives that share accessors add up to more than the file's size justifies.
 fn check_claims(accessors: &Accessors<'_>, places: &[Place<'_>]) -> Result<(), Error> {
     let source = accessors.source;
     let mut claimed = 0_u64;
     for place in places {
         let rows = place.primitive.attributes.get("POSITION").map_or(Ok(0), |&number| accessors.count(number))?;
-        // Mean, scale, rotation, opacity, and a colour at each coefficient.
+        // Mean, scale, rotation, opacity, and a colour per coefficient.
         let numbers =
             11 + 3 * place.primitive.attributes.keys().filter(|name| name.contains(":SH_DEGREE_")).count() as u64;
         claimed = claimed.saturating_add(rows.saturating_mul(4 * numbers));
@@ -178,7 +181,7 @@ fn check_claims(accessors: &Accessors<'_>, places: &[Place<'_>]) -> Result<(), E
     source.check_claim(source.bytes.len() as u64 + accessors.buffers.decoded_bytes(), claimed)
 }
 
-/// The Gaussians of a primitive, in its own coordinates; scales are as they are stored.
+/// The Gaussians of a primitive, in its own coordinates, with scales as stored.
 struct Part {
     scene: Scene3d,
     scales: Vec<[f32; 3]>,
@@ -259,7 +262,7 @@ fn unsupported(source: &Source<'_>, what: String) -> Error {
     Error::Unsupported { path: source.path.to_owned(), what, mend: "export it without" }
 }
 
-/// What turns our axes into glTF's.
+/// The flips between glTF's axes and ours.
 pub(crate) const fn axes() -> Flips {
     Flips::new(AXES)
 }

@@ -1,4 +1,4 @@
-//! Writing glTF: one primitive of points, each attribute in a piece of the one buffer, all as floats.
+//! Writes glTF: a primitive of points whose attributes are floats in one buffer.
 
 use std::{io::Write as _, path::Path};
 
@@ -21,17 +21,18 @@ use crate::{
     },
 };
 
-/// Where the numbers of a `.gltf` go.
+/// Where the buffer of a `.gltf` is stored.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[non_exhaustive]
 pub enum GltfBuffer {
-    /// Into the JSON as base64: one file, a third larger.
+    /// In the JSON as base64: a single file, a third larger.
     #[default]
     Inside,
-    /// Into a `.bin` of the same name beside it.
+    /// In a `.bin` of the same name.
     Beside,
 }
 
-/// The kinds of glTF file.
+/// The kind of glTF file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum GltfFile {
     /// JSON.
@@ -40,14 +41,14 @@ pub(crate) enum GltfFile {
     Binary,
 }
 
-/// The bytes of a glTF and, where it has one, of the buffer beside it.
+/// The bytes of a glTF and of its separate buffer, if it has one.
 pub(crate) struct Encoded {
     pub(crate) file: Vec<u8>,
     pub(crate) beside: Option<Vec<u8>>,
     pub(crate) losses: Vec<ConversionLoss>,
 }
 
-/// `path` gives the buffer beside it its name.
+/// `path` determines the name of a separate buffer.
 pub(crate) fn encode(
     path: &Path,
     scene: &Scene3d,
@@ -127,7 +128,7 @@ fn document(scene: &Scene3d, rotations: &UnitRotations<'_>) -> (Value, Vec<u8>) 
     (json, pieces.buffer)
 }
 
-/// Attributes, one after the other.
+/// The attributes in sequence.
 #[derive(Default)]
 struct Pieces {
     count: usize,
@@ -155,7 +156,7 @@ impl Pieces {
     }
 }
 
-/// A `.glb` of two chunks, each filled up to a multiple of four bytes.
+/// A `.glb` of two chunks, each padded to a multiple of four bytes.
 fn binary(path: &Path, json: &Value, buffer: &[u8]) -> Result<Vec<u8>, Error> {
     let mut text = json.to_string().into_bytes();
     text.resize(text.len().next_multiple_of(4), b' ');
@@ -181,7 +182,7 @@ fn percent_encoded(name: &str) -> String {
     for byte in name.bytes() {
         match byte {
             b'a'..=b'z' | b'A'..=b'Z' | b'0'..=b'9' | b'-' | b'_' | b'.' | b'~' => uri.push(byte),
-            // Writing to a vector cannot fail.
+            // Writing to a string cannot fail.
             other => _ = write!(uri, "%{other:02X}"),
         }
     }

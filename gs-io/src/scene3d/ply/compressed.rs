@@ -1,4 +1,4 @@
-//! PlayCanvas's compressed PLY: 16 bytes a Gaussian, each group of 256 with ranges of its own.
+//! PlayCanvas's compressed PLY: 16 bytes per Gaussian, with value ranges for each group of 256.
 //!
 //! | element | properties |
 //! |---|---|
@@ -22,7 +22,7 @@ use crate::{
     },
 };
 
-/// Vertices that share a chunk.
+/// Vertices per chunk.
 const CHUNK: usize = 256;
 
 const RANGES: [&str; 12] = [
@@ -42,14 +42,14 @@ const RANGES: [&str; 12] = [
 const COLOR_RANGES: [&str; 6] = ["min_r", "min_g", "min_b", "max_r", "max_g", "max_b"];
 const PACKED: [&str; 4] = ["packed_position", "packed_rotation", "packed_scale", "packed_color"];
 
-/// What the numbers of a chunk's vertices run between.
+/// The value ranges of a chunk.
 struct Chunk {
     position: [[f32; 3]; 2],
     log_scale: [[f32; 3]; 2],
     color: [[f32; 3]; 2],
 }
 
-/// Reads what [`Header`] says is of this kind.
+/// Reads a file whose [`Header`] is of this kind.
 pub(super) fn read(source: &Source<'_>, header: &Header) -> Result<Read, Error> {
     let chunks = read_chunks(source, header)?;
     let place = |name: &str| header.find(name).ok_or_else(|| source.damaged(0, format!("an element `{name}`"), "none"));
@@ -104,7 +104,7 @@ fn read_chunks(source: &Source<'_>, header: &Header) -> Result<Vec<Chunk>, Error
     Ok(chunks)
 }
 
-/// Gives the scene its coefficients, those of degree 0 and those of the element `sh`.
+/// Adds the SH coefficients: those of degree 0 and those of the element `sh`.
 fn read_sh(
     source: &Source<'_>,
     header: &Header,
@@ -118,7 +118,7 @@ fn read_sh(
     }
     let wanted = rest_columns(source, element)?;
     if wanted.is_empty() {
-        // Rows may then be of no bytes, of which there is nothing to read.
+        // Then rows may have no bytes, and there is nothing to read.
         scene.sh = dc.to_vec();
         return Ok(Vec::new());
     }
@@ -129,15 +129,15 @@ fn read_sh(
     let start = element_start(source, header, place)?;
     rows::read(source, header, element, start, &wanted, |row| {
         scene.sh.extend(rest_of.next());
-        let value = |channel: usize, k: usize| harmonic(row[channel * per_channel + k]);
+        let value = |channel: usize, k: usize| sh_of_byte(row[channel * per_channel + k]);
         scene.sh.extend((0..kept).map(|k| glam::Vec3::new(value(0, k), value(1, k), value(2, k))));
     })?;
     let cut = scene.sh_degree < file_degree;
     Ok(if cut { vec![ConversionLoss::Sh { from: file_degree, to: scene.sh_degree }] } else { Vec::new() })
 }
 
-/// A coefficient from a byte: the middle of its 256th of −4..4, but the ends themselves.
-fn harmonic(byte: f64) -> f32 {
+/// A coefficient from a byte: the middle of a 256th of −4..4, but at the ends the ends themselves.
+fn sh_of_byte(byte: f64) -> f32 {
     let share = match byte {
         0.0 => 0.0,
         255.0 => 1.0,
@@ -174,8 +174,8 @@ mod tests {
         assert_eq!(unpack_111011(u32::MAX), [1.0; 3]);
         assert_eq!(unpack_111011(2047 << 21), [1.0, 0.0, 0.0]);
         assert_eq!(unpack_111011(1023 << 11), [0.0, 1.0, 0.0]);
-        assert_eq!((harmonic(0.0), harmonic(255.0)), (-4.0, 4.0));
-        assert!((harmonic(128.0) - 4.0 / 256.0).abs() < 1e-6);
+        assert_eq!((sh_of_byte(0.0), sh_of_byte(255.0)), (-4.0, 4.0));
+        assert!((sh_of_byte(128.0) - 4.0 / 256.0).abs() < 1e-6);
     }
 
     #[test]

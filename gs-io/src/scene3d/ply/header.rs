@@ -1,13 +1,14 @@
-//! The header of a PLY: what the elements are, and what each of their rows holds.
+//! The header of a PLY: its elements and their properties.
 //!
-//! Read here and not by serde-ply: which properties there are is known at run time only, and every complaint names its byte.
+//! serde-ply is not used because properties are known at run time only, and errors must name the
+//! byte.
 
 use crate::{
     error::Error,
     scene3d::{TrainedWith, source::Source},
 };
 
-/// How rows are stored.
+/// The encoding of rows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Encoding {
     Ascii,
@@ -15,7 +16,7 @@ pub(crate) enum Encoding {
     BigEndian,
 }
 
-/// The type of a number.
+/// A number type.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Number {
     I8,
@@ -43,7 +44,7 @@ impl Number {
         })
     }
 
-    /// Bytes of one in a binary file.
+    /// Size in a binary file, bytes.
     pub(crate) fn bytes(self) -> usize {
         match self {
             Self::I8 | Self::U8 => 1,
@@ -54,62 +55,62 @@ impl Number {
     }
 }
 
-/// What stands in a row under one property.
+/// The type of a property.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Value {
     Scalar(Number),
-    /// A length of the first type, and as many numbers of the second.
+    /// A list: a length of the first type, and as many numbers of the second.
     List(Number, Number),
 }
 
-/// A column.
+/// A property of an element.
 #[derive(Debug)]
 pub(crate) struct Property {
     pub(crate) name: String,
     pub(crate) value: Value,
-    /// Where the header speaks of it.
+    /// Its position in the header.
     pub(crate) byte: usize,
 }
 
-/// A table.
+/// An element.
 #[derive(Debug)]
 pub(crate) struct Element {
     pub(crate) name: String,
-    /// Rows, as the header claims.
+    /// Number of rows that the header claims.
     pub(crate) count: u64,
     pub(crate) properties: Vec<Property>,
 }
 
 impl Element {
-    /// The place of a property among the columns.
+    /// Index of a property.
     pub(crate) fn find(&self, name: &str) -> Option<usize> {
         self.properties.iter().position(|p| p.name == name)
     }
 }
 
-/// A header, understood.
+/// A parsed header.
 #[derive(Debug)]
 pub(crate) struct Header {
     pub(crate) encoding: Encoding,
     pub(crate) elements: Vec<Element>,
-    /// Comments without the word `comment`, with one space from word to word.
+    /// Comments without the word `comment`, with single spaces.
     pub(crate) comments: Vec<String>,
-    /// Where the first row starts.
+    /// Position of the first row.
     pub(crate) data_start: usize,
 }
 
 impl Header {
-    /// What the comments say of how the scene was trained.
+    /// How the scene was trained, by the comments.
     pub(crate) fn trained_with(&self) -> TrainedWith {
         TrainedWith::of_comments(self.comments.iter().map(String::as_str))
     }
 
-    /// The place of an element among the tables.
+    /// Index of an element.
     pub(crate) fn find(&self, name: &str) -> Option<usize> {
         self.elements.iter().position(|e| e.name == name)
     }
 
-    /// Reads the lines up to `end_header`.
+    /// Parses the lines up to `end_header`.
     pub(crate) fn parse(source: &Source<'_>) -> Result<Self, Error> {
         let mut lines = Lines { source, next: 0 };
         let (byte, line) = lines.next()?;
@@ -151,7 +152,7 @@ impl Header {
     }
 }
 
-/// A line for a message: not all of it, where what should be a header is something else.
+/// A line shortened for a message.
 fn quoted(line: &str) -> String {
     format!("{:?}", line.chars().take(60).collect::<String>())
 }
@@ -162,7 +163,7 @@ struct Lines<'a> {
 }
 
 impl<'a> Lines<'a> {
-    /// A line without its end, and where it starts.
+    /// The next line without its end, and its position.
     fn next(&mut self) -> Result<(usize, &'a str), Error> {
         let start = self.next;
         let rest = &self.source.bytes[start..];

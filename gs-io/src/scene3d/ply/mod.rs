@@ -1,4 +1,4 @@
-//! PLY: that of 3DGS, read and written, and PlayCanvas's compressed one, read.
+//! PLY: reads and writes that of 3DGS, and reads PlayCanvas's compressed one.
 //!
 //! Vertices of the 3DGS kind have, by name: `x y z` (mean), `nx ny nz` (unused), `f_dc_0..2` (SH of degree 0, RGB), `f_rest_*` (the
 //! others, all of red first, then green, then blue), `opacity` (logit), `scale_0..2` (logarithms), `rot_0..3` (quaternion w, x, y, z).
@@ -23,22 +23,22 @@ use super::{
 };
 use crate::error::Error;
 
-/// The columns that every Gaussian must have, in the order in which [`Columns::gaussian`] takes them.
+/// The properties that every Gaussian must have, in the order of [`Columns::gaussian`].
 const REQUIRED: [&str; 14] = [
     "x", "y", "z", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3", "opacity", "f_dc_0", "f_dc_1",
     "f_dc_2",
 ];
 
-/// How a comment begins that says which picture the scene shows.
+/// The start of the comment with the size of the picture that the scene shows.
 const PICTURE: &str = "gs picture ";
 
-/// What the reader of a PLY makes of it.
+/// The content of a PLY.
 pub(crate) struct Read {
     pub(crate) scene: Scene3d,
     pub(crate) format: Format3d,
     pub(crate) losses: Vec<ConversionLoss>,
     pub(crate) trained_with: TrainedWith,
-    /// Columns and rows of the picture that the scene shows, if a comment says that it is one.
+    /// Columns and rows of the picture that the scene shows, if a comment says so.
     pub(crate) picture: Option<(u32, u32)>,
 }
 
@@ -76,25 +76,25 @@ pub(crate) fn read(source: &Source<'_>) -> Result<Read, Error> {
     Ok(Read { scene, format: Format3d::Ply, losses, trained_with: header.trained_with(), picture })
 }
 
-/// The comment by which a flat scene says what picture it shows.
+/// The comment with the size of the picture that a flat scene shows.
 pub(crate) fn picture_comment(width: u32, height: u32) -> String {
     format!("{PICTURE}{width}x{height}")
 }
 
-/// The size in such a comment; `None` of any other comment, and of a size that no picture has.
+/// The size in such a comment; `None` for other comments and impossible sizes.
 fn picture_of(comment: &str) -> Option<(u32, u32)> {
     let (width, height) = comment.strip_prefix(PICTURE)?.split_once('x')?;
     let size = (width.parse().ok()?, height.parse().ok()?);
     check_size(size.0, size.1).is_ok().then_some(size)
 }
 
-/// Where the rows of an element start: after those of all before it.
+/// Position of the first row of an element, after the rows of all earlier elements.
 fn element_start(source: &Source<'_>, header: &Header, element: usize) -> Result<usize, Error> {
     let before = &header.elements[..element];
     before.iter().try_fold(header.data_start, |start, e| rows::read(source, header, e, start, &[], |_| {}))
 }
 
-/// The columns of these names.
+/// Indices of the properties with these names.
 fn columns(source: &Source<'_>, element: &Element, names: &[&str]) -> Result<Vec<usize>, Error> {
     let missing = names.iter().filter(|name| element.find(name).is_none());
     let missing: Vec<String> = missing.map(|&name| name.to_owned()).collect();
@@ -104,7 +104,7 @@ fn columns(source: &Source<'_>, element: &Element, names: &[&str]) -> Result<Vec
     Err(Error::MissingProperties { path: source.path.to_owned(), names: missing })
 }
 
-/// The columns `f_rest_0`, `f_rest_1`, …, as many as some degree has.
+/// Indices of `f_rest_0`, `f_rest_1`, …, as many as some degree has.
 fn rest_columns(source: &Source<'_>, element: &Element) -> Result<Vec<usize>, Error> {
     let numbers = element.properties.iter().filter_map(|p| p.name.strip_prefix("f_rest_")?.parse::<usize>().ok());
     let Some(last) = numbers.max() else { return Ok(Vec::new()) };
@@ -118,7 +118,7 @@ fn rest_columns(source: &Source<'_>, element: &Element) -> Result<Vec<usize>, Er
     columns(source, element, &names.iter().map(String::as_str).collect::<Vec<_>>())
 }
 
-/// Writes a scene with the whole layout of 3DGS: 62 properties at degree 3, fewer `f_rest` below.
+/// Writes a scene in the layout of 3DGS: 62 properties at degree 3, fewer `f_rest` below.
 pub(crate) fn write(scene: &Scene3d, comments: &[String], file: &mut dyn Write) -> io::Result<()> {
     let rest = scene.sh_len() - 1;
     let mut names: Vec<String> =

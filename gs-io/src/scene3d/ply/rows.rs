@@ -1,4 +1,4 @@
-//! The rows of a PLY's elements, in any of its three encodings, as numbers of the columns that are asked for.
+//! Reads rows of a PLY's elements in any of its three encodings.
 
 use super::header::{Element, Encoding, Header, Number, Value};
 use crate::{error::Error, scene3d::source::Source};
@@ -6,7 +6,7 @@ use crate::{error::Error, scene3d::source::Source};
 /// Calls `row` with the chosen columns of each row of the element at `start`, and returns where the next element starts; where an element has no
 /// columns at all, there are no rows to call it with, whatever their number. Numbers of all types fit an `f64`. How many rows there can be is held against the file's size first, so `row` may allocate.
 ///
-/// `wanted` are columns of scalars, by number.
+/// `wanted` are indices of scalar properties.
 pub(crate) fn read(
     source: &Source<'_>,
     header: &Header,
@@ -23,7 +23,7 @@ pub(crate) fn read(
         }
     }
     let left = source.bytes.len() - start;
-    // In text, a number takes a character and a space but the last.
+    // In text, a number takes a character and, except the last, a space.
     let (least, more) = match header.encoding {
         Encoding::Ascii => (2 * element.properties.len(), 1),
         _ => (element.properties.iter().map(least_bytes).sum(), 0),
@@ -42,14 +42,14 @@ pub(crate) fn read(
     }
 }
 
-/// Bytes that a property takes in a binary row at the least.
+/// Smallest size of a property in a binary row, bytes.
 fn least_bytes(property: &super::header::Property) -> usize {
     match property.value {
         Value::Scalar(number) | Value::List(number, _) => number.bytes(),
     }
 }
 
-/// Where each column's number goes among the wanted; a column may be wanted once only.
+/// For each property, its index among the wanted ones; a property may be wanted once only.
 fn targets(element: &Element, wanted: &[usize]) -> Vec<Option<usize>> {
     (0..element.properties.len()).map(|column| wanted.iter().position(|&w| w == column)).collect()
 }
@@ -148,7 +148,7 @@ fn check_length(source: &Source<'_>, byte: usize, length: f64) -> Result<u64, Er
     Err(source.damaged(byte, "the length of a list", format!("{length}")))
 }
 
-/// The number at the start of `bytes`, which are enough.
+/// Decodes the number at the start of `bytes`.
 fn decode<const LITTLE: bool>(kind: Number, bytes: &[u8]) -> f64 {
     fn array<const N: usize, const LITTLE: bool>(bytes: &[u8]) -> [u8; N] {
         let mut array = [0; N];

@@ -1,6 +1,7 @@
-//! The container of SPZ.
+//! The container of SPZ files.
 //!
-//! Versions 2 and 3 are one gzip stream: 16 bytes of head, the parameters one after the other, then extensions. Version 4:
+//! Versions 2 and 3 are one gzip stream: a head of 16 bytes, the parameters one after the other,
+//! then extensions. Version 4:
 //!
 //! | bytes | what |
 //! |---|---|
@@ -9,8 +10,8 @@
 //! | 32–T | extensions, where flag 2 is set: records of a type, a length (u32 each) and as many bytes |
 //! | T … | for each stream its compressed and its decompressed size (u64 each), then the streams: zstd |
 //!
-//! In the first 15 bytes, versions are alike. How much may be decompressed is known from the head, and the head is held against the
-//! file's size before anything is.
+//! The first 15 bytes are the same in all versions. The head determines the decompressed size,
+//! which is checked against the file's size before anything is decompressed.
 
 use std::io::{self, Read, Write};
 
@@ -35,25 +36,25 @@ const HEAD_BYTES: usize = 32;
 const TABLE_ENTRY_BYTES: usize = 16;
 const NEWEST_VERSION: u32 = 4;
 
-/// The byte of the head that holds flags.
+/// Position of the flags in the head.
 const FLAGS: usize = 14;
 
-/// The flag of scenes that were trained with antialiasing; see [`TrainedWith`](crate::TrainedWith).
+/// Flag of scenes that were trained with antialiasing; see [`TrainedWith`](crate::TrainedWith).
 const ANTIALIASED: u8 = 1;
 
-/// The flag of files that have extensions.
+/// Flag of files with extensions.
 const HAS_EXTENSIONS: u8 = 2;
 
-/// The most that is read of extensions after the parameters of a gzip stream, bytes.
+/// Most bytes of extensions that are read after the parameters of a gzip stream.
 const MAX_EXTENSION_BYTES: u64 = 1 << 16;
 
-/// Adobe's extension that says which way a file's axes point.
+/// Adobe's extension with the orientation of a file's axes.
 const AXES_EXTENSION: u32 = 0xadbe_0003;
 
-/// zstd's level, that of Niantic's library; lower ones give larger files, higher ones hardly smaller.
+/// zstd's level in Niantic's library. Lower levels make larger files, higher ones hardly smaller.
 const ZSTD_LEVEL: i32 = 12;
 
-/// What the head says.
+/// The content of the head.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Head {
     pub(super) version: u32,
@@ -63,7 +64,7 @@ pub(super) struct Head {
     pub(super) antialiased: bool,
 }
 
-/// The parameters of all Gaussians, one after the other.
+/// The parameters of all Gaussians, in sequence.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Streams<B> {
     pub(super) positions: B,
@@ -71,11 +72,11 @@ pub(super) struct Streams<B> {
     pub(super) colors: B,
     pub(super) scales: B,
     pub(super) rotations: B,
-    /// Above degree 0; empty at degree 0.
-    pub(super) harmonics: B,
+    /// SH above degree 0; empty at degree 0.
+    pub(super) sh: B,
 }
 
-/// A record of an extension.
+/// An extension's record.
 #[derive(Debug)]
 pub(super) struct Extension {
     kind: u32,
@@ -83,15 +84,15 @@ pub(super) struct Extension {
 }
 
 impl Extension {
-    /// The file's axes, if this is what it says.
+    /// The flips of a file's axes, if this record contains them.
     pub(super) fn axes(&self) -> Option<DMat3> {
         let number = u32::from_le_bytes(*self.content.first_chunk()?);
         if self.kind == AXES_EXTENSION { axes_of_number(number) } else { None }
     }
 }
 
-/// From a file's axes to ours, right, down, forward, by the number of [`AXES_EXTENSION`]: 1 to 8 have left or right as x, down or up
-/// as y, back or front as z; 9 to 16 have z and y the other way round.
+/// The map from a file's axes to ours (right, down, forward) by the number of [`AXES_EXTENSION`]. 1
+/// to 8 have left or right as x, down or up as y, back or front as z; 9 to 16 have z and y swapped.
 fn axes_of_number(number: u32) -> Option<DMat3> {
     let bits = number.checked_sub(1).filter(|&bits| bits < 16)?;
     let sign = |bit: u32| if bits >> bit & 1 == 1 { 1.0 } else { -1.0 };
@@ -99,23 +100,23 @@ fn axes_of_number(number: u32) -> Option<DMat3> {
     Some(if bits < 8 { DMat3::from_cols(right, up, front) } else { DMat3::from_cols(right, front, up) })
 }
 
-/// A file, decompressed.
+/// A decompressed file.
 #[derive(Debug)]
 pub(super) struct Packed {
     pub(super) head: Head,
     pub(super) extensions: Vec<Extension>,
-    /// All streams, one after the other.
+    /// All streams in sequence.
     bytes: Vec<u8>,
 }
 
 impl Head {
-    /// Bytes of each stream, in their order.
+    /// Size of each stream, in order.
     fn sizes(&self) -> [u64; 6] {
         let rotation = if self.version == 2 { 3 } else { 4 };
         [9, 1, 3, 3, rotation, rest_of_degree(self.degree) as u64].map(|each| each * u64::from(self.count))
     }
 
-    /// Reads what all versions have, from the first bytes of the head; `place` says which those are.
+    /// Parses the common part from the first bytes of the head; `place` is their position.
     fn parse(source: &Source<'_>, bytes: &[u8; GZIP_HEAD_BYTES], place: &str) -> Result<Self, Error> {
         let bad = |byte, expected: &str, found: String| source.damaged(byte, format!("{expected}{place}"), found);
         let u32_at = |k: usize| u32::from_le_bytes([bytes[k], bytes[k + 1], bytes[k + 2], bytes[k + 3]]);
@@ -144,12 +145,12 @@ impl Head {
 }
 
 impl Packed {
-    /// The streams; their lengths are as the head wants.
+    /// The streams, with the lengths that the head requires.
     pub(super) fn streams(&self) -> Streams<&[u8]> {
         let mut rest = self.bytes.as_slice();
-        let [positions, opacities, colors, scales, rotations, harmonics] =
+        let [positions, opacities, colors, scales, rotations, sh] =
             self.head.sizes().map(|size| rest.split_off(..size as usize).unwrap_or_default());
-        Streams { positions, opacities, colors, scales, rotations, harmonics }
+        Streams { positions, opacities, colors, scales, rotations, sh }
     }
 }
 
@@ -175,7 +176,7 @@ fn read_gzip(source: &Source<'_>) -> Result<Packed, Error> {
         let found = format!("{}", bytes.len());
         return Err(source.damaged(source.bytes.len(), format!("{size} bytes of parameters{place}"), found));
     }
-    // To the end, so that the checksum is looked at.
+    // Reads to the end, so that the checksum is verified.
     let mut rest = Vec::new();
     stream.take(MAX_EXTENSION_BYTES).read_to_end(&mut rest).map_err(damaged)?;
     let extensions = if start[FLAGS] & HAS_EXTENSIONS != 0 { extensions(&rest) } else { Vec::new() };
@@ -210,7 +211,8 @@ fn read_streams(source: &Source<'_>) -> Result<Packed, Error> {
         }
         let stream = source.slice(at, compressed, "a stream")?;
         let damaged = |found: String| source.damaged(at, format!("a zstd stream of {size} bytes"), found);
-        // All at once, into memory of the right size: decoding piece by piece would take what a frame claims as its window.
+        // Decoded at once into memory of the right size: piecewise decoding would allocate what a
+        // frame claims as its window.
         let part = decompress(stream, size as usize).map_err(|error| damaged(error.to_string()))?;
         if part.len() as u64 != size {
             return Err(damaged(part.len().to_string()));
@@ -236,7 +238,7 @@ fn decompress(_: &[u8], _: usize) -> io::Result<Vec<u8>> {
     Err(without_zstd())
 }
 
-/// The records of extensions; what is cut short is none of ours and passed over.
+/// The records of extensions; a truncated record ends them.
 fn extensions(mut bytes: &[u8]) -> Vec<Extension> {
     let mut records = Vec::new();
     while let Some((record, rest)) = bytes.split_first_chunk::<8>() {
@@ -248,10 +250,10 @@ fn extensions(mut bytes: &[u8]) -> Vec<Extension> {
     records
 }
 
-/// Makes a file of the head's version, 3 or 4.
+/// Encodes a file of the head's version, 3 or 4.
 pub(super) fn write(head: &Head, streams: &Streams<Vec<u8>>) -> io::Result<Vec<u8>> {
-    let Streams { positions, opacities, colors, scales, rotations, harmonics } = streams;
-    let streams = [positions, opacities, colors, scales, rotations, harmonics];
+    let Streams { positions, opacities, colors, scales, rotations, sh } = streams;
+    let streams = [positions, opacities, colors, scales, rotations, sh];
     let mut start = MAGIC.to_vec();
     start.extend([head.version, head.count].map(u32::to_le_bytes).concat());
     start.extend([head.degree, head.fraction.get(), if head.antialiased { ANTIALIASED } else { 0 }]);

@@ -1,7 +1,7 @@
-//! SPZ, Niantic's compressed format: versions 2 to 4 read, 4 and 3 written.
+//! SPZ, Niantic's compressed format: reads versions 2 to 4, writes 3 and 4.
 //!
-//! A Gaussian takes 20 bytes (19 in version 2) and one for each coefficient of the spherical harmonics above degree 0; see
-//! [`quantum`]. They are stored by parameter: all positions, opacities, colours, scales, rotations, harmonics. Versions 2 and 3 are
+//! A Gaussian takes 20 bytes (19 in version 2) and one for each coefficient of the spherical sh above degree 0; see
+//! [`quantum`]. They are stored by parameter: all positions, opacities, colours, scales, rotations, sh. Versions 2 and 3 are
 //! one gzip stream; version 4 has a header in the clear, and a zstd stream for each parameter; see [`container`].
 //!
 //! *Source:* nianticlabs/spz, README and pull requests 73 (version 4) and 77 (extensions); its axes are right, up, back.
@@ -31,36 +31,37 @@ use crate::error::Error;
 
 /// A version of SPZ that can be written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[non_exhaustive]
 pub enum SpzVersion {
-    /// One gzip stream: for readers older than 2026.
+    /// One gzip stream, for readers older than 2026.
     V3,
-    /// A zstd stream for each parameter: smaller, and faster to read.
+    /// A zstd stream per parameter: smaller, and faster to read.
     #[default]
     V4,
 }
 
-/// How an SPZ is written.
+/// Options for writing SPZ.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct SpzOptions {
     /// The version.
     pub version: SpzVersion,
-    /// Bits kept of coefficients of degree 1, 1 to 8. Fewer compress better.
+    /// Bits of SH coefficients of degree 1, 1 to 8. Fewer bits compress better.
     pub degree_1_bits: u8,
-    /// Bits kept of coefficients of higher degrees, 1 to 8.
+    /// Bits of SH coefficients of higher degrees, 1 to 8.
     pub higher_degree_bits: u8,
 }
 
 impl Default for SpzOptions {
-    /// Version 4, and 5 and 4 bits, as Niantic's library has it.
+    /// Version 4 with 5 and 4 bits, as in Niantic's library.
     fn default() -> Self {
         Self { version: SpzVersion::default(), degree_1_bits: 5, higher_degree_bits: 4 }
     }
 }
 
-/// The axes that files have which do not say otherwise: right, up, back.
+/// The default axes of files: right, up, back.
 const AXES: Flips = Flips::new([1.0, -1.0, -1.0]);
 
-/// Reads a scene, what of it was not kept, and how it was trained.
+/// Reads a scene, its losses, and how it was trained.
 pub(crate) fn read(source: &Source<'_>) -> Result<(Scene3d, Vec<ConversionLoss>, TrainedWith), Error> {
     let packed = container::read(source)?;
     let head = packed.head;
@@ -79,8 +80,8 @@ pub(crate) fn read(source: &Source<'_>) -> Result<(Scene3d, Vec<ConversionLoss>,
     scene.sh.reserve_exact(streams.colors.len() / 3 * scene.sh_len());
     for (i, color) in streams.colors.as_chunks::<3>().0.iter().enumerate() {
         scene.sh.push(color.map(quantum::color).into());
-        let rest = &streams.harmonics[i * per_gaussian..][..kept];
-        scene.sh.extend(rest.as_chunks::<3>().0.iter().map(|c| glam::Vec3::from(c.map(quantum::harmonic))));
+        let rest = &streams.sh[i * per_gaussian..][..kept];
+        scene.sh.extend(rest.as_chunks::<3>().0.iter().map(|c| glam::Vec3::from(c.map(quantum::sh_of_byte))));
     }
     match packed.extensions.iter().find_map(Extension::axes) {
         None => AXES.apply(&mut scene),
@@ -91,7 +92,7 @@ pub(crate) fn read(source: &Source<'_>) -> Result<(Scene3d, Vec<ConversionLoss>,
     Ok((scene, losses, TrainedWith::of_spz_flag(head.antialiased)))
 }
 
-/// Makes the file's bytes.
+/// Encodes a scene.
 pub(crate) fn encode(
     path: &Path,
     scene: &Scene3d,
@@ -126,7 +127,7 @@ pub(crate) fn encode(
         let coefficients = &scene.sh[i * scene.sh_len()..][..rest + 1];
         streams.colors.extend(packing.color(coefficients[0]));
         for (k, &c) in coefficients.iter().enumerate().skip(1) {
-            streams.harmonics.extend(packing.harmonic(k, c * AXES.sign_of_coefficient(k)));
+            streams.sh.extend(packing.sh(k, c * AXES.sign_of_coefficient(k)));
         }
     }
     let version = match options.version {

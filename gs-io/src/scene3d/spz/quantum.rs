@@ -1,4 +1,4 @@
-//! What SPZ makes of each number, and back.
+//! Quantisation of the numbers in SPZ.
 //!
 //! | parameter | bytes | stored |
 //! |---|---|---|
@@ -8,7 +8,7 @@
 //! | scale | 3 | 16 (logarithm + 10) |
 //! | rotation | 4 | the number of the largest of x, y, z, w in 2 bits; sign and 9 bits of each other's magnitude, over √½ |
 //! | | 3 | in version 2: x, y, z as 127.5 (v + 1), w ≥ 0 |
-//! | harmonics | 1 each | 128 + 128 c, rounded to multiples when written |
+//! | sh | 1 each | 128 + 128 c, rounded to multiples when written |
 
 use std::f32::consts::FRAC_1_SQRT_2;
 
@@ -21,33 +21,35 @@ use crate::scene3d::{
     unit::UnitRotations,
 };
 
-/// What a coefficient of degree 0 is multiplied by; that for colours would be 0.282.
+/// Factor of coefficients of degree 0; for colours it would be 0.282.
 const COLOR_SCALE: f32 = 0.15;
 
-/// The largest magnitude of the nine bits of a quaternion's part.
+/// Largest magnitude of the nine bits of a quaternion's component.
 const PART_MAX: u32 = 511;
 
-/// How many bits of a mean are fraction.
+/// Number of fractional bits of a mean.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct FractionalBits(u8);
 
 impl FractionalBits {
-    /// What other writers use always: steps of a quarter of a millimetre where units are metres.
+    /// The number that other writers always use: steps of a quarter of a millimetre if units are
+    /// metres.
     const USUAL: u8 = 12;
 
-    /// Of a file; `None` for more bits than there are.
+    /// The number in a file; `None` if there are not so many bits.
     pub(super) fn new(bits: u8) -> Option<Self> {
         (bits <= 23).then_some(Self(bits))
     }
 
-    /// As many as leave room for these means, 12 at most; `None` where not even whole units fit.
+    /// The largest number, at most 12, that leaves room for these means; `None` if not even whole
+    /// units fit.
     pub(super) fn for_means(means: &[Vec3]) -> Option<Self> {
         let farthest = means.iter().fold(0.0, |far: f32, m| far.max(m.abs().max_element()));
         let fits = |bits: u8| (f64::from(farthest) * f64::from(1_u32 << bits)).round() <= f64::from((1 << 23) - 1);
         (0..=Self::USUAL).rev().find(|&bits| fits(bits)).map(Self)
     }
 
-    /// The number.
+    /// The number of bits.
     pub(super) fn get(self) -> u8 {
         self.0
     }
@@ -59,7 +61,7 @@ impl FractionalBits {
 
 pub(super) fn position(bytes: &[u8; 9], fraction: FractionalBits) -> Vec3 {
     let value = |k: usize| {
-        // The sign is that of the top byte of four.
+        // The top byte of four has the sign.
         let bits = i32::from_le_bytes([0, bytes[k], bytes[k + 1], bytes[k + 2]]) >> 8;
         bits as f32 / fraction.per_unit()
     };
@@ -78,7 +80,7 @@ pub(super) fn color(byte: u8) -> f32 {
     (f32::from(byte) / 255.0 - 0.5) / COLOR_SCALE
 }
 
-pub(super) fn harmonic(byte: u8) -> f32 {
+pub(super) fn sh_of_byte(byte: u8) -> f32 {
     (f32::from(byte) - 128.0) / 128.0
 }
 
@@ -103,14 +105,14 @@ pub(super) fn rotation_of_smallest(bytes: [u8; 4]) -> [f32; 4] {
     [w, x, y, z]
 }
 
-/// Rounds numbers to what is stored, and counts what does not fit.
+/// Quantises numbers, and counts what does not fit.
 #[derive(Debug)]
 pub(super) struct Packing {
     options: SpzOptions,
     fraction: FractionalBits,
     colors: Clamp,
     log_scales: Clamp,
-    harmonics: Clamp,
+    sh: Clamp,
 }
 
 impl Packing {
@@ -121,7 +123,7 @@ impl Packing {
             fraction,
             colors: Clamp::new("coefficients of degree 0", -color_end, color_end, 0.5 / 255.0 / COLOR_SCALE),
             log_scales: Clamp::new("log-scales", -10.0, 255.0 / 16.0 - 10.0, 0.5 / 16.0),
-            harmonics: Clamp::new("coefficients above degree 0", -1.0, 1.0, 0.0),
+            sh: Clamp::new("coefficients above degree 0", -1.0, 1.0, 0.0),
         }
     }
 
@@ -143,15 +145,16 @@ impl Packing {
         dc.to_array().map(|v| ((self.colors.apply(v) * COLOR_SCALE + 0.5) * 255.0).round() as u8)
     }
 
-    /// Coefficient `k` of the degrees above 0, k ≥ 1; to the nearest multiple of the step, of which 128 (0) is one.
-    pub(super) fn harmonic(&mut self, k: usize, c: Vec3) -> [u8; 3] {
+    /// SH coefficient `k` ≥ 1, rounded to the nearest multiple of the step; 128 stands for 0.
+    pub(super) fn sh(&mut self, k: usize, c: Vec3) -> [u8; 3] {
         let bits = if k < 4 { self.options.degree_1_bits } else { self.options.higher_degree_bits };
         let step = (1_u32 << (8 - bits)) as f32;
-        // A saturating cast: what rounds up to 256 becomes 255.
-        c.to_array().map(|v| ((self.harmonics.apply(v) * 128.0 / step).round() * step + 128.0) as u8)
+        // The cast saturates: what rounds up to 256 becomes 255.
+        c.to_array().map(|v| ((self.sh.apply(v) * 128.0 / step).round() * step + 128.0) as u8)
     }
 
-    /// A quaternion (w, x, y, z) of unit length. q and −q are the same rotation: the largest part becomes positive.
+    /// A unit quaternion (w, x, y, z). q and −q are the same rotation: the largest component
+    /// becomes positive.
     pub(super) fn rotation(&self, [w, x, y, z]: [f32; 4]) -> [u8; 4] {
         let xyzw = [x, y, z, w];
         let largest = (0..4).fold(0, |best, k| if xyzw[k].abs() > xyzw[best].abs() { k } else { best });
@@ -179,7 +182,7 @@ impl Packing {
         if degree > 1 {
             losses.push(rounded("coefficients of higher degrees", bits(self.options.higher_degree_bits)));
         }
-        losses.extend([&self.log_scales, &self.colors, &self.harmonics].into_iter().filter_map(Clamp::loss));
+        losses.extend([&self.log_scales, &self.colors, &self.sh].into_iter().filter_map(Clamp::loss));
         if !rotations.all_unit() {
             losses.push(ConversionLoss::QuaternionLengths);
         }
@@ -210,7 +213,7 @@ mod tests {
         }
         for (k, step) in [(1, 8.0), (3, 8.0), (4, 16.0), (15, 16.0)] {
             for v in [-1.0, -0.61, 0.0, 0.03, 0.9] {
-                assert!((harmonic(packing.harmonic(k, Vec3::splat(v))[2]) - v).abs() <= 0.5 * step / 128.0, "{k} {v}");
+                assert!((sh_of_byte(packing.sh(k, Vec3::splat(v))[2]) - v).abs() <= 0.5 * step / 128.0, "{k} {v}");
             }
         }
         assert_eq!(packing.losses(3, &UnitRotations::new(&Default::default(), "".as_ref()).unwrap()).len(), 6);

@@ -138,7 +138,7 @@ fn threshold(half_octaves: i32) -> f64 {
     f64::from(TAU_POSITION) * 2f64.powf(f64::from(half_octaves) / 2.0)
 }
 
-pub(super) fn absolute(threshold: f64) -> Policy {
+fn absolute(threshold: f64) -> Policy {
     Policy::Grow(Grow { threshold: threshold as f32, ..Grow::absolute(Signal::MeanGradient) })
 }
 

@@ -15,37 +15,7 @@ fn falls_short(case: &Case, budget: u32) -> bool {
 
 impl LazyMeasured {
     pub(crate) fn findings(&self) -> Findings {
-        let [counts, losses] = self.curves.clone();
         let Trial { budget, iterations, percent, .. } = self.trial;
-        let mut charts = vec![
-            Figure {
-                name: "count".to_owned(),
-                title: "Gaussians over steps, seed 0".to_owned(),
-                x: Axis::linear("step"),
-                y: Axis::linear("Gaussians"),
-                marks: Marks::lines(counts),
-            },
-            Figure {
-                name: "loss".to_owned(),
-                title: "Loss over steps, seed 0".to_owned(),
-                x: Axis::linear("step"),
-                y: Axis::logarithmic("loss (L1 + D-SSIM)"),
-                marks: Marks::lines(losses),
-            },
-        ];
-        charts.push(self.dependence_chart());
-        if !self.scan.is_empty() {
-            charts.push(Figure {
-                name: "threshold".to_owned(),
-                title: "Results by threshold on the paper's target".to_owned(),
-                x: Axis::logarithmic("τ, per normalised device unit"),
-                y: Axis::linear("Gaussians at the end"),
-                marks: Marks::lines(vec![Series::dotted(
-                    "Gaussians",
-                    self.scan.iter().map(|&(tau, count, _)| (tau, f64::from(count))).collect(),
-                )]),
-            });
-        }
         Findings {
             method: format!(
                 "The paper's fit with rounds every 100 steps to the end, under three criteria, {}. Then targets that differ from \
@@ -63,8 +33,8 @@ impl LazyMeasured {
                 self.universality_claim(),
                 self.relative_claim(),
             ],
-            charts,
-            tables: vec![self.criteria_table(), self.cases_table(), self.scan_table()],
+            charts: [&course_charts(&self.curves)[..], &[self.dependence_chart()]].concat(),
+            tables: vec![self.criteria_table(), self.cases_table()],
             pictures: self.pictures.clone(),
         }
     }
@@ -358,17 +328,6 @@ impl LazyMeasured {
                 "with 0.0002 per pixel, seed 0",
             ],
             rows: self.cases.iter().map(row).collect(),
-        }
-    }
-
-    fn scan_table(&self) -> Table {
-        let row =
-            |&(tau, count, psnr): &(f64, u32, f64)| vec![Cell::Significant(tau, 3), count.into(), Cell::Fixed(psnr, 2)];
-        Table {
-            name: "scan",
-            title: "Results by threshold on the paper's target, seed 0".to_owned(),
-            columns: vec!["τ, per device unit", "Gaussians", "PSNR, dB"],
-            rows: self.scan.iter().map(row).collect(),
         }
     }
 }

@@ -28,9 +28,6 @@ pub(crate) struct Flicker {
 /// The second difference of three successive frames, clamped to 0..=1, averaged with the window of
 /// [`ssim`](gs_core::metrics::ssim()): at each pixel the mean magnitude over the channels. A jump
 /// by J of a whole window gives J in the two triples that contain it.
-///
-/// # Errors
-/// [`Error::SizesDiffer`].
 pub(crate) fn flicker(frames: [&Image; 3]) -> Result<Flicker, Error> {
     let [before, now, after] = frames;
     now.same_size(before)?;

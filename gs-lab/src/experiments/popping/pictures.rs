@@ -21,9 +21,6 @@ const GAP_PX: u32 = 8;
 
 /// The part of the picture around a moment: a row for each of [`ORDERS`], with the frame before the
 /// jump, the one after it, and the difference ½ + gain · (after − before).
-///
-/// # Errors
-/// Those of the backend.
 pub(super) fn picture<R: Optimizer<Scene3d>>(
     rasterizer: &R,
     scene: &Scene3d,

@@ -5,7 +5,6 @@ use super::*;
 impl SetUpMeasured {
     pub(crate) fn findings(&self) -> Findings {
         let settings = paper_settings(self.extent, 0);
-        let [counts, losses] = self.curves.clone();
         Findings {
             method: format!(
                 "A soft red disc and a hard blue square on white, 128×128 px; 20 random Gaussians of σ 15 px, blended front \
@@ -16,23 +15,8 @@ impl SetUpMeasured {
                 self.grown.counts.len()
             ),
             claims: vec![self.result_claim(), self.pace_claim(), self.spikes_claim(), self.necessity_claim()],
-            charts: vec![
-                Figure {
-                    name: "count".to_owned(),
-                    title: "Gaussians over steps, seed 0".to_owned(),
-                    x: Axis::linear("step"),
-                    y: Axis::linear("Gaussians"),
-                    marks: Marks::lines(counts),
-                },
-                Figure {
-                    name: "loss".to_owned(),
-                    title: "Loss over steps, seed 0".to_owned(),
-                    x: Axis::linear("step"),
-                    y: Axis::logarithmic("loss (L1 + D-SSIM)"),
-                    marks: Marks::lines(losses),
-                },
-            ],
-            tables: vec![self.ways_table(), self.rounds_table()],
+            charts: course_charts(&self.curves).into(),
+            tables: vec![self.ways_table()],
             pictures: self.pictures.clone(),
         }
     }
@@ -117,7 +101,7 @@ impl SetUpMeasured {
             measured: format!(
                 "Over the {} rounds that grew in the fits of {} seeds, ln loss falls by {:.2} per 100 steps in the 50 steps before a round \
                  and by {:.2} in those after. Averaged by seed the change is {:+.2} ({}), and a steeper fall in \
-                 {} of {} seeds (sign test p = {}). The edit itself multiplies the loss by {jump:.1} (median), which a drop first has to make \
+                 {} of {} seeds. The edit itself multiplies the loss by {jump:.1} (median), which a drop first has to make \
                  up for. 100 steps later, ln loss stands {:+.2} ({}) against where it went without growth, lower in {} of {} \
                  seeds.",
                 self.rounds.len(),
@@ -128,7 +112,6 @@ impl SetUpMeasured {
                 change.interval_in_words(Sense::Forward, 2),
                 change.negative,
                 change.pairs,
-                significant(change.p, 2),
                 net.mean,
                 net.interval_in_words(Sense::Forward, 2),
                 net.negative,
@@ -138,7 +121,6 @@ impl SetUpMeasured {
                 vec![Number::new("change of slope at a round", change.mean, "ln loss per 100 steps")],
                 interval_numbers(&change, "ln loss per 100 steps"),
                 vec![
-                    Number::new("sign test p", change.p, ""),
                     Number::new("loss after the edit over that before it, median", jump, ""),
                     Number::new("net change after 100 steps, against no growth", net.mean, "ln loss"),
                 ],
@@ -208,40 +190,6 @@ impl SetUpMeasured {
             title: "What the same number of steps reaches".to_owned(),
             columns: vec!["way", "seeds", "Gaussians", "PSNR, dB", "lowest", "highest", "last loss"],
             rows: ways.map(row).to_vec(),
-        }
-    }
-
-    fn rounds_table(&self) -> Table {
-        let row = |r: &GrowthRound| {
-            vec![
-                r.seed.into(),
-                r.step.into(),
-                r.count.0.into(),
-                r.count.1.into(),
-                Cell::Fixed(r.slope_before, 4),
-                Cell::Fixed(r.slope_after, 4),
-                Cell::Fixed(r.jump, 4),
-                Cell::Fixed(r.net, 4),
-                Cell::Fixed(r.control_change, 4),
-                Cell::Fixed(r.control_net, 4),
-            ]
-        };
-        Table {
-            name: "rounds",
-            title: "The rounds of growth: slopes of ln loss per 100 steps".to_owned(),
-            columns: vec![
-                "seed",
-                "step",
-                "before",
-                "after",
-                "slope before",
-                "slope after",
-                "jump of ln loss",
-                "ln loss after 100 steps",
-                "change of slope without growth",
-                "ln loss without growth",
-            ],
-            rows: self.rounds.iter().map(row).collect(),
         }
     }
 }

@@ -1,4 +1,4 @@
-//! Reading the photograph of a view: decoded, undistorted, masked; when it is asked for and not before.
+//! Reads the image of a view on demand: decoded, undistorted and masked.
 
 use gs_core::Image;
 
@@ -8,21 +8,21 @@ use crate::{
     image::{composite, decode, decode_mask},
 };
 
-/// A photograph as a training step needs it: of the size of [`View::camera`], seen by a pinhole.
+/// An image for training: of the size of [`View::camera`], without distortion.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PosedImage {
     /// The colours as stored, not multiplied by alpha.
     pub image: Image,
-    /// Opacity, 0 to 1, row-major `[height · width]`; `None` where the file has no alpha channel, or where alpha is a mask
-    /// ([`AlphaMeaning::Mask`]).
+    /// Opacity, 0 to 1, row-major `[height · width]`; `None` without an alpha channel, or where it
+    /// is a mask ([`AlphaMeaning::Mask`]).
     pub alpha: Option<Vec<f32>>,
-    /// Which pixels count, row-major `[height · width]`: not those that a mask blackens, nor those that the lens never saw. `None`
-    /// where all do.
+    /// Which pixels count, row-major `[height · width]`: masked pixels and those outside the lens's
+    /// view do not. `None` if all do.
     pub mask: Option<Vec<bool>>,
 }
 
 impl PosedImage {
-    /// The image over a background: c·α + background·(1 − α), in the stored values.
+    /// The image composited over a background: c·α + background·(1 − α), in the stored values.
     pub fn over(mut self, background: [f32; 3]) -> Image {
         if let Some(alpha) = &self.alpha {
             composite(&mut self.image, alpha, background);
@@ -32,16 +32,16 @@ impl PosedImage {
 }
 
 impl View {
-    /// Reads the photograph, undistorts it where its lens is distorted, applies the mask, and scales it to the size of the view's camera.
-    /// Nothing is kept: reading twice decodes
-    /// twice. Views can be read in parallel.
+    /// Reads the image, undistorts it, applies the mask, and scales it to the size of the view's
+    /// camera. Nothing is cached. Views can be read in parallel.
     ///
-    /// Undistorted pixels are interpolated by Catmull-Rom's cubic, between premultiplied colours where there is alpha, and never leave the
-    /// range of the pixels that they are made of.
+    /// Undistorted pixels are interpolated by Catmull-Rom's cubic, with premultiplied colours if
+    /// there is alpha, clamped to the range of the contributing pixels.
     ///
     /// # Errors
-    /// Those of [`read_image_with`](crate::read_image_with), for the photograph and for its mask, in [`Error::BadView`] where it is their
-    /// content; [`Error::ImageShape`] where either has another shape than when the data set was opened.
+    /// Those of [`read_image_with`](crate::read_image_with) for image and mask, in
+    /// [`Error::BadView`] if they concern the content; [`Error::ImageShape`] if a shape has changed
+    /// since the data set was opened.
     pub fn read_image(&self) -> Result<PosedImage, Error> {
         let decoded = decode(&self.image, self.orientation).map_err(leave_out)?;
         let expected = (self.source.width, self.source.height);
@@ -59,18 +59,18 @@ impl View {
                 None
             }
         };
-        let mut photograph = PosedImage { image: decoded.image, alpha, mask };
+        let mut posed = PosedImage { image: decoded.image, alpha, mask };
         if !self.source.lens.is_pinhole() {
-            photograph = undistorted(&photograph, &self.source, &self.full).map_err(Error::content(&self.image))?;
+            posed = undistorted(&posed, &self.source, &self.full).map_err(Error::content(&self.image))?;
         }
         let size = (self.camera.width, self.camera.height);
-        if photograph.image.size() != size {
-            photograph = shrunk(&photograph, size).map_err(Error::content(&self.image))?;
+        if posed.image.size() != size {
+            posed = shrunk(&posed, size).map_err(Error::content(&self.image))?;
         }
-        Ok(photograph)
+        Ok(posed)
     }
 
-    /// The mask file, at the photograph's size: a pixel counts where it is lighter than mid-grey.
+    /// Reads the mask at the image's size: pixels lighter than mid-grey count.
     fn read_mask(&self) -> Result<Vec<bool>, Error> {
         let Some(path) = &self.mask else { return Ok(Vec::new()) };
         let mask = decode_mask(path).map_err(leave_out)?;
