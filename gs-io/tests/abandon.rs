@@ -1,4 +1,5 @@
-//! A program that quits in the middle of a write leaves nothing of it behind. On its own, because nothing can be written after.
+//! A program that exits during a write leaves no temporary file. The test has a process of its own,
+//! because nothing can be written afterwards.
 
 use std::{fs, sync::mpsc, thread, time::Duration};
 

@@ -1,4 +1,5 @@
-//! Scene files and checkpoints come back bit for bit, and no damage to one makes the reader panic or believe it.
+//! Scene files and checkpoints round-trip bit for bit, and damaged ones are refused without a
+//! panic.
 
 use std::{
     collections::BTreeMap,
@@ -42,7 +43,7 @@ prop_compose! {
     }
 }
 
-/// Every number of a scene, as bits: `==` would take −0 for 0.
+/// Every number of a scene as bits, because −0 == 0.
 fn bits(file: &File2d) -> Vec<u32> {
     let Scene2d { means, log_scales, rotations, opacity_logits, colors } = &file.scene;
     let pairs = means.iter().chain(log_scales).flat_map(|v| v.to_array());
@@ -68,7 +69,7 @@ fn small_file() -> File2d {
 
 fn small_checkpoint() -> Checkpoint {
     let mut state = SplatsState::new(Parameterization::CovarianceFactor);
-    // A signalling NaN with a payload, which arithmetic would not keep.
+    // A signalling NaN with a payload, which arithmetic would change.
     state.insert("mean", [[1.0, f32::from_bits(0x7fa1_2345)], [-0.0, f32::NEG_INFINITY]]);
     state.insert_u32("steps", vec![0, u32::MAX]);
     Checkpoint { state, metadata: BTreeMap::from([("step".to_owned(), "17 \"äöü\"\n".to_owned())]) }
@@ -100,7 +101,7 @@ fn small_scene_written() -> Written {
     written(|path| write_scene(path, &small_file()).unwrap())
 }
 
-/// The error of reading these bytes as a scene, whose text must be one line that names the file.
+/// The error of reading these bytes as a scene; its text must be one line that names the file.
 fn refusal(file: &Written, bytes: &[u8]) -> Error {
     fs::write(&file.path, bytes).unwrap();
     let error = read_scene(&file.path).unwrap_err();
@@ -109,7 +110,7 @@ fn refusal(file: &Written, bytes: &[u8]) -> Error {
     error
 }
 
-/// A safetensors file of this header and as many zeros as data.
+/// A safetensors file with this header and as many zeros as data.
 fn with_header(header: &str, data_bytes: usize) -> Vec<u8> {
     let mut bytes = (header.len() as u64).to_le_bytes().to_vec();
     bytes.extend(header.as_bytes());
@@ -117,7 +118,7 @@ fn with_header(header: &str, data_bytes: usize) -> Vec<u8> {
     bytes
 }
 
-/// The bytes with one piece of the header replaced, its length corrected.
+/// The bytes with a piece of the header replaced and its length corrected.
 fn edited(bytes: &[u8], from: &str, to: &str) -> Vec<u8> {
     let header_bytes = u64::from_le_bytes(bytes[..8].try_into().unwrap()) as usize;
     let (header, data) = bytes[8..].split_at(header_bytes);
@@ -166,7 +167,7 @@ proptest! {
             let mut bytes = file.bytes.clone();
             bytes[at.index(file.bytes.len())] ^= mask;
             fs::write(&file.path, &bytes).unwrap();
-            // Either outcome is right: a number may change, or the file be refused.
+            // A number may change, or the file may be refused.
             let _ = (read_scene(&file.path), read_checkpoint(&file.path));
         }
     }
@@ -208,7 +209,7 @@ fn a_scene_without_gaussians_is_a_scene() {
 #[test]
 fn impossible_scenes_are_neither_written_nor_read() {
     let file = small_scene_written();
-    // The last number of the data is a rotation: tensors of one type are stored by name.
+    // The last number of the data is a rotation, because tensors of one type are stored by name.
     let mut bytes = file.bytes.clone();
     let end = bytes.len();
     bytes[end - 4..].copy_from_slice(&f32::NAN.to_le_bytes());
@@ -238,7 +239,7 @@ fn a_header_that_lies_is_found_out() {
         assert!(matches!(error, Error::Tensor { .. }), "{error}");
         error.to_string()
     };
-    // Another shape of as many numbers, another type of as many bytes, another name.
+    // Another shape with as many numbers, another type with as many bytes, another name.
     let text = tensor_error(r#""shape":[2,3]"#, r#""shape":[3,2]"#);
     assert!(text.contains("tensor `color`: expected F32 [2, 3], found F32 [3, 2]"), "{text}");
     tensor_error(r#""mean":{"dtype":"F32","shape":[2,2]"#, r#""mean":{"dtype":"F32","shape":[4]"#);
@@ -270,7 +271,8 @@ fn claims_that_overflow_or_outgrow_memory_are_refused() {
     let file = small_scene_written();
     let error = refusal(&file, &u64::MAX.to_le_bytes());
     assert!(error.to_string().contains("the length of a safetensors header, found bytes [ff"), "{error}");
-    // Eight tensors of 2⁶¹ bytes, less what makes header and data wrap around to the file's true length.
+    // Eight tensors of 2⁶¹ bytes, minus what makes header and data wrap around to the file's true
+    // length.
     let head = r#""__metadata__":{"gs":"{\"format\":\"gs-planar-scene\",\"version\":1,\"program\":\"\",\"content\":{\"width\":1,\"height\":1,\"settings\":{}}}"}"#;
     let tensors = |last: u64| {
         let part = 1_u64 << 61;

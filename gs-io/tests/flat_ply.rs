@@ -1,4 +1,4 @@
-//! The exported PLY has 3DGS's layout, and its numbers, read by a viewer's rules, are the scene's.
+//! The exported PLY has 3DGS's layout and represents the scene by a viewer's rules.
 
 use glam::{Mat3, Quat, Vec2, Vec3};
 use gs_core::{Blend, Gaussian2d, RenderSettings, Scene, Scene2d};
@@ -9,7 +9,7 @@ const PROPERTIES: [&str; 17] = [
     "rot_1", "rot_2", "rot_3",
 ];
 
-/// The vertices of the file that is written, its header checked line by line.
+/// The vertices of the exported file, with its header checked line by line.
 fn exported(file: &File2d) -> Vec<[f32; 17]> {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.ply");
@@ -49,7 +49,8 @@ fn an_over_scene_keeps_places_shapes_colours_and_order() {
     for (row, g) in rows.iter().zip(&gaussians) {
         let color = [6, 7, 8].map(|k| 0.5 + 0.282_094_79 * row[k]);
         assert!(Vec3::from(color).abs_diff_eq(g.color, 1e-6), "{color:?}");
-        // Σ as viewers build it from quaternion (w, x, y, z) and exp(scale), against the scene's.
+        // Σ as viewers compute it from quaternion (w, x, y, z) and exp(scale), compared with the
+        // scene's.
         let rotation = Mat3::from_quat(Quat::from_xyzw(row[14], row[15], row[16], row[13]));
         let scale = Mat3::from_diagonal(Vec3::new(row[10].exp(), row[11].exp(), row[12].exp()));
         let covariance = (rotation * scale) * (rotation * scale).transpose();

@@ -1,4 +1,4 @@
-//! What gs-io reads and writes. One binary for all modules, so that the tests link once.
+//! Tests of readers and writers. One binary for all modules, so that the tests link once.
 
 mod containers;
 mod datasets;

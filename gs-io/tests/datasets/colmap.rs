@@ -1,4 +1,4 @@
-//! COLMAP models: both encodings, where they are looked for, sizes, splits, and what is left out.
+//! COLMAP models: both encodings, folders, image sizes, splits, and unusable views.
 
 use std::{fs, num::NonZeroU32};
 
@@ -77,7 +77,7 @@ fn models_are_found_in_the_usual_folders() {
             let files = if extension == "bin" { binary(&model) } else { text(&model) };
             write_model(&place.path().join(folder_name), &files, extension);
             write_pictures(&place.path().join("images"), &model, 1);
-            // What newer versions add is not read.
+            // Files of newer versions are ignored.
             fs::write(place.path().join(folder_name).join("rigs.bin"), "not a rig").unwrap();
             fs::write(place.path().join(folder_name).join("frames.bin"), [0xff; 9]).unwrap();
             assert_eq!(read(place.path()).views.len(), 2, "{folder_name} {extension}");

@@ -12,7 +12,7 @@ use image::{ImageBuffer, ImageEncoder, Rgba, codecs::png::PngEncoder, metadata::
 
 use super::made::{binary, colmap, folder, model, read, write_model};
 
-/// A data set of one view, whose camera of 64×48 px has this model and this picture.
+/// A data set of one view with a camera of 64×48 px, this model and this picture.
 fn one_view(root: &std::path::Path, name: &str, parameters: &[f64], picture: &Image) -> Dataset {
     let mut model = model(1);
     let camera = model.cameras.get_mut(&1).unwrap();
@@ -24,7 +24,7 @@ fn one_view(root: &std::path::Path, name: &str, parameters: &[f64], picture: &Im
     read(root)
 }
 
-/// A smooth picture of the viewing rays: what a camera of any kind sees of it is known exactly.
+/// A smooth function of the viewing ray, so that the picture of any camera is known exactly.
 fn of_ray(ray: DVec2) -> [f32; 3] {
     [0.5 + 0.4 * (3.0 * ray.x).sin(), 0.5 + 0.4 * (2.5 * ray.y).cos(), 0.5 + 0.3 * ray.x * ray.y].map(|v| v as f32)
 }
@@ -59,7 +59,8 @@ fn undistorted_pictures_show_what_a_pinhole_would_have_seen() {
                 unbent = unbent.max(error(seen(x.min(63), y.min(47))));
             }
         }
-        // Half a step of 8 bits, and what a cubic makes of such a curve at the border, where its outer taps are repeated.
+        // Half a step of 8 bits, and the error of the cubic at the border, where its outer taps are
+        // repeated.
         assert!(worst < 0.006, "{lens}: {worst}");
         assert!(unbent > 0.012, "{lens}: without undistortion it would be wrong, {unbent}");
     }
@@ -89,7 +90,7 @@ fn rgba(width: u32, height: u32, color: impl Fn(u32, u32) -> [u8; 4]) -> ImageBu
 fn alpha_is_opacity_or_a_mask() {
     let place = folder();
     colmap(place.path(), 1);
-    // Transparent pixels of a glaring colour, which must not show.
+    // Transparent pixels of a glaring colour, which must not be visible.
     let file = place.path().join("images/view 000.png");
     rgba(40, 30, |x, _| if x < 20 { [255, 0, 0, 0] } else { [0, 102, 255, 204] }).save(&file).unwrap();
     let posed = read(place.path()).views[0].read_image().unwrap();

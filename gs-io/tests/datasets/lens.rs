@@ -1,4 +1,4 @@
-//! Camera models against values computed elsewhere, there and back, and where they fold.
+//! Camera models compared with values computed elsewhere, their inverses, and their folds.
 
 use glam::{DVec2, dvec2};
 use gs_io::dataset::{
@@ -11,7 +11,8 @@ fn camera(name: &str, parameters: &[f64]) -> Result<SourceCamera, Skip> {
     ColmapCamera { model, width: 640, height: 480, parameters: parameters.to_vec() }.source()
 }
 
-/// Where each model sends the ray (0.3, −0.2), by the formulas of COLMAP's documentation in double precision.
+/// The position of the ray (0.3, −0.2) by each model, from the formulas of COLMAP's documentation
+/// in double precision.
 const PROJECTED: [(&str, &[f64], [f64; 2]); 17] = [
     ("SIMPLE_PINHOLE", &[500.0, 320.0, 240.0], [470.0, 140.0]),
     ("PINHOLE", &[500.0, 510.0, 320.0, 240.0], [470.0, 138.0]),
@@ -75,7 +76,7 @@ fn coefficients_of_nothing_are_a_pinhole() {
     ] {
         assert!(camera(name, parameters).unwrap().lens.is_pinhole(), "{name}");
     }
-    // The limit of the formulas, not a case of its own.
+    // The limit of the formulas, not a special case.
     let nearly = Lens::new(Distortion::FieldOfView { omega: 1e-6 }).unwrap();
     assert!(nearly.distort(dvec2(0.4, 0.3)).unwrap().distance(dvec2(0.4, 0.3)) < 1e-11);
 }
@@ -114,7 +115,7 @@ fn a_lens_that_folds_images_nothing_beyond() {
     assert!(lens.undistort(edge).is_some());
     assert_eq!(lens.undistort(edge * 1.05), None);
     assert_eq!(lens.undistort(dvec2(f64::NAN, 0.0)), None);
-    // A pole, behind which the sign changes.
+    // A pole, beyond which the sign changes.
     let pole = BrownConrady { divisor: [-0.5, 0.0, 0.0], ..BrownConrady::default() };
     let lens = Lens::new(Distortion::BrownConrady(pole)).unwrap();
     assert!(lens.max_angle().tan() <= 2.0_f64.sqrt());
@@ -154,7 +155,7 @@ fn the_picture_of_a_barrel_lens_holds_all_that_has_no_blank_pixels() {
     assert_eq!(camera("PINHOLE", &[500.0, 500.0, 1.0, 9.0]).unwrap().pinhole().width, 640);
 }
 
-/// Distortions as lenses have them, each with its kind's coefficients small enough to be one-to-one over a good part of the view.
+/// Realistic distortions of every kind, one-to-one over a large part of the view.
 fn any_distortion() -> impl Strategy<Value = Distortion> {
     let k = || -0.4..0.4_f64;
     let small = || -0.02..0.02_f64;
@@ -176,7 +177,7 @@ fn any_distortion() -> impl Strategy<Value = Distortion> {
     ]
 }
 
-/// Anything that the bits of a file can say.
+/// Any distortion that a file can contain.
 fn wild_distortion() -> impl Strategy<Value = Distortion> {
     let any = || any::<f64>();
     prop_oneof![
@@ -204,7 +205,8 @@ fn wild_distortion() -> impl Strategy<Value = Distortion> {
 }
 
 proptest! {
-    /// There and back, to a thousandth of a pixel at a focal length of 1,000 px, wherever the lens images at all.
+    /// Undistorting inverts distorting, to a thousandth of a pixel at a focal length of 1,000 px,
+    /// wherever the lens images.
     #[test]
     fn what_is_distorted_comes_back(distortion in any_distortion(), angle in 0.0..6.3_f64, share in 0.0..0.98_f64) {
         let lens = Lens::new(distortion).unwrap();
@@ -215,7 +217,7 @@ proptest! {
         prop_assert!(back.is_some_and(|back| back.distance(ray) * 1000.0 < 1e-3), "{ray} {seen} {back:?}");
     }
 
-    /// Back and there, for every pixel that some ray reaches.
+    /// Distorting inverts undistorting, for every pixel with a ray.
     #[test]
     fn what_is_undistorted_returns(distortion in any_distortion(), x in 0.0..640.0_f64, y in 0.0..480.0_f64) {
         let source = SourceCamera {
@@ -231,7 +233,8 @@ proptest! {
         }
     }
 
-    /// Whatever the coefficients, the answers are finite or none, and the picture has a possible size.
+    /// Whatever the coefficients, results are finite or `None`, and the picture has a possible
+    /// size.
     #[test]
     fn wild_coefficients_are_survived(
         distortion in wild_distortion(),

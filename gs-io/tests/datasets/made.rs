@@ -1,4 +1,4 @@
-//! Small data sets, written as COLMAP, Nerfstudio and Blender write them.
+//! Small data sets in the formats of COLMAP, Nerfstudio and Blender.
 
 use std::{
     fmt::Write,
@@ -17,7 +17,7 @@ pub(crate) fn folder() -> tempfile::TempDir {
     tempfile::tempdir().unwrap()
 }
 
-/// Writes a picture, of a slope in x and y, and returns its path.
+/// Writes a picture with gradients in x and y, and returns its path.
 pub(crate) fn picture(path: PathBuf, width: u32, height: u32) -> PathBuf {
     fs::create_dir_all(path.parent().unwrap()).unwrap();
     let color = |x: u32, y: u32| [x as f32 / width as f32, y as f32 / height as f32, 0.5];
@@ -144,7 +144,7 @@ pub(crate) fn read(root: &Path) -> Dataset {
     read_dataset(root, &DatasetSettings::default()).unwrap()
 }
 
-/// How many views were left out for a reason.
+/// Number of views that were skipped for a reason.
 pub(crate) fn skipped(dataset: &Dataset, reason: Skip) -> usize {
     let count = |remark: &Remark| match remark {
         Remark::Skipped { why, count, .. } if *why == reason => Some(*count),
@@ -153,7 +153,7 @@ pub(crate) fn skipped(dataset: &Dataset, reason: Skip) -> usize {
     dataset.remarks.iter().find_map(count).unwrap_or(0)
 }
 
-/// The error of reading this, in one line that names the folder.
+/// The error of reading this; its text must be one line that names the folder.
 pub(crate) fn refusal(root: &Path) -> String {
     let error = read_dataset(root, &DatasetSettings::default()).unwrap_err().to_string();
     assert!(!error.contains('\n') && error.contains(root.to_str().unwrap()), "{error:?}");

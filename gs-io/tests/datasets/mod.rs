@@ -1,4 +1,4 @@
-//! Data sets: small ones made here, whole and broken, and the real ones where they are there.
+//! Data sets: small ones made here, valid and broken, and real ones if they are there.
 
 mod colmap;
 mod images;

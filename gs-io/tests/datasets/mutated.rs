@@ -1,4 +1,4 @@
-//! Whatever bytes a file has, reading it ends in a data set or in an error of one line.
+//! Reading mutated files ends in a data set or in an error of one line.
 
 use std::fs;
 
@@ -8,7 +8,7 @@ use proptest::prelude::*;
 
 use super::made::{binary, colmap, folder, model, picture, text};
 
-/// Changes of a file's bytes: at a place in parts of its length, one to overwrite, to drop, or to insert.
+/// Changes of a file's bytes: a relative position, and a byte to overwrite, drop or insert.
 fn any_changes() -> impl Strategy<Value = Vec<(f64, u8, u8)>> {
     prop::collection::vec(
         (0.0..1.0_f64, 0..4_u8, prop_oneof![any::<u8>(), Just(0xff), Just(0), Just(b' '), Just(b'9')]),

@@ -1,4 +1,4 @@
-//! Real data sets, in `$GS_DATA` or `../shared/data`, where they are there.
+//! Real data sets in `$GS_DATA` or `../shared/data`, if they are there.
 
 use std::collections::HashMap;
 
@@ -8,8 +8,8 @@ use gs_io::dataset::{ColmapModel, Dataset, DatasetKind, Distortion, Remark, Spli
 
 use super::made::read;
 
-/// Mean distance from where the model's points project to where they were observed: with the lens into the full-size image, and as
-/// the engine sees them, through the views' pinholes; both in px at full size. And how many were compared.
+/// Mean distance between projected and observed positions of the model's points, px at full size:
+/// with the lens in the original image, and through the views' pinholes. Also the number of points.
 fn reprojection_errors(dataset: &Dataset, model: &ColmapModel) -> (f64, f64, usize) {
     let points: HashMap<u64, DVec3> = model.points.iter().map(|point| (point.id, point.position)).collect();
     let (mut bent, mut straight, mut count) = (0.0, 0.0, 0);
@@ -72,7 +72,7 @@ fn lund_door() {
     let posed = view.read_image().unwrap();
     assert_eq!((posed.image.size(), posed.mask), ((view.camera.width, view.camera.height), None));
 
-    // The colours that COLMAP gave the points are those of the undistorted pixels where they project.
+    // COLMAP's point colours are those of the undistorted pixels where they project.
     let (mut at_place, mut elsewhere, mut seen) = (0.0, 0.0, 0.0);
     let difference = |color: [f32; 3], pixel: [f32; 3]| (0..3).map(|k| (color[k] - pixel[k]).abs()).sum::<f32>() / 3.0;
     let numbers: HashMap<u64, usize> = model.points.iter().enumerate().map(|(i, point)| (point.id, i)).collect();

@@ -1,4 +1,4 @@
-//! Data sets that lead out of their folder, cameras that no camera can be, files that are cut short, and what is said of them.
+//! Data sets that leave their folder, impossible cameras, truncated files, and their messages.
 
 use std::{fs, num::NonZeroU32, path::Path};
 
@@ -16,7 +16,7 @@ fn frame(file: &str) -> Value {
     json!({"file_path": file, "transform_matrix": [[1, 0, 0, 2], [0, 1, 0, 3], [0, 0, 1, 5], [0, 0, 0, 1]]})
 }
 
-/// A `transforms.json` of these frames, with a camera for 40×30 px and these fields beside it.
+/// A `transforms.json` with these frames, a camera of 40×30 px and these other fields.
 fn transforms(root: &Path, frames: &[Value], fields: Value) {
     let mut file = json!({"fl_x": 35.0, "cx": 19.0, "cy": 16.0, "w": 40, "h": 30, "frames": frames});
     file.as_object_mut().unwrap().extend(fields.as_object().unwrap().clone());
@@ -60,7 +60,7 @@ fn files_outside_the_folder_are_refused_unless_they_are_allowed() {
     transforms(&root, &[frame("images/b.png")], json!({"ply_file_path": "/etc/passwd"}));
     assert!(refusal(&root).contains("ply_file_path `/etc/passwd`"));
 
-    // What stays inside is fine, however it is written.
+    // References inside the folder are allowed in any form.
     let inside = root.join("images/b.png");
     for name in ["images/../images/b.png", inside.to_str().unwrap()] {
         transforms(&root, &[frame(name)], json!({}));
@@ -110,7 +110,7 @@ fn cameras_that_cannot_be_are_refused_with_their_numbers() {
         assert!(error.contains("1 skipped: the camera's size") && error.contains(fault), "{fields}: {error}");
         assert!(error.contains("transforms.json has ") && error.contains(numbers), "{fields}: {error}");
     }
-    // Wide, long, off-centre and bent, as cameras are.
+    // Wide, long, off-centre and distorted, as real cameras are.
     for fields in [
         json!({"fl_x": 2.0}),
         json!({"fl_x": 20_000.0}),
@@ -157,7 +157,7 @@ fn images_that_are_cut_short_are_skipped_and_not_trained_with() {
     assert_eq!((dataset.views.len(), skipped(&dataset, Skip::BadImage)), (3, 2));
     let detail = detail(&dataset.remarks, Skip::BadImage);
     assert!(detail.starts_with("damaged JPEG image: it ends at byte "), "{detail}");
-    // What is damaged further inside is found when it is read.
+    // Damage behind the header is found when the image is read.
     let view: &View = dataset.views.iter().find(|view| view.image == name(4)).unwrap();
     let mut png = fs::read(name(4)).unwrap();
     let middle = png.len() / 2;
@@ -218,7 +218,7 @@ fn for_images_alone_the_error_says_how_to_make_a_data_set() {
     ["x.png", "y.png"].iter().for_each(|name| drop(picture(nested.join("images").join(name), 4, 3)));
     assert!(refusal(&nested).contains(&format!("--image_path {} ", nested.join("images").display())));
 
-    // What that command leaves: a model beside the images.
+    // The result of the suggested command: a model beside the images.
     let model = model(2);
     write_model(&plain.join("sparse/0"), &binary(&model), "bin");
     write_pictures(&plain, &model, 1);

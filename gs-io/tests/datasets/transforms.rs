@@ -1,4 +1,4 @@
-//! `transforms.json` in its variants: shared and own intrinsics, lenses, splits, points, and what is broken in it.
+//! Variants of `transforms.json`: shared and own intrinsics, lenses, splits, points, and errors.
 
 use std::{fs, path::Path};
 
@@ -21,7 +21,7 @@ fn write(root: &Path, name: &str, value: &Value) {
     fs::write(root.join(name), value.to_string()).unwrap();
 }
 
-/// Two frames of 40×30 px, `images/a.png` and `images/b.png`, with these fields beside them.
+/// Two frames of 40×30 px, `images/a.png` and `images/b.png`, with these other fields.
 fn nerfstudio(root: &Path, fields: Value) {
     for name in ["a", "b"] {
         picture(root.join(format!("images/{name}.png")), 40, 30);
@@ -184,7 +184,7 @@ fn listed_points_are_in_the_files_world_and_colmaps_are_moved_there() {
     write_model(&place.path().join("colmap/sparse/0"), &binary(&model(1)), "bin");
     fields.as_object_mut().unwrap().remove("ply_file_path");
     nerfstudio(place.path(), fields);
-    // (3, −½, 2) turned, moved and scaled.
+    // (3, −½, 2) rotated, translated and scaled.
     assert_eq!(read(place.path()).points[0].position, Vec3::new(19.0, 6.0, -4.0));
     nerfstudio(place.path(), pinhole());
     assert_eq!(read(place.path()).points[0].position, Vec3::new(-0.5, 3.0, -2.0), "what old files did unsaid");

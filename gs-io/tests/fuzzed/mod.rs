@@ -1,5 +1,5 @@
-//! A short run of what the fuzzers ran: the inputs of `corpus/`, which together reach most of what the fuzzers reached.
-//! `fuzz/README.md` says how they came to be.
+//! Runs the fuzz targets on the inputs of `corpus/`, which reach most of what the fuzzers reached.
+//! `fuzz/README.md` describes their origin.
 
 // The fuzz crate uses this module, too.
 #[allow(unreachable_pub)]

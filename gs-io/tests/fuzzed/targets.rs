@@ -1,8 +1,7 @@
-//! What each fuzz target does with its bytes. The fuzz targets themselves, in `fuzz/`, and the test that runs their corpus are of this
-//! file, so that both mean the same.
+//! The fuzz targets. The crate in `fuzz/` and the test of the corpus share this file.
 //!
-//! Either outcome is right, what was read being possible, or an error of one line; a panic, an endless loop, or memory beyond what the
-//! fuzzer allows is a finding.
+//! A target may read a possible value or return an error of one line. A panic, an endless loop, or
+//! memory beyond the fuzzer's limit is a finding.
 
 use std::{fs, path::Path, sync::LazyLock};
 
@@ -14,10 +13,11 @@ use gs_io::{
     decode_3d,
 };
 
-/// What a target does with bytes.
+/// A target that reads bytes.
 pub type Target = fn(&[u8]);
 
-/// The targets by their names, which are those of the files in `fuzz/fuzz_targets` and of the corpus's folders.
+/// The targets by their names, which are also those of the files in `fuzz/fuzz_targets` and of the
+/// corpus's folders.
 pub const TARGETS: [(&str, Target); 9] = [
     ("colmap_binary", colmap_binary),
     ("colmap_text", colmap_text),
@@ -35,7 +35,7 @@ pub fn ply(bytes: &[u8]) {
     scene_3d(Format3d::Ply, bytes);
 }
 
-/// Compressed PLY; the reader is that of [`ply`], the seeds are others.
+/// Compressed PLY; the reader is that of [`ply`], but the seeds differ.
 pub fn compressed_ply(bytes: &[u8]) {
     scene_3d(Format3d::CompressedPly, bytes);
 }
@@ -55,7 +55,8 @@ pub fn gltf(bytes: &[u8]) {
     scene_3d(Format3d::Gltf, bytes);
 }
 
-/// COLMAP's binary models: the length of `cameras.bin` and that of `images.bin`, two bytes each, then both files, then `points3D.bin`.
+/// COLMAP's binary models: the lengths of `cameras.bin` and `images.bin`, two bytes each, then both
+/// files, then `points3D.bin`.
 pub fn colmap_binary(bytes: &[u8]) {
     let Some((lengths, files)) = bytes.split_first_chunk::<4>() else { return };
     let [a, b, c, d] = *lengths;
@@ -64,14 +65,15 @@ pub fn colmap_binary(bytes: &[u8]) {
     colmap(ColmapModel::from_binary("fuzzed".as_ref(), cameras, images, Some(points)));
 }
 
-/// COLMAP's text models: `cameras.txt`, `images.txt` and `points3D.txt` with a 0 byte between them.
+/// COLMAP's text models: `cameras.txt`, `images.txt` and `points3D.txt`, separated by 0 bytes.
 pub fn colmap_text(bytes: &[u8]) {
     let mut files = bytes.splitn(3, |byte| *byte == 0);
     let (Some(cameras), Some(images)) = (files.next(), files.next()) else { return };
     colmap(ColmapModel::from_text("fuzzed".as_ref(), cameras, images, files.next()));
 }
 
-/// Lenses of any coefficients, looked through both ways: the number of COLMAP's camera model and its parameters.
+/// Lenses with any coefficients, in both directions: the id of COLMAP's camera model and its
+/// parameters.
 pub fn lens(bytes: &[u8]) {
     let Some((id, rest)) = bytes.split_first() else { return };
     let Some(model) = CameraModel::from_id((*id).into()) else { return };
@@ -93,8 +95,8 @@ static FOLDER: LazyLock<tempfile::TempDir> = LazyLock::new(|| {
     folder
 });
 
-/// Data sets with a `transforms.json`, images and points included: that file and `a.ply`, with a 0 byte between them; beside them is
-/// one image, `a.png`.
+/// Data sets with a `transforms.json`, images and points: that file and `a.ply`, separated by a 0
+/// byte, and an image `a.png`.
 pub fn transforms(bytes: &[u8]) {
     let file = FOLDER.path().join("transforms.json");
     let (json, points) = match bytes.iter().position(|byte| *byte == 0) {
@@ -114,21 +116,21 @@ pub fn transforms(bytes: &[u8]) {
 
 fn scene_3d(format: Format3d, bytes: &[u8]) {
     if let Some(file) = one_line(decode_3d(format, bytes, Path::new("fuzzed"))) {
-        // Arrays of lengths that do not match would be a reader's mistake, not the file's.
+        // Arrays of different lengths would be a reader's mistake, not the file's.
         assert!(!matches!(file.scene.validate(), Err(gs_core::Error::Length { .. })));
     }
 }
 
 fn colmap(model: Result<ColmapModel, Error>) {
     if let Some(model) = one_line(model) {
-        // Every camera is possible or is not; to find out must end.
+        // Checking whether a camera is possible must end.
         for camera in model.cameras.values() {
             let _ = camera.source();
         }
     }
 }
 
-/// What was read, if anything was.
+/// The value, if it was read. Errors must be one line.
 fn one_line<T>(read: Result<T, Error>) -> Option<T> {
     read.inspect_err(|error| assert!(!error.to_string().contains('\n'), "{error:?}")).ok()
 }

@@ -1,4 +1,4 @@
-//! Colours that a file declares to be other than sRGB are converted, and sRGB stays as it is, bit for bit.
+//! Colours in other spaces than sRGB are converted, and sRGB colours stay bit-identical.
 
 use glam::{DMat3, DVec3, dvec3};
 use gs_io::{ImageRemark, read_image};
@@ -47,7 +47,7 @@ fn encoded_srgb(value: f64) -> f64 {
     if value <= 0.003_130_8 { 12.92 * value } else { 1.055 * value.powf(1.0 / 2.4) - 0.055 }
 }
 
-/// From linear RGB with these primaries and the white of D65 to XYZ.
+/// From linear RGB with these primaries and the white point D65 to XYZ.
 fn to_xyz(primaries: [(f64, f64); 3]) -> DMat3 {
     let xyz = |(x, y): (f64, f64)| dvec3(x / y, 1.0, (1.0 - x - y) / y);
     let columns = primaries.map(xyz);
@@ -59,7 +59,7 @@ fn to_xyz(primaries: [(f64, f64); 3]) -> DMat3 {
 const SRGB: [(f64, f64); 3] = [(0.64, 0.33), (0.30, 0.60), (0.15, 0.06)];
 const P3: [(f64, f64); 3] = [(0.680, 0.320), (0.265, 0.690), (0.150, 0.060)];
 
-/// The hues, taken through `decode` into linear light with these primaries, in sRGB.
+/// The sRGB colours of the hues decoded with `decode` into linear light with these primaries.
 fn expected(primaries: [(f64, f64); 3], decode: impl Fn(f64) -> f64) -> Vec<[f64; 3]> {
     let matrix = to_xyz(SRGB).inverse() * to_xyz(primaries);
     let convert = |pixel: &image::Rgb<u8>| {
@@ -69,7 +69,8 @@ fn expected(primaries: [(f64, f64); 3], decode: impl Fn(f64) -> f64) -> Vec<[f64
     hues().pixels().map(convert).collect()
 }
 
-/// Reads an image, whose pixels must be these to a step and a half of 8 bits, as D65 has different last digits everywhere; what is said of it.
+/// Reads an image and compares its pixels, to a step and a half of 8 bits because D65 is rounded
+/// differently everywhere; returns the remarks.
 #[track_caller]
 fn read_as(bytes: &[u8], expected: &[[f64; 3]]) -> Vec<ImageRemark> {
     let place = folder();
@@ -81,7 +82,7 @@ fn read_as(bytes: &[u8], expected: &[[f64; 3]]) -> Vec<ImageRemark> {
     loaded.remarks
 }
 
-/// Reads the hues, which must be as they were stored; what is said of them.
+/// Reads the hues, which must be as stored; returns the remarks.
 #[track_caller]
 fn read_unchanged(bytes: &[u8]) -> Vec<ImageRemark> {
     let place = folder();
@@ -121,7 +122,7 @@ fn a_display_p3_image_does_not_shift() {
     encoder.write_image(red.as_raw(), 16, 16, ExtendedColorType::Rgb8).unwrap();
     let place = folder();
     let pixel = read_image(saved(place.path(), "a.jpg", &jpeg)).unwrap().image.pixel(8, 8).map(|value| value * 255.0);
-    // P3's (200, 60, 60) in sRGB, to within what JPEG loses.
+    // P3's (200, 60, 60) in sRGB, within JPEG's error.
     assert!((pixel[0] - 217.4).abs() < 3.0 && (pixel[1] - 44.3).abs() < 4.0, "{pixel:?}");
 }
 
@@ -132,7 +133,8 @@ fn srgb_stays_as_it_is_bit_for_bit() {
     for bytes in [png_in(&profile), png_with(&[]), png_with(&whole), png_with(&[(sRGB, &[0])])] {
         assert_eq!(read_unchanged(&bytes), []);
     }
-    // By convention 1/2.2 stands for sRGB, in whatever digits, and so do sRGB's own primaries.
+    // By convention 1/2.2 stands for sRGB, with any number of digits, and so do sRGB's own
+    // primaries.
     let primaries = [31270, 32900, 64000, 33000, 30000, 60000, 15000, 6000_u32].map(u32::to_be_bytes).concat();
     for gamma in [45_455_u32, 45_454, 45_000, 46_000] {
         assert_eq!(read_unchanged(&png_with(&[(gAMA, &gamma.to_be_bytes()), (CHRM, &primaries)])), []);

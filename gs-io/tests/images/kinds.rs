@@ -1,4 +1,4 @@
-//! What is said of files that are no images, of images that cannot be read, and of files with more than one.
+//! Messages about files that are not images, unreadable images, and files with several images.
 
 use std::{fs, io::Cursor};
 
@@ -72,7 +72,7 @@ fn frames(count: u8) -> Vec<u8> {
     bytes
 }
 
-/// A WebP animation of one frame, around the lossless image of a still one.
+/// A WebP animation of one frame, made of the lossless image of a still one.
 fn animated_webp() -> Vec<u8> {
     let still = encoded(&rgb_pattern(6, 4), ImageFormat::WebP);
     let chunk = |name: &[u8; 4], data: &[u8]| {
@@ -81,7 +81,7 @@ fn animated_webp() -> Vec<u8> {
     };
     let side = |pixels: u32| (pixels - 1).to_le_bytes()[..3].to_vec();
     let size = [side(6), side(4)].concat();
-    // The place, 0 and 0, the size, a duration and no flags; then the image's own chunk.
+    // Position, 0 and 0, size, a duration and no flags; then the image's own chunk.
     let frame = [&[0; 6][..], &size, &[100, 0, 0, 0], &still[12..]].concat();
     let chunks = [
         chunk(b"VP8X", &[&[2, 0, 0, 0][..], &size].concat()),

@@ -1,4 +1,4 @@
-//! Images made here are read as they are meant, and everything that is not an image is refused in one line.
+//! Images made here are read correctly, and everything else is refused in one line.
 
 mod colors;
 mod kinds;
@@ -31,7 +31,7 @@ fn saved(folder: &Path, name: &str, bytes: &[u8]) -> PathBuf {
     path
 }
 
-/// The error of reading these bytes, whose text must be one line that names the file.
+/// The error of reading these bytes; its text must be one line that names the file.
 fn refusal(folder: &Path, name: &str, bytes: &[u8]) -> Error {
     let error = read_image(saved(folder, name, bytes)).expect_err(name);
     let text = error.to_string();
@@ -48,7 +48,7 @@ fn every_lossless_format_gives_the_stored_values() {
     let folder = folder();
     let source = rgb_pattern(5, 3);
     for format in [ImageFormat::Png, ImageFormat::Bmp, ImageFormat::Tiff, ImageFormat::WebP, ImageFormat::Pnm] {
-        // The name lies: content decides.
+        // The name is wrong: content decides.
         let loaded = read_image(saved(folder.path(), "a.jpg", &encoded(&source, format))).unwrap();
         assert_eq!(loaded.image.size(), (5, 3), "{format:?}");
         assert_eq!((loaded.bits_per_channel, loaded.transparency), (8, Transparency::None), "{format:?}");
@@ -141,7 +141,7 @@ fn palettes_are_looked_up_with_their_transparency() {
     assert_eq!(loaded.transparency, Transparency::Composited);
 }
 
-/// An EXIF block, little-endian, of one entry: orientation.
+/// A little-endian EXIF block with one entry, the orientation.
 fn exif(orientation: Orientation) -> Vec<u8> {
     let mut block = b"II\x2a\0\x08\0\0\0\x01\0\x12\x01\x03\0\x01\0\0\0".to_vec();
     block.extend([orientation.to_exif(), 0, 0, 0, 0, 0, 0, 0]);
@@ -161,7 +161,8 @@ fn all_eight_exif_orientations_are_applied() {
         assert_eq!(image.size(), if tag < 5 { (3, 2) } else { (2, 3) }, "orientation {tag}");
         for y in 0..image.height() {
             for x in 0..image.width() {
-                // Where the pixel seen at (x, y) is stored (EXIF 2.3, §4.6.4, tag 0x0112).
+                // Position at which the pixel seen at (x, y) is stored (EXIF 2.3, §4.6.4, tag
+                // 0x0112).
                 let (column, row) = match tag {
                     1 => (x, y),
                     2 => (2 - x, y),
@@ -285,7 +286,7 @@ proptest! {
         let at = at.index(bytes.len());
         bytes[at] ^= mask;
         let folder = folder();
-        // Either outcome is right: pixels may change, or the file be refused.
+        // Pixels may change, or the file may be refused.
         let _ = read_image(saved(folder.path(), "flipped", &bytes));
     }
 }

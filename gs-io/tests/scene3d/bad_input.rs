@@ -1,4 +1,4 @@
-//! What is wrong with a file is one error that says what, where and how to mend it.
+//! Invalid files give one error that says what is wrong, where, and how to fix it.
 
 use std::fs;
 
@@ -10,7 +10,7 @@ use gs_io::{
 
 use super::samples::{self, compressed_ply, gzip, read, scene, text_ply, written};
 
-/// The bytes with one piece replaced.
+/// The bytes with a piece replaced.
 fn edited(bytes: &[u8], from: &[u8], to: &[u8]) -> Vec<u8> {
     let at = bytes.windows(from.len()).position(|part| part == from).expect("the piece is there");
     [&bytes[..at], to, &bytes[at + from.len()..]].concat()
@@ -258,7 +258,7 @@ fn a_gltf_that_repeats_itself_without_end() {
     let error = refused(json.to_string().as_bytes(), "a.gltf", "more than can be believed");
     assert!(matches!(error, Error::Expansion { claimed_bytes: 2_800_000_000, .. }), "{error:?}");
 
-    // A thousand nodes that each show a thousand primitives without anything.
+    // A thousand nodes that each refer to a thousand empty primitives.
     let mut json: serde_json::Value =
         serde_json::from_slice(&written("a.gltf", &scene(1, 0), &WriteOptions3d::default())).unwrap();
     let bare = serde_json::json!({ "attributes": {}, "extensions": { "KHR_gaussian_splatting": {} } });
@@ -329,7 +329,7 @@ fn other_files_are_said_to_be_none() {
     assert!(matches!(read_3d(folder.path()).unwrap_err(), Error::NotAFile { .. }));
     assert!(matches!(read_3d(folder.path().join("absent.ply")).unwrap_err(), Error::Missing { .. }));
     refused(&[0; 33], "a.splat", "a record of 32 bytes, found 1");
-    // Content goes before the name.
+    // Content takes precedence over the name.
     fs::write(&path, text_ply()).unwrap();
     assert_eq!(format_3d(&path).unwrap(), Some(Format3d::Ply));
     fs::write(folder.path().join("a.splat"), text_ply()).unwrap();

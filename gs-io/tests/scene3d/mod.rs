@@ -1,5 +1,5 @@
-//! 3D scenes come back as they were or as near as their format says, real files read as their makers meant them, and nothing in
-//! a file makes a reader panic or believe it.
+//! 3D scenes round-trip as exactly as their format allows, real files are read as intended, and no
+//! file makes a reader panic.
 
 mod bad_input;
 mod mutations;

@@ -1,4 +1,4 @@
-//! Damaged and cut files of every kind: thousands of them, always the same.
+//! Damaged and truncated files of every kind: thousands of them, always the same.
 
 use std::path::Path;
 
@@ -10,10 +10,10 @@ use super::samples::corpus;
 /// Mutants of each file.
 const MUTANTS: u32 = 600;
 
-/// Numbers that readers trip over, little endian.
+/// Little-endian numbers that are often handled wrongly.
 const NASTY: [u64; 8] = [0, 1, 0x7f, 0xff, 0xffff, 0x7fff_ffff, 0xffff_ffff, u64::MAX];
 
-/// A generator of numbers that are random enough here (Marsaglia's xorshift).
+/// A simple random generator (Marsaglia's xorshift).
 struct Random(u64);
 
 impl Random {
@@ -44,7 +44,7 @@ fn mutate(good: &[u8], random: &mut Random) -> Vec<u8> {
                 bytes.splice(to..to, part);
             }
             _ => {
-                // In headers of text, another digit.
+                // In text headers, another digit.
                 let digits: Vec<usize> = (0..bytes.len()).filter(|&k| bytes[k].is_ascii_digit()).collect();
                 if let Some(&place) = digits.get(random.below(digits.len())) {
                     bytes[place] = b'0' + random.below(10) as u8;
@@ -58,18 +58,18 @@ fn mutate(good: &[u8], random: &mut Random) -> Vec<u8> {
     bytes
 }
 
-/// Either outcome is right, a scene or a line that says why not; all else is a panic, or memory without end.
+/// The result must be a scene or a line that says why not.
 fn decode(format: Format3d, bytes: &[u8], name: &str) -> bool {
     match decode_3d(format, bytes, Path::new(name)) {
         Ok(file) => {
-            // Arrays of lengths that do not match would be a reader's mistake, not the file's.
+            // Arrays of different lengths would be a reader's mistake, not the file's.
             assert!(!matches!(file.scene.validate(), Err(gs_core::Error::Length { .. })));
             assert!(file.scene.len() < 1_000_000, "{name}: {} Gaussians of {} bytes", file.scene.len(), bytes.len());
             true
         }
         Err(error) => {
             let text = error.to_string();
-            // A glTF's buffer that is not beside it is named by itself.
+            // An error about a missing glTF buffer names the buffer.
             assert!(text.contains(name) || matches!(error, Error::Missing { .. } | Error::NotAFile { .. }), "{text}");
             assert!(!text.contains('\n') && text.len() > name.len() + 20, "{text:?}");
             false
@@ -92,7 +92,7 @@ fn mutants_of_all_kinds_are_read_or_refused() {
 fn files_cut_short_anywhere_are_refused() {
     for (name, good) in corpus() {
         let format = Format3d::recognise(&good[..good.len().min(64)], Path::new(name)).unwrap();
-        // What follows the last vertex of the text is not looked at; the gzip's size field is.
+        // What follows the last vertex of the text is ignored; the gzip's size field is not.
         let needed = if name == "text.ply" { good.len() - 10 } else { good.len() };
         for end in (0..needed).filter(|end| format != Format3d::Splat || end % 32 != 0) {
             assert!(!decode(format, &good[..end], name), "{name} cut to {end} of {} bytes", good.len());

@@ -1,4 +1,4 @@
-//! glTF's nodes, colour spaces and integers.
+//! Nodes, colour spaces and integers of glTF.
 
 use glam::{Mat3, Quat, Vec3};
 use gs_core::{Scene, Scene3d};
@@ -87,7 +87,7 @@ fn linear_light_and_draft_scales_are_converted_and_said() {
     assert_eq!(file.losses, [ConversionLoss::LinearLight]);
     assert!(file.scene.sh[0] != before.sh[0]);
 
-    // Where SCALE is the means, some of which are below 0, they are taken as logarithms.
+    // Here SCALE refers to the means, some of which are negative, so they are read as logarithms.
     let mut json = document(&before);
     let attributes = &mut json["meshes"][0]["primitives"][0]["attributes"];
     attributes["KHR_gaussian_splatting:SCALE"] = attributes["POSITION"].clone();

@@ -1,4 +1,4 @@
-//! Files that others have made, where they are there.
+//! Files made by other programs, if they are there.
 
 use glam::Vec3;
 use gs_core::{Scene, Scene3d, scene::sigmoid};
@@ -6,7 +6,8 @@ use gs_io::{ConversionLoss, File3d, Format3d, WriteOptions3d, read_3d};
 
 use super::samples;
 
-/// A file of `$GS_DATA/splats` or `../shared/data/splats`, read; `None`, and a line that says so, where there is none.
+/// Reads a file of `$GS_DATA/splats` or `../shared/data/splats`; prints a line and returns `None`
+/// if it does not exist.
 fn file(name: &str) -> Option<File3d> {
     gs_conformance::data::find(&format!("splats/{name}")).map(|path| read_3d(path).unwrap())
 }
@@ -24,7 +25,8 @@ fn biker_is_the_same_scene_as_spz_and_as_compressed_ply() {
     assert_eq!((ply.format, spz.format), (Format3d::CompressedPly, Format3d::Spz));
     let (ply, spz) = (ply.scene, spz.scene);
     assert_eq!((ply.len(), ply.sh_degree, spz.len(), spz.sh_degree), (152_746, 0, 152_746, 0));
-    // Positions of the PLY are in 1/1024 of a chunk, those of the SPZ in 1/4096 units; both round scales and colours.
+    // Positions of the PLY are in 1/1024 of a chunk, those of the SPZ in 1/4096 units; both round
+    // scales and colours.
     assert_near(&ply.means, &spz.means, 2e-3);
     // An SPZ has no logarithm below −10.
     let log_scales: Vec<Vec3> = ply.log_scales.iter().map(|s| s.max(Vec3::splat(-10.0))).collect();
@@ -33,7 +35,7 @@ fn biker_is_the_same_scene_as_spz_and_as_compressed_ply() {
     assert_near(&colors(&ply), &colors(&spz), 0.006);
     for i in 0..ply.len() {
         assert!((sigmoid(ply.opacity_logits[i]) - sigmoid(spz.opacity_logits[i])).abs() < 0.006);
-        // Shapes, not quaternions: which axis is which does not matter where scales are alike.
+        // Compares shapes, not quaternions: if scales are equal, the order of axes does not matter.
         let (a, b) = (ply.gaussian(i).covariance().unwrap(), spz.gaussian(i).covariance().unwrap());
         let size = a.x_axis.x + a.y_axis.y + a.z_axis.z;
         assert!(a.abs_diff_eq(b, 0.15 * size), "Gaussian {i}: {a} {b}");
@@ -64,7 +66,8 @@ fn small_files_of_every_version_hold_the_same_four() {
         }
     }
     assert_eq!(spz[1], spz[2], "versions 3 and 4 hold the same bytes");
-    // Their maker turned the axes of versions 3 and 4 from the .splat's, not those of version 2.
+    // Its maker flipped the axes of versions 3 and 4 relative to the .splat's, but not those of
+    // version 2.
     let turned = |scene: &Scene3d, signs: Vec3| scene.means.iter().map(|m| *m * signs).collect::<Vec<_>>();
     assert_near(&spz[1].means, &splat.means, 0.0);
     assert_near(&turned(&spz[0], Vec3::new(1.0, -1.0, -1.0)), &splat.means, 0.0);
@@ -99,7 +102,8 @@ fn the_matrix_of_gltf_reads_alike_as_text_and_binary() {
     assert_eq!(text.scene, binary.scene);
     let scene = text.scene;
     assert_eq!((scene.len(), scene.sh_degree), (15, 3));
-    // It is of the draft that had logarithms as scales, and all but one of its meshes are in linear light.
+    // It follows the draft with logarithms as scales, and all but one of its meshes are in linear
+    // light.
     assert!(text.losses.contains(&ConversionLoss::DraftScales) && text.losses.contains(&ConversionLoss::LinearLight));
     assert!(scene.means.iter().all(|&mean| mean == Vec3::new(-1.0, -2.0, 3.0)));
     // The integers of meshes 1 and 2 are the floats of mesh 0.
@@ -113,6 +117,6 @@ fn the_matrix_of_gltf_reads_alike_as_text_and_binary() {
         (opacities[0] - 0.75).abs() < 1e-6 && opacities[1..].iter().all(|o| (o - 0.25).abs() < 2e-3),
         "{opacities:?}"
     );
-    // Mesh 3 is in sRGB: nothing is converted.
+    // Mesh 3 is in sRGB and not converted.
     assert_eq!(scene.gaussian(3).sh[0], Vec3::new(0.1, 0.2, 0.3));
 }

@@ -1,4 +1,4 @@
-//! What is written is read again: bit for bit, or to the format's step.
+//! Written scenes are read back bit for bit, or to the format's step.
 
 use std::fs;
 
@@ -23,7 +23,8 @@ fn logit() -> impl Strategy<Value = f32> {
     prop_oneof![4 => -12.0..12.0_f32, 1 => Just(f32::INFINITY), 1 => Just(f32::NEG_INFINITY)]
 }
 
-/// Scenes with means and coefficients from these, quaternions of unit length, log-scales within what all formats hold.
+/// Scenes with these means and coefficients, unit quaternions, and log-scales within the range of
+/// all formats.
 fn scenes<M, C>(mean: fn() -> M, coefficient: fn() -> C) -> impl Strategy<Value = Scene3d>
 where
     M: Strategy<Value = f32>,
@@ -57,21 +58,21 @@ fn bits<'a>(vectors: impl IntoIterator<Item = &'a Vec3>) -> Vec<u32> {
     vectors.into_iter().flat_map(|v| v.to_array()).map(f32::to_bits).collect()
 }
 
-/// The scene that comes back from a file of this name, which must say as much of its format.
+/// The scene read back from a file of this name, which must report the format.
 fn back(name: &str, scene: &Scene3d, options: &WriteOptions3d) -> Scene3d {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join(name);
     let written = write_3d(&path, scene, options).unwrap();
     let read = read_3d(&path).unwrap();
     assert_eq!(read.format, written.format);
-    // A glTF's numbers are in a file beside it.
+    // A glTF's numbers are in a separate file.
     let files = fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap().metadata().unwrap().len());
     assert_eq!(read.bytes, files.sum::<u64>());
     assert!(read.losses.is_empty(), "{:?}", read.losses);
     read.scene
 }
 
-/// What an infinite logit is read and written as where opacities are not rounded.
+/// The finite logit for an infinite one, in formats without rounded opacities.
 fn read_infinite(logit: f32) -> f32 {
     if logit > 0.0 { 18.021_827 } else { -88.0 }
 }
@@ -192,7 +193,7 @@ fn a_compressed_ply_reads_as_its_ranges_say() {
     assert!(scene.rotations[0][0] > 0.999 && scene.rotations[1][3] > 0.999, "{:?}", scene.rotations);
 }
 
-/// Found by fuzzing: rows of no bytes were rows of no coefficients, so that Gaussians had not even those of degree 0.
+/// Found by fuzzing: rows without bytes gave Gaussians without coefficients of degree 0.
 #[test]
 fn sh_of_no_columns_leave_the_colours() {
     let header_end = |bytes: &[u8]| bytes.windows(7).position(|w| w == b"end_hea").unwrap();
@@ -223,7 +224,7 @@ fn an_spz_that_names_its_axes_is_turned_from_those() {
         let mut bytes = good.clone();
         bytes[14] |= 2;
         bytes[16..20].copy_from_slice(&(32_u32 + 11 + 12).to_le_bytes());
-        // An extension that nobody knows, then that of Adobe's.
+        // An unknown extension, then Adobe's.
         let extensions = [0x0001_0001, 3, 0, 0xadbe_0003, 4, axes].map(u32::to_le_bytes).concat();
         bytes.splice(32..32, extensions[..11].iter().chain(&extensions[12..]).copied());
         samples::read(&bytes, "a.spz").unwrap().scene
@@ -263,7 +264,7 @@ fn what_is_lost_is_said() {
     assert!(has(&glb, "lengths of quaternions") && has(&glb, "opacities"), "{glb:?}");
 }
 
-/// Opacities of exactly 0 and 1 among them.
+/// Includes opacities of exactly 0 and 1.
 #[test]
 fn logits_are_finite_and_opacities_come_back_to_the_byte() {
     let scene = samples::scene(12, 0);

@@ -1,4 +1,5 @@
-//! Small scenes, and files of every kind made of them: by the writers, and by hand where there is no writer.
+//! Small scenes, and files of every kind made of them: by the writers, or by hand if there is no
+//! writer.
 
 use std::{fs, io::Write, path::Path};
 
@@ -7,7 +8,7 @@ use glam::Vec3;
 use gs_core::{Gaussian3d, Scene, Scene3d};
 use gs_io::{File3d, Format3d, SpzOptions, SpzVersion, WriteOptions3d, decode_3d, write_3d};
 
-/// A scene whose numbers all differ, its quaternions of unit length.
+/// A scene whose numbers all differ, with unit quaternions.
 pub(crate) fn scene(count: usize, sh_degree: u8) -> Scene3d {
     let mut scene = Scene3d { sh_degree, ..Scene3d::default() };
     for i in 0..count {
@@ -26,7 +27,7 @@ pub(crate) fn scene(count: usize, sh_degree: u8) -> Scene3d {
     scene
 }
 
-/// The bytes of the file that a writer makes.
+/// The bytes that a writer makes.
 pub(crate) fn written(name: &str, scene: &Scene3d, options: &WriteOptions3d) -> Vec<u8> {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join(name);
@@ -38,14 +39,15 @@ pub(crate) fn spz(version: SpzVersion) -> WriteOptions3d {
     WriteOptions3d { spz: SpzOptions { version, ..SpzOptions::default() }, ..WriteOptions3d::default() }
 }
 
-/// What a reader makes of bytes, told by their start and this name.
+/// The scene that is read from bytes, recognised by their start and this name.
 pub(crate) fn read(bytes: &[u8], name: &str) -> Result<File3d, gs_io::Error> {
     let path = Path::new(name);
     let format = Format3d::recognise(&bytes[..bytes.len().min(64)], path).expect("a kind");
     decode_3d(format, bytes, path)
 }
 
-/// A PLY of degree 1 in text, its properties in an order of their own, with others between and elements around.
+/// A text PLY of degree 1 with properties in an unusual order, and other properties and elements
+/// between them.
 pub(crate) fn text_ply() -> Vec<u8> {
     let mut text = "ply\nformat ascii 1.0\ncomment by hand\nelement camera 2\nproperty float fov\n\
         property list uchar int seen\nelement vertex 2\n"
@@ -59,7 +61,7 @@ pub(crate) fn text_ply() -> Vec<u8> {
     text.into_bytes()
 }
 
-/// The scene that [`text_ply`] holds.
+/// The scene in [`text_ply`].
 pub(crate) fn text_ply_scene() -> Scene3d {
     let mut scene = Scene3d { sh_degree: 1, ..Scene3d::default() };
     for (i, sign) in [1.0, -1.0].into_iter().enumerate() {
@@ -80,7 +82,7 @@ pub(crate) fn text_ply_scene() -> Scene3d {
     scene
 }
 
-/// The same scene in binary, of either byte order, as doubles; the list between the numbers of a row makes rows differ in length.
+/// The same scene in binary with either byte order, as doubles; a list makes rows differ in length.
 pub(crate) fn binary_ply(order: &str) -> Vec<u8> {
     let scene = text_ply_scene();
     let mut bytes = format!("ply\r\nformat binary_{order}_endian 1.0\r\nelement vertex 2\r\n").into_bytes();
@@ -108,7 +110,7 @@ pub(crate) fn binary_ply(order: &str) -> Vec<u8> {
     bytes
 }
 
-/// A compressed PLY of three Gaussians at the ends and in the middle of their ranges, of degree 1.
+/// A compressed PLY of degree 1 with three Gaussians at the ends and in the middle of their ranges.
 pub(crate) fn compressed_ply() -> Vec<u8> {
     let mut bytes = b"ply\nformat binary_little_endian 1.0\nelement chunk 1\n".to_vec();
     let ranges = "min_x min_y min_z max_x max_y max_z min_scale_x min_scale_y min_scale_z max_scale_x max_scale_y max_scale_z \
@@ -134,7 +136,8 @@ pub(crate) fn compressed_ply() -> Vec<u8> {
     bytes
 }
 
-/// An SPZ of version 2, which we do not write: one Gaussian at (1, −2, 3) of ours, turned by half a turn about x.
+/// An SPZ of version 2, which we do not write, with a Gaussian at (1, −2, 3) in our axes, turned by
+/// half a turn about x.
 pub(crate) fn spz_of_version_2() -> Vec<u8> {
     let mut bytes = b"NGSP".to_vec();
     bytes.extend([2_u32, 1].map(u32::to_le_bytes).concat());

@@ -36,7 +36,7 @@ pub use self::{
     export::{figure, to_csv, to_text},
     field::{Field, SearchLimits, search},
     noise::{Comparison, Noise},
-    outcome::{Frontier, Measured, Role},
+    outcome::{BackendNoise, Frontier, Measured, Refused, Role},
     picture_error::PictureError,
     setting::Change,
     truth::Verifiable,
