@@ -84,7 +84,7 @@ pub struct Difference {
 
 impl Difference {
     /// The first remark that forbids a verdict.
-    pub fn obstacle(&self) -> Option<&Remark> {
+    pub(crate) fn obstacle(&self) -> Option<&Remark> {
         self.remarks.iter().find(|remark| remark.forbids_verdict())
     }
 }

@@ -190,7 +190,7 @@ impl StudyFolder {
     ///
     /// # Errors
     /// [`Error::Io`].
-    pub fn store_picture(&self, run: &Run, picture: &Image) -> Result<(), Error> {
+    pub(crate) fn store_picture(&self, run: &Run, picture: &Image) -> Result<(), Error> {
         Ok(write_png(self.file_to_write(&picture_name(run)), picture)?)
     }
 

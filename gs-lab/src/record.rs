@@ -110,12 +110,12 @@ impl Finished {
     }
 
     /// PSNR after `steps` steps, dB, interpolated between measurements.
-    pub fn psnr_after(&self, steps: u32) -> Option<f64> {
+    pub(crate) fn psnr_after(&self, steps: u32) -> Option<f64> {
         self.psnr_at(f64::from(steps), |row| f64::from(row.step))
     }
 
     /// PSNR after `seconds` of fitting, dB, interpolated between measurements.
-    pub fn psnr_within(&self, seconds: f64) -> Option<f64> {
+    pub(crate) fn psnr_within(&self, seconds: f64) -> Option<f64> {
         self.psnr_at(seconds, |row| row.seconds)
     }
 }

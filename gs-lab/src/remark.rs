@@ -26,7 +26,7 @@ pub enum Pairing {
 
 impl Pairing {
     /// The plural noun.
-    pub const fn words(self) -> &'static str {
+    pub(crate) const fn words(self) -> &'static str {
         match self {
             Self::Images => "images",
             Self::Seeds => "seeds",
@@ -86,7 +86,7 @@ pub enum Remark {
         /// Pairs of the study.
         of: usize,
     },
-    /// Seeds are fewer than [`FEWEST_SEEDS`].
+    /// There are fewer than five seeds.
     FewSeeds {
         /// Number of seeds.
         seeds: usize,
@@ -95,7 +95,7 @@ pub enum Remark {
 
 impl Remark {
     /// Whether the remark forbids a verdict, whatever the interval.
-    pub const fn forbids_verdict(&self) -> bool {
+    pub(crate) const fn forbids_verdict(&self) -> bool {
         !matches!(self, Self::Incomplete { .. } | Self::FewSeeds { .. })
     }
 }

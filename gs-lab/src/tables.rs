@@ -96,12 +96,12 @@ impl<'a> Results<'a> {
     }
 
     /// Each run with its record, in the plan's order.
-    pub fn rows(&self) -> impl Iterator<Item = (&'a Run, Option<&Record>)> {
+    pub(crate) fn rows(&self) -> impl Iterator<Item = (&'a Run, Option<&Record>)> {
         self.plan.runs.iter().zip(self.records.iter().map(Option::as_ref))
     }
 
     /// The finished runs of all arms at a budget.
-    pub fn all_finished(&self, budget: u32) -> impl Iterator<Item = (&'a Run, &Finished)> {
+    pub(crate) fn all_finished(&self, budget: u32) -> impl Iterator<Item = (&'a Run, &Finished)> {
         let at_budget = self.rows().filter(move |(run, _)| run.budget == budget);
         at_budget.filter_map(|(run, record)| Some((run, record?.outcome.finished()?)))
     }

@@ -50,7 +50,7 @@ fn every_key_of_a_study_is_known_and_no_other() {
     let plan = |text: &str| Plan::new(Study::from_toml(text, "x.toml")?, &Places::default(), "test");
     plan(whole).unwrap();
     let all = misspelt(&whole.parse().unwrap());
-    assert_eq!(all.len(), 29);
+    assert_eq!(all.len(), 33);
     for (wrong, table) in all {
         let text = toml::to_string(&table).unwrap();
         let message = plan(&text).map(|plan| plan.runs.len()).unwrap_err().to_string();

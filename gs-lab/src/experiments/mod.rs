@@ -39,7 +39,7 @@ use gs_train::Error;
 
 /// From this PSNR on, a reconstruction of the paper's target counts as sharp, dB. Its root mean
 /// square error is then 1.8 % of the range; that of 20 Gaussians without growth is 8 %.
-pub const SHARP_DB: f64 = 35.0;
+pub(crate) const SHARP_DB: f64 = 35.0;
 
 /// An experiment, in the paper's order.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]

@@ -86,7 +86,7 @@ pub(super) fn label(value: f64, digits: usize) -> String {
 
 /// A number with three significant digits as text: "0", "0.002", "9,000"; beyond that "10⁻⁵" and
 /// "2.5·10⁹".
-pub fn human(value: f64) -> String {
+fn human(value: f64) -> String {
     let size = value.abs();
     if size != 0.0 && !(0.9999e-4..0.9999e7).contains(&size) {
         return with_exponent(value);

@@ -16,7 +16,6 @@ mod surface;
 use std::sync::Once;
 
 pub(crate) use self::axis::grouped;
-pub use self::axis::human;
 
 use crate::statistics::Interval;
 use gs_core::Image;
@@ -85,7 +84,7 @@ impl Axis {
     }
 
     /// A logarithmic axis; values that are not positive are left out.
-    pub fn logarithmic(label: impl Into<String>) -> Self {
+    pub(crate) fn logarithmic(label: impl Into<String>) -> Self {
         Self { label: label.into(), scale: Scale::Logarithmic }
     }
 }
@@ -152,7 +151,7 @@ impl Series {
     }
 
     /// A line with a marker at each point, for few points.
-    pub fn dotted(name: impl Into<String>, points: Vec<(f64, f64)>) -> Self {
+    pub(crate) fn dotted(name: impl Into<String>, points: Vec<(f64, f64)>) -> Self {
         Self { dots: Dots::All, ..Self::line(name, points) }
     }
 }
@@ -218,7 +217,7 @@ impl Figure {
     ///
     /// # Errors
     /// [`Error::Picture`] with what the drawing library reports.
-    pub fn inline_svg(&self) -> Result<String, Error> {
+    pub(crate) fn inline_svg(&self) -> Result<String, Error> {
         self.svg(Paper::Clear)
     }
 

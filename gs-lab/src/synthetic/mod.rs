@@ -27,19 +27,19 @@ const PAPER: DiscAndSquare = DiscAndSquare::PAPER;
 
 impl SyntheticTarget {
     /// The paper's target.
-    pub const PAPER: Self = Self::varied("paper", "the paper's", PAPER);
+    pub(crate) const PAPER: Self = Self::varied("paper", "the paper's", PAPER);
 
     /// The paper's target rounded to 8 bits a channel, as an image file holds it: the disc's faint
     /// rim ends before the border.
-    pub const PAPER_8_BIT: Self =
+    pub(crate) const PAPER_8_BIT: Self =
         Self { name: "paper-8bit", about: "in 8 bits a channel", recipe: Recipe::DiscAndSquareInEightBits };
 
     /// Dark lines of one pixel, as large as the paper's target.
-    pub const THIN_LINES: Self =
+    pub(crate) const THIN_LINES: Self =
         Self { name: "thin-lines", about: "thin lines", recipe: Recipe::ThinLines { side_px: PAPER.side_px } };
 
     /// Dark lines of one pixel in a small image, for fits of a few Gaussians.
-    pub const THIN_LINES_24_PX: Self =
+    pub(crate) const THIN_LINES_24_PX: Self =
         Self { name: "thin-lines-24px", about: "thin lines, 24×24 px", recipe: Recipe::ThinLines { side_px: 24 } };
 
     /// All targets: the paper's, then variations of it, then others.
@@ -89,7 +89,7 @@ impl SyntheticTarget {
     }
 
     /// The parameters of the paper's target or of a variation of it; `None` for other targets.
-    pub const fn disc_and_square(&self) -> Option<DiscAndSquare> {
+    pub(crate) const fn disc_and_square(&self) -> Option<DiscAndSquare> {
         match self.recipe {
             Recipe::DiscAndSquare(varied) => Some(varied),
             Recipe::DiscAndSquareInEightBits | Recipe::ThinLines { .. } => None,
