@@ -8,6 +8,9 @@ use toml::{Table, Value};
 /// Pairs of keys of the same table that exclude each other.
 const CHOICES: [[&str; 2]; 3] = [["fixed", "fraction"], ["extent-fraction", "pixels"], ["cosine", "exponential"]];
 
+/// A key whose table has the name of a choice as its only key, so that it is replaced as a whole.
+const CHOICE: &str = "loss";
+
 /// Keys that were renamed: the old name and the present one.
 const RENAMED: [(&str, &str); 2] = [("chart", "parameterization"), ("floor", "threshold")];
 
@@ -25,7 +28,7 @@ pub(crate) fn lay_upon(base: &mut Table, over: &Table) {
     for (key, value) in over {
         let key = current_name(base, key);
         match (base.get_mut(key), value) {
-            (Some(Value::Table(base)), Value::Table(over)) => lay_upon(base, over),
+            (Some(Value::Table(base)), Value::Table(over)) if key != CHOICE => lay_upon(base, over),
             _ => drop(base.insert(key.to_owned(), value.clone())),
         }
     }
