@@ -1,4 +1,4 @@
-//! gs-wgpu beside gs-cpu: time of one training iteration and of starting up, and what fits of photographs end at.
+//! gs-wgpu compared with gs-cpu: time of a training iteration and of start-up, and quality of fits.
 //!
 //! `cargo bench -p gs-lab --bench backends -- [--threads N] [--quick]`
 

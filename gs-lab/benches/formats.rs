@@ -1,4 +1,4 @@
-//! What a Gaussian takes on disk in each format, at each SH degree, and how long reading and writing take (paper §5.3).
+//! Bytes per Gaussian in each 3D format at each SH degree, and time of reading and writing.
 //!
 //! `GS_DATA=../shared/data cargo bench -p gs-lab --bench formats -- [--quick]`
 

@@ -1,4 +1,4 @@
-//! Time of one training iteration beside that of a comparable engine on the CPU.
+//! Time of a training iteration compared with OpenSplat's CPU path.
 //!
 //! `cargo bench -p gs-lab --bench iterations -- [--level avx2] [--threads N] [--quick]`
 

@@ -1,5 +1,5 @@
-//! The fit benchmark: quality against the number of Gaussians and against time, on photographs, for every preset; and what a
-//! narrower SIMD level costs.
+//! Quality of fits of photographs against the number of Gaussians and against time, for every preset,
+//! and the cost of a narrower SIMD level.
 //!
 //! `cargo bench -p gs-lab --bench kodak -- [--level avx2] [--threads N] [--quick] [--csv FILE]`
 

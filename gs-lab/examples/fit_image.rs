@@ -1,4 +1,6 @@
-//! Fits Gaussians to an image and renders them at twice its size: `cargo run --release --example fit_image -- photo.png`.
+//! Fits Gaussians to an image and renders them at twice its size.
+//!
+//! `cargo run --release -p gs-lab --example fit_image -- photo.png`
 
 use gs_core::{Canvas, Rasterizer, RenderSettings};
 use gs_cpu::{CpuRasterizer, CpuSettings};

@@ -1,4 +1,6 @@
-//! A policy of your own in a study: the Gaussians that are both restless and large grow, against forced growth and no growth.
+//! A density policy of your own in a study: Gaussians that move much and are large grow. It is
+//! compared with forced growth and with no growth.
+//!
 //! `cargo run --release -p gs-lab --example own_policy`
 
 use std::{error::Error, sync::Arc};
