@@ -3,8 +3,8 @@
 //!
 //! - [`Rasterizer`] draws scenes and differentiates their images; [`Optimizer`] trains where the
 //!   backend computes.
-//! - [`scene`] holds [`Scene2d`] and [`Scene3d`], [`view`] what they are looked at through.
-//! - [`splat`] is what one Gaussian does at one pixel, [`perspective`] how a 3D Gaussian gets
+//! - [`Scene2d`] and [`Scene3d`] are scenes, [`Canvas`] and [`Camera`] what they are looked at through.
+//! - The module `splat` is what one Gaussian does at one pixel, `perspective` how a 3D Gaussian gets
 //!   there.
 //! - [`constants`] has every number that backends must agree on.
 
