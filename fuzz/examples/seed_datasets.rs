@@ -1,4 +1,6 @@
-//! Writes the small models of gs-io's tests as each target's first corpus: `cargo run --example seed_datasets`, in this folder.
+//! Writes the small models of gs-io's tests as each target's first corpus.
+//!
+//! `cargo run --example seed_datasets`, in the folder `fuzz`.
 
 use std::{fs, io, path::Path};
 

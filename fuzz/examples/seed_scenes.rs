@@ -1,4 +1,6 @@
-//! Writes the small files of gs-io's tests as each target's first corpus: `cargo run --example seed_scenes`, in this folder.
+//! Writes the small files of gs-io's tests as each target's first corpus.
+//!
+//! `cargo run --example seed_scenes`, in the folder `fuzz`.
 
 use std::{fs, io, path::Path};
 

@@ -1,8 +1,12 @@
-//! The core of a Gaussian-splatting engine: scenes and views, the mathematics of one Gaussian at one pixel, effects and settings,
-//! the [`Rasterizer`] and [`Optimizer`] traits that backends implement, and the metrics by which results are judged.
+#![doc = include_str!("../README.md")]
+//! # Start reading at
 //!
-//! Nothing here knows a backend, a thread, a GPU or a file. Start at [`Rasterizer`]; scenes are in [`scene`], what one Gaussian does
-//! at one pixel is in [`splat`], and every number that backends must agree on is in [`constants`].
+//! - [`Rasterizer`] draws scenes and differentiates their images; [`Optimizer`] trains where the
+//!   backend computes.
+//! - [`Scene2d`] and [`Scene3d`] are scenes, [`Canvas`] and [`Camera`] what they are looked at through.
+//! - The module `splat` is what one Gaussian does at one pixel, `perspective` how a 3D Gaussian gets
+//!   there.
+//! - [`constants`] has every number that backends must agree on.
 
 // Guards are phrased so that NaN fails them: `!(x > 0.0)` is not `x <= 0.0`.
 #![allow(clippy::neg_cmp_op_on_partial_ord)]

@@ -1,6 +1,8 @@
-//! What a loss and its gradient cost: the stage `loss` of a training step, for images of several sizes, on one thread and on all.
+//! Time of a loss and its gradient (the stage `loss` of a training step) for images of several
+//! sizes, on one thread and on all.
 //!
-//! `cargo bench -p gs-cpu --bench losses`. Medians of stages that take turns, with the 10 % and 90 % quantiles.
+//! `cargo bench -p gs-cpu --bench losses`. Medians of stages that take turns, with the 10 % and 90 %
+//! quantiles.
 
 #![allow(clippy::print_stdout)]
 

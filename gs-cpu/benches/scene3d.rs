@@ -1,7 +1,7 @@
-//! 3D scenes: time of every stage, of a forward pass, of forward and backward, and of whole training steps.
+//! 3D scenes: time of every stage, of a forward pass, of forward and backward, and of training steps.
 //!
-//! `cargo bench -p gs-cpu --bench 3D -- [SCENE…]`, with scenes named as in the output; without names, all. Everything is drawn from
-//! the fixed seed [`SEED`].
+//! `cargo bench -p gs-cpu --bench scene3d -- [SCENE…]` measures the named scenes, or all. Everything
+//! is drawn from the fixed seed [`SEED`].
 
 #![allow(clippy::print_stdout)]
 

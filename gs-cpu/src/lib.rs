@@ -1,9 +1,13 @@
-//! The [`Rasterizer`](gs_core::Rasterizer) on the CPU: rayon across tiles, explicit SIMD inside them, no `unsafe`.
+#![doc = include_str!("../README.md")]
+//! # Inside
 //!
-//! The image is held in strips of 16 columns (`layout`), so that one vector register is one row of a strip, and a tile is a band of
-//! a strip's rows. The stages stand in files of their names: `bin`, `blend_sum` and `blend_over` (forward and backward), `loss`, `dssim`,
-//! which are the same for every kind of scene (`tiles`); `project`, `sort`, `project_bwd`, `adam` in `2D` and `3D`. Everything is reduced in a fixed order: images, gradients and training
-//! runs are bit-identical for every number of threads. Levels of SIMD differ from each other by rounding only.
+//! Images are stored in strips of 16 columns, so one vector register holds one row of a strip; a
+//! tile is a band of a strip. Each stage has a file of its name: `bin`, `blend_sum` and
+//! `blend_over` (forward and backward), `loss` and `dssim` serve every kind of scene, `project`,
+//! `project_bwd` and `adam` are in `scene2d` and `scene3d`. Every reduction has a fixed order.
+//!
+//! [`CpuRasterizer`] implements [`Rasterizer`](gs_core::Rasterizer) and
+//! [`Optimizer`](gs_core::Optimizer).
 
 // Guards are phrased so that NaN fails them: `!(x > 0.0)` is not `x <= 0.0`.
 #![allow(clippy::neg_cmp_op_on_partial_ord)]

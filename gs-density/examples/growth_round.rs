@@ -1,7 +1,7 @@
-//! What one round of growth by residual costs: `cargo run --release -p gs-density --example growth_round`.
+//! Time of one round of growth by residual, and of the parts of initialization.
 //!
-//! Prints the best and the median of 31 rounds on a 768×512 picture, and what the Hilbert order and the two Lloyd steps of an
-//! initialiser cost beside it.
+//! `cargo run --release -p gs-density --example growth_round` prints the best and the median of 31
+//! rounds on a 768×512 picture.
 #![allow(clippy::print_stdout, reason = "a report is what this program is for")]
 
 use std::time::Instant;

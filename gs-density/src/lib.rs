@@ -1,21 +1,20 @@
-//! Density control: which Gaussians grow, which are pruned, and what is done to them.
+#![doc = include_str!("../README.md")]
+//! # Start reading at
 //!
-//! A policy ([`DensityPolicy`]) is a struct of thresholds without hidden state: it looks at an [`Observation`] and returns an
-//! [`EditPlan`](gs_core::EditPlan), which a backend applies. It knows no rasterizer.
-//!
-//! - Who grows, by rank and threshold: [`Grow`], measured by one of three statistics ([`Signal`]).
-//! - What is done then, the same for all of them ([`Actions`]): [`Densify`] clones and splits, [`Prune`] removes, [`OpacityReset`]
-//!   resets. The budget is met exactly where enough Gaussians qualify; those that call for growth the most go first.
-//! - Growth without parents: [`ResidualGrowth`] prunes and seeds where the residual is large, [`ErrorAddition`] (Image-GS) only adds.
-//! - Growth without scores: [`Mcmc`] relocates and copies by opacity, with [`Noise`] between steps.
-//! - [`Policy`] is any of them, for settings files and command lines.
-//!
-//! All of it is for scenes in 2D and in 3D alike ([`DensityScene`]), but for growth without parents, which is of the plane.
+//! - [`DensityPolicy`] reads an [`Observation`] and returns an [`EditPlan`](gs_core::EditPlan),
+//!   which a backend applies. A policy is a struct of thresholds without hidden state.
+//! - [`Policy`] is any of the policies of this crate, for settings files and command lines.
+//! - [`Grow`] chooses by rank and threshold from one of three statistics ([`Signal`]). Its
+//!   [`Actions`] are those of all policies that choose: [`Densify`] clones and splits, [`Prune`]
+//!   removes, [`OpacityReset`] resets. A budget is met exactly where enough Gaussians qualify.
+//! - [`ResidualGrowth`] removes and seeds by residual, [`ErrorAddition`] (Image-GS) only adds. Both
+//!   are for 2D scenes; all else works for any [`DensityScene`].
+//! - [`Mcmc`] relocates and copies by opacity, with [`Noise`] between steps.
 //!
 //! # A policy of your own
 //!
-//! A [`Round`] prunes, keeps the budget and edits; who grows is all that is left to say. Here it is the Gaussians that move much and
-//! are large, as they have most to win:
+//! A [`Round`] prunes, keeps the budget and edits; the policy only says which Gaussians grow. This
+//! one picks Gaussians that move much and are large:
 //!
 //! ```
 //! use gs_core::{EditPlan, Error, Gaussian2d, effects::Statistics};

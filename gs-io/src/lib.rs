@@ -1,20 +1,20 @@
-//! Files of the engine: images, 2D scenes, checkpoints, 3D scenes in the field's formats, and data sets of posed photographs.
+#![doc = include_str!("../README.md")]
+//! # What is read and written
 //!
 //! | what | read | written |
 //! |---|---|---|
 //! | images (PNG, JPEG, BMP, TIFF, WebP, GIF, PNM) | [`read_image`] | [`write_png`] |
-//! | moving pictures (APNG) | – | [`write_animation`] |
+//! | animations (APNG) | – | [`write_animation`] |
 //! | 2D scenes, `.gs2d.safetensors`, lossless | [`read_scene`] | [`write_scene`] |
 //! | checkpoints of a training run, lossless | [`read_checkpoint`] | [`write_checkpoint`] |
 //! | 2D scenes as a flat 3DGS PLY, for viewers | by [`read_3d`] | [`write_ply`] |
 //! | 2D scenes as SVG | – | [`write_svg`] |
 //! | 3D scenes: PLY, `.splat`, SPZ, glTF | [`read_3d`] | [`write_3d`] |
-//! | data sets of posed photographs: COLMAP, Nerfstudio, Blender | [`dataset::read_dataset`] | – |
+//! | data sets of posed images: COLMAP, Nerfstudio, Blender | [`dataset::read_dataset`] | – |
 //!
-//! Whatever a file holds, reading it ends in a value or in an [`Error`] that names the path, what was expected, what was
-//! found, and how to mend it; never in a panic. Whatever is written appears under its name complete or not at all
-//! ([`write_atomically`]); scenes and checkpoints are on the disk before they replace others ([`write_durably`]). A run that writes a
-//! folder replaces nothing in it that no run wrote ([`FolderClaim`]).
+//! [`write_atomically`] makes a file appear complete or not at all; [`write_durably`], used for
+//! scenes and checkpoints, also syncs it to the disk before it replaces another. A [`FolderClaim`]
+//! keeps a run from replacing files that no run wrote.
 
 // Guards are phrased so that NaN fails them: `!(x > 0.0)` is not `x <= 0.0`.
 #![allow(clippy::neg_cmp_op_on_partial_ord)]

@@ -1,4 +1,4 @@
-//! gs-wgpu compared with gs-cpu: time of a training iteration, start-up time, and quality of fits.
+//! gs-wgpu compared with gs-cpu: time of a training iteration and of start-up, and quality of fits.
 //!
 //! `cargo bench -p gs-lab --bench backends -- [--threads N] [--quick]`
 

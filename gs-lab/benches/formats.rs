@@ -1,5 +1,4 @@
-//! Size on disk of a Gaussian in each format and SH degree, and the time of reading and writing
-//! (paper §5.3).
+//! Bytes per Gaussian in each 3D format at each SH degree, and time of reading and writing.
 //!
 //! `GS_DATA=../shared/data cargo bench -p gs-lab --bench formats -- [--quick]`
 

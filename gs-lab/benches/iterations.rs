@@ -1,4 +1,4 @@
-//! Time of a training iteration compared with that of another engine on the CPU.
+//! Time of a training iteration compared with OpenSplat's CPU path.
 //!
 //! `cargo bench -p gs-lab --bench iterations -- [--level avx2] [--threads N] [--quick]`
 

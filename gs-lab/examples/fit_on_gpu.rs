@@ -1,4 +1,6 @@
-//! Fits Gaussians to an image on the GPU, or on the CPU where there is none: `cargo run --release --example fit_on_gpu -- photo.png`.
+//! Fits Gaussians to an image on the GPU, or on the CPU where there is none.
+//!
+//! `cargo run --release -p gs-lab --example fit_on_gpu -- photo.png`
 
 use gs_cpu::{CpuRasterizer, CpuSettings};
 use gs_train::{FitSettings, fit, paper_target};

@@ -1,6 +1,7 @@
-//! A study of a policy of your own, which grows the Gaussians with the largest gradient × area,
-//! against forced growth and no growth. Run it with `cargo run --release -p gs-lab --example
-//! own_policy`.
+//! A density policy of your own in a study: Gaussians that move much and are large grow. It is
+//! compared with forced growth and with no growth.
+//!
+//! `cargo run --release -p gs-lab --example own_policy`
 
 use std::{error::Error, sync::Arc};
 

@@ -1,12 +1,10 @@
-//! The oracle: 2D and 3D scenes rendered and differentiated in `f64`, densely, one pixel at a time; no tiles, no cut-offs but
-//! the defined ones. Slow and obvious; held against finite differences in this crate's own tests. What differs between the kinds of scenes,
-//! how one Gaussian is seen, is in `2D` and `perspective`; all else is common.
+#![doc = include_str!("../README.md")]
+//! # Inside
 //!
-//! Beside each number the oracle gives what `f32` arithmetic may change it by (`rounding`: a first-order error analysis, so that a
-//! needle is allowed more than a disc) and what decisions within rounding of their threshold may change it by (`flip`: guards,
-//! the order of depths, the α cut, full pixels, clamped α, the kink of |C − Y|). The comparisons that the
-//! conformance suite makes of the two count roundings ([`ROUNDINGS`]). Where many pixels are asked for and nothing but their colours,
-//! [`Oracle::colors_at`] leaves the analysis out.
+//! The error analysis is first-order, so a needle is allowed more than a disc. The conformance
+//! suite compares in units of [`ROUNDINGS`]. How one Gaussian is seen is in `scene2d` and
+//! `perspective`; everything else serves both kinds of scenes. [`Oracle::colors_at`] leaves the
+//! analysis out, where many pixels are needed and nothing but their colours.
 
 // Guards are phrased so that NaN fails them: `!(x > 0.0)` is not `x <= 0.0`.
 #![allow(clippy::neg_cmp_op_on_partial_ord)]

@@ -1,8 +1,11 @@
-//! The training loop: initialisers, schedules, density control, observers and checkpoints.
+#![doc = include_str!("../README.md")]
+//! # Start reading at
 //!
-//! [`fit()`] fits an image in one call. [`Trainer`] is the loop itself, for who wants to stop, store and resume it. What a fit does
-//! is in its [`FitSettings`]; [`Preset`] names the good ones. [`Observer`] is how a caller watches and stops it. All of it is
-//! generic over the backend: any [`Rasterizer`](gs_core::Rasterizer) of 2D scenes.
+//! - [`fit()`] fits an image in one call; [`Trainer3d`] trains a 3D scene.
+//! - [`Trainer`] is the loop itself, for programs that stop, store and resume it.
+//! - [`FitSettings`] and [`TrainSettings`] are all that a run depends on; [`Preset`] and
+//!   [`TrainPreset`] name good ones.
+//! - [`Observer`] watches a run and can stop it.
 
 // Guards are phrased so that NaN fails them: `!(x > 0.0)` is not `x <= 0.0`.
 #![allow(clippy::neg_cmp_op_on_partial_ord)]

@@ -1,4 +1,6 @@
-//! Lists the adapters of this machine; fails where there is none.
+//! Lists the graphics adapters of this machine; fails if there is none.
+//!
+//! `cargo run -p gs-wgpu --example adapters`
 
 #![allow(clippy::print_stdout)]
 

@@ -1,5 +1,7 @@
-//! A program that has a device of its own: the rasterizer shares it, and draws into a texture of the program's, which then writes that to a
-//! file. Run with `cargo run --example host_device -- drawn.png`.
+//! A program with a device of its own: the rasterizer shares the device and draws into a texture of
+//! the program, which then writes it to a file.
+//!
+//! `cargo run -p gs-wgpu --example host_device -- drawn.png`
 
 #![allow(clippy::print_stdout)]
 

@@ -1,5 +1,7 @@
-//! Puts random scenes, views and settings through gs-cpu: `cargo run --release -p gs-conformance --example fuzzed_scenes -- [COUNT] [SEED]`.
-//! Half of them are 2D, half in 3D. Tells each that fails, and of the first all that it is.
+//! Runs random scenes, views and settings through gs-cpu, half of them 2D and half 3D, and prints each
+//! that fails; the first one in full.
+//!
+//! `cargo run --release -p gs-conformance --example fuzzed_scenes -- [COUNT] [SEED]`
 
 #![allow(clippy::print_stdout)]
 

@@ -1,5 +1,6 @@
-//! Measures how far gs-cpu and gs-wgpu are off the oracle, for the table in `tolerance.rs`:
-//! `cargo run -p gs-conformance --example worst_cases`.
+//! Measures how far gs-cpu and gs-wgpu are from the oracle, for the table in `tolerance.rs`.
+//!
+//! `cargo run -p gs-conformance --example worst_cases`
 
 #![allow(clippy::print_stdout)]
 

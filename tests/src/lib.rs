@@ -1,9 +1,9 @@
-//! The 64-bit oracle and the conformance suite that any [`Rasterizer`](gs_core::Rasterizer) can be put through.
+#![doc = include_str!("../README.md")]
+//! # Start reading at
 //!
-//! A new backend's tests call [`conformance::conformance`]. What it compares with is [`Oracle`](oracle::Oracle); how near the two must come is
-//! in [`tolerance`]; what is drawn is in [`scenes`]. Tests on real photographs and scenes find them by [`data`].
-//! What fuzzers draw, and what a backend owes even that, is in [`fuzzed`]; hard cases are in [`corpus`]. What property tests share
-//! is in [`properties`].
+//! [`conformance`] has the cases, [`tolerance`] says how near a backend must come to the
+//! [`oracle`], [`scenes`] draws what is compared. Hard cases are in [`corpus`], and what a backend
+//! owes to random scenes in [`fuzzed`]. Tests on real images find them through [`data`].
 
 // Guards are phrased so that NaN fails them: `!(x > 0.0)` is not `x <= 0.0`.
 #![allow(clippy::neg_cmp_op_on_partial_ord)]

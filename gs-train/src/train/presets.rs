@@ -32,7 +32,7 @@ pub enum TrainPreset {
     Mcmc,
     /// For runs of minutes, 6,000 steps: 3DGS's, with longer steps, learning rates that decay within the run, and no round of density control in
     /// its last quarter. 0.8 dB more than 3DGS's settings on the lego of NeRF-synthetic, in a seventh less steps and with a fifth less
-    /// Gaussians (`benchmarks/2026-11-21-epyc-2-cores/3D.md`).
+    /// Gaussians (`benchmarks/2026-11-21-epyc-2-cores/training.md`).
     Short,
     /// A first look in 2,000 steps, at half resolution first.
     Quick,
