@@ -1,8 +1,6 @@
-//! Time of a loss and its gradient (the stage `loss` of a training step) for images of several
-//! sizes, on one thread and on all.
+//! Time of a loss and its gradient: stage `loss` for several image sizes, on one thread and on all.
 //!
-//! `cargo bench -p gs-cpu --bench losses`. Medians of stages that take turns, with the 10 % and 90 %
-//! quantiles.
+//! `cargo bench -p gs-cpu --bench losses`. Prints medians, with the 10 % and 90 % quantiles.
 
 #![allow(clippy::print_stdout)]
 
@@ -18,7 +16,7 @@ const REPETITIONS: usize = 60;
 
 const SIZES: [(u32, u32); 4] = [(400, 400), (768, 512), (1920, 1080), (3840, 2160)];
 
-/// A few large Gaussians: the loss does not know how many there are.
+/// A few large Gaussians: the time of the loss does not depend on their number.
 fn scene((width, height): (u32, u32)) -> Scene2d {
     let gaussian = |i: u32| Gaussian2d {
         mean: Vec2::new(width as f32, height as f32) * (i as f32 / 8.0),

@@ -1,7 +1,8 @@
-//! 3D scenes: time of every stage, of a forward pass, of forward and backward, and of training steps.
+//! 3D scenes: time of every stage, of forward passes, of forward and backward, and of training
+//! steps.
 //!
-//! `cargo bench -p gs-cpu --bench scene3d -- [SCENE…]` measures the named scenes, or all. Everything
-//! is drawn from the fixed seed [`SEED`].
+//! `cargo bench -p gs-cpu --bench scene3d -- [SCENE…]`, with the scene names of the output; all
+//! without names. Scenes are drawn with the fixed seed [`SEED`].
 
 #![allow(clippy::print_stdout)]
 
@@ -22,7 +23,7 @@ use gs_core::{
 };
 use gs_cpu::{CpuRasterizer, CpuSettings};
 
-/// What is measured.
+/// A scene to measure, with its view and settings.
 struct Subject {
     name: String,
     scene: Scene3d,
@@ -31,8 +32,8 @@ struct Subject {
     repetitions: usize,
 }
 
-/// As 3DGS starts from structure from motion: points on an object and on what is around it, each as large as its three nearest neighbours are
-/// far, grey and translucent.
+/// A start from structure from motion as in 3DGS: grey, translucent Gaussians at points on an
+/// object and around it, each with the mean distance of its three nearest neighbours as scale.
 fn structure_from_motion(count: usize, (width, height): (u32, u32)) -> (Scene3d, Camera) {
     let mut random = Random(SEED);
     let points: Vec<Vec3> = (0..count)
@@ -75,7 +76,7 @@ fn settings(order: Order, sh_degree: u8) -> RenderSettings {
     settings
 }
 
-/// Gaussians, and columns and rows of the image.
+/// Number of Gaussians, and the image's columns and rows.
 type Size = (usize, (u32, u32));
 
 fn subjects() -> Vec<(String, Box<dyn Fn() -> Subject>)> {
@@ -104,7 +105,7 @@ fn subjects() -> Vec<(String, Box<dyn Fn() -> Subject>)> {
     starts.chain(gardens.into_iter().map(|s| subject(s, garden, 3))).collect()
 }
 
-/// The median time of `work`, ms, after once without looking at the clock.
+/// The median time of `work`, ms, after one run to warm up.
 fn median(repetitions: usize, mut work: impl FnMut() -> Result<(), Error>) -> Result<f64, Error> {
     work()?;
     let mut seconds = Vec::with_capacity(repetitions);
@@ -139,8 +140,8 @@ fn measure(cpu: &impl Profiler<Scene3d>, subject: &Subject) -> Result<(), Error>
     }
     let forward = median(*repetitions, || cpu.forward(&splats, camera, settings).block_on().map(drop))?;
     let both = median(*repetitions, || {
-        let frame = cpu.forward(&splats, camera, settings).block_on()?;
-        cpu.backward(&splats, frame, &target, &loss).block_on().map(drop)
+        let pass = cpu.forward(&splats, camera, settings).block_on()?;
+        cpu.backward(&splats, pass, &target, &loss).block_on().map(drop)
     })?;
     let step = TrainStep { settings, loss, rates: &rates, binning: Binning::Fresh };
     let whole = median(*repetitions, || cpu.train_step(&mut splats, camera, &target, &step).block_on())?;

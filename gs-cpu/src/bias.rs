@@ -1,7 +1,8 @@
-//! Adam's bias corrections 1/(1 − β^t), which depend on each Gaussian's own step count: looked up, not computed.
+//! A table of Adam's bias corrections 1/(1 − β^t), which depend on each Gaussian's own step count.
 
-/// Step counts beyond this are taken as this: even β = 0.99999 leaves a correction of 1 + 5e-5 there. It bounds the table below, whose
-/// length a checkpoint could otherwise dictate.
+/// Step counts are clamped to this. The correction there is at most 1 + 5e-5, for β = 0.99999.
+///
+/// It bounds the length of the table, which would otherwise depend on the contents of a checkpoint.
 const MOST_STEPS: u32 = 1 << 20;
 
 /// The corrections of both moments of G groups of parameters at one step count.
@@ -11,7 +12,7 @@ pub(crate) struct Bias<const G: usize> {
     pub(crate) second: [f32; G],
 }
 
-/// Corrections by step count, made once per set of betas; it ends where all of them have become 1.
+/// Corrections by step count for one set of betas. The table ends where all of them are 1.
 #[derive(Debug)]
 pub struct BiasTable<const G: usize> {
     betas: Option<[[f32; 2]; G]>,
@@ -25,7 +26,9 @@ impl<const G: usize> Default for BiasTable<G> {
 }
 
 impl<const G: usize> BiasTable<G> {
-    /// Makes sure of an entry for every count up to one more than the largest of `steps`; `betas` are those of the first and second moments.
+    /// Extends the table to one more than the largest of `steps`.
+    ///
+    /// `betas` has β₁ and β₂ of each group.
     pub(crate) fn prepare(&mut self, betas: [[f32; 2]; G], steps: &[u32]) {
         let most = steps.iter().max().map_or(0, |&t| t.saturating_add(1));
         if self.betas != Some(betas) {
@@ -45,7 +48,7 @@ impl<const G: usize> BiasTable<G> {
         }
     }
 
-    /// The corrections at a step count that [`Self::prepare`] has seen to.
+    /// The corrections at a step count, after [`Self::prepare`].
     #[inline(always)]
     pub(crate) fn at(&self, steps: u32) -> &Bias<G> {
         &self.by_steps[(steps as usize).min(self.by_steps.len() - 1)]

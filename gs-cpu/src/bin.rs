@@ -1,8 +1,9 @@
-//! Stage `bin`: which Gaussian touches which rows of which tile. Parallel over Gaussians, then over groups of tiles.
+//! Stage `bin`: lists the Gaussians that touch each tile, with the rows that they touch.
 //!
-//! Bounds are tight, if nothing else is asked for: an entry stands for the rows in which the ellipse of the α cut meets the tile's columns, so no tile is
-//! listed that a Gaussian cannot touch above the cut. Entries of a tile stand in the order of places, whatever the number of
-//! threads.
+//! Parallel over Gaussians, then over groups of tiles. Bounds are tight by default: an entry covers
+//! the rows in which the ellipse of the α cut meets the tile's columns, so a Gaussian is not listed
+//! in a tile where all its weights are below the cut. The entries of a tile are in the order of
+//! places for every number of threads.
 
 use gs_core::{Error, memory};
 use rayon::prelude::*;
@@ -10,41 +11,41 @@ use rayon::prelude::*;
 use crate::{
     lanes::LANES,
     layout::Grid,
-    rasterizer::BACKEND,
     splat::{CHUNK, Splat},
     tuning::Bounds,
+    unsupported::BACKEND,
 };
 
 /// One Gaussian in one tile.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Entry {
-    /// Its place among the projected.
+    /// Index into the projected splats.
     pub(crate) place: u32,
     /// First image row, and the one after the last.
     pub(crate) rows: [u16; 2],
 }
 
-/// An entry before it is put into its tile's list.
+/// An entry that is not in its tile's list yet.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Found {
     entry: Entry,
     tile: u32,
 }
 
-/// The entries of one chunk of places, and where they went.
+/// The entries of one chunk of places, and their positions in the lists.
 #[derive(Debug, Default)]
 struct Chunk {
     found: Vec<Found>,
-    /// Where each of `found` stands in [`Bins::entries`].
+    /// The position of each of `found` in [`Bins::entries`].
     slots: Vec<u32>,
-    /// First of `found` of each place of the chunk, and the end: `[places + 1]`.
+    /// Index of the first of `found` for each place of the chunk, and the end: `[places + 1]`.
     starts: Vec<u32>,
-    /// Per tile: first how many, then where the next goes.
+    /// Per tile: first the number of entries, then the position of the next one.
     cursors: Vec<u32>,
     outside: u32,
 }
 
-/// All tiles' lists of entries.
+/// The lists of entries of all tiles.
 #[derive(Debug)]
 pub(crate) struct Bins {
     /// Tile-major.
@@ -56,7 +57,7 @@ pub(crate) struct Bins {
     chunks: Vec<Chunk>,
     /// Places in a chunk.
     chunk_len: usize,
-    /// More entries are refused; tests refuse more than a few.
+    /// Largest number of entries that is accepted. Tests lower it.
     pub(crate) most_entries: u32,
 }
 
@@ -68,7 +69,7 @@ impl Default for Bins {
     }
 }
 
-/// Most chunks: each has a count per tile.
+/// Largest number of chunks: each has one count per tile.
 const MOST_CHUNKS: usize = 64;
 
 impl Bins {
@@ -84,15 +85,16 @@ impl Bins {
         &self.entries[self.tile_start[tile] as usize..self.tile_start[tile + 1] as usize]
     }
 
-    /// Pixel–Gaussian pairs that the blend kernels visit: 16 per row of every entry.
+    /// Number of pixel–Gaussian pairs that the blend kernels visit: 16 per row of every entry.
     pub(crate) fn pairs(&self) -> u64 {
         self.entries.iter().map(|e| u64::from(e.rows[1] - e.rows[0]) * LANES as u64).sum()
     }
 
-    /// Lists anew, and counts the Gaussians that touch no pixel.
+    /// Replaces the lists, and counts the Gaussians that touch no pixel.
     ///
     /// # Errors
-    /// [`Error::Backend`] where there are more entries than [`Self::most_entries`], [`Error::Memory`]; the lists are then of no use.
+    /// [`Error::Backend`] for more entries than [`Self::most_entries`], and [`Error::Memory`]. The
+    /// lists are invalid after an error.
     pub(crate) fn fill(&mut self, projected: &[Splat], grid: &Grid, bounds: Bounds) -> Result<(), Error> {
         let tiles = grid.tiles();
         self.chunk_len = CHUNK.max(projected.len().div_ceil(MOST_CHUNKS));
@@ -131,7 +133,7 @@ fn count_entries(counts: impl Iterator<Item = u32>, most: u32) -> Result<u32, Er
     u32::try_from(asked).ok().filter(|&asked| asked <= most).ok_or_else(|| Error::Backend {
         backend: BACKEND,
         message: format!(
-            "{asked} pairs of a Gaussian and a tile that it touches, but at most {most} are possible; take fewer or smaller \
+            "{asked} pairs of a Gaussian and a tile that it touches, but at most {most} are possible; use fewer or smaller \
              Gaussians, or a smaller canvas"
         ),
     })
@@ -190,15 +192,16 @@ impl Chunk {
     }
 }
 
-/// Whether the box around the ellipse of a splat's cut, which reaches `half_y` up and down, touches a pixel's centre.
+/// Whether the bounding box of the cut's ellipse, of height 2 `half_y`, contains a pixel's centre.
 pub(crate) fn touches(splat: &Splat, half_y: f32, grid: &Grid) -> bool {
     pixels(splat.mean[0], splat.half_x, splat.half_x, grid.width).is_some()
         && pixels(splat.mean[1], half_y, half_y, grid.height).is_some()
 }
 
-/// The pixels whose centres lie within [mean − before, mean + after], as first and end; `None` where there are none.
+/// The pixels whose centres lie in [mean − before, mean + after], as first and end; `None` if
+/// empty.
 fn pixels(mean: f32, before: f32, after: f32, side: usize) -> Option<(usize, usize)> {
-    // A thousandth of a pixel more, so that rounding never loses a pixel; the kernels decide exactly.
+    // Rounding must not lose a pixel. The kernels apply the exact test.
     const SLACK: f32 = 1e-3;
     let first = (mean - before - 0.5 - SLACK).ceil().clamp(0.0, side as f32);
     let end = ((mean + after - 0.5 + SLACK).floor() + 1.0).clamp(0.0, side as f32);
@@ -213,11 +216,12 @@ fn vertical_extent(splat: &Splat, left: f32, right: f32) -> (f32, f32) {
     (splat.slope * top_dx - offset_at(top_dx), splat.slope * bottom_dx + offset_at(bottom_dx))
 }
 
-/// Puts the entries of `tiles` into their lists; each of `tasks` tasks reads all chunks and keeps what is its own.
+/// Writes the entries of `tiles` into their lists. Each of `tasks` tasks reads all chunks and keeps
+/// the entries of its own tiles.
 fn scatter(tiles: std::ops::Range<usize>, tile_start: &[u32], chunks: &[Chunk], entries: &mut [Entry], tasks: usize) {
     let base = tile_start[tiles.start] as usize;
     if tasks > 1 && tiles.len() > 1 {
-        // Cut where half of the entries are on either side.
+        // Half of the entries go to each side.
         let half = (base + entries.len() / 2) as u32;
         let middle = tile_start[..tiles.end].partition_point(|&s| s < half).clamp(tiles.start + 1, tiles.end - 1);
         let (left, right) = entries.split_at_mut(tile_start[middle] as usize - base);
@@ -242,12 +246,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn more_entries_than_positions_are_an_error_that_says_how_to_mend_it() {
+    #[cfg_attr(miri, ignore = "a minute: a quarter of a million counts without a memory access")]
+    fn too_many_entries_are_an_error_that_names_a_remedy() {
         let most = u32::MAX;
         assert_eq!(count_entries([].into_iter(), most).unwrap(), 0);
         assert_eq!(count_entries([most - 7, 3, 4].into_iter(), most).unwrap(), most);
         let one_too_many = count_entries([most - 7, 3, 5].into_iter(), most);
-        // 16,385 Gaussians, each over all tiles of the largest canvas.
+        // 16,385 Gaussians that each cover all tiles of the largest canvas.
         let far_too_many = count_entries((0..1024 * 256).map(|_| 16_385), most);
         for (result, asked) in [(one_too_many, "4294967296"), (far_too_many, "4295229440")] {
             let message = result.unwrap_err().to_string();

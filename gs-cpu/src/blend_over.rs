@@ -1,9 +1,10 @@
-//! Stages `blend` and `blend_bwd` under `Over`: C = Σ T α c, front to back. One task per tile; vectors as in
-//! `blend_sum`.
+//! Stages `blend` and `blend_bwd` under `Over`: C = Σ T α c, front to back. One task per tile;
+//! vectors are those of `blend_sum`.
 //!
-//! Entries are walked front to back in both directions. A pixel that is full keeps its transmittance with the sign turned, so that
-//! every later Gaussian fails the test against the minimum; rows whose pixels are all full are passed over. The backward pass keeps, per pixel, T and the rest v_C·(what is
-//! behind), and never divides by less than 1 − α_max.
+//! Both passes go through the entries front to back. A full pixel stores its transmittance with a
+//! negative sign, so that every later Gaussian fails the test against the minimum. Rows whose
+//! pixels are all full are skipped. The backward pass keeps T and v_C·(the colour behind) for each
+//! pixel, and never divides by less than 1 − α_max.
 //!
 //! Legend: as in `blend_sum`, with t = α·v_α.
 
@@ -15,16 +16,17 @@ use crate::{
     lanes::{Floats, LANES, Whole, each_part, fma, load, load3, splat, splat3, store, sums},
     layout::{Row, ScalarRow},
     splat::Splat,
-    tiles::Sight,
+    tile_inputs::TileInputs,
 };
 
-/// Numbers per entry that [`backward`] yields: those of `Sum`, and S (the sum of t). Those that K asks for follow them.
+/// Numbers per entry that [`backward`] writes: those of `Sum`, and S (the sum of t). Those of K
+/// follow.
 pub(crate) const STRIDE: usize = 9;
 
-/// How many entries are blended between two looks at which rows are full.
-const LOOK_EVERY: usize = 32;
+/// Number of entries that are blended between two checks for full rows.
+const CHECK_EVERY: usize = 32;
 
-/// The rows of a tile in which some pixel is not full, a bit each: what is behind the others is passed over.
+/// The rows of a tile in which some pixel is not full, one bit each.
 #[derive(Debug, Clone, Copy)]
 struct OpenRows(u64);
 
@@ -33,7 +35,7 @@ impl OpenRows {
         Self(u64::MAX >> (u64::BITS as usize - rows))
     }
 
-    /// From the first to behind the last of the open ones among rows `first` to `end`.
+    /// The range from the first to the last open row among rows `first` to `end`.
     #[inline(always)]
     fn within(self, [first, end]: [usize; 2]) -> Option<[usize; 2]> {
         let open = self.0 & (u64::MAX << first) & (u64::MAX >> (u64::BITS as usize - end));
@@ -41,9 +43,9 @@ impl OpenRows {
         (open != 0).then_some([first, end])
     }
 
-    /// Closes those whose pixels are all full, their transmittances negative.
+    /// Closes the rows whose pixels are all full, that is, whose transmittances are negative.
     #[inline(always)]
-    fn look<S: Simd>(&mut self, simd: S, rows: &[impl Transmittances]) {
+    fn close_full_rows<S: Simd>(&mut self, simd: S, rows: &[impl Transmittances]) {
         let mut left = self.0;
         while left != 0 {
             let row = left.trailing_zeros() as usize;
@@ -56,7 +58,7 @@ impl OpenRows {
     }
 }
 
-/// Where a row keeps its pixels' transmittances.
+/// A row that stores its pixels' transmittances.
 trait Transmittances {
     fn transmittances(&self) -> &[f32; LANES];
 }
@@ -68,7 +70,7 @@ impl Transmittances for ScalarRow {
     }
 }
 
-/// While a backward pass replays it.
+/// A row during a backward pass.
 impl Transmittances for Row {
     #[inline(always)]
     fn transmittances(&self) -> &[f32; LANES] {
@@ -76,34 +78,34 @@ impl Transmittances for Row {
     }
 }
 
-/// Nothing is in front of a row's pixels yet; those beyond the image are full from the start.
+/// The initial transmittances of a row: pixels beyond the image are full from the start.
 fn unobstructed(lanes_inside: usize) -> [f32; LANES] {
     std::array::from_fn(|lane| if lane < lanes_inside { 1.0 } else { -1.0 })
 }
 
-/// Blends the entries' Gaussians into `rows`, before `background`, and says what transmittance is left.
+/// Blends the entries' Gaussians and `background` into `rows`, and stores the final transmittances.
 #[inline(always)]
 pub(crate) fn forward<S: Simd>(
     simd: S,
-    sight: &Sight<'_>,
+    inputs: &TileInputs<'_>,
     rows: &mut [Row],
     transmittance: &mut [ScalarRow],
     background: [f32; 3],
 ) {
     rows.fill(Row::ZERO);
-    transmittance.fill(ScalarRow(unobstructed(sight.lanes_inside)));
+    transmittance.fill(ScalarRow(unobstructed(inputs.lanes_inside)));
     let mut open = OpenRows::all(rows.len());
-    for (number, entry) in sight.entries.iter().enumerate() {
-        if number % LOOK_EVERY == LOOK_EVERY - 1 {
-            open.look(simd, transmittance);
+    for (number, entry) in inputs.entries.iter().enumerate() {
+        if number % CHECK_EVERY == CHECK_EVERY - 1 {
+            open.close_full_rows(simd, transmittance);
             if open.0 == 0 {
                 break;
             }
         }
-        let Some([row, end]) = open.within(sight.rows_of(entry)) else { continue };
-        let s = &sight.projected[entry.place as usize];
+        let Some([row, end]) = open.within(inputs.rows_of(entry)) else { continue };
+        let s = &inputs.projected[entry.place as usize];
         let (rows, transmittance) = (&mut rows[row..end], &mut transmittance[row..end]);
-        each_part!(S; forward_part(simd, s, sight, sight.first_row + row, rows, transmittance));
+        each_part!(S; forward_part(simd, s, inputs, inputs.first_row + row, rows, transmittance));
     }
     for (Row(pixels), ScalarRow(t)) in rows.iter_mut().zip(transmittance) {
         for lane in (0..LANES).step_by(S::f32s::LEN) {
@@ -123,7 +125,7 @@ pub(crate) fn forward<S: Simd>(
 fn forward_part<S: Simd, V: Floats<S>>(
     simd: S,
     s: &Splat,
-    &Sight { accuracy, first_column, .. }: &Sight<'_>,
+    &TileInputs { accuracy, first_column, .. }: &TileInputs<'_>,
     mut row: usize,
     rows: &mut [Row],
     transmittance: &mut [ScalarRow],
@@ -160,20 +162,22 @@ fn forward_part<S: Simd, V: Floats<S>>(
     }
 }
 
-/// What the entries' Gaussians receive from v_C = `v_rows`: [`STRIDE`] numbers per entry and those that K asks for, into `slots`. `rows` holds
-/// the finished colours, and is used up; `errors` are those of the pixels, where K asks for them.
+/// Computes the entries' gradients from v_C = `v_rows` into `slots`.
+///
+/// A slot has [`STRIDE`] numbers, and those of K. `rows` holds the finished colours and is
+/// overwritten. `errors` are the pixels' errors if K needs them.
 #[inline(always)]
 pub(crate) fn backward<S: Simd, K: Collect>(
     simd: S,
-    sight: &Sight<'_>,
+    inputs: &TileInputs<'_>,
     rows: &mut [Row],
     v_rows: &[Row],
     errors: &[ScalarRow],
     slots: &mut [f32],
 ) {
-    let unobstructed = unobstructed(sight.lanes_inside);
+    let unobstructed = unobstructed(inputs.lanes_inside);
     for (Row(pixels), Row(v)) in rows.iter_mut().zip(v_rows) {
-        // From here on, channel 0 is T and channel 1 the rest.
+        // From here on, channel 0 is T and channel 1 is v_C·(the colour behind).
         for lane in (0..LANES).step_by(S::f32s::LEN) {
             let [r, g, b]: [S::f32s; 3] = load3(simd, pixels, lane);
             let [v_r, v_g, v_b]: [S::f32s; 3] = load3(simd, v, lane);
@@ -183,19 +187,19 @@ pub(crate) fn backward<S: Simd, K: Collect>(
     }
     slots.fill(0.0);
     let mut open = OpenRows::all(rows.len());
-    let of_entries = sight.entries.iter().zip(slots.chunks_exact_mut(STRIDE + K::NUMBERS));
+    let of_entries = inputs.entries.iter().zip(slots.chunks_exact_mut(STRIDE + K::NUMBERS));
     for (number, (entry, slot)) in of_entries.enumerate() {
-        if number % LOOK_EVERY == LOOK_EVERY - 1 {
-            open.look(simd, rows);
+        if number % CHECK_EVERY == CHECK_EVERY - 1 {
+            open.close_full_rows(simd, rows);
             if open.0 == 0 {
                 break;
             }
         }
-        let Some([row, end]) = open.within(sight.rows_of(entry)) else { continue };
-        let s = &sight.projected[entry.place as usize];
+        let Some([row, end]) = open.within(inputs.rows_of(entry)) else { continue };
+        let s = &inputs.projected[entry.place as usize];
         let (rows, v_rows) = (&mut rows[row..end], &v_rows[row..end]);
         let errors = if K::ERROR { &errors[row..end] } else { &[] };
-        each_part!(S, K; backward_part(simd, s, sight, sight.first_row + row, rows, v_rows, errors, slot));
+        each_part!(S, K; backward_part(simd, s, inputs, inputs.first_row + row, rows, v_rows, errors, slot));
     }
 }
 
@@ -205,7 +209,7 @@ pub(crate) fn backward<S: Simd, K: Collect>(
 fn backward_part<S: Simd, V: Floats<S>, K: Collect>(
     simd: S,
     s: &Splat,
-    &Sight { accuracy, first_column, .. }: &Sight<'_>,
+    &TileInputs { accuracy, first_column, .. }: &TileInputs<'_>,
     mut row: usize,
     rows: &mut [Row],
     v_rows: &[Row],

@@ -1,10 +1,14 @@
-//! Stages `blend` and `blend_bwd` under `Sum`: C = Σ w c. One task per tile; a vector is a row of 16 pixels, or a part of it
-//! where the level's registers are narrower, and then parts that the Gaussian does not touch are passed over.
+//! Stages `blend` and `blend_bwd` under `Sum`: C = Σ w c. One task per tile.
 //!
-//! Down a column, w = exp(e₀ − ½ c u²) with u = dy − slope·dx grows by a factor that itself shrinks by the constant factor
-//! exp(−c): two fused multiply-adds a row instead of an exponential. The recurrence starts afresh every `restart_rows` rows.
+//! A vector is a row of 16 pixels. Where the level's registers are narrower, it is a part of a row,
+//! and parts that the Gaussian does not touch are skipped.
 //!
-//! Legend: K = what is collected besides (`collect`); t = w·v_w; S = Σ over the entry's pixels of t times 1, dx, u, dx², dx·u, u².
+//! Down a column, w = exp(e₀ − ½ c u²) with u = dy − slope·dx grows by a factor that itself shrinks
+//! by the constant factor exp(−c): two fused multiply-adds a row instead of an exponential. The
+//! recurrence starts afresh every `restart_rows` rows.
+//!
+//! Legend: K = the sums for a statistic (`collect`); t = w·v_w; S, Sx, Su, Sxx, Sxu, Suu = Σ over
+//! the entry's pixels of t times 1, dx, u, dx², dx·u, u².
 
 use fearless_simd::{Simd, prelude::*};
 
@@ -18,10 +22,11 @@ use crate::{
     splat::Splat,
 };
 
-/// Numbers per entry that [`backward`] yields: v_colour 3, Sx, Su, Sxx, Sxu, Suu. Those that K asks for follow them.
+/// Numbers per entry that [`backward`] writes: v_colour 3, Sx, Su, Sxx, Sxu, Suu. Those of K
+/// follow.
 pub(crate) const STRIDE: usize = 8;
 
-/// Numbers per entry that [`backward_colors`] yields: v_colour 3, and one that is 0.
+/// Numbers per entry that [`backward_colors`] writes: v_colour 3, and a 0.
 pub(crate) const COLOR_STRIDE: usize = 4;
 
 /// The weights of an entry, row by row, in the lanes from `lane` on.
@@ -33,11 +38,13 @@ pub(crate) struct Weights<V> {
     across: V,
     c: f32,
     ratio: V,
-    /// What the ratio is held less: 1, with 1 − exp(−c) and a mask of ones, for wide Gaussians; 0, 0 and a mask of zeros for others.
+    /// Subtracted from the stored ratio: 1 for wide Gaussians, else 0.
+    ///
+    /// `minus_fall` and `mask` are −(1 − exp(−c)) and all ones for wide Gaussians, else 0.
     base: f32,
     minus_fall: V,
     mask: V,
-    /// w of the current row, and what it is multiplied by for the next, less `base`.
+    /// w of the current row, and the factor to the next row's w, minus `base`.
     pub(crate) w: V,
     growth: V,
 }
@@ -56,7 +63,7 @@ impl<V> Weights<V> {
         Self { dx, across, c: splat_.c, ratio, base, minus_fall, mask, w: zero, growth: zero }
     }
 
-    /// Starts at the row in which u is `u`.
+    /// Starts the recurrence at the row in which u is `u`.
     #[inline(always)]
     pub(crate) fn start<S: Simd>(&mut self, simd: S, u: V)
     where
@@ -64,13 +71,14 @@ impl<V> Weights<V> {
     {
         let cu = u * self.c;
         self.w = exp(simd, fma(cu * u, splat(simd, -0.5), self.across));
-        // Beyond ±87 this is some other number, but not where it matters: with c(|u| + ½) > 87, w is 0 here, or c is more than 30. Where w is 0, it
-        // is 0 or NaN up to the next start, and should be below the cut. And where c is more than 30, that is after two rows at most, and what the
-        // second row has is negative. Neither comes above the cut.
+        // `exp_less` is wrong beyond ±87, which never brings a weight above the cut. c(|u| + ½) >
+        // 87 means that w is 0 here or that c > 30. If w is 0, it stays 0 or NaN up to the next
+        // start, and the true weight is below the cut. If c > 30, the next start is after at most
+        // two rows, and the weight of the second row is negative.
         self.growth = exp_less(simd, -(cu + 0.5 * self.c), self.base);
     }
 
-    /// Goes to the next row: w (base + growth), (base + growth) ratio − base.
+    /// Goes to the next row: w ← w (base + growth), growth ← (base + growth) ratio − base.
     #[inline(always)]
     pub(crate) fn advance<S: Simd>(&mut self)
     where
@@ -88,8 +96,9 @@ pub(crate) fn u_in_row<S: Simd, V: Floats<S>>(simd: S, splat_: &Splat, dx: V, ro
     fma(dx, splat(simd, -splat_.slope), splat(simd, dy))
 }
 
-/// Whether the lanes of a vector from `lane` on are all outside the columns that a Gaussian touches. Never where a vector is a
-/// whole row: then the entry would not be there.
+/// Whether all lanes of the vector at `lane` are outside the columns that a Gaussian touches.
+///
+/// False where a vector is a whole row: such an entry would not be listed.
 #[inline(always)]
 pub(crate) fn passes_by<S: Simd, V: Floats<S>>(splat_: &Splat, first_column: usize, lane: usize) -> bool {
     if V::LEN == LANES {
@@ -99,7 +108,7 @@ pub(crate) fn passes_by<S: Simd, V: Floats<S>>(splat_: &Splat, first_column: usi
     (middle - splat_.mean[0]).abs() > splat_.half_x + 0.5 * V::LEN as f32
 }
 
-/// StepBackground less target: what [`forward`] starts from where the residual is wanted.
+/// Fills `rows` with background − target, from which [`forward`] computes the residual.
 #[inline(always)]
 pub(crate) fn start<S: Simd>(simd: S, background: [f32; 3], target: &[Row], rows: &mut [Row]) {
     let background: [S::f32s; 3] = splat3(simd, background);
@@ -112,10 +121,11 @@ pub(crate) fn start<S: Simd>(simd: S, background: [f32; 3], target: &[Row], rows
     }
 }
 
-/// Adds the entries' Gaussians to `rows`, whose first is image row `first_row`.
+/// Adds the entries' Gaussians to `rows`; the first of `rows` is image row `first_row`.
 ///
-/// Runs of rows between two starts of the recurrence follow each other across entries, and each run's start is computed before the
-/// rows of the one before it: the exponentials then do not wait for a mispredicted end of a run.
+/// A run is the rows between two starts of the recurrence. Each run's start is computed before the
+/// rows of the previous run, across entries: the exponentials then do not wait for a mispredicted
+/// end of a run.
 #[inline(always)]
 pub(crate) fn forward<S: Simd>(
     simd: S,
@@ -125,7 +135,6 @@ pub(crate) fn forward<S: Simd>(
     first_row: usize,
     rows: &mut [Row],
 ) {
-    // The recurrence waits for its own results; two registers wait for them at once.
     let zero = splat::<S, Whole<S>>(simd, 0.0);
     let Some(first) = entries.first() else { return };
     let mut run = Run::<Whole<S>>::new(simd, first, projected, first_column, usize::from(first.rows[0]));
@@ -154,7 +163,7 @@ pub(crate) fn forward<S: Simd>(
     }
 }
 
-/// A start of the recurrence, ahead of its rows.
+/// A start of the recurrence, computed ahead of its rows.
 #[derive(Clone, Copy)]
 struct Run<V> {
     row: usize,
@@ -174,8 +183,9 @@ impl<V> Run<V> {
     }
 }
 
-/// What the entries' Gaussians receive from v_C = `rows`: [`STRIDE`] numbers per entry and those that K asks for, into `slots`. `errors` are
-/// those of the pixels, where K asks for them.
+/// Computes the entries' gradients from v_C = `rows` into `slots`.
+///
+/// A slot has [`STRIDE`] numbers, and those of K. `errors` are the pixels' errors if K needs them.
 #[expect(clippy::too_many_arguments, reason = "a kernel's inputs are slices of different owners")]
 #[inline(always)]
 pub(crate) fn backward<S: Simd, K: Collect>(
@@ -250,7 +260,8 @@ fn backward_part<S: Simd, V: Floats<S>, K: Collect>(
     add(slot, &sums([v_color[0], v_color[1], v_color[2], tx, s_u, tx * weights.dx, s_u * weights.dx, s_uu]));
 }
 
-/// Adds the magnitudes of t Σ′⁻¹ d, one pixel's share of the positional gradient, to `collected`; `across` = dx/Σxx.
+/// Adds the magnitudes of t Σ′⁻¹ d, one pixel's share of the positional gradient, to `collected`.
+/// `across` is dx/Σxx.
 ///
 /// σ = ½ (dx²/Σxx + c u²) with u = dy − slope·dx, so that ∂σ/∂(dx, dy) = (dx/Σxx − slope·c·u, c·u).
 #[inline(always)]
@@ -260,7 +271,7 @@ pub(crate) fn add_absolute<S: Simd, V: Floats<S>>(collected: &mut [V; 2], t: V, 
     collected[1] = fma(size, down.abs(), collected[1]);
 }
 
-/// Adds `share` times the error of the pixels to `collected`, and returns the errors of the rows that are left.
+/// Adds `share` times the pixels' errors to `collected`, and returns the remaining rows of errors.
 #[inline(always)]
 pub(crate) fn add_error<'e, S: Simd, V: Floats<S>>(
     simd: S,
@@ -274,7 +285,7 @@ pub(crate) fn add_error<'e, S: Simd, V: Floats<S>>(
     rest
 }
 
-/// Adds what a part of a row's lanes has collected to what the others have.
+/// Adds the statistic's sums over the lanes of one vector to the slot.
 #[inline(always)]
 pub(crate) fn add_collected<S: Simd, V: Floats<S>, K: Collect>(extra: &mut [f32], collected: [V; 2]) {
     for (total, value) in extra.iter_mut().zip(&collected[..K::NUMBERS]) {
@@ -282,7 +293,7 @@ pub(crate) fn add_collected<S: Simd, V: Floats<S>, K: Collect>(extra: &mut [f32]
     }
 }
 
-/// Adds the sums of a part of a row's lanes to those of the others.
+/// Adds the sums over the lanes of one vector to the slot.
 #[inline(always)]
 pub(crate) fn add(slot: &mut [f32], part: &[f32; 8]) {
     for (total, value) in slot.iter_mut().zip(part) {
@@ -290,7 +301,8 @@ pub(crate) fn add(slot: &mut [f32], part: &[f32; 8]) {
     }
 }
 
-/// As [`backward`], for the colours alone: [`COLOR_STRIDE`] numbers per entry.
+/// Computes the gradients by the colours alone, as [`backward`] does: [`COLOR_STRIDE`] numbers per
+/// entry.
 #[inline(always)]
 pub(crate) fn backward_colors<S: Simd>(
     simd: S,

@@ -1,19 +1,20 @@
-//! What the backward kernels sum up besides the gradients, for the statistics that need sums of their own: a type per statistic, so
-//! that kernels which collect nothing are compiled without a trace of it.
+//! The sums over pixels that some densification statistics need besides the gradients.
+//!
+//! Each statistic is a type, so that a kernel without such sums is compiled without code for them.
 
 use gs_core::effects::Statistics;
 
-/// Which further numbers a backward kernel yields per entry, behind those of its gradients.
+/// The numbers per entry that a backward kernel writes after its gradients.
 pub(crate) trait Collect {
-    /// How many.
+    /// Count of the numbers.
     const NUMBERS: usize;
-    /// Whether Σ|∂L/∂u| and Σ|∂L/∂v|, px⁻¹, are among them: the positional gradient's shares through single pixels, by magnitude.
+    /// Whether Σ|∂L/∂u| and Σ|∂L/∂v|, px⁻¹, are among them, summed over pixels.
     const ABSOLUTE: bool;
-    /// Whether Σ T α e is, e from a buffer of errors.
+    /// Whether Σ T α e is among them, where e is the pixel's error.
     const ERROR: bool;
 }
 
-/// Nothing: the gradients are enough.
+/// No further numbers.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Nothing;
 
@@ -52,7 +53,7 @@ pub(crate) fn numbers(statistics: Statistics) -> usize {
     }
 }
 
-/// Compiles `$body` once per statistic, with `$kind` standing for the type of what is collected.
+/// Compiles `$body` once per statistic, with `$kind` as its [`Collect`] type.
 macro_rules! collecting {
     ($statistics:expr, $kind:ident => $body:expr) => {
         match $statistics {

@@ -1,5 +1,5 @@
-//! What this backend needs to know about a kind of scene: its splats, and the stages before `bin` and after `blend_bwd`. All that lies
-//! between, and the trait's implementation around it, is written once.
+//! The difference between 2D and 3D scenes: their splats, and the stages before `bin` and after
+//! `blend_bwd`. The stages in between and the implementation of the traits are shared.
 
 use std::{
     fmt::Debug,
@@ -12,12 +12,12 @@ use std::{
 use fearless_simd::Level;
 use gs_core::{
     AdamRates, Binning, DensityStatistics, EditPlan, Error, MeanNoise, Parameterization, RenderSettings, Scene,
-    SplatsState,
+    Scene2d, Scene3d, SplatsState,
 };
 
 use crate::{
-    CpuRasterizer, Target,
-    profile::Stage,
+    stage::Stage,
+    target::Target,
     workspace::{Pool, Workspace},
 };
 
@@ -28,56 +28,56 @@ mod sealed {
     impl Sealed for gs_core::Scene3d {}
 }
 
-/// A kind of scene that [`CpuRasterizer`] is a rasterizer for: a 2D or a 3D scene.
+/// A kind of scene that [`CpuRasterizer`](crate::CpuRasterizer) draws and trains.
 ///
-/// Implemented for [`Scene2d`](gs_core::Scene2d) and [`Scene3d`](gs_core::Scene3d), and sealed: what it consists of is a matter of this backend.
+/// Implemented for [`Scene2d`] and [`Scene3d`], and sealed.
 pub trait SceneKind: sealed::Sealed + Scene + 'static {
-    /// The Gaussians where this backend computes.
+    /// Splats of this kind.
     type Splats: Debug + Send + Sync;
-    /// Buffers of the stages that are this kind's own.
+    /// Buffers of the stages that only this kind has.
     #[doc(hidden)]
     type Own: Debug + Default + Send + Sync;
-    /// Bias corrections of Adam.
+    /// Adam's bias corrections.
     #[doc(hidden)]
     type Bias: Debug + Default + Send;
 
-    /// The stages before `bin`, in their order.
+    /// The stages before `bin`, in order.
     #[doc(hidden)]
     const BEFORE_BIN: [Stage; 2];
 
-    /// Fails where the view or an effect is not possible.
+    /// Fails for an invalid view or an unsupported effect.
     #[doc(hidden)]
     fn check(view: &Self::View, settings: &RenderSettings) -> Result<(), Error>;
 
-    /// Fails where Adam's numbers ask for what this kind has not.
+    /// Fails for Adam settings that this kind does not support.
     #[doc(hidden)]
     fn check_rates(rates: &AdamRates) -> Result<(), Error>;
 
-    /// Columns and rows.
+    /// Columns and rows of a view's image.
     #[doc(hidden)]
     fn size(view: &Self::View) -> (u32, u32);
 
-    /// What the rasterizer keeps for this kind.
+    /// The pools of this kind.
     #[doc(hidden)]
-    fn resources(rasterizer: &CpuRasterizer) -> &Resources<Self>;
+    fn resources(all: &AllResources) -> &Resources<Self>;
 
-    /// splats of this scene.
+    /// Splats of a scene.
     #[doc(hidden)]
     fn upload(scene: &Self, parameterization: Parameterization) -> Result<Self::Splats, Error>;
 
-    /// The splats' parameters.
+    /// The splats' parameters as a scene.
     #[doc(hidden)]
     fn download(splats: &Self::Splats) -> Self;
 
-    /// Its whole state.
+    /// The whole state.
     #[doc(hidden)]
     fn save(splats: &Self::Splats) -> SplatsState;
 
-    /// splats in that state.
+    /// Splats with a saved state.
     #[doc(hidden)]
     fn restore(state: &SplatsState) -> Result<Self::Splats, Error>;
 
-    /// Applies a plan.
+    /// Applies an edit plan.
     #[doc(hidden)]
     fn edit(splats: &mut Self::Splats, plan: &EditPlan<Self::Gaussian>) -> Result<(), Error>;
 
@@ -85,71 +85,74 @@ pub trait SceneKind: sealed::Sealed + Scene + 'static {
     #[doc(hidden)]
     fn add_noise(splats: &mut Self::Splats, noise: &MeanNoise);
 
-    /// What splats of every kind have.
+    /// The part of the splats that both kinds share.
     #[doc(hidden)]
     fn shared(splats: &Self::Splats) -> &Shared<Self>;
 
-    /// The same, to change.
+    /// The same, mutable.
     #[doc(hidden)]
     fn shared_mut(splats: &mut Self::Splats) -> &mut Shared<Self>;
 
-    /// The stages up to `bin`.
+    /// Runs the stages up to `bin`.
     #[doc(hidden)]
     fn prepare(
-        workspace: &mut Workspace<Self>,
+        workspace: &mut Workspace<Self::Own>,
         splats: &Self::Splats,
         view: &Self::View,
         settings: &RenderSettings,
         binning: Binning,
     ) -> Result<(), Error>;
 
-    /// Stage `project`.
+    /// Runs stage `project`.
     #[doc(hidden)]
-    fn project(workspace: &mut Workspace<Self>, splats: &Self::Splats);
+    fn project(workspace: &mut Workspace<Self::Own>, splats: &Self::Splats);
 
-    /// Stage `sort`: the order in which tiles see the projected.
+    /// Runs stage `sort`: finds the order in which tiles see the splats.
     #[doc(hidden)]
-    fn sort(workspace: &mut Workspace<Self>, splats: &Self::Splats);
+    fn sort(workspace: &mut Workspace<Self::Own>, splats: &Self::Splats);
 
-    /// Stage `project_bwd`: every Gaussian's gradient, times `scale`.
+    /// Runs stage `project_bwd`: every Gaussian's gradient, times `scale`.
     #[doc(hidden)]
-    fn project_bwd(workspace: &mut Workspace<Self>, splats: &Self::Splats, scale: f32);
+    fn project_bwd(workspace: &mut Workspace<Self::Own>, splats: &Self::Splats, scale: f32);
 
-    /// The gradients that `project_bwd` found, as a scene of derivatives.
+    /// The gradients of `project_bwd` as a scene of derivatives.
     #[doc(hidden)]
-    fn derivatives(workspace: &Workspace<Self>, splats: &Self::Splats) -> Self;
+    fn derivatives(workspace: &Workspace<Self::Own>, splats: &Self::Splats) -> Self;
 
-    /// Stage `adam`: one step along the gradients that `project_bwd` found, and the statistics.
+    /// Runs stage `adam`: one step along the gradients of `project_bwd`, and the statistics.
     #[doc(hidden)]
     fn adam(
         splats: &mut Self::Splats,
         bias: &mut Self::Bias,
         rates: &AdamRates,
         level: Level,
-        workspace: &Workspace<Self>,
+        workspace: &Workspace<Self::Own>,
     );
 
-    /// Solves for the colours, where the image is linear in them.
+    /// Fails where the image is not linear in the colours, or no solver exists for this kind.
+    #[doc(hidden)]
+    fn check_solve_colors(settings: &RenderSettings) -> Result<(), Error>;
+
+    /// Solves for the colours; `workspace` has been prepared.
     #[doc(hidden)]
     fn solve_colors(
-        rasterizer: &CpuRasterizer,
+        workspace: &mut Workspace<Self::Own>,
         splats: &mut Self::Splats,
-        view: &Self::View,
         target: &Target,
-        settings: &RenderSettings,
+        level: Level,
         iterations: u32,
     ) -> Result<(), Error>;
 }
 
-/// What splats of every kind have besides their parameters and moments.
+/// The part of the splats that both kinds share.
 #[derive(Debug)]
 pub struct Shared<S: SceneKind> {
     pub(crate) statistics: DensityStatistics,
-    /// Buffers of training steps, with the lists that [`Binning::Reuse`] may use again.
-    pub(crate) workspace: Option<Workspace<S>>,
-    /// Of training steps, until they are asked for.
+    /// Buffers of training steps, with the lists for [`Binning::Reuse`].
+    pub(crate) workspace: Option<Workspace<S::Own>>,
+    /// Losses of training steps that the caller has not taken yet.
     pub(crate) losses: Vec<f32>,
-    /// Another number for every splats and after every edit, by which lists made for another state are recognised.
+    /// A number that is unique to these splats since their last edit. It identifies invalid lists.
     pub(crate) edition: u64,
 }
 
@@ -163,7 +166,7 @@ impl<S: SceneKind> Shared<S> {
         self.statistics.visible.len()
     }
 
-    /// After an edit whose statistics are these.
+    /// Replaces the statistics after an edit.
     pub(crate) fn edited(&mut self, statistics: DensityStatistics) {
         self.statistics = statistics;
         self.edition = next_edition();
@@ -178,7 +181,7 @@ fn next_edition() -> u64 {
 /// What a rasterizer keeps for one kind of scene.
 #[derive(Debug)]
 pub struct Resources<S: SceneKind> {
-    pub(crate) pool: Arc<Pool<S>>,
+    pub(crate) pool: Arc<Pool<S::Own>>,
     pub(crate) bias: Mutex<S::Bias>,
 }
 
@@ -186,4 +189,11 @@ impl<S: SceneKind> Default for Resources<S> {
     fn default() -> Self {
         Self { pool: Arc::default(), bias: Mutex::default() }
     }
+}
+
+/// What a rasterizer keeps for both kinds of scenes.
+#[derive(Debug, Default)]
+pub struct AllResources {
+    pub(crate) for_2d: Resources<Scene2d>,
+    pub(crate) for_3d: Resources<Scene3d>,
 }

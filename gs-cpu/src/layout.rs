@@ -1,7 +1,8 @@
-//! How an image lies in memory here: strips of 16 columns, so that a row of a strip is one vector per channel; and tiles, which are
-//! bands of a strip's rows.
+//! The layout of an image in memory: strips of 16 columns, cut into tiles.
 //!
-//! Buffers are strip-major: strip s holds all its rows, top to bottom, then strip s + 1. A tile's rows are therefore one slice.
+//! A row of a strip is one vector per channel. A tile is a band of a strip's rows. Buffers are
+//! strip-major: all rows of strip s, top to bottom, then those of strip s + 1. A tile's rows are
+//! therefore one slice.
 
 use std::ops::Range;
 
@@ -9,10 +10,11 @@ use gs_core::{Error, Image, memory};
 
 use crate::lanes::LANES;
 
-/// Most rows of a tile under `Over`, whose open rows are the bits of a number.
+/// Largest number of rows of a tile under `Over`, whose open rows are the bits of a `u64`.
 pub(crate) const MOST_ROWS_OVER: usize = 64;
 
-/// One row of a strip: 16 reds, 16 greens, 16 blues. Aligned to a cache line, which unaligned 64-byte loads would straddle.
+/// One row of a strip: 16 reds, 16 greens, 16 blues. Aligned to a cache line, which unaligned
+/// 64-byte loads would straddle.
 #[derive(Debug, Clone, Copy)]
 #[repr(C, align(64))]
 pub(crate) struct Row(pub(crate) [[f32; LANES]; 3]);
@@ -26,12 +28,12 @@ impl Row {
     pub(crate) const ZERO: Self = Self([[0.0; LANES]; 3]);
 }
 
-/// An image's size, cut into strips and bands.
+/// An image's size and its division into strips and bands.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(crate) struct Grid {
     pub(crate) width: usize,
     pub(crate) height: usize,
-    /// Rows of a tile, but for the last of a strip.
+    /// Rows of a tile. The last tile of a strip may have fewer.
     pub(crate) band_rows: usize,
 }
 
@@ -57,25 +59,25 @@ impl Grid {
         self.strips() * self.bands()
     }
 
-    /// Rows in a strip-major buffer.
+    /// Number of rows in a strip-major buffer.
     pub(crate) fn rows(&self) -> usize {
         self.strips() * self.height
     }
 
-    /// Where in a strip-major buffer tile `tile` begins; for `tile == tiles()` the buffer's end.
+    /// First row of tile `tile` in a strip-major buffer; the buffer's end for `tile == tiles()`.
     pub(crate) fn first_row(&self, tile: usize) -> usize {
         let (strip, band) = (tile / self.bands(), tile % self.bands());
         strip * self.height + band * self.band_rows
     }
 
-    /// The image column of a tile's first lane, and the image rows it covers.
+    /// The image column of a tile's first lane, and the image rows that the tile covers.
     pub(crate) fn place(&self, tile: usize) -> (usize, Range<usize>) {
         let (strip, band) = (tile / self.bands(), tile % self.bands());
         let first = band * self.band_rows;
         (strip * LANES, first..(first + self.band_rows).min(self.height))
     }
 
-    /// How many of a tile's lanes are columns of the image.
+    /// Number of a tile's lanes that are columns of the image.
     pub(crate) fn lanes_inside(&self, tile: usize) -> usize {
         (self.width - (tile / self.bands()) * LANES).min(LANES)
     }
@@ -103,7 +105,8 @@ impl Grid {
         Ok(image)
     }
 
-    /// Writes image row `y`, or a part of it that begins where a strip does, from strips of which the first is that part's first.
+    /// Copies image row `y` out of strips. `line` may be a part of the row that begins with the
+    /// first strip of `rows`.
     pub(crate) fn put_line(&self, rows: &[Row], y: usize, line: &mut [[f32; 3]]) {
         for (x, pixel) in line.iter_mut().enumerate() {
             let row = &rows[(x / LANES) * self.height + y].0;
@@ -112,7 +115,7 @@ impl Grid {
     }
 }
 
-/// The buffers that tiles write to, each cut at tile borders; one that a stage does not use is empty.
+/// The buffers that tiles write to, each cut at tile borders. Unused buffers are empty.
 #[derive(Debug)]
 pub(crate) struct TileBuffers<'a> {
     pub(crate) rows: &'a mut [Row],

@@ -9,15 +9,16 @@ use gs_core::Error;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 #[non_exhaustive]
 pub enum SimdLevel {
-    /// No vectors at all; any machine. The slowest, and the easiest to trust.
+    /// No vectors; works on any machine.
     Scalar,
     /// SSE4.2, 4 lanes.
     Sse42,
     /// AVX2 with FMA, 8 lanes.
     Avx2,
-    /// AVX-512 as of Ice Lake, 16 lanes.
+    /// AVX-512 of Ice Lake and later, 16 lanes.
     Avx512,
-    /// What the compiler's target has when none of the above applies: NEON on AArch64, SIMD128 on WebAssembly.
+    /// The instruction set of the compiler's target on other architectures: NEON on AArch64,
+    /// SIMD128 on WebAssembly.
     Native,
 }
 
@@ -33,7 +34,7 @@ impl SimdLevel {
         *Self::available().last().expect("the scalar level is everywhere")
     }
 
-    /// The proof, which the kernels need, that this machine has the level.
+    /// A token that proves to the kernels that this machine has the level.
     #[cfg(any(target_arch = "x86", target_arch = "x86_64"))]
     pub(crate) fn token(self) -> Option<Level> {
         let detected = Level::new();
@@ -46,7 +47,7 @@ impl SimdLevel {
         }
     }
 
-    /// The proof, which the kernels need, that this machine has the level.
+    /// A token that proves to the kernels that this machine has the level.
     #[cfg(not(any(target_arch = "x86", target_arch = "x86_64")))]
     pub(crate) fn token(self) -> Option<Level> {
         match self {
@@ -86,11 +87,19 @@ mod tests {
     use super::*;
 
     #[test]
-    fn names_come_back() {
+    fn names_survive_a_round_trip() {
         for level in SimdLevel::available() {
             assert_eq!(level.to_string().parse::<SimdLevel>(), Ok(level));
         }
         assert!("mmx".parse::<SimdLevel>().is_err());
         assert!(SimdLevel::available().contains(&SimdLevel::Scalar));
+    }
+
+    #[test]
+    #[cfg(all(miri, target_arch = "x86_64"))]
+    fn miri_has_every_level_but_avx512() {
+        // `cargo xtask miri` names a processor. Without it, Miri would run the scalar kernels
+        // alone.
+        assert_eq!(SimdLevel::available(), [SimdLevel::Scalar, SimdLevel::Sse42, SimdLevel::Avx2]);
     }
 }

@@ -1,4 +1,4 @@
-//! Where the time of a training step goes, stage by stage.
+//! The time of each stage of a training step.
 
 use gs_core::{
     AdamRates, Binning, Error, Loss, RenderSettings,
@@ -6,65 +6,14 @@ use gs_core::{
 };
 use web_time::Instant;
 
-use crate::{CpuRasterizer, Target, kind::SceneKind, loss, tiles::Tiles, workspace::Workspace};
+use crate::{
+    kind::SceneKind, loss, rasterizer::CpuRasterizer, stage::Stage, target::Target, tiles::Tiles, workspace::Workspace,
+};
 
-/// The stages of a training step.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Stage {
-    /// In which order tiles see the Gaussians.
-    Sort,
-    /// What pixels need of each.
-    Project,
-    /// Which Gaussian touches which tiles.
-    Bin,
-    /// The image.
-    Blend,
-    /// The loss, and its gradient by the image.
-    Loss,
-    /// What each entry receives.
-    BlendBwd,
-    /// The three before it in one pass, where a training step does it so.
-    Fused,
-    /// What each Gaussian receives.
-    ProjectBwd,
-    /// The step.
-    Adam,
-}
-
-impl Stage {
-    const FROM_BIN: [Self; 7] =
-        [Self::Bin, Self::Blend, Self::Loss, Self::BlendBwd, Self::Fused, Self::ProjectBwd, Self::Adam];
-
-    fn name(self) -> &'static str {
-        match self {
-            Self::Sort => "sort",
-            Self::Project => "project",
-            Self::Bin => "bin",
-            Self::Blend => "blend",
-            Self::Loss => "loss",
-            Self::BlendBwd => "blend_bwd",
-            Self::Fused => "fused",
-            Self::ProjectBwd => "project_bwd",
-            Self::Adam => "adam",
-        }
-    }
-
-    fn replaces(self) -> &'static [&'static str] {
-        match self {
-            Self::Fused => &["blend", "loss", "blend_bwd"],
-            _ => &[],
-        }
-    }
-
-    fn visits_pairs(self) -> bool {
-        matches!(self, Self::Blend | Self::BlendBwd | Self::Fused)
-    }
-}
-
-/// What the stages compute with.
+/// The arguments of the stages.
 struct Pass<'a, S: SceneKind> {
     rasterizer: &'a CpuRasterizer,
-    workspace: Workspace<S>,
+    workspace: Workspace<S::Own>,
     splats: &'a mut S::Splats,
     target: &'a Target,
     loss: Loss,
@@ -113,7 +62,7 @@ impl<S: SceneKind> Profiler<S> for CpuRasterizer {
         let stages = stages.filter(|&stage| stage != Stage::Fused || is_fused);
         let mut samples: Vec<(Stage, Vec<f64>)> =
             stages.map(|stage| (stage, Vec::with_capacity(repetitions))).collect();
-        let pool = &S::resources(self).pool;
+        let pool = &S::resources(&self.resources).pool;
         let (workspace, bias) = (pool.take().tuned(self.tuning), S::Bias::default());
         let mut pass = Pass::<S> { rasterizer: self, workspace, splats, target, loss, rates: still(), bias };
         self.install(|| {

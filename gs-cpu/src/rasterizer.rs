@@ -1,4 +1,5 @@
-//! The trait's implementation: checks what comes in, and runs the stages inside the rasterizer's own threads.
+//! The implementation of the traits: checks the arguments and runs the stages on the rasterizer's
+//! own threads.
 
 use std::{fmt, sync::PoisonError};
 
@@ -6,47 +7,48 @@ use fearless_simd::Level;
 use gs_core::{
     AdamRates, Backend, Binning, DensityStatistics, EditPlan, Error, Image, Loss, MeanNoise, Optimizer,
     Parameterization, Rasterizer, RenderSettings, Scene2d, Scene3d, SplatsState, TargetImage, TrainStep, Wait, counted,
-    profile::Profiler, settings::Cut, statistics::Culled,
+    profile::Profiler, statistics::Culled,
 };
 
 use crate::{
-    ForwardPass2d, ForwardPass3d, Gradients2d, Gradients3d, SimdLevel, Splats2d, Splats3d, Target,
-    kind::{Resources, SceneKind},
+    forward_pass::{ForwardPass, ForwardPass2d, ForwardPass3d, Gradients, Gradients2d, Gradients3d},
+    kind::{AllResources, Resources, SceneKind},
+    level::SimdLevel,
     loss,
+    scene2d::Splats2d,
+    scene3d::Splats3d,
+    target::Target,
     tiles::Tiles,
     tuning::CpuTuning,
-    workspace::{ForwardPass, Gradients},
+    unsupported::{BACKEND, unsupported},
 };
-
-/// The backend's name in errors.
-pub(crate) const BACKEND: &str = "cpu";
 
 /// How a [`CpuRasterizer`] runs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct CpuSettings {
-    /// Threads; `None`: as many as the machine offers.
+    /// Number of threads; `None`: one for each core of the machine.
     pub threads: Option<usize>,
-    /// Instruction set; `None`: the fastest this machine has.
+    /// Instruction set; `None`: the fastest that this machine has.
     pub level: Option<SimdLevel>,
 }
 
-/// The CPU backend: owns its threads, and the buffers that its forward passes use in turn.
+/// The CPU backend. It owns its threads and the buffers that its forward passes use in turn.
 pub struct CpuRasterizer {
-    /// `None` where no threads can be started, as on a page: then passes run on rayon's global pool, which is the calling thread there.
+    /// `None` where no threads can be started, for example in a browser page. Passes then run on
+    /// rayon's global pool, which is the calling thread.
     threads: Option<rayon::ThreadPool>,
     simd: SimdLevel,
     pub(crate) level: Level,
     pub(crate) tuning: CpuTuning,
-    pub(crate) pool_2d: Resources<Scene2d>,
-    pub(crate) pool_3d: Resources<Scene3d>,
+    pub(crate) resources: AllResources,
 }
 
 impl CpuRasterizer {
     /// A rasterizer with threads of its own.
     ///
     /// # Errors
-    /// [`Error::Setting`] for 0 threads or a SIMD level that this machine lacks, [`Error::Backend`] where threads cannot be
-    /// started.
+    /// [`Error::Setting`] for 0 threads or a SIMD level that this machine lacks, [`Error::Backend`]
+    /// where threads cannot be started.
     pub fn new(settings: CpuSettings) -> Result<Self, Error> {
         if settings.threads == Some(0) {
             return Err(Error::setting("threads", 0, "at least 1"));
@@ -66,17 +68,10 @@ impl CpuRasterizer {
                 return Err(Error::Backend { backend: BACKEND, message: format!("threads cannot be started: {e}") });
             }
         };
-        Ok(Self {
-            threads,
-            simd,
-            level,
-            tuning: CpuTuning::default(),
-            pool_2d: Resources::default(),
-            pool_3d: Resources::default(),
-        })
+        Ok(Self { threads, simd, level, tuning: CpuTuning::default(), resources: AllResources::default() })
     }
 
-    /// The same rasterizer, going about its work in another way.
+    /// The same rasterizer with another tuning.
     ///
     /// # Errors
     /// [`Error::Setting`] where a number of the tuning is outside its range.
@@ -85,12 +80,14 @@ impl CpuRasterizer {
         Ok(Self { tuning, ..self })
     }
 
-    /// How it goes about its work.
+    /// The tuning in use.
     pub fn tuning(&self) -> CpuTuning {
         self.tuning
     }
 
-    /// This rasterizer for 2D scenes alone, where the types of the arguments do not say which kind of scene is meant.
+    /// This rasterizer for 2D scenes alone.
+    ///
+    /// Use it where the types of the arguments do not determine the kind of scene.
     pub fn for_2d(
         &self,
     ) -> &impl Profiler<Scene2d, Splats = Splats2d, ForwardPass = ForwardPass2d, Gradients = Gradients2d, Target = Target>
@@ -98,7 +95,7 @@ impl CpuRasterizer {
         self
     }
 
-    /// This rasterizer for 3D scenes alone, as [`Self::for_2d`].
+    /// This rasterizer for 3D scenes alone; see [`Self::for_2d`].
     pub fn for_3d(
         &self,
     ) -> &impl Profiler<Scene3d, Splats = Splats3d, ForwardPass = ForwardPass3d, Gradients = Gradients3d, Target = Target>
@@ -106,7 +103,7 @@ impl CpuRasterizer {
         self
     }
 
-    /// Threads in use.
+    /// Number of threads in use.
     pub fn threads(&self) -> usize {
         self.threads.as_ref().map_or(1, rayon::ThreadPool::current_num_threads)
     }
@@ -131,27 +128,13 @@ impl fmt::Debug for CpuRasterizer {
     }
 }
 
-/// An error for an effect that this backend does not offer.
-pub(crate) fn unsupported(effect: impl Into<String>) -> Error {
-    Error::Unsupported { backend: BACKEND, effect: effect.into() }
-}
-
-/// Fails where a setting is not possible for any kind of scene.
-pub(crate) fn check_settings(settings: &RenderSettings) -> Result<(), Error> {
-    settings.validate()?;
-    if settings.accuracy.cut != Cut::Hard {
-        return Err(unsupported("a smooth cut, which would touch every pixel"));
-    }
-    Ok(())
-}
-
 impl Backend for CpuRasterizer {
     fn describe(&self) -> String {
         format!("cpu ({}, {})", self.simd, counted(self.threads(), "thread"))
     }
 }
 
-/// Every future is ready when it is first polled: the work is done then.
+/// Every future does its work when it is first polled, and is ready then.
 impl<S: SceneKind> Rasterizer<S> for CpuRasterizer {
     type Splats = S::Splats;
     type ForwardPass = ForwardPass<S>;
@@ -169,7 +152,7 @@ impl<S: SceneKind> Rasterizer<S> for CpuRasterizer {
         settings: &RenderSettings,
     ) -> Result<ForwardPass<S>, Error> {
         S::check(view, settings)?;
-        let pool = &S::resources(self).pool;
+        let pool = &S::resources(&self.resources).pool;
         let mut workspace = pool.take().tuned(self.tuning);
         self.install(|| {
             S::prepare(&mut workspace, splats, view, settings, Binning::Fresh)?;
@@ -201,7 +184,9 @@ impl<S: SceneKind> Rasterizer<S> for CpuRasterizer {
         let workspace = pass.workspace_mut();
         target.check_size(workspace.tiles.grid.size())?;
         if workspace.edition != Some(S::shared(splats).edition) {
-            return Err(Error::State("the forward pass is of other splats, or of these before an edit".to_owned()));
+            return Err(Error::State(
+                "the forward pass was made from other splats, or before an edit of these".to_owned(),
+            ));
         }
         let value = self.install(|| {
             let value = loss::loss(&mut workspace.tiles, target, loss, self.level)?;
@@ -232,7 +217,7 @@ impl<S: SceneKind> Rasterizer<S> for CpuRasterizer {
         settings: &RenderSettings,
     ) -> Result<(Image, Culled), Error> {
         S::check(view, settings)?;
-        let pool = &S::resources(self).pool;
+        let pool = &S::resources(&self.resources).pool;
         let mut workspace = pool.take().tuned(self.tuning);
         let image = self.install(|| {
             S::prepare(&mut workspace, splats, view, settings, Binning::Fresh)?;
@@ -257,7 +242,7 @@ impl<S: SceneKind> Optimizer<S> for CpuRasterizer {
         S::check_rates(step.rates)?;
         step.loss.validate()?;
         target.check_size(S::size(view))?;
-        let Resources { pool, bias } = S::resources(self);
+        let Resources { pool, bias } = S::resources(&self.resources);
         let workspace = S::shared_mut(splats).workspace.take().unwrap_or_else(|| pool.take());
         let mut workspace = workspace.tuned(self.tuning);
         let mut bias = bias.lock().unwrap_or_else(PoisonError::into_inner);
@@ -293,7 +278,7 @@ impl<S: SceneKind> Optimizer<S> for CpuRasterizer {
         check_len::<S>(gradients, splats)?;
         rates.validate()?;
         S::check_rates(rates)?;
-        let mut bias = S::resources(self).bias.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut bias = S::resources(&self.resources).bias.lock().unwrap_or_else(PoisonError::into_inner);
         let bias = &mut *bias;
         self.install(|| S::adam(splats, bias, rates, self.level, gradients.workspace()));
         Ok(())
@@ -326,7 +311,15 @@ impl<S: SceneKind> Optimizer<S> for CpuRasterizer {
         if !target.is_complete() {
             return Err(unsupported("solving for the colours where the target has an alpha or a mask"));
         }
-        S::solve_colors(self, splats, view, target, settings, iterations)
+        S::check_solve_colors(settings)?;
+        let pool = &S::resources(&self.resources).pool;
+        let mut workspace = pool.take().tuned(self.tuning);
+        self.install(|| {
+            S::prepare(&mut workspace, splats, view, settings, Binning::Fresh)?;
+            S::solve_colors(&mut workspace, splats, target, self.level, iterations)
+        })?;
+        pool.give(workspace);
+        Ok(())
     }
 
     async fn save(&self, splats: &S::Splats) -> Result<SplatsState, Error> {
@@ -338,7 +331,7 @@ impl<S: SceneKind> Optimizer<S> for CpuRasterizer {
     }
 }
 
-/// Fails unless the gradients are of as many Gaussians as there are splats.
+/// Fails unless the gradients belong to as many Gaussians as there are splats.
 fn check_len<S: SceneKind>(gradients: &Gradients<S>, splats: &S::Splats) -> Result<(), Error> {
     let (found, expected) = (gradients.workspace().len, S::shared(splats).len());
     if found == expected {
@@ -354,10 +347,11 @@ mod tests {
     use pollster::FutureExt as _;
 
     use super::*;
-    use crate::workspace::Workspace;
+    use crate::{draw::strips_at_once, layout::Grid};
 
     #[test]
-    fn too_many_tile_entries_are_an_error_and_leave_the_splats_as_it_was() {
+    #[cfg_attr(miri, ignore = "minutes: thousands of pixels, blended again and again")]
+    fn too_many_tile_entries_are_an_error_and_leave_the_splats_unchanged() {
         let rasterizer = CpuRasterizer::new(CpuSettings::default()).unwrap();
         let cpu = rasterizer.for_2d();
         let gaussian = Gaussian2d {
@@ -373,10 +367,11 @@ mod tests {
         let rates = Adam::default().at(0.0);
         let step = TrainStep { settings: &settings, loss: Loss::L2, rates: &rates, binning: Binning::Reuse };
         // Four Gaussians in three strips each: twelve entries.
-        let next_takes = |most_entries: u32| {
-            let mut workspace = Workspace::<Scene2d>::default();
+        let limit_next_pass = |most_entries: u32| {
+            let pool = &rasterizer.resources.for_2d.pool;
+            let mut workspace = pool.take();
             workspace.tiles.bins.most_entries = most_entries;
-            rasterizer.pool_2d.pool.give(workspace);
+            pool.give(workspace);
         };
         let refused = |result: Result<(), Error>| {
             let message = result.unwrap_err().to_string();
@@ -385,27 +380,28 @@ mod tests {
 
         let mut splats = cpu.upload(&scene, Parameterization::default()).unwrap();
         let before = cpu.save(&splats).block_on().unwrap();
-        next_takes(11);
+        limit_next_pass(11);
         refused(cpu.forward(&splats, &view, &settings).block_on().map(drop));
-        next_takes(11);
+        limit_next_pass(11);
         refused(cpu.solve_colors(&mut splats, &view, &target, &settings, 1).block_on());
-        next_takes(11);
+        limit_next_pass(11);
         refused(cpu.train_step(&mut splats, &view, &target, &step).block_on());
         assert_eq!(cpu.save(&splats).block_on().unwrap(), before);
 
         let mut fresh = cpu.upload(&scene, Parameterization::default()).unwrap();
         let [mut found, mut expected] = [Vec::new(), Vec::new()];
         for (splats, losses) in [(&mut splats, &mut found), (&mut fresh, &mut expected)] {
-            next_takes(12);
+            limit_next_pass(12);
             cpu.train_step(splats, &view, &target, &step).block_on().unwrap();
             cpu.losses(splats, Wait::All, losses).block_on().unwrap();
         }
-        assert_eq!((found.len(), &found), (1, &expected), "what was refused has no loss");
+        assert_eq!((found.len(), &found), (1, &expected), "a refused step has no loss");
         assert_eq!(cpu.save(&splats).block_on().unwrap(), cpu.save(&fresh).block_on().unwrap());
     }
 
     #[test]
-    fn those_out_of_view_take_part_only_if_all_do() {
+    #[cfg_attr(miri, ignore = "minutes: images of 1024 px")]
+    fn gaussians_out_of_view_move_only_if_all_participate() {
         let rasterizer = CpuRasterizer::new(CpuSettings::default()).unwrap();
         let cpu = rasterizer.for_2d();
         let at = |x: f32| Gaussian2d {
@@ -420,7 +416,7 @@ mod tests {
         let settings = RenderSettings::blended(Blend::Over);
         for (participants, steps) in [(Participants::All, [2, 2]), (Participants::Visible, [2, 1])] {
             let mut splats = cpu.upload(&scene, Parameterization::default()).unwrap();
-            // In view of the first step, and with moments from then on.
+            // The first step sees both Gaussians, so both have moments.
             let wide = Canvas::new(1024, 16);
             let wide_target = cpu.upload_target(&Image::filled(1024, 16, [0.2; 3]).unwrap()).unwrap();
             let rates = Adam { participants, ..Adam::default() }.at(0.0);
@@ -432,6 +428,35 @@ mod tests {
             assert_eq!(cpu.save(&splats).block_on().unwrap().integers("steps").unwrap(), steps);
             assert_ne!(after.gaussian(0), before.gaussian(0));
             assert_eq!(after.gaussian(1) == before.gaussian(1), participants == Participants::Visible);
+        }
+    }
+
+    #[test]
+    #[cfg_attr(miri, ignore = "minutes: an image of thousands of rows")]
+    fn draw_and_forward_give_the_same_bits() {
+        let rasterizer = CpuRasterizer::new(CpuSettings { threads: Some(2), level: None }).unwrap();
+        let cpu = rasterizer.for_2d();
+        // Strips of 3 MiB each, so that they are drawn in several rounds; the last has 9 columns.
+        let canvas = Canvas::new(249, 16_384);
+        let at_once = strips_at_once(&Grid::new((249, 16_384), 64));
+        assert!(at_once > 1 && at_once < 16, "{at_once} of 16 strips");
+        let gaussian = |i: u32| Gaussian2d {
+            mean: Vec2::new((i * 37 % 249) as f32 + 0.3, (i * 5003 % 16_384) as f32),
+            log_scale: Vec2::new(3.0, 1.5),
+            rotation: i as f32,
+            opacity_logit: 1.0,
+            color: Vec3::new(0.2, 0.4, 0.1) * (i % 7) as f32,
+        };
+        for blend in [Blend::Sum, Blend::Over] {
+            let mut scene: Scene2d = (0..300).map(gaussian).collect();
+            if blend == Blend::Sum {
+                scene.opacity_logits.clear();
+            }
+            let settings = RenderSettings::blended(blend).on([0.5, 0.25, 0.125]);
+            let splats = cpu.upload(&scene, Parameterization::default()).unwrap();
+            let pass = cpu.forward(&splats, &canvas, &settings).block_on().unwrap();
+            let expected = (cpu.image(&pass).block_on().unwrap(), cpu.culled(&pass));
+            assert!(cpu.draw(&splats, &canvas, &settings).block_on().unwrap() == expected, "{blend:?}");
         }
     }
 }

@@ -1,4 +1,4 @@
-//! What each thread works with, so that warm passes allocate nothing.
+//! Buffers for each thread, so that warm passes allocate nothing.
 
 use std::sync::{Mutex, PoisonError};
 
@@ -7,12 +7,12 @@ use std::sync::{Mutex, PoisonError};
 pub(crate) struct Scratches<T>(Vec<Mutex<T>>);
 
 impl<T: Default> Scratches<T> {
-    /// Makes sure of one for each of the current pool's threads.
+    /// Makes one for each thread of the current pool.
     pub(crate) fn fit(&mut self) {
         self.0.resize_with(rayon::current_num_threads(), Mutex::default);
     }
 
-    /// Runs `work` with this thread's.
+    /// Runs `work` with this thread's `T`.
     pub(crate) fn with<R>(&self, work: impl FnOnce(&mut T) -> R) -> R {
         let own = rayon::current_thread_index().and_then(|thread| self.0.get(thread));
         match own {

@@ -1,22 +1,24 @@
-//! What the pixels need of one Gaussian, whatever kind of scene it is from.
+//! One projected Gaussian: what the pixels need of it, for 2D and 3D scenes alike.
 //!
-//! Σ′ is held so that the exponent is a sum of squares, without the cancellation that a·dx² + 2b·dx·dy + c·dy² suffers in needles:
-//! σ = ½ dx²/Σxx + ½ c (dy − slope·dx)², with slope = Σxy/Σxx and c = Σxx/det Σ′. The determinant comes from the kind's own projection,
-//! where it does not cancel either.
+//! Σ′ is held so that the exponent is a sum of squares, without the cancellation that a·dx² +
+//! 2b·dx·dy + c·dy² suffers in needles: σ = ½ dx²/Σxx + ½ c (dy − slope·dx)², with slope = Σxy/Σxx
+//! and c = Σxx/det Σ′. The determinant comes from the projection, where it does not cancel either.
 
 use glam::{Mat2, Vec2};
 
-/// Gaussians a task of the stages over Gaussians handles.
+/// Gaussians per task in the stages that are parallel over Gaussians.
 pub(crate) const CHUNK: usize = 1024;
 
-/// Largest |exponent| that the kernels' recurrence may start from, well inside the range of `f32`'s exponent.
+/// Largest |exponent| at a start of the kernels' recurrence, well inside the range of `f32`.
 const SAFE_EXPONENT: f32 = 80.0;
 
-/// Gaussians with a smaller c hold the ratio of successive rows' weights less 1: near 1, the ratio's own rounding would add up with the
-/// square of the number of rows. With a larger one there are few rows, and the ratio comes near 0, where less 1 would lose its digits.
+/// Below this c, the ratio of successive rows' weights is stored minus 1.
+///
+/// Near 1, the rounding of the ratio itself would grow with the square of the number of rows. For a
+/// larger c there are few rows, and the ratio comes near 0, where subtracting 1 would lose digits.
 const WIDE: f32 = 0.5;
 
-/// 1 − e⁻ᶜ for c from 0 to [`WIDE`], to 2 ulp: Taylor's series, whose rest is below 10⁻⁸ of it.
+/// 1 − e⁻ᶜ for c from 0 to [`WIDE`], to 2 ulp: a Taylor series with a remainder below 10⁻⁸ of it.
 #[inline]
 fn fall(c: f32) -> f32 {
     let p = 1.0 / 40_320.0;
@@ -36,13 +38,13 @@ pub(crate) struct Splat {
     pub(crate) mean: [f32; 2],
     /// 1/Σxx, px⁻².
     pub(crate) inverse_xx: f32,
-    /// Σxy/Σxx: how far the ridge moves down per column.
+    /// Σxy/Σxx: rows that the ridge moves down per column.
     pub(crate) slope: f32,
     /// Σxx/det Σ′, px⁻².
     pub(crate) c: f32,
-    /// exp(−c): by how much the ratio of successive rows' weights changes per row.
+    /// exp(−c): the factor by which the ratio of successive rows' weights changes per row.
     pub(crate) ratio: f32,
-    /// 1 − exp(−c), to its own precision, where the ratio is held less 1; else 0.
+    /// 1 − exp(−c), computed without cancellation, where c < [`WIDE`]; else 0.
     pub(crate) fall: f32,
     pub(crate) color: [f32; 3],
     pub(crate) opacity: f32,
@@ -54,7 +56,7 @@ pub(crate) struct Splat {
     pub(crate) half_x: f32,
     /// dx of the ellipse's lowest point (−dx of its highest).
     pub(crate) lowest_dx: f32,
-    /// Rows after which the kernels' recurrence starts afresh.
+    /// Rows after which the kernels' recurrence starts again.
     pub(crate) restart_rows: u32,
 }
 
@@ -68,7 +70,7 @@ pub(crate) struct Covariance {
 }
 
 impl Splat {
-    /// A Gaussian that adds nothing, with numbers that no kernel can turn into NaN.
+    /// A Gaussian that adds nothing. No kernel can turn its numbers into NaN.
     pub(crate) const CULLED: Self = Self {
         mean: [0.0; 2],
         inverse_xx: 1.0,
@@ -85,7 +87,9 @@ impl Splat {
         restart_rows: 1,
     };
 
-    /// A Gaussian whose covariance is not degenerate and whose opacity is at least `cut`; the recurrence runs along `longest` rows at most.
+    /// A Gaussian whose covariance is not degenerate and whose opacity is at least `cut`.
+    ///
+    /// The recurrence starts again after at most `longest` rows.
     #[inline]
     pub(crate) fn new(
         mean: Vec2,
@@ -97,7 +101,8 @@ impl Splat {
         let Covariance { xx, xy, yy, determinant } = covariance;
         let reach = 2.0 * (opacity / cut).ln();
         let c = xx / determinant;
-        // A row whose weight is above the cut has σ ≤ reach/2; going back n rows adds at most n √(c/2) to √σ.
+        // A row whose weight is above the cut has σ ≤ reach/2; going back n rows adds at most n
+        // √(c/2) to √σ.
         let restart = ((SAFE_EXPONENT.sqrt() - (0.5 * reach).sqrt()) / (0.5 * c).sqrt()).clamp(1.0, longest);
         let half_y = (reach * yy).sqrt();
         Self {
@@ -121,20 +126,22 @@ impl Splat {
         self.half_x < 0.0
     }
 
-    /// How far up and down the ellipse of the cut reaches.
+    /// Half the ellipse's extent along y.
     #[inline]
     pub(crate) fn half_y(&self) -> f32 {
         (self.reach * (self.slope * self.slope / self.inverse_xx + 1.0 / self.c)).sqrt()
     }
 
-    /// A with Σ′⁻¹ d = A (dx, u): what leads from the kernels' sums over (dx, u) to gradients by mean and covariance.
+    /// A with Σ′⁻¹ d = A (dx, u).
+    ///
+    /// It maps the kernels' sums over (dx, u) to gradients by mean and covariance.
     #[inline]
     pub(crate) fn conic_of_ridge(&self) -> Mat2 {
         Mat2::from_cols(Vec2::new(self.inverse_xx, 0.0), Vec2::new(-self.slope * self.c, self.c))
     }
 }
 
-/// The sums of what a Gaussian's entries received from the kernels.
+/// One Gaussian's gradient: the sum of its entries' slots.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Received {
     /// v_colour.
@@ -145,6 +152,17 @@ pub(crate) struct Received {
     pub(crate) second: [f32; 3],
     /// Σ t; 0 under `Sum`.
     pub(crate) zeroth: f32,
-    /// What is collected besides.
+    /// Further sums for the statistic.
     pub(crate) collected: [f32; 2],
+}
+
+/// The depth of a Gaussian as a function of the pixel.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct PixelDepth {
+    /// z at the mean, world units.
+    pub(crate) depth: f32,
+    /// Change of depth per px along x and y.
+    pub(crate) slope: [f32; 2],
+    /// The Gaussian's index in the scene, which decides ties.
+    pub(crate) index: u32,
 }

@@ -1,49 +1,54 @@
-//! The buffers between projection and its way back, and the stages that work on them: the same for every kind of scene.
+//! The buffers from projection to its backward pass, and the stages that work on them, for 2D and
+//! 3D scenes alike.
 
 use std::ops::Range;
 
 use fearless_simd::{Level, dispatch};
 use glam::Vec2;
 use gs_core::{
-    Accuracy, Blend, Effects, Error, Loss, RenderSettings,
+    Blend, Effects, Error, Loss, RenderSettings,
     effects::{Order, Statistics},
     memory,
     statistics::Culled,
 };
 
 use crate::{
-    bin::{Bins, Entry},
+    bin::Bins,
     blend_over,
-    blend_per_pixel::{self, PixelDepth, Scratch},
+    blend_per_pixel::{self, Scratch},
     blend_sum,
     collect::{Nothing, collecting, numbers},
     dssim,
     layout::{Cuts, Grid, MOST_ROWS_OVER, Row, ScalarRow, TileBuffers, for_each_tile},
-    loss::{Target, squares_in_place},
+    pointwise::squares_in_place,
     scratches::Scratches,
-    splat::{Received, Splat},
+    splat::{PixelDepth, Received, Splat},
+    target::Target,
+    tile_inputs::TileInputs,
     tuning::CpuTuning,
 };
 
-/// Rows of a tile under `Sum`: strips are kept whole as long as they fit into the second-level cache.
+/// Rows of a tile under `Sum`: a strip is one tile as long as it fits into the second-level cache.
 const SUM_BAND_ROWS: usize = 1024;
 
-/// Rows of a tile under `Over`, where entries come in an order that jumps about the tile: it should stay in the first-level cache.
+/// Rows of a tile under `Over`, where the entries are not in the order of rows: the tile should
+/// stay in the first-level cache.
 const OVER_BAND_ROWS: usize = MOST_ROWS_OVER;
 
-/// Splats, their lists per tile, images, and what comes back. A *place* is a splat's rank in the order in which tiles see them.
+/// Projected splats, their lists per tile, images and gradients.
+///
+/// A *place* is a splat's rank in the order in which tiles see the splats.
 #[derive(Debug, Default)]
 pub(crate) struct Tiles {
     pub(crate) settings: RenderSettings,
-    /// How the work is gone about.
     pub(crate) tuning: CpuTuning,
     pub(crate) grid: Grid,
     /// By place.
     pub(crate) projected: Vec<Splat>,
-    /// By place, where pixels have their own order.
+    /// By place, with a sort at each pixel.
     pub(crate) depths: Vec<PixelDepth>,
     scratches: Scratches<Scratch>,
-    /// A tile's rows, for passes that use them up before they come to the next tile.
+    /// One tile's rows, for passes that need them no longer than that tile.
     pub(crate) tile_rows: Scratches<Vec<Row>>,
     pub(crate) bins: Bins,
     /// The image, or the strips of it that were drawn last.
@@ -51,44 +56,23 @@ pub(crate) struct Tiles {
     pub(crate) transmittance: Vec<ScalarRow>,
     /// ∂L/∂image.
     pub(crate) v_rows: Vec<Row>,
-    /// The mean of |C − Y| over a pixel's channels, 0 in lanes beyond the image; empty where nobody asks for it.
+    /// The mean of |C − Y| over a pixel's channels, 0 in lanes beyond the image; empty where no
+    /// statistic needs it.
     pub(crate) errors: Vec<ScalarRow>,
-    /// What each entry's Gaussian receives.
+    /// The gradient of each entry.
     pub(crate) slots: Vec<f32>,
     /// Numbers per entry in `slots`.
     pub(crate) stride: usize,
-    /// One partial sum per tile, of whatever a pass sums.
+    /// One partial sum per tile.
     pub(crate) sums: Vec<f64>,
-    /// What projection left out.
+    /// Number of Gaussians that projection left out, by cause.
     pub(crate) culled: Culled,
     pub(crate) dssim: dssim::Scratch,
-    /// The last target that this background or rendering had to complete.
+    /// The last masked target, completed with the background and the rendering.
     pub(crate) completed: Target,
 }
 
-/// A tile's lists, and where it is.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Sight<'a> {
-    pub(crate) entries: &'a [Entry],
-    pub(crate) projected: &'a [Splat],
-    /// By place, as the projected; empty where pixels have no order of their own.
-    pub(crate) depths: &'a [PixelDepth],
-    pub(crate) accuracy: &'a Accuracy,
-    pub(crate) first_column: usize,
-    pub(crate) first_row: usize,
-    /// How many of its lanes are columns of the image.
-    pub(crate) lanes_inside: usize,
-}
-
-impl Sight<'_> {
-    /// The rows of the tile that an entry touches, first and end.
-    #[inline(always)]
-    pub(crate) fn rows_of(&self, entry: &Entry) -> [usize; 2] {
-        entry.rows.map(|row| usize::from(row) - self.first_row)
-    }
-}
-
-/// What the blend kernels read, apart from what they write.
+/// What the blend kernels read.
 #[derive(Clone, Copy)]
 struct Lists<'a> {
     settings: &'a RenderSettings,
@@ -99,9 +83,9 @@ struct Lists<'a> {
 }
 
 impl<'a> Lists<'a> {
-    fn of(&self, tile: usize) -> Sight<'a> {
+    fn of(&self, tile: usize) -> TileInputs<'a> {
         let (first_column, rows) = self.grid.place(tile);
-        Sight {
+        TileInputs {
             entries: self.bins.of(tile),
             projected: self.projected,
             depths: self.depths,
@@ -118,7 +102,7 @@ impl<'a> Lists<'a> {
 }
 
 impl Tiles {
-    /// Takes an image's size and settings.
+    /// Sets the image's size and the settings.
     pub(crate) fn set(&mut self, size: (u32, u32), settings: &RenderSettings) {
         let usual = match settings.effects.blend {
             Blend::Sum => SUM_BAND_ROWS,
@@ -129,7 +113,7 @@ impl Tiles {
         self.grid = Grid::new(size, band_rows);
     }
 
-    /// Gives the buffers of the stages from `blend` on their sizes, but for those that one stage alone knows.
+    /// Resizes the buffers that several stages from `blend` on share.
     pub(crate) fn fit(&mut self) {
         self.stride = self.gradient_stride() + numbers(self.settings.effects.statistics);
         self.sums.resize(self.grid.tiles(), 0.0);
@@ -139,7 +123,7 @@ impl Tiles {
         }
     }
 
-    /// Numbers per entry in `slots` that are gradients; those for the statistics follow them.
+    /// Numbers per entry in `slots` that are gradients. Those of the statistics follow.
     fn gradient_stride(&self) -> usize {
         match self.settings.effects.blend {
             Blend::Sum => blend_sum::STRIDE,
@@ -152,17 +136,17 @@ impl Tiles {
         self.settings.effects.statistics == Statistics::PixelError
     }
 
-    /// Half the image's size, by which gradients in px⁻¹ are multiplied to be in normalised device units.
+    /// Half the image's size: the factor from gradients in px⁻¹ to normalised device units.
     pub(crate) fn half_size(&self) -> Vec2 {
         Vec2::new(self.grid.width as f32, self.grid.height as f32) * 0.5
     }
 
-    /// What the forward pass left out.
+    /// Number of Gaussians that the forward pass left out, by cause.
     pub(crate) fn culled(&self) -> Culled {
         self.culled.plus(Culled { outside: self.bins.outside, ..Culled::default() })
     }
 
-    /// Stage `bin`.
+    /// Runs stage `bin`.
     ///
     /// # Errors
     /// Those of [`Bins::fill`].
@@ -170,7 +154,7 @@ impl Tiles {
         self.bins.fill(&self.projected, &self.grid, self.tuning.bounds)
     }
 
-    /// Stage `blend`: the image, into `rows`.
+    /// Runs stage `blend`: draws the image into `rows`.
     ///
     /// # Errors
     /// [`Error::Memory`].
@@ -178,7 +162,7 @@ impl Tiles {
         self.blend_tiles(level, 0..self.grid.tiles())
     }
 
-    /// The image of these tiles, which are whole strips, into `rows`.
+    /// Draws these tiles, which are whole strips, into `rows`.
     ///
     /// # Errors
     /// [`Error::Memory`].
@@ -194,25 +178,25 @@ impl Tiles {
         let buffers = TileBuffers { rows, scalars: transmittance, slots: &mut [], sums: &mut [] };
         for_each_tile(tiles, buffers, lists.cuts(0), &|tile, buffers| {
             let TileBuffers { rows, scalars, .. } = buffers;
-            let sight = lists.of(tile);
+            let inputs = lists.of(tile);
             match (blend, order) {
                 (Blend::Sum, _) => {
                     rows.fill(Row(background.map(|c| [c; 16])));
-                    let Sight { entries, projected, first_column, first_row, .. } = sight;
+                    let TileInputs { entries, projected, first_column, first_row, .. } = inputs;
                     dispatch!(level, simd => blend_sum::forward(simd, entries, projected, first_column, first_row, rows));
                 }
                 (Blend::Over, Order::PerPixel) => scratches.with(|scratch| {
-                    blend_per_pixel::forward(level, &sight, scratch, rows, scalars, background);
+                    blend_per_pixel::forward(level, &inputs, scratch, rows, scalars, background);
                 }),
                 (Blend::Over, _) => {
-                    dispatch!(level, simd => blend_over::forward(simd, &sight, rows, scalars, background))
+                    dispatch!(level, simd => blend_over::forward(simd, &inputs, rows, scalars, background))
                 }
             }
         });
         Ok(())
     }
 
-    /// Gives `slots` their size, for so many numbers per entry.
+    /// Resizes `slots` to `stride` numbers per entry.
     ///
     /// # Errors
     /// [`Error::Memory`].
@@ -221,7 +205,7 @@ impl Tiles {
         memory::resize(&mut self.slots, self.bins.entries.len() * stride, 0.0, what)
     }
 
-    /// Stage `blend_bwd`: from `v_rows` (and, under `Over`, the image, which is used up) into `slots`.
+    /// Runs stage `blend_bwd`: from `v_rows` into `slots`. Under `Over` it overwrites the image.
     ///
     /// # Errors
     /// [`Error::Memory`].
@@ -233,36 +217,39 @@ impl Tiles {
         let buffers = TileBuffers { rows, scalars: &mut [], slots, sums: &mut [] };
         for_each_tile(0..grid.tiles(), buffers, lists.cuts(self.stride), &|tile, buffers| {
             let TileBuffers { rows, slots, .. } = buffers;
-            let sight = lists.of(tile);
+            let inputs = lists.of(tile);
             let of_tile = grid.first_row(tile)..grid.first_row(tile) + rows.len();
             let errors = if errors.is_empty() { &[] } else { &errors[of_tile.clone()] };
             let v_rows = &v_rows[of_tile];
             collecting!(statistics, K => match (blend, order) {
                 (Blend::Sum, _) => {
-                    let Sight { entries, projected, first_column, first_row, .. } = sight;
+                    let TileInputs { entries, projected, first_column, first_row, .. } = inputs;
                     dispatch!(level, simd => blend_sum::backward::<_, K>(
                         simd, entries, projected, first_column, first_row, v_rows, errors, slots,
                     ));
                 }
                 (Blend::Over, Order::PerPixel) => scratches.with(|scratch| {
-                    blend_per_pixel::backward::<K>(level, &sight, scratch, rows, v_rows, errors, slots);
+                    blend_per_pixel::backward::<K>(level, &inputs, scratch, rows, v_rows, errors, slots);
                 }),
                 (Blend::Over, _) => dispatch!(level, simd => blend_over::backward::<_, K>(
-                    simd, &sight, rows, v_rows, errors, slots,
+                    simd, &inputs, rows, v_rows, errors, slots,
                 )),
             });
         });
         Ok(())
     }
 
-    /// Whether a training step blends, compares and differentiates in one pass: where the kernel for it is, without sums for statistics.
+    /// Whether a training step runs [`Self::blend_l2_fused`]. That kernel has no sums for
+    /// statistics.
     pub(crate) fn is_fused(effects: &Effects, loss: Loss) -> bool {
         loss == Loss::L2 && effects.blend == Blend::Sum && numbers(effects.statistics) == 0
     }
 
-    /// Stages `blend`, `loss` (L2) and `blend_bwd` in one pass over the tiles, which stay in the cache; `Sum` only. Returns
-    /// Σ (C − Y)²; `slots` receive the gradients of half of that. C is to the bit what [`Self::blend`] shows, so that both are exactly 0 where
-    /// that is the target: Adam would make whole steps of a rounding.
+    /// Runs stages `blend`, `loss` (L2) and `blend_bwd` in one pass over the tiles; `Sum` only.
+    ///
+    /// Each tile stays in the cache. Returns Σ (C − Y)²; `slots` receive the gradients of half of
+    /// that. C has the same bits as in [`Self::blend`], so that loss and gradient are exactly 0 if
+    /// a rendering is the target: Adam would turn a rounding error into a whole step.
     ///
     /// # Errors
     /// [`Error::Memory`].
@@ -273,7 +260,7 @@ impl Tiles {
         let lists = Lists { settings, grid, projected, depths, bins };
         let buffers = TileBuffers { rows: &mut [], scalars: &mut [], slots, sums };
         for_each_tile(0..grid.tiles(), buffers, lists.cuts(self.stride), &|tile, buffers| {
-            let Sight { entries, projected, first_column: column, first_row, lanes_inside: inside, .. } =
+            let TileInputs { entries, projected, first_column: column, first_row, lanes_inside: inside, .. } =
                 lists.of(tile);
             let target = &target[grid.first_row(tile)..grid.first_row(tile + 1)];
             tile_rows.with(|rows| {
@@ -291,7 +278,8 @@ impl Tiles {
         Ok(self.sums.iter().sum())
     }
 
-    /// Sums what the entries of the splat at `place` received, in the order of its tiles; `None` where no tile lists it.
+    /// The gradient of the splat at `place`: its entries' slots, summed in the order of its tiles.
+    /// `None` where no tile lists it.
     #[inline(always)]
     pub(crate) fn received(&self, place: usize) -> Option<Received> {
         let slots = self.bins.slots_of(place);

@@ -1,39 +1,40 @@
-//! How the kernels go about their work where that is a choice: none of it changes what picture is meant, only the time that it takes, and
-//! its roundings.
+//! Settings of the kernels that change the time of a pass and its rounding, but not the picture.
 
 use gs_core::Error;
 use serde::{Deserialize, Serialize};
 
 use crate::layout::MOST_ROWS_OVER;
 
-/// Which rows of a tile a Gaussian is listed with.
+/// The rows of a tile with which a Gaussian is listed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Bounds {
-    /// Those in which the ellipse of the cut meets the tile's columns.
+    /// The rows in which the ellipse of the cut meets the tile's columns.
     #[default]
     Tight,
-    /// Those of the box around the ellipse: less to compute for each entry, and more pixels visited in vain. The image is the same but for
-    /// rounding.
+    /// The rows of the ellipse's bounding box. An entry takes less time to compute, but the kernels
+    /// visit more pixels below the cut. The image is the same except for rounding.
     Box,
 }
 
-/// How a [`CpuRasterizer`](crate::CpuRasterizer) goes about its work.
+/// Settings of the kernels of a [`CpuRasterizer`](crate::CpuRasterizer).
 ///
-/// What is left out, and why. *The precision of exp*: the recurrence calls it once in [`Self::recurrence_rows`] rows, so that the length of
-/// the recurrence is what its price hangs on. *Compensated sums*: all roundings of a pixel together came to 4e-6, a thousandth of a display step, on the
-/// fit of a photograph (`docs/frontier/README.md`), so there is nothing that they would show. *Determinism*: each entry has a slot of its own, which takes
-/// neither locks nor atomics; no other way was written or measured. *The width of a tile*: it is the sixteen lanes of the widest vector.
+/// Four things are not settings. *The precision of exp*: the kernels call exp once in
+/// [`Self::recurrence_rows`] rows, which determines its cost. *Compensated sums*: the rounding
+/// error of a pixel was 4e-6 on the fit of a photograph (`docs/frontier/README.md`), a thousandth
+/// of a display step. *Determinism*: each entry has a slot of its own, without locks or atomics.
+/// *The width of a tile*: 16, the lanes of the widest vector.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
 pub struct CpuTuning {
-    /// Most rows that a Gaussian's weights are computed along by two multiplications a row, before exp is called again, 1 to 256. 1 is exp at each pixel; the
-    /// error of the recurrence grows with the square of the length. Default 32.
+    /// Largest number of rows along which the recurrence computes a Gaussian's weights before exp
+    /// is called again, 1 to 256. 1 means exp at each pixel. The error of the recurrence grows with
+    /// the square of its length. Default 32.
     pub recurrence_rows: u16,
-    /// Which rows a Gaussian is listed with.
+    /// The rows with which a Gaussian is listed.
     pub bounds: Bounds,
-    /// Rows of a tile, 8 to 64; none: 64 under [`Blend::Over`](gs_core::Blend), 1,024 under [`Blend::Sum`](gs_core::Blend), where most images are
-    /// of one tile from top to bottom.
+    /// Rows of a tile, 8 to 64; `None`: 64 under [`Blend::Over`](gs_core::Blend), 1,024 under
+    /// [`Blend::Sum`](gs_core::Blend), so that a strip of most images is one tile.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub tile_rows: Option<u16>,
 }

@@ -1,9 +1,9 @@
-//! Random numbers, and a scene made of them that is like a trained one; what benchmarks of 3D scenes share.
+//! Random numbers, and a random scene that resembles a trained one.
 
 use glam::Vec3;
 use gs_core::{Camera, Gaussian3d, Scene, Scene3d, scene::logit};
 
-/// Where all random numbers come from.
+/// The seed of all random numbers.
 pub(crate) const SEED: u64 = 20_261_121;
 
 /// SplitMix64 (Steele et al. 2014).
@@ -23,14 +23,16 @@ impl Random {
         (-2.0 * (1.0 - self.unit()).ln()).sqrt() * (std::f32::consts::TAU * self.unit()).cos()
     }
 
-    /// Evenly over the sphere.
+    /// Uniform on the sphere.
     pub(crate) fn direction(&mut self) -> Vec3 {
         Vec3::new(self.normal(), self.normal(), self.normal()).normalize_or(Vec3::Z)
     }
 }
 
-/// As a trained outdoor scene: surfaces at all depths, flat Gaussians of a few pixels with a long tail, most of them nearly opaque or nearly
-/// transparent, colours of degree 3.
+/// A scene like a trained outdoor scene of SH degree 3.
+///
+/// It has surfaces at all depths, and flat Gaussians of a few pixels with a long tail, most of them
+/// nearly opaque or nearly transparent.
 pub(crate) fn garden(count: usize, (width, height): (u32, u32)) -> (Scene3d, Camera) {
     let mut random = Random(SEED);
     let camera = Camera::looking_forward(width, height, 1.2);

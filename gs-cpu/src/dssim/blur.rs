@@ -1,4 +1,5 @@
-//! The blur by SSIM's window: along lines that are padded with zeros, then down the lines that a band still remembers.
+//! The blur by SSIM's window: along lines padded with zeros, then down the columns of a ring of
+//! lines.
 
 use fearless_simd::Simd;
 use gs_core::constants::{SSIM_SIGMA, SSIM_WINDOW};
@@ -10,7 +11,7 @@ use crate::{
 
 pub(super) const RADIUS: usize = SSIM_WINDOW / 2;
 
-/// Columns that a strip's blur looks at.
+/// Columns that a strip's blur reads.
 const REACH: usize = LANES + 2 * RADIUS;
 
 /// The window's weights, of sum 1.
@@ -25,21 +26,23 @@ pub(super) fn window() -> Window {
     raw.map(|v| (v / sum) as f32)
 }
 
-/// A channel of an image row in whole strips, and [`RADIUS`] zeros before and after. What is beyond the image must be 0, too.
+/// A channel of an image row in whole strips, with [`RADIUS`] zeros before and after.
+///
+/// Columns beyond the image must be 0, too.
 #[derive(Debug, Default)]
 pub(super) struct Line(Vec<f32>);
 
 impl Line {
     pub(super) fn fit(&mut self, strips: usize) {
-        // What is after the strips now may have been within them.
+        // With fewer strips than before, the padding may hold old values.
         self.0.clear();
         self.0.resize(strips * LANES + 2 * RADIUS, 0.0);
     }
 
-    /// What the blur of strip `strip` looks at.
+    /// The columns that the blur of strip `strip` reads.
     #[inline(always)]
     fn around(&self, strip: usize) -> &[f32; REACH] {
-        self.0[strip * LANES..].first_chunk().expect("a line goes on beyond its strips")
+        self.0[strip * LANES..].first_chunk().expect("a line is padded beyond its strips")
     }
 
     /// The strips.
@@ -49,10 +52,10 @@ impl Line {
     }
 }
 
-/// The last [`SSIM_WINDOW`] lines that were blurred along themselves, of three kinds, strip by strip: what the blur down that strip needs.
+/// The last [`SSIM_WINDOW`] lines of three quantities, blurred along the line, strip by strip.
 ///
-/// Lines are numbered down the image, wherever a band begins, and number n is in place n mod [`SSIM_WINDOW`]: which of them is added first depends on
-/// the row alone.
+/// Lines are numbered down the image, and line n is in place n mod [`SSIM_WINDOW`]. The order of
+/// the blur's sum therefore depends on the row and not on where a band begins.
 #[derive(Debug, Default)]
 pub(super) struct Ring(Vec<[Row; SSIM_WINDOW]>);
 
@@ -68,13 +71,13 @@ impl Ring {
         self.0.iter_mut().map(move |lines| &mut lines[place])
     }
 
-    /// Line `number` is beyond the image: 0.
+    /// Sets line `number`, which is beyond the image, to 0.
     #[inline(always)]
     pub(super) fn put_nothing(&mut self, number: usize) {
         self.line_mut(number).for_each(|line| *line = Row::ZERO);
     }
 
-    /// Line `number` is three lines, blurred.
+    /// Sets line `number` to three lines, blurred.
     #[inline(always)]
     pub(super) fn put_lines<S: Simd>(&mut self, simd: S, number: usize, inputs: &[Line; 3], window: &Window) {
         for (strip, Row(outputs)) in self.line_mut(number).enumerate() {
@@ -89,7 +92,7 @@ impl Ring {
         }
     }
 
-    /// Line `number` is x, x² and x·y, blurred.
+    /// Sets line `number` to x, x² and x·y, blurred.
     #[inline(always)]
     pub(super) fn put_products<S: Simd>(&mut self, simd: S, number: usize, [x, y]: &[Line; 2], window: &Window) {
         for (strip, Row([mean, square, product])) in self.line_mut(number).enumerate() {
@@ -108,7 +111,7 @@ impl Ring {
         }
     }
 
-    /// The weights of the places, for the blur down the lines from number `first` on.
+    /// The weights by place, for the blur down the lines from number `first` on.
     #[inline(always)]
     pub(super) fn weights(first: usize, window: &Window) -> Window {
         std::array::from_fn(|place| window[(place + SSIM_WINDOW - first % SSIM_WINDOW) % SSIM_WINDOW])

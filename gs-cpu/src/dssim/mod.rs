@@ -1,12 +1,14 @@
-//! L1 + D-SSIM, of which D-SSIM is 1 − SSIM, and its gradient, for stage `loss`.
+//! L1 + D-SSIM and its gradient, for stage `loss`. D-SSIM is 1 − SSIM.
 //!
-//! SSIM = (2 μx μy + C1)(2 σxy + C2) / ((μx² + μy² + C1)(σx² + σy² + C2)) at every pixel and channel (Wang et al. 2004), with an 11×11
-//! Gaussian window and borders padded with zeros (3DGS). With b(·) the blur by the window, which is its own adjoint, and x the
-//! image, S depends on x through b(x), b(x²) and b(x y); so v_x = b(∂S/∂b(x)) + 2x·b(∂S/∂b(x²)) + y·b(∂S/∂b(xy)).
+//! SSIM = (2 μx μy + C1)(2 σxy + C2) / ((μx² + μy² + C1)(σx² + σy² + C2)) at every pixel and
+//! channel (Wang et al. 2004), with an 11×11 Gaussian window and borders padded with zeros (3DGS).
+//! With b(·) the blur by the window, which is its own adjoint, and x the image, S depends on x
+//! through b(x), b(x²) and b(x y); so v_x = b(∂S/∂b(x)) + 2x·b(∂S/∂b(x²)) + y·b(∂S/∂b(xy)).
 //!
-//! Parallel over bands of rows. A band goes down its rows once for each channel and keeps, of what is blurred along rows, the lines that the
-//! blur down columns still needs: that stays in the second-level cache, and nothing of the image's size is written but the gradient. What a
-//! band needs from beyond its rows it computes itself, by the same operations: the bits do not depend on where bands end.
+//! Parallel over bands of rows. A band goes down its rows once for each channel. It keeps the
+//! blurred lines that the blur down the columns still needs, which stay in the second-level cache;
+//! only the gradient is written to memory. A band computes the lines that it needs beyond its rows
+//! by the same operations as its neighbours do, so the bits do not depend on where bands end.
 
 mod blur;
 
@@ -21,49 +23,43 @@ use rayon::prelude::*;
 use crate::{
     lanes::{LANES, Whole, iota, load, splat, store},
     layout::{Grid, Row, ScalarRow},
-    loss::{Pointwise, Target},
-    tiles::Tiles,
+    pointwise::Pointwise,
+    target::{BlurredTarget, Target},
 };
 use blur::{Line, RADIUS, Ring, Window, window};
 
-/// Bands of fewer rows would mostly compute what their neighbours do.
+/// Fewest rows of a band. Smaller bands would mostly repeat their neighbours' work.
 const LEAST_BAND_ROWS: usize = 32;
-
-/// A target y, b(y) and b(y²), row by row, a channel after the other: as a band goes through them.
-#[derive(Debug)]
-pub(crate) struct BlurredTarget {
-    y: Vec<ScalarRow>,
-    mean: Vec<ScalarRow>,
-    square: Vec<ScalarRow>,
-}
 
 /// Buffers of [`loss`], kept between iterations.
 #[derive(Debug, Default)]
 pub(crate) struct Scratch {
     bands: Vec<BandScratch>,
-    /// Of each line.
+    /// By line.
     sums: Vec<Sums>,
-    /// Empty: only the memory of a list is kept.
+    /// Empty between calls: only the memory of a list is kept.
     gradients: Vec<&'static mut [Row]>,
+    /// The memory of a target's blurred parts that are no longer valid.
+    pub(crate) spare: BlurredTarget,
 }
 
-/// What is summed over the pixels of a line.
+/// The sums over the pixels of a line.
 #[derive(Debug, Clone, Copy, Default)]
 struct Sums {
     ssim: f64,
     l1: f64,
 }
 
-/// What a band remembers.
+/// The lines that a band keeps.
 #[derive(Debug, Default)]
 struct BandScratch {
     /// A line of the image, and of the target.
     pair: [Line; 2],
-    /// b(x), b(x²), b(xy), as far as they are blurred along lines.
+    /// b(x), b(x²) and b(xy), blurred along lines only.
     products: Ring,
-    /// The derivatives of a line by these.
+    /// The derivatives of a line's SSIM by these.
     by: [Line; 3],
-    /// Those, blurred along lines.
+    /// The derivatives, blurred along lines.
     derivatives: Ring,
 }
 
@@ -75,7 +71,7 @@ impl BandScratch {
         self.derivatives.fit(strips);
     }
 
-    /// Line `number` of the products is that of image row `row`, or nothing where that is not in the image.
+    /// Sets line `number` of the products to that of image row `row`, or 0 beyond the image.
     #[inline(always)]
     fn put_products<S: Simd>(&mut self, simd: S, pair: Pair<'_>, number: usize, row: Option<usize>, window: &Window) {
         match row.filter(|&row| row < pair.grid.height) {
@@ -98,13 +94,13 @@ struct Pair<'a> {
 }
 
 impl Pair<'_> {
-    /// A strip's row of the target's part.
+    /// The index of a strip's row in the target's lists.
     #[inline(always)]
     fn at(&self, strip: usize, row: usize) -> usize {
         (self.channel * self.grid.height + row) * self.grid.strips() + strip
     }
 
-    /// A strip's row.
+    /// A strip's row of image and target.
     #[inline(always)]
     fn strip<S: Simd>(&self, simd: S, strip: usize, row: usize) -> [Whole<S>; 2] {
         let x = &self.image[strip * self.grid.height + row].0[self.channel];
@@ -112,7 +108,7 @@ impl Pair<'_> {
         [load(simd, x, 0), load(simd, y, 0)]
     }
 
-    /// A row as lines, within what SSIM takes.
+    /// A row of image and target as lines, with clamped values.
     #[inline(always)]
     fn lines<S: Simd>(&self, simd: S, row: usize, [x_line, y_line]: &mut [Line; 2]) {
         let zero: Whole<S> = splat(simd, 0.0);
@@ -124,7 +120,7 @@ impl Pair<'_> {
         }
     }
 
-    /// Which lanes of a strip are beyond the image.
+    /// A mask of a strip's lanes that are beyond the image.
     #[inline(always)]
     fn beyond<S: Simd>(&self, simd: S, strip: usize) -> <Whole<S> as SimdBase<S>>::Mask {
         let columns: Whole<S> = splat(simd, (self.grid.width - strip * LANES) as f32);
@@ -132,34 +128,42 @@ impl Pair<'_> {
     }
 }
 
-/// Values within ±[`SSIM_MAX`]; NaN stays.
+/// Clamps values to ±[`SSIM_MAX`]; NaN stays.
 #[inline(always)]
 fn bounded<S: Simd>(simd: S, values: Whole<S>) -> Whole<S> {
     let most: Whole<S> = splat(simd, SSIM_MAX);
     values.abs().simd_gt(most).select(most.copysign(values), values)
 }
 
-/// How many rows a band has: enough bands for every thread to have two.
+/// Number of rows of a band: at least two bands per thread, if the image is high enough.
 fn band_rows(grid: &Grid) -> usize {
     grid.height.div_ceil(2 * rayon::current_num_threads()).max(LEAST_BAND_ROWS)
 }
 
-/// A list without elements, in the memory of another.
+/// An empty list in the memory of another.
 fn emptied<'a>(mut list: Vec<&mut [Row]>) -> Vec<&'a mut [Row]> {
     list.clear();
     list.into_iter().map(|_| -> &mut [Row] { unreachable!("the list is empty") }).collect()
 }
 
-/// (1 − λ) L1 + λ (1 − SSIM); its gradient into `tiles.v_rows`, which has its size, 0 in lanes beyond the image.
+/// (1 − λ) L1 + λ (1 − SSIM) of `image`, with the gradient in `v_rows`, 0 in lanes beyond the
+/// image.
 ///
 /// # Errors
 /// [`Error::Memory`].
-pub(crate) fn loss(tiles: &mut Tiles, target: &Target, level: Level, lambda: f32) -> Result<f64, Error> {
-    let (grid, window) = (tiles.grid, window());
+pub(crate) fn loss(
+    (grid, image): (Grid, &[Row]),
+    target: &Target,
+    level: Level,
+    lambda: f32,
+    scratch: &mut Scratch,
+    v_rows: &mut [Row],
+) -> Result<f64, Error> {
+    let window = window();
     let blurred = match target.blurred.get() {
         Some(blurred) => blurred,
         None => {
-            let blurred = blur_target(&grid, target, level, &window)?;
+            let blurred = blur_target(&grid, &target.rows, level, &window, scratch)?;
             target.blurred.get_or_init(|| blurred)
         }
     };
@@ -170,22 +174,22 @@ pub(crate) fn loss(tiles: &mut Tiles, target: &Target, level: Level, lambda: f32
     let (strips, rows) = (grid.strips(), band_rows(&grid));
     let bands = grid.height.div_ceil(rows);
 
-    let Scratch { bands: scratches, sums, gradients: memory } = &mut tiles.dssim;
-    scratches.resize_with(bands, BandScratch::default);
+    let Scratch { bands: scratches, sums, gradients: memory, .. } = scratch;
+    scratches.resize_with(bands.max(scratches.len()), BandScratch::default);
     sums.resize(3 * grid.height, Sums::default());
-    // Of every band: its rows of every strip of the gradient.
+    // For every band, its rows of every strip of the gradient.
     let mut gradients = emptied(std::mem::take(memory));
     gradients.resize_with(bands * strips, Default::default);
-    for (strip, of_strip) in tiles.v_rows.chunks_mut(grid.height).enumerate() {
+    for (strip, of_strip) in v_rows.chunks_mut(grid.height).enumerate() {
         for (band, of_band) in of_strip.chunks_mut(rows).enumerate() {
             gradients[band * strips + strip] = of_band;
         }
     }
     let outputs = gradients.par_chunks_mut(strips).zip(sums.par_chunks_mut(3 * rows));
-    outputs.zip(&mut *scratches).enumerate().for_each(|(index, ((gradient, sums), scratch))| {
+    outputs.zip(&mut scratches[..bands]).enumerate().for_each(|(index, ((gradient, sums), scratch))| {
         scratch.fit(strips);
         let band = Band { first: index * rows, l1, scale, window: &window };
-        let pair = Pair { grid: &grid, image: &tiles.rows, target: blurred, channel: 0 };
+        let pair = Pair { grid: &grid, image, target: blurred, channel: 0 };
         dispatch!(level, simd => band.run(simd, pair, scratch, Output { gradient, sums }));
     });
     *memory = emptied(gradients);
@@ -193,22 +197,30 @@ pub(crate) fn loss(tiles: &mut Tiles, target: &Target, level: Level, lambda: f32
     Ok((1.0 - lambda) * mean(|line| line.l1) + lambda * (1.0 - mean(|line| line.ssim)))
 }
 
-/// The target's part, a task for each channel.
-fn blur_target(grid: &Grid, target: &Target, level: Level, window: &Window) -> Result<BlurredTarget, Error> {
+/// The target's own terms, in the memory of `scratch.spare`. One task per channel.
+fn blur_target(
+    grid: &Grid,
+    target: &[Row],
+    level: Level,
+    window: &Window,
+    scratch: &mut Scratch,
+) -> Result<BlurredTarget, Error> {
     let of_channel = grid.height * grid.strips();
-    let nothing = || memory::filled(3 * of_channel, ScalarRow([0.0; LANES]), "what D-SSIM needs of a target");
-    let (mut mean, mut square) = (nothing()?, nothing()?);
-    let mut blurred = BlurredTarget { y: nothing()?, mean: Vec::new(), square: Vec::new() };
+    let mut blurred = std::mem::take(&mut scratch.spare);
+    for list in [&mut blurred.y, &mut blurred.mean, &mut blurred.square] {
+        memory::resize(list, 3 * of_channel, ScalarRow([0.0; LANES]), "what D-SSIM needs of a target")?;
+    }
     for (at, ScalarRow(y)) in blurred.y.iter_mut().enumerate() {
         let (line, strip) = (at / grid.strips(), at % grid.strips());
-        *y = target.rows[strip * grid.height + line % grid.height].0[line / grid.height];
+        *y = target[strip * grid.height + line % grid.height].0[line / grid.height];
     }
+    scratch.bands.resize_with(scratch.bands.len().max(3), BandScratch::default);
+    let (mut mean, mut square) = (std::mem::take(&mut blurred.mean), std::mem::take(&mut blurred.square));
     let outputs = mean.par_chunks_mut(of_channel).zip(square.par_chunks_mut(of_channel));
-    outputs.enumerate().for_each(|(channel, outputs)| {
-        let mut scratch = BandScratch::default();
+    outputs.zip(&mut scratch.bands[..3]).enumerate().for_each(|(channel, (outputs, scratch))| {
         scratch.fit(grid.strips());
-        let pair = Pair { grid, image: &target.rows, target: &blurred, channel };
-        dispatch!(level, simd => blur_target_channel(simd, pair, &mut scratch, outputs, window));
+        let pair = Pair { grid, image: target, target: &blurred, channel };
+        dispatch!(level, simd => blur_target_channel(simd, pair, scratch, outputs, window));
     });
     Ok(BlurredTarget { mean, square, ..blurred })
 }
@@ -223,7 +235,7 @@ fn blur_target_channel<S: Simd>(
     window: &Window,
 ) {
     let strips = pair.grid.strips();
-    // Numbered as the image's products are, so that what is equal has equal bits.
+    // Numbered as the image's products are, so that equal images have equal bits.
     for number in RADIUS..pair.grid.height + 3 * RADIUS {
         scratch.put_products(simd, pair, number, number.checked_sub(2 * RADIUS), window);
         let Some(row) = number.checked_sub(3 * RADIUS) else { continue };
@@ -242,19 +254,22 @@ struct Output<'a, 'g> {
     sums: &'a mut [Sums],
 }
 
-/// A part of the image's rows, and what is asked of it.
+/// A part of the image's rows, and the parameters of the loss.
 struct Band<'a> {
     /// Its first row.
     first: usize,
     l1: Pointwise,
-    /// What ∂SSIM/∂C is multiplied by.
+    /// The factor of ∂SSIM/∂C.
     scale: f32,
     window: &'a Window,
 }
 
 impl Band<'_> {
-    /// Three stages follow each other down the image: the derivatives of a row need the products of [`RADIUS`] rows more, and the gradient as
-    /// many derivatives. A stage's lines are numbered from the first that row 0 of the gradient needs.
+    /// Computes the band's gradient in three steps per row that follow each other down the image.
+    ///
+    /// The derivatives of a row need the products of [`RADIUS`] more rows, and the gradient needs
+    /// as many more derivatives. Lines are numbered from the first that row 0 of the gradient
+    /// needs.
     #[inline(always)]
     fn run<S: Simd>(&self, simd: S, pair: Pair<'_>, scratch: &mut BandScratch, output: Output<'_, '_>) {
         let (first, rows) = (self.first, output.sums.len() / 3);
@@ -281,7 +296,7 @@ impl Band<'_> {
         }
     }
 
-    /// Line `number` of the derivatives, that of image row `row`; returns Σ SSIM of the row.
+    /// Sets line `number` of the derivatives to that of image row `row`; returns Σ SSIM of the row.
     #[inline(always)]
     fn derivatives<S: Simd>(
         &self,
@@ -306,7 +321,8 @@ impl Band<'_> {
         f64::from(total.reduce_sum())
     }
 
-    /// The band's row `row` of the gradient: that of L1, and scale · (b(∂b(x)) + 2x b(∂b(x²)) + y b(∂b(xy))). Returns Σ |x − y| of it.
+    /// Writes row `row` of the band's gradient: that of L1, and scale · (b(∂b(x)) + 2x b(∂b(x²)) +
+    /// y b(∂b(xy))). Returns Σ |x − y| of the row.
     #[inline(always)]
     fn gradient<S: Simd>(
         &self,
@@ -332,7 +348,8 @@ impl Band<'_> {
     }
 }
 
-/// SSIM of a strip's row, and its derivatives by b(x), b(x²) and b(xy); 0 in lanes beyond the image.
+/// SSIM of a strip's row, and its derivatives by b(x), b(x²) and b(xy); 0 in lanes beyond the
+/// image.
 #[inline(always)]
 fn derivatives<S: Simd>(
     simd: S,
@@ -347,8 +364,9 @@ fn derivatives<S: Simd>(
     let (xx, yy, xy) = (mx * mx, my * my, mx * my);
     let a1 = xy * 2.0 + SSIM_C1;
     let b1 = xx + yy + SSIM_C1;
-    // σx² + σy² and 2 σxy of a window that is nearly constant are what rounding leaves of large numbers: more than C2 where colours are
-    // beyond 100. So bounded, as they are by their definition, SSIM stays within ±1.
+    // In a window that is nearly constant, σx² + σy² and 2 σxy are the rounding errors of large
+    // numbers, which exceed C2 for colours beyond 100. The exact values satisfy these bounds, and
+    // with them SSIM stays within ±1.
     let (variances, covariance) = (square - xx + square_y - yy, (product - xy) * 2.0);
     let variances = variances.max(zero);
     let covariance = covariance.max(zero - variances).min(variances);

@@ -1,5 +1,5 @@
-//! Stage `adam`: one step of every Gaussian, in eight lanes (mean 2, shape 3, colour 3), and its statistics. Parallel over
-//! Gaussians; `project_bwd` is fused into it where the gradients are not wanted otherwise.
+//! Stage `adam`: one step of every Gaussian, in eight lanes (mean 2, shape 3, colour 3), and its
+//! statistics. Parallel over Gaussians.
 
 use std::ops::Range;
 
@@ -12,12 +12,12 @@ use gs_core::{
 };
 
 use super::{
-    project_bwd::Gradient,
+    own::Gradient,
     splats::{Shapes, Splats2d, VECTOR},
 };
 use crate::{bias::BiasTable, lanes::bounded_derivative, splat::CHUNK};
 
-/// Adam's numbers, lane by lane.
+/// Adam's settings, lane by lane.
 #[derive(Debug, Clone, Copy)]
 struct LaneRates {
     rate: [f32; VECTOR],
@@ -34,7 +34,7 @@ fn lane_rates(rates: &AdamRates, splats: &Splats2d) -> LaneRates {
     LaneRates { rate: groups.map(|g| g.learning_rate), beta1: groups.map(|g| g.beta1), beta2: groups.map(|g| g.beta2) }
 }
 
-/// A range of a splats' arrays.
+/// A range of the splats' arrays.
 struct Slices<'a> {
     means: &'a mut [Vec2],
     scale_rotations: &'a mut [[f32; 3]],
@@ -51,7 +51,7 @@ struct Slices<'a> {
 
 impl Slices<'_> {
     fn split(self, at: usize) -> (Self, Self) {
-        /// Every field cut at `at`, or at its end where it is shorter, being unused.
+        /// Cuts every field at `at`. Unused fields are empty.
         macro_rules! cut {
             ($($field:ident),*) => {{
                 $(let $field = self.$field.split_at_mut(at.min(self.$field.len()));)*
@@ -74,7 +74,7 @@ impl Slices<'_> {
     }
 }
 
-/// What all Gaussians of one step share.
+/// The arguments of a step that all Gaussians share.
 struct Step<'a> {
     lanes: LaneRates,
     rates: &'a AdamRates,
@@ -82,7 +82,8 @@ struct Step<'a> {
     collect: bool,
 }
 
-/// One Adam step of all Gaussians along `gradient_of(index)`; adds to the statistics if they are to be collected.
+/// Takes one Adam step along `gradient_of(index)`, and adds to the statistics if they are
+/// collected.
 pub(crate) fn step<'g>(
     splats: &mut Splats2d,
     table: &mut BiasTable<{ VECTOR + 1 }>,
@@ -199,7 +200,7 @@ fn step_all<'g, S: Simd>(
             *shape = [shape[0] - s0, shape[1] - s1, shape[2] - s2];
             let (floor, ceiling) = (step.rates.min_scale.ln(), step.rates.max_scale.ln());
             for scale in &mut shape[..2] {
-                // NaN stays: it must be seen and pruned.
+                // NaN stays, so that the Gaussian is pruned.
                 if *scale < floor {
                     *scale = floor;
                 } else if *scale > ceiling {
@@ -235,7 +236,7 @@ fn turn(l: Mat2, moved: [f32; 3], rates: &AdamRates) -> Mat2 {
     let (xx, yy) = (1.0 + a + 0.5 * (a * a + b2), 1.0 + d + 0.5 * (d * d + b2));
     let xy = b + 0.5 * b * (a + d);
     let l = Mat2::from_cols(l.x_axis * xx + l.y_axis * xy, l.x_axis * xy + l.y_axis * yy);
-    // The sum of the squared scales, and their product. Where the least is `floor`, the other is their sum less that.
+    // Sum and product of the squared scales. If the smaller is `floor`, the other is sum − floor.
     let (sum, product) = (l.x_axis.length_squared() + l.y_axis.length_squared(), l.determinant().powi(2));
     let floor = rates.min_scale * rates.min_scale;
     let is_small = product < floor * (sum - floor) || sum < 2.0 * floor;
@@ -243,11 +244,14 @@ fn turn(l: Mat2, moved: [f32; 3], rates: &AdamRates) -> Mat2 {
     if is_small || is_large { bounded(l, rates) } else { l }
 }
 
-/// L with its scales moved into their bounds, its axes and its right-hand rotation as they are. In f64, where det L of a needle has digits.
+/// L with its scales clamped to their bounds, and its axes and right-hand rotation unchanged.
+///
+/// Computed in `f64`, because det L of a needle cancels in `f32`.
 #[cold]
 fn bounded(l: Mat2, rates: &AdamRates) -> Mat2 {
     let wide = l.as_dmat2();
-    // L = U S Vᵀ, and L Lᵀ = U S² Uᵀ = ½ (S₀² + S₁²) I + ½ (S₀² − S₁²) R, where R mirrors at the first axis.
+    // L = U S Vᵀ, and L Lᵀ = U S² Uᵀ = ½ (S₀² + S₁²) I + ½ (S₀² − S₁²) R, where R is the reflection
+    // at the first axis.
     let square = wide * wide.transpose();
     let mean = 0.5 * (square.x_axis.x + square.y_axis.y);
     let mirror = square - DMat2::from_diagonal(DVec2::splat(mean));
@@ -268,7 +272,7 @@ fn bounded(l: Mat2, rates: &AdamRates) -> Mat2 {
     (stretch * wide).as_mat2()
 }
 
-/// As [`bounded`], where S has a zero or is not finite: V is taken as the identity.
+/// [`bounded`] for an S with a zero or a number that is not finite: it uses V = I.
 fn bounded_without_inverse(l: Mat2, rates: &AdamRates) -> Mat2 {
     let (log_scale, angle) = Gaussian2d::shape_of_factor(l);
     let within = log_scale.map(f32::exp).clamp(Vec2::splat(rates.min_scale), Vec2::splat(rates.max_scale));
@@ -290,7 +294,7 @@ mod tests {
         }
         let scale = scales(bounded(Mat2::from_cols(Vec2::X, Vec2::X), &rates));
         assert!(scale.y > 0.2499);
-        // What is not at fault stays: the axes, the other scale, and the turn on the right.
+        // The axes, the other scale and the right-hand rotation do not change.
         let [axes, turned] = [0.7, -1.1].map(Mat2::from_angle);
         for (scale, within) in [([5.0, 0.01], [5.0, 0.25]), ([4e4, 1e-3], [10.0, 0.25]), ([0.1, 0.1], [0.25, 0.25])] {
             let [found, expected] = [scale, within].map(|s| axes * Mat2::from_diagonal(s.into()) * turned);
@@ -298,7 +302,7 @@ mod tests {
             assert!(found.abs_diff_eq(expected, 1e-6 * within[0]), "{scale:?}: {found} instead of {expected}");
         }
         let scale = scales(turn(Mat2::ZERO, [0.0; 3], &rates));
-        assert!((scale - 0.25).abs().max_element() < 1e-6, "without extent, and no gradient: {scale}");
+        assert!((scale - 0.25).abs().max_element() < 1e-6, "a zero factor without a gradient: {scale}");
         assert!(turn(Mat2::NAN, [0.0; 3], &rates).is_nan());
     }
 }

@@ -1,4 +1,4 @@
-//! 2D scenes as a [`Kind`]: their own buffers, and in which order tiles see their Gaussians.
+//! [`SceneKind`] for 2D scenes, and the order in which tiles see their Gaussians.
 
 use fearless_simd::Level;
 use gs_core::{
@@ -7,47 +7,19 @@ use gs_core::{
 };
 
 use super::{
-    Splats2d, adam, project,
-    project_bwd::{self, Gradient},
-    solve_colors,
-    splats::VECTOR,
+    adam,
+    own::Own2d,
+    project, project_bwd, solve_colors,
+    splats::{Splats2d, VECTOR},
 };
 use crate::{
-    CpuRasterizer, Target,
     bias::BiasTable,
-    kind::{Resources, SceneKind, Shared},
-    profile::Stage,
-    rasterizer::{check_settings, unsupported},
+    kind::{AllResources, Resources, SceneKind, Shared},
+    stage::Stage,
+    target::Target,
+    unsupported::{check_settings, unsupported},
     workspace::Workspace,
 };
-
-/// A 2D scene's own buffers.
-#[derive(Debug)]
-pub struct Own2d {
-    pub(crate) canvas: Canvas,
-    /// place → Gaussian: in which order tiles see them.
-    pub(crate) order: Vec<u32>,
-    /// Gaussian → place.
-    place_of: Vec<u32>,
-    /// The next place in each image row, while they are given out.
-    row_places: Vec<u32>,
-    /// Every Gaussian's gradient, by place: neighbours' entries are neighbours in memory.
-    pub(crate) gradients: Vec<Gradient>,
-}
-
-impl Default for Own2d {
-    fn default() -> Self {
-        let (order, place_of, row_places, gradients) = Default::default();
-        Self { canvas: Canvas::new(1, 1), order, place_of, row_places, gradients }
-    }
-}
-
-impl Workspace<Scene2d> {
-    /// The gradient of Gaussian `index`.
-    pub(crate) fn gradient_of(&self, index: usize) -> &Gradient {
-        &self.own.gradients[self.own.place_of[index] as usize]
-    }
-}
 
 impl SceneKind for Scene2d {
     type Splats = Splats2d;
@@ -76,8 +48,8 @@ impl SceneKind for Scene2d {
         (view.width, view.height)
     }
 
-    fn resources(rasterizer: &CpuRasterizer) -> &Resources<Self> {
-        &rasterizer.pool_2d
+    fn resources(all: &AllResources) -> &Resources<Self> {
+        &all.for_2d
     }
 
     fn upload(scene: &Self, parameterization: Parameterization) -> Result<Splats2d, Error> {
@@ -113,7 +85,7 @@ impl SceneKind for Scene2d {
     }
 
     fn prepare(
-        workspace: &mut Workspace<Self>,
+        workspace: &mut Workspace<Own2d>,
         splats: &Splats2d,
         canvas: &Canvas,
         settings: &RenderSettings,
@@ -127,7 +99,8 @@ impl SceneKind for Scene2d {
         if !reuse {
             workspace.own.canvas = *canvas;
             workspace.tiles.set(Self::size(canvas), settings);
-            // Anew each time: an order that were kept would be state that no checkpoint holds.
+            // Sorted in each step: an order from earlier steps would be state that no checkpoint
+            // has.
             workspace.edition = None;
             Self::sort(workspace, splats);
         }
@@ -140,13 +113,14 @@ impl SceneKind for Scene2d {
         Ok(())
     }
 
-    fn project(workspace: &mut Workspace<Self>, splats: &Splats2d) {
+    fn project(workspace: &mut Workspace<Own2d>, splats: &Splats2d) {
         let Workspace { tiles, own, .. } = workspace;
         project::project_all(splats, &own.canvas, &own.order, tiles);
     }
 
-    /// By index where that matters, else by row, so that neighbours in a tile's list are neighbours in the cache.
-    fn sort(workspace: &mut Workspace<Self>, splats: &Splats2d) {
+    /// By index under `Over`. Under `Sum` by row, so that neighbours in a tile's list are
+    /// neighbours in memory.
+    fn sort(workspace: &mut Workspace<Own2d>, splats: &Splats2d) {
         let Workspace { tiles, own, .. } = workspace;
         let n = splats.shared.len() as u32;
         own.place_of.clear();
@@ -176,11 +150,11 @@ impl SceneKind for Scene2d {
         }
     }
 
-    fn project_bwd(workspace: &mut Workspace<Self>, splats: &Splats2d, scale: f32) {
+    fn project_bwd(workspace: &mut Workspace<Own2d>, splats: &Splats2d, scale: f32) {
         project_bwd::all(workspace, splats, scale);
     }
 
-    fn derivatives(workspace: &Workspace<Self>, splats: &Splats2d) -> Self {
+    fn derivatives(workspace: &Workspace<Own2d>, splats: &Splats2d) -> Self {
         project_bwd::as_scene(splats, |index| workspace.gradient_of(index))
     }
 
@@ -189,29 +163,26 @@ impl SceneKind for Scene2d {
         bias: &mut Self::Bias,
         rates: &AdamRates,
         level: Level,
-        workspace: &Workspace<Self>,
+        workspace: &Workspace<Own2d>,
     ) {
         let statistics = workspace.tiles.settings.effects.statistics;
         adam::step(splats, bias, rates, level, statistics, |index| workspace.gradient_of(index));
     }
 
+    fn check_solve_colors(settings: &RenderSettings) -> Result<(), Error> {
+        match settings.effects.blend {
+            Blend::Sum => Ok(()),
+            Blend::Over => Err(unsupported("solving for colours under `over`, where the image is not linear in them")),
+        }
+    }
+
     fn solve_colors(
-        rasterizer: &CpuRasterizer,
+        workspace: &mut Workspace<Own2d>,
         splats: &mut Splats2d,
-        view: &Canvas,
         target: &Target,
-        settings: &RenderSettings,
+        level: Level,
         iterations: u32,
     ) -> Result<(), Error> {
-        if settings.effects.blend != Blend::Sum {
-            return Err(unsupported("solving for colours under `over`, where the image is not linear in them"));
-        }
-        let mut workspace = rasterizer.pool_2d.pool.take().tuned(rasterizer.tuning);
-        rasterizer.install(|| {
-            Self::prepare(&mut workspace, splats, view, settings, Binning::Fresh)?;
-            solve_colors::solve(&mut workspace, splats, target, rasterizer.level, iterations)
-        })?;
-        rasterizer.pool_2d.pool.give(workspace);
-        Ok(())
+        solve_colors::solve(workspace, splats, target, level, iterations)
     }
 }

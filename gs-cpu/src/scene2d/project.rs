@@ -1,6 +1,7 @@
-//! Stage `project`: every Gaussian's parameters become what the pixels need ([`Splat`]). Parallel over Gaussians.
+//! Stage `project`: computes the [`Splat`] of every Gaussian. Parallel over Gaussians.
 //!
-//! With L′ = the factor L on the canvas, Σ′ = L′ L′ᵀ + δ I, whose determinant det² L′ + δ tr + δ² does not cancel.
+//! With L′ = the factor L on the canvas, Σ′ = L′ L′ᵀ + δ I. Its determinant is computed as
+//! det² L′ + δ tr + δ², which does not cancel.
 
 use glam::{Mat2, Vec2};
 use gs_core::{
@@ -23,7 +24,7 @@ pub(crate) fn on_canvas(canvas: &Canvas, mean: Vec2, factor: Mat2) -> (Vec2, Mat
     ((mean - canvas.origin) * scale, Mat2::from_cols(factor.x_axis * scale, factor.y_axis * scale))
 }
 
-/// One Gaussian's splat, or why it has none.
+/// One Gaussian's splat, or the reason why it is culled.
 fn project(
     mean: Vec2,
     l: Mat2,
@@ -59,7 +60,7 @@ fn project(
     Ok(Splat::new(mean, Covariance { xx, xy, yy, determinant }, color, (opacity, cut), longest))
 }
 
-/// Projects all Gaussians of `splats`, in the order `order` (place → index), into the tiles' projected, and counts those that it left out.
+/// Projects all Gaussians in the order `order` (place → index) into `tiles`, and counts the culled.
 pub(crate) fn project_all(splats: &Splats2d, canvas: &Canvas, order: &[u32], tiles: &mut Tiles) {
     let Tiles { settings, tuning, projected, .. } = tiles;
     let settings = (&*settings, f32::from(tuning.recurrence_rows));

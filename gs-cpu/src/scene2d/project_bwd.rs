@@ -1,48 +1,28 @@
-//! Stage `project_bwd`: what the entries of a Gaussian received becomes the gradient of its parameters.
+//! Stage `project_bwd`: computes the gradient of a Gaussian's parameters from those of its entries.
 //!
-//! Everything goes through the whitened coordinates: with z = L′⁻¹ d, a step μ += L ξ, L ← L exp(η) changes σ by −zᵀξ − zᵀηz, so that
-//! v_ξ = Σ t z and v_η = Σ t z zᵀ; no covariance is inverted. The kernels' sums over (dx, u) are whitened by the lower-triangular
-//! root of Σ′ (a scaling per axis), and a rotation leads from there to the factor of L′.
+//! Everything goes through the whitened coordinates: with z = L′⁻¹ d, a step μ += L ξ, L ← L exp(η)
+//! changes σ by −zᵀξ − zᵀηz, so that v_ξ = Σ t z and v_η = Σ t z zᵀ; no covariance is inverted. The
+//! kernels' sums over (dx, u) are whitened by the lower-triangular root of Σ′ (a scaling per axis),
+//! and a rotation leads from there to the factor of L′.
 
 use glam::{Mat2, Vec2};
 use gs_core::{
     Blend, Scene2d,
     effects::{Antialias, Statistics},
     scene::sigmoid,
-    whitened::{WhitenedGradient, solve_transposed},
+    whitened::solve_transposed,
 };
 use rayon::prelude::*;
 
 use super::{
+    own::{Gradient, Own2d},
     project::on_canvas,
     splats::{Shapes, Splats2d},
 };
 use crate::{splat::CHUNK, workspace::Workspace};
 
-/// ∂L/∂(one Gaussian's parameters), in its whitened coordinates.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub(crate) struct Gradient {
-    pub(crate) color: [f32; 3],
-    /// v_ξ.
-    pub(crate) xi: Vec2,
-    /// v_η: (η₀₀, η₀₁ = η₁₀ each, η₁₁).
-    pub(crate) eta: [f32; 3],
-    /// ∂L/∂(opacity logit).
-    pub(crate) opacity_logit: f32,
-    /// This step's share of the statistic that is asked for; 0 where none is.
-    pub(crate) statistic: f32,
-    /// Whether any tile listed it.
-    pub(crate) visible: bool,
-}
-
-impl Gradient {
-    pub(crate) fn whitened(&self) -> WhitenedGradient {
-        WhitenedGradient { xi: self.xi, eta: self.eta }
-    }
-}
-
-/// Every Gaussian's gradient, times `scale`, into the workspace (by place).
-pub(crate) fn all(workspace: &mut Workspace<Scene2d>, splats: &Splats2d, scale: f32) {
+/// Writes every Gaussian's gradient, times `scale`, into the workspace (by place).
+pub(crate) fn all(workspace: &mut Workspace<Own2d>, splats: &Splats2d, scale: f32) {
     let mut gradients = std::mem::take(&mut workspace.own.gradients);
     gradients.resize(workspace.len, Gradient::default());
     let workspace_ = &*workspace;
@@ -56,7 +36,7 @@ pub(crate) fn all(workspace: &mut Workspace<Scene2d>, splats: &Splats2d, scale: 
 
 /// The gradient of the Gaussian at `place`, times `scale`; `None` where no tile lists it.
 #[inline(always)]
-fn gradient(workspace: &Workspace<Scene2d>, splats: &Splats2d, place: usize, scale: f32) -> Option<Gradient> {
+fn gradient(workspace: &Workspace<Own2d>, splats: &Splats2d, place: usize, scale: f32) -> Option<Gradient> {
     let Workspace { tiles, own, .. } = workspace;
     let effects = tiles.settings.effects;
     let index = own.order[place] as usize;
@@ -74,7 +54,7 @@ fn gradient(workspace: &Workspace<Scene2d>, splats: &Splats2d, place: usize, sca
             let q = rotation_from_triangular(l);
             (q * e, q * Mat2::from_cols_array(&[e_00, e_01, e_01, e_11]) * q.transpose())
         }
-        // L′ is not a root of Σ′ any more, which the dilation keeps from being a needle.
+        // L′ is no root of Σ′ here. The dilation keeps Σ′ from being a needle.
         Antialias::Dilate | Antialias::Mip | Antialias::Compensated => {
             let q = l.transpose() * splat.conic_of_ridge();
             let mut moment = q * Mat2::from_cols_array(&[xx, xu, xu, uu]) * q.transpose();
@@ -96,7 +76,7 @@ fn gradient(workspace: &Workspace<Scene2d>, splats: &Splats2d, place: usize, sca
         }
         Statistics::MeanGradient => (splat.conic_of_ridge() * first * tiles.half_size()).length(),
         Statistics::AbsoluteGradient => (Vec2::from_array(received.collected) * scale * tiles.half_size()).length(),
-        // The error is none of the loss's.
+        // The pixel errors do not depend on the loss, so `scale` does not apply.
         Statistics::PixelError => received.collected[0],
     };
     let opacity_logit = match effects.blend {
@@ -113,7 +93,7 @@ fn gradient(workspace: &Workspace<Scene2d>, splats: &Splats2d, place: usize, sca
     })
 }
 
-/// Q with L⁻¹ = Q K⁻¹, where K is the lower-triangular root of L Lᵀ: orthogonal.
+/// The orthogonal Q with L⁻¹ = Q K⁻¹, where K is the lower-triangular root of L Lᵀ.
 fn rotation_from_triangular(l: Mat2) -> Mat2 {
     // The first row of L is √Σxx times the first row of Qᵀ.
     let first = Vec2::new(l.x_axis.x, l.y_axis.x).normalize_or(Vec2::X);
@@ -121,7 +101,8 @@ fn rotation_from_triangular(l: Mat2) -> Mat2 {
     Mat2::from_cols(first, second)
 }
 
-/// The gradients as a scene of derivatives: with respect to mean (px⁻¹), log-scale, rotation (rad⁻¹), opacity logit and colour.
+/// The gradients as a scene of derivatives: with respect to mean (px⁻¹), log-scale, rotation
+/// (rad⁻¹), opacity logit and colour.
 pub(crate) fn as_scene<'g>(splats: &Splats2d, gradient_of: impl Fn(usize) -> &'g Gradient) -> Scene2d {
     let mut scene = Scene2d::default();
     for index in 0..splats.len() {

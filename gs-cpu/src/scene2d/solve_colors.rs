@@ -1,19 +1,20 @@
-//! The colours that fit a target best under `Sum`, all else fixed: least squares by preconditioned conjugate gradients.
+//! Solves for the colours that fit a target best under `Sum`, with all else fixed: least squares by
+//! preconditioned conjugate gradients.
 //!
-//! The image is A c, with one column of A per Gaussian: its weights. Every iteration is one pass over the tiles that forms A p and
-//! Aᵀ(A p). The preconditioner is the diagonal of AᵀA, which is Σ w² ≈ π √det Σ′. The three channels are three systems with
-//! the same matrix.
+//! The image is A c, with one column of A per Gaussian: its weights. Every iteration is one pass
+//! over the tiles that forms A p and Aᵀ(A p). The preconditioner is the diagonal of AᵀA, which is Σ
+//! w² ≈ π √det Σ′. The three channels are three systems with the same matrix.
 
 use fearless_simd::{Level, dispatch};
-use gs_core::{Error, Scene2d};
+use gs_core::Error;
 use rayon::prelude::*;
 
-use super::splats::Splats2d;
+use super::{own::Own2d, splats::Splats2d};
 use crate::{
-    Target,
     blend_sum::{self, COLOR_STRIDE},
     layout::{Cuts, Row, TileBuffers, for_each_tile},
     splat::CHUNK,
+    target::Target,
     tiles::Tiles,
     workspace::Workspace,
 };
@@ -23,7 +24,7 @@ use crate::{
 /// # Errors
 /// [`Error::Memory`].
 pub(crate) fn solve(
-    workspace: &mut Workspace<Scene2d>,
+    workspace: &mut Workspace<Own2d>,
     splats: &mut Splats2d,
     target: &Target,
     level: Level,
@@ -36,7 +37,7 @@ pub(crate) fn solve(
         (tiles.projected.iter()).map(|s| std::f32::consts::PI / (s.inverse_xx * s.c).sqrt()).collect();
     let mut solution: Vec<[f32; 3]> = tiles.projected.iter().map(|s| s.color).collect();
 
-    // r = Aᵀ(y − A c); the pass yields Aᵀ(A c − (y − background)).
+    // r = Aᵀ(y − A c); the pass computes Aᵀ(A c − (y − background)).
     let mut residual = vec![[0.0f32; 3]; n];
     normal_product(tiles, level, Some((&target.rows, background)), &mut residual)?;
     residual.par_iter_mut().for_each(|r| *r = r.map(|v| -v));
@@ -87,7 +88,8 @@ fn dot(a: &[[f32; 3]], b: &[[f32; 3]]) -> [f64; 3] {
     sums
 }
 
-/// Aᵀ(A c − y), with c the projected' colours, y the target less the background, or 0; by place.
+/// Aᵀ(A c − y) by place, with the splats' colours c, and y = target − background, or 0 without a
+/// target.
 fn normal_product(
     tiles: &mut Tiles,
     level: Level,

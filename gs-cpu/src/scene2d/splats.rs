@@ -1,4 +1,4 @@
-//! The Gaussians where this backend computes: parameters, Adam moments and statistics, and how edits and checkpoints treat them.
+//! 2D splats: parameters, Adam moments and statistics, with edits, saving and restoring.
 
 use glam::{Mat2, Vec2, Vec3};
 use gs_core::{
@@ -11,7 +11,7 @@ use rayon::prelude::*;
 
 use crate::kind::Shared;
 
-/// The shapes of all Gaussians, as the parameterization moves them.
+/// The shapes of all Gaussians in their parameterization.
 #[derive(Debug, Clone)]
 pub(crate) enum Shapes {
     /// ln-scale 2 (ln px), rotation (rad).
@@ -29,13 +29,13 @@ pub struct Splats2d {
     pub(crate) means: Vec<Vec2>,
     pub(crate) shapes: Shapes,
     pub(crate) colors: Vec<[f32; 3]>,
-    /// Empty where all are opaque.
+    /// Empty where all Gaussians are opaque.
     pub(crate) opacity_logits: Vec<f32>,
     /// First and second moments of mean, shape and colour.
     pub(crate) moments: [Vec<[f32; VECTOR]>; 2],
-    /// First and second moment of the opacity.
+    /// First and second moments of the opacities.
     pub(crate) opacity_moments: Vec<[f32; 2]>,
-    /// Adam steps that each has taken.
+    /// Number of Adam steps of each Gaussian.
     pub(crate) steps: Vec<u32>,
     pub(crate) shared: Shared<Scene2d>,
 }

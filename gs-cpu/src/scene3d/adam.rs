@@ -1,9 +1,10 @@
-//! Stage `adam`: one step of every Gaussian, a vector of 16 parameters at a time, and its statistics. Parallel over Gaussians.
+//! Stage `adam`: one step of every Gaussian, a vector of 16 parameters at a time, and its
+//! statistics. Parallel over Gaussians.
 
 use fearless_simd::{Level, Simd, dispatch, prelude::*};
 use glam::Vec3;
 use gs_core::{
-    AdamRates, Parameterization, Participants, Penalty, Scene3d,
+    AdamRates, Parameterization, Participants, Penalty,
     adam::Rate,
     constants::{MAX_XI, VANISHING_MOMENT},
     covariance_factor::{stretched, sum_of_scales_vjp},
@@ -12,20 +13,26 @@ use gs_core::{
 };
 use rayon::prelude::*;
 
-use super::splats::{self, FACTOR, LOG_SCALE, MEAN, OPACITY, ROTATION, SH, STRETCH, Splats3d};
+use super::{
+    own::Own3d,
+    splats::{self, FACTOR, LOG_SCALE, MEAN, OPACITY, ROTATION, SH, STRETCH, Splats3d},
+};
 use crate::{
     bias::{Bias, BiasTable},
     lanes::{LANES, Whole, bounded_derivative, load, splat, store},
     workspace::Workspace,
 };
 
-/// Groups of parameters with rates of their own: mean, scale, rotation, opacity, SH of degree 0, SH above.
+/// Groups of parameters with their own rates: mean, scale, rotation, opacity, SH of degree 0, other
+/// SH.
 pub(crate) const GROUPS: usize = 6;
 
-/// Gaussians a task handles.
+/// Gaussians per task.
 const CHUNK: usize = 256;
 
-/// The group of each number in a row's first vector, by parameterization; all that follow are of the last group. What a parameterization leaves empty stays 0.
+/// The group of each number in a row's first vector. All later numbers are in the last group.
+///
+/// Numbers that a parameterization does not use stay 0.
 fn groups_of(parameterization: Parameterization) -> [usize; LANES] {
     std::array::from_fn(|lane| match (lane, parameterization) {
         (0..3, _) => 0,
@@ -38,7 +45,7 @@ fn groups_of(parameterization: Parameterization) -> [usize; LANES] {
 
 const _: () = assert!(MEAN.end == 3 && LOG_SCALE.end == 6 && ROTATION.start == 6 && OPACITY == 12 && SH + 3 == LANES);
 
-/// What all Gaussians of one step share.
+/// The arguments of a step that all Gaussians share.
 struct Step<'a> {
     parameterization: Parameterization,
     groups: [Rate; GROUPS],
@@ -47,28 +54,31 @@ struct Step<'a> {
     bias: &'a BiasTable<GROUPS>,
     /// ln of the smallest and largest scale.
     log_scales: [f32; 2],
-    /// The penalty's weights of one Gaussian's opacity and of each of its scales; none where both are 0.
+    /// The penalty's weights for one Gaussian's opacity and for each of its scales; `None` if both
+    /// are 0.
     penalty: Option<[f32; 2]>,
     collect: bool,
 }
 
-/// One Gaussian's row of everything.
+/// One Gaussian's row of parameters, moments and gradients.
 struct Row<'a> {
     parameters: &'a mut [f32],
     first: &'a mut [f32],
     second: &'a mut [f32],
-    /// Zero where no tile lists it.
+    /// `None` where no tile lists the Gaussian: a gradient of zeros.
     gradient: Option<&'a [f32]>,
 }
 
-/// One Adam step along the workspace's gradients; adds to the statistics if they are to be collected. Harmonics above the degree that was
-/// evaluated are left where they are, moments included, to whole vectors: they cost nothing.
+/// Takes one Adam step along the workspace's gradients, and adds to the statistics if they are
+/// collected.
+///
+/// Whole vectors of SH above the evaluated degree keep their values and moments, and cost nothing.
 pub(crate) fn step(
     splats: &mut Splats3d,
     table: &mut BiasTable<GROUPS>,
     rates: &AdamRates,
     level: Level,
-    workspace: &Workspace<Scene3d>,
+    workspace: &Workspace<Own3d>,
 ) {
     let groups = [rates.mean, rates.scale, rates.rotation, rates.opacity, rates.color, rates.color_rest];
     table.prepare(groups.map(|g| [g.beta1, g.beta2]), &splats.steps);
@@ -145,7 +155,7 @@ fn move_row<S: Simd>(simd: S, row: Row<'_>, step: &Step<'_>, steps: u32) {
         store(v, row.second, at);
         let moved = lanes.rate * (m * lanes.first) / ((v * lanes.second).sqrt() + epsilon);
         if at == 0 && step.parameterization == Parameterization::CovarianceFactor {
-            move_frame(row.parameters, moved.into(), step.rates);
+            move_factored(row.parameters, moved.into(), step.rates);
         } else {
             store(load::<S, Whole<S>>(simd, row.parameters, at) - moved, row.parameters, at);
         }
@@ -153,7 +163,7 @@ fn move_row<S: Simd>(simd: S, row: Row<'_>, step: &Step<'_>, steps: u32) {
     if step.parameterization == Parameterization::ScaleRotation {
         let [floor, ceiling] = step.log_scales;
         for scale in &mut row.parameters[LOG_SCALE] {
-            // NaN stays: it must be seen and pruned.
+            // NaN stays, so that the Gaussian is pruned.
             if *scale < floor {
                 *scale = floor;
             } else if *scale > ceiling {
@@ -163,7 +173,8 @@ fn move_row<S: Simd>(simd: S, row: Row<'_>, step: &Step<'_>, steps: u32) {
     }
 }
 
-/// The gradient by the first numbers of a row, in the parameterization's coordinates, with what the penalty adds.
+/// The gradient by the numbers of a row's first vector, in the coordinates of the parameterization,
+/// with the penalty's gradient.
 #[inline(always)]
 fn geometric(row: &Row<'_>, step: &Step<'_>) -> [f32; LANES] {
     let mut gradient = [0.0; LANES];
@@ -175,14 +186,15 @@ fn geometric(row: &Row<'_>, step: &Step<'_>) -> [f32; LANES] {
         }
     }
     if let Some(weights) = step.penalty {
-        add_pull(row.parameters, step.parameterization, weights, &mut gradient);
+        add_penalty(row.parameters, step.parameterization, weights, &mut gradient);
     }
     gradient
 }
 
-/// Adds the penalty's gradient with respect to the first numbers of a row: w o (1 − o) for the opacity's logit, w s for each ln-scale, or in
-/// a factor w V S Vᵀ.
-fn add_pull(
+/// Adds the penalty's gradient to that of a row's first vector.
+///
+/// It is w o (1 − o) for the opacity logit, and w s for each ln-scale or w V S Vᵀ for a factor.
+fn add_penalty(
     parameters: &[f32],
     parameterization: Parameterization,
     [opacity, scale]: [f32; 2],
@@ -200,9 +212,10 @@ fn add_pull(
     gradient[OPACITY] += opacity * o * (1.0 - o);
 }
 
-/// Moves the first numbers of a row in its own factor: −`moved` is ξ and η, and what opacity and colour change by.
+/// Moves the numbers of a row's first vector: −`moved` has ξ, η and the changes of opacity and
+/// colour.
 #[inline(always)]
-fn move_frame(parameters: &mut [f32], moved: [f32; LANES], rates: &AdamRates) {
+fn move_factored(parameters: &mut [f32], moved: [f32; LANES], rates: &AdamRates) {
     let factor = splats::factor(parameters);
     let xi = Vec3::from_slice(&moved[MEAN]).map(|entry| entry.clamp(-MAX_XI, MAX_XI));
     let mean = splats::mean(parameters) - factor * xi;
@@ -214,7 +227,7 @@ fn move_frame(parameters: &mut [f32], moved: [f32; LANES], rates: &AdamRates) {
     }
 }
 
-/// Adam's numbers for 16 parameters of a row.
+/// Adam's settings for 16 parameters of a row.
 struct Lanes<S: Simd> {
     rate: Whole<S>,
     beta1: Whole<S>,

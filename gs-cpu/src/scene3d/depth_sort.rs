@@ -1,8 +1,9 @@
-//! The order of depth, for stage `sort`: a stable radix sort of all Gaussians that are in front of the camera, in parallel.
+//! A parallel stable radix sort by depth of all Gaussians in front of the camera, for stage `sort`.
 //!
-//! Least significant digit first. Each block of keys counts its digits; a sum over digits and blocks says where every block's keys of every
-//! digit go; then the blocks scatter. What a key's place is does not depend on who computes it, so neither does the result on the
-//! number of threads. Keys are atomics, relaxed, because blocks write into each other's midst: plain stores, without `unsafe`.
+//! Least significant digit first. Each block of keys counts its digits; a sum over digits and
+//! blocks gives the position of every block's keys of every digit; then the blocks scatter their
+//! keys. A key's place does not depend on the number of threads. Keys are relaxed atomics, because
+//! blocks write between each other's keys: plain stores, without `unsafe`.
 
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
@@ -11,13 +12,13 @@ use rayon::prelude::*;
 /// Fewest keys in a block.
 const BLOCK: usize = 8192;
 
-/// Most blocks: each has a count per digit.
+/// Largest number of blocks: each has a count per digit.
 const MOST_BLOCKS: usize = 32;
 
 const DIGIT_BITS: u32 = 11;
 const DIGITS: usize = 1 << DIGIT_BITS;
 
-/// Where the digits of a depth's bits begin in a key, whose low half is the Gaussian.
+/// Bit offsets of the digits of the depth in a key. The low half of a key is the Gaussian's index.
 const SHIFTS: [u32; 3] = [32, 32 + DIGIT_BITS, 32 + 2 * DIGIT_BITS];
 
 /// The sort, with its buffers.
@@ -25,13 +26,13 @@ const SHIFTS: [u32; 3] = [32, 32 + DIGIT_BITS, 32 + 2 * DIGIT_BITS];
 pub(crate) struct DepthSort {
     keys: Vec<AtomicU64>,
     other: Vec<AtomicU64>,
-    /// Per block: first how many keys of each digit, then where the next one goes.
+    /// Per block: first the number of keys of each digit, then the position of the next one.
     digits: Vec<Vec<u32>>,
     len: usize,
 }
 
 impl DepthSort {
-    /// Sorts the Gaussians whose depth is positive, the nearest first, ties by index.
+    /// Sorts the Gaussians whose depth is positive, nearest first, ties by index.
     pub(crate) fn sort(&mut self, depth: impl Fn(usize) -> f32 + Sync, count: usize) {
         self.collect(&depth, count);
         for shift in SHIFTS {
@@ -39,7 +40,7 @@ impl DepthSort {
         }
     }
 
-    /// Lists the Gaussians whose depth is positive by index.
+    /// Lists the Gaussians whose depth is positive, by index.
     pub(crate) fn collect(&mut self, depth: &(impl Fn(usize) -> f32 + Sync), count: usize) {
         self.keys.resize_with(count, AtomicU64::default);
         self.other.resize_with(count, AtomicU64::default);
@@ -84,7 +85,7 @@ impl DepthSort {
                 next += std::mem::replace(&mut digits[d], next);
             }
             if next - before == self.len as u32 {
-                // All keys have this digit.
+                // All keys have the same digit.
                 return;
             }
         }
@@ -100,7 +101,7 @@ impl DepthSort {
         std::mem::swap(&mut self.keys, &mut self.other);
     }
 
-    /// How many Gaussians were sorted.
+    /// Number of Gaussians that were sorted.
     pub(crate) fn len(&self) -> usize {
         self.len
     }
@@ -120,7 +121,7 @@ mod tests {
     fn nearest_first_and_ties_by_index() {
         let mut sort = DepthSort::default();
         for count in [0, 1, 7, 1000, 100_000, 400_000] {
-            // Many ties, and a third that is not there.
+            // Many ties; a third of the Gaussians has no depth.
             let depth = |i: usize| {
                 let hash = (i as u32).wrapping_mul(0x9E37_79B9) >> 12;
                 if hash.is_multiple_of(3) { 0.0 } else { (hash % 5000) as f32 * 0.013 + 0.01 }

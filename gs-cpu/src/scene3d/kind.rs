@@ -1,4 +1,4 @@
-//! 3D scenes as a [`Kind`]: their own buffers, and the order of depth in which tiles see their Gaussians.
+//! [`SceneKind`] for 3D scenes, and the order of depth in which tiles see their Gaussians.
 
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
@@ -12,66 +12,21 @@ use gs_core::{
 use rayon::prelude::*;
 
 use super::{
-    Splats3d, adam,
-    depth_sort::DepthSort,
-    project::{self, Depth, Eye},
+    adam,
+    own::{NO_PLACE, Own3d},
+    project::{self, Eye},
     project_bwd,
-    splats::pitch_of,
+    splats::Splats3d,
 };
 use crate::{
-    CpuRasterizer, Target,
     bias::BiasTable,
-    blend_per_pixel::PixelDepth,
-    kind::{Resources, SceneKind, Shared},
-    profile::Stage,
-    rasterizer::{check_settings, unsupported},
-    splat::{CHUNK, Splat},
+    kind::{AllResources, Resources, SceneKind, Shared},
+    splat::{CHUNK, PixelDepth, Splat},
+    stage::Stage,
+    target::Target,
+    unsupported::{check_settings, unsupported},
     workspace::Workspace,
 };
-
-/// The place of a Gaussian that is not drawn.
-pub(crate) const NO_PLACE: u32 = u32::MAX;
-
-/// A 3D scene's own buffers.
-#[derive(Debug, Default)]
-pub struct Own3d {
-    pub(crate) eye: Option<Eye>,
-    /// By index; of those that are not drawn, anything.
-    pub(crate) projected: Vec<Splat>,
-    /// By index.
-    pub(crate) depths: Vec<Depth>,
-    pub(crate) depth_sort: DepthSort,
-    /// Gaussian → place, or [`NO_PLACE`].
-    pub(crate) place_of: Vec<AtomicU32>,
-    /// By index, each row the beginning of one of the splats' parameters, up to the harmonics that are evaluated; of those that no tile lists,
-    /// anything.
-    pub(crate) gradients: Vec<f32>,
-    /// This step's shares of the statistic that is asked for, by index; of those that no tile lists, anything.
-    pub(crate) shares: Vec<f32>,
-}
-
-impl Own3d {
-    /// Numbers of a row of gradients: what stands behind them in a row of parameters is not moved.
-    pub(crate) fn gradient_pitch(&self) -> usize {
-        pitch_of(self.eye.map_or(0, |eye| eye.degree))
-    }
-
-    /// The gradient of a Gaussian that some tile lists.
-    #[inline(always)]
-    pub(crate) fn gradient(&self, index: usize) -> &[f32] {
-        let pitch = self.gradient_pitch();
-        &self.gradients[index * pitch..][..pitch]
-    }
-}
-
-impl Workspace<Scene3d> {
-    /// Whether some tile lists Gaussian `index`.
-    #[inline(always)]
-    pub(crate) fn lists(&self, index: usize) -> bool {
-        let place = self.own.place_of[index].load(Relaxed);
-        place != NO_PLACE && !self.tiles.bins.slots_of(place as usize).is_empty()
-    }
-}
 
 impl SceneKind for Scene3d {
     type Splats = Splats3d;
@@ -94,8 +49,8 @@ impl SceneKind for Scene3d {
         (camera.width, camera.height)
     }
 
-    fn resources(rasterizer: &CpuRasterizer) -> &Resources<Self> {
-        &rasterizer.pool_3d
+    fn resources(all: &AllResources) -> &Resources<Self> {
+        &all.for_3d
     }
 
     fn upload(scene: &Self, parameterization: Parameterization) -> Result<Splats3d, Error> {
@@ -130,9 +85,9 @@ impl SceneKind for Scene3d {
         &mut splats.shared
     }
 
-    /// Lists are never used again: the next step looks through another camera.
+    /// `Binning::Reuse` has no effect, because the next step has another camera.
     fn prepare(
-        workspace: &mut Workspace<Self>,
+        workspace: &mut Workspace<Own3d>,
         splats: &Splats3d,
         camera: &Camera,
         settings: &RenderSettings,
@@ -155,14 +110,14 @@ impl SceneKind for Scene3d {
         Ok(())
     }
 
-    fn project(workspace: &mut Workspace<Self>, splats: &Splats3d) {
+    fn project(workspace: &mut Workspace<Own3d>, splats: &Splats3d) {
         let Workspace { tiles, own, .. } = workspace;
         let Some(eye) = &own.eye else { return };
         let (projected, depths) = (&mut own.projected, &mut own.depths);
         tiles.culled = project::project_all(splats, eye, tiles, projected, depths);
     }
 
-    fn sort(workspace: &mut Workspace<Self>, _: &Splats3d) {
+    fn sort(workspace: &mut Workspace<Own3d>, _: &Splats3d) {
         let Workspace { tiles, own, .. } = workspace;
         let Own3d { projected, depths, depth_sort, place_of, .. } = own;
         let blend = tiles.settings.effects.blend;
@@ -194,16 +149,16 @@ impl SceneKind for Scene3d {
         }
     }
 
-    fn project_bwd(workspace: &mut Workspace<Self>, splats: &Splats3d, scale: f32) {
+    fn project_bwd(workspace: &mut Workspace<Own3d>, splats: &Splats3d, scale: f32) {
         project_bwd::all(&workspace.tiles, &mut workspace.own, splats, scale);
     }
 
-    fn derivatives(workspace: &Workspace<Self>, splats: &Splats3d) -> Self {
+    fn derivatives(workspace: &Workspace<Own3d>, splats: &Splats3d) -> Self {
         let zeros = vec![0.0; splats.pitch()];
         let row = |index: usize| match workspace.lists(index) {
             true => {
                 let row = workspace.own.gradient(index);
-                (splats.seen_gradient(index, row), row)
+                (splats.ellipsoid_gradient(index, row), row)
             }
             false => (Ellipsoid::default(), &zeros[..]),
         };
@@ -215,19 +170,16 @@ impl SceneKind for Scene3d {
         bias: &mut Self::Bias,
         rates: &AdamRates,
         level: Level,
-        workspace: &Workspace<Self>,
+        workspace: &Workspace<Own3d>,
     ) {
         adam::step(splats, bias, rates, level, workspace);
     }
 
-    fn solve_colors(
-        _: &CpuRasterizer,
-        _: &mut Splats3d,
-        _: &Camera,
-        _: &Target,
-        _: &RenderSettings,
-        _: u32,
-    ) -> Result<(), Error> {
+    fn check_solve_colors(_: &RenderSettings) -> Result<(), Error> {
         Err(unsupported("solving for the colours of 3D scenes"))
+    }
+
+    fn solve_colors(_: &mut Workspace<Own3d>, _: &mut Splats3d, _: &Target, _: Level, _: u32) -> Result<(), Error> {
+        Self::check_solve_colors(&RenderSettings::default())
     }
 }

@@ -1,8 +1,9 @@
-//! 3D scenes: what stands before `bin` and after `blend_bwd`.
+//! 3D scenes: the stages before `bin` and after `blend_bwd`.
 
 mod adam;
 mod depth_sort;
 mod kind;
+mod own;
 mod project;
 mod project_bwd;
 mod splats;

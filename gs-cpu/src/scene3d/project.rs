@@ -1,5 +1,5 @@
-//! Stage `project`: every Gaussian's parameters become what the pixels need ([`Splat`]). Parallel over Gaussians. Colours are evaluated
-//! where the ellipse's box touches the image, and nowhere else.
+//! Stage `project`: computes the [`Splat`] of every Gaussian. Parallel over Gaussians. Colours are
+//! only evaluated where the ellipse's bounding box touches the image.
 
 use glam::Vec3;
 use gs_core::{
@@ -18,27 +18,27 @@ use crate::{
     tiles::Tiles,
 };
 
-/// Depth of a Gaussian that is drawn, z and its slopes per px; `[0; 3]` of one that is not.
+/// Depth z and its slopes per px of a Gaussian that is drawn; `[0; 3]` for others.
 pub(crate) type Depth = [f32; 3];
 
-/// How a factor sees Gaussians.
+/// The camera, and the settings that projection needs.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Eye {
     pub(crate) perspective: Perspective,
-    /// Of the spherical harmonics.
+    /// The evaluated degree of the SH.
     pub(crate) degree: u8,
-    /// How rows hold shapes.
     pub(crate) parameterization: Parameterization,
 }
 
 impl Eye {
-    /// Where a Gaussian is seen from, as a direction; any, where no colour depends on it.
+    /// The direction from which a Gaussian is seen. Arbitrary at degree 0, where colours do not
+    /// depend on it.
     #[inline(always)]
     pub(crate) fn direction(&self, mean: Vec3) -> Vec3 {
         if self.degree == 0 { Vec3::Z } else { self.perspective.direction(mean) }
     }
 
-    /// From v_d to v_μ.
+    /// The gradient by the mean, from that by the direction.
     #[inline(always)]
     pub(crate) fn direction_vjp(&self, mean: Vec3, v_direction: Vec3) -> Vec3 {
         if self.degree == 0 { Vec3::ZERO } else { self.perspective.direction_vjp(mean, v_direction) }
@@ -68,7 +68,7 @@ fn project(
     Ok((splat, [p.depth, p.depth_slope.x, p.depth_slope.y]))
 }
 
-/// Projects all Gaussians of `splats`, by index, for these tiles.
+/// Projects all Gaussians by index, and counts the culled.
 pub(crate) fn project_all(
     splats: &Splats3d,
     eye: &Eye,

@@ -1,6 +1,8 @@
-//! Stage `project_bwd`: what the entries of a Gaussian received becomes the gradient of its parameters. Parallel over Gaussians.
+//! Stage `project_bwd`: computes the gradient of a Gaussian's parameters from those of its entries.
+//! Parallel over Gaussians.
 //!
-//! With Σ′⁻¹ d = A (dx, u) and t = o·w·v_(o·w): v_μ′ = Σ t Σ′⁻¹ d and v_Σ′ = ½ Σ t (Σ′⁻¹ d)(Σ′⁻¹ d)ᵀ, both linear in the kernels' sums.
+//! With Σ′⁻¹ d = A (dx, u) and t = o·w·v_(o·w): v_μ′ = Σ t Σ′⁻¹ d and v_Σ′ = ½ Σ t (Σ′⁻¹ d)(Σ′⁻¹
+//! d)ᵀ, both linear in the kernels' sums.
 
 use std::sync::atomic::Ordering::Relaxed;
 
@@ -9,7 +11,7 @@ use gs_core::{Parameterization, effects::Statistics, perspective::ProjectionGrad
 use rayon::prelude::*;
 
 use super::{
-    kind::{NO_PLACE, Own3d},
+    own::{NO_PLACE, Own3d},
     project::Eye,
     splats::{self, LOG_SCALE, MEAN, OPACITY, ROTATION, SH, STRETCH, Splats3d},
 };
@@ -18,8 +20,8 @@ use crate::{
     tiles::Tiles,
 };
 
-/// The gradients of all Gaussians that tiles list, times `scale`, into `own.gradients` and `own.shares`, by index; nothing is written for the
-/// others.
+/// Writes the gradients of all listed Gaussians, times `scale`, into `own.gradients` and
+/// `own.shares`.
 pub(crate) fn all(tiles: &Tiles, own: &mut Own3d, splats: &Splats3d, scale: f32) {
     let Some(eye) = own.eye else { return };
     let (pitch, of_parameters) = (own.gradient_pitch(), splats.pitch());
@@ -39,8 +41,9 @@ pub(crate) fn all(tiles: &Tiles, own: &mut Own3d, splats: &Splats3d, scale: f32)
     });
 }
 
-/// Writes one Gaussian's gradient into `row`, and returns its share in the statistic that is asked for; leaves `row` as it is where no tile
-/// lists the splat.
+/// Writes one Gaussian's gradient into `row`, and returns its contribution to the statistic.
+///
+/// Leaves `row` unchanged where no tile lists the splat.
 #[inline(always)]
 fn gradient(
     tiles: &Tiles,
@@ -87,7 +90,7 @@ fn gradient(
         Statistics::None => 0.0,
         Statistics::MeanGradient => (v_mean * tiles.half_size()).length(),
         Statistics::AbsoluteGradient => (Vec2::from_array(received.collected) * scale * tiles.half_size()).length(),
-        // The error is none of the loss's.
+        // The pixel errors do not depend on the loss, so `scale` does not apply.
         Statistics::PixelError => received.collected[0],
     }
 }

@@ -1,8 +1,9 @@
-//! The Gaussians where this backend computes, one row each, and how edits and checkpoints treat them.
+//! 3D splats: one row of numbers per Gaussian, with edits, saving and restoring.
 //!
-//! A row holds mean 3, shape 9, opacity logit, then the SH coefficients, R, G, B each; it is filled with zeros to whole vectors. The shape is
-//! log-scale 3 and rotation 4, or the three columns of a factor, as the parameterization moves it. A Gaussian is thus a few neighbouring cache lines, and
-//! Adam runs over rows without knowing what is in them.
+//! A row holds mean 3, shape 9, opacity logit, then the SH coefficients, R, G, B each. Zeros fill
+//! it to whole vectors. The shape is log-scale 3 and rotation 4, or the three columns of a factor,
+//! by parameterization. A Gaussian is thus a few neighbouring cache lines, and Adam moves most of a
+//! row without regard to its meaning.
 
 use std::ops::Range;
 
@@ -19,16 +20,19 @@ use rayon::prelude::*;
 
 use crate::{kind::Shared, lanes::LANES};
 
-/// Where a row holds what.
+/// The mean's place in a row.
 pub(crate) const MEAN: Range<usize> = 0..3;
-/// In [`Parameterization::ScaleRotation`].
+/// The log-scales in [`Parameterization::ScaleRotation`].
 pub(crate) const LOG_SCALE: Range<usize> = 3..6;
+/// The quaternion in [`Parameterization::ScaleRotation`].
 pub(crate) const ROTATION: Range<usize> = 6..10;
-/// In [`Parameterization::CovarianceFactor`]: of parameters the columns of M, of gradients and moments those by η.
+/// The columns of M in [`Parameterization::CovarianceFactor`].
 pub(crate) const FACTOR: Range<usize> = 3..12;
+/// Gradients and moments by η in [`Parameterization::CovarianceFactor`].
 pub(crate) const STRETCH: Range<usize> = 3..9;
-/// In every parameterization.
+/// The opacity logit.
 pub(crate) const OPACITY: usize = 12;
+/// The first SH coefficient.
 pub(crate) const SH: usize = 13;
 
 /// 3D Gaussians on the CPU, with their Adam moments and density statistics.
@@ -38,19 +42,21 @@ pub struct Splats3d {
     pub(crate) sh_degree: u8,
     /// `[N, pitch]`.
     pub(crate) parameters: Vec<f32>,
-    /// First and second moments, laid out as the parameters.
+    /// First and second moments, laid out as the parameters are.
     pub(crate) moments: [Vec<f32>; 2],
-    /// Adam steps that each has taken.
+    /// Number of Adam steps of each Gaussian.
     pub(crate) steps: Vec<u32>,
     pub(crate) shared: Shared<Scene3d>,
 }
 
-/// Numbers in a row before what fills it up.
+/// Numbers in a row without the padding.
 fn columns(sh_degree: u8) -> usize {
     SH + 3 * coefficients(sh_degree)
 }
 
-/// Numbers of a row with harmonics of this degree, filled up. A row of a lower degree is the beginning of one of a higher.
+/// Numbers in a row with SH of this degree, with the padding.
+///
+/// A row of a lower degree is the beginning of a row of a higher degree.
 pub(crate) fn pitch_of(sh_degree: u8) -> usize {
     columns(sh_degree).next_multiple_of(LANES)
 }
@@ -61,7 +67,7 @@ pub(crate) fn mean(row: &[f32]) -> Vec3 {
     Vec3::from_slice(&row[MEAN])
 }
 
-/// What a row of [`Parameterization::ScaleRotation`] holds besides its colour.
+/// A row of [`Parameterization::ScaleRotation`] without its colour.
 #[inline(always)]
 pub(crate) fn ellipsoid(row: &[f32]) -> Ellipsoid {
     Ellipsoid {
@@ -72,7 +78,7 @@ pub(crate) fn ellipsoid(row: &[f32]) -> Ellipsoid {
     }
 }
 
-/// What a row of [`Parameterization::CovarianceFactor`] holds besides its colour.
+/// A row of [`Parameterization::CovarianceFactor`] without its colour.
 #[inline(always)]
 pub(crate) fn factored(row: &[f32]) -> Factored {
     Factored { mean: mean(row), factor: factor(row), opacity_logit: row[OPACITY] }
@@ -89,13 +95,13 @@ pub(crate) fn stretch(row: &[f32]) -> Symmetric3 {
     std::array::from_fn(|k| row[STRETCH.start + k])
 }
 
-/// The SH coefficients of a row, and what fills it up.
+/// The SH coefficients of a row, and the padding.
 #[inline(always)]
 pub(crate) fn sh(row: &[f32]) -> &[[f32; 3]] {
     row[SH..].as_chunks().0
 }
 
-/// Puts a shape into a row. One without direction has no factor: that is zeros.
+/// Writes a shape into a row. A zero quaternion becomes a factor of zeros.
 fn write_shape(parameterization: Parameterization, log_scale: Vec3, rotation: [f32; 4], row: &mut [f32]) {
     match parameterization {
         Parameterization::ScaleRotation => {
@@ -148,8 +154,8 @@ impl Splats3d {
         pitch_of(self.sh_degree)
     }
 
-    /// A row of parameters but for its colour, as a scene has it.
-    fn seen(&self, row: &[f32]) -> Ellipsoid {
+    /// A row of parameters without its colour, in the parameterization of scenes.
+    fn ellipsoid(&self, row: &[f32]) -> Ellipsoid {
         match self.parameterization {
             Parameterization::ScaleRotation => ellipsoid(row),
             Parameterization::CovarianceFactor => {
@@ -160,8 +166,9 @@ impl Splats3d {
         }
     }
 
-    /// A row of gradients of Gaussian `index` but for its colour, by what [`Self::seen`] tells of it.
-    pub(crate) fn seen_gradient(&self, index: usize, row: &[f32]) -> Ellipsoid {
+    /// A row of gradients of Gaussian `index` without its colour, in the parameterization of
+    /// scenes.
+    pub(crate) fn ellipsoid_gradient(&self, index: usize, row: &[f32]) -> Ellipsoid {
         let of_row = ellipsoid(row);
         match self.parameterization {
             Parameterization::ScaleRotation => of_row,
@@ -173,7 +180,7 @@ impl Splats3d {
         }
     }
 
-    /// Rows with what they hold but for their colour, as a scene; harmonics that a row does not hold are 0.
+    /// A scene of ellipsoids and of rows with their SH. SH that a row does not have are 0.
     pub(crate) fn scene_of<'r>(&self, rows: impl Iterator<Item = (Ellipsoid, &'r [f32])>) -> Scene3d {
         let mut scene = Scene3d { sh_degree: self.sh_degree, ..Scene3d::default() };
         let k = coefficients(self.sh_degree);
@@ -189,8 +196,9 @@ impl Splats3d {
     }
 
     pub(crate) fn scene(&self) -> Scene3d {
-        let seen: Vec<Ellipsoid> = self.parameters.par_chunks_exact(self.pitch()).map(|row| self.seen(row)).collect();
-        self.scene_of(seen.into_iter().zip(self.parameters.chunks_exact(self.pitch())))
+        let ellipsoids: Vec<Ellipsoid> =
+            self.parameters.par_chunks_exact(self.pitch()).map(|row| self.ellipsoid(row)).collect();
+        self.scene_of(ellipsoids.into_iter().zip(self.parameters.chunks_exact(self.pitch())))
     }
 
     pub(crate) fn add_noise(&mut self, noise: &MeanNoise) {
@@ -236,7 +244,7 @@ impl Splats3d {
             }
         }
         self.parameters = parameters;
-        // Whose moments each inherits, by the rule for moments.
+        // The Gaussian from which each inherits its moments.
         let indices: Vec<Option<u32>> = (0..self.len() as u32).map(Some).collect();
         let heirs = plan.gather_moments(&sources, &indices);
         for moments in &mut self.moments {
@@ -327,7 +335,7 @@ impl Splats3d {
     }
 }
 
-/// The tensors of parameters, and where a row holds them.
+/// The saved tensors of parameters, and their places in a row.
 fn tensors(parameterization: Parameterization, sh_degree: u8) -> Vec<(&'static str, Range<usize>)> {
     let shape: &[(&'static str, Range<usize>)] = match parameterization {
         Parameterization::ScaleRotation => &[("log_scale", LOG_SCALE), ("rotation", ROTATION)],
@@ -337,7 +345,7 @@ fn tensors(parameterization: Parameterization, sh_degree: u8) -> Vec<(&'static s
     [("mean", MEAN)].iter().chain(shape).chain(&color).cloned().collect()
 }
 
-/// Where a row of moments holds those of mean, shape, opacity and SH, which are a tensor's row together.
+/// The places in a row of moments that make a row of the saved tensor.
 fn moment_places(parameterization: Parameterization, sh_degree: u8) -> [Range<usize>; 2] {
     let shape = match parameterization {
         Parameterization::ScaleRotation => ROTATION,

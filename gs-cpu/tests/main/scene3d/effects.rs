@@ -1,4 +1,4 @@
-//! What a scene does not call for is not to be seen: pictures with what is called for, beside those with all that is wanted.
+//! Effects that a scene does not need change no pixel by more than half a display step.
 
 use gs_core::{
     Effects, Rasterizer, RenderSettings, Scene, Scene3d,
@@ -7,22 +7,22 @@ use gs_core::{
 };
 use pollster::FutureExt as _;
 
-use crate::scenes::{camera, rasterizer, scene, settings};
+use super::scenes::{camera, rasterizer, scene, settings};
 
-/// Four neighbours of the scenes that others are made of, with harmonics of another strength.
-fn few(number: usize, harmonics: f32) -> Scene3d {
+/// Four Gaussians of a larger scene, with their SH above degree 0 scaled by `sh_scale`.
+fn few(number: usize, sh_scale: f32) -> Scene3d {
     let many = scene(400, 3, 5.0);
     let mut few = Scene3d { sh_degree: 3, ..Scene3d::default() };
     for index in 4 * number..4 * (number + 1) {
         let mut gaussian = many.gaussian(index);
-        gaussian.sh[1..].iter_mut().for_each(|c| *c *= harmonics);
+        gaussian.sh[1..].iter_mut().for_each(|c| *c *= sh_scale);
         few.push(gaussian);
     }
     few
 }
 
 #[test]
-fn what_is_not_called_for_is_not_seen() {
+fn effects_that_are_not_required_are_invisible() {
     let rasterizer = rasterizer(2);
     let cpu = rasterizer.for_3d();
     let view = camera(64, 48);
@@ -41,13 +41,14 @@ fn what_is_not_called_for_is_not_seen() {
             let pixels = whole.pixels().as_flattened().iter().zip(less.pixels().as_flattened());
             let most = pixels.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
             assert!(most <= HALF_DISPLAY_STEP, "scene {number}: {most}, {:#?}", called.verdicts);
-            // What is exactly absent leaves every bit as it is; depths at pixels have a kernel of their own, which rounds otherwise.
+            // An effect of exactly zero changes no bit. The sort at each pixel has a kernel of its
+            // own, which rounds differently.
             let exact = number % 4 == 0 && wanted.effects.order == Order::Global;
             assert!(!exact || whole == less, "scene {number}: {most}, {:#?}", called.verdicts);
             answers.extend(called.verdicts.into_iter().map(|verdict| (verdict.effect, verdict.answer)));
         }
     }
-    // None of this means anything unless there is something of each kind.
+    // The scenes must cover every kind of answer.
     use Answer::{CalledFor, InPart, NotCalledFor};
     for kind in [
         (Effect::Order, CalledFor),
@@ -64,7 +65,7 @@ fn what_is_not_called_for_is_not_seen() {
 }
 
 #[test]
-fn an_order_that_is_called_for_would_be_missed() {
+fn a_required_order_is_visible() {
     let rasterizer = rasterizer(1);
     let cpu = rasterizer.for_3d();
     let view = camera(64, 48);

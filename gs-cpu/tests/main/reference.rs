@@ -1,4 +1,5 @@
-//! The kernels against gs-core's one Gaussian at one pixel, densely, at every SIMD level.
+//! The kernels at every SIMD level, compared with gs-core's functions for one Gaussian at one
+//! pixel.
 
 use glam::{Vec2, Vec3};
 use gs_core::{
@@ -9,7 +10,7 @@ use gs_core::{
 use gs_cpu::{CpuRasterizer, CpuSettings, SimdLevel};
 use pollster::FutureExt as _;
 
-/// Gaussians that a hash of their index places; needles, large and small ones among them.
+/// Gaussians made from hashes of their indices: needles, large and small ones.
 fn scene(count: u32, size: (u32, u32), translucent: bool) -> Scene2d {
     let unit = |i: u32, k: u32| {
         let x = (i * 9 + k + 1).wrapping_mul(0x9E37_79B9);
@@ -55,7 +56,7 @@ fn dense(scene: &Scene2d, size: (u32, u32), settings: &RenderSettings) -> Image 
 }
 
 #[test]
-fn kernels_agree_with_one_gaussian_at_one_pixel() {
+fn kernels_match_a_dense_rendering() {
     for size in [(40, 33), (16, 16), (1, 1), (17, 130)] {
         for blend in [Blend::Sum, Blend::Over] {
             let scene = scene(60, size, blend == Blend::Over);
@@ -65,7 +66,7 @@ fn kernels_agree_with_one_gaussian_at_one_pixel() {
                 let cpu = CpuRasterizer::new(CpuSettings { level: Some(level), threads: Some(2) }).unwrap();
                 let got = cpu.render(&scene, &Canvas::new(size.0, size.1), &settings).block_on().unwrap();
                 let apart = |(a, b): (&[f32; 3], &[f32; 3])| (0..3).any(|k| (a[k] - b[k]).abs() > 2e-5);
-                // A pixel at the very cut may fall on either side of it.
+                // Rounding decides for pixels at the cut.
                 let flips = got.pixels().iter().zip(expected.pixels()).filter(|&(a, b)| apart((a, b))).count();
                 assert!(flips * 1000 <= got.pixels().len(), "{level} {blend:?} {size:?}: {flips} pixels differ");
             }
@@ -74,7 +75,7 @@ fn kernels_agree_with_one_gaussian_at_one_pixel() {
 }
 
 #[test]
-fn the_comparison_notices_a_moved_gaussian() {
+fn the_comparison_detects_a_moved_gaussian() {
     let size = (40, 33);
     let settings = RenderSettings::blended(Blend::Sum);
     let scene = scene(60, size, false);

@@ -1,4 +1,4 @@
-//! Scenes, cameras and images that a hash of an index makes.
+//! Scenes, cameras and images made from hashes of indices.
 
 use glam::{Mat3, Vec2, Vec3};
 use gs_core::{Camera, Gaussian3d, Image, RenderSettings, Scene, Scene3d, effects::Order};
@@ -15,7 +15,8 @@ pub(crate) fn unit(seed: u32) -> f32 {
     ((x ^ (x >> 13)) >> 8) as f32 / (1u32 << 24) as f32
 }
 
-/// `count` Gaussians between 2 and 5 world units in front of [`camera`], of `size` px and less, some of them needles.
+/// `count` Gaussians, 2 to 5 world units in front of [`camera`], of at most `size` px, some of them
+/// needles.
 pub(crate) fn scene(count: u32, sh_degree: u8, size: f32) -> Scene3d {
     let mut scene = Scene3d { sh_degree, ..Scene3d::default() };
     for i in 0..count {

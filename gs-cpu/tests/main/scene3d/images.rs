@@ -1,4 +1,4 @@
-//! Images against gs-core's one Gaussian at one pixel, densely and in each pixel's own order.
+//! Images compared with a dense rendering by gs-core's functions for one Gaussian at one pixel.
 
 use glam::Vec2;
 use gs_core::{
@@ -10,7 +10,7 @@ use gs_core::{
 };
 use pollster::FutureExt as _;
 
-use crate::scenes::{camera, rasterizer, scene, settings};
+use super::scenes::{camera, rasterizer, scene, settings};
 
 fn dense(scene: &Scene3d, camera: &Camera, settings: &RenderSettings) -> Image {
     let perspective = Perspective::new(camera, settings);
@@ -64,9 +64,9 @@ fn flips(a: &Image, b: &Image) -> f64 {
 }
 
 #[test]
-fn images_are_those_of_one_gaussian_at_one_pixel() {
+fn images_match_a_dense_rendering() {
     let cpu = rasterizer(2);
-    // Of 400, some pixels are full before the last.
+    // With 400 Gaussians, some pixels are full before the last one.
     for (count, size) in [(400, 6.0), (60, 12.0), (1, 3.0)] {
         let scene = scene(count, 3, size);
         let view = camera(75, 140);
@@ -82,7 +82,7 @@ fn images_are_those_of_one_gaussian_at_one_pixel() {
                 settings.effects.antialias = antialias;
                 let expected = dense(&scene, &view, &settings);
                 let found = cpu.for_3d().render(&scene, &view, &settings).block_on().unwrap();
-                // A pixel at the very cut, or between two Gaussians at one depth, may fall on either side.
+                // Rounding decides at the cut, and for Gaussians of equal depths.
                 let share = flips(&found, &expected);
                 assert!(share < 2e-3, "{count} {blend:?} {order:?} {antialias:?}: {share} of the pixels differ");
             }
@@ -91,12 +91,12 @@ fn images_are_those_of_one_gaussian_at_one_pixel() {
 }
 
 #[test]
-fn orders_differ_and_the_comparison_notices() {
+fn the_comparison_distinguishes_the_orders() {
     let scene = scene(400, 1, 6.0);
     let view = camera(75, 140);
-    let [index, tile, pixel] = [Order::Index, Order::Global, Order::PerPixel]
+    let [index, global, pixel] = [Order::Index, Order::Global, Order::PerPixel]
         .map(|order| rasterizer(1).for_3d().render(&scene, &view, &settings(order, 1)).block_on().unwrap());
-    for pair in [(&index, &tile), (&tile, &pixel), (&index, &pixel)] {
+    for pair in [(&index, &global), (&global, &pixel), (&index, &pixel)] {
         assert!(flips(pair.0, pair.1) > 0.05);
     }
 }

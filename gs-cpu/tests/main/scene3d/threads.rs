@@ -1,4 +1,4 @@
-//! The same bits for every number of threads.
+//! Results have the same bits for every number of threads.
 
 use gs_core::Optimizer as _;
 use gs_core::{
@@ -8,11 +8,11 @@ use gs_core::{
 };
 use pollster::FutureExt as _;
 
-use crate::scenes::{camera, image, rasterizer, scene, settings};
+use super::scenes::{camera, image, rasterizer, scene, settings};
 
 #[test]
-fn images_gradients_and_training_are_the_same_bits_for_every_number_of_threads() {
-    // More Gaussians than a task or a block of the sort takes at once.
+fn results_have_the_same_bits_for_every_number_of_threads() {
+    // More Gaussians than fit into one task or one block of the sort.
     let scene = scene(9000, 1, 3.0);
     let (view, image) = (camera(150, 110), image(150, 110));
     for (parameterization, blend, order, antialias, statistics) in [
@@ -36,9 +36,9 @@ fn images_gradients_and_training_are_the_same_bits_for_every_number_of_threads()
             let r = r.for_3d();
             let target = r.upload_target(&image).unwrap();
             let mut splats = r.upload(&scene, parameterization).unwrap();
-            let frame = r.forward(&splats, &view, &settings).block_on().unwrap();
-            let rendered = r.image(&frame).block_on().unwrap();
-            let (_, gradients) = r.backward(&splats, frame, &target, &Loss::PAPER).block_on().unwrap();
+            let pass = r.forward(&splats, &view, &settings).block_on().unwrap();
+            let rendered = r.image(&pass).block_on().unwrap();
+            let (_, gradients) = r.backward(&splats, pass, &target, &Loss::PAPER).block_on().unwrap();
             let gradients = r.gradients(&splats, &gradients).block_on().unwrap();
             assert!(gradients.means.iter().any(|g| g.length() > 0.0));
             let rates = Adam { min_scale: 1e-4, ..Adam::default() }.at(0.0);
@@ -71,8 +71,8 @@ fn training_steps_are_forward_backward_and_step() {
     for _ in 0..5 {
         let step = TrainStep { settings: &settings, loss: Loss::PAPER, rates: &rates, binning: Binning::Fresh };
         r.train_step(&mut whole, &view, &target, &step).block_on().unwrap();
-        let frame = r.forward(&parts, &view, &settings).block_on().unwrap();
-        let (loss, gradients) = r.backward(&parts, frame, &target, &Loss::PAPER).block_on().unwrap();
+        let pass = r.forward(&parts, &view, &settings).block_on().unwrap();
+        let (loss, gradients) = r.backward(&parts, pass, &target, &Loss::PAPER).block_on().unwrap();
         r.step(&mut parts, &gradients, &rates).block_on().unwrap();
         losses.push(loss);
     }

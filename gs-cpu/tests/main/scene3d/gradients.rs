@@ -1,4 +1,4 @@
-//! Gradients of all parameters against central differences of the rendered image.
+//! Gradients of all parameters, compared with central differences of the rendered image.
 
 use glam::Vec3;
 use gs_core::Rasterizer as _;
@@ -8,9 +8,9 @@ use gs_core::{
 };
 use pollster::FutureExt as _;
 
-use crate::scenes::{camera, image, rasterizer, scene, settings};
+use super::scenes::{camera, image, rasterizer, scene, settings};
 
-/// Half the sum of the squared differences, in `f64`: the mean would be too small for differences.
+/// Half the sum of the squared differences, in `f64`. The mean would be too small for differences.
 fn loss(r: &impl Optimizer<Scene3d>, s: &Scene3d, view: &Camera, settings: &RenderSettings, target: &Image) -> f64 {
     let found = r.render(s, view, settings).block_on().unwrap();
     let pairs = found.pixels().as_flattened().iter().zip(target.pixels().as_flattened());
@@ -39,7 +39,8 @@ fn gradients_are_central_differences() {
     let view = camera(40, 30);
     let target = image(40, 30);
     let count = (3 * 40 * 30) as f32;
-    // Not by PerPixel, whose image jumps where two depths cross: its gradients are held against the oracle's by the conformance suite.
+    // Not PerPixel, whose image jumps where two depths cross. The conformance suite compares its
+    // gradients with the oracle's.
     for (blend, order, antialias, degree) in [
         (Blend::Over, Order::Global, Antialias::None, 2),
         (Blend::Over, Order::Global, Antialias::Dilate, 0),
@@ -48,17 +49,16 @@ fn gradients_are_central_differences() {
         (Blend::Over, Order::Index, Antialias::Mip, 3),
         (Blend::Sum, Order::Index, Antialias::Dilate, 3),
     ] {
-        // Large ones.
         let mut scene = scene(12, 3, 5.0);
         let mut settings = settings(order, degree);
         settings.effects.blend = blend;
         settings.effects.antialias = antialias;
-        // A lower step at the cut than the differences notice.
+        // The step at the cut is too small for the differences.
         settings.accuracy.alpha_cut = 1e-6;
         let on_backend = cpu.upload_target(&target).unwrap();
         let splats = cpu.upload(&scene, Parameterization::ScaleRotation).unwrap();
-        let frame = cpu.forward(&splats, &view, &settings).block_on().unwrap();
-        let (_, gradients) = cpu.backward(&splats, frame, &on_backend, &Loss::L2).block_on().unwrap();
+        let pass = cpu.forward(&splats, &view, &settings).block_on().unwrap();
+        let (_, gradients) = cpu.backward(&splats, pass, &on_backend, &Loss::L2).block_on().unwrap();
         let mut found = cpu.gradients(&splats, &gradients).block_on().unwrap();
         let found = groups(&mut found)
             .map(|(name, values)| (name, values.into_iter().map(|v| *v * count / 2.0).collect::<Vec<_>>()));

@@ -1,0 +1,103 @@
+//! Forward passes and gradients: workspaces that are lent to the caller and go back to their pool.
+
+use std::{fmt, sync::Arc};
+
+use gs_core::{Error, Image, Scene2d, Scene3d};
+
+use crate::{
+    kind::SceneKind,
+    workspace::{Pool, Workspace},
+};
+
+/// A workspace that goes back to its pool when it is dropped.
+struct Lent<S: SceneKind> {
+    /// `Some` until dropped.
+    workspace: Option<Workspace<S::Own>>,
+    pool: Arc<Pool<S::Own>>,
+}
+
+impl<S: SceneKind> Lent<S> {
+    fn get(&self) -> &Workspace<S::Own> {
+        self.workspace.as_ref().expect("the workspace is there until it is dropped")
+    }
+}
+
+impl<S: SceneKind> Drop for Lent<S> {
+    fn drop(&mut self) {
+        if let Some(workspace) = self.workspace.take() {
+            self.pool.give(workspace);
+        }
+    }
+}
+
+/// A forward pass on the CPU: the image, and what its backward pass needs.
+pub struct ForwardPass<S: SceneKind>(Lent<S>);
+
+/// The gradients of a backward pass on the CPU.
+pub struct Gradients<S: SceneKind>(Lent<S>);
+
+/// A 2D scene's [`ForwardPass`].
+pub type ForwardPass2d = ForwardPass<Scene2d>;
+
+/// A 2D scene's [`Gradients`].
+pub type Gradients2d = Gradients<Scene2d>;
+
+/// A 3D scene's [`ForwardPass`].
+pub type ForwardPass3d = ForwardPass<Scene3d>;
+
+/// A 3D scene's [`Gradients`].
+pub type Gradients3d = Gradients<Scene3d>;
+
+impl<S: SceneKind> ForwardPass<S> {
+    pub(crate) fn new(workspace: Workspace<S::Own>, pool: &Arc<Pool<S::Own>>) -> Self {
+        Self(Lent { workspace: Some(workspace), pool: Arc::clone(pool) })
+    }
+
+    pub(crate) fn workspace(&self) -> &Workspace<S::Own> {
+        self.0.get()
+    }
+
+    pub(crate) fn workspace_mut(&mut self) -> &mut Workspace<S::Own> {
+        self.0.workspace.as_mut().expect("the workspace is there until it is dropped")
+    }
+
+    /// The gradients that the workspace now holds.
+    pub(crate) fn into_gradients(self) -> Gradients<S> {
+        Gradients(self.0)
+    }
+
+    pub(crate) fn image(&self) -> Result<Image, Error> {
+        let tiles = &self.workspace().tiles;
+        tiles.grid.image_of(&tiles.rows)
+    }
+
+    /// Number of pixel–Gaussian pairs that the kernels visit, including pixels that a vector covers
+    /// outside an ellipse.
+    pub fn pairs(&self) -> u64 {
+        self.workspace().tiles.bins.pairs()
+    }
+
+    /// Number of entries in all tiles' lists.
+    pub fn entries(&self) -> usize {
+        self.workspace().tiles.bins.entries.len()
+    }
+}
+
+impl<S: SceneKind> Gradients<S> {
+    pub(crate) fn workspace(&self) -> &Workspace<S::Own> {
+        self.0.get()
+    }
+}
+
+impl<S: SceneKind> fmt::Debug for ForwardPass<S> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let tiles = &self.workspace().tiles;
+        f.debug_struct("ForwardPass").field("grid", &tiles.grid).field("culled", &tiles.culled()).finish()
+    }
+}
+
+impl<S: SceneKind> fmt::Debug for Gradients<S> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Gradients").field("len", &self.workspace().len).finish()
+    }
+}

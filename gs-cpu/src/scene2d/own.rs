@@ -1,0 +1,56 @@
+//! The buffers that only 2D scenes need.
+
+use glam::Vec2;
+use gs_core::{Canvas, whitened::WhitenedGradient};
+
+use crate::workspace::Workspace;
+
+/// The buffers that only 2D scenes need.
+#[derive(Debug)]
+pub struct Own2d {
+    pub(crate) canvas: Canvas,
+    /// Place → Gaussian: the order in which tiles see the Gaussians.
+    pub(crate) order: Vec<u32>,
+    /// Gaussian → place.
+    pub(crate) place_of: Vec<u32>,
+    /// The next place in each image row, during the sort.
+    pub(crate) row_places: Vec<u32>,
+    /// Every Gaussian's gradient, by place.
+    pub(crate) gradients: Vec<Gradient>,
+}
+
+impl Default for Own2d {
+    fn default() -> Self {
+        let (order, place_of, row_places, gradients) = Default::default();
+        Self { canvas: Canvas::new(1, 1), order, place_of, row_places, gradients }
+    }
+}
+
+impl Workspace<Own2d> {
+    /// The gradient of Gaussian `index`.
+    pub(crate) fn gradient_of(&self, index: usize) -> &Gradient {
+        &self.own.gradients[self.own.place_of[index] as usize]
+    }
+}
+
+/// ∂L/∂(one Gaussian's parameters), in its whitened coordinates.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(crate) struct Gradient {
+    pub(crate) color: [f32; 3],
+    /// v_ξ.
+    pub(crate) xi: Vec2,
+    /// v_η: (η₀₀, η₀₁ = η₁₀ each, η₁₁).
+    pub(crate) eta: [f32; 3],
+    /// ∂L/∂(opacity logit).
+    pub(crate) opacity_logit: f32,
+    /// This step's contribution to the statistic; 0 without one.
+    pub(crate) statistic: f32,
+    /// Whether any tile lists the Gaussian.
+    pub(crate) visible: bool,
+}
+
+impl Gradient {
+    pub(crate) fn whitened(&self) -> WhitenedGradient {
+        WhitenedGradient { xi: self.xi, eta: self.eta }
+    }
+}

@@ -1,0 +1,55 @@
+//! The buffers that only 3D scenes need.
+
+use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
+
+use super::{
+    depth_sort::DepthSort,
+    project::{Depth, Eye},
+    splats::pitch_of,
+};
+use crate::{splat::Splat, workspace::Workspace};
+
+/// The place of a Gaussian that is not drawn.
+pub(crate) const NO_PLACE: u32 = u32::MAX;
+
+/// The buffers that only 3D scenes need.
+#[derive(Debug, Default)]
+pub struct Own3d {
+    pub(crate) eye: Option<Eye>,
+    /// By index; unspecified for Gaussians that are not drawn.
+    pub(crate) projected: Vec<Splat>,
+    /// By index.
+    pub(crate) depths: Vec<Depth>,
+    pub(crate) depth_sort: DepthSort,
+    /// Gaussian → place, or [`NO_PLACE`].
+    pub(crate) place_of: Vec<AtomicU32>,
+    /// By index; each row is laid out as the splats' parameters, up to the evaluated SH.
+    /// Unspecified for Gaussians that no tile lists.
+    pub(crate) gradients: Vec<f32>,
+    /// This step's contributions to the statistic, by index. Unspecified for Gaussians that no tile
+    /// lists.
+    pub(crate) shares: Vec<f32>,
+}
+
+impl Own3d {
+    /// Numbers in a row of gradients. Later numbers in a row of parameters do not move.
+    pub(crate) fn gradient_pitch(&self) -> usize {
+        pitch_of(self.eye.map_or(0, |eye| eye.degree))
+    }
+
+    /// The gradient of a Gaussian that some tile lists.
+    #[inline(always)]
+    pub(crate) fn gradient(&self, index: usize) -> &[f32] {
+        let pitch = self.gradient_pitch();
+        &self.gradients[index * pitch..][..pitch]
+    }
+}
+
+impl Workspace<Own3d> {
+    /// Whether some tile lists Gaussian `index`.
+    #[inline(always)]
+    pub(crate) fn lists(&self, index: usize) -> bool {
+        let place = self.own.place_of[index].load(Relaxed);
+        place != NO_PLACE && !self.tiles.bins.slots_of(place as usize).is_empty()
+    }
+}

@@ -1,0 +1,30 @@
+//! What a blend kernel reads of one tile.
+
+use gs_core::Accuracy;
+
+use crate::{
+    bin::Entry,
+    splat::{PixelDepth, Splat},
+};
+
+/// One tile's list and position.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct TileInputs<'a> {
+    pub(crate) entries: &'a [Entry],
+    pub(crate) projected: &'a [Splat],
+    /// By place; empty without a sort at each pixel.
+    pub(crate) depths: &'a [PixelDepth],
+    pub(crate) accuracy: &'a Accuracy,
+    pub(crate) first_column: usize,
+    pub(crate) first_row: usize,
+    /// Number of lanes that are columns of the image.
+    pub(crate) lanes_inside: usize,
+}
+
+impl TileInputs<'_> {
+    /// The rows of the tile that an entry touches, first and end.
+    #[inline(always)]
+    pub(crate) fn rows_of(&self, entry: &Entry) -> [usize; 2] {
+        entry.rows.map(|row| usize::from(row) - self.first_row)
+    }
+}

@@ -1,0 +1,7 @@
+//! 3D scenes: images, effects, gradients and determinism.
+
+mod effects;
+mod gradients;
+mod images;
+mod scenes;
+mod threads;
